@@ -1,0 +1,298 @@
+//! Messages: the 64-byte header of each kind, and views that hand out one env's tensors in place.
+//!
+//! A view is made from a header and the pages of a message, and checks one against the other once. After that every
+//! access is a slice of the mapped memory; nothing is copied.
+
+use bytemuck::{Pod, Zeroable};
+use thiserror::Error;
+
+use crate::layout::{
+    ActionBlock, EXTERNAL_BYTES, EXTERNAL_OFFSET, EnvRecord, HAND_BYTES, HAND_OFFSET, INSTRUCTION_BYTES, MAX_ACTION_DIM,
+    MAX_HORIZON, Page, SCHEMA_HASH, block_pages,
+};
+use crate::morphology::{ControlMode, Morphology};
+
+/// Header of an observation message, beside its pages.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ObservationHeader {
+    /// [`SCHEMA_HASH`] of the sender.
+    pub schema_hash: u64,
+    /// Random number of the run.
+    pub run: u64,
+    /// Counts the observation messages of a lane from 1; the answer carries it back.
+    pub sequence: u64,
+    /// Counts the policy hosts this lane has had; an answer of an earlier epoch is dropped.
+    pub epoch: u32,
+    /// Envs in the message, at least 1.
+    pub n_envs: u32,
+    /// Pages of one env's block.
+    pub block_pages: u32,
+    /// [`Morphology::code`]; all envs of a message share it.
+    pub morphology: u32,
+    /// [`ControlMode::code`] in which the answer will be read.
+    pub control_mode: u32,
+    /// 1 if the blocks hold images, else 0.
+    pub images: u32,
+    /// Zero.
+    pub reserved: [u64; 2],
+}
+
+/// Header of an action message, beside its pages (one [`ActionBlock`] each).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ActionHeader {
+    /// [`SCHEMA_HASH`] of the sender.
+    pub schema_hash: u64,
+    /// The run of the observation answered.
+    pub run: u64,
+    /// The sequence of the observation answered.
+    pub sequence: u64,
+    /// The epoch of the observation answered.
+    pub epoch: u32,
+    /// Envs answered: all of the observation, in its order.
+    pub n_envs: u32,
+    /// 0: fine. Anything else: the policy could not answer; the host's log says why.
+    pub status: u32,
+    /// Zero.
+    pub reserved: [u32; 7],
+}
+
+const _: () = {
+    use core::mem::{offset_of, size_of};
+    assert!(size_of::<ObservationHeader>() == 64 && size_of::<ActionHeader>() == 64);
+    assert!(offset_of!(ObservationHeader, epoch) == 24 && offset_of!(ObservationHeader, images) == 44);
+    assert!(offset_of!(ActionHeader, n_envs) == 28 && offset_of!(ActionHeader, status) == 32);
+};
+
+/// A message that does not have the layout it claims.
+#[derive(Debug, Error, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named by their messages")]
+pub enum FrameError {
+    #[error("the peer speaks link schema {found:#018x}, this build speaks {expected:#018x}: rebuild the older side")]
+    Schema { expected: u64, found: u64 },
+    #[error("header field `{field}` is {found}, expected {expected}")]
+    Header { field: &'static str, expected: &'static str, found: u64 },
+    #[error("message has {found} pages, its header implies {expected}")]
+    Length { expected: u64, found: u64 },
+    #[error("env {env_idx}: `{field}` is {found}, at most {limit} allowed")]
+    Record { env_idx: usize, field: &'static str, found: u64, limit: u64 },
+    #[error("env {env_idx}: the instruction is not UTF-8")]
+    Instruction { env_idx: usize },
+    #[error("env {env_idx}: action row {row}, entry {entry} is not finite")]
+    NotFinite { env_idx: usize, row: usize, entry: usize },
+}
+
+/// A checked observation message.
+#[derive(Clone, Copy, Debug)]
+pub struct ObservationView<'a> {
+    header: ObservationHeader,
+    morphology: Morphology,
+    control_mode: ControlMode,
+    pages: &'a [Page],
+}
+
+/// One env of an observation message; every slice points into the message.
+#[derive(Clone, Copy, Debug)]
+pub struct EnvObservation<'a> {
+    /// The record's page.
+    pub record: &'a EnvRecord,
+    /// `[state_dim] f32`.
+    pub state: &'a [f32],
+    /// The instruction; may be empty.
+    pub instruction: &'a str,
+    /// `[2, 224, 224, 3] u8`, or empty without images.
+    pub external: &'a [u8],
+    /// `[n_arms, 128, 128, 3] u8`, or empty without images.
+    pub hand: &'a [u8],
+}
+
+impl<'a> ObservationView<'a> {
+    /// Checks a message against its header, and each record's lengths.
+    ///
+    /// # Errors
+    /// The first field that does not fit.
+    pub fn new(header: ObservationHeader, pages: &'a [Page]) -> Result<Self, FrameError> {
+        check_schema(header.schema_hash)?;
+        let bad = |field, expected, found: u32| FrameError::Header { field, expected, found: u64::from(found) };
+        let morphology =
+            Morphology::from_code(header.morphology).ok_or(bad("morphology", "0 or 1", header.morphology))?;
+        let control_mode =
+            ControlMode::from_code(header.control_mode).ok_or(bad("control_mode", "0 to 2", header.control_mode))?;
+        if header.images > 1 {
+            return Err(bad("images", "0 or 1", header.images));
+        }
+        if header.n_envs == 0 {
+            return Err(bad("n_envs", "at least 1", 0));
+        }
+        if header.block_pages as usize != block_pages(morphology, header.images == 1) {
+            return Err(bad("block_pages", "the block size of this morphology", header.block_pages));
+        }
+        let expected = u64::from(header.n_envs) * u64::from(header.block_pages);
+        if pages.len() as u64 != expected {
+            return Err(FrameError::Length { expected, found: pages.len() as u64 });
+        }
+        let view = Self { header, morphology, control_mode, pages };
+        (0..view.n_envs()).try_for_each(|env_idx| view.check_record(env_idx))?;
+        Ok(view)
+    }
+
+    /// The header as received.
+    #[must_use]
+    pub fn header(&self) -> &ObservationHeader {
+        &self.header
+    }
+
+    /// Envs in the message.
+    #[must_use]
+    pub fn n_envs(&self) -> usize {
+        self.header.n_envs as usize
+    }
+
+    /// Morphology of all its envs.
+    #[must_use]
+    pub fn morphology(&self) -> Morphology {
+        self.morphology
+    }
+
+    /// How the answer will be read.
+    #[must_use]
+    pub fn control_mode(&self) -> ControlMode {
+        self.control_mode
+    }
+
+    /// Whether the blocks hold images.
+    #[must_use]
+    pub fn has_images(&self) -> bool {
+        self.header.images == 1
+    }
+
+    /// The tensors of env `env_idx`.
+    ///
+    /// # Panics
+    /// If `env_idx` is not below `n_envs`.
+    #[must_use]
+    pub fn env(&self, env_idx: usize) -> EnvObservation<'a> {
+        let bytes: &'a [u8] = bytemuck::cast_slice(self.block(env_idx));
+        let record = self.record(env_idx);
+        let text = &record.instruction[..record.instruction_len as usize];
+        let (external, hand) = if self.has_images() {
+            let hand_end = HAND_OFFSET + self.morphology.n_hand_cameras() * HAND_BYTES;
+            (&bytes[EXTERNAL_OFFSET..EXTERNAL_OFFSET + 2 * EXTERNAL_BYTES], &bytes[HAND_OFFSET..hand_end])
+        } else {
+            (&bytes[..0], &bytes[..0])
+        };
+        EnvObservation {
+            record,
+            state: &record.state[..record.state_dim as usize],
+            instruction: core::str::from_utf8(text).unwrap_or_default(),
+            external,
+            hand,
+        }
+    }
+
+    fn block(&self, env_idx: usize) -> &'a [Page] {
+        let block_pages = self.header.block_pages as usize;
+        &self.pages[env_idx * block_pages..(env_idx + 1) * block_pages]
+    }
+
+    fn record(&self, env_idx: usize) -> &'a EnvRecord {
+        bytemuck::cast_ref(&self.block(env_idx)[0])
+    }
+
+    fn check_record(&self, env_idx: usize) -> Result<(), FrameError> {
+        let record = self.record(env_idx);
+        check_limit(env_idx, "state_dim", record.state_dim, self.morphology.state_dim())?;
+        check_limit(env_idx, "instruction_len", record.instruction_len, INSTRUCTION_BYTES)?;
+        check_limit(env_idx, "execute", record.execute, MAX_HORIZON)?;
+        let text = &record.instruction[..record.instruction_len as usize];
+        core::str::from_utf8(text).map_or(Err(FrameError::Instruction { env_idx }), |_| Ok(()))
+    }
+}
+
+/// A checked action message.
+#[derive(Clone, Copy, Debug)]
+pub struct ActionView<'a> {
+    header: ActionHeader,
+    blocks: &'a [ActionBlock],
+}
+
+impl<'a> ActionView<'a> {
+    /// Checks a message against its header; every number in it is finite.
+    ///
+    /// # Errors
+    /// The first field that does not fit.
+    pub fn new(header: ActionHeader, pages: &'a [Page]) -> Result<Self, FrameError> {
+        check_schema(header.schema_hash)?;
+        if pages.len() != header.n_envs as usize {
+            return Err(FrameError::Length { expected: u64::from(header.n_envs), found: pages.len() as u64 });
+        }
+        let blocks: &[ActionBlock] = bytemuck::cast_slice(pages);
+        for (env_idx, block) in blocks.iter().enumerate() {
+            check_limit(env_idx, "n_rows", block.n_rows, MAX_HORIZON)?;
+            check_limit(env_idx, "action_dim", block.action_dim, MAX_ACTION_DIM)?;
+            if block.n_rows == 0 || block.action_dim == 0 {
+                let field = if block.n_rows == 0 { "n_rows" } else { "action_dim" };
+                return Err(FrameError::Header { field, expected: "at least 1", found: 0 });
+            }
+            let dim = block.action_dim as usize;
+            let len = block.n_rows as usize * dim;
+            if let Some(at) = block.rows[..len].iter().position(|x| !x.is_finite()) {
+                return Err(FrameError::NotFinite { env_idx, row: at / dim, entry: at % dim });
+            }
+        }
+        Ok(Self { header, blocks })
+    }
+
+    /// The header as received.
+    #[must_use]
+    pub fn header(&self) -> &ActionHeader {
+        &self.header
+    }
+
+    /// One block per env, in the order of the observation.
+    #[must_use]
+    pub fn blocks(&self) -> &'a [ActionBlock] {
+        self.blocks
+    }
+}
+
+/// The mutable tensors of one env's block while the sim fills it.
+#[derive(Debug)]
+pub struct EnvBlockMut<'a> {
+    /// The record's page.
+    pub record: &'a mut EnvRecord,
+    /// `[2, 224, 224, 3] u8`, or empty without images.
+    pub external: &'a mut [u8],
+    /// `[n_arms, 128, 128, 3] u8`, or empty without images.
+    pub hand: &'a mut [u8],
+}
+
+impl<'a> EnvBlockMut<'a> {
+    /// Splits the pages of one block.
+    ///
+    /// # Panics
+    /// If the number of pages is not that of a block of this morphology, with or without images.
+    #[must_use]
+    pub fn new(morphology: Morphology, block: &'a mut [Page]) -> Self {
+        let images = block.len() > 1;
+        assert_eq!(block.len(), block_pages(morphology, images), "pages of a {} block", morphology.name());
+        let (first, rest) = block.split_at_mut(1);
+        let rest: &mut [u8] = bytemuck::cast_slice_mut(rest);
+        let (external, rest) = rest.split_at_mut(if images { 2 * EXTERNAL_BYTES } else { 0 });
+        let hand_bytes = if images { morphology.n_hand_cameras() * HAND_BYTES } else { 0 };
+        Self { record: bytemuck::cast_mut(&mut first[0]), external, hand: &mut rest[..hand_bytes] }
+    }
+}
+
+fn check_schema(found: u64) -> Result<(), FrameError> {
+    if found == SCHEMA_HASH { Ok(()) } else { Err(FrameError::Schema { expected: SCHEMA_HASH, found }) }
+}
+
+fn check_limit(env_idx: usize, field: &'static str, found: u32, limit: usize) -> Result<(), FrameError> {
+    if found as usize <= limit {
+        Ok(())
+    } else {
+        Err(FrameError::Record { env_idx, field, found: u64::from(found), limit: limit as u64 })
+    }
+}

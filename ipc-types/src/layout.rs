@@ -1,0 +1,135 @@
+//! The byte layout of every tensor that crosses the link. All numbers are little-endian.
+//!
+//! An observation message is `n_envs` blocks of whole pages, one env after another:
+//!
+//! | offset in block | tensor | shape, dtype |
+//! |--|--|--|
+//! | 0 | [`EnvRecord`] (identity, state, instruction) | one page |
+//! | 4096 | external images | `[2, 224, 224, 3] u8`, sRGB, row-major, top row first |
+//! | 305152 | hand images | `[n_arms, 128, 128, 3] u8` |
+//!
+//! Without images a block is the record's page alone. An action message is one [`ActionBlock`] page per env.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::morphology::Morphology;
+
+/// Bytes of a page, the element type of every message.
+pub const PAGE_BYTES: usize = 4096;
+/// Side of an external image in pixels.
+pub const EXTERNAL_SIDE: usize = 224;
+/// Side of a hand image in pixels.
+pub const HAND_SIDE: usize = 128;
+/// Bytes of one external image.
+pub const EXTERNAL_BYTES: usize = EXTERNAL_SIDE * EXTERNAL_SIDE * 3;
+/// Bytes of one hand image.
+pub const HAND_BYTES: usize = HAND_SIDE * HAND_SIDE * 3;
+/// Offset of the first external image in an env's block.
+pub const EXTERNAL_OFFSET: usize = PAGE_BYTES;
+/// Offset of the first hand image in an env's block.
+pub const HAND_OFFSET: usize = EXTERNAL_OFFSET + 2 * EXTERNAL_BYTES;
+/// Longest instruction in UTF-8 bytes.
+pub const INSTRUCTION_BYTES: usize = 1024;
+/// Widest state vector.
+pub const MAX_STATE_DIM: usize = 64;
+/// Widest action row.
+pub const MAX_ACTION_DIM: usize = 16;
+/// Most rows in one action chunk, so that a chunk of the widest rows and its head fill one page.
+pub const MAX_HORIZON: usize = 63;
+
+/// A page of shared memory: the unit in which messages are loaned, so that every block starts on a page boundary.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(4096))]
+pub struct Page(pub [u8; PAGE_BYTES]);
+
+// SAFETY: `Page` is a plain array of bytes; its alignment equals its size, so it has no padding.
+unsafe impl Zeroable for Page {}
+// SAFETY: as above: every bit pattern is valid and there is no padding.
+unsafe impl Pod for Page {}
+
+/// What a policy sees of one env besides the images: the first page of the env's block.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct EnvRecord {
+    /// Slot of the sim that asks; the answer carries it back.
+    pub slot: u32,
+    /// Queries of this episode before this one. 0 marks a new episode: a stateful policy forgets the slot's past.
+    pub query: u32,
+    /// Control steps executed in this episode so far.
+    pub step: u32,
+    /// Valid f32 entries of `state`.
+    pub state_dim: u32,
+    /// Valid bytes of `instruction`; 0 is the empty instruction.
+    pub instruction_len: u32,
+    /// Rows of the answer that the sim will execute, 1 to [`MAX_HORIZON`]; a longer answer is cut, a shorter one is asked again sooner.
+    pub execute: u32,
+    /// Seed for a policy that draws random numbers: a function of the episode alone.
+    pub policy_seed: u64,
+    /// Zero.
+    pub reserved: [u64; 4],
+    /// `[state_dim] f32`, in the order of spec/env.md §6; zero beyond.
+    pub state: [f32; MAX_STATE_DIM],
+    /// UTF-8, not terminated; zero beyond.
+    pub instruction: [u8; INSTRUCTION_BYTES],
+    /// Zero up to the end of the page.
+    pub padding: [[u8; 32]; 86],
+}
+
+/// The answer for one env: a page.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct ActionBlock {
+    /// Slot this answers, as in the record.
+    pub slot: u32,
+    /// Query this answers, as in the record.
+    pub query: u32,
+    /// Rows in `rows`, 1 to [`MAX_HORIZON`].
+    pub n_rows: u32,
+    /// Numbers in a row.
+    pub action_dim: u32,
+    /// Zero.
+    pub reserved: [u64; 6],
+    /// `[n_rows, action_dim] f32`, packed; zero beyond.
+    pub rows: [f32; MAX_HORIZON * MAX_ACTION_DIM],
+}
+
+/// Pages of one env's block in an observation message.
+#[must_use]
+pub const fn block_pages(morphology: Morphology, images: bool) -> usize {
+    if images {
+        (HAND_OFFSET + morphology.n_hand_cameras() * HAND_BYTES).div_ceil(PAGE_BYTES)
+    } else {
+        1
+    }
+}
+
+/// The layout in one line, field by field with sizes and offsets: what the schema hash is taken over.
+pub const SCHEMA: &str = "hypogeum link v1; page 4096; \
+    obs header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, block_pages u32@32, morphology u32@36, control_mode u32@40, images u32@44, reserved 16@48} 64; \
+    env record {slot u32@0, query u32@4, step u32@8, state_dim u32@12, instruction_len u32@16, execute u32@20, policy_seed u64@24, reserved 32@32, state f32[64]@64, instruction u8[1024]@320, zero@1344} 4096; \
+    external u8[2,224,224,3]@4096; hand u8[n_arms,128,128,3]@305152; \
+    act header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, status u32@32, reserved 28@36} 64; \
+    action block {slot u32@0, query u32@4, n_rows u32@8, action_dim u32@12, reserved 48@16, rows f32[63*16]@64} 4096; \
+    single: state 25, cameras 2+1; bimanual: state 64, cameras 2+2; \
+    control modes 0 pd_ee_delta_pose 7, 1 pd_joint_pos 8, 2 pd_ee_pose 7 per arm";
+
+/// xxh3-64 of [`SCHEMA`]. Both sides of the link check it, in the service's attributes and in every header.
+pub const SCHEMA_HASH: u64 = xxhash_rust::const_xxh3::xxh3_64(SCHEMA.as_bytes());
+
+const _: () = {
+    use core::mem::{align_of, offset_of, size_of};
+    assert!(size_of::<Page>() == PAGE_BYTES && align_of::<Page>() == PAGE_BYTES);
+    assert!(size_of::<EnvRecord>() == PAGE_BYTES);
+    assert!(offset_of!(EnvRecord, execute) == 20);
+    assert!(offset_of!(EnvRecord, policy_seed) == 24);
+    assert!(offset_of!(EnvRecord, state) == 64);
+    assert!(offset_of!(EnvRecord, instruction) == 320);
+    assert!(offset_of!(EnvRecord, padding) == 1344);
+    assert!(size_of::<ActionBlock>() == PAGE_BYTES);
+    assert!(offset_of!(ActionBlock, rows) == 64);
+    assert!(EXTERNAL_OFFSET == 4096 && EXTERNAL_BYTES == 150_528);
+    assert!(HAND_OFFSET == 305_152 && HAND_BYTES == 49_152);
+    assert!(block_pages(Morphology::Single, true) == 87);
+    assert!(block_pages(Morphology::Bimanual, true) == 99);
+    assert!(HAND_OFFSET.is_multiple_of(64));
+};

@@ -1,0 +1,39 @@
+//! The link: messages between one sim and its policy hosts, through shared memory and without a copy.
+//!
+//! It owns every iceoryx2 port and every name below a run's [`Domain`]. It never looks into a message (that is
+//! [`crate::frame`]), never decides when to send or what to do about a dead peer, and never waits without a bound.
+//!
+//! A lane is one (sim, policy) pair: a service for observations, a service for actions, an event that wakes the host. One
+//! more event, shared by all lanes, wakes the sim. All services carry the schema hash and the lane's sizes as attributes.
+//!
+//! | service | pattern | from → to |
+//! |--|--|--|
+//! | `hyp/lane/<lane>/observation` | publish-subscribe, `[Page]` with an [`crate::ObservationHeader`] | sim → host |
+//! | `hyp/lane/<lane>/action` | publish-subscribe, `[Page]` with an [`crate::ActionHeader`] | host → sim |
+//! | `hyp/lane/<lane>/wake` | event | sim → host |
+//! | `hyp/sim/wake` | event | every host → sim |
+
+mod budget;
+mod claim;
+mod domain;
+mod error;
+mod host;
+mod inlet;
+mod node;
+mod outlet;
+mod prefault;
+mod retry;
+mod services;
+mod sim;
+mod spec;
+mod wake;
+mod wire;
+
+pub use budget::{BudgetError, check_budget};
+pub use claim::Claim;
+pub use domain::Domain;
+pub use error::LinkError;
+pub use host::{ActionLoan, HostLane, ObservationMessage};
+pub use node::LinkNode;
+pub use sim::{ActionMessage, ObservationLoan, SimLane, SimLink};
+pub use spec::LaneSpec;

@@ -1,0 +1,55 @@
+//! Taking shared memory before it is needed.
+//!
+//! A segment's pages come into being when they are first touched: slowly (55 ms against 4.5 ms for 90 MB), and with SIGBUS
+//! when there is no room. Here they are reserved, so that no room is an error, and then mapped.
+
+use std::fs::OpenOptions;
+use std::mem::MaybeUninit;
+use std::path::Path;
+
+use rustix::fs::FallocateFlags;
+use rustix::io::Errno;
+use rustix::mm::Advice;
+
+use super::domain::{Domain, SHM};
+use super::error::LinkError;
+use crate::layout::{PAGE_BYTES, Page};
+
+/// Gives the data segment of publisher `publisher_id` all the memory it can ever use.
+pub(super) fn reserve(domain: &Domain, publisher_id: u128) -> Result<(), LinkError> {
+    let path = Path::new(SHM).join(format!("{}{publisher_id}.data", domain.prefix));
+    let failed = |source| LinkError::Io { action: "open", path: path.clone(), source };
+    let segment = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
+    let needed = segment.metadata().map_err(failed)?.len();
+    rustix::fs::fallocate(&segment, FallocateFlags::empty(), 0, needed)
+        .map_err(|errno| LinkError::Reserve { path: path.clone(), needed, source: errno.into() })
+}
+
+/// Maps `pages`, part of a reserved segment, for writing.
+pub(super) fn populate_for_writing(pages: &mut [MaybeUninit<Page>]) -> Result<(), LinkError> {
+    let needed = size_of_val(pages);
+    // SAFETY: the range is exactly a live, exclusively borrowed slice of a shared mapping, and populating it changes no
+    // byte of it.
+    match unsafe { rustix::mm::madvise(pages.as_mut_ptr().cast(), needed, Advice::LinuxPopulateWrite) } {
+        Ok(()) => Ok(()),
+        // Before Linux 5.14: touch every page; they are reserved, so none of these writes can fail.
+        Err(Errno::INVAL) => {
+            pages.iter_mut().for_each(|page| touch(page));
+            Ok(())
+        }
+        Err(errno) => Err(LinkError::Populate { needed: needed as u64, source: errno.into() }),
+    }
+}
+
+/// Maps `n_pages` pages from the start of a received message for reading, as far as they are mapped at all. It only makes
+/// the first reading faster, so that it may fail.
+pub(super) fn populate_for_reading(pages: &[Page], n_pages: usize) {
+    let start = pages.as_ptr().cast_mut().cast();
+    // SAFETY: populating for reading changes no byte of any mapping; the kernel refuses a range that is not mapped.
+    let _ = unsafe { rustix::mm::madvise(start, n_pages * PAGE_BYTES, Advice::LinuxPopulateRead) };
+}
+
+fn touch(page: &mut MaybeUninit<Page>) {
+    // SAFETY: the pointer is that of an exclusive reference, and any byte may be written to uninitialised memory.
+    unsafe { page.as_mut_ptr().cast::<u8>().write_volatile(0) };
+}

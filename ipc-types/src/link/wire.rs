@@ -1,0 +1,31 @@
+//! The names under which iceoryx2 knows the types of a message. A foreign host declares the same names and sizes.
+
+use iceoryx2::prelude::{ZeroCopySend, ipc_threadsafe};
+
+use crate::frame::{ActionHeader, ObservationHeader};
+use crate::layout::Page;
+
+/// The variant whose ports may move between threads; its uncontended lock costs a few nanoseconds an operation.
+pub(super) type Ipc = ipc_threadsafe::Service;
+
+// SAFETY: `Page` is a `repr(C)` array of bytes: self-contained, without pointers, the same in every process. (The derive
+// refuses `repr(C, align(N))`.)
+unsafe impl ZeroCopySend for Page {
+    unsafe fn type_name() -> &'static str {
+        "hyp.Page.v1"
+    }
+}
+
+// SAFETY: `ObservationHeader` is `repr(C)` and Pod: fixed-width integers without padding or pointers.
+unsafe impl ZeroCopySend for ObservationHeader {
+    unsafe fn type_name() -> &'static str {
+        "hyp.ObservationHeader.v1"
+    }
+}
+
+// SAFETY: as for `ObservationHeader`.
+unsafe impl ZeroCopySend for ActionHeader {
+    unsafe fn type_name() -> &'static str {
+        "hyp.ActionHeader.v1"
+    }
+}

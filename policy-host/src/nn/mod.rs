@@ -1,0 +1,15 @@
+//! Neural network kernels on the CPU: sequential, over faer's matrix product, on slices that the caller owns.
+//!
+//! Every kernel computes each number by a fixed sequence of operations that does not depend on how many rows, images
+//! or samples are computed beside it. Nothing here starts a thread, and nothing allocates once its weights are made:
+//! working memory is handed in.
+//!
+//! Letters in shapes: `T` rows (tokens), `D` model width, `H` and `W` sides of an image, `C` channels.
+
+pub mod attention;
+pub mod conv;
+pub mod linear;
+pub mod maps;
+pub mod matmul;
+pub mod norm;
+pub mod pool;

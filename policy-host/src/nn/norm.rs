@@ -1,0 +1,54 @@
+//! Layer normalisation.
+
+/// Partial sums kept side by side, so that the order of additions is fixed and wide registers are used.
+const LANES: usize = 16;
+
+/// Layer normalisation over the last axis.
+#[derive(Clone, Debug)]
+pub struct LayerNorm {
+    scale: Vec<f32>,
+    offset: Vec<f32>,
+}
+
+impl LayerNorm {
+    /// Added to the variance (PyTorch's default).
+    pub const EPSILON: f32 = 1e-5;
+
+    /// From a checkpoint's `weight [D]` and `bias [D]`.
+    #[must_use]
+    pub fn new(weight: &[f32], bias: &[f32]) -> Self {
+        assert_eq!(weight.len(), bias.len(), "scale and offset");
+        Self { scale: weight.to_vec(), offset: bias.to_vec() }
+    }
+
+    /// Normalises every row of `x [T, D]` in place.
+    pub fn run(&self, x: &mut [f32]) {
+        let width = self.scale.len() as f32;
+        for row in x.chunks_exact_mut(self.scale.len()) {
+            let mean = sum(row, |x| x) / width;
+            let variance = sum(row, |x| (x - mean) * (x - mean)) / width;
+            let inverse = 1.0 / (variance + Self::EPSILON).sqrt();
+            for ((x, scale), offset) in row.iter_mut().zip(&self.scale).zip(&self.offset) {
+                *x = (*x - mean) * inverse * scale + offset;
+            }
+        }
+    }
+}
+
+/// `Σ f(x)` in a fixed order.
+pub(super) fn sum(row: &[f32], f: impl Fn(f32) -> f32) -> f32 {
+    let mut lanes = [0.0; LANES];
+    let chunks = row.chunks_exact(LANES);
+    let rest: f32 = chunks.remainder().iter().map(|&x| f(x)).sum();
+    for chunk in chunks {
+        lanes.iter_mut().zip(chunk).for_each(|(lane, &x)| *lane += f(x));
+    }
+    let mut width = LANES / 2;
+    while width > 0 {
+        for idx in 0..width {
+            lanes[idx] += lanes[idx + width];
+        }
+        width /= 2;
+    }
+    lanes[0] + rest
+}

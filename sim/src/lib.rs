@@ -1,0 +1,19 @@
+//! The simulator: draws scenes, steps worlds, renders what a policy will look at, and serves it over the link.
+
+pub mod expert;
+pub mod fingerprint;
+pub mod perturb;
+pub mod physics;
+pub mod predicate;
+pub mod profile;
+pub mod render;
+pub mod robot;
+pub mod scene;
+pub mod serve;
+pub mod stream;
+pub mod task;
+pub mod tasks;
+
+pub use perturb::Perturbation;
+pub use profile::Profile;
+pub use tasks::TaskId;

@@ -1,0 +1,157 @@
+//! Drawing a scene from its spec: every range from the stream that bears its name.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use super::drawn::{Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table};
+use super::range::Range;
+use super::spec::{BodySpec, CameraSpec, ColorSpec, Jitter, PaintSpec, RegionSpec, SceneSpec, TextureSpec};
+use crate::stream::Stream;
+
+/// Draws of a body's place before a crowded region gives up and takes the last one.
+const MAX_PLACEMENT_DRAWS: usize = 1000;
+
+impl SceneSpec {
+    /// The scene of one episode: a function of the spec and the seed.
+    #[must_use]
+    pub fn draw(&self, episode_seed: u64) -> Scene {
+        let stream = |name: &str| Stream::new(episode_seed, name);
+        let mut bodies: Vec<Body> = self.bodies.iter().map(|spec| draw_body(spec, episode_seed)).collect();
+        for (region_idx, region) in self.regions.iter().enumerate() {
+            place(region_idx, region, &self.bodies, &mut bodies, episode_seed);
+        }
+        let color = |stream: &mut Stream, ranges: [Range; 3]| ranges.map(|range| stream.uniform(range));
+        Scene {
+            bodies,
+            robots: self
+                .robots
+                .iter()
+                .enumerate()
+                .map(|(arm, spec)| {
+                    let mut noise = stream(&format!("arm{}/noise", arm + 1));
+                    Robot { base: spec.base, qpos: spec.qpos.map(|q| q + spec.noise_rad * noise.normal()) }
+                })
+                .collect(),
+            table: Table {
+                kind: self.table.kind,
+                paint: draw_paint(self.table.paint, episode_seed, "table"),
+            },
+            background: Background {
+                floor: draw_paint(self.background.floor, episode_seed, "floor"),
+                walls: self.background.walls.map(|paint| draw_paint(paint, episode_seed, "walls")),
+            },
+            lights: Lights {
+                ambient: color(&mut stream("light/ambient"), self.lights.ambient),
+                directional: self
+                    .lights
+                    .directional
+                    .iter()
+                    .enumerate()
+                    .map(|(i, spec)| DirectionalLight {
+                        color: color(&mut stream(&format!("light/{i}/color")), spec.color),
+                        direction: spec.direction,
+                    })
+                    .collect(),
+                shadows: self.lights.shadows,
+            },
+            cameras: self.cameras.iter().map(|spec| draw_camera(spec, episode_seed)).collect(),
+            instruction: self.instruction.to_owned(),
+        }
+    }
+}
+
+fn draw_paint(spec: PaintSpec, episode_seed: u64, name: &str) -> Paint {
+    Paint {
+        color: match spec.color {
+            ColorSpec::Fixed(color) => color,
+            ColorSpec::Any => {
+                let mut stream = Stream::new(episode_seed, &format!("{name}/color"));
+                [(); 3].map(|()| stream.unit())
+            }
+        },
+        texture: match spec.texture {
+            TextureSpec::None => None,
+            TextureSpec::Fixed(texture) => Some(texture),
+        },
+        specular: spec.specular,
+    }
+}
+
+fn draw_body(spec: &BodySpec, episode_seed: u64) -> Body {
+    let name = spec.name;
+    let scale = Stream::new(episode_seed, &format!("{name}/scale")).uniform(spec.scale);
+    let parts = spec.parts.iter().enumerate().map(|(i, part)| Part {
+        shape: part.shape.scaled(scale),
+        pose: Isometry3::from_parts(
+            Translation3::from(part.pose.translation.vector * scale),
+            part.pose.rotation,
+        ),
+        paint: draw_paint(part.paint, episode_seed, &format!("{name}/part{i}")),
+    });
+    Body {
+        name,
+        role: spec.role,
+        motion: spec.motion,
+        parts: parts.collect(),
+        scale,
+        pose: Isometry3::identity(),
+        density: spec.density,
+        friction: spec.friction,
+    }
+}
+
+/// Gives every body of a region its pose: yaw and height from its own streams, then x and y, drawn again while it is
+/// too near to a body already placed.
+fn place(region_idx: usize, region: &RegionSpec, specs: &[BodySpec], bodies: &mut [Body], episode_seed: u64) {
+    let mut common = Stream::new(episode_seed, &format!("{}/common", region.name));
+    let offset = region.common.map(|range| common.uniform(range));
+    let mut placed: Vec<([f64; 2], f64)> = Vec::new();
+    for (spec, body) in specs.iter().zip(bodies).filter(|(spec, _)| spec.placement.region == region_idx) {
+        let yaw = Stream::new(episode_seed, &format!("{}/yaw", spec.name)).uniform(spec.placement.yaw);
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * spec.placement.upright;
+        let extent = body.extent(&Isometry3::from_parts(Translation3::identity(), rotation));
+        let radius = footprint_radius(body, spec.placement.upright);
+        let mut stream = Stream::new(episode_seed, &format!("{}/pose", spec.name));
+        let mut draw = || [region.x, region.y].map(|range| stream.uniform(range));
+        let mut xy = draw();
+        if let Some(gap_m) = region.gap_m {
+            let free = |xy: [f64; 2]| {
+                placed
+                    .iter()
+                    .all(|(other, r)| (xy[0] - other[0]).hypot(xy[1] - other[1]) > radius + r + gap_m)
+            };
+            let mut draws = 1;
+            while !free(xy) && draws < MAX_PLACEMENT_DRAWS {
+                xy = draw();
+                draws += 1;
+            }
+        }
+        placed.push((xy, radius));
+        let z = spec.placement.surface_z_m - extent.min.z;
+        body.pose =
+            Isometry3::from_parts(Translation3::new(xy[0] + offset[0], xy[1] + offset[1], z), rotation);
+    }
+}
+
+/// Radius of the circle about the body's origin that holds its footprint at any yaw, in m.
+fn footprint_radius(body: &Body, upright: UnitQuaternion<f64>) -> f64 {
+    let extent = body.extent(&Isometry3::from_parts(Translation3::identity(), upright));
+    let reach = extent.min.abs().sup(&extent.max.abs());
+    reach.x.hypot(reach.y)
+}
+
+fn draw_camera(spec: &CameraSpec, episode_seed: u64) -> Camera {
+    let Jitter { translation, rotation } = spec.jitter;
+    let mut stream = Stream::new(episode_seed, &format!("camera/{:?}", spec.slot));
+    let [x, y, z] = translation.map(|range| stream.uniform(range));
+    let [roll, pitch, yaw] = rotation.map(|range| stream.uniform(range));
+    let rotation = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), roll)
+        * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), pitch)
+        * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
+    Camera {
+        slot: spec.slot,
+        mount: spec.mount.clone(),
+        error: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
+        fov_y_rad: spec.fov_y_rad,
+        clip_m: spec.clip_m,
+    }
+}

@@ -1,0 +1,21 @@
+//! From a distribution of scenes to one scene.
+//!
+//! A task states a [`SceneSpec`] of ranges, a perturbation edits it, a seed draws a [`Scene`] of numbers, and nothing
+//! changes a `Scene` afterwards. This module knows neither rapier nor pixels.
+
+mod draw;
+mod drawn;
+mod range;
+mod shape;
+mod snapshot;
+mod spec;
+
+pub use drawn::{Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table};
+pub use range::Range;
+pub use shape::{Extent, Primitive};
+pub use snapshot::{ArmLinks, Link, N_LINKS, Snapshot};
+pub use spec::{
+    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, ColorSpec, DirectionalSpec, Jitter,
+    LightsSpec, Motion, PaintSpec, PartSpec, PlacementSpec, RegionSpec, RobotSpec, Role, ScaledBy, SceneSpec,
+    TableKind, TableSpec, Texture, TextureSpec,
+};

@@ -1,0 +1,314 @@
+//! The distribution of a task's scenes: plain data of ranges. Perturbations edit it; nothing else does.
+
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+use super::range::Range;
+use super::shape::Primitive;
+
+/// What a body is to the task; colour, texture and size perturbations choose by it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// MO: the robot manipulates it.
+    ManipulationObject,
+    /// RO: the manipulated object goes to or on it.
+    ReceiverObject,
+    /// Neither.
+    Fixture,
+    /// Clutter that the task does not mention.
+    Distractor,
+}
+
+/// Which size perturbation scales a body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ScaledBy {
+    /// MO-Size.
+    MoSize,
+    /// RO-Size.
+    RoSize,
+    /// None, for the reason given.
+    Nothing(&'static str),
+}
+
+/// Whether a body moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// Falls, is pushed and carried.
+    Dynamic,
+    /// Stays where it was put.
+    Fixed,
+}
+
+/// Procedural surface patterns; each is drawn from its own seed by the renderer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[expect(missing_docs, reason = "the names say what is seen")]
+pub enum Texture {
+    Wood,
+    Checker,
+    BrushedMetal,
+    Plaster,
+}
+
+/// Colour of a part, sRGB in [0, 1].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ColorSpec {
+    /// This colour.
+    Fixed([f64; 3]),
+    /// Each channel uniform in [0, 1].
+    Any,
+}
+
+/// Pattern of a part; its colour tints it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TextureSpec {
+    /// Plain.
+    None,
+    /// This pattern.
+    Fixed(Texture),
+}
+
+/// Look of one part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PaintSpec {
+    /// Colour.
+    pub color: ColorSpec,
+    /// Pattern.
+    pub texture: TextureSpec,
+    /// Strength of the highlight in [0, 1].
+    pub specular: f64,
+}
+
+impl PaintSpec {
+    /// A plain colour with a faint highlight; sRGB in [0, 1].
+    #[must_use]
+    pub const fn plain(color: [f64; 3]) -> Self {
+        Self { color: ColorSpec::Fixed(color), texture: TextureSpec::None, specular: 0.2 }
+    }
+
+    /// A pattern tinted by a colour.
+    #[must_use]
+    pub const fn textured(texture: Texture, color: [f64; 3]) -> Self {
+        Self { color: ColorSpec::Fixed(color), texture: TextureSpec::Fixed(texture), specular: 0.1 }
+    }
+}
+
+/// One convex solid of a body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartSpec {
+    /// Solid at scale 1.
+    pub shape: Primitive,
+    /// Pose in the body's frame at scale 1; its translation scales with the body.
+    pub pose: Isometry3<f64>,
+    /// Look.
+    pub paint: PaintSpec,
+}
+
+impl PartSpec {
+    /// A solid centred at `position` (m) in the body's frame, not rotated.
+    #[must_use]
+    pub fn at(shape: Primitive, position: [f64; 3], paint: PaintSpec) -> Self {
+        Self {
+            shape,
+            pose: Isometry3::from_parts(Vector3::from(position).into(), UnitQuaternion::identity()),
+            paint,
+        }
+    }
+}
+
+/// A rectangle of the ground plane in which bodies are placed without overlap.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegionSpec {
+    /// Names its random streams.
+    pub name: &'static str,
+    /// World x of a body, in m, before the common offset.
+    pub x: Range,
+    /// World y of a body, in m, before the common offset.
+    pub y: Range,
+    /// Offset (x, y) that all bodies of the region share, in m.
+    pub common: [Range; 2],
+    /// Least gap between the circles around the bodies' footprints, in m; `None` places without looking.
+    pub gap_m: Option<f64>,
+}
+
+/// Where a body starts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlacementSpec {
+    /// Index into [`SceneSpec::regions`].
+    pub region: usize,
+    /// World z of the surface that the body's lowest point rests on, in m.
+    pub surface_z_m: f64,
+    /// Orientation before yaw.
+    pub upright: UnitQuaternion<f64>,
+    /// Rotation about world z, in rad.
+    pub yaw: Range,
+}
+
+/// One rigid body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BodySpec {
+    /// Names it in predicates, streams and messages.
+    pub name: &'static str,
+    /// Role.
+    pub role: Role,
+    /// Dynamic or fixed.
+    pub motion: Motion,
+    /// Solids; all collide and are drawn.
+    pub parts: Vec<PartSpec>,
+    /// Which size perturbation scales it.
+    pub scaled_by: ScaledBy,
+    /// Isotropic scale, nominally 1.
+    pub scale: Range,
+    /// Start pose.
+    pub placement: PlacementSpec,
+    /// kg/m³.
+    pub density: f64,
+    /// Coefficient, static and dynamic.
+    pub friction: f64,
+}
+
+/// One arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RobotSpec {
+    /// World pose of link 0.
+    pub base: Isometry3<f64>,
+    /// Joint positions 1 to 7 in rad; fingers start at 0.04 m.
+    pub qpos: [f64; 7],
+    /// Standard deviation of the noise on each joint, in rad.
+    pub noise_rad: f64,
+}
+
+/// Which table stands there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TableKind {
+    /// 1.209 × 2.418 m with its top at z 0, long side along y.
+    SingleArm,
+    /// The plate of 1.2 × 1.6 m with its top at z 0.825, over the other table.
+    Bimanual,
+}
+
+/// The table and its look.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TableSpec {
+    /// Kind.
+    pub kind: TableKind,
+    /// Look of the top that is worked on.
+    pub paint: PaintSpec,
+}
+
+/// What surrounds the table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BackgroundSpec {
+    /// Floor at z −0.9196.
+    pub floor: PaintSpec,
+    /// Four walls at ±1.5 m, if any.
+    pub walls: Option<PaintSpec>,
+}
+
+/// A light infinitely far away.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DirectionalSpec {
+    /// Linear RGB.
+    pub color: [Range; 3],
+    /// Direction the light travels in; need not be normalised.
+    pub direction: [f64; 3],
+}
+
+/// Lighting.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightsSpec {
+    /// Linear RGB of the ambient light.
+    pub ambient: [Range; 3],
+    /// Up to two.
+    pub directional: Vec<DirectionalSpec>,
+    /// Whether the first directional light casts shadows.
+    pub shadows: bool,
+}
+
+/// Which image of the observation a camera fills.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "named after the benchmark's cameras")]
+pub enum CameraSlot {
+    External1,
+    External2,
+    Hand1,
+    Hand2,
+}
+
+/// What a camera is fixed to. Camera frame: x forward, y left, z up.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CameraMount {
+    /// The world; looks from `eye` to `target` with +z up.
+    World {
+        /// World position in m.
+        eye: [f64; 3],
+        /// World point in m.
+        target: [f64; 3],
+    },
+    /// The hand link of an arm.
+    Hand {
+        /// Arm index.
+        arm: usize,
+        /// Camera pose in the hand's frame.
+        pose: Isometry3<f64>,
+    },
+}
+
+/// Error of a camera's pose, applied in its own frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jitter {
+    /// Along x, y, z, in m.
+    pub translation: [Range; 3],
+    /// Intrinsic XYZ Euler angles, in rad.
+    pub rotation: [Range; 3],
+}
+
+impl Jitter {
+    /// No error.
+    pub const NONE: Self = Self { translation: [Range::fixed(0.0); 3], rotation: [Range::fixed(0.0); 3] };
+}
+
+/// One camera; images are square.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraSpec {
+    /// Image it fills.
+    pub slot: CameraSlot,
+    /// Mount.
+    pub mount: CameraMount,
+    /// Vertical field of view, in rad.
+    pub fov_y_rad: f64,
+    /// Near and far plane, in m.
+    pub clip_m: [f64; 2],
+    /// Pose error.
+    pub jitter: Jitter,
+}
+
+/// The distribution of a task's scenes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneSpec {
+    /// Bodies in the order of their indices.
+    pub bodies: Vec<BodySpec>,
+    /// Regions bodies are placed in.
+    pub regions: Vec<RegionSpec>,
+    /// One or two arms.
+    pub robots: Vec<RobotSpec>,
+    /// Table.
+    pub table: TableSpec,
+    /// Floor and walls.
+    pub background: BackgroundSpec,
+    /// Lighting.
+    pub lights: LightsSpec,
+    /// Cameras in the order of the observation's images.
+    pub cameras: Vec<CameraSpec>,
+    /// Instruction given to the policy.
+    pub instruction: &'static str,
+}
+
+impl SceneSpec {
+    /// Index of the body with this name.
+    ///
+    /// # Panics
+    /// If there is none: a task names only its own bodies.
+    #[must_use]
+    pub fn body_idx(&self, name: &str) -> usize {
+        self.bodies.iter().position(|b| b.name == name).unwrap_or_else(|| panic!("no body is named {name}"))
+    }
+}

@@ -1,0 +1,145 @@
+//! What tasks share: the two workplaces with their arms, tables, lights and cameras (spec/env.md §2 to §4, §7).
+
+use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+
+use crate::scene::{
+    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, Jitter, LightsSpec,
+    PaintSpec, Range, RegionSpec, RobotSpec, SceneSpec, TableKind, TableSpec, Texture,
+};
+
+/// World z of the single-arm table's top, in m.
+pub(super) const SINGLE_TABLE_Z: f64 = 0.0;
+/// World z of the bimanual table's top, in m.
+pub(super) const BIMANUAL_TABLE_Z: f64 = 0.825;
+/// kg/m³ of a body unless its task says otherwise.
+pub(super) const DENSITY: f64 = 1000.0;
+/// Friction of a body unless its task says otherwise.
+pub(super) const FRICTION: f64 = 0.3;
+
+/// Start pose D of spec/tasks.md §1: TCP at (0, 0, 0.1698), pointing down.
+pub(super) const QPOS_D: [f64; 7] = [0.0, PI / 8.0, 0.0, -5.0 * PI / 8.0, 0.0, 3.0 * FRAC_PI_4, -FRAC_PI_4];
+/// Rest pose B of spec/tasks.md §1, the same for both arms.
+pub(super) const QPOS_B: [f64; 7] = [FRAC_PI_2, 0.0, 0.0, -7.0 * PI / 8.0, 0.0, 3.0 * FRAC_PI_4, FRAC_PI_4];
+/// Initial joint noise in rad, where a task does not fix its start pose.
+pub(super) const NOISE_RAD: f64 = 0.02;
+
+/// Eyes and common target of the two external cameras.
+pub(super) struct Eyes {
+    /// Eye and target of external 1, in m.
+    pub(super) external1: [[f64; 3]; 2],
+    /// Eye and target of external 2, in m.
+    pub(super) external2: [[f64; 3]; 2],
+}
+
+/// One arm at the single-arm table.
+pub(super) fn single_arm(
+    qpos: [f64; 7],
+    noise_rad: f64,
+    eyes: &Eyes,
+    regions: Vec<RegionSpec>,
+    bodies: Vec<BodySpec>,
+    instruction: &'static str,
+) -> SceneSpec {
+    workplace(
+        Morphology::Single,
+        vec![robot([-0.615, 0.0, 0.0], 0.0, qpos, noise_rad)],
+        eyes,
+        regions,
+        bodies,
+        instruction,
+    )
+}
+
+/// Two arms facing each other across the bimanual table.
+pub(super) fn bimanual(
+    qpos: [[f64; 7]; 2],
+    noise_rad: f64,
+    eyes: &Eyes,
+    regions: Vec<RegionSpec>,
+    bodies: Vec<BodySpec>,
+    instruction: &'static str,
+) -> SceneSpec {
+    let robots = vec![
+        robot([-0.4, -0.6, BIMANUAL_TABLE_Z], 0.0, qpos[0], noise_rad),
+        robot([-0.4, 0.6, BIMANUAL_TABLE_Z], PI, qpos[1], noise_rad),
+    ];
+    workplace(Morphology::Bimanual, robots, eyes, regions, bodies, instruction)
+}
+
+/// A region around the origin in which one body is placed.
+pub(super) fn region(name: &'static str, x: Range, y: Range) -> RegionSpec {
+    RegionSpec { name, x, y, common: [Range::fixed(0.0); 2], gap_m: None }
+}
+
+fn workplace(
+    morphology: Morphology,
+    robots: Vec<RobotSpec>,
+    eyes: &Eyes,
+    regions: Vec<RegionSpec>,
+    bodies: Vec<BodySpec>,
+    instruction: &'static str,
+) -> SceneSpec {
+    let (fov_y_rad, far, kind) = match morphology {
+        Morphology::Single => (FRAC_PI_2, 100.0, TableKind::SingleArm),
+        Morphology::Bimanual => (PI / 3.0, 10.0, TableKind::Bimanual),
+    };
+    let external = |slot, [eye, target]: [[f64; 3]; 2]| CameraSpec {
+        slot,
+        mount: CameraMount::World { eye, target },
+        fov_y_rad,
+        clip_m: [0.01, far],
+        jitter: Jitter::NONE,
+    };
+    let mut cameras = vec![
+        external(CameraSlot::External1, eyes.external1),
+        external(CameraSlot::External2, eyes.external2),
+    ];
+    cameras.extend(
+        [CameraSlot::Hand1, CameraSlot::Hand2].into_iter().take(morphology.n_arms()).enumerate().map(
+            |(arm, slot)| CameraSpec {
+                slot,
+                mount: CameraMount::Hand { arm, pose: hand_camera_pose() },
+                fov_y_rad: FRAC_PI_2,
+                clip_m: [0.01, 100.0],
+                jitter: Jitter::NONE,
+            },
+        ),
+    );
+    SceneSpec {
+        bodies,
+        regions,
+        robots,
+        table: TableSpec { kind, paint: PaintSpec::textured(Texture::Wood, [0.80, 0.66, 0.47]) },
+        background: BackgroundSpec {
+            floor: PaintSpec::textured(Texture::Checker, [0.55, 0.55, 0.55]),
+            walls: None,
+        },
+        lights: default_lights(),
+        cameras,
+        instruction,
+    }
+}
+
+fn robot(base: [f64; 3], yaw_rad: f64, qpos: [f64; 7], noise_rad: f64) -> RobotSpec {
+    let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_rad);
+    RobotSpec { base: Isometry3::from_parts(Translation3::from(base), rotation), qpos, noise_rad }
+}
+
+/// Pose of the wrist camera in the hand's frame (spec/env.md §4): it looks along the approach direction.
+fn hand_camera_pose() -> Isometry3<f64> {
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(0.0, 0.7071, 0.0, 0.7071));
+    Isometry3::from_parts(Translation3::new(0.0465, -0.02, 0.036), rotation)
+}
+
+/// Grey ambient light of 0.3 and two white lights, one aslant and one from above, without shadows (spec/perturbations.md §7).
+fn default_lights() -> LightsSpec {
+    let white = |direction| DirectionalSpec { color: [Range::fixed(1.0); 3], direction };
+    LightsSpec {
+        ambient: [Range::fixed(0.3); 3],
+        directional: vec![white([1.0, 1.0, -1.0]), white([0.0, 0.0, -1.0])],
+        shadows: false,
+    }
+}

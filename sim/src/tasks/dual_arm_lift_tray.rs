@@ -1,0 +1,70 @@
+//! DualArmLiftTray: two arms grip a tray by its short rims and lift it (spec/tasks.md §3, task 20).
+
+use core::f64::consts::FRAC_PI_8;
+
+use ipc_types::Morphology;
+
+use super::common::{BIMANUAL_TABLE_Z, DENSITY, Eyes, FRICTION, QPOS_B, bimanual, region};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{BodySpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "DualArmLiftTray-v1",
+    category: Category::Lift,
+    morphology: Morphology::Bimanual,
+    max_steps: 122,
+    instruction: "grasp the tray with both hands and lift it up",
+    nominal,
+    success,
+    expert,
+};
+
+/// Half of 0.388 × 0.264 m; the long side lies along the body's y, from arm to arm.
+const HALF: [f64; 2] = [0.132, 0.194];
+const HEIGHT: f64 = 0.041;
+const FLOOR_HALF_THICKNESS: f64 = 0.003;
+const RIM_HALF_THICKNESS: f64 = 0.004;
+const GREY: [f64; 3] = [48.0 / 255.0, 49.0 / 255.0, 51.0 / 255.0];
+
+fn nominal() -> SceneSpec {
+    let slab = |half, position| PartSpec::at(Primitive::Box { half }, position, PaintSpec::plain(GREY));
+    let [hx, hy] = HALF;
+    let (rim, rim_z) = (RIM_HALF_THICKNESS, HEIGHT / 2.0);
+    let tray = BodySpec {
+        name: "tray",
+        role: Role::ManipulationObject,
+        motion: Motion::Dynamic,
+        parts: vec![
+            slab([hx, hy, FLOOR_HALF_THICKNESS], [0.0, 0.0, FLOOR_HALF_THICKNESS]),
+            slab([rim, hy, rim_z], [hx - rim, 0.0, rim_z]),
+            slab([rim, hy, rim_z], [rim - hx, 0.0, rim_z]),
+            slab([hx, rim, rim_z], [0.0, hy - rim, rim_z]),
+            slab([hx, rim, rim_z], [0.0, rim - hy, rim_z]),
+        ],
+        scaled_by: ScaledBy::MoSize,
+        scale: Range::fixed(1.0),
+        placement: PlacementSpec {
+            region: 0,
+            surface_z_m: BIMANUAL_TABLE_Z,
+            upright: nalgebra::UnitQuaternion::identity(),
+            yaw: Range::symmetric(FRAC_PI_8),
+        },
+        density: DENSITY,
+        friction: FRICTION,
+    };
+    let eyes = Eyes {
+        external1: [[0.75, 0.0, 1.58], [-0.2, 0.0, 1.13]],
+        external2: [[-0.5, -0.25, 1.58], [-0.2, 0.0, 1.13]],
+    };
+    let around_origin = region("tray", Range::symmetric(0.1), Range::symmetric(0.1));
+    bimanual([QPOS_B; 2], 0.0, &eyes, vec![around_origin], vec![tray], TASK.instruction)
+}
+
+/// The tray 0.15 m above its start, in at least one hand.
+fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
+    let tray = scene.body_idx("tray");
+    let rest_z = scene.bodies[tray].pose.translation.z;
+    vec![Predicate::Above { body: tray, z_m: rest_z + 0.15 }, Predicate::Held { body: tray }]
+}

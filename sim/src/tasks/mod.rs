@@ -1,0 +1,41 @@
+//! The task suite. A task is one file here and one line in the list below.
+
+mod common;
+
+use serde::{Deserialize, Serialize};
+
+use crate::task::Task;
+
+macro_rules! task_list {
+    ($($file:ident => $name:ident,)+) => {
+        $(mod $file;)+
+
+        /// A task by its name in the paper.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+        #[expect(missing_docs, reason = "each name's file describes it")]
+        pub enum TaskId { $($name,)+ }
+
+        impl TaskId {
+            /// The whole suite, in the benchmark's order.
+            pub const ALL: &[Self] = &[$(Self::$name,)+];
+
+            /// Name in the paper, on the command line and in results.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$name => stringify!($name),)+ }
+            }
+
+            /// What the task is.
+            #[must_use]
+            pub const fn task(self) -> &'static Task {
+                match self { $(Self::$name => &$file::TASK,)+ }
+            }
+        }
+    };
+}
+
+task_list! {
+    raise_cube => RaiseCube,
+    stack_cube => StackCube,
+    dual_arm_lift_tray => DualArmLiftTray,
+}

@@ -1,0 +1,53 @@
+//! RaiseCube: grasp a cube and raise it (spec/tasks.md §2, task 1).
+
+use ipc_types::Morphology;
+
+use super::common::{DENSITY, Eyes, FRICTION, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, single_arm};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{BodySpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "RaiseCube-v1",
+    category: Category::Pick,
+    morphology: Morphology::Single,
+    max_steps: 92,
+    instruction: "lift the cube up to a certain height",
+    nominal,
+    success,
+    expert,
+};
+
+const HALF: f64 = 0.02;
+const BLUE: [f64; 3] = [12.0 / 255.0, 42.0 / 255.0, 160.0 / 255.0];
+
+fn nominal() -> SceneSpec {
+    let cube = BodySpec {
+        name: "cube",
+        role: Role::ManipulationObject,
+        motion: Motion::Dynamic,
+        parts: vec![PartSpec::at(Primitive::Box { half: [HALF; 3] }, [0.0; 3], PaintSpec::plain(BLUE))],
+        scaled_by: ScaledBy::MoSize,
+        scale: Range::fixed(1.0),
+        placement: PlacementSpec {
+            region: 0,
+            surface_z_m: SINGLE_TABLE_Z,
+            upright: nalgebra::UnitQuaternion::identity(),
+            yaw: Range::fixed(0.0),
+        },
+        density: DENSITY,
+        friction: FRICTION,
+    };
+    let target = [-0.1, 0.0, 0.1];
+    let eyes = Eyes { external1: [[0.2, -0.3, 0.3], target], external2: [[0.1, 0.3, 0.3], target] };
+    let around_origin = region("cube", Range::symmetric(0.1), Range::symmetric(0.1));
+    single_arm(QPOS_D, NOISE_RAD, &eyes, vec![around_origin], vec![cube], TASK.instruction)
+}
+
+/// The cube's centre above 0.20 m, which is 0.18 m above its rest; the arm still.
+fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
+    let cube = scene.body_idx("cube");
+    let rest_z = if profile.scales_thresholds() { scene.bodies[cube].pose.translation.z } else { HALF };
+    vec![Predicate::Above { body: cube, z_m: rest_z + 0.18 }, Predicate::RobotStill { max_qvel: 0.2 }]
+}
