@@ -77,6 +77,8 @@ pub enum FrameError {
     Length { expected: u64, found: u64 },
     #[error("env {env_idx}: `{field}` is {found}, at most {limit} allowed")]
     Record { env_idx: usize, field: &'static str, found: u64, limit: u64 },
+    #[error("env {env_idx}: `{field}` is 0, at least 1 expected")]
+    Zero { env_idx: usize, field: &'static str },
     #[error("env {env_idx}: the instruction is not UTF-8")]
     Instruction { env_idx: usize },
     #[error("env {env_idx}: action row {row}, entry {entry} is not finite")]
@@ -204,7 +206,7 @@ impl<'a> ObservationView<'a> {
         let record = self.record(env_idx);
         check_limit(env_idx, "state_dim", record.state_dim, self.morphology.state_dim())?;
         check_limit(env_idx, "instruction_len", record.instruction_len, INSTRUCTION_BYTES)?;
-        check_limit(env_idx, "execute", record.execute, MAX_HORIZON)?;
+        check_range(env_idx, "execute", record.execute, MAX_HORIZON)?;
         let text = &record.instruction[..record.instruction_len as usize];
         core::str::from_utf8(text).map_or(Err(FrameError::Instruction { env_idx }), |_| Ok(()))
     }
@@ -218,7 +220,9 @@ pub struct ActionView<'a> {
 }
 
 impl<'a> ActionView<'a> {
-    /// Checks a message against its header; every number in it is finite.
+    /// Checks a message against its header. Its numbers are checked env by env, with [`Self::check_finite`], so that
+    /// one env's answer never spoils another's. With a status other than 0 the pages may hold anything: they are not
+    /// looked at, and the view has no blocks.
     ///
     /// # Errors
     /// The first field that does not fit.
@@ -227,19 +231,13 @@ impl<'a> ActionView<'a> {
         if pages.len() != header.n_envs as usize {
             return Err(FrameError::Length { expected: u64::from(header.n_envs), found: pages.len() as u64 });
         }
+        if header.status != 0 {
+            return Ok(Self { header, blocks: &[] });
+        }
         let blocks: &[ActionBlock] = bytemuck::cast_slice(pages);
         for (env_idx, block) in blocks.iter().enumerate() {
-            check_limit(env_idx, "n_rows", block.n_rows, MAX_HORIZON)?;
-            check_limit(env_idx, "action_dim", block.action_dim, MAX_ACTION_DIM)?;
-            if block.n_rows == 0 || block.action_dim == 0 {
-                let field = if block.n_rows == 0 { "n_rows" } else { "action_dim" };
-                return Err(FrameError::Header { field, expected: "at least 1", found: 0 });
-            }
-            let dim = block.action_dim as usize;
-            let len = block.n_rows as usize * dim;
-            if let Some(at) = block.rows[..len].iter().position(|x| !x.is_finite()) {
-                return Err(FrameError::NotFinite { env_idx, row: at / dim, entry: at % dim });
-            }
+            check_range(env_idx, "n_rows", block.n_rows, MAX_HORIZON)?;
+            check_range(env_idx, "action_dim", block.action_dim, MAX_ACTION_DIM)?;
         }
         Ok(Self { header, blocks })
     }
@@ -250,7 +248,24 @@ impl<'a> ActionView<'a> {
         &self.header
     }
 
-    /// One block per env, in the order of the observation.
+    /// Checks that every number of env `env_idx`'s rows is finite.
+    ///
+    /// # Errors
+    /// The first that is not.
+    ///
+    /// # Panics
+    /// If `env_idx` is not below the number of blocks.
+    pub fn check_finite(&self, env_idx: usize) -> Result<(), FrameError> {
+        let block = &self.blocks[env_idx];
+        let dim = block.action_dim as usize;
+        let rows = &block.rows[..block.n_rows as usize * dim];
+        match rows.iter().position(|x| !x.is_finite()) {
+            None => Ok(()),
+            Some(at) => Err(FrameError::NotFinite { env_idx, row: at / dim, entry: at % dim }),
+        }
+    }
+
+    /// One block per env, in the order of the observation; none if the policy could not answer.
     #[must_use]
     pub fn blocks(&self) -> &'a [ActionBlock] {
         self.blocks
@@ -295,4 +310,8 @@ fn check_limit(env_idx: usize, field: &'static str, found: u32, limit: usize) ->
     } else {
         Err(FrameError::Record { env_idx, field, found: u64::from(found), limit: limit as u64 })
     }
+}
+
+fn check_range(env_idx: usize, field: &'static str, found: u32, limit: usize) -> Result<(), FrameError> {
+    if found == 0 { Err(FrameError::Zero { env_idx, field }) } else { check_limit(env_idx, field, found, limit) }
 }

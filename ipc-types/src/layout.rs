@@ -72,7 +72,7 @@ pub struct EnvRecord {
     /// UTF-8, not terminated; zero beyond.
     pub instruction: [u8; INSTRUCTION_BYTES],
     /// Zero up to the end of the page.
-    pub padding: [[u8; 32]; 86],
+    pub padding: [u8; 2752],
 }
 
 /// The answer for one env: a page.
@@ -133,3 +133,62 @@ const _: () = {
     assert!(block_pages(Morphology::Bimanual, true) == 99);
     assert!(HAND_OFFSET.is_multiple_of(64));
 };
+
+#[cfg(test)]
+mod tests {
+    use core::mem::offset_of;
+
+    use super::*;
+    use crate::frame::{ActionHeader, ObservationHeader};
+
+    /// What the schema says between braces after `name`, field by field.
+    fn described(name: &str) -> Vec<&'static str> {
+        let start = SCHEMA.find(&format!("{name} {{")).unwrap() + name.len() + 2;
+        SCHEMA[start..].split('}').next().unwrap().split(", ").collect()
+    }
+
+    macro_rules! described_as {
+        ($type:ty: $($field:ident as $text:literal),+ $(,)?) => {
+            vec![$(format!("{}@{}", $text, offset_of!($type, $field))),+]
+        };
+    }
+
+    #[test]
+    fn the_schema_says_what_the_structs_are() {
+        let observation_header = described_as!(ObservationHeader:
+            schema_hash as "schema u64", run as "run u64", sequence as "sequence u64", epoch as "epoch u32",
+            n_envs as "n_envs u32", block_pages as "block_pages u32", morphology as "morphology u32",
+            control_mode as "control_mode u32", images as "images u32", reserved as "reserved 16");
+        assert_eq!(described("obs header"), observation_header);
+        let record = described_as!(EnvRecord:
+            slot as "slot u32", query as "query u32", step as "step u32", state_dim as "state_dim u32",
+            instruction_len as "instruction_len u32", execute as "execute u32", policy_seed as "policy_seed u64",
+            reserved as "reserved 32", state as "state f32[64]", instruction as "instruction u8[1024]",
+            padding as "zero");
+        assert_eq!(described("env record"), record);
+        let action_header = described_as!(ActionHeader:
+            schema_hash as "schema u64", run as "run u64", sequence as "sequence u64", epoch as "epoch u32",
+            n_envs as "n_envs u32", status as "status u32", reserved as "reserved 28");
+        assert_eq!(described("act header"), action_header);
+        let block = described_as!(ActionBlock:
+            slot as "slot u32", query as "query u32", n_rows as "n_rows u32", action_dim as "action_dim u32",
+            reserved as "reserved 48", rows as "rows f32[63*16]");
+        assert_eq!(described("action block"), block);
+    }
+
+    /// Whoever changes the layout changes this number, and every foreign host with it.
+    #[test]
+    fn the_schema_hash_is_known_to_foreign_hosts() {
+        assert_eq!(SCHEMA_HASH, 0xb047_67c4_8ca9_5306, "found {SCHEMA_HASH:#018x}");
+    }
+
+    #[test]
+    fn a_block_has_room_for_all_its_tensors() {
+        for morphology in Morphology::ALL {
+            let bytes = block_pages(morphology, true) * PAGE_BYTES;
+            let needed = HAND_OFFSET + morphology.n_hand_cameras() * HAND_BYTES;
+            assert!(needed <= bytes && bytes - needed < PAGE_BYTES);
+            assert!(morphology.state_dim() <= MAX_STATE_DIM);
+        }
+    }
+}

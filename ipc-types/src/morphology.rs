@@ -138,3 +138,27 @@ impl ControlMode {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layout::MAX_ACTION_DIM;
+
+    #[test]
+    fn codes_name_what_they_came_from_and_nothing_else() {
+        for (code, morphology) in (0..).zip(Morphology::ALL) {
+            assert_eq!((morphology.code(), Morphology::from_code(code)), (code, Some(morphology)));
+        }
+        for (code, mode) in (0..).zip(ControlMode::ALL) {
+            assert_eq!((mode.code(), ControlMode::from_code(code)), (code, Some(mode)));
+        }
+        assert_eq!((Morphology::from_code(2), ControlMode::from_code(3)), (None, None));
+    }
+
+    #[test]
+    fn action_rows_have_the_widths_of_the_benchmark() {
+        let widths = Morphology::ALL.map(|morphology| ControlMode::ALL.map(|mode| mode.action_dim(morphology)));
+        assert_eq!(widths, [[7, 8, 7], [14, 16, 14]]);
+        assert!(widths.as_flattened().iter().all(|&width| width <= MAX_ACTION_DIM));
+    }
+}

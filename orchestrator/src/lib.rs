@@ -1,1 +1,67 @@
-//! orchestrator
+//! The program `hypogeum`: reads what the user wants, runs the children that do it, keeps and reports what they found.
+//!
+//! It owns the command line, the processes of a run, the results file and everything a person reads. It never steps a
+//! world, never evaluates a policy and never sees an observation: episodes live in `sim`, policies in `policy-host`, and
+//! both run as children of this process, which are this same program executed again.
+//!
+//! `cli` (as typed) → `plan` (as meant) → `work` (episodes to run) → `fleet` (children) → `results` (SQLite) → `report`.
+
+mod checkpoint;
+mod child;
+mod cli;
+mod failure;
+mod fleet;
+mod interrupt;
+mod machine;
+mod names;
+mod plan;
+mod policy;
+mod progress;
+mod report;
+mod results;
+mod run;
+mod show;
+mod suite;
+mod sweep;
+mod work;
+
+use std::io::Write;
+use std::process::ExitCode;
+use std::time::Instant;
+
+use clap::Parser;
+
+use crate::cli::{Cli, Command};
+use crate::failure::{Ending, Failure};
+
+/// Runs the program on this process's arguments.
+///
+/// Exit codes: 0 done, 1 finished with errored episodes, 2 user error, 3 bug, 130 interrupted.
+#[must_use]
+pub fn main() -> ExitCode {
+    let started = Instant::now();
+    let command = match Cli::try_parse() {
+        Ok(cli) => cli.command,
+        Err(error) => {
+            // Help and version also arrive here, with code 0. Whether anybody reads them is not ours to care about.
+            let _ = error.print();
+            return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
+        }
+    };
+    let result = match &command {
+        Command::Run(args) => run::run(args, started),
+        Command::Tasks(args) => suite::list(args),
+        Command::Show(args) => show::show(args),
+        Command::Checkpoint(args) => checkpoint::write(args),
+        Command::Sim(args) => child::sim(args),
+        Command::PolicyHost(args) => child::policy_host(args),
+    };
+    match result {
+        Ok(ending) => ending.exit_code(),
+        Err(failure) => {
+            // A closed stderr leaves the exit code to say it.
+            let _ = writeln!(std::io::stderr().lock(), "error: {failure}");
+            failure.exit_code()
+        }
+    }
+}

@@ -1,1 +1,34 @@
-//! policy-host
+//! Policies and the host that serves them: observations in through shared memory, action chunks out.
+//!
+//! A policy sees only what crosses the link; this crate knows nothing of the simulator. Its arithmetic depends on the
+//! observation alone: not on batch, thread count, time or environment.
+
+pub mod act;
+pub mod ensemble;
+pub mod generated;
+pub mod idle;
+pub mod nn;
+pub mod policy;
+pub mod random;
+pub mod robot_state;
+pub mod serve;
+pub mod spec;
+pub mod synthetic;
+pub mod text;
+
+mod rows;
+
+use serde::{Deserialize, Serialize};
+
+pub use policy::{LoadError, Policy, PolicyError, check, load};
+pub use spec::{PolicySpec, PolicySpecError};
+
+/// How a policy is queried. Results of different modes are never mixed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum QueryMode {
+    /// The rows of a chunk are executed open loop.
+    Chunk,
+    /// A query every control step; the executed row is the mean of all predictions for it ([`ensemble`]).
+    Ensemble,
+}

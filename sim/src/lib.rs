@@ -10,6 +10,7 @@ pub mod render;
 pub mod robot;
 pub mod scene;
 pub mod serve;
+pub mod show;
 pub mod stream;
 pub mod task;
 pub mod tasks;

@@ -2,8 +2,6 @@
 //!
 //! Observations and actions never travel here.
 
-use std::path::PathBuf;
-
 use ipc_types::ControlMode;
 use ipc_types::link::{Domain, LaneSpec};
 use serde::{Deserialize, Serialize};
@@ -31,8 +29,6 @@ pub struct SimConfig {
     pub control_mode: ControlMode,
     /// Renderer.
     pub renderer: RendererKind,
-    /// Folder for traces of episodes (one file each), if wanted.
-    pub trace_dir: Option<PathBuf>,
 }
 
 /// A policy outside the sim.

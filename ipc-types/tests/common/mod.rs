@@ -1,0 +1,224 @@
+//! A scratch domain, and other processes: this test binary again, told by its environment which part to play.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use ipc_types::link::{ActionMessage, Domain, HostLane, LaneSpec, LinkNode, ObservationMessage, SimLane, SimLink};
+use ipc_types::{
+    ActionHeader, ActionView, EnvRecord, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH,
+};
+
+/// Longest that anything here waits for anything.
+pub const PATIENCE: Duration = Duration::from_secs(20);
+/// The run in the headers.
+pub const RUN: u64 = 0x5ca1_ab1e;
+/// The sequence number that tells an echoing host to end.
+pub const LAST: u64 = u64::MAX;
+
+/// A folder and a domain of its own, removed at the end whatever happens.
+pub struct Scratch {
+    pub base: tempfile::TempDir,
+    pub domain: Domain,
+}
+
+impl Scratch {
+    pub fn new() -> Self {
+        // Sockets have short paths, so that the usual temporary folder may lie too deep.
+        let base = tempfile::Builder::new().prefix("hyp").tempdir_in("/tmp").unwrap();
+        // The folder's random name makes the run's number.
+        let name = base.path().file_name().unwrap().as_encoded_bytes();
+        let run = name.iter().fold(0u64, |run, &byte| run.wrapping_mul(257).wrapping_add(u64::from(byte)));
+        let domain = Domain::new(base.path(), run);
+        Self { base, domain }
+    }
+
+    pub fn node(&self) -> LinkNode {
+        LinkNode::new(&self.domain, "test").unwrap()
+    }
+
+    /// Files of the domain in shared memory.
+    pub fn segments(&self) -> Vec<PathBuf> {
+        let entries = std::fs::read_dir("/dev/shm").unwrap();
+        let prefix = self.domain.prefix.as_bytes();
+        let ours = entries.flatten().filter(|entry| entry.file_name().as_encoded_bytes().starts_with(prefix));
+        ours.map(|entry| entry.path()).collect()
+    }
+
+    /// Ends the domain and proves that nothing of it is left.
+    pub fn finish(self) {
+        self.domain.remove().unwrap();
+        self.assert_gone();
+    }
+
+    pub fn assert_gone(&self) {
+        assert_eq!(self.segments(), Vec::<PathBuf>::new());
+        assert!(!self.domain.root.exists());
+    }
+
+    /// Starts this binary again in the part `role`, the name of an ignored test.
+    pub fn spawn(&self, role: &str) -> Peer {
+        let child = Command::new(std::env::current_exe().unwrap())
+            .args([role, "--exact", "--ignored", "--nocapture"])
+            .env("LINK_TEST_PREFIX", &self.domain.prefix)
+            .env("LINK_TEST_ROOT", &self.domain.root)
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        Peer { child }
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = self.domain.remove();
+    }
+}
+
+/// The domain that a spawned process was told; `None` if a person runs the ignored tests.
+pub fn told_domain() -> Option<Domain> {
+    let prefix = std::env::var("LINK_TEST_PREFIX").ok()?;
+    Some(Domain { prefix, root: std::env::var_os("LINK_TEST_ROOT")?.into() })
+}
+
+/// Another process; killed at the end whatever happens.
+pub struct Peer {
+    child: Child,
+}
+
+impl Peer {
+    /// SIGKILL, and waits for the end.
+    pub fn kill(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
+    /// Waits for the process to end by itself, well.
+    pub fn finish(mut self) {
+        let status = eventually("the other process ends", || self.child.try_wait().unwrap());
+        assert!(status.success(), "the other process failed: {status}");
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+/// Asks until there is an answer.
+pub fn eventually<T>(what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
+    let start = Instant::now();
+    while start.elapsed() < PATIENCE {
+        if let Some(answer) = ask() {
+            return answer;
+        }
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    panic!("{what}: not within {PATIENCE:?}");
+}
+
+/// A lane of single-arm envs without images.
+pub fn small_lane(in_flight: u32) -> LaneSpec {
+    LaneSpec { lane: 0, policy: "echo".into(), max_envs: 4, block_pages: 1, in_flight }
+}
+
+pub fn create_sim(node: &LinkNode, spec: &LaneSpec) -> (SimLink, SimLane) {
+    (SimLink::create(node, 1).unwrap(), SimLane::create(node, RUN, spec).unwrap())
+}
+
+pub fn open_host(node: &LinkNode, spec: &LaneSpec) -> HostLane {
+    HostLane::open(node, spec, PATIENCE).unwrap()
+}
+
+pub fn observation_header(sequence: u64, n_envs: u32) -> ObservationHeader {
+    ObservationHeader {
+        schema_hash: SCHEMA_HASH,
+        run: RUN,
+        sequence,
+        epoch: 1,
+        n_envs,
+        block_pages: 1,
+        morphology: Morphology::Single.code(),
+        control_mode: Morphology::Single.default_control_mode().code(),
+        images: 0,
+        reserved: [0; 2],
+    }
+}
+
+pub fn answer_header(to: &ObservationHeader) -> ActionHeader {
+    ActionHeader {
+        schema_hash: SCHEMA_HASH,
+        run: to.run,
+        sequence: to.sequence,
+        epoch: to.epoch,
+        n_envs: to.n_envs,
+        ..ActionHeader::default()
+    }
+}
+
+/// Sends `n_envs` records whose slots and first state follow from the sequence number.
+pub fn send(lane: &mut SimLane, sequence: u64, n_envs: u32) {
+    let mut loan = lane.loan(n_envs as usize).unwrap();
+    fill(loan.pages_mut(), sequence);
+    loan.send(observation_header(sequence, n_envs)).unwrap();
+}
+
+pub fn fill(pages: &mut [Page], sequence: u64) {
+    for (slot, page) in (0..).zip(pages) {
+        let record: &mut EnvRecord = bytemuck::cast_mut(page);
+        *record = bytemuck::Zeroable::zeroed();
+        (record.slot, record.execute, record.state_dim) = (slot, 1, 25);
+        record.state[0] = state(sequence, slot);
+    }
+}
+
+/// What a record of slot `slot` in message `sequence` says, and what its answer says again.
+pub fn state(sequence: u64, slot: u32) -> f32 {
+    (sequence % 1000) as f32 + slot as f32 / 8.0
+}
+
+pub fn receive_observation(lane: &mut HostLane) -> ObservationMessage {
+    eventually("an observation arrives", || {
+        lane.wait(Duration::from_millis(10)).unwrap();
+        lane.receive().unwrap()
+    })
+}
+
+pub fn receive_action(link: &SimLink, lane: &mut SimLane) -> ActionMessage {
+    eventually("an action arrives", || {
+        link.wait(Duration::from_millis(10)).unwrap();
+        lane.receive().unwrap()
+    })
+}
+
+/// Answers each env with one row: its first state.
+pub fn echo(lane: &mut HostLane, message: &ObservationMessage) {
+    let view = ObservationView::new(*message.header(), message.pages()).unwrap();
+    let mut loan = lane.loan(view.n_envs()).unwrap();
+    for (env_idx, block) in loan.blocks_mut().iter_mut().enumerate() {
+        let env = view.env(env_idx);
+        *block = bytemuck::Zeroable::zeroed();
+        (block.slot, block.n_rows, block.action_dim) = (env.record.slot, 1, 7);
+        block.rows[0] = env.state[0];
+    }
+    loan.send(answer_header(message.header())).unwrap();
+}
+
+/// Checks an echo.
+pub fn assert_echo(message: &ActionMessage, sequence: u64, n_envs: u32) {
+    assert_eq!((message.header().sequence, message.header().n_envs), (sequence, n_envs));
+    let view = ActionView::new(*message.header(), message.pages()).unwrap();
+    for (slot, block) in (0..).zip(view.blocks()) {
+        assert_eq!((block.slot, block.rows[0]), (slot, state(sequence, slot)));
+    }
+}
+
+/// A sign that a spawned process has come so far.
+pub fn signal(root: &Path) {
+    std::fs::write(root.join("ready"), "").unwrap();
+}
+
+pub fn await_signal(root: &Path) {
+    eventually("the other process is ready", || std::fs::remove_file(root.join("ready")).ok());
+}

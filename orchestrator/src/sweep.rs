@@ -1,0 +1,155 @@
+//! What a run may be told, as typed: by flags, by a TOML file, or by both. One struct states the names for both.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde::{Deserialize, Deserializer};
+use thiserror::Error;
+
+/// Wishes for a run; what is absent is defaulted by [`crate::plan`]. Paths are relative to the current folder.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct Sweep {
+    /// A policy and the name it has in the results; SPEC is idle, random, expert, act:PATH or attach:NAME
+    #[arg(long = "policy", value_name = "NAME=SPEC")]
+    pub(crate) policies: Vec<String>,
+    /// Tasks, comma-separated: names, all, single or bimanual [default: all]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    #[serde(deserialize_with = "one_or_many")]
+    pub(crate) tasks: Vec<String>,
+    /// Perturbations, comma-separated: names, all (that apply) or none [default: none]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    #[serde(deserialize_with = "one_or_many")]
+    pub(crate) perturbations: Vec<String>,
+    /// Episodes per policy, task and perturbation [default: 10]
+    #[arg(long, value_name = "N")]
+    pub(crate) episodes: Option<u32>,
+    /// Seed of the suite, from which every episode's seed follows [default: 0]
+    #[arg(long, value_name = "S")]
+    pub(crate) seed: Option<u64>,
+    /// Episodes in progress at a time [default: 16]
+    #[arg(long, value_name = "N")]
+    pub(crate) envs: Option<u32>,
+    /// Worker threads of the sim and of each policy host [default: one per core]
+    #[arg(long, value_name = "T")]
+    pub(crate) threads: Option<u32>,
+    /// chunk (execute rows open loop) or ensemble (a query every step) [default: chunk]
+    #[arg(long)]
+    pub(crate) mode: Option<String>,
+    /// Rows of a chunk to execute before the next query, 1 to 63 [default: 30; 1 in ensemble mode]
+    #[arg(long, value_name = "M")]
+    pub(crate) execute: Option<u32>,
+    /// Results file [default: hypogeum.db]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) db: Option<PathBuf>,
+    /// auto or cpu [default: auto]
+    #[arg(long)]
+    pub(crate) renderer: Option<String>,
+    /// strict (evident intent) or paper (what the released code does) [default: strict]
+    #[arg(long)]
+    pub(crate) profile: Option<String>,
+    /// How single-arm policies drive: pd_ee_delta_pose, pd_joint_pos or pd_ee_pose [default: pd_ee_delta_pose]
+    #[arg(long)]
+    pub(crate) control_mode: Option<String>,
+}
+
+/// Why a sweep file cannot be used.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the fields are named by their messages")]
+pub(crate) enum SweepError {
+    #[error("failed to read the sweep file {}: {source}", path.display())]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("the sweep file {} is wrong: {source}", path.display())]
+    Parse { path: PathBuf, source: Box<toml::de::Error> },
+}
+
+impl Sweep {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// If it cannot be read, is not TOML, or has a key that is not known or a value of another type; the message shows
+    /// the line.
+    pub(crate) fn read(path: &Path) -> Result<Self, SweepError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| SweepError::Read { path: path.into(), source })?;
+        toml::from_str(&text)
+            .map_err(|source| SweepError::Parse { path: path.into(), source: Box::new(source) })
+    }
+
+    /// These wishes, and where they say nothing those of `file`.
+    pub(crate) fn over(self, file: Self) -> Self {
+        let list = |flag: Vec<String>, file| if flag.is_empty() { file } else { flag };
+        Self {
+            policies: list(self.policies, file.policies),
+            tasks: list(self.tasks, file.tasks),
+            perturbations: list(self.perturbations, file.perturbations),
+            episodes: self.episodes.or(file.episodes),
+            seed: self.seed.or(file.seed),
+            envs: self.envs.or(file.envs),
+            threads: self.threads.or(file.threads),
+            mode: self.mode.or(file.mode),
+            execute: self.execute.or(file.execute),
+            db: self.db.or(file.db),
+            renderer: self.renderer.or(file.renderer),
+            profile: self.profile.or(file.profile),
+            control_mode: self.control_mode.or(file.control_mode),
+        }
+    }
+}
+
+/// `"all"` or `["RaiseCube", "StackCube"]`.
+fn one_or_many<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged, expecting = "expected a name or a list of names")]
+    enum OneOrMany {
+        One(String),
+        Many(Vec<String>),
+    }
+    Ok(match OneOrMany::deserialize(deserializer)? {
+        OneOrMany::One(name) => name.split(',').map(|part| part.trim().to_owned()).collect(),
+        OneOrMany::Many(names) => names,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Sweep, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sweep.toml");
+        std::fs::write(&path, text).unwrap();
+        let shown = |error: SweepError| error.to_string().replace(&path.display().to_string(), "sweep.toml");
+        Sweep::read(&path).map_err(shown)
+    }
+
+    #[test]
+    fn a_file_says_what_flags_say_and_flags_win() {
+        let file = read(
+            r#"
+            policies = ["idle", "mine=act:weights"]
+            tasks = ["RaiseCube", "StackCube"]
+            perturbations = "all"
+            episodes = 100
+            control_mode = "pd_joint_pos"
+            "#,
+        )
+        .unwrap();
+        let flags = Sweep { episodes: Some(3), tasks: vec!["single".to_owned()], ..Sweep::default() };
+        let both = flags.over(file);
+        assert_eq!(both.policies, ["idle", "mine=act:weights"]);
+        assert_eq!(both.tasks, ["single"]);
+        assert_eq!(both.perturbations, ["all"]);
+        assert_eq!((both.episodes, both.seed), (Some(3), None));
+        assert_eq!(both.control_mode.as_deref(), Some("pd_joint_pos"));
+    }
+
+    #[test]
+    fn errors_name_the_file_and_the_key() {
+        insta::assert_snapshot!(read("epsiodes = 3\n").unwrap_err(), @"");
+        insta::assert_snapshot!(read("episodes = \"many\"\n").unwrap_err(), @"");
+        insta::assert_snapshot!(read("tasks = 3\n").unwrap_err(), @"");
+        insta::assert_snapshot!(read("tasks = \n").unwrap_err(), @"");
+        insta::assert_snapshot!(Sweep::read(Path::new("absent.toml")).unwrap_err(), @"");
+    }
+}

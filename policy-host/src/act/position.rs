@@ -1,0 +1,26 @@
+//! The fixed two-dimensional sine encoding of image tokens (spec/eval.md §1.2).
+
+use std::f64::consts::TAU;
+
+use super::config::ActConfig;
+
+/// Base of the wavelengths.
+const TEMPERATURE: f64 = 10_000.0;
+
+/// `[7, 7, width] f32` for one camera: the first half of a token's numbers encodes its row, the second its column.
+#[must_use]
+pub fn sine_encoding(width: usize) -> Vec<f32> {
+    let side = ActConfig::FEATURE_SIDE;
+    let half = width / 2;
+    let mut encoding = vec![0.0; side * side * width];
+    for (token, out) in encoding.chunks_exact_mut(width).enumerate() {
+        for (part, place) in [token / side, token % side].into_iter().enumerate() {
+            let angle = (place + 1) as f64 / (side as f64 + 1e-6) * TAU;
+            for (idx, x) in out[part * half..(part + 1) * half].iter_mut().enumerate() {
+                let phase = angle / TEMPERATURE.powf((idx / 2 * 2) as f64 / half as f64);
+                *x = if idx % 2 == 0 { phase.sin() } else { phase.cos() } as f32;
+            }
+        }
+    }
+    encoding
+}

@@ -1,0 +1,50 @@
+//! Forward kinematics and the geometric Jacobian of an arm, in the frame of its base.
+
+use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+
+use super::panda::{N_JOINTS, hand_in_link7, joint_origin, tcp_in_link7};
+use crate::scene::{ArmLinks, Link};
+
+/// Positions of joints 1 to 7, in rad.
+pub type Joints = SVector<f64, N_JOINTS>;
+/// Linear (m/s, first three rows) and angular velocity (rad/s) per joint velocity.
+pub type Jacobian = SMatrix<f64, 6, N_JOINTS>;
+
+/// Poses of links 1 to 7 in the frame of link 0.
+#[must_use]
+pub fn links(q: &Joints) -> [Isometry3<f64>; N_JOINTS] {
+    let mut pose = Isometry3::identity();
+    core::array::from_fn(|joint| {
+        pose = pose * joint_origin(joint) * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), q[joint]);
+        pose
+    })
+}
+
+/// Pose of the TCP in the frame of link 0.
+#[must_use]
+pub fn tcp(q: &Joints) -> Isometry3<f64> {
+    links(q)[N_JOINTS - 1] * tcp_in_link7()
+}
+
+/// Pose of the TCP and its geometric Jacobian, both in the frame of link 0.
+#[must_use]
+pub fn tcp_and_jacobian(q: &Joints) -> (Isometry3<f64>, Jacobian) {
+    let links = links(q);
+    let tcp = links[N_JOINTS - 1] * tcp_in_link7();
+    let mut jacobian = Jacobian::zeros();
+    for (joint, link) in links.iter().enumerate() {
+        let axis = link.rotation * Vector3::z();
+        let lever = tcp.translation.vector - link.translation.vector;
+        jacobian.fixed_view_mut::<3, 1>(0, joint).copy_from(&axis.cross(&lever));
+        jacobian.fixed_view_mut::<3, 1>(3, joint).copy_from(&axis);
+    }
+    (tcp, jacobian)
+}
+
+/// What takes a pose to another: translation (m) and rotation vector (rad) in the frame both are given in.
+#[must_use]
+pub fn displacement(from: &Isometry3<f64>, to: &Isometry3<f64>) -> SVector<f64, 6> {
+    let linear = to.translation.vector - from.translation.vector;
+    let angular = (to.rotation * from.rotation.inverse()).scaled_axis();
+    SVector::<f64, 6>::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+}

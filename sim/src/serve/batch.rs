@@ -1,0 +1,81 @@
+//! Putting observations into a loan: records, and images drawn straight into place.
+
+use std::time::Instant;
+
+use ipc_types::Morphology;
+use ipc_types::frame::EnvBlockMut;
+use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
+
+use super::slots::Slots;
+use crate::render::{Renderer, View};
+
+/// What drawing a batch cost.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Drawn {
+    /// Images drawn.
+    pub(super) images: u64,
+    /// Core-seconds held for it.
+    pub(super) core_s: f64,
+}
+
+/// Fills batches; keeps its memory from one to the next.
+pub(super) struct BatchWriter {
+    renderer: Box<dyn Renderer>,
+    threads: u32,
+    views: Vec<View<'static>>,
+}
+
+impl BatchWriter {
+    /// A writer for batches of up to `max_envs` envs.
+    pub(super) fn new(renderer: Box<dyn Renderer>, threads: u32, max_envs: usize) -> Self {
+        let max_cameras = Morphology::Bimanual.n_external_cameras() + Morphology::Bimanual.n_hand_cameras();
+        Self { renderer, threads, views: Vec::with_capacity(max_envs * max_cameras) }
+    }
+
+    /// Writes one block per slot of `batch` into `pages`.
+    pub(super) fn write(
+        &mut self,
+        slots: &mut Slots,
+        batch: &[u32],
+        execute: u32,
+        morphology: Morphology,
+        pages: &mut [Page],
+    ) -> Drawn {
+        for slot in batch {
+            slots.episode_mut(*slot).expect("a ready slot runs an episode").take_snapshot();
+        }
+        let mut views = recycle(std::mem::take(&mut self.views));
+        let block_pages = pages.len() / batch.len();
+        for (slot, block) in batch.iter().zip(pages.chunks_exact_mut(block_pages)) {
+            let episode = slots.episode(*slot).expect("a ready slot runs an episode");
+            let block = EnvBlockMut::new(morphology, block);
+            episode.write_record(*slot, execute, block.record);
+            let Some(scene) = &episode.view else { continue };
+            let images = block.external.chunks_exact_mut(EXTERNAL_BYTES).chain(block.hand.chunks_exact_mut(HAND_BYTES));
+            views.extend(images.enumerate().map(|(camera_idx, out)| View {
+                scene,
+                snapshot: &episode.snapshot,
+                camera_idx,
+                out,
+            }));
+        }
+        let start = Instant::now();
+        let images = views.len();
+        if images > 0 {
+            self.renderer.render(&mut views);
+        }
+        let core_s = start.elapsed().as_secs_f64() * images.min(self.threads as usize) as f64;
+        self.views = recycle(views);
+        for slot in batch {
+            let episode = slots.episode_mut(*slot).expect("a ready slot runs an episode");
+            episode.add_render_time(core_s / batch.len() as f64);
+        }
+        Drawn { images: images as u64, core_s }
+    }
+}
+
+/// The same memory, emptied, for views of another lifetime.
+fn recycle<'a>(mut views: Vec<View<'_>>) -> Vec<View<'a>> {
+    views.clear();
+    views.into_iter().map(|_| unreachable!("the vector was cleared")).collect()
+}

@@ -1,0 +1,268 @@
+//! One episode in progress: a world, who acts in it, and what has come of it so far.
+
+use std::time::Instant;
+
+use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
+use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology};
+
+use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
+use crate::expert::Expert;
+use crate::fingerprint::Fingerprint;
+use crate::physics::World;
+use crate::predicate::{Predicate, first_unmet};
+use crate::profile::Profile;
+use crate::render::RenderScene;
+use crate::scene::Snapshot;
+use crate::stream;
+use crate::task::Task;
+
+/// What every episode of a sim shares.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rules {
+    pub(super) profile: Profile,
+    /// Control mode of single-arm policies.
+    pub(super) single_arm_mode: ControlMode,
+}
+
+impl Rules {
+    /// How a policy drives this morphology. The expert always drives absolute joints.
+    pub(super) fn control_mode(self, morphology: Morphology, driver: Driver) -> ControlMode {
+        match (driver, morphology) {
+            (Driver::Lane(_), Morphology::Single) => self.single_arm_mode,
+            (Driver::Lane(_), Morphology::Bimanual) | (Driver::Expert, _) => ControlMode::JointPos,
+        }
+    }
+}
+
+/// Who decides the next action row.
+enum Actor {
+    /// Rows answered by a policy, of which the first `next` are executed.
+    Chunk { rows: Box<[f32; MAX_HORIZON * MAX_ACTION_DIM]>, n_rows: usize, next: usize },
+    /// The scripted expert; `None` if it found no plan and so holds still.
+    Expert(Option<Box<Expert>>),
+}
+
+/// What an episode waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Status {
+    /// Its next observation is due.
+    Ready,
+    /// Its observation is out.
+    Queried,
+    /// It has action rows to execute.
+    Acting,
+    /// It is over.
+    Done,
+}
+
+/// An episode in progress.
+pub(super) struct Episode {
+    pub(super) assignment: Assignment,
+    task: &'static Task,
+    action_dim: usize,
+    instruction: String,
+    world: World,
+    actor: Actor,
+    success: Vec<Predicate>,
+    /// For the renderer; absent when nobody looks.
+    pub(super) view: Option<RenderScene>,
+    pub(super) snapshot: Snapshot,
+    steps: u32,
+    queries: u32,
+    queried_at: Option<Instant>,
+    first_success_step: Option<u32>,
+    unmet: Option<Predicate>,
+    fingerprint: Fingerprint,
+    ledger: EpisodeLedger,
+    born: Instant,
+    error: Option<String>,
+}
+
+impl Episode {
+    /// Draws and builds the episode's world; with `images` also what the renderer needs.
+    pub(super) fn new(assignment: Assignment, rules: Rules, images: bool) -> Self {
+        let born = Instant::now();
+        let task = assignment.task.task();
+        let scene = assignment.perturbation.apply((task.nominal)(), rules.profile).draw(assignment.seed);
+        let mode = rules.control_mode(task.morphology, assignment.driver);
+        let world = World::build(&scene, mode);
+        let actor = match assignment.driver {
+            Driver::Lane(_) => Actor::Chunk { rows: Box::new([0.0; MAX_HORIZON * MAX_ACTION_DIM]), n_rows: 0, next: 0 },
+            Driver::Expert => Actor::Expert(plan(&assignment, &scene)),
+        };
+        let success = (task.success)(&scene, rules.profile);
+        let mut fingerprint = Fingerprint::default();
+        world.absorb(&mut fingerprint);
+        Self {
+            assignment,
+            task,
+            action_dim: mode.action_dim(task.morphology),
+            actor,
+            unmet: first_unmet(&success, &world),
+            success,
+            view: images.then(|| RenderScene::new(&scene)),
+            snapshot: Snapshot::identity(scene.bodies.len(), scene.robots.len()),
+            instruction: scene.instruction,
+            world,
+            steps: 0,
+            queries: 0,
+            queried_at: None,
+            first_success_step: None,
+            fingerprint,
+            ledger: EpisodeLedger::default(),
+            born,
+            error: None,
+        }
+    }
+
+    pub(super) fn morphology(&self) -> Morphology {
+        self.task.morphology
+    }
+
+    pub(super) fn status(&self) -> Status {
+        if self.steps >= self.task.max_steps || self.error.is_some() {
+            return Status::Done;
+        }
+        match &self.actor {
+            Actor::Expert(_) => Status::Acting,
+            Actor::Chunk { n_rows, next, .. } if next < n_rows => Status::Acting,
+            Actor::Chunk { .. } if self.queried_at.is_some() => Status::Queried,
+            Actor::Chunk { .. } => Status::Ready,
+        }
+    }
+
+    /// Executes up to `max_rows` action rows, while there are any. Returns the control steps executed.
+    pub(super) fn advance(&mut self, max_rows: u32) -> u32 {
+        let start = Instant::now();
+        let before = self.steps;
+        let mut row = [0.0_f32; MAX_ACTION_DIM];
+        let row = &mut row[..self.action_dim];
+        while self.steps - before < max_rows && self.status() == Status::Acting {
+            self.next_row(row);
+            self.step(row);
+        }
+        self.ledger.physics_s += start.elapsed().as_secs_f64();
+        self.steps - before
+    }
+
+    fn next_row(&mut self, row: &mut [f32]) {
+        match &mut self.actor {
+            Actor::Chunk { rows, next, .. } => {
+                row.copy_from_slice(&rows[*next * row.len()..][..row.len()]);
+                *next += 1;
+            }
+            Actor::Expert(Some(expert)) => expert.act(&self.world, row),
+            Actor::Expert(None) => hold_still(&self.world, row),
+        }
+    }
+
+    fn step(&mut self, row: &[f32]) {
+        self.world.step(row);
+        self.steps += 1;
+        self.fingerprint.write(row);
+        self.world.absorb(&mut self.fingerprint);
+        if !self.world.is_finite() {
+            self.error = Some(format!("the physics state is not finite after step {}", self.steps));
+            return;
+        }
+        self.unmet = first_unmet(&self.success, &self.world);
+        if self.unmet.is_none() {
+            self.first_success_step.get_or_insert(self.steps);
+        }
+    }
+
+    /// Brings the snapshot up to date for the renderer.
+    pub(super) fn take_snapshot(&mut self) {
+        self.world.write_snapshot(&mut self.snapshot);
+    }
+
+    /// Writes the record of the next query, the whole page, in place.
+    pub(super) fn write_record(&self, slot: u32, execute: u32, record: &mut EnvRecord) {
+        let (state_dim, text) = (self.task.morphology.state_dim(), self.instruction.as_bytes());
+        record.slot = slot;
+        record.query = self.queries;
+        record.step = self.steps;
+        record.state_dim = state_dim as u32;
+        record.instruction_len = text.len() as u32;
+        record.execute = execute;
+        record.policy_seed = stream::policy_seed(self.assignment.seed);
+        record.reserved = [0; 4];
+        self.world.write_state(&mut record.state[..state_dim]);
+        record.state[state_dim..].fill(0.0);
+        record.instruction[..text.len()].copy_from_slice(text);
+        record.instruction[text.len()..].fill(0);
+        record.padding = [[0; 32]; 86];
+    }
+
+    /// Notes that its observation went out.
+    pub(super) fn mark_queried(&mut self, now: Instant) {
+        self.queried_at = Some(now);
+        self.queries += 1;
+    }
+
+    /// Takes over the rows to execute from an answer whose shape has been checked.
+    pub(super) fn accept(&mut self, answer: &ActionBlock, execute: u32, now: Instant) {
+        self.ledger.policy_s += self.queried_at.take().map_or(0.0, |sent| (now - sent).as_secs_f64());
+        if let Actor::Chunk { rows, n_rows, next } = &mut self.actor {
+            (*n_rows, *next) = (answer.n_rows.min(execute) as usize, 0);
+            let len = *n_rows * self.action_dim;
+            rows[..len].copy_from_slice(&answer.rows[..len]);
+        }
+    }
+
+    /// Ends the episode with an error, apart from failure.
+    pub(super) fn fail(&mut self, error: String) {
+        self.error = Some(error);
+    }
+
+    /// Whether this answer is the one it waits for, and of the right shape.
+    pub(super) fn expects(&self, slot: u32, answer: &ActionBlock) -> Result<(), String> {
+        let check = |field, found: u32, expected: u32| {
+            if found == expected { Ok(()) } else { Err(format!("answer for slot {slot}: `{field}` is {found}, expected {expected}")) }
+        };
+        check("slot", answer.slot, slot)?;
+        check("query", answer.query, self.queries - 1)?;
+        check("action_dim", answer.action_dim, self.action_dim as u32)
+    }
+
+    pub(super) fn add_render_time(&mut self, seconds: f64) {
+        self.ledger.render_s += seconds;
+    }
+
+    /// The result, once the status is done.
+    pub(super) fn outcome(&mut self) -> Outcome {
+        let EpisodeLedger { physics_s, render_s, policy_s, .. } = self.ledger;
+        self.ledger.wait_s = (self.born.elapsed().as_secs_f64() - physics_s - render_s - policy_s).max(0.0);
+        Outcome {
+            id: self.assignment.id,
+            steps: self.steps,
+            success_once: self.first_success_step.is_some(),
+            success_at_end: self.unmet.is_none() && self.error.is_none(),
+            first_success_step: self.first_success_step,
+            failed_predicate: self.unmet.map(|predicate| predicate.name().to_owned()),
+            fingerprint: self.fingerprint.finish(),
+            ledger: self.ledger,
+            error: self.error.take(),
+        }
+    }
+}
+
+fn plan(assignment: &Assignment, scene: &crate::scene::Scene) -> Option<Box<Expert>> {
+    let moves = (assignment.task.task().expert)(scene);
+    match Expert::new(scene, &moves) {
+        Ok(expert) => Some(Box::new(expert)),
+        Err(error) => {
+            let Assignment { task, perturbation, seed, .. } = assignment;
+            super::log(format_args!("expert found no plan for {} {} seed {seed}: {error}", task.name(), perturbation.name()));
+            None
+        }
+    }
+}
+
+/// A joint-position row that keeps the arms where they are, grippers open.
+fn hold_still(world: &World, row: &mut [f32]) {
+    for (arm, row) in row.chunks_exact_mut(8).enumerate() {
+        row[..7].copy_from_slice(&world.qpos(arm)[..7]);
+        row[7] = 1.0;
+    }
+}

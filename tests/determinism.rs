@@ -1,0 +1,52 @@
+//! Same bits: rows and fingerprints do not depend on how many envs run side by side, or on how many threads.
+
+mod support;
+
+use support::{Row, act_tiny, rows, run};
+
+/// A run of three policies over the suite in a folder of its own; returns its rows.
+fn run_with(extra: &[&str]) -> Vec<Row> {
+    let dir = tempfile::tempdir().unwrap();
+    let act = format!("act=act:{}", act_tiny());
+    let mut args = vec!["run", "--policy", "expert", "--policy", "random", "--policy", &act];
+    args.extend(["--tasks", "all", "--perturbations", "None,MO-Size", "--episodes", "1", "--seed", "7", "--db", "r.db"]);
+    args.extend(extra);
+    let _ = run(dir.path(), &args).expect_code(0);
+    rows(&dir.path().join("r.db"))
+}
+
+#[test]
+fn rows_depend_neither_on_envs_nor_on_threads() {
+    let alone = run_with(&["--envs", "1"]);
+    assert_eq!(alone.len(), 3 * sim::TaskId::ALL.len() * 2);
+    assert_eq!(alone, run_with(&["--envs", "7", "--threads", "1"]));
+    assert_eq!(alone, run_with(&["--envs", "32", "--threads", "2"]));
+}
+
+#[test]
+fn ensemble_mode_keeps_the_promise_too() {
+    let with = |extra: &[&str]| {
+        let dir = tempfile::tempdir().unwrap();
+        let act = format!("act=act:{}", act_tiny());
+        let mut args = vec!["run", "--policy", &act, "--tasks", "RaiseCube", "--perturbations", "none"];
+        args.extend(["--episodes", "3", "--mode", "ensemble", "--db", "r.db"]);
+        args.extend(extra);
+        let _ = run(dir.path(), &args).expect_code(0);
+        rows(&dir.path().join("r.db"))
+    };
+    let alone = with(&["--envs", "1"]);
+    assert_eq!(alone.len(), 3);
+    assert_eq!(alone, with(&["--envs", "3", "--threads", "2"]));
+}
+
+#[test]
+fn another_seed_gives_another_trajectory() {
+    let fingerprints = |seed| {
+        let dir = tempfile::tempdir().unwrap();
+        let args = ["run", "--policy", "random", "--tasks", "RaiseCube", "--episodes", "2", "--seed", seed, "--db", "r.db"];
+        let _ = run(dir.path(), &args).expect_code(0);
+        rows(&dir.path().join("r.db")).into_iter().map(|row| row[10].clone()).collect::<Vec<_>>()
+    };
+    let (first, second) = (fingerprints("1"), fingerprints("2"));
+    assert!(first.iter().all(|fingerprint| !second.contains(fingerprint)), "{first:?} and {second:?}");
+}
