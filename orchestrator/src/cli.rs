@@ -20,7 +20,7 @@ pub(crate) enum Command {
     Run(RunArgs),
     /// List the task suite
     Tasks(TasksArgs),
-    /// Draw the first scene of an episode through all its cameras
+    /// Draw what the cameras see at the start of an episode, or along it
     Show(ShowArgs),
     /// Write a randomly initialised ACT checkpoint, for measuring speed
     Checkpoint(CheckpointArgs),
@@ -74,9 +74,12 @@ pub(crate) struct ShowArgs {
     /// strict (evident intent) or paper (what the released code does)
     #[arg(long, default_value = "strict")]
     pub(crate) profile: String,
-    /// Picture to write
+    /// expert: draw the start, the middle and the success of its episode, not the start alone
+    #[arg(long, value_name = "SPEC")]
+    pub(crate) policy: Option<String>,
+    /// Picture to write [default: TASK.png]
     #[arg(short, long, value_name = "FILE.png")]
-    pub(crate) output: PathBuf,
+    pub(crate) output: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

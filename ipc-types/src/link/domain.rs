@@ -23,8 +23,9 @@ pub(super) const SHM: &str = "/dev/shm";
 const TAG_DIGITS: usize = 12;
 /// Longest path of a Unix socket, without its final NUL.
 const SOCKET_PATH_BYTES: usize = 107;
-/// What iceoryx2 appends to root and prefix for a listener's socket: a slash, 39 digits, `.event`.
-const SOCKET_NAME_BYTES: usize = 1 + 39 + 6;
+/// What iceoryx2 adds to root and prefix for a listener's socket: a slash, a number of 34 digits (its upper 32 bits count
+/// what the process has created, so that this suffices 100 000 times), `.event`.
+const SOCKET_NAME_BYTES: usize = 1 + 34 + 6;
 /// How long a dead node may be in another cleaner's hands before it is left to that one.
 const CLEANER_PATIENCE: Duration = Duration::from_secs(2);
 
@@ -149,7 +150,7 @@ impl Domain {
     }
 
     /// Files of the domain in shared memory.
-    fn segments(&self) -> Result<Vec<PathBuf>, LinkError> {
+    pub(super) fn segments(&self) -> Result<Vec<PathBuf>, LinkError> {
         let failed = |source| LinkError::Io { action: "list", path: SHM.into(), source };
         let ours = |name: &std::ffi::OsStr| name.as_encoded_bytes().starts_with(self.prefix.as_bytes());
         let entries = std::fs::read_dir(SHM).map_err(failed)?;

@@ -111,12 +111,12 @@ impl HostLane {
     /// Whether a sim is attached and its process lives. Asks the file system (about 0.2 ms).
     #[must_use]
     pub fn sim_alive(&self) -> bool {
-        let mut nodes = Vec::new();
+        let mut node = None;
         self.observation_service.dynamic_config().list_publishers(|port| {
-            nodes.push(port.node_id.value());
-            CallbackProgression::Continue
+            node = Some(port.node_id);
+            CallbackProgression::Stop
         });
-        services::any_alive(&self.observation_service, &nodes)
+        node.is_some_and(|node| services::is_alive(&self.observation_service, node))
     }
 }
 
@@ -155,5 +155,53 @@ impl ActionLoan {
     /// If no sim is attached, or its queue has been full for a second. The message is lost then.
     pub fn send(self, header: ActionHeader) -> Result<(), LinkError> {
         self.0.send(header)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::{Domain, LinkNode, SimLane, SimLink};
+
+    const SPEC: fn() -> LaneSpec =
+        || LaneSpec { lane: 3, policy: "act".into(), max_envs: 2, block_pages: 1, in_flight: 1 };
+
+    /// A lane whose host differs as `differ` says; what opening it says.
+    fn opened_differently(run: u64, differ: impl FnOnce(&mut LaneSpec, &mut u64)) -> Result<HostLane, LinkError> {
+        let base = tempfile::tempdir_in("/tmp").unwrap();
+        let domain = Domain::new(base.path(), 0x7e57_0000_0000 + u64::from(std::process::id()) * 64 + run);
+        let node = LinkNode::new(&domain, "test").unwrap();
+        let _sim = (SimLink::create(&node, 1).unwrap(), SimLane::create(&node, 1, &SPEC()).unwrap());
+        let (mut spec, mut schema_hash) = (SPEC(), SCHEMA_HASH);
+        differ(&mut spec, &mut schema_hash);
+        let opened = HostLane::open_as(&node, Duration::ZERO, &Agreement { schema_hash, spec: &spec });
+        domain.remove().unwrap();
+        opened
+    }
+
+    #[test]
+    fn a_host_of_another_schema_is_told_both() {
+        let Err(error) = opened_differently(0, |_, hash| *hash = 5) else { panic!("it was let in") };
+        assert!(matches!(error, LinkError::Schema { expected: 5, found: SCHEMA_HASH }), "{error}");
+    }
+
+    #[test]
+    fn a_host_of_other_sizes_is_told_which() {
+        type Differ = fn(&mut LaneSpec);
+        let cases: [(&str, Differ); 4] = [
+            ("policy", |spec| spec.policy = "pi05".into()),
+            ("max_envs", |spec| spec.max_envs = 3),
+            ("block_pages", |spec| spec.block_pages = 87),
+            ("in_flight", |spec| spec.in_flight = 2),
+        ];
+        for (run, (name, differ)) in (1..).zip(cases) {
+            let Err(error) = opened_differently(run, |spec, _| differ(spec)) else { panic!("{name} let in") };
+            assert!(matches!(error, LinkError::Spec { field, .. } if field == name), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_host_of_the_same_kind_is_let_in() {
+        assert!(opened_differently(9, |_, _| ()).is_ok());
     }
 }

@@ -1,6 +1,7 @@
 //! Receiving: messages read where the sender wrote them. The same for both directions.
 
 use iceoryx2::identifiers::UniquePublisherId;
+use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::{PayloadHeader as _, ZeroCopySend};
 use iceoryx2::sample::Sample;
@@ -46,6 +47,11 @@ impl<H: ZeroCopySend + core::fmt::Debug> Inlet<H> {
         })?;
         let mapped = Mapped { sender: None, chunks: Vec::with_capacity(chunks) };
         Ok(Self { subscriber, pages, mapped })
+    }
+
+    /// Connects to a sender that has come since the last look: what it sends from now on outlives it.
+    pub(super) fn connect(&self) -> Result<(), LinkError> {
+        self.subscriber.update_connections().map_err(|error| LinkError::Receive(error.into()))
     }
 
     /// The oldest message not received yet. Returns at once.

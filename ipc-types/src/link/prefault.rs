@@ -5,7 +5,6 @@
 
 use std::fs::OpenOptions;
 use std::mem::MaybeUninit;
-use std::path::Path;
 
 use rustix::fs::FallocateFlags;
 use rustix::io::Errno;
@@ -17,7 +16,17 @@ use crate::layout::{PAGE_BYTES, Page};
 
 /// Gives the data segment of publisher `publisher_id` all the memory it can ever use.
 pub(super) fn reserve(domain: &Domain, publisher_id: u128) -> Result<(), LinkError> {
-    let path = Path::new(SHM).join(format!("{}{publisher_id}.data", domain.prefix));
+    // The name is the domain's prefix, a hash of the type, the publisher.
+    let suffix = format!("_{publisher_id}.data");
+    let path = domain
+        .segments()?
+        .into_iter()
+        .find(|path| path.as_os_str().as_encoded_bytes().ends_with(suffix.as_bytes()))
+        .ok_or_else(|| LinkError::Io {
+            action: "find a publisher's segment in",
+            path: SHM.into(),
+            source: std::io::ErrorKind::NotFound.into(),
+        })?;
     let failed = |source| LinkError::Io { action: "open", path: path.clone(), source };
     let segment = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
     let needed = segment.metadata().map_err(failed)?.len();

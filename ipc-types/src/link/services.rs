@@ -1,5 +1,6 @@
 //! The two message services of a lane: their names, their settings, and the attributes by which both sides agree.
 
+use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::Node;
 use iceoryx2::prelude::{
     AttributeVerifier, CallbackProgression, MessagingPattern, NodeState, PortFactory as _,
@@ -126,14 +127,11 @@ pub(super) fn open<H: ZeroCopySend + core::fmt::Debug>(
     builder(node, service)?.open().map_err(|error| open_failure(service, error))
 }
 
-/// Whether the process of the first attached port of a service lives; `port_nodes` lists the ports' nodes.
-pub(super) fn any_alive<H: ZeroCopySend + core::fmt::Debug>(
-    messages: &Messages<H>,
-    ports: &[u128],
-) -> bool {
+/// Whether the node of an attached port lives. One that is just being cleaned up cannot be read, and does not.
+pub(super) fn is_alive<H: ZeroCopySend + core::fmt::Debug>(messages: &Messages<H>, node: UniqueNodeId) -> bool {
     let mut alive = false;
     let listed = messages.nodes(|state| {
-        alive |= ports.contains(&state.node_id().value()) && !matches!(state, NodeState::Dead(_));
+        alive |= *state.node_id() == node && matches!(state, NodeState::Alive(_) | NodeState::Inaccessible(_));
         CallbackProgression::Continue
     });
     alive && listed.is_ok()

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
+use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::prelude::{CallbackProgression, PortFactory as _};
 use iceoryx2::service::port_factory::event::PortFactory;
 
@@ -106,6 +107,8 @@ impl SimLane {
     /// If it would be longer than the lane's longest message, more than `in_flight + 1` are on loan, or the host has held
     /// all the memory for a second.
     pub fn loan(&mut self, n_pages: usize) -> Result<ObservationLoan, LinkError> {
+        // Before the host can answer, so that even a host which leaves at once leaves its answer.
+        self.actions.connect()?;
         self.observations.loan(n_pages).map(ObservationLoan)
     }
 
@@ -123,16 +126,27 @@ impl SimLane {
         self.observation_service.dynamic_config().number_of_subscribers() > 0
     }
 
+    /// Which host is attached: a number that no other attachment has, so that a host which was replaced between two looks
+    /// is noticed. What its predecessor was sent is lost.
+    #[must_use]
+    pub fn host_id(&self) -> Option<u128> {
+        self.host().map(|(id, _)| id)
+    }
+
     /// Whether a host is attached and its process lives, for hosts that nobody waits for as their parent. Asks the file
-    /// system (about 0.2 ms).
+    /// system (about 0.2 ms). A dead host can look alive for the moment in which another process cleans up after it.
     #[must_use]
     pub fn host_alive(&self) -> bool {
-        let mut nodes = Vec::new();
+        self.host().is_some_and(|(_, node)| services::is_alive(&self.observation_service, node))
+    }
+
+    fn host(&self) -> Option<(u128, UniqueNodeId)> {
+        let mut host = None;
         self.observation_service.dynamic_config().list_subscribers(|port| {
-            nodes.push(port.node_id.value());
-            CallbackProgression::Continue
+            host = Some((port.subscriber_id.value(), port.node_id));
+            CallbackProgression::Stop
         });
-        services::any_alive(&self.observation_service, &nodes)
+        host
     }
 }
 

@@ -13,7 +13,7 @@ const FIRST_SIDE: usize = 56;
 
 /// The network, its normalisations folded into its convolutions.
 #[derive(Clone, Debug)]
-pub struct ResNet18 {
+pub(super) struct ResNet18 {
     preprocessor: Preprocessor,
     stem: Conv,
     blocks: Vec<Block>,
@@ -31,7 +31,7 @@ struct Block {
 
 /// Working memory for up to a number of images at a time.
 #[derive(Clone, Debug)]
-pub struct TrunkScratch {
+pub(super) struct TrunkScratch {
     image: Vec<f32>,
     stem: Vec<f32>,
     /// The running features, a block's inner features, and its downsampled input.
@@ -42,7 +42,7 @@ pub struct TrunkScratch {
 impl ResNet18 {
     /// From checked weights.
     #[must_use]
-    pub fn new(config: &ActConfig, weights: &Weights) -> Self {
+    pub(super) fn new(config: &ActConfig, weights: &Weights) -> Self {
         let conv = |conv: &str, norm: &str, window| {
             let part = |name: &str| weights.get(&format!("{BACKBONE}.{norm}.{name}"));
             let norm = FrozenNorm {
@@ -75,13 +75,13 @@ impl ResNet18 {
 
     /// Numbers in a pixel of the features.
     #[must_use]
-    pub fn n_features(&self) -> usize {
+    pub(super) fn n_features(&self) -> usize {
         self.width << (N_STAGES - 1)
     }
 
     /// Working memory for up to `n_images` at a time.
     #[must_use]
-    pub fn scratch(&self, n_images: usize) -> TrunkScratch {
+    pub(super) fn scratch(&self, n_images: usize) -> TrunkScratch {
         let mut conv = ConvScratch::default();
         self.stem.reserve(IMAGE_SHAPE, &mut conv);
         let mut shape = self.first_shape(n_images);
@@ -104,7 +104,7 @@ impl ResNet18 {
     ///
     /// # Panics
     /// If `scratch` was made for fewer images.
-    pub fn run<'a>(
+    pub(super) fn run<'a>(
         &self,
         images: impl Iterator<Item = Image<'a>>,
         scratch: &mut TrunkScratch,

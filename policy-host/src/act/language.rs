@@ -8,7 +8,7 @@ const CAPACITY: usize = 256;
 
 /// Tokens of the instructions met so far.
 #[derive(Debug, Default)]
-pub struct TokenCache {
+pub(super) struct TokenCache {
     entries: Vec<(String, Vec<f32>)>,
     next: usize,
 }
@@ -16,7 +16,7 @@ pub struct TokenCache {
 impl TokenCache {
     /// The token of an instruction, or `None` if the network has none for it: because it knows no language, or because
     /// the instruction is empty (spec/eval.md §1.2).
-    pub fn get(&mut self, instruction: &str, model: &ActModel) -> Option<&[f32]> {
+    pub(super) fn get(&mut self, instruction: &str, model: &ActModel) -> Option<&[f32]> {
         let language = model.config().language?;
         if instruction.is_empty() {
             return None;

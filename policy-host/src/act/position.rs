@@ -9,7 +9,7 @@ const TEMPERATURE: f64 = 10_000.0;
 
 /// `[7, 7, width] f32` for one camera: the first half of a token's numbers encodes its row, the second its column.
 #[must_use]
-pub fn sine_encoding(width: usize) -> Vec<f32> {
+pub(super) fn sine_encoding(width: usize) -> Vec<f32> {
     let side = ActConfig::FEATURE_SIDE;
     let half = width / 2;
     let mut encoding = vec![0.0; side * side * width];

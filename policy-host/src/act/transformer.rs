@@ -10,7 +10,7 @@ use crate::nn::norm::LayerNorm;
 
 /// Working memory.
 #[derive(Clone, Debug)]
-pub struct TransformerScratch {
+pub(super) struct TransformerScratch {
     /// `[T, D]`: tokens with their positions, later the attention's result.
     mixed: Vec<f32>,
     /// `[T, 2·D]`: queries and keys.
@@ -28,7 +28,7 @@ pub struct TransformerScratch {
 impl TransformerScratch {
     /// Working memory for one sample.
     #[must_use]
-    pub fn new(config: &ActConfig) -> Self {
+    pub(super) fn new(config: &ActConfig) -> Self {
         let (tokens, width, queries) = (config.max_tokens(), config.hidden_dim, config.num_queries);
         let rows = tokens.max(queries);
         Self {
@@ -94,7 +94,7 @@ impl FeedForward {
 
 /// One encoder layer.
 #[derive(Clone, Debug)]
-pub struct EncoderLayer {
+pub(super) struct EncoderLayer {
     /// Queries, then keys: both see the positions.
     query_key: Linear,
     value: Linear,
@@ -108,7 +108,7 @@ pub struct EncoderLayer {
 impl EncoderLayer {
     /// From checked weights; `layer` as in `transformer.encoder.layers.0`.
     #[must_use]
-    pub fn new(config: &ActConfig, weights: &Weights, layer: &str) -> Self {
+    pub(super) fn new(config: &ActConfig, weights: &Weights, layer: &str) -> Self {
         let projections = Projections::new(config, weights, &format!("{layer}.self_attn"));
         Self {
             query_key: projections.query.beside(&projections.key),
@@ -122,7 +122,7 @@ impl EncoderLayer {
     }
 
     /// Transforms the tokens `x [T, D]`, whose positions are `positions [T, D]`, in place.
-    pub fn run(&self, x: &mut [f32], positions: &[f32], scratch: &mut TransformerScratch) {
+    pub(super) fn run(&self, x: &mut [f32], positions: &[f32], scratch: &mut TransformerScratch) {
         let width = self.value.n_out();
         let n_tokens = x.len() / width;
         let mixed = &mut scratch.mixed[..x.len()];
@@ -147,7 +147,7 @@ impl EncoderLayer {
 /// The target starts at zero, so the self-attention's values are its bias and the layer up to the cross-attention's
 /// queries is the same for every input: both are computed once here.
 #[derive(Clone, Debug)]
-pub struct Decoder {
+pub(super) struct Decoder {
     /// `[Q, D]`: the target after self-attention and its normalisation.
     target: Vec<f32>,
     /// `[Q, D]`: the cross-attention's queries.
@@ -166,7 +166,7 @@ pub struct Decoder {
 impl Decoder {
     /// From checked weights.
     #[must_use]
-    pub fn new(config: &ActConfig, weights: &Weights) -> Self {
+    pub(super) fn new(config: &ActConfig, weights: &Weights) -> Self {
         let layer = "transformer.decoder.layers.0";
         let own = Projections::new(config, weights, &format!("{layer}.self_attn"));
         let cross = Projections::new(config, weights, &format!("{layer}.multihead_attn"));
@@ -197,7 +197,7 @@ impl Decoder {
     }
 
     /// `actions [Q, action_dim]` from the encoded tokens `memory [T, D]` and their positions.
-    pub fn run(&self, memory: &[f32], positions: &[f32], scratch: &mut TransformerScratch, actions: &mut [f32]) {
+    pub(super) fn run(&self, memory: &[f32], positions: &[f32], scratch: &mut TransformerScratch, actions: &mut [f32]) {
         let width = self.value.n_out();
         let (n_tokens, n_queries) = (memory.len() / width, self.queries.len() / width);
         let keys = &mut scratch.queries_keys[..memory.len()];

@@ -1,8 +1,8 @@
 //! Inverse kinematics of an arm by damped least squares within joint limits.
 
-use nalgebra::{Isometry3, SMatrix};
+use nalgebra::{Isometry3, SMatrix, SVector};
 
-use super::kinematics::{Joints, displacement, tcp_and_jacobian};
+use super::kinematics::{Jacobian, Joints, displacement, tcp_and_jacobian};
 use super::panda::{LOWER, N_JOINTS, UPPER};
 
 /// Iterations of one descent.
@@ -27,12 +27,30 @@ pub fn descend(target: &Isometry3<f64>, from: &Joints) -> Option<Joints> {
         if error.fixed_rows::<3>(0).norm() < TOLERANCE[0] && error.fixed_rows::<3>(3).norm() < TOLERANCE[1] {
             return Some(q);
         }
-        let normal = jacobian * jacobian.transpose() + SMatrix::<f64, 6, 6>::identity() * DAMPING;
-        let step = jacobian.transpose() * normal.cholesky()?.solve(&error);
+        let step = step_within_limits(jacobian, &error, &q)?;
         let shorten = (MAX_STEP / step.amax()).min(1.0);
         q = clamped(&(q + step * shorten));
     }
     None
+}
+
+/// The damped-least-squares step; joints that stand at a limit and would be pushed beyond it are left to the others.
+fn step_within_limits(mut jacobian: Jacobian, error: &SVector<f64, 6>, q: &Joints) -> Option<Joints> {
+    loop {
+        let normal = jacobian * jacobian.transpose() + SMatrix::<f64, 6, 6>::identity() * DAMPING;
+        let step = jacobian.transpose() * normal.cholesky()?.solve(error);
+        let blocked = |joint: usize| {
+            (q[joint] <= LOWER[joint] && step[joint] < 0.0) || (q[joint] >= UPPER[joint] && step[joint] > 0.0)
+        };
+        let mut all_free = true;
+        for joint in (0..N_JOINTS).filter(|joint| blocked(*joint)) {
+            jacobian.column_mut(joint).fill(0.0);
+            all_free = false;
+        }
+        if all_free {
+            return Some(step);
+        }
+    }
 }
 
 /// The solution nearest to `near` (by the joint that must move most) among those found from it and from fixed other

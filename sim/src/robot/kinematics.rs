@@ -1,9 +1,8 @@
 //! Forward kinematics and the geometric Jacobian of an arm, in the frame of its base.
 
-use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::panda::{N_JOINTS, hand_in_link7, joint_origin, tcp_in_link7};
-use crate::scene::{ArmLinks, Link};
+use super::panda::{N_JOINTS, joint_origin, tcp_in_link7};
 
 /// Positions of joints 1 to 7, in rad.
 pub type Joints = SVector<f64, N_JOINTS>;

@@ -1,9 +1,9 @@
 //! The Franka Panda: its facts, its kinematics and its controllers.
 //!
-//! Kinematics and control are plain f64 functions of joint positions; only [`arm`] knows rapier, as the multibody that is
-//! stepped. Nothing here knows scenes, tasks or policies.
+//! Plain f64 functions of joint positions. Nothing here knows scenes, tasks, policies or the physics engine; trigonometry
+//! goes through nalgebra, which the workspace builds on a portable implementation, so results do not depend on the
+//! system's mathematics library.
 
-pub(crate) mod arm;
 pub mod control;
 pub mod ik;
 pub mod kinematics;

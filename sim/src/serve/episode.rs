@@ -191,7 +191,7 @@ impl Episode {
         record.state[state_dim..].fill(0.0);
         record.instruction[..text.len()].copy_from_slice(text);
         record.instruction[text.len()..].fill(0);
-        record.padding = [[0; 32]; 86];
+        record.padding.fill(0);
     }
 
     /// Notes that its observation went out.

@@ -5,6 +5,7 @@ use core::f64::consts::FRAC_PI_8;
 use ipc_types::Morphology;
 
 use super::common::{BIMANUAL_TABLE_Z, DENSITY, Eyes, FRICTION, QPOS_B, bimanual, region};
+use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{BodySpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec};
@@ -67,4 +68,32 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let tray = scene.body_idx("tray");
     let rest_z = scene.bodies[tray].pose.translation.z;
     vec![Predicate::Above { body: tray, z_m: rest_z + 0.15 }, Predicate::Held { body: tray }]
+}
+
+/// How far below the rim's top the TCPs grip, in m: deep enough to hold, and the finger tips clear of the tray's floor.
+const GRIP_DEPTH: f64 = 0.012;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let tray = scene.body("tray");
+    let along = tray.pose.rotation * nalgebra::Vector3::y();
+    let height = HEIGHT * tray.scale - GRIP_DEPTH;
+    let rim = (HALF[1] - RIM_HALF_THICKNESS) * tray.scale;
+    let grips = [0, 1].map(|arm| {
+        let side = [-rim, rim][arm];
+        let position = tray.pose * nalgebra::Point3::new(0.0, side, height);
+        let closing = grasp::same_way_round(along, &grasp::start_closing(scene, arm));
+        grasp::pose(&position.coords, &-nalgebra::Vector3::z(), &closing)
+    });
+    let both = |backed_off_m: f64| -> Vec<Reach> {
+        let reach = |(arm, tcp)| Reach { arm, tcp: grasp::backed_off(tcp, backed_off_m) };
+        grips.iter().enumerate().map(reach).collect()
+    };
+    vec![
+        Move::Joint(both(0.1)),
+        Move::Straight(both(0.0)),
+        Move::close(&[0], 10),
+        Move::close(&[1], 10),
+        // Straight, unlike the benchmark: hands that hold one tray must keep their distance all the way up.
+        Move::Straight(both(0.2)),
+    ]
 }

@@ -3,6 +3,7 @@
 use ipc_types::Morphology;
 
 use super::common::{DENSITY, Eyes, FRICTION, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, single_arm};
+use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{BodySpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec};
@@ -50,4 +51,18 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let cube = scene.body_idx("cube");
     let rest_z = if profile.scales_thresholds() { scene.bodies[cube].pose.translation.z } else { HALF };
     vec![Predicate::Above { body: cube, z_m: rest_z + 0.18 }, Predicate::RobotStill { max_qvel: 0.2 }]
+}
+
+/// How far the cube is raised, in m, a little more than success asks for.
+const RAISE: f64 = 0.225;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let closing = grasp::start_closing(scene, 0);
+    let tcp = grasp::from_above(scene.body("cube"), &closing, &closing);
+    vec![
+        Move::straight(0, grasp::backed_off(&tcp, 0.05)),
+        Move::straight(0, tcp),
+        Move::close(&[0], 6),
+        Move::straight(0, grasp::backed_off(&tcp, RAISE)),
+    ]
 }

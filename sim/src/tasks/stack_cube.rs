@@ -3,8 +3,10 @@
 use core::f64::consts::TAU;
 
 use ipc_types::Morphology;
+use nalgebra::{Isometry3, Vector3};
 
 use super::common::{DENSITY, Eyes, FRICTION, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, single_arm};
+use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{
@@ -76,4 +78,29 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
         Predicate::Still { body: red, max_linear: 0.01, max_angular: 0.5 },
         Predicate::Released { body: red },
     ]
+}
+
+/// Leans of the hand that are tried, in rad: a cube at the far end of the table is out of reach from straight above.
+const LEANS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let (red, green) = (scene.body("red cube"), scene.body("green cube"));
+    let onto = {
+        let rise = Vector3::z() * HALF * (red.scale + green.scale);
+        green.pose.translation.vector - red.pose.translation.vector + rise
+    };
+    let stations = |tcp: &Isometry3<f64>| {
+        let raised = Vector3::z() * 0.1;
+        [grasp::backed_off(tcp, 0.05), *tcp, grasp::shifted(tcp, &raised), grasp::shifted(tcp, &onto)]
+    };
+    let closing = grasp::start_closing(scene, 0);
+    // Preferably the open fingers go down on the sides where the green cube is not.
+    let candidates: Vec<Isometry3<f64>> = [Vector3::z().cross(&onto), onto]
+        .iter()
+        .map(|preferred| grasp::from_above(red, preferred, &closing))
+        .flat_map(|tcp| LEANS.map(|lean| grasp::leant_back(scene, 0, &tcp, lean)))
+        .collect();
+    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let [above, at, raised, on_green] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
+    vec![above, at, Move::close(&[0], 6), raised, on_green, Move::open(&[0], 6)]
 }

@@ -10,20 +10,20 @@ use ipc_types::{
 };
 
 /// Longest that anything here waits for anything.
-pub const PATIENCE: Duration = Duration::from_secs(20);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 /// The run in the headers.
-pub const RUN: u64 = 0x5ca1_ab1e;
+pub(crate) const RUN: u64 = 0x5ca1_ab1e;
 /// The sequence number that tells an echoing host to end.
-pub const LAST: u64 = u64::MAX;
+pub(crate) const LAST: u64 = u64::MAX;
 
 /// A folder and a domain of its own, removed at the end whatever happens.
-pub struct Scratch {
-    pub base: tempfile::TempDir,
-    pub domain: Domain,
+pub(crate) struct Scratch {
+    pub(crate) base: tempfile::TempDir,
+    pub(crate) domain: Domain,
 }
 
 impl Scratch {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         // Sockets have short paths, so that the usual temporary folder may lie too deep.
         let base = tempfile::Builder::new().prefix("hyp").tempdir_in("/tmp").unwrap();
         // The folder's random name makes the run's number.
@@ -33,12 +33,12 @@ impl Scratch {
         Self { base, domain }
     }
 
-    pub fn node(&self) -> LinkNode {
+    pub(crate) fn node(&self) -> LinkNode {
         LinkNode::new(&self.domain, "test").unwrap()
     }
 
     /// Files of the domain in shared memory.
-    pub fn segments(&self) -> Vec<PathBuf> {
+    pub(crate) fn segments(&self) -> Vec<PathBuf> {
         let entries = std::fs::read_dir("/dev/shm").unwrap();
         let prefix = self.domain.prefix.as_bytes();
         let ours = entries.flatten().filter(|entry| entry.file_name().as_encoded_bytes().starts_with(prefix));
@@ -46,18 +46,18 @@ impl Scratch {
     }
 
     /// Ends the domain and proves that nothing of it is left.
-    pub fn finish(self) {
+    pub(crate) fn finish(self) {
         self.domain.remove().unwrap();
         self.assert_gone();
     }
 
-    pub fn assert_gone(&self) {
+    pub(crate) fn assert_gone(&self) {
         assert_eq!(self.segments(), Vec::<PathBuf>::new());
         assert!(!self.domain.root.exists());
     }
 
     /// Starts this binary again in the part `role`, the name of an ignored test.
-    pub fn spawn(&self, role: &str) -> Peer {
+    pub(crate) fn spawn(&self, role: &str) -> Peer {
         let child = Command::new(std::env::current_exe().unwrap())
             .args([role, "--exact", "--ignored", "--nocapture"])
             .env("LINK_TEST_PREFIX", &self.domain.prefix)
@@ -76,25 +76,25 @@ impl Drop for Scratch {
 }
 
 /// The domain that a spawned process was told; `None` if a person runs the ignored tests.
-pub fn told_domain() -> Option<Domain> {
+pub(crate) fn told_domain() -> Option<Domain> {
     let prefix = std::env::var("LINK_TEST_PREFIX").ok()?;
     Some(Domain { prefix, root: std::env::var_os("LINK_TEST_ROOT")?.into() })
 }
 
 /// Another process; killed at the end whatever happens.
-pub struct Peer {
+pub(crate) struct Peer {
     child: Child,
 }
 
 impl Peer {
     /// SIGKILL, and waits for the end.
-    pub fn kill(&mut self) {
+    pub(crate) fn kill(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 
     /// Waits for the process to end by itself, well.
-    pub fn finish(mut self) {
+    pub(crate) fn finish(mut self) {
         let status = eventually("the other process ends", || self.child.try_wait().unwrap());
         assert!(status.success(), "the other process failed: {status}");
     }
@@ -107,7 +107,7 @@ impl Drop for Peer {
 }
 
 /// Asks until there is an answer.
-pub fn eventually<T>(what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
+pub(crate) fn eventually<T>(what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
     let start = Instant::now();
     while start.elapsed() < PATIENCE {
         if let Some(answer) = ask() {
@@ -119,19 +119,19 @@ pub fn eventually<T>(what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
 }
 
 /// A lane of single-arm envs without images.
-pub fn small_lane(in_flight: u32) -> LaneSpec {
+pub(crate) fn small_lane(in_flight: u32) -> LaneSpec {
     LaneSpec { lane: 0, policy: "echo".into(), max_envs: 4, block_pages: 1, in_flight }
 }
 
-pub fn create_sim(node: &LinkNode, spec: &LaneSpec) -> (SimLink, SimLane) {
+pub(crate) fn create_sim(node: &LinkNode, spec: &LaneSpec) -> (SimLink, SimLane) {
     (SimLink::create(node, 1).unwrap(), SimLane::create(node, RUN, spec).unwrap())
 }
 
-pub fn open_host(node: &LinkNode, spec: &LaneSpec) -> HostLane {
+pub(crate) fn open_host(node: &LinkNode, spec: &LaneSpec) -> HostLane {
     HostLane::open(node, spec, PATIENCE).unwrap()
 }
 
-pub fn observation_header(sequence: u64, n_envs: u32) -> ObservationHeader {
+pub(crate) fn observation_header(sequence: u64, n_envs: u32) -> ObservationHeader {
     ObservationHeader {
         schema_hash: SCHEMA_HASH,
         run: RUN,
@@ -146,7 +146,7 @@ pub fn observation_header(sequence: u64, n_envs: u32) -> ObservationHeader {
     }
 }
 
-pub fn answer_header(to: &ObservationHeader) -> ActionHeader {
+pub(crate) fn answer_header(to: &ObservationHeader) -> ActionHeader {
     ActionHeader {
         schema_hash: SCHEMA_HASH,
         run: to.run,
@@ -158,13 +158,13 @@ pub fn answer_header(to: &ObservationHeader) -> ActionHeader {
 }
 
 /// Sends `n_envs` records whose slots and first state follow from the sequence number.
-pub fn send(lane: &mut SimLane, sequence: u64, n_envs: u32) {
+pub(crate) fn send(lane: &mut SimLane, sequence: u64, n_envs: u32) {
     let mut loan = lane.loan(n_envs as usize).unwrap();
     fill(loan.pages_mut(), sequence);
     loan.send(observation_header(sequence, n_envs)).unwrap();
 }
 
-pub fn fill(pages: &mut [Page], sequence: u64) {
+pub(crate) fn fill(pages: &mut [Page], sequence: u64) {
     for (slot, page) in (0..).zip(pages) {
         let record: &mut EnvRecord = bytemuck::cast_mut(page);
         *record = bytemuck::Zeroable::zeroed();
@@ -174,18 +174,18 @@ pub fn fill(pages: &mut [Page], sequence: u64) {
 }
 
 /// What a record of slot `slot` in message `sequence` says, and what its answer says again.
-pub fn state(sequence: u64, slot: u32) -> f32 {
+pub(crate) fn state(sequence: u64, slot: u32) -> f32 {
     (sequence % 1000) as f32 + slot as f32 / 8.0
 }
 
-pub fn receive_observation(lane: &mut HostLane) -> ObservationMessage {
+pub(crate) fn receive_observation(lane: &mut HostLane) -> ObservationMessage {
     eventually("an observation arrives", || {
         lane.wait(Duration::from_millis(10)).unwrap();
         lane.receive().unwrap()
     })
 }
 
-pub fn receive_action(link: &SimLink, lane: &mut SimLane) -> ActionMessage {
+pub(crate) fn receive_action(link: &SimLink, lane: &mut SimLane) -> ActionMessage {
     eventually("an action arrives", || {
         link.wait(Duration::from_millis(10)).unwrap();
         lane.receive().unwrap()
@@ -193,7 +193,7 @@ pub fn receive_action(link: &SimLink, lane: &mut SimLane) -> ActionMessage {
 }
 
 /// Answers each env with one row: its first state.
-pub fn echo(lane: &mut HostLane, message: &ObservationMessage) {
+pub(crate) fn echo(lane: &mut HostLane, message: &ObservationMessage) {
     let view = ObservationView::new(*message.header(), message.pages()).unwrap();
     let mut loan = lane.loan(view.n_envs()).unwrap();
     for (env_idx, block) in loan.blocks_mut().iter_mut().enumerate() {
@@ -206,7 +206,7 @@ pub fn echo(lane: &mut HostLane, message: &ObservationMessage) {
 }
 
 /// Checks an echo.
-pub fn assert_echo(message: &ActionMessage, sequence: u64, n_envs: u32) {
+pub(crate) fn assert_echo(message: &ActionMessage, sequence: u64, n_envs: u32) {
     assert_eq!((message.header().sequence, message.header().n_envs), (sequence, n_envs));
     let view = ActionView::new(*message.header(), message.pages()).unwrap();
     for (slot, block) in (0..).zip(view.blocks()) {
@@ -215,10 +215,10 @@ pub fn assert_echo(message: &ActionMessage, sequence: u64, n_envs: u32) {
 }
 
 /// A sign that a spawned process has come so far.
-pub fn signal(root: &Path) {
+pub(crate) fn signal(root: &Path) {
     std::fs::write(root.join("ready"), "").unwrap();
 }
 
-pub fn await_signal(root: &Path) {
+pub(crate) fn await_signal(root: &Path) {
     eventually("the other process is ready", || std::fs::remove_file(root.join("ready")).ok());
 }

@@ -1,0 +1,105 @@
+//! Peers that are not ours: they speak iceoryx2, but not quite what was agreed.
+
+use std::time::Duration;
+
+use crate::scratch::{PATIENCE, Scratch, create_sim, eventually, open_host, receive_observation, send, small_lane};
+use iceoryx2::config::Config;
+use iceoryx2::prelude::{AttributeVerifier, FileName, NodeBuilder, Path, SemanticString, ipc_threadsafe};
+use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
+use ipc_types::link::{HostLane, LinkError};
+use ipc_types::{ActionHeader, ActionView, FrameError, Page, SCHEMA_HASH};
+
+type Node = iceoryx2::node::Node<ipc_threadsafe::Service>;
+
+/// A process that knows the domain's prefix and root, and nothing of this crate.
+fn foreign_node(scratch: &Scratch) -> Node {
+    let mut config = Config::default();
+    config.global.prefix = FileName::new(scratch.domain.prefix.as_bytes()).unwrap();
+    config.global.set_root_path(&Path::new(scratch.domain.root.as_os_str().as_encoded_bytes()).unwrap());
+    NodeBuilder::new().config(&config).create().unwrap()
+}
+
+#[test]
+fn a_longer_message_than_agreed_is_refused_before_it_is_looked_at() {
+    let scratch = Scratch::new();
+    let node = scratch.node();
+    let (_link, mut lane) = create_sim(&node, &small_lane(1));
+    let foreign = foreign_node(&scratch);
+    let actions = foreign
+        .service_builder(&"hyp/lane/0/action".try_into().unwrap())
+        .publish_subscribe::<[Page]>()
+        .user_header::<ActionHeader>()
+        .open()
+        .unwrap();
+    let publisher = actions.publisher_builder().initial_max_slice_len(100).create().unwrap();
+    let mut publish = |n_pages: usize, header: ActionHeader| {
+        let sample = publisher.loan_slice_uninit(n_pages).unwrap();
+        let mut sample = sample.write_from_fn(|_| Page([0xff; 4096]));
+        *sample.user_header_mut() = header;
+        sample.send().unwrap();
+    };
+    publish(100, ActionHeader::default());
+    let refused = eventually("the refusal", || lane.receive().err());
+    assert!(matches!(refused, LinkError::Oversized { pages: 100, most: 4 }), "{refused}");
+
+    // The lane is none the worse, and a message of garbage in a fitting length is garbage, not a panic.
+    publish(3, ActionHeader { schema_hash: SCHEMA_HASH, n_envs: 3, ..ActionHeader::default() });
+    let message = eventually("the message", || lane.receive().unwrap());
+    let view = ActionView::new(*message.header(), message.pages());
+    assert!(matches!(view, Err(FrameError::Record { env_idx: 0, field: "n_rows", .. })), "{view:?}");
+    drop((message, publisher, actions, foreign, lane, _link, node));
+    scratch.finish();
+}
+
+#[test]
+fn a_lane_made_of_other_types_is_not_entered() {
+    let scratch = Scratch::new();
+    let node = scratch.node();
+    let foreign = foreign_node(&scratch);
+    let fields = [
+        ("schema", format!("{SCHEMA_HASH:016x}")),
+        ("lane", "0".into()),
+        ("policy", "echo".into()),
+        ("max_envs", "4".into()),
+        ("block_pages", "1".into()),
+        ("in_flight", "1".into()),
+    ];
+    let agreed = fields.iter().fold(AttributeVerifier::new(), |agreed, (key, value)| {
+        let key = AttributeKey::new(key.as_bytes()).unwrap();
+        agreed.require(&key, &AttributeValue::new(value.as_bytes()).unwrap()).unwrap()
+    });
+    let service = foreign
+        .service_builder(&"hyp/lane/0/observation".try_into().unwrap())
+        .publish_subscribe::<[u64]>()
+        .open_or_create_with_attributes(&agreed)
+        .unwrap();
+    let refused = HostLane::open(&node, &small_lane(1), PATIENCE).unwrap_err();
+    assert!(matches!(&refused, LinkError::Types { service } if service == "hyp/lane/0/observation"), "{refused}");
+    drop((service, foreign, node));
+    scratch.finish();
+}
+
+#[test]
+fn a_foreign_host_reads_without_a_copy_and_cannot_write() {
+    let scratch = Scratch::new();
+    let node = scratch.node();
+    let (_link, mut lane) = create_sim(&node, &small_lane(1));
+    let mut host = open_host(&node, &small_lane(1));
+    send(&mut lane, 1, 4);
+    let message = receive_observation(&mut host);
+    // The two sides see one memory through two mappings, the host's without permission to write.
+    let address = message.pages().as_ptr().addr();
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    let mapping = maps.lines().find(|line| {
+        let range = line.split(' ').next().unwrap();
+        let (start, end) = range.split_once('-').unwrap();
+        let parse = |digits| usize::from_str_radix(digits, 16).unwrap();
+        (parse(start)..parse(end)).contains(&address)
+    });
+    let mapping = mapping.unwrap();
+    assert!(mapping.contains("r--s") && mapping.contains(&scratch.domain.prefix), "{mapping}");
+    assert_eq!(address % 4096, 0);
+    host.wait(Duration::ZERO).unwrap();
+    drop((message, host, lane, _link, node));
+    scratch.finish();
+}

@@ -1,0 +1,52 @@
+//! `hypogeum checkpoint`: a randomly initialised ACT checkpoint for both morphologies, to measure speed with.
+
+use std::path::PathBuf;
+
+use ipc_types::Morphology;
+use policy_host::act::config::ActConfig;
+use policy_host::synthetic;
+
+use crate::cli::CheckpointArgs;
+use crate::failure::{Ending, Failure, OrUser};
+use crate::names::pick;
+use crate::progress::print;
+
+/// How large a network.
+#[derive(Clone, Copy, Debug)]
+enum Size {
+    /// The benchmark's.
+    Full,
+    /// For tests.
+    Tiny,
+}
+
+impl Size {
+    const ALL: [Self; 2] = [Self::Full, Self::Tiny];
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Full => "full",
+            Self::Tiny => "tiny",
+        }
+    }
+
+    fn config(self, morphology: Morphology) -> ActConfig {
+        match self {
+            Self::Full => ActConfig::full_size(morphology),
+            Self::Tiny => ActConfig::tiny(morphology),
+        }
+    }
+}
+
+/// Writes it: one folder per morphology.
+pub(crate) fn write(args: &CheckpointArgs) -> Result<Ending, Failure> {
+    let size = pick("size", &args.size, &Size::ALL, Size::name).or_user()?;
+    for morphology in Morphology::ALL {
+        let folder: PathBuf = args.output.join(morphology.name());
+        synthetic::write_checkpoint(&folder, &size.config(morphology), args.seed)
+            .map_err(|error| anyhow::anyhow!("failed to {error}"))
+            .or_user()?;
+    }
+    print(&format!("wrote {0}; evaluate it with --policy act:{0}", args.output.display()));
+    Ok(Ending::Done)
+}

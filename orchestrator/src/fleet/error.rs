@@ -1,0 +1,57 @@
+//! Why a fleet could not finish its work.
+
+use std::path::PathBuf;
+
+use ipc_types::link::{BudgetError, LinkError};
+use thiserror::Error;
+
+use super::member::Death;
+
+/// A fleet that stopped before its work was done. Finished episodes are kept.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the fields are named by their messages")]
+pub(crate) enum FleetError {
+    #[error("failed to use {} for the link: {reason}; set XDG_RUNTIME_DIR to a folder of yours", path.display())]
+    Base { path: PathBuf, reason: String },
+    #[error("failed to {0}")]
+    Link(#[from] LinkError),
+    #[error("failed to {0}")]
+    Budget(#[from] BudgetError),
+    #[error("failed to describe the lane of {name} in {}: {source}", path.display())]
+    Attach { name: String, path: PathBuf, source: std::io::Error },
+    #[error("failed to start {name} ({}): {source}", program.display())]
+    Spawn { name: String, program: PathBuf, source: std::io::Error },
+    #[error("{name} was not ready after {patience_s} s{log}", log = last_words(log))]
+    StartUp { name: String, patience_s: u64, log: Vec<String> },
+    #[error("{name} died {deaths} times without finishing an episode; at last it {death}{log}", log = last_words(log))]
+    GaveUp { name: String, deaths: u32, death: Death, log: Vec<String> },
+    #[error("{0}")]
+    Lane(String),
+    #[error("{name} cannot go on: {message}")]
+    Host { name: String, message: String },
+    #[error(transparent)]
+    Sink(anyhow::Error),
+}
+
+impl FleetError {
+    /// Whether the user can mend it.
+    pub(crate) fn is_users(&self) -> bool {
+        match self {
+            Self::Base { .. }
+            | Self::Link(_)
+            | Self::Budget(_)
+            | Self::Attach { .. }
+            | Self::Lane(_)
+            | Self::Host { .. } => true,
+            Self::Spawn { .. } | Self::StartUp { .. } | Self::GaveUp { .. } | Self::Sink(_) => false,
+        }
+    }
+}
+
+fn last_words(log: &[String]) -> String {
+    if log.is_empty() {
+        ", and it had logged nothing".to_owned()
+    } else {
+        format!("; the end of its log:\n  {}", log.join("\n  "))
+    }
+}

@@ -1,0 +1,344 @@
+//! A run as meant: names have become enums, lists are complete, limits are checked. No string is compared after this.
+
+use std::path::PathBuf;
+
+use ipc_types::{ControlMode, Morphology};
+use policy_host::QueryMode;
+use sim::serve::protocol::RendererKind;
+use sim::{Perturbation, Profile, TaskId};
+use thiserror::Error;
+
+use crate::names::{UnknownName, pick};
+use crate::policy::{NamedPolicy, PolicyError};
+use crate::sweep::Sweep;
+
+/// Where results go unless the user says otherwise.
+const DEFAULT_DB: &str = "hypogeum.db";
+const DEFAULT_EPISODES: u32 = 10;
+const DEFAULT_ENVS: u32 = 16;
+/// Rows of a chunk executed in chunk mode: the benchmark's ACT answers 30.
+const DEFAULT_EXECUTE: u32 = 30;
+/// Most rows a chunk can have.
+const MAX_EXECUTE: u32 = ipc_types::layout::MAX_HORIZON as u32;
+const MAX_EPISODES: u32 = 1_000_000;
+const MAX_ENVS: u32 = 4096;
+const MAX_THREADS: u32 = 1024;
+
+const MODES: [QueryMode; 2] = [QueryMode::Chunk, QueryMode::Ensemble];
+const RENDERERS: [RendererKind; 2] = [RendererKind::Auto, RendererKind::Cpu];
+
+/// Everything a run is.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Plan {
+    /// Policies, in the order given.
+    pub(crate) policies: Vec<NamedPolicy>,
+    /// Tasks with the perturbations to run them under, in the suite's order.
+    pub(crate) conditions: Vec<Condition>,
+    /// Episodes of each policy under each condition.
+    pub(crate) episodes: u32,
+    /// Suite seed.
+    pub(crate) seed: u64,
+    /// Episodes in progress at a time.
+    pub(crate) n_envs: u32,
+    /// Worker threads of each process.
+    pub(crate) threads: u32,
+    /// How policies are queried.
+    pub(crate) mode: QueryMode,
+    /// Rows of a chunk to execute.
+    pub(crate) execute: u32,
+    /// Reading of the benchmark.
+    pub(crate) profile: Profile,
+    /// How single-arm policies drive.
+    pub(crate) control_mode: ControlMode,
+    /// Who draws.
+    pub(crate) renderer: RendererKind,
+    /// Results file.
+    pub(crate) db: PathBuf,
+}
+
+/// A task under a perturbation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Condition {
+    pub(crate) task: TaskId,
+    pub(crate) perturbation: Perturbation,
+}
+
+/// Why wishes make no plan.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the fields are named by their messages")]
+pub(crate) enum PlanError {
+    #[error(transparent)]
+    Name(#[from] UnknownName),
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    #[error("no policy to evaluate: say --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)")]
+    NoPolicy,
+    #[error("two policies are called `{name}`: give each a name of its own, --policy NAME=SPEC")]
+    SameName { name: String },
+    #[error("perturbation {perturbation} does not apply to {task}: {reason}; leave one of them out, or say --perturbations all for those that apply")]
+    NotApplicable { task: &'static str, perturbation: &'static str, reason: String },
+    #[error("--{flag} is {found}, expected {least} to {most}")]
+    Range { flag: &'static str, found: u32, least: u32, most: u32 },
+    #[error("--execute is {found}, but ensemble mode queries after every step: leave it out or use --mode chunk")]
+    EnsembleExecute { found: u32 },
+}
+
+impl Plan {
+    /// Gives the wishes their meaning, on a machine with `n_cores` cores.
+    ///
+    /// # Errors
+    /// The first wish that has none.
+    pub(crate) fn new(wishes: &Sweep, n_cores: u32) -> Result<Self, PlanError> {
+        let policies = policies(&wishes.policies)?;
+        let profile = choice("profile", wishes.profile.as_deref(), &Profile::ALL, Profile::name)?;
+        let mode = choice("mode", wishes.mode.as_deref(), &MODES, mode_name)?;
+        Ok(Self {
+            policies,
+            conditions: conditions(&tasks(&wishes.tasks)?, &wishes.perturbations)?,
+            episodes: in_range("episodes", wishes.episodes.unwrap_or(DEFAULT_EPISODES), MAX_EPISODES)?,
+            seed: wishes.seed.unwrap_or(0),
+            n_envs: in_range("envs", wishes.envs.unwrap_or(DEFAULT_ENVS), MAX_ENVS)?,
+            threads: in_range("threads", wishes.threads.unwrap_or(n_cores), MAX_THREADS)?,
+            mode,
+            execute: execute(mode, wishes.execute)?,
+            profile,
+            control_mode: choice(
+                "control mode",
+                wishes.control_mode.as_deref(),
+                &ControlMode::ALL,
+                ControlMode::name,
+            )?,
+            renderer: choice("renderer", wishes.renderer.as_deref(), &RENDERERS, renderer_name)?,
+            db: wishes.db.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_DB)),
+        })
+    }
+
+    /// Morphologies of the tasks, each once.
+    pub(crate) fn morphologies(&self) -> Vec<Morphology> {
+        let used = |morphology: &Morphology| {
+            self.conditions.iter().any(|condition| condition.task.task().morphology == *morphology)
+        };
+        Morphology::ALL.into_iter().filter(used).collect()
+    }
+
+    /// Episodes of the whole plan.
+    pub(crate) fn n_episodes(&self) -> u64 {
+        self.policies.len() as u64 * self.conditions.len() as u64 * u64::from(self.episodes)
+    }
+}
+
+/// Name of a query mode on the command line.
+pub(crate) const fn mode_name(mode: QueryMode) -> &'static str {
+    match mode {
+        QueryMode::Chunk => "chunk",
+        QueryMode::Ensemble => "ensemble",
+    }
+}
+
+/// Name of a renderer on the command line.
+pub(crate) const fn renderer_name(renderer: RendererKind) -> &'static str {
+    match renderer {
+        RendererKind::Auto => "auto",
+        RendererKind::Cpu => "cpu",
+    }
+}
+
+/// The perturbation that was typed.
+///
+/// # Errors
+/// If none is called so.
+pub(crate) fn perturbation(typed: &str) -> Result<Perturbation, UnknownName> {
+    pick("perturbation", typed, Perturbation::ALL, Perturbation::name)
+}
+
+/// The task that was typed.
+///
+/// # Errors
+/// If none is called so.
+pub(crate) fn task(typed: &str) -> Result<TaskId, UnknownName> {
+    pick("task", typed, TaskId::ALL, TaskId::name)
+}
+
+/// The profile that was typed.
+///
+/// # Errors
+/// If none is called so.
+pub(crate) fn profile(typed: &str) -> Result<Profile, UnknownName> {
+    pick("profile", typed, &Profile::ALL, Profile::name)
+}
+
+/// A task under a perturbation that changes it.
+///
+/// # Errors
+/// If the perturbation does not apply to the task.
+pub(crate) fn condition(task: TaskId, perturbation: Perturbation) -> Result<Condition, PlanError> {
+    perturbation.applies_to(&(task.task().nominal)()).map_err(|error| PlanError::NotApplicable {
+        task: task.name(),
+        perturbation: perturbation.name(),
+        reason: error.reason,
+    })?;
+    Ok(Condition { task, perturbation })
+}
+
+fn policies(typed: &[String]) -> Result<Vec<NamedPolicy>, PlanError> {
+    let policies: Vec<NamedPolicy> = typed.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
+    if policies.is_empty() {
+        return Err(PlanError::NoPolicy);
+    }
+    for (idx, policy) in policies.iter().enumerate() {
+        if policies[..idx].iter().any(|earlier| earlier.name == policy.name) {
+            return Err(PlanError::SameName { name: policy.name.clone() });
+        }
+    }
+    Ok(policies)
+}
+
+/// Tasks in the suite's order, each once. The words for groups may stand among names.
+fn tasks(typed: &[String]) -> Result<Vec<TaskId>, PlanError> {
+    let groups = |word: &str| -> Option<Box<dyn Fn(TaskId) -> bool>> {
+        let of = |morphology| Box::new(move |task: TaskId| task.task().morphology == morphology);
+        match word {
+            "all" => Some(Box::new(|_| true)),
+            "single" => Some(of(Morphology::Single)),
+            "bimanual" => Some(of(Morphology::Bimanual)),
+            _ => None,
+        }
+    };
+    if typed.is_empty() {
+        return Ok(TaskId::ALL.to_vec());
+    }
+    let mut wanted = Vec::new();
+    for word in typed {
+        match groups(word) {
+            Some(belongs) => wanted.extend(TaskId::ALL.iter().copied().filter(|&task| belongs(task))),
+            None => wanted.push(task(word)?),
+        }
+    }
+    Ok(TaskId::ALL.iter().copied().filter(|task| wanted.contains(task)).collect())
+}
+
+fn conditions(tasks: &[TaskId], typed: &[String]) -> Result<Vec<Condition>, PlanError> {
+    if typed == ["all"] {
+        let pairs = tasks.iter().flat_map(|&task| Perturbation::ALL.iter().map(move |&other| (task, other)));
+        return Ok(pairs.filter_map(|(task, perturbation)| condition(task, perturbation).ok()).collect());
+    }
+    let named = typed.iter().map(|word| perturbation(word)).collect::<Result<Vec<_>, _>>()?;
+    let wanted = if named.is_empty() { vec![Perturbation::None] } else { named };
+    let ordered = Perturbation::ALL.iter().copied().filter(|perturbation| wanted.contains(perturbation));
+    let ordered: Vec<Perturbation> = ordered.collect();
+    tasks.iter().flat_map(|&task| ordered.iter().map(move |&other| condition(task, other))).collect()
+}
+
+fn execute(mode: QueryMode, typed: Option<u32>) -> Result<u32, PlanError> {
+    match (mode, typed) {
+        (QueryMode::Chunk, typed) => in_range("execute", typed.unwrap_or(DEFAULT_EXECUTE), MAX_EXECUTE),
+        (QueryMode::Ensemble, None | Some(1)) => Ok(1),
+        (QueryMode::Ensemble, Some(found)) => Err(PlanError::EnsembleExecute { found }),
+    }
+}
+
+/// The one of `all` that was typed, or the first.
+fn choice<T: Copy>(
+    kind: &'static str,
+    typed: Option<&str>,
+    all: &[T],
+    name: impl Fn(T) -> &'static str,
+) -> Result<T, UnknownName> {
+    typed.map_or(Ok(all[0]), |typed| pick(kind, typed, all, name))
+}
+
+fn in_range(flag: &'static str, found: u32, most: u32) -> Result<u32, PlanError> {
+    if (1..=most).contains(&found) { Ok(found) } else { Err(PlanError::Range { flag, found, least: 1, most }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::cli::{Cli, Command};
+
+    /// The plan of a command line, on a machine with two cores.
+    fn plan(arguments: &str) -> Result<Plan, String> {
+        let words = ["hypogeum", "run"].into_iter().chain(arguments.split_whitespace());
+        let Command::Run(args) = Cli::try_parse_from(words).unwrap().command else { panic!("not a run") };
+        Plan::new(&args.flags, 2).map_err(|error| error.to_string())
+    }
+
+    fn conditions_of(arguments: &str) -> Vec<String> {
+        let plan = plan(arguments).unwrap();
+        plan.conditions.iter().map(|c| format!("{}/{}", c.task.name(), c.perturbation.name())).collect()
+    }
+
+    #[test]
+    fn a_policy_is_enough() {
+        let plan = plan("--policy idle").unwrap();
+        assert_eq!((plan.policies[0].name.as_str(), plan.policies.len()), ("idle", 1));
+        assert_eq!(plan.conditions.len(), TaskId::ALL.len());
+        assert!(plan.conditions.iter().all(|condition| condition.perturbation == Perturbation::None));
+        assert_eq!((plan.episodes, plan.seed, plan.n_envs, plan.threads), (10, 0, 16, 2));
+        assert_eq!((plan.mode, plan.execute), (QueryMode::Chunk, 30));
+        assert_eq!(plan.db, PathBuf::from("hypogeum.db"));
+    }
+
+    #[test]
+    fn lists_are_sorted_and_without_repetition() {
+        let typed = "--policy idle --tasks stackcube,RaiseCube,single --perturbations MO-Color,none,mo-color";
+        let expected = ["RaiseCube/None", "RaiseCube/MO-Color", "StackCube/None", "StackCube/MO-Color"];
+        let found: Vec<String> = conditions_of(typed)
+            .into_iter()
+            .filter(|name| name.starts_with("RaiseCube/") || name.starts_with("StackCube/"))
+            .collect();
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn all_perturbations_are_those_that_apply() {
+        for condition in plan("--policy idle --perturbations all").unwrap().conditions {
+            let nominal = (condition.task.task().nominal)();
+            assert_eq!(condition.perturbation.applies_to(&nominal), Ok(()));
+        }
+        let pairs = TaskId::ALL.iter().flat_map(|task| Perturbation::ALL.iter().map(move |p| (task, p)));
+        let applies = |(task, p): &(&TaskId, &Perturbation)| p.applies_to(&(task.task().nominal)()).is_ok();
+        assert_eq!(conditions_of("--policy idle --perturbations all").len(), pairs.filter(applies).count());
+    }
+
+    #[test]
+    fn a_named_perturbation_must_apply() {
+        let pairs = TaskId::ALL.iter().flat_map(|&task| Perturbation::ALL.iter().map(move |&p| (task, p)));
+        for (task, perturbation) in pairs {
+            let typed =
+                format!("--policy idle --tasks {} --perturbations {}", task.name(), perturbation.name());
+            match (plan(&typed), perturbation.applies_to(&(task.task().nominal)())) {
+                (Ok(plan), Ok(())) => assert_eq!(plan.conditions, [Condition { task, perturbation }]),
+                (Err(message), Err(error)) => assert!(message.contains(&error.reason), "{message}"),
+                (plan, applies) => panic!("{typed}: {plan:?} although {applies:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn ensembling_queries_every_step() {
+        assert_eq!(plan("--policy idle --mode ensemble").unwrap().execute, 1);
+        assert_eq!(plan("--policy idle --execute 7").unwrap().execute, 7);
+    }
+
+    #[test]
+    fn every_wrong_wish_is_one_clear_sentence() {
+        let wrong = |arguments| plan(arguments).unwrap_err();
+        insta::assert_snapshot!(wrong(""), @"");
+        insta::assert_snapshot!(wrong("--policy idle --tasks RiseCube"), @"");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Colour"), @"");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations all,none"), @"");
+        insta::assert_snapshot!(wrong("--policy idel"), @"");
+        insta::assert_snapshot!(wrong("--policy a=act"), @"");
+        insta::assert_snapshot!(wrong("--policy a/b=idle"), @"");
+        insta::assert_snapshot!(wrong("--policy idle --policy idle=random"), @"");
+        insta::assert_snapshot!(wrong("--policy idle --mode chunks"), @"");
+        insta::assert_snapshot!(wrong("--policy idle --renderer gpu"), @"");
+        insta::assert_snapshot!(wrong("--policy idle --control-mode pd_joint"), @"");
+        insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"");
+        insta::assert_snapshot!(wrong("--policy idle --execute 64"), @"");
+        insta::assert_snapshot!(wrong("--policy idle --mode ensemble --execute 30"), @"");
+    }
+}

@@ -1,0 +1,206 @@
+//! A policy of a run: its name in the results, what it is, and what its results depend on.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use policy_host::{PolicySpec, PolicySpecError};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+use xxhash_rust::xxh3::Xxh3Default;
+
+use crate::names::UnknownName;
+
+/// Longest name of a policy.
+const MAX_NAME: usize = 64;
+/// Folders below a checkpoint's that are looked into.
+const MAX_DEPTH: usize = 4;
+/// Bytes read at a time.
+const CHUNK: usize = 1 << 20;
+
+/// A policy under the name the user gave it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct NamedPolicy {
+    /// Name in the results.
+    pub(crate) name: String,
+    /// What it is.
+    pub(crate) spec: PolicySpec,
+}
+
+/// What a policy's results depend on besides the episode.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Identity {
+    /// As typed.
+    pub(crate) spec: String,
+    /// Hash of the checkpoint's files, 16 hexadecimal digits, for a policy that has one.
+    pub(crate) checkpoint: Option<String>,
+}
+
+/// A text that names no policy.
+#[derive(Debug, Error, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are named by their messages")]
+pub(crate) enum PolicyError {
+    #[error("policy name `{name}` cannot be used: 1 to {MAX_NAME} letters, digits, `.`, `_` or `-`")]
+    Name { name: String },
+    #[error(transparent)]
+    Unknown(#[from] UnknownName),
+    #[error(transparent)]
+    Spec(#[from] PolicySpecError),
+}
+
+/// A checkpoint that cannot be read.
+#[derive(Debug, Error)]
+#[error("failed to read the checkpoint file {}: {source}", path.display())]
+pub(crate) struct CheckpointError {
+    path: PathBuf,
+    source: std::io::Error,
+}
+
+impl FromStr for NamedPolicy {
+    type Err = PolicyError;
+
+    /// `NAME=SPEC`, or a spec alone, which is then named by its kind.
+    fn from_str(typed: &str) -> Result<Self, PolicyError> {
+        // A colon before the equals sign belongs to a spec whose path holds one.
+        let (name, text) = match typed.split_once('=') {
+            Some((name, text)) if !name.contains(':') => (Some(name), text),
+            _ => (None, typed),
+        };
+        let spec = text.parse::<PolicySpec>().map_err(|error| match error {
+            PolicySpecError::Unknown { .. } => PolicyError::Unknown(unknown_kind(text)),
+            other => PolicyError::Spec(other),
+        })?;
+        let name = name.unwrap_or(spec.kind()).to_owned();
+        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
+        if !(1..=MAX_NAME).contains(&name.len()) || !name.chars().all(plain) || name.starts_with('.') {
+            return Err(PolicyError::Name { name });
+        }
+        Ok(Self { name, spec })
+    }
+}
+
+impl NamedPolicy {
+    /// Whether the sim itself runs it, with privileged state; any other has a lane.
+    pub(crate) fn runs_in_sim(&self) -> bool {
+        self.spec == PolicySpec::Expert
+    }
+
+    /// What its results depend on; reads a checkpoint whole.
+    ///
+    /// # Errors
+    /// If the checkpoint cannot be read.
+    pub(crate) fn identity(&self) -> Result<Identity, CheckpointError> {
+        let checkpoint = match &self.spec {
+            PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => None,
+            PolicySpec::Act(path) => Some(format!("{:016x}", hash(path)?)),
+        };
+        Ok(Identity { spec: self.spec.to_string(), checkpoint })
+    }
+}
+
+impl Identity {
+    /// Whether both stand for the same policy. A checkpoint is what is in it, wherever it lies.
+    pub(crate) fn matches(&self, other: &Self) -> bool {
+        let kind = |identity: &Self| identity.spec.split(':').next().map(str::to_owned);
+        match (&self.checkpoint, &other.checkpoint) {
+            (Some(ours), Some(theirs)) => ours == theirs && kind(self) == kind(other),
+            (None, None) => self.spec == other.spec,
+            _ => false,
+        }
+    }
+}
+
+impl std::fmt::Display for Identity {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match &self.checkpoint {
+            Some(checkpoint) => write!(f, "{} (checkpoint {checkpoint})", self.spec),
+            None => f.write_str(&self.spec),
+        }
+    }
+}
+
+fn unknown_kind(text: &str) -> UnknownName {
+    let forms: Vec<String> = PolicySpec::forms().collect();
+    let known: Vec<&str> = forms.iter().map(String::as_str).collect();
+    UnknownName::new("policy", text, &known)
+}
+
+/// xxh3-64 over what a loader may read below `folder`: the JSON and safetensors files with their names and lengths, by
+/// name.
+fn hash(folder: &Path) -> Result<u64, CheckpointError> {
+    let mut files = Vec::new();
+    collect(folder, MAX_DEPTH, &mut files)?;
+    files.sort();
+    let mut hash = Xxh3Default::new();
+    let mut buffer = vec![0; CHUNK];
+    for path in files {
+        let failed = |source| CheckpointError { path: path.clone(), source };
+        let mut file = File::open(&path).map_err(failed)?;
+        let name = path.strip_prefix(folder).unwrap_or(&path).as_os_str().as_encoded_bytes();
+        hash.update(&(name.len() as u64).to_le_bytes());
+        hash.update(name);
+        hash.update(&file.metadata().map_err(failed)?.len().to_le_bytes());
+        loop {
+            match file.read(&mut buffer).map_err(failed)? {
+                0 => break,
+                n => hash.update(&buffer[..n]),
+            }
+        }
+    }
+    Ok(hash.digest())
+}
+
+fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), CheckpointError> {
+    let failed = |source| CheckpointError { path: folder.into(), source };
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        let read = path.extension().is_some_and(|extension| extension == "json" || extension == "safetensors");
+        if path.is_dir() {
+            if depth > 0 {
+                collect(&path, depth - 1, files)?;
+            }
+        } else if read {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(typed: &str) -> (String, String) {
+        let policy: NamedPolicy = typed.parse().unwrap();
+        (policy.name, policy.spec.to_string())
+    }
+
+    #[test]
+    fn a_spec_alone_is_named_by_its_kind() {
+        let pair = |name: &str, spec: &str| (name.to_owned(), spec.to_owned());
+        assert_eq!(parse("idle"), pair("idle", "idle"));
+        assert_eq!(parse("floor=idle"), pair("floor", "idle"));
+        assert_eq!(parse("act:runs/lr=3"), pair("act", "act:runs/lr=3"));
+        assert_eq!(parse("mine=act:runs/lr=3"), pair("mine", "act:runs/lr=3"));
+    }
+
+    #[test]
+    fn a_checkpoint_is_what_is_in_it_wherever_it_lies() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, weights: &[u8]| {
+            let sub = folder.path().join(name).join("single");
+            std::fs::create_dir_all(&sub).unwrap();
+            std::fs::write(sub.join("config.json"), "{}").unwrap();
+            std::fs::write(sub.join("model.safetensors"), weights).unwrap();
+            std::fs::write(sub.join("notes.md"), name).unwrap();
+            let spec = PolicySpec::Act(folder.path().join(name));
+            NamedPolicy { name: "mine".to_owned(), spec }.identity().unwrap()
+        };
+        let (first, moved, trained) = (write("first", b"w1"), write("moved", b"w1"), write("trained", b"w2"));
+        assert!(first.matches(&moved));
+        assert!(!first.matches(&trained));
+        let idle = "idle".parse::<NamedPolicy>().unwrap().identity().unwrap();
+        assert!(idle.matches(&idle) && !idle.matches(&first));
+    }
+}

@@ -1,0 +1,136 @@
+//! How far a run is, for the person at the terminal. Everything goes to stderr, and nothing depends on it.
+
+use std::io::{self, IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use sim::serve::protocol::Counters;
+
+/// Time between two lines where there is no terminal.
+const LINE_INTERVAL: Duration = Duration::from_secs(5);
+
+/// A view of the run's progress.
+#[derive(Debug)]
+pub(crate) enum Progress {
+    /// A bar on a terminal.
+    Bar(ProgressBar),
+    /// A line now and then.
+    Lines(Lines),
+    /// Nothing but what children log.
+    Silent,
+}
+
+/// What lines are made from.
+#[derive(Debug)]
+pub(crate) struct Lines {
+    n_episodes: u64,
+    done: u64,
+    /// Episodes that were done when the run started.
+    done_before: u64,
+    started: Instant,
+    printed: Instant,
+    speed: String,
+}
+
+impl Progress {
+    /// Of a run of `n_episodes`, `done` of which an earlier run has finished.
+    pub(crate) fn new(n_episodes: u64, done: u64, quiet: bool, json: bool) -> Self {
+        match (quiet, io::stderr().is_terminal(), json) {
+            (true, _, _) | (_, false, true) => Self::Silent,
+            (false, true, _) => {
+                let bar = ProgressBar::new(n_episodes).with_position(done);
+                let template = "{bar:32} {pos}/{len} episodes {msg}, {eta} left";
+                bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+                bar.enable_steady_tick(Duration::from_millis(500));
+                bar.reset_eta();
+                Self::Bar(bar)
+            }
+            (false, false, false) => {
+                let now = Instant::now();
+                let speed = String::new();
+                Self::Lines(Lines { n_episodes, done, done_before: done, started: now, printed: now, speed })
+            }
+        }
+    }
+
+    /// An episode is done.
+    pub(crate) fn episode(&mut self) {
+        match self {
+            Self::Bar(bar) => bar.inc(1),
+            Self::Lines(lines) => {
+                lines.done += 1;
+                lines.print_if_due();
+            }
+            Self::Silent => {}
+        }
+    }
+
+    /// The sim has counted.
+    pub(crate) fn counters(&mut self, counters: &Counters) {
+        let speed = || format!(", {:.0} env-steps/s", counters.env_steps as f64 / counters.stepping_s.max(1e-9));
+        match self {
+            Self::Bar(bar) if counters.env_steps > 0 => bar.set_message(speed()),
+            Self::Lines(lines) if counters.env_steps > 0 => {
+                lines.speed = speed();
+                lines.print_if_due();
+            }
+            Self::Bar(_) | Self::Lines(_) | Self::Silent => {}
+        }
+    }
+
+    /// A line for the person; it stays.
+    pub(crate) fn log(&self, line: &str) {
+        match self {
+            Self::Bar(bar) => bar.suspend(|| print(line)),
+            Self::Lines(_) | Self::Silent => print(line),
+        }
+    }
+
+    /// The run is over: the bar goes.
+    pub(crate) fn finish(&self) {
+        if let Self::Bar(bar) = self {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl Lines {
+    fn print_if_due(&mut self) {
+        if self.printed.elapsed() >= LINE_INTERVAL {
+            self.printed = Instant::now();
+            print(&self.line(self.started.elapsed()));
+        }
+    }
+
+    fn line(&self, elapsed: Duration) -> String {
+        let left = match self.done - self.done_before {
+            0 => "unknown time".to_owned(),
+            n => {
+                let seconds = elapsed.as_secs_f64() / n as f64 * (self.n_episodes - self.done) as f64;
+                format!("{seconds:.0} s")
+            }
+        };
+        format!("{}/{} episodes{}, {left} left", self.done, self.n_episodes, self.speed)
+    }
+}
+
+/// One line on stderr.
+pub(crate) fn print(line: &str) {
+    // Nobody reads it if stderr is closed, which is no reason to stop.
+    let _ = writeln!(io::stderr().lock(), "{line}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_says_how_far_how_fast_how_long() {
+        let now = Instant::now();
+        let speed = ", 512 env-steps/s".to_owned();
+        let mut lines = Lines { n_episodes: 60, done: 20, done_before: 20, started: now, printed: now, speed };
+        insta::assert_snapshot!(lines.line(Duration::from_secs(3)), @"");
+        lines.done = 30;
+        insta::assert_snapshot!(lines.line(Duration::from_secs(5)), @"");
+    }
+}

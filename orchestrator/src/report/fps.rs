@@ -1,0 +1,149 @@
+//! How fast a run was, in the terms of DESIGN §10.
+
+use std::time::Duration;
+
+use serde::Serialize;
+
+use crate::fleet::Totals;
+
+/// What `env_steps_per_s` means.
+const DEFINITION: &str = "control steps of finished and unfinished episodes / wall seconds between the first and the last \
+    control step, all envs together, policy inference included";
+
+/// Speed of one run: of this command, not of the episodes an earlier one finished.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Fps {
+    /// Control steps executed.
+    pub(crate) env_steps: u64,
+    /// Wall seconds between the first and the last control step.
+    pub(crate) wall_s: f64,
+    /// Their ratio.
+    pub(crate) env_steps_per_s: Option<f64>,
+    /// What that means.
+    pub(crate) definition: &'static str,
+    /// Wall seconds of the whole process, start-up included.
+    pub(crate) process_wall_s: f64,
+    /// Control steps per second of the whole process, the paper's way.
+    pub(crate) process_env_steps_per_s: f64,
+    /// Images drawn per second between the first and the last control step.
+    pub(crate) images_per_s: Option<f64>,
+    /// Envs asked about per second between the first and the last control step.
+    pub(crate) queries_per_s: Option<f64>,
+    /// What the measured costs would allow.
+    pub(crate) bound: Option<Bound>,
+    /// Where the core-seconds went.
+    #[serde(skip)]
+    pub(crate) ledger: Ledger,
+}
+
+/// The speed at which the cores would do nothing but step, draw and infer: c / (s + (r + w) / k).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct Bound {
+    /// c.
+    pub(crate) n_cores: u32,
+    /// s: core-seconds of one control step of one env.
+    pub(crate) step_s: f64,
+    /// r: core-seconds of drawing one env for one query.
+    pub(crate) render_s: f64,
+    /// w: core-seconds of one query of one env.
+    pub(crate) query_s: f64,
+    /// k: control steps per query; none without queries.
+    pub(crate) steps_per_query: Option<f64>,
+    /// The bound.
+    pub(crate) env_steps_per_s: f64,
+    /// Fraction of it that was reached.
+    pub(crate) reached: f64,
+}
+
+/// Core-seconds of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Ledger {
+    /// Stepping.
+    pub(crate) physics_s: f64,
+    /// Drawing.
+    pub(crate) render_s: f64,
+    /// Inference.
+    pub(crate) policy_s: f64,
+    /// Seconds in which the sim's loop had nothing to do.
+    pub(crate) wait_s: f64,
+}
+
+impl Fps {
+    /// Of a fleet's totals, in a process that has run for `process` with `n_cores` cores.
+    pub(crate) fn new(totals: &Totals, process: Duration, n_cores: u32) -> Self {
+        let (sim, hosts) = (totals.sim(), totals.hosts());
+        let rate = |count: u64| (sim.stepping_s > 0.0).then(|| count as f64 / sim.stepping_s);
+        let ledger = Ledger {
+            physics_s: sim.physics_s,
+            render_s: sim.render_s,
+            policy_s: hosts.busy_s,
+            wait_s: sim.idle_s,
+        };
+        let process_wall_s = process.as_secs_f64();
+        Self {
+            env_steps: sim.env_steps,
+            wall_s: sim.stepping_s,
+            env_steps_per_s: rate(sim.env_steps),
+            definition: DEFINITION,
+            process_wall_s,
+            process_env_steps_per_s: sim.env_steps as f64 / process_wall_s,
+            images_per_s: rate(sim.images),
+            queries_per_s: rate(sim.queries),
+            bound: rate(sim.env_steps).and_then(|reached| Bound::new(totals, &ledger, n_cores, reached)),
+            ledger,
+        }
+    }
+
+    /// The lines under the table; none for a run without a control step.
+    pub(crate) fn lines(&self) -> String {
+        let Some(env_steps_per_s) = self.env_steps_per_s else { return String::new() };
+        let Ledger { physics_s, render_s, policy_s, wait_s } = self.ledger;
+        let mut text = format!(
+            "env_steps_per_s  {env_steps_per_s:.1} ({} control steps in {:.2} s, from the first to the last)\n\
+             whole process    {:.1} env-steps/s ({:.2} s, start-up included)\n\
+             per second       {:.1} images, {:.1} queries\n\
+             core-seconds     physics {physics_s:.2}, render {render_s:.2}, policy {policy_s:.2}; the sim had nothing to do \
+             for {wait_s:.2} s\n",
+            self.env_steps,
+            self.wall_s,
+            self.process_env_steps_per_s,
+            self.process_wall_s,
+            self.images_per_s.unwrap_or(0.0),
+            self.queries_per_s.unwrap_or(0.0),
+        );
+        if let Some(bound) = self.bound {
+            let ms = |seconds: f64| format!("{:.3} ms", 1e3 * seconds);
+            let k = bound.steps_per_query.map_or_else(|| "∞".to_owned(), |k| format!("{k:.1}"));
+            text += &format!(
+                "bound            {:.1} env-steps/s = c / (s + (r + w) / k) with c = {} cores, s = {}, r = {}, w = {}, \
+                 k = {k}; {:.0} % reached\n",
+                bound.env_steps_per_s,
+                bound.n_cores,
+                ms(bound.step_s),
+                ms(bound.render_s),
+                ms(bound.query_s),
+                100.0 * bound.reached,
+            );
+        }
+        text
+    }
+}
+
+impl Bound {
+    fn new(totals: &Totals, ledger: &Ledger, n_cores: u32, env_steps_per_s: f64) -> Option<Self> {
+        let sim = totals.sim();
+        let per = |seconds: f64, count: u64| if count == 0 { 0.0 } else { seconds / count as f64 };
+        let busy_s = ledger.physics_s + ledger.render_s + ledger.policy_s;
+        // (r + w) / k per step is the drawing and inference of the whole run over its steps.
+        let bound = f64::from(n_cores) * sim.env_steps as f64 / busy_s;
+        (busy_s > 0.0).then(|| Self {
+            n_cores,
+            step_s: per(ledger.physics_s, sim.env_steps),
+            render_s: per(ledger.render_s, sim.queries),
+            query_s: per(ledger.policy_s, sim.queries),
+            steps_per_query: (sim.queries > 0).then(|| sim.env_steps as f64 / sim.queries as f64),
+            env_steps_per_s: bound,
+            reached: env_steps_per_s / bound,
+        })
+    }
+}

@@ -1,0 +1,58 @@
+//! The SQL of a results file. Changing a table means a new [`VERSION`].
+
+/// Marks a SQLite file as ours: "HYPG".
+pub(super) const APPLICATION_ID: i64 = 0x4859_5047;
+/// Version of the tables below.
+pub(super) const VERSION: i64 = 1;
+
+/// Makes the tables. Times are in seconds; `seed` is the episode's; `fingerprint` is 16 hexadecimal digits.
+pub(super) const CREATE: &str = "
+    CREATE TABLE manifest (
+        key   TEXT NOT NULL PRIMARY KEY,
+        value TEXT NOT NULL CHECK (json_valid(value))
+    ) STRICT, WITHOUT ROWID;
+    CREATE TABLE episodes (
+        policy             TEXT    NOT NULL,
+        task               TEXT    NOT NULL,
+        perturbation       TEXT    NOT NULL,
+        episode            INTEGER NOT NULL,
+        seed               INTEGER NOT NULL,
+        steps              INTEGER NOT NULL,
+        success_once       INTEGER NOT NULL,
+        success_at_end     INTEGER NOT NULL,
+        first_success_step INTEGER,
+        failed_predicate   TEXT,
+        fingerprint        TEXT    NOT NULL,
+        error              TEXT,
+        physics_s          REAL    NOT NULL,
+        render_s           REAL    NOT NULL,
+        policy_s           REAL    NOT NULL,
+        wait_s             REAL    NOT NULL,
+        PRIMARY KEY (policy, task, perturbation, episode)
+    ) STRICT, WITHOUT ROWID;
+";
+
+/// Stores an episode; only a row that holds an error is replaced.
+pub(super) const RECORD: &str = "
+    INSERT INTO episodes (policy, task, perturbation, episode, seed, steps, success_once, success_at_end,
+        first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s)
+    VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16)
+    ON CONFLICT DO UPDATE SET seed = excluded.seed, steps = excluded.steps, success_once = excluded.success_once,
+        success_at_end = excluded.success_at_end, first_success_step = excluded.first_success_step,
+        failed_predicate = excluded.failed_predicate, fingerprint = excluded.fingerprint, error = excluded.error,
+        physics_s = excluded.physics_s, render_s = excluded.render_s, policy_s = excluded.policy_s,
+        wait_s = excluded.wait_s
+    WHERE episodes.error IS NOT NULL";
+
+/// Keys of the episodes that ran to their end.
+pub(super) const FINISHED: &str =
+    "SELECT policy, task, perturbation, episode FROM episodes WHERE error IS NULL";
+
+/// Sums of one cell's first episodes.
+pub(super) const SUMS: &str = "
+    SELECT count(*) FILTER (WHERE error IS NULL),
+        coalesce(sum(success_once) FILTER (WHERE error IS NULL), 0),
+        coalesce(sum(success_at_end) FILTER (WHERE error IS NULL), 0),
+        coalesce(sum(steps) FILTER (WHERE error IS NULL), 0),
+        count(error)
+    FROM episodes WHERE policy = ?1 AND task = ?2 AND perturbation = ?3 AND episode < ?4";

@@ -1,0 +1,152 @@
+//! A results file from outside: what is kept, what is resumed, what is refused.
+
+use std::path::Path;
+
+use sim::serve::protocol::{EpisodeLedger, Outcome};
+use sim::{Perturbation, TaskId};
+
+use super::*;
+use crate::sweep::Sweep;
+
+const CONDITION: Condition = Condition { task: TaskId::RaiseCube, perturbation: Perturbation::None };
+
+fn manifest(policies: &[&str], edit: impl FnOnce(&mut Sweep)) -> Manifest {
+    let mut wishes =
+        Sweep { policies: policies.iter().map(|&policy| policy.to_owned()).collect(), ..Sweep::default() };
+    edit(&mut wishes);
+    let plan = crate::plan::Plan::new(&wishes, 1).unwrap();
+    let identities = plan.policies.iter().map(|policy| policy.identity().unwrap()).collect();
+    Manifest::new(&plan, identities)
+}
+
+fn outcome(success: bool, error: Option<&str>) -> Outcome {
+    Outcome {
+        id: 0,
+        steps: 92,
+        success_once: success,
+        success_at_end: success,
+        first_success_step: success.then_some(40),
+        failed_predicate: (!success).then(|| "above".to_owned()),
+        fingerprint: 0xfeed,
+        ledger: EpisodeLedger::default(),
+        error: error.map(str::to_owned),
+    }
+}
+
+fn key(episode: u32) -> Key<'static> {
+    Key { policy: "idle", condition: CONDITION, episode }
+}
+
+/// The message of a refusal, without the folder.
+fn refusal(path: &Path, manifest: &Manifest) -> String {
+    let error = Results::open(path, manifest).unwrap_err().to_string();
+    error.replace(&format!("{}/", path.parent().unwrap().display()), "")
+}
+
+#[test]
+fn rows_survive_and_are_resumed_and_summed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    let idle = manifest(&["idle"], |_| ());
+    let mut results = Results::open(&path, &idle).unwrap();
+    results.record(key(0), 7, &outcome(true, None)).unwrap();
+    results.record(key(1), 8, &outcome(false, None)).unwrap();
+    results.record(key(2), 9, &outcome(false, Some("not finite"))).unwrap();
+    drop(results);
+
+    let mut results = Results::open(&path, &idle).unwrap();
+    let finished = results.finished().unwrap();
+    assert_eq!([0, 1, 2, 3].map(|episode| finished.contains(key(episode))), [true, true, false, false]);
+    let sums = CellSums { n: 2, success_once: 1, success_at_end: 1, steps: 184, errors: 1 };
+    assert_eq!(results.sums("idle", CONDITION, 10).unwrap(), sums);
+    assert_eq!(results.sums("idle", CONDITION, 1).unwrap().n, 1);
+    assert_eq!(results.sums("random", CONDITION, 10).unwrap(), CellSums::default());
+
+    // An error is replaced by what came of the second try; a finished row by nothing.
+    results.record(key(2), 9, &outcome(true, None)).unwrap();
+    results.record(key(1), 8, &outcome(true, None)).unwrap();
+    let sums = CellSums { n: 3, success_once: 2, success_at_end: 2, steps: 276, errors: 0 };
+    assert_eq!(results.sums("idle", CONDITION, 10).unwrap(), sums);
+}
+
+#[test]
+fn the_columns_are_those_others_rely_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    let mut results = Results::open(&path, &manifest(&["idle"], |_| ())).unwrap();
+    results.record(key(0), 7, &outcome(false, None)).unwrap();
+    let reader = Connection::open(&path).unwrap();
+    let row: String = reader
+        .query_row(
+            "SELECT json_array(policy, task, perturbation, episode, seed, steps, success_once, success_at_end,
+                first_success_step, failed_predicate, fingerprint, error) FROM episodes",
+            [],
+            |row| row.get(0),
+        )
+        .unwrap();
+    insta::assert_snapshot!(row, @"");
+    let manifest: String = reader
+        .query_row("SELECT group_concat(key || ' = ' || value, '; ') FROM manifest", [], |row| row.get(0))
+        .unwrap();
+    insta::assert_snapshot!(manifest, @"");
+}
+
+#[test]
+fn more_of_the_same_kind_may_be_added_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    Results::open(&path, &manifest(&["idle"], |_| ())).unwrap().record(key(0), 7, &outcome(true, None)).unwrap();
+
+    let more = manifest(&["idle", "expert"], |wishes| {
+        wishes.tasks = vec!["StackCube".to_owned()];
+        wishes.perturbations = vec!["all".to_owned()];
+        (wishes.episodes, wishes.envs, wishes.threads) = (Some(3), Some(3), Some(3));
+    });
+    Results::open(&path, &more).unwrap();
+
+    let refused = |edit: fn(&mut Sweep)| refusal(&path, &manifest(&["idle"], edit));
+    insta::assert_snapshot!(refused(|wishes| wishes.seed = Some(1)), @"");
+    insta::assert_snapshot!(refused(|wishes| wishes.profile = Some("paper".to_owned())), @"");
+    insta::assert_snapshot!(refused(|wishes| wishes.mode = Some("ensemble".to_owned())), @"");
+    insta::assert_snapshot!(refused(|wishes| wishes.execute = Some(8)), @"");
+    insta::assert_snapshot!(refused(|wishes| wishes.control_mode = Some("pd_joint_pos".to_owned())), @"");
+    insta::assert_snapshot!(refusal(&path, &manifest(&["idle=random"], |_| ())), @"");
+    let newer = Manifest { version: "9.9.9".to_owned(), ..manifest(&["idle"], |_| ()) };
+    assert!(refusal(&path, &newer).contains("version \""));
+    assert!(Results::open(&path, &manifest(&["idle"], |_| ())).unwrap().finished().unwrap().contains(key(0)));
+}
+
+#[test]
+fn a_file_without_rows_takes_any_manifest() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    Results::open(&path, &manifest(&["idle"], |_| ())).unwrap();
+    Results::open(&path, &manifest(&["idle=random"], |wishes| wishes.seed = Some(5))).unwrap();
+}
+
+#[test]
+fn what_is_not_a_results_file_is_refused_and_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let idle = manifest(&["idle"], |_| ());
+
+    std::fs::write(path("notes.txt"), "not a database, but long enough to be taken for a header".repeat(20)).unwrap();
+    insta::assert_snapshot!(refusal(&path("notes.txt"), &idle), @"");
+    assert!(std::fs::read_to_string(path("notes.txt")).unwrap().starts_with("not a database"));
+
+    Connection::open(path("other.db")).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
+    insta::assert_snapshot!(refusal(&path("other.db"), &idle), @"");
+
+    drop(Results::open(&path("future.db"), &idle).unwrap());
+    Connection::open(path("future.db")).unwrap().pragma_update(None, "user_version", 2).unwrap();
+    insta::assert_snapshot!(refusal(&path("future.db"), &idle), @"");
+
+    std::fs::create_dir(path("folder")).unwrap();
+    insta::assert_snapshot!(refusal(&path("folder"), &idle), @"");
+    insta::assert_snapshot!(refusal(&path("absent/a.db"), &idle), @"");
+
+    let held = Results::open(&path("held.db"), &idle).unwrap();
+    insta::assert_snapshot!(refusal(&path("held.db"), &idle), @"");
+    drop(held);
+    Results::open(&path("held.db"), &idle).unwrap();
+}

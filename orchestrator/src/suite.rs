@@ -1,0 +1,106 @@
+//! `hypogeum tasks`: the task suite, and which perturbation applies where.
+
+use serde_json::{Value, json};
+use sim::{Perturbation, TaskId};
+
+use crate::cli::TasksArgs;
+use crate::failure::{Ending, Failure};
+use crate::report::{Align, Table, print_out};
+
+/// Prints the suite.
+pub(crate) fn list(args: &TasksArgs) -> Result<Ending, Failure> {
+    let text = match (args.json, args.matrix) {
+        (true, _) => format!("{:#}\n", suite_json()),
+        (false, true) => matrix(),
+        (false, false) => table(),
+    };
+    print_out(&text)?;
+    Ok(Ending::Done)
+}
+
+fn table() -> String {
+    use Align::{Left, Right};
+    let columns = [("task", Left), ("category", Left), ("robot", Left), ("max_steps", Right), ("instruction", Left)];
+    let mut table = Table::new(&columns);
+    for id in TaskId::ALL {
+        let task = id.task();
+        table.row(vec![
+            id.name().to_owned(),
+            task.category.name().to_owned(),
+            task.morphology.name().to_owned(),
+            task.max_steps.to_string(),
+            task.instruction.to_owned(),
+        ]);
+    }
+    table.to_string()
+}
+
+/// A column per perturbation; where one does not apply a number stands for the reason below.
+fn matrix() -> String {
+    let mut columns = vec![("task", Align::Left)];
+    columns.extend(Perturbation::ALL.iter().map(|perturbation| (perturbation.name(), Align::Left)));
+    let mut table = Table::new(&columns);
+    let mut reasons: Vec<String> = Vec::new();
+    for id in TaskId::ALL {
+        let nominal = (id.task().nominal)();
+        let mut row = vec![id.name().to_owned()];
+        for perturbation in Perturbation::ALL {
+            row.push(match perturbation.applies_to(&nominal) {
+                Ok(()) => "yes".to_owned(),
+                Err(error) => {
+                    let known = reasons.iter().position(|reason| *reason == error.reason);
+                    let idx = known.unwrap_or(reasons.len());
+                    if known.is_none() {
+                        reasons.push(error.reason);
+                    }
+                    format!("– [{}]", idx + 1)
+                }
+            });
+        }
+        table.row(row);
+    }
+    let notes = reasons.iter().enumerate().map(|(idx, reason)| format!("\n[{}] {reason}", idx + 1));
+    format!("{table}{}", notes.collect::<String>() + if reasons.is_empty() { "" } else { "\n" })
+}
+
+fn suite_json() -> Value {
+    let tasks = TaskId::ALL.iter().map(|id| {
+        let task = id.task();
+        let nominal = (task.nominal)();
+        let applies = Perturbation::ALL.iter().map(|perturbation| {
+            let reason = perturbation.applies_to(&nominal).err().map(|error| error.reason);
+            json!({ "perturbation": perturbation.name(), "applies": reason.is_none(), "reason": reason })
+        });
+        json!({
+            "task": id.name(),
+            "env_id": task.env_id,
+            "category": task.category.name(),
+            "morphology": task.morphology.name(),
+            "max_steps": task.max_steps,
+            "instruction": task.instruction,
+            "perturbations": applies.collect::<Vec<_>>(),
+        })
+    });
+    json!({ "tasks": tasks.collect::<Vec<_>>() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_task_has_a_row_and_every_gap_a_reason() {
+        let (table, matrix) = (table(), matrix());
+        for id in TaskId::ALL {
+            assert!(table.lines().any(|line| line.starts_with(id.name())), "{table}");
+        }
+        let row = matrix.lines().find(|line| line.starts_with("RaiseCube")).unwrap();
+        assert_eq!(row.split_whitespace().collect::<Vec<_>>()[..3], ["RaiseCube", "yes", "yes"]);
+        let json = suite_json();
+        for task in json["tasks"].as_array().unwrap() {
+            for cell in task["perturbations"].as_array().unwrap() {
+                assert_eq!(cell["applies"].as_bool().unwrap(), cell["reason"].is_null());
+            }
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! The episodes of a plan, in the order in which they are run.
+
+use sim::serve::protocol::{Assignment, Driver};
+use sim::stream::episode_seed;
+
+use crate::plan::{Condition, Plan};
+
+/// One episode of a plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Job {
+    /// Index into [`Plan::policies`].
+    pub(crate) policy_idx: usize,
+    pub(crate) condition: Condition,
+    /// Index of the episode.
+    pub(crate) episode: u32,
+    /// Seed of the episode; the same for all policies and perturbations.
+    pub(crate) seed: u64,
+    /// Who acts.
+    pub(crate) driver: Driver,
+}
+
+impl Job {
+    /// What a sim is told; `id` comes back with the outcome.
+    pub(crate) fn assignment(&self, id: u64) -> Assignment {
+        let Condition { task, perturbation } = self.condition;
+        Assignment { id, driver: self.driver, task, perturbation, seed: self.seed }
+    }
+}
+
+/// Who acts for each policy. Lanes are numbered in the order of the policies that have one.
+pub(crate) fn drivers(plan: &Plan) -> Vec<Driver> {
+    let mut lanes = 0..;
+    let mut driver = |in_sim: bool| if in_sim { Some(Driver::Expert) } else { lanes.next().map(Driver::Lane) };
+    plan.policies.iter().filter_map(|policy| driver(policy.runs_in_sim())).collect()
+}
+
+/// All episodes. Neighbours differ in policy first and then in condition, so that all lanes have work at any time and a run
+/// that is cut short has a little of everything.
+pub(crate) fn jobs(plan: &Plan) -> impl Iterator<Item = Job> {
+    let drivers = drivers(plan);
+    let conditions = plan.conditions.iter();
+    (0..plan.episodes).flat_map(move |episode| {
+        let drivers = drivers.clone();
+        conditions.clone().flat_map(move |&condition| {
+            let seed = episode_seed(plan.seed, condition.task.name(), episode);
+            let job = move |(policy_idx, driver)| Job { policy_idx, condition, episode, seed, driver };
+            drivers.clone().into_iter().enumerate().map(job)
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::Sweep;
+
+    #[test]
+    fn neighbours_differ_in_policy_and_twins_share_their_seed() {
+        let list = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        let wishes = Sweep {
+            policies: list(&["idle", "expert", "random"]),
+            tasks: list(&["RaiseCube", "StackCube"]),
+            perturbations: list(&["None", "MO-Color"]),
+            episodes: Some(2),
+            ..Sweep::default()
+        };
+        let plan = Plan::new(&wishes, 1).unwrap();
+        let jobs: Vec<Job> = jobs(&plan).collect();
+        assert_eq!(jobs.len() as u64, plan.n_episodes());
+        let drivers: Vec<Driver> = jobs.iter().take(4).map(|job| job.driver).collect();
+        assert_eq!(drivers, [Driver::Lane(0), Driver::Expert, Driver::Lane(1), Driver::Lane(0)]);
+        for job in &jobs {
+            assert_eq!(job.seed, episode_seed(0, job.condition.task.name(), job.episode));
+        }
+    }
+}

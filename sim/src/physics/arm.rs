@@ -1,0 +1,249 @@
+//! One arm as a multibody: built at a pose, driven towards targets, read back.
+//!
+//! The drives are implicit springs and dampers of the multibody itself; constraint motors slip and joints between free
+//! bodies sag. An arm never steps the world it is in.
+
+use ipc_types::ControlMode;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use rapier3d::dynamics::{
+    GenericJointBuilder, JointAxesMask, JointAxis, MassProperties, Multibody, MultibodyIndex, RigidBodyBuilder,
+    RigidBodyHandle,
+};
+use rapier3d::geometry::{ColliderHandle, NarrowPhase};
+use rapier3d::pipeline::PhysicsWorld;
+
+use super::convert::{from_pose, from_vector, to_matrix, to_pose, to_vector};
+use super::solids::collider;
+use crate::robot::control::{Drive, FINGER_DRIVE, Targets, arm_drive, targets};
+use crate::robot::kinematics::Joints;
+use crate::robot::panda::{
+    FINGER_OPEN, Inertia, LOWER, N_DOFS, N_JOINTS, Solid, UPPER, finger_in_link7, finger_inertia, finger_solids,
+    hand_in_link7, joint_origin, link_inertia, link_solids, tcp_in_link7,
+};
+use crate::scene::{ArmLinks, Link, N_LINKS, Robot};
+
+/// Friction of the fingers.
+const FINGER_FRICTION: f32 = 2.0;
+/// Friction of all other links.
+const LINK_FRICTION: f32 = 0.3;
+/// Least force on each finger that counts as a grasp, in N.
+const GRASP_FORCE_N: f32 = 0.5;
+/// Greatest angle between that force and the finger's opening direction: 85°, as its cosine.
+const GRASP_COS: f32 = 0.087_155_74;
+
+/// An arm within a rapier world.
+pub(super) struct Arm {
+    multibody: MultibodyIndex,
+    /// Link 0 to 7, then the two fingers.
+    links: [RigidBodyHandle; N_DOFS + 1],
+    fingers: [Vec<ColliderHandle>; 2],
+    drive: Drive,
+    targets: Targets,
+    hand_in_link7: Isometry3<f32>,
+    tcp_in_link7: Isometry3<f32>,
+}
+
+impl Arm {
+    /// Adds an arm at its drawn pose, fingers open, aiming at where it is.
+    pub(super) fn add(world: &mut PhysicsWorld, robot: &Robot, mode: ControlMode, wrist_camera: bool) -> Self {
+        let mut builder = Builder { world, links: Vec::with_capacity(N_DOFS + 1) };
+        let base = builder.world.insert_body(RigidBodyBuilder::fixed().pose(to_pose(&robot.base)));
+        builder.links.push(base);
+        builder.add_solids(base, &link_solids(0), LINK_FRICTION);
+        for joint in 0..N_JOINTS {
+            let axis = Vector3::z();
+            let child = builder.add_link(
+                builder.links[joint],
+                &link_inertia(joint, wrist_camera),
+                &joint_origin(joint),
+                &axis,
+                Freedom::Turns([LOWER[joint], UPPER[joint]]),
+            );
+            builder.add_solids(child, &link_solids(joint + 1), LINK_FRICTION);
+        }
+        let fingers = [1.0, -1.0].map(|side| {
+            let axis = Vector3::y() * side;
+            let wrist = builder.links[N_JOINTS];
+            let finger =
+                builder.add_link(wrist, &finger_inertia(), &finger_in_link7(), &axis, Freedom::Slides([0.0, FINGER_OPEN]));
+            builder.add_solids(finger, &finger_solids(side), FINGER_FRICTION)
+        });
+        let links: [RigidBodyHandle; N_DOFS + 1] =
+            builder.links.try_into().unwrap_or_else(|_| unreachable!("a base, seven links and two fingers"));
+        let multibody = world.multibody_joints.rigid_body_link(base).expect("the base has joints").multibody;
+        let arm = Self {
+            multibody,
+            links,
+            fingers,
+            drive: arm_drive(mode),
+            targets: Targets { joints: Joints::from(robot.qpos), finger: FINGER_OPEN },
+            hand_in_link7: hand_in_link7().cast(),
+            tcp_in_link7: tcp_in_link7().cast(),
+        };
+        arm.pose(world);
+        arm
+    }
+
+    /// Puts the multibody, which rapier builds at position zero, where the targets are.
+    fn pose(&self, world: &mut PhysicsWorld) {
+        let bodies = &mut world.bodies;
+        let multibody = world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+        multibody.set_self_contacts_enabled(false);
+        multibody.forward_kinematics(bodies, true);
+        assert_eq!(multibody.ndofs(), N_DOFS, "a fixed base has no freedom of its own");
+        multibody.damping_mut().copy_from_slice(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.drive_of(dof).damping as f32));
+        multibody.apply_displacements(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.target_of(dof) as f32));
+        multibody.forward_kinematics(bodies, false);
+        multibody.update_rigid_bodies(bodies, true);
+    }
+
+    fn drive_of(&self, dof: usize) -> Drive {
+        if dof < N_JOINTS { self.drive } else { FINGER_DRIVE }
+    }
+
+    fn target_of(&self, dof: usize) -> f64 {
+        if dof < N_JOINTS { self.targets.joints[dof] } else { self.targets.finger }
+    }
+
+    /// Takes new targets from this arm's part of an action row.
+    pub(super) fn command(&mut self, world: &PhysicsWorld, mode: ControlMode, row: &[f32]) {
+        let qpos = self.qpos(world);
+        self.targets = targets(mode, row, &Joints::from_fn(|joint, _| f64::from(qpos[joint])));
+    }
+
+    /// Sets the springs for the next physics step. rapier's springs know no limit of force, so the rest position is drawn
+    /// in until stiffness · error − damping · velocity lies within the drive's.
+    pub(super) fn drive(&self, world: &mut PhysicsWorld) {
+        let (qpos, qvel) = (self.qpos(world), self.qvel(world));
+        let multibody = world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+        for dof in 0..N_DOFS {
+            let Drive { stiffness, damping, limit } = self.drive_of(dof);
+            let (q, drag) = (f64::from(qpos[dof]), damping * f64::from(qvel[dof]));
+            let force = (stiffness * (self.target_of(dof) - q) - drag).clamp(-limit, limit);
+            let rest = q + (force + drag) / stiffness;
+            let joint = &mut multibody.link_mut(dof + 1).expect("one link per joint").joint;
+            joint.set_spring(coordinate(dof), stiffness as f32, rest as f32);
+        }
+    }
+
+    /// Positions of joints 1 to 7 (rad) and of the fingers (m).
+    pub(super) fn qpos(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
+        let multibody = self.multibody(world);
+        core::array::from_fn(|dof| {
+            multibody.link(dof + 1).expect("one link per joint").joint().coords()[coordinate(dof)]
+        })
+    }
+
+    /// Velocities of joints 1 to 7 (rad/s) and of the fingers (m/s).
+    pub(super) fn qvel(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
+        let velocity = self.multibody(world).generalized_velocity();
+        core::array::from_fn(|dof| velocity[dof])
+    }
+
+    fn multibody<'a>(&self, world: &'a PhysicsWorld) -> &'a Multibody {
+        world.multibody_joints.get_multibody(self.multibody).expect("the arm stays in its world")
+    }
+
+    fn link_pose(&self, world: &PhysicsWorld, link: usize) -> Isometry3<f32> {
+        from_pose(world.bodies[self.links[link]].position())
+    }
+
+    /// World pose of the TCP.
+    pub(super) fn tcp_pose(&self, world: &PhysicsWorld) -> Isometry3<f32> {
+        self.link_pose(world, N_JOINTS) * self.tcp_in_link7
+    }
+
+    /// World poses of all links.
+    pub(super) fn link_poses(&self, world: &PhysicsWorld) -> ArmLinks {
+        let mut poses: [Isometry3<f32>; N_LINKS] = core::array::from_fn(|link| match link {
+            0..=N_JOINTS => self.link_pose(world, link),
+            _ => self.link_pose(world, link - 1),
+        });
+        poses[Link::Hand as usize] = poses[Link::Link7 as usize] * self.hand_in_link7;
+        poses
+    }
+
+    /// Whether both fingers press on the body, each within 85° of its opening direction (spec/env.md §3).
+    pub(super) fn is_grasping(&self, world: &PhysicsWorld, body: RigidBodyHandle) -> bool {
+        [0, 1].into_iter().all(|finger| {
+            let opening = self.link_pose(world, N_JOINTS + 1 + finger).rotation * Vector3::y();
+            let opening = if finger == 0 { opening } else { -opening };
+            let force = self.force_on_finger(world, finger, body);
+            let size = force.norm();
+            size >= GRASP_FORCE_N && force.dot(&opening) >= GRASP_COS * size
+        })
+    }
+
+    /// Sum of the normal forces that a body puts on a finger, in N.
+    fn force_on_finger(&self, world: &PhysicsWorld, finger: usize, body: RigidBodyHandle) -> Vector3<f32> {
+        let phase: &NarrowPhase = &world.narrow_phase;
+        let of_body = |other: ColliderHandle| world.colliders[other].parent() == Some(body);
+        let mut impulse = Vector3::zeros();
+        for &solid in &self.fingers[finger] {
+            for pair in phase.contact_pairs_with(solid) {
+                // Impulses are those on the second collider of a pair.
+                if pair.collider1 == solid && of_body(pair.collider2) {
+                    impulse -= from_vector(pair.total_impulse());
+                } else if pair.collider2 == solid && of_body(pair.collider1) {
+                    impulse += from_vector(pair.total_impulse());
+                }
+            }
+        }
+        impulse / world.integration_parameters.dt
+    }
+}
+
+/// Index of a joint's coordinate among the six of rapier's joints, whose free axis is always the local x.
+const fn coordinate(dof: usize) -> usize {
+    if dof < N_JOINTS { 3 } else { 0 }
+}
+
+/// How a joint moves, between which limits.
+enum Freedom {
+    Turns([f64; 2]),
+    Slides([f64; 2]),
+}
+
+struct Builder<'a> {
+    world: &'a mut PhysicsWorld,
+    links: Vec<RigidBodyHandle>,
+}
+
+impl Builder<'_> {
+    /// Adds a link that moves along or about `axis` of the frame at `origin` in its parent.
+    fn add_link(
+        &mut self,
+        parent: RigidBodyHandle,
+        inertia: &Inertia,
+        origin: &Isometry3<f64>,
+        axis: &Vector3<f64>,
+        freedom: Freedom,
+    ) -> RigidBodyHandle {
+        let mass = MassProperties::with_inertia_matrix(
+            to_vector(&inertia.com),
+            inertia.mass as f32,
+            to_matrix(&inertia.matrix),
+        );
+        let link = RigidBodyBuilder::dynamic().gravity_scale(0.0).can_sleep(false).additional_mass_properties(mass);
+        let link = self.world.insert_body(link);
+        let (locked, free, [lo, hi]) = match freedom {
+            Freedom::Turns(limits) => (JointAxesMask::LOCKED_REVOLUTE_AXES, JointAxis::AngX, limits),
+            Freedom::Slides(limits) => (JointAxesMask::LOCKED_PRISMATIC_AXES, JointAxis::LinX, limits),
+        };
+        let x_to_axis = UnitQuaternion::rotation_between(&Vector3::x(), axis).expect("no axis is −x");
+        let joint = GenericJointBuilder::new(locked)
+            .local_frame1(to_pose(&(origin * x_to_axis)))
+            .local_frame2(to_pose(&Isometry3::from_parts(Vector3::zeros().into(), x_to_axis)))
+            .limits(free, [lo as f32, hi as f32]);
+        self.world.multibody_joints.insert(parent, link, joint, true).expect("links form a tree");
+        self.links.push(link);
+        link
+    }
+
+    fn add_solids(&mut self, link: RigidBodyHandle, solids: &[Solid], friction: f32) -> Vec<ColliderHandle> {
+        let add = |(shape, pose): &Solid| {
+            self.world.insert_collider(collider(*shape, pose).density(0.0).friction(friction), Some(link))
+        };
+        solids.iter().map(add).collect()
+    }
+}

@@ -1,0 +1,172 @@
+//! One isolated environment.
+
+use ipc_types::ControlMode;
+use nalgebra::{Isometry3, Vector3};
+use rapier3d::dynamics::RigidBodyHandle;
+use rapier3d::math::Vector;
+use rapier3d::pipeline::PhysicsWorld;
+
+use super::arm::Arm;
+use super::convert::{from_pose, from_vector};
+use super::{SUBSTEPS, preset, solids};
+use crate::fingerprint::Fingerprint;
+use crate::robot::panda::{N_DOFS, N_JOINTS};
+use crate::scene::{Scene, Snapshot};
+
+/// m/s².
+const GRAVITY: f32 = -9.81;
+
+/// One env: the bodies and arms of a scene, driven in one control mode.
+pub struct World {
+    rapier: PhysicsWorld,
+    arms: Vec<Arm>,
+    bodies: Vec<RigidBodyHandle>,
+    mode: ControlMode,
+}
+
+impl World {
+    /// The scene as it was drawn; nothing has been stepped, and the arms aim at where they are.
+    #[must_use]
+    pub fn build(scene: &Scene, mode: ControlMode) -> Self {
+        let mut rapier = PhysicsWorld {
+            gravity: Vector::new(0.0, 0.0, GRAVITY),
+            integration_parameters: preset::good(),
+            ..PhysicsWorld::default()
+        };
+        solids::add_ground(&mut rapier, scene.table.kind);
+        let bodies = scene.bodies.iter().map(|body| solids::add_body(&mut rapier, body)).collect();
+        let wrist_camera = scene.robots.len() == 1;
+        let arms = scene.robots.iter().map(|robot| Arm::add(&mut rapier, robot, mode, wrist_camera)).collect();
+        Self { rapier, arms, bodies, mode }
+    }
+
+    /// One control step of 0.05 s. `action` is one row, `[action_dim]` f32: each arm's part in turn.
+    ///
+    /// # Panics
+    /// If the row has another length.
+    pub fn step(&mut self, action: &[f32]) {
+        let width = match self.mode {
+            ControlMode::EeDeltaPose | ControlMode::EePose => N_JOINTS,
+            ControlMode::JointPos => N_JOINTS + 1,
+        };
+        assert_eq!(action.len(), width * self.arms.len(), "an action row holds each arm's part");
+        for (arm, row) in self.arms.iter_mut().zip(action.chunks_exact(width)) {
+            arm.command(&self.rapier, self.mode, row);
+        }
+        for _ in 0..SUBSTEPS {
+            for arm in &self.arms {
+                arm.drive(&mut self.rapier);
+            }
+            self.rapier.step();
+        }
+    }
+
+    /// Arms: 1 or 2.
+    #[must_use]
+    pub fn n_arms(&self) -> usize {
+        self.arms.len()
+    }
+
+    /// World pose of a body's frame (not of its centre of mass).
+    #[must_use]
+    pub fn body_pose(&self, body: usize) -> Isometry3<f32> {
+        from_pose(self.rapier.bodies[self.bodies[body]].position())
+    }
+
+    /// Linear velocity of a body's centre of mass (m/s) and angular velocity (rad/s), in the world frame.
+    #[must_use]
+    pub fn body_velocity(&self, body: usize) -> (Vector3<f32>, Vector3<f32>) {
+        let body = &self.rapier.bodies[self.bodies[body]];
+        (from_vector(body.linvel()), from_vector(body.angvel()))
+    }
+
+    /// Positions of an arm's joints 1 to 7 (rad), then of its two fingers (m).
+    #[must_use]
+    pub fn qpos(&self, arm: usize) -> [f32; N_DOFS] {
+        self.arms[arm].qpos(&self.rapier)
+    }
+
+    /// Velocities of an arm's joints 1 to 7 (rad/s), then of its two fingers (m/s).
+    #[must_use]
+    pub fn qvel(&self, arm: usize) -> [f32; N_DOFS] {
+        self.arms[arm].qvel(&self.rapier)
+    }
+
+    /// World pose of an arm's TCP: z approaches, y closes.
+    #[must_use]
+    pub fn tcp_pose(&self, arm: usize) -> Isometry3<f32> {
+        self.arms[arm].tcp_pose(&self.rapier)
+    }
+
+    /// Whether both fingers of an arm press on a body, each with at least 0.5 N and within 85° of its opening direction
+    /// (spec/env.md §3).
+    #[must_use]
+    pub fn is_grasping(&self, arm: usize, body: usize) -> bool {
+        self.arms[arm].is_grasping(&self.rapier, self.bodies[body])
+    }
+
+    /// The state a policy sees (spec/env.md §6), `[25]` f32 of one arm or `[64]` of two: qpos, qvel, then poses as position
+    /// and quaternion (w, x, y, z). Two arms' joints alternate, their fingers follow arm by arm, and the two TCP poses are
+    /// given twice, as the benchmark does.
+    ///
+    /// # Panics
+    /// If `out` has another length.
+    pub fn write_state(&self, out: &mut [f32]) {
+        let n = self.arms.len();
+        let poses_per_arm = n;
+        assert_eq!(out.len(), n * (2 * N_DOFS + 7 * poses_per_arm), "the state of {n} arms");
+        let (qpos, rest) = out.split_at_mut(n * N_DOFS);
+        let (qvel, poses) = rest.split_at_mut(n * N_DOFS);
+        for (arm, (q, v)) in (0..n).map(|arm| (self.qpos(arm), self.qvel(arm))).enumerate() {
+            for dof in 0..N_DOFS {
+                let at = if dof < N_JOINTS { n * dof + arm } else { n * N_JOINTS + 2 * arm + dof - N_JOINTS };
+                (qpos[at], qvel[at]) = (q[dof], v[dof]);
+            }
+        }
+        for (i, pose) in poses.chunks_exact_mut(7).enumerate() {
+            pose.copy_from_slice(&numbers(&self.tcp_pose(i % n)));
+        }
+    }
+
+    /// Copies all poses into a snapshot made for this scene; allocates nothing.
+    ///
+    /// # Panics
+    /// If the snapshot was made for another number of bodies or arms.
+    pub fn write_snapshot(&self, out: &mut Snapshot) {
+        assert_eq!((out.bodies.len(), out.arms.len()), (self.bodies.len(), self.arms.len()), "another scene's");
+        for (body, pose) in out.bodies.iter_mut().enumerate() {
+            *pose = self.body_pose(body);
+        }
+        for (arm, links) in self.arms.iter().zip(&mut out.arms) {
+            *links = arm.link_poses(&self.rapier);
+        }
+    }
+
+    /// Adds the whole moving state to a fingerprint: each arm's joints and their velocities, each body's pose and velocity.
+    pub fn absorb(&self, fingerprint: &mut Fingerprint) {
+        for arm in 0..self.arms.len() {
+            fingerprint.write(&self.qpos(arm));
+            fingerprint.write(&self.qvel(arm));
+        }
+        for body in 0..self.bodies.len() {
+            fingerprint.write(&numbers(&self.body_pose(body)));
+            let (linear, angular) = self.body_velocity(body);
+            fingerprint.write(linear.as_slice());
+            fingerprint.write(angular.as_slice());
+        }
+    }
+
+    /// Whether every number of the state is finite; if not, the episode is worthless.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let finite = |numbers: &[f32]| numbers.iter().all(|x| x.is_finite());
+        (0..self.arms.len()).all(|arm| finite(&self.qpos(arm)) && finite(&self.qvel(arm)))
+            && (0..self.bodies.len()).all(|body| finite(&numbers(&self.body_pose(body))))
+    }
+}
+
+/// Position, then quaternion (w, x, y, z).
+fn numbers(pose: &Isometry3<f32>) -> [f32; 7] {
+    let (p, q) = (pose.translation.vector, pose.rotation.coords);
+    [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
+}

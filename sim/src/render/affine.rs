@@ -1,0 +1,99 @@
+//! Affine maps of space in single precision: what takes a mesh to the world and the world to a camera.
+
+use nalgebra::Isometry3;
+
+/// A point or direction.
+pub(super) type Vec3 = [f32; 3];
+
+/// Three rows of a 3×4 matrix: `p ↦ linear · p + offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Affine {
+    /// Rows of the linear part.
+    pub(super) linear: [Vec3; 3],
+    /// Image of the origin.
+    pub(super) offset: Vec3,
+}
+
+impl Affine {
+    /// Scales along the axes, then moves by `pose`.
+    pub(super) fn placed(pose: &Isometry3<f32>, scale: Vec3) -> Self {
+        let rotation = pose.rotation.to_rotation_matrix();
+        let linear = core::array::from_fn(|row| core::array::from_fn(|col| rotation[(row, col)] * scale[col]));
+        Self { linear, offset: pose.translation.vector.into() }
+    }
+
+    /// The rigid motion `pose`.
+    pub(super) fn rigid(pose: &Isometry3<f32>) -> Self {
+        Self::placed(pose, [1.0; 3])
+    }
+
+    /// `inner` first, then `self`.
+    pub(super) fn after(&self, inner: &Self) -> Self {
+        let linear = self.linear.map(|row| {
+            core::array::from_fn(|col| {
+                row[0] * inner.linear[0][col] + row[1] * inner.linear[1][col] + row[2] * inner.linear[2][col]
+            })
+        });
+        Self { linear, offset: self.point(inner.offset) }
+    }
+
+    /// Image of a point.
+    pub(super) fn point(&self, p: Vec3) -> Vec3 {
+        let v = self.vector(p);
+        core::array::from_fn(|i| v[i] + self.offset[i])
+    }
+
+    /// Image of a difference of points.
+    pub(super) fn vector(&self, v: Vec3) -> Vec3 {
+        self.linear.map(|row| dot(row, v))
+    }
+
+    /// Inverse of a rigid motion.
+    pub(super) fn rigid_inverse(&self) -> Self {
+        let transposed: [Vec3; 3] =
+            core::array::from_fn(|row| core::array::from_fn(|col| self.linear[col][row]));
+        Self { linear: transposed, offset: transposed.map(|row| -dot(row, self.offset)) }
+    }
+
+    /// Map of surface normals up to a positive factor, for a map that does not mirror: the cofactors of the linear part.
+    pub(super) fn normals(&self) -> [Vec3; 3] {
+        let [a, b, c] = self.linear;
+        [cross(b, c), cross(c, a), cross(a, b)]
+    }
+
+    /// Greatest factor by which a length along a mesh axis grows.
+    pub(super) fn stretch(&self) -> f32 {
+        let column = |i: usize| self.linear.iter().map(|row| row[i] * row[i]).sum::<f32>();
+        column(0).max(column(1)).max(column(2)).sqrt()
+    }
+}
+
+/// Dot product, summed in order.
+pub(super) fn dot(a: Vec3, b: Vec3) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Cross product.
+pub(super) fn cross(a: Vec3, b: Vec3) -> Vec3 {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// `a + b`.
+pub(super) fn add(a: Vec3, b: Vec3) -> Vec3 {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// `a - b`.
+pub(super) fn sub(a: Vec3, b: Vec3) -> Vec3 {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// `v · s`.
+pub(super) fn scaled(v: Vec3, s: f32) -> Vec3 {
+    v.map(|x| x * s)
+}
+
+/// `v` at length 1.
+pub(super) fn normalised(v: Vec3) -> Vec3 {
+    scaled(v, 1.0 / dot(v, v).sqrt())
+}

@@ -1,0 +1,70 @@
+//! Pinhole cameras. Camera frame: x forward, y left, z up. View frame, in which pictures are made: x right, y down,
+//! z forward, in m.
+
+use ipc_types::{EXTERNAL_SIDE, HAND_SIDE};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::affine::{Affine, scaled};
+use super::trig::sin_cos;
+use crate::scene::{self, CameraMount, CameraSlot, Link, Snapshot};
+
+/// A camera of a scene.
+pub(super) struct Camera {
+    /// Pixels along each edge of its image.
+    pub(super) side: usize,
+    /// Pixels per unit of x/z in the view frame.
+    pub(super) focal_px: f32,
+    /// Nearest and farthest depth that is drawn, in m.
+    pub(super) clip_m: [f32; 2],
+    mount: Mount,
+}
+
+enum Mount {
+    /// Pose in the world.
+    World(Isometry3<f32>),
+    /// Pose in the frame of an arm's hand.
+    Hand { arm: usize, pose: Isometry3<f32> },
+}
+
+impl Camera {
+    /// The camera as drawn, its error applied.
+    pub(super) fn new(camera: &scene::Camera) -> Self {
+        let side = match camera.slot {
+            CameraSlot::External1 | CameraSlot::External2 => EXTERNAL_SIDE,
+            CameraSlot::Hand1 | CameraSlot::Hand2 => HAND_SIDE,
+        };
+        let (sin, cos) = sin_cos(camera.fov_y_rad / 2.0);
+        Self {
+            side,
+            focal_px: (side as f64 / 2.0 * cos / sin) as f32,
+            clip_m: camera.clip_m.map(|c| c as f32),
+            mount: match &camera.mount {
+                CameraMount::World { eye, target } => Mount::World((look_at(*eye, *target) * camera.error).cast()),
+                CameraMount::Hand { arm, pose } => {
+                    Mount::Hand { arm: *arm, pose: (pose * camera.error).cast() }
+                }
+            },
+        }
+    }
+
+    /// From the world to the view frame.
+    pub(super) fn view_from_world(&self, snapshot: &Snapshot) -> Affine {
+        let pose = match &self.mount {
+            Mount::World(pose) => *pose,
+            Mount::Hand { arm, pose } => snapshot.arms[*arm][Link::Hand as usize] * pose,
+        };
+        let Affine { linear: [forward, left, up], offset: [x, y, z] } = Affine::rigid(&pose).rigid_inverse();
+        Affine { linear: [scaled(left, -1.0), scaled(up, -1.0), forward], offset: [-y, -z, x] }
+    }
+}
+
+/// Pose of a camera at `eye` that looks at `target` with +z up; one that looks straight up or down has +y on its left.
+fn look_at(eye: [f64; 3], target: [f64; 3]) -> Isometry3<f64> {
+    let eye = Vector3::from(eye);
+    let forward = (Vector3::from(target) - eye).normalize();
+    let sideways = Vector3::z().cross(&forward);
+    let left = sideways.try_normalize(1e-9).unwrap_or_else(Vector3::y);
+    let up = forward.cross(&left);
+    let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[forward, left, up]));
+    Isometry3::from_parts(Translation3::from(eye), UnitQuaternion::from_rotation_matrix(&axes))
+}

@@ -1,0 +1,58 @@
+//! The few triangles that reach behind the near plane or far beyond the image: cut to what can be projected.
+
+use super::geometry::Frustum;
+use super::raster::Visibility;
+use crate::render::affine::{Vec3, add, scaled, sub};
+
+/// A triangle cut by five planes has at most eight corners.
+const MAX_CORNERS: usize = 8;
+
+/// A convex polygon.
+#[derive(Clone, Copy)]
+struct Polygon {
+    corners: [Vec3; MAX_CORNERS],
+    n: usize,
+}
+
+/// Draws the part of a triangle, given in the view frame, that lies in front of the near plane and within the guard.
+#[cold]
+pub(super) fn draw(triangle: [Vec3; 3], frustum: &Frustum, id: u32, visibility: &mut Visibility) {
+    let mut polygon = Polygon { corners: [[0.0; 3]; MAX_CORNERS], n: 3 };
+    polygon.corners[..3].copy_from_slice(&triangle);
+    let guard = frustum.guard_slope;
+    polygon = polygon.cut(|p| p[2] - frustum.near_m);
+    polygon = polygon.cut(|p| guard * p[2] - p[0]);
+    polygon = polygon.cut(|p| guard * p[2] + p[0]);
+    polygon = polygon.cut(|p| guard * p[2] - p[1]);
+    polygon = polygon.cut(|p| guard * p[2] + p[1]);
+    for i in 2..polygon.n {
+        let fan = [polygon.corners[0], polygon.corners[i - 1], polygon.corners[i]];
+        visibility.draw(id, fan.map(|p| frustum.project(p)));
+    }
+}
+
+impl Polygon {
+    /// The part on which `height` is not negative. Each cut runs from the corner inside to the one outside, so that two
+    /// triangles that share the edge cut it at the same point.
+    fn cut(&self, height: impl Fn(Vec3) -> f32) -> Self {
+        let mut kept = Self { corners: [[0.0; 3]; MAX_CORNERS], n: 0 };
+        for i in 0..self.n {
+            let (p, q) = (self.corners[i], self.corners[(i + 1) % self.n]);
+            let (p_height, q_height) = (height(p), height(q));
+            if p_height >= 0.0 {
+                kept.push(p);
+            }
+            if (p_height >= 0.0) != (q_height >= 0.0) {
+                let (inside, outside, above, below) =
+                    if p_height >= 0.0 { (p, q, p_height, q_height) } else { (q, p, q_height, p_height) };
+                kept.push(add(inside, scaled(sub(outside, inside), above / (above - below))));
+            }
+        }
+        kept
+    }
+
+    fn push(&mut self, corner: Vec3) {
+        self.corners[self.n] = corner;
+        self.n += 1;
+    }
+}

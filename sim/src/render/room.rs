@@ -1,0 +1,82 @@
+//! Table, floor and walls (spec/env.md §2; walls: spec/perturbations.md §3). What collides with the table is a block;
+//! what is drawn is a top on legs with the same upper face.
+
+use nalgebra::Isometry3;
+
+use super::material::Material;
+use super::mesh::MeshId;
+use super::scene::{Anchor, Instance};
+use crate::scene::{Scene, TableKind};
+
+/// World z of the floor, in m.
+const FLOOR_Z: f32 = -0.9196;
+/// Half the side of the square of floor that is drawn, in m: five times four tiles of its pattern.
+const FLOOR_HALF: f32 = 20.0;
+
+/// A table whose upper face is `half` around `centre`, in the world.
+struct Bench {
+    centre: [f32; 2],
+    half: [f32; 2],
+    top_z: f32,
+    foot_z: f32,
+    thickness: f32,
+}
+
+const SINGLE_ARM: Bench =
+    Bench { centre: [-0.12, 0.0], half: [0.6045, 1.209], top_z: 0.0, foot_z: FLOOR_Z, thickness: 0.045 };
+const BIMANUAL: Bench =
+    Bench { centre: [0.0, 0.0], half: [0.6, 0.8], top_z: 0.825, foot_z: SINGLE_ARM.top_z, thickness: 0.05 };
+
+/// Half the side of a leg and the distance of its middle from the table's edges, in m.
+const LEG_HALF: f32 = 0.03;
+const LEG_INSET: f32 = 0.07;
+/// Height and inset of the frame under the top, in m.
+const FRAME_HEIGHT: f32 = 0.07;
+
+/// Adds table, walls and floor.
+pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
+    let top = scene.table.paint.into();
+    match scene.table.kind {
+        TableKind::SingleArm => push_bench(&SINGLE_ARM, top, instances),
+        TableKind::Bimanual => {
+            push_bench(&BIMANUAL, top, instances);
+            push_bench(&SINGLE_ARM, Material::plain([0.62, 0.62, 0.63], 0.1), instances);
+        }
+    }
+    if let Some(paint) = scene.background.walls {
+        // Four walls 3 m long and 0.1 m thick around x, y = ±1.5 m, from z −0.92 to 1.08 m.
+        for side in [-1.5, 1.5] {
+            instances.push(block([side, 0.0, 0.08], [0.05, 1.5, 1.0], paint.into()));
+            instances.push(block([0.0, side, 0.08], [1.5, 0.05, 1.0], paint.into()));
+        }
+    }
+    let floor = [0.0, 0.0, FLOOR_Z];
+    let (half, material) = ([FLOOR_HALF, FLOOR_HALF, 1.0], scene.background.floor.into());
+    instances.push(placed(MeshId::Square, floor, half, material));
+}
+
+fn push_bench(bench: &Bench, top: Material, instances: &mut Vec<Instance>) {
+    let steel = Material::plain([0.45, 0.46, 0.48], 0.3);
+    let Bench { centre: [x, y], half: [hx, hy], top_z, foot_z, thickness } = *bench;
+    let under_z = top_z - thickness;
+    instances.push(block([x, y, top_z - thickness / 2.0], [hx, hy, thickness / 2.0], top));
+    let (leg_x, leg_y) = (hx - LEG_INSET, hy - LEG_INSET);
+    let (rail, rail_z) = (FRAME_HEIGHT / 2.0, under_z - FRAME_HEIGHT / 2.0);
+    for side in [-1.0, 1.0] {
+        instances.push(block([x + side * leg_x, y, rail_z], [LEG_HALF / 2.0, leg_y - LEG_HALF, rail], steel));
+        instances.push(block([x, y + side * leg_y, rail_z], [leg_x - LEG_HALF, LEG_HALF / 2.0, rail], steel));
+        for end in [-1.0, 1.0] {
+            let foot = [x + side * leg_x, y + end * leg_y, f32::midpoint(under_z, foot_z)];
+            instances.push(block(foot, [LEG_HALF, LEG_HALF, (under_z - foot_z) / 2.0], steel));
+        }
+    }
+}
+
+fn block(centre: [f32; 3], half: [f32; 3], material: Material) -> Instance {
+    placed(MeshId::Box, centre, half, material)
+}
+
+fn placed(mesh: MeshId, centre: [f32; 3], scale: [f32; 3], material: Material) -> Instance {
+    let [x, y, z] = centre;
+    Instance { mesh, anchor: Anchor::World, pose: Isometry3::translation(x, y, z), scale, material }
+}

@@ -1,0 +1,104 @@
+//! Controllers: from an arm's part of an action row to joint targets (spec/env.md §5).
+
+use ipc_types::ControlMode;
+use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+
+use super::ik;
+use super::kinematics::{Joints, tcp_and_jacobian};
+use super::panda::{FINGER_OPEN, N_JOINTS};
+
+/// Translation at full deflection of `pd_ee_delta_pose`, in m.
+const DELTA_TRANSLATION_M: f64 = 0.1;
+/// Rotation at full deflection, in rad. The benchmark multiplies by the lower bound of its range, hence the sign.
+const DELTA_ROTATION_RAD: f64 = -0.1;
+/// Damping of the least-squares step of `pd_ee_delta_pose`.
+const DELTA_DAMPING: f64 = 1e-4;
+/// Finger target at gripper −1, in m: beyond closed, so that it squeezes.
+const FINGER_SQUEEZE: f64 = -0.01;
+
+/// PD drive of a joint: torque (N·m) or force (N) = stiffness · error − damping · velocity, within ± `limit`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drive {
+    /// Per rad or m.
+    pub stiffness: f64,
+    /// Per rad/s or m/s.
+    pub damping: f64,
+    /// Greatest torque or force.
+    pub limit: f64,
+}
+
+/// Drive of the fingers in every mode.
+pub const FINGER_DRIVE: Drive = Drive { stiffness: 1000.0, damping: 100.0, limit: 100.0 };
+
+/// Drive of the arm's joints in a mode.
+#[must_use]
+pub const fn arm_drive(mode: ControlMode) -> Drive {
+    let stiffness = match mode {
+        ControlMode::EeDeltaPose => 3000.0,
+        ControlMode::JointPos | ControlMode::EePose => 1000.0,
+    };
+    Drive { stiffness, damping: 100.0, limit: 100.0 }
+}
+
+/// What the drives of an arm aim at, until the next control step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Targets {
+    /// Joints 1 to 7, in rad.
+    pub joints: Joints,
+    /// Both fingers, in m.
+    pub finger: f64,
+}
+
+/// The targets that an arm's part of an action row asks for: `[7]` or `[8]` numbers, see [`ControlMode`]. `q` are the
+/// measured joint positions.
+///
+/// # Panics
+/// If the row is shorter than the mode's.
+#[must_use]
+pub fn targets(mode: ControlMode, row: &[f32], q: &Joints) -> Targets {
+    let value = |i: usize| f64::from(row[i]);
+    let vector = |i: usize| Vector3::new(value(i), value(i + 1), value(i + 2));
+    match mode {
+        ControlMode::EeDeltaPose => Targets {
+            joints: q + delta_step(&vector(0), &vector(3), q),
+            finger: finger_target(value(6)),
+        },
+        ControlMode::JointPos => {
+            Targets { joints: Joints::from_fn(|joint, _| value(joint)), finger: finger_target(value(N_JOINTS)) }
+        }
+        ControlMode::EePose => {
+            let target = Isometry3::from_parts(Translation3::from(vector(0)), intrinsic_xyz(&vector(3)));
+            Targets { joints: ik::descend(&target, q).unwrap_or(*q), finger: finger_target(value(6)) }
+        }
+    }
+}
+
+/// Finger target in m of a gripper entry in [−1, 1].
+fn finger_target(gripper: f64) -> f64 {
+    let unit = (gripper.clamp(-1.0, 1.0) + 1.0) / 2.0;
+    FINGER_SQUEEZE + (FINGER_OPEN - FINGER_SQUEEZE) * unit
+}
+
+/// The gripper entry that asks for a finger target.
+#[must_use]
+pub fn gripper_entry(finger_m: f64) -> f64 {
+    2.0 * (finger_m - FINGER_SQUEEZE) / (FINGER_OPEN - FINGER_SQUEEZE) - 1.0
+}
+
+/// Change of the joints by one damped-least-squares step, as the benchmark's batched back end takes it: translation and
+/// rotation vector in [−1, 1], in the root frame, from the measured joints; not held within joint limits.
+fn delta_step(translation: &Vector3<f64>, rotation: &Vector3<f64>, q: &Joints) -> Joints {
+    let linear = translation.map(|x| x.clamp(-1.0, 1.0)) * DELTA_TRANSLATION_M;
+    let angular = rotation / rotation.norm().max(1.0) * DELTA_ROTATION_RAD;
+    let delta = SVector::<f64, 6>::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
+    let (_, jacobian) = tcp_and_jacobian(q);
+    let normal = jacobian.transpose() * jacobian + SMatrix::<f64, 7, 7>::identity() * DELTA_DAMPING;
+    let factor = normal.cholesky().expect("a damped normal matrix is positive definite");
+    factor.solve(&(jacobian.transpose() * delta))
+}
+
+/// Rotation of intrinsic XYZ Euler angles: R = Rx · Ry · Rz.
+fn intrinsic_xyz(angles: &Vector3<f64>) -> UnitQuaternion<f64> {
+    let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+    about(Vector3::x_axis(), angles.x) * about(Vector3::y_axis(), angles.y) * about(Vector3::z_axis(), angles.z)
+}

@@ -1,0 +1,107 @@
+//! The contract of the link, seen from both of its ends: images are read where they were drawn, and a peer that speaks
+//! another schema is told so.
+
+mod support;
+
+use std::time::{Duration, Instant};
+
+use bytemuck::Zeroable;
+use ipc_types::frame::EnvBlockMut;
+use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, SCHEMA_HASH, block_pages};
+use ipc_types::link::{Domain, HostLane, LaneSpec, LinkNode, ObservationMessage, SimLane, SimLink};
+use ipc_types::{ActionHeader, ControlMode, Morphology, ObservationHeader, ObservationView};
+use sim::physics::World;
+use sim::render::{CpuRenderer, RenderScene, Renderer, View};
+use sim::scene::Snapshot;
+use sim::{Perturbation, Profile, TaskId};
+use support::{finish, hypogeum};
+
+const RUN: u64 = 11;
+
+fn receive(lane: &mut HostLane) -> ObservationMessage {
+    let deadline = Instant::now() + Duration::from_secs(10);
+    loop {
+        if let Some(message) = lane.receive().unwrap() {
+            return message;
+        }
+        assert!(Instant::now() < deadline, "no observation within 10 s");
+        lane.wait(Duration::from_millis(20)).unwrap();
+    }
+}
+
+/// Draws every camera of a task's first scene into `out`, image by image.
+fn draw(task: TaskId, out: &mut dyn Iterator<Item = &mut [u8]>) {
+    let scene = Perturbation::None.apply((task.task().nominal)(), Profile::Strict).draw(5);
+    let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
+    World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
+    let view = RenderScene::new(&scene);
+    let mut renderer = CpuRenderer::new(1);
+    for (camera_idx, out) in out.enumerate() {
+        renderer.render(&mut [View { scene: &view, snapshot: &snapshot, camera_idx, out }]);
+    }
+}
+
+/// The line of /proc/self/maps whose range holds all of `bytes`.
+fn mapping_of(bytes: &[u8]) -> String {
+    let span = bytes.as_ptr_range();
+    let (start, end) = (span.start as usize, span.end as usize);
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    let holds = |line: &&str| {
+        let (lo, hi) = line.split_whitespace().next().unwrap().split_once('-').unwrap();
+        let parse = |hex| usize::from_str_radix(hex, 16).unwrap();
+        (parse(lo)..=parse(hi)).contains(&start) && end <= parse(hi)
+    };
+    maps.lines().find(holds).expect("the view lies in mapped memory").to_owned()
+}
+
+#[test]
+fn a_policy_reads_images_where_the_renderer_wrote_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let domain = Domain::new(dir.path(), RUN);
+    {
+        let (morphology, task) = (Morphology::Bimanual, TaskId::DualArmLiftTray);
+        let pages = block_pages(morphology, true);
+        let spec = LaneSpec { lane: 0, policy: "p".into(), max_envs: 2, block_pages: pages as u32, in_flight: 2 };
+        let node = LinkNode::new(&domain, "sim").unwrap();
+        let _link = SimLink::create(&node, 1).unwrap();
+        let mut sim = SimLane::create(&node, RUN, &spec).unwrap();
+        let host_node = LinkNode::new(&domain, "host").unwrap();
+        let mut host = HostLane::open(&host_node, &spec, Duration::from_secs(5)).unwrap();
+
+        let mut loan = sim.loan(2 * pages).unwrap();
+        for block in loan.pages_mut().chunks_exact_mut(pages) {
+            let block = EnvBlockMut::new(morphology, block);
+            *block.record = ipc_types::EnvRecord { execute: 1, ..Zeroable::zeroed() };
+            let images = block.external.chunks_exact_mut(EXTERNAL_BYTES);
+            draw(task, &mut images.chain(block.hand.chunks_exact_mut(HAND_BYTES)));
+        }
+        loan.send(ObservationHeader {
+            schema_hash: SCHEMA_HASH,
+            run: RUN,
+            sequence: 1,
+            n_envs: 2,
+            block_pages: pages as u32,
+            morphology: morphology.code(),
+            control_mode: ControlMode::JointPos.code(),
+            images: 1,
+            ..Default::default()
+        })
+        .unwrap();
+
+        let message = receive(&mut host);
+        let view = ObservationView::new(*message.header(), message.pages()).unwrap();
+        let mut expected = vec![0; 2 * EXTERNAL_BYTES + 2 * HAND_BYTES];
+        let (external, hand) = expected.split_at_mut(2 * EXTERNAL_BYTES);
+        draw(task, &mut external.chunks_exact_mut(EXTERNAL_BYTES).chain(hand.chunks_exact_mut(HAND_BYTES)));
+        for env_idx in 0..2 {
+            let env = view.env(env_idx);
+            assert!(env.external == &expected[..2 * EXTERNAL_BYTES] && env.hand == &expected[2 * EXTERNAL_BYTES..]);
+            for image in [env.external, env.hand] {
+                let mapping = mapping_of(image);
+                assert!(mapping.contains("/dev/shm/") && mapping.contains(&domain.prefix), "{mapping}");
+                assert!(mapping.contains("r--s"), "a policy cannot alter what it sees: {mapping}");
+            }
+        }
+    }
+    domain.remove().unwrap();
+}
