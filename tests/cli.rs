@@ -1,6 +1,6 @@
 //! What a user may get wrong: one clear error each, exit code 2, and nothing lost.
 
-mod support;
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::fs;
 use std::path::Path;
@@ -99,7 +99,11 @@ fn the_suite_is_listed() {
     let listed = run(dir.path(), &["tasks"]).expect_code(0);
     let matrix = run(dir.path(), &["tasks", "--matrix"]).expect_code(0);
     for task in sim::TaskId::ALL {
-        assert!(listed.stdout.contains(task.name()) && matrix.stdout.contains(task.name()), "{}", task.name());
+        assert!(
+            listed.stdout.contains(task.name()) && matrix.stdout.contains(task.name()),
+            "{}",
+            task.name()
+        );
     }
     for perturbation in sim::Perturbation::ALL {
         assert!(matrix.stdout.contains(perturbation.name()), "{}", perturbation.name());
@@ -112,7 +116,8 @@ fn the_suite_is_listed() {
 #[test]
 fn json_is_one_object_on_stdout() {
     let dir = tempfile::tempdir().unwrap();
-    let args = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "2", "--db", "r.db", "--json"];
+    let args =
+        ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "2", "--db", "r.db", "--json"];
     let finished = run(dir.path(), &args).expect_code(0);
     let value: serde_json::Value = serde_json::from_str(&finished.stdout).unwrap();
     let cell = &value["cells"][0];

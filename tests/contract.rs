@@ -1,7 +1,7 @@
 //! The contract of the link, seen from both of its ends: images are read where they were drawn, and a peer that speaks
 //! another schema is told so.
 
-mod support;
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::time::{Duration, Instant};
 
@@ -9,12 +9,11 @@ use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, SCHEMA_HASH, block_pages};
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkNode, ObservationMessage, SimLane, SimLink};
-use ipc_types::{ActionHeader, ControlMode, Morphology, ObservationHeader, ObservationView};
+use ipc_types::{ControlMode, Morphology, ObservationHeader, ObservationView};
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::Snapshot;
 use sim::{Perturbation, Profile, TaskId};
-use support::{finish, hypogeum};
 
 const RUN: u64 = 11;
 
@@ -61,7 +60,8 @@ fn a_policy_reads_images_where_the_renderer_wrote_them() {
     {
         let (morphology, task) = (Morphology::Bimanual, TaskId::DualArmLiftTray);
         let pages = block_pages(morphology, true);
-        let spec = LaneSpec { lane: 0, policy: "p".into(), max_envs: 2, block_pages: pages as u32, in_flight: 2 };
+        let spec =
+            LaneSpec { lane: 0, policy: "p".into(), max_envs: 2, block_pages: pages as u32, in_flight: 2 };
         let node = LinkNode::new(&domain, "sim").unwrap();
         let _link = SimLink::create(&node, 1).unwrap();
         let mut sim = SimLane::create(&node, RUN, &spec).unwrap();
@@ -95,7 +95,10 @@ fn a_policy_reads_images_where_the_renderer_wrote_them() {
         draw(task, &mut external.chunks_exact_mut(EXTERNAL_BYTES).chain(hand.chunks_exact_mut(HAND_BYTES)));
         for env_idx in 0..2 {
             let env = view.env(env_idx);
-            assert!(env.external == &expected[..2 * EXTERNAL_BYTES] && env.hand == &expected[2 * EXTERNAL_BYTES..]);
+            assert!(
+                env.external == &expected[..2 * EXTERNAL_BYTES]
+                    && env.hand == &expected[2 * EXTERNAL_BYTES..]
+            );
             for image in [env.external, env.hand] {
                 let mapping = mapping_of(image);
                 assert!(mapping.contains("/dev/shm/") && mapping.contains(&domain.prefix), "{mapping}");

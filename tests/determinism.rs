@@ -1,6 +1,6 @@
 //! Same bits: rows and fingerprints do not depend on how many envs run side by side, or on how many threads.
 
-mod support;
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use support::{Row, act_tiny, rows, run};
 
@@ -9,7 +9,18 @@ fn run_with(extra: &[&str]) -> Vec<Row> {
     let dir = tempfile::tempdir().unwrap();
     let act = format!("act=act:{}", act_tiny());
     let mut args = vec!["run", "--policy", "expert", "--policy", "random", "--policy", &act];
-    args.extend(["--tasks", "all", "--perturbations", "None,MO-Size", "--episodes", "1", "--seed", "7", "--db", "r.db"]);
+    args.extend([
+        "--tasks",
+        "all",
+        "--perturbations",
+        "None,MO-Size",
+        "--episodes",
+        "1",
+        "--seed",
+        "7",
+        "--db",
+        "r.db",
+    ]);
     args.extend(extra);
     let _ = run(dir.path(), &args).expect_code(0);
     rows(&dir.path().join("r.db"))
@@ -43,7 +54,19 @@ fn ensemble_mode_keeps_the_promise_too() {
 fn another_seed_gives_another_trajectory() {
     let fingerprints = |seed| {
         let dir = tempfile::tempdir().unwrap();
-        let args = ["run", "--policy", "random", "--tasks", "RaiseCube", "--episodes", "2", "--seed", seed, "--db", "r.db"];
+        let args = [
+            "run",
+            "--policy",
+            "random",
+            "--tasks",
+            "RaiseCube",
+            "--episodes",
+            "2",
+            "--seed",
+            seed,
+            "--db",
+            "r.db",
+        ];
         let _ = run(dir.path(), &args).expect_code(0);
         rows(&dir.path().join("r.db")).into_iter().map(|row| row[10].clone()).collect::<Vec<_>>()
     };

@@ -53,7 +53,10 @@ fn success_is_false_at_reset_and_under_the_idle_policy() {
     cells().into_par_iter().for_each(|(task, perturbation)| {
         for episode_idx in 0..3 {
             let scene = draw(task, perturbation, episode_idx);
-            assert!(!succeeds(task, &scene, &World::build(&scene, ControlMode::JointPos)), "{task:?} at reset");
+            assert!(
+                !succeeds(task, &scene, &World::build(&scene, ControlMode::JointPos)),
+                "{task:?} at reset"
+            );
             assert!(!roll_out(task, &scene, hold), "{task:?} {perturbation:?} idle");
         }
     });
@@ -88,7 +91,10 @@ fn the_expert_succeeds() {
                 roll_out(task, &scene, |world, row| expert.act(world, row))
             })
             .count();
-        assert!(successes + 1 >= n_episodes as usize, "{task:?} {perturbation:?}: {successes} of {n_episodes}");
+        assert!(
+            successes + 1 >= n_episodes as usize,
+            "{task:?} {perturbation:?}: {successes} of {n_episodes}"
+        );
     });
 }
 

@@ -1,5 +1,7 @@
 //! The invariants of ARCHITECTURE.md that can be read from the sources.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -37,7 +39,10 @@ fn sources() -> Vec<Source> {
     }
     assert!(paths.len() > 50, "found only {} source files", paths.len());
     let relative = |path: &Path| path.strip_prefix(root()).unwrap().to_str().unwrap().to_owned();
-    paths.iter().map(|path| Source { path: relative(path), text: fs::read_to_string(path).unwrap() }).collect()
+    paths
+        .iter()
+        .map(|path| Source { path: relative(path), text: fs::read_to_string(path).unwrap() })
+        .collect()
 }
 
 fn manifest(name: &str) -> String {
@@ -86,7 +91,11 @@ fn ipc_types_depends_on_nothing_of_ours() {
 
 #[test]
 fn each_engine_lives_behind_one_door() {
-    only_in("iceoryx2", &["ipc-types/src/link/", "ipc-types/tests/", "benches/transport"], "the link's only user");
+    only_in(
+        "iceoryx2",
+        &["ipc-types/src/link/", "ipc-types/tests/", "benches/transport"],
+        "the link's only user",
+    );
     only_in("rapier3d", &["sim/src/physics/", "sim/src/robot/"], "physics engine");
     only_in("wgpu", &["sim/src/render/"], "graphics API");
     only_in("faer", &["policy-host/src/nn/"], "matrix products");
@@ -111,13 +120,18 @@ fn unsafe_only_where_named() {
 
 #[test]
 fn no_hidden_inputs_below_the_orchestrator() {
-    let outside = ["orchestrator/", "benches/", "tests/", "ipc-types/tests/", "policy-host/tests/", "sim/tests/"];
+    let outside =
+        ["orchestrator/", "benches/", "tests/", "ipc-types/tests/", "policy-host/tests/", "sim/tests/"];
     only_in("env::var", &outside, "an episode depends on no environment variable");
     only_in("SystemTime", &outside, "an episode depends on no wall clock");
     only_in("thread_rng", &[], "randomness is by named stream");
     only_in("rand::", &[], "randomness is by named stream");
     let clocks = ["sim/src/serve/", "policy-host/src/serve", "ipc-types/src/link/"];
-    only_in("Instant::now", &[&clocks[..], &outside[..]].concat(), "clocks serve the ledger and bounded waits");
+    only_in(
+        "Instant::now",
+        &[&clocks[..], &outside[..]].concat(),
+        "clocks serve the ledger and bounded waits",
+    );
 }
 
 #[test]
@@ -156,7 +170,8 @@ fn files_are_one_idea_and_say_which() {
 #[test]
 fn every_dependency_says_why() {
     let manifest = fs::read_to_string(root().join("Cargo.toml")).unwrap();
-    let dependencies = manifest.split("[workspace.dependencies]").nth(1).unwrap().split("\n[").next().unwrap();
+    let dependencies =
+        manifest.split("[workspace.dependencies]").nth(1).unwrap().split("\n[").next().unwrap();
     for line in dependencies.lines().filter(|line| line.contains('=') && !line.contains("path =")) {
         assert!(line.contains(" # "), "no reason beside: {line}");
     }

@@ -7,8 +7,8 @@ use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
 
 use crate::layout::{
-    ActionBlock, EXTERNAL_BYTES, EXTERNAL_OFFSET, EnvRecord, HAND_BYTES, HAND_OFFSET, INSTRUCTION_BYTES, MAX_ACTION_DIM,
-    MAX_HORIZON, Page, SCHEMA_HASH, block_pages,
+    ActionBlock, EXTERNAL_BYTES, EXTERNAL_OFFSET, EnvRecord, HAND_BYTES, HAND_OFFSET, INSTRUCTION_BYTES,
+    MAX_ACTION_DIM, MAX_HORIZON, Page, SCHEMA_HASH, block_pages,
 };
 use crate::morphology::{ControlMode, Morphology};
 
@@ -69,7 +69,9 @@ const _: () = {
 #[derive(Debug, Error, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the fields are named by their messages")]
 pub enum FrameError {
-    #[error("the peer speaks link schema {found:#018x}, this build speaks {expected:#018x}: rebuild the older side")]
+    #[error(
+        "the peer speaks link schema {found:#018x}, this build speaks {expected:#018x}: rebuild the older side"
+    )]
     Schema { expected: u64, found: u64 },
     #[error("header field `{field}` is {found}, expected {expected}")]
     Header { field: &'static str, expected: &'static str, found: u64 },
@@ -116,11 +118,15 @@ impl<'a> ObservationView<'a> {
     /// The first field that does not fit.
     pub fn new(header: ObservationHeader, pages: &'a [Page]) -> Result<Self, FrameError> {
         check_schema(header.schema_hash)?;
-        let bad = |field, expected, found: u32| FrameError::Header { field, expected, found: u64::from(found) };
+        let bad =
+            |field, expected, found: u32| FrameError::Header { field, expected, found: u64::from(found) };
         let morphology =
             Morphology::from_code(header.morphology).ok_or(bad("morphology", "0 or 1", header.morphology))?;
-        let control_mode =
-            ControlMode::from_code(header.control_mode).ok_or(bad("control_mode", "0 to 2", header.control_mode))?;
+        let control_mode = ControlMode::from_code(header.control_mode).ok_or(bad(
+            "control_mode",
+            "0 to 2",
+            header.control_mode,
+        ))?;
         if header.images > 1 {
             return Err(bad("images", "0 or 1", header.images));
         }
@@ -313,5 +319,9 @@ fn check_limit(env_idx: usize, field: &'static str, found: u32, limit: usize) ->
 }
 
 fn check_range(env_idx: usize, field: &'static str, found: u32, limit: usize) -> Result<(), FrameError> {
-    if found == 0 { Err(FrameError::Zero { env_idx, field }) } else { check_limit(env_idx, field, found, limit) }
+    if found == 0 {
+        Err(FrameError::Zero { env_idx, field })
+    } else {
+        check_limit(env_idx, field, found, limit)
+    }
 }

@@ -96,11 +96,7 @@ pub struct ActionBlock {
 /// Pages of one env's block in an observation message.
 #[must_use]
 pub const fn block_pages(morphology: Morphology, images: bool) -> usize {
-    if images {
-        (HAND_OFFSET + morphology.n_hand_cameras() * HAND_BYTES).div_ceil(PAGE_BYTES)
-    } else {
-        1
-    }
+    if images { (HAND_OFFSET + morphology.n_hand_cameras() * HAND_BYTES).div_ceil(PAGE_BYTES) } else { 1 }
 }
 
 /// The layout in one line, field by field with sizes and offsets: what the schema hash is taken over.

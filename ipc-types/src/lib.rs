@@ -9,5 +9,5 @@ pub mod link;
 pub mod morphology;
 
 pub use frame::{ActionHeader, ActionView, FrameError, ObservationHeader, ObservationView};
-pub use layout::{ActionBlock, EnvRecord, Page, SCHEMA_HASH};
+pub use layout::{ActionBlock, EXTERNAL_SIDE, EnvRecord, HAND_SIDE, Page, SCHEMA_HASH};
 pub use morphology::{ControlMode, Morphology};

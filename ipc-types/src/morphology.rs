@@ -157,7 +157,8 @@ mod tests {
 
     #[test]
     fn action_rows_have_the_widths_of_the_benchmark() {
-        let widths = Morphology::ALL.map(|morphology| ControlMode::ALL.map(|mode| mode.action_dim(morphology)));
+        let widths =
+            Morphology::ALL.map(|morphology| ControlMode::ALL.map(|mode| mode.action_dim(morphology)));
         assert_eq!(widths, [[7, 8, 7], [14, 16, 14]]);
         assert!(widths.as_flattened().iter().all(|&width| width <= MAX_ACTION_DIM));
     }

@@ -4,8 +4,8 @@ use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::block_pages;
 use ipc_types::{
-    ActionBlock, ActionHeader, ActionView, EnvRecord, FrameError, Morphology, ObservationHeader, ObservationView, Page,
-    SCHEMA_HASH,
+    ActionBlock, ActionHeader, ActionView, EnvRecord, FrameError, Morphology, ObservationHeader,
+    ObservationView, Page, SCHEMA_HASH,
 };
 
 /// A well-formed message of `n_envs` envs, every byte of whose images is the env's index.
@@ -140,7 +140,10 @@ fn an_action_that_lies_is_refused() {
     let (good, pages) = action(2);
     assert_eq!(ActionView::new(good, &pages).unwrap().blocks().len(), 2);
     for n_envs in [0, 1, 3, u32::MAX] {
-        assert!(ActionView::new(ActionHeader { n_envs, ..good }, &pages).is_err(), "{n_envs} envs were believed");
+        assert!(
+            ActionView::new(ActionHeader { n_envs, ..good }, &pages).is_err(),
+            "{n_envs} envs were believed"
+        );
     }
     assert!(ActionView::new(ActionHeader { schema_hash: 0, ..good }, &pages).is_err());
     type Lie = (&'static str, fn(&mut ActionBlock));

@@ -13,7 +13,7 @@ pub(crate) fn sim(args: &ChildArgs) -> Result<Ending, Failure> {
 
 /// `hypogeum policy-host`: answers queries until stdin closes.
 pub(crate) fn policy_host(args: &ChildArgs) -> Result<Ending, Failure> {
-    policy_host::serve(&config(args)?)?;
+    policy_host::serve::serve(config(args)?)?;
     Ok(Ending::Done)
 }
 

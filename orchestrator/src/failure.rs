@@ -44,10 +44,18 @@ impl Failure {
 }
 
 impl fmt::Display for Failure {
+    /// The error and its causes, each once: many errors repeat their cause in their own message.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::User(error) | Self::Bug(error) => write!(f, "{error:#}"),
+        let (Self::User(error) | Self::Bug(error)) = self;
+        let mut text = String::new();
+        for cause in error.chain().map(ToString::to_string) {
+            if text.is_empty() {
+                text = cause;
+            } else if !text.contains(cause.trim_end()) {
+                text = format!("{text}: {cause}");
+            }
         }
+        f.write_str(text.trim_end())
     }
 }
 
@@ -66,5 +74,21 @@ pub(crate) trait OrUser<T> {
 impl<T, E: Into<anyhow::Error>> OrUser<T> for Result<T, E> {
     fn or_user(self) -> Result<T, Failure> {
         self.map_err(|error| Failure::User(error.into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::anyhow;
+
+    use super::*;
+
+    #[test]
+    fn a_cause_is_said_once() {
+        let repeated =
+            anyhow!("no such file").context("failed to read x: no such file").context("policy `p`");
+        assert_eq!(Failure::User(repeated).to_string(), "policy `p`: failed to read x: no such file");
+        let plain = anyhow!("no such file").context("failed to read x");
+        assert_eq!(Failure::Bug(plain).to_string(), "failed to read x: no such file");
     }
 }

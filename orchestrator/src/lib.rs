@@ -32,7 +32,6 @@ use std::time::Instant;
 use clap::Parser;
 
 use crate::cli::{Cli, Command};
-use crate::failure::{Ending, Failure};
 
 /// Runs the program on this process's arguments.
 ///

@@ -23,7 +23,12 @@ impl UnknownName {
     /// For what was typed where one of `known` was expected.
     pub(crate) fn new(kind: &'static str, typed: &str, known: &[&str]) -> Self {
         let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
-        Self { kind, typed: typed.to_owned(), suggestions: owned(&nearest(typed, known)), known: owned(known) }
+        Self {
+            kind,
+            typed: typed.to_owned(),
+            suggestions: owned(&nearest(typed, known)),
+            known: owned(known),
+        }
     }
 }
 
@@ -72,8 +77,8 @@ mod tests {
     fn a_name_is_found_in_any_case_and_a_misspelt_one_is_suggested() {
         let pick = |typed| pick("fruit", typed, &FRUIT, |name| name);
         assert_eq!(pick("banana"), Ok("Banana"));
-        insta::assert_snapshot!(pick("Aple").unwrap_err(), @"");
-        insta::assert_snapshot!(pick("Bananna").unwrap_err(), @"");
-        insta::assert_snapshot!(pick("xyz").unwrap_err(), @"");
+        insta::assert_snapshot!(pick("Aple").unwrap_err(), @"unknown fruit `Aple`; did you mean Apple?");
+        insta::assert_snapshot!(pick("Bananna").unwrap_err(), @"unknown fruit `Bananna`; did you mean Banana?");
+        insta::assert_snapshot!(pick("xyz").unwrap_err(), @"unknown fruit `xyz`; known are Apple, Apricot, Banana, Pineapple");
     }
 }

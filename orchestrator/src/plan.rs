@@ -65,21 +65,26 @@ pub(crate) struct Condition {
 
 /// Why wishes make no plan.
 #[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
 pub(crate) enum PlanError {
     #[error(transparent)]
     Name(#[from] UnknownName),
     #[error(transparent)]
     Policy(#[from] PolicyError),
-    #[error("no policy to evaluate: say --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)")]
+    #[error(
+        "no policy to evaluate: say --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)"
+    )]
     NoPolicy,
     #[error("two policies are called `{name}`: give each a name of its own, --policy NAME=SPEC")]
     SameName { name: String },
-    #[error("perturbation {perturbation} does not apply to {task}: {reason}; leave one of them out, or say --perturbations all for those that apply")]
+    #[error(
+        "perturbation {perturbation} does not apply to {task}: {reason}; leave one of them out, or say --perturbations all for those that apply"
+    )]
     NotApplicable { task: &'static str, perturbation: &'static str, reason: String },
     #[error("--{flag} is {found}, expected {least} to {most}")]
     Range { flag: &'static str, found: u32, least: u32, most: u32 },
-    #[error("--execute is {found}, but ensemble mode queries after every step: leave it out or use --mode chunk")]
+    #[error(
+        "--execute is {found}, but ensemble mode queries after every step: leave it out or use --mode chunk"
+    )]
     EnsembleExecute { found: u32 },
 }
 
@@ -217,16 +222,25 @@ fn tasks(typed: &[String]) -> Result<Vec<TaskId>, PlanError> {
     Ok(TaskId::ALL.iter().copied().filter(|task| wanted.contains(task)).collect())
 }
 
+/// Conditions in the suite's order, each once. `all` may stand among names: those that apply.
 fn conditions(tasks: &[TaskId], typed: &[String]) -> Result<Vec<Condition>, PlanError> {
-    if typed == ["all"] {
-        let pairs = tasks.iter().flat_map(|&task| Perturbation::ALL.iter().map(move |&other| (task, other)));
-        return Ok(pairs.filter_map(|(task, perturbation)| condition(task, perturbation).ok()).collect());
+    let names = typed.iter().filter(|word| *word != "all");
+    let mut named = names.map(|word| perturbation(word)).collect::<Result<Vec<_>, _>>()?;
+    let all = typed.iter().any(|word| word == "all");
+    if typed.is_empty() {
+        named.push(Perturbation::None);
     }
-    let named = typed.iter().map(|word| perturbation(word)).collect::<Result<Vec<_>, _>>()?;
-    let wanted = if named.is_empty() { vec![Perturbation::None] } else { named };
-    let ordered = Perturbation::ALL.iter().copied().filter(|perturbation| wanted.contains(perturbation));
-    let ordered: Vec<Perturbation> = ordered.collect();
-    tasks.iter().flat_map(|&task| ordered.iter().map(move |&other| condition(task, other))).collect()
+    let mut conditions = Vec::new();
+    for &task in tasks {
+        for &perturbation in Perturbation::ALL {
+            match condition(task, perturbation) {
+                Ok(condition) if all || named.contains(&perturbation) => conditions.push(condition),
+                Err(error) if named.contains(&perturbation) => return Err(error),
+                Ok(_) | Err(_) => {}
+            }
+        }
+    }
+    Ok(conditions)
 }
 
 fn execute(mode: QueryMode, typed: Option<u32>) -> Result<u32, PlanError> {
@@ -248,7 +262,11 @@ fn choice<T: Copy>(
 }
 
 fn in_range(flag: &'static str, found: u32, most: u32) -> Result<u32, PlanError> {
-    if (1..=most).contains(&found) { Ok(found) } else { Err(PlanError::Range { flag, found, least: 1, most }) }
+    if (1..=most).contains(&found) {
+        Ok(found)
+    } else {
+        Err(PlanError::Range { flag, found, least: 1, most })
+    }
 }
 
 #[cfg(test)]
@@ -326,19 +344,19 @@ mod tests {
     #[test]
     fn every_wrong_wish_is_one_clear_sentence() {
         let wrong = |arguments| plan(arguments).unwrap_err();
-        insta::assert_snapshot!(wrong(""), @"");
-        insta::assert_snapshot!(wrong("--policy idle --tasks RiseCube"), @"");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Colour"), @"");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations all,none"), @"");
-        insta::assert_snapshot!(wrong("--policy idel"), @"");
-        insta::assert_snapshot!(wrong("--policy a=act"), @"");
-        insta::assert_snapshot!(wrong("--policy a/b=idle"), @"");
-        insta::assert_snapshot!(wrong("--policy idle --policy idle=random"), @"");
-        insta::assert_snapshot!(wrong("--policy idle --mode chunks"), @"");
-        insta::assert_snapshot!(wrong("--policy idle --renderer gpu"), @"");
-        insta::assert_snapshot!(wrong("--policy idle --control-mode pd_joint"), @"");
-        insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"");
-        insta::assert_snapshot!(wrong("--policy idle --execute 64"), @"");
-        insta::assert_snapshot!(wrong("--policy idle --mode ensemble --execute 30"), @"");
+        insta::assert_snapshot!(wrong(""), @"no policy to evaluate: say --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)");
+        insta::assert_snapshot!(wrong("--policy idle --tasks RiseCube"), @"unknown task `RiseCube`; did you mean RaiseCube or StackCube?");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Colour"), @"unknown perturbation `MO-Colour`; did you mean MO-Color?");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations all,nothing"), @"unknown perturbation `nothing`; known are None, MO-Color, MO-Size, Camera-Pose");
+        insta::assert_snapshot!(wrong("--policy idel"), @"unknown policy `idel`; did you mean idle?");
+        insta::assert_snapshot!(wrong("--policy a=act"), @"policy `act` needs PATH after a colon: act:PATH");
+        insta::assert_snapshot!(wrong("--policy a/b=idle"), @"policy name `a/b` cannot be used: 1 to 64 letters, digits, `.`, `_` or `-`");
+        insta::assert_snapshot!(wrong("--policy idle --policy idle=random"), @"two policies are called `idle`: give each a name of its own, --policy NAME=SPEC");
+        insta::assert_snapshot!(wrong("--policy idle --mode chunks"), @"unknown mode `chunks`; did you mean chunk?");
+        insta::assert_snapshot!(wrong("--policy idle --renderer gpu"), @"unknown renderer `gpu`; did you mean cpu?");
+        insta::assert_snapshot!(wrong("--policy idle --control-mode pd_joint"), @"unknown control mode `pd_joint`; did you mean pd_joint_pos?");
+        insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"--envs is 0, expected 1 to 4096");
+        insta::assert_snapshot!(wrong("--policy idle --execute 64"), @"--execute is 64, expected 1 to 63");
+        insta::assert_snapshot!(wrong("--policy idle --mode ensemble --execute 30"), @"--execute is 30, but ensemble mode queries after every step: leave it out or use --mode chunk");
     }
 }

@@ -39,7 +39,6 @@ pub(crate) struct Identity {
 
 /// A text that names no policy.
 #[derive(Debug, Error, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
 pub(crate) enum PolicyError {
     #[error("policy name `{name}` cannot be used: 1 to {MAX_NAME} letters, digits, `.`, `_` or `-`")]
     Name { name: String },
@@ -72,11 +71,13 @@ impl FromStr for NamedPolicy {
             other => PolicyError::Spec(other),
         })?;
         let name = name.unwrap_or(spec.kind()).to_owned();
-        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
-        if !(1..=MAX_NAME).contains(&name.len()) || !name.chars().all(plain) || name.starts_with('.') {
-            return Err(PolicyError::Name { name });
+        // Both kinds of names become names of files.
+        if let PolicySpec::Attach(foreign) = &spec
+            && !is_plain(foreign)
+        {
+            return Err(PolicyError::Name { name: foreign.clone() });
         }
-        Ok(Self { name, spec })
+        if is_plain(&name) { Ok(Self { name, spec }) } else { Err(PolicyError::Name { name }) }
     }
 }
 
@@ -120,6 +121,11 @@ impl std::fmt::Display for Identity {
     }
 }
 
+fn is_plain(name: &str) -> bool {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
+    (1..=MAX_NAME).contains(&name.len()) && name.chars().all(allowed) && !name.starts_with('.')
+}
+
 fn unknown_kind(text: &str) -> UnknownName {
     let forms: Vec<String> = PolicySpec::forms().collect();
     let known: Vec<&str> = forms.iter().map(String::as_str).collect();
@@ -155,7 +161,8 @@ fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), 
     let failed = |source| CheckpointError { path: folder.into(), source };
     for entry in std::fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
-        let read = path.extension().is_some_and(|extension| extension == "json" || extension == "safetensors");
+        let read =
+            path.extension().is_some_and(|extension| extension == "json" || extension == "safetensors");
         if path.is_dir() {
             if depth > 0 {
                 collect(&path, depth - 1, files)?;

@@ -40,7 +40,9 @@ impl Progress {
             (false, true, _) => {
                 let bar = ProgressBar::new(n_episodes).with_position(done);
                 let template = "{bar:32} {pos}/{len} episodes {msg}, {eta} left";
-                bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+                bar.set_style(
+                    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
+                );
                 bar.enable_steady_tick(Duration::from_millis(500));
                 bar.reset_eta();
                 Self::Bar(bar)
@@ -67,7 +69,8 @@ impl Progress {
 
     /// The sim has counted.
     pub(crate) fn counters(&mut self, counters: &Counters) {
-        let speed = || format!(", {:.0} env-steps/s", counters.env_steps as f64 / counters.stepping_s.max(1e-9));
+        let speed =
+            || format!(", {:.0} env-steps/s", counters.env_steps as f64 / counters.stepping_s.max(1e-9));
         match self {
             Self::Bar(bar) if counters.env_steps > 0 => bar.set_message(speed()),
             Self::Lines(lines) if counters.env_steps > 0 => {
@@ -128,9 +131,10 @@ mod tests {
     fn a_line_says_how_far_how_fast_how_long() {
         let now = Instant::now();
         let speed = ", 512 env-steps/s".to_owned();
-        let mut lines = Lines { n_episodes: 60, done: 20, done_before: 20, started: now, printed: now, speed };
-        insta::assert_snapshot!(lines.line(Duration::from_secs(3)), @"");
+        let mut lines =
+            Lines { n_episodes: 60, done: 20, done_before: 20, started: now, printed: now, speed };
+        insta::assert_snapshot!(lines.line(Duration::from_secs(3)), @"20/60 episodes, 512 env-steps/s, unknown time left");
         lines.done = 30;
-        insta::assert_snapshot!(lines.line(Duration::from_secs(5)), @"");
+        insta::assert_snapshot!(lines.line(Duration::from_secs(5)), @"30/60 episodes, 512 env-steps/s, 15 s left");
     }
 }

@@ -13,7 +13,7 @@ use sim::serve::protocol::{Driver, Lane};
 
 use crate::cli::RunArgs;
 use crate::failure::{Ending, Failure, OrUser};
-use crate::fleet::{self, Conclusion, Crew, Fleet, Happening, Settings, Totals};
+use crate::fleet::{self, Conclusion, Fleet, Happening, LanePolicy, Settings, Totals};
 use crate::interrupt;
 use crate::machine::Machine;
 use crate::plan::{Plan, renderer_name};
@@ -47,7 +47,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<Ending, Failure> {
     print(&format!("results: {} ({n_done} of {} episodes done)", plan.db.display(), plan.n_episodes()));
 
     let mut progress = Progress::new(plan.n_episodes(), n_done, args.quiet, args.json);
-    let sailed = sail(&plan, todo, |happening| {
+    let ran = run_fleet(&plan, todo, |happening| {
         match happening {
             Happening::Finished(job, outcome) => {
                 results.record(key(job), job.seed, outcome)?;
@@ -59,16 +59,19 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<Ending, Failure> {
         Ok(())
     });
     progress.finish();
-    let kept = || format!("{}: finished episodes are kept; the same command again continues", plan.db.display());
-    let (conclusion, totals) = sailed.inspect_err(|_| print(&kept()))?;
+    let kept =
+        || format!("{}: finished episodes are kept; the same command again continues", plan.db.display());
+    let (conclusion, totals) = ran.inspect_err(|_| print(&kept()))?;
+    let environment = environment(&plan, &machine, &totals);
+    if n_done < plan.n_episodes() {
+        results.note("environment", &environment)?;
+    }
     if conclusion == Conclusion::Stopped {
         print(&format!("interrupted; {}", kept()));
         return Ok(Ending::Interrupted);
     }
-    let environment = environment(&plan, &machine, &totals);
-    results.note("environment", &environment)?;
     let cells = report::cells(&plan, &results)?;
-    let fps = Fps::new(&totals, started.elapsed(), machine.n_cores);
+    let fps = Fps::new(&totals, started.elapsed(), plan.threads, machine.n_cores);
     if args.json {
         let mut run = json!(manifest);
         run["environment"] = environment;
@@ -96,7 +99,7 @@ fn identities(plan: &Plan) -> Result<Vec<Identity>, Failure> {
 }
 
 /// Runs what is to be done, if anything.
-fn sail(
+fn run_fleet(
     plan: &Plan,
     todo: Vec<Job>,
     mut sink: impl FnMut(Happening<'_>) -> anyhow::Result<()>,
@@ -129,15 +132,15 @@ fn settings(plan: &Plan, program: PathBuf) -> Settings {
         control_mode: plan.control_mode,
         renderer: plan.renderer,
         mode: plan.mode,
-        crews: crews(plan),
+        lanes: lanes(plan),
         morphologies: plan.morphologies(),
         limits: fleet::Limits::default(),
     }
 }
 
 /// The policies outside the sim. Half of the envs fit into one batch, so that the others step meanwhile.
-fn crews(plan: &Plan) -> Vec<Crew> {
-    let crew = |(policy, driver): (&crate::policy::NamedPolicy, Driver)| {
+fn lanes(plan: &Plan) -> Vec<LanePolicy> {
+    let policy = |(policy, driver): (&crate::policy::NamedPolicy, Driver)| {
         let Driver::Lane(lane) = driver else { return None };
         let images = policy.spec.needs_images();
         let widest = plan.morphologies().into_iter().map(|morphology| block_pages(morphology, images)).max();
@@ -150,9 +153,9 @@ fn crews(plan: &Plan) -> Vec<Crew> {
         };
         let foreign = matches!(policy.spec, PolicySpec::Attach(_));
         let lane = Lane { spec, images, execute: plan.execute, foreign };
-        Some(Crew { spec: policy.spec.clone(), lane })
+        Some(LanePolicy { spec: policy.spec.clone(), lane })
     };
-    plan.policies.iter().zip(drivers(plan)).filter_map(crew).collect()
+    plan.policies.iter().zip(drivers(plan)).filter_map(policy).collect()
 }
 
 /// What times depend on and results do not.

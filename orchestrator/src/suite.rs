@@ -20,7 +20,8 @@ pub(crate) fn list(args: &TasksArgs) -> Result<Ending, Failure> {
 
 fn table() -> String {
     use Align::{Left, Right};
-    let columns = [("task", Left), ("category", Left), ("robot", Left), ("max_steps", Right), ("instruction", Left)];
+    let columns =
+        [("task", Left), ("category", Left), ("robot", Left), ("max_steps", Right), ("instruction", Left)];
     let mut table = Table::new(&columns);
     for id in TaskId::ALL {
         let task = id.task();

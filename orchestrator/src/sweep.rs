@@ -55,7 +55,6 @@ pub(crate) struct Sweep {
 
 /// Why a sweep file cannot be used.
 #[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
 pub(crate) enum SweepError {
     #[error("failed to read the sweep file {}: {source}", path.display())]
     Read { path: PathBuf, source: std::io::Error },
@@ -146,10 +145,34 @@ mod tests {
 
     #[test]
     fn errors_name_the_file_and_the_key() {
-        insta::assert_snapshot!(read("epsiodes = 3\n").unwrap_err(), @"");
-        insta::assert_snapshot!(read("episodes = \"many\"\n").unwrap_err(), @"");
-        insta::assert_snapshot!(read("tasks = 3\n").unwrap_err(), @"");
-        insta::assert_snapshot!(read("tasks = \n").unwrap_err(), @"");
-        insta::assert_snapshot!(Sweep::read(Path::new("absent.toml")).unwrap_err(), @"");
+        insta::assert_snapshot!(read("epsiodes = 3\n").unwrap_err(), @r"
+        the sweep file sweep.toml is wrong: TOML parse error at line 1, column 1
+          |
+        1 | epsiodes = 3
+          | ^^^^^^^^
+        unknown field `epsiodes`, expected one of `policies`, `tasks`, `perturbations`, `episodes`, `seed`, `envs`, `threads`, `mode`, `execute`, `db`, `renderer`, `profile`, `control_mode`
+        ");
+        insta::assert_snapshot!(read("episodes = \"many\"\n").unwrap_err(), @r#"
+        the sweep file sweep.toml is wrong: TOML parse error at line 1, column 12
+          |
+        1 | episodes = "many"
+          |            ^^^^^^
+        invalid type: string "many", expected u32
+        "#);
+        insta::assert_snapshot!(read("tasks = 3\n").unwrap_err(), @r"
+        the sweep file sweep.toml is wrong: TOML parse error at line 1, column 9
+          |
+        1 | tasks = 3
+          |         ^
+        expected a name or a list of names
+        ");
+        insta::assert_snapshot!(read("tasks = \n").unwrap_err(), @r"
+        the sweep file sweep.toml is wrong: TOML parse error at line 1, column 9
+          |
+        1 | tasks = 
+          |         ^
+        string values must be quoted, expected literal string
+        ");
+        insta::assert_snapshot!(Sweep::read(Path::new("absent.toml")).unwrap_err(), @"failed to read the sweep file absent.toml: No such file or directory (os error 2)");
     }
 }

@@ -30,7 +30,8 @@ impl Job {
 /// Who acts for each policy. Lanes are numbered in the order of the policies that have one.
 pub(crate) fn drivers(plan: &Plan) -> Vec<Driver> {
     let mut lanes = 0..;
-    let mut driver = |in_sim: bool| if in_sim { Some(Driver::Expert) } else { lanes.next().map(Driver::Lane) };
+    let mut driver =
+        |in_sim: bool| if in_sim { Some(Driver::Expert) } else { lanes.next().map(Driver::Lane) };
     plan.policies.iter().filter_map(|policy| driver(policy.runs_in_sim())).collect()
 }
 

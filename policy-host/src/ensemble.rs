@@ -54,7 +54,11 @@ impl Ensemble {
 }
 
 impl Policy for Ensemble {
-    fn act(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionBlock]) -> Result<(), PolicyError> {
+    fn act(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionBlock],
+    ) -> Result<(), PolicyError> {
         self.check(observation)?;
         self.inner.act(observation, answer)?;
         for (env_idx, block) in answer.iter_mut().enumerate() {

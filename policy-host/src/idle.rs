@@ -10,7 +10,11 @@ use crate::rows::fill_rows;
 pub struct Idle;
 
 impl Policy for Idle {
-    fn act(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionBlock]) -> Result<(), PolicyError> {
+    fn act(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionBlock],
+    ) -> Result<(), PolicyError> {
         fill_rows("idle", observation, answer, |_, _, _| {})
     }
 }

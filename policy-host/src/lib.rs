@@ -20,7 +20,7 @@ mod rows;
 
 use serde::{Deserialize, Serialize};
 
-pub use policy::{LoadError, Policy, PolicyError, check, load};
+pub use policy::{LoadError, Policy, PolicyError, check, fingerprint, load};
 pub use spec::{PolicySpec, PolicySpecError};
 
 /// How a policy is queried. Results of different modes are never mixed.

@@ -24,7 +24,11 @@ pub trait Policy: Send {
     ///
     /// # Panics
     /// If `answer` has another length than the observation has envs.
-    fn act(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionBlock]) -> Result<(), PolicyError>;
+    fn act(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionBlock],
+    ) -> Result<(), PolicyError>;
 }
 
 /// An observation that a policy cannot answer.
@@ -89,7 +93,9 @@ pub fn load(spec: &PolicySpec, n_threads: usize, mode: QueryMode) -> Result<Box<
         PolicySpec::Idle => Box::new(Idle),
         PolicySpec::Random => Box::new(Random),
         PolicySpec::Act(folder) => Box::new(ActPolicy::load(folder, n_threads)?),
-        PolicySpec::Expert | PolicySpec::Attach(_) => return Err(LoadError::NotHosted { spec: spec.clone() }),
+        PolicySpec::Expert | PolicySpec::Attach(_) => {
+            return Err(LoadError::NotHosted { spec: spec.clone() });
+        }
     };
     Ok(match mode {
         QueryMode::Chunk => policy,
@@ -109,6 +115,18 @@ pub fn check(spec: &PolicySpec, morphologies: &[Morphology]) -> Result<(), LoadE
     }
 }
 
+/// The hash of everything that a policy's answers depend on besides this build: for a checkpoint, its files; `None` for a
+/// policy without files.
+///
+/// # Errors
+/// If a file cannot be read.
+pub fn fingerprint(spec: &PolicySpec) -> Result<Option<u64>, LoadError> {
+    match spec {
+        PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => Ok(None),
+        PolicySpec::Act(folder) => act::fingerprint(folder).map(Some),
+    }
+}
+
 /// Starts the answer to a record: everything zero but its head. The rows, `[n_rows, action_dim]` packed, are returned.
 ///
 /// # Panics
@@ -119,7 +137,10 @@ pub fn begin_answer<'a>(
     n_rows: usize,
     action_dim: usize,
 ) -> &'a mut [f32] {
-    assert!((1..=MAX_HORIZON).contains(&n_rows) && (1..=MAX_ACTION_DIM).contains(&action_dim), "an action chunk");
+    assert!(
+        (1..=MAX_HORIZON).contains(&n_rows) && (1..=MAX_ACTION_DIM).contains(&action_dim),
+        "an action chunk"
+    );
     *block = ActionBlock {
         slot: record.slot,
         query: record.query,

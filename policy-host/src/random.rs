@@ -15,7 +15,11 @@ const JOINT_REACH_RAD: f32 = 0.05;
 pub struct Random;
 
 impl Policy for Random {
-    fn act(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionBlock]) -> Result<(), PolicyError> {
+    fn act(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionBlock],
+    ) -> Result<(), PolicyError> {
         let control_mode = observation.control_mode();
         let arm_dim = control_mode.action_dim(observation.morphology()) / observation.morphology().n_arms();
         fill_rows("random", observation, answer, |record, step, row| {

@@ -188,7 +188,8 @@ impl<W: Write> Host<W> {
         }
         drop(message);
         let ObservationHeader { run, sequence, epoch, .. } = header;
-        let answer = ActionHeader { schema_hash: SCHEMA_HASH, run, sequence, epoch, n_envs, status, reserved: [0; 7] };
+        let answer =
+            ActionHeader { schema_hash: SCHEMA_HASH, run, sequence, epoch, n_envs, status, reserved: [0; 7] };
         match loan.send(answer) {
             // The sim has died since it asked; its successor asks anew.
             Err(LinkError::NoPeer) => Ok(()),

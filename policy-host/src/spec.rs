@@ -144,7 +144,10 @@ mod tests {
     #[test]
     fn errors_say_what_is_known() {
         let error = "acts:here".parse::<PolicySpec>().unwrap_err().to_string();
-        assert_eq!(error, "unknown policy `acts:here`, expected one of idle, random, expert, act:PATH, attach:NAME");
+        assert_eq!(
+            error,
+            "unknown policy `acts:here`, expected one of idle, random, expert, act:PATH, attach:NAME"
+        );
         let error = "act".parse::<PolicySpec>().unwrap_err().to_string();
         assert_eq!(error, "policy `act` needs PATH after a colon: act:PATH");
         let error = "idle:5".parse::<PolicySpec>().unwrap_err().to_string();

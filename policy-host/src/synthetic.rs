@@ -70,8 +70,10 @@ pub fn write_checkpoint(folder: &Path, config: &ActConfig, seed: u64) -> Result<
     let path = folder.join(MODEL_FILE);
     let tensors = |source| WriteError::Tensors { path: path.clone(), source };
     let specs: Vec<_> = tensor_specs(config).into_iter().filter(|spec| spec.role == Role::Live).collect();
-    let bytes: Vec<Vec<u8>> =
-        specs.iter().map(|spec| tensor(spec, seed).into_iter().flat_map(f32::to_le_bytes).collect()).collect();
+    let bytes: Vec<Vec<u8>> = specs
+        .iter()
+        .map(|spec| tensor(spec, seed).into_iter().flat_map(f32::to_le_bytes).collect())
+        .collect();
     let views = specs.iter().zip(&bytes).map(|(spec, bytes)| {
         TensorView::new(Dtype::F32, spec.shape.clone(), bytes).map(|view| (spec.name.as_str(), view))
     });

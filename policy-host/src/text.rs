@@ -12,7 +12,8 @@ use crate::generated::{fnv1a64, sym};
 #[must_use]
 pub fn hashed_embedding(instruction: &str, dim: usize) -> Vec<f32> {
     let lower = instruction.to_ascii_lowercase();
-    let words: Vec<&str> = lower.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty()).collect();
+    let words: Vec<&str> =
+        lower.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty()).collect();
     let pairs = words.windows(2).map(|pair| fnv1a64(&pair.join(" ")));
     let streams: Vec<u64> = words.iter().map(|word| fnv1a64(word)).chain(pairs).collect();
     // A uniform number in ±√(3/dim) has variance 1/dim.

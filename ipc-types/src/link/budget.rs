@@ -25,7 +25,11 @@ pub enum BudgetError {
 /// # Errors
 /// If it has not, or cannot be asked.
 pub fn check_budget(lanes: &[LaneSpec], shm: &Path) -> Result<u64, BudgetError> {
-    let needed = lanes.iter().map(LaneSpec::shm_bytes).sum();
+    check_bytes(lanes.iter().map(LaneSpec::shm_bytes).sum(), shm)
+}
+
+/// Checks that `shm` has room for `needed` bytes; returns them.
+pub(super) fn check_bytes(needed: u64, shm: &Path) -> Result<u64, BudgetError> {
     let stat = rustix::fs::statvfs(shm)
         .map_err(|errno| BudgetError::Unknown { path: shm.into(), source: errno.into() })?;
     let available = stat.f_bavail.saturating_mul(stat.f_frsize);

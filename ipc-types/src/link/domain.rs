@@ -59,7 +59,6 @@ impl Domain {
     /// segments. Their peers wake up. Returns the number of processes cleaned up after.
     ///
     /// A parent calls it once it has waited for a child; without it the next process that joins the domain does it.
-    #[must_use = "0 says that there was nothing to clean"]
     pub fn reap(&self) -> usize {
         let Ok(config) = self.config() else { return 0 };
         let mut n_cleaned = 0;
@@ -83,7 +82,7 @@ impl Domain {
     /// # Errors
     /// If a file of it cannot be removed; the others are removed all the same.
     pub fn remove(&self) -> Result<(), LinkError> {
-        let _ = self.reap();
+        self.reap();
         let segments = self.segments().and_then(|paths| {
             paths.into_iter().map(|path| gone(&path, std::fs::remove_file(&path))).fold(Ok(()), Result::and)
         });
@@ -101,7 +100,6 @@ impl Domain {
 
     /// Removes the domains under `base` whose processes are all dead; returns how many. A living run's is never touched:
     /// its processes hold a claim, foreign ones are seen as nodes.
-    #[must_use = "0 says that there was nothing to sweep"]
     pub fn sweep(base: &Path) -> usize {
         let Ok(entries) = std::fs::read_dir(base) else { return 0 };
         let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
@@ -124,7 +122,8 @@ impl Domain {
             )));
         }
         let mut config = Config::default();
-        config.global.prefix = FileName::new(self.prefix.as_bytes()).map_err(|error| bad(format!("{error:?}")))?;
+        config.global.prefix =
+            FileName::new(self.prefix.as_bytes()).map_err(|error| bad(format!("{error:?}")))?;
         config.global.set_root_path(&IoxPath::new(root).map_err(|error| bad(format!("{error:?}")))?);
         Ok(config)
     }

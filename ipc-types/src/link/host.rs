@@ -1,10 +1,13 @@
 //! The policy host's side of the link: it attaches to a lane that a sim has created, receives observations and answers.
 
+use std::path::Path;
 use std::time::Duration;
 
 use iceoryx2::prelude::{CallbackProgression, PortFactory as _};
 use iceoryx2::service::port_factory::event::PortFactory;
 
+use super::budget;
+use super::domain::SHM;
 use super::error::LinkError;
 use super::inlet::{Inlet, Received};
 use super::node::LinkNode;
@@ -37,6 +40,7 @@ impl HostLane {
     /// If none of that happens, the sim was built with another schema or started with other sizes, shared memory has no
     /// room for the answers, or iceoryx2 fails.
     pub fn open(node: &LinkNode, spec: &LaneSpec, patience: Duration) -> Result<Self, LinkError> {
+        budget::check_bytes(spec.host_bytes(), Path::new(SHM))?;
         Self::open_as(node, patience, &Agreement { schema_hash: SCHEMA_HASH, spec })
     }
 
@@ -62,8 +66,12 @@ impl HostLane {
         };
         let actions = Outlet::create(node.domain(), &action_service, &action, bell, capacity)?;
         // Last: from here on the sim sees a host, and everything it needs is there.
-        let observations =
-            Inlet::create(&observation_service, &observation, spec.observation_pages(), spec.observation_chunks())?;
+        let observations = Inlet::create(
+            &observation_service,
+            &observation,
+            spec.observation_pages(),
+            spec.observation_chunks(),
+        )?;
         Ok(Self {
             observations,
             actions,
@@ -93,8 +101,8 @@ impl HostLane {
     }
 
     /// Waits until the sim has rung, or `timeout` is over. A ring that came earlier counts, once: look for messages after
-    /// every wait, and expect none. Also ends at a signal. It only waits: spinning on [`Self::receive`] for some 50 µs
-    /// first is the caller's choice.
+    /// every wait, and expect none. Also ends at a signal. A wait in vain lasts up to two ticks of the kernel longer (8 ms).
+    /// It only waits: spinning on [`Self::receive`] for some 50 µs first is the caller's choice.
     ///
     /// # Errors
     /// If the wait itself fails.
@@ -167,7 +175,10 @@ mod tests {
         || LaneSpec { lane: 3, policy: "act".into(), max_envs: 2, block_pages: 1, in_flight: 1 };
 
     /// A lane whose host differs as `differ` says; what opening it says.
-    fn opened_differently(run: u64, differ: impl FnOnce(&mut LaneSpec, &mut u64)) -> Result<HostLane, LinkError> {
+    fn opened_differently(
+        run: u64,
+        differ: impl FnOnce(&mut LaneSpec, &mut u64),
+    ) -> Result<HostLane, LinkError> {
         let base = tempfile::tempdir_in("/tmp").unwrap();
         let domain = Domain::new(base.path(), 0x7e57_0000_0000 + u64::from(std::process::id()) * 64 + run);
         let node = LinkNode::new(&domain, "test").unwrap();

@@ -1,8 +1,8 @@
 //! Receiving: messages read where the sender wrote them. The same for both directions.
 
 use iceoryx2::identifiers::UniquePublisherId;
-use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
+use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::{PayloadHeader as _, ZeroCopySend};
 use iceoryx2::sample::Sample;
 
@@ -42,7 +42,9 @@ impl<H: ZeroCopySend + core::fmt::Debug> Inlet<H> {
         chunks: usize,
     ) -> Result<Self, Attempt> {
         let subscriber = messages.subscriber_builder().create().map_err(|error| match error {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => Attempt::Later(occupied(service, &error)),
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
+                Attempt::Later(occupied(service, &error))
+            }
             _ => Attempt::Never(failed(service, &error)),
         })?;
         let mapped = Mapped { sender: None, chunks: Vec::with_capacity(chunks) };

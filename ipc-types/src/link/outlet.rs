@@ -71,7 +71,9 @@ impl<H: ZeroCopySend + core::fmt::Debug + Default> Outlet<H> {
             })
             .create()
             .map_err(|error| match error {
-                PublisherCreateError::ExceedsMaxSupportedPublishers => Attempt::Later(occupied(service, &error)),
+                PublisherCreateError::ExceedsMaxSupportedPublishers => {
+                    Attempt::Later(occupied(service, &error))
+                }
                 _ => Attempt::Never(failed(service, &error)),
             })?;
         prefault::reserve(domain, publisher.id().value())?;

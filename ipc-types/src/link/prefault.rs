@@ -30,8 +30,11 @@ pub(super) fn reserve(domain: &Domain, publisher_id: u128) -> Result<(), LinkErr
     let failed = |source| LinkError::Io { action: "open", path: path.clone(), source };
     let segment = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
     let needed = segment.metadata().map_err(failed)?.len();
-    rustix::fs::fallocate(&segment, FallocateFlags::empty(), 0, needed)
-        .map_err(|errno| LinkError::Reserve { path: path.clone(), needed, source: errno.into() })
+    rustix::fs::fallocate(&segment, FallocateFlags::empty(), 0, needed).map_err(|errno| LinkError::Reserve {
+        path: path.clone(),
+        needed,
+        source: errno.into(),
+    })
 }
 
 /// Maps `pages`, part of a reserved segment, for writing.
@@ -43,7 +46,7 @@ pub(super) fn populate_for_writing(pages: &mut [MaybeUninit<Page>]) -> Result<()
         Ok(()) => Ok(()),
         // Before Linux 5.14: touch every page; they are reserved, so none of these writes can fail.
         Err(Errno::INVAL) => {
-            pages.iter_mut().for_each(|page| touch(page));
+            pages.iter_mut().for_each(touch);
             Ok(())
         }
         Err(errno) => Err(LinkError::Populate { needed: needed as u64, source: errno.into() }),

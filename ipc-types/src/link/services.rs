@@ -3,8 +3,8 @@
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::Node;
 use iceoryx2::prelude::{
-    AttributeVerifier, CallbackProgression, MessagingPattern, NodeState, PortFactory as _,
-    SemanticString, Service as _, ServiceName, ZeroCopySend,
+    AttributeVerifier, CallbackProgression, MessagingPattern, NodeState, PortFactory as _, SemanticString,
+    Service as _, ServiceName, ZeroCopySend,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeSet, AttributeValue};
 use iceoryx2::service::builder::publish_subscribe::{
@@ -68,7 +68,8 @@ impl Agreement<'_> {
     fn verifier(&self, service: &str, run: u64) -> Result<AttributeVerifier, LinkError> {
         let mut verifier = AttributeVerifier::new();
         for (field, value) in self.fields().into_iter().chain([("run", format!("{run:016x}"))]) {
-            let value = AttributeValue::new(value.as_bytes()).map_err(|error| refused(service, field, &error))?;
+            let value =
+                AttributeValue::new(value.as_bytes()).map_err(|error| refused(service, field, &error))?;
             verifier = verifier
                 .require(&attribute_key(service, field)?, &value)
                 .map_err(|error| refused(service, field, &error))?;
@@ -128,10 +129,14 @@ pub(super) fn open<H: ZeroCopySend + core::fmt::Debug>(
 }
 
 /// Whether the node of an attached port lives. One that is just being cleaned up cannot be read, and does not.
-pub(super) fn is_alive<H: ZeroCopySend + core::fmt::Debug>(messages: &Messages<H>, node: UniqueNodeId) -> bool {
+pub(super) fn is_alive<H: ZeroCopySend + core::fmt::Debug>(
+    messages: &Messages<H>,
+    node: UniqueNodeId,
+) -> bool {
     let mut alive = false;
     let listed = messages.nodes(|state| {
-        alive |= *state.node_id() == node && matches!(state, NodeState::Alive(_) | NodeState::Inaccessible(_));
+        alive |=
+            *state.node_id() == node && matches!(state, NodeState::Alive(_) | NodeState::Inaccessible(_));
         CallbackProgression::Continue
     });
     alive && listed.is_ok()

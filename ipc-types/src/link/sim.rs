@@ -7,7 +7,7 @@ use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::prelude::{CallbackProgression, PortFactory as _};
 use iceoryx2::service::port_factory::event::PortFactory;
 
-use super::budget::check_budget;
+use super::budget;
 use super::domain::SHM;
 use super::error::LinkError;
 use super::inlet::{Inlet, Received};
@@ -43,7 +43,8 @@ impl SimLink {
     }
 
     /// Waits until any host of the run has rung, or `timeout` is over. One that rang earlier counts, once: look for
-    /// messages after every wait, and expect none. Also ends at a signal.
+    /// messages after every wait, and expect none. Also ends at a signal. A wait in vain lasts up to two ticks of the kernel
+    /// longer (8 ms).
     ///
     /// # Errors
     /// If the wait itself fails.
@@ -71,7 +72,7 @@ impl SimLane {
     /// If shared memory has no room (before anything is taken), another living sim has the lane, the host that is
     /// attached was started with other sizes, or iceoryx2 fails.
     pub fn create(node: &LinkNode, run: u64, spec: &LaneSpec) -> Result<Self, LinkError> {
-        check_budget(std::slice::from_ref(spec), Path::new(SHM))?;
+        budget::check_bytes(spec.shm_bytes(), Path::new(SHM))?;
         retry(node, TAKEOVER, || Self::try_create(node, run, &Agreement { schema_hash: SCHEMA_HASH, spec }))
     }
 
@@ -90,8 +91,7 @@ impl SimLane {
             loans: spec.in_flight as usize + 1,
         };
         let bell = wake::notify(&wake_service, &wake)?;
-        let observations =
-            Outlet::create(node.domain(), &observation_service, &observation, bell, capacity)?;
+        let observations = Outlet::create(node.domain(), &observation_service, &observation, bell, capacity)?;
         Ok(Self {
             observations,
             actions,

@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::layout::PAGE_BYTES;
 
-/// Beside its messages a lane keeps queues, port lists and event states; measured 150 KiB for one lane of one sim.
-const BOOKKEEPING_BYTES: u64 = 512 * 1024;
+/// Beside its messages a lane keeps queues, port lists and event states: measured 50 KiB, with 2 messages in flight.
+const BOOKKEEPING_BYTES: u64 = 256 * 1024;
 
 /// One lane: one (sim, policy) pair.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -26,10 +26,12 @@ impl LaneSpec {
     /// Bytes of shared memory that the two sides of this lane reserve in all.
     #[must_use]
     pub fn shm_bytes(&self) -> u64 {
-        let segment = |chunks: usize, pages: usize| chunks as u64 * (pages as u64 + 1) * PAGE_BYTES as u64;
-        segment(self.observation_chunks(), self.observation_pages())
-            + segment(self.action_chunks(), self.action_pages())
-            + BOOKKEEPING_BYTES
+        segment_bytes(self.observation_chunks(), self.observation_pages()) + self.host_bytes()
+    }
+
+    /// Bytes that the host's side reserves, and the queues and lists of the lane.
+    pub(super) fn host_bytes(&self) -> u64 {
+        segment_bytes(self.action_chunks(), self.action_pages()) + BOOKKEEPING_BYTES
     }
 
     /// Most pages in an observation message.
@@ -52,4 +54,9 @@ impl LaneSpec {
     pub(super) fn action_chunks(&self) -> usize {
         2 * self.in_flight as usize + 1
     }
+}
+
+/// A chunk is its pages and one more for the headers in front of them.
+fn segment_bytes(chunks: usize, pages: usize) -> u64 {
+    chunks as u64 * (pages as u64 + 1) * PAGE_BYTES as u64
 }

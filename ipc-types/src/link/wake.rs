@@ -6,9 +6,7 @@ use std::time::Duration;
 use iceoryx2::port::listener::{Listener, ListenerCreateError, ListenerWaitError};
 use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::prelude::EventId;
-use iceoryx2::service::builder::event::{
-    EventCreateError, EventOpenError, EventOpenOrCreateError,
-};
+use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::port_factory::event::PortFactory;
 
 use super::error::LinkError;
@@ -40,7 +38,13 @@ impl Ear {
     /// Waits until the bell has rung or `timeout` is over; rings that came before count, and are forgotten. A signal ends
     /// it too.
     pub(super) fn wait(&self, timeout: Duration) -> Result<(), LinkError> {
-        match self.listener.timed_wait(|_| (), timeout) {
+        // The timeout becomes a socket's, in whole microseconds, and a socket takes 0 for ever.
+        let rung = if timeout < Duration::from_micros(1) {
+            self.listener.try_wait(|_| ())
+        } else {
+            self.listener.timed_wait(|_| (), timeout)
+        };
+        match rung {
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
             Err(error) => Err(LinkError::Wait(error)),
         }
@@ -68,9 +72,7 @@ pub(super) fn create(node: &LinkNode, event: &str, n_notifiers: usize) -> Result
         .open_or_create()
         .map_err(|error| match error {
             Open(error) => open_failure(event, error),
-            Create(
-                EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance,
-            )
+            Create(EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance)
             | SystemInFlux => Attempt::Later(failed(event, &error)),
             Create(_) => Attempt::Never(failed(event, &error)),
         })

@@ -5,7 +5,9 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::time::Duration;
 
-use crate::scratch::{Scratch, assert_echo, create_sim, echo, fill, observation_header, open_host, small_lane};
+use crate::scratch::{
+    Scratch, assert_echo, create_sim, echo, fill, observation_header, open_host, small_lane,
+};
 
 /// Counts this thread's allocations.
 struct Counting;

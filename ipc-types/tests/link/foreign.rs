@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use crate::scratch::{PATIENCE, Scratch, create_sim, eventually, open_host, receive_observation, send, small_lane};
+use crate::scratch::{
+    PATIENCE, Scratch, create_sim, eventually, open_host, receive_observation, send, small_lane,
+};
 use iceoryx2::config::Config;
 use iceoryx2::prelude::{AttributeVerifier, FileName, NodeBuilder, Path, SemanticString, ipc_threadsafe};
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
@@ -32,7 +34,7 @@ fn a_longer_message_than_agreed_is_refused_before_it_is_looked_at() {
         .open()
         .unwrap();
     let publisher = actions.publisher_builder().initial_max_slice_len(100).create().unwrap();
-    let mut publish = |n_pages: usize, header: ActionHeader| {
+    let publish = |n_pages: usize, header: ActionHeader| {
         let sample = publisher.loan_slice_uninit(n_pages).unwrap();
         let mut sample = sample.write_from_fn(|_| Page([0xff; 4096]));
         *sample.user_header_mut() = header;
@@ -74,7 +76,10 @@ fn a_lane_made_of_other_types_is_not_entered() {
         .open_or_create_with_attributes(&agreed)
         .unwrap();
     let refused = HostLane::open(&node, &small_lane(1), PATIENCE).unwrap_err();
-    assert!(matches!(&refused, LinkError::Types { service } if service == "hyp/lane/0/observation"), "{refused}");
+    assert!(
+        matches!(&refused, LinkError::Types { service } if service == "hyp/lane/0/observation"),
+        "{refused}"
+    );
     drop((service, foreign, node));
     scratch.finish();
 }

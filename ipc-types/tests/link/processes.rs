@@ -5,8 +5,8 @@ use std::time::Duration;
 use ipc_types::link::{HostLane, LinkError, SimLane};
 
 use crate::scratch::{
-    LAST, PATIENCE, RUN, Scratch, assert_echo, await_signal, create_sim, echo, eventually, fill, observation_header,
-    open_host, receive_action, receive_observation, send, small_lane,
+    LAST, PATIENCE, RUN, Scratch, assert_echo, await_signal, create_sim, echo, eventually, fill,
+    observation_header, open_host, receive_action, receive_observation, send, small_lane,
 };
 
 #[test]
@@ -175,6 +175,20 @@ fn a_wait_ends_when_the_peer_sends() {
 }
 
 #[test]
+fn a_wait_for_no_time_is_no_wait_without_end() {
+    let scratch = Scratch::new();
+    let node = scratch.node();
+    let (link, lane) = create_sim(&node, &small_lane(1));
+    let host = open_host(&node, &small_lane(1));
+    for timeout in [Duration::ZERO, Duration::from_nanos(1), Duration::from_nanos(1500)] {
+        link.wait(timeout).unwrap();
+        host.wait(timeout).unwrap();
+    }
+    drop((lane, link, host, node));
+    scratch.finish();
+}
+
+#[test]
 fn a_lane_has_one_sim_and_one_host() {
     let scratch = Scratch::new();
     let (node, other) = (scratch.node(), scratch.node());
@@ -194,7 +208,10 @@ fn a_host_without_a_sim_is_told_so() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let error = HostLane::open(&node, &small_lane(1), Duration::from_millis(20)).unwrap_err();
-    assert!(matches!(&error, LinkError::Absent { service } if service == "hyp/lane/0/observation"), "{error}");
+    assert!(
+        matches!(&error, LinkError::Absent { service } if service == "hyp/lane/0/observation"),
+        "{error}"
+    );
     drop(node);
     scratch.finish();
 }

@@ -12,7 +12,8 @@ fn plays_a_host() {
     let Some(domain) = told_domain() else { return };
     let node = LinkNode::new(&domain, "host").unwrap();
     // In flight: what the sim of the test that is playing has set.
-    let mut lane = [1, 2].into_iter().find_map(|in_flight| HostLane::open(&node, &small_lane(in_flight), PATIENCE).ok());
+    let mut lane =
+        [1, 2].into_iter().find_map(|in_flight| HostLane::open(&node, &small_lane(in_flight), PATIENCE).ok());
     let lane = lane.as_mut().unwrap();
     loop {
         let message = receive_observation(lane);
@@ -28,7 +29,8 @@ fn plays_a_host() {
 fn plays_a_host_that_keeps_everything() {
     let Some(domain) = told_domain() else { return };
     let node = LinkNode::new(&domain, "hoarder").unwrap();
-    let opened = [1, 2].into_iter().find_map(|n| Some((n, HostLane::open(&node, &small_lane(n), PATIENCE).ok()?)));
+    let opened =
+        [1, 2].into_iter().find_map(|n| Some((n, HostLane::open(&node, &small_lane(n), PATIENCE).ok()?)));
     let (in_flight, mut lane) = opened.unwrap();
     let kept: Vec<_> = (0..in_flight).map(|_| receive_observation(&mut lane)).collect();
     signal(&domain.root);

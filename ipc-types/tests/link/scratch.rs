@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use ipc_types::link::{ActionMessage, Domain, HostLane, LaneSpec, LinkNode, ObservationMessage, SimLane, SimLink};
+use ipc_types::link::{
+    ActionMessage, Domain, HostLane, LaneSpec, LinkNode, ObservationMessage, SimLane, SimLink,
+};
 use ipc_types::{
     ActionHeader, ActionView, EnvRecord, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH,
 };

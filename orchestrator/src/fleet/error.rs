@@ -1,6 +1,7 @@
 //! Why a fleet could not finish its work.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use ipc_types::link::{BudgetError, LinkError};
 use thiserror::Error;
@@ -9,7 +10,6 @@ use super::member::Death;
 
 /// A fleet that stopped before its work was done. Finished episodes are kept.
 #[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
 pub(crate) enum FleetError {
     #[error("failed to use {} for the link: {reason}; set XDG_RUNTIME_DIR to a folder of yours", path.display())]
     Base { path: PathBuf, reason: String },
@@ -21,14 +21,12 @@ pub(crate) enum FleetError {
     Attach { name: String, path: PathBuf, source: std::io::Error },
     #[error("failed to start {name} ({}): {source}", program.display())]
     Spawn { name: String, program: PathBuf, source: std::io::Error },
-    #[error("{name} was not ready after {patience_s} s{log}", log = last_words(log))]
-    StartUp { name: String, patience_s: u64, log: Vec<String> },
+    #[error("{name} was not ready after {} s{log}", patience.as_secs(), log = last_words(log))]
+    StartUp { name: String, patience: Duration, log: Vec<String> },
     #[error("{name} died {deaths} times without finishing an episode; at last it {death}{log}", log = last_words(log))]
     GaveUp { name: String, deaths: u32, death: Death, log: Vec<String> },
     #[error("{0}")]
     Lane(String),
-    #[error("{name} cannot go on: {message}")]
-    Host { name: String, message: String },
     #[error(transparent)]
     Sink(anyhow::Error),
 }
@@ -37,12 +35,7 @@ impl FleetError {
     /// Whether the user can mend it.
     pub(crate) fn is_users(&self) -> bool {
         match self {
-            Self::Base { .. }
-            | Self::Link(_)
-            | Self::Budget(_)
-            | Self::Attach { .. }
-            | Self::Lane(_)
-            | Self::Host { .. } => true,
+            Self::Base { .. } | Self::Link(_) | Self::Budget(_) | Self::Attach { .. } | Self::Lane(_) => true,
             Self::Spawn { .. } | Self::StartUp { .. } | Self::GaveUp { .. } | Self::Sink(_) => false,
         }
     }

@@ -97,7 +97,7 @@ impl Member {
     }
 
     /// An episode of this member was finished: its deaths are forgiven.
-    pub(super) fn proved(&mut self) {
+    pub(super) fn forgive(&mut self) {
         self.deaths = 0;
     }
 

@@ -26,6 +26,8 @@ pub(crate) use self::error::FleetError;
 pub(crate) use self::folder::base;
 use self::process::Said;
 use self::supervisor::Supervisor;
+#[cfg(test)]
+pub(crate) use self::totals::HostWork;
 pub(crate) use self::totals::Totals;
 use crate::work::Job;
 
@@ -53,7 +55,7 @@ pub(crate) struct Settings {
     /// How policies are queried.
     pub(crate) mode: QueryMode,
     /// Policies outside the sim, by lane.
-    pub(crate) crews: Vec<Crew>,
+    pub(crate) lanes: Vec<LanePolicy>,
     /// Morphologies of the tasks.
     pub(crate) morphologies: Vec<Morphology>,
     /// Patience.
@@ -62,7 +64,7 @@ pub(crate) struct Settings {
 
 /// A policy outside the sim and its lane.
 #[derive(Clone, Debug)]
-pub(crate) struct Crew {
+pub(crate) struct LanePolicy {
     /// What it is.
     pub(crate) spec: PolicySpec,
     /// Its lane.
@@ -76,7 +78,7 @@ pub(crate) struct Limits {
     pub(crate) sim_start: Duration,
     /// A policy host is ready after this, or never; it has a checkpoint to load.
     pub(crate) host_start: Duration,
-    /// A child that has work and says nothing for this long hangs.
+    /// A sim that says nothing for this long hangs; it reports every second.
     pub(crate) silence: Duration,
     /// A child that was asked to leave is gone after this, or killed.
     pub(crate) leave: Duration,
@@ -128,7 +130,7 @@ enum Event {
     Stop,
 }
 
-/// A fleet that has not sailed yet.
+/// A fleet that has not started yet.
 #[derive(Debug)]
 pub(crate) struct Fleet {
     settings: Settings,
@@ -170,7 +172,7 @@ impl Fleet {
             let line = format!("removed what {n_swept} dead runs had left in shared memory");
             sink(Happening::Log(&line)).map_err(FleetError::Sink)?;
         }
-        let specs: Vec<_> = settings.crews.iter().map(|crew| crew.lane.spec.clone()).collect();
+        let specs: Vec<_> = settings.lanes.iter().map(|policy| policy.lane.spec.clone()).collect();
         check_budget(&specs, &settings.shm)?;
         let domain = Domain::new(&settings.base, settings.run);
         let claim = domain.claim()?;

@@ -1,16 +1,17 @@
 //! The loop: one event after another until all episodes are finished, or it is known why they cannot be.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
 use ipc_types::link::Domain;
-use policy_host::{HostConfig, HostEvent};
+use policy_host::PolicySpec;
+use policy_host::serve::{HostConfig, HostEvent};
 use sim::serve::protocol::{Driver, Outcome, SimCommand, SimConfig, SimEvent};
 
 use super::clock::Clock;
 use super::error::FleetError;
-use super::member::{Death, Member, Place};
+use super::member::{Member, Place};
 use super::process::{Process, Said};
 use super::totals::{HostWork, Totals};
 use super::{Conclusion, Event, Happening, Settings, Sink, folder};
@@ -47,7 +48,7 @@ impl<'a> Supervisor<'a> {
         jobs: Vec<Job>,
         sink: &'a mut Sink<'a>,
     ) -> Self {
-        let n_lanes = settings.crews.len();
+        let n_lanes = settings.lanes.len();
         Self {
             settings,
             domain,
@@ -94,7 +95,8 @@ impl<'a> Supervisor<'a> {
         }
         self.clock.look();
         let deadline = self.clock.now() + self.settings.limits.leave;
-        while self.clock.now() < deadline && self.places().iter().any(|&place| !self.member(place).is_empty()) {
+        while self.clock.now() < deadline && self.places().iter().any(|&place| !self.member(place).is_empty())
+        {
             match self.next_event() {
                 Some(Event::Child(place, Said::Closed)) => self.dismiss(place),
                 Some(Event::Child(place, said)) if result.is_ok() => result = self.hear(place, said),
@@ -116,10 +118,7 @@ impl<'a> Supervisor<'a> {
     }
 
     fn next_event(&mut self) -> Option<Event> {
-        let event = match self.inbox.recv_timeout(TICK) {
-            Ok(event) => Some(event),
-            Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => None,
-        };
+        let event = self.inbox.recv_timeout(TICK).ok();
         self.clock.look();
         event
     }
@@ -180,7 +179,7 @@ impl<'a> Supervisor<'a> {
                 self.totals.sim_reports(counters);
                 (self.sink)(Happening::Counters(&self.totals.sim())).map_err(FleetError::Sink)
             }
-            SimEvent::LaneFailed { message, .. } => Err(FleetError::Lane(message)),
+            SimEvent::LaneFailed { lane, message } => self.lane_failed(lane, message),
         }
     }
 
@@ -197,15 +196,32 @@ impl<'a> Supervisor<'a> {
                 Ok(())
             }
             HostEvent::Failed { message } => {
-                Err(FleetError::Host { name: self.name(Place::Host(lane)), message })
+                let line = format!("{} could not answer: {message}", self.name(Place::Host(lane)));
+                self.log(&line)
             }
         }
     }
 
+    /// A host that does not answer, or answers what was not asked: one of ours is killed, and replaced when its death is
+    /// heard; a foreign one is its owner's affair.
+    fn lane_failed(&mut self, lane: u32, message: String) -> Result<(), FleetError> {
+        if self.settings.lanes[lane as usize].lane.foreign {
+            return Err(FleetError::Lane(message));
+        }
+        let host = self.member(Place::Host(lane));
+        host.logged(&message);
+        if host.is_up()
+            && let Some(process) = host.process()
+        {
+            process.kill();
+        }
+        self.log(&format!("{message}; killed its host"))
+    }
+
     /// Tells a sim that has just got ready who is there and what is to be done.
     fn brief_sim(&mut self) {
-        for (lane, crew) in (0..).zip(&self.settings.crews) {
-            if crew.lane.foreign || self.hosts[lane as usize].is_up() {
+        for (lane, policy) in (0..).zip(&self.settings.lanes) {
+            if policy.lane.foreign || self.hosts[lane as usize].is_up() {
                 self.tell_sim(&SimCommand::HostUp { lane });
             }
         }
@@ -230,9 +246,9 @@ impl<'a> Supervisor<'a> {
         let Some(job) = self.outstanding.remove(&outcome.id) else {
             return self.log(&format!("the sim finished episode {} again; ignored", outcome.id));
         };
-        self.sim.proved();
+        self.sim.forgive();
         if let Driver::Lane(lane) = job.driver {
-            self.hosts[lane as usize].proved();
+            self.hosts[lane as usize].forgive();
         }
         (self.sink)(Happening::Finished(&job, outcome)).map_err(FleetError::Sink)
     }
@@ -242,8 +258,7 @@ impl<'a> Supervisor<'a> {
         let Settings { limits, .. } = self.settings;
         let Some(death) = self.member(place).bury(limits.leave) else { return Ok(()) };
         let _n_cleaned = self.domain.reap();
-        let (name, deaths, log) =
-            (self.name(place), self.member(place).deaths(), self.member(place).log());
+        let (name, deaths, log) = (self.name(place), self.member(place).deaths(), self.member(place).log());
         if deaths >= limits.deaths {
             return Err(FleetError::GaveUp { name, deaths, death, log });
         }
@@ -267,47 +282,36 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    /// Kills children that hang; gives up on children that never get ready.
+    /// Kills a sim that hangs; gives up on children that never get ready. Whether a host hangs the sim can tell better: it
+    /// knows what it has asked.
     fn look_after(&mut self) -> Result<(), FleetError> {
         let (now, limits) = (self.clock.now(), self.settings.limits);
         for place in self.places() {
             let patience = if place == Place::Sim { limits.sim_start } else { limits.host_start };
-            let has_work = self.has_work(place);
             let member = self.member(place);
             if member.starting_for(now).is_some_and(|time| time > patience) {
                 let log = member.log();
-                return Err(FleetError::StartUp { name: self.name(place), patience_s: patience.as_secs(), log });
+                return Err(FleetError::StartUp { name: self.name(place), patience, log });
             }
-            if !has_work {
-                member.heard(now);
-            } else if member.silent_for(now).is_some_and(|time| time > limits.silence) {
-                member.heard(now);
-                if let Some(process) = member.process() {
-                    process.kill();
-                }
-                let seconds = limits.silence.as_secs();
-                let line = format!("{} said nothing for {seconds} s; killed it", self.name(place));
-                self.log(&line)?;
+        }
+        if self.sim.silent_for(now).is_some_and(|time| time > limits.silence) {
+            self.sim.heard(now);
+            if let Some(process) = self.sim.process() {
+                process.kill();
             }
+            let line = format!("the sim said nothing for {} s; killed it", limits.silence.as_secs());
+            self.sim.logged(&line);
+            return self.log(&line);
         }
         Ok(())
     }
 
-    fn has_work(&self, place: Place) -> bool {
-        match place {
-            Place::Sim => !self.outstanding.is_empty(),
-            Place::Host(lane) => {
-                self.sim.is_up() && self.outstanding.values().any(|job| job.driver == Driver::Lane(lane))
-            }
-        }
-    }
-
     fn invite_foreign_hosts(&mut self) -> Result<(), FleetError> {
-        let Settings { crews, morphologies, run, .. } = self.settings;
-        for crew in crews {
-            if let policy_host::PolicySpec::Attach(name) = &crew.spec {
-                let path = folder::invite(self.domain, *run, name, &crew.lane, morphologies)?;
-                let policy = &crew.lane.spec.policy;
+        let Settings { lanes, morphologies, run, .. } = self.settings;
+        for policy in lanes {
+            if let PolicySpec::Attach(name) = &policy.spec {
+                let path = folder::invite(self.domain, *run, name, &policy.lane, morphologies)?;
+                let policy = &policy.lane.spec.policy;
                 let line =
                     format!("policy `{policy}` waits for a foreign host; its lane is in {}", path.display());
                 self.log(&line)?;
@@ -323,30 +327,31 @@ impl<'a> Supervisor<'a> {
             run: settings.run,
             n_envs: settings.n_envs,
             threads: settings.threads,
-            lanes: settings.crews.iter().map(|crew| crew.lane.clone()).collect(),
+            lanes: settings.lanes.iter().map(|policy| policy.lane.clone()).collect(),
             profile: settings.profile,
             control_mode: settings.control_mode,
             renderer: settings.renderer,
-            trace_dir: None,
         }
     }
 
     fn host_config(&self, lane: u32) -> HostConfig {
         let settings = self.settings;
-        let crew = &settings.crews[lane as usize];
+        let policy = &settings.lanes[lane as usize];
         HostConfig {
             domain: self.domain.clone(),
             run: settings.run,
-            lane: crew.lane.spec.clone(),
-            spec: crew.spec.clone(),
-            threads: settings.threads,
+            lane: policy.lane.spec.clone(),
+            spec: policy.spec.clone(),
+            threads: settings.threads as usize,
             mode: settings.mode,
         }
     }
 
     /// A sim that is not up is told when it is.
     fn tell_sim(&mut self, command: &SimCommand) {
-        if self.sim.is_up() && let Some(process) = self.sim.process() {
+        if self.sim.is_up()
+            && let Some(process) = self.sim.process()
+        {
             process.send(serde_json::json!(command).to_string());
         }
     }
@@ -359,7 +364,7 @@ impl<'a> Supervisor<'a> {
         match place {
             Place::Sim => "sim".to_owned(),
             Place::Host(lane) => {
-                format!("host of `{}`", self.settings.crews[lane as usize].lane.spec.policy)
+                format!("host of `{}`", self.settings.lanes[lane as usize].lane.spec.policy)
             }
         }
     }
@@ -372,8 +377,8 @@ impl<'a> Supervisor<'a> {
     }
 
     fn hosted_lanes(&self) -> Vec<u32> {
-        let crews = (0..).zip(&self.settings.crews);
-        crews.filter(|(_, crew)| crew.spec.hosted()).map(|(lane, _)| lane).collect()
+        let lanes = (0..).zip(&self.settings.lanes);
+        lanes.filter(|(_, policy)| policy.spec.hosted()).map(|(lane, _)| lane).collect()
     }
 
     fn places(&self) -> Vec<Place> {

@@ -26,12 +26,13 @@ pub(crate) struct HostWork {
     pub(crate) queries: u64,
     /// Batches answered.
     pub(crate) batches: u64,
-    /// Core-seconds spent answering.
+    /// Wall seconds spent answering.
     pub(crate) busy_s: f64,
 }
 
 impl Totals {
-    pub(super) fn new(n_lanes: usize) -> Self {
+    /// Of no children yet.
+    pub(crate) fn new(n_lanes: usize) -> Self {
         Self { hosts: vec![Default::default(); n_lanes], ..Self::default() }
     }
 
@@ -45,11 +46,13 @@ impl Totals {
         self.hosts.iter().flatten().copied().fold(HostWork::default(), HostWork::plus)
     }
 
-    pub(super) fn sim_reports(&mut self, counters: Counters) {
+    /// The sim that lives has counted.
+    pub(crate) fn sim_reports(&mut self, counters: Counters) {
         self.current = counters;
     }
 
-    pub(super) fn host_reports(&mut self, lane: u32, work: HostWork) {
+    /// The host that lives has counted.
+    pub(crate) fn host_reports(&mut self, lane: u32, work: HostWork) {
         self.hosts[lane as usize][1] = work;
     }
 
@@ -66,6 +69,13 @@ impl Totals {
 }
 
 impl HostWork {
+    /// Core-seconds spent answering on `threads` threads. A sample is computed by one thread, so that a batch keeps as many
+    /// of them busy as it has samples.
+    pub(crate) fn core_s(self, threads: u32) -> f64 {
+        let mean_batch = self.queries as f64 / self.batches.max(1) as f64;
+        self.busy_s * mean_batch.clamp(1.0, f64::from(threads))
+    }
+
     fn plus(self, other: Self) -> Self {
         Self {
             queries: self.queries + other.queries,

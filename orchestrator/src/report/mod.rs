@@ -99,7 +99,10 @@ pub(crate) fn table(plan: &Plan, cells: &[Cell]) -> String {
     }
     let mut text = table.to_string();
     for policy in plan.policies.iter().filter(|policy| policy.runs_in_sim()) {
-        text += &format!("{}: the scripted expert, with privileged state; a ceiling, not a policy\n", policy.name);
+        text += &format!(
+            "{}: the scripted expert, with privileged state; a ceiling, not a policy\n",
+            policy.name
+        );
     }
     text
 }

@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
+use sim::serve::protocol::Counters;
 use sim::{Perturbation, TaskId};
 
 use super::*;
-use crate::fleet::Totals;
+use crate::fleet::{HostWork, Totals};
 use crate::sweep::Sweep;
 
 fn plan() -> Plan {
@@ -27,13 +28,100 @@ fn cells() -> Vec<Cell> {
 
 #[test]
 fn the_table_aligns_and_names_the_expert_for_what_it_is() {
-    insta::assert_snapshot!(table(&plan(), &cells()), @"");
+    insta::assert_snapshot!(table(&plan(), &cells()), @r"
+    policy  task       perturbation   n  success_once   95 % interval  success_at_end  mean_steps  errors
+    idle    RaiseCube  MO-Color       0             –               –               –           –       0
+    expert  RaiseCube  MO-Color      10       100.0 %  72.2 – 100.0 %          90.0 %        74.1       1
+    expert: the scripted expert, with privileged state; a ceiling, not a policy
+    ");
 }
 
 #[test]
 fn the_object_has_the_names_others_rely_on() {
-    let fps = Fps::new(&Totals::default(), Duration::from_secs(2), 2);
+    let fps = Fps::new(&Totals::default(), Duration::from_secs(2), 2, 2);
     assert_eq!(fps.lines(), "");
     let object = json(&serde_json::json!({ "seed": 0 }), &cells(), &fps);
-    insta::assert_snapshot!(format!("{object:#}"), @"");
+    insta::assert_snapshot!(format!("{object:#}"), @r#"
+    {
+      "cells": [
+        {
+          "errors": 0,
+          "mean_steps": null,
+          "n": 0,
+          "perturbation": "MO-Color",
+          "policy": "idle",
+          "success_at_end": null,
+          "success_once": null,
+          "task": "RaiseCube",
+          "wilson95": null
+        },
+        {
+          "errors": 1,
+          "mean_steps": 74.1,
+          "n": 10,
+          "perturbation": "MO-Color",
+          "policy": "expert",
+          "success_at_end": 0.9,
+          "success_once": 1.0,
+          "task": "RaiseCube",
+          "wilson95": [
+            0.7224672001371107,
+            0.9999999999999999
+          ]
+        }
+      ],
+      "fps": {
+        "bound": null,
+        "definition": "control steps of finished and unfinished episodes / wall seconds between the first and the last control step, all envs together, policy inference included",
+        "env_steps": 0,
+        "env_steps_per_s": null,
+        "images_per_s": null,
+        "process_env_steps_per_s": 0.0,
+        "process_wall_s": 2.0,
+        "queries_per_s": null,
+        "wall_s": 0.0
+      },
+      "ledger": {
+        "physics_s": 0.0,
+        "policy_s": 0.0,
+        "render_s": 0.0,
+        "wait_s": 0.0
+      },
+      "run": {
+        "seed": 0
+      }
+    }
+    "#);
+}
+
+#[test]
+fn speed_is_measured_and_bounded_as_defined() {
+    let mut totals = Totals::new(1);
+    totals.sim_reports(Counters {
+        env_steps: 3000,
+        images: 300,
+        queries: 100,
+        stepping_s: 2.0,
+        physics_s: 0.6,
+        render_s: 0.4,
+        idle_s: 0.1,
+    });
+    // Batches of 5 on 2 threads: both are busy all the time.
+    totals.host_reports(0, HostWork { queries: 100, batches: 20, busy_s: 1.0 });
+    let fps = Fps::new(&totals, Duration::from_secs(4), 2, 2);
+    assert_eq!((fps.env_steps_per_s, fps.process_env_steps_per_s), (Some(1500.0), 750.0));
+    assert_eq!((fps.images_per_s, fps.queries_per_s), (Some(150.0), Some(50.0)));
+    let bound = fps.bound.unwrap();
+    let (s, r, w, k) = (0.6 / 3000.0, 0.4 / 100.0, 2.0 / 100.0, 30.0);
+    assert_eq!((bound.step_s, bound.render_s, bound.query_s), (s, r, w));
+    assert_eq!(bound.steps_per_query, Some(k));
+    assert!((bound.env_steps_per_s - 2.0 / (s + (r + w) / k)).abs() < 1e-9);
+    assert!((bound.reached - 0.75).abs() < 1e-12);
+    insta::assert_snapshot!(fps.lines(), @r"
+    env_steps_per_s  1500.0 (3000 control steps in 2.00 s, from the first to the last)
+    whole process    750.0 env-steps/s (4.00 s, start-up included)
+    per second       150.0 images, 50.0 queries
+    core-seconds     physics 0.60, render 0.40, policy 2.00; the sim had nothing to do for 0.10 s
+    bound            2000.0 env-steps/s = c / (s + (r + w) / k) with c = 2 cores, s = 0.200 ms, r = 4.000 ms, w = 20.000 ms, k = 30.0; 75 % reached
+    ");
 }

@@ -36,8 +36,8 @@ pub(crate) struct Manifest {
 /// A results file that was made with something else than the command says.
 #[derive(Debug, Error, PartialEq, Eq)]
 #[error(
-    "failed to continue the results file {}: it was made with {field} {found}, this command says {asked}; use the same \
-     {field}, or another file with --db",
+    "failed to continue the results file {}: {field} is {found} in it, but {asked} in this command; say the same again, or \
+     name another file with --db",
     path.display()
 )]
 pub(crate) struct Mismatch {

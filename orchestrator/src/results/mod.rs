@@ -15,7 +15,7 @@ use rusqlite::{Connection, params};
 use sim::serve::protocol::Outcome;
 use thiserror::Error;
 
-pub(crate) use self::manifest::{Manifest, Mismatch};
+pub(crate) use self::manifest::Manifest;
 pub(crate) use self::open::OpenError;
 use crate::plan::Condition;
 

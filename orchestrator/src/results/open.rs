@@ -16,7 +16,6 @@ const BUSY: Duration = Duration::from_secs(5);
 
 /// Why a results file cannot be used.
 #[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
 pub(crate) enum OpenError {
     #[error("failed to open the results file {}: it is a folder; name a file with --db", path.display())]
     Folder { path: PathBuf },
@@ -68,7 +67,8 @@ fn lock(path: &Path) -> Result<File, OpenError> {
         return Err(OpenError::Folder { path: path.into() });
     }
     let io = |source| OpenError::Io { path: path.into(), source };
-    let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(io)?;
+    let file =
+        OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(io)?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => Err(OpenError::InUse { path: path.into() }),

@@ -84,18 +84,21 @@ fn the_columns_are_those_others_rely_on() {
             |row| row.get(0),
         )
         .unwrap();
-    insta::assert_snapshot!(row, @"");
+    insta::assert_snapshot!(row, @r#"["idle","RaiseCube","None",0,7,92,0,0,null,"above","000000000000feed",null]"#);
     let manifest: String = reader
         .query_row("SELECT group_concat(key || ' = ' || value, '; ') FROM manifest", [], |row| row.get(0))
         .unwrap();
-    insta::assert_snapshot!(manifest, @"");
+    insta::assert_snapshot!(manifest, @r#"control_mode = "pd_ee_delta_pose"; execute = 30; mode = "chunk"; policy/idle = {"checkpoint":null,"spec":"idle"}; profile = "strict"; seed = 0; version = "0.1.0""#);
 }
 
 #[test]
 fn more_of_the_same_kind_may_be_added_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
-    Results::open(&path, &manifest(&["idle"], |_| ())).unwrap().record(key(0), 7, &outcome(true, None)).unwrap();
+    Results::open(&path, &manifest(&["idle"], |_| ()))
+        .unwrap()
+        .record(key(0), 7, &outcome(true, None))
+        .unwrap();
 
     let more = manifest(&["idle", "expert"], |wishes| {
         wishes.tasks = vec!["StackCube".to_owned()];
@@ -105,14 +108,14 @@ fn more_of_the_same_kind_may_be_added_and_nothing_else() {
     Results::open(&path, &more).unwrap();
 
     let refused = |edit: fn(&mut Sweep)| refusal(&path, &manifest(&["idle"], edit));
-    insta::assert_snapshot!(refused(|wishes| wishes.seed = Some(1)), @"");
-    insta::assert_snapshot!(refused(|wishes| wishes.profile = Some("paper".to_owned())), @"");
-    insta::assert_snapshot!(refused(|wishes| wishes.mode = Some("ensemble".to_owned())), @"");
-    insta::assert_snapshot!(refused(|wishes| wishes.execute = Some(8)), @"");
-    insta::assert_snapshot!(refused(|wishes| wishes.control_mode = Some("pd_joint_pos".to_owned())), @"");
-    insta::assert_snapshot!(refusal(&path, &manifest(&["idle=random"], |_| ())), @"");
+    insta::assert_snapshot!(refused(|wishes| wishes.seed = Some(1)), @"failed to continue the results file a.db: seed is 0 in it, but 1 in this command; say the same again, or name another file with --db");
+    insta::assert_snapshot!(refused(|wishes| wishes.profile = Some("paper".to_owned())), @r#"failed to continue the results file a.db: profile is "strict" in it, but "paper" in this command; say the same again, or name another file with --db"#);
+    insta::assert_snapshot!(refused(|wishes| wishes.mode = Some("ensemble".to_owned())), @r#"failed to continue the results file a.db: mode is "chunk" in it, but "ensemble" in this command; say the same again, or name another file with --db"#);
+    insta::assert_snapshot!(refused(|wishes| wishes.execute = Some(8)), @"failed to continue the results file a.db: execute is 30 in it, but 8 in this command; say the same again, or name another file with --db");
+    insta::assert_snapshot!(refused(|wishes| wishes.control_mode = Some("pd_joint_pos".to_owned())), @r#"failed to continue the results file a.db: control_mode is "pd_ee_delta_pose" in it, but "pd_joint_pos" in this command; say the same again, or name another file with --db"#);
+    insta::assert_snapshot!(refusal(&path, &manifest(&["idle=random"], |_| ())), @"failed to continue the results file a.db: policy `idle` is idle in it, but random in this command; say the same again, or name another file with --db");
     let newer = Manifest { version: "9.9.9".to_owned(), ..manifest(&["idle"], |_| ()) };
-    assert!(refusal(&path, &newer).contains("version \""));
+    assert!(refusal(&path, &newer).contains("version is \""));
     assert!(Results::open(&path, &manifest(&["idle"], |_| ())).unwrap().finished().unwrap().contains(key(0)));
 }
 
@@ -130,23 +133,24 @@ fn what_is_not_a_results_file_is_refused_and_left_alone() {
     let path = |name: &str| folder.path().join(name);
     let idle = manifest(&["idle"], |_| ());
 
-    std::fs::write(path("notes.txt"), "not a database, but long enough to be taken for a header".repeat(20)).unwrap();
-    insta::assert_snapshot!(refusal(&path("notes.txt"), &idle), @"");
+    std::fs::write(path("notes.txt"), "not a database, but long enough to be taken for a header".repeat(20))
+        .unwrap();
+    insta::assert_snapshot!(refusal(&path("notes.txt"), &idle), @"failed to use notes.txt as results file: it is not one of ours; name another with --db");
     assert!(std::fs::read_to_string(path("notes.txt")).unwrap().starts_with("not a database"));
 
     Connection::open(path("other.db")).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
-    insta::assert_snapshot!(refusal(&path("other.db"), &idle), @"");
+    insta::assert_snapshot!(refusal(&path("other.db"), &idle), @"failed to use other.db as results file: it is not one of ours; name another with --db");
 
     drop(Results::open(&path("future.db"), &idle).unwrap());
     Connection::open(path("future.db")).unwrap().pragma_update(None, "user_version", 2).unwrap();
-    insta::assert_snapshot!(refusal(&path("future.db"), &idle), @"");
+    insta::assert_snapshot!(refusal(&path("future.db"), &idle), @"failed to use the results file future.db: its tables are version 2, this program writes version 1; name another with --db");
 
     std::fs::create_dir(path("folder")).unwrap();
-    insta::assert_snapshot!(refusal(&path("folder"), &idle), @"");
-    insta::assert_snapshot!(refusal(&path("absent/a.db"), &idle), @"");
+    insta::assert_snapshot!(refusal(&path("folder"), &idle), @"failed to open the results file folder: it is a folder; name a file with --db");
+    insta::assert_snapshot!(refusal(&path("absent/a.db"), &idle), @"failed to open the results file a.db: No such file or directory (os error 2)");
 
     let held = Results::open(&path("held.db"), &idle).unwrap();
-    insta::assert_snapshot!(refusal(&path("held.db"), &idle), @"");
+    insta::assert_snapshot!(refusal(&path("held.db"), &idle), @"failed to use the results file held.db: another run is writing to it");
     drop(held);
     Results::open(&path("held.db"), &idle).unwrap();
 }

@@ -90,6 +90,9 @@ impl ResNet18 {
             let inner = block.first.output_shape(shape, 1);
             block.first.reserve(shape, &mut conv);
             block.second.reserve(inner, &mut conv);
+            if let Some(downsample) = &block.downsample {
+                downsample.reserve(shape, &mut conv);
+            }
             shape = inner;
         }
         TrunkScratch {

@@ -164,13 +164,16 @@ fn check_tensors(config: &ActConfig, header: &Metadata, path: &Path) -> Result<(
                 let found = describe(info.dtype, &info.shape);
                 return Err(CheckpointError::Mismatch { path, tensor, expected, found });
             }
-            None if spec.role == Role::Live => return Err(CheckpointError::Missing { path, tensor, expected }),
+            None if spec.role == Role::Live => {
+                return Err(CheckpointError::Missing { path, tensor, expected });
+            }
             None => {}
         }
     }
     let known: std::collections::BTreeSet<&str> = specs.iter().map(|spec| spec.name.as_str()).collect();
     let names: BTreeMap<_, _> = header.tensors().into_iter().collect();
-    let unknown = names.iter().find(|(name, _)| !known.contains(name.as_str()) && !name.ends_with(IGNORED_SUFFIX));
+    let unknown =
+        names.iter().find(|(name, _)| !known.contains(name.as_str()) && !name.ends_with(IGNORED_SUFFIX));
     unknown.map_or(Ok(()), |(name, info)| {
         let found = describe(info.dtype, &info.shape);
         Err(CheckpointError::Unknown { path: path.to_owned(), tensor: name.clone(), found })

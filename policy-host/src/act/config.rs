@@ -88,11 +88,11 @@ pub enum TextEncoder {
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the fields are named by their messages")]
 pub enum ConfigError {
-    #[error("read it: {0}")]
+    #[error("{0}")]
     Read(#[from] std::io::Error),
-    #[error("parse it: {0}")]
+    #[error("{0}")]
     Json(#[from] serde_json::Error),
-    #[error("use `{key}` = {found}: expected {expected}")]
+    #[error("`{key}` is {found}, expected {expected}")]
     Value { key: &'static str, found: usize, expected: String },
 }
 
@@ -127,7 +127,8 @@ impl ActConfig {
         }
     }
 
-    /// A network of the same shape small enough for tests and first trials: 1/8 of the widths, two encoder layers.
+    /// A network of the same shape small enough for tests and first trials: a sixteenth to an eighth of the widths, two encoder
+    /// layers.
     #[must_use]
     pub fn tiny(morphology: Morphology) -> Self {
         Self {
@@ -136,7 +137,7 @@ impl ActConfig {
             nheads: 4,
             enc_layers: 2,
             dec_layers: 1,
-            backbone_width: 8,
+            backbone_width: 4,
             language: Some(LanguageConfig { encoder: TextEncoder::Hashed, dim: 64 }),
             ..Self::full_size(morphology)
         }

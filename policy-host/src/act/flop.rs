@@ -21,9 +21,11 @@ impl ActConfig {
             + feed_forward(queries)
             + product(queries, width, self.action_dim);
         let features = stage_channels(self, N_STAGES - 1);
-        let projections =
-            product(self.n_image_tokens(), features, width) + product(1, self.state_dim, width);
-        self.n_cameras as u64 * self.trunk_flop() + projections + self.enc_layers as u64 * encoder_layer + decoder
+        let projections = product(self.n_image_tokens(), features, width) + product(1, self.state_dim, width);
+        self.n_cameras as u64 * self.trunk_flop()
+            + projections
+            + self.enc_layers as u64 * encoder_layer
+            + decoder
     }
 
     /// Floating-point operations of the backbone for one image.

@@ -23,8 +23,9 @@ use ipc_types::frame::EnvObservation;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES};
 use ipc_types::{ActionBlock, Morphology, ObservationView};
 use rayon::prelude::*;
+use xxhash_rust::xxh3::Xxh3;
 
-use self::checkpoint::Checkpoint;
+use self::checkpoint::{Checkpoint, CheckpointError, MODEL_FILE};
 use self::config::{ActConfig, CONFIG_FILE};
 use self::image::Image;
 use self::language::TokenCache;
@@ -98,6 +99,22 @@ pub fn check(folder: &Path, morphologies: &[Morphology]) -> Result<(), LoadError
     Ok(())
 }
 
+/// xxh3-64 over the files of a checkpoint, folder after folder.
+///
+/// # Errors
+/// If a file cannot be read.
+pub fn fingerprint(folder: &Path) -> Result<u64, LoadError> {
+    let mut hash = Xxh3::new();
+    for inner in checkpoint_folders(folder)? {
+        for path in [inner.join(CONFIG_FILE), inner.join(MODEL_FILE)] {
+            let bytes = std::fs::read(&path).map_err(|source| CheckpointError::Read { path, source })?;
+            hash.update(&(bytes.len() as u64).to_le_bytes());
+            hash.update(&bytes);
+        }
+    }
+    Ok(hash.digest())
+}
+
 fn robot(folder: &Path, config: &ActConfig) -> Result<Morphology, LoadError> {
     config.morphology.ok_or_else(|| LoadError::NoMorphology { path: folder.join(CONFIG_FILE) })
 }
@@ -112,7 +129,8 @@ impl ActPolicy {
         for inner in checkpoint_folders(folder)? {
             let model = ActModel::load(&inner)?;
             let morphology = robot(&inner, model.config())?;
-            if networks.iter().any(|network: &Network| network.model.config().morphology == Some(morphology)) {
+            if networks.iter().any(|network: &Network| network.model.config().morphology == Some(morphology))
+            {
                 let name = morphology.name();
                 return Err(LoadError::Twice { folder: folder.to_owned(), morphology: name });
             }
@@ -129,10 +147,15 @@ impl ActPolicy {
 }
 
 impl Policy for ActPolicy {
-    fn act(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionBlock]) -> Result<(), PolicyError> {
+    fn act(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionBlock],
+    ) -> Result<(), PolicyError> {
         assert_eq!(answer.len(), observation.n_envs(), "one block per env");
         let morphology = observation.morphology();
-        let network = self.networks.iter_mut().find(|network| network.model.config().morphology == Some(morphology));
+        let network =
+            self.networks.iter_mut().find(|network| network.model.config().morphology == Some(morphology));
         let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
         network.check(observation)?;
         if observation.n_envs() < network.workers.len() {
@@ -208,7 +231,9 @@ impl Network {
                 });
             }
         });
-        let jobs = Mutex::new(answer.iter_mut().zip(features.chunks_exact(n_cameras * PLACES * n_features)).enumerate());
+        let jobs = Mutex::new(
+            answer.iter_mut().zip(features.chunks_exact(n_cameras * PLACES * n_features)).enumerate(),
+        );
         workers.par_iter_mut().with_max_len(1).for_each(|worker| {
             while let Some((env_idx, (block, sample))) = next(&jobs) {
                 for (place, from) in sample.chunks_exact(n_features).enumerate() {
@@ -225,7 +250,13 @@ impl Network {
 
 impl Worker {
     /// From features to the answer's rows.
-    fn head(&mut self, model: &ActModel, tokens: &Mutex<TokenCache>, env: &EnvObservation<'_>, block: &mut ActionBlock) {
+    fn head(
+        &mut self,
+        model: &ActModel,
+        tokens: &Mutex<TokenCache>,
+        env: &EnvObservation<'_>,
+        block: &mut ActionBlock,
+    ) {
         let has_language = match lock(tokens).get(env.instruction, model) {
             Some(token) => {
                 self.language.copy_from_slice(token);

@@ -147,8 +147,8 @@ impl List {
     }
 
     fn language(&mut self, width: usize, embedding: usize) {
-        for (linear, norm, n_in) in [(0, 2, embedding), (3, 5, embedding)] {
-            self.linear(&format!("lang_proj.{linear}"), embedding, n_in);
+        for (linear, norm) in [(0, 2), (3, 5)] {
+            self.linear(&format!("lang_proj.{linear}"), embedding, embedding);
             self.norm(&format!("lang_proj.{norm}"), embedding);
         }
         self.linear("lang_proj.6", width, embedding);

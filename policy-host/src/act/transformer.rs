@@ -79,7 +79,10 @@ struct FeedForward {
 
 impl FeedForward {
     fn new(weights: &Weights, layer: &str) -> Self {
-        Self { up: linear(weights, &format!("{layer}.linear1")), down: linear(weights, &format!("{layer}.linear2")) }
+        Self {
+            up: linear(weights, &format!("{layer}.linear1")),
+            down: linear(weights, &format!("{layer}.linear2")),
+        }
     }
 
     /// `x += down(relu(up(x)))`.
@@ -197,7 +200,13 @@ impl Decoder {
     }
 
     /// `actions [Q, action_dim]` from the encoded tokens `memory [T, D]` and their positions.
-    pub(super) fn run(&self, memory: &[f32], positions: &[f32], scratch: &mut TransformerScratch, actions: &mut [f32]) {
+    pub(super) fn run(
+        &self,
+        memory: &[f32],
+        positions: &[f32],
+        scratch: &mut TransformerScratch,
+        actions: &mut [f32],
+    ) {
         let width = self.value.n_out();
         let (n_tokens, n_queries) = (memory.len() / width, self.queries.len() / width);
         let keys = &mut scratch.queries_keys[..memory.len()];

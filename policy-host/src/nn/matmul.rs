@@ -28,7 +28,8 @@ pub fn view(data: &[f32], n_rows: usize, n_cols: usize, stride: usize) -> MatRef
 /// If the last number would lie outside `data`, or rows overlap.
 #[must_use]
 pub fn view_mut(data: &mut [f32], n_rows: usize, n_cols: usize, stride: usize) -> MatMut<'_, f32> {
-    MatMut::from_row_major_slice_with_stride_mut(data, n_rows, n_cols, stride)
+    // By way of columns: the row-major constructor of faer 0.24 for strided slices swaps its strides.
+    MatMut::from_column_major_slice_with_stride_mut(data, n_cols, n_rows, stride).transpose_mut()
 }
 
 /// `out = a · b`, or `out += a · b`.

@@ -31,7 +31,9 @@ pub fn start_closing(scene: &Scene, arm: usize) -> Vector3<f64> {
 #[must_use]
 pub fn pose(position: &Vector3<f64>, approach: &Vector3<f64>, closing: &Vector3<f64>) -> Isometry3<f64> {
     let z = approach.normalize();
-    let y = (closing - z * closing.dot(&z)).try_normalize(1e-9).expect("a gripper does not close along its approach");
+    let y = (closing - z * closing.dot(&z))
+        .try_normalize(1e-9)
+        .expect("a gripper does not close along its approach");
     let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[y.cross(&z), y, z]));
     Isometry3::from_parts(Translation3::from(*position), UnitQuaternion::from_rotation_matrix(&rotation))
 }
@@ -49,8 +51,11 @@ pub fn from_above(body: &Body, preferred: &Vector3<f64>, closing_now: &Vector3<f
     let upright = (0..3).max_by(|a, b| axes[*a].z.abs().total_cmp(&axes[*b].z.abs())).unwrap_or(2);
     let [a, b] = [(upright + 1) % 3, (upright + 2) % 3];
     let equal = (sides[a] - sides[b]).abs() < EQUAL_SIDES * sides[a].max(sides[b]);
-    let a_is_better =
-        if equal { axes[a].dot(preferred).abs() >= axes[b].dot(preferred).abs() } else { sides[a] < sides[b] };
+    let a_is_better = if equal {
+        axes[a].dot(preferred).abs() >= axes[b].dot(preferred).abs()
+    } else {
+        sides[a] < sides[b]
+    };
     let closing = same_way_round(if a_is_better { axes[a] } else { axes[b] }, closing_now);
     let half = sides[upright] / 2.0;
     let position = centre.coords + down * (DEPTH_M.min(half) - half);

@@ -96,7 +96,8 @@ impl Planner<'_> {
     /// Solutions along the straight lines, each found from the one before, so that the joints never jump.
     fn line(&self, reaches: &[Reach]) -> Result<Vec<Config>, Unreachable> {
         let starts: Vec<Isometry3<f64>> = reaches.iter().map(|reach| self.tcp(reach.arm)).collect();
-        let n_steps = starts.iter().zip(reaches).map(|(start, reach)| line_steps(start, &reach.tcp)).max().unwrap_or(1);
+        let n_steps =
+            starts.iter().zip(reaches).map(|(start, reach)| line_steps(start, &reach.tcp)).max().unwrap_or(1);
         let mut path = vec![self.config.clone()];
         for step in 1..=n_steps {
             let part = step as f64 / n_steps as f64;

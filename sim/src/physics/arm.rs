@@ -6,10 +6,11 @@
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rapier3d::dynamics::{
-    GenericJointBuilder, JointAxesMask, JointAxis, MassProperties, Multibody, MultibodyIndex, RigidBodyBuilder,
-    RigidBodyHandle,
+    GenericJointBuilder, JointAxesMask, JointAxis, MassProperties, Multibody, MultibodyIndex,
+    RigidBodyBuilder, RigidBodyHandle,
 };
 use rapier3d::geometry::{ColliderHandle, NarrowPhase};
+use rapier3d::math::Vector;
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::convert::{from_pose, from_vector, to_matrix, to_pose, to_vector};
@@ -17,8 +18,8 @@ use super::solids::collider;
 use crate::robot::control::{Drive, FINGER_DRIVE, Targets, arm_drive, targets};
 use crate::robot::kinematics::Joints;
 use crate::robot::panda::{
-    FINGER_OPEN, Inertia, LOWER, N_DOFS, N_JOINTS, Solid, UPPER, finger_in_link7, finger_inertia, finger_solids,
-    hand_in_link7, joint_origin, link_inertia, link_solids, tcp_in_link7,
+    FINGER_OPEN, Inertia, LOWER, N_DOFS, N_JOINTS, Solid, UPPER, finger_in_link7, finger_inertia,
+    finger_solids, hand_in_link7, joint_origin, link_inertia, link_solids, tcp_in_link7,
 };
 use crate::scene::{ArmLinks, Link, N_LINKS, Robot};
 
@@ -39,13 +40,20 @@ pub(super) struct Arm {
     fingers: [Vec<ColliderHandle>; 2],
     drive: Drive,
     targets: Targets,
+    /// What each joint moves, as it was at the last command.
+    inertia: [f64; N_DOFS],
     hand_in_link7: Isometry3<f32>,
     tcp_in_link7: Isometry3<f32>,
 }
 
 impl Arm {
     /// Adds an arm at its drawn pose, fingers open, aiming at where it is.
-    pub(super) fn add(world: &mut PhysicsWorld, robot: &Robot, mode: ControlMode, wrist_camera: bool) -> Self {
+    pub(super) fn add(
+        world: &mut PhysicsWorld,
+        robot: &Robot,
+        mode: ControlMode,
+        wrist_camera: bool,
+    ) -> Self {
         let mut builder = Builder { world, links: Vec::with_capacity(N_DOFS + 1) };
         let base = builder.world.insert_body(RigidBodyBuilder::fixed().pose(to_pose(&robot.base)));
         builder.links.push(base);
@@ -57,15 +65,13 @@ impl Arm {
                 &link_inertia(joint, wrist_camera),
                 &joint_origin(joint),
                 &axis,
-                Freedom::Turns([LOWER[joint], UPPER[joint]]),
             );
             builder.add_solids(child, &link_solids(joint + 1), LINK_FRICTION);
         }
         let fingers = [1.0, -1.0].map(|side| {
             let axis = Vector3::y() * side;
             let wrist = builder.links[N_JOINTS];
-            let finger =
-                builder.add_link(wrist, &finger_inertia(), &finger_in_link7(), &axis, Freedom::Slides([0.0, FINGER_OPEN]));
+            let finger = builder.add_link(wrist, &finger_inertia(), &finger_in_link7(), &axis);
             builder.add_solids(finger, &finger_solids(side), FINGER_FRICTION)
         });
         let links: [RigidBodyHandle; N_DOFS + 1] =
@@ -77,6 +83,7 @@ impl Arm {
             fingers,
             drive: arm_drive(mode),
             targets: Targets { joints: Joints::from(robot.qpos), finger: FINGER_OPEN },
+            inertia: [1.0; N_DOFS],
             hand_in_link7: hand_in_link7().cast(),
             tcp_in_link7: tcp_in_link7().cast(),
         };
@@ -87,12 +94,16 @@ impl Arm {
     /// Puts the multibody, which rapier builds at position zero, where the targets are.
     fn pose(&self, world: &mut PhysicsWorld) {
         let bodies = &mut world.bodies;
-        let multibody = world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+        let multibody =
+            world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
         multibody.set_self_contacts_enabled(false);
         multibody.forward_kinematics(bodies, true);
         assert_eq!(multibody.ndofs(), N_DOFS, "a fixed base has no freedom of its own");
-        multibody.damping_mut().copy_from_slice(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.drive_of(dof).damping as f32));
-        multibody.apply_displacements(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.target_of(dof) as f32));
+        multibody
+            .damping_mut()
+            .copy_from_slice(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.drive_of(dof).damping as f32));
+        multibody
+            .apply_displacements(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.target_of(dof) as f32));
         multibody.forward_kinematics(bodies, false);
         multibody.update_rigid_bodies(bodies, true);
     }
@@ -109,21 +120,51 @@ impl Arm {
     pub(super) fn command(&mut self, world: &PhysicsWorld, mode: ControlMode, row: &[f32]) {
         let qpos = self.qpos(world);
         self.targets = targets(mode, row, &Joints::from_fn(|joint, _| f64::from(qpos[joint])));
+        self.inertia = self.moved_inertia(world);
     }
 
-    /// Sets the springs for the next physics step. rapier's springs know no limit of force, so the rest position is drawn
-    /// in until stiffness · error − damping · velocity lies within the drive's.
+    /// Sets the springs for the next physics step.
+    ///
+    /// rapier's springs know no limit of force, so a spring's rest position is drawn in until the force lies within the
+    /// drive's. The limit holds for the mean over the step: while a joint gains speed the force of an implicit spring falls,
+    /// over one step to about 1 / (1 + x) of its start with x = dt (damping + stiffness · dt) / inertia.
     pub(super) fn drive(&self, world: &mut PhysicsWorld) {
         let (qpos, qvel) = (self.qpos(world), self.qvel(world));
-        let multibody = world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+        let dt = f64::from(world.integration_parameters.dt);
+        let multibody =
+            world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
         for dof in 0..N_DOFS {
             let Drive { stiffness, damping, limit } = self.drive_of(dof);
-            let (q, drag) = (f64::from(qpos[dof]), damping * f64::from(qvel[dof]));
-            let force = (stiffness * (self.target_of(dof) - q) - drag).clamp(-limit, limit);
-            let rest = q + (force + drag) / stiffness;
+            let (q, v) = (f64::from(qpos[dof]), f64::from(qvel[dof]));
+            let limit = limit * (1.0 + 0.5 * dt * (damping + stiffness * dt) / self.inertia[dof]);
+            let force = (stiffness * (self.target_of(dof) - q) - damping * v).clamp(-limit, limit);
+            let rest = q + (force + damping * v) / stiffness;
             let joint = &mut multibody.link_mut(dof + 1).expect("one link per joint").joint;
             joint.set_spring(coordinate(dof), stiffness as f32, rest as f32);
+            // A stop that cannot be met within this step would cost a constraint and do nothing.
+            let [lo, hi] = range(dof);
+            let ahead = q + 2.0 * dt * v;
+            let meets_stop = q.min(ahead) < lo || q.max(ahead) > hi;
+            joint.data.limit_axes = if meets_stop { !joint.data.locked_axes } else { JointAxesMask::empty() };
         }
+    }
+
+    /// Inertia that each joint moves, itself and all links beyond it: kg·m², of fingers kg.
+    fn moved_inertia(&self, world: &PhysicsWorld) -> [f64; N_DOFS] {
+        let multibody = self.multibody(world);
+        let mut inertia = [0.0; N_DOFS];
+        for (link, handle) in self.links.iter().enumerate().skip(1) {
+            let properties = world.bodies[*handle].mass_properties();
+            let (mass, turning) = (properties.effective_mass().x, properties.effective_angular_inertia());
+            let jacobian = multibody.body_jacobian(link);
+            for (dof, inertia) in inertia.iter_mut().enumerate() {
+                let column = jacobian.column(dof);
+                let linear = Vector::new(column[0], column[1], column[2]);
+                let angular = Vector::new(column[3], column[4], column[5]);
+                *inertia += f64::from(mass * linear.length_squared() + angular.dot(turning * angular));
+            }
+        }
+        inertia
     }
 
     /// Positions of joints 1 to 7 (rad) and of the fingers (m).
@@ -198,10 +239,9 @@ const fn coordinate(dof: usize) -> usize {
     if dof < N_JOINTS { 3 } else { 0 }
 }
 
-/// How a joint moves, between which limits.
-enum Freedom {
-    Turns([f64; 2]),
-    Slides([f64; 2]),
+/// Least and greatest position of a joint or finger.
+const fn range(dof: usize) -> [f64; 2] {
+    if dof < N_JOINTS { [LOWER[dof], UPPER[dof]] } else { [0.0, FINGER_OPEN] }
 }
 
 struct Builder<'a> {
@@ -210,31 +250,33 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    /// Adds a link that moves along or about `axis` of the frame at `origin` in its parent.
+    /// Adds the next link, which turns about `axis` (a finger: slides along it) of the frame at `origin` in its parent.
     fn add_link(
         &mut self,
         parent: RigidBodyHandle,
         inertia: &Inertia,
         origin: &Isometry3<f64>,
         axis: &Vector3<f64>,
-        freedom: Freedom,
     ) -> RigidBodyHandle {
         let mass = MassProperties::with_inertia_matrix(
             to_vector(&inertia.com),
             inertia.mass as f32,
             to_matrix(&inertia.matrix),
         );
-        let link = RigidBodyBuilder::dynamic().gravity_scale(0.0).can_sleep(false).additional_mass_properties(mass);
+        let link =
+            RigidBodyBuilder::dynamic().gravity_scale(0.0).can_sleep(false).additional_mass_properties(mass);
         let link = self.world.insert_body(link);
-        let (locked, free, [lo, hi]) = match freedom {
-            Freedom::Turns(limits) => (JointAxesMask::LOCKED_REVOLUTE_AXES, JointAxis::AngX, limits),
-            Freedom::Slides(limits) => (JointAxesMask::LOCKED_PRISMATIC_AXES, JointAxis::LinX, limits),
+        let dof = self.links.len() - 1;
+        let (locked, free) = if dof < N_JOINTS {
+            (JointAxesMask::LOCKED_REVOLUTE_AXES, JointAxis::AngX)
+        } else {
+            (JointAxesMask::LOCKED_PRISMATIC_AXES, JointAxis::LinX)
         };
         let x_to_axis = UnitQuaternion::rotation_between(&Vector3::x(), axis).expect("no axis is −x");
         let joint = GenericJointBuilder::new(locked)
             .local_frame1(to_pose(&(origin * x_to_axis)))
             .local_frame2(to_pose(&Isometry3::from_parts(Vector3::zeros().into(), x_to_axis)))
-            .limits(free, [lo as f32, hi as f32]);
+            .limits(free, range(dof).map(|limit| limit as f32));
         self.world.multibody_joints.insert(parent, link, joint, true).expect("links form a tree");
         self.links.push(link);
         link

@@ -36,7 +36,8 @@ impl World {
         solids::add_ground(&mut rapier, scene.table.kind);
         let bodies = scene.bodies.iter().map(|body| solids::add_body(&mut rapier, body)).collect();
         let wrist_camera = scene.robots.len() == 1;
-        let arms = scene.robots.iter().map(|robot| Arm::add(&mut rapier, robot, mode, wrist_camera)).collect();
+        let arms =
+            scene.robots.iter().map(|robot| Arm::add(&mut rapier, robot, mode, wrist_camera)).collect();
         Self { rapier, arms, bodies, mode }
     }
 
@@ -133,7 +134,11 @@ impl World {
     /// # Panics
     /// If the snapshot was made for another number of bodies or arms.
     pub fn write_snapshot(&self, out: &mut Snapshot) {
-        assert_eq!((out.bodies.len(), out.arms.len()), (self.bodies.len(), self.arms.len()), "another scene's");
+        assert_eq!(
+            (out.bodies.len(), out.arms.len()),
+            (self.bodies.len(), self.arms.len()),
+            "another scene's"
+        );
         for (body, pose) in out.bodies.iter_mut().enumerate() {
             *pose = self.body_pose(body);
         }

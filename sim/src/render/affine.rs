@@ -18,7 +18,8 @@ impl Affine {
     /// Scales along the axes, then moves by `pose`.
     pub(super) fn placed(pose: &Isometry3<f32>, scale: Vec3) -> Self {
         let rotation = pose.rotation.to_rotation_matrix();
-        let linear = core::array::from_fn(|row| core::array::from_fn(|col| rotation[(row, col)] * scale[col]));
+        let linear =
+            core::array::from_fn(|row| core::array::from_fn(|col| rotation[(row, col)] * scale[col]));
         Self { linear, offset: pose.translation.vector.into() }
     }
 

@@ -39,7 +39,9 @@ impl Camera {
             focal_px: (side as f64 / 2.0 * cos / sin) as f32,
             clip_m: camera.clip_m.map(|c| c as f32),
             mount: match &camera.mount {
-                CameraMount::World { eye, target } => Mount::World((look_at(*eye, *target) * camera.error).cast()),
+                CameraMount::World { eye, target } => {
+                    Mount::World((look_at(*eye, *target) * camera.error).cast())
+                }
                 CameraMount::Hand { arm, pose } => {
                     Mount::Hand { arm: *arm, pose: (pose * camera.error).cast() }
                 }

@@ -16,7 +16,7 @@ impl Noise {
     pub(super) fn at(&self, u: f32, v: f32) -> f32 {
         let [x, y] = [(u, self.nodes[0]), (v, self.nodes[1])].map(|(t, n)| t * n as f32);
         let ease = |t: f32| t * t * (3.0 - 2.0 * t);
-        let [fx, fy] = [x, y].map(|t| ease(t - t.floor()));
+        let (fx, fy) = (ease(x - x as u32 as f32), ease(y - y as u32 as f32));
         let (x, y) = (x as u32, y as u32);
         let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
         let row = |y| mix(self.at_node(x, y), self.at_node(x + 1, y), fx);

@@ -38,17 +38,17 @@ const fn disc(link: Link, centre: Vec3, about: Axis, radius: f32, half_height: f
 const DISCS: [Disc; 15] = [
     disc(Link::Link0, [0.0, 0.0, 0.141], Axis::Z, 0.0555, 0.008, Look::Dark),
     disc(Link::Link1, [0.0, 0.0, 0.0], Axis::Y, 0.0535, 0.012, Look::Dark),
-    disc(Link::Link1, [0.0, -0.1285, 0.0], Axis::Y, 0.043, 0.003, Look::Grey),
-    disc(Link::Link2, [0.0, 0.0, 0.1285], Axis::Z, 0.043, 0.003, Look::Grey),
+    disc(Link::Link1, [0.0, -0.1285, 0.0], Axis::Y, 0.043, 0.004, Look::Grey),
+    disc(Link::Link2, [0.0, 0.0, 0.1285], Axis::Z, 0.043, 0.004, Look::Grey),
     disc(Link::Link2, [0.0, -0.194, 0.0], Axis::Y, 0.0535, 0.012, Look::Dark),
     disc(Link::Link3, [0.0825, 0.0, 0.0], Axis::Y, 0.0535, 0.012, Look::Dark),
-    disc(Link::Link3, [0.0825, 0.1105, 0.0], Axis::Y, 0.043, 0.003, Look::Grey),
-    disc(Link::Link4, [0.0, 0.0, 0.1105], Axis::Z, 0.043, 0.003, Look::Grey),
+    disc(Link::Link3, [0.0825, 0.1105, 0.0], Axis::Y, 0.043, 0.004, Look::Grey),
+    disc(Link::Link4, [0.0, 0.0, 0.1105], Axis::Z, 0.043, 0.004, Look::Grey),
     disc(Link::Link4, [-0.0825, 0.1215, 0.0], Axis::Y, 0.0535, 0.012, Look::Dark),
     disc(Link::Link5, [0.0, 0.053, 0.0], Axis::Y, 0.0475, 0.008, Look::Dark),
-    disc(Link::Link5, [0.0, 0.1295, 0.0], Axis::Y, 0.04, 0.003, Look::Grey),
-    disc(Link::Link6, [0.0, 0.0, 0.0505], Axis::Z, 0.038, 0.003, Look::Grey),
-    disc(Link::Link6, [0.088, 0.0715, 0.0], Axis::Y, 0.03, 0.003, Look::Grey),
+    disc(Link::Link5, [0.0, 0.1295, 0.0], Axis::Y, 0.04, 0.004, Look::Grey),
+    disc(Link::Link6, [0.0, 0.0, 0.0505], Axis::Z, 0.038, 0.004, Look::Grey),
+    disc(Link::Link6, [0.088, 0.0715, 0.0], Axis::Y, 0.03, 0.004, Look::Grey),
     disc(Link::Link6, [0.088, -0.0515, 0.0], Axis::Y, 0.0425, 0.008, Look::Dark),
     disc(Link::Link7, [0.0, 0.0, 0.1055], Axis::Z, 0.0325, 0.006, Look::Dark),
 ];
@@ -83,7 +83,8 @@ pub(super) fn push(arm: usize, has_camera: bool, instances: &mut Vec<Instance>) 
     let white = Material::plain([0.93, 0.93, 0.92], 0.35);
     let grey = Material::plain([0.66, 0.67, 0.69], 0.3);
     let dark = Material::plain([0.13, 0.13, 0.14], 0.3);
-    let hand = Material::plain([0.25, 0.26, 0.28], 0.3);
+    let hand = Material::plain([0.30, 0.31, 0.33], 0.4);
+    let metal = Material::plain([0.80, 0.81, 0.83], 0.5);
     let mut push = |link: Link, mesh, pose, scale, material| {
         let anchor = Anchor::Link { arm, link: link as usize };
         instances.push(Instance { mesh, anchor, pose, scale, material });
@@ -98,7 +99,7 @@ pub(super) fn push(arm: usize, has_camera: bool, instances: &mut Vec<Instance>) 
             let rotation = UnitQuaternion::new_unchecked(Quaternion::new(cos, sin, 0.0, 0.0));
             let translation = Translation3::from([x, y * side, z].map(|mm| mm * 1e-3));
             let pose = Isometry3::from_parts(translation, rotation);
-            push(finger, MeshId::Box, pose, half_mm.map(|mm| mm * 1e-3), if rubber { dark } else { grey });
+            push(finger, MeshId::Box, pose, half_mm.map(|mm| mm * 1e-3), if rubber { dark } else { metal });
         }
     }
     push(Link::Hand, MeshId::Hand, Isometry3::identity(), [1.0; 3], hand);

@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 
 use super::affine::{Affine, Vec3, normalised, scaled};
 use super::camera::Camera;
@@ -157,19 +157,15 @@ impl Instance {
     }
 }
 
-impl Material {
-    /// Its pattern, if it has one.
-    pub(super) fn pattern(&self) -> Option<&'static Pattern> {
-        self.texture.map(|texture| &ASSETS.patterns[texture as usize])
-    }
+/// A texture's pattern.
+pub(super) fn pattern(texture: Texture) -> &'static Pattern {
+    &ASSETS.patterns[texture as usize]
 }
 
 /// Instances of a body's parts, scaled to exactly their solids.
 fn push_body(body_idx: usize, body: &Body, instances: &mut Vec<Instance>) {
     for part in &body.parts {
-        let mut push = |mesh, z_m: f64, turned: bool, scale: [f64; 3]| {
-            let turn = if turned { nalgebra::UnitQuaternion::new_unchecked(HALF_TURN_ABOUT_X) } else { nalgebra::UnitQuaternion::identity() };
-            let inner = Isometry3::from_parts(nalgebra::Translation3::new(0.0, 0.0, z_m), turn);
+        let mut push = |mesh, inner: Isometry3<f64>, scale: [f64; 3]| {
             instances.push(Instance {
                 mesh,
                 anchor: Anchor::Body(body_idx),
@@ -178,22 +174,23 @@ fn push_body(body_idx: usize, body: &Body, instances: &mut Vec<Instance>) {
                 material: part.paint.into(),
             });
         };
+        let centred = Isometry3::identity();
         match part.shape {
-            Primitive::Box { half } => push(MeshId::Box, 0.0, false, half),
+            Primitive::Box { half } => push(MeshId::Box, centred, half),
             Primitive::Cylinder { radius, half_height } => {
-                push(MeshId::Cylinder, 0.0, false, [radius, radius, half_height]);
+                push(MeshId::Cylinder, centred, [radius, radius, half_height]);
             }
-            Primitive::Ball { radius } => push(MeshId::Ball, 0.0, false, [radius; 3]),
+            Primitive::Ball { radius } => push(MeshId::Ball, centred, [radius; 3]),
             Primitive::Capsule { radius, half_height } => {
-                push(MeshId::Tube, 0.0, false, [radius, radius, half_height]);
-                push(MeshId::Dome, half_height, false, [radius; 3]);
-                push(MeshId::Dome, -half_height, true, [radius; 3]);
+                let upper = Isometry3::translation(0.0, 0.0, half_height);
+                let half_turn = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0));
+                push(MeshId::Tube, centred, [radius, radius, half_height]);
+                push(MeshId::Dome, upper, [radius; 3]);
+                push(MeshId::Dome, half_turn * upper, [radius; 3]);
             }
         }
     }
 }
-
-const HALF_TURN_ABOUT_X: nalgebra::Quaternion<f64> = nalgebra::Quaternion::new(0.0, 1.0, 0.0, 0.0);
 
 fn suns(lights: &Lights) -> [Sun; N_SUNS] {
     assert!(lights.directional.len() <= N_SUNS, "a scene has at most {N_SUNS} directional lights");

@@ -54,7 +54,8 @@ impl Encoder {
     #[inline(always)]
     pub(super) fn encode(&self, linear: f32) -> u8 {
         // The greatest f32 below 1 already has code 255.
-        let x = linear.max(LEAST).min(1.0 - f32::EPSILON / 2.0);
+        let number = if linear.is_nan() { LEAST } else { linear };
+        let x = number.clamp(LEAST, 1.0 - f32::EPSILON / 2.0);
         let (code, next) = self.buckets[((x.to_bits() - LEAST.to_bits()) >> SHIFT) as usize];
         code + u8::from(x >= next)
     }

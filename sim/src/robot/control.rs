@@ -59,13 +59,13 @@ pub fn targets(mode: ControlMode, row: &[f32], q: &Joints) -> Targets {
     let value = |i: usize| f64::from(row[i]);
     let vector = |i: usize| Vector3::new(value(i), value(i + 1), value(i + 2));
     match mode {
-        ControlMode::EeDeltaPose => Targets {
-            joints: q + delta_step(&vector(0), &vector(3), q),
-            finger: finger_target(value(6)),
-        },
-        ControlMode::JointPos => {
-            Targets { joints: Joints::from_fn(|joint, _| value(joint)), finger: finger_target(value(N_JOINTS)) }
+        ControlMode::EeDeltaPose => {
+            Targets { joints: q + delta_step(&vector(0), &vector(3), q), finger: finger_target(value(6)) }
         }
+        ControlMode::JointPos => Targets {
+            joints: Joints::from_fn(|joint, _| value(joint)),
+            finger: finger_target(value(N_JOINTS)),
+        },
         ControlMode::EePose => {
             let target = Isometry3::from_parts(Translation3::from(vector(0)), intrinsic_xyz(&vector(3)));
             Targets { joints: ik::descend(&target, q).unwrap_or(*q), finger: finger_target(value(6)) }
@@ -100,5 +100,7 @@ fn delta_step(translation: &Vector3<f64>, rotation: &Vector3<f64>, q: &Joints) -
 /// Rotation of intrinsic XYZ Euler angles: R = Rx · Ry · Rz.
 fn intrinsic_xyz(angles: &Vector3<f64>) -> UnitQuaternion<f64> {
     let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
-    about(Vector3::x_axis(), angles.x) * about(Vector3::y_axis(), angles.y) * about(Vector3::z_axis(), angles.z)
+    about(Vector3::x_axis(), angles.x)
+        * about(Vector3::y_axis(), angles.y)
+        * about(Vector3::z_axis(), angles.z)
 }

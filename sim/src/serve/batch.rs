@@ -51,7 +51,10 @@ impl BatchWriter {
             let block = EnvBlockMut::new(morphology, block);
             episode.write_record(*slot, execute, block.record);
             let Some(scene) = &episode.view else { continue };
-            let images = block.external.chunks_exact_mut(EXTERNAL_BYTES).chain(block.hand.chunks_exact_mut(HAND_BYTES));
+            let images = block
+                .external
+                .chunks_exact_mut(EXTERNAL_BYTES)
+                .chain(block.hand.chunks_exact_mut(HAND_BYTES));
             views.extend(images.enumerate().map(|(camera_idx, out)| View {
                 scene,
                 snapshot: &episode.snapshot,

@@ -87,7 +87,9 @@ impl Episode {
         let mode = rules.control_mode(task.morphology, assignment.driver);
         let world = World::build(&scene, mode);
         let actor = match assignment.driver {
-            Driver::Lane(_) => Actor::Chunk { rows: Box::new([0.0; MAX_HORIZON * MAX_ACTION_DIM]), n_rows: 0, next: 0 },
+            Driver::Lane(_) => {
+                Actor::Chunk { rows: Box::new([0.0; MAX_HORIZON * MAX_ACTION_DIM]), n_rows: 0, next: 0 }
+            }
             Driver::Expert => Actor::Expert(plan(&assignment, &scene)),
         };
         let success = (task.success)(&scene, rules.profile);
@@ -218,7 +220,11 @@ impl Episode {
     /// Whether this answer is the one it waits for, and of the right shape.
     pub(super) fn expects(&self, slot: u32, answer: &ActionBlock) -> Result<(), String> {
         let check = |field, found: u32, expected: u32| {
-            if found == expected { Ok(()) } else { Err(format!("answer for slot {slot}: `{field}` is {found}, expected {expected}")) }
+            if found == expected {
+                Ok(())
+            } else {
+                Err(format!("answer for slot {slot}: `{field}` is {found}, expected {expected}"))
+            }
         };
         check("slot", answer.slot, slot)?;
         check("query", answer.query, self.queries - 1)?;
@@ -253,7 +259,11 @@ fn plan(assignment: &Assignment, scene: &crate::scene::Scene) -> Option<Box<Expe
         Ok(expert) => Some(Box::new(expert)),
         Err(error) => {
             let Assignment { task, perturbation, seed, .. } = assignment;
-            super::log(format_args!("expert found no plan for {} {} seed {seed}: {error}", task.name(), perturbation.name()));
+            super::log(format_args!(
+                "expert found no plan for {} {} seed {seed}: {error}",
+                task.name(),
+                perturbation.name()
+            ));
             None
         }
     }

@@ -18,7 +18,6 @@ const FOREIGN_CHECK: Duration = Duration::from_millis(500);
 
 /// Why a lane cannot go on.
 #[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
 pub(super) enum LaneError {
     #[error("policy `{policy}`: {source}")]
     Frame { policy: String, source: ipc_types::FrameError },
@@ -92,7 +91,13 @@ impl LaneState {
     }
 
     /// The header of the next batch, which is then in flight; its memory of slots is filled by the caller.
-    pub(super) fn dispatch(&mut self, slots: &[u32], morphology: Morphology, mode: ControlMode, now: Instant) -> ObservationHeader {
+    pub(super) fn dispatch(
+        &mut self,
+        slots: &[u32],
+        morphology: Morphology,
+        mode: ControlMode,
+        now: Instant,
+    ) -> ObservationHeader {
         let mut batch = self.spare.pop().expect("dispatch is called on an open lane");
         self.sequence += 1;
         batch.sequence = self.sequence;

@@ -216,11 +216,14 @@ impl Server {
         if !lane.is_open() {
             return Ok(false);
         }
-        let Some(morphology) = self.slots.ready(lane_idx as u32).next().map(|(_, episode)| episode.morphology()) else {
+        let Some(morphology) =
+            self.slots.ready(lane_idx as u32).next().map(|(_, episode)| episode.morphology())
+        else {
             return Ok(false);
         };
         self.batch.clear();
-        let ready = self.slots.ready(lane_idx as u32).filter(|(_, episode)| episode.morphology() == morphology);
+        let ready =
+            self.slots.ready(lane_idx as u32).filter(|(_, episode)| episode.morphology() == morphology);
         self.batch.extend(ready.map(|(slot, _)| slot).take(lane.config.spec.max_envs as usize));
         let as_lane_error = |policy: &str, source| LaneError::Link { policy: policy.to_owned(), source };
         let n_pages = self.batch.len() * lane.block_pages(morphology);

@@ -1,6 +1,6 @@
 //! What tasks share: the two workplaces with their arms, tables, lights and cameras (spec/env.md §2 to §4, §7).
 
-use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -130,7 +130,7 @@ fn robot(base: [f64; 3], yaw_rad: f64, qpos: [f64; 7], noise_rad: f64) -> RobotS
 
 /// Pose of the wrist camera in the hand's frame (spec/env.md §4): it looks along the approach direction.
 fn hand_camera_pose() -> Isometry3<f64> {
-    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(0.0, 0.7071, 0.0, 0.7071));
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(0.0, FRAC_1_SQRT_2, 0.0, FRAC_1_SQRT_2));
     Isometry3::from_parts(Translation3::new(0.0465, -0.02, 0.036), rotation)
 }
 

@@ -10,7 +10,8 @@ use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{
-    BodySpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec,
+    BodySpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, RegionSpec, Role, ScaledBy,
+    Scene, SceneSpec,
 };
 use crate::task::{Category, Task};
 

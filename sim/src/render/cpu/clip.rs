@@ -15,7 +15,7 @@ struct Polygon {
 }
 
 /// Draws the part of a triangle, given in the view frame, that lies in front of the near plane and within the guard.
-#[cold]
+#[inline(always)]
 pub(super) fn draw(triangle: [Vec3; 3], frustum: &Frustum, id: u32, visibility: &mut Visibility) {
     let mut polygon = Polygon { corners: [[0.0; 3]; MAX_CORNERS], n: 3 };
     polygon.corners[..3].copy_from_slice(&triangle);

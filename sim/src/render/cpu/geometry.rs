@@ -1,6 +1,7 @@
 //! From instances to triangles on the image: transforms vertices, leaves out what the image cannot show.
 
 use super::clip;
+use super::posed::Posed;
 use super::raster::{Corner, Visibility};
 use crate::render::View;
 use crate::render::affine::{Affine, Vec3};
@@ -40,20 +41,22 @@ impl Geometry {
     }
 
     /// Draws every instance of the view's scene.
-    pub(super) fn draw(&mut self, view: &View<'_>, view_from_world: &Affine, visibility: &mut Visibility) {
+    #[inline(always)]
+    pub(super) fn draw(&mut self, view: &View<'_>, posed: &[Posed], visibility: &mut Visibility) {
         let camera = &view.scene.cameras[view.camera_idx];
         let frustum = Frustum::new(camera);
-        for (instance, &first_id) in view.scene.instances.iter().zip(&view.scene.first_triangle) {
+        let instances = view.scene.instances.iter().zip(posed).zip(&view.scene.first_triangle);
+        for ((instance, Posed { view_from_mesh, .. }), &first_id) in instances {
             let mesh = instance.mesh();
-            let view_from_mesh = view_from_world.after(&instance.world_from_mesh(view.snapshot));
             if frustum.misses(view_from_mesh.point(mesh.centre), mesh.radius * view_from_mesh.stretch()) {
                 continue;
             }
-            self.transform(mesh, &view_from_mesh, &frustum);
-            self.assemble(mesh, &view_from_mesh, &frustum, first_id, visibility);
+            self.transform(mesh, view_from_mesh, &frustum);
+            self.assemble(mesh, view_from_mesh, &frustum, first_id, visibility);
         }
     }
 
+    #[inline(always)]
     fn transform(&mut self, mesh: &Mesh, view_from_mesh: &Affine, frustum: &Frustum) {
         let n = mesh.n_vertices();
         self.x.resize(n, 0);
@@ -74,6 +77,7 @@ impl Geometry {
         }
     }
 
+    #[inline(always)]
     fn assemble(
         &self,
         mesh: &Mesh,
@@ -131,6 +135,7 @@ impl Frustum {
     }
 
     /// Whether a ball lies beyond one of the planes.
+    #[inline(always)]
     fn misses(&self, [x, y, z]: Vec3, radius: f32) -> bool {
         let slack = radius * (1.0 + self.slope * self.slope).sqrt();
         z + radius < self.near_m

@@ -6,7 +6,11 @@
 
 mod clip;
 mod geometry;
+mod isa;
+mod lanes;
+mod posed;
 mod raster;
+mod sample;
 mod shade;
 mod surface;
 
@@ -17,6 +21,8 @@ use rayon::prelude::*;
 use super::srgb::Encoder;
 use super::{Renderer, View};
 use geometry::Geometry;
+use isa::Isa;
+use posed::Posed;
 use raster::Visibility;
 use surface::Surfaces;
 
@@ -25,10 +31,12 @@ pub struct CpuRenderer {
     /// One per thread; which one a view is made in does not matter.
     scratches: Vec<Mutex<Scratch>>,
     encoder: Encoder,
+    isa: Isa,
 }
 
 /// What one view at a time is made in.
 struct Scratch {
+    posed: Vec<Posed>,
     geometry: Geometry,
     visibility: Visibility,
     surfaces: Surfaces,
@@ -41,15 +49,21 @@ impl CpuRenderer {
     /// If `threads` is 0.
     #[must_use]
     pub fn new(threads: usize) -> Self {
+        let widest = Isa::available().pop().unwrap_or(Isa::Portable);
+        Self::with_isa(threads, widest)
+    }
+
+    fn with_isa(threads: usize, isa: Isa) -> Self {
         assert!(threads > 0, "a renderer needs a thread");
         let scratch = || {
             Mutex::new(Scratch {
+                posed: Vec::with_capacity(256),
                 geometry: Geometry::new(),
                 visibility: Visibility::new(),
                 surfaces: Surfaces::new(),
             })
         };
-        Self { scratches: (0..threads).map(|_| scratch()).collect(), encoder: Encoder::new() }
+        Self { scratches: (0..threads).map(|_| scratch()).collect(), encoder: Encoder::new(), isa }
     }
 
     /// Runs `work` with a scratch that no other thread uses: the worker's own unless a larger pool shares it.
@@ -70,7 +84,7 @@ impl CpuRenderer {
 
 impl Renderer for CpuRenderer {
     fn name(&self) -> String {
-        format!("cpu ({} threads)", self.scratches.len())
+        format!("cpu ({}, {} threads)", self.isa.name(), self.scratches.len())
     }
 
     fn render(&mut self, views: &mut [View<'_>]) {
@@ -79,18 +93,54 @@ impl Renderer for CpuRenderer {
             let side = view.scene.side(view.camera_idx);
             assert_eq!(view.out.len(), side * side * 3, "a view's bytes are [side, side, 3]");
             assert!(view.scene.fits(view.snapshot), "a snapshot has the bodies and arms of its scene");
-            this.with_scratch(|scratch| scratch.render(view, &this.encoder));
+            this.with_scratch(|scratch| this.isa.render(scratch, view, &this.encoder));
         });
     }
 }
 
 impl Scratch {
+    /// Makes one picture. This and all that it runs through is inlined into one function per instruction set.
+    #[inline(always)]
     fn render(&mut self, view: &mut View<'_>, encoder: &Encoder) {
         let camera = &view.scene.cameras[view.camera_idx];
         let view_from_world = camera.view_from_world(view.snapshot);
+        posed::pose(view, &view_from_world, &mut self.posed);
         self.visibility.clear(camera);
-        self.geometry.draw(view, &view_from_world, &mut self.visibility);
-        self.surfaces.collect(view, &view_from_world, &mut self.visibility);
+        self.geometry.draw(view, &self.posed, &mut self.visibility);
+        self.surfaces.collect(view, &self.posed, &mut self.visibility);
         shade::shade(view, &view_from_world, &self.visibility, &self.surfaces, encoder);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ipc_types::ControlMode;
+
+    use super::{CpuRenderer, Isa};
+    use crate::TaskId;
+    use crate::physics::World;
+    use crate::render::{RenderScene, Renderer, View};
+    use crate::scene::Snapshot;
+
+    #[test]
+    fn every_instruction_set_makes_the_same_bytes() {
+        for &task in TaskId::ALL {
+            let scene = (task.task().nominal)().draw(3);
+            let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
+            World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
+            let scene = RenderScene::new(&scene);
+            for camera_idx in 0..scene.n_cameras() {
+                let images = Isa::available().into_iter().map(|isa| {
+                    let mut out = vec![0; scene.side(camera_idx).pow(2) * 3];
+                    let view = View { scene: &scene, snapshot: &snapshot, camera_idx, out: &mut out };
+                    CpuRenderer::with_isa(1, isa).render(&mut [view]);
+                    (isa, out)
+                });
+                let images: Vec<(Isa, Vec<u8>)> = images.collect();
+                for (isa, image) in &images {
+                    assert!(*image == images[0].1, "{isa:?} differs, {task:?}, camera {camera_idx}");
+                }
+            }
+        }
     }
 }

@@ -32,14 +32,11 @@ pub(super) struct Visibility {
 impl Visibility {
     /// Room for the largest image.
     pub(super) fn new() -> Self {
-        Self {
-            side: 0,
-            inverse_z: vec![0.0; MAX_SIDE * MAX_SIDE],
-            ids: vec![NOTHING; MAX_SIDE * MAX_SIDE],
-        }
+        Self { side: 0, inverse_z: vec![0.0; MAX_SIDE * MAX_SIDE], ids: vec![NOTHING; MAX_SIDE * MAX_SIDE] }
     }
 
     /// An empty image of the camera's size, at its far plane.
+    #[inline(always)]
     pub(super) fn clear(&mut self, camera: &Camera) {
         assert!(camera.side <= MAX_SIDE && camera.side.is_multiple_of(LANES), "side {}", camera.side);
         self.side = camera.side;
@@ -49,6 +46,7 @@ impl Visibility {
     }
 
     /// Draws a triangle unless it is seen from behind.
+    #[inline(always)]
     pub(super) fn draw(&mut self, id: u32, [p, q, r]: [Corner; 3]) {
         // Outsides are counter-clockwise to the eye, which is clockwise in numbers, as y runs down: exchanging two
         // corners makes all three edge functions positive inside.
@@ -56,25 +54,32 @@ impl Visibility {
         let Some(setup) = Setup::new(&corners, self.side as i32) else {
             return;
         };
-        let [e0, e1, e2] = &setup.edges;
-        let from = setup.from_x & !(LANES as i32 - 1);
+        let [s0, s1, s2] = [&setup.edges[0], &setup.edges[1], &setup.edges[2]].map(Edge::steps);
+        let z_steps = setup.z.steps();
         for y in setup.from_y..=setup.to_y {
-            let row = y as usize * self.side;
-            for x in (from..=setup.to_x).step_by(LANES) {
-                let start = row + x as usize;
-                let (at0, at1, at2) = (e0.at(x, y), e1.at(x, y), e2.at(x, y));
+            let (from_x, to_x) = setup.span(y);
+            let from_x = from_x & !(LANES as i32 - 1);
+            let mut at =
+                [setup.edges[0].at(from_x, y), setup.edges[1].at(from_x, y), setup.edges[2].at(from_x, y)];
+            for x in (from_x..=to_x).step_by(LANES) {
+                let [at0, at1, at2] = at;
+                for (at, edge) in at.iter_mut().zip(&setup.edges) {
+                    *at = at.wrapping_add(edge.dx.wrapping_mul(LANES as i32));
+                }
+                let start = y as usize * self.side + x as usize;
                 let z_at = setup.z.at(x, y);
                 let depths: &mut [f32; LANES] =
                     (&mut self.inverse_z[start..start + LANES]).try_into().expect("LANES long");
                 let ids: &mut [u32; LANES] =
                     (&mut self.ids[start..start + LANES]).try_into().expect("LANES long");
-                for lane in 0..LANES {
-                    let i = lane as i32;
-                    let inside = (at0 + e0.dx * i) | (at1 + e1.dx * i) | (at2 + e2.dx * i);
-                    let z = (z_at + setup.z.dx * lane as f32).max(setup.z.least).min(setup.z.greatest);
-                    let seen = inside >= 0 && z > depths[lane];
-                    depths[lane] = if seen { z } else { depths[lane] };
-                    ids[lane] = if seen { id } else { ids[lane] };
+                for i in 0..LANES {
+                    let inside = at0.wrapping_add(s0[i]) | at1.wrapping_add(s1[i]) | at2.wrapping_add(s2[i]);
+                    let steep = z_at + z_steps[i];
+                    let z = if steep > setup.z.least { steep } else { setup.z.least };
+                    let z = if z < setup.z.greatest { z } else { setup.z.greatest };
+                    let seen = (inside >= 0) & (z > depths[i]);
+                    depths[i] = if seen { z } else { depths[i] };
+                    ids[i] = if seen { id } else { ids[i] };
                 }
             }
         }
@@ -137,6 +142,25 @@ impl Setup {
     }
 }
 
+impl Setup {
+    /// First and last column of a row that the triangle may cover: near enough, the edge functions decide.
+    #[inline(always)]
+    fn span(&self, y: i32) -> (i32, i32) {
+        let (mut from, mut to) = (self.from_x, self.to_x);
+        if to - from >= 4 * LANES as i32 {
+            for edge in &self.edges {
+                let crossing = -edge.at(0, y) as f32 / edge.dx as f32;
+                if edge.dx > 0 {
+                    from = from.max(crossing as i32 - 1);
+                } else if edge.dx < 0 {
+                    to = to.min(crossing as i32 + 1);
+                }
+            }
+        }
+        (from, to)
+    }
+}
+
 impl Edge {
     #[inline(always)]
     fn new(p: &Corner, q: &Corner) -> Self {
@@ -150,6 +174,16 @@ impl Edge {
     #[inline(always)]
     fn at(&self, x: i32, y: i32) -> i32 {
         self.origin + self.dx * x + self.dy * y
+    }
+
+    /// Changes from a group's first pixel to each of its pixels.
+    #[inline(always)]
+    fn steps(&self) -> [i32; LANES] {
+        let mut steps = [0; LANES];
+        for i in 1..LANES {
+            steps[i] = steps[i - 1] + self.dx;
+        }
+        steps
     }
 }
 
@@ -176,5 +210,15 @@ impl Depth {
     fn at(&self, x: i32, y: i32) -> f32 {
         let [from_x, from_y] = self.from_corner;
         self.corner + self.dx * (x as f32 + from_x) + self.dy * (y as f32 + from_y)
+    }
+
+    /// Changes from a group's first pixel to each of its pixels.
+    #[inline(always)]
+    fn steps(&self) -> [f32; LANES] {
+        let mut steps = [0.0; LANES];
+        for (i, step) in steps.iter_mut().enumerate() {
+            *step = self.dx * i as f32;
+        }
+        steps
     }
 }

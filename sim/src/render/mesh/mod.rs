@@ -27,7 +27,6 @@ pub(super) struct Mesh {
 
 /// The mesh axis along which a triangle's texture is projected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(clippy::upper_case_acronyms, reason = "axes")]
 pub(super) enum Facing {
     X,
     Y,
@@ -88,7 +87,8 @@ impl Mesh {
             let edge = sub(self.position(i), self.position(j));
             dot(edge, edge)
         };
-        let halves = if length(a, c) <= length(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
+        let halves =
+            if length(a, c) <= length(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
         for half in halves {
             self.triangle(half);
         }
@@ -164,6 +164,110 @@ impl MeshLibrary {
             MeshId::Link(link) => &self.links[link],
             MeshId::Hand => &self.hand,
             MeshId::WristCamera => &self.wrist_camera,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Mesh, MeshId, MeshLibrary, add, cross, dot, sub};
+
+    const CLOSED: [MeshId; 13] = [
+        MeshId::Box,
+        MeshId::Cylinder,
+        MeshId::Ball,
+        MeshId::Link(0),
+        MeshId::Link(1),
+        MeshId::Link(2),
+        MeshId::Link(3),
+        MeshId::Link(4),
+        MeshId::Link(5),
+        MeshId::Link(6),
+        MeshId::Link(7),
+        MeshId::Hand,
+        MeshId::WristCamera,
+    ];
+
+    /// The directed edges of a mesh between places, not vertices: faces meet at edges where their normals differ.
+    fn edges(mesh: &Mesh) -> Vec<[[u32; 3]; 2]> {
+        // Adding zero makes −0 and 0 the same place.
+        let place = |i: u32| mesh.position(i).map(|x| (x + 0.0).to_bits());
+        let sides = mesh.triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
+        let mut edges: Vec<[[u32; 3]; 2]> = sides.map(|side| side.map(place)).collect();
+        edges.sort_unstable();
+        edges
+    }
+
+    #[test]
+    fn closed_meshes_have_no_holes() {
+        let library = MeshLibrary::new();
+        for id in CLOSED {
+            let there = edges(library.get(id));
+            let mut back: Vec<_> = there.iter().map(|[a, b]| [*b, *a]).collect();
+            back.sort_unstable();
+            assert!(there == back, "{id:?}: an edge has a triangle on one side only");
+        }
+    }
+
+    #[test]
+    fn triangles_face_the_way_their_normals_point() {
+        let library = MeshLibrary::new();
+        for id in CLOSED.into_iter().chain([MeshId::Square, MeshId::Tube, MeshId::Dome]) {
+            let mesh = library.get(id);
+            let faces = mesh.triangles.iter().map(|corners| {
+                let [a, b, c] = corners.map(|i| mesh.position(i));
+                let [l, m, n] = corners.map(|i| mesh.normals[i as usize]);
+                (cross(sub(b, a), sub(c, a)), add(add(l, m), n))
+            });
+            // Where a sharp crease is rounded off, a few slivers look aside.
+            let (mut area, mut wrong) = (0.0, 0.0);
+            for (face, normal) in faces {
+                let size = dot(face, face).sqrt();
+                area += size;
+                wrong += if dot(face, normal) <= 0.0 { size } else { 0.0 };
+            }
+            assert!(wrong <= 0.002 * area, "{id:?}: {wrong} of {area}");
+            assert!(
+                mesh.normals.iter().all(|n| (dot(*n, *n) - 1.0).abs() < 1e-3),
+                "{id:?}: a normal is not unit"
+            );
+        }
+    }
+
+    #[test]
+    fn links_are_about_as_large_as_their_collision_hulls() {
+        // Extents in m of the hulls of spec/env.md §3.
+        let hulls = [
+            [0.226, 0.189, 0.140],
+            [0.110, 0.185, 0.247],
+            [0.110, 0.249, 0.185],
+            [0.192, 0.166, 0.176],
+            [0.193, 0.179, 0.166],
+            [0.110, 0.185, 0.317],
+            [0.180, 0.133, 0.100],
+            [0.125, 0.125, 0.055],
+        ];
+        let library = MeshLibrary::new();
+        for (link, hull) in hulls.into_iter().enumerate() {
+            let mesh = library.get(MeshId::Link(link));
+            for (coordinates, extent) in mesh.positions.iter().zip(hull) {
+                let least = coordinates.iter().copied().fold(f32::MAX, f32::min);
+                let greatest = coordinates.iter().copied().fold(f32::MIN, f32::max);
+                let size = greatest - least;
+                assert!((size - extent).abs() < 0.016, "link {link}: {size} for {extent}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_bounding_sphere_holds_the_mesh() {
+        let library = MeshLibrary::new();
+        for id in CLOSED {
+            let mesh = library.get(id);
+            for i in 0..mesh.n_vertices() as u32 {
+                let off = sub(mesh.position(i), mesh.centre);
+                assert!(dot(off, off).sqrt() <= mesh.radius * 1.000_01, "{id:?}");
+            }
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Solids of half extent 1, which an instance's scale stretches to size.
 
 use super::Mesh;
-use crate::render::affine::Vec3;
+use crate::render::affine::{Vec3, cross};
 use crate::render::trig::on_circle;
 
 /// Corners of a circle.
@@ -11,7 +11,8 @@ const RINGS: usize = 8;
 
 /// Square, box, cylinder, tube, dome, ball: the order of `MeshLibrary`.
 pub(super) fn all() -> [Mesh; 6] {
-    [square(), cuboid(), cylinder(true), cylinder(false), domes(&[1.0]), domes(&[1.0, -1.0])].map(Mesh::finished)
+    [square(), cuboid(), cylinder(true), cylinder(false), domes(&[1.0]), domes(&[1.0, -1.0])]
+        .map(Mesh::finished)
 }
 
 fn square() -> Mesh {
@@ -38,10 +39,9 @@ fn cuboid() -> Mesh {
 
 /// The square around `centre` spanned by ±`a` and ±`b`; it looks along a × b.
 fn face(mesh: &mut Mesh, a: Vec3, b: Vec3, centre: Vec3) {
-    let normal = crate::render::affine::cross(a, b);
-    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(s, t)| {
-        mesh.push(core::array::from_fn(|i| centre[i] + s * a[i] + t * b[i]), normal)
-    });
+    let normal = cross(a, b);
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+        .map(|(s, t)| mesh.push(core::array::from_fn(|i| centre[i] + s * a[i] + t * b[i]), normal));
     mesh.quad(corners);
 }
 

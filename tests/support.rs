@@ -1,6 +1,6 @@
 //! What tests of the whole program share: running the binary with a bound on time, and reading what it left.
 
-#![expect(dead_code, reason = "each test binary uses its own part")]
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -33,14 +33,21 @@ impl Finished {
 /// The tiny random ACT checkpoint of both morphologies.
 #[must_use]
 pub fn act_tiny() -> String {
-    let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "..", "policy-host", "tests", "data", "act-tiny"].iter().collect();
+    let path: PathBuf =
+        [env!("CARGO_MANIFEST_DIR"), "..", "policy-host", "tests", "data", "act-tiny"].iter().collect();
     path.canonicalize().unwrap().to_str().unwrap().to_owned()
+}
+
+/// The binary that cargo built beside the running test.
+fn program() -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    test.parent().and_then(Path::parent).unwrap().join("hypogeum-under-test")
 }
 
 /// The program with its working folder and its runtime folder in `dir`.
 #[must_use]
 pub fn hypogeum(dir: &Path, args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_hypogeum-under-test"));
+    let mut command = Command::new(program());
     command.args(args).current_dir(dir).env("XDG_RUNTIME_DIR", dir);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command

@@ -1,0 +1,62 @@
+//! After warm-up a query allocates nothing.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[path = "suite/batch.rs"]
+mod batch;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use ipc_types::{ActionBlock, Morphology};
+use policy_host::{PolicySpec, QueryMode, load};
+
+use crate::batch::Batch;
+
+/// Counts what is allocated on any thread.
+struct Counting;
+
+static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
+
+// SAFETY: every call is passed on to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promises are those of the system's allocator.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn a_query_allocates_nothing_after_warm_up() {
+    let folder: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests/data/act-tiny"].iter().collect();
+    for (mode, n_threads) in [(QueryMode::Chunk, 1), (QueryMode::Chunk, 2), (QueryMode::Ensemble, 2)] {
+        let mut policy = load(&PolicySpec::Act(folder.clone()), n_threads, mode).unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
+        let batches = [Batch::of(Morphology::Single, &[0]), Batch::of(Morphology::Single, &[1, 2, 3])];
+        let mut answer = batches[1].answer(&mut *policy);
+        let mut round = |policy: &mut dyn policy_host::Policy| {
+            for batch in &batches {
+                let answer: &mut [ActionBlock] = &mut answer[..batch.header.n_envs as usize];
+                policy.act(&batch.view(), answer).unwrap();
+            }
+        };
+        // The whole loop runs inside the pool, as a host's does.
+        let n_allocations = pool.install(|| {
+            (0..20).for_each(|_| round(&mut *policy));
+            let before = ALLOCATIONS.load(Ordering::Relaxed);
+            (0..20).for_each(|_| round(&mut *policy));
+            ALLOCATIONS.load(Ordering::Relaxed) - before
+        });
+        assert_eq!(n_allocations, 0, "{mode:?}, {n_threads} threads");
+    }
+}

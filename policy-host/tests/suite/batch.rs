@@ -1,0 +1,78 @@
+//! Observation messages made of generated numbers: the ones `python/make_act_checkpoint.py` gives to PyTorch.
+
+use bytemuck::Zeroable;
+use ipc_types::frame::EnvBlockMut;
+use ipc_types::layout::{EXTERNAL_BYTES, HAND_SIDE, block_pages};
+use ipc_types::{ActionBlock, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
+use policy_host::Policy;
+use policy_host::generated::{fnv1a64, sym, unit};
+
+/// Instructions of even and odd envs.
+const INSTRUCTIONS: [&str; 2] = ["Raise the red cube above the table.", ""];
+/// Side of the uniform blocks of a generated hand image.
+const HAND_BLOCK: usize = 8;
+
+/// An observation message.
+pub(crate) struct Batch {
+    pub(crate) header: ObservationHeader,
+    pub(crate) pages: Vec<Page>,
+}
+
+impl Batch {
+    /// The observations of these envs; env `n` looks the same in every batch.
+    pub(crate) fn of(morphology: Morphology, envs: &[u32]) -> Self {
+        let block_len = block_pages(morphology, true);
+        let mut pages = vec![Page::zeroed(); block_len * envs.len()];
+        for (&env, block) in envs.iter().zip(pages.chunks_exact_mut(block_len)) {
+            fill(morphology, env, EnvBlockMut::new(morphology, block));
+        }
+        let header = ObservationHeader {
+            schema_hash: SCHEMA_HASH,
+            run: 1,
+            sequence: 1,
+            n_envs: envs.len() as u32,
+            block_pages: block_len as u32,
+            morphology: morphology.code(),
+            control_mode: morphology.default_control_mode().code(),
+            images: 1,
+            ..ObservationHeader::zeroed()
+        };
+        Self { header, pages }
+    }
+
+    pub(crate) fn view(&self) -> ObservationView<'_> {
+        ObservationView::new(self.header, &self.pages).unwrap()
+    }
+
+    /// What `policy` answers.
+    pub(crate) fn answer(&self, policy: &mut dyn Policy) -> Vec<ActionBlock> {
+        let mut answer = vec![ActionBlock::zeroed(); self.header.n_envs as usize];
+        policy.act(&self.view(), &mut answer).unwrap();
+        answer
+    }
+}
+
+fn fill(morphology: Morphology, env: u32, block: EnvBlockMut<'_>) {
+    let stream = |part: &str| fnv1a64(&format!("in.{env}.{part}"));
+    let byte = |stream, idx| (256.0 * unit(stream, idx)) as u8;
+    let external = stream("external");
+    assert_eq!(block.external.len(), 2 * EXTERNAL_BYTES);
+    block.external.iter_mut().enumerate().for_each(|(idx, x)| *x = byte(external, idx));
+    let (hand, blocks_per_row) = (stream("hand"), HAND_SIDE / HAND_BLOCK);
+    for (idx, x) in block.hand.iter_mut().enumerate() {
+        let (channel, col, row, map) =
+            (idx % 3, idx / 3 % HAND_SIDE, idx / 3 / HAND_SIDE % HAND_SIDE, idx / 3 / HAND_SIDE / HAND_SIDE);
+        let row = map * blocks_per_row + row / HAND_BLOCK;
+        *x = byte(hand, (row * blocks_per_row + col / HAND_BLOCK) * 3 + channel);
+    }
+    let record = block.record;
+    let (instruction, state) = (INSTRUCTIONS[env as usize % 2], stream("state"));
+    record.slot = env;
+    record.execute = 30;
+    record.policy_seed = u64::from(env) + 100;
+    record.state_dim = morphology.state_dim() as u32;
+    let numbers = record.state[..morphology.state_dim()].iter_mut().enumerate();
+    numbers.for_each(|(idx, x)| *x = sym(state, idx, 1.0));
+    record.instruction_len = instruction.len() as u32;
+    record.instruction[..instruction.len()].copy_from_slice(instruction.as_bytes());
+}

@@ -1,0 +1,234 @@
+//! Bad checkpoints: one clear error each, before anything runs.
+
+use std::fs;
+use std::path::Path;
+
+use ipc_types::{ActionBlock, ControlMode, Morphology};
+use policy_host::act::config::ActConfig;
+use policy_host::synthetic::write_checkpoint;
+use policy_host::{PolicyError, PolicySpec, QueryMode, check, fingerprint, load};
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use tempfile::TempDir;
+
+use crate::batch::Batch;
+use crate::data;
+
+/// A tiny checkpoint of the single-arm robot, to be spoiled.
+fn checkpoint() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    write_checkpoint(folder.path(), &ActConfig::tiny(Morphology::Single), 3).unwrap();
+    folder
+}
+
+fn spec(folder: &Path) -> PolicySpec {
+    PolicySpec::Act(folder.to_owned())
+}
+
+/// What `check` and `load` both say.
+fn refusal(folder: &Path) -> String {
+    let checked = check(&spec(folder), &[Morphology::Single]).unwrap_err().to_string();
+    let loaded = load(&spec(folder), 1, QueryMode::Chunk).err().unwrap().to_string();
+    assert_eq!(checked, loaded, "seen before anything starts");
+    checked
+}
+
+#[track_caller]
+fn assert_says(message: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(message.contains(part), "`{message}` does not say `{part}`");
+    }
+}
+
+/// Name, type, shape and bytes.
+type Tensor = (String, Dtype, Vec<usize>, Vec<u8>);
+
+/// Rewrites the model file with its tensors changed.
+fn edit_tensors(folder: &Path, edit: impl FnOnce(&mut Vec<Tensor>)) {
+    let path = folder.join("model.safetensors");
+    let bytes = fs::read(&path).unwrap();
+    let tensors = SafeTensors::deserialize(&bytes).unwrap();
+    let mut list: Vec<_> = tensors
+        .iter()
+        .map(|(name, tensor)| {
+            (name.to_owned(), tensor.dtype(), tensor.shape().to_vec(), tensor.data().to_vec())
+        })
+        .collect();
+    edit(&mut list);
+    let views = list
+        .iter()
+        .map(|(name, dtype, shape, bytes)| (name, TensorView::new(*dtype, shape.clone(), bytes).unwrap()));
+    fs::write(&path, safetensors::serialize(views, None).unwrap()).unwrap();
+}
+
+/// Rewrites the configuration with one text replaced.
+fn edit_config(folder: &Path, from: &str, to: &str) {
+    let path = folder.join("config.json");
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.contains(from), "{text}");
+    fs::write(path, text.replace(from, to)).unwrap();
+}
+
+#[test]
+fn a_good_checkpoint_loads_with_and_without_its_unused_tensors() {
+    let folder = checkpoint();
+    check(&spec(folder.path()), &[Morphology::Single]).unwrap();
+    let before = Batch::of(Morphology::Single, &[0])
+        .answer(&mut *load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap());
+    edit_tensors(folder.path(), |list| {
+        list.push(("cls_embed.weight".to_owned(), Dtype::F32, vec![1, 64], vec![0; 256]));
+        list.push(("latent_proj.bias".to_owned(), Dtype::F32, vec![64], vec![0; 256]));
+        list.push(("backbones.0.0.body.bn1.num_batches_tracked".to_owned(), Dtype::I64, vec![], vec![0; 8]));
+    });
+    let after = Batch::of(Morphology::Single, &[0])
+        .answer(&mut *load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap());
+    assert_eq!(before[0].rows, after[0].rows);
+}
+
+#[test]
+fn a_fingerprint_sees_every_byte() {
+    let (first, second) = (checkpoint(), checkpoint());
+    let of = |folder: &TempDir| fingerprint(&spec(folder.path())).unwrap().unwrap();
+    assert_eq!(of(&first), of(&second));
+    edit_tensors(second.path(), |list| list[7].3[9] ^= 1);
+    assert_ne!(of(&first), of(&second));
+    assert_eq!(fingerprint(&PolicySpec::Idle).unwrap(), None);
+}
+
+#[test]
+fn a_missing_tensor_is_named_with_its_shape() {
+    let folder = checkpoint();
+    edit_tensors(folder.path(), |list| list.retain(|(name, ..)| name != "action_head.weight"));
+    let path = folder.path().join("model.safetensors").display().to_string();
+    assert_says(&refusal(folder.path()), &[&path, "`action_head.weight` is missing", "F32 [7, 64]"]);
+}
+
+#[test]
+fn an_unknown_tensor_is_named() {
+    let folder = checkpoint();
+    edit_tensors(folder.path(), |list| list.push(("head.extra".to_owned(), Dtype::F32, vec![2], vec![0; 8])));
+    assert_says(&refusal(folder.path()), &["`head.extra`", "F32 [2]", "belongs to no network"]);
+}
+
+#[test]
+fn a_misshapen_tensor_and_one_of_another_type_are_named() {
+    let folder = checkpoint();
+    edit_tensors(folder.path(), |list| {
+        let tensor = list.iter_mut().find(|(name, ..)| name == "input_proj_robot_state.weight").unwrap();
+        tensor.2 = vec![25, 64];
+    });
+    assert_says(
+        &refusal(folder.path()),
+        &["`input_proj_robot_state.weight` is F32 [25, 64], expected F32 [64, 25]"],
+    );
+
+    let folder = checkpoint();
+    edit_tensors(folder.path(), |list| {
+        let tensor = list.iter_mut().find(|(name, ..)| name == "query_embed.weight").unwrap();
+        (tensor.1, tensor.3) = (Dtype::F16, vec![0; 30 * 64 * 2]);
+    });
+    assert_says(&refusal(folder.path()), &["`query_embed.weight` is F16 [30, 64], expected F32 [30, 64]"]);
+}
+
+#[test]
+fn incomplete_statistics_are_an_error() {
+    let folder = checkpoint();
+    edit_tensors(folder.path(), |list| {
+        list.push(("norm_stats.state_mean".to_owned(), Dtype::F32, vec![25], vec![0; 100]));
+    });
+    assert_says(&refusal(folder.path()), &["`norm_stats.state_std` is missing", "F32 [25]"]);
+}
+
+#[test]
+fn truncated_and_corrupt_files_are_errors() {
+    let folder = checkpoint();
+    let path = folder.path().join("model.safetensors");
+    let bytes = fs::read(&path).unwrap();
+    fs::write(&path, &bytes[..bytes.len() - 1000]).unwrap();
+    assert_says(&refusal(folder.path()), &["model.safetensors", "truncated", &bytes.len().to_string()]);
+    fs::write(&path, &bytes[..100]).unwrap();
+    assert_says(&refusal(folder.path()), &["not a safetensors file"]);
+    fs::write(&path, &bytes[..4]).unwrap();
+    assert_says(&refusal(folder.path()), &["not a safetensors file", "4 bytes"]);
+    fs::write(&path, "this is not a model, but it is long enough to be read as one").unwrap();
+    assert_says(&refusal(folder.path()), &["not a safetensors file"]);
+    fs::remove_file(&path).unwrap();
+    assert_says(&refusal(folder.path()), &["model.safetensors", "No such file"]);
+}
+
+#[test]
+fn bad_configurations_name_the_key() {
+    for (from, to, parts) in [
+        ("\"enc_layers\"", "\"encoder_layers\"", &["config.json", "unknown field `encoder_layers`"][..]),
+        ("\"type\": \"act_colosseum\"", "\"type\": \"diffusion\"", &["unknown variant `diffusion`"]),
+        ("\"dec_layers\": 1,", "", &["missing field `dec_layers`"]),
+        (
+            "\"pd_ee_delta_pose\"",
+            "\"pd_joint_delta\"",
+            &["unknown control_mode `pd_joint_delta`", "pd_joint_pos"],
+        ),
+        ("\"num_queries\": 30", "\"num_queries\": 64", &["`num_queries` is 64, expected 1 to 63"]),
+        ("\"state_dim\": 25", "\"state_dim\": 18", &["`state_dim` is 18, expected 25 (single"]),
+        (
+            "\"nheads\": 4",
+            "\"nheads\": 5",
+            &["`hidden_dim` is 64, expected a multiple of 4 and of nheads = 5"],
+        ),
+        ("\"morphology\": \"single\"", "\"morphology\": null", &["`morphology` is null"]),
+        ("\"hashed\"", "\"clip\"", &["unknown variant `clip`", "hashed"]),
+        ("{", "{{", &["config.json", "line 1"]),
+    ] {
+        let folder = checkpoint();
+        edit_config(folder.path(), from, to);
+        assert_says(&refusal(folder.path()), parts);
+    }
+}
+
+#[test]
+fn a_checkpoint_for_other_robots_is_refused_before_the_run() {
+    let folder = checkpoint();
+    let error = check(&spec(folder.path()), &Morphology::ALL).unwrap_err().to_string();
+    assert_says(&error, &["checkpoint is for single", "run has bimanual tasks"]);
+    check(&spec(&data("act-tiny")), &Morphology::ALL).unwrap();
+
+    let config = ActConfig { control_mode: ControlMode::EePose, ..ActConfig::tiny(Morphology::Single) };
+    write_checkpoint(folder.path(), &config, 0).unwrap();
+    let error = check(&spec(folder.path()), &[Morphology::Single]).unwrap_err().to_string();
+    assert_says(&error, &["single robot by pd_ee_pose", "run by pd_ee_delta_pose"]);
+
+    let empty = tempfile::tempdir().unwrap();
+    let error = check(&spec(empty.path()), &[Morphology::Single]).unwrap_err().to_string();
+    assert_says(&error, &["find a checkpoint", "`single` and `bimanual`", "config.json"]);
+}
+
+#[test]
+fn an_observation_that_does_not_fit_the_checkpoint_is_refused() {
+    let folder = checkpoint();
+    let mut policy = load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap();
+    let mut refused = |batch: &Batch| -> PolicyError {
+        policy.act(&batch.view(), &mut [<ActionBlock as bytemuck::Zeroable>::zeroed()]).unwrap_err()
+    };
+    assert_eq!(
+        refused(&Batch::of(Morphology::Bimanual, &[0])),
+        PolicyError::Morphology { found: "bimanual" }
+    );
+    let mut batch = Batch::of(Morphology::Single, &[0]);
+    batch.header.control_mode = ControlMode::JointPos.code();
+    assert!(matches!(refused(&batch), PolicyError::ControlMode { .. }));
+    let mut batch = Batch::of(Morphology::Single, &[0]);
+    (batch.header.images, batch.header.block_pages) = (0, 1);
+    batch.pages.truncate(1);
+    assert_eq!(refused(&batch), PolicyError::NoImages);
+}
+
+#[test]
+fn a_network_that_explodes_is_an_error_not_an_action() {
+    let folder = checkpoint();
+    edit_tensors(folder.path(), |list| {
+        let tensor = list.iter_mut().find(|(name, ..)| name == "action_head.bias").unwrap();
+        tensor.3[..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    });
+    let mut policy = load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap();
+    let mut answer = [<ActionBlock as bytemuck::Zeroable>::zeroed()];
+    let error = policy.act(&Batch::of(Morphology::Single, &[0]).view(), &mut answer).unwrap_err();
+    assert_eq!(error, PolicyError::NotFinite { env_idx: 0 });
+}

@@ -1,0 +1,55 @@
+//! ACT against PyTorch: the committed outputs of `python/make_act_checkpoint.py` for the same observations.
+
+use ipc_types::Morphology;
+use policy_host::act::ActPolicy;
+use policy_host::act::config::ActConfig;
+use policy_host::act::model::ActModel;
+use policy_host::{QueryMode, load, synthetic};
+use safetensors::SafeTensors;
+
+use crate::batch::Batch;
+use crate::{data, rows};
+
+/// Largest difference of an action number that counts as equal.
+const TOLERANCE: f32 = 1e-4;
+
+/// The actions that PyTorch computed for envs 0 and 1.
+fn expected_actions(file: &str) -> Vec<f32> {
+    let bytes = std::fs::read(data(file)).unwrap();
+    let tensors = SafeTensors::deserialize(&bytes).unwrap();
+    let actions = tensors.tensor("actions").unwrap();
+    assert_eq!(actions.shape()[..2], [2, 30]);
+    actions.data().as_chunks::<4>().0.iter().map(|&x| f32::from_le_bytes(x)).collect()
+}
+
+fn assert_parity(policy: &mut dyn policy_host::Policy, morphology: Morphology, reference: &str) {
+    let answer = Batch::of(morphology, &[0, 1]).answer(policy);
+    let actions: Vec<f32> = answer.iter().flat_map(rows).copied().collect();
+    let expected = expected_actions(reference);
+    assert_eq!(actions.len(), expected.len());
+    let worst = actions.iter().zip(&expected).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
+    assert!(worst <= TOLERANCE, "{reference}: {worst}");
+}
+
+#[test]
+fn tiny_checkpoints_agree_with_pytorch() {
+    let spec = policy_host::PolicySpec::Act(data("act-tiny"));
+    let mut policy = load(&spec, 1, QueryMode::Chunk).unwrap();
+    for morphology in Morphology::ALL {
+        assert_parity(
+            &mut *policy,
+            morphology,
+            &format!("act-tiny/{}/reference.safetensors", morphology.name()),
+        );
+    }
+}
+
+#[test]
+fn full_size_networks_agree_with_pytorch() {
+    for morphology in Morphology::ALL {
+        let config = ActConfig::full_size(morphology);
+        let weights = synthetic::weights(&config, 0);
+        let mut policy = ActPolicy::new(ActModel::new(config, &weights), 2);
+        assert_parity(&mut policy, morphology, &format!("act-full-{}.safetensors", morphology.name()));
+    }
+}

@@ -1,0 +1,137 @@
+//! A host in this process, served by a sim's end of the link.
+
+use std::io::{self, BufRead, BufReader, PipeWriter};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use ipc_types::link::{Domain, LaneSpec, LinkNode, SimLane, SimLink};
+use ipc_types::{ActionView, Morphology, ObservationHeader};
+use policy_host::serve::{HostConfig, HostEvent, ServeError, serve_with};
+use policy_host::{PolicySpec, QueryMode};
+
+use crate::batch::Batch;
+use crate::{data, rows};
+
+/// Longest wait for anything.
+const PATIENCE: Duration = Duration::from_secs(60);
+const RUN: u64 = 77;
+
+struct Stage {
+    domain: Domain,
+    wake: SimLink,
+    lane: SimLane,
+    host: JoinHandle<Result<(), ServeError>>,
+    stdin: PipeWriter,
+    events: BufReader<io::PipeReader>,
+    _base: tempfile::TempDir,
+}
+
+impl Stage {
+    fn new(spec: PolicySpec, id: u64) -> Self {
+        let base = tempfile::tempdir_in("/tmp").unwrap();
+        let domain = Domain::new(base.path(), 0x9057_0000_0000 + u64::from(std::process::id()) * 64 + id);
+        let lane = LaneSpec { lane: 0, policy: "p".into(), max_envs: 2, block_pages: 87, in_flight: 2 };
+        let node = LinkNode::new(&domain, "sim").unwrap();
+        let wake = SimLink::create(&node, 1).unwrap();
+        let sim = SimLane::create(&node, RUN, &lane).unwrap();
+        let (input, stdin) = io::pipe().unwrap();
+        let (events, output) = io::pipe().unwrap();
+        let config =
+            HostConfig { domain: domain.clone(), run: RUN, lane, spec, threads: 1, mode: QueryMode::Chunk };
+        // The configuration reaches a real host as JSON.
+        let config = serde_json::from_str(&serde_json::to_string(&config).unwrap()).unwrap();
+        let host = std::thread::spawn(move || serve_with(config, input, output));
+        Self { domain, wake, lane: sim, host, stdin, events: BufReader::new(events), _base: base }
+    }
+
+    fn event(&mut self) -> HostEvent {
+        let mut line = String::new();
+        self.events.read_line(&mut line).unwrap();
+        serde_json::from_str(&line).unwrap()
+    }
+
+    /// Why the next message that is refused is refused.
+    fn failure(&mut self) -> String {
+        loop {
+            match self.event() {
+                HostEvent::Failed { message } => return message,
+                HostEvent::Ledger { .. } => {}
+                HostEvent::Ready { .. } => panic!("ready twice"),
+            }
+        }
+    }
+
+    fn send(&mut self, batch: &Batch, header: ObservationHeader) {
+        let mut loan = self.lane.loan(batch.pages.len()).unwrap();
+        loan.pages_mut().copy_from_slice(&batch.pages);
+        loan.send(header).unwrap();
+    }
+
+    fn receive(&mut self) -> ipc_types::link::ActionMessage {
+        let started = Instant::now();
+        loop {
+            if let Some(message) = self.lane.receive().unwrap() {
+                return message;
+            }
+            assert!(started.elapsed() < PATIENCE, "no answer");
+            self.wake.wait(Duration::from_millis(20)).unwrap();
+        }
+    }
+
+    /// Closes the host's standard input; its remaining events.
+    fn end(self) -> Vec<HostEvent> {
+        drop(self.stdin);
+        self.host.join().unwrap().unwrap();
+        let lines = self.events.lines().map(|line| serde_json::from_str(&line.unwrap()).unwrap());
+        let events = lines.collect();
+        drop((self.lane, self.wake));
+        self.domain.remove().unwrap();
+        events
+    }
+}
+
+#[test]
+fn a_host_answers_refuses_goes_on_and_ends_with_its_input() {
+    let mut stage = Stage::new(PolicySpec::Act(data("act-tiny")), 0);
+    assert!(matches!(stage.event(), HostEvent::Ready { load_ms } if load_ms > 0.0));
+    let batch = Batch::of(Morphology::Single, &[0, 1]);
+    let header = ObservationHeader { run: RUN, sequence: 5, epoch: 3, ..batch.header };
+
+    stage.send(&batch, header);
+    let answer = stage.receive();
+    assert_eq!((answer.header().run, answer.header().sequence, answer.header().epoch), (RUN, 5, 3));
+    assert_eq!(answer.header().status, 0);
+    let mut policy = policy_host::load(&PolicySpec::Act(data("act-tiny")), 1, QueryMode::Chunk).unwrap();
+    let view = ActionView::new(*answer.header(), answer.pages()).unwrap();
+    for (block, expected) in view.blocks().iter().zip(batch.answer(&mut *policy)) {
+        assert_eq!((block.slot, rows(block)), (expected.slot, rows(&expected)));
+    }
+    drop(answer);
+
+    for (bad, says) in [
+        (ObservationHeader { schema_hash: 1, ..header }, "schema"),
+        (ObservationHeader { n_envs: 9, ..header }, "pages"),
+        (ObservationHeader { run: 1, ..header }, "run"),
+        (ObservationHeader { control_mode: 1, ..header }, "pd_joint_pos"),
+    ] {
+        stage.send(&batch, bad);
+        let answer = stage.receive();
+        assert_eq!((answer.header().status, answer.header().sequence), (1, 5));
+        drop(answer);
+        let failure = stage.failure();
+        assert!(failure.contains(says), "{says}: {failure}");
+    }
+
+    stage.send(&batch, ObservationHeader { sequence: 6, ..header });
+    assert_eq!(stage.receive().header().status, 0);
+    let events = stage.end();
+    let last = events.last().unwrap();
+    assert!(matches!(last, HostEvent::Ledger { batches: 6, busy_s, .. } if *busy_s > 0.0), "{last:?}");
+}
+
+#[test]
+fn a_host_without_work_ends_with_its_input() {
+    let mut stage = Stage::new(PolicySpec::Idle, 1);
+    assert!(matches!(stage.event(), HostEvent::Ready { .. }));
+    assert_eq!(stage.end(), [HostEvent::Ledger { queries: 0, batches: 0, busy_s: 0.0 }]);
+}

@@ -1,0 +1,103 @@
+//! The policies without weights: idle and random.
+
+use bytemuck::Zeroable;
+use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology};
+use policy_host::{Policy, PolicyError, PolicySpec, QueryMode, load};
+
+use crate::batch::Batch;
+use crate::rows;
+
+fn policy(name: &str) -> Box<dyn Policy> {
+    load(&name.parse().unwrap(), 1, QueryMode::Chunk).unwrap()
+}
+
+/// One env whose joint `j` of arm `a` is at `j + a/10` rad, fingers at `finger_m`, asking for `execute` rows.
+fn batch(morphology: Morphology, finger_m: f32, step: u32, execute: u32) -> Batch {
+    let mut batch = Batch::of(morphology, &[3]);
+    let record: &mut EnvRecord = bytemuck::cast_mut(&mut batch.pages[0]);
+    let n_arms = morphology.n_arms();
+    for joint in 0..9 {
+        for arm in 0..n_arms {
+            record.state[joint * n_arms + arm] =
+                if joint < 7 { joint as f32 + arm as f32 / 10.0 } else { finger_m * (arm + 1) as f32 };
+        }
+    }
+    (record.step, record.execute) = (step, execute);
+    batch
+}
+
+#[test]
+fn idle_holds_tool_and_gripper_where_they_are() {
+    for (finger_m, command) in [(-0.01, -1.0), (0.015, 0.0), (0.04, 1.0), (0.05, 1.0)] {
+        let answer = batch(Morphology::Single, finger_m, 0, 4).answer(&mut *policy("idle"));
+        assert_eq!((answer[0].n_rows, answer[0].action_dim), (4, 7));
+        for row in rows(&answer[0]).chunks(7) {
+            assert_eq!(row[..6], [0.0; 6]);
+            assert!((row[6] - command).abs() < 1e-6, "{finger_m} m: {}", row[6]);
+        }
+    }
+}
+
+#[test]
+fn idle_finds_each_arm_in_the_interleaved_state() {
+    let answer = batch(Morphology::Bimanual, 0.02, 0, 1).answer(&mut *policy("idle"));
+    let expected = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.2, 0.1, 1.1, 2.1, 3.1, 4.1, 5.1, 6.1, 1.0];
+    for (entry, (x, y)) in rows(&answer[0]).iter().zip(expected).enumerate() {
+        assert!((x - y).abs() < 1e-5, "entry {entry}: {x}, not {y}");
+    }
+}
+
+#[test]
+fn random_depends_on_the_episode_not_on_the_chunking() {
+    let all = batch(Morphology::Single, 0.02, 10, 6).answer(&mut *policy("random"));
+    let later = batch(Morphology::Single, 0.02, 12, 2).answer(&mut *policy("random"));
+    assert_eq!(rows(&all[0])[2 * 7..4 * 7], *rows(&later[0]));
+    assert!(rows(&all[0]).iter().all(|x| (-1.0..=1.0).contains(x)));
+    assert_ne!(rows(&all[0])[..7], rows(&all[0])[7..14]);
+
+    let mut other = batch(Morphology::Single, 0.02, 10, 6);
+    bytemuck::cast_mut::<_, EnvRecord>(&mut other.pages[0]).policy_seed += 1;
+    assert_ne!(rows(&other.answer(&mut *policy("random"))[0]), rows(&all[0]));
+}
+
+#[test]
+fn random_is_spread_evenly() {
+    let drawn: Vec<f32> = (0..20)
+        .flat_map(|chunk| {
+            rows(&batch(Morphology::Single, 0.02, chunk * 60, 60).answer(&mut *policy("random"))[0]).to_vec()
+        })
+        .collect();
+    let mean = |f: &dyn Fn(f32) -> f32| drawn.iter().map(|&x| f(x)).sum::<f32>() / drawn.len() as f32;
+    assert_eq!(drawn.len(), 8400);
+    assert!(mean(&|x| x).abs() < 0.03 && (mean(&|x| x * x) - 1.0 / 3.0).abs() < 0.02);
+}
+
+#[test]
+fn random_joints_stay_near_the_measured_ones() {
+    let answer = batch(Morphology::Bimanual, 0.02, 0, 63).answer(&mut *policy("random"));
+    let mut farthest: f32 = 0.0;
+    for row in rows(&answer[0]).chunks(16) {
+        for (arm, action) in row.chunks(8).enumerate() {
+            for (joint, x) in action[..7].iter().enumerate() {
+                farthest = farthest.max((x - (joint as f32 + arm as f32 / 10.0)).abs());
+            }
+            assert!(action[7].abs() <= 1.0);
+        }
+    }
+    assert!(farthest <= 0.0501 && farthest > 0.03, "{farthest}");
+}
+
+#[test]
+fn what_cannot_be_answered_is_refused() {
+    for name in ["idle", "random"] {
+        let mut absolute = batch(Morphology::Single, 0.0, 0, 1);
+        absolute.header.control_mode = ControlMode::EePose.code();
+        let error = policy(name).act(&absolute.view(), &mut [ActionBlock::zeroed()]).unwrap_err();
+        assert!(matches!(error, PolicyError::Unsupported { control_mode: "pd_ee_pose", .. }), "{error}");
+        let nothing = batch(Morphology::Single, 0.0, 0, 0);
+        let error = policy(name).act(&nothing.view(), &mut [ActionBlock::zeroed()]).unwrap_err();
+        assert_eq!(error, PolicyError::NoRows { env_idx: 0 });
+    }
+    let error = load(&PolicySpec::Expert, 1, QueryMode::Chunk).err().unwrap().to_string();
+    assert_eq!(error, "host policy `expert`: it does not run in a policy host");
+}

@@ -1,0 +1,336 @@
+#!/usr/bin/env python3
+"""Writes a randomly initialised ACT checkpoint that `act:PATH` can load, and what PyTorch computes with it.
+
+The network is the benchmark's ACT: ResNet-18 with frozen batch normalisation, a DETR-style transformer, an instruction
+token, an action chunk as output. Needs `torch`, `numpy` and `safetensors`.
+
+    make_act_checkpoint.py OUT --morphology single            a full-size checkpoint
+    make_act_checkpoint.py OUT --morphology single --tiny     one of a few hundred kB
+    ... --rule             weights computed from tensor names, as policy-host's `synthetic` module does
+    ... --reference FILE   PyTorch's actions for two generated observations, as safetensors
+    ... --no-weights       only the reference: for networks whose weights the rule can make again
+"""
+
+import argparse
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from safetensors.torch import save_file
+from torch import nn
+
+ROBOTS = {
+    "single": dict(control_mode="pd_ee_delta_pose", state_dim=25, action_dim=7, n_cameras=3),
+    "bimanual": dict(control_mode="pd_joint_pos", state_dim=64, action_dim=16, n_cameras=4),
+}
+FULL = dict(
+    num_queries=30, hidden_dim=512, dim_feedforward=1600, nheads=8, enc_layers=4, dec_layers=7,
+    backbone="resnet18", backbone_width=64, language=dict(encoder="hashed", dim=512),
+)
+TINY = dict(
+    FULL, hidden_dim=64, dim_feedforward=128, nheads=4, enc_layers=2, dec_layers=1, backbone_width=4,
+    language=dict(encoder="hashed", dim=64),
+)
+LATENT_DIM = 32
+EXTERNAL_SIDE, HAND_SIDE = 224, 128
+# One instruction with a language token, one without.
+INSTRUCTIONS = ["Raise the red cube above the table.", ""]
+
+
+# --- numbers from names -----------------------------------------------------------------------------------------------
+
+MASK = (1 << 64) - 1
+
+
+def fnv1a64(name):
+    value = 0xCBF29CE484222325
+    for byte in name.encode():
+        value = ((value ^ byte) * 0x100000001B3) & MASK
+    return value
+
+
+def unit(name, shape):
+    """f32 in [0, 1): 24 bits of splitmix64's mixing function over the name's hash plus the element's index times gamma."""
+    with np.errstate(over="ignore"):
+        z = np.uint64(fnv1a64(name)) + np.arange(math.prod(shape), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+        z ^= z >> np.uint64(30)
+        z *= np.uint64(0xBF58476D1CE4E5B9)
+        z ^= z >> np.uint64(27)
+        z *= np.uint64(0x94D049BB133111EB)
+        z ^= z >> np.uint64(31)
+    return ((z >> np.uint64(40)).astype(np.float32) / np.float32(1 << 24)).reshape(shape)
+
+
+def sym(name, shape, bound):
+    return (2 * unit(name, shape) - 1) * np.float32(bound)
+
+
+def tensor_by_rule(name, shape):
+    if name.endswith("running_var"):
+        return 1 + sym(name, shape, 0.5)
+    if name.endswith("running_mean"):
+        return sym(name, shape, 0.1)
+    if len(shape) == 2 and "embed" in name:
+        return sym(name, shape, 1)
+    if len(shape) == 1:
+        return 1 + sym(name, shape, 0.1) if name.endswith("weight") else sym(name, shape, 0.05)
+    return sym(name, shape, math.sqrt(3 / math.prod(shape[1:])))
+
+
+def hashed_embedding(instruction, dim):
+    """The weight-free instruction encoder of policy-host's `text` module."""
+    words = re.findall(r"[a-z0-9]+", instruction.lower())
+    features = words + [" ".join(pair) for pair in zip(words, words[1:])]
+    bound = math.sqrt(3 / (dim * max(len(features), 1)))
+    return sum((sym(feature, (dim,), bound) for feature in features), np.zeros(dim, np.float32))
+
+
+# --- the network ------------------------------------------------------------------------------------------------------
+
+class FrozenBatchNorm(nn.Module):
+    def __init__(self, width):
+        super().__init__()
+        for name, value in (("weight", 1.0), ("bias", 0.0), ("running_mean", 0.0), ("running_var", 1.0)):
+            self.register_buffer(name, torch.full((width,), value))
+
+    def forward(self, x):
+        return F.batch_norm(x, self.running_mean, self.running_var, self.weight, self.bias, eps=1e-5)
+
+
+class Block(nn.Module):
+    def __init__(self, n_in, n_out, stride):
+        super().__init__()
+        self.conv1 = nn.Conv2d(n_in, n_out, 3, stride, 1, bias=False)
+        self.bn1 = FrozenBatchNorm(n_out)
+        self.conv2 = nn.Conv2d(n_out, n_out, 3, 1, 1, bias=False)
+        self.bn2 = FrozenBatchNorm(n_out)
+        if stride != 1:
+            self.downsample = nn.Sequential(nn.Conv2d(n_in, n_out, 1, stride, bias=False), FrozenBatchNorm(n_out))
+
+    def forward(self, x):
+        y = self.bn2(self.conv2(F.relu(self.bn1(self.conv1(x)))))
+        return F.relu(y + (self.downsample(x) if hasattr(self, "downsample") else x))
+
+
+class ResNet18(nn.Module):
+    def __init__(self, width):
+        super().__init__()
+        self.conv1 = nn.Conv2d(3, width, 7, 2, 3, bias=False)
+        self.bn1 = FrozenBatchNorm(width)
+        n_in = width
+        for stage in range(4):
+            n_out = width << stage
+            blocks = nn.Sequential(Block(n_in, n_out, 1 if stage == 0 else 2), Block(n_out, n_out, 1))
+            setattr(self, f"layer{stage + 1}", blocks)
+            n_in = n_out
+
+    def forward(self, x):
+        x = F.max_pool2d(F.relu(self.bn1(self.conv1(x))), 3, 2, 1)
+        return self.layer4(self.layer3(self.layer2(self.layer1(x))))
+
+
+class EncoderLayer(nn.Module):
+    def __init__(self, c):
+        super().__init__()
+        d = c["hidden_dim"]
+        self.self_attn = nn.MultiheadAttention(d, c["nheads"], batch_first=True)
+        self.linear1, self.linear2 = nn.Linear(d, c["dim_feedforward"]), nn.Linear(c["dim_feedforward"], d)
+        self.norm1, self.norm2 = nn.LayerNorm(d), nn.LayerNorm(d)
+
+    def feed_forward(self, x):
+        return self.linear2(F.relu(self.linear1(x)))
+
+    def forward(self, x, position):
+        placed = x + position
+        x = self.norm1(x + self.self_attn(placed, placed, x, need_weights=False)[0])
+        return self.norm2(x + self.feed_forward(x))
+
+
+class DecoderLayer(EncoderLayer):
+    def __init__(self, c):
+        super().__init__(c)
+        self.multihead_attn = nn.MultiheadAttention(c["hidden_dim"], c["nheads"], batch_first=True)
+        self.norm3 = nn.LayerNorm(c["hidden_dim"])
+
+    def forward(self, target, memory, position, query_position):
+        placed = target + query_position
+        target = self.norm1(target + self.self_attn(placed, placed, target, need_weights=False)[0])
+        query, key = target + query_position, memory + position
+        target = self.norm2(target + self.multihead_attn(query, key, memory, need_weights=False)[0])
+        return self.norm3(target + self.feed_forward(target))
+
+
+class Stack(nn.Module):
+    def __init__(self, layer, c, n_layers, norm=False):
+        super().__init__()
+        self.layers = nn.ModuleList(layer(c) for _ in range(n_layers))
+        if norm:
+            self.norm = nn.LayerNorm(c["hidden_dim"])
+
+
+class Joiner(nn.Module):
+    """Only there to give the backbone's tensors the names they have in the benchmark's checkpoints."""
+
+    def __init__(self, body):
+        super().__init__()
+        self.body = body
+
+
+class Act(nn.Module):
+    def __init__(self, c):
+        super().__init__()
+        self.c = c
+        d = c["hidden_dim"]
+        self.transformer = nn.Module()
+        self.transformer.encoder = Stack(EncoderLayer, c, c["enc_layers"])
+        self.transformer.decoder = Stack(DecoderLayer, c, c["dec_layers"], norm=True)
+        self.action_head = nn.Linear(d, c["action_dim"])
+        self.query_embed = nn.Embedding(c["num_queries"], d)
+        self.backbones = nn.ModuleList([nn.Sequential(Joiner(ResNet18(c["backbone_width"])))])
+        self.input_proj = nn.Conv2d(c["backbone_width"] * 8, d, 1)
+        self.input_proj_robot_state = nn.Linear(c["state_dim"], d)
+        self.latent_out_proj = nn.Linear(LATENT_DIM, d)
+        self.additional_pos_embed = nn.Embedding(2, d)
+        if c["language"]:
+            e = c["language"]["dim"]
+            self.lang_proj = nn.Sequential(
+                nn.Linear(e, e), nn.ReLU(), nn.LayerNorm(e), nn.Linear(e, e), nn.ReLU(), nn.LayerNorm(e), nn.Linear(e, d)
+            )
+        # Only training uses these.
+        self.encoder = Stack(EncoderLayer, c, c["enc_layers"])
+        self.cls_embed = nn.Embedding(1, d)
+        self.encoder_state_proj = nn.Linear(c["state_dim"], d)
+        self.encoder_action_proj = nn.Linear(c["action_dim"], d)
+        self.latent_proj = nn.Linear(d, 2 * LATENT_DIM)
+
+    def positions(self, side):
+        """[side, side, d]: sines and cosines of the row in the first half, of the column in the second."""
+        half = self.c["hidden_dim"] // 2
+        place = torch.arange(1, side + 1, dtype=torch.float32) / (side + 1e-6) * 2 * math.pi
+        wavelength = 10000 ** (2 * (torch.arange(half) // 2) / half)
+        phase = place[:, None] / wavelength
+        code = torch.stack([phase[:, 0::2].sin(), phase[:, 1::2].cos()], -1).flatten(1)
+        return torch.cat([code[:, None].expand(-1, side, -1), code[None].expand(side, -1, -1)], -1)
+
+    def forward(self, images, state, embedding=None):
+        """images [n_cameras, 3, 224, 224] normalised, state [state_dim], embedding [language dim] or None."""
+        features = self.backbones[0][0].body(images)
+        # Cameras side by side, then row by row.
+        image_tokens = self.input_proj(features).permute(2, 0, 3, 1).flatten(0, 2)
+        position = self.positions(features.shape[-1])
+        image_position = position[:, None].expand(-1, len(images), -1, -1).flatten(0, 2)
+        tokens = [self.latent_out_proj(torch.zeros(LATENT_DIM)), self.input_proj_robot_state(state)]
+        placing = [self.additional_pos_embed.weight]
+        if embedding is not None:
+            tokens.append(self.lang_proj(embedding))
+            placing.append(torch.zeros(1, self.c["hidden_dim"]))
+        memory = torch.cat([torch.stack(tokens), image_tokens])[None]
+        placing = torch.cat([*placing, image_position])[None]
+        for layer in self.transformer.encoder.layers:
+            memory = layer(memory, placing)
+        query_position = self.query_embed.weight[None]
+        decoder = self.transformer.decoder
+        # The benchmark reads the first of the stacked intermediate outputs: later layers never matter.
+        target = decoder.layers[0](torch.zeros_like(query_position), memory, placing, query_position)
+        return self.action_head(decoder.norm(target))[0], features
+
+
+# --- checkpoint and reference -----------------------------------------------------------------------------------------
+
+def initialise(net, by_rule, seed):
+    with torch.no_grad():
+        for name, tensor in net.state_dict().items():
+            if by_rule:
+                tensor.copy_(torch.from_numpy(np.asarray(tensor_by_rule(name, tuple(tensor.shape)))))
+            elif name.endswith(("running_mean", "running_var")):
+                # Untrained statistics would hide a mistake in how they are folded.
+                values = torch.rand(tensor.shape, generator=seed)
+                tensor.copy_(values + 0.5 if name.endswith("var") else 0.2 * values - 0.1)
+
+
+def generated_observation(env, morphology):
+    """The same numbers as policy-host's tests generate."""
+    robot, n_hands = ROBOTS[morphology], ROBOTS[morphology]["n_cameras"] - 2
+    pixels = lambda name, shape: (256 * unit(f"in.{env}.{name}", shape)).astype(np.uint8)
+    external = pixels("external", (2, EXTERNAL_SIDE, EXTERNAL_SIDE, 3))
+    # Blocks of 8x8 pixels: an enlarged image is then smooth enough to compare, and still has edges.
+    hand = np.kron(pixels("hand", (n_hands, HAND_SIDE // 8, HAND_SIDE // 8, 3)), np.ones((1, 8, 8, 1), np.uint8))
+    return external, hand, sym(f"in.{env}.state", (robot["state_dim"],), 1)
+
+
+def normalised_images(external, hand):
+    to_chw = lambda x: torch.from_numpy(x).permute(0, 3, 1, 2).float()
+    grown = F.interpolate(
+        to_chw(hand), (EXTERNAL_SIDE, EXTERNAL_SIDE), mode="bilinear", antialias=True, align_corners=False
+    )
+    images = torch.cat([to_chw(external), grown.round().clamp(0, 255)]) / 255
+    mean, std = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
+    return (images - mean[:, None, None]) / std[:, None, None]
+
+
+def reference(net, config, statistics):
+    out = {"actions": [], "trunk": []}
+    for env, instruction in enumerate(INSTRUCTIONS):
+        external, hand, state = generated_observation(env, config["morphology"])
+        embedding = None
+        if instruction and config["language"]:
+            embedding = torch.from_numpy(hashed_embedding(instruction, config["language"]["dim"]))
+        state = torch.from_numpy(state)
+        if statistics:
+            state = (state - statistics["norm_stats.state_mean"]) / statistics["norm_stats.state_std"]
+        with torch.no_grad():
+            actions, features = net(normalised_images(external, hand), state, embedding)
+        if statistics:
+            actions = actions * statistics["norm_stats.action_std"] + statistics["norm_stats.action_mean"]
+        out["actions"].append(actions)
+        # Every camera's features in the middle of the image: enough to tell where a difference comes from.
+        out["trunk"].append(features[:, :, 3, 3])
+    return {name: torch.stack(values).contiguous() for name, values in out.items()}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, help="folder of the checkpoint")
+    parser.add_argument("--morphology", choices=ROBOTS, default="single")
+    parser.add_argument("--tiny", action="store_true", help="a sixteenth to an eighth of the widths")
+    parser.add_argument("--rule", action="store_true", help="weights computed from tensor names")
+    parser.add_argument("--statistics", action="store_true", help="add normalisation statistics")
+    parser.add_argument("--lean", action="store_true", help="leave out tensors that inference does not use")
+    parser.add_argument("--reference", type=Path, metavar="FILE", help="also write PyTorch's outputs")
+    parser.add_argument("--no-weights", action="store_true", help="write no checkpoint")
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+
+    config = dict(type="act_colosseum", morphology=args.morphology, **ROBOTS[args.morphology])
+    config |= TINY if args.tiny else FULL
+    torch.manual_seed(args.seed)
+    net = Act(config).eval()
+    initialise(net, args.rule, torch.Generator().manual_seed(args.seed))
+
+    statistics = {}
+    if args.statistics:
+        for kind in ("state", "action"):
+            shape = (config[f"{kind}_dim"],)
+            for part, centre, bound in (("mean", 0, 0.3), ("std", 0.5, 0.3)):
+                name = f"norm_stats.{kind}_{part}"
+                statistics[name] = torch.from_numpy(centre + sym(name, shape, bound))
+
+    tensors = {name: tensor.contiguous() for name, tensor in net.state_dict().items()} | statistics
+    if args.lean:
+        unused = r"encoder\.|cls_embed|encoder_|latent_proj|latent_out_proj\.weight|transformer\.decoder\.layers\.[1-9]"
+        tensors = {name: tensor for name, tensor in tensors.items() if not re.match(unused, name)}
+    if not args.no_weights:
+        args.out.mkdir(parents=True, exist_ok=True)
+        (args.out / "config.json").write_text(json.dumps(config, indent=2) + "\n")
+        save_file(tensors, args.out / "model.safetensors")
+    if args.reference:
+        args.reference.parent.mkdir(parents=True, exist_ok=True)
+        save_file(reference(net, config, statistics), args.reference)
+
+
+if __name__ == "__main__":
+    main()

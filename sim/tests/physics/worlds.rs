@@ -1,0 +1,223 @@
+//! Worlds: grasps, states, fingerprints, and that nothing explodes.
+
+use ipc_types::ControlMode;
+use nalgebra::{Translation3, Vector3};
+use rayon::prelude::*;
+use sim::expert::{Move, grasp};
+use sim::fingerprint::Fingerprint;
+use sim::physics::World;
+use sim::predicate::first_unmet;
+use sim::scene::{Link, Range, Snapshot};
+use sim::stream::Stream;
+use sim::{Perturbation, Profile, TaskId};
+
+use super::common;
+
+/// Fingerprint of the whole expert episode.
+fn trajectory(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> u64 {
+    let scene = common::draw(task, perturbation, episode_idx);
+    let mut fingerprint = Fingerprint::default();
+    common::play(&scene, &(task.task().expert)(&scene), 0, |_, world| world.absorb(&mut fingerprint));
+    fingerprint.finish()
+}
+
+#[test]
+fn a_trajectory_is_the_same_again_and_in_any_thread() {
+    let cases: Vec<(TaskId, u32)> = TaskId::ALL.iter().flat_map(|&task| [(task, 0), (task, 1)]).collect();
+    let run = |&(task, episode_idx): &(TaskId, u32)| trajectory(task, Perturbation::None, episode_idx);
+    let alone: Vec<u64> = cases.iter().map(run).collect();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().expect("four threads");
+    let together: Vec<u64> = pool.install(|| cases.par_iter().map(run).collect());
+    assert_eq!(alone, together);
+    assert!(alone.windows(2).all(|pair| pair[0] != pair[1]), "episodes differ: {alone:?}");
+}
+
+#[test]
+fn a_perturbation_that_is_only_seen_changes_no_trajectory() {
+    for &task in TaskId::ALL {
+        let unperturbed = trajectory(task, Perturbation::None, 2);
+        for seen_only in [Perturbation::MoColor, Perturbation::CameraPose] {
+            assert_eq!(trajectory(task, seen_only, 2), unperturbed, "{} {}", task.name(), seen_only.name());
+        }
+        assert_ne!(trajectory(task, Perturbation::MoSize, 2), unperturbed, "{}", task.name());
+    }
+}
+
+#[test]
+fn a_grasped_cube_does_not_slip() {
+    let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 3);
+    let moves = (TaskId::RaiseCube.task().expert)(&scene);
+    let n_until_closed = sim::expert::Expert::new(&scene, &moves[..3]).expect("reachable").n_steps();
+    let mut grasped = Vec::new();
+    common::play(&scene, &moves, 40, |step, world| {
+        if step >= n_until_closed {
+            assert!(world.is_grasping(0, 0), "lost after {step} steps");
+            grasped.push(world.tcp_pose(0).inverse() * world.body_pose(0));
+        }
+    });
+    let (first, last) = (grasped[0], grasped[grasped.len() - 1]);
+    let slip = (last.translation.vector - first.translation.vector).norm();
+    let turn = first.rotation.angle_to(&last.rotation);
+    assert!(slip < 5e-4 && turn < 5e-3, "slipped {slip} m, turned {turn} rad");
+}
+
+#[test]
+fn pressing_from_above_is_no_grasp() {
+    let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
+    let closing = grasp::start_closing(&scene, 0);
+    let top = Translation3::new(0.0, 0.0, 0.02) * grasp::from_above(scene.body("cube"), &closing, &closing);
+    let moves =
+        [Move::close(&[0], 10), Move::straight(0, grasp::backed_off(&top, 0.05)), Move::straight(0, top)];
+    let world = common::play(&scene, &moves, 10, |step, world| {
+        assert!(!world.is_grasping(0, 0), "a grasp after {step} steps");
+    });
+    let above_target = f64::from(world.tcp_pose(0).translation.z) - top.translation.z;
+    assert!(
+        above_target > 0.003,
+        "the finger tips stand on the cube, {above_target} m above where they were sent"
+    );
+}
+
+#[test]
+fn a_gripper_that_closes_on_air_grasps_nothing() {
+    for &task in TaskId::ALL {
+        let scene = common::draw(task, Perturbation::None, 0);
+        let arms: Vec<usize> = (0..scene.robots.len()).collect();
+        common::play(&scene, &[Move::close(&arms, 20)], 0, |_, world| {
+            for arm in &arms {
+                assert!((0..scene.bodies.len()).all(|body| !world.is_grasping(*arm, body)));
+            }
+        });
+    }
+}
+
+#[test]
+fn bodies_rest_where_they_were_drawn() {
+    for &task in TaskId::ALL {
+        for perturbation in [Perturbation::None, Perturbation::MoSize] {
+            let scene = common::draw(task, perturbation, 4);
+            let mut world = World::build(&scene, ControlMode::JointPos);
+            let row = common::hold_row(&scene, &world, ControlMode::JointPos);
+            for _ in 0..40 {
+                world.step(&row);
+            }
+            for (body, drawn) in scene.bodies.iter().enumerate() {
+                let moved =
+                    (world.body_pose(body).translation.vector.cast() - drawn.pose.translation.vector).norm();
+                assert!(
+                    moved < 5e-4,
+                    "{} {}: {} moved {moved} m",
+                    task.name(),
+                    perturbation.name(),
+                    drawn.name
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn bodies_thrown_off_the_table_fall_to_the_floor_and_fail() {
+    for &task in TaskId::ALL {
+        let mut scene = common::draw(task, Perturbation::None, 0);
+        let success = (task.task().success)(&scene, Profile::Strict);
+        for (i, body) in scene.bodies.iter_mut().enumerate() {
+            body.pose.translation.vector = Vector3::new(2.0, i as f64, 1.0);
+        }
+        let mut world = World::build(&scene, ControlMode::JointPos);
+        let row = common::hold_row(&scene, &world, ControlMode::JointPos);
+        for step in 0..60 {
+            world.step(&row);
+            // On the way down a body is above its threshold for a moment, but nothing holds it or it moves.
+            assert!(
+                step < 10 || first_unmet(&success, &world).is_some(),
+                "{} succeeds at {step}",
+                task.name()
+            );
+        }
+        for body in 0..scene.bodies.len() {
+            let z = world.body_pose(body).translation.z;
+            assert!((-0.93..-0.85).contains(&z), "{}: {} is at z {z}", task.name(), scene.bodies[body].name);
+        }
+    }
+}
+
+#[test]
+fn random_actions_never_leave_the_finite_numbers() {
+    let cases: Vec<(TaskId, ControlMode, u32)> = TaskId::ALL
+        .iter()
+        .flat_map(|&task| ControlMode::ALL.map(|mode| (task, mode)))
+        .flat_map(|(task, mode)| (0..7).map(move |episode_idx| (task, mode, episode_idx)))
+        .collect();
+    cases.into_par_iter().for_each(|(task, mode, episode_idx)| {
+        let scene = common::draw(task, Perturbation::MoSize, episode_idx);
+        let mut world = World::build(&scene, mode);
+        let mut row = common::zeros(&scene, mode);
+        let mut stream = Stream::new(u64::from(episode_idx), "random actions");
+        for step in 0..task.task().max_steps {
+            for number in &mut row {
+                *number = stream.uniform(Range::symmetric(1.0)) as f32;
+            }
+            world.step(&row);
+            assert!(world.is_finite(), "{} {} {episode_idx}: step {step}", task.name(), mode.name());
+        }
+        for arm in 0..world.n_arms() {
+            let speed = world.qvel(arm).iter().fold(0.0_f32, |a, v| a.max(v.abs()));
+            assert!(speed < 30.0, "{} {} {episode_idx}: {speed} rad/s", task.name(), mode.name());
+        }
+    });
+}
+
+#[test]
+fn the_state_has_the_benchmarks_layout() {
+    for &task in TaskId::ALL {
+        let scene = common::draw(task, Perturbation::None, 5);
+        let world = common::play(&scene, &(task.task().expert)(&scene)[..2], 0, |_, _| {});
+        let n = world.n_arms();
+        let mut state = vec![f32::NAN; task.task().morphology.state_dim()];
+        world.write_state(&mut state);
+        for arm in 0..n {
+            let (qpos, qvel, tcp) = (world.qpos(arm), world.qvel(arm), world.tcp_pose(arm));
+            for joint in 0..7 {
+                assert_eq!(state[n * joint + arm], qpos[joint], "arms alternate joint by joint");
+                assert_eq!(state[9 * n + n * joint + arm], qvel[joint]);
+            }
+            for finger in 0..2 {
+                assert_eq!(state[7 * n + 2 * arm + finger], qpos[7 + finger], "fingers follow arm by arm");
+                assert_eq!(state[16 * n + 2 * arm + finger], qvel[7 + finger]);
+            }
+            let q = tcp.rotation.quaternion();
+            let p = tcp.translation.vector;
+            let pose = [p.x, p.y, p.z, q.w, q.i, q.j, q.k];
+            for copy in 0..n {
+                let at = 18 * n + 7 * (n * copy + arm);
+                assert_eq!(state[at..at + 7], pose, "arm {arm}, copy {copy}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_snapshot_shows_every_body_and_link() {
+    for &task in TaskId::ALL {
+        let scene = common::draw(task, Perturbation::None, 0);
+        let world = World::build(&scene, ControlMode::JointPos);
+        let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
+        world.write_snapshot(&mut snapshot);
+        for (pose, body) in snapshot.bodies.iter().zip(&scene.bodies) {
+            assert!((pose.translation.vector.cast() - body.pose.translation.vector).norm() < 1e-6);
+            assert!(pose.rotation.cast::<f64>().angle_to(&body.pose.rotation) < 1e-3);
+        }
+        for (arm, links) in snapshot.arms.iter().enumerate() {
+            let base = scene.robots[arm].base.cast::<f32>();
+            assert!((links[Link::Link0 as usize].translation.vector - base.translation.vector).norm() < 1e-6);
+            let in_hand = |point: [f32; 3]| links[Link::Hand as usize] * nalgebra::Point3::from(point);
+            let tcp = world.tcp_pose(arm).translation.vector;
+            assert!((in_hand([0.0, 0.0, 0.1034]).coords - tcp).norm() < 1e-5);
+            for (finger, side) in [(Link::Finger1, 0.04), (Link::Finger2, -0.04)] {
+                let at = links[finger as usize].translation.vector;
+                assert!((in_hand([0.0, side, 0.0584]).coords - at).norm() < 1e-5, "open finger at {at}");
+            }
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! What the tests of the renderer share.
+
+use ipc_types::ControlMode;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use sim::physics::World;
+use sim::render::{CpuRenderer, RenderScene, Renderer, View};
+use sim::scene::{
+    Background, Body, Camera, CameraMount, CameraSlot, Lights, Motion, Paint, Part, Primitive, Role, Scene,
+    Snapshot, Table, TableKind,
+};
+use sim::stream::episode_seed;
+use sim::{Perturbation, Profile, TaskId};
+
+pub(crate) const BLUE: [f64; 3] = [0.0, 0.0, 1.0];
+pub(crate) const RED: [f64; 3] = [1.0, 0.0, 0.0];
+
+/// A task's first scene, with all of its poses as they were drawn.
+pub(crate) fn drawn(task: TaskId) -> (Scene, Snapshot) {
+    let spec = Perturbation::None.apply((task.task().nominal)(), Profile::Strict);
+    let scene = spec.draw(episode_seed(0, task.name(), 0));
+    let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
+    World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
+    (scene, snapshot)
+}
+
+/// A room with a table, a camera at `eye` that looks at `target` over 90°, even light and nothing else.
+pub(crate) fn empty_room(eye: [f64; 3], target: [f64; 3]) -> Scene {
+    let paint = |color| Paint { color, texture: None, specular: 0.0 };
+    Scene {
+        bodies: Vec::new(),
+        robots: Vec::new(),
+        table: Table { kind: TableKind::SingleArm, paint: paint([0.6; 3]) },
+        background: Background { floor: paint([0.4; 3]), walls: None },
+        lights: Lights { ambient: [1.0; 3], directional: Vec::new(), shadows: false },
+        cameras: vec![Camera {
+            slot: CameraSlot::External1,
+            mount: CameraMount::World { eye, target },
+            error: Isometry3::identity(),
+            fov_y_rad: core::f64::consts::FRAC_PI_2,
+            clip_m: [0.01, 100.0],
+        }],
+        instruction: String::new(),
+    }
+}
+
+/// A body of one solid.
+pub(crate) fn body(name: &'static str, shape: Primitive, position: [f64; 3], color: [f64; 3]) -> Body {
+    Body {
+        name,
+        role: Role::ManipulationObject,
+        motion: Motion::Dynamic,
+        parts: vec![Part {
+            shape,
+            pose: Isometry3::identity(),
+            paint: Paint { color, texture: None, specular: 0.0 },
+        }],
+        scale: 1.0,
+        pose: Isometry3::from_parts(Translation3::from(Vector3::from(position)), UnitQuaternion::identity()),
+        density: 1000.0,
+        friction: 0.3,
+    }
+}
+
+/// The snapshot of a scene without arms, its bodies where they were drawn.
+pub(crate) fn as_placed(scene: &Scene) -> Snapshot {
+    Snapshot { bodies: scene.bodies.iter().map(|body| body.pose.cast()).collect(), arms: Vec::new() }
+}
+
+/// One image.
+pub(crate) fn image(scene: &Scene, snapshot: &Snapshot, camera_idx: usize) -> Vec<u8> {
+    let scene = RenderScene::new(scene);
+    let side = scene.side(camera_idx);
+    let mut out = vec![0; side * side * 3];
+    CpuRenderer::new(1).render(&mut [View { scene: &scene, snapshot, camera_idx, out: &mut out }]);
+    out
+}
+
+/// Columns and rows of the pixels for which `is` holds, in an image of this side.
+pub(crate) fn pixels(image: &[u8], side: usize, is: impl Fn([u8; 3]) -> bool) -> Vec<[usize; 2]> {
+    let rgb = image.chunks_exact(3).map(|p| [p[0], p[1], p[2]]);
+    rgb.enumerate().filter(|(_, rgb)| is(*rgb)).map(|(i, _)| [i % side, i / side]).collect()
+}
+
+/// Whether a pixel shows something painted [`BLUE`].
+pub(crate) fn is_blue([r, g, b]: [u8; 3]) -> bool {
+    r == 0 && g == 0 && b > 0
+}
+
+/// Whether a pixel shows something painted [`RED`].
+pub(crate) fn is_red([r, g, b]: [u8; 3]) -> bool {
+    r > 0 && g == 0 && b == 0
+}
+
+/// Least and greatest column and row of some pixels.
+pub(crate) fn bounds(pixels: &[[usize; 2]]) -> [[usize; 2]; 2] {
+    let of = |axis: usize, pick: fn(usize, usize) -> usize| {
+        pixels.iter().map(|p| p[axis]).reduce(pick).expect("some pixels")
+    };
+    [[of(0, usize::min), of(1, usize::min)], [of(0, usize::max), of(1, usize::max)]]
+}

@@ -1,0 +1,76 @@
+//! What a person would notice at once.
+
+use sim::TaskId;
+use sim::render::RenderScene;
+
+use crate::common::{drawn, image, is_blue, pixels};
+use crate::independence::differing;
+
+#[test]
+fn the_robot_is_visible_in_every_external_view() {
+    for &task in TaskId::ALL {
+        let (scene, with) = drawn(task);
+        for arm in 0..scene.robots.len() {
+            let mut without = with.clone();
+            for link in &mut without.arms[arm] {
+                link.translation.z -= 1000.0;
+            }
+            for camera_idx in 0..2 {
+                let share = differing(&image(&scene, &with, camera_idx), &image(&scene, &without, camera_idx))
+                    as f64
+                    / (224.0 * 224.0);
+                assert!(share > 0.02, "{}: arm {arm} fills {share} of camera {camera_idx}", task.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn images_are_neither_dark_nor_burnt_and_full_of_detail() {
+    for &task in TaskId::ALL {
+        let (scene, snapshot) = drawn(task);
+        for camera_idx in 0..scene.cameras.len() {
+            let image = image(&scene, &snapshot, camera_idx);
+            let mean = image.iter().map(|b| f64::from(*b)).sum::<f64>() / image.len() as f64;
+            let burnt = image.iter().filter(|b| **b == 255).count() as f64 / image.len() as f64;
+            let mut colors: Vec<&[u8]> = image.chunks_exact(3).collect();
+            colors.sort_unstable();
+            colors.dedup();
+            let name = task.name();
+            assert!((60.0..200.0).contains(&mean), "{name}, camera {camera_idx}: mean {mean}");
+            assert!(burnt < 0.02, "{name}, camera {camera_idx}: {burnt} of the bytes are 255");
+            assert!(colors.len() > 300, "{name}, camera {camera_idx}: {} colours", colors.len());
+        }
+    }
+}
+
+#[test]
+fn walls_hide_the_black_beyond_the_floor() {
+    let (mut scene, snapshot) = drawn(TaskId::RaiseCube);
+    let black = |image: &[u8]| pixels(image, 224, |rgb| rgb == [0; 3]).len();
+    let open = black(&image(&scene, &snapshot, 0));
+    scene.background.walls = Some(scene.table.paint);
+    let walled = black(&image(&scene, &snapshot, 0));
+    assert!(open > 1000 && walled < open / 2, "{open} black pixels without walls, {walled} with");
+}
+
+#[test]
+fn colour_light_and_texture_reach_the_image() {
+    let (mut scene, snapshot) = drawn(TaskId::RaiseCube);
+    let plain = image(&scene, &snapshot, 0);
+    scene.bodies[0].parts[0].paint.color = [0.9, 0.8, 0.1];
+    assert!(differing(&plain, &image(&scene, &snapshot, 0)) > 30, "the cube keeps its colour");
+    scene.table.paint.texture = None;
+    assert!(differing(&plain, &image(&scene, &snapshot, 0)) > 5000, "the table keeps its texture");
+    scene.lights.directional.clear();
+    scene.lights.ambient = [0.0, 0.0, 1.0];
+    let lit_blue = image(&scene, &snapshot, 0);
+    assert_eq!(pixels(&lit_blue, 224, |rgb| rgb != [0; 3] && !is_blue(rgb)), Vec::<[usize; 2]>::new());
+}
+
+#[test]
+fn a_scene_has_a_sensible_number_of_triangles() {
+    let (scene, _) = drawn(TaskId::RaiseCube);
+    let n = RenderScene::new(&scene).n_triangles();
+    assert!((10_000..25_000).contains(&n), "{n} triangles");
+}

@@ -1,0 +1,10 @@
+//! The renderer through the crate's public door: where things appear, what hides what, and that nothing but the scene
+//! decides a byte.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+mod independence;
+mod looks;
+mod projection;
+mod sheet;

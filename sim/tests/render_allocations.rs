@@ -1,0 +1,73 @@
+//! After its first pictures the renderer allocates nothing. A binary of its own, for it counts all that its process does.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use ipc_types::ControlMode;
+use sim::TaskId;
+use sim::physics::World;
+use sim::render::{CpuRenderer, RenderScene, Renderer, View};
+use sim::scene::Snapshot;
+
+static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
+
+struct Counting;
+
+// SAFETY: every call is handed on to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promises are those that the system's allocator asks for.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+#[test]
+fn rendering_allocates_nothing_after_warm_up() {
+    let mut envs = Vec::new();
+    for &task in TaskId::ALL {
+        let scene = (task.task().nominal)().draw(7);
+        let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
+        World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
+        envs.push((RenderScene::new(&scene), snapshot));
+    }
+    let mut images: Vec<Vec<Vec<u8>>> = envs
+        .iter()
+        .map(|(scene, _)| (0..scene.n_cameras()).map(|c| vec![0; scene.side(c).pow(2) * 3]).collect())
+        .collect();
+    let mut renderer = CpuRenderer::new(2);
+    // The whole test runs on a worker, so that rayon has nothing to hand over from outside.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    let counted = pool.install(|| {
+        let mut views: Vec<View<'_>> = envs
+            .iter()
+            .zip(&mut images)
+            .flat_map(|((scene, snapshot), images)| {
+                images.iter_mut().enumerate().map(move |(camera_idx, out)| View {
+                    scene,
+                    snapshot,
+                    camera_idx,
+                    out,
+                })
+            })
+            .collect();
+        // Every scratch must have seen every scene; which worker takes which view is up to rayon.
+        for _ in 0..20 {
+            renderer.render(&mut views);
+        }
+        let before = ALLOCATIONS.load(Ordering::Relaxed);
+        for _ in 0..10 {
+            renderer.render(&mut views);
+        }
+        ALLOCATIONS.load(Ordering::Relaxed) - before
+    });
+    assert_eq!(counted, 0);
+}
