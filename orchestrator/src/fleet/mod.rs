@@ -182,6 +182,8 @@ impl Fleet {
         let totals = supervisor.into_totals();
         let removed = domain.remove();
         drop(claim);
+        // Children of a run that was killed may have been on their way out when this one started.
+        Domain::sweep(&settings.base);
         let conclusion = conclusion?;
         closed?;
         removed?;

@@ -94,9 +94,6 @@ fn what_cannot_be_answered_is_refused() {
         absolute.header.control_mode = ControlMode::EePose.code();
         let error = policy(name).act(&absolute.view(), &mut [ActionBlock::zeroed()]).unwrap_err();
         assert!(matches!(error, PolicyError::Unsupported { control_mode: "pd_ee_pose", .. }), "{error}");
-        let nothing = batch(Morphology::Single, 0.0, 0, 0);
-        let error = policy(name).act(&nothing.view(), &mut [ActionBlock::zeroed()]).unwrap_err();
-        assert_eq!(error, PolicyError::NoRows { env_idx: 0 });
     }
     let error = load(&PolicySpec::Expert, 1, QueryMode::Chunk).err().unwrap().to_string();
     assert_eq!(error, "host policy `expert`: it does not run in a policy host");

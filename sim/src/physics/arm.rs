@@ -106,6 +106,10 @@ impl Arm {
             .apply_displacements(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.target_of(dof) as f32));
         multibody.forward_kinematics(bodies, false);
         multibody.update_rigid_bodies(bodies, true);
+        // rapier would do so in its first step, but the first command already asks for the inertia.
+        for link in self.links {
+            bodies[link].recompute_mass_properties_from_colliders(&world.colliders);
+        }
     }
 
     fn drive_of(&self, dof: usize) -> Drive {

@@ -61,7 +61,7 @@ pub fn serve(config: &SimConfig) -> Result<(), ServeError> {
 /// One line on stderr, which the orchestrator passes on.
 #[expect(clippy::print_stderr, reason = "stderr is the child's log")]
 fn log(message: core::fmt::Arguments<'_>) {
-    eprintln!("sim: {message}");
+    eprintln!("{message}");
 }
 
 /// Parses stdin line by line on a thread of its own; the channel closes with stdin.

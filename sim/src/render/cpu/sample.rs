@@ -110,10 +110,9 @@ mod tests {
             assert_eq!(at(&pattern, 0.25, 0.75, 1e-9), at(&pattern, 2.25, -1.25, 1e-9));
             let mean = at(&pattern, 0.1, 0.2, 1.0);
             assert!(mean.iter().all(|c| (0.4..0.95).contains(c)), "{texture:?}: {mean:?}");
-            let n = 64;
-            let fine = (0..n * n).map(|i| {
-                at(&pattern, (i % n) as f32 / n as f32, (i / n) as f32 / n as f32, (n * n) as f32 * 1e-9)[1]
-            });
+            let n = SIDE;
+            let fine = (0..n * n)
+                .map(|i| at(&pattern, (i % n) as f32 / n as f32, (i / n) as f32 / n as f32, 1e-9)[1]);
             let fine = fine.sum::<f32>() / (n * n) as f32;
             assert!((fine - mean[1]).abs() < 0.02, "{texture:?}: {fine} and {}", mean[1]);
         }
