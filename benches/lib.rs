@@ -1,1 +1,50 @@
-//! Shared by the benchmarks.
+//! What the benchmarks share: their one argument, and a table of figures that is printed and may be written as CSV.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+
+/// Figures of one benchmark. CSV columns: bench, case, value, unit, note.
+#[derive(Debug)]
+pub struct Report {
+    bench: &'static str,
+    csv_file: Option<PathBuf>,
+    csv: String,
+}
+
+impl Report {
+    /// Reads `--csv FILE` from the command line.
+    ///
+    /// # Errors
+    /// On any other argument.
+    pub fn from_args(bench: &'static str) -> Result<Self> {
+        let mut csv_file = None;
+        let mut arguments = std::env::args().skip(1);
+        while let Some(argument) = arguments.next() {
+            match argument.as_str() {
+                // What cargo itself adds.
+                "--bench" => {}
+                "--csv" => csv_file = Some(arguments.next().context("--csv needs a file")?.into()),
+                _ => bail!("unknown argument {argument}: expected --csv FILE"),
+            }
+        }
+        Ok(Self { bench, csv_file, csv: String::from("bench,case,value,unit,note\n") })
+    }
+
+    /// Adds one figure; the note must not hold a comma.
+    pub fn add(&mut self, case: &str, value: f64, unit: &str, note: &str) {
+        debug_assert!(!note.contains(','), "the note is a CSV field");
+        writeln!(self.csv, "{},{case},{value:.3},{unit},{note}", self.bench).expect("a String takes all");
+    }
+
+    /// Writes the CSV file, if one was asked for.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn finish(self) -> Result<()> {
+        self.csv_file.map_or(Ok(()), |path| {
+            std::fs::write(&path, self.csv).with_context(|| format!("write {}", path.display()))
+        })
+    }
+}

@@ -6,10 +6,10 @@
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
-use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::Result;
+use benches::Report;
 use ipc_types::ControlMode;
 use rayon::prelude::*;
 use sim::expert::{Expert, Move};
@@ -27,14 +27,13 @@ const WORLDS_PER_THREAD: u32 = 2;
 const WARM_UP_STEPS: u32 = 10;
 
 fn main() -> Result<()> {
-    let csv_file = csv_argument()?;
-    let mut csv = String::from("bench,case,value,unit,note\n");
+    let mut report = Report::from_args("physics")?;
     for &task in TaskId::ALL {
         let name = task.name();
         let (build_us, plan_us) = setup_costs(task);
         println!("{name}: a world is built in {build_us:.0} us, an expert plans in {plan_us:.0} us");
-        writeln!(csv, "physics,{name}/build,{build_us:.1},us,one world")?;
-        writeln!(csv, "physics,{name}/plan,{plan_us:.1},us,one expert")?;
+        report.add(&format!("{name}/build"), build_us, "us", "one world");
+        report.add(&format!("{name}/plan"), plan_us, "us", "one expert");
         for driver in ["idle", "expert"] {
             let mut of_one_thread = f64::NAN;
             for n_threads in [1, 2] {
@@ -49,29 +48,12 @@ fn main() -> Result<()> {
                     "  {driver:6} {n_threads} threads: {control:7.0} control steps/s, {physics:7.0} physics steps/s, x{gain:.2}"
                 );
                 let case = format!("{name}/{driver}/threads{n_threads}");
-                writeln!(csv, "physics,{case},{control:.1},control_steps_per_s,all threads together")?;
-                writeln!(csv, "physics,{case},{physics:.1},physics_steps_per_s,all threads together")?;
+                report.add(&case, control, "control_steps_per_s", "all threads together");
+                report.add(&case, physics, "physics_steps_per_s", "all threads together");
             }
         }
     }
-    if let Some(path) = csv_file {
-        std::fs::write(&path, csv).with_context(|| format!("write {path}"))?;
-    }
-    Ok(())
-}
-
-fn csv_argument() -> Result<Option<String>> {
-    let mut csv = None;
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        match argument.as_str() {
-            // What cargo itself adds.
-            "--bench" => {}
-            "--csv" => csv = Some(arguments.next().context("--csv needs a file")?),
-            _ => bail!("unknown argument {argument}: expected --csv FILE"),
-        }
-    }
-    Ok(csv)
+    report.finish()
 }
 
 /// One env with everything a control step needs.

@@ -6,10 +6,10 @@
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
-use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::Result;
+use benches::Report;
 use ipc_types::ControlMode;
 use sim::TaskId;
 use sim::physics::World;
@@ -21,8 +21,7 @@ use sim::stream::episode_seed;
 const CASE_TIME: Duration = Duration::from_millis(700);
 
 fn main() -> Result<()> {
-    let csv_file = csv_argument()?;
-    let mut csv = String::from("bench,case,value,unit,note\n");
+    let mut table = Report::from_args("render")?;
     for task in [TaskId::RaiseCube, TaskId::DualArmLiftTray] {
         for n_envs in [1, 16] {
             let mut envs: Vec<Env> = (0..n_envs).map(|episode_idx| Env::new(task, episode_idx)).collect();
@@ -31,41 +30,23 @@ fn main() -> Result<()> {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
                 let mut renderer = CpuRenderer::new(n_threads);
                 let note = format!("{n_triangles} triangles; {}", renderer.name().replace(',', ""));
-                let mut report = |what: &str, unit: &str, rate: f64| -> Result<()> {
+                let mut report = |what: &str, unit: &str, rate: f64| {
                     let case = format!("{}/{what}/envs{n_envs}/threads{n_threads}", task.name());
                     println!("{case:50} {rate:8.0} {unit}");
-                    writeln!(csv, "render,{case},{rate:.1},{unit},{note}")?;
-                    Ok(())
+                    table.add(&case, rate, unit, &note);
                 };
                 let frames = best_rate(&pool, &mut renderer, &mut envs, |_| true) * f64::from(n_envs);
-                report("all", "env_frames_per_s", frames)?;
+                report("all", "env_frames_per_s", frames);
                 if task == TaskId::RaiseCube {
                     for (what, side, per_env) in [("224", 224, 2.0), ("128", 128, 1.0)] {
                         let rounds = best_rate(&pool, &mut renderer, &mut envs, |s| s == side);
-                        report(what, "images_per_s", rounds * f64::from(n_envs) * per_env)?;
+                        report(what, "images_per_s", rounds * f64::from(n_envs) * per_env);
                     }
                 }
             }
         }
     }
-    if let Some(path) = csv_file {
-        std::fs::write(&path, csv).with_context(|| format!("write {path}"))?;
-    }
-    Ok(())
-}
-
-fn csv_argument() -> Result<Option<String>> {
-    let mut csv = None;
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        match argument.as_str() {
-            // What cargo itself adds.
-            "--bench" => {}
-            "--csv" => csv = Some(arguments.next().context("--csv needs a file")?),
-            _ => bail!("unknown argument {argument}: expected --csv FILE"),
-        }
-    }
-    Ok(csv)
+    table.finish()
 }
 
 /// One env at its start, with room for its images.

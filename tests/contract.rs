@@ -3,17 +3,20 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use std::path::Path;
+use std::process::Child;
 use std::time::{Duration, Instant};
 
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, SCHEMA_HASH, block_pages};
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkNode, ObservationMessage, SimLane, SimLink};
-use ipc_types::{ControlMode, Morphology, ObservationHeader, ObservationView};
+use ipc_types::{ActionBlock, ActionHeader, ControlMode, Morphology, ObservationHeader, ObservationView};
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::Snapshot;
 use sim::{Perturbation, Profile, TaskId};
+use support::{finish, hypogeum, rows};
 
 const RUN: u64 = 11;
 
@@ -107,4 +110,78 @@ fn a_policy_reads_images_where_the_renderer_wrote_them() {
         }
     }
     domain.remove().unwrap();
+}
+
+/// What a foreign host reads of the invitation that a run writes for it.
+#[derive(serde::Deserialize)]
+struct Invitation {
+    domain: Domain,
+    run: u64,
+    lane: LaneSpec,
+}
+
+/// Starts a run of one attached policy and opens its lane, as a host that somebody else wrote would.
+fn attach(dir: &Path) -> (Child, Invitation, LinkNode, HostLane) {
+    let args =
+        ["run", "--policy", "guest=attach:guest", "--tasks", "RaiseCube", "--episodes", "2", "--db", "r.db"];
+    let child = hypogeum(dir, &args).spawn().unwrap();
+    let deadline = Instant::now() + Duration::from_secs(30);
+    let invitation: Invitation = loop {
+        let runs = std::fs::read_dir(dir.join("hypogeum")).into_iter().flatten();
+        let notes = runs.map(|run| run.unwrap().path().join("attach/guest.json"));
+        if let Some(text) = notes.filter_map(|note| std::fs::read_to_string(note).ok()).next() {
+            break serde_json::from_str(&text).unwrap();
+        }
+        assert!(Instant::now() < deadline, "the run invited nobody within 30 s");
+        std::thread::sleep(Duration::from_millis(10));
+    };
+    let node = LinkNode::new(&invitation.domain, "guest").unwrap();
+    let lane = HostLane::open(&node, &invitation.lane, Duration::from_secs(30)).unwrap();
+    (child, invitation, node, lane)
+}
+
+/// Answers one observation with rows of zeros, under this schema hash.
+fn answer(lane: &mut HostLane, message: &ObservationMessage, run: u64, schema_hash: u64) {
+    let view = ObservationView::new(*message.header(), message.pages()).unwrap();
+    let mut loan = lane.loan(view.n_envs()).unwrap();
+    for (env_idx, block) in loan.blocks_mut().iter_mut().enumerate() {
+        let record = view.env(env_idx).record;
+        *block = ActionBlock {
+            slot: record.slot,
+            query: record.query,
+            n_rows: 30,
+            action_dim: 7,
+            ..Zeroable::zeroed()
+        };
+    }
+    let ObservationHeader { sequence, epoch, n_envs, .. } = *message.header();
+    loan.send(ActionHeader { schema_hash, run, sequence, epoch, n_envs, ..Default::default() }).unwrap();
+}
+
+#[test]
+fn a_foreign_host_can_play_every_episode() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut child, invitation, _node, mut lane) = attach(dir.path());
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while child.try_wait().unwrap().is_none() {
+        assert!(Instant::now() < deadline, "the run did not end");
+        match lane.receive().unwrap() {
+            Some(message) => answer(&mut lane, &message, invitation.run, SCHEMA_HASH),
+            None => lane.wait(Duration::from_millis(20)).unwrap(),
+        }
+    }
+    let _ = finish(child).expect_code(0);
+    assert_eq!(rows(&dir.path().join("r.db")).len(), 2);
+}
+
+#[test]
+fn a_foreign_host_of_another_schema_is_refused_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let (child, invitation, _node, mut lane) = attach(dir.path());
+    let message = receive(&mut lane);
+    answer(&mut lane, &message, invitation.run, SCHEMA_HASH ^ 1);
+    let finished = finish(child).expect_code(2);
+    for word in ["guest", "schema", &format!("{SCHEMA_HASH:#018x}")] {
+        assert!(finished.stderr.contains(word), "`{word}` is missing in: {}", finished.stderr);
+    }
 }

@@ -3,6 +3,7 @@
 //!
 //! This crate depends on no other crate of the project: a foreign policy host (Python, C++) needs only what is here.
 
+pub mod core_time;
 pub mod frame;
 pub mod layout;
 pub mod link;

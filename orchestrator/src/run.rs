@@ -71,7 +71,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<Ending, Failure> {
         return Ok(Ending::Interrupted);
     }
     let cells = report::cells(&plan, &results)?;
-    let fps = Fps::new(&totals, started.elapsed(), plan.threads, machine.n_cores);
+    let fps = Fps::new(&totals, started.elapsed(), machine.n_cores);
     if args.json {
         let mut run = json!(manifest);
         run["environment"] = environment;

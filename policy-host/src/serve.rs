@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use bytemuck::Zeroable;
+use ipc_types::core_time::core_seconds;
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkError, LinkNode, ObservationMessage};
 use ipc_types::{ActionBlock, ActionHeader, FrameError, ObservationHeader, ObservationView, SCHEMA_HASH};
 use serde::{Deserialize, Serialize};
@@ -57,7 +58,7 @@ pub enum HostEvent {
         queries: u64,
         /// Observation messages answered.
         batches: u64,
-        /// Time spent in the policy.
+        /// Core-seconds spent in the policy.
         busy_s: f64,
     },
     /// A message could not be answered; the host goes on.
@@ -177,9 +178,9 @@ impl<W: Write> Host<W> {
         let max_envs = self.config.lane.max_envs.max(1);
         let n_envs = header.n_envs.clamp(1, max_envs);
         let mut loan = self.lane.loan(n_envs as usize)?;
-        let started = Instant::now();
+        let used = core_seconds();
         let outcome = self.act(header, &message, loan.blocks_mut());
-        self.ledger.add(n_envs, started.elapsed());
+        self.ledger.add(n_envs, core_seconds() - used);
         let mut status = 0;
         if let Err(refusal) = outcome {
             status = 1;
@@ -224,20 +225,20 @@ impl<W: Write> Host<W> {
 struct Ledger {
     queries: u64,
     batches: u64,
-    busy: Duration,
+    busy_s: f64,
     reported: Instant,
     reported_batches: u64,
 }
 
 impl Ledger {
     fn new() -> Self {
-        Self { queries: 0, batches: 0, busy: Duration::ZERO, reported: Instant::now(), reported_batches: 0 }
+        Self { queries: 0, batches: 0, busy_s: 0.0, reported: Instant::now(), reported_batches: 0 }
     }
 
-    fn add(&mut self, queries: u32, busy: Duration) {
+    fn add(&mut self, queries: u32, busy_s: f64) {
         self.queries += u64::from(queries);
         self.batches += 1;
-        self.busy += busy;
+        self.busy_s += busy_s;
     }
 
     /// The event to send, if there is news and the last one is a while ago.
@@ -251,6 +252,6 @@ impl Ledger {
     }
 
     fn event(&self) -> HostEvent {
-        HostEvent::Ledger { queries: self.queries, batches: self.batches, busy_s: self.busy.as_secs_f64() }
+        HostEvent::Ledger { queries: self.queries, batches: self.batches, busy_s: self.busy_s }
     }
 }

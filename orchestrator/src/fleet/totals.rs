@@ -26,7 +26,7 @@ pub(crate) struct HostWork {
     pub(crate) queries: u64,
     /// Batches answered.
     pub(crate) batches: u64,
-    /// Wall seconds spent answering.
+    /// Core-seconds spent answering.
     pub(crate) busy_s: f64,
 }
 
@@ -69,13 +69,6 @@ impl Totals {
 }
 
 impl HostWork {
-    /// Core-seconds spent answering on `threads` threads. A sample is computed by one thread, so that a batch keeps as many
-    /// of them busy as it has samples.
-    pub(crate) fn core_s(self, threads: u32) -> f64 {
-        let mean_batch = self.queries as f64 / self.batches.max(1) as f64;
-        self.busy_s * mean_batch.clamp(1.0, f64::from(threads))
-    }
-
     fn plus(self, other: Self) -> Self {
         Self {
             queries: self.queries + other.queries,

@@ -69,15 +69,14 @@ pub(crate) struct Ledger {
 }
 
 impl Fps {
-    /// Of a fleet's totals, in a process that has run for `process` with `threads` threads per child on `n_cores`
-    /// cores.
-    pub(crate) fn new(totals: &Totals, process: Duration, threads: u32, n_cores: u32) -> Self {
+    /// Of a fleet's totals, in a process that has run for `process` on `n_cores` cores.
+    pub(crate) fn new(totals: &Totals, process: Duration, n_cores: u32) -> Self {
         let (sim, hosts) = (totals.sim(), totals.hosts());
         let rate = |count: u64| (sim.stepping_s > 0.0).then(|| count as f64 / sim.stepping_s);
         let ledger = Ledger {
             physics_s: sim.physics_s,
             render_s: sim.render_s,
-            policy_s: hosts.core_s(threads),
+            policy_s: hosts.busy_s,
             wait_s: sim.idle_s,
         };
         let process_wall_s = process.as_secs_f64();

@@ -38,7 +38,7 @@ fn the_table_aligns_and_names_the_expert_for_what_it_is() {
 
 #[test]
 fn the_object_has_the_names_others_rely_on() {
-    let fps = Fps::new(&Totals::default(), Duration::from_secs(2), 2, 2);
+    let fps = Fps::new(&Totals::default(), Duration::from_secs(2), 2);
     assert_eq!(fps.lines(), "");
     let object = json(&serde_json::json!({ "seed": 0 }), &cells(), &fps);
     insta::assert_snapshot!(format!("{object:#}"), @r#"
@@ -107,8 +107,8 @@ fn speed_is_measured_and_bounded_as_defined() {
         idle_s: 0.1,
     });
     // Batches of 5 on 2 threads: both are busy all the time.
-    totals.host_reports(0, HostWork { queries: 100, batches: 20, busy_s: 1.0 });
-    let fps = Fps::new(&totals, Duration::from_secs(4), 2, 2);
+    totals.host_reports(0, HostWork { queries: 100, batches: 20, busy_s: 2.0 });
+    let fps = Fps::new(&totals, Duration::from_secs(4), 2);
     assert_eq!((fps.env_steps_per_s, fps.process_env_steps_per_s), (Some(1500.0), 750.0));
     assert_eq!((fps.images_per_s, fps.queries_per_s), (Some(150.0), Some(50.0)));
     let bound = fps.bound.unwrap();

@@ -94,6 +94,10 @@ impl Arm {
     /// Puts the multibody, which rapier builds at position zero, where the targets are.
     fn pose(&self, world: &mut PhysicsWorld) {
         let bodies = &mut world.bodies;
+        // rapier would do so in its first step, but the first command already asks for the inertia.
+        for link in self.links {
+            bodies[link].recompute_mass_properties_from_colliders(&world.colliders);
+        }
         let multibody =
             world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
         multibody.set_self_contacts_enabled(false);
@@ -106,10 +110,6 @@ impl Arm {
             .apply_displacements(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.target_of(dof) as f32));
         multibody.forward_kinematics(bodies, false);
         multibody.update_rigid_bodies(bodies, true);
-        // rapier would do so in its first step, but the first command already asks for the inertia.
-        for link in self.links {
-            bodies[link].recompute_mass_properties_from_colliders(&world.colliders);
-        }
     }
 
     fn drive_of(&self, dof: usize) -> Drive {

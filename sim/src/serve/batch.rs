@@ -1,8 +1,7 @@
 //! Putting observations into a loan: records, and images drawn straight into place.
 
-use std::time::Instant;
-
 use ipc_types::Morphology;
+use ipc_types::core_time::core_seconds;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
 
@@ -14,22 +13,21 @@ use crate::render::{Renderer, View};
 pub(super) struct Drawn {
     /// Images drawn.
     pub(super) images: u64,
-    /// Core-seconds held for it.
+    /// Core-seconds it took.
     pub(super) core_s: f64,
 }
 
 /// Fills batches; keeps its memory from one to the next.
 pub(super) struct BatchWriter {
     renderer: Box<dyn Renderer>,
-    threads: u32,
     views: Vec<View<'static>>,
 }
 
 impl BatchWriter {
     /// A writer for batches of up to `max_envs` envs.
-    pub(super) fn new(renderer: Box<dyn Renderer>, threads: u32, max_envs: usize) -> Self {
+    pub(super) fn new(renderer: Box<dyn Renderer>, max_envs: usize) -> Self {
         let max_cameras = Morphology::Bimanual.n_external_cameras() + Morphology::Bimanual.n_hand_cameras();
-        Self { renderer, threads, views: Vec::with_capacity(max_envs * max_cameras) }
+        Self { renderer, views: Vec::with_capacity(max_envs * max_cameras) }
     }
 
     /// Writes one block per slot of `batch` into `pages`.
@@ -62,12 +60,12 @@ impl BatchWriter {
                 out,
             }));
         }
-        let start = Instant::now();
+        let used = core_seconds();
         let images = views.len();
         if images > 0 {
             self.renderer.render(&mut views);
         }
-        let core_s = start.elapsed().as_secs_f64() * images.min(self.threads as usize) as f64;
+        let core_s = core_seconds() - used;
         self.views = recycle(views);
         for slot in batch {
             let episode = slots.episode_mut(*slot).expect("a ready slot runs an episode");

@@ -51,6 +51,8 @@ pub(super) struct LaneState {
     spare: Vec<InFlight>,
     looked_at_host: Instant,
     host_gone_since: Option<Instant>,
+    /// The foreign host that is being asked.
+    host: Option<u128>,
 }
 
 impl LaneState {
@@ -71,6 +73,7 @@ impl LaneState {
                 .collect(),
             looked_at_host: now,
             host_gone_since: config.foreign.then_some(now),
+            host: None,
             config,
         })
     }
@@ -178,11 +181,13 @@ impl LaneState {
         }
         self.looked_at_host = now;
         if self.link.host_connected() && self.link.host_alive() {
-            self.host_gone_since = None;
-            self.up = true;
-            return Ok(false);
+            let id = self.link.host_id();
+            let replaced = self.host.is_some() && self.host != id;
+            (self.host, self.host_gone_since, self.up) = (id, None, !replaced);
+            return Ok(replaced);
         }
         let was_up = self.up;
+        self.host = None;
         let gone_since = *self.host_gone_since.get_or_insert(now);
         if now - gone_since > FOREIGN_PATIENCE {
             return Err(LaneError::NoHost { policy: policy(), patience: FOREIGN_PATIENCE });

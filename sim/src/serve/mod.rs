@@ -12,6 +12,7 @@ use std::io::{BufRead, Write};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
 
+use ipc_types::core_time::core_seconds;
 use ipc_types::link::{LinkError, LinkNode, SimLink};
 use ipc_types::{ActionView, FrameError};
 use thiserror::Error;
@@ -120,7 +121,7 @@ impl Server {
             link,
             lanes,
             slots: Slots::new(config.n_envs, rules, &config.lanes),
-            writer: BatchWriter::new(renderer, config.threads, max_envs),
+            writer: BatchWriter::new(renderer, max_envs),
             rules,
             counters: Counters::default(),
             first_step: None,
@@ -179,11 +180,11 @@ impl Server {
     }
 
     fn step(&mut self) -> Result<(), ServeError> {
-        let start = Instant::now();
-        let pass = self.slots.pass();
-        self.counters.physics_s += pass.busy_s;
-        if pass.env_steps > 0 {
-            self.counters.env_steps += pass.env_steps;
+        let (start, used) = (Instant::now(), core_seconds());
+        let env_steps = self.slots.pass();
+        self.counters.physics_s += core_seconds() - used;
+        if env_steps > 0 {
+            self.counters.env_steps += env_steps;
             let first = *self.first_step.get_or_insert(start);
             self.counters.stepping_s = first.elapsed().as_secs_f64();
         }

@@ -148,9 +148,9 @@ pub struct Outcome {
 /// Seconds of one episode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeLedger {
-    /// Core-seconds stepping physics, control and predicates included.
+    /// Seconds of its thread stepping physics, control and predicates included.
     pub physics_s: f64,
-    /// Core-seconds drawing its images.
+    /// Its share of the core-seconds that drawing its batches took.
     pub render_s: f64,
     /// Seconds between sending its observations and receiving the answers.
     pub policy_s: f64,

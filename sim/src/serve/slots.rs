@@ -1,7 +1,6 @@
 //! The slots: episodes side by side, each refilled the moment it is done.
 
 use std::collections::VecDeque;
-use std::time::Instant;
 
 use rayon::prelude::*;
 
@@ -19,15 +18,6 @@ pub(super) enum Slot {
     Assigned(Assignment),
     /// In progress.
     Running(Box<Episode>),
-}
-
-/// What one pass over the slots did.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Pass {
-    /// Control steps executed.
-    pub(super) env_steps: u64,
-    /// Core-seconds they took.
-    pub(super) busy_s: f64,
 }
 
 /// All slots, and the episodes that wait for one.
@@ -108,11 +98,10 @@ impl Slots {
         })
     }
 
-    /// One pass, slots in parallel: builds what was assigned, steps what has rows.
-    pub(super) fn pass(&mut self) -> Pass {
+    /// One pass, slots in parallel: builds what was assigned, steps what has rows. Returns the control steps executed.
+    pub(super) fn pass(&mut self) -> u64 {
         let (rules, images) = (self.rules, &self.images);
         let work = |slot: &mut Slot| {
-            let start = Instant::now();
             if let Slot::Assigned(assignment) = slot {
                 let looks = match assignment.driver {
                     Driver::Lane(lane) => images[lane as usize],
@@ -120,14 +109,12 @@ impl Slots {
                 };
                 *slot = Slot::Running(Box::new(Episode::new(*assignment, rules, looks)));
             }
-            let Slot::Running(episode) = slot else { return Pass::default() };
-            let env_steps = u64::from(episode.advance(STEP_QUANTUM));
-            Pass { env_steps, busy_s: start.elapsed().as_secs_f64() }
+            match slot {
+                Slot::Running(episode) => u64::from(episode.advance(STEP_QUANTUM)),
+                Slot::Empty | Slot::Assigned(_) => 0,
+            }
         };
-        self.slots.par_iter_mut().with_max_len(1).map(work).reduce(Pass::default, |a, b| Pass {
-            env_steps: a.env_steps + b.env_steps,
-            busy_s: a.busy_s + b.busy_s,
-        })
+        self.slots.par_iter_mut().with_max_len(1).map(work).sum()
     }
 
     /// Empties the slots that are done, in slot order.

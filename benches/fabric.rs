@@ -1,0 +1,94 @@
+//! The whole fabric: env-steps per second of real runs through separate processes, and how much of the bound they reach.
+//!
+//! `cargo bench -p benches --bench fabric -- [--csv FILE]`. Each case is one `run --json` of this package's copy of the
+//! program on RaiseCube, in a folder of its own; the figures are the run's own, in the terms that the README defines. The
+//! best of three runs is reported, so that a first run warms caches; ACT's weights are random and of the real size.
+
+#![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result, ensure};
+use benches::Report;
+use ipc_types::Morphology;
+use policy_host::act::config::ActConfig;
+use policy_host::synthetic::write_checkpoint;
+use serde_json::Value;
+
+/// Runs of a case.
+const N_RUNS: usize = 3;
+
+/// Name, policy, episodes, and further arguments.
+struct Case {
+    name: &'static str,
+    policy: String,
+    episodes: u32,
+    more: &'static [&'static str],
+}
+
+fn main() -> Result<()> {
+    let mut report = Report::from_args("fabric")?;
+    let folder = tempfile::tempdir()?;
+    let full = folder.path().join("full");
+    let tiny = folder.path().join("tiny");
+    write_checkpoint(&full, &ActConfig::full_size(Morphology::Single), 1)?;
+    write_checkpoint(&tiny, &ActConfig::tiny(Morphology::Single), 1)?;
+    let act = |path: &Path| format!("act=act:{}", path.display());
+    let chunk: &[&str] = &["--mode", "chunk", "--execute", "30"];
+    let cases = [
+        Case { name: "idle", policy: "idle".into(), episodes: 256, more: chunk },
+        Case { name: "expert", policy: "expert".into(), episodes: 96, more: &[] },
+        Case { name: "act_full_chunk30", policy: act(&full), episodes: 32, more: chunk },
+        Case { name: "act_tiny_chunk30", policy: act(&tiny), episodes: 64, more: chunk },
+        Case { name: "act_tiny_ensemble", policy: act(&tiny), episodes: 16, more: &["--mode", "ensemble"] },
+    ];
+    for case in &cases {
+        let mut best: Option<Figures> = None;
+        for round in 0..N_RUNS {
+            let figures = run(case, folder.path(), round)?;
+            if best.as_ref().is_none_or(|best| figures.env_steps_per_s > best.env_steps_per_s) {
+                best = Some(figures);
+            }
+        }
+        let Figures { env_steps_per_s, bound, reached } = best.context("a case runs at least once")?;
+        println!(
+            "{:18} {env_steps_per_s:8.0} env-steps/s, bound {bound:8.0}, {:5.1} % reached",
+            case.name,
+            100.0 * reached
+        );
+        report.add(case.name, env_steps_per_s, "env_steps_per_s", "RaiseCube; 16 envs; best of 3");
+        report.add(case.name, bound, "bound_env_steps_per_s", "c / (s + (r + w) / k) of the same run");
+        report.add(case.name, reached, "fraction_of_bound", "");
+    }
+    report.finish()
+}
+
+/// What is read from a run.
+struct Figures {
+    env_steps_per_s: f64,
+    bound: f64,
+    reached: f64,
+}
+
+fn run(case: &Case, folder: &Path, round: usize) -> Result<Figures> {
+    let program = env!("CARGO_BIN_EXE_hypogeum-under-bench");
+    let db = folder.join(format!("{}-{round}.db", case.name));
+    let output = Command::new(program)
+        .args(["run", "--json", "--tasks", "RaiseCube", "--perturbations", "none", "--envs", "16"])
+        .args(["--policy", &case.policy, "--episodes", &case.episodes.to_string(), "--db"])
+        .arg(db)
+        .args(case.more)
+        .stdin(Stdio::null())
+        .output()
+        .with_context(|| format!("run {program}"))?;
+    ensure!(output.status.success(), "{} failed: {}", case.name, String::from_utf8_lossy(&output.stderr));
+    let result: Value = serde_json::from_slice(&output.stdout).context("read the run's JSON")?;
+    let figure = |value: &Value, what| value.as_f64().with_context(|| format!("the run printed no {what}"));
+    let fps = &result["fps"];
+    Ok(Figures {
+        env_steps_per_s: figure(&fps["env_steps_per_s"], "env_steps_per_s")?,
+        bound: figure(&fps["bound"]["env_steps_per_s"], "bound")?,
+        reached: figure(&fps["bound"]["reached"], "reached")?,
+    })
+}
