@@ -45,8 +45,6 @@ pub enum PolicyError {
     NoImages,
     #[error("read env {env_idx}: its state has {found} numbers, expected {expected}")]
     StateDim { env_idx: usize, expected: usize, found: usize },
-    #[error("read env {env_idx}: it asks for no rows")]
-    NoRows { env_idx: usize },
     #[error("follow slot {slot}: its query is {found}, expected {expected} or a new episode's 0")]
     QueryGap { slot: u32, expected: u32, found: u32 },
     #[error("follow slot {slot}: slots must be below {limit}")]

@@ -22,9 +22,6 @@ pub(crate) fn fill_rows(
         if expected != found {
             return Err(PolicyError::StateDim { env_idx, expected, found });
         }
-        if env.record.execute == 0 {
-            return Err(PolicyError::NoRows { env_idx });
-        }
         let robot = RobotState::new(env.state, morphology);
         let rows = begin_answer(block, env.record, env.record.execute as usize, action_dim);
         for (row, step) in rows.chunks_exact_mut(action_dim).zip(env.record.step..) {
