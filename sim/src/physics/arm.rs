@@ -132,25 +132,43 @@ impl Arm {
     /// rapier's springs know no limit of force, so a spring's rest position is drawn in until the force lies within the
     /// drive's. The limit holds for the mean over the step: while a joint gains speed the force of an implicit spring falls,
     /// over one step to about 1 / (1 + x) of its start with x = dt (damping + stiffness · dt) / inertia.
-    pub(super) fn drive(&self, world: &mut PhysicsWorld) {
+    /// Says whether a joint may meet one of its stops.
+    pub(super) fn drive(&self, world: &mut PhysicsWorld) -> bool {
         let (qpos, qvel) = (self.qpos(world), self.qvel(world));
         let dt = f64::from(world.integration_parameters.dt);
         let multibody =
             world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+        let mut meets_any_stop = false;
         for dof in 0..N_DOFS {
             let Drive { stiffness, damping, limit } = self.drive_of(dof);
             let (q, v) = (f64::from(qpos[dof]), f64::from(qvel[dof]));
-            let limit = limit * (1.0 + 0.5 * dt * (damping + stiffness * dt) / self.inertia[dof]);
+            let resistance = dt * (damping + stiffness * dt);
+            let limit = limit * (1.0 + 0.5 * resistance / self.inertia[dof]);
             let force = (stiffness * (self.target_of(dof) - q) - damping * v).clamp(-limit, limit);
             let rest = q + (force + damping * v) / stiffness;
             let joint = &mut multibody.link_mut(dof + 1).expect("one link per joint").joint;
             joint.set_spring(coordinate(dof), stiffness as f32, rest as f32);
             // A stop that cannot be met within this step would cost a constraint and do nothing.
+            let driven = v + dt * (force - stiffness * dt * v) / (self.inertia[dof] + resistance);
             let [lo, hi] = range(dof);
-            let ahead = q + 2.0 * dt * v;
-            let meets_stop = q.min(ahead) < lo || q.max(ahead) > hi;
+            let ahead = [q, q + 2.0 * dt * v, q + 2.0 * dt * driven];
+            let meets_stop = ahead.iter().any(|q| *q < lo || *q > hi);
             joint.data.limit_axes = if meets_stop { !joint.data.locked_axes } else { JointAxesMask::empty() };
+            meets_any_stop |= meets_stop;
         }
+        meets_any_stop
+    }
+
+    /// Whether the box around a part that moves overlapped the box around anything but the arm itself in the last step.
+    pub(super) fn is_near_others(&self, world: &PhysicsWorld) -> bool {
+        let is_own = |solid: ColliderHandle| {
+            let body = world.colliders[solid].parent();
+            body.is_some_and(|body| self.links.contains(&body))
+        };
+        let moving = self.links[1..].iter().flat_map(|link| world.bodies[*link].colliders());
+        moving
+            .flat_map(|solid| world.narrow_phase.contact_pairs_with(*solid))
+            .any(|pair| !is_own(pair.collider1) || !is_own(pair.collider2))
     }
 
     /// Inertia that each joint moves, itself and all links beyond it: kg·m², of fingers kg.

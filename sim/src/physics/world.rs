@@ -30,7 +30,7 @@ impl World {
     pub fn build(scene: &Scene, mode: ControlMode) -> Self {
         let mut rapier = PhysicsWorld {
             gravity: Vector::new(0.0, 0.0, GRAVITY),
-            integration_parameters: preset::good(),
+            integration_parameters: preset::contacts(),
             ..PhysicsWorld::default()
         };
         solids::add_ground(&mut rapier, scene.table.kind);
@@ -55,9 +55,12 @@ impl World {
             arm.command(&self.rapier, self.mode, row);
         }
         for _ in 0..SUBSTEPS {
+            let mut needs_care = false;
             for arm in &self.arms {
-                arm.drive(&mut self.rapier);
+                needs_care |= arm.drive(&mut self.rapier) || arm.is_near_others(&self.rapier);
             }
+            self.rapier.integration_parameters.num_solver_iterations =
+                if needs_care { preset::CARE_SUBSTEPS } else { preset::FREE_SUBSTEPS };
             self.rapier.step();
         }
     }
