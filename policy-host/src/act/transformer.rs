@@ -2,6 +2,8 @@
 //!
 //! Layers are post-norm (spec/eval.md §1.2). Letters: `T` tokens, `D` width, `F` inner width, `Q` queries.
 
+use std::ops::Range;
+
 use super::checkpoint::Weights;
 use super::config::ActConfig;
 use crate::nn::attention::{Columns, attend};
@@ -42,31 +44,33 @@ impl TransformerScratch {
     }
 }
 
-/// The projections of a self- or cross-attention as PyTorch stores them, the queries' divided by the root of the head's
-/// width.
+/// The projections of a self- or cross-attention as PyTorch stores them, queries above keys above values, the queries'
+/// divided by the root of the head's width.
 struct Projections {
-    query: Linear,
-    key: Linear,
-    value: Linear,
+    /// `[3·D, D]`.
+    matrix: Vec<f32>,
+    /// `[3·D]`.
+    bias: Vec<f32>,
     out: Linear,
 }
 
 impl Projections {
     fn new(config: &ActConfig, weights: &Weights, name: &str) -> Self {
-        let width = config.hidden_dim;
-        let (matrix, bias) =
-            (weights.get(&format!("{name}.in_proj_weight")), weights.get(&format!("{name}.in_proj_bias")));
-        let third = |idx: usize| {
-            let rows = idx * width..(idx + 1) * width;
-            Linear::new(&matrix[rows.start * width..rows.end * width], &bias[rows])
-        };
-        let head_width = (width / config.nheads) as f32;
-        Self {
-            query: third(0).scaled(1.0 / head_width.sqrt()),
-            key: third(1),
-            value: third(2),
-            out: linear(weights, &format!("{name}.out_proj")),
+        let part = |part: &str| weights.get(&format!("{name}.in_proj_{part}")).to_vec();
+        let (mut matrix, mut bias) = (part("weight"), part("bias"));
+        let scale = 1.0 / ((config.hidden_dim / config.nheads) as f32).sqrt();
+        for queries in [&mut matrix[..config.hidden_dim * config.hidden_dim], &mut bias[..config.hidden_dim]]
+        {
+            queries.iter_mut().for_each(|x| *x *= scale);
         }
+        Self { matrix, bias, out: linear(weights, &format!("{name}.out_proj")) }
+    }
+
+    /// Queries, keys and values are parts 0, 1 and 2.
+    fn parts(&self, parts: Range<usize>) -> Linear {
+        let width = self.bias.len() / 3;
+        let rows = parts.start * width..parts.end * width;
+        Linear::new(&self.matrix[rows.start * width..rows.end * width], &self.bias[rows])
     }
 }
 
@@ -114,8 +118,8 @@ impl EncoderLayer {
     pub(super) fn new(config: &ActConfig, weights: &Weights, layer: &str) -> Self {
         let projections = Projections::new(config, weights, &format!("{layer}.self_attn"));
         Self {
-            query_key: projections.query.beside(&projections.key),
-            value: projections.value,
+            query_key: projections.parts(0..2),
+            value: projections.parts(2..3),
             out: projections.out,
             norm1: layer_norm(weights, &format!("{layer}.norm1")),
             feed_forward: FeedForward::new(weights, layer),
@@ -177,18 +181,18 @@ impl Decoder {
         let len = config.num_queries * width;
 
         let (mut attended, mut target) = (vec![0.0; len], vec![0.0; len]);
-        own.value.run(&vec![0.0; len], &mut attended);
+        own.parts(2..3).run(&vec![0.0; len], &mut attended);
         own.out.run(&attended, &mut target);
         layer_norm(weights, &format!("{layer}.norm1")).run(&mut target);
         let (mut placed, mut queries) = (vec![0.0; len], vec![0.0; len]);
         add(&target, weights.get("query_embed.weight"), &mut placed);
-        cross.query.run(&placed, &mut queries);
+        cross.parts(0..1).run(&placed, &mut queries);
 
         Self {
             target,
             queries,
-            key: cross.key,
-            value: cross.value,
+            key: cross.parts(1..2),
+            value: cross.parts(2..3),
             out: cross.out,
             norm2: layer_norm(weights, &format!("{layer}.norm2")),
             feed_forward: FeedForward::new(weights, layer),

@@ -1,19 +1,13 @@
 //! 2-D convolutions of feature maps, with the batch normalisation that follows folded in.
 //!
-//! Two ways, chosen by shape alone:
-//! - *shifted*: a 3×3 kernel of stride 1 over a bordered map is three products whose left factor is the map itself,
-//!   read as overlapping rows of three pixels. Nothing is copied; the product also computes the two border columns of
-//!   every row, which are cleared afterwards.
-//! - *unfolded*: patches are copied into stripes and multiplied; for strides, other kernels, and maps so small that the
-//!   wasted columns would cost more than the copy.
+//! Two ways, chosen by the window alone: 3×3 kernels of stride 1 go by way of [`winograd`](super::winograd); for others,
+//! patches are copied into stripes and multiplied.
 
 use super::maps::MapShape;
-use super::matmul::{Into, multiply, view, view_mut};
+use super::matmul::Into;
+use super::packed::Packed;
+use super::winograd::{LANES, Winograd, WinogradScratch};
 
-/// Smallest map for which the wasted border columns cost less than copying patches.
-const SHIFTED_MIN_SIDE: usize = 14;
-/// Pixels of a shifted stripe: enough rows to amortise the packing of the weights, few enough to stay in cache.
-const SHIFTED_STRIPE_PIXELS: usize = 812;
 /// Numbers in a stripe of patches: half a mebibyte, so that it stays in the second-level cache.
 const PATCH_STRIPE_LEN: usize = 1 << 17;
 /// Fewest pixels in a stripe of patches, so that packing the weights for each stripe stays cheap.
@@ -70,12 +64,18 @@ pub enum Finish {
 /// A convolution with bias.
 #[derive(Clone, Debug)]
 pub struct Conv {
-    /// `[kernel, kernel, C_in, C_out]`.
-    matrix: Vec<f32>,
+    kernels: Kernels,
     bias: Vec<f32>,
     window: Window,
     c_in: usize,
     c_out: usize,
+}
+
+#[derive(Clone, Debug)]
+enum Kernels {
+    Winograd(Winograd),
+    /// `[kernel · kernel · C_in, C_out]`.
+    Unfolded(Packed),
 }
 
 /// Working memory of convolutions.
@@ -83,6 +83,7 @@ pub struct Conv {
 pub struct ConvScratch {
     patches: Vec<f32>,
     sums: Vec<f32>,
+    winograd: WinogradScratch,
 }
 
 impl Conv {
@@ -108,7 +109,13 @@ impl Conv {
                 }
             }
         }
-        Self { matrix, bias, window, c_in, c_out }
+        let whole_lanes = c_in % LANES == 0 && c_out % LANES == 0;
+        let kernels = if whole_lanes && window == (Window { kernel: 3, stride: 1, padding: 1 }) {
+            Kernels::Winograd(Winograd::new(&matrix, c_in, c_out))
+        } else {
+            Kernels::Unfolded(Packed::new(&matrix, area * c_in, c_out))
+        };
+        Self { kernels, bias, window, c_in, c_out }
     }
 
     /// Shape of the output, with a border of `border` pixels.
@@ -119,6 +126,9 @@ impl Conv {
 
     /// Lets `scratch` grow to what [`run`](Self::run) needs for this input.
     pub fn reserve(&self, input: MapShape, scratch: &mut ConvScratch) {
+        if let Kernels::Winograd(winograd) = &self.kernels {
+            return winograd.reserve(input, &mut scratch.winograd);
+        }
         let side = self.window.output_side(input.side);
         let n_pixels = self.stripe_pixels().min(input.n_maps * side * side);
         let grow = |buffer: &mut Vec<f32>, len: usize| buffer.resize(buffer.len().max(len), 0.0);
@@ -142,59 +152,25 @@ impl Conv {
         assert_eq!(input_shape.channels, self.c_in, "input channels");
         assert!(input_shape.border >= self.window.padding, "the border holds the padding");
         assert_eq!(output_shape, self.output_shape(input_shape, output_shape.border), "output shape");
-        let shifted = self.window == Window { kernel: 3, stride: 1, padding: 1 }
-            && (input_shape.border, output_shape.border) == (1, 1)
-            && input_shape.side >= SHIFTED_MIN_SIDE;
-        if shifted {
-            let maps = input.chunks_exact(input_shape.map_len());
-            for (from, to) in maps.zip(output.chunks_exact_mut(output_shape.map_len())) {
-                self.shifted_map(from, to, input_shape, finish);
+        match &self.kernels {
+            Kernels::Winograd(winograd) => {
+                winograd.run(input, input_shape, &mut scratch.winograd, |map_idx, row, col, sums| {
+                    let first = output_shape.offset(map_idx, row, col);
+                    self.finish_pixel(sums, &mut output[first..first + self.c_out], finish);
+                });
             }
-        } else {
-            self.unfolded(input, input_shape, output, output_shape, finish, scratch);
+            Kernels::Unfolded(matrix) => {
+                self.unfolded(matrix, (input, input_shape), (output, output_shape), finish, scratch);
+            }
         }
         output_shape.clear_border(output);
     }
 
-    /// One bordered map. The product over pixel `i` of the input (border included, row by row) has its window's centre
-    /// one row and one column further, which is where the output's pixel lies, so both sides run through memory evenly.
-    fn shifted_map(&self, from: &[f32], to: &mut [f32], shape: MapShape, finish: Finish) {
-        let (pitch, c_in, c_out) = (shape.pitch(), self.c_in, self.c_out);
-        let n_pixels = shape.side * pitch - 2;
-        let stripe = (SHIFTED_STRIPE_PIXELS / pitch).max(1) * pitch;
-        let weights_of_row = 3 * c_in * c_out;
-        let mut start = 0;
-        while start < n_pixels {
-            let n = stripe.min(n_pixels - start);
-            let first = (start + pitch + 1) * c_out;
-            let out = &mut to[first..first + n * c_out];
-            for kernel_row in 0..3 {
-                let replace = kernel_row == 0 && finish != Finish::AddRelu;
-                multiply(
-                    view_mut(out, n, c_out, c_out),
-                    if replace { Into::Replace } else { Into::Add },
-                    view(&from[(start + kernel_row * pitch) * c_in..], n, 3 * c_in, c_in),
-                    view(&self.matrix[kernel_row * weights_of_row..], 3 * c_in, c_out, c_out),
-                );
-            }
-            self.finish_in_place(out, finish);
-            start += n;
-        }
-    }
-
-    fn finish_in_place(&self, out: &mut [f32], finish: Finish) {
-        let floor = if finish == Finish::Store { f32::NEG_INFINITY } else { 0.0 };
-        for pixel in out.chunks_exact_mut(self.c_out) {
-            pixel.iter_mut().zip(&self.bias).for_each(|(y, b)| *y = (*y + b).max(floor));
-        }
-    }
-
     fn unfolded(
         &self,
-        input: &[f32],
-        input_shape: MapShape,
-        output: &mut [f32],
-        output_shape: MapShape,
+        matrix: &Packed,
+        (input, input_shape): (&[f32], MapShape),
+        (output, output_shape): (&mut [f32], MapShape),
         finish: Finish,
         scratch: &mut ConvScratch,
     ) {
@@ -210,12 +186,7 @@ impl Conv {
                 self.copy_patch(&input[map_idx * input_shape.map_len()..], input_shape, row, col, patch);
             }
             let sums = &mut scratch.sums[..n * self.c_out];
-            multiply(
-                view_mut(sums, n, self.c_out, self.c_out),
-                Into::Replace,
-                view(patches, n, self.patch_len(), self.patch_len()),
-                view(&self.matrix, self.patch_len(), self.c_out, self.c_out),
-            );
+            matrix.run(patches, self.patch_len(), sums, Into::Replace);
             for (idx, sums) in sums.chunks_exact(self.c_out).enumerate() {
                 let (map_idx, row, col) = place(start + idx);
                 let first = output_shape.offset(map_idx, row, col);

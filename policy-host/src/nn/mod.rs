@@ -12,4 +12,6 @@ pub mod linear;
 pub mod maps;
 pub mod matmul;
 pub mod norm;
+pub mod packed;
 pub mod pool;
+mod winograd;
