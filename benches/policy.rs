@@ -1,8 +1,9 @@
 //! What a query costs: ACT of full size and the tiny one, with generated weights and images, at several batch sizes.
 //!
 //! `cargo bench -p benches --bench policy -- [--threads N] [--csv FILE]`. A query is one env of a batch; `gflop_per_s`
-//! counts the arithmetic of `ActConfig::flop_per_query`. The best of several rounds is reported, after warm-up; bounded
-//! to 30 s.
+//! counts the arithmetic of `ActConfig::flop_per_query` (what the definition needs: Winograd's convolutions do less). Then
+//! the products that ACT makes, plain as the library makes them and with weights packed beforehand, in turn. Medians of several rounds, after
+//! warm-up; bounded to 40 s.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -18,6 +19,8 @@ use policy_host::act::ActPolicy;
 use policy_host::act::config::ActConfig;
 use policy_host::act::model::ActModel;
 use policy_host::generated::{fnv1a64, unit};
+use policy_host::nn::matmul::{Into, multiply, view, view_mut};
+use policy_host::nn::packed::Packed;
 use policy_host::{Policy, synthetic};
 
 /// Time given to one case.
@@ -42,7 +45,7 @@ fn main() -> Result<()> {
             println!("{name} {robot}: {gflop:.2} GFLOP a query, made in {made_s:.1} s");
             let batches: &[usize] = if morphology == Morphology::Single { &[1, 2, 8] } else { &[2] };
             for &n_envs in batches {
-                let seconds = pool.install(|| best_round(&mut policy, morphology, n_envs))?;
+                let seconds = pool.install(|| median_round(&mut policy, morphology, n_envs))?;
                 let per_query = seconds / n_envs as f64;
                 let (queries_per_s, rate) = (1.0 / per_query, gflop / per_query);
                 println!(
@@ -57,6 +60,7 @@ fn main() -> Result<()> {
             }
         }
     }
+    products(options.n_threads, &mut csv)?;
     if let Some(path) = options.csv {
         std::fs::write(&path, csv).with_context(|| format!("write {path}"))?;
     }
@@ -87,22 +91,80 @@ impl Options {
     }
 }
 
-/// Seconds of the fastest round.
-fn best_round(policy: &mut dyn Policy, morphology: Morphology, n_envs: usize) -> Result<f64> {
+/// Shapes of products that ACT makes: rows, width, depth.
+const PRODUCTS: [(usize, usize, usize); 6] =
+    [(150, 512, 512), (150, 1600, 512), (150, 512, 1600), (64, 64, 64), (48, 512, 512), (256, 64, 147)];
+/// Rounds and time of a product.
+const PRODUCT_ROUNDS: usize = 9;
+const PRODUCT_TIME: Duration = Duration::from_millis(15);
+
+/// Each thread makes products of its own; the rates are summed.
+fn products(n_threads: usize, csv: &mut String) -> Result<()> {
+    for (n_rows, width, depth) in PRODUCTS {
+        let of_thread = || {
+            let numbers = |n: usize| vec![0.5_f32; n];
+            let (x, weights, mut out) =
+                (numbers(n_rows * depth), numbers(depth * width), numbers(n_rows * width));
+            let packed = Packed::new(&weights, depth, width);
+            let mut rates = [const { Vec::new() }; 2];
+            for round in 0..2 * PRODUCT_ROUNDS {
+                let started = Instant::now();
+                let mut n = 0;
+                while started.elapsed() < PRODUCT_TIME {
+                    if round % 2 == 0 {
+                        let out = view_mut(&mut out, n_rows, width, width);
+                        multiply(
+                            out,
+                            Into::Replace,
+                            view(&x, n_rows, depth, depth),
+                            view(&weights, depth, width, width),
+                        );
+                    } else {
+                        packed.run(&x, depth, &mut out, Into::Replace);
+                    }
+                    n += 1;
+                }
+                let flop = (2 * n_rows * width * depth * n) as f64;
+                rates[round % 2].push(flop / started.elapsed().as_secs_f64() / 1e9);
+            }
+            rates.map(median)
+        };
+        let rates = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..n_threads).map(|_| scope.spawn(of_thread)).collect();
+            threads
+                .into_iter()
+                .map(|thread| thread.join().expect("no product panics"))
+                .fold([0.0, 0.0], |sum: [f64; 2], of_thread| [sum[0] + of_thread[0], sum[1] + of_thread[1]])
+        });
+        let [plain, packed] = rates;
+        let name = format!("product_{n_rows}x{width}x{depth}");
+        println!("{name}: plain {plain:.0} GFLOP/s, packed {packed:.0} GFLOP/s, x{:.2}", packed / plain);
+        for (by, rate) in [("plain", plain), ("packed", packed)] {
+            writeln!(csv, "policy,{name}_{by},{rate:.2},gflop_per_s,{n_threads} threads together")?;
+        }
+    }
+    Ok(())
+}
+
+fn median(mut numbers: Vec<f64>) -> f64 {
+    numbers.sort_by(f64::total_cmp);
+    numbers[numbers.len() / 2]
+}
+
+/// Seconds of the median round.
+fn median_round(policy: &mut dyn Policy, morphology: Morphology, n_envs: usize) -> Result<f64> {
     let (header, pages) = observation(morphology, n_envs);
     let view = ObservationView::new(header, &pages)?;
     let mut answer = vec![ActionBlock::zeroed(); n_envs];
     policy.act(&view, &mut answer)?;
-    let mut best = f64::INFINITY;
+    let mut rounds = Vec::new();
     let started = Instant::now();
-    let mut n_rounds = 0;
-    while n_rounds < MIN_ROUNDS || started.elapsed() < CASE_TIME {
+    while rounds.len() < MIN_ROUNDS || started.elapsed() < CASE_TIME {
         let round = Instant::now();
         policy.act(&view, &mut answer)?;
-        best = best.min(round.elapsed().as_secs_f64());
-        n_rounds += 1;
+        rounds.push(round.elapsed().as_secs_f64());
     }
-    Ok(best)
+    Ok(median(rounds))
 }
 
 /// An observation of noise, with an instruction.

@@ -84,6 +84,7 @@ fn add(a: Counters, b: Counters) -> Counters {
         images: a.images + b.images,
         queries: a.queries + b.queries,
         stepping_s: a.stepping_s + b.stepping_s,
+        working_s: a.working_s + b.working_s,
         physics_s: a.physics_s + b.physics_s,
         render_s: a.render_s + b.render_s,
         idle_s: a.idle_s + b.idle_s,

@@ -51,7 +51,8 @@ pub(crate) struct Bound {
     pub(crate) steps_per_query: Option<f64>,
     /// The bound.
     pub(crate) env_steps_per_s: f64,
-    /// Fraction of it that was reached.
+    /// Fraction of it that was reached from the first work to the last control step: the core-seconds above also cover what
+    /// was built, drawn and inferred before the first control step.
     pub(crate) reached: f64,
 }
 
@@ -89,7 +90,7 @@ impl Fps {
             process_env_steps_per_s: sim.env_steps as f64 / process_wall_s,
             images_per_s: rate(sim.images),
             queries_per_s: rate(sim.queries),
-            bound: rate(sim.env_steps).and_then(|reached| Bound::new(totals, &ledger, n_cores, reached)),
+            bound: Bound::new(totals, &ledger, n_cores),
             ledger,
         }
     }
@@ -130,20 +131,20 @@ impl Fps {
 }
 
 impl Bound {
-    fn new(totals: &Totals, ledger: &Ledger, n_cores: u32, env_steps_per_s: f64) -> Option<Self> {
+    fn new(totals: &Totals, ledger: &Ledger, n_cores: u32) -> Option<Self> {
         let sim = totals.sim();
         let per = |seconds: f64, count: u64| if count == 0 { 0.0 } else { seconds / count as f64 };
         let busy_s = ledger.physics_s + ledger.render_s + ledger.policy_s;
         // (r + w) / k per step is the drawing and inference of the whole run over its steps.
         let bound = f64::from(n_cores) * sim.env_steps as f64 / busy_s;
-        (busy_s > 0.0).then(|| Self {
+        (busy_s > 0.0 && sim.working_s > 0.0).then(|| Self {
             n_cores,
             step_s: per(ledger.physics_s, sim.env_steps),
             render_s: per(ledger.render_s, sim.queries),
             query_s: per(ledger.policy_s, sim.queries),
             steps_per_query: (sim.queries > 0).then(|| sim.env_steps as f64 / sim.queries as f64),
             env_steps_per_s: bound,
-            reached: env_steps_per_s / bound,
+            reached: sim.env_steps as f64 / sim.working_s / bound,
         })
     }
 }

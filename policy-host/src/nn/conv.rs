@@ -109,7 +109,7 @@ impl Conv {
                 }
             }
         }
-        let whole_lanes = c_in % LANES == 0 && c_out % LANES == 0;
+        let whole_lanes = c_in.is_multiple_of(LANES) && c_out.is_multiple_of(LANES);
         let kernels = if whole_lanes && window == (Window { kernel: 3, stride: 1, padding: 1 }) {
             Kernels::Winograd(Winograd::new(&matrix, c_in, c_out))
         } else {

@@ -1,8 +1,8 @@
 //! Products with a matrix of weights that was laid out for them beforehand.
 //!
 //! faer packs its factors anew in every call, which suits a product that is made once. Weights are the same in every
-//! query, so here they lie in panels of [`PANEL`] columns, read front to back by the tiles below. (Measured on one AVX-512
-//! core against faer 0.24 in one run: see `benches/results`.)
+//! query, so here they lie in panels of [`PANEL`] columns, read front to back by the tiles below. (Measured against faer 0.24
+//! in one run, AVX-512: 1.1 to 1.6 times as fast at ACT's shapes; `cargo bench -p benches --bench policy`.)
 //!
 //! Every number of a product is one chain of fused multiply-adds over the depth, in order, whatever the instruction set,
 //! the tile or the number of rows: the same bits on every x86 processor with FMA. Others go by way of faer.

@@ -46,6 +46,15 @@ impl World {
     /// # Panics
     /// If the row has another length.
     pub fn step(&mut self, action: &[f32]) {
+        self.command(action);
+        for _ in 0..SUBSTEPS {
+            self.drive();
+            self.rapier.step();
+        }
+    }
+
+    /// Gives the arms their new targets.
+    fn command(&mut self, action: &[f32]) {
         let width = match self.mode {
             ControlMode::EeDeltaPose | ControlMode::EePose => N_JOINTS,
             ControlMode::JointPos => N_JOINTS + 1,
@@ -54,15 +63,16 @@ impl World {
         for (arm, row) in self.arms.iter_mut().zip(action.chunks_exact(width)) {
             arm.command(&self.rapier, self.mode, row);
         }
-        for _ in 0..SUBSTEPS {
-            let mut needs_care = false;
-            for arm in &self.arms {
-                needs_care |= arm.drive(&mut self.rapier) || arm.is_near_others(&self.rapier);
-            }
-            self.rapier.integration_parameters.num_solver_iterations =
-                if needs_care { preset::CARE_SUBSTEPS } else { preset::FREE_SUBSTEPS };
-            self.rapier.step();
+    }
+
+    /// Sets the arms' springs, and how finely the solver works, for the next physics step.
+    fn drive(&mut self) {
+        let mut needs_care = false;
+        for arm in &self.arms {
+            needs_care |= arm.drive(&mut self.rapier) || arm.is_near_others(&self.rapier);
         }
+        self.rapier.integration_parameters.num_solver_iterations =
+            if needs_care { preset::CARE_SUBSTEPS } else { preset::FREE_SUBSTEPS };
     }
 
     /// Arms: 1 or 2.
@@ -177,4 +187,30 @@ impl World {
 fn numbers(pose: &Isometry3<f32>) -> [f32; 7] {
     let (p, q) = (pose.translation.vector, pose.rotation.coords);
     [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::counting::allocations;
+    use crate::{Perturbation, Profile, TaskId};
+
+    #[test]
+    fn only_rapier_allocates_in_a_step() {
+        for task in TaskId::ALL {
+            let spec = Perturbation::None.apply((task.task().nominal)(), Profile::Strict);
+            for mode in [ControlMode::EeDeltaPose, ControlMode::EePose, ControlMode::JointPos] {
+                let mut world = World::build(&spec.draw(3), mode);
+                let row = vec![0.1; mode.action_dim(task.task().morphology)];
+                for _ in 0..20 {
+                    let (n, ()) = allocations(|| {
+                        world.command(&row);
+                        world.drive();
+                    });
+                    assert_eq!(n, 0, "{} {mode:?}", task.name());
+                    world.rapier.step();
+                }
+            }
+        }
+    }
 }

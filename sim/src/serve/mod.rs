@@ -7,6 +7,8 @@ mod episode;
 mod lane;
 pub mod protocol;
 mod slots;
+#[cfg(test)]
+mod tests;
 
 use std::io::{BufRead, Write};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
@@ -92,6 +94,7 @@ struct Server {
     writer: BatchWriter,
     rules: Rules,
     counters: Counters,
+    first_work: Option<Instant>,
     first_step: Option<Instant>,
     /// When the loop last ran out of work.
     idle_since: Option<Instant>,
@@ -124,6 +127,7 @@ impl Server {
             writer: BatchWriter::new(renderer, max_envs),
             rules,
             counters: Counters::default(),
+            first_work: None,
             first_step: None,
             idle_since: None,
             reported: Instant::now(),
@@ -183,10 +187,12 @@ impl Server {
         let (start, used) = (Instant::now(), core_seconds());
         let env_steps = self.slots.pass();
         self.counters.physics_s += core_seconds() - used;
+        let work = *self.first_work.get_or_insert(start);
         if env_steps > 0 {
             self.counters.env_steps += env_steps;
             let first = *self.first_step.get_or_insert(start);
             self.counters.stepping_s = first.elapsed().as_secs_f64();
+            self.counters.working_s = work.elapsed().as_secs_f64();
         }
         let mut written = Ok(());
         self.slots.take_finished(|outcome| {

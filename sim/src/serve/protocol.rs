@@ -169,6 +169,8 @@ pub struct Counters {
     pub queries: u64,
     /// Seconds between the first and the last control step.
     pub stepping_s: f64,
+    /// Seconds from the first work, which builds worlds, to the last control step.
+    pub working_s: f64,
     /// Core-seconds stepping.
     pub physics_s: f64,
     /// Core-seconds drawing.
