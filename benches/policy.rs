@@ -2,8 +2,8 @@
 //!
 //! `cargo bench -p benches --bench policy -- [--threads N] [--csv FILE]`. A query is one env of a batch; `gflop_per_s`
 //! counts the arithmetic of `ActConfig::flop_per_query` (what the definition needs: Winograd's convolutions do less). Then
-//! the products that ACT makes, plain as the library makes them and with weights packed beforehand, in turn. Medians of several rounds, after
-//! warm-up; bounded to 40 s.
+//! the products that ACT makes, plain as the library makes them and with weights packed beforehand, in turn. Medians of
+//! several rounds, after warm-up; bounded to 40 s.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
