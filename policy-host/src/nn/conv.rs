@@ -10,7 +10,7 @@ use super::winograd::{LANES, Winograd, WinogradScratch};
 
 /// Numbers in a stripe of patches: half a mebibyte, so that it stays in the second-level cache.
 const PATCH_STRIPE_LEN: usize = 1 << 17;
-/// Fewest pixels in a stripe of patches, so that packing the weights for each stripe stays cheap.
+/// Fewest pixels in a stripe of patches, so that reading the weights for each stripe stays cheap.
 const PATCH_STRIPE_MIN_PIXELS: usize = 256;
 
 /// Size of the kernel and its step.

@@ -132,7 +132,8 @@ impl Arm {
     /// rapier's springs know no limit of force, so a spring's rest position is drawn in until the force lies within the
     /// drive's. The limit holds for the mean over the step: while a joint gains speed the force of an implicit spring falls,
     /// over one step to about 1 / (1 + x) of its start with x = dt (damping + stiffness · dt) / inertia.
-    /// Says whether a joint may meet one of its stops.
+    ///
+    /// Returns whether a joint may meet one of its stops within the step.
     pub(super) fn drive(&self, world: &mut PhysicsWorld) -> bool {
         let (qpos, qvel) = (self.qpos(world), self.qvel(world));
         let dt = f64::from(world.integration_parameters.dt);

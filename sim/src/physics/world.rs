@@ -69,7 +69,8 @@ impl World {
     fn drive(&mut self) {
         let mut needs_care = false;
         for arm in &self.arms {
-            needs_care |= arm.drive(&mut self.rapier) || arm.is_near_others(&self.rapier);
+            let meets_stop = arm.drive(&mut self.rapier);
+            needs_care |= meets_stop || arm.is_near_others(&self.rapier);
         }
         self.rapier.integration_parameters.num_solver_iterations =
             if needs_care { preset::CARE_SUBSTEPS } else { preset::FREE_SUBSTEPS };

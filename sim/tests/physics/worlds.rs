@@ -62,6 +62,27 @@ fn a_grasped_cube_does_not_slip() {
 }
 
 #[test]
+fn a_stack_stands_still_once_the_arm_is_away() {
+    let scene = common::draw(TaskId::StackCube, Perturbation::None, 1);
+    let moves = (TaskId::StackCube.task().expert)(&scene);
+    let n_steps = sim::expert::Expert::new(&scene, &moves).expect("reachable").n_steps();
+    let mut poses = Vec::new();
+    common::play(&scene, &moves, 80, |step, world| {
+        if step >= n_steps + 20 {
+            poses.push([0, 1].map(|body| world.body_pose(body)));
+        }
+    });
+    assert!(poses[0][0].translation.z - poses[0][1].translation.z > 0.035, "one cube stands on the other");
+    for pose in &poses {
+        for body in [0, 1] {
+            let moved = (pose[body].translation.vector - poses[0][body].translation.vector).norm();
+            let turned = pose[body].rotation.angle_to(&poses[0][body].rotation);
+            assert!(moved < 1e-4 && turned < 1e-3, "body {body} moved {moved} m and turned {turned} rad");
+        }
+    }
+}
+
+#[test]
 fn pressing_from_above_is_no_grasp() {
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
     let closing = grasp::start_closing(&scene, 0);
