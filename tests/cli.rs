@@ -65,6 +65,20 @@ fn a_bad_checkpoint_is_refused_before_anything_starts() {
 }
 
 #[test]
+fn a_checkpoint_drives_in_the_mode_it_was_trained_for() {
+    let dir = tempfile::tempdir().unwrap();
+    copy_checkpoint(dir.path());
+    let config = dir.path().join("act/single/config.json");
+    let text = fs::read_to_string(&config).unwrap();
+    assert!(text.contains("pd_ee_delta_pose"), "{text}");
+    fs::write(&config, text.replace("pd_ee_delta_pose", "pd_ee_pose")).unwrap();
+    let args = ["run", "--policy", "a=act:act", "--tasks", "RaiseCube", "--episodes", "1", "--db", "x.db"];
+    refused(dir.path(), &args, &["single robot by pd_ee_pose", "run by pd_ee_delta_pose"]);
+    run(dir.path(), &[&args[..], &["--control-mode", "pd_ee_pose"]].concat()).expect_code(0);
+    assert_eq!(rows(&dir.path().join("x.db")).len(), 1);
+}
+
+#[test]
 fn too_little_shared_memory_is_seen_before_it_is_taken() {
     let dir = tempfile::tempdir().unwrap();
     // Each policy that looks at images takes 2 GB at the largest number of envs: enough of them for any /dev/shm.

@@ -126,6 +126,14 @@ impl Plan {
         Morphology::ALL.into_iter().filter(used).collect()
     }
 
+    /// How policies drive a robot: two arms always by absolute joints.
+    pub(crate) fn control_mode_of(&self, morphology: Morphology) -> ControlMode {
+        match morphology {
+            Morphology::Single => self.control_mode,
+            Morphology::Bimanual => morphology.default_control_mode(),
+        }
+    }
+
     /// Episodes of the whole plan.
     pub(crate) fn n_episodes(&self) -> u64 {
         self.policies.len() as u64 * self.conditions.len() as u64 * u64::from(self.episodes)

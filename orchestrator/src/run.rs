@@ -87,9 +87,10 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<Ending, Failure> {
 
 /// What each policy is; also checks that it can be loaded at all, so that nothing is started in vain.
 fn identities(plan: &Plan) -> Result<Vec<Identity>, Failure> {
-    let morphologies = plan.morphologies();
+    let robots: Vec<_> =
+        plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
     let identity = |policy: &crate::policy::NamedPolicy| {
-        policy_host::check(&policy.spec, &morphologies)
+        policy_host::check(&policy.spec, &robots)
             .map_err(|error| anyhow::anyhow!("failed to {error}"))
             .and_then(|()| policy.identity().map_err(Into::into))
             .with_context(|| format!("policy `{}`", policy.name))

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bytemuck::Zeroable;
 use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
-use ipc_types::{ActionBlock, EnvRecord, Morphology, ObservationView};
+use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology, ObservationView};
 use thiserror::Error;
 
 use crate::QueryMode;
@@ -101,15 +101,15 @@ pub fn load(spec: &PolicySpec, n_threads: usize, mode: QueryMode) -> Result<Box<
     })
 }
 
-/// Whether a policy can drive these robots in their default control modes, as far as can be seen without loading it:
-/// for a checkpoint, its configuration and its header are read.
+/// Whether a policy can drive these robots in these control modes, as far as can be seen without loading it: for a
+/// checkpoint, its configuration and its header are read.
 ///
 /// # Errors
 /// The first thing that does not fit.
-pub fn check(spec: &PolicySpec, morphologies: &[Morphology]) -> Result<(), LoadError> {
+pub fn check(spec: &PolicySpec, robots: &[(Morphology, ControlMode)]) -> Result<(), LoadError> {
     match spec {
         PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => Ok(()),
-        PolicySpec::Act(folder) => act::check(folder, morphologies),
+        PolicySpec::Act(folder) => act::check(folder, robots),
     }
 }
 

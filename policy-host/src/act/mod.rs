@@ -21,7 +21,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ipc_types::frame::EnvObservation;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES};
-use ipc_types::{ActionBlock, Morphology, ObservationView};
+use ipc_types::{ActionBlock, ControlMode, Morphology, ObservationView};
 use rayon::prelude::*;
 use xxhash_rust::xxh3::Xxh3;
 
@@ -74,23 +74,23 @@ pub fn checkpoint_folders(folder: &Path) -> Result<Vec<PathBuf>, LoadError> {
     if found.is_empty() { Err(LoadError::NoCheckpoint { folder: folder.to_owned() }) } else { Ok(found) }
 }
 
-/// Checks configuration and header of a checkpoint against the robots it shall drive, without loading it.
+/// Checks configuration and header of a checkpoint against the robots it shall drive and how, without loading it.
 ///
 /// # Errors
 /// The first thing that does not fit.
-pub fn check(folder: &Path, morphologies: &[Morphology]) -> Result<(), LoadError> {
+pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), LoadError> {
     let mut found = Vec::new();
     for inner in checkpoint_folders(folder)? {
         let checkpoint = Checkpoint::open(&inner)?;
         found.push((robot(&inner, checkpoint.config())?, checkpoint.config().control_mode));
     }
-    for &morphology in morphologies {
-        let Some((_, control_mode)) = found.iter().find(|(robot, _)| *robot == morphology) else {
+    for &(morphology, control_mode) in robots {
+        let Some((_, own)) = found.iter().find(|(robot, _)| *robot == morphology) else {
             let found: Vec<_> = found.iter().map(|(robot, _)| robot.name()).collect();
             let (folder, found) = (folder.to_owned(), found.join(", "));
             return Err(LoadError::Morphology { folder, found, expected: morphology.name() });
         };
-        let (expected, found) = (morphology.default_control_mode().name(), control_mode.name());
+        let (expected, found) = (control_mode.name(), own.name());
         if expected != found {
             let (folder, robot) = (folder.to_owned(), morphology.name());
             return Err(LoadError::ControlMode { folder, robot, expected, found });

@@ -20,13 +20,18 @@ fn checkpoint() -> TempDir {
     folder
 }
 
+/// A single arm, driven as by default.
+const SINGLE: (Morphology, ControlMode) = (Morphology::Single, ControlMode::EeDeltaPose);
+/// Both robots, driven as by default.
+const BOTH: [(Morphology, ControlMode); 2] = [SINGLE, (Morphology::Bimanual, ControlMode::JointPos)];
+
 fn spec(folder: &Path) -> PolicySpec {
     PolicySpec::Act(folder.to_owned())
 }
 
 /// What `check` and `load` both say.
 fn refusal(folder: &Path) -> String {
-    let checked = check(&spec(folder), &[Morphology::Single]).unwrap_err().to_string();
+    let checked = check(&spec(folder), &[SINGLE]).unwrap_err().to_string();
     let loaded = load(&spec(folder), 1, QueryMode::Chunk).err().unwrap().to_string();
     assert_eq!(checked, loaded, "seen before anything starts");
     checked
@@ -71,7 +76,7 @@ fn edit_config(folder: &Path, from: &str, to: &str) {
 #[test]
 fn a_good_checkpoint_loads_with_and_without_its_unused_tensors() {
     let folder = checkpoint();
-    check(&spec(folder.path()), &[Morphology::Single]).unwrap();
+    check(&spec(folder.path()), &[SINGLE]).unwrap();
     let before = Batch::of(Morphology::Single, &[0])
         .answer(&mut *load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap());
     edit_tensors(folder.path(), |list| {
@@ -186,17 +191,18 @@ fn bad_configurations_name_the_key() {
 #[test]
 fn a_checkpoint_for_other_robots_is_refused_before_the_run() {
     let folder = checkpoint();
-    let error = check(&spec(folder.path()), &Morphology::ALL).unwrap_err().to_string();
+    let error = check(&spec(folder.path()), &BOTH).unwrap_err().to_string();
     assert_says(&error, &["checkpoint is for single", "run has bimanual tasks"]);
-    check(&spec(&data("act-tiny")), &Morphology::ALL).unwrap();
+    check(&spec(&data("act-tiny")), &BOTH).unwrap();
 
     let config = ActConfig { control_mode: ControlMode::EePose, ..ActConfig::tiny(Morphology::Single) };
     write_checkpoint(folder.path(), &config, 0).unwrap();
-    let error = check(&spec(folder.path()), &[Morphology::Single]).unwrap_err().to_string();
+    let error = check(&spec(folder.path()), &[SINGLE]).unwrap_err().to_string();
     assert_says(&error, &["single robot by pd_ee_pose", "run by pd_ee_delta_pose"]);
+    check(&spec(folder.path()), &[(Morphology::Single, ControlMode::EePose)]).unwrap();
 
     let empty = tempfile::tempdir().unwrap();
-    let error = check(&spec(empty.path()), &[Morphology::Single]).unwrap_err().to_string();
+    let error = check(&spec(empty.path()), &[SINGLE]).unwrap_err().to_string();
     assert_says(&error, &["find a checkpoint", "`single` and `bimanual`", "config.json"]);
 }
 
