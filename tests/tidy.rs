@@ -110,7 +110,6 @@ fn unsafe_only_where_named() {
         "ipc-types/src/link/",
         "policy-host/src/nn/",
         "sim/src/render/cpu/isa.rs",
-        "sim/src/counting.rs",
         "policy-host/tests/",
         "ipc-types/tests/",
         "sim/tests/",

@@ -5,36 +5,16 @@
 #[path = "suite/batch.rs"]
 mod batch;
 
-use std::alloc::{GlobalAlloc, Layout, System};
+#[path = "../../tests/counting.rs"]
+mod counting;
+
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use ipc_types::{ActionBlock, Morphology};
 use policy_host::{PolicySpec, QueryMode, load};
 
 use crate::batch::Batch;
-
-/// Counts what is allocated on any thread.
-struct Counting;
-
-static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
-
-// SAFETY: every call is passed on to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promises are those of the system's allocator.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as above.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
+use crate::counting::allocations;
 
 #[test]
 fn a_query_allocates_nothing_after_warm_up() {
@@ -51,11 +31,9 @@ fn a_query_allocates_nothing_after_warm_up() {
             }
         };
         // The whole loop runs inside the pool, as a host's does.
-        let n_allocations = pool.install(|| {
+        let ([_, n_allocations], ()) = pool.install(|| {
             (0..20).for_each(|_| round(&mut *policy));
-            let before = ALLOCATIONS.load(Ordering::Relaxed);
-            (0..20).for_each(|_| round(&mut *policy));
-            ALLOCATIONS.load(Ordering::Relaxed) - before
+            allocations(|| (0..20).for_each(|_| round(&mut *policy)))
         });
         assert_eq!(n_allocations, 0, "{mode:?}, {n_threads} threads");
     }

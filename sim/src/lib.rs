@@ -1,6 +1,7 @@
 //! The simulator: draws scenes, steps worlds, renders what a policy will look at, and serves it over the link.
 
 #[cfg(test)]
+#[path = "../../tests/counting.rs"]
 mod counting;
 pub mod expert;
 pub mod fingerprint;

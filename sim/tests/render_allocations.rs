@@ -1,7 +1,7 @@
 //! After its first pictures the renderer allocates nothing. A binary of its own, for it counts all that its process does.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering};
+#[path = "../../tests/counting.rs"]
+mod counting;
 
 use ipc_types::ControlMode;
 use sim::TaskId;
@@ -9,26 +9,7 @@ use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::Snapshot;
 
-static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
-
-struct Counting;
-
-// SAFETY: every call is handed on to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promises are those that the system's allocator asks for.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as above.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static COUNTING: Counting = Counting;
+use crate::counting::allocations;
 
 #[test]
 fn rendering_allocates_nothing_after_warm_up() {
@@ -46,7 +27,7 @@ fn rendering_allocates_nothing_after_warm_up() {
     let mut renderer = CpuRenderer::new(2);
     // The whole test runs on a worker, so that rayon has nothing to hand over from outside.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
-    let counted = pool.install(|| {
+    let ([_, counted], ()) = pool.install(|| {
         let mut views: Vec<View<'_>> = envs
             .iter()
             .zip(&mut images)
@@ -63,11 +44,7 @@ fn rendering_allocates_nothing_after_warm_up() {
         for _ in 0..20 {
             renderer.render(&mut views);
         }
-        let before = ALLOCATIONS.load(Ordering::Relaxed);
-        for _ in 0..10 {
-            renderer.render(&mut views);
-        }
-        ALLOCATIONS.load(Ordering::Relaxed) - before
+        allocations(|| (0..10).for_each(|_| renderer.render(&mut views)))
     });
     assert_eq!(counted, 0);
 }

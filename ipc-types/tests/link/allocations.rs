@@ -1,43 +1,12 @@
 //! After warm-up a message crosses the link without an allocation of ours. iceoryx2 0.10 makes one for each loan (the loan's
 //! shared state, a small block) and none besides.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use std::time::Duration;
 
+use crate::counting::allocations;
 use crate::scratch::{
     Scratch, assert_echo, create_sim, echo, fill, observation_header, open_host, small_lane,
 };
-
-/// Counts this thread's allocations.
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-// SAFETY: every call is passed on to the system's allocator unchanged; the count is a plain thread-local number.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller's promise is the system allocator's requirement.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as in `alloc`.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-fn allocations<T>(work: impl FnOnce() -> T) -> (usize, T) {
-    let before = ALLOCATIONS.get();
-    let result = work();
-    (ALLOCATIONS.get() - before, result)
-}
 
 #[test]
 fn messages_cross_without_an_allocation_but_one_for_each_loan() {
@@ -46,18 +15,18 @@ fn messages_cross_without_an_allocation_but_one_for_each_loan() {
     let (link, mut lane) = create_sim(&node, &small_lane(2));
     let mut host = open_host(&node, &small_lane(2));
     let mut round = |sequence: u64| {
-        let (for_loan, mut loan) = allocations(|| lane.loan(4).unwrap());
-        let (besides, ()) = allocations(|| {
+        let ([for_loan, _], mut loan) = allocations(|| lane.loan(4).unwrap());
+        let ([besides, _], ()) = allocations(|| {
             fill(loan.pages_mut(), sequence);
             loan.send(observation_header(sequence, 4)).unwrap();
             host.wait(Duration::from_secs(1)).unwrap();
         });
         // The echo makes the other loan.
-        let (in_host, ()) = allocations(|| {
+        let ([in_host, _], ()) = allocations(|| {
             let message = host.receive().unwrap().unwrap();
             echo(&mut host, &message);
         });
-        let (in_sim, ()) = allocations(|| {
+        let ([in_sim, _], ()) = allocations(|| {
             link.wait(Duration::from_secs(1)).unwrap();
             assert_echo(&lane.receive().unwrap().unwrap(), sequence, 4);
             // Nothing more to come, and a wait in vain.

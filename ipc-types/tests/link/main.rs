@@ -3,6 +3,8 @@
 #![expect(clippy::unwrap_used, reason = "a helper of a test fails as the test does")]
 
 mod allocations;
+#[path = "../../../tests/counting.rs"]
+mod counting;
 mod domains;
 mod foreign;
 mod memory;

@@ -2,7 +2,7 @@
 //!
 //! faer packs its factors anew in every call, which suits a product that is made once. Weights are the same in every
 //! query, so here they lie in panels of [`PANEL`] columns, read front to back by the tiles below. (Measured against faer 0.24
-//! in one run, AVX-512: 1.1 to 1.6 times as fast at ACT's shapes; `cargo bench -p benches --bench policy`.)
+//! in one run, AVX-512: 1.2 to 1.5 times as fast at ACT's shapes; `cargo bench -p benches --bench policy`.)
 //!
 //! Every number of a product is one chain of fused multiply-adds over the depth, in order, whatever the instruction set,
 //! the tile or the number of rows: the same bits on every x86 processor with FMA. Others go by way of faer.
@@ -217,101 +217,61 @@ const fn tiles_256() -> [Tile; TILE_ROWS] {
     [tile_256::<1>, tile_256::<2>, tile_256::<3>, tile_256::<4>, tile_256::<5>, tile_256::<6>]
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-unsafe fn tile_512<const HEIGHT: usize>(
-    x: &[f32],
-    stride: usize,
-    weights: &[f32],
-    out: &mut [f32],
-    out_stride: usize,
-    adds: bool,
-) {
-    use core::arch::x86_64::{
-        _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps,
+/// One tile's function: registers of so many lanes, so many of them side by side for each row.
+macro_rules! tile {
+    ($name:ident, $features:literal, $lanes:literal, $across:literal, $zero:ident, $load:ident, $all:ident, $fma:ident, $store:ident) => {
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = $features)]
+        unsafe fn $name<const HEIGHT: usize>(
+            x: &[f32],
+            stride: usize,
+            weights: &[f32],
+            out: &mut [f32],
+            out_stride: usize,
+            adds: bool,
+        ) {
+            use core::arch::x86_64::{$all, $fma, $load, $store, $zero};
+            let x = x.as_ptr();
+            for first in (0..PANEL).step_by($across * $lanes) {
+                // SAFETY: the caller vouches for `HEIGHT` rows of `depth` numbers in `x` and of `PANEL` numbers in `out`.
+                unsafe {
+                    let out = out.as_mut_ptr().add(first);
+                    let mut sums = [[$zero(); $across]; HEIGHT];
+                    if adds {
+                        for (row, sums) in sums.iter_mut().enumerate() {
+                            for (col, sum) in sums.iter_mut().enumerate() {
+                                *sum = $load(out.add(row * out_stride + col * $lanes));
+                            }
+                        }
+                    }
+                    for (step, from) in weights.chunks_exact(PANEL).enumerate() {
+                        let mut line = [$zero(); $across];
+                        for (col, weights) in line.iter_mut().enumerate() {
+                            *weights = $load(from.as_ptr().add(first + col * $lanes));
+                        }
+                        for (row, sums) in sums.iter_mut().enumerate() {
+                            let x = $all(*x.add(row * stride + step));
+                            for (sum, weights) in sums.iter_mut().zip(line) {
+                                *sum = $fma(x, weights, *sum);
+                            }
+                        }
+                    }
+                    for (row, sums) in sums.iter().enumerate() {
+                        for (col, sum) in sums.iter().enumerate() {
+                            $store(out.add(row * out_stride + col * $lanes), *sum);
+                        }
+                    }
+                }
+            }
+        }
     };
-    const LANES: usize = 16;
-    let (x, out) = (x.as_ptr(), out.as_mut_ptr());
-    let mut sums = [[_mm512_setzero_ps(); PANEL / LANES]; HEIGHT];
-    // SAFETY: the caller vouches for `height` rows of `depth` numbers in `x` and of `PANEL` numbers in `out`.
-    unsafe {
-        if adds {
-            for (row, sums) in sums.iter_mut().enumerate() {
-                for (col, sum) in sums.iter_mut().enumerate() {
-                    *sum = _mm512_loadu_ps(out.add(row * out_stride + col * LANES));
-                }
-            }
-        }
-        for (step, line) in weights.chunks_exact(PANEL).enumerate() {
-            let line = line.as_ptr();
-            let line = [
-                _mm512_loadu_ps(line),
-                _mm512_loadu_ps(line.add(LANES)),
-                _mm512_loadu_ps(line.add(2 * LANES)),
-                _mm512_loadu_ps(line.add(3 * LANES)),
-            ];
-            for (row, sums) in sums.iter_mut().enumerate() {
-                let x = _mm512_set1_ps(*x.add(row * stride + step));
-                for (sum, weights) in sums.iter_mut().zip(line) {
-                    *sum = _mm512_fmadd_ps(x, weights, *sum);
-                }
-            }
-        }
-        for (row, sums) in sums.iter().enumerate() {
-            for (col, sum) in sums.iter().enumerate() {
-                _mm512_storeu_ps(out.add(row * out_stride + col * LANES), *sum);
-            }
-        }
-    }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-unsafe fn tile_256<const HEIGHT: usize>(
-    x: &[f32],
-    stride: usize,
-    weights: &[f32],
-    out: &mut [f32],
-    out_stride: usize,
-    adds: bool,
-) {
-    use core::arch::x86_64::{
-        _mm256_fmadd_ps, _mm256_loadu_ps, _mm256_set1_ps, _mm256_setzero_ps, _mm256_storeu_ps,
-    };
-    const LANES: usize = 8;
-    /// Registers side by side: with six rows they fill twelve of AVX2's sixteen.
-    const ACROSS: usize = 2;
-    let x = x.as_ptr();
-    for first in (0..PANEL).step_by(ACROSS * LANES) {
-        // SAFETY: the caller vouches for `height` rows of `depth` numbers in `x` and of `PANEL` numbers in `out`.
-        unsafe {
-            let out = out.as_mut_ptr().add(first);
-            let mut sums = [[_mm256_setzero_ps(); ACROSS]; HEIGHT];
-            if adds {
-                for (row, sums) in sums.iter_mut().enumerate() {
-                    for (col, sum) in sums.iter_mut().enumerate() {
-                        *sum = _mm256_loadu_ps(out.add(row * out_stride + col * LANES));
-                    }
-                }
-            }
-            for (step, line) in weights.chunks_exact(PANEL).enumerate() {
-                let line = line.as_ptr().add(first);
-                let line = [_mm256_loadu_ps(line), _mm256_loadu_ps(line.add(LANES))];
-                for (row, sums) in sums.iter_mut().enumerate() {
-                    let x = _mm256_set1_ps(*x.add(row * stride + step));
-                    for (sum, weights) in sums.iter_mut().zip(line) {
-                        *sum = _mm256_fmadd_ps(x, weights, *sum);
-                    }
-                }
-            }
-            for (row, sums) in sums.iter().enumerate() {
-                for (col, sum) in sums.iter().enumerate() {
-                    _mm256_storeu_ps(out.add(row * out_stride + col * LANES), *sum);
-                }
-            }
-        }
-    }
-}
+#[rustfmt::skip]
+tile!(tile_512, "avx512f", 16, 4, _mm512_setzero_ps, _mm512_loadu_ps, _mm512_set1_ps, _mm512_fmadd_ps, _mm512_storeu_ps);
+// With six rows these fill twelve of AVX2's sixteen registers.
+#[rustfmt::skip]
+tile!(tile_256, "avx2,fma", 8, 2, _mm256_setzero_ps, _mm256_loadu_ps, _mm256_set1_ps, _mm256_fmadd_ps, _mm256_storeu_ps);
 
 #[cfg(test)]
 mod tests {

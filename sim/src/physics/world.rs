@@ -204,7 +204,7 @@ mod tests {
                 let mut world = World::build(&spec.draw(3), mode);
                 let row = vec![0.1; mode.action_dim(task.task().morphology)];
                 for _ in 0..20 {
-                    let (n, ()) = allocations(|| {
+                    let ([n, _], ()) = allocations(|| {
                         world.command(&row);
                         world.drive();
                     });

@@ -94,15 +94,15 @@ fn a_round_of_the_loop_allocates_nothing_of_its_own() {
         for round in 0..WARM_UP + ROUNDS {
             answer(&mut host, row.len());
             server.link.wait(Duration::from_secs(5)).unwrap();
-            let (received, ()) = allocations(|| server.serve_lane(0).unwrap());
-            let (stepped, n_steps) = allocations(|| server.slots.pass());
+            let ([received, _], ()) = allocations(|| server.serve_lane(0).unwrap());
+            let ([stepped, _], n_steps) = allocations(|| server.slots.pass());
             assert_eq!(n_steps, u64::from(N_ENVS * N_ROWS));
-            let (of_rapier, ()) = allocations(|| {
+            let ([of_rapier, _], ()) = allocations(|| {
                 for twin in &mut twins {
                     (0..N_ROWS).for_each(|_| twin.step(&row));
                 }
             });
-            let (sent, ()) = allocations(|| server.serve_lane(0).unwrap());
+            let ([sent, _], ()) = allocations(|| server.serve_lane(0).unwrap());
             assert!(server.lanes[0].awaits_answer(), "a batch with images is out");
             if round >= WARM_UP {
                 // The one allocation is iceoryx2's, for the loan.
