@@ -44,6 +44,15 @@ impl Affine {
         core::array::from_fn(|i| v[i] + self.offset[i])
     }
 
+    /// Image of a point, each coordinate a chain of fused products and sums: the steps of the vector code.
+    #[inline(always)]
+    pub(super) fn fused_point(&self, [x, y, z]: Vec3) -> Vec3 {
+        core::array::from_fn(|i| {
+            let [a, b, c] = self.linear[i];
+            x.mul_add(a, y.mul_add(b, z.mul_add(c, self.offset[i])))
+        })
+    }
+
     /// Image of a difference of points.
     pub(super) fn vector(&self, v: Vec3) -> Vec3 {
         self.linear.map(|row| dot(row, v))
@@ -60,6 +69,15 @@ impl Affine {
     pub(super) fn normals(&self) -> [Vec3; 3] {
         let [a, b, c] = self.linear;
         [cross(b, c), cross(c, a), cross(a, b)]
+    }
+
+    /// Where a map of full rank takes the origin from.
+    pub(super) fn origin_before(&self) -> Vec3 {
+        let cofactors = self.normals();
+        let determinant = dot(self.linear[0], cofactors[0]);
+        core::array::from_fn(|i| {
+            -(0..3).map(|row| cofactors[row][i] * self.offset[row]).sum::<f32>() / determinant
+        })
     }
 
     /// Greatest factor by which a length along a mesh axis grows.

@@ -18,9 +18,11 @@
 mod affine;
 mod camera;
 mod cpu;
+mod line;
 mod material;
 mod mesh;
 mod noise;
+mod posed;
 mod robot;
 mod room;
 mod scene;

@@ -6,28 +6,15 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 
 use super::affine::{Affine, Vec3, normalised, scaled};
 use super::camera::Camera;
+use super::line::N_LANES;
 use super::material::Material;
 use super::mesh::{Mesh, MeshId, MeshLibrary};
-use super::texture::Pattern;
 use super::{robot, room};
-use crate::scene::{Body, Lights, Primitive, Scene, Snapshot, Texture};
+use crate::scene::{Body, Lights, Primitive, Scene, Snapshot};
 
-/// Meshes and textures. They are constants that are too large to be written down: the same in every process, never
-/// changed, a function of nothing. Hence a static, which spares every caller from handing them through.
-static ASSETS: LazyLock<Assets> = LazyLock::new(Assets::new);
-
-struct Assets {
-    meshes: MeshLibrary,
-    patterns: [Pattern; 4],
-}
-
-impl Assets {
-    fn new() -> Self {
-        let patterns =
-            [Texture::Wood, Texture::Checker, Texture::BrushedMetal, Texture::Plaster].map(Pattern::new);
-        Self { meshes: MeshLibrary::new(), patterns }
-    }
-}
+/// Meshes. They are constants that are too large to be written down: the same in every process, never changed, a
+/// function of nothing. Hence a static, which spares every caller from handing them through.
+static MESHES: LazyLock<MeshLibrary> = LazyLock::new(MeshLibrary::new);
 
 /// What an instance moves with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,8 +56,9 @@ pub(super) const N_SUNS: usize = 2;
 /// Everything about a [`Scene`] that does not move within its episode.
 pub struct RenderScene {
     pub(super) instances: Vec<Instance>,
-    /// Index of each instance's first triangle among all of the scene's.
-    pub(super) first_triangle: Vec<u32>,
+    /// Id of each instance's first triangle: a multiple of 16, for triangles come in clusters of so many.
+    pub(super) first_id: Vec<u32>,
+    n_ids: usize,
     pub(super) ambient: Vec3,
     pub(super) suns: [Sun; N_SUNS],
     pub(super) cameras: Vec<Camera>,
@@ -95,18 +83,19 @@ impl RenderScene {
             push_body(body_idx, body, &mut instances);
         }
         room::push(scene, &mut instances);
-        let mut n_triangles = 0;
-        let first_triangle = instances.iter().map(|instance| {
-            let first = n_triangles;
-            n_triangles += instance.mesh().triangles.len();
+        let mut n_ids = 0;
+        let first_id = instances.iter().map(|instance| {
+            let first = n_ids;
+            n_ids += instance.mesh().batches.batches.len() * N_LANES;
             first as u32
         });
         Self {
-            first_triangle: first_triangle.collect(),
+            first_id: first_id.collect(),
+            n_ids,
             ambient: scene.lights.ambient.map(|c| c as f32),
             suns: suns(&scene.lights),
             cameras: scene.cameras.iter().map(Camera::new).collect(),
-            n_triangles,
+            n_triangles: instances.iter().map(|instance| instance.mesh().triangles.len()).sum(),
             n_bodies: scene.bodies.len(),
             n_arms: scene.robots.len(),
             instances,
@@ -134,6 +123,11 @@ impl RenderScene {
         self.n_triangles
     }
 
+    /// Number of ids of triangles.
+    pub(super) fn n_ids(&self) -> usize {
+        self.n_ids
+    }
+
     /// Whether the snapshot has as many bodies and arms as the scene.
     pub(super) fn fits(&self, snapshot: &Snapshot) -> bool {
         snapshot.bodies.len() == self.n_bodies && snapshot.arms.len() == self.n_arms
@@ -143,7 +137,7 @@ impl RenderScene {
 impl Instance {
     /// Its mesh.
     pub(super) fn mesh(&self) -> &'static Mesh {
-        ASSETS.meshes.get(self.mesh)
+        MESHES.get(self.mesh)
     }
 
     /// From the mesh, in its own units, to the world.
@@ -155,11 +149,6 @@ impl Instance {
             Anchor::Link { arm, link } => Affine::rigid(&snapshot.arms[arm][link]).after(&local),
         }
     }
-}
-
-/// A texture's pattern.
-pub(super) fn pattern(texture: Texture) -> &'static Pattern {
-    &ASSETS.patterns[texture as usize]
 }
 
 /// Instances of a body's parts, scaled to exactly their solids.

@@ -3,7 +3,8 @@
 use nalgebra::Isometry3;
 
 use super::shape::{Extent, Primitive};
-use super::spec::{CameraMount, CameraSlot, Motion, Role, TableKind, Texture};
+use super::spec::{CameraMount, CameraSlot, Motion, Role, TableKind};
+use super::texture::Texture;
 
 /// Look of a part; colour is sRGB in [0, 1].
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,6 +9,7 @@ mod range;
 mod shape;
 mod snapshot;
 mod spec;
+mod texture;
 
 pub use drawn::{Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table};
 pub use range::Range;
@@ -17,5 +18,6 @@ pub use snapshot::{ArmLinks, Link, N_LINKS, Snapshot};
 pub use spec::{
     BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, ColorSpec, DirectionalSpec, Jitter,
     LightsSpec, Motion, PaintSpec, PartSpec, PlacementSpec, RegionSpec, RobotSpec, Role, ScaledBy, SceneSpec,
-    TableKind, TableSpec, Texture, TextureSpec,
+    TableKind, TableSpec, TextureSpec,
 };
+pub use texture::Texture;

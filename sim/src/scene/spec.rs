@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::range::Range;
 use super::shape::Primitive;
+use super::texture::Texture;
 
 /// What a body is to the task; colour, texture and size perturbations choose by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,16 +37,6 @@ pub enum Motion {
     Dynamic,
     /// Stays where it was put.
     Fixed,
-}
-
-/// Procedural surface patterns; each is drawn from its own seed by the renderer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[expect(missing_docs, reason = "the names say what is seen")]
-pub enum Texture {
-    Wood,
-    Checker,
-    BrushedMetal,
-    Plaster,
 }
 
 /// Colour of a part, sRGB in [0, 1].

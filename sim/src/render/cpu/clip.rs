@@ -1,7 +1,9 @@
 //! The few triangles that reach behind the near plane or far beyond the image: cut to what can be projected.
 
-use super::geometry::Frustum;
+use super::kind::Block;
+use super::lens::Pinhole;
 use super::raster::Visibility;
+use super::simd::Simd;
 use crate::render::affine::{Vec3, add, scaled, sub};
 
 /// A triangle cut by five planes has at most eight corners.
@@ -16,19 +18,30 @@ struct Polygon {
 
 /// Draws the part of a triangle, given in the view frame, that lies in front of the near plane and within the guard.
 #[inline(always)]
-pub(super) fn draw(triangle: [Vec3; 3], frustum: &Frustum, id: u32, visibility: &mut Visibility) {
+pub(super) fn draw<S: Simd, B: Block>(
+    triangle: [Vec3; 3],
+    lens: &Pinhole,
+    id: i32,
+    visibility: &mut Visibility,
+) {
+    let polygon = cut_to_fit(triangle, lens);
+    for i in 2..polygon.n {
+        let fan = [polygon.corners[0], polygon.corners[i], polygon.corners[i - 1]];
+        visibility.draw_large::<S, B>(&fan.map(|p| lens.corner(p)), id);
+    }
+}
+
+#[inline(never)]
+fn cut_to_fit(triangle: [Vec3; 3], lens: &Pinhole) -> Polygon {
     let mut polygon = Polygon { corners: [[0.0; 3]; MAX_CORNERS], n: 3 };
     polygon.corners[..3].copy_from_slice(&triangle);
-    let guard = frustum.guard_slope;
-    polygon = polygon.cut(|p| p[2] - frustum.near_m);
-    polygon = polygon.cut(|p| guard * p[2] - p[0]);
-    polygon = polygon.cut(|p| guard * p[2] + p[0]);
-    polygon = polygon.cut(|p| guard * p[2] - p[1]);
-    polygon = polygon.cut(|p| guard * p[2] + p[1]);
-    for i in 2..polygon.n {
-        let fan = [polygon.corners[0], polygon.corners[i - 1], polygon.corners[i]];
-        visibility.draw(id, fan.map(|p| frustum.project(p)));
-    }
+    let guard = lens.guard_slope;
+    polygon
+        .cut(|p| p[2] - lens.near_m)
+        .cut(|p| guard * p[2] - p[0])
+        .cut(|p| guard * p[2] + p[0])
+        .cut(|p| guard * p[2] - p[1])
+        .cut(|p| guard * p[2] + p[1])
 }
 
 impl Polygon {

@@ -1,175 +1,206 @@
-//! From instances to triangles on the image: transforms vertices, leaves out what the image cannot show.
+//! From clusters of triangles to triangles on the image: passes over what cannot be seen, sixteen clusters at a time,
+//! and prepares the others' triangles, sixteen at a time.
 
-use super::clip;
-use super::posed::Posed;
-use super::raster::{Corner, Visibility};
-use crate::render::View;
+use super::each::each;
+use super::kind::Block;
+use super::lens::{Lens, Projected, Vectors};
+use super::raster::{Corner, Small, Visibility};
+use super::simd::{Floats, Line, Mask, Number, Simd, Whole, WholeLine};
 use crate::render::affine::{Affine, Vec3};
-use crate::render::camera::Camera;
-use crate::render::mesh::Mesh;
+use crate::render::mesh::{Batch, Batches, Lines3};
 
-/// A vertex lies beyond one of the planes that bound what the image shows.
-const LEFT: u8 = 1;
-const RIGHT: u8 = 2;
-const ABOVE: u8 = 4;
-const BELOW: u8 = 8;
-const FAR: u8 = 16;
-const NEAR: u8 = 32;
-/// Its triangle must be clipped before it can be projected or drawn.
-const CLIP: u8 = 64;
-
-/// Transformed vertices of one instance, one array per quantity.
-pub(super) struct Geometry {
-    /// Image coordinates in 1/256 pixel.
-    x: Vec<i32>,
-    y: Vec<i32>,
-    /// 1/depth, in 1/m.
-    inverse_z: Vec<f32>,
-    outcode: Vec<u8>,
-}
-
-impl Geometry {
-    /// Room for meshes of a few thousand vertices.
-    pub(super) fn new() -> Self {
-        const N: usize = 4096;
-        Self {
-            x: Vec::with_capacity(N),
-            y: Vec::with_capacity(N),
-            inverse_z: Vec::with_capacity(N),
-            outcode: Vec::with_capacity(N),
-        }
-    }
-
-    /// Draws every instance of the view's scene.
-    #[inline(always)]
-    pub(super) fn draw(&mut self, view: &View<'_>, posed: &[Posed], visibility: &mut Visibility) {
-        let camera = &view.scene.cameras[view.camera_idx];
-        let frustum = Frustum::new(camera);
-        let instances = view.scene.instances.iter().zip(posed).zip(&view.scene.first_triangle);
-        for ((instance, Posed { view_from_mesh, .. }), &first_id) in instances {
-            let mesh = instance.mesh();
-            if frustum.misses(view_from_mesh.point(mesh.centre), mesh.radius * view_from_mesh.stretch()) {
-                continue;
-            }
-            self.transform(mesh, view_from_mesh, &frustum);
-            self.assemble(mesh, view_from_mesh, &frustum, first_id, visibility);
-        }
-    }
-
-    #[inline(always)]
-    fn transform(&mut self, mesh: &Mesh, view_from_mesh: &Affine, frustum: &Frustum) {
-        let n = mesh.n_vertices();
-        self.x.resize(n, 0);
-        self.y.resize(n, 0);
-        self.inverse_z.resize(n, 0.0);
-        self.outcode.resize(n, 0);
-        let [xs, ys, zs] = &mesh.positions;
-        let (xs, ys, zs) = (&xs[..n], &ys[..n], &zs[..n]);
-        let (out_x, out_y) = (&mut self.x[..n], &mut self.y[..n]);
-        let (out_z, out_code) = (&mut self.inverse_z[..n], &mut self.outcode[..n]);
-        for i in 0..n {
-            let p = view_from_mesh.point([xs[i], ys[i], zs[i]]);
-            let corner = frustum.project(p);
-            out_x[i] = corner.x;
-            out_y[i] = corner.y;
-            out_z[i] = corner.inverse_z;
-            out_code[i] = frustum.outcode(p);
-        }
-    }
-
-    #[inline(always)]
-    fn assemble(
-        &self,
-        mesh: &Mesh,
-        view_from_mesh: &Affine,
-        frustum: &Frustum,
-        first_id: u32,
-        visibility: &mut Visibility,
-    ) {
-        for (id, triangle) in (first_id..).zip(&mesh.triangles) {
-            let [a, b, c] = triangle.map(|i| self.outcode[i as usize]);
-            if a & b & c & !CLIP != 0 {
-                continue;
-            }
-            if (a | b | c) & CLIP != 0 {
-                clip::draw(triangle.map(|i| view_from_mesh.point(mesh.position(i))), frustum, id, visibility);
-                continue;
-            }
-            let corners = triangle.map(|i| {
-                let i = i as usize;
-                Corner { x: self.x[i], y: self.y[i], inverse_z: self.inverse_z[i] }
-            });
-            visibility.draw(id, corners);
-        }
-    }
-}
-
-/// What a camera shows, in its view frame.
-pub(super) struct Frustum {
-    focal_px: f32,
-    /// Half the image's side, in px.
-    half_px: f32,
-    pub(super) near_m: f32,
-    far_m: f32,
-    /// Greatest |x/z| and |y/z| of the image.
-    slope: f32,
-    /// Greatest |x/z| and |y/z| that fit the rasteriser's numbers.
-    pub(super) guard_slope: f32,
-}
-
-/// Pixels beyond the image's edges to which triangles are drawn unclipped.
-const GUARD_PX: f32 = 448.0;
-
-impl Frustum {
-    fn new(camera: &Camera) -> Self {
-        let half_px = camera.side as f32 / 2.0;
-        let [near_m, far_m] = camera.clip_m;
-        Self {
-            focal_px: camera.focal_px,
-            half_px,
-            near_m,
-            far_m,
-            slope: half_px / camera.focal_px,
-            guard_slope: (half_px + GUARD_PX) / camera.focal_px,
-        }
-    }
-
-    /// Whether a ball lies beyond one of the planes.
-    #[inline(always)]
-    fn misses(&self, [x, y, z]: Vec3, radius: f32) -> bool {
-        let slack = radius * (1.0 + self.slope * self.slope).sqrt();
-        z + radius < self.near_m
-            || z - radius > self.far_m
-            || x.abs() - self.slope * z > slack
-            || y.abs() - self.slope * z > slack
-    }
-
-    /// Where a point of the view frame appears; meaningless unless it is in front of the near plane and within the guard.
-    #[inline(always)]
-    pub(super) fn project(&self, [x, y, z]: Vec3) -> Corner {
-        let inverse_z = 1.0 / z;
-        let on_image = |t: f32| snap(self.half_px + t * self.focal_px * inverse_z);
-        Corner { x: on_image(x), y: on_image(y), inverse_z }
-    }
-
-    #[inline(always)]
-    fn outcode(&self, [x, y, z]: Vec3) -> u8 {
-        let (edge, guard) = (self.slope * z, self.guard_slope * z);
-        let bit = |yes: bool, bit: u8| if yes { bit } else { 0 };
-        bit(x < -edge, LEFT)
-            | bit(x > edge, RIGHT)
-            | bit(y < -edge, ABOVE)
-            | bit(y > edge, BELOW)
-            | bit(z > self.far_m, FAR)
-            | bit(z < self.near_m, NEAR)
-            | bit(z < self.near_m || x.abs() > guard || y.abs() > guard, CLIP)
-    }
-}
-
-/// Pixels to 1/256 pixel, to the nearest, ties to even, for |px| below 8192: adding 1.5 · 2²³ leaves the integer in the
-/// lower bits of the sum.
+/// Draws a mesh. Its triangles have the ids from `first_id` up.
 #[inline(always)]
-fn snap(px: f32) -> i32 {
-    const SHIFT: f32 = 12_582_912.0;
-    (px * 256.0 + SHIFT).to_bits().wrapping_sub(SHIFT.to_bits()).cast_signed()
+pub(super) fn draw<S: Simd, B: Block, L: Lens>(
+    mesh: &Batches,
+    view_from_mesh: &Affine,
+    lens: &L,
+    first_id: i32,
+    visibility: &mut Visibility,
+) {
+    let stretch = S::F::all(view_from_mesh.stretch());
+    let map = Map::<S>::new(view_from_mesh);
+    let mut small = Small::new();
+    for (sixteen, bounds) in mesh.bounds.iter().enumerate() {
+        let centre = map.points(&bounds.centre);
+        let missed = lens.misses::<S>(bounds, &centre, S::F::load(&bounds.radius) * stretch);
+        for lane in Lanes(bounds.present & !missed) {
+            let batch_idx = sixteen * 16 + lane;
+            let batch = &mesh.batches[batch_idx];
+            let first_id = first_id + (batch_idx * 16) as i32;
+            draw_batch::<S, B, L>(batch, &map, view_from_mesh, lens, first_id, &mut small, visibility);
+        }
+    }
+}
+
+/// The lanes whose bits are set, from the lowest up.
+struct Lanes(u16);
+
+impl Iterator for Lanes {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        let lane = self.0.trailing_zeros() as usize;
+        self.0 &= self.0.wrapping_sub(1);
+        (lane < 16).then_some(lane)
+    }
+}
+
+/// An affine map, its numbers spread over vectors.
+pub(super) struct Map<S: Simd> {
+    linear: [Vectors<S>; 3],
+    offset: Vectors<S>,
+}
+
+impl<S: Simd> Map<S> {
+    #[inline(always)]
+    pub(super) fn new(map: &Affine) -> Self {
+        Self {
+            linear: each!(i in 3 => each!(k in 3 => S::F::all(map.linear[i][k]))),
+            offset: each!(i in 3 => S::F::all(map.offset[i])),
+        }
+    }
+
+    /// Images of sixteen points: the same as [`Affine::fused_point`] gives.
+    #[inline(always)]
+    pub(super) fn points(&self, points: &Lines3) -> Vectors<S> {
+        let [x, y, z] = each!(k in 3 => S::F::load(&points[k]));
+        each!(i in 3 => {
+            let [a, b, c] = self.linear[i];
+            x.mul_add(a, y.mul_add(b, z.mul_add(c, self.offset[i])))
+        })
+    }
+}
+
+#[inline(always)]
+fn draw_batch<S: Simd, B: Block, L: Lens>(
+    batch: &Batch,
+    map: &Map<S>,
+    view_from_mesh: &Affine,
+    lens: &L,
+    first_id: i32,
+    small: &mut Small,
+    visibility: &mut Visibility,
+) {
+    // Outsides are counter-clockwise to the eye, which is clockwise in numbers, as y runs down: exchanging two corners
+    // makes all three edge functions positive inside.
+    let [p, r, q] = each!(k in 3 => map.points(&batch.positions[k]));
+    let [at_p, at_q, at_r] = [lens.unfit::<S>(&p), lens.unfit::<S>(&q), lens.unfit::<S>(&r)];
+    let hidden = at_p.hidden & at_q.hidden & at_r.hidden;
+    let unfit = at_p.unfit | at_q.unfit | at_r.unfit;
+    let corners = [lens.project::<S>(&p), lens.project::<S>(&q), lens.project::<S>(&r)];
+    let ready = prepare::<S, B>(&corners, visibility.side, small);
+    let fits = S::M::from_bits(batch.present).and_not(unfit);
+    for lane in Lanes((ready.small & fits).to_bits()) {
+        visibility.draw_small::<S, B>(small, lane, first_id + lane as i32);
+    }
+    let large = (ready.large & fits).to_bits();
+    if large != 0 {
+        draw_large::<S, B>(&corners, large, first_id, visibility);
+    }
+    let clipped = (S::M::from_bits(batch.present) & unfit).and_not(hidden).to_bits();
+    for lane in Lanes(clipped) {
+        let corner = |k: usize| -> Vec3 { core::array::from_fn(|axis| batch.positions[k][axis].0[lane]) };
+        let triangle = [0, 1, 2].map(|k| view_from_mesh.fused_point(corner(k)));
+        lens.clip::<S, B>(triangle, first_id + lane as i32, visibility);
+    }
+}
+
+#[inline(always)]
+fn draw_large<S: Simd, B: Block>(
+    corners: &[Projected<S>; 3],
+    lanes: u16,
+    first_id: i32,
+    visibility: &mut Visibility,
+) {
+    let mut x = [WholeLine::ZERO; 3];
+    let mut y = [WholeLine::ZERO; 3];
+    let mut depth = [Line::ZERO; 3];
+    for (k, corner) in corners.iter().enumerate() {
+        corner.x.store(&mut x[k]);
+        corner.y.store(&mut y[k]);
+        corner.depth.store(&mut depth[k]);
+    }
+    for lane in Lanes(lanes) {
+        let corners = [0, 1, 2].map(|k| Corner { x: x[k].0[lane], y: y[k].0[lane], depth: depth[k].0[lane] });
+        visibility.draw_large::<S, B>(&corners, first_id + lane as i32);
+    }
+}
+
+/// Which of sixteen triangles to draw, and how.
+struct Ready<S: Simd> {
+    /// Seen from the front, over some pixel's centre, and in `Small`.
+    small: S::M,
+    /// Too large for that.
+    large: S::M,
+}
+
+/// Sets up sixteen triangles; those that are not small or not in front come out meaningless.
+#[inline(always)]
+fn prepare<S: Simd, B: Block>(corners: &[Projected<S>; 3], side: i32, small: &mut Small) -> Ready<S> {
+    let [p, q, r] = corners;
+    let whole = S::I::all;
+    let (least_x, greatest_x) = (p.x.min(q.x).min(r.x), p.x.max(q.x).max(r.x));
+    let (least_y, greatest_y) = (p.y.min(q.y).min(r.y), p.y.max(q.y).max(r.y));
+    let large = (greatest_x - least_x).max(greatest_y - least_y).gt(whole(Small::REACH - 1));
+    let (from_x, to_x) = pixels_between::<S>(least_x, greatest_x, side);
+    let (from_y, to_y) = pixels_between::<S>(least_y, greatest_y, side);
+    let empty = from_x.gt(to_x) | from_y.gt(to_y);
+    let (qx, qy, rx, ry) = (q.x - p.x, q.y - p.y, r.x - p.x, r.y - p.y);
+    let area = qx.times(ry) - rx.times(qy);
+    let ready: Ready<S> =
+        Ready { small: area.gt(whole(0)).and_not(empty).and_not(large), large: large.and_not(empty) };
+    if ready.small.to_bits() == 0 {
+        return ready;
+    }
+    let (block_x, block_y) = (sar_by::<S>(from_x, B::WIDTH_BITS), sar_by::<S>(from_y, B::HEIGHT_BITS));
+    block_x.store(&mut small.from_x);
+    block_y.store(&mut small.from_y);
+    sar_by::<S>(to_x, B::WIDTH_BITS).store(&mut small.to_x);
+    sar_by::<S>(to_y, B::HEIGHT_BITS).store(&mut small.to_y);
+    // The centre of the first block's first pixel.
+    let centre_x = (from_x & whole(-B::WIDTH)).shl::<8>() + whole(128);
+    let centre_y = (from_y & whole(-B::HEIGHT)).shl::<8>() + whole(128);
+    for (k, (a, b)) in [(p, q), (q, r), (r, p)].into_iter().enumerate() {
+        let (dx, dy) = (b.x - a.x, b.y - a.y);
+        // A centre on the edge belongs to the triangle if the edge is at its top or left.
+        let top_left = whole(0).gt(dy) | (dy.eq(whole(0)) & dx.gt(whole(0)));
+        let bias = whole(0).or_where(top_left, whole(1));
+        let edge = dx.times(centre_y - a.y) - dy.times(centre_x - a.x) - bias;
+        edge.sar::<8>().store(&mut small.edges[k]);
+        (((whole(0) - dy) & whole(0xFFFF)) | dx.shl::<16>()).store(&mut small.steps[k]);
+    }
+    let (q_rise, r_rise) = (q.depth - p.depth, r.depth - p.depth);
+    // Per pixel, hence the 256.
+    let scale = S::F::all(256.0) / area.floats();
+    let dx = (q_rise * ry.floats() - r_rise * qy.floats()) * scale;
+    let dy = (r_rise * qx.floats() - q_rise * rx.floats()) * scale;
+    let px = S::F::all(1.0 / 256.0);
+    let (right, below) = ((centre_x - p.x).floats() * px, (centre_y - p.y).floats() * px);
+    let depth = dy.mul_add(below, dx.mul_add(right, p.depth));
+    depth.store(&mut small.depth);
+    dx.store(&mut small.depth_dx);
+    dy.store(&mut small.depth_dy);
+    p.depth.min(q.depth).min(r.depth).store(&mut small.depth_least);
+    p.depth.max(q.depth).max(r.depth).store(&mut small.depth_greatest);
+    ready
+}
+
+/// First and last pixel whose centre lies between two places in 1/256 px; pixel i has its centre at 256 i + 128.
+#[inline(always)]
+fn pixels_between<S: Simd>(least: S::I, greatest: S::I, side: i32) -> (S::I, S::I) {
+    let first = (least + S::I::all(127)).sar::<8>().max(S::I::all(0));
+    let last = (greatest - S::I::all(128)).sar::<8>().min(S::I::all(side - 1));
+    (first, last)
+}
+
+/// Shifted right by a block kind's number of bits, which is 0, 2 or 4.
+#[inline(always)]
+fn sar_by<S: Simd>(x: S::I, bits: u32) -> S::I {
+    match bits {
+        0 => x,
+        2 => x.sar::<2>(),
+        _ => x.sar::<4>(),
+    }
 }

@@ -1,12 +1,10 @@
 //! The same code compiled for several instruction sets, the widest the processor has chosen once at the start.
-//!
-//! (Plain loops compiled for AVX-512 were measured slower than for AVX2: gathers and 64-bit products replace cheap scalar
-//! code.) No path may change a byte: all of them do the same IEEE operations in the same order, and the compiler never fuses a
-//! multiplication with an addition.
 
 use super::Scratch;
+use super::simd::Portable;
+#[cfg(target_arch = "x86_64")]
+use super::simd::{Avx2, Avx512};
 use crate::render::View;
-use crate::render::srgb::Encoder;
 
 /// An instruction set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +14,9 @@ pub(super) enum Isa {
     /// Eight numbers at a time.
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    /// Sixteen numbers at a time.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
 }
 
 impl Isa {
@@ -23,8 +24,17 @@ impl Isa {
     pub(super) fn available() -> Vec<Self> {
         let mut available = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
-            available.push(Self::Avx2);
+        {
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+                available.push(Self::Avx2);
+            }
+            if is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512dq")
+                && is_x86_feature_detected!("avx512vl")
+            {
+                available.push(Self::Avx512);
+            }
         }
         available
     }
@@ -35,22 +45,33 @@ impl Isa {
             Self::Portable => "portable",
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => "AVX2",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => "AVX-512",
         }
     }
 
     /// Makes one picture.
-    pub(super) fn render(self, scratch: &mut Scratch, view: &mut View<'_>, encoder: &Encoder) {
+    pub(super) fn render(self, scratch: &mut Scratch, view: &mut View<'_>) {
         match self {
-            Self::Portable => scratch.render(view, encoder),
+            Self::Portable => scratch.render::<Portable>(view),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `available` lists this instruction set only where the processor has it.
-            Self::Avx2 => unsafe { avx2(scratch, view, encoder) },
+            Self::Avx2 => unsafe { avx2(scratch, view) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `available` lists this instruction set only where the processor has it.
+            Self::Avx512 => unsafe { avx512(scratch, view) },
         }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn avx2(scratch: &mut Scratch, view: &mut View<'_>, encoder: &Encoder) {
-    scratch.render(view, encoder);
+#[target_feature(enable = "avx2,fma")]
+fn avx2(scratch: &mut Scratch, view: &mut View<'_>) {
+    scratch.render::<Avx2>(view);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
+fn avx512(scratch: &mut Scratch, view: &mut View<'_>) {
+    scratch.render::<Avx512>(view);
 }

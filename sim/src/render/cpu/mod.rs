@@ -1,46 +1,60 @@
 //! Pictures on the CPU: a visibility pass that finds the nearest triangle of each pixel, then a shading pass that looks
 //! at every pixel once and writes its bytes straight to where the policy will read them.
 //!
-//! Numbers lie in one array per quantity and are worked on in groups of neighbouring pixels, so that the compiler
-//! makes vector code of plain loops.
+//! Both work on sixteen triangles or pixels at a time, in generic code over [`simd::Simd`] that [`isa`] compiles once per
+//! instruction set.
 
 mod clip;
+mod each;
+mod encode;
 mod geometry;
 mod isa;
-mod lanes;
-mod posed;
+mod kind;
+mod lens;
+mod light;
 mod raster;
+mod rays;
 mod sample;
 mod shade;
+mod simd;
 mod surface;
 
 use std::sync::{Mutex, PoisonError, TryLockError};
 
 use rayon::prelude::*;
 
-use super::srgb::Encoder;
+use super::camera::Camera;
+use super::posed::{self, Posed};
+use super::scene::RenderScene;
 use super::{Renderer, View};
-use geometry::Geometry;
 use isa::Isa;
-use posed::Posed;
+use kind::Square;
+use lens::Pinhole;
+use light::Lamps;
 use raster::Visibility;
+use rays::Rays;
+use shade::Shader;
+use simd::Simd;
 use surface::Surfaces;
 
 /// The renderer that needs nothing but a CPU.
 pub struct CpuRenderer {
     /// One per thread; which one a view is made in does not matter.
     scratches: Vec<Mutex<Scratch>>,
-    encoder: Encoder,
     isa: Isa,
 }
 
 /// What one view at a time is made in.
 struct Scratch {
     posed: Vec<Posed>,
-    geometry: Geometry,
     visibility: Visibility,
     surfaces: Surfaces,
+    /// One per make of camera, the most lately used first.
+    rays: Vec<Rays>,
 }
+
+/// Makes of cameras whose rays are kept.
+const N_RAYS: usize = 4;
 
 impl CpuRenderer {
     /// A renderer for use in a rayon pool of this many threads.
@@ -58,12 +72,12 @@ impl CpuRenderer {
         let scratch = || {
             Mutex::new(Scratch {
                 posed: Vec::with_capacity(256),
-                geometry: Geometry::new(),
                 visibility: Visibility::new(),
                 surfaces: Surfaces::new(),
+                rays: (0..N_RAYS).map(|_| Rays::new()).collect(),
             })
         };
-        Self { scratches: (0..threads).map(|_| scratch()).collect(), encoder: Encoder::new(), isa }
+        Self { scratches: (0..threads).map(|_| scratch()).collect(), isa }
     }
 
     /// Runs `work` with a scratch that no other thread uses: the worker's own unless a larger pool shares it.
@@ -93,7 +107,7 @@ impl Renderer for CpuRenderer {
             let side = view.scene.side(view.camera_idx);
             assert_eq!(view.out.len(), side * side * 3, "a view's bytes are [side, side, 3]");
             assert!(view.scene.fits(view.snapshot), "a snapshot has the bodies and arms of its scene");
-            this.with_scratch(|scratch| this.isa.render(scratch, view, &this.encoder));
+            this.with_scratch(|scratch| this.isa.render(scratch, view));
         });
     }
 }
@@ -101,14 +115,41 @@ impl Renderer for CpuRenderer {
 impl Scratch {
     /// Makes one picture. This and all that it runs through is inlined into one function per instruction set.
     #[inline(always)]
-    fn render(&mut self, view: &mut View<'_>, encoder: &Encoder) {
-        let camera = &view.scene.cameras[view.camera_idx];
+    fn render<S: Simd>(&mut self, view: &mut View<'_>) {
+        let (scene, camera) = (view.scene, &view.scene.cameras[view.camera_idx]);
         let view_from_world = camera.view_from_world(view.snapshot);
         posed::pose(view, &view_from_world, &mut self.posed);
-        self.visibility.clear(camera);
-        self.geometry.draw(view, &self.posed, &mut self.visibility);
-        self.surfaces.collect(view, &self.posed, &mut self.visibility);
-        shade::shade(view, &view_from_world, &self.visibility, &self.surfaces, encoder);
+        self.draw::<S>(scene, camera);
+        self.surfaces.collect::<S>(scene, camera, &self.posed, &self.visibility);
+        self.aim::<S>(camera);
+        let lamps = Lamps::new(scene, &view_from_world);
+        let shader = Shader { lamps: &lamps, rays: &self.rays[0], surfaces: &self.surfaces };
+        shader.write::<S>(&self.visibility, view.out);
+    }
+
+    /// Finds what every pixel sees.
+    #[inline(always)]
+    fn draw<S: Simd>(&mut self, scene: &RenderScene, camera: &Camera) {
+        self.visibility.clear::<Square>(camera.side, 1.0 / camera.clip_m[1]);
+        let mut lens = Pinhole::new(camera);
+        for ((instance, posed), &first_id) in scene.instances.iter().zip(&self.posed).zip(&scene.first_id) {
+            let (mesh, map) = (instance.mesh(), &posed.view_from_mesh);
+            if lens.misses_ball(map.point(mesh.centre), mesh.radius * map.stretch()) {
+                continue;
+            }
+            lens.set_eye(map.origin_before());
+            geometry::draw::<S, Square, _>(&mesh.batches, map, &lens, first_id as i32, &mut self.visibility);
+        }
+    }
+
+    /// Makes the camera's rays the first ones.
+    #[inline(always)]
+    fn aim<S: Simd>(&mut self, camera: &Camera) {
+        let known = self.rays.iter().position(|rays| rays.are_of(camera));
+        self.rays[..=known.unwrap_or(N_RAYS - 1)].rotate_right(1);
+        if known.is_none() {
+            self.rays[0].aim::<S>(camera);
+        }
     }
 }
 

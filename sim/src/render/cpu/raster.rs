@@ -1,13 +1,17 @@
-//! Which triangle each pixel sees: exact coverage in integers, the nearest by 1/depth.
+//! Which triangle each pixel sees: exact coverage in integers, the nearest by depth.
+//!
+//! Depth stands for what the greater is, the nearer: 1/z in pictures, height along the light in shadow maps.
 
-use crate::render::camera::Camera;
+use ipc_types::EXTERNAL_SIDE;
 
-/// Greatest side of an image.
-pub(super) const MAX_SIDE: usize = 224;
-/// Pixels worked on together.
-const LANES: usize = 8;
+use super::each::each;
+use super::kind::Block;
+use super::simd::{Floats, Line, Mask, N_LANES, Number, Simd, Whole, WholeLine};
+
+/// Blocks of the largest picture.
+pub(super) const MAX_BLOCKS: usize = EXTERNAL_SIDE * EXTERNAL_SIDE / N_LANES;
 /// No triangle.
-pub(super) const NOTHING: u32 = u32::MAX;
+pub(super) const NOTHING: i32 = -1;
 
 /// A corner of a triangle on the image.
 #[derive(Clone, Copy)]
@@ -16,88 +20,226 @@ pub(super) struct Corner {
     pub(super) x: i32,
     /// 1/256 pixel from the upper edge.
     pub(super) y: i32,
-    /// 1/depth, in 1/m.
-    pub(super) inverse_z: f32,
+    /// Depth.
+    pub(super) depth: f32,
 }
 
-/// The nearest triangle of every pixel.
+/// The nearest triangle of every pixel, block by block, rows of blocks from the top.
 pub(super) struct Visibility {
-    side: usize,
-    /// 1/depth of the nearest, in 1/m; `side * side` are in use.
-    inverse_z: Vec<f32>,
-    /// What was drawn there, or [`NOTHING`].
-    pub(super) ids: Vec<u32>,
+    /// Pixels along each edge.
+    pub(super) side: i32,
+    /// Depth of the nearest.
+    pub(super) depths: Vec<Line>,
+    /// What was drawn there, or [`NOTHING`]; empty for a block kind without ids.
+    pub(super) ids: Vec<WholeLine>,
 }
 
 impl Visibility {
-    /// Room for the largest image.
+    /// No picture yet, and room for one.
     pub(super) fn new() -> Self {
-        Self { side: 0, inverse_z: vec![0.0; MAX_SIDE * MAX_SIDE], ids: vec![NOTHING; MAX_SIDE * MAX_SIDE] }
+        Self { side: 0, depths: Vec::with_capacity(MAX_BLOCKS), ids: Vec::with_capacity(MAX_BLOCKS) }
     }
 
-    /// An empty image of the camera's size, at its far plane.
+    /// An empty square picture; nothing at or below `least_depth` will be seen.
     #[inline(always)]
-    pub(super) fn clear(&mut self, camera: &Camera) {
-        assert!(camera.side <= MAX_SIDE && camera.side.is_multiple_of(LANES), "side {}", camera.side);
-        self.side = camera.side;
-        let n = self.side * self.side;
-        self.inverse_z[..n].fill(1.0 / camera.clip_m[1]);
-        self.ids[..n].fill(NOTHING);
+    pub(super) fn clear<B: Block>(&mut self, side: usize, least_depth: f32) {
+        assert!(
+            side.is_multiple_of(B::WIDTH as usize) && side.is_multiple_of(B::HEIGHT as usize),
+            "side {side}"
+        );
+        self.side = side as i32;
+        let n_blocks = (side * side) >> (B::WIDTH_BITS + B::HEIGHT_BITS);
+        self.depths.clear();
+        self.depths.resize(n_blocks, Line([least_depth; 16]));
+        if B::WITH_IDS {
+            self.ids.clear();
+            self.ids.resize(n_blocks, WholeLine([NOTHING; 16]));
+        }
     }
 
-    /// Draws a triangle unless it is seen from behind.
+    /// Draws one block's share of a triangle.
     #[inline(always)]
-    pub(super) fn draw(&mut self, id: u32, [p, q, r]: [Corner; 3]) {
-        // Outsides are counter-clockwise to the eye, which is clockwise in numbers, as y runs down: exchanging two
-        // corners makes all three edge functions positive inside.
-        let corners = [p, r, q];
-        let Some(setup) = Setup::new(&corners, self.side as i32) else {
+    fn put<S: Simd, B: Block>(&mut self, block: usize, covered: S::M, depth: S::F, id: S::I) {
+        let line = &mut self.depths[block];
+        let before = S::F::load(line);
+        let seen = depth.gt(before) & covered;
+        depth.or_where(seen, before).store(line);
+        if B::WITH_IDS {
+            let line = &mut self.ids[block];
+            id.or_where(seen, S::I::load(line)).store(line);
+        }
+    }
+
+    /// Draws one of sixteen prepared small triangles.
+    #[inline(always)]
+    pub(super) fn draw_small<S: Simd, B: Block>(&mut self, small: &Small, lane: usize, id: i32) {
+        let offsets = S::I::load(&B::XY);
+        let steps = each!(k in 3 => small.steps[k].0[lane]);
+        let inside = each!(k in 3 =>
+            S::I::all(steps[k]).dot_halves(offsets) + S::I::all(small.edges[k].0[lane]));
+        let right = each!(k in 3 => S::I::all(i32::from(steps[k] as i16) << B::WIDTH_BITS));
+        let down = each!(k in 3 => S::I::all((steps[k] >> 16) << B::HEIGHT_BITS));
+        let plane = DepthPlane::<S>::new::<B>(
+            [small.depth_dx.0[lane], small.depth_dy.0[lane]],
+            [small.depth_least.0[lane], small.depth_greatest.0[lane]],
+        );
+        let (from_x, to_x) = (small.from_x.0[lane], small.to_x.0[lane]);
+        let (from_y, to_y) = (small.from_y.0[lane], small.to_y.0[lane]);
+        let pitch = self.side >> B::WIDTH_BITS;
+        let id = S::I::all(id);
+        let mut row = inside;
+        let mut row_depth = small.depth.0[lane];
+        for y in from_y..to_y + 1 {
+            let mut at = row;
+            let mut depth = row_depth;
+            for x in from_x..to_x + 1 {
+                let covered = (at[0] | at[1] | at[2]).gt(S::I::all(-1));
+                self.put::<S, B>((y * pitch + x) as usize, covered, plane.at(depth), id);
+                at = each!(k in 3 => at[k] + right[k]);
+                depth += plane.right;
+            }
+            row = each!(k in 3 => row[k] + down[k]);
+            row_depth += plane.down;
+        }
+    }
+
+    /// Draws a triangle of any size; nothing if it is seen from behind.
+    #[inline(always)]
+    pub(super) fn draw_large<S: Simd, B: Block>(&mut self, corners: &[Corner; 3], id: i32) {
+        let Some(large) = Large::new::<B>(corners, self.side) else {
             return;
         };
-        let [s0, s1, s2] = [&setup.edges[0], &setup.edges[1], &setup.edges[2]].map(Edge::steps);
-        let z_steps = setup.z.steps();
-        for y in setup.from_y..=setup.to_y {
-            let (from_x, to_x) = setup.span(y);
-            let from_x = from_x & !(LANES as i32 - 1);
-            let mut at =
-                [setup.edges[0].at(from_x, y), setup.edges[1].at(from_x, y), setup.edges[2].at(from_x, y)];
-            for x in (from_x..=to_x).step_by(LANES) {
-                let [at0, at1, at2] = at;
-                for (at, edge) in at.iter_mut().zip(&setup.edges) {
-                    *at = at.wrapping_add(edge.dx.wrapping_mul(LANES as i32));
+        let plane = DepthPlane::<S>::new::<B>(
+            [large.depth_dx, large.depth_dy],
+            [large.depth_least, large.depth_greatest],
+        );
+        let (columns, rows) = (S::I::load(&B::X), S::I::load(&B::Y));
+        let steps = each!(k in 3 => {
+            let edge = &large.edges[k];
+            S::I::all(edge.dx).times(columns) + S::I::all(edge.dy).times(rows)
+        });
+        let pitch = self.side >> B::WIDTH_BITS;
+        let id = S::I::all(id);
+        let least = large.edges.map(|edge| edge.least_change::<B>());
+        for y in large.from_y..large.to_y + 1 {
+            let (from_x, to_x) = large.span::<B>(y);
+            let (first_px, py) = (from_x << B::WIDTH_BITS, y << B::HEIGHT_BITS);
+            let mut at = large.edges.map(|edge| edge.at(first_px, py));
+            for x in from_x..to_x + 1 {
+                let first = at;
+                at = each!(k in 3 => at[k].wrapping_add(large.edges[k].dx << B::WIDTH_BITS));
+                let depth = plane.at(large.depth_at(x << B::WIDTH_BITS, py));
+                let block = (y * pitch + x) as usize;
+                if !depth.gt(S::F::load(&self.depths[block])).any() {
+                    continue;
                 }
-                let start = y as usize * self.side + x as usize;
-                let z_at = setup.z.at(x, y);
-                let depths: &mut [f32; LANES] =
-                    (&mut self.inverse_z[start..start + LANES]).try_into().expect("LANES long");
-                let ids: &mut [u32; LANES] =
-                    (&mut self.ids[start..start + LANES]).try_into().expect("LANES long");
-                for i in 0..LANES {
-                    let inside = at0.wrapping_add(s0[i]) | at1.wrapping_add(s1[i]) | at2.wrapping_add(s2[i]);
-                    let steep = z_at + z_steps[i];
-                    let z = if steep > setup.z.least { steep } else { setup.z.least };
-                    let z = if z < setup.z.greatest { z } else { setup.z.greatest };
-                    let seen = (inside >= 0) & (z > depths[i]);
-                    depths[i] = if seen { z } else { depths[i] };
-                    ids[i] = if seen { id } else { ids[i] };
-                }
+                let inside = (first[0] + least[0]) | (first[1] + least[1]) | (first[2] + least[2]);
+                let covered = if inside >= 0 {
+                    S::M::from_bits(u16::MAX)
+                } else {
+                    let [a, b, c] = each!(k in 3 => S::I::all(first[k]) + steps[k]);
+                    (a | b | c).gt(S::I::all(-1))
+                };
+                self.put::<S, B>(block, covered, depth, id);
             }
         }
     }
 }
 
-/// A triangle made ready to be filled.
-struct Setup {
+/// Sixteen triangles no larger than [`Small::REACH`], ready to be drawn; one array per quantity.
+pub(super) struct Small {
+    /// Edge functions at the first block's first pixel: not negative on the inner side. In units of 256/256² pixel²:
+    /// pixel centres are whole pixels apart, so the part below such a unit never decides and is shifted out.
+    pub(super) edges: [WholeLine; 3],
+    /// Their changes per pixel to the right in the lower 16 bits, downwards in the upper ones.
+    pub(super) steps: [WholeLine; 3],
+    /// Depth at the first block's first pixel.
+    pub(super) depth: Line,
+    /// Change of depth per pixel to the right.
+    pub(super) depth_dx: Line,
+    /// Change of depth per pixel downwards.
+    pub(super) depth_dy: Line,
+    /// Least depth of a corner.
+    pub(super) depth_least: Line,
+    /// Greatest depth of a corner.
+    pub(super) depth_greatest: Line,
+    /// First and last column and row of blocks.
+    pub(super) from_x: WholeLine,
+    pub(super) to_x: WholeLine,
+    pub(super) from_y: WholeLine,
+    pub(super) to_y: WholeLine,
+}
+
+impl Small {
+    /// Greatest extent along an axis in 1/256 px: edge functions then fit 32 bits, their steps 16.
+    pub(super) const REACH: i32 = 1 << 14;
+
+    /// None yet.
+    pub(super) fn new() -> Self {
+        Self {
+            edges: [WholeLine::ZERO; 3],
+            steps: [WholeLine::ZERO; 3],
+            depth: Line::ZERO,
+            depth_dx: Line::ZERO,
+            depth_dy: Line::ZERO,
+            depth_least: Line::ZERO,
+            depth_greatest: Line::ZERO,
+            from_x: WholeLine::ZERO,
+            to_x: WholeLine::ZERO,
+            from_y: WholeLine::ZERO,
+            to_y: WholeLine::ZERO,
+        }
+    }
+}
+
+/// Depth over a block, held within the triangle's own range where it is steep.
+struct DepthPlane<S: Simd> {
+    offsets: S::F,
+    least: S::F,
+    greatest: S::F,
+    /// Change from a block to the next one.
+    right: f32,
+    /// Change from a row of blocks to the next one.
+    down: f32,
+}
+
+impl<S: Simd> DepthPlane<S> {
+    #[inline(always)]
+    fn new<B: Block>([dx, dy]: [f32; 2], [least, greatest]: [f32; 2]) -> Self {
+        let across = S::F::all(dx) * S::F::load(&B::X_FLOATS);
+        Self {
+            offsets: S::F::all(dy).mul_add(S::F::load(&B::Y_FLOATS), across),
+            least: S::F::all(least),
+            greatest: S::F::all(greatest),
+            right: dx * B::WIDTH as f32,
+            down: dy * B::HEIGHT as f32,
+        }
+    }
+
+    /// Over a block whose first pixel has this depth.
+    #[inline(always)]
+    fn at(&self, first: f32) -> S::F {
+        (S::F::all(first) + self.offsets).max(self.least).min(self.greatest)
+    }
+}
+
+/// A triangle of any size, ready to be drawn.
+struct Large {
     edges: [Edge; 3],
-    z: Depth,
+    first: Corner,
+    depth_dx: f32,
+    depth_dy: f32,
+    depth_least: f32,
+    depth_greatest: f32,
+    /// First and last column and row of blocks.
     from_x: i32,
     to_x: i32,
     from_y: i32,
     to_y: i32,
 }
 
-/// An edge function at pixel centres, not negative where the pixel is on the inner side. In units of 256/256² pixel²:
-/// pixel centres are whole pixels apart, so the part below such a unit never decides and is shifted out.
+/// An edge function at pixel centres, in the units of [`Small::edges`].
+#[derive(Clone, Copy)]
 struct Edge {
     /// At the centre of pixel (0, 0).
     origin: i32,
@@ -105,23 +247,10 @@ struct Edge {
     dy: i32,
 }
 
-/// 1/depth as a plane over the pixels, held within the triangle's own range where the plane is steep.
-struct Depth {
-    /// At the first corner.
-    corner: f32,
-    /// From there to the centre of pixel (0, 0), in px.
-    from_corner: [f32; 2],
-    dx: f32,
-    dy: f32,
-    least: f32,
-    greatest: f32,
-}
-
-impl Setup {
+impl Large {
     /// `None` if the corners run the other way round or no pixel centre is near.
     #[inline(always)]
-    fn new(corners: &[Corner; 3], side: i32) -> Option<Self> {
-        let [p, q, r] = corners;
+    fn new<B: Block>([p, q, r]: &[Corner; 3], side: i32) -> Option<Self> {
         let (qx, qy) = (i64::from(q.x - p.x), i64::from(q.y - p.y));
         let (rx, ry) = (i64::from(r.x - p.x), i64::from(r.y - p.y));
         let area = qx * ry - rx * qy;
@@ -136,28 +265,46 @@ impl Setup {
         if from_x > to_x || from_y > to_y {
             return None;
         }
-        let edges = [Edge::new(p, q), Edge::new(q, r), Edge::new(r, p)];
-        let depth = Depth::new(corners, [qx, qy, rx, ry].map(|d| d as f32), area as f32);
-        Some(Self { edges, z: depth, from_x, to_x, from_y, to_y })
+        let (q_rise, r_rise) = (q.depth - p.depth, r.depth - p.depth);
+        // Per pixel, hence the 256.
+        let scale = 256.0 / area as f32;
+        Some(Self {
+            edges: [Edge::new(p, q), Edge::new(q, r), Edge::new(r, p)],
+            first: *p,
+            depth_dx: (q_rise * ry as f32 - r_rise * qy as f32) * scale,
+            depth_dy: (r_rise * qx as f32 - q_rise * rx as f32) * scale,
+            depth_least: p.depth.min(q.depth).min(r.depth),
+            depth_greatest: p.depth.max(q.depth).max(r.depth),
+            from_x: from_x >> B::WIDTH_BITS,
+            to_x: to_x >> B::WIDTH_BITS,
+            from_y: from_y >> B::HEIGHT_BITS,
+            to_y: to_y >> B::HEIGHT_BITS,
+        })
     }
-}
 
-impl Setup {
-    /// First and last column of a row that the triangle may cover: near enough, the edge functions decide.
+    /// First and last block of a row that the triangle may reach into: near enough, the edge functions decide.
     #[inline(always)]
-    fn span(&self, y: i32) -> (i32, i32) {
-        let (mut from, mut to) = (self.from_x, self.to_x);
-        if to - from >= 4 * LANES as i32 {
-            for edge in &self.edges {
-                let crossing = -edge.at(0, y) as f32 / edge.dx as f32;
-                if edge.dx > 0 {
-                    from = from.max(crossing as i32 - 1);
-                } else if edge.dx < 0 {
-                    to = to.min(crossing as i32 + 1);
-                }
+    fn span<B: Block>(&self, block_row: i32) -> (i32, i32) {
+        let (mut from, mut to) = (self.from_x << B::WIDTH_BITS, self.to_x << B::WIDTH_BITS | (B::WIDTH - 1));
+        for edge in &self.edges {
+            // The row of pixels on which the inner side reaches farthest.
+            let y = (block_row << B::HEIGHT_BITS) + if edge.dy > 0 { B::HEIGHT - 1 } else { 0 };
+            let crossing = -edge.at(0, y) as f32 / edge.dx as f32;
+            if edge.dx > 0 {
+                from = from.max(crossing as i32 - 1);
+            } else if edge.dx < 0 {
+                to = to.min(crossing as i32 + 1);
             }
         }
-        (from, to)
+        (from >> B::WIDTH_BITS, to >> B::WIDTH_BITS)
+    }
+
+    /// Depth at a pixel's centre.
+    #[inline(always)]
+    fn depth_at(&self, x: i32, y: i32) -> f32 {
+        let from_first = |px: i32, corner: i32| px as f32 + (128 - corner) as f32 / 256.0;
+        let across = self.depth_dx.mul_add(from_first(x, self.first.x), self.first.depth);
+        self.depth_dy.mul_add(from_first(y, self.first.y), across)
     }
 }
 
@@ -171,54 +318,14 @@ impl Edge {
         Self { origin: (origin >> 8) as i32, dx: -dy, dy: dx }
     }
 
+    /// Least difference between a pixel of a block and the block's first one.
+    #[inline(always)]
+    fn least_change<B: Block>(&self) -> i32 {
+        (self.dx * (B::WIDTH - 1)).min(0) + (self.dy * (B::HEIGHT - 1)).min(0)
+    }
+
     #[inline(always)]
     fn at(&self, x: i32, y: i32) -> i32 {
         self.origin + self.dx * x + self.dy * y
-    }
-
-    /// Changes from a group's first pixel to each of its pixels.
-    #[inline(always)]
-    fn steps(&self) -> [i32; LANES] {
-        let mut steps = [0; LANES];
-        for i in 1..LANES {
-            steps[i] = steps[i - 1] + self.dx;
-        }
-        steps
-    }
-}
-
-impl Depth {
-    #[inline(always)]
-    fn new([p, q, r]: &[Corner; 3], [qx, qy, rx, ry]: [f32; 4], area: f32) -> Self {
-        let (q_rise, r_rise) = (q.inverse_z - p.inverse_z, r.inverse_z - p.inverse_z);
-        // Per pixel, hence the 256.
-        let scale = 256.0 / area;
-        let dx = (q_rise * ry - r_rise * qy) * scale;
-        let dy = (r_rise * qx - q_rise * rx) * scale;
-        let centre_from = |t: i32| (128 - t) as f32 / 256.0;
-        Self {
-            corner: p.inverse_z,
-            from_corner: [centre_from(p.x), centre_from(p.y)],
-            dx,
-            dy,
-            least: p.inverse_z.min(q.inverse_z).min(r.inverse_z),
-            greatest: p.inverse_z.max(q.inverse_z).max(r.inverse_z),
-        }
-    }
-
-    #[inline(always)]
-    fn at(&self, x: i32, y: i32) -> f32 {
-        let [from_x, from_y] = self.from_corner;
-        self.corner + self.dx * (x as f32 + from_x) + self.dy * (y as f32 + from_y)
-    }
-
-    /// Changes from a group's first pixel to each of its pixels.
-    #[inline(always)]
-    fn steps(&self) -> [f32; LANES] {
-        let mut steps = [0.0; LANES];
-        for (i, step) in steps.iter_mut().enumerate() {
-            *step = self.dx * i as f32;
-        }
-        steps
     }
 }

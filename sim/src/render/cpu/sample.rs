@@ -1,129 +1,148 @@
-//! Reading textures for a group of pixels: where to look is worked out for all of them at once.
+//! Reading a texture for sixteen pixels: where to look is worked out for all of them at once.
 
-use super::lanes::{Lanes, Lanes3, N_LANES};
-use crate::render::texture::{PITCH_BITS, Pattern, SIDE};
+use super::each::each;
+use super::simd::{Floats, Line, Number, Simd, Whole, WholeLine};
+use crate::render::texture::{Pattern, SIDE, level_offset, pitch};
 
-/// An integer per pixel.
-type Whole = [u32; N_LANES];
+/// Bits of a texel coordinate behind the point.
+const FRACTION_BITS: u32 = 8;
+/// Least fraction of a level, in 1/256, from which the next level is blended in, and how fast.
+const BLEND_FROM: i32 = 96;
+const BLEND_RATE: f32 = 4.0 / 256.0;
 
-/// Factors of red, green and blue, in [0, 1], at (`u`, `v`) in tiles, filtered over a pixel whose longer side spans
-/// √`footprint` tiles: bilinear within the two nearest levels, linear between them.
-#[inline(always)]
-pub(super) fn sample(pattern: &Pattern, uv: &[Lanes; 2], footprint: &Lanes) -> Lanes3 {
-    let (mut x, mut y, mut side, mut blend) = ([0; N_LANES], [0; N_LANES], [0; N_LANES], [0; N_LANES]);
-    for i in 0..N_LANES {
-        let level = level_of(footprint.0[i]);
-        blend[i] = level & 255;
-        side[i] = SIDE as u32 >> (level >> 8);
-        // In 1/256 texel of the finer level. An i32 holds 16,384 tiles.
-        let scale = (side[i] * 256) as f32;
-        x[i] = ((uv[0].0[i] * scale) as i32).cast_unsigned();
-        y[i] = ((uv[1].0[i] * scale) as i32).cast_unsigned();
-    }
-    let fine = Taps::new(&x, &y, &side);
-    for i in 0..N_LANES {
-        x[i] = (x[i].cast_signed() >> 1).cast_unsigned();
-        y[i] = (y[i].cast_signed() >> 1).cast_unsigned();
-        side[i] /= 2;
-    }
-    let coarse = Taps::new(&x, &y, &side);
-    let mut mixed = [0; N_LANES];
-    for (i, texel) in mixed.iter_mut().enumerate() {
-        let blend = u64::from(blend[i]);
-        *texel = fine.weigh(i, pattern) * (256 - blend) + coarse.weigh(i, pattern) * blend;
-    }
-    let mut factors = [Lanes::ZERO; 3];
-    for (c, factor) in factors.iter_mut().enumerate() {
-        for (value, texel) in factor.0.iter_mut().zip(&mixed) {
-            *value = ((texel >> (16 * c)) & 0xFFFF) as u32 as f32 * (1.0 / 65280.0);
-        }
-    }
-    factors
+/// A point of a texture per lane, in tiles.
+pub(super) type Uv<S> = [<S as Simd>::F; 2];
+
+/// Which level to read, or which two: chosen once per block and triangle.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct Level {
+    /// The finer level's number.
+    fine: i32,
+    /// Share of the next coarser one.
+    blend: f32,
 }
 
-/// Mip level in 1/256 levels: half the binary logarithm of the footprint in texels², its mantissa taken as linear.
-#[inline(always)]
-fn level_of(footprint: f32) -> u32 {
-    const LARGEST: f32 = (SIDE * SIDE) as f32 * 0.999;
-    let texels = footprint * (SIDE * SIDE) as f32;
-    let texels = if texels > 1.0 { texels } else { 1.0 };
-    let texels = if texels < LARGEST { texels } else { LARGEST };
-    ((texels.to_bits() - 1.0_f32.to_bits()) >> 15) / 2
+/// Levels of sixteen footprints.
+pub(super) struct Levels {
+    fine: WholeLine,
+    blend: Line,
 }
 
-/// The four texels around each pixel's point and their weights, which sum to 256.
+impl Levels {
+    /// None yet.
+    pub(super) const NONE: Self = Self { fine: WholeLine::ZERO, blend: Line::ZERO };
+
+    /// Of footprints: the greater squared length in tiles² that a step of one pixel right or down makes. The level is half
+    /// its binary logarithm in texels², the mantissa taken as linear.
+    #[inline(always)]
+    pub(super) fn set<S: Simd>(&mut self, footprint: S::F) {
+        const TEXELS: f32 = (SIDE * SIDE) as f32;
+        let texels = (footprint * S::F::all(TEXELS)).max(S::F::all(1.0)).min(S::F::all(TEXELS * 0.999));
+        // In 1/256 levels.
+        let level = (texels.bits() - S::I::all(1.0_f32.to_bits().cast_signed())).shr::<16>();
+        level.shr::<8>().store(&mut self.fine);
+        let blend = ((level & S::I::all(255)) - S::I::all(BLEND_FROM)).floats() * S::F::all(BLEND_RATE);
+        blend.max(S::F::all(0.0)).min(S::F::all(1.0)).store(&mut self.blend);
+    }
+
+    /// One of them.
+    #[inline(always)]
+    pub(super) fn get(&self, i: usize) -> Level {
+        Level { fine: self.fine.0[i], blend: self.blend.0[i] }
+    }
+}
+
+/// Where to read a texture for sixteen pixels. Finding sites and reading them are kept apart, so that a processor can
+/// work on several blocks at a time: each step's chain of dependent instructions is long.
+pub(super) struct Site {
+    fine: Taps,
+    coarse: Taps,
+    /// Share of the coarse level.
+    blend: f32,
+}
+
+/// Four texels around each of sixteen points.
 struct Taps {
-    indices: [Whole; 4],
-    weights: [Whole; 4],
+    /// Indices of the upper and lower left ones.
+    left: [WholeLine; 2],
+    /// Weights' horizontal and vertical parts, in 1/256.
+    fraction: [WholeLine; 2],
 }
 
 impl Taps {
-    /// Around points in 1/256 texel of levels with `side` texels.
+    const NOWHERE: Self = Self { left: [WholeLine::ZERO; 2], fraction: [WholeLine::ZERO; 2] };
+
+    /// Around points in 1/256 texel of a level.
     #[inline(always)]
-    fn new(x: &Whole, y: &Whole, side: &Whole) -> Self {
-        let mut taps = Self { indices: [[0; N_LANES]; 4], weights: [[0; N_LANES]; 4] };
-        for i in 0..N_LANES {
-            let (mask, first_row) = (side[i].wrapping_sub(1), Pattern::first_row(side[i]));
-            // Half a texel from the corner of a texel to its middle.
-            let (x, y) = (x[i].wrapping_sub(128), y[i].wrapping_sub(128));
-            let (left, right) = ((x >> 8) & mask, (x >> 8).wrapping_add(1) & mask);
-            let upper = (first_row + ((y >> 8) & mask)) << PITCH_BITS;
-            let lower = (first_row + ((y >> 8).wrapping_add(1) & mask)) << PITCH_BITS;
-            let (fx, fy) = (x & 255, y & 255);
-            let corner = (fx * fy) >> 8;
-            taps.indices[0][i] = upper | left;
-            taps.indices[1][i] = upper | right;
-            taps.indices[2][i] = lower | left;
-            taps.indices[3][i] = lower | right;
-            taps.weights[0][i] = 256 + corner - fx - fy;
-            taps.weights[1][i] = fx - corner;
-            taps.weights[2][i] = fy - corner;
-            taps.weights[3][i] = corner;
-        }
-        taps
+    fn locate<S: Simd>(&mut self, [x, y]: [S::I; 2], level: i32) {
+        let whole = S::I::all;
+        let side = SIDE as i32 >> level;
+        let mask = whole(side - 1);
+        // Half a texel from the corner of a texel to its middle.
+        let (x, y) = (x - whole(128), y - whole(128));
+        (x & whole(255)).store(&mut self.fraction[0]);
+        (y & whole(255)).store(&mut self.fraction[1]);
+        let (x, y) = (x.sar::<FRACTION_BITS>(), y.sar::<FRACTION_BITS>());
+        let (first, pitch) = (level_offset(level as usize) as i32, whole(pitch(level as usize) as i32));
+        let first = whole(first) + (x & mask);
+        let (upper, lower) = (y & mask, (y + whole(1)) & mask);
+        (upper.dot_halves(pitch) + first).store(&mut self.left[0]);
+        (lower.dot_halves(pitch) + first).store(&mut self.left[1]);
     }
 
-    /// The weighed texel of pixel `i`.
+    /// Weighed sums of red, green and blue; 65280 is 1.
     #[inline(always)]
-    fn weigh(&self, i: usize, pattern: &Pattern) -> u64 {
-        let tap = |k: usize| pattern.texel(self.indices[k][i]) * u64::from(self.weights[k][i]);
-        ((tap(0) + tap(1) + tap(2) + tap(3)) >> 8) & 0x00FF_00FF_00FF
+    fn read<S: Simd>(&self, pattern: &Pattern) -> [S::F; 3] {
+        let whole = S::I::all;
+        let (a, b) = S::pairs(&pattern.texels, &self.left[0]);
+        let (c, d) = S::pairs(&pattern.texels, &self.left[1]);
+        let (fx, fy) = (S::I::load(&self.fraction[0]), S::I::load(&self.fraction[1]));
+        let corner = fx.times_halves(fy).shr::<8>();
+        let weights = [whole(256) + corner - fx - fy, fx - corner, fy - corner, corner];
+        let texels = [a, b, c, d];
+        let (mut red_blue, mut green) = (whole(0), whole(0));
+        for k in 0..4 {
+            let (texel, weight) = (texels[k], weights[k]);
+            let weight = weight | weight.shl::<16>();
+            red_blue = red_blue + (texel & whole(0x00FF_00FF)).times_halves(weight);
+            green = green + (texel.shr::<8>() & whole(0x00FF)).times_halves(weight);
+        }
+        [(red_blue & whole(0xFFFF)).floats(), green.floats(), red_blue.shr::<16>().floats()]
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::{level_of, sample};
-    use crate::render::cpu::lanes::Lanes;
-    use crate::render::texture::{Pattern, SIDE};
-    use crate::scene::Texture;
+impl Site {
+    /// No site yet.
+    pub(super) const NOWHERE: Self = Self { fine: Taps::NOWHERE, coarse: Taps::NOWHERE, blend: 0.0 };
 
-    fn at(pattern: &Pattern, u: f32, v: f32, footprint: f32) -> [f32; 3] {
-        let [r, g, b] = sample(pattern, &[Lanes::all(u), Lanes::all(v)], &Lanes::all(footprint));
-        [r.0[3], g.0[3], b.0[3]]
-    }
-
-    #[test]
-    fn patterns_repeat_and_coarsen_to_their_mean() {
-        for texture in [Texture::Wood, Texture::Checker, Texture::BrushedMetal, Texture::Plaster] {
-            let pattern = Pattern::new(texture);
-            assert_eq!(at(&pattern, 0.25, 0.75, 1e-9), at(&pattern, 2.25, -1.25, 1e-9));
-            let mean = at(&pattern, 0.1, 0.2, 1.0);
-            assert!(mean.iter().all(|c| (0.4..0.95).contains(c)), "{texture:?}: {mean:?}");
-            let n = SIDE;
-            let fine = (0..n * n)
-                .map(|i| at(&pattern, (i % n) as f32 / n as f32, (i / n) as f32 / n as f32, 1e-9)[1]);
-            let fine = fine.sum::<f32>() / (n * n) as f32;
-            assert!((fine - mean[1]).abs() < 0.02, "{texture:?}: {fine} and {}", mean[1]);
+    /// Finds where to read.
+    #[inline(always)]
+    pub(super) fn locate<S: Simd>(&mut self, uv: &Uv<S>, level: Level) {
+        self.blend = level.blend;
+        // 1/256 texel per tile: 2^(16 − level), built from its exponent.
+        let exponent = (127 + SIDE.ilog2() + FRACTION_BITS).cast_signed() - level.fine;
+        let scale = S::F::all(f32::from_bits((exponent << 23).cast_unsigned()));
+        let [x, y] = each!(k in 2 => (uv[k] * scale).rounded());
+        if level.blend < 1.0 {
+            self.fine.locate::<S>([x, y], level.fine);
+        }
+        if level.blend > 0.0 {
+            self.coarse.locate::<S>([x.sar::<1>(), y.sar::<1>()], level.fine + 1);
         }
     }
 
-    #[test]
-    fn a_pixel_that_spans_more_texels_takes_a_coarser_level() {
-        let texel = 1.0 / SIDE as f32;
-        assert_eq!(level_of(texel * texel), 0);
-        assert_eq!(level_of(16.0 * texel * texel), 2 << 8);
-        assert_eq!(level_of(f32::NAN), 0);
-        assert_eq!(level_of(1e9) >> 8, SIDE.ilog2() - 1);
+    /// Linear factors of red, green and blue, in [0, 1].
+    #[inline(always)]
+    pub(super) fn read<S: Simd>(&self, pattern: &Pattern) -> [S::F; 3] {
+        let taps = if self.blend < 1.0 { &self.fine } else { &self.coarse };
+        let mut root = taps.read::<S>(pattern);
+        if self.blend > 0.0 && self.blend < 1.0 {
+            let (coarse, blend) = (self.coarse.read::<S>(pattern), S::F::all(self.blend));
+            root = each!(c in 3 => (coarse[c] - root[c]).mul_add(blend, root[c]));
+        }
+        each!(c in 3 => {
+            let t = root[c] * S::F::all(1.0 / 65280.0);
+            t * t
+        })
     }
 }

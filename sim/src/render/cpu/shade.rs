@@ -1,264 +1,289 @@
-//! From visible triangles to bytes: every pixel is looked at once, in groups along a row.
+//! From visible triangles to bytes: every block of pixels is looked at once.
 
-use core::f32::consts::FRAC_1_PI;
-
-use super::lanes::{Lanes, Lanes3, N_LANES, dot, dot_all};
+use super::each::each;
+use super::encode::encode;
+use super::kind::{Block, Square};
+use super::light::{Lamps, Lit, seen};
 use super::raster::{NOTHING, Visibility};
-use super::sample::sample;
-use super::surface::{Surface, Surfaces};
-use crate::render::View;
-use crate::render::affine::{Affine, Vec3};
-use crate::render::scene::{RenderScene, Sun, pattern};
-use crate::render::srgb::Encoder;
+use super::rays::{Gaze, Rays};
+use super::sample::{Level, Levels, Site, Uv};
+use super::simd::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine};
+use super::surface::{Look, Surfaces, VOID, Wrap, is_uniform};
+use crate::render::texture::pattern;
+use crate::scene::Texture;
 
-/// Brightness of the highlight of a white sun on a surface of specular strength 1.
-const GLOSS: f32 = 0.4;
-/// What share of the ambient light comes from below, relative to that from above.
-const GROUND: f32 = 0.55;
-
-/// Writes the view's bytes.
-#[inline(always)]
-pub(super) fn shade(
-    view: &mut View<'_>,
-    view_from_world: &Affine,
-    visibility: &Visibility,
-    surfaces: &Surfaces,
-    encoder: &Encoder,
-) {
-    let scene = view.scene;
-    let side = scene.side(view.camera_idx);
-    let rays = Rays::new(view, view_from_world);
-    let groups = view.out.chunks_exact_mut(N_LANES * 3).zip(visibility.ids.chunks_exact(N_LANES));
-    for (group, (bytes, ids)) in groups.enumerate() {
-        let ids: &[u32; N_LANES] = ids.try_into().expect("N_LANES long");
-        if ids.iter().all(|id| *id == NOTHING) {
-            bytes.fill(0);
-            continue;
-        }
-        let column = Lanes::counting((group * N_LANES % side) as f32);
-        let row = (group * N_LANES / side) as f32;
-        let hits = Hits::new(&Group::gather(ids, surfaces), column, row);
-        let light = Light::new(scene, &hits.normal, &rays.to_eye(column, row));
-        let looks = Looks::new(scene, ids, surfaces, &hits);
-        looks.write(&light, encoder, bytes);
-    }
+/// What a picture's blocks are shaded with.
+pub(super) struct Shader<'a> {
+    pub(super) lamps: &'a Lamps,
+    pub(super) rays: &'a Rays,
+    pub(super) surfaces: &'a Surfaces,
 }
 
-/// World directions of the rays through pixel centres, not normalised, from the eye outwards.
-struct Rays {
-    /// Through pixel (0, 0).
-    first: Vec3,
-    right: Vec3,
-    down: Vec3,
+/// Blocks that are shaded step by step side by side: see [`Site`].
+const STRIP: usize = N_LANES;
+
+/// What was found out about a strip's blocks.
+struct Strip {
+    /// Column of its first block and row of all of them.
+    column: usize,
+    row: usize,
+    kinds: [Kind; STRIP],
+    sites: [Site; STRIP],
+    /// Linear RGB: first the texture's factors, then the light that reaches the eye.
+    rgb: [[Line; 3]; STRIP],
+    /// Levels of the triangle that was looked up last, by id, in the middle of each block.
+    levels: (i32, Levels),
+    /// The flat triangle that was shaded last.
+    flat: FlatSurface,
 }
 
-impl Rays {
-    fn new(view: &View<'_>, view_from_world: &Affine) -> Self {
-        let camera = &view.scene.cameras[view.camera_idx];
-        let world_from_view = view_from_world.rigid_inverse();
-        let step = 1.0 / camera.focal_px;
-        let corner = (0.5 - camera.side as f32 / 2.0) * step;
+/// A flat triangle.
+struct FlatSurface {
+    id: i32,
+    lit: Lit<f32>,
+    /// Whether a highlight may be seen in the present strip.
+    gleams: bool,
+}
+
+/// What a block shows.
+#[derive(Clone, Copy)]
+enum Kind {
+    Nothing,
+    /// One triangle without a texture, by id.
+    Plain(i32),
+    /// One triangle with a texture, by id.
+    Textured(i32),
+    Several,
+}
+
+impl Strip {
+    fn new() -> Self {
         Self {
-            first: world_from_view.vector([corner, corner, 1.0]),
-            right: world_from_view.vector([step, 0.0, 0.0]),
-            down: world_from_view.vector([0.0, step, 0.0]),
+            column: 0,
+            row: 0,
+            kinds: [Kind::Nothing; STRIP],
+            sites: [const { Site::NOWHERE }; STRIP],
+            rgb: [[Line::ZERO; 3]; STRIP],
+            levels: (NOTHING, Levels::NONE),
+            flat: FlatSurface { id: NOTHING, lit: Lit::DARK, gleams: false },
         }
     }
 
-    /// Unit vectors from what is seen to the eye.
-    #[inline(always)]
-    fn to_eye(&self, column: Lanes, row: f32) -> Lanes3 {
-        let axis = |k: usize| -(column * self.right[k] + (self.first[k] + self.down[k] * row));
-        unit([axis(0), axis(1), axis(2)])
+    /// Goes to another place.
+    fn go_to(&mut self, column: usize, row: usize) {
+        (self.column, self.row) = (column, row);
+        (self.levels.0, self.flat.id) = (NOTHING, NOTHING);
     }
 }
 
-/// Where the rays of a group meet their surfaces.
-struct Hits {
-    /// Unit normal in the world.
-    normal: Lanes3,
-    /// Texture coordinates, in tiles.
-    uv: [Lanes; 2],
-    /// Greater of the squared lengths, in tiles², that a step right and a step down make on the texture.
-    footprint: Lanes,
-}
-
-impl Hits {
+impl Shader<'_> {
+    /// Writes the picture: `out` is `[side, side, 3]`.
     #[inline(always)]
-    fn new(s: &Group, column: Lanes, row: f32) -> Self {
-        let per_n = Lanes::all(1.0) / s.plane(Surface::N, column, row);
-        // A pixel at a silhouette may belong to the snapped triangle and just miss the exact one.
-        let a = (s.plane(Surface::A, column, row) * per_n).at_least(0.0).at_most(1.0);
-        let b = (s.plane(Surface::B, column, row) * per_n).at_least(0.0).at_most(1.0);
-        let [nx, ny, nz] = [Surface::NORMAL, Surface::NORMAL + 1, Surface::NORMAL + 2];
-        let normal = [s.blend(nx, 3, a, b), s.blend(ny, 3, a, b), s.blend(nz, 3, a, b)];
-        let (right, down) = (s.stretch(1, a, b, per_n), s.stretch(2, a, b, per_n));
-        Self {
-            normal: unit(normal),
-            uv: [s.blend(Surface::UV, 2, a, b), s.blend(Surface::UV + 1, 2, a, b)],
-            footprint: right.max(down),
-        }
-    }
-}
-
-/// Vectors at length 1.
-#[inline(always)]
-fn unit(v: Lanes3) -> Lanes3 {
-    let per_length = Lanes::all(1.0) / dot(&v, &v).at_least(1e-12).sqrt();
-    [v[0] * per_length, v[1] * per_length, v[2] * per_length]
-}
-
-/// The surfaces of a group's pixels, number by number.
-struct Group([Lanes; Surface::N_NUMBERS]);
-
-impl Group {
-    /// Looks them up; where nothing is seen, a neighbour stands in.
-    #[inline(always)]
-    fn gather(ids: &[u32; N_LANES], surfaces: &Surfaces) -> Self {
-        let mut group = Self([Lanes::ZERO; Surface::N_NUMBERS]);
-        let any = ids.iter().copied().find(|id| *id != NOTHING).expect("a group with nothing is not shaded");
-        if ids.iter().all(|id| *id == any) {
-            let surface = &surfaces.seen[any as usize];
-            for k in 0..Surface::N_NUMBERS {
-                group.0[k] = Lanes::all(surface.0[k]);
-            }
-            return group;
-        }
-        for (i, &id) in ids.iter().enumerate() {
-            let surface = &surfaces.seen[if id == NOTHING { any } else { id } as usize];
-            for k in 0..Surface::N_NUMBERS {
-                group.0[k].0[i] = surface.0[k];
-            }
-        }
-        group
-    }
-
-    /// A linear function of the pixel.
-    #[inline(always)]
-    fn plane(&self, k: usize, column: Lanes, row: f32) -> Lanes {
-        self.0[k] + self.0[k + 1] * column + self.0[k + 2] * row
-    }
-
-    /// An attribute at p + a e + b f.
-    #[inline(always)]
-    fn blend(&self, k: usize, step: usize, a: Lanes, b: Lanes) -> Lanes {
-        self.0[k] + a * self.0[k + step] + b * self.0[k + 2 * step]
-    }
-
-    /// Squared length in tiles² of a step right (`k` = 1) or down (`k` = 2): d(a/n) = (da - (a/n) dn) / n.
-    #[inline(always)]
-    fn stretch(&self, k: usize, a: Lanes, b: Lanes, per_n: Lanes) -> Lanes {
-        let s = &self.0;
-        let da = (s[Surface::A + k] - a * s[Surface::N + k]) * per_n;
-        let db = (s[Surface::B + k] - b * s[Surface::N + k]) * per_n;
-        let du = da * s[Surface::UV + 2] + db * s[Surface::UV + 4];
-        let dv = da * s[Surface::UV + 3] + db * s[Surface::UV + 5];
-        du * du + dv * dv
-    }
-}
-
-/// Light that a group's pixels send to the eye.
-struct Light {
-    /// From a white surface.
-    diffuse: Lanes3,
-    /// From a surface of specular strength 1, on top.
-    highlight: Lanes3,
-}
-
-impl Light {
-    #[inline(always)]
-    fn new(scene: &RenderScene, normal: &Lanes3, to_eye: &Lanes3) -> Self {
-        let sky = normal[2] * ((1.0 - GROUND) / 2.0) + (1.0 + GROUND) / 2.0;
-        let [first, second] = &scene.suns;
-        let (lambert, phong) = reflect(first, normal, to_eye);
-        let (lambert_2, phong_2) = reflect(second, normal, to_eye);
-        let mut light = Self { diffuse: [Lanes::ZERO; 3], highlight: [Lanes::ZERO; 3] };
-        for c in 0..3 {
-            light.diffuse[c] =
-                sky * scene.ambient[c] + lambert * first.color[c] + lambert_2 * second.color[c];
-            light.highlight[c] = phong * first.color[c] + phong_2 * second.color[c];
-        }
-        light
-    }
-}
-
-/// Shares of a sun's light that are scattered and mirrored to the eye.
-#[inline(always)]
-fn reflect(sun: &Sun, normal: &Lanes3, to_eye: &Lanes3) -> (Lanes, Lanes) {
-    let [x, y, z] = sun.towards;
-    let facing = dot_all(normal, sun.towards).at_least(0.0);
-    let half = [to_eye[0] + x, to_eye[1] + y, to_eye[2] + z];
-    let aligned = dot(normal, &half).at_least(0.0);
-    // (n·h)² / |h|², raised to the 16th: from 0.01 up, lest powers that nobody sees become slow subnormal numbers.
-    let squared = (aligned * aligned / dot(&half, &half).at_least(1e-12)).at_least(0.01);
-    let fourth = squared * squared;
-    let eighth = fourth * fourth;
-    let sixteenth = eighth * eighth;
-    (facing * FRAC_1_PI, (sixteenth * sixteenth * GLOSS).where_positive(facing))
-}
-
-/// Reflectance of a group's pixels.
-struct Looks {
-    color: Lanes3,
-    specular: Lanes,
-}
-
-impl Looks {
-    #[inline(always)]
-    fn new(scene: &RenderScene, ids: &[u32; N_LANES], surfaces: &Surfaces, hits: &Hits) -> Self {
-        let material_of = |id: u32| &scene.instances[surfaces.instance[id as usize] as usize].material;
-        if ids[0] != NOTHING && ids.iter().all(|id| *id == ids[0]) {
-            let material = material_of(ids[0]);
-            let [r, g, b] = material.color;
-            let color = [Lanes::all(r), Lanes::all(g), Lanes::all(b)];
-            let mut looks = Self { color, specular: Lanes::all(material.specular) };
-            if let Some(texture) = material.texture {
-                looks.tint(&[true; N_LANES], &sample(pattern(texture), &hits.uv, &hits.footprint));
-            }
-            return looks;
-        }
-        let mut looks = Self { color: [Lanes::ZERO; 3], specular: Lanes::ZERO };
-        let mut textures = [None; N_LANES];
-        for (i, &id) in ids.iter().enumerate().filter(|(_, id)| **id != NOTHING) {
-            let material = material_of(id);
-            for c in 0..3 {
-                looks.color[c].0[i] = material.color[c];
-            }
-            looks.specular.0[i] = material.specular;
-            textures[i] = material.texture;
-        }
-        // Whatever is sampled is sampled for the whole group: few groups see two textures.
-        while let Some(texture) = textures.iter().copied().flatten().next() {
-            let mut wears = [false; N_LANES];
-            for (wears, worn) in wears.iter_mut().zip(&mut textures) {
-                if *worn == Some(texture) {
-                    (*wears, *worn) = (true, None);
+    pub(super) fn write<S: Simd>(&self, visibility: &Visibility, out: &mut [u8]) {
+        let side = visibility.side as usize;
+        let pitch = side * 3;
+        let per_row = side >> Square::WIDTH_BITS;
+        let mut strip = Strip::new();
+        for (row, rows) in out.chunks_exact_mut(pitch * Square::HEIGHT as usize).enumerate() {
+            for first in (0..per_row).step_by(STRIP) {
+                let ids = &visibility.ids[row * per_row..][first..per_row.min(first + STRIP)];
+                strip.go_to(first, row);
+                self.look_up::<S>(ids, &mut strip);
+                self.light::<S>(ids, &mut strip);
+                for rgb in &mut strip.rgb[..ids.len()] {
+                    for channel in rgb {
+                        encode::<S>(S::F::load(channel)).as_float_bits().store(channel);
+                    }
+                }
+                for (i, rgb) in strip.rgb.iter().enumerate().take(ids.len()) {
+                    let [r, g, b] = each!(c in 3 => S::F::load(&rgb[c]).bits());
+                    let pixels = r | g.shl::<8>() | b.shl::<16>();
+                    S::store_rgb(pixels, &mut rows[(first + i) * 12..], pitch);
                 }
             }
-            looks.tint(&wears, &sample(pattern(texture), &hits.uv, &hits.footprint));
         }
-        looks
     }
 
-    /// Multiplies the colours of some pixels.
+    /// Finds the kinds of a strip's blocks and reads the textures of those that show one triangle.
     #[inline(always)]
-    fn tint(&mut self, which: &[bool; N_LANES], factors: &Lanes3) {
-        for (color, factors) in self.color.iter_mut().zip(factors) {
-            for ((value, factor), tinted) in color.0.iter_mut().zip(factors.0).zip(which) {
-                *value *= if *tinted { factor } else { 1.0 };
+    fn look_up<S: Simd>(&self, ids: &[WholeLine], strip: &mut Strip) {
+        for (i, ids) in ids.iter().enumerate() {
+            let kind = self.kind::<S>(ids);
+            strip.kinds[i] = kind;
+            if let Kind::Textured(id) = kind {
+                let gaze = self.rays.gaze::<S>(strip.column + i, strip.row);
+                let level = self.level::<S>(id, i, strip);
+                strip.sites[i].locate::<S>(&self.uv::<S>(id, &gaze), level);
+            }
+        }
+        for (i, kind) in strip.kinds.iter().enumerate().take(ids.len()) {
+            if let Kind::Textured(id) = *kind {
+                let factors = strip.sites[i].read::<S>(pattern(Texture::ALL[self.texture(id) as usize]));
+                for c in 0..3 {
+                    factors[c].store(&mut strip.rgb[i][c]);
+                }
             }
         }
     }
 
-    /// Writes the light that reaches the eye as bytes.
+    /// Level at which to read a triangle's texture in a strip's block.
     #[inline(always)]
-    fn write(&self, light: &Light, encoder: &Encoder, bytes: &mut [u8]) {
-        let channel = |c: usize| self.color[c] * light.diffuse[c] + self.specular * light.highlight[c];
-        let rgb = [channel(0), channel(1), channel(2)];
-        for (i, pixel) in bytes.chunks_exact_mut(3).enumerate() {
+    fn level<S: Simd>(&self, id: i32, i: usize, strip: &mut Strip) -> Level {
+        let (known, levels) = &mut strip.levels;
+        if *known != id {
+            *known = id;
+            let columns = S::F::load(&BLOCK_STARTS) + S::F::all((strip.column << Square::WIDTH_BITS) as f32);
+            let row = S::F::all((strip.row << Square::HEIGHT_BITS) as f32);
+            let middle = S::F::all(1.5);
+            levels.set::<S>(self.footprint::<S>(id, [columns + middle, row + middle]));
+        }
+        levels.get(i)
+    }
+
+    #[inline(always)]
+    fn kind<S: Simd>(&self, ids: &WholeLine) -> Kind {
+        match ids.0[0] {
+            _ if !is_uniform::<S>(ids) => Kind::Several,
+            NOTHING => Kind::Nothing,
+            id if self.texture(id) < 0 => Kind::Plain(id),
+            id => Kind::Textured(id),
+        }
+    }
+
+    /// Texture of a visible triangle, -1 for none.
+    #[inline(always)]
+    fn texture(&self, id: i32) -> i32 {
+        self.surfaces.looks[id as usize].0[Look::TEXTURE].to_bits().cast_signed()
+    }
+
+    /// Puts the light of a strip's blocks in the place of their textures' factors.
+    #[inline(always)]
+    fn light<S: Simd>(&self, ids: &[WholeLine], strip: &mut Strip) {
+        for (i, ids) in ids.iter().enumerate() {
+            let gaze = self.rays.gaze::<S>(strip.column + i, strip.row);
+            let rgb = &strip.rgb[i];
+            let light = match strip.kinds[i] {
+                Kind::Nothing => [S::F::all(0.0); 3],
+                Kind::Plain(id) => self.one(id, [S::F::all(1.0); 3], &gaze, strip),
+                Kind::Textured(id) => self.one(id, each!(c in 3 => S::F::load(&rgb[c])), &gaze, strip),
+                Kind::Several => self.several::<S>(ids, &gaze, i, strip),
+            };
             for c in 0..3 {
-                pixel[c] = encoder.encode(rgb[c].0[i]);
+                light[c].store(&mut strip.rgb[i][c]);
             }
         }
     }
+
+    /// Light of a block that shows one triangle.
+    #[inline(always)]
+    fn one<S: Simd>(&self, id: i32, tint: [S::F; 3], gaze: &Gaze<S>, strip: &mut Strip) -> [S::F; 3] {
+        let look = &self.surfaces.looks[id as usize].0;
+        let color = each!(c in 3 => S::F::all(look[Look::COLOR + c]) * tint[c]);
+        let specular = S::F::all(look[Look::SPECULAR]);
+        let sunlight = S::F::all(1.0);
+        if look[Look::FLAT] == 1.0 {
+            if strip.flat.id != id {
+                let lit = Lit::new(self.lamps, normal_of(look));
+                let gleams = lit.gleams(&self.rays.corners(strip.column, strip.row, STRIP));
+                strip.flat = FlatSurface { id, lit, gleams };
+            }
+            let FlatSurface { lit, gleams, .. } = &strip.flat;
+            return seen(lit, self.lamps, *gleams, gaze, sunlight, color, specular);
+        }
+        let lit = Lit::new(self.lamps, over::<S, f32>(look, Look::NORMAL, gaze));
+        seen(&lit, self.lamps, true, gaze, sunlight, color, specular)
+    }
+
+    /// Light of a block that shows several triangles.
+    #[inline(always)]
+    fn several<S: Simd>(&self, ids: &WholeLine, gaze: &Gaze<S>, i: usize, strip: &mut Strip) -> [S::F; 3] {
+        let looks = S::transposed(each!(i in 16 => match ids.0[i] {
+            NOTHING => S::F::load(&VOID),
+            id => S::F::load(&self.surfaces.looks[id as usize]),
+        }));
+        let lit = Lit::new(self.lamps, over::<S, S::F>(&looks, Look::NORMAL, gaze));
+        let mut color = [looks[Look::COLOR], looks[Look::COLOR + 1], looks[Look::COLOR + 2]];
+        let textured = looks[Look::TEXTURE].bits().gt(S::I::all(-1)).to_bits();
+        if textured != 0 {
+            self.tint::<S>(ids, textured, gaze, i, strip, &mut color);
+        }
+        seen(&lit, self.lamps, true, gaze, S::F::all(1.0), color, looks[Look::SPECULAR])
+    }
+
+    /// Multiplies the colours of textured pixels, triangle by triangle: few blocks show many textured ones.
+    #[inline(always)]
+    fn tint<S: Simd>(
+        &self,
+        ids: &WholeLine,
+        mut textured: u16,
+        gaze: &Gaze<S>,
+        i: usize,
+        strip: &mut Strip,
+        color: &mut [S::F; 3],
+    ) {
+        let all_ids = S::I::load(ids);
+        while textured != 0 {
+            let id = ids.0[textured.trailing_zeros() as usize];
+            let level = self.level::<S>(id, i, strip);
+            let site = &mut strip.sites[i];
+            site.locate::<S>(&self.uv::<S>(id, gaze), level);
+            let factors = site.read::<S>(pattern(Texture::ALL[self.texture(id) as usize]));
+            let here = all_ids.eq(S::I::all(id));
+            for c in 0..3 {
+                color[c] = (color[c] * factors[c]).or_where(here, color[c]);
+            }
+            textured &= !here.to_bits();
+        }
+    }
+
+    /// Texture coordinates on a triangle, in tiles.
+    #[inline(always)]
+    fn uv<S: Simd>(&self, id: i32, gaze: &Gaze<S>) -> Uv<S> {
+        let wrap = &self.surfaces.wraps[id as usize].0;
+        let per_n = S::F::all(1.0) / linear::<S, f32>(wrap, Wrap::N, gaze.pixel);
+        each!(k in 2 => linear::<S, f32>(wrap, [Wrap::U, Wrap::V][k], gaze.pixel) * per_n)
+    }
+
+    /// Greater squared length, in tiles², that a step of one pixel right or down makes on a triangle.
+    #[inline(always)]
+    fn footprint<S: Simd>(&self, id: i32, pixel: [S::F; 2]) -> S::F {
+        let wrap = &self.surfaces.wraps[id as usize].0;
+        let per_n = S::F::all(1.0) / linear::<S, f32>(wrap, Wrap::N, pixel);
+        let u = linear::<S, f32>(wrap, Wrap::U, pixel) * per_n;
+        let v = linear::<S, f32>(wrap, Wrap::V, pixel) * per_n;
+        // d(U/n) = (dU − (U/n) dn) / n.
+        let [right, down] = each!(k in 2 => {
+            let dn = S::F::all(-wrap[Wrap::N + k + 1]);
+            let du = u.mul_add(dn, S::F::all(wrap[Wrap::U + k + 1])) * per_n;
+            let dv = v.mul_add(dn, S::F::all(wrap[Wrap::V + k + 1])) * per_n;
+            du.mul_add(du, dv * dv)
+        });
+        right.max(down)
+    }
+}
+
+/// Columns of the first pixels of a strip's blocks.
+const BLOCK_STARTS: Line = {
+    let mut line = Line::ZERO;
+    let mut i = 0;
+    while i < N_LANES {
+        line.0[i] = (i << Square::WIDTH_BITS) as f32;
+        i += 1;
+    }
+    line
+};
+
+fn normal_of(look: &[f32; N_LANES]) -> [f32; 3] {
+    [0, 3, 6].map(|k| look[Look::NORMAL + k])
+}
+
+/// Three functions that are linear over the image, from index `from` on.
+#[inline(always)]
+fn over<S: Simd, N: Per<S>>(numbers: &[N; N_LANES], from: usize, gaze: &Gaze<S>) -> [S::F; 3] {
+    each!(k in 3 => linear::<S, N>(numbers, from + 3 * k, gaze.pixel))
+}
+
+#[inline(always)]
+fn linear<S: Simd, N: Per<S>>(numbers: &[N; N_LANES], k: usize, [x, y]: [S::F; 2]) -> S::F {
+    x.mul_add(numbers[k + 1].spread(), y.mul_add(numbers[k + 2].spread(), numbers[k].spread()))
 }

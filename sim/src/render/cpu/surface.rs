@@ -1,131 +1,296 @@
-//! The triangles that are seen, made ready for shading: rays through pixels meet their planes here.
+//! The triangles that are seen, made ready for shading: everything that runs linearly over the image.
+//!
+//! With the corners at p, p + e and p + f in the view frame, the ray along d through a pixel's centre meets the
+//! triangle's plane at p + (a/n) e + (b/n) f, where a = d·(p×f), b = d·(e×p), n = d·(f×e) (Möller and Trumbore,
+//! "Fast, minimum storage ray/triangle intersection", 1997). So an attribute with the values t at p and t + t_e, t + t_f
+//! at the others is (t n + t_e a + t_f b) / n there: a quotient of two functions that are linear over the image.
 
+use super::each::each;
+use super::geometry::Map;
+use super::lens::Vectors;
 use super::posed::Posed;
-use super::raster::{NOTHING, Visibility};
-use crate::render::View;
-use crate::render::affine::{Vec3, cross, dot, normalised, scaled, sub};
+use super::raster::Visibility;
+use super::simd::{Floats, Line, N_LANES, Number, Simd, Whole, WholeLine};
+use crate::render::affine::Affine;
 use crate::render::camera::Camera;
-use crate::render::scene::{Instance, pattern};
+use crate::render::mesh::Batch;
+use crate::render::scene::{Instance, RenderScene};
+use crate::render::texture::pattern;
 
-/// A linear function of a pixel's column and row: value at pixel (0, 0), step to the right, step down.
-type Plane = [f32; 3];
+/// Numbers of one visible triangle that every pixel needs, by index into a line.
+pub(super) struct Look;
 
-/// One visible triangle. With the corners at p, p + e and p + f in the view frame, the ray along d through a pixel's
-/// centre meets the triangle's plane at p + (a/n) e + (b/n) f, where a = d·(p×f), b = d·(e×p), n = d·(f×e)
-/// (Möller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997).
-///
-/// Plain numbers, so that those of neighbouring pixels are easily laid side by side.
-#[derive(Clone, Copy)]
-pub(super) struct Surface(pub(super) [f32; Self::N_NUMBERS]);
-
-impl Surface {
-    /// Where a, b and n begin: each a [`Plane`].
-    pub(super) const A: usize = 0;
-    pub(super) const B: usize = 3;
-    pub(super) const N: usize = 6;
-    /// Where the world normal at p and its changes along e and f begin.
-    pub(super) const NORMAL: usize = 9;
-    /// Where the texture coordinates at p, in tiles, and their changes along e and f begin.
-    pub(super) const UV: usize = 18;
-    /// How many there are.
-    pub(super) const N_NUMBERS: usize = 24;
-
-    #[inline(always)]
-    fn new(planes: [Plane; 3], normals: [Vec3; 3], uv: [[f32; 2]; 3]) -> Self {
-        let mut numbers = [0.0; Self::N_NUMBERS];
-        numbers[..Self::NORMAL].copy_from_slice(planes.as_flattened());
-        numbers[Self::NORMAL..Self::UV].copy_from_slice(normals.as_flattened());
-        numbers[Self::UV..].copy_from_slice(uv.as_flattened());
-        Self(numbers)
-    }
+impl Look {
+    /// Where the normal begins, in the view frame and of any length: per axis the value at pixel (0, 0) and its changes
+    /// to the right and downwards.
+    pub(super) const NORMAL: usize = 0;
+    /// Where the colour begins, linear RGB.
+    pub(super) const COLOR: usize = 9;
+    /// Strength of the highlight.
+    pub(super) const SPECULAR: usize = 12;
+    /// Texture as the bits of an integer, -1 for none.
+    pub(super) const TEXTURE: usize = 13;
+    /// 1 if the normal is the same everywhere.
+    pub(super) const FLAT: usize = 14;
 }
 
-/// All visible triangles of one view, in the order in which their first pixels come.
+/// Numbers that textured pixels need: n, u n and v n over the image.
+pub(super) struct Wrap;
+
+impl Wrap {
+    /// Where n begins.
+    pub(super) const N: usize = 0;
+    /// Where u n begins, u in tiles.
+    pub(super) const U: usize = 3;
+    /// Where v n begins.
+    pub(super) const V: usize = 6;
+}
+
+/// The visible triangles of one view, by id.
 pub(super) struct Surfaces {
-    /// Index into `seen` by triangle, or [`NOTHING`].
-    index: Vec<u32>,
-    /// The triangles.
-    pub(super) seen: Vec<Surface>,
-    /// Instance of each.
-    pub(super) instance: Vec<u32>,
+    /// Laid out as [`Look`].
+    pub(super) looks: Vec<Line>,
+    /// Laid out as [`Wrap`]; only those with a texture are filled in.
+    pub(super) wraps: Vec<Line>,
+    /// Whether any triangle of a batch is seen, by id / 16 + 1: what shows nothing goes to the first place.
+    touched: Vec<bool>,
 }
+
+/// Look of what is not there: black.
+pub(super) const VOID: Line = {
+    let mut line = Line::ZERO;
+    line.0[Look::NORMAL + 6] = -1.0;
+    line.0[Look::TEXTURE] = f32::from_bits(u32::MAX);
+    line
+};
 
 impl Surfaces {
     /// Room for what a scene usually shows.
     pub(super) fn new() -> Self {
-        const N: usize = 1 << 16;
+        const N_IDS: usize = 1 << 16;
         Self {
-            index: Vec::with_capacity(N),
-            seen: Vec::with_capacity(N / 4),
-            instance: Vec::with_capacity(N / 4),
+            looks: Vec::with_capacity(N_IDS),
+            wraps: Vec::with_capacity(N_IDS),
+            touched: Vec::with_capacity(N_IDS / N_LANES + 1),
         }
     }
 
-    /// Finds the triangles that `visibility` shows and renames them there to their index in `seen`.
+    /// Prepares the triangles that `visibility` shows.
     #[inline(always)]
-    pub(super) fn collect(&mut self, view: &View<'_>, posed: &[Posed], visibility: &mut Visibility) {
-        let scene = view.scene;
-        self.index.clear();
-        self.index.resize(scene.n_triangles(), NOTHING);
-        self.seen.clear();
-        self.instance.clear();
-        let lens = Lens::new(&scene.cameras[view.camera_idx]);
-        let n_pixels = view.out.len() / 3;
-        for id in visibility.ids[..n_pixels].iter_mut().filter(|id| **id != NOTHING) {
-            let known = self.index[*id as usize];
-            if known != NOTHING {
-                *id = known;
+    pub(super) fn collect<S: Simd>(
+        &mut self,
+        scene: &RenderScene,
+        camera: &Camera,
+        posed: &[Posed],
+        visibility: &Visibility,
+    ) {
+        let n_ids = scene.n_ids();
+        self.looks.resize(self.looks.len().max(n_ids), Line::ZERO);
+        self.wraps.resize(self.wraps.len().max(n_ids), Line::ZERO);
+        self.touched.clear();
+        self.touched.resize(n_ids / N_LANES + 1, false);
+        self.touch::<S>(&visibility.ids);
+        let plane = Plane::<S>::new(camera);
+        for ((instance, posed), &first_id) in scene.instances.iter().zip(posed).zip(&scene.first_id) {
+            let mesh = instance.mesh();
+            let first_batch = first_id as usize / N_LANES;
+            let touched = &self.touched[first_batch + 1..][..mesh.batches.batches.len()];
+            if !touched.contains(&true) {
                 continue;
             }
-            let instance_idx = scene.first_triangle.partition_point(|first| first <= id) - 1;
-            let triangle = (*id - scene.first_triangle[instance_idx]) as usize;
-            let new = self.seen.len() as u32;
-            self.index[*id as usize] = new;
-            self.seen.push(lens.surface(&scene.instances[instance_idx], &posed[instance_idx], triangle));
-            self.instance.push(instance_idx as u32);
-            *id = new;
+            let kit = Kit::<S>::new(instance, posed, camera);
+            for (i, batch) in mesh.batches.batches.iter().enumerate() {
+                if touched[i] {
+                    let ids = (first_batch + i) * N_LANES..(first_batch + i + 1) * N_LANES;
+                    kit.write(batch, &plane, &mut self.looks[ids.clone()], &mut self.wraps[ids]);
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn touch<S: Simd>(&mut self, blocks: &[WholeLine]) {
+        for ids in blocks {
+            let n_seen = if is_uniform::<S>(ids) { 1 } else { N_LANES };
+            for id in &ids.0[..n_seen] {
+                self.touched[((id >> 4) + 1) as usize] = true;
+            }
         }
     }
 }
 
-/// How pixels and rays belong together.
-struct Lens {
-    focal_px: f32,
-    /// Column and row of the principal point, counted in pixel centres.
-    principal_px: f32,
+/// Whether all lanes are the same.
+#[inline(always)]
+pub(super) fn is_uniform<S: Simd>(ids: &WholeLine) -> bool {
+    use super::simd::Mask;
+    S::I::load(ids).eq(S::I::all(ids.0[0])).to_bits() == u16::MAX
 }
 
-impl Lens {
+/// From vectors v to d·v as a function of the pixel, where d = (x/z, y/z, 1) is the ray through its centre.
+struct Plane<S: Simd> {
+    per_focal: S::F,
+    principal: S::F,
+}
+
+impl<S: Simd> Plane<S> {
+    #[inline(always)]
     fn new(camera: &Camera) -> Self {
-        Self { focal_px: camera.focal_px, principal_px: camera.side as f32 / 2.0 - 0.5 }
+        Self {
+            per_focal: S::F::all(1.0 / camera.focal_px),
+            principal: S::F::all(0.5 - camera.side as f32 / 2.0),
+        }
     }
 
+    /// Value at pixel (0, 0), step to the right, step down.
     #[inline(always)]
-    fn surface(&self, instance: &Instance, posed: &Posed, triangle: usize) -> Surface {
-        let mesh = instance.mesh();
-        let corners = mesh.triangles[triangle];
-        let positions = corners.map(|i| mesh.position(i));
-        let [p, q, r] = positions.map(|p| posed.view_from_mesh.point(p));
-        let (e, f) = (sub(q, p), sub(r, p));
-        let rows = posed.world_from_mesh.normals();
-        let [n0, n1, n2] = corners.map(|i| normalised(rows.map(|row| dot(row, mesh.normals[i as usize]))));
-        let tile_m = instance.material.texture.map_or(1.0, |texture| pattern(texture).tile_m);
-        let tiles = scaled(instance.scale, 1.0 / tile_m);
-        let facing = mesh.facing[triangle];
-        let [t0, t1, t2] =
-            positions.map(|p| facing.project([p[0] * tiles[0], p[1] * tiles[1], p[2] * tiles[2]]));
-        let change = |to: [f32; 2], from: [f32; 2]| [to[0] - from[0], to[1] - from[1]];
-        Surface::new(
-            [cross(p, f), cross(e, p), cross(f, e)].map(|v| self.over_pixels(v)),
-            [n0, sub(n1, n0), sub(n2, n0)],
-            [t0, change(t1, t0), change(t2, t0)],
-        )
+    fn of(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
+        let (right, down) = (x * self.per_focal, y * self.per_focal);
+        [(right + down).mul_add(self.principal, z), right, down]
+    }
+}
+
+/// What an instance's batches have in common.
+struct Kit<S: Simd> {
+    view_from_mesh: Map<S>,
+    view_from_normal: Map<S>,
+    /// Texture tiles per unit of the mesh along its axes, if it is textured.
+    tiles: Option<Vectors<S>>,
+    color: [f32; 3],
+    specular: f32,
+    texture: i32,
+    snap: Snap,
+}
+
+impl<S: Simd> Kit<S> {
+    #[inline(always)]
+    fn new(instance: &Instance, posed: &Posed, camera: &Camera) -> Self {
+        let material = &instance.material;
+        let normals = Affine { linear: posed.view_from_mesh.normals(), offset: [0.0; 3] };
+        Self {
+            view_from_mesh: Map::new(&posed.view_from_mesh),
+            view_from_normal: Map::new(&normals),
+            tiles: match material.texture {
+                Some(texture) => {
+                    let per_tile = 1.0 / pattern(texture).tile_m;
+                    Some(each!(k in 3 => S::F::all(instance.scale[k] * per_tile)))
+                }
+                None => None,
+            },
+            color: material.color,
+            specular: material.specular,
+            texture: material.texture.map_or(-1, |texture| texture as i32),
+            snap: Snap::new(camera),
+        }
     }
 
-    /// d·v as a function of the pixel, where d = (x/z, y/z, 1) is the ray through its centre.
+    /// Writes the lines of sixteen triangles.
     #[inline(always)]
-    fn over_pixels(&self, v: Vec3) -> Plane {
-        let (right, down) = (v[0] / self.focal_px, v[1] / self.focal_px);
-        [v[2] - (right + down) * self.principal_px, right, down]
+    fn write(&self, batch: &Batch, plane: &Plane<S>, looks: &mut [Line], wraps: &mut [Line]) {
+        let [p, q, r] =
+            each!(k in 3 => self.snap.on_grid::<S>(self.view_from_mesh.points(&batch.positions[k])));
+        let (e, f) = (minus::<S>(&q, &p), minus::<S>(&r, &p));
+        let weights = Weights::<S> {
+            a: plane.of(cross::<S>(&p, &f)),
+            b: plane.of(cross::<S>(&e, &p)),
+            n: plane.of(cross::<S>(&f, &e)),
+        };
+        let normals = each!(k in 3 => self.view_from_normal.points(&batch.normals[k]));
+        let flat = <S::M as super::simd::Mask>::from_bits(batch.flat);
+        let mut rows = [S::F::all(0.0); N_LANES];
+        for axis in 0..3 {
+            let [value, right, down] = weights.spread(each!(k in 3 => normals[k][axis]));
+            // A constant normal needs no division: its direction is all that counts.
+            rows[Look::NORMAL + 3 * axis] = normals[0][axis].or_where(flat, value);
+            rows[Look::NORMAL + 3 * axis + 1] = S::F::all(0.0).or_where(flat, right);
+            rows[Look::NORMAL + 3 * axis + 2] = S::F::all(0.0).or_where(flat, down);
+            rows[Look::COLOR + axis] = S::F::all(self.color[axis]);
+        }
+        rows[Look::SPECULAR] = S::F::all(self.specular);
+        rows[Look::TEXTURE] = S::I::all(self.texture).as_float_bits();
+        rows[Look::FLAT] = S::F::all(1.0).or_where(flat, S::F::all(0.0));
+        store_columns::<S>(rows, looks);
+        if let Some(tiles) = &self.tiles {
+            let uv = each!(k in 3 => unwrap::<S>(&batch.positions[k], batch, tiles));
+            let mut rows = [S::F::all(0.0); N_LANES];
+            rows[Wrap::N..Wrap::N + 3].copy_from_slice(&weights.n);
+            rows[Wrap::U..Wrap::U + 3].copy_from_slice(&weights.spread(each!(k in 3 => uv[k][0])));
+            rows[Wrap::V..Wrap::V + 3].copy_from_slice(&weights.spread(each!(k in 3 => uv[k][1])));
+            store_columns::<S>(rows, wraps);
+        }
     }
+}
+
+/// a, b and n of the module's head.
+struct Weights<S: Simd> {
+    a: Vectors<S>,
+    b: Vectors<S>,
+    n: Vectors<S>,
+}
+
+impl<S: Simd> Weights<S> {
+    /// An attribute times n over the image, from its values at the corners.
+    #[inline(always)]
+    fn spread(&self, [t0, t1, t2]: [S::F; 3]) -> Vectors<S> {
+        let (along_e, along_f) = (t1 - t0, t2 - t0);
+        each!(k in 3 => along_f.mul_add(self.b[k], along_e.mul_add(self.a[k], t0 * self.n[k])))
+    }
+}
+
+#[inline(always)]
+fn store_columns<S: Simd>(rows: [S::F; N_LANES], lines: &mut [Line]) {
+    let columns = S::transposed(rows);
+    for (i, line) in lines.iter_mut().enumerate().take(N_LANES) {
+        columns[i].store(line);
+    }
+}
+
+/// Texture coordinates of a corner in tiles: see [`crate::render::mesh::Facing::project`].
+#[inline(always)]
+fn unwrap<S: Simd>(corner: &[Line; 3], batch: &Batch, tiles: &Vectors<S>) -> [S::F; 2] {
+    let [x, y, z] = each!(k in 3 => S::F::load(&corner[k]) * tiles[k]);
+    let facing = S::I::load(&batch.facing);
+    let (faces_x, faces_y) = (facing.eq(S::I::all(0)), facing.eq(S::I::all(1)));
+    [z.or_where(faces_x, x), z.or_where(faces_y, y)]
+}
+
+/// Moves points to where the rasteriser puts them, 1/256 px apart, so that no pixel of a triangle lies outside of it.
+struct Snap {
+    scale: f32,
+    middle: f32,
+    near_m: f32,
+}
+
+impl Snap {
+    fn new(camera: &Camera) -> Self {
+        Self { scale: camera.focal_px * 256.0, middle: camera.side as f32 * 128.0, near_m: camera.clip_m[0] }
+    }
+
+    /// Points behind the near plane stay where they are.
+    #[inline(always)]
+    fn on_grid<S: Simd>(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
+        let (scale, middle) = (S::F::all(self.scale), S::F::all(self.middle));
+        let depth = S::F::all(1.0) / z;
+        let per_scale = S::F::all(1.0 / self.scale);
+        // Beyond 2²³ there is no grid to speak of, and the numbers' own rounding is as fine as it gets.
+        let hidden = S::F::all(self.near_m).gt(z);
+        let [x, y] = each!(k in 2 => {
+            let t = [x, y][k];
+            let on_image = (t * depth).mul_add(scale, middle).rounded().floats();
+            t.or_where(hidden, (on_image - middle) * per_scale * z)
+        });
+        [x, y, z]
+    }
+}
+
+#[inline(always)]
+fn minus<S: Simd>(a: &Vectors<S>, b: &Vectors<S>) -> Vectors<S> {
+    each!(k in 3 => a[k] - b[k])
+}
+
+#[inline(always)]
+fn cross<S: Simd>(a: &Vectors<S>, b: &Vectors<S>) -> Vectors<S> {
+    each!(k in 3 => {
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        a[i].mul_add(b[j], S::F::all(0.0) - a[j] * b[i])
+    })
 }

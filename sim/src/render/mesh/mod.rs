@@ -1,11 +1,22 @@
 //! Triangle meshes, all made here from formulas: no file is read. Everything drawn is one of these under an affine map.
 
+mod batch;
+#[cfg(test)]
+mod checks;
+mod clusters;
+mod contour;
+mod extrusion;
 mod field;
+mod lathe;
 mod panda;
+mod polygon;
+mod rounded;
 mod solid;
 mod surface_nets;
+mod torus;
 
 use super::affine::{Vec3, add, cross, dot, scaled, sub};
+pub(super) use batch::{Batch, Batches, Bounds, Lines3};
 
 /// A closed or open surface of triangles, counter-clockwise seen from outside. Lengths in m, or in units of the
 /// instance's scale for the solids of half extent 1.
@@ -23,6 +34,8 @@ pub(super) struct Mesh {
     pub(super) centre: Vec3,
     /// Radius of that sphere.
     pub(super) radius: f32,
+    /// The triangles once more, as vector code reads them.
+    pub(super) batches: Batches,
 }
 
 /// The mesh axis along which a triangle's texture is projected.
@@ -94,17 +107,23 @@ impl Mesh {
         }
     }
 
-    /// The mesh with its bounding sphere.
+    /// The mesh with its bounding sphere, its triangles in clusters.
     fn finished(mut self) -> Self {
-        let vertices = || (0..self.n_vertices() as u32).map(|i| self.position(i));
-        let least = vertices().fold([f32::MAX; 3], |m, p| core::array::from_fn(|i| m[i].min(p[i])));
-        let greatest = vertices().fold([f32::MIN; 3], |m, p| core::array::from_fn(|i| m[i].max(p[i])));
-        let centre = scaled(add(least, greatest), 0.5);
-        let squared = vertices().map(|p| dot(sub(p, centre), sub(p, centre))).fold(0.0, f32::max);
-        self.centre = centre;
-        self.radius = squared.sqrt();
+        let vertices = (0..self.n_vertices() as u32).map(|i| self.position(i));
+        (self.centre, self.radius) = bounding_sphere(vertices);
+        clusters::order(&mut self);
+        self.batches = Batches::new(&self);
         self
     }
+}
+
+/// Centre and radius of a sphere that holds all points: the one about the middle of their box.
+fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Vec3, f32) {
+    let least = points.clone().fold([f32::MAX; 3], |m, p| core::array::from_fn(|i| m[i].min(p[i])));
+    let greatest = points.clone().fold([f32::MIN; 3], |m, p| core::array::from_fn(|i| m[i].max(p[i])));
+    let centre = scaled(add(least, greatest), 0.5);
+    let squared = points.map(|p| dot(sub(p, centre), sub(p, centre))).fold(0.0, f32::max);
+    (centre, squared.sqrt())
 }
 
 /// Every mesh there is.
@@ -170,7 +189,7 @@ impl MeshLibrary {
 
 #[cfg(test)]
 mod tests {
-    use super::{Mesh, MeshId, MeshLibrary, add, cross, dot, sub};
+    use super::{MeshId, MeshLibrary, checks, dot, sub};
 
     const CLOSED: [MeshId; 13] = [
         MeshId::Box,
@@ -188,24 +207,11 @@ mod tests {
         MeshId::WristCamera,
     ];
 
-    /// The directed edges of a mesh between places, not vertices: faces meet at edges where their normals differ.
-    fn edges(mesh: &Mesh) -> Vec<[[u32; 3]; 2]> {
-        // Adding zero makes −0 and 0 the same place.
-        let place = |i: u32| mesh.position(i).map(|x| (x + 0.0).to_bits());
-        let sides = mesh.triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
-        let mut edges: Vec<[[u32; 3]; 2]> = sides.map(|side| side.map(place)).collect();
-        edges.sort_unstable();
-        edges
-    }
-
     #[test]
     fn closed_meshes_have_no_holes() {
         let library = MeshLibrary::new();
         for id in CLOSED {
-            let there = edges(library.get(id));
-            let mut back: Vec<_> = there.iter().map(|[a, b]| [*b, *a]).collect();
-            back.sort_unstable();
-            assert!(there == back, "{id:?}: an edge has a triangle on one side only");
+            checks::assert_closed(&id, library.get(id));
         }
     }
 
@@ -213,24 +219,7 @@ mod tests {
     fn triangles_face_the_way_their_normals_point() {
         let library = MeshLibrary::new();
         for id in CLOSED.into_iter().chain([MeshId::Square, MeshId::Tube, MeshId::Dome]) {
-            let mesh = library.get(id);
-            let faces = mesh.triangles.iter().map(|corners| {
-                let [a, b, c] = corners.map(|i| mesh.position(i));
-                let [l, m, n] = corners.map(|i| mesh.normals[i as usize]);
-                (cross(sub(b, a), sub(c, a)), add(add(l, m), n))
-            });
-            // Where a sharp crease is rounded off, a few slivers look aside.
-            let (mut area, mut wrong) = (0.0, 0.0);
-            for (face, normal) in faces {
-                let size = dot(face, face).sqrt();
-                area += size;
-                wrong += if dot(face, normal) <= 0.0 { size } else { 0.0 };
-            }
-            assert!(wrong <= 0.002 * area, "{id:?}: {wrong} of {area}");
-            assert!(
-                mesh.normals.iter().all(|n| (dot(*n, *n) - 1.0).abs() < 1e-3),
-                "{id:?}: a normal is not unit"
-            );
+            checks::assert_normals_follow_faces(&id, library.get(id));
         }
     }
 
@@ -249,11 +238,7 @@ mod tests {
         ];
         let library = MeshLibrary::new();
         for (link, hull) in hulls.into_iter().enumerate() {
-            let mesh = library.get(MeshId::Link(link));
-            for (coordinates, extent) in mesh.positions.iter().zip(hull) {
-                let least = coordinates.iter().copied().fold(f32::MAX, f32::min);
-                let greatest = coordinates.iter().copied().fold(f32::MIN, f32::max);
-                let size = greatest - least;
+            for (size, extent) in checks::extents_m(library.get(MeshId::Link(link))).into_iter().zip(hull) {
                 assert!((size - extent).abs() < 0.016, "link {link}: {size} for {extent}");
             }
         }

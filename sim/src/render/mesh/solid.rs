@@ -88,7 +88,7 @@ fn domes(signs: &[f32]) -> Mesh {
 }
 
 /// Joins two rings of equally many vertices, counter-clockwise seen from above.
-fn band(mesh: &mut Mesh, lower: &[u32], upper: &[u32]) {
+pub(super) fn band(mesh: &mut Mesh, lower: &[u32], upper: &[u32]) {
     for i in 0..lower.len() {
         let j = (i + 1) % lower.len();
         mesh.quad([lower[i], lower[j], upper[j], upper[i]]);

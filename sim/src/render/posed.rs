@@ -1,13 +1,11 @@
 //! Where every instance of a scene is at the moment of a view.
 
-use crate::render::View;
-use crate::render::affine::Affine;
+use super::View;
+use super::affine::Affine;
 
-/// An instance's maps.
+/// An instance's map.
 #[derive(Clone, Copy)]
 pub(super) struct Posed {
-    /// From the mesh to the world.
-    pub(super) world_from_mesh: Affine,
     /// From the mesh to the view frame.
     pub(super) view_from_mesh: Affine,
 }
@@ -17,6 +15,6 @@ pub(super) fn pose(view: &View<'_>, view_from_world: &Affine, posed: &mut Vec<Po
     posed.clear();
     posed.extend(view.scene.instances.iter().map(|instance| {
         let world_from_mesh = instance.world_from_mesh(view.snapshot);
-        Posed { world_from_mesh, view_from_mesh: view_from_world.after(&world_from_mesh) }
+        Posed { view_from_mesh: view_from_world.after(&world_from_mesh) }
     }));
 }

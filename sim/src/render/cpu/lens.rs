@@ -1,0 +1,154 @@
+//! From space to the image: pinhole pictures and the parallel view along a light.
+
+use super::each::each;
+use super::raster::{Corner, Visibility};
+use super::simd::{Floats, Mask, Number, Simd};
+use super::{clip, kind::Block};
+use crate::render::affine::Vec3;
+use crate::render::camera::Camera;
+use crate::render::mesh::Bounds;
+
+/// A point or direction per lane.
+pub(super) type Vectors<S> = [<S as Simd>::F; 3];
+
+/// Where sixteen points of the view frame appear.
+pub(super) struct Projected<S: Simd> {
+    /// 1/256 px.
+    pub(super) x: S::I,
+    /// 1/256 px.
+    pub(super) y: S::I,
+    /// See [`super::raster`].
+    pub(super) depth: S::F,
+}
+
+/// A way to project.
+pub(super) trait Lens {
+    /// Where points appear; meaningless for those that do not fit.
+    fn project<S: Simd>(&self, point: &Vectors<S>) -> Projected<S>;
+
+    /// Points that are not seen, and points that cannot be projected into the rasteriser's numbers.
+    fn unfit<S: Simd>(&self, point: &Vectors<S>) -> Unfit<S>;
+
+    /// Clusters of which nothing can be seen: bits of `bounds`' lanes, given their centres and radii in the view frame.
+    fn misses<S: Simd>(&self, bounds: &Bounds, centre: &Vectors<S>, radius: S::F) -> u16;
+
+    /// Draws a triangle of which a corner does not fit.
+    fn clip<S: Simd, B: Block>(&self, triangle: [Vec3; 3], id: i32, visibility: &mut Visibility);
+}
+
+/// Points that need care.
+pub(super) struct Unfit<S: Simd> {
+    /// Behind the near plane.
+    pub(super) hidden: S::M,
+    /// That, or far outside of the image.
+    pub(super) unfit: S::M,
+}
+
+/// A camera.
+pub(super) struct Pinhole {
+    focal_px: f32,
+    /// Half the image's side, in px.
+    half_px: f32,
+    pub(super) near_m: f32,
+    far_m: f32,
+    /// Greatest |x/z| and |y/z| of the image.
+    slope: f32,
+    /// Length of (1, slope).
+    slant: f32,
+    /// Greatest |x/z| and |y/z| that fit the rasteriser's numbers.
+    pub(super) guard_slope: f32,
+    /// Where the camera is in the mesh's frame.
+    eye_in_mesh: Vec3,
+}
+
+/// Pixels beyond the image's edges to which triangles are drawn unclipped.
+const GUARD_PX: f32 = 448.0;
+
+impl Pinhole {
+    /// Of a camera with its eye at the mesh frame's origin.
+    pub(super) fn new(camera: &Camera) -> Self {
+        let half_px = camera.side as f32 / 2.0;
+        let [near_m, far_m] = camera.clip_m;
+        let slope = half_px / camera.focal_px;
+        Self {
+            focal_px: camera.focal_px,
+            half_px,
+            near_m,
+            far_m,
+            slope,
+            slant: (1.0 + slope * slope).sqrt(),
+            guard_slope: (half_px + GUARD_PX) / camera.focal_px,
+            eye_in_mesh: [0.0; 3],
+        }
+    }
+
+    /// Where the eye is in the frame of the mesh that is drawn next.
+    pub(super) fn set_eye(&mut self, eye_in_mesh: Vec3) {
+        self.eye_in_mesh = eye_in_mesh;
+    }
+
+    /// Whether a ball in the view frame lies beyond one of the planes.
+    pub(super) fn misses_ball(&self, [x, y, z]: Vec3, radius: f32) -> bool {
+        let slack = radius * self.slant;
+        z + radius < self.near_m
+            || z - radius > self.far_m
+            || x.abs() - self.slope * z > slack
+            || y.abs() - self.slope * z > slack
+    }
+
+    /// Where a point that fits appears: the same as [`Lens::project`] gives.
+    #[inline(always)]
+    pub(super) fn corner(&self, [x, y, z]: Vec3) -> Corner {
+        let depth = 1.0 / z;
+        let on_image = |t: f32| {
+            (t * depth).mul_add(self.focal_px * 256.0, self.half_px * 256.0).round_ties_even() as i32
+        };
+        Corner { x: on_image(x), y: on_image(y), depth }
+    }
+}
+
+impl Lens for Pinhole {
+    #[inline(always)]
+    fn project<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Projected<S> {
+        let depth = S::F::all(1.0) / *z;
+        let (scale, middle) = (S::F::all(self.focal_px * 256.0), S::F::all(self.half_px * 256.0));
+        Projected {
+            x: (*x * depth).mul_add(scale, middle).rounded(),
+            y: (*y * depth).mul_add(scale, middle).rounded(),
+            depth,
+        }
+    }
+
+    #[inline(always)]
+    fn unfit<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Unfit<S> {
+        let hidden = S::F::all(self.near_m).gt(*z);
+        let guard = *z * S::F::all(self.guard_slope);
+        let opposite = *z * S::F::all(-self.guard_slope);
+        let unfit = hidden | x.gt(guard) | opposite.gt(*x) | y.gt(guard) | opposite.gt(*y);
+        Unfit { hidden, unfit }
+    }
+
+    #[inline(always)]
+    fn misses<S: Simd>(&self, bounds: &Bounds, [x, y, z]: &Vectors<S>, radius: S::F) -> u16 {
+        let slack = radius * S::F::all(self.slant);
+        let edge = z.mul_add(S::F::all(self.slope), slack);
+        let zero = S::F::all(0.0);
+        let outside = S::F::all(self.near_m).gt(*z + radius)
+            | (*z - radius).gt(S::F::all(self.far_m))
+            | x.gt(edge)
+            | (zero - *x).gt(edge)
+            | y.gt(edge)
+            | (zero - *y).gt(edge);
+        let [a, b, c] = each!(k in 3 => S::F::load(&bounds.centre[k]) - S::F::all(self.eye_in_mesh[k]));
+        let distance = c.mul_add(c, b.mul_add(b, a * a)).sqrt();
+        let [l, m, n] = each!(k in 3 => S::F::load(&bounds.axis[k]));
+        let along = c.mul_add(n, b.mul_add(m, a * l));
+        let turned_away = along.gt(distance.mul_add(S::F::load(&bounds.cutoff), S::F::load(&bounds.radius)));
+        (outside | turned_away).to_bits()
+    }
+
+    #[inline(always)]
+    fn clip<S: Simd, B: Block>(&self, triangle: [Vec3; 3], id: i32, visibility: &mut Visibility) {
+        clip::draw::<S, B>(triangle, self, id, visibility);
+    }
+}

@@ -1,0 +1,139 @@
+//! Light on a surface: the same steps for one normal and for sixteen.
+
+use core::f32::consts::FRAC_1_PI;
+
+use super::each::each;
+use super::rays::Gaze;
+use super::simd::{Floats, Mask, Number, Per, Simd};
+use crate::render::affine::{Affine, Vec3, scaled};
+use crate::render::scene::{N_SUNS, RenderScene};
+
+/// Brightness of the highlight of a white sun on a surface of specular strength 1.
+const GLOSS: f32 = 0.4;
+/// What share of the ambient light comes from below, relative to that from above.
+const GROUND: f32 = 0.55;
+/// The lights of a scene in the view frame.
+pub(super) struct Lamps {
+    up: Vec3,
+    ambient: Vec3,
+    suns: [Sun; N_SUNS],
+}
+
+struct Sun {
+    towards: Vec3,
+    /// Light that a white surface scatters when it faces the sun.
+    scattered: Vec3,
+    /// Brightness of the highlight's middle.
+    gleam: Vec3,
+}
+
+impl Lamps {
+    /// As a camera sees them.
+    pub(super) fn new(scene: &RenderScene, view_from_world: &Affine) -> Self {
+        Self {
+            up: view_from_world.vector([0.0, 0.0, 1.0]),
+            ambient: scene.ambient,
+            suns: each!(i in 2 => Sun {
+                towards: view_from_world.vector(scene.suns[i].towards),
+                scattered: scaled(scene.suns[i].color, FRAC_1_PI),
+                gleam: scaled(scene.suns[i].color, GLOSS),
+            }),
+        }
+    }
+}
+
+/// Light that reaches a surface, by where it goes.
+pub(super) struct Lit<N> {
+    /// Scattered by a white surface, but for the first sun's share.
+    scattered: [N; 3],
+    /// The first sun's share.
+    first_sun: [N; 3],
+    /// Per sun the direction to it, mirrored: it points away from where the highlight is seen.
+    mirrored: [[N; 3]; N_SUNS],
+}
+
+impl Lit<f32> {
+    /// No light.
+    pub(super) const DARK: Self =
+        Self { scattered: [0.0; 3], first_sun: [0.0; 3], mirrored: [[0.0; 3]; N_SUNS] };
+}
+
+impl Lit<f32> {
+    /// Whether a highlight may be seen within the four corners of a part of the image, given the rays d there.
+    #[inline(always)]
+    pub(super) fn gleams(&self, corners: &[[f32; 2]; 4]) -> bool {
+        // What is linear is greatest at a corner, and |d| is at least 1. Some slack for rounding.
+        let aligned = |[x, y, z]: &[f32; 3], [dx, dy]: &[f32; 2]| x * dx + y * dy + z > 0.499;
+        self.mirrored.iter().any(|mirrored| corners.iter().any(|d| aligned(mirrored, d)))
+    }
+}
+
+impl<N: Number> Lit<N> {
+    /// On surfaces with these normals, of any length.
+    #[inline(always)]
+    pub(super) fn new(lamps: &Lamps, normal: [N; 3]) -> Self {
+        let squared = dot(normal, normal).max(N::all(1e-30));
+        let per_length = N::all(1.0) / squared.sqrt();
+        let n = each!(k in 3 => normal[k] * per_length);
+        let sky = dot(n, all(lamps.up)).mul_add(N::all((1.0 - GROUND) / 2.0), N::all((1.0 + GROUND) / 2.0));
+        let facing = each!(i in 2 => dot(n, all(lamps.suns[i].towards)).max(N::all(0.0)));
+        let [first, second] = &lamps.suns;
+        Self {
+            scattered: each!(c in 3 =>
+                facing[1].mul_add(N::all(second.scattered[c]), sky * N::all(lamps.ambient[c]))),
+            first_sun: each!(c in 3 => facing[0] * N::all(first.scattered[c])),
+            mirrored: each!(i in 2 => {
+                let twice = facing[i] * N::all(-2.0);
+                let towards = lamps.suns[i].towards;
+                each!(k in 3 => twice.mul_add(n[k], N::all(towards[k])).where_positive(facing[i]))
+            }),
+        }
+    }
+}
+
+/// Light that reaches the eye, linear RGB, given what share of the first sun's light arrives, the surface's colour and
+/// the strength of its highlights; `gleams` if there may be any.
+#[inline(always)]
+pub(super) fn seen<S: Simd, N: Per<S>>(
+    lit: &Lit<N>,
+    lamps: &Lamps,
+    gleams: bool,
+    gaze: &Gaze<S>,
+    sunlight: S::F,
+    color: [S::F; 3],
+    specular: S::F,
+) -> [S::F; 3] {
+    let mut light = each!(c in 3 =>
+        color[c] * sunlight.mul_add(lit.first_sun[c].spread(), lit.scattered[c].spread()));
+    if !gleams {
+        return light;
+    }
+    let (dx, dy) = (gaze.d[0], gaze.d[1]);
+    for (i, sun) in lamps.suns.iter().enumerate() {
+        let [x, y, z] = each!(k in 3 => lit.mirrored[i][k].spread());
+        let aligned = x.mul_add(dx, y.mul_add(dy, z)) * gaze.per_length;
+        let gleam = aligned.mul_add(S::F::all(2.0), S::F::all(-1.0));
+        // Most of a picture is away from highlights.
+        if gleam.gt(S::F::all(0.0)).any() {
+            let gleam = gleam.max(S::F::all(0.0));
+            let square = gleam * gleam;
+            let fourth = square * square;
+            let share = if i == 0 { specular * sunlight } else { specular };
+            let strength = fourth * fourth * share;
+            light = each!(c in 3 => strength.mul_add(S::F::all(sun.gleam[c]), light[c]));
+        }
+    }
+    light
+}
+
+/// The same vector everywhere.
+#[inline(always)]
+fn all<N: Number>(v: Vec3) -> [N; 3] {
+    each!(k in 3 => N::all(v[k]))
+}
+
+/// Dot product, in a fixed order.
+#[inline(always)]
+pub(super) fn dot<N: Number>(a: [N; 3], b: [N; 3]) -> N {
+    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}

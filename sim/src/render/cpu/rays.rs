@@ -1,0 +1,89 @@
+//! The rays through the pixels of a block.
+
+use super::each::each;
+use super::kind::{Block, Square};
+use super::raster::MAX_BLOCKS;
+use super::simd::{Floats, Line, Number, Simd};
+use crate::render::camera::Camera;
+
+/// Rays of sixteen pixels, d = (x, y, 1) from the eye outwards.
+pub(super) struct Gaze<S: Simd> {
+    /// Columns and rows of the pixels.
+    pub(super) pixel: [S::F; 2],
+    /// x and y of d.
+    pub(super) d: [S::F; 2],
+    /// 1/|d|.
+    pub(super) per_length: S::F,
+}
+
+/// A camera's rays. Their lengths are kept: they are the same in every picture of cameras of the same make.
+pub(super) struct Rays {
+    side: usize,
+    focal_px: f32,
+    per_length: Vec<Line>,
+}
+
+impl Rays {
+    /// Of no camera yet.
+    pub(super) fn new() -> Self {
+        Self { side: 0, focal_px: 0.0, per_length: Vec::with_capacity(MAX_BLOCKS) }
+    }
+
+    /// Whether these are the camera's.
+    pub(super) fn are_of(&self, camera: &Camera) -> bool {
+        self.side == camera.side && self.focal_px.to_bits() == camera.focal_px.to_bits()
+    }
+
+    /// Makes them the camera's.
+    #[inline(always)]
+    pub(super) fn aim<S: Simd>(&mut self, camera: &Camera) {
+        (self.side, self.focal_px) = (camera.side, camera.focal_px);
+        self.per_length.clear();
+        let per_row = camera.side >> Square::WIDTH_BITS;
+        for block in 0..per_row * per_row {
+            let (column, row) = (block % per_row, block / per_row);
+            let first = [(column << Square::WIDTH_BITS) as f32, (row << Square::HEIGHT_BITS) as f32];
+            let [x, y] = self.d::<S>(self.pixel::<S>(first));
+            let mut line = Line::ZERO;
+            let squared = x.mul_add(x, y.mul_add(y, S::F::all(1.0)));
+            (S::F::all(1.0) / squared.sqrt()).store(&mut line);
+            self.per_length.push(line);
+        }
+    }
+
+    /// Rays of a block, by its column and row.
+    #[inline(always)]
+    pub(super) fn gaze<S: Simd>(&self, column: usize, row: usize) -> Gaze<S> {
+        let per_row = self.side >> Square::WIDTH_BITS;
+        let first = [(column << Square::WIDTH_BITS) as f32, (row << Square::HEIGHT_BITS) as f32];
+        let pixel = self.pixel::<S>(first);
+        Gaze {
+            pixel,
+            d: self.d::<S>(pixel),
+            per_length: S::F::load(&self.per_length[row * per_row + column]),
+        }
+    }
+
+    /// x and y of d at the corners of a row of `n` blocks.
+    #[inline(always)]
+    pub(super) fn corners(&self, column: usize, row: usize, n: usize) -> [[f32; 2]; 4] {
+        let per_focal = 1.0 / self.focal_px;
+        let d = |pixel: usize| (pixel as f32 + 0.5 - self.side as f32 / 2.0) * per_focal;
+        let (left, top) = (column << Square::WIDTH_BITS, row << Square::HEIGHT_BITS);
+        let (right, bottom) = (left + (n << Square::WIDTH_BITS), top + Square::HEIGHT as usize);
+        [[d(left), d(top)], [d(right), d(top)], [d(left), d(bottom)], [d(right), d(bottom)]]
+    }
+
+    /// Columns and rows of the pixels of a block with this first one.
+    #[inline(always)]
+    fn pixel<S: Simd>(&self, [x, y]: [f32; 2]) -> [S::F; 2] {
+        [S::F::all(x) + S::F::load(&Square::X_FLOATS), S::F::all(y) + S::F::load(&Square::Y_FLOATS)]
+    }
+
+    #[inline(always)]
+    fn d<S: Simd>(&self, pixel: [S::F; 2]) -> [S::F; 2] {
+        let per_focal = 1.0 / self.focal_px;
+        let first = (0.5 - self.side as f32 / 2.0) * per_focal;
+        each!(k in 2 => pixel[k].mul_add(S::F::all(per_focal), S::F::all(first)))
+    }
+}

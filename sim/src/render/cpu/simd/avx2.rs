@@ -1,0 +1,358 @@
+//! AVX2 and FMA: two registers per vector.
+
+use core::arch::x86_64::*;
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
+
+use crate::render::cpu::each::each;
+
+use super::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine, check_pairs};
+
+/// The instruction set.
+#[derive(Clone, Copy)]
+pub(in crate::render::cpu) struct Avx2;
+
+/// Floats, lanes 0 to 7 and 8 to 15.
+#[derive(Clone, Copy)]
+pub(in crate::render::cpu) struct Ymm([__m256; 2]);
+
+/// Integers, lanes 0 to 7 and 8 to 15.
+#[derive(Clone, Copy)]
+pub(in crate::render::cpu) struct YmmWhole([__m256i; 2]);
+
+/// Answers, all bits of a lane set or none.
+#[derive(Clone, Copy)]
+pub(in crate::render::cpu) struct YmmMask([__m256i; 2]);
+
+/// What intrinsics give.
+macro_rules! intrinsic {
+    ($call:expr) => {
+        // SAFETY: this type exists only in code compiled for AVX2 and FMA, which runs only where the processor has them.
+        unsafe { $call }
+    };
+}
+
+/// The same intrinsic for both halves.
+macro_rules! both {
+    ($intrinsic:ident ( $($arg:expr),+ )) => {
+        intrinsic!([
+            $intrinsic($($arg[0]),+),
+            $intrinsic($($arg[1]),+)
+        ])
+    };
+}
+
+macro_rules! operator {
+    ($type:ident, $trait:ident, $method:ident, $intrinsic:ident) => {
+        impl $trait for $type {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self(both!($intrinsic(self.0, other.0)))
+            }
+        }
+    };
+}
+
+operator!(Ymm, Add, add, _mm256_add_ps);
+operator!(Ymm, Sub, sub, _mm256_sub_ps);
+operator!(Ymm, Mul, mul, _mm256_mul_ps);
+operator!(Ymm, Div, div, _mm256_div_ps);
+operator!(YmmWhole, Add, add, _mm256_add_epi32);
+operator!(YmmWhole, Sub, sub, _mm256_sub_epi32);
+operator!(YmmWhole, BitAnd, bitand, _mm256_and_si256);
+operator!(YmmWhole, BitOr, bitor, _mm256_or_si256);
+operator!(YmmMask, BitAnd, bitand, _mm256_and_si256);
+operator!(YmmMask, BitOr, bitor, _mm256_or_si256);
+
+impl Simd for Avx2 {
+    type F = Ymm;
+    type I = YmmWhole;
+    type M = YmmMask;
+
+    #[inline(always)]
+    fn transposed(rows: [Ymm; N_LANES]) -> [Ymm; N_LANES] {
+        let mut columns = rows;
+        for half in 0..2 {
+            for from in [0, 8] {
+                let mut block = [rows[0].0[0]; 8];
+                for i in 0..8 {
+                    block[i] = rows[from + i].0[half];
+                }
+                let block = transposed_8(block);
+                for i in 0..8 {
+                    columns[8 * half + i].0[from / 8] = block[i];
+                }
+            }
+        }
+        columns
+    }
+
+    #[inline(always)]
+    fn pairs(words: &[u32], at: &WholeLine) -> (YmmWhole, YmmWhole) {
+        let at = &at.0;
+        check_pairs(words, at);
+        // SAFETY: the callers' indices lie within `words`, as `check_pairs` asserts in tests.
+        let p =
+            each!(i in 16 => unsafe { words.as_ptr().add(at[i] as usize).cast::<i64>().read_unaligned() });
+        intrinsic!({
+            let a = _mm256_castsi256_ps(_mm256_setr_epi64x(p[0], p[1], p[2], p[3]));
+            let b = _mm256_castsi256_ps(_mm256_setr_epi64x(p[4], p[5], p[6], p[7]));
+            let c = _mm256_castsi256_ps(_mm256_setr_epi64x(p[8], p[9], p[10], p[11]));
+            let d = _mm256_castsi256_ps(_mm256_setr_epi64x(p[12], p[13], p[14], p[15]));
+            (
+                YmmWhole([
+                    ordered(_mm256_shuffle_ps::<0x88>(a, b)),
+                    ordered(_mm256_shuffle_ps::<0x88>(c, d)),
+                ]),
+                YmmWhole([
+                    ordered(_mm256_shuffle_ps::<0xDD>(a, b)),
+                    ordered(_mm256_shuffle_ps::<0xDD>(c, d)),
+                ]),
+            )
+        })
+    }
+
+    #[inline(always)]
+    fn store_rgb(pixels: YmmWhole, rows: &mut [u8], pitch: usize) {
+        let mut packed = [0_u8; 64];
+        intrinsic!({
+            let three_of_four = _mm256_broadcastsi128_si256(_mm_setr_epi8(
+                0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1,
+            ));
+            for (half, bytes) in pixels.0.into_iter().zip(packed.chunks_exact_mut(32)) {
+                _mm256_storeu_si256(bytes.as_mut_ptr().cast(), _mm256_shuffle_epi8(half, three_of_four));
+            }
+        });
+        for i in 0..4 {
+            rows[i * pitch..i * pitch + 12].copy_from_slice(&packed[i * 16..i * 16 + 12]);
+        }
+    }
+}
+
+/// Undoes the order in which shuffles within halves leave the pairs of lanes.
+#[inline(always)]
+fn ordered(mixed: __m256) -> __m256i {
+    intrinsic!(_mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_castps_si256(mixed)))
+}
+
+#[inline(always)]
+fn transposed_8(rows: [__m256; 8]) -> [__m256; 8] {
+    let (mut pairs, mut quads, mut columns) = (rows, rows, rows);
+    intrinsic!({
+        for i in (0..8).step_by(2) {
+            pairs[i] = _mm256_unpacklo_ps(rows[i], rows[i + 1]);
+            pairs[i + 1] = _mm256_unpackhi_ps(rows[i], rows[i + 1]);
+        }
+        for i in (0..8).step_by(4) {
+            quads[i] = _mm256_shuffle_ps::<0x44>(pairs[i], pairs[i + 2]);
+            quads[i + 1] = _mm256_shuffle_ps::<0xEE>(pairs[i], pairs[i + 2]);
+            quads[i + 2] = _mm256_shuffle_ps::<0x44>(pairs[i + 1], pairs[i + 3]);
+            quads[i + 3] = _mm256_shuffle_ps::<0xEE>(pairs[i + 1], pairs[i + 3]);
+        }
+        for k in 0..4 {
+            columns[k] = _mm256_permute2f128_ps::<0x20>(quads[k], quads[k + 4]);
+            columns[k + 4] = _mm256_permute2f128_ps::<0x31>(quads[k], quads[k + 4]);
+        }
+    });
+    columns
+}
+
+impl Number for Ymm {
+    #[inline(always)]
+    fn all(x: f32) -> Self {
+        Self(intrinsic!([_mm256_set1_ps(x); 2]))
+    }
+
+    #[inline(always)]
+    fn mul_add(self, factor: Self, term: Self) -> Self {
+        Self(both!(_mm256_fmadd_ps(self.0, factor.0, term.0)))
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(both!(_mm256_sqrt_ps(self.0)))
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(both!(_mm256_max_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(both!(_mm256_min_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn where_positive(self, sign: Self) -> Self {
+        self.or_where(sign.gt(Self::all(0.0)), Self::all(0.0))
+    }
+}
+
+impl Per<Avx2> for Ymm {
+    #[inline(always)]
+    fn spread(self) -> Self {
+        self
+    }
+}
+
+impl Floats for Ymm {
+    type I = YmmWhole;
+    type M = YmmMask;
+
+    #[inline(always)]
+    fn load(from: &Line) -> Self {
+        let half = |i: usize| from.0[i..i + 8].as_ptr();
+        Self(intrinsic!([_mm256_load_ps(half(0)), _mm256_load_ps(half(8))]))
+    }
+
+    #[inline(always)]
+    fn store(self, to: &mut Line) {
+        for (half, lanes) in self.0.into_iter().zip(to.0.chunks_exact_mut(8)) {
+            intrinsic!(_mm256_store_ps(lanes.as_mut_ptr(), half));
+        }
+    }
+
+    #[inline(always)]
+    fn gt(self, other: Self) -> YmmMask {
+        YmmMask(each!(i in 2 =>
+            intrinsic!(_mm256_castps_si256(_mm256_cmp_ps::<_CMP_GT_OQ>(self.0[i], other.0[i])))))
+    }
+
+    #[inline(always)]
+    fn or_where(self, mask: YmmMask, other: Self) -> Self {
+        Self(each!(i in 2 =>
+            intrinsic!(_mm256_blendv_ps(other.0[i], self.0[i], _mm256_castsi256_ps(mask.0[i])))))
+    }
+
+    #[inline(always)]
+    fn rounded(self) -> YmmWhole {
+        YmmWhole(both!(_mm256_cvtps_epi32(self.0)))
+    }
+
+    #[inline(always)]
+    fn truncated(self) -> YmmWhole {
+        YmmWhole(both!(_mm256_cvttps_epi32(self.0)))
+    }
+
+    #[inline(always)]
+    fn bits(self) -> YmmWhole {
+        YmmWhole(both!(_mm256_castps_si256(self.0)))
+    }
+}
+
+impl Whole for YmmWhole {
+    type F = Ymm;
+    type M = YmmMask;
+
+    #[inline(always)]
+    fn all(x: i32) -> Self {
+        Self(intrinsic!([_mm256_set1_epi32(x); 2]))
+    }
+
+    #[inline(always)]
+    fn load(from: &WholeLine) -> Self {
+        let half = |i: usize| from.0[i..i + 8].as_ptr().cast();
+        Self(intrinsic!([_mm256_load_si256(half(0)), _mm256_load_si256(half(8))]))
+    }
+
+    #[inline(always)]
+    fn store(self, to: &mut WholeLine) {
+        for (half, lanes) in self.0.into_iter().zip(to.0.chunks_exact_mut(8)) {
+            intrinsic!(_mm256_store_si256(lanes.as_mut_ptr().cast(), half));
+        }
+    }
+
+    #[inline(always)]
+    fn times(self, other: Self) -> Self {
+        Self(both!(_mm256_mullo_epi32(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn times_halves(self, other: Self) -> Self {
+        Self(both!(_mm256_mullo_epi16(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn dot_halves(self, other: Self) -> Self {
+        Self(both!(_mm256_madd_epi16(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn shl<const BITS: u32>(self) -> Self {
+        let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
+        Self(each!(i in 2 => intrinsic!(_mm256_sll_epi32(self.0[i], count))))
+    }
+
+    #[inline(always)]
+    fn shr<const BITS: u32>(self) -> Self {
+        let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
+        Self(each!(i in 2 => intrinsic!(_mm256_srl_epi32(self.0[i], count))))
+    }
+
+    #[inline(always)]
+    fn sar<const BITS: u32>(self) -> Self {
+        let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
+        Self(each!(i in 2 => intrinsic!(_mm256_sra_epi32(self.0[i], count))))
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(both!(_mm256_max_epi32(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(both!(_mm256_min_epi32(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn gt(self, other: Self) -> YmmMask {
+        YmmMask(both!(_mm256_cmpgt_epi32(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn eq(self, other: Self) -> YmmMask {
+        YmmMask(both!(_mm256_cmpeq_epi32(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn or_where(self, mask: YmmMask, other: Self) -> Self {
+        Self(both!(_mm256_blendv_epi8(other.0, self.0, mask.0)))
+    }
+
+    #[inline(always)]
+    fn floats(self) -> Ymm {
+        Ymm(both!(_mm256_cvtepi32_ps(self.0)))
+    }
+
+    #[inline(always)]
+    fn as_float_bits(self) -> Ymm {
+        Ymm(both!(_mm256_castsi256_ps(self.0)))
+    }
+}
+
+impl Mask for YmmMask {
+    #[inline(always)]
+    fn to_bits(self) -> u16 {
+        let [low, high] =
+            each!(i in 2 => intrinsic!(_mm256_movemask_ps(_mm256_castsi256_ps(self.0[i]))) as u16);
+        low | high << 8
+    }
+
+    #[inline(always)]
+    fn from_bits(bits: u16) -> Self {
+        intrinsic!({
+            let lane = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+            Self(each!(i in 2 => {
+                let here = _mm256_and_si256(_mm256_set1_epi32(i32::from(bits >> (8 * i))), lane);
+                _mm256_cmpeq_epi32(here, lane)
+            }))
+        })
+    }
+
+    #[inline(always)]
+    fn and_not(self, other: Self) -> Self {
+        Self(both!(_mm256_andnot_si256(other.0, self.0)))
+    }
+}

@@ -1,0 +1,324 @@
+//! AVX-512 (F, BW, DQ, VL): one register per vector.
+
+use core::arch::x86_64::*;
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
+
+use crate::render::cpu::each::each;
+
+use super::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine, check_pairs};
+
+/// The instruction set.
+#[derive(Clone, Copy)]
+pub(in crate::render::cpu) struct Avx512;
+
+/// Floats in a register.
+#[derive(Clone, Copy)]
+pub(in crate::render::cpu) struct Zmm(__m512);
+
+/// Integers in a register.
+#[derive(Clone, Copy)]
+pub(in crate::render::cpu) struct ZmmWhole(__m512i);
+
+/// Answers in a mask register.
+#[derive(Clone, Copy)]
+pub(in crate::render::cpu) struct Kmask(__mmask16);
+
+/// A function of one intrinsic.
+macro_rules! intrinsic {
+    ($call:expr) => {
+        // SAFETY: this type exists only in code compiled for AVX-512, which runs only where the processor has it.
+        unsafe { $call }
+    };
+}
+
+macro_rules! operator {
+    ($type:ident, $trait:ident, $method:ident, $intrinsic:ident) => {
+        impl $trait for $type {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self(intrinsic!($intrinsic(self.0, other.0)))
+            }
+        }
+    };
+}
+
+operator!(Zmm, Add, add, _mm512_add_ps);
+operator!(Zmm, Sub, sub, _mm512_sub_ps);
+operator!(Zmm, Mul, mul, _mm512_mul_ps);
+operator!(Zmm, Div, div, _mm512_div_ps);
+operator!(ZmmWhole, Add, add, _mm512_add_epi32);
+operator!(ZmmWhole, Sub, sub, _mm512_sub_epi32);
+operator!(ZmmWhole, BitAnd, bitand, _mm512_and_si512);
+operator!(ZmmWhole, BitOr, bitor, _mm512_or_si512);
+
+impl Simd for Avx512 {
+    type F = Zmm;
+    type I = ZmmWhole;
+    type M = Kmask;
+
+    #[inline(always)]
+    fn transposed(rows: [Zmm; N_LANES]) -> [Zmm; N_LANES] {
+        let mut pairs = [rows[0].0; N_LANES];
+        let mut quads = pairs;
+        let mut halves = pairs;
+        let mut columns = rows;
+        intrinsic!({
+            for i in (0..N_LANES).step_by(2) {
+                pairs[i] = _mm512_unpacklo_ps(rows[i].0, rows[i + 1].0);
+                pairs[i + 1] = _mm512_unpackhi_ps(rows[i].0, rows[i + 1].0);
+            }
+            for i in (0..N_LANES).step_by(4) {
+                quads[i] = _mm512_shuffle_ps::<0x44>(pairs[i], pairs[i + 2]);
+                quads[i + 1] = _mm512_shuffle_ps::<0xEE>(pairs[i], pairs[i + 2]);
+                quads[i + 2] = _mm512_shuffle_ps::<0x44>(pairs[i + 1], pairs[i + 3]);
+                quads[i + 3] = _mm512_shuffle_ps::<0xEE>(pairs[i + 1], pairs[i + 3]);
+            }
+            // Each quad holds columns k, k + 4, k + 8, k + 12 of four rows, one per 128 bits.
+            for k in 0..4 {
+                halves[k] = _mm512_shuffle_f32x4::<0x88>(quads[k], quads[k + 4]);
+                halves[k + 4] = _mm512_shuffle_f32x4::<0xDD>(quads[k], quads[k + 4]);
+                halves[k + 8] = _mm512_shuffle_f32x4::<0x88>(quads[k + 8], quads[k + 12]);
+                halves[k + 12] = _mm512_shuffle_f32x4::<0xDD>(quads[k + 8], quads[k + 12]);
+            }
+            for k in 0..4 {
+                columns[k] = Zmm(_mm512_shuffle_f32x4::<0x88>(halves[k], halves[k + 8]));
+                columns[k + 4] = Zmm(_mm512_shuffle_f32x4::<0x88>(halves[k + 4], halves[k + 12]));
+                columns[k + 8] = Zmm(_mm512_shuffle_f32x4::<0xDD>(halves[k], halves[k + 8]));
+                columns[k + 12] = Zmm(_mm512_shuffle_f32x4::<0xDD>(halves[k + 4], halves[k + 12]));
+            }
+        });
+        columns
+    }
+
+    #[inline(always)]
+    fn pairs(words: &[u32], at: &WholeLine) -> (ZmmWhole, ZmmWhole) {
+        let at = &at.0;
+        check_pairs(words, at);
+        // SAFETY: the callers' indices lie within `words`, as `check_pairs` asserts in tests. Sixteen loads put together
+        // are measured to take about half as long as gather instructions.
+        let p =
+            each!(i in 16 => unsafe { words.as_ptr().add(at[i] as usize).cast::<i64>().read_unaligned() });
+        intrinsic!({
+            let low = _mm512_setr_epi64(p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]);
+            let high = _mm512_setr_epi64(p[8], p[9], p[10], p[11], p[12], p[13], p[14], p[15]);
+            let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+            let odd = _mm512_or_si512(even, _mm512_set1_epi32(1));
+            (
+                ZmmWhole(_mm512_permutex2var_epi32(low, even, high)),
+                ZmmWhole(_mm512_permutex2var_epi32(low, odd, high)),
+            )
+        })
+    }
+
+    #[inline(always)]
+    fn store_rgb(pixels: ZmmWhole, rows: &mut [u8], pitch: usize) {
+        let mut packed = [0_u8; 64];
+        intrinsic!({
+            let three_of_four =
+                _mm512_broadcast_i32x4(_mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1));
+            let bytes = _mm512_shuffle_epi8(pixels.0, three_of_four);
+            _mm512_storeu_si512(packed.as_mut_ptr().cast(), bytes);
+        });
+        for i in 0..4 {
+            rows[i * pitch..i * pitch + 12].copy_from_slice(&packed[i * 16..i * 16 + 12]);
+        }
+    }
+}
+
+impl Number for Zmm {
+    #[inline(always)]
+    fn all(x: f32) -> Self {
+        Self(intrinsic!(_mm512_set1_ps(x)))
+    }
+
+    #[inline(always)]
+    fn mul_add(self, factor: Self, term: Self) -> Self {
+        Self(intrinsic!(_mm512_fmadd_ps(self.0, factor.0, term.0)))
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(intrinsic!(_mm512_sqrt_ps(self.0)))
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(intrinsic!(_mm512_max_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(intrinsic!(_mm512_min_ps(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn where_positive(self, sign: Self) -> Self {
+        self.or_where(sign.gt(Self::all(0.0)), Self::all(0.0))
+    }
+}
+
+impl Per<Avx512> for Zmm {
+    #[inline(always)]
+    fn spread(self) -> Self {
+        self
+    }
+}
+
+impl Floats for Zmm {
+    type I = ZmmWhole;
+    type M = Kmask;
+
+    #[inline(always)]
+    fn load(from: &Line) -> Self {
+        Self(intrinsic!(_mm512_load_ps(from.0.as_ptr())))
+    }
+
+    #[inline(always)]
+    fn store(self, to: &mut Line) {
+        intrinsic!(_mm512_store_ps(to.0.as_mut_ptr(), self.0));
+    }
+
+    #[inline(always)]
+    fn gt(self, other: Self) -> Kmask {
+        Kmask(intrinsic!(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn or_where(self, mask: Kmask, other: Self) -> Self {
+        Self(intrinsic!(_mm512_mask_blend_ps(mask.0, other.0, self.0)))
+    }
+
+    #[inline(always)]
+    fn rounded(self) -> ZmmWhole {
+        ZmmWhole(intrinsic!(_mm512_cvtps_epi32(self.0)))
+    }
+
+    #[inline(always)]
+    fn truncated(self) -> ZmmWhole {
+        ZmmWhole(intrinsic!(_mm512_cvttps_epi32(self.0)))
+    }
+
+    #[inline(always)]
+    fn bits(self) -> ZmmWhole {
+        ZmmWhole(intrinsic!(_mm512_castps_si512(self.0)))
+    }
+}
+
+impl Whole for ZmmWhole {
+    type F = Zmm;
+    type M = Kmask;
+
+    #[inline(always)]
+    fn all(x: i32) -> Self {
+        Self(intrinsic!(_mm512_set1_epi32(x)))
+    }
+
+    #[inline(always)]
+    fn load(from: &WholeLine) -> Self {
+        Self(intrinsic!(_mm512_load_si512(from.0.as_ptr().cast())))
+    }
+
+    #[inline(always)]
+    fn store(self, to: &mut WholeLine) {
+        intrinsic!(_mm512_store_si512(to.0.as_mut_ptr().cast(), self.0));
+    }
+
+    #[inline(always)]
+    fn times(self, other: Self) -> Self {
+        Self(intrinsic!(_mm512_mullo_epi32(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn times_halves(self, other: Self) -> Self {
+        Self(intrinsic!(_mm512_mullo_epi16(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn dot_halves(self, other: Self) -> Self {
+        Self(intrinsic!(_mm512_madd_epi16(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn shl<const BITS: u32>(self) -> Self {
+        Self(intrinsic!(_mm512_slli_epi32::<BITS>(self.0)))
+    }
+
+    #[inline(always)]
+    fn shr<const BITS: u32>(self) -> Self {
+        Self(intrinsic!(_mm512_srli_epi32::<BITS>(self.0)))
+    }
+
+    #[inline(always)]
+    fn sar<const BITS: u32>(self) -> Self {
+        Self(intrinsic!(_mm512_srai_epi32::<BITS>(self.0)))
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(intrinsic!(_mm512_max_epi32(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(intrinsic!(_mm512_min_epi32(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn gt(self, other: Self) -> Kmask {
+        Kmask(intrinsic!(_mm512_cmpgt_epi32_mask(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn eq(self, other: Self) -> Kmask {
+        Kmask(intrinsic!(_mm512_cmpeq_epi32_mask(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn or_where(self, mask: Kmask, other: Self) -> Self {
+        Self(intrinsic!(_mm512_mask_blend_epi32(mask.0, other.0, self.0)))
+    }
+
+    #[inline(always)]
+    fn floats(self) -> Zmm {
+        Zmm(intrinsic!(_mm512_cvtepi32_ps(self.0)))
+    }
+
+    #[inline(always)]
+    fn as_float_bits(self) -> Zmm {
+        Zmm(intrinsic!(_mm512_castsi512_ps(self.0)))
+    }
+}
+
+impl BitAnd for Kmask {
+    type Output = Self;
+    #[inline(always)]
+    fn bitand(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+}
+
+impl BitOr for Kmask {
+    type Output = Self;
+    #[inline(always)]
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl Mask for Kmask {
+    #[inline(always)]
+    fn to_bits(self) -> u16 {
+        self.0
+    }
+
+    #[inline(always)]
+    fn from_bits(bits: u16) -> Self {
+        Self(bits)
+    }
+
+    #[inline(always)]
+    fn and_not(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+}

@@ -1,0 +1,199 @@
+//! Sixteen numbers side by side and what can be done with them, once per instruction set.
+//!
+//! Every operation is the IEEE or integer one in each lane, the fused product-and-sum included, so generic code gives the
+//! same bits on every instruction set. Values of an implementation exist only inside code compiled for its instruction
+//! set ([`super::isa`]): that is what makes its intrinsics sound.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod portable;
+
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
+
+#[cfg(target_arch = "x86_64")]
+pub(super) use avx2::Avx2;
+#[cfg(target_arch = "x86_64")]
+pub(super) use avx512::Avx512;
+pub(super) use portable::Portable;
+
+pub(super) use crate::render::line::{Line, N_LANES, WholeLine};
+
+/// An instruction set.
+pub(super) trait Simd: Copy {
+    /// `[16] f32`.
+    type F: Floats<I = Self::I, M = Self::M> + Per<Self>;
+    /// `[16] i32`.
+    type I: Whole<F = Self::F, M = Self::M>;
+    /// `[16]` yes or no.
+    type M: Mask;
+
+    /// Rows become columns.
+    fn transposed(rows: [Self::F; N_LANES]) -> [Self::F; N_LANES];
+
+    /// The words at each index and right behind it.
+    ///
+    /// # Panics
+    /// If an index or the word behind it lies outside of `words`, in builds with debug assertions; see [`check_pairs`].
+    fn pairs(words: &[u32], at: &WholeLine) -> (Self::I, Self::I);
+
+    /// Writes the lowest three bytes of each lane, four lanes to a row: row i begins at `rows[i * pitch]`.
+    ///
+    /// # Panics
+    /// If a row does not fit.
+    fn store_rgb(pixels: Self::I, rows: &mut [u8], pitch: usize);
+}
+
+/// A float or sixteen of them: what is the same for all pixels of a surface is computed once, by the same steps.
+pub(super) trait Number:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
+{
+    /// The same number everywhere.
+    fn all(x: f32) -> Self;
+    /// `self * factor + term`, rounded once.
+    fn mul_add(self, factor: Self, term: Self) -> Self;
+    /// Square root.
+    fn sqrt(self) -> Self;
+    /// The greater; the other one if `self` is NaN.
+    fn max(self, other: Self) -> Self;
+    /// The lesser; the other one if `self` is NaN.
+    fn min(self, other: Self) -> Self;
+    /// `self` where `sign` is positive, else 0.
+    fn where_positive(self, sign: Self) -> Self;
+}
+
+impl Number for f32 {
+    #[inline(always)]
+    fn all(x: f32) -> Self {
+        x
+    }
+
+    #[inline(always)]
+    fn mul_add(self, factor: Self, term: Self) -> Self {
+        Self::mul_add(self, factor, term)
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self::sqrt(self)
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        if self > other { self } else { other }
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        if self < other { self } else { other }
+    }
+
+    #[inline(always)]
+    fn where_positive(self, sign: Self) -> Self {
+        if sign > 0.0 { self } else { 0.0 }
+    }
+}
+
+/// A number that can be spread over an instruction set's lanes.
+pub(super) trait Per<S: Simd>: Number {
+    /// Itself if it is sixteen, else the same everywhere.
+    fn spread(self) -> S::F;
+}
+
+impl<S: Simd> Per<S> for f32 {
+    #[inline(always)]
+    fn spread(self) -> S::F {
+        S::F::all(self)
+    }
+}
+
+/// Sixteen floats.
+pub(super) trait Floats: Number {
+    /// Integers as wide.
+    type I;
+    /// Masks as wide.
+    type M;
+
+    /// From memory.
+    fn load(from: &Line) -> Self;
+    /// To memory.
+    fn store(self, to: &mut Line);
+    /// Where `self > other`; not for NaN.
+    fn gt(self, other: Self) -> Self::M;
+    /// `self` where `mask`, else `other`.
+    fn or_where(self, mask: Self::M, other: Self) -> Self;
+    /// To the nearest integer, ties to even; meaningless outside of ±2³¹.
+    fn rounded(self) -> Self::I;
+    /// Towards zero; meaningless outside of ±2³¹.
+    fn truncated(self) -> Self::I;
+    /// The same bits.
+    fn bits(self) -> Self::I;
+}
+
+/// Sixteen integers; arithmetic wraps.
+pub(super) trait Whole:
+    Copy + Add<Output = Self> + Sub<Output = Self> + BitAnd<Output = Self> + BitOr<Output = Self>
+{
+    /// Floats as wide.
+    type F;
+    /// Masks as wide.
+    type M;
+
+    /// The same number everywhere.
+    fn all(x: i32) -> Self;
+    /// From memory.
+    fn load(from: &WholeLine) -> Self;
+    /// To memory.
+    fn store(self, to: &mut WholeLine);
+    /// Product, its lower 32 bits.
+    fn times(self, other: Self) -> Self;
+    /// Products of both 16-bit halves, each kept to 16 bits.
+    fn times_halves(self, other: Self) -> Self;
+    /// Sum of the two products of signed 16-bit halves.
+    fn dot_halves(self, other: Self) -> Self;
+    /// Shifted left.
+    fn shl<const BITS: u32>(self) -> Self;
+    /// Shifted right, zeros from the left.
+    fn shr<const BITS: u32>(self) -> Self;
+    /// Shifted right, the sign from the left.
+    fn sar<const BITS: u32>(self) -> Self;
+    /// The greater.
+    fn max(self, other: Self) -> Self;
+    /// The lesser.
+    fn min(self, other: Self) -> Self;
+    /// Where `self > other`.
+    fn gt(self, other: Self) -> Self::M;
+    /// Where they are equal.
+    fn eq(self, other: Self) -> Self::M;
+    /// `self` where `mask`, else `other`.
+    fn or_where(self, mask: Self::M, other: Self) -> Self;
+    /// As floats, rounded to nearest.
+    fn floats(self) -> Self::F;
+    /// The same bits.
+    fn as_float_bits(self) -> Self::F;
+}
+
+/// Sixteen answers.
+pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
+    /// Lane i as bit i.
+    fn to_bits(self) -> u16;
+    /// Bit i as lane i.
+    fn from_bits(bits: u16) -> Self;
+    /// Whether it is yes anywhere.
+    #[inline(always)]
+    fn any(self) -> bool {
+        self.to_bits() != 0
+    }
+    /// Where `self` and not `other`.
+    fn and_not(self, other: Self) -> Self;
+}
+
+/// Asserts what [`Simd::pairs`] relies on, in builds with debug assertions only: indices are masked by construction.
+fn check_pairs(words: &[u32], at: &[i32; N_LANES]) {
+    debug_assert!(
+        at.iter().all(|&i| usize::try_from(i).is_ok_and(|i| i + 1 < words.len())),
+        "a pair lies outside of {} words: {at:?}",
+        words.len()
+    );
+}

@@ -1,0 +1,24 @@
+//! Sixteen numbers on a cache line: how arrays are laid out that vector code reads.
+
+/// Numbers on a line.
+pub(super) const N_LANES: usize = 16;
+
+/// Sixteen floats.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(super) struct Line(pub(super) [f32; N_LANES]);
+
+impl Line {
+    /// Zero everywhere.
+    pub(super) const ZERO: Self = Self([0.0; N_LANES]);
+}
+
+/// Sixteen integers.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(super) struct WholeLine(pub(super) [i32; N_LANES]);
+
+impl WholeLine {
+    /// Zero everywhere.
+    pub(super) const ZERO: Self = Self([0; N_LANES]);
+}

@@ -1,0 +1,79 @@
+//! What the tests of every mesh generator ask of a mesh.
+
+use core::f32::consts::TAU;
+use core::fmt::Debug;
+
+use super::Mesh;
+use crate::render::affine::{Vec3, add, cross, dot, sub};
+
+/// The directed edges of a mesh between places, not vertices: faces meet at edges where their normals differ.
+fn edges(mesh: &Mesh) -> Vec<[[u32; 3]; 2]> {
+    // Adding zero makes −0 and 0 the same place.
+    let place = |i: u32| mesh.position(i).map(|x| (x + 0.0).to_bits());
+    let sides = mesh.triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
+    let mut edges: Vec<[[u32; 3]; 2]> = sides.map(|side| side.map(place)).collect();
+    edges.sort_unstable();
+    edges
+}
+
+/// Every edge has a triangle on either side.
+pub(super) fn assert_closed(name: &dyn Debug, mesh: &Mesh) {
+    let there = edges(mesh);
+    let mut back: Vec<_> = there.iter().map(|[a, b]| [*b, *a]).collect();
+    back.sort_unstable();
+    assert!(there == back, "{name:?}: an edge has a triangle on one side only");
+}
+
+/// Normals are unit and look to the side from which their triangles are counter-clockwise.
+pub(super) fn assert_normals_follow_faces(name: &dyn Debug, mesh: &Mesh) {
+    // Where a sharp crease is rounded off, a few slivers look aside.
+    let (mut area, mut wrong) = (0.0, 0.0);
+    for corners in &mesh.triangles {
+        let [a, b, c] = corners.map(|i| mesh.position(i));
+        let [l, m, n] = corners.map(|i| mesh.normals[i as usize]);
+        let face = cross(sub(b, a), sub(c, a));
+        let size = dot(face, face).sqrt();
+        area += size;
+        wrong += if dot(face, add(add(l, m), n)) <= 0.0 { size } else { 0.0 };
+    }
+    assert!(wrong <= 0.002 * area, "{name:?}: {wrong} of {area}");
+    assert!(mesh.normals.iter().all(|n| (dot(*n, *n) - 1.0).abs() < 1e-3), "{name:?}: a normal is not unit");
+}
+
+/// Size of the mesh along x, y and z in m.
+pub(super) fn extents_m(mesh: &Mesh) -> Vec3 {
+    core::array::from_fn(|axis| {
+        let coordinates = || mesh.positions[axis].iter().copied();
+        coordinates().fold(f32::MIN, f32::max) - coordinates().fold(f32::MAX, f32::min)
+    })
+}
+
+/// A closed mesh whose triangles look outwards and which has about this size and volume.
+pub(super) fn assert_solid(name: &dyn Debug, mesh: &Mesh, extents_m: Vec3, volume_m3: f32) {
+    assert_closed(name, mesh);
+    assert_normals_follow_faces(name, mesh);
+    assert_eq!(mesh.facing.len(), mesh.triangles.len(), "{name:?}");
+    let found = self::extents_m(mesh);
+    for (size, expected) in found.into_iter().zip(extents_m) {
+        assert!((size - expected).abs() < 1e-5, "{name:?}: {found:?} for {extents_m:?}");
+    }
+    // The divergence theorem: negative if the mesh is inside out.
+    let sixfold: f32 = mesh
+        .triangles
+        .iter()
+        .map(|corners| {
+            let [a, b, c] = corners.map(|i| sub(mesh.position(i), mesh.centre));
+            dot(a, cross(b, c))
+        })
+        .sum();
+    assert!(
+        (sixfold / 6.0 - volume_m3).abs() < 1e-4 * volume_m3,
+        "{name:?}: {} for {volume_m3}",
+        sixfold / 6.0
+    );
+}
+
+/// Area of the regular polygon of n corners on the unit circle.
+pub(super) fn polygon_area(n: usize) -> f32 {
+    0.5 * n as f32 * (TAU / n as f32).sin()
+}

@@ -1,0 +1,121 @@
+//! What every pattern owes its readers, checked for all of them.
+
+use super::{N_LEVELS, N_TEXELS, Pattern, SIDE, level_offset, pattern, pitch};
+use crate::scene::Texture::{self, *};
+
+const GRADIENTS: [Texture; 4] = [Sunset, Ocean, Glow, Rainbow];
+
+/// Linear factors of a texel.
+fn factors(pattern: &Pattern, level: usize, x: usize, y: usize) -> [f64; 3] {
+    let [r, g, b, alpha] = pattern.texels[level_offset(level) + y * pitch(level) + x].to_le_bytes();
+    assert_eq!(alpha, 255);
+    [r, g, b].map(|code| (f64::from(code) / 255.0) * (f64::from(code) / 255.0))
+}
+
+/// Factors of level 0, row by row.
+fn finest(texture: Texture) -> Vec<[f64; 3]> {
+    (0..SIDE * SIDE).map(|i| factors(pattern(texture), 0, i % SIDE, i / SIDE)).collect()
+}
+
+fn difference(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f64>() / 3.0
+}
+
+fn mean(values: &[[f64; 3]]) -> [f64; 3] {
+    core::array::from_fn(|c| values.iter().map(|value| value[c]).sum::<f64>() / values.len() as f64)
+}
+
+#[test]
+fn there_are_many_and_each_has_a_sensible_size() {
+    assert!(Texture::PERTURBATION.len() >= 55 && !Texture::PERTURBATION.contains(&Checker));
+    for texture in Texture::PERTURBATION {
+        assert!((0.15..=1.2).contains(&pattern(*texture).tile_m), "{texture:?}");
+    }
+}
+
+#[test]
+fn levels_follow_each_other_and_rows_end_with_their_first_texel() {
+    for level in 1..N_LEVELS {
+        assert_eq!(level_offset(level), level_offset(level - 1) + (SIDE >> (level - 1)) * pitch(level - 1));
+    }
+    for texture in Texture::ALL {
+        let texels = &pattern(*texture).texels;
+        assert_eq!(texels.len(), N_TEXELS);
+        for level in 0..N_LEVELS {
+            for row in texels[level_offset(level)..].chunks_exact(pitch(level)).take(SIDE >> level) {
+                assert_eq!(row.first(), row.last(), "{texture:?}, level {level}");
+            }
+        }
+    }
+}
+
+#[test]
+fn patterns_repeat_without_a_seam() {
+    for texture in Texture::ALL {
+        let texels = finest(*texture);
+        // Mean difference between texels i and i + 1 of a line across the tile, by i.
+        let jumps = |texel: &dyn Fn(usize, usize) -> [f64; 3]| -> Vec<f64> {
+            let jump = |i: usize, k: usize| difference(texel(i, k), texel((i + 1) % SIDE, k));
+            (0..SIDE).map(|i| (0..SIDE).map(|k| jump(i, k)).sum::<f64>() / SIDE as f64).collect()
+        };
+        let along_u = jumps(&|i, k| texels[k * SIDE + i]);
+        let along_v = jumps(&|i, k| texels[i * SIDE + k]);
+        for jumps in [along_u, along_v] {
+            let (seam, inside) = (jumps[SIDE - 1], &jumps[..SIDE - 1]);
+            let largest = inside.iter().copied().fold(0.0, f64::max);
+            assert!(seam <= largest + 1e-9, "{texture:?}: {seam} at the seam, at most {largest} inside");
+        }
+    }
+}
+
+#[test]
+fn levels_end_in_the_mean() {
+    for texture in Texture::ALL {
+        let far = difference(factors(pattern(*texture), N_LEVELS - 1, 0, 0), mean(&finest(*texture)));
+        assert!(far < 0.005, "{texture:?}: {far} from the mean");
+    }
+}
+
+#[test]
+fn patterns_can_be_seen() {
+    for texture in Texture::PERTURBATION.iter().filter(|texture| !GRADIENTS.contains(texture)) {
+        let texels = finest(*texture);
+        let middle = mean(&texels);
+        let squares = texels.iter().map(|texel| difference(*texel, middle).powi(2)).sum::<f64>();
+        let deviation = (squares / texels.len() as f64).sqrt() / middle.iter().sum::<f64>() * 3.0;
+        assert!(deviation > 0.04, "{texture:?}: deviation {deviation} of the mean");
+    }
+}
+
+#[test]
+fn no_two_patterns_look_alike() {
+    // One level suffices and keeps the quadratic number of pairs cheap.
+    let level = 3;
+    let side = SIDE >> level;
+    let coarse = |texture: &Texture| -> Vec<[f64; 3]> {
+        (0..side * side).map(|i| factors(pattern(*texture), level, i % side, i / side)).collect()
+    };
+    let all: Vec<_> = Texture::ALL.iter().map(coarse).collect();
+    for (i, a) in all.iter().enumerate() {
+        for (k, b) in all.iter().enumerate().skip(i + 1) {
+            let apart = a.iter().zip(b).map(|(a, b)| difference(*a, *b)).sum::<f64>() / a.len() as f64;
+            assert!(apart > 0.01, "{:?} and {:?}: {apart} apart", Texture::ALL[i], Texture::ALL[k]);
+        }
+    }
+}
+
+#[test]
+fn perturbations_are_as_bright_as_photographs_on_average() {
+    let encoded = |linear: f64| {
+        let curve =
+            if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+        255.0 * curve
+    };
+    let means: Vec<_> = Texture::PERTURBATION
+        .iter()
+        .map(|texture| mean(&finest(*texture).into_iter().map(|rgb| rgb.map(encoded)).collect::<Vec<_>>()))
+        .collect();
+    let found = mean(&means);
+    let wanted = [149.0, 134.0, 123.0];
+    assert!((0..3).all(|c| (found[c] - wanted[c]).abs() < 15.0), "{found:?} instead of {wanted:?}");
+}
