@@ -15,6 +15,10 @@ pub(super) struct Affine {
 }
 
 impl Affine {
+    /// Changes nothing.
+    pub(super) const IDENTITY: Self =
+        Self { linear: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], offset: [0.0; 3] };
+
     /// Scales along the axes, then moves by `pose`.
     pub(super) fn placed(pose: &Isometry3<f32>, scale: Vec3) -> Self {
         let rotation = pose.rotation.to_rotation_matrix();

@@ -49,6 +49,11 @@ impl Camera {
         }
     }
 
+    /// Whether it stands still within an episode.
+    pub(super) fn stands(&self) -> bool {
+        matches!(self.mount, Mount::World(_))
+    }
+
     /// From the world to the view frame.
     pub(super) fn view_from_world(&self, snapshot: &Snapshot) -> Affine {
         let pose = match &self.mount {

@@ -1,10 +1,12 @@
 //! Sixteen numbers on a cache line: how arrays are laid out that vector code reads.
 
+use bytemuck::{Pod, Zeroable};
+
 /// Numbers on a line.
 pub(super) const N_LANES: usize = 16;
 
 /// Sixteen floats.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub(super) struct Line(pub(super) [f32; N_LANES]);
 
@@ -14,7 +16,7 @@ impl Line {
 }
 
 /// Sixteen integers.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub(super) struct WholeLine(pub(super) [i32; N_LANES]);
 

@@ -31,7 +31,7 @@ mod srgb;
 mod texture;
 mod trig;
 
-pub use cpu::CpuRenderer;
+pub use cpu::{CpuOptions, CpuRenderer};
 pub use scene::RenderScene;
 
 use crate::scene::Snapshot;
@@ -46,6 +46,16 @@ pub struct View<'a> {
     pub camera_idx: usize,
     /// `[side, side, 3] u8` sRGB, row-major, top row first; every byte is written exactly once and none is read.
     pub out: &'a mut [u8],
+}
+
+/// How often each pixel is sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Samples {
+    /// At its centre: edges are jagged, as in the benchmark.
+    #[default]
+    One,
+    /// At four places: edges are smooth.
+    Four,
 }
 
 /// A way to make pictures.

@@ -1,20 +1,17 @@
 //! Where every instance of a scene is at the moment of a view.
 
-use super::View;
 use super::affine::Affine;
+use super::scene::RenderScene;
+use crate::scene::Snapshot;
 
-/// An instance's map.
-#[derive(Clone, Copy)]
-pub(super) struct Posed {
-    /// From the mesh to the view frame.
-    pub(super) view_from_mesh: Affine,
-}
-
-/// Fills `posed` with one entry per instance of the view's scene.
-pub(super) fn pose(view: &View<'_>, view_from_world: &Affine, posed: &mut Vec<Posed>) {
-    posed.clear();
-    posed.extend(view.scene.instances.iter().map(|instance| {
-        let world_from_mesh = instance.world_from_mesh(view.snapshot);
-        Posed { view_from_mesh: view_from_world.after(&world_from_mesh) }
-    }));
+/// Fills `maps` with one map per instance, from its mesh to the view frame.
+pub(super) fn pose(
+    scene: &RenderScene,
+    snapshot: &Snapshot,
+    view_from_world: &Affine,
+    maps: &mut Vec<Affine>,
+) {
+    maps.clear();
+    let instances = scene.instances.iter();
+    maps.extend(instances.map(|instance| view_from_world.after(&instance.world_from_mesh(snapshot))));
 }

@@ -33,7 +33,16 @@ const LEG_INSET: f32 = 0.07;
 /// Height and inset of the frame under the top, in m.
 const FRAME_HEIGHT: f32 = 0.07;
 
-/// Adds table, walls and floor.
+/// World point about which most of a scene lies, in m: a little above the middle of the table.
+pub(super) fn middle(kind: TableKind) -> [f32; 3] {
+    let bench = match kind {
+        TableKind::SingleArm => &SINGLE_ARM,
+        TableKind::Bimanual => &BIMANUAL,
+    };
+    [-0.1, 0.0, bench.top_z + 0.35]
+}
+
+/// Adds table, walls and, last, the floor.
 pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
     let top = scene.table.paint.into();
     match scene.table.kind {

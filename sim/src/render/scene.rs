@@ -1,16 +1,17 @@
 //! What a renderer keeps of a scene for the length of an episode: instances of meshes, lights, cameras.
 
-use std::sync::LazyLock;
+use std::sync::{LazyLock, Mutex};
 
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 
 use super::affine::{Affine, Vec3, normalised, scaled};
 use super::camera::Camera;
+use super::cpu::Layer;
 use super::line::N_LANES;
 use super::material::Material;
 use super::mesh::{Mesh, MeshId, MeshLibrary};
 use super::{robot, room};
-use crate::scene::{Body, Lights, Primitive, Scene, Snapshot};
+use crate::scene::{Body, Lights, Motion, Primitive, Scene, Snapshot};
 
 /// Meshes. They are constants that are too large to be written down: the same in every process, never changed, a
 /// function of nothing. Hence a static, which spares every caller from handing them through.
@@ -55,13 +56,24 @@ pub(super) const N_SUNS: usize = 2;
 
 /// Everything about a [`Scene`] that does not move within its episode.
 pub struct RenderScene {
+    /// First those that never move within an episode, of these the room first and of it the floor last.
     pub(super) instances: Vec<Instance>,
+    /// How many never move.
+    pub(super) n_still: usize,
+    /// Which is the floor.
+    pub(super) floor: usize,
     /// Id of each instance's first triangle: a multiple of 16, for triangles come in clusters of so many.
     pub(super) first_id: Vec<u32>,
     n_ids: usize,
     pub(super) ambient: Vec3,
     pub(super) suns: [Sun; N_SUNS],
     pub(super) cameras: Vec<Camera>,
+    /// Whether the first sun casts shadows.
+    pub(super) shadows: bool,
+    /// World point about which most of the scene lies, in m.
+    pub(super) middle: Vec3,
+    /// Per camera what the CPU renderer keeps from picture to picture: it saves work and changes no byte.
+    pub(super) layers: Vec<Mutex<Layer>>,
     n_triangles: usize,
     n_bodies: usize,
     n_arms: usize,
@@ -74,15 +86,21 @@ impl RenderScene {
     /// If it has more than two directional lights.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
-        // Near things first: what they hide is then never written.
-        let mut instances = Vec::new();
+        let (mut instances, mut n_still) = (Vec::new(), 0);
+        room::push(scene, &mut instances);
+        let floor = instances.len() - 1;
+        for motion in [Motion::Fixed, Motion::Dynamic] {
+            for (body_idx, body) in scene.bodies.iter().enumerate().filter(|(_, body)| body.motion == motion)
+            {
+                push_body(body_idx, body, &mut instances);
+            }
+            if motion == Motion::Fixed {
+                n_still = instances.len();
+            }
+        }
         for arm in 0..scene.robots.len() {
             robot::push(arm, robot::has_camera(scene, arm), &mut instances);
         }
-        for (body_idx, body) in scene.bodies.iter().enumerate() {
-            push_body(body_idx, body, &mut instances);
-        }
-        room::push(scene, &mut instances);
         let mut n_ids = 0;
         let first_id = instances.iter().map(|instance| {
             let first = n_ids;
@@ -95,6 +113,11 @@ impl RenderScene {
             ambient: scene.lights.ambient.map(|c| c as f32),
             suns: suns(&scene.lights),
             cameras: scene.cameras.iter().map(Camera::new).collect(),
+            shadows: scene.lights.shadows,
+            middle: room::middle(scene.table.kind),
+            layers: scene.cameras.iter().map(|_| Mutex::default()).collect(),
+            n_still,
+            floor,
             n_triangles: instances.iter().map(|instance| instance.mesh().triangles.len()).sum(),
             n_bodies: scene.bodies.len(),
             n_arms: scene.robots.len(),

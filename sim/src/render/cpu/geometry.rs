@@ -1,17 +1,45 @@
 //! From clusters of triangles to triangles on the image: passes over what cannot be seen, sixteen clusters at a time,
 //! and prepares the others' triangles, sixteen at a time.
 
+use core::marker::PhantomData;
+
 use super::each::each;
+use super::isa::Kernel;
 use super::kind::Block;
 use super::lens::{Lens, Projected, Vectors};
 use super::raster::{Corner, Small, Visibility};
 use super::simd::{Floats, Line, Mask, Number, Simd, Whole, WholeLine};
 use crate::render::affine::{Affine, Vec3};
 use crate::render::mesh::{Batch, Batches, Lines3};
+use crate::render::scene::Instance;
+
+/// Draws instances, in order.
+pub(super) struct Draw<'a, B, L> {
+    pub(super) instances: &'a [Instance],
+    /// From each one's mesh to the view frame.
+    pub(super) maps: &'a [Affine],
+    /// Id of each one's first triangle.
+    pub(super) first_ids: &'a [u32],
+    pub(super) lens: L,
+    pub(super) visibility: &'a mut Visibility,
+    pub(super) blocks: PhantomData<B>,
+}
+
+impl<B: Block, L: Lens> Kernel for Draw<'_, B, L> {
+    #[inline(always)]
+    fn run<S: Simd>(mut self) {
+        for ((instance, map), first_id) in self.instances.iter().zip(self.maps).zip(self.first_ids) {
+            let mesh = instance.mesh();
+            if self.lens.turn_to(map, mesh.centre, mesh.radius) {
+                draw::<S, B, L>(&mesh.batches, map, &self.lens, *first_id as i32, self.visibility);
+            }
+        }
+    }
+}
 
 /// Draws a mesh. Its triangles have the ids from `first_id` up.
 #[inline(always)]
-pub(super) fn draw<S: Simd, B: Block, L: Lens>(
+fn draw<S: Simd, B: Block, L: Lens>(
     mesh: &Batches,
     view_from_mesh: &Affine,
     lens: &L,

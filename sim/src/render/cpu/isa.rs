@@ -1,10 +1,8 @@
 //! The same code compiled for several instruction sets, the widest the processor has chosen once at the start.
 
-use super::Scratch;
-use super::simd::Portable;
+use super::simd::{Portable, Simd};
 #[cfg(target_arch = "x86_64")]
 use super::simd::{Avx2, Avx512};
-use crate::render::View;
 
 /// An instruction set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,28 +48,35 @@ impl Isa {
         }
     }
 
-    /// Makes one picture.
-    pub(super) fn render(self, scratch: &mut Scratch, view: &mut View<'_>) {
+    /// Does a piece of work with this instruction set.
+    pub(super) fn run<K: Kernel>(self, kernel: K) {
         match self {
-            Self::Portable => scratch.render::<Portable>(view),
+            Self::Portable => kernel.run::<Portable>(),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `available` lists this instruction set only where the processor has it.
-            Self::Avx2 => unsafe { avx2(scratch, view) },
+            Self::Avx2 => unsafe { avx2(kernel) },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `available` lists this instruction set only where the processor has it.
-            Self::Avx512 => unsafe { avx512(scratch, view) },
+            Self::Avx512 => unsafe { avx512(kernel) },
         }
     }
 }
 
+/// A piece of work that is compiled once per instruction set. `run` and all that it calls with vectors is
+/// `inline(always)`, for only what is inlined into the functions below is compiled for their instruction sets.
+pub(super) trait Kernel {
+    /// Does it.
+    fn run<S: Simd>(self);
+}
+
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn avx2(scratch: &mut Scratch, view: &mut View<'_>) {
-    scratch.render::<Avx2>(view);
+fn avx2<K: Kernel>(kernel: K) {
+    kernel.run::<Avx2>();
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
-fn avx512(scratch: &mut Scratch, view: &mut View<'_>) {
-    scratch.render::<Avx512>(view);
+fn avx512<K: Kernel>(kernel: K) {
+    kernel.run::<Avx512>();
 }

@@ -1,53 +1,89 @@
-//! Two ways to lay out what is rasterised: pictures in squares of pixels, shadow maps row by row.
+//! Sixteen neighbouring pixels or samples that are worked on together, and how they lie.
 
 use super::simd::{Line, N_LANES, WholeLine};
 
-/// Sixteen neighbouring pixels that are worked on together.
+/// A way to lay out what is rasterised.
 pub(super) trait Block {
-    /// Binary logarithm of a block's width in px; its height is 16 px over the width.
-    const WIDTH_BITS: u32;
+    /// Binary logarithms of a block's width and height in px.
+    const BITS: [u32; 2];
+    /// Column and row of each lane's pixel.
+    const PLACES: [[i32; 2]; N_LANES];
     /// Whether it matters which triangle a pixel shows.
     const WITH_IDS: bool;
 
+    /// Binary logarithm of the width.
+    const WIDTH_BITS: u32 = Self::BITS[0];
     /// Width in px.
-    const WIDTH: i32 = 1 << Self::WIDTH_BITS;
-    /// Binary logarithm of the height in px.
-    const HEIGHT_BITS: u32 = N_LANES.ilog2() - Self::WIDTH_BITS;
+    const WIDTH: i32 = 1 << Self::BITS[0];
+    /// Binary logarithm of the height.
+    const HEIGHT_BITS: u32 = Self::BITS[1];
     /// Height in px.
-    const HEIGHT: i32 = 1 << Self::HEIGHT_BITS;
+    const HEIGHT: i32 = 1 << Self::BITS[1];
     /// Column of each lane's pixel.
-    const X: WholeLine = lanes(Self::WIDTH, 1, 0);
+    const X: WholeLine = lanes(&Self::PLACES, 1, 0);
     /// Row of each lane's pixel.
-    const Y: WholeLine = lanes(Self::WIDTH, 0, 1);
+    const Y: WholeLine = lanes(&Self::PLACES, 0, 1);
     /// Column in the lower 16 bits, row in the upper ones.
-    const XY: WholeLine = lanes(Self::WIDTH, 1, 1 << 16);
+    const XY: WholeLine = lanes(&Self::PLACES, 1, 1 << 16);
     /// Column of each lane's pixel.
     const X_FLOATS: Line = floats(Self::X);
     /// Row of each lane's pixel.
     const Y_FLOATS: Line = floats(Self::Y);
 }
 
-/// 4 × 4 pixels: few small triangles reach into more than four of them.
+/// 4 × 4 pixels, row by row: few small triangles reach into more than four of them.
 pub(super) struct Square;
+
+/// 2 × 2 pixels of 2 × 2 samples each: lane 4 s + p is sample s of pixel p.
+pub(super) struct Samples;
 
 /// 16 pixels of a row, so that the whole is row-major.
 pub(super) struct Row;
 
 impl Block for Square {
-    const WIDTH_BITS: u32 = 2;
+    const BITS: [u32; 2] = [2, 2];
+    const PLACES: [[i32; 2]; N_LANES] = places(4);
+    const WITH_IDS: bool = true;
+}
+
+impl Block for Samples {
+    const BITS: [u32; 2] = [2, 2];
+    const PLACES: [[i32; 2]; N_LANES] = sample_places();
     const WITH_IDS: bool = true;
 }
 
 impl Block for Row {
-    const WIDTH_BITS: u32 = 4;
+    const BITS: [u32; 2] = [4, 0];
+    const PLACES: [[i32; 2]; N_LANES] = places(16);
     const WITH_IDS: bool = false;
 }
 
-const fn lanes(width: i32, per_column: i32, per_row: i32) -> WholeLine {
+const fn places(width: usize) -> [[i32; 2]; N_LANES] {
+    let mut places = [[0; 2]; N_LANES];
+    let mut i = 0;
+    while i < N_LANES {
+        places[i] = [(i % width) as i32, (i / width) as i32];
+        i += 1;
+    }
+    places
+}
+
+const fn sample_places() -> [[i32; 2]; N_LANES] {
+    let mut places = [[0; 2]; N_LANES];
+    let mut i = 0;
+    while i < N_LANES {
+        let (sample, pixel) = (i as i32 / 4, i as i32 % 4);
+        places[i] = [pixel % 2 * 2 + sample % 2, pixel / 2 * 2 + sample / 2];
+        i += 1;
+    }
+    places
+}
+
+const fn lanes(places: &[[i32; 2]; N_LANES], per_column: i32, per_row: i32) -> WholeLine {
     let mut line = WholeLine::ZERO;
     let mut i = 0;
     while i < N_LANES {
-        line.0[i] = (i as i32 % width) * per_column + (i as i32 / width) * per_row;
+        line.0[i] = places[i][0] * per_column + places[i][1] * per_row;
         i += 1;
     }
     line

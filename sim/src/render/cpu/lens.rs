@@ -4,7 +4,7 @@ use super::each::each;
 use super::raster::{Corner, Visibility};
 use super::simd::{Floats, Mask, Number, Simd};
 use super::{clip, kind::Block};
-use crate::render::affine::Vec3;
+use crate::render::affine::{Affine, Vec3};
 use crate::render::camera::Camera;
 use crate::render::mesh::Bounds;
 
@@ -23,6 +23,9 @@ pub(super) struct Projected<S: Simd> {
 
 /// A way to project.
 pub(super) trait Lens {
+    /// Turns to the mesh that is drawn next; `false` if nothing of a mesh within this ball of its frame can be seen.
+    fn turn_to(&mut self, view_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool;
+
     /// Where points appear; meaningless for those that do not fit.
     fn project<S: Simd>(&self, point: &Vectors<S>) -> Projected<S>;
 
@@ -65,35 +68,22 @@ pub(super) struct Pinhole {
 const GUARD_PX: f32 = 448.0;
 
 impl Pinhole {
-    /// Of a camera with its eye at the mesh frame's origin.
-    pub(super) fn new(camera: &Camera) -> Self {
-        let half_px = camera.side as f32 / 2.0;
+    /// Of a camera whose image has `scale` times as many pixels along each edge.
+    pub(super) fn new(camera: &Camera, scale: usize) -> Self {
+        let half_px = (camera.side * scale) as f32 / 2.0;
+        let focal_px = camera.focal_px * scale as f32;
         let [near_m, far_m] = camera.clip_m;
-        let slope = half_px / camera.focal_px;
+        let slope = half_px / focal_px;
         Self {
-            focal_px: camera.focal_px,
+            focal_px,
             half_px,
             near_m,
             far_m,
             slope,
             slant: (1.0 + slope * slope).sqrt(),
-            guard_slope: (half_px + GUARD_PX) / camera.focal_px,
+            guard_slope: (half_px + GUARD_PX) / focal_px,
             eye_in_mesh: [0.0; 3],
         }
-    }
-
-    /// Where the eye is in the frame of the mesh that is drawn next.
-    pub(super) fn set_eye(&mut self, eye_in_mesh: Vec3) {
-        self.eye_in_mesh = eye_in_mesh;
-    }
-
-    /// Whether a ball in the view frame lies beyond one of the planes.
-    pub(super) fn misses_ball(&self, [x, y, z]: Vec3, radius: f32) -> bool {
-        let slack = radius * self.slant;
-        z + radius < self.near_m
-            || z - radius > self.far_m
-            || x.abs() - self.slope * z > slack
-            || y.abs() - self.slope * z > slack
     }
 
     /// Where a point that fits appears: the same as [`Lens::project`] gives.
@@ -108,6 +98,17 @@ impl Pinhole {
 }
 
 impl Lens for Pinhole {
+    fn turn_to(&mut self, view_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool {
+        self.eye_in_mesh = view_from_mesh.origin_before();
+        let [x, y, z] = view_from_mesh.point(centre);
+        let radius = radius * view_from_mesh.stretch();
+        let slack = radius * self.slant;
+        z + radius >= self.near_m
+            && z - radius <= self.far_m
+            && x.abs() - self.slope * z <= slack
+            && y.abs() - self.slope * z <= slack
+    }
+
     #[inline(always)]
     fn project<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Projected<S> {
         let depth = S::F::all(1.0) / *z;

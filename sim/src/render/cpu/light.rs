@@ -44,6 +44,8 @@ impl Lamps {
 
 /// Light that reaches a surface, by where it goes.
 pub(super) struct Lit<N> {
+    /// Unit normal.
+    pub(super) normal: [N; 3],
     /// Scattered by a white surface, but for the first sun's share.
     scattered: [N; 3],
     /// The first sun's share.
@@ -55,7 +57,7 @@ pub(super) struct Lit<N> {
 impl Lit<f32> {
     /// No light.
     pub(super) const DARK: Self =
-        Self { scattered: [0.0; 3], first_sun: [0.0; 3], mirrored: [[0.0; 3]; N_SUNS] };
+        Self { normal: [0.0; 3], scattered: [0.0; 3], first_sun: [0.0; 3], mirrored: [[0.0; 3]; N_SUNS] };
 }
 
 impl Lit<f32> {
@@ -79,6 +81,7 @@ impl<N: Number> Lit<N> {
         let facing = each!(i in 2 => dot(n, all(lamps.suns[i].towards)).max(N::all(0.0)));
         let [first, second] = &lamps.suns;
         Self {
+            normal: n,
             scattered: each!(c in 3 =>
                 facing[1].mul_add(N::all(second.scattered[c]), sky * N::all(lamps.ambient[c]))),
             first_sun: each!(c in 3 => facing[0] * N::all(first.scattered[c])),

@@ -41,7 +41,6 @@ impl Visibility {
     }
 
     /// An empty square picture; nothing at or below `least_depth` will be seen.
-    #[inline(always)]
     pub(super) fn clear<B: Block>(&mut self, side: usize, least_depth: f32) {
         assert!(
             side.is_multiple_of(B::WIDTH as usize) && side.is_multiple_of(B::HEIGHT as usize),

@@ -1,6 +1,7 @@
 //! The rays through the pixels of a block.
 
 use super::each::each;
+use super::isa::Kernel;
 use super::kind::{Block, Square};
 use super::raster::MAX_BLOCKS;
 use super::simd::{Floats, Line, Number, Simd};
@@ -14,6 +15,16 @@ pub(super) struct Gaze<S: Simd> {
     pub(super) d: [S::F; 2],
     /// 1/|d|.
     pub(super) per_length: S::F,
+    /// 1/z of what is seen.
+    pub(super) depth: S::F,
+}
+
+impl<S: Simd> Gaze<S> {
+    /// The same at other depths.
+    #[inline(always)]
+    pub(super) fn at(self, depths: &Line) -> Self {
+        Self { depth: S::F::load(depths), ..self }
+    }
 }
 
 /// A camera's rays. Their lengths are kept: they are the same in every picture of cameras of the same make.
@@ -21,6 +32,31 @@ pub(super) struct Rays {
     side: usize,
     focal_px: f32,
     per_length: Vec<Line>,
+}
+
+/// Makes rays a camera's.
+pub(super) struct Aim<'a> {
+    pub(super) rays: &'a mut Rays,
+    pub(super) camera: &'a Camera,
+}
+
+impl Kernel for Aim<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self) {
+        let Self { rays, camera } = self;
+        (rays.side, rays.focal_px) = (camera.side, camera.focal_px);
+        rays.per_length.clear();
+        let per_row = camera.side >> Square::WIDTH_BITS;
+        for block in 0..per_row * per_row {
+            let (column, row) = (block % per_row, block / per_row);
+            let first = [(column << Square::WIDTH_BITS) as f32, (row << Square::HEIGHT_BITS) as f32];
+            let [x, y] = rays.d::<S>(rays.pixel::<S>(first));
+            let mut line = Line::ZERO;
+            let squared = x.mul_add(x, y.mul_add(y, S::F::all(1.0)));
+            (S::F::all(1.0) / squared.sqrt()).store(&mut line);
+            rays.per_length.push(line);
+        }
+    }
 }
 
 impl Rays {
@@ -34,24 +70,7 @@ impl Rays {
         self.side == camera.side && self.focal_px.to_bits() == camera.focal_px.to_bits()
     }
 
-    /// Makes them the camera's.
-    #[inline(always)]
-    pub(super) fn aim<S: Simd>(&mut self, camera: &Camera) {
-        (self.side, self.focal_px) = (camera.side, camera.focal_px);
-        self.per_length.clear();
-        let per_row = camera.side >> Square::WIDTH_BITS;
-        for block in 0..per_row * per_row {
-            let (column, row) = (block % per_row, block / per_row);
-            let first = [(column << Square::WIDTH_BITS) as f32, (row << Square::HEIGHT_BITS) as f32];
-            let [x, y] = self.d::<S>(self.pixel::<S>(first));
-            let mut line = Line::ZERO;
-            let squared = x.mul_add(x, y.mul_add(y, S::F::all(1.0)));
-            (S::F::all(1.0) / squared.sqrt()).store(&mut line);
-            self.per_length.push(line);
-        }
-    }
-
-    /// Rays of a block, by its column and row.
+    /// Rays of a block, by its column and row; what they see is 1 m deep until it is said otherwise.
     #[inline(always)]
     pub(super) fn gaze<S: Simd>(&self, column: usize, row: usize) -> Gaze<S> {
         let per_row = self.side >> Square::WIDTH_BITS;
@@ -61,6 +80,7 @@ impl Rays {
             pixel,
             d: self.d::<S>(pixel),
             per_length: S::F::load(&self.per_length[row * per_row + column]),
+            depth: S::F::all(1.0),
         }
     }
 

@@ -2,11 +2,13 @@
 
 use super::each::each;
 use super::encode::encode;
+use super::isa::Kernel;
 use super::kind::{Block, Square};
 use super::light::{Lamps, Lit, seen};
 use super::raster::{NOTHING, Visibility};
 use super::rays::{Gaze, Rays};
 use super::sample::{Level, Levels, Site, Uv};
+use super::shadow::Shadow;
 use super::simd::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine};
 use super::surface::{Look, Surfaces, VOID, Wrap, is_uniform};
 use crate::render::texture::pattern;
@@ -17,20 +19,64 @@ pub(super) struct Shader<'a> {
     pub(super) lamps: &'a Lamps,
     pub(super) rays: &'a Rays,
     pub(super) surfaces: &'a Surfaces,
+    /// The first sun's shadows, if it casts any.
+    pub(super) shadow: Option<Shadow<'a>>,
+}
+
+/// Where pixels go.
+pub(super) trait Sink {
+    /// Takes the pixels of the block at this column and row, red in the lowest byte. `nothing` are those at which nothing
+    /// was seen; they are black.
+    fn put<S: Simd>(&mut self, column: usize, row: usize, pixels: S::I, nothing: S::M);
+}
+
+/// Shades a picture.
+pub(super) struct Shade<'a, K> {
+    pub(super) shader: Shader<'a>,
+    pub(super) visibility: &'a Visibility,
+    pub(super) sink: K,
+}
+
+impl<K: Sink> Kernel for Shade<'_, K> {
+    #[inline(always)]
+    fn run<S: Simd>(mut self) {
+        let per_row = self.visibility.side as usize >> Square::WIDTH_BITS;
+        let mut strip = Strip::new();
+        for row in 0..per_row {
+            for first in (0..per_row).step_by(STRIP) {
+                let blocks = row * per_row + first..row * per_row + per_row.min(first + STRIP);
+                let ids = &self.visibility.ids[blocks.clone()];
+                strip.go_to(first, row);
+                self.shader.shade::<S>(ids, &self.visibility.depths[blocks], &mut strip);
+                for (i, ids) in ids.iter().enumerate() {
+                    let pixels = packed::<S>(&strip.rgb[i]);
+                    let nothing = S::I::load(ids).eq(S::I::all(NOTHING));
+                    self.sink.put::<S>(first + i, row, pixels, nothing);
+                }
+            }
+        }
+    }
+}
+
+/// Pixels of linear light, red in the lowest byte.
+#[inline(always)]
+pub(super) fn packed<S: Simd>(rgb: &[Line; 3]) -> S::I {
+    let [r, g, b] = each!(c in 3 => encode::<S>(S::F::load(&rgb[c])));
+    r | g.shl::<8>() | b.shl::<16>()
 }
 
 /// Blocks that are shaded step by step side by side: see [`Site`].
-const STRIP: usize = N_LANES;
+pub(super) const STRIP: usize = N_LANES;
 
 /// What was found out about a strip's blocks.
-struct Strip {
+pub(super) struct Strip {
     /// Column of its first block and row of all of them.
-    column: usize,
-    row: usize,
+    pub(super) column: usize,
+    pub(super) row: usize,
     kinds: [Kind; STRIP],
     sites: [Site; STRIP],
     /// Linear RGB: first the texture's factors, then the light that reaches the eye.
-    rgb: [[Line; 3]; STRIP],
+    pub(super) rgb: [[Line; 3]; STRIP],
     /// Levels of the triangle that was looked up last, by id, in the middle of each block.
     levels: (i32, Levels),
     /// The flat triangle that was shaded last.
@@ -57,7 +103,7 @@ enum Kind {
 }
 
 impl Strip {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self {
             column: 0,
             row: 0,
@@ -70,38 +116,18 @@ impl Strip {
     }
 
     /// Goes to another place.
-    fn go_to(&mut self, column: usize, row: usize) {
+    pub(super) fn go_to(&mut self, column: usize, row: usize) {
         (self.column, self.row) = (column, row);
         (self.levels.0, self.flat.id) = (NOTHING, NOTHING);
     }
 }
 
 impl Shader<'_> {
-    /// Writes the picture: `out` is `[side, side, 3]`.
+    /// Fills a strip's `rgb` with the light of blocks that show these triangles at these depths.
     #[inline(always)]
-    pub(super) fn write<S: Simd>(&self, visibility: &Visibility, out: &mut [u8]) {
-        let side = visibility.side as usize;
-        let pitch = side * 3;
-        let per_row = side >> Square::WIDTH_BITS;
-        let mut strip = Strip::new();
-        for (row, rows) in out.chunks_exact_mut(pitch * Square::HEIGHT as usize).enumerate() {
-            for first in (0..per_row).step_by(STRIP) {
-                let ids = &visibility.ids[row * per_row..][first..per_row.min(first + STRIP)];
-                strip.go_to(first, row);
-                self.look_up::<S>(ids, &mut strip);
-                self.light::<S>(ids, &mut strip);
-                for rgb in &mut strip.rgb[..ids.len()] {
-                    for channel in rgb {
-                        encode::<S>(S::F::load(channel)).as_float_bits().store(channel);
-                    }
-                }
-                for (i, rgb) in strip.rgb.iter().enumerate().take(ids.len()) {
-                    let [r, g, b] = each!(c in 3 => S::F::load(&rgb[c]).bits());
-                    let pixels = r | g.shl::<8>() | b.shl::<16>();
-                    S::store_rgb(pixels, &mut rows[(first + i) * 12..], pitch);
-                }
-            }
-        }
+    pub(super) fn shade<S: Simd>(&self, ids: &[WholeLine], depths: &[Line], strip: &mut Strip) {
+        self.look_up::<S>(ids, strip);
+        self.light::<S>(ids, depths, strip);
     }
 
     /// Finds the kinds of a strip's blocks and reads the textures of those that show one triangle.
@@ -158,9 +184,9 @@ impl Shader<'_> {
 
     /// Puts the light of a strip's blocks in the place of their textures' factors.
     #[inline(always)]
-    fn light<S: Simd>(&self, ids: &[WholeLine], strip: &mut Strip) {
+    fn light<S: Simd>(&self, ids: &[WholeLine], depths: &[Line], strip: &mut Strip) {
         for (i, ids) in ids.iter().enumerate() {
-            let gaze = self.rays.gaze::<S>(strip.column + i, strip.row);
+            let gaze = self.rays.gaze::<S>(strip.column + i, strip.row).at(&depths[i]);
             let rgb = &strip.rgb[i];
             let light = match strip.kinds[i] {
                 Kind::Nothing => [S::F::all(0.0); 3],
@@ -180,7 +206,6 @@ impl Shader<'_> {
         let look = &self.surfaces.looks[id as usize].0;
         let color = each!(c in 3 => S::F::all(look[Look::COLOR + c]) * tint[c]);
         let specular = S::F::all(look[Look::SPECULAR]);
-        let sunlight = S::F::all(1.0);
         if look[Look::FLAT] == 1.0 {
             if strip.flat.id != id {
                 let lit = Lit::new(self.lamps, normal_of(look));
@@ -188,15 +213,17 @@ impl Shader<'_> {
                 strip.flat = FlatSurface { id, lit, gleams };
             }
             let FlatSurface { lit, gleams, .. } = &strip.flat;
+            let sunlight = self.sunlight(lit, gaze);
             return seen(lit, self.lamps, *gleams, gaze, sunlight, color, specular);
         }
         let lit = Lit::new(self.lamps, over::<S, f32>(look, Look::NORMAL, gaze));
+        let sunlight = self.sunlight(&lit, gaze);
         seen(&lit, self.lamps, true, gaze, sunlight, color, specular)
     }
 
     /// Light of a block that shows several triangles.
     #[inline(always)]
-    fn several<S: Simd>(&self, ids: &WholeLine, gaze: &Gaze<S>, i: usize, strip: &mut Strip) -> [S::F; 3] {
+    pub(super) fn several<S: Simd>(&self, ids: &WholeLine, gaze: &Gaze<S>, i: usize, strip: &mut Strip) -> [S::F; 3] {
         let looks = S::transposed(each!(i in 16 => match ids.0[i] {
             NOTHING => S::F::load(&VOID),
             id => S::F::load(&self.surfaces.looks[id as usize]),
@@ -207,7 +234,17 @@ impl Shader<'_> {
         if textured != 0 {
             self.tint::<S>(ids, textured, gaze, i, strip, &mut color);
         }
-        seen(&lit, self.lamps, true, gaze, S::F::all(1.0), color, looks[Look::SPECULAR])
+        let sunlight = self.sunlight(&lit, gaze);
+        seen(&lit, self.lamps, true, gaze, sunlight, color, looks[Look::SPECULAR])
+    }
+
+    /// What share of the first sun's light reaches what is seen.
+    #[inline(always)]
+    fn sunlight<S: Simd, N: Per<S>>(&self, lit: &Lit<N>, gaze: &Gaze<S>) -> S::F {
+        match &self.shadow {
+            Some(shadow) => shadow.sunlight(gaze, &lit.normal),
+            None => S::F::all(1.0),
+        }
     }
 
     /// Multiplies the colours of textured pixels, triangle by triangle: few blocks show many textured ones.

@@ -7,8 +7,8 @@
 
 use super::each::each;
 use super::geometry::Map;
+use super::isa::Kernel;
 use super::lens::Vectors;
-use super::posed::Posed;
 use super::raster::Visibility;
 use super::simd::{Floats, Line, N_LANES, Number, Simd, Whole, WholeLine};
 use crate::render::affine::Affine;
@@ -75,45 +75,53 @@ impl Surfaces {
         }
     }
 
-    /// Prepares the triangles that `visibility` shows.
-    #[inline(always)]
-    pub(super) fn collect<S: Simd>(
-        &mut self,
-        scene: &RenderScene,
-        camera: &Camera,
-        posed: &[Posed],
-        visibility: &Visibility,
-    ) {
-        let n_ids = scene.n_ids();
-        self.looks.resize(self.looks.len().max(n_ids), Line::ZERO);
-        self.wraps.resize(self.wraps.len().max(n_ids), Line::ZERO);
-        self.touched.clear();
-        self.touched.resize(n_ids / N_LANES + 1, false);
-        self.touch::<S>(&visibility.ids);
-        let plane = Plane::<S>::new(camera);
-        for ((instance, posed), &first_id) in scene.instances.iter().zip(posed).zip(&scene.first_id) {
-            let mesh = instance.mesh();
-            let first_batch = first_id as usize / N_LANES;
-            let touched = &self.touched[first_batch + 1..][..mesh.batches.batches.len()];
-            if !touched.contains(&true) {
-                continue;
-            }
-            let kit = Kit::<S>::new(instance, posed, camera);
-            for (i, batch) in mesh.batches.batches.iter().enumerate() {
-                if touched[i] {
-                    let ids = (first_batch + i) * N_LANES..(first_batch + i + 1) * N_LANES;
-                    kit.write(batch, &plane, &mut self.looks[ids.clone()], &mut self.wraps[ids]);
-                }
-            }
-        }
-    }
-
     #[inline(always)]
     fn touch<S: Simd>(&mut self, blocks: &[WholeLine]) {
         for ids in blocks {
             let n_seen = if is_uniform::<S>(ids) { 1 } else { N_LANES };
             for id in &ids.0[..n_seen] {
                 self.touched[((id >> 4) + 1) as usize] = true;
+            }
+        }
+    }
+}
+
+/// Prepares the triangles that a picture shows.
+pub(super) struct Collect<'a> {
+    pub(super) scene: &'a RenderScene,
+    pub(super) camera: &'a Camera,
+    /// From each instance's mesh to the view frame.
+    pub(super) maps: &'a [Affine],
+    pub(super) visibility: &'a Visibility,
+    /// Pixels of the rasteriser's grid per pixel of the image.
+    pub(super) scale: usize,
+    pub(super) surfaces: &'a mut Surfaces,
+}
+
+impl Kernel for Collect<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self) {
+        let Self { scene, camera, maps, visibility, scale, surfaces } = self;
+        let n_ids = scene.n_ids();
+        surfaces.looks.resize(surfaces.looks.len().max(n_ids), Line::ZERO);
+        surfaces.wraps.resize(surfaces.wraps.len().max(n_ids), Line::ZERO);
+        surfaces.touched.clear();
+        surfaces.touched.resize(n_ids / N_LANES + 1, false);
+        surfaces.touch::<S>(&visibility.ids);
+        let plane = Plane::<S>::new(camera);
+        for ((instance, map), &first_id) in scene.instances.iter().zip(maps).zip(&scene.first_id) {
+            let batches = &instance.mesh().batches.batches;
+            let first_batch = first_id as usize / N_LANES;
+            let touched = &surfaces.touched[first_batch + 1..][..batches.len()];
+            if !touched.contains(&true) {
+                continue;
+            }
+            let kit = Kit::<S>::new(instance, map, Snap::new(camera, scale));
+            for (i, batch) in batches.iter().enumerate() {
+                if touched[i] {
+                    let ids = (first_batch + i) * N_LANES..(first_batch + i + 1) * N_LANES;
+                    kit.write(batch, &plane, &mut surfaces.looks[ids.clone()], &mut surfaces.wraps[ids]);
+                }
             }
         }
     }
@@ -163,11 +171,11 @@ struct Kit<S: Simd> {
 
 impl<S: Simd> Kit<S> {
     #[inline(always)]
-    fn new(instance: &Instance, posed: &Posed, camera: &Camera) -> Self {
+    fn new(instance: &Instance, view_from_mesh: &Affine, snap: Snap) -> Self {
         let material = &instance.material;
-        let normals = Affine { linear: posed.view_from_mesh.normals(), offset: [0.0; 3] };
+        let normals = Affine { linear: view_from_mesh.normals(), offset: [0.0; 3] };
         Self {
-            view_from_mesh: Map::new(&posed.view_from_mesh),
+            view_from_mesh: Map::new(view_from_mesh),
             view_from_normal: Map::new(&normals),
             tiles: match material.texture {
                 Some(texture) => {
@@ -179,7 +187,7 @@ impl<S: Simd> Kit<S> {
             color: material.color,
             specular: material.specular,
             texture: material.texture.map_or(-1, |texture| texture as i32),
-            snap: Snap::new(camera),
+            snap,
         }
     }
 
@@ -261,8 +269,13 @@ struct Snap {
 }
 
 impl Snap {
-    fn new(camera: &Camera) -> Self {
-        Self { scale: camera.focal_px * 256.0, middle: camera.side as f32 * 128.0, near_m: camera.clip_m[0] }
+    fn new(camera: &Camera, scale: usize) -> Self {
+        let per_px = (256 * scale) as f32;
+        Self {
+            scale: camera.focal_px * per_px,
+            middle: camera.side as f32 / 2.0 * per_px,
+            near_m: camera.clip_m[0],
+        }
     }
 
     /// Points behind the near plane stay where they are.

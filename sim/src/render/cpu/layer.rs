@@ -1,0 +1,22 @@
+//! What a camera that stands still sees of what never moves: drawn once, then only what moves is drawn over it.
+
+use super::simd::{Line, WholeLine};
+use crate::render::affine::Affine;
+
+/// The part of a picture that stays. It makes no difference to the bytes: what stays comes first in every picture.
+#[derive(Default)]
+pub(in crate::render) struct Layer {
+    /// The maps of what stays, from its meshes to the view frame, for which the rest was drawn.
+    pub(super) maps: Vec<Affine>,
+    /// 1/z, block by block.
+    pub(super) depths: Vec<Line>,
+    /// Pixels, red in the lowest byte, block by block.
+    pub(super) pixels: Vec<WholeLine>,
+}
+
+impl Layer {
+    /// Whether it was drawn for these maps.
+    pub(super) fn shows(&self, maps: &[Affine]) -> bool {
+        !self.pixels.is_empty() && self.maps == maps
+    }
+}
