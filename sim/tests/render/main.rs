@@ -5,6 +5,8 @@
 
 mod common;
 mod independence;
+mod layers;
+mod light;
 mod looks;
 mod projection;
 mod sheet;

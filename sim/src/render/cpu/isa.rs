@@ -1,8 +1,8 @@
 //! The same code compiled for several instruction sets, the widest the processor has chosen once at the start.
 
-use super::simd::{Portable, Simd};
 #[cfg(target_arch = "x86_64")]
 use super::simd::{Avx2, Avx512};
+use super::simd::{Portable, Simd};
 
 /// An instruction set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

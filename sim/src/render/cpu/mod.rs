@@ -238,14 +238,7 @@ impl Scratch {
     }
 
     /// Makes a layer show what stays.
-    fn update(
-        &mut self,
-        isa: Isa,
-        scene: &RenderScene,
-        camera: &Camera,
-        lamps: &Lamps,
-        layer: &mut Layer,
-    ) {
+    fn update(&mut self, isa: Isa, scene: &RenderScene, camera: &Camera, lamps: &Lamps, layer: &mut Layer) {
         if layer.shows(&self.maps[..scene.n_still]) {
             return;
         }
@@ -302,26 +295,45 @@ mod tests {
     use super::{CpuOptions, CpuRenderer, Isa};
     use crate::TaskId;
     use crate::physics::World;
-    use crate::render::{RenderScene, Renderer, View};
-    use crate::scene::Snapshot;
+    use crate::render::{RenderScene, Renderer, Samples, View};
+    use crate::scene::{Scene, Snapshot, Texture};
+
+    /// A task's scene with textures on everything, and with shadows if wanted.
+    fn decorated(task: TaskId, seed: u64, shadows: bool) -> Scene {
+        let mut scene = (task.task().nominal)().draw(seed);
+        scene.lights.shadows = shadows;
+        let parts = scene.bodies.iter_mut().flat_map(|body| &mut body.parts);
+        for (i, part) in parts.enumerate() {
+            part.paint.texture = Some(Texture::PERTURBATION[(i + 17) % Texture::PERTURBATION.len()]);
+        }
+        scene
+    }
+
+    fn images(isa: Isa, options: CpuOptions, scene: &Scene) -> Vec<Vec<u8>> {
+        let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
+        World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
+        let scene = RenderScene::new(scene);
+        let image = |camera_idx| {
+            let mut out = vec![0; scene.side(camera_idx).pow(2) * 3];
+            let view = View { scene: &scene, snapshot: &snapshot, camera_idx, out: &mut out };
+            CpuRenderer::with_isa(1, options, isa).render(&mut [view]);
+            out
+        };
+        (0..scene.n_cameras()).map(image).collect()
+    }
 
     #[test]
     fn every_instruction_set_makes_the_same_bytes() {
         for &task in TaskId::ALL {
-            let scene = (task.task().nominal)().draw(3);
-            let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
-            World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
-            let scene = RenderScene::new(&scene);
-            for camera_idx in 0..scene.n_cameras() {
-                let images = Isa::available().into_iter().map(|isa| {
-                    let mut out = vec![0; scene.side(camera_idx).pow(2) * 3];
-                    let view = View { scene: &scene, snapshot: &snapshot, camera_idx, out: &mut out };
-                    CpuRenderer::with_isa(1, CpuOptions::default(), isa).render(&mut [view]);
-                    (isa, out)
-                });
-                let images: Vec<(Isa, Vec<u8>)> = images.collect();
-                for (isa, image) in &images {
-                    assert!(*image == images[0].1, "{isa:?} differs, {task:?}, camera {camera_idx}");
+            for (shadows, samples) in [(false, Samples::One), (true, Samples::One), (true, Samples::Four)] {
+                let scene = decorated(task, 3, shadows);
+                let options = CpuOptions { samples, ..CpuOptions::default() };
+                let first = images(Isa::Portable, options, &scene);
+                for isa in Isa::available() {
+                    assert!(
+                        images(isa, options, &scene) == first,
+                        "{isa:?}, {task:?}, {shadows}, {samples:?}"
+                    );
                 }
             }
         }

@@ -223,7 +223,13 @@ impl Shader<'_> {
 
     /// Light of a block that shows several triangles.
     #[inline(always)]
-    pub(super) fn several<S: Simd>(&self, ids: &WholeLine, gaze: &Gaze<S>, i: usize, strip: &mut Strip) -> [S::F; 3] {
+    pub(super) fn several<S: Simd>(
+        &self,
+        ids: &WholeLine,
+        gaze: &Gaze<S>,
+        i: usize,
+        strip: &mut Strip,
+    ) -> [S::F; 3] {
         let looks = S::transposed(each!(i in 16 => match ids.0[i] {
             NOTHING => S::F::load(&VOID),
             id => S::F::load(&self.surfaces.looks[id as usize]),

@@ -46,9 +46,8 @@ impl ShadowMap {
         self.light_from_world = light_from_world(scene.suns[0].towards, scene.middle);
         self.maps.clear();
         let casters = scene.instances.iter();
-        self.maps.extend(
-            casters.map(|instance| self.light_from_world.after(&instance.world_from_mesh(snapshot))),
-        );
+        self.maps
+            .extend(casters.map(|instance| self.light_from_world.after(&instance.world_from_mesh(snapshot))));
         self.heights.clear::<Row>(SIDE, DEPTHS_OF_SPACE);
         for casters in [0..scene.floor, scene.floor + 1..scene.instances.len()] {
             isa.run(Draw {
@@ -96,11 +95,7 @@ pub(super) struct Shadow<'a> {
 impl Shadow<'_> {
     /// What share of the sun's light reaches what is seen, given its unit normals.
     #[inline(always)]
-    pub(super) fn sunlight<S: Simd, N: Per<S>>(
-        &self,
-        gaze: &Gaze<S>,
-        normal: &[N; 3],
-    ) -> S::F {
+    pub(super) fn sunlight<S: Simd, N: Per<S>>(&self, gaze: &Gaze<S>, normal: &[N; 3]) -> S::F {
         let z = S::F::all(1.0) / gaze.depth;
         let [dx, dy] = gaze.d;
         let [x, y, height] = each!(i in 3 => {
@@ -153,13 +148,8 @@ impl Lens for Parallel {
 
     #[inline(always)]
     fn project<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Projected<S> {
-        let (scale, middle) =
-            (S::F::all(TEXELS_PER_M * 256.0), S::F::all((SIDE * 128) as f32));
-        Projected {
-            x: x.mul_add(scale, middle).rounded(),
-            y: y.mul_add(scale, middle).rounded(),
-            depth: *z,
-        }
+        let (scale, middle) = (S::F::all(TEXELS_PER_M * 256.0), S::F::all((SIDE * 128) as f32));
+        Projected { x: x.mul_add(scale, middle).rounded(), y: y.mul_add(scale, middle).rounded(), depth: *z }
     }
 
     #[inline(always)]
