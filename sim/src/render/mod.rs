@@ -17,7 +17,9 @@
 
 mod affine;
 mod camera;
+mod choice;
 mod cpu;
+pub mod gpu;
 mod material;
 mod mesh;
 mod noise;
@@ -29,8 +31,12 @@ mod srgb;
 mod texture;
 mod trig;
 
+pub use choice::{OpenError, RendererChoice, open};
 pub use cpu::CpuRenderer;
+pub use gpu::GpuRenderer;
 pub use scene::RenderScene;
+
+use thiserror::Error;
 
 use crate::scene::Snapshot;
 
@@ -46,14 +52,34 @@ pub struct View<'a> {
     pub out: &'a mut [u8],
 }
 
+/// Why pictures could not be made; the renderer makes no others.
+#[derive(Clone, Debug, Error)]
+#[expect(missing_docs, reason = "the fields are named by their messages")]
+pub enum RenderError {
+    #[error("draw on {name}: {message}")]
+    Device { name: String, message: String },
+}
+
 /// A way to make pictures.
 pub trait Renderer: Send {
     /// Name for people, with what it runs on.
     fn name(&self) -> String;
 
-    /// Fills every view's `out`, one work item per view on rayon's current pool.
+    /// Fills every view's `out`, on rayon's current pool or on a device.
+    ///
+    /// # Errors
+    /// If the device fails. What is in `out` is then undefined, and every later call fails, too.
     ///
     /// # Panics
     /// If a view's camera does not exist, its `out` is not of its camera's size, or its snapshot is not of its scene.
-    fn render(&mut self, views: &mut [View<'_>]);
+    fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError>;
+}
+
+impl View<'_> {
+    /// Asserts that its parts belong together.
+    fn check(&self) {
+        let side = self.scene.side(self.camera_idx);
+        assert_eq!(self.out.len(), side * side * 3, "a view's bytes are [side, side, 3]");
+        assert!(self.scene.fits(self.snapshot), "a snapshot has the bodies and arms of its scene");
+    }
 }

@@ -33,6 +33,14 @@ const LEG_INSET: f32 = 0.07;
 /// Height and inset of the frame under the top, in m.
 const FRAME_HEIGHT: f32 = 0.07;
 
+/// World z of the table's upper face, in m.
+pub(super) const fn table_top_z(kind: TableKind) -> f32 {
+    match kind {
+        TableKind::SingleArm => SINGLE_ARM.top_z,
+        TableKind::Bimanual => BIMANUAL.top_z,
+    }
+}
+
 /// Adds table, walls and floor.
 pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
     let top = scene.table.paint.into();

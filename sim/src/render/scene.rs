@@ -74,6 +74,8 @@ pub struct RenderScene {
     pub(super) ambient: Vec3,
     pub(super) suns: [Sun; N_SUNS],
     pub(super) cameras: Vec<Camera>,
+    /// Middle of the shadow map in the world, if the first sun casts shadows.
+    pub(super) shadow_centre: Option<Vec3>,
     n_triangles: usize,
     n_bodies: usize,
     n_arms: usize,
@@ -106,6 +108,7 @@ impl RenderScene {
             ambient: scene.lights.ambient.map(|c| c as f32),
             suns: suns(&scene.lights),
             cameras: scene.cameras.iter().map(Camera::new).collect(),
+            shadow_centre: shadow_centre(scene),
             n_triangles,
             n_bodies: scene.bodies.len(),
             n_arms: scene.robots.len(),
@@ -141,6 +144,11 @@ impl RenderScene {
 }
 
 impl Instance {
+    /// Whether it throws a shadow: all but the floor do.
+    pub(super) fn casts_shadow(&self) -> bool {
+        self.mesh != MeshId::Square
+    }
+
     /// Its mesh.
     pub(super) fn mesh(&self) -> &'static Mesh {
         ASSETS.meshes.get(self.mesh)
@@ -190,6 +198,12 @@ fn push_body(body_idx: usize, body: &Body, instances: &mut Vec<Instance>) {
             }
         }
     }
+}
+
+/// Above the middle of the work space, where shadows are wanted.
+fn shadow_centre(scene: &Scene) -> Option<Vec3> {
+    let wanted = scene.lights.shadows && !scene.lights.directional.is_empty();
+    wanted.then_some([-0.1, 0.0, room::table_top_z(scene.table.kind) + 0.35])
 }
 
 fn suns(lights: &Lights) -> [Sun; N_SUNS] {

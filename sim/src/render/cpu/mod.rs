@@ -19,7 +19,7 @@ use std::sync::{Mutex, PoisonError, TryLockError};
 use rayon::prelude::*;
 
 use super::srgb::Encoder;
-use super::{Renderer, View};
+use super::{RenderError, Renderer, View};
 use geometry::Geometry;
 use isa::Isa;
 use posed::Posed;
@@ -87,14 +87,13 @@ impl Renderer for CpuRenderer {
         format!("cpu ({}, {} threads)", self.isa.name(), self.scratches.len())
     }
 
-    fn render(&mut self, views: &mut [View<'_>]) {
+    fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError> {
         let this = &*self;
         views.par_iter_mut().with_max_len(1).for_each(|view| {
-            let side = view.scene.side(view.camera_idx);
-            assert_eq!(view.out.len(), side * side * 3, "a view's bytes are [side, side, 3]");
-            assert!(view.scene.fits(view.snapshot), "a snapshot has the bodies and arms of its scene");
+            view.check();
             this.with_scratch(|scratch| this.isa.render(scratch, view, &this.encoder));
         });
+        Ok(())
     }
 }
 
@@ -133,7 +132,7 @@ mod tests {
                 let images = Isa::available().into_iter().map(|isa| {
                     let mut out = vec![0; scene.side(camera_idx).pow(2) * 3];
                     let view = View { scene: &scene, snapshot: &snapshot, camera_idx, out: &mut out };
-                    CpuRenderer::with_isa(1, isa).render(&mut [view]);
+                    CpuRenderer::with_isa(1, isa).render(&mut [view]).unwrap();
                     (isa, out)
                 });
                 let images: Vec<(Isa, Vec<u8>)> = images.collect();

@@ -108,7 +108,7 @@ impl Mesh {
 }
 
 /// Every mesh there is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum MeshId {
     /// The square |x|, |y| ≤ 1 at z 0, seen from above.
     Square,
