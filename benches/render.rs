@@ -85,12 +85,12 @@ fn best_rate(
             .filter(|view| wanted(view.scene.side(view.camera_idx)))
             .collect();
         for _ in 0..2 {
-            renderer.render(&mut views);
+            renderer.render(&mut views).unwrap();
         }
         let (start, mut best) = (Instant::now(), Duration::MAX);
         while start.elapsed() < CASE_TIME {
             let round = Instant::now();
-            renderer.render(&mut views);
+            renderer.render(&mut views).unwrap();
             best = best.min(round.elapsed());
         }
         1.0 / best.as_secs_f64()

@@ -50,7 +50,7 @@ impl Stage {
             threads: 1,
             profile: Profile::Strict,
             control_mode: ControlMode::EeDeltaPose,
-            renderer: RendererKind::Auto,
+            renderer: RendererChoice::Auto,
             mode: QueryMode::Chunk,
             lanes: if *spec == PolicySpec::Expert { Vec::new() } else { vec![policy] },
             morphologies: vec![Morphology::Single],

@@ -25,7 +25,9 @@ pub enum RendererChoice {
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the fields are named by their messages")]
 pub enum OpenError {
-    #[error("found no Vulkan adapter to draw with that is {wanted}: {found}; say --renderer cpu or auto, or install a driver")]
+    #[error(
+        "found no Vulkan adapter to draw with that is {wanted}: {found}; say --renderer cpu or auto, or install a driver"
+    )]
     NoAdapter { wanted: &'static str, found: String },
     #[error("open {name}: {message}")]
     Device { name: String, message: String },

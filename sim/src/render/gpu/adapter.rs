@@ -58,7 +58,7 @@ pub(super) fn find(kind: AdapterKind, options: &GpuOptions) -> Result<Found, Ope
 /// What is asked of a device.
 pub(super) fn required(visibility: Visibility) -> (wgpu::Features, wgpu::Limits) {
     let features = match visibility {
-        Visibility::Raster => wgpu::Features::CLIP_DISTANCES | wgpu::Features::PRIMITIVE_INDEX,
+        Visibility::Raster => wgpu::Features::PRIMITIVE_INDEX,
         Visibility::Compute => wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX,
     };
     (features, wgpu::Limits::defaults())

@@ -1,7 +1,6 @@
 //! A chunk of views as the device will have it: records, and what is to be drawn.
 
 use super::assets::Assets;
-use super::atlas::Atlas;
 use super::drawing::Drawing;
 use super::records::{
     InstanceRecord, MAX_INSTANCES, NONE, SunRecord, TRIANGLE_BITS, ViewRecord, padded, rows,
@@ -14,8 +13,6 @@ use crate::render::scene::Instance;
 
 /// Records of a chunk; the memory is kept from one to the next.
 pub(super) struct Batch {
-    /// Samples per pixel along each axis.
-    zoom: u32,
     /// The images', then the shadow maps'.
     pub(super) views: Vec<ViewRecord>,
     pub(super) instances: Vec<InstanceRecord>,
@@ -25,9 +22,6 @@ pub(super) struct Batch {
     pub(super) maps: Drawing,
     /// How many of the views are images.
     pub(super) n_images: u32,
-    /// Where the images lie, and where the maps do.
-    pub(super) image_atlas: Atlas,
-    pub(super) map_atlas: Atlas,
     /// Pixels of all images, and of all maps.
     pub(super) n_pixels: u32,
     pub(super) n_map_pixels: u32,
@@ -37,16 +31,13 @@ pub(super) struct Batch {
 
 impl Batch {
     /// An empty one.
-    pub(super) fn new(zoom: u32) -> Self {
+    pub(super) fn new() -> Self {
         Self {
-            zoom,
             views: Vec::new(),
             instances: Vec::new(),
             images: Drawing::default(),
             maps: Drawing::default(),
             n_images: 0,
-            image_atlas: Atlas::default(),
-            map_atlas: Atlas::default(),
             n_pixels: 0,
             n_map_pixels: 0,
             max_side: 0,
@@ -59,8 +50,6 @@ impl Batch {
         self.instances.clear();
         self.images.clear();
         self.maps.clear();
-        self.image_atlas.clear();
-        self.map_atlas.clear();
         (self.n_pixels, self.n_map_pixels, self.max_side) = (0, 0, 0);
         self.n_images = views.len() as u32;
         for view in views {
@@ -75,8 +64,6 @@ impl Batch {
             }
             self.views[i].map = map;
         }
-        self.images.finish();
-        self.maps.finish();
     }
 
     fn add_image(&mut self, view: &View<'_>, assets: &mut Assets) {
@@ -85,7 +72,7 @@ impl Batch {
         let view_idx = self.views.len() as u32;
         let record = ViewRecord {
             first_pixel: self.n_pixels,
-            atlas: self.image_atlas.place(camera.side as u32 * self.zoom),
+            layer: view_idx,
             first_instance: self.instances.len() as u32,
             ..image_record(view, camera, &view_from_world)
         };
@@ -101,6 +88,7 @@ impl Batch {
                 self.instances.push(posed);
             }
         }
+        self.images.end_view();
     }
 
     /// The shadow map of a view's env: its index, or [`NONE`] if the scene has no shadows.
@@ -112,7 +100,8 @@ impl Batch {
         self.views.push(ViewRecord {
             side: MAP_SIDE,
             first_pixel: self.n_map_pixels,
-            atlas: self.map_atlas.place(MAP_SIDE),
+            layer: view_idx - self.n_images,
+            half_px: MAP_SIDE as f32 / 2.0,
             first_instance,
             map: NONE,
             ..bytemuck::Zeroable::zeroed()
@@ -124,6 +113,7 @@ impl Batch {
             self.instances.push(posed(instance, &map_from_mesh, view_idx, first_instance, at, assets));
             self.maps.add(assets.mesh(instance), at as u32);
         }
+        self.maps.end_view();
         view_idx
     }
 }
@@ -190,8 +180,5 @@ fn misses(camera: &Camera, instance: &Instance, view_from_mesh: &Affine) -> bool
     let slope = camera.side as f32 / 2.0 / camera.focal_px;
     let slack = radius * (1.0 + slope * slope).sqrt();
     let [near_m, far_m] = camera.clip_m;
-    z + radius < near_m
-        || z - radius > far_m
-        || x.abs() - slope * z > slack
-        || y.abs() - slope * z > slack
+    z + radius < near_m || z - radius > far_m || x.abs() - slope * z > slack || y.abs() - slope * z > slack
 }

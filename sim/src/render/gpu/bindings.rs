@@ -9,9 +9,9 @@ pub(super) enum Slot {
     Read,
     /// A storage buffer, read and written.
     Write,
-    /// A texture of ids.
+    /// Layers of ids.
     Ids,
-    /// A texture of depths.
+    /// Layers of depths.
     Depths,
 }
 
@@ -84,7 +84,7 @@ impl Slot {
         };
         let texture = |sample_type| wgpu::BindingType::Texture {
             sample_type,
-            view_dimension: wgpu::TextureViewDimension::D2,
+            view_dimension: wgpu::TextureViewDimension::D2Array,
             multisampled: false,
         };
         match self {

@@ -46,7 +46,7 @@ impl Frame {
             instances: Store::new(gpu, "instances", none),
             assets: Assets::new(gpu),
         };
-        Self { resolve: Resolve::new(gpu, &pass.seen(), zoom), shared, batch: Batch::new(zoom), pass }
+        Self { resolve: Resolve::new(gpu, &pass.seen(), zoom), shared, batch: Batch::new(), pass }
     }
 
     /// Brings views to the device and writes down the commands that make their images, one after the other in the
@@ -68,7 +68,7 @@ impl Frame {
         match pass {
             Pass::Raster(raster) => {
                 raster.upload(gpu, drawings, shared, stale);
-                raster.encode(encoder, drawings, shared);
+                raster.encode(encoder, batch, shared);
             }
             Pass::Compute(compute) => {
                 compute.upload(gpu, drawings, shared, stale);
@@ -83,19 +83,15 @@ impl Frame {
 impl Pass {
     fn seen(&self) -> Seen<'_> {
         match self {
-            Self::Raster(raster) => Seen::Atlases([&raster.ids.view, &raster.heights.view]),
+            Self::Raster(raster) => Seen::Layers(raster.seen()),
             Self::Compute(compute) => Seen::Buffers(compute.seen()),
         }
     }
 
     /// Makes room for a batch; whether that took other resources.
-    fn fit(&mut self, gpu: &Gpu, batch: &mut Batch) -> bool {
+    fn fit(&mut self, gpu: &Gpu, batch: &Batch) -> bool {
         match self {
-            Self::Raster(raster) => {
-                let heights = [batch.image_atlas.height, batch.map_atlas.height];
-                let (images, maps) = batch.views.split_at_mut(batch.n_images as usize);
-                raster.fit(gpu, heights, [images, maps])
-            }
+            Self::Raster(raster) => raster.fit(gpu, batch),
             Self::Compute(compute) => compute.fit(gpu, batch),
         }
     }

@@ -6,21 +6,19 @@
 
 mod adapter;
 mod assets;
-mod atlas;
 mod batch;
 mod bindings;
 mod compute;
 mod device;
 mod drawing;
 mod frame;
+mod layers;
 mod raster;
 mod readback;
 mod records;
 mod resolve;
 mod shadow;
 mod store;
-#[cfg(test)]
-mod tests;
 mod texels;
 
 use core::ops::Range;
@@ -39,6 +37,9 @@ use readback::Readback;
 /// Pixels of a chunk: 32 envs with two external cameras and one hand camera. Mesa's lavapipe takes ten times as long per
 /// env from 64 envs a dispatch on, and a GPU is busy with far fewer.
 const CHUNK_PX: usize = 32 * (2 * 224 * 224 + 128 * 128);
+
+/// Views of a chunk: as many layers of a texture as every device has.
+const CHUNK_VIEWS: usize = 128;
 
 /// How the triangle of each pixel is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,7 +100,8 @@ impl GpuRenderer {
         let gpu = Gpu::open(found)?;
         let frame = Frame::new(&gpu, kind, visibility, options);
         // A driver that refuses a shader says so now.
-        gpu.check().map_err(|error| OpenError::Device { name: gpu.name.clone(), message: error.to_string() })?;
+        gpu.check()
+            .map_err(|error| OpenError::Device { name: gpu.name.clone(), message: error.to_string() })?;
         Ok(Self { frame, readbacks: Default::default(), timings: Timings::default(), visibility, gpu })
     }
 
@@ -179,7 +181,7 @@ fn chunk(views: &[View<'_>], from: usize) -> Range<usize> {
         n_px += view.out.len() / 3;
         n_px <= CHUNK_PX
     };
-    let n = views[from..].iter().take_while(fits).count();
+    let n = views[from..].iter().take(CHUNK_VIEWS).take_while(fits).count();
     from..(from + n.max(1)).min(views.len())
 }
 
@@ -190,3 +192,6 @@ fn ready<T>(future: impl Future<Output = T>) -> T {
         Poll::Pending => unreachable!("wgpu answers at once"),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,71 +1,65 @@
-//! Visibility by the rasteriser: ids of all images in one atlas, heights of all shadow maps in another.
+//! Visibility by the rasteriser: a layer of ids per image, a layer of heights per shadow map.
 
-use super::atlas::WIDTH;
+use super::batch::Batch;
 use super::bindings::{self, Slot};
 use super::device::Gpu;
-use super::drawing::Drawing;
+use super::drawing::{Draw, Drawing};
 use super::frame::Shared;
-use super::records::{NONE, ViewRecord};
+use super::layers::Layers;
+use super::records::NONE;
+use super::shadow::MAP_SIDE;
 use super::store::Store;
-
-/// Rows by which an atlas grows.
-const ROWS: u32 = 512;
 
 const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 const ID_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 
-/// Pipelines and atlases.
+/// Pipelines and layers.
 pub(super) struct Raster {
     layout: wgpu::BindGroupLayout,
     draw_ids: wgpu::RenderPipeline,
     draw_heights: wgpu::RenderPipeline,
-    pub(super) ids: Texture,
-    depths: Texture,
-    pub(super) heights: Texture,
+    ids: Layers,
+    depths: Layers,
+    heights: Layers,
     /// Of images, and of maps: instances by mesh.
     drawn: [Store; 2],
     groups: Option<[wgpu::BindGroup; 2]>,
-}
-
-/// A texture as wide as an atlas.
-pub(super) struct Texture {
-    format: wgpu::TextureFormat,
-    height: u32,
-    pub(super) view: wgpu::TextureView,
+    zoom: u32,
 }
 
 impl Raster {
     /// Pipelines for `zoom` samples per pixel along each axis.
     pub(super) fn new(gpu: &Gpu, zoom: u32) -> Self {
         // `enable` comes before anything else.
-        let module =
-            bindings::module(gpu, "raster", &[include_str!("wgsl/raster.wgsl"), include_str!("wgsl/records.wgsl")]);
+        let texts = [include_str!("wgsl/raster.wgsl"), include_str!("wgsl/records.wgsl")];
+        let module = bindings::module(gpu, "raster", &texts);
         let layout = bindings::layout(gpu, wgpu::ShaderStages::VERTEX, &[Slot::Read; 4]);
         let drawn = |label| Store::new(gpu, label, wgpu::BufferUsages::empty());
         Self {
-            draw_ids: pipeline(gpu, &layout, &module, &Pass::IDS, zoom),
-            draw_heights: pipeline(gpu, &layout, &module, &Pass::HEIGHTS, 1),
+            draw_ids: pipeline(gpu, &layout, &module, &Kind::IDS),
+            draw_heights: pipeline(gpu, &layout, &module, &Kind::HEIGHTS),
             layout,
-            ids: Texture::new(gpu, ID_FORMAT, ROWS),
-            depths: Texture::new(gpu, DEPTH_FORMAT, ROWS),
-            heights: Texture::new(gpu, DEPTH_FORMAT, ROWS),
+            ids: Layers::new(gpu, ID_FORMAT),
+            depths: Layers::new(gpu, DEPTH_FORMAT),
+            heights: Layers::new(gpu, DEPTH_FORMAT),
             drawn: [drawn("drawn in images"), drawn("drawn in maps")],
             groups: None,
+            zoom,
         }
     }
 
-    /// Makes room for atlases of these heights and tells the images and maps where they are; whether that took other
-    /// textures.
-    pub(super) fn fit(&mut self, gpu: &Gpu, heights: [u32; 2], [images, maps]: [&mut [ViewRecord]; 2]) -> bool {
-        let [image_rows, map_rows] = heights;
-        let mut grown = self.ids.fit(gpu, image_rows);
-        grown |= self.depths.fit(gpu, image_rows);
-        grown |= self.heights.fit(gpu, map_rows);
-        for view in images {
-            view.atlas_size = [WIDTH, self.ids.height];
-        }
-        for view in maps {
-            view.atlas_size = [WIDTH, self.heights.height];
+    /// What resolve reads: ids of images, heights of maps.
+    pub(super) fn seen(&self) -> [&wgpu::TextureView; 2] {
+        [&self.ids.all, &self.heights.all]
+    }
+
+    /// Makes room for a batch; whether that took other textures.
+    pub(super) fn fit(&mut self, gpu: &Gpu, batch: &Batch) -> bool {
+        let (side, n_maps) = (batch.max_side * self.zoom, batch.views.len() as u32 - batch.n_images);
+        let mut grown = self.ids.fit(gpu, side, batch.n_images);
+        grown |= self.depths.fit(gpu, side, batch.n_images);
+        if n_maps > 0 {
+            grown |= self.heights.fit(gpu, MAP_SIDE, n_maps);
         }
         grown
     }
@@ -84,60 +78,35 @@ impl Raster {
         }
     }
 
-    /// Draws images, then maps if there are any.
-    pub(super) fn encode(&self, encoder: &mut wgpu::CommandEncoder, [images, maps]: [&Drawing; 2], shared: &Shared) {
+    /// Draws images and maps, a pass for each.
+    pub(super) fn encode(&self, encoder: &mut wgpu::CommandEncoder, batch: &Batch, shared: &Shared) {
         let [image_group, map_group] = self.groups.as_ref().expect("uploaded before it is drawn");
-        let ids = wgpu::RenderPassColorAttachment {
-            view: &self.ids.view,
-            depth_slice: None,
-            resolve_target: None,
-            ops: wgpu::Operations {
-                load: wgpu::LoadOp::Clear(wgpu::Color { r: f64::from(NONE), ..wgpu::Color::TRANSPARENT }),
-                store: wgpu::StoreOp::Store,
-            },
-        };
-        let mut pass = begin(encoder, &[Some(ids)], &self.depths, wgpu::StoreOp::Discard);
-        draw(&mut pass, &self.draw_ids, image_group, images, shared);
-        drop(pass);
-        if !maps.draws.is_empty() {
-            let mut pass = begin(encoder, &[], &self.heights, wgpu::StoreOp::Store);
-            draw(&mut pass, &self.draw_heights, map_group, maps, shared);
+        let index_buffer = &shared.assets.index_store.buffer;
+        for (i, draws) in batch.images.views().enumerate() {
+            let mut pass = begin(encoder, Some(&self.ids.each[i]), &self.depths.each[i]);
+            let side = (batch.views[i].side * self.zoom) as f32;
+            pass.set_viewport(0.0, 0.0, side, side, 0.0, 1.0);
+            pass.set_pipeline(&self.draw_ids);
+            pass.set_bind_group(0, image_group, &[]);
+            draw(&mut pass, draws, index_buffer);
         }
-    }
-}
-
-impl Texture {
-    fn new(gpu: &Gpu, format: wgpu::TextureFormat, height: u32) -> Self {
-        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: None,
-            size: wgpu::Extent3d { width: WIDTH, height, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        });
-        Self { format, height, view: texture.create_view(&wgpu::TextureViewDescriptor::default()) }
-    }
-
-    fn fit(&mut self, gpu: &Gpu, rows: u32) -> bool {
-        if rows <= self.height {
-            return false;
+        for (i, draws) in batch.maps.views().enumerate() {
+            let mut pass = begin(encoder, None, &self.heights.each[i]);
+            pass.set_pipeline(&self.draw_heights);
+            pass.set_bind_group(0, map_group, &[]);
+            draw(&mut pass, draws, index_buffer);
         }
-        *self = Self::new(gpu, self.format, rows.next_multiple_of(ROWS));
-        true
     }
 }
 
 /// What differs between images and maps.
-struct Pass {
+struct Kind {
     vertex: &'static str,
     fragment: Option<&'static str>,
     cull: wgpu::Face,
 }
 
-impl Pass {
+impl Kind {
     const IDS: Self = Self { vertex: "camera_corner", fragment: Some("id"), cull: wgpu::Face::Back };
     const HEIGHTS: Self = Self { vertex: "map_corner", fragment: None, cull: wgpu::Face::Front };
 }
@@ -146,24 +115,20 @@ fn pipeline(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
     module: &wgpu::ShaderModule,
-    pass: &Pass,
-    zoom: u32,
+    kind: &Kind,
 ) -> wgpu::RenderPipeline {
-    let constants = [("ZOOM", f64::from(zoom))];
-    let compilation_options =
-        wgpu::PipelineCompilationOptions { constants: &constants, ..wgpu::PipelineCompilationOptions::default() };
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some(pass.vertex),
+        label: Some(kind.vertex),
         layout: Some(&bindings::pipeline_layout(gpu, layout)),
         vertex: wgpu::VertexState {
             module,
-            entry_point: Some(pass.vertex),
-            compilation_options: compilation_options.clone(),
+            entry_point: Some(kind.vertex),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
             buffers: &[],
         },
         primitive: wgpu::PrimitiveState {
             front_face: wgpu::FrontFace::Ccw,
-            cull_mode: Some(pass.cull),
+            cull_mode: Some(kind.cull),
             ..wgpu::PrimitiveState::default()
         },
         depth_stencil: Some(wgpu::DepthStencilState {
@@ -175,10 +140,10 @@ fn pipeline(
             bias: wgpu::DepthBiasState::default(),
         }),
         multisample: wgpu::MultisampleState::default(),
-        fragment: pass.fragment.map(|entry_point| wgpu::FragmentState {
+        fragment: kind.fragment.map(|entry_point| wgpu::FragmentState {
             module,
             entry_point: Some(entry_point),
-            compilation_options,
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
             targets: &[Some(wgpu::ColorTargetState {
                 format: ID_FORMAT,
                 blend: None,
@@ -190,18 +155,25 @@ fn pipeline(
     })
 }
 
-/// A pass over an atlas whose depths are cleared to the farthest.
+/// A pass over a layer that is cleared to nothing, at the farthest; depths are kept where there are no ids.
 fn begin<'a>(
     encoder: &'a mut wgpu::CommandEncoder,
-    color_attachments: &[Option<wgpu::RenderPassColorAttachment<'_>>],
-    depths: &Texture,
-    store: wgpu::StoreOp,
+    ids: Option<&wgpu::TextureView>,
+    depths: &wgpu::TextureView,
 ) -> wgpu::RenderPass<'a> {
+    let nothing = wgpu::Color { r: f64::from(NONE), ..wgpu::Color::TRANSPARENT };
+    let color = ids.map(|view| wgpu::RenderPassColorAttachment {
+        view,
+        depth_slice: None,
+        resolve_target: None,
+        ops: wgpu::Operations { load: wgpu::LoadOp::Clear(nothing), store: wgpu::StoreOp::Store },
+    });
+    let store = if ids.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store };
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: None,
-        color_attachments,
+        color_attachments: if color.is_some() { core::slice::from_ref(&color) } else { &[] },
         depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-            view: &depths.view,
+            view: depths,
             depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store }),
             stencil_ops: None,
         }),
@@ -209,19 +181,10 @@ fn begin<'a>(
     })
 }
 
-fn draw(
-    pass: &mut wgpu::RenderPass<'_>,
-    pipeline: &wgpu::RenderPipeline,
-    group: &wgpu::BindGroup,
-    drawing: &Drawing,
-    shared: &Shared,
-) {
-    pass.set_pipeline(pipeline);
-    pass.set_bind_group(0, group, &[]);
-    pass.set_index_buffer(shared.assets.index_store.buffer.slice(..), wgpu::IndexFormat::Uint32);
-    for draw in &drawing.draws {
-        let first = draw.place.first_triangle * 3;
-        let indices = first..first + draw.place.n_triangles * 3;
-        pass.draw_indexed(indices, 0, draw.first..draw.first + draw.n);
+fn draw(pass: &mut wgpu::RenderPass<'_>, draws: &[Draw], index_buffer: &wgpu::Buffer) {
+    pass.set_index_buffer(index_buffer.slice(..), wgpu::IndexFormat::Uint32);
+    for Draw { place, instances } in draws {
+        let first = place.first_triangle * 3;
+        pass.draw_indexed(first..first + place.n_triangles * 3, 0, instances.clone());
     }
 }

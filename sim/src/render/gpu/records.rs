@@ -38,14 +38,14 @@ pub(super) struct ViewRecord {
     pub(super) side: u32,
     /// Pixels of the views before this one.
     pub(super) first_pixel: u32,
-    /// Left upper pixel in the atlas.
-    pub(super) atlas: [u32; 2],
+    /// Its place among the images or among the maps.
+    pub(super) layer: u32,
     /// Index of its first instance.
     pub(super) first_instance: u32,
     /// Index of its shadow map's record, or [`NONE`].
     pub(super) map: u32,
-    /// Width and height of the atlas, where there is one.
-    pub(super) atlas_size: [u32; 2],
+    /// Nothing.
+    pub(super) spare: [u32; 3],
     /// Linear RGB.
     pub(super) ambient: [f32; 4],
     /// The world's up, in the view frame.

@@ -4,14 +4,15 @@ use super::bindings::{self, Slot};
 use super::device::Gpu;
 use super::frame::Shared;
 use super::store::Store;
+use crate::render::srgb::{LINEAR_BELOW, LINEAR_CODES, ROOT_CODES};
 
 /// Pixels along each edge of the square that a workgroup makes.
 const TILE: u32 = 8;
 
 /// What the kernel reads of the visibility pass.
 pub(super) enum Seen<'a> {
-    /// Textures of ids and of heights.
-    Atlases([&'a wgpu::TextureView; 2]),
+    /// Layers of ids and of heights.
+    Layers([&'a wgpu::TextureView; 2]),
     /// Buffers of samples and of heights.
     Buffers([&'a Store; 2]),
 }
@@ -29,10 +30,11 @@ impl Resolve {
     /// The kernel for `zoom` samples per pixel along each axis.
     pub(super) fn new(gpu: &Gpu, seen: &Seen<'_>, zoom: u32) -> Self {
         let (text, slot) = match seen {
-            Seen::Atlases(_) => (include_str!("wgsl/seen_in_atlas.wgsl"), [Slot::Ids, Slot::Depths]),
+            Seen::Layers(_) => (include_str!("wgsl/seen_in_layers.wgsl"), [Slot::Ids, Slot::Depths]),
             Seen::Buffers(_) => (include_str!("wgsl/seen_in_buffers.wgsl"), [Slot::Read; 2]),
         };
         let texts = [
+            &srgb_constants(),
             include_str!("wgsl/records.wgsl"),
             text,
             include_str!("wgsl/texture.wgsl"),
@@ -40,8 +42,7 @@ impl Resolve {
         ];
         let module = bindings::module(gpu, "resolve", &texts);
         let [ids, heights] = slot;
-        let slots =
-            [Slot::Read, Slot::Read, Slot::Read, Slot::Read, Slot::Read, Slot::Write, ids, heights];
+        let slots = [Slot::Read, Slot::Read, Slot::Read, Slot::Read, Slot::Read, Slot::Write, ids, heights];
         let layout = bindings::layout(gpu, wgpu::ShaderStages::COMPUTE, &slots);
         Self {
             pipeline: bindings::compute_pipeline(gpu, &layout, &module, "resolve", zoom),
@@ -68,7 +69,7 @@ impl Resolve {
         ];
         let mut resources: Vec<_> = stores.map(|store| store.buffer.as_entire_binding()).into();
         match seen {
-            Seen::Atlases(views) => resources.extend(views.map(wgpu::BindingResource::TextureView)),
+            Seen::Layers(views) => resources.extend(views.map(wgpu::BindingResource::TextureView)),
             Seen::Buffers(stores) => resources.extend(stores.map(|store| store.buffer.as_entire_binding())),
         }
         self.group = Some(bindings::group(gpu, &self.layout, &resources));
@@ -81,4 +82,14 @@ impl Resolve {
         pass.set_pipeline(&self.pipeline);
         pass.dispatch_workgroups((max_side / TILE).pow(2), n_images, 1);
     }
+}
+
+/// The curve of `srgb.rs` in WGSL; `{:?}` writes every bit of a number.
+fn srgb_constants() -> String {
+    let coefficients = ROOT_CODES.map(|c| format!("{c:?}")).join(", ");
+    format!(
+        "const LINEAR_BELOW: f32 = {LINEAR_BELOW:?};\n\
+         const LINEAR_CODES: f32 = {LINEAR_CODES:?};\n\
+         const ROOT_CODES = array<f32, 7>({coefficients});\n"
+    )
 }

@@ -1,6 +1,5 @@
-// Visibility by the rasteriser: all views side by side in one atlas, ids or heights in it, the greatest 1/z or height on top.
+// Visibility by the rasteriser: ids of what an image shows, heights in a shadow map, the greatest 1/z or height on top.
 
-enable clip_distances;
 enable primitive_index;
 
 @group(0) @binding(0) var<storage, read> views: array<View>;
@@ -11,20 +10,13 @@ enable primitive_index;
 
 struct Projected {
     @builtin(position) position: vec4f,
-    @builtin(clip_distances) clip: array<f32, 4>,
     @location(0) @interpolate(flat) first_id: u32,
 }
 
 // A point at px, in pixels of its view times w.
 fn placed(view: View, px: vec2f, depth: f32, w: f32, first_id: u32) -> Projected {
-    let side = f32(view.side) * w;
-    let zoom = f32(ZOOM);
-    let at = (vec2f(view.atlas) * w + px * zoom) / vec2f(view.atlas_size);
-    var corner: Projected;
-    corner.position = vec4f(2.0 * at.x - w, w - 2.0 * at.y, depth, w);
-    corner.clip = array<f32, 4>(px.x, side - px.x, px.y, side - px.y);
-    corner.first_id = first_id;
-    return corner;
+    let at = px / view.half_px;
+    return Projected(vec4f(at.x - w, w - at.y, depth, w), first_id);
 }
 
 @vertex

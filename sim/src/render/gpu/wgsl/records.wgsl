@@ -24,13 +24,14 @@ struct View {
     side: u32,
     // Pixels of the views before this one.
     first_pixel: u32,
-    // Left upper pixel in the atlas.
-    atlas: vec2u,
+    // Its place among the images or among the maps.
+    layer: u32,
     first_instance: u32,
     // Index of the shadow map's view, or NONE.
     map: u32,
-    // Width and height of the atlas.
-    atlas_size: vec2u,
+    spare_0: u32,
+    spare_1: u32,
+    spare_2: u32,
     ambient: vec4f,
     // The world's up, in the view frame.
     up: vec4f,

@@ -11,7 +11,8 @@
 // Side of the square of pixels that a workgroup makes.
 const TILE: u32 = 8u;
 
-var<workgroup> codes: array<u32, 64>;
+// sRGB of the workgroup's pixels.
+var<workgroup> rgb: array<u32, 64>;
 
 @compute @workgroup_size(8, 8)
 fn resolve(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) lane: vec3u) {
@@ -21,7 +22,7 @@ fn resolve(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) la
         return;
     }
     let corner = vec2u(group.x % tiles_per_row, group.x / tiles_per_row) * TILE;
-    codes[lane.y * TILE + lane.x] = pixel(view, corner + lane.xy);
+    rgb[lane.y * TILE + lane.x] = pixel(view, corner + lane.xy);
     workgroupBarrier();
     // Eight pixels of three bytes are six words.
     if lane.x < 6u {
@@ -30,12 +31,12 @@ fn resolve(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) la
     }
 }
 
-// Four bytes of a row of codes, from byte `first` on.
+// Four bytes of a row of pixels, from byte `first` on.
 fn packed(row: u32, first: u32) -> u32 {
     var word = 0u;
     for (var i = 0u; i < 4u; i++) {
         let byte = first + i;
-        word |= ((codes[row + byte / 3u] >> (8u * (byte % 3u))) & 255u) << (8u * i);
+        word |= ((rgb[row + byte / 3u] >> (8u * (byte % 3u))) & 255u) << (8u * i);
     }
     return word;
 }
@@ -61,14 +62,18 @@ fn pixel(view: View, at: vec2u) -> u32 {
             light += f32(n) * shade(view, ids[i], at);
         }
     }
-    let code = vec3u(floor(255.0 * encode(light / f32(ZOOM * ZOOM)) + 0.5));
+    let code = vec3u(floor(codes(light / f32(ZOOM * ZOOM)) + 0.5));
     return code.x | (code.y << 8u) | (code.z << 16u);
 }
 
-// sRGB in [0, 1] of linear light in [0, 1] (IEC 61966-2-1).
-fn encode(light: vec3f) -> vec3f {
-    let above = 1.055 * pow(max(light, vec3f(1e-6)), vec3f(1.0 / 2.4)) - 0.055;
-    return select(above, 12.92 * light, light <= vec3f(0.0031308));
+// sRGB of linear light in [0, 1], in codes. The constants are those of srgb.rs.
+fn codes(light: vec3f) -> vec3f {
+    let root = sqrt(light);
+    var curve = vec3f(ROOT_CODES[0]);
+    for (var i = 1u; i < 7u; i++) {
+        curve = curve * root + ROOT_CODES[i];
+    }
+    return clamp(select(curve, LINEAR_CODES * light, light < vec3f(LINEAR_BELOW)), vec3f(0.0), vec3f(255.0));
 }
 
 // Linear light, held in [0, 1], that a triangle sends along the ray through a pixel's centre.
@@ -80,7 +85,10 @@ fn shade(view: View, id: u32, at: vec2u) -> vec3f {
     let v2 = vertices[corners.z];
     let step = 1.0 / view.focal_px;
     let ray = vec3f((vec2f(at) + 0.5 - view.half_px) * step, 1.0);
-    let hit = meet(instance, array<vec3f, 3>(v0.position.xyz, v1.position.xyz, v2.position.xyz), ray, step);
+    let p0 = on_grid(view, moved(instance.view_from_mesh, v0.position.xyz));
+    let p1 = on_grid(view, moved(instance.view_from_mesh, v1.position.xyz));
+    let p2 = on_grid(view, moved(instance.view_from_mesh, v2.position.xyz));
+    let hit = meet(p0, p1 - p0, p2 - p0, ray, step);
     if hit.point.z * view.inverse_far >= 1.0 {
         return vec3f(0.0);
     }
@@ -96,10 +104,20 @@ fn shade(view: View, id: u32, at: vec2u) -> vec3f {
     return clamp(lit(view, color, instance.paint.w, hit.point, normal, -normalize(ray)), vec3f(0.0), vec3f(1.0));
 }
 
+// A point moved to where the visibility pass puts it, 1/256 px apart, so that no pixel of a triangle lies outside of it.
+// Behind the near plane points stay where they are.
+fn on_grid(view: View, p: vec3f) -> vec3f {
+    if p.z < view.near_m {
+        return p;
+    }
+    let px = snapped(view.half_px + p.xy * view.focal_px / p.z);
+    return vec3f((px - view.half_px) * (p.z / view.focal_px), p.z);
+}
+
 // Where a ray meets a triangle's plane: at p + a e + b f, for the corners p, p + e and p + f.
 struct Hit {
     point: vec3f,
-    // Held in [0, 1]: a pixel at a silhouette may belong to the snapped triangle and just miss the exact one.
+    // Held in [0, 1]: with several samples a pixel's centre may lie outside of the triangle.
     ab: vec2f,
     // Changes of a and b with a step right and a step down.
     right: vec2f,
@@ -107,10 +125,7 @@ struct Hit {
 }
 
 // Möller and Trumbore, "Fast, minimum storage ray/triangle intersection" (1997).
-fn meet(instance: Instance, corners: array<vec3f, 3>, ray: vec3f, step: f32) -> Hit {
-    let p = moved(instance.view_from_mesh, corners[0]);
-    let e = moved(instance.view_from_mesh, corners[1]) - p;
-    let f = moved(instance.view_from_mesh, corners[2]) - p;
+fn meet(p: vec3f, e: vec3f, f: vec3f, ray: vec3f, step: f32) -> Hit {
     let along_a = cross(p, f);
     let along_b = cross(e, p);
     let along_n = cross(f, e);

@@ -21,7 +21,7 @@ fn factor(texture: u32, uv: vec2f, footprint: f32) -> vec3f {
     let level = (bitcast<u32>(held) - bitcast<u32>(1.0)) >> 16u;
     let base = level >> 8u;
     let blend = u32(clamp((i32(level & 255u) - 96) * 4, 0, 256));
-    let at = vec2i(uv * f32((TILE_SIDE >> base) * 256u));
+    let at = vec2i(round(uv * f32((TILE_SIDE >> base) * 256u)));
     var value = bilinear(texture, base, at);
     if blend > 0u {
         value = (value * (256u - blend) + bilinear(texture, base + 1u, at >> vec2u(1u)) * blend) >> vec3u(8u);
