@@ -74,7 +74,12 @@ impl Gpu {
         // wgpu panics when the driver says in the middle of a wait that the device is lost.
         match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll_type))) {
             Ok(Ok(_)) => {}
-            Ok(Err(error)) => self.fail(format!("{error} (waited for {} s)", PATIENCE.as_secs())),
+            Ok(Err(wgpu::PollError::Timeout)) => {
+                self.fail(format!("it has not answered for {} s", PATIENCE.as_secs()));
+            }
+            Ok(Err(wgpu::PollError::WrongSubmissionIndex(..))) => {
+                self.fail("it was lost and takes no more work".to_owned());
+            }
             Err(_) => self.fail("it was lost while it drew".to_owned()),
         }
         self.check()
