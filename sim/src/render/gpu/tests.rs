@@ -1,7 +1,5 @@
 //! How the device fails.
 
-use std::time::{Duration, Instant};
-
 use super::{AdapterKind, GpuOptions, GpuRenderer};
 use crate::TaskId;
 use crate::render::{RenderScene, Renderer, View};
@@ -19,10 +17,8 @@ fn a_lost_device_is_an_error_and_stays_one() {
     };
     draw(&mut renderer).unwrap();
     renderer.gpu.device.destroy();
-    let start = Instant::now();
     for _ in 0..2 {
         let error = draw(&mut renderer).unwrap_err().to_string();
         assert!(error.contains("draw on") && error.contains("lost"), "{error}");
     }
-    assert!(start.elapsed() < Duration::from_secs(10), "it took {:?}", start.elapsed());
 }
