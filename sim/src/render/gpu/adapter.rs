@@ -35,7 +35,10 @@ pub(super) fn find(kind: AdapterKind, options: &GpuOptions) -> Result<Found, Ope
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     });
     let mut complaints = Vec::new();
-    for adapter in ready(instance.enumerate_adapters(wgpu::Backends::VULKAN)) {
+    let mut adapters = ready(instance.enumerate_adapters(wgpu::Backends::VULKAN));
+    // A card before what is built into a processor.
+    adapters.sort_by_key(|adapter| adapter.get_info().device_type != wgpu::DeviceType::DiscreteGpu);
+    for adapter in adapters {
         let info = adapter.get_info();
         let name = format!("{} ({})", info.name, [info.driver, info.driver_info].join(" ").trim());
         if kind_of(info.device_type) != kind {

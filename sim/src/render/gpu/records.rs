@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::render::affine::Affine;
+use crate::render::scene::N_SUNS;
 
 /// No texture, no shadow map, no triangle.
 pub(super) const NONE: u32 = u32::MAX;
@@ -91,7 +92,7 @@ pub(super) struct VertexRecord {
 }
 
 const _: () = assert!(size_of::<ViewRecord>() == 192 && size_of::<InstanceRecord>() == 96);
-const _: () = assert!(size_of::<VertexRecord>() == 32);
+const _: () = assert!(size_of::<VertexRecord>() == 32 && N_SUNS == 2);
 
 /// A matrix as the device has it: rows, the offset last.
 pub(super) fn rows(map: &Affine) -> [[f32; 4]; 3] {

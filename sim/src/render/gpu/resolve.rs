@@ -37,7 +37,9 @@ impl Resolve {
             &srgb_constants(),
             include_str!("wgsl/records.wgsl"),
             text,
+            include_str!("wgsl/triangle.wgsl"),
             include_str!("wgsl/texture.wgsl"),
+            include_str!("wgsl/light.wgsl"),
             include_str!("wgsl/resolve.wgsl"),
         ];
         let module = bindings::module(gpu, "resolve", &texts);
