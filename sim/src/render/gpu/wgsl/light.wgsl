@@ -14,9 +14,10 @@ fn lit(view: View, color: vec3f, specular: f32, point: vec3f, normal: vec3f, to_
                 light *= shadow(view, point, normal);
             }
             scattered += light * (facing / 3.14159265);
-            let m = max(0.0, 2.0 * facing * dot(normal, to_eye) - dot(sun.towards.xyz, to_eye));
-            let m4 = (m * m) * (m * m);
-            mirrored += light * ((m4 * m4) * (m4 * m4));
+            let aligned = 2.0 * facing * dot(normal, to_eye) - dot(sun.towards.xyz, to_eye);
+            let gleam = max(0.0, 2.0 * aligned - 1.0);
+            let fourth = (gleam * gleam) * (gleam * gleam);
+            mirrored += light * (fourth * fourth);
         }
     }
     return color * scattered + specular * 0.4 * mirrored;

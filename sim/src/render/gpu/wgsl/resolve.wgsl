@@ -10,6 +10,8 @@
 
 // Side of the square of pixels that a workgroup makes.
 const TILE: u32 = 8u;
+// Side of the square of pixels that read a triangle's texture at the level that suits its middle.
+const BLOCK: u32 = 4u;
 
 // sRGB of the workgroup's pixels.
 var<workgroup> rgb: array<u32, 64>;
@@ -87,9 +89,8 @@ fn shade(view: View, id: u32, at: vec2u) -> vec3f {
     let e = on_grid(view, moved(instance.view_from_mesh, v1.position.xyz)) - p;
     let f = on_grid(view, moved(instance.view_from_mesh, v2.position.xyz)) - p;
     let px = vec2f(at) + 0.5;
-    let hit = meet(view, p, e, f, px);
     // With several samples a pixel's centre may lie outside of the triangle.
-    let ab = clamp(hit.ab, vec2f(0.0), vec2f(1.0));
+    let ab = clamp(meet(view, p, e, f, px).ab, vec2f(0.0), vec2f(1.0));
     let point = p + ab.x * e + ab.y * f;
     if point.z * view.inverse_far >= 1.0 {
         return vec3f(0.0);
@@ -102,7 +103,8 @@ fn shade(view: View, id: u32, at: vec2u) -> vec3f {
     var color = instance.paint.rgb;
     if instance.texture != NONE {
         let points = array<vec3f, 3>(v0.position.xyz, v1.position.xyz, v2.position.xyz);
-        color *= textured(instance, corners.w, points, ab, hit);
+        let middle = vec2f(at / BLOCK * BLOCK) + 0.5 * f32(BLOCK);
+        color *= textured(instance, corners.w, points, ab, meet(view, p, e, f, middle));
     }
     let light = lit(view, color, instance.paint.w, point, normal, -normalize(ray_through(view, px)));
     return clamp(light, vec3f(0.0), vec3f(1.0));
