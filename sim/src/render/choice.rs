@@ -26,7 +26,7 @@ pub enum RendererChoice {
 #[expect(missing_docs, reason = "the fields are named by their messages")]
 pub enum OpenError {
     #[error(
-        "found no Vulkan adapter to draw with that is {wanted}: {found}; say --renderer cpu or auto, or install a driver"
+        "found no {wanted} that can draw through Vulkan: {found}; say --renderer cpu or auto, or install a driver"
     )]
     NoAdapter { wanted: &'static str, found: String },
     #[error("open {name}: {message}")]

@@ -42,7 +42,7 @@ pub(super) fn find(kind: AdapterKind, options: &GpuOptions) -> Result<Found, Ope
         let info = adapter.get_info();
         let name = format!("{} ({})", info.name, [info.driver, info.driver_info].join(" ").trim());
         if kind_of(info.device_type) != kind {
-            complaints.push(format!("{name} is not {}", kind.described()));
+            complaints.push(format!("{name} is no {}", kind.described()));
             continue;
         }
         let visibility = options.visibility.unwrap_or_else(|| best(&adapter, &info.name));
@@ -70,8 +70,8 @@ pub(super) fn required(visibility: Visibility) -> (wgpu::Features, wgpu::Limits)
 impl AdapterKind {
     const fn described(self) -> &'static str {
         match self {
-            Self::Hardware => "a GPU",
-            Self::Software => "a software driver",
+            Self::Hardware => "GPU",
+            Self::Software => "software driver",
         }
     }
 }
