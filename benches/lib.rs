@@ -1,4 +1,4 @@
-//! What the benchmarks share: their one argument, and a table of figures that is printed and may be written as CSV.
+//! What the benchmarks share: their arguments, and a table of figures that is printed and may be written as CSV.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -19,14 +19,31 @@ impl Report {
     /// # Errors
     /// On any other argument.
     pub fn from_args(bench: &'static str) -> Result<Self> {
+        Self::with_options(bench, "", |_, _| Ok(false))
+    }
+
+    /// Reads `--csv FILE` and options of the benchmark's own, which `usage` lists: `take` gets each with its value and says
+    /// whether it knows it.
+    ///
+    /// # Errors
+    /// On an argument that is not known, or that `take` refuses.
+    pub fn with_options(
+        bench: &'static str,
+        usage: &str,
+        mut take: impl FnMut(&str, &str) -> Result<bool>,
+    ) -> Result<Self> {
         let mut csv_file = None;
         let mut arguments = std::env::args().skip(1);
         while let Some(argument) = arguments.next() {
-            match argument.as_str() {
-                // What cargo itself adds.
-                "--bench" => {}
-                "--csv" => csv_file = Some(arguments.next().context("--csv needs a file")?.into()),
-                _ => bail!("unknown argument {argument}: expected --csv FILE"),
+            // What cargo itself adds.
+            if argument == "--bench" {
+                continue;
+            }
+            let value = arguments.next().with_context(|| format!("{argument} needs a value"))?;
+            if argument == "--csv" {
+                csv_file = Some(value.into());
+            } else if !take(&argument, &value)? {
+                bail!("unknown argument {argument}: expected {usage}--csv FILE");
             }
         }
         Ok(Self { bench, csv_file, csv: String::from("bench,case,value,unit,note\n") })

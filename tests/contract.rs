@@ -39,7 +39,7 @@ fn draw(task: TaskId, out: &mut dyn Iterator<Item = &mut [u8]>) {
     let view = RenderScene::new(&scene);
     let mut renderer = CpuRenderer::new(1);
     for (camera_idx, out) in out.enumerate() {
-        renderer.render(&mut [View { scene: &view, snapshot: &snapshot, camera_idx, out }]);
+        renderer.render(&mut [View { scene: &view, snapshot: &snapshot, camera_idx, out }]).unwrap();
     }
 }
 

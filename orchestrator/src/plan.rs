@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use ipc_types::{ControlMode, Morphology};
 use policy_host::QueryMode;
-use sim::serve::protocol::RendererKind;
+use sim::render::RendererChoice;
 use sim::{Perturbation, Profile, TaskId};
 use thiserror::Error;
 
@@ -25,7 +25,6 @@ const MAX_ENVS: u32 = 4096;
 const MAX_THREADS: u32 = 1024;
 
 const MODES: [QueryMode; 2] = [QueryMode::Chunk, QueryMode::Ensemble];
-const RENDERERS: [RendererKind; 2] = [RendererKind::Auto, RendererKind::Cpu];
 
 /// Everything a run is.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,7 +50,7 @@ pub(crate) struct Plan {
     /// How single-arm policies drive.
     pub(crate) control_mode: ControlMode,
     /// Who draws.
-    pub(crate) renderer: RendererKind,
+    pub(crate) renderer: RendererChoice,
     /// Results file.
     pub(crate) db: PathBuf,
 }
@@ -113,7 +112,12 @@ impl Plan {
                 &ControlMode::ALL,
                 ControlMode::name,
             )?,
-            renderer: choice("renderer", wishes.renderer.as_deref(), &RENDERERS, renderer_name)?,
+            renderer: choice(
+                "renderer",
+                wishes.renderer.as_deref(),
+                &RendererChoice::ALL,
+                RendererChoice::name,
+            )?,
             db: wishes.db.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_DB)),
         })
     }
@@ -145,14 +149,6 @@ pub(crate) const fn mode_name(mode: QueryMode) -> &'static str {
     match mode {
         QueryMode::Chunk => "chunk",
         QueryMode::Ensemble => "ensemble",
-    }
-}
-
-/// Name of a renderer on the command line.
-pub(crate) const fn renderer_name(renderer: RendererKind) -> &'static str {
-    match renderer {
-        RendererKind::Auto => "auto",
-        RendererKind::Cpu => "cpu",
     }
 }
 
@@ -361,7 +357,7 @@ mod tests {
         insta::assert_snapshot!(wrong("--policy a/b=idle"), @"policy name `a/b` cannot be used: 1 to 64 letters, digits, `.`, `_` or `-`");
         insta::assert_snapshot!(wrong("--policy idle --policy idle=random"), @"two policies are called `idle`: give each a name of its own, --policy NAME=SPEC");
         insta::assert_snapshot!(wrong("--policy idle --mode chunks"), @"unknown mode `chunks`; did you mean chunk?");
-        insta::assert_snapshot!(wrong("--policy idle --renderer gpu"), @"unknown renderer `gpu`; did you mean cpu?");
+        insta::assert_snapshot!(wrong("--policy idle --renderer gpi"), @"unknown renderer `gpi`; did you mean gpu?");
         insta::assert_snapshot!(wrong("--policy idle --control-mode pd_joint"), @"unknown control mode `pd_joint`; did you mean pd_joint_pos?");
         insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"--envs is 0, expected 1 to 4096");
         insta::assert_snapshot!(wrong("--policy idle --execute 64"), @"--execute is 64, expected 1 to 63");

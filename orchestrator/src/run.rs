@@ -16,7 +16,7 @@ use crate::failure::{Ending, Failure, OrUser};
 use crate::fleet::{self, Conclusion, Fleet, Happening, LanePolicy, Settings, Totals};
 use crate::interrupt;
 use crate::machine::Machine;
-use crate::plan::{Plan, renderer_name};
+use crate::plan::Plan;
 use crate::policy::Identity;
 use crate::progress::{Progress, print};
 use crate::report::{self, Fps};
@@ -164,7 +164,7 @@ fn environment(plan: &Plan, machine: &Machine, totals: &Totals) -> Value {
     json!({
         "envs": plan.n_envs,
         "threads": plan.threads,
-        "renderer": renderer_name(plan.renderer),
+        "renderer": plan.renderer.name(),
         "adapter": totals.renderer,
         "shm_bytes": totals.shm_bytes,
         "restarts": totals.restarts,

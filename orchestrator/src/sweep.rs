@@ -42,7 +42,7 @@ pub(crate) struct Sweep {
     /// Results file [default: hypogeum.db]
     #[arg(long, value_name = "FILE")]
     pub(crate) db: Option<PathBuf>,
-    /// auto or cpu [default: auto]
+    /// auto, cpu, gpu or software (the gpu's on a driver that runs on the CPU: for tests) [default: auto]
     #[arg(long)]
     pub(crate) renderer: Option<String>,
     /// strict (evident intent) or paper (what the released code does) [default: strict]

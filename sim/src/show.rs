@@ -12,7 +12,7 @@ use crate::physics::World;
 use crate::predicate::first_unmet;
 use crate::profile::Profile;
 use crate::render::sheet::{SheetError, write_png};
-use crate::render::{CpuRenderer, RenderScene, Renderer, View};
+use crate::render::{CpuRenderer, RenderError, RenderScene, Renderer, View};
 use crate::scene::{Scene, Snapshot};
 use crate::tasks::TaskId;
 
@@ -34,6 +34,8 @@ pub enum Moments {
 pub enum ShowError {
     #[error("the expert found no plan: {0}")]
     Plan(#[from] PlanError),
+    #[error(transparent)]
+    Render(#[from] RenderError),
     #[error(transparent)]
     Sheet(#[from] SheetError),
 }
@@ -62,7 +64,7 @@ pub fn contact_sheet(
         for camera_idx in 0..view.n_cameras() {
             let side = view.side(camera_idx);
             let mut out = vec![0; side * side * 3];
-            renderer.render(&mut [View { scene: &view, snapshot, camera_idx, out: &mut out }]);
+            renderer.render(&mut [View { scene: &view, snapshot, camera_idx, out: &mut out }])?;
             images.push((side, out));
         }
     }

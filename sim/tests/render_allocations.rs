@@ -42,9 +42,9 @@ fn rendering_allocates_nothing_after_warm_up() {
             .collect();
         // Every scratch must have seen every scene; which worker takes which view is up to rayon.
         for _ in 0..20 {
-            renderer.render(&mut views);
+            renderer.render(&mut views).unwrap();
         }
-        allocations(|| (0..10).for_each(|_| renderer.render(&mut views)))
+        allocations(|| (0..10).for_each(|_| renderer.render(&mut views).unwrap()))
     });
     assert_eq!(counted, 0);
 }

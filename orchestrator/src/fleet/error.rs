@@ -27,6 +27,13 @@ pub(crate) enum FleetError {
     GaveUp { name: String, deaths: u32, death: Death, log: Vec<String> },
     #[error("{0}")]
     Lane(String),
+    #[error("the sim {0}; the same command continues where it stopped")]
+    Renderer(String),
+    #[error(
+        "the sim drew with {before} and, started again, draws with {now}, whose images differ in single bits; choose one with \
+         --renderer and name another results file with --db"
+    )]
+    OtherRenderer { before: String, now: String },
     #[error(transparent)]
     Sink(anyhow::Error),
 }
@@ -35,7 +42,13 @@ impl FleetError {
     /// Whether the user can mend it.
     pub(crate) fn is_users(&self) -> bool {
         match self {
-            Self::Base { .. } | Self::Link(_) | Self::Budget(_) | Self::Attach { .. } | Self::Lane(_) => true,
+            Self::Base { .. }
+            | Self::Link(_)
+            | Self::Budget(_)
+            | Self::Attach { .. }
+            | Self::Lane(_)
+            | Self::Renderer(_)
+            | Self::OtherRenderer { .. } => true,
             Self::Spawn { .. } | Self::StartUp { .. } | Self::GaveUp { .. } | Self::Sink(_) => false,
         }
     }

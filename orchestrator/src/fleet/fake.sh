@@ -32,7 +32,13 @@ if [ "$part" = policy-host ]; then
     exit 0
 fi
 
-echo '{"ready":{"shm_bytes":5,"renderer":"none"}}'
+if [ "$behaviour" = blind ]; then
+    echo '{"renderer_failed":{"message":"failed to draw on x: it was lost"}}'
+    exit 3
+fi
+renderer=none
+[ "$behaviour" = other ] && renderer=other
+echo '{"ready":{"shm_bytes":5,"renderer":"'"$renderer"'"}}'
 n=0
 while read -r line; do
     echo "$line" >>"$here/heard"

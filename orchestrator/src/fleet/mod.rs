@@ -20,7 +20,8 @@ use ipc_types::link::{Domain, check_budget};
 use ipc_types::{ControlMode, Morphology};
 use policy_host::{PolicySpec, QueryMode};
 use sim::Profile;
-use sim::serve::protocol::{Counters, Lane, Outcome, RendererKind};
+use sim::render::RendererChoice;
+use sim::serve::protocol::{Counters, Lane, Outcome};
 
 pub(crate) use self::error::FleetError;
 pub(crate) use self::folder::base;
@@ -51,7 +52,7 @@ pub(crate) struct Settings {
     /// How single-arm policies drive.
     pub(crate) control_mode: ControlMode,
     /// Who draws.
-    pub(crate) renderer: RendererKind,
+    pub(crate) renderer: RendererChoice,
     /// How policies are queried.
     pub(crate) mode: QueryMode,
     /// Policies outside the sim, by lane.

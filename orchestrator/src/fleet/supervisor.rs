@@ -169,7 +169,7 @@ impl<'a> Supervisor<'a> {
         match event {
             SimEvent::Ready { shm_bytes, renderer } => {
                 self.totals.shm_bytes = shm_bytes;
-                self.totals.renderer = Some(renderer);
+                self.draw_with(renderer)?;
                 self.sim.ready(self.clock.now());
                 self.brief_sim();
                 Ok(())
@@ -179,8 +179,20 @@ impl<'a> Supervisor<'a> {
                 self.totals.sim_reports(counters);
                 (self.sink)(Happening::Counters(&self.totals.sim())).map_err(FleetError::Sink)
             }
+            SimEvent::RendererFailed { message } => Err(FleetError::Renderer(message)),
             SimEvent::LaneFailed { lane, message } => self.lane_failed(lane, message),
         }
+    }
+
+    /// All sims of a run draw the same bits.
+    fn draw_with(&mut self, renderer: String) -> Result<(), FleetError> {
+        match &self.totals.renderer {
+            Some(before) if *before != renderer => {
+                return Err(FleetError::OtherRenderer { before: before.clone(), now: renderer });
+            }
+            _ => self.totals.renderer = Some(renderer),
+        }
+        Ok(())
     }
 
     fn hear_host(&mut self, lane: u32, event: HostEvent) -> Result<(), FleetError> {

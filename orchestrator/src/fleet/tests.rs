@@ -50,7 +50,7 @@ impl Stage {
             threads: 1,
             profile: Profile::Strict,
             control_mode: ControlMode::EeDeltaPose,
-            renderer: RendererKind::Auto,
+            renderer: RendererChoice::Auto,
             mode: QueryMode::Chunk,
             lanes: if *spec == PolicySpec::Expert { Vec::new() } else { vec![policy] },
             morphologies: vec![Morphology::Single],
@@ -211,6 +211,20 @@ fn a_lane_that_fails_replaces_our_host_and_ends_the_run_for_a_foreign_one() {
     insta::assert_snapshot!(seen.error(), @"policy `p` has not answered");
     assert!(seen.result.unwrap_err().is_users());
     assert_eq!((stage.births("sim"), stage.heard("{\"host_up\"")), (1, 1));
+}
+
+#[test]
+fn a_renderer_that_fails_or_changes_ends_the_run() {
+    let blind = Stage::new("sim * blind", &PolicySpec::Expert);
+    let seen = blind.run(|_, _| ());
+    insta::assert_snapshot!(seen.error(), @"the sim failed to draw on x: it was lost; the same command continues where it stopped");
+    assert!(seen.result.unwrap_err().is_users());
+    assert_eq!(blind.births("sim"), 1);
+
+    let fickle = Stage::new("sim 0 die 2\nsim 1 other", &PolicySpec::Expert);
+    let seen = fickle.run(|_, _| ());
+    insta::assert_snapshot!(seen.error(), @"the sim drew with none and, started again, draws with other, whose images differ in single bits; choose one with --renderer and name another results file with --db");
+    assert_eq!(fickle.births("sim"), 2);
 }
 
 #[test]

@@ -1,23 +1,14 @@
 //! Pictures of worlds: a [`Scene`](crate::scene::Scene) once, a [`Snapshot`] per picture, sRGB bytes out.
 //!
 //! Owns the meshes, textures and shading rules; never steps a world and never draws a random number. A picture depends
-//! on its scene, snapshot and camera alone: not on the batch, the threads or the machine, for it is made of IEEE
-//! additions, multiplications, divisions and square roots in a fixed order.
-//!
-//! Shading rules, which every backend follows:
-//! - Vertices are snapped to 1/256 pixel; a pixel belongs to a triangle if its centre is inside, by the top-left rule;
-//!   triangles seen from behind are not drawn; the greater 1/depth wins, the earlier triangle on a tie.
-//! - Attributes are those of the exact triangle where the ray through the pixel's centre meets its plane.
-//! - Light is linear: colour × texture × (ambient + Σ light · max(0, n·l) / π) + highlight, where the ambient light from
-//!   below is weaker than the one from above and the highlight is Blinn and Phong's with exponent 32, weighed by the
-//!   paint's specular strength. The brightness is clamped, then coded as sRGB to the nearest code.
-//! - Textures are projected along the mesh axis that a triangle faces; they are filtered bilinearly in the two nearest
-//!   mip levels and linearly between them. What nothing covers is black (spec/perturbations.md §7).
-//! - `Lights::shadows` asks for nothing yet: no task or perturbation of today sets it.
+//! on its scene, snapshot and camera alone, not on the batch or the threads. `cpu` makes the same bytes on every machine;
+//! `gpu` makes the same bytes on one device, and nearly those of `cpu`. Both follow `SHADING.md`.
 
 mod affine;
 mod camera;
+mod choice;
 mod cpu;
+pub mod gpu;
 mod line;
 mod material;
 mod mesh;
@@ -31,8 +22,12 @@ mod srgb;
 mod texture;
 mod trig;
 
+pub use choice::{OpenError, RendererChoice, open};
 pub use cpu::{CpuOptions, CpuRenderer};
+pub use gpu::GpuRenderer;
 pub use scene::RenderScene;
+
+use thiserror::Error;
 
 use crate::scene::Snapshot;
 
@@ -58,14 +53,34 @@ pub enum Samples {
     Four,
 }
 
+/// Why pictures could not be made; the renderer makes no others.
+#[derive(Clone, Debug, Error)]
+#[expect(missing_docs, reason = "the fields are named by their messages")]
+pub enum RenderError {
+    #[error("draw on {name}: {message}")]
+    Device { name: String, message: String },
+}
+
 /// A way to make pictures.
 pub trait Renderer: Send {
     /// Name for people, with what it runs on.
     fn name(&self) -> String;
 
-    /// Fills every view's `out`, one work item per view on rayon's current pool.
+    /// Fills every view's `out`, on rayon's current pool or on a device.
+    ///
+    /// # Errors
+    /// If the device fails. What is in `out` is then undefined, and every later call fails, too.
     ///
     /// # Panics
     /// If a view's camera does not exist, its `out` is not of its camera's size, or its snapshot is not of its scene.
-    fn render(&mut self, views: &mut [View<'_>]);
+    fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError>;
+}
+
+impl View<'_> {
+    /// Asserts that its parts belong together.
+    fn check(&self) {
+        let side = self.scene.side(self.camera_idx);
+        assert_eq!(self.out.len(), side * side * 3, "a view's bytes are [side, side, 3]");
+        assert!(self.scene.fits(self.snapshot), "a snapshot has the bodies and arms of its scene");
+    }
 }

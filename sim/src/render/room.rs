@@ -33,13 +33,12 @@ const LEG_INSET: f32 = 0.07;
 /// Height and inset of the frame under the top, in m.
 const FRAME_HEIGHT: f32 = 0.07;
 
-/// World point about which most of a scene lies, in m: a little above the middle of the table.
-pub(super) fn middle(kind: TableKind) -> [f32; 3] {
-    let bench = match kind {
-        TableKind::SingleArm => &SINGLE_ARM,
-        TableKind::Bimanual => &BIMANUAL,
-    };
-    [-0.1, 0.0, bench.top_z + 0.35]
+/// World z of the table's upper face, in m.
+pub(super) const fn table_top_z(kind: TableKind) -> f32 {
+    match kind {
+        TableKind::SingleArm => SINGLE_ARM.top_z,
+        TableKind::Bimanual => BIMANUAL.top_z,
+    }
 }
 
 /// Adds table, walls and, last, the floor.

@@ -68,10 +68,8 @@ pub struct RenderScene {
     pub(super) ambient: Vec3,
     pub(super) suns: [Sun; N_SUNS],
     pub(super) cameras: Vec<Camera>,
-    /// Whether the first sun casts shadows.
-    pub(super) shadows: bool,
-    /// World point about which most of the scene lies, in m.
-    pub(super) middle: Vec3,
+    /// Middle of the shadow map in the world, if the first sun casts shadows.
+    pub(super) shadow_centre: Option<Vec3>,
     /// Per camera what the CPU renderer keeps from picture to picture: it saves work and changes no byte.
     pub(super) layers: Vec<Mutex<Layer>>,
     n_triangles: usize,
@@ -113,8 +111,7 @@ impl RenderScene {
             ambient: scene.lights.ambient.map(|c| c as f32),
             suns: suns(&scene.lights),
             cameras: scene.cameras.iter().map(Camera::new).collect(),
-            shadows: scene.lights.shadows,
-            middle: room::middle(scene.table.kind),
+            shadow_centre: shadow_centre(scene),
             layers: scene.cameras.iter().map(|_| Mutex::default()).collect(),
             n_still,
             floor,
@@ -158,6 +155,11 @@ impl RenderScene {
 }
 
 impl Instance {
+    /// Whether it throws a shadow: all but the floor do.
+    pub(super) fn casts_shadow(&self) -> bool {
+        self.mesh != MeshId::Square
+    }
+
     /// Its mesh.
     pub(super) fn mesh(&self) -> &'static Mesh {
         MESHES.get(self.mesh)
@@ -202,6 +204,12 @@ fn push_body(body_idx: usize, body: &Body, instances: &mut Vec<Instance>) {
             }
         }
     }
+}
+
+/// Above the middle of the work space, where shadows are wanted.
+fn shadow_centre(scene: &Scene) -> Option<Vec3> {
+    let wanted = scene.lights.shadows && !scene.lights.directional.is_empty();
+    wanted.then_some([-0.1, 0.0, room::table_top_z(scene.table.kind) + 0.35])
 }
 
 fn suns(lights: &Lights) -> [Sun; N_SUNS] {

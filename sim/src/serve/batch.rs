@@ -6,7 +6,7 @@ use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
 
 use super::slots::Slots;
-use crate::render::{Renderer, View};
+use crate::render::{RenderError, Renderer, View};
 
 /// What drawing a batch cost.
 #[derive(Clone, Copy, Debug, Default)]
@@ -31,6 +31,9 @@ impl BatchWriter {
     }
 
     /// Writes one block per slot of `batch` into `pages`.
+    ///
+    /// # Errors
+    /// If the renderer fails.
     pub(super) fn write(
         &mut self,
         slots: &mut Slots,
@@ -38,7 +41,7 @@ impl BatchWriter {
         execute: u32,
         morphology: Morphology,
         pages: &mut [Page],
-    ) -> Drawn {
+    ) -> Result<Drawn, RenderError> {
         for slot in batch {
             slots.episode_mut(*slot).expect("a ready slot runs an episode").take_snapshot();
         }
@@ -63,7 +66,7 @@ impl BatchWriter {
         let used = core_seconds();
         let images = views.len();
         if images > 0 {
-            self.renderer.render(&mut views);
+            self.renderer.render(&mut views)?;
         }
         let core_s = core_seconds() - used;
         self.views = recycle(views);
@@ -71,7 +74,7 @@ impl BatchWriter {
             let episode = slots.episode_mut(*slot).expect("a ready slot runs an episode");
             episode.add_render_time(core_s / batch.len() as f64);
         }
-        Drawn { images: images as u64, core_s }
+        Ok(Drawn { images: images as u64, core_s })
     }
 }
 

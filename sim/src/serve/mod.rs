@@ -24,7 +24,7 @@ use self::episode::Rules;
 use self::lane::{LaneError, LaneState};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
 use self::slots::Slots;
-use crate::render::{CpuRenderer, Renderer};
+use crate::render::{self, OpenError, RenderError};
 
 /// Spinning before the first timed wait for an answer.
 const SPIN: Duration = Duration::from_micros(50);
@@ -45,6 +45,21 @@ pub enum ServeError {
     Link(#[from] LinkError),
     #[error("failed to write to the orchestrator: {0}")]
     Output(#[from] std::io::Error),
+    #[error("failed to open a renderer: {0}")]
+    OpenRenderer(#[from] OpenError),
+    #[error("failed to {0}")]
+    Render(#[from] RenderError),
+}
+
+/// Why a lane could not be served.
+#[derive(Debug, Error)]
+enum Fault {
+    /// Its own fault: the others go on.
+    #[error(transparent)]
+    Lane(#[from] LaneError),
+    /// Nobody can be served any more.
+    #[error(transparent)]
+    Renderer(#[from] RenderError),
 }
 
 /// Runs a sim until its stdin closes: commands come in on stdin, events go out on stdout.
@@ -58,7 +73,11 @@ pub fn serve(config: &SimConfig) -> Result<(), ServeError> {
         .build()
         .map_err(|source| ServeError::Threads { threads, source })?;
     let commands = read_commands();
-    pool.install(|| Server::new(config, commands)?.run())
+    let served = pool.install(|| Server::new(config, commands)?.run());
+    if let Err(error @ (ServeError::OpenRenderer(_) | ServeError::Render(_))) = &served {
+        emit(&SimEvent::RendererFailed { message: error.to_string() })?;
+    }
+    served
 }
 
 /// One line on stderr, which the orchestrator passes on.
@@ -115,7 +134,7 @@ impl Server {
             .map(|lane| LaneState::create(&node, config.run, lane.clone()))
             .collect::<Result<Vec<_>, _>>()?;
         let rules = Rules { profile: config.profile, single_arm_mode: config.control_mode };
-        let renderer = Box::new(CpuRenderer::new(config.threads as usize));
+        let renderer = render::open(config.renderer, config.threads as usize)?;
         let max_envs = config.lanes.iter().map(|lane| lane.spec.max_envs as usize).max().unwrap_or(0);
         let shm_bytes = config.lanes.iter().map(|lane| lane.spec.shm_bytes()).sum();
         emit(&SimEvent::Ready { shm_bytes, renderer: renderer.name() })?;
@@ -147,9 +166,13 @@ impl Server {
             }
             self.slots.refill();
             for lane_idx in 0..self.lanes.len() {
-                if let Err(error) = self.serve_lane(lane_idx) {
-                    self.lanes[lane_idx].host_down();
-                    emit(&SimEvent::LaneFailed { lane: lane_idx as u32, message: error.to_string() })?;
+                match self.serve_lane(lane_idx) {
+                    Ok(()) => {}
+                    Err(Fault::Renderer(error)) => return Err(error.into()),
+                    Err(Fault::Lane(error)) => {
+                        self.lanes[lane_idx].host_down();
+                        emit(&SimEvent::LaneFailed { lane: lane_idx as u32, message: error.to_string() })?;
+                    }
                 }
             }
             if self.slots.has_work() {
@@ -204,7 +227,7 @@ impl Server {
     }
 
     /// Takes what came back on a lane, then sends what is due.
-    fn serve_lane(&mut self, lane_idx: usize) -> Result<(), LaneError> {
+    fn serve_lane(&mut self, lane_idx: usize) -> Result<(), Fault> {
         let now = Instant::now();
         let lane = &mut self.lanes[lane_idx];
         let execute = lane.config.execute;
@@ -218,7 +241,7 @@ impl Server {
     }
 
     /// Sends one batch of ready slots of one morphology, if the lane is open and there are any.
-    fn send(&mut self, lane_idx: usize) -> Result<bool, LaneError> {
+    fn send(&mut self, lane_idx: usize) -> Result<bool, Fault> {
         let lane = &mut self.lanes[lane_idx];
         if !lane.is_open() {
             return Ok(false);
@@ -236,7 +259,7 @@ impl Server {
         let n_pages = self.batch.len() * lane.block_pages(morphology);
         let mut loan = lane.link.loan(n_pages).map_err(|e| as_lane_error(&lane.config.spec.policy, e))?;
         let execute = lane.config.execute;
-        let drawn = self.writer.write(&mut self.slots, &self.batch, execute, morphology, loan.pages_mut());
+        let drawn = self.writer.write(&mut self.slots, &self.batch, execute, morphology, loan.pages_mut())?;
         self.counters.images += drawn.images;
         self.counters.render_s += drawn.core_s;
         self.counters.queries += self.batch.len() as u64;

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::perturb::Perturbation;
 use crate::profile::Profile;
+use crate::render::RendererChoice;
 use crate::tasks::TaskId;
 
 /// All a sim is told at birth (`hypogeum sim --config JSON`).
@@ -28,7 +29,7 @@ pub struct SimConfig {
     /// How single-arm policies drive; bimanual policies drive absolute joints.
     pub control_mode: ControlMode,
     /// Renderer.
-    pub renderer: RendererKind,
+    pub renderer: RendererChoice,
 }
 
 /// A policy outside the sim.
@@ -42,17 +43,6 @@ pub struct Lane {
     pub execute: u32,
     /// Whether the host was started by someone else, so that the sim itself must watch whether it lives.
     pub foreign: bool,
-}
-
-/// Which renderer draws.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RendererKind {
-    /// The best there is on this machine.
-    #[default]
-    Auto,
-    /// Native CPU.
-    Cpu,
 }
 
 /// Who acts in an episode.
@@ -113,6 +103,11 @@ pub enum SimEvent {
     Finished(Box<Outcome>),
     /// Totals since the sim was born, about once a second and before it leaves.
     Progress(Counters),
+    /// There is no renderer (any more): the sim leaves. Another one might draw other bits, so none takes its place.
+    RendererFailed {
+        /// One clear sentence.
+        message: String,
+    },
     /// Something is wrong with a lane; the run cannot go on with it.
     LaneFailed {
         /// Lane index.

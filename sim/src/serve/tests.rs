@@ -4,10 +4,11 @@ use bytemuck::Zeroable;
 use ipc_types::link::{Domain, HostLane, LaneSpec};
 use ipc_types::{ActionBlock, ActionHeader, ControlMode, ObservationView};
 
-use super::protocol::{Assignment, Driver, Lane, RendererKind};
+use super::protocol::{Assignment, Driver, Lane};
 use super::*;
 use crate::counting::allocations;
 use crate::physics::World;
+use crate::render::RendererChoice;
 use crate::{Perturbation, Profile, TaskId};
 
 const RUN: u64 = 7;
@@ -70,7 +71,7 @@ fn a_round_of_the_loop_allocates_nothing_of_its_own() {
         lanes: vec![Lane { spec: spec.clone(), images: true, execute: N_ROWS, foreign: false }],
         profile: Profile::Strict,
         control_mode: mode,
-        renderer: RendererKind::Cpu,
+        renderer: RendererChoice::Cpu,
     };
     let (_commands, receiver) = sync_channel(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();

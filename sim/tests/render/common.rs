@@ -71,7 +71,7 @@ pub(crate) fn image(scene: &Scene, snapshot: &Snapshot, camera_idx: usize) -> Ve
     let scene = RenderScene::new(scene);
     let side = scene.side(camera_idx);
     let mut out = vec![0; side * side * 3];
-    CpuRenderer::new(1).render(&mut [View { scene: &scene, snapshot, camera_idx, out: &mut out }]);
+    CpuRenderer::new(1).render(&mut [View { scene: &scene, snapshot, camera_idx, out: &mut out }]).unwrap();
     out
 }
 

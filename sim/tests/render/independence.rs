@@ -32,7 +32,7 @@ fn batch(n_threads: usize, reversed: bool, garbage: u8) -> Vec<Vec<u8>> {
     }
     let mut renderer = CpuRenderer::new(n_threads);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
-    pool.install(|| renderer.render(&mut views));
+    pool.install(|| renderer.render(&mut views)).unwrap();
     images
 }
 

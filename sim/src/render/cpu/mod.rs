@@ -33,7 +33,7 @@ use super::affine::Affine;
 use super::camera::Camera;
 use super::posed;
 use super::scene::RenderScene;
-use super::{Renderer, Samples, View};
+use super::{RenderError, Renderer, Samples, View};
 use antialias::{PER_EDGE, ShadeSamples};
 use geometry::Draw;
 use isa::Isa;
@@ -133,8 +133,9 @@ impl CpuRenderer {
         let mut n_maps = 0;
         for (i, view) in views.iter().enumerate() {
             let same = i > 0 && core::ptr::eq(view.snapshot, views[i - 1].snapshot);
-            n_maps += usize::from(view.scene.shadows && !same);
-            self.map_of_view.push(view.scene.shadows.then(|| n_maps - 1));
+            let shadows = view.scene.shadow_centre.is_some();
+            n_maps += usize::from(shadows && !same);
+            self.map_of_view.push(shadows.then(|| n_maps - 1));
         }
         while self.shadow_maps.len() < n_maps {
             self.shadow_maps.push(ShadowMap::new());
@@ -143,7 +144,8 @@ impl CpuRenderer {
         self.shadow_maps[..n_maps].par_iter_mut().enumerate().for_each(|(i, map)| {
             let first = map_of_view.iter().position(|of| *of == Some(i));
             let view = &views[first.expect("every map has a view")];
-            map.draw(isa, view.scene, view.snapshot);
+            let centre = view.scene.shadow_centre.expect("only scenes with shadows have maps");
+            map.draw(isa, view.scene, centre, view.snapshot);
         });
     }
 
@@ -168,11 +170,9 @@ impl Renderer for CpuRenderer {
         format!("cpu ({}, {} threads)", self.isa.name(), self.scratches.len())
     }
 
-    fn render(&mut self, views: &mut [View<'_>]) {
+    fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError> {
         for view in &*views {
-            let side = view.scene.side(view.camera_idx);
-            assert_eq!(view.out.len(), side * side * 3, "a view's bytes are [side, side, 3]");
-            assert!(view.scene.fits(view.snapshot), "a snapshot has the bodies and arms of its scene");
+            view.check();
         }
         self.draw_shadows(views);
         let this = &*self;
@@ -180,6 +180,7 @@ impl Renderer for CpuRenderer {
             let map = map.map(|i| &this.shadow_maps[i]);
             this.with_scratch(|scratch| scratch.render(this.isa, this.options, view, map));
         });
+        Ok(())
     }
 }
 
@@ -316,7 +317,7 @@ mod tests {
         let image = |camera_idx| {
             let mut out = vec![0; scene.side(camera_idx).pow(2) * 3];
             let view = View { scene: &scene, snapshot: &snapshot, camera_idx, out: &mut out };
-            CpuRenderer::with_isa(1, options, isa).render(&mut [view]);
+            CpuRenderer::with_isa(1, options, isa).render(&mut [view]).unwrap();
             out
         };
         (0..scene.n_cameras()).map(image).collect()

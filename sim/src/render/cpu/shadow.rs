@@ -41,9 +41,9 @@ impl ShadowMap {
         Self { heights, light_from_world: Affine::IDENTITY, maps: Vec::with_capacity(256) }
     }
 
-    /// Draws everything but the floor.
-    pub(super) fn draw(&mut self, isa: Isa, scene: &RenderScene, snapshot: &Snapshot) {
-        self.light_from_world = light_from_world(scene.suns[0].towards, scene.middle);
+    /// Draws everything but the floor, with a point of the world in the map's middle.
+    pub(super) fn draw(&mut self, isa: Isa, scene: &RenderScene, centre: Vec3, snapshot: &Snapshot) {
+        self.light_from_world = light_from_world(scene.suns[0].towards, centre);
         self.maps.clear();
         let casters = scene.instances.iter();
         self.maps
@@ -76,12 +76,11 @@ impl ShadowMap {
 
 /// Rows: two axes across the light whose cross product points to it, and the direction to it. So the map is a mirror
 /// image of what the sun sees, and what looks away from the sun is drawn.
-fn light_from_world(towards: Vec3, middle: Vec3) -> Affine {
-    let [x, y, _] = towards.map(f32::abs);
-    let aside = if x <= y { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-    let a = normalised(cross(aside, towards));
+fn light_from_world(towards: Vec3, centre: Vec3) -> Affine {
+    let aside = cross([0.0, 1.0, 0.0], towards);
+    let a = if dot(aside, aside) > 1e-6 { normalised(aside) } else { [1.0, 0.0, 0.0] };
     let linear = [a, cross(towards, a), towards];
-    Affine { linear, offset: linear.map(|row| -dot(row, middle)) }
+    Affine { linear, offset: linear.map(|row| -dot(row, centre)) }
 }
 
 /// A shadow map as a camera looks it up.

@@ -127,7 +127,7 @@ fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Vec3, f32) {
 }
 
 /// Every mesh there is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum MeshId {
     /// The square |x|, |y| ≤ 1 at z 0, seen from above.
     Square,

@@ -1,0 +1,120 @@
+//! Meshes and textures on the device: brought there when they are first seen, kept until the end.
+
+use super::device::Gpu;
+use super::records::{MAX_TRIANGLES, VertexRecord, padded};
+use super::store::Store;
+use crate::render::mesh::{Facing, Mesh, MeshId};
+use crate::render::scene::Instance;
+use crate::render::texture::pattern;
+use crate::scene::Texture;
+
+/// Where a mesh lies.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MeshPlace {
+    /// Which it is.
+    pub(super) id: MeshId,
+    /// Its number, in the order in which meshes were first seen.
+    pub(super) mesh_idx: usize,
+    /// Index of its first triangle.
+    pub(super) first_triangle: u32,
+    /// Its triangles.
+    pub(super) n_triangles: u32,
+}
+
+/// All that was seen so far.
+pub(super) struct Assets {
+    meshes: Vec<MeshPlace>,
+    textures: Vec<Texture>,
+    vertices: Vec<VertexRecord>,
+    /// Three vertices each, then the axis it faces.
+    triangles: Vec<[u32; 4]>,
+    /// Three vertices each.
+    indices: Vec<[u32; 3]>,
+    texels: Vec<u32>,
+    /// Something was seen since the last upload.
+    new_meshes: bool,
+    new_textures: bool,
+    pub(super) vertex_store: Store,
+    pub(super) triangle_store: Store,
+    pub(super) index_store: Store,
+    pub(super) texel_store: Store,
+}
+
+impl Assets {
+    /// Nothing yet.
+    pub(super) fn new(gpu: &Gpu) -> Self {
+        let store = |label, usage| Store::new(gpu, label, usage);
+        let none = wgpu::BufferUsages::empty();
+        Self {
+            meshes: Vec::new(),
+            textures: Vec::new(),
+            vertices: Vec::new(),
+            triangles: Vec::new(),
+            indices: Vec::new(),
+            texels: Vec::new(),
+            new_meshes: false,
+            new_textures: false,
+            vertex_store: store("vertices", none),
+            triangle_store: store("triangles", none),
+            index_store: store("indices", wgpu::BufferUsages::INDEX),
+            texel_store: store("texels", none),
+        }
+    }
+
+    /// The place of an instance's mesh.
+    pub(super) fn mesh(&mut self, instance: &Instance) -> MeshPlace {
+        let known = self.meshes.iter().find(|place| place.id == instance.mesh).copied();
+        known.unwrap_or_else(|| self.add_mesh(instance.mesh, instance.mesh()))
+    }
+
+    /// The index of a texture.
+    pub(super) fn texture(&mut self, texture: Texture) -> u32 {
+        let known = self.textures.iter().position(|seen| *seen == texture);
+        known.unwrap_or_else(|| self.add_texture(texture)) as u32
+    }
+
+    /// Brings what is new to the device; whether that took another buffer.
+    pub(super) fn upload(&mut self, gpu: &Gpu) -> bool {
+        let mut grown = false;
+        if core::mem::take(&mut self.new_meshes) {
+            grown |= self.vertex_store.write(gpu, &self.vertices);
+            grown |= self.triangle_store.write(gpu, &self.triangles);
+            grown |= self.index_store.write(gpu, &self.indices);
+        }
+        if core::mem::take(&mut self.new_textures) {
+            grown |= self.texel_store.write(gpu, &self.texels);
+        }
+        grown
+    }
+
+    fn add_mesh(&mut self, id: MeshId, mesh: &Mesh) -> MeshPlace {
+        assert!(mesh.triangles.len() <= MAX_TRIANGLES, "{id:?} has {} triangles", mesh.triangles.len());
+        let (first_vertex, first_triangle) = (self.vertices.len() as u32, self.triangles.len() as u32);
+        self.vertices.extend((0..mesh.n_vertices() as u32).map(|i| VertexRecord {
+            position: padded(mesh.position(i)),
+            normal: padded(mesh.normals[i as usize]),
+        }));
+        for (corners, facing) in mesh.triangles.iter().zip(&mesh.facing) {
+            let [a, b, c] = corners.map(|i| i + first_vertex);
+            let axis = match facing {
+                Facing::X => 0,
+                Facing::Y => 1,
+                Facing::Z => 2,
+            };
+            self.triangles.push([a, b, c, axis]);
+            self.indices.push([a, b, c]);
+        }
+        let n_triangles = mesh.triangles.len() as u32;
+        let place = MeshPlace { id, mesh_idx: self.meshes.len(), first_triangle, n_triangles };
+        self.meshes.push(place);
+        self.new_meshes = true;
+        place
+    }
+
+    fn add_texture(&mut self, texture: Texture) -> usize {
+        self.textures.push(texture);
+        self.texels.extend_from_slice(&pattern(texture).texels);
+        self.new_textures = true;
+        self.textures.len() - 1
+    }
+}

@@ -1,0 +1,88 @@
+//! Bringing finished images home.
+
+use std::sync::mpsc::{Receiver, sync_channel};
+
+use super::device::Gpu;
+use crate::render::{RenderError, View};
+
+/// A buffer that the CPU can read, used by every other chunk.
+#[derive(Default)]
+pub(super) struct Readback {
+    buffer: Option<wgpu::Buffer>,
+    /// What was submitted last and not collected yet.
+    pending: Option<Pending>,
+}
+
+struct Pending {
+    submission: wgpu::SubmissionIndex,
+    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
+    n_bytes: u64,
+}
+
+impl Readback {
+    /// Submits commands that make `n_bytes` of images in `images`, followed by their copy.
+    pub(super) fn submit(
+        &mut self,
+        gpu: &Gpu,
+        mut encoder: wgpu::CommandEncoder,
+        images: &wgpu::Buffer,
+        n_bytes: u64,
+    ) {
+        let buffer = self.fit(gpu, n_bytes);
+        encoder.copy_buffer_to_buffer(images, 0, &buffer, 0, Some(n_bytes));
+        let submission = gpu.queue.submit([encoder.finish()]);
+        let (sender, mapped) = sync_channel(1);
+        buffer.map_async(wgpu::MapMode::Read, ..n_bytes, move |result| {
+            // Nobody listens any more once an earlier chunk has failed.
+            let _ = sender.send(result);
+        });
+        self.pending = Some(Pending { submission, mapped, n_bytes });
+    }
+
+    /// Waits for the device.
+    ///
+    /// # Errors
+    /// If it fails.
+    pub(super) fn wait(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
+        let Some(pending) = &self.pending else { return Ok(()) };
+        gpu.wait(pending.submission.clone())?;
+        if !matches!(pending.mapped.try_recv(), Ok(Ok(()))) {
+            gpu.fail("its images could not be read".to_owned());
+        }
+        gpu.check()
+    }
+
+    /// Copies what was waited for into the views that it was made of.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub(super) fn collect(&mut self, gpu: &Gpu, views: &mut [View<'_>]) -> Result<(), RenderError> {
+        let (Some(pending), Some(buffer)) = (self.pending.take(), &self.buffer) else { return Ok(()) };
+        match buffer.get_mapped_range(..pending.n_bytes) {
+            Ok(bytes) => {
+                let mut bytes = &bytes[..];
+                for view in views {
+                    let (image, rest) = bytes.split_at(view.out.len());
+                    view.out.copy_from_slice(image);
+                    bytes = rest;
+                }
+            }
+            Err(error) => gpu.fail(error.to_string()),
+        }
+        buffer.unmap();
+        gpu.check()
+    }
+
+    fn fit(&mut self, gpu: &Gpu, n_bytes: u64) -> wgpu::Buffer {
+        let large_enough = self.buffer.take().filter(|buffer| buffer.size() >= n_bytes);
+        let buffer = large_enough.unwrap_or_else(|| {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("readback"),
+                size: n_bytes.next_power_of_two(),
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            })
+        });
+        self.buffer.insert(buffer).clone()
+    }
+}

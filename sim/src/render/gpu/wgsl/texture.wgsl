@@ -1,0 +1,53 @@
+// Textures: squares of texels that repeat, with their coarser levels, filtered in integers.
+
+// Texels of every texture: its levels from the finest down, each row followed by its first texel once more. Red, green
+// and blue from the lowest byte up, each the square root of a factor.
+@group(0) @binding(4) var<storage, read> texels: array<u32>;
+
+const TILE_SIDE: u32 = 256u;
+const LAST_LEVEL: u32 = 8u;
+// Words of one texture: the sum over levels of side · (side + 1).
+const TILE_WORDS: u32 = 87892u;
+
+// Words before a level: the sum over the finer sides s of s² + s, which are powers of two.
+fn level_offset(level: u32) -> u32 {
+    let side = TILE_SIDE >> level;
+    return (TILE_SIDE * TILE_SIDE - side * side) * 4u / 3u + 2u * (TILE_SIDE - side);
+}
+
+// Factors of red, green and blue at uv, in tiles, over a pixel whose longer side spans √footprint texels.
+fn factor(texture: u32, uv: vec2f, footprint: f32) -> vec3f {
+    let held = clamp(footprint, 1.0, f32(TILE_SIDE * TILE_SIDE) * 0.999);
+    let level = (bitcast<u32>(held) - bitcast<u32>(1.0)) >> 16u;
+    let base = level >> 8u;
+    let blend = u32(clamp((i32(level & 255u) - 96) * 4, 0, 256));
+    let at = vec2i(round(uv * f32((TILE_SIDE >> base) * 256u)));
+    var value = bilinear(texture, base, at);
+    if blend > 0u {
+        value = (value * (256u - blend) + bilinear(texture, base + 1u, at >> vec2u(1u)) * blend) >> vec3u(8u);
+    }
+    let root = vec3f(value) / 65280.0;
+    return root * root;
+}
+
+// The four texels around a point in 1/256 texel of a level, weighed: in [0, 65280].
+fn bilinear(texture: u32, level: u32, point: vec2i) -> vec3u {
+    let side = TILE_SIDE >> level;
+    // Half a texel from the corner of a texel to its middle.
+    let at = bitcast<vec2u>(point - 128);
+    let left_upper = (at >> vec2u(8u)) & vec2u(side - 1u);
+    let lower_row = (left_upper.y + 1u) & (side - 1u);
+    let fraction = at & vec2u(255u);
+    let corner = (fraction.x * fraction.y) >> 8u;
+    let first = texture * TILE_WORDS + level_offset(level) + left_upper.x;
+    let upper = first + left_upper.y * (side + 1u);
+    let lower = first + lower_row * (side + 1u);
+    return channels(texels[upper]) * (256u + corner - fraction.x - fraction.y)
+        + channels(texels[upper + 1u]) * (fraction.x - corner)
+        + channels(texels[lower]) * (fraction.y - corner)
+        + channels(texels[lower + 1u]) * corner;
+}
+
+fn channels(texel: u32) -> vec3u {
+    return (vec3u(texel) >> vec3u(0u, 8u, 16u)) & vec3u(255u);
+}
