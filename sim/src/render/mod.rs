@@ -16,6 +16,7 @@
 //! - `Lights::shadows` asks for nothing yet: no task or perturbation of today sets it.
 
 mod affine;
+mod body;
 mod camera;
 mod cpu;
 mod line;

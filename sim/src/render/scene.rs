@@ -1,16 +1,17 @@
 //! What a renderer keeps of a scene for the length of an episode: instances of meshes, lights, cameras.
 
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
+use nalgebra::Isometry3;
 
 use super::affine::{Affine, Vec3, normalised, scaled};
+use super::body::{self, OwnMeshes};
 use super::camera::Camera;
 use super::line::N_LANES;
 use super::material::Material;
 use super::mesh::{Mesh, MeshId, MeshLibrary};
 use super::{robot, room};
-use crate::scene::{Body, Lights, Primitive, Scene, Snapshot};
+use crate::scene::{Lights, Scene, Snapshot};
 
 /// Meshes. They are constants that are too large to be written down: the same in every process, never changed, a
 /// function of nothing. Hence a static, which spares every caller from handing them through.
@@ -27,10 +28,18 @@ pub(super) enum Anchor {
     Link { arm: usize, link: usize },
 }
 
+/// Where an instance's mesh is kept.
+pub(super) enum MeshSource {
+    /// With all others that every scene knows.
+    Library(MeshId),
+    /// With the instances of one scene that show it.
+    Own(Arc<Mesh>),
+}
+
 /// A mesh somewhere, looking somehow.
 pub(super) struct Instance {
     /// Mesh.
-    pub(super) mesh: MeshId,
+    pub(super) mesh: MeshSource,
     /// What it moves with.
     pub(super) anchor: Anchor,
     /// Pose in the anchor's frame.
@@ -79,8 +88,9 @@ impl RenderScene {
         for arm in 0..scene.robots.len() {
             robot::push(arm, robot::has_camera(scene, arm), &mut instances);
         }
+        let mut own_meshes = OwnMeshes::default();
         for (body_idx, body) in scene.bodies.iter().enumerate() {
-            push_body(body_idx, body, &mut instances);
+            body::push(body_idx, body, &mut own_meshes, &mut instances);
         }
         room::push(scene, &mut instances);
         let mut n_ids = 0;
@@ -136,8 +146,11 @@ impl RenderScene {
 
 impl Instance {
     /// Its mesh.
-    pub(super) fn mesh(&self) -> &'static Mesh {
-        MESHES.get(self.mesh)
+    pub(super) fn mesh(&self) -> &Mesh {
+        match &self.mesh {
+            MeshSource::Library(id) => MESHES.get(*id),
+            MeshSource::Own(mesh) => mesh,
+        }
     }
 
     /// From the mesh, in its own units, to the world.
@@ -147,36 +160,6 @@ impl Instance {
             Anchor::World => local,
             Anchor::Body(body) => Affine::rigid(&snapshot.bodies[body]).after(&local),
             Anchor::Link { arm, link } => Affine::rigid(&snapshot.arms[arm][link]).after(&local),
-        }
-    }
-}
-
-/// Instances of a body's parts, scaled to exactly their solids.
-fn push_body(body_idx: usize, body: &Body, instances: &mut Vec<Instance>) {
-    for part in &body.parts {
-        let mut push = |mesh, inner: Isometry3<f64>, scale: [f64; 3]| {
-            instances.push(Instance {
-                mesh,
-                anchor: Anchor::Body(body_idx),
-                pose: (part.pose * inner).cast(),
-                scale: scale.map(|s| s as f32),
-                material: part.paint.into(),
-            });
-        };
-        let centred = Isometry3::identity();
-        match part.shape {
-            Primitive::Box { half } => push(MeshId::Box, centred, half),
-            Primitive::Cylinder { radius, half_height } => {
-                push(MeshId::Cylinder, centred, [radius, radius, half_height]);
-            }
-            Primitive::Ball { radius } => push(MeshId::Ball, centred, [radius; 3]),
-            Primitive::Capsule { radius, half_height } => {
-                let upper = Isometry3::translation(0.0, 0.0, half_height);
-                let half_turn = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0));
-                push(MeshId::Tube, centred, [radius, radius, half_height]);
-                push(MeshId::Dome, upper, [radius; 3]);
-                push(MeshId::Dome, half_turn * upper, [radius; 3]);
-            }
         }
     }
 }

@@ -46,6 +46,7 @@ fn nominal() -> SceneSpec {
             slab([hx, rim, rim_z], [0.0, hy - rim, rim_z]),
             slab([hx, rim, rim_z], [0.0, rim - hy, rim_z]),
         ],
+        visuals: Vec::new(),
         scaled_by: ScaledBy::MoSize,
         scale: Range::fixed(1.0),
         placement: PlacementSpec {
