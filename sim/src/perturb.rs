@@ -45,9 +45,9 @@ impl Perturbation {
         match self {
             Self::None => {}
             Self::MoColor => {
-                for part in with_role(&mut spec, Role::ManipulationObject).flat_map(|body| &mut body.parts) {
-                    part.paint.color = ColorSpec::Any;
-                    part.paint.texture = TextureSpec::None;
+                for paint in with_role(&mut spec, Role::ManipulationObject).flat_map(BodySpec::paints_mut) {
+                    paint.color = ColorSpec::Any;
+                    paint.texture = TextureSpec::None;
                 }
             }
             Self::MoSize => {

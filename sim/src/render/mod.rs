@@ -5,6 +5,7 @@
 //! `gpu` makes the same bytes on one device, and nearly those of `cpu`. Both follow `SHADING.md`.
 
 mod affine;
+mod body;
 mod camera;
 mod choice;
 mod cpu;

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use super::affine::Vec3;
 use super::material::Material;
 use super::mesh::MeshId;
-use super::scene::{Anchor, Instance};
+use super::scene::{Anchor, Instance, MeshSource};
 use crate::scene::{CameraMount, Link, Scene};
 
 /// A round part of a link: a disc about one of its axes.
@@ -86,7 +86,7 @@ pub(super) fn push(arm: usize, has_camera: bool, instances: &mut Vec<Instance>) 
     let hand = Material::plain([0.30, 0.31, 0.33], 0.4);
     let metal = Material::plain([0.80, 0.81, 0.83], 0.5);
     let mut push = |link: Link, mesh, pose, scale, material| {
-        let anchor = Anchor::Link { arm, link: link as usize };
+        let (mesh, anchor) = (MeshSource::Library(mesh), Anchor::Link { arm, link: link as usize });
         instances.push(Instance { mesh, anchor, pose, scale, material });
     };
     if has_camera {

@@ -5,7 +5,7 @@ use nalgebra::Isometry3;
 
 use super::material::Material;
 use super::mesh::MeshId;
-use super::scene::{Anchor, Instance};
+use super::scene::{Anchor, Instance, MeshSource};
 use crate::scene::{Scene, TableKind};
 
 /// World z of the floor, in m.
@@ -85,6 +85,6 @@ fn block(centre: [f32; 3], half: [f32; 3], material: Material) -> Instance {
 }
 
 fn placed(mesh: MeshId, centre: [f32; 3], scale: [f32; 3], material: Material) -> Instance {
-    let [x, y, z] = centre;
+    let ([x, y, z], mesh) = (centre, MeshSource::Library(mesh));
     Instance { mesh, anchor: Anchor::World, pose: Isometry3::translation(x, y, z), scale, material }
 }

@@ -1,17 +1,18 @@
 //! What a renderer keeps of a scene for the length of an episode: instances of meshes, lights, cameras.
 
-use std::sync::{LazyLock, Mutex};
+use std::sync::{Arc, LazyLock, Mutex};
 
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
+use nalgebra::Isometry3;
 
 use super::affine::{Affine, Vec3, normalised, scaled};
+use super::body::{self, OwnMeshes};
 use super::camera::Camera;
 use super::cpu::Layer;
 use super::line::N_LANES;
 use super::material::Material;
 use super::mesh::{Mesh, MeshId, MeshLibrary};
 use super::{robot, room};
-use crate::scene::{Body, Lights, Motion, Primitive, Scene, Snapshot};
+use crate::scene::{Lights, Motion, Scene, Snapshot};
 
 /// Meshes. They are constants that are too large to be written down: the same in every process, never changed, a
 /// function of nothing. Hence a static, which spares every caller from handing them through.
@@ -28,10 +29,37 @@ pub(super) enum Anchor {
     Link { arm: usize, link: usize },
 }
 
+/// Where an instance's mesh is kept.
+pub(super) enum MeshSource {
+    /// With all others that every scene knows.
+    Library(MeshId),
+    /// With the instances of one scene that show it.
+    Own(Arc<Mesh>),
+}
+
+/// What a mesh is known by: the same for all that are made of the same numbers, in every process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum MeshKey {
+    /// One of the library.
+    Library(MeshId),
+    /// Any other, by its fingerprint.
+    Own(u64),
+}
+
+impl MeshSource {
+    /// What the mesh is known by.
+    pub(super) fn key(&self) -> MeshKey {
+        match self {
+            Self::Library(id) => MeshKey::Library(*id),
+            Self::Own(mesh) => MeshKey::Own(mesh.fingerprint),
+        }
+    }
+}
+
 /// A mesh somewhere, looking somehow.
 pub(super) struct Instance {
     /// Mesh.
-    pub(super) mesh: MeshId,
+    pub(super) mesh: MeshSource,
     /// What it moves with.
     pub(super) anchor: Anchor,
     /// Pose in the anchor's frame.
@@ -85,12 +113,13 @@ impl RenderScene {
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let (mut instances, mut n_still) = (Vec::new(), 0);
+        let mut own_meshes = OwnMeshes::default();
         room::push(scene, &mut instances);
         let floor = instances.len() - 1;
         for motion in [Motion::Fixed, Motion::Dynamic] {
             for (body_idx, body) in scene.bodies.iter().enumerate().filter(|(_, body)| body.motion == motion)
             {
-                push_body(body_idx, body, &mut instances);
+                body::push(body_idx, body, &mut own_meshes, &mut instances);
             }
             if motion == Motion::Fixed {
                 n_still = instances.len();
@@ -157,12 +186,15 @@ impl RenderScene {
 impl Instance {
     /// Whether it throws a shadow: all but the floor do.
     pub(super) fn casts_shadow(&self) -> bool {
-        self.mesh != MeshId::Square
+        self.mesh.key() != MeshKey::Library(MeshId::Square)
     }
 
     /// Its mesh.
-    pub(super) fn mesh(&self) -> &'static Mesh {
-        MESHES.get(self.mesh)
+    pub(super) fn mesh(&self) -> &Mesh {
+        match &self.mesh {
+            MeshSource::Library(id) => MESHES.get(*id),
+            MeshSource::Own(mesh) => mesh,
+        }
     }
 
     /// From the mesh, in its own units, to the world.
@@ -172,36 +204,6 @@ impl Instance {
             Anchor::World => local,
             Anchor::Body(body) => Affine::rigid(&snapshot.bodies[body]).after(&local),
             Anchor::Link { arm, link } => Affine::rigid(&snapshot.arms[arm][link]).after(&local),
-        }
-    }
-}
-
-/// Instances of a body's parts, scaled to exactly their solids.
-fn push_body(body_idx: usize, body: &Body, instances: &mut Vec<Instance>) {
-    for part in &body.parts {
-        let mut push = |mesh, inner: Isometry3<f64>, scale: [f64; 3]| {
-            instances.push(Instance {
-                mesh,
-                anchor: Anchor::Body(body_idx),
-                pose: (part.pose * inner).cast(),
-                scale: scale.map(|s| s as f32),
-                material: part.paint.into(),
-            });
-        };
-        let centred = Isometry3::identity();
-        match part.shape {
-            Primitive::Box { half } => push(MeshId::Box, centred, half),
-            Primitive::Cylinder { radius, half_height } => {
-                push(MeshId::Cylinder, centred, [radius, radius, half_height]);
-            }
-            Primitive::Ball { radius } => push(MeshId::Ball, centred, [radius; 3]),
-            Primitive::Capsule { radius, half_height } => {
-                let upper = Isometry3::translation(0.0, 0.0, half_height);
-                let half_turn = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0));
-                push(MeshId::Tube, centred, [radius, radius, half_height]);
-                push(MeshId::Dome, upper, [radius; 3]);
-                push(MeshId::Dome, half_turn * upper, [radius; 3]);
-            }
         }
     }
 }

@@ -2,7 +2,9 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::drawn::{Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table};
+use super::drawn::{
+    Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table, Visual,
+};
 use super::range::Range;
 use super::spec::{BodySpec, CameraSpec, ColorSpec, Jitter, PaintSpec, RegionSpec, SceneSpec, TextureSpec};
 use crate::stream::Stream;
@@ -81,22 +83,30 @@ fn draw_body(spec: &BodySpec, episode_seed: u64) -> Body {
     let scale = Stream::new(episode_seed, &format!("{name}/scale")).uniform(spec.scale);
     let parts = spec.parts.iter().enumerate().map(|(i, part)| Part {
         shape: part.shape.scaled(scale),
-        pose: Isometry3::from_parts(
-            Translation3::from(part.pose.translation.vector * scale),
-            part.pose.rotation,
-        ),
+        pose: scaled(&part.pose, scale),
         paint: draw_paint(part.paint, episode_seed, &format!("{name}/part{i}")),
+    });
+    let visuals = spec.visuals.iter().enumerate().map(|(i, visual)| Visual {
+        form: visual.form.scaled(scale),
+        pose: scaled(&visual.pose, scale),
+        paint: draw_paint(visual.paint, episode_seed, &format!("{name}/visual{i}")),
     });
     Body {
         name,
         role: spec.role,
         motion: spec.motion,
         parts: parts.collect(),
+        visuals: visuals.collect(),
         scale,
         pose: Isometry3::identity(),
         density: spec.density,
         friction: spec.friction,
     }
+}
+
+/// The pose with its distance from the origin times `scale`.
+fn scaled(pose: &Isometry3<f64>, scale: f64) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::from(pose.translation.vector * scale), pose.rotation)
 }
 
 /// Gives every body of a region its pose: yaw and height from its own streams, then x and y, drawn again while it is

@@ -2,11 +2,12 @@
 
 use nalgebra::Isometry3;
 
+use super::form::Form;
 use super::shape::{Extent, Primitive};
 use super::spec::{CameraMount, CameraSlot, Motion, Role, TableKind};
 use super::texture::Texture;
 
-/// Look of a part; colour is sRGB in [0, 1].
+/// Look of a part or a visual; colour is sRGB in [0, 1].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Paint {
     /// sRGB in [0, 1].
@@ -28,6 +29,17 @@ pub struct Part {
     pub paint: Paint,
 }
 
+/// One form that a body is seen as, already scaled.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Visual {
+    /// Form.
+    pub form: Form,
+    /// Pose in the body's frame.
+    pub pose: Isometry3<f64>,
+    /// Look.
+    pub paint: Paint,
+}
+
 /// One rigid body at its start.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Body {
@@ -39,6 +51,8 @@ pub struct Body {
     pub motion: Motion,
     /// Scaled solids.
     pub parts: Vec<Part>,
+    /// Scaled forms drawn instead of the parts; empty: the parts themselves are drawn.
+    pub visuals: Vec<Visual>,
     /// Factor by which the nominal lengths were multiplied.
     pub scale: f64,
     /// World pose of its frame at reset.

@@ -5,19 +5,23 @@
 
 mod draw;
 mod drawn;
+mod form;
 mod range;
 mod shape;
 mod snapshot;
 mod spec;
 mod texture;
 
-pub use drawn::{Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table};
+pub use drawn::{
+    Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table, Visual,
+};
+pub use form::{Form, rounded_rectangle};
 pub use range::Range;
 pub use shape::{Extent, Primitive};
 pub use snapshot::{ArmLinks, Link, N_LINKS, Snapshot};
 pub use spec::{
     BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, ColorSpec, DirectionalSpec, Jitter,
     LightsSpec, Motion, PaintSpec, PartSpec, PlacementSpec, RegionSpec, RobotSpec, Role, ScaledBy, SceneSpec,
-    TableKind, TableSpec, TextureSpec,
+    TableKind, TableSpec, TextureSpec, VisualSpec,
 };
 pub use texture::Texture;

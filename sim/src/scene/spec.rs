@@ -2,6 +2,7 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
+use super::form::Form;
 use super::range::Range;
 use super::shape::Primitive;
 use super::texture::Texture;
@@ -57,7 +58,7 @@ pub enum TextureSpec {
     Fixed(Texture),
 }
 
-/// Look of one part.
+/// Look of one part or visual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PaintSpec {
     /// Colour.
@@ -105,6 +106,29 @@ impl PartSpec {
     }
 }
 
+/// One form that a body is seen as.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VisualSpec {
+    /// Form at scale 1.
+    pub form: Form,
+    /// Pose in the body's frame at scale 1; its translation scales with the body.
+    pub pose: Isometry3<f64>,
+    /// Look.
+    pub paint: PaintSpec,
+}
+
+impl VisualSpec {
+    /// A form centred at `position` (m) in the body's frame, not rotated.
+    #[must_use]
+    pub fn at(form: Form, position: [f64; 3], paint: PaintSpec) -> Self {
+        Self {
+            form,
+            pose: Isometry3::from_parts(Vector3::from(position).into(), UnitQuaternion::identity()),
+            paint,
+        }
+    }
+}
+
 /// A rectangle of the ground plane in which bodies are placed without overlap.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionSpec {
@@ -142,8 +166,10 @@ pub struct BodySpec {
     pub role: Role,
     /// Dynamic or fixed.
     pub motion: Motion,
-    /// Solids; all collide and are drawn.
+    /// Solids; all collide, and are drawn if there are no visuals.
     pub parts: Vec<PartSpec>,
+    /// Forms drawn instead of the parts; empty: the parts themselves are drawn.
+    pub visuals: Vec<VisualSpec>,
     /// Which size perturbation scales it.
     pub scaled_by: ScaledBy,
     /// Isotropic scale, nominally 1.
@@ -154,6 +180,14 @@ pub struct BodySpec {
     pub density: f64,
     /// Coefficient, static and dynamic.
     pub friction: f64,
+}
+
+impl BodySpec {
+    /// Looks of all its parts and visuals.
+    pub fn paints_mut(&mut self) -> impl Iterator<Item = &mut PaintSpec> {
+        let parts = self.parts.iter_mut().map(|part| &mut part.paint);
+        parts.chain(self.visuals.iter_mut().map(|visual| &mut visual.paint))
+    }
 }
 
 /// One arm.

@@ -1,4 +1,5 @@
-//! What tasks share: the two workplaces with their arms, tables, lights and cameras (spec/env.md §2 to §4, §7).
+//! What tasks share: the two workplaces with their arms, tables, lights and cameras (spec/env.md §2 to §4, §7), and how
+//! a tray looks.
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -6,8 +7,9 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::scene::{
-    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, Jitter, LightsSpec,
-    PaintSpec, Range, RegionSpec, RobotSpec, SceneSpec, TableKind, TableSpec, Texture,
+    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, Form, Jitter, LightsSpec,
+    PaintSpec, Range, RegionSpec, RobotSpec, SceneSpec, TableKind, TableSpec, Texture, VisualSpec,
+    rounded_rectangle,
 };
 
 /// World z of the single-arm table's top, in m.
@@ -72,6 +74,28 @@ pub(super) fn bimanual(
 /// A region around the origin in which one body is placed.
 pub(super) fn region(name: &'static str, x: Range, y: Range) -> RegionSpec {
     RegionSpec { name, x, y, common: [Range::fixed(0.0); 2], gap_m: None }
+}
+
+/// Radius of a tray's corners as they are seen, in m; they collide as square ones.
+const TRAY_CORNER_RADIUS: f64 = 0.022;
+
+/// How a tray of half extents `half` looks that stands on z 0: a rim that runs around rounded corners and, within it, the
+/// floor. Half heights are those of floor and rim. In m.
+pub(super) fn tray_visuals(
+    half: [f64; 2],
+    half_heights: [f64; 2],
+    rim_half_thickness: f64,
+    paint: PaintSpec,
+) -> Vec<VisualSpec> {
+    let inset = |by: f64| rounded_rectangle(half.map(|half| half - by), TRAY_CORNER_RADIUS - by);
+    let standing = |outline, holes, half_height| {
+        VisualSpec::at(Form::Extrusion { outline, holes, half_height }, [0.0, 0.0, half_height], paint)
+    };
+    let [floor, rim] = half_heights;
+    vec![
+        standing(inset(0.0), vec![inset(2.0 * rim_half_thickness)], rim),
+        standing(inset(rim_half_thickness), Vec::new(), floor),
+    ]
 }
 
 fn workplace(

@@ -4,7 +4,7 @@ use core::f64::consts::FRAC_PI_8;
 
 use ipc_types::Morphology;
 
-use super::common::{BIMANUAL_TABLE_Z, DENSITY, Eyes, FRICTION, QPOS_B, bimanual, region};
+use super::common::{BIMANUAL_TABLE_Z, DENSITY, Eyes, FRICTION, QPOS_B, bimanual, region, tray_visuals};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -46,6 +46,7 @@ fn nominal() -> SceneSpec {
             slab([hx, rim, rim_z], [0.0, hy - rim, rim_z]),
             slab([hx, rim, rim_z], [0.0, rim - hy, rim_z]),
         ],
+        visuals: tray_visuals(HALF, [FLOOR_HALF_THICKNESS, rim_z], rim, PaintSpec::plain(GREY)),
         scaled_by: ScaledBy::MoSize,
         scale: Range::fixed(1.0),
         placement: PlacementSpec {

@@ -37,6 +37,7 @@ fn nominal() -> SceneSpec {
         role,
         motion: Motion::Dynamic,
         parts: vec![PartSpec::at(Primitive::Box { half: [HALF; 3] }, [0.0; 3], PaintSpec::plain(color))],
+        visuals: Vec::new(),
         scaled_by: ScaledBy::MoSize,
         scale: Range::fixed(1.0),
         placement: PlacementSpec {

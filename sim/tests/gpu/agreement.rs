@@ -1,6 +1,6 @@
 //! The rules of `SHADING.md` make the same pictures on a CPU and on a device, and by both ways to visibility.
 
-use sim::render::gpu::Samples;
+use sim::render::Samples;
 use sim::render::{CpuRenderer, Renderer};
 
 use crate::common::{VISIBILITIES, renderer, shots};

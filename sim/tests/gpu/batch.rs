@@ -1,6 +1,6 @@
 //! A picture depends on its view alone.
 
-use sim::render::gpu::Samples;
+use sim::render::Samples;
 use sim::render::{Renderer, View};
 
 use crate::common::{Shot, VISIBILITIES, renderer, shots};

@@ -2,8 +2,8 @@
 
 use ipc_types::ControlMode;
 use sim::physics::World;
-use sim::render::gpu::{AdapterKind, GpuOptions, Samples, Visibility};
-use sim::render::{GpuRenderer, RenderScene, Renderer, View};
+use sim::render::gpu::{AdapterKind, GpuOptions, Visibility};
+use sim::render::{GpuRenderer, RenderScene, Renderer, Samples, View};
 use sim::scene::{Scene, Snapshot};
 use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};

@@ -1,7 +1,7 @@
 //! What may be chosen.
 
-use sim::render::gpu::{AdapterKind, GpuOptions, Samples};
-use sim::render::{GpuRenderer, OpenError, RendererChoice, open};
+use sim::render::gpu::{AdapterKind, GpuOptions};
+use sim::render::{GpuRenderer, OpenError, RendererChoice, Samples, open};
 
 use crate::common::{VISIBILITIES, renderer, shots};
 

@@ -54,6 +54,7 @@ pub(crate) fn body(name: &'static str, shape: Primitive, position: [f64; 3], col
             pose: Isometry3::identity(),
             paint: Paint { color, texture: None, specular: 0.0 },
         }],
+        visuals: Vec::new(),
         scale: 1.0,
         pose: Isometry3::from_parts(Translation3::from(Vector3::from(position)), UnitQuaternion::identity()),
         density: 1000.0,

@@ -1,10 +1,10 @@
-//! Meshes and textures on the device: brought there when they are first seen, kept until the end.
+//! Meshes and textures on the device: brought there when they are first seen and kept, until there are too many.
 
 use super::device::Gpu;
 use super::records::{MAX_TRIANGLES, VertexRecord, padded};
 use super::store::Store;
-use crate::render::mesh::{Facing, Mesh, MeshId};
-use crate::render::scene::Instance;
+use crate::render::mesh::{Facing, Mesh};
+use crate::render::scene::{Instance, MeshKey};
 use crate::render::texture::pattern;
 use crate::scene::Texture;
 
@@ -12,7 +12,7 @@ use crate::scene::Texture;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MeshPlace {
     /// Which it is.
-    pub(super) id: MeshId,
+    pub(super) key: MeshKey,
     /// Its number, in the order in which meshes were first seen.
     pub(super) mesh_idx: usize,
     /// Index of its first triangle.
@@ -63,14 +63,27 @@ impl Assets {
 
     /// The place of an instance's mesh.
     pub(super) fn mesh(&mut self, instance: &Instance) -> MeshPlace {
-        let known = self.meshes.iter().find(|place| place.id == instance.mesh).copied();
-        known.unwrap_or_else(|| self.add_mesh(instance.mesh, instance.mesh()))
+        let key = instance.mesh.key();
+        let known = self.meshes.iter().find(|place| place.key == key).copied();
+        known.unwrap_or_else(|| self.add_mesh(key, instance.mesh()))
     }
 
     /// The index of a texture.
     pub(super) fn texture(&mut self, texture: Texture) -> u32 {
         let known = self.textures.iter().position(|seen| *seen == texture);
         known.unwrap_or_else(|| self.add_texture(texture)) as u32
+    }
+
+    /// Forgets all meshes once they fill much memory: bodies of drawn sizes have meshes of their own. Only between batches,
+    /// for places are no longer good afterwards.
+    pub(super) fn trim(&mut self) {
+        const MOST_VERTICES: usize = 1 << 21;
+        if self.vertices.len() > MOST_VERTICES {
+            self.meshes.clear();
+            self.vertices.clear();
+            self.triangles.clear();
+            self.indices.clear();
+        }
     }
 
     /// Brings what is new to the device; whether that took another buffer.
@@ -87,8 +100,8 @@ impl Assets {
         grown
     }
 
-    fn add_mesh(&mut self, id: MeshId, mesh: &Mesh) -> MeshPlace {
-        assert!(mesh.triangles.len() <= MAX_TRIANGLES, "{id:?} has {} triangles", mesh.triangles.len());
+    fn add_mesh(&mut self, key: MeshKey, mesh: &Mesh) -> MeshPlace {
+        assert!(mesh.triangles.len() <= MAX_TRIANGLES, "{key:?} has {} triangles", mesh.triangles.len());
         let (first_vertex, first_triangle) = (self.vertices.len() as u32, self.triangles.len() as u32);
         self.vertices.extend((0..mesh.n_vertices() as u32).map(|i| VertexRecord {
             position: padded(mesh.position(i)),
@@ -105,7 +118,7 @@ impl Assets {
             self.indices.push([a, b, c]);
         }
         let n_triangles = mesh.triangles.len() as u32;
-        let place = MeshPlace { id, mesh_idx: self.meshes.len(), first_triangle, n_triangles };
+        let place = MeshPlace { key, mesh_idx: self.meshes.len(), first_triangle, n_triangles };
         self.meshes.push(place);
         self.new_meshes = true;
         place

@@ -62,7 +62,7 @@ impl Drawing {
                 self.draws.push(Draw { place, instances: from..self.drawn.len() as u32 });
             }
         }
-        self.draws[first..].sort_unstable_by_key(|draw| draw.place.id);
+        self.draws[first..].sort_unstable_by_key(|draw| draw.place.key);
         self.ends.push(self.draws.len());
     }
 

@@ -58,6 +58,7 @@ impl Frame {
         encoder: &mut wgpu::CommandEncoder,
     ) -> &wgpu::Buffer {
         let Self { shared, batch, pass, resolve } = self;
+        shared.assets.trim();
         batch.fill(views, &mut shared.assets);
         let mut stale = shared.assets.upload(gpu);
         stale |= pass.fit(gpu, batch);

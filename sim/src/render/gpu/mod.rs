@@ -28,7 +28,7 @@ use std::time::Instant;
 pub use adapter::AdapterKind;
 
 use super::choice::OpenError;
-use super::{RenderError, Renderer, View};
+use super::{RenderError, Renderer, Samples, View};
 use device::Gpu;
 use frame::Frame;
 use readback::Readback;
@@ -47,16 +47,6 @@ pub enum Visibility {
     Raster,
     /// By compute kernels with 64-bit atomics.
     Compute,
-}
-
-/// Samples per pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Samples {
-    /// At the pixel's centre.
-    #[default]
-    One,
-    /// A quarter pixel off the centre in x and y each.
-    Four,
 }
 
 /// What may be chosen.

@@ -103,26 +103,35 @@ impl Item {
     }
 }
 
-/// Halves the items across their widest axis, and each half in turn, down to single clusters.
+/// Halves the items across their widest axis, and each half in turn, down to single clusters; only these are sorted.
 fn split(items: &mut [Item]) {
     if items.len() <= CLUSTER_SIZE {
         return;
     }
     let axis = widest(items);
-    items.sort_unstable_by(|a, b| a.along(axis, b));
     // The first half is whole clusters, so that only the last of all can be short.
     let middle = (items.len() / 2 + CLUSTER_SIZE / 2) / CLUSTER_SIZE * CLUSTER_SIZE;
+    items.select_nth_unstable_by(middle, |a, b| a.along(axis, b));
     let (low, high) = items.split_at_mut(middle);
-    split(low);
-    split(high);
+    for half in [low, high] {
+        if half.len() <= CLUSTER_SIZE {
+            half.sort_unstable_by(|a, b| a.along(axis, b));
+        } else {
+            split(half);
+        }
+    }
 }
 
 /// The axis of the key along which the items spread most; the first of equals.
 fn widest(items: &[Item]) -> usize {
-    let spread = |axis: usize| {
-        let along = || items.iter().map(|item| item.key[axis]);
-        along().fold(f32::MIN, f32::max) - along().fold(f32::MAX, f32::min)
-    };
+    let (mut least, mut greatest) = ([f32::MAX; 6], [f32::MIN; 6]);
+    for item in items {
+        for axis in 0..6 {
+            least[axis] = least[axis].min(item.key[axis]);
+            greatest[axis] = greatest[axis].max(item.key[axis]);
+        }
+    }
+    let spread = |axis: usize| greatest[axis] - least[axis];
     (1..6).fold(0, |best, axis| if spread(axis) > spread(best) { axis } else { best })
 }
 

@@ -9,7 +9,7 @@ use super::polygon;
 ///
 /// # Panics
 /// If a loop crosses or touches itself or another, or repeats a point.
-pub(super) fn mesh(outline: &[Point], holes: &[&[Point]], half_height_m: f32) -> Mesh {
+pub(in crate::render) fn mesh(outline: &[Point], holes: &[&[Point]], half_height_m: f32) -> Mesh {
     let mut loops = vec![turned(outline, 1.0)];
     loops.extend(holes.iter().map(|hole| turned(hole, -1.0)));
     let mut mesh = Mesh::default();

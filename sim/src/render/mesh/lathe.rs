@@ -24,7 +24,7 @@ pub(super) fn n_around(radius_m: f32) -> usize {
 ///
 /// # Panics
 /// If a radius is negative, or as [`Contour::new`] does.
-pub(super) fn mesh(profile: &[Point]) -> Mesh {
+pub(in crate::render) fn mesh(profile: &[Point]) -> Mesh {
     assert!(profile.iter().all(|p| p[0] >= 0.0), "a profile crosses the axis: {profile:?}");
     let contour = Contour::new(profile, beyond(profile));
     let n = n_around(profile.iter().fold(0.0, |widest, p| widest.max(p[0])));

@@ -5,15 +5,17 @@ mod batch;
 mod checks;
 mod clusters;
 mod contour;
-mod extrusion;
+pub(super) mod extrusion;
 mod field;
-mod lathe;
+pub(super) mod lathe;
 mod panda;
 mod polygon;
-mod rounded;
+pub(super) mod rounded;
 mod solid;
 mod surface_nets;
-mod torus;
+pub(super) mod torus;
+
+use xxhash_rust::xxh3::Xxh3;
 
 use super::affine::{Vec3, add, cross, dot, scaled, sub};
 pub(super) use batch::{Batch, Batches, Bounds, Lines3};
@@ -36,6 +38,8 @@ pub(super) struct Mesh {
     pub(super) radius: f32,
     /// The triangles once more, as vector code reads them.
     pub(super) batches: Batches,
+    /// Hash of the coordinates and the triangles.
+    pub(super) fingerprint: u64,
 }
 
 /// The mesh axis along which a triangle's texture is projected.
@@ -107,12 +111,20 @@ impl Mesh {
         }
     }
 
+    fn hashed(&self) -> u64 {
+        let mut hash = Xxh3::new();
+        self.positions.iter().for_each(|axis| hash.update(bytemuck::cast_slice(axis)));
+        hash.update(bytemuck::cast_slice(&self.triangles));
+        hash.digest()
+    }
+
     /// The mesh with its bounding sphere, its triangles in clusters.
     fn finished(mut self) -> Self {
         let vertices = (0..self.n_vertices() as u32).map(|i| self.position(i));
         (self.centre, self.radius) = bounding_sphere(vertices);
         clusters::order(&mut self);
         self.batches = Batches::new(&self);
+        self.fingerprint = self.hashed();
         self
     }
 }

@@ -92,7 +92,8 @@ impl Polygon {
                 squared_distance(before, after)
             };
             let mut places: Vec<usize> = (0..self.ring.len()).collect();
-            places.sort_by(|a, b| side(a).total_cmp(&side(b)));
+            // The bits of numbers that are not negative are in their order.
+            places.sort_by_cached_key(|at| side(at).to_bits());
             let ear = places.into_iter().find(|at| self.is_ear(*at));
             let ear = ear.expect("an outline that neither crosses nor touches itself has an ear");
             triangles.push(self.around(ear).map(|at| self.ring[at]));

@@ -8,7 +8,7 @@ use crate::render::trig::on_circle;
 ///
 /// # Panics
 /// If the tube is wider than the hole leaves room for.
-pub(super) fn mesh(major_m: f32, minor_m: f32) -> Mesh {
+pub(in crate::render) fn mesh(major_m: f32, minor_m: f32) -> Mesh {
     assert!(minor_m <= major_m, "a tube of radius {minor_m} m cannot go around a circle of {major_m} m");
     let n = n_around(minor_m);
     let profile: Vec<_> = (0..=n)
