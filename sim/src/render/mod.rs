@@ -31,7 +31,7 @@ mod srgb;
 mod texture;
 mod trig;
 
-pub use cpu::CpuRenderer;
+pub use cpu::{CpuRenderer, Inspection, Segment};
 pub use scene::RenderScene;
 
 use crate::scene::Snapshot;

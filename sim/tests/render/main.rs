@@ -5,6 +5,7 @@
 
 mod common;
 mod independence;
+mod inspect;
 mod looks;
 mod projection;
 mod sheet;
