@@ -33,7 +33,7 @@ pub(crate) fn show(args: &ShowArgs) -> Result<Ending, Failure> {
     let name = wish.subject.task.name();
     match &args.movie {
         Some(path) => movie(&wish, path),
-        None => sheet(&wish, args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.png")))),
+        None => sheet(&wish, args.output.as_deref().unwrap_or(&PathBuf::from(format!("{name}.png")))),
     }
     .with_context(|| format!("failed to show {name}"))
     .or_user()
@@ -57,14 +57,14 @@ impl Wish {
 }
 
 /// One PNG: a row of cameras for the start of each episode, or for three moments along one.
-fn sheet(wish: &Wish, path: PathBuf) -> anyhow::Result<Ending> {
+fn sheet(wish: &Wish, path: &Path) -> anyhow::Result<Ending> {
     let &Wish { subject, ref episode_seeds, what, script } = wish;
     let mut film = match script {
         None => Film::of_starts(subject, episode_seeds, what),
         Some(script) => Film::of_highlights(subject, episode_seeds[0], script, what)?,
     };
-    film.sheet().write_png(&path)?;
-    tell(film.key(), &path)
+    film.sheet().write_png(path)?;
+    tell(film.key(), path)
 }
 
 /// A frame per control step of one episode.
