@@ -177,7 +177,7 @@ fn show_says_what_its_colours_mean() {
         .and_then(|rest| rest.strip_suffix(" m"))
         .map(|range| range.split("..").map(|bound| bound.parse().unwrap()).collect())
         .unwrap();
-    assert!(range.len() == 2 && 0.1 <= range[0] && range[0] < range[1] && range[1] <= 4.0, "{depth}");
+    assert!(range.len() == 2 && 0.05 <= range[0] && range[0] < range[1] && range[1] <= 4.0, "{depth}");
     let legend = shown("seg");
     for thing in ["red cube", "green cube", "arm 1", "table", "floor", "nothing  "] {
         let line = legend.lines().find(|line| line.starts_with(thing)).unwrap();

@@ -78,7 +78,7 @@ pub(crate) struct ShowArgs {
     /// strict (evident intent) or paper (what the released code does)
     #[arg(long, default_value = "strict")]
     pub(crate) profile: String,
-    /// rgb: what policies see; depth: near bright (viridis over log depth, 0.1 to 4 m at most, the range printed);
+    /// rgb: what policies see; depth: near bright (viridis over log depth, 0.05 to 4 m at most, the range printed);
     /// seg: a colour for each body, arm, table, floor and walls (the legend printed); black is nothing
     #[arg(long, value_name = "VIEW", default_value = "rgb")]
     pub(crate) what: String,

@@ -19,10 +19,10 @@ const RAMP: [[u8; 3]; 9] = [
 /// Colours that are used of the ramp: so many that a frame of a GIF holds them all, with black and the margins' grey.
 const N_COLORS: f32 = 241.0;
 
-/// Depths, in m, that are told apart: the hand itself is nearer, nothing that matters is farther.
-const LIMITS_M: [f32; 2] = [0.1, 4.0];
+/// Depths, in m, that are told apart: a held thing is no nearer to the hand camera, a table no farther from any.
+const LIMITS_M: [f32; 2] = [0.05, 4.0];
 
-/// Depths that the ramp stands for: those in sight, within 0.1 and 4 m. What is nearer or farther takes an end's colour.
+/// Depths that the ramp stands for: those in sight, within 0.05 and 4 m. What is nearer or farther takes an end's colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthRange {
     /// Drawn brightest, in m.
