@@ -2,10 +2,12 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::BufReader;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-use support::{act_tiny, rows, run};
+use support::{act_tiny, finish, hypogeum, rows, run};
 
 /// Runs, expects exit code 2 and one error that has all of `words`.
 #[track_caller]
@@ -144,11 +146,100 @@ fn json_is_one_object_on_stdout() {
     assert!(value["run"].is_object() && value["ledger"].is_object());
 }
 
+/// Width and height of a PNG, and the number of its frames.
+fn png_size(path: &Path) -> ([u32; 2], u32) {
+    let reader = png::Decoder::new(BufReader::new(File::open(path).unwrap())).read_info().unwrap();
+    let info = reader.info();
+    ([info.width, info.height], info.animation_control().map_or(1, |control| control.num_frames))
+}
+
 #[test]
 fn show_writes_a_picture() {
     let dir = tempfile::tempdir().unwrap();
-    let _ = run(dir.path(), &["show", "RaiseCube", "-o", "x.png"]).expect_code(0);
-    let png = fs::read(dir.path().join("x.png")).unwrap();
-    assert!(png.starts_with(b"\x89PNG") && png.len() > 20_000, "{} bytes", png.len());
-    refused(dir.path(), &["show", "RaiseCube", "-o", "absent/x.png"], &["absent/x.png"]);
+    let finished = run(dir.path(), &["show", "RaiseCube", "-o", "x.png"]).expect_code(0);
+    assert!(finished.stdout.is_empty(), "{}", finished.stdout);
+    let path = dir.path().join("x.png");
+    assert!(fs::metadata(&path).unwrap().len() > 20_000);
+    let (row, _) = png_size(&path);
+    let _ = run(dir.path(), &["show", "RaiseCube", "--episodes", "3", "-o", "x.png"]).expect_code(0);
+    let (rows, _) = png_size(&path);
+    assert_eq!([rows[0], rows[1] - 4], [row[0], (row[1] - 4) * 3]);
+}
+
+#[test]
+fn show_says_what_its_colours_mean() {
+    let dir = tempfile::tempdir().unwrap();
+    let shown = |what| run(dir.path(), &["show", "StackCube", "--what", what]).expect_code(0).stdout;
+    let depth = shown("depth");
+    let range: Vec<f32> = depth
+        .trim()
+        .strip_prefix("depth ")
+        .and_then(|rest| rest.strip_suffix(" m"))
+        .map(|range| range.split("..").map(|bound| bound.parse().unwrap()).collect())
+        .unwrap();
+    assert!(range.len() == 2 && 0.05 <= range[0] && range[0] < range[1] && range[1] <= 4.0, "{depth}");
+    let legend = shown("seg");
+    for thing in ["red cube", "green cube", "arm 1", "table", "floor", "nothing  "] {
+        let line = legend.lines().find(|line| line.starts_with(thing)).unwrap();
+        assert!(line.contains(" #"), "{line}");
+    }
+}
+
+#[test]
+fn a_movie_has_a_frame_for_every_control_step_and_the_start() {
+    let dir = tempfile::tempdir().unwrap();
+    let n_frames = sim::TaskId::RaiseCube.task().max_steps + 1;
+    let movie = |name: &str, more: &[&str]| {
+        let args = [&["show", "RaiseCube", "--movie", name], more].concat();
+        let _ = run(dir.path(), &args).expect_code(0);
+        dir.path().join(name)
+    };
+    let (size, n_png_frames) = png_size(&movie("x.png", &["--policy", "idle"]));
+    assert_eq!((size, n_png_frames), ([2 * 228 + 228 + 4, 228 + 4], n_frames));
+
+    let file = File::open(movie("x.gif", &["--what", "seg"])).unwrap();
+    let mut decoder = gif::Decoder::new(file).unwrap();
+    assert_eq!([u32::from(decoder.width()), u32::from(decoder.height())], size);
+    let mut n_gif_frames = 0;
+    while let Some(frame) = decoder.next_frame_info().unwrap() {
+        assert_eq!(frame.delay, 5, "in 1/100 s");
+        n_gif_frames += 1;
+    }
+    assert_eq!(n_gif_frames, n_frames);
+    let mut left: Vec<_> =
+        fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    left.sort();
+    assert_eq!(left, ["x.gif", "x.png"]);
+}
+
+#[test]
+fn an_interrupted_movie_leaves_no_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let child = hypogeum(dir.path(), &["show", "StackCube", "--movie", "x.apng"]).spawn().unwrap();
+    let start = Instant::now();
+    while !dir.path().join("x.apng.part").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60), "no movie was begun");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let pid = rustix::process::Pid::from_child(&child);
+    rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+    let finished = finish(child).expect_code(130);
+    assert!(finished.stderr.contains("x.apng is not written"), "{}", finished.stderr);
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn show_refuses_what_it_cannot_show() {
+    let dir = tempfile::tempdir().unwrap();
+    let refused = |more: &[&str], words| refused(dir.path(), &[&["show", "RaiseCube"], more].concat(), words);
+    refused(&["-o", "absent/x.png"], &["absent/x.png"]);
+    refused(&["--movie", "absent/x.gif"], &["absent/x.gif"]);
+    refused(&["--movie", "x.mp4"], &["x.mp4", ".png, .apng, .gif"]);
+    refused(&["--what", "deep"], &["deep", "depth"]);
+    refused(&["--policy", "random"], &["random", "expert", "idle"]);
+    refused(&["--episodes", "0"], &["--episodes", "1..=64"]);
+    refused(&["--episodes", "2", "--movie", "x.gif"], &["--episodes", "--movie"]);
+    refused(&["--episodes", "2", "--policy", "idle"], &["--episodes", "--policy"]);
+    refused(&["--movie", "x.gif", "-o", "x.png"], &["--movie", "--output"]);
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
 }

@@ -20,7 +20,7 @@ pub(crate) enum Command {
     Run(RunArgs),
     /// List the task suite
     Tasks(TasksArgs),
-    /// Draw what the cameras see at the start of an episode, or along it
+    /// Draw what the cameras see at the start of episodes or along one, as a sheet or a movie
     Show(ShowArgs),
     /// Write a randomly initialised ACT checkpoint, for measuring speed
     Checkpoint(CheckpointArgs),
@@ -68,17 +68,29 @@ pub(crate) struct ShowArgs {
     /// Suite seed, as in `run`
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
-    /// Index of the episode under that seed
+    /// Index of the first episode under that seed
     #[arg(long, default_value_t = 0)]
     pub(crate) episode: u32,
+    /// Show the starts of this many successive episodes, a row each
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64),
+        conflicts_with_all = ["policy", "movie"])]
+    pub(crate) episodes: u32,
     /// strict (evident intent) or paper (what the released code does)
     #[arg(long, default_value = "strict")]
     pub(crate) profile: String,
-    /// expert: draw the start, the middle and the success of its episode, not the start alone
+    /// rgb: what policies see; depth: near bright (viridis over log depth, 0.05 to 4 m at most, the range printed);
+    /// seg: a colour for each body, arm, table, floor and walls (the legend printed); black is nothing
+    #[arg(long, value_name = "VIEW", default_value = "rgb")]
+    pub(crate) what: String,
+    /// Let expert or idle act and show the start, the middle and the success (or end) of the episode
     #[arg(long, value_name = "SPEC")]
     pub(crate) policy: Option<String>,
-    /// Picture to write [default: TASK.png]
-    #[arg(short, long, value_name = "FILE.png")]
+    /// Write the whole episode, 20 control steps per second, as .png or .apng (exact) or .gif (small);
+    /// the expert acts unless --policy says otherwise
+    #[arg(long, value_name = "FILE")]
+    pub(crate) movie: Option<PathBuf>,
+    /// Sheet to write [default: TASK.png]
+    #[arg(short, long, value_name = "FILE.png", conflicts_with = "movie")]
     pub(crate) output: Option<PathBuf>,
 }
 

@@ -1,4 +1,4 @@
-//! How far a run is, for the person at the terminal. Everything goes to stderr, and nothing depends on it.
+//! How far long work is, for the person at the terminal. Everything goes to stderr, and nothing depends on it.
 
 use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
@@ -9,7 +9,7 @@ use sim::serve::protocol::Counters;
 /// Time between two lines where there is no terminal.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
-/// A view of the run's progress.
+/// A view of the progress of a run or a movie.
 #[derive(Debug)]
 pub(crate) enum Progress {
     /// A bar on a terminal.
@@ -23,9 +23,11 @@ pub(crate) enum Progress {
 /// What lines are made from.
 #[derive(Debug)]
 pub(crate) struct Lines {
-    n_episodes: u64,
+    /// What is counted.
+    unit: &'static str,
+    n: u64,
     done: u64,
-    /// Episodes that were done when the run started.
+    /// Those that were done when the work started.
     done_before: u64,
     started: Instant,
     printed: Instant,
@@ -35,13 +37,22 @@ pub(crate) struct Lines {
 impl Progress {
     /// Of a run of `n_episodes`, `done` of which an earlier run has finished.
     pub(crate) fn new(n_episodes: u64, done: u64, quiet: bool, json: bool) -> Self {
+        Self::of("episodes", n_episodes, done, quiet, json)
+    }
+
+    /// Of a movie.
+    pub(crate) fn of_frames(n_frames: u64) -> Self {
+        Self::of("frames", n_frames, 0, false, false)
+    }
+
+    fn of(unit: &'static str, n: u64, done: u64, quiet: bool, json: bool) -> Self {
         match (quiet, io::stderr().is_terminal(), json) {
             (true, _, _) | (_, false, true) => Self::Silent,
             (false, true, _) => {
-                let bar = ProgressBar::new(n_episodes).with_position(done);
-                let template = "{bar:32} {pos}/{len} episodes {msg}, {eta} left";
+                let bar = ProgressBar::new(n).with_position(done);
+                let template = format!("{{bar:32}} {{pos}}/{{len}} {unit} {{msg}}, {{eta}} left");
                 bar.set_style(
-                    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
+                    ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar()),
                 );
                 bar.enable_steady_tick(Duration::from_millis(500));
                 bar.reset_eta();
@@ -50,13 +61,13 @@ impl Progress {
             (false, false, false) => {
                 let now = Instant::now();
                 let speed = String::new();
-                Self::Lines(Lines { n_episodes, done, done_before: done, started: now, printed: now, speed })
+                Self::Lines(Lines { unit, n, done, done_before: done, started: now, printed: now, speed })
             }
         }
     }
 
-    /// An episode is done.
-    pub(crate) fn episode(&mut self) {
+    /// An episode or a frame is done.
+    pub(crate) fn tick(&mut self) {
         match self {
             Self::Bar(bar) => bar.inc(1),
             Self::Lines(lines) => {
@@ -89,7 +100,7 @@ impl Progress {
         }
     }
 
-    /// The run is over: the bar goes.
+    /// The work is over: the bar goes.
     pub(crate) fn finish(&self) {
         if let Self::Bar(bar) = self {
             bar.finish_and_clear();
@@ -109,11 +120,11 @@ impl Lines {
         let left = match self.done - self.done_before {
             0 => "unknown time".to_owned(),
             n => {
-                let seconds = elapsed.as_secs_f64() / n as f64 * (self.n_episodes - self.done) as f64;
+                let seconds = elapsed.as_secs_f64() / n as f64 * (self.n - self.done) as f64;
                 format!("{seconds:.0} s")
             }
         };
-        format!("{}/{} episodes{}, {left} left", self.done, self.n_episodes, self.speed)
+        format!("{}/{} {}{}, {left} left", self.done, self.n, self.unit, self.speed)
     }
 }
 
@@ -132,7 +143,7 @@ mod tests {
         let now = Instant::now();
         let speed = ", 512 env-steps/s".to_owned();
         let mut lines =
-            Lines { n_episodes: 60, done: 20, done_before: 20, started: now, printed: now, speed };
+            Lines { unit: "episodes", n: 60, done: 20, done_before: 20, started: now, printed: now, speed };
         insta::assert_snapshot!(lines.line(Duration::from_secs(3)), @"20/60 episodes, 512 env-steps/s, unknown time left");
         lines.done = 30;
         insta::assert_snapshot!(lines.line(Duration::from_secs(5)), @"30/60 episodes, 512 env-steps/s, 15 s left");

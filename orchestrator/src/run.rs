@@ -51,7 +51,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<Ending, Failure> {
         match happening {
             Happening::Finished(job, outcome) => {
                 results.record(key(job), job.seed, outcome)?;
-                progress.episode();
+                progress.tick();
             }
             Happening::Counters(counters) => progress.counters(counters),
             Happening::Log(line) => progress.log(line),

@@ -132,3 +132,11 @@ impl Expert {
         self.next += 1;
     }
 }
+
+/// A joint-position row that keeps the arms where they are, grippers open.
+pub(crate) fn hold_still(world: &World, row: &mut [f32]) {
+    for (arm, row) in row.chunks_exact_mut(8).enumerate() {
+        row[..7].copy_from_slice(&world.qpos(arm)[..7]);
+        row[7] = 1.0;
+    }
+}

@@ -24,7 +24,7 @@ mod texture;
 mod trig;
 
 pub use choice::{OpenError, RendererChoice, open};
-pub use cpu::{CpuOptions, CpuRenderer};
+pub use cpu::{CpuOptions, CpuRenderer, Inspection, Segment};
 pub use gpu::GpuRenderer;
 pub use scene::RenderScene;
 

@@ -5,7 +5,7 @@ use nalgebra::Isometry3;
 
 use super::material::Material;
 use super::mesh::MeshId;
-use super::scene::{Anchor, Instance, MeshSource};
+use super::scene::{Anchor, Fixture, Instance, MeshSource};
 use crate::scene::{Scene, TableKind};
 
 /// World z of the floor, in m.
@@ -54,37 +54,38 @@ pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
     if let Some(paint) = scene.background.walls {
         // Four walls 3 m long and 0.1 m thick around x, y = ±1.5 m, from z −0.92 to 1.08 m.
         for side in [-1.5, 1.5] {
-            instances.push(block([side, 0.0, 0.08], [0.05, 1.5, 1.0], paint.into()));
-            instances.push(block([0.0, side, 0.08], [1.5, 0.05, 1.0], paint.into()));
+            instances.push(block(Fixture::Walls, [side, 0.0, 0.08], [0.05, 1.5, 1.0], paint.into()));
+            instances.push(block(Fixture::Walls, [0.0, side, 0.08], [1.5, 0.05, 1.0], paint.into()));
         }
     }
     let floor = [0.0, 0.0, FLOOR_Z];
     let (half, material) = ([FLOOR_HALF, FLOOR_HALF, 1.0], scene.background.floor.into());
-    instances.push(placed(MeshId::Square, floor, half, material));
+    instances.push(placed(Fixture::Floor, MeshId::Square, floor, half, material));
 }
 
 fn push_bench(bench: &Bench, top: Material, instances: &mut Vec<Instance>) {
     let steel = Material::plain([0.45, 0.46, 0.48], 0.3);
     let Bench { centre: [x, y], half: [hx, hy], top_z, foot_z, thickness } = *bench;
     let under_z = top_z - thickness;
-    instances.push(block([x, y, top_z - thickness / 2.0], [hx, hy, thickness / 2.0], top));
+    let mut push = |centre, half, material| instances.push(block(Fixture::Table, centre, half, material));
+    push([x, y, top_z - thickness / 2.0], [hx, hy, thickness / 2.0], top);
     let (leg_x, leg_y) = (hx - LEG_INSET, hy - LEG_INSET);
     let (rail, rail_z) = (FRAME_HEIGHT / 2.0, under_z - FRAME_HEIGHT / 2.0);
     for side in [-1.0, 1.0] {
-        instances.push(block([x + side * leg_x, y, rail_z], [LEG_HALF / 2.0, leg_y - LEG_HALF, rail], steel));
-        instances.push(block([x, y + side * leg_y, rail_z], [leg_x - LEG_HALF, LEG_HALF / 2.0, rail], steel));
+        push([x + side * leg_x, y, rail_z], [LEG_HALF / 2.0, leg_y - LEG_HALF, rail], steel);
+        push([x, y + side * leg_y, rail_z], [leg_x - LEG_HALF, LEG_HALF / 2.0, rail], steel);
         for end in [-1.0, 1.0] {
             let foot = [x + side * leg_x, y + end * leg_y, f32::midpoint(under_z, foot_z)];
-            instances.push(block(foot, [LEG_HALF, LEG_HALF, (under_z - foot_z) / 2.0], steel));
+            push(foot, [LEG_HALF, LEG_HALF, (under_z - foot_z) / 2.0], steel);
         }
     }
 }
 
-fn block(centre: [f32; 3], half: [f32; 3], material: Material) -> Instance {
-    placed(MeshId::Box, centre, half, material)
+fn block(fixture: Fixture, centre: [f32; 3], half: [f32; 3], material: Material) -> Instance {
+    placed(fixture, MeshId::Box, centre, half, material)
 }
 
-fn placed(mesh: MeshId, centre: [f32; 3], scale: [f32; 3], material: Material) -> Instance {
+fn placed(fixture: Fixture, mesh: MeshId, centre: [f32; 3], scale: [f32; 3], material: Material) -> Instance {
     let ([x, y, z], mesh) = (centre, MeshSource::Library(mesh));
-    Instance { mesh, anchor: Anchor::World, pose: Isometry3::translation(x, y, z), scale, material }
+    Instance { mesh, anchor: Anchor::World(fixture), pose: Isometry3::translation(x, y, z), scale, material }
 }

@@ -22,7 +22,7 @@ static MESHES: LazyLock<MeshLibrary> = LazyLock::new(MeshLibrary::new);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     /// Nothing: it stands in the world.
-    World,
+    World(Fixture),
     /// A body, by index.
     Body(usize),
     /// A link of an arm, by their indices.
@@ -54,6 +54,14 @@ impl MeshSource {
             Self::Own(mesh) => MeshKey::Own(mesh.fingerprint),
         }
     }
+}
+
+/// What the room is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Fixture {
+    Table,
+    Floor,
+    Walls,
 }
 
 /// A mesh somewhere, looking somehow.
@@ -201,7 +209,7 @@ impl Instance {
     pub(super) fn world_from_mesh(&self, snapshot: &Snapshot) -> Affine {
         let local = Affine::placed(&self.pose, self.scale);
         match self.anchor {
-            Anchor::World => local,
+            Anchor::World(_) => local,
             Anchor::Body(body) => Affine::rigid(&snapshot.bodies[body]).after(&local),
             Anchor::Link { arm, link } => Affine::rigid(&snapshot.arms[arm][link]).after(&local),
         }

@@ -6,7 +6,7 @@ use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
 use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology};
 
 use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
-use crate::expert::Expert;
+use crate::expert::{Expert, hold_still};
 use crate::fingerprint::Fingerprint;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
@@ -266,13 +266,5 @@ fn plan(assignment: &Assignment, scene: &crate::scene::Scene) -> Option<Box<Expe
             ));
             None
         }
-    }
-}
-
-/// A joint-position row that keeps the arms where they are, grippers open.
-fn hold_still(world: &World, row: &mut [f32]) {
-    for (arm, row) in row.chunks_exact_mut(8).enumerate() {
-        row[..7].copy_from_slice(&world.qpos(arm)[..7]);
-        row[7] = 1.0;
     }
 }

@@ -1,7 +1,7 @@
 //! Keeping what stands still saves work and changes no byte.
 
 use sim::TaskId;
-use sim::render::{CpuOptions, CpuRenderer, RenderScene, Renderer, View};
+use sim::render::{CpuOptions, CpuRenderer, RenderScene, View};
 use sim::scene::Snapshot;
 
 use crate::common::drawn;
@@ -14,7 +14,7 @@ fn film(task: TaskId, keep_layers: bool, moments: &[Snapshot]) -> Vec<Vec<u8>> {
     for snapshot in moments {
         for camera_idx in 0..render.n_cameras() {
             let mut out = vec![7; render.side(camera_idx).pow(2) * 3];
-            renderer.render(&mut [View { scene: &render, snapshot, camera_idx, out: &mut out }]);
+            renderer.draw(&mut [View { scene: &render, snapshot, camera_idx, out: &mut out }]);
             images.push(out);
         }
     }

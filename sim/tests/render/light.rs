@@ -1,7 +1,7 @@
 //! Shadows and samples: what they change, and what they leave alone.
 
 use nalgebra::{UnitQuaternion, Vector3};
-use sim::render::{CpuOptions, CpuRenderer, RenderScene, Renderer, Samples, View};
+use sim::render::{CpuOptions, CpuRenderer, RenderScene, Samples, View};
 use sim::scene::{DirectionalLight, Primitive, Scene};
 
 use crate::common::{BLUE, as_placed, body, empty_room};
@@ -23,7 +23,7 @@ fn image(scene: &Scene, samples: Samples) -> Vec<u8> {
     let mut out = vec![0; render.side(0).pow(2) * 3];
     let options = CpuOptions { samples, ..CpuOptions::default() };
     let view = View { scene: &render, snapshot: &snapshot, camera_idx: 0, out: &mut out };
-    CpuRenderer::with_options(1, options).render(&mut [view]);
+    CpuRenderer::with_options(1, options).draw(&mut [view]);
     out
 }
 

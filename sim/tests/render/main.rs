@@ -6,6 +6,7 @@
 mod common;
 mod forms;
 mod independence;
+mod inspect;
 mod layers;
 mod light;
 mod looks;

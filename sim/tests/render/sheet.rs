@@ -4,13 +4,13 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use sim::render::sheet::{SheetError, write_png};
+use sim::render::sheet::{SheetError, compose};
 
 #[test]
 fn a_sheet_holds_its_images_enlarged_side_by_side() {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sheet.png");
     let (red, blue) = ([255, 0, 0].repeat(9), [0, 0, 255].repeat(4));
-    write_png(&path, &[(3, &red), (2, &blue), (2, &blue)], 2, 2).unwrap();
+    compose(&[(3, &red), (2, &blue), (2, &blue)], 2, 2).write_png(&path).unwrap();
     let mut reader = png::Decoder::new(BufReader::new(File::open(&path).unwrap())).read_info().unwrap();
     let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut bytes).unwrap();
@@ -23,7 +23,7 @@ fn a_sheet_holds_its_images_enlarged_side_by_side() {
 #[test]
 fn a_sheet_that_cannot_be_written_names_its_file() {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("missing").join("sheet.png");
-    let error = write_png(&path, &[(1, &[0; 3])], 1, 1).unwrap_err();
+    let error = compose(&[(1, [0; 3])], 1, 1).write_png(&path).unwrap_err();
     assert!(matches!(error, SheetError::Create { .. }));
     assert!(error.to_string().contains("sheet.png"), "{error}");
 }

@@ -9,6 +9,7 @@ mod clip;
 mod each;
 mod encode;
 mod geometry;
+mod inspect;
 mod isa;
 mod kind;
 mod layer;
@@ -36,6 +37,7 @@ use super::scene::RenderScene;
 use super::{RenderError, Renderer, Samples, View};
 use antialias::{PER_EDGE, ShadeSamples};
 use geometry::Draw;
+pub use inspect::{Inspection, Segment};
 use isa::Isa;
 use kind::Square;
 pub(super) use layer::Layer;
@@ -127,6 +129,20 @@ impl CpuRenderer {
         }
     }
 
+    /// Fills every view's `out`: [`Renderer::render`], which cannot fail here.
+    ///
+    /// # Panics
+    /// If a view's camera does not exist, its `out` is not of its camera's size, or its snapshot is not of its scene.
+    pub fn draw(&mut self, views: &mut [View<'_>]) {
+        views.iter().for_each(View::check);
+        self.draw_shadows(views);
+        let this = &*self;
+        views.par_iter_mut().zip(&this.map_of_view).with_max_len(1).for_each(|(view, map)| {
+            let map = map.map(|i| &this.shadow_maps[i]);
+            this.with_scratch(|scratch| scratch.render(this.isa, this.options, view, map));
+        });
+    }
+
     /// Draws one shadow map per env that needs one.
     fn draw_shadows(&mut self, views: &[View<'_>]) {
         self.map_of_view.clear();
@@ -171,15 +187,7 @@ impl Renderer for CpuRenderer {
     }
 
     fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError> {
-        for view in &*views {
-            view.check();
-        }
-        self.draw_shadows(views);
-        let this = &*self;
-        views.par_iter_mut().zip(&this.map_of_view).with_max_len(1).for_each(|(view, map)| {
-            let map = map.map(|i| &this.shadow_maps[i]);
-            this.with_scratch(|scratch| scratch.render(this.isa, this.options, view, map));
-        });
+        self.draw(views);
         Ok(())
     }
 }
@@ -296,7 +304,7 @@ mod tests {
     use super::{CpuOptions, CpuRenderer, Isa};
     use crate::TaskId;
     use crate::physics::World;
-    use crate::render::{RenderScene, Renderer, Samples, View};
+    use crate::render::{RenderScene, Samples, View};
     use crate::scene::{Scene, Snapshot, Texture};
 
     /// A task's scene with textures on everything, and with shadows if wanted.
@@ -317,7 +325,7 @@ mod tests {
         let image = |camera_idx| {
             let mut out = vec![0; scene.side(camera_idx).pow(2) * 3];
             let view = View { scene: &scene, snapshot: &snapshot, camera_idx, out: &mut out };
-            CpuRenderer::with_isa(1, options, isa).render(&mut [view]).unwrap();
+            CpuRenderer::with_isa(1, options, isa).draw(&mut [view]);
             out
         };
         (0..scene.n_cameras()).map(image).collect()

@@ -252,7 +252,7 @@ fn store_columns<S: Simd>(rows: [S::F; N_LANES], lines: &mut [Line]) {
     }
 }
 
-/// Texture coordinates of a corner in tiles: see [`crate::render::mesh::Facing::project`].
+/// Texture coordinates of a corner in tiles: see [`crate::render::mesh::Facing`].
 #[inline(always)]
 fn unwrap<S: Simd>(corner: &[Line; 3], batch: &Batch, tiles: &Vectors<S>) -> [S::F; 2] {
     let [x, y, z] = each!(k in 3 => S::F::load(&corner[k]) * tiles[k]);

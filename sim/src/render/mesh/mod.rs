@@ -42,23 +42,13 @@ pub(super) struct Mesh {
     pub(super) fingerprint: u64,
 }
 
-/// The mesh axis along which a triangle's texture is projected.
+/// The mesh axis along which a triangle's texture is projected. What is left of a point (x, y, z) are its texture
+/// coordinates, v along y where it can, so that a table's boards run that way: (z, y), (x, z) or (x, y).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Facing {
     X,
     Y,
     Z,
-}
-
-impl Facing {
-    /// Texture coordinates of a point: v runs along y where it can, so that a table's boards do.
-    pub(super) fn project(self, [x, y, z]: Vec3) -> [f32; 2] {
-        match self {
-            Self::X => [z, y],
-            Self::Y => [x, z],
-            Self::Z => [x, y],
-        }
-    }
 }
 
 impl Mesh {

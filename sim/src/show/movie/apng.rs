@@ -1,0 +1,49 @@
+//! Animated PNG (PNG specification, third edition, §11.3.6).
+
+use std::fs::File;
+use std::io::BufWriter;
+
+use png::{BitDepth, BlendOp, ColorType, EncodingError};
+
+use super::FRAMES_PER_S;
+use crate::render::sheet::Picture;
+
+/// An animated PNG in the making.
+pub(super) struct Apng(png::Writer<BufWriter<File>>);
+
+impl Apng {
+    /// Writes the head and the first frame.
+    pub(super) fn begin(
+        file: BufWriter<File>,
+        n_frames: usize,
+        first: &Picture,
+    ) -> Result<Self, EncodingError> {
+        let [width, height] = first.size();
+        let mut encoder = png::Encoder::new(file, width as u32, height as u32);
+        encoder.set_color(ColorType::Rgba);
+        encoder.set_depth(BitDepth::Eight);
+        encoder.set_animated(n_frames as u32, 0)?;
+        encoder.set_frame_delay(1, FRAMES_PER_S)?;
+        encoder.set_blend_op(BlendOp::Over)?;
+        encoder.validate_sequence(true);
+        let mut writer = encoder.write_header()?;
+        let opaque: Vec<u8> = first.pixels().flat_map(|[r, g, b]| [r, g, b, u8::MAX]).collect();
+        writer.write_image_data(&opaque)?;
+        Ok(Self(writer))
+    }
+
+    /// Writes what has changed.
+    pub(super) fn push(&mut self, frame: &Picture, before: &Picture) -> Result<(), EncodingError> {
+        let changes: Vec<u8> = frame
+            .pixels()
+            .zip(before.pixels())
+            .flat_map(|(now, before)| if now == before { [0; 4] } else { [now[0], now[1], now[2], u8::MAX] })
+            .collect();
+        self.0.write_image_data(&changes)
+    }
+
+    /// Writes the end.
+    pub(super) fn finish(self) -> Result<(), EncodingError> {
+        self.0.finish()
+    }
+}

@@ -1,0 +1,103 @@
+//! From a moment to the images of its cameras, and what their colours mean.
+
+use super::depth::DepthRange;
+use super::film::Moment;
+use super::segments::{Entry, color_of, legend};
+use crate::render::{CpuRenderer, RenderScene, View};
+use crate::scene::{Scene, Snapshot};
+
+/// What of the cameras' views is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum What {
+    /// What a policy sees.
+    Rgb,
+    /// How far away everything is.
+    Depth,
+    /// Which thing every pixel belongs to.
+    Seg,
+}
+
+/// What the colours mean.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Key {
+    /// What they are.
+    Rgb,
+    /// Depths in this range, near bright; black where nothing is.
+    Depth(DepthRange),
+    /// These things.
+    Seg(Vec<Entry>),
+}
+
+/// Paints moments.
+pub(super) struct Painter {
+    renderer: CpuRenderer,
+    key: Key,
+}
+
+impl What {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Rgb, Self::Depth, Self::Seg];
+
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Rgb => "rgb",
+            Self::Depth => "depth",
+            Self::Seg => "seg",
+        }
+    }
+}
+
+impl Painter {
+    /// One key for all of these moments; `scene` has the things of every one.
+    pub(super) fn new(what: What, scene: &Scene, scenes: &[RenderScene], moments: &[Moment]) -> Self {
+        let mut renderer = CpuRenderer::new(rayon::current_num_threads());
+        let key = match what {
+            What::Rgb => Key::Rgb,
+            What::Depth => Key::Depth(depth_range(&mut renderer, scenes, moments)),
+            What::Seg => Key::Seg(legend(scene)),
+        };
+        Self { renderer, key }
+    }
+
+    pub(super) fn key(&self) -> &Key {
+        &self.key
+    }
+
+    /// Every camera's side and its image, `[side, side, 3] u8` sRGB.
+    pub(super) fn paint(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
+        let cameras = 0..scene.n_cameras();
+        let mut inspect = |camera_idx| self.renderer.inspect(scene, snapshot, camera_idx);
+        let images: Vec<Vec<u8>> = match &self.key {
+            Key::Rgb => photograph(&mut self.renderer, scene, snapshot),
+            Key::Depth(range) => cameras
+                .map(|idx| inspect(idx).depth_m.iter().flat_map(|depth_m| range.color_of(*depth_m)).collect())
+                .collect(),
+            Key::Seg(_) => cameras
+                .map(|idx| inspect(idx).segments.iter().flat_map(|segment| color_of(*segment)).collect())
+                .collect(),
+        };
+        images.into_iter().enumerate().map(|(idx, image)| (scene.side(idx), image)).collect()
+    }
+}
+
+fn photograph(renderer: &mut CpuRenderer, scene: &RenderScene, snapshot: &Snapshot) -> Vec<Vec<u8>> {
+    let bytes = |camera_idx| vec![0; scene.side(camera_idx).pow(2) * 3];
+    let mut images: Vec<Vec<u8>> = (0..scene.n_cameras()).map(bytes).collect();
+    let view = |(camera_idx, out)| View { scene, snapshot, camera_idx, out };
+    let mut views: Vec<View<'_>> = images.iter_mut().map(Vec::as_mut_slice).enumerate().map(view).collect();
+    renderer.draw(&mut views);
+    images
+}
+
+fn depth_range(renderer: &mut CpuRenderer, scenes: &[RenderScene], moments: &[Moment]) -> DepthRange {
+    let mut range = DepthRange::EMPTY;
+    for Moment { scene_idx, snapshot } in moments {
+        let scene = &scenes[*scene_idx];
+        for camera_idx in 0..scene.n_cameras() {
+            range.widen(&renderer.inspect(scene, snapshot, camera_idx).depth_m);
+        }
+    }
+    range
+}
