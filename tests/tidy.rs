@@ -110,6 +110,7 @@ fn unsafe_only_where_named() {
         "ipc-types/src/link/",
         "policy-host/src/nn/",
         "sim/src/render/cpu/isa.rs",
+        "sim/src/render/cpu/simd/",
         "policy-host/tests/",
         "ipc-types/tests/",
         "sim/tests/",

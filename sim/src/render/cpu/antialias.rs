@@ -55,7 +55,7 @@ const MAX_FRAGMENTS: usize = N_LANES * (PER_PIXEL - 1);
 impl<K: Sink> Kernel for ShadeSamples<'_, K> {
     #[inline(always)]
     fn run<S: Simd>(mut self) {
-        let per_row = self.visibility.side as usize / PER_EDGE >> Square::WIDTH_BITS;
+        let per_row = (self.visibility.side as usize / PER_EDGE) >> Square::WIDTH_BITS;
         let mut strip = Strip::new();
         let mut shown = [Shown::NOTHING; STRIP];
         let (mut ids, mut depths) = ([WholeLine::ZERO; STRIP], [Line::ZERO; STRIP]);

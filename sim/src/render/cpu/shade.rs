@@ -145,9 +145,7 @@ impl Shader<'_> {
         for (i, kind) in strip.kinds.iter().enumerate().take(ids.len()) {
             if let Kind::Textured(id) = *kind {
                 let factors = strip.sites[i].read::<S>(pattern(Texture::ALL[self.texture(id) as usize]));
-                for c in 0..3 {
-                    factors[c].store(&mut strip.rgb[i][c]);
-                }
+                store_all::<S>(factors, &mut strip.rgb[i]);
             }
         }
     }
@@ -194,9 +192,7 @@ impl Shader<'_> {
                 Kind::Textured(id) => self.one(id, each!(c in 3 => S::F::load(&rgb[c])), &gaze, strip),
                 Kind::Several => self.several::<S>(ids, &gaze, i, strip),
             };
-            for c in 0..3 {
-                light[c].store(&mut strip.rgb[i][c]);
-            }
+            store_all::<S>(light, &mut strip.rgb[i]);
         }
     }
 
@@ -315,6 +311,13 @@ const BLOCK_STARTS: Line = {
     }
     line
 };
+
+#[inline(always)]
+fn store_all<S: Simd>(rgb: [S::F; 3], lines: &mut [Line; 3]) {
+    for (channel, line) in rgb.iter().zip(lines) {
+        channel.store(line);
+    }
+}
 
 fn normal_of(look: &[f32; N_LANES]) -> [f32; 3] {
     [0, 3, 6].map(|k| look[Look::NORMAL + k])

@@ -5,7 +5,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 use crate::render::cpu::each::each;
 
-use super::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine, check_pairs};
+use super::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine, pair};
 
 /// The instruction set.
 #[derive(Clone, Copy)]
@@ -89,11 +89,7 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn pairs(words: &[u32], at: &WholeLine) -> (YmmWhole, YmmWhole) {
-        let at = &at.0;
-        check_pairs(words, at);
-        // SAFETY: the callers' indices lie within `words`, as `check_pairs` asserts in tests.
-        let p =
-            each!(i in 16 => unsafe { words.as_ptr().add(at[i] as usize).cast::<i64>().read_unaligned() });
+        let p = each!(i in 16 => pair(words, at.0[i]));
         intrinsic!({
             let a = _mm256_castsi256_ps(_mm256_setr_epi64x(p[0], p[1], p[2], p[3]));
             let b = _mm256_castsi256_ps(_mm256_setr_epi64x(p[4], p[5], p[6], p[7]));

@@ -32,10 +32,8 @@ pub(super) trait Simd: Copy {
     /// Rows become columns.
     fn transposed(rows: [Self::F; N_LANES]) -> [Self::F; N_LANES];
 
-    /// The words at each index and right behind it.
-    ///
-    /// # Panics
-    /// If an index or the word behind it lies outside of `words`, in builds with debug assertions; see [`check_pairs`].
+    /// The words at each index and right behind it. Indices must be masked or clamped so that these lie within `words`:
+    /// that is checked in builds with debug assertions only.
     fn pairs(words: &[u32], at: &WholeLine) -> (Self::I, Self::I);
 
     /// Writes the lowest three bytes of each lane, four lanes to a row: row i begins at `rows[i * pitch]`.
@@ -189,11 +187,15 @@ pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
     fn and_not(self, other: Self) -> Self;
 }
 
-/// Asserts what [`Simd::pairs`] relies on, in builds with debug assertions only: indices are masked by construction.
-fn check_pairs(words: &[u32], at: &[i32; N_LANES]) {
+/// A word and the one behind it, the first one in the lower half.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn pair(words: &[u32], at: i32) -> i64 {
     debug_assert!(
-        at.iter().all(|&i| usize::try_from(i).is_ok_and(|i| i + 1 < words.len())),
-        "a pair lies outside of {} words: {at:?}",
+        usize::try_from(at).is_ok_and(|i| i + 1 < words.len()),
+        "a pair at {at} lies outside of {} words",
         words.len()
     );
+    // SAFETY: callers of `Simd::pairs` hold their indices within `words`, as the assertion sees in tests.
+    unsafe { words.as_ptr().add(at as usize).cast::<i64>().read_unaligned() }
 }
