@@ -2,7 +2,8 @@
 //!
 //! `cargo bench -p benches --bench render -- [--renderer cpu|gpu|software] [--visibility raster|compute] [--envs N,N,…]
 //! [--csv FILE]`. An env-frame is all images of one env: two of 224 × 224 pixels and one of 128 × 128 per arm. Envs differ
-//! in their seed. The best of several rounds is reported, after warm-up; bounded to 20 s with what is done by default.
+//! in their seed. On the CPU the cases take turns, so that all of them meet the same machine, and medians are reported, after
+//! warm-up: everything drawn anew, with layers of what stands still, with shadows, with shadows and four samples per pixel.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -14,7 +15,7 @@ use ipc_types::ControlMode;
 use sim::TaskId;
 use sim::physics::World;
 use sim::render::gpu::{AdapterKind, GpuOptions, Timings, Visibility};
-use sim::render::{CpuRenderer, GpuRenderer, RenderScene, Renderer, View};
+use sim::render::{CpuOptions, CpuRenderer, GpuRenderer, RenderScene, Renderer, Samples, View};
 use sim::scene::Snapshot;
 use sim::stream::episode_seed;
 
@@ -27,10 +28,17 @@ fn main() -> Result<()> {
     let mut table = Report::with_options("render", usage, |flag, value| options.take(flag, value))?;
     for task in [TaskId::RaiseCube, TaskId::DualArmLiftTray] {
         for &n_envs in &options.n_envs {
-            let mut envs: Vec<Env> = (0..n_envs).map(|episode_idx| Env::new(task, episode_idx)).collect();
             match options.adapter {
-                None => on_cpu(task, &mut envs, &mut table)?,
-                Some(kind) => on_device(task, &mut envs, kind, options.visibility, &mut table)?,
+                None => on_cpu(task, n_envs, &mut table)?,
+                Some(kind) => {
+                    on_device(
+                        task,
+                        &mut Env::several(task, n_envs, false),
+                        kind,
+                        options.visibility,
+                        &mut table,
+                    )?;
+                }
             }
         }
     }
@@ -69,24 +77,49 @@ impl Options {
     }
 }
 
-fn on_cpu(task: TaskId, envs: &mut [Env], table: &mut Report) -> Result<()> {
-    let (n_envs, n_triangles) = (envs.len(), envs[0].scene.n_triangles());
+/// A way to draw on the CPU.
+#[derive(Clone, Copy)]
+struct Case {
+    name: &'static str,
+    keep_layers: bool,
+    shadows: bool,
+    samples: Samples,
+}
+
+const CASES: [Case; 4] = [
+    Case { name: "plain", keep_layers: false, shadows: false, samples: Samples::One },
+    Case { name: "layers", keep_layers: true, shadows: false, samples: Samples::One },
+    Case { name: "shadows", keep_layers: true, shadows: true, samples: Samples::One },
+    Case { name: "shadows_4_samples", keep_layers: true, shadows: true, samples: Samples::Four },
+];
+
+fn on_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
     for n_threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
-        let mut renderer = CpuRenderer::new(n_threads);
-        let note = format!("{n_triangles} triangles; {}", renderer.name().replace(',', ""));
-        let mut report = |what: &str, unit: &str, rate: f64| {
-            let case = format!("{}/{what}/envs{n_envs}/threads{n_threads}", task.name());
-            println!("{case:50} {rate:8.0} {unit}");
-            table.add(&case, rate, unit, &note);
-        };
-        let rounds = pool.install(|| best_rate(&mut renderer, envs, |_| true))?;
-        report("all", "env_frames_per_s", rounds * n_envs as f64);
-        if task == TaskId::RaiseCube {
-            for (what, side, per_env) in [("224", 224, 2.0), ("128", 128, 1.0)] {
-                let rounds = pool.install(|| best_rate(&mut renderer, envs, |s| s == side))?;
-                report(what, "images_per_s", rounds * n_envs as f64 * per_env);
+        let mut arms = CASES.map(|case| {
+            let options = CpuOptions { keep_layers: case.keep_layers, samples: case.samples };
+            let renderer = CpuRenderer::with_options(n_threads, options);
+            (case, renderer, Env::several(task, n_envs, case.shadows), Vec::new())
+        });
+        let start = Instant::now();
+        while start.elapsed() < CASE_TIME * CASES.len() as u32 {
+            for (_, renderer, envs, rounds) in &mut arms {
+                let mut views = Env::views(envs);
+                let round = Instant::now();
+                pool.install(|| renderer.draw(&mut views));
+                rounds.push(round.elapsed().as_secs_f64());
             }
+        }
+        for (case, renderer, envs, mut rounds) in arms {
+            // The first rounds warm up.
+            rounds.drain(..2.min(rounds.len() - 1));
+            rounds.sort_by(f64::total_cmp);
+            let rate = f64::from(n_envs) / rounds[rounds.len() / 2];
+            let name = format!("{}/{}/envs{n_envs}/threads{n_threads}", task.name(), case.name);
+            println!("{name:50} {rate:8.0} env_frames_per_s");
+            let triangles = envs[0].scene.n_triangles();
+            let note = format!("{triangles} triangles; {}", renderer.name().replace(',', ""));
+            table.add(&name, rate, "env_frames_per_s", &note);
         }
     }
     Ok(())
@@ -103,7 +136,7 @@ fn on_device(
     let mut renderer = GpuRenderer::open(kind, &options)?;
     let note = format!("{} triangles; {}", envs[0].scene.n_triangles(), renderer.name().replace(',', ""));
     let n_envs = envs.len();
-    let rate = best_rate(&mut renderer, envs, |_| true)? * n_envs as f64;
+    let rate = best_rate(&mut renderer, envs)? * n_envs as f64;
     let case = format!("{}/all/envs{n_envs}", task.name());
     let Timings { submit_s, wait_s, readback_s } = renderer.timings();
     let [submit_ms, wait_ms, readback_ms] = [submit_s, wait_s, readback_s].map(|s| s * 1e3);
@@ -125,27 +158,33 @@ struct Env {
 }
 
 impl Env {
-    fn new(task: TaskId, episode_idx: u32) -> Self {
-        let scene = (task.task().nominal)().draw(episode_seed(0, task.name(), episode_idx));
+    fn several(task: TaskId, n_envs: u32, shadows: bool) -> Vec<Self> {
+        (0..n_envs).map(|episode_idx| Self::new(task, episode_idx, shadows)).collect()
+    }
+
+    fn new(task: TaskId, episode_idx: u32, shadows: bool) -> Self {
+        let mut scene = (task.task().nominal)().draw(episode_seed(0, task.name(), episode_idx));
+        scene.lights.shadows |= shadows;
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
         let scene = RenderScene::new(&scene);
         let images = (0..scene.n_cameras()).map(|c| vec![0; scene.side(c).pow(2) * 3]).collect();
         Self { scene, snapshot, images }
     }
-}
 
-/// Rounds per second in the best round; a round renders every image whose side is wanted.
-fn best_rate(renderer: &mut dyn Renderer, envs: &mut [Env], wanted: impl Fn(usize) -> bool) -> Result<f64> {
-    let mut views: Vec<View<'_>> = envs
-        .iter_mut()
-        .flat_map(|Env { scene, snapshot, images }| {
+    fn views(envs: &mut [Self]) -> Vec<View<'_>> {
+        let views = envs.iter_mut().flat_map(|Self { scene, snapshot, images }| {
             let (scene, snapshot) = (&*scene, &*snapshot);
             let images = images.iter_mut().enumerate();
             images.map(move |(camera_idx, out)| View { scene, snapshot, camera_idx, out })
-        })
-        .filter(|view| wanted(view.scene.side(view.camera_idx)))
-        .collect();
+        });
+        views.collect()
+    }
+}
+
+/// Rounds per second in the best round.
+fn best_rate(renderer: &mut dyn Renderer, envs: &mut [Env]) -> Result<f64> {
+    let mut views = Env::views(envs);
     for _ in 0..2 {
         renderer.render(&mut views)?;
     }

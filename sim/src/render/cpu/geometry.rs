@@ -177,7 +177,7 @@ fn prepare<S: Simd, B: Block>(corners: &[Projected<S>; 3], side: i32, small: &mu
     let empty = from_x.gt(to_x) | from_y.gt(to_y);
     let (qx, qy, rx, ry) = (q.x - p.x, q.y - p.y, r.x - p.x, r.y - p.y);
     let area = qx.times(ry) - rx.times(qy);
-    let ready: Ready<S> =
+    let mut ready: Ready<S> =
         Ready { small: area.gt(whole(0)).and_not(empty).and_not(large), large: large.and_not(empty) };
     if ready.small.to_bits() == 0 {
         return ready;
@@ -190,23 +190,34 @@ fn prepare<S: Simd, B: Block>(corners: &[Projected<S>; 3], side: i32, small: &mu
     // The centre of the first block's first pixel.
     let centre_x = (from_x & whole(-B::WIDTH)).shl::<8>() + whole(128);
     let centre_y = (from_y & whole(-B::HEIGHT)).shl::<8>() + whole(128);
+    let (right, below) = (from_x & whole(B::WIDTH - 1), from_y & whole(B::HEIGHT - 1));
+    // Signs of the edge functions at the first pixel that may be covered and at its neighbours right, below and across.
+    let mut outside = [whole(0); 4];
     for (k, (a, b)) in [(p, q), (q, r), (r, p)].into_iter().enumerate() {
         let (dx, dy) = (b.x - a.x, b.y - a.y);
         // A centre on the edge belongs to the triangle if the edge is at its top or left.
         let top_left = whole(0).gt(dy) | (dy.eq(whole(0)) & dx.gt(whole(0)));
         let bias = whole(0).or_where(top_left, whole(1));
         let edge = dx.times(centre_y - a.y) - dy.times(centre_x - a.x) - bias;
-        edge.sar::<8>().store(&mut small.edges[k]);
+        let edge = edge.sar::<8>();
+        edge.store(&mut small.edges[k]);
+        let first = edge + dx.times(below) - dy.times(right);
+        let at = [first, first - dy, first + dx, first + dx - dy];
+        outside = each!(i in 4 => outside[i] | at[i]);
         (((whole(0) - dy) & whole(0xFFFF)) | dx.shl::<16>()).store(&mut small.steps[k]);
     }
+    // Of the triangles that reach over no more than 2 × 2 pixels many cover none.
+    let tiny = whole(2).gt(to_x - from_x) & whole(2).gt(to_y - from_y);
+    let none = S::I::all(0).gt(outside[0] & outside[1] & outside[2] & outside[3]);
+    ready.small = ready.small.and_not(tiny & none);
     let (q_rise, r_rise) = (q.depth - p.depth, r.depth - p.depth);
     // Per pixel, hence the 256.
     let scale = S::F::all(256.0) / area.floats();
     let dx = (q_rise * ry.floats() - r_rise * qy.floats()) * scale;
     let dy = (r_rise * qx.floats() - q_rise * rx.floats()) * scale;
     let px = S::F::all(1.0 / 256.0);
-    let (right, below) = ((centre_x - p.x).floats() * px, (centre_y - p.y).floats() * px);
-    let depth = dy.mul_add(below, dx.mul_add(right, p.depth));
+    let (across, down) = ((centre_x - p.x).floats() * px, (centre_y - p.y).floats() * px);
+    let depth = dy.mul_add(down, dx.mul_add(across, p.depth));
     depth.store(&mut small.depth);
     dx.store(&mut small.depth_dx);
     dy.store(&mut small.depth_dy);
