@@ -42,15 +42,9 @@ impl Affine {
         Self { linear, offset: self.point(inner.offset) }
     }
 
-    /// Image of a point.
-    pub(super) fn point(&self, p: Vec3) -> Vec3 {
-        let v = self.vector(p);
-        core::array::from_fn(|i| v[i] + self.offset[i])
-    }
-
-    /// Image of a point, each coordinate a chain of fused products and sums: the steps of the vector code.
+    /// Image of a point, each coordinate a chain of fused products and sums: the steps of the CPU's vector code.
     #[inline(always)]
-    pub(super) fn fused_point(&self, [x, y, z]: Vec3) -> Vec3 {
+    pub(super) fn point(&self, [x, y, z]: Vec3) -> Vec3 {
         core::array::from_fn(|i| {
             let [a, b, c] = self.linear[i];
             x.mul_add(a, y.mul_add(b, z.mul_add(c, self.offset[i])))

@@ -4,7 +4,7 @@
 use ipc_types::{EXTERNAL_SIDE, HAND_SIDE};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use super::affine::{Affine, scaled};
+use super::affine::{Affine, Vec3, scaled};
 use super::trig::sin_cos;
 use crate::scene::{self, CameraMount, CameraSlot, Link, Snapshot};
 
@@ -47,6 +47,19 @@ impl Camera {
                 }
             },
         }
+    }
+
+    /// Whether something within a ball of a mesh's frame may be on the image.
+    pub(super) fn may_see(&self, view_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool {
+        let [x, y, z] = view_from_mesh.point(centre);
+        let radius = radius * view_from_mesh.stretch();
+        let slope = self.side as f32 / 2.0 / self.focal_px;
+        let slack = radius * (1.0 + slope * slope).sqrt();
+        let [near_m, far_m] = self.clip_m;
+        z + radius >= near_m
+            && z - radius <= far_m
+            && x.abs() - slope * z <= slack
+            && y.abs() - slope * z <= slack
     }
 
     /// Whether it stands still within an episode.

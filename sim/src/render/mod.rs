@@ -17,6 +17,7 @@ mod noise;
 mod posed;
 mod robot;
 mod room;
+mod rules;
 mod scene;
 pub mod sheet;
 mod srgb;
@@ -78,6 +79,11 @@ pub trait Renderer: Send {
 }
 
 impl View<'_> {
+    /// Whether it shows the same world at the same moment as another one.
+    fn is_of_env(&self, other: &View<'_>) -> bool {
+        core::ptr::eq(self.scene, other.scene) && core::ptr::eq(self.snapshot, other.snapshot)
+    }
+
     /// Asserts that its parts belong together.
     fn check(&self) {
         let side = self.scene.side(self.camera_idx);

@@ -4,7 +4,7 @@ use super::affine::Affine;
 use super::scene::RenderScene;
 use crate::scene::Snapshot;
 
-/// Fills `maps` with one map per instance, from its mesh to the view frame.
+/// Fills `maps` with one map per instance, from its mesh to a view's or a light's frame.
 pub(super) fn pose(
     scene: &RenderScene,
     snapshot: &Snapshot,

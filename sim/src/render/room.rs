@@ -41,7 +41,7 @@ pub(super) const fn table_top_z(kind: TableKind) -> f32 {
     }
 }
 
-/// Adds table, walls and, last, the floor.
+/// Adds table, walls and floor.
 pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
     let top = scene.table.paint.into();
     match scene.table.kind {

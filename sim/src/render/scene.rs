@@ -92,12 +92,10 @@ pub(super) const N_SUNS: usize = 2;
 
 /// Everything about a [`Scene`] that does not move within its episode.
 pub struct RenderScene {
-    /// First those that never move within an episode, of these the room first and of it the floor last.
+    /// First those that never move within an episode, of these the room first.
     pub(super) instances: Vec<Instance>,
     /// How many never move.
     pub(super) n_still: usize,
-    /// Which is the floor.
-    pub(super) floor: usize,
     /// Id of each instance's first triangle: a multiple of 16, for triangles come in clusters of so many.
     pub(super) first_id: Vec<u32>,
     n_ids: usize,
@@ -123,7 +121,6 @@ impl RenderScene {
         let (mut instances, mut n_still) = (Vec::new(), 0);
         let mut own_meshes = OwnMeshes::default();
         room::push(scene, &mut instances);
-        let floor = instances.len() - 1;
         for motion in [Motion::Fixed, Motion::Dynamic] {
             for (body_idx, body) in scene.bodies.iter().enumerate().filter(|(_, body)| body.motion == motion)
             {
@@ -151,7 +148,6 @@ impl RenderScene {
             shadow_centre: shadow_centre(scene),
             layers: scene.cameras.iter().map(|_| Mutex::default()).collect(),
             n_still,
-            floor,
             n_triangles: instances.iter().map(|instance| instance.mesh().triangles.len()).sum(),
             n_bodies: scene.bodies.len(),
             n_arms: scene.robots.len(),

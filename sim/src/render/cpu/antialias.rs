@@ -3,19 +3,19 @@
 
 use super::each::each;
 use super::isa::Kernel;
-use super::kind::{Block, Square};
+use super::kind::{Block, Oversampled, Square};
 use super::raster::{NOTHING, Visibility};
 use super::rays::Gaze;
-use super::shade::{STRIP, Shader, Sink, Strip, packed};
+use super::shade::{STRIP, Shader, Sink, Strip};
 use super::simd::{Floats, Line, N_LANES, Simd, Whole, WholeLine};
 use super::surface::is_uniform;
 
 /// Samples along each edge of a pixel.
-pub(super) const PER_EDGE: usize = 2;
+const PER_EDGE: usize = Oversampled::SAMPLES_PER_EDGE;
 /// Samples of a pixel.
 const PER_PIXEL: usize = PER_EDGE * PER_EDGE;
 
-/// Shades a picture from samples laid out in [`super::kind::Samples`].
+/// Shades a picture from samples in [`Oversampled`] blocks.
 pub(super) struct ShadeSamples<'a, K> {
     pub(super) shader: Shader<'a>,
     pub(super) visibility: &'a Visibility,
@@ -73,7 +73,7 @@ impl<K: Sink> Kernel for ShadeSamples<'_, K> {
                         self.mix::<S>(&shown[i], i, &mut strip);
                     }
                     let nothing = S::I::load(&ids[i]).eq(S::I::all(NOTHING));
-                    self.sink.put::<S>(first + i, row, packed::<S>(&strip.rgb[i]), nothing);
+                    self.sink.put::<S>(first + i, row, strip.packed::<S>(i), nothing);
                 }
             }
         }
@@ -138,7 +138,7 @@ impl<K: Sink> ShadeSamples<'_, K> {
                 }
             }
         }
-        strip.rgb[i] = light;
+        strip.replace(i, light);
     }
 }
 

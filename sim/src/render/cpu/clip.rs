@@ -20,7 +20,7 @@ struct Polygon {
 #[inline(always)]
 pub(super) fn draw<S: Simd, B: Block>(
     triangle: [Vec3; 3],
-    lens: &Pinhole,
+    lens: &Pinhole<'_>,
     id: i32,
     visibility: &mut Visibility,
 ) {
@@ -32,7 +32,7 @@ pub(super) fn draw<S: Simd, B: Block>(
 }
 
 #[inline(never)]
-fn cut_to_fit(triangle: [Vec3; 3], lens: &Pinhole) -> Polygon {
+fn cut_to_fit(triangle: [Vec3; 3], lens: &Pinhole<'_>) -> Polygon {
     let mut polygon = Polygon { corners: [[0.0; 3]; MAX_CORNERS], n: 3 };
     polygon.corners[..3].copy_from_slice(&triangle);
     let guard = lens.guard_slope;

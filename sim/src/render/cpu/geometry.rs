@@ -30,7 +30,7 @@ impl<B: Block, L: Lens> Kernel for Draw<'_, B, L> {
     fn run<S: Simd>(mut self) {
         for ((instance, map), first_id) in self.instances.iter().zip(self.maps).zip(self.first_ids) {
             let mesh = instance.mesh();
-            if self.lens.turn_to(map, mesh.centre, mesh.radius) {
+            if self.lens.draws(instance) && self.lens.turn_to(map, mesh.centre, mesh.radius) {
                 draw::<S, B, L>(&mesh.batches, map, &self.lens, *first_id as i32, self.visibility);
             }
         }
@@ -90,7 +90,7 @@ impl<S: Simd> Map<S> {
         }
     }
 
-    /// Images of sixteen points: the same as [`Affine::fused_point`] gives.
+    /// Images of sixteen points: the same as [`Affine::point`] gives.
     #[inline(always)]
     pub(super) fn points(&self, points: &Lines3) -> Vectors<S> {
         let [x, y, z] = each!(k in 3 => S::F::load(&points[k]));
@@ -130,7 +130,7 @@ fn draw_batch<S: Simd, B: Block, L: Lens>(
     let clipped = (S::M::from_bits(batch.present) & unfit).and_not(hidden).to_bits();
     for lane in Lanes(clipped) {
         let corner = |k: usize| -> Vec3 { core::array::from_fn(|axis| batch.positions[k][axis].0[lane]) };
-        let triangle = [0, 1, 2].map(|k| view_from_mesh.fused_point(corner(k)));
+        let triangle = [0, 1, 2].map(|k| view_from_mesh.point(corner(k)));
         lens.clip::<S, B>(triangle, first_id + lane as i32, visibility);
     }
 }

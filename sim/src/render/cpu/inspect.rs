@@ -1,8 +1,8 @@
 //! The tools' view: how far away every pixel's surface is, and whose surface it is. Policies never see either.
 
-use super::CpuRenderer;
 use super::kind::{Block, Square};
 use super::raster::{NOTHING, Visibility};
+use super::{CpuRenderer, Shot};
 use crate::render::posed;
 use crate::render::scene::{Anchor, Fixture, RenderScene};
 use crate::scene::Snapshot;
@@ -46,7 +46,7 @@ impl CpuRenderer {
             let view_from_world = camera.view_from_world(snapshot);
             posed::pose(scene, snapshot, &view_from_world, &mut scratch.maps);
             scratch.visibility.clear::<Square>(camera.side, 1.0 / camera.clip_m[1]);
-            scratch.draw(self.isa, scene, camera, 0..scene.instances.len());
+            scratch.draw::<Square>(Shot { isa: self.isa, scene, camera }, 0..scene.instances.len());
             read(&scratch.visibility, scene)
         })
     }

@@ -8,6 +8,8 @@ pub(super) trait Block {
     const BITS: [u32; 2];
     /// Column and row of each lane's pixel.
     const PLACES: [[i32; 2]; N_LANES];
+    /// Pixels of the rasteriser's grid along each edge of an image's pixel.
+    const SAMPLES_PER_EDGE: usize = 1;
     /// Whether it matters which triangle a pixel shows.
     const WITH_IDS: bool;
 
@@ -35,7 +37,7 @@ pub(super) trait Block {
 pub(super) struct Square;
 
 /// 2 × 2 pixels of 2 × 2 samples each: lane 4 s + p is sample s of pixel p.
-pub(super) struct Samples;
+pub(super) struct Oversampled;
 
 /// 16 pixels of a row, so that the whole is row-major.
 pub(super) struct Row;
@@ -46,9 +48,10 @@ impl Block for Square {
     const WITH_IDS: bool = true;
 }
 
-impl Block for Samples {
+impl Block for Oversampled {
     const BITS: [u32; 2] = [2, 2];
     const PLACES: [[i32; 2]; N_LANES] = sample_places();
+    const SAMPLES_PER_EDGE: usize = 2;
     const WITH_IDS: bool = true;
 }
 

@@ -17,6 +17,6 @@ pub(in crate::render) struct Layer {
 impl Layer {
     /// Whether it was drawn for these maps.
     pub(super) fn shows(&self, maps: &[Affine]) -> bool {
-        !self.pixels.is_empty() && self.maps == maps
+        self.maps == maps
     }
 }

@@ -7,6 +7,7 @@ use super::{clip, kind::Block};
 use crate::render::affine::{Affine, Vec3};
 use crate::render::camera::Camera;
 use crate::render::mesh::Bounds;
+use crate::render::scene::Instance;
 
 /// A point or direction per lane.
 pub(super) type Vectors<S> = [<S as Simd>::F; 3];
@@ -23,6 +24,9 @@ pub(super) struct Projected<S: Simd> {
 
 /// A way to project.
 pub(super) trait Lens {
+    /// Whether an instance is drawn at all.
+    fn draws(&self, instance: &Instance) -> bool;
+
     /// Turns to the mesh that is drawn next; `false` if nothing of a mesh within this ball of its frame can be seen.
     fn turn_to(&mut self, view_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool;
 
@@ -48,7 +52,8 @@ pub(super) struct Unfit<S: Simd> {
 }
 
 /// A camera.
-pub(super) struct Pinhole {
+pub(super) struct Pinhole<'a> {
+    camera: &'a Camera,
     focal_px: f32,
     /// Half the image's side, in px.
     half_px: f32,
@@ -67,14 +72,15 @@ pub(super) struct Pinhole {
 /// Pixels beyond the image's edges to which triangles are drawn unclipped.
 const GUARD_PX: f32 = 448.0;
 
-impl Pinhole {
+impl<'a> Pinhole<'a> {
     /// Of a camera whose image has `scale` times as many pixels along each edge.
-    pub(super) fn new(camera: &Camera, scale: usize) -> Self {
+    pub(super) fn new(camera: &'a Camera, scale: usize) -> Self {
         let half_px = (camera.side * scale) as f32 / 2.0;
         let focal_px = camera.focal_px * scale as f32;
         let [near_m, far_m] = camera.clip_m;
         let slope = half_px / focal_px;
         Self {
+            camera,
             focal_px,
             half_px,
             near_m,
@@ -97,16 +103,14 @@ impl Pinhole {
     }
 }
 
-impl Lens for Pinhole {
+impl Lens for Pinhole<'_> {
+    fn draws(&self, _instance: &Instance) -> bool {
+        true
+    }
+
     fn turn_to(&mut self, view_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool {
         self.eye_in_mesh = view_from_mesh.origin_before();
-        let [x, y, z] = view_from_mesh.point(centre);
-        let radius = radius * view_from_mesh.stretch();
-        let slack = radius * self.slant;
-        z + radius >= self.near_m
-            && z - radius <= self.far_m
-            && x.abs() - self.slope * z <= slack
-            && y.abs() - self.slope * z <= slack
+        self.camera.may_see(view_from_mesh, centre, radius)
     }
 
     #[inline(always)]

@@ -6,12 +6,9 @@ use super::each::each;
 use super::rays::Gaze;
 use super::simd::{Floats, Mask, Number, Per, Simd};
 use crate::render::affine::{Affine, Vec3, scaled};
+use crate::render::rules::{GLOSS, GROUND};
 use crate::render::scene::{N_SUNS, RenderScene};
 
-/// Brightness of the highlight of a white sun on a surface of specular strength 1.
-const GLOSS: f32 = 0.4;
-/// What share of the ambient light comes from below, relative to that from above.
-const GROUND: f32 = 0.55;
 /// The lights of a scene in the view frame.
 pub(super) struct Lamps {
     up: Vec3,

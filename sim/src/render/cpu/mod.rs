@@ -35,17 +35,17 @@ use super::camera::Camera;
 use super::posed;
 use super::scene::RenderScene;
 use super::{RenderError, Renderer, Samples, View};
-use antialias::{PER_EDGE, ShadeSamples};
+use antialias::ShadeSamples;
 use geometry::Draw;
 pub use inspect::{Inspection, Segment};
 use isa::Isa;
-use kind::Square;
+use kind::{Block, Oversampled, Square};
 pub(super) use layer::Layer;
 use lens::Pinhole;
 use light::Lamps;
 use raster::Visibility;
 use rays::{Aim, Rays};
-use shade::{Shade, Shader, Sink};
+use shade::{Shade, Shader};
 use shadow::{Shadow, ShadowMap};
 use sink::{Kept, Over, Picture};
 use surface::{Collect, Surfaces};
@@ -56,7 +56,9 @@ pub struct CpuRenderer {
     scratches: Vec<Mutex<Scratch>>,
     /// One per env of a batch whose light casts shadows.
     shadow_maps: Vec<ShadowMap>,
-    /// Per view of a batch which of them is its own.
+    /// Per shadow map of a batch the first view of its env.
+    first_views: Vec<usize>,
+    /// Per view of a batch which map is its own.
     map_of_view: Vec<Option<usize>>,
     isa: Isa,
     options: CpuOptions,
@@ -123,6 +125,7 @@ impl CpuRenderer {
         Self {
             scratches: (0..threads).map(|_| scratch()).collect(),
             shadow_maps: Vec::new(),
+            first_views: Vec::new(),
             map_of_view: Vec::new(),
             isa,
             options,
@@ -143,25 +146,23 @@ impl CpuRenderer {
         });
     }
 
-    /// Draws one shadow map per env that needs one.
+    /// Draws one shadow map per env that needs one: the views of an env follow each other.
     fn draw_shadows(&mut self, views: &[View<'_>]) {
         self.map_of_view.clear();
-        let mut n_maps = 0;
+        self.first_views.clear();
         for (i, view) in views.iter().enumerate() {
-            let same = i > 0 && core::ptr::eq(view.snapshot, views[i - 1].snapshot);
             let shadows = view.scene.shadow_centre.is_some();
-            n_maps += usize::from(shadows && !same);
-            self.map_of_view.push(shadows.then(|| n_maps - 1));
+            if shadows && !(i > 0 && view.is_of_env(&views[i - 1])) {
+                self.first_views.push(i);
+            }
+            self.map_of_view.push(shadows.then(|| self.first_views.len() - 1));
         }
-        while self.shadow_maps.len() < n_maps {
+        while self.shadow_maps.len() < self.first_views.len() {
             self.shadow_maps.push(ShadowMap::new());
         }
-        let (isa, map_of_view) = (self.isa, &self.map_of_view);
-        self.shadow_maps[..n_maps].par_iter_mut().enumerate().for_each(|(i, map)| {
-            let first = map_of_view.iter().position(|of| *of == Some(i));
-            let view = &views[first.expect("every map has a view")];
-            let centre = view.scene.shadow_centre.expect("only scenes with shadows have maps");
-            map.draw(isa, view.scene, centre, view.snapshot);
+        let isa = self.isa;
+        self.shadow_maps.par_iter_mut().zip(&self.first_views).for_each(|(map, first)| {
+            map.draw(isa, views[*first].scene, views[*first].snapshot);
         });
     }
 
@@ -192,6 +193,14 @@ impl Renderer for CpuRenderer {
     }
 }
 
+/// What is seen, by which camera, and the instruction set to draw it with.
+#[derive(Clone, Copy)]
+struct Shot<'a> {
+    isa: Isa,
+    scene: &'a RenderScene,
+    camera: &'a Camera,
+}
+
 impl Scratch {
     /// Makes one picture.
     fn render(&mut self, isa: Isa, options: CpuOptions, view: &mut View<'_>, map: Option<&ShadowMap>) {
@@ -199,92 +208,76 @@ impl Scratch {
         let view_from_world = camera.view_from_world(view.snapshot);
         posed::pose(scene, view.snapshot, &view_from_world, &mut self.maps);
         self.aim(isa, camera);
-        let lamps = Lamps::new(scene, &view_from_world);
-        let picture = Picture { out: view.out, side: camera.side };
-        if options.samples == Samples::Four {
-            let shadow = map.map(|map| map.seen_from(&view_from_world));
-            return self.antialiased(isa, scene, camera, &lamps, shadow, picture);
+        let (shot, lamps) = (Shot { isa, scene, camera }, Lamps::new(scene, &view_from_world));
+        let shadow = map.map(|map| map.seen_from(&view_from_world));
+        let (everything, empty) = (0..scene.instances.len(), 1.0 / camera.clip_m[1]);
+        let sink = Picture { out: view.out, side: camera.side };
+        match options.samples {
+            Samples::Four => {
+                self.visibility.clear::<Oversampled>(camera.side * Oversampled::SAMPLES_PER_EDGE, empty);
+                self.draw::<Oversampled>(shot, everything);
+                let (shader, visibility) = self.prepare::<Oversampled>(shot, &lamps, shadow);
+                isa.run(ShadeSamples { shader, visibility, sink });
+            }
+            // A shadow may fall from what moves on what does not, and change its light.
+            Samples::One if options.keep_layers && camera.stands() && shadow.is_none() => {
+                let layer = &scene.layers[view.camera_idx];
+                let mut layer = layer.lock().unwrap_or_else(PoisonError::into_inner);
+                self.update(shot, &lamps, &mut layer);
+                self.visibility.start_over::<Square>(camera.side, &layer.depths);
+                self.draw::<Square>(shot, scene.n_still..scene.instances.len());
+                let (shader, visibility) = self.prepare::<Square>(shot, &lamps, None);
+                isa.run(Shade { shader, visibility, sink: Over { layer: &layer.pixels, picture: sink } });
+            }
+            Samples::One => {
+                self.visibility.clear::<Square>(camera.side, empty);
+                self.draw::<Square>(shot, everything);
+                let (shader, visibility) = self.prepare::<Square>(shot, &lamps, shadow);
+                isa.run(Shade { shader, visibility, sink });
+            }
         }
-        // A shadow may fall from what moves on what does not, and change its light.
-        if options.keep_layers && camera.stands() && map.is_none() {
-            let mut layer = scene.layers[view.camera_idx].lock().unwrap_or_else(PoisonError::into_inner);
-            self.update(isa, scene, camera, &lamps, &mut layer);
-            self.visibility.clear::<Square>(camera.side, 0.0);
-            self.visibility.depths.copy_from_slice(&layer.depths);
-            self.draw(isa, scene, camera, scene.n_still..scene.instances.len());
-            self.shade(isa, scene, camera, &lamps, None, Over { layer: &layer.pixels, picture });
-        } else {
-            self.visibility.clear::<Square>(camera.side, 1.0 / camera.clip_m[1]);
-            self.draw(isa, scene, camera, 0..scene.instances.len());
-            let shadow = map.map(|map| map.seen_from(&view_from_world));
-            self.shade(isa, scene, camera, &lamps, shadow, picture);
-        }
-    }
-
-    /// Makes one picture with four samples per pixel.
-    fn antialiased(
-        &mut self,
-        isa: Isa,
-        scene: &RenderScene,
-        camera: &Camera,
-        lamps: &Lamps,
-        shadow: Option<Shadow<'_>>,
-        sink: Picture<'_>,
-    ) {
-        self.visibility.clear::<kind::Samples>(camera.side * PER_EDGE, 1.0 / camera.clip_m[1]);
-        isa.run(Draw {
-            instances: &scene.instances,
-            maps: &self.maps,
-            first_ids: &scene.first_id,
-            lens: Pinhole::new(camera, PER_EDGE),
-            visibility: &mut self.visibility,
-            blocks: PhantomData::<kind::Samples>,
-        });
-        let (maps, visibility, surfaces) = (&self.maps, &self.visibility, &mut self.surfaces);
-        isa.run(Collect { scene, camera, maps, visibility, scale: PER_EDGE, surfaces });
-        let shader = Shader { lamps, rays: &self.rays[0], surfaces: &self.surfaces, shadow };
-        isa.run(ShadeSamples { shader, visibility, sink });
     }
 
     /// Makes a layer show what stays.
-    fn update(&mut self, isa: Isa, scene: &RenderScene, camera: &Camera, lamps: &Lamps, layer: &mut Layer) {
+    fn update(&mut self, shot: Shot<'_>, lamps: &Lamps, layer: &mut Layer) {
+        let Shot { isa, scene, camera } = shot;
         if layer.shows(&self.maps[..scene.n_still]) {
             return;
         }
+        // Until it is finished it shows nothing.
+        layer.maps.clear();
         self.visibility.clear::<Square>(camera.side, 1.0 / camera.clip_m[1]);
-        self.draw(isa, scene, camera, 0..scene.n_still);
-        layer.maps = self.maps[..scene.n_still].to_vec();
+        self.draw::<Square>(shot, 0..scene.n_still);
         layer.depths.clone_from(&self.visibility.depths);
         layer.pixels.clear();
-        self.shade(isa, scene, camera, lamps, None, Kept(&mut layer.pixels));
+        let (shader, visibility) = self.prepare::<Square>(shot, lamps, None);
+        isa.run(Shade { shader, visibility, sink: Kept(&mut layer.pixels) });
+        layer.maps.extend_from_slice(&self.maps[..scene.n_still]);
     }
 
     /// Finds what every pixel sees of some of the instances.
-    fn draw(&mut self, isa: Isa, scene: &RenderScene, camera: &Camera, which: Range<usize>) {
-        isa.run(Draw {
-            instances: &scene.instances[which.clone()],
+    fn draw<B: Block>(&mut self, shot: Shot<'_>, which: Range<usize>) {
+        shot.isa.run(Draw {
+            instances: &shot.scene.instances[which.clone()],
             maps: &self.maps[which.clone()],
-            first_ids: &scene.first_id[which],
-            lens: Pinhole::new(camera, 1),
+            first_ids: &shot.scene.first_id[which],
+            lens: Pinhole::new(shot.camera, B::SAMPLES_PER_EDGE),
             visibility: &mut self.visibility,
-            blocks: PhantomData::<Square>,
+            blocks: PhantomData::<B>,
         });
     }
 
-    /// Shades what every pixel sees.
-    fn shade<K: Sink>(
-        &mut self,
-        isa: Isa,
-        scene: &RenderScene,
-        camera: &Camera,
-        lamps: &Lamps,
-        shadow: Option<Shadow<'_>>,
-        sink: K,
-    ) {
-        let (maps, visibility) = (&self.maps, &self.visibility);
-        isa.run(Collect { scene, camera, maps, visibility, scale: 1, surfaces: &mut self.surfaces });
-        let shader = Shader { lamps, rays: &self.rays[0], surfaces: &self.surfaces, shadow };
-        isa.run(Shade { shader, visibility, sink });
+    /// Makes ready for shading what is seen.
+    fn prepare<'a, B: Block>(
+        &'a mut self,
+        shot: Shot<'_>,
+        lamps: &'a Lamps,
+        shadow: Option<Shadow<'a>>,
+    ) -> (Shader<'a>, &'a Visibility) {
+        let Self { maps, visibility, surfaces, rays } = self;
+        let Shot { isa, scene, camera } = shot;
+        isa.run(Collect { scene, camera, maps, visibility, scale: B::SAMPLES_PER_EDGE, surfaces });
+        (Shader { lamps, rays: &rays[0], surfaces, shadow }, visibility)
     }
 
     /// Makes the camera's rays the first ones.

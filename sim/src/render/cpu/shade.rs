@@ -49,20 +49,12 @@ impl<K: Sink> Kernel for Shade<'_, K> {
                 strip.go_to(first, row);
                 self.shader.shade::<S>(ids, &self.visibility.depths[blocks], &mut strip);
                 for (i, ids) in ids.iter().enumerate() {
-                    let pixels = packed::<S>(&strip.rgb[i]);
                     let nothing = S::I::load(ids).eq(S::I::all(NOTHING));
-                    self.sink.put::<S>(first + i, row, pixels, nothing);
+                    self.sink.put::<S>(first + i, row, strip.packed::<S>(i), nothing);
                 }
             }
         }
     }
-}
-
-/// Pixels of linear light, red in the lowest byte.
-#[inline(always)]
-pub(super) fn packed<S: Simd>(rgb: &[Line; 3]) -> S::I {
-    let [r, g, b] = each!(c in 3 => encode::<S>(S::F::load(&rgb[c])));
-    r | g.shl::<8>() | b.shl::<16>()
 }
 
 /// Blocks that are shaded step by step side by side: see [`Site`].
@@ -113,6 +105,23 @@ impl Strip {
             levels: (NOTHING, Levels::NONE),
             flat: FlatSurface { id: NOTHING, lit: Lit::DARK, gleams: false },
         }
+    }
+
+    /// A block's pixels, red in the lowest byte.
+    #[inline(always)]
+    pub(super) fn packed<S: Simd>(&self, i: usize) -> S::I {
+        // Nothing but black, as in most blocks over a layer.
+        if let Kind::Nothing = self.kinds[i] {
+            return S::I::all(0);
+        }
+        let [r, g, b] = each!(c in 3 => encode::<S>(S::F::load(&self.rgb[i][c])));
+        r | g.shl::<8>() | b.shl::<16>()
+    }
+
+    /// Puts other light in the place of a block's.
+    pub(super) fn replace(&mut self, i: usize, rgb: [Line; 3]) {
+        self.kinds[i] = Kind::Several;
+        self.rgb[i] = rgb;
     }
 
     /// Goes to another place.

@@ -10,18 +10,16 @@ use super::lens::{Lens, Projected, Unfit, Vectors};
 use super::raster::Visibility;
 use super::rays::Gaze;
 use super::simd::{Floats, Mask, Number, Per, Simd, Whole, WholeLine};
-use crate::render::affine::{Affine, Vec3, cross, dot, normalised, scaled};
+use crate::render::affine::{Affine, Vec3, normalised, scaled};
 use crate::render::mesh::Bounds;
-use crate::render::scene::RenderScene;
+use crate::render::posed;
+use crate::render::rules::{MAP_M, MAP_SIDE, OFF_SURFACE_M, light_from_world};
+use crate::render::scene::{Instance, RenderScene};
 use crate::scene::Snapshot;
 
 /// Texels along each edge of a map.
-const SIDE: usize = 512;
-/// Width of a map, in m.
-const WIDTH_M: f32 = 2.8;
-const TEXELS_PER_M: f32 = SIDE as f32 / WIDTH_M;
-/// How far a point is moved along its normal before it is looked up, in m: a texel and a half.
-const OFFSET_M: f32 = 0.008;
+const SIDE: usize = MAP_SIDE as usize;
+const TEXELS_PER_M: f32 = SIDE as f32 / MAP_M;
 /// Nothing is as low as this, in m.
 const DEPTHS_OF_SPACE: f32 = -1e9;
 
@@ -41,24 +39,20 @@ impl ShadowMap {
         Self { heights, light_from_world: Affine::IDENTITY, maps: Vec::with_capacity(256) }
     }
 
-    /// Draws everything but the floor, with a point of the world in the map's middle.
-    pub(super) fn draw(&mut self, isa: Isa, scene: &RenderScene, centre: Vec3, snapshot: &Snapshot) {
-        self.light_from_world = light_from_world(scene.suns[0].towards, centre);
-        self.maps.clear();
-        let casters = scene.instances.iter();
-        self.maps
-            .extend(casters.map(|instance| self.light_from_world.after(&instance.world_from_mesh(snapshot))));
+    /// Draws everything that casts a shadow in a scene that has shadows.
+    pub(super) fn draw(&mut self, isa: Isa, scene: &RenderScene, snapshot: &Snapshot) {
+        let Some(centre) = scene.shadow_centre else { return };
+        self.light_from_world = mirrored(light_from_world(scene.suns[0].towards, centre));
+        posed::pose(scene, snapshot, &self.light_from_world, &mut self.maps);
         self.heights.clear::<Row>(SIDE, DEPTHS_OF_SPACE);
-        for casters in [0..scene.floor, scene.floor + 1..scene.instances.len()] {
-            isa.run(Draw {
-                instances: &scene.instances[casters.clone()],
-                maps: &self.maps[casters.clone()],
-                first_ids: &scene.first_id[casters],
-                lens: Parallel { light_in_mesh: [0.0; 3] },
-                visibility: &mut self.heights,
-                blocks: PhantomData::<Row>,
-            });
-        }
+        isa.run(Draw {
+            instances: &scene.instances,
+            maps: &self.maps,
+            first_ids: &scene.first_id,
+            lens: Parallel { light_in_mesh: [0.0; 3] },
+            visibility: &mut self.heights,
+            blocks: PhantomData::<Row>,
+        });
     }
 
     /// What a camera needs to look points up.
@@ -74,13 +68,10 @@ impl ShadowMap {
     }
 }
 
-/// Rows: two axes across the light whose cross product points to it, and the direction to it. So the map is a mirror
-/// image of what the sun sees, and what looks away from the sun is drawn.
-fn light_from_world(towards: Vec3, centre: Vec3) -> Affine {
-    let aside = cross([0.0, 1.0, 0.0], towards);
-    let a = if dot(aside, aside) > 1e-6 { normalised(aside) } else { [1.0, 0.0, 0.0] };
-    let linear = [a, cross(towards, a), towards];
-    Affine { linear, offset: linear.map(|row| -dot(row, centre)) }
+/// The light's frame upside down: a mirror image of what the sun sees, so that what looks away from it is drawn.
+fn mirrored(light_from_world: Affine) -> Affine {
+    let Affine { linear: [right, down, height], offset: [x, y, z] } = light_from_world;
+    Affine { linear: [right, scaled(down, -1.0), height], offset: [x, -y, z] }
 }
 
 /// A shadow map as a camera looks it up.
@@ -101,7 +92,7 @@ impl Shadow<'_> {
             let [a, b, c] = self.texel_from_view.linear[i];
             let along = dx.mul_add(S::F::all(a), dy.mul_add(S::F::all(b), S::F::all(c)));
             let aside = normal[0].mul_add(N::all(a), normal[1].mul_add(N::all(b), normal[2] * N::all(c)));
-            let offset = aside.mul_add(N::all(OFFSET_M), N::all(self.texel_from_view.offset[i]));
+            let offset = aside.mul_add(N::all(OFF_SURFACE_M), N::all(self.texel_from_view.offset[i]));
             z.mul_add(along, offset.spread())
         });
         let (zero, last) = (S::F::all(0.0), S::F::all((SIDE - 1) as f32));
@@ -137,11 +128,15 @@ struct Parallel {
 const GUARD: f32 = 512.0;
 
 impl Lens for Parallel {
+    fn draws(&self, instance: &Instance) -> bool {
+        instance.casts_shadow()
+    }
+
     fn turn_to(&mut self, light_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool {
         // Facing is kept by cofactors: n' · z' = (C n) · z' = n · (Cᵀ z').
         self.light_in_mesh = normalised(light_from_mesh.normals()[2]);
         let [x, y, _] = light_from_mesh.point(centre);
-        let reach = WIDTH_M / 2.0 + radius * light_from_mesh.stretch();
+        let reach = MAP_M / 2.0 + radius * light_from_mesh.stretch();
         x.abs() <= reach && y.abs() <= reach
     }
 
@@ -161,7 +156,7 @@ impl Lens for Parallel {
 
     #[inline(always)]
     fn misses<S: Simd>(&self, bounds: &Bounds, [x, y, _]: &Vectors<S>, radius: S::F) -> u16 {
-        let reach = radius + S::F::all(WIDTH_M / 2.0);
+        let reach = radius + S::F::all(MAP_M / 2.0);
         let opposite = S::F::all(0.0) - reach;
         let outside = x.gt(reach) | opposite.gt(*x) | y.gt(reach) | opposite.gt(*y);
         // A cluster all of whose normals are within 90° of the light's direction has no back face.

@@ -5,10 +5,11 @@ use super::drawing::Drawing;
 use super::records::{
     InstanceRecord, MAX_INSTANCES, NONE, SunRecord, TRIANGLE_BITS, ViewRecord, padded, rows,
 };
-use super::shadow::{MAP_SIDE, map_from_world};
+use super::shadow::map_from_world;
 use crate::render::View;
 use crate::render::affine::Affine;
 use crate::render::camera::Camera;
+use crate::render::rules::MAP_SIDE;
 use crate::render::scene::Instance;
 use crate::render::texture::pattern;
 
@@ -59,7 +60,7 @@ impl Batch {
         // The images of one env follow each other and share a map.
         let mut map = NONE;
         for (i, view) in views.iter().enumerate() {
-            let shares = i > 0 && same_env(view, &views[i - 1]);
+            let shares = i > 0 && view.is_of_env(&views[i - 1]);
             if !shares {
                 map = self.add_map(view, assets);
             }
@@ -82,7 +83,8 @@ impl Batch {
         self.max_side = self.max_side.max(record.side);
         for instance in &view.scene.instances {
             let view_from_mesh = view_from_world.after(&instance.world_from_mesh(view.snapshot));
-            if !misses(camera, instance, &view_from_mesh) {
+            let mesh = instance.mesh();
+            if camera.may_see(&view_from_mesh, mesh.centre, mesh.radius) {
                 let first = record.first_instance;
                 let posed = posed(instance, &view_from_mesh, view_idx, first, self.instances.len(), assets);
                 self.images.add(assets.mesh(instance), self.instances.len() as u32);
@@ -117,11 +119,6 @@ impl Batch {
         self.maps.end_view();
         view_idx
     }
-}
-
-/// Whether two views show the same world at the same time.
-fn same_env(a: &View<'_>, b: &View<'_>) -> bool {
-    core::ptr::eq(a.scene, b.scene) && core::ptr::eq(a.snapshot, b.snapshot)
 }
 
 fn image_record(view: &View<'_>, camera: &Camera, view_from_world: &Affine) -> ViewRecord {
@@ -171,15 +168,4 @@ fn posed(
         n_triangles: mesh.n_triangles,
         first_id: number << TRIANGLE_BITS,
     }
-}
-
-/// Whether the ball around a mesh lies beyond one of the planes that bound what a camera shows.
-fn misses(camera: &Camera, instance: &Instance, view_from_mesh: &Affine) -> bool {
-    let mesh = instance.mesh();
-    let [x, y, z] = view_from_mesh.point(mesh.centre);
-    let radius = mesh.radius * view_from_mesh.stretch();
-    let slope = camera.side as f32 / 2.0 / camera.focal_px;
-    let slack = radius * (1.0 + slope * slope).sqrt();
-    let [near_m, far_m] = camera.clip_m;
-    z + radius < near_m || z - radius > far_m || x.abs() - slope * z > slack || y.abs() - slope * z > slack
 }

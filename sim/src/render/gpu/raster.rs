@@ -7,8 +7,8 @@ use super::drawing::{Draw, Drawing};
 use super::frame::Shared;
 use super::layers::Layers;
 use super::records::NONE;
-use super::shadow::MAP_SIDE;
 use super::store::Store;
+use crate::render::rules::MAP_SIDE;
 
 const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 const ID_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;

@@ -4,6 +4,7 @@ use super::bindings::{self, Slot};
 use super::device::Gpu;
 use super::frame::Shared;
 use super::store::Store;
+use crate::render::rules::{GLOSS, GROUND, OFF_SURFACE_M};
 use crate::render::srgb::{LINEAR_BELOW, LINEAR_CODES, ROOT_CODES};
 
 /// Pixels along each edge of the square that a workgroup makes.
@@ -34,7 +35,7 @@ impl Resolve {
             Seen::Buffers(_) => (include_str!("wgsl/seen_in_buffers.wgsl"), [Slot::Read; 2]),
         };
         let texts = [
-            &srgb_constants(),
+            &constants(),
             include_str!("wgsl/records.wgsl"),
             text,
             include_str!("wgsl/triangle.wgsl"),
@@ -86,11 +87,14 @@ impl Resolve {
     }
 }
 
-/// The curve of `srgb.rs` in WGSL; `{:?}` writes every bit of a number.
-fn srgb_constants() -> String {
+/// Numbers of `rules.rs` and `srgb.rs` in WGSL; `{:?}` writes every bit of one.
+fn constants() -> String {
     let coefficients = ROOT_CODES.map(|c| format!("{c:?}")).join(", ");
     format!(
-        "const LINEAR_BELOW: f32 = {LINEAR_BELOW:?};\n\
+        "const GLOSS: f32 = {GLOSS:?};\n\
+         const GROUND: f32 = {GROUND:?};\n\
+         const OFF_SURFACE_M: f32 = {OFF_SURFACE_M:?};\n\
+         const LINEAR_BELOW: f32 = {LINEAR_BELOW:?};\n\
          const LINEAR_CODES: f32 = {LINEAR_CODES:?};\n\
          const ROOT_CODES = array<f32, 7>({coefficients});\n"
     )

@@ -1,25 +1,22 @@
-//! The light's view of a scene: where shadow maps lie.
+//! The light's view of a scene in the numbers of the device: texels, and heights between 0 and 1.
 
-use crate::render::affine::{Affine, Vec3, cross, dot, normalised, scaled};
+use crate::render::affine::{Affine, Vec3, scaled};
+use crate::render::rules::{MAP_M, MAP_SIDE, light_from_world};
 
-/// Texels along each edge of a map.
-pub(super) const MAP_SIDE: u32 = 512;
-/// Length of that edge in the world, in m.
-const MAP_M: f32 = 2.8;
 /// Heights within this distance of the map's centre are told apart, in m.
 const REACH_M: f32 = 8.0;
 
 /// From the world to a map: texels to the right and down, and the height along the light, which is 0 at the map's lower
 /// end and 1 at its upper one.
 pub(super) fn map_from_world(towards: Vec3, centre: Vec3) -> Affine {
-    let side = cross([0.0, 1.0, 0.0], towards);
-    let right = if dot(side, side) > 1e-6 { normalised(side) } else { [1.0, 0.0, 0.0] };
-    let down = cross(right, towards);
+    let Affine { linear, offset } = light_from_world(towards, centre);
     let per_m = MAP_SIDE as f32 / MAP_M;
-    let rows = [scaled(right, per_m), scaled(down, per_m), scaled(towards, 0.5 / REACH_M)];
-    let middle = [MAP_SIDE as f32 / 2.0, MAP_SIDE as f32 / 2.0, 0.5];
-    let offset = core::array::from_fn(|i| middle[i] - dot(rows[i], centre));
-    Affine { linear: rows, offset }
+    let (scales, middle) =
+        ([per_m, per_m, 0.5 / REACH_M], [MAP_SIDE as f32 / 2.0, MAP_SIDE as f32 / 2.0, 0.5]);
+    Affine {
+        linear: core::array::from_fn(|i| scaled(linear[i], scales[i])),
+        offset: core::array::from_fn(|i| offset[i] * scales[i] + middle[i]),
+    }
 }
 
 #[cfg(test)]

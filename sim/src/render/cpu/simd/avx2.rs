@@ -5,7 +5,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 use crate::render::cpu::each::each;
 
-use super::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine, pair};
+use super::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine, load_pairs};
 
 /// The instruction set.
 #[derive(Clone, Copy)]
@@ -89,7 +89,7 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn pairs(words: &[u32], at: &WholeLine) -> (YmmWhole, YmmWhole) {
-        let p = each!(i in 16 => pair(words, at.0[i]));
+        let p = load_pairs::<Self>(words, at);
         intrinsic!({
             let a = _mm256_castsi256_ps(_mm256_setr_epi64x(p[0], p[1], p[2], p[3]));
             let b = _mm256_castsi256_ps(_mm256_setr_epi64x(p[4], p[5], p[6], p[7]));

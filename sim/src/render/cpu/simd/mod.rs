@@ -18,6 +18,7 @@ pub(super) use avx2::Avx2;
 pub(super) use avx512::Avx512;
 pub(super) use portable::Portable;
 
+use super::each::each;
 pub(super) use crate::render::line::{Line, N_LANES, WholeLine};
 
 /// An instruction set.
@@ -32,8 +33,11 @@ pub(super) trait Simd: Copy {
     /// Rows become columns.
     fn transposed(rows: [Self::F; N_LANES]) -> [Self::F; N_LANES];
 
-    /// The words at each index and right behind it. Indices must be masked or clamped so that these lie within `words`:
-    /// that is checked in builds with debug assertions only.
+    /// The words at each index and right behind it. An index outside of `words` is a mistake, which builds with debug
+    /// assertions tell; others then read some other words.
+    ///
+    /// # Panics
+    /// If there are fewer than two words.
     fn pairs(words: &[u32], at: &WholeLine) -> (Self::I, Self::I);
 
     /// Writes the lowest three bytes of each lane, four lanes to a row: row i begins at `rows[i * pitch]`.
@@ -187,15 +191,17 @@ pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
     fn and_not(self, other: Self) -> Self;
 }
 
-/// A word and the one behind it, the first one in the lower half.
+/// Sixteen pairs of neighbouring words, the first one in the lower half.
+///
+/// # Panics
+/// See [`Simd::pairs`].
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
-fn pair(words: &[u32], at: i32) -> i64 {
-    debug_assert!(
-        usize::try_from(at).is_ok_and(|i| i + 1 < words.len()),
-        "a pair at {at} lies outside of {} words",
-        words.len()
-    );
-    // SAFETY: callers of `Simd::pairs` hold their indices within `words`, as the assertion sees in tests.
-    unsafe { words.as_ptr().add(at as usize).cast::<i64>().read_unaligned() }
+fn load_pairs<S: Simd>(words: &[u32], at: &WholeLine) -> [i64; N_LANES] {
+    let last = words.len().checked_sub(2).expect("two words make a pair") as i32;
+    debug_assert!(at.0.iter().all(|i| (0..=last).contains(i)), "outside of {} words: {at:?}", words.len());
+    let mut held = WholeLine::ZERO;
+    S::I::load(at).max(S::I::all(0)).min(S::I::all(last)).store(&mut held);
+    // SAFETY: every index is held between 0 and the last one that has a word behind it.
+    each!(i in 16 => unsafe { words.as_ptr().add(held.0[i] as usize).cast::<i64>().read_unaligned() })
 }

@@ -2,7 +2,7 @@
 
 // Linear light towards the eye.
 fn lit(view: View, color: vec3f, specular: f32, point: vec3f, normal: vec3f, to_eye: vec3f) -> vec3f {
-    let sky = 0.775 + 0.225 * dot(normal, view.up.xyz);
+    let sky = (1.0 + GROUND) / 2.0 + (1.0 - GROUND) / 2.0 * dot(normal, view.up.xyz);
     var scattered = view.ambient.rgb * sky;
     var mirrored = vec3f(0.0);
     for (var i = 0u; i < 2u; i++) {
@@ -20,11 +20,8 @@ fn lit(view: View, color: vec3f, specular: f32, point: vec3f, normal: vec3f, to_
             mirrored += light * (fourth * fourth);
         }
     }
-    return color * scattered + specular * 0.4 * mirrored;
+    return color * scattered + specular * GLOSS * mirrored;
 }
-
-// Distance in m by which a point is moved off its surface before it is looked up in the map.
-const OFF_SURFACE_M: f32 = 0.008;
 
 // Share of the first sun's light that reaches a point.
 fn shadow(view: View, point: vec3f, normal: vec3f) -> f32 {
