@@ -42,6 +42,12 @@ impl Affine {
         Self { linear, offset: self.point(inner.offset) }
     }
 
+    /// The map of points whose coordinates are given in steps of these lengths.
+    pub(super) fn per(&self, steps: Vec3) -> Self {
+        let linear = self.linear.map(|row| core::array::from_fn(|i| row[i] * steps[i]));
+        Self { linear, offset: self.offset }
+    }
+
     /// Image of a point, each coordinate a chain of fused products and sums: the steps of the CPU's vector code.
     #[inline(always)]
     pub(super) fn point(&self, [x, y, z]: Vec3) -> Vec3 {

@@ -24,3 +24,13 @@ impl WholeLine {
     /// Zero everywhere.
     pub(super) const ZERO: Self = Self([0; N_LANES]);
 }
+
+/// Sixteen short integers.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C, align(32))]
+pub(super) struct ShortLine(pub(super) [i16; N_LANES]);
+
+impl ShortLine {
+    /// Zero everywhere.
+    pub(super) const ZERO: Self = Self([0; N_LANES]);
+}

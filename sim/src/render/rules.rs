@@ -4,6 +4,8 @@ use super::affine::{Affine, Vec3, cross, dot, normalised};
 
 /// Brightness of the highlight of a white sun on a surface of specular strength 1.
 pub(super) const GLOSS: f32 = 0.4;
+/// How fast a highlight fades: it reaches as far as the cosine of the angle to its middle is above 1 − 1/`SHARPNESS`.
+pub(super) const SHARPNESS: f32 = 8.0;
 /// What share of the ambient light comes from below, relative to that from above.
 pub(super) const GROUND: f32 = 0.55;
 /// Texels along each edge of a shadow map.

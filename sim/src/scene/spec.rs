@@ -76,10 +76,10 @@ impl PaintSpec {
         Self { color: ColorSpec::Fixed(color), texture: TextureSpec::None, specular: 0.2 }
     }
 
-    /// A pattern tinted by a colour.
+    /// A matt pattern tinted by a colour.
     #[must_use]
     pub const fn textured(texture: Texture, color: [f64; 3]) -> Self {
-        Self { color: ColorSpec::Fixed(color), texture: TextureSpec::Fixed(texture), specular: 0.1 }
+        Self { color: ColorSpec::Fixed(color), texture: TextureSpec::Fixed(texture), specular: 0.0 }
     }
 }
 

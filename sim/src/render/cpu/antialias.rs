@@ -6,9 +6,9 @@ use super::isa::Kernel;
 use super::kind::{Block, Oversampled, Square};
 use super::raster::{NOTHING, Visibility};
 use super::rays::Gaze;
-use super::shade::{STRIP, Shader, Sink, Strip};
-use super::simd::{Floats, Line, N_LANES, Simd, Whole, WholeLine};
-use super::surface::is_uniform;
+use super::shade::{Mixture, STRIP, Shader, Sink, Strip};
+use super::simd::{Floats, Line, N_LANES, Simd, WholeLine};
+use super::surface::SEVERAL;
 
 /// Samples along each edge of a pixel.
 const PER_EDGE: usize = Oversampled::SAMPLES_PER_EDGE;
@@ -27,15 +27,15 @@ pub(super) struct ShadeSamples<'a, K> {
 struct Shown {
     ids: [WholeLine; PER_PIXEL],
     depths: [Line; PER_PIXEL],
-    /// Whether all samples show the same triangle.
-    is_one: bool,
+    /// The triangle that all samples show, or [`SEVERAL`].
+    all: i32,
 }
 
 impl Shown {
     const NOTHING: Self = Self {
         ids: [WholeLine([NOTHING; N_LANES]); PER_PIXEL],
         depths: [Line::ZERO; PER_PIXEL],
-        is_one: true,
+        all: NOTHING,
     };
 }
 
@@ -59,22 +59,22 @@ impl<K: Sink> Kernel for ShadeSamples<'_, K> {
         let mut strip = Strip::new();
         let mut shown = [Shown::NOTHING; STRIP];
         let (mut ids, mut depths) = ([WholeLine::ZERO; STRIP], [Line::ZERO; STRIP]);
+        let mut alls = [NOTHING; STRIP];
         for row in 0..per_row {
             for first in (0..per_row).step_by(STRIP) {
                 let n = STRIP.min(per_row - first);
                 for i in 0..n {
                     self.gather::<S>(first + i, row, &mut shown[i]);
-                    (ids[i], depths[i]) = (shown[i].ids[0], shown[i].depths[0]);
+                    (ids[i], depths[i], alls[i]) = (shown[i].ids[0], shown[i].depths[0], shown[i].all);
                 }
-                strip.go_to(first, row);
-                self.shader.shade::<S>(&ids[..n], &depths[..n], &mut strip);
-                for i in 0..n {
-                    if !shown[i].is_one {
-                        self.mix::<S>(&shown[i], i, &mut strip);
+                strip.go_to(first, row, n);
+                self.shader.shade::<S>(&alls[..n], &ids[..n], &depths[..n], &mut strip);
+                for (i, shown) in shown[..n].iter().enumerate() {
+                    if shown.all == SEVERAL {
+                        self.mix::<S>(shown, i, &mut strip);
                     }
-                    let nothing = S::I::load(&ids[i]).eq(S::I::all(NOTHING));
-                    self.sink.put::<S>(first + i, row, strip.packed::<S>(i), nothing);
                 }
+                self.sink.take::<S>(&strip, &ids[..n]);
             }
         }
     }
@@ -87,13 +87,8 @@ impl<K: Sink> ShadeSamples<'_, K> {
         let pitch = self.visibility.side as usize >> Square::WIDTH_BITS;
         let upper = row * PER_EDGE * pitch + column * PER_EDGE;
         let blocks = [upper, upper + 1, upper + pitch, upper + pitch + 1];
-        let [a, b, c, d] = each!(k in 4 => &self.visibility.ids[blocks[k]]);
-        let firsts = [a.0[0], b.0[0], c.0[0], d.0[0]];
-        shown.is_one = firsts == [firsts[0]; 4]
-            && is_uniform::<S>(a)
-            && is_uniform::<S>(b)
-            && is_uniform::<S>(c)
-            && is_uniform::<S>(d);
+        let alls = each!(k in 4 => self.shader.surfaces.shown[blocks[k]]);
+        shown.all = if alls == [alls[0]; 4] { alls[0] } else { SEVERAL };
         for pixel in 0..N_LANES {
             let (x, y) = (pixel % 4, pixel / 4);
             let block = blocks[y / 2 * 2 + x / 2];
@@ -110,12 +105,12 @@ impl<K: Sink> ShadeSamples<'_, K> {
     fn mix<S: Simd>(&self, shown: &Shown, i: usize, strip: &mut Strip) {
         let mut fragments = [Fragment { pixel: 0, id: NOTHING, depth: 1.0, weight: 0.0 }; MAX_FRAGMENTS];
         let mut n_fragments = 0;
-        let mut light = strip.rgb[i];
+        let mut light = strip.roots(i);
         for pixel in 0..N_LANES {
             let ids = each!(s in 4 => shown.ids[s].0[pixel]);
             let share = |id: i32| ids.iter().filter(|other| **other == id).count() as f32 / PER_PIXEL as f32;
             for channel in &mut light {
-                channel.0[pixel] = channel.0[pixel].clamp(0.0, 1.0) * share(ids[0]);
+                channel.0[pixel] = channel.0[pixel].min(1.0) * channel.0[pixel].min(1.0) * share(ids[0]);
             }
             for sample in 1..PER_PIXEL {
                 let id = ids[sample];
@@ -129,14 +124,21 @@ impl<K: Sink> ShadeSamples<'_, K> {
         let gaze = self.shader.rays.gaze::<S>(strip.column + i, strip.row);
         for fragments in fragments[..n_fragments].chunks(N_LANES) {
             let (ids, gaze) = scattered(&gaze, fragments);
-            let rgb = self.shader.several::<S>(&ids, &gaze, i, strip);
+            let mut mixture = Mixture::NONE;
+            self.shader.gather::<S>(&ids, &gaze, &mut mixture);
+            self.shader.tint::<S>(&ids, &gaze, i, strip, &mut mixture);
+            let rgb = self.shader.several::<S>(&mixture, &gaze);
             for c in 0..3 {
                 let mut channel = Line::ZERO;
                 rgb[c].store(&mut channel);
                 for (lane, fragment) in fragments.iter().enumerate() {
-                    light[c].0[fragment.pixel] += channel.0[lane].clamp(0.0, 1.0) * fragment.weight;
+                    light[c].0[fragment.pixel] +=
+                        channel.0[lane].min(1.0) * channel.0[lane].min(1.0) * fragment.weight;
                 }
             }
+        }
+        for channel in &mut light {
+            channel.0 = channel.0.map(f32::sqrt);
         }
         strip.replace(i, light);
     }

@@ -1,13 +1,12 @@
-//! From linear light to 8-bit sRGB.
+//! From light to 8-bit sRGB.
 
 use super::simd::{Floats, Number, Simd};
 use crate::render::srgb::{LINEAR_BELOW, LINEAR_CODES, ROOT_CODES};
 
-/// Codes 0 to 255; values outside of [0, 1] are clamped, NaN is black.
+/// Codes 0 to 255 of the square roots of linear light, none of which is negative; what is greater than 1 is white.
 #[inline(always)]
-pub(super) fn encode<S: Simd>(linear: S::F) -> S::I {
-    let x = linear.max(S::F::all(0.0)).min(S::F::all(1.0));
-    let root = x.sqrt();
+pub(super) fn encode<S: Simd>(root: S::F) -> S::I {
+    let root = root.min(S::F::all(1.0));
     // Pairs of powers first: fewer steps wait for one another than in Horner's scheme.
     let [six, five, four, three, two, one, zero] = ROOT_CODES;
     let square = root * root;
@@ -16,7 +15,7 @@ pub(super) fn encode<S: Simd>(linear: S::F) -> S::I {
     let low = root.mul_add(S::F::all(one), S::F::all(zero));
     let curve = square.mul_add(S::F::all(six), high);
     let curve = square.mul_add(square.mul_add(curve, middle), low);
-    let straight = x * S::F::all(LINEAR_CODES);
-    let code = straight.or_where(S::F::all(LINEAR_BELOW).gt(x), curve);
+    let straight = square * S::F::all(LINEAR_CODES);
+    let code = straight.or_where(S::F::all(LINEAR_BELOW).gt(square), curve);
     (code + S::F::all(0.5)).truncated()
 }

@@ -8,9 +8,9 @@ use super::isa::Kernel;
 use super::kind::Block;
 use super::lens::{Lens, Projected, Vectors};
 use super::raster::{Corner, Small, Visibility};
-use super::simd::{Floats, Line, Mask, Number, Simd, Whole, WholeLine};
+use super::simd::{Floats, Lanes, Line, Mask, Number, ShortLine, Simd, Whole, WholeLine};
 use crate::render::affine::{Affine, Vec3};
-use crate::render::mesh::{Batch, Batches, Lines3};
+use crate::render::mesh::{Batches, Corners, Lines3};
 use crate::render::scene::Instance;
 
 /// Draws instances, in order.
@@ -28,10 +28,18 @@ pub(super) struct Draw<'a, B, L> {
 impl<B: Block, L: Lens> Kernel for Draw<'_, B, L> {
     #[inline(always)]
     fn run<S: Simd>(mut self) {
+        let mut small = Small::new();
         for ((instance, map), first_id) in self.instances.iter().zip(self.maps).zip(self.first_ids) {
             let mesh = instance.mesh();
             if self.lens.draws(instance) && self.lens.turn_to(map, mesh.centre, mesh.radius) {
-                draw::<S, B, L>(&mesh.batches, map, &self.lens, *first_id as i32, self.visibility);
+                draw::<S, B, L>(
+                    &mesh.batches,
+                    map,
+                    &self.lens,
+                    *first_id as i32,
+                    &mut small,
+                    self.visibility,
+                );
             }
         }
     }
@@ -44,34 +52,28 @@ fn draw<S: Simd, B: Block, L: Lens>(
     view_from_mesh: &Affine,
     lens: &L,
     first_id: i32,
+    small: &mut Small,
     visibility: &mut Visibility,
 ) {
     let stretch = S::F::all(view_from_mesh.stretch());
     let map = Map::<S>::new(view_from_mesh);
-    let mut small = Small::new();
+    let view_from_steps = Map::<S>::new(&view_from_mesh.per(mesh.steps));
     for (sixteen, bounds) in mesh.bounds.iter().enumerate() {
         let centre = map.points(&bounds.centre);
         let missed = lens.misses::<S>(bounds, &centre, S::F::load(&bounds.radius) * stretch);
         for lane in Lanes(bounds.present & !missed) {
             let batch_idx = sixteen * 16 + lane;
-            let batch = &mesh.batches[batch_idx];
+            let corners = &mesh.corners[batch_idx];
             let first_id = first_id + (batch_idx * 16) as i32;
-            draw_batch::<S, B, L>(batch, &map, view_from_mesh, lens, first_id, &mut small, visibility);
+            let clipped = draw_batch::<S, B, L>(corners, &view_from_steps, lens, first_id, small, visibility);
+            for lane in Lanes(clipped) {
+                let corner = |k: usize| -> Vec3 {
+                    core::array::from_fn(|axis| f32::from(corners[k][axis].0[lane]) * mesh.steps[axis])
+                };
+                let triangle = [0, 1, 2].map(|k| view_from_mesh.point(corner(k)));
+                lens.clip::<S, B>(triangle, first_id + lane as i32, visibility);
+            }
         }
-    }
-}
-
-/// The lanes whose bits are set, from the lowest up.
-struct Lanes(u16);
-
-impl Iterator for Lanes {
-    type Item = usize;
-
-    #[inline(always)]
-    fn next(&mut self) -> Option<usize> {
-        let lane = self.0.trailing_zeros() as usize;
-        self.0 &= self.0.wrapping_sub(1);
-        (lane < 16).then_some(lane)
     }
 }
 
@@ -93,7 +95,17 @@ impl<S: Simd> Map<S> {
     /// Images of sixteen points: the same as [`Affine::point`] gives.
     #[inline(always)]
     pub(super) fn points(&self, points: &Lines3) -> Vectors<S> {
-        let [x, y, z] = each!(k in 3 => S::F::load(&points[k]));
+        self.of(each!(k in 3 => S::F::load(&points[k])))
+    }
+
+    /// The same of points whose coordinates are short integers.
+    #[inline(always)]
+    pub(super) fn short_points(&self, points: &[ShortLine; 3]) -> Vectors<S> {
+        self.of(each!(k in 3 => S::F::load_short(&points[k])))
+    }
+
+    #[inline(always)]
+    fn of(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
         each!(i in 3 => {
             let [a, b, c] = self.linear[i];
             x.mul_add(a, y.mul_add(b, z.mul_add(c, self.offset[i])))
@@ -101,38 +113,32 @@ impl<S: Simd> Map<S> {
     }
 }
 
+/// Draws sixteen triangles but for those that must be clipped, which it gives.
 #[inline(always)]
 fn draw_batch<S: Simd, B: Block, L: Lens>(
-    batch: &Batch,
-    map: &Map<S>,
-    view_from_mesh: &Affine,
+    corners: &Corners,
+    view_from_steps: &Map<S>,
     lens: &L,
     first_id: i32,
     small: &mut Small,
     visibility: &mut Visibility,
-) {
+) -> u16 {
     // Outsides are counter-clockwise to the eye, which is clockwise in numbers, as y runs down: exchanging two corners
     // makes all three edge functions positive inside.
-    let [p, r, q] = each!(k in 3 => map.points(&batch.positions[k]));
+    let [p, r, q] = each!(k in 3 => view_from_steps.short_points(&corners[k]));
     let [at_p, at_q, at_r] = [lens.unfit::<S>(&p), lens.unfit::<S>(&q), lens.unfit::<S>(&r)];
     let hidden = at_p.hidden & at_q.hidden & at_r.hidden;
     let unfit = at_p.unfit | at_q.unfit | at_r.unfit;
     let corners = [lens.project::<S>(&p), lens.project::<S>(&q), lens.project::<S>(&r)];
     let ready = prepare::<S, B>(&corners, visibility.side, small);
-    let fits = S::M::from_bits(batch.present).and_not(unfit);
-    for lane in Lanes((ready.small & fits).to_bits()) {
+    for lane in Lanes(ready.small.and_not(unfit).to_bits()) {
         visibility.draw_small::<S, B>(small, lane, first_id + lane as i32);
     }
-    let large = (ready.large & fits).to_bits();
+    let large = ready.large.and_not(unfit).to_bits();
     if large != 0 {
         draw_large::<S, B>(&corners, large, first_id, visibility);
     }
-    let clipped = (S::M::from_bits(batch.present) & unfit).and_not(hidden).to_bits();
-    for lane in Lanes(clipped) {
-        let corner = |k: usize| -> Vec3 { core::array::from_fn(|axis| batch.positions[k][axis].0[lane]) };
-        let triangle = [0, 1, 2].map(|k| view_from_mesh.point(corner(k)));
-        lens.clip::<S, B>(triangle, first_id + lane as i32, visibility);
-    }
+    unfit.and_not(hidden).to_bits()
 }
 
 #[inline(always)]
@@ -176,21 +182,22 @@ fn prepare<S: Simd, B: Block>(corners: &[Projected<S>; 3], side: i32, small: &mu
     let (from_y, to_y) = pixels_between::<S>(least_y, greatest_y, side);
     let empty = from_x.gt(to_x) | from_y.gt(to_y);
     let (qx, qy, rx, ry) = (q.x - p.x, q.y - p.y, r.x - p.x, r.y - p.y);
-    let area = qx.times(ry) - rx.times(qy);
+    let area = halves::<S>(qx, whole(0) - rx).dot_halves(halves::<S>(ry, qy));
     let mut ready: Ready<S> =
         Ready { small: area.gt(whole(0)).and_not(empty).and_not(large), large: large.and_not(empty) };
     if ready.small.to_bits() == 0 {
         return ready;
     }
     let (block_x, block_y) = (sar_by::<S>(from_x, B::WIDTH_BITS), sar_by::<S>(from_y, B::HEIGHT_BITS));
-    block_x.store(&mut small.from_x);
-    block_y.store(&mut small.from_y);
-    sar_by::<S>(to_x, B::WIDTH_BITS).store(&mut small.to_x);
-    sar_by::<S>(to_y, B::HEIGHT_BITS).store(&mut small.to_y);
+    let pitch = whole(side >> B::WIDTH_BITS);
+    (block_y.dot_halves(pitch) + block_x).store(&mut small.block);
+    let more_x = sar_by::<S>(to_x, B::WIDTH_BITS) - block_x;
+    let more_y = sar_by::<S>(to_y, B::HEIGHT_BITS) - block_y;
+    (more_x | more_y.shl::<16>()).store(&mut small.extent);
     // The centre of the first block's first pixel.
     let centre_x = (from_x & whole(-B::WIDTH)).shl::<8>() + whole(128);
     let centre_y = (from_y & whole(-B::HEIGHT)).shl::<8>() + whole(128);
-    let (right, below) = (from_x & whole(B::WIDTH - 1), from_y & whole(B::HEIGHT - 1));
+    let inwards = (from_x & whole(B::WIDTH - 1)) | (from_y & whole(B::HEIGHT - 1)).shl::<16>();
     // Signs of the edge functions at the first pixel that may be covered and at its neighbours right, below and across.
     let mut outside = [whole(0); 4];
     for (k, (a, b)) in [(p, q), (q, r), (r, p)].into_iter().enumerate() {
@@ -198,13 +205,13 @@ fn prepare<S: Simd, B: Block>(corners: &[Projected<S>; 3], side: i32, small: &mu
         // A centre on the edge belongs to the triangle if the edge is at its top or left.
         let top_left = whole(0).gt(dy) | (dy.eq(whole(0)) & dx.gt(whole(0)));
         let bias = whole(0).or_where(top_left, whole(1));
-        let edge = dx.times(centre_y - a.y) - dy.times(centre_x - a.x) - bias;
-        let edge = edge.sar::<8>();
+        let steps = halves::<S>(whole(0) - dy, dx);
+        let edge = (steps.dot_halves(halves::<S>(centre_x - a.x, centre_y - a.y)) - bias).sar::<8>();
         edge.store(&mut small.edges[k]);
-        let first = edge + dx.times(below) - dy.times(right);
+        let first = edge + steps.dot_halves(inwards);
         let at = [first, first - dy, first + dx, first + dx - dy];
         outside = each!(i in 4 => outside[i] | at[i]);
-        (((whole(0) - dy) & whole(0xFFFF)) | dx.shl::<16>()).store(&mut small.steps[k]);
+        steps.store(&mut small.steps[k]);
     }
     // Of the triangles that reach over no more than 2 × 2 pixels many cover none.
     let tiny = whole(2).gt(to_x - from_x) & whole(2).gt(to_y - from_y);
@@ -224,6 +231,12 @@ fn prepare<S: Simd, B: Block>(corners: &[Projected<S>; 3], side: i32, small: &mu
     p.depth.min(q.depth).min(r.depth).store(&mut small.depth_least);
     p.depth.max(q.depth).max(r.depth).store(&mut small.depth_greatest);
     ready
+}
+
+/// Numbers of 16 bits in the lower and the upper halves of lanes.
+#[inline(always)]
+fn halves<S: Simd>(lower: S::I, upper: S::I) -> S::I {
+    (lower & S::I::all(0xFFFF)) | upper.shl::<16>()
 }
 
 /// First and last pixel whose centre lies between two places in 1/256 px; pixel i has its centre at 256 i + 128.

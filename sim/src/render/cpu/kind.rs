@@ -39,8 +39,17 @@ pub(super) struct Square;
 /// 2 × 2 pixels of 2 × 2 samples each: lane 4 s + p is sample s of pixel p.
 pub(super) struct Oversampled;
 
-/// 16 pixels of a row, so that the whole is row-major.
-pub(super) struct Row;
+impl Square {
+    /// Least and greatest of whole numbers that run one way along rows and columns, within `0..=last`: those at the corners,
+    /// give or take 1, since the numbers they were cut from are rounded.
+    pub(super) fn range_of_corners(numbers: &WholeLine, last: i32) -> [i32; 2] {
+        let [a, b, c, d] = [0, 3, 12, 15].map(|lane| numbers.0[lane]);
+        [(a.min(b).min(c.min(d)) - 1).max(0), (a.max(b).max(c.max(d)) + 1).min(last)]
+    }
+}
+
+/// The same, of which only the depths matter.
+pub(super) struct Plain;
 
 impl Block for Square {
     const BITS: [u32; 2] = [2, 2];
@@ -55,9 +64,9 @@ impl Block for Oversampled {
     const WITH_IDS: bool = true;
 }
 
-impl Block for Row {
-    const BITS: [u32; 2] = [4, 0];
-    const PLACES: [[i32; 2]; N_LANES] = places(16);
+impl Block for Plain {
+    const BITS: [u32; 2] = Square::BITS;
+    const PLACES: [[i32; 2]; N_LANES] = Square::PLACES;
     const WITH_IDS: bool = false;
 }
 

@@ -1,6 +1,6 @@
 //! What a camera that stands still sees of what never moves: drawn once, then only what moves is drawn over it.
 
-use super::simd::{Line, WholeLine};
+use super::simd::Line;
 use crate::render::affine::Affine;
 
 /// The part of a picture that stays. It makes no difference to the bytes: what stays comes first in every picture.
@@ -10,8 +10,8 @@ pub(in crate::render) struct Layer {
     pub(super) maps: Vec<Affine>,
     /// 1/z, block by block.
     pub(super) depths: Vec<Line>,
-    /// Pixels, red in the lowest byte, block by block.
-    pub(super) pixels: Vec<WholeLine>,
+    /// The picture of it: `[side, side, 3]`.
+    pub(super) pixels: Vec<u8>,
 }
 
 impl Layer {

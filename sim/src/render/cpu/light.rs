@@ -6,7 +6,7 @@ use super::each::each;
 use super::rays::Gaze;
 use super::simd::{Floats, Mask, Number, Per, Simd};
 use crate::render::affine::{Affine, Vec3, scaled};
-use crate::render::rules::{GLOSS, GROUND};
+use crate::render::rules::{GLOSS, GROUND, SHARPNESS};
 use crate::render::scene::{N_SUNS, RenderScene};
 
 /// The lights of a scene in the view frame.
@@ -57,12 +57,42 @@ impl Lit<f32> {
         Self { normal: [0.0; 3], scattered: [0.0; 3], first_sun: [0.0; 3], mirrored: [[0.0; 3]; N_SUNS] };
 }
 
+/// What a surface is painted with.
+pub(super) struct Paint<S: Simd> {
+    /// Linear RGB.
+    pub(super) color: [S::F; 3],
+    /// Square roots of a texture's factors.
+    pub(super) tint: [S::F; 3],
+    /// Strength of the highlights.
+    pub(super) specular: S::F,
+}
+
 impl Lit<f32> {
-    /// Whether a highlight may be seen within the four corners of a part of the image, given the rays d there.
+    /// Square roots of the light that reaches the eye from a surface without a texture where there is neither a shadow
+    /// nor a highlight: the steps of [`seen`] for one number.
+    #[inline(always)]
+    pub(super) fn plain_roots(&self, color: [f32; 3]) -> [f32; 3] {
+        core::array::from_fn(|c| (color[c] * (self.first_sun[c] + self.scattered[c])).sqrt())
+    }
+
+    /// Whether the first sun is in front of the surface.
+    #[inline(always)]
+    pub(super) fn faces_first_sun(&self) -> bool {
+        self.first_sun != [0.0; 3]
+    }
+
+    /// Whether a highlight may be seen within the four corners of a part of the image, given the rays d there: upper left,
+    /// upper right, lower left, lower right.
     #[inline(always)]
     pub(super) fn gleams(&self, corners: &[[f32; 2]; 4]) -> bool {
-        // What is linear is greatest at a corner, and |d| is at least 1. Some slack for rounding.
-        let aligned = |[x, y, z]: &[f32; 3], [dx, dy]: &[f32; 2]| x * dx + y * dy + z > 0.499;
+        // Some slack for rounding.
+        const LEAST: f32 = 1.0 - 1.0 / SHARPNESS - 0.001;
+        let nearest = |a: f32, b: f32| if a * b > 0.0 { a.abs().min(b.abs()) } else { 0.0 };
+        let [[left, top], _, _, [right, bottom]] = *corners;
+        let (dx, dy) = (nearest(left, right), nearest(top, bottom));
+        let least = LEAST * (dx * dx + dy * dy + 1.0).sqrt();
+        // What is linear is greatest at a corner.
+        let aligned = |[x, y, z]: &[f32; 3], [dx, dy]: &[f32; 2]| x * dx + y * dy + z > least;
         self.mirrored.iter().any(|mirrored| corners.iter().any(|d| aligned(mirrored, d)))
     }
 }
@@ -91,39 +121,48 @@ impl<N: Number> Lit<N> {
     }
 }
 
-/// Light that reaches the eye, linear RGB, given what share of the first sun's light arrives, the surface's colour and
-/// the strength of its highlights; `gleams` if there may be any.
+/// Square roots of the light that reaches the eye, linear RGB, given what share of the first sun's light arrives (`None`
+/// for all), the surface's colour, the square roots of its texture's factors and the strength of its highlights; `gleams` if there may
+/// be any.
 #[inline(always)]
 pub(super) fn seen<S: Simd, N: Per<S>>(
     lit: &Lit<N>,
     lamps: &Lamps,
     gleams: bool,
     gaze: &Gaze<S>,
-    sunlight: S::F,
-    color: [S::F; 3],
-    specular: S::F,
+    sunlight: Option<S::F>,
+    paint: &Paint<S>,
 ) -> [S::F; 3] {
-    let mut light = each!(c in 3 =>
+    let Paint { color, tint, specular } = *paint;
+    let sunlight = match sunlight {
+        Some(share) => share,
+        None => S::F::all(1.0),
+    };
+    let plain = each!(c in 3 =>
         color[c] * sunlight.mul_add(lit.first_sun[c].spread(), lit.scattered[c].spread()));
+    // Without a highlight all but the texture may be the same for many pixels: see `Lit::plain_roots`.
     if !gleams {
-        return light;
+        return each!(c in 3 => plain[c].sqrt() * tint[c]);
     }
-    let (dx, dy) = (gaze.d[0], gaze.d[1]);
-    for (i, sun) in lamps.suns.iter().enumerate() {
+    let (zero, [dx, dy]) = (S::F::all(0.0), gaze.d);
+    let gleam = each!(i in 2 => {
         let [x, y, z] = each!(k in 3 => lit.mirrored[i][k].spread());
         let aligned = x.mul_add(dx, y.mul_add(dy, z)) * gaze.per_length;
-        let gleam = aligned.mul_add(S::F::all(2.0), S::F::all(-1.0));
-        // Most of a picture is away from highlights.
-        if gleam.gt(S::F::all(0.0)).any() {
-            let gleam = gleam.max(S::F::all(0.0));
-            let square = gleam * gleam;
-            let fourth = square * square;
-            let share = if i == 0 { specular * sunlight } else { specular };
-            let strength = fourth * fourth * share;
-            light = each!(c in 3 => strength.mul_add(S::F::all(sun.gleam[c]), light[c]));
-        }
+        aligned.mul_add(S::F::all(SHARPNESS), S::F::all(1.0 - SHARPNESS)).max(zero)
+    });
+    let gleaming = ((gleam[0] + gleam[1]) * specular).gt(zero);
+    // Most of a picture is away from highlights.
+    if !gleaming.any() {
+        return each!(c in 3 => plain[c].sqrt() * tint[c]);
     }
-    light
+    let [first, second] = each!(i in 2 => gleam[i] * gleam[i] * specular);
+    let first = first * sunlight;
+    each!(c in 3 => {
+        let light = plain[c] * (tint[c] * tint[c]);
+        let light = first.mul_add(S::F::all(lamps.suns[0].gleam[c]), light);
+        let light = second.mul_add(S::F::all(lamps.suns[1].gleam[c]), light);
+        light.or_where(gleaming, plain[c]).sqrt() * S::F::all(1.0).or_where(gleaming, tint[c])
+    })
 }
 
 /// The same vector everywhere.

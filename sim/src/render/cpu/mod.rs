@@ -46,8 +46,8 @@ use light::Lamps;
 use raster::Visibility;
 use rays::{Aim, Rays};
 use shade::{Shade, Shader};
-use shadow::{Shadow, ShadowMap};
-use sink::{Kept, Over, Picture};
+use shadow::{Relief, Shadow, ShadowMap};
+use sink::{Over, Picture};
 use surface::{Collect, Surfaces};
 
 /// The renderer that needs nothing but a CPU.
@@ -85,6 +85,7 @@ struct Scratch {
     maps: Vec<Affine>,
     visibility: Visibility,
     surfaces: Surfaces,
+    relief: Relief,
     /// One per make of camera, the most lately used first.
     rays: Vec<Rays>,
 }
@@ -119,6 +120,7 @@ impl CpuRenderer {
                 maps: Vec::with_capacity(256),
                 visibility: Visibility::new(),
                 surfaces: Surfaces::new(),
+                relief: Relief::new(),
                 rays: (0..N_RAYS).map(|_| Rays::new()).collect(),
             })
         };
@@ -160,10 +162,12 @@ impl CpuRenderer {
         while self.shadow_maps.len() < self.first_views.len() {
             self.shadow_maps.push(ShadowMap::new());
         }
-        let isa = self.isa;
-        self.shadow_maps.par_iter_mut().zip(&self.first_views).for_each(|(map, first)| {
-            map.draw(isa, views[*first].scene, views[*first].snapshot);
+        let mut maps = core::mem::take(&mut self.shadow_maps);
+        maps.par_iter_mut().zip(&self.first_views).for_each(|(map, first)| {
+            let View { scene, snapshot, .. } = &views[*first];
+            self.with_scratch(|scratch| map.draw(self.isa, scene, snapshot, &mut scratch.relief));
         });
+        self.shadow_maps = maps;
     }
 
     /// Runs `work` with a scratch that no other thread uses: the worker's own unless a larger pool shares it.
@@ -211,9 +215,9 @@ impl Scratch {
         let (shot, lamps) = (Shot { isa, scene, camera }, Lamps::new(scene, &view_from_world));
         let shadow = map.map(|map| map.seen_from(&view_from_world));
         let (everything, empty) = (0..scene.instances.len(), 1.0 / camera.clip_m[1]);
-        let sink = Picture { out: view.out, side: camera.side };
         match options.samples {
             Samples::Four => {
+                let sink = Picture::new(view.out, camera.side);
                 self.visibility.clear::<Oversampled>(camera.side * Oversampled::SAMPLES_PER_EDGE, empty);
                 self.draw::<Oversampled>(shot, everything);
                 let (shader, visibility) = self.prepare::<Oversampled>(shot, &lamps, shadow);
@@ -227,12 +231,13 @@ impl Scratch {
                 self.visibility.start_over::<Square>(camera.side, &layer.depths);
                 self.draw::<Square>(shot, scene.n_still..scene.instances.len());
                 let (shader, visibility) = self.prepare::<Square>(shot, &lamps, None);
-                isa.run(Shade { shader, visibility, sink: Over { layer: &layer.pixels, picture: sink } });
+                isa.run(Shade { shader, visibility, sink: Over::new(&layer.pixels, view.out, camera.side) });
             }
             Samples::One => {
                 self.visibility.clear::<Square>(camera.side, empty);
                 self.draw::<Square>(shot, everything);
                 let (shader, visibility) = self.prepare::<Square>(shot, &lamps, shadow);
+                let sink = Picture::new(view.out, camera.side);
                 isa.run(Shade { shader, visibility, sink });
             }
         }
@@ -249,9 +254,9 @@ impl Scratch {
         self.visibility.clear::<Square>(camera.side, 1.0 / camera.clip_m[1]);
         self.draw::<Square>(shot, 0..scene.n_still);
         layer.depths.clone_from(&self.visibility.depths);
-        layer.pixels.clear();
+        layer.pixels.resize(camera.side * camera.side * 3, 0);
         let (shader, visibility) = self.prepare::<Square>(shot, lamps, None);
-        isa.run(Shade { shader, visibility, sink: Kept(&mut layer.pixels) });
+        isa.run(Shade { shader, visibility, sink: Picture::new(&mut layer.pixels, camera.side) });
         layer.maps.extend_from_slice(&self.maps[..scene.n_still]);
     }
 
@@ -274,7 +279,7 @@ impl Scratch {
         lamps: &'a Lamps,
         shadow: Option<Shadow<'a>>,
     ) -> (Shader<'a>, &'a Visibility) {
-        let Self { maps, visibility, surfaces, rays } = self;
+        let Self { maps, visibility, surfaces, rays, .. } = self;
         let Shot { isa, scene, camera } = shot;
         isa.run(Collect { scene, camera, maps, visibility, scale: B::SAMPLES_PER_EDGE, surfaces });
         (Shader { lamps, rays: &rays[0], surfaces, shadow }, visibility)

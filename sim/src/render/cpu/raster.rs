@@ -93,18 +93,18 @@ impl Visibility {
             [small.depth_dx.0[lane], small.depth_dy.0[lane]],
             [small.depth_least.0[lane], small.depth_greatest.0[lane]],
         );
-        let (from_x, to_x) = (small.from_x.0[lane], small.to_x.0[lane]);
-        let (from_y, to_y) = (small.from_y.0[lane], small.to_y.0[lane]);
+        let (more_x, more_y) = (small.extent.0[lane] & 0xFFFF, small.extent.0[lane] >> 16);
         let pitch = self.side >> B::WIDTH_BITS;
         let id = S::I::all(id);
         let mut row = inside;
         let mut row_depth = small.depth.0[lane];
-        for y in from_y..to_y + 1 {
+        for y in 0..more_y + 1 {
             let mut at = row;
             let mut depth = row_depth;
-            for x in from_x..to_x + 1 {
+            let first = small.block.0[lane] + y * pitch;
+            for x in 0..more_x + 1 {
                 let covered = (at[0] | at[1] | at[2]).gt(S::I::all(-1));
-                self.put::<S, B>((y * pitch + x) as usize, covered, plane.at(depth), id);
+                self.put::<S, B>((first + x) as usize, covered, plane.at(depth), id);
                 at = each!(k in 3 => at[k] + right[k]);
                 depth += plane.right;
             }
@@ -135,14 +135,11 @@ impl Visibility {
             let (from_x, to_x) = large.span::<B>(y);
             let (first_px, py) = (from_x << B::WIDTH_BITS, y << B::HEIGHT_BITS);
             let mut at = large.edges.map(|edge| edge.at(first_px, py));
+            let mut first_depth = large.depth_at(first_px, py);
             for x in from_x..to_x + 1 {
-                let first = at;
+                let (first, depth) = (at, plane.at(first_depth));
                 at = each!(k in 3 => at[k].wrapping_add(large.edges[k].dx << B::WIDTH_BITS));
-                let depth = plane.at(large.depth_at(x << B::WIDTH_BITS, py));
-                let block = (y * pitch + x) as usize;
-                if !depth.gt(S::F::load(&self.depths[block])).any() {
-                    continue;
-                }
+                first_depth += plane.right;
                 let inside = (first[0] + least[0]) | (first[1] + least[1]) | (first[2] + least[2]);
                 let covered = if inside >= 0 {
                     S::M::from_bits(u16::MAX)
@@ -150,7 +147,7 @@ impl Visibility {
                     let [a, b, c] = each!(k in 3 => S::I::all(first[k]) + steps[k]);
                     (a | b | c).gt(S::I::all(-1))
                 };
-                self.put::<S, B>(block, covered, depth, id);
+                self.put::<S, B>((y * pitch + x) as usize, covered, depth, id);
             }
         }
     }
@@ -173,11 +170,10 @@ pub(super) struct Small {
     pub(super) depth_least: Line,
     /// Greatest depth of a corner.
     pub(super) depth_greatest: Line,
-    /// First and last column and row of blocks.
-    pub(super) from_x: WholeLine,
-    pub(super) to_x: WholeLine,
-    pub(super) from_y: WholeLine,
-    pub(super) to_y: WholeLine,
+    /// The first block.
+    pub(super) block: WholeLine,
+    /// How many columns of blocks it reaches on in the lower 16 bits, how many rows in the upper ones.
+    pub(super) extent: WholeLine,
 }
 
 impl Small {
@@ -185,7 +181,7 @@ impl Small {
     pub(super) const REACH: i32 = 1 << 14;
 
     /// None yet.
-    pub(super) fn new() -> Self {
+    pub(super) const fn new() -> Self {
         Self {
             edges: [WholeLine::ZERO; 3],
             steps: [WholeLine::ZERO; 3],
@@ -194,10 +190,8 @@ impl Small {
             depth_dy: Line::ZERO,
             depth_least: Line::ZERO,
             depth_greatest: Line::ZERO,
-            from_x: WholeLine::ZERO,
-            to_x: WholeLine::ZERO,
-            from_y: WholeLine::ZERO,
-            to_y: WholeLine::ZERO,
+            block: WholeLine::ZERO,
+            extent: WholeLine::ZERO,
         }
     }
 }

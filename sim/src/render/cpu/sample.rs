@@ -6,6 +6,8 @@ use crate::render::texture::{Pattern, SIDE, level_offset, pitch};
 
 /// Bits of a texel coordinate behind the point.
 const FRACTION_BITS: u32 = 8;
+/// Half a texel, from its corner to its middle.
+const HALF: i32 = 1 << (FRACTION_BITS - 1);
 /// Least fraction of a level, in 1/256, from which the next level is blended in, and how fast.
 const BLEND_FROM: i32 = 96;
 const BLEND_RATE: f32 = 4.0 / 256.0;
@@ -55,94 +57,93 @@ impl Levels {
 /// Where to read a texture for sixteen pixels. Finding sites and reading them are kept apart, so that a processor can
 /// work on several blocks at a time: each step's chain of dependent instructions is long.
 pub(super) struct Site {
-    fine: Taps,
-    coarse: Taps,
-    /// Share of the coarse level.
-    blend: f32,
-}
-
-/// Four texels around each of sixteen points.
-struct Taps {
-    /// Indices of the upper and lower left ones.
-    left: [WholeLine; 2],
-    /// Weights' horizontal and vertical parts, in 1/256.
-    fraction: [WholeLine; 2],
-}
-
-impl Taps {
-    const NOWHERE: Self = Self { left: [WholeLine::ZERO; 2], fraction: [WholeLine::ZERO; 2] };
-
-    /// Around points in 1/256 texel of a level.
-    #[inline(always)]
-    fn locate<S: Simd>(&mut self, [x, y]: [S::I; 2], level: i32) {
-        let whole = S::I::all;
-        let side = SIDE as i32 >> level;
-        let mask = whole(side - 1);
-        // Half a texel from the corner of a texel to its middle.
-        let (x, y) = (x - whole(128), y - whole(128));
-        (x & whole(255)).store(&mut self.fraction[0]);
-        (y & whole(255)).store(&mut self.fraction[1]);
-        let (x, y) = (x.sar::<FRACTION_BITS>(), y.sar::<FRACTION_BITS>());
-        let (first, pitch) = (level_offset(level as usize) as i32, whole(pitch(level as usize) as i32));
-        let first = whole(first) + (x & mask);
-        let (upper, lower) = (y & mask, (y + whole(1)) & mask);
-        (upper.dot_halves(pitch) + first).store(&mut self.left[0]);
-        (lower.dot_halves(pitch) + first).store(&mut self.left[1]);
-    }
-
-    /// Weighed sums of red, green and blue; 65280 is 1.
-    #[inline(always)]
-    fn read<S: Simd>(&self, pattern: &Pattern) -> [S::F; 3] {
-        let whole = S::I::all;
-        let (a, b) = S::pairs(&pattern.texels, &self.left[0]);
-        let (c, d) = S::pairs(&pattern.texels, &self.left[1]);
-        let (fx, fy) = (S::I::load(&self.fraction[0]), S::I::load(&self.fraction[1]));
-        let corner = fx.times_halves(fy).shr::<8>();
-        let weights = [whole(256) + corner - fx - fy, fx - corner, fy - corner, corner];
-        let texels = [a, b, c, d];
-        let (mut red_blue, mut green) = (whole(0), whole(0));
-        for k in 0..4 {
-            let (texel, weight) = (texels[k], weights[k]);
-            let weight = weight | weight.shl::<16>();
-            red_blue = red_blue + (texel & whole(0x00FF_00FF)).times_halves(weight);
-            green = green + (texel.shr::<8>() & whole(0x00FF)).times_halves(weight);
-        }
-        [(red_blue & whole(0xFFFF)).floats(), green.floats(), red_blue.shr::<16>().floats()]
-    }
+    /// Points in 1/256 texel of the level.
+    at: [WholeLine; 2],
+    level: Level,
 }
 
 impl Site {
     /// No site yet.
-    pub(super) const NOWHERE: Self = Self { fine: Taps::NOWHERE, coarse: Taps::NOWHERE, blend: 0.0 };
+    pub(super) const NOWHERE: Self = Self { at: [WholeLine::ZERO; 2], level: Level { fine: 0, blend: 0.0 } };
 
     /// Finds where to read.
     #[inline(always)]
     pub(super) fn locate<S: Simd>(&mut self, uv: &Uv<S>, level: Level) {
-        self.blend = level.blend;
+        self.level = level;
         // 1/256 texel per tile: 2^(16 − level), built from its exponent.
         let exponent = (127 + SIDE.ilog2() + FRACTION_BITS).cast_signed() - level.fine;
         let scale = S::F::all(f32::from_bits((exponent << 23).cast_unsigned()));
-        let [x, y] = each!(k in 2 => (uv[k] * scale).rounded());
-        if level.blend < 1.0 {
-            self.fine.locate::<S>([x, y], level.fine);
-        }
-        if level.blend > 0.0 {
-            self.coarse.locate::<S>([x.sar::<1>(), y.sar::<1>()], level.fine + 1);
+        for (t, at) in uv.iter().zip(&mut self.at) {
+            (*t * scale).rounded().store(at);
         }
     }
 
-    /// Linear factors of red, green and blue, in [0, 1].
+    /// Square roots of the linear factors of red, green and blue, in [0, 1].
     #[inline(always)]
     pub(super) fn read<S: Simd>(&self, pattern: &Pattern) -> [S::F; 3] {
-        let taps = if self.blend < 1.0 { &self.fine } else { &self.coarse };
-        let mut root = taps.read::<S>(pattern);
-        if self.blend > 0.0 && self.blend < 1.0 {
-            let (coarse, blend) = (self.coarse.read::<S>(pattern), S::F::all(self.blend));
-            root = each!(c in 3 => (coarse[c] - root[c]).mul_add(blend, root[c]));
-        }
-        each!(c in 3 => {
-            let t = root[c] * S::F::all(1.0 / 65280.0);
-            t * t
-        })
+        let Level { fine, blend } = self.level;
+        let points = each!(k in 2 => S::I::load(&self.at[k]));
+        // Coordinates run one way along a surface, so the least are most often at a corner of the block.
+        let least = each!(k in 2 => {
+            let at = &self.at[k].0;
+            at[0].min(at[3]).min(at[12]).min(at[15])
+        });
+        let coarser = each!(k in 2 => points[k].sar::<1>());
+        let least_coarser = [least[0] >> 1, least[1] >> 1];
+        let root = if blend == 0.0 {
+            filtered::<S>(pattern, fine, points, least)
+        } else if blend == 1.0 {
+            filtered::<S>(pattern, fine + 1, coarser, least_coarser)
+        } else {
+            let (root, share) = (filtered::<S>(pattern, fine, points, least), S::F::all(blend));
+            let coarse = filtered::<S>(pattern, fine + 1, coarser, least_coarser);
+            each!(c in 3 => (coarse[c] - root[c]).mul_add(share, root[c]))
+        };
+        each!(c in 3 => root[c] * S::F::all(1.0 / 65280.0))
     }
+}
+
+/// Weighed sums of red, green and blue of the four texels around points of a level in 1/256 texel; 65280 is 1. `least`
+/// is about the least of the points.
+#[inline(always)]
+fn filtered<S: Simd>(pattern: &Pattern, level: i32, points: [S::I; 2], least: [i32; 2]) -> [S::F; 3] {
+    let whole = S::I::all;
+    let [x, y] = each!(k in 2 => points[k] - whole(HALF));
+    let texels = texels::<S>(pattern, level, [x, y], least);
+    // In both halves of a lane.
+    let [fx, fy] = each!(k in 2 => {
+        let fraction = [x, y][k] & whole(255);
+        fraction | fraction.shl::<16>()
+    });
+    let corner = fx.times_halves(fy).shr_halves::<8>();
+    let weights = [whole(0x0100_0100) + corner - fx - fy, fx - corner, fy - corner, corner];
+    let (mut red_blue, mut green) = (whole(0), whole(0));
+    for k in 0..4 {
+        red_blue = red_blue + (texels[k] & whole(0x00FF_00FF)).times_halves(weights[k]);
+        // The upper half's alpha comes along and is dropped at the end.
+        green = green + texels[k].shr_halves::<8>().times_halves(weights[k]);
+    }
+    [(red_blue & whole(0xFFFF)).floats(), (green & whole(0xFFFF)).floats(), red_blue.shr::<16>().floats()]
+}
+
+/// The four texels around points in 1/256 texel: upper left, upper right, lower left, lower right.
+#[inline(always)]
+fn texels<S: Simd>(pattern: &Pattern, level: i32, points: [S::I; 2], least: [i32; 2]) -> [S::I; 4] {
+    let whole = S::I::all;
+    let mask = (SIDE as i32 >> level) - 1;
+    let (first, pitch) = (level_offset(level as usize), pitch(level as usize));
+    let [x, y] = each!(k in 2 => points[k].sar::<FRACTION_BITS>());
+    let corner = each!(k in 2 => (least[k] - HALF) >> FRACTION_BITS);
+    let [left, top] = each!(k in 2 => (corner[k] & mask) as usize);
+    let within = [x - whole(corner[0]), y - whole(corner[1])];
+    if let Some(texels) = S::window(&pattern.texels, first + top * pitch + left, pitch, within) {
+        return texels;
+    }
+    let upper = ((y & whole(mask)).dot_halves(whole(pitch as i32)) + whole(first as i32)) + (x & whole(mask));
+    let lower = upper + whole(pitch as i32);
+    let (mut at_upper, mut at_lower) = (WholeLine::ZERO, WholeLine::ZERO);
+    upper.store(&mut at_upper);
+    lower.store(&mut at_lower);
+    let ((a, b), (c, d)) = (S::pairs(&pattern.texels, &at_upper), S::pairs(&pattern.texels, &at_lower));
+    [a, b, c, d]
 }

@@ -4,14 +4,14 @@ use super::each::each;
 use super::encode::encode;
 use super::isa::Kernel;
 use super::kind::{Block, Square};
-use super::light::{Lamps, Lit, seen};
+use super::light::{Lamps, Lit, Paint, seen};
 use super::raster::{NOTHING, Visibility};
 use super::rays::{Gaze, Rays};
 use super::sample::{Level, Levels, Site, Uv};
 use super::shadow::Shadow;
-use super::simd::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine};
-use super::surface::{Look, Surfaces, VOID, Wrap, is_uniform};
-use crate::render::texture::pattern;
+use super::simd::{Floats, Lanes, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine};
+use super::surface::{Look, SEVERAL, Surfaces, Wrap, place};
+use crate::render::texture::{Pattern, pattern};
 use crate::scene::Texture;
 
 /// What a picture's blocks are shaded with.
@@ -25,9 +25,8 @@ pub(super) struct Shader<'a> {
 
 /// Where pixels go.
 pub(super) trait Sink {
-    /// Takes the pixels of the block at this column and row, red in the lowest byte. `nothing` are those at which nothing
-    /// was seen; they are black.
-    fn put<S: Simd>(&mut self, column: usize, row: usize, pixels: S::I, nothing: S::M);
+    /// Takes the pixels of a strip of blocks that show these triangles.
+    fn take<S: Simd>(&mut self, strip: &Strip, ids: &[WholeLine]);
 }
 
 /// Shades a picture.
@@ -44,258 +43,328 @@ impl<K: Sink> Kernel for Shade<'_, K> {
         let mut strip = Strip::new();
         for row in 0..per_row {
             for first in (0..per_row).step_by(STRIP) {
-                let blocks = row * per_row + first..row * per_row + per_row.min(first + STRIP);
-                let ids = &self.visibility.ids[blocks.clone()];
-                strip.go_to(first, row);
-                self.shader.shade::<S>(ids, &self.visibility.depths[blocks], &mut strip);
-                for (i, ids) in ids.iter().enumerate() {
-                    let nothing = S::I::load(ids).eq(S::I::all(NOTHING));
-                    self.sink.put::<S>(first + i, row, strip.packed::<S>(i), nothing);
-                }
+                let n = STRIP.min(per_row - first);
+                let blocks = row * per_row + first..row * per_row + first + n;
+                let (ids, depths) =
+                    (&self.visibility.ids[blocks.clone()], &self.visibility.depths[blocks.clone()]);
+                strip.go_to(first, row, n);
+                self.shader.shade::<S>(&self.shader.surfaces.shown[blocks], ids, depths, &mut strip);
+                self.sink.take::<S>(&strip, ids);
             }
         }
     }
 }
 
-/// Blocks that are shaded step by step side by side: see [`Site`].
+/// Blocks that are shaded step by step side by side: a processor can then work on several of them at a time, as each
+/// step's chain of dependent instructions is long.
 pub(super) const STRIP: usize = N_LANES;
 
-/// What was found out about a strip's blocks.
+/// A strip of blocks and what was found out about them.
 pub(super) struct Strip {
-    /// Column of its first block and row of all of them.
+    /// Column of the first block and row of all of them.
     pub(super) column: usize,
     pub(super) row: usize,
-    kinds: [Kind; STRIP],
+    /// How many there are.
+    pub(super) n: usize,
+    /// Bit i: block i shows one triangle.
+    single: u16,
+    /// Bit i: block i shows several triangles.
+    several: u16,
+    /// Where what a block shows is found, if it is one triangle.
+    places: [usize; STRIP],
     sites: [Site; STRIP],
-    /// Linear RGB: first the texture's factors, then the light that reaches the eye.
-    pub(super) rgb: [[Line; 3]; STRIP],
-    /// Levels of the triangle that was looked up last, by id, in the middle of each block.
-    levels: (i32, Levels),
+    mixtures: [Mixture; STRIP],
+    /// Square roots of linear RGB: first of the texture's factors, then of the light that reaches the eye.
+    roots: [[Line; 3]; STRIP],
+    /// Levels of the triangle that was looked up last, by place, in the middle of each block.
+    levels: (usize, Levels),
     /// The flat triangle that was shaded last.
     flat: FlatSurface,
 }
 
-/// A flat triangle.
+/// A flat triangle, by place.
 struct FlatSurface {
-    id: i32,
+    place: usize,
     lit: Lit<f32>,
     /// Whether a highlight may be seen in the present strip.
     gleams: bool,
+    /// Square roots of its light where there is neither highlight nor shadow nor texture.
+    roots: [f32; 3],
 }
 
-/// What a block shows.
-#[derive(Clone, Copy)]
-enum Kind {
-    Nothing,
-    /// One triangle without a texture, by id.
-    Plain(i32),
-    /// One triangle with a texture, by id.
-    Textured(i32),
-    Several,
+/// What sixteen pixels of several triangles are made of.
+pub(super) struct Mixture {
+    /// In the view frame, of any length.
+    normal: [Line; 3],
+    color: [Line; 3],
+    /// Square roots of textures' factors.
+    tint: [Line; 3],
+    specular: Line,
+    /// Bit i: lane i shows a texture.
+    textured: u16,
 }
+
+impl Mixture {
+    /// Nothing.
+    pub(super) const NONE: Self = Self {
+        normal: [Line::ZERO; 3],
+        color: [Line::ZERO; 3],
+        tint: [Line::ZERO; 3],
+        specular: Line::ZERO,
+        textured: 0,
+    };
+}
+
+/// No triangle's place.
+const NOWHERE: usize = usize::MAX;
 
 impl Strip {
     pub(super) fn new() -> Self {
         Self {
             column: 0,
             row: 0,
-            kinds: [Kind::Nothing; STRIP],
+            n: 0,
+            single: 0,
+            several: 0,
+            places: [0; STRIP],
             sites: [const { Site::NOWHERE }; STRIP],
-            rgb: [[Line::ZERO; 3]; STRIP],
-            levels: (NOTHING, Levels::NONE),
-            flat: FlatSurface { id: NOTHING, lit: Lit::DARK, gleams: false },
+            mixtures: [const { Mixture::NONE }; STRIP],
+            roots: [[Line::ZERO; 3]; STRIP],
+            levels: (NOWHERE, Levels::NONE),
+            flat: FlatSurface { place: NOWHERE, lit: Lit::DARK, gleams: false, roots: [0.0; 3] },
         }
+    }
+
+    /// Bit i: block i shows anything.
+    pub(super) fn lit(&self) -> u16 {
+        self.single | self.several
     }
 
     /// A block's pixels, red in the lowest byte.
     #[inline(always)]
     pub(super) fn packed<S: Simd>(&self, i: usize) -> S::I {
-        // Nothing but black, as in most blocks over a layer.
-        if let Kind::Nothing = self.kinds[i] {
+        if self.lit() >> i & 1 == 0 {
             return S::I::all(0);
         }
-        let [r, g, b] = each!(c in 3 => encode::<S>(S::F::load(&self.rgb[i][c])));
+        let [r, g, b] = each!(c in 3 => encode::<S>(S::F::load(&self.roots[i][c])));
         r | g.shl::<8>() | b.shl::<16>()
     }
 
+    /// Square roots of a block's light, linear RGB.
+    pub(super) fn roots(&self, i: usize) -> [Line; 3] {
+        if self.lit() >> i & 1 == 0 { [Line::ZERO; 3] } else { self.roots[i] }
+    }
+
     /// Puts other light in the place of a block's.
-    pub(super) fn replace(&mut self, i: usize, rgb: [Line; 3]) {
-        self.kinds[i] = Kind::Several;
-        self.rgb[i] = rgb;
+    pub(super) fn replace(&mut self, i: usize, roots: [Line; 3]) {
+        self.several |= 1 << i;
+        self.roots[i] = roots;
+    }
+
+    /// Sorts the blocks by what they show.
+    #[inline(always)]
+    fn sort<S: Simd>(&mut self, shown: &[i32]) {
+        let mut line = WholeLine([NOTHING; N_LANES]);
+        line.0[..shown.len()].copy_from_slice(shown);
+        let shown = S::I::load(&line);
+        self.single = shown.gt(S::I::all(NOTHING)).to_bits();
+        self.several = shown.eq(S::I::all(SEVERAL)).to_bits();
     }
 
     /// Goes to another place.
-    pub(super) fn go_to(&mut self, column: usize, row: usize) {
-        (self.column, self.row) = (column, row);
-        (self.levels.0, self.flat.id) = (NOTHING, NOTHING);
+    pub(super) fn go_to(&mut self, column: usize, row: usize, n: usize) {
+        (self.column, self.row, self.n) = (column, row, n);
+        (self.levels.0, self.flat.place) = (NOWHERE, NOWHERE);
     }
 }
 
 impl Shader<'_> {
-    /// Fills a strip's `rgb` with the light of blocks that show these triangles at these depths.
+    /// Fills a strip with the light of blocks that show these triangles at these depths; see [`Surfaces::shown`].
     #[inline(always)]
-    pub(super) fn shade<S: Simd>(&self, ids: &[WholeLine], depths: &[Line], strip: &mut Strip) {
-        self.look_up::<S>(ids, strip);
-        self.light::<S>(ids, depths, strip);
-    }
-
-    /// Finds the kinds of a strip's blocks and reads the textures of those that show one triangle.
-    #[inline(always)]
-    fn look_up<S: Simd>(&self, ids: &[WholeLine], strip: &mut Strip) {
-        for (i, ids) in ids.iter().enumerate() {
-            let kind = self.kind::<S>(ids);
-            strip.kinds[i] = kind;
-            if let Kind::Textured(id) = kind {
-                let gaze = self.rays.gaze::<S>(strip.column + i, strip.row);
-                let level = self.level::<S>(id, i, strip);
-                strip.sites[i].locate::<S>(&self.uv::<S>(id, &gaze), level);
+    pub(super) fn shade<S: Simd>(
+        &self,
+        shown: &[i32],
+        ids: &[WholeLine],
+        depths: &[Line],
+        strip: &mut Strip,
+    ) {
+        strip.sort::<S>(shown);
+        for block in Lanes(strip.single) {
+            let place = place(shown[block]);
+            strip.places[block] = place;
+            if self.texture(place) >= 0 {
+                let gaze = self.rays.gaze::<S>(strip.column + block, strip.row);
+                let level = self.level::<S>(place, block, strip);
+                strip.sites[block].locate::<S>(&self.uv::<S>(place, &gaze), level);
             }
         }
-        for (i, kind) in strip.kinds.iter().enumerate().take(ids.len()) {
-            if let Kind::Textured(id) = *kind {
-                let factors = strip.sites[i].read::<S>(pattern(Texture::ALL[self.texture(id) as usize]));
-                store_all::<S>(factors, &mut strip.rgb[i]);
+        for block in Lanes(strip.single) {
+            let place = strip.places[block];
+            let tint = if self.texture(place) < 0 {
+                [S::F::all(1.0); 3]
+            } else {
+                strip.sites[block].read::<S>(self.pattern(place))
+            };
+            let roots = self.single::<S>(place, tint, depths, block, strip);
+            store_all::<S>(roots, &mut strip.roots[block]);
+        }
+        for block in Lanes(strip.several) {
+            let gaze = self.rays.gaze::<S>(strip.column + block, strip.row);
+            self.gather::<S>(&ids[block], &gaze, &mut strip.mixtures[block]);
+        }
+        for block in Lanes(strip.several) {
+            if strip.mixtures[block].textured != 0 {
+                let gaze = self.rays.gaze::<S>(strip.column + block, strip.row);
+                let mut mixture = core::mem::replace(&mut strip.mixtures[block], Mixture::NONE);
+                self.tint::<S>(&ids[block], &gaze, block, strip, &mut mixture);
+                strip.mixtures[block] = mixture;
             }
+        }
+        for block in Lanes(strip.several) {
+            let gaze = self.rays.gaze::<S>(strip.column + block, strip.row).at(&depths[block]);
+            let roots = self.several::<S>(&strip.mixtures[block], &gaze);
+            store_all::<S>(roots, &mut strip.roots[block]);
         }
     }
 
     /// Level at which to read a triangle's texture in a strip's block.
     #[inline(always)]
-    fn level<S: Simd>(&self, id: i32, i: usize, strip: &mut Strip) -> Level {
+    fn level<S: Simd>(&self, place: usize, block: usize, strip: &mut Strip) -> Level {
         let (known, levels) = &mut strip.levels;
-        if *known != id {
-            *known = id;
+        if *known != place {
+            *known = place;
             let columns = S::F::load(&BLOCK_STARTS) + S::F::all((strip.column << Square::WIDTH_BITS) as f32);
             let row = S::F::all((strip.row << Square::HEIGHT_BITS) as f32);
             let middle = S::F::all(1.5);
-            levels.set::<S>(self.footprint::<S>(id, [columns + middle, row + middle]));
+            levels.set::<S>(self.footprint::<S>(place, [columns + middle, row + middle]));
         }
-        levels.get(i)
-    }
-
-    #[inline(always)]
-    fn kind<S: Simd>(&self, ids: &WholeLine) -> Kind {
-        match ids.0[0] {
-            _ if !is_uniform::<S>(ids) => Kind::Several,
-            NOTHING => Kind::Nothing,
-            id if self.texture(id) < 0 => Kind::Plain(id),
-            id => Kind::Textured(id),
-        }
+        levels.get(block)
     }
 
     /// Texture of a visible triangle, -1 for none.
     #[inline(always)]
-    fn texture(&self, id: i32) -> i32 {
-        self.surfaces.looks[id as usize].0[Look::TEXTURE].to_bits().cast_signed()
+    fn texture(&self, place: usize) -> i32 {
+        self.surfaces.looks[place].0[Look::TEXTURE].to_bits().cast_signed()
     }
 
-    /// Puts the light of a strip's blocks in the place of their textures' factors.
+    /// The same of one that has a texture.
     #[inline(always)]
-    fn light<S: Simd>(&self, ids: &[WholeLine], depths: &[Line], strip: &mut Strip) {
-        for (i, ids) in ids.iter().enumerate() {
-            let gaze = self.rays.gaze::<S>(strip.column + i, strip.row).at(&depths[i]);
-            let rgb = &strip.rgb[i];
-            let light = match strip.kinds[i] {
-                Kind::Nothing => [S::F::all(0.0); 3],
-                Kind::Plain(id) => self.one(id, [S::F::all(1.0); 3], &gaze, strip),
-                Kind::Textured(id) => self.one(id, each!(c in 3 => S::F::load(&rgb[c])), &gaze, strip),
-                Kind::Several => self.several::<S>(ids, &gaze, i, strip),
-            };
-            store_all::<S>(light, &mut strip.rgb[i]);
-        }
+    fn pattern(&self, place: usize) -> &'static Pattern {
+        pattern(Texture::ALL[self.texture(place) as usize])
     }
 
-    /// Light of a block that shows one triangle.
+    /// Square roots of the light of a block that shows one triangle.
     #[inline(always)]
-    fn one<S: Simd>(&self, id: i32, tint: [S::F; 3], gaze: &Gaze<S>, strip: &mut Strip) -> [S::F; 3] {
-        let look = &self.surfaces.looks[id as usize].0;
-        let color = each!(c in 3 => S::F::all(look[Look::COLOR + c]) * tint[c]);
-        let specular = S::F::all(look[Look::SPECULAR]);
-        if look[Look::FLAT] == 1.0 {
-            if strip.flat.id != id {
-                let lit = Lit::new(self.lamps, normal_of(look));
-                let gleams = lit.gleams(&self.rays.corners(strip.column, strip.row, STRIP));
-                strip.flat = FlatSurface { id, lit, gleams };
-            }
-            let FlatSurface { lit, gleams, .. } = &strip.flat;
-            let sunlight = self.sunlight(lit, gaze);
-            return seen(lit, self.lamps, *gleams, gaze, sunlight, color, specular);
-        }
-        let lit = Lit::new(self.lamps, over::<S, f32>(look, Look::NORMAL, gaze));
-        let sunlight = self.sunlight(&lit, gaze);
-        seen(&lit, self.lamps, true, gaze, sunlight, color, specular)
-    }
-
-    /// Light of a block that shows several triangles.
-    #[inline(always)]
-    pub(super) fn several<S: Simd>(
+    fn single<S: Simd>(
         &self,
-        ids: &WholeLine,
-        gaze: &Gaze<S>,
-        i: usize,
+        place: usize,
+        tint: [S::F; 3],
+        depths: &[Line],
+        block: usize,
         strip: &mut Strip,
     ) -> [S::F; 3] {
-        let looks = S::transposed(each!(i in 16 => match ids.0[i] {
-            NOTHING => S::F::load(&VOID),
-            id => S::F::load(&self.surfaces.looks[id as usize]),
-        }));
-        let lit = Lit::new(self.lamps, over::<S, S::F>(&looks, Look::NORMAL, gaze));
-        let mut color = [looks[Look::COLOR], looks[Look::COLOR + 1], looks[Look::COLOR + 2]];
-        let textured = looks[Look::TEXTURE].bits().gt(S::I::all(-1)).to_bits();
-        if textured != 0 {
-            self.tint::<S>(ids, textured, gaze, i, strip, &mut color);
+        let look = &self.surfaces.looks[place].0;
+        let is_flat = look[Look::FLAT] == 1.0;
+        if is_flat {
+            if strip.flat.place != place {
+                let lit = Lit::new(self.lamps, normal_of(look));
+                let corners = self.rays.corners(strip.column, strip.row, STRIP);
+                let gleams = look[Look::SPECULAR] > 0.0 && lit.gleams(&corners);
+                let roots = lit.plain_roots(each!(c in 3 => look[Look::COLOR + c]));
+                strip.flat = FlatSurface { place, lit, gleams, roots };
+            }
+            if !strip.flat.gleams && self.shadow.is_none() {
+                return each!(c in 3 => S::F::all(strip.flat.roots[c]) * tint[c]);
+            }
         }
-        let sunlight = self.sunlight(&lit, gaze);
-        seen(&lit, self.lamps, true, gaze, sunlight, color, looks[Look::SPECULAR])
+        // The general case.
+        let gaze = &self.rays.gaze::<S>(strip.column + block, strip.row).at(&depths[block]);
+        let color = each!(c in 3 => S::F::all(look[Look::COLOR + c]));
+        let paint = &Paint { color, tint, specular: S::F::all(look[Look::SPECULAR]) };
+        if is_flat {
+            let FlatSurface { lit, gleams, roots, .. } = &strip.flat;
+            let sunlight = if lit.faces_first_sun() { self.sunlight(lit, gaze, true) } else { None };
+            return match sunlight {
+                None if !gleams => each!(c in 3 => S::F::all(roots[c]) * tint[c]),
+                _ => seen(lit, self.lamps, *gleams, gaze, sunlight, paint),
+            };
+        }
+        let lit = Lit::new(self.lamps, over::<S, f32>(look, Look::NORMAL, gaze));
+        seen(&lit, self.lamps, true, gaze, self.sunlight(&lit, gaze, false), paint)
     }
 
-    /// What share of the first sun's light reaches what is seen.
+    /// Finds what pixels show, each its own triangle, but for the textures.
     #[inline(always)]
-    fn sunlight<S: Simd, N: Per<S>>(&self, lit: &Lit<N>, gaze: &Gaze<S>) -> S::F {
-        match &self.shadow {
-            Some(shadow) => shadow.sunlight(gaze, &lit.normal),
-            None => S::F::all(1.0),
-        }
+    pub(super) fn gather<S: Simd>(&self, ids: &WholeLine, gaze: &Gaze<S>, mixture: &mut Mixture) {
+        let looks = S::transposed(each!(i in 16 => S::F::load(&self.surfaces.looks[place(ids.0[i])])));
+        store_all::<S>(over::<S, S::F>(&looks, Look::NORMAL, gaze), &mut mixture.normal);
+        store_all::<S>(each!(c in 3 => looks[Look::COLOR + c]), &mut mixture.color);
+        store_all::<S>([S::F::all(1.0); 3], &mut mixture.tint);
+        looks[Look::SPECULAR].store(&mut mixture.specular);
+        mixture.textured = looks[Look::TEXTURE].bits().gt(S::I::all(-1)).to_bits();
     }
 
-    /// Multiplies the colours of textured pixels, triangle by triangle: few blocks show many textured ones.
+    /// Finds the tints of textured pixels, triangle by triangle: few blocks show many textured ones.
     #[inline(always)]
-    fn tint<S: Simd>(
+    pub(super) fn tint<S: Simd>(
         &self,
         ids: &WholeLine,
-        mut textured: u16,
         gaze: &Gaze<S>,
-        i: usize,
+        block: usize,
         strip: &mut Strip,
-        color: &mut [S::F; 3],
+        mixture: &mut Mixture,
     ) {
         let all_ids = S::I::load(ids);
+        let mut tint = [S::F::all(1.0); 3];
+        let mut textured = mixture.textured;
         while textured != 0 {
             let id = ids.0[textured.trailing_zeros() as usize];
-            let level = self.level::<S>(id, i, strip);
-            let site = &mut strip.sites[i];
-            site.locate::<S>(&self.uv::<S>(id, gaze), level);
-            let factors = site.read::<S>(pattern(Texture::ALL[self.texture(id) as usize]));
+            let place = place(id);
+            let level = self.level::<S>(place, block, strip);
+            let site = &mut strip.sites[block];
+            site.locate::<S>(&self.uv::<S>(place, gaze), level);
+            let factors = site.read::<S>(self.pattern(place));
             let here = all_ids.eq(S::I::all(id));
-            for c in 0..3 {
-                color[c] = (color[c] * factors[c]).or_where(here, color[c]);
-            }
+            tint = each!(c in 3 => factors[c].or_where(here, tint[c]));
             textured &= !here.to_bits();
+        }
+        store_all::<S>(tint, &mut mixture.tint);
+    }
+
+    /// Square roots of the light of pixels that show several triangles.
+    #[inline(always)]
+    pub(super) fn several<S: Simd>(&self, mixture: &Mixture, gaze: &Gaze<S>) -> [S::F; 3] {
+        let Mixture { normal, color, tint, specular, .. } = mixture;
+        let lit = Lit::new(self.lamps, each!(k in 3 => S::F::load(&normal[k])));
+        let paint = Paint {
+            color: each!(c in 3 => S::F::load(&color[c])),
+            tint: each!(c in 3 => S::F::load(&tint[c])),
+            specular: S::F::load(specular),
+        };
+        seen(&lit, self.lamps, true, gaze, self.sunlight(&lit, gaze, false), &paint)
+    }
+
+    /// What share of the first sun's light reaches what is seen: see [`Shadow::sunlight`].
+    #[inline(always)]
+    fn sunlight<S: Simd, N: Per<S>>(&self, lit: &Lit<N>, gaze: &Gaze<S>, is_plane: bool) -> Option<S::F> {
+        match &self.shadow {
+            Some(shadow) => shadow.sunlight(gaze, &lit.normal, is_plane),
+            None => None,
         }
     }
 
     /// Texture coordinates on a triangle, in tiles.
     #[inline(always)]
-    fn uv<S: Simd>(&self, id: i32, gaze: &Gaze<S>) -> Uv<S> {
-        let wrap = &self.surfaces.wraps[id as usize].0;
+    fn uv<S: Simd>(&self, place: usize, gaze: &Gaze<S>) -> Uv<S> {
+        let wrap = &self.surfaces.wraps[place].0;
         let per_n = S::F::all(1.0) / linear::<S, f32>(wrap, Wrap::N, gaze.pixel);
         each!(k in 2 => linear::<S, f32>(wrap, [Wrap::U, Wrap::V][k], gaze.pixel) * per_n)
     }
 
     /// Greater squared length, in tiles², that a step of one pixel right or down makes on a triangle.
     #[inline(always)]
-    fn footprint<S: Simd>(&self, id: i32, pixel: [S::F; 2]) -> S::F {
-        let wrap = &self.surfaces.wraps[id as usize].0;
+    fn footprint<S: Simd>(&self, place: usize, pixel: [S::F; 2]) -> S::F {
+        let wrap = &self.surfaces.wraps[place].0;
         let per_n = S::F::all(1.0) / linear::<S, f32>(wrap, Wrap::N, pixel);
         let u = linear::<S, f32>(wrap, Wrap::U, pixel) * per_n;
         let v = linear::<S, f32>(wrap, Wrap::V, pixel) * per_n;

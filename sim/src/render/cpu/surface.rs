@@ -9,11 +9,11 @@ use super::each::each;
 use super::geometry::Map;
 use super::isa::Kernel;
 use super::lens::Vectors;
-use super::raster::Visibility;
-use super::simd::{Floats, Line, N_LANES, Number, Simd, Whole, WholeLine};
+use super::raster::{MAX_BLOCKS, Visibility};
+use super::simd::{Floats, Line, N_LANES, Number, ShortLine, Simd, Whole, WholeLine};
 use crate::render::affine::Affine;
 use crate::render::camera::Camera;
-use crate::render::mesh::Batch;
+use crate::render::mesh::{Batch, Corners};
 use crate::render::scene::{Instance, RenderScene};
 use crate::render::texture::pattern;
 
@@ -46,15 +46,26 @@ impl Wrap {
     pub(super) const V: usize = 6;
 }
 
-/// The visible triangles of one view, by id.
+/// The visible triangles of one view.
 pub(super) struct Surfaces {
-    /// Laid out as [`Look`].
+    /// Laid out as [`Look`], by [`place`]; that of nothing is [`VOID`].
     pub(super) looks: Vec<Line>,
-    /// Laid out as [`Wrap`]; only those with a texture are filled in.
+    /// Laid out as [`Wrap`], by [`place`]; only those with a texture are filled in.
     pub(super) wraps: Vec<Line>,
-    /// Whether any triangle of a batch is seen, by id / 16 + 1: what shows nothing goes to the first place.
-    touched: Vec<bool>,
+    /// What each block shows everywhere, by id, or [`SEVERAL`].
+    pub(super) shown: Vec<i32>,
+    /// Whether anything of a batch is seen, by the batch's number + 1.
+    seen: Vec<bool>,
 }
+
+/// Where a triangle's lines are, given its id or [`super::raster::NOTHING`].
+#[inline(always)]
+pub(super) fn place(id: i32) -> usize {
+    (id + N_LANES as i32) as usize
+}
+
+/// More than one triangle, or one and nothing.
+pub(super) const SEVERAL: i32 = -2;
 
 /// Look of what is not there: black.
 pub(super) const VOID: Line = {
@@ -71,16 +82,31 @@ impl Surfaces {
         Self {
             looks: Vec::with_capacity(N_IDS),
             wraps: Vec::with_capacity(N_IDS),
-            touched: Vec::with_capacity(N_IDS / N_LANES + 1),
+            shown: Vec::with_capacity(MAX_BLOCKS),
+            seen: Vec::with_capacity(N_IDS / N_LANES + 1),
         }
     }
 
+    /// Makes room for all of a scene's triangles, none of them seen yet.
+    fn start(&mut self, n_ids: usize, n_blocks: usize) {
+        let n_lines = self.looks.len().max(n_ids + N_LANES);
+        self.looks.resize(n_lines, VOID);
+        self.wraps.resize(n_lines, Line::ZERO);
+        self.seen.clear();
+        self.seen.resize(n_ids / N_LANES + 1, false);
+        self.shown.resize(n_blocks, SEVERAL);
+    }
+
     #[inline(always)]
-    fn touch<S: Simd>(&mut self, blocks: &[WholeLine]) {
-        for ids in blocks {
-            let n_seen = if is_uniform::<S>(ids) { 1 } else { N_LANES };
-            for id in &ids.0[..n_seen] {
-                self.touched[((id >> 4) + 1) as usize] = true;
+    fn look_at<S: Simd>(&mut self, blocks: &[WholeLine]) {
+        for (ids, shown) in blocks.iter().zip(&mut self.shown) {
+            *shown = ids.0[0];
+            self.seen[place(*shown) / N_LANES] = true;
+            if !is_uniform::<S>(ids) {
+                *shown = SEVERAL;
+                for id in &ids.0[1..] {
+                    self.seen[place(*id) / N_LANES] = true;
+                }
             }
         }
     }
@@ -102,25 +128,22 @@ impl Kernel for Collect<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         let Self { scene, camera, maps, visibility, scale, surfaces } = self;
-        let n_ids = scene.n_ids();
-        surfaces.looks.resize(surfaces.looks.len().max(n_ids), Line::ZERO);
-        surfaces.wraps.resize(surfaces.wraps.len().max(n_ids), Line::ZERO);
-        surfaces.touched.clear();
-        surfaces.touched.resize(n_ids / N_LANES + 1, false);
-        surfaces.touch::<S>(&visibility.ids);
+        surfaces.start(scene.n_ids(), visibility.ids.len());
+        surfaces.look_at::<S>(&visibility.ids);
         let plane = Plane::<S>::new(camera);
         for ((instance, map), &first_id) in scene.instances.iter().zip(maps).zip(&scene.first_id) {
-            let batches = &instance.mesh().batches.batches;
-            let first_batch = first_id as usize / N_LANES;
-            let touched = &surfaces.touched[first_batch + 1..][..batches.len()];
-            if !touched.contains(&true) {
-                continue;
-            }
-            let kit = Kit::<S>::new(instance, map, Snap::new(camera, scale));
-            for (i, batch) in batches.iter().enumerate() {
-                if touched[i] {
-                    let ids = (first_batch + i) * N_LANES..(first_batch + i + 1) * N_LANES;
-                    kit.write(batch, &plane, &mut surfaces.looks[ids.clone()], &mut surfaces.wraps[ids]);
+            let mut kit = None;
+            let batches = &instance.mesh().batches;
+            for (i, (corners, batch)) in batches.corners.iter().zip(&batches.batches).enumerate() {
+                let first = place(first_id as i32) + i * N_LANES;
+                if surfaces.seen[first / N_LANES] {
+                    if kit.is_none() {
+                        kit = Some(Kit::<S>::new(instance, map, Snap::new(camera, scale)));
+                    }
+                    let Some(kit) = &kit else { continue };
+                    let lines = first..first + N_LANES;
+                    let (looks, wraps) = (&mut surfaces.looks[lines.clone()], &mut surfaces.wraps[lines]);
+                    kit.write(corners, batch, &plane, looks, wraps);
                 }
             }
         }
@@ -159,9 +182,9 @@ impl<S: Simd> Plane<S> {
 
 /// What an instance's batches have in common.
 struct Kit<S: Simd> {
-    view_from_mesh: Map<S>,
+    view_from_steps: Map<S>,
     view_from_normal: Map<S>,
-    /// Texture tiles per unit of the mesh along its axes, if it is textured.
+    /// Texture tiles per step of the mesh along its axes, if it is textured.
     tiles: Option<Vectors<S>>,
     color: [f32; 3],
     specular: f32,
@@ -172,15 +195,15 @@ struct Kit<S: Simd> {
 impl<S: Simd> Kit<S> {
     #[inline(always)]
     fn new(instance: &Instance, view_from_mesh: &Affine, snap: Snap) -> Self {
-        let material = &instance.material;
+        let (material, steps) = (&instance.material, instance.mesh().batches.steps);
         let normals = Affine { linear: view_from_mesh.normals(), offset: [0.0; 3] };
         Self {
-            view_from_mesh: Map::new(view_from_mesh),
+            view_from_steps: Map::new(&view_from_mesh.per(steps)),
             view_from_normal: Map::new(&normals),
             tiles: match material.texture {
                 Some(texture) => {
                     let per_tile = 1.0 / pattern(texture).tile_m;
-                    Some(each!(k in 3 => S::F::all(instance.scale[k] * per_tile)))
+                    Some(each!(k in 3 => S::F::all(instance.scale[k] * per_tile * steps[k])))
                 }
                 None => None,
             },
@@ -193,9 +216,16 @@ impl<S: Simd> Kit<S> {
 
     /// Writes the lines of sixteen triangles.
     #[inline(always)]
-    fn write(&self, batch: &Batch, plane: &Plane<S>, looks: &mut [Line], wraps: &mut [Line]) {
+    fn write(
+        &self,
+        corners: &Corners,
+        batch: &Batch,
+        plane: &Plane<S>,
+        looks: &mut [Line],
+        wraps: &mut [Line],
+    ) {
         let [p, q, r] =
-            each!(k in 3 => self.snap.on_grid::<S>(self.view_from_mesh.points(&batch.positions[k])));
+            each!(k in 3 => self.snap.on_grid::<S>(self.view_from_steps.short_points(&corners[k])));
         let (e, f) = (minus::<S>(&q, &p), minus::<S>(&r, &p));
         let weights = Weights::<S> {
             a: plane.of(cross::<S>(&p, &f)),
@@ -218,7 +248,7 @@ impl<S: Simd> Kit<S> {
         rows[Look::FLAT] = S::F::all(1.0).or_where(flat, S::F::all(0.0));
         store_columns::<S>(rows, looks);
         if let Some(tiles) = &self.tiles {
-            let uv = each!(k in 3 => unwrap::<S>(&batch.positions[k], batch, tiles));
+            let uv = each!(k in 3 => unwrap::<S>(&corners[k], batch, tiles));
             let mut rows = [S::F::all(0.0); N_LANES];
             rows[Wrap::N..Wrap::N + 3].copy_from_slice(&weights.n);
             rows[Wrap::U..Wrap::U + 3].copy_from_slice(&weights.spread(each!(k in 3 => uv[k][0])));
@@ -247,15 +277,15 @@ impl<S: Simd> Weights<S> {
 #[inline(always)]
 fn store_columns<S: Simd>(rows: [S::F; N_LANES], lines: &mut [Line]) {
     let columns = S::transposed(rows);
-    for (i, line) in lines.iter_mut().enumerate().take(N_LANES) {
-        columns[i].store(line);
+    for (column, line) in columns.iter().zip(lines) {
+        column.store(line);
     }
 }
 
 /// Texture coordinates of a corner in tiles: see [`crate::render::mesh::Facing`].
 #[inline(always)]
-fn unwrap<S: Simd>(corner: &[Line; 3], batch: &Batch, tiles: &Vectors<S>) -> [S::F; 2] {
-    let [x, y, z] = each!(k in 3 => S::F::load(&corner[k]) * tiles[k]);
+fn unwrap<S: Simd>(corner: &[ShortLine; 3], batch: &Batch, tiles: &Vectors<S>) -> [S::F; 2] {
+    let [x, y, z] = each!(k in 3 => S::F::load_short(&corner[k]) * tiles[k]);
     let facing = S::I::load(&batch.facing);
     let (faces_x, faces_y) = (facing.eq(S::I::all(0)), facing.eq(S::I::all(1)));
     [z.or_where(faces_x, x), z.or_where(faces_y, y)]

@@ -4,7 +4,7 @@ use super::bindings::{self, Slot};
 use super::device::Gpu;
 use super::frame::Shared;
 use super::store::Store;
-use crate::render::rules::{GLOSS, GROUND, OFF_SURFACE_M};
+use crate::render::rules::{GLOSS, GROUND, OFF_SURFACE_M, SHARPNESS};
 use crate::render::srgb::{LINEAR_BELOW, LINEAR_CODES, ROOT_CODES};
 
 /// Pixels along each edge of the square that a workgroup makes.
@@ -92,6 +92,7 @@ fn constants() -> String {
     let coefficients = ROOT_CODES.map(|c| format!("{c:?}")).join(", ");
     format!(
         "const GLOSS: f32 = {GLOSS:?};\n\
+         const SHARPNESS: f32 = {SHARPNESS:?};\n\
          const GROUND: f32 = {GROUND:?};\n\
          const OFF_SURFACE_M: f32 = {OFF_SURFACE_M:?};\n\
          const LINEAR_BELOW: f32 = {LINEAR_BELOW:?};\n\

@@ -18,7 +18,7 @@ pub(super) mod torus;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::affine::{Vec3, add, cross, dot, scaled, sub};
-pub(super) use batch::{Batch, Batches, Bounds, Lines3};
+pub(super) use batch::{Batch, Batches, Bounds, Corners, Lines3};
 
 /// A closed or open surface of triangles, counter-clockwise seen from outside. Lengths in m, or in units of the
 /// instance's scale for the solids of half extent 1.
@@ -108,8 +108,27 @@ impl Mesh {
         hash.digest()
     }
 
+    /// Moves all vertices to where [`Batches`] can hold them, by some 2⁻¹⁶ of the mesh's extent along each axis at most.
+    /// Triangles of which nothing is left go.
+    fn snap(&mut self) {
+        let steps = batch::steps(self);
+        for (axis, step) in self.positions.iter_mut().zip(steps) {
+            axis.iter_mut().for_each(|x| *x = (*x / step).round_ties_even() * step);
+        }
+        let is_left = |triangle: &[u32; 3]| {
+            let [a, b, c] = triangle.map(|i| self.position(i));
+            cross(sub(b, a), sub(c, a)) != [0.0; 3]
+        };
+        let left: Vec<bool> = self.triangles.iter().map(is_left).collect();
+        let mut each = left.iter();
+        self.triangles.retain(|_| each.next() == Some(&true));
+        let mut each = left.iter();
+        self.facing.retain(|_| each.next() == Some(&true));
+    }
+
     /// The mesh with its bounding sphere, its triangles in clusters.
     fn finished(mut self) -> Self {
+        self.snap();
         let vertices = (0..self.n_vertices() as u32).map(|i| self.position(i));
         (self.centre, self.radius) = bounding_sphere(vertices);
         clusters::order(&mut self);

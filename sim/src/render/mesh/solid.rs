@@ -5,7 +5,7 @@ use crate::render::affine::{Vec3, cross};
 use crate::render::trig::on_circle;
 
 /// Corners of a circle.
-const AROUND: usize = 32;
+const AROUND: usize = 64;
 /// Rings of a dome from equator to pole.
 const RINGS: usize = 8;
 

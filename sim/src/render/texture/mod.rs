@@ -32,8 +32,10 @@ use colour::Rgb;
 pub(super) const SIDE: usize = 256;
 /// Levels from `SIDE` texels a side down to one.
 pub(super) const N_LEVELS: usize = SIDE.ilog2() as usize + 1;
+/// Texels that each row and each column of a level repeats behind its end.
+const APRON: usize = 8;
 /// Texels of all levels, the repeated ones included.
-const N_TEXELS: usize = level_offset(N_LEVELS - 1) + pitch(N_LEVELS - 1);
+const N_TEXELS: usize = level_offset(N_LEVELS);
 
 /// The patterns drawn so far. They are constants that are too large to be written down: the same in every process,
 /// never changed, a function of nothing. Hence a static, which spares every caller from handing them through; each is
@@ -44,10 +46,10 @@ static PATTERNS: [OnceLock<Pattern>; Texture::ALL.len()] = [const { OnceLock::ne
 pub(super) struct Pattern {
     /// World length of a tile's side, in m.
     pub(super) tile_m: f32,
-    /// Levels from the finest down to one texel, one after the other, each row by row. A row ends with a copy of its
-    /// first texel, so that the two horizontal neighbours of any point lie side by side. A texel is its red, green and
-    /// blue in 8 bits each from the lowest up and then 255; a channel is 255 times the square root of the factor, which
-    /// spends the codes where the eye tells them apart.
+    /// Levels from the finest down to one texel, one after the other, each row by row. Rows and columns go on for eight
+    /// texels behind their end, so that a square of so many from any texel on can be read without a seam. A texel is its
+    /// red, green and blue in 8 bits each from the lowest up and then 255; a channel is 255 times the square root of the
+    /// factor, which spends the codes where the eye tells them apart.
     pub(super) texels: Box<[u32]>,
 }
 
@@ -56,16 +58,23 @@ pub(super) fn pattern(texture: Texture) -> &'static Pattern {
     PATTERNS[texture as usize].get_or_init(|| Pattern::new(texture))
 }
 
-/// Index of the first texel of a level, the finest being 0: those before it hold 4/3 (`SIDE`² − side²) texels and
-/// 2 (`SIDE` − side) copies.
+/// Index of the first texel of a level, the finest being 0: as many as the finer ones hold.
 pub(super) const fn level_offset(level: usize) -> usize {
-    let side = SIDE >> level;
-    4 * (SIDE * SIDE - side * side) / 3 + 2 * (SIDE - side)
+    const OFFSETS: [usize; N_LEVELS + 1] = {
+        let mut offsets = [0; N_LEVELS + 1];
+        let mut level = 0;
+        while level < N_LEVELS {
+            offsets[level + 1] = offsets[level] + pitch(level) * pitch(level);
+            level += 1;
+        }
+        offsets
+    };
+    OFFSETS[level]
 }
 
-/// Distance between a level's rows in texels: its side and one copy.
+/// Rows of a level, and distance between them, in texels.
 pub(super) const fn pitch(level: usize) -> usize {
-    (SIDE >> level) + 1
+    (SIDE >> level) + APRON
 }
 
 impl Pattern {
@@ -75,9 +84,11 @@ impl Pattern {
         let mut texels = Vec::with_capacity(N_TEXELS);
         let mut side = SIDE;
         while side > 0 {
-            for row in level.chunks_exact(side) {
-                texels.extend(row.iter().chain(&row[..1]).copied().map(pack));
-            }
+            let on = 0..side + APRON;
+            texels.extend(on.clone().flat_map(|y| {
+                let row = &level[y % side * side..][..side];
+                on.clone().map(|x| pack(row[x % side]))
+            }));
             level = halved(&level, side);
             side /= 2;
         }

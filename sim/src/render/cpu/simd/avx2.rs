@@ -5,7 +5,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 use crate::render::cpu::each::each;
 
-use super::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine, load_pairs};
+use super::{Floats, Line, Mask, N_LANES, Number, Per, ShortLine, Simd, Whole, WholeLine, load_pairs};
 
 /// The instruction set.
 #[derive(Clone, Copy)]
@@ -109,19 +109,18 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
-    fn store_rgb(pixels: YmmWhole, rows: &mut [u8], pitch: usize) {
-        let mut packed = [0_u8; 64];
+    fn store_rgb<const N: usize>(pixels: YmmWhole, rows: &mut [[u8; N]; 4], at: usize) {
+        let [a, b, c, d] = rows.each_mut().map(|row| row[at..at + 16].as_mut_ptr());
         intrinsic!({
             let three_of_four = _mm256_broadcastsi128_si256(_mm_setr_epi8(
                 0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1,
             ));
-            for (half, bytes) in pixels.0.into_iter().zip(packed.chunks_exact_mut(32)) {
-                _mm256_storeu_si256(bytes.as_mut_ptr().cast(), _mm256_shuffle_epi8(half, three_of_four));
-            }
+            let [upper, lower] = each!(i in 2 => _mm256_shuffle_epi8(pixels.0[i], three_of_four));
+            _mm_storeu_si128(a.cast(), _mm256_castsi256_si128(upper));
+            _mm_storeu_si128(b.cast(), _mm256_extracti128_si256::<1>(upper));
+            _mm_storeu_si128(c.cast(), _mm256_castsi256_si128(lower));
+            _mm_storeu_si128(d.cast(), _mm256_extracti128_si256::<1>(lower));
         });
-        for i in 0..4 {
-            rows[i * pitch..i * pitch + 12].copy_from_slice(&packed[i * 16..i * 16 + 12]);
-        }
     }
 }
 
@@ -200,6 +199,14 @@ impl Floats for Ymm {
     fn load(from: &Line) -> Self {
         let half = |i: usize| from.0[i..i + 8].as_ptr();
         Self(intrinsic!([_mm256_load_ps(half(0)), _mm256_load_ps(half(8))]))
+    }
+
+    #[inline(always)]
+    fn load_short(from: &ShortLine) -> Self {
+        Self(each!(i in 2 => intrinsic!({
+            let short = _mm_load_si128(from.0.as_ptr().add(i * 8).cast());
+            _mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(short))
+        })))
     }
 
     #[inline(always)]
@@ -284,6 +291,12 @@ impl Whole for YmmWhole {
     fn shr<const BITS: u32>(self) -> Self {
         let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
         Self(each!(i in 2 => intrinsic!(_mm256_srl_epi32(self.0[i], count))))
+    }
+
+    #[inline(always)]
+    fn shr_halves<const BITS: u32>(self) -> Self {
+        let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
+        Self(each!(i in 2 => intrinsic!(_mm256_srl_epi16(self.0[i], count))))
     }
 
     #[inline(always)]

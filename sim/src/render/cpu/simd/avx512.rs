@@ -3,7 +3,9 @@
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
-use super::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine, load_pairs};
+use crate::render::cpu::each::each;
+
+use super::{Floats, Line, Mask, N_LANES, Number, Per, ShortLine, Simd, Whole, WholeLine, load_pairs};
 
 /// The instruction set.
 #[derive(Clone, Copy)]
@@ -106,17 +108,44 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
-    fn store_rgb(pixels: ZmmWhole, rows: &mut [u8], pitch: usize) {
-        let mut packed = [0_u8; 64];
+    fn window(words: &[u32], first: usize, pitch: usize, [x, y]: [ZmmWhole; 2]) -> Option<[ZmmWhole; 4]> {
+        intrinsic!({
+            if _mm512_cmpgt_epu32_mask(_mm512_max_epu32(x.0, y.0), _mm512_set1_epi32(6)) != 0 {
+                return None;
+            }
+            let words = &words[first..][..7 * pitch + 8];
+            let rows = each!(i in 4 => {
+                let upper = _mm256_loadu_si256(words.as_ptr().add(2 * i * pitch).cast());
+                let lower = _mm256_loadu_si256(words.as_ptr().add((2 * i + 1) * pitch).cast());
+                _mm512_inserti64x4::<1>(_mm512_castsi256_si512(upper), lower)
+            });
+            let at = _mm512_add_epi32(_mm512_slli_epi32::<3>(y.0), x.0);
+            let below = _mm512_add_epi32(at, _mm512_set1_epi32(8));
+            let one = _mm512_set1_epi32(1);
+            // Words from the 32nd on are in the lower half of the window.
+            let lower = _mm512_set1_epi32(32);
+            let halves = [_mm512_test_epi32_mask(at, lower), _mm512_test_epi32_mask(below, lower)];
+            let places = [at, _mm512_add_epi32(at, one), below, _mm512_add_epi32(below, one)];
+            Some(each!(k in 4 => {
+                let above = _mm512_permutex2var_epi32(rows[0], places[k], rows[1]);
+                let under = _mm512_permutex2var_epi32(rows[2], places[k], rows[3]);
+                ZmmWhole(_mm512_mask_mov_epi32(above, halves[k / 2], under))
+            }))
+        })
+    }
+
+    #[inline(always)]
+    fn store_rgb<const N: usize>(pixels: ZmmWhole, rows: &mut [[u8; N]; 4], at: usize) {
+        let [a, b, c, d] = rows.each_mut().map(|row| row[at..at + 16].as_mut_ptr());
         intrinsic!({
             let three_of_four =
                 _mm512_broadcast_i32x4(_mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1));
             let bytes = _mm512_shuffle_epi8(pixels.0, three_of_four);
-            _mm512_storeu_si512(packed.as_mut_ptr().cast(), bytes);
+            _mm_storeu_si128(a.cast(), _mm512_castsi512_si128(bytes));
+            _mm_storeu_si128(b.cast(), _mm512_extracti32x4_epi32::<1>(bytes));
+            _mm_storeu_si128(c.cast(), _mm512_extracti32x4_epi32::<2>(bytes));
+            _mm_storeu_si128(d.cast(), _mm512_extracti32x4_epi32::<3>(bytes));
         });
-        for i in 0..4 {
-            rows[i * pitch..i * pitch + 12].copy_from_slice(&packed[i * 16..i * 16 + 12]);
-        }
     }
 }
 
@@ -166,6 +195,14 @@ impl Floats for Zmm {
     #[inline(always)]
     fn load(from: &Line) -> Self {
         Self(intrinsic!(_mm512_load_ps(from.0.as_ptr())))
+    }
+
+    #[inline(always)]
+    fn load_short(from: &ShortLine) -> Self {
+        Self(intrinsic!({
+            let short = _mm256_load_si256(from.0.as_ptr().cast());
+            _mm512_cvtepi32_ps(_mm512_cvtepi16_epi32(short))
+        }))
     }
 
     #[inline(always)]
@@ -244,6 +281,11 @@ impl Whole for ZmmWhole {
     }
 
     #[inline(always)]
+    fn shr_halves<const BITS: u32>(self) -> Self {
+        Self(intrinsic!(_mm512_srli_epi16::<BITS>(self.0)))
+    }
+
+    #[inline(always)]
     fn sar<const BITS: u32>(self) -> Self {
         Self(intrinsic!(_mm512_srai_epi32::<BITS>(self.0)))
     }
@@ -256,6 +298,11 @@ impl Whole for ZmmWhole {
     #[inline(always)]
     fn min(self, other: Self) -> Self {
         Self(intrinsic!(_mm512_min_epi32(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn range(self) -> [i32; 2] {
+        intrinsic!([_mm512_reduce_min_epi32(self.0), _mm512_reduce_max_epi32(self.0)])
     }
 
     #[inline(always)]

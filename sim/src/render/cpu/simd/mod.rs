@@ -19,7 +19,7 @@ pub(super) use avx512::Avx512;
 pub(super) use portable::Portable;
 
 use super::each::each;
-pub(super) use crate::render::line::{Line, N_LANES, WholeLine};
+pub(super) use crate::render::line::{Line, N_LANES, ShortLine, WholeLine};
 
 /// An instruction set.
 pub(super) trait Simd: Copy {
@@ -40,11 +40,23 @@ pub(super) trait Simd: Copy {
     /// If there are fewer than two words.
     fn pairs(words: &[u32], at: &WholeLine) -> (Self::I, Self::I);
 
-    /// Writes the lowest three bytes of each lane, four lanes to a row: row i begins at `rows[i * pitch]`.
+    /// The words at x and y of an 8 × 8 window, those to the right of them, below them, and below to the right. The
+    /// window's rows begin at `first`, `first + pitch` and so on. `None` if one of the points is outside of the first
+    /// 7 × 7, or if this instruction set has no faster way than [`Self::pairs`].
     ///
     /// # Panics
-    /// If a row does not fit.
-    fn store_rgb(pixels: Self::I, rows: &mut [u8], pitch: usize);
+    /// If the window reaches out of `words`.
+    #[inline(always)]
+    fn window(_words: &[u32], _first: usize, _pitch: usize, _at: [Self::I; 2]) -> Option<[Self::I; 4]> {
+        None
+    }
+
+    /// Writes the lowest three bytes of each lane, four lanes to a row, from byte `at` of each row on. The four bytes behind
+    /// them are lost.
+    ///
+    /// # Panics
+    /// If there are less than sixteen bytes from there on.
+    fn store_rgb<const N: usize>(pixels: Self::I, rows: &mut [[u8; N]; 4], at: usize);
 }
 
 /// A float or sixteen of them: what is the same for all pixels of a surface is computed once, by the same steps.
@@ -119,6 +131,8 @@ pub(super) trait Floats: Number {
 
     /// From memory.
     fn load(from: &Line) -> Self;
+    /// From integers in memory.
+    fn load_short(from: &ShortLine) -> Self;
     /// To memory.
     fn store(self, to: &mut Line);
     /// Where `self > other`; not for NaN.
@@ -158,6 +172,8 @@ pub(super) trait Whole:
     fn shl<const BITS: u32>(self) -> Self;
     /// Shifted right, zeros from the left.
     fn shr<const BITS: u32>(self) -> Self;
+    /// Both 16-bit halves shifted right, zeros from the left of each.
+    fn shr_halves<const BITS: u32>(self) -> Self;
     /// Shifted right, the sign from the left.
     fn sar<const BITS: u32>(self) -> Self;
     /// The greater.
@@ -170,6 +186,13 @@ pub(super) trait Whole:
     fn eq(self, other: Self) -> Self::M;
     /// `self` where `mask`, else `other`.
     fn or_where(self, mask: Self::M, other: Self) -> Self;
+    /// The least and the greatest lane.
+    #[inline(always)]
+    fn range(self) -> [i32; 2] {
+        let mut line = WholeLine::ZERO;
+        self.store(&mut line);
+        line.0.iter().fold([i32::MAX, i32::MIN], |[least, greatest], x| [least.min(*x), greatest.max(*x)])
+    }
     /// As floats, rounded to nearest.
     fn floats(self) -> Self::F;
     /// The same bits.
@@ -189,6 +212,20 @@ pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
     }
     /// Where `self` and not `other`.
     fn and_not(self, other: Self) -> Self;
+}
+
+/// The lanes whose bits are set, from the lowest up.
+pub(super) struct Lanes(pub(super) u16);
+
+impl Iterator for Lanes {
+    type Item = usize;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<usize> {
+        let lane = self.0.trailing_zeros() as usize;
+        self.0 &= self.0.wrapping_sub(1);
+        (lane < 16).then_some(lane)
+    }
 }
 
 /// Sixteen pairs of neighbouring words, the first one in the lower half.

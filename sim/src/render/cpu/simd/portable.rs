@@ -2,7 +2,7 @@
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
-use super::{Floats, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine};
+use super::{Floats, Line, Mask, N_LANES, Number, Per, ShortLine, Simd, Whole, WholeLine};
 
 /// No instruction set in particular.
 #[derive(Clone, Copy)]
@@ -82,10 +82,11 @@ impl Simd for Portable {
         (WholeArray(map(at.0, |i| word(i, 0))), WholeArray(map(at.0, |i| word(i, 1))))
     }
 
-    fn store_rgb(pixels: WholeArray, rows: &mut [u8], pitch: usize) {
-        for (i, pixel) in pixels.0.iter().enumerate() {
-            let at = i / 4 * pitch + i % 4 * 3;
-            rows[at..at + 3].copy_from_slice(&pixel.to_le_bytes()[..3]);
+    fn store_rgb<const N: usize>(pixels: WholeArray, rows: &mut [[u8; N]; 4], at: usize) {
+        for (row, pixels) in rows.iter_mut().zip(pixels.0.chunks_exact(4)) {
+            for (rgb, pixel) in row[at..at + 16].chunks_exact_mut(3).zip(pixels) {
+                rgb.copy_from_slice(&pixel.to_le_bytes()[..3]);
+            }
         }
     }
 }
@@ -128,6 +129,10 @@ impl Floats for FloatArray {
 
     fn load(from: &Line) -> Self {
         Self(from.0)
+    }
+
+    fn load_short(from: &ShortLine) -> Self {
+        Self(from.0.map(f32::from))
     }
 
     fn store(self, to: &mut Line) {
@@ -195,6 +200,13 @@ impl Whole for WholeArray {
 
     fn shr<const BITS: u32>(self) -> Self {
         Self(map(self.0, |x| (x.cast_unsigned() >> BITS).cast_signed()))
+    }
+
+    fn shr_halves<const BITS: u32>(self) -> Self {
+        Self(map(self.0, |x| {
+            let halves = x.cast_unsigned();
+            (halves >> 16 >> BITS << 16 | (halves & 0xFFFF) >> BITS).cast_signed()
+        }))
     }
 
     fn sar<const BITS: u32>(self) -> Self {

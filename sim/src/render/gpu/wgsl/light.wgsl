@@ -15,9 +15,8 @@ fn lit(view: View, color: vec3f, specular: f32, point: vec3f, normal: vec3f, to_
             }
             scattered += light * (facing / 3.14159265);
             let aligned = 2.0 * facing * dot(normal, to_eye) - dot(sun.towards.xyz, to_eye);
-            let gleam = max(0.0, 2.0 * aligned - 1.0);
-            let fourth = (gleam * gleam) * (gleam * gleam);
-            mirrored += light * (fourth * fourth);
+            let gleam = max(0.0, SHARPNESS * aligned - (SHARPNESS - 1.0));
+            mirrored += light * (gleam * gleam);
         }
     }
     return color * scattered + specular * GLOSS * mirrored;

@@ -1,18 +1,21 @@
 // Textures: squares of texels that repeat, with their coarser levels, filtered in integers.
 
-// Texels of every texture: its levels from the finest down, each row followed by its first texel once more. Red, green
-// and blue from the lowest byte up, each the square root of a factor.
+// Texels of every texture: its levels from the finest down, rows and columns going on for eight texels behind their end.
+// Red, green and blue from the lowest byte up, each the square root of a factor.
 @group(0) @binding(4) var<storage, read> texels: array<u32>;
 
 const TILE_SIDE: u32 = 256u;
 const LAST_LEVEL: u32 = 8u;
-// Words of one texture: the sum over levels of side · (side + 1).
-const TILE_WORDS: u32 = 87892u;
+const APRON: u32 = 8u;
+// Words of one texture: the sum over levels of (side + 8)².
+const TILE_WORDS: u32 = 96133u;
 
-// Words before a level: the sum over the finer sides s of s² + s, which are powers of two.
+// Words before a level: the sum over the finer sides s of s² + 16 s + 64, which are powers of two.
 fn level_offset(level: u32) -> u32 {
     let side = TILE_SIDE >> level;
-    return (TILE_SIDE * TILE_SIDE - side * side) * 4u / 3u + 2u * (TILE_SIDE - side);
+    return (TILE_SIDE * TILE_SIDE - side * side) * 4u / 3u
+        + 4u * APRON * (TILE_SIDE - side)
+        + APRON * APRON * level;
 }
 
 // Factors of red, green and blue at uv, in tiles, over a pixel whose longer side spans √footprint texels.
@@ -36,12 +39,11 @@ fn bilinear(texture: u32, level: u32, point: vec2i) -> vec3u {
     // Half a texel from the corner of a texel to its middle.
     let at = bitcast<vec2u>(point - 128);
     let left_upper = (at >> vec2u(8u)) & vec2u(side - 1u);
-    let lower_row = (left_upper.y + 1u) & (side - 1u);
     let fraction = at & vec2u(255u);
     let corner = (fraction.x * fraction.y) >> 8u;
-    let first = texture * TILE_WORDS + level_offset(level) + left_upper.x;
-    let upper = first + left_upper.y * (side + 1u);
-    let lower = first + lower_row * (side + 1u);
+    let pitch = side + APRON;
+    let upper = texture * TILE_WORDS + level_offset(level) + left_upper.y * pitch + left_upper.x;
+    let lower = upper + pitch;
     return channels(texels[upper]) * (256u + corner - fraction.x - fraction.y)
         + channels(texels[upper + 1u]) * (fraction.x - corner)
         + channels(texels[lower]) * (fraction.y - corner)
