@@ -1,12 +1,17 @@
 //! What pictures cost: whole observations and single images, on one thread and on two, or on a device.
 //!
 //! `cargo bench -p benches --bench render -- [--renderer cpu|gpu|software] [--visibility raster|compute] [--envs N,N,…]
-//! [--csv FILE]`. An env-frame is all images of one env: two of 224 × 224 pixels and one of 128 × 128 per arm. Envs differ
+//! [--peer PYTHON] [--csv FILE]`. An env-frame is all images of one env: two of 224 × 224 pixels and one of 128 × 128 per arm. Envs differ
 //! in their seed. On the CPU the cases take turns, so that all of them meet the same machine, and medians are reported, after
 //! warm-up: everything drawn anew, with layers of what stands still, with shadows, with shadows and four samples per pixel.
+//! With `--peer`, MuJoCo draws the same triangles, textures and cameras in turn with us (`peers/mujoco_render.py`, run by the
+//! Python given), and only that is measured.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -24,8 +29,12 @@ const CASE_TIME: Duration = Duration::from_millis(700);
 
 fn main() -> Result<()> {
     let mut options = Options::default();
-    let usage = "--renderer cpu|gpu|software, --visibility raster|compute, --envs N,N,…, ";
+    let usage = "--renderer cpu|gpu|software, --visibility raster|compute, --envs N,N,…, --peer PYTHON, ";
     let mut table = Report::with_options("render", usage, |flag, value| options.take(flag, value))?;
+    if let Some(python) = &options.peer {
+        against_peer(python, &mut table)?;
+        return table.finish();
+    }
     for task in [TaskId::RaiseCube, TaskId::DualArmLiftTray] {
         for &n_envs in &options.n_envs {
             match options.adapter {
@@ -51,11 +60,13 @@ struct Options {
     adapter: Option<AdapterKind>,
     visibility: Option<Visibility>,
     n_envs: Vec<u32>,
+    /// Python with MuJoCo.
+    peer: Option<PathBuf>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { adapter: None, visibility: None, n_envs: vec![1, 16] }
+        Self { adapter: None, visibility: None, n_envs: vec![1, 16], peer: None }
     }
 }
 
@@ -71,6 +82,7 @@ impl Options {
                 let numbers = list.split(',').map(str::parse).collect::<Result<_, _>>();
                 self.n_envs = numbers.context("--envs takes numbers with commas between them")?;
             }
+            ("--peer", python) => self.peer = Some(python.into()),
             _ => return Ok(false),
         }
         Ok(true)
@@ -123,6 +135,127 @@ fn on_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Draws in turn with MuJoCo, on as many threads as there are processors, as MuJoCo's OpenGL does.
+fn against_peer(python: &Path, table: &mut Report) -> Result<()> {
+    const N_ENVS: u32 = 16;
+    const N_ROUNDS: usize = 9;
+    let task = TaskId::RaiseCube;
+    let n_threads = std::thread::available_parallelism()?.get();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
+    let folder = tempfile::tempdir()?;
+    export(&Env::several(task, N_ENVS, true), folder.path())?;
+    let mut peer = Peer::start(python, folder.path())?;
+    for (name, shadows, samples) in [
+        ("plain", false, Samples::One),
+        ("4_samples", false, Samples::Four),
+        ("shadows", true, Samples::One),
+        ("shadows_4_samples", true, Samples::Four),
+    ] {
+        let mut envs = Env::several(task, N_ENVS, shadows);
+        let mut ways = [false, true].map(|keep_layers| {
+            let name = if keep_layers { "/layers" } else { "" };
+            (name, CpuRenderer::with_options(n_threads, CpuOptions { keep_layers, samples }), Vec::new())
+        });
+        let mut theirs = Vec::new();
+        // The first round warms up.
+        for round in 0..=N_ROUNDS {
+            let peer_s = peer.draw(shadows, samples)?;
+            if round > 0 {
+                theirs.push(peer_s);
+            }
+            for (_, renderer, ours) in &mut ways {
+                // About as long as the peer takes, lest one side meet a moment that the other does not.
+                let (start, mut rounds) = (Instant::now(), Vec::new());
+                while rounds.is_empty() || start.elapsed().as_secs_f64() < peer_s / 2.0 {
+                    let mut views = Env::views(&mut envs);
+                    let round = Instant::now();
+                    pool.install(|| renderer.draw(&mut views));
+                    rounds.push(round.elapsed().as_secs_f64());
+                }
+                if round > 0 {
+                    ours.push(median(&mut rounds));
+                }
+            }
+        }
+        let rate = |seconds| f64::from(N_ENVS) / seconds;
+        for (way, _, ours) in ways {
+            let mut ratios: Vec<f64> = theirs.iter().zip(&ours).map(|(theirs, ours)| theirs / ours).collect();
+            let (mut ours, mut theirs) = (ours, theirs.clone());
+            let [ours, theirs] = [rate(median(&mut ours)), rate(median(&mut theirs))];
+            let case = format!("{}/{name}{way}", task.name());
+            let ratio = median(&mut ratios);
+            println!("{case:40} {ours:8.0} against {theirs:4.0} env_frames_per_s: {ratio:.1} times");
+            table.add(&format!("{case}/peer"), theirs, "env_frames_per_s", &peer.name);
+            table.add(&format!("{case}/times_the_peer"), ratio, "1", &format!("envs{N_ENVS}"));
+            table.add(&case, ours, "env_frames_per_s", &format!("threads{n_threads}"));
+        }
+    }
+    Ok(())
+}
+
+/// Writes the first env's scene, and where everything is in each env.
+fn export(envs: &[Env], folder: &Path) -> Result<()> {
+    let scene = &envs[0].scene;
+    scene.write_mjcf(folder).context("export the scene for the peer")?;
+    let poses: Vec<_> = envs.iter().map(|env| scene.mjcf_poses(&env.snapshot)).collect();
+    let sides: Vec<_> = (0..scene.n_cameras()).map(|camera_idx| scene.side(camera_idx)).collect();
+    let text = serde_json::json!({ "poses": poses, "sides": sides }).to_string();
+    std::fs::write(folder.join("poses.json"), text).context("export the poses for the peer")
+}
+
+/// A process that draws with MuJoCo.
+struct Peer {
+    name: String,
+    process: Child,
+    requests: ChildStdin,
+    answers: BufReader<ChildStdout>,
+}
+
+impl Peer {
+    fn start(python: &Path, folder: &Path) -> Result<Self> {
+        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/peers/mujoco_render.py");
+        let mut process = Command::new(python)
+            .arg(script)
+            .arg(folder)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .with_context(|| format!("start {}", python.display()))?;
+        let requests = process.stdin.take().context("standard input is piped")?;
+        let answers = BufReader::new(process.stdout.take().context("standard output is piped")?);
+        let mut peer = Self { name: String::new(), process, requests, answers };
+        peer.name = peer.answer()?;
+        Ok(peer)
+    }
+
+    fn answer(&mut self) -> Result<String> {
+        let mut line = String::new();
+        self.answers.read_line(&mut line)?;
+        anyhow::ensure!(!line.is_empty(), "the peer ended; what it wrote above says why");
+        Ok(line.trim().to_owned())
+    }
+
+    /// Draws every image of every env and says how many seconds that took.
+    fn draw(&mut self, shadows: bool, samples: Samples) -> Result<f64> {
+        let samples = if samples == Samples::Four { 4 } else { 0 };
+        writeln!(self.requests, "{} {samples}", i32::from(shadows))?;
+        let answer = self.answer()?;
+        answer.parse().with_context(|| format!("the peer answers with seconds, found {answer}"))
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
 }
 
 fn on_device(

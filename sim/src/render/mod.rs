@@ -13,6 +13,7 @@ pub mod gpu;
 mod line;
 mod material;
 mod mesh;
+mod mjcf;
 mod noise;
 mod posed;
 mod robot;

@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 use super::affine::{Affine, Vec3, normalised, scaled};
 use super::body::{self, OwnMeshes};
 use super::camera::Camera;
-use super::cpu::Layer;
+use super::cpu::{Layer, StillHeights};
 use super::line::N_LANES;
 use super::material::Material;
 use super::mesh::{Mesh, MeshId, MeshLibrary};
@@ -106,6 +106,8 @@ pub struct RenderScene {
     pub(super) shadow_centre: Option<Vec3>,
     /// Per camera what the CPU renderer keeps from picture to picture: it saves work and changes no byte.
     pub(super) layers: Vec<Mutex<Layer>>,
+    /// The same for shadows.
+    pub(super) still_heights: Mutex<Option<Arc<StillHeights>>>,
     n_triangles: usize,
     n_bodies: usize,
     n_arms: usize,
@@ -147,6 +149,7 @@ impl RenderScene {
             cameras: scene.cameras.iter().map(Camera::new).collect(),
             shadow_centre: shadow_centre(scene),
             layers: scene.cameras.iter().map(|_| Mutex::default()).collect(),
+            still_heights: Mutex::default(),
             n_still,
             n_triangles: instances.iter().map(|instance| instance.mesh().triangles.len()).sum(),
             n_bodies: scene.bodies.len(),

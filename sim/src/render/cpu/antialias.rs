@@ -5,15 +5,16 @@ use super::each::each;
 use super::isa::Kernel;
 use super::kind::{Block, Oversampled, Square};
 use super::raster::{NOTHING, Visibility};
-use super::rays::Gaze;
-use super::shade::{Mixture, STRIP, Shader, Sink, Strip};
-use super::simd::{Floats, Line, N_LANES, Simd, WholeLine};
+use super::shade::{Mixture, STRIP, Shader, Sink, Strip, store_all};
+use super::simd::{Floats, Lanes, Line, Mask, N_LANES, Number, Simd, Whole, WholeLine};
 use super::surface::SEVERAL;
 
 /// Samples along each edge of a pixel.
 const PER_EDGE: usize = Oversampled::SAMPLES_PER_EDGE;
 /// Samples of a pixel.
 const PER_PIXEL: usize = PER_EDGE * PER_EDGE;
+/// Share of a pixel's light that a sample has.
+const SHARE: f32 = 1.0 / PER_PIXEL as f32;
 
 /// Shades a picture from samples in [`Oversampled`] blocks.
 pub(super) struct ShadeSamples<'a, K> {
@@ -22,151 +23,202 @@ pub(super) struct ShadeSamples<'a, K> {
     pub(super) sink: K,
 }
 
-/// What the samples of 4 × 4 pixels show: lane i is pixel i, one line per sample.
-#[derive(Clone, Copy)]
+/// What the samples of a strip's blocks show.
 struct Shown {
-    ids: [WholeLine; PER_PIXEL],
-    depths: [Line; PER_PIXEL],
-    /// The triangle that all samples show, or [`SEVERAL`].
-    all: i32,
+    /// By sample and block; lane i is pixel i.
+    ids: [[WholeLine; STRIP]; PER_PIXEL],
+    depths: [[Line; STRIP]; PER_PIXEL],
+    /// The triangle that all samples of a block show, or [`SEVERAL`].
+    alls: [i32; STRIP],
 }
 
 impl Shown {
     const NOTHING: Self = Self {
-        ids: [WholeLine([NOTHING; N_LANES]); PER_PIXEL],
-        depths: [Line::ZERO; PER_PIXEL],
-        all: NOTHING,
+        ids: [[WholeLine([NOTHING; N_LANES]); STRIP]; PER_PIXEL],
+        depths: [[Line::ZERO; STRIP]; PER_PIXEL],
+        alls: [NOTHING; STRIP],
     };
 }
 
-/// A triangle that a pixel shows beside the one of its first sample.
-#[derive(Clone, Copy)]
-struct Fragment {
-    pixel: usize,
-    id: i32,
-    depth: f32,
-    /// Share of the pixel's samples.
-    weight: f32,
+/// Triangles that pixels of a strip show beside those of their first samples, packed: a list of each property.
+struct Fragments {
+    n: usize,
+    /// Number of the block times 16, plus that of the pixel.
+    places: [i32; MAX_FRAGMENTS],
+    ids: [i32; MAX_FRAGMENTS],
+    /// As the bits of floats.
+    depths: [i32; MAX_FRAGMENTS],
+    /// Share of the pixel's samples, likewise.
+    weights: [i32; MAX_FRAGMENTS],
 }
 
-/// Every sample but a pixel's first may show a triangle of its own.
-const MAX_FRAGMENTS: usize = N_LANES * (PER_PIXEL - 1);
+/// Every sample but a pixel's first may show a triangle of its own; the last vector may be written past the last of them.
+const MAX_FRAGMENTS: usize = STRIP * N_LANES * (PER_PIXEL - 1) + N_LANES;
+
+impl Fragments {
+    const NONE: Self = Self {
+        n: 0,
+        places: [0; MAX_FRAGMENTS],
+        ids: [0; MAX_FRAGMENTS],
+        depths: [0; MAX_FRAGMENTS],
+        weights: [0; MAX_FRAGMENTS],
+    };
+
+    #[inline(always)]
+    fn push<S: Simd>(&mut self, keep: S::M, block: usize, id: S::I, depth: S::F, weight: S::F) {
+        let n = self.n;
+        let place = S::I::load(&PIXELS) + S::I::all((block * N_LANES) as i32);
+        for (numbers, list) in [
+            (place, &mut self.places),
+            (id, &mut self.ids),
+            (depth.bits(), &mut self.depths),
+            (weight.bits(), &mut self.weights),
+        ] {
+            let (to, _) = list[n..].split_first_chunk_mut().expect("room for a vector behind the last one");
+            self.n = n + S::compress(numbers, keep, to);
+        }
+    }
+
+    /// Sixteen of a list, from the `first` on; there is nothing behind the end.
+    #[inline(always)]
+    fn line(list: &[i32; MAX_FRAGMENTS], first: usize) -> WholeLine {
+        WholeLine(each!(i in 16 => list[first + i]))
+    }
+}
+
+/// Numbers of a block's pixels.
+const PIXELS: WholeLine = WholeLine([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
 
 impl<K: Sink> Kernel for ShadeSamples<'_, K> {
     #[inline(always)]
     fn run<S: Simd>(mut self) {
         let per_row = (self.visibility.side as usize / PER_EDGE) >> Square::WIDTH_BITS;
         let mut strip = Strip::new();
-        let mut shown = [Shown::NOTHING; STRIP];
-        let (mut ids, mut depths) = ([WholeLine::ZERO; STRIP], [Line::ZERO; STRIP]);
-        let mut alls = [NOTHING; STRIP];
+        let (mut shown, mut fragments) = (Shown::NOTHING, Fragments::NONE);
+        let mut light = [[Line::ZERO; 3]; STRIP];
         for row in 0..per_row {
             for first in (0..per_row).step_by(STRIP) {
                 let n = STRIP.min(per_row - first);
                 for i in 0..n {
-                    self.gather::<S>(first + i, row, &mut shown[i]);
-                    (ids[i], depths[i], alls[i]) = (shown[i].ids[0], shown[i].depths[0], shown[i].all);
+                    self.gather::<S>(first + i, row, i, &mut shown);
                 }
                 strip.go_to(first, row, n);
-                self.shader.shade::<S>(&alls[..n], &ids[..n], &depths[..n], &mut strip);
-                for (i, shown) in shown[..n].iter().enumerate() {
-                    if shown.all == SEVERAL {
-                        self.mix::<S>(shown, i, &mut strip);
-                    }
+                let (ids, depths) = (&shown.ids[0][..n], &shown.depths[0][..n]);
+                self.shader.shade::<S>(&shown.alls[..n], ids, depths, &mut strip);
+                let mixed = weigh::<S>(&shown, &strip, &mut light, &mut fragments);
+                self.add::<S>(&fragments, &mut strip, &mut light);
+                for i in Lanes(mixed) {
+                    strip.replace::<S>(i, each!(c in 3 => S::F::load(&light[i][c]).sqrt()));
                 }
-                self.sink.take::<S>(&strip, &ids[..n]);
+                self.sink.take::<S>(&strip);
             }
         }
     }
 }
 
 impl<K: Sink> ShadeSamples<'_, K> {
-    /// Puts the samples of a block of pixels, which lie in four blocks of samples, in the order of the pixels.
+    /// Puts the samples of a strip's block of pixels, which lie in four blocks of samples, in the order of the pixels.
     #[inline(always)]
-    fn gather<S: Simd>(&self, column: usize, row: usize, shown: &mut Shown) {
+    fn gather<S: Simd>(&self, column: usize, row: usize, i: usize, shown: &mut Shown) {
         let pitch = self.visibility.side as usize >> Square::WIDTH_BITS;
         let upper = row * PER_EDGE * pitch + column * PER_EDGE;
         let blocks = [upper, upper + 1, upper + pitch, upper + pitch + 1];
         let alls = each!(k in 4 => self.shader.surfaces.shown[blocks[k]]);
-        shown.all = if alls == [alls[0]; 4] { alls[0] } else { SEVERAL };
-        for pixel in 0..N_LANES {
-            let (x, y) = (pixel % 4, pixel / 4);
-            let block = blocks[y / 2 * 2 + x / 2];
-            for sample in 0..PER_PIXEL {
-                let lane = sample * 4 + y % 2 * 2 + x % 2;
-                shown.ids[sample].0[pixel] = self.visibility.ids[block].0[lane];
-                shown.depths[sample].0[pixel] = self.visibility.depths[block].0[lane];
-            }
+        shown.alls[i] = if alls == [alls[0]; 4] { alls[0] } else { SEVERAL };
+        let ids = S::unfolded(each!(k in 4 => S::I::load(&self.visibility.ids[blocks[k]])));
+        let depths = S::unfolded(each!(k in 4 => S::F::load(&self.visibility.depths[blocks[k]]).bits()));
+        for sample in 0..PER_PIXEL {
+            ids[sample].store(&mut shown.ids[sample][i]);
+            depths[sample].as_float_bits().store(&mut shown.depths[sample][i]);
         }
     }
 
-    /// Adds what the other samples of a strip's block show to the light of its first ones.
+    /// Adds the fragments' light to that of their pixels.
     #[inline(always)]
-    fn mix<S: Simd>(&self, shown: &Shown, i: usize, strip: &mut Strip) {
-        let mut fragments = [Fragment { pixel: 0, id: NOTHING, depth: 1.0, weight: 0.0 }; MAX_FRAGMENTS];
-        let mut n_fragments = 0;
-        let mut light = strip.roots(i);
-        for pixel in 0..N_LANES {
-            let ids = each!(s in 4 => shown.ids[s].0[pixel]);
-            let share = |id: i32| ids.iter().filter(|other| **other == id).count() as f32 / PER_PIXEL as f32;
-            for channel in &mut light {
-                channel.0[pixel] = channel.0[pixel].min(1.0) * channel.0[pixel].min(1.0) * share(ids[0]);
-            }
-            for sample in 1..PER_PIXEL {
-                let id = ids[sample];
-                if id != NOTHING && !ids[..sample].contains(&id) {
-                    let depth = shown.depths[sample].0[pixel];
-                    fragments[n_fragments] = Fragment { pixel, id, depth, weight: share(id) };
-                    n_fragments += 1;
-                }
-            }
-        }
-        let gaze = self.shader.rays.gaze::<S>(strip.column + i, strip.row);
-        for fragments in fragments[..n_fragments].chunks(N_LANES) {
-            let (ids, gaze) = scattered(&gaze, fragments);
+    fn add<S: Simd>(&self, fragments: &Fragments, strip: &mut Strip, light: &mut [[Line; 3]; STRIP]) {
+        for first in (0..fragments.n).step_by(N_LANES) {
+            let n = N_LANES.min(fragments.n - first);
+            let mut ids = Fragments::line(&fragments.ids, first);
+            ids.0[n..].fill(NOTHING);
+            let places = Fragments::line(&fragments.places, first);
+            let place = S::I::load(&places);
+            let block = place.shr::<4>();
+            let column = (block.shl::<2>() | place & S::I::all(3)) + S::I::all((strip.column * 4) as i32);
+            let row = (place.shr::<2>() & S::I::all(3)) + S::I::all((strip.row * 4) as i32);
+            let depth = S::I::load(&Fragments::line(&fragments.depths, first)).as_float_bits();
+            let weight = S::I::load(&Fragments::line(&fragments.weights, first)).as_float_bits();
+            let gaze = self.shader.rays.through::<S>([column.floats(), row.floats()], depth);
             let mut mixture = Mixture::NONE;
             self.shader.gather::<S>(&ids, &gaze, &mut mixture);
-            self.shader.tint::<S>(&ids, &gaze, i, strip, &mut mixture);
-            let rgb = self.shader.several::<S>(&mixture, &gaze);
-            for c in 0..3 {
-                let mut channel = Line::ZERO;
-                rgb[c].store(&mut channel);
-                for (lane, fragment) in fragments.iter().enumerate() {
-                    light[c].0[fragment.pixel] +=
-                        channel.0[lane].min(1.0) * channel.0[lane].min(1.0) * fragment.weight;
+            if mixture.textured != 0 {
+                let mut blocks = WholeLine::ZERO;
+                block.store(&mut blocks);
+                self.shader.tint::<S>(&ids, &blocks, &gaze, strip, &mut mixture);
+            }
+            let roots = self.shader.several::<S>(&mixture, &gaze);
+            let mut rgb = [Line::ZERO; 3];
+            store_all::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), &mut rgb);
+            for lane in 0..n {
+                let (block, pixel) = (places.0[lane] as usize / N_LANES, places.0[lane] as usize % N_LANES);
+                for c in 0..3 {
+                    light[block][c].0[pixel] += rgb[c].0[lane];
                 }
             }
         }
-        for channel in &mut light {
-            channel.0 = channel.0.map(f32::sqrt);
-        }
-        strip.replace(i, light);
     }
 }
 
-/// Triangles of up to sixteen fragments and the rays through their pixels.
+/// Gives the first samples' light its weight in the strip's blocks where other samples show something else, and lists what
+/// they show. Bit i: block i is one of them.
 #[inline(always)]
-fn scattered<S: Simd>(gaze: &Gaze<S>, fragments: &[Fragment]) -> (WholeLine, Gaze<S>) {
-    let mut lines = [Line::ZERO; 5];
-    let rows = [gaze.pixel[0], gaze.pixel[1], gaze.d[0], gaze.d[1], gaze.per_length];
-    for k in 0..5 {
-        rows[k].store(&mut lines[k]);
-    }
-    let mut picked = lines;
-    let (mut ids, mut depths) = (WholeLine([NOTHING; N_LANES]), Line([1.0; N_LANES]));
-    for (lane, fragment) in fragments.iter().enumerate() {
-        ids.0[lane] = fragment.id;
-        depths.0[lane] = fragment.depth;
-        for k in 0..5 {
-            picked[k].0[lane] = lines[k].0[fragment.pixel];
+fn weigh<S: Simd>(
+    shown: &Shown,
+    strip: &Strip,
+    light: &mut [[Line; 3]; STRIP],
+    fragments: &mut Fragments,
+) -> u16 {
+    fragments.n = 0;
+    let mut mixed = 0;
+    for i in 0..strip.n {
+        if shown.alls[i] != SEVERAL {
+            continue;
+        }
+        let ids = each!(s in 4 => S::I::load(&shown.ids[s][i]));
+        let same = ids[1].eq(ids[0]) & ids[2].eq(ids[0]) & ids[3].eq(ids[0]);
+        if same.to_bits() == u16::MAX {
+            continue;
+        }
+        mixed |= 1 << i;
+        let roots = strip.roots::<S>(i);
+        let weight = share::<S>(&ids, 0);
+        store_all::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), &mut light[i]);
+        for sample in 1..PER_PIXEL {
+            let mut keep = ids[sample].gt(S::I::all(NOTHING));
+            for before in &ids[..sample] {
+                keep = keep.and_not(ids[sample].eq(*before));
+            }
+            if keep.any() {
+                let depth = S::F::load(&shown.depths[sample][i]);
+                fragments.push::<S>(keep, i, ids[sample], depth, share::<S>(&ids, sample));
+            }
         }
     }
-    let [x, y, dx, dy, per_length] = picked;
-    let gaze = Gaze {
-        pixel: [S::F::load(&x), S::F::load(&y)],
-        d: [S::F::load(&dx), S::F::load(&dy)],
-        per_length: S::F::load(&per_length),
-        depth: S::F::load(&depths),
-    };
-    (ids, gaze)
+    mixed
+}
+
+/// What share of a pixel's samples show what this one shows, if none before it does.
+#[inline(always)]
+fn share<S: Simd>(ids: &[S::I; PER_PIXEL], sample: usize) -> S::F {
+    let mut share = S::F::all(SHARE);
+    for after in &ids[sample + 1..] {
+        share = share + S::F::all(SHARE).or_where(after.eq(ids[sample]), S::F::all(0.0));
+    }
+    share
+}
+
+/// Linear light, held in [0, 1], from its square root.
+#[inline(always)]
+fn linear<S: Simd>(root: S::F) -> S::F {
+    let held = root.min(S::F::all(1.0));
+    held * held
 }

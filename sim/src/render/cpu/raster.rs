@@ -49,22 +49,20 @@ impl Visibility {
         let n_blocks = (side * side) >> (B::WIDTH_BITS + B::HEIGHT_BITS);
         self.depths.clear();
         self.depths.resize(n_blocks, Line([least_depth; 16]));
-        self.forget_ids::<B>(side);
-    }
-
-    /// An empty square picture behind which there is something at these depths already.
-    pub(super) fn start_over<B: Block>(&mut self, side: usize, depths: &[Line]) {
-        self.depths.clear();
-        self.depths.extend_from_slice(depths);
-        self.forget_ids::<B>(side);
-    }
-
-    fn forget_ids<B: Block>(&mut self, side: usize) {
         self.side = side as i32;
         self.ids.clear();
         if B::WITH_IDS {
-            self.ids.resize(self.depths.len(), WholeLine([NOTHING; 16]));
+            self.ids.resize(n_blocks, WholeLine([NOTHING; 16]));
         }
+    }
+
+    /// An empty square picture behind which there is something at these depths already.
+    pub(super) fn start_over(&mut self, side: usize, depths: &[Line]) {
+        self.side = side as i32;
+        self.depths.clear();
+        self.depths.extend_from_slice(depths);
+        self.ids.clear();
+        self.ids.resize(depths.len(), WholeLine([NOTHING; 16]));
     }
 
     /// Draws one block's share of a triangle.

@@ -50,10 +50,8 @@ impl Kernel for Aim<'_> {
         for block in 0..per_row * per_row {
             let (column, row) = (block % per_row, block / per_row);
             let first = [(column << Square::WIDTH_BITS) as f32, (row << Square::HEIGHT_BITS) as f32];
-            let [x, y] = rays.d::<S>(rays.pixel::<S>(first));
             let mut line = Line::ZERO;
-            let squared = x.mul_add(x, y.mul_add(y, S::F::all(1.0)));
-            (S::F::all(1.0) / squared.sqrt()).store(&mut line);
+            per_length::<S>(rays.d::<S>(rays.pixel::<S>(first))).store(&mut line);
             rays.per_length.push(line);
         }
     }
@@ -84,6 +82,13 @@ impl Rays {
         }
     }
 
+    /// Rays through any pixels: the same as in their blocks.
+    #[inline(always)]
+    pub(super) fn through<S: Simd>(&self, pixel: [S::F; 2], depth: S::F) -> Gaze<S> {
+        let d = self.d::<S>(pixel);
+        Gaze { pixel, d, per_length: per_length::<S>(d), depth }
+    }
+
     /// x and y of d at the corners of a row of `n` blocks.
     #[inline(always)]
     pub(super) fn corners(&self, column: usize, row: usize, n: usize) -> [[f32; 2]; 4] {
@@ -106,4 +111,9 @@ impl Rays {
         let first = (0.5 - self.side as f32 / 2.0) * per_focal;
         each!(k in 2 => pixel[k].mul_add(S::F::all(per_focal), S::F::all(first)))
     }
+}
+
+#[inline(always)]
+fn per_length<S: Simd>([x, y]: [S::F; 2]) -> S::F {
+    S::F::all(1.0) / x.mul_add(x, y.mul_add(y, S::F::all(1.0))).sqrt()
 }

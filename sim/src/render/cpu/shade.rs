@@ -25,8 +25,8 @@ pub(super) struct Shader<'a> {
 
 /// Where pixels go.
 pub(super) trait Sink {
-    /// Takes the pixels of a strip of blocks that show these triangles.
-    fn take<S: Simd>(&mut self, strip: &Strip, ids: &[WholeLine]);
+    /// Takes the pixels of a strip of blocks.
+    fn take<S: Simd>(&mut self, strip: &Strip);
 }
 
 /// Shades a picture.
@@ -49,7 +49,7 @@ impl<K: Sink> Kernel for Shade<'_, K> {
                     (&self.visibility.ids[blocks.clone()], &self.visibility.depths[blocks.clone()]);
                 strip.go_to(first, row, n);
                 self.shader.shade::<S>(&self.shader.surfaces.shown[blocks], ids, depths, &mut strip);
-                self.sink.take::<S>(&strip, ids);
+                self.sink.take::<S>(&strip);
             }
         }
     }
@@ -101,7 +101,7 @@ pub(super) struct Mixture {
     tint: [Line; 3],
     specular: Line,
     /// Bit i: lane i shows a texture.
-    textured: u16,
+    pub(super) textured: u16,
 }
 
 impl Mixture {
@@ -151,14 +151,17 @@ impl Strip {
     }
 
     /// Square roots of a block's light, linear RGB.
-    pub(super) fn roots(&self, i: usize) -> [Line; 3] {
-        if self.lit() >> i & 1 == 0 { [Line::ZERO; 3] } else { self.roots[i] }
+    #[inline(always)]
+    pub(super) fn roots<S: Simd>(&self, i: usize) -> [S::F; 3] {
+        let is_lit = self.lit() >> i & 1 == 1;
+        each!(c in 3 => if is_lit { S::F::load(&self.roots[i][c]) } else { S::F::all(0.0) })
     }
 
     /// Puts other light in the place of a block's.
-    pub(super) fn replace(&mut self, i: usize, roots: [Line; 3]) {
+    #[inline(always)]
+    pub(super) fn replace<S: Simd>(&mut self, i: usize, roots: [S::F; 3]) {
         self.several |= 1 << i;
-        self.roots[i] = roots;
+        store_all::<S>(roots, &mut self.roots[i]);
     }
 
     /// Sorts the blocks by what they show.
@@ -216,7 +219,8 @@ impl Shader<'_> {
             if strip.mixtures[block].textured != 0 {
                 let gaze = self.rays.gaze::<S>(strip.column + block, strip.row);
                 let mut mixture = core::mem::replace(&mut strip.mixtures[block], Mixture::NONE);
-                self.tint::<S>(&ids[block], &gaze, block, strip, &mut mixture);
+                let here = WholeLine([block as i32; N_LANES]);
+                self.tint::<S>(&ids[block], &here, &gaze, strip, &mut mixture);
                 strip.mixtures[block] = mixture;
             }
         }
@@ -304,27 +308,29 @@ impl Shader<'_> {
         mixture.textured = looks[Look::TEXTURE].bits().gt(S::I::all(-1)).to_bits();
     }
 
-    /// Finds the tints of textured pixels, triangle by triangle: few blocks show many textured ones.
+    /// Finds the tints of textured pixels in the given blocks of a strip, for each block triangle by triangle: few blocks
+    /// show many textured ones.
     #[inline(always)]
     pub(super) fn tint<S: Simd>(
         &self,
         ids: &WholeLine,
+        blocks: &WholeLine,
         gaze: &Gaze<S>,
-        block: usize,
         strip: &mut Strip,
         mixture: &mut Mixture,
     ) {
-        let all_ids = S::I::load(ids);
+        let (all_ids, all_blocks) = (S::I::load(ids), S::I::load(blocks));
         let mut tint = [S::F::all(1.0); 3];
         let mut textured = mixture.textured;
         while textured != 0 {
-            let id = ids.0[textured.trailing_zeros() as usize];
+            let lane = textured.trailing_zeros() as usize;
+            let (id, block) = (ids.0[lane], blocks.0[lane]);
             let place = place(id);
-            let level = self.level::<S>(place, block, strip);
-            let site = &mut strip.sites[block];
+            let level = self.level::<S>(place, block as usize, strip);
+            let site = &mut strip.sites[block as usize];
             site.locate::<S>(&self.uv::<S>(place, gaze), level);
             let factors = site.read::<S>(self.pattern(place));
-            let here = all_ids.eq(S::I::all(id));
+            let here = all_ids.eq(S::I::all(id)) & all_blocks.eq(S::I::all(block));
             tint = each!(c in 3 => factors[c].or_where(here, tint[c]));
             textured &= !here.to_bits();
         }
@@ -391,7 +397,7 @@ const BLOCK_STARTS: Line = {
 };
 
 #[inline(always)]
-fn store_all<S: Simd>(rgb: [S::F; 3], lines: &mut [Line; 3]) {
+pub(super) fn store_all<S: Simd>(rgb: [S::F; 3], lines: &mut [Line; 3]) {
     for (channel, line) in rgb.iter().zip(lines) {
         channel.store(line);
     }

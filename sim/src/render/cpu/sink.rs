@@ -1,9 +1,8 @@
 //! Where shaded pixels go: into the picture, into a layer, or into the picture over a layer.
 
 use super::kind::{Block, Square};
-use super::raster::NOTHING;
 use super::shade::{STRIP, Sink, Strip};
-use super::simd::{Lanes, Mask, Simd, Whole, WholeLine};
+use super::simd::{Lanes, Simd};
 
 /// Bytes of a pixel.
 const RGB: usize = 3;
@@ -32,16 +31,10 @@ impl<'a> Picture<'a> {
         Self { out, side, rows: Rows([[0; STRIP_ROW + 16]; N_ROWS]) }
     }
 
-    /// Index of a strip's first byte.
-    #[inline(always)]
-    fn first(&self, strip: &Strip) -> usize {
-        ((strip.row << Square::HEIGHT_BITS) * self.side + (strip.column << Square::WIDTH_BITS)) * RGB
-    }
-
     /// Copies the strip's rows into the picture.
     #[inline(always)]
     fn copy(&mut self, strip: &Strip) {
-        let (first, pitch) = (self.first(strip), self.side * RGB);
+        let (first, pitch) = (first(strip, self.side), self.side * RGB);
         for (i, row) in self.rows.0.iter().enumerate() {
             let out = &mut self.out[first + i * pitch..];
             // One of a known length is copied without a call.
@@ -56,7 +49,7 @@ impl<'a> Picture<'a> {
 
 impl Sink for Picture<'_> {
     #[inline(always)]
-    fn take<S: Simd>(&mut self, strip: &Strip, _ids: &[WholeLine]) {
+    fn take<S: Simd>(&mut self, strip: &Strip) {
         for i in 0..strip.n {
             S::store_rgb(strip.packed::<S>(i), &mut self.rows.0, i * BLOCK_ROW);
         }
@@ -64,41 +57,37 @@ impl Sink for Picture<'_> {
     }
 }
 
-/// The picture where what moves is drawn over a copy of a layer.
+/// The picture where blocks that are no longer as in a layer are drawn over a copy of it.
 pub(super) struct Over<'a> {
-    picture: Picture<'a>,
+    out: &'a mut [u8],
+    side: usize,
 }
 
 impl<'a> Over<'a> {
     /// The layer is a picture of the same side.
     pub(super) fn new(layer: &[u8], out: &'a mut [u8], side: usize) -> Self {
         out.copy_from_slice(layer);
-        Self { picture: Picture::new(out, side) }
+        Self { out, side }
     }
 }
 
 impl Sink for Over<'_> {
     #[inline(always)]
-    fn take<S: Simd>(&mut self, strip: &Strip, ids: &[WholeLine]) {
-        let (first, pitch) = (self.picture.first(strip), self.picture.side * RGB);
-        let out = &mut *self.picture.out;
+    fn take<S: Simd>(&mut self, strip: &Strip) {
+        let (first, pitch) = (first(strip, self.side), self.side * RGB);
         for block in Lanes(strip.lit()) {
-            let pixels = strip.packed::<S>(block);
             let mut rows = [[0; BLOCK_ROW + 4]; N_ROWS];
-            S::store_rgb(pixels, &mut rows, 0);
-            let shows_something = S::I::load(&ids[block]).gt(S::I::all(NOTHING)).to_bits();
+            S::store_rgb(strip.packed::<S>(block), &mut rows, 0);
             for (y, row) in rows.iter().enumerate() {
-                let out = &mut out[first + y * pitch + block * BLOCK_ROW..][..BLOCK_ROW];
-                match shows_something >> (y * 4) & 0b1111 {
-                    0 => {}
-                    0b1111 => out.copy_from_slice(&row[..BLOCK_ROW]),
-                    some => {
-                        for x in (0..4).filter(|x| some >> x & 1 == 1) {
-                            out[x * RGB..][..RGB].copy_from_slice(&row[x * RGB..][..RGB]);
-                        }
-                    }
-                }
+                let out = &mut self.out[first + y * pitch + block * BLOCK_ROW..][..BLOCK_ROW];
+                out.copy_from_slice(&row[..BLOCK_ROW]);
             }
         }
     }
+}
+
+/// Index of a strip's first byte in a picture of this side.
+#[inline(always)]
+fn first(strip: &Strip, side: usize) -> usize {
+    ((strip.row << Square::HEIGHT_BITS) * side + (strip.column << Square::WIDTH_BITS)) * RGB
 }

@@ -8,6 +8,7 @@
 use super::each::each;
 use super::geometry::Map;
 use super::isa::Kernel;
+use super::kind::{Block, Square};
 use super::lens::Vectors;
 use super::raster::{MAX_BLOCKS, Visibility};
 use super::simd::{Floats, Line, N_LANES, Number, ShortLine, Simd, Whole, WholeLine};
@@ -52,7 +53,7 @@ pub(super) struct Surfaces {
     pub(super) looks: Vec<Line>,
     /// Laid out as [`Wrap`], by [`place`]; only those with a texture are filled in.
     pub(super) wraps: Vec<Line>,
-    /// What each block shows everywhere, by id, or [`SEVERAL`].
+    /// What each block shows everywhere, by id, or [`SEVERAL`], or [`KEPT`].
     pub(super) shown: Vec<i32>,
     /// Whether anything of a batch is seen, by the batch's number + 1.
     seen: Vec<bool>,
@@ -66,6 +67,8 @@ pub(super) fn place(id: i32) -> usize {
 
 /// More than one triangle, or one and nothing.
 pub(super) const SEVERAL: i32 = -2;
+/// What has been shaded before.
+pub(super) const KEPT: i32 = -3;
 
 /// Look of what is not there: black.
 pub(super) const VOID: Line = {
@@ -99,17 +102,46 @@ impl Surfaces {
 
     #[inline(always)]
     fn look_at<S: Simd>(&mut self, blocks: &[WholeLine]) {
-        for (ids, shown) in blocks.iter().zip(&mut self.shown) {
-            *shown = ids.0[0];
-            self.seen[place(*shown) / N_LANES] = true;
-            if !is_uniform::<S>(ids) {
-                *shown = SEVERAL;
-                for id in &ids.0[1..] {
-                    self.seen[place(*id) / N_LANES] = true;
+        let Self { shown, seen, .. } = self;
+        for (ids, shown) in blocks.iter().zip(shown) {
+            *shown = look_at::<S>(ids, seen);
+        }
+    }
+
+    /// The same for those blocks that lie in the blocks of pixels that are stale.
+    #[inline(always)]
+    fn look_at_stale<S: Simd>(&mut self, blocks: &[WholeLine], stale: &[bool], per_row: usize, scale: usize) {
+        let Self { shown, seen, .. } = self;
+        if scale == 1 {
+            for ((ids, shown), stale) in blocks.iter().zip(shown).zip(stale) {
+                *shown = if *stale { look_at::<S>(ids, seen) } else { KEPT };
+            }
+            return;
+        }
+        let rows = blocks.chunks_exact(per_row * scale).zip(shown.chunks_exact_mut(per_row * scale));
+        for (row, (ids, shown)) in rows.enumerate() {
+            let stale = &stale[row / scale * per_row..][..per_row];
+            let columns = ids.chunks_exact(scale).zip(shown.chunks_exact_mut(scale));
+            for ((ids, shown), stale) in columns.zip(stale) {
+                for (ids, shown) in ids.iter().zip(shown) {
+                    *shown = if *stale { look_at::<S>(ids, seen) } else { KEPT };
                 }
             }
         }
     }
+}
+
+/// Marks the batches of a block's triangles as seen, and says what it shows: see [`Surfaces::shown`].
+#[inline(always)]
+fn look_at<S: Simd>(ids: &WholeLine, seen: &mut [bool]) -> i32 {
+    seen[place(ids.0[0]) / N_LANES] = true;
+    if is_uniform::<S>(ids) {
+        return ids.0[0];
+    }
+    for id in &ids.0[1..] {
+        seen[place(*id) / N_LANES] = true;
+    }
+    SEVERAL
 }
 
 /// Prepares the triangles that a picture shows.
@@ -121,15 +153,23 @@ pub(super) struct Collect<'a> {
     pub(super) visibility: &'a Visibility,
     /// Pixels of the rasteriser's grid per pixel of the image.
     pub(super) scale: usize,
+    /// Which blocks of pixels are to be shaded; all if there is none.
+    pub(super) stale: Option<&'a [bool]>,
     pub(super) surfaces: &'a mut Surfaces,
 }
 
 impl Kernel for Collect<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let Self { scene, camera, maps, visibility, scale, surfaces } = self;
+        let Self { scene, camera, maps, visibility, scale, stale, surfaces } = self;
         surfaces.start(scene.n_ids(), visibility.ids.len());
-        surfaces.look_at::<S>(&visibility.ids);
+        match stale {
+            Some(stale) => {
+                let per_row = camera.side >> Square::WIDTH_BITS;
+                surfaces.look_at_stale::<S>(&visibility.ids, stale, per_row, scale);
+            }
+            None => surfaces.look_at::<S>(&visibility.ids),
+        }
         let plane = Plane::<S>::new(camera);
         for ((instance, map), &first_id) in scene.instances.iter().zip(maps).zip(&scene.first_id) {
             let mut kit = None;

@@ -109,6 +109,30 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    fn unfolded([a, b, c, d]: [YmmWhole; 4]) -> [YmmWhole; 4] {
+        intrinsic!({
+            // By half: one row each, two numbers' quarters of it side by side.
+            let rows = each!(i in 2 => [
+                _mm256_unpacklo_epi64(a.0[i], b.0[i]),
+                _mm256_unpackhi_epi64(a.0[i], b.0[i]),
+                _mm256_unpacklo_epi64(c.0[i], d.0[i]),
+                _mm256_unpackhi_epi64(c.0[i], d.0[i]),
+            ]);
+            let [[even, odd], [later_even, later_odd]] = each!(i in 2 => [
+                YmmWhole([
+                    _mm256_permute2x128_si256::<0x20>(rows[i][0], rows[i][1]),
+                    _mm256_permute2x128_si256::<0x20>(rows[i][2], rows[i][3]),
+                ]),
+                YmmWhole([
+                    _mm256_permute2x128_si256::<0x31>(rows[i][0], rows[i][1]),
+                    _mm256_permute2x128_si256::<0x31>(rows[i][2], rows[i][3]),
+                ]),
+            ]);
+            [even, odd, later_even, later_odd]
+        })
+    }
+
+    #[inline(always)]
     fn store_rgb<const N: usize>(pixels: YmmWhole, rows: &mut [[u8; N]; 4], at: usize) {
         let [a, b, c, d] = rows.each_mut().map(|row| row[at..at + 16].as_mut_ptr());
         intrinsic!({

@@ -135,6 +135,42 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
+    fn unfolded([a, b, c, d]: [ZmmWhole; 4]) -> [ZmmWhole; 4] {
+        intrinsic!({
+            // One row each, the four numbers' quarters of it side by side.
+            let rows = [
+                _mm512_unpacklo_epi64(a.0, b.0),
+                _mm512_unpackhi_epi64(a.0, b.0),
+                _mm512_unpacklo_epi64(c.0, d.0),
+                _mm512_unpackhi_epi64(c.0, d.0),
+            ];
+            let upper = [
+                _mm512_shuffle_i32x4::<0x44>(rows[0], rows[1]),
+                _mm512_shuffle_i32x4::<0xEE>(rows[0], rows[1]),
+            ];
+            let lower = [
+                _mm512_shuffle_i32x4::<0x44>(rows[2], rows[3]),
+                _mm512_shuffle_i32x4::<0xEE>(rows[2], rows[3]),
+            ];
+            [
+                ZmmWhole(_mm512_shuffle_i32x4::<0x88>(upper[0], lower[0])),
+                ZmmWhole(_mm512_shuffle_i32x4::<0xDD>(upper[0], lower[0])),
+                ZmmWhole(_mm512_shuffle_i32x4::<0x88>(upper[1], lower[1])),
+                ZmmWhole(_mm512_shuffle_i32x4::<0xDD>(upper[1], lower[1])),
+            ]
+        })
+    }
+
+    #[inline(always)]
+    fn compress(numbers: ZmmWhole, keep: Kmask, to: &mut [i32; N_LANES]) -> usize {
+        intrinsic!({
+            let kept = _mm512_maskz_compress_epi32(keep.0, numbers.0);
+            _mm512_storeu_si512(to.as_mut_ptr().cast(), kept);
+        });
+        keep.0.count_ones() as usize
+    }
+
+    #[inline(always)]
     fn store_rgb<const N: usize>(pixels: ZmmWhole, rows: &mut [[u8; N]; 4], at: usize) {
         let [a, b, c, d] = rows.each_mut().map(|row| row[at..at + 16].as_mut_ptr());
         intrinsic!({

@@ -51,6 +51,24 @@ pub(super) trait Simd: Copy {
         None
     }
 
+    /// Lane 4 r + 2 b + c of number k of the result is lane 4 k + 2 (r % 2) + c of number 2 (r / 2) + b of these: what lies in four
+    /// squares of 2 × 2 pixels, four times over, is put in the order of one square of 4 × 4.
+    fn unfolded(squares: [Self::I; 4]) -> [Self::I; 4];
+
+    /// Writes the lanes that are kept side by side, from the lowest up, and says how many they are. What is behind them in
+    /// the line is lost.
+    #[inline(always)]
+    fn compress(numbers: Self::I, keep: Self::M, to: &mut [i32; N_LANES]) -> usize {
+        let mut line = WholeLine::ZERO;
+        numbers.store(&mut line);
+        let mut n = 0;
+        for lane in Lanes(keep.to_bits()) {
+            to[n] = line.0[lane];
+            n += 1;
+        }
+        n
+    }
+
     /// Writes the lowest three bytes of each lane, four lanes to a row, from byte `at` of each row on. The four bytes behind
     /// them are lost.
     ///

@@ -82,6 +82,15 @@ impl Simd for Portable {
         (WholeArray(map(at.0, |i| word(i, 0))), WholeArray(map(at.0, |i| word(i, 1))))
     }
 
+    fn unfolded(squares: [WholeArray; 4]) -> [WholeArray; 4] {
+        core::array::from_fn(|k| {
+            WholeArray(core::array::from_fn(|lane| {
+                let (row, half, column) = (lane / 4, lane / 2 % 2, lane % 2);
+                squares[row / 2 * 2 + half].0[4 * k + row % 2 * 2 + column]
+            }))
+        })
+    }
+
     fn store_rgb<const N: usize>(pixels: WholeArray, rows: &mut [[u8; N]; 4], at: usize) {
         for (row, pixels) in rows.iter_mut().zip(pixels.0.chunks_exact(4)) {
             for (rgb, pixel) in row[at..at + 16].chunks_exact_mut(3).zip(pixels) {

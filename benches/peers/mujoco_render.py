@@ -1,0 +1,67 @@
+"""MuJoCo as the peer of `cargo bench -p benches --bench render -- --peer PYTHON`.
+
+Draws the envs that the bench exported (`scene.xml`, `poses.json`) into the directory given as the argument: all images of all
+envs per request. A request is a line `SHADOWS SAMPLES` on standard input (0 or 1; 0 or 4); the answer is a line with the
+seconds that took, poses set and pixels read back. `python -m pip install mujoco==4.0.0` installs all it needs; OpenGL comes
+from EGL unless MUJOCO_GL says otherwise.
+"""
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("MUJOCO_GL", "egl")
+
+import mujoco  # noqa: E402
+import numpy as np  # noqa: E402
+
+
+class Peer:
+    def __init__(self, folder: Path):
+        self.model = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
+        self.data = mujoco.MjData(self.model)
+        described = json.loads((folder / "poses.json").read_text())
+        self.envs = np.array(described["poses"])
+        # Renderers by side and samples, so that a context is switched to twice a round, not once an image.
+        self.cameras = {}
+        for camera, side in enumerate(described["sides"]):
+            self.cameras.setdefault(side, []).append(camera)
+        self.images = {side: np.empty((side, side, 3), np.uint8) for side in self.cameras}
+        self.renderers = {}
+        for samples in (0, 4):
+            self.model.vis.quality.offsamples = samples
+            for side in self.cameras:
+                self.renderers[side, samples] = mujoco.Renderer(self.model, side, side)
+
+    def draw(self, shadows: bool, samples: int, save_to: Path | None = None) -> float:
+        start = time.perf_counter()
+        for side, cameras in self.cameras.items():
+            renderer, image = self.renderers[side, samples], self.images[side]
+            renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+            for env, poses in enumerate(self.envs):
+                self.data.mocap_pos[:] = poses[:, :3]
+                self.data.mocap_quat[:] = poses[:, 3:]
+                mujoco.mj_kinematics(self.model, self.data)
+                mujoco.mj_camlight(self.model, self.data)
+                for camera in cameras:
+                    renderer.update_scene(self.data, camera)
+                    renderer.render(out=image)
+                    if save_to and env == 0:
+                        np.save(save_to / f"peer{camera}.npy", image)
+        return time.perf_counter() - start
+
+
+def main() -> None:
+    folder = Path(sys.argv[1])
+    peer = Peer(folder)
+    peer.draw(False, 0, save_to=folder)
+    print(f"MuJoCo {mujoco.__version__}", flush=True)
+    for request in sys.stdin:
+        shadows, samples = map(int, request.split())
+        print(peer.draw(bool(shadows), samples), flush=True)
+
+
+if __name__ == "__main__":
+    main()
