@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use ipc_types::{ControlMode, Morphology};
 use policy_host::QueryMode;
-use sim::render::RendererChoice;
+use sim::render::{RendererChoice, Samples};
 use sim::{Perturbation, Profile, TaskId};
 use thiserror::Error;
 
@@ -51,6 +51,8 @@ pub(crate) struct Plan {
     pub(crate) control_mode: ControlMode,
     /// Who draws.
     pub(crate) renderer: RendererChoice,
+    /// How it samples pixels.
+    pub(crate) samples: Samples,
     /// Results file.
     pub(crate) db: PathBuf,
 }
@@ -118,6 +120,7 @@ impl Plan {
                 &RendererChoice::ALL,
                 RendererChoice::name,
             )?,
+            samples: choice("samples", wishes.samples.as_deref(), &Samples::ALL, Samples::name)?,
             db: wishes.db.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_DB)),
         })
     }
@@ -136,6 +139,11 @@ impl Plan {
             Morphology::Single => self.control_mode,
             Morphology::Bimanual => morphology.default_control_mode(),
         }
+    }
+
+    /// Whether any policy looks at images.
+    pub(crate) fn needs_images(&self) -> bool {
+        self.policies.iter().any(|policy| policy.spec.needs_images())
     }
 
     /// Episodes of the whole plan.

@@ -47,7 +47,8 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<Ending, Failure> {
     print(&format!("results: {} ({n_done} of {} episodes done)", plan.db.display(), plan.n_episodes()));
 
     let mut progress = Progress::new(plan.n_episodes(), n_done, args.quiet, args.json);
-    let ran = run_fleet(&plan, todo, |happening| {
+    let drawn_with = if plan.needs_images() { results.drawn_with()? } else { None };
+    let ran = run_fleet(&plan, todo, drawn_with, |happening| {
         match happening {
             Happening::Finished(job, outcome) => {
                 results.record(key(job), job.seed, outcome)?;
@@ -55,6 +56,9 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<Ending, Failure> {
             }
             Happening::Counters(counters) => progress.counters(counters),
             Happening::Log(line) => progress.log(line),
+            // What no policy looks at makes no difference.
+            Happening::Drawing(identity) if plan.needs_images() => results.draw_with(identity)?,
+            Happening::Drawing(_) => {}
         }
         Ok(())
     });
@@ -103,13 +107,14 @@ fn identities(plan: &Plan) -> Result<Vec<Identity>, Failure> {
 fn run_fleet(
     plan: &Plan,
     todo: Vec<Job>,
+    drawn_with: Option<String>,
     mut sink: impl FnMut(Happening<'_>) -> anyhow::Result<()>,
 ) -> Result<(Conclusion, Totals), Failure> {
     if todo.is_empty() {
         return Ok((Conclusion::Complete, Totals::default()));
     }
     let program = std::env::current_exe().context("failed to find this program's own file")?;
-    let fleet = Fleet::new(settings(plan, program));
+    let fleet = Fleet::new(settings(plan, program, drawn_with));
     let stopper = fleet.stopper();
     let _watch = interrupt::watch(move || stopper.stop()).context("failed to watch for signals")?;
     fleet.run(todo, &mut sink).map_err(|error| {
@@ -119,7 +124,7 @@ fn run_fleet(
     })
 }
 
-fn settings(plan: &Plan, program: PathBuf) -> Settings {
+fn settings(plan: &Plan, program: PathBuf, drawn_with: Option<String>) -> Settings {
     // Random: the keys of a hasher come from the system.
     let run = std::hash::RandomState::new().hash_one(std::process::id());
     Settings {
@@ -132,6 +137,8 @@ fn settings(plan: &Plan, program: PathBuf) -> Settings {
         profile: plan.profile,
         control_mode: plan.control_mode,
         renderer: plan.renderer,
+        samples: plan.samples,
+        drawn_with,
         mode: plan.mode,
         lanes: lanes(plan),
         morphologies: plan.morphologies(),

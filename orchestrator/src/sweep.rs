@@ -45,6 +45,9 @@ pub(crate) struct Sweep {
     /// auto, cpu, gpu or software (the gpu's on a driver that runs on the CPU: for tests) [default: auto]
     #[arg(long)]
     pub(crate) renderer: Option<String>,
+    /// Samples per pixel: 1, as the benchmark has it, or 4 for smooth edges [default: 1]
+    #[arg(long)]
+    pub(crate) samples: Option<String>,
     /// strict (evident intent) or paper (what the released code does) [default: strict]
     #[arg(long)]
     pub(crate) profile: Option<String>,
@@ -90,6 +93,7 @@ impl Sweep {
             execute: self.execute.or(file.execute),
             db: self.db.or(file.db),
             renderer: self.renderer.or(file.renderer),
+            samples: self.samples.or(file.samples),
             profile: self.profile.or(file.profile),
             control_mode: self.control_mode.or(file.control_mode),
         }
@@ -150,7 +154,7 @@ mod tests {
           |
         1 | epsiodes = 3
           | ^^^^^^^^
-        unknown field `epsiodes`, expected one of `policies`, `tasks`, `perturbations`, `episodes`, `seed`, `envs`, `threads`, `mode`, `execute`, `db`, `renderer`, `profile`, `control_mode`
+        unknown field `epsiodes`, expected one of `policies`, `tasks`, `perturbations`, `episodes`, `seed`, `envs`, `threads`, `mode`, `execute`, `db`, `renderer`, `samples`, `profile`, `control_mode`
         ");
         insta::assert_snapshot!(read("episodes = \"many\"\n").unwrap_err(), @r#"
         the sweep file sweep.toml is wrong: TOML parse error at line 1, column 12

@@ -30,8 +30,8 @@ pub(crate) enum FleetError {
     #[error("the sim {0}; the same command continues where it stopped")]
     Renderer(String),
     #[error(
-        "the sim drew with {before} and, started again, draws with {now}, whose images differ in single bits; choose one with \
-         --renderer and name another results file with --db"
+        "finished episodes were drawn with {before}, but the sim now draws with {now}, whose images differ; choose the same \
+         with --renderer and --samples, or name another results file with --db"
     )]
     OtherRenderer { before: String, now: String },
     #[error(transparent)]

@@ -38,7 +38,7 @@ if [ "$behaviour" = blind ]; then
 fi
 renderer=none
 [ "$behaviour" = other ] && renderer=other
-echo '{"ready":{"shm_bytes":5,"renderer":"'"$renderer"'"}}'
+echo '{"ready":{"shm_bytes":5,"renderer":"'"$renderer"'","identity":"'"$renderer"'"}}'
 n=0
 while read -r line; do
     echo "$line" >>"$here/heard"

@@ -20,7 +20,7 @@ use ipc_types::link::{Domain, check_budget};
 use ipc_types::{ControlMode, Morphology};
 use policy_host::{PolicySpec, QueryMode};
 use sim::Profile;
-use sim::render::RendererChoice;
+use sim::render::{RendererChoice, Samples};
 use sim::serve::protocol::{Counters, Lane, Outcome};
 
 pub(crate) use self::error::FleetError;
@@ -53,6 +53,10 @@ pub(crate) struct Settings {
     pub(crate) control_mode: ControlMode,
     /// Who draws.
     pub(crate) renderer: RendererChoice,
+    /// How it samples pixels.
+    pub(crate) samples: Samples,
+    /// Identity of the renderer that earlier results depend on.
+    pub(crate) drawn_with: Option<String>,
     /// How policies are queried.
     pub(crate) mode: QueryMode,
     /// Policies outside the sim, by lane.
@@ -106,6 +110,8 @@ pub(crate) enum Happening<'a> {
     Finished(&'a Job, &'a Outcome),
     /// Totals of all sims so far, about once a second.
     Counters(&'a Counters),
+    /// A sim is ready and draws with the renderer of this identity.
+    Drawing(&'a str),
     /// A line for people.
     Log(&'a str),
 }

@@ -60,7 +60,7 @@ impl<'a> Supervisor<'a> {
             pending: jobs.into(),
             outstanding: BTreeMap::new(),
             next_id: 0,
-            totals: Totals::new(n_lanes),
+            totals: Totals::new(n_lanes, settings.drawn_with.clone()),
             sink,
         }
     }
@@ -167,9 +167,10 @@ impl<'a> Supervisor<'a> {
 
     fn hear_sim(&mut self, event: SimEvent) -> Result<(), FleetError> {
         match event {
-            SimEvent::Ready { shm_bytes, renderer } => {
+            SimEvent::Ready { shm_bytes, renderer, identity } => {
                 self.totals.shm_bytes = shm_bytes;
-                self.draw_with(renderer)?;
+                self.totals.renderer = Some(renderer);
+                self.draw_with(identity)?;
                 self.sim.ready(self.clock.now());
                 self.brief_sim();
                 Ok(())
@@ -185,13 +186,12 @@ impl<'a> Supervisor<'a> {
     }
 
     /// All sims of a run draw the same bits.
-    fn draw_with(&mut self, renderer: String) -> Result<(), FleetError> {
-        match &self.totals.renderer {
-            Some(before) if *before != renderer => {
-                return Err(FleetError::OtherRenderer { before: before.clone(), now: renderer });
-            }
-            _ => self.totals.renderer = Some(renderer),
+    fn draw_with(&mut self, now: String) -> Result<(), FleetError> {
+        if let Some(before) = self.totals.drawn_with.take_if(|before| *before != now) {
+            return Err(FleetError::OtherRenderer { before, now });
         }
+        (self.sink)(Happening::Drawing(&now)).map_err(FleetError::Sink)?;
+        self.totals.drawn_with = Some(now);
         Ok(())
     }
 
@@ -343,6 +343,7 @@ impl<'a> Supervisor<'a> {
             profile: settings.profile,
             control_mode: settings.control_mode,
             renderer: settings.renderer,
+            samples: settings.samples,
         }
     }
 

@@ -51,6 +51,8 @@ impl Stage {
             profile: Profile::Strict,
             control_mode: ControlMode::EeDeltaPose,
             renderer: RendererChoice::Auto,
+            samples: Samples::One,
+            drawn_with: None,
             mode: QueryMode::Chunk,
             lanes: if *spec == PolicySpec::Expert { Vec::new() } else { vec![policy] },
             morphologies: vec![Morphology::Single],
@@ -82,7 +84,7 @@ impl Stage {
         let result = fleet.run(jobs, &mut |happening| {
             match happening {
                 Happening::Finished(job, _) => finished.push(job.seed),
-                Happening::Counters(_) => {}
+                Happening::Counters(_) | Happening::Drawing(_) => {}
                 Happening::Log(line) => {
                     watch(line, &stopper);
                     log.push(line.to_owned());
@@ -223,8 +225,14 @@ fn a_renderer_that_fails_or_changes_ends_the_run() {
 
     let fickle = Stage::new("sim 0 die 2\nsim 1 other", &PolicySpec::Expert);
     let seen = fickle.run(|_, _| ());
-    insta::assert_snapshot!(seen.error(), @"the sim drew with none and, started again, draws with other, whose images differ in single bits; choose one with --renderer and name another results file with --db");
+    insta::assert_snapshot!(seen.error(), @"finished episodes were drawn with none, but the sim now draws with other, whose images differ; choose the same with --renderer and --samples, or name another results file with --db");
     assert_eq!(fickle.births("sim"), 2);
+
+    let mut resumed = Stage::new("", &PolicySpec::Expert);
+    resumed.settings.drawn_with = Some("none with 4 samples per pixel".to_owned());
+    let seen = resumed.run(|_, _| ());
+    insta::assert_snapshot!(seen.error(), @"finished episodes were drawn with none with 4 samples per pixel, but the sim now draws with none, whose images differ; choose the same with --renderer and --samples, or name another results file with --db");
+    assert!(seen.result.unwrap_err().is_users() && seen.finished.is_empty());
 }
 
 #[test]

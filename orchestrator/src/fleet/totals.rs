@@ -13,6 +13,8 @@ pub(crate) struct Totals {
     hosts: Vec<[HostWork; 2]>,
     /// Name of the renderer, once a sim is ready.
     pub(crate) renderer: Option<String>,
+    /// Its identity, or that of the one that earlier results depend on.
+    pub(crate) drawn_with: Option<String>,
     /// Bytes of shared memory in use, once a sim is ready.
     pub(crate) shm_bytes: u64,
     /// Children that had to be started again.
@@ -32,8 +34,8 @@ pub(crate) struct HostWork {
 
 impl Totals {
     /// Of no children yet.
-    pub(crate) fn new(n_lanes: usize) -> Self {
-        Self { hosts: vec![Default::default(); n_lanes], ..Self::default() }
+    pub(crate) fn new(n_lanes: usize, drawn_with: Option<String>) -> Self {
+        Self { hosts: vec![Default::default(); n_lanes], drawn_with, ..Self::default() }
     }
 
     /// Of all sims.
@@ -97,7 +99,7 @@ mod tests {
 
     #[test]
     fn the_dead_are_counted_once() {
-        let mut totals = Totals::new(1);
+        let mut totals = Totals::new(1, None);
         let steps = |env_steps| Counters { env_steps, ..Counters::default() };
         totals.sim_reports(steps(5));
         totals.sim_reports(steps(7));

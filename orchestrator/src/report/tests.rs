@@ -96,7 +96,7 @@ fn the_object_has_the_names_others_rely_on() {
 
 #[test]
 fn speed_is_measured_and_bounded_as_defined() {
-    let mut totals = Totals::new(1);
+    let mut totals = Totals::new(1, None);
     totals.sim_reports(Counters {
         env_steps: 3000,
         images: 300,

@@ -14,6 +14,9 @@ use crate::policy::Identity;
 /// Prefix of the keys that hold a policy's identity.
 const POLICY: &str = "policy/";
 
+/// Key of the renderer's identity: it is known only once a sim is ready.
+pub(super) const RENDERER: &str = "renderer";
+
 /// What results depend on, apart from the episode.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Manifest {
@@ -112,6 +115,16 @@ pub(super) fn reconcile(connection: &Connection, path: &Path, manifest: &Manifes
         put(&transaction, &key, &value).map_err(sqlite)?;
     }
     transaction.commit().map_err(sqlite)
+}
+
+/// Identity of the renderer of the images that the file's rows depend on, if there are any.
+pub(super) fn drawn_with(connection: &Connection) -> Result<Option<String>, rusqlite::Error> {
+    let has_rows: bool =
+        connection.query_row("SELECT EXISTS (SELECT 1 FROM episodes)", [], |row| row.get(0))?;
+    if !has_rows {
+        return Ok(None);
+    }
+    Ok(get(connection, RENDERER)?.and_then(|text| serde_json::from_str(&text).ok()))
 }
 
 /// Writes an entry.

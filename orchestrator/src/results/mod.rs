@@ -87,6 +87,22 @@ impl Results {
         manifest::put(&self.connection, key, value).map_err(|source| self.failed("write to", source))
     }
 
+    /// Identity of the renderer that the images behind the file's rows come from.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub(crate) fn drawn_with(&self) -> Result<Option<String>, StoreError> {
+        manifest::drawn_with(&self.connection).map_err(|source| self.failed("read", source))
+    }
+
+    /// Notes it for rows to come.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(crate) fn draw_with(&self, identity: &str) -> Result<(), StoreError> {
+        self.note(manifest::RENDERER, &identity.into())
+    }
+
     /// Stores an episode. When this returns, the row survives the end of the process.
     ///
     /// # Errors

@@ -120,6 +120,20 @@ fn more_of_the_same_kind_may_be_added_and_nothing_else() {
 }
 
 #[test]
+fn the_renderer_behind_rows_is_remembered() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    let plan = manifest(&["idle"], |_| ());
+    let mut results = Results::open(&path, &plan).unwrap();
+    results.draw_with("gpu (x, raster)").unwrap();
+    assert_eq!(results.drawn_with().unwrap(), None, "nothing depends on it yet");
+    results.record(key(0), 7, &outcome(true, None)).unwrap();
+    drop(results);
+    let again = Results::open(&path, &plan).unwrap();
+    assert_eq!(again.drawn_with().unwrap().as_deref(), Some("gpu (x, raster)"));
+}
+
+#[test]
 fn a_file_without_rows_takes_any_manifest() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::gpu::{AdapterKind, GpuOptions, GpuRenderer};
-use super::{CpuRenderer, Renderer};
+use super::{CpuOptions, CpuRenderer, Renderer, Samples};
 
 /// What may be asked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -56,15 +56,20 @@ impl RendererChoice {
 ///
 /// # Panics
 /// If `threads` is 0.
-pub fn open(choice: RendererChoice, threads: usize) -> Result<Box<dyn Renderer>, OpenError> {
-    let gpu = |kind| GpuRenderer::open(kind, &GpuOptions::default());
+pub fn open(
+    choice: RendererChoice,
+    samples: Samples,
+    threads: usize,
+) -> Result<Box<dyn Renderer>, OpenError> {
+    let gpu = |kind| GpuRenderer::open(kind, &GpuOptions { samples, ..GpuOptions::default() });
+    let cpu = || CpuRenderer::with_options(threads, CpuOptions { samples, ..CpuOptions::default() });
     Ok(match choice {
-        RendererChoice::Cpu => Box::new(CpuRenderer::new(threads)),
+        RendererChoice::Cpu => Box::new(cpu()),
         RendererChoice::Gpu => Box::new(gpu(AdapterKind::Hardware)?),
         RendererChoice::Software => Box::new(gpu(AdapterKind::Software)?),
         RendererChoice::Auto => match gpu(AdapterKind::Hardware) {
             Ok(renderer) => Box::new(renderer),
-            Err(_) => Box::new(CpuRenderer::new(threads)),
+            Err(_) => Box::new(cpu()),
         },
     })
 }

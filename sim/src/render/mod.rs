@@ -30,6 +30,7 @@ pub use cpu::{CpuOptions, CpuRenderer, Inspection, Segment};
 pub use gpu::GpuRenderer;
 pub use scene::RenderScene;
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::scene::Snapshot;
@@ -47,13 +48,29 @@ pub struct View<'a> {
 }
 
 /// How often each pixel is sampled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Samples {
     /// At its centre: edges are jagged, as in the benchmark.
     #[default]
+    #[serde(rename = "1")]
     One,
     /// At four places: edges are smooth.
+    #[serde(rename = "4")]
     Four,
+}
+
+impl Samples {
+    /// All, the default first.
+    pub const ALL: [Self; 2] = [Self::One, Self::Four];
+
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::One => "1",
+            Self::Four => "4",
+        }
+    }
 }
 
 /// Why pictures could not be made; the renderer makes no others.
@@ -68,6 +85,9 @@ pub enum RenderError {
 pub trait Renderer: Send {
     /// Name for people, with what it runs on.
     fn name(&self) -> String;
+
+    /// What its pictures depend on beside the views: renderers with the same identity make the same bytes.
+    fn identity(&self) -> String;
 
     /// Fills every view's `out`, on rayon's current pool or on a device.
     ///
@@ -90,5 +110,13 @@ impl View<'_> {
         let side = self.scene.side(self.camera_idx);
         assert_eq!(self.out.len(), side * side * 3, "a view's bytes are [side, side, 3]");
         assert!(self.scene.fits(self.snapshot), "a snapshot has the bodies and arms of its scene");
+    }
+}
+
+/// A renderer's name with how it samples, unless that is as usual.
+fn with_samples(name: String, samples: Samples) -> String {
+    match samples {
+        Samples::One => name,
+        Samples::Four => format!("{name} with 4 samples per pixel"),
     }
 }

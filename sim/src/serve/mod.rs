@@ -134,10 +134,10 @@ impl Server {
             .map(|lane| LaneState::create(&node, config.run, lane.clone()))
             .collect::<Result<Vec<_>, _>>()?;
         let rules = Rules { profile: config.profile, single_arm_mode: config.control_mode };
-        let renderer = render::open(config.renderer, config.threads as usize)?;
+        let renderer = render::open(config.renderer, config.samples, config.threads as usize)?;
         let max_envs = config.lanes.iter().map(|lane| lane.spec.max_envs as usize).max().unwrap_or(0);
         let shm_bytes = config.lanes.iter().map(|lane| lane.spec.shm_bytes()).sum();
-        emit(&SimEvent::Ready { shm_bytes, renderer: renderer.name() })?;
+        emit(&SimEvent::Ready { shm_bytes, renderer: renderer.name(), identity: renderer.identity() })?;
         Ok(Self {
             commands,
             link,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::perturb::Perturbation;
 use crate::profile::Profile;
-use crate::render::RendererChoice;
+use crate::render::{RendererChoice, Samples};
 use crate::tasks::TaskId;
 
 /// All a sim is told at birth (`hypogeum sim --config JSON`).
@@ -30,6 +30,8 @@ pub struct SimConfig {
     pub control_mode: ControlMode,
     /// Renderer.
     pub renderer: RendererChoice,
+    /// How it samples pixels.
+    pub samples: Samples,
 }
 
 /// A policy outside the sim.
@@ -98,6 +100,8 @@ pub enum SimEvent {
         shm_bytes: u64,
         /// Name of the renderer and its adapter.
         renderer: String,
+        /// Its [`crate::render::Renderer::identity`].
+        identity: String,
     },
     /// An episode is done.
     Finished(Box<Outcome>),

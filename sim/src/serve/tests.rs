@@ -8,7 +8,7 @@ use super::protocol::{Assignment, Driver, Lane};
 use super::*;
 use crate::counting::allocations;
 use crate::physics::World;
-use crate::render::RendererChoice;
+use crate::render::{RendererChoice, Samples};
 use crate::{Perturbation, Profile, TaskId};
 
 const RUN: u64 = 7;
@@ -72,6 +72,7 @@ fn a_round_of_the_loop_allocates_nothing_of_its_own() {
         profile: Profile::Strict,
         control_mode: mode,
         renderer: RendererChoice::Cpu,
+        samples: Samples::One,
     };
     let (_commands, receiver) = sync_channel(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();

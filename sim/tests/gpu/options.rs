@@ -26,9 +26,9 @@ fn four_samples_smooth_edges_and_leave_the_rest() {
 
 #[test]
 fn auto_draws_whatever_the_machine_has() {
-    let name = open(RendererChoice::Auto, 1).unwrap().name();
+    let name = open(RendererChoice::Auto, Samples::One, 1).unwrap().name();
     assert!(name.starts_with("cpu") || name.starts_with("gpu"), "{name}");
-    assert!(open(RendererChoice::Cpu, 1).unwrap().name().starts_with("cpu"));
+    assert!(open(RendererChoice::Cpu, Samples::One, 1).unwrap().name().starts_with("cpu"));
 }
 
 #[test]

@@ -179,7 +179,7 @@ fn weigh<S: Simd>(
 ) -> u16 {
     fragments.n = 0;
     let mut mixed = 0;
-    for i in 0..strip.n {
+    for (i, light) in light[..strip.n].iter_mut().enumerate() {
         if shown.alls[i] != SEVERAL {
             continue;
         }
@@ -191,7 +191,7 @@ fn weigh<S: Simd>(
         mixed |= 1 << i;
         let roots = strip.roots::<S>(i);
         let weight = share::<S>(&ids, 0);
-        store_all::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), &mut light[i]);
+        store_all::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), light);
         for sample in 1..PER_PIXEL {
             let mut keep = ids[sample].gt(S::I::all(NOTHING));
             for before in &ids[..sample] {

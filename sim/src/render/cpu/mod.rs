@@ -34,7 +34,7 @@ use super::affine::Affine;
 use super::camera::Camera;
 use super::posed;
 use super::scene::RenderScene;
-use super::{RenderError, Renderer, Samples, View};
+use super::{RenderError, Renderer, Samples, View, with_samples};
 use antialias::ShadeSamples;
 use geometry::Draw;
 pub use inspect::{Inspection, Segment};
@@ -172,7 +172,7 @@ impl CpuRenderer {
         maps.par_iter_mut().zip(&self.first_views).for_each(|(map, first)| {
             let View { scene, snapshot, .. } = &views[*first];
             self.with_scratch(|scratch| {
-                map.draw(self.isa, scene, snapshot, self.options.keep_layers, &mut scratch.relief)
+                map.draw(self.isa, scene, snapshot, self.options.keep_layers, &mut scratch.relief);
             });
         });
         self.shadow_maps = maps;
@@ -196,7 +196,12 @@ impl CpuRenderer {
 
 impl Renderer for CpuRenderer {
     fn name(&self) -> String {
-        format!("cpu ({}, {} threads)", self.isa.name(), self.scratches.len())
+        let name = format!("cpu ({}, {} threads)", self.isa.name(), self.scratches.len());
+        with_samples(name, self.options.samples)
+    }
+
+    fn identity(&self) -> String {
+        with_samples("cpu".to_owned(), self.options.samples)
     }
 
     fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError> {

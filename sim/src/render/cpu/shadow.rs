@@ -274,25 +274,24 @@ impl Shadow<'_> {
         let [x, y, height] = self.place(gaze, normal);
         let (zero, last) = (S::F::all(0.0), S::F::all((SIDE - 1) as f32));
         let outside = zero.gt(x) | x.gt(last) | zero.gt(y) | y.gt(last);
-        if outside.to_bits() == u16::MAX {
-            return None;
-        }
         let limit = S::F::all((SIDE - 2) as f32);
         let at = [x.max(zero).min(limit).truncated(), y.max(zero).min(limit).truncated()];
-        let ranges = if is_plane {
+        let first = if is_plane {
             let mut lines = [WholeLine::ZERO; 2];
             at[0].store(&mut lines[0]);
             at[1].store(&mut lines[1]);
-            each!(k in 2 => Square::range_of_corners(&lines[k], (SIDE - 2) as i32))
+            let ranges = each!(k in 2 => Square::range_of_corners(&lines[k], (SIDE - 2) as i32));
+            // All in the light?
+            if !S::F::all(self.highest.within(ranges)).gt(height).any() {
+                return None;
+            }
+            each!(k in 2 => ranges[k][0])
         } else {
-            each!(k in 2 => at[k].range())
+            // Most of what is bent moves, and has something of its own behind it.
+            each!(k in 2 => at[k].least())
         };
-        // All in the light?
-        if !S::F::all(self.highest.within(ranges)).gt(height).any() {
-            return None;
-        }
         let [fx, fy] = each!(k in 2 => [x, y][k] - at[k].floats());
-        let corner = each!(k in 2 => ranges[k][0].min((SIDE - 8) as i32));
+        let corner = each!(k in 2 => first[k].min((SIDE - 8) as i32));
         let within = each!(k in 2 => at[k] - S::I::all(corner[k]));
         let first = corner[1] as usize * SIDE + corner[0] as usize;
         let corners = match S::window(self.heights, first, SIDE, within) {

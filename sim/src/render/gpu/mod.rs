@@ -28,7 +28,7 @@ use std::time::Instant;
 pub use adapter::AdapterKind;
 
 use super::choice::OpenError;
-use super::{RenderError, Renderer, Samples, View};
+use super::{RenderError, Renderer, Samples, View, with_samples};
 use device::Gpu;
 use frame::Frame;
 use readback::Readback;
@@ -75,6 +75,7 @@ pub struct GpuRenderer {
     readbacks: [Readback; 2],
     timings: Timings,
     visibility: Visibility,
+    samples: Samples,
     gpu: Gpu,
 }
 
@@ -91,7 +92,14 @@ impl GpuRenderer {
         // A driver that refuses a shader says so now.
         gpu.check()
             .map_err(|error| OpenError::Device { name: gpu.name.clone(), message: error.to_string() })?;
-        Ok(Self { frame, readbacks: Default::default(), timings: Timings::default(), visibility, gpu })
+        Ok(Self {
+            frame,
+            readbacks: Default::default(),
+            timings: Timings::default(),
+            visibility,
+            samples: options.samples,
+            gpu,
+        })
     }
 
     /// Where the time of the last call went.
@@ -129,7 +137,11 @@ impl Renderer for GpuRenderer {
             Visibility::Raster => "raster",
             Visibility::Compute => "compute",
         };
-        format!("gpu ({}, {visibility})", self.gpu.name)
+        with_samples(format!("gpu ({}, {visibility})", self.gpu.name), self.samples)
+    }
+
+    fn identity(&self) -> String {
+        self.name()
     }
 
     fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError> {

@@ -337,8 +337,8 @@ impl Whole for ZmmWhole {
     }
 
     #[inline(always)]
-    fn range(self) -> [i32; 2] {
-        intrinsic!([_mm512_reduce_min_epi32(self.0), _mm512_reduce_max_epi32(self.0)])
+    fn least(self) -> i32 {
+        intrinsic!(_mm512_reduce_min_epi32(self.0))
     }
 
     #[inline(always)]

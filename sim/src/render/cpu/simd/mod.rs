@@ -204,12 +204,12 @@ pub(super) trait Whole:
     fn eq(self, other: Self) -> Self::M;
     /// `self` where `mask`, else `other`.
     fn or_where(self, mask: Self::M, other: Self) -> Self;
-    /// The least and the greatest lane.
+    /// The least lane.
     #[inline(always)]
-    fn range(self) -> [i32; 2] {
+    fn least(self) -> i32 {
         let mut line = WholeLine::ZERO;
         self.store(&mut line);
-        line.0.iter().fold([i32::MAX, i32::MIN], |[least, greatest], x| [least.min(*x), greatest.max(*x)])
+        line.0.into_iter().fold(i32::MAX, i32::min)
     }
     /// As floats, rounded to nearest.
     fn floats(self) -> Self::F;
