@@ -156,7 +156,7 @@ fn a_task_is_one_short_file() {
     let list = fs::read_to_string(root().join("sim/src/tasks/mod.rs")).unwrap();
     for path in paths {
         let name = path.file_stem().unwrap().to_str().unwrap();
-        if ["mod", "common"].contains(&name) {
+        if name == "mod" || path.parent().unwrap().ends_with("common") {
             continue;
         }
         let lines = fs::read_to_string(&path).unwrap().lines().count();

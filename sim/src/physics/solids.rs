@@ -41,9 +41,12 @@ pub(super) fn collider(shape: Primitive, pose: &Isometry3<f64>) -> ColliderBuild
 pub(super) fn add_body(world: &mut PhysicsWorld, body: &Body) -> RigidBodyHandle {
     let builder = match body.motion {
         Motion::Dynamic => RigidBodyBuilder::dynamic(),
-        Motion::Fixed => RigidBodyBuilder::fixed(),
+        Motion::Fixed | Motion::Mark => RigidBodyBuilder::fixed(),
     };
     let handle = world.insert_body(builder.pose(to_pose(&body.pose)));
+    if body.motion == Motion::Mark {
+        return handle;
+    }
     let mass: f64 = body.parts.iter().map(|part| volume(part.shape) * body.density).sum();
     let density = body.density * (LEAST_MASS_KG / mass).max(1.0);
     for part in &body.parts {

@@ -12,7 +12,7 @@ use super::line::N_LANES;
 use super::material::Material;
 use super::mesh::{Mesh, MeshId, MeshLibrary};
 use super::{robot, room};
-use crate::scene::{Lights, Motion, Scene, Snapshot};
+use crate::scene::{Body, Lights, Motion, Scene, Snapshot};
 
 /// Meshes. They are constants that are too large to be written down: the same in every process, never changed, a
 /// function of nothing. Hence a static, which spares every caller from handing them through.
@@ -123,12 +123,12 @@ impl RenderScene {
         let (mut instances, mut n_still) = (Vec::new(), 0);
         let mut own_meshes = OwnMeshes::default();
         room::push(scene, &mut instances);
-        for motion in [Motion::Fixed, Motion::Dynamic] {
-            for (body_idx, body) in scene.bodies.iter().enumerate().filter(|(_, body)| body.motion == motion)
-            {
+        for moves in [false, true] {
+            let moves_so = |body: &&Body| (body.motion == Motion::Dynamic) == moves;
+            for (body_idx, body) in scene.bodies.iter().enumerate().filter(|(_, body)| moves_so(body)) {
                 body::push(body_idx, body, &mut own_meshes, &mut instances);
             }
-            if motion == Motion::Fixed {
+            if !moves {
                 n_still = instances.len();
             }
         }

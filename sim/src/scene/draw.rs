@@ -18,8 +18,9 @@ impl SceneSpec {
     pub fn draw(&self, episode_seed: u64) -> Scene {
         let stream = |name: &str| Stream::new(episode_seed, name);
         let mut bodies: Vec<Body> = self.bodies.iter().map(|spec| draw_body(spec, episode_seed)).collect();
+        let mut placed = Vec::new();
         for (region_idx, region) in self.regions.iter().enumerate() {
-            place(region_idx, region, &self.bodies, &mut bodies, episode_seed);
+            place(region_idx, region, &self.bodies, &mut bodies, &mut placed, episode_seed);
         }
         let color = |stream: &mut Stream, ranges: [Range; 3]| ranges.map(|range| stream.uniform(range));
         Scene {
@@ -110,18 +111,27 @@ fn scaled(pose: &Isometry3<f64>, scale: f64) -> Isometry3<f64> {
 }
 
 /// Gives every body of a region its pose: yaw and height from its own streams, then x and y, drawn again while it is
-/// too near to a body already placed.
-fn place(region_idx: usize, region: &RegionSpec, specs: &[BodySpec], bodies: &mut [Body], episode_seed: u64) {
+/// too near to a body already placed. `placed` holds the middles and radii of those, in the world.
+fn place(
+    region_idx: usize,
+    region: &RegionSpec,
+    specs: &[BodySpec],
+    bodies: &mut [Body],
+    placed: &mut Vec<([f64; 2], f64)>,
+    episode_seed: u64,
+) {
     let mut common = Stream::new(episode_seed, &format!("{}/common", region.name));
     let offset = region.common.map(|range| common.uniform(range));
-    let mut placed: Vec<([f64; 2], f64)> = Vec::new();
     for (spec, body) in specs.iter().zip(bodies).filter(|(spec, _)| spec.placement.region == region_idx) {
         let yaw = Stream::new(episode_seed, &format!("{}/yaw", spec.name)).uniform(spec.placement.yaw);
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * spec.placement.upright;
         let extent = body.extent(&Isometry3::from_parts(Translation3::identity(), rotation));
         let radius = footprint_radius(body, spec.placement.upright);
         let mut stream = Stream::new(episode_seed, &format!("{}/pose", spec.name));
-        let mut draw = || [region.x, region.y].map(|range| stream.uniform(range));
+        let mut draw = || {
+            let [x, y] = [region.x, region.y].map(|range| stream.uniform(range));
+            [x + offset[0], y + offset[1]]
+        };
         let mut xy = draw();
         if let Some(gap_m) = region.gap_m {
             let free = |xy: [f64; 2]| {
@@ -137,8 +147,7 @@ fn place(region_idx: usize, region: &RegionSpec, specs: &[BodySpec], bodies: &mu
         }
         placed.push((xy, radius));
         let z = spec.placement.surface_z_m - extent.min.z;
-        body.pose =
-            Isometry3::from_parts(Translation3::new(xy[0] + offset[0], xy[1] + offset[1], z), rotation);
+        body.pose = Isometry3::from_parts(Translation3::new(xy[0], xy[1], z), rotation);
     }
 }
 

@@ -47,7 +47,7 @@ pub struct Body {
     pub name: &'static str,
     /// Role.
     pub role: Role,
-    /// Dynamic or fixed.
+    /// Whether it moves.
     pub motion: Motion,
     /// Scaled solids.
     pub parts: Vec<Part>,

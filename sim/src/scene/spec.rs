@@ -38,6 +38,8 @@ pub enum Motion {
     Dynamic,
     /// Stays where it was put.
     Fixed,
+    /// Stays where it was put, and is only seen: a mark on the table.
+    Mark,
 }
 
 /// Colour of a part, sRGB in [0, 1].
@@ -140,7 +142,8 @@ pub struct RegionSpec {
     pub y: Range,
     /// Offset (x, y) that all bodies of the region share, in m.
     pub common: [Range; 2],
-    /// Least gap between the circles around the bodies' footprints, in m; `None` places without looking.
+    /// Least gap between the circles around the footprints of a body and of those placed before it, in m, marks included;
+    /// `None` places without looking.
     pub gap_m: Option<f64>,
 }
 
@@ -164,9 +167,9 @@ pub struct BodySpec {
     pub name: &'static str,
     /// Role.
     pub role: Role,
-    /// Dynamic or fixed.
+    /// Whether it moves.
     pub motion: Motion,
-    /// Solids; all collide, and are drawn if there are no visuals.
+    /// Solids; all collide unless the body is a mark, and are drawn if there are no visuals.
     pub parts: Vec<PartSpec>,
     /// Forms drawn instead of the parts; empty: the parts themselves are drawn.
     pub visuals: Vec<VisualSpec>,

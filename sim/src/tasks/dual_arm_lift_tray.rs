@@ -4,13 +4,11 @@ use core::f64::consts::FRAC_PI_8;
 
 use ipc_types::Morphology;
 
-use super::common::{BIMANUAL_TABLE_Z, DENSITY, Eyes, FRICTION, QPOS_B, bimanual, region, tray_visuals};
+use super::common::{BIMANUAL_TABLE_Z, Eyes, QPOS_B, bimanual, movable, region, tray_visuals};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{
-    BodySpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec,
-};
+use crate::scene::{BodySpec, PaintSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -36,27 +34,14 @@ fn nominal() -> SceneSpec {
     let [hx, hy] = HALF;
     let (rim, rim_z) = (RIM_HALF_THICKNESS, HEIGHT / 2.0);
     let tray = BodySpec {
-        name: "tray",
-        role: Role::ManipulationObject,
-        motion: Motion::Dynamic,
-        parts: vec![
+        visuals: tray_visuals(HALF, [FLOOR_HALF_THICKNESS, rim_z], rim, PaintSpec::plain(GREY)),
+        ..movable("tray", vec![
             slab([hx, hy, FLOOR_HALF_THICKNESS], [0.0, 0.0, FLOOR_HALF_THICKNESS]),
             slab([rim, hy, rim_z], [hx - rim, 0.0, rim_z]),
             slab([rim, hy, rim_z], [rim - hx, 0.0, rim_z]),
             slab([hx, rim, rim_z], [0.0, hy - rim, rim_z]),
             slab([hx, rim, rim_z], [0.0, rim - hy, rim_z]),
-        ],
-        visuals: tray_visuals(HALF, [FLOOR_HALF_THICKNESS, rim_z], rim, PaintSpec::plain(GREY)),
-        scaled_by: ScaledBy::MoSize,
-        scale: Range::fixed(1.0),
-        placement: PlacementSpec {
-            region: 0,
-            surface_z_m: BIMANUAL_TABLE_Z,
-            upright: nalgebra::UnitQuaternion::identity(),
-            yaw: Range::symmetric(FRAC_PI_8),
-        },
-        density: DENSITY,
-        friction: FRICTION,
+        ], 0, BIMANUAL_TABLE_Z).turned(Range::symmetric(FRAC_PI_8))
     };
     let eyes = Eyes {
         external1: [[0.75, 0.0, 1.58], [-0.2, 0.0, 1.13]],

@@ -37,5 +37,10 @@ macro_rules! task_list {
 task_list! {
     raise_cube => RaiseCube,
     stack_cube => StackCube,
+    lift_peg_upright => LiftPegUpright,
+    dual_arm_cube_handover => DualArmCubeHandover,
     dual_arm_lift_tray => DualArmLiftTray,
+    dual_arm_push_box => DualArmPushBox,
+    dual_arm_stack_cube => DualArmStackCube,
+    dual_arm_stack_two_cubes => DualArmStackTwoCubes,
 }

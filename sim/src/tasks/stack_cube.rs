@@ -5,14 +5,11 @@ use core::f64::consts::TAU;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{DENSITY, Eyes, FRICTION, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, single_arm};
+use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{
-    BodySpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, RegionSpec, Role, ScaledBy,
-    Scene, SceneSpec,
-};
+use crate::scene::{BodySpec, PaintSpec, PartSpec, Primitive, Range, RegionSpec, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -33,21 +30,14 @@ const HALF_DIAGONAL: f64 = 0.0283;
 fn nominal() -> SceneSpec {
     // The released code scales both cubes under MO-Size and none under RO-Size; we follow it, so RO-Size does not apply.
     let cube = |name, role, color| BodySpec {
-        name,
         role,
-        motion: Motion::Dynamic,
-        parts: vec![PartSpec::at(Primitive::Box { half: [HALF; 3] }, [0.0; 3], PaintSpec::plain(color))],
-        visuals: Vec::new(),
-        scaled_by: ScaledBy::MoSize,
-        scale: Range::fixed(1.0),
-        placement: PlacementSpec {
-            region: 0,
-            surface_z_m: SINGLE_TABLE_Z,
-            upright: nalgebra::UnitQuaternion::identity(),
-            yaw: Range::new(0.0, TAU),
-        },
-        density: DENSITY,
-        friction: FRICTION,
+        ..movable(
+            name,
+            vec![PartSpec::at(Primitive::Box { half: [HALF; 3] }, [0.0; 3], PaintSpec::plain(color))],
+            0,
+            SINGLE_TABLE_Z,
+        )
+        .turned(Range::new(0.0, TAU))
     };
     let cubes = vec![
         cube("red cube", Role::ManipulationObject, [1.0, 0.0, 0.0]),

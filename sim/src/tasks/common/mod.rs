@@ -1,6 +1,8 @@
 //! What tasks share: the two workplaces with their arms, tables, lights and cameras (spec/env.md §2 to §4, §7), and how
 //! a tray looks.
 
+pub(super) mod stacking;
+
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
 
 use ipc_types::Morphology;
@@ -8,8 +10,8 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::scene::{
     BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, Form, Jitter, LightsSpec,
-    PaintSpec, Range, RegionSpec, RobotSpec, SceneSpec, TableKind, TableSpec, Texture, VisualSpec,
-    rounded_rectangle,
+    Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, RegionSpec, RobotSpec, Role, ScaledBy,
+    SceneSpec, TableKind, TableSpec, Texture, VisualSpec, rounded_rectangle,
 };
 
 /// World z of the single-arm table's top, in m.
@@ -74,6 +76,69 @@ pub(super) fn bimanual(
 /// A region around the origin in which one body is placed.
 pub(super) fn region(name: &'static str, x: Range, y: Range) -> RegionSpec {
     RegionSpec { name, x, y, common: [Range::fixed(0.0); 2], gap_m: None }
+}
+
+/// A body to be handled that is seen as it collides, lies on a surface as its frame does and is scaled by MO-Size.
+pub(super) fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, surface_z_m: f64) -> BodySpec {
+    BodySpec {
+        name,
+        role: Role::ManipulationObject,
+        motion: Motion::Dynamic,
+        parts,
+        visuals: Vec::new(),
+        scaled_by: ScaledBy::MoSize,
+        scale: Range::fixed(1.0),
+        placement: PlacementSpec {
+            region,
+            surface_z_m,
+            upright: UnitQuaternion::identity(),
+            yaw: Range::fixed(0.0),
+        },
+        density: DENSITY,
+        friction: FRICTION,
+    }
+}
+
+impl BodySpec {
+    /// The same, turned about the vertical.
+    pub(super) fn turned(mut self, yaw: Range) -> Self {
+        self.placement.yaw = yaw;
+        self
+    }
+
+    /// The same, set up with this orientation before it is turned.
+    pub(super) fn set_up(mut self, upright: UnitQuaternion<f64>) -> Self {
+        self.placement.upright = upright;
+        self
+    }
+}
+
+/// Where tasks end that bring something to a place: a mark on the bimanual table, no thicker than paint.
+pub(super) fn goal(region: usize, parts: Vec<PartSpec>) -> BodySpec {
+    BodySpec {
+        role: Role::ReceiverObject,
+        motion: Motion::Mark,
+        scaled_by: ScaledBy::Nothing("it is a mark on the table"),
+        ..movable("goal", parts, region, BIMANUAL_TABLE_Z)
+    }
+}
+
+/// Radius of the disc on which cubes are stacked, in m.
+pub(super) const GOAL_RADIUS: f64 = 0.06;
+
+/// Five rings, red and white in turn, each a little above the one around it.
+pub(super) fn goal_disc(region: usize) -> BodySpec {
+    const RED: [f64; 3] = [194.0 / 255.0, 19.0 / 255.0, 22.0 / 255.0];
+    let ring = |i: u32| {
+        let (radius, half_height) = (GOAL_RADIUS * f64::from(5 - i) / 5.0, 2e-4 * f64::from(i + 1));
+        let color = if i.is_multiple_of(2) { RED } else { [1.0; 3] };
+        PartSpec::at(
+            Primitive::Cylinder { radius, half_height },
+            [0.0, 0.0, half_height],
+            PaintSpec::plain(color),
+        )
+    };
+    goal(region, (0..5).map(ring).collect())
 }
 
 /// Radius of a tray's corners as they are seen, in m; they collide as square ones.

@@ -1,0 +1,63 @@
+//! What lies where on a map: the lens of the sun.
+
+use super::{SIDE, TEXELS_PER_M};
+use crate::render::affine::{Affine, Vec3, normalised};
+use crate::render::cpu::each::each;
+use crate::render::cpu::kind::Block;
+use crate::render::cpu::lens::{Lens, Projected, Unfit, Vectors};
+use crate::render::cpu::raster::Visibility;
+use crate::render::cpu::simd::{Floats, Mask, Number, Simd};
+use crate::render::mesh::Bounds;
+use crate::render::rules::MAP_M;
+use crate::render::scene::Instance;
+
+/// The view along the light.
+pub(super) struct Parallel {
+    /// Direction to the light in the frame of the mesh that is drawn.
+    pub(super) light_in_mesh: Vec3,
+}
+
+/// Texels beyond the map's edges that fit the rasteriser's numbers; nothing in a scene reaches farther, but for the floor.
+const GUARD: f32 = 512.0;
+
+impl Lens for Parallel {
+    fn draws(&self, instance: &Instance) -> bool {
+        instance.casts_shadow()
+    }
+
+    fn turn_to(&mut self, light_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool {
+        // Facing is kept by cofactors: n' · z' = (C n) · z' = n · (Cᵀ z').
+        self.light_in_mesh = normalised(light_from_mesh.normals()[2]);
+        let [x, y, _] = light_from_mesh.point(centre);
+        let reach = MAP_M / 2.0 + radius * light_from_mesh.stretch();
+        x.abs() <= reach && y.abs() <= reach
+    }
+
+    #[inline(always)]
+    fn project<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Projected<S> {
+        let (scale, middle) = (S::F::all(TEXELS_PER_M * 256.0), S::F::all((SIDE * 128) as f32));
+        Projected { x: x.mul_add(scale, middle).rounded(), y: y.mul_add(scale, middle).rounded(), depth: *z }
+    }
+
+    #[inline(always)]
+    fn unfit<S: Simd>(&self, [x, y, _]: &Vectors<S>) -> Unfit<S> {
+        let reach = S::F::all((SIDE as f32 / 2.0 + GUARD) / TEXELS_PER_M);
+        let opposite = S::F::all(0.0) - reach;
+        let far = x.gt(reach) | opposite.gt(*x) | y.gt(reach) | opposite.gt(*y);
+        Unfit { hidden: far, unfit: far }
+    }
+
+    #[inline(always)]
+    fn misses<S: Simd>(&self, bounds: &Bounds, [x, y, _]: &Vectors<S>, radius: S::F) -> u16 {
+        let reach = radius + S::F::all(MAP_M / 2.0);
+        let opposite = S::F::all(0.0) - reach;
+        let outside = x.gt(reach) | opposite.gt(*x) | y.gt(reach) | opposite.gt(*y);
+        // A cluster all of whose normals are within 90° of the light's direction has no back face.
+        let [l, m, n] = each!(k in 3 => S::F::load(&bounds.axis[k]) * S::F::all(self.light_in_mesh[k]));
+        let facing = (l + m + n).gt(S::F::load(&bounds.cutoff));
+        (outside | facing).to_bits()
+    }
+
+    #[inline(always)]
+    fn clip<S: Simd, B: Block>(&self, _triangle: [Vec3; 3], _id: i32, _visibility: &mut Visibility) {}
+}

@@ -1,0 +1,56 @@
+//! DualArmStackCube: one arm puts the red cube on the goal, the other the green one on it (spec/tasks.md §3, task 27).
+
+use ipc_types::Morphology;
+
+use super::common::{QPOS_B, bimanual, goal_disc, region};
+use super::common::stacking::{self, Way};
+use crate::expert::{Move, Reach};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{Range, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "DualArmStackCube-v1",
+    category: Category::LongHorizon,
+    morphology: Morphology::Bimanual,
+    max_steps: 166,
+    instruction: "use both hands to stack one cube on top of another",
+    nominal,
+    success,
+    expert,
+};
+
+fn nominal() -> SceneSpec {
+    let regions = vec![
+        region("red cube", Range::new(-0.05, 0.15), Range::new(-0.2, -0.1)),
+        region("green cube", Range::new(-0.05, 0.05), Range::new(0.1, 0.2)),
+        region("goal", Range::symmetric(0.05), Range::fixed(0.0)),
+    ];
+    let bodies = vec![
+        stacking::cube("red cube", [1.0, 0.0, 0.0], 0),
+        stacking::cube("green cube", [0.0, 1.0, 0.0], 1),
+        goal_disc(2),
+    ];
+    bimanual([QPOS_B; 2], 0.0, &stacking::EYES, regions, bodies, TASK.instruction)
+}
+
+/// Green on red, and red on the goal.
+fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
+    let [red, green, goal] = ["red cube", "green cube", "goal"].map(|name| scene.body_idx(name));
+    vec![stacking::on(scene, profile, green, red), stacking::on_goal(red, goal)]
+}
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let [red, green] = ["red cube", "green cube"].map(|name| scene.body(name));
+    let first = Way::new(scene, 0, red, 0.0);
+    let second = Way::new(scene, 1, green, 2.0 * stacking::HALF * red.scale);
+    let both = |a, b| Move::Straight(vec![Reach { arm: 0, tcp: a }, Reach { arm: 1, tcp: b }]);
+    let mut moves =
+        vec![both(first.above, second.above), both(first.at, second.at), Move::close(&[0, 1], 6)];
+    moves.extend([Move::Straight(vec![first.raised(), second.aside(scene)]), first.carry(None)]);
+    moves.extend(first.put());
+    moves.push(second.carry(Some(stacking::parked(scene, 0))));
+    moves.extend(second.put());
+    moves
+}

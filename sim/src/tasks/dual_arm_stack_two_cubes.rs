@@ -1,0 +1,72 @@
+//! DualArmStackTwoCubes: two arms build a tower of three cubes on the goal (spec/tasks.md §3, task 28).
+
+use ipc_types::Morphology;
+
+use super::common::{QPOS_B, bimanual, goal_disc, region};
+use super::common::stacking::{self, Way};
+use crate::expert::{Move, Reach};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{Range, RegionSpec, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "DualArmStack3Cube-v1",
+    category: Category::LongHorizon,
+    morphology: Morphology::Bimanual,
+    max_steps: 284,
+    instruction: "use both hands to stack three cubes into a tower",
+    nominal,
+    success,
+    expert,
+};
+
+/// Room between cubes for open fingers, in m.
+const FINGERS: f64 = 0.04;
+const CUBES: [&str; 3] = ["red cube", "green cube", "blue cube"];
+
+fn nominal() -> SceneSpec {
+    let near_first_arm = Range::new(-0.2, -0.1);
+    let regions = vec![
+        region("red cube", Range::new(0.0, 0.2), near_first_arm),
+        region("green cube", Range::new(0.1, 0.2), Range::new(0.1, 0.2)),
+        // The released code lets the blue cube overlap the red one.
+        RegionSpec { gap_m: Some(FINGERS), ..region("blue cube", Range::new(-0.2, 0.0), near_first_arm) },
+        region("goal", Range::symmetric(0.05), Range::fixed(0.0)),
+    ];
+    let colors = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let cubes = CUBES.into_iter().zip(colors).enumerate();
+    let mut bodies: Vec<_> = cubes.map(|(i, (name, color))| stacking::cube(name, color, i)).collect();
+    bodies.push(goal_disc(3));
+    bimanual([QPOS_B; 2], 0.0, &stacking::EYES, regions, bodies, TASK.instruction)
+}
+
+/// Green on red, blue on green, and red on the goal.
+fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
+    let [red, green, blue] = CUBES.map(|name| scene.body_idx(name));
+    vec![
+        stacking::on(scene, profile, green, red),
+        stacking::on(scene, profile, blue, green),
+        stacking::on_goal(red, scene.body_idx("goal")),
+    ]
+}
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let [red, green, blue] = CUBES.map(|name| scene.body(name));
+    let edge = 2.0 * stacking::HALF;
+    let first = Way::new(scene, 0, red, 0.0);
+    let second = Way::new(scene, 1, green, edge * red.scale);
+    let third = Way::new(scene, 0, blue, edge * (red.scale + green.scale));
+    let both = |a, b| Move::Straight(vec![Reach { arm: 0, tcp: a }, Reach { arm: 1, tcp: b }]);
+    let mut moves =
+        vec![both(first.above, second.above), both(first.at, second.at), Move::close(&[0, 1], 6)];
+    moves.extend([Move::Straight(vec![first.raised(), second.aside(scene)]), first.carry(None)]);
+    moves.extend(first.put());
+    moves.push(second.carry(Some(stacking::parked(scene, 0))));
+    moves.extend(second.put());
+    moves.push(Move::Straight(vec![Reach { arm: 0, tcp: third.above }, stacking::parked(scene, 1)]));
+    moves.extend([Move::straight(0, third.at), Move::close(&[0], 6)]);
+    moves.extend([Move::Straight(vec![third.raised()]), third.carry(None)]);
+    moves.extend(third.put());
+    moves
+}

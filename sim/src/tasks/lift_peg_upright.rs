@@ -1,0 +1,93 @@
+//! LiftPegUpright: take a lying peg by its end and stand it up (spec/tasks.md §2, task 7).
+
+use core::f64::consts::FRAC_PI_2;
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, single_arm};
+use crate::expert::{Move, grasp};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::robot::control;
+use crate::scene::{PaintSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "LiftPegUprightColosseumV2-v1",
+    category: Category::Reorientation,
+    morphology: Morphology::Single,
+    max_steps: 224,
+    instruction: "lift the peg and stand it upright on the table",
+    nominal,
+    success,
+    expert,
+};
+
+/// Half of the peg's length and of its width, in m.
+const HALF: [f64; 2] = [0.12, 0.025];
+
+fn nominal() -> SceneSpec {
+    let [half_length, half_width] = HALF;
+    let half = |side: f64, color: [u8; 3]| {
+        let shape = Primitive::Box { half: [half_length / 2.0, half_width, half_width] };
+        let paint = PaintSpec::plain(color.map(|c| f64::from(c) / 255.0));
+        PartSpec::at(shape, [side * half_length / 2.0, 0.0, 0.0], paint)
+    };
+    let peg = movable("peg", vec![half(-1.0, [176, 14, 14]), half(1.0, [12, 42, 160])], 0, SINGLE_TABLE_Z)
+        .set_up(UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2));
+    let target = [-0.1, 0.0, 0.1];
+    let eyes = Eyes { external1: [[0.3, 0.0, 0.6], target], external2: [[0.0, 0.3, 0.5], target] };
+    let around_origin = region("peg", Range::symmetric(0.1), Range::symmetric(0.1));
+    single_arm(QPOS_D, NOISE_RAD, &eyes, vec![around_origin], vec![peg], TASK.instruction)
+}
+
+/// The peg upright, its middle half its length above the table.
+fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
+    let body = scene.body_idx("peg");
+    let middle_z = HALF[0] * if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
+    let anywhere = [f64::INFINITY; 2];
+    vec![
+        Predicate::Aligned { body, axis: [1.0, 0.0, 0.0], with: [0.0, 0.0, 1.0], tolerance_rad: 0.08 },
+        Predicate::Inside {
+            body,
+            least: [-anywhere[0], -anywhere[1], middle_z - 0.005],
+            greatest: [anywhere[0], anywhere[1], middle_z + 0.005],
+        },
+    ]
+}
+
+/// How far from its middle the peg is taken, in m at scale 1.
+const GRIP: f64 = 0.085;
+/// How far the fingers squeeze, in m at scale 1: so little that the peg swings down between them, yet does not slip.
+const SQUEEZE: f64 = 0.0075;
+/// By how much the peg stops short of hanging straight down, in rad.
+const LAG: f64 = 0.12;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let peg = scene.body("peg");
+    let [half_length, half_width] = HALF.map(|half| half * peg.scale);
+    let closing = grasp::start_closing(scene, 0);
+    // By the end that is farther from the robot: the hand then turns up, away from its base.
+    let grip = GRIP * peg.scale;
+    let tcp = grasp::shifted(&grasp::from_above(peg, &closing, &closing), &(Vector3::x() * grip));
+    let standing = |above_m: f64, angle: f64| -> Isometry3<f64> {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -angle);
+        let middle = peg.pose.translation.vector;
+        let place = Vector3::new(middle.x, middle.y, half_length + grip + above_m);
+        Isometry3::from_parts(place.into(), turn * tcp.rotation)
+    };
+    // The peg's weight times its lever goes with the fourth power of its size.
+    let squeeze = SQUEEZE * peg.scale.powi(4);
+    let command = control::gripper_entry(half_width - squeeze) as f32;
+    vec![
+        Move::straight(0, grasp::backed_off(&tcp, 0.05)),
+        Move::straight(0, tcp),
+        Move::Grip { arms: vec![0], command, steps: 6 },
+        Move::straight(0, standing(0.06, 0.0)),
+        Move::straight(0, standing(0.06, LAG)),
+        Move::straight(0, standing(0.001, LAG)),
+        Move::open(&[0], 6),
+        Move::straight(0, grasp::backed_off(&standing(0.001, LAG), 0.08)),
+    ]
+}
