@@ -44,6 +44,8 @@ impl Process {
     ) -> io::Result<Self> {
         let mut child = Command::new(program)
             .args([subcommand, "--config", config])
+            // Else Mesa, asked for a GPU, looks for a desktop and complains on stderr where there is none.
+            .env("NODEVICE_SELECT", "1")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())

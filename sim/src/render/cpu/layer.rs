@@ -4,7 +4,7 @@ use super::each::each;
 use super::isa::Kernel;
 use super::kind::{Block, Square};
 use super::raster::{NOTHING, Visibility};
-use super::rays::Rays;
+use super::rays::{Gaze, Rays};
 use super::shadow::{Highest, Reach, Shadow};
 use super::simd::{Floats, Line, Mask, Simd, Whole, WholeLine};
 use super::surface::SEVERAL;
@@ -35,6 +35,20 @@ impl Layer {
     pub(super) fn shows(&self, maps: &[Affine], samples: Samples) -> bool {
         self.maps == maps && self.samples == samples
     }
+
+    /// Puts what is seen in a block where nothing else is.
+    #[inline(always)]
+    fn fill<S: Simd>(&self, ids: &mut WholeLine, block: usize) {
+        let over = S::I::load(ids);
+        let drawn = over.gt(S::I::all(NOTHING));
+        if drawn.to_bits() != u16::MAX {
+            let behind = match self.shown[block] {
+                SEVERAL => S::I::load(&self.ids[block]),
+                shown => S::I::all(shown),
+            };
+            over.or_where(drawn, behind).store(ids);
+        }
+    }
 }
 
 /// Finds where shadows fall on a layer.
@@ -57,20 +71,18 @@ impl Kernel for Measure<'_> {
         for block in 0..per_row * per_row {
             let (column, row) = (block % per_row, block / per_row);
             let mut reach = Reach::NONE;
-            let mut add = |id: S::I, depth: S::F| {
-                let gaze = rays.gaze::<S>(column, row);
-                let seen = id.gt(S::I::all(NOTHING));
-                reach.add::<S>(shadow, &super::rays::Gaze { depth, ..gaze }, seen);
-            };
+            let nothing = S::I::all(NOTHING);
             if samples_per_edge == 1 {
-                add(S::I::load(&ids[block]), S::F::load(&depths[block]));
+                let gaze = rays.gaze::<S>(column, row).at(&depths[block]);
+                reach.add::<S>(shadow, &gaze, S::I::load(&ids[block]).gt(nothing));
             } else {
                 let upper = row * 2 * pitch + column * 2;
                 let four = [upper, upper + 1, upper + pitch, upper + pitch + 1];
                 let ids = S::unfolded(each!(k in 4 => S::I::load(&ids[four[k]])));
                 let depths = S::unfolded(each!(k in 4 => S::F::load(&depths[four[k]]).bits()));
                 for k in 0..4 {
-                    add(ids[k], depths[k].as_float_bits());
+                    let gaze = Gaze { depth: depths[k].as_float_bits(), ..rays.gaze::<S>(column, row) };
+                    reach.add::<S>(shadow, &gaze, ids[k].gt(nothing));
                 }
             }
             reaches.push(reach);
@@ -104,22 +116,11 @@ impl Kernel for Renew<'_> {
                 *stale = reach.is_touched(highest);
             }
         }
-        let fill = |ids: &mut WholeLine, block: usize| {
-            let over = S::I::load(ids);
-            let drawn = over.gt(nothing);
-            if drawn.to_bits() != u16::MAX {
-                let behind = match layer.shown[block] {
-                    SEVERAL => S::I::load(&layer.ids[block]),
-                    shown => S::I::all(shown),
-                };
-                over.or_where(drawn, behind).store(ids);
-            }
-        };
         if samples_per_edge == 1 {
             for (block, (ids, stale)) in ids.iter_mut().zip(stale).enumerate() {
                 *stale |= S::I::load(ids).gt(nothing).any();
                 if *stale {
-                    fill(ids, block);
+                    layer.fill::<S>(ids, block);
                 }
             }
             return;
@@ -131,7 +132,7 @@ impl Kernel for Renew<'_> {
             *stale |= a.max(b).max(c.max(d)).gt(nothing).any();
             if *stale {
                 for block in four {
-                    fill(&mut ids[block], block);
+                    layer.fill::<S>(&mut ids[block], block);
                 }
             }
         }
