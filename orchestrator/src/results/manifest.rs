@@ -86,9 +86,7 @@ pub(super) fn reconcile(connection: &Connection, path: &Path, manifest: &Manifes
     let mismatch =
         |field: String, found: String, asked: String| Mismatch { path: path.into(), field, found, asked };
     let transaction = connection.unchecked_transaction().map_err(sqlite)?;
-    let has_rows: bool = transaction
-        .query_row("SELECT EXISTS (SELECT 1 FROM episodes)", [], |row| row.get(0))
-        .map_err(sqlite)?;
+    let has_rows = has_rows(&transaction).map_err(sqlite)?;
     for (key, asked) in manifest.common() {
         if has_rows {
             let found = get(&transaction, key).map_err(sqlite)?.ok_or_else(|| invalid(key))?;
@@ -119,12 +117,14 @@ pub(super) fn reconcile(connection: &Connection, path: &Path, manifest: &Manifes
 
 /// Identity of the renderer of the images that the file's rows depend on, if there are any.
 pub(super) fn drawn_with(connection: &Connection) -> Result<Option<String>, rusqlite::Error> {
-    let has_rows: bool =
-        connection.query_row("SELECT EXISTS (SELECT 1 FROM episodes)", [], |row| row.get(0))?;
-    if !has_rows {
+    if !has_rows(connection)? {
         return Ok(None);
     }
     Ok(get(connection, RENDERER)?.and_then(|text| serde_json::from_str(&text).ok()))
+}
+
+fn has_rows(connection: &Connection) -> Result<bool, rusqlite::Error> {
+    connection.query_row("SELECT EXISTS (SELECT 1 FROM episodes)", [], |row| row.get(0))
 }
 
 /// Writes an entry.

@@ -3,11 +3,11 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, Eyes, QPOS_B, bimanual, movable, region};
+use super::common::{self, BIMANUAL_TABLE_Z, Eyes, QPOS_B, bimanual, region};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{PaintSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
+use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -25,12 +25,7 @@ const HALF: f64 = 0.02;
 const BLUE: [f64; 3] = [12.0 / 255.0, 42.0 / 255.0, 160.0 / 255.0];
 
 fn nominal() -> SceneSpec {
-    let cube = movable(
-        "cube",
-        vec![PartSpec::at(Primitive::Box { half: [HALF; 3] }, [0.0; 3], PaintSpec::plain(BLUE))],
-        0,
-        BIMANUAL_TABLE_Z,
-    );
+    let cube = common::cube("cube", HALF, BLUE, 0, BIMANUAL_TABLE_Z);
     let eyes = Eyes {
         external1: [[0.75, 0.0, 1.33], [-0.2, 0.0, 1.03]],
         external2: [[-0.5, 0.0, 1.58], [-0.2, 0.0, 1.13]],

@@ -3,8 +3,8 @@
 use ipc_types::Morphology;
 
 use super::common::{QPOS_B, bimanual, goal_disc, region};
-use super::common::stacking::{self, Way};
-use crate::expert::{Move, Reach};
+use super::common::stacking;
+use crate::expert::Move;
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -42,15 +42,5 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 }
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let [red, green] = ["red cube", "green cube"].map(|name| scene.body(name));
-    let first = Way::new(scene, 0, red, 0.0);
-    let second = Way::new(scene, 1, green, 2.0 * stacking::HALF * red.scale);
-    let both = |a, b| Move::Straight(vec![Reach { arm: 0, tcp: a }, Reach { arm: 1, tcp: b }]);
-    let mut moves =
-        vec![both(first.above, second.above), both(first.at, second.at), Move::close(&[0, 1], 6)];
-    moves.extend([Move::Straight(vec![first.raised(), second.aside(scene)]), first.carry(None)]);
-    moves.extend(first.put());
-    moves.push(second.carry(Some(stacking::parked(scene, 0))));
-    moves.extend(second.put());
-    moves
+    stacking::stack_two(scene, scene.body("red cube"), scene.body("green cube"))
 }

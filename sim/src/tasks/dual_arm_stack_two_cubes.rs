@@ -53,17 +53,8 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let [red, green, blue] = CUBES.map(|name| scene.body(name));
-    let edge = 2.0 * stacking::HALF;
-    let first = Way::new(scene, 0, red, 0.0);
-    let second = Way::new(scene, 1, green, edge * red.scale);
-    let third = Way::new(scene, 0, blue, edge * (red.scale + green.scale));
-    let both = |a, b| Move::Straight(vec![Reach { arm: 0, tcp: a }, Reach { arm: 1, tcp: b }]);
-    let mut moves =
-        vec![both(first.above, second.above), both(first.at, second.at), Move::close(&[0, 1], 6)];
-    moves.extend([Move::Straight(vec![first.raised(), second.aside(scene)]), first.carry(None)]);
-    moves.extend(first.put());
-    moves.push(second.carry(Some(stacking::parked(scene, 0))));
-    moves.extend(second.put());
+    let third = Way::new(scene, 0, blue, 2.0 * stacking::HALF * (red.scale + green.scale));
+    let mut moves = stacking::stack_two(scene, red, green);
     moves.push(Move::Straight(vec![Reach { arm: 0, tcp: third.above }, stacking::parked(scene, 1)]));
     moves.extend([Move::straight(0, third.at), Move::close(&[0], 6)]);
     moves.extend([Move::Straight(vec![third.raised()]), third.carry(None)]);

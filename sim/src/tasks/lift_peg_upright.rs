@@ -46,13 +46,12 @@ fn nominal() -> SceneSpec {
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let body = scene.body_idx("peg");
     let middle_z = HALF[0] * if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
-    let anywhere = [f64::INFINITY; 2];
     vec![
         Predicate::Aligned { body, axis: [1.0, 0.0, 0.0], with: [0.0, 0.0, 1.0], tolerance_rad: 0.08 },
         Predicate::Inside {
             body,
-            least: [-anywhere[0], -anywhere[1], middle_z - 0.005],
-            greatest: [anywhere[0], anywhere[1], middle_z + 0.005],
+            least: [f64::NEG_INFINITY, f64::NEG_INFINITY, middle_z - 0.005],
+            greatest: [f64::INFINITY, f64::INFINITY, middle_z + 0.005],
         },
     ]
 }

@@ -2,11 +2,11 @@
 
 use ipc_types::Morphology;
 
-use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, single_arm};
+use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{PaintSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
+use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -24,12 +24,7 @@ const HALF: f64 = 0.02;
 const BLUE: [f64; 3] = [12.0 / 255.0, 42.0 / 255.0, 160.0 / 255.0];
 
 fn nominal() -> SceneSpec {
-    let cube = movable(
-        "cube",
-        vec![PartSpec::at(Primitive::Box { half: [HALF; 3] }, [0.0; 3], PaintSpec::plain(BLUE))],
-        0,
-        SINGLE_TABLE_Z,
-    );
+    let cube = common::cube("cube", HALF, BLUE, 0, SINGLE_TABLE_Z);
     let target = [-0.1, 0.0, 0.1];
     let eyes = Eyes { external1: [[0.2, -0.3, 0.3], target], external2: [[0.1, 0.3, 0.3], target] };
     let around_origin = region("cube", Range::symmetric(0.1), Range::symmetric(0.1));

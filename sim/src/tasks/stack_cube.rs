@@ -5,11 +5,11 @@ use core::f64::consts::TAU;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, single_arm};
+use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PaintSpec, PartSpec, Primitive, Range, RegionSpec, Role, Scene, SceneSpec};
+use crate::scene::{BodySpec, Range, RegionSpec, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -31,13 +31,7 @@ fn nominal() -> SceneSpec {
     // The released code scales both cubes under MO-Size and none under RO-Size; we follow it, so RO-Size does not apply.
     let cube = |name, role, color| BodySpec {
         role,
-        ..movable(
-            name,
-            vec![PartSpec::at(Primitive::Box { half: [HALF; 3] }, [0.0; 3], PaintSpec::plain(color))],
-            0,
-            SINGLE_TABLE_Z,
-        )
-        .turned(Range::new(0.0, TAU))
+        ..common::cube(name, HALF, color, 0, SINGLE_TABLE_Z).turned(Range::new(0.0, TAU))
     };
     let cubes = vec![
         cube("red cube", Role::ManipulationObject, [1.0, 0.0, 0.0]),

@@ -19,7 +19,7 @@ fn the_robot_is_visible_in_every_external_view() {
                 let share = differing(&image(&scene, &with, camera_idx), &image(&scene, &without, camera_idx))
                     as f64
                     / (224.0 * 224.0);
-                assert!(share > 0.01, "{}: arm {arm} fills {share} of camera {camera_idx}", task.name());
+                assert!(share > 0.015, "{}: arm {arm} fills {share} of camera {camera_idx}", task.name());
             }
         }
     }
@@ -39,7 +39,7 @@ fn images_are_neither_dark_nor_burnt_and_full_of_detail() {
             let name = task.name();
             assert!((60.0..200.0).contains(&mean), "{name}, camera {camera_idx}: mean {mean}");
             assert!(burnt < 0.02, "{name}, camera {camera_idx}: {burnt} of the bytes are 255");
-            assert!(colors.len() > 150, "{name}, camera {camera_idx}: {} colours", colors.len());
+            assert!(colors.len() > 200, "{name}, camera {camera_idx}: {} colours", colors.len());
         }
     }
 }

@@ -69,7 +69,7 @@ pub struct CpuRenderer {
 /// What a CPU renderer does, and how.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CpuOptions {
-    /// Keeps, per scene, what a standing camera sees of what never moves, and its shadows. It changes no byte; it costs 1.2 MB
+    /// Keeps, per scene, what a standing camera sees of what never moves, and its shadows. It changes no byte; it costs 1.1 MB
     /// per env, 1.1 MB more with shadows and 2.5 MB more with four samples per pixel.
     pub keep_layers: bool,
     /// How a pixel is sampled.

@@ -99,6 +99,18 @@ pub(super) fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, s
     }
 }
 
+/// A movable cube with edges of twice `half`, in m.
+pub(super) fn cube(
+    name: &'static str,
+    half: f64,
+    color: [f64; 3],
+    region: usize,
+    surface_z_m: f64,
+) -> BodySpec {
+    let part = PartSpec::at(Primitive::Box { half: [half; 3] }, [0.0; 3], PaintSpec::plain(color));
+    movable(name, vec![part], region, surface_z_m)
+}
+
 impl BodySpec {
     /// The same, turned about the vertical.
     pub(super) fn turned(mut self, yaw: Range) -> Self {

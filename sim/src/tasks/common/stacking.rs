@@ -4,11 +4,11 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, Eyes, GOAL_RADIUS, movable};
+use super::{BIMANUAL_TABLE_Z, Eyes, GOAL_RADIUS};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{Body, BodySpec, PaintSpec, PartSpec, Primitive, Range, Scene};
+use crate::scene::{Body, BodySpec, Range, Scene};
 
 /// Half a cube's edge, in m.
 pub(in crate::tasks) const HALF: f64 = 0.02;
@@ -20,8 +20,7 @@ pub(in crate::tasks) const EYES: Eyes = Eyes {
 
 /// A cube of the tower.
 pub(in crate::tasks) fn cube(name: &'static str, color: [f64; 3], region: usize) -> BodySpec {
-    let part = PartSpec::at(Primitive::Box { half: [HALF; 3] }, [0.0; 3], PaintSpec::plain(color));
-    movable(name, vec![part], region, BIMANUAL_TABLE_Z).turned(Range::new(0.0, TAU))
+    super::cube(name, HALF, color, region, BIMANUAL_TABLE_Z).turned(Range::new(0.0, TAU))
 }
 
 /// One cube on another within 25 mm and 5 mm.
@@ -110,6 +109,19 @@ impl Way {
             Move::straight(*arm, grasp::backed_off(down, CLEARANCE)),
         ]
     }
+}
+
+/// Each arm takes a cube at once; then the first arm puts its own on the goal, and the second one its own on that.
+pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> Vec<Move> {
+    let (first, second) =
+        (Way::new(scene, 0, lower, 0.0), Way::new(scene, 1, upper, 2.0 * HALF * lower.scale));
+    let both = |a, b| Move::Straight(vec![Reach { arm: 0, tcp: a }, Reach { arm: 1, tcp: b }]);
+    let mut moves = vec![both(first.above, second.above), both(first.at, second.at), Move::close(&[0, 1], 6)];
+    moves.extend([Move::Straight(vec![first.raised(), second.aside(scene)]), first.carry(None)]);
+    moves.extend(first.put());
+    moves.push(second.carry(Some(parked(scene, 0))));
+    moves.extend(second.put());
+    moves
 }
 
 /// Where an arm is out of the other's way.
