@@ -35,12 +35,12 @@ class Peer:
             for side in self.cameras:
                 self.renderers[side, samples] = mujoco.Renderer(self.model, side, side)
 
-    def draw(self, shadows: bool, samples: int, save_to: Path | None = None) -> float:
+    def draw(self, shadows: bool, samples: int) -> float:
         start = time.perf_counter()
         for side, cameras in self.cameras.items():
             renderer, image = self.renderers[side, samples], self.images[side]
             renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
-            for env, poses in enumerate(self.envs):
+            for poses in self.envs:
                 self.data.mocap_pos[:] = poses[:, :3]
                 self.data.mocap_quat[:] = poses[:, 3:]
                 mujoco.mj_kinematics(self.model, self.data)
@@ -48,15 +48,11 @@ class Peer:
                 for camera in cameras:
                     renderer.update_scene(self.data, camera)
                     renderer.render(out=image)
-                    if save_to and env == 0:
-                        np.save(save_to / f"peer{camera}.npy", image)
         return time.perf_counter() - start
 
 
 def main() -> None:
-    folder = Path(sys.argv[1])
-    peer = Peer(folder)
-    peer.draw(False, 0, save_to=folder)
+    peer = Peer(Path(sys.argv[1]))
     print(f"MuJoCo {mujoco.__version__}", flush=True)
     for request in sys.stdin:
         shadows, samples = map(int, request.split())
