@@ -1,8 +1,44 @@
 //! Success as data: predicates over one world, each with the numbers of its own drawn scene.
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector3};
 
 use crate::physics::World;
+
+/// A part of space, in m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Region {
+    /// A box along the axes.
+    Box {
+        /// Least x, y and z; may be infinite.
+        least: [f64; 3],
+        /// Greatest x, y and z; may be infinite.
+        greatest: [f64; 3],
+    },
+    /// What is near a line.
+    Cylinder {
+        /// A point on the line.
+        origin: [f64; 3],
+        /// Unit vector along it.
+        axis: [f64; 3],
+        /// Greatest distance from it.
+        radius: f64,
+        /// Least and greatest distance from the origin along it; may be infinite.
+        along: [f64; 2],
+    },
+}
+
+impl Region {
+    fn contains(self, point: &Point3<f64>) -> bool {
+        match self {
+            Self::Box { least, greatest } => (0..3).all(|k| (least[k]..=greatest[k]).contains(&point[k])),
+            Self::Cylinder { origin, axis, radius, along: [least, greatest] } => {
+                let (offset, axis) = (point - Point3::from(origin), Vector3::from(axis));
+                let along = offset.dot(&axis);
+                (least..=greatest).contains(&along) && (offset - axis * along).norm() <= radius
+            }
+        }
+    }
+}
 
 /// A condition on one world. Bodies are indices into the scene's.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,16 +50,36 @@ pub enum Predicate {
         /// World z in m.
         z_m: f64,
     },
-    /// The body's origin lies within a box.
+    /// A point of the body is farther than a distance from where it was, along one axis and either way.
+    Moved {
+        /// Body.
+        body: usize,
+        /// World position in m.
+        from: [f64; 3],
+        /// Unit vector in the world.
+        along: [f64; 3],
+        /// Distance in m.
+        by_m: f64,
+    },
+    /// A point of the body lies within a region.
     Inside {
         /// Body.
         body: usize,
-        /// Least world x, y and z in m; may be infinite.
-        least: [f64; 3],
-        /// Greatest world x, y and z in m; may be infinite.
-        greatest: [f64; 3],
+        /// Point in the body's frame, in m.
+        point: [f64; 3],
+        /// Whose frame the region is stated in: that of a body, or the world.
+        of: Option<usize>,
+        /// Region.
+        region: Region,
     },
-    /// An axis of the body lies along a direction, either way round.
+    /// A jointed body has moved at least so far from its start.
+    Opened {
+        /// Body.
+        body: usize,
+        /// Position of its joint, in m or rad.
+        least: f64,
+    },
+    /// An axis of the body makes such an angle with a direction.
     Aligned {
         /// Body.
         body: usize,
@@ -31,8 +87,21 @@ pub enum Predicate {
         axis: [f64; 3],
         /// Unit vector in the world.
         with: [f64; 3],
-        /// Greatest angle between them, in rad.
-        tolerance_rad: f64,
+        /// Least and greatest angle between them, in rad.
+        angle_rad: [f64; 2],
+        /// Whether the axis counts either way round, so that no angle exceeds a right one.
+        either_way: bool,
+    },
+    /// The body is at a pose.
+    At {
+        /// Body.
+        body: usize,
+        /// World position in m.
+        position: [f64; 3],
+        /// World orientation, quaternion (w, x, y, z).
+        orientation: [f64; 4],
+        /// Greatest distance in m and greatest angle in rad.
+        tolerance: [f64; 2],
     },
     /// `top` stands on `base`: origins near in xy, and one above the other.
     On {
@@ -81,13 +150,22 @@ pub enum Predicate {
 }
 
 impl Predicate {
+    /// The body's origin lies within a box of the world, in m; bounds may be infinite.
+    #[must_use]
+    pub const fn inside_box(body: usize, least: [f64; 3], greatest: [f64; 3]) -> Self {
+        Self::Inside { body, point: [0.0; 3], of: None, region: Region::Box { least, greatest } }
+    }
+
     /// Word for the predicate in results.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Above { .. } => "above",
+            Self::Moved { .. } => "moved",
             Self::Inside { .. } => "inside",
+            Self::Opened { .. } => "opened",
             Self::Aligned { .. } => "aligned",
+            Self::At { .. } => "at",
             Self::On { .. } => "on",
             Self::Still { .. } => "still",
             Self::RobotStill { .. } => "robot_still",
@@ -104,13 +182,25 @@ impl Predicate {
         let held = |body: usize| (0..world.n_arms()).any(|arm| world.is_grasping(arm, body));
         match self {
             Self::Above { body, z_m } => position(body).z > z_m,
-            Self::Inside { body, least, greatest } => {
-                let position = position(body);
-                (0..3).all(|k| (least[k]..=greatest[k]).contains(&position[k]))
+            Self::Moved { body, from, along, by_m } => {
+                (position(body) - Vector3::from(from)).dot(&Vector3::from(along)).abs() > by_m
             }
-            Self::Aligned { body, axis, with, tolerance_rad } => {
+            Self::Inside { body, point, of, region } => {
+                let pose = |body: usize| world.body_pose(body).cast::<f64>();
+                let in_world = pose(body) * Point3::from(point);
+                region.contains(&of.map_or(in_world, |of| pose(of).inverse_transform_point(&in_world)))
+            }
+            Self::Opened { body, least } => f64::from(world.joint_position(body)) >= least,
+            Self::Aligned { body, axis, with, angle_rad: [least, greatest], either_way } => {
                 let axis = world.body_pose(body).rotation.cast::<f64>() * Vector3::from(axis);
-                axis.dot(&Vector3::from(with)).abs() >= tolerance_rad.cos()
+                let cosine = axis.dot(&Vector3::from(with));
+                let cosine = if either_way { cosine.abs() } else { cosine };
+                (greatest.cos()..=least.cos()).contains(&cosine.clamp(-1.0, 1.0))
+            }
+            Self::At { body, position: goal, orientation: [w, x, y, z], tolerance: [far, turned] } => {
+                let goal_orientation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+                (position(body) - Vector3::from(goal)).norm() <= far
+                    && world.body_pose(body).rotation.cast::<f64>().angle_to(&goal_orientation) <= turned
             }
             Self::On { top, base, xy_m, rise_m, rise_tolerance_m } => {
                 let offset = position(top) - position(base);

@@ -36,6 +36,12 @@ impl Profile {
         }
     }
 
+    /// Whether a body that must rise by a height also counts when it sinks by it, as in the released code.
+    #[must_use]
+    pub const fn counts_sinking(self) -> bool {
+        matches!(self, Self::Paper)
+    }
+
     /// Whether success thresholds follow the drawn size of an object; the released code keeps the nominal ones.
     #[must_use]
     pub const fn scales_thresholds(self) -> bool {

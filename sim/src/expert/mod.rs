@@ -31,6 +31,8 @@ pub struct Reach {
 pub enum Move {
     /// TCPs go along straight lines, turning evenly; arms start and arrive together.
     Straight(Vec<Reach>),
+    /// The same from place to place without a stop; every place names the same arms.
+    Through(Vec<Vec<Reach>>),
     /// Joints go the straight way to the nearest solution; arms start and arrive together.
     Joint(Vec<Reach>),
     /// Grippers take a new command, −1 (squeeze) to 1 (open), and the arms hold for some control steps.
@@ -72,6 +74,7 @@ impl Move {
     const fn name(&self) -> &'static str {
         match self {
             Self::Straight(_) => "straight",
+            Self::Through(_) => "through",
             Self::Joint(_) => "joint",
             Self::Grip { .. } => "grip",
             Self::Hold { .. } => "hold",

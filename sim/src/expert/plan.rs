@@ -67,7 +67,14 @@ impl Planner<'_> {
     fn add(&mut self, step: &Move) -> Result<(), Unreachable> {
         match step {
             Move::Straight(reaches) => {
-                let path = self.line(reaches)?;
+                let path = self.line(vec![self.config.clone()], reaches)?;
+                self.follow(&path, self.straight_caps());
+            }
+            Move::Through(places) => {
+                let mut path = vec![self.config.clone()];
+                for reaches in places {
+                    path = self.line(path, reaches)?;
+                }
                 self.follow(&path, self.straight_caps());
             }
             Move::Joint(reaches) => {
@@ -93,12 +100,13 @@ impl Planner<'_> {
         Ok(())
     }
 
-    /// Solutions along the straight lines, each found from the one before, so that the joints never jump.
-    fn line(&self, reaches: &[Reach]) -> Result<Vec<Config>, Unreachable> {
-        let starts: Vec<Isometry3<f64>> = reaches.iter().map(|reach| self.tcp(reach.arm)).collect();
+    /// The path with solutions along straight lines from its end, each found from the one before, so that the joints
+    /// never jump.
+    fn line(&self, mut path: Vec<Config>, reaches: &[Reach]) -> Result<Vec<Config>, Unreachable> {
+        let start = &path[path.len() - 1];
+        let starts: Vec<Isometry3<f64>> = reaches.iter().map(|reach| self.tcp(start, reach.arm)).collect();
         let n_steps =
             starts.iter().zip(reaches).map(|(start, reach)| line_steps(start, &reach.tcp)).max().unwrap_or(1);
-        let mut path = vec![self.config.clone()];
         for step in 1..=n_steps {
             let part = step as f64 / n_steps as f64;
             let mut config = path[path.len() - 1].clone();
@@ -113,8 +121,8 @@ impl Planner<'_> {
         Ok(path)
     }
 
-    fn tcp(&self, arm: usize) -> Isometry3<f64> {
-        self.scene.robots[arm].base * kinematics::tcp(&self.config.0[arm])
+    fn tcp(&self, config: &Config, arm: usize) -> Isometry3<f64> {
+        self.scene.robots[arm].base * kinematics::tcp(&config.0[arm])
     }
 
     fn follow(&mut self, path: &[Config], caps: Caps) {

@@ -1,13 +1,13 @@
 //! What stands in a scene besides the arms: its bodies, the table and the floor.
 
-use nalgebra::{Isometry3, Translation3};
-use rapier3d::dynamics::{RigidBodyBuilder, RigidBodyHandle};
-use rapier3d::geometry::{ColliderBuilder, SharedShape};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use rapier3d::dynamics::{GenericJointBuilder, JointAxesMask, JointAxis, RigidBodyBuilder, RigidBodyHandle};
+use rapier3d::geometry::{ColliderBuilder, Group, InteractionGroups, InteractionTestMode, SharedShape};
 use rapier3d::math::{Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::convert::to_pose;
-use crate::scene::{Body, Motion, Primitive, TableKind};
+use crate::scene::{Body, JointKind, JointSpec, Motion, Primitive, TableKind};
 
 /// Least mass of a body that moves, in kg: contact stiffness follows mass, and a few grams are crushed by the gripper.
 const LEAST_MASS_KG: f64 = 0.025;
@@ -15,6 +15,9 @@ const LEAST_MASS_KG: f64 = 0.025;
 const GROUND_FRICTION: f32 = 0.3;
 /// World z of the floor, in m.
 const FLOOR_Z: f64 = -0.9196;
+/// Groups of what stands fast and of what a joint guides: these do not meet.
+const FIXED: Group = Group::GROUP_1;
+const JOINTED: Group = Group::GROUP_2;
 
 /// A collider for a solid at a pose in its parent's frame.
 pub(super) fn collider(shape: Primitive, pose: &Isometry3<f64>) -> ColliderBuilder {
@@ -39,10 +42,13 @@ pub(super) fn collider(shape: Primitive, pose: &Isometry3<f64>) -> ColliderBuild
 
 /// Adds a body at its drawn pose.
 pub(super) fn add_body(world: &mut PhysicsWorld, body: &Body) -> RigidBodyHandle {
-    let builder = match body.motion {
-        Motion::Dynamic => RigidBodyBuilder::dynamic(),
-        Motion::Fixed | Motion::Mark => RigidBodyBuilder::fixed(),
+    let (builder, groups) = match body.motion {
+        Motion::Dynamic => (RigidBodyBuilder::dynamic(), InteractionGroups::all()),
+        Motion::Jointed(_) => (RigidBodyBuilder::dynamic(), meeting(JOINTED, !(FIXED | JOINTED))),
+        Motion::Fixed | Motion::Mark => (RigidBodyBuilder::fixed(), meeting(FIXED, !JOINTED)),
     };
+    let [linear, angular] = body.damping.map(|damping| damping as f32);
+    let builder = builder.linear_damping(linear).angular_damping(angular);
     let handle = world.insert_body(builder.pose(to_pose(&body.pose)));
     if body.motion == Motion::Mark {
         return handle;
@@ -51,22 +57,72 @@ pub(super) fn add_body(world: &mut PhysicsWorld, body: &Body) -> RigidBodyHandle
     let density = body.density * (LEAST_MASS_KG / mass).max(1.0);
     for part in &body.parts {
         let solid = collider(part.shape, &part.pose).density(density as f32).friction(body.friction as f32);
-        world.insert_collider(solid, Some(handle));
+        world.insert_collider(solid.collision_groups(groups), Some(handle));
+    }
+    if let Motion::Jointed(joint) = body.motion {
+        join(world, handle, &joint, &body.pose);
     }
     handle
+}
+
+fn meeting(memberships: Group, filter: Group) -> InteractionGroups {
+    InteractionGroups::new(memberships, filter, InteractionTestMode::And)
+}
+
+/// Joins a body to its start pose by a multibody of one joint: joints between free bodies sag.
+fn join(world: &mut PhysicsWorld, body: RigidBodyHandle, joint: &JointSpec, start: &Isometry3<f64>) {
+    let (locked, free) = match joint.kind {
+        JointKind::Slide => (JointAxesMask::LOCKED_PRISMATIC_AXES, JointAxis::LinX),
+        JointKind::Hinge => (JointAxesMask::LOCKED_REVOLUTE_AXES, JointAxis::AngX),
+    };
+    let anchor = world.insert_body(RigidBodyBuilder::fixed().pose(to_pose(start)));
+    let x_to_axis =
+        UnitQuaternion::rotation_between(&Vector3::x(), &joint.axis.into()).expect("no axis is −x");
+    let frame = to_pose(&Isometry3::from_parts(Translation3::identity(), x_to_axis));
+    let guide = GenericJointBuilder::new(locked)
+        .local_frame1(frame)
+        .local_frame2(frame)
+        .limits(free, [0.0, joint.upper as f32]);
+    world.multibody_joints.insert(anchor, body, guide, true).expect("an anchor and a body form a tree");
+    let link = *world.multibody_joints.rigid_body_link(body).expect("it has just been joined");
+    let bodies = &mut world.bodies;
+    bodies[body].recompute_mass_properties_from_colliders(&world.colliders);
+    let multibody =
+        world.multibody_joints.get_multibody_mut(link.multibody).expect("it has just been joined");
+    multibody.forward_kinematics(bodies, true);
+    assert_eq!(multibody.ndofs(), 1, "an anchor has no freedom of its own");
+    multibody.damping_mut()[0] = joint.damping as f32;
+    multibody.frictions_mut()[0] = joint.friction as f32;
+    multibody.forward_kinematics(bodies, false);
+    multibody.update_rigid_bodies(bodies, true);
+}
+
+/// Position of a jointed body's joint, in m or rad.
+pub(super) fn joint_position(world: &PhysicsWorld, body: RigidBodyHandle, kind: JointKind) -> f32 {
+    let link = *world.multibody_joints.rigid_body_link(body).expect("a jointed body is in a multibody");
+    let multibody = world.multibody_joints.get_multibody(link.multibody).expect("a link's multibody exists");
+    let coords = multibody.link(link.id).expect("a link of its multibody").joint().coords();
+    match kind {
+        JointKind::Slide => coords[0],
+        JointKind::Hinge => coords[3],
+    }
 }
 
 /// Adds floor and table (spec/env.md §2). Walls are only seen: a look must never change a trajectory.
 pub(super) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
     let mut block = |half: [f64; 3], centre: [f64; 3]| {
         let pose = Isometry3::from(Translation3::from(centre));
-        world.insert_collider(collider(Primitive::Box { half }, &pose).friction(GROUND_FRICTION), None);
+        let solid = collider(Primitive::Box { half }, &pose).friction(GROUND_FRICTION);
+        world.insert_collider(solid.collision_groups(meeting(FIXED, !JOINTED)), None);
     };
     block([5.0, 5.0, 0.5], [0.0, 0.0, FLOOR_Z - 0.5]);
-    block([0.6045, 1.209, -FLOOR_Z / 2.0], [-0.12, 0.0, FLOOR_Z / 2.0]);
-    match table {
-        TableKind::SingleArm => {}
-        TableKind::Bimanual => block([0.6, 0.8, 0.025], [0.0, 0.0, 0.8]),
+    let [x, y] = match table {
+        TableKind::SingleArmTurned => [1.209, 0.6045],
+        TableKind::SingleArm | TableKind::Bimanual => [0.6045, 1.209],
+    };
+    block([x, y, -FLOOR_Z / 2.0], [-0.12, 0.0, FLOOR_Z / 2.0]);
+    if table == TableKind::Bimanual {
+        block([0.6, 0.8, 0.025], [0.0, 0.0, 0.8]);
     }
 }
 

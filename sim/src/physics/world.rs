@@ -11,7 +11,7 @@ use super::convert::{from_pose, from_vector};
 use super::{SUBSTEPS, preset, solids};
 use crate::fingerprint::Fingerprint;
 use crate::robot::panda::{N_DOFS, N_JOINTS};
-use crate::scene::{Scene, Snapshot};
+use crate::scene::{JointKind, Motion, Scene, Snapshot};
 
 /// m/s².
 const GRAVITY: f32 = -9.81;
@@ -21,6 +21,7 @@ pub struct World {
     rapier: PhysicsWorld,
     arms: Vec<Arm>,
     bodies: Vec<RigidBodyHandle>,
+    joints: Vec<Option<JointKind>>,
     mode: ControlMode,
 }
 
@@ -38,7 +39,11 @@ impl World {
         let wrist_camera = scene.robots.len() == 1;
         let arms =
             scene.robots.iter().map(|robot| Arm::add(&mut rapier, robot, mode, wrist_camera)).collect();
-        Self { rapier, arms, bodies, mode }
+        let joints = scene.bodies.iter().map(|body| match body.motion {
+            Motion::Jointed(joint) => Some(joint.kind),
+            Motion::Dynamic | Motion::Fixed | Motion::Mark => None,
+        });
+        Self { rapier, arms, bodies, joints: joints.collect(), mode }
     }
 
     /// One control step of 0.05 s. `action` is one row, `[action_dim]` f32: each arm's part in turn.
@@ -93,6 +98,21 @@ impl World {
     pub fn body_velocity(&self, body: usize) -> (Vector3<f32>, Vector3<f32>) {
         let body = &self.rapier.bodies[self.bodies[body]];
         (from_vector(body.linvel()), from_vector(body.angvel()))
+    }
+
+    /// How far a jointed body has moved from its start, in m or rad; 0 for any other body.
+    #[must_use]
+    pub fn joint_position(&self, body: usize) -> f32 {
+        let kind = self.joints[body];
+        kind.map_or(0.0, |kind| solids::joint_position(&self.rapier, self.bodies[body], kind))
+    }
+
+    /// Deepest overlap of two solids in the last physics step, in m; 0 if nothing touches.
+    #[must_use]
+    pub fn deepest_overlap(&self) -> f32 {
+        let pairs = self.rapier.narrow_phase.contact_pairs();
+        let contacts = pairs.filter_map(|pair| pair.find_deepest_contact());
+        contacts.map(|(_, contact)| -contact.dist).fold(0.0, f32::max)
     }
 
     /// Positions of an arm's joints 1 to 7 (rad), then of its two fingers (m).

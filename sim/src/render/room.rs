@@ -36,7 +36,7 @@ const FRAME_HEIGHT: f32 = 0.07;
 /// World z of the table's upper face, in m.
 pub(super) const fn table_top_z(kind: TableKind) -> f32 {
     match kind {
-        TableKind::SingleArm => SINGLE_ARM.top_z,
+        TableKind::SingleArm | TableKind::SingleArmTurned => SINGLE_ARM.top_z,
         TableKind::Bimanual => BIMANUAL.top_z,
     }
 }
@@ -46,6 +46,10 @@ pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
     let top = scene.table.paint.into();
     match scene.table.kind {
         TableKind::SingleArm => push_bench(&SINGLE_ARM, top, instances),
+        TableKind::SingleArmTurned => {
+            let [x, y] = SINGLE_ARM.half;
+            push_bench(&Bench { half: [y, x], ..SINGLE_ARM }, top, instances);
+        }
         TableKind::Bimanual => {
             push_bench(&BIMANUAL, top, instances);
             push_bench(&SINGLE_ARM, Material::plain([0.62, 0.62, 0.63], 0.1), instances);

@@ -12,7 +12,7 @@ use super::line::N_LANES;
 use super::material::Material;
 use super::mesh::{Mesh, MeshId, MeshLibrary};
 use super::{robot, room};
-use crate::scene::{Body, Lights, Motion, Scene, Snapshot};
+use crate::scene::{Body, Lights, Scene, Snapshot};
 
 /// Meshes. They are constants that are too large to be written down: the same in every process, never changed, a
 /// function of nothing. Hence a static, which spares every caller from handing them through.
@@ -124,7 +124,7 @@ impl RenderScene {
         let mut own_meshes = OwnMeshes::default();
         room::push(scene, &mut instances);
         for moves in [false, true] {
-            let moves_so = |body: &&Body| (body.motion == Motion::Dynamic) == moves;
+            let moves_so = |body: &&Body| body.motion.moves() == moves;
             for (body_idx, body) in scene.bodies.iter().enumerate().filter(|(_, body)| moves_so(body)) {
                 body::push(body_idx, body, &mut own_meshes, &mut instances);
             }

@@ -1,12 +1,17 @@
 //! Drawing a scene from its spec: every range from the stream that bears its name.
 
+use std::borrow::Cow;
+
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::drawn::{
     Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table, Visual,
 };
 use super::range::Range;
-use super::spec::{BodySpec, CameraSpec, ColorSpec, Jitter, PaintSpec, RegionSpec, SceneSpec, TextureSpec};
+use super::spec::{
+    BodySpec, CameraSpec, ColorSpec, Jitter, JointKind, JointSpec, Motion, PaintSpec, PlacementSpec,
+    RegionSpec, SceneSpec, TextureSpec,
+};
 use crate::stream::Stream;
 
 /// Draws of a body's place before a crowded region gives up and takes the last one.
@@ -17,10 +22,21 @@ impl SceneSpec {
     #[must_use]
     pub fn draw(&self, episode_seed: u64) -> Scene {
         let stream = |name: &str| Stream::new(episode_seed, name);
-        let mut bodies: Vec<Body> = self.bodies.iter().map(|spec| draw_body(spec, episode_seed)).collect();
+        let mut specs = Cow::Borrowed(&self.bodies);
+        if let Some(sizes) = &self.sizes {
+            let drawn: Vec<f64> =
+                sizes.ranges.iter().map(|(name, range)| stream(name).uniform(*range)).collect();
+            (sizes.shape)(&drawn, specs.to_mut());
+        }
+        let mut bodies: Vec<Body> = specs.iter().map(|spec| draw_body(spec, episode_seed)).collect();
         let mut placed = Vec::new();
         for (region_idx, region) in self.regions.iter().enumerate() {
-            place(region_idx, region, &self.bodies, &mut bodies, &mut placed, episode_seed);
+            place(region_idx, region, &specs, &mut bodies, &mut placed, episode_seed);
+        }
+        for (idx, spec) in specs.iter().enumerate() {
+            if let PlacementSpec::With { body, pose } = &spec.placement {
+                bodies[idx].pose = bodies[*body].pose * scaled(pose, bodies[*body].scale);
+            }
         }
         let color = |stream: &mut Stream, ranges: [Range; 3]| ranges.map(|range| stream.uniform(range));
         Scene {
@@ -95,13 +111,24 @@ fn draw_body(spec: &BodySpec, episode_seed: u64) -> Body {
     Body {
         name,
         role: spec.role,
-        motion: spec.motion,
+        motion: scaled_motion(spec.motion, scale),
         parts: parts.collect(),
         visuals: visuals.collect(),
         scale,
         pose: Isometry3::identity(),
         density: spec.density,
         friction: spec.friction,
+        damping: spec.damping,
+    }
+}
+
+/// A drawer of twice the size slides twice as far; a door turns as far as before.
+fn scaled_motion(motion: Motion, scale: f64) -> Motion {
+    match motion {
+        Motion::Jointed(joint) if joint.kind == JointKind::Slide => {
+            Motion::Jointed(JointSpec { upper: joint.upper * scale, ..joint })
+        }
+        other => other,
     }
 }
 
@@ -122,11 +149,15 @@ fn place(
 ) {
     let mut common = Stream::new(episode_seed, &format!("{}/common", region.name));
     let offset = region.common.map(|range| common.uniform(range));
-    for (spec, body) in specs.iter().zip(bodies).filter(|(spec, _)| spec.placement.region == region_idx) {
-        let yaw = Stream::new(episode_seed, &format!("{}/yaw", spec.name)).uniform(spec.placement.yaw);
-        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * spec.placement.upright;
+    for (spec, body) in specs.iter().zip(bodies) {
+        let PlacementSpec::On { region: of, surface_z_m, upright, yaw } = spec.placement else { continue };
+        if of != region_idx {
+            continue;
+        }
+        let yaw = Stream::new(episode_seed, &format!("{}/yaw", spec.name)).uniform(yaw);
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * upright;
         let extent = body.extent(&Isometry3::from_parts(Translation3::identity(), rotation));
-        let radius = footprint_radius(body, spec.placement.upright);
+        let radius = footprint_radius(body, upright);
         let mut stream = Stream::new(episode_seed, &format!("{}/pose", spec.name));
         let mut draw = || {
             let [x, y] = [region.x, region.y].map(|range| stream.uniform(range));
@@ -146,7 +177,7 @@ fn place(
             }
         }
         placed.push((xy, radius));
-        let z = spec.placement.surface_z_m - extent.min.z;
+        let z = surface_z_m - extent.min.z;
         body.pose = Isometry3::from_parts(Translation3::new(xy[0], xy[1], z), rotation);
     }
 }

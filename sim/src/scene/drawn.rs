@@ -47,7 +47,7 @@ pub struct Body {
     pub name: &'static str,
     /// Role.
     pub role: Role,
-    /// Whether it moves.
+    /// Whether it moves; a joint's reach is scaled already.
     pub motion: Motion,
     /// Scaled solids.
     pub parts: Vec<Part>,
@@ -61,6 +61,8 @@ pub struct Body {
     pub density: f64,
     /// Coefficient, static and dynamic.
     pub friction: f64,
+    /// Share of its linear and angular speed that it loses per second, in 1/s.
+    pub damping: [f64; 2],
 }
 
 impl Body {

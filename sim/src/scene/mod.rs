@@ -21,7 +21,7 @@ pub use shape::{Extent, Primitive};
 pub use snapshot::{ArmLinks, Link, N_LINKS, Snapshot};
 pub use spec::{
     BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, ColorSpec, DirectionalSpec, Jitter,
-    LightsSpec, Motion, PaintSpec, PartSpec, PlacementSpec, RegionSpec, RobotSpec, Role, ScaledBy, SceneSpec,
-    TableKind, TableSpec, TextureSpec, VisualSpec,
+    JointKind, JointSpec, LightsSpec, Motion, PaintSpec, PartSpec, PlacementSpec, RegionSpec, RobotSpec,
+    Role, ScaledBy, SceneSpec, SizesSpec, TableKind, TableSpec, TextureSpec, VisualSpec,
 };
 pub use texture::Texture;

@@ -32,7 +32,7 @@ pub enum ScaledBy {
 }
 
 /// Whether a body moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
     /// Falls, is pushed and carried.
     Dynamic,
@@ -40,6 +40,40 @@ pub enum Motion {
     Fixed,
     /// Stays where it was put, and is only seen: a mark on the table.
     Mark,
+    /// Slides or turns from where it was put, and meets neither fixed bodies nor other jointed ones: its joint guides it.
+    Jointed(JointSpec),
+}
+
+impl Motion {
+    /// Whether the body can be elsewhere later.
+    #[must_use]
+    pub const fn moves(self) -> bool {
+        matches!(self, Self::Dynamic | Self::Jointed(_))
+    }
+}
+
+/// Which way a jointed body moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointKind {
+    /// Along the axis; positions in m.
+    Slide,
+    /// About the axis through the body's origin; positions in rad.
+    Hinge,
+}
+
+/// A joint between a body and the place it was put, where its position is 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointSpec {
+    /// Kind.
+    pub kind: JointKind,
+    /// Unit vector in the body's frame; not −x.
+    pub axis: [f64; 3],
+    /// Greatest position, in m (at scale 1) or rad; the least is 0.
+    pub upper: f64,
+    /// N per m/s or N·m per rad/s.
+    pub damping: f64,
+    /// Dry friction, in N or N·m.
+    pub friction: f64,
 }
 
 /// Colour of a part, sRGB in [0, 1].
@@ -149,15 +183,25 @@ pub struct RegionSpec {
 
 /// Where a body starts.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PlacementSpec {
-    /// Index into [`SceneSpec::regions`].
-    pub region: usize,
-    /// World z of the surface that the body's lowest point rests on, in m.
-    pub surface_z_m: f64,
-    /// Orientation before yaw.
-    pub upright: UnitQuaternion<f64>,
-    /// Rotation about world z, in rad.
-    pub yaw: Range,
+pub enum PlacementSpec {
+    /// Somewhere in a region, its lowest point on a surface.
+    On {
+        /// Index into [`SceneSpec::regions`].
+        region: usize,
+        /// World z of the surface, in m.
+        surface_z_m: f64,
+        /// Orientation before yaw.
+        upright: UnitQuaternion<f64>,
+        /// Rotation about world z, in rad.
+        yaw: Range,
+    },
+    /// At a pose in the frame of another body that is placed on a surface.
+    With {
+        /// Index of that body.
+        body: usize,
+        /// Pose at scale 1; its translation scales with that body.
+        pose: Isometry3<f64>,
+    },
 }
 
 /// One rigid body.
@@ -183,9 +227,35 @@ pub struct BodySpec {
     pub density: f64,
     /// Coefficient, static and dynamic.
     pub friction: f64,
+    /// Share of its linear and angular speed that it loses per second, as through a thick medium; in 1/s.
+    pub damping: [f64; 2],
 }
 
 impl BodySpec {
+    /// The same, turned about the vertical by an angle of this range, in rad.
+    ///
+    /// # Panics
+    /// If it is placed with another body: it turns with that.
+    #[must_use]
+    pub fn turned(mut self, range: Range) -> Self {
+        let PlacementSpec::On { yaw, .. } = &mut self.placement else { panic!("{} has no yaw", self.name) };
+        *yaw = range;
+        self
+    }
+
+    /// The same, set up with this orientation before it is turned.
+    ///
+    /// # Panics
+    /// If it is placed with another body: its pose there says how.
+    #[must_use]
+    pub fn set_up(mut self, orientation: UnitQuaternion<f64>) -> Self {
+        let PlacementSpec::On { upright, .. } = &mut self.placement else {
+            panic!("{} is set up by its pose", self.name)
+        };
+        *upright = orientation;
+        self
+    }
+
     /// Looks of all its parts and visuals.
     pub fn paints_mut(&mut self) -> impl Iterator<Item = &mut PaintSpec> {
         let parts = self.parts.iter_mut().map(|part| &mut part.paint);
@@ -204,11 +274,28 @@ pub struct RobotSpec {
     pub noise_rad: f64,
 }
 
+/// Parts whose solids differ from episode to episode by more than a scale.
+#[derive(Clone, Copy, Debug)]
+pub struct SizesSpec {
+    /// Name of each number and the range it is drawn from.
+    pub ranges: &'static [(&'static str, Range)],
+    /// Gives the bodies the solids and poses of parts that follow from the drawn numbers; leaves everything else.
+    pub shape: fn(&[f64], &mut [BodySpec]),
+}
+
+impl PartialEq for SizesSpec {
+    fn eq(&self, other: &Self) -> bool {
+        self.ranges == other.ranges && core::ptr::fn_addr_eq(self.shape, other.shape)
+    }
+}
+
 /// Which table stands there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TableKind {
     /// 1.209 × 2.418 m with its top at z 0, long side along y.
     SingleArm,
+    /// The same, long side along x.
+    SingleArmTurned,
     /// The plate of 1.2 × 1.6 m with its top at z 0.825, over the other table.
     Bimanual,
 }
@@ -316,6 +403,8 @@ pub struct SceneSpec {
     pub bodies: Vec<BodySpec>,
     /// Regions bodies are placed in.
     pub regions: Vec<RegionSpec>,
+    /// Sizes that are drawn, if any.
+    pub sizes: Option<SizesSpec>,
     /// One or two arms.
     pub robots: Vec<RobotSpec>,
     /// Table.

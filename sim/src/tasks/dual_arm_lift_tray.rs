@@ -4,11 +4,11 @@ use core::f64::consts::FRAC_PI_8;
 
 use ipc_types::Morphology;
 
-use super::common::{BIMANUAL_TABLE_Z, Eyes, QPOS_B, bimanual, movable, region, tray_visuals};
+use super::common::{rgb, block, lifted, BIMANUAL_TABLE_Z, Eyes, QPOS_B, bimanual, movable, region, tray_visuals};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PaintSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
+use crate::scene::{BodySpec, PaintSpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -27,10 +27,10 @@ const HALF: [f64; 2] = [0.132, 0.194];
 const HEIGHT: f64 = 0.041;
 const FLOOR_HALF_THICKNESS: f64 = 0.003;
 const RIM_HALF_THICKNESS: f64 = 0.004;
-const GREY: [f64; 3] = [48.0 / 255.0, 49.0 / 255.0, 51.0 / 255.0];
+const GREY: [f64; 3] = rgb([48, 49, 51]);
 
 fn nominal() -> SceneSpec {
-    let slab = |half, position| PartSpec::at(Primitive::Box { half }, position, PaintSpec::plain(GREY));
+    let slab = |half, position| block(half, position, PaintSpec::plain(GREY));
     let [hx, hy] = HALF;
     let (rim, rim_z) = (RIM_HALF_THICKNESS, HEIGHT / 2.0);
     let tray = BodySpec {
@@ -52,10 +52,9 @@ fn nominal() -> SceneSpec {
 }
 
 /// The tray 0.15 m above its start, in at least one hand.
-fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
+fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let tray = scene.body_idx("tray");
-    let rest_z = scene.bodies[tray].pose.translation.z;
-    vec![Predicate::Above { body: tray, z_m: rest_z + 0.15 }, Predicate::Held { body: tray }]
+    vec![lifted(scene, tray, 0.15, profile), Predicate::Held { body: tray }]
 }
 
 /// How far below the rim's top the TCPs grip, in m: deep enough to hold, and the finger tips clear of the tray's floor.

@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_6;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, Eyes, bimanual, goal, movable, region};
+use super::common::{rgb, block, BIMANUAL_TABLE_Z, Eyes, bimanual, goal, movable, region};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -24,7 +24,7 @@ pub(super) const TASK: Task = Task {
 };
 
 const HALF: [f64; 3] = [0.08, 0.12, 0.04];
-const RED: [f64; 3] = [194.0 / 255.0, 19.0 / 255.0, 22.0 / 255.0];
+const RED: [f64; 3] = rgb([194, 19, 22]);
 /// Both hands beside the box, pointing down.
 const QPOS: [[f64; 7]; 2] =
     [[0.84, 0.154, -0.27, -2.496, 0.086, 2.642, -0.288], [2.307, 0.17, 0.273, -2.473, -0.096, 2.633, 1.875]];
@@ -32,7 +32,7 @@ const QPOS: [[f64; 7]; 2] =
 fn nominal() -> SceneSpec {
     let pushed = movable(
         "box",
-        vec![PartSpec::at(Primitive::Box { half: HALF }, [0.0; 3], PaintSpec::plain([0.0, 0.5, 0.0]))],
+        vec![block(HALF, [0.0; 3], PaintSpec::plain([0.0, 0.5, 0.0]))],
         0,
         BIMANUAL_TABLE_Z,
     )

@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_2;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, single_arm};
+use super::common::{rgb, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -31,7 +31,7 @@ fn nominal() -> SceneSpec {
     let [half_length, half_width] = HALF;
     let half = |side: f64, color: [u8; 3]| {
         let shape = Primitive::Box { half: [half_length / 2.0, half_width, half_width] };
-        let paint = PaintSpec::plain(color.map(|c| f64::from(c) / 255.0));
+        let paint = PaintSpec::plain(rgb(color));
         PartSpec::at(shape, [side * half_length / 2.0, 0.0, 0.0], paint)
     };
     let peg = movable("peg", vec![half(-1.0, [176, 14, 14]), half(1.0, [12, 42, 160])], 0, SINGLE_TABLE_Z)
@@ -47,12 +47,18 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let body = scene.body_idx("peg");
     let middle_z = HALF[0] * if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
     vec![
-        Predicate::Aligned { body, axis: [1.0, 0.0, 0.0], with: [0.0, 0.0, 1.0], tolerance_rad: 0.08 },
-        Predicate::Inside {
+        Predicate::Aligned {
             body,
-            least: [f64::NEG_INFINITY, f64::NEG_INFINITY, middle_z - 0.005],
-            greatest: [f64::INFINITY, f64::INFINITY, middle_z + 0.005],
+            axis: [1.0, 0.0, 0.0],
+            with: [0.0, 0.0, 1.0],
+            angle_rad: [0.0, 0.08],
+            either_way: true,
         },
+        Predicate::inside_box(body, [f64::NEG_INFINITY, f64::NEG_INFINITY, middle_z - 0.005], [
+            f64::INFINITY,
+            f64::INFINITY,
+            middle_z + 0.005,
+        ]),
     ]
 }
 

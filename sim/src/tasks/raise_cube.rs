@@ -2,7 +2,7 @@
 
 use ipc_types::Morphology;
 
-use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, single_arm};
+use super::common::{rgb, self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -21,7 +21,7 @@ pub(super) const TASK: Task = Task {
 };
 
 const HALF: f64 = 0.02;
-const BLUE: [f64; 3] = [12.0 / 255.0, 42.0 / 255.0, 160.0 / 255.0];
+const BLUE: [f64; 3] = rgb([12, 42, 160]);
 
 fn nominal() -> SceneSpec {
     let cube = common::cube("cube", HALF, BLUE, 0, SINGLE_TABLE_Z);

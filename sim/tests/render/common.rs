@@ -59,6 +59,7 @@ pub(crate) fn body(name: &'static str, shape: Primitive, position: [f64; 3], col
         pose: Isometry3::from_parts(Translation3::from(Vector3::from(position)), UnitQuaternion::identity()),
         density: 1000.0,
         friction: 0.3,
+        damping: [0.0; 2],
     }
 }
 

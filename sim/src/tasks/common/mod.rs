@@ -8,10 +8,12 @@ use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
+use crate::predicate::Predicate;
+use crate::profile::Profile;
 use crate::scene::{
     BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, Form, Jitter, LightsSpec,
     Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, RegionSpec, RobotSpec, Role, ScaledBy,
-    SceneSpec, TableKind, TableSpec, Texture, VisualSpec, rounded_rectangle,
+    Scene, SceneSpec, TableKind, TableSpec, Texture, VisualSpec, rounded_rectangle,
 };
 
 /// World z of the single-arm table's top, in m.
@@ -88,7 +90,7 @@ pub(super) fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, s
         visuals: Vec::new(),
         scaled_by: ScaledBy::MoSize,
         scale: Range::fixed(1.0),
-        placement: PlacementSpec {
+        placement: PlacementSpec::On {
             region,
             surface_z_m,
             upright: UnitQuaternion::identity(),
@@ -96,6 +98,44 @@ pub(super) fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, s
         },
         density: DENSITY,
         friction: FRICTION,
+        damping: [0.0; 2],
+    }
+}
+
+/// A body that stands fast, is seen as it collides and keeps its size, for the reason given: what a handled one goes to
+/// or comes from.
+pub(super) fn fixed(
+    name: &'static str,
+    parts: Vec<PartSpec>,
+    region: usize,
+    surface_z_m: f64,
+    why_not_scaled: &'static str,
+) -> BodySpec {
+    BodySpec {
+        role: Role::ReceiverObject,
+        motion: Motion::Fixed,
+        scaled_by: ScaledBy::Nothing(why_not_scaled),
+        ..movable(name, parts, region, surface_z_m)
+    }
+}
+
+/// A box of half extents `half` around `position` in the body's frame, in m.
+pub(super) fn block(half: [f64; 3], position: [f64; 3], paint: PaintSpec) -> PartSpec {
+    PartSpec::at(Primitive::Box { half }, position, paint)
+}
+
+/// An sRGB colour whose channels are given in 0 to 255.
+pub(super) const fn rgb([r, g, b]: [u8; 3]) -> [f64; 3] {
+    [r as f64 / 255.0, g as f64 / 255.0, b as f64 / 255.0]
+}
+
+/// The body by more than a height above its start.
+pub(super) fn lifted(scene: &Scene, body: usize, by_m: f64, profile: Profile) -> Predicate {
+    let from = scene.bodies[body].pose.translation.vector;
+    if profile.counts_sinking() {
+        Predicate::Moved { body, from: from.into(), along: [0.0, 0.0, 1.0], by_m }
+    } else {
+        Predicate::Above { body, z_m: from.z + by_m }
     }
 }
 
@@ -107,22 +147,8 @@ pub(super) fn cube(
     region: usize,
     surface_z_m: f64,
 ) -> BodySpec {
-    let part = PartSpec::at(Primitive::Box { half: [half; 3] }, [0.0; 3], PaintSpec::plain(color));
+    let part = block([half; 3], [0.0; 3], PaintSpec::plain(color));
     movable(name, vec![part], region, surface_z_m)
-}
-
-impl BodySpec {
-    /// The same, turned about the vertical.
-    pub(super) fn turned(mut self, yaw: Range) -> Self {
-        self.placement.yaw = yaw;
-        self
-    }
-
-    /// The same, set up with this orientation before it is turned.
-    pub(super) fn set_up(mut self, upright: UnitQuaternion<f64>) -> Self {
-        self.placement.upright = upright;
-        self
-    }
 }
 
 /// Where tasks end that bring something to a place: a mark on the bimanual table, no thicker than paint.
@@ -140,7 +166,7 @@ pub(super) const GOAL_RADIUS: f64 = 0.06;
 
 /// Five rings, red and white in turn, each a little above the one around it.
 pub(super) fn goal_disc(region: usize) -> BodySpec {
-    const RED: [f64; 3] = [194.0 / 255.0, 19.0 / 255.0, 22.0 / 255.0];
+    const RED: [f64; 3] = rgb([194, 19, 22]);
     let ring = |i: u32| {
         let (radius, half_height) = (GOAL_RADIUS * f64::from(5 - i) / 5.0, 2e-4 * f64::from(i + 1));
         let color = if i.is_multiple_of(2) { RED } else { [1.0; 3] };
@@ -212,6 +238,7 @@ fn workplace(
     SceneSpec {
         bodies,
         regions,
+        sizes: None,
         robots,
         table: TableSpec { kind, paint: PaintSpec::textured(Texture::Wood, [0.80, 0.66, 0.47]) },
         background: BackgroundSpec {
