@@ -1,22 +1,27 @@
 //! What holds for every task of the suite, under every perturbation that applies to it.
 
 use ipc_types::ControlMode;
-use nalgebra::{Translation3, Vector3};
+use nalgebra::{Isometry3, Translation3, Vector3};
 use rayon::prelude::*;
 use sim::expert::Expert;
 use sim::physics::World;
 use sim::predicate::first_unmet;
-use sim::scene::{Motion, Scene};
-use sim::{Perturbation, Profile, TaskId, stream};
+use sim::scene::{Motion, Range, Scene};
+use sim::stream::{self, Stream};
+use sim::{Perturbation, Profile, TaskId};
 
-/// All cells that apply, for one profile.
-fn cells() -> Vec<(TaskId, Perturbation)> {
+/// Control steps in a second.
+const SECOND: u32 = 20;
+
+fn cells_of(perturbations: &[Perturbation]) -> Vec<(TaskId, Perturbation)> {
     let applies = |task: TaskId, p: Perturbation| p.applies_to(&(task.task().nominal)()).is_ok();
-    TaskId::ALL
-        .iter()
-        .flat_map(|task| Perturbation::ALL.iter().map(|p| (*task, *p)))
-        .filter(|(task, p)| applies(*task, *p))
-        .collect()
+    let pairs = TaskId::ALL.iter().flat_map(|task| perturbations.iter().map(|p| (*task, *p)));
+    pairs.filter(|(task, p)| applies(*task, *p)).collect()
+}
+
+/// Cells whose worlds differ. All other perturbations are only seen, and change no trajectory (tested below).
+fn cells() -> Vec<(TaskId, Perturbation)> {
+    cells_of(&[Perturbation::None, Perturbation::MoSize])
 }
 
 fn draw(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Scene {
@@ -24,40 +29,68 @@ fn draw(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Scene {
     spec.draw(stream::episode_seed(0, task.name(), episode_idx))
 }
 
-fn succeeds(task: TaskId, scene: &Scene, world: &World) -> bool {
-    first_unmet(&(task.task().success)(scene, Profile::Strict), world).is_none()
+/// A task's world with what its success asks for.
+struct Trial<'a> {
+    task: TaskId,
+    scene: &'a Scene,
+    world: World,
+    row: Vec<f32>,
 }
 
-/// Steps a world through a whole episode; returns whether success held after any step.
-fn roll_out(task: TaskId, scene: &Scene, mut act: impl FnMut(&World, &mut [f32])) -> bool {
-    let mut world = World::build(scene, ControlMode::JointPos);
-    let mut row = vec![0.0; ControlMode::JointPos.action_dim(task.task().morphology)];
-    (0..task.task().max_steps).any(|_| {
-        act(&world, &mut row);
-        world.step(&row);
-        assert!(world.is_finite());
-        succeeds(task, scene, &world)
-    })
-}
+impl<'a> Trial<'a> {
+    fn new(task: TaskId, scene: &'a Scene, mode: ControlMode) -> Self {
+        let row = vec![0.0; mode.action_dim(task.task().morphology)];
+        Self { task, scene, world: World::build(scene, mode), row }
+    }
 
-/// Holds every arm where it is, grippers open.
-fn hold(world: &World, row: &mut [f32]) {
-    for (arm, row) in row.chunks_exact_mut(8).enumerate() {
-        row[..7].copy_from_slice(&world.qpos(arm)[..7]);
-        row[7] = 1.0;
+    fn succeeds(&self) -> bool {
+        first_unmet(&(self.task.task().success)(self.scene, Profile::Strict), &self.world).is_none()
+    }
+
+    /// Steps once with every arm held where it is, grippers open.
+    fn hold(&mut self) {
+        for (arm, row) in self.row.chunks_exact_mut(8).enumerate() {
+            row[..7].copy_from_slice(&self.world.qpos(arm)[..7]);
+            row[7] = 1.0;
+        }
+        self.world.step(&self.row);
+    }
+
+    fn poses(&self) -> Vec<Isometry3<f32>> {
+        (0..self.scene.bodies.len()).map(|body| self.world.body_pose(body)).collect()
+    }
+
+    /// How far the body that moved most is from where it was, in m.
+    fn moved_since(&self, before: &[Isometry3<f32>]) -> f32 {
+        let moved = |(pose, before): (&Isometry3<f32>, &Isometry3<f32>)| {
+            (pose.translation.vector - before.translation.vector).norm()
+        };
+        self.poses().iter().zip(before).map(moved).fold(0.0, f32::max)
     }
 }
 
 #[test]
-fn success_is_false_at_reset_and_under_the_idle_policy() {
+fn an_idle_episode_rests_and_never_succeeds() {
     cells().into_par_iter().for_each(|(task, perturbation)| {
-        for episode_idx in 0..3 {
+        let cell = format!("{} {}", task.name(), perturbation.name());
+        for episode_idx in 0..2 {
             let scene = draw(task, perturbation, episode_idx);
-            assert!(
-                !succeeds(task, &scene, &World::build(&scene, ControlMode::JointPos)),
-                "{task:?} at reset"
-            );
-            assert!(!roll_out(task, &scene, hold), "{task:?} {perturbation:?} idle");
+            let mut trial = Trial::new(task, &scene, ControlMode::JointPos);
+            assert!(!trial.succeeds(), "{cell} {episode_idx}: success at reset");
+            let mut rested = trial.poses();
+            for step in 1..=task.task().max_steps {
+                trial.hold();
+                assert!(!trial.succeeds(), "{cell} {episode_idx}: idle succeeds at {step}");
+                if step == SECOND {
+                    let settled = trial.moved_since(&rested);
+                    assert!(settled < 1e-3, "{cell} {episode_idx}: settles by {settled} m");
+                    rested = trial.poses();
+                } else if step > SECOND && step <= 2 * SECOND {
+                    let (moved, overlap) = (trial.moved_since(&rested), trial.world.deepest_overlap());
+                    assert!(moved < 1e-3, "{cell} {episode_idx}: moved {moved} m by step {step}");
+                    assert!(overlap < 1e-3, "{cell} {episode_idx}: overlaps by {overlap} m");
+                }
+            }
         }
     });
 }
@@ -67,40 +100,76 @@ fn success_is_false_when_everything_falls_off_the_table() {
     cells().into_par_iter().for_each(|(task, perturbation)| {
         let mut scene = draw(task, perturbation, 0);
         let success = (task.task().success)(&scene, Profile::Strict);
-        for body in scene.bodies.iter_mut().filter(|body| body.motion == Motion::Dynamic) {
+        let falls = |motion: Motion| motion == Motion::Dynamic;
+        for body in scene.bodies.iter_mut().filter(|body| falls(body.motion)) {
             body.pose = Translation3::from(Vector3::new(3.0, 0.0, 0.0)) * body.pose;
         }
-        let mut world = World::build(&scene, ControlMode::JointPos);
-        let mut row = vec![0.0; ControlMode::JointPos.action_dim(task.task().morphology)];
+        let mut trial = Trial::new(task, &scene, ControlMode::JointPos);
         for _ in 0..task.task().max_steps {
-            hold(&world, &mut row);
-            world.step(&row);
-            assert!(first_unmet(&success, &world).is_some(), "{task:?} {perturbation:?}");
+            trial.hold();
+            assert!(first_unmet(&success, &trial.world).is_some(), "{task:?} {perturbation:?}");
+        }
+        for (body, drawn) in scene.bodies.iter().enumerate().filter(|(_, body)| falls(body.motion)) {
+            let z = trial.world.body_pose(body).translation.z;
+            assert!((-0.95..-0.5).contains(&z), "{task:?}: {} lies at z {z}", drawn.name);
         }
     });
 }
 
 #[test]
-fn the_expert_succeeds() {
+fn random_actions_never_leave_the_finite_numbers() {
+    // 21 seeds, shared out among the control modes.
+    let cases = TaskId::ALL.iter().flat_map(|&task| ControlMode::ALL.map(|mode| (task, mode)));
+    let cases: Vec<_> = cases.flat_map(|(task, mode)| (0..7).map(move |idx| (task, mode, idx))).collect();
+    cases.into_par_iter().for_each(|(task, mode, episode_idx)| {
+        let cell = format!("{} {} {episode_idx}", task.name(), mode.name());
+        let largest = if Perturbation::MoSize.applies_to(&(task.task().nominal)()).is_ok() {
+            Perturbation::MoSize
+        } else {
+            Perturbation::None
+        };
+        let scene = draw(task, largest, episode_idx);
+        let mut trial = Trial::new(task, &scene, mode);
+        let mut actions = Stream::new(u64::from(episode_idx), "random actions");
+        for step in 0..task.task().max_steps {
+            for number in &mut trial.row {
+                *number = actions.uniform(Range::symmetric(1.0)) as f32;
+            }
+            trial.world.step(&trial.row);
+            assert!(trial.world.is_finite(), "{cell}: step {step}");
+        }
+        for arm in 0..trial.world.n_arms() {
+            let speed = trial.world.qvel(arm).iter().fold(0.0_f32, |a, v| a.max(v.abs()));
+            assert!(speed < 30.0, "{cell}: {speed} rad/s");
+        }
+    });
+}
+
+#[test]
+fn the_expert_succeeds_at_about_the_pace_of_the_benchmarks_demonstrations() {
     let n_episodes = 8_u32;
     cells().into_par_iter().for_each(|(task, perturbation)| {
-        let successes = (0..n_episodes)
-            .filter(|episode_idx| {
-                let scene = draw(task, perturbation, *episode_idx);
-                let Ok(mut expert) = Expert::new(&scene, &(task.task().expert)(&scene)) else { return false };
-                roll_out(task, &scene, |world, row| expert.act(world, row))
+        let cell = format!("{} {}", task.name(), perturbation.name());
+        let first_success = |episode_idx: u32| {
+            let scene = draw(task, perturbation, episode_idx);
+            let mut expert = Expert::new(&scene, &(task.task().expert)(&scene)).ok()?;
+            let mut trial = Trial::new(task, &scene, ControlMode::JointPos);
+            (1..=task.task().max_steps).find(|_| {
+                expert.act(&trial.world, &mut trial.row);
+                trial.world.step(&trial.row);
+                trial.succeeds()
             })
-            .count();
-        assert!(
-            successes + 1 >= n_episodes as usize,
-            "{task:?} {perturbation:?}: {successes} of {n_episodes}"
-        );
+        };
+        let steps: Vec<u32> = (0..n_episodes).into_par_iter().filter_map(first_success).collect();
+        assert!(steps.len() + 1 >= n_episodes as usize, "{cell}: {} of {n_episodes}", steps.len());
+        let pace = f64::from(steps.iter().sum::<u32>()) / steps.len() as f64 / task.task().demo_steps;
+        assert!((0.65..1.35).contains(&pace), "{cell}: {pace} of the demonstrations' length");
     });
 }
 
 #[test]
 fn scenes_are_valid_before_the_first_step() {
-    for (task, perturbation) in cells() {
+    for (task, perturbation) in cells_of(Perturbation::ALL) {
         let scene = draw(task, perturbation, 1);
         let morphology = task.task().morphology;
         assert_eq!(scene.robots.len(), morphology.n_arms());
@@ -109,4 +178,20 @@ fn scenes_are_valid_before_the_first_step() {
         assert!(scene.instruction.len() <= ipc_types::layout::INSTRUCTION_BYTES);
         assert_eq!(scene, draw(task, perturbation, 1), "a draw is a function of its seed");
     }
+}
+
+#[test]
+fn the_whole_suite_is_here() {
+    let of = |morphology| TaskId::ALL.iter().filter(|id| id.task().morphology == morphology).count();
+    let [single, bimanual] = ipc_types::Morphology::ALL.map(of);
+    assert_eq!((single, bimanual), (16, 12));
+    let mut env_ids: Vec<_> = TaskId::ALL.iter().map(|id| id.task().env_id).collect();
+    env_ids.sort_unstable();
+    env_ids.dedup();
+    assert_eq!(env_ids.len(), TaskId::ALL.len(), "ids are unique");
+    let steps = |morphology| {
+        let of = TaskId::ALL.iter().filter(|id| id.task().morphology == morphology);
+        of.map(|id| id.task().max_steps).sum::<u32>()
+    };
+    assert_eq!(ipc_types::Morphology::ALL.map(steps), [4327, 2153], "sums of horizons (spec/tasks.md §1)");
 }

@@ -1,6 +1,7 @@
 //! `hypogeum tasks`: the task suite, and which perturbation applies where.
 
 use serde_json::{Value, json};
+use sim::scene::{Role, SceneSpec};
 use sim::{Perturbation, TaskId};
 
 use crate::cli::TasksArgs;
@@ -20,20 +21,39 @@ pub(crate) fn list(args: &TasksArgs) -> Result<Ending, Failure> {
 
 fn table() -> String {
     use Align::{Left, Right};
-    let columns =
-        [("task", Left), ("category", Left), ("robot", Left), ("max_steps", Right), ("instruction", Left)];
+    let columns = [
+        ("task", Left),
+        ("robot", Left),
+        ("category", Left),
+        ("max_steps", Right),
+        ("MO", Left),
+        ("RO", Left),
+        ("instruction", Left),
+    ];
     let mut table = Table::new(&columns);
     for id in TaskId::ALL {
         let task = id.task();
+        let nominal = (task.nominal)();
+        let named = |role| match of_role(&nominal, role).collect::<Vec<_>>() {
+            names if names.is_empty() => "–".to_owned(),
+            names => names.join(", "),
+        };
         table.row(vec![
             id.name().to_owned(),
-            task.category.name().to_owned(),
             task.morphology.name().to_owned(),
+            task.category.name().to_owned(),
             task.max_steps.to_string(),
+            named(Role::ManipulationObject),
+            named(Role::ReceiverObject),
             task.instruction.to_owned(),
         ]);
     }
     table.to_string()
+}
+
+/// Names of the bodies that have a role.
+fn of_role(nominal: &SceneSpec, role: Role) -> impl Iterator<Item = &'static str> {
+    nominal.bodies.iter().filter(move |body| body.role == role).map(|body| body.name)
 }
 
 /// A column per perturbation; where one does not apply a number stands for the reason below.
@@ -79,6 +99,8 @@ fn suite_json() -> Value {
             "morphology": task.morphology.name(),
             "max_steps": task.max_steps,
             "instruction": task.instruction,
+            "manipulation_objects": of_role(&nominal, Role::ManipulationObject).collect::<Vec<_>>(),
+            "receiver_objects": of_role(&nominal, Role::ReceiverObject).collect::<Vec<_>>(),
             "perturbations": applies.collect::<Vec<_>>(),
         })
     });
@@ -95,6 +117,8 @@ mod tests {
         for id in TaskId::ALL {
             assert!(table.lines().any(|line| line.starts_with(id.name())), "{table}");
         }
+        let row = table.lines().find(|line| line.starts_with("StackCube")).unwrap();
+        assert!(row.contains("142  red cube  green cube  stack red cube on top"), "{row}");
         let row = matrix.lines().find(|line| line.starts_with("RaiseCube")).unwrap();
         assert_eq!(row.split_whitespace().collect::<Vec<_>>()[..3], ["RaiseCube", "yes", "yes"]);
         let json = suite_json();

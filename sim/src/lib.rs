@@ -18,6 +18,11 @@ pub mod stream;
 pub mod task;
 pub mod tasks;
 
+/// The examples of ARCHITECTURE.md are tried like those of the documentation.
+#[cfg(doctest)]
+#[doc = include_str!("../../ARCHITECTURE.md")]
+mod architecture {}
+
 pub use perturb::Perturbation;
 pub use profile::Profile;
 pub use tasks::TaskId;

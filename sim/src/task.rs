@@ -51,6 +51,8 @@ pub struct Task {
     pub morphology: Morphology,
     /// Control steps after which an episode ends.
     pub max_steps: u32,
+    /// Mean length of the benchmark's demonstrations, in control steps.
+    pub demo_steps: f64,
     /// The sentence policies are trained with.
     pub instruction: &'static str,
     /// The distribution without perturbation.

@@ -149,6 +149,9 @@ fn place(
 ) {
     let mut common = Stream::new(episode_seed, &format!("{}/common", region.name));
     let offset = region.common.map(|range| common.uniform(range));
+    let mirrored =
+        region.either_side && Stream::new(episode_seed, &format!("{}/side", region.name)).unit() < 0.5;
+    let side = if mirrored { -1.0 } else { 1.0 };
     for (spec, body) in specs.iter().zip(bodies) {
         let PlacementSpec::On { region: of, surface_z_m, upright, yaw } = spec.placement else { continue };
         if of != region_idx {
@@ -161,7 +164,7 @@ fn place(
         let mut stream = Stream::new(episode_seed, &format!("{}/pose", spec.name));
         let mut draw = || {
             let [x, y] = [region.x, region.y].map(|range| stream.uniform(range));
-            [x + offset[0], y + offset[1]]
+            [x + offset[0], side * (y + offset[1])]
         };
         let mut xy = draw();
         if let Some(gap_m) = region.gap_m {

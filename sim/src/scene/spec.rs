@@ -176,6 +176,8 @@ pub struct RegionSpec {
     pub y: Range,
     /// Offset (x, y) that all bodies of the region share, in m.
     pub common: [Range; 2],
+    /// Whether the region lies, with equal chances, on the other side of y = 0 for all its bodies.
+    pub either_side: bool,
     /// Least gap between the circles around the footprints of a body and of those placed before it, in m, marks included;
     /// `None` places without looking.
     pub gap_m: Option<f64>,

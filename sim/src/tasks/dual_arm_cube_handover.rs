@@ -15,6 +15,7 @@ pub(super) const TASK: Task = Task {
     category: Category::Handover,
     morphology: Morphology::Bimanual,
     max_steps: 213,
+    demo_steps: 201.1,
     instruction: "use both arms to pick up the cube",
     nominal,
     success,

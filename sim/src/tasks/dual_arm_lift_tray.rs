@@ -16,6 +16,7 @@ pub(super) const TASK: Task = Task {
     category: Category::Lift,
     morphology: Morphology::Bimanual,
     max_steps: 122,
+    demo_steps: 104.7,
     instruction: "grasp the tray with both hands and lift it up",
     nominal,
     success,

@@ -17,6 +17,7 @@ pub(super) const TASK: Task = Task {
     category: Category::Reorientation,
     morphology: Morphology::Bimanual,
     max_steps: 130,
+    demo_steps: 93.0,
     instruction: "use both hands to push the box to the target location",
     nominal,
     success,

@@ -15,6 +15,7 @@ pub(super) const TASK: Task = Task {
     category: Category::LongHorizon,
     morphology: Morphology::Bimanual,
     max_steps: 166,
+    demo_steps: 137.0,
     instruction: "use both hands to stack one cube on top of another",
     nominal,
     success,

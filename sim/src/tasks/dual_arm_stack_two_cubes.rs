@@ -15,6 +15,7 @@ pub(super) const TASK: Task = Task {
     category: Category::LongHorizon,
     morphology: Morphology::Bimanual,
     max_steps: 284,
+    demo_steps: 242.1,
     instruction: "use both hands to stack three cubes into a tower",
     nominal,
     success,

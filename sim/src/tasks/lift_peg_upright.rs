@@ -18,6 +18,7 @@ pub(super) const TASK: Task = Task {
     category: Category::Reorientation,
     morphology: Morphology::Single,
     max_steps: 224,
+    demo_steps: 198.4,
     instruction: "lift the peg and stand it upright on the table",
     nominal,
     success,

@@ -1,6 +1,6 @@
 //! The task suite. A task is one file here and one line in the list below.
 
-mod common;
+pub mod common;
 
 use serde::{Deserialize, Serialize};
 
@@ -36,7 +36,9 @@ macro_rules! task_list {
 
 task_list! {
     raise_cube => RaiseCube,
+    pick_dish_from_rack => PickDishFromRack,
     stack_cube => StackCube,
+    place_dish_in_rack => PlaceDishInRack,
     lift_peg_upright => LiftPegUpright,
     dual_arm_cube_handover => DualArmCubeHandover,
     dual_arm_lift_tray => DualArmLiftTray,

@@ -14,6 +14,7 @@ pub(super) const TASK: Task = Task {
     category: Category::Pick,
     morphology: Morphology::Single,
     max_steps: 92,
+    demo_steps: 78.3,
     instruction: "lift the cube up to a certain height",
     nominal,
     success,

@@ -17,6 +17,7 @@ pub(super) const TASK: Task = Task {
     category: Category::PickAndPlace,
     morphology: Morphology::Single,
     max_steps: 142,
+    demo_steps: 107.1,
     instruction: "stack red cube on top of green cube",
     nominal,
     success,
@@ -42,6 +43,7 @@ fn nominal() -> SceneSpec {
         x: Range::symmetric(0.1),
         y: Range::symmetric(0.2),
         common: [Range::symmetric(0.1); 2],
+        either_side: false,
         gap_m: Some(0.002),
     };
     let target = [-0.1, 0.0, 0.1];

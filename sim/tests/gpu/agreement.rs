@@ -3,7 +3,7 @@
 use sim::render::Samples;
 use sim::render::{CpuRenderer, Renderer};
 
-use crate::common::{VISIBILITIES, renderer, shots};
+use crate::common::{Cells, VISIBILITIES, renderer, shots};
 
 /// Codes by which most pixels may differ in any channel, and the share of pixels that must not differ by more.
 const NEAR: u8 = 2;
@@ -37,9 +37,9 @@ impl Difference {
 }
 
 /// Fails with every image in which two renderers differ too much; says the worst.
-fn assert_agree(what: &str, shadows: bool, one: &mut dyn Renderer, other: &mut dyn Renderer) {
+fn assert_agree(what: &str, cells: Cells, shadows: bool, one: &mut dyn Renderer, other: &mut dyn Renderer) {
     let mut differences = Vec::new();
-    for shot in shots(shadows) {
+    for shot in shots(cells, shadows) {
         let pairs = shot.images(one).into_iter().zip(shot.images(other));
         let named = pairs
             .enumerate()
@@ -53,15 +53,26 @@ fn assert_agree(what: &str, shadows: bool, one: &mut dyn Renderer, other: &mut d
     assert!(differences.is_empty(), "{what}: {differences:#?}");
 }
 
-#[test]
-fn the_device_draws_what_the_cpu_draws() {
+/// By both ways to visibility, without and with shadows.
+fn assert_the_device_draws_what_the_cpu_draws(cells: Cells) {
     for visibility in VISIBILITIES {
         let Some(mut gpu) = renderer(visibility, Samples::One) else { return };
         for shadows in [false, true] {
             let what = format!("{}, shadows: {shadows}", gpu.name());
-            assert_agree(&what, shadows, &mut CpuRenderer::new(1), &mut gpu);
+            assert_agree(&what, cells, shadows, &mut CpuRenderer::new(1), &mut gpu);
         }
     }
+}
+
+#[test]
+fn the_device_draws_what_the_cpu_draws() {
+    assert_the_device_draws_what_the_cpu_draws(Cells::OnePerTask);
+}
+
+#[test]
+#[ignore = "takes minutes on a software driver; the test above draws every task, too"]
+fn the_device_draws_what_the_cpu_draws_in_every_cell() {
+    assert_the_device_draws_what_the_cpu_draws(Cells::All);
 }
 
 #[test]
@@ -69,6 +80,12 @@ fn both_ways_to_visibility_see_the_same() {
     for samples in [Samples::One, Samples::Four] {
         let [one, other] = VISIBILITIES.map(|visibility| renderer(visibility, samples));
         let (Some(mut one), Some(mut other)) = (one, other) else { return };
-        assert_agree(&format!("raster and compute, {samples:?}"), true, &mut one, &mut other);
+        assert_agree(
+            &format!("raster and compute, {samples:?}"),
+            Cells::OnePerTask,
+            true,
+            &mut one,
+            &mut other,
+        );
     }
 }

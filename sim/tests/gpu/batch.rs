@@ -3,7 +3,7 @@
 use sim::render::Samples;
 use sim::render::{Renderer, View};
 
-use crate::common::{Shot, VISIBILITIES, renderer, shots};
+use crate::common::{Cells, Shot, VISIBILITIES, renderer, shots};
 
 /// Tasks whose shots are drawn.
 const TASKS: [&str; 2] = ["RaiseCube/", "DualArmLiftTray/"];
@@ -16,7 +16,12 @@ fn bytes_do_not_depend_on_the_batch() {
         let Some(mut gpu) = renderer(visibility, Samples::One) else { return };
         // One arm and two: more tasks would only take longer.
         let is_one = |shot: &Shot| TASKS.iter().any(|task| shot.name.starts_with(task));
-        let shots: Vec<Shot> = [shots(false), shots(true)].into_iter().flatten().filter(is_one).collect();
+        let shots: Vec<Shot> = [false, true]
+            .map(|shadows| shots(Cells::All, shadows))
+            .into_iter()
+            .flatten()
+            .filter(is_one)
+            .collect();
         let alone: Vec<Vec<Vec<u8>>> = shots.iter().map(|shot| images_one_by_one(shot, &mut gpu)).collect();
         for reversed in [false, true] {
             let mut images: Vec<_> = (0..COPIES).flat_map(|_| shots.iter().map(Shot::blank_images)).collect();

@@ -57,12 +57,27 @@ impl Shot {
     }
 }
 
-/// Every task under every perturbation that applies to it, without and with shadows.
-pub(crate) fn shots(shadows: bool) -> Vec<Shot> {
+/// How many of a task's perturbations are drawn.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Cells {
+    /// One, the next for each next task.
+    OnePerTask,
+    /// All that apply to it.
+    All,
+}
+
+/// Every task, without or with shadows.
+pub(crate) fn shots(cells: Cells, shadows: bool) -> Vec<Shot> {
     let mut shots = Vec::new();
-    for &task in TaskId::ALL {
+    for (task_idx, &task) in TaskId::ALL.iter().enumerate() {
         let nominal = (task.task().nominal)();
-        for &perturbation in Perturbation::ALL.iter().filter(|p| p.applies_to(&nominal).is_ok()) {
+        let applies: Vec<Perturbation> =
+            Perturbation::ALL.iter().copied().filter(|p| p.applies_to(&nominal).is_ok()).collect();
+        let chosen = match cells {
+            Cells::OnePerTask => &applies[task_idx % applies.len()..][..1],
+            Cells::All => &applies[..],
+        };
+        for &perturbation in chosen {
             let spec = perturbation.apply(nominal.clone(), Profile::Strict);
             let mut scene = spec.draw(episode_seed(0, task.name(), 1));
             scene.lights.shadows |= shadows;

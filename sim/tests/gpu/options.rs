@@ -3,7 +3,7 @@
 use sim::render::gpu::{AdapterKind, GpuOptions};
 use sim::render::{GpuRenderer, OpenError, RendererChoice, Samples, open};
 
-use crate::common::{VISIBILITIES, renderer, shots};
+use crate::common::{Cells, VISIBILITIES, renderer, shots};
 
 #[test]
 fn four_samples_smooth_edges_and_leave_the_rest() {
@@ -13,7 +13,7 @@ fn four_samples_smooth_edges_and_leave_the_rest() {
         else {
             return;
         };
-        for shot in shots(true) {
+        for shot in shots(Cells::OnePerTask, true) {
             for (camera, (a, b)) in shot.images(&mut one).iter().zip(shot.images(&mut four)).enumerate() {
                 let apart = |p: &[u8], q: &[u8]| p.iter().zip(q).any(|(x, y)| x.abs_diff(*y) > 2);
                 let n_changed = a.chunks_exact(3).zip(b.chunks_exact(3)).filter(|(p, q)| apart(p, q)).count();

@@ -1,9 +1,10 @@
 //! What the tests of physics and experts share.
 
 use ipc_types::ControlMode;
+use nalgebra::{Isometry3, Translation3};
 use sim::expert::{Expert, Move};
 use sim::physics::World;
-use sim::scene::Scene;
+use sim::scene::{Body, Motion, Primitive, Scene};
 use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
@@ -11,6 +12,28 @@ use sim::{Perturbation, Profile, TaskId};
 pub(crate) fn draw(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Scene {
     let spec = perturbation.apply((task.task().nominal)(), Profile::Strict);
     spec.draw(episode_seed(0, task.name(), episode_idx))
+}
+
+/// Bodies over an empty table, without an arm.
+pub(crate) fn bodies_only(bodies: Vec<Body>) -> Scene {
+    let mut scene = draw(TaskId::RaiseCube, Perturbation::None, 0);
+    scene.robots.clear();
+    scene.bodies = bodies;
+    scene
+}
+
+/// A body of one box at a place, in m.
+pub(crate) fn brick(name: &'static str, motion: Motion, half: [f64; 3], position: [f64; 3]) -> Body {
+    let mut body = draw(TaskId::RaiseCube, Perturbation::None, 0).bodies.remove(0);
+    body.parts[0].shape = Primitive::Box { half };
+    Body { name, motion, pose: Isometry3::from(Translation3::from(position)), ..body }
+}
+
+/// The world of a scene without arms after some control steps.
+pub(crate) fn after(scene: &Scene, steps: u32) -> World {
+    let mut world = World::build(scene, ControlMode::JointPos);
+    (0..steps).for_each(|_| world.step(&[]));
+    world
 }
 
 /// A row of zeros for the world of a scene.

@@ -1,7 +1,11 @@
-//! The robot and its physics through the crate's public door: kinematics, control modes, worlds, experts.
+//! The robot and its physics through the crate's public door: scenes, kinematics, control modes, worlds, joints,
+//! predicates, plans.
 
 mod common;
 mod control;
-mod experts;
+mod joints;
 mod kinematics;
+mod plans;
+mod predicates;
+mod scenes;
 mod worlds;

@@ -1,15 +1,13 @@
 //! Worlds: grasps, states, fingerprints, and that nothing explodes.
 
 use ipc_types::ControlMode;
-use nalgebra::{Translation3, Vector3};
+use nalgebra::Translation3;
 use rayon::prelude::*;
 use sim::expert::{Move, grasp};
 use sim::fingerprint::Fingerprint;
 use sim::physics::World;
-use sim::predicate::first_unmet;
-use sim::scene::{Link, Motion, Range, Scene, Snapshot};
-use sim::stream::Stream;
-use sim::{Perturbation, Profile, TaskId};
+use sim::scene::{Link, Snapshot};
+use sim::{Perturbation, TaskId};
 
 use super::common;
 
@@ -39,7 +37,9 @@ fn a_perturbation_that_is_only_seen_changes_no_trajectory() {
         for seen_only in [Perturbation::MoColor, Perturbation::CameraPose] {
             assert_eq!(trajectory(task, seen_only, 2), unperturbed, "{} {}", task.name(), seen_only.name());
         }
-        assert_ne!(trajectory(task, Perturbation::MoSize, 2), unperturbed, "{}", task.name());
+        if Perturbation::MoSize.applies_to(&(task.task().nominal)()).is_ok() {
+            assert_ne!(trajectory(task, Perturbation::MoSize, 2), unperturbed, "{}", task.name());
+        }
     }
 }
 
@@ -110,86 +110,6 @@ fn a_gripper_that_closes_on_air_grasps_nothing() {
             }
         });
     }
-}
-
-#[test]
-fn bodies_rest_where_they_were_drawn() {
-    for &task in TaskId::ALL {
-        for perturbation in [Perturbation::None, Perturbation::MoSize] {
-            let scene = common::draw(task, perturbation, 4);
-            let mut world = World::build(&scene, ControlMode::JointPos);
-            let row = common::hold_row(&scene, &world, ControlMode::JointPos);
-            for _ in 0..40 {
-                world.step(&row);
-            }
-            for (body, drawn) in scene.bodies.iter().enumerate() {
-                let moved =
-                    (world.body_pose(body).translation.vector.cast() - drawn.pose.translation.vector).norm();
-                assert!(
-                    moved < 5e-4,
-                    "{} {}: {} moved {moved} m",
-                    task.name(),
-                    perturbation.name(),
-                    drawn.name
-                );
-            }
-        }
-    }
-}
-
-#[test]
-fn bodies_thrown_off_the_table_fall_to_the_floor_and_fail() {
-    for &task in TaskId::ALL {
-        let mut scene = common::draw(task, Perturbation::None, 0);
-        let success = (task.task().success)(&scene, Profile::Strict);
-        let falls = |scene: &Scene, body: usize| scene.bodies[body].motion == Motion::Dynamic;
-        for body in 0..scene.bodies.len() {
-            if falls(&scene, body) {
-                scene.bodies[body].pose.translation.vector = Vector3::new(2.0, body as f64, 1.0);
-            }
-        }
-        let mut world = World::build(&scene, ControlMode::JointPos);
-        let row = common::hold_row(&scene, &world, ControlMode::JointPos);
-        for step in 0..60 {
-            world.step(&row);
-            // On the way down a body is above its threshold for a moment, but nothing holds it or it moves.
-            assert!(
-                step < 10 || first_unmet(&success, &world).is_some(),
-                "{} succeeds at {step}",
-                task.name()
-            );
-        }
-        for body in (0..scene.bodies.len()).filter(|body| falls(&scene, *body)) {
-            let z = world.body_pose(body).translation.z;
-            assert!((-0.93..-0.85).contains(&z), "{}: {} is at z {z}", task.name(), scene.bodies[body].name);
-        }
-    }
-}
-
-#[test]
-fn random_actions_never_leave_the_finite_numbers() {
-    let cases: Vec<(TaskId, ControlMode, u32)> = TaskId::ALL
-        .iter()
-        .flat_map(|&task| ControlMode::ALL.map(|mode| (task, mode)))
-        .flat_map(|(task, mode)| (0..7).map(move |episode_idx| (task, mode, episode_idx)))
-        .collect();
-    cases.into_par_iter().for_each(|(task, mode, episode_idx)| {
-        let scene = common::draw(task, Perturbation::MoSize, episode_idx);
-        let mut world = World::build(&scene, mode);
-        let mut row = common::zeros(&scene, mode);
-        let mut stream = Stream::new(u64::from(episode_idx), "random actions");
-        for step in 0..task.task().max_steps {
-            for number in &mut row {
-                *number = stream.uniform(Range::symmetric(1.0)) as f32;
-            }
-            world.step(&row);
-            assert!(world.is_finite(), "{} {} {episode_idx}: step {step}", task.name(), mode.name());
-        }
-        for arm in 0..world.n_arms() {
-            let speed = world.qvel(arm).iter().fold(0.0_f32, |a, v| a.max(v.abs()));
-            assert!(speed < 30.0, "{} {} {episode_idx}: {speed} rad/s", task.name(), mode.name());
-        }
-    });
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! What tasks share: the two workplaces with their arms, tables, lights and cameras (spec/env.md §2 to §4, §7), and how
 //! a tray looks.
 
+pub(super) mod dish;
 pub(super) mod stacking;
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
@@ -17,31 +18,31 @@ use crate::scene::{
 };
 
 /// World z of the single-arm table's top, in m.
-pub(super) const SINGLE_TABLE_Z: f64 = 0.0;
+pub const SINGLE_TABLE_Z: f64 = 0.0;
 /// World z of the bimanual table's top, in m.
-pub(super) const BIMANUAL_TABLE_Z: f64 = 0.825;
+pub const BIMANUAL_TABLE_Z: f64 = 0.825;
 /// kg/m³ of a body unless its task says otherwise.
-pub(super) const DENSITY: f64 = 1000.0;
+pub const DENSITY: f64 = 1000.0;
 /// Friction of a body unless its task says otherwise.
-pub(super) const FRICTION: f64 = 0.3;
+pub const FRICTION: f64 = 0.3;
 
 /// Start pose D of spec/tasks.md §1: TCP at (0, 0, 0.1698), pointing down.
-pub(super) const QPOS_D: [f64; 7] = [0.0, PI / 8.0, 0.0, -5.0 * PI / 8.0, 0.0, 3.0 * FRAC_PI_4, -FRAC_PI_4];
+pub const QPOS_D: [f64; 7] = [0.0, PI / 8.0, 0.0, -5.0 * PI / 8.0, 0.0, 3.0 * FRAC_PI_4, -FRAC_PI_4];
 /// Rest pose B of spec/tasks.md §1, the same for both arms.
-pub(super) const QPOS_B: [f64; 7] = [FRAC_PI_2, 0.0, 0.0, -7.0 * PI / 8.0, 0.0, 3.0 * FRAC_PI_4, FRAC_PI_4];
+pub const QPOS_B: [f64; 7] = [FRAC_PI_2, 0.0, 0.0, -7.0 * PI / 8.0, 0.0, 3.0 * FRAC_PI_4, FRAC_PI_4];
 /// Initial joint noise in rad, where a task does not fix its start pose.
-pub(super) const NOISE_RAD: f64 = 0.02;
+pub const NOISE_RAD: f64 = 0.02;
 
 /// Eyes and common target of the two external cameras.
-pub(super) struct Eyes {
+pub struct Eyes {
     /// Eye and target of external 1, in m.
-    pub(super) external1: [[f64; 3]; 2],
+    pub external1: [[f64; 3]; 2],
     /// Eye and target of external 2, in m.
-    pub(super) external2: [[f64; 3]; 2],
+    pub external2: [[f64; 3]; 2],
 }
 
 /// One arm at the single-arm table.
-pub(super) fn single_arm(
+pub fn single_arm(
     qpos: [f64; 7],
     noise_rad: f64,
     eyes: &Eyes,
@@ -60,7 +61,7 @@ pub(super) fn single_arm(
 }
 
 /// Two arms facing each other across the bimanual table.
-pub(super) fn bimanual(
+pub fn bimanual(
     qpos: [[f64; 7]; 2],
     noise_rad: f64,
     eyes: &Eyes,
@@ -76,12 +77,12 @@ pub(super) fn bimanual(
 }
 
 /// A region around the origin in which one body is placed.
-pub(super) fn region(name: &'static str, x: Range, y: Range) -> RegionSpec {
-    RegionSpec { name, x, y, common: [Range::fixed(0.0); 2], gap_m: None }
+pub fn region(name: &'static str, x: Range, y: Range) -> RegionSpec {
+    RegionSpec { name, x, y, common: [Range::fixed(0.0); 2], either_side: false, gap_m: None }
 }
 
 /// A body to be handled that is seen as it collides, lies on a surface as its frame does and is scaled by MO-Size.
-pub(super) fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, surface_z_m: f64) -> BodySpec {
+pub fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, surface_z_m: f64) -> BodySpec {
     BodySpec {
         name,
         role: Role::ManipulationObject,
@@ -104,7 +105,7 @@ pub(super) fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, s
 
 /// A body that stands fast, is seen as it collides and keeps its size, for the reason given: what a handled one goes to
 /// or comes from.
-pub(super) fn fixed(
+pub fn fixed(
     name: &'static str,
     parts: Vec<PartSpec>,
     region: usize,
@@ -120,17 +121,17 @@ pub(super) fn fixed(
 }
 
 /// A box of half extents `half` around `position` in the body's frame, in m.
-pub(super) fn block(half: [f64; 3], position: [f64; 3], paint: PaintSpec) -> PartSpec {
+pub fn block(half: [f64; 3], position: [f64; 3], paint: PaintSpec) -> PartSpec {
     PartSpec::at(Primitive::Box { half }, position, paint)
 }
 
 /// An sRGB colour whose channels are given in 0 to 255.
-pub(super) const fn rgb([r, g, b]: [u8; 3]) -> [f64; 3] {
+pub const fn rgb([r, g, b]: [u8; 3]) -> [f64; 3] {
     [r as f64 / 255.0, g as f64 / 255.0, b as f64 / 255.0]
 }
 
 /// The body by more than a height above its start.
-pub(super) fn lifted(scene: &Scene, body: usize, by_m: f64, profile: Profile) -> Predicate {
+pub fn lifted(scene: &Scene, body: usize, by_m: f64, profile: Profile) -> Predicate {
     let from = scene.bodies[body].pose.translation.vector;
     if profile.counts_sinking() {
         Predicate::Moved { body, from: from.into(), along: [0.0, 0.0, 1.0], by_m }
@@ -140,19 +141,13 @@ pub(super) fn lifted(scene: &Scene, body: usize, by_m: f64, profile: Profile) ->
 }
 
 /// A movable cube with edges of twice `half`, in m.
-pub(super) fn cube(
-    name: &'static str,
-    half: f64,
-    color: [f64; 3],
-    region: usize,
-    surface_z_m: f64,
-) -> BodySpec {
+pub fn cube(name: &'static str, half: f64, color: [f64; 3], region: usize, surface_z_m: f64) -> BodySpec {
     let part = block([half; 3], [0.0; 3], PaintSpec::plain(color));
     movable(name, vec![part], region, surface_z_m)
 }
 
 /// Where tasks end that bring something to a place: a mark on the bimanual table, no thicker than paint.
-pub(super) fn goal(region: usize, parts: Vec<PartSpec>) -> BodySpec {
+pub fn goal(region: usize, parts: Vec<PartSpec>) -> BodySpec {
     BodySpec {
         role: Role::ReceiverObject,
         motion: Motion::Mark,
@@ -162,10 +157,10 @@ pub(super) fn goal(region: usize, parts: Vec<PartSpec>) -> BodySpec {
 }
 
 /// Radius of the disc on which cubes are stacked, in m.
-pub(super) const GOAL_RADIUS: f64 = 0.06;
+pub const GOAL_RADIUS: f64 = 0.06;
 
 /// Five rings, red and white in turn, each a little above the one around it.
-pub(super) fn goal_disc(region: usize) -> BodySpec {
+pub fn goal_disc(region: usize) -> BodySpec {
     const RED: [f64; 3] = rgb([194, 19, 22]);
     let ring = |i: u32| {
         let (radius, half_height) = (GOAL_RADIUS * f64::from(5 - i) / 5.0, 2e-4 * f64::from(i + 1));
@@ -184,7 +179,7 @@ const TRAY_CORNER_RADIUS: f64 = 0.022;
 
 /// How a tray of half extents `half` looks that stands on z 0: a rim that runs around rounded corners and, within it, the
 /// floor. Half heights are those of floor and rim. In m.
-pub(super) fn tray_visuals(
+pub fn tray_visuals(
     half: [f64; 2],
     half_heights: [f64; 2],
     rim_half_thickness: f64,

@@ -1,0 +1,81 @@
+//! PickDishFromRack: take a plate out of a drying rack (spec/tasks.md §2, task 3).
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, Vector3};
+
+use super::common::{Eyes, dish, region, single_arm};
+use crate::expert::{Move, grasp};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "PickDishFromRack-v1",
+    category: Category::Pick,
+    morphology: Morphology::Single,
+    max_steps: 156,
+    demo_steps: 119.8,
+    instruction: "pick up a dish from the drying rack",
+    nominal,
+    success,
+    expert,
+};
+
+/// World y of the dividers from the rack's middle, in m; the plate leans against the third.
+const DIVIDERS_Y: [f64; 4] = [-0.12, -0.04, 0.04, 0.12];
+/// How far it leans, in rad: its rim rests in the corner of the rack's floor and the second divider.
+const LEAN: f64 = 0.2546;
+/// Index of the rack among the bodies.
+const RACK: usize = 1;
+
+fn nominal() -> SceneSpec {
+    let plate = BodySpec {
+        placement: PlacementSpec::With { body: RACK, pose: dish::leaning(DIVIDERS_Y[2], LEAN) },
+        ..dish::plate()
+    };
+    let beside = RegionSpec {
+        either_side: true,
+        ..region("rack", Range::fixed(-0.1), Range::new(0.15, 0.25))
+    };
+    let target = [0.0, 0.0, 0.05];
+    let eyes = Eyes { external1: [[0.3, -0.25, 0.35], target], external2: [[-0.2, -0.15, 0.5], target] };
+    let bodies = vec![plate, dish::rack(0, DIVIDERS_Y)];
+    single_arm(dish::QPOS, 0.0, &eyes, vec![beside], bodies, TASK.instruction)
+}
+
+/// The plate 42.5 mm above the rack's origin, which is 13 mm above its rest.
+fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
+    let (plate, rack) = (scene.body_idx("plate"), scene.body("rack").pose.translation.vector);
+    let risen = if profile.counts_sinking() {
+        Predicate::Moved { body: plate, from: rack.into(), along: [0.0, 0.0, 1.0], by_m: 0.0425 }
+    } else {
+        Predicate::Above { body: plate, z_m: rack.z + 0.0425 }
+    };
+    vec![risen, Predicate::Above { body: plate, z_m: -0.01 }]
+}
+
+/// From how far the hand goes straight to the rim, and how far the plate is raised, in m.
+const APPROACH: f64 = 0.07;
+const RAISE: f64 = 0.2;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let plate = scene.body("plate");
+    let start = grasp::start_tcp(scene, 0);
+    // A quarter turn from the start. The hand takes it first, at its height, and only then goes down and leans.
+    let closing = -Vector3::y();
+    let stations = |tcp: &Isometry3<f64>| {
+        let above = grasp::backed_off(tcp, APPROACH);
+        let beside = Vector3::new(above.translation.x, above.translation.y, start.translation.z);
+        [
+            grasp::pose(&beside, &-Vector3::z(), &closing),
+            above,
+            *tcp,
+            grasp::shifted(tcp, &(Vector3::z() * RAISE)),
+        ]
+    };
+    let candidates = dish::rim_grips(plate, dish::side(plate, &Vector3::z()), &closing);
+    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let [beside, above, at, raised] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
+    vec![beside, above, at, Move::close(&[0], 4), raised]
+}

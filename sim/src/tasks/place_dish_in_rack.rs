@@ -1,0 +1,104 @@
+//! PlaceDishInRack: stand a plate in a drying rack (spec/tasks.md §2, task 6).
+
+use core::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+use super::common::{Eyes, dish, region, single_arm};
+use crate::expert::{Move, grasp};
+use crate::predicate::{Predicate, Region};
+use crate::profile::Profile;
+use crate::robot::control;
+use crate::scene::{BodySpec, Range, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "PlaceDishInRack-v1",
+    category: Category::PickAndPlace,
+    morphology: Morphology::Single,
+    max_steps: 327,
+    demo_steps: 251.4,
+    instruction: "place the dish into the drying rack",
+    nominal,
+    success,
+    expert,
+};
+
+/// World y of the dividers from the rack's middle, in m; the plate goes between the inner two.
+const DIVIDERS_Y: [f64; 4] = [-0.1053, -0.0466, 0.0150, 0.0748];
+
+fn nominal() -> SceneSpec {
+    let plate = BodySpec { damping: [5.0, 8.0], ..dish::plate() };
+    let regions = vec![
+        region("plate", Range::new(-0.4, -0.2), Range::new(-0.3, -0.1)),
+        region("rack", Range::new(-0.15, -0.05), Range::new(0.05, 0.15)),
+    ];
+    let target = [0.0, 0.0, 0.05];
+    let eyes = Eyes { external1: [[0.2, -0.15, 0.5], target], external2: [[0.1, 0.5, 0.4], target] };
+    let bodies = vec![plate.turned(Range::new(0.0, TAU)), dish::rack(1, DIVIDERS_Y)];
+    single_arm(dish::QPOS, 0.0, &eyes, regions, bodies, TASK.instruction)
+}
+
+/// The plate on edge within the rack, at rest, let go.
+fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
+    let (plate, rack) = (scene.body_idx("plate"), scene.body_idx("rack"));
+    vec![
+        Predicate::Inside {
+            body: plate,
+            point: [0.0; 3],
+            of: Some(rack),
+            region: Region::Box {
+                least: [-0.0603, -0.0839, f64::NEG_INFINITY],
+                greatest: [0.0603, 0.0839, f64::INFINITY],
+            },
+        },
+        Predicate::Aligned {
+            body: plate,
+            axis: [0.0, 0.0, 1.0],
+            with: [0.0, 0.0, 1.0],
+            angle_rad: [0.35_f64.acos(), FRAC_PI_2],
+            either_way: true,
+        },
+        Predicate::Still { body: plate, max_linear: 0.02, max_angular: 0.4 },
+        Predicate::Released { body: plate },
+        Predicate::Above { body: plate, z_m: -0.01 },
+    ]
+}
+
+/// How far the plate leans as it is let go, in rad, and how far above the rack's floor, in m.
+const LEAN: f64 = 0.05;
+const DROP: f64 = 0.004;
+/// Half of the fingers' opening on the way to the wall, in m: the outer finger must not touch the table.
+const OPENING: f64 = 0.015;
+/// From how far the hand goes straight to the rim, how far the plate is raised, from how far above its place it is put
+/// there, clear of the dividers, and how far the hand goes back, in m.
+const APPROACH: f64 = 0.065;
+const RAISE: f64 = 0.2;
+const CLEARANCE: f64 = 0.12;
+const RETREAT: f64 = 0.08;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let (plate, rack) = (scene.body("plate"), scene.body("rack"));
+    // By its right side, which is turned up: the hand then comes to the rack from above, clear of the dividers.
+    let side = dish::side(plate, &-Vector3::y());
+    let facing_left = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
+    let standing = rack.pose * facing_left * dish::leaning(-DIVIDERS_Y[1], LEAN);
+    let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2 - side);
+    let into_rack = standing * turned * plate.pose.inverse();
+    let up = |tcp: &Isometry3<f64>, by_m: f64| grasp::shifted(tcp, &(Vector3::z() * by_m));
+    let stations = |tcp: &Isometry3<f64>| {
+        let put = up(&(into_rack * tcp), DROP);
+        let over = up(&put, CLEARANCE);
+        let raised = up(tcp, RAISE);
+        let transported = Isometry3::from_parts(over.translation, raised.rotation);
+        let [above, away] = [grasp::backed_off(tcp, APPROACH), grasp::backed_off(&put, RETREAT)];
+        [above, *tcp, raised, transported, over, put, away]
+    };
+    let candidates = dish::rim_grips(plate, side, &grasp::start_closing(scene, 0));
+    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let [above, at, raised, transported, over, put, away] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
+    let narrow = Move::Grip { arms: vec![0], command: control::gripper_entry(OPENING) as f32, steps: 1 };
+    let close = Move::close(&[0], 4);
+    vec![narrow, above, at, close, raised, transported, over, put, Move::open(&[0], 6), away]
+}

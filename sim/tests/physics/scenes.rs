@@ -1,0 +1,57 @@
+//! Drawing scenes: sizes, places in regions and with other bodies.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use sim::TaskId;
+use sim::scene::{BodySpec, PlacementSpec, Primitive, Range, Scene, SceneSpec, SizesSpec};
+
+const LENGTH: Range = Range::new(0.05, 0.1);
+
+fn raise_cube() -> SceneSpec {
+    (TaskId::RaiseCube.task().nominal)()
+}
+
+/// Makes a bar of the cube, of the drawn length.
+fn stretch(drawn: &[f64], bodies: &mut [BodySpec]) {
+    bodies[0].parts[0].shape = Primitive::Box { half: [drawn[0], 0.02, 0.02] };
+}
+
+fn half_length(scene: &Scene) -> f64 {
+    let Primitive::Box { half } = scene.bodies[0].parts[0].shape else { panic!("a box") };
+    half[0]
+}
+
+#[test]
+fn sizes_are_drawn_by_name_and_move_nothing_else() {
+    let spec = SceneSpec {
+        sizes: Some(SizesSpec { ranges: &[("length", LENGTH)], shape: stretch }),
+        ..raise_cube()
+    };
+    let lengths: Vec<f64> = (0..40).map(|seed| half_length(&spec.draw(seed))).collect();
+    assert!(lengths.iter().all(|length| LENGTH.contains(*length)));
+    let spread = lengths.iter().fold(0.0_f64, |a, b| a.max((b - lengths[0]).abs()));
+    assert!(spread > 0.01, "lengths differ: {lengths:?}");
+    for seed in 0..5 {
+        let (cube, bar) = (raise_cube().draw(seed), spec.draw(seed));
+        assert_eq!(cube.bodies[0].pose, bar.bodies[0].pose, "the place has its own stream");
+        assert_eq!(half_length(&bar), half_length(&spec.draw(seed)));
+    }
+}
+
+#[test]
+fn a_body_is_placed_with_another_and_at_its_scale() {
+    let mut spec = raise_cube();
+    let offset = Isometry3::from_parts(Translation3::new(0.1, 0.0, 0.2), UnitQuaternion::identity());
+    spec.bodies[0] = spec.bodies[0].clone().turned(Range::new(1.0, 2.0));
+    spec.bodies[0].scale = Range::new(1.5, 2.0);
+    let placement = PlacementSpec::With { body: 0, pose: offset };
+    spec.bodies.push(BodySpec { name: "rider", placement, ..raise_cube().bodies.remove(0) });
+    for seed in 0..5 {
+        let scene = spec.draw(seed);
+        let [carrier, rider] = [0, 1].map(|body| scene.bodies[body].pose);
+        let expected = carrier * Translation3::from(offset.translation.vector * scene.bodies[0].scale);
+        assert!((rider.translation.vector - expected.translation.vector).norm() < 1e-12);
+        assert!(rider.rotation.angle_to(&carrier.rotation) < 1e-9);
+        let turned = rider.rotation * Vector3::x();
+        assert!(turned.x < 0.55, "the carrier was turned by at least 1 rad: {turned}");
+    }
+}
