@@ -42,6 +42,13 @@ impl Profile {
         matches!(self, Self::Paper)
     }
 
+    /// Whether an inserted peg's head counts only while it is in the box; in the released code anywhere behind the hole's
+    /// entry will do, in line with it.
+    #[must_use]
+    pub const fn bounds_insertion(self) -> bool {
+        matches!(self, Self::Strict)
+    }
+
     /// Whether success thresholds follow the drawn size of an object; the released code keeps the nominal ones.
     #[must_use]
     pub const fn scales_thresholds(self) -> bool {

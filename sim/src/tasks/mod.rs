@@ -40,6 +40,8 @@ task_list! {
     stack_cube => StackCube,
     place_dish_in_rack => PlaceDishInRack,
     lift_peg_upright => LiftPegUpright,
+    peg_insertion_side => PegInsertionSide,
+    plug_charger => PlugCharger,
     dual_arm_cube_handover => DualArmCubeHandover,
     dual_arm_lift_tray => DualArmLiftTray,
     dual_arm_push_box => DualArmPushBox,

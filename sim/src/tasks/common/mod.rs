@@ -2,6 +2,7 @@
 //! a tray looks.
 
 pub(super) mod dish;
+pub(super) mod holed;
 pub(super) mod stacking;
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
@@ -123,6 +124,11 @@ pub fn fixed(
 /// A box of half extents `half` around `position` in the body's frame, in m.
 pub fn block(half: [f64; 3], position: [f64; 3], paint: PaintSpec) -> PartSpec {
     PartSpec::at(Primitive::Box { half }, position, paint)
+}
+
+/// A part as it is seen, where a body shows more than its parts.
+pub fn seen(part: &PartSpec) -> VisualSpec {
+    VisualSpec { form: Form::Primitive(part.shape), pose: part.pose, paint: part.paint }
 }
 
 /// An sRGB colour whose channels are given in 0 to 255.

@@ -1,0 +1,111 @@
+//! PegInsertionSide: push a peg into the hole in a box's side (spec/tasks.md §2, task 9).
+
+use core::f64::consts::{FRAC_PI_6, FRAC_PI_8};
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, Translation3, Vector3};
+
+use super::common::holed::Hole;
+use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, block, movable, region, rgb, single_arm};
+use crate::expert::{Move, grasp};
+use crate::predicate::{Predicate, Region};
+use crate::profile::Profile;
+use crate::scene::{BodySpec, PaintSpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "PegInsertionSideColosseumV2-v1",
+    category: Category::Insertion,
+    morphology: Morphology::Single,
+    max_steps: 266,
+    demo_steps: 151.4,
+    instruction: "insert the peg into the hole from the side",
+    nominal,
+    success,
+    expert,
+};
+
+/// Half extents of the peg, in m, and where the hole is, from −1 to 1 between as far off the box's middle as it may be.
+const SIZES: SizesSpec = SizesSpec {
+    ranges: &[
+        ("half length", Range::new(0.085, 0.125)),
+        ("half width", Range::new(0.015, 0.025)),
+        ("hole y", Range::symmetric(1.0)),
+        ("hole z", Range::symmetric(1.0)),
+    ],
+    shape,
+};
+/// How much wider than the peg the hole is on every side, in m.
+const CLEARANCE: f64 = 0.006;
+
+fn nominal() -> SceneSpec {
+    let parts = |colors: &[[u8; 3]]| {
+        colors.iter().map(|color| block([0.0; 3], [0.0; 3], PaintSpec::plain(rgb(*color)))).collect()
+    };
+    let peg = BodySpec {
+        scaled_by: ScaledBy::Nothing("its size is drawn anew in every episode"),
+        ..movable("peg", parts(&[[237, 246, 249], [236, 115, 87]]), 0, SINGLE_TABLE_Z)
+    };
+    let target = common::fixed("box", parts(&[[143, 145, 150]; 4]), 1, SINGLE_TABLE_Z, "it fits the peg");
+    let yaws = [Range::new(FRAC_PI_6, 5.0 * FRAC_PI_6), Range::new(3.0 * FRAC_PI_8, 5.0 * FRAC_PI_8)];
+    let mut bodies = vec![peg.turned(yaws[0]), target.turned(yaws[1])];
+    shape(&[0.105, 0.02, 0.0, 0.0], &mut bodies);
+    let regions = vec![
+        region("peg", Range::symmetric(0.1), Range::new(-0.3, 0.0)),
+        // The released code lets a long peg start inside the box.
+        RegionSpec { gap_m: Some(0.0), ..region("box", Range::symmetric(0.05), Range::new(0.2, 0.4)) },
+    ];
+    let centre = [0.0, 0.0, 0.1];
+    let eyes = Eyes { external1: [[0.35, -0.4, 0.3], centre], external2: [[-0.2, 0.0, 0.3], centre] };
+    let scene = single_arm(QPOS_D, NOISE_RAD, &eyes, regions, bodies, TASK.instruction);
+    SceneSpec { sizes: Some(SIZES), ..scene }
+}
+
+/// The peg's tail and head, and the walls of the box.
+fn shape(drawn: &[f64], bodies: &mut [BodySpec]) {
+    let &[length, width, y, z] = drawn else { panic!("{drawn:?} are not four sizes") };
+    let peg = [-1.0, 1.0].map(|end| ([length / 2.0, width, width], [end * length / 2.0, 0.0, 0.0]));
+    let middle = [y, z].map(|fraction| fraction * (length - width) / 2.0);
+    let walls = Hole::around(middle, [width + CLEARANCE; 2]).walls([length; 3]);
+    let parts = bodies.iter_mut().flat_map(|body| &mut body.parts);
+    for (part, (half, position)) in parts.zip(peg.into_iter().chain(walls)) {
+        *part = block(half, position, part.paint);
+    }
+}
+
+/// The peg's head in the hole, at most 15 mm short of the box's middle.
+fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
+    let [body, of] = ["peg", "box"].map(|name| scene.body_idx(name));
+    let length = scene.bodies[body].extent(&Isometry3::identity()).max.x;
+    let Hole { least: [y0, z0], greatest: [y1, z1] } = Hole::of(&scene.bodies[of]);
+    let deepest = if profile.bounds_insertion() { length } else { f64::INFINITY };
+    let region = Region::Box { least: [-0.015, y0, z0], greatest: [deepest, y1, z1] };
+    vec![Predicate::Inside { body, point: [length, 0.0, 0.0], of: Some(of), region }]
+}
+
+/// How far beyond the box's middle the head is pushed, in m: the hand must stay in front of the box.
+const DEPTH: f64 = 0.01;
+/// How far the arm gives way under what it holds, in m/kg: its drives are springs, and a plan cannot measure and correct.
+const SAG: f64 = 0.0095;
+/// Leans of the hand that are tried, in rad: a tail far from the robot is out of reach from straight above.
+const LEANS: [f64; 3] = [0.0, 0.2, 0.4];
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let (peg, target) = (scene.body("peg"), scene.body("box"));
+    let half = peg.extent(&Isometry3::identity()).max;
+    let (length, mass) = (half.x, peg.density * 8.0 * half.product());
+    let [y, z] = Hole::of(target).middle();
+    let stations = |tcp: &Isometry3<f64>| {
+        let head_at = |x: f64| {
+            target.pose * Translation3::new(x - length, y, z + SAG * mass) * peg.pose.inverse() * tcp
+        };
+        [grasp::backed_off(tcp, 0.05), *tcp, head_at(-length - 0.01), head_at(DEPTH)]
+    };
+    let closing = grasp::start_closing(scene, 0);
+    let to_tail = peg.pose.rotation * -Vector3::x() * f64::max(0.05, length / 2.0 + 0.01);
+    let tcp = grasp::shifted(&grasp::from_above(peg, &closing, &closing), &to_tail);
+    let candidates = LEANS.map(|lean| grasp::leant_back(scene, 0, &tcp, lean));
+    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let [above, at, before_hole, inserted] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
+    vec![above, at, Move::close(&[0], 6), before_hole, Move::Hold { steps: 15 }, inserted]
+}

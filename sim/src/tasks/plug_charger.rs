@@ -1,0 +1,111 @@
+//! PlugCharger: push a charger's two prongs into the slots of a receptacle (spec/tasks.md §2, task 10).
+
+use core::f64::consts::{FRAC_PI_3, FRAC_PI_8, PI};
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+use super::common::holed::Hole;
+use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, block, movable, region, rgb, single_arm};
+use crate::expert::{Move, grasp};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{BodySpec, PaintSpec, Range, ScaledBy, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "PlugChargerColosseumV2-v1",
+    category: Category::Insertion,
+    morphology: Morphology::Single,
+    max_steps: 234,
+    demo_steps: 179.6,
+    instruction: "plug the charger into the wall outlet",
+    nominal,
+    success,
+    expert,
+};
+
+/// Half extents of the charger's base, in m: it ends where the prongs begin, at the charger's origin.
+const BASE: [f64; 3] = [0.02, 0.015, 0.012];
+/// Half extents of a prong and how far its middle is from the charger's, in m.
+const PRONG: [f64; 3] = [0.008, 0.00075, 0.0032];
+const PRONG_Y: f64 = 0.007;
+/// Half extents of the receptacle, in m; its front is at its origin.
+const RECEPTACLE: [f64; 3] = [0.01, 0.05, 0.05];
+/// How much larger than a prong a slot is on every side, in m.
+const CLEARANCE: f64 = 0.0025;
+
+fn charger() -> BodySpec {
+    let metal = PaintSpec { specular: 0.8, ..PaintSpec::plain([0.8; 3]) };
+    let prong = |y: f64| block(PRONG, [PRONG[0], y, 0.0], metal);
+    let base = block(BASE, [-BASE[0], 0.0, 0.0], PaintSpec::plain(rgb([12, 42, 160])));
+    BodySpec {
+        scaled_by: ScaledBy::Nothing("it would not fit the slots"),
+        ..movable("charger", vec![base, prong(-PRONG_Y), prong(PRONG_Y)], 0, SINGLE_TABLE_Z)
+    }
+}
+
+/// A plate with two slots: one hole for both, and what is between them. Brass fills them, 1 mm deep, and is only seen.
+fn receptacle() -> BodySpec {
+    let [_, slot_y, slot_z] = PRONG.map(|half| half + CLEARANCE);
+    let (depth, plastic) = (RECEPTACLE[0], PaintSpec::plain([0.9; 3]));
+    let walls = Hole::around([0.0; 2], [PRONG_Y + slot_y, slot_z]).walls(RECEPTACLE);
+    let mut parts = walls.map(|(half, [_, y, z])| block(half, [-depth, y, z], plastic)).to_vec();
+    parts.push(block([depth, PRONG_Y - slot_y, slot_z], [-depth, 0.0, 0.0], plastic));
+    let brass = PaintSpec { specular: 0.6, ..PaintSpec::plain(rgb([219, 181, 57])) };
+    let inlays =
+        [-PRONG_Y, PRONG_Y].map(|y| block([depth - 5e-4, slot_y, slot_z], [-depth - 5e-4, y, 0.0], brass));
+    let visuals = parts.iter().chain(&inlays).map(common::seen).collect();
+    let lower_edge_z = 0.1 - RECEPTACLE[2];
+    BodySpec {
+        visuals,
+        ..common::fixed("receptacle", parts, 1, lower_edge_z, "the charger would not fit it")
+    }
+}
+
+fn nominal() -> SceneSpec {
+    let regions = vec![
+        region("charger", Range::new(-0.1, -0.026), Range::symmetric(0.2)),
+        region("receptacle", Range::new(0.01, 0.1), Range::symmetric(0.1)),
+    ];
+    let facing_robot = Range::new(PI - FRAC_PI_8, PI + FRAC_PI_8);
+    let bodies = vec![charger().turned(Range::symmetric(FRAC_PI_3)), receptacle().turned(facing_robot)];
+    let target = [-0.1, 0.0, 0.1];
+    let eyes = Eyes { external1: [[-0.3, 0.1, 0.1], target], external2: [[-0.1, -0.5, 0.3], target] };
+    single_arm(QPOS_D, NOISE_RAD, &eyes, regions, bodies, TASK.instruction)
+}
+
+/// The charger's pose when it is plugged in: against the receptacle, and facing it.
+fn plugged_in(scene: &Scene) -> Isometry3<f64> {
+    scene.body("receptacle").pose * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI)
+}
+
+/// The charger plugged in, within 5 mm and 0.2 rad.
+fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
+    let goal = plugged_in(scene);
+    let [x, y, z, w] = goal.rotation.coords.into();
+    let (body, position) = (scene.body_idx("charger"), goal.translation.vector.into());
+    vec![Predicate::At { body, position, orientation: [w, x, y, z], tolerance: [0.005, 0.2] }]
+}
+
+/// How far the hand is leant back, in rad, to stay clear of the receptacle; the benchmark's 15° do not always suffice.
+const LEAN: f64 = FRAC_PI_8;
+/// How far the hand draws back before it turns, in m: it starts over the receptacle's edge.
+const RETREAT: f64 = 0.1;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let charger = scene.body("charger");
+    let middle = (charger.pose * Point3::new(-BASE[0], 0.0, 0.0)).coords;
+    let side = grasp::same_way_round(charger.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
+    let candidates = [side, -side]
+        .map(|closing| grasp::leant_back(scene, 0, &grasp::pose(&middle, &-Vector3::z(), &closing), LEAN));
+    let stations = |tcp: &Isometry3<f64>| {
+        let retreated = grasp::shifted(&grasp::start_tcp(scene, 0), &(-Vector3::x() * RETREAT));
+        let (goal, tcp_in_charger) = (plugged_in(scene), charger.pose.inverse() * tcp);
+        let before_slots = goal * Translation3::new(-0.05, 0.0, 0.0) * tcp_in_charger;
+        [retreated, grasp::backed_off(tcp, 0.05), *tcp, before_slots, goal * tcp_in_charger]
+    };
+    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let [retreated, above, at, before_slots, plugged_in] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
+    vec![retreated, above, at, Move::close(&[0], 6), before_slots, Move::Hold { steps: 5 }, plugged_in]
+}
