@@ -49,6 +49,13 @@ impl Profile {
         matches!(self, Self::Strict)
     }
 
+    /// Whether a turned arrow is judged by the world's x axis, which it must point away from, in place of its own start: the
+    /// released code's Euler angle jumps there.
+    #[must_use]
+    pub const fn judges_absolute_yaw(self) -> bool {
+        matches!(self, Self::Paper)
+    }
+
     /// Whether success thresholds follow the drawn size of an object; the released code keeps the nominal ones.
     #[must_use]
     pub const fn scales_thresholds(self) -> bool {

@@ -3,7 +3,9 @@
 
 pub(super) mod dish;
 pub(super) mod holed;
+pub(super) mod plans;
 pub(super) mod stacking;
+pub(super) mod tools;
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
 

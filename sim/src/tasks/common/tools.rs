@@ -1,0 +1,202 @@
+//! What is handled in the two tasks with tools (spec/tasks.md §2, tasks 11 and 12): hammer and nail, dustpan and banana.
+
+use core::f64::consts::FRAC_PI_2;
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
+
+use super::{SINGLE_TABLE_Z, block, movable, rgb};
+use crate::scene::{
+    BodySpec, Form, JointKind, JointSpec, Motion, PaintSpec, PartSpec, Primitive, Role, ScaledBy, Texture,
+    VisualSpec,
+};
+
+/// The middle of a hammer's face, which looks along −y, in the hammer's frame, in m.
+pub(in crate::tasks) const HAMMER_FACE: [f64; 2] = [0.147, -0.065];
+/// Half a nail's length, in m.
+pub(in crate::tasks) const NAIL_HALF_LENGTH: f64 = 0.043;
+/// Radius of its head, in m.
+pub(in crate::tasks) const NAIL_HEAD_RADIUS: f64 = 0.009;
+
+/// A claw hammer that lies on the table: its handle along x, its head along y at the far end, all in all 0.33 × 0.13 × 0.035 m.
+pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
+    let steel = PaintSpec { specular: 0.7, ..PaintSpec::plain(rgb([120, 124, 130])) };
+    let wood = PaintSpec::textured(Texture::Wood, rgb([170, 95, 50]));
+    let thick = 0.0175;
+    let [head_x, face_y] = HAMMER_FACE;
+    let poll_half = 0.023;
+    let poll = Primitive::Cylinder { radius: 0.0165, half_height: poll_half };
+    let poll_pose = turned([head_x, face_y + poll_half, 0.0], Vector3::x_axis(), FRAC_PI_2);
+    let rounded = |half, position, paint| {
+        VisualSpec::at(Form::RoundedBox { half, edge_radius: 0.006 }, position, paint)
+    };
+    // A waist behind the face, which is at +z here.
+    let poll_profile = [
+        [0.0, -poll_half],
+        [0.011, -poll_half],
+        [0.011, 0.004],
+        [0.0165, 0.010],
+        [0.0165, 0.021],
+        [0.0145, poll_half],
+        [0.0, poll_half],
+    ];
+    let claw_outline = [
+        [0.160, 0.017],
+        [0.163, 0.036],
+        [0.152, 0.053],
+        [0.130, 0.065],
+        [0.128, 0.063],
+        [0.140, 0.046],
+        [0.137, 0.017],
+    ];
+    let claw = Form::Extrusion { outline: claw_outline.to_vec(), holes: Vec::new(), half_height: 0.0125 };
+    BodySpec {
+        visuals: vec![
+            rounded([0.0725, 0.013, thick], [-0.0925, 0.0, 0.0], wood),
+            rounded([0.085, 0.0125, 0.0125], [0.055, 0.0, 0.0], wood),
+            rounded([0.018, 0.019, thick], [head_x, 0.0, 0.0], steel),
+            VisualSpec {
+                form: Form::Lathe { profile: poll_profile.to_vec() },
+                pose: poll_pose,
+                paint: steel,
+            },
+            VisualSpec::at(claw, [0.0; 3], steel),
+        ],
+        density: 2000.0,
+        friction: 2.0,
+        damping: [10.0, 12.0],
+        ..movable(
+            "hammer",
+            vec![
+                block([0.0725, 0.013, thick], [-0.0925, 0.0, 0.0], wood),
+                block([0.0745, 0.0125, 0.0125], [0.0545, 0.0, 0.0], wood),
+                block([0.018, 0.019, thick], [head_x, 0.0, 0.0], steel),
+                PartSpec { shape: poll, pose: poll_pose, paint: steel },
+                block([0.012, 0.023, 0.0125], [head_x, 0.042, 0.0], steel),
+            ],
+            region,
+            SINGLE_TABLE_Z,
+        )
+    }
+}
+
+/// A nail that slides along its own z axis, tip ahead, and stays where it is driven; it lies along y, its tip towards −y,
+/// with its lowest point at a height.
+pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
+    let (half, shank, head) = (NAIL_HALF_LENGTH, 0.003, NAIL_HEAD_RADIUS);
+    let steel = PaintSpec { specular: 0.7, ..PaintSpec::plain([0.75; 3]) };
+    let head_half = 0.002;
+    let cylinder = |radius, half_height, z| {
+        PartSpec::at(Primitive::Cylinder { radius, half_height }, [0.0, 0.0, z], steel)
+    };
+    let profile = vec![
+        [0.0, -half],
+        [head, -half],
+        [head, 2.0 * head_half - half],
+        [shank, 2.0 * head_half - half],
+        [shank, half - 0.012],
+        [0.0, half],
+    ];
+    let guide = JointSpec {
+        kind: JointKind::Slide,
+        axis: [0.0, 0.0, 1.0],
+        upper: 0.035,
+        damping: 20.0,
+        friction: 2.0,
+    };
+    BodySpec {
+        role: Role::Fixture,
+        motion: Motion::Jointed(guide),
+        scaled_by: ScaledBy::Nothing("it fits its hole"),
+        visuals: vec![VisualSpec::at(Form::Lathe { profile }, [0.0; 3], steel)],
+        density: 5000.0,
+        friction: 2.0,
+        ..movable(
+            "nail",
+            vec![cylinder(shank, half, 0.0), cylinder(head, head_half, head_half - half)],
+            region,
+            lowest_z_m,
+        )
+        .set_up(UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2))
+    }
+}
+
+/// How far ahead of its middle a dustpan's mouth is, in m.
+pub(in crate::tasks) const DUSTPAN_MOUTH: f64 = 0.10;
+/// Where a hand takes a dustpan's handle, in the dustpan's frame, in m.
+pub(in crate::tasks) const DUSTPAN_GRIP: [f64; 3] = [-0.05, 0.0, 0.007];
+
+/// A dustpan that stands on the table: its mouth at +x, its handle going back and up, all in all 0.2 × 0.173 × 0.058 m.
+pub(in crate::tasks) fn dustpan(region: usize) -> BodySpec {
+    let blue = PaintSpec::plain(rgb([40, 90, 170]));
+    let [back, half_width, half_height] = [-0.02, 0.0865, 0.029];
+    let half_thickness = 0.002;
+    // From and to along x, middle and half width along y, height over the table.
+    let standing = |x: [f64; 2], y: f64, half_y: f64, height: f64| {
+        let position = [(x[0] + x[1]) / 2.0, y, height / 2.0 - half_height];
+        block([(x[1] - x[0]) / 2.0, half_y, height / 2.0], position, blue)
+    };
+    let floor = standing([back, DUSTPAN_MOUTH], 0.0, half_width, 0.003);
+    let back_wall = standing([back, back + 2.0 * half_thickness], 0.0, half_width, 0.04);
+    let sides = [half_thickness - half_width, half_width - half_thickness];
+    // What slopes down to the mouth collides in two steps.
+    let side_walls = sides.into_iter().flat_map(|y| {
+        [standing([back, 0.03], y, half_thickness, 0.03), standing([0.03, 0.08], y, half_thickness, 0.012)]
+    });
+    let handle_half = [0.040, 0.0125, 0.010];
+    let handle_pose = turned([-0.0587, 0.0, 0.0094], Vector3::y_axis(), 0.25);
+    let handle = PartSpec { shape: Primitive::Box { half: handle_half }, pose: handle_pose, paint: blue };
+    let slope = vec![[back, 0.0], [DUSTPAN_MOUTH, 0.0], [DUSTPAN_MOUTH, 0.004], [back, 0.04]];
+    let slope = Form::Extrusion { outline: slope, holes: Vec::new(), half_height: half_thickness };
+    let seen =
+        |part: &PartSpec| VisualSpec { form: Form::Primitive(part.shape), pose: part.pose, paint: blue };
+    let mut visuals = vec![seen(&floor), seen(&back_wall)];
+    visuals.push(VisualSpec {
+        form: Form::RoundedBox { half: handle_half, edge_radius: 0.006 },
+        pose: handle_pose,
+        paint: blue,
+    });
+    visuals.extend(sides.map(|y| VisualSpec {
+        form: slope.clone(),
+        pose: turned([0.0, y, -half_height], Vector3::x_axis(), FRAC_PI_2),
+        paint: blue,
+    }));
+    let parts = [floor, back_wall, handle].into_iter().chain(side_walls).collect();
+    BodySpec { visuals, ..movable("dustpan", parts, region, SINGLE_TABLE_Z) }
+}
+
+/// Radius of a banana in its middle, in m.
+pub(in crate::tasks) const BANANA_RADIUS: f64 = 0.0175;
+
+/// A banana that lies on the table along y, 0.18 m long as it is bent, its ends towards −x.
+pub(in crate::tasks) fn banana(region: usize) -> BodySpec {
+    let yellow = PaintSpec::plain(rgb([250, 215, 50]));
+    let links = |n: u32| {
+        let station = move |i: u32| 2.0 * f64::from(i) / f64::from(n) - 1.0;
+        (0..n).map(move |i| banana_link(station(i), station(i + 1)))
+    };
+    let parts = links(6).map(|(shape, pose)| PartSpec { shape, pose, paint: yellow });
+    let visuals =
+        links(14).map(|(shape, pose)| VisualSpec { form: Form::Primitive(shape), pose, paint: yellow });
+    BodySpec { visuals: visuals.collect(), ..movable("banana", parts.collect(), region, SINGLE_TABLE_Z) }
+}
+
+/// What lies between two stations of a banana, −1 at one end and 1 at the other.
+fn banana_link(from: f64, to: f64) -> (Primitive, Isometry3<f64>) {
+    // The middle line is a parabola, so far to both sides and so deep, in m.
+    const HALF_LENGTH: f64 = 0.075;
+    const DEPTH: f64 = 0.027;
+    const END_RADIUS: f64 = 0.009;
+    let along = (from + to) / 2.0;
+    let radius = BANANA_RADIUS + (END_RADIUS - BANANA_RADIUS) * along * along * along * along;
+    // The thin ends lie on the table too.
+    let place = |at: f64| Vector3::new(DEPTH * (0.5 - at * at), HALF_LENGTH * at, radius - BANANA_RADIUS);
+    let way = place(to) - place(from);
+    let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &way).expect("it lies level");
+    let shape = Primitive::Capsule { radius, half_height: way.norm() / 2.0 };
+    (shape, Isometry3::from_parts(((place(from) + place(to)) / 2.0).into(), rotation))
+}
+
+/// A pose in the body's frame: at a position (m), turned about an axis by an angle (rad).
+fn turned(position: [f64; 3], axis: UnitVector3<f64>, angle: f64) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::from(position), UnitQuaternion::from_axis_angle(&axis, angle))
+}

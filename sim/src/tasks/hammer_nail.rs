@@ -1,0 +1,111 @@
+//! HammerNail: drive a nail into a block with a hammer (spec/tasks.md §2, task 11).
+
+use core::f64::consts::FRAC_PI_3;
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, Point3, Translation3, Vector3};
+
+use super::common::tools::{self, HAMMER_FACE, NAIL_HALF_LENGTH, NAIL_HEAD_RADIUS};
+use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, block, fixed, region, single_arm};
+use crate::expert::{Move, grasp};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{BodySpec, PaintSpec, Range, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "HammerNail-v1",
+    category: Category::ToolUse,
+    morphology: Morphology::Single,
+    max_steps: 247,
+    demo_steps: 225.7,
+    instruction: "use the hammer to hit the nail into the wood",
+    nominal,
+    success,
+    expert,
+};
+
+/// Half extents of the block and the height of its hole over its middle, in m.
+const BLOCK: [f64; 3] = [0.03, 0.015, 0.06];
+const HOLE_Z: f64 = 0.04;
+/// Half the hole's width, in m.
+const HOLE: f64 = 0.003;
+
+fn nominal() -> SceneSpec {
+    let [half_x, half_y, half_z] = BLOCK;
+    let slab = |x: [f64; 2], z: [f64; 2]| {
+        let half = [(x[1] - x[0]) / 2.0, half_y, (z[1] - z[0]) / 2.0];
+        block(half, [(x[0] + x[1]) / 2.0, 0.0, (z[0] + z[1]) / 2.0], PaintSpec::plain([0.6, 0.4, 0.2]))
+    };
+    let beside_hole = [HOLE_Z - HOLE, HOLE_Z + HOLE];
+    let slabs = vec![
+        slab([-half_x, half_x], [-half_z, beside_hole[0]]),
+        slab([-half_x, half_x], [beside_hole[1], half_z]),
+        slab([-half_x, -HOLE], beside_hole),
+        slab([HOLE, half_x], beside_hole),
+    ];
+    let pierced = fixed("block", slabs, 1, SINGLE_TABLE_Z, "its hole fits the nail");
+    let nail = tools::nail(2, SINGLE_TABLE_Z + half_z + HOLE_Z - NAIL_HEAD_RADIUS);
+    let bodies = vec![tools::hammer(0), BodySpec { friction: 2.0, ..pierced }, nail];
+    let regions = vec![
+        region("hammer", Range::new(-0.13, -0.07), Range::new(0.32, 0.38)),
+        region("block", Range::fixed(0.15), Range::fixed(0.10)),
+        region("nail", Range::fixed(0.15), Range::new(0.108, 0.113)),
+    ];
+    let target = [-0.1, 0.1, 0.0];
+    let eyes = Eyes { external1: [[0.5, 0.5, 0.3], target], external2: [[0.75, 0.0, 0.5], target] };
+    let mut scene = single_arm(QPOS_D, NOISE_RAD, &eyes, regions, bodies, TASK.instruction);
+    for camera in &mut scene.cameras[..2] {
+        (camera.fov_y_rad, camera.clip_m[1]) = (FRAC_PI_3, 10.0);
+    }
+    scene
+}
+
+/// World y to which the nail's middle must be driven, in m: 10 to 15 mm from its start.
+const DRIVEN_Y: f64 = 0.098;
+
+/// The nail driven in.
+fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
+    let nail = scene.body_idx("nail");
+    vec![Predicate::inside_box(nail, [f64::NEG_INFINITY; 3], [f64::INFINITY, DRIVEN_Y, f64::INFINITY])]
+}
+
+/// Where the handle is taken, near the hammer's centre of mass, in m at scale 1.
+const GRIP: f64 = 0.025;
+/// How high the hammer is carried over where it strikes, in m.
+const OVER: f64 = 0.10;
+/// How far in front of the nail's head the stroke begins, in m.
+const RUN_UP: f64 = 0.10;
+/// How far the stroke goes on beyond the goal, in m.
+const FOLLOW_THROUGH: f64 = 0.010;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let (hammer, nail) = (scene.body("hammer"), scene.body("nail"));
+    let closing = grasp::same_way_round(hammer.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
+    let place = hammer.pose * Point3::new(GRIP * hammer.scale, 0.0, 0.0);
+    let tcp = grasp::pose(&place.coords, &-Vector3::z(), &closing);
+    let height = nail.pose.translation.z + OVER - tcp.translation.z;
+    let raised = grasp::shifted(&tcp, &(Vector3::z() * height));
+    // Where the TCP is when the hammer lies along x and its face is so far in front of where the nail's head starts.
+    let in_front = |distance_m: f64| -> Isometry3<f64> {
+        let [face_x, face_y] = HAMMER_FACE.map(|x| x * hammer.scale);
+        let nail_head = nail.pose.translation.vector + Vector3::y() * NAIL_HALF_LENGTH;
+        let hammer_at = nail_head + Vector3::new(-face_x, distance_m - face_y, 0.0);
+        Isometry3::from(Translation3::from(hammer_at)) * hammer.pose.inverse() * tcp
+    };
+    let along_x = Isometry3::from_parts(raised.translation, in_front(0.0).rotation);
+    let stroke = DRIVEN_Y - FOLLOW_THROUGH - nail.pose.translation.y;
+    vec![
+        Move::open(&[0], 6),
+        Move::straight(0, grasp::backed_off(&tcp, 0.08)),
+        Move::straight(0, tcp),
+        Move::close(&[0], 6),
+        Move::straight(0, raised),
+        Move::straight(0, along_x),
+        Move::straight(0, grasp::shifted(&in_front(RUN_UP), &(Vector3::z() * OVER))),
+        Move::straight(0, in_front(RUN_UP)),
+        Move::straight(0, in_front(stroke)),
+        Move::straight(0, in_front(RUN_UP)),
+        Move::open(&[0], 6),
+    ]
+}
