@@ -2,6 +2,7 @@
 //! a tray looks.
 
 pub(super) mod dish;
+pub(super) mod drawer_unit;
 pub(super) mod holed;
 pub(super) mod plans;
 pub(super) mod stacking;
