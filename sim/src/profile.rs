@@ -56,6 +56,15 @@ impl Profile {
         matches!(self, Self::Paper)
     }
 
+    /// How far below the ring's true middle a needle's success is judged, in m; the released code misplaces it.
+    #[must_use]
+    pub const fn ring_error_m(self) -> f64 {
+        match self {
+            Self::Strict => 0.0,
+            Self::Paper => 0.015,
+        }
+    }
+
     /// Whether success thresholds follow the drawn size of an object; the released code keeps the nominal ones.
     #[must_use]
     pub const fn scales_thresholds(self) -> bool {

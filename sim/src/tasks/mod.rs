@@ -48,6 +48,8 @@ task_list! {
     dual_arm_cube_handover => DualArmCubeHandover,
     dual_arm_lift_tray => DualArmLiftTray,
     dual_arm_push_box => DualArmPushBox,
+    dual_arm_threading => DualArmThreading,
+    dual_arm_pen_cap => DualArmPenCap,
     dual_arm_drawer_place => DualArmDrawerPlace,
     dual_arm_drawer_open => DualArmDrawerOpen,
     dual_arm_stack_cube => DualArmStackCube,

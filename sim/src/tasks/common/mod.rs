@@ -4,6 +4,7 @@
 pub(super) mod dish;
 pub(super) mod drawer_unit;
 pub(super) mod holed;
+pub(super) mod insertion;
 pub(super) mod plans;
 pub(super) mod stacking;
 pub(super) mod tools;

@@ -1,0 +1,166 @@
+//! What two arms put into one another: a needle and the ring on a tripod, a pen and its cap (spec/tasks.md §1 and §3, tasks
+//! 23 and 24). The needle is long along x and the ring's hole too; pen and cap are long along z.
+
+use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_8, PI, TAU};
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, UnitVector3, Vector3};
+
+use super::{BIMANUAL_TABLE_Z, block, movable, rgb};
+use crate::scene::{BodySpec, Form, PaintSpec, PartSpec, Primitive, Role, ScaledBy, VisualSpec};
+
+/// Of two bodies that fit one another neither changes its size.
+const PINNED: ScaledBy = ScaledBy::Nothing("the body that it fits keeps its size");
+
+/// Length of the needle, which begins at its origin, and of its shaft, in m.
+pub(in crate::tasks) const NEEDLE_LENGTH: f64 = 0.125;
+const SHAFT_LENGTH: f64 = 0.075;
+
+/// Height of the ring's middle over the tripod's origin, in m; its hole is along x.
+pub(in crate::tasks) const RING_Z: f64 = 0.215;
+/// Radius of the ring and of its tube, in m.
+const RING_RADIUS: f64 = 0.05;
+const TUBE_RADIUS: f64 = 0.005;
+/// Radius of the ring's pole and its ends along z, in m.
+const POLE_RADIUS: f64 = 0.01;
+const POLE_Z: [f64; 2] = [0.01, 0.16];
+const BROWN: PaintSpec = PaintSpec::plain(rgb([110, 38, 14]));
+
+/// The pen's ends along z, in m, its tip's first.
+pub(in crate::tasks) const PEN_Z: [f64; 2] = [-0.168, 0.224];
+/// Radius of the pen; the section behind its tip is narrower. In m.
+const PEN_RADIUS: f64 = 0.0163;
+const SECTION_RADIUS: f64 = 0.015;
+/// That section's ends along z, in m; the tip is a cone.
+const SECTION_Z: [f64; 2] = [-0.15, -0.03];
+
+/// The cap's axis is along z at this x, in m.
+pub(in crate::tasks) const CAP_X: f64 = 0.02;
+/// The cap's closed end, the bottom of its cavity and its opening along z, in m.
+pub(in crate::tasks) const CAP_Z: [f64; 3] = [-0.061, -0.055, 0.123];
+/// Radius of the cap and of its cavity, in m.
+const CAP_RADII: [f64; 2] = [0.0255, 0.0205];
+/// How far the cap's clip reaches from its axis, and its ends along z, in m.
+const CLIP_OUT: f64 = 0.04;
+const CLIP_Z: [f64; 2] = [-0.053, 0.045];
+const BLUE: PaintSpec = PaintSpec::plain(rgb([24, 58, 140]));
+const WHITE: PaintSpec = PaintSpec::plain(rgb([225, 225, 220]));
+const STEEL: PaintSpec = PaintSpec { specular: 0.6, ..PaintSpec::plain(rgb([150, 152, 156])) };
+
+/// The needle: a shaft and a thinner end.
+pub(in crate::tasks) fn needle(region: usize) -> BodySpec {
+    let metal = PaintSpec { specular: 0.6, ..PaintSpec::plain([0.3; 3]) };
+    let bar = |half: f64, from: f64, to: f64| {
+        block([(to - from) / 2.0, half, half], [(from + to) / 2.0, 0.0, 0.0], metal)
+    };
+    let parts = vec![bar(0.02, 0.0, SHAFT_LENGTH), bar(0.012, SHAFT_LENGTH, NEEDLE_LENGTH)];
+    BodySpec { density: 8000.0, scaled_by: PINNED, ..movable("needle", parts, region, BIMANUAL_TABLE_Z) }
+}
+
+/// The tripod: three legs, a plate, and on that a pole with the ring.
+pub(in crate::tasks) fn tripod(region: usize) -> BodySpec {
+    let leg = |turn| moved(turn * Translation3::new(0.0625, 0.0, 0.0), &rod(0.005, [-0.075, 0.0], BROWN));
+    let mut stand: Vec<PartSpec> = around(Vector3::z_axis(), 3).map(leg).collect();
+    stand.push(block([0.0625, 0.0625, 0.005], [0.0, 0.0, 0.005], BROWN));
+    let middle = Translation3::new(0.0, 0.0, RING_Z);
+    let ring = VisualSpec {
+        form: Form::Torus { major_radius: RING_RADIUS, minor_radius: TUBE_RADIUS },
+        pose: middle * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2),
+        paint: BROWN,
+    };
+    let seen = stand.iter().cloned().chain([rod(POLE_RADIUS, POLE_Z, BROWN)]).map(visual).chain([ring]);
+    let visuals = seen.collect();
+    // Square, since a round one slips out of the fingers.
+    let [foot, top] = POLE_Z;
+    stand.push(block([POLE_RADIUS, POLE_RADIUS, (top - foot) / 2.0], [0.0, 0.0, (foot + top) / 2.0], BROWN));
+    let side = Primitive::Capsule { radius: TUBE_RADIUS, half_height: RING_RADIUS * (PI / 12.0).tan() };
+    stand.extend(around(Vector3::x_axis(), 12).map(|turn| {
+        moved(middle * turn * Translation3::new(0.0, RING_RADIUS, 0.0), &PartSpec::at(side, [0.0; 3], BROWN))
+    }));
+    BodySpec {
+        role: Role::ReceiverObject,
+        friction: 0.6,
+        scaled_by: PINNED,
+        visuals,
+        ..movable("tripod", stand, region, BIMANUAL_TABLE_Z)
+    }
+}
+
+/// The pen. Its barrel collides as two flat bars across one another: a round one would roll off.
+pub(in crate::tasks) fn pen(region: usize) -> BodySpec {
+    let ([tip, end], [front, back]) = (PEN_Z, SECTION_Z);
+    let (r, narrow) = (PEN_RADIUS, SECTION_RADIUS);
+    let bar = |x, y| block([x, y, (end - back) / 2.0], [0.0, 0.0, (end + back) / 2.0], BLUE);
+    let section = rod(narrow, SECTION_Z, WHITE);
+    let cone = rod(narrow / 2.0, [tip, front], STEEL);
+    BodySpec {
+        scaled_by: PINNED,
+        visuals: vec![
+            lathe(&[[0.0, back], [r, back], [r, end - 0.01], [0.7 * r, end], [0.0, end]], 0.0, BLUE),
+            visual(section.clone()),
+            lathe(&[[0.0, tip], [0.002, tip], [narrow, front], [0.0, front]], 0.0, STEEL),
+        ],
+        ..lying("pen", vec![bar(r, 0.6 * r), bar(0.6 * r, r), section, cone], region)
+    }
+}
+
+/// The cap: eight walls around the cavity, its bottom, and a clip on one side.
+pub(in crate::tasks) fn cap(region: usize) -> BodySpec {
+    let ([closed, bottom, open], [r, inside]) = (CAP_Z, CAP_RADII);
+    let axis = Translation3::new(CAP_X, 0.0, 0.0);
+    let half = [(r - inside) / 2.0, r * FRAC_PI_8.tan(), (open - closed) / 2.0];
+    let wall = block(half, [(r + inside) / 2.0, 0.0, (open + closed) / 2.0], BLUE);
+    let clip = |[from, to]: [f64; 2], [low, high]: [f64; 2]| {
+        let half = [(to - from) / 2.0, 0.005, (high - low) / 2.0];
+        block(half, [CAP_X + (from + to) / 2.0, 0.0, (low + high) / 2.0], STEEL)
+    };
+    let mut parts: Vec<PartSpec> =
+        around(Vector3::z_axis(), 8).map(|turn| moved(axis * turn, &wall)).collect();
+    parts.extend([moved(axis.into(), &rod(r, [closed, bottom], BLUE)), clip([r, CLIP_OUT], CLIP_Z)]);
+    let outside = [[0.0, closed], [0.8 * r, closed], [r, closed + 0.01], [r, open]];
+    let cavity = [[inside, open], [inside, bottom], [0.0, bottom]];
+    let [low, high] = CLIP_Z;
+    BodySpec {
+        role: Role::ReceiverObject,
+        scaled_by: PINNED,
+        visuals: vec![
+            lathe(&[&outside[..], &cavity[..]].concat(), CAP_X, BLUE),
+            visual(clip([CLIP_OUT - 0.005, CLIP_OUT], CLIP_Z)),
+            visual(clip([inside, CLIP_OUT], [low, low + 0.015])),
+            visual(clip([r, CLIP_OUT], [high - 0.008, high])),
+        ],
+        ..lying("cap", parts, region)
+    }
+}
+
+/// A body that lies with its z along world y and its y up.
+fn lying(name: &'static str, parts: Vec<PartSpec>, region: usize) -> BodySpec {
+    let along_y = Quaternion::new(0.0, 0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2);
+    movable(name, parts, region, BIMANUAL_TABLE_Z).set_up(UnitQuaternion::from_quaternion(along_y))
+}
+
+/// A cylinder about z between two heights, in m.
+fn rod(radius: f64, [from, to]: [f64; 2], paint: PaintSpec) -> PartSpec {
+    let shape = Primitive::Cylinder { radius, half_height: (to - from) / 2.0 };
+    PartSpec::at(shape, [0.0, 0.0, (from + to) / 2.0], paint)
+}
+
+/// A profile turned about the line along z at this x, in m.
+fn lathe(profile: &[[f64; 2]], x: f64, paint: PaintSpec) -> VisualSpec {
+    VisualSpec::at(Form::Lathe { profile: profile.to_vec() }, [x, 0.0, 0.0], paint)
+}
+
+/// The part, seen as it collides.
+fn visual(PartSpec { shape, pose, paint }: PartSpec) -> VisualSpec {
+    VisualSpec { form: Form::Primitive(shape), pose, paint }
+}
+
+/// The part with its pose taken in a frame that has this pose.
+fn moved(frame: Isometry3<f64>, part: &PartSpec) -> PartSpec {
+    PartSpec { pose: frame * part.pose, ..part.clone() }
+}
+
+/// `n` even turns about an axis, the first by nothing.
+fn around(axis: UnitVector3<f64>, n: u32) -> impl Iterator<Item = Isometry3<f64>> {
+    let turn = move |k| UnitQuaternion::from_axis_angle(&axis, f64::from(k) * TAU / f64::from(n));
+    (0..n).map(move |k| Isometry3::from_parts(Translation3::identity(), turn(k)))
+}

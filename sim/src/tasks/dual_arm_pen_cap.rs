@@ -1,0 +1,108 @@
+//! DualArmPenCap: one hand holds a cap, the other puts the pen's tip into it (spec/tasks.md §3, task 24).
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::common::insertion::{self, CAP_X, CAP_Z, PEN_Z};
+use super::common::{Eyes, QPOS_B, bimanual, region};
+use crate::expert::{Move, Reach, grasp};
+use crate::predicate::{Predicate, Region};
+use crate::profile::Profile;
+use crate::scene::{Range, RegionSpec, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "DualArmPenCap-v1",
+    category: Category::Insertion,
+    morphology: Morphology::Bimanual,
+    max_steps: 232,
+    demo_steps: 186.1,
+    instruction: "hold the pen with one hand and remove the cap with the other hand",
+    nominal,
+    success,
+    expert,
+};
+
+/// Least gap between the circles around cap and pen, in m: those may overlap so far before such slender bodies can.
+const GAP: f64 = -0.07;
+
+fn nominal() -> SceneSpec {
+    let regions = vec![
+        region("cap", Range::new(-0.4, -0.1), Range::new(-0.4, -0.1)),
+        RegionSpec { gap_m: Some(GAP), ..region("pen", Range::new(-0.1, 0.2), Range::new(-0.1, 0.2)) },
+    ];
+    let eyes = Eyes {
+        external1: [[0.75, 0.0, 1.33], [-0.2, 0.0, 1.03]],
+        external2: [[-0.5, 0.0, 1.33], [-0.2, 0.0, 1.03]],
+    };
+    let bodies = vec![insertion::cap(0), insertion::pen(1)];
+    bimanual([QPOS_B; 2], 0.0, &eyes, regions, bodies, TASK.instruction)
+}
+
+/// The pen's tip well within the cap's cavity.
+fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
+    let [body, cap] = ["pen", "cap"].map(|name| scene.body_idx(name));
+    let [_, bottom, open] = CAP_Z;
+    let region = Region::Cylinder {
+        origin: [CAP_X, 0.0, open],
+        axis: [0.0, 0.0, -1.0],
+        radius: 0.02,
+        along: [0.03, open - bottom],
+    };
+    vec![Predicate::Inside { body, point: [0.0, 0.0, -0.16], of: Some(cap), region }]
+}
+
+/// Where the cap is gripped, in its frame, in m: between clip and opening.
+const CAP_GRIP: Point3<f64> = Point3::new(CAP_X, 0.0, 0.085);
+/// Where the pen may be gripped along itself, in m: near its centre of mass, or farther from its tip.
+const PEN_GRIPS: [f64; 3] = [0.05, 0.09, 0.13];
+/// Leans of the hand that are tried, in rad.
+const LEANS: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, -0.3];
+/// Where the pen's tip is held, in m.
+const MEETING: Vector3<f64> = Vector3::new(-0.19, -0.12, 1.0);
+/// How far the opening is from the tip before the cap is put on, and how far the tip is inside it then, in m.
+const BEFORE: f64 = 0.15;
+const DEPTH: f64 = 0.1;
+/// Control steps in which the arms come to rest before that.
+const STEADY_STEPS: u32 = 10;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let [cap, pen] = ["cap", "pen"].map(|name| scene.body(name).pose);
+    let along = Vector3::y();
+    // Where a point of a body goes: first up and along y, then over to the other body.
+    let stations = |tcp: &Isometry3<f64>, from: Point3<f64>, to: Vector3<f64>| {
+        let way = to - from.coords;
+        let up = grasp::shifted(tcp, &Vector3::new(0.0, way.y, way.z));
+        [grasp::backed_off(tcp, 0.1), *tcp, up, grasp::shifted(tcp, &way)]
+    };
+    let (opening, tip) = (cap * Point3::new(CAP_X, 0.0, CAP_Z[2]), pen * Point3::new(0.0, 0.0, PEN_Z[0]));
+    let candidates = |arm: usize, places: &[Point3<f64>]| -> Vec<Isometry3<f64>> {
+        let closing = grasp::start_closing(scene, arm);
+        let down = |place: &Point3<f64>| {
+            grasp::pose(&place.coords, &-Vector3::z(), &grasp::same_way_round(Vector3::x(), &closing))
+        };
+        let leant = |tcp: Isometry3<f64>| LEANS.map(|lean| grasp::leant_back(scene, arm, &tcp, lean));
+        places.iter().map(down).flat_map(leant).collect()
+    };
+    let cap_stations = |tcp: &Isometry3<f64>| stations(tcp, opening, MEETING - along * BEFORE);
+    let pen_stations = |tcp: &Isometry3<f64>| stations(tcp, tip, MEETING);
+    let cap_grips = candidates(0, &[cap * CAP_GRIP]);
+    let pen_grips = candidates(1, &PEN_GRIPS.map(|z| pen * Point3::new(0.0, 0.0, z)));
+    let hands = [
+        cap_stations(&grasp::first_within_reach(scene, 0, &cap_grips, cap_stations)),
+        pen_stations(&grasp::first_within_reach(scene, 1, &pen_grips, pen_stations)),
+    ];
+    let both = |station: usize| -> Vec<Reach> {
+        hands.iter().enumerate().map(|(arm, stations)| Reach { arm, tcp: stations[station] }).collect()
+    };
+    vec![
+        Move::Joint(both(0)),
+        Move::Straight(both(1)),
+        Move::close(&[0], 10),
+        Move::close(&[1], 10),
+        Move::Straight(both(2)),
+        Move::Straight(both(3)),
+        Move::Hold { steps: STEADY_STEPS },
+        Move::straight(0, grasp::shifted(&hands[0][3], &(along * (BEFORE + DEPTH)))),
+    ]
+}

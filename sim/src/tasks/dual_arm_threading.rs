@@ -1,0 +1,96 @@
+//! DualArmThreading: one arm holds up a ring on a tripod, the other puts a needle through it (spec/tasks.md §3, task 23).
+
+use core::f64::consts::FRAC_PI_6;
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::common::insertion::{self, NEEDLE_LENGTH, RING_Z};
+use super::common::{Eyes, bimanual, region};
+use crate::expert::{Move, Reach, grasp};
+use crate::predicate::{Predicate, Region};
+use crate::profile::Profile;
+use crate::scene::{Range, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "DualArmThreading-v1",
+    category: Category::Insertion,
+    morphology: Morphology::Bimanual,
+    max_steps: 192,
+    demo_steps: 165.0,
+    instruction: "use both hands to thread the object through the target opening",
+    nominal,
+    success,
+    expert,
+};
+
+/// Both hands near what they take: the first one points down, the second one along −y.
+const QPOS: [[f64; 7]; 2] = [
+    [1.873, 0.142, -0.409, -2.725, 0.202, 2.852, 2.057],
+    [-1.094, -0.935, -2.296, -2.236, -2.214, 1.062, -1.205],
+];
+
+fn nominal() -> SceneSpec {
+    let regions = vec![
+        region("needle", Range::new(-0.35, -0.25), Range::symmetric(0.05)),
+        region("tripod", Range::new(0.15, 0.25), Range::symmetric(0.05)),
+    ];
+    let bodies = vec![insertion::needle(0), insertion::tripod(1).turned(Range::new(0.0, FRAC_PI_6))];
+    let eyes = Eyes {
+        external1: [[0.6, 0.0, 1.33], [-0.2, 0.0, 0.93]],
+        external2: [[-0.5, 0.0, 1.53], [-0.2, 0.0, 1.13]],
+    };
+    bimanual(QPOS, 0.0, &eyes, regions, bodies, TASK.instruction)
+}
+
+/// The needle's end within 50 mm of the ring's middle, along its hole and across it.
+fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
+    let [body, tripod] = ["needle", "tripod"].map(|name| scene.body_idx(name));
+    let region = Region::Cylinder {
+        origin: [0.0, 0.0, RING_Z - profile.ring_error_m()],
+        axis: [1.0, 0.0, 0.0],
+        radius: 0.05,
+        along: [-0.05, 0.05],
+    };
+    vec![Predicate::Inside { body, point: [NEEDLE_LENGTH, 0.0, 0.0], of: Some(tripod), region }]
+}
+
+/// Where the needle is gripped along itself, in m: near its centre of mass.
+const NEEDLE_GRIP: f64 = 0.045;
+/// Where the pole is gripped, in the tripod's frame, in m.
+const POLE_GRIP: Vector3<f64> = Vector3::new(0.0, 0.0, 0.09);
+/// Where the ring's middle is held, in m.
+const MEETING: Vector3<f64> = Vector3::new(-0.17, -0.011, 1.26);
+/// How far the needle's end is from the ring's plane before it is put through, and then beyond it, in m.
+const BEFORE: f64 = 0.1;
+const BEYOND: f64 = 0.02;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let needle = scene.body("needle").pose;
+    let closing = grasp::start_closing(scene, 0);
+    let place = needle * Point3::new(NEEDLE_GRIP, 0.0, 0.0);
+    let at = grasp::pose(&place.coords, &-Vector3::z(), &closing);
+    // Its hand turns from above to behind the needle, which goes on pointing along x.
+    let threading = |beyond_m: f64| {
+        let place = MEETING + Vector3::x() * (beyond_m - (NEEDLE_LENGTH - NEEDLE_GRIP));
+        grasp::pose(&place, &Vector3::y(), &-Vector3::z())
+    };
+
+    let tripod = scene.body("tripod").pose;
+    let held = Isometry3::from(MEETING - Vector3::z() * RING_Z);
+    let pole = tripod * grasp::pose(&POLE_GRIP, &-Vector3::y(), &Vector3::x());
+    let up = held * tripod.inverse() * pole;
+    vec![
+        Move::straight(0, grasp::backed_off(&at, 0.1)),
+        Move::straight(0, at),
+        Move::close(&[0], 10),
+        Move::straight(0, grasp::backed_off(&at, 0.1)),
+        Move::straight(1, grasp::backed_off(&pole, 0.15)),
+        Move::straight(1, pole),
+        Move::close(&[1], 10),
+        // At once, where the benchmark moves one arm after the other: the longest plans would outlast the episode.
+        Move::Straight(vec![Reach { arm: 0, tcp: threading(-BEFORE) }, Reach { arm: 1, tcp: up }]),
+        Move::straight(0, threading(BEYOND)),
+    ]
+}
