@@ -3,7 +3,7 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{rgb, self, BIMANUAL_TABLE_Z, Eyes, QPOS_B, bimanual, region};
+use super::common::{self, BIMANUAL_TABLE_Z, Eyes, QPOS_B, bimanual, region, rgb};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;

@@ -4,11 +4,12 @@ use core::f64::consts::FRAC_PI_8;
 
 use ipc_types::Morphology;
 
-use super::common::{rgb, block, lifted, BIMANUAL_TABLE_Z, Eyes, QPOS_B, bimanual, movable, region, tray_visuals};
+use super::common::tray::{self, HALF, HEIGHT, RIM_HALF_THICKNESS};
+use super::common::{Eyes, QPOS_B, bimanual, lifted, region};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PaintSpec, Range, Scene, SceneSpec};
+use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -23,27 +24,8 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Half of 0.388 × 0.264 m; the long side lies along the body's y, from arm to arm.
-const HALF: [f64; 2] = [0.132, 0.194];
-const HEIGHT: f64 = 0.041;
-const FLOOR_HALF_THICKNESS: f64 = 0.003;
-const RIM_HALF_THICKNESS: f64 = 0.004;
-const GREY: [f64; 3] = rgb([48, 49, 51]);
-
 fn nominal() -> SceneSpec {
-    let slab = |half, position| block(half, position, PaintSpec::plain(GREY));
-    let [hx, hy] = HALF;
-    let (rim, rim_z) = (RIM_HALF_THICKNESS, HEIGHT / 2.0);
-    let tray = BodySpec {
-        visuals: tray_visuals(HALF, [FLOOR_HALF_THICKNESS, rim_z], rim, PaintSpec::plain(GREY)),
-        ..movable("tray", vec![
-            slab([hx, hy, FLOOR_HALF_THICKNESS], [0.0, 0.0, FLOOR_HALF_THICKNESS]),
-            slab([rim, hy, rim_z], [hx - rim, 0.0, rim_z]),
-            slab([rim, hy, rim_z], [rim - hx, 0.0, rim_z]),
-            slab([hx, rim, rim_z], [0.0, hy - rim, rim_z]),
-            slab([hx, rim, rim_z], [0.0, rim - hy, rim_z]),
-        ], 0, BIMANUAL_TABLE_Z).turned(Range::symmetric(FRAC_PI_8))
-    };
+    let tray = tray::tray(0).turned(Range::symmetric(FRAC_PI_8));
     let eyes = Eyes {
         external1: [[0.75, 0.0, 1.58], [-0.2, 0.0, 1.13]],
         external2: [[-0.5, -0.25, 1.58], [-0.2, 0.0, 1.13]],

@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_6;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{rgb, block, BIMANUAL_TABLE_Z, Eyes, bimanual, goal, movable, region};
+use super::common::{BIMANUAL_TABLE_Z, Eyes, bimanual, block, goal, movable, region, rgb};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;

@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_2;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::{rgb, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, single_arm};
+use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, rgb, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;

@@ -2,7 +2,7 @@
 
 use ipc_types::Morphology;
 
-use super::common::{rgb, self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, single_arm};
+use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, rgb, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;

@@ -1,13 +1,20 @@
-//! What tasks share: the two workplaces with their arms, tables, lights and cameras (spec/env.md §2 to §4, §7), and how
-//! a tray looks.
+//! What tasks share: the two workplaces with their arms, tables, lights and cameras (spec/env.md §2 to §4, §7),
+//! and the bodies that stand there.
 
+pub(super) mod cabinet;
+pub(super) mod cooking;
 pub(super) mod dish;
 pub(super) mod drawer_unit;
+pub(super) mod fruit;
 pub(super) mod holed;
 pub(super) mod insertion;
 pub(super) mod plans;
+pub(super) mod pot;
+pub(super) mod props;
 pub(super) mod stacking;
 pub(super) mod tools;
+pub(super) mod tray;
+pub(super) mod vessel;
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -19,7 +26,7 @@ use crate::profile::Profile;
 use crate::scene::{
     BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, Form, Jitter, LightsSpec,
     Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, RegionSpec, RobotSpec, Role, ScaledBy,
-    Scene, SceneSpec, TableKind, TableSpec, Texture, VisualSpec, rounded_rectangle,
+    Scene, SceneSpec, TableKind, TableSpec, Texture, VisualSpec,
 };
 
 /// World z of the single-arm table's top, in m.
@@ -182,28 +189,6 @@ pub fn goal_disc(region: usize) -> BodySpec {
         )
     };
     goal(region, (0..5).map(ring).collect())
-}
-
-/// Radius of a tray's corners as they are seen, in m; they collide as square ones.
-const TRAY_CORNER_RADIUS: f64 = 0.022;
-
-/// How a tray of half extents `half` looks that stands on z 0: a rim that runs around rounded corners and, within it, the
-/// floor. Half heights are those of floor and rim. In m.
-pub fn tray_visuals(
-    half: [f64; 2],
-    half_heights: [f64; 2],
-    rim_half_thickness: f64,
-    paint: PaintSpec,
-) -> Vec<VisualSpec> {
-    let inset = |by: f64| rounded_rectangle(half.map(|half| half - by), TRAY_CORNER_RADIUS - by);
-    let standing = |outline, holes, half_height| {
-        VisualSpec::at(Form::Extrusion { outline, holes, half_height }, [0.0, 0.0, half_height], paint)
-    };
-    let [floor, rim] = half_heights;
-    vec![
-        standing(inset(0.0), vec![inset(2.0 * rim_half_thickness)], rim),
-        standing(inset(rim_half_thickness), Vec::new(), floor),
-    ]
 }
 
 fn workplace(

@@ -1,0 +1,101 @@
+//! What food is cooked with: a stove and a pan (spec/tasks.md §1 and §2, task 16).
+
+use nalgebra::Translation3;
+
+use super::vessel::Vessel;
+use super::{SINGLE_TABLE_Z, block, movable, rgb};
+use crate::profile::Profile;
+use crate::scene::{
+    BodySpec, Form, Motion, PaintSpec, PartSpec, Primitive, Role, ScaledBy, VisualSpec, rounded_rectangle,
+};
+
+/// Least and greatest corner of the stove in its frame, in m.
+pub(in crate::tasks) const STOVE: [[f64; 3]; 2] = [[-0.139, -0.265, 0.0], [0.186, 0.178, 0.047]];
+/// Middles of the burners in the stove's frame, in m.
+pub(in crate::tasks) const BURNERS: [[f64; 2]; 2] = [[-0.03, 0.0565], [-0.03, -0.1435]];
+/// Radius of a burner and how far it stands out, in m.
+const BURNER: [f64; 2] = [0.085, 0.006];
+/// Where the knobs are, which are only seen, in m.
+const KNOB_X: f64 = 0.13;
+
+/// Middle of the pan's base in its frame, in m: the origin is a corner of what the pan and its handle fill.
+pub(in crate::tasks) const PAN_MIDDLE: [f64; 3] = [0.423, 0.108, 0.0018];
+pub(in crate::tasks) const PAN: Vessel = Vessel { radii: [0.088, 0.108], height: 0.0307, thickness: 0.004 };
+/// Least and greatest x of the pan's handle in its frame; half its width and half its thickness; in m.
+const HANDLE_X: [f64; 2] = [0.185, 0.324];
+const HANDLE_HALF: [f64; 2] = [0.011, 0.007];
+
+/// Whether it counts that the pan is near the stove and the apple near the pan, at any height, as in the released code;
+/// otherwise the pan must stand on the stove and the apple lie in the pan.
+pub(in crate::tasks) const fn counts_near_misses(profile: Profile) -> bool {
+    matches!(profile, Profile::Paper)
+}
+
+/// A stove with two burners that stands fast.
+pub(in crate::tasks) fn stove(region: usize) -> BodySpec {
+    let steel = PaintSpec { specular: 0.4, ..PaintSpec::plain(rgb([196, 198, 200])) };
+    let iron = PaintSpec::plain(rgb([38, 38, 40]));
+    let [least, greatest] = STOVE;
+    let [radius, rise] = BURNER;
+    let [hx, hy, half_height] = core::array::from_fn(|k| (greatest[k] - least[k]) / 2.0);
+    let [x, y, _] = core::array::from_fn(|k| f64::midpoint(least[k], greatest[k]));
+    let half_z = half_height - rise / 2.0;
+    let burner_z = greatest[2] - rise / 2.0;
+    let burner = |[x, y]: [f64; 2]| {
+        let half_height = rise / 2.0;
+        PartSpec::at(Primitive::Cylinder { radius, half_height }, [x, y, burner_z], iron)
+    };
+    let body = Form::RoundedBox { half: [hx, hy, half_z], edge_radius: 0.01 };
+    let mut visuals = vec![VisualSpec::at(body, [x, y, half_z], steel)];
+    for [x, y] in BURNERS {
+        let ring = |major_radius, minor_radius, paint| {
+            VisualSpec::at(Form::Torus { major_radius, minor_radius }, [x, y, burner_z], paint)
+        };
+        let coils = [0.025, 0.04, 0.055, 0.07].map(|major_radius| ring(major_radius, rise / 2.0, iron));
+        let knob = Form::Primitive(Primitive::Cylinder { radius: 0.016, half_height: rise / 2.0 });
+        let knob = VisualSpec::at(knob, [KNOB_X, y, burner_z], iron);
+        visuals.extend(coils.into_iter().chain([ring(radius, rise / 2.0, steel), knob]));
+    }
+    BodySpec {
+        role: Role::ReceiverObject,
+        motion: Motion::Fixed,
+        scaled_by: ScaledBy::RoSize,
+        visuals,
+        ..movable(
+            "stove",
+            [block([hx, hy, half_z], [x, y, half_z], steel)].into_iter().chain(BURNERS.map(burner)).collect(),
+            region,
+            SINGLE_TABLE_Z,
+        )
+    }
+}
+
+/// A frying pan whose handle points to −x.
+pub(in crate::tasks) fn pan(region: usize) -> BodySpec {
+    let iron = PaintSpec { specular: 0.4, ..PaintSpec::plain(rgb([62, 64, 68])) };
+    let grip = PaintSpec::plain(rgb([24, 24, 26]));
+    let [least, greatest] = HANDLE_X;
+    let [half_width, half_z] = HANDLE_HALF;
+    let half_x = (greatest - least) / 2.0;
+    let at = [f64::midpoint(least, greatest), PAN_MIDDLE[1], PAN_MIDDLE[2] + PAN.height - half_z];
+    let hole =
+        rounded_rectangle([0.009, 0.004], 0.0039).iter().map(|[x, y]| [x + 0.018 - half_x, *y]).collect();
+    let handle = Form::Extrusion {
+        outline: rounded_rectangle([half_x, half_width], 0.01),
+        holes: vec![hole],
+        half_height: half_z,
+    };
+    let middle = Translation3::from(PAN_MIDDLE);
+    let mut look = PAN.look(0.006, iron);
+    look.pose = middle * look.pose;
+    let mut parts = PAN.parts(iron);
+    for part in &mut parts {
+        part.pose = middle * part.pose;
+    }
+    parts.push(block([half_x, half_width, half_z], at, grip));
+    BodySpec {
+        visuals: vec![look, VisualSpec::at(handle, at, grip)],
+        density: 300.0,
+        ..movable("pan", parts, region, SINGLE_TABLE_Z)
+    }
+}

@@ -1,0 +1,60 @@
+//! Round open vessels with a hollow that things lie in: pots and pans.
+
+use core::f64::consts::TAU;
+
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+use crate::scene::{Form, PaintSpec, PartSpec, Primitive, VisualSpec};
+
+/// Boxes that make up a wall.
+const N_WALLS: u32 = 12;
+
+/// A vessel that stands on z 0 around z. Lengths in m.
+pub(in crate::tasks) struct Vessel {
+    /// Outer radius at the base and at the rim.
+    pub(in crate::tasks) radii: [f64; 2],
+    pub(in crate::tasks) height: f64,
+    /// Thickness of wall and floor.
+    pub(in crate::tasks) thickness: f64,
+}
+
+impl Vessel {
+    /// The floor, and the wall as a ring of boxes that lean outwards.
+    pub(in crate::tasks) fn parts(&self, paint: PaintSpec) -> Vec<PartSpec> {
+        let half_height = self.thickness / 2.0;
+        let floor = Primitive::Cylinder { radius: self.radii[0], half_height };
+        let floor = PartSpec::at(floor, [0.0, 0.0, half_height], paint);
+        (0..N_WALLS).map(|i| self.wall(i, paint)).chain([floor]).collect()
+    }
+
+    fn wall(&self, i: u32, paint: PaintSpec) -> PartSpec {
+        let ([low, high], half_thickness) = (self.radii, self.thickness / 2.0);
+        let lean = (high - low).atan2(self.height);
+        let middle = f64::midpoint(low, high) - half_thickness;
+        let half_angle = TAU / f64::from(2 * N_WALLS);
+        // The lowest corners lie on z 0, the highest as high as the rim.
+        let half_length = (self.height / 2.0 - half_thickness * lean.sin()) / lean.cos();
+        let half = [half_thickness, middle * half_angle.tan(), half_length];
+        let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+        let around = about(Vector3::z_axis(), f64::from(2 * i + 1) * half_angle);
+        let centre = around * Vector3::new(middle, 0.0, self.height / 2.0);
+        let pose = Isometry3::from_parts(centre.into(), around * about(Vector3::y_axis(), lean));
+        PartSpec { shape: Primitive::Box { half }, pose, paint }
+    }
+
+    /// Wall and floor as they are seen: round, with a bend of radius `bend` (m) between them.
+    pub(in crate::tasks) fn look(&self, bend: f64, paint: PaintSpec) -> VisualSpec {
+        let &Self { radii: [low, high], height, thickness } = self;
+        let profile = vec![
+            [0.0, 0.0],
+            [low - bend, 0.0],
+            [low, bend],
+            [high, height],
+            [high - thickness, height],
+            [low - thickness, thickness + bend],
+            [low - thickness - bend, thickness],
+            [0.0, thickness],
+        ];
+        VisualSpec::at(Form::Lathe { profile }, [0.0; 3], paint)
+    }
+}

@@ -1,0 +1,89 @@
+//! DualArmBottleHandover: one arm picks up a bottle and hands it to the other (spec/tasks.md §3, task 18).
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::common::{BIMANUAL_TABLE_Z, DENSITY, Eyes, bimanual, movable, props, region};
+use crate::expert::{Move, Reach, grasp};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{BodySpec, Range, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "DualArmPickBottle-v1",
+    category: Category::Handover,
+    morphology: Morphology::Bimanual,
+    max_steps: 155,
+    demo_steps: 130.7,
+    instruction: "use both arms to pick up the bottle",
+    nominal,
+    success,
+    expert,
+};
+
+/// The first hand before the bottle, the second one where it is handed over, both level.
+const QPOS: [[f64; 7]; 2] = [
+    [-0.8511, 1.7568, 1.5550, -1.4205, -0.2424, 2.1531, -0.8935],
+    [1.0996, -0.9656, 0.2030, -2.2706, -2.0752, 3.4606, -0.1640],
+];
+/// Middle of the bottle's base in its frame, in m: the benchmark grips it at such a distance from its origin.
+const FOOT: [f64; 3] = [-0.05, 0.02, -0.09];
+
+fn nominal() -> SceneSpec {
+    let bottle = BodySpec {
+        visuals: props::bottle(FOOT),
+        density: DENSITY / props::PRISM_OVERLAP,
+        ..movable("bottle", props::bottle_solids(FOOT), 0, BIMANUAL_TABLE_Z)
+    };
+    let target = [-0.2, 0.0, 1.03];
+    let eyes = Eyes { external1: [[0.75, 0.0, 1.33], target], external2: [[-0.5, 0.0, 1.33], target] };
+    let beside_first_arm = region("bottle", Range::new(0.2, 0.4), Range::new(-0.3, -0.1));
+    bimanual(QPOS, 0.0, &eyes, vec![beside_first_arm], vec![bottle], TASK.instruction)
+}
+
+/// The bottle in the second arm's hand.
+fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
+    vec![Predicate::Nearer { body: scene.body_idx("bottle"), arm: 1 }]
+}
+
+/// How high over its base the bottle is gripped by each arm, in m at scale 1: hand over hand.
+const GRIPS_Z: [f64; 2] = [0.115, 0.08];
+/// Where the first arm's TCP brings the bottle, in m.
+const MEETING: Vector3<f64> = Vector3::new(-0.333, 0.04, 1.5);
+
+/// Turns of the first hand about the bottle that are tried, in rad: outwards, for what is out of reach.
+const TURNS: [f64; 4] = [0.0, 0.15, 0.3, 0.45];
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let bottle = scene.body("bottle");
+    let grip = |arm: usize, approach: &Vector3<f64>| {
+        let height = Vector3::z() * GRIPS_Z[arm];
+        let position = bottle.pose * Point3::from((Vector3::from(FOOT) + height) * bottle.scale);
+        let across = Vector3::z().cross(approach);
+        let closing = grasp::same_way_round(across, &grasp::start_closing(scene, arm));
+        grasp::pose(&position.coords, approach, &closing)
+    };
+    let turned = TURNS.map(|turn| grip(0, &Vector3::new(turn.sin(), turn.cos(), 0.0)));
+    let stations =
+        |tcp: &Isometry3<f64>| [grasp::shifted(&grasp::backed_off(tcp, 0.1), &(Vector3::z() * 0.15)), *tcp];
+    let taken = grasp::first_within_reach(scene, 0, &turned, stations);
+    let [before, at] = stations(&taken);
+    let [first, second] = [grip(0, &Vector3::y()), grip(1, &-Vector3::y())];
+    let carry = MEETING - first.translation.vector;
+    let apart = |distance_m: f64| {
+        let tcps = [first, second].map(|tcp| grasp::backed_off(&grasp::shifted(&tcp, &carry), distance_m));
+        tcps.into_iter().enumerate().map(|(arm, tcp)| Reach { arm, tcp }).collect()
+    };
+    vec![
+        Move::straight(0, before),
+        Move::straight(0, at),
+        Move::Hold { steps: 2 },
+        Move::close(&[0], 4),
+        Move::Joint(apart(0.12)),
+        Move::Straight(apart(0.0)),
+        Move::close(&[1], 5),
+        Move::open(&[0], 5),
+        Move::straight(1, grasp::backed_off(&grasp::shifted(&second, &carry), 0.16)),
+    ]
+}

@@ -1,0 +1,53 @@
+//! DualArmLiftPot: two arms grip a pot by its handles and lift it (spec/tasks.md §3, task 19).
+
+use core::f64::consts::FRAC_PI_8;
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, Vector3};
+
+use super::common::{bimanual, lifted, pot, region};
+use crate::expert::{Move, grasp};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{Range, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "DualArmLiftPot-v1",
+    category: Category::Lift,
+    morphology: Morphology::Bimanual,
+    max_steps: 125,
+    demo_steps: 98.1,
+    instruction: "grasp the pot with both hands and lift it up",
+    nominal,
+    success,
+    expert,
+};
+
+fn nominal() -> SceneSpec {
+    let pot = pot::pot(0).turned(Range::symmetric(FRAC_PI_8));
+    let around_origin = region("pot", Range::symmetric(0.1), Range::symmetric(0.1));
+    bimanual(pot::QPOS, 0.0, &pot::EYES, vec![around_origin], vec![pot], TASK.instruction)
+}
+
+/// The pot 0.15 m above its start.
+fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
+    vec![lifted(scene, scene.body_idx("pot"), 0.15, profile)]
+}
+
+/// Turns of a hand about the bar's vertical that are tried, in rad.
+const LEANS: [f64; 7] = [0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9];
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let raised = |tcp: &Isometry3<f64>| grasp::shifted(tcp, &(Vector3::z() * 0.2));
+    let level = pot::grips(scene);
+    let grips = [0, 1].map(|arm| {
+        let candidates = LEANS.map(|lean| grasp::leant_back(scene, arm, &level[arm], lean));
+        grasp::first_within_reach(scene, arm, &candidates, |tcp| [pot::away(tcp), *tcp, raised(tcp)])
+    });
+    let mut moves = vec![Move::Joint(pot::both(&grips.each_ref().map(pot::away)))];
+    moves.extend(pot::seize(&grips));
+    // Straight, where the benchmark moves joints: hands that hold one pot must keep their distance all the way up.
+    moves.push(Move::Straight(pot::both(&grips.each_ref().map(raised))));
+    moves
+}

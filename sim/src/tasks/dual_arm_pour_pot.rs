@@ -1,0 +1,88 @@
+//! DualArmPourPot: two arms lift a pot and pour the tomato in it into a tray (spec/tasks.md §3, task 22).
+
+use core::f64::consts::PI;
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+use super::common::{BIMANUAL_TABLE_Z, bimanual, fruit, pot, region, tray};
+use crate::expert::{Move, grasp};
+use crate::predicate::{Predicate, Region};
+use crate::profile::Profile;
+use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "DualArmPourPot-v1",
+    category: Category::Reorientation,
+    morphology: Morphology::Bimanual,
+    max_steps: 214,
+    demo_steps: 200.7,
+    instruction: "lift the pot with both hands and pour its contents into the target container",
+    nominal,
+    success,
+    expert,
+};
+
+const FAR: f64 = f64::INFINITY;
+
+fn nominal() -> SceneSpec {
+    // Regions of one name draw the same offset: pot and tray stand side by side.
+    let place = |x: f64| RegionSpec {
+        common: [Range::fixed(0.0), Range::symmetric(0.1)],
+        ..region("row", Range::fixed(x), Range::fixed(0.0))
+    };
+    // Where it touches the floor: at any size of either, it neither hovers nor sinks in.
+    let on_floor = Isometry3::translation(0.0, 0.0, pot::VESSEL.thickness);
+    let tomato = BodySpec {
+        placement: PlacementSpec::With { body: 0, pose: on_floor },
+        ..fruit::tomato(0, BIMANUAL_TABLE_Z)
+    };
+    let tray = BodySpec { role: Role::ReceiverObject, ..tray::tray(1) };
+    let regions = vec![place(0.1), place(-0.2)];
+    bimanual(pot::QPOS, 0.0, &pot::EYES, regions, vec![pot::pot(0), tomato, tray], TASK.instruction)
+}
+
+/// The tomato's middle over the tray and within 75 mm of the table.
+fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
+    let [tomato, tray] = ["tomato", "tray"].map(|name| scene.body_idx(name));
+    let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
+    let [x, y] = [0.12, 0.2].map(|half| half * scale(tray));
+    let point = [0.0, 0.0, fruit::RADIUS * scene.bodies[tomato].scale];
+    let within = |of, least, greatest| Predicate::Inside {
+        body: tomato,
+        point,
+        of,
+        region: Region::Box { least, greatest },
+    };
+    vec![within(Some(tray), [-x, -y, -FAR], [x, y, FAR]), within(None, [-FAR, -FAR, 0.83], [FAR, FAR, 0.9])]
+}
+
+/// How far the pot is raised and then brought back towards the robots, in m.
+const UP: f64 = 0.15;
+const BACK: f64 = 0.34;
+/// How far the pot is tipped until the tomato rolls out gently, and then turned over, in rad.
+const TIPPED: f64 = 1.5;
+const TURNED: f64 = 2.0 * PI / 2.05;
+/// Control steps in which the tomato comes to rest in the carried pot, and in which it rolls out of the tipped one.
+const SETTLING_STEPS: u32 = 15;
+const ROLLING_STEPS: u32 = 30;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let grips = pot::grips(scene);
+    let carried = |back_m: f64| grips.map(|tcp| grasp::shifted(&tcp, &Vector3::new(-back_m, 0.0, UP)));
+    let turned = |angle: f64| {
+        let turn = |arm: usize| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), [angle, -angle][arm]);
+        Move::Straight(pot::both(&[0, 1].map(|arm| carried(BACK)[arm] * turn(arm))))
+    };
+    let mut moves = vec![Move::Joint(pot::both(&grips.each_ref().map(pot::away)))];
+    moves.extend(pot::seize(&grips));
+    moves.extend([
+        Move::Through([carried(0.0), carried(BACK)].iter().map(pot::both).collect()),
+        Move::Hold { steps: SETTLING_STEPS },
+        turned(TIPPED),
+        Move::Hold { steps: ROLLING_STEPS },
+        turned(TURNED),
+    ]);
+    moves
+}

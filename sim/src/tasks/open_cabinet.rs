@@ -1,0 +1,74 @@
+//! OpenCabinet: open a door by its handle (spec/tasks.md §2, task 14).
+
+use core::f64::consts::{FRAC_PI_2, PI};
+
+use ipc_types::Morphology;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use super::common::cabinet::{DOOR_HANDLE, drawer_over_door};
+use super::common::{Eyes, NOISE_RAD, region, single_arm};
+use crate::expert::{Move, grasp};
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{Range, Scene, SceneSpec, TableKind};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "OpenCabinet-v1",
+    category: Category::Articulated,
+    morphology: Morphology::Single,
+    max_steps: 491,
+    demo_steps: 475.9,
+    instruction: "grasp the handle and open the cabinet door",
+    nominal,
+    success,
+    expert,
+};
+
+/// The hand before the handle, closing to both sides of it.
+const QPOS: [f64; 7] = [-2.5733, -0.6890, 1.9453, -2.5164, -2.7048, 1.5930, 1.5252];
+
+fn nominal() -> SceneSpec {
+    let target = [0.0, 0.0, 0.35];
+    let eyes = Eyes { external1: [[-0.4, -0.5, 0.6], target], external2: [[-0.2, -0.15, 0.8], target] };
+    let place = region("cabinet", Range::fixed(0.2), Range::fixed(0.0));
+    let bodies = drawer_over_door(Range::fixed(0.0));
+    let mut spec = single_arm(QPOS, NOISE_RAD, &eyes, vec![place], bodies, TASK.instruction);
+    spec.table.kind = TableKind::SingleArmTurned;
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI / 12.0);
+    spec.robots[0].base = Isometry3::from_parts(Translation3::new(-0.615, 0.15, 0.0), turn);
+    spec
+}
+
+/// The door open by what the released code asks for, and slow.
+fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
+    let door = scene.body_idx("door");
+    vec![
+        Predicate::Opened { body: door, least: 0.45 * 0.25 * FRAC_PI_2 },
+        Predicate::Still { body: door, max_linear: 0.1, max_angular: 1.0 },
+    ]
+}
+
+/// Short moves that follow the handle around the hinge.
+const N_ARCS: u32 = 30;
+/// How far the door is opened, in rad.
+const OPEN: f64 = 0.9 * FRAC_PI_2;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    let handle = (scene.body("cabinet").pose * DOOR_HANDLE).coords;
+    let approach = handle - scene.robots[0].base.translation.vector;
+    let tangent = Vector3::z().cross(&approach);
+    let closing = grasp::same_way_round(tangent, &grasp::start_closing(scene, 0));
+    let tcp = grasp::pose(&handle, &approach, &closing);
+    let opened_by = |angle: f64| {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -angle);
+        let hinge = scene.body("door").pose.translation;
+        hinge * turn * hinge.inverse() * tcp
+    };
+    let mut moves =
+        vec![Move::open(&[0], 6), Move::straight(0, tcp), Move::close(&[0], 4), Move::Hold { steps: 10 }];
+    let arcs = (1..=N_ARCS).map(|arc| OPEN * f64::from(arc) / f64::from(N_ARCS));
+    moves.extend(arcs.map(|angle| Move::straight(0, opened_by(angle))));
+    moves.extend([Move::open(&[0], 6), Move::straight(0, grasp::backed_off(&opened_by(OPEN), 0.05))]);
+    moves
+}

@@ -1,0 +1,54 @@
+//! OpenDrawer: pull a drawer open by its handle (spec/tasks.md §2, task 13).
+
+use core::f64::consts::FRAC_PI_8;
+
+use ipc_types::Morphology;
+
+use super::common::cabinet::{DRAWER_TRAVEL, drawer_over_door, pull_open};
+use super::common::{Eyes, NOISE_RAD, region, single_arm};
+use crate::expert::Move;
+use crate::predicate::Predicate;
+use crate::profile::Profile;
+use crate::scene::{Range, Scene, SceneSpec, TableKind};
+use crate::task::{Category, Task};
+
+pub(super) const TASK: Task = Task {
+    env_id: "OpenDrawer-v1",
+    category: Category::Articulated,
+    morphology: Morphology::Single,
+    max_steps: 132,
+    demo_steps: 118.4,
+    instruction: "grasp the handle and pull the drawer open",
+    nominal,
+    success,
+    expert,
+};
+
+/// The hand before the cabinet, closing upwards and downwards.
+const QPOS: [f64; 7] = [-0.1360, -1.2611, 0.2409, -2.9000, 2.5729, 3.0260, 0.0299];
+
+fn nominal() -> SceneSpec {
+    let bodies = drawer_over_door(Range::new(0.0, FRAC_PI_8));
+    let target = [-0.2, 0.0, 0.5];
+    let eyes = Eyes { external1: [[-0.3, 0.4, 0.8], target], external2: [[-0.4, -0.4, 0.8], target] };
+    let place = region("cabinet", Range::new(0.15, 0.25), Range::symmetric(0.05));
+    let mut spec = single_arm(QPOS, NOISE_RAD, &eyes, vec![place], bodies, TASK.instruction);
+    spec.table.kind = TableKind::SingleArmTurned;
+    spec
+}
+
+/// The drawer half open and slow.
+fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
+    let drawer = scene.body_idx("drawer");
+    vec![
+        Predicate::Opened { body: drawer, least: 0.5 * DRAWER_TRAVEL },
+        Predicate::Still { body: drawer, max_linear: 0.1, max_angular: 1.0 },
+    ]
+}
+
+/// How far the drawer is pulled, in m.
+const PULL: f64 = 0.2;
+
+fn expert(scene: &Scene) -> Vec<Move> {
+    pull_open(scene, PULL)
+}
