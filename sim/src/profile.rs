@@ -65,6 +65,12 @@ impl Profile {
         }
     }
 
+    /// Whether a can that fell off the table or stands on the lowest shelf counts as taken out, as in the released code.
+    #[must_use]
+    pub const fn counts_anywhere_low(self) -> bool {
+        matches!(self, Self::Paper)
+    }
+
     /// Whether success thresholds follow the drawn size of an object; the released code keeps the nominal ones.
     #[must_use]
     pub const fn scales_thresholds(self) -> bool {

@@ -80,13 +80,8 @@ fn panels() -> BodySpec {
 /// The can low down before the cabinet.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let (far, front) = (f64::INFINITY, CABINET[0] - SHELF_HALF[0]);
-    let [low_z, far_x] = if counts_anywhere_low(profile) { [-far, far] } else { [SINGLE_TABLE_Z, front] };
+    let [low_z, far_x] = if profile.counts_anywhere_low() { [-far, far] } else { [SINGLE_TABLE_Z, front] };
     vec![Predicate::inside_box(scene.body_idx("can"), [-0.3, -0.3, low_z], [far_x, 0.0, 0.1])]
-}
-
-/// Whether a can that fell off the table or stands on the lowest shelf counts as taken out, as in the released code.
-pub(in crate::tasks) fn counts_anywhere_low(profile: Profile) -> bool {
-    matches!(profile, Profile::Paper)
 }
 
 /// How far before the can the hand waits, and how far it carries it out, in m.
