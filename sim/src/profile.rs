@@ -71,6 +71,13 @@ impl Profile {
         matches!(self, Self::Paper)
     }
 
+    /// Whether it counts that a pan is near the stove and an apple near the pan, at any height, as in the released code;
+    /// otherwise the pan must stand on the stove and the apple lie in the pan.
+    #[must_use]
+    pub const fn counts_near_misses(self) -> bool {
+        matches!(self, Self::Paper)
+    }
+
     /// Whether success thresholds follow the drawn size of an object; the released code keeps the nominal ones.
     #[must_use]
     pub const fn scales_thresholds(self) -> bool {

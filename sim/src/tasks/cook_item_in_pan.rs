@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_2;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::common::cooking::{BURNERS, PAN, PAN_MIDDLE, STOVE, counts_near_misses, pan, stove};
+use super::common::cooking::{BURNERS, PAN, PAN_MIDDLE, STOVE, pan, stove};
 use super::common::{Eyes, NOISE_RAD, SINGLE_TABLE_Z, fruit, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
@@ -50,7 +50,7 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
         let axis = [0.0, 0.0, 1.0];
         inside(apple, [0.0; 3], pan, Region::Cylinder { origin, axis, radius, along })
     };
-    let [on_stove, in_pan] = if counts_near_misses(profile) {
+    let [on_stove, in_pan] = if profile.counts_near_misses() {
         // The apple's place is stated along the axes of the pan as it starts.
         [
             Predicate::inside_box(pan, [0.0, -0.35, -FAR], [0.35, 0.0, FAR]),

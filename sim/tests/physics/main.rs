@@ -1,5 +1,5 @@
 //! The robot and its physics through the crate's public door: scenes, kinematics, control modes, worlds, joints,
-//! predicates, plans.
+//! predicates, profiles, plans.
 
 mod common;
 mod control;
@@ -7,5 +7,6 @@ mod joints;
 mod kinematics;
 mod plans;
 mod predicates;
+mod profiles;
 mod scenes;
 mod worlds;

@@ -4,7 +4,6 @@ use nalgebra::Translation3;
 
 use super::vessel::Vessel;
 use super::{SINGLE_TABLE_Z, block, movable, rgb};
-use crate::profile::Profile;
 use crate::scene::{
     BodySpec, Form, Motion, PaintSpec, PartSpec, Primitive, Role, ScaledBy, VisualSpec, rounded_rectangle,
 };
@@ -24,12 +23,6 @@ pub(in crate::tasks) const PAN: Vessel = Vessel { radii: [0.088, 0.108], height:
 /// Least and greatest x of the pan's handle in its frame; half its width and half its thickness; in m.
 const HANDLE_X: [f64; 2] = [0.185, 0.324];
 const HANDLE_HALF: [f64; 2] = [0.011, 0.007];
-
-/// Whether it counts that the pan is near the stove and the apple near the pan, at any height, as in the released code;
-/// otherwise the pan must stand on the stove and the apple lie in the pan.
-pub(in crate::tasks) const fn counts_near_misses(profile: Profile) -> bool {
-    matches!(profile, Profile::Paper)
-}
 
 /// A stove with two burners that stands fast.
 pub(in crate::tasks) fn stove(region: usize) -> BodySpec {

@@ -1,0 +1,113 @@
+//! Where the released code's rules differ from the evident intent: moments that one profile counts and the other does not.
+
+use ipc_types::ControlMode;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use sim::physics::World;
+use sim::predicate::first_unmet;
+use sim::scene::Scene;
+use sim::{Perturbation, Profile, TaskId};
+
+use super::common;
+
+/// Whether an episode succeeds, strictly and by the paper's rules, once `arrange` has put its bodies elsewhere.
+fn judged(task: TaskId, perturbation: Perturbation, arrange: impl Fn(&mut Scene)) -> [bool; 2] {
+    let drawn = common::draw(task, perturbation, 0);
+    let mut arranged = drawn.clone();
+    arrange(&mut arranged);
+    let world = World::build(&arranged, ControlMode::JointPos);
+    Profile::ALL.map(|profile| first_unmet(&(task.task().success)(&drawn, profile), &world).is_none())
+}
+
+fn shift(scene: &mut Scene, body: &str, by: [f64; 3]) {
+    let body = scene.body_idx(body);
+    let pose = &mut scene.bodies[body].pose;
+    *pose = Translation3::from(by) * *pose;
+}
+
+const STRICT_ONLY: [bool; 2] = [true, false];
+const PAPER_ONLY: [bool; 2] = [false, true];
+const BOTH: [bool; 2] = [true; 2];
+const NEITHER: [bool; 2] = [false; 2];
+
+#[test]
+fn a_body_that_sinks_has_not_risen() {
+    let by = |task, body, z| judged(task, Perturbation::None, |scene| shift(scene, body, [0.0, 0.0, z]));
+    assert_eq!(by(TaskId::DualArmLiftPot, "pot", 0.16), BOTH);
+    assert_eq!(by(TaskId::DualArmLiftPot, "pot", -0.16), PAPER_ONLY);
+    assert_eq!(by(TaskId::PickDishFromRack, "plate", 0.1), BOTH);
+    assert_eq!(by(TaskId::PickDishFromRack, "plate", -0.09), PAPER_ONLY);
+}
+
+#[test]
+fn a_scaled_peg_stands_where_its_length_says() {
+    let stand = |nominal: bool| {
+        judged(TaskId::LiftPegUpright, Perturbation::MoSize, |scene| {
+            let peg = scene.body_idx("peg");
+            let scale = scene.bodies[peg].scale;
+            assert!((scale - 1.0).abs() > 0.05, "this episode's peg is of another size: {scale}");
+            let upright = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -core::f64::consts::FRAC_PI_2);
+            let z = 0.12 * if nominal { 1.0 } else { scale };
+            scene.bodies[peg].pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, z), upright);
+        })
+    };
+    assert_eq!(stand(false), STRICT_ONLY);
+    assert_eq!(stand(true), PAPER_ONLY);
+}
+
+#[test]
+fn a_peg_behind_the_box_is_not_inserted() {
+    let head_at = |lengths: f64| {
+        judged(TaskId::PegInsertionSide, Perturbation::None, |scene| {
+            let (peg, target) = (scene.body_idx("peg"), scene.body("box").clone());
+            let length = scene.bodies[peg].extent(&Isometry3::identity()).max.x;
+            let wall = |i: usize| target.parts[i].shape.extent(&target.parts[i].pose);
+            let y = f64::midpoint(wall(0).max.y, wall(1).min.y);
+            let z = f64::midpoint(wall(2).max.z, wall(3).min.z);
+            scene.bodies[peg].pose = target.pose * Translation3::new((lengths - 1.0) * length, y, z);
+        })
+    };
+    assert_eq!(head_at(-0.5), NEITHER);
+    assert_eq!(head_at(0.5), BOTH);
+    assert_eq!(head_at(1.5), PAPER_ONLY);
+}
+
+#[test]
+fn an_arrow_is_turned_by_how_far_it_was_turned() {
+    let turned = |degrees: f64| {
+        judged(TaskId::RotateArrow, Perturbation::None, |scene| {
+            let arrow = scene.body_idx("arrow");
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), degrees.to_radians());
+            scene.bodies[arrow].pose.rotation = turn * scene.bodies[arrow].pose.rotation;
+        })
+    };
+    // It starts within 15° of the world's x axis.
+    assert_eq!(turned(70.0), NEITHER);
+    assert_eq!(turned(110.0), PAPER_ONLY);
+    assert_eq!(turned(160.0), BOTH);
+}
+
+#[test]
+fn a_ring_is_where_it_is() {
+    let tip_above_middle = |z: f64| {
+        judged(TaskId::DualArmThreading, Perturbation::None, |scene| {
+            let (needle, tripod) = (scene.body_idx("needle"), scene.body("tripod").pose);
+            scene.bodies[needle].pose = tripod * Translation3::new(-0.125, 0.0, 0.215 + z);
+        })
+    };
+    assert_eq!(tip_above_middle(0.0), BOTH);
+    assert_eq!(tip_above_middle(0.045), STRICT_ONLY);
+    assert_eq!(tip_above_middle(-0.06), PAPER_ONLY);
+}
+
+#[test]
+fn a_can_on_the_floor_is_not_put_down() {
+    let at = |position: [f64; 3]| {
+        judged(TaskId::PickSodaFromCabinet, Perturbation::None, |scene| {
+            let can = scene.body_idx("can");
+            scene.bodies[can].pose.translation = Translation3::from(position);
+        })
+    };
+    assert_eq!(at([-0.2, -0.1, 0.063]), BOTH);
+    assert_eq!(at([-0.2, -0.1, -0.85]), PAPER_ONLY);
+    assert_eq!(at([0.25, -0.1, 0.099]), PAPER_ONLY);
+}
