@@ -98,6 +98,7 @@ fn suite_json() -> Value {
             "category": task.category.name(),
             "morphology": task.morphology.name(),
             "max_steps": task.max_steps,
+            "demo_steps": task.demo_steps,
             "instruction": task.instruction,
             "manipulation_objects": of_role(&nominal, Role::ManipulationObject).collect::<Vec<_>>(),
             "receiver_objects": of_role(&nominal, Role::ReceiverObject).collect::<Vec<_>>(),

@@ -136,6 +136,20 @@ impl Expert {
     }
 }
 
+/// Where the same thing can be done in several ways: the first plan that the arms can follow within an episode, or the first
+/// of all if there is none.
+///
+/// # Panics
+/// If there is no plan.
+#[must_use]
+pub fn first_in_time(scene: &Scene, max_steps: u32, mut plans: impl Iterator<Item = Vec<Move>>) -> Vec<Move> {
+    let in_time = |moves: &Vec<Move>| {
+        Expert::new(scene, moves).is_ok_and(|expert| expert.n_steps() <= max_steps as usize)
+    };
+    let first = plans.next().expect("there is at least one plan");
+    if in_time(&first) { first } else { plans.find(in_time).unwrap_or(first) }
+}
+
 /// A joint-position row that keeps the arms where they are, grippers open.
 pub(crate) fn hold_still(world: &World, row: &mut [f32]) {
     for (arm, row) in row.chunks_exact_mut(8).enumerate() {

@@ -3,7 +3,7 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{self, BIMANUAL_TABLE_Z, Eyes, QPOS_B, bimanual, region, rgb};
+use super::common::{self, BIMANUAL_TABLE_Z, BLUE, Eyes, QPOS_B, bimanual, region};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -23,7 +23,6 @@ pub(super) const TASK: Task = Task {
 };
 
 const HALF: f64 = 0.02;
-const BLUE: [f64; 3] = rgb([12, 42, 160]);
 
 fn nominal() -> SceneSpec {
     let cube = common::cube("cube", HALF, BLUE, 0, BIMANUAL_TABLE_Z);

@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::drawer_unit::{CARCASS, DRAWERS, EYES, Pull, bodies, place};
-use super::common::{self, BIMANUAL_TABLE_Z, bimanual, region, rgb};
+use super::common::{self, BIMANUAL_TABLE_Z, BLUE, bimanual, region};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -24,7 +24,6 @@ pub(super) const TASK: Task = Task {
 };
 
 const HALF: f64 = 0.02;
-const BLUE: [f64; 3] = rgb([12, 42, 160]);
 /// The first hand over the table, the second one before the chest; its last joint starts at its stop.
 const QPOS: [[f64; 7]; 2] = [
     [1.326, -0.15, -0.305, -2.887, -0.115, 2.742, 0.345],

@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::common::holed::Hole;
-use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, block, movable, region, rgb, single_arm};
+use super::common::{self, BLUE, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, block, movable, region, rgb, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -38,7 +38,7 @@ const CLEARANCE: f64 = 0.0025;
 fn charger() -> BodySpec {
     let metal = PaintSpec { specular: 0.8, ..PaintSpec::plain([0.8; 3]) };
     let prong = |y: f64| block(PRONG, [PRONG[0], y, 0.0], metal);
-    let base = block(BASE, [-BASE[0], 0.0, 0.0], PaintSpec::plain(rgb([12, 42, 160])));
+    let base = block(BASE, [-BASE[0], 0.0, 0.0], PaintSpec::plain(BLUE));
     BodySpec {
         scaled_by: ScaledBy::Nothing("it would not fit the slots"),
         ..movable("charger", vec![base, prong(-PRONG_Y), prong(PRONG_Y)], 0, SINGLE_TABLE_Z)

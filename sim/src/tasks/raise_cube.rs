@@ -2,7 +2,7 @@
 
 use ipc_types::Morphology;
 
-use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, rgb, single_arm};
+use super::common::{self, BLUE, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -22,7 +22,6 @@ pub(super) const TASK: Task = Task {
 };
 
 const HALF: f64 = 0.02;
-const BLUE: [f64; 3] = rgb([12, 42, 160]);
 
 fn nominal() -> SceneSpec {
     let cube = common::cube("cube", HALF, BLUE, 0, SINGLE_TABLE_Z);

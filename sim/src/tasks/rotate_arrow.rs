@@ -3,9 +3,8 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::common::plans::first_in_time;
 use super::common::{Eyes, NOISE_RAD, SINGLE_TABLE_Z, block, movable, region, single_arm};
-use crate::expert::{Move, grasp};
+use crate::expert::{Move, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::robot::panda::TIP_BEYOND_TCP;

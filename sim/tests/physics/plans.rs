@@ -1,7 +1,7 @@
 //! Plans: what is out of reach, what comes after the end, and places that are passed without a stop.
 
 use ipc_types::ControlMode;
-use sim::expert::{Expert, Move, PlanError, Reach, grasp};
+use sim::expert::{Expert, Move, PlanError, Reach, first_in_time, grasp};
 use sim::physics::World;
 use sim::{Perturbation, TaskId};
 
@@ -52,4 +52,15 @@ fn places_are_passed_without_a_stop() {
     assert!(nearest.iter().all(|miss| *miss < 0.01), "{nearest:?}");
     let last = end.tcp_pose(0).cast::<f64>().translation.vector - places[2][0].tcp.translation.vector;
     assert!(last.norm() < 1e-3, "{last}");
+}
+
+#[test]
+fn the_first_plan_in_reach_and_in_time_is_taken() {
+    let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
+    let out_of_reach =
+        vec![Move::straight(0, grasp::shifted(&grasp::start_tcp(&scene, 0), &[2.0, 0.0, 0.0].into()))];
+    let [long, short] = [50, 5].map(|steps| vec![Move::Hold { steps }]);
+    let taken = |plans: Vec<Vec<Move>>| first_in_time(&scene, 20, plans.into_iter());
+    assert_eq!(taken(vec![out_of_reach.clone(), long.clone(), short.clone()]), short);
+    assert_eq!(taken(vec![long.clone(), out_of_reach]), long, "the first of all, as none is in time");
 }

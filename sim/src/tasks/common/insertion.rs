@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_8, PI, TAU};
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, block, movable, rgb};
+use super::{BIMANUAL_TABLE_Z, block, movable, rgb, seen};
 use crate::scene::{BodySpec, Form, PaintSpec, PartSpec, Primitive, Role, ScaledBy, VisualSpec};
 
 /// Of two bodies that fit one another neither changes its size.
@@ -67,8 +67,8 @@ pub(in crate::tasks) fn tripod(region: usize) -> BodySpec {
         pose: middle * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2),
         paint: BROWN,
     };
-    let seen = stand.iter().cloned().chain([rod(POLE_RADIUS, POLE_Z, BROWN)]).map(visual).chain([ring]);
-    let visuals = seen.collect();
+    let pole = rod(POLE_RADIUS, POLE_Z, BROWN);
+    let visuals = stand.iter().chain([&pole]).map(seen).chain([ring]).collect();
     // Square, since a round one slips out of the fingers.
     let [foot, top] = POLE_Z;
     stand.push(block([POLE_RADIUS, POLE_RADIUS, (top - foot) / 2.0], [0.0, 0.0, (foot + top) / 2.0], BROWN));
@@ -96,7 +96,7 @@ pub(in crate::tasks) fn pen(region: usize) -> BodySpec {
         scaled_by: PINNED,
         visuals: vec![
             lathe(&[[0.0, back], [r, back], [r, end - 0.01], [0.7 * r, end], [0.0, end]], 0.0, BLUE),
-            visual(section.clone()),
+            seen(&section),
             lathe(&[[0.0, tip], [0.002, tip], [narrow, front], [0.0, front]], 0.0, STEEL),
         ],
         ..lying("pen", vec![bar(r, 0.6 * r), bar(0.6 * r, r), section, cone], region)
@@ -124,9 +124,9 @@ pub(in crate::tasks) fn cap(region: usize) -> BodySpec {
         scaled_by: PINNED,
         visuals: vec![
             lathe(&[&outside[..], &cavity[..]].concat(), CAP_X, BLUE),
-            visual(clip([CLIP_OUT - 0.005, CLIP_OUT], CLIP_Z)),
-            visual(clip([inside, CLIP_OUT], [low, low + 0.015])),
-            visual(clip([r, CLIP_OUT], [high - 0.008, high])),
+            seen(&clip([CLIP_OUT - 0.005, CLIP_OUT], CLIP_Z)),
+            seen(&clip([inside, CLIP_OUT], [low, low + 0.015])),
+            seen(&clip([r, CLIP_OUT], [high - 0.008, high])),
         ],
         ..lying("cap", parts, region)
     }
@@ -147,11 +147,6 @@ fn rod(radius: f64, [from, to]: [f64; 2], paint: PaintSpec) -> PartSpec {
 /// A profile turned about the line along z at this x, in m.
 fn lathe(profile: &[[f64; 2]], x: f64, paint: PaintSpec) -> VisualSpec {
     VisualSpec::at(Form::Lathe { profile: profile.to_vec() }, [x, 0.0, 0.0], paint)
-}
-
-/// The part, seen as it collides.
-fn visual(PartSpec { shape, pose, paint }: PartSpec) -> VisualSpec {
-    VisualSpec { form: Form::Primitive(shape), pose, paint }
 }
 
 /// The part with its pose taken in a frame that has this pose.

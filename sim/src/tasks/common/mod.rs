@@ -8,7 +8,6 @@ pub(super) mod drawer_unit;
 pub(super) mod fruit;
 pub(super) mod holed;
 pub(super) mod insertion;
-pub(super) mod plans;
 pub(super) mod pot;
 pub(super) mod props;
 pub(super) mod stacking;
@@ -37,6 +36,9 @@ pub const BIMANUAL_TABLE_Z: f64 = 0.825;
 pub const DENSITY: f64 = 1000.0;
 /// Friction of a body unless its task says otherwise.
 pub const FRICTION: f64 = 0.3;
+
+/// Colour of the benchmark's blue cubes.
+pub const BLUE: [f64; 3] = rgb([12, 42, 160]);
 
 /// Start pose D of spec/tasks.md §1: TCP at (0, 0, 0.1698), pointing down.
 pub const QPOS_D: [f64; 7] = [0.0, PI / 8.0, 0.0, -5.0 * PI / 8.0, 0.0, 3.0 * FRAC_PI_4, -FRAC_PI_4];

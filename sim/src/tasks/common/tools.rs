@@ -4,7 +4,7 @@ use core::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
-use super::{SINGLE_TABLE_Z, block, movable, rgb};
+use super::{SINGLE_TABLE_Z, block, movable, rgb, seen};
 use crate::scene::{
     BodySpec, Form, JointKind, JointSpec, Motion, PaintSpec, PartSpec, Primitive, Role, ScaledBy, Texture,
     VisualSpec,
@@ -147,8 +147,6 @@ pub(in crate::tasks) fn dustpan(region: usize) -> BodySpec {
     let handle = PartSpec { shape: Primitive::Box { half: handle_half }, pose: handle_pose, paint: blue };
     let slope = vec![[back, 0.0], [DUSTPAN_MOUTH, 0.0], [DUSTPAN_MOUTH, 0.004], [back, 0.04]];
     let slope = Form::Extrusion { outline: slope, holes: Vec::new(), half_height: half_thickness };
-    let seen =
-        |part: &PartSpec| VisualSpec { form: Form::Primitive(part.shape), pose: part.pose, paint: blue };
     let mut visuals = vec![seen(&floor), seen(&back_wall)];
     visuals.push(VisualSpec {
         form: Form::RoundedBox { half: handle_half, edge_radius: 0.006 },
