@@ -4,23 +4,13 @@
 
 use support::{Row, act_tiny, rows, run};
 
-/// A run of three policies over the suite in a folder of its own; returns its rows.
-fn run_with(extra: &[&str]) -> Vec<Row> {
+/// A run of three policies in a folder of its own; returns its rows.
+fn run_with(tasks: &str, perturbations: &str, extra: &[&str]) -> Vec<Row> {
     let dir = tempfile::tempdir().unwrap();
     let act = format!("act=act:{}", act_tiny());
     let mut args = vec!["run", "--policy", "expert", "--policy", "random", "--policy", &act];
-    args.extend([
-        "--tasks",
-        "all",
-        "--perturbations",
-        "None,MO-Size",
-        "--episodes",
-        "1",
-        "--seed",
-        "7",
-        "--db",
-        "r.db",
-    ]);
+    args.extend(["--tasks", tasks, "--perturbations", perturbations]);
+    args.extend(["--episodes", "1", "--seed", "7", "--db", "r.db"]);
     args.extend(extra);
     let _ = run(dir.path(), &args).expect_code(0);
     rows(&dir.path().join("r.db"))
@@ -28,10 +18,19 @@ fn run_with(extra: &[&str]) -> Vec<Row> {
 
 #[test]
 fn rows_depend_neither_on_envs_nor_on_threads() {
-    let alone = run_with(&["--envs", "1"]);
-    assert_eq!(alone.len(), 3 * sim::TaskId::ALL.len() * 2);
-    assert_eq!(alone, run_with(&["--envs", "7", "--threads", "1"]));
-    assert_eq!(alone, run_with(&["--envs", "32", "--threads", "2"]));
+    let alone = run_with("all", "none", &["--envs", "1"]);
+    assert_eq!(alone.len(), 3 * sim::TaskId::ALL.len());
+    assert_eq!(alone, run_with("all", "none", &["--envs", "7", "--threads", "1"]));
+    assert_eq!(alone, run_with("all", "none", &["--envs", "32", "--threads", "2"]));
+}
+
+#[test]
+fn perturbed_rows_do_not_depend_on_them_either() {
+    let run = |extra| run_with("RaiseCube,DualArmLiftTray", "all", extra);
+    let alone = run(&["--envs", "1"]);
+    assert_eq!(alone.len(), 3 * 2 * sim::Perturbation::ALL.len());
+    assert_eq!(alone, run(&["--envs", "7", "--threads", "1"]));
+    assert_eq!(alone, run(&["--envs", "32", "--threads", "2"]));
 }
 
 #[test]
