@@ -117,3 +117,16 @@ fn a_can_on_the_floor_is_not_put_down() {
     assert_eq!(at([-0.2, -0.1, -0.85]), PAPER_ONLY);
     assert_eq!(at([0.25, -0.1, 0.099]), PAPER_ONLY);
 }
+
+#[test]
+fn an_apple_in_a_pan_beside_the_stove_does_not_cook() {
+    // The pan lies where it starts, beside the stove; the middle of its dish is at about (−0.1, 0.42).
+    let apple_at = |position: [f64; 3]| {
+        judged(TaskId::CookItemInPan, |scene| {
+            let apple = scene.body_idx("apple");
+            scene.bodies[apple].pose.translation = Translation3::from(position);
+        })
+    };
+    assert_eq!(apple_at([-0.1, 0.42, 0.1]), PAPER_ONLY);
+    assert_eq!(apple_at([-0.1, 0.0, 0.1]), NEITHER);
+}
