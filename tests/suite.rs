@@ -10,9 +10,15 @@ use sim::scene::{Motion, Range, Scene};
 use sim::stream::{self, Stream};
 use sim::{Perturbation, Profile, TaskId};
 
-/// Faster than any joint can be, in rad/s: where the stiffest drive, 3000 N·m/rad with 100 N·m·s/rad, has its target a turn
-/// away, its force turns against the motion.
-const FASTEST: f32 = 3000.0 * core::f32::consts::TAU / 100.0;
+/// Greatest speed of a joint after random actions, in rad/s. Next to a singularity a delta pose may ask for a whole turn:
+/// there the drive, 3000 N·m/rad with 100 N·m·s/rad, turns against the motion only at this speed.
+const fn fastest(mode: ControlMode) -> f32 {
+    match mode {
+        ControlMode::EeDeltaPose => 3000.0 * core::f32::consts::TAU / 100.0,
+        ControlMode::JointPos | ControlMode::EePose => 30.0,
+    }
+}
+
 /// Control steps in a second.
 const SECOND: u32 = 20;
 
@@ -22,7 +28,7 @@ fn cells_of(perturbations: &[Perturbation]) -> Vec<(TaskId, Perturbation)> {
     pairs.filter(|(task, p)| applies(*task, *p)).collect()
 }
 
-/// Cells whose worlds differ. All other perturbations are only seen, and change no trajectory (tested below).
+/// Cells whose worlds differ. All other perturbations are only seen, and change no trajectory (`sim/tests/physics`).
 fn cells() -> Vec<(TaskId, Perturbation)> {
     cells_of(&[Perturbation::None, Perturbation::MoSize])
 }
@@ -50,13 +56,19 @@ impl<'a> Trial<'a> {
         first_unmet(&(self.task.task().success)(self.scene, Profile::Strict), &self.world).is_none()
     }
 
+    /// Steps once by the row.
+    fn step(&mut self) {
+        self.world.step(&self.row);
+        assert!(self.world.is_finite(), "{}: the state is not finite", self.task.name());
+    }
+
     /// Steps once with every arm held where it is, grippers open.
     fn hold(&mut self) {
         for (arm, row) in self.row.chunks_exact_mut(8).enumerate() {
             row[..7].copy_from_slice(&self.world.qpos(arm)[..7]);
             row[7] = 1.0;
         }
-        self.world.step(&self.row);
+        self.step();
     }
 
     fn poses(&self) -> Vec<Isometry3<f32>> {
@@ -86,7 +98,7 @@ fn an_idle_episode_rests_and_never_succeeds() {
                 assert!(!trial.succeeds(), "{cell} {episode_idx}: idle succeeds at {step}");
                 if step == SECOND {
                     let settled = trial.moved_since(&rested);
-                    assert!(settled < 1e-3, "{cell} {episode_idx}: settles by {settled} m");
+                    assert!(settled < 5e-4, "{cell} {episode_idx}: settles by {settled} m");
                     rested = trial.poses();
                 } else if step > SECOND && step <= 2 * SECOND {
                     let (moved, overlap) = (trial.moved_since(&rested), trial.world.deepest_overlap());
@@ -134,16 +146,15 @@ fn random_actions_never_leave_the_finite_numbers() {
         let scene = draw(task, largest, episode_idx);
         let mut trial = Trial::new(task, &scene, mode);
         let mut actions = Stream::new(u64::from(episode_idx), "random actions");
-        for step in 0..task.task().max_steps {
+        for _ in 0..task.task().max_steps {
             for number in &mut trial.row {
                 *number = actions.uniform(Range::symmetric(1.0)) as f32;
             }
-            trial.world.step(&trial.row);
-            assert!(trial.world.is_finite(), "{cell}: step {step}");
+            trial.step();
         }
         for arm in 0..trial.world.n_arms() {
             let speed = trial.world.qvel(arm).iter().fold(0.0_f32, |a, v| a.max(v.abs()));
-            assert!(speed < FASTEST, "{cell}: {speed} rad/s");
+            assert!(speed < fastest(mode), "{cell}: {speed} rad/s");
         }
     });
 }
@@ -160,7 +171,7 @@ fn the_expert_succeeds_with_a_plan_about_as_long_as_the_benchmarks_demonstration
             let mut trial = Trial::new(task, &scene, ControlMode::JointPos);
             let mut act = |_: u32| {
                 expert.act(&trial.world, &mut trial.row);
-                trial.world.step(&trial.row);
+                trial.step();
                 trial.succeeds()
             };
             let succeeds = (1..=task.task().max_steps).any(&mut act);

@@ -26,6 +26,12 @@ pub struct Reach {
     pub tcp: Isometry3<f64>,
 }
 
+/// Both arms' TCPs at their poses.
+#[must_use]
+pub fn both([first, second]: [Isometry3<f64>; 2]) -> Vec<Reach> {
+    vec![Reach { arm: 0, tcp: first }, Reach { arm: 1, tcp: second }]
+}
+
 /// One move of a plan. Arms that a move does not name hold still; grippers keep their last command.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Move {

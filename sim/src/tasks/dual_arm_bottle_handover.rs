@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::{BIMANUAL_TABLE_Z, DENSITY, Eyes, bimanual, movable, props, region};
-use crate::expert::{Move, Reach, grasp};
+use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{BodySpec, Range, Scene, SceneSpec};
@@ -72,8 +72,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let [first, second] = [grip(0, &Vector3::y()), grip(1, &-Vector3::y())];
     let carry = MEETING - first.translation.vector;
     let apart = |distance_m: f64| {
-        let tcps = [first, second].map(|tcp| grasp::backed_off(&grasp::shifted(&tcp, &carry), distance_m));
-        tcps.into_iter().enumerate().map(|(arm, tcp)| Reach { arm, tcp }).collect()
+        both([first, second].map(|tcp| grasp::backed_off(&grasp::shifted(&tcp, &carry), distance_m)))
     };
     vec![
         Move::straight(0, before),

@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{self, BIMANUAL_TABLE_Z, BLUE, Eyes, QPOS_B, bimanual, region};
-use crate::expert::{Move, Reach, grasp};
+use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -70,14 +70,13 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let tcp = grasp::first_within_reach(scene, 0, &grips, |tcp| stations(tcp, way));
     let [above, at, raised, before, there] = stations(&tcp, way);
     let other = meeting(1, way_of(1));
-    let pair = |a, b| vec![Reach { arm: 0, tcp: a }, Reach { arm: 1, tcp: b }];
     vec![
         Move::straight(0, above),
         Move::straight(0, at),
         Move::close(&[0], 10),
         Move::straight(0, raised),
-        Move::Joint(pair(before, grasp::backed_off(&other, 0.12))),
-        Move::Straight(pair(there, other)),
+        Move::Joint(both([before, grasp::backed_off(&other, 0.12)])),
+        Move::Straight(both([there, other])),
         Move::close(&[1], 10),
         Move::open(&[0], 10),
         Move::straight(0, grasp::backed_off(&there, 0.1)),

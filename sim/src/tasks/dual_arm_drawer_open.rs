@@ -5,7 +5,7 @@ use nalgebra::Isometry3;
 
 use super::common::bimanual;
 use super::common::drawer_unit::{DRAWERS, EYES, Pull, TRAVEL, bodies, place};
-use crate::expert::{Move, Reach, grasp};
+use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Scene, SceneSpec};
@@ -49,15 +49,13 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let drawer = scene.body(PULLED[arm]);
         Pull::new(scene, arm, drawer, PULL, &grasp::start_closing(scene, arm))
     });
-    let both = |station: fn(&Pull) -> Isometry3<f64>| -> Vec<Reach> {
-        pulls.iter().enumerate().map(|(arm, pull)| Reach { arm, tcp: station(pull) }).collect()
-    };
+    let to = |station: fn(&Pull) -> Isometry3<f64>| Move::Straight(both(pulls.each_ref().map(station)));
     vec![
         // Straight, where the benchmark moves joints: these may end where no straight way leads to the bar.
-        Move::Straight(both(|pull| pull.before)),
-        Move::Straight(both(|pull| pull.at)),
+        to(|pull| pull.before),
+        to(|pull| pull.at),
         Move::close(&[0], 6),
         Move::close(&[1], 6),
-        Move::Straight(both(|pull| pull.open)),
+        to(|pull| pull.open),
     ]
 }

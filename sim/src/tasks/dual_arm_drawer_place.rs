@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::drawer_unit::{CARCASS, DRAWERS, EYES, Pull, bodies, place};
 use super::common::{self, BIMANUAL_TABLE_Z, BLUE, bimanual, region};
-use crate::expert::{Move, Reach, grasp};
+use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{BodySpec, Range, ScaledBy, Scene, SceneSpec};
@@ -79,17 +79,16 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let [above, at, waiting, into] = stations(&grasp::first_within_reach(scene, 0, &candidates, stations));
     // The other way round than at the start, where the last joint is at its stop.
     let pull = Pull::new(scene, 1, scene.body(OPENED), PULL, &-grasp::start_closing(scene, 1));
-    let both = |first, second| vec![Reach { arm: 0, tcp: first }, Reach { arm: 1, tcp: second }];
     vec![
-        Move::Straight(both(above, pull.before)),
+        Move::Straight(both([above, pull.before])),
         Move::straight(0, at),
         Move::close(&[0], 6),
         // Only now, where the benchmark takes hold with both at once: the hands would meet under the drawer.
-        Move::Straight(both(waiting, pull.at)),
+        Move::Straight(both([waiting, pull.at])),
         Move::close(&[1], 6),
         Move::straight(1, pull.open),
         Move::straight(0, into),
         Move::open(&[0], 6),
-        Move::Straight(both(grasp::backed_off(&into, 0.12), pull.at)),
+        Move::Straight(both([grasp::backed_off(&into, 0.12), pull.at])),
     ]
 }

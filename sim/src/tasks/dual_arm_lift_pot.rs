@@ -5,8 +5,8 @@ use core::f64::consts::FRAC_PI_8;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{bimanual, lifted, pot, region};
-use crate::expert::{Move, grasp};
+use super::common::{LIFT_EYES, bimanual, lifted, pot, region};
+use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -27,7 +27,7 @@ pub(super) const TASK: Task = Task {
 fn nominal() -> SceneSpec {
     let pot = pot::pot(0).turned(Range::symmetric(FRAC_PI_8));
     let around_origin = region("pot", Range::symmetric(0.1), Range::symmetric(0.1));
-    bimanual(pot::QPOS, 0.0, &pot::EYES, vec![around_origin], vec![pot], TASK.instruction)
+    bimanual(pot::QPOS, 0.0, &LIFT_EYES, vec![around_origin], vec![pot], TASK.instruction)
 }
 
 /// The pot 0.15 m above its start.
@@ -45,9 +45,9 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let candidates = LEANS.map(|lean| grasp::leant_back(scene, arm, &level[arm], lean));
         grasp::first_within_reach(scene, arm, &candidates, |tcp| [pot::away(tcp), *tcp, raised(tcp)])
     });
-    let mut moves = vec![Move::Joint(pot::both(&grips.each_ref().map(pot::away)))];
+    let mut moves = vec![Move::Joint(both(grips.each_ref().map(pot::away)))];
     moves.extend(pot::seize(&grips));
     // Straight, where the benchmark moves joints: hands that hold one pot must keep their distance all the way up.
-    moves.push(Move::Straight(pot::both(&grips.each_ref().map(raised))));
+    moves.push(Move::Straight(both(grips.each_ref().map(raised))));
     moves
 }

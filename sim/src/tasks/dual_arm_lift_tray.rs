@@ -5,8 +5,8 @@ use core::f64::consts::FRAC_PI_8;
 use ipc_types::Morphology;
 
 use super::common::tray::{self, HALF, HEIGHT, RIM_HALF_THICKNESS};
-use super::common::{Eyes, QPOS_B, bimanual, lifted, region};
-use crate::expert::{Move, Reach, grasp};
+use super::common::{LIFT_EYES, QPOS_B, bimanual, lifted, region};
+use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -26,12 +26,8 @@ pub(super) const TASK: Task = Task {
 
 fn nominal() -> SceneSpec {
     let tray = tray::tray(0).turned(Range::symmetric(FRAC_PI_8));
-    let eyes = Eyes {
-        external1: [[0.75, 0.0, 1.58], [-0.2, 0.0, 1.13]],
-        external2: [[-0.5, -0.25, 1.58], [-0.2, 0.0, 1.13]],
-    };
     let around_origin = region("tray", Range::symmetric(0.1), Range::symmetric(0.1));
-    bimanual([QPOS_B; 2], 0.0, &eyes, vec![around_origin], vec![tray], TASK.instruction)
+    bimanual([QPOS_B; 2], 0.0, &LIFT_EYES, vec![around_origin], vec![tray], TASK.instruction)
 }
 
 /// The tray 0.15 m above its start, in at least one hand.
@@ -54,16 +50,13 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let closing = grasp::same_way_round(along, &grasp::start_closing(scene, arm));
         grasp::pose(&position.coords, &-nalgebra::Vector3::z(), &closing)
     });
-    let both = |backed_off_m: f64| -> Vec<Reach> {
-        let reach = |(arm, tcp)| Reach { arm, tcp: grasp::backed_off(tcp, backed_off_m) };
-        grips.iter().enumerate().map(reach).collect()
-    };
+    let back = |distance_m: f64| both(grips.map(|tcp| grasp::backed_off(&tcp, distance_m)));
     vec![
-        Move::Joint(both(0.1)),
-        Move::Straight(both(0.0)),
+        Move::Joint(back(0.1)),
+        Move::Straight(back(0.0)),
         // At once, where the benchmark closes one hand after the other: the longest plans would outlast the episode.
         Move::close(&[0, 1], 10),
         // Straight, where the benchmark moves joints: hands that hold one tray must keep their distance all the way up.
-        Move::Straight(both(0.2)),
+        Move::Straight(back(0.2)),
     ]
 }

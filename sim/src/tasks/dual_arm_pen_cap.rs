@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::insertion::{self, CAP_X, CAP_Z, PEN_Z};
 use super::common::{Eyes, QPOS_B, bimanual, region};
-use crate::expert::{Move, Reach, grasp};
+use crate::expert::{Move, both, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::scene::{Range, RegionSpec, Scene, SceneSpec};
@@ -92,16 +92,14 @@ fn expert(scene: &Scene) -> Vec<Move> {
         cap_stations(&grasp::first_within_reach(scene, 0, &cap_grips, cap_stations)),
         pen_stations(&grasp::first_within_reach(scene, 1, &pen_grips, pen_stations)),
     ];
-    let both = |station: usize| -> Vec<Reach> {
-        hands.iter().enumerate().map(|(arm, stations)| Reach { arm, tcp: stations[station] }).collect()
-    };
+    let both_at = |station: usize| both(hands.map(|stations| stations[station]));
     vec![
-        Move::Joint(both(0)),
-        Move::Straight(both(1)),
+        Move::Joint(both_at(0)),
+        Move::Straight(both_at(1)),
         Move::close(&[0], 10),
         Move::close(&[1], 10),
-        Move::Straight(both(2)),
-        Move::Straight(both(3)),
+        Move::Straight(both_at(2)),
+        Move::Straight(both_at(3)),
         Move::Hold { steps: STEADY_STEPS },
         Move::straight(0, grasp::shifted(&hands[0][3], &(along * (BEFORE + DEPTH)))),
     ]

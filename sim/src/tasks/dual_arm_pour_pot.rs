@@ -5,8 +5,8 @@ use core::f64::consts::PI;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, bimanual, fruit, pot, region, tray};
-use crate::expert::{Move, grasp};
+use super::common::{BIMANUAL_TABLE_Z, LIFT_EYES, bimanual, fruit, pot, region, tray};
+use crate::expert::{Move, both, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
@@ -40,7 +40,7 @@ fn nominal() -> SceneSpec {
     };
     let tray = BodySpec { role: Role::ReceiverObject, ..tray::tray(1) };
     let regions = vec![place(0.1), place(-0.2)];
-    bimanual(pot::QPOS, 0.0, &pot::EYES, regions, vec![pot::pot(0), tomato, tray], TASK.instruction)
+    bimanual(pot::QPOS, 0.0, &LIFT_EYES, regions, vec![pot::pot(0), tomato, tray], TASK.instruction)
 }
 
 /// The tomato's middle over the tray and within 75 mm of the table.
@@ -73,12 +73,12 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let carried = |back_m: f64| grips.map(|tcp| grasp::shifted(&tcp, &Vector3::new(-back_m, 0.0, UP)));
     let turned = |angle: f64| {
         let turn = |arm: usize| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), [angle, -angle][arm]);
-        Move::Straight(pot::both(&[0, 1].map(|arm| carried(BACK)[arm] * turn(arm))))
+        Move::Straight(both([0, 1].map(|arm| carried(BACK)[arm] * turn(arm))))
     };
-    let mut moves = vec![Move::Joint(pot::both(&grips.each_ref().map(pot::away)))];
+    let mut moves = vec![Move::Joint(both(grips.each_ref().map(pot::away)))];
     moves.extend(pot::seize(&grips));
     moves.extend([
-        Move::Through([carried(0.0), carried(BACK)].iter().map(pot::both).collect()),
+        Move::Through([carried(0.0), carried(BACK)].map(both).into()),
         Move::Hold { steps: SETTLING_STEPS },
         turned(TIPPED),
         Move::Hold { steps: ROLLING_STEPS },

@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{BIMANUAL_TABLE_Z, Eyes, bimanual, block, goal, movable, region, rgb};
-use crate::expert::{Move, Reach, grasp};
+use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{PaintSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
@@ -92,13 +92,11 @@ fn expert(scene: &Scene) -> Vec<Move> {
             .collect();
         stations(&grasp::first_within_reach(scene, arm, &candidates, stations))
     });
-    let both = |station: usize| -> Vec<Reach> {
-        hands.iter().enumerate().map(|(arm, stations)| Reach { arm, tcp: stations[station] }).collect()
-    };
+    let both_at = |station: usize| both(hands.map(|stations| stations[station]));
     vec![
         Move::close(&[0, 1], 4),
-        Move::Joint(both(0)),
-        Move::Straight(both(1)),
-        Move::Straight(both(2)),
+        Move::Joint(both_at(0)),
+        Move::Straight(both_at(1)),
+        Move::Straight(both_at(2)),
     ]
 }

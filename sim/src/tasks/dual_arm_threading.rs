@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::insertion::{self, NEEDLE_LENGTH, RING_Z};
 use super::common::{Eyes, bimanual, region};
-use crate::expert::{Move, Reach, grasp};
+use crate::expert::{Move, both, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -90,7 +90,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
         Move::straight(1, pole),
         Move::close(&[1], 10),
         // At once, where the benchmark moves one arm after the other: the longest plans would outlast the episode.
-        Move::Straight(vec![Reach { arm: 0, tcp: threading(-BEFORE) }, Reach { arm: 1, tcp: up }]),
+        Move::Straight(both([threading(-BEFORE), up])),
         Move::straight(0, threading(BEYOND)),
     ]
 }

@@ -6,8 +6,12 @@ use sim::render::RenderScene;
 use crate::common::{drawn, image, is_blue, pixels};
 use crate::independence::differing;
 
+/// Task, arm and external camera of those views of the benchmark's that look past an arm at first.
+const LOOK_PAST: [(TaskId, usize, usize); 0] = [];
+
 #[test]
-fn every_arm_is_visible_from_outside() {
+fn the_robot_is_visible_in_every_external_view() {
+    let mut past = Vec::new();
     for &task in TaskId::ALL {
         let (scene, with) = drawn(task);
         for arm in 0..scene.robots.len() {
@@ -15,15 +19,16 @@ fn every_arm_is_visible_from_outside() {
             for link in &mut without.arms[arm] {
                 link.translation.z -= 1000.0;
             }
-            // Some of the benchmark's cameras look past an arm at first, but never both of them.
-            let shares = [0, 1].map(|camera_idx| {
+            for camera_idx in 0..2 {
                 let images = [&with, &without].map(|snapshot| image(&scene, snapshot, camera_idx));
-                differing(&images[0], &images[1]) as f64 / (224.0 * 224.0)
-            });
-            let most = shares[0].max(shares[1]);
-            assert!(most > 0.015, "{}: arm {arm} fills {shares:?} of the external views", task.name());
+                let share = differing(&images[0], &images[1]) as f64 / (224.0 * 224.0);
+                if share <= 0.015 {
+                    past.push((task, arm, camera_idx));
+                }
+            }
         }
     }
+    assert_eq!(past, LOOK_PAST);
 }
 
 /// Least mean of an image's bytes: the hand camera of PickSodaFromCabinet looks into the cabinet.

@@ -55,6 +55,12 @@ pub struct Eyes {
     pub external2: [[f64; 3]; 2],
 }
 
+/// Where the cameras are for what two arms lift and pour.
+pub const LIFT_EYES: Eyes = Eyes {
+    external1: [[0.75, 0.0, 1.58], [-0.2, 0.0, 1.13]],
+    external2: [[-0.5, -0.25, 1.58], [-0.2, 0.0, 1.13]],
+};
+
 /// One arm at the single-arm table.
 pub fn single_arm(
     qpos: [f64; 7],

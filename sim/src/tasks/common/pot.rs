@@ -5,18 +5,13 @@ use core::f64::consts::FRAC_PI_2;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::vessel::Vessel;
-use super::{BIMANUAL_TABLE_Z, Eyes, movable, rgb};
-use crate::expert::{Move, Reach, grasp};
+use super::{BIMANUAL_TABLE_Z, movable, rgb, seen};
+use crate::expert::{Move, both, grasp};
 use crate::scene::{BodySpec, Form, PaintSpec, PartSpec, Primitive, Scene, VisualSpec};
 
 /// Start pose P of spec/tasks.md §3: the hands level, on either side of the pot and turned to it.
 pub(in crate::tasks) const QPOS: [[f64; 7]; 2] =
     [[0.599, 0.4, -0.561, -2.511, 1.695, 1.395, -0.479], [2.358, 0.442, 0.697, -2.513, -1.775, 1.347, 2.031]];
-
-pub(in crate::tasks) const EYES: Eyes = Eyes {
-    external1: [[0.75, 0.0, 1.58], [-0.2, 0.0, 1.13]],
-    external2: [[-0.5, -0.25, 1.58], [-0.2, 0.0, 1.13]],
-};
 
 /// Narrow enough below that a tray and it stand side by side at any size.
 pub(in crate::tasks) const VESSEL: Vessel = Vessel { radii: [0.106, 0.146], height: 0.175, thickness: 0.006 };
@@ -37,11 +32,7 @@ pub(in crate::tasks) fn pot(region: usize) -> BodySpec {
     let ring = Form::Torus { major_radius: rim - bead, minor_radius: bead };
     let mut visuals =
         vec![VESSEL.look(0.008, steel), VisualSpec::at(ring, [0.0, 0.0, VESSEL.height - bead], steel)];
-    visuals.extend(handles.iter().map(|part| VisualSpec {
-        form: Form::Primitive(part.shape),
-        pose: part.pose,
-        paint: part.paint,
-    }));
+    visuals.extend(handles.iter().map(seen));
     let parts = VESSEL.parts(steel).into_iter().chain(handles).collect();
     BodySpec { visuals, ..movable("pot", parts, region, BIMANUAL_TABLE_Z) }
 }
@@ -84,10 +75,5 @@ pub(in crate::tasks) fn away(grip: &Isometry3<f64>) -> Isometry3<f64> {
 
 /// Goes on to the handles and takes the pot by both.
 pub(in crate::tasks) fn seize(grips: &[Isometry3<f64>; 2]) -> [Move; 3] {
-    [Move::Straight(both(grips)), Move::close(&[0], 10), Move::close(&[1], 10)]
-}
-
-/// Each arm's TCP at its pose.
-pub(in crate::tasks) fn both(tcps: &[Isometry3<f64>; 2]) -> Vec<Reach> {
-    tcps.iter().enumerate().map(|(arm, tcp)| Reach { arm, tcp: *tcp }).collect()
+    [Move::Straight(both(*grips)), Move::close(&[0], 10), Move::close(&[1], 10)]
 }

@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{BIMANUAL_TABLE_Z, Eyes, GOAL_RADIUS};
-use crate::expert::{Move, Reach, grasp};
+use crate::expert::{Move, Reach, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Body, BodySpec, Range, Scene};
@@ -115,8 +115,8 @@ impl Way {
 pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> Vec<Move> {
     let (first, second) =
         (Way::new(scene, 0, lower, 0.0), Way::new(scene, 1, upper, 2.0 * HALF * lower.scale));
-    let both = |a, b| Move::Straight(vec![Reach { arm: 0, tcp: a }, Reach { arm: 1, tcp: b }]);
-    let mut moves = vec![both(first.above, second.above), both(first.at, second.at), Move::close(&[0, 1], 6)];
+    let to = |tcps| Move::Straight(both(tcps));
+    let mut moves = vec![to([first.above, second.above]), to([first.at, second.at]), Move::close(&[0, 1], 6)];
     moves.extend([Move::Straight(vec![first.raised(), second.aside(scene)]), first.carry(None)]);
     moves.extend(first.put());
     moves.push(second.carry(Some(parked(scene, 0))));
