@@ -4,16 +4,16 @@
 //! bodies sag. An arm never steps the world it is in.
 
 use ipc_types::ControlMode;
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Vector3};
 use rapier3d::dynamics::{
-    GenericJointBuilder, JointAxesMask, JointAxis, MassProperties, Multibody, MultibodyIndex,
-    RigidBodyBuilder, RigidBodyHandle,
+    JointAxesMask, MassProperties, Multibody, MultibodyIndex, RigidBodyBuilder, RigidBodyHandle,
 };
 use rapier3d::geometry::{ColliderHandle, NarrowPhase};
 use rapier3d::math::Vector;
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::convert::{from_pose, from_vector, to_matrix, to_pose, to_vector};
+use super::joint::{coordinate, one_freedom};
 use super::solids::collider;
 use crate::robot::control::{Drive, FINGER_DRIVE, Targets, arm_drive, targets};
 use crate::robot::kinematics::Joints;
@@ -21,7 +21,7 @@ use crate::robot::panda::{
     FINGER_OPEN, Inertia, LOWER, N_DOFS, N_JOINTS, Solid, UPPER, finger_in_link7, finger_inertia,
     finger_solids, hand_in_link7, joint_origin, link_inertia, link_solids, tcp_in_link7,
 };
-use crate::scene::{ArmLinks, Link, N_LINKS, Robot};
+use crate::scene::{ArmLinks, JointKind, Link, N_LINKS, Robot};
 
 /// Friction of the fingers.
 const FINGER_FRICTION: f32 = 2.0;
@@ -148,7 +148,7 @@ impl Arm {
             let force = (stiffness * (self.target_of(dof) - q) - damping * v).clamp(-limit, limit);
             let rest = q + (force + damping * v) / stiffness;
             let joint = &mut multibody.link_mut(dof + 1).expect("one link per joint").joint;
-            joint.set_spring(coordinate(dof), stiffness as f32, rest as f32);
+            joint.set_spring(coordinate(kind(dof)), stiffness as f32, rest as f32);
             // A stop that cannot be met within this step would cost a constraint and do nothing.
             let driven = v + dt * (force - stiffness * dt * v) / (self.inertia[dof] + resistance);
             let [lo, hi] = range(dof);
@@ -194,7 +194,7 @@ impl Arm {
     pub(super) fn qpos(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
         let multibody = self.multibody(world);
         core::array::from_fn(|dof| {
-            multibody.link(dof + 1).expect("one link per joint").joint().coords()[coordinate(dof)]
+            multibody.link(dof + 1).expect("one link per joint").joint().coords()[coordinate(kind(dof))]
         })
     }
 
@@ -257,9 +257,9 @@ impl Arm {
     }
 }
 
-/// Index of a joint's coordinate among the six of rapier's joints, whose free axis is always the local x.
-const fn coordinate(dof: usize) -> usize {
-    if dof < N_JOINTS { 3 } else { 0 }
+/// Joints turn, fingers slide.
+const fn kind(dof: usize) -> JointKind {
+    if dof < N_JOINTS { JointKind::Hinge } else { JointKind::Slide }
 }
 
 /// Least and greatest position of a joint or finger.
@@ -290,16 +290,7 @@ impl Builder<'_> {
             RigidBodyBuilder::dynamic().gravity_scale(0.0).can_sleep(false).additional_mass_properties(mass);
         let link = self.world.insert_body(link);
         let dof = self.links.len() - 1;
-        let (locked, free) = if dof < N_JOINTS {
-            (JointAxesMask::LOCKED_REVOLUTE_AXES, JointAxis::AngX)
-        } else {
-            (JointAxesMask::LOCKED_PRISMATIC_AXES, JointAxis::LinX)
-        };
-        let x_to_axis = UnitQuaternion::rotation_between(&Vector3::x(), axis).expect("no axis is −x");
-        let joint = GenericJointBuilder::new(locked)
-            .local_frame1(to_pose(&(origin * x_to_axis)))
-            .local_frame2(to_pose(&Isometry3::from_parts(Vector3::zeros().into(), x_to_axis)))
-            .limits(free, range(dof).map(|limit| limit as f32));
+        let joint = one_freedom(kind(dof), origin, axis, range(dof));
         self.world.multibody_joints.insert(parent, link, joint, true).expect("links form a tree");
         self.links.push(link);
         link

@@ -5,6 +5,7 @@
 
 mod arm;
 mod convert;
+mod joint;
 mod preset;
 mod solids;
 mod world;

@@ -1,12 +1,13 @@
 //! What stands in a scene besides the arms: its bodies, the table and the floor.
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use rapier3d::dynamics::{GenericJointBuilder, JointAxesMask, JointAxis, RigidBodyBuilder, RigidBodyHandle};
+use nalgebra::{Isometry3, Translation3};
+use rapier3d::dynamics::{RigidBodyBuilder, RigidBodyHandle};
 use rapier3d::geometry::{ColliderBuilder, Group, InteractionGroups, InteractionTestMode, SharedShape};
 use rapier3d::math::{Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::convert::to_pose;
+use super::joint::{coordinate, one_freedom};
 use crate::scene::{Body, JointKind, JointSpec, Motion, Primitive, TableKind};
 
 /// Least mass of a body that moves, in kg: contact stiffness follows mass, and a few grams are crushed by the gripper.
@@ -71,18 +72,8 @@ fn meeting(memberships: Group, filter: Group) -> InteractionGroups {
 
 /// Joins a body to its start pose by a multibody of one joint: joints between free bodies sag.
 fn join(world: &mut PhysicsWorld, body: RigidBodyHandle, joint: &JointSpec, start: &Isometry3<f64>) {
-    let (locked, free) = match joint.kind {
-        JointKind::Slide => (JointAxesMask::LOCKED_PRISMATIC_AXES, JointAxis::LinX),
-        JointKind::Hinge => (JointAxesMask::LOCKED_REVOLUTE_AXES, JointAxis::AngX),
-    };
     let anchor = world.insert_body(RigidBodyBuilder::fixed().pose(to_pose(start)));
-    let x_to_axis =
-        UnitQuaternion::rotation_between(&Vector3::x(), &joint.axis.into()).expect("no axis is −x");
-    let frame = to_pose(&Isometry3::from_parts(Translation3::identity(), x_to_axis));
-    let guide = GenericJointBuilder::new(locked)
-        .local_frame1(frame)
-        .local_frame2(frame)
-        .limits(free, [0.0, joint.upper as f32]);
+    let guide = one_freedom(joint.kind, &Isometry3::identity(), &joint.axis.into(), [0.0, joint.upper]);
     world.multibody_joints.insert(anchor, body, guide, true).expect("an anchor and a body form a tree");
     let link = *world.multibody_joints.rigid_body_link(body).expect("it has just been joined");
     let bodies = &mut world.bodies;
@@ -101,11 +92,7 @@ fn join(world: &mut PhysicsWorld, body: RigidBodyHandle, joint: &JointSpec, star
 pub(super) fn joint_position(world: &PhysicsWorld, body: RigidBodyHandle, kind: JointKind) -> f32 {
     let link = *world.multibody_joints.rigid_body_link(body).expect("a jointed body is in a multibody");
     let multibody = world.multibody_joints.get_multibody(link.multibody).expect("a link's multibody exists");
-    let coords = multibody.link(link.id).expect("a link of its multibody").joint().coords();
-    match kind {
-        JointKind::Slide => coords[0],
-        JointKind::Hinge => coords[3],
-    }
+    multibody.link(link.id).expect("a link of its multibody").joint().coords()[coordinate(kind)]
 }
 
 /// Adds floor and table (spec/env.md §2). Walls are only seen: a look must never change a trajectory.

@@ -1,0 +1,36 @@
+//! Joints of one freedom, as rapier's multibodies have them: the free axis is always x of the joint's own frame.
+
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use rapier3d::dynamics::{GenericJointBuilder, JointAxesMask, JointAxis};
+
+use super::convert::to_pose;
+use crate::scene::JointKind;
+
+/// A joint at `origin` in the parent's frame, along or about `axis` of the child's, between two positions in m or rad.
+///
+/// # Panics
+/// If the axis is −x.
+pub(super) fn one_freedom(
+    kind: JointKind,
+    origin: &Isometry3<f64>,
+    axis: &Vector3<f64>,
+    limits: [f64; 2],
+) -> GenericJointBuilder {
+    let (locked, free) = match kind {
+        JointKind::Slide => (JointAxesMask::LOCKED_PRISMATIC_AXES, JointAxis::LinX),
+        JointKind::Hinge => (JointAxesMask::LOCKED_REVOLUTE_AXES, JointAxis::AngX),
+    };
+    let x_to_axis = UnitQuaternion::rotation_between(&Vector3::x(), axis).expect("no axis is −x");
+    GenericJointBuilder::new(locked)
+        .local_frame1(to_pose(&(origin * x_to_axis)))
+        .local_frame2(to_pose(&Isometry3::from_parts(Vector3::zeros().into(), x_to_axis)))
+        .limits(free, limits.map(|limit| limit as f32))
+}
+
+/// Index of the joint's position among the six coordinates that rapier keeps of each.
+pub(super) const fn coordinate(kind: JointKind) -> usize {
+    match kind {
+        JointKind::Slide => 0,
+        JointKind::Hinge => 3,
+    }
+}
