@@ -33,7 +33,7 @@ fn receive(lane: &mut HostLane) -> ObservationMessage {
 
 /// Draws every camera of a task's first scene into `out`, image by image.
 fn draw(task: TaskId, out: &mut dyn Iterator<Item = &mut [u8]>) {
-    let scene = Perturbation::None.apply((task.task().nominal)(), Profile::Strict).draw(5);
+    let scene = (task.task().nominal)().draw(5);
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
     let view = RenderScene::new(&scene);

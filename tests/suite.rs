@@ -4,6 +4,7 @@ use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Translation3, Vector3};
 use rayon::prelude::*;
 use sim::expert::Expert;
+use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::predicate::first_unmet;
 use sim::scene::{Motion, Range, Scene};
@@ -34,7 +35,7 @@ fn cells() -> Vec<(TaskId, Perturbation)> {
 }
 
 fn draw(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Scene {
-    let spec = perturbation.apply((task.task().nominal)(), Profile::Strict);
+    let spec = Composition::from(perturbation).spec(task.task(), Profile::Strict, Strength::FULL);
     spec.draw(stream::episode_seed(0, task.name(), episode_idx))
 }
 

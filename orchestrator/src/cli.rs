@@ -62,9 +62,12 @@ pub(crate) struct TasksArgs {
 pub(crate) struct ShowArgs {
     /// Task
     pub(crate) task: String,
-    /// Perturbation
+    /// Perturbation, or several joined by + that act together
     #[arg(long, default_value = "None")]
     pub(crate) perturbation: String,
+    /// How strong it is, above 0 and up to 1
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    pub(crate) strength: f64,
     /// Suite seed, as in `run`
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,

@@ -1,9 +1,11 @@
 //! A run as meant: names have become enums, lists are complete, limits are checked. No string is compared after this.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use ipc_types::{ControlMode, Morphology};
 use policy_host::QueryMode;
+use sim::perturb::{Composition, Incompatible, Strength, StrengthError};
 use sim::render::{RendererChoice, Samples};
 use sim::{Perturbation, Profile, TaskId};
 use thiserror::Error;
@@ -47,6 +49,8 @@ pub(crate) struct Plan {
     pub(crate) execute: u32,
     /// Reading of the benchmark.
     pub(crate) profile: Profile,
+    /// How strong perturbations are.
+    pub(crate) strength: Strength,
     /// How single-arm policies drive.
     pub(crate) control_mode: ControlMode,
     /// Who draws.
@@ -61,7 +65,7 @@ pub(crate) struct Plan {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Condition {
     pub(crate) task: TaskId,
-    pub(crate) perturbation: Perturbation,
+    pub(crate) perturbation: Composition,
 }
 
 /// Why wishes make no plan.
@@ -81,6 +85,10 @@ pub(crate) enum PlanError {
         "perturbation {perturbation} does not apply to {task}: {reason}; leave one of them out, or say --perturbations all for those that apply"
     )]
     NotApplicable { task: &'static str, perturbation: &'static str, reason: String },
+    #[error(transparent)]
+    Incompatible(#[from] Incompatible),
+    #[error("--{0}")]
+    Strength(#[from] StrengthError),
     #[error("--{flag} is {found}, expected {least} to {most}")]
     Range { flag: &'static str, found: u32, least: u32, most: u32 },
     #[error(
@@ -108,6 +116,7 @@ impl Plan {
             mode,
             execute: execute(mode, wishes.execute)?,
             profile,
+            strength: strength(wishes.strength.unwrap_or(1.0))?,
             control_mode: choice(
                 "control mode",
                 wishes.control_mode.as_deref(),
@@ -160,12 +169,22 @@ pub(crate) const fn mode_name(mode: QueryMode) -> &'static str {
     }
 }
 
-/// The perturbation that was typed.
+/// The perturbation that was typed, or those that were typed with a plus between them.
 ///
 /// # Errors
-/// If none is called so.
-pub(crate) fn perturbation(typed: &str) -> Result<Perturbation, UnknownName> {
-    pick("perturbation", typed, Perturbation::ALL, Perturbation::name)
+/// If none is called so, or they cannot act together.
+pub(crate) fn perturbation(typed: &str) -> Result<Composition, PlanError> {
+    let one = |word| pick("perturbation", word, Perturbation::ALL, Perturbation::name);
+    let parts = Composition::split(typed).map(one).collect::<Result<Vec<_>, _>>()?;
+    Ok(Composition::new(&parts)?)
+}
+
+/// The strength that was typed.
+///
+/// # Errors
+/// If it is not above 0 and up to 1.
+pub(crate) fn strength(typed: f64) -> Result<Strength, PlanError> {
+    Ok(Strength::try_from(typed)?)
 }
 
 /// The task that was typed.
@@ -188,10 +207,10 @@ pub(crate) fn profile(typed: &str) -> Result<Profile, UnknownName> {
 ///
 /// # Errors
 /// If the perturbation does not apply to the task.
-pub(crate) fn condition(task: TaskId, perturbation: Perturbation) -> Result<Condition, PlanError> {
-    perturbation.applies_to(&(task.task().nominal)()).map_err(|error| PlanError::NotApplicable {
+pub(crate) fn condition(task: TaskId, perturbation: Composition) -> Result<Condition, PlanError> {
+    perturbation.applies_to(&(task.task().nominal)()).map_err(|(part, error)| PlanError::NotApplicable {
         task: task.name(),
-        perturbation: perturbation.name(),
+        perturbation: part.name(),
         reason: error.reason,
     })?;
     Ok(Condition { task, perturbation })
@@ -237,18 +256,21 @@ fn tasks(typed: &[String]) -> Result<Vec<TaskId>, PlanError> {
 /// Conditions in the suite's order, each once. `all` may stand among names: those that apply.
 fn conditions(tasks: &[TaskId], typed: &[String]) -> Result<Vec<Condition>, PlanError> {
     let names = typed.iter().filter(|word| *word != "all");
-    let mut named = names.map(|word| perturbation(word)).collect::<Result<Vec<_>, _>>()?;
-    let all = typed.iter().any(|word| word == "all");
+    let mut named = names.map(|word| perturbation(word)).collect::<Result<BTreeSet<_>, _>>()?;
     if typed.is_empty() {
-        named.push(Perturbation::None);
+        named.insert(Perturbation::None.into());
+    }
+    let mut wanted = named.clone();
+    if typed.iter().any(|word| word == "all") {
+        wanted.extend(Perturbation::ALL.iter().map(|&perturbation| Composition::from(perturbation)));
     }
     let mut conditions = Vec::new();
     for &task in tasks {
-        for &perturbation in Perturbation::ALL {
+        for &perturbation in &wanted {
             match condition(task, perturbation) {
-                Ok(condition) if all || named.contains(&perturbation) => conditions.push(condition),
+                Ok(condition) => conditions.push(condition),
                 Err(error) if named.contains(&perturbation) => return Err(error),
-                Ok(_) | Err(_) => {}
+                Err(_) => {}
             }
         }
     }

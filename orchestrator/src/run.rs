@@ -135,6 +135,7 @@ fn settings(plan: &Plan, program: PathBuf, drawn_with: Option<String>) -> Settin
         n_envs: plan.n_envs,
         threads: plan.threads,
         profile: plan.profile,
+        strength: plan.strength,
         control_mode: plan.control_mode,
         renderer: plan.renderer,
         samples: plan.samples,

@@ -13,7 +13,7 @@ use crate::cli::ShowArgs;
 use crate::failure::{Ending, Failure, OrUser};
 use crate::interrupt;
 use crate::names::pick;
-use crate::plan::{Condition, condition, perturbation, profile, task};
+use crate::plan::{Condition, condition, perturbation, profile, strength, task};
 use crate::progress::{Progress, print};
 use crate::report::{Align, Table, print_out};
 
@@ -43,12 +43,13 @@ impl Wish {
     fn new(args: &ShowArgs) -> Result<Self, Failure> {
         let (task, perturbation) = (task(&args.task).or_user()?, perturbation(&args.perturbation).or_user()?);
         let Condition { task, perturbation } = condition(task, perturbation).or_user()?;
+        let strength = strength(args.strength).or_user()?;
         let profile = profile(&args.profile).or_user()?;
         let what = pick("view", &args.what, &What::ALL, What::name).or_user()?;
         let script = |typed: &String| pick("policy to show", typed, &Script::ALL, Script::name);
         let episodes = (args.episode..=u32::MAX).take(args.episodes as usize);
         Ok(Self {
-            subject: Subject { task, perturbation, profile },
+            subject: Subject { task, perturbation, profile, strength },
             episode_seeds: episodes.map(|idx| episode_seed(args.seed, task.name(), idx)).collect(),
             what,
             script: args.policy.as_ref().map(script).transpose().or_user()?,

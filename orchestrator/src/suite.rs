@@ -56,17 +56,20 @@ fn of_role(nominal: &SceneSpec, role: Role) -> impl Iterator<Item = &'static str
     nominal.bodies.iter().filter(move |body| body.role == role).map(|body| body.name)
 }
 
-/// A column per perturbation; where one does not apply a number stands for the reason below.
+/// A column per perturbation that some task is without, where a number stands for the reason below; the others are listed.
 fn matrix() -> String {
+    let nominals: Vec<SceneSpec> = TaskId::ALL.iter().map(|id| (id.task().nominal)()).collect();
+    let (everywhere, somewhere): (Vec<Perturbation>, Vec<Perturbation>) = Perturbation::ALL
+        .iter()
+        .partition(|perturbation| nominals.iter().all(|nominal| perturbation.applies_to(nominal).is_ok()));
     let mut columns = vec![("task", Align::Left)];
-    columns.extend(Perturbation::ALL.iter().map(|perturbation| (perturbation.name(), Align::Left)));
+    columns.extend(somewhere.iter().map(|perturbation| (perturbation.name(), Align::Left)));
     let mut table = Table::new(&columns);
     let mut reasons: Vec<String> = Vec::new();
-    for id in TaskId::ALL {
-        let nominal = (id.task().nominal)();
+    for (id, nominal) in TaskId::ALL.iter().zip(&nominals) {
         let mut row = vec![id.name().to_owned()];
-        for perturbation in Perturbation::ALL {
-            row.push(match perturbation.applies_to(&nominal) {
+        for perturbation in &somewhere {
+            row.push(match perturbation.applies_to(nominal) {
                 Ok(()) => "yes".to_owned(),
                 Err(error) => {
                     let known = reasons.iter().position(|reason| *reason == error.reason);
@@ -80,8 +83,12 @@ fn matrix() -> String {
         }
         table.row(row);
     }
-    let notes = reasons.iter().enumerate().map(|(idx, reason)| format!("\n[{}] {reason}", idx + 1));
-    format!("{table}{}", notes.collect::<String>() + if reasons.is_empty() { "" } else { "\n" })
+    let mut text = table.to_string();
+    for (idx, reason) in reasons.iter().enumerate() {
+        text += &format!("\n[{}] {reason}", idx + 1);
+    }
+    let names: Vec<&str> = everywhere.iter().map(|perturbation| perturbation.name()).collect();
+    text + &format!("\n\nEvery task: {}.\n", names.join(", "))
 }
 
 fn suite_json() -> Value {
@@ -120,7 +127,7 @@ mod tests {
         }
         let row = table.lines().find(|line| line.starts_with("StackCube")).unwrap();
         let cells: Vec<&str> = row.split("  ").map(str::trim).filter(|cell| !cell.is_empty()).collect();
-        assert_eq!(cells[3..6], ["142", "red cube", "green cube"], "{row}");
+        assert_eq!(cells[3..6], ["142", "red cube", "–"], "{row}");
         let row = matrix.lines().find(|line| line.starts_with("RaiseCube")).unwrap();
         assert_eq!(row.split_whitespace().collect::<Vec<_>>()[..3], ["RaiseCube", "yes", "yes"]);
         let json = suite_json();

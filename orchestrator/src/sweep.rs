@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer};
 use thiserror::Error;
 
 /// Wishes for a run; what is absent is defaulted by [`crate::plan`]. Paths are relative to the current folder.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Args, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Args, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct Sweep {
     /// A policy and the name it has in the results; SPEC is idle, random, expert, act:PATH or attach:NAME
@@ -17,10 +17,13 @@ pub(crate) struct Sweep {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     #[serde(deserialize_with = "one_or_many")]
     pub(crate) tasks: Vec<String>,
-    /// Perturbations, comma-separated: names, all (that apply) or none [default: none]
+    /// Perturbations, comma-separated: names, names joined by + that act together, all (that apply) or none [default: none]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     #[serde(deserialize_with = "one_or_many")]
     pub(crate) perturbations: Vec<String>,
+    /// How strong perturbations are, above 0 and up to 1, the benchmark's [default: 1]
+    #[arg(long, value_name = "X")]
+    pub(crate) strength: Option<f64>,
     /// Episodes per policy, task and perturbation [default: 10]
     #[arg(long, value_name = "N")]
     pub(crate) episodes: Option<u32>,
@@ -85,6 +88,7 @@ impl Sweep {
             policies: list(self.policies, file.policies),
             tasks: list(self.tasks, file.tasks),
             perturbations: list(self.perturbations, file.perturbations),
+            strength: self.strength.or(file.strength),
             episodes: self.episodes.or(file.episodes),
             seed: self.seed.or(file.seed),
             envs: self.envs.or(file.envs),
@@ -154,7 +158,7 @@ mod tests {
           |
         1 | epsiodes = 3
           | ^^^^^^^^
-        unknown field `epsiodes`, expected one of `policies`, `tasks`, `perturbations`, `episodes`, `seed`, `envs`, `threads`, `mode`, `execute`, `db`, `renderer`, `samples`, `profile`, `control_mode`
+        unknown field `epsiodes`, expected one of `policies`, `tasks`, `perturbations`, `strength`, `episodes`, `seed`, `envs`, `threads`, `mode`, `execute`, `db`, `renderer`, `samples`, `profile`, `control_mode`
         ");
         insta::assert_snapshot!(read("episodes = \"many\"\n").unwrap_err(), @r#"
         the sweep file sweep.toml is wrong: TOML parse error at line 1, column 12

@@ -34,6 +34,14 @@ impl Stream {
         range.at(self.unit())
     }
 
+    /// One of `all`, with equal chances.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn choose<'a, T>(&mut self, all: &'a [T]) -> &'a T {
+        &all[(self.unit() * all.len() as f64) as usize]
+    }
+
     /// Normal with mean 0 and standard deviation 1, by the Box–Muller transform.
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();

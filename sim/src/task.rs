@@ -55,6 +55,8 @@ pub struct Task {
     pub demo_steps: f64,
     /// The sentence policies are trained with.
     pub instruction: &'static str,
+    /// The same said in other words, a sentence on each line.
+    pub paraphrases: &'static str,
     /// The distribution without perturbation.
     pub nominal: fn() -> SceneSpec,
     /// Predicates that must all hold after the same control step.

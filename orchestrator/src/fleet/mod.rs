@@ -20,6 +20,7 @@ use ipc_types::link::{Domain, check_budget};
 use ipc_types::{ControlMode, Morphology};
 use policy_host::{PolicySpec, QueryMode};
 use sim::Profile;
+use sim::perturb::Strength;
 use sim::render::{RendererChoice, Samples};
 use sim::serve::protocol::{Counters, Lane, Outcome};
 
@@ -49,6 +50,8 @@ pub(crate) struct Settings {
     pub(crate) threads: u32,
     /// Reading of the benchmark.
     pub(crate) profile: Profile,
+    /// How strong perturbations are.
+    pub(crate) strength: Strength,
     /// How single-arm policies drive.
     pub(crate) control_mode: ControlMode,
     /// Who draws.

@@ -341,6 +341,7 @@ impl<'a> Supervisor<'a> {
             threads: settings.threads,
             lanes: settings.lanes.iter().map(|policy| policy.lane.clone()).collect(),
             profile: settings.profile,
+            strength: settings.strength,
             control_mode: settings.control_mode,
             renderer: settings.renderer,
             samples: settings.samples,

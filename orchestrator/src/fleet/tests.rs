@@ -49,6 +49,7 @@ impl Stage {
             n_envs: 2,
             threads: 1,
             profile: Profile::Strict,
+            strength: Strength::FULL,
             control_mode: ControlMode::EeDeltaPose,
             renderer: RendererChoice::Auto,
             samples: Samples::One,

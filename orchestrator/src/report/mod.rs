@@ -88,7 +88,7 @@ pub(crate) fn table(plan: &Plan, cells: &[Cell]) -> String {
         table.row(vec![
             cell.policy.clone(),
             cell.condition.task.name().to_owned(),
-            cell.condition.perturbation.name().to_owned(),
+            cell.condition.perturbation.name(),
             cell.sums.n.to_string(),
             or_dash(cell.success_once().map(percent)),
             or_dash(cell.wilson95().map(interval)),

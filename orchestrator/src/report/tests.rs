@@ -15,7 +15,7 @@ fn plan() -> Plan {
 }
 
 fn cell(policy: &str, sums: CellSums) -> Cell {
-    let condition = Condition { task: TaskId::RaiseCube, perturbation: Perturbation::MoColor };
+    let condition = Condition { task: TaskId::RaiseCube, perturbation: Perturbation::MoColor.into() };
     Cell { policy: policy.to_owned(), condition, sums }
 }
 

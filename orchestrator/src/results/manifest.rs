@@ -26,6 +26,8 @@ pub(crate) struct Manifest {
     pub(crate) seed: u64,
     /// Reading of the benchmark.
     pub(crate) profile: &'static str,
+    /// How strong perturbations are.
+    pub(crate) strength: f64,
     /// Query mode.
     pub(crate) mode: &'static str,
     /// Rows of a chunk executed before the next query.
@@ -58,6 +60,7 @@ impl Manifest {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             seed: plan.seed,
             profile: plan.profile.name(),
+            strength: plan.strength.get(),
             mode: mode_name(plan.mode),
             execute: plan.execute,
             control_mode: plan.control_mode.name(),
@@ -66,12 +69,13 @@ impl Manifest {
     }
 
     /// What all rows depend on, as key and JSON text.
-    fn common(&self) -> [(&'static str, String); 6] {
+    fn common(&self) -> [(&'static str, String); 7] {
         let text = |value: serde_json::Value| value.to_string();
         [
             ("version", text(self.version.as_str().into())),
             ("seed", text(self.seed.into())),
             ("profile", text(self.profile.into())),
+            ("strength", text(self.strength.into())),
             ("mode", text(self.mode.into())),
             ("execute", text(self.execute.into())),
             ("control_mode", text(self.control_mode.into())),

@@ -183,8 +183,7 @@ impl Finished {
     /// Whether this episode ran to its end.
     pub(crate) fn contains(&self, key: Key<'_>) -> bool {
         let Condition { task, perturbation } = key.condition;
-        let owned =
-            (key.policy.to_owned(), task.name().to_owned(), perturbation.name().to_owned(), key.episode);
+        let owned = (key.policy.to_owned(), task.name().to_owned(), perturbation.name(), key.episode);
         self.0.contains(&owned)
     }
 }

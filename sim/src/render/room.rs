@@ -6,7 +6,7 @@ use nalgebra::Isometry3;
 use super::material::Material;
 use super::mesh::MeshId;
 use super::scene::{Anchor, Fixture, Instance, MeshSource};
-use crate::scene::{Scene, TableKind};
+use crate::scene::{Paint, Scene, Table, TableKind};
 
 /// World z of the floor, in m.
 const FLOOR_Z: f32 = -0.9196;
@@ -43,16 +43,17 @@ pub(super) const fn table_top_z(kind: TableKind) -> f32 {
 
 /// Adds table, walls and floor.
 pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
-    let top = scene.table.paint.into();
+    let top = &scene.table.top;
+    let mut push = |bench: &Bench, top: &Paint| push_bench(bench, top, &scene.table, instances);
     match scene.table.kind {
-        TableKind::SingleArm => push_bench(&SINGLE_ARM, top, instances),
+        TableKind::SingleArm => push(&SINGLE_ARM, top),
         TableKind::SingleArmTurned => {
             let [x, y] = SINGLE_ARM.half;
-            push_bench(&Bench { half: [y, x], ..SINGLE_ARM }, top, instances);
+            push(&Bench { half: [y, x], ..SINGLE_ARM }, top);
         }
         TableKind::Bimanual => {
-            push_bench(&BIMANUAL, top, instances);
-            push_bench(&SINGLE_ARM, Material::plain([0.62, 0.62, 0.63], 0.1), instances);
+            push(&BIMANUAL, top);
+            push(&SINGLE_ARM, scene.table.under.as_ref().unwrap_or(top));
         }
     }
     if let Some(paint) = scene.background.walls {
@@ -67,8 +68,8 @@ pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
     instances.push(placed(Fixture::Floor, MeshId::Square, floor, half, material));
 }
 
-fn push_bench(bench: &Bench, top: Material, instances: &mut Vec<Instance>) {
-    let steel = Material::plain([0.45, 0.46, 0.48], 0.3);
+fn push_bench(bench: &Bench, top: &Paint, table: &Table, instances: &mut Vec<Instance>) {
+    let [top, frame, legs] = [*top, table.frame, table.legs].map(Material::from);
     let Bench { centre: [x, y], half: [hx, hy], top_z, foot_z, thickness } = *bench;
     let under_z = top_z - thickness;
     let mut push = |centre, half, material| instances.push(block(Fixture::Table, centre, half, material));
@@ -76,11 +77,11 @@ fn push_bench(bench: &Bench, top: Material, instances: &mut Vec<Instance>) {
     let (leg_x, leg_y) = (hx - LEG_INSET, hy - LEG_INSET);
     let (rail, rail_z) = (FRAME_HEIGHT / 2.0, under_z - FRAME_HEIGHT / 2.0);
     for side in [-1.0, 1.0] {
-        push([x + side * leg_x, y, rail_z], [LEG_HALF / 2.0, leg_y - LEG_HALF, rail], steel);
-        push([x, y + side * leg_y, rail_z], [leg_x - LEG_HALF, LEG_HALF / 2.0, rail], steel);
+        push([x + side * leg_x, y, rail_z], [LEG_HALF / 2.0, leg_y - LEG_HALF, rail], frame);
+        push([x, y + side * leg_y, rail_z], [leg_x - LEG_HALF, LEG_HALF / 2.0, rail], frame);
         for end in [-1.0, 1.0] {
             let foot = [x + side * leg_x, y + end * leg_y, f32::midpoint(under_z, foot_z)];
-            push(foot, [LEG_HALF, LEG_HALF, (under_z - foot_z) / 2.0], steel);
+            push(foot, [LEG_HALF, LEG_HALF, (under_z - foot_z) / 2.0], legs);
         }
     }
 }

@@ -4,14 +4,12 @@ use std::borrow::Cow;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::drawn::{
-    Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table, Visual,
-};
-use super::range::Range;
+use super::drawn::{Body, Camera, Part, Robot, Scene, Visual};
 use super::spec::{
-    BodySpec, CameraSpec, ColorSpec, Jitter, JointKind, JointSpec, Motion, PaintSpec, PlacementSpec,
-    RegionSpec, SceneSpec, TextureSpec,
+    BodySpec, CameraSpec, Jitter, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, RegionSpec,
+    RobotSpec, SceneSpec, VisualSpec,
 };
+use super::{distractors, look};
 use crate::robot::panda::{LOWER, UPPER};
 use crate::stream::Stream;
 
@@ -39,92 +37,65 @@ impl SceneSpec {
                 bodies[idx].pose = bodies[*body].pose * scaled(pose, bodies[*body].scale);
             }
         }
-        let color = |stream: &mut Stream, ranges: [Range; 3]| ranges.map(|range| stream.uniform(range));
+        let robots = self.robots.iter().enumerate();
+        let robots: Vec<Robot> = robots.map(|(arm, spec)| draw_robot(arm, spec, episode_seed)).collect();
+        bodies.extend(distractors::draw(&self.distractors, &bodies, &robots, episode_seed));
         Scene {
             bodies,
-            robots: self
-                .robots
-                .iter()
-                .enumerate()
-                .map(|(arm, spec)| {
-                    let mut noise = stream(&format!("arm{}/noise", arm + 1));
-                    let qpos = core::array::from_fn(|joint| {
-                        let q = spec.qpos[joint] + spec.noise_rad * noise.normal();
-                        q.clamp(LOWER[joint], UPPER[joint])
-                    });
-                    Robot { base: spec.base, qpos }
-                })
-                .collect(),
-            table: Table {
-                kind: self.table.kind,
-                paint: draw_paint(self.table.paint, episode_seed, "table"),
-            },
-            background: Background {
-                floor: draw_paint(self.background.floor, episode_seed, "floor"),
-                walls: self.background.walls.map(|paint| draw_paint(paint, episode_seed, "walls")),
-            },
-            lights: Lights {
-                ambient: color(&mut stream("light/ambient"), self.lights.ambient),
-                directional: self
-                    .lights
-                    .directional
-                    .iter()
-                    .enumerate()
-                    .map(|(i, spec)| DirectionalLight {
-                        color: color(&mut stream(&format!("light/{i}/color")), spec.color),
-                        direction: spec.direction,
-                    })
-                    .collect(),
-                shadows: self.lights.shadows,
-            },
+            robots,
+            table: look::table(&self.table, episode_seed),
+            background: look::background(&self.background, episode_seed),
+            lights: look::lights(&self.lights, episode_seed),
             cameras: self.cameras.iter().map(|spec| draw_camera(spec, episode_seed)).collect(),
-            instruction: self.instruction.to_owned(),
+            instruction: self.instruction.draw(episode_seed),
         }
     }
 }
 
-fn draw_paint(spec: PaintSpec, episode_seed: u64, name: &str) -> Paint {
-    Paint {
-        color: match spec.color {
-            ColorSpec::Fixed(color) => color,
-            ColorSpec::Any => {
-                let mut stream = Stream::new(episode_seed, &format!("{name}/color"));
-                [(); 3].map(|()| stream.unit())
-            }
-        },
-        texture: match spec.texture {
-            TextureSpec::None => None,
-            TextureSpec::Fixed(texture) => Some(texture),
-        },
-        specular: spec.specular,
-    }
+fn draw_robot(arm: usize, spec: &RobotSpec, episode_seed: u64) -> Robot {
+    let mut noise = Stream::new(episode_seed, &format!("arm{}/noise", arm + 1));
+    let qpos = core::array::from_fn(|joint| {
+        let q = spec.qpos[joint] + spec.noise_rad * noise.normal();
+        q.clamp(LOWER[joint], UPPER[joint])
+    });
+    Robot { base: spec.base, qpos }
 }
 
 fn draw_body(spec: &BodySpec, episode_seed: u64) -> Body {
     let name = spec.name;
     let scale = Stream::new(episode_seed, &format!("{name}/scale")).uniform(spec.scale);
-    let parts = spec.parts.iter().enumerate().map(|(i, part)| Part {
-        shape: part.shape.scaled(scale),
-        pose: scaled(&part.pose, scale),
-        paint: draw_paint(part.paint, episode_seed, &format!("{name}/part{i}")),
-    });
-    let visuals = spec.visuals.iter().enumerate().map(|(i, visual)| Visual {
-        form: visual.form.scaled(scale),
-        pose: scaled(&visual.pose, scale),
-        paint: draw_paint(visual.paint, episode_seed, &format!("{name}/visual{i}")),
-    });
     Body {
         name,
         role: spec.role,
         motion: scaled_motion(spec.motion, scale),
-        parts: parts.collect(),
-        visuals: visuals.collect(),
+        parts: draw_parts(name, &spec.parts, scale, episode_seed),
+        visuals: draw_visuals(name, &spec.visuals, scale, episode_seed),
         scale,
         pose: Isometry3::identity(),
         density: spec.density,
         friction: spec.friction,
         damping: spec.damping,
     }
+}
+
+/// The solids of the body with this name, each with its own look.
+pub(super) fn draw_parts(name: &str, parts: &[PartSpec], scale: f64, episode_seed: u64) -> Vec<Part> {
+    let draw = |(i, part): (usize, &PartSpec)| Part {
+        shape: part.shape.scaled(scale),
+        pose: scaled(&part.pose, scale),
+        paint: look::paint(part.paint, episode_seed, &format!("{name}/part{i}")),
+    };
+    parts.iter().enumerate().map(draw).collect()
+}
+
+/// What the body with this name is seen as, each form with its own look.
+pub(super) fn draw_visuals(name: &str, visuals: &[VisualSpec], scale: f64, episode_seed: u64) -> Vec<Visual> {
+    let draw = |(i, visual): (usize, &VisualSpec)| Visual {
+        form: visual.form.scaled(scale),
+        pose: scaled(&visual.pose, scale),
+        paint: look::paint(visual.paint, episode_seed, &format!("{name}/visual{i}")),
+    };
+    visuals.iter().enumerate().map(draw).collect()
 }
 
 /// A drawer of twice the size slides twice as far; a door turns as far as before.

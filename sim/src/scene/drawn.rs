@@ -94,8 +94,14 @@ pub struct Robot {
 pub struct Table {
     /// Kind.
     pub kind: TableKind,
-    /// Look of the top.
-    pub paint: Paint,
+    /// Look of the top that is worked on.
+    pub top: Paint,
+    /// Look of the frame below each top.
+    pub frame: Paint,
+    /// Look of the legs.
+    pub legs: Paint,
+    /// Look of the lower table's top, if there is one.
+    pub under: Option<Paint>,
 }
 
 /// Floor and walls.

@@ -3,9 +3,13 @@
 //! A task states a [`SceneSpec`] of ranges, a perturbation edits it, a seed draws a [`Scene`] of numbers, and nothing
 //! changes a `Scene` afterwards. This module knows neither rapier nor pixels.
 
+mod clutter;
+mod distractors;
 mod draw;
 mod drawn;
 mod form;
+mod instruction;
+mod look;
 mod range;
 mod shape;
 mod snapshot;
@@ -16,12 +20,13 @@ pub use drawn::{
     Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table, Visual,
 };
 pub use form::{Form, rounded_rectangle};
+pub use instruction::{InstructionSpec, Wording};
 pub use range::Range;
 pub use shape::{Extent, Primitive};
 pub use snapshot::{ArmLinks, Link, N_LINKS, Snapshot};
 pub use spec::{
-    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, ColorSpec, DirectionalSpec, Jitter,
+    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, DistractorsSpec, Jitter,
     JointKind, JointSpec, LightsSpec, Motion, PaintSpec, PartSpec, PlacementSpec, RegionSpec, RobotSpec,
-    Role, ScaledBy, SceneSpec, SizesSpec, TableKind, TableSpec, TextureSpec, VisualSpec,
+    Role, ScaledBy, SceneSpec, SizesSpec, TableKind, TableSpec, Variation, VisualSpec, Widened,
 };
 pub use texture::Texture;

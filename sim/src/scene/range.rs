@@ -35,6 +35,26 @@ impl Range {
         self.lo + (self.hi - self.lo) * unit
     }
 
+    /// The interval shrunk about `nominal`: this at strength 1, `nominal` alone at strength 0.
+    #[must_use]
+    pub fn about(self, nominal: f64, strength: f64) -> Self {
+        self.towards(Self::fixed(nominal), strength)
+    }
+
+    /// The interval on the way from `nominal`, at strength 0, to this, at strength 1; both exactly.
+    #[must_use]
+    pub fn towards(self, nominal: Self, strength: f64) -> Self {
+        let end = |from: f64, to: f64| from * (1.0 - strength) + to * strength;
+        Self::new(end(nominal.lo, self.lo), end(nominal.hi, self.hi))
+    }
+
+    /// The interval with the same middle, its width times `factor`.
+    #[must_use]
+    pub fn widened(self, factor: f64) -> Self {
+        let (middle, half) = (f64::midpoint(self.lo, self.hi), (self.hi - self.lo) / 2.0);
+        Self::new(middle - factor * half, middle + factor * half)
+    }
+
     /// Whether `value` lies in the interval.
     #[must_use]
     pub fn contains(self, value: f64) -> bool {

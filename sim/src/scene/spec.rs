@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::form::Form;
+use super::instruction::InstructionSpec;
 use super::range::Range;
 use super::shape::Primitive;
 use super::texture::Texture;
@@ -18,6 +19,19 @@ pub enum Role {
     Fixture,
     /// Clutter that the task does not mention.
     Distractor,
+}
+
+impl Role {
+    /// Word for messages.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ManipulationObject => "manipulation object",
+            Self::ReceiverObject => "receiver object",
+            Self::Fixture => "fixture",
+            Self::Distractor => "distractor",
+        }
+    }
 }
 
 /// Which size perturbation scales a body.
@@ -76,46 +90,45 @@ pub struct JointSpec {
     pub friction: f64,
 }
 
-/// Colour of a part, sRGB in [0, 1].
+/// How far a look is drawn anew: 0 keeps it, 1 lets it be anything. Where both may change, a coin tells which of them does.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ColorSpec {
-    /// This colour.
-    Fixed([f64; 3]),
-    /// Each channel uniform in [0, 1].
-    Any,
+pub struct Variation {
+    /// Each channel of the colour lies this far on the way from the nominal one to one uniform in [0, 1]; with this chance
+    /// the pattern goes.
+    pub color: f64,
+    /// Chance of any pattern, untinted, in place of the look.
+    pub texture: f64,
 }
 
-/// Pattern of a part; its colour tints it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TextureSpec {
-    /// Plain.
-    None,
-    /// This pattern.
-    Fixed(Texture),
+impl Variation {
+    /// As it is.
+    pub const NONE: Self = Self { color: 0.0, texture: 0.0 };
 }
 
 /// Look of one part or visual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PaintSpec {
-    /// Colour.
-    pub color: ColorSpec,
-    /// Pattern.
-    pub texture: TextureSpec,
+    /// Colour, sRGB in [0, 1].
+    pub color: [f64; 3],
+    /// Pattern tinted by the colour.
+    pub texture: Option<Texture>,
     /// Strength of the highlight in [0, 1].
     pub specular: f64,
+    /// How far colour and pattern are drawn anew.
+    pub variation: Variation,
 }
 
 impl PaintSpec {
     /// A plain colour with a faint highlight; sRGB in [0, 1].
     #[must_use]
     pub const fn plain(color: [f64; 3]) -> Self {
-        Self { color: ColorSpec::Fixed(color), texture: TextureSpec::None, specular: 0.2 }
+        Self { color, texture: None, specular: 0.2, variation: Variation::NONE }
     }
 
     /// A matt pattern tinted by a colour.
     #[must_use]
     pub const fn textured(texture: Texture, color: [f64; 3]) -> Self {
-        Self { color: ColorSpec::Fixed(color), texture: TextureSpec::Fixed(texture), specular: 0.0 }
+        Self { color, texture: Some(texture), specular: 0.0, variation: Variation::NONE }
     }
 }
 
@@ -181,6 +194,49 @@ pub struct RegionSpec {
     /// Least gap between the circles around the footprints of a body and of those placed before it, in m, marks included;
     /// `None` places without looking.
     pub gap_m: Option<f64>,
+    /// The same place under Pose-Randomization; `None` where the benchmark keeps it.
+    pub widened: Option<Widened>,
+}
+
+/// What takes the place of a region's ranges.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Widened {
+    /// World x, in m.
+    pub x: Range,
+    /// World y, in m.
+    pub y: Range,
+    /// Common offset (x, y), in m.
+    pub common: [Range; 2],
+}
+
+impl RegionSpec {
+    /// The same with a common offset (m), as wide under Pose-Randomization as otherwise.
+    #[must_use]
+    pub fn sharing(self, common: [Range; 2]) -> Self {
+        let widened = self.widened.map(|widened| Widened { common, ..widened });
+        Self { common, widened, ..self }
+    }
+
+    /// The same, left as it is by Pose-Randomization.
+    #[must_use]
+    pub fn kept(self) -> Self {
+        Self { widened: None, ..self }
+    }
+}
+
+/// Clutter: things of random kinds, each at rest on the table where nothing else is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DistractorsSpec {
+    /// How many there may be.
+    pub n: usize,
+    /// Chance of each to be there.
+    pub presence: f64,
+    /// World x of the middle of each, in m.
+    pub x: Range,
+    /// World y, in m.
+    pub y: Range,
+    /// World z of the table's top, in m.
+    pub surface_z_m: f64,
 }
 
 /// Where a body starts.
@@ -308,7 +364,20 @@ pub struct TableSpec {
     /// Kind.
     pub kind: TableKind,
     /// Look of the top that is worked on.
-    pub paint: PaintSpec,
+    pub top: PaintSpec,
+    /// Look of the frame below each top.
+    pub frame: PaintSpec,
+    /// Look of the legs.
+    pub legs: PaintSpec,
+    /// Look of the lower table's top, if there is one.
+    pub under: Option<PaintSpec>,
+}
+
+impl TableSpec {
+    /// Looks of all its parts.
+    pub fn paints_mut(&mut self) -> impl Iterator<Item = &mut PaintSpec> {
+        [&mut self.top, &mut self.frame, &mut self.legs].into_iter().chain(&mut self.under)
+    }
 }
 
 /// What surrounds the table.
@@ -316,8 +385,8 @@ pub struct TableSpec {
 pub struct BackgroundSpec {
     /// Floor at z −0.9196.
     pub floor: PaintSpec,
-    /// Four walls at ±1.5 m, if any.
-    pub walls: Option<PaintSpec>,
+    /// Four walls at ±1.5 m, which stand only where their look varies.
+    pub walls: PaintSpec,
 }
 
 /// A light infinitely far away.
@@ -327,6 +396,8 @@ pub struct DirectionalSpec {
     pub color: [Range; 3],
     /// Direction the light travels in; need not be normalised.
     pub direction: [f64; 3],
+    /// About the vertical from there, in rad.
+    pub turn: Range,
 }
 
 /// Lighting.
@@ -417,8 +488,10 @@ pub struct SceneSpec {
     pub lights: LightsSpec,
     /// Cameras in the order of the observation's images.
     pub cameras: Vec<CameraSpec>,
+    /// Clutter.
+    pub distractors: DistractorsSpec,
     /// Instruction given to the policy.
-    pub instruction: &'static str,
+    pub instruction: InstructionSpec,
 }
 
 impl SceneSpec {

@@ -8,6 +8,7 @@ use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology};
 use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
 use crate::expert::{Expert, hold_still};
 use crate::fingerprint::Fingerprint;
+use crate::perturb::Strength;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
 use crate::profile::Profile;
@@ -20,6 +21,7 @@ use crate::task::Task;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rules {
     pub(super) profile: Profile,
+    pub(super) strength: Strength,
     /// Control mode of single-arm policies.
     pub(super) single_arm_mode: ControlMode,
 }
@@ -83,7 +85,7 @@ impl Episode {
     pub(super) fn new(assignment: Assignment, rules: Rules, images: bool) -> Self {
         let born = Instant::now();
         let task = assignment.task.task();
-        let scene = assignment.perturbation.apply((task.nominal)(), rules.profile).draw(assignment.seed);
+        let scene = assignment.perturbation.spec(task, rules.profile, rules.strength).draw(assignment.seed);
         let mode = rules.control_mode(task.morphology, assignment.driver);
         let world = World::build(&scene, mode);
         let actor = match assignment.driver {

@@ -133,7 +133,11 @@ impl Server {
             .iter()
             .map(|lane| LaneState::create(&node, config.run, lane.clone()))
             .collect::<Result<Vec<_>, _>>()?;
-        let rules = Rules { profile: config.profile, single_arm_mode: config.control_mode };
+        let rules = Rules {
+            profile: config.profile,
+            strength: config.strength,
+            single_arm_mode: config.control_mode,
+        };
         let renderer = render::open(config.renderer, config.samples, config.threads as usize)?;
         let max_envs = config.lanes.iter().map(|lane| lane.spec.max_envs as usize).max().unwrap_or(0);
         let shm_bytes = config.lanes.iter().map(|lane| lane.spec.shm_bytes()).sum();

@@ -6,7 +6,7 @@ use ipc_types::ControlMode;
 use ipc_types::link::{Domain, LaneSpec};
 use serde::{Deserialize, Serialize};
 
-use crate::perturb::Perturbation;
+use crate::perturb::{Composition, Strength};
 use crate::profile::Profile;
 use crate::render::{RendererChoice, Samples};
 use crate::tasks::TaskId;
@@ -26,6 +26,8 @@ pub struct SimConfig {
     pub lanes: Vec<Lane>,
     /// Reading of the benchmark.
     pub profile: Profile,
+    /// How strong perturbations are.
+    pub strength: Strength,
     /// How single-arm policies drive; bimanual policies drive absolute joints.
     pub control_mode: ControlMode,
     /// Renderer.
@@ -66,8 +68,8 @@ pub struct Assignment {
     pub driver: Driver,
     /// Task.
     pub task: TaskId,
-    /// Perturbation.
-    pub perturbation: Perturbation,
+    /// Perturbation, or several that act together.
+    pub perturbation: Composition,
     /// Episode seed.
     pub seed: u64,
 }

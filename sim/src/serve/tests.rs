@@ -7,6 +7,7 @@ use ipc_types::{ActionBlock, ActionHeader, ControlMode, ObservationView};
 use super::protocol::{Assignment, Driver, Lane};
 use super::*;
 use crate::counting::allocations;
+use crate::perturb::Strength;
 use crate::physics::World;
 use crate::render::{RendererChoice, Samples};
 use crate::{Perturbation, Profile, TaskId};
@@ -44,7 +45,7 @@ fn answer(host: &mut HostLane, action_dim: usize) {
 }
 
 fn assignment(id: u64) -> Assignment {
-    let (task, perturbation) = (TaskId::RaiseCube, Perturbation::None);
+    let (task, perturbation) = (TaskId::RaiseCube, Perturbation::None.into());
     let seed = crate::stream::episode_seed(0, task.name(), id as u32);
     Assignment { id, driver: Driver::Lane(0), task, perturbation, seed }
 }
@@ -70,6 +71,7 @@ fn a_round_of_the_loop_allocates_nothing_of_its_own() {
         threads: 1,
         lanes: vec![Lane { spec: spec.clone(), images: true, execute: N_ROWS, foreign: false }],
         profile: Profile::Strict,
+        strength: Strength::FULL,
         control_mode: mode,
         renderer: RendererChoice::Cpu,
         samples: Samples::One,
@@ -85,8 +87,7 @@ fn a_round_of_the_loop_allocates_nothing_of_its_own() {
             .map(|id| {
                 server.obey(&SimCommand::Run(assignment(id)));
                 let nominal = (TaskId::RaiseCube.task().nominal)();
-                let scene = Perturbation::None.apply(nominal, Profile::Strict);
-                World::build(&scene.draw(assignment(id).seed), mode)
+                World::build(&nominal.draw(assignment(id).seed), mode)
             })
             .collect();
         server.slots.refill();

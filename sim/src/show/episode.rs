@@ -5,7 +5,7 @@ use ipc_types::layout::MAX_ACTION_DIM;
 
 use super::ShowError;
 use crate::expert::{Expert, PlanError, hold_still};
-use crate::perturb::Perturbation;
+use crate::perturb::{Composition, Strength};
 use crate::physics::World;
 use crate::predicate::first_unmet;
 use crate::profile::Profile;
@@ -14,12 +14,14 @@ use crate::task::Task;
 use crate::tasks::TaskId;
 
 /// Which distribution of episodes is shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Subject {
     /// Task.
     pub task: TaskId,
-    /// Perturbation; it applies to the task.
-    pub perturbation: Perturbation,
+    /// Perturbation, or several that act together; they apply to the task.
+    pub perturbation: Composition,
+    /// How strong they are.
+    pub strength: Strength,
     /// Profile.
     pub profile: Profile,
 }
@@ -47,7 +49,7 @@ pub(super) enum Until {
 impl Subject {
     /// The episode's scene.
     pub(super) fn draw(self, episode_seed: u64) -> Scene {
-        self.perturbation.apply((self.task.task().nominal)(), self.profile).draw(episode_seed)
+        self.perturbation.spec(self.task.task(), self.profile, self.strength).draw(episode_seed)
     }
 
     /// The scene's start and what follows, one snapshot per control step.

@@ -20,6 +20,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 533,
     demo_steps: 473.9,
     instruction: "place the food item in the pan for cooking",
+    paraphrases: include_str!("paraphrases/cook_item_in_pan.txt"),
     nominal,
     success,
     expert,
@@ -34,7 +35,7 @@ fn nominal() -> SceneSpec {
     let regions = vec![
         at("pan", 0.0, 0.0),
         region("apple", Range::new(-0.2, -0.04), Range::new(-0.28, -0.12)),
-        at("stove", 0.15, 0.15),
+        at("stove", 0.15, 0.15).kept(),
     ];
     let bodies = vec![pan(0).turned(Range::fixed(FRAC_PI_2)), fruit::apple(1, SINGLE_TABLE_Z), stove(2)];
     let eyes = Eyes { external1: [[0.35, -0.3, 0.4], [0.0; 3]], external2: [[0.35, 0.3, 0.4], [0.0; 3]] };

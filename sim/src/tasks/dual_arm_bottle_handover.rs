@@ -17,6 +17,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 155,
     demo_steps: 130.7,
     instruction: "use both arms to pick up the bottle",
+    paraphrases: include_str!("paraphrases/dual_arm_bottle_handover.txt"),
     nominal,
     success,
     expert,

@@ -17,6 +17,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 213,
     demo_steps: 201.1,
     instruction: "use both arms to pick up the cube",
+    paraphrases: include_str!("paraphrases/dual_arm_cube_handover.txt"),
     nominal,
     success,
     expert,

@@ -18,6 +18,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 118,
     demo_steps: 81.0,
     instruction: "use both hands to grasp and pull the drawer open",
+    paraphrases: include_str!("paraphrases/dual_arm_drawer_open.txt"),
     nominal,
     success,
     expert,

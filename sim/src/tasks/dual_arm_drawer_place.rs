@@ -18,6 +18,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 202,
     demo_steps: 186.4,
     instruction: "open the drawer with one hand and place the object inside with the other hand",
+    paraphrases: include_str!("paraphrases/dual_arm_drawer_place.txt"),
     nominal,
     success,
     expert,

@@ -19,6 +19,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 125,
     demo_steps: 98.1,
     instruction: "grasp the pot with both hands and lift it up",
+    paraphrases: include_str!("paraphrases/dual_arm_lift_pot.txt"),
     nominal,
     success,
     expert,

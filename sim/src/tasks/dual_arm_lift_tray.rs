@@ -19,6 +19,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 122,
     demo_steps: 104.7,
     instruction: "grasp the tray with both hands and lift it up",
+    paraphrases: include_str!("paraphrases/dual_arm_lift_tray.txt"),
     nominal,
     success,
     expert,

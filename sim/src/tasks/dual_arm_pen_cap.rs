@@ -18,6 +18,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 232,
     demo_steps: 186.1,
     instruction: "hold the pen with one hand and remove the cap with the other hand",
+    paraphrases: include_str!("paraphrases/dual_arm_pen_cap.txt"),
     nominal,
     success,
     expert,

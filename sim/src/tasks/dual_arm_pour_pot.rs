@@ -5,11 +5,11 @@ use core::f64::consts::PI;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, LIFT_EYES, bimanual, fruit, pot, region, tray};
+use super::common::{BIMANUAL_TABLE_Z, LIFT_EYES, bimanual, by_half, fruit, pot, region, tray};
 use crate::expert::{Move, both, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
+use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec, Widened};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -19,6 +19,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 214,
     demo_steps: 200.7,
     instruction: "lift the pot with both hands and pour its contents into the target container",
+    paraphrases: include_str!("paraphrases/dual_arm_pour_pot.txt"),
     nominal,
     success,
     expert,
@@ -27,9 +28,11 @@ pub(super) const TASK: Task = Task {
 const FAR: f64 = f64::INFINITY;
 
 fn nominal() -> SceneSpec {
-    // Regions of one name draw the same offset: pot and tray stand side by side.
-    let place = |x: f64| RegionSpec {
-        common: [Range::fixed(0.0), Range::symmetric(0.1)],
+    // Regions of one name draw the same offset: pot and tray stand side by side, also where the benchmark widens the pot's.
+    let along = [Range::fixed(0.0), Range::symmetric(0.1)];
+    let place = |x: f64, widened_x: Range| RegionSpec {
+        common: along,
+        widened: Some(Widened { x: widened_x, y: Range::fixed(0.0), common: along.map(|range| range.widened(1.5)) }),
         ..region("row", Range::fixed(x), Range::fixed(0.0))
     };
     // Where it touches the floor: at any size of either, it neither hovers nor sinks in.
@@ -39,7 +42,7 @@ fn nominal() -> SceneSpec {
         ..fruit::tomato(0, BIMANUAL_TABLE_Z)
     };
     let tray = BodySpec { role: Role::ReceiverObject, ..tray::tray(1) };
-    let regions = vec![place(0.1), place(-0.2)];
+    let regions = vec![place(0.1, by_half(Range::fixed(0.1))), place(-0.2, Range::fixed(-0.2))];
     bimanual(pot::QPOS, 0.0, &LIFT_EYES, regions, vec![pot::pot(0), tomato, tray], TASK.instruction)
 }
 

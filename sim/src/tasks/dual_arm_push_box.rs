@@ -19,6 +19,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 130,
     demo_steps: 93.0,
     instruction: "use both hands to push the box to the target location",
+    paraphrases: include_str!("paraphrases/dual_arm_push_box.txt"),
     nominal,
     success,
     expert,
@@ -43,7 +44,7 @@ fn nominal() -> SceneSpec {
     let patch = goal(1, vec![PartSpec::at(patch, [0.0, 0.0, half_height], PaintSpec::plain(RED))]);
     let regions = vec![
         region("box", Range::new(-0.2, 0.0), Range::symmetric(0.1)),
-        region("goal", Range::fixed(-0.4), Range::fixed(0.0)),
+        region("goal", Range::fixed(-0.4), Range::fixed(0.0)).kept(),
     ];
     let eyes = Eyes {
         external1: [[0.75, 0.0, 1.58], [-0.2, 0.0, 0.93]],

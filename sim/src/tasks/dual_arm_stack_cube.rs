@@ -17,6 +17,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 166,
     demo_steps: 137.0,
     instruction: "use both hands to stack one cube on top of another",
+    paraphrases: include_str!("paraphrases/dual_arm_stack_cube.txt"),
     nominal,
     success,
     expert,
@@ -26,7 +27,7 @@ fn nominal() -> SceneSpec {
     let regions = vec![
         region("red cube", Range::new(-0.05, 0.15), Range::new(-0.2, -0.1)),
         region("green cube", Range::new(-0.05, 0.05), Range::new(0.1, 0.2)),
-        region("goal", Range::symmetric(0.05), Range::fixed(0.0)),
+        region("goal", Range::symmetric(0.05), Range::fixed(0.0)).kept(),
     ];
     let bodies = vec![
         stacking::cube("red cube", [1.0, 0.0, 0.0], 0),

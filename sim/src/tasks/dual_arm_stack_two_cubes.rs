@@ -17,6 +17,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 284,
     demo_steps: 242.1,
     instruction: "use both hands to stack three cubes into a tower",
+    paraphrases: include_str!("paraphrases/dual_arm_stack_two_cubes.txt"),
     nominal,
     success,
     expert,
@@ -33,7 +34,7 @@ fn nominal() -> SceneSpec {
         region("green cube", Range::new(0.1, 0.2), Range::new(0.1, 0.2)),
         // The released code lets the blue cube overlap the red one.
         RegionSpec { gap_m: Some(FINGERS), ..region("blue cube", Range::new(-0.2, 0.0), near_first_arm) },
-        region("goal", Range::symmetric(0.05), Range::fixed(0.0)),
+        region("goal", Range::symmetric(0.05), Range::fixed(0.0)).kept(),
     ];
     let colors = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let cubes = CUBES.into_iter().zip(colors).enumerate();

@@ -20,6 +20,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 192,
     demo_steps: 165.0,
     instruction: "use both hands to thread the object through the target opening",
+    paraphrases: include_str!("paraphrases/dual_arm_threading.txt"),
     nominal,
     success,
     expert,

@@ -20,6 +20,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 247,
     demo_steps: 225.7,
     instruction: "use the hammer to hit the nail into the wood",
+    paraphrases: include_str!("paraphrases/hammer_nail.txt"),
     nominal,
     success,
     expert,
@@ -49,8 +50,8 @@ fn nominal() -> SceneSpec {
     let bodies = vec![tools::hammer(0), BodySpec { friction: 2.0, ..pierced }, nail];
     let regions = vec![
         region("hammer", Range::new(-0.13, -0.07), Range::new(0.32, 0.38)),
-        region("block", Range::fixed(0.15), Range::fixed(0.10)),
-        region("nail", Range::fixed(0.15), Range::new(0.108, 0.113)),
+        region("block", Range::fixed(0.15), Range::fixed(0.10)).kept(),
+        region("nail", Range::fixed(0.15), Range::new(0.108, 0.113)).kept(),
     ];
     let target = [-0.1, 0.1, 0.0];
     let eyes = Eyes { external1: [[0.5, 0.5, 0.3], target], external2: [[0.75, 0.0, 0.5], target] };

@@ -20,6 +20,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 224,
     demo_steps: 198.4,
     instruction: "lift the peg and stand it upright on the table",
+    paraphrases: include_str!("paraphrases/lift_peg_upright.txt"),
     nominal,
     success,
     expert,

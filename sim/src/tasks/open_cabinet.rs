@@ -10,7 +10,7 @@ use super::common::{Eyes, NOISE_RAD, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{Range, Scene, SceneSpec, TableKind};
+use crate::scene::{DistractorsSpec, Range, Scene, SceneSpec, TableKind};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -20,6 +20,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 491,
     demo_steps: 475.9,
     instruction: "grasp the handle and open the cabinet door",
+    paraphrases: include_str!("paraphrases/open_cabinet.txt"),
     nominal,
     success,
     expert,
@@ -35,6 +36,13 @@ fn nominal() -> SceneSpec {
     let bodies = drawer_over_door(Range::fixed(0.0));
     let mut spec = single_arm(QPOS, NOISE_RAD, &eyes, vec![place], bodies, TASK.instruction);
     spec.table.kind = TableKind::SingleArmTurned;
+    // Before the cabinet, in the way of neither the door nor the arm's base.
+    spec.distractors = DistractorsSpec {
+        n: 1,
+        x: Range::new(-0.25, -0.15),
+        y: Range::symmetric(0.05),
+        ..spec.distractors
+    };
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI / 12.0);
     spec.robots[0].base = Isometry3::from_parts(Translation3::new(-0.615, 0.15, 0.0), turn);
     spec

@@ -19,6 +19,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 132,
     demo_steps: 118.4,
     instruction: "grasp the handle and pull the drawer open",
+    paraphrases: include_str!("paraphrases/open_drawer.txt"),
     nominal,
     success,
     expert,

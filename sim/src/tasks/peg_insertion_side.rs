@@ -20,6 +20,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 266,
     demo_steps: 151.4,
     instruction: "insert the peg into the hole from the side",
+    paraphrases: include_str!("paraphrases/peg_insertion_side.txt"),
     nominal,
     success,
     expert,

@@ -17,6 +17,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 156,
     demo_steps: 119.8,
     instruction: "pick up a dish from the drying rack",
+    paraphrases: include_str!("paraphrases/pick_dish_from_rack.txt"),
     nominal,
     success,
     expert,
@@ -36,7 +37,7 @@ fn nominal() -> SceneSpec {
     };
     let beside = RegionSpec {
         either_side: true,
-        ..region("rack", Range::fixed(-0.1), Range::new(0.15, 0.25))
+        ..region("rack", Range::fixed(-0.1), Range::new(0.15, 0.25)).kept()
     };
     let target = [0.0, 0.0, 0.05];
     let eyes = Eyes { external1: [[0.3, -0.25, 0.35], target], external2: [[-0.2, -0.15, 0.5], target] };

@@ -20,6 +20,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 203,
     demo_steps: 193.6,
     instruction: "pick up the soda can from the cabinet",
+    paraphrases: include_str!("paraphrases/pick_soda_from_cabinet.txt"),
     nominal,
     success,
     expert,
@@ -45,8 +46,8 @@ fn nominal() -> SceneSpec {
         ..movable("can", vec![solid], 1, SHELVES_Z[1] + SHELF_HALF[2])
     };
     let regions = vec![
-        region("cabinet", Range::fixed(CABINET[0]), Range::fixed(CABINET[1])),
-        region("can", Range::new(0.13, 0.162), Range::new(-0.3, -0.1)),
+        region("cabinet", Range::fixed(CABINET[0]), Range::fixed(CABINET[1])).kept(),
+        region("can", Range::new(0.13, 0.162), Range::new(-0.3, -0.1)).kept(),
     ];
     let eye = |y| [[-0.3, y, 0.6], [0.0, 0.0, 0.25]];
     let eyes = Eyes { external1: eye(0.2), external2: eye(-0.4) };

@@ -8,7 +8,7 @@ use super::common::{Eyes, SINGLE_TABLE_Z, block, fixed, movable, region, single_
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PaintSpec, PlacementSpec, Range, Role, ScaledBy, Scene, SceneSpec};
+use crate::scene::{BodySpec, PaintSpec, PlacementSpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, Widened};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -18,6 +18,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 216,
     demo_steps: 182.5,
     instruction: "place the book into the bookshelf",
+    paraphrases: include_str!("paraphrases/place_book_in_shelf.txt"),
     nominal,
     success,
     expert,
@@ -49,7 +50,11 @@ fn nominal() -> SceneSpec {
         ..fixed("other books", rows, 1, SINGLE_TABLE_Z, "they stand on the shelf")
     };
     let y = Range::new(-0.4, -0.2);
-    let regions = vec![region("book", Range::new(-0.2, -0.1), y), region("shelf", Range::new(0.0, 0.1), y)];
+    let shelf_place = region("shelf", Range::new(0.0, 0.1), y);
+    // The shelf stands beyond the book's place, so that it moves away as that grows.
+    let widened = shelf_place.widened.map(|widened| Widened { x: Range::new(0.05, 0.15), ..widened });
+    let regions =
+        vec![region("book", Range::new(-0.2, -0.1), y), RegionSpec { widened, ..shelf_place }];
     let eye = |y| [[-0.5, y, 0.5], [-0.3, -0.3, 0.1]];
     let eyes = Eyes { external1: eye(-0.1), external2: eye(-0.5) };
     single_arm(QPOS, 0.0, &eyes, regions, vec![book, shelf, others], TASK.instruction)

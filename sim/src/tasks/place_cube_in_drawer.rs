@@ -18,6 +18,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 387,
     demo_steps: 333.5,
     instruction: "place the cube inside the open drawer",
+    paraphrases: include_str!("paraphrases/place_cube_in_drawer.txt"),
     nominal,
     success,
     expert,

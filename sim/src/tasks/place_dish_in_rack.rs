@@ -20,6 +20,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 327,
     demo_steps: 251.4,
     instruction: "place the dish into the drying rack",
+    paraphrases: include_str!("paraphrases/place_dish_in_rack.txt"),
     nominal,
     success,
     expert,
@@ -32,7 +33,7 @@ fn nominal() -> SceneSpec {
     let plate = BodySpec { damping: [5.0, 8.0], ..dish::plate() };
     let regions = vec![
         region("plate", Range::new(-0.4, -0.2), Range::new(-0.3, -0.1)),
-        region("rack", Range::new(-0.15, -0.05), Range::new(0.05, 0.15)),
+        region("rack", Range::new(-0.15, -0.05), Range::new(0.05, 0.15)).kept(),
     ];
     let target = [0.0, 0.0, 0.05];
     let eyes = Eyes { external1: [[0.2, -0.15, 0.5], target], external2: [[0.1, 0.5, 0.4], target] };

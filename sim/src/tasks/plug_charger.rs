@@ -20,6 +20,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 234,
     demo_steps: 179.6,
     instruction: "plug the charger into the wall outlet",
+    paraphrases: include_str!("paraphrases/plug_charger.txt"),
     nominal,
     success,
     expert,
@@ -66,7 +67,7 @@ fn receptacle() -> BodySpec {
 fn nominal() -> SceneSpec {
     let regions = vec![
         region("charger", Range::new(-0.1, -0.026), Range::symmetric(0.2)),
-        region("receptacle", Range::new(0.01, 0.1), Range::symmetric(0.1)),
+        region("receptacle", Range::new(0.01, 0.1), Range::symmetric(0.1)).kept(),
     ];
     let facing_robot = Range::new(PI - FRAC_PI_8, PI + FRAC_PI_8);
     let bodies = vec![charger().turned(Range::symmetric(FRAC_PI_3)), receptacle().turned(facing_robot)];

@@ -16,6 +16,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 92,
     demo_steps: 78.3,
     instruction: "lift the cube up to a certain height",
+    paraphrases: include_str!("paraphrases/raise_cube.txt"),
     nominal,
     success,
     expert,

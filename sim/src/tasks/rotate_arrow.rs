@@ -18,6 +18,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 355,
     demo_steps: 328.9,
     instruction: "rotate the arrow lever to the target direction",
+    paraphrases: include_str!("paraphrases/rotate_arrow.txt"),
     nominal,
     success,
     expert,

@@ -17,6 +17,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 322,
     demo_steps: 242.9,
     instruction: "scoop the banana and move it to the target location",
+    paraphrases: include_str!("paraphrases/scoop_banana.txt"),
     nominal,
     success,
     expert,
@@ -44,7 +45,7 @@ fn nominal() -> SceneSpec {
         },
         ..fixed("wall", vec![slab], 1, SINGLE_TABLE_Z, "the released code scales only dustpan and banana")
     };
-    let around_banana = region("banana", Range::new(-0.05, 0.15), Range::new(-0.25, 0.05));
+    let around_banana = region("banana", Range::new(-0.05, 0.15), Range::new(-0.25, 0.05)).kept();
     let regions = vec![
         region("dustpan", Range::new(-0.3, -0.1), Range::new(-0.3, -0.1)),
         // The ranges overlap: the banana is drawn again until it lies beside the dustpan, not in it.

@@ -19,6 +19,7 @@ pub(super) const TASK: Task = Task {
     max_steps: 142,
     demo_steps: 107.1,
     instruction: "stack red cube on top of green cube",
+    paraphrases: include_str!("paraphrases/stack_cube.txt"),
     nominal,
     success,
     expert,
@@ -29,22 +30,18 @@ const HALF: f64 = 0.02;
 const HALF_DIAGONAL: f64 = 0.0283;
 
 fn nominal() -> SceneSpec {
-    // The released code scales both cubes under MO-Size and none under RO-Size; we follow it, so RO-Size does not apply.
+    // As in the released code, where no factor acts on the green cube but MO-Size, which scales both.
     let cube = |name, role, color| BodySpec {
         role,
         ..common::cube(name, HALF, color, 0, SINGLE_TABLE_Z).turned(Range::new(0.0, TAU))
     };
     let cubes = vec![
         cube("red cube", Role::ManipulationObject, [1.0, 0.0, 0.0]),
-        cube("green cube", Role::ReceiverObject, [0.0, 1.0, 0.0]),
+        cube("green cube", Role::Fixture, [0.0, 1.0, 0.0]),
     ];
     let region = RegionSpec {
-        name: "cubes",
-        x: Range::symmetric(0.1),
-        y: Range::symmetric(0.2),
-        common: [Range::symmetric(0.1); 2],
-        either_side: false,
         gap_m: Some(0.002),
+        ..common::region("cubes", Range::symmetric(0.1), Range::symmetric(0.2)).sharing([Range::symmetric(0.1); 2])
     };
     let target = [-0.1, 0.0, 0.1];
     let eyes = Eyes { external1: [[0.3, 0.0, 0.4], target], external2: [[0.0, -0.3, 0.4], target] };

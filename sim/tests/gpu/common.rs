@@ -1,6 +1,7 @@
 //! Scenes to draw, and what draws them.
 
 use ipc_types::ControlMode;
+use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::render::gpu::{AdapterKind, GpuOptions, Visibility};
 use sim::render::{GpuRenderer, RenderScene, Renderer, Samples, View};
@@ -78,7 +79,7 @@ pub(crate) fn shots(cells: Cells, shadows: bool) -> Vec<Shot> {
             Cells::All => &applies[..],
         };
         for &perturbation in chosen {
-            let spec = perturbation.apply(nominal.clone(), Profile::Strict);
+            let spec = Composition::from(perturbation).spec(task.task(), Profile::Strict, Strength::FULL);
             let mut scene = spec.draw(episode_seed(0, task.name(), 1));
             scene.lights.shadows |= shadows;
             shots.push(Shot::new(format!("{}/{}", task.name(), perturbation.name()), &scene));

@@ -3,6 +3,7 @@
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Translation3};
 use sim::expert::{Expert, Move};
+use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::scene::{Body, Motion, Primitive, Scene};
 use sim::stream::episode_seed;
@@ -10,7 +11,7 @@ use sim::{Perturbation, Profile, TaskId};
 
 /// The scene of one episode of the suite with seed 0.
 pub(crate) fn draw(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Scene {
-    let spec = perturbation.apply((task.task().nominal)(), Profile::Strict);
+    let spec = Composition::from(perturbation).spec(task.task(), Profile::Strict, Strength::FULL);
     spec.draw(episode_seed(0, task.name(), episode_idx))
 }
 

@@ -2,11 +2,12 @@
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::{
     Background, Body, Camera, CameraMount, CameraSlot, Lights, Motion, Paint, Part, Primitive, Role, Scene,
-    Snapshot, Table, TableKind,
+    SceneSpec, Snapshot, Table, TableKind,
 };
 use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
@@ -16,11 +17,16 @@ pub(crate) const RED: [f64; 3] = [1.0, 0.0, 0.0];
 
 /// A task's first scene, with all of its poses as they were drawn.
 pub(crate) fn drawn(task: TaskId) -> (Scene, Snapshot) {
-    let spec = Perturbation::None.apply((task.task().nominal)(), Profile::Strict);
+    let spec = (task.task().nominal)();
     let scene = spec.draw(episode_seed(0, task.name(), 0));
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
     (scene, snapshot)
+}
+
+/// The distribution of a task under a perturbation.
+pub(crate) fn perturbed(task: TaskId, perturbation: Perturbation) -> SceneSpec {
+    Composition::from(perturbation).spec(task.task(), Profile::Strict, Strength::FULL)
 }
 
 /// A room with a table, a camera at `eye` that looks at `target` over 90°, even light and nothing else.
@@ -29,7 +35,13 @@ pub(crate) fn empty_room(eye: [f64; 3], target: [f64; 3]) -> Scene {
     Scene {
         bodies: Vec::new(),
         robots: Vec::new(),
-        table: Table { kind: TableKind::SingleArm, paint: paint([0.6; 3]) },
+        table: Table {
+            kind: TableKind::SingleArm,
+            top: paint([0.6; 3]),
+            frame: paint([0.6; 3]),
+            legs: paint([0.6; 3]),
+            under: None,
+        },
         background: Background { floor: paint([0.4; 3]), walls: None },
         lights: Lights { ambient: [1.0; 3], directional: Vec::new(), shadows: false },
         cameras: vec![Camera {

@@ -2,9 +2,9 @@
 
 use nalgebra::{Isometry3, Vector3};
 use sim::scene::{Form, Paint, Primitive, Scene, Visual};
-use sim::{Perturbation, Profile, TaskId};
+use sim::{Perturbation, TaskId};
 
-use crate::common::{BLUE, as_placed, body, bounds, drawn, empty_room, image, pixels};
+use crate::common::{BLUE, as_placed, body, bounds, drawn, empty_room, image, perturbed, pixels};
 use crate::independence::differing;
 
 const SIDE: usize = 224;
@@ -137,7 +137,7 @@ fn a_body_without_visuals_is_seen_as_its_parts() {
 #[test]
 fn mo_color_gives_every_visual_a_colour_of_its_own() {
     let (nominal, snapshot) = drawn(TaskId::DualArmLiftTray);
-    let spec = Perturbation::MoColor.apply((TaskId::DualArmLiftTray.task().nominal)(), Profile::Strict);
+    let spec = perturbed(TaskId::DualArmLiftTray, Perturbation::MoColor);
     let [first, again, other] = [5, 5, 6].map(|seed| {
         let scene = spec.draw(seed);
         let visuals = &scene.body("tray").visuals;
@@ -154,8 +154,7 @@ fn mo_color_gives_every_visual_a_colour_of_its_own() {
 
 #[test]
 fn visuals_grow_with_their_body() {
-    let nominal = (TaskId::DualArmLiftTray.task().nominal)();
-    let spec = Perturbation::MoSize.apply(nominal, Profile::Strict);
+    let spec = perturbed(TaskId::DualArmLiftTray, Perturbation::MoSize);
     for seed in 0..8 {
         let tray = spec.draw(seed).body("tray").clone();
         for (visual, at_one) in tray.visuals.iter().zip(&spec.bodies[0].visuals) {

@@ -65,7 +65,7 @@ fn walls_are_told_from_nothing() {
     let pixel = (112 - 22) * SIDE + 10;
     let open = inspect(&scene, &as_placed(&scene), 0);
     assert_eq!((open.segments[pixel], open.depth_m[pixel]), (Segment::Nothing, f32::INFINITY));
-    scene.background.walls = Some(scene.table.paint);
+    scene.background.walls = Some(scene.table.top);
     let walled = inspect(&scene, &as_placed(&scene), 0);
     assert_eq!(walled.segments[112 * SIDE + 90], Segment::Walls);
     assert!((walled.depth_m[112 * SIDE + 90] - 2.45).abs() < 1e-3, "{} m", walled.depth_m[112 * SIDE + 90]);

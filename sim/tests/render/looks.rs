@@ -65,7 +65,7 @@ fn walls_hide_the_black_beyond_the_floor() {
     let (mut scene, snapshot) = drawn(TaskId::RaiseCube);
     let black = |image: &[u8]| pixels(image, 224, |rgb| rgb == [0; 3]).len();
     let open = black(&image(&scene, &snapshot, 0));
-    scene.background.walls = Some(scene.table.paint);
+    scene.background.walls = Some(scene.table.top);
     let walled = black(&image(&scene, &snapshot, 0));
     assert!(open > 1000 && walled < open / 2, "{open} black pixels without walls, {walled} with");
 }
@@ -76,7 +76,7 @@ fn colour_light_and_texture_reach_the_image() {
     let plain = image(&scene, &snapshot, 0);
     scene.bodies[0].parts[0].paint.color = [0.9, 0.8, 0.1];
     assert!(differing(&plain, &image(&scene, &snapshot, 0)) > 30, "the cube keeps its colour");
-    scene.table.paint.texture = None;
+    scene.table.top.texture = None;
     assert!(differing(&plain, &image(&scene, &snapshot, 0)) > 5000, "the table keeps its texture");
     scene.lights.directional.clear();
     scene.lights.ambient = [0.0, 0.0, 1.0];

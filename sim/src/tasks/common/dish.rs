@@ -6,9 +6,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::{SINGLE_TABLE_Z, block, fixed, movable};
 use crate::expert::grasp;
-use crate::scene::{
-    Body, BodySpec, ColorSpec, Form, PaintSpec, PartSpec, Primitive, ScaledBy, TextureSpec, VisualSpec,
-};
+use crate::scene::{Body, BodySpec, Form, PaintSpec, PartSpec, Primitive, ScaledBy, VisualSpec};
 
 /// Start pose Q1 of spec/tasks.md §2, task 3: TCP at (−0.088, 0.038, 0.318), pointing down.
 pub(in crate::tasks) const QPOS: [f64; 7] = [0.0380, -0.0558, 0.0235, -2.1654, 0.0421, 2.1272, -0.7544];
@@ -32,7 +30,7 @@ const N_PIECES: u32 = 12;
 /// The plate about its axis z, its origin halfway up, open above. It lies on the table, in the first region, unless its
 /// task says otherwise. Its friction is 1 where the benchmark's is 20, so that it slides into a slot and does not jam.
 pub(in crate::tasks) fn plate() -> BodySpec {
-    let white = PaintSpec { color: ColorSpec::Fixed([0.93; 3]), texture: TextureSpec::None, specular: 0.4 };
+    let white = PaintSpec { specular: 0.4, ..PaintSpec::plain([0.93; 3]) };
     let half =
         [THICKNESS / 2.0, (RIM_RADIUS + FOOT_RADIUS) / 2.0 * (PI / f64::from(N_PIECES)).tan(), WALL / 2.0];
     let piece = |i: u32| PartSpec { shape: Primitive::Box { half }, pose: piece(azimuth(i)), paint: white };

@@ -23,9 +23,10 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{
-    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, Form, Jitter, LightsSpec,
-    Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, RegionSpec, RobotSpec, Role, ScaledBy,
-    Scene, SceneSpec, TableKind, TableSpec, Texture, VisualSpec,
+    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, DistractorsSpec, Form,
+    InstructionSpec, Jitter, LightsSpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range,
+    RegionSpec, RobotSpec, Role, ScaledBy, Scene, SceneSpec, TableKind, TableSpec, Texture, VisualSpec,
+    Widened,
 };
 
 /// World z of the single-arm table's top, in m.
@@ -98,7 +99,16 @@ pub fn bimanual(
 
 /// A region around the origin in which one body is placed.
 pub fn region(name: &'static str, x: Range, y: Range) -> RegionSpec {
-    RegionSpec { name, x, y, common: [Range::fixed(0.0); 2], either_side: false, gap_m: None }
+    let common = [Range::fixed(0.0); 2];
+    let widened = Some(Widened { x: by_half(x), y: by_half(y), common });
+    RegionSpec { name, x, y, common, either_side: false, gap_m: None, widened }
+}
+
+/// A range as Pose-Randomization widens it: half as wide again, a point to 0.15 m (spec/perturbations.md §3).
+pub fn by_half(range: Range) -> Range {
+    const POINT: f64 = 1e-6;
+    let width = range.hi - range.lo;
+    if width < POINT { Range::new(range.lo - 0.075, range.hi + 0.075) } else { range.widened(1.5) }
 }
 
 /// A body to be handled that is seen as it collides, lies on a surface as its frame does and is scaled by MO-Size.
@@ -238,14 +248,37 @@ fn workplace(
         regions,
         sizes: None,
         robots,
-        table: TableSpec { kind, paint: PaintSpec::textured(Texture::Wood, [0.80, 0.66, 0.47]) },
+        table: table(kind),
         background: BackgroundSpec {
             floor: PaintSpec::textured(Texture::Checker, [0.55, 0.55, 0.55]),
-            walls: None,
+            walls: PaintSpec::plain([0.5; 3]),
         },
         lights: default_lights(),
         cameras,
-        instruction,
+        distractors: DistractorsSpec {
+            n: 2,
+            presence: 0.0,
+            x: Range::symmetric(0.4),
+            y: Range::symmetric(0.4),
+            surface_z_m: match morphology {
+                Morphology::Single => SINGLE_TABLE_Z,
+                Morphology::Bimanual => BIMANUAL_TABLE_Z,
+            },
+        },
+        instruction: InstructionSpec::training(instruction),
+    }
+}
+
+/// A wooden top on steel; over a grey one where two arms work.
+fn table(kind: TableKind) -> TableSpec {
+    let plain = |color, specular| PaintSpec { specular, ..PaintSpec::plain(color) };
+    let steel = plain([0.45, 0.46, 0.48], 0.3);
+    TableSpec {
+        kind,
+        top: PaintSpec::textured(Texture::Wood, [0.80, 0.66, 0.47]),
+        frame: steel,
+        legs: steel,
+        under: (kind == TableKind::Bimanual).then(|| plain([0.62, 0.62, 0.63], 0.1)),
     }
 }
 
@@ -262,7 +295,8 @@ fn hand_camera_pose() -> Isometry3<f64> {
 
 /// Grey ambient light of 0.3 and two white lights, one aslant and one from above, without shadows (spec/perturbations.md §7).
 fn default_lights() -> LightsSpec {
-    let white = |direction| DirectionalSpec { color: [Range::fixed(1.0); 3], direction };
+    let white =
+        |direction| DirectionalSpec { color: [Range::fixed(1.0); 3], direction, turn: Range::fixed(0.0) };
     LightsSpec {
         ambient: [Range::fixed(0.3); 3],
         directional: vec![white([1.0, 1.0, -1.0]), white([0.0, 0.0, -1.0])],

@@ -1,0 +1,31 @@
+//! What the tests of perturbations share.
+
+use sim::perturb::{Composition, Modality, Strength};
+use sim::scene::SceneSpec;
+use sim::stream::episode_seed;
+use sim::{Perturbation, Profile, TaskId};
+
+/// The distribution of a task under a perturbation.
+pub(crate) fn perturbed(task: TaskId, perturbation: Perturbation) -> SceneSpec {
+    Composition::from(perturbation).spec(task.task(), Profile::Strict, Strength::FULL)
+}
+
+/// The distribution of a task without any.
+pub(crate) fn nominal(task: TaskId) -> SceneSpec {
+    (task.task().nominal)()
+}
+
+/// Those that act alone: all but None and All.
+pub(crate) fn singles() -> impl Iterator<Item = Perturbation> {
+    let is_single = |p: &Perturbation| !matches!(p.modality(), None | Some(Modality::Mixed));
+    Perturbation::ALL.iter().copied().filter(is_single)
+}
+
+pub(crate) fn applies(perturbation: Perturbation, task: TaskId) -> bool {
+    perturbation.applies_to(&nominal(task)).is_ok()
+}
+
+/// Seeds of a task's first episodes.
+pub(crate) fn seeds(task: TaskId, n: u32) -> impl Iterator<Item = u64> {
+    (0..n).map(move |episode_idx| episode_seed(0, task.name(), episode_idx))
+}

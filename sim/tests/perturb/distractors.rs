@@ -1,0 +1,101 @@
+//! Clutter: clear of everything, at rest, varied.
+
+use std::collections::BTreeSet;
+
+use ipc_types::ControlMode;
+use rayon::prelude::*;
+use sim::physics::World;
+use sim::scene::{Body, Role, Scene};
+use sim::{Perturbation, TaskId};
+
+use crate::common::{nominal, perturbed, seeds};
+
+fn distractors(scene: &Scene) -> impl Iterator<Item = &Body> {
+    scene.bodies.iter().filter(|body| body.role == Role::Distractor)
+}
+
+#[test]
+fn all_stand_within_their_square_on_the_table() {
+    for &task in TaskId::ALL {
+        let place = nominal(task).distractors;
+        let spec = perturbed(task, Perturbation::DistractorObjects);
+        let n_seeds = 200;
+        let mut n = 0;
+        for seed in seeds(task, n_seeds) {
+            for body in distractors(&spec.draw(seed)) {
+                let at = body.pose.translation;
+                assert!(place.x.contains(at.x) && place.y.contains(at.y), "{}: {at:?}", task.name());
+                let lowest = body.extent(&body.pose).min.z;
+                assert!((lowest - place.surface_z_m).abs() < 1e-9, "{}: {lowest}", task.name());
+                n += 1;
+            }
+        }
+        let expected = f64::from(n_seeds) * place.n as f64;
+        assert!(f64::from(n) > 0.97 * expected, "{}: {n} of {expected} find a place", task.name());
+    }
+}
+
+#[test]
+fn none_moves_or_touches_anything_at_first() {
+    TaskId::ALL.par_iter().for_each(|&task| {
+        let spec = perturbed(task, Perturbation::DistractorObjects);
+        for seed in seeds(task, 6) {
+            let scene = spec.draw(seed);
+            let mut world = World::build(&scene, ControlMode::JointPos);
+            let mut row = vec![0.0; ControlMode::JointPos.action_dim(task.task().morphology)];
+            for (arm, row) in row.chunks_exact_mut(8).enumerate() {
+                row[..7].copy_from_slice(&world.qpos(arm)[..7]);
+                row[7] = 1.0;
+            }
+            let poses = |world: &World| -> Vec<_> {
+                let idxs = (0..scene.bodies.len()).filter(|idx| scene.bodies[*idx].role == Role::Distractor);
+                idxs.map(|idx| world.body_pose(idx)).collect()
+            };
+            let start = poses(&world);
+            for step in 0..20 {
+                world.step(&row);
+                if step == 0 {
+                    assert!(world.deepest_overlap() < 1e-3, "{}: {}", task.name(), world.deepest_overlap());
+                }
+            }
+            for (pose, before) in poses(&world).iter().zip(&start) {
+                let moved = (pose.translation.vector - before.translation.vector).norm();
+                let turned = pose.rotation.angle_to(&before.rotation);
+                assert!(moved < 1e-3 && turned < 0.01, "{}: {moved} m, {turned} rad", task.name());
+            }
+        }
+    });
+}
+
+#[test]
+fn they_are_of_many_kinds() {
+    let spec = perturbed(TaskId::RaiseCube, Perturbation::DistractorObjects);
+    let mut forms = BTreeSet::new();
+    let mut solids = BTreeSet::new();
+    for seed in seeds(TaskId::RaiseCube, 2000) {
+        for body in distractors(&spec.draw(seed)) {
+            // A kind is told by how many parts and visuals of which sort it has.
+            let sort = |text: String| text.split([' ', '{', '(']).next().unwrap_or_default().to_owned();
+            let parts: Vec<String> =
+                body.parts.iter().map(|part| sort(format!("{:?}", part.shape))).collect();
+            let visuals: Vec<String> = body.visuals.iter().map(|v| sort(format!("{:?}", v.form))).collect();
+            solids.insert(format!("{:?}", body.parts.iter().map(|part| part.shape).collect::<Vec<_>>()));
+            forms.insert((parts, visuals));
+        }
+    }
+    assert!(forms.len() >= 20, "{} sorts of make", forms.len());
+    assert!(solids.len() > 1000, "{} different sizes", solids.len());
+}
+
+#[test]
+fn two_of_an_episode_are_not_alike_as_a_rule() {
+    let spec = perturbed(TaskId::RaiseCube, Perturbation::DistractorObjects);
+    let mut n_alike = 0;
+    for seed in seeds(TaskId::RaiseCube, 300) {
+        let scene = spec.draw(seed);
+        if let [a, b] = distractors(&scene).collect::<Vec<_>>()[..] {
+            n_alike += usize::from(a.parts == b.parts);
+        }
+    }
+    assert!(n_alike < 6, "{n_alike} of 300");
+}

@@ -1,0 +1,281 @@
+//! What is drawn follows the stated distributions (spec/perturbations.md §3, §5).
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+use sim::scene::{CameraMount, PlacementSpec, Range, Scene, Texture};
+use sim::{Perturbation, Profile, TaskId};
+
+use crate::common::{applies, nominal, perturbed, seeds};
+
+const N: u32 = 10_000;
+
+/// Asserts that numbers are uniform in a range: by their bounds and by the Kolmogorov–Smirnov distance, which exceeds
+/// 1.95 / √n in one of a thousand samples.
+#[track_caller]
+fn assert_uniform(what: &str, mut numbers: Vec<f64>, range: Range) {
+    let n = numbers.len() as f64;
+    numbers.sort_unstable_by(f64::total_cmp);
+    let (least, greatest) = (numbers[0], numbers[numbers.len() - 1]);
+    assert!(
+        range.contains(least) && range.contains(greatest),
+        "{what}: from {least} to {greatest}, not {range:?}"
+    );
+    let distance = |(i, x): (usize, &f64)| {
+        let expected = (x - range.lo) / (range.hi - range.lo);
+        (expected - i as f64 / n).abs().max((expected - (i + 1) as f64 / n).abs())
+    };
+    let distance = numbers.iter().enumerate().map(distance).fold(0.0, f64::max);
+    assert!(distance < 1.95 / n.sqrt(), "{what}: Kolmogorov–Smirnov distance {distance} over {n} draws");
+}
+
+/// Asserts that each of `n_choices` is chosen about as often: by the chi-squared statistic, which exceeds its mean by five
+/// standard deviations hardly ever.
+#[track_caller]
+fn assert_even<T: Ord>(what: &str, choices: impl Iterator<Item = T>, n_choices: usize) {
+    let mut counts: BTreeMap<T, f64> = BTreeMap::new();
+    choices.for_each(|choice| *counts.entry(choice).or_default() += 1.0);
+    assert_eq!(counts.len(), n_choices, "{what}: choices");
+    let expected = counts.values().sum::<f64>() / n_choices as f64;
+    let chi_squared: f64 = counts.values().map(|count| (count - expected).powi(2) / expected).sum();
+    let freedom = (n_choices - 1) as f64;
+    assert!(chi_squared < freedom + 5.0 * (2.0 * freedom).sqrt(), "{what}: chi-squared {chi_squared}");
+}
+
+fn scenes(task: TaskId, perturbation: Perturbation) -> Vec<Scene> {
+    let spec = perturbed(task, perturbation);
+    seeds(task, N).map(|seed| spec.draw(seed)).collect()
+}
+
+const UNIT: Range = Range::new(0.0, 1.0);
+
+#[test]
+fn colours_are_uniform_and_nobodys_twice() {
+    let scenes = scenes(TaskId::StackCube, Perturbation::MoColor);
+    let color = |scene: &Scene| scene.body("red cube").parts[0].paint.color;
+    for channel in 0..3 {
+        assert_uniform("MO-Color", scenes.iter().map(|scene| color(scene)[channel]).collect(), UNIT);
+    }
+    let mut colors: Vec<[u64; 3]> = scenes.iter().map(|scene| color(scene).map(f64::to_bits)).collect();
+    colors.sort_unstable();
+    colors.dedup();
+    assert_eq!(colors.len(), N as usize, "no two episodes share a colour");
+}
+
+#[test]
+fn every_part_has_a_colour_and_a_texture_of_its_own() {
+    // Goals are discs of five rings, cubes are two.
+    let task = TaskId::DualArmStackCube;
+    let looks = |scene: &Scene| -> Vec<_> {
+        let parts = scene.bodies.iter().flat_map(|body| &body.parts);
+        parts.map(|part| part.paint).collect()
+    };
+    let mut same_texture = 0_usize;
+    for seed in seeds(task, 200) {
+        let painted = looks(&perturbed(task, Perturbation::RoColor).draw(seed));
+        let rings = &painted[2..];
+        assert!(rings.iter().enumerate().all(|(i, a)| rings[..i].iter().all(|b| a.color != b.color)));
+        let textured = looks(&perturbed(task, Perturbation::MoTexture).draw(seed));
+        let [a, b] = [0, 1].map(|cube| textured[cube].texture.expect("a cube has a pattern"));
+        same_texture += usize::from(a == b);
+    }
+    assert!(same_texture < 200 / 10, "the two cubes share a pattern in {same_texture} of 200 episodes");
+}
+
+#[test]
+fn textures_are_chosen_evenly_and_untinted() {
+    let scenes = scenes(TaskId::RaiseCube, Perturbation::MoTexture);
+    let paints: Vec<_> = scenes.iter().map(|scene| scene.body("cube").parts[0].paint).collect();
+    assert!(paints.iter().all(|paint| paint.color == [1.0; 3]));
+    let choices = paints.iter().map(|paint| format!("{:?}", paint.texture.expect("it has a pattern")));
+    assert_even("MO-Texture", choices, Texture::PERTURBATION.len());
+}
+
+#[test]
+fn a_recoloured_table_has_one_colour_and_no_pattern() {
+    for (task, n_colors) in [(TaskId::RaiseCube, 1), (TaskId::DualArmLiftPot, 2)] {
+        for seed in seeds(task, 50) {
+            let table = perturbed(task, Perturbation::TableColor).draw(seed).table;
+            let paints: Vec<_> =
+                [table.top, table.frame, table.legs].into_iter().chain(table.under).collect();
+            assert!(paints.iter().all(|paint| paint.texture.is_none()));
+            let mut colors: Vec<_> = paints.iter().map(|paint| paint.color.map(f64::to_bits)).collect();
+            colors.sort_unstable();
+            colors.dedup();
+            assert_eq!(colors.len(), n_colors, "{}: a table, and a plate over it", task.name());
+        }
+    }
+}
+
+#[test]
+fn under_all_a_coin_tells_between_colour_and_texture() {
+    let scenes = scenes(TaskId::RaiseCube, Perturbation::All);
+    let looks: [(&str, fn(&Scene) -> bool); 3] = [
+        ("cube", |scene| scene.body("cube").parts[0].paint.texture.is_some()),
+        ("table", |scene| scene.table.top.texture.is_some()),
+        ("walls", |scene| scene.background.walls.expect("walls stand").texture.is_some()),
+    ];
+    for (what, has_texture) in looks {
+        assert_even(what, scenes.iter().map(has_texture), 2);
+    }
+    // Each look has a coin of its own.
+    let faces = scenes.iter().map(|scene| looks.map(|(_, has_texture)| has_texture(scene)));
+    assert_even("faces of three coins", faces, 8);
+}
+
+#[test]
+fn sizes_lie_within_a_fifth() {
+    for (task, perturbation) in
+        [(TaskId::RaiseCube, Perturbation::MoSize), (TaskId::CookItemInPan, Perturbation::RoSize)]
+    {
+        let by = nominal(task)
+            .bodies
+            .iter()
+            .zip(&perturbed(task, perturbation).bodies)
+            .find(|(nominal, perturbed)| nominal.scale != perturbed.scale)
+            .map(|(body, _)| body.name);
+        let name = by.expect("a body is scaled");
+        let scales = scenes(task, perturbation).iter().map(|scene| scene.body(name).scale).collect();
+        assert_uniform(perturbation.name(), scales, Range::new(0.8, 1.2));
+    }
+}
+
+#[test]
+fn a_scaled_body_keeps_its_density() {
+    let spec = perturbed(TaskId::RaiseCube, Perturbation::MoSize);
+    for seed in seeds(TaskId::RaiseCube, 10) {
+        let scene = spec.draw(seed);
+        assert_eq!(scene.body("cube").density, 1000.0);
+    }
+}
+
+#[test]
+fn light_comes_from_anywhere_in_any_hue() {
+    let scenes = scenes(TaskId::RaiseCube, Perturbation::LightColor);
+    assert!(scenes.iter().all(|scene| scene.lights.shadows && scene.lights.directional.len() == 1));
+    for channel in 0..3 {
+        let ambient = scenes.iter().map(|scene| scene.lights.ambient[channel]).collect();
+        assert_uniform("ambient", ambient, Range::new(0.15, 0.45 + 1e-15));
+        let color = scenes.iter().map(|scene| scene.lights.directional[0].color[channel]).collect();
+        assert_uniform("directional", color, Range::new(0.5, 1.0));
+    }
+    let directions = scenes.iter().map(|scene| Vector3::from(scene.lights.directional[0].direction));
+    let azimuths = directions.map(|direction| {
+        assert!((direction.xy().norm() - 1.0).abs() < 1e-12 && direction.z == -1.0, "it falls at 45°");
+        direction.y.atan2(direction.x)
+    });
+    let half_turn = core::f64::consts::PI;
+    assert_uniform("azimuth", azimuths.collect(), Range::new(-half_turn, half_turn));
+}
+
+#[test]
+fn external_cameras_err_by_centimetres_and_degrees_and_wrist_cameras_do_not() {
+    let scenes = scenes(TaskId::RaiseCube, Perturbation::CameraPose);
+    for camera_idx in 0..2 {
+        let errors: Vec<_> = scenes.iter().map(|scene| scene.cameras[camera_idx].error).collect();
+        for axis in 0..3 {
+            let shifts = errors.iter().map(|error| error.translation.vector[axis]).collect();
+            assert_uniform("shift", shifts, Range::symmetric(0.03));
+        }
+        // Intrinsic XYZ angles of R are the negated roll, pitch and yaw of its inverse.
+        let angles: Vec<_> = errors.iter().map(|error| error.rotation.inverse().euler_angles()).collect();
+        let range = Range::symmetric(0.035 + 1e-12);
+        assert_uniform("about x", angles.iter().map(|angles| -angles.0).collect(), range);
+        assert_uniform("about y", angles.iter().map(|angles| -angles.1).collect(), range);
+        assert_uniform("about z", angles.iter().map(|angles| -angles.2).collect(), range);
+    }
+    let still = scenes.iter().flat_map(|scene| &scene.cameras[2..]);
+    assert!(still.clone().count() > 0);
+    for camera in still {
+        assert!(matches!(camera.mount, CameraMount::Hand { .. }));
+        assert_eq!(camera.error, nalgebra::Isometry3::identity());
+    }
+    assert!(scenes.iter().all(|scene| scene.cameras[0].error != scene.cameras[1].error));
+}
+
+#[test]
+fn the_paper_profile_lifts_cameras_by_three_centimetres() {
+    let task = TaskId::RaiseCube.task();
+    let spec =
+        Perturbation::CameraPose.apply((task.nominal)(), task, Profile::Paper, sim::perturb::Strength::FULL);
+    for seed in seeds(TaskId::RaiseCube, 100) {
+        let scene = spec.draw(seed);
+        assert!(scene.cameras[..2].iter().all(|camera| camera.error.translation.z == 0.03));
+    }
+}
+
+/// x and y ranges of the body that is placed first in a region under Pose-Randomization (spec/perturbations.md §5), with the
+/// common offset of its region.
+const PLACES: [(TaskId, &str, [[f64; 2]; 2]); 31] = {
+    use TaskId as T;
+    [
+        (T::RaiseCube, "cube", [[-0.15, 0.15], [-0.15, 0.15]]),
+        (T::LiftPegUpright, "peg", [[-0.15, 0.15], [-0.15, 0.15]]),
+        (T::DualArmCubeHandover, "cube", [[-0.15, 0.15], [-0.15, 0.15]]),
+        (T::DualArmLiftPot, "pot", [[-0.15, 0.15], [-0.15, 0.15]]),
+        (T::DualArmLiftTray, "tray", [[-0.15, 0.15], [-0.15, 0.15]]),
+        (T::PlaceBookInShelf, "book", [[-0.225, -0.075], [-0.45, -0.15]]),
+        (T::PlaceBookInShelf, "shelf", [[0.05, 0.15], [-0.45, -0.15]]),
+        (T::PlaceDishInRack, "plate", [[-0.45, -0.15], [-0.35, -0.05]]),
+        (T::RotateArrow, "arrow", [[-0.45, -0.15], [-0.35, -0.05]]),
+        (T::PegInsertionSide, "peg", [[-0.15, 0.15], [-0.375, 0.075]]),
+        (T::PegInsertionSide, "box", [[-0.075, 0.075], [0.15, 0.45]]),
+        (T::PlugCharger, "charger", [[-0.1185, -0.0075], [-0.3, 0.3]]),
+        (T::HammerNail, "hammer", [[-0.145, -0.055], [0.305, 0.395]]),
+        (T::ScoopBanana, "dustpan", [[-0.35, -0.05], [-0.35, -0.05]]),
+        (T::OpenDrawer, "cabinet", [[0.125, 0.275], [-0.075, 0.075]]),
+        (T::OpenCabinet, "cabinet", [[0.125, 0.275], [-0.075, 0.075]]),
+        (T::PlaceCubeInDrawer, "cube", [[-0.15, 0.15], [0.35, 0.65]]),
+        (T::PlaceCubeInDrawer, "cabinet", [[-0.15, 0.15], [-0.65, -0.35]]),
+        (T::CookItemInPan, "apple", [[-0.24, 0.0], [-0.32, -0.08]]),
+        (T::CookItemInPan, "pan", [[-0.075, 0.075], [-0.075, 0.075]]),
+        (T::DualArmBottleHandover, "bottle", [[0.15, 0.45], [-0.35, -0.05]]),
+        (T::DualArmPushBox, "box", [[-0.25, 0.05], [-0.15, 0.15]]),
+        (T::DualArmPourPot, "pot", [[0.025, 0.175], [-0.15, 0.15]]),
+        (T::DualArmThreading, "tripod", [[0.125, 0.275], [-0.075, 0.075]]),
+        (T::DualArmThreading, "needle", [[-0.375, -0.225], [-0.075, 0.075]]),
+        (T::DualArmPenCap, "cap", [[-0.475, -0.025], [-0.475, -0.025]]),
+        (T::DualArmDrawerPlace, "cube", [[-0.225, -0.075], [-0.14175, -0.14025]]),
+        (T::DualArmStackCube, "red cube", [[-0.1, 0.2], [-0.225, -0.075]]),
+        (T::DualArmStackCube, "green cube", [[-0.075, 0.075], [0.075, 0.225]]),
+        (T::DualArmStackTwoCubes, "red cube", [[-0.05, 0.25], [-0.225, -0.075]]),
+        (T::DualArmStackTwoCubes, "green cube", [[0.075, 0.225], [0.075, 0.225]]),
+    ]
+};
+
+#[test]
+fn places_are_half_as_wide_again() {
+    for (task, name, [x, y]) in PLACES {
+        let spec = perturbed(task, Perturbation::PoseRandomization);
+        let PlacementSpec::On { region, .. } = spec.bodies[spec.body_idx(name)].placement else {
+            panic!("{name} is placed with another body")
+        };
+        // A body that must keep away from others is drawn again, and so not uniform.
+        let is_free = spec.regions[region].gap_m.is_none();
+        let scenes: Vec<Scene> =
+            seeds(task, if is_free { N } else { 1000 }).map(|seed| spec.draw(seed)).collect();
+        for (axis, [lo, hi]) in [x, y].into_iter().enumerate() {
+            let what = format!("{} {name} axis {axis}", task.name());
+            let at = scenes.iter().map(|scene| scene.body(name).pose.translation.vector[axis]);
+            let range = Range::new(lo - 1e-12, hi + 1e-12);
+            if is_free {
+                assert_uniform(&what, at.collect(), range);
+            } else {
+                at.for_each(|at| assert!(range.contains(at), "{what}: {at}"));
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_not_widened_stays() {
+    for &task in TaskId::ALL.iter().filter(|task| applies(Perturbation::PoseRandomization, **task)) {
+        let (spec, nominal) = (perturbed(task, Perturbation::PoseRandomization), nominal(task));
+        for (region, before) in spec.regions.iter().zip(&nominal.regions) {
+            if before.widened.is_none() {
+                assert_eq!(region, before, "{}", task.name());
+            }
+        }
+        assert_eq!(spec.bodies, nominal.bodies, "{}: yaw and start poses stay", task.name());
+    }
+}

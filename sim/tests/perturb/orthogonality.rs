@@ -1,0 +1,163 @@
+//! Each perturbation has fields of its own: it edits no other, and no draw of another changes.
+
+use sim::perturb::{Composition, Modality, Strength};
+use sim::scene::{BodySpec, CameraMount, Jitter, Paint, Role, Scene, SceneSpec, Variation};
+use sim::{Perturbation, Profile, TaskId};
+
+use crate::common::{applies, nominal, perturbed, seeds, singles};
+
+#[test]
+fn any_two_commute_on_every_task() {
+    for &task in TaskId::ALL {
+        let apply = |spec, p: Perturbation| p.apply(spec, task.task(), Profile::Strict, Strength::FULL);
+        for a in singles() {
+            for b in singles().filter(|b| *b != a) {
+                if [a, b].iter().all(|p| p.modality() == Some(Modality::Language)) {
+                    assert!(Composition::new(&[a, b]).is_err(), "an episode has one instruction");
+                    continue;
+                }
+                let orders = [[a, b], [b, a]].map(|order| order.into_iter().fold(nominal(task), apply));
+                assert_eq!(orders[0], orders[1], "{} {} {}", task.name(), a.name(), b.name());
+                let composed = Composition::new(&[b, a]).unwrap();
+                assert_eq!(composed.spec(task.task(), Profile::Strict, Strength::FULL), orders[0]);
+            }
+        }
+    }
+}
+
+/// Takes back what a perturbation may edit.
+fn restore(perturbation: Perturbation, spec: &mut SceneSpec, from: &SceneSpec) {
+    fn paints<'a>(spec: &'a mut SceneSpec, role: Role, restore: impl Fn(&mut Variation) + 'a) {
+        let bodies = spec.bodies.iter_mut().filter(move |body| body.role == role);
+        bodies.flat_map(BodySpec::paints_mut).for_each(|paint| restore(&mut paint.variation));
+    }
+    let color = |variation: &mut Variation| variation.color = 0.0;
+    let texture = |variation: &mut Variation| variation.texture = 0.0;
+    match perturbation {
+        Perturbation::None | Perturbation::All => unreachable!("they have no fields of their own"),
+        Perturbation::MoColor => paints(spec, Role::ManipulationObject, color),
+        Perturbation::RoColor => paints(spec, Role::ReceiverObject, color),
+        Perturbation::MoTexture => paints(spec, Role::ManipulationObject, texture),
+        Perturbation::RoTexture => paints(spec, Role::ReceiverObject, texture),
+        Perturbation::TableColor => spec.table.paints_mut().for_each(|paint| color(&mut paint.variation)),
+        Perturbation::TableTexture => spec.table.paints_mut().for_each(|paint| texture(&mut paint.variation)),
+        Perturbation::BackgroundColor => color(&mut spec.background.walls.variation),
+        Perturbation::BackgroundTexture => texture(&mut spec.background.walls.variation),
+        Perturbation::LightColor => spec.lights = from.lights.clone(),
+        Perturbation::DistractorObjects => spec.distractors.presence = 0.0,
+        Perturbation::CameraPose => spec.cameras.iter_mut().for_each(|camera| camera.jitter = Jitter::NONE),
+        Perturbation::LanguageParaphrase
+        | Perturbation::LanguageNone
+        | Perturbation::LanguageRandom
+        | Perturbation::LanguageOtherTask => spec.instruction.other = None,
+        Perturbation::MoSize | Perturbation::RoSize => {
+            for (body, nominal) in spec.bodies.iter_mut().zip(&from.bodies) {
+                body.scale = nominal.scale;
+            }
+        }
+        Perturbation::PoseRandomization => spec.regions.clone_from(&from.regions),
+    }
+}
+
+#[test]
+fn each_edits_its_own_fields_only_and_those_where_it_applies() {
+    for &task in TaskId::ALL {
+        let nominal = nominal(task);
+        for perturbation in singles() {
+            let cell = format!("{} {}", task.name(), perturbation.name());
+            let mut spec = perturbed(task, perturbation);
+            assert_eq!(spec != nominal, applies(perturbation, task), "{cell}");
+            restore(perturbation, &mut spec, &nominal);
+            assert_eq!(spec, nominal, "{cell}");
+        }
+    }
+}
+
+/// Takes back what a perturbation may draw anew.
+fn redraw(perturbation: Perturbation, scene: &mut Scene, twin: &Scene) {
+    let repaint = |scene: &mut Scene, role: Role| {
+        for (body, twin) in scene.bodies.iter_mut().zip(&twin.bodies).filter(|(body, _)| body.role == role) {
+            for (part, twin) in body.parts.iter_mut().zip(&twin.parts) {
+                part.paint = twin.paint;
+            }
+            for (visual, twin) in body.visuals.iter_mut().zip(&twin.visuals) {
+                visual.paint = twin.paint;
+            }
+        }
+    };
+    match perturbation {
+        Perturbation::None | Perturbation::All => unreachable!("they have no draws of their own"),
+        Perturbation::MoColor | Perturbation::MoTexture => repaint(scene, Role::ManipulationObject),
+        Perturbation::RoColor | Perturbation::RoTexture => repaint(scene, Role::ReceiverObject),
+        Perturbation::TableColor | Perturbation::TableTexture => scene.table = twin.table.clone(),
+        Perturbation::BackgroundColor | Perturbation::BackgroundTexture => scene.background.walls = None,
+        Perturbation::LightColor => scene.lights = twin.lights.clone(),
+        Perturbation::DistractorObjects => scene.bodies.truncate(twin.bodies.len()),
+        Perturbation::CameraPose => {
+            for (camera, twin) in scene.cameras.iter_mut().zip(&twin.cameras) {
+                if matches!(camera.mount, CameraMount::World { .. }) {
+                    camera.error = twin.error;
+                }
+            }
+        }
+        Perturbation::LanguageParaphrase
+        | Perturbation::LanguageNone
+        | Perturbation::LanguageRandom
+        | Perturbation::LanguageOtherTask => scene.instruction.clone_from(&twin.instruction),
+        Perturbation::MoSize | Perturbation::RoSize => {
+            for (body, twin) in scene.bodies.iter_mut().zip(&twin.bodies) {
+                let paints = |body: &sim::scene::Body| -> Vec<Paint> {
+                    let visuals = body.visuals.iter().map(|visual| visual.paint);
+                    body.parts.iter().map(|part| part.paint).chain(visuals).collect()
+                };
+                assert_eq!(paints(body), paints(twin), "a size changes no look");
+                assert_eq!((body.density, body.friction), (twin.density, twin.friction));
+                *body = twin.clone();
+            }
+        }
+        Perturbation::PoseRandomization => {
+            for (body, twin) in scene.bodies.iter_mut().zip(&twin.bodies) {
+                body.pose = twin.pose;
+            }
+        }
+    }
+}
+
+#[test]
+fn unrelated_draws_stay_those_of_the_twin() {
+    for &task in TaskId::ALL {
+        for perturbation in singles() {
+            let spec = perturbed(task, perturbation);
+            for seed in seeds(task, 4) {
+                let (mut scene, twin) = (spec.draw(seed), nominal(task).draw(seed));
+                redraw(perturbation, &mut scene, &twin);
+                assert_eq!(scene, twin, "{} {}", task.name(), perturbation.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_scaled_body_stays_where_it_is_and_stands_on_its_surface() {
+    let task = TaskId::RaiseCube;
+    let spec = perturbed(task, Perturbation::MoSize);
+    for seed in seeds(task, 20) {
+        let (scaled, twin) = (spec.draw(seed), nominal(task).draw(seed));
+        let [at, twin_at] = [&scaled, &twin].map(|scene| scene.bodies[0].pose);
+        assert_eq!((at.translation.x, at.translation.y), (twin_at.translation.x, twin_at.translation.y));
+        assert_eq!(at.rotation, twin_at.rotation);
+        assert!((at.translation.z - twin_at.translation.z * scaled.bodies[0].scale).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn all_is_all_that_applies_with_paraphrases() {
+    let parts =
+        |p: &Perturbation| p.modality() != Some(Modality::Language) || *p == Perturbation::LanguageParaphrase;
+    let parts: Vec<Perturbation> = singles().filter(parts).collect();
+    let composed = Composition::new(&parts).unwrap();
+    for &task in TaskId::ALL {
+        let all = perturbed(task, Perturbation::All);
+        assert_eq!(all, composed.spec(task.task(), Profile::Strict, Strength::FULL), "{}", task.name());
+    }
+}

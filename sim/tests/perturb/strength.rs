@@ -1,0 +1,91 @@
+//! Weaker perturbations.
+
+use sim::perturb::{Composition, Strength};
+use sim::scene::{Jitter, SceneSpec};
+use sim::{Perturbation, Profile, TaskId};
+
+use crate::common::{nominal, seeds, singles};
+
+fn at(strength: f64, task: TaskId, perturbation: Perturbation) -> SceneSpec {
+    let strength = Strength::try_from(strength).unwrap();
+    Composition::from(perturbation).spec(task.task(), Profile::Strict, strength)
+}
+
+#[test]
+fn ranges_shrink_about_their_nominal_values() {
+    let task = TaskId::RaiseCube;
+    let spec = at(0.5, task, Perturbation::All);
+    let cube = &spec.bodies[0];
+    assert_eq!([cube.scale.lo, cube.scale.hi], [0.9, 1.1]);
+    let region = &spec.regions[0];
+    assert_eq!([region.x.lo, region.x.hi].map(|x| (x * 1e9).round()), [-0.125e9, 0.125e9]);
+    let Jitter { translation, rotation } = spec.cameras[0].jitter;
+    assert_eq!(translation.map(|range| [range.lo, range.hi]), [[-0.015, 0.015]; 3]);
+    assert_eq!(rotation.map(|range| [range.lo, range.hi]), [[-0.0175, 0.0175]; 3]);
+    let lights = &spec.lights;
+    assert_eq!(lights.directional.len(), 2, "the second light is half as bright");
+    assert_eq!(lights.directional[1].color.map(|range| [range.lo, range.hi]), [[0.5, 0.5]; 3]);
+    assert_eq!(lights.directional[0].color.map(|range| [range.lo, range.hi]), [[0.75, 1.0]; 3]);
+}
+
+#[test]
+fn colours_come_half_way() {
+    let task = TaskId::RaiseCube;
+    let spec = at(0.5, task, Perturbation::MoColor);
+    let nominal_color = nominal(task).bodies[0].parts[0].paint.color;
+    let mut farthest = [0.0_f64; 3];
+    for seed in seeds(task, 1000) {
+        let color = spec.draw(seed).bodies[0].parts[0].paint.color;
+        for (channel, (c, from)) in color.into_iter().zip(nominal_color).enumerate() {
+            assert!((0.5 * from..=0.5 * from + 0.5).contains(&c));
+            farthest[channel] = farthest[channel].max((c - from).abs());
+        }
+    }
+    assert!(farthest.iter().all(|far| *far > 0.25), "{farthest:?}");
+}
+
+#[test]
+fn what_is_chosen_is_chosen_half_the_time() {
+    let task = TaskId::RaiseCube;
+    let n = 2000;
+    let share = |perturbation, differs: fn(&sim::scene::Scene) -> usize| {
+        let spec = at(0.5, task, perturbation);
+        seeds(task, n).map(|seed| differs(&spec.draw(seed))).sum::<usize>() as f64 / f64::from(n)
+    };
+    let told_else =
+        |scene: &sim::scene::Scene| usize::from(scene.instruction != TaskId::RaiseCube.task().instruction);
+    let half = [
+        share(Perturbation::LanguageParaphrase, told_else),
+        share(Perturbation::LanguageNone, told_else),
+        share(Perturbation::MoTexture, |scene| usize::from(scene.bodies[0].parts[0].paint.texture.is_some())),
+        share(Perturbation::DistractorObjects, |scene| scene.bodies.len() - 1) / 2.0,
+    ];
+    assert!(half.iter().all(|share| (0.46..0.54).contains(share)), "{half:?}");
+}
+
+#[test]
+fn hardly_any_strength_is_hardly_any_change() {
+    for &task in TaskId::ALL {
+        for perturbation in singles() {
+            let (weak, nominal) = (at(1e-9, task, perturbation), nominal(task));
+            let seed = seeds(task, 1).next().unwrap();
+            let (weak, twin) = (weak.draw(seed), nominal.draw(seed));
+            assert_eq!(weak.instruction, twin.instruction);
+            assert_eq!(weak.bodies.len(), twin.bodies.len());
+            for (body, twin) in weak.bodies.iter().zip(&twin.bodies) {
+                let apart = (body.pose.translation.vector - twin.pose.translation.vector).norm();
+                assert!(apart < 1e-6, "{} {} {}: {apart} m", task.name(), perturbation.name(), body.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_strength_lies_above_nothing_and_up_to_the_benchmarks() {
+    for wrong in [0.0, -0.1, 1.001, f64::NAN, f64::INFINITY] {
+        assert!(Strength::try_from(wrong).is_err(), "{wrong}");
+    }
+    let message = Strength::try_from(2.0).unwrap_err().to_string();
+    assert_eq!(message, "strength is 2, expected a number above 0 and up to 1, the benchmark's");
+    assert_eq!(Strength::try_from(1.0).unwrap(), Strength::FULL);
+}
