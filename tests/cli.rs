@@ -167,6 +167,37 @@ fn show_writes_a_picture() {
 }
 
 #[test]
+fn show_has_a_row_for_every_perturbation_that_applies() {
+    let dir = tempfile::tempdir().unwrap();
+    let args = ["show", "RaiseCube", "--perturbation", "all", "-o", "x.png"];
+    let stdout = run(dir.path(), &args).expect_code(0).stdout;
+    let nominal = (sim::TaskId::RaiseCube.task().nominal)();
+    let names = sim::Perturbation::ALL.iter().filter(|p| p.applies_to(&nominal).is_ok()).map(|p| p.name());
+    let rows: Vec<&str> = stdout.lines().skip(1).map(|line| line.split("  ").next().unwrap()).collect();
+    assert_eq!(rows, names.collect::<Vec<_>>());
+    assert!(stdout.contains(sim::TaskId::RaiseCube.task().instruction), "{stdout}");
+    let (size, _) = png_size(&dir.path().join("x.png"));
+    assert_eq!(size[1], rows.len() as u32 * (2 * 224 + 4) + 4);
+    refused(dir.path(), &[&args[..], &["--episodes", "2"]].concat(), &["--perturbation all", "--episodes"]);
+}
+
+#[test]
+fn perturbations_compose_and_weaken() {
+    let dir = tempfile::tempdir().unwrap();
+    let args = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "1", "--db", "x.db"];
+    let with =
+        |perturbations, more: &[&'static str]| [&args, &["--perturbations", perturbations], more].concat();
+    let half = with("Light-Color+MO-Color,MO-Color", &["--strength", "0.5"]);
+    let stdout = run(dir.path(), &half).expect_code(0).stdout;
+    assert!(stdout.contains("MO-Color+Light-Color"), "{stdout}");
+    assert_eq!(rows(&dir.path().join("x.db")).len(), 2);
+    // Rows of another strength are other rows.
+    refused(dir.path(), &with("MO-Color", &[]), &["x.db", "strength", "0.5"]);
+    refused(dir.path(), &with("Language-None+Language-Random", &[]), &["Language-None", "one instruction"]);
+    refused(dir.path(), &["show", "RaiseCube", "--strength", "2"], &["strength is 2", "up to 1"]);
+}
+
+#[test]
 fn show_says_what_its_colours_mean() {
     let dir = tempfile::tempdir().unwrap();
     let shown = |what| run(dir.path(), &["show", "StackCube", "--what", what]).expect_code(0).stdout;

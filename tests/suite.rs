@@ -29,9 +29,10 @@ fn cells_of(perturbations: &[Perturbation]) -> Vec<(TaskId, Perturbation)> {
     pairs.filter(|(task, p)| applies(*task, *p)).collect()
 }
 
-/// Cells whose worlds differ. All other perturbations are only seen, and change no trajectory (`sim/tests/physics`).
+/// Cells whose worlds differ. All other perturbations are only seen or said, and change no trajectory (`sim/tests/perturb`).
 fn cells() -> Vec<(TaskId, Perturbation)> {
-    cells_of(&[Perturbation::None, Perturbation::MoSize])
+    let differ = |p: &Perturbation| *p == Perturbation::None || p.changes_bodies();
+    cells_of(&Perturbation::ALL.iter().copied().filter(differ).collect::<Vec<_>>())
 }
 
 fn draw(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Scene {
@@ -139,12 +140,7 @@ fn random_actions_never_leave_the_finite_numbers() {
     let cases: Vec<_> = cases.flat_map(|(task, mode)| (0..7).map(move |idx| (task, mode, idx))).collect();
     cases.into_par_iter().for_each(|(task, mode, episode_idx)| {
         let cell = format!("{} {} {episode_idx}", task.name(), mode.name());
-        let largest = if Perturbation::MoSize.applies_to(&(task.task().nominal)()).is_ok() {
-            Perturbation::MoSize
-        } else {
-            Perturbation::None
-        };
-        let scene = draw(task, largest, episode_idx);
+        let scene = draw(task, Perturbation::All, episode_idx);
         let mut trial = Trial::new(task, &scene, mode);
         let mut actions = Stream::new(u64::from(episode_idx), "random actions");
         for _ in 0..task.task().max_steps {
@@ -160,25 +156,28 @@ fn random_actions_never_leave_the_finite_numbers() {
     });
 }
 
+/// Steps of the expert's plan, if it leads to success.
+fn play(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Option<usize> {
+    let scene = draw(task, perturbation, episode_idx);
+    let mut expert = Expert::new(&scene, &(task.task().expert)(&scene)).ok()?;
+    let mut trial = Trial::new(task, &scene, ControlMode::JointPos);
+    let mut act = |_: u32| {
+        expert.act(&trial.world, &mut trial.row);
+        trial.step();
+        trial.succeeds()
+    };
+    let succeeds = (1..=task.task().max_steps).any(&mut act);
+    succeeds.then(|| expert.n_steps())
+}
+
 #[test]
 fn the_expert_succeeds_with_a_plan_about_as_long_as_the_benchmarks_demonstrations() {
     let n_episodes = 8_u32;
-    cells().into_par_iter().for_each(|(task, perturbation)| {
+    let cells = cells_of(&[Perturbation::None, Perturbation::MoSize, Perturbation::RoSize]);
+    cells.into_par_iter().for_each(|(task, perturbation)| {
         let cell = format!("{} {}", task.name(), perturbation.name());
-        // Steps of the plan, if it leads to success.
-        let play = |episode_idx: u32| {
-            let scene = draw(task, perturbation, episode_idx);
-            let mut expert = Expert::new(&scene, &(task.task().expert)(&scene)).ok()?;
-            let mut trial = Trial::new(task, &scene, ControlMode::JointPos);
-            let mut act = |_: u32| {
-                expert.act(&trial.world, &mut trial.row);
-                trial.step();
-                trial.succeeds()
-            };
-            let succeeds = (1..=task.task().max_steps).any(&mut act);
-            succeeds.then(|| expert.n_steps())
-        };
-        let plans: Vec<usize> = (0..n_episodes).into_par_iter().filter_map(play).collect();
+        let episodes = (0..n_episodes).into_par_iter();
+        let plans: Vec<usize> = episodes.filter_map(|idx| play(task, perturbation, idx)).collect();
         assert!(plans.len() + 1 >= n_episodes as usize, "{cell}: {} of {n_episodes}", plans.len());
         let mean = plans.iter().sum::<usize>() as f64 / plans.len() as f64;
         let length = mean / task.task().demo_steps;
@@ -187,7 +186,22 @@ fn the_expert_succeeds_with_a_plan_about_as_long_as_the_benchmarks_demonstration
 }
 
 #[test]
-fn scenes_are_valid_before_the_first_step() {
+fn the_expert_mostly_succeeds_where_places_are_wide_and_cluttered() {
+    let n_episodes = 3;
+    for perturbation in [Perturbation::PoseRandomization, Perturbation::DistractorObjects, Perturbation::All]
+    {
+        let cells = cells_of(&[perturbation]);
+        let episodes = cells.iter().flat_map(|&(task, _)| (0..n_episodes).map(move |idx| (task, idx)));
+        let episodes: Vec<(TaskId, u32)> = episodes.collect();
+        let succeeds = |&(task, idx): &(TaskId, u32)| play(task, perturbation, idx).is_some();
+        let successes = episodes.par_iter().filter(|episode| succeeds(episode)).count();
+        let share = successes as f64 / episodes.len() as f64;
+        assert!(share >= 0.9, "{}: {successes} of {}", perturbation.name(), episodes.len());
+    }
+}
+
+#[test]
+fn every_cell_builds_a_valid_world() {
     for (task, perturbation) in cells_of(Perturbation::ALL) {
         let scene = draw(task, perturbation, 1);
         let morphology = task.task().morphology;
@@ -196,6 +210,7 @@ fn scenes_are_valid_before_the_first_step() {
         assert_eq!(scene.cameras.len(), n_cameras, "{task:?}");
         assert!(scene.instruction.len() <= ipc_types::layout::INSTRUCTION_BYTES);
         assert_eq!(scene, draw(task, perturbation, 1), "a draw is a function of its seed");
+        assert!(World::build(&scene, ControlMode::JointPos).is_finite(), "{task:?} {perturbation:?}");
     }
 }
 

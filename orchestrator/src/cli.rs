@@ -62,7 +62,7 @@ pub(crate) struct TasksArgs {
 pub(crate) struct ShowArgs {
     /// Task
     pub(crate) task: String,
-    /// Perturbation, or several joined by + that act together
+    /// Perturbation, several joined by + that act together, or all: a row for each that applies to the task
     #[arg(long, default_value = "None")]
     pub(crate) perturbation: String,
     /// How strong it is, above 0 and up to 1

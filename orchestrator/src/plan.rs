@@ -327,7 +327,7 @@ mod tests {
         let plan = plan("--policy idle").unwrap();
         assert_eq!((plan.policies[0].name.as_str(), plan.policies.len()), ("idle", 1));
         assert_eq!(plan.conditions.len(), TaskId::ALL.len());
-        assert!(plan.conditions.iter().all(|condition| condition.perturbation == Perturbation::None));
+        assert!(plan.conditions.iter().all(|condition| condition.perturbation == Perturbation::None.into()));
         assert_eq!((plan.episodes, plan.seed, plan.n_envs, plan.threads), (10, 0, 16, 2));
         assert_eq!((plan.mode, plan.execute), (QueryMode::Chunk, 30));
         assert_eq!(plan.db, PathBuf::from("hypogeum.db"));
@@ -361,11 +361,23 @@ mod tests {
             let typed =
                 format!("--policy idle --tasks {} --perturbations {}", task.name(), perturbation.name());
             match (plan(&typed), perturbation.applies_to(&(task.task().nominal)())) {
-                (Ok(plan), Ok(())) => assert_eq!(plan.conditions, [Condition { task, perturbation }]),
+                (Ok(plan), Ok(())) => {
+                    assert_eq!(plan.conditions, [Condition { task, perturbation: perturbation.into() }]);
+                }
                 (Err(message), Err(error)) => assert!(message.contains(&error.reason), "{message}"),
                 (plan, applies) => panic!("{typed}: {plan:?} although {applies:?}"),
             }
         }
+    }
+
+    #[test]
+    fn perturbations_can_act_together() {
+        let typed = "--policy idle --tasks RaiseCube --perturbations camera-pose+mo-color,Camera-Pose,MO-Color+Camera-Pose";
+        assert_eq!(conditions_of(typed), ["RaiseCube/Camera-Pose", "RaiseCube/MO-Color+Camera-Pose"]);
+        let beside_all =
+            conditions_of("--policy idle --tasks OpenDrawer --perturbations all,Light-Color+Table-Color");
+        assert!(beside_all.contains(&"OpenDrawer/Table-Color+Light-Color".to_owned()), "{beside_all:?}");
+        assert!(beside_all.contains(&"OpenDrawer/All".to_owned()), "{beside_all:?}");
     }
 
     #[test]
@@ -380,7 +392,15 @@ mod tests {
         insta::assert_snapshot!(wrong(""), @"no policy to evaluate: say --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)");
         insta::assert_snapshot!(wrong("--policy idle --tasks RiseCube"), @"unknown task `RiseCube`; did you mean RaiseCube or StackCube?");
         insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Colour"), @"unknown perturbation `MO-Colour`; did you mean MO-Color?");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations all,nothing"), @"unknown perturbation `nothing`; known are None, MO-Color, MO-Size, Camera-Pose");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations all,xyz"), @"unknown perturbation `xyz`; `hypogeum tasks --matrix` lists them");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+Camera-Pos"), @"unknown perturbation `Camera-Pos`; did you mean Camera-Pose?");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+"), @"unknown perturbation ``; `hypogeum tasks --matrix` lists them");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+None"), @"None stands alone: it cannot be composed with others");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations All+MO-Color"), @"All stands alone: it cannot be composed with others");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations Language-None+Language-Random"), @"Language-None and Language-Random cannot act together: an episode has one instruction");
+        insta::assert_snapshot!(wrong("--policy idle --tasks OpenDrawer --perturbations Camera-Pose+MO-Size"), @"perturbation MO-Size does not apply to OpenDrawer: the task has no manipulation object; leave one of them out, or say --perturbations all for those that apply");
+        insta::assert_snapshot!(wrong("--policy idle --strength 1.5"), @"--strength is 1.5, expected a number above 0 and up to 1, the benchmark's");
+        insta::assert_snapshot!(wrong("--policy idle --strength 0"), @"--strength is 0, expected a number above 0 and up to 1, the benchmark's");
         insta::assert_snapshot!(wrong("--policy idel"), @"unknown policy `idel`; did you mean idle?");
         insta::assert_snapshot!(wrong("--policy a=act"), @"policy `act` needs PATH after a colon: act:PATH");
         insta::assert_snapshot!(wrong("--policy a/b=idle"), @"policy name `a/b` cannot be used: 1 to 64 letters, digits, `.`, `_` or `-`");

@@ -5,23 +5,24 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
+use sim::perturb::Composition;
 use sim::show::movie::{Format, Movie};
 use sim::show::{Film, Key, Script, Subject, What};
 use sim::stream::episode_seed;
+use sim::{Perturbation, TaskId};
 
 use crate::cli::ShowArgs;
 use crate::failure::{Ending, Failure, OrUser};
 use crate::interrupt;
 use crate::names::pick;
-use crate::plan::{Condition, condition, perturbation, profile, strength, task};
+use crate::plan::{PlanError, condition, perturbation, profile, strength, task};
 use crate::progress::{Progress, print};
 use crate::report::{Align, Table, print_out};
 
 /// What to show, as meant.
 struct Wish {
-    subject: Subject,
-    /// Of the episodes in their order, at least one.
-    episode_seeds: Vec<u64>,
+    /// Episodes of one task, at least one: a subject and a seed each.
+    episodes: Vec<(Subject, u64)>,
     what: What,
     /// Who acts; `None` for the starts alone.
     script: Option<Script>,
@@ -30,7 +31,7 @@ struct Wish {
 /// Draws the sheet or the movie.
 pub(crate) fn show(args: &ShowArgs) -> Result<Ending, Failure> {
     let wish = Wish::new(args)?;
-    let name = wish.subject.task.name();
+    let name = wish.episodes[0].0.task.name();
     match &args.movie {
         Some(path) => movie(&wish, path),
         None => sheet(&wish, args.output.as_deref().unwrap_or(&PathBuf::from(format!("{name}.png")))),
@@ -41,42 +42,68 @@ pub(crate) fn show(args: &ShowArgs) -> Result<Ending, Failure> {
 
 impl Wish {
     fn new(args: &ShowArgs) -> Result<Self, Failure> {
-        let (task, perturbation) = (task(&args.task).or_user()?, perturbation(&args.perturbation).or_user()?);
-        let Condition { task, perturbation } = condition(task, perturbation).or_user()?;
+        let task = task(&args.task).or_user()?;
+        let perturbations = perturbations(task, &args.perturbation).or_user()?;
+        if perturbations.len() > 1 && (args.episodes > 1 || args.policy.is_some() || args.movie.is_some()) {
+            let message = "--perturbation all shows the start of one episode: leave out --episodes, --policy and --movie";
+            return Err(Failure::User(anyhow::anyhow!(message)));
+        }
         let strength = strength(args.strength).or_user()?;
         let profile = profile(&args.profile).or_user()?;
         let what = pick("view", &args.what, &What::ALL, What::name).or_user()?;
         let script = |typed: &String| pick("policy to show", typed, &Script::ALL, Script::name);
+        let subject = |perturbation| Subject { task, perturbation, profile, strength };
         let episodes = (args.episode..=u32::MAX).take(args.episodes as usize);
+        let seeds: Vec<u64> = episodes.map(|idx| episode_seed(args.seed, task.name(), idx)).collect();
+        let rows = perturbations
+            .iter()
+            .flat_map(|perturbation| seeds.iter().map(move |seed| (*perturbation, *seed)));
         Ok(Self {
-            subject: Subject { task, perturbation, profile, strength },
-            episode_seeds: episodes.map(|idx| episode_seed(args.seed, task.name(), idx)).collect(),
+            episodes: rows.map(|(perturbation, seed)| (subject(perturbation), seed)).collect(),
             what,
             script: args.policy.as_ref().map(script).transpose().or_user()?,
         })
     }
 }
 
+/// What was typed, or all that apply to the task.
+fn perturbations(task: TaskId, typed: &str) -> Result<Vec<Composition>, PlanError> {
+    if typed == "all" {
+        let all = Perturbation::ALL.iter().map(|&perturbation| Composition::from(perturbation));
+        return Ok(all.filter(|perturbation| condition(task, *perturbation).is_ok()).collect());
+    }
+    Ok(vec![condition(task, perturbation(typed)?)?.perturbation])
+}
+
 /// One PNG: a row of cameras for the start of each episode, or for three moments along one.
 fn sheet(wish: &Wish, path: &Path) -> anyhow::Result<Ending> {
-    let &Wish { subject, ref episode_seeds, what, script } = wish;
+    let &Wish { ref episodes, what, script } = wish;
+    let (subject, seed) = episodes[0];
     let mut film = match script {
-        None => Film::of_starts(subject, episode_seeds, what),
-        Some(script) => Film::of_highlights(subject, episode_seeds[0], script, what)?,
+        None => Film::of_starts(episodes, what),
+        Some(script) => Film::of_highlights(subject, seed, script, what)?,
     };
     film.sheet().write_png(path)?;
+    if episodes.iter().any(|(other, _)| other.perturbation != subject.perturbation) {
+        let mut rows = Table::new(&[("row", Align::Left), ("instruction", Align::Left)]);
+        for ((subject, _), instruction) in episodes.iter().zip(film.instructions()) {
+            rows.row(vec![subject.perturbation.name(), instruction.clone()]);
+        }
+        print_out(&rows.to_string())?;
+    }
     tell(film.key(), path)
 }
 
 /// A frame per control step of one episode.
 fn movie(wish: &Wish, path: &Path) -> anyhow::Result<Ending> {
-    let &Wish { subject, ref episode_seeds, what, script } = wish;
+    let &Wish { ref episodes, what, script } = wish;
+    let (subject, seed) = episodes[0];
     let format = Format::of(path)?;
     let stopped = Arc::new(AtomicBool::new(false));
     let stop = Arc::clone(&stopped);
     let _watch = interrupt::watch(move || stop.store(true, Ordering::Relaxed))
         .context("failed to watch for signals")?;
-    let mut film = Film::of_episode(subject, episode_seeds[0], script.unwrap_or(Script::Expert), what)?;
+    let mut film = Film::of_episode(subject, seed, script.unwrap_or(Script::Expert), what)?;
     let mut progress = Progress::of_frames(film.n_moments() as u64);
     let mut movie = Movie::begin(path, format, film.n_moments(), film.picture(0))?;
     progress.tick();

@@ -16,6 +16,8 @@ const SHEET_UPSCALE: usize = 2;
 /// Moments in order, all of scenes with the same cameras and things.
 pub struct Film {
     scenes: Vec<RenderScene>,
+    /// Of the scenes.
+    instructions: Vec<String>,
     moments: Vec<Moment>,
     painter: Painter,
 }
@@ -29,22 +31,23 @@ pub(super) struct Moment {
 }
 
 impl Film {
-    /// The starts of episodes.
+    /// The starts of episodes of one task, each a subject and a seed.
     ///
     /// # Panics
     /// If there is none.
     #[must_use]
-    pub fn of_starts(subject: Subject, episode_seeds: &[u64], what: What) -> Self {
-        assert!(!episode_seeds.is_empty(), "a film shows an episode");
-        let drawn: Vec<_> = episode_seeds.iter().map(|seed| subject.draw(*seed)).collect();
+    pub fn of_starts(episodes: &[(Subject, u64)], what: What) -> Self {
+        assert!(!episodes.is_empty(), "a film shows an episode");
+        let drawn: Vec<_> = episodes.iter().map(|(subject, seed)| subject.draw(*seed)).collect();
         let start = |(scene_idx, scene)| Moment {
             scene_idx,
             snapshot: snapshot(scene, &World::build(scene, ControlMode::JointPos)),
         };
         let moments: Vec<Moment> = drawn.iter().enumerate().map(start).collect();
         let scenes: Vec<RenderScene> = drawn.iter().map(RenderScene::new).collect();
-        let painter = Painter::new(what, &drawn[0], &scenes, &moments);
-        Self { scenes, moments, painter }
+        let painter = Painter::new(what, &drawn, &scenes, &moments);
+        let instructions = drawn.into_iter().map(|scene| scene.instruction).collect();
+        Self { scenes, instructions, moments, painter }
     }
 
     /// The start of an episode, its first success (or its end) and the moment halfway between them.
@@ -89,14 +92,20 @@ impl Film {
         let moments: Vec<Moment> =
             snapshots.into_iter().map(|snapshot| Moment { scene_idx: 0, snapshot }).collect();
         let scenes = vec![RenderScene::new(&scene)];
-        let painter = Painter::new(what, &scene, &scenes, &moments);
-        Ok(Self { scenes, moments, painter })
+        let painter = Painter::new(what, core::slice::from_ref(&scene), &scenes, &moments);
+        Ok(Self { scenes, instructions: vec![scene.instruction], moments, painter })
     }
 
     /// Number of moments, at least 1.
     #[must_use]
     pub fn n_moments(&self) -> usize {
         self.moments.len()
+    }
+
+    /// What policies are told in each of its episodes.
+    #[must_use]
+    pub fn instructions(&self) -> &[String] {
+        &self.instructions
     }
 
     /// What its colours mean.

@@ -50,13 +50,13 @@ impl What {
 }
 
 impl Painter {
-    /// One key for all of these moments; `scene` has the things of every one.
-    pub(super) fn new(what: What, scene: &Scene, scenes: &[RenderScene], moments: &[Moment]) -> Self {
+    /// One key for all of these moments; `drawn` are the scenes as they were drawn.
+    pub(super) fn new(what: What, drawn: &[Scene], scenes: &[RenderScene], moments: &[Moment]) -> Self {
         let mut renderer = CpuRenderer::new(rayon::current_num_threads());
         let key = match what {
             What::Rgb => Key::Rgb,
             What::Depth => Key::Depth(depth_range(&mut renderer, scenes, moments)),
-            What::Seg => Key::Seg(legend(scene)),
+            What::Seg => Key::Seg(legend(drawn)),
         };
         Self { renderer, key }
     }

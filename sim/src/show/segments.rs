@@ -44,8 +44,18 @@ pub(super) fn color_of(segment: Segment) -> [u8; 3] {
     }
 }
 
-/// What a scene may show.
-pub(super) fn legend(scene: &Scene) -> Vec<Entry> {
+/// What the scenes may show, each thing once.
+pub(super) fn legend(scenes: &[Scene]) -> Vec<Entry> {
+    let mut entries = Vec::new();
+    for entry in scenes.iter().flat_map(things) {
+        if !entries.contains(&entry) {
+            entries.push(entry);
+        }
+    }
+    entries
+}
+
+fn things(scene: &Scene) -> Vec<Entry> {
     let bodies =
         scene.bodies.iter().enumerate().map(|(idx, body)| (body.name.to_owned(), Segment::Body(idx)));
     let arms = (0..scene.robots.len()).map(|idx| (format!("arm {}", idx + 1), Segment::Arm(idx)));

@@ -31,19 +31,6 @@ fn a_trajectory_is_the_same_again_and_in_any_thread() {
 }
 
 #[test]
-fn a_perturbation_that_is_only_seen_changes_no_trajectory() {
-    for &task in TaskId::ALL {
-        let unperturbed = trajectory(task, Perturbation::None, 2);
-        for seen_only in [Perturbation::MoColor, Perturbation::CameraPose] {
-            assert_eq!(trajectory(task, seen_only, 2), unperturbed, "{} {}", task.name(), seen_only.name());
-        }
-        if Perturbation::MoSize.applies_to(&(task.task().nominal)()).is_ok() {
-            assert_ne!(trajectory(task, Perturbation::MoSize, 2), unperturbed, "{}", task.name());
-        }
-    }
-}
-
-#[test]
 fn a_grasped_cube_does_not_slip() {
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 3);
     let moves = (TaskId::RaiseCube.task().expert)(&scene);
