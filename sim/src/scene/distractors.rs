@@ -43,14 +43,15 @@ pub(super) fn draw(
         if stream("chance").unit() >= spec.presence {
             continue;
         }
-        let (mut form, mut place) = (stream("form"), stream("place"));
+        let (mut choice, mut place) = (stream("kind"), stream("place"));
         let free = |body: &Body, pose: &Isometry3<f64>| {
             let circle = Circle::under(body, pose);
             taken.iter().all(|other| circle.is_clear_of(other))
                 && arm_points.iter().all(|point| circle.is_clear_of_arm_at(point))
         };
         let found = (0..MAX_THINGS).find_map(|_| {
-            let body = body(name, &(form.choose(Kind::ALL).make)(&mut form), episode_seed);
+            let kind = choice.choose(Kind::ALL);
+            let body = body(name, &(kind.make)(&mut stream(kind.name)), episode_seed);
             let pose = (0..MAX_PLACES).map(|_| pose(spec, &mut place)).find(|pose| free(&body, pose))?;
             Some(Body { pose, ..body })
         });

@@ -1,0 +1,94 @@
+//! Boxes of printed cardboard.
+
+use super::Thing;
+use super::model::{ALONG_X, LABEL, Model, ellipse, pose};
+use super::paint::{BLACK, matt, pale, patterned, pick, vivids};
+use crate::scene::{PaintSpec, Texture};
+use crate::stream::Stream;
+
+/// A standing box of crackers.
+pub(super) fn crackers(stream: &mut Stream) -> Thing {
+    carton(stream, [0.03, 0.079, 0.105], 205.0, &[FRONT, BACK]).made(stream)
+}
+
+/// A standing box of sugar.
+pub(super) fn sugar(stream: &mut Stream) -> Thing {
+    carton(stream, [0.019, 0.0445, 0.0875], 850.0, &[FRONT, BACK]).made(stream)
+}
+
+/// A box of pudding powder that lies on its back.
+pub(super) fn pudding(stream: &mut Stream) -> Thing {
+    let mut model = carton(stream, [0.0175, 0.055, 0.0445], 540.0, &[BACK]);
+    model.tipped(ALONG_X);
+    model.made(stream)
+}
+
+/// A small box of gelatine that lies on its back.
+pub(super) fn gelatine(stream: &mut Stream) -> Thing {
+    let mut model = carton(stream, [0.014, 0.0425, 0.0365], 550.0, &[BACK]);
+    model.tipped(ALONG_X);
+    model.made(stream)
+}
+
+/// The sides of a standing box on which it may be printed: at +x and at −x, which is above when it has been tipped.
+const FRONT: f64 = 1.0;
+const BACK: f64 = -1.0;
+
+/// A box of these half extents that stands around the origin, with the same print on some sides.
+fn carton(stream: &mut Stream, half: [f64; 3], density: f64, sides: &[f64]) -> Model {
+    let [x, y, z] = half;
+    let mut model = Model::new(density);
+    let [main, other, third] = vivids(stream);
+    let light = pale(stream);
+    model.friction(0.4).piece(half, [0.0; 3], 0.0008, matt(main));
+    let mut print = |layer: f64, share: [f64; 2], at: [f64; 2], paint: PaintSpec| {
+        for side in sides {
+            let half = [layer * LABEL, y * share[0], z * share[1]];
+            model.slab(half, [side * x, y * at[0], z * at[1]], paint);
+        }
+    };
+    match pick(stream, &[0, 1, 2]) {
+        // A coloured foot and a title above a picture.
+        0 => {
+            print(1.0, [0.99, 0.22], [0.0, -0.76], matt(other));
+            print(1.0, [0.8, 0.18], [0.0, 0.66], matt(light));
+            print(2.0, [0.66, 0.08], [0.0, 0.68], matt(other));
+            print(2.0, [0.6, 0.04], [0.0, -0.7], matt(light));
+            print(2.0, [0.4, 0.03], [0.0, -0.84], matt(light));
+        }
+        // A light front in a frame, with lines to read.
+        1 => {
+            print(1.0, [0.88, 0.92], [0.0, 0.0], matt(light));
+            print(2.0, [0.7, 0.12], [0.0, 0.66], matt(main));
+            print(2.0, [0.5, 0.04], [-0.2, 0.44], matt(BLACK));
+            print(2.0, [0.3, 0.1], [0.45, -0.72], matt(third));
+            print(2.0, [0.3, 0.03], [-0.4, -0.68], matt(BLACK));
+            print(2.0, [0.3, 0.03], [-0.4, -0.78], matt(BLACK));
+        }
+        // A patterned band.
+        _ => {
+            let texture =
+                pick(stream, &[Texture::Gingham, Texture::Waves, Texture::Chevrons, Texture::Stars]);
+            print(1.0, [0.99, 0.34], [0.0, -0.62], patterned(texture, light));
+            print(2.0, [0.72, 0.16], [0.0, 0.62], matt(other));
+            print(3.0, [0.6, 0.07], [0.0, 0.62], matt(light));
+            print(3.0, [0.5, 0.08], [0.0, -0.74], matt(main));
+        }
+    }
+    let picture = 0.42 * y.min(z);
+    let spots = [(1.0, picture, third), (2.0, 0.72 * picture, light), (3.0, 0.4 * picture, other)];
+    for (layer, radius, color) in spots {
+        let outline = ellipse([0.9 * radius, 1.15 * radius]);
+        for side in sides {
+            let middle = pose([side * x, 0.0, 0.04 * z], ALONG_X);
+            model.plate(&outline, &[], (layer + 1.0) * LABEL, middle, matt(color));
+        }
+    }
+    flap(&mut model, half, light);
+    model
+}
+
+/// The seam of the lid across the top.
+fn flap(model: &mut Model, [x, y, z]: [f64; 3], color: [f64; 3]) {
+    model.slab([0.25 * x, 0.96 * y, LABEL], [0.3 * x, 0.0, z], matt(color));
+}
