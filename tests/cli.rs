@@ -185,8 +185,9 @@ fn show_has_a_row_for_every_perturbation_that_applies() {
 fn perturbations_compose_and_weaken() {
     let dir = tempfile::tempdir().unwrap();
     let args = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "1", "--db", "x.db"];
-    let with =
-        |perturbations, more: &[&'static str]| [&args, &["--perturbations", perturbations], more].concat();
+    let with = |perturbations, more: &[&'static str]| {
+        [&args[..], &["--perturbations", perturbations], more].concat()
+    };
     let half = with("Light-Color+MO-Color,MO-Color", &["--strength", "0.5"]);
     let stdout = run(dir.path(), &half).expect_code(0).stdout;
     assert!(stdout.contains("MO-Color+Light-Color"), "{stdout}");

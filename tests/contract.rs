@@ -12,10 +12,10 @@ use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, SCHEMA_HASH, block_pages};
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkNode, ObservationMessage, SimLane, SimLink};
 use ipc_types::{ActionBlock, ActionHeader, ControlMode, Morphology, ObservationHeader, ObservationView};
+use sim::TaskId;
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::Snapshot;
-use sim::{Perturbation, Profile, TaskId};
 use support::{finish, hypogeum, rows};
 
 const RUN: u64 = 11;

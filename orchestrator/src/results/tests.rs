@@ -2,13 +2,15 @@
 
 use std::path::Path;
 
+use sim::perturb::Composition;
 use sim::serve::protocol::{EpisodeLedger, Outcome};
 use sim::{Perturbation, TaskId};
 
 use super::*;
 use crate::sweep::Sweep;
 
-const CONDITION: Condition = Condition { task: TaskId::RaiseCube, perturbation: Perturbation::None };
+const CONDITION: Condition =
+    Condition { task: TaskId::RaiseCube, perturbation: Composition::alone(Perturbation::None) };
 
 fn manifest(policies: &[&str], edit: impl FnOnce(&mut Sweep)) -> Manifest {
     let mut wishes =

@@ -53,6 +53,12 @@ impl Composition {
         Ok(all)
     }
 
+    /// That one alone.
+    #[must_use]
+    pub const fn alone(perturbation: Perturbation) -> Self {
+        Self { bits: bit(perturbation) }
+    }
+
     /// Its perturbations, in the order of [`Perturbation::ALL`].
     pub fn iter(self) -> impl Iterator<Item = Perturbation> {
         Perturbation::ALL.iter().copied().filter(move |perturbation| self.bits & bit(*perturbation) != 0)
@@ -100,7 +106,7 @@ const fn bit(perturbation: Perturbation) -> u32 {
 
 impl From<Perturbation> for Composition {
     fn from(perturbation: Perturbation) -> Self {
-        Self { bits: bit(perturbation) }
+        Self::alone(perturbation)
     }
 }
 

@@ -7,8 +7,9 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::clutter::{Kind, Thing};
 use super::draw::{draw_parts, draw_visuals};
 use super::drawn::{Body, Robot};
+use super::place::DistractorsSpec;
 use super::range::Range;
-use super::spec::{DistractorsSpec, Motion, Role};
+use super::spec::{Motion, Role};
 use crate::robot::kinematics::{self, Joints};
 use crate::stream::Stream;
 

@@ -5,9 +5,9 @@ use std::borrow::Cow;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::drawn::{Body, Camera, Part, Robot, Scene, Visual};
+use super::place::{PlacementSpec, RegionSpec};
 use super::spec::{
-    BodySpec, CameraSpec, Jitter, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, RegionSpec,
-    RobotSpec, SceneSpec, VisualSpec,
+    BodySpec, CameraSpec, Jitter, JointKind, JointSpec, Motion, PartSpec, RobotSpec, SceneSpec, VisualSpec,
 };
 use super::{distractors, look};
 use crate::robot::panda::{LOWER, UPPER};

@@ -3,8 +3,9 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::drawn::{Background, DirectionalLight, Lights, Paint, Table};
+use super::paint::{PaintSpec, Variation};
 use super::range::Range;
-use super::spec::{BackgroundSpec, LightsSpec, PaintSpec, TableSpec, Variation};
+use super::spec::{BackgroundSpec, LightsSpec, TableSpec};
 use super::texture::Texture;
 use crate::stream::Stream;
 

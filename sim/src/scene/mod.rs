@@ -10,6 +10,8 @@ mod drawn;
 mod form;
 mod instruction;
 mod look;
+mod paint;
+mod place;
 mod range;
 mod shape;
 mod snapshot;
@@ -21,12 +23,14 @@ pub use drawn::{
 };
 pub use form::{Form, rounded_rectangle};
 pub use instruction::{InstructionSpec, Wording};
+pub use paint::{PaintSpec, Variation};
+pub use place::{DistractorsSpec, PlacementSpec, RegionSpec, Widened};
 pub use range::Range;
 pub use shape::{Extent, Primitive};
 pub use snapshot::{ArmLinks, Link, N_LINKS, Snapshot};
 pub use spec::{
-    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, DistractorsSpec, Jitter,
-    JointKind, JointSpec, LightsSpec, Motion, PaintSpec, PartSpec, PlacementSpec, RegionSpec, RobotSpec,
-    Role, ScaledBy, SceneSpec, SizesSpec, TableKind, TableSpec, Variation, VisualSpec, Widened,
+    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, Jitter, JointKind,
+    JointSpec, LightsSpec, Motion, PartSpec, RobotSpec, Role, ScaledBy, SceneSpec, SizesSpec, TableKind,
+    TableSpec, VisualSpec,
 };
 pub use texture::Texture;

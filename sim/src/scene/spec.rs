@@ -4,9 +4,10 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::form::Form;
 use super::instruction::InstructionSpec;
+use super::paint::PaintSpec;
+use super::place::{DistractorsSpec, PlacementSpec, RegionSpec};
 use super::range::Range;
 use super::shape::Primitive;
-use super::texture::Texture;
 
 /// What a body is to the task; colour, texture and size perturbations choose by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,48 +91,6 @@ pub struct JointSpec {
     pub friction: f64,
 }
 
-/// How far a look is drawn anew: 0 keeps it, 1 lets it be anything. Where both may change, a coin tells which of them does.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Variation {
-    /// Each channel of the colour lies this far on the way from the nominal one to one uniform in [0, 1]; with this chance
-    /// the pattern goes.
-    pub color: f64,
-    /// Chance of any pattern, untinted, in place of the look.
-    pub texture: f64,
-}
-
-impl Variation {
-    /// As it is.
-    pub const NONE: Self = Self { color: 0.0, texture: 0.0 };
-}
-
-/// Look of one part or visual.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PaintSpec {
-    /// Colour, sRGB in [0, 1].
-    pub color: [f64; 3],
-    /// Pattern tinted by the colour.
-    pub texture: Option<Texture>,
-    /// Strength of the highlight in [0, 1].
-    pub specular: f64,
-    /// How far colour and pattern are drawn anew.
-    pub variation: Variation,
-}
-
-impl PaintSpec {
-    /// A plain colour with a faint highlight; sRGB in [0, 1].
-    #[must_use]
-    pub const fn plain(color: [f64; 3]) -> Self {
-        Self { color, texture: None, specular: 0.2, variation: Variation::NONE }
-    }
-
-    /// A matt pattern tinted by a colour.
-    #[must_use]
-    pub const fn textured(texture: Texture, color: [f64; 3]) -> Self {
-        Self { color, texture: Some(texture), specular: 0.0, variation: Variation::NONE }
-    }
-}
-
 /// One convex solid of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PartSpec {
@@ -176,90 +135,6 @@ impl VisualSpec {
             paint,
         }
     }
-}
-
-/// A rectangle of the ground plane in which bodies are placed without overlap.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RegionSpec {
-    /// Names its random streams.
-    pub name: &'static str,
-    /// World x of a body, in m, before the common offset.
-    pub x: Range,
-    /// World y of a body, in m, before the common offset.
-    pub y: Range,
-    /// Offset (x, y) that all bodies of the region share, in m.
-    pub common: [Range; 2],
-    /// Whether the region lies, with equal chances, on the other side of y = 0 for all its bodies.
-    pub either_side: bool,
-    /// Least gap between the circles around the footprints of a body and of those placed before it, in m, marks included;
-    /// `None` places without looking.
-    pub gap_m: Option<f64>,
-    /// The same place under Pose-Randomization; `None` where the benchmark keeps it.
-    pub widened: Option<Widened>,
-}
-
-/// What takes the place of a region's ranges.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Widened {
-    /// World x, in m.
-    pub x: Range,
-    /// World y, in m.
-    pub y: Range,
-    /// Common offset (x, y), in m.
-    pub common: [Range; 2],
-}
-
-impl RegionSpec {
-    /// The same with a common offset (m), as wide under Pose-Randomization as otherwise.
-    #[must_use]
-    pub fn sharing(self, common: [Range; 2]) -> Self {
-        let widened = self.widened.map(|widened| Widened { common, ..widened });
-        Self { common, widened, ..self }
-    }
-
-    /// The same, left as it is by Pose-Randomization.
-    #[must_use]
-    pub fn kept(self) -> Self {
-        Self { widened: None, ..self }
-    }
-}
-
-/// Clutter: things of random kinds, each at rest on the table where nothing else is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DistractorsSpec {
-    /// How many there may be.
-    pub n: usize,
-    /// Chance of each to be there.
-    pub presence: f64,
-    /// World x of the middle of each, in m.
-    pub x: Range,
-    /// World y, in m.
-    pub y: Range,
-    /// World z of the table's top, in m.
-    pub surface_z_m: f64,
-}
-
-/// Where a body starts.
-#[derive(Clone, Debug, PartialEq)]
-pub enum PlacementSpec {
-    /// Somewhere in a region, its lowest point on a surface.
-    On {
-        /// Index into [`SceneSpec::regions`].
-        region: usize,
-        /// World z of the surface, in m.
-        surface_z_m: f64,
-        /// Orientation before yaw.
-        upright: UnitQuaternion<f64>,
-        /// Rotation about world z, in rad.
-        yaw: Range,
-    },
-    /// At a pose in the frame of another body that is placed on a surface.
-    With {
-        /// Index of that body.
-        body: usize,
-        /// Pose at scale 1; its translation scales with that body.
-        pose: Isometry3<f64>,
-    },
 }
 
 /// One rigid body.

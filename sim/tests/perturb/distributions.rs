@@ -110,17 +110,16 @@ fn a_recoloured_table_has_one_colour_and_no_pattern() {
 #[test]
 fn under_all_a_coin_tells_between_colour_and_texture() {
     let scenes = scenes(TaskId::RaiseCube, Perturbation::All);
-    let looks: [(&str, fn(&Scene) -> bool); 3] = [
-        ("cube", |scene| scene.body("cube").parts[0].paint.texture.is_some()),
-        ("table", |scene| scene.table.top.texture.is_some()),
-        ("walls", |scene| scene.background.walls.expect("walls stand").texture.is_some()),
-    ];
-    for (what, has_texture) in looks {
-        assert_even(what, scenes.iter().map(has_texture), 2);
+    let has_texture = |scene: &Scene| {
+        let walls = scene.background.walls.expect("walls stand");
+        [scene.body("cube").parts[0].paint, scene.table.top, walls].map(|paint| paint.texture.is_some())
+    };
+    let faces: Vec<[bool; 3]> = scenes.iter().map(has_texture).collect();
+    for (i, what) in ["cube", "table", "walls"].into_iter().enumerate() {
+        assert_even(what, faces.iter().map(|face| face[i]), 2);
     }
     // Each look has a coin of its own.
-    let faces = scenes.iter().map(|scene| looks.map(|(_, has_texture)| has_texture(scene)));
-    assert_even("faces of three coins", faces, 8);
+    assert_even("faces of three coins", faces.iter(), 8);
 }
 
 #[test]

@@ -43,7 +43,7 @@ const PALE: [[f64; 3]; 7] = [
 
 /// One of several, with equal chances.
 pub(super) fn pick<T: Copy>(stream: &mut Stream, of: &[T]) -> T {
-    of[(stream.unit() * of.len() as f64) as usize]
+    *stream.choose(of)
 }
 
 /// A colour a little lighter or darker.
