@@ -391,7 +391,7 @@ mod tests {
         let wrong = |arguments| plan(arguments).unwrap_err();
         insta::assert_snapshot!(wrong(""), @"no policy to evaluate: say --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)");
         insta::assert_snapshot!(wrong("--policy idle --tasks RiseCube"), @"unknown task `RiseCube`; did you mean RaiseCube or StackCube?");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Colour"), @"unknown perturbation `MO-Colour`; did you mean MO-Color?");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Colour"), @"unknown perturbation `MO-Colour`; did you mean MO-Color, RO-Color or Light-Color?");
         insta::assert_snapshot!(wrong("--policy idle --perturbations all,xyz"), @"unknown perturbation `xyz`; `hypogeum tasks --matrix` lists them");
         insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+Camera-Pos"), @"unknown perturbation `Camera-Pos`; did you mean Camera-Pose?");
         insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+"), @"unknown perturbation ``; `hypogeum tasks --matrix` lists them");

@@ -90,7 +90,7 @@ fn the_columns_are_those_others_rely_on() {
     let manifest: String = reader
         .query_row("SELECT group_concat(key || ' = ' || value, '; ') FROM manifest", [], |row| row.get(0))
         .unwrap();
-    insta::assert_snapshot!(manifest, @r#"control_mode = "pd_ee_delta_pose"; execute = 30; mode = "chunk"; policy/idle = {"checkpoint":null,"spec":"idle"}; profile = "strict"; seed = 0; version = "0.1.0""#);
+    insta::assert_snapshot!(manifest, @r#"control_mode = "pd_ee_delta_pose"; execute = 30; mode = "chunk"; policy/idle = {"checkpoint":null,"spec":"idle"}; profile = "strict"; seed = 0; strength = 1.0; version = "0.1.0""#);
 }
 
 #[test]

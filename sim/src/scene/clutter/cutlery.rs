@@ -23,7 +23,7 @@ pub(super) fn fork(stream: &mut Stream) -> Thing {
         }
     }
     outline.extend(neck.iter().rev().map(|[x, y]| [*x, -y]));
-    blade(&mut model, &outline, SHEET);
+    blade(&mut model, &outline);
     model.block([0.042, 0.0125, SHEET / 2.0], [0.042, 0.0, SHEET / 2.0]);
     model.made(stream)
 }
@@ -41,7 +41,7 @@ pub(super) fn knife(stream: &mut Stream) -> Thing {
         [0.1, 0.0085],
         [0.0, 0.0075],
     ];
-    blade(&mut model, &outline, SHEET);
+    blade(&mut model, &outline);
     model.block([0.0525, 0.009, SHEET / 2.0], [0.0525, -0.001, SHEET / 2.0]);
     model.made(stream)
 }
@@ -49,16 +49,16 @@ pub(super) fn knife(stream: &mut Stream) -> Thing {
 /// A spoon, its bowl open above.
 pub(super) fn spoon(stream: &mut Stream) -> Thing {
     let mut model = handled(stream);
-    blade(&mut model, &[[0.0, -0.004], [0.045, -0.003], [0.045, 0.003], [0.0, 0.004]], SHEET);
-    let at = |axes, z, half_height, model: &mut Model, hole: Option<[f64; 2]>, paint| {
-        let hole: Vec<Vec<_>> = hole.iter().map(|axes| ellipse(*axes)).collect();
-        let holes: Vec<_> = hole.iter().map(Vec::as_slice).collect();
-        model.plate(&ellipse(axes), &holes, half_height, pose([0.066, 0.0, z], AS_IS), paint);
-    };
+    blade(&mut model, &[[0.0, -0.004], [0.045, -0.003], [0.045, 0.003], [0.0, 0.004]]);
+    // A floor within two rings, each wider than the one below it.
+    let at = |z| pose([0.066, 0.0, z], AS_IS);
     let dull = PaintSpec { specular: 0.5, ..PaintSpec::plain([0.58, 0.59, 0.61]) };
-    at([0.022, 0.014], 0.001, 0.001, &mut model, None, dull);
-    at([0.026, 0.018], 0.003, 0.0015, &mut model, Some([0.021, 0.0135]), steel());
-    at([0.03, 0.021], 0.0055, 0.0015, &mut model, Some([0.0265, 0.018]), steel());
+    model.plate(&ellipse([0.022, 0.014]), &[], 0.001, at(0.001), dull);
+    for (outer, inner, z) in
+        [([0.026, 0.018], [0.021, 0.0135], 0.003), ([0.03, 0.021], [0.0265, 0.018], 0.0055)]
+    {
+        model.plate(&ellipse(outer), &[&ellipse(inner)], 0.0015, at(z), steel());
+    }
     model
         .block([0.022, 0.019, 0.0035], [0.066, 0.0, 0.0035])
         .block([0.03, 0.012, 0.0035], [0.066, 0.0, 0.0035]);
@@ -92,8 +92,7 @@ pub(super) fn spatula(stream: &mut Stream) -> Thing {
     model.plate(&outline, &holes, SHEET / 2.0, pose([0.0, 0.0, SHEET / 2.0], AS_IS), gloss(plastic));
     model.block([0.041, 0.0345, SHEET / 2.0], [0.041, 0.0, SHEET / 2.0]);
     let height = 0.016;
-    model.rounded([0.05, 0.011, height / 2.0], [-0.092, 0.0, height / 2.0], 0.0055, grip);
-    model.block([0.05, 0.011, height / 2.0], [-0.092, 0.0, height / 2.0]);
+    model.piece([0.05, 0.011, height / 2.0], [-0.092, 0.0, height / 2.0], 0.0055, grip);
     // The stem comes down from the handle to the blade.
     model.block([0.026, 0.005, 0.003], [-0.02, 0.0, 0.0045]);
     model.rounded([0.032, 0.005, 0.003], [-0.016, 0.0, 0.0045], 0.0025, steel());
@@ -117,7 +116,7 @@ fn handled(stream: &mut Stream) -> Model {
             [-0.05, 0.0042],
             [0.005, 0.0035],
         ];
-        blade(&mut model, &outline, SHEET);
+        blade(&mut model, &outline);
         model.block([length / 2.0, 0.007, SHEET / 2.0], [-length / 2.0, 0.0, SHEET / 2.0]);
         return model;
     }
@@ -135,6 +134,6 @@ fn handled(stream: &mut Stream) -> Model {
 }
 
 /// Sheet metal on the table.
-fn blade(model: &mut Model, outline: &[[f64; 2]], thickness: f64) {
-    model.plate(outline, &[], thickness / 2.0, pose([0.0, 0.0, thickness / 2.0], AS_IS), steel());
+fn blade(model: &mut Model, outline: &[[f64; 2]]) {
+    model.plate(outline, &[], SHEET / 2.0, pose([0.0, 0.0, SHEET / 2.0], AS_IS), steel());
 }

@@ -12,6 +12,8 @@ mod fruit;
 mod kitchenware;
 mod model;
 mod paint;
+#[cfg(test)]
+mod tests;
 mod tools;
 mod toys;
 
