@@ -11,12 +11,11 @@ use sim::scene::{Motion, Range, Scene};
 use sim::stream::{self, Stream};
 use sim::{Perturbation, Profile, TaskId};
 
-/// Greatest speed of a joint after random actions, in rad/s. Next to a singularity a delta pose may ask for a whole turn:
-/// there the drive, 3000 N·m/rad with 100 N·m·s/rad, turns against the motion only at this speed.
+/// Greatest speed of a joint after random actions, in rad/s. Next to a singularity a pose may ask for a whole turn: there the drive, 3000 N·m/rad with 100 N·m·s/rad, turns against the motion only at this speed.
 const fn fastest(mode: ControlMode) -> f32 {
     match mode {
-        ControlMode::EeDeltaPose => 3000.0 * core::f32::consts::TAU / 100.0,
-        ControlMode::JointPos | ControlMode::EePose => 30.0,
+        ControlMode::EeDeltaPose | ControlMode::EePose => 3000.0 * core::f32::consts::TAU / 100.0,
+        ControlMode::JointPos => 30.0,
     }
 }
 
