@@ -9,7 +9,7 @@ const CRATES: [&str; 6] = ["ipc-types", "sim", "policy-host", "orchestrator", "b
 /// Longest file that is still one idea.
 const MAX_LINES: usize = 450;
 /// Longest task file.
-const MAX_TASK_LINES: usize = 112;
+const MAX_TASK_LINES: usize = 121;
 
 /// Path below the repository's root, and text.
 struct Source {

@@ -3,14 +3,16 @@
 use core::f64::consts::FRAC_PI_2;
 
 use ipc_types::Morphology;
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
-use super::common::cooking::{BURNERS, PAN, PAN_MIDDLE, STOVE, pan, stove};
+use super::common::cooking::{BURNERS, PAN, PAN_MIDDLE, STOVE, bring, pan, stove};
 use super::common::{Eyes, NOISE_RAD, SINGLE_TABLE_Z, fruit, region, single_arm};
-use crate::expert::{Move, grasp};
+use crate::expert::Move;
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{Range, Scene, SceneSpec};
+use crate::robot::control::gripper_entry;
+use crate::robot::panda::FINGER_OPEN;
+use crate::scene::{Range, RegionSpec, Scene, SceneSpec, Widened};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -29,15 +31,22 @@ pub(super) const TASK: Task = Task {
 /// The hand beside the pan's handle, pointing down.
 const QPOS: [f64; 7] = [-0.321, 0.314, 0.635, -2.240, -0.300, 2.473, -1.820];
 const FAR: f64 = f64::INFINITY;
+/// Least gap between the circles around stove and apple, in m: they overlap so far at the nearest nominal places.
+const GAP_TO_STOVE: f64 = -0.047;
 
 fn nominal() -> SceneSpec {
     let at = |name, x, y| region(name, Range::fixed(x), Range::fixed(y));
+    let pan_place = at("pan", 0.0, 0.0);
+    // As wide as elsewhere, but to one side: on the other the pan would start in the stove's corner.
+    let widened = pan_place.widened.map(|widened| Widened { y: Range::new(0.01, 0.16), ..widened });
+    let apple_place = region("apple", Range::new(-0.2, -0.04), Range::new(-0.28, -0.12));
     let regions = vec![
-        at("pan", 0.0, 0.0),
-        region("apple", Range::new(-0.2, -0.04), Range::new(-0.28, -0.12)),
         at("stove", 0.15, 0.15).kept(),
+        // Else the widened region would let the apple start in the stove's corner.
+        RegionSpec { gap_m: Some(GAP_TO_STOVE), ..apple_place },
+        RegionSpec { widened, ..pan_place },
     ];
-    let bodies = vec![pan(0).turned(Range::fixed(FRAC_PI_2)), fruit::apple(1, SINGLE_TABLE_Z), stove(2)];
+    let bodies = vec![pan(2).turned(Range::fixed(FRAC_PI_2)), fruit::apple(1, SINGLE_TABLE_Z), stove(0)];
     let eyes = Eyes { external1: [[0.35, -0.3, 0.4], [0.0; 3]], external2: [[0.35, 0.3, 0.4], [0.0; 3]] };
     single_arm(QPOS, NOISE_RAD, &eyes, regions, bodies, TASK.instruction)
 }
@@ -75,8 +84,10 @@ const GRIP: [f64; 3] = [0.25, 0.108, 0.022];
 const APPLE_GRIP: f64 = 0.55;
 /// How far above where they come to rest pan and apple are let go, in m.
 const GAP: f64 = 0.002;
-/// Leans of the hand that are tried, in rad.
-const LEANS: [f64; 3] = [0.0, 0.3, 0.6];
+/// How far open fingers reach to either side, with some room to spare, and how far either opens at least, in m: beside the
+/// stove there is not always room to open them all the way.
+const FINGERS: f64 = 0.066;
+const HALF_OPEN: f64 = 0.018;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let [pan, apple, stove] = ["pan", "apple", "stove"].map(|name| scene.body(name));
@@ -86,23 +97,13 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let lying = Vector3::z() * (PAN.thickness * pan.scale + fruit::RADIUS * apple.scale);
     let up = Vector3::z() * (fruit::RADIUS * APPLE_GRIP * apple.scale);
     let apple_at = apple.pose.translation.vector;
-    let mut moves = bring(scene, pan_point(GRIP), burner - pan_point(PAN_MIDDLE));
+    let grip = pan_point(GRIP);
+    let room = stove.pose.translation.x + STOVE[0][0] * stove.scale - grip.x;
+    let half_open = (FINGER_OPEN + room - FINGERS).clamp(HALF_OPEN, FINGER_OPEN);
+    let command = gripper_entry(half_open) as f32;
+    // No steps of its own: the fingers have the way to the handle for it.
+    let mut moves = vec![Move::Grip { arms: vec![0], command, steps: 0 }];
+    moves.extend(bring(scene, grip, burner - pan_point(PAN_MIDDLE)));
     moves.extend(bring(scene, apple_at + up, burner + lying - apple_at));
     moves
-}
-
-/// Takes what is at `place` from above, between fingers that close along x, and lets it go `way` from there; in m.
-fn bring(scene: &Scene, place: Vector3<f64>, way: Vector3<f64>) -> Vec<Move> {
-    let at_height =
-        |tcp: &Isometry3<f64>, z: f64| grasp::shifted(tcp, &(Vector3::z() * (z - tcp.translation.z)));
-    let stations = |tcp: &Isometry3<f64>| {
-        let there = grasp::shifted(tcp, &way);
-        [at_height(tcp, 0.15), *tcp, at_height(tcp, 0.25), at_height(&there, 0.25), there]
-    };
-    let upright = [1.0, -1.0].map(|way| grasp::pose(&place, &-Vector3::z(), &(Vector3::x() * way)));
-    let leant = |tcp| LEANS.map(|lean| grasp::leant_back(scene, 0, tcp, lean));
-    let candidates: Vec<_> = upright.iter().flat_map(leant).collect();
-    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
-    let [above, at, raised, over, there] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
-    vec![above, at, Move::close(&[0], 6), raised, over.clone(), there, Move::open(&[0], 6), over]
 }

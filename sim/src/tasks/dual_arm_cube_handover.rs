@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{self, BIMANUAL_TABLE_Z, BLUE, Eyes, QPOS_B, bimanual, region};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -42,35 +42,50 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
 
 /// Where the cube changes hands, in m.
 const MEETING: Vector3<f64> = Vector3::new(-0.2, 0.0, 1.2);
-/// Leans of the hand that are tried, in rad.
+/// Leans of the hand that are tried, in rad, and those that are tried last.
 const LEANS: [f64; 3] = [0.0, 0.3, 0.6];
+const FAR_LEANS: [f64; 3] = [0.8, 1.0, 1.2];
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let cube = scene.body("cube");
-    // The hands meet along y; the first one closes along x, the second one along z, past its fingers.
-    let meeting = |arm: usize, way: f64| {
-        let approach = Vector3::y() * [1.0, -1.0][arm];
-        grasp::pose(&MEETING, &approach, &([Vector3::x(), Vector3::z()][arm] * way))
-    };
     let closing = grasp::start_closing(scene, 0);
-    let grips: Vec<Isometry3<f64>> = [Vector3::x(), Vector3::y()]
-        .iter()
-        .map(|preferred| grasp::from_above(cube, preferred, &closing))
-        .flat_map(|tcp| LEANS.map(|lean| grasp::leant_back(scene, 0, &tcp, lean)))
-        .collect();
-    let raised = |tcp: &Isometry3<f64>| grasp::shifted(tcp, &(Vector3::z() * 0.15));
-    let stations = |tcp: &Isometry3<f64>, way: f64| {
-        [grasp::backed_off(tcp, 0.1), *tcp, raised(tcp), grasp::backed_off(&meeting(0, way), 0.06), meeting(0, way)]
+    let upright = [Vector3::x(), Vector3::y()]
+        .map(|preferred| grasp::from_above(scene.body("cube"), &preferred, &closing));
+    let leant = |leans: &'static [f64]| {
+        upright.iter().flat_map(|tcp| leans.iter().map(|lean| grasp::leant_back(scene, 0, tcp, *lean)))
     };
-    let way_of = |arm: usize| {
-        let start = grasp::start_tcp(scene, arm);
-        let nearer = |way: &f64| (meeting(arm, *way).rotation.inverse() * start.rotation).angle();
-        [1.0, -1.0].into_iter().min_by(|a, b| nearer(a).total_cmp(&nearer(b))).unwrap_or(1.0)
-    };
-    let way = way_of(0);
-    let tcp = grasp::first_within_reach(scene, 0, &grips, |tcp| stations(tcp, way));
-    let [above, at, raised, before, there] = stations(&tcp, way);
-    let other = meeting(1, way_of(1));
+    let ways = [0, 1].map(|arm| nearer_way(scene, arm));
+    let near: Vec<Isometry3<f64>> = leant(&LEANS).collect();
+    let first = grasp::first_within_reach(scene, 0, &near, |tcp| stations(tcp, ways[0]));
+    let others =
+        leant(&LEANS).chain(leant(&FAR_LEANS)).flat_map(|tcp| [ways[0], -ways[0]].map(|way| (tcp, way)));
+    let grips = core::iter::once((first, ways[0])).chain(others);
+    first_in_time(scene, TASK.max_steps, grips.map(|(tcp, way)| handed_over(&tcp, [way, ways[1]])))
+}
+
+/// The hands meet along y; the first one closes along x, the second one along z, past its fingers.
+fn meeting(arm: usize, way: f64) -> Isometry3<f64> {
+    let approach = Vector3::y() * [1.0, -1.0][arm];
+    grasp::pose(&MEETING, &approach, &([Vector3::x(), Vector3::z()][arm] * way))
+}
+
+/// The way round of a hand at the meeting, 1 or −1, that is nearer to how it starts.
+fn nearer_way(scene: &Scene, arm: usize) -> f64 {
+    let start = grasp::start_tcp(scene, arm);
+    let nearer = |way: &f64| (meeting(arm, *way).rotation.inverse() * start.rotation).angle();
+    [1.0, -1.0].into_iter().min_by(|a, b| nearer(a).total_cmp(&nearer(b))).unwrap_or(1.0)
+}
+
+/// Where the first TCP goes: above the cube, around it, up, before the meeting and there.
+fn stations(tcp: &Isometry3<f64>, way: f64) -> [Isometry3<f64>; 5] {
+    let raised = grasp::shifted(tcp, &(Vector3::z() * 0.15));
+    let there = meeting(0, way);
+    [grasp::backed_off(tcp, 0.1), *tcp, raised, grasp::backed_off(&there, 0.06), there]
+}
+
+/// Takes the cube and hands it over, each hand this way round.
+fn handed_over(tcp: &Isometry3<f64>, [way, other_way]: [f64; 2]) -> Vec<Move> {
+    let [above, at, raised, before, there] = stations(tcp, way);
+    let other = meeting(1, other_way);
     vec![
         Move::straight(0, above),
         Move::straight(0, at),

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::insertion::{self, CAP_X, CAP_Z, PEN_Z};
 use super::common::{Eyes, QPOS_B, bimanual, region};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both, first_in_time, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::scene::{Range, RegionSpec, Scene, SceneSpec};
@@ -69,7 +69,6 @@ const STEADY_STEPS: u32 = 10;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let [cap, pen] = ["cap", "pen"].map(|name| scene.body(name).pose);
-    let along = Vector3::y();
     // Where a point of a body goes: first up and along y, then over to the other body.
     let stations = |tcp: &Isometry3<f64>, from: Point3<f64>, to: Vector3<f64>| {
         let way = to - from.coords;
@@ -85,15 +84,25 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let leant = |tcp: Isometry3<f64>| LEANS.map(|lean| grasp::leant_back(scene, arm, &tcp, lean));
         places.iter().map(down).flat_map(leant).collect()
     };
-    let cap_stations = |tcp: &Isometry3<f64>| stations(tcp, opening, MEETING - along * BEFORE);
+    let cap_stations = |tcp: &Isometry3<f64>| stations(tcp, opening, MEETING - Vector3::y() * BEFORE);
     let pen_stations = |tcp: &Isometry3<f64>| stations(tcp, tip, MEETING);
     let cap_grips = candidates(0, &[cap * CAP_GRIP]);
     let pen_grips = candidates(1, &PEN_GRIPS.map(|z| pen * Point3::new(0.0, 0.0, z)));
-    let hands = [
-        cap_stations(&grasp::first_within_reach(scene, 0, &cap_grips, cap_stations)),
-        pen_stations(&grasp::first_within_reach(scene, 1, &pen_grips, pen_stations)),
+    let first = [
+        grasp::first_within_reach(scene, 0, &cap_grips, cap_stations),
+        grasp::first_within_reach(scene, 1, &pen_grips, pen_stations),
     ];
+    // What is within reach station by station need not be along the way, and the other way round.
+    let others = pen_grips.iter().flat_map(|pen| cap_grips.iter().map(|cap| [*cap, *pen]));
+    let grips = core::iter::once(first).chain(others);
+    let plans = grips.map(|[cap, pen]| capped([cap_stations(&cap), pen_stations(&pen)]));
+    first_in_time(scene, TASK.max_steps, plans)
+}
+
+/// Takes cap and pen, brings both to where they meet and puts the cap on.
+fn capped(hands: [[Isometry3<f64>; 4]; 2]) -> Vec<Move> {
     let both_at = |station: usize| both(hands.map(|stations| stations[station]));
+    let over_tip = grasp::shifted(&hands[0][3], &(Vector3::y() * (BEFORE + DEPTH)));
     vec![
         Move::Joint(both_at(0)),
         Move::Straight(both_at(1)),
@@ -102,6 +111,6 @@ fn expert(scene: &Scene) -> Vec<Move> {
         Move::Straight(both_at(2)),
         Move::Straight(both_at(3)),
         Move::Hold { steps: STEADY_STEPS },
-        Move::straight(0, grasp::shifted(&hands[0][3], &(along * (BEFORE + DEPTH)))),
+        Move::straight(0, over_tip),
     ]
 }

@@ -32,7 +32,11 @@ fn nominal() -> SceneSpec {
     let along = [Range::fixed(0.0), Range::symmetric(0.1)];
     let place = |x: f64, widened_x: Range| RegionSpec {
         common: along,
-        widened: Some(Widened { x: widened_x, y: Range::fixed(0.0), common: along.map(|range| range.widened(1.5)) }),
+        widened: Some(Widened {
+            x: widened_x,
+            y: Range::fixed(0.0),
+            common: along.map(|range| range.widened(1.5)),
+        }),
         ..region("row", Range::fixed(x), Range::fixed(0.0))
     };
     // Where it touches the floor: at any size of either, it neither hovers nor sinks in.
@@ -61,9 +65,9 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     vec![within(Some(tray), [-x, -y, -FAR], [x, y, FAR]), within(None, [-FAR, -FAR, 0.83], [FAR, FAR, 0.9])]
 }
 
-/// How far the pot is raised and then brought back towards the robots, in m.
+/// How far the pot is raised, and how far beyond the tray it is then brought back towards the robots, in m.
 const UP: f64 = 0.15;
-const BACK: f64 = 0.34;
+const BEYOND: f64 = 0.04;
 /// How far the pot is tipped until the tomato rolls out gently, and then turned over, in rad.
 const TIPPED: f64 = 1.5;
 const TURNED: f64 = 2.0 * PI / 2.05;
@@ -73,15 +77,17 @@ const ROLLING_STEPS: u32 = 30;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let grips = pot::grips(scene);
+    let [pot_x, tray_x] = ["pot", "tray"].map(|name| scene.body(name).pose.translation.x);
+    let back = pot_x - tray_x + BEYOND;
     let carried = |back_m: f64| grips.map(|tcp| grasp::shifted(&tcp, &Vector3::new(-back_m, 0.0, UP)));
     let turned = |angle: f64| {
         let turn = |arm: usize| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), [angle, -angle][arm]);
-        Move::Straight(both([0, 1].map(|arm| carried(BACK)[arm] * turn(arm))))
+        Move::Straight(both([0, 1].map(|arm| carried(back)[arm] * turn(arm))))
     };
     let mut moves = vec![Move::Joint(both(grips.each_ref().map(pot::away)))];
     moves.extend(pot::seize(&grips));
     moves.extend([
-        Move::Through([carried(0.0), carried(BACK)].map(both).into()),
+        Move::Through([carried(0.0), carried(back)].map(both).into()),
         Move::Hold { steps: SETTLING_STEPS },
         turned(TIPPED),
         Move::Hold { steps: ROLLING_STEPS },

@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, rgb, single_arm};
-use crate::expert::{Move, grasp};
+use crate::expert::{Move, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::robot::control;
@@ -56,11 +56,11 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
             angle_rad: [0.0, 0.08],
             either_way: true,
         },
-        Predicate::inside_box(body, [f64::NEG_INFINITY, f64::NEG_INFINITY, middle_z - 0.005], [
-            f64::INFINITY,
-            f64::INFINITY,
-            middle_z + 0.005,
-        ]),
+        Predicate::inside_box(
+            body,
+            [f64::NEG_INFINITY, f64::NEG_INFINITY, middle_z - 0.005],
+            [f64::INFINITY, f64::INFINITY, middle_z + 0.005],
+        ),
     ]
 }
 
@@ -70,14 +70,22 @@ const GRIP: f64 = 0.085;
 const SQUEEZE: f64 = 0.0075;
 /// By how much the peg stops short of hanging straight down, in rad.
 const LAG: f64 = 0.12;
+/// Leans of the hand that are tried, in rad: the far end of some pegs is out of reach from straight above.
+const LEANS: [f64; 4] = [0.0, 0.2, 0.4, 0.6];
 
 fn expert(scene: &Scene) -> Vec<Move> {
+    first_in_time(scene, TASK.max_steps, LEANS.iter().map(|lean| stood_up(scene, *lean)))
+}
+
+/// Takes the peg with a hand that leans back so far, lets it swing down and puts it on its end.
+fn stood_up(scene: &Scene, lean: f64) -> Vec<Move> {
     let peg = scene.body("peg");
     let [half_length, half_width] = HALF.map(|half| half * peg.scale);
     let closing = grasp::start_closing(scene, 0);
     // By the end that is farther from the robot: the hand then turns up, away from its base.
     let grip = GRIP * peg.scale;
-    let tcp = grasp::shifted(&grasp::from_above(peg, &closing, &closing), &(Vector3::x() * grip));
+    let upright = grasp::shifted(&grasp::from_above(peg, &closing, &closing), &(Vector3::x() * grip));
+    let tcp = grasp::leant_back(scene, 0, &upright, lean);
     let standing = |above_m: f64, angle: f64| -> Isometry3<f64> {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -angle);
         let middle = peg.pose.translation.vector;

@@ -4,7 +4,7 @@ use core::f64::consts::FRAC_PI_8;
 
 use ipc_types::Morphology;
 
-use super::common::cabinet::{DRAWER_TRAVEL, drawer_over_door, pull_open};
+use super::common::cabinet::{DRAWER_TRAVEL, drawer_grip, drawer_over_door, pull_open};
 use super::common::{Eyes, NOISE_RAD, region, single_arm};
 use crate::expert::Move;
 use crate::predicate::Predicate;
@@ -51,5 +51,5 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
 const PULL: f64 = 0.2;
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    pull_open(scene, PULL)
+    pull_open(scene, drawer_grip(scene), PULL)
 }

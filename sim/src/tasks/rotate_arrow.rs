@@ -70,8 +70,8 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     vec![Predicate::Aligned { body, axis: [1.0, 0.0, 0.0], with: with.into(), angle_rad, either_way: false }]
 }
 
-/// Places along its shaft where it may be taken, in m at scale 1; the first may be too near the robot's base.
-const GRIPS: [f64; 4] = [-0.025, 0.0, 0.025, 0.05];
+/// Places along it where it may be taken, in m at scale 1; the first may be too near the robot's base.
+const GRIPS: [f64; 6] = [-0.025, 0.0, 0.025, 0.05, 0.065, 0.09];
 /// The place about which it is turned, in m at scale 1: near its middle, so that it stays where it is.
 const PIVOT: f64 = 0.05;
 /// How far it is turned in all, in rad, and in how many moves, each with a stop.

@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, single_arm};
-use crate::expert::{Move, grasp};
+use crate::expert::{Move, Reach, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{BodySpec, Range, RegionSpec, Role, Scene, SceneSpec};
@@ -41,7 +41,8 @@ fn nominal() -> SceneSpec {
     ];
     let region = RegionSpec {
         gap_m: Some(0.002),
-        ..common::region("cubes", Range::symmetric(0.1), Range::symmetric(0.2)).sharing([Range::symmetric(0.1); 2])
+        ..common::region("cubes", Range::symmetric(0.1), Range::symmetric(0.2))
+            .sharing([Range::symmetric(0.1); 2])
     };
     let target = [-0.1, 0.0, 0.1];
     let eyes = Eyes { external1: [[0.3, 0.0, 0.4], target], external2: [[0.0, -0.3, 0.4], target] };
@@ -67,6 +68,10 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 
 /// Leans of the hand that are tried, in rad: a cube at the far end of the table is out of reach from straight above.
 const LEANS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
+/// Leans that are tried last.
+const FAR_LEANS: [f64; 2] = [0.95, 1.15];
+/// Control steps by which the red cube has come to rest before a plan ends, which may outlast the episode by so much.
+const SPARE_STEPS: u32 = 5;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (red, green) = (scene.body("red cube"), scene.body("green cube"));
@@ -80,12 +85,20 @@ fn expert(scene: &Scene) -> Vec<Move> {
     };
     let closing = grasp::start_closing(scene, 0);
     // Preferably the open fingers go down on the sides where the green cube is not.
-    let candidates: Vec<Isometry3<f64>> = [Vector3::z().cross(&onto), onto]
-        .iter()
-        .map(|preferred| grasp::from_above(red, preferred, &closing))
-        .flat_map(|tcp| LEANS.map(|lean| grasp::leant_back(scene, 0, &tcp, lean)))
-        .collect();
-    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
-    let [above, at, raised, on_green] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
-    vec![above, at, Move::close(&[0], 6), raised, on_green, Move::open(&[0], 6)]
+    let upright =
+        [Vector3::z().cross(&onto), onto].map(|preferred| grasp::from_above(red, &preferred, &closing));
+    let leant = |leans: &'static [f64]| {
+        upright.iter().flat_map(|tcp| leans.iter().map(|lean| grasp::leant_back(scene, 0, tcp, *lean)))
+    };
+    let candidates: Vec<Isometry3<f64>> = leant(&LEANS).chain(leant(&FAR_LEANS)).collect();
+    let [above, at, raised, on_green] = stations(&grasp::first_within_reach(scene, 0, &candidates, stations));
+    let to = |tcp| Move::straight(0, tcp);
+    let through = |[first, second]: [Isometry3<f64>; 2]| {
+        Move::Through([first, second].map(|tcp| vec![Reach { arm: 0, tcp }]).into())
+    };
+    let (close, open) = (Move::close(&[0], 6), Move::open(&[0], 6));
+    // The longest ways are in time only without the stops above the cubes.
+    let with_stops = vec![to(above), to(at), close.clone(), to(raised), to(on_green), open.clone()];
+    let without = vec![through([above, at]), close, through([raised, on_green]), open];
+    first_in_time(scene, TASK.max_steps + SPARE_STEPS, [with_stops, without].into_iter())
 }

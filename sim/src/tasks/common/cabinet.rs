@@ -182,16 +182,16 @@ pub(in crate::tasks) fn drawer_grip(scene: &Scene) -> Isometry3<f64> {
     grasp::pose(&handle.translation.vector, &-(handle.rotation * Vector3::x()), &closing)
 }
 
-/// Pulls the drawer open and lets go of its handle.
-pub(in crate::tasks) fn pull_open(scene: &Scene, by_m: f64) -> Vec<Move> {
-    let tcp = drawer_grip(scene);
+/// Pulls the drawer open by its handle, which is taken at `tcp`, and lets go of it.
+pub(in crate::tasks) fn pull_open(scene: &Scene, tcp: Isometry3<f64>, by_m: f64) -> Vec<Move> {
+    let out = scene.body("drawer").pose.rotation * Vector3::x();
     // Not opened once more before the handle, as in the benchmark: the longest plans would outlast the episode.
     vec![
         Move::open(&[0], 6),
         Move::straight(0, grasp::backed_off(&tcp, 0.05)),
         Move::straight(0, tcp),
         Move::close(&[0], 6),
-        Move::straight(0, grasp::backed_off(&tcp, by_m)),
+        Move::straight(0, grasp::shifted(&tcp, &(out * by_m))),
         Move::open(&[0], 6),
     ]
 }

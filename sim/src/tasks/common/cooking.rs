@@ -1,11 +1,13 @@
 //! What food is cooked with: a stove and a pan (spec/tasks.md §1 and §2, task 16).
 
-use nalgebra::Translation3;
+use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::vessel::Vessel;
 use super::{SINGLE_TABLE_Z, block, movable, rgb};
+use crate::expert::{Move, grasp};
 use crate::scene::{
-    BodySpec, Form, Motion, PaintSpec, PartSpec, Primitive, Role, ScaledBy, VisualSpec, rounded_rectangle,
+    BodySpec, Form, Motion, PaintSpec, PartSpec, Primitive, Role, ScaledBy, Scene, VisualSpec,
+    rounded_rectangle,
 };
 
 /// Least and greatest corner of the stove in its frame, in m.
@@ -91,4 +93,23 @@ pub(in crate::tasks) fn pan(region: usize) -> BodySpec {
         density: 300.0,
         ..movable("pan", parts, region, SINGLE_TABLE_Z)
     }
+}
+
+/// Leans of the hand that are tried, in rad.
+const LEANS: [f64; 3] = [0.0, 0.3, 0.6];
+
+/// Takes what is at `place` from above, between fingers that close along x, and lets it go `way` from there; in m.
+pub(in crate::tasks) fn bring(scene: &Scene, place: Vector3<f64>, way: Vector3<f64>) -> Vec<Move> {
+    let at_height =
+        |tcp: &Isometry3<f64>, z: f64| grasp::shifted(tcp, &(Vector3::z() * (z - tcp.translation.z)));
+    let stations = |tcp: &Isometry3<f64>| {
+        let there = grasp::shifted(tcp, &way);
+        [at_height(tcp, 0.15), *tcp, at_height(tcp, 0.25), at_height(&there, 0.25), there]
+    };
+    let upright = [1.0, -1.0].map(|way| grasp::pose(&place, &-Vector3::z(), &(Vector3::x() * way)));
+    let leant = |tcp| LEANS.map(|lean| grasp::leant_back(scene, 0, tcp, lean));
+    let candidates: Vec<_> = upright.iter().flat_map(leant).collect();
+    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let [above, at, raised, over, there] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
+    vec![above, at, Move::close(&[0], 6), raised, over.clone(), there, Move::open(&[0], 6), over]
 }
