@@ -70,7 +70,7 @@ pub struct DistractorsSpec {
 pub enum PlacementSpec {
     /// Somewhere in a region, its lowest point on a surface.
     On {
-        /// Index into [`SceneSpec::regions`].
+        /// Index into [`super::SceneSpec::regions`].
         region: usize,
         /// World z of the surface, in m.
         surface_z_m: f64,

@@ -1,7 +1,8 @@
 //! Where things appear. The camera looks along −x from (1, 0, 0.5), so right is +y; its 224 pixels span 90°, which is
 //! 112 pixels per metre at 1 m.
 
-use sim::scene::{Primitive, Scene};
+use nalgebra::{Translation3, Vector3};
+use sim::scene::{CameraMount, Primitive, Scene};
 
 use crate::common::{BLUE, RED, as_placed, body, bounds, empty_room, image, is_blue, is_red, pixels};
 
@@ -97,8 +98,37 @@ fn a_camera_error_moves_the_picture() {
     // Turned 0.1 rad to the left, the camera sees what is ahead 0.1 · 112 pixels further right.
     let mut scene = scene();
     scene.bodies.push(body("ball", Primitive::Ball { radius: 0.05 }, [0.0, 0.0, 0.5], BLUE));
-    scene.cameras[0].error = nalgebra::Isometry3::rotation(nalgebra::Vector3::z() * 0.1);
+    scene.cameras[0].error = nalgebra::Isometry3::rotation(Vector3::z() * 0.1);
     let ball = pixels(&shows(&scene), SIDE, is_blue);
     let column = ball.iter().map(|p| p[0] as f64 + 0.5).sum::<f64>() / ball.len() as f64;
     assert!((column - (112.0 + 0.1_f64.tan() * 112.0)).abs() < 0.5, "column {column}");
+}
+
+#[test]
+fn a_camera_error_is_in_the_cameras_own_frame() {
+    let (eye, target) = (Vector3::new(0.8, -0.5, 0.7), Vector3::new(0.0, 0.1, 0.2));
+    let ahead = (target - eye).normalize();
+    let left = Vector3::z().cross(&ahead).normalize();
+    let seen_from = |eye: Vector3<f64>, error: [f64; 3]| {
+        let mut scene = scene();
+        scene.bodies.push(body("ball", Primitive::Ball { radius: 0.1 }, [0.0, 0.1, 0.2], BLUE));
+        let target = eye + ahead;
+        scene.cameras[0].mount = CameraMount::World { eye: eye.into(), target: target.into() };
+        scene.cameras[0].error = Translation3::from(error).into();
+        let ball = pixels(&shows(&scene), SIDE, is_blue);
+        assert!(ball.len() > 500, "the ball is in view");
+        ball
+    };
+    for (axis, direction) in [ahead, left, ahead.cross(&left)].into_iter().enumerate() {
+        let mut error = [0.0; 3];
+        error[axis] = 0.03;
+        let expected = seen_from(eye + direction * 0.03, [0.0; 3]);
+        let found = seen_from(eye, error);
+        let differ = found.iter().filter(|pixel| !expected.contains(pixel)).count();
+        assert!(
+            differ < 4 && found.len().abs_diff(expected.len()) < 4,
+            "axis {axis}: {differ} pixels differ"
+        );
+        assert_ne!(found, seen_from(eye, [0.0; 3]), "axis {axis}: it is seen");
+    }
 }
