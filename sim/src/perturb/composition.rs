@@ -1,7 +1,6 @@
 //! Perturbations that act together.
 
 use core::fmt;
-use core::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -12,11 +11,11 @@ use crate::scene::SceneSpec;
 use crate::task::Task;
 
 /// Between the names of perturbations that act together.
-const PLUS: char = '+';
+const PLUS: &str = "+";
 
 /// One or several perturbations that act together, such as `MO-Color+Camera-Pose`.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
+#[serde(try_from = "Vec<Perturbation>", into = "Vec<Perturbation>")]
 pub struct Composition {
     /// Bit i stands for the i-th of [`Perturbation::ALL`].
     bits: u32,
@@ -26,8 +25,6 @@ pub struct Composition {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the messages say what they are")]
 pub enum Incompatible {
-    #[error("no perturbation is called `{typed}`")]
-    Unknown { typed: String },
     #[error("{name} stands alone: it cannot be composed with others")]
     Alone { name: &'static str },
     #[error("{first} and {second} cannot act together: an episode has one instruction")]
@@ -68,7 +65,7 @@ impl Composition {
     #[must_use]
     pub fn name(self) -> String {
         let names: Vec<&str> = self.iter().map(Perturbation::name).collect();
-        names.join("+")
+        names.join(PLUS)
     }
 
     /// Parts of a typed name, which need not be those of perturbations.
@@ -110,29 +107,17 @@ impl From<Perturbation> for Composition {
     }
 }
 
-impl FromStr for Composition {
-    type Err = Incompatible;
-
-    fn from_str(typed: &str) -> Result<Self, Incompatible> {
-        let parse = |word: &str| {
-            let named = Perturbation::ALL.iter().find(|p| p.name().eq_ignore_ascii_case(word));
-            named.copied().ok_or_else(|| Incompatible::Unknown { typed: word.to_owned() })
-        };
-        Self::new(&Self::split(typed).map(parse).collect::<Result<Vec<_>, _>>()?)
-    }
-}
-
-impl TryFrom<String> for Composition {
+impl TryFrom<Vec<Perturbation>> for Composition {
     type Error = Incompatible;
 
-    fn try_from(typed: String) -> Result<Self, Incompatible> {
-        typed.parse()
+    fn try_from(perturbations: Vec<Perturbation>) -> Result<Self, Incompatible> {
+        Self::new(&perturbations)
     }
 }
 
-impl From<Composition> for String {
+impl From<Composition> for Vec<Perturbation> {
     fn from(composition: Composition) -> Self {
-        composition.name()
+        composition.iter().collect()
     }
 }
 

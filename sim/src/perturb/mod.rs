@@ -120,9 +120,7 @@ impl Perturbation {
             Self::RoColor | Self::RoTexture => has_role(nominal, Role::ReceiverObject),
             Self::MoSize => is_scaled(nominal, ScaledBy::MoSize, Role::ManipulationObject),
             Self::RoSize => is_scaled(nominal, ScaledBy::RoSize, Role::ReceiverObject),
-            Self::PoseRandomization if nominal.regions.iter().all(|region| region.widened.is_none()) => {
-                Err("its places are those of furniture, which stays".to_owned())
-            }
+            Self::PoseRandomization => has_places(nominal),
             Self::None
             | Self::TableColor
             | Self::TableTexture
@@ -135,7 +133,6 @@ impl Perturbation {
             | Self::LanguageNone
             | Self::LanguageRandom
             | Self::LanguageOtherTask
-            | Self::PoseRandomization
             | Self::All => Ok(()),
         };
         applies.map_err(|reason| NotApplicable { reason })
@@ -147,6 +144,14 @@ fn has_role(nominal: &SceneSpec, role: Role) -> Result<(), String> {
         Ok(())
     } else {
         Err(format!("the task has no {}", role.name()))
+    }
+}
+
+fn has_places(nominal: &SceneSpec) -> Result<(), String> {
+    if nominal.regions.iter().any(|region| region.widened.is_some()) {
+        Ok(())
+    } else {
+        Err("its places are those of furniture, which stays".to_owned())
     }
 }
 

@@ -36,6 +36,9 @@ pub(super) fn draw(
     episode_seed: u64,
 ) -> Vec<Body> {
     assert!(spec.n <= NAMES.len(), "a scene has at most {} distractors", NAMES.len());
+    if spec.presence == 0.0 {
+        return Vec::new();
+    }
     let arm_points: Vec<Point3<f64>> = robots.iter().flat_map(points_along).collect();
     let mut taken: Vec<Footprint> = bodies.iter().map(Footprint::of).collect();
     let mut distractors = Vec::new();

@@ -18,12 +18,13 @@ mod snapshot;
 mod spec;
 mod texture;
 
+pub(crate) use clutter::APPLE;
 pub use drawn::{
     Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table, Visual,
 };
 pub use form::{Form, rounded_rectangle};
 pub use instruction::{InstructionSpec, Wording};
-pub use paint::{PaintSpec, Variation};
+pub use paint::{PaintSpec, Variation, rgb};
 pub use place::{DistractorsSpec, PlacementSpec, RegionSpec, Widened};
 pub use range::Range;
 pub use shape::{Extent, Primitive};

@@ -2,6 +2,12 @@
 
 use super::texture::Texture;
 
+/// An sRGB colour whose channels are given in 0 to 255.
+#[must_use]
+pub const fn rgb([r, g, b]: [u8; 3]) -> [f64; 3] {
+    [r as f64 / 255.0, g as f64 / 255.0, b as f64 / 255.0]
+}
+
 /// How far a look is drawn anew: 0 keeps it, 1 lets it be anything. Where both may change, a coin tells which of them does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Variation {

@@ -6,27 +6,29 @@ use super::paint::{PEEL, matt, patterned, pick, rgb, shade};
 use crate::scene::{Form, PaintSpec, Primitive, Texture};
 use crate::stream::Stream;
 
+/// An apple's distance from its axis and height, in radii, from the dimple below to that above.
+pub(crate) const APPLE: [[f64; 2]; 12] = [
+    [0.0, -0.9],
+    [0.18, -0.98],
+    [0.4, -0.95],
+    [0.72, -0.7],
+    [0.93, -0.32],
+    [1.0, 0.1],
+    [0.95, 0.48],
+    [0.75, 0.82],
+    [0.48, 0.97],
+    [0.22, 0.92],
+    [0.06, 0.74],
+    [0.0, 0.7],
+];
+
 /// An apple with its stalk.
 pub(super) fn apple(stream: &mut Stream) -> Thing {
     let skin = pick(stream, &[rgb([186, 28, 32]), rgb([138, 178, 56]), rgb([222, 180, 60])]);
     let skin = peel(shade(stream, skin));
     let radius = 0.0375;
     let mut model = standing(radius);
-    let profile = [
-        [0.0, -0.9],
-        [0.18, -0.98],
-        [0.4, -0.95],
-        [0.72, -0.7],
-        [0.93, -0.32],
-        [1.0, 0.1],
-        [0.95, 0.48],
-        [0.75, 0.82],
-        [0.48, 0.97],
-        [0.22, 0.92],
-        [0.06, 0.74],
-        [0.0, 0.7],
-    ];
-    model.turned(&profile.map(|point| point.map(|x| x * radius)), skin);
+    model.turned(&APPLE.map(|point| point.map(|x| x * radius)), skin);
     stalk(&mut model, [0.0, 0.0, 0.86 * radius], 0.005);
     model.made(stream)
 }

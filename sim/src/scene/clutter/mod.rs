@@ -17,6 +17,8 @@ mod tests;
 mod tools;
 mod toys;
 
+pub(crate) use fruit::APPLE;
+
 use crate::scene::{PartSpec, VisualSpec};
 use crate::stream::Stream;
 

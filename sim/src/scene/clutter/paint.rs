@@ -1,12 +1,8 @@
 //! What things are coloured with, drawn from their stream.
 
+pub(super) use crate::scene::rgb;
 use crate::scene::{PaintSpec, Range, Texture};
 use crate::stream::Stream;
-
-/// An sRGB colour whose channels are given in 0 to 255.
-pub(super) const fn rgb([r, g, b]: [u8; 3]) -> [f64; 3] {
-    [r as f64 / 255.0, g as f64 / 255.0, b as f64 / 255.0]
-}
 
 /// Near white, and near black.
 pub(super) const WHITE: [f64; 3] = [0.93, 0.93, 0.92];

@@ -1,7 +1,7 @@
 //! A tomato and an apple: balls that look like them (spec/tasks.md §1, tasks 16 and 22).
 
 use super::{movable, rgb};
-use crate::scene::{BodySpec, Form, PaintSpec, PartSpec, Primitive, VisualSpec};
+use crate::scene::{APPLE, BodySpec, Form, PaintSpec, PartSpec, Primitive, VisualSpec};
 
 /// Radius of either in m.
 pub(in crate::tasks) const RADIUS: f64 = 0.0375;
@@ -40,23 +40,8 @@ pub(in crate::tasks) fn tomato(region: usize, surface_z_m: f64) -> BodySpec {
 
 /// A red apple with its stalk, its origin in its middle.
 pub(in crate::tasks) fn apple(region: usize, surface_z_m: f64) -> BodySpec {
-    /// Distance from the axis and height, in radii, from the dimple below to that above.
-    const PROFILE: [[f64; 2]; 12] = [
-        [0.0, -0.9],
-        [0.18, -0.98],
-        [0.4, -0.95],
-        [0.72, -0.7],
-        [0.93, -0.32],
-        [1.0, 0.1],
-        [0.95, 0.48],
-        [0.75, 0.82],
-        [0.48, 0.97],
-        [0.22, 0.92],
-        [0.06, 0.74],
-        [0.0, 0.7],
-    ];
     let skin = skin([190, 28, 32]);
-    let profile = PROFILE.iter().map(|point| point.map(|x| x * RADIUS)).collect();
+    let profile = APPLE.iter().map(|point| point.map(|x| x * RADIUS)).collect();
     let ball = PartSpec::at(Primitive::Ball { radius: RADIUS }, [0.0; 3], skin);
     BodySpec {
         visuals: vec![

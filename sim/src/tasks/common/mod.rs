@@ -22,6 +22,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::predicate::Predicate;
 use crate::profile::Profile;
+pub use crate::scene::rgb;
 use crate::scene::{
     BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, DistractorsSpec, Form,
     InstructionSpec, Jitter, LightsSpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range,
@@ -158,11 +159,6 @@ pub fn block(half: [f64; 3], position: [f64; 3], paint: PaintSpec) -> PartSpec {
 /// A part as it is seen, where a body shows more than its parts.
 pub fn seen(part: &PartSpec) -> VisualSpec {
     VisualSpec { form: Form::Primitive(part.shape), pose: part.pose, paint: part.paint }
-}
-
-/// An sRGB colour whose channels are given in 0 to 255.
-pub const fn rgb([r, g, b]: [u8; 3]) -> [f64; 3] {
-    [r as f64 / 255.0, g as f64 / 255.0, b as f64 / 255.0]
 }
 
 /// The body by more than a height above its start.
