@@ -12,7 +12,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use benches::Report;
 use ipc_types::Morphology;
-use policy_host::act::config::ActConfig;
+use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::synthetic::write_checkpoint;
 use serde_json::Value;
 

@@ -1,9 +1,16 @@
-//! What the benchmarks share: their arguments, and a table of figures that is printed and may be written as CSV.
+//! What the benchmarks share: their arguments, a table of figures that is printed and may be written as CSV, peers to be
+//! measured against, and what the processor could do at best.
+
+mod fma;
+mod peer;
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
+
+pub use fma::peak_gflop_per_s;
+pub use peer::Peer;
 
 /// Figures of one benchmark. CSV columns: bench, case, value, unit, note.
 #[derive(Debug)]
@@ -64,4 +71,13 @@ impl Report {
             std::fs::write(&path, self.csv).with_context(|| format!("write {}", path.display()))
         })
     }
+}
+
+/// The middle value, or the upper of two.
+///
+/// # Panics
+/// If there is none.
+pub fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
 }

@@ -1,94 +1,164 @@
 //! What a query costs: ACT of full size and the tiny one, with generated weights and images, at several batch sizes.
 //!
-//! `cargo bench -p benches --bench policy -- [--threads N] [--csv FILE]`. A query is one env of a batch; `gflop_per_s`
-//! counts the arithmetic of `ActConfig::flop_per_query` (what the definition needs: Winograd's convolutions do less). Then
-//! the products that ACT makes, plain as the library makes them and with weights packed beforehand, in turn. Medians of
-//! several rounds, after warm-up; bounded to 40 s.
+//! `cargo bench -p benches --bench policy -- [--threads N] [--peer PYTHON] [--csv FILE]`. A query is one env of a batch;
+//! `gflop_per_s` counts the arithmetic of `Architecture::flop_per_query` (what the definition needs: Winograd's convolutions
+//! do less), and its share is of what the processor reaches on registers alone, measured before and after. Then the products
+//! that ACT makes, plain as the library makes them and with weights packed beforehand, in turn. Medians of several rounds,
+//! after warm-up; bounded to 40 s.
+//!
+//! With `--peer`, ONNX Runtime and PyTorch answer the same queries in turn with us (`peers/act_inference.py`, run by the
+//! Python given), and only that is measured: medians, and the median of the ratios within a round.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
-use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
+use benches::{Peer, Report, median, peak_gflop_per_s};
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::block_pages;
-use ipc_types::{ActionBlock, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
-use policy_host::act::ActPolicy;
-use policy_host::act::config::ActConfig;
-use policy_host::act::model::ActModel;
+use ipc_types::{Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
+use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::generated::{fnv1a64, unit};
 use policy_host::nn::matmul::{Into, multiply, view, view_mut};
 use policy_host::nn::packed::Packed;
-use policy_host::{Policy, synthetic};
+use policy_host::{ActionChunk, Policy, synthetic};
 
 /// Time given to one case.
 const CASE_TIME: Duration = Duration::from_millis(2500);
 /// Fewest rounds of a case.
 const MIN_ROUNDS: usize = 3;
+/// Rounds in which everybody answers.
+const PEER_ROUNDS: usize = 9;
 
 fn main() -> Result<()> {
-    let options = Options::parse()?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(options.n_threads).build()?;
-    let mut csv = String::from("bench,case,value,unit,note\n");
-    type Size = fn(Morphology) -> ActConfig;
-    for (name, size) in [("full", ActConfig::full_size as Size), ("tiny", ActConfig::tiny as Size)] {
-        for morphology in Morphology::ALL {
-            let config = size(morphology);
-            let gflop = config.flop_per_query() as f64 / 1e9;
-            let started = Instant::now();
-            let model = ActModel::new(config.clone(), &synthetic::weights(&config, 0));
-            let made_s = started.elapsed().as_secs_f64();
-            let mut policy = ActPolicy::new(model, options.n_threads);
-            let robot = morphology.name();
-            println!("{name} {robot}: {gflop:.2} GFLOP a query, made in {made_s:.1} s");
-            let batches: &[usize] = if morphology == Morphology::Single { &[1, 2, 8] } else { &[2] };
-            for &n_envs in batches {
-                let seconds = pool.install(|| median_round(&mut policy, morphology, n_envs))?;
-                let per_query = seconds / n_envs as f64;
-                let (queries_per_s, rate) = (1.0 / per_query, gflop / per_query);
-                println!(
-                    "  batch {n_envs:2}: {:8.2} ms a query, {queries_per_s:7.1} queries/s, {rate:6.1} GFLOP/s",
-                    per_query * 1e3
-                );
-                let case = format!("act_{name}_{robot}_batch{n_envs}");
-                let note = format!("{} threads", options.n_threads);
-                writeln!(csv, "policy,{case},{queries_per_s:.3},queries_per_s,{note}")?;
-                writeln!(csv, "policy,{case},{:.3},ms_per_query,{note}", per_query * 1e3)?;
-                writeln!(csv, "policy,{case},{rate:.2},gflop_per_s,{note}")?;
-            }
+    let mut options = Options { n_threads: std::thread::available_parallelism()?.get(), peer: None };
+    let mut report = Report::with_options("policy", "--threads N, --peer PYTHON, ", |option, value| {
+        match option {
+            "--threads" => options.n_threads = value.parse().context("--threads needs a number")?,
+            "--peer" => options.peer = Some(value.into()),
+            _ => return Ok(false),
+        }
+        Ok(true)
+    })?;
+    match &options.peer {
+        Some(python) => against_peers(python, options.n_threads, &mut report)?,
+        None => {
+            queries(options.n_threads, &mut report)?;
+            products(options.n_threads, &mut report);
         }
     }
-    products(options.n_threads, &mut csv)?;
-    if let Some(path) = options.csv {
-        std::fs::write(&path, csv).with_context(|| format!("write {path}"))?;
-    }
-    Ok(())
+    report.finish()
 }
 
 struct Options {
     n_threads: usize,
-    csv: Option<String>,
+    peer: Option<PathBuf>,
 }
 
-impl Options {
-    fn parse() -> Result<Self> {
-        let n_threads = std::thread::available_parallelism()?.get();
-        let mut options = Self { n_threads, csv: None };
-        let mut arguments = std::env::args().skip(1);
-        while let Some(argument) = arguments.next() {
-            let mut value = || arguments.next().with_context(|| format!("{argument} needs a value"));
-            match argument.as_str() {
-                // What cargo itself adds.
-                "--bench" => {}
-                "--csv" => options.csv = Some(value()?),
-                "--threads" => options.n_threads = value()?.parse().context("--threads needs a number")?,
-                _ => bail!("unknown argument {argument}: expected --threads N or --csv FILE"),
+fn queries(n_threads: usize, report: &mut Report) -> Result<()> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
+    let note = format!("{n_threads} threads");
+    let peak = peak_gflop_per_s(n_threads);
+    type Size = fn(Morphology) -> ActConfig;
+    for (name, size) in [("full", ActConfig::full_size as Size), ("tiny", ActConfig::tiny as Size)] {
+        for morphology in Morphology::ALL {
+            let config = size(morphology);
+            let gflop = config.architecture().flop_per_query() as f64 / 1e9;
+            let started = Instant::now();
+            let mut policy = synthetic::policy(&config, 0, n_threads);
+            let made_s = started.elapsed().as_secs_f64();
+            let robot = morphology.name();
+            println!("{name} {robot}: {gflop:.2} GFLOP a query, made in {made_s:.1} s");
+            let batches: &[usize] = if morphology == Morphology::Single { &[1, 2, 8] } else { &[2] };
+            for &n_envs in batches {
+                let mut batch = Batch::new(morphology, n_envs);
+                let seconds = pool.install(|| -> Result<f64> {
+                    batch.answer(&mut policy)?;
+                    let (started, mut rounds) = (Instant::now(), Vec::new());
+                    while rounds.len() < MIN_ROUNDS || started.elapsed() < CASE_TIME {
+                        rounds.push(batch.answer(&mut policy)?);
+                    }
+                    Ok(median(&mut rounds))
+                })?;
+                let per_query = seconds / n_envs as f64;
+                let (queries_per_s, rate) = (1.0 / per_query, gflop / per_query);
+                println!(
+                    "  batch {n_envs:2}: {:8.2} ms a query, {queries_per_s:7.1} queries/s, {rate:6.1} GFLOP/s, {:.0} % of \
+                     peak",
+                    per_query * 1e3,
+                    100.0 * rate / peak
+                );
+                let case = format!("act_{name}_{robot}_batch{n_envs}");
+                report.add(&case, queries_per_s, "queries_per_s", &note);
+                report.add(&case, per_query * 1e3, "ms_per_query", &note);
+                report.add(&case, rate, "gflop_per_s", &note);
             }
         }
-        Ok(options)
     }
+    let later = peak_gflop_per_s(n_threads);
+    println!("peak of fused multiply-adds on registers: {peak:.0} GFLOP/s before, {later:.0} after");
+    report.add("fma_peak", peak, "gflop_per_s", &format!("{note} before"));
+    report.add("fma_peak", later, "gflop_per_s", &format!("{note} after"));
+    Ok(())
+}
+
+/// Full-size ACT of a single arm, by us and by each engine of the peer in turn.
+fn against_peers(python: &Path, n_threads: usize, report: &mut Report) -> Result<()> {
+    const ENGINES: [&str; 2] = ["onnxruntime", "torch"];
+    let config = ActConfig::full_size(Morphology::Single);
+    let gflop = config.architecture().flop_per_query() as f64 / 1e9;
+    let folder = tempfile::tempdir().context("make a scratch folder")?;
+    synthetic::write_checkpoint(folder.path(), &config, 0)?;
+    let path = folder.path().to_str().context("a scratch folder's name is text")?;
+    let mut peer = Peer::start(python, "act_inference.py", &[path, &n_threads.to_string()])?;
+    println!("{}", peer.name);
+    let mut policy = synthetic::policy(&config, 0, n_threads);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
+    let note = format!("{n_threads} threads");
+    for n_envs in [1, 8] {
+        let mut batch = Batch::new(Morphology::Single, n_envs);
+        let mut answer = || pool.install(|| batch.answer(&mut policy));
+        answer()?;
+        for engine in ENGINES {
+            peer.request(&format!("{engine} {n_envs}"))?;
+        }
+        let (mut ours, mut theirs, mut ratios) =
+            (Vec::new(), [const { Vec::new() }; 2], [const { Vec::new() }; 2]);
+        let mut peaks = Vec::new();
+        for _ in 0..PEER_ROUNDS {
+            peaks.push(peak_gflop_per_s(n_threads));
+            for (idx, engine) in ENGINES.into_iter().enumerate() {
+                // Before and after, so that a drift of the machine falls on both sides.
+                let before = answer()?;
+                let seconds = peer.request(&format!("{engine} {n_envs}"))?;
+                let after = answer()?;
+                ratios[idx].push(2.0 * seconds / (before + after));
+                theirs[idx].push(seconds);
+                ours.extend([before, after]);
+            }
+        }
+        let ms = |seconds: f64| seconds / n_envs as f64 * 1e3;
+        let (own_ms, peak) = (ms(median(&mut ours)), median(&mut peaks));
+        let rate = gflop / own_ms * 1e3;
+        println!(
+            "batch {n_envs}: {own_ms:.1} ms a query, {rate:.0} GFLOP/s, {:.0} % of the {peak:.0} of registers alone",
+            100.0 * rate / peak
+        );
+        let case = format!("peers_batch{n_envs}");
+        report.add(&case, own_ms, "ms_per_query", &note);
+        report.add(&case, rate, "gflop_per_s", &note);
+        report.add(&format!("{case}/fma_peak"), peak, "gflop_per_s", &note);
+        for ((engine, theirs), ratios) in ENGINES.into_iter().zip(&mut theirs).zip(&mut ratios) {
+            let (peer_ms, ratio) = (ms(median(theirs)), median(ratios));
+            println!("  {engine}: {peer_ms:.1} ms a query; we are {ratio:.2} times as fast");
+            report.add(&format!("{case}/{engine}"), peer_ms, "ms_per_query", &note);
+            report.add(&format!("{case}/times_{engine}"), ratio, "1", &note);
+        }
+    }
+    Ok(())
 }
 
 /// Shapes of products that ACT makes: rows, width, depth.
@@ -99,7 +169,7 @@ const PRODUCT_ROUNDS: usize = 9;
 const PRODUCT_TIME: Duration = Duration::from_millis(15);
 
 /// Each thread makes products of its own; the rates are summed.
-fn products(n_threads: usize, csv: &mut String) -> Result<()> {
+fn products(n_threads: usize, report: &mut Report) {
     for (n_rows, width, depth) in PRODUCTS {
         let of_thread = || {
             let numbers = |n: usize| vec![0.5_f32; n];
@@ -127,7 +197,7 @@ fn products(n_threads: usize, csv: &mut String) -> Result<()> {
                 let flop = (2 * n_rows * width * depth * n) as f64;
                 rates[round % 2].push(flop / started.elapsed().as_secs_f64() / 1e9);
             }
-            rates.map(median)
+            rates.map(|mut rates| median(&mut rates))
         };
         let rates = std::thread::scope(|scope| {
             let threads: Vec<_> = (0..n_threads).map(|_| scope.spawn(of_thread)).collect();
@@ -140,31 +210,36 @@ fn products(n_threads: usize, csv: &mut String) -> Result<()> {
         let name = format!("product_{n_rows}x{width}x{depth}");
         println!("{name}: plain {plain:.0} GFLOP/s, packed {packed:.0} GFLOP/s, x{:.2}", packed / plain);
         for (by, rate) in [("plain", plain), ("packed", packed)] {
-            writeln!(csv, "policy,{name}_{by},{rate:.2},gflop_per_s,{n_threads} threads together")?;
+            report.add(
+                &format!("{name}_{by}"),
+                rate,
+                "gflop_per_s",
+                &format!("{n_threads} threads together"),
+            );
         }
     }
-    Ok(())
 }
 
-fn median(mut numbers: Vec<f64>) -> f64 {
-    numbers.sort_by(f64::total_cmp);
-    numbers[numbers.len() / 2]
+/// An observation, and room for its answer.
+struct Batch {
+    header: ObservationHeader,
+    pages: Vec<Page>,
+    answer: Vec<ActionChunk>,
 }
 
-/// Seconds of the median round.
-fn median_round(policy: &mut dyn Policy, morphology: Morphology, n_envs: usize) -> Result<f64> {
-    let (header, pages) = observation(morphology, n_envs);
-    let view = ObservationView::new(header, &pages)?;
-    let mut answer = vec![ActionBlock::zeroed(); n_envs];
-    policy.act(&view, &mut answer)?;
-    let mut rounds = Vec::new();
-    let started = Instant::now();
-    while rounds.len() < MIN_ROUNDS || started.elapsed() < CASE_TIME {
-        let round = Instant::now();
-        policy.act(&view, &mut answer)?;
-        rounds.push(round.elapsed().as_secs_f64());
+impl Batch {
+    fn new(morphology: Morphology, n_envs: usize) -> Self {
+        let (header, pages) = observation(morphology, n_envs);
+        Self { header, pages, answer: vec![ActionChunk::default(); n_envs] }
     }
-    Ok(median(rounds))
+
+    /// Seconds of an answer.
+    fn answer(&mut self, policy: &mut dyn Policy) -> Result<f64> {
+        let view = ObservationView::new(self.header, &self.pages)?;
+        let started = Instant::now();
+        policy.act(&view, &mut self.answer)?;
+        Ok(started.elapsed().as_secs_f64())
+    }
 }
 
 /// An observation of noise, with an instruction.

@@ -9,13 +9,11 @@
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
-use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use benches::Report;
+use benches::{Peer, Report, median};
 use ipc_types::ControlMode;
 use sim::TaskId;
 use sim::physics::World;
@@ -146,7 +144,8 @@ fn against_peer(python: &Path, table: &mut Report) -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
     let folder = tempfile::tempdir()?;
     export(&Env::several(task, N_ENVS, true), folder.path())?;
-    let mut peer = Peer::start(python, folder.path())?;
+    let scene = folder.path().to_str().context("a scratch folder's name is text")?;
+    let mut peer = Peer::start(python, "mujoco_render.py", &[scene])?;
     for (name, shadows, samples) in [
         ("plain", false, Samples::One),
         ("4_samples", false, Samples::Four),
@@ -161,7 +160,8 @@ fn against_peer(python: &Path, table: &mut Report) -> Result<()> {
         let mut theirs = Vec::new();
         // The first round warms up.
         for round in 0..=N_ROUNDS {
-            let peer_s = peer.draw(shadows, samples)?;
+            let n_samples = if samples == Samples::Four { 4 } else { 0 };
+            let peer_s = peer.request(&format!("{} {n_samples}", i32::from(shadows)))?;
             if round > 0 {
                 theirs.push(peer_s);
             }
@@ -203,59 +203,6 @@ fn export(envs: &[Env], folder: &Path) -> Result<()> {
     let sides: Vec<_> = (0..scene.n_cameras()).map(|camera_idx| scene.side(camera_idx)).collect();
     let text = serde_json::json!({ "poses": poses, "sides": sides }).to_string();
     std::fs::write(folder.join("poses.json"), text).context("export the poses for the peer")
-}
-
-/// A process that draws with MuJoCo.
-struct Peer {
-    name: String,
-    process: Child,
-    requests: ChildStdin,
-    answers: BufReader<ChildStdout>,
-}
-
-impl Peer {
-    fn start(python: &Path, folder: &Path) -> Result<Self> {
-        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/peers/mujoco_render.py");
-        let mut process = Command::new(python)
-            .arg(script)
-            .arg(folder)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .with_context(|| format!("start {}", python.display()))?;
-        let requests = process.stdin.take().context("standard input is piped")?;
-        let answers = BufReader::new(process.stdout.take().context("standard output is piped")?);
-        let mut peer = Self { name: String::new(), process, requests, answers };
-        peer.name = peer.answer()?;
-        Ok(peer)
-    }
-
-    fn answer(&mut self) -> Result<String> {
-        let mut line = String::new();
-        self.answers.read_line(&mut line)?;
-        anyhow::ensure!(!line.is_empty(), "the peer ended; what it wrote above says why");
-        Ok(line.trim().to_owned())
-    }
-
-    /// Draws every image of every env and says how many seconds that took.
-    fn draw(&mut self, shadows: bool, samples: Samples) -> Result<f64> {
-        let samples = if samples == Samples::Four { 4 } else { 0 };
-        writeln!(self.requests, "{} {samples}", i32::from(shadows))?;
-        let answer = self.answer()?;
-        answer.parse().with_context(|| format!("the peer answers with seconds, found {answer}"))
-    }
-}
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }
 
 fn on_device(

@@ -217,26 +217,31 @@ class Act(nn.Module):
         return torch.cat([code[:, None].expand(-1, side, -1), code[None].expand(side, -1, -1)], -1)
 
     def forward(self, images, state, embedding=None):
-        """images [n_cameras, 3, 224, 224] normalised, state [state_dim], embedding [language dim] or None."""
-        features = self.backbones[0][0].body(images)
+        """images [n, n_cameras, 3, 224, 224] normalised, state [n, state_dim], embedding [n, language dim] or None.
+
+        Returns the chunks [n, num_queries, action_dim] and the backbone's features [n, n_cameras, C, 7, 7].
+        """
+        n, n_cameras = images.shape[:2]
+        features = self.backbones[0][0].body(images.flatten(0, 1)).unflatten(0, (n, n_cameras))
         # Cameras side by side, then row by row.
-        image_tokens = self.input_proj(features).permute(2, 0, 3, 1).flatten(0, 2)
+        image_tokens = self.input_proj(features.flatten(0, 1)).unflatten(0, (n, n_cameras))
+        image_tokens = image_tokens.permute(0, 3, 1, 4, 2).flatten(1, 3)
         position = self.positions(features.shape[-1])
-        image_position = position[:, None].expand(-1, len(images), -1, -1).flatten(0, 2)
-        tokens = [self.latent_out_proj(torch.zeros(LATENT_DIM)), self.input_proj_robot_state(state)]
+        image_position = position[:, None].expand(-1, n_cameras, -1, -1).flatten(0, 2)
+        tokens = [self.latent_out_proj(torch.zeros(n, LATENT_DIM)), self.input_proj_robot_state(state)]
         placing = [self.additional_pos_embed.weight]
         if embedding is not None:
             tokens.append(self.lang_proj(embedding))
             placing.append(torch.zeros(1, self.c["hidden_dim"]))
-        memory = torch.cat([torch.stack(tokens), image_tokens])[None]
+        memory = torch.cat([torch.stack(tokens, 1), image_tokens], 1)
         placing = torch.cat([*placing, image_position])[None]
         for layer in self.transformer.encoder.layers:
             memory = layer(memory, placing)
-        query_position = self.query_embed.weight[None]
+        query_position = self.query_embed.weight.expand(n, -1, -1)
         decoder = self.transformer.decoder
         # The benchmark reads the first of the stacked intermediate outputs: later layers never matter.
         target = decoder.layers[0](torch.zeros_like(query_position), memory, placing, query_position)
-        return self.action_head(decoder.norm(target))[0], features
+        return self.action_head(decoder.norm(target)), features
 
 
 # --- checkpoint and reference -----------------------------------------------------------------------------------------
@@ -267,7 +272,8 @@ def normalised_images(external, hand):
     grown = F.interpolate(
         to_chw(hand), (EXTERNAL_SIDE, EXTERNAL_SIDE), mode="bilinear", antialias=True, align_corners=False
     )
-    images = torch.cat([to_chw(external), grown.round().clamp(0, 255)]) / 255
+    # Halves go up, and what rounding errors leave just below a half, too.
+    images = torch.cat([to_chw(external), (grown + 0.501).floor().clamp(0, 255)]) / 255
     mean, std = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
     return (images - mean[:, None, None]) / std[:, None, None]
 
@@ -283,7 +289,9 @@ def reference(net, config, statistics):
         if statistics:
             state = (state - statistics["norm_stats.state_mean"]) / statistics["norm_stats.state_std"]
         with torch.no_grad():
-            actions, features = net(normalised_images(external, hand), state, embedding)
+            embedding = None if embedding is None else embedding[None]
+            actions, features = net(normalised_images(external, hand)[None], state[None], embedding)
+            actions, features = actions[0], features[0]
         if statistics:
             actions = actions * statistics["norm_stats.action_std"] + statistics["norm_stats.action_mean"]
         out["actions"].append(actions)

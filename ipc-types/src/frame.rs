@@ -7,8 +7,8 @@ use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
 
 use crate::layout::{
-    ActionBlock, EXTERNAL_BYTES, EXTERNAL_OFFSET, EnvRecord, HAND_BYTES, HAND_OFFSET, INSTRUCTION_BYTES,
-    MAX_ACTION_DIM, MAX_HORIZON, Page, SCHEMA_HASH, block_pages,
+    ActionBlock, EXTERNAL_BYTES, EXTERNAL_OFFSET, EXTERNAL_SIDE, EnvRecord, HAND_BYTES, HAND_OFFSET,
+    HAND_SIDE, INSTRUCTION_BYTES, MAX_ACTION_DIM, MAX_HORIZON, Page, SCHEMA_HASH, block_pages,
 };
 use crate::morphology::{ControlMode, Morphology};
 
@@ -109,6 +109,22 @@ pub struct EnvObservation<'a> {
     pub external: &'a [u8],
     /// `[n_arms, 128, 128, 3] u8`, or empty without images.
     pub hand: &'a [u8],
+}
+
+impl<'a> EnvObservation<'a> {
+    /// A camera's image `[side, side, 3] u8` and its side, in the order of [`Morphology::camera_names`].
+    ///
+    /// # Panics
+    /// If there is no such camera, or the observation has no images.
+    #[must_use]
+    pub fn image(&self, camera_idx: usize) -> (&'a [u8], usize) {
+        let n_external = self.external.len() / EXTERNAL_BYTES;
+        if camera_idx < n_external {
+            (&self.external[camera_idx * EXTERNAL_BYTES..][..EXTERNAL_BYTES], EXTERNAL_SIDE)
+        } else {
+            (&self.hand[(camera_idx - n_external) * HAND_BYTES..][..HAND_BYTES], HAND_SIDE)
+        }
+    }
 }
 
 impl<'a> ObservationView<'a> {

@@ -49,6 +49,33 @@ impl Morphology {
         }
     }
 
+    /// Names of the cameras, in the order of their images: external, then hand (spec/env.md §4).
+    #[must_use]
+    pub const fn camera_names(self) -> &'static [&'static str] {
+        match self {
+            Self::Single => &["external1_camera", "external2_camera", "hand_camera"],
+            Self::Bimanual => {
+                &["external1_camera", "external2_camera", "panda1_hand_camera", "panda2_hand_camera"]
+            }
+        }
+    }
+
+    /// Parts of the state vector, in its order: name and width (spec/env.md §6).
+    #[must_use]
+    pub const fn state_parts(self) -> &'static [(&'static str, usize)] {
+        match self {
+            Self::Single => &[("qpos", 9), ("qvel", 9), ("tcp_pose", 7)],
+            Self::Bimanual => &[
+                ("qpos", 18),
+                ("qvel", 18),
+                ("ee1_pose", 7),
+                ("ee2_pose", 7),
+                ("left_arm_tcp", 7),
+                ("right_arm_tcp", 7),
+            ],
+        }
+    }
+
     /// Control mode of the benchmark's policies for this morphology.
     #[must_use]
     pub const fn default_control_mode(self) -> ControlMode {
@@ -153,6 +180,16 @@ mod tests {
             assert_eq!((mode.code(), ControlMode::from_code(code)), (code, Some(mode)));
         }
         assert_eq!((Morphology::from_code(2), ControlMode::from_code(3)), (None, None));
+    }
+
+    #[test]
+    fn cameras_and_state_parts_are_as_many_and_as_wide_as_the_layout_says() {
+        for morphology in Morphology::ALL {
+            let n_cameras = morphology.n_external_cameras() + morphology.n_hand_cameras();
+            assert_eq!(morphology.camera_names().len(), n_cameras);
+            let width: usize = morphology.state_parts().iter().map(|(_, width)| width).sum();
+            assert_eq!(width, morphology.state_dim());
+        }
     }
 
     #[test]

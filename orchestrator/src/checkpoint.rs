@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use ipc_types::Morphology;
-use policy_host::act::config::ActConfig;
+use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::synthetic;
 
 use crate::cli::CheckpointArgs;

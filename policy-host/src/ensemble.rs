@@ -1,15 +1,14 @@
 //! Temporal ensembling: a query every control step, and the mean of all predictions for that step.
 //!
 //! At control step `t` the executed row is `Σ wᵢ·aᵢ / Σ wᵢ` over the predictions for `t` in the last `horizon` chunks,
-//! oldest first, with `wᵢ = exp(−0.01·i)`: the oldest weighs most (spec/eval.md §1.5).
+//! oldest first, with `wᵢ = exp(−m·i)`: for a decay `m` above zero the oldest weighs most (spec/eval.md §1.5).
 
-use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
-use ipc_types::{ActionBlock, ObservationView};
+use ipc_types::ObservationView;
 
-use crate::policy::{Policy, PolicyError, begin_answer};
+use crate::policy::{ActionChunk, Policy, PolicyError};
 
-/// Decay of the weights per prediction.
-const DECAY: f64 = 0.01;
+/// Decay of the weights per prediction, `m`, in the benchmark.
+pub const DEFAULT_DECAY: f64 = 0.01;
 /// Slots that can be followed: a bound on memory, far above what a sim has.
 const MAX_SLOTS: u32 = 4096;
 
@@ -18,23 +17,24 @@ pub struct Ensemble {
     inner: Box<dyn Policy>,
     /// By slot.
     pasts: Vec<Past>,
-    /// `exp(−0.01·i)`.
-    weights: [f64; MAX_HORIZON],
+    decay: f64,
+    /// `exp(−m·i)`, as many as the longest chunk has had rows.
+    weights: Vec<f64>,
 }
 
 /// The latest chunks of one slot's episode.
 struct Past {
     /// The query expected next; 0 before the first episode.
     next_query: u32,
-    /// Chunk of query `q` at `q % horizon`.
-    chunks: Vec<[f32; MAX_HORIZON * MAX_ACTION_DIM]>,
+    /// `[horizon, horizon, action_dim]`: the chunk of query `q` at `q % horizon`.
+    chunks: Vec<f32>,
 }
 
 impl Ensemble {
     /// Ensembles the chunks of `inner`, which must have the same number of rows in every answer to a slot's episode.
     #[must_use]
-    pub fn new(inner: Box<dyn Policy>) -> Self {
-        Self { inner, pasts: Vec::new(), weights: std::array::from_fn(|idx| (-DECAY * idx as f64).exp()) }
+    pub fn new(inner: Box<dyn Policy>, decay: f64) -> Self {
+        Self { inner, pasts: Vec::new(), decay, weights: Vec::new() }
     }
 
     fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
@@ -57,33 +57,35 @@ impl Policy for Ensemble {
     fn act(
         &mut self,
         observation: &ObservationView<'_>,
-        answer: &mut [ActionBlock],
+        answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError> {
         self.check(observation)?;
         self.inner.act(observation, answer)?;
-        for (env_idx, block) in answer.iter_mut().enumerate() {
-            let slot = block.slot as usize;
+        for (env_idx, chunk) in answer.iter_mut().enumerate() {
+            let record = observation.env(env_idx).record;
+            let slot = record.slot as usize;
             if slot >= self.pasts.len() {
                 self.pasts.resize_with(slot + 1, || Past { next_query: 0, chunks: Vec::new() });
             }
             let past = &mut self.pasts[slot];
-            past.push(block);
-            let (horizon, action_dim) = (block.n_rows as usize, block.action_dim as usize);
-            let row = begin_answer(block, observation.env(env_idx).record, 1, action_dim);
-            past.mean(horizon, &self.weights, row);
+            past.push(record.query, chunk);
+            let action_dim = chunk.action_dim();
+            let horizon = chunk.rows().len() / action_dim;
+            let known = self.weights.len();
+            self.weights.extend((known..horizon).map(|idx| (-self.decay * idx as f64).exp()));
+            past.mean(horizon, &self.weights, chunk.begin(1, action_dim));
         }
         Ok(())
     }
 }
 
 impl Past {
-    fn push(&mut self, block: &ActionBlock) {
-        let horizon = block.n_rows as usize;
-        if self.chunks.len() < horizon {
-            self.chunks.resize(horizon, [0.0; MAX_HORIZON * MAX_ACTION_DIM]);
-        }
-        self.chunks[block.query as usize % horizon] = block.rows;
-        self.next_query = block.query + 1;
+    fn push(&mut self, query: u32, chunk: &ActionChunk) {
+        let rows = chunk.rows();
+        let horizon = rows.len() / chunk.action_dim();
+        self.chunks.resize(horizon * rows.len(), 0.0);
+        self.chunks[query as usize % horizon * rows.len()..][..rows.len()].copy_from_slice(rows);
+        self.next_query = query + 1;
     }
 
     /// The weighted mean for the control step of the newest chunk, summed oldest first.
@@ -96,8 +98,8 @@ impl Past {
             let sum: f64 = (0..n_past)
                 .map(|idx| {
                     let age = n_past - 1 - idx;
-                    let chunk = &self.chunks[(newest - age) % horizon];
-                    weights[idx] * f64::from(chunk[age * action_dim + entry])
+                    let chunk = (newest - age) % horizon;
+                    weights[idx] * f64::from(self.chunks[(chunk * horizon + age) * action_dim + entry])
                 })
                 .sum();
             *x = (sum / total) as f32;

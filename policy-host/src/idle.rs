@@ -1,8 +1,8 @@
 //! The floor: a policy that holds still.
 
-use ipc_types::{ActionBlock, ObservationView};
+use ipc_types::ObservationView;
 
-use crate::policy::{Policy, PolicyError};
+use crate::policy::{ActionChunk, Policy, PolicyError};
 use crate::rows::fill_rows;
 
 /// Commands the measured joints, or no motion, and the grippers where they are.
@@ -13,7 +13,7 @@ impl Policy for Idle {
     fn act(
         &mut self,
         observation: &ObservationView<'_>,
-        answer: &mut [ActionBlock],
+        answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError> {
         fill_rows("idle", observation, answer, |_, _, _| {})
     }

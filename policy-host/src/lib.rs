@@ -4,6 +4,7 @@
 //! observation alone: not on batch, thread count, time or environment.
 
 pub mod act;
+pub mod checkpoint;
 pub mod ensemble;
 pub mod generated;
 pub mod idle;
@@ -20,7 +21,7 @@ mod rows;
 
 use serde::{Deserialize, Serialize};
 
-pub use policy::{LoadError, Policy, PolicyError, check, fingerprint, load};
+pub use policy::{ActionChunk, LoadError, Policy, PolicyError, check, load};
 pub use spec::{PolicySpec, PolicySpecError};
 
 /// How a policy is queried. Results of different modes are never mixed.

@@ -8,16 +8,25 @@ use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology, ObservationView
 use thiserror::Error;
 
 use crate::QueryMode;
-use crate::act::{self, ActPolicy, checkpoint::CheckpointError};
-use crate::ensemble::Ensemble;
+use crate::act::{self, ActPolicy};
+use crate::checkpoint::CheckpointError;
+use crate::ensemble::{DEFAULT_DECAY, Ensemble};
 use crate::idle::Idle;
 use crate::random::Random;
 use crate::spec::PolicySpec;
 
+/// An answer to one env: rows of an action chunk, of any number.
+#[derive(Clone, Debug, Default)]
+pub struct ActionChunk {
+    /// `[n_rows, action_dim]`.
+    numbers: Vec<f32>,
+    action_dim: usize,
+}
+
 /// Answers observations with action chunks. An env's answer depends on that env's record, images and past only.
 pub trait Policy: Send {
-    /// Fills one block of `answer` per env of `observation`, in its order: slot and query as in the record, and at least
-    /// one row. It runs on the current thread and may spread over the current rayon pool.
+    /// Fills one chunk of `answer` per env of `observation`, in its order. It runs on the current thread and may spread over
+    /// the current rayon pool.
     ///
     /// # Errors
     /// If the observation is not one this policy can answer; `answer` is then worthless.
@@ -27,7 +36,7 @@ pub trait Policy: Send {
     fn act(
         &mut self,
         observation: &ObservationView<'_>,
-        answer: &mut [ActionBlock],
+        answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError>;
 }
 
@@ -66,8 +75,6 @@ pub enum LoadError {
     NoCheckpoint { folder: PathBuf },
     #[error("{0}")]
     Checkpoint(Box<CheckpointError>),
-    #[error("use {}: `morphology` is null, expected \"single\" or \"bimanual\"", path.display())]
-    NoMorphology { path: PathBuf },
     #[error("use {}: the checkpoint is for {found}, the run has {expected} tasks", folder.display())]
     Morphology { folder: PathBuf, found: String, expected: &'static str },
     #[error("use {}: it drives the {robot} robot by {found}, the run by {expected}", folder.display())]
@@ -87,17 +94,21 @@ impl From<CheckpointError> for LoadError {
 /// # Errors
 /// If the policy does not run in a host, or its checkpoint cannot be loaded.
 pub fn load(spec: &PolicySpec, n_threads: usize, mode: QueryMode) -> Result<Box<dyn Policy>, LoadError> {
-    let policy: Box<dyn Policy> = match spec {
-        PolicySpec::Idle => Box::new(Idle),
-        PolicySpec::Random => Box::new(Random),
-        PolicySpec::Act(folder) => Box::new(ActPolicy::load(folder, n_threads)?),
+    let (policy, decay): (Box<dyn Policy>, _) = match spec {
+        PolicySpec::Idle => (Box::new(Idle), None),
+        PolicySpec::Random => (Box::new(Random), None),
+        PolicySpec::Act(folder) => {
+            let policy = ActPolicy::load(folder, n_threads)?;
+            let decay = policy.ensemble_decay();
+            (Box::new(policy), decay)
+        }
         PolicySpec::Expert | PolicySpec::Attach(_) => {
             return Err(LoadError::NotHosted { spec: spec.clone() });
         }
     };
     Ok(match mode {
         QueryMode::Chunk => policy,
-        QueryMode::Ensemble => Box::new(Ensemble::new(policy)),
+        QueryMode::Ensemble => Box::new(Ensemble::new(policy, decay.unwrap_or(DEFAULT_DECAY))),
     })
 }
 
@@ -113,38 +124,45 @@ pub fn check(spec: &PolicySpec, robots: &[(Morphology, ControlMode)]) -> Result<
     }
 }
 
-/// The hash of everything that a policy's answers depend on besides this build: for a checkpoint, its files; `None` for a
-/// policy without files.
-///
-/// # Errors
-/// If a file cannot be read.
-pub fn fingerprint(spec: &PolicySpec) -> Result<Option<u64>, LoadError> {
-    match spec {
-        PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => Ok(None),
-        PolicySpec::Act(folder) => act::fingerprint(folder).map(Some),
+impl ActionChunk {
+    /// Starts an answer: all rows zero. They are returned, `[n_rows, action_dim]` packed.
+    ///
+    /// # Panics
+    /// If there are no rows, or they are empty or wider than an answer's.
+    pub fn begin(&mut self, n_rows: usize, action_dim: usize) -> &mut [f32] {
+        assert!(n_rows > 0 && (1..=MAX_ACTION_DIM).contains(&action_dim), "an action chunk");
+        self.action_dim = action_dim;
+        self.numbers.clear();
+        self.numbers.resize(n_rows * action_dim, 0.0);
+        &mut self.numbers
     }
-}
 
-/// Starts the answer to a record: everything zero but its head. The rows, `[n_rows, action_dim]` packed, are returned.
-///
-/// # Panics
-/// If there are no rows, or more or wider ones than a block holds.
-pub fn begin_answer<'a>(
-    block: &'a mut ActionBlock,
-    record: &EnvRecord,
-    n_rows: usize,
-    action_dim: usize,
-) -> &'a mut [f32] {
-    assert!(
-        (1..=MAX_HORIZON).contains(&n_rows) && (1..=MAX_ACTION_DIM).contains(&action_dim),
-        "an action chunk"
-    );
-    *block = ActionBlock {
-        slot: record.slot,
-        query: record.query,
-        n_rows: n_rows as u32,
-        action_dim: action_dim as u32,
-        ..ActionBlock::zeroed()
-    };
-    &mut block.rows[..n_rows * action_dim]
+    /// `[n_rows, action_dim]`, packed.
+    #[must_use]
+    pub fn rows(&self) -> &[f32] {
+        &self.numbers
+    }
+
+    /// Numbers in a row.
+    #[must_use]
+    pub fn action_dim(&self) -> usize {
+        self.action_dim
+    }
+
+    /// Its message: slot and query as in the record, and as many rows as a block holds.
+    ///
+    /// # Panics
+    /// If the answer was never begun.
+    pub fn write(&self, record: &EnvRecord, block: &mut ActionBlock) {
+        let n_rows = (self.numbers.len() / self.action_dim).min(MAX_HORIZON);
+        *block = ActionBlock {
+            slot: record.slot,
+            query: record.query,
+            n_rows: n_rows as u32,
+            action_dim: self.action_dim as u32,
+            ..ActionBlock::zeroed()
+        };
+        let len = n_rows * self.action_dim;
+        block.rows[..len].copy_from_slice(&self.numbers[..len]);
+    }
 }

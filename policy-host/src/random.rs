@@ -1,9 +1,9 @@
 //! Random actions, drawn by (episode, control step, entry) alone: the same however the rows are chunked.
 
-use ipc_types::{ActionBlock, ControlMode, ObservationView};
+use ipc_types::{ControlMode, ObservationView};
 
 use crate::generated::{SPLITMIX_GAMMA, splitmix64, unit};
-use crate::policy::{Policy, PolicyError};
+use crate::policy::{ActionChunk, Policy, PolicyError};
 use crate::rows::fill_rows;
 
 /// Farthest that a commanded joint is from the measured one.
@@ -18,7 +18,7 @@ impl Policy for Random {
     fn act(
         &mut self,
         observation: &ObservationView<'_>,
-        answer: &mut [ActionBlock],
+        answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError> {
         let control_mode = observation.control_mode();
         let arm_dim = control_mode.action_dim(observation.morphology()) / observation.morphology().n_arms();

@@ -1,8 +1,8 @@
 //! Answers that are made row by row from holding still.
 
-use ipc_types::{ActionBlock, EnvRecord, ObservationView};
+use ipc_types::{EnvRecord, ObservationView};
 
-use crate::policy::{PolicyError, begin_answer};
+use crate::policy::{ActionChunk, PolicyError};
 use crate::robot_state::RobotState;
 
 /// Answers every env with as many rows as it will execute. Each holds the robot still until `change(record, control
@@ -10,20 +10,20 @@ use crate::robot_state::RobotState;
 pub(crate) fn fill_rows(
     policy: &'static str,
     observation: &ObservationView<'_>,
-    answer: &mut [ActionBlock],
+    answer: &mut [ActionChunk],
     change: impl Fn(&EnvRecord, u32, &mut [f32]),
 ) -> Result<(), PolicyError> {
-    assert_eq!(answer.len(), observation.n_envs(), "one block per env");
+    assert_eq!(answer.len(), observation.n_envs(), "one chunk per env");
     let (morphology, control_mode) = (observation.morphology(), observation.control_mode());
     let action_dim = control_mode.action_dim(morphology);
-    for (env_idx, block) in answer.iter_mut().enumerate() {
+    for (env_idx, chunk) in answer.iter_mut().enumerate() {
         let env = observation.env(env_idx);
         let (expected, found) = (morphology.state_dim(), env.state.len());
         if expected != found {
             return Err(PolicyError::StateDim { env_idx, expected, found });
         }
         let robot = RobotState::new(env.state, morphology);
-        let rows = begin_answer(block, env.record, env.record.execute as usize, action_dim);
+        let rows = chunk.begin(env.record.execute as usize, action_dim);
         for (row, step) in rows.chunks_exact_mut(action_dim).zip(env.record.step..) {
             if !robot.hold(control_mode, row) {
                 return Err(PolicyError::Unsupported { policy, control_mode: control_mode.name() });

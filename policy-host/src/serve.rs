@@ -15,7 +15,7 @@ use ipc_types::{ActionBlock, ActionHeader, FrameError, ObservationHeader, Observ
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::policy::{LoadError, Policy, PolicyError, load};
+use crate::policy::{ActionChunk, LoadError, Policy, PolicyError, load};
 use crate::{PolicySpec, QueryMode};
 
 /// How long a sim may take to create the lane.
@@ -125,7 +125,8 @@ pub fn serve_with(
     pool.install(move || {
         let node = LinkNode::new(&config.domain, "policy-host")?;
         let lane = HostLane::open(&node, &config.lane, OPEN_PATIENCE)?;
-        let mut host = Host { config, lane, policy, output, ledger: Ledger::new() };
+        let chunks = vec![ActionChunk::default(); config.lane.max_envs as usize];
+        let mut host = Host { config, lane, policy, chunks, output, ledger: Ledger::new() };
         host.report(&HostEvent::Ready { load_ms })?;
         host.run(&closed)
     })
@@ -148,6 +149,8 @@ struct Host<W> {
     config: HostConfig,
     lane: HostLane,
     policy: Box<dyn Policy>,
+    /// The answer at hand, `max_envs` long.
+    chunks: Vec<ActionChunk>,
     output: W,
     ledger: Ledger,
 }
@@ -212,7 +215,12 @@ impl<W: Write> Host<W> {
         if blocks.len() != view.n_envs() {
             return Err(Refusal::Envs { found: header.n_envs, limit: self.config.lane.max_envs });
         }
-        Ok(self.policy.act(&view, blocks)?)
+        let chunks = &mut self.chunks[..blocks.len()];
+        self.policy.act(&view, chunks)?;
+        for (env_idx, (chunk, block)) in chunks.iter().zip(blocks).enumerate() {
+            chunk.write(view.env(env_idx).record, block);
+        }
+        Ok(())
     }
 
     fn report(&mut self, event: &HostEvent) -> Result<(), ServeError> {

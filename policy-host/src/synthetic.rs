@@ -20,17 +20,21 @@ use std::path::{Path, PathBuf};
 use safetensors::tensor::{Dtype, TensorView};
 use thiserror::Error;
 
-use crate::act::checkpoint::{MODEL_FILE, Weights};
-use crate::act::config::{ActConfig, CONFIG_FILE, ConfigError};
-use crate::act::tensors::{Role, TensorSpec, tensor_specs};
+use crate::act::architecture::{Architecture, BadValue};
+use crate::act::model::ActModel;
+use crate::act::tensors::{TensorSpec, tensor_specs};
+use crate::act::{ActPolicy, SIDES};
+use crate::checkpoint::colosseum::ActConfig;
+use crate::checkpoint::{CONFIG_FILE, MODEL_FILE, Weights};
 use crate::generated::{fnv1a64, splitmix64, sym};
+use crate::text::TextEncoder;
 
 /// A checkpoint that cannot be written.
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the fields are named by their messages")]
 pub enum WriteError {
-    #[error("make a checkpoint: {0}")]
-    Config(#[from] ConfigError),
+    #[error("make a checkpoint: {name} is {found}, expected {expected}")]
+    Value { name: &'static str, found: usize, expected: String },
     #[error("write {}: {source}", path.display())]
     Io { path: PathBuf, source: io::Error },
     #[error("write {}: {source}", path.display())]
@@ -39,24 +43,44 @@ pub enum WriteError {
     Json { path: PathBuf, source: serde_json::Error },
 }
 
-/// Generated weights of all live tensors.
+/// Generated weights of all tensors.
 #[must_use]
-pub fn weights(config: &ActConfig, seed: u64) -> Weights {
+pub fn weights(architecture: &Architecture, seed: u64) -> Weights {
     let mut weights = Weights::default();
-    for spec in tensor_specs(config).into_iter().filter(|spec| spec.role == Role::Live) {
+    for spec in tensor_specs(architecture) {
         let numbers = tensor(&spec, seed);
         weights.insert(spec.name, numbers);
     }
     weights
 }
 
+/// The policy that [`write_checkpoint`] would write, for up to `n_threads` threads.
+///
+/// # Panics
+/// If the configuration names no robot.
+#[must_use]
+pub fn policy(config: &ActConfig, seed: u64, n_threads: usize) -> ActPolicy {
+    let architecture = config.architecture();
+    let weights = weights(&architecture, seed);
+    let model = ActModel::new(architecture, config.raw_normalisation(), &weights, &SIDES);
+    let encoder = config.language.as_ref().map(|language| {
+        TextEncoder::open(language, Path::new("")).expect("a generated checkpoint's encoder needs no files")
+    });
+    ActPolicy::new(model, config.wiring().expect("a robot"), encoder, n_threads)
+}
+
 /// Writes a checkpoint with generated weights into `folder`, which is made if need be: `config.json` and
-/// `model.safetensors` with the live tensors.
+/// `model.safetensors` with the tensors that inference needs.
 ///
 /// # Errors
 /// If the configuration describes no network, or a file cannot be written.
 pub fn write_checkpoint(folder: &Path, config: &ActConfig, seed: u64) -> Result<(), WriteError> {
-    config.check()?;
+    let architecture = config.architecture();
+    architecture.check().map_err(|BadValue { name, found, expected }| WriteError::Value {
+        name,
+        found,
+        expected,
+    })?;
     let at = |path: &Path| {
         let path = path.to_owned();
         |source| WriteError::Io { path, source }
@@ -69,7 +93,7 @@ pub fn write_checkpoint(folder: &Path, config: &ActConfig, seed: u64) -> Result<
 
     let path = folder.join(MODEL_FILE);
     let tensors = |source| WriteError::Tensors { path: path.clone(), source };
-    let specs: Vec<_> = tensor_specs(config).into_iter().filter(|spec| spec.role == Role::Live).collect();
+    let specs = tensor_specs(&architecture);
     let bytes: Vec<Vec<u8>> = specs
         .iter()
         .map(|spec| tensor(spec, seed).into_iter().flat_map(f32::to_le_bytes).collect())

@@ -1,63 +1,69 @@
-//! The benchmark's ACT: checkpoints, the network, and the policy around it.
+//! ACT: the network, and the policy around it.
 //!
-//! A sample is computed by one thread with sequential kernels. Samples run in parallel on the current rayon pool; when
-//! there are fewer of them than threads, the images of a sample do first, and the rest of it stays on one thread. Either
-//! way every number is the result of the same operations in the same order.
+//! A sample is computed by one thread with sequential kernels, and samples run in parallel on the current rayon pool. The
+//! samples that are left when there are fewer of them than threads are computed one after another by all threads together.
+//! Either way every number is the result of the same operations in the same order.
 
-pub mod checkpoint;
-pub mod config;
+pub mod architecture;
 pub mod image;
 pub mod model;
+pub mod normalise;
 pub mod tensors;
 
 mod backbone;
 mod flop;
-mod language;
+mod instruction;
 mod position;
+mod team;
 mod transformer;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use ipc_types::frame::EnvObservation;
-use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES};
-use ipc_types::{ActionBlock, ControlMode, Morphology, ObservationView};
+use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
+use ipc_types::{ControlMode, Morphology, ObservationView};
 use rayon::prelude::*;
-use xxhash_rust::xxh3::Xxh3;
 
-use self::checkpoint::{Checkpoint, CheckpointError, MODEL_FILE};
-use self::config::{ActConfig, CONFIG_FILE};
 use self::image::Image;
-use self::language::TokenCache;
-use self::model::{ActModel, ActScratch};
-use crate::policy::{LoadError, Policy, PolicyError, begin_answer};
+use self::instruction::TokenCache;
+use self::model::{ActModel, ActScratch, Input};
+use crate::checkpoint::{CONFIG_FILE, Checkpoint, Wiring};
+use crate::policy::{ActionChunk, LoadError, Policy, PolicyError};
+use crate::text::TextEncoder;
 
-/// Places of a feature map.
-const PLACES: usize = ActConfig::FEATURE_SIDE * ActConfig::FEATURE_SIDE;
+/// Sides of the images in an observation.
+pub const SIDES: [usize; 2] = [EXTERNAL_SIDE, HAND_SIDE];
+
+/// Most samples whose images a thread takes through the backbone together: its kernels are then read that much less often.
+const SAMPLES_TOGETHER: usize = 2;
 
 /// ACT for the morphologies that its checkpoint folder holds.
 #[derive(Debug)]
 pub struct ActPolicy {
     networks: Vec<Network>,
+    /// Decay of a temporal ensemble's weights, where a checkpoint names one.
+    ensemble_decay: Option<f64>,
 }
 
 /// One morphology's network with what its threads work in.
 #[derive(Debug)]
 struct Network {
     model: ActModel,
+    wiring: Wiring,
     tokens: Mutex<TokenCache>,
+    /// One for each thread, each computing samples of its own.
     workers: Vec<Worker>,
-    /// `[fewer than n_workers envs, n_cameras, 7·7, n_features]`: features of images computed apart from their sample.
-    features: Vec<f32>,
+    /// All threads, computing one sample.
+    team: Worker,
 }
 
 #[derive(Debug)]
 struct Worker {
     scratch: ActScratch,
-    /// `[n_image_tokens, n_features]` of the sample at hand.
-    features: Vec<f32>,
-    /// `[D]`: the token of its instruction.
-    language: Vec<f32>,
+    /// `[D]`: the token of the sample's instruction.
+    token: Vec<f32>,
+    /// The sample's state, of those parts that the network sees.
+    state: Vec<f32>,
 }
 
 /// The folders of a checkpoint: `folder` itself, or its sub-folders `single` and `bimanual`.
@@ -82,7 +88,9 @@ pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), 
     let mut found = Vec::new();
     for inner in checkpoint_folders(folder)? {
         let checkpoint = Checkpoint::open(&inner)?;
-        found.push((robot(&inner, checkpoint.config())?, checkpoint.config().control_mode));
+        let wiring = checkpoint.wiring()?;
+        found.push((wiring.morphology, wiring.control_mode));
+        checkpoint.text_encoder()?;
     }
     for &(morphology, control_mode) in robots {
         let Some((_, own)) = found.iter().find(|(robot, _)| *robot == morphology) else {
@@ -99,50 +107,40 @@ pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), 
     Ok(())
 }
 
-/// xxh3-64 over the files of a checkpoint, folder after folder.
-///
-/// # Errors
-/// If a file cannot be read.
-pub fn fingerprint(folder: &Path) -> Result<u64, LoadError> {
-    let mut hash = Xxh3::new();
-    for inner in checkpoint_folders(folder)? {
-        for path in [inner.join(CONFIG_FILE), inner.join(MODEL_FILE)] {
-            let bytes = std::fs::read(&path).map_err(|source| CheckpointError::Read { path, source })?;
-            hash.update(&(bytes.len() as u64).to_le_bytes());
-            hash.update(&bytes);
-        }
-    }
-    Ok(hash.digest())
-}
-
-fn robot(folder: &Path, config: &ActConfig) -> Result<Morphology, LoadError> {
-    config.morphology.ok_or_else(|| LoadError::NoMorphology { path: folder.join(CONFIG_FILE) })
-}
-
 impl ActPolicy {
     /// Loads the checkpoint in `folder` for up to `n_threads` threads.
     ///
     /// # Errors
     /// The first thing in the folder that is missing, unexpected or damaged.
     pub fn load(folder: &Path, n_threads: usize) -> Result<Self, LoadError> {
-        let mut networks = Vec::new();
+        let (mut networks, mut ensemble_decay) = (Vec::new(), None);
         for inner in checkpoint_folders(folder)? {
-            let model = ActModel::load(&inner)?;
-            let morphology = robot(&inner, model.config())?;
-            if networks.iter().any(|network: &Network| network.model.config().morphology == Some(morphology))
-            {
-                let name = morphology.name();
+            let mut checkpoint = Checkpoint::open(&inner)?;
+            let (wiring, encoder) = (checkpoint.wiring()?.clone(), checkpoint.text_encoder()?);
+            if networks.iter().any(|network: &Network| network.wiring.morphology == wiring.morphology) {
+                let name = wiring.morphology.name();
                 return Err(LoadError::Twice { folder: folder.to_owned(), morphology: name });
             }
-            networks.push(Network::new(model, n_threads));
+            ensemble_decay = ensemble_decay.or(checkpoint.ensemble_decay());
+            let weights = checkpoint.weights()?;
+            let (architecture, normalisation) =
+                (checkpoint.architecture().clone(), checkpoint.normalisation().clone());
+            let model = ActModel::new(architecture, normalisation, &weights, &SIDES);
+            networks.push(Network::new(model, wiring, encoder, n_threads));
         }
-        Ok(Self { networks })
+        Ok(Self { networks, ensemble_decay })
     }
 
     /// A policy of one network.
     #[must_use]
-    pub fn new(model: ActModel, n_threads: usize) -> Self {
-        Self { networks: vec![Network::new(model, n_threads)] }
+    pub fn new(model: ActModel, wiring: Wiring, encoder: Option<TextEncoder>, n_threads: usize) -> Self {
+        Self { networks: vec![Network::new(model, wiring, encoder, n_threads)], ensemble_decay: None }
+    }
+
+    /// Decay of a temporal ensemble's weights, where a checkpoint names one.
+    #[must_use]
+    pub fn ensemble_decay(&self) -> Option<f64> {
+        self.ensemble_decay
     }
 }
 
@@ -150,135 +148,110 @@ impl Policy for ActPolicy {
     fn act(
         &mut self,
         observation: &ObservationView<'_>,
-        answer: &mut [ActionBlock],
+        answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError> {
-        assert_eq!(answer.len(), observation.n_envs(), "one block per env");
+        assert_eq!(answer.len(), observation.n_envs(), "one chunk per env");
         let morphology = observation.morphology();
-        let network =
-            self.networks.iter_mut().find(|network| network.model.config().morphology == Some(morphology));
+        let network = self.networks.iter_mut().find(|network| network.wiring.morphology == morphology);
         let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
         network.check(observation)?;
-        if observation.n_envs() < network.workers.len() {
-            network.run_images_apart(observation, answer);
-        } else {
-            network.run_samples(observation, answer);
-        }
+        network.run(observation, answer);
         check_finite(answer)
     }
 }
 
 impl Network {
-    fn new(model: ActModel, n_threads: usize) -> Self {
-        let config = model.config();
-        let n_workers = n_threads.max(1);
-        let worker = || Worker {
-            scratch: model.scratch(),
-            features: vec![0.0; config.n_image_tokens() * model.n_features()],
-            language: vec![0.0; config.hidden_dim],
+    fn new(model: ActModel, wiring: Wiring, encoder: Option<TextEncoder>, n_threads: usize) -> Self {
+        let n_threads = n_threads.max(1);
+        let worker = |n_samples, n_members| Worker {
+            scratch: model.scratch(n_samples, n_members),
+            token: vec![0.0; model.architecture().hidden_dim],
+            state: vec![0.0; model.architecture().state_dim.unwrap_or(0)],
         };
-        let workers = std::iter::repeat_with(worker).take(n_workers).collect();
-        let features = vec![0.0; (n_workers - 1) * config.n_image_tokens() * model.n_features()];
-        Self { workers, features, tokens: Mutex::default(), model }
+        let workers = std::iter::repeat_with(|| worker(SAMPLES_TOGETHER, 1)).take(n_threads).collect();
+        Self {
+            workers,
+            team: worker(1, n_threads),
+            wiring,
+            tokens: Mutex::new(TokenCache::new(encoder)),
+            model,
+        }
     }
 
     fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
-        let config = self.model.config();
-        if !observation.has_images() {
+        let Wiring { morphology, control_mode, cameras, .. } = &self.wiring;
+        if !cameras.is_empty() && !observation.has_images() {
             return Err(PolicyError::NoImages);
         }
-        if observation.control_mode() != config.control_mode {
-            let (expected, found) = (config.control_mode.name(), observation.control_mode().name());
+        if observation.control_mode() != *control_mode {
+            let (expected, found) = (control_mode.name(), observation.control_mode().name());
             return Err(PolicyError::ControlMode { expected, found });
         }
         (0..observation.n_envs()).try_for_each(|env_idx| {
-            let (expected, found) = (config.state_dim, observation.env(env_idx).state.len());
+            let (expected, found) = (morphology.state_dim(), observation.env(env_idx).state.len());
             if expected == found { Ok(()) } else { Err(PolicyError::StateDim { env_idx, expected, found }) }
         })
     }
 
-    /// Each sample wholly on one thread.
-    fn run_samples(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionBlock]) {
-        let Self { model, tokens, workers, .. } = self;
-        let n_features = model.n_features();
-        let jobs = Mutex::new(answer.iter_mut().enumerate());
+    /// As many samples as make whole rounds of all threads, each wholly on one thread; then the others by all threads.
+    fn run(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionChunk]) {
+        let Self { model, wiring, tokens, workers, team } = self;
+        let n_threads = workers.len();
+        let n_apart = answer.len() - answer.len() % n_threads;
+        let (apart, together) = answer.split_at_mut(n_apart);
+        let n_samples = if apart.len() < SAMPLES_TOGETHER * n_threads { 1 } else { SAMPLES_TOGETHER };
+        let jobs = Mutex::new((0..).step_by(n_samples).zip(apart.chunks_mut(n_samples)));
         workers.par_iter_mut().with_max_len(1).for_each(|worker| {
-            while let Some((env_idx, block)) = next(&jobs) {
-                let env = observation.env(env_idx);
-                let features = &mut worker.features;
-                model.trunk(images(&env), &mut worker.scratch, |camera, row, col, from| {
-                    let to = model.image_token(camera, row, col) * n_features;
-                    features[to..to + n_features].copy_from_slice(from);
-                });
-                worker.head(model, tokens, &env, block);
+            while let Some((first_env, chunks)) = next(&jobs) {
+                worker.run(model, wiring, tokens, (observation, first_env), chunks);
             }
         });
-    }
-
-    /// Each image on one thread, then each sample's transformer on one thread.
-    fn run_images_apart(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionBlock]) {
-        let Self { model, tokens, workers, features } = self;
-        let n_features = model.n_features();
-        let n_cameras = model.config().n_cameras;
-        let n_images = observation.n_envs() * n_cameras;
-        let jobs = Mutex::new(features.chunks_exact_mut(PLACES * n_features).take(n_images).enumerate());
-        workers.par_iter_mut().with_max_len(1).for_each(|worker| {
-            while let Some((image_idx, features)) = next(&jobs) {
-                let env = observation.env(image_idx / n_cameras);
-                let image = images(&env).skip(image_idx % n_cameras).take(1);
-                model.trunk(image, &mut worker.scratch, |_, row, col, from| {
-                    let to = (row * ActConfig::FEATURE_SIDE + col) * n_features;
-                    features[to..to + n_features].copy_from_slice(from);
-                });
-            }
-        });
-        let jobs = Mutex::new(
-            answer.iter_mut().zip(features.chunks_exact(n_cameras * PLACES * n_features)).enumerate(),
-        );
-        workers.par_iter_mut().with_max_len(1).for_each(|worker| {
-            while let Some((env_idx, (block, sample))) = next(&jobs) {
-                for (place, from) in sample.chunks_exact(n_features).enumerate() {
-                    let (camera, place) = (place / PLACES, place % PLACES);
-                    let (row, col) = (place / ActConfig::FEATURE_SIDE, place % ActConfig::FEATURE_SIDE);
-                    let to = model.image_token(camera, row, col) * n_features;
-                    worker.features[to..to + n_features].copy_from_slice(from);
-                }
-                worker.head(model, tokens, &observation.env(env_idx), block);
-            }
-        });
+        for (first_env, chunks) in (n_apart..).zip(together.chunks_mut(1)) {
+            team.run(model, wiring, tokens, (observation, first_env), chunks);
+        }
     }
 }
 
 impl Worker {
-    /// From features to the answer's rows.
-    fn head(
+    /// Answers the envs from `first_env` on, as many as there are chunks.
+    fn run(
         &mut self,
         model: &ActModel,
+        wiring: &Wiring,
         tokens: &Mutex<TokenCache>,
-        env: &EnvObservation<'_>,
-        block: &mut ActionBlock,
+        (observation, first_env): (&ObservationView<'_>, usize),
+        chunks: &mut [ActionChunk],
     ) {
-        let has_language = match lock(tokens).get(env.instruction, model) {
-            Some(token) => {
-                self.language.copy_from_slice(token);
-                true
-            }
-            None => false,
+        let image = |sample: usize, camera: usize| {
+            let (pixels, side) = observation.env(first_env + sample).image(wiring.cameras[camera]);
+            Image { pixels, side }
         };
-        let language = has_language.then_some(self.language.as_slice());
-        let config = model.config();
-        let rows = begin_answer(block, env.record, config.num_queries, config.action_dim);
-        model.head(&self.features, env.state, language, &mut self.scratch, rows);
+        model.look(chunks.len(), image, &mut self.scratch);
+        for (sample, chunk) in chunks.iter_mut().enumerate() {
+            let env = observation.env(first_env + sample);
+            let has_token = match lock(tokens).get(env.instruction, model) {
+                Some(token) => {
+                    self.token.copy_from_slice(token);
+                    true
+                }
+                None => false,
+            };
+            let mut rest = &mut self.state[..];
+            for part in &wiring.state {
+                let (own, others) = rest.split_at_mut(part.len());
+                own.copy_from_slice(&env.state[part.clone()]);
+                rest = others;
+            }
+            let input = Input { state: &self.state, instruction_token: has_token.then_some(&self.token) };
+            let architecture = model.architecture();
+            let rows = chunk.begin(architecture.horizon, architecture.action_dim);
+            model.run(sample, input, &mut self.scratch, rows);
+        }
     }
 }
 
-/// The cameras' images in the benchmark's order: external, then hand.
-fn images<'a>(env: &EnvObservation<'a>) -> impl Iterator<Item = Image<'a>> + use<'a> {
-    let external = env.external.chunks_exact(EXTERNAL_BYTES).map(Image::External);
-    external.chain(env.hand.chunks_exact(HAND_BYTES).map(Image::Hand))
-}
-
-fn check_finite(answer: &[ActionBlock]) -> Result<(), PolicyError> {
-    let bad = |block: &ActionBlock| block.rows.iter().any(|x| !x.is_finite());
+fn check_finite(answer: &[ActionChunk]) -> Result<(), PolicyError> {
+    let bad = |chunk: &ActionChunk| chunk.rows().iter().any(|x| !x.is_finite());
     answer.iter().position(bad).map_or(Ok(()), |env_idx| Err(PolicyError::NotFinite { env_idx }))
 }
 

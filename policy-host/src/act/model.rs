@@ -1,139 +1,160 @@
-//! The network of one morphology: images, state and an instruction in, an action chunk out.
+//! The network: images, state and an instruction in, an action chunk out.
 
 use std::path::Path;
 
-use super::backbone::{ResNet18, TrunkScratch};
-use super::checkpoint::{Checkpoint, CheckpointError, Weights};
-use super::config::ActConfig;
+use rayon::prelude::*;
+
+use super::architecture::{Architecture, Projection};
+use super::backbone::{Backbone, TrunkScratch};
 use super::image::Image;
+use super::normalise::Normalisation;
 use super::position::sine_encoding;
+use super::team;
 use super::transformer::{Decoder, EncoderLayer, TransformerScratch, layer_norm, linear};
+use crate::checkpoint::{Checkpoint, CheckpointError, Weights};
+use crate::nn::conv::ConvScratch;
 use crate::nn::linear::{Linear, relu};
 use crate::nn::norm::LayerNorm;
-
-/// Smallest standard deviation that normalisation divides by (spec/eval.md §1.3).
-const MIN_STD: f32 = 0.01;
 
 /// The network, ready to run: fixed once made, shared by all threads.
 #[derive(Debug)]
 pub struct ActModel {
-    config: ActConfig,
-    backbone: ResNet18,
-    image_projection: Linear,
-    state_projection: Linear,
-    language: Option<LanguageProjection>,
+    architecture: Architecture,
+    normalisation: Normalisation,
+    /// The image network and the projection of its features, for a network that sees images.
+    vision: Option<(Backbone, Linear)>,
+    state_projection: Option<Linear>,
+    instruction_projection: Option<InstructionProjection>,
     /// `[D]`: the token of a zero latent.
     latent_token: Vec<f32>,
-    /// `[T, D]`: positions of all tokens, language included (zero) if the network knows it.
+    /// `[max T, D]`: positions of all tokens, instruction included.
     positions: Vec<f32>,
-    /// `[T, D]`: positions without a language token.
-    positions_without_language: Vec<f32>,
+    /// `[max T − 1, D]`: positions without an instruction's token.
+    positions_without_instruction: Vec<f32>,
     encoder: Vec<EncoderLayer>,
     decoder: Decoder,
-    statistics: Option<Statistics>,
 }
 
-/// `(Linear, ReLU, LayerNorm) × 2, Linear` (spec/eval.md §1.2).
+/// From an instruction's embedding to its token.
 #[derive(Debug)]
-struct LanguageProjection {
-    inner: [(Linear, LayerNorm); 2],
+struct InstructionProjection {
+    /// Each with a ReLU between.
+    inner: Vec<(Linear, LayerNorm)>,
     out: Linear,
 }
 
-/// Means and standard deviations of a checkpoint trained on normalised numbers.
+/// Working memory for some samples and the team of threads that computes them.
 #[derive(Debug)]
-struct Statistics {
-    state_mean: Vec<f32>,
-    state_std: Vec<f32>,
-    action_mean: Vec<f32>,
-    action_std: Vec<f32>,
-}
-
-/// Working memory of one thread.
-#[derive(Clone, Debug)]
 pub struct ActScratch {
     trunk: TrunkScratch,
+    members: Vec<ConvScratch>,
     transformer: TransformerScratch,
+    /// `[n_samples, n_image_tokens, n_features]`.
+    features: Vec<f32>,
     /// `[max T, D]`.
     tokens: Vec<f32>,
     /// `[state_dim]`, normalised.
     state: Vec<f32>,
 }
 
+/// What the network sees of one env.
+#[derive(Clone, Copy, Debug)]
+pub struct Input<'a> {
+    /// `[state_dim]`; empty for a network that sees no state.
+    pub state: &'a [f32],
+    /// The token of its instruction ([`ActModel::instruction_token`]), if it has one.
+    pub instruction_token: Option<&'a [f32]>,
+}
+
 impl ActModel {
-    /// Loads the checkpoint in `folder`.
+    /// Loads the checkpoint in `folder`, for images of these sides.
     ///
     /// # Errors
     /// The first thing in the folder that is missing, unexpected or damaged.
-    pub fn load(folder: &Path) -> Result<Self, CheckpointError> {
+    pub fn load(folder: &Path, sides: &[usize]) -> Result<Self, CheckpointError> {
         let mut checkpoint = Checkpoint::open(folder)?;
         let weights = checkpoint.weights()?;
-        Ok(Self::new(checkpoint.config().clone(), &weights))
+        Ok(Self::new(checkpoint.architecture().clone(), checkpoint.normalisation().clone(), &weights, sides))
     }
 
-    /// Builds the network.
+    /// Builds the network for square images of these sides.
     ///
     /// # Panics
-    /// If `weights` lack a live tensor of `config` or have another shape.
+    /// If `weights` lack a tensor of `architecture` or have another shape.
     #[must_use]
-    pub fn new(config: ActConfig, weights: &Weights) -> Self {
-        let width = config.hidden_dim;
-        let language = config.language.map(|_| LanguageProjection {
-            inner: [("lang_proj.0", "lang_proj.2"), ("lang_proj.3", "lang_proj.5")]
-                .map(|(dense, norm)| (linear(weights, dense), layer_norm(weights, norm))),
-            out: linear(weights, "lang_proj.6"),
+    pub fn new(
+        architecture: Architecture,
+        normalisation: Normalisation,
+        weights: &Weights,
+        sides: &[usize],
+    ) -> Self {
+        let instruction_projection = architecture.instruction.map(|input| match input.projection {
+            Projection::Linear => {
+                InstructionProjection { inner: Vec::new(), out: linear(weights, "input_proj_env_state") }
+            }
+            Projection::Mlp => InstructionProjection {
+                inner: [("lang_proj.0", "lang_proj.2"), ("lang_proj.3", "lang_proj.5")]
+                    .map(|(dense, norm)| (linear(weights, dense), layer_norm(weights, norm)))
+                    .into(),
+                out: linear(weights, "lang_proj.6"),
+            },
         });
-        let learned = weights.get("additional_pos_embed.weight");
-        let zeros = vec![0.0; if language.is_some() { width } else { 0 }];
-        let image = image_positions(&config);
-        let encoder = (0..config.enc_layers)
-            .map(|layer| EncoderLayer::new(&config, weights, &format!("transformer.encoder.layers.{layer}")));
+        let vision = (!architecture.cameras.is_empty()).then(|| {
+            let backbone = Backbone::new(&architecture, &normalisation, weights, sides);
+            (backbone, linear(weights, "input_proj"))
+        });
+        let encoder = (0..architecture.enc_layers).map(|layer| {
+            EncoderLayer::new(&architecture, weights, &format!("transformer.encoder.layers.{layer}"))
+        });
+        let [positions, positions_without_instruction] = positions(&architecture, weights);
         Self {
-            backbone: ResNet18::new(&config, weights),
-            image_projection: linear(weights, "input_proj"),
-            state_projection: linear(weights, "input_proj_robot_state"),
-            language,
+            vision,
+            state_projection: architecture.state_dim.map(|_| linear(weights, "input_proj_robot_state")),
+            instruction_projection,
             latent_token: weights.get("latent_out_proj.bias").to_vec(),
-            positions: [learned, &zeros, &image].concat(),
-            positions_without_language: [learned, &image].concat(),
+            positions,
+            positions_without_instruction,
             encoder: encoder.collect(),
-            decoder: Decoder::new(&config, weights),
-            statistics: weights.statistics().map(Statistics::new),
-            config,
+            decoder: Decoder::new(&architecture, weights),
+            architecture,
+            normalisation,
         }
     }
 
-    /// The configuration.
+    /// Its shape.
     #[must_use]
-    pub fn config(&self) -> &ActConfig {
-        &self.config
+    pub fn architecture(&self) -> &Architecture {
+        &self.architecture
     }
 
-    /// Numbers in a feature of the backbone.
+    /// Working memory for up to `n_samples` at a time, computed by a team of `n_members` threads.
     #[must_use]
-    pub fn n_features(&self) -> usize {
-        self.backbone.n_features()
-    }
-
-    /// Working memory for one thread.
-    #[must_use]
-    pub fn scratch(&self) -> ActScratch {
+    pub fn scratch(&self, n_samples: usize, n_members: usize) -> ActScratch {
+        let n_members = n_members.max(1);
+        let mut members = vec![ConvScratch::default(); n_members];
+        let (architecture, vision) = (&self.architecture, self.vision.as_ref());
+        let n_features = n_samples * architecture.n_image_tokens() * architecture.backbone.n_features();
         ActScratch {
-            trunk: self.backbone.scratch(self.config.n_cameras),
-            transformer: TransformerScratch::new(&self.config),
-            tokens: vec![0.0; self.config.max_tokens() * self.config.hidden_dim],
-            state: vec![0.0; self.config.state_dim],
+            trunk: vision.map(|(backbone, _)| backbone.scratch(n_samples, &mut members)).unwrap_or_default(),
+            members,
+            transformer: TransformerScratch::new(architecture, n_members),
+            features: vec![0.0; n_features],
+            tokens: vec![0.0; architecture.max_tokens() * architecture.hidden_dim],
+            state: vec![0.0; architecture.state_dim.unwrap_or(0)],
         }
     }
 
-    /// The token of an instruction's embedding `[language.dim]`, or `None` for a network without language.
+    /// The token `[D]` of an instruction's embedding, or `None` for a network that sees no instruction.
     ///
     /// # Panics
     /// If the embedding has another width.
     #[must_use]
-    pub fn language_token(&self, embedding: &[f32]) -> Option<Vec<f32>> {
-        let projection = self.language.as_ref()?;
+    pub fn instruction_token(&self, embedding: &[f32]) -> Option<Vec<f32>> {
+        let projection = self.instruction_projection.as_ref()?;
         let mut x = embedding.to_vec();
+        if let Some(affine) = &self.normalisation.instruction {
+            affine.normalise(&mut x);
+        }
         for (dense, norm) in &projection.inner {
             let mut y = vec![0.0; dense.n_out()];
             dense.run(&x, &mut y);
@@ -146,93 +167,80 @@ impl ActModel {
         Some(token)
     }
 
-    /// Features of up to `n_cameras` images: `take(image_idx, row, col, features [n_features])` for each of the 7×7
-    /// places of each image. An image's features do not depend on the others in the call.
-    pub fn trunk<'a>(
+    /// Computes the features of the images of `n_samples`, `image(sample_idx, camera)`, for [`run`](Self::run). Samples are
+    /// taken together only because that is faster; their number changes no bit, and neither does that of the threads, as many
+    /// of the current pool as the scratch has members.
+    ///
+    /// # Panics
+    /// If the scratch is for fewer samples, or an image does not have its size.
+    pub fn look<'a>(
         &self,
-        images: impl Iterator<Item = Image<'a>>,
+        n_samples: usize,
+        image: impl Fn(usize, usize) -> Image<'a>,
         scratch: &mut ActScratch,
-        take: impl FnMut(usize, usize, usize, &[f32]),
     ) {
-        self.backbone.run(images, &mut scratch.trunk, take);
+        if let Some((backbone, _)) = &self.vision {
+            let len = self.architecture.n_image_tokens() * self.architecture.backbone.n_features();
+            let features = &mut scratch.features[..n_samples * len];
+            backbone.run(n_samples, image, &mut scratch.trunk, &mut scratch.members, features);
+        }
     }
 
-    /// Where a camera's feature belongs among the image tokens: cameras are laid side by side, then read row by row.
-    #[must_use]
-    pub fn image_token(&self, camera: usize, row: usize, col: usize) -> usize {
-        let side = ActConfig::FEATURE_SIDE;
-        row * self.config.n_cameras * side + camera * side + col
-    }
-
-    /// The action chunk `[num_queries, action_dim]` from `features [n_image_tokens, n_features]` in the order of
-    /// [`image_token`](Self::image_token), the raw state, and the instruction's token if it has one.
+    /// The action chunk `[horizon, action_dim]`, in the units of the environment, from the images last looked at as
+    /// `sample_idx`, the raw state, and the instruction's token if it has one.
     ///
     /// # Panics
     /// If a slice does not have its size.
-    pub fn head(
-        &self,
-        features: &[f32],
-        state: &[f32],
-        language_token: Option<&[f32]>,
-        scratch: &mut ActScratch,
-        actions: &mut [f32],
-    ) {
-        let width = self.config.hidden_dim;
-        let language_token = language_token.unwrap_or_default();
-        let n_leading = 2 + language_token.len() / width;
-        let tokens = &mut scratch.tokens[..(n_leading + self.config.n_image_tokens()) * width];
-        let (leading, image_tokens) = tokens.split_at_mut(n_leading * width);
-        let (latent, rest) = leading.split_at_mut(width);
-        let (state_token, language) = rest.split_at_mut(width);
+    pub fn run(&self, sample_idx: usize, input: Input<'_>, scratch: &mut ActScratch, actions: &mut [f32]) {
+        let width = self.architecture.hidden_dim;
+        let instruction = input.instruction_token.unwrap_or_default();
+        let positions =
+            if instruction.is_empty() { &self.positions_without_instruction } else { &self.positions };
+        let tokens = &mut scratch.tokens[..positions.len()];
+
+        let (latent, rest) = tokens.split_at_mut(width);
         latent.copy_from_slice(&self.latent_token);
-        scratch.state.copy_from_slice(state);
-        if let Some(statistics) = &self.statistics {
-            statistics.normalise(&mut scratch.state);
+        let (state_token, rest) = rest.split_at_mut(self.state_projection.as_ref().map_or(0, Linear::n_out));
+        if let Some(projection) = &self.state_projection {
+            scratch.state.copy_from_slice(input.state);
+            if let Some(affine) = &self.normalisation.state {
+                affine.normalise(&mut scratch.state);
+            }
+            projection.run(&scratch.state, state_token);
         }
-        self.state_projection.run(&scratch.state, state_token);
-        language.copy_from_slice(language_token);
-        let positions = if language.is_empty() { &self.positions_without_language } else { &self.positions };
-        self.image_projection.run(features, image_tokens);
+        let (instruction_token, image_tokens) = rest.split_at_mut(instruction.len());
+        instruction_token.copy_from_slice(instruction);
+        if let Some((_, projection)) = &self.vision {
+            let len = image_tokens.len() / width * projection.n_in();
+            let rows = team::rows(image_tokens.len() / width, scratch.members.len());
+            let features = scratch.features[sample_idx * len..][..len].par_chunks(rows * projection.n_in());
+            image_tokens.par_chunks_mut(rows * width).zip(features).for_each(|(tokens, features)| {
+                projection.run(features, tokens);
+            });
+        }
 
         for layer in &self.encoder {
             layer.run(tokens, positions, &mut scratch.transformer);
         }
         self.decoder.run(tokens, positions, &mut scratch.transformer, actions);
-        if let Some(statistics) = &self.statistics {
-            statistics.restore(actions);
+        if let Some(affine) = &self.normalisation.action {
+            affine.restore(actions);
         }
     }
 }
 
-impl Statistics {
-    fn new([state_mean, state_std, action_mean, action_std]: [&[f32]; 4]) -> Self {
-        Self {
-            state_mean: state_mean.to_vec(),
-            state_std: state_std.to_vec(),
-            action_mean: action_mean.to_vec(),
-            action_std: action_std.to_vec(),
-        }
-    }
-
-    fn normalise(&self, state: &mut [f32]) {
-        for ((x, mean), std) in state.iter_mut().zip(&self.state_mean).zip(&self.state_std) {
-            *x = (*x - mean) / std.max(MIN_STD);
-        }
-    }
-
-    fn restore(&self, actions: &mut [f32]) {
-        for row in actions.chunks_exact_mut(self.action_mean.len()) {
-            for ((x, mean), std) in row.iter_mut().zip(&self.action_mean).zip(&self.action_std) {
-                *x = *x * std.max(MIN_STD) + mean;
-            }
-        }
-    }
-}
-
-/// `[n_image_tokens, D]`: the same encoding for every camera.
-fn image_positions(config: &ActConfig) -> Vec<f32> {
-    let (side, width) = (ActConfig::FEATURE_SIDE, config.hidden_dim);
-    let one = sine_encoding(width);
-    let rows = one.chunks_exact(side * width);
-    rows.flat_map(|row| std::iter::repeat_n(row, config.n_cameras)).flatten().copied().collect()
+/// Positions of all tokens, and of all but the instruction's: learned ones, zero for an instruction's token without, and
+/// sines for the cameras' features, the same for each camera of one size.
+fn positions(architecture: &Architecture, weights: &Weights) -> [Vec<f32>; 2] {
+    let width = architecture.hidden_dim;
+    let learned = weights.get("additional_pos_embed.weight");
+    let images: Vec<f32> =
+        architecture.cameras.iter().flat_map(|size| sine_encoding(size.features(), width)).collect();
+    let n_always = 1 + usize::from(architecture.state_dim.is_some());
+    let always = &learned[..n_always * width];
+    let unplaced = match architecture.instruction.map(|input| input.projection) {
+        Some(Projection::Mlp) => vec![0.0; width],
+        Some(Projection::Linear) | None => Vec::new(),
+    };
+    [[learned, &unplaced, &images].concat(), [always, &images].concat()]
 }

@@ -2,19 +2,20 @@
 
 use std::f64::consts::TAU;
 
-use super::config::ActConfig;
+use super::architecture::ImageSize;
 
 /// Base of the wavelengths.
 const TEMPERATURE: f64 = 10_000.0;
 
-/// `[7, 7, width] f32` for one camera: the first half of a token's numbers encodes its row, the second its column.
+/// `[height, width, D] f32` for one camera's feature map: the first half of a token's numbers encodes its row, the second
+/// its column.
 #[must_use]
-pub(super) fn sine_encoding(width: usize) -> Vec<f32> {
-    let side = ActConfig::FEATURE_SIDE;
-    let half = width / 2;
-    let mut encoding = vec![0.0; side * side * width];
-    for (token, out) in encoding.chunks_exact_mut(width).enumerate() {
-        for (part, place) in [token / side, token % side].into_iter().enumerate() {
+pub(super) fn sine_encoding(map: ImageSize, hidden_dim: usize) -> Vec<f32> {
+    let half = hidden_dim / 2;
+    let mut encoding = vec![0.0; map.n_places() * hidden_dim];
+    for (token, out) in encoding.chunks_exact_mut(hidden_dim).enumerate() {
+        let places = [(token / map.width, map.height), (token % map.width, map.width)];
+        for (part, (place, side)) in places.into_iter().enumerate() {
             let angle = (place + 1) as f64 / (side as f64 + 1e-6) * TAU;
             for (idx, x) in out[part * half..(part + 1) * half].iter_mut().enumerate() {
                 let phase = angle / TEMPERATURE.powf((idx / 2 * 2) as f64 / half as f64);

@@ -1,71 +1,40 @@
-//! The tensors of an ACT checkpoint: names and shapes, derived from its configuration, in the order of the reference
-//! implementation (PyTorch's state dict of the benchmark's ACT).
+//! The tensors that inference needs: names and shapes, derived from the architecture, in the order of the benchmark's
+//! reference implementation.
 
-use super::config::ActConfig;
-
-/// What a tensor is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
-    /// Needed to compute actions.
-    Live,
-    /// Part of the trained network but not of inference: later decoder layers and the training-only encoder. A
-    /// checkpoint may leave it out.
-    Unused,
-}
+use super::architecture::{Architecture, Projection, ResNet};
 
 /// One tensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TensorSpec {
-    /// Its name in `model.safetensors`.
+    /// Its name, as the benchmark's checkpoints spell it.
     pub name: String,
     /// Its shape, row-major.
     pub shape: Vec<usize>,
-    /// What it is for.
-    pub role: Role,
 }
 
-/// Blocks of a ResNet-18 stage.
-pub const BLOCKS_PER_STAGE: usize = 2;
-/// Stages of a ResNet-18.
-pub const N_STAGES: usize = 4;
 /// Where the backbone's tensors live.
 pub const BACKBONE: &str = "backbones.0.0.body";
-/// Counters that PyTorch's BatchNorm keeps: accepted in any type and ignored.
-pub const IGNORED_SUFFIX: &str = ".num_batches_tracked";
 
-/// Names of the optional normalisation statistics: all of them or none.
-pub const STATISTICS: [&str; 4] =
-    ["norm_stats.state_mean", "norm_stats.state_std", "norm_stats.action_mean", "norm_stats.action_std"];
-
-/// Channels of a stage's output.
+/// All of them.
 #[must_use]
-pub fn stage_channels(config: &ActConfig, stage: usize) -> usize {
-    config.backbone_width << stage
-}
-
-/// All tensors that a checkpoint of this configuration has, statistics apart.
-#[must_use]
-pub fn tensor_specs(config: &ActConfig) -> Vec<TensorSpec> {
-    let mut list = List { specs: Vec::new(), role: Role::Live };
-    list.transformer(config);
-    list.heads(config);
-    list.backbone(config);
-    if let Some(language) = config.language {
-        list.language(config.hidden_dim, language.dim);
+pub fn tensor_specs(architecture: &Architecture) -> Vec<TensorSpec> {
+    let mut list = List { specs: Vec::new() };
+    list.transformer(architecture);
+    list.heads(architecture);
+    if !architecture.cameras.is_empty() {
+        list.backbone(architecture.backbone);
     }
-    list.role = Role::Unused;
-    list.variational_encoder(config);
+    list.instruction(architecture);
     list.specs
 }
 
 struct List {
     specs: Vec<TensorSpec>,
-    role: Role,
 }
 
 impl List {
     fn add(&mut self, name: String, shape: &[usize]) {
-        self.specs.push(TensorSpec { name, shape: shape.to_vec(), role: self.role });
+        self.specs.push(TensorSpec { name, shape: shape.to_vec() });
     }
 
     fn linear(&mut self, name: &str, n_out: usize, n_in: usize) {
@@ -84,38 +53,42 @@ impl List {
         self.linear(&format!("{name}.out_proj"), width, width);
     }
 
-    fn encoder_layer(&mut self, name: &str, config: &ActConfig) {
-        self.attention(&format!("{name}.self_attn"), config.hidden_dim);
-        self.linear(&format!("{name}.linear1"), config.dim_feedforward, config.hidden_dim);
-        self.linear(&format!("{name}.linear2"), config.hidden_dim, config.dim_feedforward);
-        self.norm(&format!("{name}.norm1"), config.hidden_dim);
-        self.norm(&format!("{name}.norm2"), config.hidden_dim);
+    fn encoder_layer(&mut self, name: &str, architecture: &Architecture) {
+        let (width, inner) = (architecture.hidden_dim, architecture.dim_feedforward);
+        self.attention(&format!("{name}.self_attn"), width);
+        self.linear(&format!("{name}.linear1"), inner, width);
+        self.linear(&format!("{name}.linear2"), width, inner);
+        self.norm(&format!("{name}.norm1"), width);
+        self.norm(&format!("{name}.norm2"), width);
     }
 
-    fn transformer(&mut self, config: &ActConfig) {
-        for layer in 0..config.enc_layers {
-            self.encoder_layer(&format!("transformer.encoder.layers.{layer}"), config);
+    fn transformer(&mut self, architecture: &Architecture) {
+        let width = architecture.hidden_dim;
+        for layer in 0..architecture.enc_layers {
+            self.encoder_layer(&format!("transformer.encoder.layers.{layer}"), architecture);
         }
-        for layer in 0..config.dec_layers {
+        for layer in 0..architecture.dec_layers {
             let name = format!("transformer.decoder.layers.{layer}");
-            self.role = if layer == 0 { Role::Live } else { Role::Unused };
-            self.encoder_layer(&name, config);
-            self.attention(&format!("{name}.multihead_attn"), config.hidden_dim);
-            self.norm(&format!("{name}.norm3"), config.hidden_dim);
+            self.encoder_layer(&name, architecture);
+            self.attention(&format!("{name}.multihead_attn"), width);
+            self.norm(&format!("{name}.norm3"), width);
         }
-        self.role = Role::Live;
-        self.norm("transformer.decoder.norm", config.hidden_dim);
+        self.norm("transformer.decoder.norm", width);
     }
 
-    fn heads(&mut self, config: &ActConfig) {
-        let width = config.hidden_dim;
-        self.linear("action_head", config.action_dim, width);
-        self.add("query_embed.weight".to_owned(), &[config.num_queries, width]);
-        self.add("input_proj.weight".to_owned(), &[width, stage_channels(config, N_STAGES - 1), 1, 1]);
-        self.add("input_proj.bias".to_owned(), &[width]);
-        self.linear("input_proj_robot_state", width, config.state_dim);
+    fn heads(&mut self, architecture: &Architecture) {
+        let width = architecture.hidden_dim;
+        self.linear("action_head", architecture.action_dim, width);
+        self.add("query_embed.weight".to_owned(), &[architecture.horizon, width]);
+        if !architecture.cameras.is_empty() {
+            self.add("input_proj.weight".to_owned(), &[width, architecture.backbone.n_features(), 1, 1]);
+            self.add("input_proj.bias".to_owned(), &[width]);
+        }
+        if let Some(state_dim) = architecture.state_dim {
+            self.linear("input_proj_robot_state", width, state_dim);
+        }
         self.add("latent_out_proj.bias".to_owned(), &[width]);
-        self.add("additional_pos_embed.weight".to_owned(), &[2, width]);
+        self.add("additional_pos_embed.weight".to_owned(), &[architecture.n_placed_tokens(), width]);
     }
 
     fn batch_norm(&mut self, name: &str, width: usize) {
@@ -124,13 +97,12 @@ impl List {
         }
     }
 
-    fn backbone(&mut self, config: &ActConfig) {
-        let width = config.backbone_width;
-        self.add(format!("{BACKBONE}.conv1.weight"), &[width, 3, 7, 7]);
-        self.batch_norm(&format!("{BACKBONE}.bn1"), width);
-        for stage in 0..N_STAGES {
-            let c_out = stage_channels(config, stage);
-            for block in 0..BLOCKS_PER_STAGE {
+    fn backbone(&mut self, backbone: ResNet) {
+        self.add(format!("{BACKBONE}.conv1.weight"), &[backbone.width, 3, 7, 7]);
+        self.batch_norm(&format!("{BACKBONE}.bn1"), backbone.width);
+        for (stage, n_blocks) in backbone.blocks.into_iter().enumerate() {
+            let c_out = backbone.channels(stage);
+            for block in 0..n_blocks {
                 let first = block == 0 && stage > 0;
                 let c_in = if first { c_out / 2 } else { c_out };
                 let name = format!("{BACKBONE}.layer{}.{block}", stage + 1);
@@ -146,24 +118,17 @@ impl List {
         }
     }
 
-    fn language(&mut self, width: usize, embedding: usize) {
-        for (linear, norm) in [(0, 2), (3, 5)] {
-            self.linear(&format!("lang_proj.{linear}"), embedding, embedding);
-            self.norm(&format!("lang_proj.{norm}"), embedding);
+    fn instruction(&mut self, architecture: &Architecture) {
+        let Some(input) = architecture.instruction else { return };
+        match input.projection {
+            Projection::Linear => self.linear("input_proj_env_state", architecture.hidden_dim, input.dim),
+            Projection::Mlp => {
+                for (linear, norm) in [(0, 2), (3, 5)] {
+                    self.linear(&format!("lang_proj.{linear}"), input.dim, input.dim);
+                    self.norm(&format!("lang_proj.{norm}"), input.dim);
+                }
+                self.linear("lang_proj.6", architecture.hidden_dim, input.dim);
+            }
         }
-        self.linear("lang_proj.6", width, embedding);
-    }
-
-    fn variational_encoder(&mut self, config: &ActConfig) {
-        let width = config.hidden_dim;
-        for layer in 0..config.enc_layers {
-            self.encoder_layer(&format!("encoder.layers.{layer}"), config);
-        }
-        self.add("pos_table".to_owned(), &[1, 2 + config.num_queries, width]);
-        self.add("cls_embed.weight".to_owned(), &[1, width]);
-        self.linear("encoder_state_proj", width, config.state_dim);
-        self.linear("encoder_action_proj", width, config.action_dim);
-        self.linear("latent_proj", 2 * ActConfig::LATENT_DIM, width);
-        self.add("latent_out_proj.weight".to_owned(), &[width, ActConfig::LATENT_DIM]);
     }
 }

@@ -1,71 +1,121 @@
 //! Multi-head attention over projected queries, keys and values.
 
 use super::matmul::{Into, multiply, view, view_mut};
-use super::norm::sum;
+use super::norm::{LANES, sum};
+use super::wide::wide;
 
-/// `[T, D] f32` whose rows lie `stride` numbers apart: a block of columns of a wider matrix.
+/// Queries, keys and values of an attention, each `[T, D]` with heads side by side. The queries are already divided by the
+/// root of the head's width.
 #[derive(Clone, Copy, Debug)]
-pub struct Columns<'a> {
-    /// Starts at the first number of the block.
-    pub data: &'a [f32],
-    /// Numbers from one row to the next.
-    pub stride: usize,
+pub struct Attended<'a> {
+    /// `[n_queries, D]`.
+    pub queries: &'a [f32],
+    /// `[n_keys, D]`.
+    pub keys: &'a [f32],
+    /// `[n_keys, D]`.
+    pub values: &'a [f32],
+    /// `D`.
+    pub width: usize,
+    /// Heads in all.
+    pub n_heads: usize,
 }
 
-/// `out [n_queries, D]`: for each head, a mean of the values weighted by the softmax of `query · key`.
-///
-/// The queries are already divided by the root of the head's width. `scores` holds at least `n_queries · n_keys`
-/// numbers of working memory.
-///
-/// # Panics
-/// If the lengths do not fit.
-pub fn attend(
-    (queries, n_queries): (Columns<'_>, usize),
-    (keys, values, n_keys): (Columns<'_>, Columns<'_>, usize),
-    n_heads: usize,
-    out: &mut [f32],
-    scores: &mut [f32],
-) {
-    let width = out.len() / n_queries;
-    let head_width = width / n_heads;
-    assert_eq!(out.len(), n_queries * n_heads * head_width, "heads of equal width");
-    let scores = &mut scores[..n_queries * n_keys];
-    for first in (0..width).step_by(head_width) {
-        multiply(
-            view_mut(scores, n_queries, n_keys, n_keys),
-            Into::Replace,
-            view(&queries.data[first..], n_queries, head_width, queries.stride),
-            view(&keys.data[first..], n_keys, head_width, keys.stride).transpose(),
-        );
-        scores.chunks_exact_mut(n_keys).for_each(softmax);
-        multiply(
-            view_mut(&mut out[first..], n_queries, head_width, width),
-            Into::Replace,
-            view(scores, n_queries, n_keys, n_keys),
-            view(&values.data[first..], n_keys, head_width, values.stride),
-        );
+impl Attended<'_> {
+    /// Queries.
+    #[must_use]
+    pub fn n_queries(&self) -> usize {
+        self.queries.len() / self.width
+    }
+
+    /// Keys, and values.
+    #[must_use]
+    pub fn n_keys(&self) -> usize {
+        self.keys.len() / self.width
+    }
+
+    /// Width of a head.
+    #[must_use]
+    pub fn head_width(&self) -> usize {
+        self.width / self.n_heads
+    }
+
+    /// `out [n_heads, n_queries, head width]` for as many heads from `first_head` on as fit into it: a mean of the values
+    /// weighted by the softmax of `query · key`. `scores` holds at least `n_queries · n_keys` numbers of working memory.
+    ///
+    /// # Panics
+    /// If the lengths do not fit.
+    pub fn run(&self, first_head: usize, out: &mut [f32], scores: &mut [f32]) {
+        let (n_queries, n_keys, width) = (self.n_queries(), self.n_keys(), self.head_width());
+        assert_eq!(self.width, self.n_heads * width, "heads of equal width");
+        assert_eq!(self.values.len(), self.keys.len(), "a value for each key");
+        let scores = &mut scores[..n_queries * n_keys];
+        for (head, out) in out.chunks_exact_mut(n_queries * width).enumerate() {
+            let first = (first_head + head) * width;
+            multiply(
+                view_mut(scores, n_queries, n_keys, n_keys),
+                Into::Replace,
+                view(&self.queries[first..], n_queries, width, self.width),
+                view(&self.keys[first..], n_keys, width, self.width).transpose(),
+            );
+            softmax_rows(scores, n_keys);
+            multiply(
+                view_mut(out, n_queries, width, width),
+                Into::Replace,
+                view(scores, n_queries, n_keys, n_keys),
+                view(&self.values[first..], n_keys, width, self.width),
+            );
+        }
+    }
+}
+
+wide! {
+    /// [`softmax`] of every row of `x [T, n]`.
+    fn softmax_rows(x: &mut [f32], n: usize) {
+        for row in x.chunks_exact_mut(n) {
+            softmax(row);
+        }
     }
 }
 
 /// `exp(x) / Σ exp(x)` in place.
+#[inline(always)]
 pub fn softmax(row: &mut [f32]) {
-    let highest = row.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    row.iter_mut().for_each(|x| *x = exp_of_negative(*x - highest));
+    let highest = highest(row);
+    for x in &mut *row {
+        *x = exp_of_negative(*x - highest);
+    }
     let inverse = 1.0 / sum(row, |x| x);
-    row.iter_mut().for_each(|x| *x *= inverse);
+    for x in row {
+        *x *= inverse;
+    }
+}
+
+/// The largest number of a row without NaN.
+#[inline(always)]
+fn highest(row: &[f32]) -> f32 {
+    // A maximum a lane, because one alone would be a chain. `if` and not `f32::max`, which also minds NaN.
+    let mut lanes = [f32::NEG_INFINITY; LANES];
+    let (chunks, rest) = row.as_chunks::<LANES>();
+    for chunk in chunks {
+        for (lane, &x) in lanes.iter_mut().zip(chunk) {
+            *lane = if x > *lane { x } else { *lane };
+        }
+    }
+    lanes.iter().chain(rest).copied().fold(f32::NEG_INFINITY, f32::max)
 }
 
 /// `exp(x)` for `x ≤ 0`, within two units in the last place, in plain arithmetic that the compiler can vectorise and
 /// that is the same on every machine (the C library's is neither).
 ///
 /// `x = n·ln 2 + r` with `|r| ≤ ln 2 / 2`, then the Taylor series of `exp(r)` to the seventh power, times `2ⁿ`.
+#[inline(always)]
 fn exp_of_negative(x: f32) -> f32 {
     /// 1.5 · 2²³: adding it leaves the nearest integer in the low bits of the mantissa.
     const ROUND: f32 = 12_582_912.0;
     /// ln 2 split in two, so that `n · LN_2_HIGH` is exact.
     const LN_2_HIGH: f32 = 0.693_359_4;
     const LN_2_LOW: f32 = -2.121_944_4e-4;
-    let x = x.max(-87.0);
+    let x = if x > -87.0 { x } else { -87.0 };
     let shifted = x * std::f32::consts::LOG2_E + ROUND;
     let n = shifted - ROUND;
     let r = (x - n * LN_2_HIGH) - n * LN_2_LOW;

@@ -1,7 +1,10 @@
 //! 2-D convolutions of feature maps, with the batch normalisation that follows folded in.
 //!
-//! Two ways, chosen by the window alone: 3×3 kernels of stride 1 go by way of [`winograd`](super::winograd); for others,
-//! patches are copied into stripes and multiplied.
+//! 3×3 kernels of stride 1 go by way of [`winograd`](super::winograd). For others the windows of an output line are
+//! multiplied where they lie, a kernel row at a time, or, where lines are short, copied into stripes of patches first. Each sum
+//! is the same chain of additions either way.
+
+use std::ops::Range;
 
 use super::maps::MapShape;
 use super::matmul::Into;
@@ -12,6 +15,9 @@ use super::winograd::{LANES, Winograd, WinogradScratch};
 const PATCH_STRIPE_LEN: usize = 1 << 17;
 /// Fewest pixels in a stripe of patches, so that reading the weights for each stripe stays cheap.
 const PATCH_STRIPE_MIN_PIXELS: usize = 256;
+
+/// Shortest output line whose windows are multiplied where they lie: the weights are read once for each line.
+const LONG_LINE: usize = 24;
 
 /// Size of the kernel and its step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -118,10 +124,20 @@ impl Conv {
         Self { kernels, bias, window, c_in, c_out }
     }
 
+    /// Lines of output that are best computed together: bands are cut at multiples of it.
+    #[must_use]
+    pub fn lines_together(&self) -> usize {
+        match &self.kernels {
+            Kernels::Winograd(winograd) => winograd.out_side(),
+            Kernels::Unfolded(_) => 1,
+        }
+    }
+
     /// Shape of the output, with a border of `border` pixels.
     #[must_use]
     pub fn output_shape(&self, input: MapShape, border: usize) -> MapShape {
-        MapShape { side: self.window.output_side(input.side), channels: self.c_out, border, ..input }
+        let [height, width] = [input.height, input.width].map(|side| self.window.output_side(side));
+        MapShape { height, width, channels: self.c_out, border, ..input }
     }
 
     /// Lets `scratch` grow to what [`run`](Self::run) needs for this input.
@@ -129,14 +145,18 @@ impl Conv {
         if let Kernels::Winograd(winograd) = &self.kernels {
             return winograd.reserve(input, &mut scratch.winograd);
         }
-        let side = self.window.output_side(input.side);
-        let n_pixels = self.stripe_pixels().min(input.n_maps * side * side);
+        let output = self.output_shape(input, 0);
+        if output.width >= LONG_LINE {
+            return scratch.sums.resize(scratch.sums.len().max(output.width * self.c_out), 0.0);
+        }
+        let n_pixels = self.stripe_pixels().min(output.n_maps * output.height * output.width);
         let grow = |buffer: &mut Vec<f32>, len: usize| buffer.resize(buffer.len().max(len), 0.0);
         grow(&mut scratch.patches, n_pixels * self.patch_len());
         grow(&mut scratch.sums, n_pixels * self.c_out);
     }
 
-    /// Convolves `input` (its border at least the padding wide) into `output`, whose border is zero afterwards.
+    /// Convolves `input` (its border at least the padding wide) into these lines of the output: `output` is the memory of
+    /// the lines ([`MapShape::lines`]), whose border is left alone.
     ///
     /// # Panics
     /// If a slice does not have its shape, or `scratch` was not reserved for this shape.
@@ -144,55 +164,78 @@ impl Conv {
         &self,
         (input, input_shape): (&[f32], MapShape),
         (output, output_shape): (&mut [f32], MapShape),
+        lines: Range<usize>,
         finish: Finish,
         scratch: &mut ConvScratch,
     ) {
         assert_eq!(input.len(), input_shape.len(), "input {input_shape:?}");
-        assert_eq!(output.len(), output_shape.len(), "output {output_shape:?}");
+        let memory = output_shape.lines(lines.clone());
+        assert_eq!(output.len(), memory.len(), "lines {lines:?} of {output_shape:?}");
         assert_eq!(input_shape.channels, self.c_in, "input channels");
         assert!(input_shape.border >= self.window.padding, "the border holds the padding");
         assert_eq!(output_shape, self.output_shape(input_shape, output_shape.border), "output shape");
+        let mut take = |line: usize, col: usize, sums: &[f32]| {
+            let (map_idx, row) = (line / output_shape.height, line % output_shape.height);
+            let first = output_shape.offset(map_idx, row, col) - memory.start;
+            self.finish_pixel(sums, &mut output[first..first + self.c_out], finish);
+        };
         match &self.kernels {
             Kernels::Winograd(winograd) => {
-                winograd.run(input, input_shape, &mut scratch.winograd, |map_idx, row, col, sums| {
-                    let first = output_shape.offset(map_idx, row, col);
-                    self.finish_pixel(sums, &mut output[first..first + self.c_out], finish);
-                });
+                winograd.run(input, input_shape, lines, &mut scratch.winograd, take);
             }
             Kernels::Unfolded(matrix) => {
-                self.unfolded(matrix, (input, input_shape), (output, output_shape), finish, scratch);
+                self.unfolded(matrix, (input, input_shape), output_shape, lines, scratch, &mut take);
             }
         }
-        output_shape.clear_border(output);
     }
 
     fn unfolded(
         &self,
         matrix: &Packed,
         (input, input_shape): (&[f32], MapShape),
-        (output, output_shape): (&mut [f32], MapShape),
-        finish: Finish,
+        output_shape: MapShape,
+        lines: Range<usize>,
         scratch: &mut ConvScratch,
+        take: &mut impl FnMut(usize, usize, &[f32]),
     ) {
-        let side = output_shape.side;
-        let n_pixels = output_shape.n_maps * side * side;
-        let place = |pixel: usize| (pixel / (side * side), pixel / side % side, pixel % side);
-        let mut start = 0;
-        while start < n_pixels {
-            let n = self.stripe_pixels().min(n_pixels - start);
+        let MapShape { height, width, .. } = output_shape;
+        if width >= LONG_LINE {
+            let sums = &mut scratch.sums[..width * self.c_out];
+            for line in lines {
+                let map = &input[line / height * input_shape.map_len()..];
+                self.sum_line(matrix, map, input_shape, line % height, sums);
+                for (col, sums) in sums.chunks_exact(self.c_out).enumerate() {
+                    take(line, col, sums);
+                }
+            }
+            return;
+        }
+        let pixels = lines.start * width..lines.end * width;
+        for start in pixels.clone().step_by(self.stripe_pixels()) {
+            let n = self.stripe_pixels().min(pixels.end - start);
             let patches = &mut scratch.patches[..n * self.patch_len()];
-            for (idx, patch) in patches.chunks_exact_mut(self.patch_len()).enumerate() {
-                let (map_idx, row, col) = place(start + idx);
-                self.copy_patch(&input[map_idx * input_shape.map_len()..], input_shape, row, col, patch);
+            for (patch, pixel) in patches.chunks_exact_mut(self.patch_len()).zip(start..) {
+                let (line, col) = (pixel / width, pixel % width);
+                let map = &input[line / height * input_shape.map_len()..];
+                self.copy_patch(map, input_shape, line % height, col, patch);
             }
             let sums = &mut scratch.sums[..n * self.c_out];
             matrix.run(patches, self.patch_len(), sums, Into::Replace);
-            for (idx, sums) in sums.chunks_exact(self.c_out).enumerate() {
-                let (map_idx, row, col) = place(start + idx);
-                let first = output_shape.offset(map_idx, row, col);
-                self.finish_pixel(sums, &mut output[first..first + self.c_out], finish);
+            for (sums, pixel) in sums.chunks_exact(self.c_out).zip(start..) {
+                take(pixel / width, pixel % width, sums);
             }
-            start += n;
+        }
+    }
+
+    /// The sums of one output line, from windows that overlap in the input.
+    fn sum_line(&self, matrix: &Packed, map: &[f32], shape: MapShape, row: usize, sums: &mut [f32]) {
+        let run = self.window.kernel * self.c_in;
+        let inset = shape.border - self.window.padding;
+        for kernel_row in 0..self.window.kernel {
+            let first = ((row * self.window.stride + inset + kernel_row) * shape.pitch() + inset) * self.c_in;
+            let into = if kernel_row == 0 { Into::Replace } else { Into::Add };
+            let part = kernel_row * run..(kernel_row + 1) * run;
+            matrix.run_part(part, &map[first..], self.window.stride * self.c_in, sums, into);
         }
     }
 
@@ -207,6 +250,7 @@ impl Conv {
         }
     }
 
+    #[inline(always)]
     fn finish_pixel(&self, sums: &[f32], pixel: &mut [f32], finish: Finish) {
         let terms = pixel.iter_mut().zip(sums).zip(&self.bias);
         match finish {

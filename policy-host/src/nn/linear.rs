@@ -56,10 +56,28 @@ impl Linear {
     /// # Panics
     /// If the lengths do not fit.
     pub fn add_to(&self, x: &[f32], out: &mut [f32]) {
+        self.add_bias(out);
+        self.accumulate(x, out);
+    }
+
+    /// `out [T, n_out] += x · W + b` for an input whose columns lie apart in blocks of equal width, block `i` as rows
+    /// `[T, n_in / n_blocks]` at `block(i)`: the heads of an attention. The sums are those of [`add_to`](Self::add_to).
+    ///
+    /// # Panics
+    /// If the lengths do not fit.
+    pub fn add_blocks_to<'a>(&self, n_blocks: usize, block: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
+        let width = self.n_in() / n_blocks;
+        assert_eq!(self.n_in(), n_blocks * width, "blocks of equal width");
+        self.add_bias(out);
+        for idx in 0..n_blocks {
+            self.matrix.run_part(idx * width..(idx + 1) * width, block(idx), width, out, Into::Add);
+        }
+    }
+
+    fn add_bias(&self, out: &mut [f32]) {
         for row in out.chunks_exact_mut(self.n_out()) {
             row.iter_mut().zip(&self.bias).for_each(|(y, b)| *y += b);
         }
-        self.accumulate(x, out);
     }
 
     fn accumulate(&self, x: &[f32], out: &mut [f32]) {

@@ -1,14 +1,18 @@
-//! Feature maps with a border: `[n_maps, border + side + border, border + side + border, C] f32`.
+//! Feature maps with a border: `[n_maps, border + height + border, border + width + border, C] f32`.
 //!
 //! The border is zero, so a convolution reads it as padding without a test per pixel.
 
-/// Shape of a batch of square feature maps of one size.
+use std::ops::Range;
+
+/// Shape of a batch of feature maps of one size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MapShape {
     /// Maps one after another.
     pub n_maps: usize,
-    /// Height and width in pixels, without the border.
-    pub side: usize,
+    /// Rows of pixels, without the border.
+    pub height: usize,
+    /// Pixels in a row, without the border.
+    pub width: usize,
     /// Numbers in a pixel.
     pub channels: usize,
     /// Zero pixels around each map.
@@ -19,13 +23,19 @@ impl MapShape {
     /// Pixels from one row to the next.
     #[must_use]
     pub const fn pitch(self) -> usize {
-        self.side + 2 * self.border
+        self.width + 2 * self.border
+    }
+
+    /// Rows from the top of one map to the top of the next.
+    #[must_use]
+    pub const fn n_rows(self) -> usize {
+        self.height + 2 * self.border
     }
 
     /// Numbers in one map, border included.
     #[must_use]
     pub const fn map_len(self) -> usize {
-        self.pitch() * self.pitch() * self.channels
+        self.n_rows() * self.pitch() * self.channels
     }
 
     /// Numbers in all maps.
@@ -46,6 +56,21 @@ impl MapShape {
         map_idx * self.map_len() + ((row + self.border) * self.pitch() + col + self.border) * self.channels
     }
 
+    /// Lines in all maps: line `map_idx · height + row` is a row of a map.
+    #[must_use]
+    pub const fn n_lines(self) -> usize {
+        self.n_maps * self.height
+    }
+
+    /// Where these lines lie: from the left border of the first to the left border of the line after the last. The upper
+    /// border of the first map is before all lines, and the last line ends with the data.
+    #[must_use]
+    pub fn lines(self, lines: Range<usize>) -> Range<usize> {
+        let margin = self.border * self.channels;
+        let start = |line: usize| self.offset(line / self.height, line % self.height, 0) - margin;
+        start(lines.start)..if lines.end == self.n_lines() { self.len() } else { start(lines.end) }
+    }
+
     /// The shape of one of the maps.
     #[must_use]
     pub const fn single(self) -> Self {
@@ -62,8 +87,8 @@ impl MapShape {
         let margin = self.border * self.channels;
         for map in data.chunks_exact_mut(self.map_len()) {
             map[..self.border * row_len].fill(0.0);
-            map[(self.border + self.side) * row_len..].fill(0.0);
-            for row in map.chunks_exact_mut(row_len).skip(self.border).take(self.side) {
+            map[(self.border + self.height) * row_len..].fill(0.0);
+            for row in map.chunks_exact_mut(row_len).skip(self.border).take(self.height) {
                 row[..margin].fill(0.0);
                 row[row_len - margin..].fill(0.0);
             }

@@ -14,4 +14,6 @@ pub mod matmul;
 pub mod norm;
 pub mod packed;
 pub mod pool;
+
+mod wide;
 mod winograd;

@@ -1,7 +1,9 @@
 //! Layer normalisation.
 
+use super::wide::wide;
+
 /// Partial sums kept side by side, so that the order of additions is fixed and wide registers are used.
-const LANES: usize = 16;
+pub(super) const LANES: usize = 16;
 
 /// Layer normalisation over the last axis.
 #[derive(Clone, Debug)]
@@ -23,12 +25,18 @@ impl LayerNorm {
 
     /// Normalises every row of `x [T, D]` in place.
     pub fn run(&self, x: &mut [f32]) {
-        let width = self.scale.len() as f32;
-        for row in x.chunks_exact_mut(self.scale.len()) {
+        normalise_rows(x, &self.scale, &self.offset);
+    }
+}
+
+wide! {
+    fn normalise_rows(x: &mut [f32], scale: &[f32], offset: &[f32]) {
+        let width = scale.len() as f32;
+        for row in x.chunks_exact_mut(scale.len()) {
             let mean = sum(row, |x| x) / width;
             let variance = sum(row, |x| (x - mean) * (x - mean)) / width;
-            let inverse = 1.0 / (variance + Self::EPSILON).sqrt();
-            for ((x, scale), offset) in row.iter_mut().zip(&self.scale).zip(&self.offset) {
+            let inverse = 1.0 / (variance + LayerNorm::EPSILON).sqrt();
+            for ((x, scale), offset) in row.iter_mut().zip(scale).zip(offset) {
                 *x = (*x - mean) * inverse * scale + offset;
             }
         }
@@ -36,12 +44,18 @@ impl LayerNorm {
 }
 
 /// `Σ f(x)` in a fixed order.
+#[inline(always)]
 pub(super) fn sum(row: &[f32], f: impl Fn(f32) -> f32) -> f32 {
     let mut lanes = [0.0; LANES];
-    let chunks = row.chunks_exact(LANES);
-    let rest: f32 = chunks.remainder().iter().map(|&x| f(x)).sum();
+    let (chunks, rest) = row.as_chunks::<LANES>();
     for chunk in chunks {
-        lanes.iter_mut().zip(chunk).for_each(|(lane, &x)| *lane += f(x));
+        for (lane, &x) in lanes.iter_mut().zip(chunk) {
+            *lane += f(x);
+        }
+    }
+    let mut rest_sum = 0.0;
+    for &x in rest {
+        rest_sum += f(x);
     }
     let mut width = LANES / 2;
     while width > 0 {
@@ -50,5 +64,5 @@ pub(super) fn sum(row: &[f32], f: impl Fn(f32) -> f32) -> f32 {
         }
         width /= 2;
     }
-    lanes[0] + rest
+    lanes[0] + rest_sum
 }

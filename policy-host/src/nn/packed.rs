@@ -5,13 +5,13 @@
 //! in one run, AVX-512: 1.2 to 1.5 times as fast at ACT's shapes; `cargo bench -p benches --bench policy`.)
 //!
 //! Every number of a product is one chain of fused multiply-adds over the depth, in order, whatever the instruction set,
-//! the tile or the number of rows: the same bits on every x86 processor with FMA. Others go by way of faer.
+//! the tile or the number of rows: the same bits on every x86 processor with FMA. Others round products, too.
 
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::matmul::{Into, multiply, view, view_mut};
+use super::matmul::Into;
 
 /// Columns of a panel: four registers of AVX-512.
 const PANEL: usize = 64;
@@ -94,7 +94,7 @@ impl Packed {
         }
         assert!((n_rows - 1) * stride + part.len() <= x.len(), "{n_rows} rows of {} numbers", part.len());
         match self.isa {
-            Isa::Plain => self.by_faer(part, x, stride, out, into),
+            Isa::Plain => self.by_rows(part, x, stride, out, into),
             #[cfg(target_arch = "x86_64")]
             Isa::Fma256 => self.by_tiles(part, x, stride, out, into, &tiles_256()),
             #[cfg(target_arch = "x86_64")]
@@ -107,16 +107,22 @@ impl Packed {
         numbers.chunks_exact(self.depth * PANEL).enumerate().map(|(idx, panel)| (idx * PANEL, panel))
     }
 
-    fn by_faer(&self, part: Range<usize>, x: &[f32], stride: usize, out: &mut [f32], into: Into) {
-        let n_rows = out.len() / self.width;
-        for (first, panel) in self.panels() {
-            let n = PANEL.min(self.width - first);
-            multiply(
-                view_mut(&mut out[first..], n_rows, n, self.width),
-                into,
-                view(x, n_rows, part.len(), stride),
-                view(&panel[part.start * PANEL..], part.len(), n, PANEL),
-            );
+    /// A row at a time, so that no number depends on the rows beside it.
+    fn by_rows(&self, part: Range<usize>, x: &[f32], stride: usize, out: &mut [f32], into: Into) {
+        for (row, out) in out.chunks_exact_mut(self.width).enumerate() {
+            let x = &x[row * stride..][..part.len()];
+            for (first, panel) in self.panels() {
+                let out = &mut out[first..self.width.min(first + PANEL)];
+                let mut sums = [0.0; PANEL];
+                if into == Into::Add {
+                    sums[..out.len()].copy_from_slice(out);
+                }
+                let weights = panel[part.start * PANEL..part.end * PANEL].as_chunks::<PANEL>().0;
+                for (x, weights) in x.iter().zip(weights) {
+                    sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += x * weight);
+                }
+                out.copy_from_slice(&sums[..out.len()]);
+            }
         }
     }
 
@@ -165,7 +171,7 @@ impl Packed {
 /// How a processor multiplies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Isa {
-    /// As faer does.
+    /// As any processor can.
     Plain,
     /// AVX2 and FMA.
     #[cfg(target_arch = "x86_64")]

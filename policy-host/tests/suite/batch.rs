@@ -4,8 +4,8 @@ use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_SIDE, block_pages};
 use ipc_types::{ActionBlock, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
-use policy_host::Policy;
 use policy_host::generated::{fnv1a64, sym, unit};
+use policy_host::{ActionChunk, Policy};
 
 /// Instructions of even and odd envs.
 const INSTRUCTIONS: [&str; 2] = ["Raise the red cube above the table.", ""];
@@ -46,8 +46,13 @@ impl Batch {
 
     /// What `policy` answers.
     pub(crate) fn answer(&self, policy: &mut dyn Policy) -> Vec<ActionBlock> {
-        let mut answer = vec![ActionBlock::zeroed(); self.header.n_envs as usize];
-        policy.act(&self.view(), &mut answer).unwrap();
+        let view = self.view();
+        let mut chunks = vec![ActionChunk::default(); view.n_envs()];
+        policy.act(&view, &mut chunks).unwrap();
+        let mut answer = vec![ActionBlock::zeroed(); view.n_envs()];
+        for (env_idx, (chunk, block)) in chunks.iter().zip(&mut answer).enumerate() {
+            chunk.write(view.env(env_idx).record, block);
+        }
         answer
     }
 }

@@ -1,11 +1,9 @@
 //! Temporal ensembling against the definition: every prediction kept, one sum per control step.
 
-use bytemuck::Zeroable;
-use ipc_types::{ActionBlock, Morphology, ObservationView};
-use policy_host::ensemble::Ensemble;
+use ipc_types::{Morphology, ObservationView};
+use policy_host::ensemble::{DEFAULT_DECAY, Ensemble};
 use policy_host::generated::sym;
-use policy_host::policy::begin_answer;
-use policy_host::{Policy, PolicyError};
+use policy_host::{ActionChunk, Policy, PolicyError};
 
 use crate::batch::Batch;
 use crate::rows;
@@ -25,12 +23,11 @@ impl Policy for Predictions {
     fn act(
         &mut self,
         observation: &ObservationView<'_>,
-        answer: &mut [ActionBlock],
+        answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError> {
-        for (env_idx, block) in answer.iter_mut().enumerate() {
+        for (env_idx, chunk) in answer.iter_mut().enumerate() {
             let record = observation.env(env_idx).record;
-            let out = begin_answer(block, record, HORIZON, ACTION_DIM);
-            for (idx, x) in out.iter_mut().enumerate() {
+            for (idx, x) in chunk.begin(HORIZON, ACTION_DIM).iter_mut().enumerate() {
                 *x = predicted(record.policy_seed, record.query, idx / ACTION_DIM, idx % ACTION_DIM);
             }
         }
@@ -64,7 +61,7 @@ fn expected(seed: u64, step: u32, entry: usize) -> f64 {
 
 #[test]
 fn rows_equal_the_weighted_mean_of_all_predictions() {
-    let mut policy = Ensemble::new(Box::new(Predictions));
+    let mut policy = Ensemble::new(Box::new(Predictions), DEFAULT_DECAY);
     // Slot 5 joins late, slot 2 starts a second episode after 40 steps.
     for tick in 0..80_u32 {
         let second = tick >= 40;
@@ -86,15 +83,16 @@ fn rows_equal_the_weighted_mean_of_all_predictions() {
 
 #[test]
 fn a_gap_in_the_queries_is_refused_and_changes_nothing() {
-    let mut policy = Ensemble::new(Box::new(Predictions));
+    let mut policy = Ensemble::new(Box::new(Predictions), DEFAULT_DECAY);
     batch(&[(0, 0, 1), (1, 0, 2)]).answer(&mut policy);
     let refused = batch(&[(0, 1, 1), (1, 2, 2)]);
-    let error = policy.act(&refused.view(), &mut [ActionBlock::zeroed(); 2]).unwrap_err();
+    let error =
+        policy.act(&refused.view(), &mut [ActionChunk::default(), ActionChunk::default()]).unwrap_err();
     assert_eq!(error, PolicyError::QueryGap { slot: 1, expected: 1, found: 2 });
     let answer = batch(&[(0, 1, 1), (1, 1, 2)]).answer(&mut policy);
     assert!((f64::from(rows(&answer[1])[3]) - expected(2, 1, 3)).abs() < 1e-6);
 
     let far = batch(&[(1 << 20, 0, 1)]);
-    let error = policy.act(&far.view(), &mut [ActionBlock::zeroed()]).unwrap_err();
+    let error = policy.act(&far.view(), &mut [ActionChunk::default()]).unwrap_err();
     assert!(matches!(error, PolicyError::Slot { slot: 0x10_0000, .. }), "{error}");
 }

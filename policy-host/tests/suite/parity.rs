@@ -1,9 +1,7 @@
 //! ACT against PyTorch: the committed outputs of `python/make_act_checkpoint.py` for the same observations.
 
 use ipc_types::Morphology;
-use policy_host::act::ActPolicy;
-use policy_host::act::config::ActConfig;
-use policy_host::act::model::ActModel;
+use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::{QueryMode, load, synthetic};
 use safetensors::SafeTensors;
 
@@ -47,9 +45,7 @@ fn tiny_checkpoints_agree_with_pytorch() {
 #[test]
 fn full_size_networks_agree_with_pytorch() {
     for morphology in Morphology::ALL {
-        let config = ActConfig::full_size(morphology);
-        let weights = synthetic::weights(&config, 0);
-        let mut policy = ActPolicy::new(ActModel::new(config, &weights), 2);
+        let mut policy = synthetic::policy(&ActConfig::full_size(morphology), 0, 2);
         assert_parity(&mut policy, morphology, &format!("act-full-{}.safetensors", morphology.name()));
     }
 }

@@ -1,8 +1,7 @@
 //! The policies without weights: idle and random.
 
-use bytemuck::Zeroable;
-use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology};
-use policy_host::{Policy, PolicyError, PolicySpec, QueryMode, load};
+use ipc_types::{ControlMode, EnvRecord, Morphology};
+use policy_host::{ActionChunk, Policy, PolicyError, PolicySpec, QueryMode, load};
 
 use crate::batch::Batch;
 use crate::rows;
@@ -92,7 +91,7 @@ fn what_cannot_be_answered_is_refused() {
     for name in ["idle", "random"] {
         let mut absolute = batch(Morphology::Single, 0.0, 0, 1);
         absolute.header.control_mode = ControlMode::EePose.code();
-        let error = policy(name).act(&absolute.view(), &mut [ActionBlock::zeroed()]).unwrap_err();
+        let error = policy(name).act(&absolute.view(), &mut [ActionChunk::default()]).unwrap_err();
         assert!(matches!(error, PolicyError::Unsupported { control_mode: "pd_ee_pose", .. }), "{error}");
     }
     let error = load(&PolicySpec::Expert, 1, QueryMode::Chunk).err().unwrap().to_string();

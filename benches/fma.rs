@@ -1,0 +1,75 @@
+//! The peak: fused multiply-adds on registers alone, as wide as the processor has them.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+/// Chains that run side by side, enough to fill two units of four cycles.
+const N_CHAINS: usize = 12;
+/// Steps between two looks at the clock.
+const STEPS: usize = 20_000;
+/// Time given to a round.
+const ROUND_S: f64 = 0.02;
+
+/// GFLOP/s of so many threads at once: the median of several rounds.
+#[must_use]
+pub fn peak_gflop_per_s(n_threads: usize) -> f64 {
+    let rounds = || -> Vec<f64> { (0..9).map(|_| round()).collect() };
+    let of_threads: Vec<Vec<f64>> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..n_threads).map(|_| scope.spawn(rounds)).collect();
+        threads.into_iter().map(|thread| thread.join().expect("no arithmetic panics")).collect()
+    });
+    let mut sums: Vec<f64> = (0..9).map(|round| of_threads.iter().map(|rates| rates[round]).sum()).collect();
+    crate::median(&mut sums)
+}
+
+fn round() -> f64 {
+    let started = Instant::now();
+    let mut flop = 0.0;
+    while started.elapsed().as_secs_f64() < ROUND_S {
+        flop += chains();
+    }
+    flop / started.elapsed().as_secs_f64() / 1e9
+}
+
+/// Runs the chains once and returns the floating-point operations that were.
+fn chains() -> f64 {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if is_x86_feature_detected!("avx512f") {
+            // SAFETY: the processor has AVX-512.
+            return unsafe { chains_512() };
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            // SAFETY: the processor has AVX2 and FMA.
+            return unsafe { chains_256() };
+        }
+    }
+    let mut sums = [black_box(1.0_f32); N_CHAINS];
+    for _ in 0..STEPS {
+        sums.iter_mut().for_each(|sum| *sum = *sum * black_box(0.5) + 0.25);
+    }
+    black_box(sums);
+    (2 * N_CHAINS * STEPS) as f64
+}
+
+macro_rules! chains {
+    ($name:ident, $features:literal, $lanes:literal, $all:ident, $fma:ident) => {
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = $features)]
+        fn $name() -> f64 {
+            use core::arch::x86_64::{$all, $fma};
+            let (factor, term) = ($all(black_box(0.5)), $all(black_box(0.25)));
+            let mut sums = [$all(black_box(1.0)); N_CHAINS];
+            for _ in 0..STEPS {
+                for sum in &mut sums {
+                    *sum = $fma(*sum, factor, term);
+                }
+            }
+            black_box(sums);
+            (2 * $lanes * N_CHAINS * STEPS) as f64
+        }
+    };
+}
+
+chains!(chains_512, "avx512f", 16, _mm512_set1_ps, _mm512_fmadd_ps);
+chains!(chains_256, "avx2,fma", 8, _mm256_set1_ps, _mm256_fmadd_ps);

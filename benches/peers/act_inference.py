@@ -1,0 +1,98 @@
+"""PyTorch and ONNX Runtime as the peers of `cargo bench -p benches --bench policy -- --peer PYTHON`.
+
+Loads the checkpoint folder given as the first argument into the plain PyTorch network of `python/make_act_checkpoint.py`,
+exports it to ONNX, and answers requests on standard input, `ENGINE BATCH` with `torch` or `onnxruntime`, by the seconds that one
+batch took on as many threads as the second argument says. Both start from bytes, `[n, n_cameras, 3, 224, 224] u8`: scaling
+and normalising count, enlarging the hand cameras' images, which ours does too, does not. Both compute only the decoder layer
+that reaches the output. `python -m pip install numpy safetensors torch onnx onnxruntime` installs all it needs.
+"""
+
+import json
+import logging
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import torch
+from safetensors.torch import load_file
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "python"))
+
+from make_act_checkpoint import Act  # noqa: E402
+
+
+class FromBytes(torch.nn.Module):
+    """The network with what turns camera bytes into its input."""
+
+    def __init__(self, net):
+        super().__init__()
+        self.net = net
+        self.register_buffer("mean", torch.tensor([0.485, 0.456, 0.406])[:, None, None])
+        self.register_buffer("std", torch.tensor([0.229, 0.224, 0.225])[:, None, None])
+
+    def forward(self, images, state, embedding):
+        return self.net((images.float() / 255 - self.mean) / self.std, state, embedding)[0]
+
+
+class Peers:
+    def __init__(self, folder, n_threads):
+        torch.set_num_threads(n_threads)
+        self.config = json.loads((folder / "config.json").read_text())
+        net = Act(self.config)
+        missing = net.load_state_dict(load_file(folder / "model.safetensors"), strict=False).unexpected_keys
+        assert not missing, missing
+        self.net = FromBytes(net).eval()
+        with tempfile.TemporaryDirectory() as scratch:
+            path = str(Path(scratch) / "act.onnx")
+            names = ["images", "state", "embedding"]
+            torch.onnx.export(
+                self.net, self.inputs(2), path, input_names=names, output_names=["actions"], dynamo=False,
+                dynamic_axes={name: {0: "n"} for name in [*names, "actions"]},
+            )
+            options = onnxruntime.SessionOptions()
+            options.intra_op_num_threads = n_threads
+            self.session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+
+    def inputs(self, n):
+        c, random = self.config, np.random.default_rng(0)
+        images = random.integers(0, 256, (n, c["n_cameras"], 3, 224, 224), np.uint8)
+        state = random.uniform(-1, 1, (n, c["state_dim"])).astype(np.float32)
+        embedding = random.uniform(-1, 1, (n, c["language"]["dim"])).astype(np.float32)
+        return tuple(map(torch.from_numpy, (images, state, embedding)))
+
+    def run(self, engine, n):
+        inputs = self.inputs(n)
+        named = {name: x.numpy() for name, x in zip(("images", "state", "embedding"), inputs)}
+        start = time.perf_counter()
+        if engine == "torch":
+            with torch.inference_mode():
+                self.net(*inputs)
+        else:
+            self.session.run(None, named)
+        return time.perf_counter() - start
+
+    def difference(self):
+        """Largest difference between the two engines' actions."""
+        inputs = self.inputs(2)
+        named = {name: x.numpy() for name, x in zip(("images", "state", "embedding"), inputs)}
+        with torch.inference_mode():
+            return float(np.abs(self.net(*inputs).numpy() - self.session.run(None, named)[0]).max())
+
+
+def main():
+    warnings.filterwarnings("ignore")
+    logging.disable(logging.WARNING)
+    peers = Peers(Path(sys.argv[1]), int(sys.argv[2]))
+    versions = f"torch {torch.__version__}, onnxruntime {onnxruntime.__version__}"
+    print(f"{versions}, actions differ by {peers.difference():.1e}", flush=True)
+    for request in sys.stdin:
+        engine, n = request.split()
+        print(peers.run(engine, int(n)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

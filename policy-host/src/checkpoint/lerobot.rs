@@ -1,0 +1,221 @@
+//! LeRobot's ACT, as `save_pretrained` writes it: `config.json`, `model.safetensors`, and the statistics either beside them
+//! (since LeRobot 0.4: the pre- and post-processor's files) or, before, as buffers among the weights.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Deserialize;
+
+use super::file::TensorFile;
+use super::mapping::{Feature, FeatureKind, Sidecar, wire};
+use super::processor::{Mode, Statistics};
+use super::{CONFIG_FILE, CheckpointError, Description, MODEL_FILE, Naming, parse};
+use crate::act::architecture::{Architecture, ImageSize, InstructionInput, Projection, ResNet};
+use crate::act::normalise::Normalisation;
+
+/// Its names for the benchmark's.
+const PREFIXES: [(&str, &str); 9] = [
+    ("transformer.", "model."),
+    ("backbones.0.0.body.", "model.backbone."),
+    ("action_head.", "model.action_head."),
+    ("query_embed.", "model.decoder_pos_embed."),
+    ("additional_pos_embed.", "model.encoder_1d_feature_pos_embed."),
+    ("latent_out_proj.", "model.encoder_latent_input_proj."),
+    ("input_proj_robot_state.", "model.encoder_robot_state_input_proj."),
+    ("input_proj_env_state.", "model.encoder_env_state_input_proj."),
+    ("input_proj.", "model.encoder_img_feat_input_proj."),
+];
+/// Beginnings of the names of what only training uses, and of statistics.
+const UNUSED: [&str; 5] = [
+    "model.vae_encoder",
+    "model.encoder_latent_input_proj.weight",
+    "normalize_inputs.",
+    "normalize_targets.",
+    "unnormalize_outputs.",
+];
+/// The name of the action.
+const ACTION: &str = "action";
+
+/// The keys that inference depends on; there are many more.
+#[derive(Debug, Deserialize)]
+struct Config {
+    input_features: BTreeMap<String, Shape>,
+    output_features: BTreeMap<String, Shape>,
+    normalization_mapping: BTreeMap<String, Mode>,
+    #[serde(default = "one")]
+    n_obs_steps: usize,
+    chunk_size: usize,
+    vision_backbone: String,
+    replace_final_stride_with_dilation: Flag,
+    pre_norm: bool,
+    dim_model: usize,
+    n_heads: usize,
+    dim_feedforward: usize,
+    feedforward_activation: String,
+    n_encoder_layers: usize,
+    n_decoder_layers: usize,
+    temporal_ensemble_coeff: Option<f64>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Shape {
+    #[serde(rename = "type")]
+    kind: FeatureKind,
+    shape: Vec<usize>,
+}
+
+/// A flag that some versions write as a number.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Flag {
+    Word(bool),
+    Number(u8),
+}
+
+const fn one() -> usize {
+    1
+}
+
+impl Flag {
+    fn is_set(&self) -> bool {
+        match *self {
+            Self::Word(set) => set,
+            Self::Number(number) => number != 0,
+        }
+    }
+}
+
+impl Config {
+    /// The first thing about the network that this engine does not do: key, what was found, what was expected.
+    fn unsupported(&self) -> Option<(&'static str, String, &'static str)> {
+        let backbones = "resnet18 or resnet34";
+        [
+            (self.n_obs_steps != 1, "n_obs_steps", self.n_obs_steps.to_string(), "1"),
+            (self.backbone().is_none(), "vision_backbone", format!("`{}`", self.vision_backbone), backbones),
+            (
+                self.replace_final_stride_with_dilation.is_set(),
+                "replace_final_stride_with_dilation",
+                "true".to_owned(),
+                "false",
+            ),
+            (self.pre_norm, "pre_norm", "true".to_owned(), "false"),
+            (
+                self.feedforward_activation != "relu",
+                "feedforward_activation",
+                format!("`{}`", self.feedforward_activation),
+                "relu",
+            ),
+        ]
+        .into_iter()
+        .find_map(|(differs, key, found, expected)| differs.then_some((key, found, expected)))
+    }
+
+    fn backbone(&self) -> Option<ResNet> {
+        match self.vision_backbone.as_str() {
+            "resnet18" => Some(ResNet::RESNET_18),
+            "resnet34" => Some(ResNet::RESNET_34),
+            _ => None,
+        }
+    }
+}
+
+/// Reads what the configuration, its processors and the mapping in `folder` say.
+pub(super) fn describe(
+    folder: &Path,
+    text: &[u8],
+    tensors: &mut Option<TensorFile>,
+) -> Result<Description, CheckpointError> {
+    let path = folder.join(CONFIG_FILE);
+    let config: Config = parse(&path, text)?;
+    let value = |key: &str, found: String, expected: &str| CheckpointError::Value {
+        path: path.clone(),
+        key: key.to_owned(),
+        found,
+        expected: expected.to_owned(),
+    };
+    if let Some((key, found, expected)) = config.unsupported() {
+        return Err(value(key, found, expected));
+    }
+    let action = config.output_features.get(ACTION);
+    let action_dim = match action.map(|action| &action.shape[..]) {
+        Some(&[width]) => width,
+        found => return Err(value("output_features.action", format!("{found:?}"), "a shape [width]")),
+    };
+    let inputs = inputs(&config).map_err(|(name, shape)| {
+        value(
+            &format!("input_features.{name}"),
+            format!("{shape:?}"),
+            "[width], or [3, height, width] of an image",
+        )
+    })?;
+    let of_kind = |kind: FeatureKind| inputs.iter().filter(move |input| input.kind == kind);
+    for kind in [FeatureKind::State, FeatureKind::Env] {
+        if of_kind(kind).count() > 1 {
+            return Err(value(
+                "input_features",
+                format!("{} of type {kind:?}", of_kind(kind).count()),
+                "at most one",
+            ));
+        }
+    }
+    let width = |kind: FeatureKind| of_kind(kind).next().map(|input| input.shape[0]);
+    let cameras = of_kind(FeatureKind::Visual);
+    let architecture = Architecture {
+        cameras: cameras.map(|input| ImageSize { height: input.shape[1], width: input.shape[2] }).collect(),
+        state_dim: width(FeatureKind::State),
+        instruction: width(FeatureKind::Env)
+            .map(|dim| InstructionInput { dim, projection: Projection::Linear }),
+        action_dim,
+        horizon: config.chunk_size,
+        hidden_dim: config.dim_model,
+        dim_feedforward: config.dim_feedforward,
+        n_heads: config.n_heads,
+        enc_layers: config.n_encoder_layers,
+        dec_layers: config.n_decoder_layers,
+        backbone: config.backbone().unwrap_or(ResNet::RESNET_18),
+    };
+    let tensors = tensors.insert(TensorFile::open(&folder.join(MODEL_FILE))?);
+    let mut statistics = Statistics::find(folder, &config.normalization_mapping, tensors)?;
+    let mut input_affine = |input: &Feature| {
+        let width = if input.kind == FeatureKind::Visual { 3 } else { input.shape[0] };
+        statistics.input(&input.name, input.kind, width)
+    };
+    let mut normalisation = Normalisation::default();
+    for input in &inputs {
+        let affine = input_affine(input)?;
+        match input.kind {
+            FeatureKind::Visual => normalisation.images.push(affine),
+            FeatureKind::State => normalisation.state = affine,
+            FeatureKind::Env => normalisation.instruction = affine,
+            FeatureKind::Action => {}
+        }
+    }
+    normalisation.action = statistics.action(ACTION, action_dim)?;
+    let sidecar = Sidecar::read(folder)?;
+    Ok(Description {
+        architecture,
+        normalisation,
+        naming: Naming { prefixes: &PREFIXES, unused: UNUSED.map(str::to_owned).into() },
+        wiring: wire(&inputs, action_dim, &sidecar),
+        language: sidecar.language,
+        ensemble_decay: config.temporal_ensemble_coeff,
+    })
+}
+
+/// The inputs, or the first whose shape is none: cameras first, in the order of their names.
+fn inputs(config: &Config) -> Result<Vec<Feature>, (String, Vec<usize>)> {
+    let mut inputs = Vec::new();
+    for (name, Shape { kind, shape }) in &config.input_features {
+        let fits = match kind {
+            FeatureKind::Visual => matches!(shape[..], [3, _, _]),
+            FeatureKind::State | FeatureKind::Env => shape.len() == 1,
+            FeatureKind::Action => false,
+        };
+        if !fits {
+            return Err((name.clone(), shape.clone()));
+        }
+        inputs.push(Feature { name: name.clone(), shape: shape.clone(), kind: *kind });
+    }
+    inputs.sort_by_key(|input| input.kind);
+    Ok(inputs)
+}
