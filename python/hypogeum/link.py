@@ -117,7 +117,7 @@ class Lane:
             raise LinkError(f"an observation message claims {n_pages} pages, one of this lane has at most {most}")
         header = ObservationHeader.from_buffer_copy(ctypes.string_at(sample.user_header_ptr, 64))
         try:
-            pages = self._pages(sample.payload_ptr, n_pages * PAGE_BYTES)
+            pages = self._pages(sample, n_pages * PAGE_BYTES)
         except SegmentGone:
             # Nobody waits for an answer.
             sample.delete()
@@ -249,10 +249,12 @@ class Lane:
             finally:
                 os.close(file)
 
-    def _pages(self, address, n_bytes):
-        if self._segment is None or not self._segment.holds(address):
-            self._segment = Segment(address)
-        return self._segment.bytes_at(address, n_bytes)
+    def _pages(self, sample, n_bytes):
+        # A new simulator's memory may well lie at the addresses of its predecessor's.
+        sender = sample.header.publisher_id.value
+        if self._segment is None or self._segment.sender != sender:
+            self._segment = Segment(sample.payload_ptr, sender)
+        return self._segment.bytes_at(sample.payload_ptr, n_bytes)
 
     def _loan(self, n_pages):
         start = time.monotonic()

@@ -19,9 +19,10 @@ class SegmentGone(Exception):
 class Segment:
     """The mapping of one sender."""
 
-    def __init__(self, address):
-        """Maps the segment in which this address of the process lies."""
-        start, end, offset, device, inode, path = mapping_of(address)
+    def __init__(self, address, sender):
+        """Maps the segment of `sender`, in which this address of the process lies."""
+        self.sender = sender
+        start, _, offset, device, inode, path = mapping_of(address)
         try:
             file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         except OSError as error:
@@ -34,15 +35,11 @@ class Segment:
             self._memory = mmap.mmap(file, status.st_size, access=mmap.ACCESS_READ)
         finally:
             os.close(file)
-        self._start, self._end, self._offset = start, end, offset
+        self._start, self._offset = start, offset
         try:
             self._memory.madvise(MADV_POPULATE_READ)
         except (OSError, ValueError):
             pass
-
-    def holds(self, address):
-        """Whether an address lies in this segment."""
-        return self._start <= address < self._end
 
     def bytes_at(self, address, n_bytes):
         """`[n_bytes] u8` from an address on. Every call gives an array of its own, the base of all views of it."""
