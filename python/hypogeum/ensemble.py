@@ -49,7 +49,7 @@ class TemporalEnsemble:
             raise EnsembleError(f"more than {MAX_SLOTS} slots")
 
     def _ensemble(self, env, chunk, action_dim):
-        chunk = as_rows(chunk, env, action_dim)
+        chunk = as_rows(chunk, env.slot, action_dim)
         if env.query == 0:
             self._pasts[env.slot] = Past()
         return self._pasts[env.slot].push(chunk, env, self.coeff)

@@ -119,7 +119,8 @@ class _Host:
             if self.raises:
                 raise failure
             self.report(failure)
-            failure = None
+        # What they hold of the observation is not the policy function's doing.
+        failure = blocks = None
         if base() is not None and not self.warned:
             self.warned = True
             log.warning(
@@ -133,13 +134,13 @@ class _Host:
             raise FrameError(f"the observation is of run {found:#x}, this host serves run {expected:#x}")
         observation = Observation(message.header, message.pages)
         chunks = as_chunks(self.fn(observation), observation)
-        records = [(env.slot, env.query) for env in observation]
+        slots, queries, action_dim = observation.slots, observation.queries, observation.action_dim
 
         def fill(blocks):
-            for block, (slot, query), chunk in zip(blocks, records, chunks):
-                block["slot"], block["query"] = slot, query
-                block["n_rows"], block["action_dim"] = chunk.shape
-                block["rows"][: chunk.size] = chunk.ravel()
+            blocks["slot"], blocks["query"], blocks["action_dim"] = slots, queries, action_dim
+            blocks["n_rows"] = [len(chunk) for chunk in chunks]
+            for rows, chunk in zip(blocks["rows"], chunks):
+                rows[: chunk.size] = chunk.ravel()
 
         return fill
 
@@ -170,18 +171,20 @@ def as_chunks(answer, observation):
         raise AnswerError(
             f"the policy function returned {found}, expected [n_envs={n_envs}, n_rows, action_dim={action_dim}]"
         )
-    chunks = (as_rows(rows, env, action_dim) for rows, env in zip(answer, observation))
-    return [rows if len(rows) <= MAX_HORIZON else rows[: env.execute] for rows, env in zip(chunks, observation)]
+    chunks = [as_rows(rows, slot, action_dim) for rows, slot in zip(answer, observation.slots)]
+    return [rows if len(rows) <= MAX_HORIZON else rows[:execute] for rows, execute in zip(chunks, observation.executes)]
 
 
-def as_rows(rows, env, action_dim):
+def as_rows(rows, slot, action_dim):
     """The answer for one env, `[n_rows, action_dim] f32`."""
     rows = np.asarray(to_numpy(rows))
     if rows.dtype.kind not in "fiu" or rows.ndim != 2 or rows.shape[1] != action_dim or len(rows) == 0:
         raise AnswerError(
-            f"the policy function returned {list(rows.shape)} {rows.dtype} for slot {env.slot}, "
+            f"the policy function returned {list(rows.shape)} {rows.dtype} for slot {slot}, "
             f"expected [n_rows, action_dim={action_dim}] float"
         )
+    if rows.dtype == np.float32:
+        return rows
     # A number too large for f32 becomes infinite, which the simulator refuses.
     with np.errstate(over="ignore"):
         return rows.astype(np.float32)

@@ -126,7 +126,8 @@ def main(argv=None):
     parser.add_argument("checkpoint", type=Path, help="folder that LeRobot has saved")
     parser.add_argument("--device", default="cpu", help="torch device (default: cpu)")
     parser.add_argument("--ensemble", action="store_true", help="temporal ensembling, for runs with --mode ensemble")
-    parser.add_argument("--batched", action="store_true", help="compute all envs together (ACT): faster on a GPU, not the same bits")
+    batched = "compute all envs together (ACT only): faster on a GPU, but not the same bits for every batch"
+    parser.add_argument("--batched", action="store_true", help=batched)
     parser.add_argument("--threads", type=int, help="torch's threads")
     parser.add_argument("--forever", action="store_true", help="go on with the next run")
     parser.add_argument("--base", type=Path, help="folder under which runs live")

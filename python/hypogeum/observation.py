@@ -49,6 +49,18 @@ class Observation:
     """`[n_envs, n_arms, 128, 128, 3] u8`, or None."""
     cameras: dict
     """`[n_envs, side, side, 3] u8` by the benchmark's camera names; empty without images."""
+    instructions: list
+    """Of every env; may be empty."""
+    slots: list
+    """Of every env: the simulator's slot, the same during an episode."""
+    queries: list
+    """Of every env: queries of this episode before this one; 0 marks a new episode."""
+    steps: list
+    """Of every env: control steps executed in this episode so far."""
+    executes: list
+    """Of every env: rows of the answer that will be executed."""
+    policy_seeds: list
+    """Of every env: seed for a policy that draws random numbers, a function of the episode alone."""
 
     def __init__(self, header, pages):
         """Checks a message: its `ObservationHeader`, and its pages as one `[n_bytes] u8` array."""
@@ -59,15 +71,19 @@ class Observation:
         def tensor(dtype, offset, shape):
             """An array over the envs' blocks."""
             dtype = np.dtype(dtype)
-            within = np.cumprod((dtype.itemsize, *shape[:0:-1]))[::-1] if shape else ()
-            return np.ndarray((n_envs, *shape), dtype, pages, offset, (block_bytes, *map(int, within)))
+            strides = [dtype.itemsize]
+            for length in shape[:0:-1]:
+                strides.insert(0, strides[0] * length)
+            return np.ndarray((n_envs, *shape), dtype, pages, offset, (block_bytes, *strides[: len(shape)]))
 
         self.n_envs = n_envs
         self.morphology = morphology.name
         self.control_mode = CONTROL_MODES[header.control_mode]
         self.action_dim = morphology.action_dim[self.control_mode]
-        self._records = tensor(ENV_RECORD, 0, ())
-        self._instructions = check_records(self._records, morphology)
+        records = tensor(ENV_RECORD, 0, ())
+        self.instructions = check_records(records, morphology)
+        fields = ("slot", "query", "step", "execute", "policy_seed")
+        self.slots, self.queries, self.steps, self.executes, self.policy_seeds = (records[f].tolist() for f in fields)
         state_offset = ENV_RECORD.fields["state"][1]
         self.states = tensor("<f4", state_offset, (morphology.state_dim,))
         self.external = self.hand = None
@@ -87,11 +103,6 @@ class Observation:
             raise IndexError(f"env {env_idx} of {self.n_envs}")
         return EnvObservation(self, env_idx % self.n_envs)
 
-    @property
-    def instructions(self):
-        """The instruction of every env."""
-        return list(self._instructions)
-
     def torch(self):
         """The same memory as torch tensors: "state" `[n_envs, state_dim] f32`, and every camera by its name. Never write
         to them: the memory is mapped read-only, and the process would be killed."""
@@ -106,37 +117,61 @@ class Observation:
 class EnvObservation:
     """One env of a message."""
 
-    slot: int
-    """The simulator's slot, the same during an episode."""
-    query: int
-    """Queries of this episode before this one; 0 marks a new episode."""
-    step: int
-    """Control steps executed in this episode so far."""
-    execute: int
-    """Rows of the answer that will be executed."""
-    policy_seed: int
-    """Seed for a policy that draws random numbers: a function of the episode alone."""
-    instruction: str
-    """May be empty."""
-    state: np.ndarray
-    """`[state_dim] f32`, see `hypogeum.robot.STATE_PARTS`."""
-    external: "np.ndarray | None"
-    """`[2, 224, 224, 3] u8`, or None."""
-    hand: "np.ndarray | None"
-    """`[n_arms, 128, 128, 3] u8`, or None."""
-    cameras: dict
-    """`[side, side, 3] u8` by the benchmark's camera names."""
+    __slots__ = ("_all", "_idx")
 
     def __init__(self, observation, env_idx):
-        record = observation._records[env_idx]
-        for field in ("slot", "query", "step", "execute", "policy_seed"):
-            setattr(self, field, int(record[field]))
-        self.instruction = observation._instructions[env_idx]
-        self.state = observation.states[env_idx]
-        has_images = observation.external is not None
-        self.external = observation.external[env_idx] if has_images else None
-        self.hand = observation.hand[env_idx] if has_images else None
-        self.cameras = {name: images[env_idx] for name, images in observation.cameras.items()}
+        self._all = observation
+        self._idx = env_idx
+
+    @property
+    def slot(self):
+        """The simulator's slot, the same during an episode."""
+        return self._all.slots[self._idx]
+
+    @property
+    def query(self):
+        """Queries of this episode before this one; 0 marks a new episode."""
+        return self._all.queries[self._idx]
+
+    @property
+    def step(self):
+        """Control steps executed in this episode so far."""
+        return self._all.steps[self._idx]
+
+    @property
+    def execute(self):
+        """Rows of the answer that will be executed."""
+        return self._all.executes[self._idx]
+
+    @property
+    def policy_seed(self):
+        """Seed for a policy that draws random numbers: a function of the episode alone."""
+        return self._all.policy_seeds[self._idx]
+
+    @property
+    def instruction(self):
+        """May be empty."""
+        return self._all.instructions[self._idx]
+
+    @property
+    def state(self):
+        """`[state_dim] f32`, see `hypogeum.robot.STATE_PARTS`."""
+        return self._all.states[self._idx]
+
+    @property
+    def external(self):
+        """`[2, 224, 224, 3] u8`, or None."""
+        return None if self._all.external is None else self._all.external[self._idx]
+
+    @property
+    def hand(self):
+        """`[n_arms, 128, 128, 3] u8`, or None."""
+        return None if self._all.hand is None else self._all.hand[self._idx]
+
+    @property
+    def cameras(self):
+        """`[side, side, 3] u8` by the benchmark's camera names."""
+        return {name: images[self._idx] for name, images in self._all.cameras.items()}
 
 
 def check_header(header, n_bytes):
@@ -164,20 +199,20 @@ def check_header(header, n_bytes):
 
 def check_records(records, morphology):
     """Fails with the first record that does not fit; returns the instructions."""
-    instructions = []
-    for env_idx, record in enumerate(records):
-        limits = (
-            ("state_dim", morphology.state_dim, morphology.state_dim),
-            ("instruction_len", 0, INSTRUCTION_BYTES),
-            ("execute", 1, MAX_HORIZON),
-        )
-        for field, least, most in limits:
-            if not least <= record[field] <= most:
+    limits = (
+        ("state_dim", morphology.state_dim, morphology.state_dim),
+        ("instruction_len", 0, INSTRUCTION_BYTES),
+        ("execute", 1, MAX_HORIZON),
+    )
+    for field, least, most in limits:
+        for env_idx, found in enumerate(records[field].tolist()):
+            if not least <= found <= most:
                 expected = f"{least} to {most}" if least < most else most
-                raise FrameError(f"env {env_idx}: `{field}` is {record[field]}, expected {expected}")
-        text = record["instruction"][: record["instruction_len"]].tobytes()
+                raise FrameError(f"env {env_idx}: `{field}` is {found}, expected {expected}")
+    instructions = []
+    for env_idx, (text, length) in enumerate(zip(records["instruction"], records["instruction_len"].tolist())):
         try:
-            instructions.append(text.decode())
+            instructions.append(text[:length].tobytes().decode())
         except UnicodeDecodeError:
             raise FrameError(f"env {env_idx}: the instruction is not UTF-8") from None
     return instructions
