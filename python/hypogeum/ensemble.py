@@ -19,7 +19,7 @@ class EnsembleError(ValueError):
 
 
 class TemporalEnsemble:
-    """Ensembles a policy function, which must return equally many rows in every answer to an episode. Answers one row."""
+    """Ensembles a policy function, which must return equally many rows in every answer to an episode; answers one."""
 
     def __init__(self, fn, coeff=0.01):
         self.fn = fn
@@ -42,8 +42,8 @@ class TemporalEnsemble:
             raise EnsembleError(f"slot {env.slot}: its query is {env.query}, expected {expected} or a new episode's 0")
         if env.query > 0 and env.step != past.next_step:
             raise EnsembleError(
-                f"slot {env.slot}: {env.step - past.next_step + 1} steps since its last query, ensembling asks at every "
-                "step: use `--mode ensemble`"
+                f"slot {env.slot}: {env.step - past.next_step + 1} steps since its last query, ensembling asks at "
+                "every step: use `--mode ensemble`"
             )
         if past is None and len(self._pasts) == MAX_SLOTS:
             raise EnsembleError(f"more than {MAX_SLOTS} slots")

@@ -41,16 +41,16 @@ class Statistics:
 def serve(fn, name="mine", *, base=None, timeout_s=None, forever=False, on_error="report"):
     """Serves `hypogeum run --policy ...=attach:NAME` with a function, until the run is over.
 
-    `fn(observation)` gets an `Observation` and returns an action chunk per env: `[n_envs, n_rows, action_dim]`, or a list of
-    `[n_rows, action_dim]`, as numpy arrays or torch tensors of any float type. Of a chunk the simulator executes the first
-    `execute` rows; a shorter one is asked again sooner.
+    `fn(observation)` gets an `Observation` and returns an action chunk per env: `[n_envs, n_rows, action_dim]`, or a
+    list of `[n_rows, action_dim]`, as numpy arrays or torch tensors of any float type. Of a chunk the simulator
+    executes the first `execute` rows; a shorter one is asked again sooner.
 
     Waits for the run: for ever, or `timeout_s` seconds and then raises `TimeoutError`. `base` is the folder under which
     runs live, if it is not the usual one. With `forever` it goes on with the next run; Ctrl-C ends it.
 
     If `fn` raises, or returns what is no answer, the episodes that were asked for end with an error in the results, the
-    reason is logged, and serving goes on; with `on_error="raise"` it is raised, and the lane is left. A number that is not
-    finite ends only the episode of its env.
+    reason is logged, and serving goes on; with `on_error="raise"` it is raised, and the lane is left. A number that is
+    not finite ends only the episode of its env.
 
     Returns `Statistics`.
     """
@@ -124,7 +124,7 @@ class _Host:
         if base() is not None and not self.warned:
             self.warned = True
             log.warning(
-                "the policy function kept an array of an observation: it will show later observations; keep copies instead"
+                "the policy function kept an array of an observation, which will show later ones; keep copies instead"
             )
 
     def act(self, message):
@@ -165,7 +165,8 @@ def as_chunks(answer, observation):
     if hasattr(answer, "detach"):
         answer = to_numpy(answer)
     if not isinstance(answer, (np.ndarray, list, tuple)) or len(np.shape(answer[:0])) == 0:
-        raise AnswerError(f"the policy function returned {type(answer).__name__}, expected an array or a list of arrays")
+        found = type(answer).__name__
+        raise AnswerError(f"the policy function returned {found}, expected an array or a list of arrays")
     if isinstance(answer, np.ndarray) and answer.ndim != 3 or len(answer) != n_envs:
         found = list(answer.shape) if isinstance(answer, np.ndarray) else f"a list of {len(answer)}"
         raise AnswerError(

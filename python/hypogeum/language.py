@@ -21,7 +21,7 @@ def fnv1a64(name):
 
 
 def unit(name, shape):
-    """f32 in [0, 1): 24 bits of splitmix64's mixing function over the name's hash plus the element's index times gamma."""
+    """f32 in [0, 1): 24 bits of splitmix64's mixing function over the name's hash plus the index times gamma."""
     with np.errstate(over="ignore"):
         z = np.uint64(fnv1a64(name)) + np.arange(math.prod(shape), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
         z ^= z >> np.uint64(30)

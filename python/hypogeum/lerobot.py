@@ -1,7 +1,7 @@
 """Serves any policy that LeRobot has saved: `python -m hypogeum.lerobot NAME CHECKPOINT`.
 
-The folder holds `config.json`, `model.safetensors` and LeRobot's pre- and post-processors. `hypogeum.mapping` tells how its
-input features are fed.
+The folder holds `config.json`, `model.safetensors` and LeRobot's pre- and post-processors. `hypogeum.mapping` tells how
+its input features are fed.
 """
 
 import argparse
@@ -31,14 +31,14 @@ BATCHABLE = ("act",)
 class LeRobotPolicy:
     """A policy function for `hypogeum.serve`.
 
-    An env's answer is a function of its own observation and, where the policy draws noise, of its seed and query. Envs are
-    answered one after another, because matrix products of another batch size may round otherwise; `batched` answers them
-    together all the same, for ACT.
+    An env's answer is a function of its own observation and, where the policy draws noise, of its seed and query. Envs
+    are answered one after another, because matrix products of another batch size may round otherwise; `batched` answers
+    them together all the same, for ACT.
     """
 
     def __init__(self, folder, device="cpu", batched=False):
         if not (Path(folder) / "config.json").is_file():
-            raise MappingError(f"{folder} has no config.json; a checkpoint is the folder that LeRobot calls pretrained_model")
+            raise MappingError(f"{folder} has no config.json; give the folder that LeRobot calls pretrained_model")
         config = PreTrainedConfig.from_pretrained(folder)
         config.device = device
         if batched and config.type not in BATCHABLE:

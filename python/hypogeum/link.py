@@ -1,7 +1,7 @@
 """The policy host's end of a lane: the package's only user of iceoryx2.
 
-Two services carry pages (`observation` to the host, `action` back), an event each wakes either side. The simulator creates
-them; the host opens them, after both have compared what they agree on.
+Two services carry pages (`observation` to the host, `action` back), an event each wakes either side. The simulator
+creates them; the host opens them, after comparing what both must agree on.
 """
 
 import ctypes
@@ -28,8 +28,8 @@ OCCUPIED_PATIENCE_S = 5.0
 # How long the simulator may hold all the memory for answers.
 LOAN_PATIENCE_S = 1.0
 PAUSE_S = 0.005
-# An answer that took longer than this goes out only if the simulator that asked is seen to live: its successor would take
-# it for an answer to a question of its own.
+# An answer that took longer than this goes out only if the simulator that asked is seen to live: its successor would
+# take it for an answer to a question of its own.
 SUSPICIOUS_S = 0.02
 
 ABSENT = ("DoesNotExist", "HangsInCreation", "IsMarkedForDestruction", "Interrupt")
@@ -281,7 +281,7 @@ class Lane:
             pass
 
     def _sweep(self):
-        """Removes what our leaving, or joining too late, has left of a run that is over: one that has removed its lock."""
+        """Removes what our leaving, or joining too late, has left of a run that is over: its lock is gone."""
         root = self.invitation.root
         if (root / CLAIM).exists() or root != self.invitation.path.parent.parent:
             return

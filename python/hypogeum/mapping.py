@@ -1,6 +1,6 @@
 """Which of our cameras and state parts a checkpoint's input features are fed from.
 
-What a checkpoint says of itself decides; `hypogeum.json` beside its `config.json` says the rest. All its keys are optional:
+What a checkpoint says of itself decides; `hypogeum.json` beside its `config.json` says the rest, all keys optional:
 
     {"morphology": "single", "control_mode": "pd_ee_delta_pose",
      "mapping": {"observation.images.front": "external1_camera", "observation.state": ["qpos", "tcp_pose"],
@@ -113,8 +113,8 @@ def robot(action_dim, settings):
     if widths.get(control_mode) != action_dim:
         modes = ", ".join(f"{mode} {widths[mode]}" for mode in CONTROL_MODES)
         raise MappingError(
-            f"the checkpoint's actions have {action_dim} numbers, which does not fit control mode {control_mode!r} of a "
-            f"{morphology} robot ({modes}); set `morphology` and `control_mode` in {FILE}"
+            f"the checkpoint's actions have {action_dim} numbers, which does not fit control mode {control_mode!r} of "
+            f"a {morphology} robot ({modes}); set `morphology` and `control_mode` in {FILE}"
         )
     return morphology, control_mode
 
@@ -152,7 +152,8 @@ def language_width(feature, settings):
     """Width of the embedding."""
     language = settings.get("language")
     if not isinstance(language, dict) or language.get("encoder") not in ENCODERS:
-        raise ValueError(f'"language" needs {{"language": {{"encoder": "hashed", "dim": {feature.shape[0]}}}}} in {FILE}')
+        needed = {"language": {"encoder": ENCODERS[0], "dim": feature.shape[0]}}
+        raise ValueError(f'"language" needs {json.dumps(needed)} in {FILE}')
     if (language.get("dim"),) != tuple(feature.shape):
         raise ValueError(f"`language.dim` is {language.get('dim')}, it has {feature.shape[0]} numbers")
     return feature.shape[0]

@@ -104,8 +104,10 @@ class Observation:
         return EnvObservation(self, env_idx % self.n_envs)
 
     def torch(self):
-        """The same memory as torch tensors: "state" `[n_envs, state_dim] f32`, and every camera by its name. Never write
-        to them: the memory is mapped read-only, and the process would be killed."""
+        """The same memory as torch tensors: "state" `[n_envs, state_dim] f32`, and every camera by its name.
+
+        Never write to them: the memory is mapped read-only, and the process would be killed.
+        """
         import torch
 
         with warnings.catch_warnings():

@@ -21,15 +21,14 @@ def test_a_resized_image_holds_integers_rounded_half_to_even():
     from hypogeum.images import to_network
 
     images = np.zeros((1, 2, 4, 3), np.uint8)
-    # Halved, its pixels are the means of 2 x 2 weighted by the antialiasing triangle; of constant columns, the constants'.
     images[0, :, :, 0] = [[10, 11, 10, 11], [10, 11, 10, 11]]
     images[0, :, :, 1] = 255
     found = to_network(images, 2, 8) * 255
     assert (found == found.round()).all()
     assert (found[0, 1] == 255).all() and (found[0, 2] == 0).all()
-    # Between 10 and 11 at a quarter and three quarters: never a half; halves of 0.5 + 10 go to 10, of 0.5 + 11 to 12.
-    assert to_network(np.array([10, 11], np.uint8).reshape(1, 1, 2, 1).repeat(3, 3), 1, 1)[0, 0, 0, 0] * 255 == 10
-    assert to_network(np.array([11, 12], np.uint8).reshape(1, 1, 2, 1).repeat(3, 3), 1, 1)[0, 0, 0, 0] * 255 == 12
+    for pair, even in (([10, 11], 10), ([11, 12], 12)):
+        halves = np.array(pair, np.uint8).reshape(1, 1, 2, 1).repeat(3, 3)
+        assert to_network(halves, 1, 1)[0, 0, 0, 0] * 255 == even
 
 
 def test_embeddings_have_length_one_and_know_shared_words():

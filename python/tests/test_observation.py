@@ -53,7 +53,10 @@ def test_a_header_that_does_not_fit_is_named(field, value, words):
     assert all(word in str(refused.value) for word in words)
 
 
-@pytest.mark.parametrize("field, value", [("state_dim", 24), ("instruction_len", 1025), ("execute", 0), ("execute", 64)])
+UNFIT = [("state_dim", 24), ("instruction_len", 1025), ("execute", 0), ("execute", 64)]
+
+
+@pytest.mark.parametrize("field, value", UNFIT)
 def test_a_record_that_does_not_fit_is_named(field, value):
     with pytest.raises(FrameError, match=f"env 1: `{field}` is {value}"):
         observation(records=({}, {field: value}))
