@@ -1,0 +1,230 @@
+//! The layout module of the Python package is what this test makes of the Rust types, to the letter.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::fmt::Write as _;
+use std::mem::offset_of;
+use std::path::Path;
+
+use iceoryx2::prelude::ZeroCopySend;
+use ipc_types::layout::{
+    EXTERNAL_OFFSET, EXTERNAL_SIDE, HAND_OFFSET, HAND_SIDE, INSTRUCTION_BYTES, MAX_ACTION_DIM, MAX_HORIZON,
+    MAX_STATE_DIM, PAGE_BYTES, SCHEMA, SCHEMA_HASH, block_pages,
+};
+use ipc_types::{ActionBlock, ActionHeader, ControlMode, EnvRecord, Morphology, ObservationHeader, Page};
+
+/// Set it to write the module instead of comparing it.
+const BLESS: &str = "HYPOGEUM_BLESS";
+
+/// One field: its name, its Python type, its offset.
+type Field = (&'static str, &'static str, usize);
+
+macro_rules! fields {
+    ($type:ty: $($field:ident as $python:literal),+ $(,)?) => {
+        vec![$((stringify!($field), $python, offset_of!($type, $field))),+]
+    };
+}
+
+#[test]
+fn the_python_package_has_this_layout() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../python/hypogeum/layout.py");
+    let expected = module();
+    if std::env::var_os(BLESS).is_some() {
+        std::fs::write(&path, &expected).unwrap();
+    }
+    let found = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        found == expected,
+        "python/hypogeum/layout.py is not what ipc-types says; update it with \
+         `{BLESS}=1 cargo test -p ipc-types --test python_layout`"
+    );
+}
+
+fn module() -> String {
+    let mut out = String::new();
+    out.push_str(
+        r#""""The wire layout of the link: what both sides agree on, byte by byte. All numbers are little-endian.
+
+Generated from ipc-types; to update it: `HYPOGEUM_BLESS=1 cargo test -p ipc-types --test python_layout`.
+
+An observation message is `n_envs` blocks of whole pages, one env after another: an `ENV_RECORD` (one page), then, if
+the lane has images, the external images `[2, 224, 224, 3] u8` and the hand images `[n_arms, 128, 128, 3] u8`. An
+action message is one `ACTION_BLOCK` (one page) per env.
+"""
+
+import ctypes
+from ctypes import c_uint8, c_uint32, c_uint64
+from typing import NamedTuple
+
+import numpy as np
+
+"#,
+    );
+    schema(&mut out);
+    constants(&mut out);
+    robots(&mut out);
+    messages(&mut out);
+    records(&mut out);
+    out
+}
+
+fn schema(out: &mut String) {
+    out.push_str("# The layout in one line; both sides check the hash of it.\nSCHEMA = (\n");
+    for part in SCHEMA.split_inclusive("; ") {
+        for piece in split_at_width(part, 108) {
+            writeln!(out, "    {piece:?}").unwrap();
+        }
+    }
+    writeln!(out, ")\n# xxh3-64 of `SCHEMA`.\nSCHEMA_HASH = {SCHEMA_HASH:#018x}\n").unwrap();
+}
+
+/// Pieces of at most `width` bytes, cut after commas.
+fn split_at_width(text: &str, width: usize) -> Vec<String> {
+    let mut pieces = vec![String::new()];
+    for word in text.split_inclusive(", ") {
+        if pieces.last().unwrap().len() + word.len() > width {
+            pieces.push(String::new());
+        }
+        pieces.last_mut().unwrap().push_str(word);
+    }
+    pieces
+}
+
+fn constants(out: &mut String) {
+    let table: [(&str, usize, &str); 9] = [
+        ("PAGE_BYTES", PAGE_BYTES, "The element of every message."),
+        ("EXTERNAL_SIDE", EXTERNAL_SIDE, "Side of an external image in pixels."),
+        ("HAND_SIDE", HAND_SIDE, "Side of a hand image in pixels."),
+        ("EXTERNAL_OFFSET", EXTERNAL_OFFSET, "Byte of the first external image in an env's block."),
+        ("HAND_OFFSET", HAND_OFFSET, "Byte of the first hand image in an env's block."),
+        ("INSTRUCTION_BYTES", INSTRUCTION_BYTES, "Longest instruction in UTF-8 bytes."),
+        ("MAX_STATE_DIM", MAX_STATE_DIM, "Widest state vector."),
+        ("MAX_ACTION_DIM", MAX_ACTION_DIM, "Widest action row."),
+        ("MAX_HORIZON", MAX_HORIZON, "Most rows in one action chunk."),
+    ];
+    for (name, value, meaning) in table {
+        writeln!(out, "{name} = {value}  # {meaning}").unwrap();
+    }
+}
+
+fn robots(out: &mut String) {
+    out.push_str(
+        r#"
+
+class Morphology(NamedTuple):
+    """A robot of the benchmark."""
+
+    name: str
+    n_arms: int
+    n_external_cameras: int
+    n_hand_cameras: int
+    state_dim: int
+    block_pages: int  # of one env with images; without them it is 1
+    default_control_mode: str
+    action_dim: dict  # by control mode
+
+
+# By name, in the order of their codes on the wire.
+MORPHOLOGIES = {
+"#,
+    );
+    for morphology in Morphology::ALL {
+        let widths =
+            ControlMode::ALL.map(|mode| format!("{:?}: {}", mode.name(), mode.action_dim(morphology)));
+        writeln!(
+            out,
+            "    {name:?}: Morphology(\n        {name:?}, n_arms={}, n_external_cameras={}, n_hand_cameras={}, \
+             state_dim={}, block_pages={},\n        default_control_mode={:?},\n        action_dim={{{}}},\n    ),",
+            morphology.n_arms(),
+            morphology.n_external_cameras(),
+            morphology.n_hand_cameras(),
+            morphology.state_dim(),
+            block_pages(morphology, true),
+            morphology.default_control_mode().name(),
+            widths.join(", "),
+            name = morphology.name(),
+        )
+        .unwrap();
+    }
+    let modes = ControlMode::ALL.map(|mode| format!("{:?}", mode.name()));
+    writeln!(out, "}}\n# In the order of their codes on the wire.\nCONTROL_MODES = ({})", modes.join(", "))
+        .unwrap();
+}
+
+fn messages(out: &mut String) {
+    let observation = fields!(ObservationHeader:
+        schema_hash as "c_uint64", run as "c_uint64", sequence as "c_uint64", epoch as "c_uint32",
+        n_envs as "c_uint32", block_pages as "c_uint32", morphology as "c_uint32", control_mode as "c_uint32",
+        images as "c_uint32", reserved as "c_uint64 * 2");
+    let action = fields!(ActionHeader:
+        schema_hash as "c_uint64", run as "c_uint64", sequence as "c_uint64", epoch as "c_uint32",
+        n_envs as "c_uint32", status as "c_uint32", reserved as "c_uint32 * 7");
+    let page = vec![("bytes", "c_uint8 * PAGE_BYTES", offset_of!(Page, 0))];
+    structure::<Page>(out, "Page", "The element of every message.", &page);
+    structure::<ObservationHeader>(
+        out,
+        "ObservationHeader",
+        "Beside the pages of an observation message.",
+        &observation,
+    );
+    structure::<ActionHeader>(
+        out,
+        "ActionHeader",
+        "Beside the pages of an action message. A status other than 0: the policy could not answer.",
+        &action,
+    );
+}
+
+/// A ctypes structure and the name under which iceoryx2 knows it.
+fn structure<T: ZeroCopySend>(out: &mut String, name: &str, doc: &str, fields: &[Field]) {
+    // SAFETY: the function only returns the type's name.
+    let type_name = unsafe { <T as ZeroCopySend>::type_name() };
+    writeln!(out, "\n\nclass {name}(ctypes.Structure):\n    \"\"\"{doc} {} bytes.\"\"\"\n", size_of::<T>())
+        .unwrap();
+    out.push_str("    _fields_ = [\n");
+    for (field, python, offset) in fields {
+        writeln!(out, "        ({field:?}, {python}),  # at {offset}").unwrap();
+    }
+    writeln!(out, "    ]\n\n    @staticmethod\n    def type_name():\n        return {type_name:?}").unwrap();
+}
+
+fn records(out: &mut String) {
+    let record = fields!(EnvRecord:
+        slot as "\"<u4\"", query as "\"<u4\"", step as "\"<u4\"", state_dim as "\"<u4\"",
+        instruction_len as "\"<u4\"", execute as "\"<u4\"", policy_seed as "\"<u8\"",
+        state as "(\"<f4\", MAX_STATE_DIM)", instruction as "(\"u1\", INSTRUCTION_BYTES)");
+    let block = fields!(ActionBlock:
+        slot as "\"<u4\"", query as "\"<u4\"", n_rows as "\"<u4\"", action_dim as "\"<u4\"",
+        rows as "(\"<f4\", MAX_HORIZON * MAX_ACTION_DIM)");
+    dtype::<EnvRecord>(
+        out,
+        "ENV_RECORD",
+        "The first page of an env's block: what a policy sees besides the images.",
+        &record,
+    );
+    dtype::<ActionBlock>(
+        out,
+        "ACTION_BLOCK",
+        "The answer for one env; its rows are packed, `[n_rows, action_dim]`.",
+        &block,
+    );
+}
+
+/// A numpy dtype; what no field covers is zero.
+fn dtype<T>(out: &mut String, name: &str, doc: &str, fields: &[Field]) {
+    writeln!(out, "\n\n# {doc}\n{name} = np.dtype({{").unwrap();
+    let join = |each: fn(&Field) -> String| fields.iter().map(each).collect::<Vec<_>>();
+    for (key, values) in [
+        ("names", join(|field| format!("{:?}", field.0))),
+        ("formats", join(|field| field.1.to_owned())),
+        ("offsets", join(|field| field.2.to_string())),
+    ] {
+        let line = format!("    {key:?}: [{}],", values.join(", "));
+        if line.len() <= 120 {
+            writeln!(out, "{line}").unwrap();
+        } else {
+            writeln!(out, "    {key:?}: [\n        {},\n    ],", values.join(", ")).unwrap();
+        }
+    }
+    writeln!(out, "    \"itemsize\": {},\n}})", size_of::<T>()).unwrap();
+}

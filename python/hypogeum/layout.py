@@ -1,0 +1,146 @@
+"""The wire layout of the link: what both sides agree on, byte by byte. All numbers are little-endian.
+
+Generated from ipc-types; to update it: `HYPOGEUM_BLESS=1 cargo test -p ipc-types --test python_layout`.
+
+An observation message is `n_envs` blocks of whole pages, one env after another: an `ENV_RECORD` (one page), then, if
+the lane has images, the external images `[2, 224, 224, 3] u8` and the hand images `[n_arms, 128, 128, 3] u8`. An
+action message is one `ACTION_BLOCK` (one page) per env.
+"""
+
+import ctypes
+from ctypes import c_uint8, c_uint32, c_uint64
+from typing import NamedTuple
+
+import numpy as np
+
+# The layout in one line; both sides check the hash of it.
+SCHEMA = (
+    "hypogeum link v1; "
+    "page 4096; "
+    "obs header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, block_pages u32@32, "
+    "morphology u32@36, control_mode u32@40, images u32@44, reserved 16@48} 64; "
+    "env record {slot u32@0, query u32@4, step u32@8, state_dim u32@12, instruction_len u32@16, execute u32@20, "
+    "policy_seed u64@24, reserved 32@32, state f32[64]@64, instruction u8[1024]@320, zero@1344} 4096; "
+    "external u8[2,224,224,3]@4096; "
+    "hand u8[n_arms,128,128,3]@305152; "
+    "act header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, status u32@32, "
+    "reserved 28@36} 64; "
+    "action block {slot u32@0, query u32@4, n_rows u32@8, action_dim u32@12, reserved 48@16, "
+    "rows f32[63*16]@64} 4096; "
+    "single: state 25, cameras 2+1; "
+    "bimanual: state 64, cameras 2+2; "
+    "control modes 0 pd_ee_delta_pose 7, 1 pd_joint_pos 8, 2 pd_ee_pose 7 per arm"
+)
+# xxh3-64 of `SCHEMA`.
+SCHEMA_HASH = 0xb04767c48ca95306
+
+PAGE_BYTES = 4096  # The element of every message.
+EXTERNAL_SIDE = 224  # Side of an external image in pixels.
+HAND_SIDE = 128  # Side of a hand image in pixels.
+EXTERNAL_OFFSET = 4096  # Byte of the first external image in an env's block.
+HAND_OFFSET = 305152  # Byte of the first hand image in an env's block.
+INSTRUCTION_BYTES = 1024  # Longest instruction in UTF-8 bytes.
+MAX_STATE_DIM = 64  # Widest state vector.
+MAX_ACTION_DIM = 16  # Widest action row.
+MAX_HORIZON = 63  # Most rows in one action chunk.
+
+
+class Morphology(NamedTuple):
+    """A robot of the benchmark."""
+
+    name: str
+    n_arms: int
+    n_external_cameras: int
+    n_hand_cameras: int
+    state_dim: int
+    block_pages: int  # of one env with images; without them it is 1
+    default_control_mode: str
+    action_dim: dict  # by control mode
+
+
+# By name, in the order of their codes on the wire.
+MORPHOLOGIES = {
+    "single": Morphology(
+        "single", n_arms=1, n_external_cameras=2, n_hand_cameras=1, state_dim=25, block_pages=87,
+        default_control_mode="pd_ee_delta_pose",
+        action_dim={"pd_ee_delta_pose": 7, "pd_joint_pos": 8, "pd_ee_pose": 7},
+    ),
+    "bimanual": Morphology(
+        "bimanual", n_arms=2, n_external_cameras=2, n_hand_cameras=2, state_dim=64, block_pages=99,
+        default_control_mode="pd_joint_pos",
+        action_dim={"pd_ee_delta_pose": 14, "pd_joint_pos": 16, "pd_ee_pose": 14},
+    ),
+}
+# In the order of their codes on the wire.
+CONTROL_MODES = ("pd_ee_delta_pose", "pd_joint_pos", "pd_ee_pose")
+
+
+class Page(ctypes.Structure):
+    """The element of every message. 4096 bytes."""
+
+    _fields_ = [
+        ("bytes", c_uint8 * PAGE_BYTES),  # at 0
+    ]
+
+    @staticmethod
+    def type_name():
+        return "hyp.Page.v1"
+
+
+class ObservationHeader(ctypes.Structure):
+    """Beside the pages of an observation message. 64 bytes."""
+
+    _fields_ = [
+        ("schema_hash", c_uint64),  # at 0
+        ("run", c_uint64),  # at 8
+        ("sequence", c_uint64),  # at 16
+        ("epoch", c_uint32),  # at 24
+        ("n_envs", c_uint32),  # at 28
+        ("block_pages", c_uint32),  # at 32
+        ("morphology", c_uint32),  # at 36
+        ("control_mode", c_uint32),  # at 40
+        ("images", c_uint32),  # at 44
+        ("reserved", c_uint64 * 2),  # at 48
+    ]
+
+    @staticmethod
+    def type_name():
+        return "hyp.ObservationHeader.v1"
+
+
+class ActionHeader(ctypes.Structure):
+    """Beside the pages of an action message. A status other than 0: the policy could not answer. 64 bytes."""
+
+    _fields_ = [
+        ("schema_hash", c_uint64),  # at 0
+        ("run", c_uint64),  # at 8
+        ("sequence", c_uint64),  # at 16
+        ("epoch", c_uint32),  # at 24
+        ("n_envs", c_uint32),  # at 28
+        ("status", c_uint32),  # at 32
+        ("reserved", c_uint32 * 7),  # at 36
+    ]
+
+    @staticmethod
+    def type_name():
+        return "hyp.ActionHeader.v1"
+
+
+# The first page of an env's block: what a policy sees besides the images.
+ENV_RECORD = np.dtype({
+    "names": [
+        "slot", "query", "step", "state_dim", "instruction_len", "execute", "policy_seed", "state", "instruction",
+    ],
+    "formats": ["<u4", "<u4", "<u4", "<u4", "<u4", "<u4", "<u8", ("<f4", MAX_STATE_DIM), ("u1", INSTRUCTION_BYTES)],
+    "offsets": [0, 4, 8, 12, 16, 20, 24, 64, 320],
+    "itemsize": 4096,
+})
+
+
+# The answer for one env; its rows are packed, `[n_rows, action_dim]`.
+ACTION_BLOCK = np.dtype({
+    "names": ["slot", "query", "n_rows", "action_dim", "rows"],
+    "formats": ["<u4", "<u4", "<u4", "<u4", ("<f4", MAX_HORIZON * MAX_ACTION_DIM)],
+    "offsets": [0, 4, 8, 12, 64],
+    "itemsize": 4096,
+})

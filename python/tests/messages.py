@@ -1,0 +1,29 @@
+"""Observation messages made by hand."""
+
+import numpy as np
+
+from hypogeum import Observation
+from hypogeum.layout import ENV_RECORD, MORPHOLOGIES, PAGE_BYTES, SCHEMA_HASH, ObservationHeader
+
+
+def message(n_envs=2, morphology="single", images=True, control_mode=0, records=()):
+    """Header and `[n_bytes] u8` of a message; `records` sets fields of one env's record after another."""
+    code = list(MORPHOLOGIES).index(morphology)
+    block_pages = MORPHOLOGIES[morphology].block_pages if images else 1
+    header = ObservationHeader(SCHEMA_HASH, 7, 1, 0, n_envs, block_pages, code, control_mode, int(images))
+    blocks = np.zeros((n_envs, block_pages * PAGE_BYTES), np.uint8)
+    for env_idx, block in enumerate(blocks):
+        block[PAGE_BYTES:] = env_idx + 1
+        record = block[:PAGE_BYTES].view(ENV_RECORD)[0]
+        record["slot"], record["execute"] = env_idx, 30
+        record["state_dim"] = MORPHOLOGIES[morphology].state_dim
+        record["state"][: record["state_dim"]] = np.arange(record["state_dim"]) + 100 * env_idx
+        record["instruction_len"] = 4
+        record["instruction"][:4] = list(b"lift")
+        for field, value in (records[env_idx] if env_idx < len(records) else {}).items():
+            record[field] = value
+    return header, blocks.reshape(-1)
+
+
+def observation(**kwargs):
+    return Observation(*message(**kwargs))

@@ -1,0 +1,103 @@
+"""Checkpoints that can be fed are; of others, both sides are listed."""
+
+import json
+
+import pytest
+
+from hypogeum.mapping import Feature, MappingError, make_mapping, read_settings
+
+EXTERNAL, HAND = Feature("VISUAL", (3, 224, 224)), Feature("VISUAL", (3, 128, 128))
+
+
+def features(**others):
+    given = {"images.external1": EXTERNAL, "images.hand_camera": HAND, "state": Feature("STATE", (25,)), **others}
+    return {f"observation.{name}": feature for name, feature in given.items() if feature is not None}
+
+
+def test_names_and_widths_decide():
+    found = make_mapping(features(), 7, {})
+    assert (found.morphology, found.control_mode) == ("single", "pd_ee_delta_pose")
+    assert found.images["observation.images.external1"] == ("external1_camera", 224, 224)
+    assert found.images["observation.images.hand_camera"] == ("hand_camera", 128, 128)
+    assert found.states["observation.state"] == [slice(0, 9), slice(9, 18), slice(18, 25)]
+
+
+@pytest.mark.parametrize(
+    "action_dim, width, slices",
+    [
+        (7, 9, [slice(0, 9)]),
+        (8, 18, [slice(0, 9), slice(9, 18)]),
+        (16, 18, [slice(0, 18)]),
+        (14, 36, [slice(0, 18), slice(18, 36)]),
+    ],
+)
+def test_shorter_states_are_positions_then_velocities(action_dim, width, slices):
+    found = make_mapping({"observation.state": Feature("STATE", (width,))}, action_dim, {})
+    assert found.states["observation.state"] == slices
+    assert found.control_mode == ("pd_joint_pos" if action_dim in (8, 16) else "pd_ee_delta_pose")
+
+
+def test_what_is_said_goes_before():
+    settings = {
+        "control_mode": "pd_ee_pose",
+        "mapping": {
+            "observation.images.front": "external2_camera",
+            "observation.state": ["tcp_pose", "qpos"],
+            "observation.environment_state": "language",
+        },
+        "language": {"encoder": "hashed", "dim": 64},
+    }
+    given = features(state=Feature("STATE", (16,)), environment_state=Feature("ENV", (64,)))
+    given["observation.images.front"] = Feature("VISUAL", (3, 96, 96))
+    given["observation.images.empty_camera_0"] = EXTERNAL
+    found = make_mapping(given, 7, settings)
+    assert found.control_mode == "pd_ee_pose" and found.languages == {"observation.environment_state": 64}
+    assert found.images["observation.images.front"] == ("external2_camera", 96, 96)
+    assert found.states["observation.state"] == [slice(18, 25), slice(0, 9)]
+    assert "observation.images.empty_camera_0" not in found.images
+
+
+def test_what_does_not_fit_is_listed_with_both_sides():
+    given = {
+        **features(state=Feature("STATE", (14,)), environment_state=Feature("ENV", (64,))),
+        "observation.images.top": EXTERNAL,
+    }
+    with pytest.raises(MappingError) as refused:
+        make_mapping(given, 7, {"mapping": {"observation.images.left": "external1_camera"}})
+    for words in (
+        "observation.images.left: hypogeum.json maps it, the checkpoint does not have it",
+        "observation.images.top: no camera is called 'top' or 'top_camera'",
+        "observation.images.top VISUAL [3, 224, 224]",
+        "observation.state: map it to a list of state parts that have 14 numbers (the whole state has 25)",
+        "observation.environment_state: nothing of ours is like it",
+        "external1_camera, external2_camera, hand_camera",
+        "qpos 9, qvel 9, tcp_pose 7",
+    ):
+        assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "action_dim, settings, words",
+    [
+        (6, {}, "6 numbers and `morphology` is None"),
+        (7, {"morphology": "bimanual"}, "control mode 'pd_ee_delta_pose' of a bimanual robot"),
+        (8, {"control_mode": "pd_ee_pose"}, "control mode 'pd_ee_pose' of a single robot"),
+        (7, {"mapping": {"observation.state": ["qpos", "ee1_pose"]}}, "has no part 'ee1_pose'"),
+        (7, {"mapping": {"observation.state": ["qpos"]}}, "qpos have 9 numbers, it has 25"),
+        (7, {"mapping": {"observation.images.external1": "front"}}, "no camera is called 'front'"),
+        (7, {"mapping": {"observation.state": "language"}}, '"encoder": "hashed", "dim": 25'),
+    ],
+)
+def test_settings_that_do_not_fit_are_named(action_dim, settings, words):
+    with pytest.raises(MappingError) as refused:
+        make_mapping(features(), action_dim, settings)
+    assert words in str(refused.value)
+
+
+def test_the_file_is_optional_and_its_keys_are_known(tmp_path):
+    assert read_settings(tmp_path) == {}
+    (tmp_path / "hypogeum.json").write_text(json.dumps({"morphology": "single"}))
+    assert read_settings(tmp_path) == {"morphology": "single"}
+    (tmp_path / "hypogeum.json").write_text(json.dumps({"robot": "single"}))
+    with pytest.raises(MappingError, match="robot"):
+        read_settings(tmp_path)

@@ -1,0 +1,104 @@
+"""Observations are views of the message, and a message is believed only as far as it fits."""
+
+import numpy as np
+import pytest
+from messages import message, observation
+
+from hypogeum import AnswerError, FrameError, Observation
+from hypogeum.host import as_chunks
+
+
+def test_every_array_lies_in_the_message():
+    for morphology, hands in (("single", 1), ("bimanual", 2)):
+        header, pages = message(n_envs=3, morphology=morphology)
+        found = Observation(header, pages)
+        assert found.external.shape == (3, 2, 224, 224, 3) and found.hand.shape == (3, hands, 128, 128, 3)
+        for array in (found.states, found.external, found.hand, *found.cameras.values(), found[1].state, found[2].hand):
+            assert np.shares_memory(array, pages)
+        assert [int(images[2].min()) for images in found.cameras.values()] == [3] * (2 + hands)
+        assert (found.states[:, 1] == [1, 101, 201]).all() and (found[2].state == found.states[2]).all()
+        assert found.instructions == ["lift"] * 3 and [env.slot for env in found] == [0, 1, 2]
+
+
+def test_images_are_not_where_the_run_draws_none():
+    found = observation(images=False)
+    assert found.external is None and found.hand is None and found.cameras == {} and found[0].external is None
+
+
+def test_torch_sees_the_same_memory():
+    pytest.importorskip("torch")
+    found = observation()
+    for name, tensor in found.torch().items():
+        array = found.states if name == "state" else found.cameras[name]
+        assert tensor.data_ptr() == array.__array_interface__["data"][0] and tuple(tensor.shape) == array.shape
+
+
+@pytest.mark.parametrize(
+    "field, value, words",
+    [
+        ("schema_hash", 5, ("schema", "0x0000000000000005")),
+        ("morphology", 2, ("morphology",)),
+        ("control_mode", 3, ("control_mode",)),
+        ("images", 2, ("images",)),
+        ("n_envs", 0, ("n_envs",)),
+        ("n_envs", 3, ("bytes", "implies")),
+        ("block_pages", 99, ("block_pages", "87")),
+    ],
+)
+def test_a_header_that_does_not_fit_is_named(field, value, words):
+    header, pages = message()
+    setattr(header, field, value)
+    with pytest.raises(FrameError) as refused:
+        Observation(header, pages)
+    assert all(word in str(refused.value) for word in words)
+
+
+UNFIT = [("state_dim", 24), ("instruction_len", 1025), ("execute", 0), ("execute", 64)]
+
+
+@pytest.mark.parametrize("field, value", UNFIT)
+def test_a_record_that_does_not_fit_is_named(field, value):
+    with pytest.raises(FrameError, match=f"env 1: `{field}` is {value}"):
+        observation(records=({}, {field: value}))
+
+
+def test_an_instruction_is_text():
+    with pytest.raises(FrameError, match="env 0: the instruction is not UTF-8"):
+        observation(records=({"instruction": np.full(1024, 0xFF)},))
+
+
+def test_answers_of_any_float_type_become_rows():
+    found = observation()
+    for dtype in (np.float16, np.float32, np.float64):
+        chunks = as_chunks(np.ones((2, 30, 7), dtype), found)
+        assert [chunk.shape for chunk in chunks] == [(30, 7)] * 2 and chunks[0].dtype == np.float32
+    chunks = as_chunks([np.ones((3, 7)), np.ones((63, 7))], found)
+    assert [len(chunk) for chunk in chunks] == [3, 63]
+    torch = pytest.importorskip("torch")
+    assert as_chunks(torch.ones(2, 4, 7, dtype=torch.bfloat16), found)[1].shape == (4, 7)
+
+
+def test_rows_that_no_block_holds_are_cut_to_those_that_are_executed():
+    assert [len(chunk) for chunk in as_chunks(np.ones((2, 64, 7)), observation())] == [30, 30]
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        None,
+        3.0,
+        "rows",
+        np.ones((2, 30, 6)),
+        np.ones((1, 30, 7)),
+        np.ones((2, 7)),
+        np.ones((2, 0, 7)),
+        [np.ones((30, 7))],
+        [np.ones((30, 7)), np.ones(7)],
+        np.full((2, 30, 7), None),
+        np.ones((2, 30, 7), complex),
+        {"actions": np.ones((2, 30, 7))},
+    ],
+)
+def test_what_is_no_answer_is_refused(answer):
+    with pytest.raises(AnswerError, match="the policy function returned"):
+        as_chunks(answer, observation())

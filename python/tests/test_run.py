@@ -1,0 +1,162 @@
+"""Against a real run: set HYPOGEUM to the `hypogeum` binary."""
+
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+
+HYPOGEUM = os.environ.get("HYPOGEUM")
+pytestmark = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM does not name the binary")
+
+# A run of a few episodes takes a second or two.
+LIMIT_S = 30
+HOST = """
+import os, signal, sys, time
+import numpy as np, hypogeum
+calls = 0
+def fn(observation):
+    global calls
+    calls += 1
+    chunk = np.zeros((observation.n_envs, 10, observation.action_dim))
+    {body}
+    return chunk
+print(hypogeum.serve(fn, "mine", timeout_s=30, on_error={on_error!r}))
+"""
+
+
+class Run:
+    """A run with one attached policy, in a folder of its own; short, because paths of sockets are."""
+
+    def __init__(self, episodes=3):
+        self.dir = Path(tempfile.mkdtemp(prefix="hyp"))
+        self.children = []
+        self.env = {**os.environ, "XDG_RUNTIME_DIR": str(self.dir)}
+        args = ["run", "--policy", "p=attach:mine", "--tasks", "RaiseCube", "--episodes", str(episodes), "--db", "r.db"]
+        self.process = self.start([HYPOGEUM, *args])
+
+    def start(self, command):
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        child = subprocess.Popen(command, cwd=self.dir, env=self.env, **pipes)
+        self.children.append(child)
+        return child
+
+    def host(self, body="", on_error="report"):
+        return self.start([sys.executable, "-c", HOST.format(body=body, on_error=on_error)])
+
+    def sim(self):
+        """The process of the simulator, once there is one."""
+        for _ in range(100):
+            found = subprocess.run(["pgrep", "-P", str(self.process.pid)], capture_output=True, text=True, check=False)
+            if found.stdout.strip():
+                return int(found.stdout.split()[0])
+            time.sleep(0.05)
+        raise AssertionError("the run started no simulator")
+
+    def errors(self):
+        """The error of every episode in the results."""
+        with sqlite3.connect(self.dir / "r.db") as results:
+            return [error for (error,) in results.execute("select error from episodes order by episode")]
+
+    def prefixes(self):
+        """Names that this run's shared memory begins with."""
+        return [f"hyp_{os.getuid()}_{run.name}_" for run in (self.dir / "hypogeum").glob("*")]
+
+    def close(self):
+        for child in self.children:
+            child.kill()
+            child.communicate()
+        shutil.rmtree(self.dir)
+
+
+@pytest.fixture
+def run():
+    before = set(os.listdir("/dev/shm"))
+    run = Run()
+    yield run
+    left = run.prefixes()
+    run.close()
+    assert left == [], "the run's folder is left behind"
+    assert not [name for name in set(os.listdir("/dev/shm")) - before if name.startswith(tuple(left or ["\0"]))]
+
+
+def finish(child):
+    """Exit code, standard output, standard error."""
+    out, err = child.communicate(timeout=LIMIT_S)
+    return child.returncode, out, err
+
+
+def test_every_episode_is_played(run):
+    host = run.host()
+    code, _, err = finish(run.process)
+    assert code == 0, err
+    code, out, err = finish(host)
+    assert code == 0 and "failed=0" in out and err == ""
+    assert run.errors() == [None] * 3
+
+
+@pytest.mark.parametrize(
+    "body, words",
+    [
+        ("chunk = chunk[:, :, :6]", "expected [n_rows, action_dim=7]"),
+        ("raise RuntimeError('no weights')", "RuntimeError: no weights"),
+        ("chunk[:, 3, 2] = np.nan", ""),
+    ],
+)
+def test_what_cannot_be_answered_is_an_errored_episode(run, body, words):
+    host = run.host(body)
+    code, _, err = finish(run.process)
+    assert code == 1, err
+    assert len(run.errors()) == 3 and all(run.errors())
+    code, _, err = finish(host)
+    assert code == 0 and words in err
+
+
+def test_a_host_that_is_killed_can_be_replaced(run):
+    first = run.host("if calls == 2: os.kill(os.getpid(), signal.SIGKILL)")
+    assert finish(first)[0] == -signal.SIGKILL
+    second = run.host()
+    assert finish(run.process)[0] == 0 and run.errors() == [None] * 3
+    assert finish(second)[0] == 0
+
+
+def test_a_host_that_raises_leaves_the_lane_to_another(run):
+    first = run.host("if calls == 2: raise KeyError('camera')", on_error="raise")
+    code, _, err = finish(first)
+    assert code == 1 and "KeyError: 'camera'" in err
+    second = run.host()
+    finish(run.process)
+    assert finish(second)[0] == 0
+
+
+def test_a_sim_that_dies_finds_its_host_again(run):
+    host = run.host("time.sleep(0.3)")
+    time.sleep(1.5)
+    os.kill(run.sim(), signal.SIGKILL)
+    code, _, err = finish(run.process)
+    assert code == 0 and "starting it again" in err, err
+    assert run.errors() == [None] * 3
+    assert finish(host)[0] == 0
+
+
+def test_an_interrupted_host_leaves_at_once(run):
+    host = run.host("time.sleep(10)")
+    time.sleep(1.5)
+    host.send_signal(signal.SIGINT)
+    code, _, err = finish(host)
+    assert code != 0 and "KeyboardInterrupt" in err
+    second = run.host()
+    assert finish(run.process)[0] == 0 and finish(second)[0] == 0
+
+
+def test_a_kept_array_is_told_and_ends_nothing(run):
+    host = run.host("global kept; kept = globals().get('kept', []) + [observation.external]; assert kept[0].max() > 0")
+    assert finish(run.process)[0] == 0
+    code, out, err = finish(host)
+    assert code == 0 and "failed=0" in out and "keep copies" in err
