@@ -16,7 +16,7 @@ use sim::TaskId;
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::Snapshot;
-use support::{finish, hypogeum, rows};
+use support::{errors, finish, hypogeum, rows};
 
 const RUN: u64 = 11;
 
@@ -140,8 +140,13 @@ fn attach(dir: &Path) -> (Child, Invitation, LinkNode, HostLane) {
     (child, invitation, node, lane)
 }
 
-/// Answers one observation with rows of zeros, under this schema hash.
-fn answer(lane: &mut HostLane, message: &ObservationMessage, run: u64, schema_hash: u64) {
+/// Answers one observation with rows of zeros, once `spoil` has had its way with header and blocks.
+fn answer(
+    lane: &mut HostLane,
+    message: &ObservationMessage,
+    run: u64,
+    spoil: impl FnOnce(&mut ActionHeader, &mut [ActionBlock]),
+) {
     let view = ObservationView::new(*message.header(), message.pages()).unwrap();
     let mut loan = lane.loan(view.n_envs()).unwrap();
     for (env_idx, block) in loan.blocks_mut().iter_mut().enumerate() {
@@ -155,21 +160,34 @@ fn answer(lane: &mut HostLane, message: &ObservationMessage, run: u64, schema_ha
         };
     }
     let ObservationHeader { sequence, epoch, n_envs, .. } = *message.header();
-    loan.send(ActionHeader { schema_hash, run, sequence, epoch, n_envs, ..Default::default() }).unwrap();
+    let mut header =
+        ActionHeader { schema_hash: SCHEMA_HASH, run, sequence, epoch, n_envs, ..Default::default() };
+    spoil(&mut header, loan.blocks_mut());
+    loan.send(header).unwrap();
+}
+
+/// Answers with `spoil` until the run ends.
+fn play(
+    child: &mut Child,
+    lane: &mut HostLane,
+    run: u64,
+    spoil: impl Fn(&mut ActionHeader, &mut [ActionBlock]),
+) {
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while child.try_wait().unwrap().is_none() {
+        assert!(Instant::now() < deadline, "the run did not end");
+        match lane.receive().unwrap() {
+            Some(message) => answer(lane, &message, run, &spoil),
+            None => lane.wait(Duration::from_millis(20)).unwrap(),
+        }
+    }
 }
 
 #[test]
 fn a_foreign_host_can_play_every_episode() {
     let dir = tempfile::tempdir().unwrap();
     let (mut child, invitation, _node, mut lane) = attach(dir.path());
-    let deadline = Instant::now() + Duration::from_secs(60);
-    while child.try_wait().unwrap().is_none() {
-        assert!(Instant::now() < deadline, "the run did not end");
-        match lane.receive().unwrap() {
-            Some(message) => answer(&mut lane, &message, invitation.run, SCHEMA_HASH),
-            None => lane.wait(Duration::from_millis(20)).unwrap(),
-        }
-    }
+    play(&mut child, &mut lane, invitation.run, |_, _| ());
     let _ = finish(child).expect_code(0);
     assert_eq!(rows(&dir.path().join("r.db")).len(), 2);
 }
@@ -179,9 +197,79 @@ fn a_foreign_host_of_another_schema_is_refused_by_name() {
     let dir = tempfile::tempdir().unwrap();
     let (child, invitation, _node, mut lane) = attach(dir.path());
     let message = receive(&mut lane);
-    answer(&mut lane, &message, invitation.run, SCHEMA_HASH ^ 1);
+    answer(&mut lane, &message, invitation.run, |header, _| header.schema_hash ^= 1);
     let finished = finish(child).expect_code(2);
     for word in ["guest", "schema", &format!("{SCHEMA_HASH:#018x}")] {
         assert!(finished.stderr.contains(word), "`{word}` is missing in: {}", finished.stderr);
     }
+}
+
+#[test]
+fn what_a_foreign_host_cannot_answer_is_an_errored_episode_and_the_run_ends() {
+    type Spoil = fn(&mut ActionHeader, &mut [ActionBlock]);
+    let cases: [(Spoil, &str); 2] = [
+        (|header, _| header.status = 1, "could not answer"),
+        (
+            |_, blocks| blocks.iter_mut().for_each(|block| block.rows[9] = f32::NAN),
+            "row 1, entry 2 is not finite",
+        ),
+    ];
+    for (spoil, says) in cases {
+        let dir = tempfile::tempdir().unwrap();
+        let (mut child, invitation, _node, mut lane) = attach(dir.path());
+        play(&mut child, &mut lane, invitation.run, spoil);
+        let _ = finish(child).expect_code(1);
+        let errors = errors(&dir.path().join("r.db"));
+        assert_eq!(errors.len(), 2, "{says}");
+        assert!(errors.iter().all(|error| error.contains(says)), "{errors:?}");
+    }
+}
+
+#[test]
+fn a_foreign_host_that_answers_what_was_not_asked_ends_the_run_with_its_name() {
+    type Spoil = fn(&mut ActionHeader, &mut [ActionBlock]);
+    let cases: [(Spoil, &str); 4] = [
+        (|_, blocks| blocks[0].action_dim = 6, "6"),
+        (|_, blocks| blocks[0].n_rows = 0, "n_rows"),
+        (|_, blocks| blocks[0].query += 1, "query"),
+        (|header, _| header.sequence += 7, "not in flight"),
+    ];
+    for (spoil, says) in cases {
+        let dir = tempfile::tempdir().unwrap();
+        let (mut child, invitation, _node, mut lane) = attach(dir.path());
+        play(&mut child, &mut lane, invitation.run, spoil);
+        let finished = finish(child).expect_code(2);
+        for word in ["guest", says] {
+            assert!(finished.stderr.contains(word), "`{word}` is missing in: {}", finished.stderr);
+        }
+        assert_eq!(rows(&dir.path().join("r.db")).len(), 0, "{says}");
+    }
+}
+
+#[test]
+fn a_second_answer_to_one_question_ends_the_run() {
+    let dir = tempfile::tempdir().unwrap();
+    let (child, invitation, _node, mut lane) = attach(dir.path());
+    let message = receive(&mut lane);
+    answer(&mut lane, &message, invitation.run, |_, _| ());
+    answer(&mut lane, &message, invitation.run, |_, _| ());
+    let finished = finish(child).expect_code(2);
+    assert!(
+        finished.stderr.contains("guest") && finished.stderr.contains("not in flight"),
+        "{}",
+        finished.stderr
+    );
+}
+
+#[test]
+fn a_foreign_host_that_leaves_in_the_middle_of_a_batch_is_replaced_by_the_next() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut child, invitation, node, mut lane) = attach(dir.path());
+    let message = receive(&mut lane);
+    drop((message, lane, node));
+    let node = LinkNode::new(&invitation.domain, "another guest").unwrap();
+    let mut lane = HostLane::open(&node, &invitation.lane, Duration::from_secs(30)).unwrap();
+    play(&mut child, &mut lane, invitation.run, |_, _| ());
+    let _ = finish(child).expect_code(0);
+    assert_eq!(rows(&dir.path().join("r.db")).len(), 2);
 }

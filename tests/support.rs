@@ -100,6 +100,15 @@ pub fn rows(db: &Path) -> Vec<Row> {
     statement.query_map([], row).unwrap().collect::<Result<_, _>>().unwrap()
 }
 
+/// Errors of a results file's episodes.
+#[must_use]
+pub fn errors(db: &Path) -> Vec<String> {
+    let connection = rusqlite::Connection::open(db).unwrap();
+    let mut statement =
+        connection.prepare("SELECT error FROM episodes WHERE error IS NOT NULL ORDER BY episode").unwrap();
+    statement.query_map([], |row| row.get(0)).unwrap().collect::<Result<_, _>>().unwrap()
+}
+
 /// Segments in /dev/shm that belong to runs under `dir`, by their processes: none may outlive a run.
 #[must_use]
 pub fn shared_memory() -> Vec<String> {

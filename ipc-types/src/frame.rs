@@ -22,7 +22,7 @@ pub struct ObservationHeader {
     pub run: u64,
     /// Counts the observation messages of a lane from 1; the answer carries it back.
     pub sequence: u64,
-    /// Counts the policy hosts this lane has had; an answer of an earlier epoch is dropped.
+    /// Tells sims and policy hosts that this lane has had apart; an answer of another epoch is dropped.
     pub epoch: u32,
     /// Envs in the message, at least 1.
     pub n_envs: u32,

@@ -23,7 +23,7 @@ use thiserror::Error;
 use crate::act::architecture::{Architecture, BadValue};
 use crate::act::model::ActModel;
 use crate::act::tensors::{TensorSpec, tensor_specs};
-use crate::act::{ActPolicy, SIDES};
+use crate::act::{ActPolicy, IMAGE_SIZES};
 use crate::checkpoint::colosseum::ActConfig;
 use crate::checkpoint::{CONFIG_FILE, MODEL_FILE, Weights};
 use crate::generated::{fnv1a64, splitmix64, sym};
@@ -62,7 +62,7 @@ pub fn weights(architecture: &Architecture, seed: u64) -> Weights {
 pub fn policy(config: &ActConfig, seed: u64, n_threads: usize) -> ActPolicy {
     let architecture = config.architecture();
     let weights = weights(&architecture, seed);
-    let model = ActModel::new(architecture, config.raw_normalisation(), &weights, &SIDES);
+    let model = ActModel::new(architecture, config.raw_normalisation(), &weights, &IMAGE_SIZES);
     let encoder = config.language.as_ref().map(|language| {
         TextEncoder::open(language, Path::new("")).expect("a generated checkpoint's encoder needs no files")
     });

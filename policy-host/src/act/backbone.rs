@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::architecture::{Architecture, ResNet};
+use super::architecture::{Architecture, ImageSize, ResNet};
 use super::image::{Image, ImageScratch, Preprocessor};
 use super::normalise::Normalisation;
 use super::team::in_bands;
@@ -56,13 +56,13 @@ pub(super) struct TrunkScratch {
 type Maps = [Vec<f32>; 3];
 
 impl Backbone {
-    /// From checked weights, for images of these sides.
+    /// From checked weights, for images of these sizes.
     #[must_use]
     pub(super) fn new(
         architecture: &Architecture,
         normalisation: &Normalisation,
         weights: &Weights,
-        sides: &[usize],
+        sizes: &[ImageSize],
     ) -> Self {
         let conv = |conv: &str, norm: &str, window| {
             let part = |name: &str| weights.get(&format!("{BACKBONE}.{norm}.{name}"));
@@ -95,7 +95,7 @@ impl Backbone {
         let stem = conv("conv1", "bn1", Window { kernel: 7, stride: 2, padding: 3 });
         let cameras = architecture.cameras.iter().zip(&normalisation.images);
         let preprocessors =
-            cameras.map(|(&size, affine)| Preprocessor::new(size, affine.as_ref(), sides)).collect();
+            cameras.map(|(&size, affine)| Preprocessor::new(size, affine.as_ref(), sizes)).collect();
         let mut groups: Vec<Range<usize>> = Vec::new();
         for same in architecture.cameras.chunk_by(|a, b| a == b) {
             let start = groups.last().map_or(0, |group| group.end);

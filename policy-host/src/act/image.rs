@@ -9,13 +9,13 @@ use crate::nn::maps::MapShape;
 /// The padding of the first convolution.
 const BORDER: usize = 3;
 
-/// A camera's image, where it lies: `[side, side, 3] u8`, row-major, top row first.
+/// A camera's image, where it lies: `[height, width, 3] u8`, row-major, top row first.
 #[derive(Clone, Copy, Debug)]
 pub struct Image<'a> {
     /// Its bytes.
     pub pixels: &'a [u8],
     /// Its sides.
-    pub side: usize,
+    pub size: ImageSize,
 }
 
 /// Rounds to the nearest byte, halves up. Enlarging by 7/4 makes thousands of exact halves in an image; the thousandth keeps
@@ -28,27 +28,27 @@ pub(super) struct Preprocessor {
     size: ImageSize,
     /// The normalised value of each byte, for each channel.
     values: Vec<[f32; 256]>,
-    /// How images of other sides become this size, by their side.
+    /// How images of other sizes become this one.
     resizers: Vec<Resizer>,
 }
 
 /// Working memory.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ImageScratch {
-    /// `[side, width, 3]`: rows resized, columns not yet.
+    /// `[height before, width after, 3]`: rows resized, columns not yet.
     rows: Vec<f32>,
 }
 
 impl Preprocessor {
-    /// For images of these sides (in pixels, square), which the network sees as `size`.
-    pub(super) fn new(size: ImageSize, normalisation: Option<&Affine>, sides: &[usize]) -> Self {
+    /// For images of these sizes, which the network sees as `size`.
+    pub(super) fn new(size: ImageSize, normalisation: Option<&Affine>, sizes: &[ImageSize]) -> Self {
         let value = |channel: usize, byte: usize| {
             let x = byte as f32 / 255.0;
             normalisation.map_or(x, |affine| (x - affine.shift[channel]) / affine.scale[channel])
         };
         let values = (0..3).map(|channel| std::array::from_fn(|byte| value(channel, byte))).collect();
-        let others = sides.iter().filter(|&&side| (side, side) != (size.height, size.width));
-        let resizers = others.map(|&side| Resizer::new(side, size)).collect();
+        let others = sizes.iter().filter(|&&other| other != size);
+        let resizers = others.map(|&from| Resizer::new(from, size)).collect();
         Self { size, values, resizers }
     }
 
@@ -59,18 +59,18 @@ impl Preprocessor {
 
     /// Working memory for any of its images.
     pub(super) fn reserve(&self, scratch: &mut ImageScratch) {
-        let longest = self.resizers.iter().map(|resizer| resizer.side).max().unwrap_or(0);
+        let longest = self.resizers.iter().map(|resizer| resizer.from.height).max().unwrap_or(0);
         scratch.rows.resize(scratch.rows.len().max(longest * self.size.width * 3), 0.0);
     }
 
     /// Resizes the rows of an image that needs it: to be called before [`run`](Self::run).
     ///
     /// # Panics
-    /// If the image does not have its size, or this side was not announced.
+    /// If the image does not have its size, or this size was not announced.
     pub(super) fn prepare(&self, image: Image<'_>, scratch: &mut ImageScratch) {
-        assert_eq!(image.pixels.len(), image.side * image.side * 3, "image of side {}", image.side);
+        assert_eq!(image.pixels.len(), image.size.n_places() * 3, "image of {:?}", image.size);
         if let Some(resizer) = self.resizer(image) {
-            resizer.run_rows(image.pixels, &mut scratch.rows[..image.side * self.size.width * 3]);
+            resizer.run_rows(image.pixels, &mut scratch.rows[..image.size.height * self.size.width * 3]);
         }
     }
 
@@ -85,7 +85,7 @@ impl Preprocessor {
             let start = shape.offset(0, row, 0) - memory.start;
             let out = &mut out[start..start + row_len];
             if let Some(resizer) = resizer {
-                resizer.mix_rows(&scratch.rows[..image.side * row_len], row, out);
+                resizer.mix_rows(&scratch.rows[..image.size.height * row_len], row, out);
                 for pixel in out.as_chunks_mut::<3>().0 {
                     for (x, values) in pixel.iter_mut().zip(&self.values) {
                         *x = values[usize::from((*x + ALMOST_HALF_UP) as u8)];
@@ -104,18 +104,17 @@ impl Preprocessor {
 
     /// What resizes an image, if it has to be.
     fn resizer(&self, image: Image<'_>) -> Option<&Resizer> {
-        let fits = (image.side, image.side) == (self.size.height, self.size.width);
-        let announced = || self.resizers.iter().find(|resizer| resizer.side == image.side);
-        (!fits)
-            .then(|| announced().unwrap_or_else(|| panic!("no image of side {} was announced", image.side)))
+        let announced = || self.resizers.iter().find(|resizer| resizer.from == image.size);
+        let other = image.size != self.size;
+        other.then(|| announced().unwrap_or_else(|| panic!("no image of {:?} was announced", image.size)))
     }
 }
 
-/// Resizes square images of one side bilinearly, with half-pixel centres, and with a filter as wide as the step where they
+/// Resizes images of one size bilinearly, with half-pixel centres, and with a filter as wide as the step where they
 /// shrink, as PyTorch's `interpolate(mode="bilinear", antialias=True)` does.
 #[derive(Clone, Debug)]
 struct Resizer {
-    side: usize,
+    from: ImageSize,
     down: Vec<Taps>,
     across: Vec<Taps>,
 }
@@ -128,14 +127,14 @@ struct Taps {
 }
 
 impl Resizer {
-    fn new(side: usize, size: ImageSize) -> Self {
-        Self { side, down: taps(side, size.height), across: taps(side, size.width) }
+    fn new(from: ImageSize, to: ImageSize) -> Self {
+        Self { from, down: taps(from.height, to.height), across: taps(from.width, to.width) }
     }
 
-    /// `rows [side, width, 3]`: every source row at its new width.
+    /// `rows [height before, width after, 3]`: every source row at its new width.
     fn run_rows(&self, pixels: &[u8], rows: &mut [f32]) {
         let row_len = self.across.len() * 3;
-        for (bytes, row) in pixels.chunks_exact(self.side * 3).zip(rows.chunks_exact_mut(row_len)) {
+        for (bytes, row) in pixels.chunks_exact(self.from.width * 3).zip(rows.chunks_exact_mut(row_len)) {
             let bytes = bytes.as_chunks::<3>().0;
             for (pixel, taps) in row.as_chunks_mut::<3>().0.iter_mut().zip(&self.across) {
                 let sources = bytes[taps.first..].iter().zip(&taps.weights);
@@ -177,15 +176,16 @@ mod tests {
 
     /// The inner pixels after resizing `side`² bytes, as bytes again.
     fn resized(pixels: &[u8], side: usize, height: usize, width: usize) -> Vec<u8> {
-        let preprocessor = Preprocessor::new(ImageSize { height, width }, None, &[side]);
+        let size = ImageSize { height: side, width: side };
+        let preprocessor = Preprocessor::new(ImageSize { height, width }, None, &[size]);
         let mut scratch = ImageScratch::default();
         preprocessor.reserve(&mut scratch);
         let shape = preprocessor.shape();
         let mut out = vec![0.0; shape.len()];
         let lines = 0..shape.n_lines();
-        preprocessor.prepare(Image { pixels, side }, &mut scratch);
+        preprocessor.prepare(Image { pixels, size }, &mut scratch);
         let memory = &mut out[shape.lines(lines.clone())];
-        preprocessor.run(Image { pixels, side }, &scratch, lines, memory);
+        preprocessor.run(Image { pixels, size }, &scratch, lines, memory);
         let inner = (0..height).flat_map(|row| {
             let start = shape.offset(0, row, 0);
             out[start..start + width * 3].iter().map(|x| (x * 255.0).round() as u8)

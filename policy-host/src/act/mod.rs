@@ -24,6 +24,7 @@ use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use rayon::prelude::*;
 
+use self::architecture::ImageSize;
 use self::image::Image;
 use self::instruction::TokenCache;
 use self::model::{ActModel, ActScratch, Input};
@@ -31,8 +32,11 @@ use crate::checkpoint::{CONFIG_FILE, Checkpoint, Wiring};
 use crate::policy::{ActionChunk, LoadError, Policy, PolicyError};
 use crate::text::TextEncoder;
 
-/// Sides of the images in an observation.
-pub const SIDES: [usize; 2] = [EXTERNAL_SIDE, HAND_SIDE];
+/// Sizes of the images in an observation.
+pub const IMAGE_SIZES: [ImageSize; 2] = [
+    ImageSize { height: EXTERNAL_SIDE, width: EXTERNAL_SIDE },
+    ImageSize { height: HAND_SIDE, width: HAND_SIDE },
+];
 
 /// Most samples whose images a thread takes through the backbone together: its kernels are then read that much less often.
 const SAMPLES_TOGETHER: usize = 2;
@@ -125,7 +129,7 @@ impl ActPolicy {
             let weights = checkpoint.weights()?;
             let (architecture, normalisation) =
                 (checkpoint.architecture().clone(), checkpoint.normalisation().clone());
-            let model = ActModel::new(architecture, normalisation, &weights, &SIDES);
+            let model = ActModel::new(architecture, normalisation, &weights, &IMAGE_SIZES);
             networks.push(Network::new(model, wiring, encoder, n_threads));
         }
         Ok(Self { networks, ensemble_decay })
@@ -224,7 +228,7 @@ impl Worker {
     ) {
         let image = |sample: usize, camera: usize| {
             let (pixels, side) = observation.env(first_env + sample).image(wiring.cameras[camera]);
-            Image { pixels, side }
+            Image { pixels, size: ImageSize { height: side, width: side } }
         };
         model.look(chunks.len(), image, &mut self.scratch);
         for (sample, chunk) in chunks.iter_mut().enumerate() {

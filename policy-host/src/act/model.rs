@@ -4,7 +4,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::architecture::{Architecture, Projection};
+use super::architecture::{Architecture, ImageSize, Projection};
 use super::backbone::{Backbone, TrunkScratch};
 use super::image::Image;
 use super::normalise::Normalisation;
@@ -67,17 +67,17 @@ pub struct Input<'a> {
 }
 
 impl ActModel {
-    /// Loads the checkpoint in `folder`, for images of these sides.
+    /// Loads the checkpoint in `folder`, for images of these sizes.
     ///
     /// # Errors
     /// The first thing in the folder that is missing, unexpected or damaged.
-    pub fn load(folder: &Path, sides: &[usize]) -> Result<Self, CheckpointError> {
+    pub fn load(folder: &Path, sizes: &[ImageSize]) -> Result<Self, CheckpointError> {
         let mut checkpoint = Checkpoint::open(folder)?;
         let weights = checkpoint.weights()?;
-        Ok(Self::new(checkpoint.architecture().clone(), checkpoint.normalisation().clone(), &weights, sides))
+        Ok(Self::new(checkpoint.architecture().clone(), checkpoint.normalisation().clone(), &weights, sizes))
     }
 
-    /// Builds the network for square images of these sides.
+    /// Builds the network for images of these sizes.
     ///
     /// # Panics
     /// If `weights` lack a tensor of `architecture` or have another shape.
@@ -86,7 +86,7 @@ impl ActModel {
         architecture: Architecture,
         normalisation: Normalisation,
         weights: &Weights,
-        sides: &[usize],
+        sizes: &[ImageSize],
     ) -> Self {
         let instruction_projection = architecture.instruction.map(|input| match input.projection {
             Projection::Linear => {
@@ -100,7 +100,7 @@ impl ActModel {
             },
         });
         let vision = (!architecture.cameras.is_empty()).then(|| {
-            let backbone = Backbone::new(&architecture, &normalisation, weights, sides);
+            let backbone = Backbone::new(&architecture, &normalisation, weights, sizes);
             (backbone, linear(weights, "input_proj"))
         });
         let encoder = (0..architecture.enc_layers).map(|layer| {

@@ -160,7 +160,7 @@ pub(super) fn describe(
     }
     let width = |kind: FeatureKind| of_kind(kind).next().map(|input| input.shape[0]);
     let cameras = of_kind(FeatureKind::Visual);
-    let architecture = Architecture {
+    let mut architecture = Architecture {
         cameras: cameras.map(|input| ImageSize { height: input.shape[1], width: input.shape[2] }).collect(),
         state_dim: width(FeatureKind::State),
         instruction: width(FeatureKind::Env)
@@ -175,6 +175,10 @@ pub(super) fn describe(
         backbone: config.backbone().unwrap_or(ResNet::RESNET_18),
     };
     let tensors = tensors.insert(TensorFile::open(&folder.join(MODEL_FILE))?);
+    // The name of a backbone says how deep it is; how wide it is its first tensor says.
+    if let Some(&[width, ..]) = tensors.shape("model.backbone.conv1.weight") {
+        architecture.backbone.width = width;
+    }
     let mut statistics = Statistics::find(folder, &config.normalization_mapping, tensors)?;
     let mut input_affine = |input: &Feature| {
         let width = if input.kind == FeatureKind::Visual { 3 } else { input.shape[0] };

@@ -11,7 +11,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use tempfile::TempDir;
 
 use crate::batch::Batch;
-use crate::data;
+use crate::{assert_says, data};
 
 /// A tiny checkpoint of the single-arm robot, to be spoiled.
 fn checkpoint() -> TempDir {
@@ -35,13 +35,6 @@ fn refusal(folder: &Path) -> String {
     let loaded = load(&spec(folder), 1, QueryMode::Chunk).err().unwrap().to_string();
     assert_eq!(checked, loaded, "seen before anything starts");
     checked
-}
-
-#[track_caller]
-fn assert_says(message: &str, parts: &[&str]) {
-    for part in parts {
-        assert!(message.contains(part), "`{message}` does not say `{part}`");
-    }
 }
 
 /// Name, type, shape and bytes.

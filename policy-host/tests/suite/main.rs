@@ -6,6 +6,7 @@ mod batch;
 mod checkpoint;
 mod ensemble;
 mod independence;
+mod lerobot;
 mod parity;
 mod serve;
 mod weightless;
@@ -22,4 +23,11 @@ fn data(name: &str) -> PathBuf {
 /// The rows of an answer.
 fn rows(block: &ActionBlock) -> &[f32] {
     &block.rows[..(block.n_rows * block.action_dim) as usize]
+}
+
+#[track_caller]
+fn assert_says(message: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(message.contains(part), "`{message}` does not say `{part}`");
+    }
 }

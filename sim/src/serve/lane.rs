@@ -16,6 +16,10 @@ const FOREIGN_PATIENCE: Duration = Duration::from_secs(600);
 /// How often a foreign host is looked after.
 const FOREIGN_CHECK: Duration = Duration::from_millis(500);
 
+/// Spreads the first epochs of a run's sims over all numbers: a late answer to a sim that was killed must not look like one
+/// to its successor.
+const EPOCH_STRIDE: u32 = 0x9E37_79B1;
+
 /// Why a lane cannot go on.
 #[derive(Debug, Error)]
 pub(super) enum LaneError {
@@ -65,7 +69,7 @@ impl LaneState {
             link,
             run,
             up: false,
-            epoch: 0,
+            epoch: std::process::id().wrapping_mul(EPOCH_STRIDE),
             sequence: 0,
             in_flight: Vec::with_capacity(depth),
             spare: (0..depth)
@@ -130,7 +134,7 @@ impl LaneState {
     /// The host is gone: what was in flight never comes back, and late answers belong to an earlier epoch.
     pub(super) fn host_down(&mut self) {
         self.up = false;
-        self.epoch += 1;
+        self.epoch = self.epoch.wrapping_add(1);
         self.spare.append(&mut self.in_flight);
     }
 

@@ -89,12 +89,12 @@ impl Slots {
         })
     }
 
-    /// Whether a pass would build or step anything.
+    /// Whether a pass would build or step anything, or an episode that an answer has ended waits to be reported.
     pub(super) fn has_work(&self) -> bool {
         self.slots.iter().any(|slot| match slot {
             Slot::Empty => false,
             Slot::Assigned(_) => true,
-            Slot::Running(episode) => episode.status() == Status::Acting,
+            Slot::Running(episode) => matches!(episode.status(), Status::Acting | Status::Done),
         })
     }
 

@@ -1,0 +1,289 @@
+//! LeRobot's checkpoints against LeRobot: the committed outputs of `python/make_lerobot_reference.py`.
+
+use std::path::Path;
+
+use ipc_types::{ControlMode, Morphology, ObservationView};
+use policy_host::act::architecture::ImageSize;
+use policy_host::act::image::Image;
+use policy_host::act::model::{ActModel, Input};
+use policy_host::checkpoint::Checkpoint;
+use policy_host::ensemble::Ensemble;
+use policy_host::{ActionChunk, Policy, PolicyError, PolicySpec, QueryMode, check, load};
+use safetensors::SafeTensors;
+
+use crate::batch::Batch;
+use crate::{assert_says, data, rows};
+
+/// Largest difference of an action number that counts as equal.
+const TOLERANCE: f32 = 1e-4;
+
+/// The recorded inputs and outputs of a case.
+struct Recording {
+    bytes: Vec<u8>,
+}
+
+impl Recording {
+    fn of(case: &str) -> Self {
+        Self { bytes: std::fs::read(data("lerobot").join(case).join("io.safetensors")).unwrap() }
+    }
+
+    fn tensors(&self) -> SafeTensors<'_> {
+        SafeTensors::deserialize(&self.bytes).unwrap()
+    }
+
+    /// A tensor's numbers, and its shape.
+    fn numbers(&self, name: &str) -> (Vec<f32>, Vec<usize>) {
+        let tensors = self.tensors();
+        let tensor = tensors.tensor(name).unwrap();
+        let numbers = tensor.data().as_chunks::<4>().0.iter().map(|&x| f32::from_le_bytes(x)).collect();
+        (numbers, tensor.shape().to_vec())
+    }
+
+    /// The images of a camera, from `[n, 3, height, width]` to `[height, width, 3]` each.
+    fn images(&self, name: &str) -> Vec<(Vec<u8>, ImageSize)> {
+        let tensors = self.tensors();
+        let tensor = tensors.tensor(name).unwrap();
+        let &[_, 3, height, width] = tensor.shape() else { panic!("{name}: {:?}", tensor.shape()) };
+        let places = height * width;
+        let image = |planes: &[u8]| {
+            (0..3 * places).map(|idx| planes[idx % 3 * places + idx / 3]).collect::<Vec<u8>>()
+        };
+        let images = tensor.data().chunks_exact(3 * places);
+        images.map(|planes| (image(planes), ImageSize { height, width })).collect()
+    }
+}
+
+fn worst(found: &[f32], expected: &[f32]) -> f32 {
+    assert_eq!(found.len(), expected.len());
+    found.iter().zip(expected).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
+}
+
+/// Runs the network of a case over its recorded inputs, alone and by a team of two, and compares with the recorded chunks.
+fn assert_parity(case: &str, cameras: &[&str]) {
+    let folder = data("lerobot").join(case);
+    let recording = Recording::of(case);
+    let images: Vec<_> =
+        cameras.iter().map(|name| recording.images(&format!("observation.images.{name}"))).collect();
+    let sizes: Vec<ImageSize> = images.iter().map(|images| images[0].1).collect();
+    let model = ActModel::load(&folder, &sizes).unwrap();
+    let architecture = model.architecture().clone();
+    let (states, shape) = recording.numbers("observation.state");
+    let environment = architecture.instruction.map(|_| recording.numbers("observation.environment_state").0);
+    let (chunks, _) = recording.numbers("chunk");
+    for n_members in [1, 2] {
+        let mut scratch = model.scratch(shape[0], n_members);
+        model.look(
+            shape[0],
+            |sample, camera| {
+                let (pixels, size) = &images[camera][sample];
+                Image { pixels, size: *size }
+            },
+            &mut scratch,
+        );
+        let mut found = Vec::new();
+        for (sample, state) in states.chunks_exact(shape[1]).enumerate() {
+            let token = environment.as_ref().map(|environment| {
+                let width = environment.len() / shape[0];
+                model.instruction_token(&environment[sample * width..][..width]).unwrap()
+            });
+            let mut actions = vec![0.0; architecture.horizon * architecture.action_dim];
+            let input = Input { state, instruction_token: token.as_deref() };
+            model.run(sample, input, &mut scratch, &mut actions);
+            found.extend(actions);
+        }
+        let worst = worst(&found, &chunks);
+        assert!(worst <= TOLERANCE, "{case}, {n_members} threads: {worst}");
+    }
+}
+
+#[test]
+fn networks_agree_with_lerobot() {
+    assert_parity("env_state", &[]);
+    assert_parity("cameras", &["top", "wrist"]);
+    assert_parity("older", &["top", "wrist"]);
+    assert_parity("robot", &["external1", "external2", "hand"]);
+}
+
+#[test]
+fn a_policy_agrees_with_lerobot_from_camera_bytes_to_action_rows() {
+    let mut policy = load(&PolicySpec::Act(data("lerobot/robot")), 2, QueryMode::Chunk).unwrap();
+    let answer = Batch::of(Morphology::Single, &[0, 1]).answer(&mut *policy);
+    let (actions, shape) = Recording::of("robot").numbers("actions");
+    assert_eq!(shape, [2, 70, 7]);
+    for (block, actions) in answer.iter().zip(actions.chunks_exact(70 * 7)) {
+        // A message holds 63 rows.
+        assert_eq!((block.n_rows, block.action_dim), (63, 7));
+        let worst = worst(rows(block), &actions[..63 * 7]);
+        assert!(worst <= TOLERANCE, "{worst}");
+    }
+}
+
+/// Answers an episode's queries with recorded chunks `[n_steps, horizon, action_dim]`.
+struct Recorded {
+    chunks: Vec<f32>,
+    horizon: usize,
+    action_dim: usize,
+}
+
+impl Policy for Recorded {
+    fn act(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionChunk],
+    ) -> Result<(), PolicyError> {
+        let len = self.horizon * self.action_dim;
+        for (env_idx, chunk) in answer.iter_mut().enumerate() {
+            let step = observation.env(env_idx).record.query as usize;
+            let rows = &self.chunks[step * len..][..len];
+            chunk.begin(self.horizon, self.action_dim).copy_from_slice(rows);
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn temporal_ensembling_equals_lerobots_over_an_episode() {
+    let recording = Recording::of("robot");
+    let (chunks, shape) = recording.numbers("episode_chunks");
+    let (actions, _) = recording.numbers("episode_actions");
+    let [n_steps, horizon, action_dim] = shape[..] else { panic!("{shape:?}") };
+    assert!(n_steps > horizon, "the oldest chunks are forgotten");
+    let decay = Checkpoint::open(&data("lerobot/robot")).unwrap().ensemble_decay().unwrap();
+    let mut policy = Ensemble::new(Box::new(Recorded { chunks, horizon, action_dim }), decay);
+    for (step, expected) in actions.chunks_exact(action_dim).enumerate() {
+        let mut batch = Batch::of(Morphology::Single, &[0]);
+        bytemuck::cast_mut::<_, ipc_types::EnvRecord>(&mut batch.pages[0]).query = step as u32;
+        let answer = batch.answer(&mut policy);
+        let worst = worst(rows(&answer[0]), expected);
+        assert!(worst <= 1e-5, "step {step}: {worst}");
+    }
+}
+
+/// A copy of a case, to be spoiled.
+fn copy(case: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for entry in std::fs::read_dir(data("lerobot").join(case)).unwrap() {
+        let path = entry.unwrap().path();
+        std::fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+    }
+    folder
+}
+
+fn edit(path: &Path, from: &str, to: &str) {
+    let text = std::fs::read_to_string(path).unwrap();
+    assert!(text.contains(from), "{text}");
+    std::fs::write(path, text.replace(from, to)).unwrap();
+}
+
+/// What is said of a folder before a run starts.
+fn refusal(folder: &Path) -> String {
+    let spec = PolicySpec::Act(folder.to_owned());
+    check(&spec, &[(Morphology::Single, ControlMode::EeDeltaPose)]).unwrap_err().to_string()
+}
+
+#[test]
+fn what_the_engine_does_not_do_is_named_with_what_it_does() {
+    for (file, from, to, says) in [
+        (
+            "config.json",
+            "\"pre_norm\": false",
+            "\"pre_norm\": true",
+            &["`pre_norm` is true, expected false"][..],
+        ),
+        ("config.json", "\"resnet18\"", "\"resnet50\"", &["`vision_backbone` is `resnet50`", "resnet34"]),
+        ("config.json", "\"relu\"", "\"gelu\"", &["`feedforward_activation` is `gelu`, expected relu"]),
+        ("config.json", "\"type\": \"act\"", "\"type\": \"diffusion\"", &["`type` is `diffusion`"]),
+        ("config.json", "\"chunk_size\": 70,", "", &["config.json", "missing field `chunk_size`"]),
+        ("config.json", "\"MEAN_STD\"", "\"MEDIAN\"", &["config.json", "unknown variant `MEDIAN`"]),
+        (
+            "policy_preprocessor.json",
+            "\"to_batch_processor\"",
+            "\"delta_action_processor\"",
+            &["policy_preprocessor.json", "`steps[1]` is `delta_action_processor`"],
+        ),
+        (
+            "policy_preprocessor.json",
+            "step_3_normalizer_processor.safetensors",
+            "step_9.safetensors",
+            &["step_9.safetensors", "No such file"],
+        ),
+        (
+            "config.json",
+            "\"dim_model\": 32",
+            "\"dim_model\": 64",
+            &["model.safetensors", "is F32", "expected F32"],
+        ),
+    ] {
+        let folder = copy("robot");
+        edit(&folder.path().join(file), from, to);
+        assert_says(&refusal(folder.path()), says);
+    }
+}
+
+#[test]
+fn features_that_fit_nothing_are_listed_beside_what_there_is() {
+    let both_sides = ["observation.state [25]", "external2_camera", "tcp_pose 7", "hypogeum.json"];
+    for (config, mapping, says) in [
+        (("images.hand", "images.front"), "", "no camera is called as `observation.images.front` is"),
+        (
+            ("", ""),
+            "\"mapping\": {\"observation.images.hand\": \"nose\"}",
+            "mapped to `nose`, which is no camera",
+        ),
+        (
+            ("", ""),
+            "\"mapping\": {\"observation.state\": [\"qpos\"]}",
+            "has 25 numbers, what it is mapped to has 9",
+        ),
+        (
+            ("", ""),
+            "\"mapping\": {\"observation.state\": \"joints\"}",
+            "`joints`, which is no part of the state",
+        ),
+        (
+            ("", ""),
+            "\"mapping\": {\"observation.images.rear\": \"hand\"}",
+            "`observation.images.rear`, which is no input",
+        ),
+    ] {
+        let folder = copy("robot");
+        if !config.0.is_empty() {
+            edit(&folder.path().join("config.json"), config.0, config.1);
+        }
+        if !mapping.is_empty() {
+            edit(&folder.path().join("hypogeum.json"), "\"language\"", &format!("{mapping}, \"language\""));
+        }
+        let said = refusal(folder.path());
+        assert_says(&said, &[says]);
+        assert_says(&said, &both_sides);
+    }
+    let folder = copy("robot");
+    std::fs::remove_file(folder.path().join("hypogeum.json")).unwrap();
+    assert_says(
+        &refusal(folder.path()),
+        &["`observation.environment_state`", "no `language` encoder is named"],
+    );
+    let folder = copy("cameras");
+    assert_says(&refusal(folder.path()), &["actions have 6 numbers", "single pd_joint_pos 8"]);
+}
+
+#[test]
+fn a_mapping_may_swap_cameras_and_pick_parts_of_the_state() {
+    let folder = copy("robot");
+    let swap = "\"mapping\": {\"observation.images.external1\": \"external2_camera\", \
+                \"observation.images.external2\": \"external1\", \
+                \"observation.state\": [\"qvel\", \"qpos\", \"tcp_pose\"]}, \"language\"";
+    edit(&folder.path().join("hypogeum.json"), "\"language\"", swap);
+    let wiring = Checkpoint::open(folder.path()).unwrap().wiring().unwrap().clone();
+    assert_eq!((wiring.cameras, wiring.state), (vec![1, 0, 2], vec![9..18, 0..9, 18..25]));
+}
+
+#[test]
+fn an_older_checkpoint_without_statistics_is_refused() {
+    let folder = copy("cameras");
+    for file in ["policy_preprocessor.json", "policy_postprocessor.json"] {
+        std::fs::remove_file(folder.path().join(file)).unwrap();
+    }
+    let error = Checkpoint::open(folder.path()).unwrap_err().to_string();
+    assert_says(&error, &["`normalize_inputs.buffer_observation_state.min` is missing"]);
+}
