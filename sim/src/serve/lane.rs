@@ -128,7 +128,9 @@ impl LaneState {
 
     /// The host is there: batches may go out.
     pub(super) fn host_up(&mut self) {
-        self.up = !self.config.foreign || self.link.host_connected();
+        // Who is asked from here on: one who leaves before the next look must not be taken for its successor.
+        self.host = if self.config.foreign { self.link.host_id() } else { None };
+        self.up = !self.config.foreign || self.host.is_some();
     }
 
     /// The host is gone: what was in flight never comes back, and late answers belong to an earlier epoch.
