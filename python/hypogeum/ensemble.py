@@ -18,10 +18,14 @@ class EnsembleError(ValueError):
     """Queries that cannot be ensembled."""
 
 
+DEFAULT_COEFF = 0.01
+"""Decay of the weights in the benchmark."""
+
+
 class TemporalEnsemble:
     """Ensembles a policy function, which must return equally many rows in every answer to an episode; answers one."""
 
-    def __init__(self, fn, coeff=0.01):
+    def __init__(self, fn, coeff=DEFAULT_COEFF):
         self.fn = fn
         self.coeff = coeff
         self._pasts = {}

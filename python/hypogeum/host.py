@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .ensemble import DEFAULT_COEFF, TemporalEnsemble
 from .invitation import wait_for_invitation
 from .layout import MAX_HORIZON
 from .observation import FrameError, Observation
@@ -38,12 +39,17 @@ class Statistics:
     """Core-seconds spent in the policy function and in checking what it returned."""
 
 
-def serve(fn, name="mine", *, base=None, timeout_s=None, forever=False, on_error="report"):
+def serve(
+    fn, name="mine", *, base=None, timeout_s=None, forever=False, on_error="report", ensemble_coeff=DEFAULT_COEFF
+):
     """Serves `hypogeum run --policy ...=attach:NAME` with a function, until the run is over.
 
     `fn(observation)` gets an `Observation` and returns an action chunk per env: `[n_envs, n_rows, action_dim]`, or a
     list of `[n_rows, action_dim]`, as numpy arrays or torch tensors of any float type. Of a chunk the simulator
     executes the first `execute` rows; a shorter one is asked again sooner.
+
+    In a run with `--mode ensemble` the chunks are ensembled here, with this coefficient (`TemporalEnsemble`); with None they
+    are answered as they are.
 
     Waits for the run: for ever, or `timeout_s` seconds and then raises `TimeoutError`. `base` is the folder under which
     runs live, if it is not the usual one. With `forever` it goes on with the next run; Ctrl-C ends it.
@@ -67,7 +73,9 @@ def serve(fn, name="mine", *, base=None, timeout_s=None, forever=False, on_error
             with Lane(invitation) as lane:
                 log.info("serving %s, attached as %r", invitation.root, name)
                 statistics.runs += 1
-                _Host(lane, fn, on_error == "raise", statistics).run()
+                ensembles = invitation.mode == "ensemble" and ensemble_coeff is not None
+                policy = TemporalEnsemble(fn, ensemble_coeff) if ensembles else fn
+                _Host(lane, policy, on_error == "raise", statistics).run()
         except RunEnded:
             continue
         if not forever:

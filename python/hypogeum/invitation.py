@@ -47,6 +47,8 @@ class Invitation:
     images: bool
     execute: int
     """Rows of an answer that will be executed."""
+    mode: str
+    """`chunk`, or `ensemble`: then every control step is asked for, and answered by the mean of all predictions for it."""
 
     def run_is_alive(self):
         """Whether any process of the run lives."""
@@ -110,6 +112,7 @@ def parse(path, text):
             morphologies=tuple(note["morphologies"]),
             images=note["images"],
             execute=note["execute"],
+            mode=note["mode"],
         )
     except (ValueError, KeyError, TypeError) as error:
         raise InvitationError(f"{path} is not an invitation that this package understands: {error!r}") from error

@@ -16,7 +16,7 @@ import torch
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
-from .ensemble import TemporalEnsemble
+from .ensemble import DEFAULT_COEFF
 from .host import serve
 from .images import to_network
 from .language import hashed_embedding
@@ -125,7 +125,6 @@ def main(argv=None):
     parser.add_argument("name", help="NAME of `hypogeum run --policy ...=attach:NAME`")
     parser.add_argument("checkpoint", type=Path, help="folder that LeRobot has saved")
     parser.add_argument("--device", default="cpu", help="torch device (default: cpu)")
-    parser.add_argument("--ensemble", action="store_true", help="temporal ensembling, for runs with --mode ensemble")
     batched = "compute all envs together (ACT only): faster on a GPU, but not the same bits for every batch"
     parser.add_argument("--batched", action="store_true", help=batched)
     parser.add_argument("--threads", type=int, help="torch's threads")
@@ -138,8 +137,10 @@ def main(argv=None):
         torch.set_num_threads(args.threads)
     try:
         policy = LeRobotPolicy(args.checkpoint, args.device, args.batched)
-        fn = TemporalEnsemble(policy) if args.ensemble else policy
-        print(serve(fn, args.name, base=args.base, timeout_s=args.timeout, forever=args.forever))
+        own = getattr(policy.policy.config, "temporal_ensemble_coeff", None)
+        coeff = DEFAULT_COEFF if own is None else own
+        waits = dict(base=args.base, timeout_s=args.timeout, forever=args.forever)
+        print(serve(policy, args.name, ensemble_coeff=coeff, **waits))
     except (MappingError, TimeoutError) as error:
         sys.exit(f"error: {error}")
     except KeyboardInterrupt:

@@ -17,7 +17,7 @@ def test_an_image_of_the_right_size_is_only_scaled():
     assert (found.numpy().transpose(0, 2, 3, 1) == images.astype(np.float32) / np.float32(255)).all()
 
 
-def test_a_resized_image_holds_integers_rounded_half_to_even():
+def test_a_resized_image_holds_integers_with_halves_rounded_up():
     from hypogeum.images import to_network
 
     images = np.zeros((1, 2, 4, 3), np.uint8)
@@ -26,9 +26,9 @@ def test_a_resized_image_holds_integers_rounded_half_to_even():
     found = to_network(images, 2, 8) * 255
     assert (found == found.round()).all()
     assert (found[0, 1] == 255).all() and (found[0, 2] == 0).all()
-    for pair, even in (([10, 11], 10), ([11, 12], 12)):
+    for pair, up in (([10, 11], 11), ([11, 12], 12)):
         halves = np.array(pair, np.uint8).reshape(1, 1, 2, 1).repeat(3, 3)
-        assert to_network(halves, 1, 1)[0, 0, 0, 0] * 255 == even
+        assert to_network(halves, 1, 1)[0, 0, 0, 0] * 255 == up
 
 
 def test_embeddings_have_length_one_and_know_shared_words():

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use ipc_types::link::{Domain, LaneSpec};
 use ipc_types::{Morphology, SCHEMA_HASH};
+use policy_host::QueryMode;
 use serde::Serialize;
 
 use super::error::FleetError;
@@ -46,6 +47,7 @@ struct Invitation<'a> {
     morphologies: &'a [Morphology],
     images: bool,
     execute: u32,
+    mode: QueryMode,
 }
 
 /// Writes `<root>/attach/<name>.json` and returns its path.
@@ -55,6 +57,7 @@ pub(super) fn invite(
     name: &str,
     lane: &sim::serve::protocol::Lane,
     morphologies: &[Morphology],
+    mode: QueryMode,
 ) -> Result<PathBuf, FleetError> {
     let invitation = Invitation {
         domain,
@@ -64,6 +67,7 @@ pub(super) fn invite(
         morphologies,
         images: lane.images,
         execute: lane.execute,
+        mode,
     };
     let folder = domain.root.join("attach");
     let path = folder.join(format!("{name}.json"));

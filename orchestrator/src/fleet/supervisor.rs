@@ -319,10 +319,10 @@ impl<'a> Supervisor<'a> {
     }
 
     fn invite_foreign_hosts(&mut self) -> Result<(), FleetError> {
-        let Settings { lanes, morphologies, run, .. } = self.settings;
+        let Settings { lanes, morphologies, run, mode, .. } = self.settings;
         for policy in lanes {
             if let PolicySpec::Attach(name) = &policy.spec {
-                let path = folder::invite(self.domain, *run, name, &policy.lane, morphologies)?;
+                let path = folder::invite(self.domain, *run, name, &policy.lane, morphologies, *mode)?;
                 let policy = &policy.lane.spec.policy;
                 let line =
                     format!("policy `{policy}` waits for a foreign host; its lane is in {}", path.display());
