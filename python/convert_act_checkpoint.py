@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Makes a folder that `act:PATH` can load out of a checkpoint of the benchmark's own ACT (`.pt`).
 
-    convert_act_checkpoint.py best.pt OUT              OUT/config.json and OUT/model.safetensors, of the averaged weights;
-                                                       OUT/clip/model.safetensors, the text tower of the CLIP inside
-    ... --weights raw                                  the weights before averaging
-    ... --control-mode pd_ee_pose                      where widths and statistics do not tell it
+    convert_act_checkpoint.py best.pt OUT      OUT/config.json and OUT/model.safetensors, of the averaged weights;
+                                               OUT/clip/model.safetensors, the text tower of the CLIP inside
+    ... --weights raw                          the weights before averaging
+    ... --control-mode pd_ee_pose              where widths and statistics do not tell it
 
-Sizes are read off the tensors. Only data is unpickled, no code runs. Needs `torch`, `numpy`, `safetensors` and `xxhash`.
+Sizes are read off the tensors. Only data is unpickled, no code runs.
+Needs `torch`, `numpy`, `safetensors` and `xxhash`.
 """
 
 import argparse
@@ -46,10 +47,11 @@ def read_checkpoint(path):
     except OSError:
         raise
     except Exception as error:  # torch has no error of its own for this
-        reason = str(error).partition("WeightsUnpickler error:")[2].strip().partition("\n")[0] or str(error)
-        raise ConversionError(f"{path} holds more than data, or is no checkpoint: {reason}") from error
+        reason = str(error).partition("WeightsUnpickler error:")[2].strip() or str(error)
+        reason = reason.partition("\n")[0].partition(" Please use")[0]
+        raise ConversionError(f"it holds more than data, or is no checkpoint: {reason}") from error
     if not isinstance(saved, dict):
-        raise ConversionError(f"{path} holds a {type(saved).__name__}, expected a dict with `agent` and `ema_agent`")
+        raise ConversionError(f"it holds a {type(saved).__name__}, expected a dict with `agent` and `ema_agent`")
     return saved
 
 
@@ -176,7 +178,7 @@ def convert(path, out, weights="ema", nheads=8, morphology=None, control_mode=No
     """Writes the folder `out` and returns its configuration."""
     saved = read_checkpoint(path)
     if WEIGHTS[weights] not in saved:
-        raise ConversionError(f"{path} holds {some(saved)}; expected `{WEIGHTS[weights]}`")
+        raise ConversionError(f"it holds {some(saved)}; expected `{WEIGHTS[weights]}`")
     network, encoder = split(saved[WEIGHTS[weights]])
     sizes, tower = sizes_of(network), text_tower(encoder)
     statistics = statistics_of(saved, sizes["state_dim"], sizes["action_dim"])

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
 """Writes what PyTorch computes with a small CLIP text tower whose weights come from tensor names.
 
-    make_clip_reference.py OUT                         OUT/reference.json: texts with their tokens, and the weights'
-                                                       fingerprint; OUT/reference.safetensors: their embeddings
-    ... --layers 12 --width 512                        a tower of another size (CLIP ViT-B/32 is this one)
-    ... --weights huggingface|openai                   also OUT/model.safetensors, in that naming
-    ... --time                                         prints how long PyTorch takes for a text
+    make_clip_reference.py OUT            OUT/reference.json: texts with their tokens, and the weights' fingerprint;
+                                          OUT/reference.safetensors: their embeddings
+    ... --layers 12 --width 512           a tower of another size (that of CLIP ViT-B/32)
+    ... --weights huggingface|openai      also OUT/model.safetensors, in that naming
+    ... --time                            prints how long PyTorch takes for a text
 
-Texts are those of the file of texts, one a line, and some odd ones; tokens are open_clip's. Needs `torch`, `transformers`,
-`open_clip_torch`, `safetensors` and `xxhash`.
+Texts are some odd ones and the suite's instructions; tokens are those of open_clip, which mends texts with ftfy.
+Needs `torch`, `transformers`, `open_clip_torch`, `safetensors` and `xxhash`.
 """
 
 import argparse

@@ -1,5 +1,6 @@
 """The converter of the benchmark's checkpoints: a tiny one, as training saves it, becomes a folder."""
 
+import argparse
 import json
 
 import numpy as np
@@ -88,11 +89,12 @@ def test_what_is_no_checkpoint_is_said(tmp_path):
             convert(save(tmp_path / "a.pt", **contents), tmp_path / "out")
 
     torch.save({"state_dict": {}}, tmp_path / "other.pt")
-    with pytest.raises(ConversionError, match="holds state_dict; expected `ema_agent`"):
+    with pytest.raises(ConversionError, match="it holds state_dict; expected `ema_agent`"):
         convert(tmp_path / "other.pt", tmp_path / "out")
     (tmp_path / "text.pt").write_text("not a checkpoint")
-    with pytest.raises(ConversionError, match="text.pt holds more than data, or is no checkpoint"):
+    with pytest.raises(ConversionError, match="it holds more than data, or is no checkpoint"):
         convert(tmp_path / "text.pt", tmp_path / "out")
+    refused("more than data.*argparse.Namespace", agent=argparse.Namespace())
     refused("hold policy.x; expected tensors named `model...", ema_agent={"policy.x": torch.zeros(1)})
     refused("`model.input_proj_robot_state.weight` is missing", ema_agent={"model.x": torch.zeros(1)})
     refused("`norm_stats` holds mean; expected state_mean", norm_stats=dict(mean=0), ema_agent=agent())

@@ -23,8 +23,8 @@ impl ClipTokenizer {
     /// The tokens of a text from the mark of its start to that of its end, at most [`MAX_TOKENS`]: of a longer text, the
     /// first pieces and the end.
     ///
-    /// The original first mends text that went through a wrong encoding, resolves HTML entities and composes accents; of all
-    /// that, only typographic quotation marks become plain here.
+    /// The original first mends text that went through a wrong encoding, resolves HTML entities and composes accents; of
+    /// all that, only typographic quotation marks become plain here.
     #[must_use]
     pub fn encode(&self, text: &str) -> Vec<u16> {
         let (start, end) = (self.pieces.start_of_text(), self.pieces.end_of_text());
