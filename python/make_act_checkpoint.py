@@ -23,6 +23,9 @@ import torch.nn.functional as F
 from safetensors.torch import save_file
 from torch import nn
 
+from hypogeum.generated import sym, unit
+from hypogeum.language import hashed_embedding
+
 ROBOTS = {
     "single": dict(control_mode="pd_ee_delta_pose", state_dim=25, action_dim=7, n_cameras=3),
     "bimanual": dict(control_mode="pd_joint_pos", state_dim=64, action_dim=16, n_cameras=4),
@@ -41,34 +44,6 @@ EXTERNAL_SIDE, HAND_SIDE = 224, 128
 INSTRUCTIONS = ["Raise the red cube above the table.", ""]
 
 
-# --- numbers from names -----------------------------------------------------------------------------------------------
-
-MASK = (1 << 64) - 1
-
-
-def fnv1a64(name):
-    value = 0xCBF29CE484222325
-    for byte in name.encode():
-        value = ((value ^ byte) * 0x100000001B3) & MASK
-    return value
-
-
-def unit(name, shape):
-    """f32 in [0, 1): 24 bits of splitmix64's mixing function over the name's hash plus the element's index times gamma."""
-    with np.errstate(over="ignore"):
-        z = np.uint64(fnv1a64(name)) + np.arange(math.prod(shape), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-        z ^= z >> np.uint64(30)
-        z *= np.uint64(0xBF58476D1CE4E5B9)
-        z ^= z >> np.uint64(27)
-        z *= np.uint64(0x94D049BB133111EB)
-        z ^= z >> np.uint64(31)
-    return ((z >> np.uint64(40)).astype(np.float32) / np.float32(1 << 24)).reshape(shape)
-
-
-def sym(name, shape, bound):
-    return (2 * unit(name, shape) - 1) * np.float32(bound)
-
-
 def tensor_by_rule(name, shape):
     if name.endswith("running_var"):
         return 1 + sym(name, shape, 0.5)
@@ -79,14 +54,6 @@ def tensor_by_rule(name, shape):
     if len(shape) == 1:
         return 1 + sym(name, shape, 0.1) if name.endswith("weight") else sym(name, shape, 0.05)
     return sym(name, shape, math.sqrt(3 / math.prod(shape[1:])))
-
-
-def hashed_embedding(instruction, dim):
-    """The weight-free instruction encoder of policy-host's `text` module."""
-    words = re.findall(r"[a-z0-9]+", instruction.lower())
-    features = words + [" ".join(pair) for pair in zip(words, words[1:])]
-    bound = math.sqrt(3 / (dim * max(len(features), 1)))
-    return sum((sym(feature, (dim,), bound) for feature in features), np.zeros(dim, np.float32))
 
 
 # --- the network ------------------------------------------------------------------------------------------------------

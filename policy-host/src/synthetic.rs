@@ -57,7 +57,7 @@ pub fn weights(architecture: &Architecture, seed: u64) -> Weights {
 /// The policy that [`write_checkpoint`] would write, for up to `n_threads` threads.
 ///
 /// # Panics
-/// If the configuration names no robot.
+/// If the configuration names no robot, or an encoder of instructions that needs weights.
 #[must_use]
 pub fn policy(config: &ActConfig, seed: u64, n_threads: usize) -> ActPolicy {
     let architecture = config.architecture();
@@ -105,7 +105,9 @@ pub fn write_checkpoint(folder: &Path, config: &ActConfig, seed: u64) -> Result<
     safetensors::serialize_to_file(views, None, &path).map_err(tensors)
 }
 
-fn tensor(spec: &TensorSpec, seed: u64) -> Vec<f32> {
+/// The numbers of one tensor.
+#[must_use]
+pub fn tensor(spec: &TensorSpec, seed: u64) -> Vec<f32> {
     let shift = if seed == 0 { 0 } else { splitmix64(seed) };
     let stream = fnv1a64(&spec.name) ^ shift;
     let fan_in: usize = spec.shape[1..].iter().product();

@@ -1,4 +1,6 @@
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
+HERE = Path(__file__).parent
+# The tests' own helpers, and the scripts beside the package.
+sys.path[:0] = [str(HERE), str(HERE.parent)]

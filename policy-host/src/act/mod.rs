@@ -94,7 +94,7 @@ pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), 
         let checkpoint = Checkpoint::open(&inner)?;
         let wiring = checkpoint.wiring()?;
         found.push((wiring.morphology, wiring.control_mode));
-        checkpoint.text_encoder()?;
+        checkpoint.check_text_encoder()?;
     }
     for &(morphology, control_mode) in robots {
         let Some((_, own)) = found.iter().find(|(robot, _)| *robot == morphology) else {

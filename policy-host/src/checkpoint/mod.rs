@@ -53,6 +53,11 @@ pub enum CheckpointError {
     Unknown { path: PathBuf, tensor: String, found: String },
     #[error("use {}: tensor `{tensor}` is {found}, expected {expected}", path.display())]
     Mismatch { path: PathBuf, tensor: String, expected: String, found: String },
+    #[error(
+        "use {}: these weights have the fingerprint {found}, the network beside {} was trained with {expected}",
+        path.display(), config.display()
+    )]
+    Encoder { path: PathBuf, config: PathBuf, expected: String, found: String },
 }
 
 /// What a folder's configuration says.
@@ -150,6 +155,15 @@ impl Checkpoint {
     #[must_use]
     pub fn ensemble_decay(&self) -> Option<f64> {
         self.description.ensemble_decay
+    }
+
+    /// Checks what its encoder of instructions needs, without loading it.
+    ///
+    /// # Errors
+    /// If the encoder's weights are not there or have other shapes.
+    pub fn check_text_encoder(&self) -> Result<(), CheckpointError> {
+        let language = self.description.language.as_ref();
+        language.map_or(Ok(()), |language| TextEncoder::check(language, &self.folder))
     }
 
     /// The encoder of instructions that it was trained with, for a network that sees instructions.

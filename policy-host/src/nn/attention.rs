@@ -45,6 +45,19 @@ impl Attended<'_> {
     /// # Panics
     /// If the lengths do not fit.
     pub fn run(&self, first_head: usize, out: &mut [f32], scores: &mut [f32]) {
+        self.weigh(first_head, out, scores, softmax_rows);
+    }
+
+    /// As [`run`](Self::run), where query `i` sees only the keys up to `i`.
+    ///
+    /// # Panics
+    /// If the lengths do not fit.
+    pub fn run_causal(&self, first_head: usize, out: &mut [f32], scores: &mut [f32]) {
+        assert_eq!(self.n_queries(), self.n_keys(), "a query for each key");
+        self.weigh(first_head, out, scores, causal_softmax_rows);
+    }
+
+    fn weigh(&self, first_head: usize, out: &mut [f32], scores: &mut [f32], weights: fn(&mut [f32], usize)) {
         let (n_queries, n_keys, width) = (self.n_queries(), self.n_keys(), self.head_width());
         assert_eq!(self.width, self.n_heads * width, "heads of equal width");
         assert_eq!(self.values.len(), self.keys.len(), "a value for each key");
@@ -57,7 +70,7 @@ impl Attended<'_> {
                 view(&self.queries[first..], n_queries, width, self.width),
                 view(&self.keys[first..], n_keys, width, self.width).transpose(),
             );
-            softmax_rows(scores, n_keys);
+            weights(scores, n_keys);
             multiply(
                 view_mut(out, n_queries, width, width),
                 Into::Replace,
@@ -73,6 +86,15 @@ wide! {
     fn softmax_rows(x: &mut [f32], n: usize) {
         for row in x.chunks_exact_mut(n) {
             softmax(row);
+        }
+    }
+
+    /// [`softmax`] of the first `i + 1` numbers of row `i` of `x [n, n]`; the others become zero.
+    fn causal_softmax_rows(x: &mut [f32], n: usize) {
+        for (idx, row) in x.chunks_exact_mut(n).enumerate() {
+            let (seen, unseen) = row.split_at_mut(idx + 1);
+            softmax(seen);
+            unseen.fill(0.0);
         }
     }
 }
@@ -109,7 +131,7 @@ fn highest(row: &[f32]) -> f32 {
 ///
 /// `x = n·ln 2 + r` with `|r| ≤ ln 2 / 2`, then the Taylor series of `exp(r)` to the seventh power, times `2ⁿ`.
 #[inline(always)]
-fn exp_of_negative(x: f32) -> f32 {
+pub(super) fn exp_of_negative(x: f32) -> f32 {
     /// 1.5 · 2²³: adding it leaves the nearest integer in the low bits of the mantissa.
     const ROUND: f32 = 12_582_912.0;
     /// ln 2 split in two, so that `n · LN_2_HIGH` is exact.

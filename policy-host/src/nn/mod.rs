@@ -8,6 +8,7 @@
 
 pub mod attention;
 pub mod conv;
+pub mod gelu;
 pub mod linear;
 pub mod maps;
 pub mod matmul;

@@ -4,6 +4,7 @@
 
 mod batch;
 mod checkpoint;
+mod clip;
 mod ensemble;
 mod independence;
 mod lerobot;

@@ -1,0 +1,232 @@
+//! CLIP's text encoder against PyTorch, the reference being what `python/make_clip_reference.py` wrote, and its bad files.
+
+use std::fs;
+use std::path::Path;
+
+use ipc_types::{ControlMode, Morphology};
+use policy_host::act::tensors::TensorSpec;
+use policy_host::checkpoint::colosseum::ActConfig;
+use policy_host::synthetic::{tensor, write_checkpoint};
+use policy_host::text::LanguageConfig;
+use policy_host::text::clip::{ClipText, ClipTokenizer, Fingerprint, TowerShape};
+use policy_host::{PolicySpec, QueryMode, check, load};
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use serde::Deserialize;
+use tempfile::TempDir;
+
+use crate::batch::Batch;
+use crate::data;
+
+/// Largest difference of a number that counts as equal.
+const TOLERANCE: f32 = 1e-4;
+/// The tower of the reference.
+const TOWER: TowerShape = TowerShape { n_layers: 3, width: 128, dim: 512 };
+/// The least tower whose embeddings are as wide as those of ViT-B/32.
+const LEAST: TowerShape = TowerShape { n_layers: 1, width: 64, dim: 512 };
+const ROBOTS: [(Morphology, ControlMode); 1] = [(Morphology::Single, ControlMode::EeDeltaPose)];
+
+#[derive(Deserialize)]
+struct Reference {
+    fingerprint: Fingerprint,
+    texts: Vec<Text>,
+}
+
+#[derive(Deserialize)]
+struct Text {
+    text: String,
+    ids: Vec<u16>,
+}
+
+fn reference() -> Reference {
+    serde_json::from_slice(&fs::read(data("clip-tiny/reference.json")).unwrap()).unwrap()
+}
+
+/// Name, shape and numbers.
+type Tensor = (String, Vec<usize>, Vec<f32>);
+
+/// A tower by rule, in Hugging Face's naming.
+fn hugging_face(shape: TowerShape) -> Vec<Tensor> {
+    shape
+        .tensors()
+        .map(|spec| {
+            let numbers = tensor(&spec, 0);
+            let TensorSpec { name, shape } = spec;
+            (name, shape, numbers)
+        })
+        .collect()
+}
+
+/// The same tower in OpenAI's naming, with a tensor of the images' half.
+fn open_ai(shape: TowerShape) -> Vec<Tensor> {
+    let renamed = [
+        ("text_model.embeddings.token_embedding", "token_embedding"),
+        ("text_model.embeddings.position_embedding.weight", "positional_embedding"),
+        ("text_model.encoder.layers", "transformer.resblocks"),
+        ("text_model.final_layer_norm", "ln_final"),
+        ("text_projection.weight", "text_projection"),
+        ("self_attn.q_proj.", "attn.in_proj_"),
+        ("self_attn.out_proj", "attn.out_proj"),
+        ("layer_norm", "ln_"),
+        ("mlp.fc1", "mlp.c_fc"),
+        ("mlp.fc2", "mlp.c_proj"),
+    ];
+    let mut list: Vec<Tensor> = vec![("visual.proj".to_owned(), vec![2, 1], vec![0.0; 2])];
+    for (name, mut shape, mut numbers) in hugging_face(shape) {
+        let base = name.replace("k_proj", "q_proj").replace("v_proj", "q_proj");
+        let name = renamed.iter().fold(base, |name, (from, to)| name.replace(from, to));
+        if name == "text_projection" {
+            let [n_rows, n_cols] = shape[..] else { panic!("a matrix") };
+            let at = |row: usize, col: usize| numbers[row * n_cols + col];
+            numbers = (0..n_cols).flat_map(|col| (0..n_rows).map(move |row| at(row, col))).collect();
+            shape.reverse();
+        }
+        // Queries, keys and values now share a name, and come in this order.
+        match list.iter_mut().find(|(known, ..)| *known == name) {
+            Some((_, known_shape, known_numbers)) => {
+                known_shape[0] += shape[0];
+                known_numbers.extend(numbers);
+            }
+            None => list.push((name, shape, numbers)),
+        }
+    }
+    list
+}
+
+/// Writes `FOLDER/model.safetensors`.
+fn write(folder: &Path, tensors: &[Tensor]) {
+    let bytes: Vec<Vec<u8>> =
+        tensors.iter().map(|(.., numbers)| numbers.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();
+    let views = tensors.iter().zip(&bytes).map(|((name, shape, _), bytes)| {
+        (name.as_str(), TensorView::new(Dtype::F32, shape.clone(), bytes).unwrap())
+    });
+    fs::create_dir_all(folder).unwrap();
+    safetensors::serialize_to_file(views, None, &folder.join("model.safetensors")).unwrap();
+}
+
+fn encoder(tensors: &[Tensor]) -> ClipText {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), tensors);
+    ClipText::load(&folder.path().join("model.safetensors"), TOWER.dim).unwrap()
+}
+
+/// A tiny checkpoint whose encoder is in `clip`, with its tensors changed.
+fn checkpoint(fingerprint: u64, edit: impl FnOnce(&mut Vec<Tensor>)) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let language =
+        LanguageConfig::ClipVitB32 { weights: "clip".into(), fingerprint: Fingerprint(fingerprint) };
+    let config = ActConfig { language: Some(language), ..ActConfig::tiny(Morphology::Single) };
+    write_checkpoint(folder.path(), &config, 0).unwrap();
+    let mut tensors = hugging_face(LEAST);
+    edit(&mut tensors);
+    write(&folder.path().join("clip"), &tensors);
+    folder
+}
+
+fn spec(folder: &TempDir) -> PolicySpec {
+    PolicySpec::Act(folder.path().to_owned())
+}
+
+/// What `check` and `load` both say.
+#[track_caller]
+fn assert_refused(folder: &TempDir, parts: &[&str]) {
+    let checked = check(&spec(folder), &ROBOTS).unwrap_err().to_string();
+    let loaded = load(&spec(folder), 1, QueryMode::Chunk).err().unwrap().to_string();
+    assert_eq!(checked, loaded, "seen before anything starts");
+    for part in parts {
+        assert!(checked.contains(part), "`{checked}` does not say `{part}`");
+    }
+}
+
+#[test]
+fn tokens_are_those_of_the_reference() {
+    let tokenizer = ClipTokenizer::new();
+    for Text { text, ids } in reference().texts {
+        assert_eq!(tokenizer.encode(&text), ids, "{text:?}");
+    }
+}
+
+#[test]
+fn embeddings_agree_with_pytorch_in_either_naming() {
+    let Reference { fingerprint, texts } = reference();
+    let bytes = fs::read(data("clip-tiny/reference.safetensors")).unwrap();
+    let tensors = SafeTensors::deserialize(&bytes).unwrap();
+    let expected = tensors.tensor("embeddings").unwrap();
+    assert_eq!(expected.shape(), [texts.len(), TOWER.dim]);
+    let rows = expected.data().chunks_exact(4 * TOWER.dim);
+    let encoders = [encoder(&hugging_face(TOWER)), encoder(&open_ai(TOWER))];
+    for encoder in &encoders {
+        assert_eq!(encoder.fingerprint(), fingerprint);
+    }
+    for (Text { text, .. }, row) in texts.iter().zip(rows) {
+        let expected = row.as_chunks::<4>().0.iter().map(|&x| f32::from_le_bytes(x));
+        let [found, same] = [0, 1].map(|idx: usize| encoders[idx].encode(text));
+        let worst = found.iter().zip(expected).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
+        assert!(worst <= TOLERANCE, "{text:?}: {worst}");
+        assert_eq!(found, same, "{text:?}");
+    }
+}
+
+#[test]
+fn a_checkpoint_uses_the_encoder_it_names() {
+    let fingerprint = encoder(&hugging_face(LEAST)).fingerprint();
+    let folder = checkpoint(fingerprint.0, |_| {});
+    check(&spec(&folder), &ROBOTS).unwrap();
+    let mut policy = load(&spec(&folder), 1, QueryMode::Chunk).unwrap();
+    let answer = Batch::of(Morphology::Single, &[0]).answer(&mut *policy);
+
+    let other = checkpoint(fingerprint.0 ^ 1, |_| {});
+    check(&spec(&other), &ROBOTS).unwrap();
+    let error = load(&spec(&other), 1, QueryMode::Chunk).err().unwrap().to_string();
+    let (path, expected) =
+        (other.path().join("clip/model.safetensors"), Fingerprint(fingerprint.0 ^ 1).to_string());
+    for part in [path.to_str().unwrap(), "config.json", &fingerprint.to_string(), &expected] {
+        assert!(error.contains(part), "`{error}` does not say `{part}`");
+    }
+
+    let config = other.path().join("config.json");
+    let text = fs::read_to_string(&config).unwrap();
+    assert!(text.contains(r#""encoder": "clip-vit-b-32""#), "{text}");
+    fs::write(&config, text.replace(&expected, &fingerprint.to_string())).unwrap();
+    let mut policy = load(&spec(&other), 1, QueryMode::Chunk).unwrap();
+    assert_eq!(Batch::of(Morphology::Single, &[0]).answer(&mut *policy)[0].rows, answer[0].rows);
+    fs::write(&config, text.replace(&expected, "12345")).unwrap();
+    assert_refused(&other, &["config.json", "fingerprint `12345`", "16 hexadecimal digits"]);
+}
+
+#[test]
+fn an_absent_folder_is_named() {
+    let folder = checkpoint(0, |_| {});
+    fs::remove_dir_all(folder.path().join("clip")).unwrap();
+    assert_refused(&folder, &["clip/model.safetensors", "No such file"]);
+}
+
+#[test]
+fn missing_and_misshapen_tensors_are_named() {
+    let folder = checkpoint(0, |list| list.retain(|(name, ..)| !name.ends_with("v_proj.bias")));
+    assert_refused(
+        &folder,
+        &["clip/model.safetensors", "layers.0.self_attn.v_proj.bias` is missing", "F32 [64]"],
+    );
+    let folder = checkpoint(0, |list| list.retain(|(name, ..)| !name.contains("token_embedding")));
+    assert_refused(&folder, &["token_embedding.weight` is missing", "Hugging Face's names or OpenAI's"]);
+    let folder = checkpoint(0, |list| {
+        list[0].1[0] -= 1;
+        list[0].2.truncate(49407 * 64);
+    });
+    assert_refused(&folder, &["token_embedding.weight` is F32 [49407, 64]", "F32 [49408, a multiple of 64]"]);
+    let folder = checkpoint(0, |list| *list = hugging_face(TowerShape { dim: 64, ..LEAST }));
+    assert_refused(&folder, &["`text_projection.weight` is F32 [64, 64], expected F32 [512, 64]"]);
+    let folder = checkpoint(0, |list| *list = open_ai(TowerShape { dim: 64, ..LEAST }));
+    assert_refused(&folder, &["`text_projection` is F32 [64, 64], expected F32 [64, 512]"]);
+}
+
+#[test]
+fn a_network_for_embeddings_of_another_width_is_refused() {
+    let folder = checkpoint(0, |_| {});
+    write_checkpoint(folder.path(), &ActConfig::tiny(Morphology::Single), 0).unwrap();
+    let config = folder.path().join("config.json");
+    let mut value: serde_json::Value = serde_json::from_slice(&fs::read(&config).unwrap()).unwrap();
+    value["language"] = serde_json::json!({ "encoder": "clip-vit-b-32", "fingerprint": "0123456789abcdef" });
+    fs::write(&config, value.to_string()).unwrap();
+    assert_refused(&folder, &["`lang_proj.0.weight` is F32 [64, 64], expected F32 [512, 512]"]);
+}
