@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from .host import as_rows
+from .chunk import as_rows
 
 # Slots that can be followed: a bound on memory, far above what a simulator has.
 MAX_SLOTS = 4096

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .chunk import AnswerError, as_rows, to_numpy
 from .ensemble import DEFAULT_COEFF, TemporalEnsemble
 from .invitation import wait_for_invitation
 from .layout import MAX_HORIZON
@@ -18,10 +19,6 @@ SPIN_S = 50e-6
 NAP_S = 0.1
 
 log = logging.getLogger("hypogeum")
-
-
-class AnswerError(ValueError):
-    """What a policy function returned is no answer."""
 
 
 @dataclass
@@ -182,23 +179,3 @@ def as_chunks(answer, observation):
         )
     chunks = [as_rows(rows, slot, action_dim) for rows, slot in zip(answer, observation.slots)]
     return [rows if len(rows) <= MAX_HORIZON else rows[:execute] for rows, execute in zip(chunks, observation.executes)]
-
-
-def as_rows(rows, slot, action_dim):
-    """The answer for one env, `[n_rows, action_dim] f32`."""
-    rows = np.asarray(to_numpy(rows))
-    if rows.dtype.kind not in "fiu" or rows.ndim != 2 or rows.shape[1] != action_dim or len(rows) == 0:
-        raise AnswerError(
-            f"the policy function returned {list(rows.shape)} {rows.dtype} for slot {slot}, "
-            f"expected [n_rows, action_dim={action_dim}] float"
-        )
-    if rows.dtype == np.float32:
-        return rows
-    # A number too large for f32 becomes infinite, which the simulator refuses.
-    with np.errstate(over="ignore"):
-        return rows.astype(np.float32)
-
-
-def to_numpy(rows):
-    """A torch tensor as a numpy array; anything else as it is."""
-    return rows.detach().float().cpu().numpy() if hasattr(rows, "detach") else rows

@@ -166,7 +166,7 @@ impl ActConfig {
             morphology,
             control_mode: self.control_mode,
             cameras: (0..self.n_cameras).collect(),
-            state: vec![0..self.state_dim],
+            state: std::iter::once(0..self.state_dim).collect(),
         })
     }
 

@@ -158,10 +158,31 @@ pub(super) fn describe(
             ));
         }
     }
+    let tensors = tensors.insert(TensorFile::open(&folder.join(MODEL_FILE))?);
+    let mut architecture = architecture(&config, &inputs, action_dim);
+    // The name of a backbone says how deep it is; how wide it is its first tensor says.
+    if let Some(&[width, ..]) = tensors.shape("model.backbone.conv1.weight") {
+        architecture.backbone.width = width;
+    }
+    let statistics = Statistics::find(folder, &config.normalization_mapping, tensors)?;
+    let normalisation = normalisation(statistics, &inputs, action_dim)?;
+    let sidecar = Sidecar::read(folder)?;
+    Ok(Description {
+        architecture,
+        normalisation,
+        naming: Naming { prefixes: &PREFIXES, unused: UNUSED.map(str::to_owned).into() },
+        wiring: wire(&inputs, action_dim, &sidecar),
+        language: sidecar.language,
+        ensemble_decay: config.temporal_ensemble_coeff,
+    })
+}
+
+fn architecture(config: &Config, inputs: &[Feature], action_dim: usize) -> Architecture {
+    let of_kind = |kind: FeatureKind| inputs.iter().filter(move |input| input.kind == kind);
     let width = |kind: FeatureKind| of_kind(kind).next().map(|input| input.shape[0]);
-    let cameras = of_kind(FeatureKind::Visual);
-    let mut architecture = Architecture {
-        cameras: cameras.map(|input| ImageSize { height: input.shape[1], width: input.shape[2] }).collect(),
+    let size = |input: &Feature| ImageSize { height: input.shape[1], width: input.shape[2] };
+    Architecture {
+        cameras: of_kind(FeatureKind::Visual).map(size).collect(),
         state_dim: width(FeatureKind::State),
         instruction: width(FeatureKind::Env)
             .map(|dim| InstructionInput { dim, projection: Projection::Linear }),
@@ -173,20 +194,18 @@ pub(super) fn describe(
         enc_layers: config.n_encoder_layers,
         dec_layers: config.n_decoder_layers,
         backbone: config.backbone().unwrap_or(ResNet::RESNET_18),
-    };
-    let tensors = tensors.insert(TensorFile::open(&folder.join(MODEL_FILE))?);
-    // The name of a backbone says how deep it is; how wide it is its first tensor says.
-    if let Some(&[width, ..]) = tensors.shape("model.backbone.conv1.weight") {
-        architecture.backbone.width = width;
     }
-    let mut statistics = Statistics::find(folder, &config.normalization_mapping, tensors)?;
-    let mut input_affine = |input: &Feature| {
-        let width = if input.kind == FeatureKind::Visual { 3 } else { input.shape[0] };
-        statistics.input(&input.name, input.kind, width)
-    };
+}
+
+fn normalisation(
+    mut statistics: Statistics<'_>,
+    inputs: &[Feature],
+    action_dim: usize,
+) -> Result<Normalisation, CheckpointError> {
     let mut normalisation = Normalisation::default();
-    for input in &inputs {
-        let affine = input_affine(input)?;
+    for input in inputs {
+        let width = if input.kind == FeatureKind::Visual { 3 } else { input.shape[0] };
+        let affine = statistics.input(&input.name, input.kind, width)?;
         match input.kind {
             FeatureKind::Visual => normalisation.images.push(affine),
             FeatureKind::State => normalisation.state = affine,
@@ -195,15 +214,7 @@ pub(super) fn describe(
         }
     }
     normalisation.action = statistics.action(ACTION, action_dim)?;
-    let sidecar = Sidecar::read(folder)?;
-    Ok(Description {
-        architecture,
-        normalisation,
-        naming: Naming { prefixes: &PREFIXES, unused: UNUSED.map(str::to_owned).into() },
-        wiring: wire(&inputs, action_dim, &sidecar),
-        language: sidecar.language,
-        ensemble_decay: config.temporal_ensemble_coeff,
-    })
+    Ok(normalisation)
 }
 
 /// The inputs, or the first whose shape is none: cameras first, in the order of their names.
