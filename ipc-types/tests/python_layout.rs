@@ -107,6 +107,16 @@ fn constants(out: &mut String) {
     }
 }
 
+/// A Python tuple, its lines cut where they get long.
+fn tuple(items: impl Iterator<Item = String>) -> String {
+    let one_line = items.collect::<Vec<_>>().join(", ");
+    if one_line.len() <= 90 {
+        return format!("({one_line})");
+    }
+    let lines = split_at_width(&one_line, 90);
+    format!("(\n            {}\n        )", lines.join("\n            ")).replace(" \n", "\n")
+}
+
 fn robots(out: &mut String) {
     out.push_str(
         r#"
@@ -118,7 +128,9 @@ class Morphology(NamedTuple):
     n_arms: int
     n_external_cameras: int
     n_hand_cameras: int
+    cameras: tuple  # names, in the order of their images: external ones first
     state_dim: int
+    state_parts: tuple  # (name, width), in the order of the state vector
     block_pages: int  # of one env with images; without them it is 1
     default_control_mode: str
     action_dim: dict  # by control mode
@@ -134,12 +146,14 @@ MORPHOLOGIES = {
         writeln!(
             out,
             "    {name:?}: Morphology(\n        {name:?}, n_arms={}, n_external_cameras={}, n_hand_cameras={}, \
-             state_dim={}, block_pages={},\n        default_control_mode={:?},\n        action_dim={{{}}},\n    ),",
+             state_dim={}, block_pages={},\n        cameras={},\n        state_parts={},\n        default_control_mode={:?},\n        action_dim={{{}}},\n    ),",
             morphology.n_arms(),
             morphology.n_external_cameras(),
             morphology.n_hand_cameras(),
             morphology.state_dim(),
             block_pages(morphology, true),
+            tuple(morphology.camera_names().iter().map(|name| format!("{name:?}"))),
+            tuple(morphology.state_parts().iter().map(|(name, width)| format!("({name:?}, {width})"))),
             morphology.default_control_mode().name(),
             widths.join(", "),
             name = morphology.name(),

@@ -52,7 +52,9 @@ class Morphology(NamedTuple):
     n_arms: int
     n_external_cameras: int
     n_hand_cameras: int
+    cameras: tuple  # names, in the order of their images: external ones first
     state_dim: int
+    state_parts: tuple  # (name, width), in the order of the state vector
     block_pages: int  # of one env with images; without them it is 1
     default_control_mode: str
     action_dim: dict  # by control mode
@@ -62,11 +64,18 @@ class Morphology(NamedTuple):
 MORPHOLOGIES = {
     "single": Morphology(
         "single", n_arms=1, n_external_cameras=2, n_hand_cameras=1, state_dim=25, block_pages=87,
+        cameras=("external1_camera", "external2_camera", "hand_camera"),
+        state_parts=(("qpos", 9), ("qvel", 9), ("tcp_pose", 7)),
         default_control_mode="pd_ee_delta_pose",
         action_dim={"pd_ee_delta_pose": 7, "pd_joint_pos": 8, "pd_ee_pose": 7},
     ),
     "bimanual": Morphology(
         "bimanual", n_arms=2, n_external_cameras=2, n_hand_cameras=2, state_dim=64, block_pages=99,
+        cameras=("external1_camera", "external2_camera", "panda1_hand_camera", "panda2_hand_camera"),
+        state_parts=(
+            ("qpos", 18), ("qvel", 18), ("ee1_pose", 7), ("ee2_pose", 7), ("left_arm_tcp", 7),
+            ("right_arm_tcp", 7)
+        ),
         default_control_mode="pd_joint_pos",
         action_dim={"pd_ee_delta_pose": 14, "pd_joint_pos": 16, "pd_ee_pose": 14},
     ),

@@ -1,24 +1,16 @@
-"""What the benchmark calls its cameras and the parts of its state vectors."""
+"""What the benchmark calls its cameras and the parts of its state vectors.
+
+Positions are in rad and m, poses are position then quaternion (w, x, y, z) in the world frame; the joints of two arms are
+interleaved.
+"""
+
+from .layout import MORPHOLOGIES
 
 # By morphology, in the order of the images in a message: external ones first.
-CAMERAS = {
-    "single": ("external1_camera", "external2_camera", "hand_camera"),
-    "bimanual": ("external1_camera", "external2_camera", "panda1_hand_camera", "panda2_hand_camera"),
-}
+CAMERAS = {name: morphology.cameras for name, morphology in MORPHOLOGIES.items()}
 
-# By morphology, in the order of the state vector: (name, width). Positions are in rad and m, poses are position then
-# quaternion (w, x, y, z) in the world frame; the joints of the two arms are interleaved.
-STATE_PARTS = {
-    "single": (("qpos", 9), ("qvel", 9), ("tcp_pose", 7)),
-    "bimanual": (
-        ("qpos", 18),
-        ("qvel", 18),
-        ("ee1_pose", 7),
-        ("ee2_pose", 7),
-        ("left_arm_tcp", 7),
-        ("right_arm_tcp", 7),
-    ),
-}
+# By morphology, in the order of the state vector: (name, width).
+STATE_PARTS = {name: morphology.state_parts for name, morphology in MORPHOLOGIES.items()}
 
 
 def state_slice(morphology, part):
