@@ -273,8 +273,15 @@ impl Server {
             self.slots.episode_mut(*slot).expect("a ready slot runs an episode").mark_queried(now);
         }
         let header = lane.dispatch(&self.batch, morphology, mode, now);
-        loan.send(header).map_err(|e| as_lane_error(&lane.config.spec.policy, e))?;
-        Ok(true)
+        match loan.send(header) {
+            // It has left since it was last looked at; the next one is asked anew.
+            Err(LinkError::NoPeer) if lane.config.foreign => {
+                self.lose_host(lane_idx as u32);
+                Ok(false)
+            }
+            Err(source) => Err(as_lane_error(&lane.config.spec.policy, source).into()),
+            Ok(()) => Ok(true),
+        }
     }
 
     /// Nothing to step: waits for an answer or a command. Returns false when stdin has closed.

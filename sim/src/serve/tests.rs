@@ -116,3 +116,25 @@ fn a_round_of_the_loop_allocates_nothing_of_its_own() {
     });
     domain.remove().unwrap();
 }
+
+#[test]
+fn a_host_that_does_not_answer_is_given_up_with_its_name() {
+    let base = tempfile::Builder::new().prefix("hyp").tempdir_in("/tmp").unwrap();
+    let domain = Domain::new(base.path(), u64::from(std::process::id()) << 8);
+    let spec = LaneSpec { lane: 0, policy: "slow".into(), max_envs: 1, block_pages: 1, in_flight: 1 };
+    {
+        let node = LinkNode::new(&domain, "sim").unwrap();
+        let link = SimLink::create(&node, 1).unwrap();
+        let config = Lane { spec: spec.clone(), images: false, execute: 1, foreign: false };
+        let mut lane = LaneState::create(&node, RUN, config).unwrap();
+        let _host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
+        lane.host_up();
+        let asked = Instant::now();
+        lane.dispatch(&[0], TaskId::RaiseCube.task().morphology, ControlMode::EeDeltaPose, asked);
+        assert!(!lane.look_after(asked + Duration::from_secs(119)).unwrap());
+        let given_up = lane.look_after(asked + Duration::from_secs(121)).unwrap_err().to_string();
+        assert_eq!(given_up, "policy `slow` has not answered for 120 s");
+        drop(link);
+    }
+    domain.remove().unwrap();
+}
