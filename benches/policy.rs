@@ -2,9 +2,9 @@
 //!
 //! `cargo bench -p benches --bench policy -- [--threads N] [--peer PYTHON] [--csv FILE]`. A query is one env of a batch;
 //! `gflop_per_s` counts the arithmetic of `Architecture::flop_per_query` (what the definition needs: Winograd's convolutions
-//! do less), and its share is of what the processor reaches on registers alone, measured before and after. Then the products
-//! that ACT makes, plain as the library makes them and with weights packed beforehand, in turn. Medians of several rounds,
-//! after warm-up; bounded to 40 s.
+//! do less), and its share is of what the processor reaches on registers alone, measured before and after. In eight bits the
+//! full size answers, too, and by how much its actions differ is told. Then the products that ACT makes, plain as the library
+//! makes them and with weights packed beforehand, in turn. Medians of several rounds, after warm-up; bounded to a minute.
 //!
 //! With `--peer`, ONNX Runtime and PyTorch answer the same queries in turn with us (`peers/act_inference.py`, run by the
 //! Python given), and only that is measured: medians, and the median of the ratios within a round.
@@ -22,6 +22,7 @@ use ipc_types::layout::block_pages;
 use ipc_types::{Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::generated::{fnv1a64, unit};
+use policy_host::nn::Precision;
 use policy_host::nn::matmul::{Into, multiply, view, view_mut};
 use policy_host::nn::packed::Packed;
 use policy_host::{ActionChunk, Policy, synthetic};
@@ -63,12 +64,18 @@ fn queries(n_threads: usize, report: &mut Report) -> Result<()> {
     let note = format!("{n_threads} threads");
     let peak = peak_gflop_per_s(n_threads);
     type Size = fn(Morphology) -> ActConfig;
-    for (name, size) in [("full", ActConfig::full_size as Size), ("tiny", ActConfig::tiny as Size)] {
-        for morphology in Morphology::ALL {
+    let cases = [
+        ("full", ActConfig::full_size as Size, Precision::F32),
+        ("full_int8", ActConfig::full_size as Size, Precision::Int8),
+        ("tiny", ActConfig::tiny as Size, Precision::F32),
+    ];
+    for morphology in Morphology::ALL {
+        let mut exact = Vec::new();
+        for (name, size, precision) in cases {
             let config = size(morphology);
             let gflop = config.architecture().flop_per_query() as f64 / 1e9;
             let started = Instant::now();
-            let mut policy = synthetic::policy(&config, 0, n_threads);
+            let mut policy = synthetic::policy(&config, 0, precision, n_threads);
             let made_s = started.elapsed().as_secs_f64();
             let robot = morphology.name();
             println!("{name} {robot}: {gflop:.2} GFLOP a query, made in {made_s:.1} s");
@@ -95,6 +102,19 @@ fn queries(n_threads: usize, report: &mut Report) -> Result<()> {
                 report.add(&case, queries_per_s, "queries_per_s", &note);
                 report.add(&case, per_query * 1e3, "ms_per_query", &note);
                 report.add(&case, rate, "gflop_per_s", &note);
+                match name {
+                    "full" => exact = batch.actions(),
+                    "full_int8" => {
+                        let (worst, share) = difference(&exact, &batch.actions());
+                        println!(
+                            "    actions differ by {worst:.4} at most, {:.2} % of their spread",
+                            100.0 * share
+                        );
+                        report.add(&case, worst, "largest_difference", &note);
+                        report.add(&case, share, "difference_rms_by_spread", &note);
+                    }
+                    _ => {}
+                }
             }
         }
     }
@@ -103,6 +123,17 @@ fn queries(n_threads: usize, report: &mut Report) -> Result<()> {
     report.add("fma_peak", peak, "gflop_per_s", &format!("{note} before"));
     report.add("fma_peak", later, "gflop_per_s", &format!("{note} after"));
     Ok(())
+}
+
+/// The largest difference of two answers, and the root of its mean square by the standard deviation of the first.
+fn difference(exact: &[f32], rounded: &[f32]) -> (f64, f64) {
+    let n = exact.len() as f64;
+    let mean = exact.iter().map(|&x| f64::from(x)).sum::<f64>() / n;
+    let variance = exact.iter().map(|&x| (f64::from(x) - mean).powi(2)).sum::<f64>() / n;
+    let differences = exact.iter().zip(rounded).map(|(x, y)| f64::from((x - y).abs()));
+    let (worst, squares) =
+        differences.fold((0.0, 0.0), |(worst, squares): (f64, f64), x| (worst.max(x), squares + x * x));
+    (worst, (squares / n / variance).sqrt())
 }
 
 /// Full-size ACT of a single arm, by us and by each engine of the peer in turn.
@@ -115,7 +146,7 @@ fn against_peers(python: &Path, n_threads: usize, report: &mut Report) -> Result
     let path = folder.path().to_str().context("a scratch folder's name is text")?;
     let mut peer = Peer::start(python, "act_inference.py", &[path, &n_threads.to_string()])?;
     println!("{}", peer.name);
-    let mut policy = synthetic::policy(&config, 0, n_threads);
+    let mut policy = synthetic::policy(&config, 0, Precision::F32, n_threads);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
     let note = format!("{n_threads} threads");
     for n_envs in [1, 8] {
@@ -239,6 +270,11 @@ impl Batch {
         let started = Instant::now();
         policy.act(&view, &mut self.answer)?;
         Ok(started.elapsed().as_secs_f64())
+    }
+
+    /// The numbers of the last answer.
+    fn actions(&self) -> Vec<f32> {
+        self.answer.iter().flat_map(ActionChunk::rows).copied().collect()
     }
 }
 

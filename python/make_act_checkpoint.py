@@ -9,6 +9,9 @@ token, an action chunk as output. Needs `torch`, `numpy` and `safetensors`.
     ... --rule             weights computed from tensor names, as policy-host's `synthetic` module does
     ... --reference FILE   PyTorch's actions for two generated observations, as safetensors
     ... --no-weights       only the reference: for networks whose weights the rule can make again
+
+The two in `policy-host/tests/data/act-tiny` were made with `--tiny --lean --reference OUT/reference.safetensors`, the bimanual
+one with `--statistics --seed 1`, too.
 """
 
 import argparse

@@ -94,7 +94,7 @@ impl NamedPolicy {
     pub(crate) fn identity(&self) -> Result<Identity, CheckpointError> {
         let checkpoint = match &self.spec {
             PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => None,
-            PolicySpec::Act(path) => Some(format!("{:016x}", hash(path)?)),
+            PolicySpec::Act(path) | PolicySpec::ActInt8(path) => Some(format!("{:016x}", hash(path)?)),
         };
         Ok(Identity { spec: self.spec.to_string(), checkpoint })
     }

@@ -3,7 +3,7 @@
 //! At control step `t` the executed row is `Σ wᵢ·aᵢ / Σ wᵢ` over the predictions for `t` in the last `horizon` chunks,
 //! oldest first, with `wᵢ = exp(−m·i)`: for a decay `m` above zero the oldest weighs most (spec/eval.md §1.5).
 
-use ipc_types::ObservationView;
+use ipc_types::{Morphology, ObservationView};
 
 use crate::policy::{ActionChunk, Policy, PolicyError};
 
@@ -17,9 +17,8 @@ pub struct Ensemble {
     inner: Box<dyn Policy>,
     /// By slot.
     pasts: Vec<Past>,
-    decay: f64,
-    /// `exp(−m·i)`, as many as the longest chunk has had rows.
-    weights: Vec<f64>,
+    /// `exp(−m·i)` for each robot, by its code, as many as its longest chunk has had rows.
+    weights: [Vec<f64>; Morphology::ALL.len()],
 }
 
 /// The latest chunks of one slot's episode.
@@ -33,8 +32,8 @@ struct Past {
 impl Ensemble {
     /// Ensembles the chunks of `inner`, which must have the same number of rows in every answer to a slot's episode.
     #[must_use]
-    pub fn new(inner: Box<dyn Policy>, decay: f64) -> Self {
-        Self { inner, pasts: Vec::new(), decay, weights: Vec::new() }
+    pub fn new(inner: Box<dyn Policy>) -> Self {
+        Self { inner, pasts: Vec::new(), weights: Default::default() }
     }
 
     fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
@@ -61,6 +60,9 @@ impl Policy for Ensemble {
     ) -> Result<(), PolicyError> {
         self.check(observation)?;
         self.inner.act(observation, answer)?;
+        let morphology = observation.morphology();
+        let decay = self.inner.ensemble_decay(morphology);
+        let weights = &mut self.weights[morphology.code() as usize];
         for (env_idx, chunk) in answer.iter_mut().enumerate() {
             let record = observation.env(env_idx).record;
             let slot = record.slot as usize;
@@ -71,9 +73,8 @@ impl Policy for Ensemble {
             past.push(record.query, chunk);
             let action_dim = chunk.action_dim();
             let horizon = chunk.rows().len() / action_dim;
-            let known = self.weights.len();
-            self.weights.extend((known..horizon).map(|idx| (-self.decay * idx as f64).exp()));
-            past.mean(horizon, &self.weights, chunk.begin(1, action_dim));
+            weights.extend((weights.len()..horizon).map(|idx| (-decay * idx as f64).exp()));
+            past.mean(horizon, weights, chunk.begin(1, action_dim));
         }
         Ok(())
     }

@@ -12,6 +12,7 @@ use crate::act::{self, ActPolicy};
 use crate::checkpoint::CheckpointError;
 use crate::ensemble::{DEFAULT_DECAY, Ensemble};
 use crate::idle::Idle;
+use crate::nn::Precision;
 use crate::random::Random;
 use crate::spec::PolicySpec;
 
@@ -26,7 +27,7 @@ pub struct ActionChunk {
 /// Answers observations with action chunks. An env's answer depends on that env's record, images and past only.
 pub trait Policy: Send {
     /// Fills one chunk of `answer` per env of `observation`, in its order. It runs on the current thread and may spread over
-    /// the current rayon pool.
+    /// the current rayon pool. An answer may hold numbers that are not finite: the simulator refuses them, env by env.
     ///
     /// # Errors
     /// If the observation is not one this policy can answer; `answer` is then worthless.
@@ -38,6 +39,11 @@ pub trait Policy: Send {
         observation: &ObservationView<'_>,
         answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError>;
+
+    /// Decay of a temporal ensemble's weights over this robot's chunks ([`crate::ensemble`]).
+    fn ensemble_decay(&self, _morphology: Morphology) -> f64 {
+        DEFAULT_DECAY
+    }
 }
 
 /// An observation that a policy cannot answer.
@@ -58,8 +64,6 @@ pub enum PolicyError {
     QueryGap { slot: u32, expected: u32, found: u32 },
     #[error("follow slot {slot}: slots must be below {limit}")]
     Slot { slot: u32, limit: u32 },
-    #[error("act in env {env_idx}: the network's output is not finite")]
-    NotFinite { env_idx: usize },
 }
 
 /// A policy that cannot be loaded.
@@ -94,21 +98,18 @@ impl From<CheckpointError> for LoadError {
 /// # Errors
 /// If the policy does not run in a host, or its checkpoint cannot be loaded.
 pub fn load(spec: &PolicySpec, n_threads: usize, mode: QueryMode) -> Result<Box<dyn Policy>, LoadError> {
-    let (policy, decay): (Box<dyn Policy>, _) = match spec {
-        PolicySpec::Idle => (Box::new(Idle), None),
-        PolicySpec::Random => (Box::new(Random), None),
-        PolicySpec::Act(folder) => {
-            let policy = ActPolicy::load(folder, n_threads)?;
-            let decay = policy.ensemble_decay();
-            (Box::new(policy), decay)
-        }
+    let policy: Box<dyn Policy> = match spec {
+        PolicySpec::Idle => Box::new(Idle),
+        PolicySpec::Random => Box::new(Random),
+        PolicySpec::Act(folder) => Box::new(ActPolicy::load(folder, Precision::F32, n_threads)?),
+        PolicySpec::ActInt8(folder) => Box::new(ActPolicy::load(folder, Precision::Int8, n_threads)?),
         PolicySpec::Expert | PolicySpec::Attach(_) => {
             return Err(LoadError::NotHosted { spec: spec.clone() });
         }
     };
     Ok(match mode {
         QueryMode::Chunk => policy,
-        QueryMode::Ensemble => Box::new(Ensemble::new(policy, decay.unwrap_or(DEFAULT_DECAY))),
+        QueryMode::Ensemble => Box::new(Ensemble::new(policy)),
     })
 }
 
@@ -120,7 +121,7 @@ pub fn load(spec: &PolicySpec, n_threads: usize, mode: QueryMode) -> Result<Box<
 pub fn check(spec: &PolicySpec, robots: &[(Morphology, ControlMode)]) -> Result<(), LoadError> {
     match spec {
         PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => Ok(()),
-        PolicySpec::Act(folder) => act::check(folder, robots),
+        PolicySpec::Act(folder) | PolicySpec::ActInt8(folder) => act::check(folder, robots),
     }
 }
 

@@ -125,7 +125,7 @@ pub fn serve_with(
     pool.install(move || {
         let node = LinkNode::new(&config.domain, "policy-host")?;
         let lane = HostLane::open(&node, &config.lane, OPEN_PATIENCE)?;
-        let chunks = vec![ActionChunk::default(); config.lane.max_envs as usize];
+        let chunks = vec![ActionChunk::default(); config.lane.max_envs.max(1) as usize];
         let mut host = Host { config, lane, policy, chunks, output, ledger: Ledger::new() };
         host.report(&HostEvent::Ready { load_ms })?;
         host.run(&closed)
@@ -149,7 +149,7 @@ struct Host<W> {
     config: HostConfig,
     lane: HostLane,
     policy: Box<dyn Policy>,
-    /// The answer at hand, `max_envs` long.
+    /// The answer at hand, as long as the longest.
     chunks: Vec<ActionChunk>,
     output: W,
     ledger: Ledger,

@@ -7,7 +7,8 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// A policy as named on the command line: `idle`, `random`, `expert`, `act:PATH` or `attach:NAME`.
+/// A policy as named on the command line: `idle`, `random`, `expert`, `act:PATH`, `act-int8:PATH` or
+/// `attach:NAME`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub enum PolicySpec {
     /// Holds still: the floor.
@@ -18,6 +19,8 @@ pub enum PolicySpec {
     Expert,
     /// An ACT checkpoint folder.
     Act(PathBuf),
+    /// An ACT checkpoint folder, most of whose products are made in eight bits ([`crate::nn::Precision`]).
+    ActInt8(PathBuf),
     /// A foreign host of this name.
     Attach(String),
 }
@@ -46,13 +49,17 @@ enum Make {
 }
 
 /// All kinds, in the order they are listed to users.
-const KINDS: [PolicyKind; 5] = [
+const KINDS: [PolicyKind; 6] = [
     PolicyKind { name: "idle", make: Make::Plain(PolicySpec::Idle) },
     PolicyKind { name: "random", make: Make::Plain(PolicySpec::Random) },
     PolicyKind { name: "expert", make: Make::Plain(PolicySpec::Expert) },
     PolicyKind {
         name: "act",
         make: Make::With { argument: "PATH", make: |path| PolicySpec::Act(PathBuf::from(path)) },
+    },
+    PolicyKind {
+        name: "act-int8",
+        make: Make::With { argument: "PATH", make: |path| PolicySpec::ActInt8(PathBuf::from(path)) },
     },
     PolicyKind {
         name: "attach",
@@ -64,13 +71,13 @@ impl PolicySpec {
     /// Whether a child process of ours runs it.
     #[must_use]
     pub fn hosted(&self) -> bool {
-        matches!(self, Self::Idle | Self::Random | Self::Act(_))
+        matches!(self, Self::Idle | Self::Random | Self::Act(_) | Self::ActInt8(_))
     }
 
     /// Whether it looks at images.
     #[must_use]
     pub fn needs_images(&self) -> bool {
-        matches!(self, Self::Act(_) | Self::Attach(_))
+        matches!(self, Self::Act(_) | Self::ActInt8(_) | Self::Attach(_))
     }
 
     /// Name of its kind.
@@ -81,6 +88,7 @@ impl PolicySpec {
             Self::Random => "random",
             Self::Expert => "expert",
             Self::Act(_) => "act",
+            Self::ActInt8(_) => "act-int8",
             Self::Attach(_) => "attach",
         }
     }
@@ -118,7 +126,7 @@ impl fmt::Display for PolicySpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Idle | Self::Random | Self::Expert => f.write_str(self.kind()),
-            Self::Act(path) => write!(f, "act:{}", path.display()),
+            Self::Act(path) | Self::ActInt8(path) => write!(f, "{}:{}", self.kind(), path.display()),
             Self::Attach(name) => write!(f, "attach:{name}"),
         }
     }
@@ -146,7 +154,7 @@ mod tests {
         let error = "acts:here".parse::<PolicySpec>().unwrap_err().to_string();
         assert_eq!(
             error,
-            "unknown policy `acts:here`, expected one of idle, random, expert, act:PATH, attach:NAME"
+            "unknown policy `acts:here`, expected one of idle, random, expert, act:PATH, act-int8:PATH, attach:NAME"
         );
         let error = "act".parse::<PolicySpec>().unwrap_err().to_string();
         assert_eq!(error, "policy `act` needs PATH after a colon: act:PATH");

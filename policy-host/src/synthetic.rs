@@ -27,6 +27,7 @@ use crate::act::{ActPolicy, IMAGE_SIZES};
 use crate::checkpoint::colosseum::ActConfig;
 use crate::checkpoint::{CONFIG_FILE, MODEL_FILE, Weights};
 use crate::generated::{fnv1a64, splitmix64, sym};
+use crate::nn::Precision;
 use crate::text::TextEncoder;
 
 /// A checkpoint that cannot be written.
@@ -54,15 +55,15 @@ pub fn weights(architecture: &Architecture, seed: u64) -> Weights {
     weights
 }
 
-/// The policy that [`write_checkpoint`] would write, for up to `n_threads` threads.
+/// The policy that [`write_checkpoint`] would write, for up to `n_threads` threads, its weights kept as told.
 ///
 /// # Panics
 /// If the configuration names no robot, or an encoder of instructions that needs weights.
 #[must_use]
-pub fn policy(config: &ActConfig, seed: u64, n_threads: usize) -> ActPolicy {
+pub fn policy(config: &ActConfig, seed: u64, precision: Precision, n_threads: usize) -> ActPolicy {
     let architecture = config.architecture();
     let weights = weights(&architecture, seed);
-    let model = ActModel::new(architecture, config.raw_normalisation(), &weights, &IMAGE_SIZES);
+    let model = ActModel::new(architecture, config.raw_normalisation(), &weights, precision, &IMAGE_SIZES);
     let encoder = config.language.as_ref().map(|language| {
         TextEncoder::open(language, Path::new("")).expect("a generated checkpoint's encoder needs no files")
     });

@@ -28,9 +28,6 @@ OCCUPIED_PATIENCE_S = 5.0
 # How long the simulator may hold all the memory for answers.
 LOAN_PATIENCE_S = 1.0
 PAUSE_S = 0.005
-# An answer that took longer than this goes out only if the simulator that asked is seen to live: its successor would
-# take it for an answer to a question of its own.
-SUSPICIOUS_S = 0.02
 
 ABSENT = ("DoesNotExist", "HangsInCreation", "IsMarkedForDestruction", "Interrupt")
 OCCUPIED = (
@@ -66,8 +63,6 @@ class Message:
         """`ObservationHeader`, a copy."""
         self.pages = pages
         """`[n_bytes] u8`, in shared memory, read-only."""
-        self.sender = sample.header.node_id
-        self.received_s = time.perf_counter()
         self._sample = sample
 
     def release(self):
@@ -147,9 +142,6 @@ class Lane:
         header = ActionHeader(SCHEMA_HASH, asked.run, asked.sequence, asked.epoch, n_envs, status)
         ctypes.memmove(loan.user_header_ptr, ctypes.addressof(header), ctypes.sizeof(header))
         message.release()
-        if time.perf_counter() - message.received_s > SUSPICIOUS_S and not self._lives(message.sender):
-            loan.delete()
-            return
         try:
             # A simulator that has died is no failure: its successor asks anew.
             loan.assume_init().send()
@@ -180,7 +172,6 @@ class Lane:
         actions = self._open_messages(action, ActionHeader)
         wakes = self._open_event(wake)
         sim_wakes = self._open_event(SIM_WAKE)
-        self._services = (observations, actions, wakes, sim_wakes)
         self._ear = attempt(wake, wakes.listener_builder().create)
         self._bell = attempt(SIM_WAKE, sim_wakes.notifier_builder().default_event_id(iox.EventId.new(RING)).create)
         publisher = (
@@ -201,7 +192,6 @@ class Lane:
             port = self.__dict__.pop(name, None)
             if port is not None:
                 port.delete()
-        self._services = None
 
     def _check_agreement(self, service):
         """Compares the attributes of a service with the invitation: they say more than a mismatch of types would."""
@@ -267,11 +257,6 @@ class Lane:
                 # Takes back what a dead simulator held.
                 self._actions.update_connections()
                 time.sleep(PAUSE_S)
-
-    def _lives(self, node_id):
-        nodes = self._services[0].nodes
-        alive = (iox.NodeState.Alive, iox.NodeState.Inaccessible)
-        return any(isinstance(state, alive) and state[0].id == node_id for state in nodes)
 
     def _ring(self):
         try:

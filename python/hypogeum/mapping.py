@@ -17,6 +17,8 @@ from .robot import CAMERAS, STATE_PARTS, state_slice
 
 FILE = "hypogeum.json"
 IMAGES, STATE = "observation.images.", "observation.state"
+# What the instruction's embedding is called in a mapping.
+LANGUAGE = "language"
 ENCODERS = ("hashed",)
 # Features that a policy fills in itself when they are missing.
 EMPTY_CAMERA = ".empty_camera_"
@@ -86,12 +88,12 @@ def make_mapping(features, action_dim, settings):
         try:
             if feature.kind == "VISUAL":
                 images[name] = image_source(name, feature, source, morphology)
-            elif source == "language":
-                languages[name] = language_width(feature, settings)
-            elif feature.kind == "STATE" or isinstance(source, list):
+            elif feature.kind == "STATE":
                 states[name] = state_source(name, feature, source, morphology)
+            elif feature.kind == "ENV" and source in (None, LANGUAGE):
+                languages[name] = language_width(feature, settings)
             else:
-                raise ValueError('nothing of ours is like it; map it to "language" or to a list of state parts')
+                raise ValueError(f'it can only be mapped to "{LANGUAGE}"')
         except ValueError as problem:
             problems.append(f"{name}: {problem}")
     if problems:
@@ -122,8 +124,8 @@ def robot(action_dim, settings):
 def image_source(name, feature, source, morphology):
     """Camera, height and width."""
     cameras = CAMERAS[morphology]
-    short = name.removeprefix(IMAGES)
-    candidates = [source] if source is not None else [short, f"{short}_camera"]
+    short = name.removeprefix(IMAGES) if source is None else source
+    candidates = [short, f"{short}_camera"]
     camera = next((camera for camera in candidates if camera in cameras), None)
     if camera is None:
         raise ValueError(f"no camera is called {' or '.join(map(repr, candidates))}")
@@ -139,6 +141,8 @@ def state_source(name, feature, source, morphology):
     if source is None and name == STATE:
         defaults = [list(parts), ["qpos"], ["qpos", "qvel"]]
         source = next((names for names in defaults if sum(parts[part] for part in names) == width), None)
+    if isinstance(source, str):
+        source = [source]
     if not isinstance(source, list):
         raise ValueError(f"map it to a list of state parts that have {width} numbers (the whole state has {state_dim})")
     slices = [state_slice(morphology, part) for part in source]

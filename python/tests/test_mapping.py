@@ -57,6 +57,20 @@ def test_what_is_said_goes_before():
     assert "observation.images.empty_camera_0" not in found.images
 
 
+def test_short_names_of_cameras_and_parts_will_do_and_an_env_feature_is_the_language():
+    given = features(state=Feature("STATE", (9,)), environment_state=Feature("ENV", (64,)))
+    settings = {
+        "mapping": {"observation.images.external1": "external2", "observation.state": "qpos"},
+        "language": {"encoder": "hashed", "dim": 64},
+    }
+    found = make_mapping(given, 7, settings)
+    assert found.images["observation.images.external1"] == ("external2_camera", 224, 224)
+    assert found.states["observation.state"] == [slice(0, 9)]
+    assert found.languages == {"observation.environment_state": 64}
+    with pytest.raises(MappingError, match='it can only be mapped to "language"'):
+        make_mapping(given, 7, {"mapping": {"observation.environment_state": ["qpos"]}})
+
+
 def test_what_does_not_fit_is_listed_with_both_sides():
     given = {
         **features(state=Feature("STATE", (14,)), environment_state=Feature("ENV", (64,))),
@@ -69,7 +83,7 @@ def test_what_does_not_fit_is_listed_with_both_sides():
         "observation.images.top: no camera is called 'top' or 'top_camera'",
         "observation.images.top VISUAL [3, 224, 224]",
         "observation.state: map it to a list of state parts that have 14 numbers (the whole state has 25)",
-        "observation.environment_state: nothing of ours is like it",
+        """observation.environment_state: "language" needs {"language": {"encoder": "hashed", "dim": 64}}""",
         "external1_camera, external2_camera, hand_camera",
         "qpos 9, qvel 9, tcp_pose 7",
     ):
@@ -85,7 +99,8 @@ def test_what_does_not_fit_is_listed_with_both_sides():
         (7, {"mapping": {"observation.state": ["qpos", "ee1_pose"]}}, "has no part 'ee1_pose'"),
         (7, {"mapping": {"observation.state": ["qpos"]}}, "qpos have 9 numbers, it has 25"),
         (7, {"mapping": {"observation.images.external1": "front"}}, "no camera is called 'front'"),
-        (7, {"mapping": {"observation.state": "language"}}, '"encoder": "hashed", "dim": 25'),
+        (7, {"mapping": {"observation.state": "language"}}, "has no part 'language'"),
+        (7, {"mapping": {"observation.state": "qpos"}}, "qpos have 9 numbers, it has 25"),
     ],
 )
 def test_settings_that_do_not_fit_are_named(action_dim, settings, words):

@@ -2,12 +2,13 @@
 
 use std::ops::Range;
 
-use super::architecture::{Architecture, ImageSize, ResNet};
+use super::architecture::{Architecture, ImageSize};
 use super::image::{Image, ImageScratch, Preprocessor};
 use super::normalise::Normalisation;
 use super::team::in_bands;
 use super::tensors::BACKBONE;
 use crate::checkpoint::Weights;
+use crate::nn::Precision;
 use crate::nn::conv::{Conv, ConvScratch, Finish, FrozenNorm, Window};
 use crate::nn::maps::MapShape;
 use crate::nn::pool::max_pool_3x3;
@@ -26,7 +27,6 @@ pub(super) struct Backbone {
     /// Of the stages whose maps are small and kernels large: all images go through a block before the next, so that its
     /// kernels are read once.
     late: Vec<Block>,
-    resnet: ResNet,
 }
 
 /// Stages that are early.
@@ -62,9 +62,10 @@ impl Backbone {
         architecture: &Architecture,
         normalisation: &Normalisation,
         weights: &Weights,
+        precision: Precision,
         sizes: &[ImageSize],
     ) -> Self {
-        let conv = |conv: &str, norm: &str, window| {
+        let conv = |conv: &str, norm: &str, window, precision| {
             let part = |name: &str| weights.get(&format!("{BACKBONE}.{norm}.{name}"));
             let norm = FrozenNorm {
                 weight: part("weight"),
@@ -72,11 +73,10 @@ impl Backbone {
                 mean: part("running_mean"),
                 variance: part("running_var"),
             };
-            Conv::folded(weights.get(&format!("{BACKBONE}.{conv}.weight")), norm, window)
+            Conv::folded(weights.get(&format!("{BACKBONE}.{conv}.weight")), norm, window, precision)
         };
-        let resnet = architecture.backbone;
         let (mut early, mut late) = (Vec::new(), Vec::new());
-        for (stage, n_blocks) in resnet.blocks.into_iter().enumerate() {
+        for (stage, n_blocks) in architecture.backbone.blocks.into_iter().enumerate() {
             for block in 0..n_blocks {
                 let name = format!("layer{}.{block}", stage + 1);
                 let shrinks = stage > 0 && block == 0;
@@ -85,14 +85,17 @@ impl Backbone {
                 let skip = Window { kernel: 1, stride, padding: 0 };
                 let (down, down_norm) = (format!("{name}.downsample.0"), format!("{name}.downsample.1"));
                 let blocks = if stage < N_EARLY_STAGES { &mut early } else { &mut late };
+                let of_block = |idx: usize, window| {
+                    conv(&format!("{name}.conv{idx}"), &format!("{name}.bn{idx}"), window, precision)
+                };
                 blocks.push(Block {
-                    first: conv(&format!("{name}.conv1"), &format!("{name}.bn1"), Window { stride, ..same }),
-                    second: conv(&format!("{name}.conv2"), &format!("{name}.bn2"), same),
-                    downsample: shrinks.then(|| conv(&down, &down_norm, skip)),
+                    first: of_block(1, Window { stride, ..same }),
+                    second: of_block(2, same),
+                    downsample: shrinks.then(|| conv(&down, &down_norm, skip, precision)),
                 });
             }
         }
-        let stem = conv("conv1", "bn1", Window { kernel: 7, stride: 2, padding: 3 });
+        let stem = conv("conv1", "bn1", Window { kernel: 7, stride: 2, padding: 3 }, Precision::F32);
         let cameras = architecture.cameras.iter().zip(&normalisation.images);
         let preprocessors =
             cameras.map(|(&size, affine)| Preprocessor::new(size, affine.as_ref(), sizes)).collect();
@@ -101,7 +104,7 @@ impl Backbone {
             let start = groups.last().map_or(0, |group| group.end);
             groups.push(start..start + same.len());
         }
-        Self { preprocessors, groups, stem, early, late, resnet }
+        Self { preprocessors, groups, stem, early, late }
     }
 
     /// Working memory for up to `n_samples` at a time; lets every member's grow to what it needs, too.
@@ -109,15 +112,13 @@ impl Backbone {
     pub(super) fn scratch(&self, n_samples: usize, members: &mut [ConvScratch]) -> TrunkScratch {
         let mut scratch = TrunkScratch { n_samples, ..TrunkScratch::default() };
         for group in &self.groups {
-            let preprocessor = &self.preprocessors[group.start];
-            preprocessor.reserve(&mut scratch.resize);
-            let image = preprocessor.shape();
-            let stem = self.stem.output_shape(image, 1);
+            self.preprocessors[group.start].reserve(&mut scratch.resize);
+            let [image, stem, pooled] = self.shapes(group.start);
             grow(&mut scratch.image, image.len());
             grow(&mut scratch.stem, stem.len());
             members.iter_mut().for_each(|member| self.stem.reserve(image, member));
             let n_images = n_samples * group.len();
-            let pooled = self.pooled_shape(stem, self.n_early(n_images, members.len()));
+            let pooled = MapShape { n_maps: n_early(n_images, members.len()), ..pooled };
             let shape = reserve(&self.early, pooled, &mut scratch.early, members);
             reserve(&self.late, MapShape { n_maps: n_images, ..shape }, &mut scratch.late, members);
         }
@@ -142,16 +143,18 @@ impl Backbone {
         let mut first = 0;
         for group in &self.groups {
             let n_images = n_samples * group.len();
-            let n_early = self.n_early(n_images, members.len());
-            let mut shape = MapShape { n_maps: 0, height: 0, width: 0, channels: 0, border: 1 };
+            let n_early = n_early(n_images, members.len());
+            let [.., pooled] = self.shapes(group.start);
+            let shape = output_shape(&self.early, pooled);
             for start in (0..n_images).step_by(n_early) {
                 let images = (start..n_images.min(start + n_early)).map(|idx| {
                     let camera = group.start + idx % group.len();
                     (camera, image(idx / group.len(), camera))
                 });
-                shape = self.run_early(images, scratch, members);
-                let late = &mut scratch.late[0][start * shape.map_len()..][..shape.len()];
-                late.copy_from_slice(&scratch.early[0][..shape.len()]);
+                let len = images.len() * shape.map_len();
+                self.run_early(images, scratch, members);
+                let late = &mut scratch.late[0][start * shape.map_len()..][..len];
+                late.copy_from_slice(&scratch.early[0][..len]);
             }
             let shape =
                 run_blocks(&self.late, MapShape { n_maps: n_images, ..shape }, &mut scratch.late, members);
@@ -167,49 +170,57 @@ impl Backbone {
         assert_eq!(first, len_of_sample, "features of a sample");
     }
 
-    /// Images that go through the early stages together: one, but all of them where a team has to share out their lines.
-    fn n_early(&self, n_images: usize, n_members: usize) -> usize {
-        if n_members > 1 { n_images } else { 1 }
-    }
-
-    /// Brings images of one size through the stem and the early stages, to the first of the early maps; their shape is
-    /// returned.
+    /// Brings images of one size through the stem and the early stages, to the first of the early maps.
     fn run_early<'a>(
         &self,
         images: impl ExactSizeIterator<Item = (usize, Image<'a>)>,
         scratch: &mut TrunkScratch,
         members: &mut [ConvScratch],
-    ) -> MapShape {
+    ) {
         let TrunkScratch { resize, image: pixels, stem, early, .. } = scratch;
         let n_images = images.len();
-        let mut pooled = MapShape { n_maps: 0, height: 0, width: 0, channels: 0, border: 1 };
+        let mut shape = None;
         for (idx, (camera, image)) in images.enumerate() {
             let preprocessor = &self.preprocessors[camera];
-            let image_shape = preprocessor.shape();
-            let stem_shape = self.stem.output_shape(image_shape, 1);
+            let [image_shape, stem_shape, pooled] = self.shapes(camera);
             let (pixels, stem) = (&mut pixels[..image_shape.len()], &mut stem[..stem_shape.len()]);
             preprocessor.prepare(image, resize);
             in_bands(members, (pixels, image_shape), 1, |lines, out, _| {
                 preprocessor.run(image, resize, lines, out);
             });
             convolve(&self.stem, (pixels, image_shape), (stem, stem_shape), Finish::Relu, members);
-            pooled = self.pooled_shape(stem_shape, n_images);
-            let map = &mut early[0][idx * pooled.map_len()..][..pooled.map_len()];
-            in_bands(members, (map, pooled.single()), 1, |lines, out, _| {
-                max_pool_3x3((stem, stem_shape), (out, pooled.single()), lines);
+            let map = &mut early[0][idx * pooled.len()..][..pooled.len()];
+            in_bands(members, (map, pooled), 1, |lines, out, _| {
+                max_pool_3x3((stem, stem_shape), (out, pooled), lines);
             });
+            shape = Some(MapShape { n_maps: n_images, ..pooled });
         }
-        run_blocks(&self.early, pooled, early, members)
+        if let Some(shape) = shape {
+            run_blocks(&self.early, shape, early, members);
+        }
     }
 
-    fn pooled_shape(&self, stem: MapShape, n_maps: usize) -> MapShape {
+    /// Shapes of one image of a camera: as prepared, after the stem, and after the pooling.
+    fn shapes(&self, camera: usize) -> [MapShape; 3] {
+        let image = self.preprocessors[camera].shape();
+        let stem = self.stem.output_shape(image, 1);
         let [height, width] = [stem.height, stem.width].map(|side| side.div_ceil(2));
-        MapShape { n_maps, height, width, channels: self.resnet.width, border: 1 }
+        [image, stem, MapShape { height, width, ..stem }]
     }
+}
+
+/// Images that go through the early stages together: one, but all of them where a team has to share out their lines.
+fn n_early(n_images: usize, n_members: usize) -> usize {
+    if n_members > 1 { n_images } else { 1 }
 }
 
 fn grow(buffer: &mut Vec<f32>, len: usize) {
     buffer.resize(buffer.len().max(len), 0.0);
+}
+
+/// Shape of what these blocks make of such an input.
+fn output_shape(blocks: &[Block], input: MapShape) -> MapShape {
+    blocks.iter().fold(input, |shape, block| block.first.output_shape(shape, 1))
 }
 
 /// Lets maps and members grow to what these blocks need for such an input; the output's shape is returned.

@@ -29,6 +29,8 @@ use self::image::Image;
 use self::instruction::TokenCache;
 use self::model::{ActModel, ActScratch, Input};
 use crate::checkpoint::{CONFIG_FILE, Checkpoint, Wiring};
+use crate::ensemble::DEFAULT_DECAY;
+use crate::nn::Precision;
 use crate::policy::{ActionChunk, LoadError, Policy, PolicyError};
 use crate::text::TextEncoder;
 
@@ -39,14 +41,12 @@ pub const IMAGE_SIZES: [ImageSize; 2] = [
 ];
 
 /// Most samples whose images a thread takes through the backbone together: its kernels are then read that much less often.
-const SAMPLES_TOGETHER: usize = 2;
+const SAMPLES_TOGETHER: usize = 4;
 
 /// ACT for the morphologies that its checkpoint folder holds.
 #[derive(Debug)]
 pub struct ActPolicy {
     networks: Vec<Network>,
-    /// Decay of a temporal ensemble's weights, where a checkpoint names one.
-    ensemble_decay: Option<f64>,
 }
 
 /// One morphology's network with what its threads work in.
@@ -54,6 +54,8 @@ pub struct ActPolicy {
 struct Network {
     model: ActModel,
     wiring: Wiring,
+    /// Decay of a temporal ensemble's weights, where the checkpoint names one.
+    ensemble_decay: Option<f64>,
     tokens: Mutex<TokenCache>,
     /// One for each thread, each computing samples of its own.
     workers: Vec<Worker>,
@@ -116,8 +118,8 @@ impl ActPolicy {
     ///
     /// # Errors
     /// The first thing in the folder that is missing, unexpected or damaged.
-    pub fn load(folder: &Path, n_threads: usize) -> Result<Self, LoadError> {
-        let (mut networks, mut ensemble_decay) = (Vec::new(), None);
+    pub fn load(folder: &Path, precision: Precision, n_threads: usize) -> Result<Self, LoadError> {
+        let mut networks = Vec::new();
         for inner in checkpoint_folders(folder)? {
             let mut checkpoint = Checkpoint::open(&inner)?;
             let (wiring, encoder) = (checkpoint.wiring()?.clone(), checkpoint.text_encoder()?);
@@ -125,26 +127,20 @@ impl ActPolicy {
                 let name = wiring.morphology.name();
                 return Err(LoadError::Twice { folder: folder.to_owned(), morphology: name });
             }
-            ensemble_decay = ensemble_decay.or(checkpoint.ensemble_decay());
             let weights = checkpoint.weights()?;
             let (architecture, normalisation) =
                 (checkpoint.architecture().clone(), checkpoint.normalisation().clone());
-            let model = ActModel::new(architecture, normalisation, &weights, &IMAGE_SIZES);
-            networks.push(Network::new(model, wiring, encoder, n_threads));
+            let model = ActModel::new(architecture, normalisation, &weights, precision, &IMAGE_SIZES);
+            let ensemble_decay = checkpoint.ensemble_decay();
+            networks.push(Network { ensemble_decay, ..Network::new(model, wiring, encoder, n_threads) });
         }
-        Ok(Self { networks, ensemble_decay })
+        Ok(Self { networks })
     }
 
     /// A policy of one network.
     #[must_use]
     pub fn new(model: ActModel, wiring: Wiring, encoder: Option<TextEncoder>, n_threads: usize) -> Self {
-        Self { networks: vec![Network::new(model, wiring, encoder, n_threads)], ensemble_decay: None }
-    }
-
-    /// Decay of a temporal ensemble's weights, where a checkpoint names one.
-    #[must_use]
-    pub fn ensemble_decay(&self) -> Option<f64> {
-        self.ensemble_decay
+        Self { networks: vec![Network::new(model, wiring, encoder, n_threads)] }
     }
 }
 
@@ -160,7 +156,12 @@ impl Policy for ActPolicy {
         let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
         network.check(observation)?;
         network.run(observation, answer);
-        check_finite(answer)
+        Ok(())
+    }
+
+    fn ensemble_decay(&self, morphology: Morphology) -> f64 {
+        let network = self.networks.iter().find(|network| network.wiring.morphology == morphology);
+        network.and_then(|network| network.ensemble_decay).unwrap_or(DEFAULT_DECAY)
     }
 }
 
@@ -177,6 +178,7 @@ impl Network {
             workers,
             team: worker(1, n_threads),
             wiring,
+            ensemble_decay: None,
             tokens: Mutex::new(TokenCache::new(encoder)),
             model,
         }
@@ -197,14 +199,21 @@ impl Network {
         })
     }
 
-    /// As many samples as make whole rounds of all threads, each wholly on one thread; then the others by all threads.
+    /// As many samples as make whole rounds of all threads, each wholly on one thread and as many together as leave no
+    /// thread without; then the others by all threads.
     fn run(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionChunk]) {
-        let Self { model, wiring, tokens, workers, team } = self;
+        let Self { model, wiring, tokens, workers, team, .. } = self;
         let n_threads = workers.len();
         let n_apart = answer.len() - answer.len() % n_threads;
         let (apart, together) = answer.split_at_mut(n_apart);
-        let n_samples = if apart.len() < SAMPLES_TOGETHER * n_threads { 1 } else { SAMPLES_TOGETHER };
-        let jobs = Mutex::new((0..).step_by(n_samples).zip(apart.chunks_mut(n_samples)));
+        let n_last = n_apart / n_threads % SAMPLES_TOGETHER;
+        let (whole, last) = apart.split_at_mut(n_apart - n_last * n_threads);
+        let mut first_env = 0;
+        let jobs = whole.chunks_mut(SAMPLES_TOGETHER).chain(last.chunks_mut(n_last.max(1))).map(|chunks| {
+            first_env += chunks.len();
+            (first_env - chunks.len(), chunks)
+        });
+        let jobs = Mutex::new(jobs);
         workers.par_iter_mut().with_max_len(1).for_each(|worker| {
             while let Some((first_env, chunks)) = next(&jobs) {
                 worker.run(model, wiring, tokens, (observation, first_env), chunks);
@@ -252,11 +261,6 @@ impl Worker {
             model.run(sample, input, &mut self.scratch, rows);
         }
     }
-}
-
-fn check_finite(answer: &[ActionChunk]) -> Result<(), PolicyError> {
-    let bad = |chunk: &ActionChunk| chunk.rows().iter().any(|x| !x.is_finite());
-    answer.iter().position(bad).map_or(Ok(()), |env_idx| Err(PolicyError::NotFinite { env_idx }))
 }
 
 /// The next job of a queue shared by threads.

@@ -12,6 +12,7 @@ use super::position::sine_encoding;
 use super::team;
 use super::transformer::{Decoder, EncoderLayer, TransformerScratch, layer_norm, linear};
 use crate::checkpoint::{Checkpoint, CheckpointError, Weights};
+use crate::nn::Precision;
 use crate::nn::conv::ConvScratch;
 use crate::nn::linear::{Linear, relu};
 use crate::nn::norm::LayerNorm;
@@ -74,10 +75,12 @@ impl ActModel {
     pub fn load(folder: &Path, sizes: &[ImageSize]) -> Result<Self, CheckpointError> {
         let mut checkpoint = Checkpoint::open(folder)?;
         let weights = checkpoint.weights()?;
-        Ok(Self::new(checkpoint.architecture().clone(), checkpoint.normalisation().clone(), &weights, sizes))
+        let (architecture, normalisation) = (checkpoint.architecture(), checkpoint.normalisation());
+        Ok(Self::new(architecture.clone(), normalisation.clone(), &weights, Precision::F32, sizes))
     }
 
-    /// Builds the network for images of these sizes.
+    /// Builds the network for images of these sizes. In eight bits are the blocks of the image network and the transformer;
+    /// its attentions, the first convolution and what maps tokens to actions are not.
     ///
     /// # Panics
     /// If `weights` lack a tensor of `architecture` or have another shape.
@@ -86,36 +89,39 @@ impl ActModel {
         architecture: Architecture,
         normalisation: Normalisation,
         weights: &Weights,
+        precision: Precision,
         sizes: &[ImageSize],
     ) -> Self {
+        let exact = |name: &str| linear(weights, Precision::F32, name);
         let instruction_projection = architecture.instruction.map(|input| match input.projection {
             Projection::Linear => {
-                InstructionProjection { inner: Vec::new(), out: linear(weights, "input_proj_env_state") }
+                InstructionProjection { inner: Vec::new(), out: exact("input_proj_env_state") }
             }
             Projection::Mlp => InstructionProjection {
                 inner: [("lang_proj.0", "lang_proj.2"), ("lang_proj.3", "lang_proj.5")]
-                    .map(|(dense, norm)| (linear(weights, dense), layer_norm(weights, norm)))
+                    .map(|(dense, norm)| (exact(dense), layer_norm(weights, norm)))
                     .into(),
-                out: linear(weights, "lang_proj.6"),
+                out: exact("lang_proj.6"),
             },
         });
         let vision = (!architecture.cameras.is_empty()).then(|| {
-            let backbone = Backbone::new(&architecture, &normalisation, weights, sizes);
-            (backbone, linear(weights, "input_proj"))
+            let backbone = Backbone::new(&architecture, &normalisation, weights, precision, sizes);
+            (backbone, linear(weights, precision, "input_proj"))
         });
         let encoder = (0..architecture.enc_layers).map(|layer| {
-            EncoderLayer::new(&architecture, weights, &format!("transformer.encoder.layers.{layer}"))
+            let name = format!("transformer.encoder.layers.{layer}");
+            EncoderLayer::new(&architecture, weights, precision, &name)
         });
         let [positions, positions_without_instruction] = positions(&architecture, weights);
         Self {
             vision,
-            state_projection: architecture.state_dim.map(|_| linear(weights, "input_proj_robot_state")),
+            state_projection: architecture.state_dim.map(|_| exact("input_proj_robot_state")),
             instruction_projection,
             latent_token: weights.get("latent_out_proj.bias").to_vec(),
             positions,
             positions_without_instruction,
             encoder: encoder.collect(),
-            decoder: Decoder::new(&architecture, weights),
+            decoder: Decoder::new(&architecture, weights, precision),
             architecture,
             normalisation,
         }

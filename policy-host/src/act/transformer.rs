@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::architecture::Architecture;
 use super::team;
 use crate::checkpoint::Weights;
+use crate::nn::Precision;
 use crate::nn::attention::Attended;
 use crate::nn::linear::{Linear, relu};
 use crate::nn::norm::LayerNorm;
@@ -28,7 +29,7 @@ pub(super) struct TransformerScratch {
     attended: Vec<f32>,
     /// `[n_members, max(T, Q)²]`.
     scores: Vec<f32>,
-    /// `[max(T, Q) and a bit, F]`.
+    /// `[max(T, Q), F]`.
     hidden: Vec<f32>,
     /// `[Q, D]`.
     decoded: Vec<f32>,
@@ -67,36 +68,35 @@ struct Attention {
 
 impl Attention {
     /// From PyTorch's tensors, which hold queries above keys above values.
-    fn new(architecture: &Architecture, weights: &Weights, name: &str) -> Self {
+    fn new(architecture: &Architecture, weights: &Weights, precision: Precision, name: &str) -> Self {
         let width = architecture.hidden_dim;
         let part = |part: usize, factor: f32| {
             let scaled = |tensor: &str, len: usize| -> Vec<f32> {
                 let numbers = weights.get(&format!("{name}.in_proj_{tensor}"));
                 numbers[part * len..(part + 1) * len].iter().map(|x| x * factor).collect()
             };
-            Linear::new(&scaled("weight", width * width), &scaled("bias", width))
+            Linear::with_precision(&scaled("weight", width * width), &scaled("bias", width), precision)
         };
         let scale = 1.0 / ((width / architecture.n_heads) as f32).sqrt();
         Self {
             query: part(0, scale),
             key: part(1, 1.0),
             value: part(2, 1.0),
-            out: linear(weights, &format!("{name}.out_proj")),
+            out: linear(weights, precision, &format!("{name}.out_proj")),
             n_heads: architecture.n_heads,
         }
     }
 
-    /// Heads of `n_queries` and `n_keys` already in `queries`, `keys` and `values` of the working memory, into `attended`.
-    fn attend(&self, queries: &[f32], n_keys: usize, scratch: &mut AttentionScratch<'_>) {
+    /// The heads of `n_queries` and `n_keys`, whose projections are in the working memory, into its `attended`.
+    fn attend(&self, n_queries: usize, n_keys: usize, scratch: &mut TransformerScratch) {
+        let TransformerScratch { n_members, queries, keys, values, attended: out, scores, .. } = scratch;
         let width = self.out.n_in();
-        let len = n_keys * width;
-        let (keys, values) = (&scratch.keys[..len], &scratch.values[..len]);
-        let attended = Attended { queries, keys, values, width, n_heads: self.n_heads };
-        let n_heads = team::share(self.n_heads, scratch.n_members, 1);
-        let n_scores = attended.n_queries() * n_keys;
-        let out = scratch.attended[..queries.len()]
-            .par_chunks_mut(n_heads * attended.n_queries() * attended.head_width());
-        out.zip(scratch.scores.par_chunks_mut(n_scores)).enumerate().for_each(|(member, (out, scores))| {
+        let (queries, len) = (&queries[..n_queries * width], n_keys * width);
+        let attended =
+            Attended { queries, keys: &keys[..len], values: &values[..len], width, n_heads: self.n_heads };
+        let n_heads = team::share(self.n_heads, *n_members, 1);
+        let out = out[..queries.len()].par_chunks_mut(n_heads * n_queries * attended.head_width());
+        out.zip(scores.par_chunks_mut(n_queries * n_keys)).enumerate().for_each(|(member, (out, scores))| {
             attended.run(member * n_heads, out, scores);
         });
     }
@@ -110,28 +110,6 @@ impl Attention {
     }
 }
 
-/// The part of the working memory that heads are computed in.
-struct AttentionScratch<'a> {
-    n_members: usize,
-    keys: &'a [f32],
-    values: &'a [f32],
-    attended: &'a mut [f32],
-    scores: &'a mut [f32],
-}
-
-/// Lends [`AttentionScratch`] out of a [`TransformerScratch`], other fields staying free.
-macro_rules! attention_scratch {
-    ($scratch:expr) => {
-        &mut AttentionScratch {
-            n_members: $scratch.n_members,
-            keys: &$scratch.keys,
-            values: &$scratch.values,
-            attended: &mut $scratch.attended,
-            scores: &mut $scratch.scores,
-        }
-    };
-}
-
 /// The two linear layers with a ReLU between them.
 #[derive(Clone, Debug)]
 struct FeedForward {
@@ -140,10 +118,10 @@ struct FeedForward {
 }
 
 impl FeedForward {
-    fn new(weights: &Weights, layer: &str) -> Self {
+    fn new(weights: &Weights, precision: Precision, layer: &str) -> Self {
         Self {
-            up: linear(weights, &format!("{layer}.linear1")),
-            down: linear(weights, &format!("{layer}.linear2")),
+            up: linear(weights, precision, &format!("{layer}.linear1")),
+            down: linear(weights, precision, &format!("{layer}.linear2")),
         }
     }
 
@@ -156,24 +134,56 @@ impl FeedForward {
     }
 }
 
+/// What follows the heads in a layer of either kind.
+#[derive(Clone, Debug)]
+struct LayerRest {
+    norm: LayerNorm,
+    feed_forward: FeedForward,
+    last_norm: LayerNorm,
+}
+
+impl LayerRest {
+    /// With the layer's normalisations of these numbers.
+    fn new(weights: &Weights, precision: Precision, layer: &str, norms: [usize; 2]) -> Self {
+        let [norm, last_norm] = norms.map(|idx| layer_norm(weights, &format!("{layer}.norm{idx}")));
+        Self { norm, feed_forward: FeedForward::new(weights, precision, layer), last_norm }
+    }
+
+    /// Adds what `attention` attended to, which is in the working memory, to `x`, and feeds that forward.
+    fn run(&self, attention: &Attention, x: &mut [f32], scratch: &mut TransformerScratch) {
+        let TransformerScratch { n_members, attended, hidden, .. } = scratch;
+        let (width, inner) = (attention.out.n_in(), self.feed_forward.up.n_out());
+        let n_rows = x.len() / width;
+        let rows = team::rows(n_rows, *n_members);
+        let bands = x.par_chunks_mut(rows * width).zip(hidden.par_chunks_mut(rows * inner));
+        bands.enumerate().for_each(|(member, (x, hidden))| {
+            attention.add_to(attended, n_rows, member * rows, x);
+            self.norm.run(x);
+            self.feed_forward.add_to(x, hidden);
+            self.last_norm.run(x);
+        });
+    }
+}
+
 /// One encoder layer.
 #[derive(Clone, Debug)]
 pub(super) struct EncoderLayer {
     attention: Attention,
-    norm1: LayerNorm,
-    feed_forward: FeedForward,
-    norm2: LayerNorm,
+    rest: LayerRest,
 }
 
 impl EncoderLayer {
     /// From checked weights; `layer` as in `transformer.encoder.layers.0`.
     #[must_use]
-    pub(super) fn new(architecture: &Architecture, weights: &Weights, layer: &str) -> Self {
+    pub(super) fn new(
+        architecture: &Architecture,
+        weights: &Weights,
+        precision: Precision,
+        layer: &str,
+    ) -> Self {
         Self {
-            attention: Attention::new(architecture, weights, &format!("{layer}.self_attn")),
-            norm1: layer_norm(weights, &format!("{layer}.norm1")),
-            feed_forward: FeedForward::new(weights, layer),
-            norm2: layer_norm(weights, &format!("{layer}.norm2")),
+            attention: Attention::new(architecture, weights, precision, &format!("{layer}.self_attn")),
+            rest: LayerRest::new(weights, precision, layer, [1, 2]),
         }
     }
 
@@ -182,33 +192,18 @@ impl EncoderLayer {
         let width = self.attention.out.n_in();
         let n_tokens = x.len() / width;
         project_all(&self.attention, x, positions, scratch);
-        let queries = &scratch.queries[..x.len()];
-        self.attention.attend(queries, n_tokens, attention_scratch!(scratch));
-        let rows = team::rows(n_tokens, scratch.n_members);
-        let (attended, inner) = (&scratch.attended[..], self.feed_forward.up.n_out());
-        x.par_chunks_mut(rows * width).zip(scratch.hidden.par_chunks_mut(rows * inner)).enumerate().for_each(
-            |(member, (x, hidden))| {
-                self.attention.add_to(attended, n_tokens, member * rows, x);
-                self.norm1.run(x);
-                self.feed_forward.add_to(x, hidden);
-                self.norm2.run(x);
-            },
-        );
+        self.attention.attend(n_tokens, n_tokens, scratch);
+        self.rest.run(&self.attention, x, scratch);
     }
 }
 
 /// Queries and keys of `x [T, D]` with its positions, values of `x` alone.
 fn project_all(attention: &Attention, x: &[f32], positions: &[f32], scratch: &mut TransformerScratch) {
+    project_memory(attention, x, positions, scratch);
     let len = team::rows(x.len() / attention.out.n_in(), scratch.n_members) * attention.out.n_in();
-    let inputs = x.par_chunks(len).zip(positions.par_chunks(len));
-    let outputs = scratch.placed.par_chunks_mut(len).zip(scratch.queries.par_chunks_mut(len));
-    let outputs = outputs.zip(scratch.keys.par_chunks_mut(len)).zip(scratch.values.par_chunks_mut(len));
-    inputs.zip(outputs).for_each(|((x, positions), (((placed, queries), keys), values))| {
-        let placed = &mut placed[..x.len()];
-        add(x, positions, placed);
-        attention.query.run(placed, &mut queries[..x.len()]);
-        attention.key.run(placed, &mut keys[..x.len()]);
-        attention.value.run(x, &mut values[..x.len()]);
+    let placed = scratch.placed[..x.len()].par_chunks(len);
+    placed.zip(scratch.queries[..x.len()].par_chunks_mut(len)).for_each(|(placed, queries)| {
+        attention.query.run(placed, queries);
     });
 }
 
@@ -237,21 +232,16 @@ struct DecoderLayer {
     own: Attention,
     norm1: LayerNorm,
     cross: Attention,
-    norm2: LayerNorm,
-    feed_forward: FeedForward,
-    norm3: LayerNorm,
+    rest: LayerRest,
 }
 
 impl DecoderLayer {
-    fn new(architecture: &Architecture, weights: &Weights, layer: &str) -> Self {
-        let norm = |idx: usize| layer_norm(weights, &format!("{layer}.norm{idx}"));
+    fn new(architecture: &Architecture, weights: &Weights, precision: Precision, layer: &str) -> Self {
         Self {
-            own: Attention::new(architecture, weights, &format!("{layer}.self_attn")),
-            norm1: norm(1),
-            cross: Attention::new(architecture, weights, &format!("{layer}.multihead_attn")),
-            norm2: norm(2),
-            feed_forward: FeedForward::new(weights, layer),
-            norm3: norm(3),
+            own: Attention::new(architecture, weights, precision, &format!("{layer}.self_attn")),
+            norm1: layer_norm(weights, &format!("{layer}.norm1")),
+            cross: Attention::new(architecture, weights, precision, &format!("{layer}.multihead_attn")),
+            rest: LayerRest::new(weights, precision, layer, [2, 3]),
         }
     }
 
@@ -260,8 +250,7 @@ impl DecoderLayer {
         let width = self.own.out.n_in();
         let n_queries = x.len() / width;
         project_all(&self.own, x, query_positions, scratch);
-        let queries = &scratch.queries[..x.len()];
-        self.own.attend(queries, n_queries, attention_scratch!(scratch));
+        self.own.attend(n_queries, n_queries, scratch);
         self.own.add_to(&scratch.attended, n_queries, 0, x);
         self.norm1.run(x);
         let placed = &mut scratch.placed[..x.len()];
@@ -280,18 +269,8 @@ impl DecoderLayer {
         let width = self.cross.out.n_in();
         let (n_queries, n_tokens) = (x.len() / width, memory.len() / width);
         project_memory(&self.cross, memory, positions, scratch);
-        let queries = &scratch.queries[..x.len()];
-        self.cross.attend(queries, n_tokens, attention_scratch!(scratch));
-        let rows = team::rows(n_queries, scratch.n_members);
-        let (attended, inner) = (&scratch.attended[..], self.feed_forward.up.n_out());
-        x.par_chunks_mut(rows * width).zip(scratch.hidden.par_chunks_mut(rows * inner)).enumerate().for_each(
-            |(member, (x, hidden))| {
-                self.cross.add_to(attended, n_queries, member * rows, x);
-                self.norm2.run(x);
-                self.feed_forward.add_to(x, hidden);
-                self.norm3.run(x);
-            },
-        );
+        self.cross.attend(n_queries, n_tokens, scratch);
+        self.rest.run(&self.cross, x, scratch);
     }
 }
 
@@ -315,9 +294,10 @@ pub(super) struct Decoder {
 impl Decoder {
     /// From checked weights.
     #[must_use]
-    pub(super) fn new(architecture: &Architecture, weights: &Weights) -> Self {
-        let layer =
-            |idx| DecoderLayer::new(architecture, weights, &format!("transformer.decoder.layers.{idx}"));
+    pub(super) fn new(architecture: &Architecture, weights: &Weights, precision: Precision) -> Self {
+        let layer = |idx| {
+            DecoderLayer::new(architecture, weights, precision, &format!("transformer.decoder.layers.{idx}"))
+        };
         let layers: Vec<_> = (0..architecture.dec_layers).map(layer).collect();
         let query_positions = weights.get("query_embed.weight").to_vec();
         let mut target = vec![0.0; query_positions.len()];
@@ -329,7 +309,7 @@ impl Decoder {
             query_positions,
             target,
             norm: layer_norm(weights, "transformer.decoder.norm"),
-            action_head: linear(weights, "action_head"),
+            action_head: linear(weights, Precision::F32, "action_head"),
         }
     }
 
@@ -357,8 +337,9 @@ impl Decoder {
 }
 
 /// The linear layer of that name.
-pub(super) fn linear(weights: &Weights, name: &str) -> Linear {
-    Linear::new(weights.get(&format!("{name}.weight")), weights.get(&format!("{name}.bias")))
+pub(super) fn linear(weights: &Weights, precision: Precision, name: &str) -> Linear {
+    let [weight, bias] = ["weight", "bias"].map(|part| weights.get(&format!("{name}.{part}")));
+    Linear::with_precision(weight, bias, precision)
 }
 
 /// The layer normalisation of that name.

@@ -2,13 +2,15 @@
 //!
 //! 3×3 kernels of stride 1 go by way of [`winograd`](super::winograd). For others the windows of an output line are
 //! multiplied where they lie, a kernel row at a time, or, where lines are short, copied into stripes of patches first. Each sum
-//! is the same chain of additions either way.
+//! is the same chain of additions either way. In eight bits all windows are multiplied where they lie.
 
 use std::ops::Range;
 
+use super::Precision;
 use super::maps::MapShape;
 use super::matmul::Into;
 use super::packed::Packed;
+use super::quantised::{QUAD, QuantisedMatrix, Runs, quantise_positive};
 use super::winograd::{LANES, Winograd, WinogradScratch};
 
 /// Numbers in a stripe of patches: half a mebibyte, so that it stays in the second-level cache.
@@ -82,6 +84,8 @@ enum Kernels {
     Winograd(Winograd),
     /// `[kernel · kernel · C_in, C_out]`.
     Unfolded(Packed),
+    /// As above.
+    Quantised(QuantisedMatrix),
 }
 
 /// Working memory of convolutions.
@@ -90,15 +94,33 @@ pub struct ConvScratch {
     patches: Vec<f32>,
     sums: Vec<f32>,
     winograd: WinogradScratch,
+    /// The rounded input.
+    rounded: Vec<u8>,
+    /// What a step of each rounded map is worth.
+    steps: Vec<f32>,
+    /// The pixels that are computed.
+    pixels: Vec<Pixel>,
+}
+
+/// An output pixel of a convolution in eight bits.
+#[derive(Clone, Copy, Debug)]
+struct Pixel {
+    /// Where its window begins in the input.
+    start: usize,
+    /// Where it lies in the output.
+    out: usize,
+    /// What a step of its map is worth.
+    step: f32,
 }
 
 impl Conv {
-    /// A convolution of `weight [C_out, C_in, kernel, kernel]` without bias, followed by `norm`.
+    /// A convolution of `weight [C_out, C_in, kernel, kernel]` without bias, followed by `norm`. In eight bits its input must
+    /// not be negative.
     ///
     /// # Panics
     /// If the lengths do not fit.
     #[must_use]
-    pub fn folded(weight: &[f32], norm: FrozenNorm<'_>, window: Window) -> Self {
+    pub fn folded(weight: &[f32], norm: FrozenNorm<'_>, window: Window, precision: Precision) -> Self {
         let c_out = norm.weight.len();
         let area = window.kernel * window.kernel;
         let c_in = weight.len() / (c_out * area);
@@ -116,7 +138,9 @@ impl Conv {
             }
         }
         let whole_lanes = c_in.is_multiple_of(LANES) && c_out.is_multiple_of(LANES);
-        let kernels = if whole_lanes && window == (Window { kernel: 3, stride: 1, padding: 1 }) {
+        let kernels = if precision == Precision::Int8 && c_in.is_multiple_of(QUAD) {
+            Kernels::Quantised(QuantisedMatrix::new(&matrix, area * c_in, c_out))
+        } else if whole_lanes && window == (Window { kernel: 3, stride: 1, padding: 1 }) {
             Kernels::Winograd(Winograd::new(&matrix, c_in, c_out))
         } else {
             Kernels::Unfolded(Packed::new(&matrix, area * c_in, c_out))
@@ -129,7 +153,7 @@ impl Conv {
     pub fn lines_together(&self) -> usize {
         match &self.kernels {
             Kernels::Winograd(winograd) => winograd.out_side(),
-            Kernels::Unfolded(_) => 1,
+            Kernels::Unfolded(_) | Kernels::Quantised(_) => 1,
         }
     }
 
@@ -142,10 +166,16 @@ impl Conv {
 
     /// Lets `scratch` grow to what [`run`](Self::run) needs for this input.
     pub fn reserve(&self, input: MapShape, scratch: &mut ConvScratch) {
-        if let Kernels::Winograd(winograd) = &self.kernels {
-            return winograd.reserve(input, &mut scratch.winograd);
-        }
         let output = self.output_shape(input, 0);
+        match &self.kernels {
+            Kernels::Winograd(winograd) => return winograd.reserve(input, &mut scratch.winograd),
+            Kernels::Quantised(_) => {
+                scratch.rounded.resize(scratch.rounded.len().max(input.len()), 0);
+                scratch.steps.resize(scratch.steps.len().max(input.n_maps), 0.0);
+                return scratch.pixels.reserve(output.n_lines() * output.width);
+            }
+            Kernels::Unfolded(_) => {}
+        }
         if output.width >= LONG_LINE {
             return scratch.sums.resize(scratch.sums.len().max(output.width * self.c_out), 0.0);
         }
@@ -177,7 +207,7 @@ impl Conv {
         let mut take = |line: usize, col: usize, sums: &[f32]| {
             let (map_idx, row) = (line / output_shape.height, line % output_shape.height);
             let first = output_shape.offset(map_idx, row, col) - memory.start;
-            self.finish_pixel(sums, &mut output[first..first + self.c_out], finish);
+            finish_pixel(sums.iter().copied(), &self.bias, &mut output[first..first + self.c_out], finish);
         };
         match &self.kernels {
             Kernels::Winograd(winograd) => {
@@ -185,6 +215,10 @@ impl Conv {
             }
             Kernels::Unfolded(matrix) => {
                 self.unfolded(matrix, (input, input_shape), output_shape, lines, scratch, &mut take);
+            }
+            Kernels::Quantised(matrix) => {
+                let output = (output, output_shape, memory.start);
+                self.quantised(matrix, (input, input_shape), output, lines, finish, scratch);
             }
         }
     }
@@ -250,14 +284,48 @@ impl Conv {
         }
     }
 
-    #[inline(always)]
-    fn finish_pixel(&self, sums: &[f32], pixel: &mut [f32], finish: Finish) {
-        let terms = pixel.iter_mut().zip(sums).zip(&self.bias);
-        match finish {
-            Finish::Store => terms.for_each(|((y, x), b)| *y = x + b),
-            Finish::Relu => terms.for_each(|((y, x), b)| *y = (x + b).max(0.0)),
-            Finish::AddRelu => terms.for_each(|((y, x), b)| *y = (*y + (x + b)).max(0.0)),
+    /// Rounds the maps that these lines see, multiplies, and finishes the sums; the output's memory begins at `origin`.
+    fn quantised(
+        &self,
+        matrix: &QuantisedMatrix,
+        (input, shape): (&[f32], MapShape),
+        (output, output_shape, origin): (&mut [f32], MapShape, usize),
+        lines: Range<usize>,
+        finish: Finish,
+        scratch: &mut ConvScratch,
+    ) {
+        let ConvScratch { rounded, steps, pixels, .. } = scratch;
+        let MapShape { height, width, .. } = output_shape;
+        let maps = lines.start / height..lines.end.div_ceil(height);
+        for (map_idx, step) in maps.clone().zip(&mut steps[maps]) {
+            let map = map_idx * shape.map_len()..(map_idx + 1) * shape.map_len();
+            quantise_positive(&input[map.clone()], &mut rounded[map], step);
         }
+        let (inset, stride) = (shape.border - self.window.padding, self.window.stride);
+        pixels.clear();
+        for line in lines {
+            let (map_idx, row) = (line / height, line % height);
+            let first =
+                map_idx * shape.map_len() + ((row * stride + inset) * shape.pitch() + inset) * self.c_in;
+            pixels.extend((0..width).map(|col| Pixel {
+                start: first + col * stride * self.c_in,
+                out: output_shape.offset(map_idx, row, col) - origin,
+                step: steps[map_idx],
+            }));
+        }
+        let side = self.window.kernel;
+        let runs = Runs { count: side, len: side * self.c_in, stride: shape.pitch() * self.c_in };
+        let start = |idx: usize| pixels[idx].start;
+        matrix.run(rounded, runs, pixels.len(), start, |idx, first, sums| {
+            let Pixel { out, step, .. } = pixels[idx];
+            let columns = first..first + sums.len();
+            let values = sums
+                .iter()
+                .zip(&matrix.steps()[columns.clone()])
+                .map(|(&sum, own)| sum as f32 * (step * own));
+            let out = &mut output[out + first..][..sums.len()];
+            finish_pixel(values, &self.bias[columns], out, finish);
+        });
     }
 
     fn patch_len(&self) -> usize {
@@ -266,5 +334,15 @@ impl Conv {
 
     fn stripe_pixels(&self) -> usize {
         (PATCH_STRIPE_LEN / self.patch_len()).max(PATCH_STRIPE_MIN_PIXELS)
+    }
+}
+
+#[inline(always)]
+fn finish_pixel(sums: impl Iterator<Item = f32>, bias: &[f32], pixel: &mut [f32], finish: Finish) {
+    let terms = pixel.iter_mut().zip(sums).zip(bias);
+    match finish {
+        Finish::Store => terms.for_each(|((y, x), b)| *y = x + b),
+        Finish::Relu => terms.for_each(|((y, x), b)| *y = (x + b).max(0.0)),
+        Finish::AddRelu => terms.for_each(|((y, x), b)| *y = (*y + (x + b)).max(0.0)),
     }
 }

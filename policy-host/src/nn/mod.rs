@@ -6,6 +6,16 @@
 //!
 //! Letters in shapes: `T` rows (tokens), `D` model width, `H` and `W` sides of an image, `C` channels.
 
+/// How the weights of a layer are kept and multiplied.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// As they are.
+    #[default]
+    F32,
+    /// Rounded to eight bits ([`quantised`]), where there are enough of them for that to be faster.
+    Int8,
+}
+
 pub mod attention;
 pub mod conv;
 pub mod gelu;
@@ -15,6 +25,8 @@ pub mod matmul;
 pub mod norm;
 pub mod packed;
 pub mod pool;
+
+mod quantised;
 
 mod wide;
 mod winograd;

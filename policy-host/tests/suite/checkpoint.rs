@@ -214,7 +214,7 @@ fn an_observation_that_does_not_fit_the_checkpoint_is_refused() {
 }
 
 #[test]
-fn a_network_that_explodes_is_an_error_not_an_action() {
+fn a_network_that_explodes_answers_with_nothing_that_could_be_executed() {
     let folder = checkpoint();
     edit_tensors(folder.path(), |list| {
         let tensor = list.iter_mut().find(|(name, ..)| name == "action_head.bias").unwrap();
@@ -222,6 +222,7 @@ fn a_network_that_explodes_is_an_error_not_an_action() {
     });
     let mut policy = load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap();
     let mut answer = [ActionChunk::default()];
-    let error = policy.act(&Batch::of(Morphology::Single, &[0]).view(), &mut answer).unwrap_err();
-    assert_eq!(error, PolicyError::NotFinite { env_idx: 0 });
+    policy.act(&Batch::of(Morphology::Single, &[0]).view(), &mut answer).unwrap();
+    let mut rows = answer[0].rows().chunks_exact(7);
+    assert!(rows.len() > 0 && rows.all(|row| row[0].is_nan()));
 }

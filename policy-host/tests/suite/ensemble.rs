@@ -1,7 +1,7 @@
 //! Temporal ensembling against the definition: every prediction kept, one sum per control step.
 
 use ipc_types::{Morphology, ObservationView};
-use policy_host::ensemble::{DEFAULT_DECAY, Ensemble};
+use policy_host::ensemble::Ensemble;
 use policy_host::generated::sym;
 use policy_host::{ActionChunk, Policy, PolicyError};
 
@@ -61,7 +61,7 @@ fn expected(seed: u64, step: u32, entry: usize) -> f64 {
 
 #[test]
 fn rows_equal_the_weighted_mean_of_all_predictions() {
-    let mut policy = Ensemble::new(Box::new(Predictions), DEFAULT_DECAY);
+    let mut policy = Ensemble::new(Box::new(Predictions));
     // Slot 5 joins late, slot 2 starts a second episode after 40 steps.
     for tick in 0..80_u32 {
         let second = tick >= 40;
@@ -83,7 +83,7 @@ fn rows_equal_the_weighted_mean_of_all_predictions() {
 
 #[test]
 fn a_gap_in_the_queries_is_refused_and_changes_nothing() {
-    let mut policy = Ensemble::new(Box::new(Predictions), DEFAULT_DECAY);
+    let mut policy = Ensemble::new(Box::new(Predictions));
     batch(&[(0, 0, 1), (1, 0, 2)]).answer(&mut policy);
     let refused = batch(&[(0, 1, 1), (1, 2, 2)]);
     let error =

@@ -123,6 +123,7 @@ struct Recorded {
     chunks: Vec<f32>,
     horizon: usize,
     action_dim: usize,
+    decay: f64,
 }
 
 impl Policy for Recorded {
@@ -139,6 +140,10 @@ impl Policy for Recorded {
         }
         Ok(())
     }
+
+    fn ensemble_decay(&self, _: Morphology) -> f64 {
+        self.decay
+    }
 }
 
 #[test]
@@ -149,7 +154,7 @@ fn temporal_ensembling_equals_lerobots_over_an_episode() {
     let [n_steps, horizon, action_dim] = shape[..] else { panic!("{shape:?}") };
     assert!(n_steps > horizon, "the oldest chunks are forgotten");
     let decay = Checkpoint::open(&data("lerobot/robot")).unwrap().ensemble_decay().unwrap();
-    let mut policy = Ensemble::new(Box::new(Recorded { chunks, horizon, action_dim }), decay);
+    let mut policy = Ensemble::new(Box::new(Recorded { chunks, horizon, action_dim, decay }));
     for (step, expected) in actions.chunks_exact(action_dim).enumerate() {
         let mut batch = Batch::of(Morphology::Single, &[0]);
         bytemuck::cast_mut::<_, ipc_types::EnvRecord>(&mut batch.pages[0]).query = step as u32;

@@ -2,6 +2,7 @@
 
 use ipc_types::Morphology;
 use policy_host::checkpoint::colosseum::ActConfig;
+use policy_host::nn::Precision;
 use policy_host::{QueryMode, load, synthetic};
 use safetensors::SafeTensors;
 
@@ -10,6 +11,8 @@ use crate::{data, rows};
 
 /// Largest difference of an action number that counts as equal.
 const TOLERANCE: f32 = 1e-4;
+/// What rounding to eight bits may add, as a root mean square and by the spread of the actions.
+const INT8_TOLERANCE: f32 = 0.05;
 
 /// The actions that PyTorch computed for envs 0 and 1.
 fn expected_actions(file: &str) -> Vec<f32> {
@@ -45,7 +48,22 @@ fn tiny_checkpoints_agree_with_pytorch() {
 #[test]
 fn full_size_networks_agree_with_pytorch() {
     for morphology in Morphology::ALL {
-        let mut policy = synthetic::policy(&ActConfig::full_size(morphology), 0, 2);
+        let mut policy = synthetic::policy(&ActConfig::full_size(morphology), 0, Precision::F32, 2);
         assert_parity(&mut policy, morphology, &format!("act-full-{}.safetensors", morphology.name()));
+    }
+}
+
+#[test]
+fn eight_bits_change_the_actions_of_full_size_networks_little() {
+    for morphology in Morphology::ALL {
+        let mut policy = synthetic::policy(&ActConfig::full_size(morphology), 0, Precision::Int8, 2);
+        let answer = Batch::of(morphology, &[0, 1]).answer(&mut policy);
+        let expected = expected_actions(&format!("act-full-{}.safetensors", morphology.name()));
+        let mean = expected.iter().sum::<f32>() / expected.len() as f32;
+        let squares = |differences: &mut dyn Iterator<Item = f32>| differences.map(|x| x * x).sum::<f32>();
+        let spread = squares(&mut expected.iter().map(|x| x - mean));
+        let found = answer.iter().flat_map(rows);
+        let share = (squares(&mut found.zip(&expected).map(|(x, y)| x - y)) / spread).sqrt();
+        assert!(share > 0.0 && share < INT8_TOLERANCE, "{}: {share}", morphology.name());
     }
 }
