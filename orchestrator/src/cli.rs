@@ -22,6 +22,10 @@ pub(crate) enum Command {
     Tasks(TasksArgs),
     /// Draw what the cameras see at the start of episodes or along one, as a sheet or a movie
     Show(ShowArgs),
+    /// Write the experts' successes as LeRobot datasets; the same command again continues where it stopped
+    Demos(DemosArgs),
+    /// Do stored demonstrations again, and say whether they come out the same bit for bit
+    Replay(ReplayArgs),
     /// Write a randomly initialised ACT checkpoint, for measuring speed
     Checkpoint(CheckpointArgs),
     /// Simulate (started by `run`)
@@ -95,6 +99,67 @@ pub(crate) struct ShowArgs {
     /// Sheet to write [default: TASK.png]
     #[arg(short, long, value_name = "FILE.png", conflicts_with = "movie")]
     pub(crate) output: Option<PathBuf>,
+}
+
+/// `demos`: what to demonstrate, how, and where to.
+#[derive(Debug, Args)]
+pub(crate) struct DemosArgs {
+    /// Folder to write to: a dataset each in single/ and bimanual/
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// Tasks, comma-separated: names, all, single or bimanual
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "all")]
+    pub(crate) tasks: Vec<String>,
+    /// Successful episodes of each task
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub(crate) episodes: u32,
+    /// Seed of the suite; keep it apart from those you evaluate with, whose default is 0
+    #[arg(long, value_name = "S", default_value_t = 1000)]
+    pub(crate) seed: u64,
+    /// Perturbation, or several joined by +
+    #[arg(long, value_name = "NAME", default_value = "None")]
+    pub(crate) perturbation: String,
+    /// How strong it is, above 0 and up to 1
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    pub(crate) strength: f64,
+    /// strict (evident intent) or paper (what the released code does)
+    #[arg(long, default_value = "strict")]
+    pub(crate) profile: String,
+    /// How single-arm experts' episodes are told: pd_ee_delta_pose or pd_joint_pos
+    #[arg(long, value_name = "MODE", default_value = "pd_ee_delta_pose")]
+    pub(crate) control_mode: String,
+    /// jpeg (quality 95) or png (exact, and several times as large)
+    #[arg(long, value_name = "FORMAT", default_value = "jpeg")]
+    pub(crate) images: String,
+    /// Worker threads [default: one per core]
+    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub(crate) threads: Option<u32>,
+    /// Show no progress
+    #[arg(long)]
+    pub(crate) quiet: bool,
+}
+
+/// `replay`: which episodes of which dataset.
+#[derive(Debug, Args)]
+pub(crate) struct ReplayArgs {
+    /// Dataset: single/ or bimanual/ in a folder that `demos` wrote
+    #[arg(value_name = "DATASET")]
+    pub(crate) dataset: PathBuf,
+    /// Episodes, comma-separated indices in the dataset [default: all, or the first for a movie]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub(crate) episodes: Vec<usize>,
+    /// So many episodes, drawn at random
+    #[arg(long, value_name = "N", conflicts_with_all = ["episodes", "movie"])]
+    pub(crate) sample: Option<usize>,
+    /// Seed of the draw
+    #[arg(long, value_name = "S", default_value_t = 0, requires = "sample")]
+    pub(crate) seed: u64,
+    /// Write the first of them as a movie of all cameras: .png or .apng (exact) or .gif (small)
+    #[arg(long, value_name = "FILE")]
+    pub(crate) movie: Option<PathBuf>,
+    /// Show no progress
+    #[arg(long)]
+    pub(crate) quiet: bool,
 }
 
 #[derive(Debug, Args)]

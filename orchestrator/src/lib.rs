@@ -1,14 +1,16 @@
 //! The program `hypogeum`: reads what the user wants, runs the children that do it, keeps and reports what they found.
 //!
-//! It owns the command line, the processes of a run, the results file and everything a person reads. It never steps a
-//! world, never evaluates a policy and never sees an observation: episodes live in `sim`, policies in `policy-host`, and
-//! both run as children of this process, which are this same program executed again.
+//! It owns the command line, the processes of a run, the results file and everything a person reads. In a run it
+//! never steps a world, evaluates a policy or sees an observation: episodes live in `sim`, policies in `policy-host`, and
+//! both run as children of this process, which are this same program executed again. What needs no policy (`show`, `demos`,
+//! `replay`) it has `sim` do on threads of its own.
 //!
 //! `cli` (as typed) → `plan` (as meant) → `work` (episodes to run) → `fleet` (children) → `results` (SQLite) → `report`.
 
 mod checkpoint;
 mod child;
 mod cli;
+mod demos;
 mod failure;
 mod fleet;
 mod interrupt;
@@ -51,6 +53,8 @@ pub fn main() -> ExitCode {
         Command::Run(args) => run::run(args, started),
         Command::Tasks(args) => suite::list(args),
         Command::Show(args) => show::show(args),
+        Command::Demos(args) => demos::demos(args),
+        Command::Replay(args) => demos::replay(args),
         Command::Checkpoint(args) => checkpoint::write(args),
         Command::Sim(args) => child::sim(args),
         Command::PolicyHost(args) => child::policy_host(args),

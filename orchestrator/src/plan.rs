@@ -230,7 +230,10 @@ fn policies(typed: &[String]) -> Result<Vec<NamedPolicy>, PlanError> {
 }
 
 /// Tasks in the suite's order, each once. The words for groups may stand among names.
-fn tasks(typed: &[String]) -> Result<Vec<TaskId>, PlanError> {
+///
+/// # Errors
+/// If none is called so.
+pub(crate) fn tasks(typed: &[String]) -> Result<Vec<TaskId>, PlanError> {
     let groups = |word: &str| -> Option<Box<dyn Fn(TaskId) -> bool>> {
         let of = |morphology| Box::new(move |task: TaskId| task.task().morphology == morphology);
         match word {

@@ -45,6 +45,16 @@ impl Progress {
         Self::of("frames", n_frames, 0, false, false)
     }
 
+    /// Of a dataset of `n` demonstrations, `done` of which are there.
+    pub(crate) fn of_demonstrations(n: u64, done: u64, quiet: bool) -> Self {
+        Self::of("demonstrations", n, done, quiet, false)
+    }
+
+    /// Of replays.
+    pub(crate) fn of_replays(n: u64, quiet: bool) -> Self {
+        Self::of("episodes", n, 0, quiet, false)
+    }
+
     fn of(unit: &'static str, n: u64, done: u64, quiet: bool, json: bool) -> Self {
         match (quiet, io::stderr().is_terminal(), json) {
             (true, _, _) | (_, false, true) => Self::Silent,

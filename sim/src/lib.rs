@@ -3,6 +3,7 @@
 #[cfg(test)]
 #[path = "../../tests/counting.rs"]
 mod counting;
+pub mod demo;
 pub mod expert;
 pub mod fingerprint;
 pub mod perturb;

@@ -97,6 +97,23 @@ fn delta_step(translation: &Vector3<f64>, rotation: &Vector3<f64>, q: &Joints) -
     factor.solve(&(jacobian.transpose() * delta))
 }
 
+/// Writes the first six entries of a `pd_ee_delta_pose` row that asks for this displacement of the TCP, in m and rad in the
+/// root frame, or for as much of it as a row can. Returns whether it is all of it.
+///
+/// # Panics
+/// If `row` is not six numbers.
+pub fn delta_row(displacement: &SVector<f64, 6>, row: &mut [f32]) -> bool {
+    assert_eq!(row.len(), 6, "translation and rotation");
+    let linear = displacement.fixed_rows::<3>(0) / DELTA_TRANSLATION_M;
+    let angular = displacement.fixed_rows::<3>(3) / DELTA_ROTATION_RAD;
+    let turn = angular.norm();
+    for axis in 0..3 {
+        row[axis] = linear[axis].clamp(-1.0, 1.0) as f32;
+        row[3 + axis] = (angular[axis] / turn.max(1.0)) as f32;
+    }
+    linear.amax() <= 1.0 && turn <= 1.0
+}
+
 /// Rotation of intrinsic XYZ Euler angles: R = Rx · Ry · Rz.
 fn intrinsic_xyz(angles: &Vector3<f64>) -> UnitQuaternion<f64> {
     let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);

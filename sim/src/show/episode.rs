@@ -48,7 +48,7 @@ pub(super) enum Until {
 
 impl Subject {
     /// The episode's scene.
-    pub(super) fn draw(self, episode_seed: u64) -> Scene {
+    pub(crate) fn draw(self, episode_seed: u64) -> Scene {
         self.perturbation.spec(self.task.task(), self.profile, self.strength).draw(episode_seed)
     }
 

@@ -1,0 +1,217 @@
+//! Columns of Parquet files, written as pyarrow writes them: LeRobot and everything else that reads its datasets expects that.
+
+use std::fs::File;
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::Context;
+use parquet::basic::{LogicalType, Repetition, Type as Physical};
+use parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int64Type};
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
+use parquet::schema::types::{Type, TypePtr};
+
+/// A column's name, and what is in each row.
+pub(super) type Column = (String, Cells);
+
+/// One column of some rows.
+#[derive(Debug)]
+pub(super) enum Cells {
+    Int(Vec<i64>),
+    Float(Vec<f32>),
+    Text(Vec<String>),
+    /// Files of images, without paths.
+    Image(Vec<Vec<u8>>),
+    /// `[n_rows, width]`.
+    FloatList {
+        width: usize,
+        numbers: Vec<f32>,
+    },
+    IntList(Vec<Vec<i64>>),
+    TextList(Vec<Vec<String>>),
+    /// Lists within lists; inner ones have one entry.
+    DoubleList {
+        depth: usize,
+        lists: Vec<Vec<f64>>,
+    },
+}
+
+/// A Parquet file in the making.
+pub(super) struct Table(SerializedFileWriter<File>);
+
+impl Table {
+    /// A file for rows like these, with a note for its readers.
+    ///
+    /// # Errors
+    /// If it cannot be made.
+    pub(super) fn create(path: &Path, like: &[Column], note: Option<(&str, String)>) -> anyhow::Result<Self> {
+        let fields = like.iter().map(|(name, cells)| cells.schema(name)).collect::<anyhow::Result<_>>()?;
+        let schema = Type::group_type_builder("schema").with_fields(fields).build()?;
+        let note = note.map(|(key, value)| vec![KeyValue::new(key.to_owned(), value)]);
+        let properties = WriterProperties::builder()
+            .set_dictionary_enabled(false)
+            .set_statistics_enabled(EnabledStatistics::None)
+            .set_key_value_metadata(note)
+            .build();
+        let file = File::create(path).with_context(|| format!("failed to create {}", path.display()))?;
+        Ok(Self(SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))?))
+    }
+
+    /// Adds rows, a group of their own.
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub(super) fn push(&mut self, columns: &[Column]) -> anyhow::Result<()> {
+        let mut group = self.0.next_row_group()?;
+        for (_, cells) in columns {
+            cells.write(&mut group)?;
+        }
+        group.close()?;
+        Ok(())
+    }
+
+    /// Writes what is left, down to the disk.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(super) fn finish(mut self) -> anyhow::Result<()> {
+        self.0.finish()?;
+        self.0.inner().sync_all()?;
+        Ok(())
+    }
+}
+
+impl Cells {
+    fn schema(&self, name: &str) -> anyhow::Result<TypePtr> {
+        Ok(match self {
+            Self::Int(_) => leaf(name, Physical::INT64, None)?,
+            Self::Float(_) => leaf(name, Physical::FLOAT, None)?,
+            Self::Text(_) => leaf(name, Physical::BYTE_ARRAY, Some(LogicalType::String))?,
+            Self::Image(_) => {
+                let bytes = leaf("bytes", Physical::BYTE_ARRAY, None)?;
+                let path = leaf("path", Physical::BYTE_ARRAY, Some(LogicalType::String))?;
+                group(name, Repetition::OPTIONAL, None, vec![bytes, path])?
+            }
+            Self::FloatList { .. } => list(name, 1, Physical::FLOAT, None)?,
+            Self::IntList(_) => list(name, 1, Physical::INT64, None)?,
+            Self::TextList(_) => list(name, 1, Physical::BYTE_ARRAY, Some(LogicalType::String))?,
+            Self::DoubleList { depth, .. } => list(name, *depth, Physical::DOUBLE, None)?,
+        })
+    }
+
+    fn write(&self, group: &mut SerializedRowGroupWriter<'_, File>) -> anyhow::Result<()> {
+        let text = |text: &String| ByteArray::from(text.as_str());
+        match self {
+            Self::Int(numbers) => leaves::<Int64Type>(group, numbers, 1, None),
+            Self::Float(numbers) => leaves::<FloatType>(group, numbers, 1, None),
+            Self::Text(texts) => {
+                leaves::<ByteArrayType>(group, &texts.iter().map(text).collect::<Vec<_>>(), 1, None)
+            }
+            Self::Image(files) => {
+                let bytes: Vec<ByteArray> = files.iter().map(|file| ByteArray::from(file.clone())).collect();
+                leaves::<ByteArrayType>(group, &bytes, 2, None)?;
+                // The path is absent in every row.
+                let mut column = group.next_column()?.context("an image has a path")?;
+                column.typed::<ByteArrayType>().write_batch(&[], Some(&vec![1; files.len()]), None)?;
+                Ok(column.close()?)
+            }
+            Self::FloatList { width, numbers } => {
+                let starts = |idx: usize| idx.is_multiple_of(*width);
+                let repeats: Vec<i16> = (0..numbers.len()).map(|idx| i16::from(!starts(idx))).collect();
+                leaves::<FloatType>(group, numbers, 3, Some(&repeats))
+            }
+            Self::IntList(lists) => leaves::<Int64Type>(group, &lists.concat(), 3, Some(&repeats(lists))),
+            Self::TextList(lists) => {
+                let texts: Vec<ByteArray> = lists.iter().flatten().map(text).collect();
+                leaves::<ByteArrayType>(group, &texts, 3, Some(&repeats(lists)))
+            }
+            Self::DoubleList { depth, lists } => {
+                leaves::<DoubleType>(group, &lists.concat(), 1 + 2 * *depth as i16, Some(&repeats(lists)))
+            }
+        }
+    }
+}
+
+/// For each entry of these lists, 0 if it is its list's first, else 1.
+fn repeats<T>(lists: &[Vec<T>]) -> Vec<i16> {
+    lists.iter().flat_map(|list| (0..list.len()).map(|idx| i16::from(idx > 0))).collect()
+}
+
+/// One leaf column; nothing in it is absent, so that all of it is defined as far down as can be.
+fn leaves<T: DataType>(
+    group: &mut SerializedRowGroupWriter<'_, File>,
+    values: &[T::T],
+    definition: i16,
+    repeats: Option<&[i16]>,
+) -> anyhow::Result<()> {
+    let mut column = group.next_column()?.context("a column for every field")?;
+    column.typed::<T>().write_batch(values, Some(&vec![definition; values.len()]), repeats)?;
+    Ok(column.close()?)
+}
+
+fn leaf(name: &str, physical: Physical, logical: Option<LogicalType>) -> anyhow::Result<TypePtr> {
+    let leaf = Type::primitive_type_builder(name, physical).with_repetition(Repetition::OPTIONAL);
+    Ok(Arc::new(leaf.with_logical_type(logical).build()?))
+}
+
+fn group(
+    name: &str,
+    repetition: Repetition,
+    logical: Option<LogicalType>,
+    fields: Vec<TypePtr>,
+) -> anyhow::Result<TypePtr> {
+    let group = Type::group_type_builder(name).with_repetition(repetition).with_logical_type(logical);
+    Ok(Arc::new(group.with_fields(fields).build()?))
+}
+
+fn list(
+    name: &str,
+    depth: usize,
+    physical: Physical,
+    logical: Option<LogicalType>,
+) -> anyhow::Result<TypePtr> {
+    let element = if depth == 1 {
+        leaf("element", physical, logical)?
+    } else {
+        list("element", depth - 1, physical, logical)?
+    };
+    let entries = group("list", Repetition::REPEATED, None, vec![element])?;
+    group(name, Repetition::OPTIONAL, Some(LogicalType::List), vec![entries])
+}
+
+#[cfg(test)]
+mod tests {
+    use parquet::file::reader::{FileReader, SerializedFileReader};
+
+    use super::*;
+
+    #[test]
+    fn every_kind_of_column_reads_back_as_it_was_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("table.parquet");
+        let columns = [
+            ("int".to_owned(), Cells::Int(vec![7, 8])),
+            ("float".to_owned(), Cells::Float(vec![0.5, -0.25])),
+            ("text".to_owned(), Cells::Text(vec!["a".to_owned(), String::new()])),
+            ("image".to_owned(), Cells::Image(vec![vec![1, 2], vec![255]])),
+            ("floats".to_owned(), Cells::FloatList { width: 2, numbers: vec![1.0, 2.0, 3.0, 4.0] }),
+            ("ints".to_owned(), Cells::IntList(vec![vec![1], vec![2, 3]])),
+            ("texts".to_owned(), Cells::TextList(vec![vec!["x".to_owned()], vec!["y".to_owned()]])),
+            ("doubles/1".to_owned(), Cells::DoubleList { depth: 1, lists: vec![vec![0.1], vec![0.2, 0.3]] }),
+            ("doubles/3".to_owned(), Cells::DoubleList { depth: 3, lists: vec![vec![0.1, 0.4], vec![0.2]] }),
+        ];
+        let mut table = Table::create(&path, &columns, Some(("key", "value".to_owned()))).unwrap();
+        table.push(&columns).unwrap();
+        table.push(&columns).unwrap();
+        table.finish().unwrap();
+        let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
+        let rows: Vec<String> =
+            reader.get_row_iter(None).unwrap().map(|row| row.unwrap().to_string()).collect();
+        assert_eq!(rows[..2], rows[2..], "a group for each push");
+        insta::assert_snapshot!(rows[..2].join("\n"), @r#"
+        {int: 7, float: 0.5, text: "a", image: {bytes: [1, 2], path: null}, floats: [1.0, 2.0], ints: [1], texts: ["x"], doubles/1: [0.1], doubles/3: [[[0.1]], [[0.4]]]}
+        {int: 8, float: -2.5E-1, text: "", image: {bytes: [255], path: null}, floats: [3.0, 4.0], ints: [2, 3], texts: ["y"], doubles/1: [0.2, 0.3], doubles/3: [[[0.2]]]}
+        "#);
+    }
+}

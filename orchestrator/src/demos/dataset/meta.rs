@@ -1,0 +1,233 @@
+//! What LeRobot reads beside the frames: `info.json`, `stats.json`, `tasks.parquet` and the table of episodes.
+
+use std::path::Path;
+
+use anyhow::Context;
+use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
+use ipc_types::{ControlMode, Morphology};
+use serde_json::{Map, Value, json};
+
+use super::column::{Cells, Column, Table};
+use super::journal::{EpisodeRecord, Journal};
+use super::stats::{QUANTILES, Stats};
+use super::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE, camera_feature, instructions};
+
+/// Files in a folder.
+const CHUNK_FILES: usize = 1000;
+const EPISODES: &str = "meta/episodes/chunk-000/file-000.parquet";
+/// Joints of an arm.
+const N_JOINTS: usize = 7;
+
+/// One number in each frame.
+const SCALARS: [(&str, &str); 5] = [
+    ("timestamp", "float32"),
+    ("frame_index", "int64"),
+    ("episode_index", "int64"),
+    ("index", "int64"),
+    ("task_index", "int64"),
+];
+
+/// Where a data file lies.
+pub(super) fn data_path(file_idx: usize) -> String {
+    format!("data/chunk-{:03}/file-{:03}.parquet", file_idx / CHUNK_FILES, file_idx % CHUNK_FILES)
+}
+
+/// Writes everything but the data and the journal.
+pub(super) fn write(folder: &Path, journal: &Journal) -> anyhow::Result<()> {
+    let text = |name: &str, value: &Value| {
+        let path = folder.join(name);
+        std::fs::write(&path, format!("{value:#}\n"))
+            .with_context(|| format!("failed to write {}", path.display()))
+    };
+    text("meta/info.json", &info(journal))?;
+    if journal.n_files() == 0 {
+        return Ok(());
+    }
+    text("meta/stats.json", &stats(journal))?;
+    let episodes = folder.join(EPISODES);
+    std::fs::create_dir_all(episodes.parent().unwrap_or(folder))?;
+    table(&episodes, &episode_columns(journal), None)?;
+    let said = instructions(journal.episodes());
+    let tasks = [
+        ("task_index".to_owned(), Cells::Int((0..said.len() as i64).collect())),
+        ("task".to_owned(), Cells::Text(said.iter().map(|&text| text.to_owned()).collect())),
+    ];
+    table(&folder.join("meta/tasks.parquet"), &tasks, Some(("pandas", pandas_note().to_string())))
+}
+
+fn table(path: &Path, columns: &[Column], note: Option<(&str, String)>) -> anyhow::Result<()> {
+    let mut table = Table::create(path, columns, note)?;
+    table
+        .push(columns)
+        .and_then(|()| table.finish())
+        .with_context(|| format!("failed to write {}", path.display()))
+}
+
+fn info(journal: &Journal) -> Value {
+    let settings = journal.settings();
+    let n_episodes = journal.episodes().count();
+    json!({
+        "codebase_version": "v3.0",
+        "robot_type": format!("{}_panda", settings.morphology.name()),
+        "total_episodes": n_episodes,
+        "total_frames": journal.episodes().map(|episode| episode.n_frames).sum::<u64>(),
+        "total_tasks": instructions(journal.episodes()).len(),
+        "chunks_size": CHUNK_FILES,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": FPS,
+        "splits": {"train": format!("0:{n_episodes}")},
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": null,
+        "features": features(settings.morphology, settings.control_mode),
+    })
+}
+
+/// The features, in the order of their columns.
+fn features(morphology: Morphology, mode: ControlMode) -> Value {
+    let vector = |width: usize, names: Value| json!({"dtype": "float32", "shape": [width], "names": names});
+    let state = morphology
+        .state_parts()
+        .iter()
+        .flat_map(|(part, width)| (0..*width).map(move |idx| format!("{part}.{idx}")));
+    let mut features = Map::new();
+    features.insert(STATE.into(), vector(morphology.state_dim(), state.collect()));
+    features.insert(LANGUAGE.into(), vector(LANGUAGE_DIM, Value::Null));
+    features.insert(ACTION.into(), vector(mode.action_dim(morphology), action_names(morphology, mode)));
+    for (idx, camera) in morphology.camera_names().iter().enumerate() {
+        let side = if idx < morphology.n_external_cameras() { EXTERNAL_SIDE } else { HAND_SIDE };
+        let names = ["height", "width", "channels"];
+        features.insert(
+            camera_feature(camera),
+            json!({"dtype": "image", "shape": [side, side, 3], "names": names}),
+        );
+    }
+    for (name, dtype) in SCALARS {
+        features.insert(name.into(), json!({"dtype": dtype, "shape": [1], "names": null}));
+    }
+    Value::Object(features)
+}
+
+/// A name for each number of an action row.
+fn action_names(morphology: Morphology, mode: ControlMode) -> Value {
+    let of_arm: Vec<String> = match mode {
+        ControlMode::JointPos => (1..=N_JOINTS).map(|joint| format!("joint{joint}")).collect(),
+        ControlMode::EeDeltaPose => ["dx", "dy", "dz", "drx", "dry", "drz"].map(str::to_owned).into(),
+        ControlMode::EePose => ["x", "y", "z", "rx", "ry", "rz"].map(str::to_owned).into(),
+    };
+    let of_arm = || of_arm.iter().map(String::as_str).chain(["gripper"]);
+    let arms = 1..=morphology.n_arms();
+    arms.flat_map(|arm| of_arm().map(move |name| format!("arm{arm}.{name}"))).collect()
+}
+
+/// What Hugging Face's `datasets` wants to know of a data file.
+pub(super) fn hugging_face_note(morphology: Morphology) -> String {
+    let value = |dtype: &str| json!({"dtype": dtype, "_type": "Value"});
+    let list = || json!({"feature": value("float32"), "_type": "List"});
+    let mut features: Map<String, Value> =
+        [STATE, LANGUAGE, ACTION].map(|name| (name.to_owned(), list())).into_iter().collect();
+    features.extend(
+        morphology.camera_names().iter().map(|camera| (camera_feature(camera), json!({"_type": "Image"}))),
+    );
+    features.extend(SCALARS.map(|(name, dtype)| (name.to_owned(), value(dtype))));
+    json!({"info": {"features": features}}).to_string()
+}
+
+/// What pandas wants to know: the instruction is the table's index.
+fn pandas_note() -> Value {
+    let column = |name: &str, kind: &str, numpy: &str| json!({"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": null});
+    json!({
+        "index_columns": ["task"],
+        "column_indexes": [{
+            "name": null, "field_name": null, "pandas_type": "unicode", "numpy_type": "object",
+            "metadata": {"encoding": "UTF-8"},
+        }],
+        "columns": [column("task_index", "int64", "int64"), column("task", "unicode", "object")],
+        "attributes": {},
+        "creator": {"library": "hypogeum", "version": env!("CARGO_PKG_VERSION")},
+        "pandas_version": "2.0.0",
+    })
+}
+
+/// How deep the lists of a feature's statistics are: those of images have an entry for each channel, row and column.
+fn depth(feature: &str) -> usize {
+    if feature.starts_with("observation.images.") { 3 } else { 1 }
+}
+
+/// A statistic's lists, by name.
+fn lists(stats: &Stats) -> impl Iterator<Item = (&'static str, &Vec<f64>)> {
+    let quantiles = QUANTILES.iter().map(|(_, name)| *name).zip(&stats.quantiles);
+    [("min", &stats.min), ("max", &stats.max), ("mean", &stats.mean), ("std", &stats.std)]
+        .into_iter()
+        .chain(quantiles)
+}
+
+fn stats(journal: &Journal) -> Value {
+    let Some(first) = journal.episodes().next() else { return json!({}) };
+    let of_feature = |feature: &String| {
+        let of_episodes: Vec<&Stats> = journal.episodes().map(|episode| &episode.stats[feature]).collect();
+        let over = Stats::over(&of_episodes);
+        let nested = |numbers: &[f64]| -> Value {
+            numbers.iter().map(|&x| if depth(feature) == 3 { json!([[x]]) } else { json!(x) }).collect()
+        };
+        let mut lists: Map<String, Value> =
+            lists(&over).map(|(name, numbers)| (name.to_owned(), nested(numbers))).collect();
+        lists.insert("count".to_owned(), json!([over.count]));
+        (feature.clone(), Value::Object(lists))
+    };
+    Value::Object(first.stats.keys().map(of_feature).collect())
+}
+
+fn episode_columns(journal: &Journal) -> Vec<Column> {
+    let all: Vec<&EpisodeRecord> = journal.episodes().collect();
+    let files = journal.files().iter().enumerate();
+    let file_of: Vec<usize> = files.flat_map(|(idx, episodes)| vec![idx; episodes.len()]).collect();
+    let mut end = 0;
+    let ends: Vec<i64> = all
+        .iter()
+        .map(|episode| {
+            end += episode.n_frames as i64;
+            end
+        })
+        .collect();
+    let lengths: Vec<i64> = all.iter().map(|episode| episode.n_frames as i64).collect();
+    let mut columns: Vec<Column> = vec![
+        ("episode_index".into(), Cells::Int((0..all.len() as i64).collect())),
+        (
+            "tasks".into(),
+            Cells::TextList(all.iter().map(|episode| vec![episode.instruction.clone()]).collect()),
+        ),
+        ("length".into(), Cells::Int(lengths.clone())),
+        (
+            "data/chunk_index".into(),
+            Cells::Int(file_of.iter().map(|idx| (idx / CHUNK_FILES) as i64).collect()),
+        ),
+        (
+            "data/file_index".into(),
+            Cells::Int(file_of.iter().map(|idx| (idx % CHUNK_FILES) as i64).collect()),
+        ),
+        (
+            "dataset_from_index".into(),
+            Cells::Int(ends.iter().zip(&lengths).map(|(end, n)| end - n).collect()),
+        ),
+        ("dataset_to_index".into(), Cells::Int(ends)),
+    ];
+    for feature in all.first().map(|episode| episode.stats.keys()).into_iter().flatten() {
+        let stats: Vec<&Stats> = all.iter().map(|episode| &episode.stats[feature]).collect();
+        let names = stats.first().map(|stats| lists(stats).map(|(name, _)| name).collect::<Vec<_>>());
+        for (idx, name) in names.unwrap_or_default().into_iter().enumerate() {
+            let of_episode = |stats: &&Stats| {
+                lists(stats).nth(idx).map(|(_, numbers)| numbers.clone()).unwrap_or_default()
+            };
+            let cells =
+                Cells::DoubleList { depth: depth(feature), lists: stats.iter().map(of_episode).collect() };
+            columns.push((format!("stats/{feature}/{name}"), cells));
+        }
+        let counts = stats.iter().map(|stats| vec![stats.count as i64]).collect();
+        columns.push((format!("stats/{feature}/count"), Cells::IntList(counts)));
+    }
+    for name in ["meta/episodes/chunk_index", "meta/episodes/file_index"] {
+        columns.push((name.into(), Cells::Int(vec![0; all.len()])));
+    }
+    columns
+}

@@ -1,0 +1,52 @@
+//! How a dataset keeps images.
+
+use anyhow::Context;
+use serde::{Deserialize, Serialize};
+
+/// Of 100; colours are kept at full resolution.
+const JPEG_QUALITY: u8 = 95;
+
+/// A kind of file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum ImageFormat {
+    /// Nearly what policies see, and small.
+    Jpeg,
+    /// What policies see.
+    Png,
+}
+
+impl ImageFormat {
+    pub(super) const ALL: [Self; 2] = [Self::Jpeg, Self::Png];
+
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Jpeg => "jpeg",
+            Self::Png => "png",
+        }
+    }
+
+    /// The file of an image `[side, side, 3] u8` sRGB.
+    ///
+    /// # Errors
+    /// If it cannot be made.
+    pub(super) fn encode(self, pixels: &[u8], side: usize) -> anyhow::Result<Vec<u8>> {
+        let mut file = Vec::new();
+        match self {
+            Self::Jpeg => {
+                let side = u16::try_from(side).context("an image too large for JPEG")?;
+                let mut encoder = jpeg_encoder::Encoder::new(&mut file, JPEG_QUALITY);
+                encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_1_1);
+                encoder.encode(pixels, side, side, jpeg_encoder::ColorType::Rgb)?;
+            }
+            Self::Png => {
+                let side = u32::try_from(side).context("an image too large for PNG")?;
+                let mut encoder = png::Encoder::new(&mut file, side, side);
+                encoder.set_color(png::ColorType::Rgb);
+                encoder.set_compression(png::Compression::Fast);
+                encoder.write_header()?.write_image_data(pixels)?;
+            }
+        }
+        Ok(file)
+    }
+}

@@ -1,0 +1,61 @@
+"""Datasets that `hypogeum demos` writes, as LeRobot reads them: set HYPOGEUM to the binary, and install lerobot[dataset]."""
+
+import os
+import subprocess
+
+import numpy as np
+import pytest
+
+HYPOGEUM = os.environ.get("HYPOGEUM")
+pytestmark = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM does not name the binary")
+lerobot_dataset = pytest.importorskip("lerobot.datasets.lerobot_dataset", exc_type=ImportError)
+
+LIMIT_S = 120
+CASES = [("single", "RaiseCube,OpenDrawer", 25, 7, 3), ("bimanual", "DualArmDrawerOpen", 64, 16, 4)]
+
+
+@pytest.fixture(scope="module")
+def demos(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("demos")
+    tasks = ",".join(tasks for _, tasks, *_ in CASES)
+    subprocess.run([HYPOGEUM, "demos", "-o", folder, "--tasks", tasks, "--episodes", "2"], check=True, timeout=LIMIT_S)
+    return folder
+
+
+@pytest.mark.parametrize("morphology, tasks, state_dim, action_dim, n_cameras", CASES)
+def test_lerobot_reads_it_and_finds_the_same_statistics(demos, morphology, tasks, state_dim, action_dim, n_cameras):
+    from lerobot.datasets.compute_stats import aggregate_stats, compute_episode_stats
+
+    dataset = lerobot_dataset.LeRobotDataset(f"hypogeum/{morphology}", root=demos / morphology)
+    n_tasks = len(tasks.split(","))
+    assert dataset.num_episodes == 2 * n_tasks and len(dataset.meta.tasks) == n_tasks and dataset.fps == 20
+    cameras = [name for name in dataset.features if name.startswith("observation.images.")]
+    assert len(cameras) == n_cameras
+
+    frames = [dataset[idx] for idx in range(len(dataset))]
+    assert [int(frame["index"]) for frame in frames] == list(range(dataset.num_frames))
+    for frame in (frames[0], frames[-1]):
+        assert frame["observation.state"].shape == (state_dim,) and frame["action"].shape == (action_dim,)
+        assert frame["observation.environment_state"].shape == (64,)
+        for camera in cameras:
+            height, width, _ = dataset.features[camera]["shape"]
+            assert frame[camera].shape == (3, height, width) and 0.01 < float(frame[camera].mean()) < 0.99
+    assert frames[0]["task"] != frames[-1]["task"] or n_tasks == 1
+
+    episodes = []
+    for episode in dataset.meta.episodes:
+        own = frames[episode["dataset_from_index"] : episode["dataset_to_index"]]
+        assert len(own) == episode["length"] and {int(frame["episode_index"]) for frame in own} == {
+            episode["episode_index"]
+        }
+        names = ("observation.state", "action")
+        numbers = {name: np.stack([frame[name].numpy() for frame in own]) for name in names}
+        episodes.append(compute_episode_stats(numbers, {name: dataset.features[name] for name in names}))
+    for name, theirs in aggregate_stats(episodes).items():
+        ours = dataset.meta.stats[name]
+        # Their quantiles are read off histograms.
+        for statistic in ("min", "max", "mean", "std", "count"):
+            np.testing.assert_allclose(ours[statistic], theirs[statistic], rtol=1e-4, atol=1e-5, err_msg=name)
+    for camera in cameras:
+        means = np.mean([frame[camera].numpy().mean((1, 2)) for frame in frames], axis=0)
+        np.testing.assert_allclose(np.ravel(dataset.meta.stats[camera]["mean"]), means, atol=0.01)
