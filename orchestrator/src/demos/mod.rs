@@ -55,10 +55,10 @@ struct Yield {
 /// Makes demonstrations until there are as many as wanted.
 pub(crate) fn demos(args: &DemosArgs) -> Result<Ending, Failure> {
     let wish = Wish::new(args)?;
-    let threads = args.threads.map_or_else(std::thread::available_parallelism, |threads| {
-        std::num::NonZero::new(threads as usize).ok_or_else(|| std::io::Error::other("no thread"))
-    });
-    let threads = threads.context("failed to count the cores").or_user()?.get();
+    let threads = match args.threads {
+        Some(threads) => threads as usize,
+        None => std::thread::available_parallelism().context("failed to count the cores").or_user()?.get(),
+    };
     let pool =
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().context("failed to start threads")?;
     let stopped = Arc::new(AtomicBool::new(false));

@@ -123,12 +123,12 @@ impl Histogram {
         let mean = seen().map(|(level, n)| level * n).sum::<f64>() / n;
         let variance = seen().map(|(level, n)| (level - mean).powi(2) * n).sum::<f64>() / n;
         let quantile = |q: f64| {
-            let mut before = 0.0;
-            let reached = seen().find(|(_, n)| {
-                before += n;
-                before > q * (n_of(self) - 1.0)
+            let mut up_to = 0.0;
+            let mut levels = seen().skip_while(|(_, n_here)| {
+                up_to += n_here;
+                up_to <= q * (n - 1.0)
             });
-            reached.map_or(0.0, |(level, _)| level)
+            levels.next().map_or(0.0, |(level, _)| level)
         };
         Of {
             min: seen().map(|(level, _)| level).fold(f64::INFINITY, f64::min),
@@ -138,10 +138,6 @@ impl Histogram {
             quantiles: QUANTILES.map(|(q, _)| quantile(q)),
         }
     }
-}
-
-fn n_of(histogram: &Histogram) -> f64 {
-    histogram.0.iter().sum::<u64>() as f64
 }
 
 /// A level as a part of full scale.
