@@ -99,7 +99,7 @@ fn each_engine_lives_behind_one_door() {
     only_in("rapier3d", &["sim/src/physics/", "sim/src/robot/"], "physics engine");
     only_in("wgpu", &["sim/src/render/"], "graphics API");
     only_in("faer", &["policy-host/src/nn/"], "matrix products");
-    only_in("parquet", &["orchestrator/src/demos/dataset/", "tests/demos.rs"], "the one writer of datasets");
+    only_in("parquet::", &["orchestrator/src/demos/dataset/"], "the one writer of datasets");
     only_in("rusqlite", &["orchestrator/src/results", "tests/"], "the one writer of results");
     only_in("anyhow", &["orchestrator/", "benches/"], "below it errors have types");
 }
