@@ -15,6 +15,7 @@ mod failure;
 mod fleet;
 mod interrupt;
 mod machine;
+mod movie;
 mod names;
 mod plan;
 mod policy;

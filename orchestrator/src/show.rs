@@ -1,22 +1,20 @@
 //! `hypogeum show`: what all cameras see at the starts of episodes or along one, as a sheet or as a movie.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use sim::perturb::Composition;
-use sim::show::movie::{Format, Movie};
+use sim::show::movie::Format;
 use sim::show::{Film, Key, Script, Subject, What};
 use sim::stream::episode_seed;
 use sim::{Perturbation, TaskId};
 
 use crate::cli::ShowArgs;
 use crate::failure::{Ending, Failure, OrUser};
-use crate::interrupt;
+use crate::movie;
 use crate::names::pick;
 use crate::plan::{PlanError, condition, perturbation, profile, strength, task};
-use crate::progress::{Progress, print};
+use crate::progress::print;
 use crate::report::{Align, Table, print_out};
 
 /// What to show, as meant.
@@ -33,7 +31,7 @@ pub(crate) fn show(args: &ShowArgs) -> Result<Ending, Failure> {
     let wish = Wish::new(args)?;
     let name = wish.episodes[0].0.task.name();
     match &args.movie {
-        Some(path) => movie(&wish, path),
+        Some(path) => draw_movie(&wish, path),
         None => sheet(&wish, args.output.as_deref().unwrap_or(&PathBuf::from(format!("{name}.png")))),
     }
     .with_context(|| format!("failed to show {name}"))
@@ -95,30 +93,15 @@ fn sheet(wish: &Wish, path: &Path) -> anyhow::Result<Ending> {
 }
 
 /// A frame per control step of one episode.
-fn movie(wish: &Wish, path: &Path) -> anyhow::Result<Ending> {
+fn draw_movie(wish: &Wish, path: &Path) -> anyhow::Result<Ending> {
     let &Wish { ref episodes, what, script } = wish;
     let (subject, seed) = episodes[0];
     let format = Format::of(path)?;
-    let stopped = Arc::new(AtomicBool::new(false));
-    let stop = Arc::clone(&stopped);
-    let _watch = interrupt::watch(move || stop.store(true, Ordering::Relaxed))
-        .context("failed to watch for signals")?;
     let mut film = Film::of_episode(subject, seed, script.unwrap_or(Script::Expert), what)?;
-    let mut progress = Progress::of_frames(film.n_moments() as u64);
-    let mut movie = Movie::begin(path, format, film.n_moments(), film.picture(0))?;
-    progress.tick();
-    for moment_idx in 1..film.n_moments() {
-        if stopped.load(Ordering::Relaxed) {
-            progress.finish();
-            print(&format!("interrupted; {} is not written", path.display()));
-            return Ok(Ending::Interrupted);
-        }
-        movie.push(film.picture(moment_idx))?;
-        progress.tick();
+    match movie::write(path, format, film.n_moments(), |moment_idx| film.picture(moment_idx))? {
+        Ending::Done => tell(film.key(), path),
+        other => Ok(other),
     }
-    movie.finish()?;
-    progress.finish();
-    tell(film.key(), path)
 }
 
 /// What the colours mean goes to stdout, where the file is to stderr.

@@ -53,6 +53,9 @@ def test_lerobot_reads_it_and_finds_the_same_statistics(demos, morphology, tasks
         episodes.append(compute_episode_stats(numbers, {name: dataset.features[name] for name in names}))
     for name, theirs in aggregate_stats(episodes).items():
         ours = dataset.meta.stats[name]
+        numbers = np.stack([frame[name].numpy() for frame in frames]).astype(np.float64)
+        np.testing.assert_allclose(ours["mean"], numbers.mean(0), rtol=0, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(ours["std"], numbers.std(0), rtol=0, atol=1e-9, err_msg=name)
         # Their quantiles are read off histograms, and their deviations are the roots of differences of large numbers.
         for statistic, tolerance in {"min": 0, "max": 0, "mean": 1e-5, "std": 1e-3, "count": 0}.items():
             np.testing.assert_allclose(ours[statistic], theirs[statistic], rtol=1e-4, atol=tolerance, err_msg=name)

@@ -8,14 +8,15 @@ use rayon::prelude::*;
 use sim::TaskId;
 use sim::demo::Recording;
 use sim::render::CpuRenderer;
-use sim::render::sheet::{self, Picture};
+use sim::render::sheet;
 use sim::show::Subject;
-use sim::show::movie::{Format, Movie};
+use sim::show::movie::Format;
 use sim::stream::{Stream, episode_seed};
 
-use super::dataset::{EpisodeRecord, Settings, Stored};
+use super::dataset::{EpisodeRecord, Settings, Stored, shown};
 use crate::cli::ReplayArgs;
 use crate::failure::{Ending, Failure, OrUser};
+use crate::movie;
 use crate::names::pick;
 use crate::progress::{Progress, print};
 use crate::report::{Align, Table, print_out};
@@ -25,7 +26,7 @@ pub(crate) fn replay(args: &ReplayArgs) -> Result<Ending, Failure> {
     let stored = Stored::open(&args.dataset).or_user()?;
     let chosen = chosen(args, stored.n_episodes()).or_user()?;
     if let Some(path) = &args.movie {
-        return movie(&stored, chosen[0], path).or_user();
+        return draw_movie(&stored, chosen[0], path).or_user();
     }
     let progress = Mutex::new(Progress::of_replays(chosen.len() as u64, args.quiet));
     let replayed: Vec<(usize, u64)> = chosen
@@ -78,7 +79,7 @@ fn report(stored: &Stored, replayed: &[(usize, u64)]) -> Result<Ending, Failure>
     let mut n_same = 0;
     for (episode_idx, fingerprint) in replayed {
         let EpisodeRecord { task, n_frames, fingerprint: kept, .. } = stored.record(*episode_idx);
-        let found = format!("{fingerprint:016x}");
+        let found = shown(*fingerprint);
         let verdict = if found == *kept { "same".to_owned() } else { found.clone() };
         n_same += usize::from(found == *kept);
         table.row(vec![episode_idx.to_string(), task.clone(), n_frames.to_string(), kept.clone(), verdict]);
@@ -89,26 +90,21 @@ fn report(stored: &Stored, replayed: &[(usize, u64)]) -> Result<Ending, Failure>
 }
 
 /// The episode as a movie of all cameras.
-fn movie(stored: &Stored, episode_idx: usize, path: &Path) -> anyhow::Result<Ending> {
-    let recording = again(stored, episode_idx)?;
+fn draw_movie(stored: &Stored, episode_idx: usize, path: &Path) -> anyhow::Result<Ending> {
     let format = Format::of(path)?;
+    let recording = again(stored, episode_idx)?;
     let (view, mut renderer) = (recording.view(), CpuRenderer::new(rayon::current_num_threads()));
-    let mut picture = |frame| -> Picture {
+    let ending = movie::write(path, format, recording.n_frames(), |frame| {
         let images = recording.draw(&view, &mut renderer, frame);
         sheet::compose(&images, images.len(), 1)
-    };
-    let mut progress = Progress::of_frames(recording.n_frames() as u64);
-    let mut movie = Movie::begin(path, format, recording.n_frames(), picture(0))?;
-    for frame in 1..recording.n_frames() {
-        progress.tick();
-        movie.push(picture(frame))?;
+    })?;
+    if ending != Ending::Done {
+        return Ok(ending);
     }
-    movie.finish()?;
-    progress.finish();
-    let same = format!("{:016x}", recording.fingerprint()) == stored.record(episode_idx).fingerprint;
     print(&format!("wrote {}", path.display()));
-    if !same {
-        print(&format!("episode {episode_idx} does not have the fingerprint it had"));
+    if shown(recording.fingerprint()) == stored.record(episode_idx).fingerprint {
+        return Ok(Ending::Done);
     }
-    Ok(if same { Ending::Done } else { Ending::WithErrors })
+    print(&format!("episode {episode_idx} does not have the fingerprint it had"));
+    Ok(Ending::WithErrors)
 }

@@ -9,6 +9,8 @@ use super::quantised::{QUAD, QuantisedMatrix, Runs, quantise};
 const ROUNDED_LEN: usize = 48 << 10;
 /// Rows that are rounded together come in multiples of this, a tile's.
 const ROUNDED_ROWS: usize = 6;
+/// Most rows that are rounded together.
+const MOST_ROUNDED_ROWS: usize = 96;
 /// Fewest columns of a layer whose weights are rounded: others are soon multiplied.
 const FEWEST_ROUNDED: usize = 32;
 
@@ -140,8 +142,8 @@ impl Linear {
 fn add_rounded(matrix: &QuantisedMatrix, out: &mut [f32], copy: impl Fn(usize, &mut [f32])) {
     let (depth, width) = (matrix.depth(), matrix.width());
     let (mut rounded, mut whole) = ([0; ROUNDED_LEN], [0.0; ROUNDED_LEN / ROUNDED_ROWS]);
-    let mut steps = [0.0; ROUNDED_LEN / QUAD];
-    let n_together = ROUNDED_LEN / depth / ROUNDED_ROWS * ROUNDED_ROWS;
+    let mut steps = [0.0; MOST_ROUNDED_ROWS];
+    let n_together = (ROUNDED_LEN / depth / ROUNDED_ROWS * ROUNDED_ROWS).min(MOST_ROUNDED_ROWS);
     for (block_idx, out) in out.chunks_mut(n_together * width).enumerate() {
         let n_rows = out.len() / width;
         for (idx, (row, step)) in rounded.chunks_exact_mut(depth).zip(&mut steps).take(n_rows).enumerate() {

@@ -13,7 +13,7 @@ use crate::expert::{Expert, PlanError};
 use crate::fingerprint::Fingerprint;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
-use crate::render::{CpuRenderer, RenderScene, View};
+use crate::render::{CpuRenderer, RenderScene};
 use crate::scene::{Scene, Snapshot};
 use crate::show::Subject;
 
@@ -157,14 +157,7 @@ impl Recording {
         renderer: &mut CpuRenderer,
         frame: usize,
     ) -> Vec<(usize, Vec<u8>)> {
-        let sides = (0..view.n_cameras()).map(|camera_idx| view.side(camera_idx));
-        let mut images: Vec<_> = sides.map(|side| (side, vec![0; side * side * 3])).collect();
-        let snapshot = &self.snapshots[frame];
-        let views = images.iter_mut().enumerate();
-        let mut views: Vec<View<'_>> =
-            views.map(|(camera_idx, (_, out))| View { scene: view, snapshot, camera_idx, out }).collect();
-        renderer.draw(&mut views);
-        images
+        renderer.photograph(view, &self.snapshots[frame])
     }
 
     /// What the renderer needs to know of the episode.

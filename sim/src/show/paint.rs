@@ -3,7 +3,7 @@
 use super::depth::DepthRange;
 use super::film::Moment;
 use super::segments::{Entry, color_of, legend};
-use crate::render::{CpuRenderer, RenderScene, View};
+use crate::render::{CpuRenderer, Inspection, RenderScene};
 use crate::scene::{Scene, Snapshot};
 
 /// What of the cameras' views is shown.
@@ -67,28 +67,17 @@ impl Painter {
 
     /// Every camera's side and its image, `[side, side, 3] u8` sRGB.
     pub(super) fn paint(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
-        let cameras = 0..scene.n_cameras();
-        let mut inspect = |camera_idx| self.renderer.inspect(scene, snapshot, camera_idx);
-        let images: Vec<Vec<u8>> = match &self.key {
-            Key::Rgb => photograph(&mut self.renderer, scene, snapshot),
-            Key::Depth(range) => cameras
-                .map(|idx| inspect(idx).depth_m.iter().flat_map(|depth_m| range.color_of(*depth_m)).collect())
-                .collect(),
-            Key::Seg(_) => cameras
-                .map(|idx| inspect(idx).segments.iter().flat_map(|segment| color_of(*segment)).collect())
-                .collect(),
+        let Self { renderer, key } = self;
+        let mut each = |image: &dyn Fn(Inspection) -> Vec<u8>| {
+            let camera = |idx| (scene.side(idx), image(renderer.inspect(scene, snapshot, idx)));
+            (0..scene.n_cameras()).map(camera).collect()
         };
-        images.into_iter().enumerate().map(|(idx, image)| (scene.side(idx), image)).collect()
+        match key {
+            Key::Rgb => renderer.photograph(scene, snapshot),
+            Key::Depth(range) => each(&|seen| seen.depth_m.iter().flat_map(|x| range.color_of(*x)).collect()),
+            Key::Seg(_) => each(&|seen| seen.segments.iter().flat_map(|x| color_of(*x)).collect()),
+        }
     }
-}
-
-fn photograph(renderer: &mut CpuRenderer, scene: &RenderScene, snapshot: &Snapshot) -> Vec<Vec<u8>> {
-    let bytes = |camera_idx| vec![0; scene.side(camera_idx).pow(2) * 3];
-    let mut images: Vec<Vec<u8>> = (0..scene.n_cameras()).map(bytes).collect();
-    let view = |(camera_idx, out)| View { scene, snapshot, camera_idx, out };
-    let mut views: Vec<View<'_>> = images.iter_mut().map(Vec::as_mut_slice).enumerate().map(view).collect();
-    renderer.draw(&mut views);
-    images
 }
 
 fn depth_range(renderer: &mut CpuRenderer, scenes: &[RenderScene], moments: &[Moment]) -> DepthRange {

@@ -62,7 +62,7 @@ impl Table {
     ///
     /// # Errors
     /// If they cannot be written.
-    pub(super) fn push(&mut self, columns: &[Column]) -> anyhow::Result<()> {
+    pub(super) fn push(&mut self, columns: Vec<Column>) -> anyhow::Result<()> {
         let mut group = self.0.next_row_group()?;
         for (_, cells) in columns {
             cells.write(&mut group)?;
@@ -100,34 +100,34 @@ impl Cells {
         })
     }
 
-    fn write(&self, group: &mut SerializedRowGroupWriter<'_, File>) -> anyhow::Result<()> {
+    fn write(self, group: &mut SerializedRowGroupWriter<'_, File>) -> anyhow::Result<()> {
         let text = |text: &String| ByteArray::from(text.as_str());
         match self {
-            Self::Int(numbers) => leaves::<Int64Type>(group, numbers, 1, None),
-            Self::Float(numbers) => leaves::<FloatType>(group, numbers, 1, None),
+            Self::Int(numbers) => leaves::<Int64Type>(group, &numbers, 1, None),
+            Self::Float(numbers) => leaves::<FloatType>(group, &numbers, 1, None),
             Self::Text(texts) => {
                 leaves::<ByteArrayType>(group, &texts.iter().map(text).collect::<Vec<_>>(), 1, None)
             }
             Self::Image(files) => {
-                let bytes: Vec<ByteArray> = files.iter().map(|file| ByteArray::from(file.clone())).collect();
+                let bytes: Vec<ByteArray> = files.into_iter().map(ByteArray::from).collect();
                 leaves::<ByteArrayType>(group, &bytes, 2, None)?;
                 // The path is absent in every row.
                 let mut column = group.next_column()?.context("an image has a path")?;
-                column.typed::<ByteArrayType>().write_batch(&[], Some(&vec![1; files.len()]), None)?;
+                column.typed::<ByteArrayType>().write_batch(&[], Some(&vec![1; bytes.len()]), None)?;
                 Ok(column.close()?)
             }
             Self::FloatList { width, numbers } => {
-                let starts = |idx: usize| idx.is_multiple_of(*width);
+                let starts = |idx: usize| idx.is_multiple_of(width);
                 let repeats: Vec<i16> = (0..numbers.len()).map(|idx| i16::from(!starts(idx))).collect();
-                leaves::<FloatType>(group, numbers, 3, Some(&repeats))
+                leaves::<FloatType>(group, &numbers, 3, Some(&repeats))
             }
-            Self::IntList(lists) => leaves::<Int64Type>(group, &lists.concat(), 3, Some(&repeats(lists))),
+            Self::IntList(lists) => leaves::<Int64Type>(group, &lists.concat(), 3, Some(&repeats(&lists))),
             Self::TextList(lists) => {
                 let texts: Vec<ByteArray> = lists.iter().flatten().map(text).collect();
-                leaves::<ByteArrayType>(group, &texts, 3, Some(&repeats(lists)))
+                leaves::<ByteArrayType>(group, &texts, 3, Some(&repeats(&lists)))
             }
             Self::DoubleList { depth, lists } => {
-                leaves::<DoubleType>(group, &lists.concat(), 1 + 2 * *depth as i16, Some(&repeats(lists)))
+                leaves::<DoubleType>(group, &lists.concat(), 1 + 2 * depth as i16, Some(&repeats(&lists)))
             }
         }
     }
@@ -190,20 +190,28 @@ mod tests {
     fn every_kind_of_column_reads_back_as_it_was_written() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("table.parquet");
-        let columns = [
-            ("int".to_owned(), Cells::Int(vec![7, 8])),
-            ("float".to_owned(), Cells::Float(vec![0.5, -0.25])),
-            ("text".to_owned(), Cells::Text(vec!["a".to_owned(), String::new()])),
-            ("image".to_owned(), Cells::Image(vec![vec![1, 2], vec![255]])),
-            ("floats".to_owned(), Cells::FloatList { width: 2, numbers: vec![1.0, 2.0, 3.0, 4.0] }),
-            ("ints".to_owned(), Cells::IntList(vec![vec![1], vec![2, 3]])),
-            ("texts".to_owned(), Cells::TextList(vec![vec!["x".to_owned()], vec!["y".to_owned()]])),
-            ("doubles/1".to_owned(), Cells::DoubleList { depth: 1, lists: vec![vec![0.1], vec![0.2, 0.3]] }),
-            ("doubles/3".to_owned(), Cells::DoubleList { depth: 3, lists: vec![vec![0.1, 0.4], vec![0.2]] }),
-        ];
-        let mut table = Table::create(&path, &columns, Some(("key", "value".to_owned()))).unwrap();
-        table.push(&columns).unwrap();
-        table.push(&columns).unwrap();
+        let columns = || {
+            vec![
+                ("int".to_owned(), Cells::Int(vec![7, 8])),
+                ("float".to_owned(), Cells::Float(vec![0.5, -0.25])),
+                ("text".to_owned(), Cells::Text(vec!["a".to_owned(), String::new()])),
+                ("image".to_owned(), Cells::Image(vec![vec![1, 2], vec![255]])),
+                ("floats".to_owned(), Cells::FloatList { width: 2, numbers: vec![1.0, 2.0, 3.0, 4.0] }),
+                ("ints".to_owned(), Cells::IntList(vec![vec![1], vec![2, 3]])),
+                ("texts".to_owned(), Cells::TextList(vec![vec!["x".to_owned()], vec!["y".to_owned()]])),
+                (
+                    "doubles/1".to_owned(),
+                    Cells::DoubleList { depth: 1, lists: vec![vec![0.1], vec![0.2, 0.3]] },
+                ),
+                (
+                    "doubles/3".to_owned(),
+                    Cells::DoubleList { depth: 3, lists: vec![vec![0.1, 0.4], vec![0.2]] },
+                ),
+            ]
+        };
+        let mut table = Table::create(&path, &columns(), Some(("key", "value".to_owned()))).unwrap();
+        table.push(columns()).unwrap();
+        table.push(columns()).unwrap();
         table.finish().unwrap();
         let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
         let rows: Vec<String> =

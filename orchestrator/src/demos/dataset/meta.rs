@@ -46,17 +46,17 @@ pub(super) fn write(folder: &Path, journal: &Journal) -> anyhow::Result<()> {
     text("meta/stats.json", &stats(journal))?;
     let episodes = folder.join(EPISODES);
     std::fs::create_dir_all(episodes.parent().unwrap_or(folder))?;
-    table(&episodes, &episode_columns(journal), None)?;
+    table(&episodes, episode_columns(journal), None)?;
     let said = instructions(journal.episodes());
-    let tasks = [
+    let tasks = vec![
         ("task_index".to_owned(), Cells::Int((0..said.len() as i64).collect())),
         ("task".to_owned(), Cells::Text(said.iter().map(|&text| text.to_owned()).collect())),
     ];
-    table(&folder.join("meta/tasks.parquet"), &tasks, Some(("pandas", pandas_note().to_string())))
+    table(&folder.join("meta/tasks.parquet"), tasks, Some(("pandas", pandas_note().to_string())))
 }
 
-fn table(path: &Path, columns: &[Column], note: Option<(&str, String)>) -> anyhow::Result<()> {
-    let mut table = Table::create(path, columns, note)?;
+fn table(path: &Path, columns: Vec<Column>, note: Option<(&str, String)>) -> anyhow::Result<()> {
+    let mut table = Table::create(path, &columns, note)?;
     table
         .push(columns)
         .and_then(|()| table.finish())

@@ -131,7 +131,7 @@ impl Dataset {
                 none.insert(OpenFile { table, draft, path, episodes: Vec::new(), n_bytes: 0 })
             }
         };
-        open.table.push(&columns).with_context(|| format!("failed to write {}", open.path.display()))?;
+        open.table.push(columns).with_context(|| format!("failed to write {}", open.path.display()))?;
         open.episodes.push(record);
         open.n_bytes += n_bytes;
         if open.n_bytes >= FILE_BYTES { self.close_file() } else { Ok(()) }
@@ -176,6 +176,11 @@ fn instructions<'a>(episodes: impl Iterator<Item = &'a EpisodeRecord>) -> Vec<&'
         }
     }
     said
+}
+
+/// A fingerprint as journals and people have it.
+pub(super) fn shown(fingerprint: u64) -> String {
+    format!("{fingerprint:016x}")
 }
 
 /// A camera's feature.
@@ -229,7 +234,7 @@ fn columns(
         instruction: episode.instruction,
         index: episode.index,
         n_frames: n_frames as u64,
-        fingerprint: format!("{:016x}", episode.fingerprint),
+        fingerprint: shown(episode.fingerprint),
         stats,
     };
     (columns, record)

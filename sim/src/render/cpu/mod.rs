@@ -35,6 +35,7 @@ use super::camera::Camera;
 use super::posed;
 use super::scene::RenderScene;
 use super::{RenderError, Renderer, Samples, View, with_samples};
+use crate::scene::Snapshot;
 use antialias::ShadeSamples;
 use geometry::Draw;
 pub use inspect::{Inspection, Segment};
@@ -152,6 +153,21 @@ impl CpuRenderer {
             let map = map.map(|i| &this.shadow_maps[i]);
             this.with_scratch(|scratch| scratch.render(this.isa, this.options, view, map));
         });
+    }
+
+    /// Every camera's side and its image, `[side, side, 3] u8` sRGB.
+    ///
+    /// # Panics
+    /// If the snapshot is not of the scene.
+    #[must_use]
+    pub fn photograph(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
+        let sides = (0..scene.n_cameras()).map(|camera_idx| scene.side(camera_idx));
+        let mut images: Vec<_> = sides.map(|side| (side, vec![0; side * side * 3])).collect();
+        let views = images.iter_mut().enumerate();
+        let mut views: Vec<View<'_>> =
+            views.map(|(camera_idx, (_, out))| View { scene, snapshot, camera_idx, out }).collect();
+        self.draw(&mut views);
+        images
     }
 
     /// Draws one shadow map per env that needs one: the views of an env follow each other.
