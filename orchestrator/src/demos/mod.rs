@@ -40,8 +40,8 @@ struct Wish {
     tasks: Vec<TaskId>,
     /// Demonstrations of each task.
     episodes: u32,
-    /// What datasets share; of each morphology the control mode is its own.
-    settings: Settings,
+    /// What the episodes of one arm share. Those of two differ in morphology and control mode.
+    single_arm: Settings,
 }
 
 /// What became of a task.
@@ -76,7 +76,7 @@ impl Wish {
             condition(task, perturbation).or_user()?;
         }
         let modes = [ControlMode::EeDeltaPose, ControlMode::JointPos];
-        let settings = Settings {
+        let single_arm = Settings {
             morphology: Morphology::Single,
             control_mode: pick("control mode", &args.control_mode, &modes, ControlMode::name).or_user()?,
             perturbation,
@@ -85,15 +85,16 @@ impl Wish {
             seed: args.seed,
             images: pick("image format", &args.images, &ImageFormat::ALL, ImageFormat::name).or_user()?,
         };
-        Ok(Self { tasks, episodes: args.episodes, settings })
+        Ok(Self { tasks, episodes: args.episodes, single_arm })
     }
 
     fn settings_of(&self, morphology: Morphology) -> Settings {
-        let control_mode = match morphology {
-            Morphology::Single => self.settings.control_mode,
-            Morphology::Bimanual => morphology.default_control_mode(),
-        };
-        Settings { morphology, control_mode, ..self.settings }
+        match morphology {
+            Morphology::Single => self.single_arm,
+            Morphology::Bimanual => {
+                Settings { morphology, control_mode: morphology.default_control_mode(), ..self.single_arm }
+            }
+        }
     }
 
     fn run(&self, folder: &Path, quiet: bool, stopped: &AtomicBool) -> anyhow::Result<Ending> {
@@ -104,30 +105,30 @@ impl Wish {
                 self.tasks.iter().copied().filter(|task| task.task().morphology == morphology).collect();
             if !own.is_empty() {
                 let dataset = Dataset::open(&folder.join(morphology.name()), self.settings_of(morphology))?;
-                datasets.push((morphology, dataset, own));
+                datasets.push((dataset, own));
             }
         }
         let done: u32 = datasets
             .iter()
-            .flat_map(|(_, dataset, tasks)| {
+            .flat_map(|(dataset, tasks)| {
                 tasks.iter().map(|task| dataset.progress(task.name()).0.min(self.episodes))
             })
             .sum();
         let n = u64::from(self.episodes) * self.tasks.len() as u64;
-        let frames_before: u64 = datasets.iter().map(|(_, dataset, _)| dataset.n_frames()).sum();
+        let frames_before: u64 = datasets.iter().map(|(dataset, _)| dataset.n_frames()).sum();
         let mut progress = Progress::of_demonstrations(n, u64::from(done), quiet);
         let mut yields = Vec::new();
-        for (morphology, dataset, tasks) in &mut datasets {
+        for (dataset, tasks) in &mut datasets {
             for &task in &*tasks {
                 if !stopped.load(Ordering::Relaxed) {
-                    self.demonstrate(task, *morphology, dataset, &mut progress, stopped)?;
-                    yields.push(Yield::of(task, dataset));
+                    self.demonstrate(task, dataset, &mut progress, stopped)?;
                 }
             }
             dataset.write_meta()?;
+            yields.extend(tasks.iter().map(|&task| Yield::of(task, dataset)));
         }
         progress.finish();
-        let frames: u64 = datasets.iter().map(|(_, dataset, _)| dataset.n_frames()).sum();
+        let frames: u64 = datasets.iter().map(|(dataset, _)| dataset.n_frames()).sum();
         let seconds = started.elapsed().as_secs_f64();
         print_out(&table(&yields))?;
         print(&format!(
@@ -147,7 +148,6 @@ impl Wish {
     fn demonstrate(
         &self,
         task: TaskId,
-        morphology: Morphology,
         dataset: &mut Dataset,
         progress: &mut Progress,
         stopped: &AtomicBool,
@@ -160,7 +160,7 @@ impl Wish {
             next = indices.end;
             let made: Vec<Option<Episode>> = indices
                 .into_par_iter()
-                .map(|index| self.episode(task, morphology, index, stopped))
+                .map(|index| self.episode(task, index, stopped))
                 .collect::<anyhow::Result<_>>()?;
             if stopped.load(Ordering::Relaxed) {
                 return Ok(());
@@ -182,17 +182,12 @@ impl Wish {
     }
 
     /// The expert's episode of this index, drawn, if it succeeds.
-    fn episode(
-        &self,
-        task: TaskId,
-        morphology: Morphology,
-        index: u32,
-        stopped: &AtomicBool,
-    ) -> anyhow::Result<Option<Episode>> {
-        let Settings { perturbation, strength, profile, seed, images: format, .. } = self.settings;
+    fn episode(&self, task: TaskId, index: u32, stopped: &AtomicBool) -> anyhow::Result<Option<Episode>> {
+        let Settings { morphology, control_mode, perturbation, strength, profile, seed, images: format } =
+            self.settings_of(task.task().morphology);
         let subject = Subject { task, perturbation, strength, profile };
-        let mode = self.settings_of(morphology).control_mode;
-        let recording = match Recording::of_expert(subject, episode_seed(seed, task.name(), index), mode) {
+        let seed = episode_seed(seed, task.name(), index);
+        let recording = match Recording::of_expert(subject, seed, control_mode) {
             Ok(recording) if recording.success_at_end() => recording,
             Ok(_) | Err(DemoError::Plan(_) | DemoError::NotFinite { .. }) => return Ok(None),
             Err(error @ DemoError::Mode { .. }) => return Err(error.into()),

@@ -152,7 +152,7 @@ impl Backbone {
                     (camera, image(idx / group.len(), camera))
                 });
                 let len = images.len() * shape.map_len();
-                self.run_early(images, scratch, members);
+                self.run_early(images, pooled, scratch, members);
                 let late = &mut scratch.late[0][start * shape.map_len()..][..len];
                 late.copy_from_slice(&scratch.early[0][..len]);
             }
@@ -170,19 +170,20 @@ impl Backbone {
         assert_eq!(first, len_of_sample, "features of a sample");
     }
 
-    /// Brings images of one size through the stem and the early stages, to the first of the early maps.
+    /// Brings images of one size, `pooled` after the pooling, through the stem and the early stages, to the first of the
+    /// early maps.
     fn run_early<'a>(
         &self,
         images: impl ExactSizeIterator<Item = (usize, Image<'a>)>,
+        pooled: MapShape,
         scratch: &mut TrunkScratch,
         members: &mut [ConvScratch],
     ) {
         let TrunkScratch { resize, image: pixels, stem, early, .. } = scratch;
         let n_images = images.len();
-        let mut shape = None;
         for (idx, (camera, image)) in images.enumerate() {
             let preprocessor = &self.preprocessors[camera];
-            let [image_shape, stem_shape, pooled] = self.shapes(camera);
+            let [image_shape, stem_shape, _] = self.shapes(camera);
             let (pixels, stem) = (&mut pixels[..image_shape.len()], &mut stem[..stem_shape.len()]);
             preprocessor.prepare(image, resize);
             in_bands(members, (pixels, image_shape), 1, |lines, out, _| {
@@ -193,11 +194,8 @@ impl Backbone {
             in_bands(members, (map, pooled), 1, |lines, out, _| {
                 max_pool_3x3((stem, stem_shape), (out, pooled), lines);
             });
-            shape = Some(MapShape { n_maps: n_images, ..pooled });
         }
-        if let Some(shape) = shape {
-            run_blocks(&self.early, shape, early, members);
-        }
+        run_blocks(&self.early, MapShape { n_maps: n_images, ..pooled }, early, members);
     }
 
     /// Shapes of one image of a camera: as prepared, after the stem, and after the pooling.
