@@ -16,6 +16,7 @@ import torch
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
+from .backbone import resnet18_of, width_of
 from .ensemble import DEFAULT_COEFF
 from .host import serve
 from .images import to_network
@@ -47,7 +48,8 @@ class LeRobotPolicy:
             name: Feature(feature.type.value, tuple(feature.shape)) for name, feature in config.input_features.items()
         }
         self.mapping = make_mapping(features, config.action_feature.shape[0], read_settings(folder))
-        self.policy = get_policy_class(config.type).from_pretrained(folder, config=config)
+        with resnet18_of(width_of(folder)):
+            self.policy = get_policy_class(config.type).from_pretrained(folder, config=config)
         self.device = torch.device(device)
         self.batched = batched
         self.preprocess, self.postprocess = make_pre_post_processors(

@@ -1,0 +1,54 @@
+"""Narrow ResNets for LeRobot's ACT, which by itself knows torchvision's widths only."""
+
+import contextlib
+import json
+from pathlib import Path
+
+import torchvision
+from torch import nn
+from torchvision.models.resnet import BasicBlock, ResNet
+
+# Channels of the first stage of torchvision's own.
+FULL_WIDTH = 64
+STEM = "model.backbone.conv1.weight"
+
+
+def resnet18(width, norm_layer=nn.BatchNorm2d):
+    """A ResNet-18 whose stages have 1, 2, 4 and 8 times `width` channels, with random weights."""
+    network = ResNet(BasicBlock, [2, 2, 2, 2], norm_layer=norm_layer)
+    network.inplanes = width
+    network.conv1 = nn.Conv2d(3, width, 7, stride=2, padding=3, bias=False)
+    network.bn1 = norm_layer(width)
+    for stage in range(4):
+        layer = network._make_layer(BasicBlock, width << stage, 2, stride=1 if stage == 0 else 2)
+        setattr(network, f"layer{stage + 1}", layer)
+    network.fc = nn.Linear(8 * width, 1)
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d):
+            nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
+    return network
+
+
+@contextlib.contextmanager
+def resnet18_of(width):
+    """Within it, every policy that asks torchvision for a `resnet18` gets one of this width."""
+
+    def make(weights=None, norm_layer=nn.BatchNorm2d, **_):
+        if weights is not None:
+            raise ValueError(f"there are no pretrained weights for a ResNet-18 of width {width}")
+        return resnet18(width, norm_layer)
+
+    own = torchvision.models.resnet18
+    if width != FULL_WIDTH:
+        torchvision.models.resnet18 = make
+    try:
+        yield
+    finally:
+        torchvision.models.resnet18 = own
+
+
+def width_of(folder):
+    """The width of the ResNet in a checkpoint's `model.safetensors`, by its header; `FULL_WIDTH` if it has none."""
+    with open(Path(folder) / "model.safetensors", "rb") as file:
+        header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
+    return header[STEM]["shape"][0] if STEM in header else FULL_WIDTH

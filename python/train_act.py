@@ -1,0 +1,278 @@
+#!/usr/bin/env python3
+"""Trains LeRobot's ACT on demonstrations of `hypogeum demos`, and evaluates it in the simulator as it learns.
+
+    hypogeum demos -o demos --tasks RaiseCube --episodes 100
+    train_act.py demos/single -o raise-cube --evaluate target/release/hypogeum
+    hypogeum run --policy act=act:raise-cube --tasks RaiseCube --episodes 200
+
+Needs LeRobot 0.6 (`pip install ./python[lerobot]`). Runs on a GPU if there is one. Interrupt it and give the command again:
+it goes on with the last checkpoint. `OUT` is a checkpoint as LeRobot saves it, of averaged weights in half precision, and
+`OUT/training` what only training needs: images, optimiser, log.
+"""
+
+import argparse
+import copy
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors.torch import load_file, save_file
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torchvision.ops.misc import FrozenBatchNorm2d
+
+from hypogeum.backbone import resnet18_of
+from hypogeum.images import to_network
+from lerobot.configs.types import FeatureType, PolicyFeature
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.policies.act.configuration_act import ACTConfig
+from lerobot.policies.act.modeling_act import ACTPolicy
+from lerobot.policies.act.processor_act import make_act_pre_post_processors
+
+STATE, INSTRUCTION, ACTION = "observation.state", "observation.environment_state", "action"
+# Smallest deviation that a vector is divided by, as in the benchmark's own training.
+MIN_STD = 0.01
+WARM_UP_STEPS = 500
+# The part of all steps in which the learning rate falls to nothing.
+COOL_DOWN = 0.25
+# What a run that goes on must have in common with its beginning.
+FIXED = ("tasks", "batch_size", "width", "shrink", "dim", "layers", "chunk", "dropout", "vae", "ema", "seed")
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("dataset", type=Path, help="a dataset of one morphology, for example demos/single")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the checkpoint")
+    parser.add_argument("--tasks", help="comma-separated; all in the dataset by default")
+    parser.add_argument("--steps", type=int, default=20_000, help="updates in all; more of them may be asked for later")
+    parser.add_argument("--batch-size", type=int, default=16)
+    parser.add_argument("--lr", type=float, default=2e-4)
+    parser.add_argument("--width", type=int, default=64, help="of the ResNet-18's first stage; 64 is the usual one")
+    parser.add_argument("--shrink", type=int, default=1, help="images are this many times smaller than the dataset's")
+    parser.add_argument("--dim", type=int, default=512, help="of the transformer's tokens")
+    parser.add_argument("--layers", type=int, default=4, help="of the transformer's encoder")
+    parser.add_argument("--dropout", type=float, default=0.1, help="in the transformer")
+    parser.add_argument("--chunk", type=int, default=30, help="actions per answer")
+    parser.add_argument("--vae", action="store_true", help="with ACT's latent variable, which scripted experts do not need")
+    parser.add_argument("--ema", type=float, default=0.999, help="decay of the averaged weights, per step")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--save-every", type=int, default=1000, help="steps between checkpoints")
+    parser.add_argument("--evaluate", metavar="HYPOGEUM", help="the binary that evaluates every checkpoint")
+    parser.add_argument("--episodes", type=int, default=20, help="of every task, for an evaluation")
+    parser.add_argument("--evaluation-seed", type=int, default=7, help="not the seed that you report results with")
+    return parser.parse_args()
+
+
+class Demonstrations:
+    """The frames of some tasks in memory: vectors as they are, images in the size that the network sees."""
+
+    def __init__(self, root, tasks, shrink, chunk, cache):
+        if not (root / "meta/hypogeum.jsonl").exists():
+            sys.exit(f"{root} has no meta/hypogeum.jsonl: expected a dataset of `hypogeum demos`, such as demos/single")
+        rows = [row for line in (root / "meta/hypogeum.jsonl").read_text().splitlines() for row in json.loads(line)]
+        self.tasks = tasks or sorted({row["task"] for row in rows})
+        unknown = set(self.tasks) - {row["task"] for row in rows}
+        if unknown:
+            sys.exit(f"{root} has no episodes of {', '.join(sorted(unknown))}")
+        name = f"hypogeum/{root.name}"
+        meta = LeRobotDatasetMetadata(name, root=root)
+        episodes = [idx for idx, row in enumerate(rows) if row["task"] in self.tasks]
+        self.cameras = {key: [3, *(side // shrink for side in meta.features[key]["shape"][:2])] for key in meta.camera_keys}
+        lengths = np.array([rows[idx]["n_frames"] for idx in episodes])
+        self.n_frames = int(lengths.sum())
+        # Of every frame: one past the last of its episode.
+        self.ends = np.repeat(np.cumsum(lengths), lengths)
+        self.offsets = np.arange(chunk)
+        paths = {key: cache / f"{key}-{'-'.join(map(str, shape[1:]))}.npy" for key, shape in self.cameras.items()}
+        vectors = cache / "vectors.safetensors"
+        if not vectors.exists():
+            self.fill(LeRobotDataset(name, root=root, episodes=episodes), paths, vectors)
+        self.images = {key: np.load(path, mmap_mode="r") for key, path in paths.items()}
+        self.vectors = load_file(vectors)
+        found = {len(values) for values in [*self.images.values(), *self.vectors.values()]}
+        if found != {self.n_frames}:
+            sys.exit(f"{cache} was made of another dataset or other tasks: remove it")
+
+    def fill(self, dataset, paths, vectors):
+        """Decodes every image once."""
+        images = {
+            key: np.lib.format.open_memmap(path, "w+", np.uint8, (self.n_frames, *self.cameras[key][1:], 3))
+            for key, path in paths.items()
+        }
+        frames, values = dataset.hf_dataset.with_format(None), {STATE: [], INSTRUCTION: [], ACTION: []}
+        started = time.monotonic()
+        for idx, frame in enumerate(frames):
+            for key, into in images.items():
+                pixels = to_network(np.asarray(frame[key])[None], *self.cameras[key][1:])
+                into[idx] = (pixels[0] * 255).round().permute(1, 2, 0).numpy()
+            for key, into in values.items():
+                into.append(frame[key])
+            if idx % 5000 == 0:
+                print(f"images of {idx} of {self.n_frames} frames, {time.monotonic() - started:.0f} s", flush=True)
+        for into in images.values():
+            into.flush()
+        save_file({key: torch.tensor(np.array(rows, np.float32)) for key, rows in values.items()}, vectors)
+
+    def stats(self):
+        """Means and deviations: of vectors per number, of images per channel."""
+        stats = {}
+        for key, values in self.vectors.items():
+            stats[key] = {"mean": values.mean(0), "std": values.std(0).clamp_min(MIN_STD)}
+        for key, images in self.images.items():
+            some = np.asarray(images[:: max(1, self.n_frames // 2000)], np.float64) / 255
+            moments = {"mean": some.mean((0, 1, 2)), "std": some.std((0, 1, 2))}
+            stats[key] = {name: torch.tensor(value, dtype=torch.float32)[:, None, None] for name, value in moments.items()}
+        return stats
+
+    def batch(self, step, size, seed):
+        """The batch of a step, a function of its arguments: every epoch goes once through all frames."""
+        per_epoch = self.n_frames // size
+        order = np.random.default_rng([seed, step // per_epoch]).permutation(self.n_frames)
+        picked = np.sort(order[step % per_epoch * size :][:size])
+        ahead = picked[:, None] + self.offsets
+        last = self.ends[picked][:, None] - 1
+        batch = {key: torch.from_numpy(images[picked]).permute(0, 3, 1, 2) / 255 for key, images in self.images.items()}
+        batch |= {key: self.vectors[key][picked] for key in (STATE, INSTRUCTION)}
+        batch[ACTION] = self.vectors[ACTION][np.minimum(ahead, last)]
+        batch["action_is_pad"] = torch.from_numpy(ahead > last)
+        return batch
+
+
+def make_policy(args, data):
+    """A fresh policy with LeRobot's configuration."""
+    vectors = {key: FeatureType.ENV if key == INSTRUCTION else FeatureType.STATE for key in (STATE, INSTRUCTION)}
+    features = {key: PolicyFeature(kind, (data.vectors[key].shape[1],)) for key, kind in vectors.items()}
+    features |= {key: PolicyFeature(FeatureType.VISUAL, tuple(shape)) for key, shape in data.cameras.items()}
+    config = ACTConfig(
+        input_features=features,
+        output_features={ACTION: PolicyFeature(FeatureType.ACTION, (data.vectors[ACTION].shape[1],))},
+        device=args.device, push_to_hub=False, pretrained_backbone_weights=None,
+        chunk_size=args.chunk, n_action_steps=args.chunk, use_vae=args.vae,
+        dim_model=args.dim, dim_feedforward=2 * args.dim, n_encoder_layers=args.layers, dropout=args.dropout,
+    )
+    with resnet18_of(args.width):
+        return ACTPolicy(config).to(args.device)
+
+
+@torch.no_grad()
+def calibrate(policy, batch):
+    """Sets the frozen normalisations, whose statistics nothing else would, to those of a batch: first to last."""
+
+    def measure(norm, inputs):
+        norm.running_mean.copy_(inputs[0].mean((0, 2, 3)))
+        norm.running_var.copy_(inputs[0].var((0, 2, 3)))
+
+    norms = [module for module in policy.modules() if isinstance(module, FrozenBatchNorm2d)]
+    hooks = [norm.register_forward_pre_hook(measure) for norm in norms]
+    # All cameras in one batch: the backbone is theirs in common.
+    policy.model.backbone(torch.cat([torch.nn.functional.interpolate(batch[key], 64) for key in policy.config.image_features]))
+    for hook in hooks:
+        hook.remove()
+
+
+def learning_rate(step, args):
+    """It warms up, stays, and falls to nothing at the end; so a run can be prolonged."""
+    return args.lr * min((step + 1) / WARM_UP_STEPS, (args.steps - step) / (COOL_DOWN * args.steps), 1)
+
+
+def export(policy, processors, folder):
+    """The checkpoint as LeRobot saves it, in half precision, and what our encoder needs to know."""
+    copy.deepcopy(policy).half().save_pretrained(folder)
+    for processor in processors:
+        processor.save_pretrained(folder)
+    dim = policy.config.input_features[INSTRUCTION].shape[0]
+    (folder / "hypogeum.json").write_text(json.dumps({"language": {"encoder": "hashed", "dim": dim}}) + "\n")
+
+
+def evaluate(args, tasks):
+    """Success of the exported checkpoint in closed loop, by task."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [
+            args.evaluate, "run", "--policy", f"act=act:{args.output}", "--tasks", ",".join(tasks), "--json", "--quiet",
+            "--episodes", str(args.episodes), "--seed", str(args.evaluation_seed), "--db", f"{folder}/results.db",
+            "--threads", str(args.threads), "--execute", str(args.chunk),
+        ]  # fmt: skip
+        done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode != 0:
+        sys.exit(f"{' '.join(command)}\n{done.stderr}")
+    return {cell["task"]: cell["success_once"] for cell in json.loads(done.stdout)["cells"]}
+
+
+def main():
+    args = arguments()
+    torch.set_num_threads(args.threads)
+    torch.manual_seed(args.seed)
+    folder = args.output / "training"
+    folder.mkdir(parents=True, exist_ok=True)
+    data = Demonstrations(args.dataset, args.tasks and args.tasks.split(","), args.shrink, args.chunk, folder)
+    policy = make_policy(args, data)
+    processors = make_act_pre_post_processors(policy.config, data.stats())
+    prepare = lambda step: processors[0](data.batch(step, args.batch_size, args.seed))
+    averaged = AveragedModel(policy, multi_avg_fn=get_ema_multi_avg_fn(args.ema))
+    optimiser = torch.optim.AdamW(policy.parameters(), lr=args.lr, weight_decay=1e-4)
+    state, first = folder / "state.pt", 0
+    fixed = {name: getattr(args, name) for name in FIXED} | {"tasks": data.tasks}
+    if state.exists():
+        saved = torch.load(state, weights_only=True, map_location=args.device)
+        for name, value in fixed.items():
+            if saved["fixed"][name] != value:
+                sys.exit(f"{state} was made with {name} {saved['fixed'][name]}, not {value}: choose another output")
+        for name, part in (("policy", policy), ("averaged", averaged), ("optimiser", optimiser)):
+            part.load_state_dict(saved[name])
+        first = saved["step"]
+        print(f"goes on after step {first}")
+    else:
+        calibrate(policy, prepare(0))
+        averaged.module.load_state_dict(policy.state_dict())
+    n_parameters = sum(parameter.numel() for parameter in policy.parameters())
+    print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)
+
+    policy.train()
+    losses, started = [], time.monotonic()
+    for step in range(first, args.steps):
+        for group in optimiser.param_groups:
+            group["lr"] = learning_rate(step, args)
+        torch.manual_seed(args.seed + step)
+        loss, _ = policy(prepare(step))
+        optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(policy.parameters(), 10)
+        optimiser.step()
+        averaged.update_parameters(policy)
+        losses.append(loss.item())
+        if not math.isfinite(losses[-1]):
+            sys.exit(f"the loss of step {step} is {losses[-1]}: lower --lr, and start from the last checkpoint")
+        done = step + 1
+        if done % 100 == 0:
+            rate = (done - first) * args.batch_size / (time.monotonic() - started)
+            print(f"step {done} of {args.steps}: loss {np.mean(losses[-100:]):.4f}, {rate:.1f} samples/s", flush=True)
+        if done % args.save_every == 0 or done == args.steps:
+            export(averaged.module, processors, args.output)
+            row = {"step": done, "loss": float(np.mean(losses)), "seconds": round(time.monotonic() - started, 1)}
+            if args.evaluate:
+                row["success_once"] = evaluate(args, data.tasks)
+            losses.clear()
+            with open(folder / "log.jsonl", "a") as log:
+                log.write(json.dumps(row) + "\n")
+            print(json.dumps(row), flush=True)
+            # Last: what an interruption leaves undone is done again.
+            parts = {"policy": policy, "averaged": averaged, "optimiser": optimiser}
+            saved = {name: part.state_dict() for name, part in parts.items()} | {"step": done, "fixed": fixed}
+            torch.save(saved, folder / "new.pt")
+            (folder / "new.pt").replace(state)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit("\ninterrupted: the same command goes on from the last checkpoint")
