@@ -24,7 +24,7 @@ pub(crate) enum Command {
     Show(ShowArgs),
     /// Write the experts' successes as LeRobot datasets; the same command again continues where it stopped
     Demos(DemosArgs),
-    /// Do stored demonstrations again, and say whether they come out the same bit for bit
+    /// Do stored episodes again, and say whether they come out the same bit for bit
     Replay(ReplayArgs),
     /// Write a randomly initialised ACT checkpoint, for measuring speed
     Checkpoint(CheckpointArgs),
@@ -139,16 +139,25 @@ pub(crate) struct DemosArgs {
     pub(crate) quiet: bool,
 }
 
-/// `replay`: which episodes of which dataset.
+/// `replay`: which episodes of which dataset or results file.
 #[derive(Debug, Args)]
 pub(crate) struct ReplayArgs {
-    /// Dataset: single/ or bimanual/ in a folder that `demos` wrote
-    #[arg(value_name = "DATASET")]
-    pub(crate) dataset: PathBuf,
-    /// Episodes, comma-separated indices in the dataset [default: all, or the first for a movie]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    /// Dataset, which is single/ or bimanual/ in a folder that `demos` wrote, or a results file of `run --keep-actions`
+    #[arg(value_name = "DATASET|FILE.db")]
+    pub(crate) source: PathBuf,
+    /// Episodes, comma-separated indices in it [default: all, or the first for a movie]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', conflicts_with_all = ["policy", "task", "perturbation"])]
     pub(crate) episodes: Vec<usize>,
-    /// So many episodes, drawn at random
+    /// Only episodes of this policy, by its name in the results
+    #[arg(long, value_name = "NAME")]
+    pub(crate) policy: Option<String>,
+    /// Only episodes of this task
+    #[arg(long, value_name = "NAME")]
+    pub(crate) task: Option<String>,
+    /// Only episodes under this perturbation, or these joined by +
+    #[arg(long, value_name = "NAME")]
+    pub(crate) perturbation: Option<String>,
+    /// So many of them, drawn at random
     #[arg(long, value_name = "N", conflicts_with_all = ["episodes", "movie"])]
     pub(crate) sample: Option<usize>,
     /// Seed of the draw

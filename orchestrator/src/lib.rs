@@ -20,6 +20,7 @@ mod names;
 mod plan;
 mod policy;
 mod progress;
+mod replay;
 mod report;
 mod results;
 mod run;
@@ -55,7 +56,7 @@ pub fn main() -> ExitCode {
         Command::Tasks(args) => suite::list(args),
         Command::Show(args) => show::show(args),
         Command::Demos(args) => demos::demos(args),
-        Command::Replay(args) => demos::replay(args),
+        Command::Replay(args) => replay::replay(args),
         Command::Checkpoint(args) => checkpoint::write(args),
         Command::Sim(args) => child::sim(args),
         Command::PolicyHost(args) => child::policy_host(args),

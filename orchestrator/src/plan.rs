@@ -57,6 +57,8 @@ pub(crate) struct Plan {
     pub(crate) renderer: RendererChoice,
     /// How it samples pixels.
     pub(crate) samples: Samples,
+    /// Whether the results file keeps the actions, for replays.
+    pub(crate) keep_actions: bool,
     /// Results file.
     pub(crate) db: PathBuf,
 }
@@ -130,6 +132,7 @@ impl Plan {
                 RendererChoice::name,
             )?,
             samples: choice("samples", wishes.samples.as_deref(), &Samples::ALL, Samples::name)?,
+            keep_actions: wishes.keep_actions,
             db: wishes.db.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_DB)),
         })
     }
@@ -144,10 +147,7 @@ impl Plan {
 
     /// How policies drive a robot: two arms always by absolute joints.
     pub(crate) fn control_mode_of(&self, morphology: Morphology) -> ControlMode {
-        match morphology {
-            Morphology::Single => self.control_mode,
-            Morphology::Bimanual => morphology.default_control_mode(),
-        }
+        control_mode(self.control_mode, morphology, false)
     }
 
     /// Whether any policy looks at images.
@@ -158,6 +158,15 @@ impl Plan {
     /// Episodes of the whole plan.
     pub(crate) fn n_episodes(&self) -> u64 {
         self.policies.len() as u64 * self.conditions.len() as u64 * u64::from(self.episodes)
+    }
+}
+
+/// How a policy drives a robot, if single-arm policies drive in `single_arm`: the expert always by absolute joints.
+pub(crate) fn control_mode(single_arm: ControlMode, morphology: Morphology, is_expert: bool) -> ControlMode {
+    match morphology {
+        Morphology::Single if is_expert => ControlMode::JointPos,
+        Morphology::Single => single_arm,
+        Morphology::Bimanual => morphology.default_control_mode(),
     }
 }
 

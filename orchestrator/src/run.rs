@@ -139,6 +139,7 @@ fn settings(plan: &Plan, program: PathBuf, drawn_with: Option<String>) -> Settin
         control_mode: plan.control_mode,
         renderer: plan.renderer,
         samples: plan.samples,
+        keep_actions: plan.keep_actions,
         drawn_with,
         mode: plan.mode,
         lanes: lanes(plan),

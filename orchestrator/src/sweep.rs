@@ -45,6 +45,9 @@ pub(crate) struct Sweep {
     /// Results file [default: hypogeum.db]
     #[arg(long, value_name = "FILE")]
     pub(crate) db: Option<PathBuf>,
+    /// Keep every executed action in the results file, for `replay`
+    #[arg(long)]
+    pub(crate) keep_actions: bool,
     /// auto, cpu, gpu or software (the gpu's on a driver that runs on the CPU: for tests) [default: auto]
     #[arg(long)]
     pub(crate) renderer: Option<String>,
@@ -96,6 +99,7 @@ impl Sweep {
             mode: self.mode.or(file.mode),
             execute: self.execute.or(file.execute),
             db: self.db.or(file.db),
+            keep_actions: self.keep_actions || file.keep_actions,
             renderer: self.renderer.or(file.renderer),
             samples: self.samples.or(file.samples),
             profile: self.profile.or(file.profile),
@@ -158,7 +162,7 @@ mod tests {
           |
         1 | epsiodes = 3
           | ^^^^^^^^
-        unknown field `epsiodes`, expected one of `policies`, `tasks`, `perturbations`, `strength`, `episodes`, `seed`, `envs`, `threads`, `mode`, `execute`, `db`, `renderer`, `samples`, `profile`, `control_mode`
+        unknown field `epsiodes`, expected one of `policies`, `tasks`, `perturbations`, `strength`, `episodes`, `seed`, `envs`, `threads`, `mode`, `execute`, `db`, `keep_actions`, `renderer`, `samples`, `profile`, `control_mode`
         ");
         insta::assert_snapshot!(read("episodes = \"many\"\n").unwrap_err(), @r#"
         the sweep file sweep.toml is wrong: TOML parse error at line 1, column 12

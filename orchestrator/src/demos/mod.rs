@@ -1,8 +1,7 @@
-//! `hypogeum demos`: the experts' successes as datasets that LeRobot trains on; `hypogeum replay` does them again.
+//! `hypogeum demos`: the experts' successes as datasets that LeRobot trains on.
 
 mod dataset;
 mod image;
-mod replay;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -18,9 +17,9 @@ use sim::render::CpuRenderer;
 use sim::show::Subject;
 use sim::stream::episode_seed;
 
+pub(crate) use self::dataset::Stored;
 use self::dataset::{Dataset, Episode, EpisodeRecord, Images, Settings};
 use self::image::ImageFormat;
-pub(crate) use self::replay::replay;
 use crate::cli::DemosArgs;
 use crate::failure::{Ending, Failure, OrUser};
 use crate::interrupt;

@@ -58,6 +58,8 @@ pub(crate) struct Settings {
     pub(crate) renderer: RendererChoice,
     /// How it samples pixels.
     pub(crate) samples: Samples,
+    /// Whether outcomes tell the actions.
+    pub(crate) keep_actions: bool,
     /// Identity of the renderer that earlier results depend on.
     pub(crate) drawn_with: Option<String>,
     /// How policies are queried.

@@ -345,6 +345,7 @@ impl<'a> Supervisor<'a> {
             control_mode: settings.control_mode,
             renderer: settings.renderer,
             samples: settings.samples,
+            keep_actions: settings.keep_actions,
         }
     }
 

@@ -53,6 +53,7 @@ impl Stage {
             control_mode: ControlMode::EeDeltaPose,
             renderer: RendererChoice::Auto,
             samples: Samples::One,
+            keep_actions: false,
             drawn_with: None,
             mode: QueryMode::Chunk,
             lanes: if *spec == PolicySpec::Expert { Vec::new() } else { vec![policy] },

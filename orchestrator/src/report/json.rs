@@ -2,12 +2,25 @@
 
 use serde_json::{Value, json};
 
+use super::changes::{Effect, effects};
 use super::{Cell, Fps};
 
-/// `run` (the manifest), `cells`, `fps` and `ledger`, as DESIGN §9 names them.
+/// `run` (the manifest), `cells`, `changes`, `fps` and `ledger`.
 pub(crate) fn json(run: &Value, cells: &[Cell], fps: &Fps) -> Value {
+    let changes: Vec<Value> = effects(cells).iter().map(change).collect();
     let cells: Vec<Value> = cells.iter().map(cell).collect();
-    json!({ "run": run, "cells": cells, "fps": fps, "ledger": fps.ledger })
+    json!({ "run": run, "cells": cells, "changes": changes, "fps": fps, "ledger": fps.ledger })
+}
+
+fn change(effect: &Effect) -> Value {
+    json!({
+        "policy": effect.policy,
+        "perturbation": effect.perturbation.name(),
+        "success_once": effect.success_once,
+        "n_tasks": effect.n_tasks,
+        "change": effect.change,
+        "relative_change": effect.relative_change,
+    })
 }
 
 fn cell(cell: &Cell) -> Value {

@@ -1,5 +1,6 @@
 //! What a run found, for people (a table and a few lines) and for programs (one JSON object).
 
+mod changes;
 mod fps;
 mod json;
 mod table;
@@ -97,7 +98,7 @@ pub(crate) fn table(plan: &Plan, cells: &[Cell]) -> String {
             cell.sums.errors.to_string(),
         ]);
     }
-    let mut text = table.to_string();
+    let mut text = table.to_string() + &changes::table(&changes::effects(cells));
     for policy in plan.policies.iter().filter(|policy| policy.runs_in_sim()) {
         text += &format!(
             "{}: the scripted expert, with privileged state; a ceiling, not a policy\n",

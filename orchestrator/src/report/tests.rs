@@ -70,6 +70,7 @@ fn the_object_has_the_names_others_rely_on() {
           ]
         }
       ],
+      "changes": [],
       "fps": {
         "bound": null,
         "definition": "control steps of finished and unfinished episodes / wall seconds between the first and the last control step, all envs together, policy inference included",

@@ -14,6 +14,11 @@ use crate::policy::Identity;
 /// Prefix of the keys that hold a policy's identity.
 const POLICY: &str = "policy/";
 
+/// Key of a policy's identity.
+pub(super) fn policy_key(name: &str) -> String {
+    format!("{POLICY}{name}")
+}
+
 /// Key of the renderer's identity: it is known only once a sim is ready.
 pub(super) const RENDERER: &str = "renderer";
 
@@ -101,7 +106,7 @@ pub(super) fn reconcile(connection: &Connection, path: &Path, manifest: &Manifes
         put_text(&transaction, key, &asked).map_err(sqlite)?;
     }
     for (name, asked) in &manifest.policies {
-        let key = format!("{POLICY}{name}");
+        let key = policy_key(name);
         let in_use: bool = transaction
             .query_row("SELECT EXISTS (SELECT 1 FROM episodes WHERE policy = ?1)", [name], |row| row.get(0))
             .map_err(sqlite)?;
@@ -145,6 +150,7 @@ fn put_text(connection: &Connection, key: &str, value: &str) -> Result<(), rusql
     connection.execute(sql, params![key, value]).map(|_| ())
 }
 
-fn get(connection: &Connection, key: &str) -> Result<Option<String>, rusqlite::Error> {
+/// Reads an entry as JSON text.
+pub(super) fn get(connection: &Connection, key: &str) -> Result<Option<String>, rusqlite::Error> {
     connection.query_row("SELECT value FROM manifest WHERE key = ?1", [key], |row| row.get(0)).optional()
 }

@@ -3,6 +3,7 @@
 //! It owns table `episodes` (one complete row per finished episode), table `manifest` (what the rows depend on) and what
 //! resuming means. It never overwrites a row, unless that row holds an error.
 
+mod kept;
 mod manifest;
 mod open;
 mod schema;
@@ -15,6 +16,7 @@ use rusqlite::{Connection, params};
 use sim::serve::protocol::Outcome;
 use thiserror::Error;
 
+pub(crate) use self::kept::Kept;
 pub(crate) use self::manifest::Manifest;
 pub(crate) use self::open::OpenError;
 use crate::plan::Condition;
@@ -123,12 +125,13 @@ impl Results {
                 outcome.success_at_end,
                 outcome.first_success_step,
                 outcome.failed_predicate,
-                format!("{:016x}", outcome.fingerprint),
+                crate::replay::shown(outcome.fingerprint),
                 outcome.error,
                 ledger.physics_s,
                 ledger.render_s,
                 ledger.policy_s,
                 ledger.wait_s,
+                outcome.actions.as_ref().map(|actions| to_bytes(actions)),
             ])
         });
         stored.map(|_| ()).map_err(|source| self.failed("write to", source))
@@ -177,6 +180,11 @@ impl Results {
     fn failed(&self, action: &'static str, source: rusqlite::Error) -> StoreError {
         StoreError { action, path: self.path.clone(), source }
     }
+}
+
+/// Little-endian bytes of 32-bit patterns.
+fn to_bytes(patterns: &[u32]) -> Vec<u8> {
+    patterns.iter().flat_map(|pattern| pattern.to_le_bytes()).collect()
 }
 
 impl Finished {

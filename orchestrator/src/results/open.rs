@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use rusqlite::{Connection, ErrorCode};
+use rusqlite::{Connection, ErrorCode, OpenFlags};
 use thiserror::Error;
 
 use super::manifest::Mismatch;
@@ -23,7 +23,7 @@ pub(crate) enum OpenError {
     Io { path: PathBuf, source: io::Error },
     #[error("failed to use the results file {}: another run is writing to it", path.display())]
     InUse { path: PathBuf },
-    #[error("failed to use {} as results file: it is not one of ours; name another with --db", path.display())]
+    #[error("failed to use {} as results file: it is not one of ours; name another", path.display())]
     Foreign { path: PathBuf },
     #[error(
         "failed to use the results file {}: its tables are version {found}, this program writes version {VERSION}; name \
@@ -43,23 +43,45 @@ pub(crate) enum OpenError {
 pub(super) fn open(path: &Path) -> Result<(Connection, File), OpenError> {
     let lock = lock(path)?;
     let is_new = lock.metadata().map_err(|source| OpenError::Io { path: path.into(), source })?.len() == 0;
-    let sqlite = |source: rusqlite::Error| match source.sqlite_error_code() {
-        Some(ErrorCode::NotADatabase) => OpenError::Foreign { path: path.into() },
-        _ => OpenError::Sqlite { path: path.into(), source },
-    };
+    let sqlite = |source| not_used(path, source);
     let connection = connect(path, is_new).map_err(sqlite)?;
-    let pragma = |name| connection.pragma_query_value(None, name, |row| row.get::<_, i64>(0)).map_err(sqlite);
-    if pragma("application_id")? != APPLICATION_ID {
-        return Err(OpenError::Foreign { path: path.into() });
-    }
-    let found = pragma("user_version")?;
-    if found != VERSION {
-        return Err(OpenError::Version { path: path.into(), found });
-    }
+    check(&connection, path)?;
     connection.pragma_update(None, "journal_mode", "WAL").map_err(sqlite)?;
     // In write-ahead mode this loses no transaction when the process dies, only when the machine does.
     connection.pragma_update(None, "synchronous", "NORMAL").map_err(sqlite)?;
     Ok((connection, lock))
+}
+
+/// Opens a file of ours that is there, to read; somebody may be writing to it.
+pub(super) fn open_to_read(path: &Path) -> Result<Connection, OpenError> {
+    let sqlite = |source| not_used(path, source);
+    let connection = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY).map_err(sqlite)?;
+    connection.busy_timeout(BUSY).map_err(sqlite)?;
+    check(&connection, path)?;
+    Ok(connection)
+}
+
+/// Whether it is a file of ours, of this version.
+fn check(connection: &Connection, path: &Path) -> Result<(), OpenError> {
+    let pragma = |name| {
+        connection
+            .pragma_query_value(None, name, |row| row.get::<_, i64>(0))
+            .map_err(|source| not_used(path, source))
+    };
+    if pragma("application_id")? != APPLICATION_ID {
+        return Err(OpenError::Foreign { path: path.into() });
+    }
+    match pragma("user_version")? {
+        VERSION => Ok(()),
+        found => Err(OpenError::Version { path: path.into(), found }),
+    }
+}
+
+fn not_used(path: &Path, source: rusqlite::Error) -> OpenError {
+    match source.sqlite_error_code() {
+        Some(ErrorCode::NotADatabase) => OpenError::Foreign { path: path.into() },
+        _ => OpenError::Sqlite { path: path.into(), source },
+    }
 }
 
 fn lock(path: &Path) -> Result<File, OpenError> {

@@ -3,9 +3,10 @@
 /// Marks a SQLite file as ours: "HYPG".
 pub(super) const APPLICATION_ID: i64 = 0x4859_5047;
 /// Version of the tables below.
-pub(super) const VERSION: i64 = 1;
+pub(super) const VERSION: i64 = 2;
 
-/// Makes the tables. Times are in seconds; `seed` is the episode's; `fingerprint` is 16 hexadecimal digits.
+/// Makes the tables. Times are in seconds; `seed` is the episode's; `fingerprint` is 16 hexadecimal digits;
+/// `actions` are the executed rows `[steps, action_dim]` in little-endian f32, if they were kept.
 pub(super) const CREATE: &str = "
     CREATE TABLE manifest (
         key   TEXT NOT NULL PRIMARY KEY,
@@ -28,6 +29,7 @@ pub(super) const CREATE: &str = "
         render_s           REAL    NOT NULL,
         policy_s           REAL    NOT NULL,
         wait_s             REAL    NOT NULL,
+        actions            BLOB,
         PRIMARY KEY (policy, task, perturbation, episode)
     ) STRICT, WITHOUT ROWID;
 ";
@@ -35,18 +37,27 @@ pub(super) const CREATE: &str = "
 /// Stores an episode; only a row that holds an error is replaced.
 pub(super) const RECORD: &str = "
     INSERT INTO episodes (policy, task, perturbation, episode, seed, steps, success_once, success_at_end,
-        first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s)
-    VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16)
+        first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s, actions)
+    VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17)
     ON CONFLICT DO UPDATE SET seed = excluded.seed, steps = excluded.steps, success_once = excluded.success_once,
         success_at_end = excluded.success_at_end, first_success_step = excluded.first_success_step,
         failed_predicate = excluded.failed_predicate, fingerprint = excluded.fingerprint, error = excluded.error,
         physics_s = excluded.physics_s, render_s = excluded.render_s, policy_s = excluded.policy_s,
-        wait_s = excluded.wait_s
+        wait_s = excluded.wait_s, actions = excluded.actions
     WHERE episodes.error IS NOT NULL";
 
 /// Keys of the episodes that ran to their end.
 pub(super) const FINISHED: &str =
     "SELECT policy, task, perturbation, episode FROM episodes WHERE error IS NULL";
+
+/// Episodes that can be replayed.
+pub(super) const KEPT: &str = "
+    SELECT policy, task, perturbation, episode, seed, steps, fingerprint FROM episodes
+    WHERE error IS NULL AND actions IS NOT NULL ORDER BY policy, task, perturbation, episode";
+
+/// The actions of an episode.
+pub(super) const ACTIONS: &str =
+    "SELECT actions FROM episodes WHERE policy = ?1 AND task = ?2 AND perturbation = ?3 AND episode = ?4";
 
 /// Sums of one cell's first episodes.
 pub(super) const SUMS: &str = "

@@ -30,6 +30,7 @@ fn outcome(success: bool, error: Option<&str>) -> Outcome {
         first_success_step: success.then_some(40),
         failed_predicate: (!success).then(|| "above".to_owned()),
         fingerprint: 0xfeed,
+        actions: None,
         ledger: EpisodeLedger::default(),
         error: error.map(str::to_owned),
     }
@@ -151,15 +152,15 @@ fn what_is_not_a_results_file_is_refused_and_left_alone() {
 
     std::fs::write(path("notes.txt"), "not a database, but long enough to be taken for a header".repeat(20))
         .unwrap();
-    insta::assert_snapshot!(refusal(&path("notes.txt"), &idle), @"failed to use notes.txt as results file: it is not one of ours; name another with --db");
+    insta::assert_snapshot!(refusal(&path("notes.txt"), &idle), @"failed to use notes.txt as results file: it is not one of ours; name another");
     assert!(std::fs::read_to_string(path("notes.txt")).unwrap().starts_with("not a database"));
 
     Connection::open(path("other.db")).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
-    insta::assert_snapshot!(refusal(&path("other.db"), &idle), @"failed to use other.db as results file: it is not one of ours; name another with --db");
+    insta::assert_snapshot!(refusal(&path("other.db"), &idle), @"failed to use other.db as results file: it is not one of ours; name another");
 
     drop(Results::open(&path("future.db"), &idle).unwrap());
-    Connection::open(path("future.db")).unwrap().pragma_update(None, "user_version", 2).unwrap();
-    insta::assert_snapshot!(refusal(&path("future.db"), &idle), @"failed to use the results file future.db: its tables are version 2, this program writes version 1; name another with --db");
+    Connection::open(path("future.db")).unwrap().pragma_update(None, "user_version", 3).unwrap();
+    insta::assert_snapshot!(refusal(&path("future.db"), &idle), @"failed to use the results file future.db: its tables are version 3, this program writes version 2; name another with --db");
 
     std::fs::create_dir(path("folder")).unwrap();
     insta::assert_snapshot!(refusal(&path("folder"), &idle), @"failed to open the results file folder: it is a folder; name a file with --db");

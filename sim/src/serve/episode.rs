@@ -24,6 +24,7 @@ pub(super) struct Rules {
     pub(super) strength: Strength,
     /// Control mode of single-arm policies.
     pub(super) single_arm_mode: ControlMode,
+    pub(super) keep_actions: bool,
 }
 
 impl Rules {
@@ -75,6 +76,8 @@ pub(super) struct Episode {
     first_success_step: Option<u32>,
     unmet: Option<Predicate>,
     fingerprint: Fingerprint,
+    /// Bit patterns of the executed rows, if they are kept.
+    actions: Option<Vec<u32>>,
     ledger: EpisodeLedger,
     born: Instant,
     error: Option<String>,
@@ -113,6 +116,7 @@ impl Episode {
             queried_at: None,
             first_success_step: None,
             fingerprint,
+            actions: rules.keep_actions.then(Vec::new),
             ledger: EpisodeLedger::default(),
             born,
             error: None,
@@ -164,6 +168,9 @@ impl Episode {
         self.world.step(row);
         self.steps += 1;
         self.fingerprint.write(row);
+        if let Some(actions) = &mut self.actions {
+            actions.extend(row.iter().map(|number| number.to_bits()));
+        }
         self.world.absorb(&mut self.fingerprint);
         if !self.world.is_finite() {
             self.error = Some(format!("the physics state is not finite after step {}", self.steps));
@@ -249,6 +256,7 @@ impl Episode {
             first_success_step: self.first_success_step,
             failed_predicate: self.unmet.map(|predicate| predicate.name().to_owned()),
             fingerprint: self.fingerprint.finish(),
+            actions: self.actions.take(),
             ledger: self.ledger,
             error: self.error.take(),
         }

@@ -137,6 +137,7 @@ impl Server {
             profile: config.profile,
             strength: config.strength,
             single_arm_mode: config.control_mode,
+            keep_actions: config.keep_actions,
         };
         let renderer = render::open(config.renderer, config.samples, config.threads as usize)?;
         let max_envs = config.lanes.iter().map(|lane| lane.spec.max_envs as usize).max().unwrap_or(0);

@@ -34,6 +34,8 @@ pub struct SimConfig {
     pub renderer: RendererChoice,
     /// How it samples pixels.
     pub samples: Samples,
+    /// Whether outcomes tell the actions.
+    pub keep_actions: bool,
 }
 
 /// A policy outside the sim.
@@ -140,6 +142,8 @@ pub struct Outcome {
     pub failed_predicate: Option<String>,
     /// Hash of the trajectory: every executed action row and every state after it.
     pub fingerprint: u64,
+    /// The executed action rows `[steps, action_dim]` as bit patterns of f32, if they are kept.
+    pub actions: Option<Vec<u32>>,
     /// Where the episode's time went.
     pub ledger: EpisodeLedger,
     /// Why the episode could not be run to its end; apart from failure.

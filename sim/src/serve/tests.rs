@@ -75,6 +75,7 @@ fn a_round_of_the_loop_allocates_nothing_of_its_own() {
         control_mode: mode,
         renderer: RendererChoice::Cpu,
         samples: Samples::One,
+        keep_actions: false,
     };
     let (_commands, receiver) = sync_channel(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();

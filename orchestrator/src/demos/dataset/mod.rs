@@ -22,7 +22,7 @@ use self::journal::Journal;
 use self::stats::{Histogram, Stats};
 
 pub(super) use self::journal::{EpisodeRecord, Settings};
-pub(super) use self::read::Stored;
+pub(crate) use self::read::Stored;
 
 /// Frames per second.
 const FPS: u32 = 20;
@@ -178,11 +178,6 @@ fn instructions<'a>(episodes: impl Iterator<Item = &'a EpisodeRecord>) -> Vec<&'
     said
 }
 
-/// A fingerprint as journals and people have it.
-pub(super) fn shown(fingerprint: u64) -> String {
-    format!("{fingerprint:016x}")
-}
-
 /// A camera's feature.
 fn camera_feature(camera: &str) -> String {
     format!("observation.images.{}", camera.strip_suffix("_camera").unwrap_or(camera))
@@ -234,7 +229,7 @@ fn columns(
         instruction: episode.instruction,
         index: episode.index,
         n_frames: n_frames as u64,
-        fingerprint: shown(episode.fingerprint),
+        fingerprint: crate::replay::shown(episode.fingerprint),
         stats,
     };
     (columns, record)

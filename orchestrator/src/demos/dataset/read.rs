@@ -7,16 +7,22 @@ use anyhow::{Context, bail, ensure};
 use parquet::column::reader::get_typed_column_reader;
 use parquet::data_type::FloatType;
 use parquet::file::reader::{FileReader, SerializedFileReader};
+use policy_host::PolicySpec;
+use sim::TaskId;
+use sim::show::Subject;
+use sim::stream::episode_seed;
 
-use super::journal::{EpisodeRecord, Settings, read_journal, read_settings};
+use super::journal::{Settings, read_journal, read_settings};
 use super::{ACTION, meta};
+use crate::names::pick;
+use crate::replay::StoredEpisode;
 
 /// A finished dataset, or what there is of it.
-pub(in crate::demos) struct Stored {
+pub(crate) struct Stored {
     folder: PathBuf,
-    settings: Settings,
-    /// By index of the episode: its file, its place in it, and what is remembered of it.
-    episodes: Vec<(usize, usize, EpisodeRecord)>,
+    episodes: Vec<StoredEpisode>,
+    /// By episode: its file, and its place in it.
+    places: Vec<(usize, usize)>,
 }
 
 impl Stored {
@@ -24,7 +30,7 @@ impl Stored {
     ///
     /// # Errors
     /// If it is none that `demos` made.
-    pub(in crate::demos) fn open(folder: &Path) -> anyhow::Result<Self> {
+    pub(crate) fn open(folder: &Path) -> anyhow::Result<Self> {
         let Some(settings) = read_settings(folder)? else {
             bail!(
                 "{} holds no dataset that `demos` made (no {})",
@@ -32,36 +38,38 @@ impl Stored {
                 super::journal::SETTINGS
             );
         };
-        let files = read_journal(folder)?.into_iter().enumerate();
-        let episodes = files.flat_map(|(file, episodes)| {
-            episodes.into_iter().enumerate().map(move |(place, episode)| (file, place, episode))
-        });
-        Ok(Self { folder: folder.to_owned(), settings, episodes: episodes.collect() })
+        let Settings { perturbation, strength, profile, control_mode: mode, seed, .. } = settings;
+        let (mut episodes, mut places) = (Vec::new(), Vec::new());
+        for (file, records) in read_journal(folder)?.into_iter().enumerate() {
+            for (place, record) in records.into_iter().enumerate() {
+                let task = pick("task", &record.task, TaskId::ALL, TaskId::name)?;
+                places.push((file, place));
+                episodes.push(StoredEpisode {
+                    policy: PolicySpec::Expert.kind().to_owned(),
+                    subject: Subject { task, perturbation, strength, profile },
+                    seed: episode_seed(seed, task.name(), record.index),
+                    mode,
+                    n_steps: record.n_frames as u32,
+                    fingerprint: record.fingerprint,
+                });
+            }
+        }
+        Ok(Self { folder: folder.to_owned(), episodes, places })
     }
 
-    pub(in crate::demos) fn settings(&self) -> &Settings {
-        &self.settings
+    pub(crate) fn episodes(&self) -> &[StoredEpisode] {
+        &self.episodes
     }
 
-    pub(in crate::demos) fn n_episodes(&self) -> usize {
-        self.episodes.len()
-    }
-
-    /// What is remembered of an episode.
-    pub(in crate::demos) fn record(&self, episode_idx: usize) -> &EpisodeRecord {
-        &self.episodes[episode_idx].2
-    }
-
-    /// An episode's action rows `[n_frames, action_dim]`.
+    /// An episode's action rows `[n_steps, action_dim]`.
     ///
     /// # Errors
     /// If they cannot be read, or are not as many as the episode has frames.
-    pub(in crate::demos) fn actions(&self, episode_idx: usize) -> anyhow::Result<Vec<f32>> {
-        let (file, place, record) = &self.episodes[episode_idx];
-        let path = self.folder.join(meta::data_path(*file));
-        let expected =
-            record.n_frames as usize * self.settings.control_mode.action_dim(self.settings.morphology);
-        let actions = actions(&path, *place, expected);
+    pub(crate) fn actions(&self, episode_idx: usize) -> anyhow::Result<Vec<f32>> {
+        let (file, place) = self.places[episode_idx];
+        let path = self.folder.join(meta::data_path(file));
+        let expected = self.episodes[episode_idx].n_numbers();
+        let actions = actions(&path, place, expected);
         let actions =
             actions.with_context(|| format!("failed to read episode {episode_idx} in {}", path.display()))?;
         let found = actions.len();

@@ -1,0 +1,109 @@
+//! Reading a results file back for replays: episodes whose actions were kept.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use anyhow::{Context, bail, ensure};
+use ipc_types::ControlMode;
+use policy_host::PolicySpec;
+use rusqlite::{Connection, params};
+use serde::de::DeserializeOwned;
+use sim::perturb::{Composition, Strength};
+use sim::show::Subject;
+use sim::{Profile, TaskId};
+
+use super::{manifest, open, schema};
+use crate::names::pick;
+use crate::plan;
+use crate::policy::Identity;
+use crate::replay::StoredEpisode;
+
+/// The episodes of a results file whose actions were kept.
+#[derive(Debug)]
+pub(crate) struct Kept {
+    path: PathBuf,
+    connection: Mutex<Connection>,
+    episodes: Vec<StoredEpisode>,
+    /// By episode: its index under the suite seed.
+    indices: Vec<u32>,
+}
+
+impl Kept {
+    /// Opens a results file to read.
+    ///
+    /// # Errors
+    /// If it is none, or no episode's actions were kept.
+    pub(crate) fn open(path: &Path) -> anyhow::Result<Self> {
+        let connection = open::open_to_read(path)?;
+        let (indices, episodes) = read_episodes(&connection)
+            .with_context(|| format!("failed to read the results file {}", path.display()))?;
+        ensure!(
+            !episodes.is_empty(),
+            "{} keeps no actions: evaluate with `run --keep-actions` to replay",
+            path.display()
+        );
+        Ok(Self { path: path.to_owned(), connection: Mutex::new(connection), episodes, indices })
+    }
+
+    pub(crate) fn episodes(&self) -> &[StoredEpisode] {
+        &self.episodes
+    }
+
+    /// An episode's action rows `[n_steps, action_dim]`.
+    ///
+    /// # Errors
+    /// If they cannot be read, or are not as many as the episode has steps.
+    pub(crate) fn actions(&self, episode_idx: usize) -> anyhow::Result<Vec<f32>> {
+        let episode = &self.episodes[episode_idx];
+        let StoredEpisode { policy, subject, .. } = episode;
+        let key =
+            params![policy, subject.task.name(), subject.perturbation.name(), self.indices[episode_idx]];
+        let connection = self.connection.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let bytes: Vec<u8> = connection
+            .query_row(schema::ACTIONS, key, |row| row.get(0))
+            .with_context(|| format!("failed to read {} in {}", episode.name(), self.path.display()))?;
+        let (numbers, rest) = bytes.as_chunks::<4>();
+        let (found, expected) = (numbers.len(), episode.n_numbers());
+        ensure!(
+            found == expected && rest.is_empty(),
+            "{}: {} has {found} numbers in `actions`, expected {expected}",
+            self.path.display(),
+            episode.name()
+        );
+        Ok(numbers.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
+    }
+}
+
+fn read_episodes(connection: &Connection) -> anyhow::Result<(Vec<u32>, Vec<StoredEpisode>)> {
+    let profile: Profile = entry(connection, "profile")?;
+    let strength: Strength = entry(connection, "strength")?;
+    let single_arm_mode: String = entry(connection, "control_mode")?;
+    let single_arm_mode = pick("control mode", &single_arm_mode, &ControlMode::ALL, ControlMode::name)?;
+    let mut statement = connection.prepare(schema::KEPT)?;
+    let mut rows = statement.query([])?;
+    let mut read = (Vec::new(), Vec::new());
+    while let Some(row) = rows.next()? {
+        let (policy, task, perturbation): (String, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
+        let task = pick("task", &task, TaskId::ALL, TaskId::name)?;
+        let perturbation: Composition = plan::perturbation(&perturbation)?;
+        let identity: Identity = entry(connection, &manifest::policy_key(&policy))?;
+        let is_expert = matches!(identity.spec.parse(), Ok(PolicySpec::Expert));
+        read.0.push(row.get(3)?);
+        read.1.push(StoredEpisode {
+            policy,
+            subject: Subject { task, perturbation, strength, profile },
+            // Episode seeds lie below 2⁶³.
+            seed: row.get::<_, i64>(4)?.cast_unsigned(),
+            mode: plan::control_mode(single_arm_mode, task.task().morphology, is_expert),
+            n_steps: row.get(5)?,
+            fingerprint: row.get(6)?,
+        });
+    }
+    Ok(read)
+}
+
+/// An entry of the manifest.
+fn entry<T: DeserializeOwned>(connection: &Connection, key: &str) -> anyhow::Result<T> {
+    let Some(text) = manifest::get(connection, key)? else { bail!("its manifest has no {key}") };
+    serde_json::from_str(&text).with_context(|| format!("its manifest has no valid {key}"))
+}

@@ -1,0 +1,72 @@
+//! Episodes of a results file done again from the actions that were kept.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::fs;
+use std::path::Path;
+
+use rusqlite::Connection;
+use support::run;
+
+const ACT: &str = concat!("act=act:", env!("CARGO_MANIFEST_DIR"), "/../policy-host/tests/data/act-tiny");
+
+/// A run of several kinds of policies, with one arm and with two.
+fn evaluate(folder: &Path, db: &str, more: &[&str]) {
+    let args =
+        ["run", "--policy", "idle", "--policy", "random", "--policy", "expert", "--policy", ACT, "--db", db];
+    let tasks =
+        ["--tasks", "RaiseCube,DualArmDrawerOpen", "--perturbations", "None,Camera-Pose", "--episodes", "2"];
+    run(folder, &[&args[..], &tasks, more].concat()).expect_code(0);
+}
+
+#[test]
+fn kept_actions_make_the_same_episodes_and_changed_ones_others() {
+    let dir = tempfile::tempdir().unwrap();
+    evaluate(dir.path(), "all.db", &["--keep-actions"]);
+    let all = run(dir.path(), &["replay", "all.db"]).expect_code(0);
+    assert!(all.stderr.contains("32 of 32 episodes have"), "{}", all.stderr);
+    let some = ["--policy", "act", "--task", "RaiseCube", "--perturbation", "Camera-Pose"];
+    let some = run(dir.path(), &[&["replay", "all.db"][..], &some].concat()).expect_code(0);
+    assert!(some.stderr.contains("2 of 2 episodes have"), "{}", some.stderr);
+    let movie = ["replay", "all.db", "--policy", "expert", "--task", "RaiseCube", "--movie", "raise.gif"];
+    run(dir.path(), &movie).expect_code(0);
+    assert!(fs::read(dir.path().join("raise.gif")).unwrap().starts_with(b"GIF89a"));
+
+    // A random policy that did nothing.
+    let database = Connection::open(dir.path().join("all.db")).unwrap();
+    let changed = database
+        .execute(
+            "UPDATE episodes SET actions = zeroblob(length(actions)) WHERE policy = 'random' AND episode = 1",
+            [],
+        )
+        .unwrap();
+    assert_eq!(changed, 4);
+    drop(database);
+    let all = run(dir.path(), &["replay", "all.db"]).expect_code(1);
+    assert!(all.stderr.contains("28 of 32 episodes have"), "{}", all.stderr);
+}
+
+#[test]
+fn what_cannot_be_replayed_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let refused = |args: &[&str], words: &[&str]| {
+        let finished = run(dir.path(), &[&["replay"], args].concat()).expect_code(2);
+        for word in words {
+            assert!(finished.stderr.contains(word), "`{word}` is missing in: {}", finished.stderr);
+        }
+    };
+    let idle = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "1"];
+    run(dir.path(), &[&idle[..], &["--db", "bare.db"]].concat()).expect_code(0);
+    refused(&["bare.db"], &["bare.db keeps no actions", "--keep-actions"]);
+    run(dir.path(), &[&idle[..], &["--db", "kept.db", "--keep-actions"]].concat()).expect_code(0);
+    refused(&["kept.db", "--episodes", "1"], &["has 1 episodes", "is 1"]);
+    refused(&["kept.db", "--policy", "expert"], &["none of the 1 episodes"]);
+    refused(&["kept.db", "--task", "RaiseCub"], &["unknown task", "RaiseCube"]);
+    let database = Connection::open(dir.path().join("kept.db")).unwrap();
+    database.execute("UPDATE episodes SET actions = x'00000000'", []).unwrap();
+    drop(database);
+    refused(&["kept.db"], &["idle's RaiseCube None", "has 1 numbers", "expected 644"]);
+    fs::write(dir.path().join("notes.txt"), "no database").unwrap();
+    refused(&["notes.txt"], &["notes.txt", "not one of ours"]);
+    refused(&["nowhere"], &["nowhere holds no dataset"]);
+}
