@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
+use sim::render::Enlargement;
 
 use crate::sweep::Sweep;
 
@@ -166,9 +167,21 @@ pub(crate) struct ReplayArgs {
     /// Write the first of them as a movie of all cameras: .png or .apng (exact) or .gif (small)
     #[arg(long, value_name = "FILE")]
     pub(crate) movie: Option<PathBuf>,
+    /// Its pixels per pixel that policies see, along each edge, 1 to 8; they see 224 of each scene camera, 128 of each hand's
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "movie", value_parser = scale)]
+    pub(crate) scale: usize,
     /// Show no progress
     #[arg(long)]
     pub(crate) quiet: bool,
+}
+
+fn scale(typed: &str) -> Result<usize, String> {
+    let times = Enlargement::TIMES;
+    typed
+        .parse()
+        .ok()
+        .filter(|scale| times.contains(scale))
+        .ok_or_else(|| format!("expected {} to {}", times.start(), times.end()))
 }
 
 #[derive(Debug, Args)]

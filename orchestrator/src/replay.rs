@@ -93,7 +93,7 @@ pub(crate) fn replay(args: &ReplayArgs) -> Result<Ending, Failure> {
     let source = Source::open(&args.source).or_user()?;
     let chosen = chosen(args, source.episodes()).or_user()?;
     if let Some(path) = &args.movie {
-        return draw_movie(&source, chosen[0], path).or_user();
+        return draw_movie(&source, chosen[0], path, args.scale).or_user();
     }
     let progress = Mutex::new(Progress::of_replays(chosen.len() as u64, args.quiet));
     let replayed: Vec<(usize, u64)> = chosen
@@ -174,13 +174,13 @@ fn report(episodes: &[StoredEpisode], replayed: &[(usize, u64)]) -> Result<Endin
     Ok(if n_same == replayed.len() { Ending::Done } else { Ending::WithErrors })
 }
 
-/// The episode as a movie of all cameras.
-fn draw_movie(source: &Source, episode_idx: usize, path: &Path) -> anyhow::Result<Ending> {
+/// The episode as a movie of all cameras, in `scale` times as many pixels as policies see along each edge.
+fn draw_movie(source: &Source, episode_idx: usize, path: &Path, scale: usize) -> anyhow::Result<Ending> {
     let format = Format::of(path)?;
     let recording = source.again(episode_idx)?;
-    let (view, mut renderer) = (recording.view(), CpuRenderer::new(rayon::current_num_threads()));
+    let (view, mut renderer) = (recording.enlarged(scale), CpuRenderer::new(rayon::current_num_threads()));
     let ending = movie::write(path, format, recording.n_frames(), |frame| {
-        let images = recording.draw(&view, &mut renderer, frame);
+        let images = recording.draw_enlarged(&view, &mut renderer, frame);
         sheet::compose(&images, images.len(), 1)
     })?;
     if ending != Ending::Done {

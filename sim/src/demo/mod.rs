@@ -13,7 +13,7 @@ use crate::expert::{Expert, PlanError};
 use crate::fingerprint::Fingerprint;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
-use crate::render::{CpuRenderer, RenderScene};
+use crate::render::{CpuRenderer, Enlargement, RenderScene};
 use crate::scene::{Scene, Snapshot};
 use crate::show::Subject;
 
@@ -158,6 +158,29 @@ impl Recording {
         frame: usize,
     ) -> Vec<(usize, Vec<u8>)> {
         renderer.photograph(view, &self.snapshots[frame])
+    }
+
+    /// The images of a frame in more pixels.
+    ///
+    /// # Panics
+    /// If there is no such frame.
+    #[must_use]
+    pub fn draw_enlarged(
+        &self,
+        view: &Enlargement,
+        renderer: &mut CpuRenderer,
+        frame: usize,
+    ) -> Vec<(usize, Vec<u8>)> {
+        view.photograph(renderer, &self.snapshots[frame])
+    }
+
+    /// What the renderer needs to know of the episode to draw it in so many times as many pixels along each edge.
+    ///
+    /// # Panics
+    /// If it is not so many times as [`Enlargement::TIMES`] says.
+    #[must_use]
+    pub fn enlarged(&self, times: usize) -> Enlargement {
+        Enlargement::new(&self.scene, times)
     }
 
     /// What the renderer needs to know of the episode.

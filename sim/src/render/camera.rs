@@ -9,6 +9,7 @@ use super::trig::sin_cos;
 use crate::scene::{self, CameraMount, CameraSlot, Link, Snapshot};
 
 /// A camera of a scene.
+#[derive(Clone)]
 pub(super) struct Camera {
     /// Pixels along each edge of its image.
     pub(super) side: usize,
@@ -16,9 +17,12 @@ pub(super) struct Camera {
     pub(super) focal_px: f32,
     /// Nearest and farthest depth that is drawn, in m.
     pub(super) clip_m: [f32; 2],
+    /// x/z and y/z of the image's middle: of a part of an image it is not on the axis.
+    pub(super) middle: [f32; 2],
     mount: Mount,
 }
 
+#[derive(Clone)]
 enum Mount {
     /// Pose in the world.
     World(Isometry3<f32>),
@@ -38,6 +42,7 @@ impl Camera {
             side,
             focal_px: (side as f64 / 2.0 * cos / sin) as f32,
             clip_m: camera.clip_m.map(|c| c as f32),
+            middle: [0.0; 2],
             mount: match &camera.mount {
                 CameraMount::World { eye, target } => {
                     Mount::World((look_at(*eye, *target) * camera.error).cast())
@@ -49,12 +54,34 @@ impl Camera {
         }
     }
 
-    /// Whether something within a ball of a mesh's frame may be on the image.
+    /// The camera that sees one of `times` × `times` parts of its image, by column and row, in as many pixels.
+    pub(super) fn part(&self, times: usize, window: [usize; 2]) -> Self {
+        let slope = self.side as f32 / 2.0 / self.focal_px;
+        let middle = |place: usize| slope * (2.0 * place as f32 + 1.0 - times as f32) / times as f32;
+        Self { focal_px: self.focal_px * times as f32, middle: window.map(middle), ..self.clone() }
+    }
+
+    /// What makes the view frame one in which the image's middle is on the axis; nothing if it is there anyway. Depths stay.
+    pub(super) fn centring(&self) -> Option<Affine> {
+        let [x, y] = self.middle;
+        let linear = [[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]];
+        (self.middle != [0.0; 2]).then_some(Affine { linear, offset: [0.0; 3] })
+    }
+
+    /// Greatest distance from a ball's centre to a plane through an edge of the image that touches it, along x or y in the
+    /// centred frame, per its radius there: centring may shorten lengths, by no more than the last factor.
+    pub(super) fn slant(&self, slope: f32) -> f32 {
+        let [x, y] = self.middle.map(f32::abs);
+        let steepest = slope + x.max(y);
+        (1.0 + steepest * steepest).sqrt() * (1.0 + x + y)
+    }
+
+    /// Whether something within a ball of a mesh's frame may be on the image; the map is to the centred frame.
     pub(super) fn may_see(&self, view_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool {
         let [x, y, z] = view_from_mesh.point(centre);
         let radius = radius * view_from_mesh.stretch();
         let slope = self.side as f32 / 2.0 / self.focal_px;
-        let slack = radius * (1.0 + slope * slope).sqrt();
+        let slack = radius * self.slant(slope);
         let [near_m, far_m] = self.clip_m;
         z + radius >= near_m
             && z - radius <= far_m

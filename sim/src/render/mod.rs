@@ -9,6 +9,7 @@ mod body;
 mod camera;
 mod choice;
 mod cpu;
+mod enlargement;
 pub mod gpu;
 mod line;
 mod material;
@@ -27,6 +28,7 @@ mod trig;
 
 pub use choice::{OpenError, RendererChoice, open};
 pub use cpu::{CpuOptions, CpuRenderer, Inspection, Segment};
+pub use enlargement::Enlargement;
 pub use gpu::GpuRenderer;
 pub use scene::RenderScene;
 

@@ -120,6 +120,11 @@ impl RenderScene {
     /// If it has more than two directional lights.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
+        Self::with_cameras(scene, scene.cameras.iter().map(Camera::new).collect())
+    }
+
+    /// Prepares a scene that these cameras look at.
+    pub(super) fn with_cameras(scene: &Scene, cameras: Vec<Camera>) -> Self {
         let (mut instances, mut n_still) = (Vec::new(), 0);
         let mut own_meshes = OwnMeshes::default();
         room::push(scene, &mut instances);
@@ -146,9 +151,9 @@ impl RenderScene {
             n_ids,
             ambient: scene.lights.ambient.map(|c| c as f32),
             suns: suns(&scene.lights),
-            cameras: scene.cameras.iter().map(Camera::new).collect(),
             shadow_centre: shadow_centre(scene),
-            layers: scene.cameras.iter().map(|_| Mutex::default()).collect(),
+            layers: cameras.iter().map(|_| Mutex::default()).collect(),
+            cameras,
             still_heights: Mutex::default(),
             n_still,
             n_triangles: instances.iter().map(|instance| instance.mesh().triangles.len()).sum(),

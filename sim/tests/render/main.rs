@@ -4,6 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
+mod enlarged;
 mod forms;
 mod independence;
 mod inspect;

@@ -51,7 +51,7 @@ pub(super) struct Unfit<S: Simd> {
     pub(super) unfit: S::M,
 }
 
-/// A camera.
+/// A camera. Its view frame is the centred one.
 pub(super) struct Pinhole<'a> {
     camera: &'a Camera,
     focal_px: f32,
@@ -61,7 +61,7 @@ pub(super) struct Pinhole<'a> {
     far_m: f32,
     /// Greatest |x/z| and |y/z| of the image.
     slope: f32,
-    /// Length of (1, slope).
+    /// [`Camera::slant`].
     slant: f32,
     /// Greatest |x/z| and |y/z| that fit the rasteriser's numbers.
     pub(super) guard_slope: f32,
@@ -86,7 +86,7 @@ impl<'a> Pinhole<'a> {
             near_m,
             far_m,
             slope,
-            slant: (1.0 + slope * slope).sqrt(),
+            slant: camera.slant(slope),
             guard_slope: (half_px + GUARD_PX) / focal_px,
             eye_in_mesh: [0.0; 3],
         }

@@ -87,6 +87,8 @@ impl Default for CpuOptions {
 struct Scratch {
     /// From each instance's mesh to the view frame.
     maps: Vec<Affine>,
+    /// The same to the centred frame, where that is another.
+    centred: Vec<Affine>,
     visibility: Visibility,
     surfaces: Surfaces,
     /// Per block of pixels whether it is no longer as in a layer.
@@ -124,6 +126,7 @@ impl CpuRenderer {
         let scratch = || {
             Mutex::new(Scratch {
                 maps: Vec::with_capacity(256),
+                centred: Vec::new(),
                 visibility: Visibility::new(),
                 surfaces: Surfaces::new(),
                 stale: Vec::new(),
@@ -323,9 +326,15 @@ impl Scratch {
 
     /// Finds what every pixel sees of some of the instances.
     fn draw<B: Block>(&mut self, shot: Shot<'_>, which: Range<usize>) {
+        let mut maps = &self.maps[which.clone()];
+        if let Some(centring) = shot.camera.centring() {
+            self.centred.clear();
+            self.centred.extend(maps.iter().map(|map| centring.after(map)));
+            maps = &self.centred;
+        }
         shot.isa.run(Draw {
             instances: &shot.scene.instances[which.clone()],
-            maps: &self.maps[which.clone()],
+            maps,
             first_ids: &shot.scene.first_id[which],
             lens: Pinhole::new(shot.camera, B::SAMPLES_PER_EDGE),
             visibility: &mut self.visibility,

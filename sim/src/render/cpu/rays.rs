@@ -31,6 +31,8 @@ impl<S: Simd> Gaze<S> {
 pub(super) struct Rays {
     side: usize,
     focal_px: f32,
+    /// x and y of d at the image's middle.
+    middle: [f32; 2],
     per_length: Vec<Line>,
 }
 
@@ -44,7 +46,7 @@ impl Kernel for Aim<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         let Self { rays, camera } = self;
-        (rays.side, rays.focal_px) = (camera.side, camera.focal_px);
+        (rays.side, rays.focal_px, rays.middle) = (camera.side, camera.focal_px, camera.middle);
         rays.per_length.clear();
         let per_row = camera.side >> Square::WIDTH_BITS;
         for block in 0..per_row * per_row {
@@ -60,12 +62,13 @@ impl Kernel for Aim<'_> {
 impl Rays {
     /// Of no camera yet.
     pub(super) fn new() -> Self {
-        Self { side: 0, focal_px: 0.0, per_length: Vec::with_capacity(MAX_BLOCKS) }
+        Self { side: 0, focal_px: 0.0, middle: [0.0; 2], per_length: Vec::with_capacity(MAX_BLOCKS) }
     }
 
     /// Whether these are the camera's.
     pub(super) fn are_of(&self, camera: &Camera) -> bool {
-        self.side == camera.side && self.focal_px.to_bits() == camera.focal_px.to_bits()
+        let bits = |focal_px: f32, [x, y]: [f32; 2]| [focal_px, x, y].map(f32::to_bits);
+        self.side == camera.side && bits(self.focal_px, self.middle) == bits(camera.focal_px, camera.middle)
     }
 
     /// Rays of a block, by its column and row; what they see is 1 m deep until it is said otherwise.
@@ -93,10 +96,14 @@ impl Rays {
     #[inline(always)]
     pub(super) fn corners(&self, column: usize, row: usize, n: usize) -> [[f32; 2]; 4] {
         let per_focal = 1.0 / self.focal_px;
-        let d = |pixel: usize| (pixel as f32 + 0.5 - self.side as f32 / 2.0) * per_focal;
+        let d = |pixel: usize, k: usize| {
+            (pixel as f32 + 0.5 - self.side as f32 / 2.0) * per_focal + self.middle[k]
+        };
         let (left, top) = (column << Square::WIDTH_BITS, row << Square::HEIGHT_BITS);
         let (right, bottom) = (left + (n << Square::WIDTH_BITS), top + Square::HEIGHT as usize);
-        [[d(left), d(top)], [d(right), d(top)], [d(left), d(bottom)], [d(right), d(bottom)]]
+        let [left, right] = [d(left, 0), d(right, 0)];
+        let [top, bottom] = [d(top, 1), d(bottom, 1)];
+        [[left, top], [right, top], [left, bottom], [right, bottom]]
     }
 
     /// Columns and rows of the pixels of a block with this first one.
@@ -109,7 +116,7 @@ impl Rays {
     fn d<S: Simd>(&self, pixel: [S::F; 2]) -> [S::F; 2] {
         let per_focal = 1.0 / self.focal_px;
         let first = (0.5 - self.side as f32 / 2.0) * per_focal;
-        each!(k in 2 => pixel[k].mul_add(S::F::all(per_focal), S::F::all(first)))
+        each!(k in 2 => pixel[k].mul_add(S::F::all(per_focal), S::F::all(first + self.middle[k])))
     }
 }
 
