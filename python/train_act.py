@@ -5,9 +5,9 @@
     train_act.py demos/single -o raise-cube --evaluate target/release/hypogeum
     hypogeum run --policy act=act:raise-cube --tasks RaiseCube --episodes 200
 
-Needs LeRobot 0.6 (`pip install ./python[lerobot]`). Runs on a GPU if there is one. Interrupt it and give the command again:
-it goes on with the last checkpoint. `OUT` is a checkpoint as LeRobot saves it, of averaged weights in half precision, and
-`OUT/training` what only training needs: images, optimiser, log.
+Needs LeRobot 0.6 (`pip install './python[lerobot]' 'lerobot[dataset]'`). Runs on a GPU if there is one. Interrupt it and
+give the command again: it goes on from the last checkpoint. `OUT` is a checkpoint as LeRobot saves it, of averaged
+weights in half precision; `OUT/training` is what only training needs: images, optimiser, log.
 """
 
 import argparse
@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from safetensors.torch import load_file, save_file
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torchvision.ops.misc import FrozenBatchNorm2d
@@ -42,6 +43,8 @@ MIN_STD = 0.01
 WARM_UP_STEPS = 500
 # The part of all steps in which the learning rate falls to nothing.
 COOL_DOWN = 0.25
+# Side of the images that normalisations are measured with.
+CALIBRATION_SIDE = 64
 # What a run that goes on must have in common with its beginning.
 FIXED = ("tasks", "batch_size", "width", "shrink", "dim", "layers", "chunk", "dropout", "vae", "ema", "seed")
 
@@ -60,7 +63,7 @@ def arguments():
     parser.add_argument("--layers", type=int, default=4, help="of the transformer's encoder")
     parser.add_argument("--dropout", type=float, default=0.1, help="in the transformer")
     parser.add_argument("--chunk", type=int, default=30, help="actions per answer")
-    parser.add_argument("--vae", action="store_true", help="with ACT's latent variable, which scripted experts do not need")
+    parser.add_argument("--vae", action="store_true", help="with ACT's latent variable: scripts need none")
     parser.add_argument("--ema", type=float, default=0.999, help="decay of the averaged weights, per step")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
@@ -86,7 +89,8 @@ class Demonstrations:
         name = f"hypogeum/{root.name}"
         meta = LeRobotDatasetMetadata(name, root=root)
         episodes = [idx for idx, row in enumerate(rows) if row["task"] in self.tasks]
-        self.cameras = {key: [3, *(side // shrink for side in meta.features[key]["shape"][:2])] for key in meta.camera_keys}
+        sides = {key: meta.features[key]["shape"][:2] for key in meta.camera_keys}
+        self.cameras = {key: [3, *(side // shrink for side in shape)] for key, shape in sides.items()}
         lengths = np.array([rows[idx]["n_frames"] for idx in episodes])
         self.n_frames = int(lengths.sum())
         # Of every frame: one past the last of its episode.
@@ -130,7 +134,7 @@ class Demonstrations:
         for key, images in self.images.items():
             some = np.asarray(images[:: max(1, self.n_frames // 2000)], np.float64) / 255
             moments = {"mean": some.mean((0, 1, 2)), "std": some.std((0, 1, 2))}
-            stats[key] = {name: torch.tensor(value, dtype=torch.float32)[:, None, None] for name, value in moments.items()}
+            stats[key] = {name: torch.tensor(value).float()[:, None, None] for name, value in moments.items()}
         return stats
 
     def batch(self, step, size, seed):
@@ -173,8 +177,9 @@ def calibrate(policy, batch):
 
     norms = [module for module in policy.modules() if isinstance(module, FrozenBatchNorm2d)]
     hooks = [norm.register_forward_pre_hook(measure) for norm in norms]
-    # All cameras in one batch: the backbone is theirs in common.
-    policy.model.backbone(torch.cat([torch.nn.functional.interpolate(batch[key], 64) for key in policy.config.image_features]))
+    # The backbone is the cameras' in common: their images make one batch, small and of one size.
+    images = [F.interpolate(batch[key], CALIBRATION_SIDE) for key in policy.config.image_features]
+    policy.model.backbone(torch.cat(images))
     for hook in hooks:
         hook.remove()
 
@@ -216,7 +221,10 @@ def main():
     data = Demonstrations(args.dataset, args.tasks and args.tasks.split(","), args.shrink, args.chunk, folder)
     policy = make_policy(args, data)
     processors = make_act_pre_post_processors(policy.config, data.stats())
-    prepare = lambda step: processors[0](data.batch(step, args.batch_size, args.seed))
+
+    def prepare(step):
+        return processors[0](data.batch(step, args.batch_size, args.seed))
+
     averaged = AveragedModel(policy, multi_avg_fn=get_ema_multi_avg_fn(args.ema))
     optimiser = torch.optim.AdamW(policy.parameters(), lr=args.lr, weight_decay=1e-4)
     state, first = folder / "state.pt", 0

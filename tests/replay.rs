@@ -1,7 +1,5 @@
 //! Episodes of a results file done again from the actions that were kept.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use std::fs;
 use std::path::Path;
 

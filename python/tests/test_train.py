@@ -81,5 +81,6 @@ def test_what_does_not_fit_is_refused(demos, tmp_path_factory, more, words):
 
 
 def test_a_folder_without_demonstrations_is_named(tmp_path):
-    done = subprocess.run(command(tmp_path / "nowhere", tmp_path / "out"), capture_output=True, text=True, timeout=LIMIT_S)
+    nowhere = command(tmp_path / "nowhere", tmp_path / "out")
+    done = subprocess.run(nowhere, capture_output=True, text=True, timeout=LIMIT_S)
     assert done.returncode == 1 and "nowhere has no meta/hypogeum.jsonl" in done.stderr

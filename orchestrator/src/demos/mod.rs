@@ -24,7 +24,7 @@ use crate::cli::DemosArgs;
 use crate::failure::{Ending, Failure, OrUser};
 use crate::interrupt;
 use crate::names::pick;
-use crate::plan::{condition, perturbation, profile, strength, tasks};
+use crate::plan::{condition, control_mode, perturbation, profile, strength, tasks};
 use crate::progress::{Progress, print};
 use crate::report::{Align, Table, print_out};
 
@@ -88,12 +88,8 @@ impl Wish {
     }
 
     fn settings_of(&self, morphology: Morphology) -> Settings {
-        match morphology {
-            Morphology::Single => self.single_arm,
-            Morphology::Bimanual => {
-                Settings { morphology, control_mode: morphology.default_control_mode(), ..self.single_arm }
-            }
-        }
+        let control_mode = control_mode(self.single_arm.control_mode, morphology, false);
+        Settings { morphology, control_mode, ..self.single_arm }
     }
 
     fn run(&self, folder: &Path, quiet: bool, stopped: &AtomicBool) -> anyhow::Result<Ending> {

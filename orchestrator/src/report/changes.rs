@@ -24,7 +24,7 @@ pub(crate) struct Effect {
     pub(crate) relative_change: Option<f64>,
 }
 
-/// By policy and perturbation, in the cells' order; empty if nothing ran without perturbation, or nothing else did.
+/// By policy in the cells' order and perturbation in the suite's; empty if nothing ran without perturbation, or nothing else did.
 pub(crate) fn effects(cells: &[Cell]) -> Vec<Effect> {
     let none = Composition::from(Perturbation::None);
     let mut found: Vec<(&str, Composition)> = Vec::new();
@@ -39,7 +39,7 @@ pub(crate) fn effects(cells: &[Cell]) -> Vec<Effect> {
     if !is_compared {
         return Vec::new();
     }
-    // Suites come task by task, so that a perturbation that does not apply to the first would come late.
+    // Cells come task by task, so that a perturbation that does not apply to the first would come late.
     let place = |perturbation: &Composition| perturbation.iter().collect::<Vec<Perturbation>>();
     let policies: Vec<&str> = found.iter().map(|(policy, _)| *policy).collect();
     let rank = |name: &str| policies.iter().position(|policy| *policy == name);
@@ -122,7 +122,7 @@ mod tests {
         (TaskId::DualArmPushBox, [82.0, 42.0, NOT, 54.0, NOT, 1.5]),
         (TaskId::DualArmLiftTray, [70.5, 23.5, NOT, NOT, NOT, 0.0]),
         (TaskId::DualArmPourPot, [68.0, 71.0, 66.5, NOT, 70.5, 2.5]),
-        (TaskId::DualArmStackCube, [59.5, 1.0, 23.5, 4.0, 56.0, 0.0]),
+        (TaskId::DualArmStackCube, [59.5, 0.0, 23.5, 4.0, 56.0, 0.0]),
         (TaskId::DualArmPenCap, [18.0, 7.0, 5.0, NOT, NOT, 2.0]),
         (TaskId::DualArmThreading, [9.0, 3.5, 2.5, NOT, NOT, 0.0]),
         (TaskId::DualArmDrawerOpen, [6.0, NOT, NOT, NOT, NOT, 5.5]),

@@ -38,13 +38,13 @@ fn once_is_the_picture_itself_and_three_times_has_it_in_the_middles() {
         let large = Enlargement::new(&scene, 3).photograph(&mut renderer, &snapshot);
         for ((side, image), (large_side, large)) in usual.iter().zip(&large) {
             assert_eq!(*large_side, 3 * side);
-            // Textures are finer, and edges may round to the other side.
+            // Textures are a little finer, and edges may round to the other side.
             let differs = |[x, y]: [usize; 2]| {
                 let (here, there) = ((y * side + x) * 3, ((3 * y + 1) * large_side + 3 * x + 1) * 3);
                 (0..3).any(|k| image[here + k].abs_diff(large[there + k]) > 24)
             };
             let n_different = (0..side * side).filter(|pixel| differs([pixel % side, pixel / side])).count();
-            assert!(n_different * 25 < side * side, "{}: {n_different} of {}", task.name(), side * side);
+            assert!(n_different * 200 < side * side, "{}: {n_different} of {}", task.name(), side * side);
         }
     }
 }

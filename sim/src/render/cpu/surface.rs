@@ -178,7 +178,7 @@ impl Kernel for Collect<'_> {
                 let first = place(first_id as i32) + i * N_LANES;
                 if surfaces.seen[first / N_LANES] {
                     if kit.is_none() {
-                        kit = Some(Kit::<S>::new(instance, map, Snap::new(camera, scale)));
+                        kit = Some(Kit::<S>::new(instance, map, camera, scale));
                     }
                     let Some(kit) = &kit else { continue };
                     let lines = first..first + N_LANES;
@@ -197,7 +197,7 @@ pub(super) fn is_uniform<S: Simd>(ids: &WholeLine) -> bool {
     S::I::load(ids).eq(S::I::all(ids.0[0])).to_bits() == u16::MAX
 }
 
-/// From vectors v to d·v as a function of the pixel, where d = (x/z, y/z, 1) is the ray through its centre.
+/// From vectors v to d·v as a function of the pixel, where d = (x/z, y/z, 1) is the ray through its centre in the centred frame.
 struct Plane<S: Simd> {
     per_focal: S::F,
     principal: S::F,
@@ -222,7 +222,9 @@ impl<S: Simd> Plane<S> {
 
 /// What an instance's batches have in common.
 struct Kit<S: Simd> {
-    view_from_steps: Map<S>,
+    /// To the centred frame, where corners are put on the rasteriser's grid; the triple products that weights are made of are
+    /// the same there.
+    centred_from_steps: Map<S>,
     view_from_normal: Map<S>,
     /// Texture tiles per step of the mesh along its axes, if it is textured.
     tiles: Option<Vectors<S>>,
@@ -234,11 +236,12 @@ struct Kit<S: Simd> {
 
 impl<S: Simd> Kit<S> {
     #[inline(always)]
-    fn new(instance: &Instance, view_from_mesh: &Affine, snap: Snap) -> Self {
+    fn new(instance: &Instance, view_from_mesh: &Affine, camera: &Camera, scale: usize) -> Self {
         let (material, steps) = (&instance.material, instance.mesh().batches.steps);
+        let from_mesh = camera.centring().map_or(*view_from_mesh, |centring| centring.after(view_from_mesh));
         let normals = Affine { linear: view_from_mesh.normals(), offset: [0.0; 3] };
         Self {
-            view_from_steps: Map::new(&view_from_mesh.per(steps)),
+            centred_from_steps: Map::new(&from_mesh.per(steps)),
             view_from_normal: Map::new(&normals),
             tiles: match material.texture {
                 Some(texture) => {
@@ -250,7 +253,7 @@ impl<S: Simd> Kit<S> {
             color: material.color,
             specular: material.specular,
             texture: material.texture.map_or(-1, |texture| texture as i32),
-            snap,
+            snap: Snap::new(camera, scale),
         }
     }
 
@@ -265,7 +268,7 @@ impl<S: Simd> Kit<S> {
         wraps: &mut [Line],
     ) {
         let [p, q, r] =
-            each!(k in 3 => self.snap.on_grid::<S>(self.view_from_steps.short_points(&corners[k])));
+            each!(k in 3 => self.snap.on_grid::<S>(self.centred_from_steps.short_points(&corners[k])));
         let (e, f) = (minus::<S>(&q, &p), minus::<S>(&r, &p));
         let weights = Weights::<S> {
             a: plane.of(cross::<S>(&p, &f)),
