@@ -98,7 +98,7 @@ class Demonstrations:
         self.offsets = np.arange(chunk)
         paths = {key: cache / f"{key}-{'-'.join(map(str, shape[1:]))}.npy" for key, shape in self.cameras.items()}
         vectors = cache / "vectors.safetensors"
-        if not vectors.exists():
+        if not all(path.exists() for path in [*paths.values(), vectors]):
             self.fill(LeRobotDataset(name, root=root, episodes=episodes), paths, vectors)
         self.images = {key: np.load(path, mmap_mode="r") for key, path in paths.items()}
         self.vectors = load_file(vectors)
