@@ -12,6 +12,7 @@ weights in half precision; `OUT/training` is what only training needs: images, o
 
 import argparse
 import copy
+import functools
 import json
 import math
 import os
@@ -75,6 +76,12 @@ def arguments():
     return parser.parse_args()
 
 
+@functools.lru_cache(maxsize=1)
+def shuffled(n, seed, epoch):
+    """The frames' order in an epoch."""
+    return np.random.default_rng([seed, epoch]).permutation(n)
+
+
 class Demonstrations:
     """The frames of some tasks in memory: vectors as they are, images in the size that the network sees."""
 
@@ -82,7 +89,7 @@ class Demonstrations:
         if not (root / "meta/hypogeum.jsonl").exists():
             sys.exit(f"{root} has no meta/hypogeum.jsonl: expected a dataset of `hypogeum demos`, such as demos/single")
         rows = [row for line in (root / "meta/hypogeum.jsonl").read_text().splitlines() for row in json.loads(line)]
-        self.tasks = tasks or sorted({row["task"] for row in rows})
+        self.tasks = sorted(set(tasks or (row["task"] for row in rows)))
         unknown = set(self.tasks) - {row["task"] for row in rows}
         if unknown:
             sys.exit(f"{root} has no episodes of {', '.join(sorted(unknown))}")
@@ -107,7 +114,8 @@ class Demonstrations:
             sys.exit(f"{cache} was made of another dataset or other tasks: remove it")
 
     def fill(self, dataset, paths, vectors):
-        """Decodes every image once."""
+        """Decodes every image once. The vectors are written last: without them, nothing counts."""
+        vectors.unlink(missing_ok=True)
         images = {
             key: np.lib.format.open_memmap(path, "w+", np.uint8, (self.n_frames, *self.cameras[key][1:], 3))
             for key, path in paths.items()
@@ -140,8 +148,7 @@ class Demonstrations:
     def batch(self, step, size, seed):
         """The batch of a step, a function of its arguments: every epoch goes once through all frames."""
         per_epoch = self.n_frames // size
-        order = np.random.default_rng([seed, step // per_epoch]).permutation(self.n_frames)
-        picked = np.sort(order[step % per_epoch * size :][:size])
+        picked = np.sort(shuffled(self.n_frames, seed, step // per_epoch)[step % per_epoch * size :][:size])
         ahead = picked[:, None] + self.offsets
         last = self.ends[picked][:, None] - 1
         batch = {key: torch.from_numpy(images[picked]).permute(0, 3, 1, 2) / 255 for key, images in self.images.items()}

@@ -85,6 +85,15 @@ impl Morphology {
         }
     }
 
+    /// How a run's policies drive it, in which single-arm policies drive in `single_arm`: two arms always by absolute joints.
+    #[must_use]
+    pub const fn control_mode(self, single_arm: ControlMode) -> ControlMode {
+        match self {
+            Self::Single => single_arm,
+            Self::Bimanual => self.default_control_mode(),
+        }
+    }
+
     /// Code on the wire: 0 or 1.
     #[must_use]
     pub const fn code(self) -> u32 {

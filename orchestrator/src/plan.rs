@@ -147,7 +147,7 @@ impl Plan {
 
     /// How policies drive a robot: two arms always by absolute joints.
     pub(crate) fn control_mode_of(&self, morphology: Morphology) -> ControlMode {
-        control_mode(self.control_mode, morphology, false)
+        morphology.control_mode(self.control_mode)
     }
 
     /// Whether any policy looks at images.
@@ -158,15 +158,6 @@ impl Plan {
     /// Episodes of the whole plan.
     pub(crate) fn n_episodes(&self) -> u64 {
         self.policies.len() as u64 * self.conditions.len() as u64 * u64::from(self.episodes)
-    }
-}
-
-/// How a policy drives a robot, if single-arm policies drive in `single_arm`: the expert always by absolute joints.
-pub(crate) fn control_mode(single_arm: ControlMode, morphology: Morphology, is_expert: bool) -> ControlMode {
-    match morphology {
-        Morphology::Single if is_expert => ControlMode::JointPos,
-        Morphology::Single => single_arm,
-        Morphology::Bimanual => morphology.default_control_mode(),
     }
 }
 

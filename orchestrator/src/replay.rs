@@ -9,8 +9,7 @@ use rayon::prelude::*;
 use sim::TaskId;
 use sim::demo::Recording;
 use sim::perturb::Composition;
-use sim::render::CpuRenderer;
-use sim::render::sheet;
+use sim::render::{CpuRenderer, Enlargement, sheet};
 use sim::show::Subject;
 use sim::show::movie::Format;
 use sim::stream::Stream;
@@ -31,6 +30,8 @@ pub(crate) struct StoredEpisode {
     /// Who acted.
     pub(crate) policy: String,
     pub(crate) subject: Subject,
+    /// Index of the episode under the suite seed.
+    pub(crate) index: u32,
     /// Of the episode.
     pub(crate) seed: u64,
     /// How its action rows are meant.
@@ -44,8 +45,8 @@ pub(crate) struct StoredEpisode {
 impl StoredEpisode {
     /// For messages.
     pub(crate) fn name(&self) -> String {
-        let Self { policy, subject, seed, .. } = self;
-        format!("{policy}'s {} {} of seed {seed}", subject.task.name(), subject.perturbation.name())
+        let Self { policy, subject, index, .. } = self;
+        format!("{policy}'s {} {} episode {index}", subject.task.name(), subject.perturbation.name())
     }
 
     /// Numbers in all its action rows.
@@ -178,9 +179,10 @@ fn report(episodes: &[StoredEpisode], replayed: &[(usize, u64)]) -> Result<Endin
 fn draw_movie(source: &Source, episode_idx: usize, path: &Path, scale: usize) -> anyhow::Result<Ending> {
     let format = Format::of(path)?;
     let recording = source.again(episode_idx)?;
-    let (view, mut renderer) = (recording.enlarged(scale), CpuRenderer::new(rayon::current_num_threads()));
+    let view = Enlargement::new(recording.scene(), scale);
+    let mut renderer = CpuRenderer::new(rayon::current_num_threads());
     let ending = movie::write(path, format, recording.n_frames(), |frame| {
-        let images = recording.draw_enlarged(&view, &mut renderer, frame);
+        let images = view.photograph(&mut renderer, recording.snapshot(frame));
         sheet::compose(&images, images.len(), 1)
     })?;
     if ending != Ending::Done {

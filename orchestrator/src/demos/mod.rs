@@ -13,7 +13,7 @@ use ipc_types::{ControlMode, Morphology};
 use rayon::prelude::*;
 use sim::TaskId;
 use sim::demo::{DemoError, Recording};
-use sim::render::CpuRenderer;
+use sim::render::{CpuRenderer, RenderScene};
 use sim::show::Subject;
 use sim::stream::episode_seed;
 
@@ -24,7 +24,7 @@ use crate::cli::DemosArgs;
 use crate::failure::{Ending, Failure, OrUser};
 use crate::interrupt;
 use crate::names::pick;
-use crate::plan::{condition, control_mode, perturbation, profile, strength, tasks};
+use crate::plan::{condition, perturbation, profile, strength, tasks};
 use crate::progress::{Progress, print};
 use crate::report::{Align, Table, print_out};
 
@@ -88,7 +88,7 @@ impl Wish {
     }
 
     fn settings_of(&self, morphology: Morphology) -> Settings {
-        let control_mode = control_mode(self.single_arm.control_mode, morphology, false);
+        let control_mode = morphology.control_mode(self.single_arm.control_mode);
         Settings { morphology, control_mode, ..self.single_arm }
     }
 
@@ -188,13 +188,13 @@ impl Wish {
             Err(error @ DemoError::Mode { .. }) => return Err(error.into()),
         };
         let mut renderer = CpuRenderer::new(rayon::current_num_threads());
-        let view = recording.view();
+        let view = RenderScene::new(recording.scene());
         let mut images: Vec<Images> = morphology.camera_names().iter().map(|_| Images::default()).collect();
         for frame in 0..recording.n_frames() {
             if stopped.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            let drawn = recording.draw(&view, &mut renderer, frame);
+            let drawn = renderer.photograph(&view, recording.snapshot(frame));
             for (of_camera, (side, pixels)) in images.iter_mut().zip(drawn) {
                 of_camera.push(&pixels, format.encode(&pixels, side)?);
             }

@@ -24,7 +24,8 @@ pub(crate) struct Effect {
     pub(crate) relative_change: Option<f64>,
 }
 
-/// By policy in the cells' order and perturbation in the suite's; empty if nothing ran without perturbation, or nothing else did.
+/// By policy in the cells' order and perturbation in the suite's; empty if nothing ran without perturbation, or nothing
+/// else did.
 pub(crate) fn effects(cells: &[Cell]) -> Vec<Effect> {
     let none = Composition::from(Perturbation::None);
     let mut found: Vec<(&str, Composition)> = Vec::new();

@@ -1,5 +1,6 @@
 //! Reading a results file back for replays: episodes whose actions were kept.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -10,7 +11,7 @@ use rusqlite::{Connection, params};
 use serde::de::DeserializeOwned;
 use sim::perturb::{Composition, Strength};
 use sim::show::Subject;
-use sim::{Profile, TaskId};
+use sim::{Profile, TaskId, expert};
 
 use super::{manifest, open, schema};
 use crate::names::pick;
@@ -24,8 +25,6 @@ pub(crate) struct Kept {
     path: PathBuf,
     connection: Mutex<Connection>,
     episodes: Vec<StoredEpisode>,
-    /// By episode: its index under the suite seed.
-    indices: Vec<u32>,
 }
 
 impl Kept {
@@ -35,14 +34,14 @@ impl Kept {
     /// If it is none, or no episode's actions were kept.
     pub(crate) fn open(path: &Path) -> anyhow::Result<Self> {
         let connection = open::open_to_read(path)?;
-        let (indices, episodes) = read_episodes(&connection)
+        let episodes = read_episodes(&connection)
             .with_context(|| format!("failed to read the results file {}", path.display()))?;
         ensure!(
             !episodes.is_empty(),
             "{} keeps no actions: evaluate with `run --keep-actions` to replay",
             path.display()
         );
-        Ok(Self { path: path.to_owned(), connection: Mutex::new(connection), episodes, indices })
+        Ok(Self { path: path.to_owned(), connection: Mutex::new(connection), episodes })
     }
 
     pub(crate) fn episodes(&self) -> &[StoredEpisode] {
@@ -55,9 +54,8 @@ impl Kept {
     /// If they cannot be read, or are not as many as the episode has steps.
     pub(crate) fn actions(&self, episode_idx: usize) -> anyhow::Result<Vec<f32>> {
         let episode = &self.episodes[episode_idx];
-        let StoredEpisode { policy, subject, .. } = episode;
-        let key =
-            params![policy, subject.task.name(), subject.perturbation.name(), self.indices[episode_idx]];
+        let StoredEpisode { policy, subject, index, .. } = episode;
+        let key = params![policy, subject.task.name(), subject.perturbation.name(), index];
         let connection = self.connection.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let bytes: Vec<u8> = connection
             .query_row(schema::ACTIONS, key, |row| row.get(0))
@@ -74,32 +72,40 @@ impl Kept {
     }
 }
 
-fn read_episodes(connection: &Connection) -> anyhow::Result<(Vec<u32>, Vec<StoredEpisode>)> {
+fn read_episodes(connection: &Connection) -> anyhow::Result<Vec<StoredEpisode>> {
     let profile: Profile = entry(connection, "profile")?;
     let strength: Strength = entry(connection, "strength")?;
     let single_arm_mode: String = entry(connection, "control_mode")?;
     let single_arm_mode = pick("control mode", &single_arm_mode, &ControlMode::ALL, ControlMode::name)?;
     let mut statement = connection.prepare(schema::KEPT)?;
     let mut rows = statement.query([])?;
-    let mut read = (Vec::new(), Vec::new());
+    let mut episodes = Vec::new();
+    let mut experts: BTreeMap<String, bool> = BTreeMap::new();
     while let Some(row) = rows.next()? {
         let (policy, task, perturbation): (String, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
         let task = pick("task", &task, TaskId::ALL, TaskId::name)?;
         let perturbation: Composition = plan::perturbation(&perturbation)?;
-        let identity: Identity = entry(connection, &manifest::policy_key(&policy))?;
-        let is_expert = matches!(identity.spec.parse(), Ok(PolicySpec::Expert));
-        read.0.push(row.get(3)?);
-        read.1.push(StoredEpisode {
+        if !experts.contains_key(&policy) {
+            let Identity { spec, .. } = entry(connection, &manifest::policy_key(&policy))?;
+            experts.insert(policy.clone(), matches!(spec.parse(), Ok(PolicySpec::Expert)));
+        }
+        let mode = if experts[&policy] {
+            expert::CONTROL_MODE
+        } else {
+            task.task().morphology.control_mode(single_arm_mode)
+        };
+        episodes.push(StoredEpisode {
             policy,
             subject: Subject { task, perturbation, strength, profile },
+            index: row.get(3)?,
             // Episode seeds lie below 2⁶³.
             seed: row.get::<_, i64>(4)?.cast_unsigned(),
-            mode: plan::control_mode(single_arm_mode, task.task().morphology, is_expert),
+            mode,
             n_steps: row.get(5)?,
             fingerprint: row.get(6)?,
         });
     }
-    Ok(read)
+    Ok(episodes)
 }
 
 /// An entry of the manifest.

@@ -9,11 +9,10 @@ use ipc_types::ControlMode;
 use ipc_types::layout::MAX_ACTION_DIM;
 use thiserror::Error;
 
-use crate::expert::{Expert, PlanError};
+use crate::expert::{self, Expert, PlanError};
 use crate::fingerprint::Fingerprint;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
-use crate::render::{CpuRenderer, Enlargement, RenderScene};
 use crate::scene::{Scene, Snapshot};
 use crate::show::Subject;
 
@@ -64,7 +63,7 @@ impl Recording {
         let teller = track::teller(mode, task.morphology).ok_or(DemoError::Mode { mode: mode.name() })?;
         let mut stage = Stage::new(subject, scene, mode);
         let mut planned = [0.0; MAX_ACTION_DIM];
-        let planned = &mut planned[..ControlMode::JointPos.action_dim(task.morphology)];
+        let planned = &mut planned[..expert::CONTROL_MODE.action_dim(task.morphology)];
         let mut plan_steps = 0;
         while stage.steps() < task.max_steps && (plan_steps < expert.n_steps() || !stage.has_succeeded()) {
             expert.act(&stage.world, planned);
@@ -146,47 +145,19 @@ impl Recording {
         self.fingerprint
     }
 
-    /// The images of a frame, `[side, side, 3] u8` sRGB with the side of each camera.
+    /// The episode's scene.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Where everything was at a frame.
     ///
     /// # Panics
     /// If there is no such frame.
     #[must_use]
-    pub fn draw(
-        &self,
-        view: &RenderScene,
-        renderer: &mut CpuRenderer,
-        frame: usize,
-    ) -> Vec<(usize, Vec<u8>)> {
-        renderer.photograph(view, &self.snapshots[frame])
-    }
-
-    /// The images of a frame in more pixels.
-    ///
-    /// # Panics
-    /// If there is no such frame.
-    #[must_use]
-    pub fn draw_enlarged(
-        &self,
-        view: &Enlargement,
-        renderer: &mut CpuRenderer,
-        frame: usize,
-    ) -> Vec<(usize, Vec<u8>)> {
-        view.photograph(renderer, &self.snapshots[frame])
-    }
-
-    /// What the renderer needs to know of the episode to draw it in so many times as many pixels along each edge.
-    ///
-    /// # Panics
-    /// If it is not so many times as [`Enlargement::TIMES`] says.
-    #[must_use]
-    pub fn enlarged(&self, times: usize) -> Enlargement {
-        Enlargement::new(&self.scene, times)
-    }
-
-    /// What the renderer needs to know of the episode.
-    #[must_use]
-    pub fn view(&self) -> RenderScene {
-        RenderScene::new(&self.scene)
+    pub fn snapshot(&self, frame: usize) -> &Snapshot {
+        &self.snapshots[frame]
     }
 }
 

@@ -8,6 +8,7 @@ pub mod grasp;
 mod plan;
 mod timing;
 
+use ipc_types::ControlMode;
 use nalgebra::Isometry3;
 use thiserror::Error;
 
@@ -16,6 +17,8 @@ use crate::scene::Scene;
 
 /// Numbers in one arm's part of a `pd_joint_pos` action row.
 const ROW_PER_ARM: usize = 8;
+/// How experts drive, with one arm and with two.
+pub const CONTROL_MODE: ControlMode = ControlMode::JointPos;
 
 /// Where a move takes an arm's TCP.
 #[derive(Clone, Copy, Debug, PartialEq)]

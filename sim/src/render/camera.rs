@@ -68,8 +68,8 @@ impl Camera {
         (self.middle != [0.0; 2]).then_some(Affine { linear, offset: [0.0; 3] })
     }
 
-    /// Greatest distance from a ball's centre to a plane through an edge of the image that touches it, along x or y in the
-    /// centred frame, per its radius there: centring may shorten lengths, by no more than the last factor.
+    /// How far beyond an edge of the image, of this slope, a ball's centre may lie for the ball to reach in: along x or y in
+    /// the centred frame, per radius. The last factor makes up for lengths that centring shortens.
     pub(super) fn slant(&self, slope: f32) -> f32 {
         let [x, y] = self.middle.map(f32::abs);
         let steepest = slope + x.max(y);

@@ -32,7 +32,8 @@ impl Enlargement {
         Self { parts: RenderScene::with_cameras(scene, parts.collect()), times }
     }
 
-    /// Every camera's side and its image, `[side, side, 3] u8` sRGB; one time as many pixels are [`CpuRenderer::photograph`]'s, byte for byte.
+    /// Every camera's side and its image, `[side, side, 3] u8` sRGB; one time as many pixels are
+    /// [`CpuRenderer::photograph`]'s, byte for byte.
     ///
     /// # Panics
     /// If the snapshot is not of the scene.

@@ -6,7 +6,7 @@ use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
 use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology};
 
 use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
-use crate::expert::{Expert, hold_still};
+use crate::expert::{self, Expert, hold_still};
 use crate::fingerprint::Fingerprint;
 use crate::perturb::Strength;
 use crate::physics::World;
@@ -30,9 +30,9 @@ pub(super) struct Rules {
 impl Rules {
     /// How a policy drives this morphology. The expert always drives absolute joints.
     pub(super) fn control_mode(self, morphology: Morphology, driver: Driver) -> ControlMode {
-        match (driver, morphology) {
-            (Driver::Lane(_), Morphology::Single) => self.single_arm_mode,
-            (Driver::Lane(_), Morphology::Bimanual) | (Driver::Expert, _) => ControlMode::JointPos,
+        match driver {
+            Driver::Lane(_) => morphology.control_mode(self.single_arm_mode),
+            Driver::Expert => expert::CONTROL_MODE,
         }
     }
 }
@@ -90,6 +90,7 @@ impl Episode {
         let task = assignment.task.task();
         let scene = assignment.perturbation.spec(task, rules.profile, rules.strength).draw(assignment.seed);
         let mode = rules.control_mode(task.morphology, assignment.driver);
+        let action_dim = mode.action_dim(task.morphology);
         let world = World::build(&scene, mode);
         let actor = match assignment.driver {
             Driver::Lane(_) => {
@@ -103,7 +104,7 @@ impl Episode {
         Self {
             assignment,
             task,
-            action_dim: mode.action_dim(task.morphology),
+            action_dim,
             actor,
             unmet: first_unmet(&success, &world),
             success,
@@ -116,7 +117,7 @@ impl Episode {
             queried_at: None,
             first_success_step: None,
             fingerprint,
-            actions: rules.keep_actions.then(Vec::new),
+            actions: rules.keep_actions.then(|| Vec::with_capacity(task.max_steps as usize * action_dim)),
             ledger: EpisodeLedger::default(),
             born,
             error: None,

@@ -47,6 +47,7 @@ impl Stored {
                 episodes.push(StoredEpisode {
                     policy: PolicySpec::Expert.kind().to_owned(),
                     subject: Subject { task, perturbation, strength, profile },
+                    index: record.index,
                     seed: episode_seed(seed, task.name(), record.index),
                     mode,
                     n_steps: record.n_frames as u32,

@@ -197,7 +197,8 @@ pub(super) fn is_uniform<S: Simd>(ids: &WholeLine) -> bool {
     S::I::load(ids).eq(S::I::all(ids.0[0])).to_bits() == u16::MAX
 }
 
-/// From vectors v to d·v as a function of the pixel, where d = (x/z, y/z, 1) is the ray through its centre in the centred frame.
+/// From vectors v to d·v as a function of the pixel, where d = (x/z, y/z, 1) is the ray through its centre, all in the
+/// centred frame.
 struct Plane<S: Simd> {
     per_focal: S::F,
     principal: S::F,
