@@ -21,6 +21,8 @@ impl Line {
 pub(super) struct WholeLine(pub(super) [i32; N_LANES]);
 
 impl WholeLine {
+    /// The numbers of the lanes.
+    pub(super) const NUMBERS: Self = Self([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
     /// Zero everywhere.
     pub(super) const ZERO: Self = Self([0; N_LANES]);
 }

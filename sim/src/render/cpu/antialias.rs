@@ -67,7 +67,7 @@ impl Fragments {
     #[inline(always)]
     fn push<S: Simd>(&mut self, keep: S::M, block: usize, id: S::I, depth: S::F, weight: S::F) {
         let n = self.n;
-        let place = S::I::load(&PIXELS) + S::I::all((block * N_LANES) as i32);
+        let place = S::I::load(&WholeLine::NUMBERS) + S::I::all((block * N_LANES) as i32);
         for (numbers, list) in [
             (place, &mut self.places),
             (id, &mut self.ids),
@@ -85,9 +85,6 @@ impl Fragments {
         WholeLine(each!(i in 16 => list[first + i]))
     }
 }
-
-/// Numbers of a block's pixels.
-const PIXELS: WholeLine = WholeLine([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
 
 impl<K: Sink> Kernel for ShadeSamples<'_, K> {
     #[inline(always)]
@@ -136,6 +133,7 @@ impl<K: Sink> ShadeSamples<'_, K> {
     /// Adds the fragments' light to that of their pixels.
     #[inline(always)]
     fn add<S: Simd>(&self, fragments: &Fragments, strip: &mut Strip, light: &mut [[Line; 3]; STRIP]) {
+        let mut mixture = Mixture::NONE;
         for first in (0..fragments.n).step_by(N_LANES) {
             let n = N_LANES.min(fragments.n - first);
             let mut ids = Fragments::line(&fragments.ids, first);
@@ -148,12 +146,12 @@ impl<K: Sink> ShadeSamples<'_, K> {
             let depth = S::I::load(&Fragments::line(&fragments.depths, first)).as_float_bits();
             let weight = S::I::load(&Fragments::line(&fragments.weights, first)).as_float_bits();
             let gaze = self.shader.rays.through::<S>([column.floats(), row.floats()], depth);
-            let mut mixture = Mixture::NONE;
             self.shader.gather::<S>(&ids, &gaze, &mut mixture);
             if mixture.textured != 0 {
                 let mut blocks = WholeLine::ZERO;
                 block.store(&mut blocks);
-                self.shader.tint::<S>(&ids, &blocks, &gaze, strip, &mut mixture);
+                let tint = self.shader.tint::<S>(&ids, &blocks, &gaze, mixture.textured, strip);
+                store_all::<S>(tint, &mut mixture.tint);
             }
             let roots = self.shader.several::<S>(&mixture, &gaze);
             let mut rgb = [Line::ZERO; 3];

@@ -7,7 +7,7 @@ use super::each::each;
 use super::isa::Kernel;
 use super::kind::Block;
 use super::lens::{Lens, Projected, Vectors};
-use super::raster::{Corner, Small, Visibility};
+use super::raster::{Corner, SMALL_REACH, Shares, Small, Visibility};
 use super::simd::{Floats, Lanes, Line, Mask, Number, ShortLine, Simd, Whole, WholeLine};
 use crate::render::affine::{Affine, Vec3};
 use crate::render::mesh::{Batches, Corners, Lines3};
@@ -28,18 +28,12 @@ pub(super) struct Draw<'a, B, L> {
 impl<B: Block, L: Lens> Kernel for Draw<'_, B, L> {
     #[inline(always)]
     fn run<S: Simd>(mut self) {
-        let mut small = Small::new();
+        let mut shares = Shares::new();
         for ((instance, map), first_id) in self.instances.iter().zip(self.maps).zip(self.first_ids) {
             let mesh = instance.mesh();
             if self.lens.draws(instance) && self.lens.turn_to(map, mesh.centre, mesh.radius) {
-                draw::<S, B, L>(
-                    &mesh.batches,
-                    map,
-                    &self.lens,
-                    *first_id as i32,
-                    &mut small,
-                    self.visibility,
-                );
+                let first_id = *first_id as i32;
+                draw::<S, B, L>(&mesh.batches, map, &self.lens, first_id, &mut shares, self.visibility);
             }
         }
     }
@@ -52,7 +46,7 @@ fn draw<S: Simd, B: Block, L: Lens>(
     view_from_mesh: &Affine,
     lens: &L,
     first_id: i32,
-    small: &mut Small,
+    shares: &mut Shares,
     visibility: &mut Visibility,
 ) {
     let stretch = S::F::all(view_from_mesh.stretch());
@@ -65,7 +59,8 @@ fn draw<S: Simd, B: Block, L: Lens>(
             let batch_idx = sixteen * 16 + lane;
             let corners = &mesh.corners[batch_idx];
             let first_id = first_id + (batch_idx * 16) as i32;
-            let clipped = draw_batch::<S, B, L>(corners, &view_from_steps, lens, first_id, small, visibility);
+            let clipped =
+                draw_batch::<S, B, L>(corners, &view_from_steps, lens, first_id, shares, visibility);
             for lane in Lanes(clipped) {
                 let corner = |k: usize| -> Vec3 {
                     core::array::from_fn(|axis| f32::from(corners[k][axis].0[lane]) * mesh.steps[axis])
@@ -120,7 +115,7 @@ fn draw_batch<S: Simd, B: Block, L: Lens>(
     view_from_steps: &Map<S>,
     lens: &L,
     first_id: i32,
-    small: &mut Small,
+    shares: &mut Shares,
     visibility: &mut Visibility,
 ) -> u16 {
     // Outsides are counter-clockwise to the eye, which is clockwise in numbers, as y runs down: exchanging two corners
@@ -130,15 +125,19 @@ fn draw_batch<S: Simd, B: Block, L: Lens>(
     let hidden = at_p.hidden & at_q.hidden & at_r.hidden;
     let unfit = at_p.unfit | at_q.unfit | at_r.unfit;
     let corners = [lens.project::<S>(&p), lens.project::<S>(&q), lens.project::<S>(&r)];
-    let ready = prepare::<S, B>(&corners, visibility.side, small);
-    for lane in Lanes(ready.small.and_not(unfit).to_bits()) {
-        visibility.draw_small::<S, B>(small, lane, first_id + lane as i32);
+    let extent = Extent::<S>::of(&corners, visibility.side);
+    if let Some(small) = prepare::<S, B>(&corners, &extent, unfit, visibility.side) {
+        visibility.draw_small::<S, B>(&small, first_id, shares);
     }
-    let large = ready.large.and_not(unfit).to_bits();
+    let large = extent.large.and_not(unfit).to_bits();
     if large != 0 {
         draw_large::<S, B>(&corners, large, first_id, visibility);
     }
-    unfit.and_not(hidden).to_bits()
+    let cut = unfit.and_not(hidden);
+    if !cut.any() {
+        return 0;
+    }
+    cut.and_not(lens.outside::<S>(&[p, q, r])).to_bits()
 }
 
 #[inline(always)]
@@ -162,44 +161,58 @@ fn draw_large<S: Simd, B: Block>(
     }
 }
 
-/// Which of sixteen triangles to draw, and how.
-struct Ready<S: Simd> {
-    /// Seen from the front, over some pixel's centre, and in `Small`.
-    small: S::M,
-    /// Too large for that.
+/// Where sixteen triangles lie.
+struct Extent<S: Simd> {
+    /// Column and row of the first pixel whose centre lies within.
+    from: [S::I; 2],
+    /// Column and row of the last one.
+    to: [S::I; 2],
+    /// No pixel's centre lies within.
+    empty: S::M,
+    /// Too large for [`Small`], and not empty.
     large: S::M,
 }
 
-/// Sets up sixteen triangles; those that are not small or not in front come out meaningless.
+impl<S: Simd> Extent<S> {
+    #[inline(always)]
+    fn of([p, q, r]: &[Projected<S>; 3], side: i32) -> Self {
+        let (least_x, greatest_x) = (p.x.min(q.x).min(r.x), p.x.max(q.x).max(r.x));
+        let (least_y, greatest_y) = (p.y.min(q.y).min(r.y), p.y.max(q.y).max(r.y));
+        let reach = (greatest_x - least_x).max(greatest_y - least_y);
+        let (from_x, to_x) = pixels_between::<S>(least_x, greatest_x, side);
+        let (from_y, to_y) = pixels_between::<S>(least_y, greatest_y, side);
+        let empty = from_x.gt(to_x) | from_y.gt(to_y);
+        let large = reach.gt(S::I::all(SMALL_REACH - 1)).and_not(empty);
+        Self { from: [from_x, from_y], to: [to_x, to_y], empty, large }
+    }
+}
+
+/// Sets up sixteen triangles, of which those are present that are small, seen from the front, over some pixel's centre, and not
+/// `unfit`.
 #[inline(always)]
-fn prepare<S: Simd, B: Block>(corners: &[Projected<S>; 3], side: i32, small: &mut Small) -> Ready<S> {
+fn prepare<S: Simd, B: Block>(
+    corners: &[Projected<S>; 3],
+    extent: &Extent<S>,
+    unfit: S::M,
+    side: i32,
+) -> Option<Small<S>> {
     let [p, q, r] = corners;
+    let Extent { from: [from_x, from_y], to: [to_x, to_y], empty, large } = *extent;
     let whole = S::I::all;
-    let (least_x, greatest_x) = (p.x.min(q.x).min(r.x), p.x.max(q.x).max(r.x));
-    let (least_y, greatest_y) = (p.y.min(q.y).min(r.y), p.y.max(q.y).max(r.y));
-    let large = (greatest_x - least_x).max(greatest_y - least_y).gt(whole(Small::REACH - 1));
-    let (from_x, to_x) = pixels_between::<S>(least_x, greatest_x, side);
-    let (from_y, to_y) = pixels_between::<S>(least_y, greatest_y, side);
-    let empty = from_x.gt(to_x) | from_y.gt(to_y);
     let (qx, qy, rx, ry) = (q.x - p.x, q.y - p.y, r.x - p.x, r.y - p.y);
     let area = halves::<S>(qx, whole(0) - rx).dot_halves(halves::<S>(ry, qy));
-    let mut ready: Ready<S> =
-        Ready { small: area.gt(whole(0)).and_not(empty).and_not(large), large: large.and_not(empty) };
-    if ready.small.to_bits() == 0 {
-        return ready;
+    let present = area.gt(whole(0)).and_not(empty | large | unfit);
+    if !present.any() {
+        return None;
     }
     let (block_x, block_y) = (sar_by::<S>(from_x, B::WIDTH_BITS), sar_by::<S>(from_y, B::HEIGHT_BITS));
-    let pitch = whole(side >> B::WIDTH_BITS);
-    (block_y.dot_halves(pitch) + block_x).store(&mut small.block);
-    let more_x = sar_by::<S>(to_x, B::WIDTH_BITS) - block_x;
-    let more_y = sar_by::<S>(to_y, B::HEIGHT_BITS) - block_y;
-    (more_x | more_y.shl::<16>()).store(&mut small.extent);
     // The centre of the first block's first pixel.
     let centre_x = (from_x & whole(-B::WIDTH)).shl::<8>() + whole(128);
     let centre_y = (from_y & whole(-B::HEIGHT)).shl::<8>() + whole(128);
     let inwards = (from_x & whole(B::WIDTH - 1)) | (from_y & whole(B::HEIGHT - 1)).shl::<16>();
     // Signs of the edge functions at the first pixel that may be covered and at its neighbours right, below and across.
     let mut outside = [whole(0); 4];
+    let (mut edges, mut all_steps) = ([whole(0); 3], [whole(0); 3]);
     for (k, (a, b)) in [(p, q), (q, r), (r, p)].into_iter().enumerate() {
         let (dx, dy) = (b.x - a.x, b.y - a.y);
         // A centre on the edge belongs to the triangle if the edge is at its top or left.
@@ -207,16 +220,18 @@ fn prepare<S: Simd, B: Block>(corners: &[Projected<S>; 3], side: i32, small: &mu
         let bias = whole(0).or_where(top_left, whole(1));
         let steps = halves::<S>(whole(0) - dy, dx);
         let edge = (steps.dot_halves(halves::<S>(centre_x - a.x, centre_y - a.y)) - bias).sar::<8>();
-        edge.store(&mut small.edges[k]);
+        (edges[k], all_steps[k]) = (edge, steps);
         let first = edge + steps.dot_halves(inwards);
         let at = [first, first - dy, first + dx, first + dx - dy];
         outside = each!(i in 4 => outside[i] | at[i]);
-        steps.store(&mut small.steps[k]);
     }
     // Of the triangles that reach over no more than 2 × 2 pixels many cover none.
     let tiny = whole(2).gt(to_x - from_x) & whole(2).gt(to_y - from_y);
     let none = S::I::all(0).gt(outside[0] & outside[1] & outside[2] & outside[3]);
-    ready.small = ready.small.and_not(tiny & none);
+    let present = present.and_not(tiny & none);
+    if !present.any() {
+        return None;
+    }
     let (q_rise, r_rise) = (q.depth - p.depth, r.depth - p.depth);
     // Per pixel, hence the 256.
     let scale = S::F::all(256.0) / area.floats();
@@ -224,13 +239,18 @@ fn prepare<S: Simd, B: Block>(corners: &[Projected<S>; 3], side: i32, small: &mu
     let dy = (r_rise * qx.floats() - q_rise * rx.floats()) * scale;
     let px = S::F::all(1.0 / 256.0);
     let (across, down) = ((centre_x - p.x).floats() * px, (centre_y - p.y).floats() * px);
-    let depth = dy.mul_add(down, dx.mul_add(across, p.depth));
-    depth.store(&mut small.depth);
-    dx.store(&mut small.depth_dx);
-    dy.store(&mut small.depth_dy);
-    p.depth.min(q.depth).min(r.depth).store(&mut small.depth_least);
-    p.depth.max(q.depth).max(r.depth).store(&mut small.depth_greatest);
-    ready
+    Some(Small {
+        present,
+        edges,
+        steps: all_steps,
+        depth: dy.mul_add(down, dx.mul_add(across, p.depth)),
+        depth_dx: dx,
+        depth_dy: dy,
+        depth_least: p.depth.min(q.depth).min(r.depth),
+        depth_greatest: p.depth.max(q.depth).max(r.depth),
+        block: block_y.dot_halves(whole(side >> B::WIDTH_BITS)) + block_x,
+        more: [sar_by::<S>(to_x, B::WIDTH_BITS) - block_x, sar_by::<S>(to_y, B::HEIGHT_BITS) - block_y],
+    })
 }
 
 /// Numbers of 16 bits in the lower and the upper halves of lanes.

@@ -65,50 +65,74 @@ impl Visibility {
         self.ids.resize(depths.len(), WholeLine([NOTHING; 16]));
     }
 
-    /// Draws one block's share of a triangle.
+    /// Draws sixteen small triangles.
     #[inline(always)]
-    fn put<S: Simd, B: Block>(&mut self, block: usize, covered: S::M, depth: S::F, id: S::I) {
-        let line = &mut self.depths[block];
-        let before = S::F::load(line);
-        let seen = depth.gt(before) & covered;
-        depth.or_where(seen, before).store(line);
-        if B::WITH_IDS {
-            let line = &mut self.ids[block];
-            id.or_where(seen, S::I::load(line)).store(line);
+    pub(super) fn draw_small<S: Simd, B: Block>(
+        &mut self,
+        small: &Small<S>,
+        first_id: i32,
+        shares: &mut Shares,
+    ) {
+        let whole = S::I::all;
+        shares.start::<S>(small, first_id);
+        let changes = each!(k in 3 => [small.steps[k].shl::<16>().sar::<16>(), small.steps[k].sar::<16>()]);
+        let right = each!(k in 3 => times::<S>(changes[k][0], B::WIDTH));
+        let down = each!(k in 3 => times::<S>(changes[k][1], B::HEIGHT));
+        // From a block's first pixel to where an edge function is greatest.
+        let most = each!(k in 3 => {
+            let [x, y] = each!(axis in 2 => changes[k][axis].max(whole(0)));
+            times::<S>(x, B::WIDTH - 1) + times::<S>(y, B::HEIGHT - 1)
+        });
+        let depth_right = small.depth_dx * S::F::all(B::WIDTH as f32);
+        let depth_down = small.depth_dy * S::F::all(B::HEIGHT as f32);
+        let [more_x, more_y] = small.more;
+        let last = |more: S::I| more.or_where(small.present, whole(0)).greatest();
+        let (last_x, last_y) = (last(more_x), last(more_y));
+        let mut row: Share<S> = Share { edges: small.edges, depth: small.depth, block: small.block };
+        for y in 0..last_y + 1 {
+            let in_row = small.present.and_not(whole(y).gt(more_y));
+            let mut share = row;
+            for x in 0..last_x + 1 {
+                let [a, b, c] = each!(k in 3 => share.edges[k] + most[k]);
+                let reached = (a | b | c).gt(whole(-1)) & in_row.and_not(whole(x).gt(more_x));
+                shares.push(&share, reached);
+                if shares.n_lines == MAX_SHARES {
+                    self.draw_shares::<S, B>(shares);
+                }
+                share.edges = each!(k in 3 => share.edges[k] + right[k]);
+                share.depth = share.depth + depth_right;
+                share.block = share.block + whole(1);
+            }
+            row.edges = each!(k in 3 => row.edges[k] + down[k]);
+            row.depth = row.depth + depth_down;
+            row.block = row.block + whole(self.side >> B::WIDTH_BITS);
         }
+        self.draw_shares::<S, B>(shares);
     }
 
-    /// Draws one of sixteen prepared small triangles.
+    /// Draws what blocks have of small triangles.
     #[inline(always)]
-    pub(super) fn draw_small<S: Simd, B: Block>(&mut self, small: &Small, lane: usize, id: i32) {
+    fn draw_shares<S: Simd, B: Block>(&mut self, shares: &mut Shares) {
+        let mut pixels = Pixels::of::<B>(self);
         let offsets = S::I::load(&B::XY);
-        let steps = each!(k in 3 => small.steps[k].0[lane]);
-        let inside = each!(k in 3 =>
-            S::I::all(steps[k]).dot_halves(offsets) + S::I::all(small.edges[k].0[lane]));
-        let right = each!(k in 3 => S::I::all(i32::from(steps[k] as i16) << B::WIDTH_BITS));
-        let down = each!(k in 3 => S::I::all((steps[k] >> 16) << B::HEIGHT_BITS));
-        let plane = DepthPlane::<S>::new::<B>(
-            [small.depth_dx.0[lane], small.depth_dy.0[lane]],
-            [small.depth_least.0[lane], small.depth_greatest.0[lane]],
-        );
-        let (more_x, more_y) = (small.extent.0[lane] & 0xFFFF, small.extent.0[lane] >> 16);
-        let pitch = self.side >> B::WIDTH_BITS;
-        let id = S::I::all(id);
-        let mut row = inside;
-        let mut row_depth = small.depth.0[lane];
-        for y in 0..more_y + 1 {
-            let mut at = row;
-            let mut depth = row_depth;
-            let first = small.block.0[lane] + y * pitch;
-            for x in 0..more_x + 1 {
-                let covered = (at[0] | at[1] | at[2]).gt(S::I::all(-1));
-                self.put::<S, B>((first + x) as usize, covered, plane.at(depth), id);
-                at = each!(k in 3 => at[k] + right[k]);
-                depth += plane.right;
-            }
-            row = each!(k in 3 => row[k] + down[k]);
-            row_depth += plane.down;
+        let Shares { n, n_lines, list, edges, depths, blocks, triangles } = shares;
+        let edges = each!(k in 3 => flat(&edges[k]));
+        let (depths, blocks): (&[f32; SHARES], _) = (bytemuck::cast_ref(&*depths), flat(blocks));
+        for share in &list[..*n] {
+            let share = *share as usize % SHARES;
+            let lane = share % N_LANES;
+            // First of all, lest the numbers below be kept in other registers while it is seen whether there is such a block.
+            let here = pixels.at::<B>(blocks[share] as usize);
+            let [a, b, c] = each!(k in 3 =>
+                S::I::all(triangles.steps[k].0[lane]).dot_halves(offsets) + S::I::all(edges[k][share]));
+            let plane = DepthPlane::<S>::new::<B>(
+                [triangles.depth_dx.0[lane], triangles.depth_dy.0[lane]],
+                [triangles.depth_least.0[lane], triangles.depth_greatest.0[lane]],
+            );
+            let covered = (a | b | c).gt(S::I::all(-1));
+            put::<S>(here, covered, plane.at(depths[share]), S::I::all(triangles.ids.0[lane]));
         }
+        (*n, *n_lines) = (0, 0);
     }
 
     /// Draws a triangle of any size; nothing if it is seen from behind.
@@ -127,6 +151,7 @@ impl Visibility {
             S::I::all(edge.dx).times(columns) + S::I::all(edge.dy).times(rows)
         });
         let pitch = self.side >> B::WIDTH_BITS;
+        let mut pixels = Pixels::of::<B>(self);
         let id = S::I::all(id);
         let least = large.edges.map(|edge| edge.least_change::<B>());
         for y in large.from_y..large.to_y + 1 {
@@ -145,53 +170,174 @@ impl Visibility {
                     let [a, b, c] = each!(k in 3 => S::I::all(first[k]) + steps[k]);
                     (a | b | c).gt(S::I::all(-1))
                 };
-                self.put::<S, B>((y * pitch + x) as usize, covered, depth, id);
+                put::<S>(pixels.at::<B>((y * pitch + x) as usize), covered, depth, id);
             }
         }
     }
 }
 
-/// Sixteen triangles no larger than [`Small::REACH`], ready to be drawn; one array per quantity.
-pub(super) struct Small {
-    /// Edge functions at the first block's first pixel: not negative on the inner side. In units of 256/256² pixel²:
-    /// pixel centres are whole pixels apart, so the part below such a unit never decides and is shifted out.
-    pub(super) edges: [WholeLine; 3],
-    /// Their changes per pixel to the right in the lower 16 bits, downwards in the upper ones.
-    pub(super) steps: [WholeLine; 3],
-    /// Depth at the first block's first pixel.
-    pub(super) depth: Line,
-    /// Change of depth per pixel to the right.
-    pub(super) depth_dx: Line,
-    /// Change of depth per pixel downwards.
-    pub(super) depth_dy: Line,
-    /// Least depth of a corner.
-    pub(super) depth_least: Line,
-    /// Greatest depth of a corner.
-    pub(super) depth_greatest: Line,
-    /// The first block.
-    pub(super) block: WholeLine,
-    /// How many columns of blocks it reaches on in the lower 16 bits, how many rows in the upper ones.
-    pub(super) extent: WholeLine,
+/// What is drawn into.
+struct Pixels<'a> {
+    depths: &'a mut [Line],
+    ids: &'a mut [WholeLine],
 }
 
-impl Small {
-    /// Greatest extent along an axis in 1/256 px: edge functions then fit 32 bits, their steps 16.
-    pub(super) const REACH: i32 = 1 << 14;
+/// One block of it: depths, and ids if it has any.
+type Here<'a> = (&'a mut Line, Option<&'a mut WholeLine>);
 
-    /// None yet.
+impl<'a> Pixels<'a> {
+    fn of<B: Block>(visibility: &'a mut Visibility) -> Self {
+        let Visibility { depths, ids, .. } = visibility;
+        // One length, so that one look tells whether a block is there.
+        let n = depths.len();
+        Self { depths, ids: if B::WITH_IDS { &mut ids[..n] } else { &mut [] } }
+    }
+
+    #[inline(always)]
+    fn at<B: Block>(&mut self, block: usize) -> Here<'_> {
+        let ids = if B::WITH_IDS { Some(&mut self.ids[block]) } else { None };
+        (&mut self.depths[block], ids)
+    }
+}
+
+/// Draws one block's share of a triangle.
+#[inline(always)]
+fn put<S: Simd>((depths, ids): Here<'_>, covered: S::M, depth: S::F, id: S::I) {
+    let depth = depth.or_where(covered, S::F::all(f32::NEG_INFINITY));
+    let before = S::F::load(depths);
+    let seen = depth.gt(before);
+    // Not the blend by `seen` that it is: compilers would write some lanes only, and what follows such a store closely waits
+    // until it has reached the cache.
+    depth.max(before).store(depths);
+    if let Some(ids) = ids {
+        id.or_where(seen, S::I::load(ids)).store(ids);
+    }
+}
+
+/// Greatest extent of a small triangle along an axis in 1/256 px: edge functions then fit 32 bits, their steps 16.
+pub(super) const SMALL_REACH: i32 = 1 << 14;
+
+/// Sixteen triangles no larger than [`SMALL_REACH`], ready to be drawn.
+pub(super) struct Small<S: Simd> {
+    /// Which of them are there; the others' numbers mean nothing.
+    pub(super) present: S::M,
+    /// Edge functions at the first block's first pixel: not negative on the inner side. In units of 256/256² pixel²:
+    /// pixel centres are whole pixels apart, so the part below such a unit never decides and is shifted out.
+    pub(super) edges: [S::I; 3],
+    /// Their changes per pixel to the right in the lower 16 bits, downwards in the upper ones.
+    pub(super) steps: [S::I; 3],
+    /// Depth at the first block's first pixel.
+    pub(super) depth: S::F,
+    /// Change of depth per pixel to the right.
+    pub(super) depth_dx: S::F,
+    /// Change of depth per pixel downwards.
+    pub(super) depth_dy: S::F,
+    /// Least depth of a corner.
+    pub(super) depth_least: S::F,
+    /// Greatest depth of a corner.
+    pub(super) depth_greatest: S::F,
+    /// The first block.
+    pub(super) block: S::I,
+    /// How many columns and rows of blocks it reaches on.
+    pub(super) more: [S::I; 2],
+}
+
+/// What blocks have of sixteen small triangles: listed first and drawn then, so that a processor need not guess at every
+/// triangle how many blocks there are.
+pub(super) struct Shares {
+    /// How many there are.
+    n: usize,
+    /// How many lines of the following are in use.
+    n_lines: usize,
+    /// Where to find each one's numbers, counted over all lines; the last vector may be written past the last of them.
+    list: [i32; SHARES + N_LANES],
+    /// Edge functions at the block's first pixel, by edge and triangle.
+    edges: [[WholeLine; MAX_SHARES]; 3],
+    /// Depth there.
+    depths: [Line; MAX_SHARES],
+    /// The block.
+    blocks: [WholeLine; MAX_SHARES],
+    triangles: Triangles,
+}
+
+/// Blocks per triangle that are listed at a time.
+const MAX_SHARES: usize = 16;
+const SHARES: usize = MAX_SHARES * N_LANES;
+
+/// What is the same in all blocks of sixteen small triangles: see [`Small`].
+struct Triangles {
+    steps: [WholeLine; 3],
+    depth_dx: Line,
+    depth_dy: Line,
+    depth_least: Line,
+    depth_greatest: Line,
+    ids: WholeLine,
+}
+
+/// A block's share of a small triangle, per lane.
+#[derive(Clone, Copy)]
+struct Share<S: Simd> {
+    edges: [S::I; 3],
+    depth: S::F,
+    block: S::I,
+}
+
+impl Shares {
+    /// None.
     pub(super) const fn new() -> Self {
         Self {
-            edges: [WholeLine::ZERO; 3],
-            steps: [WholeLine::ZERO; 3],
-            depth: Line::ZERO,
-            depth_dx: Line::ZERO,
-            depth_dy: Line::ZERO,
-            depth_least: Line::ZERO,
-            depth_greatest: Line::ZERO,
-            block: WholeLine::ZERO,
-            extent: WholeLine::ZERO,
+            n: 0,
+            n_lines: 0,
+            list: [0; SHARES + N_LANES],
+            edges: [[WholeLine::ZERO; MAX_SHARES]; 3],
+            depths: [Line::ZERO; MAX_SHARES],
+            blocks: [WholeLine::ZERO; MAX_SHARES],
+            triangles: Triangles {
+                steps: [WholeLine::ZERO; 3],
+                depth_dx: Line::ZERO,
+                depth_dy: Line::ZERO,
+                depth_least: Line::ZERO,
+                depth_greatest: Line::ZERO,
+                ids: WholeLine::ZERO,
+            },
         }
     }
+
+    /// Goes to other triangles.
+    #[inline(always)]
+    fn start<S: Simd>(&mut self, small: &Small<S>, first_id: i32) {
+        let triangles = &mut self.triangles;
+        for (steps, line) in small.steps.iter().zip(&mut triangles.steps) {
+            steps.store(line);
+        }
+        small.depth_dx.store(&mut triangles.depth_dx);
+        small.depth_dy.store(&mut triangles.depth_dy);
+        small.depth_least.store(&mut triangles.depth_least);
+        small.depth_greatest.store(&mut triangles.depth_greatest);
+        (S::I::load(&WholeLine::NUMBERS) + S::I::all(first_id)).store(&mut triangles.ids);
+    }
+
+    /// Lists those lanes that are kept.
+    #[inline(always)]
+    fn push<S: Simd>(&mut self, share: &Share<S>, keep: S::M) {
+        let line = self.n_lines % MAX_SHARES;
+        for (edge, lines) in share.edges.iter().zip(&mut self.edges) {
+            edge.store(&mut lines[line]);
+        }
+        share.depth.store(&mut self.depths[line]);
+        share.block.store(&mut self.blocks[line]);
+        let places = S::I::load(&WholeLine::NUMBERS) + S::I::all((line * N_LANES) as i32);
+        let (to, _) =
+            self.list[self.n..].split_first_chunk_mut().expect("room for a vector behind the last one");
+        self.n += S::compress(places, keep, to);
+        self.n_lines = line + 1;
+    }
+}
+
+/// Lines' numbers in a row.
+#[inline(always)]
+fn flat(lines: &[WholeLine; MAX_SHARES]) -> &[i32; SHARES] {
+    bytemuck::cast_ref(lines)
 }
 
 /// Depth over a block, held within the triangle's own range where it is steep.
@@ -201,8 +347,6 @@ struct DepthPlane<S: Simd> {
     greatest: S::F,
     /// Change from a block to the next one.
     right: f32,
-    /// Change from a row of blocks to the next one.
-    down: f32,
 }
 
 impl<S: Simd> DepthPlane<S> {
@@ -214,7 +358,6 @@ impl<S: Simd> DepthPlane<S> {
             least: S::F::all(least),
             greatest: S::F::all(greatest),
             right: dx * B::WIDTH as f32,
-            down: dy * B::HEIGHT as f32,
         }
     }
 
@@ -222,6 +365,16 @@ impl<S: Simd> DepthPlane<S> {
     #[inline(always)]
     fn at(&self, first: f32) -> S::F {
         (S::F::all(first) + self.offsets).max(self.least).min(self.greatest)
+    }
+}
+
+/// Product with a block's extent or the last place in it.
+#[inline(always)]
+fn times<S: Simd>(x: S::I, factor: i32) -> S::I {
+    match factor {
+        3 => x + x + x,
+        4 => x.shl::<2>(),
+        _ => x.times(S::I::all(factor)),
     }
 }
 

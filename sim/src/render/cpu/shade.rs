@@ -98,7 +98,7 @@ pub(super) struct Mixture {
     normal: [Line; 3],
     color: [Line; 3],
     /// Square roots of textures' factors.
-    tint: [Line; 3],
+    pub(super) tint: [Line; 3],
     specular: Line,
     /// Bit i: lane i shows a texture.
     pub(super) textured: u16,
@@ -167,9 +167,7 @@ impl Strip {
     /// Sorts the blocks by what they show.
     #[inline(always)]
     fn sort<S: Simd>(&mut self, shown: &[i32]) {
-        let mut line = WholeLine([NOTHING; N_LANES]);
-        line.0[..shown.len()].copy_from_slice(shown);
-        let shown = S::I::load(&line);
+        let shown = S::I::load_some(shown, NOTHING);
         self.single = shown.gt(S::I::all(NOTHING)).to_bits();
         self.several = shown.eq(S::I::all(SEVERAL)).to_bits();
     }
@@ -218,10 +216,10 @@ impl Shader<'_> {
         for block in Lanes(strip.several) {
             if strip.mixtures[block].textured != 0 {
                 let gaze = self.rays.gaze::<S>(strip.column + block, strip.row);
-                let mut mixture = core::mem::replace(&mut strip.mixtures[block], Mixture::NONE);
                 let here = WholeLine([block as i32; N_LANES]);
-                self.tint::<S>(&ids[block], &here, &gaze, strip, &mut mixture);
-                strip.mixtures[block] = mixture;
+                let textured = strip.mixtures[block].textured;
+                let tint = self.tint::<S>(&ids[block], &here, &gaze, textured, strip);
+                store_all::<S>(tint, &mut strip.mixtures[block].tint);
             }
         }
         for block in Lanes(strip.several) {
@@ -308,20 +306,19 @@ impl Shader<'_> {
         mixture.textured = looks[Look::TEXTURE].bits().gt(S::I::all(-1)).to_bits();
     }
 
-    /// Finds the tints of textured pixels in the given blocks of a strip, for each block triangle by triangle: few blocks
-    /// show many textured ones.
+    /// Tints of pixels in the given blocks of a strip, found for the textured ones of each block triangle by triangle: few
+    /// blocks show many textured triangles.
     #[inline(always)]
     pub(super) fn tint<S: Simd>(
         &self,
         ids: &WholeLine,
         blocks: &WholeLine,
         gaze: &Gaze<S>,
+        mut textured: u16,
         strip: &mut Strip,
-        mixture: &mut Mixture,
-    ) {
+    ) -> [S::F; 3] {
         let (all_ids, all_blocks) = (S::I::load(ids), S::I::load(blocks));
         let mut tint = [S::F::all(1.0); 3];
-        let mut textured = mixture.textured;
         while textured != 0 {
             let lane = textured.trailing_zeros() as usize;
             let (id, block) = (ids.0[lane], blocks.0[lane]);
@@ -334,7 +331,7 @@ impl Shader<'_> {
             tint = each!(c in 3 => factors[c].or_where(here, tint[c]));
             textured &= !here.to_bits();
         }
-        store_all::<S>(tint, &mut mixture.tint);
+        tint
     }
 
     /// Square roots of the light of pixels that show several triangles.

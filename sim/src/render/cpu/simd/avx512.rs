@@ -287,6 +287,14 @@ impl Whole for ZmmWhole {
     }
 
     #[inline(always)]
+    fn load_some(from: &[i32], rest: i32) -> Self {
+        let n = from.len().min(N_LANES);
+        let there = ((1_u32 << n) - 1) as u16;
+        // Reads no lane that is not there.
+        Self(intrinsic!(_mm512_mask_loadu_epi32(_mm512_set1_epi32(rest), there, from.as_ptr())))
+    }
+
+    #[inline(always)]
     fn store(self, to: &mut WholeLine) {
         intrinsic!(_mm512_store_si512(to.0.as_mut_ptr().cast(), self.0));
     }
@@ -339,6 +347,11 @@ impl Whole for ZmmWhole {
     #[inline(always)]
     fn least(self) -> i32 {
         intrinsic!(_mm512_reduce_min_epi32(self.0))
+    }
+
+    #[inline(always)]
+    fn greatest(self) -> i32 {
+        intrinsic!(_mm512_reduce_max_epi32(self.0))
     }
 
     #[inline(always)]

@@ -178,6 +178,14 @@ pub(super) trait Whole:
     fn all(x: i32) -> Self;
     /// From memory.
     fn load(from: &WholeLine) -> Self;
+    /// Sixteen numbers anywhere in memory, or fewer and the `rest`.
+    #[inline(always)]
+    fn load_some(from: &[i32], rest: i32) -> Self {
+        let mut line = WholeLine([rest; N_LANES]);
+        let n = from.len().min(N_LANES);
+        line.0[..n].copy_from_slice(&from[..n]);
+        Self::load(&line)
+    }
     /// To memory.
     fn store(self, to: &mut WholeLine);
     /// Product, its lower 32 bits.
@@ -210,6 +218,13 @@ pub(super) trait Whole:
         let mut line = WholeLine::ZERO;
         self.store(&mut line);
         line.0.into_iter().fold(i32::MAX, i32::min)
+    }
+    /// The greatest lane.
+    #[inline(always)]
+    fn greatest(self) -> i32 {
+        let mut line = WholeLine::ZERO;
+        self.store(&mut line);
+        line.0.into_iter().fold(i32::MIN, i32::max)
     }
     /// As floats, rounded to nearest.
     fn floats(self) -> Self::F;
