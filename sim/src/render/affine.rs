@@ -20,25 +20,35 @@ impl Affine {
         Self { linear: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], offset: [0.0; 3] };
 
     /// Scales along the axes, then moves by `pose`.
+    #[inline(always)]
     pub(super) fn placed(pose: &Isometry3<f32>, scale: Vec3) -> Self {
         let rotation = pose.rotation.to_rotation_matrix();
-        let linear =
-            core::array::from_fn(|row| core::array::from_fn(|col| rotation[(row, col)] * scale[col]));
+        let mut linear = [[0.0; 3]; 3];
+        for (row, entries) in linear.iter_mut().enumerate() {
+            for (col, entry) in entries.iter_mut().enumerate() {
+                *entry = rotation[(row, col)] * scale[col];
+            }
+        }
         Self { linear, offset: pose.translation.vector.into() }
     }
 
     /// The rigid motion `pose`.
+    #[inline(always)]
     pub(super) fn rigid(pose: &Isometry3<f32>) -> Self {
         Self::placed(pose, [1.0; 3])
     }
 
     /// `inner` first, then `self`.
+    #[inline(always)]
     pub(super) fn after(&self, inner: &Self) -> Self {
-        let linear = self.linear.map(|row| {
-            core::array::from_fn(|col| {
-                row[0] * inner.linear[0][col] + row[1] * inner.linear[1][col] + row[2] * inner.linear[2][col]
-            })
-        });
+        let [a, b, c] = inner.linear;
+        let mut linear = self.linear;
+        for row in &mut linear {
+            let [x, y, z] = *row;
+            for (col, entry) in row.iter_mut().enumerate() {
+                *entry = x * a[col] + y * b[col] + z * c[col];
+            }
+        }
         Self { linear, offset: self.point(inner.offset) }
     }
 
@@ -51,10 +61,11 @@ impl Affine {
     /// Image of a point, each coordinate a chain of fused products and sums: the steps of the CPU's vector code.
     #[inline(always)]
     pub(super) fn point(&self, [x, y, z]: Vec3) -> Vec3 {
-        core::array::from_fn(|i| {
-            let [a, b, c] = self.linear[i];
-            x.mul_add(a, y.mul_add(b, z.mul_add(c, self.offset[i])))
-        })
+        let mut image = self.offset;
+        for (coordinate, [a, b, c]) in image.iter_mut().zip(self.linear) {
+            *coordinate = x.mul_add(a, y.mul_add(b, z.mul_add(c, *coordinate)));
+        }
+        image
     }
 
     /// Image of a difference of points.
@@ -70,12 +81,14 @@ impl Affine {
     }
 
     /// Map of surface normals up to a positive factor, for a map that does not mirror: the cofactors of the linear part.
+    #[inline(always)]
     pub(super) fn normals(&self) -> [Vec3; 3] {
         let [a, b, c] = self.linear;
         [cross(b, c), cross(c, a), cross(a, b)]
     }
 
     /// Where a map of full rank takes the origin from.
+    #[inline(always)]
     pub(super) fn origin_before(&self) -> Vec3 {
         let cofactors = self.normals();
         let determinant = dot(self.linear[0], cofactors[0]);
@@ -85,6 +98,7 @@ impl Affine {
     }
 
     /// Greatest factor by which a length along a mesh axis grows.
+    #[inline(always)]
     pub(super) fn stretch(&self) -> f32 {
         let column = |i: usize| self.linear.iter().map(|row| row[i] * row[i]).sum::<f32>();
         column(0).max(column(1)).max(column(2)).sqrt()

@@ -70,6 +70,7 @@ impl Camera {
 
     /// How far beyond an edge of the image, of this slope, a ball's centre may lie for the ball to reach in: along x or y in
     /// the centred frame, per radius. The last factor makes up for lengths that centring shortens.
+    #[inline(always)]
     pub(super) fn slant(&self, slope: f32) -> f32 {
         let [x, y] = self.middle.map(f32::abs);
         let steepest = slope + x.max(y);
@@ -77,6 +78,7 @@ impl Camera {
     }
 
     /// Whether something within a ball of a mesh's frame may be on the image; the map is to the centred frame.
+    #[inline(always)]
     pub(super) fn may_see(&self, view_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool {
         let [x, y, z] = view_from_mesh.point(centre);
         let radius = radius * view_from_mesh.stretch();

@@ -5,6 +5,7 @@ use super::scene::RenderScene;
 use crate::scene::Snapshot;
 
 /// Fills `maps` with one map per instance, from its mesh to a view's or a light's frame.
+#[inline(always)]
 pub(super) fn pose(
     scene: &RenderScene,
     snapshot: &Snapshot,
@@ -12,6 +13,7 @@ pub(super) fn pose(
     maps: &mut Vec<Affine>,
 ) {
     maps.clear();
-    let instances = scene.instances.iter();
-    maps.extend(instances.map(|instance| view_from_world.after(&instance.world_from_mesh(snapshot))));
+    for instance in &scene.instances {
+        maps.push(view_from_world.after(&instance.world_from_mesh(snapshot)));
+    }
 }

@@ -210,6 +210,7 @@ impl Instance {
     }
 
     /// From the mesh, in its own units, to the world.
+    #[inline(always)]
     pub(super) fn world_from_mesh(&self, snapshot: &Snapshot) -> Affine {
         let local = Affine::placed(&self.pose, self.scale);
         match self.anchor {

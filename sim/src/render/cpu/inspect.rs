@@ -2,8 +2,7 @@
 
 use super::kind::{Block, Square};
 use super::raster::{NOTHING, Visibility};
-use super::{CpuRenderer, Shot};
-use crate::render::posed;
+use super::{CpuRenderer, Pose, Shot};
 use crate::render::scene::{Anchor, Fixture, RenderScene};
 use crate::scene::Snapshot;
 
@@ -44,9 +43,10 @@ impl CpuRenderer {
         let camera = &scene.cameras[camera_idx];
         self.with_scratch(|scratch| {
             let view_from_world = camera.view_from_world(snapshot);
-            posed::pose(scene, snapshot, &view_from_world, &mut scratch.maps);
-            scratch.visibility.clear::<Square>(camera.side, 1.0 / camera.clip_m[1]);
-            scratch.draw::<Square>(Shot { isa: self.isa, scene, camera }, 0..scene.instances.len());
+            let shot = Shot { isa: self.isa, scene, camera };
+            self.isa.run(Pose { scene, snapshot, view_from_world, maps: &mut scratch.maps });
+            scratch.clear::<Square>(shot);
+            scratch.draw::<Square>(shot, 0..scene.instances.len());
             read(&scratch.visibility, scene)
         })
     }

@@ -111,6 +111,7 @@ impl Lens for Pinhole<'_> {
         true
     }
 
+    #[inline(always)]
     fn turn_to(&mut self, view_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool {
         self.eye_in_mesh = view_from_mesh.origin_before();
         self.camera.may_see(view_from_mesh, centre, radius)

@@ -39,17 +39,18 @@ use crate::scene::Snapshot;
 use antialias::ShadeSamples;
 use geometry::Draw;
 pub use inspect::{Inspection, Segment};
-use isa::Isa;
+use isa::{Isa, Kernel};
 use kind::{Block, Oversampled, Square};
 pub(super) use layer::Layer;
 use layer::{Measure, Renew};
 use lens::Pinhole;
 use light::Lamps;
-use raster::Visibility;
+use raster::{Begin, Behind, Visibility};
 use rays::{Aim, Rays};
 use shade::{Shade, Shader, Sink};
 pub(super) use shadow::StillHeights;
 use shadow::{Relief, Shadow, ShadowMap};
+use simd::Simd;
 use sink::{Over, Picture};
 use surface::{Collect, Surfaces};
 
@@ -237,6 +238,21 @@ struct Shot<'a> {
     camera: &'a Camera,
 }
 
+/// Finds where every instance is.
+struct Pose<'a> {
+    scene: &'a RenderScene,
+    snapshot: &'a Snapshot,
+    view_from_world: Affine,
+    maps: &'a mut Vec<Affine>,
+}
+
+impl Kernel for Pose<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self) {
+        posed::pose(self.scene, self.snapshot, &self.view_from_world, self.maps);
+    }
+}
+
 impl Scratch {
     /// Makes one picture.
     fn render(&mut self, isa: Isa, options: CpuOptions, view: &mut View<'_>, map: Option<&ShadowMap>) {
@@ -255,7 +271,7 @@ impl Scratch {
     ) {
         let (scene, camera) = (view.scene, &view.scene.cameras[view.camera_idx]);
         let view_from_world = camera.view_from_world(view.snapshot);
-        posed::pose(scene, view.snapshot, &view_from_world, &mut self.maps);
+        isa.run(Pose { scene, snapshot: view.snapshot, view_from_world, maps: &mut self.maps });
         self.aim(isa, camera);
         let (shot, lamps) = (Shot { isa, scene, camera }, Lamps::new(scene, &view_from_world));
         let shadow = map.map(|map| map.seen_from(&view_from_world));
@@ -271,7 +287,7 @@ impl Scratch {
             let shadow = map.and_then(|map| map.still_seen_from(&view_from_world));
             self.redraw::<B>(shot, options.samples, &lamps, shadow, layer);
         }
-        self.visibility.start_over(camera.side * B::SAMPLES_PER_EDGE, &layer.depths);
+        self.begin::<B>(shot, Behind::Depths(&layer.depths));
         self.draw::<B>(shot, scene.n_still..scene.instances.len());
         let mut stale = core::mem::take(&mut self.stale);
         isa.run(Renew {
@@ -320,8 +336,14 @@ impl Scratch {
     }
 
     /// Forgets what was seen.
-    fn clear<B: Block>(&mut self, Shot { camera, .. }: Shot<'_>) {
-        self.visibility.clear::<B>(camera.side * B::SAMPLES_PER_EDGE, 1.0 / camera.clip_m[1]);
+    fn clear<B: Block>(&mut self, shot: Shot<'_>) {
+        self.begin::<B>(shot, Behind::Nothing(1.0 / shot.camera.clip_m[1]));
+    }
+
+    /// Begins a picture.
+    fn begin<B: Block>(&mut self, Shot { isa, camera, .. }: Shot<'_>, behind: Behind<'_>) {
+        let side = camera.side * B::SAMPLES_PER_EDGE;
+        isa.run(Begin { visibility: &mut self.visibility, side, behind, blocks: PhantomData::<B> });
     }
 
     /// Finds what every pixel sees of some of the instances.

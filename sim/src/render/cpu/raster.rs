@@ -2,9 +2,12 @@
 //!
 //! Depth stands for what the greater is, the nearer: 1/z in pictures, height along the light in shadow maps.
 
+use core::marker::PhantomData;
+
 use ipc_types::EXTERNAL_SIDE;
 
 use super::each::each;
+use super::isa::Kernel;
 use super::kind::Block;
 use super::simd::{Floats, Line, Mask, N_LANES, Number, Simd, Whole, WholeLine};
 
@@ -38,31 +41,6 @@ impl Visibility {
     /// No picture yet, and room for one.
     pub(super) fn new() -> Self {
         Self { side: 0, depths: Vec::with_capacity(MAX_BLOCKS), ids: Vec::with_capacity(MAX_BLOCKS) }
-    }
-
-    /// An empty square picture; nothing at or below `least_depth` will be seen.
-    pub(super) fn clear<B: Block>(&mut self, side: usize, least_depth: f32) {
-        assert!(
-            side.is_multiple_of(B::WIDTH as usize) && side.is_multiple_of(B::HEIGHT as usize),
-            "side {side}"
-        );
-        let n_blocks = (side * side) >> (B::WIDTH_BITS + B::HEIGHT_BITS);
-        self.depths.clear();
-        self.depths.resize(n_blocks, Line([least_depth; 16]));
-        self.side = side as i32;
-        self.ids.clear();
-        if B::WITH_IDS {
-            self.ids.resize(n_blocks, WholeLine([NOTHING; 16]));
-        }
-    }
-
-    /// An empty square picture behind which there is something at these depths already.
-    pub(super) fn start_over(&mut self, side: usize, depths: &[Line]) {
-        self.side = side as i32;
-        self.depths.clear();
-        self.depths.extend_from_slice(depths);
-        self.ids.clear();
-        self.ids.resize(depths.len(), WholeLine([NOTHING; 16]));
     }
 
     /// Draws sixteen small triangles.
@@ -174,6 +152,54 @@ impl Visibility {
             }
         }
     }
+}
+
+/// Begins a square picture.
+pub(super) struct Begin<'a, B> {
+    pub(super) visibility: &'a mut Visibility,
+    pub(super) side: usize,
+    pub(super) behind: Behind<'a>,
+    pub(super) blocks: PhantomData<B>,
+}
+
+/// What there is before anything is drawn.
+pub(super) enum Behind<'a> {
+    /// Nothing, and nothing at or below this depth will be seen.
+    Nothing(f32),
+    /// Something at these depths.
+    Depths(&'a [Line]),
+}
+
+impl<B: Block> Kernel for Begin<'_, B> {
+    #[inline(always)]
+    fn run<S: Simd>(self) {
+        let Self { visibility: Visibility { side, depths, ids }, .. } = self;
+        assert!(
+            self.side.is_multiple_of(B::WIDTH as usize) && self.side.is_multiple_of(B::HEIGHT as usize),
+            "side {}",
+            self.side
+        );
+        let n_blocks = (self.side * self.side) >> (B::WIDTH_BITS + B::HEIGHT_BITS);
+        *side = self.side as i32;
+        match self.behind {
+            Behind::Nothing(least) => fill(depths, n_blocks, Line([least; N_LANES])),
+            Behind::Depths(behind) => {
+                depths.clear();
+                depths.extend_from_slice(behind);
+            }
+        }
+        fill(ids, if B::WITH_IDS { n_blocks } else { 0 }, WholeLine([NOTHING; N_LANES]));
+    }
+}
+
+/// So many lines, all of them like this one.
+#[inline(always)]
+fn fill<T: Copy>(lines: &mut Vec<T>, n: usize, line: T) {
+    lines.truncate(n);
+    for old in lines.iter_mut() {
+        *old = line;
+    }
+    lines.resize(n, line);
 }
 
 /// What is drawn into.

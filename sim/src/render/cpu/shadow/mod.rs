@@ -8,14 +8,14 @@ use core::marker::PhantomData;
 use core::ops::Range;
 use std::sync::{Arc, PoisonError};
 
+use super::Pose;
 use super::each::each;
 use super::geometry::Draw;
 use super::isa::{Isa, Kernel};
 use super::kind::{Block, Plain};
-use super::raster::Visibility;
+use super::raster::{Begin, Behind, Visibility};
 use super::simd::{Floats, Line, Mask, N_LANES, Number, Simd};
 use crate::render::affine::{Affine, scaled};
-use crate::render::posed;
 use crate::render::rules::{MAP_M, MAP_SIDE, light_from_world};
 use crate::render::scene::RenderScene;
 use crate::scene::Snapshot;
@@ -104,7 +104,8 @@ impl Relief {
     ) {
         let Self { blocks, maps, is_empty } = self;
         if !*is_empty {
-            blocks.clear::<Plain>(SIDE, DEPTHS_OF_SPACE);
+            let (behind, kind) = (Behind::Nothing(DEPTHS_OF_SPACE), PhantomData::<Plain>);
+            isa.run(Begin { visibility: blocks, side: SIDE, behind, blocks: kind });
         }
         *is_empty = false;
         isa.run(Draw {
@@ -143,7 +144,8 @@ impl ShadowMap {
     ) {
         let Some(centre) = scene.shadow_centre else { return };
         self.light_from_world = mirrored(light_from_world(scene.suns[0].towards, centre));
-        posed::pose(scene, snapshot, &self.light_from_world, &mut relief.maps);
+        let (view_from_world, maps) = (self.light_from_world, &mut relief.maps);
+        isa.run(Pose { scene, snapshot, view_from_world, maps });
         let still = keep.then(|| still_heights(isa, scene, relief));
         let is_same = match (&self.still, &still) {
             (Some(known), Some(still)) => Arc::ptr_eq(known, still),

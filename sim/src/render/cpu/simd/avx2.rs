@@ -133,17 +133,18 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
-    fn store_rgb<const N: usize>(pixels: YmmWhole, rows: &mut [[u8; N]; 4], at: usize) {
-        let [a, b, c, d] = rows.each_mut().map(|row| row[at..at + 16].as_mut_ptr());
+    fn store_rgb(pixels: YmmWhole, rows: [&mut [u8; 12]; 4]) {
+        let [a, b, c, d] = rows;
         intrinsic!({
             let three_of_four = _mm256_broadcastsi128_si256(_mm_setr_epi8(
                 0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1,
             ));
             let [upper, lower] = each!(i in 2 => _mm256_shuffle_epi8(pixels.0[i], three_of_four));
-            _mm_storeu_si128(a.cast(), _mm256_castsi256_si128(upper));
-            _mm_storeu_si128(b.cast(), _mm256_extracti128_si256::<1>(upper));
-            _mm_storeu_si128(c.cast(), _mm256_castsi256_si128(lower));
-            _mm_storeu_si128(d.cast(), _mm256_extracti128_si256::<1>(lower));
+            let three = _mm_setr_epi32(-1, -1, -1, 0);
+            _mm_maskstore_epi32(a.as_mut_ptr().cast(), three, _mm256_castsi256_si128(upper));
+            _mm_maskstore_epi32(b.as_mut_ptr().cast(), three, _mm256_extracti128_si256::<1>(upper));
+            _mm_maskstore_epi32(c.as_mut_ptr().cast(), three, _mm256_castsi256_si128(lower));
+            _mm_maskstore_epi32(d.as_mut_ptr().cast(), three, _mm256_extracti128_si256::<1>(lower));
         });
     }
 }

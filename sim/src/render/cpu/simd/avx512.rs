@@ -171,18 +171,47 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
-    fn store_rgb<const N: usize>(pixels: ZmmWhole, rows: &mut [[u8; N]; 4], at: usize) {
-        let [a, b, c, d] = rows.each_mut().map(|row| row[at..at + 16].as_mut_ptr());
+    fn store_rgb(pixels: ZmmWhole, rows: [&mut [u8; 12]; 4]) {
+        let [a, b, c, d] = rows;
+        let bytes = three_of_four(pixels);
         intrinsic!({
-            let three_of_four =
-                _mm512_broadcast_i32x4(_mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1));
-            let bytes = _mm512_shuffle_epi8(pixels.0, three_of_four);
-            _mm_storeu_si128(a.cast(), _mm512_castsi512_si128(bytes));
-            _mm_storeu_si128(b.cast(), _mm512_extracti32x4_epi32::<1>(bytes));
-            _mm_storeu_si128(c.cast(), _mm512_extracti32x4_epi32::<2>(bytes));
-            _mm_storeu_si128(d.cast(), _mm512_extracti32x4_epi32::<3>(bytes));
+            _mm_mask_storeu_epi32(a.as_mut_ptr().cast(), 0b0111, _mm512_castsi512_si128(bytes));
+            _mm_mask_storeu_epi32(b.as_mut_ptr().cast(), 0b0111, _mm512_extracti32x4_epi32::<1>(bytes));
+            _mm_mask_storeu_epi32(c.as_mut_ptr().cast(), 0b0111, _mm512_extracti32x4_epi32::<2>(bytes));
+            _mm_mask_storeu_epi32(d.as_mut_ptr().cast(), 0b0111, _mm512_extracti32x4_epi32::<3>(bytes));
         });
     }
+
+    #[inline(always)]
+    fn store_rgb_of_four(pixels: [ZmmWhole; 4], rows: [&mut [u8; 48]; 4]) {
+        let [a, b, c, d] = each!(k in 4 => three_of_four(pixels[k]));
+        let [first, second, third, fourth] = rows;
+        intrinsic!({
+            let (ab, cd) = (_mm512_shuffle_i32x4::<0x44>(a, b), _mm512_shuffle_i32x4::<0x44>(c, d));
+            let (ab_low, cd_low) = (_mm512_shuffle_i32x4::<0xEE>(a, b), _mm512_shuffle_i32x4::<0xEE>(c, d));
+            let by_row = [
+                _mm512_shuffle_i32x4::<0x88>(ab, cd),
+                _mm512_shuffle_i32x4::<0xDD>(ab, cd),
+                _mm512_shuffle_i32x4::<0x88>(ab_low, cd_low),
+                _mm512_shuffle_i32x4::<0xDD>(ab_low, cd_low),
+            ];
+            let close = _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 0, 0, 0, 0);
+            let [e, f, g, h] = each!(k in 4 => _mm512_permutexvar_epi32(close, by_row[k]));
+            _mm512_mask_storeu_epi32(first.as_mut_ptr().cast(), 0x0FFF, e);
+            _mm512_mask_storeu_epi32(second.as_mut_ptr().cast(), 0x0FFF, f);
+            _mm512_mask_storeu_epi32(third.as_mut_ptr().cast(), 0x0FFF, g);
+            _mm512_mask_storeu_epi32(fourth.as_mut_ptr().cast(), 0x0FFF, h);
+        });
+    }
+}
+
+/// The lowest three bytes of each lane, side by side in every four lanes.
+#[inline(always)]
+fn three_of_four(pixels: ZmmWhole) -> __m512i {
+    intrinsic!({
+        let places = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);
+        _mm512_shuffle_epi8(pixels.0, _mm512_broadcast_i32x4(places))
+    })
 }
 
 impl Number for Zmm {

@@ -69,12 +69,19 @@ pub(super) trait Simd: Copy {
         n
     }
 
-    /// Writes the lowest three bytes of each lane, four lanes to a row, from byte `at` of each row on. The four bytes behind
-    /// them are lost.
-    ///
-    /// # Panics
-    /// If there are less than sixteen bytes from there on.
-    fn store_rgb<const N: usize>(pixels: Self::I, rows: &mut [[u8; N]; 4], at: usize);
+    /// Writes the lowest three bytes of each lane, four lanes to a row.
+    fn store_rgb(pixels: Self::I, rows: [&mut [u8; 12]; 4]);
+
+    /// The same for four numbers side by side.
+    #[inline(always)]
+    fn store_rgb_of_four(pixels: [Self::I; 4], rows: [&mut [u8; 48]; 4]) {
+        let [a, b, c, d] = rows;
+        let rows = [a.as_chunks_mut().0, b.as_chunks_mut().0, c.as_chunks_mut().0, d.as_chunks_mut().0];
+        let [a, b, c, d] = rows;
+        for (k, pixels) in pixels.into_iter().enumerate() {
+            Self::store_rgb(pixels, [&mut a[k], &mut b[k], &mut c[k], &mut d[k]]);
+        }
+    }
 }
 
 /// A float or sixteen of them: what is the same for all pixels of a surface is computed once, by the same steps.

@@ -91,9 +91,9 @@ impl Simd for Portable {
         })
     }
 
-    fn store_rgb<const N: usize>(pixels: WholeArray, rows: &mut [[u8; N]; 4], at: usize) {
-        for (row, pixels) in rows.iter_mut().zip(pixels.0.chunks_exact(4)) {
-            for (rgb, pixel) in row[at..at + 16].chunks_exact_mut(3).zip(pixels) {
+    fn store_rgb(pixels: WholeArray, rows: [&mut [u8; 12]; 4]) {
+        for (row, pixels) in rows.into_iter().zip(pixels.0.chunks_exact(4)) {
+            for (rgb, pixel) in row.chunks_exact_mut(3).zip(pixels) {
                 rgb.copy_from_slice(&pixel.to_le_bytes()[..3]);
             }
         }
