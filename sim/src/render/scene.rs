@@ -143,7 +143,7 @@ impl RenderScene {
         let mut n_ids = 0;
         let first_id = instances.iter().map(|instance| {
             let first = n_ids;
-            n_ids += instance.mesh().batches.batches.len() * N_LANES;
+            n_ids += instance.mesh().batches.corners.len() * N_LANES;
             first as u32
         });
         Self {

@@ -3,7 +3,7 @@
 //! `array::from_fn` and `map` take closures, and a closure is not compiled for the instruction set of the function it is
 //! in: the intrinsics in it would be called one by one. Nor does code here pass vectors through other closures.
 
-/// `each!(k in 3 => f(k))` is `[f(0), f(1), f(2)]`; for 2, 3, 4 and 16.
+/// `each!(k in 3 => f(k))` is `[f(0), f(1), f(2)]`; for 2, 3, 4, 8 and 16.
 macro_rules! each {
     ($k:ident in 2 => $value:expr) => {
         $crate::render::cpu::each::each!($k of [0, 1] => $value)
@@ -13,6 +13,9 @@ macro_rules! each {
     };
     ($k:ident in 4 => $value:expr) => {
         $crate::render::cpu::each::each!($k of [0, 1, 2, 3] => $value)
+    };
+    ($k:ident in 8 => $value:expr) => {
+        $crate::render::cpu::each::each!($k of [0, 1, 2, 3, 4, 5, 6, 7] => $value)
     };
     ($k:ident in 16 => $value:expr) => {
         $crate::render::cpu::each::each!($k of [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] => $value)

@@ -99,8 +99,9 @@ impl<S: Simd> Map<S> {
         self.of(each!(k in 3 => S::F::load_short(&points[k])))
     }
 
+    /// Images of sixteen points.
     #[inline(always)]
-    fn of(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
+    pub(super) fn of(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
         each!(i in 3 => {
             let [a, b, c] = self.linear[i];
             x.mul_add(a, y.mul_add(b, z.mul_add(c, self.offset[i])))

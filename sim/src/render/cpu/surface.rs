@@ -11,10 +11,10 @@ use super::isa::Kernel;
 use super::kind::{Block, Square};
 use super::lens::Vectors;
 use super::raster::{MAX_BLOCKS, Visibility};
-use super::simd::{Floats, Line, N_LANES, Number, ShortLine, Simd, Whole, WholeLine};
+use super::simd::{Floats, Line, Mask, N_LANES, Number, Simd, Whole, WholeLine};
 use crate::render::affine::Affine;
 use crate::render::camera::Camera;
-use crate::render::mesh::{Batch, Corners};
+use crate::render::mesh::Triangle;
 use crate::render::scene::{Instance, RenderScene};
 use crate::render::texture::pattern;
 
@@ -55,8 +55,10 @@ pub(super) struct Surfaces {
     pub(super) wraps: Vec<Line>,
     /// What each block shows everywhere, by id, or [`SEVERAL`], or [`KEPT`].
     pub(super) shown: Vec<i32>,
-    /// Whether anything of a batch is seen, by the batch's number + 1.
-    seen: Vec<bool>,
+    /// 1 where a triangle is seen, by [`place`].
+    seen: Vec<u8>,
+    /// Room for the numbers of one mesh's triangles.
+    list: Vec<i32>,
 }
 
 /// Where a triangle's lines are, given its id or [`super::raster::NOTHING`].
@@ -86,7 +88,8 @@ impl Surfaces {
             looks: Vec::with_capacity(N_IDS),
             wraps: Vec::with_capacity(N_IDS),
             shown: Vec::with_capacity(MAX_BLOCKS),
-            seen: Vec::with_capacity(N_IDS / N_LANES + 1),
+            seen: Vec::with_capacity(N_IDS),
+            list: Vec::with_capacity(N_IDS),
         }
     }
 
@@ -96,7 +99,7 @@ impl Surfaces {
         self.looks.resize(n_lines, VOID);
         self.wraps.resize(n_lines, Line::ZERO);
         self.seen.clear();
-        self.seen.resize(n_ids / N_LANES + 1, false);
+        self.seen.resize(n_ids + N_LANES, 0);
         self.shown.resize(n_blocks, SEVERAL);
     }
 
@@ -131,15 +134,15 @@ impl Surfaces {
     }
 }
 
-/// Marks the batches of a block's triangles as seen, and says what it shows: see [`Surfaces::shown`].
+/// Marks a block's triangles as seen, and says what it shows: see [`Surfaces::shown`].
 #[inline(always)]
-fn look_at<S: Simd>(ids: &WholeLine, seen: &mut [bool]) -> i32 {
-    seen[place(ids.0[0]) / N_LANES] = true;
+fn look_at<S: Simd>(ids: &WholeLine, seen: &mut [u8]) -> i32 {
+    seen[place(ids.0[0])] = 1;
     if is_uniform::<S>(ids) {
         return ids.0[0];
     }
     for id in &ids.0[1..] {
-        seen[place(*id) / N_LANES] = true;
+        seen[place(*id)] = 1;
     }
     SEVERAL
 }
@@ -172,28 +175,49 @@ impl Kernel for Collect<'_> {
         }
         let plane = Plane::<S>::new(camera);
         for ((instance, map), &first_id) in scene.instances.iter().zip(maps).zip(&scene.first_id) {
-            let mut kit = None;
-            let batches = &instance.mesh().batches;
-            for (i, (corners, batch)) in batches.corners.iter().zip(&batches.batches).enumerate() {
-                let first = place(first_id as i32) + i * N_LANES;
-                if surfaces.seen[first / N_LANES] {
-                    if kit.is_none() {
-                        kit = Some(Kit::<S>::new(instance, map, camera, scale));
-                    }
-                    let Some(kit) = &kit else { continue };
-                    let lines = first..first + N_LANES;
-                    let (looks, wraps) = (&mut surfaces.looks[lines.clone()], &mut surfaces.wraps[lines]);
-                    kit.write(corners, batch, &plane, looks, wraps);
-                }
+            let mesh = &instance.mesh().batches;
+            let lines = place(first_id as i32)..place(first_id as i32) + mesh.corners.len() * N_LANES;
+            let Surfaces { looks, wraps, seen, list, .. } = &mut *surfaces;
+            let list = marked::<S>(&seen[lines.clone()], list);
+            if list.is_empty() {
+                continue;
+            }
+            let kit = Kit::<S>::new(instance, map, camera, scale);
+            let (looks, wraps) = (&mut looks[lines.clone()], &mut wraps[lines]);
+            for sixteen in list {
+                kit.write(&mesh.triangles, sixteen, &plane, looks, wraps);
             }
         }
     }
 }
 
+/// Numbers of a mesh's marked triangles; the last sixteen may be filled up with the first of all.
+#[inline(always)]
+fn marked<'a, S: Simd>(marks: &[u8], list: &'a mut Vec<i32>) -> &'a [[i32; N_LANES]] {
+    list.resize(list.len().max(marks.len() + 2 * N_LANES), 0);
+    let mut n = 0;
+    for (batch, marks) in marks.as_chunks().0.iter().enumerate() {
+        // Most lie in long runs of which nothing is seen.
+        if *marks == [0; N_LANES] {
+            continue;
+        }
+        let [low, high] = each!(k in 2 => {
+            let eight = u64::from_le_bytes(each!(i in 8 => marks[8 * k + i]));
+            // Moves the lowest bits of the eight bytes side by side.
+            eight.wrapping_mul(0x0102_0408_1020_4080) >> 56
+        });
+        let numbers = S::I::load(&WholeLine::NUMBERS) + S::I::all((batch * N_LANES) as i32);
+        let (to, _) = list[n..].split_first_chunk_mut().expect("room for a vector behind the last one");
+        n += S::compress(numbers, S::M::from_bits((high << 8 | low) as u16), to);
+    }
+    let first = list[0];
+    list[n..n + N_LANES].fill(first);
+    &list.as_chunks().0[..n.div_ceil(N_LANES)]
+}
+
 /// Whether all lanes are the same.
 #[inline(always)]
 pub(super) fn is_uniform<S: Simd>(ids: &WholeLine) -> bool {
-    use super::simd::Mask;
     S::I::load(ids).eq(S::I::all(ids.0[0])).to_bits() == u16::MAX
 }
 
@@ -258,26 +282,34 @@ impl<S: Simd> Kit<S> {
         }
     }
 
-    /// Writes the lines of sixteen triangles.
+    /// Writes the lines of sixteen of the mesh's triangles.
     #[inline(always)]
     fn write(
         &self,
-        corners: &Corners,
-        batch: &Batch,
+        triangles: &[Line],
+        which: &[i32; N_LANES],
         plane: &Plane<S>,
         looks: &mut [Line],
         wraps: &mut [Line],
     ) {
-        let [p, q, r] =
-            each!(k in 3 => self.snap.on_grid::<S>(self.centred_from_steps.short_points(&corners[k])));
+        let numbers = S::columns(each!(i in 16 => &triangles[which[i] as usize]));
+        // In steps, by corner and axis.
+        let corners = each!(k in 3 => each!(axis in 3 => {
+            let half = 3 * k + axis;
+            let two = numbers[Triangle::CORNERS + half / 2].bits();
+            (if half % 2 == 0 { two.shl::<16>().sar::<16>() } else { two.sar::<16>() }).floats()
+        }));
+        let last = numbers[Triangle::CORNERS + 4].bits().sar::<16>();
+        let flat = (last & S::I::all(Triangle::FLAT)).gt(S::I::all(0));
+        let [p, q, r] = each!(k in 3 => self.snap.on_grid::<S>(self.centred_from_steps.of(corners[k])));
         let (e, f) = (minus::<S>(&q, &p), minus::<S>(&r, &p));
         let weights = Weights::<S> {
             a: plane.of(cross::<S>(&p, &f)),
             b: plane.of(cross::<S>(&e, &p)),
             n: plane.of(cross::<S>(&f, &e)),
         };
-        let normals = each!(k in 3 => self.view_from_normal.points(&batch.normals[k]));
-        let flat = <S::M as super::simd::Mask>::from_bits(batch.flat);
+        let normals = each!(k in 3 =>
+            self.view_from_normal.of(each!(axis in 3 => numbers[Triangle::NORMALS + 3 * k + axis])));
         let mut rows = [S::F::all(0.0); N_LANES];
         for axis in 0..3 {
             let [value, right, down] = weights.spread(each!(k in 3 => normals[k][axis]));
@@ -290,14 +322,15 @@ impl<S: Simd> Kit<S> {
         rows[Look::SPECULAR] = S::F::all(self.specular);
         rows[Look::TEXTURE] = S::I::all(self.texture).as_float_bits();
         rows[Look::FLAT] = S::F::all(1.0).or_where(flat, S::F::all(0.0));
-        store_columns::<S>(rows, looks);
+        store_columns::<S>(rows, which, looks);
         if let Some(tiles) = &self.tiles {
-            let uv = each!(k in 3 => unwrap::<S>(&corners[k], batch, tiles));
+            let facing = last & S::I::all(Triangle::FACING);
+            let uv = each!(k in 3 => unwrap::<S>(&corners[k], facing, tiles));
             let mut rows = [S::F::all(0.0); N_LANES];
             rows[Wrap::N..Wrap::N + 3].copy_from_slice(&weights.n);
             rows[Wrap::U..Wrap::U + 3].copy_from_slice(&weights.spread(each!(k in 3 => uv[k][0])));
             rows[Wrap::V..Wrap::V + 3].copy_from_slice(&weights.spread(each!(k in 3 => uv[k][1])));
-            store_columns::<S>(rows, wraps);
+            store_columns::<S>(rows, which, wraps);
         }
     }
 }
@@ -319,18 +352,17 @@ impl<S: Simd> Weights<S> {
 }
 
 #[inline(always)]
-fn store_columns<S: Simd>(rows: [S::F; N_LANES], lines: &mut [Line]) {
+fn store_columns<S: Simd>(rows: [S::F; N_LANES], which: &[i32; N_LANES], lines: &mut [Line]) {
     let columns = S::transposed(rows);
-    for (column, line) in columns.iter().zip(lines) {
-        column.store(line);
+    for (column, place) in columns.iter().zip(which) {
+        column.store(&mut lines[*place as usize]);
     }
 }
 
-/// Texture coordinates of a corner in tiles: see [`crate::render::mesh::Facing`].
+/// Texture coordinates of a corner in tiles, given its place in steps: see [`crate::render::mesh::Facing`].
 #[inline(always)]
-fn unwrap<S: Simd>(corner: &[ShortLine; 3], batch: &Batch, tiles: &Vectors<S>) -> [S::F; 2] {
-    let [x, y, z] = each!(k in 3 => S::F::load_short(&corner[k]) * tiles[k]);
-    let facing = S::I::load(&batch.facing);
+fn unwrap<S: Simd>(corner: &Vectors<S>, facing: S::I, tiles: &Vectors<S>) -> [S::F; 2] {
+    let [x, y, z] = each!(k in 3 => corner[k] * tiles[k]);
     let (faces_x, faces_y) = (facing.eq(S::I::all(0)), facing.eq(S::I::all(1)));
     [z.or_where(faces_x, x), z.or_where(faces_y, y)]
 }

@@ -3,7 +3,7 @@
 use super::clusters::{self, CLUSTER_SIZE};
 use super::{Facing, Mesh};
 use crate::render::affine::Vec3;
-use crate::render::line::{Line, N_LANES, ShortLine, WholeLine};
+use crate::render::line::{Line, N_LANES, ShortLine};
 
 const _: () = assert!(CLUSTER_SIZE == N_LANES, "a cluster's triangles are one vector");
 
@@ -14,14 +14,19 @@ pub(in crate::render) type Lines3 = [Line; 3];
 /// [`Batches::steps`]: half the memory that every picture reads. Lanes without a triangle hold one that is a single point.
 pub(in crate::render) type Corners = [[ShortLine; 3]; 3];
 
-/// What else there is to know of sixteen triangles.
-pub(in crate::render) struct Batch {
-    /// Normals at the three corners.
-    pub(in crate::render) normals: [Lines3; 3],
-    /// [`Facing`] as a number.
-    pub(in crate::render) facing: WholeLine,
-    /// Bit i: the normals of triangle i are one.
-    pub(in crate::render) flat: u16,
+/// Everything that shading needs to know of one triangle, by index into a line.
+pub(in crate::render) struct Triangle;
+
+impl Triangle {
+    /// Where the normals at the corners begin: three numbers each.
+    pub(in crate::render) const NORMALS: usize = 0;
+    /// Where the corners begin, three short integers each, the steps that [`Corners`] has too: two to a number's bits, the
+    /// first of them in the lower half. The last half is [`Self::FACING`] and [`Self::FLAT`].
+    pub(in crate::render) const CORNERS: usize = 9;
+    /// Lowest bits of the last half: [`Facing`] as a number.
+    pub(in crate::render) const FACING: i32 = 3;
+    /// A bit of the last half: the normals are one.
+    pub(in crate::render) const FLAT: i32 = 4;
 }
 
 /// Bounds of sixteen clusters; see [`clusters::Cluster`].
@@ -41,8 +46,8 @@ pub(in crate::render) struct Batches {
     pub(in crate::render) corners: Vec<Corners>,
     /// Powers of 2 in the mesh's unit of length, one per axis.
     pub(in crate::render) steps: Vec3,
-    /// One per sixteen triangles.
-    pub(in crate::render) batches: Vec<Batch>,
+    /// One per triangle, laid out as [`Triangle`].
+    pub(in crate::render) triangles: Vec<Line>,
     /// One per sixteen batches.
     pub(in crate::render) bounds: Vec<Bounds>,
 }
@@ -51,12 +56,15 @@ impl Batches {
     /// Of a mesh whose triangles are in their final order and whose coordinates are multiples of [`steps`].
     pub(super) fn new(mesh: &Mesh) -> Self {
         let steps = steps(mesh);
-        let runs = (0..mesh.triangles.len()).step_by(CLUSTER_SIZE);
+        let n_triangles = mesh.triangles.len();
         let clusters = clusters::of(mesh);
         Self {
-            corners: runs.clone().map(|first| corners(mesh, first, steps)).collect(),
+            corners: (0..n_triangles)
+                .step_by(CLUSTER_SIZE)
+                .map(|first| corners(mesh, first, steps))
+                .collect(),
             steps,
-            batches: runs.map(|first| batch(mesh, first)).collect(),
+            triangles: (0..n_triangles).map(|index| triangle(mesh, index, steps)).collect(),
             bounds: clusters.chunks(N_LANES).map(bounds).collect(),
         }
     }
@@ -80,37 +88,37 @@ fn corners(mesh: &Mesh, first: usize, steps: Vec3) -> Corners {
     for lane in 0..CLUSTER_SIZE {
         let corners = mesh.triangles[first + lane.min(n - 1)];
         for (k, corner) in corners.into_iter().enumerate() {
-            let position = mesh.position(if lane < n { corner } else { corners[0] });
-            for axis in 0..3 {
-                all[k][axis].0[lane] = (position[axis] / steps[axis]) as i16;
+            let corner = if lane < n { corner } else { corners[0] };
+            for (axis, step) in in_steps(mesh, corner, steps).into_iter().enumerate() {
+                all[k][axis].0[lane] = step;
             }
         }
     }
     all
 }
 
-fn batch(mesh: &Mesh, first: usize) -> Batch {
-    let n = CLUSTER_SIZE.min(mesh.triangles.len() - first);
-    let mut batch = Batch { normals: [[Line::ZERO; 3]; 3], facing: WholeLine::ZERO, flat: 0 };
-    for lane in 0..CLUSTER_SIZE {
-        let triangle = first + lane.min(n - 1);
-        let corners = mesh.triangles[triangle];
-        for (k, corner) in corners.into_iter().enumerate() {
-            let corner = if lane < n { corner } else { corners[0] };
-            let normal = mesh.normals[corner as usize];
-            for (line, x) in batch.normals[k].iter_mut().zip(normal) {
-                line.0[lane] = x;
-            }
-        }
-        let [l, m, n] = corners.map(|corner| mesh.normals[corner as usize]);
-        batch.flat |= u16::from(l == m && m == n) << lane;
-        batch.facing.0[lane] = match mesh.facing[triangle] {
-            Facing::X => 0,
-            Facing::Y => 1,
-            Facing::Z => 2,
-        };
+fn in_steps(mesh: &Mesh, corner: u32, steps: Vec3) -> [i16; 3] {
+    let position = mesh.position(corner);
+    core::array::from_fn(|axis| (position[axis] / steps[axis]) as i16)
+}
+
+fn triangle(mesh: &Mesh, index: usize, steps: Vec3) -> Line {
+    let corners = mesh.triangles[index];
+    let normals = corners.map(|corner| mesh.normals[corner as usize]);
+    let flat = if normals == [normals[0]; 3] { Triangle::FLAT } else { 0 };
+    let facing = match mesh.facing[index] {
+        Facing::X => 0,
+        Facing::Y => 1,
+        Facing::Z => 2,
+    };
+    let mut halves = [(flat | facing) as i16; 10];
+    halves[..9].copy_from_slice(corners.map(|corner| in_steps(mesh, corner, steps)).as_flattened());
+    let mut line = Line::ZERO;
+    line.0[Triangle::NORMALS..][..9].copy_from_slice(normals.as_flattened());
+    for (number, [low, high]) in line.0[Triangle::CORNERS..].iter_mut().zip(halves.as_chunks().0) {
+        *number = f32::from_bits(u32::from(low.cast_unsigned()) | u32::from(high.cast_unsigned()) << 16);
     }
-    batch
+    line
 }
 
 fn bounds(clusters: &[clusters::Cluster]) -> Bounds {

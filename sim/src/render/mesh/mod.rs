@@ -18,7 +18,7 @@ pub(super) mod torus;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::affine::{Vec3, add, cross, dot, scaled, sub};
-pub(super) use batch::{Batch, Batches, Bounds, Corners, Lines3};
+pub(super) use batch::{Batches, Bounds, Corners, Lines3, Triangle};
 
 /// A closed or open surface of triangles, counter-clockwise seen from outside. Lengths in m, or in units of the
 /// instance's scale for the solids of half extent 1.
