@@ -63,8 +63,13 @@ pub(super) struct Measure<'a> {
 impl Kernel for Measure<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let Self { visibility: Visibility { side, depths, ids }, samples_per_edge, rays, shadow, reaches } =
-            self;
+        let Self {
+            visibility: Visibility { side, depths, ids, .. },
+            samples_per_edge,
+            rays,
+            shadow,
+            reaches,
+        } = self;
         let pitch = *side as usize >> Square::WIDTH_BITS;
         let per_row = pitch / samples_per_edge;
         reaches.clear();

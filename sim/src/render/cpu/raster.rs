@@ -35,12 +35,19 @@ pub(super) struct Visibility {
     pub(super) depths: Vec<Line>,
     /// What was drawn there, or [`NOTHING`]; empty for a block kind without ids.
     pub(super) ids: Vec<WholeLine>,
+    /// 1 where anything was drawn in a block, seen or not; none for a block kind with ids.
+    pub(super) drawn: Vec<u8>,
 }
 
 impl Visibility {
     /// No picture yet, and room for one.
     pub(super) fn new() -> Self {
-        Self { side: 0, depths: Vec::with_capacity(MAX_BLOCKS), ids: Vec::with_capacity(MAX_BLOCKS) }
+        Self {
+            side: 0,
+            depths: Vec::with_capacity(MAX_BLOCKS),
+            ids: Vec::with_capacity(MAX_BLOCKS),
+            drawn: Vec::with_capacity(MAX_BLOCKS),
+        }
     }
 
     /// Draws sixteen small triangles.
@@ -173,7 +180,7 @@ pub(super) enum Behind<'a> {
 impl<B: Block> Kernel for Begin<'_, B> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let Self { visibility: Visibility { side, depths, ids }, .. } = self;
+        let Self { visibility: Visibility { side, depths, ids, drawn }, .. } = self;
         assert!(
             self.side.is_multiple_of(B::WIDTH as usize) && self.side.is_multiple_of(B::HEIGHT as usize),
             "side {}",
@@ -188,6 +195,7 @@ impl<B: Block> Kernel for Begin<'_, B> {
                 depths.extend_from_slice(behind);
             }
         }
+        fill(drawn, if B::WITH_IDS { 0 } else { n_blocks }, 0);
         fill(ids, if B::WITH_IDS { n_blocks } else { 0 }, WholeLine([NOTHING; N_LANES]));
     }
 }
@@ -206,6 +214,7 @@ fn fill<T: Copy>(lines: &mut Vec<T>, n: usize, line: T) {
 struct Pixels<'a> {
     depths: &'a mut [Line],
     ids: &'a mut [WholeLine],
+    drawn: &'a mut [u8],
 }
 
 /// One block of it: depths, and ids if it has any.
@@ -213,14 +222,19 @@ type Here<'a> = (&'a mut Line, Option<&'a mut WholeLine>);
 
 impl<'a> Pixels<'a> {
     fn of<B: Block>(visibility: &'a mut Visibility) -> Self {
-        let Visibility { depths, ids, .. } = visibility;
+        let Visibility { depths, ids, drawn, .. } = visibility;
         // One length, so that one look tells whether a block is there.
         let n = depths.len();
-        Self { depths, ids: if B::WITH_IDS { &mut ids[..n] } else { &mut [] } }
+        let (ids, drawn): (&mut [_], &mut [_]) =
+            if B::WITH_IDS { (&mut ids[..n], &mut []) } else { (&mut [], &mut drawn[..n]) };
+        Self { depths, ids, drawn }
     }
 
     #[inline(always)]
     fn at<B: Block>(&mut self, block: usize) -> Here<'_> {
+        if !B::WITH_IDS {
+            self.drawn[block] = 1;
+        }
         let ids = if B::WITH_IDS { Some(&mut self.ids[block]) } else { None };
         (&mut self.depths[block], ids)
     }

@@ -23,6 +23,7 @@ impl Highest {
     }
 
     /// Finds the rest out from the finest level.
+    #[inline(always)]
     pub(super) fn finish(&mut self) {
         self.occupied = [[u8::MAX, 0]; 2];
         for (row, cells) in self.levels[0].chunks_exact(CELLS).enumerate() {

@@ -44,7 +44,8 @@ impl Shadow<'_> {
             each!(k in 2 => ranges[k][0])
         } else {
             // Most of what is bent moves, and has something of its own behind it.
-            each!(k in 2 => at[k].least())
+            let least = (at[0] | at[1].shl::<16>()).least_halves();
+            each!(k in 2 => i32::from(least[k]))
         };
         let [fx, fy] = each!(k in 2 => [x, y][k] - at[k].floats());
         let corner = each!(k in 2 => first[k].min((SIDE - 8) as i32));

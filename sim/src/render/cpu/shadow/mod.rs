@@ -14,7 +14,7 @@ use super::geometry::Draw;
 use super::isa::{Isa, Kernel};
 use super::kind::{Block, Plain};
 use super::raster::{Begin, Behind, Visibility};
-use super::simd::{Floats, Line, Mask, N_LANES, Number, Simd};
+use super::simd::{Floats, Line, N_LANES, Number, Simd};
 use crate::render::affine::{Affine, scaled};
 use crate::render::rules::{MAP_M, MAP_SIDE, light_from_world};
 use crate::render::scene::RenderScene;
@@ -116,7 +116,7 @@ impl Relief {
             visibility: blocks,
             blocks: PhantomData::<Plain>,
         });
-        isa.run(Unfold { blocks: &mut blocks.depths, still, heights, moving });
+        isa.run(Unfold { blocks, still, heights, moving });
         *is_empty = true;
     }
 }
@@ -203,7 +203,7 @@ fn still_heights(isa: Isa, scene: &RenderScene, relief: &mut Relief) -> Arc<Stil
 
 /// Moves a relief into a map over what never moves, and leaves the relief empty.
 struct Unfold<'a> {
-    blocks: &'a mut [Line],
+    blocks: &'a mut Visibility,
     still: Option<&'a Heights>,
     heights: &'a mut Heights,
     moving: &'a mut Highest,
@@ -213,18 +213,18 @@ impl Kernel for Unfold<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         const PER_ROW: usize = SIDE / Plain::WIDTH as usize;
-        let Self { blocks, still, heights, moving } = self;
+        let Self { blocks: Visibility { depths: blocks, drawn, .. }, still, heights, moving } = self;
         for cell in 0..CELLS * CELLS {
             let (column, row) = (cell % CELLS, cell / CELLS);
             let upper = row * 2 * PER_ROW + column * 2;
             let places = [upper, upper + 1, upper + PER_ROW, upper + PER_ROW + 1];
-            let [a, b, c, d] = each!(k in 4 => S::F::load(&blocks[places[k]]));
-            let greatest = a.max(b).max(c.max(d));
-            let is_empty = !greatest.gt(S::F::all(DEPTHS_OF_SPACE)).any();
+            let is_empty = each!(k in 4 => core::mem::take(&mut drawn[places[k]])) == [0; 4];
             // Most cells are empty in one picture after the other.
             if is_empty && moving.levels[0][cell] == DEPTHS_OF_SPACE {
                 continue;
             }
+            let [a, b, c, d] = each!(k in 4 => S::F::load(&blocks[places[k]]));
+            let greatest = a.max(b).max(c.max(d));
             let mut line = Line::ZERO;
             greatest.store(&mut line);
             let highest = line.0.into_iter().fold(DEPTHS_OF_SPACE, f32::max);

@@ -225,12 +225,17 @@ pub(super) trait Whole:
     fn eq(self, other: Self) -> Self::M;
     /// `self` where `mask`, else `other`.
     fn or_where(self, mask: Self::M, other: Self) -> Self;
-    /// The least lane.
+    /// The least of the lower and the least of the upper 16-bit halves, without signs.
     #[inline(always)]
-    fn least(self) -> i32 {
+    fn least_halves(self) -> [u16; 2] {
         let mut line = WholeLine::ZERO;
         self.store(&mut line);
-        line.0.into_iter().fold(i32::MAX, i32::min)
+        let mut least = [u16::MAX; 2];
+        for lane in line.0 {
+            let halves = [lane as u16, (lane >> 16) as u16];
+            least = [least[0].min(halves[0]), least[1].min(halves[1])];
+        }
+        least
     }
     /// The greatest lane.
     #[inline(always)]
