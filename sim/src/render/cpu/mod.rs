@@ -22,6 +22,7 @@ mod shade;
 mod shadow;
 mod simd;
 mod sink;
+mod small;
 mod surface;
 
 use core::marker::PhantomData;

@@ -50,76 +50,6 @@ impl Visibility {
         }
     }
 
-    /// Draws sixteen small triangles.
-    #[inline(always)]
-    pub(super) fn draw_small<S: Simd, B: Block>(
-        &mut self,
-        small: &Small<S>,
-        first_id: i32,
-        shares: &mut Shares,
-    ) {
-        let whole = S::I::all;
-        shares.start::<S>(small, first_id);
-        let changes = each!(k in 3 => [small.steps[k].shl::<16>().sar::<16>(), small.steps[k].sar::<16>()]);
-        let right = each!(k in 3 => times::<S>(changes[k][0], B::WIDTH));
-        let down = each!(k in 3 => times::<S>(changes[k][1], B::HEIGHT));
-        // From a block's first pixel to where an edge function is greatest.
-        let most = each!(k in 3 => {
-            let [x, y] = each!(axis in 2 => changes[k][axis].max(whole(0)));
-            times::<S>(x, B::WIDTH - 1) + times::<S>(y, B::HEIGHT - 1)
-        });
-        let depth_right = small.depth_dx * S::F::all(B::WIDTH as f32);
-        let depth_down = small.depth_dy * S::F::all(B::HEIGHT as f32);
-        let [more_x, more_y] = small.more;
-        let last = |more: S::I| more.or_where(small.present, whole(0)).greatest();
-        let (last_x, last_y) = (last(more_x), last(more_y));
-        let mut row: Share<S> = Share { edges: small.edges, depth: small.depth, block: small.block };
-        for y in 0..last_y + 1 {
-            let in_row = small.present.and_not(whole(y).gt(more_y));
-            let mut share = row;
-            for x in 0..last_x + 1 {
-                let [a, b, c] = each!(k in 3 => share.edges[k] + most[k]);
-                let reached = (a | b | c).gt(whole(-1)) & in_row.and_not(whole(x).gt(more_x));
-                shares.push(&share, reached);
-                if shares.n_lines == MAX_SHARES {
-                    self.draw_shares::<S, B>(shares);
-                }
-                share.edges = each!(k in 3 => share.edges[k] + right[k]);
-                share.depth = share.depth + depth_right;
-                share.block = share.block + whole(1);
-            }
-            row.edges = each!(k in 3 => row.edges[k] + down[k]);
-            row.depth = row.depth + depth_down;
-            row.block = row.block + whole(self.side >> B::WIDTH_BITS);
-        }
-        self.draw_shares::<S, B>(shares);
-    }
-
-    /// Draws what blocks have of small triangles.
-    #[inline(always)]
-    fn draw_shares<S: Simd, B: Block>(&mut self, shares: &mut Shares) {
-        let mut pixels = Pixels::of::<B>(self);
-        let offsets = S::I::load(&B::XY);
-        let Shares { n, n_lines, list, edges, depths, blocks, triangles } = shares;
-        let edges = each!(k in 3 => flat(&edges[k]));
-        let (depths, blocks): (&[f32; SHARES], _) = (bytemuck::cast_ref(&*depths), flat(blocks));
-        for share in &list[..*n] {
-            let share = *share as usize % SHARES;
-            let lane = share % N_LANES;
-            // First of all, lest the numbers below be kept in other registers while it is seen whether there is such a block.
-            let here = pixels.at::<B>(blocks[share] as usize);
-            let [a, b, c] = each!(k in 3 =>
-                S::I::all(triangles.steps[k].0[lane]).dot_halves(offsets) + S::I::all(edges[k][share]));
-            let plane = DepthPlane::<S>::new::<B>(
-                [triangles.depth_dx.0[lane], triangles.depth_dy.0[lane]],
-                [triangles.depth_least.0[lane], triangles.depth_greatest.0[lane]],
-            );
-            let covered = (a | b | c).gt(S::I::all(-1));
-            put::<S>(here, covered, plane.at(depths[share]), S::I::all(triangles.ids.0[lane]));
-        }
-        (*n, *n_lines) = (0, 0);
-    }
-
     /// Draws a triangle of any size; nothing if it is seen from behind.
     #[inline(always)]
     pub(super) fn draw_large<S: Simd, B: Block>(&mut self, corners: &[Corner; 3], id: i32) {
@@ -211,17 +141,17 @@ fn fill<T: Copy>(lines: &mut Vec<T>, n: usize, line: T) {
 }
 
 /// What is drawn into.
-struct Pixels<'a> {
+pub(super) struct Pixels<'a> {
     depths: &'a mut [Line],
     ids: &'a mut [WholeLine],
     drawn: &'a mut [u8],
 }
 
 /// One block of it: depths, and ids if it has any.
-type Here<'a> = (&'a mut Line, Option<&'a mut WholeLine>);
+pub(super) type Here<'a> = (&'a mut Line, Option<&'a mut WholeLine>);
 
 impl<'a> Pixels<'a> {
-    fn of<B: Block>(visibility: &'a mut Visibility) -> Self {
+    pub(super) fn of<B: Block>(visibility: &'a mut Visibility) -> Self {
         let Visibility { depths, ids, drawn, .. } = visibility;
         // One length, so that one look tells whether a block is there.
         let n = depths.len();
@@ -231,7 +161,7 @@ impl<'a> Pixels<'a> {
     }
 
     #[inline(always)]
-    fn at<B: Block>(&mut self, block: usize) -> Here<'_> {
+    pub(super) fn at<B: Block>(&mut self, block: usize) -> Here<'_> {
         if !B::WITH_IDS {
             self.drawn[block] = 1;
         }
@@ -242,7 +172,7 @@ impl<'a> Pixels<'a> {
 
 /// Draws one block's share of a triangle.
 #[inline(always)]
-fn put<S: Simd>((depths, ids): Here<'_>, covered: S::M, depth: S::F, id: S::I) {
+pub(super) fn put<S: Simd>((depths, ids): Here<'_>, covered: S::M, depth: S::F, id: S::I) {
     let depth = depth.or_where(covered, S::F::all(f32::NEG_INFINITY));
     let before = S::F::load(depths);
     let seen = depth.gt(before);
@@ -254,134 +184,8 @@ fn put<S: Simd>((depths, ids): Here<'_>, covered: S::M, depth: S::F, id: S::I) {
     }
 }
 
-/// Greatest extent of a small triangle along an axis in 1/256 px: edge functions then fit 32 bits, their steps 16.
-pub(super) const SMALL_REACH: i32 = 1 << 14;
-
-/// Sixteen triangles no larger than [`SMALL_REACH`], ready to be drawn.
-pub(super) struct Small<S: Simd> {
-    /// Which of them are there; the others' numbers mean nothing.
-    pub(super) present: S::M,
-    /// Edge functions at the first block's first pixel: not negative on the inner side. In units of 256/256² pixel²:
-    /// pixel centres are whole pixels apart, so the part below such a unit never decides and is shifted out.
-    pub(super) edges: [S::I; 3],
-    /// Their changes per pixel to the right in the lower 16 bits, downwards in the upper ones.
-    pub(super) steps: [S::I; 3],
-    /// Depth at the first block's first pixel.
-    pub(super) depth: S::F,
-    /// Change of depth per pixel to the right.
-    pub(super) depth_dx: S::F,
-    /// Change of depth per pixel downwards.
-    pub(super) depth_dy: S::F,
-    /// Least depth of a corner.
-    pub(super) depth_least: S::F,
-    /// Greatest depth of a corner.
-    pub(super) depth_greatest: S::F,
-    /// The first block.
-    pub(super) block: S::I,
-    /// How many columns and rows of blocks it reaches on.
-    pub(super) more: [S::I; 2],
-}
-
-/// What blocks have of sixteen small triangles: listed first and drawn then, so that a processor need not guess at every
-/// triangle how many blocks there are.
-pub(super) struct Shares {
-    /// How many there are.
-    n: usize,
-    /// How many lines of the following are in use.
-    n_lines: usize,
-    /// Where to find each one's numbers, counted over all lines; the last vector may be written past the last of them.
-    list: [i32; SHARES + N_LANES],
-    /// Edge functions at the block's first pixel, by edge and triangle.
-    edges: [[WholeLine; MAX_SHARES]; 3],
-    /// Depth there.
-    depths: [Line; MAX_SHARES],
-    /// The block.
-    blocks: [WholeLine; MAX_SHARES],
-    triangles: Triangles,
-}
-
-/// Blocks per triangle that are listed at a time.
-const MAX_SHARES: usize = 16;
-const SHARES: usize = MAX_SHARES * N_LANES;
-
-/// What is the same in all blocks of sixteen small triangles: see [`Small`].
-struct Triangles {
-    steps: [WholeLine; 3],
-    depth_dx: Line,
-    depth_dy: Line,
-    depth_least: Line,
-    depth_greatest: Line,
-    ids: WholeLine,
-}
-
-/// A block's share of a small triangle, per lane.
-#[derive(Clone, Copy)]
-struct Share<S: Simd> {
-    edges: [S::I; 3],
-    depth: S::F,
-    block: S::I,
-}
-
-impl Shares {
-    /// None.
-    pub(super) const fn new() -> Self {
-        Self {
-            n: 0,
-            n_lines: 0,
-            list: [0; SHARES + N_LANES],
-            edges: [[WholeLine::ZERO; MAX_SHARES]; 3],
-            depths: [Line::ZERO; MAX_SHARES],
-            blocks: [WholeLine::ZERO; MAX_SHARES],
-            triangles: Triangles {
-                steps: [WholeLine::ZERO; 3],
-                depth_dx: Line::ZERO,
-                depth_dy: Line::ZERO,
-                depth_least: Line::ZERO,
-                depth_greatest: Line::ZERO,
-                ids: WholeLine::ZERO,
-            },
-        }
-    }
-
-    /// Goes to other triangles.
-    #[inline(always)]
-    fn start<S: Simd>(&mut self, small: &Small<S>, first_id: i32) {
-        let triangles = &mut self.triangles;
-        for (steps, line) in small.steps.iter().zip(&mut triangles.steps) {
-            steps.store(line);
-        }
-        small.depth_dx.store(&mut triangles.depth_dx);
-        small.depth_dy.store(&mut triangles.depth_dy);
-        small.depth_least.store(&mut triangles.depth_least);
-        small.depth_greatest.store(&mut triangles.depth_greatest);
-        (S::I::load(&WholeLine::NUMBERS) + S::I::all(first_id)).store(&mut triangles.ids);
-    }
-
-    /// Lists those lanes that are kept.
-    #[inline(always)]
-    fn push<S: Simd>(&mut self, share: &Share<S>, keep: S::M) {
-        let line = self.n_lines % MAX_SHARES;
-        for (edge, lines) in share.edges.iter().zip(&mut self.edges) {
-            edge.store(&mut lines[line]);
-        }
-        share.depth.store(&mut self.depths[line]);
-        share.block.store(&mut self.blocks[line]);
-        let places = S::I::load(&WholeLine::NUMBERS) + S::I::all((line * N_LANES) as i32);
-        let (to, _) =
-            self.list[self.n..].split_first_chunk_mut().expect("room for a vector behind the last one");
-        self.n += S::compress(places, keep, to);
-        self.n_lines = line + 1;
-    }
-}
-
-/// Lines' numbers in a row.
-#[inline(always)]
-fn flat(lines: &[WholeLine; MAX_SHARES]) -> &[i32; SHARES] {
-    bytemuck::cast_ref(lines)
-}
-
 /// Depth over a block, held within the triangle's own range where it is steep.
-struct DepthPlane<S: Simd> {
+pub(super) struct DepthPlane<S: Simd> {
     offsets: S::F,
     least: S::F,
     greatest: S::F,
@@ -391,7 +195,7 @@ struct DepthPlane<S: Simd> {
 
 impl<S: Simd> DepthPlane<S> {
     #[inline(always)]
-    fn new<B: Block>([dx, dy]: [f32; 2], [least, greatest]: [f32; 2]) -> Self {
+    pub(super) fn new<B: Block>([dx, dy]: [f32; 2], [least, greatest]: [f32; 2]) -> Self {
         let across = S::F::all(dx) * S::F::load(&B::X_FLOATS);
         Self {
             offsets: S::F::all(dy).mul_add(S::F::load(&B::Y_FLOATS), across),
@@ -403,18 +207,8 @@ impl<S: Simd> DepthPlane<S> {
 
     /// Over a block whose first pixel has this depth.
     #[inline(always)]
-    fn at(&self, first: f32) -> S::F {
+    pub(super) fn at(&self, first: f32) -> S::F {
         (S::F::all(first) + self.offsets).max(self.least).min(self.greatest)
-    }
-}
-
-/// Product with a block's extent or the last place in it.
-#[inline(always)]
-fn times<S: Simd>(x: S::I, factor: i32) -> S::I {
-    match factor {
-        3 => x + x + x,
-        4 => x.shl::<2>(),
-        _ => x.times(S::I::all(factor)),
     }
 }
 
@@ -433,7 +227,7 @@ struct Large {
     to_y: i32,
 }
 
-/// An edge function at pixel centres, in the units of [`Small::edges`].
+/// An edge function at pixel centres, in the units of [`super::small::Small::edges`].
 #[derive(Clone, Copy)]
 struct Edge {
     /// At the centre of pixel (0, 0).
