@@ -297,7 +297,7 @@ impl<S: Simd> Kit<S> {
         let corners = each!(k in 3 => each!(axis in 3 => {
             let half = 3 * k + axis;
             let two = numbers[Triangle::CORNERS + half / 2].bits();
-            (if half % 2 == 0 { two.shl::<16>().sar::<16>() } else { two.sar::<16>() }).floats()
+            (if half.is_multiple_of(2) { two.shl::<16>().sar::<16>() } else { two.sar::<16>() }).floats()
         }));
         let last = numbers[Triangle::CORNERS + 4].bits().sar::<16>();
         let flat = (last & S::I::all(Triangle::FLAT)).gt(S::I::all(0));
