@@ -24,11 +24,21 @@ pub(super) fn draw<S: Simd, B: Block>(
     id: i32,
     visibility: &mut Visibility,
 ) {
+    if is_outside(&triangle, lens.slope) {
+        return;
+    }
     let polygon = cut_to_fit(triangle, lens);
     for i in 2..polygon.n {
         let fan = [polygon.corners[0], polygon.corners[i], polygon.corners[i - 1]];
         visibility.draw_large::<S, B>(&fan.map(|p| lens.corner(p)), id);
     }
+}
+
+/// Whether all of a triangle lies beyond one edge of an image of this slope: most of those that do not fit do.
+fn is_outside(triangle: &[Vec3; 3], slope: f32) -> bool {
+    [0, 1].iter().any(|&axis| {
+        triangle.iter().all(|p| p[axis] > slope * p[2]) || triangle.iter().all(|p| -p[axis] > slope * p[2])
+    })
 }
 
 #[inline(never)]

@@ -135,11 +135,7 @@ fn draw_batch<S: Simd, B: Block, L: Lens>(
     if large != 0 {
         draw_large::<S, B>(&corners, large, first_id, visibility);
     }
-    let cut = unfit.and_not(hidden);
-    if !cut.any() {
-        return 0;
-    }
-    cut.and_not(lens.outside::<S>(&[p, q, r])).to_bits()
+    unfit.and_not(hidden).to_bits()
 }
 
 #[inline(always)]

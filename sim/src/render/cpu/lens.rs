@@ -36,9 +36,6 @@ pub(super) trait Lens {
     /// Points that are not seen, and points that cannot be projected into the rasteriser's numbers.
     fn unfit<S: Simd>(&self, point: &Vectors<S>) -> Unfit<S>;
 
-    /// Triangles that lie wholly beyond one edge of the image, given their corners.
-    fn outside<S: Simd>(&self, corners: &[Vectors<S>; 3]) -> S::M;
-
     /// Clusters of which nothing can be seen: bits of `bounds`' lanes, given their centres and radii in the view frame.
     fn misses<S: Simd>(&self, bounds: &Bounds, centre: &Vectors<S>, radius: S::F) -> u16;
 
@@ -63,7 +60,7 @@ pub(super) struct Pinhole<'a> {
     pub(super) near_m: f32,
     far_m: f32,
     /// Greatest |x/z| and |y/z| of the image.
-    slope: f32,
+    pub(super) slope: f32,
     /// [`Camera::slant`].
     slant: f32,
     /// Greatest |x/z| and |y/z| that fit the rasteriser's numbers.
@@ -135,17 +132,6 @@ impl Lens for Pinhole<'_> {
         let opposite = *z * S::F::all(-self.guard_slope);
         let unfit = hidden | x.gt(guard) | opposite.gt(*x) | y.gt(guard) | opposite.gt(*y);
         Unfit { hidden, unfit }
-    }
-
-    #[inline(always)]
-    fn outside<S: Simd>(&self, corners: &[Vectors<S>; 3]) -> S::M {
-        let [p, q, r] = each!(k in 3 => {
-            let [x, y, z] = corners[k];
-            let (edge, opposite) = (z * S::F::all(self.slope), z * S::F::all(-self.slope));
-            [x.gt(edge), opposite.gt(x), y.gt(edge), opposite.gt(y)]
-        });
-        let [a, b, c, d] = each!(i in 4 => p[i] & q[i] & r[i]);
-        a | b | c | d
     }
 
     #[inline(always)]

@@ -130,7 +130,8 @@ impl<B: Block> Kernel for Begin<'_, B> {
     }
 }
 
-/// So many lines, all of them like this one.
+/// So many lines, all of them like this one. [`Vec::resize`] would not write those that are there, and is not compiled for the
+/// caller's instruction set.
 #[inline(always)]
 fn fill<T: Copy>(lines: &mut Vec<T>, n: usize, line: T) {
     lines.truncate(n);

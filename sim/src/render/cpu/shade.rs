@@ -298,7 +298,7 @@ impl Shader<'_> {
     /// Finds what pixels show, each its own triangle, but for the textures.
     #[inline(always)]
     pub(super) fn gather<S: Simd>(&self, ids: &WholeLine, gaze: &Gaze<S>, mixture: &mut Mixture) {
-        let looks = S::columns(each!(i in 16 => &self.surfaces.looks[place(ids.0[i])]));
+        let looks = S::transposed(each!(i in 16 => S::F::load(&self.surfaces.looks[place(ids.0[i])])));
         store_all::<S>(over::<S, S::F>(&looks, Look::NORMAL, gaze), &mut mixture.normal);
         store_all::<S>(each!(c in 3 => looks[Look::COLOR + c]), &mut mixture.color);
         store_all::<S>([S::F::all(1.0); 3], &mut mixture.tint);

@@ -153,8 +153,8 @@ impl Visibility {
         let depth_right = small.depth_dx * S::F::all(B::WIDTH as f32);
         let depth_down = small.depth_dy * S::F::all(B::HEIGHT as f32);
         let [more_x, more_y] = small.more;
-        let last = |more: S::I| more.or_where(small.present, whole(0)).greatest();
-        let (last_x, last_y) = (last(more_x), last(more_y));
+        let [last_x, last_y] =
+            each!(axis in 2 => small.more[axis].or_where(small.present, whole(0)).greatest());
         let mut row: Share<S> = Share { edges: small.edges, depth: small.depth, block: small.block };
         for y in 0..last_y + 1 {
             let in_row = small.present.and_not(whole(y).gt(more_y));

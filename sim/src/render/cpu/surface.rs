@@ -292,7 +292,7 @@ impl<S: Simd> Kit<S> {
         looks: &mut [Line],
         wraps: &mut [Line],
     ) {
-        let numbers = S::columns(each!(i in 16 => &triangles[which[i] as usize]));
+        let numbers = S::transposed(each!(i in 16 => S::F::load(&triangles[which[i] as usize])));
         // In steps, by corner and axis.
         let corners = each!(k in 3 => each!(axis in 3 => {
             let half = 3 * k + axis;

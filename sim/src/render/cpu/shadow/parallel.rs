@@ -48,12 +48,6 @@ impl Lens for Parallel {
     }
 
     #[inline(always)]
-    fn outside<S: Simd>(&self, _corners: &[Vectors<S>; 3]) -> S::M {
-        // None is clipped.
-        S::M::from_bits(u16::MAX)
-    }
-
-    #[inline(always)]
     fn misses<S: Simd>(&self, bounds: &Bounds, [x, y, _]: &Vectors<S>, radius: S::F) -> u16 {
         let reach = radius + S::F::all(MAP_M / 2.0);
         let opposite = S::F::all(0.0) - reach;

@@ -33,12 +33,6 @@ pub(super) trait Simd: Copy {
     /// Rows become columns.
     fn transposed(rows: [Self::F; N_LANES]) -> [Self::F; N_LANES];
 
-    /// The lines' columns: [`Self::transposed`] from memory.
-    #[inline(always)]
-    fn columns(lines: [&Line; N_LANES]) -> [Self::F; N_LANES] {
-        Self::transposed(each!(i in 16 => Self::F::load(lines[i])))
-    }
-
     /// The words at each index and right behind it. An index outside of `words` is a mistake, which builds with debug
     /// assertions tell; others then read some other words.
     ///
