@@ -53,9 +53,15 @@ impl Affine {
     }
 
     /// The map of points whose coordinates are given in steps of these lengths.
+    #[inline(always)]
     pub(super) fn per(&self, steps: Vec3) -> Self {
-        let linear = self.linear.map(|row| core::array::from_fn(|i| row[i] * steps[i]));
-        Self { linear, offset: self.offset }
+        let mut scaled = *self;
+        for row in &mut scaled.linear {
+            for (entry, step) in row.iter_mut().zip(steps) {
+                *entry *= step;
+            }
+        }
+        scaled
     }
 
     /// Image of a point, each coordinate a chain of fused products and sums: the steps of the CPU's vector code.

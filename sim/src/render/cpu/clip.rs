@@ -1,5 +1,6 @@
 //! The few triangles that reach behind the near plane or far beyond the image: cut to what can be projected.
 
+use super::each::each;
 use super::kind::Block;
 use super::lens::Pinhole;
 use super::raster::Visibility;
@@ -30,7 +31,7 @@ pub(super) fn draw<S: Simd, B: Block>(
     let polygon = cut_to_fit(triangle, lens);
     for i in 2..polygon.n {
         let fan = [polygon.corners[0], polygon.corners[i], polygon.corners[i - 1]];
-        visibility.draw_large::<S, B>(&fan.map(|p| lens.corner(p)), id);
+        visibility.draw_large::<S, B>(&each!(k in 3 => lens.corner(fan[k])), id);
     }
 }
 
@@ -58,6 +59,9 @@ impl Polygon {
     /// The part on which `height` is not negative. Each cut runs from the corner inside to the one outside, so that two
     /// triangles that share the edge cut it at the same point.
     fn cut(&self, height: impl Fn(Vec3) -> f32) -> Self {
+        if self.corners[..self.n].iter().all(|p| height(*p) >= 0.0) {
+            return *self;
+        }
         let mut kept = Self { corners: [[0.0; 3]; MAX_CORNERS], n: 0 };
         for i in 0..self.n {
             let (p, q) = (self.corners[i], self.corners[(i + 1) % self.n]);

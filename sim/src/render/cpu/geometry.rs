@@ -10,7 +10,7 @@ use super::lens::{Lens, Projected, Vectors};
 use super::raster::{Corner, Visibility};
 use super::simd::{Floats, Lanes, Line, Mask, Number, ShortLine, Simd, Whole, WholeLine};
 use super::small::{SMALL_REACH, Shares, Small};
-use crate::render::affine::{Affine, Vec3};
+use crate::render::affine::Affine;
 use crate::render::mesh::{Batches, Corners, Lines3};
 use crate::render::scene::Instance;
 
@@ -63,10 +63,9 @@ fn draw<S: Simd, B: Block, L: Lens>(
             let clipped =
                 draw_batch::<S, B, L>(corners, &view_from_steps, lens, first_id, shares, visibility);
             for lane in Lanes(clipped) {
-                let corner = |k: usize| -> Vec3 {
-                    core::array::from_fn(|axis| f32::from(corners[k][axis].0[lane]) * mesh.steps[axis])
-                };
-                let triangle = [0, 1, 2].map(|k| view_from_mesh.point(corner(k)));
+                let triangle = each!(k in 3 => view_from_mesh.point(
+                    each!(axis in 3 => f32::from(corners[k][axis].0[lane]) * mesh.steps[axis])
+                ));
                 lens.clip::<S, B>(triangle, first_id + lane as i32, visibility);
             }
         }
@@ -154,7 +153,7 @@ fn draw_large<S: Simd, B: Block>(
         corner.depth.store(&mut depth[k]);
     }
     for lane in Lanes(lanes) {
-        let corners = [0, 1, 2].map(|k| Corner { x: x[k].0[lane], y: y[k].0[lane], depth: depth[k].0[lane] });
+        let corners = each!(k in 3 => Corner { x: x[k].0[lane], y: y[k].0[lane], depth: depth[k].0[lane] });
         visibility.draw_large::<S, B>(&corners, first_id + lane as i32);
     }
 }

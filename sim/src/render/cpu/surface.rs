@@ -57,6 +57,8 @@ pub(super) struct Surfaces {
     pub(super) shown: Vec<i32>,
     /// 1 where a triangle is seen, by [`place`].
     seen: Vec<u8>,
+    /// Whether there may be any such.
+    is_marked: bool,
     /// Room for the numbers of one mesh's triangles.
     list: Vec<i32>,
 }
@@ -89,6 +91,7 @@ impl Surfaces {
             wraps: Vec::with_capacity(N_IDS),
             shown: Vec::with_capacity(MAX_BLOCKS),
             seen: Vec::with_capacity(N_IDS),
+            is_marked: false,
             list: Vec::with_capacity(N_IDS),
         }
     }
@@ -98,8 +101,11 @@ impl Surfaces {
         let n_lines = self.looks.len().max(n_ids + N_LANES);
         self.looks.resize(n_lines, VOID);
         self.wraps.resize(n_lines, Line::ZERO);
-        self.seen.clear();
-        self.seen.resize(n_ids + N_LANES, 0);
+        if self.is_marked {
+            self.seen.fill(0);
+        }
+        self.seen.resize(n_lines, 0);
+        self.is_marked = true;
         self.shown.resize(n_blocks, SEVERAL);
     }
 
@@ -178,7 +184,7 @@ impl Kernel for Collect<'_> {
             let mesh = &instance.mesh().batches;
             let lines = place(first_id as i32)..place(first_id as i32) + mesh.corners.len() * N_LANES;
             let Surfaces { looks, wraps, seen, list, .. } = &mut *surfaces;
-            let list = marked::<S>(&seen[lines.clone()], list);
+            let list = marked::<S>(&mut seen[lines.clone()], list);
             if list.is_empty() {
                 continue;
             }
@@ -188,19 +194,24 @@ impl Kernel for Collect<'_> {
                 kit.write(&mesh.triangles, sixteen, &plane, looks, wraps);
             }
         }
+        // The rest is nothing's.
+        surfaces.seen[..N_LANES].fill(0);
+        surfaces.is_marked = false;
     }
 }
 
-/// Numbers of a mesh's marked triangles; the last sixteen may be filled up with the first of all.
+/// Takes the marks of a mesh's triangles away, and gives the numbers of those that had one; the last sixteen may be filled up
+/// with the first of all.
 #[inline(always)]
-fn marked<'a, S: Simd>(marks: &[u8], list: &'a mut Vec<i32>) -> &'a [[i32; N_LANES]] {
+fn marked<'a, S: Simd>(marks: &mut [u8], list: &'a mut Vec<i32>) -> &'a [[i32; N_LANES]] {
     list.resize(list.len().max(marks.len() + 2 * N_LANES), 0);
     let mut n = 0;
-    for (batch, marks) in marks.as_chunks().0.iter().enumerate() {
+    for (batch, marks) in marks.as_chunks_mut().0.iter_mut().enumerate() {
         // Most lie in long runs of which nothing is seen.
         if *marks == [0; N_LANES] {
             continue;
         }
+        let marks = core::mem::replace(marks, [0; N_LANES]);
         let [low, high] = each!(k in 2 => {
             let eight = u64::from_le_bytes(each!(i in 8 => marks[8 * k + i]));
             // Moves the lowest bits of the eight bytes side by side.
