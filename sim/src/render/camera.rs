@@ -9,7 +9,7 @@ use super::trig::sin_cos;
 use crate::scene::{self, CameraMount, CameraSlot, Link, Snapshot};
 
 /// A camera of a scene.
-#[derive(Clone)]
+#[derive(Clone, PartialEq)]
 pub(super) struct Camera {
     /// Pixels along each edge of its image.
     pub(super) side: usize,
@@ -22,7 +22,7 @@ pub(super) struct Camera {
     mount: Mount,
 }
 
-#[derive(Clone)]
+#[derive(Clone, PartialEq)]
 enum Mount {
     /// Pose in the world.
     World(Isometry3<f32>),

@@ -79,7 +79,7 @@ pub(super) struct Instance {
 }
 
 /// A light infinitely far away.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 pub(super) struct Sun {
     /// Unit vector towards the light.
     pub(super) towards: Vec3,
@@ -105,7 +105,7 @@ pub struct RenderScene {
     /// Middle of the shadow map in the world, if the first sun casts shadows.
     pub(super) shadow_centre: Option<Vec3>,
     /// Per camera what the CPU renderer keeps from picture to picture: it saves work and changes no byte.
-    pub(super) layers: Vec<Mutex<Layer>>,
+    pub(super) layers: Vec<Mutex<Option<Arc<Layer>>>>,
     /// The same for shadows.
     pub(super) still_heights: Mutex<Option<Arc<StillHeights>>>,
     n_triangles: usize,

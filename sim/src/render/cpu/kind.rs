@@ -1,6 +1,7 @@
 //! Sixteen neighbouring pixels or samples that are worked on together, and how they lie.
 
 use super::simd::{Line, N_LANES, WholeLine};
+use crate::render::Samples;
 
 /// A way to lay out what is rasterised.
 pub(super) trait Block {
@@ -8,6 +9,8 @@ pub(super) trait Block {
     const BITS: [u32; 2];
     /// Column and row of each lane's pixel.
     const PLACES: [[i32; 2]; N_LANES];
+    /// How an image's pixel is sampled.
+    const SAMPLES: Samples = Samples::One;
     /// Pixels of the rasteriser's grid along each edge of an image's pixel.
     const SAMPLES_PER_EDGE: usize = 1;
     /// Whether it matters which triangle a pixel shows.
@@ -60,6 +63,7 @@ impl Block for Square {
 impl Block for Oversampled {
     const BITS: [u32; 2] = [2, 2];
     const PLACES: [[i32; 2]; N_LANES] = sample_places();
+    const SAMPLES: Samples = Samples::Four;
     const SAMPLES_PER_EDGE: usize = 2;
     const WITH_IDS: bool = true;
 }

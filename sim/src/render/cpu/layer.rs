@@ -1,38 +1,126 @@
 //! What a camera that stands still sees of what never moves: drawn once, then only what changes is drawn over it.
 
+use std::sync::{Arc, PoisonError};
+
 use super::each::each;
 use super::isa::Kernel;
+use super::kept::Kept;
 use super::kind::{Block, Square};
+use super::light::Lamps;
 use super::raster::{NOTHING, Visibility};
 use super::rays::{Gaze, Rays};
-use super::shadow::{Highest, Reach, Shadow};
+use super::shadow::{Highest, Reach, Shadow, ShadowMap};
 use super::simd::{Floats, Line, Mask, Simd, Whole, WholeLine};
+use super::sink::Picture;
 use super::surface::SEVERAL;
-use crate::render::Samples;
-use crate::render::affine::Affine;
+use super::{Scratch, Shot};
+use crate::render::affine::{Affine, Vec3};
+use crate::render::camera::Camera;
+use crate::render::material::Material;
+use crate::render::scene::{Instance, MeshKey, N_SUNS, Sun};
+use crate::render::{Samples, View};
 
 /// The part of a picture that stays. It makes no difference to the bytes: what stays comes first in every picture.
-#[derive(Default)]
 pub(in crate::render) struct Layer {
-    /// The maps of what stays, from its meshes to the view frame, for which the rest was drawn.
-    pub(super) maps: Vec<Affine>,
+    /// The maps of what stays, from its meshes to the view frame.
+    maps: Vec<Affine>,
     /// How pixels are sampled.
-    pub(super) samples: Samples,
+    samples: Samples,
     /// 1/z, block by block.
     pub(super) depths: Vec<Line>,
     /// What is seen, block by block.
-    pub(super) ids: Vec<WholeLine>,
+    ids: Vec<WholeLine>,
     /// What is seen everywhere in a block, or [`SEVERAL`]: read in place of `ids`, of which there are many.
-    pub(super) shown: Vec<i32>,
+    shown: Vec<i32>,
     /// The picture of it: `[side, side, 3]`.
     pub(super) pixels: Vec<u8>,
     /// Per block of pixels where shadows fall on it; empty if none do.
-    pub(super) reaches: Vec<Reach>,
+    reaches: Vec<Reach>,
+}
+
+/// All that a layer depends on. Numbers that are equal make the same layer: no zero's sign matters.
+#[derive(PartialEq)]
+pub(super) struct Still {
+    camera: Camera,
+    /// Mesh, pose in the world with scale, scale and look of what never moves.
+    things: Vec<(MeshKey, Affine, Vec3, Material)>,
+    ambient: Vec3,
+    suns: [Sun; N_SUNS],
+    shadow_centre: Option<Vec3>,
+    samples: Samples,
+}
+
+impl Still {
+    /// What a view's layer depends on.
+    fn of(view: &View<'_>, samples: Samples) -> Self {
+        let View { scene, snapshot, camera_idx, .. } = view;
+        let things = scene.instances[..scene.n_still].iter();
+        let thing = |it: &Instance| (it.mesh.key(), it.world_from_mesh(snapshot), it.scale, it.material);
+        Self {
+            camera: scene.cameras[*camera_idx].clone(),
+            things: things.map(thing).collect(),
+            ambient: scene.ambient,
+            suns: scene.suns,
+            shadow_centre: scene.shadow_centre,
+            samples,
+        }
+    }
+}
+
+impl Scratch {
+    /// The layer of a view: the scene's, or that of another one in which the same stands still, or else drawn.
+    pub(super) fn layer<B: Block>(
+        &mut self,
+        shot: Shot<'_>,
+        view: &View<'_>,
+        lamps: &Lamps,
+        map: Option<&ShadowMap>,
+        layers: &Kept<Still, Layer>,
+    ) -> Arc<Layer> {
+        // What is kept is whole at any moment.
+        let mut kept = view.scene.layers[view.camera_idx].lock().unwrap_or_else(PoisonError::into_inner);
+        match &*kept {
+            Some(layer) if layer.shows(&self.maps[..view.scene.n_still], B::SAMPLES) => Arc::clone(layer),
+            _ => {
+                let view_from_world = shot.camera.view_from_world(view.snapshot);
+                let shadow = map.and_then(|map| map.still_seen_from(&view_from_world));
+                let draw = || self.draw_layer::<B>(shot, lamps, shadow);
+                Arc::clone(kept.insert(layers.get(Still::of(view, B::SAMPLES), draw)))
+            }
+        }
+    }
+
+    fn draw_layer<B: Block>(&mut self, shot: Shot<'_>, lamps: &Lamps, shadow: Option<Shadow<'_>>) -> Layer {
+        let Shot { isa, scene, camera } = shot;
+        self.clear::<B>(shot);
+        self.draw::<B>(shot, 0..scene.n_still);
+        let mut reaches = Vec::new();
+        if let Some(shadow) = &shadow {
+            isa.run(Measure {
+                visibility: &self.visibility,
+                samples_per_edge: B::SAMPLES_PER_EDGE,
+                rays: &self.rays[0],
+                shadow,
+                reaches: &mut reaches,
+            });
+        }
+        let mut pixels = vec![0; camera.side * camera.side * 3];
+        self.shade::<B>(shot, lamps, shadow, None, Picture::new(&mut pixels, camera.side));
+        Layer {
+            maps: self.maps[..scene.n_still].to_vec(),
+            samples: B::SAMPLES,
+            depths: self.visibility.depths.clone(),
+            ids: self.visibility.ids.clone(),
+            shown: self.surfaces.shown.clone(),
+            pixels,
+            reaches,
+        }
+    }
 }
 
 impl Layer {
     /// Whether it was drawn for these maps, with pixels sampled like this.
-    pub(super) fn shows(&self, maps: &[Affine], samples: Samples) -> bool {
+    fn shows(&self, maps: &[Affine], samples: Samples) -> bool {
         self.maps == maps && self.samples == samples
     }
 
@@ -52,12 +140,12 @@ impl Layer {
 }
 
 /// Finds where shadows fall on a layer.
-pub(super) struct Measure<'a> {
-    pub(super) visibility: &'a Visibility,
-    pub(super) samples_per_edge: usize,
-    pub(super) rays: &'a Rays,
-    pub(super) shadow: &'a Shadow<'a>,
-    pub(super) reaches: &'a mut Vec<Reach>,
+struct Measure<'a> {
+    visibility: &'a Visibility,
+    samples_per_edge: usize,
+    rays: &'a Rays,
+    shadow: &'a Shadow<'a>,
+    reaches: &'a mut Vec<Reach>,
 }
 
 impl Kernel for Measure<'_> {

@@ -12,12 +12,13 @@ use super::Pose;
 use super::each::each;
 use super::geometry::Draw;
 use super::isa::{Isa, Kernel};
+use super::kept::Kept;
 use super::kind::{Block, Plain};
 use super::raster::{Begin, Behind, Visibility};
 use super::simd::{Floats, Line, N_LANES, Number, Simd};
 use crate::render::affine::{Affine, scaled};
 use crate::render::rules::{MAP_M, MAP_SIDE, light_from_world};
-use crate::render::scene::RenderScene;
+use crate::render::scene::{MeshKey, RenderScene};
 use crate::scene::Snapshot;
 pub(super) use highest::Highest;
 pub(super) use lookup::{Reach, Shadow};
@@ -67,6 +68,10 @@ pub(in crate::render) struct StillHeights {
     maps: Vec<Affine>,
     heights: Heights,
 }
+
+/// All that the heights of what never moves depend on: meshes and their maps to the light's frame.
+#[derive(PartialEq)]
+pub(super) struct Casters(Vec<(MeshKey, Affine)>);
 
 /// Heights of everything at one moment.
 pub(super) struct ShadowMap {
@@ -132,21 +137,21 @@ impl ShadowMap {
         }
     }
 
-    /// Draws everything that casts a shadow in a scene that has shadows. What never moves is drawn once if the scene is to
-    /// keep it, and anew otherwise.
+    /// Draws everything that casts a shadow in a scene that has shadows. What never moves is drawn once if scenes are to
+    /// `keep` it, and anew otherwise.
     pub(super) fn draw(
         &mut self,
         isa: Isa,
         scene: &RenderScene,
         snapshot: &Snapshot,
-        keep: bool,
+        keep: Option<&Kept<Casters, StillHeights>>,
         relief: &mut Relief,
     ) {
         let Some(centre) = scene.shadow_centre else { return };
         self.light_from_world = mirrored(light_from_world(scene.suns[0].towards, centre));
         let (view_from_world, maps) = (self.light_from_world, &mut relief.maps);
         isa.run(Pose { scene, snapshot, view_from_world, maps });
-        let still = keep.then(|| still_heights(isa, scene, relief));
+        let still = keep.map(|kept| still_heights(isa, scene, kept, relief));
         let is_same = match (&self.still, &still) {
             (Some(known), Some(still)) => Arc::ptr_eq(known, still),
             (known, still) => known.is_none() && still.is_none(),
@@ -154,7 +159,7 @@ impl ShadowMap {
         if !is_same {
             self.start_over(still);
         }
-        let first = if keep { scene.n_still } else { 0 };
+        let first = if keep.is_some() { scene.n_still } else { 0 };
         let Self { heights, moving, still, .. } = self;
         let still = still.as_ref().map(|still| &still.heights);
         relief.draw(isa, (scene, first..scene.instances.len()), still, heights, moving);
@@ -186,17 +191,28 @@ impl ShadowMap {
     }
 }
 
-/// The heights of what never moves, drawn unless the scene has them for the relief's maps.
-fn still_heights(isa: Isa, scene: &RenderScene, relief: &mut Relief) -> Arc<StillHeights> {
+/// The heights of what never moves, drawn unless this scene or another one has them for the relief's maps.
+fn still_heights(
+    isa: Isa,
+    scene: &RenderScene,
+    all: &Kept<Casters, StillHeights>,
+    relief: &mut Relief,
+) -> Arc<StillHeights> {
     // What is kept is whole at any moment.
     let mut kept = scene.still_heights.lock().unwrap_or_else(PoisonError::into_inner);
     let maps = &relief.maps[..scene.n_still];
     match &*kept {
         Some(still) if still.maps == maps => Arc::clone(still),
         _ => {
-            let (maps, mut heights) = (maps.to_vec(), Heights::new());
-            relief.draw(isa, (scene, 0..scene.n_still), None, &mut heights, &mut Highest::new());
-            Arc::clone(kept.insert(Arc::new(StillHeights { maps, heights })))
+            let meshes = scene.instances.iter().map(|instance| instance.mesh.key());
+            let casters = Casters(meshes.zip(maps.iter().copied()).collect());
+            let maps = maps.to_vec();
+            let draw = || {
+                let mut heights = Heights::new();
+                relief.draw(isa, (scene, 0..scene.n_still), None, &mut heights, &mut Highest::new());
+                StillHeights { maps, heights }
+            };
+            Arc::clone(kept.insert(all.get(casters, draw)))
         }
     }
 }
