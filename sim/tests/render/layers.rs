@@ -1,11 +1,14 @@
 //! Keeping what stands still saves work and changes no byte.
 
+use ipc_types::ControlMode;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use sim::TaskId;
+use sim::physics::World;
 use sim::render::{CpuOptions, CpuRenderer, RenderScene, Samples, View};
 use sim::scene::{Scene, Snapshot};
+use sim::stream::episode_seed;
+use sim::{Perturbation, TaskId};
 
-use crate::common::drawn;
+use crate::common::{drawn, perturbed};
 
 /// All images of a scene at some moments, one after the other by one renderer, which makes some of another scene in between.
 fn film(scene: &Scene, options: CpuOptions, moments: &[Snapshot]) -> Vec<Vec<u8>> {
@@ -58,6 +61,52 @@ fn layers_change_no_byte_as_things_move() {
                 assert!(kept == drawn_anew, "{task:?}, shadows {shadows}, {samples:?}: image {i}");
             }
             assert!(kept[0] != kept[kept.len() - scene.cameras.len()], "{task:?}: nothing moved");
+        }
+    }
+}
+
+/// A task's scenes under everything that applies to it, two of each, with shadows and without.
+fn varied(task: TaskId) -> Vec<(Scene, Snapshot)> {
+    let nominal = (task.task().nominal)();
+    let mut all = Vec::new();
+    for &perturbation in Perturbation::ALL.iter().filter(|p| p.applies_to(&nominal).is_ok()) {
+        for (episode, shadows) in [(0, false), (1, false), (0, true)] {
+            let mut scene = perturbed(task, perturbation).draw(episode_seed(0, task.name(), episode));
+            scene.lights.shadows |= shadows;
+            let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
+            World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
+            all.push((scene, snapshot));
+        }
+    }
+    all
+}
+
+#[test]
+fn scenes_of_one_renderer_are_not_taken_for_one_another() {
+    for task in [TaskId::RaiseCube, TaskId::OpenCabinet, TaskId::DualArmLiftTray] {
+        let scenes: Vec<_> =
+            varied(task).into_iter().map(|(scene, at)| (RenderScene::new(&scene), at)).collect();
+        let mut renderer = CpuRenderer::new(2);
+        let sides = |scene: &RenderScene| (0..scene.n_cameras()).map(|c| scene.side(c)).collect::<Vec<_>>();
+        let mut together: Vec<Vec<Vec<u8>>> = scenes
+            .iter()
+            .map(|(scene, _)| sides(scene).into_iter().map(|side| vec![0; side * side * 3]).collect())
+            .collect();
+        let mut views: Vec<View<'_>> = scenes
+            .iter()
+            .zip(&mut together)
+            .flat_map(|((scene, snapshot), images)| {
+                let images = images.iter_mut().enumerate();
+                images.map(move |(camera_idx, out)| View { scene, snapshot, camera_idx, out })
+            })
+            .collect();
+        renderer.draw(&mut views);
+        for (i, ((scene, snapshot), together)) in scenes.iter().zip(&together).enumerate() {
+            let options = CpuOptions { keep_layers: false, samples: Samples::One };
+            let alone = CpuRenderer::with_options(1, options).photograph(scene, snapshot);
+            for (camera_idx, ((_, alone), together)) in alone.iter().zip(together).enumerate() {
+                assert!(alone == together, "{task:?}: scene {i}, camera {camera_idx}");
+            }
         }
     }
 }

@@ -231,3 +231,50 @@ impl Kernel for Renew<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, PoisonError};
+
+    use ipc_types::ControlMode;
+
+    use super::Layer;
+    use crate::TaskId;
+    use crate::physics::World;
+    use crate::render::{CpuRenderer, RenderScene};
+    use crate::scene::{CameraMount, Scene, Snapshot};
+
+    /// The layer that a scene has of its first camera once it has been drawn.
+    fn layer(renderer: &mut CpuRenderer, scene: &Scene) -> (RenderScene, Arc<Layer>) {
+        let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
+        World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
+        let scene = RenderScene::new(scene);
+        renderer.photograph(&scene, &snapshot);
+        let layer = scene.layers[0].lock().unwrap_or_else(PoisonError::into_inner).clone();
+        (scene, layer.expect("a standing camera has a layer"))
+    }
+
+    #[test]
+    fn scenes_share_a_layer_only_if_nothing_that_stands_differs() {
+        let mut renderer = CpuRenderer::new(1);
+        let draw = |seed| (TaskId::RaiseCube.task().nominal)().draw(seed);
+        let (_scene, first) = layer(&mut renderer, &draw(1));
+        assert!(Arc::ptr_eq(&first, &layer(&mut renderer, &draw(2)).1));
+        let changes: [(&str, fn(&mut Scene)); 6] = [
+            ("colour", |scene| scene.table.top.color[0] *= 0.9),
+            ("floor", |scene| scene.background.floor.specular += 0.1),
+            ("light", |scene| scene.lights.ambient[1] *= 0.9),
+            ("sun", |scene| scene.lights.directional[0].direction[0] += 0.1),
+            ("shadows", |scene| scene.lights.shadows ^= true),
+            ("camera", |scene| match &mut scene.cameras[0].mount {
+                CameraMount::World { eye, .. } => eye[0] += 0.01,
+                CameraMount::Hand { .. } => unreachable!("the first camera stands"),
+            }),
+        ];
+        for (name, change) in changes {
+            let mut scene = draw(1);
+            change(&mut scene);
+            assert!(!Arc::ptr_eq(&first, &layer(&mut renderer, &scene).1), "{name}");
+        }
+    }
+}
