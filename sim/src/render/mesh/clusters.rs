@@ -8,9 +8,6 @@ use crate::render::affine::{Vec3, add, cross, dot, normalised, scaled};
 
 /// Triangles of a cluster; the last of a mesh may have fewer.
 pub(in crate::render) const CLUSTER_SIZE: usize = 16;
-/// Weight of a unit normal beside a centroid in units of the mesh's radius: triangles that differ by a right angle are as
-/// far apart as ones that lie 0.7 radii from one another.
-const NORMAL_WEIGHT: f32 = 0.5;
 /// Added to every cutoff, well above the rounding errors of the test in single precision.
 const SLACK: f32 = 1e-4;
 /// A cutoff that no eye reaches, for normals that do not fit a half space.
@@ -85,7 +82,7 @@ fn face_normal(mesh: &Mesh, corners: [u32; 3]) -> Vec3 {
 struct Item {
     /// Its place in the mesh, which decides between equals.
     index: usize,
-    /// Centroid in units of the mesh's radius, then weighted normal.
+    /// Centroid in units of the mesh's radius, then unit normal.
     key: [f32; 6],
 }
 
@@ -94,7 +91,7 @@ impl Item {
         let corners = mesh.triangles[index];
         let sum = corners.map(|i| mesh.position(i)).into_iter().fold([0.0; 3], add);
         let [x, y, z] = scaled(sum, 1.0 / (3.0 * mesh.radius));
-        let [l, m, n] = scaled(face_normal(mesh, corners), NORMAL_WEIGHT);
+        let [l, m, n] = face_normal(mesh, corners);
         Self { index, key: [x, y, z, l, m, n] }
     }
 
@@ -103,7 +100,8 @@ impl Item {
     }
 }
 
-/// Halves the items across their widest axis, and each half in turn, down to single clusters; only these are sorted.
+/// Halves the items across the axis along which they differ most, and each half in turn, down to single clusters; only these
+/// are sorted.
 fn split(items: &mut [Item]) {
     if items.len() <= CLUSTER_SIZE {
         return;
@@ -122,17 +120,16 @@ fn split(items: &mut [Item]) {
     }
 }
 
-/// The axis of the key along which the items spread most; the first of equals.
+/// The axis of the key along which the items' variance is greatest; the first of equals. Their extent would be that of the few
+/// at the ends.
 fn widest(items: &[Item]) -> usize {
-    let (mut least, mut greatest) = ([f32::MAX; 6], [f32::MIN; 6]);
-    for item in items {
-        for axis in 0..6 {
-            least[axis] = least[axis].min(item.key[axis]);
-            greatest[axis] = greatest[axis].max(item.key[axis]);
-        }
-    }
-    let spread = |axis: usize| greatest[axis] - least[axis];
-    (1..6).fold(0, |best, axis| if spread(axis) > spread(best) { axis } else { best })
+    let variance = |axis: usize| {
+        let values = items.iter().map(|item| item.key[axis]);
+        let mean = values.clone().sum::<f32>() / items.len() as f32;
+        values.map(|value| (value - mean) * (value - mean)).sum::<f32>()
+    };
+    let variances: [f32; 6] = core::array::from_fn(variance);
+    (1..6).fold(0, |best, axis| if variances[axis] > variances[best] { axis } else { best })
 }
 
 #[cfg(test)]
