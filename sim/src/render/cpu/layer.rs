@@ -249,7 +249,7 @@ mod tests {
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
         let scene = RenderScene::new(scene);
-        renderer.photograph(&scene, &snapshot);
+        let _images = renderer.photograph(&scene, &snapshot);
         let layer = scene.layers[0].lock().unwrap_or_else(PoisonError::into_inner).clone();
         (scene, layer.expect("a standing camera has a layer"))
     }
@@ -260,7 +260,8 @@ mod tests {
         let draw = |seed| (TaskId::RaiseCube.task().nominal)().draw(seed);
         let (_scene, first) = layer(&mut renderer, &draw(1));
         assert!(Arc::ptr_eq(&first, &layer(&mut renderer, &draw(2)).1));
-        let changes: [(&str, fn(&mut Scene)); 6] = [
+        type Change = (&'static str, fn(&mut Scene));
+        let changes: [Change; 6] = [
             ("colour", |scene| scene.table.top.color[0] *= 0.9),
             ("floor", |scene| scene.background.floor.specular += 0.1),
             ("light", |scene| scene.lights.ambient[1] *= 0.9),
