@@ -38,7 +38,7 @@ pub(super) struct Mesh {
     pub(super) radius: f32,
     /// The triangles once more, as vector code reads them.
     pub(super) batches: Batches,
-    /// Hash of the coordinates and the triangles.
+    /// Hash of all that pictures are made of: corners, normals, the axes that textures are projected along.
     pub(super) fingerprint: u64,
 }
 
@@ -103,8 +103,8 @@ impl Mesh {
 
     fn hashed(&self) -> u64 {
         let mut hash = Xxh3::new();
-        self.positions.iter().for_each(|axis| hash.update(bytemuck::cast_slice(axis)));
-        hash.update(bytemuck::cast_slice(&self.triangles));
+        hash.update(bytemuck::cast_slice(&self.batches.steps));
+        hash.update(bytemuck::cast_slice(&self.batches.triangles));
         hash.digest()
     }
 
@@ -210,7 +210,27 @@ impl MeshLibrary {
 
 #[cfg(test)]
 mod tests {
-    use super::{MeshId, MeshLibrary, checks, dot, sub};
+    use super::{Batches, Facing, Mesh, MeshId, MeshLibrary, checks, dot, scaled, sub, torus};
+
+    #[test]
+    fn meshes_that_look_different_have_different_fingerprints() {
+        let mut mesh = torus::mesh(0.05, 0.01);
+        let first = mesh.fingerprint;
+        assert_eq!(first, torus::mesh(0.05, 0.01).fingerprint);
+        assert_ne!(first, torus::mesh(0.05, 0.011).fingerprint);
+        mesh.normals[7] = scaled(mesh.normals[7], -1.0);
+        let (second, facing) = (mesh.hashed_anew(), mesh.facing[3]);
+        assert_ne!(second, first);
+        mesh.facing[3] = if facing == Facing::X { Facing::Y } else { Facing::X };
+        assert_ne!(mesh.hashed_anew(), second);
+    }
+
+    impl Mesh {
+        fn hashed_anew(&mut self) -> u64 {
+            self.batches = Batches::new(self);
+            self.hashed()
+        }
+    }
 
     const CLOSED: [MeshId; 13] = [
         MeshId::Box,
