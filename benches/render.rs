@@ -25,6 +25,10 @@ use sim::stream::episode_seed;
 /// Time given to one case; a round that has begun is finished.
 const CASE_TIME: Duration = Duration::from_millis(700);
 
+/// Turns a case takes on the CPU, one of them to warm up. Within a turn it draws many rounds, so that caches hold what is its
+/// own, not what the other cases left.
+const N_TURNS: u32 = 11;
+
 fn main() -> Result<()> {
     let mut options = Options::default();
     let usage = "--renderer cpu|gpu|software, --visibility raster|compute, --envs N,N,…, --peer PYTHON, ";
@@ -111,20 +115,21 @@ fn on_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
             let renderer = CpuRenderer::with_options(n_threads, options);
             (case, renderer, Env::several(task, n_envs, case.shadows), Vec::new())
         });
-        let start = Instant::now();
-        while start.elapsed() < CASE_TIME * CASES.len() as u32 {
+        for turn in 0..N_TURNS {
             for (_, renderer, envs, rounds) in &mut arms {
-                let mut views = Env::views(envs);
-                let round = Instant::now();
-                pool.install(|| renderer.draw(&mut views));
-                rounds.push(round.elapsed().as_secs_f64());
+                let start = Instant::now();
+                while start.elapsed() < CASE_TIME / (N_TURNS - 1) {
+                    let mut views = Env::views(envs);
+                    let round = Instant::now();
+                    pool.install(|| renderer.draw(&mut views));
+                    if turn > 0 {
+                        rounds.push(round.elapsed().as_secs_f64());
+                    }
+                }
             }
         }
         for (case, renderer, envs, mut rounds) in arms {
-            // The first rounds warm up.
-            rounds.drain(..2.min(rounds.len() - 1));
-            rounds.sort_by(f64::total_cmp);
-            let rate = f64::from(n_envs) / rounds[rounds.len() / 2];
+            let rate = f64::from(n_envs) / median(&mut rounds);
             let name = format!("{}/{}/envs{n_envs}/threads{n_threads}", task.name(), case.name);
             println!("{name:50} {rate:8.0} env_frames_per_s");
             let triangles = envs[0].scene.n_triangles();
