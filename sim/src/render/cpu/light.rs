@@ -75,12 +75,6 @@ impl Lit<f32> {
         core::array::from_fn(|c| (color[c] * (self.first_sun[c] + self.scattered[c])).sqrt())
     }
 
-    /// Whether the first sun is in front of the surface.
-    #[inline(always)]
-    pub(super) fn faces_first_sun(&self) -> bool {
-        self.first_sun != [0.0; 3]
-    }
-
     /// Whether a highlight may be seen within the four corners of a part of the image, given the rays d there: upper left,
     /// upper right, lower left, lower right.
     #[inline(always)]
@@ -118,6 +112,16 @@ impl<N: Number> Lit<N> {
                 each!(k in 3 => twice.mul_add(n[k], N::all(towards[k])).where_positive(facing[i]))
             }),
         }
+    }
+
+    /// Where the first sun is in front of the surface. Elsewhere it makes no difference what share of its light arrives.
+    #[inline(always)]
+    pub(super) fn faces_first_sun<S: Simd>(&self) -> S::M
+    where
+        N: Per<S>,
+    {
+        let [r, g, b] = each!(c in 3 => self.first_sun[c].spread());
+        r.max(g.max(b)).gt(S::F::all(0.0))
     }
 }
 

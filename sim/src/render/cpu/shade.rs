@@ -285,10 +285,9 @@ impl Shader<'_> {
         let paint = &Paint { color, tint, specular: S::F::all(look[Look::SPECULAR]) };
         if is_flat {
             let FlatSurface { lit, gleams, roots, .. } = &strip.flat;
-            let sunlight = if lit.faces_first_sun() { self.sunlight(lit, gaze, true) } else { None };
-            return match sunlight {
+            return match self.sunlight(lit, gaze, true) {
                 None if !gleams => each!(c in 3 => S::F::all(roots[c]) * tint[c]),
-                _ => seen(lit, self.lamps, *gleams, gaze, sunlight, paint),
+                sunlight => seen(lit, self.lamps, *gleams, gaze, sunlight, paint),
             };
         }
         let lit = Lit::new(self.lamps, over::<S, f32>(look, Look::NORMAL, gaze));
@@ -351,7 +350,10 @@ impl Shader<'_> {
     #[inline(always)]
     fn sunlight<S: Simd, N: Per<S>>(&self, lit: &Lit<N>, gaze: &Gaze<S>, is_plane: bool) -> Option<S::F> {
         match &self.shadow {
-            Some(shadow) => shadow.sunlight(gaze, &lit.normal, is_plane),
+            Some(shadow) => {
+                let facing = lit.faces_first_sun::<S>();
+                if facing.any() { shadow.sunlight(gaze, &lit.normal, facing, is_plane) } else { None }
+            }
             None => None,
         }
     }

@@ -18,20 +18,21 @@ pub(in crate::render::cpu) struct Shadow<'a> {
 }
 
 impl Shadow<'_> {
-    /// What share of the sun's light reaches what is seen, given its unit normals; `None` for all. `is_plane` if one flat
-    /// triangle is seen through a [`super::kind::Square`] of pixels.
+    /// What share of the sun's light reaches what is seen, given its unit normals; `None` for all. Only where it is `facing`
+    /// the sun the answer means anything. `is_plane` if one flat triangle is seen through a [`super::kind::Square`] of pixels.
     #[inline(always)]
     pub(in crate::render::cpu) fn sunlight<S: Simd, N: Per<S>>(
         &self,
         gaze: &Gaze<S>,
         normal: &[N; 3],
+        facing: S::M,
         is_plane: bool,
     ) -> Option<S::F> {
         let [x, y, height] = self.place(gaze, normal);
         let (zero, last) = (S::F::all(0.0), S::F::all((SIDE - 1) as f32));
         let outside = zero.gt(x) | x.gt(last) | zero.gt(y) | y.gt(last);
         let limit = S::F::all((SIDE - 2) as f32);
-        let at = [x.max(zero).min(limit).truncated(), y.max(zero).min(limit).truncated()];
+        let mut at = [x.max(zero).min(limit).truncated(), y.max(zero).min(limit).truncated()];
         let first = if is_plane {
             let mut lines = [WholeLine::ZERO; 2];
             at[0].store(&mut lines[0]);
@@ -44,8 +45,11 @@ impl Shadow<'_> {
             each!(k in 2 => ranges[k][0])
         } else {
             // Most of what is bent moves, and has something of its own behind it.
-            let least = (at[0] | at[1].shl::<16>()).least_halves();
-            each!(k in 2 => i32::from(least[k]))
+            let both = at[0] | at[1].shl::<16>();
+            let least = both.or_where(facing, S::I::all(-1)).least_halves();
+            let least = each!(k in 2 => i32::from(least[k]));
+            at = each!(k in 2 => at[k].or_where(facing, S::I::all(least[k])));
+            least
         };
         let [fx, fy] = each!(k in 2 => [x, y][k] - at[k].floats());
         let corner = each!(k in 2 => first[k].min((SIDE - 8) as i32));
