@@ -44,7 +44,8 @@ impl Shadow<'_> {
             }
             each!(k in 2 => ranges[k][0])
         } else {
-            // Most of what is bent moves, and has something of its own behind it.
+            // Most of what is bent moves, and has something of its own behind it. Pixels that do not face the sun are looked up
+            // where others are: they shall not make the window too small.
             let both = at[0] | at[1].shl::<16>();
             let least = both.or_where(facing, S::I::all(-1)).least_halves();
             let least = each!(k in 2 => i32::from(least[k]));
