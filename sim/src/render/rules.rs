@@ -12,6 +12,10 @@ pub(super) const GROUND: f32 = 0.55;
 pub(super) const MAP_SIDE: u32 = 512;
 /// Width of a shadow map, in m.
 pub(super) const MAP_M: f32 = 2.8;
+/// Heights in a shadow map are told apart within this distance of its centre, in m.
+pub(super) const MAP_REACH_M: f32 = 8.0;
+/// Steps of height in a shadow map.
+pub(super) const MAP_STEPS: f32 = 65536.0;
 /// How far a point is moved along its normal before it is looked up in a map, in m: a texel and a half.
 pub(super) const OFF_SURFACE_M: f32 = 0.008;
 

@@ -202,7 +202,7 @@ fn prepare<S: Simd, B: Block>(
     if !present.any() {
         return None;
     }
-    let (block_x, block_y) = (sar_by::<S>(from_x, B::WIDTH_BITS), sar_by::<S>(from_y, B::HEIGHT_BITS));
+    let (block_x, block_y) = (from_x.sar_by(B::WIDTH_BITS), from_y.sar_by(B::HEIGHT_BITS));
     // The centre of the first block's first pixel.
     let centre_x = (from_x & whole(-B::WIDTH)).shl::<8>() + whole(128);
     let centre_y = (from_y & whole(-B::HEIGHT)).shl::<8>() + whole(128);
@@ -246,7 +246,7 @@ fn prepare<S: Simd, B: Block>(
         depth_least: p.depth.min(q.depth).min(r.depth),
         depth_greatest: p.depth.max(q.depth).max(r.depth),
         block: block_y.dot_halves(whole(side >> B::WIDTH_BITS)) + block_x,
-        more: [sar_by::<S>(to_x, B::WIDTH_BITS) - block_x, sar_by::<S>(to_y, B::HEIGHT_BITS) - block_y],
+        more: [to_x.sar_by(B::WIDTH_BITS) - block_x, to_y.sar_by(B::HEIGHT_BITS) - block_y],
     })
 }
 
@@ -262,14 +262,4 @@ fn pixels_between<S: Simd>(least: S::I, greatest: S::I, side: i32) -> (S::I, S::
     let first = (least + S::I::all(127)).sar::<8>().max(S::I::all(0));
     let last = (greatest - S::I::all(128)).sar::<8>().min(S::I::all(side - 1));
     (first, last)
-}
-
-/// Shifted right by a block kind's number of bits, which is 0, 2 or 4.
-#[inline(always)]
-fn sar_by<S: Simd>(x: S::I, bits: u32) -> S::I {
-    match bits {
-        0 => x,
-        2 => x.sar::<2>(),
-        _ => x.sar::<4>(),
-    }
 }

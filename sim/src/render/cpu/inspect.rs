@@ -2,7 +2,8 @@
 
 use super::kind::{Block, Square};
 use super::raster::{NOTHING, Visibility};
-use super::{CpuRenderer, Pose, Shot};
+use super::workspace::Shot;
+use super::{CpuRenderer, Pose, Scratch};
 use crate::render::scene::{Anchor, Fixture, RenderScene};
 use crate::scene::Snapshot;
 
@@ -41,13 +42,13 @@ impl CpuRenderer {
     pub fn inspect(&mut self, scene: &RenderScene, snapshot: &Snapshot, camera_idx: usize) -> Inspection {
         assert!(scene.fits(snapshot), "a snapshot has the bodies and arms of its scene");
         let camera = &scene.cameras[camera_idx];
-        self.with_scratch(|scratch| {
+        self.with_scratch(|Scratch { workspace, .. }| {
             let view_from_world = camera.view_from_world(snapshot);
             let shot = Shot { isa: self.isa, scene, camera };
-            self.isa.run(Pose { scene, snapshot, view_from_world, maps: &mut scratch.maps });
-            scratch.clear::<Square>(shot);
-            scratch.draw::<Square>(shot, 0..scene.instances.len());
-            read(&scratch.visibility, scene)
+            self.isa.run(Pose { scene, snapshot, view_from_world, maps: &mut workspace.maps });
+            workspace.clear::<Square>(shot);
+            workspace.find::<Square>(shot, 0..scene.instances.len());
+            read(&workspace.visibility, scene)
         })
     }
 }

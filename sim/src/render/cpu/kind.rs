@@ -43,12 +43,8 @@ pub(super) struct Square;
 pub(super) struct Oversampled;
 
 impl Square {
-    /// Least and greatest of whole numbers that run one way along rows and columns, within `0..=last`: those at the corners,
-    /// give or take 1, since the numbers they were cut from are rounded.
-    pub(super) fn range_of_corners(numbers: &WholeLine, last: i32) -> [i32; 2] {
-        let [a, b, c, d] = [0, 3, 12, 15].map(|lane| numbers.0[lane]);
-        [(a.min(b).min(c.min(d)) - 1).max(0), (a.max(b).max(c.max(d)) + 1).min(last)]
-    }
+    /// The lanes at the corners, by twice the row and the column.
+    pub(super) const CORNERS: [usize; 4] = [0, 3, 12, 15];
 }
 
 /// The same, of which only the depths matter.

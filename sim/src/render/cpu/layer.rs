@@ -9,11 +9,11 @@ use super::kind::{Block, Square};
 use super::light::Lamps;
 use super::raster::{NOTHING, Visibility};
 use super::rays::{Gaze, Rays};
-use super::shadow::{Highest, Reach, Shadow, ShadowMap};
+use super::shadow::{Extent, Highest, Reach, Shadow, ShadowMap};
 use super::simd::{Floats, Line, Mask, Simd, Whole, WholeLine};
 use super::sink::Picture;
 use super::surface::SEVERAL;
-use super::{Scratch, Shot};
+use super::workspace::{Shot, Workspace};
 use crate::render::affine::{Affine, Vec3};
 use crate::render::camera::Camera;
 use crate::render::material::Material;
@@ -67,7 +67,7 @@ impl Still {
     }
 }
 
-impl Scratch {
+impl Workspace {
     /// The layer of a view: the scene's, or that of another one in which the same stands still, or else drawn.
     pub(super) fn layer<B: Block>(
         &mut self,
@@ -93,7 +93,7 @@ impl Scratch {
     fn draw_layer<B: Block>(&mut self, shot: Shot<'_>, lamps: &Lamps, shadow: Option<Shadow<'_>>) -> Layer {
         let Shot { isa, scene, camera } = shot;
         self.clear::<B>(shot);
-        self.draw::<B>(shot, 0..scene.n_still);
+        self.find::<B>(shot, 0..scene.n_still);
         let mut reaches = Vec::new();
         if let Some(shadow) = &shadow {
             isa.run(Measure {
@@ -163,11 +163,11 @@ impl Kernel for Measure<'_> {
         reaches.clear();
         for block in 0..per_row * per_row {
             let (column, row) = (block % per_row, block / per_row);
-            let mut reach = Reach::NONE;
+            let mut extent = Extent::NONE;
             let nothing = S::I::all(NOTHING);
             if samples_per_edge == 1 {
                 let gaze = rays.gaze::<S>(column, row).at(&depths[block]);
-                reach.add::<S>(shadow, &gaze, S::I::load(&ids[block]).gt(nothing));
+                extent.add::<S>(shadow, &gaze, S::I::load(&ids[block]).gt(nothing));
             } else {
                 let upper = row * 2 * pitch + column * 2;
                 let four = [upper, upper + 1, upper + pitch, upper + pitch + 1];
@@ -175,10 +175,10 @@ impl Kernel for Measure<'_> {
                 let depths = S::unfolded(each!(k in 4 => S::F::load(&depths[four[k]]).bits()));
                 for k in 0..4 {
                     let gaze = Gaze { depth: depths[k].as_float_bits(), ..rays.gaze::<S>(column, row) };
-                    reach.add::<S>(shadow, &gaze, ids[k].gt(nothing));
+                    extent.add::<S>(shadow, &gaze, ids[k].gt(nothing));
                 }
             }
-            reaches.push(reach);
+            reaches.push(extent.reach());
         }
     }
 }
@@ -252,6 +252,35 @@ mod tests {
         let _images = renderer.photograph(&scene, &snapshot);
         let layer = scene.layers[0].lock().unwrap_or_else(PoisonError::into_inner).clone();
         (scene, layer.expect("a standing camera has a layer"))
+    }
+
+    #[test]
+    fn what_a_scene_keeps_lasts_while_its_arms_move() {
+        let mut renderer = CpuRenderer::new(1);
+        for &task in TaskId::ALL {
+            let mut scene = (task.task().nominal)().draw(1);
+            scene.lights.shadows = true;
+            let mut world = World::build(&scene, ControlMode::EeDeltaPose);
+            let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
+            let render = RenderScene::new(&scene);
+            let mut kept = || {
+                world.write_snapshot(&mut snapshot);
+                let _images = renderer.photograph(&render, &snapshot);
+                world.step(&vec![0.3; scene.robots.len() * 7]);
+                let layers = render.layers.iter().map(|layer| layer.lock().unwrap().clone());
+                (layers.collect::<Vec<_>>(), render.still_heights.lock().unwrap().clone())
+            };
+            let (layers, heights) = kept();
+            for _ in 0..3 {
+                let (later, later_heights) = kept();
+                assert!(Arc::ptr_eq(&heights.clone().unwrap(), &later_heights.unwrap()), "{task:?}");
+                let same = |(a, b): (&Option<_>, &Option<_>)| match (a, b) {
+                    (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+                    (a, b) => a.is_none() && b.is_none(),
+                };
+                assert!(layers.iter().zip(&later).all(same), "{task:?}");
+            }
+        }
     }
 
     #[test]

@@ -25,48 +25,35 @@ mod simd;
 mod sink;
 mod small;
 mod surface;
+mod workspace;
 
-use core::marker::PhantomData;
-use core::ops::Range;
-use std::sync::{Mutex, PoisonError, TryLockError};
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 use rayon::prelude::*;
 
 use super::affine::Affine;
-use super::camera::Camera;
 use super::posed;
 use super::scene::RenderScene;
 use super::{RenderError, Renderer, Samples, View, with_samples};
 use crate::scene::Snapshot;
-use antialias::ShadeSamples;
-use geometry::Draw;
 pub use inspect::{Inspection, Segment};
 use isa::{Isa, Kernel};
 use kept::Kept;
-use kind::{Block, Oversampled, Square};
 pub(super) use layer::Layer;
-use layer::{Renew, Still};
-use lens::Pinhole;
-use light::Lamps;
-use raster::{Begin, Behind, Visibility};
-use rays::{Aim, Rays};
-use shade::{Shade, Shader, Sink};
+use layer::Still;
 pub(super) use shadow::StillHeights;
-use shadow::{Casters, Relief, Shadow, ShadowMap};
+use shadow::{Casters, ShadowMap};
 use simd::Simd;
-use sink::{Over, Picture};
-use surface::{Collect, Surfaces};
+use workspace::Workspace;
 
 /// The renderer that needs nothing but a CPU.
 pub struct CpuRenderer {
     /// One per thread; which one a view is made in does not matter.
     scratches: Vec<Mutex<Scratch>>,
-    /// One per env of a batch whose light casts shadows.
+    /// One per env of a small batch.
     shadow_maps: Vec<ShadowMap>,
-    /// Per shadow map of a batch the first view of its env.
+    /// The first view of each env of a batch.
     first_views: Vec<usize>,
-    /// Per view of a batch which map is its own.
-    map_of_view: Vec<Option<usize>>,
     layers: Kept<Still, Layer>,
     still_heights: Kept<Casters, StillHeights>,
     isa: Isa,
@@ -76,8 +63,9 @@ pub struct CpuRenderer {
 /// What a CPU renderer does, and how.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CpuOptions {
-    /// Keeps what a standing camera sees of what never moves, and its shadows, once for all scenes in which these are alike.
-    /// It changes no byte; it costs 1.1 MB, 1.1 MB more with shadows and 2.5 MB more with four samples per pixel.
+    /// Keeps what a standing camera sees of what never moves, once for all scenes in which that is alike. It changes no byte;
+    /// it costs 1.1 MB, and 2.5 MB more with four samples per pixel. The shadow map of what never moves is kept in any
+    /// case: 0.8 MB for all scenes in which it is alike.
     pub keep_layers: bool,
     /// How a pixel is sampled.
     pub samples: Samples,
@@ -89,23 +77,15 @@ impl Default for CpuOptions {
     }
 }
 
-/// What one view at a time is made in.
-struct Scratch {
-    /// From each instance's mesh to the view frame.
-    maps: Vec<Affine>,
-    /// The same to the centred frame, where that is another.
-    centred: Vec<Affine>,
-    visibility: Visibility,
-    surfaces: Surfaces,
-    /// Per block of pixels whether it is no longer as in a layer.
-    stale: Vec<bool>,
-    relief: Relief,
-    /// One per make of camera, the most lately used first.
-    rays: Vec<Rays>,
-}
+/// Envs per thread from which on a batch is drawn env by env: with fewer, threads would be without work for long at its end.
+const MANY: usize = 4;
 
-/// Makes of cameras whose rays are kept.
-const N_RAYS: usize = 4;
+/// What a thread works with.
+struct Scratch {
+    /// Of the env that it draws, if it draws all of it.
+    map: ShadowMap,
+    workspace: Workspace,
+}
 
 impl CpuRenderer {
     /// A renderer for use in a rayon pool of this many threads.
@@ -129,22 +109,11 @@ impl CpuRenderer {
 
     fn with_isa(threads: usize, options: CpuOptions, isa: Isa) -> Self {
         assert!(threads > 0, "a renderer needs a thread");
-        let scratch = || {
-            Mutex::new(Scratch {
-                maps: Vec::with_capacity(256),
-                centred: Vec::new(),
-                visibility: Visibility::new(),
-                surfaces: Surfaces::new(),
-                stale: Vec::new(),
-                relief: Relief::new(),
-                rays: (0..N_RAYS).map(|_| Rays::new()).collect(),
-            })
-        };
+        let scratch = || Mutex::new(Scratch { map: ShadowMap::new(), workspace: Workspace::new() });
         Self {
             scratches: (0..threads).map(|_| scratch()).collect(),
             shadow_maps: Vec::new(),
             first_views: Vec::new(),
-            map_of_view: Vec::new(),
             layers: Kept::new(),
             still_heights: Kept::new(),
             isa,
@@ -158,12 +127,14 @@ impl CpuRenderer {
     /// If a view's camera does not exist, its `out` is not of its camera's size, or its snapshot is not of its scene.
     pub fn draw(&mut self, views: &mut [View<'_>]) {
         views.iter().for_each(View::check);
-        self.draw_shadows(views);
-        let this = &*self;
-        views.par_iter_mut().zip(&this.map_of_view).with_max_len(1).for_each(|(view, map)| {
-            let map = map.map(|i| &this.shadow_maps[i]);
-            this.with_scratch(|scratch| scratch.render(this, view, map));
-        });
+        self.first_views.clear();
+        let starts = (0..views.len()).filter(|i| *i == 0 || !views[*i].is_of_env(&views[*i - 1]));
+        self.first_views.extend(starts);
+        if self.first_views.len() >= MANY * self.scratches.len() {
+            self.draw_env_by_env(&self.first_views, views);
+        } else {
+            self.draw_view_by_view(views);
+        }
     }
 
     /// Every camera's side and its image, `[side, side, 3] u8` sRGB.
@@ -181,25 +152,39 @@ impl CpuRenderer {
         images
     }
 
-    /// Draws one shadow map per env that needs one: the views of an env follow each other.
-    fn draw_shadows(&mut self, views: &[View<'_>]) {
-        self.map_of_view.clear();
-        self.first_views.clear();
-        for (i, view) in views.iter().enumerate() {
-            let shadows = view.scene.shadow_centre.is_some();
-            if shadows && !(i > 0 && view.is_of_env(&views[i - 1])) {
-                self.first_views.push(i);
-            }
-            self.map_of_view.push(shadows.then(|| self.first_views.len() - 1));
+    /// Draws some envs, of which these are all views, each in one go by one thread: its shadow map then stays in the
+    /// processor's cache. Other threads may take some of them.
+    fn draw_env_by_env(&self, first_views: &[usize], views: &mut [View<'_>]) {
+        if let [first, _, ..] = first_views {
+            let (envs, more_envs) = first_views.split_at(first_views.len() / 2);
+            let (views, more_views) = views.split_at_mut(more_envs[0] - first);
+            rayon::join(|| self.draw_env_by_env(envs, views), || self.draw_env_by_env(more_envs, more_views));
+            return;
         }
+        self.with_scratch(|Scratch { map, workspace }| {
+            let map = workspace.draw_map(self, &views[0], map);
+            for view in views {
+                workspace.draw(self, view, map);
+            }
+        });
+    }
+
+    /// Draws the views of a few envs, each by any thread, once all shadow maps are drawn.
+    fn draw_view_by_view(&mut self, views: &mut [View<'_>]) {
         while self.shadow_maps.len() < self.first_views.len() {
             self.shadow_maps.push(ShadowMap::new());
         }
         let mut maps = core::mem::take(&mut self.shadow_maps);
-        let keep = self.options.keep_layers.then_some(&self.still_heights);
-        maps.par_iter_mut().zip(&self.first_views).for_each(|(map, first)| {
-            let View { scene, snapshot, .. } = &views[*first];
-            self.with_scratch(|scratch| map.draw(self.isa, scene, snapshot, keep, &mut scratch.relief));
+        let this = &*self;
+        maps.par_iter_mut().zip(&this.first_views).for_each(|(map, first)| {
+            this.with_scratch(|Scratch { workspace, .. }| {
+                workspace.draw_map(this, &views[*first], map);
+            });
+        });
+        views.par_iter_mut().enumerate().with_max_len(1).for_each(|(i, view)| {
+            let env_idx = this.first_views.partition_point(|first| *first <= i) - 1;
+            let map = view.scene.shadow_centre.is_some().then_some(&maps[env_idx]);
+            this.with_scratch(|Scratch { workspace, .. }| workspace.draw(this, view, map));
         });
         self.shadow_maps = maps;
     }
@@ -209,15 +194,26 @@ impl CpuRenderer {
         let own = rayon::current_thread_index().unwrap_or(0) % self.scratches.len();
         let (before, after) = self.scratches.split_at(own);
         for scratch in after.iter().chain(before) {
-            // Nothing in a scratch outlives a view, so one that a panic left behind is as good as new.
             match scratch.try_lock() {
                 Ok(mut free) => return work(&mut free),
-                Err(TryLockError::Poisoned(left)) => return work(&mut left.into_inner()),
+                Err(TryLockError::Poisoned(left)) => return work(&mut cleaned(scratch, left)),
                 Err(TryLockError::WouldBlock) => {}
             }
         }
-        work(&mut self.scratches[own].lock().unwrap_or_else(PoisonError::into_inner))
+        let own = &self.scratches[own];
+        work(&mut own.lock().unwrap_or_else(|left| cleaned(own, left)))
     }
+}
+
+/// A scratch that a panic left behind, as good as new: of what outlives a view only the map may be half drawn.
+fn cleaned<'a>(
+    scratch: &Mutex<Scratch>,
+    left: PoisonError<MutexGuard<'a, Scratch>>,
+) -> MutexGuard<'a, Scratch> {
+    let mut left = left.into_inner();
+    left.map = ShadowMap::new();
+    scratch.clear_poison();
+    left
 }
 
 impl Renderer for CpuRenderer {
@@ -236,14 +232,6 @@ impl Renderer for CpuRenderer {
     }
 }
 
-/// What is seen, by which camera, and the instruction set to draw it with.
-#[derive(Clone, Copy)]
-struct Shot<'a> {
-    isa: Isa,
-    scene: &'a RenderScene,
-    camera: &'a Camera,
-}
-
 /// Finds where every instance is.
 struct Pose<'a> {
     scene: &'a RenderScene,
@@ -256,105 +244,6 @@ impl Kernel for Pose<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         posed::pose(self.scene, self.snapshot, &self.view_from_world, self.maps);
-    }
-}
-
-impl Scratch {
-    /// Makes one picture.
-    fn render(&mut self, renderer: &CpuRenderer, view: &mut View<'_>, map: Option<&ShadowMap>) {
-        match renderer.options.samples {
-            Samples::One => self.render_as::<Square>(renderer, view, map),
-            Samples::Four => self.render_as::<Oversampled>(renderer, view, map),
-        }
-    }
-
-    fn render_as<B: Block>(&mut self, renderer: &CpuRenderer, view: &mut View<'_>, map: Option<&ShadowMap>) {
-        let CpuRenderer { isa, options, layers, .. } = renderer;
-        let (isa, scene, camera) = (*isa, view.scene, &view.scene.cameras[view.camera_idx]);
-        let view_from_world = camera.view_from_world(view.snapshot);
-        isa.run(Pose { scene, snapshot: view.snapshot, view_from_world, maps: &mut self.maps });
-        self.aim(isa, camera);
-        let (shot, lamps) = (Shot { isa, scene, camera }, Lamps::new(scene, &view_from_world));
-        let shadow = map.map(|map| map.seen_from(&view_from_world));
-        if !(options.keep_layers && camera.stands()) {
-            self.clear::<B>(shot);
-            self.draw::<B>(shot, 0..scene.instances.len());
-            self.shade::<B>(shot, &lamps, shadow, None, Picture::new(view.out, camera.side));
-            return;
-        }
-        let layer = &*self.layer::<B>(shot, view, &lamps, map, layers);
-        self.begin::<B>(shot, Behind::Depths(&layer.depths));
-        self.draw::<B>(shot, scene.n_still..scene.instances.len());
-        let mut stale = core::mem::take(&mut self.stale);
-        isa.run(Renew {
-            visibility: &mut self.visibility,
-            samples_per_edge: B::SAMPLES_PER_EDGE,
-            layer,
-            moving: map.map(|map| &map.moving),
-            stale: &mut stale,
-        });
-        let sink = Over::new(&layer.pixels, view.out, camera.side);
-        self.shade::<B>(shot, &lamps, shadow, Some(&stale), sink);
-        self.stale = stale;
-    }
-
-    /// Forgets what was seen.
-    fn clear<B: Block>(&mut self, shot: Shot<'_>) {
-        self.begin::<B>(shot, Behind::Nothing(1.0 / shot.camera.clip_m[1]));
-    }
-
-    /// Begins a picture.
-    fn begin<B: Block>(&mut self, Shot { isa, camera, .. }: Shot<'_>, behind: Behind<'_>) {
-        let side = camera.side * B::SAMPLES_PER_EDGE;
-        isa.run(Begin { visibility: &mut self.visibility, side, behind, blocks: PhantomData::<B> });
-    }
-
-    /// Finds what every pixel sees of some of the instances.
-    fn draw<B: Block>(&mut self, shot: Shot<'_>, which: Range<usize>) {
-        let mut maps = &self.maps[which.clone()];
-        if let Some(centring) = shot.camera.centring() {
-            self.centred.clear();
-            self.centred.extend(maps.iter().map(|map| centring.after(map)));
-            maps = &self.centred;
-        }
-        shot.isa.run(Draw {
-            instances: &shot.scene.instances[which.clone()],
-            maps,
-            first_ids: &shot.scene.first_id[which],
-            lens: Pinhole::new(shot.camera, B::SAMPLES_PER_EDGE),
-            visibility: &mut self.visibility,
-            blocks: PhantomData::<B>,
-        });
-    }
-
-    /// Shades what is seen, or the blocks of pixels that are stale.
-    fn shade<B: Block>(
-        &mut self,
-        shot: Shot<'_>,
-        lamps: &Lamps,
-        shadow: Option<Shadow<'_>>,
-        stale: Option<&[bool]>,
-        sink: impl Sink,
-    ) {
-        let Self { maps, visibility, surfaces, rays, .. } = self;
-        let Shot { isa, scene, camera } = shot;
-        let scale = B::SAMPLES_PER_EDGE;
-        isa.run(Collect { scene, camera, maps, visibility, scale, stale, surfaces });
-        let shader = Shader { lamps, rays: &rays[0], surfaces, shadow };
-        if scale == 1 {
-            isa.run(Shade { shader, visibility, sink });
-        } else {
-            isa.run(ShadeSamples { shader, visibility, sink });
-        }
-    }
-
-    /// Makes the camera's rays the first ones.
-    fn aim(&mut self, isa: Isa, camera: &Camera) {
-        let known = self.rays.iter().position(|rays| rays.are_of(camera));
-        self.rays[..=known.unwrap_or(N_RAYS - 1)].rotate_right(1);
-        if known.is_none() {
-            isa.run(Aim { rays: &mut self.rays[0], camera });
-        }
     }
 }
 

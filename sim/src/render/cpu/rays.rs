@@ -4,7 +4,7 @@ use super::each::each;
 use super::isa::Kernel;
 use super::kind::{Block, Square};
 use super::raster::MAX_BLOCKS;
-use super::simd::{Floats, Line, Number, Simd};
+use super::simd::{Floats, Line, N_LANES, Number, Simd};
 use crate::render::camera::Camera;
 
 /// Rays of sixteen pixels, d = (x, y, 1) from the eye outwards.
@@ -106,6 +106,15 @@ impl Rays {
         [[left, top], [right, top], [left, bottom], [right, bottom]]
     }
 
+    /// Columns and rows of the same lane's pixel in the sixteen blocks of a strip, by the first block's column and row.
+    #[inline(always)]
+    pub(super) fn pixels_of_strip<S: Simd>([column, row]: [usize; 2], lane: usize) -> [S::F; 2] {
+        let [right, down] = Square::PLACES[lane];
+        let x = ((column << Square::WIDTH_BITS) as i32 + right) as f32;
+        let y = ((row << Square::HEIGHT_BITS) as i32 + down) as f32;
+        [S::F::all(x) + S::F::load(&BLOCK_STARTS), S::F::all(y)]
+    }
+
     /// Columns and rows of the pixels of a block with this first one.
     #[inline(always)]
     fn pixel<S: Simd>(&self, [x, y]: [f32; 2]) -> [S::F; 2] {
@@ -124,3 +133,14 @@ impl Rays {
 fn per_length<S: Simd>([x, y]: [S::F; 2]) -> S::F {
     S::F::all(1.0) / x.mul_add(x, y.mul_add(y, S::F::all(1.0))).sqrt()
 }
+
+/// Columns of the first pixels of a strip's blocks.
+const BLOCK_STARTS: Line = {
+    let mut line = Line::ZERO;
+    let mut i = 0;
+    while i < N_LANES {
+        line.0[i] = (i << Square::WIDTH_BITS) as f32;
+        i += 1;
+    }
+    line
+};

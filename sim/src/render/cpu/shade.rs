@@ -70,6 +70,8 @@ pub(super) struct Strip {
     single: u16,
     /// Bit i: block i shows several triangles.
     several: u16,
+    /// See [`Surfaces::shown`].
+    shown: WholeLine,
     /// Where what a block shows is found, if it is one triangle.
     places: [usize; STRIP],
     sites: [Site; STRIP],
@@ -88,6 +90,8 @@ struct FlatSurface {
     lit: Lit<f32>,
     /// Whether a highlight may be seen in the present strip.
     gleams: bool,
+    /// Bit i: block i shows it in full sunlight, as far as that is known, or in its own shade.
+    sunlit: u16,
     /// Square roots of its light where there is neither highlight nor shadow nor texture.
     roots: [f32; 3],
 }
@@ -126,12 +130,13 @@ impl Strip {
             n: 0,
             single: 0,
             several: 0,
+            shown: WholeLine::ZERO,
             places: [0; STRIP],
             sites: [const { Site::NOWHERE }; STRIP],
             mixtures: [const { Mixture::NONE }; STRIP],
             roots: [[Line::ZERO; 3]; STRIP],
             levels: (NOWHERE, Levels::NONE),
-            flat: FlatSurface { place: NOWHERE, lit: Lit::DARK, gleams: false, roots: [0.0; 3] },
+            flat: FlatSurface { place: NOWHERE, lit: Lit::DARK, gleams: false, sunlit: 0, roots: [0.0; 3] },
         }
     }
 
@@ -168,6 +173,7 @@ impl Strip {
     #[inline(always)]
     fn sort<S: Simd>(&mut self, shown: &[i32]) {
         let shown = S::I::load_some(shown, NOTHING);
+        shown.store(&mut self.shown);
         self.single = shown.gt(S::I::all(NOTHING)).to_bits();
         self.several = shown.eq(S::I::all(SEVERAL)).to_bits();
     }
@@ -235,10 +241,9 @@ impl Shader<'_> {
         let (known, levels) = &mut strip.levels;
         if *known != place {
             *known = place;
-            let columns = S::F::load(&BLOCK_STARTS) + S::F::all((strip.column << Square::WIDTH_BITS) as f32);
-            let row = S::F::all((strip.row << Square::HEIGHT_BITS) as f32);
             let middle = S::F::all(1.5);
-            levels.set::<S>(self.footprint::<S>(place, [columns + middle, row + middle]));
+            let pixel = Rays::pixels_of_strip::<S>([strip.column, strip.row], 0);
+            levels.set::<S>(self.footprint::<S>(place, each!(k in 2 => pixel[k] + middle)));
         }
         levels.get(block)
     }
@@ -269,14 +274,11 @@ impl Shader<'_> {
         let is_flat = look[Look::FLAT] == 1.0;
         if is_flat {
             if strip.flat.place != place {
-                let lit = Lit::new(self.lamps, normal_of(look));
-                let corners = self.rays.corners(strip.column, strip.row, STRIP);
-                let gleams = look[Look::SPECULAR] > 0.0 && lit.gleams(&corners);
-                let roots = lit.plain_roots(each!(c in 3 => look[Look::COLOR + c]));
-                strip.flat = FlatSurface { place, lit, gleams, roots };
+                strip.flat = self.flat::<S>(block, depths, strip);
             }
-            if !strip.flat.gleams && self.shadow.is_none() {
-                return each!(c in 3 => S::F::all(strip.flat.roots[c]) * tint[c]);
+            let FlatSurface { gleams, sunlit, roots, .. } = &strip.flat;
+            if !gleams && sunlit >> block & 1 == 1 {
+                return each!(c in 3 => S::F::all(roots[c]) * tint[c]);
             }
         }
         // The general case.
@@ -284,14 +286,32 @@ impl Shader<'_> {
         let color = each!(c in 3 => S::F::all(look[Look::COLOR + c]));
         let paint = &Paint { color, tint, specular: S::F::all(look[Look::SPECULAR]) };
         if is_flat {
-            let FlatSurface { lit, gleams, roots, .. } = &strip.flat;
-            return match self.sunlight(lit, gaze, true) {
-                None if !gleams => each!(c in 3 => S::F::all(roots[c]) * tint[c]),
-                sunlight => seen(lit, self.lamps, *gleams, gaze, sunlight, paint),
-            };
+            let FlatSurface { lit, gleams, sunlit, .. } = &strip.flat;
+            let sunlight = if sunlit >> block & 1 == 1 { None } else { self.sunlight(lit, gaze) };
+            return seen(lit, self.lamps, *gleams, gaze, sunlight, paint);
         }
         let lit = Lit::new(self.lamps, over::<S, f32>(look, Look::NORMAL, gaze));
-        seen(&lit, self.lamps, true, gaze, self.sunlight(&lit, gaze, false), paint)
+        seen(&lit, self.lamps, true, gaze, self.sunlight(&lit, gaze), paint)
+    }
+
+    /// The flat triangle of a strip's block as the strip shows it.
+    #[inline(always)]
+    fn flat<S: Simd>(&self, block: usize, depths: &[Line], strip: &Strip) -> FlatSurface {
+        let place = strip.places[block];
+        let look = &self.surfaces.looks[place].0;
+        let lit = Lit::new(self.lamps, normal_of(look));
+        let gleams =
+            look[Look::SPECULAR] > 0.0 && lit.gleams(&self.rays.corners(strip.column, strip.row, STRIP));
+        let sunlit = match &self.shadow {
+            Some(shadow) if lit.faces_first_sun::<S>().any() => {
+                let blocks = S::I::load(&strip.shown).eq(S::I::all(strip.shown.0[block])).to_bits();
+                let at = [strip.column, strip.row];
+                shadow.in_sunlight::<S>(self.rays, at, depths, blocks, &lit.normal)
+            }
+            _ => u16::MAX,
+        };
+        let roots = lit.plain_roots(each!(c in 3 => look[Look::COLOR + c]));
+        FlatSurface { place, lit, gleams, sunlit, roots }
     }
 
     /// Finds what pixels show, each its own triangle, but for the textures.
@@ -343,19 +363,16 @@ impl Shader<'_> {
             tint: each!(c in 3 => S::F::load(&tint[c])),
             specular: S::F::load(specular),
         };
-        seen(&lit, self.lamps, true, gaze, self.sunlight(&lit, gaze, false), &paint)
+        seen(&lit, self.lamps, true, gaze, self.sunlight(&lit, gaze), &paint)
     }
 
-    /// What share of the first sun's light reaches what is seen: see [`Shadow::sunlight`].
+    /// What share of the first sun's light reaches what is seen: see [`Shadow::sunlight`]; `None` if it makes no difference, or
+    /// for all.
     #[inline(always)]
-    fn sunlight<S: Simd, N: Per<S>>(&self, lit: &Lit<N>, gaze: &Gaze<S>, is_plane: bool) -> Option<S::F> {
-        match &self.shadow {
-            Some(shadow) => {
-                let facing = lit.faces_first_sun::<S>();
-                if facing.any() { shadow.sunlight(gaze, &lit.normal, facing, is_plane) } else { None }
-            }
-            None => None,
-        }
+    fn sunlight<S: Simd, N: Per<S>>(&self, lit: &Lit<N>, gaze: &Gaze<S>) -> Option<S::F> {
+        let shadow = self.shadow.as_ref()?;
+        let facing = lit.faces_first_sun::<S>();
+        facing.any().then(|| shadow.sunlight(gaze, &lit.normal, facing))
     }
 
     /// Texture coordinates on a triangle, in tiles.
@@ -383,17 +400,6 @@ impl Shader<'_> {
         right.max(down)
     }
 }
-
-/// Columns of the first pixels of a strip's blocks.
-const BLOCK_STARTS: Line = {
-    let mut line = Line::ZERO;
-    let mut i = 0;
-    while i < N_LANES {
-        line.0[i] = (i << Square::WIDTH_BITS) as f32;
-        i += 1;
-    }
-    line
-};
 
 #[inline(always)]
 pub(super) fn store_all<S: Simd>(rgb: [S::F; 3], lines: &mut [Line; 3]) {

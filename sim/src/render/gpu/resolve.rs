@@ -4,7 +4,7 @@ use super::bindings::{self, Slot};
 use super::device::Gpu;
 use super::frame::Shared;
 use super::store::Store;
-use crate::render::rules::{GLOSS, GROUND, OFF_SURFACE_M, SHARPNESS};
+use crate::render::rules::{GLOSS, GROUND, MAP_STEPS, OFF_SURFACE_M, SHARPNESS};
 use crate::render::srgb::{LINEAR_BELOW, LINEAR_CODES, ROOT_CODES};
 
 /// Pixels along each edge of the square that a workgroup makes.
@@ -95,6 +95,7 @@ fn constants() -> String {
          const SHARPNESS: f32 = {SHARPNESS:?};\n\
          const GROUND: f32 = {GROUND:?};\n\
          const OFF_SURFACE_M: f32 = {OFF_SURFACE_M:?};\n\
+         const MAP_STEPS: f32 = {MAP_STEPS:?};\n\
          const LINEAR_BELOW: f32 = {LINEAR_BELOW:?};\n\
          const LINEAR_CODES: f32 = {LINEAR_CODES:?};\n\
          const ROOT_CODES = array<f32, 7>({coefficients});\n"

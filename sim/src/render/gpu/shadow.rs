@@ -1,10 +1,7 @@
 //! The light's view of a scene in the numbers of the device: texels, and heights between 0 and 1.
 
 use crate::render::affine::{Affine, Vec3, scaled};
-use crate::render::rules::{MAP_M, MAP_SIDE, light_from_world};
-
-/// Heights within this distance of the map's centre are told apart, in m.
-const REACH_M: f32 = 8.0;
+use crate::render::rules::{MAP_M, MAP_REACH_M, MAP_SIDE, light_from_world};
 
 /// From the world to a map: texels to the right and down, and the height along the light, which is 0 at the map's lower
 /// end and 1 at its upper one.
@@ -12,7 +9,7 @@ pub(super) fn map_from_world(towards: Vec3, centre: Vec3) -> Affine {
     let Affine { linear, offset } = light_from_world(towards, centre);
     let per_m = MAP_SIDE as f32 / MAP_M;
     let (scales, middle) =
-        ([per_m, per_m, 0.5 / REACH_M], [MAP_SIDE as f32 / 2.0, MAP_SIDE as f32 / 2.0, 0.5]);
+        ([per_m, per_m, 0.5 / MAP_REACH_M], [MAP_SIDE as f32 / 2.0, MAP_SIDE as f32 / 2.0, 0.5]);
     Affine {
         linear: core::array::from_fn(|i| scaled(linear[i], scales[i])),
         offset: core::array::from_fn(|i| offset[i] * scales[i] + middle[i]),

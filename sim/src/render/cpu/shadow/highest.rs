@@ -1,72 +1,214 @@
 //! A map's greatest heights, so that most look-ups can be spared.
 
-use super::{CELL, CELLS, DEPTHS_OF_SPACE, SIDE};
-use crate::render::cpu::each::each;
+use core::ops::RangeInclusive;
 
-/// The greatest heights of cells of 8 × 8 texels, row by row, then of cells of 16 × 16 and so on.
-#[derive(Clone)]
+use super::{CELL, CELLS};
+use crate::render::cpu::each::each;
+use crate::render::cpu::simd::{Simd, Whole};
+
+/// The greatest heights of a map's cells, and of overlapping windows of 3 × 3 of them.
+///
+/// Level k of the windows has those of cells of 2ᵏ × 2ᵏ of the map's, by each window's first cell. A window at the map's right
+/// edge goes on in the rows below: what it says is still not exceeded within the map.
 pub(in crate::render::cpu) struct Highest {
-    pub(super) levels: [Vec<f32>; N_LEVELS],
-    /// First and last column, first and last row of the cells that hold anything.
-    occupied: [[u8; 2]; 2],
+    /// Row by row, and then nothing, so that the windows of the last rows and columns end there.
+    cells: Vec<u16>,
+    /// All levels, from the finest on.
+    windows: Vec<u16>,
+    /// First and last column, first and last row of the cells that held anything when the windows were last found out.
+    occupied: Option<[[usize; 2]; 2]>,
 }
 
-/// Levels down to 2 × 2 cells.
-const N_LEVELS: usize = CELLS.ilog2() as usize;
+/// Levels: the cells of the coarsest are an eighth of the map wide.
+const N_LEVELS: usize = 6;
+/// Where each level begins.
+const LEVELS: [usize; N_LEVELS + 1] = {
+    let mut firsts = [0; N_LEVELS + 1];
+    let mut level = 0;
+    while level < N_LEVELS {
+        let side = CELLS >> level;
+        firsts[level + 1] = firsts[level] + side * side;
+        level += 1;
+    }
+    firsts
+};
 
 impl Highest {
+    /// Nothing anywhere.
     pub(super) fn new() -> Self {
-        Self {
-            levels: core::array::from_fn(|level| vec![DEPTHS_OF_SPACE; (CELLS >> level).pow(2)]),
-            occupied: [[u8::MAX, 0]; 2],
-        }
+        Self { cells: vec![0; CELLS * (CELLS + 2) + 2], windows: vec![0; LEVELS[N_LEVELS]], occupied: None }
     }
 
-    /// Finds the rest out from the finest level.
+    /// Puts the greatest heights of two cells side by side into their place, by the first one's column and row.
     #[inline(always)]
-    pub(super) fn finish(&mut self) {
-        self.occupied = [[u8::MAX, 0]; 2];
-        for (row, cells) in self.levels[0].chunks_exact(CELLS).enumerate() {
-            let is_there = |highest: &f32| *highest != DEPTHS_OF_SPACE;
-            let ends = [cells.iter().position(is_there), cells.iter().rposition(is_there)];
-            if let [Some(left), Some(right)] = ends {
-                for (range, ends) in self.occupied.iter_mut().zip([[left, right], [row, row]]) {
-                    *range = [range[0].min(ends[0] as u8), range[1].max(ends[1] as u8)];
+    pub(super) fn set_two(&mut self, [column, row]: [usize; 2], heights: [u16; 2]) {
+        self.cells[row * CELLS + column..][..2].copy_from_slice(&heights);
+    }
+
+    /// Finds the windows out from the cells, given the first and last column and row of those that hold anything.
+    #[inline(always)]
+    pub(super) fn finish(&mut self, occupied: Option<[[usize; 2]; 2]>) {
+        let before = core::mem::replace(&mut self.occupied, occupied);
+        // What is no longer there leaves the windows, too.
+        let [columns, rows] = match (before, occupied) {
+            (Some(before), Some(now)) => {
+                each!(k in 2 => [before[k][0].min(now[k][0]), before[k][1].max(now[k][1])])
+            }
+            (Some(ranges), None) | (None, Some(ranges)) => ranges,
+            (None, None) => return,
+        };
+        let (first, n) = (columns[0].saturating_sub(2), columns[1] - columns[0].saturating_sub(2) + 1);
+        for row in reached(rows, 0) {
+            let windows = &mut self.windows[row * CELLS + first..][..n];
+            let rows = each!(down in 3 => &self.cells[(row + down) * CELLS + first..][..n + 2]);
+            for (i, window) in windows.iter_mut().enumerate() {
+                let [a, b, c] = each!(k in 3 => rows[k][i].max(rows[k][i + 1]).max(rows[k][i + 2]));
+                *window = a.max(b).max(c);
+            }
+        }
+        let mut both = [0; CELLS];
+        for level in 1..N_LEVELS {
+            let (finer, coarser) = self.windows.split_at_mut(LEVELS[level]);
+            let (finer, side) = (&finer[LEVELS[level - 1]..], CELLS >> level);
+            // Windows of three cells that are twice as long are windows side by side.
+            let next = |at: usize| (2 * at + 3).min(2 * side - 1);
+            for row in reached(rows, level) {
+                let [upper, lower] = each!(k in 2 => {
+                    &finer[[2 * row, next(row)][k] * 2 * side..][..2 * side]
+                });
+                let both = &mut both[..2 * side];
+                for (i, highest) in both.iter_mut().enumerate() {
+                    *highest = upper[i].max(lower[i]);
+                }
+                let windows = &mut coarser[row * side..][..side];
+                for column in reached(columns, level) {
+                    windows[column] = both[2 * column].max(both[next(column)]);
                 }
             }
         }
-        for level in 1..N_LEVELS {
-            let [finer, coarser] = &mut self.levels[level - 1..=level] else { continue };
-            let side = CELLS >> level;
-            for (i, highest) in coarser.iter_mut().enumerate() {
-                let first = i / side * 4 * side + i % side * 2;
-                let [upper, lower] = [&finer[first..first + 2], &finer[first + 2 * side..][..2]];
-                *highest = upper[0].max(upper[1]).max(lower[0].max(lower[1]));
+    }
+
+    /// A window's greatest height.
+    #[inline(always)]
+    pub(super) fn within(&self, window: Window) -> u16 {
+        self.windows[window.0 as usize]
+    }
+}
+
+/// Windows of a level that have to do with these columns or rows of cells.
+fn reached([first, last]: [usize; 2], level: usize) -> RangeInclusive<usize> {
+    (first >> level).saturating_sub(2)..=last >> level
+}
+
+/// One of a map's windows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Window(pub(super) i32);
+
+impl Window {
+    /// The least one with these columns and rows of texels in it, first and last; `None` if they are too far apart for any.
+    pub(super) fn around([[left, right], [top, bottom]]: [[i32; 2]; 2]) -> Option<Self> {
+        Level::of((right - left).max(bottom - top)).map(|level| level.window([left, top]))
+    }
+}
+
+/// A level of windows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Level(u32);
+
+impl Level {
+    /// The finest one whose windows have room for texels that are so far apart.
+    #[inline(always)]
+    pub(super) fn of(reach: i32) -> Option<Self> {
+        // Two of its cells are as long as that, since it need not begin where a cell does.
+        let level = u32::BITS - (reach.max(1) as u32 - 1).div_euclid(2 * CELL as u32).leading_zeros();
+        ((level as usize) < N_LEVELS).then_some(Self(level))
+    }
+
+    /// The window that a texel has in its first cell.
+    fn window(self, [x, y]: [i32; 2]) -> Window {
+        let bits = CELL.ilog2() + self.0;
+        Window(LEVELS[self.0 as usize] as i32 + (y >> bits) * (CELLS >> self.0) as i32 + (x >> bits))
+    }
+
+    /// The same for sixteen texels.
+    #[inline(always)]
+    pub(super) fn windows<S: Simd>(self, [x, y]: [S::I; 2]) -> S::I {
+        let bits = CELL.ilog2() + self.0;
+        let row = y.sar_by(bits).dot_halves(S::I::all((CELLS >> self.0) as i32));
+        row + x.sar_by(bits) + S::I::all(LEVELS[self.0 as usize] as i32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{CELL, CELLS, Highest, LEVELS, Level, N_LEVELS, Window};
+    use crate::render::cpu::shadow::SIDE;
+    use crate::stream::Stream;
+
+    /// A whole number below `n`.
+    fn below(stream: &mut Stream, n: usize) -> usize {
+        (stream.unit() * n as f64) as usize
+    }
+
+    /// Puts random heights into the cells of a random part, and nothing elsewhere.
+    fn change(stream: &mut Stream, cells: &mut [u16], highest: &mut Highest) {
+        let part = [0; 2].map(|_| {
+            let first = below(stream, CELLS / 2) * 2;
+            [first, (first + 1 + 2 * below(stream, 30)).min(CELLS - 1)]
+        });
+        let [columns, rows] = part.map(|[first, last]| first..=last);
+        for (place, cell) in cells.iter_mut().enumerate() {
+            let is_in_part = columns.contains(&(place % CELLS)) && rows.contains(&(place / CELLS));
+            *cell = if is_in_part { below(stream, 1 << 16) as u16 } else { 0 };
+        }
+        for (place, two) in cells.as_chunks::<2>().0.iter().enumerate() {
+            highest.set_two([2 * place % CELLS, 2 * place / CELLS], *two);
+        }
+        highest.finish(Some(part));
+    }
+
+    #[test]
+    fn windows_hold_the_greatest_of_three_by_three_cells_whatever_was_there_before() {
+        let mut stream = Stream::new(1, "windows");
+        let (mut cells, mut highest) = (vec![0; CELLS * CELLS], Highest::new());
+        for _ in 0..4 {
+            change(&mut stream, &mut cells, &mut highest);
+            for (level, first) in LEVELS[..N_LEVELS].iter().enumerate() {
+                let side = CELLS >> level;
+                // At the right edge a window goes on in the rows below.
+                for (row, column) in (0..side).flat_map(|row| (0..side - 2).map(move |column| (row, column)))
+                {
+                    let [columns, rows] = [column, row].map(|at| at << level..((at + 3) << level).min(CELLS));
+                    let expected = rows.flat_map(|row| &cells[row * CELLS..][columns.clone()]).max();
+                    let window = Window((first + row * side + column) as i32);
+                    assert_eq!(highest.within(window), *expected.unwrap(), "level {level}, {column}, {row}");
+                }
             }
         }
+        highest.cells.fill(0);
+        highest.finish(None);
+        assert_eq!(highest.windows.iter().max(), Some(&0));
     }
 
-    /// Whether anything is as high as that in these columns and rows of cells.
-    #[inline(always)]
-    pub(super) fn reaches_above(&self, height: f32, ranges: [[u8; 2]; 2]) -> bool {
-        let [columns, rows] = each!(k in 2 => {
-            let ([first, last], [from, to]) = (ranges[k], self.occupied[k]);
-            usize::from(first.max(from))..usize::from(last.min(to)) + 1
-        });
-        rows.into_iter()
-            .any(|row| columns.clone().any(|column| self.levels[0][row * CELLS + column] > height))
-    }
-
-    /// A height above which there is none at texels within these columns and rows, nor at their right and lower neighbours.
-    #[inline(always)]
-    pub(super) fn within(&self, [[left, right], [top, bottom]]: [[i32; 2]; 2]) -> f32 {
-        // Cells as large as that: at most 2 × 2 of them.
-        let reach = (right - left).max(bottom - top) as u32 + 1;
-        let bits = (u32::BITS - reach.leading_zeros()).max(CELL.ilog2());
-        let Some(level) = self.levels.get((bits - CELL.ilog2()) as usize) else { return f32::MAX };
-        let side = SIDE >> bits;
-        let at = |column: i32, row: i32| level[(row as usize >> bits) * side + (column as usize >> bits)];
-        let upper = at(left, top).max(at(right + 1, top));
-        upper.max(at(left, bottom + 1).max(at(right + 1, bottom + 1)))
+    #[test]
+    fn a_window_around_texels_has_all_of_them_in_it() {
+        let mut stream = Stream::new(2, "windows");
+        let (mut cells, mut highest) = (vec![0; CELLS * CELLS], Highest::new());
+        change(&mut stream, &mut cells, &mut highest);
+        let mut levels = [0; N_LEVELS];
+        for _ in 0..20_000 {
+            let reach = 1 << below(&mut stream, 8);
+            let texels = [0; 2].map(|_| {
+                let first = below(&mut stream, SIDE);
+                [first, (first + below(&mut stream, reach + 1)).min(SIDE - 1)]
+            });
+            let window = Window::around(texels.map(|ends| ends.map(|at| at as i32))).unwrap();
+            let [columns, rows] = texels.map(|[first, last]| first / CELL..=last / CELL);
+            let greatest = rows.flat_map(|row| &cells[row * CELLS..][columns.clone()]).max();
+            assert!(highest.within(window) >= *greatest.unwrap(), "{texels:?}");
+            levels[LEVELS.partition_point(|first| *first <= window.0 as usize) - 1] += 1;
+        }
+        assert!(levels.iter().all(|n| *n > 100), "{levels:?}");
+        assert!(Level::of(SIDE as i32 - 1).is_none() && Level::of(0) == Level::of(1));
     }
 }

@@ -1,82 +1,108 @@
 //! Looking a map up: which part of the sun's light reaches a block of pixels, and where it is looked up.
 
-use super::{CELL, Highest, SIDE, TEXELS_PER_M};
+use super::{Highest, Level, SIDE, STEPS_PER_M, TEXELS_PER_M, TOP, Window};
 use crate::render::affine::Affine;
 use crate::render::cpu::each::each;
 use crate::render::cpu::kind::Square;
-use crate::render::cpu::rays::Gaze;
+use crate::render::cpu::rays::{Gaze, Rays};
 use crate::render::cpu::simd::{Floats, Lanes, Line, Mask, Number, Per, Simd, Whole, WholeLine};
 use crate::render::rules::OFF_SURFACE_M;
 
 /// A shadow map as a camera looks it up.
 pub(in crate::render::cpu) struct Shadow<'a> {
-    /// `[512, 512]` bits of f32 heights in m.
-    pub(super) heights: &'a [u32],
-    pub(super) highest: &'a Highest,
+    /// `[512, 512]` heights in steps.
+    pub(super) heights: &'a [u16],
+    /// Of what moves and of what does not.
+    pub(super) highest: [&'a Highest; 2],
     /// From the view frame to texels and heights.
     pub(super) texel_from_view: Affine,
 }
 
 impl Shadow<'_> {
-    /// What share of the sun's light reaches what is seen, given its unit normals; `None` for all. Only where it is `facing`
-    /// the sun the answer means anything. `is_plane` if one flat triangle is seen through a [`super::kind::Square`] of pixels.
+    /// What share of the sun's light reaches what is seen, given its unit normals. Only where it is `facing` the sun the answer
+    /// means anything.
     #[inline(always)]
     pub(in crate::render::cpu) fn sunlight<S: Simd, N: Per<S>>(
         &self,
         gaze: &Gaze<S>,
         normal: &[N; 3],
         facing: S::M,
-        is_plane: bool,
-    ) -> Option<S::F> {
+    ) -> S::F {
         let [x, y, height] = self.place(gaze, normal);
         let (zero, last) = (S::F::all(0.0), S::F::all((SIDE - 1) as f32));
         let outside = zero.gt(x) | x.gt(last) | zero.gt(y) | y.gt(last);
-        let limit = S::F::all((SIDE - 2) as f32);
-        let mut at = [x.max(zero).min(limit).truncated(), y.max(zero).min(limit).truncated()];
-        let first = if is_plane {
-            let mut lines = [WholeLine::ZERO; 2];
-            at[0].store(&mut lines[0]);
-            at[1].store(&mut lines[1]);
-            let ranges = each!(k in 2 => Square::range_of_corners(&lines[k], (SIDE - 2) as i32));
-            // All in the light?
-            if !S::F::all(self.highest.within(ranges)).gt(height).any() {
-                return None;
-            }
-            each!(k in 2 => ranges[k][0])
-        } else {
-            // Most of what is bent moves, and has something of its own behind it. Pixels that do not face the sun are looked up
-            // where others are: they shall not make the window too small.
-            let both = at[0] | at[1].shl::<16>();
-            let least = both.or_where(facing, S::I::all(-1)).least_halves();
-            let least = each!(k in 2 => i32::from(least[k]));
-            at = each!(k in 2 => at[k].or_where(facing, S::I::all(least[k])));
-            least
-        };
+        let mut at = [on_map::<S>(x), on_map::<S>(y)];
+        // Pixels that do not face the sun are looked up where others are: they shall not make the window too small.
+        let both = at[0] | at[1].shl::<16>();
+        let least = both.or_where(facing, S::I::all(-1)).least_halves();
+        let first = each!(k in 2 => i32::from(least[k]));
+        at = each!(k in 2 => at[k].or_where(facing, S::I::all(first[k])));
         let [fx, fy] = each!(k in 2 => [x, y][k] - at[k].floats());
         let corner = each!(k in 2 => first[k].min((SIDE - 8) as i32));
         let within = each!(k in 2 => at[k] - S::I::all(corner[k]));
         let first = corner[1] as usize * SIDE + corner[0] as usize;
-        let corners = match S::window(self.heights, first, SIDE, within) {
-            Some(corners) => corners,
+        let rows = match S::window_of_halves(self.heights, first, SIDE, within) {
+            Some(rows) => rows,
             None => {
                 let mut place = WholeLine::ZERO;
                 (at[1].shl::<9>() + at[0]).store(&mut place);
-                let (a, b) = S::pairs(self.heights, &place);
-                let (c, d) = S::pairs(&self.heights[SIDE..], &place);
-                [a, b, c, d]
+                [S::neighbours(self.heights, &place), S::neighbours(&self.heights[SIDE..], &place)]
             }
         };
-        let [a, b, c, d] = each!(k in 4 => {
-            let shaded = corners[k].as_float_bits().gt(height);
-            S::F::all(0.0).or_where(shaded, S::F::all(1.0))
-        });
+        let height = height.max(S::F::all(0.0)).min(S::F::all(TOP)).truncated();
+        let share = |there: S::I| S::F::all(0.0).or_where(there.gt(height), S::F::all(1.0));
+        let [[a, b], [c, d]] =
+            each!(k in 2 => [share(rows[k] & S::I::all(0xFFFF)), share(rows[k].shr::<16>())]);
         let upper = (b - a).mul_add(fx, a);
         let lower = (d - c).mul_add(fx, c);
-        Some(S::F::all(1.0).or_where(outside, (lower - upper).mul_add(fy, upper)))
+        S::F::all(1.0).or_where(outside, (lower - upper).mul_add(fy, upper))
     }
-}
 
-impl Shadow<'_> {
+    /// Which of a strip's blocks lie in full sunlight, as far as that is known without a look at the map; bit i stands for block
+    /// i. They all show one plane, which has this unit normal, at these depths; there is at least one of them.
+    #[inline(always)]
+    pub(in crate::render::cpu) fn in_sunlight<S: Simd>(
+        &self,
+        rays: &Rays,
+        [column, row]: [usize; 2],
+        depths: &[Line],
+        blocks: u16,
+        normal: &[f32; 3],
+    ) -> u16 {
+        // For rounding, in texels and in steps.
+        const SLACK: f32 = 0.05;
+        const SLACK_STEPS: f32 = 4.0;
+        let first = blocks.trailing_zeros() as usize;
+        let last = blocks.checked_ilog2().map_or(first, |last| last as usize);
+        // How far each block is from the first to the last one.
+        let per_block = 1.0 / (last - first).max(1) as f32;
+        let far = (S::I::load(&WholeLine::NUMBERS) - S::I::all(first as i32)).floats() * S::F::all(per_block);
+        // Planes keep convex what is convex: a block's pixels lie between its corners' on the map, too.
+        let places = each!(k in 4 => {
+            let lane = Square::CORNERS[k];
+            let [from, to] = [depths[first].0[lane], depths[last].0[lane]];
+            let depth = far.mul_add(S::F::all(to - from), S::F::all(from));
+            let pixel = Rays::pixels_of_strip::<S>([column, row], lane);
+            self.place(&rays.through::<S>(pixel, depth), normal)
+        });
+        let least = each!(i in 3 => places[0][i].min(places[1][i]).min(places[2][i].min(places[3][i])));
+        let greatest = each!(i in 2 => places[0][i].max(places[1][i]).max(places[2][i].max(places[3][i])));
+        let from = each!(k in 2 => on_map::<S>(least[k] - S::F::all(SLACK)));
+        // And their neighbours.
+        let to = each!(k in 2 => on_map::<S>(greatest[k] + S::F::all(SLACK)) + S::I::all(1));
+        let reach = (to[0] - from[0]).max(to[1] - from[1]);
+        let greatest = reach.or_where(S::M::from_bits(blocks), S::I::all(0)).greatest();
+        let Some(level) = Level::of(greatest) else { return 0 };
+        let mut windows = WholeLine::ZERO;
+        level.windows::<S>(from).store(&mut windows);
+        let mut heights = WholeLine::ZERO;
+        for block in Lanes(blocks) {
+            let window = Window(windows.0[block]);
+            heights.0[block] = self.highest[0].within(window).max(self.highest[1].within(window)).into();
+        }
+        (least[2] - S::F::all(SLACK_STEPS)).gt(S::I::load(&heights).floats()).to_bits() & blocks
+    }
+
     /// Where on the map what is seen is looked up, in texels, and its height, given its unit normals.
     #[inline(always)]
     fn place<S: Simd, N: Per<S>>(&self, gaze: &Gaze<S>, normal: &[N; 3]) -> [S::F; 3] {
@@ -92,18 +118,23 @@ impl Shadow<'_> {
     }
 }
 
+/// The texel in or next to the map whose middle is at or before these, and which has another one behind it.
+#[inline(always)]
+fn on_map<S: Simd>(x: S::F) -> S::I {
+    x.max(S::F::all(0.0)).min(S::F::all((SIDE - 2) as f32)).truncated()
+}
+
 /// Where on a map a block of pixels is looked up, whatever its normals.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::render::cpu) struct Reach {
-    /// First and last column, first and last row, in cells.
-    ranges: [[u8; 2]; 2],
+pub(in crate::render::cpu) struct Extent {
+    /// First and last column, first and last row, if there are any.
+    texels: Option<[[i32; 2]; 2]>,
     /// Nothing that is lower shades it.
     lowest: f32,
 }
 
-impl Reach {
-    /// Of what no shadow falls on.
-    pub(in crate::render::cpu) const NONE: Self = Self { ranges: [[0; 2]; 2], lowest: f32::INFINITY };
+impl Extent {
+    /// Of what is not on the map.
+    pub(in crate::render::cpu) const NONE: Self = Self { texels: None, lowest: f32::INFINITY };
 
     /// Widens it by what a block of pixels shows there where `seen`.
     #[inline(always)]
@@ -122,21 +153,147 @@ impl Reach {
             if at.iter().any(|x| !(-SLACK..SIDE as f32 + SLACK).contains(x)) {
                 continue;
             }
-            let is_first = self.lowest == f32::INFINITY;
-            for (range, x) in self.ranges.iter_mut().zip(at) {
+            // And its neighbour's.
+            let here = at.map(|x| {
                 let (first, last) = ((x - SLACK) as i32, (x + SLACK) as i32);
-                // And its neighbour's.
-                let (first, last) = (first.clamp(0, LAST), last.clamp(0, LAST) + 1);
-                let (first, last) = ((first as usize / CELL) as u8, (last as usize / CELL) as u8);
-                *range = if is_first { [first, last] } else { [range[0].min(first), range[1].max(last)] };
-            }
-            self.lowest = self.lowest.min(height - OFF_SURFACE_M - 0.001);
+                [first.clamp(0, LAST), last.clamp(0, LAST) + 1]
+            });
+            self.texels = Some(match self.texels {
+                None => here,
+                Some(known) => each!(k in 2 => [known[k][0].min(here[k][0]), known[k][1].max(here[k][1])]),
+            });
+            self.lowest = self.lowest.min(height - (OFF_SURFACE_M * STEPS_PER_M + 4.0));
         }
     }
 
+    /// What has to be known of it to tell what falls on it.
+    pub(in crate::render::cpu) fn reach(&self) -> Reach {
+        Reach { window: self.texels.and_then(Window::around), lowest: self.lowest }
+    }
+}
+
+/// Where shadows come from that fall on a block of pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::render::cpu) struct Reach {
+    /// Anywhere if it is too large for a window.
+    window: Option<Window>,
+    /// Nothing that is lower shades it.
+    lowest: f32,
+}
+
+impl Reach {
     /// Whether a shadow of something this high may fall on it.
     #[inline(always)]
     pub(in crate::render::cpu) fn is_touched(&self, highest: &Highest) -> bool {
-        self.lowest < f32::INFINITY && highest.reaches_above(self.lowest, self.ranges)
+        match self.window {
+            Some(window) => f32::from(highest.within(window)) > self.lowest,
+            None => self.lowest < f32::INFINITY,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Highest, Rays, SIDE, STEPS_PER_M, Shadow, Square, TEXELS_PER_M};
+    use crate::TaskId;
+    use crate::render::affine::{Affine, dot, normalised, scaled};
+    use crate::render::camera::Camera;
+    use crate::render::cpu::isa::Isa;
+    use crate::render::cpu::kind::Block;
+    use crate::render::cpu::rays::Aim;
+    use crate::render::cpu::shadow::{CELL, CELLS};
+    use crate::render::cpu::simd::{Floats, Line, Mask, N_LANES, Number, Portable, Simd};
+    use crate::stream::Stream;
+
+    type Answers = <Portable as Simd>::M;
+    type Numbers = <Portable as Simd>::F;
+
+    /// A map of random boxes about as high as what is looked up, and its greatest heights.
+    fn map(stream: &mut Stream) -> (Vec<u16>, Highest) {
+        let mut heights = vec![0; SIDE * SIDE];
+        for _ in 0..200 {
+            let mut below = |n: usize| (stream.unit() * n as f64) as usize;
+            let (left, top, width, height) = (below(SIDE), below(SIDE), below(40), below(40));
+            let step = 28_000 + below(8_000) as u16;
+            for row in top..(top + height).min(SIDE) {
+                heights[row * SIDE..][left..(left + width).min(SIDE)].fill(step);
+            }
+        }
+        let mut highest = Highest::new();
+        for place in (0..CELLS * CELLS).step_by(2) {
+            let [column, row] = [place % CELLS, place / CELLS];
+            let cell = |column: usize| {
+                let texels =
+                    (0..CELL).flat_map(|y| &heights[(row * CELL + y) * SIDE..][column * CELL..][..CELL]);
+                texels.copied().max().unwrap()
+            };
+            highest.set_two([column, row], [cell(column), cell(column + 1)]);
+        }
+        highest.finish(Some([[0, CELLS - 1]; 2]));
+        (heights, highest)
+    }
+
+    #[test]
+    fn blocks_that_need_no_look_up_are_in_full_sunlight() {
+        let mut stream = Stream::new(3, "sunlight");
+        let scene = (TaskId::RaiseCube.task().nominal)().draw(1);
+        let (camera, mut rays) = (Camera::new(&scene.cameras[0]), Rays::new());
+        Isa::Portable.run(Aim { rays: &mut rays, camera: &camera });
+        let per_row = camera.side >> Square::WIDTH_BITS;
+        let (heights, highest) = map(&mut stream);
+        let nothing = Highest::new();
+        let [mut n_told, mut n_sunlit, mut n_shaded] = [0; 3];
+        for _ in 0..600 {
+            let mut random = |least: f64, greatest: f64| (least + stream.unit() * (greatest - least)) as f32;
+            // The light comes from above and the side, the plane is turned any way towards the camera.
+            let (sin, cos) = random(0.2, 1.3).sin_cos();
+            let texel_from_view = Affine {
+                linear: [
+                    scaled([1.0, 0.0, 0.0], TEXELS_PER_M),
+                    scaled([0.0, cos, sin], TEXELS_PER_M),
+                    scaled([0.0, -sin, cos], -STEPS_PER_M),
+                ],
+                offset: [256.0, random(0.0, 256.0), random(32_000.0, 40_000.0)],
+            };
+            let shadow = Shadow { heights: &heights, highest: [&highest, &nothing], texel_from_view };
+            let normal = normalised([random(-1.0, 1.0), random(-1.0, 1.0), random(-1.0, -0.3)]);
+            let distance = random(0.5, 2.0);
+            let n = 1 + (random(0.0, 0.999) * 16.0) as usize;
+            let [column, row] =
+                [per_row - n, per_row - 1].map(|last| (random(0.0, 0.999) * last as f32) as usize);
+            let depths: Vec<Line> = (0..n)
+                .map(|i| {
+                    let mut lines = [Line::ZERO; 2];
+                    let gaze = rays.gaze::<Portable>(column + i, row);
+                    gaze.d[0].store(&mut lines[0]);
+                    gaze.d[1].store(&mut lines[1]);
+                    Line(core::array::from_fn(|lane| {
+                        -dot(normal, [lines[0].0[lane], lines[1].0[lane], 1.0]) / distance
+                    }))
+                })
+                .collect();
+            // What is behind the camera is not seen.
+            if depths.iter().flat_map(|line| line.0).any(|depth| depth < 0.1) {
+                continue;
+            }
+            let all = (u32::from(u16::MAX) >> (N_LANES - n)) as u16;
+            let blocks = all & ((stream.unit() * 65536.0) as u16 | 1 << (n - 1));
+            let told = shadow.in_sunlight::<Portable>(&rays, [column, row], &depths, blocks, &normal);
+            assert_eq!(told & !blocks, 0);
+            for (i, depths) in depths.iter().enumerate().filter(|(i, _)| blocks >> i & 1 == 1) {
+                let gaze = rays.gaze::<Portable>(column + i, row).at(depths);
+                let share = shadow.sunlight::<Portable, f32>(&gaze, &normal, Answers::from_bits(u16::MAX));
+                let is_sunlit = !Numbers::all(1.0).gt(share).any();
+                let is_told = told >> i & 1 == 1;
+                assert!(is_sunlit || !is_told, "block {i} of {blocks:b} at {column}, {row}");
+                n_told += u32::from(is_told);
+                n_sunlit += u32::from(is_sunlit);
+                n_shaded += u32::from(!is_sunlit);
+            }
+        }
+        assert!(
+            n_shaded > 200 && n_told > 200 && 2 * n_told > n_sunlit,
+            "{n_shaded}, {n_told} of {n_sunlit}"
+        );
     }
 }

@@ -15,69 +15,67 @@ use super::isa::{Isa, Kernel};
 use super::kept::Kept;
 use super::kind::{Block, Plain};
 use super::raster::{Begin, Behind, Visibility};
-use super::simd::{Floats, Line, N_LANES, Number, Simd};
+use super::simd::{Floats, Lanes, Line, Mask, N_LANES, Number, Simd, Whole, WholeLine};
 use crate::render::affine::{Affine, scaled};
-use crate::render::rules::{MAP_M, MAP_SIDE, light_from_world};
+use crate::render::rules::{MAP_M, MAP_REACH_M, MAP_SIDE, MAP_STEPS, light_from_world};
 use crate::render::scene::{MeshKey, RenderScene};
 use crate::scene::Snapshot;
 pub(super) use highest::Highest;
-pub(super) use lookup::{Reach, Shadow};
+use highest::{Level, Window};
+pub(super) use lookup::{Extent, Reach, Shadow};
 use parallel::Parallel;
 
 /// Texels along each edge of a map.
 const SIDE: usize = MAP_SIDE as usize;
 const TEXELS_PER_M: f32 = SIDE as f32 / MAP_M;
-/// Nothing is as low as this, in m.
-const DEPTHS_OF_SPACE: f32 = -1e9;
+/// Heights are whole numbers of steps.
+const STEPS_PER_M: f32 = MAP_STEPS / (2.0 * MAP_REACH_M);
+/// Height of the map's middle, in steps.
+const MIDDLE_STEPS: f32 = MAP_STEPS / 2.0;
+/// The greatest height, in steps; what is higher is taken for as high as this.
+const TOP: f32 = MAP_STEPS - 1.0;
+/// Nothing is as low as this, in steps.
+const DEPTHS_OF_SPACE: f32 = 0.0;
 
+/// Texels along each edge of a block.
+const BLOCK: usize = Plain::WIDTH as usize;
+/// Blocks along each edge of a map.
+const BLOCKS: usize = SIDE / BLOCK;
+/// Blocks of a map.
+const N_BLOCKS: usize = BLOCKS * BLOCKS;
 /// Texels along each edge of a cell.
-const CELL: usize = 8;
+const CELL: usize = 2;
+/// Cells along each edge of a block.
+const PER_BLOCK: usize = BLOCK / CELL;
 /// Cells along each edge of a map.
 const CELLS: usize = SIDE / CELL;
 
-/// Heights along the first sun's light, in m, of the surfaces that look away from it: those that look at it would now and
-/// then shade themselves.
-struct Heights {
+/// Heights along the first sun's light, in steps, of the surfaces of what never moves that look away from it: those that look
+/// at it would now and then shade themselves. Renderers keep them in scenes.
+pub(in crate::render) struct StillHeights {
+    /// The maps from the meshes to the light's frame for which they were drawn.
+    maps: Vec<Affine>,
     /// `[512, 512]`.
-    texels: Vec<f32>,
+    texels: Vec<u16>,
     highest: Highest,
 }
 
-impl Heights {
-    /// Nothing anywhere.
-    fn new() -> Self {
-        Self { texels: vec![DEPTHS_OF_SPACE; SIDE * SIDE], highest: Highest::new() }
-    }
-
-    /// What a camera needs to look points up.
-    fn seen_from(&self, light_from_world: &Affine, view_from_world: &Affine) -> Shadow<'_> {
-        let mut texel_from_view = light_from_world.after(&view_from_world.rigid_inverse());
-        for axis in 0..2 {
-            texel_from_view.linear[axis] = scaled(texel_from_view.linear[axis], TEXELS_PER_M);
-            // From texels' corners to their middles.
-            texel_from_view.offset[axis] =
-                texel_from_view.offset[axis] * TEXELS_PER_M + (SIDE as f32 / 2.0 - 0.5);
-        }
-        Shadow { heights: bytemuck::cast_slice(&self.texels), highest: &self.highest, texel_from_view }
-    }
-}
-
-/// Heights of what never moves in a scene, which renderers keep there.
-pub(in crate::render) struct StillHeights {
-    /// The maps of what never moves, from its meshes to the light's frame, for which it was drawn.
-    maps: Vec<Affine>,
-    heights: Heights,
-}
+/// Per sixteen of a map's blocks which ones hold anything, bit by bit.
+type Filled = [u16; N_BLOCKS / N_LANES];
+const NOTHING_FILLED: Filled = [0; N_BLOCKS / N_LANES];
 
 /// All that the heights of what never moves depend on: meshes and their maps to the light's frame.
 #[derive(PartialEq)]
 pub(super) struct Casters(Vec<(MeshKey, Affine)>);
 
-/// Heights of everything at one moment.
+/// Such heights of everything at one moment.
 pub(super) struct ShadowMap {
-    heights: Heights,
-    /// Of what moves alone, if the rest was kept.
+    /// `[512, 512]`.
+    texels: Vec<u16>,
+    /// Of what moves alone.
     pub(super) moving: Highest,
+    /// Where that is.
+    filled: Box<Filled>,
     /// Over what it was drawn: wherever nothing moves it is the same.
     still: Option<Arc<StillHeights>>,
     light_from_world: Affine,
@@ -97,15 +95,16 @@ impl Relief {
         Self { blocks: Visibility::new(), maps: Vec::with_capacity(256), is_empty: false }
     }
 
-    /// Draws some of the instances, moves them into a map over what never moves, and leaves nothing behind. `moving` gets the
-    /// heights of what was drawn.
+    /// Draws some of the instances, moves them into a map over what never moves, and leaves nothing behind. `highest` gets
+    /// the heights of what was drawn.
     fn draw(
         &mut self,
         isa: Isa,
         (scene, which): (&RenderScene, Range<usize>),
-        still: Option<&Heights>,
-        heights: &mut Heights,
-        moving: &mut Highest,
+        still: &[u16],
+        texels: &mut [u16],
+        highest: &mut Highest,
+        filled: &mut Filled,
     ) {
         let Self { blocks, maps, is_empty } = self;
         if !*is_empty {
@@ -121,7 +120,7 @@ impl Relief {
             visibility: blocks,
             blocks: PhantomData::<Plain>,
         });
-        isa.run(Unfold { blocks, still, heights, moving });
+        isa.run(Unfold { blocks, still, texels, highest, filled });
         *is_empty = true;
     }
 }
@@ -130,64 +129,66 @@ impl ShadowMap {
     /// A map without shadows.
     pub(super) fn new() -> Self {
         Self {
-            heights: Heights::new(),
+            texels: vec![0; SIDE * SIDE],
             moving: Highest::new(),
+            filled: Box::new(NOTHING_FILLED),
             still: None,
             light_from_world: Affine::IDENTITY,
         }
     }
 
-    /// Draws everything that casts a shadow in a scene that has shadows. What never moves is drawn once if scenes are to
-    /// `keep` it, and anew otherwise.
+    /// Draws everything that casts a shadow in a scene that has shadows; what never moves only if no scene has `kept` it.
     pub(super) fn draw(
         &mut self,
         isa: Isa,
         scene: &RenderScene,
         snapshot: &Snapshot,
-        keep: Option<&Kept<Casters, StillHeights>>,
+        kept: &Kept<Casters, StillHeights>,
         relief: &mut Relief,
     ) {
         let Some(centre) = scene.shadow_centre else { return };
         self.light_from_world = mirrored(light_from_world(scene.suns[0].towards, centre));
         let (view_from_world, maps) = (self.light_from_world, &mut relief.maps);
         isa.run(Pose { scene, snapshot, view_from_world, maps });
-        let still = keep.map(|kept| still_heights(isa, scene, kept, relief));
-        let is_same = match (&self.still, &still) {
-            (Some(known), Some(still)) => Arc::ptr_eq(known, still),
-            (known, still) => known.is_none() && still.is_none(),
-        };
-        if !is_same {
-            self.start_over(still);
+        let still = still_heights(isa, scene, kept, relief);
+        if !self.still.as_ref().is_some_and(|known| Arc::ptr_eq(known, &still)) {
+            // Where something moved it is drawn anew in any case.
+            self.texels.copy_from_slice(&still.texels);
         }
-        let first = if keep.is_some() { scene.n_still } else { 0 };
-        let Self { heights, moving, still, .. } = self;
-        let still = still.as_ref().map(|still| &still.heights);
-        relief.draw(isa, (scene, first..scene.instances.len()), still, heights, moving);
+        let which = scene.n_still..scene.instances.len();
+        let Self { texels, moving, filled, .. } = self;
+        relief.draw(isa, (scene, which), &still.texels, texels, moving, filled);
+        self.still = Some(still);
     }
 
-    /// Shows what never moves, and nothing else.
-    fn start_over(&mut self, still: Option<Arc<StillHeights>>) {
-        let Self { heights, moving, .. } = self;
-        *moving = Highest::new();
-        if let Some(StillHeights { heights: still, .. }) = still.as_deref() {
-            heights.texels.copy_from_slice(&still.texels);
-            heights.highest.clone_from(&still.highest);
-        } else {
-            heights.texels.fill(DEPTHS_OF_SPACE);
-            heights.highest.clone_from(moving);
-        }
-        self.still = still;
+    /// What a camera needs to look points up; `None` if nothing was drawn.
+    pub(super) fn seen_from(&self, view_from_world: &Affine) -> Option<Shadow<'_>> {
+        let still = self.still.as_ref()?;
+        Some(self.shadow(&self.texels, [&self.moving, &still.highest], view_from_world))
     }
 
-    /// What a camera needs to look points up.
-    pub(super) fn seen_from(&self, view_from_world: &Affine) -> Shadow<'_> {
-        self.heights.seen_from(&self.light_from_world, view_from_world)
-    }
-
-    /// The same as if there were nothing but what never moves; `None` if that was not kept.
+    /// The same as if there were nothing but what never moves.
     pub(super) fn still_seen_from(&self, view_from_world: &Affine) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
-        Some(still.heights.seen_from(&self.light_from_world, view_from_world))
+        Some(self.shadow(&still.texels, [&still.highest; 2], view_from_world))
+    }
+
+    fn shadow<'a>(
+        &self,
+        texels: &'a [u16],
+        highest: [&'a Highest; 2],
+        view_from_world: &Affine,
+    ) -> Shadow<'a> {
+        let mut texel_from_view = self.light_from_world.after(&view_from_world.rigid_inverse());
+        for axis in 0..2 {
+            texel_from_view.linear[axis] = scaled(texel_from_view.linear[axis], TEXELS_PER_M);
+            // From texels' corners to their middles.
+            texel_from_view.offset[axis] =
+                texel_from_view.offset[axis] * TEXELS_PER_M + (SIDE as f32 / 2.0 - 0.5);
+        }
+        texel_from_view.linear[2] = scaled(texel_from_view.linear[2], STEPS_PER_M);
+        texel_from_view.offset[2] = texel_from_view.offset[2] * STEPS_PER_M + MIDDLE_STEPS;
+        Shadow { heights: texels, highest, texel_from_view }
     }
 }
 
@@ -208,9 +209,11 @@ fn still_heights(
             let casters = Casters(meshes.zip(maps.iter().copied()).collect());
             let maps = maps.to_vec();
             let draw = || {
-                let mut heights = Heights::new();
-                relief.draw(isa, (scene, 0..scene.n_still), None, &mut heights, &mut Highest::new());
-                StillHeights { maps, heights }
+                let (nothing, mut texels) = (vec![0; SIDE * SIDE], vec![0; SIDE * SIDE]);
+                let (mut highest, mut filled) = (Highest::new(), NOTHING_FILLED);
+                let which = 0..scene.n_still;
+                relief.draw(isa, (scene, which), &nothing, &mut texels, &mut highest, &mut filled);
+                StillHeights { maps, texels, highest }
             };
             Arc::clone(kept.insert(all.get(casters, draw)))
         }
@@ -220,51 +223,55 @@ fn still_heights(
 /// Moves a relief into a map over what never moves, and leaves the relief empty.
 struct Unfold<'a> {
     blocks: &'a mut Visibility,
-    still: Option<&'a Heights>,
-    heights: &'a mut Heights,
-    moving: &'a mut Highest,
+    still: &'a [u16],
+    texels: &'a mut [u16],
+    highest: &'a mut Highest,
+    filled: &'a mut Filled,
 }
 
 impl Kernel for Unfold<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        const PER_ROW: usize = SIDE / Plain::WIDTH as usize;
-        let Self { blocks: Visibility { depths: blocks, drawn, .. }, still, heights, moving } = self;
-        for cell in 0..CELLS * CELLS {
-            let (column, row) = (cell % CELLS, cell / CELLS);
-            let upper = row * 2 * PER_ROW + column * 2;
-            let places = [upper, upper + 1, upper + PER_ROW, upper + PER_ROW + 1];
-            let is_empty = each!(k in 4 => core::mem::take(&mut drawn[places[k]])) == [0; 4];
-            // Most cells are empty in one picture after the other.
-            if is_empty && moving.levels[0][cell] == DEPTHS_OF_SPACE {
+        let Self { blocks: Visibility { depths, drawn, .. }, still, texels, highest, filled } = self;
+        let (mut columns, mut rows) = ([CELLS, 0], [CELLS, 0]);
+        let sixteens = depths.as_chunks_mut::<N_LANES>().0.iter_mut().zip(drawn.as_chunks_mut::<N_LANES>().0);
+        for ((sixteen, (blocks, drawn)), filled) in sixteens.enumerate().zip(filled) {
+            // Most blocks are empty in one picture after the other.
+            if *drawn == [0; N_LANES] && *filled == 0 {
                 continue;
             }
-            let [a, b, c, d] = each!(k in 4 => S::F::load(&blocks[places[k]]));
-            let greatest = a.max(b).max(c.max(d));
-            let mut line = Line::ZERO;
-            greatest.store(&mut line);
-            let highest = line.0.into_iter().fold(DEPTHS_OF_SPACE, f32::max);
-            moving.levels[0][cell] = highest;
-            heights.highest.levels[0][cell] =
-                still.map_or(highest, |still| highest.max(still.highest.levels[0][cell]));
-            for (k, place) in places.into_iter().enumerate() {
-                let first = (row * CELL + k / 2 * 4) * SIDE + column * CELL + k % 2 * 4;
-                for y in 0..4 {
-                    let to = first + y * SIDE..first + y * SIDE + 4;
-                    let from = &blocks[place].0[y * 4..y * 4 + 4];
-                    let texels = &mut heights.texels[to.clone()];
-                    texels.copy_from_slice(from);
-                    if let Some(still) = still {
-                        for (texel, under) in texels.iter_mut().zip(&still.texels[to]) {
-                            *texel = texel.max(*under);
-                        }
+            let is = S::I::load(&WholeLine(each!(i in 16 => drawn[i].into()))).gt(S::I::all(0)).to_bits();
+            let was = core::mem::replace(filled, is);
+            *drawn = [0; N_LANES];
+            let (column, row) = (sixteen * N_LANES % BLOCKS, sixteen * N_LANES / BLOCKS);
+            if is != 0 {
+                let ends = [column + is.trailing_zeros() as usize, column + is.ilog2() as usize];
+                let [first, last] = [ends[0] * PER_BLOCK, ends[1] * PER_BLOCK + PER_BLOCK - 1];
+                columns = [columns[0].min(first), columns[1].max(last)];
+                rows = [rows[0].min(row * PER_BLOCK), row * PER_BLOCK + PER_BLOCK - 1];
+            }
+            for i in Lanes(is | was) {
+                let mut line = WholeLine::ZERO;
+                S::F::load(&blocks[i]).min(S::F::all(TOP)).truncated().store(&mut line);
+                blocks[i] = Line([DEPTHS_OF_SPACE; N_LANES]);
+                let steps = each!(k in 16 => line.0[k] as u16);
+                let place = row * BLOCK * SIDE + (column + i) * BLOCK;
+                let rows = place..place + (BLOCK - 1) * SIDE + BLOCK;
+                let (texels, still) = (&mut texels[rows.clone()], &still[rows]);
+                for (y, steps) in steps.as_chunks::<BLOCK>().0.iter().enumerate() {
+                    let (texels, still) = (&mut texels[y * SIDE..][..BLOCK], &still[y * SIDE..][..BLOCK]);
+                    for x in 0..BLOCK {
+                        texels[x] = steps[x].max(still[x]);
                     }
                 }
-                blocks[place] = Line([DEPTHS_OF_SPACE; N_LANES]);
+                for k in 0..PER_BLOCK {
+                    let [upper, lower] = each!(half in 2 => steps.as_chunks::<BLOCK>().0[2 * k + half]);
+                    let [a, b, c, d] = each!(x in 4 => upper[x].max(lower[x]));
+                    highest.set_two([(column + i) * PER_BLOCK, row * PER_BLOCK + k], [a.max(b), c.max(d)]);
+                }
             }
         }
-        moving.finish();
-        heights.highest.finish();
+        highest.finish((columns[0] < CELLS).then_some([columns, rows]));
     }
 }
 

@@ -1,6 +1,6 @@
 //! What lies where on a map: the lens of the sun.
 
-use super::{SIDE, TEXELS_PER_M};
+use super::{MIDDLE_STEPS, SIDE, STEPS_PER_M, TEXELS_PER_M};
 use crate::render::affine::{Affine, Vec3, normalised};
 use crate::render::cpu::each::each;
 use crate::render::cpu::kind::Block;
@@ -36,7 +36,11 @@ impl Lens for Parallel {
     #[inline(always)]
     fn project<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Projected<S> {
         let (scale, middle) = (S::F::all(TEXELS_PER_M * 256.0), S::F::all((SIDE * 128) as f32));
-        Projected { x: x.mul_add(scale, middle).rounded(), y: y.mul_add(scale, middle).rounded(), depth: *z }
+        Projected {
+            x: x.mul_add(scale, middle).rounded(),
+            y: y.mul_add(scale, middle).rounded(),
+            depth: z.mul_add(S::F::all(STEPS_PER_M), S::F::all(MIDDLE_STEPS)),
+        }
     }
 
     #[inline(always)]

@@ -326,7 +326,12 @@ impl Whole for YmmWhole {
 
     #[inline(always)]
     fn sar<const BITS: u32>(self) -> Self {
-        let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
+        self.sar_by(BITS)
+    }
+
+    #[inline(always)]
+    fn sar_by(self, bits: u32) -> Self {
+        let count = intrinsic!(_mm_cvtsi32_si128(bits.cast_signed()));
         Self(each!(i in 2 => intrinsic!(_mm256_sra_epi32(self.0[i], count))))
     }
 

@@ -5,7 +5,9 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 use crate::render::cpu::each::each;
 
-use super::{Floats, Line, Mask, N_LANES, Number, Per, ShortLine, Simd, Whole, WholeLine, load_pairs};
+use super::{
+    Floats, Line, Mask, N_LANES, Number, Per, ShortLine, Simd, Whole, WholeLine, load_pairs, windows,
+};
 
 /// The instruction set.
 #[derive(Clone, Copy)]
@@ -109,29 +111,19 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn window(words: &[u32], first: usize, pitch: usize, [x, y]: [ZmmWhole; 2]) -> Option<[ZmmWhole; 4]> {
-        intrinsic!({
-            if _mm512_cmpgt_epu32_mask(_mm512_max_epu32(x.0, y.0), _mm512_set1_epi32(6)) != 0 {
-                return None;
-            }
-            let words = &words[first..][..7 * pitch + 8];
-            let rows = each!(i in 4 => {
-                let upper = _mm256_loadu_si256(words.as_ptr().add(2 * i * pitch).cast());
-                let lower = _mm256_loadu_si256(words.as_ptr().add((2 * i + 1) * pitch).cast());
-                _mm512_inserti64x4::<1>(_mm512_castsi256_si512(upper), lower)
-            });
-            let at = _mm512_add_epi32(_mm512_slli_epi32::<3>(y.0), x.0);
-            let below = _mm512_add_epi32(at, _mm512_set1_epi32(8));
-            let one = _mm512_set1_epi32(1);
-            // Words from the 32nd on are in the lower half of the window.
-            let lower = _mm512_set1_epi32(32);
-            let halves = [_mm512_test_epi32_mask(at, lower), _mm512_test_epi32_mask(below, lower)];
-            let places = [at, _mm512_add_epi32(at, one), below, _mm512_add_epi32(below, one)];
-            Some(each!(k in 4 => {
-                let above = _mm512_permutex2var_epi32(rows[0], places[k], rows[1]);
-                let under = _mm512_permutex2var_epi32(rows[2], places[k], rows[3]);
-                ZmmWhole(_mm512_mask_mov_epi32(above, halves[k / 2], under))
-            }))
-        })
+        let words = intrinsic!(windows::of_words(words, first, pitch, [x.0, y.0]))?;
+        Some(each!(k in 4 => ZmmWhole(words[k])))
+    }
+
+    #[inline(always)]
+    fn window_of_halves(
+        halves: &[u16],
+        first: usize,
+        pitch: usize,
+        [x, y]: [ZmmWhole; 2],
+    ) -> Option<[ZmmWhole; 2]> {
+        let halves = intrinsic!(windows::of_halves(halves, first, pitch, [x.0, y.0]))?;
+        Some(each!(k in 2 => ZmmWhole(halves[k])))
     }
 
     #[inline(always)]
@@ -361,6 +353,11 @@ impl Whole for ZmmWhole {
     #[inline(always)]
     fn sar<const BITS: u32>(self) -> Self {
         Self(intrinsic!(_mm512_srai_epi32::<BITS>(self.0)))
+    }
+
+    #[inline(always)]
+    fn sar_by(self, bits: u32) -> Self {
+        Self(intrinsic!(_mm512_sra_epi32(self.0, _mm_cvtsi32_si128(bits.cast_signed()))))
     }
 
     #[inline(always)]

@@ -9,6 +9,8 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod portable;
+#[cfg(target_arch = "x86_64")]
+mod windows;
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
@@ -48,6 +50,42 @@ pub(super) trait Simd: Copy {
     /// If the window reaches out of `words`.
     #[inline(always)]
     fn window(_words: &[u32], _first: usize, _pitch: usize, _at: [Self::I; 2]) -> Option<[Self::I; 4]> {
+        None
+    }
+
+    /// The number at each index in the lower half of a lane, the one right behind it in the upper half. An index outside of
+    /// `halves` is a mistake, which builds with debug assertions tell; others then read some other numbers.
+    ///
+    /// # Panics
+    /// If there are fewer than two numbers.
+    #[inline(always)]
+    fn neighbours(halves: &[u16], at: &WholeLine) -> Self::I {
+        let last = halves.len().checked_sub(2).expect("two numbers are neighbours") as i32;
+        debug_assert!(
+            at.0.iter().all(|i| (0..=last).contains(i)),
+            "outside of {} numbers: {at:?}",
+            halves.len()
+        );
+        let mut held = WholeLine::ZERO;
+        Self::I::load(at).max(Self::I::all(0)).min(Self::I::all(last)).store(&mut held);
+        // SAFETY: every index is held between 0 and the last one that has a number behind it.
+        let two = |i: i32| unsafe { halves.as_ptr().add(i as usize).cast::<i32>().read_unaligned() };
+        Self::I::load(&WholeLine(each!(i in 16 => two(held.0[i]))))
+    }
+
+    /// Of an 8 × 8 window, the numbers at x and y in the lower halves and those to the right of them in the upper halves;
+    /// and those below both. The window's rows begin at `first`, `first + pitch` and so on. `None` if one of the points is outside of
+    /// the first 7 × 7, or if this instruction set has no faster way than [`Self::neighbours`].
+    ///
+    /// # Panics
+    /// If the window reaches out of `halves`.
+    #[inline(always)]
+    fn window_of_halves(
+        _halves: &[u16],
+        _first: usize,
+        _pitch: usize,
+        _at: [Self::I; 2],
+    ) -> Option<[Self::I; 2]> {
         None
     }
 
@@ -209,6 +247,8 @@ pub(super) trait Whole:
     fn shr_halves<const BITS: u32>(self) -> Self;
     /// Shifted right, the sign from the left.
     fn sar<const BITS: u32>(self) -> Self;
+    /// Shifted right by as many bits in each lane, the sign from the left.
+    fn sar_by(self, bits: u32) -> Self;
     /// The greater.
     fn max(self, other: Self) -> Self;
     /// The lesser.

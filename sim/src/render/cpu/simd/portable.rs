@@ -222,6 +222,10 @@ impl Whole for WholeArray {
         Self(map(self.0, |x| x >> BITS))
     }
 
+    fn sar_by(self, bits: u32) -> Self {
+        Self(map(self.0, |x| x >> bits))
+    }
+
     fn max(self, other: Self) -> Self {
         Self(zip(self.0, other.0, i32::max))
     }

@@ -37,10 +37,10 @@ fn shadow(view: View, point: vec3f, normal: vec3f) -> f32 {
     return mix(upper, lower, fraction.y);
 }
 
-// Whether nothing in a texel of the map is above a height; outside of the map nothing is.
+// Whether nothing in a texel of the map is a step or more above a height; outside of the map nothing is.
 fn open(map: View, texel: vec2i, height: f32) -> f32 {
     if any(texel < vec2i(0)) || any(texel >= vec2i(i32(map.side))) {
         return 1.0;
     }
-    return select(0.0, 1.0, height >= height_at(map, vec2u(texel)));
+    return select(0.0, 1.0, floor(height * MAP_STEPS) >= floor(height_at(map, vec2u(texel)) * MAP_STEPS));
 }
