@@ -78,8 +78,8 @@ pub(super) fn has_camera(scene: &Scene, arm: usize) -> bool {
     scene.cameras.iter().any(|camera| matches!(camera.mount, CameraMount::Hand { arm: a, .. } if a == arm))
 }
 
-/// Adds one arm.
-pub(super) fn push(arm: usize, has_camera: bool, instances: &mut Vec<Instance>) {
+/// Adds what moves of one arm, or the base, which does not.
+pub(super) fn push(arm: usize, moves: bool, has_camera: bool, instances: &mut Vec<Instance>) {
     let white = Material::plain([0.93, 0.93, 0.92], 0.35);
     let grey = Material::plain([0.66, 0.67, 0.69], 0.3);
     let dark = Material::plain([0.13, 0.13, 0.14], 0.3);
@@ -87,7 +87,9 @@ pub(super) fn push(arm: usize, has_camera: bool, instances: &mut Vec<Instance>) 
     let metal = Material::plain([0.80, 0.81, 0.83], 0.5);
     let mut push = |link: Link, mesh, pose, scale, material| {
         let (mesh, anchor) = (MeshSource::Library(mesh), Anchor::Link { arm, link: link as usize });
-        instances.push(Instance { mesh, anchor, pose, scale, material });
+        if moves == (link != Link::Link0) {
+            instances.push(Instance { mesh, anchor, pose, scale, material });
+        }
     };
     if has_camera {
         push(Link::Hand, MeshId::WristCamera, Isometry3::identity(), [1.0; 3], grey);

@@ -133,12 +133,12 @@ impl RenderScene {
             for (body_idx, body) in scene.bodies.iter().enumerate().filter(|(_, body)| moves_so(body)) {
                 body::push(body_idx, body, &mut own_meshes, &mut instances);
             }
+            for arm in 0..scene.robots.len() {
+                robot::push(arm, moves, robot::has_camera(scene, arm), &mut instances);
+            }
             if !moves {
                 n_still = instances.len();
             }
-        }
-        for arm in 0..scene.robots.len() {
-            robot::push(arm, robot::has_camera(scene, arm), &mut instances);
         }
         let mut n_ids = 0;
         let first_id = instances.iter().map(|instance| {
