@@ -3,7 +3,7 @@
 //! `cargo bench -p benches --bench render -- [--renderer cpu|gpu|software] [--visibility raster|compute] [--envs N,N,…]
 //! [--peer PYTHON] [--csv FILE]`. An env-frame is all images of one env: two of 224 × 224 pixels and one of 128 × 128 per arm. Envs differ
 //! in their seed. On the CPU the cases take turns, so that all of them meet the same machine, and medians are reported, after
-//! warm-up: everything drawn anew, with layers of what stands still, with shadows, with shadows and four samples per pixel.
+//! warm-up: plain, with shadows, with shadows and four samples per pixel, each without and with layers of what stands still.
 //! With `--peer`, MuJoCo draws the same triangles, textures and cameras in turn with us (`peers/mujoco_render.py`, run by the
 //! Python given), and only that is measured.
 
@@ -100,11 +100,13 @@ struct Case {
     samples: Samples,
 }
 
-const CASES: [Case; 4] = [
+const CASES: [Case; 6] = [
     Case { name: "plain", keep_layers: false, shadows: false, samples: Samples::One },
-    Case { name: "layers", keep_layers: true, shadows: false, samples: Samples::One },
-    Case { name: "shadows", keep_layers: true, shadows: true, samples: Samples::One },
-    Case { name: "shadows_4_samples", keep_layers: true, shadows: true, samples: Samples::Four },
+    Case { name: "plain/layers", keep_layers: true, shadows: false, samples: Samples::One },
+    Case { name: "shadows", keep_layers: false, shadows: true, samples: Samples::One },
+    Case { name: "shadows/layers", keep_layers: true, shadows: true, samples: Samples::One },
+    Case { name: "shadows_4_samples", keep_layers: false, shadows: true, samples: Samples::Four },
+    Case { name: "shadows_4_samples/layers", keep_layers: true, shadows: true, samples: Samples::Four },
 ];
 
 fn on_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
