@@ -3,7 +3,7 @@
 use super::kind::{Block, Square};
 use super::raster::{NOTHING, Visibility};
 use super::workspace::Shot;
-use super::{CpuRenderer, Pose, Scratch};
+use super::{CpuRenderer, Pose};
 use crate::render::scene::{Anchor, Fixture, RenderScene};
 use crate::scene::Snapshot;
 
@@ -42,7 +42,7 @@ impl CpuRenderer {
     pub fn inspect(&mut self, scene: &RenderScene, snapshot: &Snapshot, camera_idx: usize) -> Inspection {
         assert!(scene.fits(snapshot), "a snapshot has the bodies and arms of its scene");
         let camera = &scene.cameras[camera_idx];
-        self.with_scratch(|Scratch { workspace, .. }| {
+        self.with_workspace(|workspace| {
             let view_from_world = camera.view_from_world(snapshot);
             let shot = Shot { isa: self.isa, scene, camera };
             self.isa.run(Pose { scene, snapshot, view_from_world, maps: &mut workspace.maps });

@@ -43,7 +43,7 @@ pub(super) struct Square;
 pub(super) struct Oversampled;
 
 impl Square {
-    /// The lanes at the corners, by twice the row and the column.
+    /// The lanes at the corners, row by row.
     pub(super) const CORNERS: [usize; 4] = [0, 3, 12, 15];
 }
 

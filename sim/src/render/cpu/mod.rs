@@ -49,9 +49,9 @@ use workspace::Workspace;
 /// The renderer that needs nothing but a CPU.
 pub struct CpuRenderer {
     /// One per thread; which one a view is made in does not matter.
-    scratches: Vec<Mutex<Scratch>>,
-    /// One per env of a small batch.
-    shadow_maps: Vec<ShadowMap>,
+    workspaces: Vec<Mutex<Workspace>>,
+    /// [`MAPS`] per thread; which one an env's shadows are drawn in does not matter.
+    maps: Vec<Mutex<ShadowMap>>,
     /// The first view of each env of a batch.
     first_views: Vec<usize>,
     layers: Kept<Still, Layer>,
@@ -77,15 +77,8 @@ impl Default for CpuOptions {
     }
 }
 
-/// Envs per thread from which on a batch is drawn env by env: with fewer, threads would be without work for long at its end.
-const MANY: usize = 4;
-
-/// What a thread works with.
-struct Scratch {
-    /// Of the env that it draws, if it draws all of it.
-    map: ShadowMap,
-    workspace: Workspace,
-}
+/// Shadow maps per thread: a thread that waits for an env's last view may begin another env.
+const MAPS: usize = 2;
 
 impl CpuRenderer {
     /// A renderer for use in a rayon pool of this many threads.
@@ -109,10 +102,9 @@ impl CpuRenderer {
 
     fn with_isa(threads: usize, options: CpuOptions, isa: Isa) -> Self {
         assert!(threads > 0, "a renderer needs a thread");
-        let scratch = || Mutex::new(Scratch { map: ShadowMap::new(), workspace: Workspace::new() });
         Self {
-            scratches: (0..threads).map(|_| scratch()).collect(),
-            shadow_maps: Vec::new(),
+            workspaces: (0..threads).map(|_| Mutex::new(Workspace::new())).collect(),
+            maps: (0..MAPS * threads).map(|_| Mutex::new(ShadowMap::new())).collect(),
             first_views: Vec::new(),
             layers: Kept::new(),
             still_heights: Kept::new(),
@@ -130,11 +122,7 @@ impl CpuRenderer {
         self.first_views.clear();
         let starts = (0..views.len()).filter(|i| *i == 0 || !views[*i].is_of_env(&views[*i - 1]));
         self.first_views.extend(starts);
-        if self.first_views.len() >= MANY * self.scratches.len() {
-            self.draw_env_by_env(&self.first_views, views);
-        } else {
-            self.draw_view_by_view(views);
-        }
+        self.draw_envs(&self.first_views, views);
     }
 
     /// Every camera's side and its image, `[side, side, 3] u8` sRGB.
@@ -152,73 +140,73 @@ impl CpuRenderer {
         images
     }
 
-    /// Draws some envs, of which these are all views, each in one go by one thread: its shadow map then stays in the
-    /// processor's cache. Other threads may take some of them.
-    fn draw_env_by_env(&self, first_views: &[usize], views: &mut [View<'_>]) {
+    /// Draws some envs, of which these are all views. Other threads may take their part, down to single views; an env's shadow
+    /// map is drawn just before its views, into a map that this thread has used before: it is still in the processor's cache.
+    fn draw_envs(&self, first_views: &[usize], views: &mut [View<'_>]) {
         if let [first, _, ..] = first_views {
             let (envs, more_envs) = first_views.split_at(first_views.len() / 2);
             let (views, more_views) = views.split_at_mut(more_envs[0] - first);
-            rayon::join(|| self.draw_env_by_env(envs, views), || self.draw_env_by_env(more_envs, more_views));
+            rayon::join(|| self.draw_envs(envs, views), || self.draw_envs(more_envs, more_views));
             return;
         }
-        self.with_scratch(|Scratch { map, workspace }| {
-            let map = workspace.draw_map(self, &views[0], map);
-            for view in views {
-                workspace.draw(self, view, map);
-            }
+        match views.first() {
+            Some(View { scene, snapshot, .. }) if scene.shadow_centre.is_some() => self.with_map(|map| {
+                self.with_workspace(|workspace| workspace.draw_map(self, scene, snapshot, map));
+                self.draw_views(views, Some(map));
+            }),
+            _ => self.draw_views(views, None),
+        }
+    }
+
+    fn draw_views(&self, views: &mut [View<'_>], map: Option<&ShadowMap>) {
+        views.par_iter_mut().with_max_len(1).for_each(|view| {
+            self.with_workspace(|workspace| workspace.draw(self, view, map));
         });
     }
 
-    /// Draws the views of a few envs, each by any thread, once all shadow maps are drawn.
-    fn draw_view_by_view(&mut self, views: &mut [View<'_>]) {
-        while self.shadow_maps.len() < self.first_views.len() {
-            self.shadow_maps.push(ShadowMap::new());
-        }
-        let mut maps = core::mem::take(&mut self.shadow_maps);
-        let this = &*self;
-        maps.par_iter_mut().zip(&this.first_views).for_each(|(map, first)| {
-            this.with_scratch(|Scratch { workspace, .. }| {
-                workspace.draw_map(this, &views[*first], map);
-            });
-        });
-        views.par_iter_mut().enumerate().with_max_len(1).for_each(|(i, view)| {
-            let env_idx = this.first_views.partition_point(|first| *first <= i) - 1;
-            let map = view.scene.shadow_centre.is_some().then_some(&maps[env_idx]);
-            this.with_scratch(|Scratch { workspace, .. }| workspace.draw(this, view, map));
-        });
-        self.shadow_maps = maps;
+    /// Runs `work` with a workspace that no other thread uses: the worker's own unless a larger pool shares it.
+    fn with_workspace<T>(&self, work: impl FnOnce(&mut Workspace) -> T) -> T {
+        let own = own_of(&self.workspaces, 1);
+        // Nothing in a workspace outlives a view, so one that a panic left behind is as good as new.
+        let free = free_from(&self.workspaces, own, |_| {});
+        let waited = || self.workspaces[own].lock().unwrap_or_else(PoisonError::into_inner);
+        work(&mut free.unwrap_or_else(waited))
     }
 
-    /// Runs `work` with a scratch that no other thread uses: the worker's own unless a larger pool shares it.
-    fn with_scratch<T>(&self, work: impl FnOnce(&mut Scratch) -> T) -> T {
-        let own = rayon::current_thread_index().unwrap_or(0) % self.scratches.len();
-        let (before, after) = self.scratches.split_at(own);
-        for scratch in after.iter().chain(before) {
-            match scratch.try_lock() {
-                Ok(mut free) => return work(&mut free),
-                Err(TryLockError::Poisoned(left)) => return work(&mut cleaned(scratch, left)),
-                Err(TryLockError::WouldBlock) => {}
-            }
+    /// Runs `work`, which may wait for other threads and take over other envs meanwhile, with a map that nobody else uses.
+    fn with_map<T>(&self, work: impl FnOnce(&mut ShadowMap) -> T) -> T {
+        // One that a panic left behind may be half drawn.
+        let free = free_from(&self.maps, own_of(&self.maps, MAPS), |map| *map = ShadowMap::new());
+        match free {
+            Some(mut map) => work(&mut map),
+            None => work(&mut ShadowMap::new()),
         }
-        let own = &self.scratches[own];
-        work(&mut own.lock().unwrap_or_else(|left| cleaned(own, left)))
     }
 }
 
-/// A scratch that a panic left behind, as good as new: of what outlives a view only the map may be half drawn.
-fn cleaned<'a>(
-    scratch: &Mutex<Scratch>,
-    left: PoisonError<MutexGuard<'a, Scratch>>,
-) -> MutexGuard<'a, Scratch> {
-    let mut left = left.into_inner();
-    left.map = ShadowMap::new();
-    scratch.clear_poison();
-    left
+/// The first one of the things, `n` per thread, that are this thread's own.
+fn own_of<T>(things: &[T], n: usize) -> usize {
+    rayon::current_thread_index().unwrap_or(0) * n % things.len()
+}
+
+/// A thing that nobody uses, the first one from `own` on; `clean` if a panic left it behind.
+fn free_from<T>(things: &[Mutex<T>], own: usize, clean: impl Fn(&mut T)) -> Option<MutexGuard<'_, T>> {
+    let (before, after) = things.split_at(own);
+    after.iter().chain(before).find_map(|thing| match thing.try_lock() {
+        Ok(free) => Some(free),
+        Err(TryLockError::Poisoned(left)) => {
+            let mut left = left.into_inner();
+            clean(&mut left);
+            thing.clear_poison();
+            Some(left)
+        }
+        Err(TryLockError::WouldBlock) => None,
+    })
 }
 
 impl Renderer for CpuRenderer {
     fn name(&self) -> String {
-        let name = format!("cpu ({}, {} threads)", self.isa.name(), self.scratches.len());
+        let name = format!("cpu ({}, {} threads)", self.isa.name(), self.workspaces.len());
         with_samples(name, self.options.samples)
     }
 

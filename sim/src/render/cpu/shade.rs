@@ -72,8 +72,6 @@ pub(super) struct Strip {
     several: u16,
     /// See [`Surfaces::shown`].
     shown: WholeLine,
-    /// Where what a block shows is found, if it is one triangle.
-    places: [usize; STRIP],
     sites: [Site; STRIP],
     mixtures: [Mixture; STRIP],
     /// Square roots of linear RGB: first of the texture's factors, then of the light that reaches the eye.
@@ -131,7 +129,6 @@ impl Strip {
             single: 0,
             several: 0,
             shown: WholeLine::ZERO,
-            places: [0; STRIP],
             sites: [const { Site::NOWHERE }; STRIP],
             mixtures: [const { Mixture::NONE }; STRIP],
             roots: [[Line::ZERO; 3]; STRIP],
@@ -198,7 +195,6 @@ impl Shader<'_> {
         strip.sort::<S>(shown);
         for block in Lanes(strip.single) {
             let place = place(shown[block]);
-            strip.places[block] = place;
             if self.texture(place) >= 0 {
                 let gaze = self.rays.gaze::<S>(strip.column + block, strip.row);
                 let level = self.level::<S>(place, block, strip);
@@ -206,7 +202,7 @@ impl Shader<'_> {
             }
         }
         for block in Lanes(strip.single) {
-            let place = strip.places[block];
+            let place = place(shown[block]);
             let tint = if self.texture(place) < 0 {
                 [S::F::all(1.0); 3]
             } else {
@@ -297,7 +293,7 @@ impl Shader<'_> {
     /// The flat triangle of a strip's block as the strip shows it.
     #[inline(always)]
     fn flat<S: Simd>(&self, block: usize, depths: &[Line], strip: &Strip) -> FlatSurface {
-        let place = strip.places[block];
+        let place = place(strip.shown.0[block]);
         let look = &self.surfaces.looks[place].0;
         let lit = Lit::new(self.lamps, normal_of(look));
         let gleams =

@@ -21,6 +21,7 @@ use crate::render::affine::Affine;
 use crate::render::camera::Camera;
 use crate::render::scene::RenderScene;
 use crate::render::{Samples, View};
+use crate::scene::Snapshot;
 
 /// What is seen, by which camera, and the instruction set to draw it with.
 #[derive(Clone, Copy)]
@@ -62,16 +63,15 @@ impl Workspace {
         }
     }
 
-    /// Draws the shadow map of a view's env, if its light casts shadows.
-    pub(super) fn draw_map<'a>(
+    /// Draws the shadow map of a scene whose light casts shadows.
+    pub(super) fn draw_map(
         &mut self,
         renderer: &CpuRenderer,
-        View { scene, snapshot, .. }: &View<'_>,
-        map: &'a mut ShadowMap,
-    ) -> Option<&'a ShadowMap> {
-        scene.shadow_centre?;
+        scene: &RenderScene,
+        snapshot: &Snapshot,
+        map: &mut ShadowMap,
+    ) {
         map.draw(renderer.isa, scene, snapshot, &renderer.still_heights, &mut self.relief);
-        Some(map)
     }
 
     /// Makes one picture.
@@ -104,7 +104,7 @@ impl Workspace {
             visibility: &mut self.visibility,
             samples_per_edge: B::SAMPLES_PER_EDGE,
             layer,
-            moving: map.map(|map| &map.moving),
+            moving: map.map(ShadowMap::moving),
             stale: &mut stale,
         });
         let sink = Over::new(&layer.pixels, view.out, camera.side);

@@ -8,10 +8,9 @@ use crate::render::cpu::simd::{Simd, Whole};
 
 /// The greatest heights of a map's cells, and of overlapping windows of 3 × 3 of them.
 ///
-/// Level k of the windows has those of cells of 2ᵏ × 2ᵏ of the map's, by each window's first cell. A window at the map's right
-/// edge goes on in the rows below: what it says is still not exceeded within the map.
+/// Level k of the windows has those of cells of 2ᵏ × 2ᵏ of the map's, by each window's first cell.
 pub(in crate::render::cpu) struct Highest {
-    /// Row by row, and then nothing, so that the windows of the last rows and columns end there.
+    /// Rows of [`PITCH`] cells; there is nothing in the last two rows and columns, into which windows reach.
     cells: Vec<u16>,
     /// All levels, from the finest on.
     windows: Vec<u16>,
@@ -19,6 +18,8 @@ pub(in crate::render::cpu) struct Highest {
     occupied: Option<[[usize; 2]; 2]>,
 }
 
+/// Cells along each edge of the map, and two beyond it.
+const PITCH: usize = CELLS + 2;
 /// Levels: the cells of the coarsest are an eighth of the map wide.
 const N_LEVELS: usize = 6;
 /// Where each level begins.
@@ -36,13 +37,13 @@ const LEVELS: [usize; N_LEVELS + 1] = {
 impl Highest {
     /// Nothing anywhere.
     pub(super) fn new() -> Self {
-        Self { cells: vec![0; CELLS * (CELLS + 2) + 2], windows: vec![0; LEVELS[N_LEVELS]], occupied: None }
+        Self { cells: vec![0; PITCH * PITCH], windows: vec![0; LEVELS[N_LEVELS]], occupied: None }
     }
 
     /// Puts the greatest heights of two cells side by side into their place, by the first one's column and row.
     #[inline(always)]
     pub(super) fn set_two(&mut self, [column, row]: [usize; 2], heights: [u16; 2]) {
-        self.cells[row * CELLS + column..][..2].copy_from_slice(&heights);
+        self.cells[row * PITCH + column..][..2].copy_from_slice(&heights);
     }
 
     /// Finds the windows out from the cells, given the first and last column and row of those that hold anything.
@@ -60,7 +61,7 @@ impl Highest {
         let (first, n) = (columns[0].saturating_sub(2), columns[1] - columns[0].saturating_sub(2) + 1);
         for row in reached(rows, 0) {
             let windows = &mut self.windows[row * CELLS + first..][..n];
-            let rows = each!(down in 3 => &self.cells[(row + down) * CELLS + first..][..n + 2]);
+            let rows = each!(down in 3 => &self.cells[(row + down) * PITCH + first..][..n + 2]);
             for (i, window) in windows.iter_mut().enumerate() {
                 let [a, b, c] = each!(k in 3 => rows[k][i].max(rows[k][i + 1]).max(rows[k][i + 2]));
                 *window = a.max(b).max(c);
@@ -120,7 +121,7 @@ impl Level {
     #[inline(always)]
     pub(super) fn of(reach: i32) -> Option<Self> {
         // Two of its cells are as long as that, since it need not begin where a cell does.
-        let level = u32::BITS - (reach.max(1) as u32 - 1).div_euclid(2 * CELL as u32).leading_zeros();
+        let level = u32::BITS - ((reach.max(1) as u32 - 1) / (2 * CELL as u32)).leading_zeros();
         ((level as usize) < N_LEVELS).then_some(Self(level))
     }
 
@@ -175,9 +176,7 @@ mod tests {
             change(&mut stream, &mut cells, &mut highest);
             for (level, first) in LEVELS[..N_LEVELS].iter().enumerate() {
                 let side = CELLS >> level;
-                // At the right edge a window goes on in the rows below.
-                for (row, column) in (0..side).flat_map(|row| (0..side - 2).map(move |column| (row, column)))
-                {
+                for (row, column) in (0..side).flat_map(|row| (0..side).map(move |column| (row, column))) {
                     let [columns, rows] = [column, row].map(|at| at << level..((at + 3) << level).min(CELLS));
                     let expected = rows.flat_map(|row| &cells[row * CELLS..][columns.clone()]).max();
                     let window = Window((first + row * side + column) as i32);

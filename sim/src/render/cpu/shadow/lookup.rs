@@ -8,6 +8,9 @@ use crate::render::cpu::rays::{Gaze, Rays};
 use crate::render::cpu::simd::{Floats, Lanes, Line, Mask, Number, Per, Simd, Whole, WholeLine};
 use crate::render::rules::OFF_SURFACE_M;
 
+/// What heights that are compared with the greatest ones may be off by rounding, in steps, and more.
+const SLACK_STEPS: f32 = 4.0;
+
 /// A shadow map as a camera looks it up.
 pub(in crate::render::cpu) struct Shadow<'a> {
     /// `[512, 512]` heights in steps.
@@ -69,9 +72,8 @@ impl Shadow<'_> {
         blocks: u16,
         normal: &[f32; 3],
     ) -> u16 {
-        // For rounding, in texels and in steps.
+        // For rounding, in texels.
         const SLACK: f32 = 0.05;
-        const SLACK_STEPS: f32 = 4.0;
         let first = blocks.trailing_zeros() as usize;
         let last = blocks.checked_ilog2().map_or(first, |last| last as usize);
         // How far each block is from the first to the last one.
@@ -162,7 +164,7 @@ impl Extent {
                 None => here,
                 Some(known) => each!(k in 2 => [known[k][0].min(here[k][0]), known[k][1].max(here[k][1])]),
             });
-            self.lowest = self.lowest.min(height - (OFF_SURFACE_M * STEPS_PER_M + 4.0));
+            self.lowest = self.lowest.min(height - (OFF_SURFACE_M * STEPS_PER_M + SLACK_STEPS));
         }
     }
 

@@ -41,8 +41,6 @@ const DEPTHS_OF_SPACE: f32 = 0.0;
 const BLOCK: usize = Plain::WIDTH as usize;
 /// Blocks along each edge of a map.
 const BLOCKS: usize = SIDE / BLOCK;
-/// Blocks of a map.
-const N_BLOCKS: usize = BLOCKS * BLOCKS;
 /// Texels along each edge of a cell.
 const CELL: usize = 2;
 /// Cells along each edge of a block.
@@ -50,33 +48,44 @@ const PER_BLOCK: usize = BLOCK / CELL;
 /// Cells along each edge of a map.
 const CELLS: usize = SIDE / CELL;
 
-/// Heights along the first sun's light, in steps, of the surfaces of what never moves that look away from it: those that look
-/// at it would now and then shade themselves. Renderers keep them in scenes.
-pub(in crate::render) struct StillHeights {
-    /// The maps from the meshes to the light's frame for which they were drawn.
-    maps: Vec<Affine>,
-    /// `[512, 512]`.
+/// Heights along the first sun's light, in steps, of the surfaces that look away from it: those that look at it would now and
+/// then shade themselves.
+struct Heights {
+    /// `[512, 512]`, of what was drawn and of what it was drawn over.
     texels: Vec<u16>,
+    /// Of what was drawn alone.
     highest: Highest,
+    /// Per sixteen blocks where anything was drawn, bit by bit.
+    filled: Vec<u16>,
 }
 
-/// Per sixteen of a map's blocks which ones hold anything, bit by bit.
-type Filled = [u16; N_BLOCKS / N_LANES];
-const NOTHING_FILLED: Filled = [0; N_BLOCKS / N_LANES];
+impl Heights {
+    /// Nothing anywhere.
+    fn new() -> Self {
+        Self {
+            texels: vec![0; SIDE * SIDE],
+            highest: Highest::new(),
+            filled: vec![0; BLOCKS * BLOCKS / N_LANES],
+        }
+    }
+}
+
+/// Heights of what never moves in a scene, which renderers keep there.
+pub(in crate::render) struct StillHeights {
+    /// The maps of what never moves, from its meshes to the light's frame, for which it was drawn.
+    maps: Vec<Affine>,
+    heights: Heights,
+}
 
 /// All that the heights of what never moves depend on: meshes and their maps to the light's frame.
 #[derive(PartialEq)]
 pub(super) struct Casters(Vec<(MeshKey, Affine)>);
 
-/// Such heights of everything at one moment.
+/// Heights of everything at one moment.
 pub(super) struct ShadowMap {
-    /// `[512, 512]`.
-    texels: Vec<u16>,
-    /// Of what moves alone.
-    pub(super) moving: Highest,
-    /// Where that is.
-    filled: Box<Filled>,
-    /// Over what it was drawn: wherever nothing moves it is the same.
+    /// What moves, drawn over the rest.
+    heights: Heights,
+    /// The rest: wherever nothing moves it is the same.
     still: Option<Arc<StillHeights>>,
     light_from_world: Affine,
 }
@@ -95,16 +104,13 @@ impl Relief {
         Self { blocks: Visibility::new(), maps: Vec::with_capacity(256), is_empty: false }
     }
 
-    /// Draws some of the instances, moves them into a map over what never moves, and leaves nothing behind. `highest` gets
-    /// the heights of what was drawn.
+    /// Draws some of the instances, moves them into `heights` over other ones, and leaves nothing behind.
     fn draw(
         &mut self,
         isa: Isa,
         (scene, which): (&RenderScene, Range<usize>),
-        still: &[u16],
-        texels: &mut [u16],
-        highest: &mut Highest,
-        filled: &mut Filled,
+        under: &[u16],
+        heights: &mut Heights,
     ) {
         let Self { blocks, maps, is_empty } = self;
         if !*is_empty {
@@ -120,7 +126,7 @@ impl Relief {
             visibility: blocks,
             blocks: PhantomData::<Plain>,
         });
-        isa.run(Unfold { blocks, still, texels, highest, filled });
+        isa.run(Unfold { blocks, under, heights });
         *is_empty = true;
     }
 }
@@ -128,13 +134,7 @@ impl Relief {
 impl ShadowMap {
     /// A map without shadows.
     pub(super) fn new() -> Self {
-        Self {
-            texels: vec![0; SIDE * SIDE],
-            moving: Highest::new(),
-            filled: Box::new(NOTHING_FILLED),
-            still: None,
-            light_from_world: Affine::IDENTITY,
-        }
+        Self { heights: Heights::new(), still: None, light_from_world: Affine::IDENTITY }
     }
 
     /// Draws everything that casts a shadow in a scene that has shadows; what never moves only if no scene has `kept` it.
@@ -153,24 +153,29 @@ impl ShadowMap {
         let still = still_heights(isa, scene, kept, relief);
         if !self.still.as_ref().is_some_and(|known| Arc::ptr_eq(known, &still)) {
             // Where something moved it is drawn anew in any case.
-            self.texels.copy_from_slice(&still.texels);
+            self.heights.texels.copy_from_slice(&still.heights.texels);
         }
         let which = scene.n_still..scene.instances.len();
-        let Self { texels, moving, filled, .. } = self;
-        relief.draw(isa, (scene, which), &still.texels, texels, moving, filled);
+        relief.draw(isa, (scene, which), &still.heights.texels, &mut self.heights);
         self.still = Some(still);
     }
 
     /// What a camera needs to look points up; `None` if nothing was drawn.
     pub(super) fn seen_from(&self, view_from_world: &Affine) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
-        Some(self.shadow(&self.texels, [&self.moving, &still.highest], view_from_world))
+        let highest = [&self.heights.highest, &still.heights.highest];
+        Some(self.shadow(&self.heights.texels, highest, view_from_world))
     }
 
     /// The same as if there were nothing but what never moves.
     pub(super) fn still_seen_from(&self, view_from_world: &Affine) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
-        Some(self.shadow(&still.texels, [&still.highest; 2], view_from_world))
+        Some(self.shadow(&still.heights.texels, [&still.heights.highest; 2], view_from_world))
+    }
+
+    /// The greatest heights of what moves.
+    pub(super) fn moving(&self) -> &Highest {
+        &self.heights.highest
     }
 
     fn shadow<'a>(
@@ -209,30 +214,27 @@ fn still_heights(
             let casters = Casters(meshes.zip(maps.iter().copied()).collect());
             let maps = maps.to_vec();
             let draw = || {
-                let (nothing, mut texels) = (vec![0; SIDE * SIDE], vec![0; SIDE * SIDE]);
-                let (mut highest, mut filled) = (Highest::new(), NOTHING_FILLED);
-                let which = 0..scene.n_still;
-                relief.draw(isa, (scene, which), &nothing, &mut texels, &mut highest, &mut filled);
-                StillHeights { maps, texels, highest }
+                let (nothing, mut heights) = (vec![0; SIDE * SIDE], Heights::new());
+                relief.draw(isa, (scene, 0..scene.n_still), &nothing, &mut heights);
+                StillHeights { maps, heights }
             };
             Arc::clone(kept.insert(all.get(casters, draw)))
         }
     }
 }
 
-/// Moves a relief into a map over what never moves, and leaves the relief empty.
+/// Moves a relief into a map over other heights, and leaves the relief empty.
 struct Unfold<'a> {
     blocks: &'a mut Visibility,
-    still: &'a [u16],
-    texels: &'a mut [u16],
-    highest: &'a mut Highest,
-    filled: &'a mut Filled,
+    under: &'a [u16],
+    heights: &'a mut Heights,
 }
 
 impl Kernel for Unfold<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let Self { blocks: Visibility { depths, drawn, .. }, still, texels, highest, filled } = self;
+        let Self { blocks: Visibility { depths, drawn, .. }, under, heights } = self;
+        let Heights { texels, highest, filled } = heights;
         let (mut columns, mut rows) = ([CELLS, 0], [CELLS, 0]);
         let sixteens = depths.as_chunks_mut::<N_LANES>().0.iter_mut().zip(drawn.as_chunks_mut::<N_LANES>().0);
         for ((sixteen, (blocks, drawn)), filled) in sixteens.enumerate().zip(filled) {
@@ -257,11 +259,11 @@ impl Kernel for Unfold<'_> {
                 let steps = each!(k in 16 => line.0[k] as u16);
                 let place = row * BLOCK * SIDE + (column + i) * BLOCK;
                 let rows = place..place + (BLOCK - 1) * SIDE + BLOCK;
-                let (texels, still) = (&mut texels[rows.clone()], &still[rows]);
+                let (texels, under) = (&mut texels[rows.clone()], &under[rows]);
                 for (y, steps) in steps.as_chunks::<BLOCK>().0.iter().enumerate() {
-                    let (texels, still) = (&mut texels[y * SIDE..][..BLOCK], &still[y * SIDE..][..BLOCK]);
+                    let (texels, under) = (&mut texels[y * SIDE..][..BLOCK], &under[y * SIDE..][..BLOCK]);
                     for x in 0..BLOCK {
-                        texels[x] = steps[x].max(still[x]);
+                        texels[x] = steps[x].max(under[x]);
                     }
                 }
                 for k in 0..PER_BLOCK {
