@@ -90,8 +90,7 @@ impl Progress {
 
     /// The sim has counted.
     pub(crate) fn counters(&mut self, counters: &Counters) {
-        let speed =
-            || format!(", {:.0} env-steps/s", counters.env_steps as f64 / counters.stepping_s.max(1e-9));
+        let speed = || format!(", {:.0} env-steps/s", counters.env_steps as f64 / counters.wall_s.max(1e-9));
         match self {
             Self::Bar(bar) if counters.env_steps > 0 => bar.set_message(speed()),
             Self::Lines(lines) if counters.env_steps > 0 => {

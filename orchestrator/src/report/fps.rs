@@ -1,4 +1,7 @@
-//! How fast a run was, in the terms of DESIGN §10.
+//! Speed of a run: control steps per second, core-seconds by stage, and the speed bound derived from them.
+//!
+//! All figures except the `process_` ones cover one window: from the first work (building the first world) to the
+//! last control step.
 
 use std::time::Duration;
 
@@ -6,74 +9,73 @@ use serde::Serialize;
 
 use crate::fleet::Totals;
 
-/// What `env_steps_per_s` means.
-const DEFINITION: &str = "control steps of finished and unfinished episodes / wall seconds between the first and the last \
-    control step, all envs together, policy inference included";
+/// The definition of `env_steps_per_s`, as printed in the JSON report.
+const DEFINITION: &str = "control steps of finished and unfinished episodes / wall seconds from the first work (building the \
+    first world) to the last control step, over all envs, policy inference included";
 
-/// Speed of one run: of this command, not of the episodes an earlier one finished.
+/// Speed of one `run` command. Episodes that an earlier, resumed run finished do not count.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Fps {
-    /// Control steps executed.
+    /// Number of control steps executed.
     pub(crate) env_steps: u64,
-    /// Wall seconds between the first and the last control step.
+    /// Wall seconds from the first work to the last control step.
     pub(crate) wall_s: f64,
-    /// Their ratio.
+    /// `env_steps / wall_s`; `None` before the first control step.
     pub(crate) env_steps_per_s: Option<f64>,
-    /// What that means.
+    /// The definition of `env_steps_per_s` in words.
     pub(crate) definition: &'static str,
     /// Wall seconds of the whole process, start-up included.
     pub(crate) process_wall_s: f64,
-    /// Control steps per second of the whole process, the paper's way.
+    /// Control steps per second of the whole process, which is the paper's definition.
     pub(crate) process_env_steps_per_s: f64,
-    /// Images drawn per second between the first and the last control step.
+    /// Rendered images per second of `wall_s`.
     pub(crate) images_per_s: Option<f64>,
-    /// Envs asked about per second between the first and the last control step.
+    /// Queries (one per env) per second of `wall_s`.
     pub(crate) queries_per_s: Option<f64>,
-    /// What the measured costs would allow.
+    /// The speed that the measured costs allow.
     pub(crate) bound: Option<Bound>,
-    /// Where the core-seconds went.
+    /// Core-seconds by stage.
     #[serde(skip)]
     pub(crate) ledger: Ledger,
 }
 
-/// The speed at which the cores would do nothing but step, draw and infer: c / (s + (r + w) / k).
+/// The speed at which all cores would do nothing but step, render and infer: c / (s + (r + w) / k).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Bound {
-    /// c.
+    /// c: number of cores.
     pub(crate) n_cores: u32,
-    /// s: core-seconds of one control step of one env.
+    /// s: core-seconds per control step of one env.
     pub(crate) step_s: f64,
-    /// r: core-seconds of drawing one env for one query.
+    /// r: core-seconds of rendering per query of one env.
     pub(crate) render_s: f64,
-    /// w: core-seconds of one query of one env.
+    /// w: core-seconds of inference per query of one env.
     pub(crate) query_s: f64,
-    /// k: control steps per query; none without queries.
+    /// k: control steps per query; `None` without queries.
     pub(crate) steps_per_query: Option<f64>,
-    /// The bound.
+    /// The bound itself, in control steps per second.
     pub(crate) env_steps_per_s: f64,
-    /// Fraction of it that was reached from the first work to the last control step: the core-seconds above also cover what
-    /// was built, drawn and inferred before the first control step.
+    /// Fraction of the bound that the run reached.
     pub(crate) reached: f64,
 }
 
-/// Core-seconds of a run.
+/// Core-seconds of a run by stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Ledger {
-    /// Stepping.
+    /// Building worlds and stepping physics.
     pub(crate) physics_s: f64,
-    /// Drawing.
+    /// Rendering.
     pub(crate) render_s: f64,
-    /// Inference.
+    /// Policy inference.
     pub(crate) policy_s: f64,
-    /// Seconds in which the sim's loop had nothing to do.
+    /// Wall seconds in which the sim had nothing to do.
     pub(crate) wait_s: f64,
 }
 
 impl Fps {
-    /// Of a fleet's totals, in a process that has run for `process` on `n_cores` cores.
+    /// Computes the figures from a fleet's totals, for a process that has run for `process` on `n_cores` cores.
     pub(crate) fn new(totals: &Totals, process: Duration, n_cores: u32) -> Self {
         let (sim, hosts) = (totals.sim(), totals.hosts());
-        let rate = |count: u64| (sim.stepping_s > 0.0).then(|| count as f64 / sim.stepping_s);
+        let rate = |count: u64| (sim.wall_s > 0.0).then(|| count as f64 / sim.wall_s);
         let ledger = Ledger {
             physics_s: sim.physics_s,
             render_s: sim.render_s,
@@ -83,7 +85,7 @@ impl Fps {
         let process_wall_s = process.as_secs_f64();
         Self {
             env_steps: sim.env_steps,
-            wall_s: sim.stepping_s,
+            wall_s: sim.wall_s,
             env_steps_per_s: rate(sim.env_steps),
             definition: DEFINITION,
             process_wall_s,
@@ -95,16 +97,16 @@ impl Fps {
         }
     }
 
-    /// The lines under the table; none for a run without a control step.
+    /// Returns the lines printed under the results table; empty for a run without a control step.
     pub(crate) fn lines(&self) -> String {
         let Some(env_steps_per_s) = self.env_steps_per_s else { return String::new() };
         let Ledger { physics_s, render_s, policy_s, wait_s } = self.ledger;
         let mut text = format!(
-            "env_steps_per_s  {env_steps_per_s:.1} ({} control steps in {:.2} s, from the first to the last)\n\
+            "env_steps_per_s  {env_steps_per_s:.1} ({} control steps in {:.2} s, from the first work to the last step)\n\
              whole process    {:.1} env-steps/s ({:.2} s, start-up included)\n\
              per second       {:.1} images, {:.1} queries\n\
-             core-seconds     physics {physics_s:.2}, render {render_s:.2}, policy {policy_s:.2}; the sim had nothing to do \
-             for {wait_s:.2} s\n",
+             core-seconds     physics {physics_s:.2}, render {render_s:.2}, policy {policy_s:.2}; sim idle for \
+             {wait_s:.2} s\n",
             self.env_steps,
             self.wall_s,
             self.process_env_steps_per_s,
@@ -135,16 +137,16 @@ impl Bound {
         let sim = totals.sim();
         let per = |seconds: f64, count: u64| if count == 0 { 0.0 } else { seconds / count as f64 };
         let busy_s = ledger.physics_s + ledger.render_s + ledger.policy_s;
-        // (r + w) / k per step is the drawing and inference of the whole run over its steps.
+        // (r + w) / k per control step equals all core-seconds of rendering and inference over all control steps.
         let bound = f64::from(n_cores) * sim.env_steps as f64 / busy_s;
-        (busy_s > 0.0 && sim.working_s > 0.0).then(|| Self {
+        (busy_s > 0.0 && sim.wall_s > 0.0).then(|| Self {
             n_cores,
             step_s: per(ledger.physics_s, sim.env_steps),
             render_s: per(ledger.render_s, sim.queries),
             query_s: per(ledger.policy_s, sim.queries),
             steps_per_query: (sim.queries > 0).then(|| sim.env_steps as f64 / sim.queries as f64),
             env_steps_per_s: bound,
-            reached: sim.env_steps as f64 / sim.working_s / bound,
+            reached: sim.env_steps as f64 / sim.wall_s / bound,
         })
     }
 }

@@ -73,7 +73,7 @@ fn the_object_has_the_names_others_rely_on() {
       "changes": [],
       "fps": {
         "bound": null,
-        "definition": "control steps of finished and unfinished episodes / wall seconds between the first and the last control step, all envs together, policy inference included",
+        "definition": "control steps of finished and unfinished episodes / wall seconds from the first work (building the first world) to the last control step, over all envs, policy inference included",
         "env_steps": 0,
         "env_steps_per_s": null,
         "images_per_s": null,
@@ -102,8 +102,7 @@ fn speed_is_measured_and_bounded_as_defined() {
         env_steps: 3000,
         images: 300,
         queries: 100,
-        stepping_s: 2.0,
-        working_s: 2.5,
+        wall_s: 2.0,
         physics_s: 0.6,
         render_s: 0.4,
         idle_s: 0.1,
@@ -118,12 +117,12 @@ fn speed_is_measured_and_bounded_as_defined() {
     assert_eq!((bound.step_s, bound.render_s, bound.query_s), (s, r, w));
     assert_eq!(bound.steps_per_query, Some(k));
     assert!((bound.env_steps_per_s - 2.0 / (s + (r + w) / k)).abs() < 1e-9);
-    assert!((bound.reached - 3000.0 / 2.5 / 2000.0).abs() < 1e-12);
+    assert!((bound.reached - 1500.0 / 2000.0).abs() < 1e-12);
     insta::assert_snapshot!(fps.lines(), @r"
-    env_steps_per_s  1500.0 (3000 control steps in 2.00 s, from the first to the last)
+    env_steps_per_s  1500.0 (3000 control steps in 2.00 s, from the first work to the last step)
     whole process    750.0 env-steps/s (4.00 s, start-up included)
     per second       150.0 images, 50.0 queries
-    core-seconds     physics 0.60, render 0.40, policy 2.00; the sim had nothing to do for 0.10 s
-    bound            2000.0 env-steps/s = c / (s + (r + w) / k) with c = 2 cores, s = 0.200 ms, r = 4.000 ms, w = 20.000 ms, k = 30.0; 60 % reached
+    core-seconds     physics 0.60, render 0.40, policy 2.00; sim idle for 0.10 s
+    bound            2000.0 env-steps/s = c / (s + (r + w) / k) with c = 2 cores, s = 0.200 ms, r = 4.000 ms, w = 20.000 ms, k = 30.0; 75 % reached
     ");
 }

@@ -113,8 +113,10 @@ struct Server {
     writer: BatchWriter,
     rules: Rules,
     counters: Counters,
+    /// Start of the measured window (see [`Counters::wall_s`]).
     first_work: Option<Instant>,
-    first_step: Option<Instant>,
+    /// Idle seconds since the last control step. They count once another control step extends the window over them.
+    pending_idle_s: f64,
     /// When the loop last ran out of work.
     idle_since: Option<Instant>,
     reported: Instant,
@@ -152,7 +154,7 @@ impl Server {
             rules,
             counters: Counters::default(),
             first_work: None,
-            first_step: None,
+            pending_idle_s: 0.0,
             idle_since: None,
             reported: Instant::now(),
             batch: Vec::with_capacity(max_envs),
@@ -215,12 +217,11 @@ impl Server {
         let (start, used) = (Instant::now(), core_seconds());
         let env_steps = self.slots.pass();
         self.counters.physics_s += core_seconds() - used;
-        let work = *self.first_work.get_or_insert(start);
+        let first_work = *self.first_work.get_or_insert(start);
         if env_steps > 0 {
             self.counters.env_steps += env_steps;
-            let first = *self.first_step.get_or_insert(start);
-            self.counters.stepping_s = first.elapsed().as_secs_f64();
-            self.counters.working_s = work.elapsed().as_secs_f64();
+            self.counters.wall_s = first_work.elapsed().as_secs_f64();
+            self.counters.idle_s += std::mem::take(&mut self.pending_idle_s);
         }
         let mut written = Ok(());
         self.slots.take_finished(|outcome| {
@@ -305,7 +306,9 @@ impl Server {
                 Err(RecvTimeoutError::Disconnected) => false,
             }
         };
-        self.counters.idle_s += start.elapsed().as_secs_f64();
+        if self.first_work.is_some() {
+            self.pending_idle_s += start.elapsed().as_secs_f64();
+        }
         Ok(alive)
     }
 }

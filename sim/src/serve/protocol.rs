@@ -172,14 +172,12 @@ pub struct Counters {
     pub images: u64,
     /// Envs asked about (one query per env).
     pub queries: u64,
-    /// Seconds between the first and the last control step.
-    pub stepping_s: f64,
-    /// Seconds from the first work, which builds worlds, to the last control step.
-    pub working_s: f64,
+    /// Wall seconds of the measured window, from the first work (building the first world) to the end of the last control step.
+    pub wall_s: f64,
     /// Core-seconds stepping.
     pub physics_s: f64,
     /// Core-seconds drawing.
     pub render_s: f64,
-    /// Seconds in which the sim's loop had nothing to do.
+    /// Seconds within the measured window in which the sim had nothing to do.
     pub idle_s: f64,
 }
