@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
-use sim::render::Enlargement;
+use sim::show::HighResScene;
 
 use crate::sweep::Sweep;
 
@@ -176,7 +176,7 @@ pub(crate) struct ReplayArgs {
 }
 
 fn scale(typed: &str) -> Result<usize, String> {
-    let times = Enlargement::TIMES;
+    let times = HighResScene::SCALES;
     typed
         .parse()
         .ok()

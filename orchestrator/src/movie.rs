@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
-use sim::render::sheet::Picture;
+use sim::show::contact_sheet::RgbImage;
 use sim::show::movie::{Format, Movie};
 
 use crate::failure::Ending;
@@ -20,7 +20,7 @@ pub(crate) fn write(
     path: &Path,
     format: Format,
     n_frames: usize,
-    mut picture: impl FnMut(usize) -> Picture,
+    mut picture: impl FnMut(usize) -> RgbImage,
 ) -> anyhow::Result<Ending> {
     let stopped = Arc::new(AtomicBool::new(false));
     let stop = Arc::clone(&stopped);

@@ -9,9 +9,10 @@ use rayon::prelude::*;
 use sim::TaskId;
 use sim::demo::Recording;
 use sim::perturb::Composition;
-use sim::render::{CpuRenderer, Enlargement, sheet};
+use sim::render::CpuRenderer;
 use sim::show::Subject;
 use sim::show::movie::Format;
+use sim::show::{HighResScene, contact_sheet};
 use sim::stream::Stream;
 
 use crate::cli::ReplayArgs;
@@ -179,11 +180,11 @@ fn report(episodes: &[StoredEpisode], replayed: &[(usize, u64)]) -> Result<Endin
 fn draw_movie(source: &Source, episode_idx: usize, path: &Path, scale: usize) -> anyhow::Result<Ending> {
     let format = Format::of(path)?;
     let recording = source.again(episode_idx)?;
-    let view = Enlargement::new(recording.scene(), scale);
+    let view = HighResScene::new(recording.scene(), scale);
     let mut renderer = CpuRenderer::new(rayon::current_num_threads());
     let ending = movie::write(path, format, recording.n_frames(), |frame| {
         let images = view.photograph(&mut renderer, recording.snapshot(frame));
-        sheet::compose(&images, images.len(), 1)
+        contact_sheet::compose(&images, images.len(), 1)
     })?;
     if ending != Ending::Done {
         return Ok(ending);

@@ -9,26 +9,23 @@ mod body;
 mod camera;
 mod choice;
 mod cpu;
-mod enlargement;
+pub mod export;
 pub mod gpu;
 mod line;
 mod material;
 mod mesh;
-mod mjcf;
 mod noise;
 mod posed;
 mod robot;
 mod room;
 mod rules;
 mod scene;
-pub mod sheet;
 mod srgb;
 mod texture;
 mod trig;
 
 pub use choice::{OpenError, RendererChoice, open};
 pub use cpu::{CpuOptions, CpuRenderer, Inspection, Segment};
-pub use enlargement::Enlargement;
 pub use gpu::GpuRenderer;
 pub use scene::RenderScene;
 

@@ -123,8 +123,16 @@ impl RenderScene {
         Self::with_cameras(scene, scene.cameras.iter().map(Camera::new).collect())
     }
 
-    /// Prepares a scene that these cameras look at.
-    pub(super) fn with_cameras(scene: &Scene, cameras: Vec<Camera>) -> Self {
+    /// Prepares a scene in which `n_tiles` × `n_tiles` cameras take the place of each camera. Each of them renders one
+    /// tile of the image, in row-major order, at the camera's own resolution.
+    pub(crate) fn with_tiled_cameras(scene: &Scene, n_tiles: usize) -> Self {
+        let tiles = || (0..n_tiles * n_tiles).map(|tile| [tile % n_tiles, tile / n_tiles]);
+        let cameras = scene.cameras.iter().map(Camera::new);
+        let tiled = cameras.flat_map(|camera| tiles().map(move |tile| camera.part(n_tiles, tile)));
+        Self::with_cameras(scene, tiled.collect())
+    }
+
+    fn with_cameras(scene: &Scene, cameras: Vec<Camera>) -> Self {
         let (mut instances, mut n_still) = (Vec::new(), 0);
         let mut own_meshes = OwnMeshes::default();
         room::push(scene, &mut instances);

@@ -3,11 +3,11 @@
 use ipc_types::ControlMode;
 
 use super::ShowError;
+use super::contact_sheet::{self, RgbImage};
 use super::episode::{Script, Subject, Until, snapshot};
 use super::paint::{Key, Painter, What};
 use crate::physics::World;
 use crate::render::RenderScene;
-use crate::render::sheet::{self, Picture};
 use crate::scene::Snapshot;
 
 /// Pixels of a sheet per rendered pixel.
@@ -119,16 +119,16 @@ impl Film {
     /// # Panics
     /// If there is no such moment.
     #[must_use]
-    pub fn picture(&mut self, moment_idx: usize) -> Picture {
+    pub fn picture(&mut self, moment_idx: usize) -> RgbImage {
         let images = self.images(moment_idx);
-        sheet::compose(&images, images.len(), 1)
+        contact_sheet::compose(&images, images.len(), 1)
     }
 
     /// All moments: a row of cameras for each.
     #[must_use]
-    pub fn sheet(&mut self) -> Picture {
+    pub fn sheet(&mut self) -> RgbImage {
         let images: Vec<_> = (0..self.n_moments()).flat_map(|moment_idx| self.images(moment_idx)).collect();
-        sheet::compose(&images, self.scenes[0].n_cameras(), SHEET_UPSCALE)
+        contact_sheet::compose(&images, self.scenes[0].n_cameras(), SHEET_UPSCALE)
     }
 
     fn images(&mut self, moment_idx: usize) -> Vec<(usize, Vec<u8>)> {

@@ -3,9 +3,11 @@
 //! Owns how depths and segments become colours, and the files of movies. It never decides what an episode is: it draws
 //! scenes and steps worlds as `serve` does, with an actor that needs no policy host.
 
+pub mod contact_sheet;
 mod depth;
 mod episode;
 mod film;
+mod high_res;
 pub mod movie;
 mod paint;
 mod segments;
@@ -15,6 +17,7 @@ use thiserror::Error;
 pub use depth::DepthRange;
 pub use episode::{Script, Subject};
 pub use film::Film;
+pub use high_res::HighResScene;
 pub use paint::{Key, What};
 pub use segments::Entry;
 

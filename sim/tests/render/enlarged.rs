@@ -1,8 +1,9 @@
 //! Pictures of more pixels show the same, without seams.
 
 use sim::TaskId;
-use sim::render::{CpuRenderer, Enlargement, RenderScene};
+use sim::render::{CpuRenderer, RenderScene};
 use sim::scene::Primitive;
+use sim::show::HighResScene;
 
 use crate::common::{BLUE, as_placed, body, bounds, drawn, empty_room, is_blue, pixels};
 
@@ -13,7 +14,7 @@ fn edges_are_where_they_were_to_a_part_of_a_pixel() {
     scene.bodies.push(body("cube", Primitive::Box { half: [0.1; 3] }, [0.0, 0.0, 0.5], BLUE));
     let snapshot = as_placed(&scene);
     for times in [1, 2, 3, 8] {
-        let images = Enlargement::new(&scene, times).photograph(&mut CpuRenderer::new(1), &snapshot);
+        let images = HighResScene::new(&scene, times).photograph(&mut CpuRenderer::new(1), &snapshot);
         let [(side, image)] = &images[..] else { panic!("{} cameras", images.len()) };
         assert_eq!((*side, image.len()), (224 * times, (224 * times).pow(2) * 3));
         let blue = pixels(image, *side, is_blue);
@@ -34,8 +35,12 @@ fn once_is_the_picture_itself_and_three_times_has_it_in_the_middles() {
         let (scene, snapshot) = drawn(task);
         let mut renderer = CpuRenderer::new(1);
         let usual = renderer.photograph(&RenderScene::new(&scene), &snapshot);
-        assert!(Enlargement::new(&scene, 1).photograph(&mut renderer, &snapshot) == usual, "{}", task.name());
-        let large = Enlargement::new(&scene, 3).photograph(&mut renderer, &snapshot);
+        assert!(
+            HighResScene::new(&scene, 1).photograph(&mut renderer, &snapshot) == usual,
+            "{}",
+            task.name()
+        );
+        let large = HighResScene::new(&scene, 3).photograph(&mut renderer, &snapshot);
         for ((side, image), (large_side, large)) in usual.iter().zip(&large) {
             assert_eq!(*large_side, 3 * side);
             // Textures are a little finer, and edges may round to the other side.

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use sim::render::sheet::{SheetError, compose};
+use sim::show::contact_sheet::{SheetError, compose};
 
 #[test]
 fn a_sheet_holds_its_images_enlarged_side_by_side() {

@@ -6,7 +6,7 @@ use std::io::BufWriter;
 use png::{BitDepth, BlendOp, ColorType, EncodingError};
 
 use super::FRAMES_PER_S;
-use crate::render::sheet::Picture;
+use crate::show::contact_sheet::RgbImage;
 
 /// An animated PNG in the making.
 pub(super) struct Apng(png::Writer<BufWriter<File>>);
@@ -16,7 +16,7 @@ impl Apng {
     pub(super) fn begin(
         file: BufWriter<File>,
         n_frames: usize,
-        first: &Picture,
+        first: &RgbImage,
     ) -> Result<Self, EncodingError> {
         let [width, height] = first.size();
         let mut encoder = png::Encoder::new(file, width as u32, height as u32);
@@ -33,7 +33,7 @@ impl Apng {
     }
 
     /// Writes what has changed.
-    pub(super) fn push(&mut self, frame: &Picture, before: &Picture) -> Result<(), EncodingError> {
+    pub(super) fn push(&mut self, frame: &RgbImage, before: &RgbImage) -> Result<(), EncodingError> {
         let changes: Vec<u8> = frame
             .pixels()
             .zip(before.pixels())

@@ -8,7 +8,7 @@ use std::io::{BufWriter, Write};
 use gif::{Encoder, EncodingError, Frame, Repeat};
 
 use super::FRAMES_PER_S;
-use crate::render::sheet::Picture;
+use crate::show::contact_sheet::RgbImage;
 
 /// Shades of red, green and blue in the cube: the eye sees green best.
 const SHADES: [usize; 3] = [6, 7, 6];
@@ -25,7 +25,7 @@ pub(super) struct Gif(Encoder<BufWriter<File>>);
 
 impl Gif {
     /// Writes the head and the first frame.
-    pub(super) fn begin(file: BufWriter<File>, first: &Picture) -> Result<Self, EncodingError> {
+    pub(super) fn begin(file: BufWriter<File>, first: &RgbImage) -> Result<Self, EncodingError> {
         let [width, height] = first.size().map(|px| px as u16);
         let mut encoder = Encoder::new(file, width, height, &cube())?;
         encoder.set_repeat(Repeat::Infinite)?;
@@ -34,7 +34,7 @@ impl Gif {
     }
 
     /// Writes what has changed.
-    pub(super) fn push(&mut self, frame: &Picture, before: &Picture) -> Result<(), EncodingError> {
+    pub(super) fn push(&mut self, frame: &RgbImage, before: &RgbImage) -> Result<(), EncodingError> {
         let changed: Vec<bool> =
             frame.pixels().zip(before.pixels()).map(|(now, before)| now != before).collect();
         self.0.write_frame(&encoded(frame, |pixel| changed[pixel]))
@@ -47,7 +47,7 @@ impl Gif {
 }
 
 /// A frame of the pixels for which `changed` holds; all others stay.
-fn encoded(picture: &Picture, changed: impl Fn(usize) -> bool) -> Frame<'static> {
+fn encoded(picture: &RgbImage, changed: impl Fn(usize) -> bool) -> Frame<'static> {
     let [width, height] = picture.size();
     let exact = exact_palette(picture, &changed);
     let index = |(pixel, rgb): (usize, [u8; 3])| match &exact {
@@ -68,7 +68,7 @@ fn encoded(picture: &Picture, changed: impl Fn(usize) -> bool) -> Frame<'static>
 }
 
 /// Indices of the changed pixels' colours, in the colours' order; `None` if there are too many.
-fn exact_palette(picture: &Picture, changed: impl Fn(usize) -> bool) -> Option<BTreeMap<[u8; 3], u8>> {
+fn exact_palette(picture: &RgbImage, changed: impl Fn(usize) -> bool) -> Option<BTreeMap<[u8; 3], u8>> {
     let mut colors = BTreeMap::new();
     for (_, rgb) in picture.pixels().enumerate().filter(|(pixel, _)| changed(*pixel)) {
         colors.insert(rgb, STAYS);

@@ -15,7 +15,7 @@ use std::path::Path;
 use thiserror::Error;
 
 use crate::physics::CONTROL_HZ;
-use crate::render::sheet::Picture;
+use crate::show::contact_sheet::RgbImage;
 use apng::Apng;
 use draft::Draft;
 use gif::Gif;
@@ -89,7 +89,7 @@ pub struct Movie {
     encoder: Encoder,
     draft: Draft,
     /// The last frame.
-    shown: Picture,
+    shown: RgbImage,
 }
 
 enum Encoder {
@@ -114,7 +114,7 @@ impl Movie {
     ///
     /// # Errors
     /// If the file cannot be created or written.
-    pub fn begin(path: &Path, format: Format, n_frames: usize, first: Picture) -> Result<Self, MovieError> {
+    pub fn begin(path: &Path, format: Format, n_frames: usize, first: RgbImage) -> Result<Self, MovieError> {
         let (draft, file) = Draft::create(path)
             .map_err(|source| MovieError::Create { path: path.display().to_string(), source })?;
         let encoder = match format {
@@ -131,7 +131,7 @@ impl Movie {
     ///
     /// # Panics
     /// If it has another size than the first one.
-    pub fn push(&mut self, frame: Picture) -> Result<(), MovieError> {
+    pub fn push(&mut self, frame: RgbImage) -> Result<(), MovieError> {
         assert_eq!(frame.size(), self.shown.size(), "the frames of a movie are equally large");
         match &mut self.encoder {
             Encoder::Apng(apng) => apng.push(&frame, &self.shown).map_err(CodingError::from),

@@ -5,10 +5,10 @@ use std::io::BufReader;
 use std::path::Path;
 
 use super::{Format, Movie};
-use crate::render::sheet::{Picture, compose};
+use crate::show::contact_sheet::{RgbImage, compose};
 
 /// A square of 40 colours on black that wanders, 3 frames.
-fn frames() -> Vec<Picture> {
+fn frames() -> Vec<RgbImage> {
     let frame = |at: usize| {
         let mut image = vec![[0; 3]; 32 * 32];
         for place in 0..64 {

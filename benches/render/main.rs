@@ -9,6 +9,8 @@
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
+mod mjcf;
+
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -17,6 +19,7 @@ use benches::{Peer, Report, median};
 use ipc_types::ControlMode;
 use sim::TaskId;
 use sim::physics::World;
+use sim::render::export::ExportedPoses;
 use sim::render::gpu::{AdapterKind, GpuOptions, Timings, Visibility};
 use sim::render::{CpuOptions, CpuRenderer, GpuRenderer, RenderScene, Renderer, Samples, View};
 use sim::scene::Snapshot;
@@ -205,8 +208,12 @@ fn against_peer(python: &Path, table: &mut Report) -> Result<()> {
 /// Writes the first env's scene, and where everything is in each env.
 fn export(envs: &[Env], folder: &Path) -> Result<()> {
     let scene = &envs[0].scene;
-    scene.write_mjcf(folder).context("export the scene for the peer")?;
-    let poses: Vec<_> = envs.iter().map(|env| scene.mjcf_poses(&env.snapshot)).collect();
+    mjcf::write(&scene.export(), folder).context("export the scene for the peer")?;
+    let poses = envs.iter().map(|env| {
+        let ExportedPoses { instances, cameras } = scene.exported_poses(&env.snapshot);
+        [instances, cameras].concat()
+    });
+    let poses: Vec<_> = poses.collect();
     let sides: Vec<_> = (0..scene.n_cameras()).map(|camera_idx| scene.side(camera_idx)).collect();
     let text = serde_json::json!({ "poses": poses, "sides": sides }).to_string();
     std::fs::write(folder.join("poses.json"), text).context("export the poses for the peer")

@@ -1,4 +1,4 @@
-//! Contact sheets: several images side by side in one picture, for people.
+//! Contact sheets: several square images laid out on a grid with margins, as one PNG.
 
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -6,54 +6,58 @@ use std::path::Path;
 
 use thiserror::Error;
 
-/// Pixels around and between images, of the sheet.
+/// Width of the gap around and between images, in px of the sheet.
 const MARGIN: usize = 4;
-/// Grey of the margins.
+/// Grey level of the margins.
 const BACKGROUND: u8 = 96;
 
-/// Failure to write a sheet.
+/// Errors that can occur while writing a contact sheet.
 #[derive(Debug, Error)]
 pub enum SheetError {
     /// The file could not be created.
     #[error("create {path}: {source}")]
     Create {
-        /// Where it should have been.
+        /// Path of the file.
         path: String,
-        /// Reason.
+        /// Underlying I/O error.
         source: io::Error,
     },
-    /// The image could not be written.
+    /// The image could not be encoded or written.
     #[error("write {path}: {source}")]
     Write {
-        /// Where it was to be.
+        /// Path of the file.
         path: String,
-        /// Reason.
+        /// Underlying encoder error.
         source: png::EncodingError,
     },
 }
 
-/// An image of any size.
+/// An 8-bit sRGB image of any size.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Picture {
+pub struct RgbImage {
     width: usize,
+    /// `[height, width, 3]`, row-major, top row first.
     rgb: Vec<u8>,
 }
 
-/// Puts square images, each with its side and its `[side, side, 3] u8` sRGB bytes, row after row of `columns` images,
-/// every pixel drawn `upscale` times `upscale`.
+/// Lays out square images on a grid of `columns` columns, in row-major order, and repeats every pixel `upscale` times
+/// along both axes. Each image is given as its side and its `[side, side, 3] u8` sRGB bytes.
 ///
 /// # Panics
-/// If there is no image, `columns` or `upscale` is 0, or an image does not have the bytes of its side.
+/// If there are no images, if `columns` or `upscale` is 0, or if an image's length does not match its side.
 #[must_use]
-pub fn compose(images: &[(usize, impl AsRef<[u8]>)], columns: usize, upscale: usize) -> Picture {
-    assert!(!images.is_empty() && columns > 0 && upscale > 0, "a sheet has images, columns and a scale");
+pub fn compose(images: &[(usize, impl AsRef<[u8]>)], columns: usize, upscale: usize) -> RgbImage {
+    assert!(
+        !images.is_empty() && columns > 0 && upscale > 0,
+        "a sheet needs at least one image, one column and an upscale factor of at least 1"
+    );
     let cell = images.iter().map(|(side, _)| side * upscale).max().unwrap_or(0) + MARGIN;
     let columns = columns.min(images.len());
     let (width, height) = (columns * cell + MARGIN, images.len().div_ceil(columns) * cell + MARGIN);
     let mut rgb = vec![BACKGROUND; width * height * 3];
     for (i, (side, bytes)) in images.iter().enumerate() {
         let (side, bytes) = (*side, bytes.as_ref());
-        assert_eq!(bytes.len(), side * side * 3, "an image's bytes are [side, side, 3]");
+        assert_eq!(bytes.len(), side * side * 3, "an image must be [side, side, 3] u8");
         let (left, top) = (i % columns * cell + MARGIN, i / columns * cell + MARGIN);
         for y in 0..side * upscale {
             for x in 0..side * upscale {
@@ -63,22 +67,22 @@ pub fn compose(images: &[(usize, impl AsRef<[u8]>)], columns: usize, upscale: us
             }
         }
     }
-    Picture { width, rgb }
+    RgbImage { width, rgb }
 }
 
-impl Picture {
-    /// Width and height in px.
+impl RgbImage {
+    /// Returns the width and height in px.
     #[must_use]
     pub fn size(&self) -> [usize; 2] {
         [self.width, self.rgb.len() / 3 / self.width]
     }
 
-    /// sRGB of every pixel, row-major, top row first.
+    /// Iterates over the sRGB values of all pixels, row-major, top row first.
     pub fn pixels(&self) -> impl Iterator<Item = [u8; 3]> {
         self.rgb.as_chunks().0.iter().copied()
     }
 
-    /// Writes it to a file.
+    /// Writes the image to a PNG file.
     ///
     /// # Errors
     /// If the file cannot be created or written.
