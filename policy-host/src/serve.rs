@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use bytemuck::Zeroable;
-use ipc_types::core_time::core_seconds;
+use cpu_time::ProcessTime;
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkError, LinkNode, ObservationMessage};
 use ipc_types::{ActionBlock, ActionHeader, FrameError, ObservationHeader, ObservationView, SCHEMA_HASH};
 use serde::{Deserialize, Serialize};
@@ -181,9 +181,9 @@ impl<W: Write> Host<W> {
         let max_envs = self.config.lane.max_envs.max(1);
         let n_envs = header.n_envs.clamp(1, max_envs);
         let mut loan = self.lane.loan(n_envs as usize)?;
-        let used = core_seconds();
+        let start = ProcessTime::now();
         let outcome = self.act(header, &message, loan.blocks_mut());
-        self.ledger.add(n_envs, core_seconds() - used);
+        self.ledger.add(n_envs, start.elapsed().as_secs_f64());
         let mut status = 0;
         if let Err(refusal) = outcome {
             status = 1;

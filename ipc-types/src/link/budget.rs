@@ -1,4 +1,4 @@
-//! Whether the lanes of a run fit into shared memory, asked before any of it is taken.
+//! Check that the lanes of a run fit into shared memory, made before any memory is allocated.
 
 use std::path::{Path, PathBuf};
 
@@ -6,29 +6,29 @@ use thiserror::Error;
 
 use super::spec::LaneSpec;
 
-/// Why the lanes of a run cannot be created.
+/// Errors that can occur while checking the shared-memory budget of a run.
 #[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
+#[expect(missing_docs, reason = "the messages describe the fields")]
 pub enum BudgetError {
-    #[error("ask for the free space of {}: {source}", path.display())]
+    #[error("failed to query the free space of {}", path.display())]
     Unknown { path: PathBuf, source: std::io::Error },
     #[error(
-        "fit the lanes into {}: {needed} bytes ({} MiB) are needed, {available} bytes ({} MiB) are free; use fewer \
-         --envs or enlarge it",
-        path.display(), mebibytes(*needed), *available >> 20
+        "the lanes of this run need {needed} bytes ({} MiB) in {}, but only {available} bytes ({} MiB) are free; reduce \
+         --envs or enlarge the file system",
+        mebibytes(*needed), path.display(), *available >> 20
     )]
     TooSmall { path: PathBuf, needed: u64, available: u64 },
 }
 
-/// Checks that `shm`, the tmpfs of shared memory, has room for all `lanes`; returns the bytes they will take.
+/// Checks that `shm`, the tmpfs that backs shared memory, has room for all `lanes`. Returns the bytes they will occupy.
 ///
 /// # Errors
-/// If it has not, or cannot be asked.
+/// If there is too little room, or the file system cannot be queried.
 pub fn check_budget(lanes: &[LaneSpec], shm: &Path) -> Result<u64, BudgetError> {
     check_bytes(lanes.iter().map(LaneSpec::shm_bytes).sum(), shm)
 }
 
-/// Checks that `shm` has room for `needed` bytes; returns them.
+/// Checks that `shm` has at least `needed` free bytes. Returns `needed`.
 pub(super) fn check_bytes(needed: u64, shm: &Path) -> Result<u64, BudgetError> {
     let stat = rustix::fs::statvfs(shm)
         .map_err(|errno| BudgetError::Unknown { path: shm.into(), source: errno.into() })?;
@@ -39,7 +39,7 @@ pub(super) fn check_bytes(needed: u64, shm: &Path) -> Result<u64, BudgetError> {
     Ok(needed)
 }
 
-/// Rounded up, so that the number a user is told suffices.
+/// Converts bytes to MiB, rounding up so that the amount shown to the user is always sufficient.
 fn mebibytes(bytes: u64) -> u64 {
     bytes.div_ceil(1 << 20)
 }

@@ -1,4 +1,4 @@
-//! Why an operation of the link failed.
+//! The error type of all link operations.
 
 use std::path::PathBuf;
 
@@ -9,52 +9,60 @@ use thiserror::Error;
 
 use super::budget::BudgetError;
 
-/// A failed operation; the message continues "failed to …".
+/// Errors that can occur while joining a domain, setting up a lane, or exchanging messages.
+///
+/// A message never contains the text of its `source`; [`crate::error_chain`] joins the two.
 #[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
+#[expect(missing_docs, reason = "the messages describe the fields")]
 pub enum LinkError {
-    #[error("use {root:?} as the link's root with prefix {prefix:?}: {reason}")]
+    #[error("failed to use {root:?} with prefix {prefix:?} as the link's domain: {reason}")]
     Domain { root: PathBuf, prefix: String, reason: String },
-    #[error("{action} {}: {source}", path.display())]
+    #[error("failed to {action} {}", path.display())]
     Io { action: &'static str, path: PathBuf, source: std::io::Error },
-    #[error("join the link as node {name:?}: {reason}")]
+    #[error("failed to join the link as node {name:?}: {reason}")]
     NodeName { name: String, reason: String },
-    #[error("join the link as node {name:?}: {source:?}")]
+    #[error("failed to join the link as node {name:?}")]
     Node { name: String, source: NodeCreationFailure },
     #[error(transparent)]
     Budget(#[from] BudgetError),
-    #[error("reserve shared memory: {} holds {needed} bytes ({} MiB) and there is no room for them; use fewer --envs or enlarge /dev/shm ({source})", path.display(), needed.div_ceil(1 << 20))]
+    #[error(
+        "failed to reserve {needed} bytes ({} MiB) of shared memory for {}; reduce --envs or enlarge /dev/shm",
+        needed.div_ceil(1 << 20), path.display()
+    )]
     Reserve { path: PathBuf, needed: u64, source: std::io::Error },
-    #[error("populate {needed} bytes ({} MiB) of shared memory: {source}", needed.div_ceil(1 << 20))]
+    #[error("failed to prefault {needed} bytes ({} MiB) of shared memory", needed.div_ceil(1 << 20))]
     Populate { needed: u64, source: std::io::Error },
-    #[error("find service {service}: no sim has created it")]
+    #[error("failed to attach to service {service}: no sim has created it")]
     Absent { service: String },
-    #[error("attach to service {service}: another process holds the place ({reason})")]
+    #[error("failed to attach to service {service}: another process is already attached ({reason})")]
     Occupied { service: String, reason: String },
     #[error(
-        "attach to the lane: it speaks link schema {found:#018x}, this build speaks {expected:#018x}: rebuild the older side"
+        "failed to attach to the lane: it uses link schema {found:#018x}, this build uses {expected:#018x}; rebuild the \
+         older side"
     )]
     Schema { expected: u64, found: u64 },
-    #[error("attach to service {service}: its {field} is {found}, expected {expected}")]
+    #[error("failed to attach to service {service}: its {field} is {found}, expected {expected}")]
     Spec { service: String, field: &'static str, expected: String, found: String },
-    #[error("attach to service {service}: its message types have other names or sizes than this build's")]
+    #[error(
+        "failed to attach to service {service}: its message types differ in name or size from those of this build"
+    )]
     Types { service: String },
-    #[error("set up service {service}: {reason}")]
+    #[error("failed to set up service {service}: {reason}")]
     Service { service: String, reason: String },
-    #[error("loan {pages} pages: a message of this lane has 1 to {most}")]
-    LoanSize { pages: usize, most: usize },
-    #[error("loan {pages} pages: {source:?}")]
+    #[error("failed to loan {pages} pages: a message of this lane has 1 to {max_pages} pages")]
+    LoanSize { pages: usize, max_pages: usize },
+    #[error("failed to loan {pages} pages")]
     Loan { pages: usize, source: LoanError },
-    #[error("hand over a message: the peer released nothing for {waited_ms} ms")]
+    #[error("failed to send a message: the peer has released no memory for {waited_ms} ms")]
     Backpressure { waited_ms: u64 },
-    #[error("hand over a message: nobody is attached to receive it")]
+    #[error("failed to send a message: no peer is attached to receive it")]
     NoPeer,
-    #[error("hand over a message: {0:?}")]
-    Send(SendError),
-    #[error("receive a message: {0:?}")]
-    Receive(ReceiveError),
-    #[error("receive a message: it claims {pages} pages, a message of this lane has at most {most}")]
-    Oversized { pages: u64, most: usize },
-    #[error("wait for the peer: {0:?}")]
-    Wait(ListenerWaitError),
+    #[error("failed to send a message")]
+    Send(#[source] SendError),
+    #[error("failed to receive a message")]
+    Receive(#[source] ReceiveError),
+    #[error("received a message that claims {pages} pages; a message of this lane has at most {max_pages}")]
+    Oversized { pages: u64, max_pages: usize },
+    #[error("failed to wait for the peer")]
+    Wait(#[source] ListenerWaitError),
 }

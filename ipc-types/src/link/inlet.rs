@@ -62,7 +62,7 @@ impl<H: ZeroCopySend + core::fmt::Debug> Inlet<H> {
         // The length is the sender's word, and a slice is made of it: it must be checked before the first access.
         let pages = sample.header().number_of_elements();
         if pages > self.pages as u64 {
-            return Err(LinkError::Oversized { pages, most: self.pages });
+            return Err(LinkError::Oversized { pages, max_pages: self.pages });
         }
         self.mapped.see(&sample, self.pages);
         Ok(Some(sample))

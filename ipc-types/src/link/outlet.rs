@@ -84,9 +84,9 @@ impl<H: ZeroCopySend + core::fmt::Debug + Default> Outlet<H> {
 
     /// Memory for `n_pages` pages; waits, at most a second, for the peer to release some.
     pub(super) fn loan(&self, n_pages: usize) -> Result<Loan<H>, LinkError> {
-        let most = self.capacity.pages;
-        if n_pages == 0 || n_pages > most {
-            return Err(LinkError::LoanSize { pages: n_pages, most });
+        let max_pages = self.capacity.pages;
+        if n_pages == 0 || n_pages > max_pages {
+            return Err(LinkError::LoanSize { pages: n_pages, max_pages });
         }
         let mut since = None;
         loop {

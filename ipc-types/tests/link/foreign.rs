@@ -42,7 +42,7 @@ fn a_longer_message_than_agreed_is_refused_before_it_is_looked_at() {
     };
     publish(100, ActionHeader::default());
     let refused = eventually("the refusal", || lane.receive().err());
-    assert!(matches!(refused, LinkError::Oversized { pages: 100, most: 4 }), "{refused}");
+    assert!(matches!(refused, LinkError::Oversized { pages: 100, max_pages: 4 }), "{refused}");
 
     // The lane is none the worse, and a message of garbage in a fitting length is garbage, not a panic.
     publish(3, ActionHeader { schema_hash: SCHEMA_HASH, n_envs: 3, ..ActionHeader::default() });

@@ -90,7 +90,7 @@ fn a_message_longer_than_the_lane_is_not_loaned() {
     let node = scratch.node();
     let (_link, mut lane) = create_sim(&node, &lane_with_images(2));
     for pages in [0, 2 * 99 + 1, usize::MAX] {
-        assert!(matches!(lane.loan(pages), Err(LinkError::LoanSize { most: 198, .. })));
+        assert!(matches!(lane.loan(pages), Err(LinkError::LoanSize { max_pages: 198, .. })));
     }
     assert_eq!(lane.loan(198).unwrap().pages_mut().len(), 198);
     drop((_link, lane, node));

@@ -13,9 +13,9 @@ use super::member::Death;
 pub(crate) enum FleetError {
     #[error("failed to use {} for the link: {reason}; set XDG_RUNTIME_DIR to a folder of yours", path.display())]
     Base { path: PathBuf, reason: String },
-    #[error("failed to {0}")]
+    #[error(transparent)]
     Link(#[from] LinkError),
-    #[error("failed to {0}")]
+    #[error(transparent)]
     Budget(#[from] BudgetError),
     #[error("failed to describe the lane of {name} in {}: {source}", path.display())]
     Attach { name: String, path: PathBuf, source: std::io::Error },

@@ -1,7 +1,7 @@
 //! Putting observations into a loan: records, and images drawn straight into place.
 
+use cpu_time::ProcessTime;
 use ipc_types::Morphology;
-use ipc_types::core_time::core_seconds;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
 
@@ -63,12 +63,12 @@ impl BatchWriter {
                 out,
             }));
         }
-        let used = core_seconds();
+        let start = ProcessTime::now();
         let images = views.len();
         if images > 0 {
             self.renderer.render(&mut views)?;
         }
-        let core_s = core_seconds() - used;
+        let core_s = start.elapsed().as_secs_f64();
         self.views = recycle(views);
         for slot in batch {
             let episode = slots.episode_mut(*slot).expect("a ready slot runs an episode");

@@ -14,7 +14,7 @@ use std::io::{BufRead, Write};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
 
-use ipc_types::core_time::core_seconds;
+use cpu_time::ProcessTime;
 use ipc_types::link::{LinkError, LinkNode, SimLink};
 use ipc_types::{ActionView, FrameError};
 use thiserror::Error;
@@ -214,9 +214,9 @@ impl Server {
     }
 
     fn step(&mut self) -> Result<(), ServeError> {
-        let (start, used) = (Instant::now(), core_seconds());
+        let (start, cpu_start) = (Instant::now(), ProcessTime::now());
         let env_steps = self.slots.pass();
-        self.counters.physics_s += core_seconds() - used;
+        self.counters.physics_s += cpu_start.elapsed().as_secs_f64();
         let first_work = *self.first_work.get_or_insert(start);
         if env_steps > 0 {
             self.counters.env_steps += env_steps;
