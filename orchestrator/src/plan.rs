@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use ipc_types::{ControlMode, Morphology};
 use policy_host::QueryMode;
-use sim::perturb::{Composition, Incompatible, Strength, StrengthError};
+use sim::perturb::{Composition, CompositionError, Strength, StrengthError};
 use sim::render::{RendererChoice, Samples};
 use sim::{Perturbation, Profile, TaskId};
 use thiserror::Error;
@@ -88,7 +88,7 @@ pub(crate) enum PlanError {
     )]
     NotApplicable { task: &'static str, perturbation: &'static str, reason: String },
     #[error(transparent)]
-    Incompatible(#[from] Incompatible),
+    Incompatible(#[from] CompositionError),
     #[error("--{0}")]
     Strength(#[from] StrengthError),
     #[error("--{flag} is {found}, expected {least} to {most}")]
@@ -398,12 +398,12 @@ mod tests {
         insta::assert_snapshot!(wrong("--policy idle --perturbations all,xyz"), @"unknown perturbation `xyz`; `hypogeum tasks --matrix` lists them");
         insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+Camera-Pos"), @"unknown perturbation `Camera-Pos`; did you mean Camera-Pose?");
         insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+"), @"unknown perturbation ``; `hypogeum tasks --matrix` lists them");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+None"), @"None stands alone: it cannot be composed with others");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations All+MO-Color"), @"All stands alone: it cannot be composed with others");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations Language-None+Language-Random"), @"Language-None and Language-Random cannot act together: an episode has one instruction");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+None"), @"None cannot be combined with other perturbations");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations All+MO-Color"), @"All cannot be combined with other perturbations");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations Language-None+Language-Random"), @"Language-None and Language-Random cannot be combined: an episode has a single instruction");
         insta::assert_snapshot!(wrong("--policy idle --tasks OpenDrawer --perturbations Camera-Pose+MO-Size"), @"perturbation MO-Size does not apply to OpenDrawer: the task has no manipulation object; leave one of them out, or say --perturbations all for those that apply");
-        insta::assert_snapshot!(wrong("--policy idle --strength 1.5"), @"--strength is 1.5, expected a number above 0 and up to 1, the benchmark's");
-        insta::assert_snapshot!(wrong("--policy idle --strength 0"), @"--strength is 0, expected a number above 0 and up to 1, the benchmark's");
+        insta::assert_snapshot!(wrong("--policy idle --strength 1.5"), @"--strength is 1.5, expected a number above 0 and at most 1 (the benchmark's strength)");
+        insta::assert_snapshot!(wrong("--policy idle --strength 0"), @"--strength is 0, expected a number above 0 and at most 1 (the benchmark's strength)");
         insta::assert_snapshot!(wrong("--policy idel"), @"unknown policy `idel`; did you mean idle?");
         insta::assert_snapshot!(wrong("--policy a=act"), @"policy `act` needs PATH after a colon: act:PATH");
         insta::assert_snapshot!(wrong("--policy a/b=idle"), @"policy name `a/b` cannot be used: 1 to 64 letters, digits, `.`, `_` or `-`");

@@ -155,7 +155,7 @@ mod tests {
         [1] the task has no receiver object
         [2] the size of can is pinned: the benchmark keeps its size
         [3] the size of panels is pinned: the benchmark keeps its size
-        [4] its places are those of furniture, which stays
+        [4] the benchmark does not widen its placement regions
         [5] the size of plate is pinned: the slots of the rack are made for it
         [6] the size of rack is pinned: the released code keeps its size
         [7] the size of book is pinned: the benchmark keeps its size

@@ -31,7 +31,7 @@ impl Stream {
 
     /// Uniform in `range`.
     pub fn uniform(&mut self, range: Range) -> f64 {
-        range.at(self.unit())
+        range.lerp(self.unit())
     }
 
     /// One of `all`, with equal chances.

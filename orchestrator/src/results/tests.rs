@@ -10,7 +10,7 @@ use super::*;
 use crate::sweep::Sweep;
 
 const CONDITION: Condition =
-    Condition { task: TaskId::RaiseCube, perturbation: Composition::alone(Perturbation::None) };
+    Condition { task: TaskId::RaiseCube, perturbation: Composition::single(Perturbation::None) };
 
 fn manifest(policies: &[&str], edit: impl FnOnce(&mut Sweep)) -> Manifest {
     let mut wishes =

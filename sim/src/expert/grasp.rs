@@ -44,7 +44,7 @@ pub fn pose(position: &Vector3<f64>, approach: &Vector3<f64>, closing: &Vector3<
 #[must_use]
 pub fn from_above(body: &Body, preferred: &Vector3<f64>, closing_now: &Vector3<f64>) -> Isometry3<f64> {
     let down = -Vector3::z();
-    let box_extent = body.extent(&Isometry3::identity());
+    let box_extent = body.aabb(&Isometry3::identity());
     let sides = box_extent.max - box_extent.min;
     let centre = body.pose * nalgebra::Point3::from((box_extent.max + box_extent.min) / 2.0);
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| body.pose.rotation * axis);

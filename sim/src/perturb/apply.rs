@@ -1,56 +1,70 @@
-//! What each perturbation does to a distribution (spec/perturbations.md §3).
+//! Effects of the perturbations on a scene distribution. See docs/benchmark.md, "Perturbations".
 
 use core::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use super::{Modality, Perturbation, Strength};
 use crate::profile::Profile;
 use crate::scene::{
-    BodySpec, CameraMount, CameraSpec, Jitter, LightsSpec, PaintSpec, Range, RegionSpec, Role, ScaledBy,
-    SceneSpec, Wording,
+    AppearanceSpec, BodySpec, CameraMount, CameraSpec, InstructionSource, Jitter, LightsSpec, Range,
+    RegionSpec, Role, ScaledBy, SceneSpec,
 };
 use crate::task::Task;
 use crate::tasks::TaskId;
 
 impl Perturbation {
-    /// The perturbed distribution. Each edits fields of its own, so that the order does not matter; where it does not apply
-    /// it changes nothing.
+    /// Applies the perturbation to a scene distribution.
+    ///
+    /// Perturbations edit disjoint sets of fields, so the order of application does not matter. A perturbation that is
+    /// not applicable to the task changes nothing.
     #[must_use]
     pub fn apply(self, mut spec: SceneSpec, task: &Task, profile: Profile, strength: Strength) -> SceneSpec {
-        let share = strength.get();
+        let weight = strength.get();
+        let replace_instruction = |source| Some((source, weight));
         match self {
             Self::None => {}
-            Self::MoColor => recolor(paints_of(&mut spec, Role::ManipulationObject), share),
-            Self::RoColor => recolor(paints_of(&mut spec, Role::ReceiverObject), share),
-            Self::MoTexture => retexture(paints_of(&mut spec, Role::ManipulationObject), share),
-            Self::RoTexture => retexture(paints_of(&mut spec, Role::ReceiverObject), share),
-            Self::TableColor => recolor(spec.table.paints_mut(), share),
-            Self::TableTexture => retexture(spec.table.paints_mut(), share),
-            Self::BackgroundColor => recolor([&mut spec.background.walls], share),
-            Self::BackgroundTexture => retexture([&mut spec.background.walls], share),
-            Self::LightColor => relight(&mut spec.lights, share),
-            Self::DistractorObjects => spec.distractors.presence = share,
-            Self::CameraPose => shake(&mut spec.cameras, profile, share),
-            Self::MoSize => resize(&mut spec.bodies, ScaledBy::MoSize, share),
-            Self::RoSize => resize(&mut spec.bodies, ScaledBy::RoSize, share),
-            Self::PoseRandomization => spec.regions.iter_mut().for_each(|region| widen(region, share)),
-            Self::LanguageParaphrase => {
-                spec.instruction.other = Some((Wording::OneOf(task.paraphrases.lines().collect()), share));
+            Self::MoColor => vary_color(appearances_of(&mut spec, Role::ManipulationObject), weight),
+            Self::RoColor => vary_color(appearances_of(&mut spec, Role::ReceiverObject), weight),
+            Self::MoTexture => {
+                vary_texture(appearances_of(&mut spec, Role::ManipulationObject), weight);
             }
-            Self::LanguageNone => spec.instruction.other = Some((Wording::OneOf(vec![""]), share)),
-            Self::LanguageRandom => spec.instruction.other = Some((Wording::RandomWords, share)),
+            Self::RoTexture => vary_texture(appearances_of(&mut spec, Role::ReceiverObject), weight),
+            Self::TableColor => vary_color(spec.table.appearances_mut(), weight),
+            Self::TableTexture => vary_texture(spec.table.appearances_mut(), weight),
+            Self::BackgroundColor => vary_color([&mut spec.background.walls], weight),
+            Self::BackgroundTexture => vary_texture([&mut spec.background.walls], weight),
+            Self::LightColor => vary_lights(&mut spec.lights, weight),
+            Self::DistractorObjects => spec.distractors.presence = weight,
+            Self::CameraPose => jitter_cameras(&mut spec.cameras, profile, weight),
+            Self::MoSize => vary_size(&mut spec.bodies, ScaledBy::MoSize, weight),
+            Self::RoSize => vary_size(&mut spec.bodies, ScaledBy::RoSize, weight),
+            Self::PoseRandomization => {
+                spec.regions.iter_mut().for_each(|region| widen(region, weight));
+            }
+            Self::LanguageParaphrase => {
+                let paraphrases = task.paraphrases.lines().collect();
+                spec.instruction.replacement = replace_instruction(InstructionSource::OneOf(paraphrases));
+            }
+            Self::LanguageNone => {
+                spec.instruction.replacement = replace_instruction(InstructionSource::OneOf(vec![""]));
+            }
+            Self::LanguageRandom => {
+                spec.instruction.replacement = replace_instruction(InstructionSource::RandomWords);
+            }
             Self::LanguageOtherTask => {
-                spec.instruction.other = Some((Wording::OneOf(instructions_beside(task)), share));
+                let others = instructions_of_other_tasks(task);
+                spec.instruction.replacement = replace_instruction(InstructionSource::OneOf(others));
             }
             Self::All => {
-                let parts = Self::ALL.iter().filter(|part| part.is_part_of_all());
-                spec = parts.fold(spec, |spec, part| part.apply(spec, task, profile, strength));
+                let included = Self::ALL.iter().filter(|part| part.is_included_in_all());
+                spec = included.fold(spec, |spec, part| part.apply(spec, task, profile, strength));
             }
         }
         spec
     }
 
-    /// Whether All includes it: of the four ways to say something else it has only paraphrases.
-    pub(super) fn is_part_of_all(self) -> bool {
+    /// Returns `true` if All includes the perturbation. Of the four language perturbations it includes only
+    /// Language-Paraphrase.
+    pub(super) fn is_included_in_all(self) -> bool {
         match self.modality() {
             Some(Modality::Vision | Modality::Action) => true,
             Some(Modality::Language) => self == Self::LanguageParaphrase,
@@ -59,74 +73,77 @@ impl Perturbation {
     }
 }
 
-fn paints_of(spec: &mut SceneSpec, role: Role) -> impl Iterator<Item = &mut PaintSpec> {
-    spec.bodies.iter_mut().filter(move |body| body.role == role).flat_map(BodySpec::paints_mut)
+fn appearances_of(spec: &mut SceneSpec, role: Role) -> impl Iterator<Item = &mut AppearanceSpec> {
+    spec.bodies.iter_mut().filter(move |body| body.role == role).flat_map(BodySpec::appearances_mut)
 }
 
-fn recolor<'a>(paints: impl IntoIterator<Item = &'a mut PaintSpec>, share: f64) {
-    paints.into_iter().for_each(|paint| paint.variation.color = share);
+fn vary_color<'a>(appearances: impl IntoIterator<Item = &'a mut AppearanceSpec>, strength: f64) {
+    appearances.into_iter().for_each(|appearance| appearance.variation.color = strength);
 }
 
-fn retexture<'a>(paints: impl IntoIterator<Item = &'a mut PaintSpec>, share: f64) {
-    paints.into_iter().for_each(|paint| paint.variation.texture = share);
+fn vary_texture<'a>(appearances: impl IntoIterator<Item = &'a mut AppearanceSpec>, strength: f64) {
+    appearances.into_iter().for_each(|appearance| appearance.variation.texture = strength);
 }
 
-/// Ambient light of half to one and a half times its strength; one directional light, of any hue down to half its strength,
-/// 45° high, from any side and with shadows. The second light fades out.
-fn relight(lights: &mut LightsSpec, share: f64) {
+/// Varies the lights. At full strength, each ambient channel is scaled by 0.5 to 1.5, and a single directional light with
+/// channels in [0.5, 1] shines from any azimuth at 45° elevation and casts shadows. The second directional light fades
+/// out with increasing strength.
+fn vary_lights(lights: &mut LightsSpec, strength: f64) {
     for channel in &mut lights.ambient {
-        *channel = Range::new(0.5 * channel.lo, 1.5 * channel.hi).towards(*channel, share);
+        *channel = Range::new(0.5 * channel.lo, 1.5 * channel.hi).blended_from(*channel, strength);
     }
     if let [first, others @ ..] = lights.directional.as_mut_slice() {
-        first.color = first.color.map(|channel| Range::new(0.5, 1.0).towards(channel, share));
-        for (at, aslant) in first.direction.iter_mut().zip([FRAC_1_SQRT_2, FRAC_1_SQRT_2, -1.0]) {
-            *at = Range::fixed(aslant).about(*at, share).lo;
+        first.color = first.color.map(|channel| Range::new(0.5, 1.0).blended_from(channel, strength));
+        let oblique = [FRAC_1_SQRT_2, FRAC_1_SQRT_2, -1.0];
+        for (component, oblique) in first.direction.iter_mut().zip(oblique) {
+            *component = Range::fixed(oblique).shrunk_to(*component, strength).lo;
         }
-        first.turn = Range::symmetric(PI * share);
+        first.yaw = Range::symmetric(PI * strength);
         for light in others {
-            light.color = light.color.map(|channel| Range::fixed(0.0).towards(channel, share));
+            light.color = light.color.map(|channel| Range::fixed(0.0).blended_from(channel, strength));
         }
     }
     lights.directional.retain(|light| light.color.iter().any(|channel| channel.hi > 0.0));
     lights.shadows = true;
 }
 
-/// Errors of the external cameras' poses.
-fn shake(cameras: &mut [CameraSpec], profile: Profile, share: f64) {
-    let external = |camera: &&mut CameraSpec| matches!(camera.mount, CameraMount::World { .. });
+/// Sets the pose errors of the external cameras. Hand cameras are not affected.
+fn jitter_cameras(cameras: &mut [CameraSpec], profile: Profile, strength: f64) {
+    let is_external = |camera: &&mut CameraSpec| matches!(camera.mount, CameraMount::World { .. });
     let translation = [Range::symmetric(0.03), Range::symmetric(0.03), profile.camera_jitter_z()];
-    for camera in cameras.iter_mut().filter(external) {
+    for camera in cameras.iter_mut().filter(is_external) {
         camera.jitter = Jitter {
-            translation: translation.map(|range| range.about(0.0, share)),
-            rotation: [Range::symmetric(0.035).about(0.0, share); 3],
+            translation: translation.map(|range| range.shrunk_to(0.0, strength)),
+            rotation: [Range::symmetric(0.035).shrunk_to(0.0, strength); 3],
         };
     }
 }
 
-/// Bodies of 0.8 to 1.2 times their size. The benchmark stretches those that it has as meshes along each axis by itself; here
-/// all keep their shape.
-fn resize(bodies: &mut [BodySpec], by: ScaledBy, share: f64) {
+/// Scales bodies isotropically by 0.8 to 1.2. The benchmark scales its mesh bodies independently along each axis; here
+/// every body keeps its proportions.
+fn vary_size(bodies: &mut [BodySpec], by: ScaledBy, strength: f64) {
     for body in bodies.iter_mut().filter(|body| body.scaled_by == by) {
-        body.scale = Range::new(0.8, 1.2).about(1.0, share);
+        body.scale = Range::new(0.8, 1.2).shrunk_to(1.0, strength);
     }
 }
 
-fn widen(region: &mut RegionSpec, share: f64) {
+fn widen(region: &mut RegionSpec, strength: f64) {
     if let Some(widened) = region.widened {
-        region.x = widened.x.towards(region.x, share);
-        region.y = widened.y.towards(region.y, share);
-        region.common = [0, 1].map(|axis| widened.common[axis].towards(region.common[axis], share));
+        region.x = widened.x.blended_from(region.x, strength);
+        region.y = widened.y.blended_from(region.y, strength);
+        region.shared_offset =
+            [0, 1].map(|axis| widened.shared_offset[axis].blended_from(region.shared_offset[axis], strength));
     }
 }
 
-/// What the other tasks of the same morphology are told, each sentence once.
-fn instructions_beside(task: &Task) -> Vec<&'static str> {
-    let mut sentences = Vec::new();
+/// Returns the distinct training instructions of the other tasks of the same morphology.
+fn instructions_of_other_tasks(task: &Task) -> Vec<&'static str> {
+    let mut instructions = Vec::new();
     for other in TaskId::ALL.iter().map(|id| id.task()) {
-        let says_else = other.instruction != task.instruction && !sentences.contains(&other.instruction);
-        if other.morphology == task.morphology && says_else {
-            sentences.push(other.instruction);
+        let is_new = other.instruction != task.instruction && !instructions.contains(&other.instruction);
+        if other.morphology == task.morphology && is_new {
+            instructions.push(other.instruction);
         }
     }
-    sentences
+    instructions
 }

@@ -1,4 +1,4 @@
-//! Perturbations that act together.
+//! Combinations of perturbations that are applied together.
 
 use core::fmt;
 
@@ -10,86 +10,86 @@ use crate::profile::Profile;
 use crate::scene::SceneSpec;
 use crate::task::Task;
 
-/// Between the names of perturbations that act together.
-const PLUS: &str = "+";
+/// Separator between the names of combined perturbations.
+const SEPARATOR: &str = "+";
 
-/// One or several perturbations that act together, such as `MO-Color+Camera-Pose`.
+/// A non-empty set of perturbations that are applied together, such as `MO-Color+Camera-Pose`.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "Vec<Perturbation>", into = "Vec<Perturbation>")]
 pub struct Composition {
-    /// Bit i stands for the i-th of [`Perturbation::ALL`].
+    /// Bit set in which bit i represents the i-th element of [`Perturbation::ALL`].
     bits: u32,
 }
 
-/// Perturbations that make no composition.
+/// Errors that can occur while combining perturbations.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the messages say what they are")]
-pub enum Incompatible {
-    #[error("{name} stands alone: it cannot be composed with others")]
-    Alone { name: &'static str },
-    #[error("{first} and {second} cannot act together: an episode has one instruction")]
-    Languages { first: &'static str, second: &'static str },
+#[expect(missing_docs, reason = "the messages describe the variants")]
+pub enum CompositionError {
+    #[error("{name} cannot be combined with other perturbations")]
+    NotComposable { name: &'static str },
+    #[error("{first} and {second} cannot be combined: an episode has a single instruction")]
+    TwoInstructions { first: &'static str, second: &'static str },
 }
 
 impl Composition {
-    /// What is composed of these; of one, that one itself.
+    /// Combines perturbations; their order and repetitions do not matter.
     ///
     /// # Errors
-    /// If two of them cannot act together.
-    pub fn new(perturbations: &[Perturbation]) -> Result<Self, Incompatible> {
+    /// If two of them cannot be combined.
+    pub fn new(perturbations: &[Perturbation]) -> Result<Self, CompositionError> {
         let bits = perturbations.iter().fold(0, |bits, perturbation| bits | bit(*perturbation));
         let all = Self { bits };
-        let alone = |p: &Perturbation| matches!(p.modality(), None | Some(Modality::Mixed));
-        if let Some(lonely) = all.iter().find(alone).filter(|_| all.iter().count() > 1) {
-            return Err(Incompatible::Alone { name: lonely.name() });
+        let must_be_single = |p: &Perturbation| matches!(p.modality(), None | Some(Modality::Mixed));
+        if let Some(not_composable) = all.iter().find(must_be_single).filter(|_| all.iter().count() > 1) {
+            return Err(CompositionError::NotComposable { name: not_composable.name() });
         }
         let mut languages = all.iter().filter(|p| p.modality() == Some(Modality::Language));
         if let (Some(first), Some(second)) = (languages.next(), languages.next()) {
-            return Err(Incompatible::Languages { first: first.name(), second: second.name() });
+            return Err(CompositionError::TwoInstructions { first: first.name(), second: second.name() });
         }
         Ok(all)
     }
 
-    /// That one alone.
+    /// Creates the composition of a single perturbation.
     #[must_use]
-    pub const fn alone(perturbation: Perturbation) -> Self {
+    pub const fn single(perturbation: Perturbation) -> Self {
         Self { bits: bit(perturbation) }
     }
 
-    /// Its perturbations, in the order of [`Perturbation::ALL`].
+    /// Iterates over the perturbations in the order of [`Perturbation::ALL`].
     pub fn iter(self) -> impl Iterator<Item = Perturbation> {
         Perturbation::ALL.iter().copied().filter(move |perturbation| self.bits & bit(*perturbation) != 0)
     }
 
-    /// Name on the command line and in results.
+    /// Returns the name used on the command line and in results.
     #[must_use]
     pub fn name(self) -> String {
         let names: Vec<&str> = self.iter().map(Perturbation::name).collect();
-        names.join(PLUS)
+        names.join(SEPARATOR)
     }
 
-    /// Parts of a typed name, which need not be those of perturbations.
-    pub fn split(typed: &str) -> impl Iterator<Item = &str> {
-        typed.split(PLUS).map(str::trim)
+    /// Splits a composition's name into the names of its perturbations. The parts are trimmed but not validated.
+    pub fn split(name: &str) -> impl Iterator<Item = &str> {
+        name.split(SEPARATOR).map(str::trim)
     }
 
-    /// Whether each of its perturbations changes this task's distribution.
+    /// Checks that every perturbation has an effect on the task with this nominal distribution.
     ///
     /// # Errors
-    /// The first that does not, with the reason.
+    /// The first perturbation that has none, with the reason.
     pub fn applies_to(self, nominal: &SceneSpec) -> Result<(), (Perturbation, NotApplicable)> {
         self.iter().try_for_each(|perturbation| {
             perturbation.applies_to(nominal).map_err(|error| (perturbation, error))
         })
     }
 
-    /// Whether any of them moves, adds or resizes bodies.
+    /// Returns `true` if any of the perturbations moves, adds or resizes bodies.
     #[must_use]
     pub fn changes_bodies(self) -> bool {
         self.iter().any(Perturbation::changes_bodies)
     }
 
-    /// The task's distribution so perturbed.
+    /// Returns the task's scene distribution under the composition.
     #[must_use]
     pub fn spec(self, task: &Task, profile: Profile, strength: Strength) -> SceneSpec {
         let nominal = (task.nominal)();
@@ -103,14 +103,14 @@ const fn bit(perturbation: Perturbation) -> u32 {
 
 impl From<Perturbation> for Composition {
     fn from(perturbation: Perturbation) -> Self {
-        Self::alone(perturbation)
+        Self::single(perturbation)
     }
 }
 
 impl TryFrom<Vec<Perturbation>> for Composition {
-    type Error = Incompatible;
+    type Error = CompositionError;
 
-    fn try_from(perturbations: Vec<Perturbation>) -> Result<Self, Incompatible> {
+    fn try_from(perturbations: Vec<Perturbation>) -> Result<Self, CompositionError> {
         Self::new(&perturbations)
     }
 }

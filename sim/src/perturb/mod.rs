@@ -1,4 +1,6 @@
-//! The perturbations: each edits the distribution of scenes, and only the fields it owns. No randomness here.
+//! Perturbations of a task's scene distribution.
+//!
+//! Each perturbation edits only the fields of the [`SceneSpec`] that it owns. Nothing in this module is random.
 
 mod apply;
 mod composition;
@@ -9,22 +11,22 @@ use thiserror::Error;
 
 use crate::scene::{Role, ScaledBy, SceneSpec};
 
-pub use composition::{Composition, Incompatible};
+pub use composition::{Composition, CompositionError};
 pub use strength::{Strength, StrengthError};
 
-/// Declares the enum and, in the same order, all its variants and their names.
+/// Declares the enum, the slice of all its variants in the same order, and their names.
 macro_rules! perturbations {
     ($($variant:ident => $name:literal,)+) => {
-        /// A perturbation of the benchmark (spec/perturbations.md §1).
+        /// A perturbation of the benchmark. See docs/benchmark.md, "Perturbations".
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-        #[expect(missing_docs, reason = "`name` and `apply` say what they are")]
+        #[expect(missing_docs, reason = "`name` and `apply` describe the variants")]
         pub enum Perturbation { $($variant,)+ }
 
         impl Perturbation {
-            /// All, the unperturbed condition first.
+            /// All perturbations, starting with the unperturbed condition.
             pub const ALL: &[Self] = &[$(Self::$variant,)+];
 
-            /// Name in the paper, on the command line and in results.
+            /// Returns the name used in the paper, on the command line and in results.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $name,)+ }
@@ -56,29 +58,29 @@ perturbations! {
     All => "All",
 }
 
-/// What a perturbation acts on.
+/// The modality that a perturbation affects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Modality {
-    /// What is seen.
+    /// Observation images only.
     Vision,
-    /// What is said.
+    /// The language instruction only.
     Language,
-    /// What is to be done: sizes and places.
+    /// The required motion: sizes and initial poses of bodies.
     Action,
-    /// All of these.
+    /// All modalities.
     Mixed,
 }
 
-/// A perturbation that would change nothing in a task.
+/// The error returned for a perturbation that has no effect on a task.
 #[derive(Debug, Error, PartialEq, Eq)]
 #[error("{reason}")]
 pub struct NotApplicable {
-    /// Why.
+    /// Reason, as a clause without a final period.
     pub reason: String,
 }
 
 impl Perturbation {
-    /// What it acts on; `None` for the unperturbed condition.
+    /// Returns the affected modality; `None` for the unperturbed condition.
     #[must_use]
     pub const fn modality(self) -> Option<Modality> {
         match self {
@@ -103,24 +105,26 @@ impl Perturbation {
         }
     }
 
-    /// Whether it moves, adds or resizes bodies; all others leave every trajectory as it is that does not look or listen.
+    /// Returns `true` if the perturbation moves, adds or resizes bodies. The others do not change the trajectory of a
+    /// policy that ignores images and instruction.
     #[must_use]
     pub const fn changes_bodies(self) -> bool {
         matches!(self, Self::DistractorObjects)
             || matches!(self.modality(), Some(Modality::Action | Modality::Mixed))
     }
 
-    /// Whether the perturbation changes this task's distribution; derived from roles and regions, never listed.
+    /// Checks that the perturbation has an effect on the task with this nominal distribution. The result follows from the
+    /// bodies' roles and the placement regions.
     ///
     /// # Errors
-    /// The reason why it does not.
+    /// If it has no effect, with the reason.
     pub fn applies_to(self, nominal: &SceneSpec) -> Result<(), NotApplicable> {
         let applies = match self {
             Self::MoColor | Self::MoTexture => has_role(nominal, Role::ManipulationObject),
             Self::RoColor | Self::RoTexture => has_role(nominal, Role::ReceiverObject),
             Self::MoSize => is_scaled(nominal, ScaledBy::MoSize, Role::ManipulationObject),
             Self::RoSize => is_scaled(nominal, ScaledBy::RoSize, Role::ReceiverObject),
-            Self::PoseRandomization => has_places(nominal),
+            Self::PoseRandomization => has_widened_region(nominal),
             Self::None
             | Self::TableColor
             | Self::TableTexture
@@ -147,11 +151,11 @@ fn has_role(nominal: &SceneSpec, role: Role) -> Result<(), String> {
     }
 }
 
-fn has_places(nominal: &SceneSpec) -> Result<(), String> {
+fn has_widened_region(nominal: &SceneSpec) -> Result<(), String> {
     if nominal.regions.iter().any(|region| region.widened.is_some()) {
         Ok(())
     } else {
-        Err("its places are those of furniture, which stays".to_owned())
+        Err("the benchmark does not widen its placement regions".to_owned())
     }
 }
 

@@ -1,27 +1,29 @@
-//! How strong perturbations are.
+//! Strength of perturbations.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// A number in (0, 1]. Ranges shrink towards their nominal value by it, and what is chosen rather than ranged (a pattern, a
-/// sentence, a distractor) is chosen with it as its chance. 1 is the benchmark.
+/// The strength of a perturbation, in (0, 1]; 1 is the benchmark's.
+///
+/// Continuous ranges are interpolated from their nominal value by the strength. Discrete replacements (a texture, an
+/// instruction, a distractor object) happen with the strength as their probability.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "f64", into = "f64")]
 pub struct Strength(f64);
 
-/// A number that is no strength.
+/// The error returned for a strength outside (0, 1].
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
-#[error("strength is {found}, expected a number above 0 and up to 1, the benchmark's")]
+#[error("strength is {found}, expected a number above 0 and at most 1 (the benchmark's strength)")]
 pub struct StrengthError {
-    /// The number.
+    /// The rejected value.
     pub found: f64,
 }
 
 impl Strength {
-    /// As in the benchmark.
+    /// The benchmark's strength, 1.
     pub const FULL: Self = Self(1.0);
 
-    /// The number, in (0, 1].
+    /// Returns the strength as a number in (0, 1].
     #[must_use]
     pub const fn get(self) -> f64 {
         self.0

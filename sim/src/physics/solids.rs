@@ -46,12 +46,12 @@ pub(super) fn add_body(world: &mut PhysicsWorld, body: &Body) -> RigidBodyHandle
     let (builder, groups) = match body.motion {
         Motion::Dynamic => (RigidBodyBuilder::dynamic(), InteractionGroups::all()),
         Motion::Jointed(_) => (RigidBodyBuilder::dynamic(), meeting(JOINTED, !(FIXED | JOINTED))),
-        Motion::Fixed | Motion::Mark => (RigidBodyBuilder::fixed(), meeting(FIXED, !JOINTED)),
+        Motion::Fixed | Motion::VisualOnly => (RigidBodyBuilder::fixed(), meeting(FIXED, !JOINTED)),
     };
     let [linear, angular] = body.damping.map(|damping| damping as f32);
     let builder = builder.linear_damping(linear).angular_damping(angular);
     let handle = world.insert_body(builder.pose(to_pose(&body.pose)));
-    if body.motion == Motion::Mark {
+    if body.motion == Motion::VisualOnly {
         return handle;
     }
     let mass: f64 = body.parts.iter().map(|part| volume(part.shape) * body.density).sum();

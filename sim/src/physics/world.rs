@@ -41,7 +41,7 @@ impl World {
             scene.robots.iter().map(|robot| Arm::add(&mut rapier, robot, mode, wrist_camera)).collect();
         let joints = scene.bodies.iter().map(|body| match body.motion {
             Motion::Jointed(joint) => Some(joint.kind),
-            Motion::Dynamic | Motion::Fixed | Motion::Mark => None,
+            Motion::Dynamic | Motion::Fixed | Motion::VisualOnly => None,
         });
         Self { rapier, arms, bodies, joints: joints.collect(), mode }
     }

@@ -8,11 +8,11 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 use super::material::Material;
 use super::mesh::{Mesh, MeshId, extrusion, lathe, rounded, torus};
 use super::scene::{Anchor, Instance, MeshSource};
-use crate::scene::{Body, Form, Paint, Primitive};
+use crate::scene::{Appearance, Body, Primitive, VisualShape};
 
 /// Meshes made for one scene, in m, each with the form it was made of.
 #[derive(Default)]
-pub(super) struct OwnMeshes<'a>(Vec<(&'a Form, Arc<Mesh>)>);
+pub(super) struct OwnMeshes<'a>(Vec<(&'a VisualShape, Arc<Mesh>)>);
 
 /// Adds one body.
 pub(super) fn push<'a>(
@@ -21,14 +21,15 @@ pub(super) fn push<'a>(
     own_meshes: &mut OwnMeshes<'a>,
     instances: &mut Vec<Instance>,
 ) {
-    let place = |pose: Isometry3<f64>, paint: Paint| Place { body_idx, pose, material: paint.into() };
+    let place =
+        |pose: Isometry3<f64>, appearance: Appearance| Place { body_idx, pose, material: appearance.into() };
     if body.visuals.is_empty() {
         for part in &body.parts {
-            push_solid(part.shape, &place(part.pose, part.paint), instances);
+            push_solid(part.shape, &place(part.pose, part.appearance), instances);
         }
     }
     for visual in &body.visuals {
-        push_form(&visual.form, &place(visual.pose, visual.paint), own_meshes, instances);
+        push_form(&visual.shape, &place(visual.pose, visual.appearance), own_meshes, instances);
     }
 }
 
@@ -52,21 +53,21 @@ impl Place {
 }
 
 fn push_form<'a>(
-    form: &'a Form,
+    form: &'a VisualShape,
     place: &Place,
     own_meshes: &mut OwnMeshes<'a>,
     instances: &mut Vec<Instance>,
 ) {
     let mesh = match form {
-        Form::Primitive(solid) => return push_solid(*solid, place, instances),
-        Form::RoundedBox { half, edge_radius } => {
+        VisualShape::Primitive(solid) => return push_solid(*solid, place, instances),
+        VisualShape::RoundedBox { half, edge_radius } => {
             own_meshes.shared(form, || rounded::mesh(half.map(|h| h as f32), *edge_radius as f32))
         }
-        Form::Lathe { profile } => own_meshes.shared(form, || lathe::mesh(&points(profile))),
-        Form::Torus { major_radius, minor_radius } => {
+        VisualShape::Lathe { profile } => own_meshes.shared(form, || lathe::mesh(&points(profile))),
+        VisualShape::Torus { major_radius, minor_radius } => {
             own_meshes.shared(form, || torus::mesh(*major_radius as f32, *minor_radius as f32))
         }
-        Form::Extrusion { outline, holes, half_height } => own_meshes.shared(form, || {
+        VisualShape::Extrusion { outline, holes, half_height } => own_meshes.shared(form, || {
             let holes: Vec<_> = holes.iter().map(|hole| points(hole)).collect();
             let holes: Vec<_> = holes.iter().map(Vec::as_slice).collect();
             extrusion::mesh(&points(outline), &holes, *half_height as f32)
@@ -77,7 +78,7 @@ fn push_form<'a>(
 
 impl<'a> OwnMeshes<'a> {
     /// The form's mesh, made when it is first asked for.
-    fn shared(&mut self, form: &'a Form, make: impl FnOnce() -> Mesh) -> Arc<Mesh> {
+    fn shared(&mut self, form: &'a VisualShape, make: impl FnOnce() -> Mesh) -> Arc<Mesh> {
         if let Some((_, mesh)) = self.0.iter().find(|(known, _)| *known == form) {
             return Arc::clone(mesh);
         }

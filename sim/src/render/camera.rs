@@ -45,10 +45,10 @@ impl Camera {
             middle: [0.0; 2],
             mount: match &camera.mount {
                 CameraMount::World { eye, target } => {
-                    Mount::World((look_at(*eye, *target) * camera.error).cast())
+                    Mount::World((look_at(*eye, *target) * camera.pose_error).cast())
                 }
                 CameraMount::Hand { arm, pose } => {
-                    Mount::Hand { arm: *arm, pose: (pose * camera.error).cast() }
+                    Mount::Hand { arm: *arm, pose: (pose * camera.pose_error).cast() }
                 }
             },
         }

@@ -2,7 +2,7 @@
 
 use super::affine::Vec3;
 use super::srgb;
-use crate::scene::{Paint, Texture};
+use crate::scene::{Appearance, Texture};
 
 /// Look of an instance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,8 +22,12 @@ impl Material {
     }
 }
 
-impl From<Paint> for Material {
-    fn from(paint: Paint) -> Self {
-        Self { color: paint.color.map(srgb::decode), specular: paint.specular as f32, texture: paint.texture }
+impl From<Appearance> for Material {
+    fn from(appearance: Appearance) -> Self {
+        Self {
+            color: appearance.color.map(srgb::decode),
+            specular: appearance.specular as f32,
+            texture: appearance.texture,
+        }
     }
 }

@@ -6,7 +6,7 @@ use nalgebra::Isometry3;
 use super::material::Material;
 use super::mesh::MeshId;
 use super::scene::{Anchor, Fixture, Instance, MeshSource};
-use crate::scene::{Paint, Scene, Table, TableKind};
+use crate::scene::{Appearance, Scene, Table, TableKind};
 
 /// World z of the floor, in m.
 const FLOOR_Z: f32 = -0.9196;
@@ -44,7 +44,7 @@ pub(super) const fn table_top_z(kind: TableKind) -> f32 {
 /// Adds table, walls and floor.
 pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
     let top = &scene.table.top;
-    let mut push = |bench: &Bench, top: &Paint| push_bench(bench, top, &scene.table, instances);
+    let mut push = |bench: &Bench, top: &Appearance| push_bench(bench, top, &scene.table, instances);
     match scene.table.kind {
         TableKind::SingleArm => push(&SINGLE_ARM, top),
         TableKind::SingleArmTurned => {
@@ -53,14 +53,14 @@ pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
         }
         TableKind::Bimanual => {
             push(&BIMANUAL, top);
-            push(&SINGLE_ARM, scene.table.under.as_ref().unwrap_or(top));
+            push(&SINGLE_ARM, scene.table.lower_top.as_ref().unwrap_or(top));
         }
     }
-    if let Some(paint) = scene.background.walls {
+    if let Some(appearance) = scene.background.walls {
         // Four walls 3 m long and 0.1 m thick around x, y = ±1.5 m, from z −0.92 to 1.08 m.
         for side in [-1.5, 1.5] {
-            instances.push(block(Fixture::Walls, [side, 0.0, 0.08], [0.05, 1.5, 1.0], paint.into()));
-            instances.push(block(Fixture::Walls, [0.0, side, 0.08], [1.5, 0.05, 1.0], paint.into()));
+            instances.push(block(Fixture::Walls, [side, 0.0, 0.08], [0.05, 1.5, 1.0], appearance.into()));
+            instances.push(block(Fixture::Walls, [0.0, side, 0.08], [1.5, 0.05, 1.0], appearance.into()));
         }
     }
     let floor = [0.0, 0.0, FLOOR_Z];
@@ -68,7 +68,7 @@ pub(super) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
     instances.push(placed(Fixture::Floor, MeshId::Square, floor, half, material));
 }
 
-fn push_bench(bench: &Bench, top: &Paint, table: &Table, instances: &mut Vec<Instance>) {
+fn push_bench(bench: &Bench, top: &Appearance, table: &Table, instances: &mut Vec<Instance>) {
     let [top, frame, legs] = [*top, table.frame, table.legs].map(Material::from);
     let Bench { centre: [x, y], half: [hx, hy], top_z, foot_z, thickness } = *bench;
     let under_z = top_z - thickness;

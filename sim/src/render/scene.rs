@@ -137,7 +137,7 @@ impl RenderScene {
         let mut own_meshes = OwnMeshes::default();
         room::push(scene, &mut instances);
         for moves in [false, true] {
-            let moves_so = |body: &&Body| body.motion.moves() == moves;
+            let moves_so = |body: &&Body| body.motion.can_move() == moves;
             for (body_idx, body) in scene.bodies.iter().enumerate().filter(|(_, body)| moves_so(body)) {
                 body::push(body_idx, body, &mut own_meshes, &mut instances);
             }

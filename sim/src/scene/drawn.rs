@@ -1,161 +1,161 @@
-//! One scene: the spec's tree with every range drawn. Nothing changes it afterwards.
+//! One sampled scene: the structure of a spec with a number in place of every range. It is immutable.
 
 use nalgebra::Isometry3;
 
-use super::form::Form;
-use super::shape::{Extent, Primitive};
+use super::primitive::{Aabb, Primitive};
 use super::spec::{CameraMount, CameraSlot, Motion, Role, TableKind};
 use super::texture::Texture;
+use super::visual_shape::VisualShape;
 
-/// Look of a part or a visual; colour is sRGB in [0, 1].
+/// Appearance of a part or visual.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Paint {
-    /// sRGB in [0, 1].
+pub struct Appearance {
+    /// sRGB colour, channels in [0, 1].
     pub color: [f64; 3],
-    /// Pattern tinted by the colour.
+    /// Texture, multiplied by the colour.
     pub texture: Option<Texture>,
-    /// Strength of the highlight in [0, 1].
+    /// Specular strength in [0, 1].
     pub specular: f64,
 }
 
-/// One convex solid of a body, already scaled.
+/// One convex collision shape of a body, at the body's scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
-    /// Solid.
+    /// Collision shape.
     pub shape: Primitive,
     /// Pose in the body's frame.
     pub pose: Isometry3<f64>,
-    /// Look.
-    pub paint: Paint,
+    /// Appearance, used if the body has no visuals.
+    pub appearance: Appearance,
 }
 
-/// One form that a body is seen as, already scaled.
+/// One visual shape of a body, at the body's scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visual {
-    /// Form.
-    pub form: Form,
+    /// Visual shape.
+    pub shape: VisualShape,
     /// Pose in the body's frame.
     pub pose: Isometry3<f64>,
-    /// Look.
-    pub paint: Paint,
+    /// Appearance of the whole shape.
+    pub appearance: Appearance,
 }
 
-/// One rigid body at its start.
+/// One rigid body in its initial state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Body {
-    /// Name within the scene.
+    /// Name, unique within the scene.
     pub name: &'static str,
-    /// Role.
+    /// Role in the task.
     pub role: Role,
-    /// Whether it moves; a joint's reach is scaled already.
+    /// Motion type. The travel of a slide joint is already scaled.
     pub motion: Motion,
-    /// Scaled solids.
+    /// Collision shapes, scaled.
     pub parts: Vec<Part>,
-    /// Scaled forms drawn instead of the parts; empty: the parts themselves are drawn.
+    /// Visual shapes, scaled. If empty, the parts are rendered instead.
     pub visuals: Vec<Visual>,
-    /// Factor by which the nominal lengths were multiplied.
+    /// Factor applied to all nominal lengths.
     pub scale: f64,
-    /// World pose of its frame at reset.
+    /// World pose of the body's frame at reset.
     pub pose: Isometry3<f64>,
-    /// kg/m³.
+    /// Density in kg/m³.
     pub density: f64,
-    /// Coefficient, static and dynamic.
+    /// Friction coefficient, static and dynamic.
     pub friction: f64,
-    /// Share of its linear and angular speed that it loses per second, in 1/s.
+    /// Linear and angular damping, in 1/s: the fraction of the velocity lost per second.
     pub damping: [f64; 2],
 }
 
 impl Body {
-    /// Axis-aligned extent of all parts when the body's frame is at `pose`.
+    /// Returns the axis-aligned bounding box of all parts when the body's frame is at `pose`.
     ///
     /// # Panics
-    /// If the body has no part.
+    /// If the body has no parts.
     #[must_use]
-    pub fn extent(&self, pose: &Isometry3<f64>) -> Extent {
+    pub fn aabb(&self, pose: &Isometry3<f64>) -> Aabb {
         self.parts
             .iter()
-            .map(|part| part.shape.extent(&(pose * part.pose)))
-            .reduce(Extent::union)
+            .map(|part| part.shape.aabb(&(pose * part.pose)))
+            .reduce(Aabb::union)
             .expect("a body has at least one part")
     }
 }
 
-/// One arm at its start.
+/// One arm in its initial state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
     /// World pose of link 0.
     pub base: Isometry3<f64>,
-    /// Joint positions 1 to 7 in rad, noise included; fingers at 0.04 m.
+    /// Positions of joints 1 to 7 in rad, noise included. Both fingers start at 0.04 m.
     pub qpos: [f64; 7],
 }
 
-/// Table.
+/// The table and the appearance of its parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// Kind.
+    /// Geometry and orientation.
     pub kind: TableKind,
-    /// Look of the top that is worked on.
-    pub top: Paint,
-    /// Look of the frame below each top.
-    pub frame: Paint,
-    /// Look of the legs.
-    pub legs: Paint,
-    /// Look of the lower table's top, if there is one.
-    pub under: Option<Paint>,
+    /// Appearance of the work surface.
+    pub top: Appearance,
+    /// Appearance of the frame below each top.
+    pub frame: Appearance,
+    /// Appearance of the legs.
+    pub legs: Appearance,
+    /// Appearance of the lower table's top, if there are two tables.
+    pub lower_top: Option<Appearance>,
 }
 
 /// Floor and walls.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Background {
-    /// Floor.
-    pub floor: Paint,
-    /// Walls, if any.
-    pub walls: Option<Paint>,
+    /// Appearance of the floor.
+    pub floor: Appearance,
+    /// Appearance of the walls; `None` if there are no walls.
+    pub walls: Option<Appearance>,
 }
 
-/// A light infinitely far away.
+/// A directional light, infinitely far away.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DirectionalLight {
     /// Linear RGB.
     pub color: [f64; 3],
-    /// Direction the light travels in.
+    /// World direction in which the light travels.
     pub direction: [f64; 3],
 }
 
 /// Lighting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lights {
-    /// Linear RGB.
+    /// Ambient light, linear RGB.
     pub ambient: [f64; 3],
-    /// Up to two.
+    /// Directional lights, at most two.
     pub directional: Vec<DirectionalLight>,
-    /// Whether the first directional light casts shadows.
+    /// `true` if the first directional light casts shadows.
     pub shadows: bool,
 }
 
 /// One camera. Camera frame: x forward, y left, z up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// Image it fills.
+    /// Observation image that the camera renders.
     pub slot: CameraSlot,
-    /// What it is fixed to.
+    /// Attachment to the world or to a hand.
     pub mount: CameraMount,
-    /// Pose error in the camera's own frame: multiply the mounted pose by it from the right.
-    pub error: Isometry3<f64>,
+    /// Pose error in the camera's own frame: the camera's pose is `mount_pose * pose_error`.
+    pub pose_error: Isometry3<f64>,
     /// Vertical field of view, in rad.
     pub fov_y_rad: f64,
-    /// Near and far plane, in m.
+    /// Distances of the near and far clipping planes, in m.
     pub clip_m: [f64; 2],
 }
 
-/// One drawn scene.
+/// One sampled scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
-    /// Bodies, in the spec's order.
+    /// Bodies in the spec's order, followed by the distractor objects.
     pub bodies: Vec<Body>,
-    /// Arms.
+    /// One or two arms.
     pub robots: Vec<Robot>,
-    /// Table.
+    /// The table.
     pub table: Table,
     /// Floor and walls.
     pub background: Background,
@@ -163,24 +163,24 @@ pub struct Scene {
     pub lights: Lights,
     /// Cameras in the order of the observation's images.
     pub cameras: Vec<Camera>,
-    /// Instruction given to the policy.
+    /// Language instruction given to the policy.
     pub instruction: String,
 }
 
 impl Scene {
-    /// Index of the body with this name.
+    /// Returns the index of the body called `name`.
     ///
     /// # Panics
-    /// If there is none: a task names only its own bodies.
+    /// If there is no such body.
     #[must_use]
     pub fn body_idx(&self, name: &str) -> usize {
         self.bodies.iter().position(|b| b.name == name).unwrap_or_else(|| panic!("no body is named {name}"))
     }
 
-    /// The body with this name.
+    /// Returns the body called `name`.
     ///
     /// # Panics
-    /// If there is none.
+    /// If there is no such body.
     #[must_use]
     pub fn body(&self, name: &str) -> &Body {
         &self.bodies[self.body_idx(name)]

@@ -1,59 +1,59 @@
-//! What the policy is told.
+//! Distribution of the language instruction given to the policy.
 
 use crate::stream::Stream;
 
-/// Common English words, as many to a line as fit.
-const WORDS: &str = include_str!("words.txt");
-/// Fewest and most words of a sentence without sense.
+/// Vocabulary of [`InstructionSource::RandomWords`]: common English words, separated by whitespace.
+const VOCABULARY: &str = include_str!("vocabulary.txt");
+/// Minimum and maximum number of words of a random sentence.
 const N_WORDS: [usize; 2] = [5, 12];
 
-/// How another sentence is made.
+/// Sources of an instruction that replaces the training instruction.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Wording {
-    /// One of these, with equal chances.
+pub enum InstructionSource {
+    /// A uniform choice from these sentences.
     OneOf(Vec<&'static str>),
-    /// Five to twelve common English words, each drawn from all of them.
+    /// A sentence of 5 to 12 words, each sampled independently from the vocabulary.
     RandomWords,
 }
 
-/// The distribution of an episode's instruction.
+/// Distribution of an episode's instruction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InstructionSpec {
-    /// The sentence policies are trained with.
+    /// The sentence used in training.
     pub training: &'static str,
-    /// Another sentence, and the chance that it takes the place of the training sentence.
-    pub other: Option<(Wording, f64)>,
+    /// Source of a replacement sentence, and the probability that it replaces the training sentence.
+    pub replacement: Option<(InstructionSource, f64)>,
 }
 
 impl InstructionSpec {
-    /// The training sentence alone.
+    /// Creates the distribution that always yields the training sentence.
     #[must_use]
     pub const fn training(training: &'static str) -> Self {
-        Self { training, other: None }
+        Self { training, replacement: None }
     }
 
-    /// The instruction of one episode.
+    /// Draws the instruction of one episode.
     pub(super) fn draw(&self, episode_seed: u64) -> String {
         let chance = || Stream::new(episode_seed, "instruction/chance").unit();
-        match &self.other {
-            Some((wording, share)) if chance() < *share => {
-                wording.draw(&mut Stream::new(episode_seed, "instruction"))
+        match &self.replacement {
+            Some((source, probability)) if chance() < *probability => {
+                source.draw(&mut Stream::new(episode_seed, "instruction"))
             }
             Some(_) | None => self.training.to_owned(),
         }
     }
 }
 
-impl Wording {
+impl InstructionSource {
     fn draw(&self, stream: &mut Stream) -> String {
         match self {
             Self::OneOf(sentences) => (*stream.choose(sentences)).to_owned(),
             Self::RandomWords => {
-                let words: Vec<&str> = WORDS.split_whitespace().collect();
-                let [least, most] = N_WORDS;
-                let n = least + (stream.unit() * (most - least + 1) as f64) as usize;
-                let drawn: Vec<&str> = (0..n).map(|_| *stream.choose(&words)).collect();
-                drawn.join(" ")
+                let vocabulary: Vec<&str> = VOCABULARY.split_whitespace().collect();
+                let [min, max] = N_WORDS;
+                let n = min + (stream.unit() * (max - min + 1) as f64) as usize;
+                let words: Vec<&str> = (0..n).map(|_| *stream.choose(&vocabulary)).collect();
+                words.join(" ")
             }
         }
     }

@@ -1,37 +1,36 @@
-//! From a distribution of scenes to one scene.
+//! Scene distributions and the scenes sampled from them.
 //!
-//! A task states a [`SceneSpec`] of ranges, a perturbation edits it, a seed draws a [`Scene`] of numbers, and nothing
-//! changes a `Scene` afterwards. This module knows neither rapier nor pixels.
+//! A task describes its scenes as a [`SceneSpec`], whose values are ranges. Perturbations edit the spec, and
+//! [`SceneSpec::draw`] samples a [`Scene`], whose values are numbers, from it and a seed. A `Scene` is never modified
+//! afterwards. This module depends on neither the physics engine nor the renderer.
 
-mod clutter;
+mod appearance;
 mod distractors;
 mod draw;
 mod drawn;
-mod form;
 mod instruction;
-mod look;
-mod paint;
-mod place;
+mod placement;
+mod primitive;
 mod range;
-mod shape;
 mod snapshot;
 mod spec;
 mod texture;
+mod visual_shape;
 
-pub(crate) use clutter::APPLE;
+pub use appearance::{AppearanceSpec, AppearanceVariation, rgb};
+pub(crate) use distractors::APPLE_PROFILE;
 pub use drawn::{
-    Background, Body, Camera, DirectionalLight, Lights, Paint, Part, Robot, Scene, Table, Visual,
+    Appearance, Background, Body, Camera, DirectionalLight, Lights, Part, Robot, Scene, Table, Visual,
 };
-pub use form::{Form, rounded_rectangle};
-pub use instruction::{InstructionSpec, Wording};
-pub use paint::{PaintSpec, Variation, rgb};
-pub use place::{DistractorsSpec, PlacementSpec, RegionSpec, Widened};
+pub use instruction::{InstructionSource, InstructionSpec};
+pub use placement::{DistractorsSpec, PlacementSpec, RegionSpec, WidenedRanges};
+pub use primitive::{Aabb, Primitive};
 pub use range::Range;
-pub use shape::{Extent, Primitive};
 pub use snapshot::{ArmLinks, Link, N_LINKS, Snapshot};
 pub use spec::{
-    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, Jitter, JointKind,
+    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec, Jitter, JointKind,
     JointSpec, LightsSpec, Motion, PartSpec, RobotSpec, Role, ScaledBy, SceneSpec, SizesSpec, TableKind,
     TableSpec, VisualSpec,
 };
 pub use texture::Texture;
+pub use visual_shape::{VisualShape, rounded_rectangle};

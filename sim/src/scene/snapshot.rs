@@ -1,8 +1,8 @@
-//! Where everything that moves is at one moment: all that a renderer needs of a world.
+//! Poses of all moving objects at one instant: the only state a renderer reads from a running world.
 
 use nalgebra::Isometry3;
 
-/// Links of a Panda that are drawn or mounted on: link 0 to 7, hand, two fingers.
+/// Number of Panda links that are rendered or carry a camera: links 0 to 7, hand and two fingers.
 pub const N_LINKS: usize = 11;
 
 /// Index of a link in [`ArmLinks`].
@@ -22,20 +22,20 @@ pub enum Link {
     Finger2,
 }
 
-/// World poses of one arm's links, indexed by [`Link`]: the URDF's link frames.
+/// World poses of one arm's link frames, as the URDF defines them, indexed by [`Link`].
 pub type ArmLinks = [Isometry3<f32>; N_LINKS];
 
-/// World poses of bodies and links.
+/// World poses of all bodies and arm links.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
-    /// One per body of the scene, in its order.
+    /// One pose per body, in the order of the scene's bodies.
     pub bodies: Vec<Isometry3<f32>>,
-    /// One per arm.
+    /// One set of link poses per arm.
     pub arms: Vec<ArmLinks>,
 }
 
 impl Snapshot {
-    /// All poses identity, for a scene with this many bodies and arms.
+    /// Creates a snapshot of the given size whose poses are all the identity.
     #[must_use]
     pub fn identity(n_bodies: usize, n_arms: usize) -> Self {
         Self {

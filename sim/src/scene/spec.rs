@@ -1,29 +1,29 @@
-//! The distribution of a task's scenes: plain data of ranges. Perturbations edit it; nothing else does.
+//! Distribution of a task's scenes: plain data of ranges. Only perturbations edit it.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::form::Form;
+use super::appearance::AppearanceSpec;
 use super::instruction::InstructionSpec;
-use super::paint::PaintSpec;
-use super::place::{DistractorsSpec, PlacementSpec, RegionSpec};
+use super::placement::{DistractorsSpec, PlacementSpec, RegionSpec};
+use super::primitive::Primitive;
 use super::range::Range;
-use super::shape::Primitive;
+use super::visual_shape::VisualShape;
 
-/// What a body is to the task; colour, texture and size perturbations choose by it.
+/// Role of a body in the task. Colour, texture and size perturbations select bodies by role.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// MO: the robot manipulates it.
+    /// MO: an object that the robot manipulates.
     ManipulationObject,
-    /// RO: the manipulated object goes to or on it.
+    /// RO: an object in or on which the manipulated object is placed.
     ReceiverObject,
-    /// Neither.
+    /// Neither of the two.
     Fixture,
-    /// Clutter that the task does not mention.
+    /// A distractor object, irrelevant to the task.
     Distractor,
 }
 
 impl Role {
-    /// Word for messages.
+    /// Returns the name used in messages.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -35,258 +35,261 @@ impl Role {
     }
 }
 
-/// Which size perturbation scales a body.
+/// The size perturbation that scales a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScaledBy {
     /// MO-Size.
     MoSize,
     /// RO-Size.
     RoSize,
-    /// None, for the reason given.
+    /// No perturbation, for the given reason.
     Nothing(&'static str),
 }
 
-/// Whether a body moves.
+/// Motion type of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
-    /// Falls, is pushed and carried.
+    /// Moves freely under forces.
     Dynamic,
-    /// Stays where it was put.
+    /// Collides but never moves.
     Fixed,
-    /// Stays where it was put, and is only seen: a mark on the table.
-    Mark,
-    /// Slides or turns from where it was put, and meets neither fixed bodies nor other jointed ones: its joint guides it.
+    /// Neither moves nor collides: a mark painted on the table.
+    VisualOnly,
+    /// Moves along or about a joint anchored at its initial pose. It collides with dynamic bodies and arms, but not with
+    /// fixed or other jointed bodies.
     Jointed(JointSpec),
 }
 
 impl Motion {
-    /// Whether the body can be elsewhere later.
+    /// Returns `true` if the body's pose can change during an episode.
     #[must_use]
-    pub const fn moves(self) -> bool {
+    pub const fn can_move(self) -> bool {
         matches!(self, Self::Dynamic | Self::Jointed(_))
     }
 }
 
-/// Which way a jointed body moves.
+/// Type of a joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {
-    /// Along the axis; positions in m.
+    /// Translation along the axis; positions in m.
     Slide,
-    /// About the axis through the body's origin; positions in rad.
+    /// Rotation about the axis through the body's origin; positions in rad.
     Hinge,
 }
 
-/// A joint between a body and the place it was put, where its position is 0.
+/// A joint between a body and the world, whose position is 0 at the body's initial pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointSpec {
-    /// Kind.
+    /// Joint type.
     pub kind: JointKind,
-    /// Unit vector in the body's frame; not −x.
+    /// Unit vector in the body's frame, other than −x.
     pub axis: [f64; 3],
-    /// Greatest position, in m (at scale 1) or rad; the least is 0.
+    /// Upper position limit, in m at scale 1 or in rad. The lower limit is 0.
     pub upper: f64,
-    /// N per m/s or N·m per rad/s.
+    /// Viscous damping, in N·s/m or N·m·s/rad.
     pub damping: f64,
     /// Dry friction, in N or N·m.
     pub friction: f64,
 }
 
-/// One convex solid of a body.
+/// One convex collision shape of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PartSpec {
-    /// Solid at scale 1.
+    /// Shape at scale 1.
     pub shape: Primitive,
-    /// Pose in the body's frame at scale 1; its translation scales with the body.
+    /// Pose in the body's frame at scale 1. The translation scales with the body.
     pub pose: Isometry3<f64>,
-    /// Look.
-    pub paint: PaintSpec,
+    /// Appearance, used if the body has no visuals.
+    pub appearance: AppearanceSpec,
 }
 
 impl PartSpec {
-    /// A solid centred at `position` (m) in the body's frame, not rotated.
+    /// Creates an unrotated part centred at `position` (m) in the body's frame.
     #[must_use]
-    pub fn at(shape: Primitive, position: [f64; 3], paint: PaintSpec) -> Self {
+    pub fn at(shape: Primitive, position: [f64; 3], appearance: AppearanceSpec) -> Self {
         Self {
             shape,
             pose: Isometry3::from_parts(Vector3::from(position).into(), UnitQuaternion::identity()),
-            paint,
+            appearance,
         }
     }
 }
 
-/// One form that a body is seen as.
+/// One visual shape of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VisualSpec {
-    /// Form at scale 1.
-    pub form: Form,
-    /// Pose in the body's frame at scale 1; its translation scales with the body.
+    /// Shape at scale 1.
+    pub shape: VisualShape,
+    /// Pose in the body's frame at scale 1. The translation scales with the body.
     pub pose: Isometry3<f64>,
-    /// Look.
-    pub paint: PaintSpec,
+    /// Appearance of the whole shape.
+    pub appearance: AppearanceSpec,
 }
 
 impl VisualSpec {
-    /// A form centred at `position` (m) in the body's frame, not rotated.
+    /// Creates an unrotated visual centred at `position` (m) in the body's frame.
     #[must_use]
-    pub fn at(form: Form, position: [f64; 3], paint: PaintSpec) -> Self {
+    pub fn at(shape: VisualShape, position: [f64; 3], appearance: AppearanceSpec) -> Self {
         Self {
-            form,
+            shape,
             pose: Isometry3::from_parts(Vector3::from(position).into(), UnitQuaternion::identity()),
-            paint,
+            appearance,
         }
     }
 }
 
-/// One rigid body.
+/// Distribution of one rigid body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BodySpec {
-    /// Names it in predicates, streams and messages.
+    /// Name used by predicates and messages; also the prefix of the body's random streams.
     pub name: &'static str,
-    /// Role.
+    /// Role in the task.
     pub role: Role,
-    /// Whether it moves.
+    /// Motion type.
     pub motion: Motion,
-    /// Solids; all collide unless the body is a mark, and are drawn if there are no visuals.
+    /// Collision shapes. They are also rendered if there are no visuals.
     pub parts: Vec<PartSpec>,
-    /// Forms drawn instead of the parts; empty: the parts themselves are drawn.
+    /// Visual shapes. If empty, the parts are rendered instead.
     pub visuals: Vec<VisualSpec>,
-    /// Which size perturbation scales it.
+    /// The size perturbation that scales the body.
     pub scaled_by: ScaledBy,
     /// Isotropic scale, nominally 1.
     pub scale: Range,
-    /// Start pose.
+    /// Initial pose.
     pub placement: PlacementSpec,
-    /// kg/m³.
+    /// Density in kg/m³.
     pub density: f64,
-    /// Coefficient, static and dynamic.
+    /// Friction coefficient, static and dynamic.
     pub friction: f64,
-    /// Share of its linear and angular speed that it loses per second, as through a thick medium; in 1/s.
+    /// Linear and angular damping, in 1/s: the fraction of the velocity lost per second.
     pub damping: [f64; 2],
 }
 
 impl BodySpec {
-    /// The same, turned about the vertical by an angle of this range, in rad.
+    /// Sets the range of the rotation about the vertical, in rad.
     ///
     /// # Panics
-    /// If it is placed with another body: it turns with that.
+    /// If the body is placed relative to another body.
     #[must_use]
-    pub fn turned(mut self, range: Range) -> Self {
-        let PlacementSpec::On { yaw, .. } = &mut self.placement else { panic!("{} has no yaw", self.name) };
+    pub fn with_yaw(mut self, range: Range) -> Self {
+        let PlacementSpec::OnSurface { yaw, .. } = &mut self.placement else {
+            panic!("{} is placed relative to another body and has no yaw", self.name)
+        };
         *yaw = range;
         self
     }
 
-    /// The same, set up with this orientation before it is turned.
+    /// Sets the orientation before the yaw rotation.
     ///
     /// # Panics
-    /// If it is placed with another body: its pose there says how.
+    /// If the body is placed relative to another body.
     #[must_use]
-    pub fn set_up(mut self, orientation: UnitQuaternion<f64>) -> Self {
-        let PlacementSpec::On { upright, .. } = &mut self.placement else {
-            panic!("{} is set up by its pose", self.name)
+    pub fn with_orientation(mut self, upright: UnitQuaternion<f64>) -> Self {
+        let PlacementSpec::OnSurface { orientation, .. } = &mut self.placement else {
+            panic!("{} is placed relative to another body, which determines its orientation", self.name)
         };
-        *upright = orientation;
+        *orientation = upright;
         self
     }
 
-    /// Looks of all its parts and visuals.
-    pub fn paints_mut(&mut self) -> impl Iterator<Item = &mut PaintSpec> {
-        let parts = self.parts.iter_mut().map(|part| &mut part.paint);
-        parts.chain(self.visuals.iter_mut().map(|visual| &mut visual.paint))
+    /// Iterates over the appearances of all parts and visuals.
+    pub fn appearances_mut(&mut self) -> impl Iterator<Item = &mut AppearanceSpec> {
+        let parts = self.parts.iter_mut().map(|part| &mut part.appearance);
+        parts.chain(self.visuals.iter_mut().map(|visual| &mut visual.appearance))
     }
 }
 
-/// One arm.
+/// Distribution of one arm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RobotSpec {
     /// World pose of link 0.
     pub base: Isometry3<f64>,
-    /// Joint positions 1 to 7 in rad, beyond a joint's stop taken as at it; fingers start at 0.04 m.
+    /// Positions of joints 1 to 7 in rad, clamped to the joint limits after adding noise. Fingers start at 0.04 m.
     pub qpos: [f64; 7],
-    /// Standard deviation of the noise on each joint, in rad.
+    /// Standard deviation of the Gaussian noise on each joint position, in rad.
     pub noise_rad: f64,
 }
 
-/// Parts whose solids differ from episode to episode by more than a scale.
+/// Body dimensions that are sampled per episode and that a uniform scale cannot express.
 #[derive(Clone, Copy, Debug)]
 pub struct SizesSpec {
-    /// Name of each number and the range it is drawn from.
+    /// Name (also of its random stream) and range of each sampled dimension.
     pub ranges: &'static [(&'static str, Range)],
-    /// Gives the bodies the solids and poses of parts that follow from the drawn numbers; leaves everything else.
-    pub shape: fn(&[f64], &mut [BodySpec]),
+    /// Sets the shapes and poses of the bodies' parts from the sampled dimensions. It must not change anything else.
+    pub apply: fn(&[f64], &mut [BodySpec]),
 }
 
 impl PartialEq for SizesSpec {
     fn eq(&self, other: &Self) -> bool {
-        self.ranges == other.ranges && core::ptr::fn_addr_eq(self.shape, other.shape)
+        self.ranges == other.ranges && core::ptr::fn_addr_eq(self.apply, other.apply)
     }
 }
 
-/// Which table stands there.
+/// Geometry and orientation of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TableKind {
-    /// 1.209 × 2.418 m with its top at z 0, long side along y.
+    /// 1.209 × 2.418 m with its top at z = 0 and its long side along y.
     SingleArm,
-    /// The same, long side along x.
+    /// The same table with its long side along x.
     SingleArmTurned,
-    /// The plate of 1.2 × 1.6 m with its top at z 0.825, over the other table.
+    /// A plate of 1.2 × 1.6 m with its top at z = 0.825, above the single-arm table.
     Bimanual,
 }
 
-/// The table and its look.
+/// Distribution of the table's appearance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableSpec {
-    /// Kind.
+    /// Geometry and orientation.
     pub kind: TableKind,
-    /// Look of the top that is worked on.
-    pub top: PaintSpec,
-    /// Look of the frame below each top.
-    pub frame: PaintSpec,
-    /// Look of the legs.
-    pub legs: PaintSpec,
-    /// Look of the lower table's top, if there is one.
-    pub under: Option<PaintSpec>,
+    /// Appearance of the work surface.
+    pub top: AppearanceSpec,
+    /// Appearance of the frame below each top.
+    pub frame: AppearanceSpec,
+    /// Appearance of the legs.
+    pub legs: AppearanceSpec,
+    /// Appearance of the lower table's top, if there are two tables.
+    pub lower_top: Option<AppearanceSpec>,
 }
 
 impl TableSpec {
-    /// Looks of all its parts.
-    pub fn paints_mut(&mut self) -> impl Iterator<Item = &mut PaintSpec> {
-        [&mut self.top, &mut self.frame, &mut self.legs].into_iter().chain(&mut self.under)
+    /// Iterates over the appearances of all parts of the table.
+    pub fn appearances_mut(&mut self) -> impl Iterator<Item = &mut AppearanceSpec> {
+        [&mut self.top, &mut self.frame, &mut self.legs].into_iter().chain(&mut self.lower_top)
     }
 }
 
-/// What surrounds the table.
+/// Distribution of the surroundings of the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BackgroundSpec {
-    /// Floor at z −0.9196.
-    pub floor: PaintSpec,
-    /// Four walls at ±1.5 m, which stand only where their look varies.
-    pub walls: PaintSpec,
+    /// Appearance of the floor at z = −0.9196 m.
+    pub floor: AppearanceSpec,
+    /// Appearance of the four walls at ±1.5 m. The walls exist only if their appearance varies.
+    pub walls: AppearanceSpec,
 }
 
-/// A light infinitely far away.
+/// Distribution of a directional light, infinitely far away.
 #[derive(Clone, Debug, PartialEq)]
-pub struct DirectionalSpec {
+pub struct DirectionalLightSpec {
     /// Linear RGB.
     pub color: [Range; 3],
-    /// Direction the light travels in; need not be normalised.
+    /// World direction in which the light travels at yaw 0; not necessarily normalised.
     pub direction: [f64; 3],
-    /// About the vertical from there, in rad.
-    pub turn: Range,
+    /// Rotation of the direction about the vertical, in rad.
+    pub yaw: Range,
 }
 
-/// Lighting.
+/// Distribution of the lighting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightsSpec {
-    /// Linear RGB of the ambient light.
+    /// Ambient light, linear RGB.
     pub ambient: [Range; 3],
-    /// Up to two.
-    pub directional: Vec<DirectionalSpec>,
-    /// Whether the first directional light casts shadows.
+    /// Directional lights, at most two.
+    pub directional: Vec<DirectionalLightSpec>,
+    /// `true` if the first directional light casts shadows.
     pub shadows: bool,
 }
 
-/// Which image of the observation a camera fills.
+/// The observation image that a camera renders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "named after the benchmark's cameras")]
 pub enum CameraSlot {
@@ -296,17 +299,17 @@ pub enum CameraSlot {
     Hand2,
 }
 
-/// What a camera is fixed to. Camera frame: x forward, y left, z up.
+/// Attachment of a camera. Camera frame: x forward, y left, z up.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CameraMount {
-    /// The world; looks from `eye` to `target` with +z up.
+    /// Fixed in the world, looking from `eye` at `target` with +z up.
     World {
-        /// World position in m.
+        /// World position of the camera, in m.
         eye: [f64; 3],
-        /// World point in m.
+        /// World position of the look-at point, in m.
         target: [f64; 3],
     },
-    /// The hand link of an arm.
+    /// Fixed to the hand link of an arm.
     Hand {
         /// Arm index.
         arm: usize,
@@ -315,47 +318,47 @@ pub enum CameraMount {
     },
 }
 
-/// Error of a camera's pose, applied in its own frame.
+/// Distribution of a camera's pose error, expressed in the camera's own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jitter {
-    /// Along x, y, z, in m.
+    /// Translation along x, y and z, in m.
     pub translation: [Range; 3],
     /// Intrinsic XYZ Euler angles, in rad.
     pub rotation: [Range; 3],
 }
 
 impl Jitter {
-    /// No error.
+    /// No pose error.
     pub const NONE: Self = Self { translation: [Range::fixed(0.0); 3], rotation: [Range::fixed(0.0); 3] };
 }
 
-/// One camera; images are square.
+/// Distribution of one camera. Images are square.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraSpec {
-    /// Image it fills.
+    /// Observation image that the camera renders.
     pub slot: CameraSlot,
-    /// Mount.
+    /// Attachment to the world or to a hand.
     pub mount: CameraMount,
     /// Vertical field of view, in rad.
     pub fov_y_rad: f64,
-    /// Near and far plane, in m.
+    /// Distances of the near and far clipping planes, in m.
     pub clip_m: [f64; 2],
     /// Pose error.
     pub jitter: Jitter,
 }
 
-/// The distribution of a task's scenes.
+/// Distribution of a task's scenes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneSpec {
-    /// Bodies in the order of their indices.
+    /// Bodies, in the order of their indices.
     pub bodies: Vec<BodySpec>,
-    /// Regions bodies are placed in.
+    /// Placement regions.
     pub regions: Vec<RegionSpec>,
-    /// Sizes that are drawn, if any.
+    /// Sampled body dimensions, if any.
     pub sizes: Option<SizesSpec>,
     /// One or two arms.
     pub robots: Vec<RobotSpec>,
-    /// Table.
+    /// The table.
     pub table: TableSpec,
     /// Floor and walls.
     pub background: BackgroundSpec,
@@ -363,17 +366,17 @@ pub struct SceneSpec {
     pub lights: LightsSpec,
     /// Cameras in the order of the observation's images.
     pub cameras: Vec<CameraSpec>,
-    /// Clutter.
+    /// Distractor objects.
     pub distractors: DistractorsSpec,
-    /// Instruction given to the policy.
+    /// Language instruction given to the policy.
     pub instruction: InstructionSpec,
 }
 
 impl SceneSpec {
-    /// Index of the body with this name.
+    /// Returns the index of the body called `name`.
     ///
     /// # Panics
-    /// If there is none: a task names only its own bodies.
+    /// If there is no such body.
     #[must_use]
     pub fn body_idx(&self, name: &str) -> usize {
         self.bodies.iter().position(|b| b.name == name).unwrap_or_else(|| panic!("no body is named {name}"))

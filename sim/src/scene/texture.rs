@@ -1,17 +1,17 @@
-//! The list of procedural surface patterns. The renderer draws each; here they are only names.
+//! Names of the procedural surface textures. The renderer generates their texels.
 
-/// Declares the enum and, in the same order, the slice of all its variants, so that a new texture is named once.
+/// Declares the enum and the slice of all its variants, in the same order, so that a new texture is added in one place.
 macro_rules! textures {
     ($($name:ident)+) => {
-        /// Procedural surface patterns; each is drawn from its own seed by the renderer.
+        /// A procedural surface texture.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-        #[expect(missing_docs, reason = "the names say what is seen")]
+        #[expect(missing_docs, reason = "the variants are named after the depicted material or pattern")]
         pub enum Texture {
             $($name),+
         }
 
         impl Texture {
-            /// All, in the order of their numbers.
+            /// All textures, in the order of their discriminants.
             pub const ALL: &[Self] = &[$(Self::$name),+];
         }
     };
@@ -44,6 +44,6 @@ textures! {
 }
 
 impl Texture {
-    /// What a texture perturbation chooses from with equal chances: all but the floor's squares of 1 m, the first.
+    /// Textures from which the texture perturbations choose uniformly: all but `Checker`, the floor's 1 m squares.
     pub const PERTURBATION: &[Self] = Self::ALL.split_at(1).1;
 }

@@ -6,13 +6,13 @@ use ipc_types::Morphology;
 use nalgebra::{Point3, Vector3};
 
 use super::common::cooking::{BURNERS, PAN, PAN_MIDDLE, STOVE, bring, pan, stove};
-use super::common::{Eyes, NOISE_RAD, SINGLE_TABLE_Z, fruit, region, single_arm};
+use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, fruit, region, single_arm};
 use crate::expert::Move;
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::robot::control::gripper_entry;
 use crate::robot::panda::FINGER_OPEN;
-use crate::scene::{Range, RegionSpec, Scene, SceneSpec, Widened};
+use crate::scene::{Range, RegionSpec, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -38,17 +38,17 @@ fn nominal() -> SceneSpec {
     let at = |name, x, y| region(name, Range::fixed(x), Range::fixed(y));
     let pan_place = at("pan", 0.0, 0.0);
     // As wide as elsewhere, but to one side: on the other the pan would start in the stove's corner.
-    let widened = pan_place.widened.map(|widened| Widened { y: Range::new(0.01, 0.16), ..widened });
+    let widened = pan_place.widened.map(|widened| WidenedRanges { y: Range::new(0.01, 0.16), ..widened });
     let apple_place = region("apple", Range::new(-0.2, -0.04), Range::new(-0.28, -0.12));
     let regions = vec![
-        at("stove", 0.15, 0.15).kept(),
+        at("stove", 0.15, 0.15).not_widened(),
         // Else the widened region would let the apple start in the stove's corner.
-        RegionSpec { gap_m: Some(GAP_TO_STOVE), ..apple_place },
+        RegionSpec { min_gap_m: Some(GAP_TO_STOVE), ..apple_place },
         RegionSpec { widened, ..pan_place },
     ];
-    let bodies = vec![pan(2).turned(Range::fixed(FRAC_PI_2)), fruit::apple(1, SINGLE_TABLE_Z), stove(0)];
-    let eyes = Eyes { external1: [[0.35, -0.3, 0.4], [0.0; 3]], external2: [[0.35, 0.3, 0.4], [0.0; 3]] };
-    single_arm(QPOS, NOISE_RAD, &eyes, regions, bodies, TASK.instruction)
+    let bodies = vec![pan(2).with_yaw(Range::fixed(FRAC_PI_2)), fruit::apple(1, SINGLE_TABLE_Z), stove(0)];
+    let cameras = ExternalCameras { external1: [[0.35, -0.3, 0.4], [0.0; 3]], external2: [[0.35, 0.3, 0.4], [0.0; 3]] };
+    single_arm(QPOS, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
 /// The pan on the stove, the apple in the pan, both at rest and let go.

@@ -3,7 +3,7 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, DENSITY, Eyes, bimanual, movable, props, region};
+use super::common::{BIMANUAL_TABLE_Z, DENSITY, ExternalCameras, bimanual, movable, props, region};
 use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -38,9 +38,9 @@ fn nominal() -> SceneSpec {
         ..movable("bottle", props::bottle_solids(FOOT), 0, BIMANUAL_TABLE_Z)
     };
     let target = [-0.2, 0.0, 1.03];
-    let eyes = Eyes { external1: [[0.75, 0.0, 1.33], target], external2: [[-0.5, 0.0, 1.33], target] };
+    let cameras = ExternalCameras { external1: [[0.75, 0.0, 1.33], target], external2: [[-0.5, 0.0, 1.33], target] };
     let beside_first_arm = region("bottle", Range::new(0.2, 0.4), Range::new(-0.3, -0.1));
-    bimanual(QPOS, 0.0, &eyes, vec![beside_first_arm], vec![bottle], TASK.instruction)
+    bimanual(QPOS, 0.0, &cameras, vec![beside_first_arm], vec![bottle], TASK.instruction)
 }
 
 /// The bottle in the second arm's hand.

@@ -3,7 +3,7 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{self, BIMANUAL_TABLE_Z, BLUE, Eyes, QPOS_B, bimanual, region};
+use super::common::{self, BIMANUAL_TABLE_Z, BLUE, ExternalCameras, QPOS_B, bimanual, region};
 use crate::expert::{Move, both, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -27,12 +27,12 @@ const HALF: f64 = 0.02;
 
 fn nominal() -> SceneSpec {
     let cube = common::cube("cube", HALF, BLUE, 0, BIMANUAL_TABLE_Z);
-    let eyes = Eyes {
+    let cameras = ExternalCameras {
         external1: [[0.75, 0.0, 1.33], [-0.2, 0.0, 1.03]],
         external2: [[-0.5, 0.0, 1.58], [-0.2, 0.0, 1.13]],
     };
     let around_origin = region("cube", Range::symmetric(0.1), Range::symmetric(0.1));
-    bimanual([QPOS_B; 2], 0.0, &eyes, vec![around_origin], vec![cube], TASK.instruction)
+    bimanual([QPOS_B; 2], 0.0, &cameras, vec![around_origin], vec![cube], TASK.instruction)
 }
 
 /// The cube in the second arm's hand.

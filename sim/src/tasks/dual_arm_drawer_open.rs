@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::Isometry3;
 
 use super::common::bimanual;
-use super::common::drawer_unit::{DRAWERS, EYES, Pull, TRAVEL, bodies, place};
+use super::common::drawer_unit::{DRAWERS, CAMERAS, Pull, TRAVEL, bodies, place};
 use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -33,7 +33,7 @@ const QPOS: [[f64; 7]; 2] = [
 const PULLED: [&str; 2] = [DRAWERS[0], DRAWERS[2]];
 
 fn nominal() -> SceneSpec {
-    bimanual(QPOS, 0.0, &EYES, vec![place()], bodies(), TASK.instruction)
+    bimanual(QPOS, 0.0, &CAMERAS, vec![place()], bodies(), TASK.instruction)
 }
 
 /// Both drawers open by a fifth. The released code measures the second one by the limits of the middle drawer; here all

@@ -3,7 +3,7 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::common::drawer_unit::{CARCASS, DRAWERS, EYES, Pull, bodies, place};
+use super::common::drawer_unit::{CARCASS, DRAWERS, CAMERAS, Pull, bodies, place};
 use super::common::{self, BIMANUAL_TABLE_Z, BLUE, bimanual, region};
 use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
@@ -40,7 +40,7 @@ fn nominal() -> SceneSpec {
     };
     let beside = region("cube", Range::new(-0.2, -0.1), Range::new(-0.1415, -0.1405));
     let bodies = bodies().into_iter().chain([cube]).collect();
-    bimanual(QPOS, 0.0, &EYES, vec![place(), beside], bodies, TASK.instruction)
+    bimanual(QPOS, 0.0, &CAMERAS, vec![place(), beside], bodies, TASK.instruction)
 }
 
 /// The cube above the table and within 0.25 m of the chest's middle. The released code takes the norm over the distances

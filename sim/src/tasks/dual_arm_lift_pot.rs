@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_8;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{LIFT_EYES, bimanual, lifted, pot, region};
+use super::common::{LIFT_CAMERAS, bimanual, lifted, pot, region};
 use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -26,9 +26,9 @@ pub(super) const TASK: Task = Task {
 };
 
 fn nominal() -> SceneSpec {
-    let pot = pot::pot(0).turned(Range::symmetric(FRAC_PI_8));
+    let pot = pot::pot(0).with_yaw(Range::symmetric(FRAC_PI_8));
     let around_origin = region("pot", Range::symmetric(0.1), Range::symmetric(0.1));
-    bimanual(pot::QPOS, 0.0, &LIFT_EYES, vec![around_origin], vec![pot], TASK.instruction)
+    bimanual(pot::QPOS, 0.0, &LIFT_CAMERAS, vec![around_origin], vec![pot], TASK.instruction)
 }
 
 /// The pot 0.15 m above its start.

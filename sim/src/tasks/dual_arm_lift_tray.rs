@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_8;
 use ipc_types::Morphology;
 
 use super::common::tray::{self, HALF, HEIGHT, RIM_HALF_THICKNESS};
-use super::common::{LIFT_EYES, QPOS_B, bimanual, lifted, region};
+use super::common::{LIFT_CAMERAS, QPOS_B, bimanual, lifted, region};
 use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -26,9 +26,9 @@ pub(super) const TASK: Task = Task {
 };
 
 fn nominal() -> SceneSpec {
-    let tray = tray::tray(0).turned(Range::symmetric(FRAC_PI_8));
+    let tray = tray::tray(0).with_yaw(Range::symmetric(FRAC_PI_8));
     let around_origin = region("tray", Range::symmetric(0.1), Range::symmetric(0.1));
-    bimanual([QPOS_B; 2], 0.0, &LIFT_EYES, vec![around_origin], vec![tray], TASK.instruction)
+    bimanual([QPOS_B; 2], 0.0, &LIFT_CAMERAS, vec![around_origin], vec![tray], TASK.instruction)
 }
 
 /// The tray 0.15 m above its start, in at least one hand.

@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::insertion::{self, CAP_X, CAP_Z, PEN_Z};
-use super::common::{Eyes, QPOS_B, bimanual, region};
+use super::common::{ExternalCameras, QPOS_B, bimanual, region};
 use crate::expert::{Move, both, first_in_time, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
@@ -30,14 +30,14 @@ const GAP: f64 = -0.07;
 fn nominal() -> SceneSpec {
     let regions = vec![
         region("cap", Range::new(-0.4, -0.1), Range::new(-0.4, -0.1)),
-        RegionSpec { gap_m: Some(GAP), ..region("pen", Range::new(-0.1, 0.2), Range::new(-0.1, 0.2)) },
+        RegionSpec { min_gap_m: Some(GAP), ..region("pen", Range::new(-0.1, 0.2), Range::new(-0.1, 0.2)) },
     ];
-    let eyes = Eyes {
+    let cameras = ExternalCameras {
         external1: [[0.75, 0.0, 1.33], [-0.2, 0.0, 1.03]],
         external2: [[-0.5, 0.0, 1.33], [-0.2, 0.0, 1.03]],
     };
     let bodies = vec![insertion::cap(0), insertion::pen(1)];
-    bimanual([QPOS_B; 2], 0.0, &eyes, regions, bodies, TASK.instruction)
+    bimanual([QPOS_B; 2], 0.0, &cameras, regions, bodies, TASK.instruction)
 }
 
 /// The pen's tip well within the cap's cavity.

@@ -5,11 +5,11 @@ use core::f64::consts::PI;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, LIFT_EYES, bimanual, by_half, fruit, pot, region, tray};
+use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, widened_by_half, fruit, pot, region, tray};
 use crate::expert::{Move, both, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec, Widened};
+use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -31,23 +31,23 @@ fn nominal() -> SceneSpec {
     // Regions of one name draw the same offset: pot and tray stand side by side, also where the benchmark widens the pot's.
     let along = [Range::fixed(0.0), Range::symmetric(0.1)];
     let place = |x: f64, widened_x: Range| RegionSpec {
-        common: along,
-        widened: Some(Widened {
+        shared_offset: along,
+        widened: Some(WidenedRanges {
             x: widened_x,
             y: Range::fixed(0.0),
-            common: along.map(|range| range.widened(1.5)),
+            shared_offset: along.map(|range| range.widened(1.5)),
         }),
         ..region("row", Range::fixed(x), Range::fixed(0.0))
     };
     // Where it touches the floor: at any size of either, it neither hovers nor sinks in.
     let on_floor = Isometry3::translation(0.0, 0.0, pot::VESSEL.thickness);
     let tomato = BodySpec {
-        placement: PlacementSpec::With { body: 0, pose: on_floor },
+        placement: PlacementSpec::RelativeTo { body: 0, pose: on_floor },
         ..fruit::tomato(0, BIMANUAL_TABLE_Z)
     };
     let tray = BodySpec { role: Role::ReceiverObject, ..tray::tray(1) };
-    let regions = vec![place(0.1, by_half(Range::fixed(0.1))), place(-0.2, Range::fixed(-0.2))];
-    bimanual(pot::QPOS, 0.0, &LIFT_EYES, regions, vec![pot::pot(0), tomato, tray], TASK.instruction)
+    let regions = vec![place(0.1, widened_by_half(Range::fixed(0.1))), place(-0.2, Range::fixed(-0.2))];
+    bimanual(pot::QPOS, 0.0, &LIFT_CAMERAS, regions, vec![pot::pot(0), tomato, tray], TASK.instruction)
 }
 
 /// The tomato's middle over the tray and within 75 mm of the table.

@@ -5,11 +5,11 @@ use core::f64::consts::FRAC_PI_6;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, Eyes, bimanual, block, goal, movable, region, rgb};
+use super::common::{BIMANUAL_TABLE_Z, ExternalCameras, bimanual, box_part, goal_marker, movable, region, rgb};
 use crate::expert::{Move, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{PaintSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
+use crate::scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -34,23 +34,23 @@ const QPOS: [[f64; 7]; 2] =
 fn nominal() -> SceneSpec {
     let pushed = movable(
         "box",
-        vec![block(HALF, [0.0; 3], PaintSpec::plain([0.0, 0.5, 0.0]))],
+        vec![box_part(HALF, [0.0; 3], AppearanceSpec::plain([0.0, 0.5, 0.0]))],
         0,
         BIMANUAL_TABLE_Z,
     )
-    .turned(Range::symmetric(FRAC_PI_6));
+    .with_yaw(Range::symmetric(FRAC_PI_6));
     let [hx, hy, _] = HALF;
     let (patch, half_height) = (Primitive::Box { half: [hx, hy, 5e-4] }, 5e-4);
-    let patch = goal(1, vec![PartSpec::at(patch, [0.0, 0.0, half_height], PaintSpec::plain(RED))]);
+    let patch = goal_marker(1, vec![PartSpec::at(patch, [0.0, 0.0, half_height], AppearanceSpec::plain(RED))]);
     let regions = vec![
         region("box", Range::new(-0.2, 0.0), Range::symmetric(0.1)),
-        region("goal", Range::fixed(-0.4), Range::fixed(0.0)).kept(),
+        region("goal", Range::fixed(-0.4), Range::fixed(0.0)).not_widened(),
     ];
-    let eyes = Eyes {
+    let cameras = ExternalCameras {
         external1: [[0.75, 0.0, 1.58], [-0.2, 0.0, 0.93]],
         external2: [[-0.75, 0.0, 1.33], [-0.2, 0.0, 0.93]],
     };
-    bimanual(QPOS, 0.0, &eyes, regions, vec![pushed, patch], TASK.instruction)
+    bimanual(QPOS, 0.0, &cameras, regions, vec![pushed, patch], TASK.instruction)
 }
 
 /// The box's middle within 60 mm of the goal's.

@@ -27,14 +27,14 @@ fn nominal() -> SceneSpec {
     let regions = vec![
         region("red cube", Range::new(-0.05, 0.15), Range::new(-0.2, -0.1)),
         region("green cube", Range::new(-0.05, 0.05), Range::new(0.1, 0.2)),
-        region("goal", Range::symmetric(0.05), Range::fixed(0.0)).kept(),
+        region("goal", Range::symmetric(0.05), Range::fixed(0.0)).not_widened(),
     ];
     let bodies = vec![
         stacking::cube("red cube", [1.0, 0.0, 0.0], 0),
         stacking::cube("green cube", [0.0, 1.0, 0.0], 1),
         goal_disc(2),
     ];
-    bimanual([QPOS_B; 2], 0.0, &stacking::EYES, regions, bodies, TASK.instruction)
+    bimanual([QPOS_B; 2], 0.0, &stacking::CAMERAS, regions, bodies, TASK.instruction)
 }
 
 /// Green on red, and red on the goal.

@@ -33,14 +33,14 @@ fn nominal() -> SceneSpec {
         region("red cube", Range::new(0.0, 0.2), near_first_arm),
         region("green cube", Range::new(0.1, 0.2), Range::new(0.1, 0.2)),
         // The released code lets the blue cube overlap the red one.
-        RegionSpec { gap_m: Some(FINGERS), ..region("blue cube", Range::new(-0.2, 0.0), near_first_arm) },
-        region("goal", Range::symmetric(0.05), Range::fixed(0.0)).kept(),
+        RegionSpec { min_gap_m: Some(FINGERS), ..region("blue cube", Range::new(-0.2, 0.0), near_first_arm) },
+        region("goal", Range::symmetric(0.05), Range::fixed(0.0)).not_widened(),
     ];
     let colors = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let cubes = CUBES.into_iter().zip(colors).enumerate();
     let mut bodies: Vec<_> = cubes.map(|(i, (name, color))| stacking::cube(name, color, i)).collect();
     bodies.push(goal_disc(3));
-    bimanual([QPOS_B; 2], 0.0, &stacking::EYES, regions, bodies, TASK.instruction)
+    bimanual([QPOS_B; 2], 0.0, &stacking::CAMERAS, regions, bodies, TASK.instruction)
 }
 
 /// Green on red, blue on green, and red on the goal.

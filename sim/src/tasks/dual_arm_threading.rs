@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::insertion::{self, NEEDLE_LENGTH, RING_Z};
-use super::common::{Eyes, bimanual, region};
+use super::common::{ExternalCameras, bimanual, region};
 use crate::expert::{Move, both, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
@@ -37,12 +37,12 @@ fn nominal() -> SceneSpec {
         region("needle", Range::new(-0.35, -0.25), Range::symmetric(0.05)),
         region("tripod", Range::new(0.15, 0.25), Range::symmetric(0.05)),
     ];
-    let bodies = vec![insertion::needle(0), insertion::tripod(1).turned(Range::new(0.0, FRAC_PI_6))];
-    let eyes = Eyes {
+    let bodies = vec![insertion::needle(0), insertion::tripod(1).with_yaw(Range::new(0.0, FRAC_PI_6))];
+    let cameras = ExternalCameras {
         external1: [[0.6, 0.0, 1.33], [-0.2, 0.0, 0.93]],
         external2: [[-0.5, 0.0, 1.53], [-0.2, 0.0, 1.13]],
     };
-    bimanual(QPOS, 0.0, &eyes, regions, bodies, TASK.instruction)
+    bimanual(QPOS, 0.0, &cameras, regions, bodies, TASK.instruction)
 }
 
 /// The needle's end within 50 mm of the ring's middle, along its hole and across it.

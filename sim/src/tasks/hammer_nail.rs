@@ -6,11 +6,11 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
 use super::common::tools::{self, HAMMER_FACE, NAIL_HALF_LENGTH, NAIL_HEAD_RADIUS};
-use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, block, fixed, region, single_arm};
+use super::common::{ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, box_part, fixed, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PaintSpec, Range, Scene, SceneSpec};
+use crate::scene::{BodySpec, AppearanceSpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -36,7 +36,7 @@ fn nominal() -> SceneSpec {
     let [half_x, half_y, half_z] = BLOCK;
     let slab = |x: [f64; 2], z: [f64; 2]| {
         let half = [(x[1] - x[0]) / 2.0, half_y, (z[1] - z[0]) / 2.0];
-        block(half, [(x[0] + x[1]) / 2.0, 0.0, (z[0] + z[1]) / 2.0], PaintSpec::plain([0.6, 0.4, 0.2]))
+        box_part(half, [(x[0] + x[1]) / 2.0, 0.0, (z[0] + z[1]) / 2.0], AppearanceSpec::plain([0.6, 0.4, 0.2]))
     };
     let beside_hole = [HOLE_Z - HOLE, HOLE_Z + HOLE];
     let slabs = vec![
@@ -50,12 +50,12 @@ fn nominal() -> SceneSpec {
     let bodies = vec![tools::hammer(0), BodySpec { friction: 2.0, ..pierced }, nail];
     let regions = vec![
         region("hammer", Range::new(-0.13, -0.07), Range::new(0.32, 0.38)),
-        region("block", Range::fixed(0.15), Range::fixed(0.10)).kept(),
-        region("nail", Range::fixed(0.15), Range::new(0.108, 0.113)).kept(),
+        region("block", Range::fixed(0.15), Range::fixed(0.10)).not_widened(),
+        region("nail", Range::fixed(0.15), Range::new(0.108, 0.113)).not_widened(),
     ];
     let target = [-0.1, 0.1, 0.0];
-    let eyes = Eyes { external1: [[0.5, 0.5, 0.3], target], external2: [[0.75, 0.0, 0.5], target] };
-    let mut scene = single_arm(QPOS_D, NOISE_RAD, &eyes, regions, bodies, TASK.instruction);
+    let cameras = ExternalCameras { external1: [[0.5, 0.5, 0.3], target], external2: [[0.75, 0.0, 0.5], target] };
+    let mut scene = single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction);
     for camera in &mut scene.cameras[..2] {
         (camera.fov_y_rad, camera.clip_m[1]) = (FRAC_PI_3, 10.0);
     }

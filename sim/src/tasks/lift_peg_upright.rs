@@ -5,12 +5,12 @@ use core::f64::consts::FRAC_PI_2;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, rgb, single_arm};
+use super::common::{ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, rgb, single_arm};
 use crate::expert::{Move, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::robot::control;
-use crate::scene::{PaintSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
+use crate::scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -33,15 +33,15 @@ fn nominal() -> SceneSpec {
     let [half_length, half_width] = HALF;
     let half = |side: f64, color: [u8; 3]| {
         let shape = Primitive::Box { half: [half_length / 2.0, half_width, half_width] };
-        let paint = PaintSpec::plain(rgb(color));
-        PartSpec::at(shape, [side * half_length / 2.0, 0.0, 0.0], paint)
+        let appearance = AppearanceSpec::plain(rgb(color));
+        PartSpec::at(shape, [side * half_length / 2.0, 0.0, 0.0], appearance)
     };
     let peg = movable("peg", vec![half(-1.0, [176, 14, 14]), half(1.0, [12, 42, 160])], 0, SINGLE_TABLE_Z)
-        .set_up(UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2));
+        .with_orientation(UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2));
     let target = [-0.1, 0.0, 0.1];
-    let eyes = Eyes { external1: [[0.3, 0.0, 0.6], target], external2: [[0.0, 0.3, 0.5], target] };
+    let cameras = ExternalCameras { external1: [[0.3, 0.0, 0.6], target], external2: [[0.0, 0.3, 0.5], target] };
     let around_origin = region("peg", Range::symmetric(0.1), Range::symmetric(0.1));
-    single_arm(QPOS_D, NOISE_RAD, &eyes, vec![around_origin], vec![peg], TASK.instruction)
+    single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, vec![around_origin], vec![peg], TASK.instruction)
 }
 
 /// The peg upright, its middle half its length above the table.

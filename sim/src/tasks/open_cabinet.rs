@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::common::cabinet::{DOOR_HANDLE, drawer_over_door};
-use super::common::{Eyes, NOISE_RAD, region, single_arm};
+use super::common::{ExternalCameras, QPOS_NOISE_RAD, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -31,10 +31,10 @@ const QPOS: [f64; 7] = [-2.5733, -0.6890, 1.9453, -2.5164, -2.7048, 1.5930, 1.52
 
 fn nominal() -> SceneSpec {
     let target = [0.0, 0.0, 0.35];
-    let eyes = Eyes { external1: [[-0.4, -0.5, 0.6], target], external2: [[-0.2, -0.15, 0.8], target] };
+    let cameras = ExternalCameras { external1: [[-0.4, -0.5, 0.6], target], external2: [[-0.2, -0.15, 0.8], target] };
     let place = region("cabinet", Range::fixed(0.2), Range::fixed(0.0));
     let bodies = drawer_over_door(Range::fixed(0.0));
-    let mut spec = single_arm(QPOS, NOISE_RAD, &eyes, vec![place], bodies, TASK.instruction);
+    let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![place], bodies, TASK.instruction);
     spec.table.kind = TableKind::SingleArmTurned;
     // Before the cabinet, in the way of neither the door nor the arm's base.
     spec.distractors = DistractorsSpec {

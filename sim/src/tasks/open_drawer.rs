@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_8;
 use ipc_types::Morphology;
 
 use super::common::cabinet::{DRAWER_TRAVEL, drawer_grip, drawer_over_door, pull_open};
-use super::common::{Eyes, NOISE_RAD, region, single_arm};
+use super::common::{ExternalCameras, QPOS_NOISE_RAD, region, single_arm};
 use crate::expert::Move;
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -31,9 +31,9 @@ const QPOS: [f64; 7] = [-0.1360, -1.2611, 0.2409, -2.9000, 2.5729, 3.0260, 0.029
 fn nominal() -> SceneSpec {
     let bodies = drawer_over_door(Range::new(0.0, FRAC_PI_8));
     let target = [-0.2, 0.0, 0.5];
-    let eyes = Eyes { external1: [[-0.3, 0.4, 0.8], target], external2: [[-0.4, -0.4, 0.8], target] };
+    let cameras = ExternalCameras { external1: [[-0.3, 0.4, 0.8], target], external2: [[-0.4, -0.4, 0.8], target] };
     let place = region("cabinet", Range::new(0.15, 0.25), Range::symmetric(0.05));
-    let mut spec = single_arm(QPOS, NOISE_RAD, &eyes, vec![place], bodies, TASK.instruction);
+    let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![place], bodies, TASK.instruction);
     spec.table.kind = TableKind::SingleArmTurned;
     spec
 }

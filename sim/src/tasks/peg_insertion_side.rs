@@ -5,12 +5,12 @@ use core::f64::consts::{FRAC_PI_6, FRAC_PI_8};
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Translation3, Vector3};
 
-use super::common::holed::Hole;
-use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, block, movable, region, rgb, single_arm};
+use super::common::hole::Hole;
+use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, box_part, movable, region, rgb, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PaintSpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
+use crate::scene::{BodySpec, AppearanceSpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -34,14 +34,14 @@ const SIZES: SizesSpec = SizesSpec {
         ("hole y", Range::symmetric(1.0)),
         ("hole z", Range::symmetric(1.0)),
     ],
-    shape,
+    apply: set_sizes,
 };
 /// How much wider than the peg the hole is on every side, in m.
 const CLEARANCE: f64 = 0.006;
 
 fn nominal() -> SceneSpec {
     let parts = |colors: &[[u8; 3]]| {
-        colors.iter().map(|color| block([0.0; 3], [0.0; 3], PaintSpec::plain(rgb(*color)))).collect()
+        colors.iter().map(|color| box_part([0.0; 3], [0.0; 3], AppearanceSpec::plain(rgb(*color)))).collect()
     };
     let peg = BodySpec {
         scaled_by: ScaledBy::Nothing("its size is drawn anew in every episode"),
@@ -49,35 +49,35 @@ fn nominal() -> SceneSpec {
     };
     let target = common::fixed("box", parts(&[[143, 145, 150]; 4]), 1, SINGLE_TABLE_Z, "it fits the peg");
     let yaws = [Range::new(FRAC_PI_6, 5.0 * FRAC_PI_6), Range::new(3.0 * FRAC_PI_8, 5.0 * FRAC_PI_8)];
-    let mut bodies = vec![peg.turned(yaws[0]), target.turned(yaws[1])];
-    shape(&[0.105, 0.02, 0.0, 0.0], &mut bodies);
+    let mut bodies = vec![peg.with_yaw(yaws[0]), target.with_yaw(yaws[1])];
+    set_sizes(&[0.105, 0.02, 0.0, 0.0], &mut bodies);
     let regions = vec![
         region("peg", Range::symmetric(0.1), Range::new(-0.3, 0.0)),
         // The released code lets a long peg start inside the box.
-        RegionSpec { gap_m: Some(0.0), ..region("box", Range::symmetric(0.05), Range::new(0.2, 0.4)) },
+        RegionSpec { min_gap_m: Some(0.0), ..region("box", Range::symmetric(0.05), Range::new(0.2, 0.4)) },
     ];
     let centre = [0.0, 0.0, 0.1];
-    let eyes = Eyes { external1: [[0.35, -0.4, 0.3], centre], external2: [[-0.2, 0.0, 0.3], centre] };
-    let scene = single_arm(QPOS_D, NOISE_RAD, &eyes, regions, bodies, TASK.instruction);
+    let cameras = ExternalCameras { external1: [[0.35, -0.4, 0.3], centre], external2: [[-0.2, 0.0, 0.3], centre] };
+    let scene = single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction);
     SceneSpec { sizes: Some(SIZES), ..scene }
 }
 
 /// The peg's tail and head, and the walls of the box.
-fn shape(drawn: &[f64], bodies: &mut [BodySpec]) {
+fn set_sizes(drawn: &[f64], bodies: &mut [BodySpec]) {
     let &[length, width, y, z] = drawn else { panic!("{drawn:?} are not four sizes") };
     let peg = [-1.0, 1.0].map(|end| ([length / 2.0, width, width], [end * length / 2.0, 0.0, 0.0]));
     let middle = [y, z].map(|fraction| fraction * (length - width) / 2.0);
     let walls = Hole::around(middle, [width + CLEARANCE; 2]).walls([length; 3]);
     let parts = bodies.iter_mut().flat_map(|body| &mut body.parts);
     for (part, (half, position)) in parts.zip(peg.into_iter().chain(walls)) {
-        *part = block(half, position, part.paint);
+        *part = box_part(half, position, part.appearance);
     }
 }
 
 /// The peg's head in the hole, at most 15 mm short of the box's middle.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [body, of] = ["peg", "box"].map(|name| scene.body_idx(name));
-    let length = scene.bodies[body].extent(&Isometry3::identity()).max.x;
+    let length = scene.bodies[body].aabb(&Isometry3::identity()).max.x;
     let Hole { least: [y0, z0], greatest: [y1, z1] } = Hole::of(&scene.bodies[of]);
     let deepest = if profile.bounds_insertion() { length } else { f64::INFINITY };
     let region = Region::Box { least: [-0.015, y0, z0], greatest: [deepest, y1, z1] };
@@ -93,7 +93,7 @@ const LEANS: [f64; 3] = [0.0, 0.2, 0.4];
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (peg, target) = (scene.body("peg"), scene.body("box"));
-    let half = peg.extent(&Isometry3::identity()).max;
+    let half = peg.aabb(&Isometry3::identity()).max;
     let (length, mass) = (half.x, peg.density * 8.0 * half.product());
     let [y, z] = Hole::of(target).middle();
     let stations = |tcp: &Isometry3<f64>| {

@@ -3,7 +3,7 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{Eyes, dish, region, single_arm};
+use super::common::{ExternalCameras, dish, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -32,17 +32,17 @@ const RACK: usize = 1;
 
 fn nominal() -> SceneSpec {
     let plate = BodySpec {
-        placement: PlacementSpec::With { body: RACK, pose: dish::leaning(DIVIDERS_Y[2], LEAN) },
+        placement: PlacementSpec::RelativeTo { body: RACK, pose: dish::leaning(DIVIDERS_Y[2], LEAN) },
         ..dish::plate()
     };
     let beside = RegionSpec {
-        either_side: true,
-        ..region("rack", Range::fixed(-0.1), Range::new(0.15, 0.25)).kept()
+        random_mirror: true,
+        ..region("rack", Range::fixed(-0.1), Range::new(0.15, 0.25)).not_widened()
     };
     let target = [0.0, 0.0, 0.05];
-    let eyes = Eyes { external1: [[0.3, -0.25, 0.35], target], external2: [[-0.2, -0.15, 0.5], target] };
+    let cameras = ExternalCameras { external1: [[0.3, -0.25, 0.35], target], external2: [[-0.2, -0.15, 0.5], target] };
     let bodies = vec![plate, dish::rack(0, DIVIDERS_Y)];
-    single_arm(dish::QPOS, 0.0, &eyes, vec![beside], bodies, TASK.instruction)
+    single_arm(dish::QPOS, 0.0, &cameras, vec![beside], bodies, TASK.instruction)
 }
 
 /// The plate 42.5 mm above the rack's origin, which is 13 mm above its rest.

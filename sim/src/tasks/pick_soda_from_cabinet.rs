@@ -3,13 +3,13 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{Eyes, SINGLE_TABLE_Z, block, fixed, movable, props, region, rgb, single_arm};
+use super::common::{ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, props, region, rgb, single_arm};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::robot::control;
 use crate::scene::{
-    BodySpec, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec, Texture,
+    BodySpec, AppearanceSpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec, Texture,
 };
 use crate::task::{Category, Task};
 
@@ -39,42 +39,42 @@ const CAN: [f64; 2] = [0.0375, 0.063];
 fn nominal() -> SceneSpec {
     let [radius, half_height] = CAN;
     let solid =
-        PartSpec::at(Primitive::Cylinder { radius, half_height }, [0.0; 3], PaintSpec::plain([1.0; 3]));
+        PartSpec::at(Primitive::Cylinder { radius, half_height }, [0.0; 3], AppearanceSpec::plain([1.0; 3]));
     let can = BodySpec {
         visuals: props::can(radius, 2.0 * half_height, [0.0, 0.0, -half_height]),
         scaled_by: ScaledBy::Nothing("the benchmark keeps its size"),
         ..movable("can", vec![solid], 1, SHELVES_Z[1] + SHELF_HALF[2])
     };
     let regions = vec![
-        region("cabinet", Range::fixed(CABINET[0]), Range::fixed(CABINET[1])).kept(),
-        region("can", Range::new(0.13, 0.162), Range::new(-0.3, -0.1)).kept(),
+        region("cabinet", Range::fixed(CABINET[0]), Range::fixed(CABINET[1])).not_widened(),
+        region("can", Range::new(0.13, 0.162), Range::new(-0.3, -0.1)).not_widened(),
     ];
     let eye = |y| [[-0.3, y, 0.6], [0.0, 0.0, 0.25]];
-    let eyes = Eyes { external1: eye(0.2), external2: eye(-0.4) };
-    single_arm(QPOS, 0.0, &eyes, regions, vec![shelves(), panels(), can], TASK.instruction)
+    let cameras = ExternalCameras { external1: eye(0.2), external2: eye(-0.4) };
+    single_arm(QPOS, 0.0, &cameras, regions, vec![shelves(), panels(), can], TASK.instruction)
 }
 
 /// Three shelves on a plinth; their frame is on the table.
 fn shelves() -> BodySpec {
-    let wood = PaintSpec::textured(Texture::Wood, [0.72, 0.58, 0.42]);
+    let wood = AppearanceSpec::textured(Texture::Wood, [0.72, 0.58, 0.42]);
     let [hx, hy, hz] = SHELF_HALF;
     let plinth = (SHELVES_Z[0] - hz) / 2.0;
-    let mut parts = vec![block([hx - 0.02, hy - 0.02, plinth], [0.0, 0.0, plinth], wood)];
-    parts.extend(SHELVES_Z.map(|z| block(SHELF_HALF, [0.0, 0.0, z], wood)));
+    let mut parts = vec![box_part([hx - 0.02, hy - 0.02, plinth], [0.0, 0.0, plinth], wood)];
+    parts.extend(SHELVES_Z.map(|z| box_part(SHELF_HALF, [0.0, 0.0, z], wood)));
     BodySpec { role: Role::Fixture, ..fixed("shelves", parts, 0, SINGLE_TABLE_Z, "it is furniture") }
 }
 
 /// The left, right and back panel around the shelves, in their frame.
 fn panels() -> BodySpec {
     let panel = |half, [x, y, z]: [f64; 3]| {
-        block(half, [x - CABINET[0], y - CABINET[1], z], PaintSpec::plain(rgb([141, 117, 105])))
+        box_part(half, [x - CABINET[0], y - CABINET[1], z], AppearanceSpec::plain(rgb([141, 117, 105])))
     };
     let parts = vec![
         panel([0.19, 0.01, 0.272], [0.304, 0.1773, 0.3096]),
         panel([0.19, 0.01, 0.272], [0.304, -0.4222, 0.3096]),
         panel([0.01, 0.29, 0.272], [0.49, -0.12, 0.3096]),
     ];
-    let placement = PlacementSpec::With { body: 0, pose: Isometry3::identity() };
+    let placement = PlacementSpec::RelativeTo { body: 0, pose: Isometry3::identity() };
     BodySpec { placement, ..fixed("panels", parts, 0, SINGLE_TABLE_Z, "the benchmark keeps its size") }
 }
 

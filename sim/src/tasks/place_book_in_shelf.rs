@@ -4,11 +4,11 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::props::{self, Bookcase};
-use super::common::{Eyes, SINGLE_TABLE_Z, block, fixed, movable, region, single_arm};
+use super::common::{ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, region, single_arm};
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PaintSpec, PlacementSpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, Widened};
+use crate::scene::{BodySpec, AppearanceSpec, PlacementSpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -40,24 +40,24 @@ fn nominal() -> SceneSpec {
     let book = BodySpec {
         visuals: props::book(BOOK_HALF, BOOK_MIDDLE, BLUE),
         scaled_by: ScaledBy::Nothing("the benchmark keeps its size"),
-        ..movable("book", vec![block(BOOK_HALF, BOOK_MIDDLE, PaintSpec::plain(BLUE))], 0, SINGLE_TABLE_Z)
+        ..movable("book", vec![box_part(BOOK_HALF, BOOK_MIDDLE, AppearanceSpec::plain(BLUE))], 0, SINGLE_TABLE_Z)
     };
     let shelf = fixed("shelf", CASE.parts(), 1, SINGLE_TABLE_Z, "the benchmark keeps its size");
     let rows = [CASE.row(0, BOOK_HALF[0], 0), CASE.row(1, BOOK_HALF[0], 3)].concat();
     let others = BodySpec {
         role: Role::Fixture,
-        placement: PlacementSpec::With { body: 1, pose: Isometry3::identity() },
+        placement: PlacementSpec::RelativeTo { body: 1, pose: Isometry3::identity() },
         ..fixed("other books", rows, 1, SINGLE_TABLE_Z, "they stand on the shelf")
     };
     let y = Range::new(-0.4, -0.2);
     let shelf_place = region("shelf", Range::new(0.0, 0.1), y);
     // The shelf stands beyond the book's place, so that it moves away as that grows.
-    let widened = shelf_place.widened.map(|widened| Widened { x: Range::new(0.05, 0.15), ..widened });
+    let widened = shelf_place.widened.map(|widened| WidenedRanges { x: Range::new(0.05, 0.15), ..widened });
     let regions =
         vec![region("book", Range::new(-0.2, -0.1), y), RegionSpec { widened, ..shelf_place }];
     let eye = |y| [[-0.5, y, 0.5], [-0.3, -0.3, 0.1]];
-    let eyes = Eyes { external1: eye(-0.1), external2: eye(-0.5) };
-    single_arm(QPOS, 0.0, &eyes, regions, vec![book, shelf, others], TASK.instruction)
+    let cameras = ExternalCameras { external1: eye(-0.1), external2: eye(-0.5) };
+    single_arm(QPOS, 0.0, &cameras, regions, vec![book, shelf, others], TASK.instruction)
 }
 
 /// The book on the lower board beside the others, let go and at rest.

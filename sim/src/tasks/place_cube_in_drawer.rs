@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::cabinet::{CHEST_TRAVEL, chest_of_drawers, drawer_grip, pull_open};
-use super::common::{self, Eyes, NOISE_RAD, SINGLE_TABLE_Z, region, single_arm};
+use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, Reach, first_in_time, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
@@ -39,12 +39,12 @@ fn nominal() -> SceneSpec {
     };
     let bodies = chest_of_drawers().into_iter().chain([cube]).collect();
     let target = [-0.1, 0.0, 0.1];
-    let eyes = Eyes { external1: [[0.3, 0.1, 0.6], target], external2: [[-0.2, 0.0, 0.8], target] };
+    let cameras = ExternalCameras { external1: [[0.3, 0.1, 0.6], target], external2: [[-0.2, 0.0, 0.8], target] };
     let regions = vec![
         region("cabinet", Range::symmetric(0.1), Range::new(-0.6, -0.4)),
         region("cube", Range::symmetric(0.1), Range::new(0.4, 0.6)),
     ];
-    single_arm(QPOS, NOISE_RAD, &eyes, regions, bodies, TASK.instruction)
+    single_arm(QPOS, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
 /// The drawer three tenths open, the cube around the middle of it, at rest, let go.

@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::{Eyes, dish, region, single_arm};
+use super::common::{ExternalCameras, dish, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
@@ -33,12 +33,12 @@ fn nominal() -> SceneSpec {
     let plate = BodySpec { damping: [5.0, 8.0], ..dish::plate() };
     let regions = vec![
         region("plate", Range::new(-0.4, -0.2), Range::new(-0.3, -0.1)),
-        region("rack", Range::new(-0.15, -0.05), Range::new(0.05, 0.15)).kept(),
+        region("rack", Range::new(-0.15, -0.05), Range::new(0.05, 0.15)).not_widened(),
     ];
     let target = [0.0, 0.0, 0.05];
-    let eyes = Eyes { external1: [[0.2, -0.15, 0.5], target], external2: [[0.1, 0.5, 0.4], target] };
-    let bodies = vec![plate.turned(Range::new(0.0, TAU)), dish::rack(1, DIVIDERS_Y)];
-    single_arm(dish::QPOS, 0.0, &eyes, regions, bodies, TASK.instruction)
+    let cameras = ExternalCameras { external1: [[0.2, -0.15, 0.5], target], external2: [[0.1, 0.5, 0.4], target] };
+    let bodies = vec![plate.with_yaw(Range::new(0.0, TAU)), dish::rack(1, DIVIDERS_Y)];
+    single_arm(dish::QPOS, 0.0, &cameras, regions, bodies, TASK.instruction)
 }
 
 /// The plate on edge within the rack, at rest, let go.

@@ -5,12 +5,12 @@ use core::f64::consts::{FRAC_PI_3, FRAC_PI_8, PI};
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::common::holed::Hole;
-use super::common::{self, BLUE, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, block, movable, region, rgb, single_arm};
+use super::common::hole::Hole;
+use super::common::{self, BLUE, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, box_part, movable, region, rgb, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PaintSpec, Range, ScaledBy, Scene, SceneSpec};
+use crate::scene::{BodySpec, AppearanceSpec, Range, ScaledBy, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -37,9 +37,9 @@ const RECEPTACLE: [f64; 3] = [0.01, 0.05, 0.05];
 const CLEARANCE: f64 = 0.0025;
 
 fn charger() -> BodySpec {
-    let metal = PaintSpec { specular: 0.8, ..PaintSpec::plain([0.8; 3]) };
-    let prong = |y: f64| block(PRONG, [PRONG[0], y, 0.0], metal);
-    let base = block(BASE, [-BASE[0], 0.0, 0.0], PaintSpec::plain(BLUE));
+    let metal = AppearanceSpec { specular: 0.8, ..AppearanceSpec::plain([0.8; 3]) };
+    let prong = |y: f64| box_part(PRONG, [PRONG[0], y, 0.0], metal);
+    let base = box_part(BASE, [-BASE[0], 0.0, 0.0], AppearanceSpec::plain(BLUE));
     BodySpec {
         scaled_by: ScaledBy::Nothing("it would not fit the slots"),
         ..movable("charger", vec![base, prong(-PRONG_Y), prong(PRONG_Y)], 0, SINGLE_TABLE_Z)
@@ -49,14 +49,14 @@ fn charger() -> BodySpec {
 /// A plate with two slots: one hole for both, and what is between them. Brass fills them, 1 mm deep, and is only seen.
 fn receptacle() -> BodySpec {
     let [_, slot_y, slot_z] = PRONG.map(|half| half + CLEARANCE);
-    let (depth, plastic) = (RECEPTACLE[0], PaintSpec::plain([0.9; 3]));
+    let (depth, plastic) = (RECEPTACLE[0], AppearanceSpec::plain([0.9; 3]));
     let walls = Hole::around([0.0; 2], [PRONG_Y + slot_y, slot_z]).walls(RECEPTACLE);
-    let mut parts = walls.map(|(half, [_, y, z])| block(half, [-depth, y, z], plastic)).to_vec();
-    parts.push(block([depth, PRONG_Y - slot_y, slot_z], [-depth, 0.0, 0.0], plastic));
-    let brass = PaintSpec { specular: 0.6, ..PaintSpec::plain(rgb([219, 181, 57])) };
+    let mut parts = walls.map(|(half, [_, y, z])| box_part(half, [-depth, y, z], plastic)).to_vec();
+    parts.push(box_part([depth, PRONG_Y - slot_y, slot_z], [-depth, 0.0, 0.0], plastic));
+    let brass = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain(rgb([219, 181, 57])) };
     let inlays =
-        [-PRONG_Y, PRONG_Y].map(|y| block([depth - 5e-4, slot_y, slot_z], [-depth - 5e-4, y, 0.0], brass));
-    let visuals = parts.iter().chain(&inlays).map(common::seen).collect();
+        [-PRONG_Y, PRONG_Y].map(|y| box_part([depth - 5e-4, slot_y, slot_z], [-depth - 5e-4, y, 0.0], brass));
+    let visuals = parts.iter().chain(&inlays).map(common::visual_of).collect();
     let lower_edge_z = 0.1 - RECEPTACLE[2];
     BodySpec {
         visuals,
@@ -67,13 +67,13 @@ fn receptacle() -> BodySpec {
 fn nominal() -> SceneSpec {
     let regions = vec![
         region("charger", Range::new(-0.1, -0.026), Range::symmetric(0.2)),
-        region("receptacle", Range::new(0.01, 0.1), Range::symmetric(0.1)).kept(),
+        region("receptacle", Range::new(0.01, 0.1), Range::symmetric(0.1)).not_widened(),
     ];
     let facing_robot = Range::new(PI - FRAC_PI_8, PI + FRAC_PI_8);
-    let bodies = vec![charger().turned(Range::symmetric(FRAC_PI_3)), receptacle().turned(facing_robot)];
+    let bodies = vec![charger().with_yaw(Range::symmetric(FRAC_PI_3)), receptacle().with_yaw(facing_robot)];
     let target = [-0.1, 0.0, 0.1];
-    let eyes = Eyes { external1: [[-0.3, 0.1, 0.1], target], external2: [[-0.1, -0.5, 0.3], target] };
-    single_arm(QPOS_D, NOISE_RAD, &eyes, regions, bodies, TASK.instruction)
+    let cameras = ExternalCameras { external1: [[-0.3, 0.1, 0.1], target], external2: [[-0.1, -0.5, 0.3], target] };
+    single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
 /// The charger's pose when it is plugged in: against the receptacle, and facing it.

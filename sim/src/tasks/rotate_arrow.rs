@@ -3,12 +3,12 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::common::{Eyes, NOISE_RAD, SINGLE_TABLE_Z, block, movable, region, single_arm};
+use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region, single_arm};
 use crate::expert::{Move, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::robot::panda::TIP_BEYOND_TCP;
-use crate::scene::{BodySpec, Form, PaintSpec, PartSpec, Range, Scene, SceneSpec, Texture, VisualSpec};
+use crate::scene::{BodySpec, VisualShape, AppearanceSpec, PartSpec, Range, Scene, SceneSpec, Texture, VisualSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -35,14 +35,14 @@ const HEAD_SLICES: u32 = 4;
 const QPOS: [f64; 7] = [0.0, 0.0, -0.04, -2.21, 0.0, 2.28, 0.66];
 
 fn nominal() -> SceneSpec {
-    let ceramic = PaintSpec { specular: 0.6, ..PaintSpec::textured(Texture::Marble, [0.55, 0.75, 0.95]) };
+    let ceramic = AppearanceSpec { specular: 0.6, ..AppearanceSpec::textured(Texture::Marble, [0.55, 0.75, 0.95]) };
     let ([tail, root, tip], [shaft, head]) = (ALONG, HALF_WIDTHS);
     let right = [[tail, -shaft], [root, -shaft], [root, -head], [tip, 0.0]];
     let left = right[..3].iter().rev().map(|[x, y]| [*x, -y]);
     let outline = right.into_iter().chain(left).collect();
-    let seen = Form::Extrusion { outline, holes: Vec::new(), half_height: HALF_THICKNESS };
+    let seen = VisualShape::Extrusion { outline, holes: Vec::new(), half_height: HALF_THICKNESS };
     let slab = |from: f64, to: f64, half_width: f64| -> PartSpec {
-        block([(to - from) / 2.0, half_width, HALF_THICKNESS], [(from + to) / 2.0, 0.0, 0.0], ceramic)
+        box_part([(to - from) / 2.0, half_width, HALF_THICKNESS], [(from + to) / 2.0, 0.0, 0.0], ceramic)
     };
     let head_slices = (0..HEAD_SLICES).map(|i| {
         let x = |i: f64| root + (tip - root) * i / f64::from(HEAD_SLICES);
@@ -52,12 +52,12 @@ fn nominal() -> SceneSpec {
     let parts = core::iter::once(slab(tail, root, shaft)).chain(head_slices).collect();
     let arrow = BodySpec {
         visuals: vec![VisualSpec::at(seen, [0.0; 3], ceramic)],
-        ..movable("arrow", parts, 0, SINGLE_TABLE_Z).turned(Range::symmetric(15.0_f64.to_radians()))
+        ..movable("arrow", parts, 0, SINGLE_TABLE_Z).with_yaw(Range::symmetric(15.0_f64.to_radians()))
     };
     let target = [-0.3, -0.2, 0.0];
-    let eyes = Eyes { external1: [[0.2, 0.0, 0.4], target], external2: [[0.0, 0.3, 0.4], target] };
+    let cameras = ExternalCameras { external1: [[0.2, 0.0, 0.4], target], external2: [[0.0, 0.3, 0.4], target] };
     let beside_base = region("arrow", Range::new(-0.4, -0.2), Range::new(-0.3, -0.1));
-    single_arm(QPOS, NOISE_RAD, &eyes, vec![beside_base], vec![arrow], TASK.instruction)
+    single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![beside_base], vec![arrow], TASK.instruction)
 }
 
 /// The arrow turned to within 26° of the opposite direction.

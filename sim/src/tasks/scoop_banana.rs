@@ -3,11 +3,11 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::common::{Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, block, fixed, region, rgb, single_arm, tools};
+use super::common::{ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, box_part, fixed, region, rgb, single_arm, tools};
 use crate::expert::{Move, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, PaintSpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
+use crate::scene::{BodySpec, AppearanceSpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -32,29 +32,29 @@ const FOUNDATION: f64 = 0.04;
 fn nominal() -> SceneSpec {
     let banana = BodySpec { role: Role::ReceiverObject, ..tools::banana(1) };
     let [half_x, half_y, half_z] = WALL;
-    let slab = block(
+    let slab = box_part(
         [half_x, half_y, half_z + FOUNDATION / 2.0],
         [0.0, 0.0, -FOUNDATION / 2.0],
-        PaintSpec::plain(rgb([201, 204, 182])),
+        AppearanceSpec::plain(rgb([201, 204, 182])),
     );
     let wall = BodySpec {
         role: Role::Fixture,
-        placement: PlacementSpec::With {
+        placement: PlacementSpec::RelativeTo {
             body: 1,
             pose: Isometry3::translation(BEYOND, 0.0, half_z - tools::BANANA_RADIUS),
         },
         ..fixed("wall", vec![slab], 1, SINGLE_TABLE_Z, "the released code scales only dustpan and banana")
     };
-    let around_banana = region("banana", Range::new(-0.05, 0.15), Range::new(-0.25, 0.05)).kept();
+    let around_banana = region("banana", Range::new(-0.05, 0.15), Range::new(-0.25, 0.05)).not_widened();
     let regions = vec![
         region("dustpan", Range::new(-0.3, -0.1), Range::new(-0.3, -0.1)),
         // The ranges overlap: the banana is drawn again until it lies beside the dustpan, not in it.
-        RegionSpec { gap_m: Some(0.0), ..around_banana },
+        RegionSpec { min_gap_m: Some(0.0), ..around_banana },
     ];
     let target = [0.0, 0.0, 0.1];
-    let eyes = Eyes { external1: [[-0.25, 0.25, 0.4], target], external2: [[-0.2, -0.4, 0.4], target] };
+    let cameras = ExternalCameras { external1: [[-0.25, 0.25, 0.4], target], external2: [[-0.2, -0.4, 0.4], target] };
     let bodies = vec![tools::dustpan(0), banana, wall];
-    single_arm(QPOS_D, NOISE_RAD, &eyes, regions, bodies, TASK.instruction)
+    single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
 /// The banana within 0.17 m of the dustpan's middle and up to 55 mm above it: on the table it lies lower.

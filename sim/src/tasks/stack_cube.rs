@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{self, Eyes, NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, single_arm};
+use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, single_arm};
 use crate::expert::{Move, Reach, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -33,20 +33,20 @@ fn nominal() -> SceneSpec {
     // As in the released code, where no factor acts on the green cube but MO-Size, which scales both.
     let cube = |name, role, color| BodySpec {
         role,
-        ..common::cube(name, HALF, color, 0, SINGLE_TABLE_Z).turned(Range::new(0.0, TAU))
+        ..common::cube(name, HALF, color, 0, SINGLE_TABLE_Z).with_yaw(Range::new(0.0, TAU))
     };
     let cubes = vec![
         cube("red cube", Role::ManipulationObject, [1.0, 0.0, 0.0]),
         cube("green cube", Role::Fixture, [0.0, 1.0, 0.0]),
     ];
     let region = RegionSpec {
-        gap_m: Some(0.002),
+        min_gap_m: Some(0.002),
         ..common::region("cubes", Range::symmetric(0.1), Range::symmetric(0.2))
-            .sharing([Range::symmetric(0.1); 2])
+            .with_shared_offset([Range::symmetric(0.1); 2])
     };
     let target = [-0.1, 0.0, 0.1];
-    let eyes = Eyes { external1: [[0.3, 0.0, 0.4], target], external2: [[0.0, -0.3, 0.4], target] };
-    single_arm(QPOS_D, NOISE_RAD, &eyes, vec![region], cubes, TASK.instruction)
+    let cameras = ExternalCameras { external1: [[0.3, 0.0, 0.4], target], external2: [[0.0, -0.3, 0.4], target] };
+    single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, vec![region], cubes, TASK.instruction)
 }
 
 /// Red on green within half a face diagonal and 5 mm, at rest, let go.

@@ -25,7 +25,7 @@ fn all_stand_within_their_square_on_the_table() {
             for body in distractors(&spec.draw(seed)) {
                 let at = body.pose.translation;
                 assert!(place.x.contains(at.x) && place.y.contains(at.y), "{}: {at:?}", task.name());
-                let lowest = body.extent(&body.pose).min.z;
+                let lowest = body.aabb(&body.pose).min.z;
                 assert!((lowest - place.surface_z_m).abs() < 1e-6, "{}: {lowest}", task.name());
                 n += 1;
             }
@@ -78,7 +78,7 @@ fn they_are_of_many_kinds() {
             let sort = |text: String| text.split([' ', '{', '(']).next().unwrap_or_default().to_owned();
             let parts: Vec<String> =
                 body.parts.iter().map(|part| sort(format!("{:?}", part.shape))).collect();
-            let visuals: Vec<String> = body.visuals.iter().map(|v| sort(format!("{:?}", v.form))).collect();
+            let visuals: Vec<String> = body.visuals.iter().map(|v| sort(format!("{:?}", v.shape))).collect();
             solids.insert(format!("{:?}", body.parts.iter().map(|part| part.shape).collect::<Vec<_>>()));
             forms.insert((parts, visuals));
         }

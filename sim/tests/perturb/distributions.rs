@@ -52,7 +52,7 @@ const UNIT: Range = Range::new(0.0, 1.0);
 #[test]
 fn colours_are_uniform_and_nobodys_twice() {
     let scenes = scenes(TaskId::StackCube, Perturbation::MoColor);
-    let color = |scene: &Scene| scene.body("red cube").parts[0].paint.color;
+    let color = |scene: &Scene| scene.body("red cube").parts[0].appearance.color;
     for channel in 0..3 {
         assert_uniform("MO-Color", scenes.iter().map(|scene| color(scene)[channel]).collect(), UNIT);
     }
@@ -68,7 +68,7 @@ fn every_part_has_a_colour_and_a_texture_of_its_own() {
     let task = TaskId::DualArmStackCube;
     let looks = |scene: &Scene| -> Vec<_> {
         let parts = scene.bodies.iter().flat_map(|body| &body.parts);
-        parts.map(|part| part.paint).collect()
+        parts.map(|part| part.appearance).collect()
     };
     let mut same_texture = 0_usize;
     for seed in seeds(task, 200) {
@@ -85,9 +85,10 @@ fn every_part_has_a_colour_and_a_texture_of_its_own() {
 #[test]
 fn textures_are_chosen_evenly_and_untinted() {
     let scenes = scenes(TaskId::RaiseCube, Perturbation::MoTexture);
-    let paints: Vec<_> = scenes.iter().map(|scene| scene.body("cube").parts[0].paint).collect();
-    assert!(paints.iter().all(|paint| paint.color == [1.0; 3]));
-    let choices = paints.iter().map(|paint| format!("{:?}", paint.texture.expect("it has a pattern")));
+    let appearances: Vec<_> = scenes.iter().map(|scene| scene.body("cube").parts[0].appearance).collect();
+    assert!(appearances.iter().all(|appearance| appearance.color == [1.0; 3]));
+    let choices =
+        appearances.iter().map(|appearance| format!("{:?}", appearance.texture.expect("it has a pattern")));
     assert_even("MO-Texture", choices, Texture::PERTURBATION.len());
 }
 
@@ -96,10 +97,11 @@ fn a_recoloured_table_has_one_colour_and_no_pattern() {
     for (task, n_colors) in [(TaskId::RaiseCube, 1), (TaskId::DualArmLiftPot, 2)] {
         for seed in seeds(task, 50) {
             let table = perturbed(task, Perturbation::TableColor).draw(seed).table;
-            let paints: Vec<_> =
-                [table.top, table.frame, table.legs].into_iter().chain(table.under).collect();
-            assert!(paints.iter().all(|paint| paint.texture.is_none()));
-            let mut colors: Vec<_> = paints.iter().map(|paint| paint.color.map(f64::to_bits)).collect();
+            let appearances: Vec<_> =
+                [table.top, table.frame, table.legs].into_iter().chain(table.lower_top).collect();
+            assert!(appearances.iter().all(|appearance| appearance.texture.is_none()));
+            let mut colors: Vec<_> =
+                appearances.iter().map(|appearance| appearance.color.map(f64::to_bits)).collect();
             colors.sort_unstable();
             colors.dedup();
             assert_eq!(colors.len(), n_colors, "{}: a table, and a plate over it", task.name());
@@ -112,7 +114,8 @@ fn under_all_a_coin_tells_between_colour_and_texture() {
     let scenes = scenes(TaskId::RaiseCube, Perturbation::All);
     let has_texture = |scene: &Scene| {
         let walls = scene.background.walls.expect("walls stand");
-        [scene.body("cube").parts[0].paint, scene.table.top, walls].map(|paint| paint.texture.is_some())
+        [scene.body("cube").parts[0].appearance, scene.table.top, walls]
+            .map(|appearance| appearance.texture.is_some())
     };
     let faces: Vec<[bool; 3]> = scenes.iter().map(has_texture).collect();
     for (i, what) in ["cube", "table", "walls"].into_iter().enumerate() {
@@ -171,7 +174,7 @@ fn light_comes_from_anywhere_in_any_hue() {
 fn external_cameras_err_by_centimetres_and_degrees_and_wrist_cameras_do_not() {
     let scenes = scenes(TaskId::RaiseCube, Perturbation::CameraPose);
     for camera_idx in 0..2 {
-        let errors: Vec<_> = scenes.iter().map(|scene| scene.cameras[camera_idx].error).collect();
+        let errors: Vec<_> = scenes.iter().map(|scene| scene.cameras[camera_idx].pose_error).collect();
         for axis in 0..3 {
             let shifts = errors.iter().map(|error| error.translation.vector[axis]).collect();
             assert_uniform("shift", shifts, Range::symmetric(0.03));
@@ -187,9 +190,9 @@ fn external_cameras_err_by_centimetres_and_degrees_and_wrist_cameras_do_not() {
     assert!(still.clone().count() > 0);
     for camera in still {
         assert!(matches!(camera.mount, CameraMount::Hand { .. }));
-        assert_eq!(camera.error, nalgebra::Isometry3::identity());
+        assert_eq!(camera.pose_error, nalgebra::Isometry3::identity());
     }
-    assert!(scenes.iter().all(|scene| scene.cameras[0].error != scene.cameras[1].error));
+    assert!(scenes.iter().all(|scene| scene.cameras[0].pose_error != scene.cameras[1].pose_error));
 }
 
 #[test]
@@ -199,7 +202,7 @@ fn the_paper_profile_lifts_cameras_by_three_centimetres() {
         Perturbation::CameraPose.apply((task.nominal)(), task, Profile::Paper, sim::perturb::Strength::FULL);
     for seed in seeds(TaskId::RaiseCube, 100) {
         let scene = spec.draw(seed);
-        assert!(scene.cameras[..2].iter().all(|camera| camera.error.translation.z == 0.03));
+        assert!(scene.cameras[..2].iter().all(|camera| camera.pose_error.translation.z == 0.03));
     }
 }
 
@@ -246,11 +249,11 @@ const PLACES: [(TaskId, &str, [[f64; 2]; 2]); 31] = {
 fn places_are_half_as_wide_again() {
     for (task, name, [x, y]) in PLACES {
         let spec = perturbed(task, Perturbation::PoseRandomization);
-        let PlacementSpec::On { region, .. } = spec.bodies[spec.body_idx(name)].placement else {
+        let PlacementSpec::OnSurface { region, .. } = spec.bodies[spec.body_idx(name)].placement else {
             panic!("{name} is placed with another body")
         };
         // A body that must keep away from others is drawn again, and so not uniform.
-        let is_free = spec.regions[region].gap_m.is_none();
+        let is_free = spec.regions[region].min_gap_m.is_none();
         let scenes: Vec<Scene> =
             seeds(task, if is_free { N } else { 1000 }).map(|seed| spec.draw(seed)).collect();
         for (axis, [lo, hi]) in [x, y].into_iter().enumerate() {

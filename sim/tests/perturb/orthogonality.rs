@@ -1,7 +1,7 @@
 //! Each perturbation has fields of its own: it edits no other, and no draw of another changes.
 
 use sim::perturb::{Composition, Modality, Strength};
-use sim::scene::{BodySpec, CameraMount, Jitter, Paint, Role, Scene, SceneSpec, Variation};
+use sim::scene::{Appearance, AppearanceVariation, BodySpec, CameraMount, Jitter, Role, Scene, SceneSpec};
 use sim::{Perturbation, Profile, TaskId};
 
 use crate::common::{applies, nominal, perturbed, seeds, singles};
@@ -27,20 +27,24 @@ fn any_two_commute_on_every_task() {
 
 /// Takes back what a perturbation may edit.
 fn restore(perturbation: Perturbation, spec: &mut SceneSpec, from: &SceneSpec) {
-    fn paints<'a>(spec: &'a mut SceneSpec, role: Role, restore: impl Fn(&mut Variation) + 'a) {
+    fn appearances<'a>(spec: &'a mut SceneSpec, role: Role, restore: impl Fn(&mut AppearanceVariation) + 'a) {
         let bodies = spec.bodies.iter_mut().filter(move |body| body.role == role);
-        bodies.flat_map(BodySpec::paints_mut).for_each(|paint| restore(&mut paint.variation));
+        bodies.flat_map(BodySpec::appearances_mut).for_each(|appearance| restore(&mut appearance.variation));
     }
-    let color = |variation: &mut Variation| variation.color = 0.0;
-    let texture = |variation: &mut Variation| variation.texture = 0.0;
+    let color = |variation: &mut AppearanceVariation| variation.color = 0.0;
+    let texture = |variation: &mut AppearanceVariation| variation.texture = 0.0;
     match perturbation {
         Perturbation::None | Perturbation::All => unreachable!("they have no fields of their own"),
-        Perturbation::MoColor => paints(spec, Role::ManipulationObject, color),
-        Perturbation::RoColor => paints(spec, Role::ReceiverObject, color),
-        Perturbation::MoTexture => paints(spec, Role::ManipulationObject, texture),
-        Perturbation::RoTexture => paints(spec, Role::ReceiverObject, texture),
-        Perturbation::TableColor => spec.table.paints_mut().for_each(|paint| color(&mut paint.variation)),
-        Perturbation::TableTexture => spec.table.paints_mut().for_each(|paint| texture(&mut paint.variation)),
+        Perturbation::MoColor => appearances(spec, Role::ManipulationObject, color),
+        Perturbation::RoColor => appearances(spec, Role::ReceiverObject, color),
+        Perturbation::MoTexture => appearances(spec, Role::ManipulationObject, texture),
+        Perturbation::RoTexture => appearances(spec, Role::ReceiverObject, texture),
+        Perturbation::TableColor => {
+            spec.table.appearances_mut().for_each(|appearance| color(&mut appearance.variation))
+        }
+        Perturbation::TableTexture => {
+            spec.table.appearances_mut().for_each(|appearance| texture(&mut appearance.variation))
+        }
         Perturbation::BackgroundColor => color(&mut spec.background.walls.variation),
         Perturbation::BackgroundTexture => texture(&mut spec.background.walls.variation),
         Perturbation::LightColor => spec.lights = from.lights.clone(),
@@ -49,7 +53,7 @@ fn restore(perturbation: Perturbation, spec: &mut SceneSpec, from: &SceneSpec) {
         Perturbation::LanguageParaphrase
         | Perturbation::LanguageNone
         | Perturbation::LanguageRandom
-        | Perturbation::LanguageOtherTask => spec.instruction.other = None,
+        | Perturbation::LanguageOtherTask => spec.instruction.replacement = None,
         Perturbation::MoSize | Perturbation::RoSize => {
             for (body, nominal) in spec.bodies.iter_mut().zip(&from.bodies) {
                 body.scale = nominal.scale;
@@ -78,10 +82,10 @@ fn redraw(perturbation: Perturbation, scene: &mut Scene, twin: &Scene) {
     let repaint = |scene: &mut Scene, role: Role| {
         for (body, twin) in scene.bodies.iter_mut().zip(&twin.bodies).filter(|(body, _)| body.role == role) {
             for (part, twin) in body.parts.iter_mut().zip(&twin.parts) {
-                part.paint = twin.paint;
+                part.appearance = twin.appearance;
             }
             for (visual, twin) in body.visuals.iter_mut().zip(&twin.visuals) {
-                visual.paint = twin.paint;
+                visual.appearance = twin.appearance;
             }
         }
     };
@@ -96,7 +100,7 @@ fn redraw(perturbation: Perturbation, scene: &mut Scene, twin: &Scene) {
         Perturbation::CameraPose => {
             for (camera, twin) in scene.cameras.iter_mut().zip(&twin.cameras) {
                 if matches!(camera.mount, CameraMount::World { .. }) {
-                    camera.error = twin.error;
+                    camera.pose_error = twin.pose_error;
                 }
             }
         }
@@ -106,11 +110,11 @@ fn redraw(perturbation: Perturbation, scene: &mut Scene, twin: &Scene) {
         | Perturbation::LanguageOtherTask => scene.instruction.clone_from(&twin.instruction),
         Perturbation::MoSize | Perturbation::RoSize => {
             for (body, twin) in scene.bodies.iter_mut().zip(&twin.bodies) {
-                let paints = |body: &sim::scene::Body| -> Vec<Paint> {
-                    let visuals = body.visuals.iter().map(|visual| visual.paint);
-                    body.parts.iter().map(|part| part.paint).chain(visuals).collect()
+                let appearances = |body: &sim::scene::Body| -> Vec<Appearance> {
+                    let visuals = body.visuals.iter().map(|visual| visual.appearance);
+                    body.parts.iter().map(|part| part.appearance).chain(visuals).collect()
                 };
-                assert_eq!(paints(body), paints(twin), "a size changes no look");
+                assert_eq!(appearances(body), appearances(twin), "a size changes no look");
                 assert_eq!((body.density, body.friction), (twin.density, twin.friction));
                 *body = twin.clone();
             }

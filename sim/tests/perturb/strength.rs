@@ -32,10 +32,10 @@ fn ranges_shrink_about_their_nominal_values() {
 fn colours_come_half_way() {
     let task = TaskId::RaiseCube;
     let spec = at(0.5, task, Perturbation::MoColor);
-    let nominal_color = nominal(task).bodies[0].parts[0].paint.color;
+    let nominal_color = nominal(task).bodies[0].parts[0].appearance.color;
     let mut farthest = [0.0_f64; 3];
     for seed in seeds(task, 1000) {
-        let color = spec.draw(seed).bodies[0].parts[0].paint.color;
+        let color = spec.draw(seed).bodies[0].parts[0].appearance.color;
         for (channel, (c, from)) in color.into_iter().zip(nominal_color).enumerate() {
             assert!((0.5 * from..=0.5 * from + 0.5).contains(&c));
             farthest[channel] = farthest[channel].max((c - from).abs());
@@ -57,7 +57,9 @@ fn what_is_chosen_is_chosen_half_the_time() {
     let half = [
         share(Perturbation::LanguageParaphrase, told_else),
         share(Perturbation::LanguageNone, told_else),
-        share(Perturbation::MoTexture, |scene| usize::from(scene.bodies[0].parts[0].paint.texture.is_some())),
+        share(Perturbation::MoTexture, |scene| {
+            usize::from(scene.bodies[0].parts[0].appearance.texture.is_some())
+        }),
         share(Perturbation::DistractorObjects, |scene| scene.bodies.len() - 1) / 2.0,
     ];
     assert!(half.iter().all(|share| (0.46..0.54).contains(share)), "{half:?}");
@@ -86,6 +88,6 @@ fn a_strength_lies_above_nothing_and_up_to_the_benchmarks() {
         assert!(Strength::try_from(wrong).is_err(), "{wrong}");
     }
     let message = Strength::try_from(2.0).unwrap_err().to_string();
-    assert_eq!(message, "strength is 2, expected a number above 0 and up to 1, the benchmark's");
+    assert_eq!(message, "strength is 2, expected a number above 0 and at most 1 (the benchmark's strength)");
     assert_eq!(Strength::try_from(1.0).unwrap(), Strength::FULL);
 }

@@ -7,7 +7,7 @@ use sim::fingerprint::Fingerprint;
 use sim::perturb::{Composition, Modality, Strength};
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
-use sim::scene::{Background, Lights, Paint, Scene, Snapshot, Table};
+use sim::scene::{Appearance, Background, Lights, Scene, Snapshot, Table};
 use sim::{Perturbation, Profile, TaskId};
 
 use crate::common::{applies, nominal, perturbed, seeds};
@@ -39,14 +39,14 @@ fn seed(task: TaskId) -> u64 {
 
 /// All that a world is built of.
 fn physical(mut scene: Scene) -> Scene {
-    let blank = Paint { color: [0.0; 3], texture: None, specular: 0.0 };
+    let blank = Appearance { color: [0.0; 3], texture: None, specular: 0.0 };
     for body in &mut scene.bodies {
-        body.parts.iter_mut().for_each(|part| part.paint = blank);
+        body.parts.iter_mut().for_each(|part| part.appearance = blank);
         body.visuals.clear();
     }
     let Scene { bodies, robots, table, .. } = scene;
     let kind = table.kind;
-    let table = Table { kind, top: blank, frame: blank, legs: blank, under: None };
+    let table = Table { kind, top: blank, frame: blank, legs: blank, lower_top: None };
     let background = Background { floor: blank, walls: None };
     let lights = Lights { ambient: [0.0; 3], directional: Vec::new(), shadows: false };
     Scene { bodies, robots, table, background, lights, cameras: Vec::new(), instruction: String::new() }

@@ -65,8 +65,8 @@ fn a_peg_behind_the_box_is_not_inserted() {
     let head_at = |lengths: f64| {
         judged(TaskId::PegInsertionSide, |scene| {
             let (peg, target) = (scene.body_idx("peg"), scene.body("box").clone());
-            let length = scene.bodies[peg].extent(&Isometry3::identity()).max.x;
-            let wall = |i: usize| target.parts[i].shape.extent(&target.parts[i].pose);
+            let length = scene.bodies[peg].aabb(&Isometry3::identity()).max.x;
+            let wall = |i: usize| target.parts[i].shape.aabb(&target.parts[i].pose);
             let y = f64::midpoint(wall(0).max.y, wall(1).min.y);
             let z = f64::midpoint(wall(2).max.z, wall(3).min.z);
             scene.bodies[peg].pose = target.pose * Translation3::new((lengths - 1.0) * length, y, z);

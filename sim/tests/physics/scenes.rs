@@ -23,7 +23,7 @@ fn half_length(scene: &Scene) -> f64 {
 #[test]
 fn sizes_are_drawn_by_name_and_move_nothing_else() {
     let spec = SceneSpec {
-        sizes: Some(SizesSpec { ranges: &[("length", LENGTH)], shape: stretch }),
+        sizes: Some(SizesSpec { ranges: &[("length", LENGTH)], apply: stretch }),
         ..raise_cube()
     };
     let lengths: Vec<f64> = (0..40).map(|seed| half_length(&spec.draw(seed))).collect();
@@ -41,9 +41,9 @@ fn sizes_are_drawn_by_name_and_move_nothing_else() {
 fn a_body_is_placed_with_another_and_at_its_scale() {
     let mut spec = raise_cube();
     let offset = Isometry3::from_parts(Translation3::new(0.1, 0.0, 0.2), UnitQuaternion::identity());
-    spec.bodies[0] = spec.bodies[0].clone().turned(Range::new(1.0, 2.0));
+    spec.bodies[0] = spec.bodies[0].clone().with_yaw(Range::new(1.0, 2.0));
     spec.bodies[0].scale = Range::new(1.5, 2.0);
-    let placement = PlacementSpec::With { body: 0, pose: offset };
+    let placement = PlacementSpec::RelativeTo { body: 0, pose: offset };
     spec.bodies.push(BodySpec { name: "rider", placement, ..raise_cube().bodies.remove(0) });
     for seed in 0..5 {
         let scene = spec.draw(seed);

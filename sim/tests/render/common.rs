@@ -6,8 +6,8 @@ use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::{
-    Background, Body, Camera, CameraMount, CameraSlot, Lights, Motion, Paint, Part, Primitive, Role, Scene,
-    SceneSpec, Snapshot, Table, TableKind,
+    Appearance, Background, Body, Camera, CameraMount, CameraSlot, Lights, Motion, Part, Primitive, Role,
+    Scene, SceneSpec, Snapshot, Table, TableKind,
 };
 use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
@@ -31,7 +31,7 @@ pub(crate) fn perturbed(task: TaskId, perturbation: Perturbation) -> SceneSpec {
 
 /// A room with a table, a camera at `eye` that looks at `target` over 90°, even light and nothing else.
 pub(crate) fn empty_room(eye: [f64; 3], target: [f64; 3]) -> Scene {
-    let paint = |color| Paint { color, texture: None, specular: 0.0 };
+    let paint = |color| Appearance { color, texture: None, specular: 0.0 };
     Scene {
         bodies: Vec::new(),
         robots: Vec::new(),
@@ -40,14 +40,14 @@ pub(crate) fn empty_room(eye: [f64; 3], target: [f64; 3]) -> Scene {
             top: paint([0.6; 3]),
             frame: paint([0.6; 3]),
             legs: paint([0.6; 3]),
-            under: None,
+            lower_top: None,
         },
         background: Background { floor: paint([0.4; 3]), walls: None },
         lights: Lights { ambient: [1.0; 3], directional: Vec::new(), shadows: false },
         cameras: vec![Camera {
             slot: CameraSlot::External1,
             mount: CameraMount::World { eye, target },
-            error: Isometry3::identity(),
+            pose_error: Isometry3::identity(),
             fov_y_rad: core::f64::consts::FRAC_PI_2,
             clip_m: [0.01, 100.0],
         }],
@@ -64,7 +64,7 @@ pub(crate) fn body(name: &'static str, shape: Primitive, position: [f64; 3], col
         parts: vec![Part {
             shape,
             pose: Isometry3::identity(),
-            paint: Paint { color, texture: None, specular: 0.0 },
+            appearance: Appearance { color, texture: None, specular: 0.0 },
         }],
         visuals: Vec::new(),
         scale: 1.0,

@@ -1,7 +1,7 @@
 //! What is seen may differ from what collides: forms appear as large as they are stated, and perturbations reach them.
 
 use nalgebra::{Isometry3, Vector3};
-use sim::scene::{Form, Paint, Primitive, Scene, Visual};
+use sim::scene::{Appearance, Primitive, Scene, Visual, VisualShape};
 use sim::{Perturbation, TaskId};
 
 use crate::common::{BLUE, as_placed, body, bounds, drawn, empty_room, image, perturbed, pixels};
@@ -14,7 +14,7 @@ const PX_PER_M: f64 = 112.0;
 /// A form at `y_m` that looks at the camera, half of whose extents along the world's axes are `half_m` and which covers
 /// about `area_m2` of the plane through its middle.
 struct Case {
-    form: Form,
+    form: VisualShape,
     facing: bool,
     y_m: f64,
     half_m: [f64; 3],
@@ -33,18 +33,18 @@ fn cases() -> [Case; 5] {
     let ball = Primitive::Ball { radius: 0.05 };
     let case = |form, facing, y_m, half_m, area_m2, color| Case { form, facing, y_m, half_m, area_m2, color };
     [
-        case(Form::Primitive(ball), false, -0.6, [0.05; 3], PI * 0.0025, [1.0, 0.0, 0.0]),
+        case(VisualShape::Primitive(ball), false, -0.6, [0.05; 3], PI * 0.0025, [1.0, 0.0, 0.0]),
         case(
-            Form::RoundedBox { half: [0.02, 0.1, 0.06], edge_radius: 0.01 },
+            VisualShape::RoundedBox { half: [0.02, 0.1, 0.06], edge_radius: 0.01 },
             false,
             -0.3,
             [0.02, 0.1, 0.06],
             0.024 - (4.0 - PI) * 1e-4,
             [0.0, 1.0, 0.0],
         ),
-        case(Form::Lathe { profile: cup }, false, 0.0, [0.08, 0.08, 0.1], 0.024, BLUE),
+        case(VisualShape::Lathe { profile: cup }, false, 0.0, [0.08, 0.08, 0.1], 0.024, BLUE),
         case(
-            Form::Torus { major_radius: 0.09, minor_radius: 0.02 },
+            VisualShape::Torus { major_radius: 0.09, minor_radius: 0.02 },
             true,
             0.3,
             [0.02, 0.11, 0.11],
@@ -52,7 +52,7 @@ fn cases() -> [Case; 5] {
             [1.0, 1.0, 0.0],
         ),
         case(
-            Form::Extrusion { outline: square(0.1), holes: vec![square(0.06)], half_height: 0.004 },
+            VisualShape::Extrusion { outline: square(0.1), holes: vec![square(0.06)], half_height: 0.004 },
             true,
             0.6,
             [0.004, 0.1, 0.1],
@@ -69,9 +69,9 @@ fn side_by_side(scale: f64) -> Scene {
         let mut seen = body("form", Primitive::Ball { radius: 0.001 }, [0.0, y_m, 0.5], color);
         let turn_rad = if facing { core::f64::consts::FRAC_PI_2 } else { 0.0 };
         seen.visuals.push(Visual {
-            form: form.scaled(scale),
+            shape: form.scaled(scale),
             pose: Isometry3::rotation(Vector3::y() * turn_rad),
-            paint: Paint { color, texture: None, specular: 0.0 },
+            appearance: Appearance { color, texture: None, specular: 0.0 },
         });
         scene.bodies.push(seen);
     }
@@ -118,7 +118,7 @@ fn rings_and_holes_are_seen_through() {
     let image = pictured(&side_by_side(1.0));
     for case in cases() {
         let middle = [(112.0 + PX_PER_M * case.y_m) as usize, 112];
-        let is_open = matches!(case.form, Form::Torus { .. } | Form::Extrusion { .. });
+        let is_open = matches!(case.form, VisualShape::Torus { .. } | VisualShape::Extrusion { .. });
         assert_eq!(shown(&image, &case).contains(&middle), !is_open, "{:?}", case.form);
     }
 }
@@ -126,11 +126,11 @@ fn rings_and_holes_are_seen_through() {
 #[test]
 fn a_body_without_visuals_is_seen_as_its_parts() {
     let mut scene = side_by_side(1.0);
-    let ball = scene.bodies[0].visuals[0].form.clone();
+    let ball = scene.bodies[0].visuals[0].shape.clone();
     let as_visual = pictured(&scene);
     scene.bodies[0].visuals.clear();
     scene.bodies[0].parts[0].shape = Primitive::Ball { radius: 0.05 };
-    assert_eq!(ball, Form::Primitive(scene.bodies[0].parts[0].shape));
+    assert_eq!(ball, VisualShape::Primitive(scene.bodies[0].parts[0].shape));
     assert!(as_visual == pictured(&scene), "a part and a visual of one shape look different");
 }
 
@@ -141,7 +141,7 @@ fn mo_color_gives_every_visual_a_colour_of_its_own() {
     let [first, again, other] = [5, 5, 6].map(|seed| {
         let scene = spec.draw(seed);
         let visuals = &scene.body("tray").visuals;
-        visuals.iter().map(|visual| visual.paint.color).collect::<Vec<_>>()
+        visuals.iter().map(|visual| visual.appearance.color).collect::<Vec<_>>()
     });
     assert_eq!(first, again);
     assert!(first.len() == 2 && first[0] != first[1], "{first:?}");
@@ -158,7 +158,7 @@ fn visuals_grow_with_their_body() {
     for seed in 0..8 {
         let tray = spec.draw(seed).body("tray").clone();
         for (visual, at_one) in tray.visuals.iter().zip(&spec.bodies[0].visuals) {
-            assert_eq!(visual.form, at_one.form.scaled(tray.scale));
+            assert_eq!(visual.shape, at_one.shape.scaled(tray.scale));
             let expected = at_one.pose.translation.vector * tray.scale;
             assert_eq!(visual.pose.translation.vector, expected);
         }

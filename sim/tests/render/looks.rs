@@ -74,7 +74,7 @@ fn walls_hide_the_black_beyond_the_floor() {
 fn colour_light_and_texture_reach_the_image() {
     let (mut scene, snapshot) = drawn(TaskId::RaiseCube);
     let plain = image(&scene, &snapshot, 0);
-    scene.bodies[0].parts[0].paint.color = [0.9, 0.8, 0.1];
+    scene.bodies[0].parts[0].appearance.color = [0.9, 0.8, 0.1];
     assert!(differing(&plain, &image(&scene, &snapshot, 0)) > 30, "the cube keeps its colour");
     scene.table.top.texture = None;
     assert!(differing(&plain, &image(&scene, &snapshot, 0)) > 5000, "the table keeps its texture");

@@ -98,7 +98,7 @@ fn a_camera_error_moves_the_picture() {
     // Turned 0.1 rad to the left, the camera sees what is ahead 0.1 · 112 pixels further right.
     let mut scene = scene();
     scene.bodies.push(body("ball", Primitive::Ball { radius: 0.05 }, [0.0, 0.0, 0.5], BLUE));
-    scene.cameras[0].error = nalgebra::Isometry3::rotation(Vector3::z() * 0.1);
+    scene.cameras[0].pose_error = nalgebra::Isometry3::rotation(Vector3::z() * 0.1);
     let ball = pixels(&shows(&scene), SIDE, is_blue);
     let column = ball.iter().map(|p| p[0] as f64 + 0.5).sum::<f64>() / ball.len() as f64;
     assert!((column - (112.0 + 0.1_f64.tan() * 112.0)).abs() < 0.5, "column {column}");
@@ -114,7 +114,7 @@ fn a_camera_error_is_in_the_cameras_own_frame() {
         scene.bodies.push(body("ball", Primitive::Ball { radius: 0.1 }, [0.0, 0.1, 0.2], BLUE));
         let target = eye + ahead;
         scene.cameras[0].mount = CameraMount::World { eye: eye.into(), target: target.into() };
-        scene.cameras[0].error = Translation3::from(error).into();
+        scene.cameras[0].pose_error = Translation3::from(error).into();
         let ball = pixels(&shows(&scene), SIDE, is_blue);
         assert!(ball.len() > 200, "the ball is in view");
         ball

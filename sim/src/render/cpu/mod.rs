@@ -251,7 +251,7 @@ mod tests {
         scene.lights.shadows = shadows;
         let parts = scene.bodies.iter_mut().flat_map(|body| &mut body.parts);
         for (i, part) in parts.enumerate() {
-            part.paint.texture = Some(Texture::PERTURBATION[(i + 17) % Texture::PERTURBATION.len()]);
+            part.appearance.texture = Some(Texture::PERTURBATION[(i + 17) % Texture::PERTURBATION.len()]);
         }
         scene
     }

@@ -5,10 +5,10 @@ use core::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{SINGLE_TABLE_Z, block, fixed};
+use super::{SINGLE_TABLE_Z, box_part, fixed};
 use crate::expert::{Move, grasp};
 use crate::scene::{
-    BodySpec, JointKind, JointSpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range, Role,
+    AppearanceSpec, BodySpec, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, Primitive, Range, Role,
     Scene, Texture,
 };
 
@@ -23,9 +23,9 @@ struct Cabinet {
     /// Height over all.
     height: f64,
     /// Look of the carcass.
-    carcass_paint: PaintSpec,
+    carcass_paint: AppearanceSpec,
     /// Look of drawers and doors.
-    front_paint: PaintSpec,
+    front_paint: AppearanceSpec,
 }
 
 /// Index of the carcass among a scene's bodies: it comes first, and what opens is placed with it.
@@ -46,11 +46,11 @@ const PLINTH: [f64; 2] = [0.03, 0.03];
 const STAND_OFF: f64 = 0.035;
 /// Radius of a handle's bar and half the distance of its posts, in m.
 const BAR: [f64; 2] = [0.007, 0.045];
-const STEEL: PaintSpec = PaintSpec { specular: 0.9, ..PaintSpec::plain([0.72, 0.73, 0.75]) };
+const STEEL: AppearanceSpec = AppearanceSpec { specular: 0.9, ..AppearanceSpec::plain([0.72, 0.73, 0.75]) };
 /// Look of what is behind a drawer's front.
-const BOX_PAINT: PaintSpec = PaintSpec::plain([0.84, 0.72, 0.53]);
-const OFF_WHITE: PaintSpec = PaintSpec::plain([0.93, 0.92, 0.89]);
-const PLINTH_PAINT: PaintSpec = PaintSpec::plain([0.13, 0.12, 0.11]);
+const BOX_PAINT: AppearanceSpec = AppearanceSpec::plain([0.84, 0.72, 0.53]);
+const OFF_WHITE: AppearanceSpec = AppearanceSpec::plain([0.93, 0.92, 0.89]);
+const PLINTH_PAINT: AppearanceSpec = AppearanceSpec::plain([0.13, 0.12, 0.11]);
 /// Coefficient of all surfaces.
 const FRICTION: f64 = 1.0;
 /// How drawers run, but for how far: steadily when pulled, and no farther when let go.
@@ -70,25 +70,26 @@ const WHY_NOT_SCALED: &str = "it is furniture, neither manipulated nor a receive
 impl Cabinet {
     /// The carcass, on the single-arm table, with boards at these heights between its floor and its top.
     fn carcass(&self, boards_z: &[f64]) -> BodySpec {
-        let Self { front_x, depth, half_width, height, carcass_paint: paint, .. } = *self;
+        let Self { front_x, depth, half_width, height, carcass_paint: appearance, .. } = *self;
         let [plinth_height, set_back] = PLINTH;
         let (half_depth, half_height) = (depth / 2.0, (height - plinth_height - PANEL) / 2.0);
         let (middle_x, middle_z) = (front_x + PANEL + GAP + half_depth, plinth_height + half_height);
         let half_panel = PANEL / 2.0;
-        let side = |y| block([half_depth, half_panel, half_height], [middle_x, y, middle_z], paint);
-        let board = |z| block([half_depth, half_width - PANEL, half_panel], [middle_x, 0.0, z], paint);
+        let side = |y| box_part([half_depth, half_panel, half_height], [middle_x, y, middle_z], appearance);
+        let board =
+            |z| box_part([half_depth, half_width - PANEL, half_panel], [middle_x, 0.0, z], appearance);
         // The top covers the fronts.
         let top_half = [half_depth + (PANEL + GAP) / 2.0, half_width, half_panel];
         let mut parts = vec![
             side(half_width - half_panel),
             side(half_panel - half_width),
-            block(top_half, [middle_x - (PANEL + GAP) / 2.0, 0.0, height - half_panel], paint),
-            block(
+            box_part(top_half, [middle_x - (PANEL + GAP) / 2.0, 0.0, height - half_panel], appearance),
+            box_part(
                 [half_panel, half_width - PANEL, half_height],
                 [middle_x + half_depth - half_panel, 0.0, middle_z],
-                paint,
+                appearance,
             ),
-            block(
+            box_part(
                 [half_depth - set_back, half_width - set_back, plinth_height / 2.0],
                 [middle_x, 0.0, plinth_height / 2.0],
                 PLINTH_PAINT,
@@ -113,17 +114,21 @@ impl Cabinet {
         let floor_z = FLOOR - half_height;
         let (back_x, middle_x) = (-STAND_OFF - PANEL, -STAND_OFF - PANEL - half_length);
         let wall_z = floor_z + half_wall;
-        let wall = |y| block([half_length, half_thin, half_wall], [middle_x, y, wall_z], BOX_PAINT);
+        let wall = |y| box_part([half_length, half_thin, half_wall], [middle_x, y, wall_z], BOX_PAINT);
         let mut parts = vec![
-            block(
+            box_part(
                 [PANEL / 2.0, self.half_width - GAP, half_height - GAP],
                 [-STAND_OFF - PANEL / 2.0, 0.0, 0.0],
                 self.front_paint,
             ),
-            block([half_length, half_width, half_thin], [middle_x, 0.0, floor_z], BOX_PAINT),
+            box_part([half_length, half_width, half_thin], [middle_x, 0.0, floor_z], BOX_PAINT),
             wall(half_width - half_thin),
             wall(half_thin - half_width),
-            block([half_thin, half_width, half_wall], [back_x - length + half_thin, 0.0, wall_z], BOX_PAINT),
+            box_part(
+                [half_thin, half_width, half_wall],
+                [back_x - length + half_thin, 0.0, wall_z],
+                BOX_PAINT,
+            ),
         ];
         let level = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
         parts.extend(handle(&Vector3::zeros(), &level));
@@ -134,7 +139,7 @@ impl Cabinet {
     /// A door over the whole width between two heights, hung on its +y side, with an upright handle at these y and z. Its frame is on the hinge at the handle's height, x out of the cabinet and y along the closed door.
     fn door(&self, name: &'static str, [bottom, top]: [f64; 2], [handle_y, handle_z]: [f64; 2]) -> BodySpec {
         let half_width = self.half_width - GAP;
-        let panel = block(
+        let panel = box_part(
             [PANEL / 2.0, half_width, (top - bottom) / 2.0 - GAP],
             [PANEL / 2.0, half_width, (bottom + top) / 2.0 - handle_z],
             self.front_paint,
@@ -152,7 +157,10 @@ fn jointed(name: &'static str, parts: Vec<PartSpec>, place: Vector3<f64>, joint:
     BodySpec {
         role: Role::Fixture,
         motion: Motion::Jointed(joint),
-        placement: PlacementSpec::With { body: CARCASS, pose: Isometry3::from_parts(place.into(), out) },
+        placement: PlacementSpec::RelativeTo {
+            body: CARCASS,
+            pose: Isometry3::from_parts(place.into(), out),
+        },
         friction: FRICTION,
         ..fixed(name, parts, REGION, SINGLE_TABLE_Z, WHY_NOT_SCALED)
     }
@@ -164,7 +172,7 @@ fn handle(middle: &Vector3<f64>, along: &UnitQuaternion<f64>) -> [PartSpec; 3] {
     let placed = |shape, offset: Vector3<f64>| PartSpec {
         shape,
         pose: Isometry3::from_parts(Translation3::from(middle + along * offset), *along),
-        paint: STEEL,
+        appearance: STEEL,
     };
     let post = |side: f64| {
         // Thinner than the bar.
@@ -209,11 +217,11 @@ pub(in crate::tasks) fn drawer_over_door(yaw: Range) -> Vec<BodySpec> {
         depth: 0.4,
         half_width: 0.19,
         height: 0.6,
-        carcass_paint: PaintSpec::textured(Texture::Walnut, [0.85, 0.72, 0.6]),
+        carcass_paint: AppearanceSpec::textured(Texture::Walnut, [0.85, 0.72, 0.6]),
         front_paint: OFF_WHITE,
     };
     vec![
-        cabinet.carcass(&[DOOR_TOP_Z]).turned(yaw),
+        cabinet.carcass(&[DOOR_TOP_Z]).with_yaw(yaw),
         cabinet.drawer("drawer", 0.5, 0.078, DRAWER_TRAVEL),
         cabinet.door("door", [PLINTH[0], DOOR_TOP_Z], [DOOR_HANDLE.y, DOOR_HANDLE.z]),
     ]
@@ -232,11 +240,11 @@ pub(in crate::tasks) fn chest_of_drawers() -> Vec<BodySpec> {
         depth: 0.45,
         half_width: 0.2,
         height: 0.428,
-        carcass_paint: PaintSpec::textured(Texture::Wood, [0.55, 0.38, 0.25]),
+        carcass_paint: AppearanceSpec::textured(Texture::Wood, [0.55, 0.38, 0.25]),
         front_paint: OFF_WHITE,
     };
     vec![
-        chest.carcass(&[]).turned(Range::fixed(-FRAC_PI_2)),
+        chest.carcass(&[]).with_yaw(Range::fixed(-FRAC_PI_2)),
         chest.drawer("lower drawer", 0.115, 0.083, CHEST_TRAVEL),
         chest.drawer("drawer", 0.251, 0.052, CHEST_TRAVEL),
         chest.drawer("upper drawer", 0.355, 0.052, CHEST_TRAVEL),

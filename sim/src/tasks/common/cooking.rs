@@ -3,10 +3,10 @@
 use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::vessel::Vessel;
-use super::{SINGLE_TABLE_Z, block, movable, rgb};
+use super::{SINGLE_TABLE_Z, box_part, movable, rgb};
 use crate::expert::{Move, grasp};
 use crate::scene::{
-    BodySpec, Form, Motion, PaintSpec, PartSpec, Primitive, Role, ScaledBy, Scene, VisualSpec,
+    AppearanceSpec, BodySpec, Motion, PartSpec, Primitive, Role, ScaledBy, Scene, VisualShape, VisualSpec,
     rounded_rectangle,
 };
 
@@ -28,8 +28,8 @@ const HANDLE_HALF: [f64; 2] = [0.011, 0.007];
 
 /// A stove with two burners that stands fast.
 pub(in crate::tasks) fn stove(region: usize) -> BodySpec {
-    let steel = PaintSpec { specular: 0.4, ..PaintSpec::plain(rgb([196, 198, 200])) };
-    let iron = PaintSpec::plain(rgb([38, 38, 40]));
+    let steel = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain(rgb([196, 198, 200])) };
+    let iron = AppearanceSpec::plain(rgb([38, 38, 40]));
     let [least, greatest] = STOVE;
     let [radius, rise] = BURNER;
     let [hx, hy, half_height] = core::array::from_fn(|k| (greatest[k] - least[k]) / 2.0);
@@ -40,14 +40,14 @@ pub(in crate::tasks) fn stove(region: usize) -> BodySpec {
         let half_height = rise / 2.0;
         PartSpec::at(Primitive::Cylinder { radius, half_height }, [x, y, burner_z], iron)
     };
-    let body = Form::RoundedBox { half: [hx, hy, half_z], edge_radius: 0.01 };
+    let body = VisualShape::RoundedBox { half: [hx, hy, half_z], edge_radius: 0.01 };
     let mut visuals = vec![VisualSpec::at(body, [x, y, half_z], steel)];
     for [x, y] in BURNERS {
-        let ring = |major_radius, minor_radius, paint| {
-            VisualSpec::at(Form::Torus { major_radius, minor_radius }, [x, y, burner_z], paint)
+        let ring = |major_radius, minor_radius, appearance| {
+            VisualSpec::at(VisualShape::Torus { major_radius, minor_radius }, [x, y, burner_z], appearance)
         };
         let coils = [0.025, 0.04, 0.055, 0.07].map(|major_radius| ring(major_radius, rise / 2.0, iron));
-        let knob = Form::Primitive(Primitive::Cylinder { radius: 0.016, half_height: rise / 2.0 });
+        let knob = VisualShape::Primitive(Primitive::Cylinder { radius: 0.016, half_height: rise / 2.0 });
         let knob = VisualSpec::at(knob, [KNOB_X, y, burner_z], iron);
         visuals.extend(coils.into_iter().chain([ring(radius, rise / 2.0, steel), knob]));
     }
@@ -58,7 +58,10 @@ pub(in crate::tasks) fn stove(region: usize) -> BodySpec {
         visuals,
         ..movable(
             "stove",
-            [block([hx, hy, half_z], [x, y, half_z], steel)].into_iter().chain(BURNERS.map(burner)).collect(),
+            [box_part([hx, hy, half_z], [x, y, half_z], steel)]
+                .into_iter()
+                .chain(BURNERS.map(burner))
+                .collect(),
             region,
             SINGLE_TABLE_Z,
         )
@@ -67,15 +70,15 @@ pub(in crate::tasks) fn stove(region: usize) -> BodySpec {
 
 /// A frying pan whose handle points to −x.
 pub(in crate::tasks) fn pan(region: usize) -> BodySpec {
-    let iron = PaintSpec { specular: 0.4, ..PaintSpec::plain(rgb([62, 64, 68])) };
-    let grip = PaintSpec::plain(rgb([24, 24, 26]));
+    let iron = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain(rgb([62, 64, 68])) };
+    let grip = AppearanceSpec::plain(rgb([24, 24, 26]));
     let [least, greatest] = HANDLE_X;
     let [half_width, half_z] = HANDLE_HALF;
     let half_x = (greatest - least) / 2.0;
     let at = [f64::midpoint(least, greatest), PAN_MIDDLE[1], PAN_MIDDLE[2] + PAN.height - half_z];
     let hole =
         rounded_rectangle([0.009, 0.004], 0.0039).iter().map(|[x, y]| [x + 0.018 - half_x, *y]).collect();
-    let handle = Form::Extrusion {
+    let handle = VisualShape::Extrusion {
         outline: rounded_rectangle([half_x, half_width], 0.01),
         holes: vec![hole],
         half_height: half_z,
@@ -87,7 +90,7 @@ pub(in crate::tasks) fn pan(region: usize) -> BodySpec {
     for part in &mut parts {
         part.pose = middle * part.pose;
     }
-    parts.push(block([half_x, half_width, half_z], at, grip));
+    parts.push(box_part([half_x, half_width, half_z], at, grip));
     BodySpec {
         visuals: vec![look, VisualSpec::at(handle, at, grip)],
         density: 300.0,

@@ -4,9 +4,9 @@ use core::f64::consts::{FRAC_PI_2, FRAC_PI_6, PI, TAU};
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{SINGLE_TABLE_Z, block, fixed, movable};
+use super::{SINGLE_TABLE_Z, box_part, fixed, movable};
 use crate::expert::grasp;
-use crate::scene::{Body, BodySpec, Form, PaintSpec, PartSpec, Primitive, ScaledBy, VisualSpec};
+use crate::scene::{AppearanceSpec, Body, BodySpec, PartSpec, Primitive, ScaledBy, VisualShape, VisualSpec};
 
 /// Start pose Q1 of spec/tasks.md §2, task 3: TCP at (−0.088, 0.038, 0.318), pointing down.
 pub(in crate::tasks) const QPOS: [f64; 7] = [0.0380, -0.0558, 0.0235, -2.1654, 0.0421, 2.1272, -0.7544];
@@ -30,14 +30,15 @@ const N_PIECES: u32 = 12;
 /// The plate about its axis z, its origin halfway up, open above. It lies on the table, in the first region, unless its
 /// task says otherwise. Its friction is 1 where the benchmark's is 20, so that it slides into a slot and does not jam.
 pub(in crate::tasks) fn plate() -> BodySpec {
-    let white = PaintSpec { specular: 0.4, ..PaintSpec::plain([0.93; 3]) };
+    let white = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain([0.93; 3]) };
     let half =
         [THICKNESS / 2.0, (RIM_RADIUS + FOOT_RADIUS) / 2.0 * (PI / f64::from(N_PIECES)).tan(), WALL / 2.0];
-    let piece = |i: u32| PartSpec { shape: Primitive::Box { half }, pose: piece(azimuth(i)), paint: white };
+    let piece =
+        |i: u32| PartSpec { shape: Primitive::Box { half }, pose: piece(azimuth(i)), appearance: white };
     let floor = Primitive::Cylinder { radius: FOOT_RADIUS, half_height: THICKNESS / 2.0 };
     let floor = PartSpec::at(floor, [0.0, 0.0, THICKNESS / 2.0 - HALF_DEPTH], white);
     BodySpec {
-        visuals: vec![VisualSpec::at(Form::Lathe { profile: outline() }, [0.0; 3], white)],
+        visuals: vec![VisualSpec::at(VisualShape::Lathe { profile: outline() }, [0.0; 3], white)],
         scaled_by: ScaledBy::Nothing("the slots of the rack are made for it"),
         density: 300.0,
         friction: 1.0,
@@ -98,15 +99,15 @@ const DIVIDER_HALF: [f64; 2] = [0.0603, 0.003];
 
 /// The rack: four dividers at these y on a floor. It is seen as what it stands for, a rack of bent wire on four feet.
 pub(in crate::tasks) fn rack(region: usize, dividers_y: [f64; 4]) -> BodySpec {
-    let steel = PaintSpec { specular: 0.6, ..PaintSpec::plain([0.62, 0.64, 0.67]) };
+    let steel = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain([0.62, 0.64, 0.67]) };
     let [half_x, half_y] = DIVIDER_HALF;
     // Half height and middle of the outer and of the inner dividers.
     let upright = |i: usize| if i == 0 || i == 3 { [0.06265, -0.0011] } else { [0.06145, -0.0023] };
     let dividers = dividers_y.into_iter().enumerate().map(|(i, y)| (y, upright(i)));
     let parts = dividers
         .clone()
-        .map(|(y, [half_z, z])| block([half_x, half_y, half_z], [0.0, y, z], steel))
-        .chain([block(FLOOR_HALF, FLOOR_MIDDLE, steel)]);
+        .map(|(y, [half_z, z])| box_part([half_x, half_y, half_z], [0.0, y, z], steel))
+        .chain([box_part(FLOOR_HALF, FLOOR_MIDDLE, steel)]);
     let visuals = dividers.flat_map(|(y, [half_z, z])| hoop(y, z + half_z, steel)).chain(frame(steel));
     BodySpec {
         visuals: visuals.collect(),
@@ -115,23 +116,23 @@ pub(in crate::tasks) fn rack(region: usize, dividers_y: [f64; 4]) -> BodySpec {
 }
 
 /// How a divider looks: a hoop of wire with bars in it.
-fn hoop(y: f64, top_z: f64, paint: PaintSpec) -> impl Iterator<Item = VisualSpec> {
+fn hoop(y: f64, top_z: f64, appearance: AppearanceSpec) -> impl Iterator<Item = VisualSpec> {
     const BARS: i32 = 5;
     let [half_x, radius] = DIVIDER_HALF;
     let reach = half_x - radius;
     let [low_z, high_z] = [FLOOR - radius, top_z - radius];
     let half_height = (high_z - low_z) / 2.0;
-    let bar = Form::Primitive(Primitive::Cylinder { radius, half_height });
+    let bar = VisualShape::Primitive(Primitive::Cylinder { radius, half_height });
     let bars = (0..BARS).map(move |i| {
         let x = reach * f64::from(2 * i - (BARS - 1)) / f64::from(BARS - 1);
-        VisualSpec::at(bar.clone(), [x, y, low_z + half_height], paint)
+        VisualSpec::at(bar.clone(), [x, y, low_z + half_height], appearance)
     });
-    let across = [low_z, high_z].map(|z| rod(radius, [-reach, y, z], [reach, y, z], paint));
+    let across = [low_z, high_z].map(|z| rod(radius, [-reach, y, z], [reach, y, z], appearance));
     bars.chain(across)
 }
 
 /// How the rack's floor looks: a frame of wire, bars across it, and feet down to the table.
-fn frame(paint: PaintSpec) -> impl Iterator<Item = VisualSpec> {
+fn frame(appearance: AppearanceSpec) -> impl Iterator<Item = VisualSpec> {
     const BARS: i32 = 5;
     let [x, y, z] = FLOOR_MIDDLE;
     let radius = FLOOR_HALF[2];
@@ -140,27 +141,27 @@ fn frame(paint: PaintSpec) -> impl Iterator<Item = VisualSpec> {
         let [side_x, side_y] = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]][i % 4];
         [x + side_x * reach_x, y + side_y * reach_y, z]
     };
-    let edges = (0..4).map(move |i| rod(radius, corner(i), corner(i + 1), paint));
+    let edges = (0..4).map(move |i| rod(radius, corner(i), corner(i + 1), appearance));
     let feet = (0..4).map(move |i| {
         let [x, y, _] = corner(i);
-        rod(radius, [x, y, radius - RACK_Z], corner(i), paint)
+        rod(radius, [x, y, radius - RACK_Z], corner(i), appearance)
     });
     let bars = (0..BARS).map(move |i| {
         let x = x + reach_x * f64::from(2 * i - (BARS - 1)) / f64::from(BARS + 1);
-        rod(DIVIDER_HALF[1], [x, y - reach_y, z], [x, y + reach_y, z], paint)
+        rod(DIVIDER_HALF[1], [x, y - reach_y, z], [x, y + reach_y, z], appearance)
     });
     edges.chain(feet).chain(bars)
 }
 
 /// A rod between two points, its ends rounded; the second lies no lower than the first.
-fn rod(radius: f64, from: [f64; 3], to: [f64; 3], paint: PaintSpec) -> VisualSpec {
+fn rod(radius: f64, from: [f64; 3], to: [f64; 3], appearance: AppearanceSpec) -> VisualSpec {
     let [from, to] = [from, to].map(Vector3::from);
     let half_height = (to - from).norm() / 2.0;
     let along = UnitQuaternion::rotation_between(&Vector3::z(), &(to - from)).expect("no rod points down");
     VisualSpec {
-        form: Form::Primitive(Primitive::Capsule { radius, half_height }),
+        shape: VisualShape::Primitive(Primitive::Capsule { radius, half_height }),
         pose: Isometry3::from_parts(((from + to) / 2.0).into(), along),
-        paint,
+        appearance,
     }
 }
 

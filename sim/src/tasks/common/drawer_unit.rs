@@ -5,11 +5,11 @@ use core::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, Eyes, block, fixed, region};
+use super::{BIMANUAL_TABLE_Z, ExternalCameras, box_part, fixed, region};
 use crate::expert::grasp;
 use crate::scene::{
-    Body, BodySpec, Form, JointKind, JointSpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range,
-    RegionSpec, Role, ScaledBy, Scene, Texture, VisualSpec,
+    AppearanceSpec, Body, BodySpec, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, Primitive, Range,
+    RegionSpec, Role, ScaledBy, Scene, Texture, VisualShape, VisualSpec,
 };
 
 /// Name of the carcass. Its front faces its −x; its origin lies behind the middle drawer's bar.
@@ -20,7 +20,7 @@ pub(in crate::tasks) const DRAWERS: [&str; 4] =
 /// How far a drawer slides, in m.
 pub(in crate::tasks) const TRAVEL: f64 = 0.22;
 
-pub(in crate::tasks) const EYES: Eyes = Eyes {
+pub(in crate::tasks) const CAMERAS: ExternalCameras = ExternalCameras {
     external1: [[-0.3, 0.5, 1.83], [-0.1, 0.0, 1.03]],
     external2: [[-0.3, -0.5, 1.83], [-0.1, 0.0, 1.03]],
 };
@@ -64,11 +64,11 @@ const SURFACE_FRICTION: f64 = 1.0;
 const RUN_DAMPING: f64 = 20.0;
 const RUN_FRICTION: f64 = 3.0;
 
-const FRAME: PaintSpec = PaintSpec::textured(Texture::Walnut, [1.0, 0.92, 0.84]);
-const PANEL: PaintSpec = PaintSpec::textured(Texture::Wood, [0.74, 0.50, 0.30]);
-const INSIDE: PaintSpec = PaintSpec::plain([0.86, 0.78, 0.64]);
-const DARK: PaintSpec = PaintSpec::plain([0.20, 0.13, 0.09]);
-const STEEL: PaintSpec = PaintSpec { specular: 0.8, ..PaintSpec::plain([0.80, 0.80, 0.82]) };
+const FRAME: AppearanceSpec = AppearanceSpec::textured(Texture::Walnut, [1.0, 0.92, 0.84]);
+const PANEL: AppearanceSpec = AppearanceSpec::textured(Texture::Wood, [0.74, 0.50, 0.30]);
+const INSIDE: AppearanceSpec = AppearanceSpec::plain([0.86, 0.78, 0.64]);
+const DARK: AppearanceSpec = AppearanceSpec::plain([0.20, 0.13, 0.09]);
+const STEEL: AppearanceSpec = AppearanceSpec { specular: 0.8, ..AppearanceSpec::plain([0.80, 0.80, 0.82]) };
 
 /// Where the carcass's origin is placed.
 pub(in crate::tasks) fn place() -> RegionSpec {
@@ -83,7 +83,7 @@ pub(in crate::tasks) fn bodies() -> Vec<BodySpec> {
         density: WOOD_DENSITY,
         ..fixed(CARCASS, carcass_parts(), 0, BIMANUAL_TABLE_Z, "no perturbation of the benchmark reaches it")
     }
-    .turned(Range::symmetric(PI / 16.0));
+    .with_yaw(Range::symmetric(PI / 16.0));
     let drawers = (0..DRAWERS.len()).map(|i| drawer(i, &carcass)).collect::<Vec<_>>();
     core::iter::once(carcass).chain(drawers).collect()
 }
@@ -93,14 +93,14 @@ fn carcass_parts() -> Vec<PartSpec> {
     let (depth, middle) = ((BACK + FACE) / 2.0, (BACK - FACE) / 2.0);
     let (floor, ceiling) = (BARS[3] - FRONT_HALF_HEIGHTS[3], TOP - 2.0 * WALL);
     let (plinth, height, centre) = ((floor - FOOT) / 2.0, (ceiling - floor) / 2.0, (ceiling + floor) / 2.0);
-    let side = |y| block([depth, WALL, height], [middle, y, centre], FRAME);
+    let side = |y| box_part([depth, WALL, height], [middle, y, centre], FRAME);
     let inner_half_width = HALF_WIDTH - 2.0 * WALL;
     vec![
-        block([depth, HALF_WIDTH, plinth], [middle, 0.0, FOOT + plinth], FRAME),
+        box_part([depth, HALF_WIDTH, plinth], [middle, 0.0, FOOT + plinth], FRAME),
         side(HALF_WIDTH - WALL),
         side(WALL - HALF_WIDTH),
-        block([WALL, inner_half_width, height], [BACK - WALL, 0.0, centre], DARK),
-        block([depth + OVERHANG, HALF_WIDTH + OVERHANG, WALL], [middle, 0.0, TOP - WALL], FRAME),
+        box_part([WALL, inner_half_width, height], [BACK - WALL, 0.0, centre], DARK),
+        box_part([depth + OVERHANG, HALF_WIDTH + OVERHANG, WALL], [middle, 0.0, TOP - WALL], FRAME),
     ]
 }
 
@@ -120,7 +120,7 @@ fn drawer(i: usize, carcass: &BodySpec) -> BodySpec {
         visuals: drawer_visuals(&parts),
         parts,
         scaled_by: ScaledBy::Nothing("it fits its carcass"),
-        placement: PlacementSpec::With {
+        placement: PlacementSpec::RelativeTo {
             body: 0,
             pose: Isometry3::from_parts(Translation3::new(0.0, 0.0, BARS[i]), about),
         },
@@ -133,15 +133,15 @@ fn drawer_parts(front_half_height: f64) -> Vec<PartSpec> {
     let bottom = SIDE_ABOVE_EDGE - front_half_height;
     let middle = FACE - 2.0 * FRONT - BOX_HALF_DEPTH;
     let z = bottom + SIDE_HALF_HEIGHT;
-    let side = |y| block([BOX_HALF_DEPTH, SIDE, SIDE_HALF_HEIGHT], [middle, y, z], INSIDE);
+    let side = |y| box_part([BOX_HALF_DEPTH, SIDE, SIDE_HALF_HEIGHT], [middle, y, z], INSIDE);
     let back = middle - BOX_HALF_DEPTH + SIDE;
     vec![
-        block([FRONT, FRONT_HALF_WIDTH, front_half_height], [FACE - FRONT, 0.0, 0.0], PANEL),
+        box_part([FRONT, FRONT_HALF_WIDTH, front_half_height], [FACE - FRONT, 0.0, 0.0], PANEL),
         PartSpec { pose: along_y([BAR, 0.0, 0.0]), ..PartSpec::at(BAR_SOLID, [0.0; 3], STEEL) },
-        block([BOX_HALF_DEPTH, BOX_HALF_WIDTH, SIDE], [middle, 0.0, bottom + SIDE], INSIDE),
+        box_part([BOX_HALF_DEPTH, BOX_HALF_WIDTH, SIDE], [middle, 0.0, bottom + SIDE], INSIDE),
         side(BOX_HALF_WIDTH - SIDE),
         side(SIDE - BOX_HALF_WIDTH),
-        block([SIDE, BOX_HALF_WIDTH, SIDE_HALF_HEIGHT], [back, 0.0, z], INSIDE),
+        box_part([SIDE, BOX_HALF_WIDTH, SIDE_HALF_HEIGHT], [back, 0.0, z], INSIDE),
     ]
 }
 
@@ -150,18 +150,18 @@ const BAR_SOLID: Primitive = Primitive::Capsule { radius: BAR_RADIUS, half_heigh
 /// The solids, and the two posts that the bar stands on, which nothing touches.
 fn drawer_visuals(parts: &[PartSpec]) -> Vec<VisualSpec> {
     let seen = parts.iter().map(|part| {
-        let form = match part.shape {
-            Primitive::Box { half } => Form::RoundedBox { half, edge_radius: 0.003 },
-            other => Form::Primitive(other),
+        let shape = match part.shape {
+            Primitive::Box { half } => VisualShape::RoundedBox { half, edge_radius: 0.003 },
+            other => VisualShape::Primitive(other),
         };
-        VisualSpec { form, pose: part.pose, paint: part.paint }
+        VisualSpec { shape, pose: part.pose, appearance: part.appearance }
     });
     let half_height = (BAR - FACE) / 2.0;
     let along_x = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2);
     let post = |y| VisualSpec {
-        form: Form::Primitive(Primitive::Cylinder { radius: POST_RADIUS, half_height }),
+        shape: VisualShape::Primitive(Primitive::Cylinder { radius: POST_RADIUS, half_height }),
         pose: Isometry3::from_parts(Translation3::new(FACE + half_height, y, 0.0), along_x),
-        paint: STEEL,
+        appearance: STEEL,
     };
     seen.chain([-POST_AT, POST_AT].map(post)).collect()
 }

@@ -5,8 +5,8 @@ use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_8, PI, TAU};
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, block, movable, rgb, seen};
-use crate::scene::{BodySpec, Form, PaintSpec, PartSpec, Primitive, Role, ScaledBy, VisualSpec};
+use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb, visual_of};
+use crate::scene::{AppearanceSpec, BodySpec, PartSpec, Primitive, Role, ScaledBy, VisualShape, VisualSpec};
 
 /// Of two bodies that fit one another neither changes its size.
 const PINNED: ScaledBy = ScaledBy::Nothing("the body that it fits keeps its size");
@@ -23,7 +23,7 @@ const TUBE_RADIUS: f64 = 0.005;
 /// Radius of the ring's pole and its ends along z, in m.
 const POLE_RADIUS: f64 = 0.01;
 const POLE_Z: [f64; 2] = [0.01, 0.16];
-const BROWN: PaintSpec = PaintSpec::plain(rgb([110, 38, 14]));
+const BROWN: AppearanceSpec = AppearanceSpec::plain(rgb([110, 38, 14]));
 
 /// The pen's ends along z, in m, its tip's first.
 pub(in crate::tasks) const PEN_Z: [f64; 2] = [-0.168, 0.224];
@@ -42,15 +42,15 @@ const CAP_RADII: [f64; 2] = [0.0255, 0.0205];
 /// How far the cap's clip reaches from its axis, and its ends along z, in m.
 const CLIP_OUT: f64 = 0.04;
 const CLIP_Z: [f64; 2] = [-0.053, 0.045];
-const BLUE: PaintSpec = PaintSpec::plain(rgb([24, 58, 140]));
-const WHITE: PaintSpec = PaintSpec::plain(rgb([225, 225, 220]));
-const STEEL: PaintSpec = PaintSpec { specular: 0.6, ..PaintSpec::plain(rgb([150, 152, 156])) };
+const BLUE: AppearanceSpec = AppearanceSpec::plain(rgb([24, 58, 140]));
+const WHITE: AppearanceSpec = AppearanceSpec::plain(rgb([225, 225, 220]));
+const STEEL: AppearanceSpec = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain(rgb([150, 152, 156])) };
 
 /// The needle: a shaft and a thinner end.
 pub(in crate::tasks) fn needle(region: usize) -> BodySpec {
-    let metal = PaintSpec { specular: 0.6, ..PaintSpec::plain([0.3; 3]) };
+    let metal = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain([0.3; 3]) };
     let bar = |half: f64, from: f64, to: f64| {
-        block([(to - from) / 2.0, half, half], [(from + to) / 2.0, 0.0, 0.0], metal)
+        box_part([(to - from) / 2.0, half, half], [(from + to) / 2.0, 0.0, 0.0], metal)
     };
     let parts = vec![bar(0.02, 0.0, SHAFT_LENGTH), bar(0.012, SHAFT_LENGTH, NEEDLE_LENGTH)];
     BodySpec { density: 8000.0, scaled_by: PINNED, ..movable("needle", parts, region, BIMANUAL_TABLE_Z) }
@@ -60,18 +60,22 @@ pub(in crate::tasks) fn needle(region: usize) -> BodySpec {
 pub(in crate::tasks) fn tripod(region: usize) -> BodySpec {
     let leg = |turn| moved(turn * Translation3::new(0.0625, 0.0, 0.0), &rod(0.005, [-0.075, 0.0], BROWN));
     let mut stand: Vec<PartSpec> = around(Vector3::z_axis(), 3).map(leg).collect();
-    stand.push(block([0.0625, 0.0625, 0.005], [0.0, 0.0, 0.005], BROWN));
+    stand.push(box_part([0.0625, 0.0625, 0.005], [0.0, 0.0, 0.005], BROWN));
     let middle = Translation3::new(0.0, 0.0, RING_Z);
     let ring = VisualSpec {
-        form: Form::Torus { major_radius: RING_RADIUS, minor_radius: TUBE_RADIUS },
+        shape: VisualShape::Torus { major_radius: RING_RADIUS, minor_radius: TUBE_RADIUS },
         pose: middle * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2),
-        paint: BROWN,
+        appearance: BROWN,
     };
     let pole = rod(POLE_RADIUS, POLE_Z, BROWN);
-    let visuals = stand.iter().chain([&pole]).map(seen).chain([ring]).collect();
+    let visuals = stand.iter().chain([&pole]).map(visual_of).chain([ring]).collect();
     // Square, since a round one slips out of the fingers.
     let [foot, top] = POLE_Z;
-    stand.push(block([POLE_RADIUS, POLE_RADIUS, (top - foot) / 2.0], [0.0, 0.0, (foot + top) / 2.0], BROWN));
+    stand.push(box_part(
+        [POLE_RADIUS, POLE_RADIUS, (top - foot) / 2.0],
+        [0.0, 0.0, (foot + top) / 2.0],
+        BROWN,
+    ));
     let side = Primitive::Capsule { radius: TUBE_RADIUS, half_height: RING_RADIUS * (PI / 12.0).tan() };
     stand.extend(around(Vector3::x_axis(), 12).map(|turn| {
         moved(middle * turn * Translation3::new(0.0, RING_RADIUS, 0.0), &PartSpec::at(side, [0.0; 3], BROWN))
@@ -89,14 +93,14 @@ pub(in crate::tasks) fn tripod(region: usize) -> BodySpec {
 pub(in crate::tasks) fn pen(region: usize) -> BodySpec {
     let ([tip, end], [front, back]) = (PEN_Z, SECTION_Z);
     let (r, narrow) = (PEN_RADIUS, SECTION_RADIUS);
-    let bar = |x, y| block([x, y, (end - back) / 2.0], [0.0, 0.0, (end + back) / 2.0], BLUE);
+    let bar = |x, y| box_part([x, y, (end - back) / 2.0], [0.0, 0.0, (end + back) / 2.0], BLUE);
     let section = rod(narrow, SECTION_Z, WHITE);
     let cone = rod(narrow / 2.0, [tip, front], STEEL);
     BodySpec {
         scaled_by: PINNED,
         visuals: vec![
             lathe(&[[0.0, back], [r, back], [r, end - 0.01], [0.7 * r, end], [0.0, end]], 0.0, BLUE),
-            seen(&section),
+            visual_of(&section),
             lathe(&[[0.0, tip], [0.002, tip], [narrow, front], [0.0, front]], 0.0, STEEL),
         ],
         ..lying("pen", vec![bar(r, 0.6 * r), bar(0.6 * r, r), section, cone], region)
@@ -108,10 +112,10 @@ pub(in crate::tasks) fn cap(region: usize) -> BodySpec {
     let ([closed, bottom, open], [r, inside]) = (CAP_Z, CAP_RADII);
     let axis = Translation3::new(CAP_X, 0.0, 0.0);
     let half = [(r - inside) / 2.0, r * FRAC_PI_8.tan(), (open - closed) / 2.0];
-    let wall = block(half, [(r + inside) / 2.0, 0.0, (open + closed) / 2.0], BLUE);
+    let wall = box_part(half, [(r + inside) / 2.0, 0.0, (open + closed) / 2.0], BLUE);
     let clip = |[from, to]: [f64; 2], [low, high]: [f64; 2]| {
         let half = [(to - from) / 2.0, 0.005, (high - low) / 2.0];
-        block(half, [CAP_X + (from + to) / 2.0, 0.0, (low + high) / 2.0], STEEL)
+        box_part(half, [CAP_X + (from + to) / 2.0, 0.0, (low + high) / 2.0], STEEL)
     };
     let mut parts: Vec<PartSpec> =
         around(Vector3::z_axis(), 8).map(|turn| moved(axis * turn, &wall)).collect();
@@ -124,9 +128,9 @@ pub(in crate::tasks) fn cap(region: usize) -> BodySpec {
         scaled_by: PINNED,
         visuals: vec![
             lathe(&[&outside[..], &cavity[..]].concat(), CAP_X, BLUE),
-            seen(&clip([CLIP_OUT - 0.005, CLIP_OUT], CLIP_Z)),
-            seen(&clip([inside, CLIP_OUT], [low, low + 0.015])),
-            seen(&clip([r, CLIP_OUT], [high - 0.008, high])),
+            visual_of(&clip([CLIP_OUT - 0.005, CLIP_OUT], CLIP_Z)),
+            visual_of(&clip([inside, CLIP_OUT], [low, low + 0.015])),
+            visual_of(&clip([r, CLIP_OUT], [high - 0.008, high])),
         ],
         ..lying("cap", parts, region)
     }
@@ -135,18 +139,18 @@ pub(in crate::tasks) fn cap(region: usize) -> BodySpec {
 /// A body that lies with its z along world y and its y up.
 fn lying(name: &'static str, parts: Vec<PartSpec>, region: usize) -> BodySpec {
     let along_y = Quaternion::new(0.0, 0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2);
-    movable(name, parts, region, BIMANUAL_TABLE_Z).set_up(UnitQuaternion::from_quaternion(along_y))
+    movable(name, parts, region, BIMANUAL_TABLE_Z).with_orientation(UnitQuaternion::from_quaternion(along_y))
 }
 
 /// A cylinder about z between two heights, in m.
-fn rod(radius: f64, [from, to]: [f64; 2], paint: PaintSpec) -> PartSpec {
+fn rod(radius: f64, [from, to]: [f64; 2], appearance: AppearanceSpec) -> PartSpec {
     let shape = Primitive::Cylinder { radius, half_height: (to - from) / 2.0 };
-    PartSpec::at(shape, [0.0, 0.0, (from + to) / 2.0], paint)
+    PartSpec::at(shape, [0.0, 0.0, (from + to) / 2.0], appearance)
 }
 
 /// A profile turned about the line along z at this x, in m.
-fn lathe(profile: &[[f64; 2]], x: f64, paint: PaintSpec) -> VisualSpec {
-    VisualSpec::at(Form::Lathe { profile: profile.to_vec() }, [x, 0.0, 0.0], paint)
+fn lathe(profile: &[[f64; 2]], x: f64, appearance: AppearanceSpec) -> VisualSpec {
+    VisualSpec::at(VisualShape::Lathe { profile: profile.to_vec() }, [x, 0.0, 0.0], appearance)
 }
 
 /// The part with its pose taken in a frame that has this pose.

@@ -1,12 +1,12 @@
-//! What tasks share: the two workplaces with their arms, tables, lights and cameras (spec/env.md §2 to §4, §7),
-//! and the bodies that stand there.
+//! Shared building blocks of tasks: the single-arm and bimanual workspaces (arms, table, lights and cameras) and
+//! recurring bodies. See docs/benchmark.md, "Scenes and objects" and "Robot and control".
 
 pub(super) mod cabinet;
 pub(super) mod cooking;
 pub(super) mod dish;
 pub(super) mod drawer_unit;
 pub(super) mod fruit;
-pub(super) mod holed;
+pub(super) mod hole;
 pub(super) mod insertion;
 pub(super) mod pot;
 pub(super) mod props;
@@ -24,69 +24,69 @@ use crate::predicate::Predicate;
 use crate::profile::Profile;
 pub use crate::scene::rgb;
 use crate::scene::{
-    BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalSpec, DistractorsSpec, Form,
-    InstructionSpec, Jitter, LightsSpec, Motion, PaintSpec, PartSpec, PlacementSpec, Primitive, Range,
-    RegionSpec, RobotSpec, Role, ScaledBy, Scene, SceneSpec, TableKind, TableSpec, Texture, VisualSpec,
-    Widened,
+    AppearanceSpec, BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec,
+    DistractorsSpec, InstructionSpec, Jitter, LightsSpec, Motion, PartSpec, PlacementSpec, Primitive, Range,
+    RegionSpec, RobotSpec, Role, ScaledBy, Scene, SceneSpec, TableKind, TableSpec, Texture, VisualShape,
+    VisualSpec, WidenedRanges,
 };
 
-/// World z of the single-arm table's top, in m.
+/// World z of the single-arm table top, in m.
 pub const SINGLE_TABLE_Z: f64 = 0.0;
-/// World z of the bimanual table's top, in m.
+/// World z of the bimanual table top, in m.
 pub const BIMANUAL_TABLE_Z: f64 = 0.825;
-/// kg/m³ of a body unless its task says otherwise.
+/// Default density of a body, in kg/m³.
 pub const DENSITY: f64 = 1000.0;
-/// Friction of a body unless its task says otherwise.
+/// Default friction coefficient of a body.
 pub const FRICTION: f64 = 0.3;
 
-/// Colour of the benchmark's blue cubes.
+/// sRGB colour of the benchmark's blue cubes.
 pub const BLUE: [f64; 3] = rgb([12, 42, 160]);
 
-/// Start pose D of spec/tasks.md §1: TCP at (0, 0, 0.1698), pointing down.
+/// Default initial joint positions of the single arm, in rad: TCP at world (0, 0, 0.1698) m, pointing down.
 pub const QPOS_D: [f64; 7] = [0.0, PI / 8.0, 0.0, -5.0 * PI / 8.0, 0.0, 3.0 * FRAC_PI_4, -FRAC_PI_4];
-/// Rest pose B of spec/tasks.md §1, the same for both arms.
+/// Default initial joint positions of each of the two arms, in rad.
 pub const QPOS_B: [f64; 7] = [FRAC_PI_2, 0.0, 0.0, -7.0 * PI / 8.0, 0.0, 3.0 * FRAC_PI_4, FRAC_PI_4];
-/// Initial joint noise in rad, where a task does not fix its start pose.
-pub const NOISE_RAD: f64 = 0.02;
+/// Standard deviation of the noise on the initial joint positions in rad, for tasks that randomize them.
+pub const QPOS_NOISE_RAD: f64 = 0.02;
 
-/// Eyes and common target of the two external cameras.
-pub struct Eyes {
-    /// Eye and target of external 1, in m.
+/// Poses of the two external cameras, each given as camera position and look-at point in the world, in m.
+pub struct ExternalCameras {
+    /// Position and look-at point of camera `external1`.
     pub external1: [[f64; 3]; 2],
-    /// Eye and target of external 2, in m.
+    /// Position and look-at point of camera `external2`.
     pub external2: [[f64; 3]; 2],
 }
 
-/// Where the cameras are for what two arms lift and pour.
-pub const LIFT_EYES: Eyes = Eyes {
+/// External cameras of the tasks in which both arms lift or pour.
+pub const LIFT_CAMERAS: ExternalCameras = ExternalCameras {
     external1: [[0.75, 0.0, 1.58], [-0.2, 0.0, 1.13]],
     external2: [[-0.5, -0.25, 1.58], [-0.2, 0.0, 1.13]],
 };
 
-/// One arm at the single-arm table.
+/// Creates the scene distribution of one arm at the single-arm table.
 pub fn single_arm(
     qpos: [f64; 7],
     noise_rad: f64,
-    eyes: &Eyes,
+    cameras: &ExternalCameras,
     regions: Vec<RegionSpec>,
     bodies: Vec<BodySpec>,
     instruction: &'static str,
 ) -> SceneSpec {
-    workplace(
+    workspace(
         Morphology::Single,
         vec![robot([-0.615, 0.0, 0.0], 0.0, qpos, noise_rad)],
-        eyes,
+        cameras,
         regions,
         bodies,
         instruction,
     )
 }
 
-/// Two arms facing each other across the bimanual table.
+/// Creates the scene distribution of two arms facing each other across the bimanual table.
 pub fn bimanual(
     qpos: [[f64; 7]; 2],
     noise_rad: f64,
-    eyes: &Eyes,
+    cameras: &ExternalCameras,
     regions: Vec<RegionSpec>,
     bodies: Vec<BodySpec>,
     instruction: &'static str,
@@ -95,24 +95,25 @@ pub fn bimanual(
         robot([-0.4, -0.6, BIMANUAL_TABLE_Z], 0.0, qpos[0], noise_rad),
         robot([-0.4, 0.6, BIMANUAL_TABLE_Z], PI, qpos[1], noise_rad),
     ];
-    workplace(Morphology::Bimanual, robots, eyes, regions, bodies, instruction)
+    workspace(Morphology::Bimanual, robots, cameras, regions, bodies, instruction)
 }
 
-/// A region around the origin in which one body is placed.
+/// Creates a placement region with the benchmark's default widening under Pose-Randomization.
 pub fn region(name: &'static str, x: Range, y: Range) -> RegionSpec {
-    let common = [Range::fixed(0.0); 2];
-    let widened = Some(Widened { x: by_half(x), y: by_half(y), common });
-    RegionSpec { name, x, y, common, either_side: false, gap_m: None, widened }
+    let shared_offset = [Range::fixed(0.0); 2];
+    let widened = Some(WidenedRanges { x: widened_by_half(x), y: widened_by_half(y), shared_offset });
+    RegionSpec { name, x, y, shared_offset, random_mirror: false, min_gap_m: None, widened }
 }
 
-/// A range as Pose-Randomization widens it: half as wide again, a point to 0.15 m (spec/perturbations.md §3).
-pub fn by_half(range: Range) -> Range {
-    const POINT: f64 = 1e-6;
+/// Returns a range as Pose-Randomization widens it: 1.5 times as wide, or 0.15 m if it is a single value.
+pub fn widened_by_half(range: Range) -> Range {
+    /// Ranges narrower than this count as a single value, in m.
+    const MIN_WIDTH: f64 = 1e-6;
     let width = range.hi - range.lo;
-    if width < POINT { Range::new(range.lo - 0.075, range.hi + 0.075) } else { range.widened(1.5) }
+    if width < MIN_WIDTH { Range::new(range.lo - 0.075, range.hi + 0.075) } else { range.widened(1.5) }
 }
 
-/// A body to be handled that is seen as it collides, lies on a surface as its frame does and is scaled by MO-Size.
+/// Creates a dynamic manipulated object without visuals, level on a surface and scaled by MO-Size.
 pub fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, surface_z_m: f64) -> BodySpec {
     BodySpec {
         name,
@@ -122,10 +123,10 @@ pub fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, surface_
         visuals: Vec::new(),
         scaled_by: ScaledBy::MoSize,
         scale: Range::fixed(1.0),
-        placement: PlacementSpec::On {
+        placement: PlacementSpec::OnSurface {
             region,
             surface_z_m,
-            upright: UnitQuaternion::identity(),
+            orientation: UnitQuaternion::identity(),
             yaw: Range::fixed(0.0),
         },
         density: DENSITY,
@@ -134,34 +135,33 @@ pub fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, surface_
     }
 }
 
-/// A body that stands fast, is seen as it collides and keeps its size, for the reason given: what a handled one goes to
-/// or comes from.
+/// Creates a fixed receptacle object without visuals, which no perturbation scales for the given reason.
 pub fn fixed(
     name: &'static str,
     parts: Vec<PartSpec>,
     region: usize,
     surface_z_m: f64,
-    why_not_scaled: &'static str,
+    reason_not_scaled: &'static str,
 ) -> BodySpec {
     BodySpec {
         role: Role::ReceiverObject,
         motion: Motion::Fixed,
-        scaled_by: ScaledBy::Nothing(why_not_scaled),
+        scaled_by: ScaledBy::Nothing(reason_not_scaled),
         ..movable(name, parts, region, surface_z_m)
     }
 }
 
-/// A box of half extents `half` around `position` in the body's frame, in m.
-pub fn block(half: [f64; 3], position: [f64; 3], paint: PaintSpec) -> PartSpec {
-    PartSpec::at(Primitive::Box { half }, position, paint)
+/// Creates a box part with half-extents `half`, centred at `position` in the body's frame, in m.
+pub fn box_part(half: [f64; 3], position: [f64; 3], appearance: AppearanceSpec) -> PartSpec {
+    PartSpec::at(Primitive::Box { half }, position, appearance)
 }
 
-/// A part as it is seen, where a body shows more than its parts.
-pub fn seen(part: &PartSpec) -> VisualSpec {
-    VisualSpec { form: Form::Primitive(part.shape), pose: part.pose, paint: part.paint }
+/// Creates the visual that renders a part unchanged, for bodies with additional visuals.
+pub fn visual_of(part: &PartSpec) -> VisualSpec {
+    VisualSpec { shape: VisualShape::Primitive(part.shape), pose: part.pose, appearance: part.appearance }
 }
 
-/// The body by more than a height above its start.
+/// Requires the body to be more than `by_m` above its initial height.
 pub fn lifted(scene: &Scene, body: usize, by_m: f64, profile: Profile) -> Predicate {
     let from = scene.bodies[body].pose.translation.vector;
     if profile.counts_sinking() {
@@ -171,26 +171,26 @@ pub fn lifted(scene: &Scene, body: usize, by_m: f64, profile: Profile) -> Predic
     }
 }
 
-/// A movable cube with edges of twice `half`, in m.
+/// Creates a movable cube with half-extent `half`, in m.
 pub fn cube(name: &'static str, half: f64, color: [f64; 3], region: usize, surface_z_m: f64) -> BodySpec {
-    let part = block([half; 3], [0.0; 3], PaintSpec::plain(color));
+    let part = box_part([half; 3], [0.0; 3], AppearanceSpec::plain(color));
     movable(name, vec![part], region, surface_z_m)
 }
 
-/// Where tasks end that bring something to a place: a mark on the bimanual table, no thicker than paint.
-pub fn goal(region: usize, parts: Vec<PartSpec>) -> BodySpec {
+/// Creates a goal marker on the bimanual table, which does not collide.
+pub fn goal_marker(region: usize, parts: Vec<PartSpec>) -> BodySpec {
     BodySpec {
         role: Role::ReceiverObject,
-        motion: Motion::Mark,
+        motion: Motion::VisualOnly,
         scaled_by: ScaledBy::Nothing("it is a mark on the table"),
         ..movable("goal", parts, region, BIMANUAL_TABLE_Z)
     }
 }
 
-/// Radius of the disc on which cubes are stacked, in m.
+/// Radius of the goal disc on which cubes are stacked, in m.
 pub const GOAL_RADIUS: f64 = 0.06;
 
-/// Five rings, red and white in turn, each a little above the one around it.
+/// Creates a goal disc of five alternating red and white rings, each slightly higher than the one around it.
 pub fn goal_disc(region: usize) -> BodySpec {
     const RED: [f64; 3] = rgb([194, 19, 22]);
     let ring = |i: u32| {
@@ -199,16 +199,16 @@ pub fn goal_disc(region: usize) -> BodySpec {
         PartSpec::at(
             Primitive::Cylinder { radius, half_height },
             [0.0, 0.0, half_height],
-            PaintSpec::plain(color),
+            AppearanceSpec::plain(color),
         )
     };
-    goal(region, (0..5).map(ring).collect())
+    goal_marker(region, (0..5).map(ring).collect())
 }
 
-fn workplace(
+fn workspace(
     morphology: Morphology,
     robots: Vec<RobotSpec>,
-    eyes: &Eyes,
+    cameras: &ExternalCameras,
     regions: Vec<RegionSpec>,
     bodies: Vec<BodySpec>,
     instruction: &'static str,
@@ -225,8 +225,8 @@ fn workplace(
         jitter: Jitter::NONE,
     };
     let mut cameras = vec![
-        external(CameraSlot::External1, eyes.external1),
-        external(CameraSlot::External2, eyes.external2),
+        external(CameraSlot::External1, cameras.external1),
+        external(CameraSlot::External2, cameras.external2),
     ];
     cameras.extend(
         [CameraSlot::Hand1, CameraSlot::Hand2].into_iter().take(morphology.n_arms()).enumerate().map(
@@ -246,8 +246,8 @@ fn workplace(
         robots,
         table: table(kind),
         background: BackgroundSpec {
-            floor: PaintSpec::textured(Texture::Checker, [0.55, 0.55, 0.55]),
-            walls: PaintSpec::plain([0.5; 3]),
+            floor: AppearanceSpec::textured(Texture::Checker, [0.55, 0.55, 0.55]),
+            walls: AppearanceSpec::plain([0.5; 3]),
         },
         lights: default_lights(),
         cameras,
@@ -265,16 +265,16 @@ fn workplace(
     }
 }
 
-/// A wooden top on steel; over a grey one where two arms work.
+/// Creates the wooden table on a steel frame. The bimanual one stands above a second table with a grey top.
 fn table(kind: TableKind) -> TableSpec {
-    let plain = |color, specular| PaintSpec { specular, ..PaintSpec::plain(color) };
+    let plain = |color, specular| AppearanceSpec { specular, ..AppearanceSpec::plain(color) };
     let steel = plain([0.45, 0.46, 0.48], 0.3);
     TableSpec {
         kind,
-        top: PaintSpec::textured(Texture::Wood, [0.80, 0.66, 0.47]),
+        top: AppearanceSpec::textured(Texture::Wood, [0.80, 0.66, 0.47]),
         frame: steel,
         legs: steel,
-        under: (kind == TableKind::Bimanual).then(|| plain([0.62, 0.62, 0.63], 0.1)),
+        lower_top: (kind == TableKind::Bimanual).then(|| plain([0.62, 0.62, 0.63], 0.1)),
     }
 }
 
@@ -283,16 +283,18 @@ fn robot(base: [f64; 3], yaw_rad: f64, qpos: [f64; 7], noise_rad: f64) -> RobotS
     RobotSpec { base: Isometry3::from_parts(Translation3::from(base), rotation), qpos, noise_rad }
 }
 
-/// Pose of the wrist camera in the hand's frame (spec/env.md §4): it looks along the approach direction.
+/// Returns the pose of the wrist camera in the hand's frame. It looks along the approach direction; see
+/// docs/benchmark.md, "Cameras".
 fn hand_camera_pose() -> Isometry3<f64> {
     let rotation = UnitQuaternion::from_quaternion(Quaternion::new(0.0, FRAC_1_SQRT_2, 0.0, FRAC_1_SQRT_2));
     Isometry3::from_parts(Translation3::new(0.0465, -0.02, 0.036), rotation)
 }
 
-/// Grey ambient light of 0.3 and two white lights, one aslant and one from above, without shadows (spec/perturbations.md §7).
+/// Returns the default lighting: ambient light of 0.3 and two white directional lights, one oblique and one from above,
+/// without shadows.
 fn default_lights() -> LightsSpec {
     let white =
-        |direction| DirectionalSpec { color: [Range::fixed(1.0); 3], direction, turn: Range::fixed(0.0) };
+        |direction| DirectionalLightSpec { color: [Range::fixed(1.0); 3], direction, yaw: Range::fixed(0.0) };
     LightsSpec {
         ambient: [Range::fixed(0.3); 3],
         directional: vec![white([1.0, 1.0, -1.0]), white([0.0, 0.0, -1.0])],

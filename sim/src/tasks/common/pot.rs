@@ -5,9 +5,9 @@ use core::f64::consts::FRAC_PI_2;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::vessel::Vessel;
-use super::{BIMANUAL_TABLE_Z, movable, rgb, seen};
+use super::{BIMANUAL_TABLE_Z, movable, rgb, visual_of};
 use crate::expert::{Move, both, grasp};
-use crate::scene::{BodySpec, Form, PaintSpec, PartSpec, Primitive, Scene, VisualSpec};
+use crate::scene::{AppearanceSpec, BodySpec, PartSpec, Primitive, Scene, VisualShape, VisualSpec};
 
 /// Start pose P of spec/tasks.md §3: the hands level, on either side of the pot and turned to it.
 pub(in crate::tasks) const QPOS: [[f64; 7]; 2] =
@@ -26,23 +26,23 @@ const BAR_RADIUS: f64 = 0.008;
 
 /// The pot on the bimanual table, its origin in the middle of its base and its handles along y.
 pub(in crate::tasks) fn pot(region: usize) -> BodySpec {
-    let steel = PaintSpec { specular: 0.5, ..PaintSpec::plain(rgb([129, 133, 137])) };
+    let steel = AppearanceSpec { specular: 0.5, ..AppearanceSpec::plain(rgb([129, 133, 137])) };
     let handles: Vec<PartSpec> = [-1.0, 1.0].into_iter().flat_map(|side| handle(side, steel)).collect();
     let [bead, rim] = RIM;
-    let ring = Form::Torus { major_radius: rim - bead, minor_radius: bead };
+    let ring = VisualShape::Torus { major_radius: rim - bead, minor_radius: bead };
     let mut visuals =
         vec![VESSEL.look(0.008, steel), VisualSpec::at(ring, [0.0, 0.0, VESSEL.height - bead], steel)];
-    visuals.extend(handles.iter().map(seen));
+    visuals.extend(handles.iter().map(visual_of));
     let parts = VESSEL.parts(steel).into_iter().chain(handles).collect();
     BodySpec { visuals, ..movable("pot", parts, region, BIMANUAL_TABLE_Z) }
 }
 
 /// A bar along x and what holds it.
-fn handle(side: f64, paint: PaintSpec) -> [PartSpec; 3] {
+fn handle(side: f64, appearance: AppearanceSpec) -> [PartSpec; 3] {
     let rod = |half_height, position: [f64; 3], axis| {
         let turned = UnitQuaternion::from_axis_angle(&axis, FRAC_PI_2);
         let pose = Isometry3::from_parts(Translation3::from(position), turned);
-        PartSpec { shape: Primitive::Capsule { radius: BAR_RADIUS, half_height }, pose, paint }
+        PartSpec { shape: Primitive::Capsule { radius: BAR_RADIUS, half_height }, pose, appearance }
     };
     let stem_half_length = (BAR_AT - VESSEL.radii[1] + VESSEL.thickness) / 2.0;
     let stem = |x| rod(stem_half_length, [x, side * (BAR_AT - stem_half_length), BAR_Z], Vector3::x_axis());

@@ -4,14 +4,14 @@ use core::f64::consts::{FRAC_PI_4, SQRT_2};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{block, rgb};
-use crate::scene::{Form, PaintSpec, PartSpec, Primitive, Texture, VisualSpec};
+use super::{box_part, rgb};
+use crate::scene::{AppearanceSpec, PartSpec, Primitive, Texture, VisualShape, VisualSpec};
 
 /// Strength of the highlight on what shines.
 const GLOSS: f64 = 0.6;
 
-const fn glossy(color: [f64; 3]) -> PaintSpec {
-    PaintSpec { specular: GLOSS, ..PaintSpec::plain(color) }
+const fn glossy(color: [f64; 3]) -> AppearanceSpec {
+    AppearanceSpec { specular: GLOSS, ..AppearanceSpec::plain(color) }
 }
 
 /// What turns about a vertical axis.
@@ -27,15 +27,20 @@ impl Turned {
     }
 
     /// With a closed form through points of these radii and heights, the outside to the right of the way.
-    fn with<const N: usize>(mut self, radii: [f64; N], heights: [f64; N], paint: PaintSpec) -> Self {
+    fn with<const N: usize>(
+        mut self,
+        radii: [f64; N],
+        heights: [f64; N],
+        appearance: AppearanceSpec,
+    ) -> Self {
         let profile = (0..N).map(|i| [radii[i], heights[i]]).collect();
-        self.visuals.push(VisualSpec::at(Form::Lathe { profile }, self.foot, paint));
+        self.visuals.push(VisualSpec::at(VisualShape::Lathe { profile }, self.foot, appearance));
         self
     }
 
     /// With a drum between two heights.
-    fn with_drum(self, radius: f64, [least, greatest]: [f64; 2], paint: PaintSpec) -> Self {
-        self.with([0.0, radius, radius, 0.0], [least, least, greatest, greatest], paint)
+    fn with_drum(self, radius: f64, [least, greatest]: [f64; 2], appearance: AppearanceSpec) -> Self {
+        self.with([0.0, radius, radius, 0.0], [least, least, greatest, greatest], appearance)
     }
 }
 
@@ -45,7 +50,8 @@ const LABEL: f64 = 0.0003;
 /// A soda can of radius `r` on `foot`: red with a white band; foot, shoulder and rim are aluminium, and so is the lid
 /// that is sunk within the rim.
 pub(in crate::tasks) fn can(r: f64, height: f64, foot: [f64; 3]) -> Vec<VisualSpec> {
-    let aluminium = PaintSpec { specular: 0.8, ..PaintSpec::textured(Texture::BrushedMetal, [0.8; 3]) };
+    let aluminium =
+        AppearanceSpec { specular: 0.8, ..AppearanceSpec::textured(Texture::BrushedMetal, [0.8; 3]) };
     let [inside, rim] = [0.7 * r, 0.76 * r];
     let radii = [0.0, inside, r - 0.001, r - 0.001, rim, rim, inside, inside, 0.0];
     let heights =
@@ -66,17 +72,17 @@ pub(in crate::tasks) const PRISM_OVERLAP: f64 = 2.0;
 /// along lines only, and it turns between them when it is carried fast.
 pub(in crate::tasks) fn bottle_solids([x, y, z]: [f64; 3]) -> Vec<PartSpec> {
     let [[radius, body_z], [shoulder_radius, shoulder_z], [neck_radius, neck_z]] = BOTTLE;
-    let paint = PaintSpec::plain([1.0; 3]);
+    let appearance = AppearanceSpec::plain([1.0; 3]);
     // tan 22.5° = √2 − 1.
     let half = [radius, radius * (SQRT_2 - 1.0), body_z / 2.0];
     let side = |eighths: f64| {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), eighths * FRAC_PI_4);
         let pose = Isometry3::from_parts(Translation3::new(x, y, z + body_z / 2.0), turn);
-        PartSpec { shape: Primitive::Box { half }, pose, paint }
+        PartSpec { shape: Primitive::Box { half }, pose, appearance }
     };
     let cylinder = |radius, [least_z, greatest_z]: [f64; 2]| {
         let solid = Primitive::Cylinder { radius, half_height: (greatest_z - least_z) / 2.0 };
-        PartSpec::at(solid, [x, y, z + (greatest_z + least_z) / 2.0], paint)
+        PartSpec::at(solid, [x, y, z + (greatest_z + least_z) / 2.0], appearance)
     };
     let upper =
         [cylinder(shoulder_radius, [body_z, shoulder_z]), cylinder(neck_radius, [shoulder_z, neck_z])];
@@ -97,7 +103,7 @@ pub(in crate::tasks) fn bottle(foot: [f64; 3]) -> Vec<VisualSpec> {
     let cap_radii = [0.0, cap_radius, cap_radius, cap_radius - 0.001, 0.0];
     Turned::on(foot)
         .with(radii, heights, glossy([0.62, 0.82, 0.90]))
-        .with_drum(body_radius + LABEL, [0.09, 0.16], PaintSpec::plain([0.12, 0.32, 0.66]))
+        .with_drum(body_radius + LABEL, [0.09, 0.16], AppearanceSpec::plain([0.12, 0.32, 0.66]))
         .with(cap_radii, [0.232, 0.232, top - 0.001, top, top], glossy([0.86, 0.88, 0.90]))
         .visuals
 }
@@ -111,7 +117,7 @@ pub(in crate::tasks) fn book(half: [f64; 3], middle: [f64; 3], color: [f64; 3]) 
     let [hx, hy, hz] = half;
     let rounded = |half, [x, y, z]: [f64; 3], edge_radius, color| {
         let position = [middle[0] + x, middle[1] + y, middle[2] + z];
-        VisualSpec::at(Form::RoundedBox { half, edge_radius }, position, PaintSpec::plain(color))
+        VisualSpec::at(VisualShape::RoundedBox { half, edge_radius }, position, AppearanceSpec::plain(color))
     };
     let board = |y| rounded([hx, COVER / 2.0, hz], [0.0, y, 0.0], COVER / 4.0, color);
     vec![
@@ -138,11 +144,11 @@ pub(in crate::tasks) struct Bookcase<const N: usize> {
 impl<const N: usize> Bookcase<N> {
     /// Sides, back, top, boards and what is under the lowest one.
     pub(in crate::tasks) fn parts(&self) -> Vec<PartSpec> {
-        let wood = PaintSpec::textured(Texture::Wood, [0.50, 0.34, 0.20]);
+        let wood = AppearanceSpec::textured(Texture::Wood, [0.50, 0.34, 0.20]);
         let ([hx, hy], [mx, my]) = (self.half, self.middle);
         let plate = |[half_x, half_y]: [f64; 2], [x, y]: [f64; 2], [least_z, greatest_z]: [f64; 2]| {
             let half = [half_x, half_y, (greatest_z - least_z) / 2.0];
-            block(half, [mx + x, my + y, (greatest_z + least_z) / 2.0], wood)
+            box_part(half, [mx + x, my + y, (greatest_z + least_z) / 2.0], wood)
         };
         let side = |y| plate([hx, PLATE], [0.0, y], [0.0, self.height]);
         let between = |half_x, x, z| plate([half_x, hy - 2.0 * PLATE], [x, 0.0], z);
@@ -168,7 +174,7 @@ impl<const N: usize> Bookcase<N> {
             y -= thickness;
             let half = [half_depth, thickness / 2.0, height / 2.0];
             let position = [self.middle[0], y + thickness / 2.0, self.boards_z[board] + height / 2.0];
-            block(half, position, PaintSpec::plain(rgb(color)))
+            box_part(half, position, AppearanceSpec::plain(rgb(color)))
         };
         books.map(stand).to_vec()
     }

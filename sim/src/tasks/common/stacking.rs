@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, Eyes, GOAL_RADIUS};
+use super::{BIMANUAL_TABLE_Z, ExternalCameras, GOAL_RADIUS};
 use crate::expert::{Move, Reach, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -13,14 +13,14 @@ use crate::scene::{Body, BodySpec, Range, Scene};
 /// Half a cube's edge, in m.
 pub(in crate::tasks) const HALF: f64 = 0.02;
 
-pub(in crate::tasks) const EYES: Eyes = Eyes {
+pub(in crate::tasks) const CAMERAS: ExternalCameras = ExternalCameras {
     external1: [[0.6, 0.0, 1.33], [-0.2, 0.0, 0.93]],
     external2: [[-0.6, 0.0, 1.33], [-0.2, 0.0, 0.93]],
 };
 
 /// A cube of the tower.
 pub(in crate::tasks) fn cube(name: &'static str, color: [f64; 3], region: usize) -> BodySpec {
-    super::cube(name, HALF, color, region, BIMANUAL_TABLE_Z).turned(Range::new(0.0, TAU))
+    super::cube(name, HALF, color, region, BIMANUAL_TABLE_Z).with_yaw(Range::new(0.0, TAU))
 }
 
 /// One cube on another within 25 mm and 5 mm.

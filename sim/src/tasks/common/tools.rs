@@ -4,10 +4,10 @@ use core::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
-use super::{SINGLE_TABLE_Z, block, movable, rgb, seen};
+use super::{SINGLE_TABLE_Z, box_part, movable, rgb, visual_of};
 use crate::scene::{
-    BodySpec, Form, JointKind, JointSpec, Motion, PaintSpec, PartSpec, Primitive, Role, ScaledBy, Texture,
-    VisualSpec,
+    AppearanceSpec, BodySpec, JointKind, JointSpec, Motion, PartSpec, Primitive, Role, ScaledBy, Texture,
+    VisualShape, VisualSpec,
 };
 
 /// The middle of a hammer's face, which looks along −y, in the hammer's frame, in m.
@@ -19,15 +19,15 @@ pub(in crate::tasks) const NAIL_HEAD_RADIUS: f64 = 0.009;
 
 /// A claw hammer that lies on the table: its handle along x, its head along y at the far end, all in all 0.33 × 0.13 × 0.035 m.
 pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
-    let steel = PaintSpec { specular: 0.7, ..PaintSpec::plain(rgb([120, 124, 130])) };
-    let wood = PaintSpec::textured(Texture::Wood, rgb([170, 95, 50]));
+    let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain(rgb([120, 124, 130])) };
+    let wood = AppearanceSpec::textured(Texture::Wood, rgb([170, 95, 50]));
     let thick = 0.0175;
     let [head_x, face_y] = HAMMER_FACE;
     let poll_half = 0.023;
     let poll = Primitive::Cylinder { radius: 0.0165, half_height: poll_half };
     let poll_pose = turned([head_x, face_y + poll_half, 0.0], Vector3::x_axis(), FRAC_PI_2);
-    let rounded = |half, position, paint| {
-        VisualSpec::at(Form::RoundedBox { half, edge_radius: 0.006 }, position, paint)
+    let rounded = |half, position, appearance| {
+        VisualSpec::at(VisualShape::RoundedBox { half, edge_radius: 0.006 }, position, appearance)
     };
     // A waist behind the face, which is at +z here.
     let poll_profile = [
@@ -48,16 +48,17 @@ pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
         [0.140, 0.046],
         [0.137, 0.017],
     ];
-    let claw = Form::Extrusion { outline: claw_outline.to_vec(), holes: Vec::new(), half_height: 0.0125 };
+    let claw =
+        VisualShape::Extrusion { outline: claw_outline.to_vec(), holes: Vec::new(), half_height: 0.0125 };
     BodySpec {
         visuals: vec![
             rounded([0.0725, 0.013, thick], [-0.0925, 0.0, 0.0], wood),
             rounded([0.085, 0.0125, 0.0125], [0.055, 0.0, 0.0], wood),
             rounded([0.018, 0.019, thick], [head_x, 0.0, 0.0], steel),
             VisualSpec {
-                form: Form::Lathe { profile: poll_profile.to_vec() },
+                shape: VisualShape::Lathe { profile: poll_profile.to_vec() },
                 pose: poll_pose,
-                paint: steel,
+                appearance: steel,
             },
             VisualSpec::at(claw, [0.0; 3], steel),
         ],
@@ -67,11 +68,11 @@ pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
         ..movable(
             "hammer",
             vec![
-                block([0.0725, 0.013, thick], [-0.0925, 0.0, 0.0], wood),
-                block([0.0745, 0.0125, 0.0125], [0.0545, 0.0, 0.0], wood),
-                block([0.018, 0.019, thick], [head_x, 0.0, 0.0], steel),
-                PartSpec { shape: poll, pose: poll_pose, paint: steel },
-                block([0.012, 0.023, 0.0125], [head_x, 0.042, 0.0], steel),
+                box_part([0.0725, 0.013, thick], [-0.0925, 0.0, 0.0], wood),
+                box_part([0.0745, 0.0125, 0.0125], [0.0545, 0.0, 0.0], wood),
+                box_part([0.018, 0.019, thick], [head_x, 0.0, 0.0], steel),
+                PartSpec { shape: poll, pose: poll_pose, appearance: steel },
+                box_part([0.012, 0.023, 0.0125], [head_x, 0.042, 0.0], steel),
             ],
             region,
             SINGLE_TABLE_Z,
@@ -83,7 +84,7 @@ pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
 /// with its lowest point at a height.
 pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
     let (half, shank, head) = (NAIL_HALF_LENGTH, 0.003, NAIL_HEAD_RADIUS);
-    let steel = PaintSpec { specular: 0.7, ..PaintSpec::plain([0.75; 3]) };
+    let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain([0.75; 3]) };
     let head_half = 0.002;
     let cylinder = |radius, half_height, z| {
         PartSpec::at(Primitive::Cylinder { radius, half_height }, [0.0, 0.0, z], steel)
@@ -107,7 +108,7 @@ pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
         role: Role::Fixture,
         motion: Motion::Jointed(guide),
         scaled_by: ScaledBy::Nothing("it fits its hole"),
-        visuals: vec![VisualSpec::at(Form::Lathe { profile }, [0.0; 3], steel)],
+        visuals: vec![VisualSpec::at(VisualShape::Lathe { profile }, [0.0; 3], steel)],
         density: 5000.0,
         friction: 2.0,
         ..movable(
@@ -116,7 +117,7 @@ pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
             region,
             lowest_z_m,
         )
-        .set_up(UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2))
+        .with_orientation(UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2))
     }
 }
 
@@ -127,13 +128,13 @@ pub(in crate::tasks) const DUSTPAN_GRIP: [f64; 3] = [-0.05, 0.0, 0.007];
 
 /// A dustpan that stands on the table: its mouth at +x, its handle going back and up, all in all 0.2 × 0.173 × 0.058 m.
 pub(in crate::tasks) fn dustpan(region: usize) -> BodySpec {
-    let blue = PaintSpec::plain(rgb([40, 90, 170]));
+    let blue = AppearanceSpec::plain(rgb([40, 90, 170]));
     let [back, half_width, half_height] = [-0.02, 0.0865, 0.029];
     let half_thickness = 0.002;
     // From and to along x, middle and half width along y, height over the table.
     let standing = |x: [f64; 2], y: f64, half_y: f64, height: f64| {
         let position = [(x[0] + x[1]) / 2.0, y, height / 2.0 - half_height];
-        block([(x[1] - x[0]) / 2.0, half_y, height / 2.0], position, blue)
+        box_part([(x[1] - x[0]) / 2.0, half_y, height / 2.0], position, blue)
     };
     let floor = standing([back, DUSTPAN_MOUTH], 0.0, half_width, 0.003);
     let back_wall = standing([back, back + 2.0 * half_thickness], 0.0, half_width, 0.04);
@@ -144,19 +145,20 @@ pub(in crate::tasks) fn dustpan(region: usize) -> BodySpec {
     });
     let handle_half = [0.040, 0.0125, 0.010];
     let handle_pose = turned([-0.0587, 0.0, 0.0094], Vector3::y_axis(), 0.25);
-    let handle = PartSpec { shape: Primitive::Box { half: handle_half }, pose: handle_pose, paint: blue };
+    let handle =
+        PartSpec { shape: Primitive::Box { half: handle_half }, pose: handle_pose, appearance: blue };
     let slope = vec![[back, 0.0], [DUSTPAN_MOUTH, 0.0], [DUSTPAN_MOUTH, 0.004], [back, 0.04]];
-    let slope = Form::Extrusion { outline: slope, holes: Vec::new(), half_height: half_thickness };
-    let mut visuals = vec![seen(&floor), seen(&back_wall)];
+    let slope = VisualShape::Extrusion { outline: slope, holes: Vec::new(), half_height: half_thickness };
+    let mut visuals = vec![visual_of(&floor), visual_of(&back_wall)];
     visuals.push(VisualSpec {
-        form: Form::RoundedBox { half: handle_half, edge_radius: 0.006 },
+        shape: VisualShape::RoundedBox { half: handle_half, edge_radius: 0.006 },
         pose: handle_pose,
-        paint: blue,
+        appearance: blue,
     });
     visuals.extend(sides.map(|y| VisualSpec {
-        form: slope.clone(),
+        shape: slope.clone(),
         pose: turned([0.0, y, -half_height], Vector3::x_axis(), FRAC_PI_2),
-        paint: blue,
+        appearance: blue,
     }));
     let parts = [floor, back_wall, handle].into_iter().chain(side_walls).collect();
     BodySpec { visuals, ..movable("dustpan", parts, region, SINGLE_TABLE_Z) }
@@ -167,14 +169,17 @@ pub(in crate::tasks) const BANANA_RADIUS: f64 = 0.0175;
 
 /// A banana that lies on the table along y, 0.18 m long as it is bent, its ends towards −x.
 pub(in crate::tasks) fn banana(region: usize) -> BodySpec {
-    let yellow = PaintSpec::plain(rgb([250, 215, 50]));
+    let yellow = AppearanceSpec::plain(rgb([250, 215, 50]));
     let links = |n: u32| {
         let station = move |i: u32| 2.0 * f64::from(i) / f64::from(n) - 1.0;
         (0..n).map(move |i| banana_link(station(i), station(i + 1)))
     };
-    let parts = links(6).map(|(shape, pose)| PartSpec { shape, pose, paint: yellow });
-    let visuals =
-        links(14).map(|(shape, pose)| VisualSpec { form: Form::Primitive(shape), pose, paint: yellow });
+    let parts = links(6).map(|(shape, pose)| PartSpec { shape, pose, appearance: yellow });
+    let visuals = links(14).map(|(shape, pose)| VisualSpec {
+        shape: VisualShape::Primitive(shape),
+        pose,
+        appearance: yellow,
+    });
     BodySpec { visuals: visuals.collect(), ..movable("banana", parts.collect(), region, SINGLE_TABLE_Z) }
 }
 

@@ -1,7 +1,7 @@
 //! The tray of two tasks (spec/tasks.md §1 and §3, tasks 20 and 22).
 
-use super::{BIMANUAL_TABLE_Z, block, movable, rgb};
-use crate::scene::{BodySpec, Form, PaintSpec, VisualSpec, rounded_rectangle};
+use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb};
+use crate::scene::{AppearanceSpec, BodySpec, VisualShape, VisualSpec, rounded_rectangle};
 
 /// Half of 0.388 × 0.264 m; the long side lies along the body's y, from arm to arm.
 pub(in crate::tasks) const HALF: [f64; 2] = [0.132, 0.194];
@@ -14,7 +14,7 @@ const GREY: [f64; 3] = rgb([48, 49, 51]);
 
 /// The tray on the bimanual table, its origin in the middle of its lower face.
 pub(in crate::tasks) fn tray(region: usize) -> BodySpec {
-    let slab = |half, position| block(half, position, PaintSpec::plain(GREY));
+    let slab = |half, position| box_part(half, position, AppearanceSpec::plain(GREY));
     let [hx, hy] = HALF;
     let (floor, rim, rim_z) = (FLOOR_HALF_THICKNESS, RIM_HALF_THICKNESS, HEIGHT / 2.0);
     let parts = vec![
@@ -24,7 +24,7 @@ pub(in crate::tasks) fn tray(region: usize) -> BodySpec {
         slab([hx, rim, rim_z], [0.0, hy - rim, rim_z]),
         slab([hx, rim, rim_z], [0.0, rim - hy, rim_z]),
     ];
-    let visuals = visuals(HALF, [floor, rim_z], rim, PaintSpec::plain(GREY));
+    let visuals = visuals(HALF, [floor, rim_z], rim, AppearanceSpec::plain(GREY));
     BodySpec { visuals, ..movable("tray", parts, region, BIMANUAL_TABLE_Z) }
 }
 
@@ -37,11 +37,15 @@ fn visuals(
     half: [f64; 2],
     half_heights: [f64; 2],
     rim_half_thickness: f64,
-    paint: PaintSpec,
+    appearance: AppearanceSpec,
 ) -> Vec<VisualSpec> {
     let inset = |by: f64| rounded_rectangle(half.map(|half| half - by), TRAY_CORNER_RADIUS - by);
     let standing = |outline, holes, half_height| {
-        VisualSpec::at(Form::Extrusion { outline, holes, half_height }, [0.0, 0.0, half_height], paint)
+        VisualSpec::at(
+            VisualShape::Extrusion { outline, holes, half_height },
+            [0.0, 0.0, half_height],
+            appearance,
+        )
     };
     let [floor, rim] = half_heights;
     vec![

@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use crate::scene::{Form, PaintSpec, PartSpec, Primitive, VisualSpec};
+use crate::scene::{AppearanceSpec, PartSpec, Primitive, VisualShape, VisualSpec};
 
 /// Boxes that make up a wall.
 const N_WALLS: u32 = 12;
@@ -20,14 +20,14 @@ pub(in crate::tasks) struct Vessel {
 
 impl Vessel {
     /// The floor, and the wall as a ring of boxes that lean outwards.
-    pub(in crate::tasks) fn parts(&self, paint: PaintSpec) -> Vec<PartSpec> {
+    pub(in crate::tasks) fn parts(&self, appearance: AppearanceSpec) -> Vec<PartSpec> {
         let half_height = self.thickness / 2.0;
         let floor = Primitive::Cylinder { radius: self.radii[0], half_height };
-        let floor = PartSpec::at(floor, [0.0, 0.0, half_height], paint);
-        (0..N_WALLS).map(|i| self.wall(i, paint)).chain([floor]).collect()
+        let floor = PartSpec::at(floor, [0.0, 0.0, half_height], appearance);
+        (0..N_WALLS).map(|i| self.wall(i, appearance)).chain([floor]).collect()
     }
 
-    fn wall(&self, i: u32, paint: PaintSpec) -> PartSpec {
+    fn wall(&self, i: u32, appearance: AppearanceSpec) -> PartSpec {
         let ([low, high], half_thickness) = (self.radii, self.thickness / 2.0);
         let lean = (high - low).atan2(self.height);
         let middle = f64::midpoint(low, high) - half_thickness;
@@ -39,11 +39,11 @@ impl Vessel {
         let around = about(Vector3::z_axis(), f64::from(2 * i + 1) * half_angle);
         let centre = around * Vector3::new(middle, 0.0, self.height / 2.0);
         let pose = Isometry3::from_parts(centre.into(), around * about(Vector3::y_axis(), lean));
-        PartSpec { shape: Primitive::Box { half }, pose, paint }
+        PartSpec { shape: Primitive::Box { half }, pose, appearance }
     }
 
     /// Wall and floor as they are seen: round, with a bend of radius `bend` (m) between them.
-    pub(in crate::tasks) fn look(&self, bend: f64, paint: PaintSpec) -> VisualSpec {
+    pub(in crate::tasks) fn look(&self, bend: f64, appearance: AppearanceSpec) -> VisualSpec {
         let &Self { radii: [low, high], height, thickness } = self;
         let profile = vec![
             [0.0, 0.0],
@@ -55,6 +55,6 @@ impl Vessel {
             [low - thickness - bend, thickness],
             [0.0, thickness],
         ];
-        VisualSpec::at(Form::Lathe { profile }, [0.0; 3], paint)
+        VisualSpec::at(VisualShape::Lathe { profile }, [0.0; 3], appearance)
     }
 }

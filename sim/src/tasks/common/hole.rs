@@ -18,7 +18,7 @@ impl Hole {
 
     /// The hole of a body whose first parts are [`Hole::walls`].
     pub(in crate::tasks) fn of(body: &Body) -> Self {
-        let wall = |i: usize| body.parts[i].shape.extent(&body.parts[i].pose);
+        let wall = |i: usize| body.parts[i].shape.aabb(&body.parts[i].pose);
         Self { least: [wall(0).max.y, wall(2).max.z], greatest: [wall(1).min.y, wall(3).min.z] }
     }
 

@@ -1,23 +1,25 @@
-//! Drawing a scene from its spec: every range from the stream that bears its name.
+//! Sampling of a scene from its spec. Every range is sampled from a random stream of its own name.
+
+mod appearance;
+mod distractors;
 
 use std::borrow::Cow;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::drawn::{Body, Camera, Part, Robot, Scene, Visual};
-use super::place::{PlacementSpec, RegionSpec};
+use super::placement::{PlacementSpec, RegionSpec};
 use super::spec::{
     BodySpec, CameraSpec, Jitter, JointKind, JointSpec, Motion, PartSpec, RobotSpec, SceneSpec, VisualSpec,
 };
-use super::{distractors, look};
 use crate::robot::panda::{LOWER, UPPER};
 use crate::stream::Stream;
 
-/// Draws of a body's place before a crowded region gives up and takes the last one.
+/// Maximum number of positions sampled for a body in a crowded region. The last sample is used if all are rejected.
 const MAX_PLACEMENT_DRAWS: usize = 1000;
 
 impl SceneSpec {
-    /// The scene of one episode: a function of the spec and the seed.
+    /// Draws the scene of one episode: a pure function of the spec and the seed.
     #[must_use]
     pub fn draw(&self, episode_seed: u64) -> Scene {
         let stream = |name: &str| Stream::new(episode_seed, name);
@@ -25,16 +27,16 @@ impl SceneSpec {
         if let Some(sizes) = &self.sizes {
             let drawn: Vec<f64> =
                 sizes.ranges.iter().map(|(name, range)| stream(name).uniform(*range)).collect();
-            (sizes.shape)(&drawn, specs.to_mut());
+            (sizes.apply)(&drawn, specs.to_mut());
         }
         let mut bodies: Vec<Body> = specs.iter().map(|spec| draw_body(spec, episode_seed)).collect();
         let mut placed = Vec::new();
         for (region_idx, region) in self.regions.iter().enumerate() {
-            place(region_idx, region, &specs, &mut bodies, &mut placed, episode_seed);
+            place_region(region_idx, region, &specs, &mut bodies, &mut placed, episode_seed);
         }
         for (idx, spec) in specs.iter().enumerate() {
-            if let PlacementSpec::With { body, pose } = &spec.placement {
-                bodies[idx].pose = bodies[*body].pose * scaled(pose, bodies[*body].scale);
+            if let PlacementSpec::RelativeTo { body, pose } = &spec.placement {
+                bodies[idx].pose = bodies[*body].pose * scale_translation(pose, bodies[*body].scale);
             }
         }
         let robots = self.robots.iter().enumerate();
@@ -43,9 +45,9 @@ impl SceneSpec {
         Scene {
             bodies,
             robots,
-            table: look::table(&self.table, episode_seed),
-            background: look::background(&self.background, episode_seed),
-            lights: look::lights(&self.lights, episode_seed),
+            table: appearance::table(&self.table, episode_seed),
+            background: appearance::background(&self.background, episode_seed),
+            lights: appearance::lights(&self.lights, episode_seed),
             cameras: self.cameras.iter().map(|spec| draw_camera(spec, episode_seed)).collect(),
             instruction: self.instruction.draw(episode_seed),
         }
@@ -67,7 +69,7 @@ fn draw_body(spec: &BodySpec, episode_seed: u64) -> Body {
     Body {
         name,
         role: spec.role,
-        motion: scaled_motion(spec.motion, scale),
+        motion: scale_motion(spec.motion, scale),
         parts: draw_parts(name, &spec.parts, scale, episode_seed),
         visuals: draw_visuals(name, &spec.visuals, scale, episode_seed),
         scale,
@@ -78,28 +80,28 @@ fn draw_body(spec: &BodySpec, episode_seed: u64) -> Body {
     }
 }
 
-/// The solids of the body with this name, each with its own look.
-pub(super) fn draw_parts(name: &str, parts: &[PartSpec], scale: f64, episode_seed: u64) -> Vec<Part> {
+/// Scales the parts of the body called `name` and draws an independent appearance for each.
+fn draw_parts(name: &str, parts: &[PartSpec], scale: f64, episode_seed: u64) -> Vec<Part> {
     let draw = |(i, part): (usize, &PartSpec)| Part {
         shape: part.shape.scaled(scale),
-        pose: scaled(&part.pose, scale),
-        paint: look::paint(part.paint, episode_seed, &format!("{name}/part{i}")),
+        pose: scale_translation(&part.pose, scale),
+        appearance: appearance::draw(part.appearance, episode_seed, &format!("{name}/part{i}")),
     };
     parts.iter().enumerate().map(draw).collect()
 }
 
-/// What the body with this name is seen as, each form with its own look.
-pub(super) fn draw_visuals(name: &str, visuals: &[VisualSpec], scale: f64, episode_seed: u64) -> Vec<Visual> {
+/// Scales the visuals of the body called `name` and draws an independent appearance for each.
+fn draw_visuals(name: &str, visuals: &[VisualSpec], scale: f64, episode_seed: u64) -> Vec<Visual> {
     let draw = |(i, visual): (usize, &VisualSpec)| Visual {
-        form: visual.form.scaled(scale),
-        pose: scaled(&visual.pose, scale),
-        paint: look::paint(visual.paint, episode_seed, &format!("{name}/visual{i}")),
+        shape: visual.shape.scaled(scale),
+        pose: scale_translation(&visual.pose, scale),
+        appearance: appearance::draw(visual.appearance, episode_seed, &format!("{name}/visual{i}")),
     };
     visuals.iter().enumerate().map(draw).collect()
 }
 
-/// A drawer of twice the size slides twice as far; a door turns as far as before.
-fn scaled_motion(motion: Motion, scale: f64) -> Motion {
+/// Scales the travel of a slide joint with its body. The range of a hinge joint does not depend on the scale.
+fn scale_motion(motion: Motion, scale: f64) -> Motion {
     match motion {
         Motion::Jointed(joint) if joint.kind == JointKind::Slide => {
             Motion::Jointed(JointSpec { upper: joint.upper * scale, ..joint })
@@ -108,14 +110,15 @@ fn scaled_motion(motion: Motion, scale: f64) -> Motion {
     }
 }
 
-/// The pose with its distance from the origin times `scale`.
-fn scaled(pose: &Isometry3<f64>, scale: f64) -> Isometry3<f64> {
+fn scale_translation(pose: &Isometry3<f64>, scale: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(pose.translation.vector * scale), pose.rotation)
 }
 
-/// Gives every body of a region its pose: yaw and height from its own streams, then x and y, drawn again while it is
-/// too near to a body already placed. `placed` holds the middles and radii of those, in the world.
-fn place(
+/// Sets the pose of every body of a region.
+///
+/// Yaw and position have separate streams. The position is resampled while the body is too close to a body that has
+/// already been placed. `placed` contains the world xy centres and footprint radii of those bodies, in m.
+fn place_region(
     region_idx: usize,
     region: &RegionSpec,
     specs: &[BodySpec],
@@ -124,48 +127,50 @@ fn place(
     episode_seed: u64,
 ) {
     let mut common = Stream::new(episode_seed, &format!("{}/common", region.name));
-    let offset = region.common.map(|range| common.uniform(range));
+    let offset = region.shared_offset.map(|range| common.uniform(range));
     let mirrored =
-        region.either_side && Stream::new(episode_seed, &format!("{}/side", region.name)).unit() < 0.5;
+        region.random_mirror && Stream::new(episode_seed, &format!("{}/side", region.name)).unit() < 0.5;
     let side = if mirrored { -1.0 } else { 1.0 };
     for (spec, body) in specs.iter().zip(bodies) {
-        let PlacementSpec::On { region: of, surface_z_m, upright, yaw } = spec.placement else { continue };
+        let PlacementSpec::OnSurface { region: of, surface_z_m, orientation, yaw } = spec.placement else {
+            continue;
+        };
         if of != region_idx {
             continue;
         }
         let yaw = Stream::new(episode_seed, &format!("{}/yaw", spec.name)).uniform(yaw);
-        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * upright;
-        let extent = body.extent(&Isometry3::from_parts(Translation3::identity(), rotation));
-        let radius = footprint_radius(body, upright);
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * orientation;
+        let aabb = body.aabb(&Isometry3::from_parts(Translation3::identity(), rotation));
+        let radius = footprint_radius(body, orientation);
         let mut stream = Stream::new(episode_seed, &format!("{}/pose", spec.name));
         let mut draw = || {
             let [x, y] = [region.x, region.y].map(|range| stream.uniform(range));
             [x + offset[0], side * (y + offset[1])]
         };
         let mut xy = draw();
-        if let Some(gap_m) = region.gap_m {
-            let free = |xy: [f64; 2]| {
+        if let Some(min_gap_m) = region.min_gap_m {
+            let is_clear = |xy: [f64; 2]| {
                 placed
                     .iter()
-                    .all(|(other, r)| (xy[0] - other[0]).hypot(xy[1] - other[1]) > radius + r + gap_m)
+                    .all(|(other, r)| (xy[0] - other[0]).hypot(xy[1] - other[1]) > radius + r + min_gap_m)
             };
             let mut draws = 1;
-            while !free(xy) && draws < MAX_PLACEMENT_DRAWS {
+            while !is_clear(xy) && draws < MAX_PLACEMENT_DRAWS {
                 xy = draw();
                 draws += 1;
             }
         }
         placed.push((xy, radius));
-        let z = surface_z_m - extent.min.z;
+        let z = surface_z_m - aabb.min.z;
         body.pose = Isometry3::from_parts(Translation3::new(xy[0], xy[1], z), rotation);
     }
 }
 
-/// Radius of the circle about the body's origin that holds its footprint at any yaw, in m.
-fn footprint_radius(body: &Body, upright: UnitQuaternion<f64>) -> f64 {
-    let extent = body.extent(&Isometry3::from_parts(Translation3::identity(), upright));
-    let reach = extent.min.abs().sup(&extent.max.abs());
-    reach.x.hypot(reach.y)
+/// Returns the radius of the circle about the body's origin that contains its footprint at any yaw, in m.
+fn footprint_radius(body: &Body, orientation: UnitQuaternion<f64>) -> f64 {
+    let aabb = body.aabb(&Isometry3::from_parts(Translation3::identity(), orientation));
+    let half = aabb.min.abs().sup(&aabb.max.abs());
+    half.x.hypot(half.y)
 }
 
 fn draw_camera(spec: &CameraSpec, episode_seed: u64) -> Camera {
@@ -179,7 +184,7 @@ fn draw_camera(spec: &CameraSpec, episode_seed: u64) -> Camera {
     Camera {
         slot: spec.slot,
         mount: spec.mount.clone(),
-        error: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
+        pose_error: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
         fov_y_rad: spec.fov_y_rad,
         clip_m: spec.clip_m,
     }

@@ -2,72 +2,72 @@
 
 use nalgebra::Vector3;
 
-use super::Thing;
-use super::model::{AS_IS, Model, STEP, arc, pose, z_to};
-use super::paint::{BLACK, WHITE, gloss, matt, pick, rgb, shade, vivid, vivids};
-use crate::scene::{Form, PaintSpec, Primitive};
+use super::Distractor;
+use super::appearance::{BLACK, WHITE, glossy, matt, pick, rgb, vary_brightness, vivid, vivids};
+use super::builder::{COS_SIN_STEP, DistractorBuilder, IDENTITY, arc, pose, z_axis_to};
+use crate::scene::{AppearanceSpec, Primitive, VisualShape};
 use crate::stream::Stream;
 
 /// How far what is on a ball stands out of it, in m.
 const RELIEF: f64 = 0.0004;
 
 /// A small football with dark patches.
-pub(super) fn football(stream: &mut Stream) -> Thing {
+pub(super) fn football(stream: &mut Stream) -> Distractor {
     // The corners of an icosahedron: 1 and the golden ratio, over the root of the sum of their squares.
     const SHORT: f64 = 0.525_731_112_119_133_6;
     const LONG: f64 = 0.850_650_808_352_039_9;
     let radius = 0.066;
     let light = pick(stream, &[WHITE, WHITE, rgb([240, 220, 90])]);
-    let mut model = ball(radius, 105.0, gloss(light));
-    let patch = gloss(if stream.unit() < 0.5 { BLACK } else { vivid(stream) });
+    let mut builder = ball(radius, 105.0, glossy(light));
+    let patch = glossy(if stream.unit() < 0.5 { BLACK } else { vivid(stream) });
     for [a, b] in [[SHORT, LONG], [-SHORT, LONG], [SHORT, -LONG], [-SHORT, -LONG]] {
         for towards in [[0.0, a, b], [a, b, 0.0], [b, 0.0, a]] {
-            cap(&mut model, radius, towards, patch);
+            cap(&mut builder, radius, towards, patch);
         }
     }
-    model.made(stream)
+    builder.build(stream)
 }
 
 /// A baseball with red stitches.
-pub(super) fn baseball(stream: &mut Stream) -> Thing {
+pub(super) fn baseball(stream: &mut Stream) -> Distractor {
     let radius = 0.0367;
-    let mut model = ball(radius, 690.0, matt(shade(stream, rgb([236, 230, 216]))));
-    seam(&mut model, radius, [0.0009, 0.0026], matt(rgb([176, 26, 30])));
-    model.made(stream)
+    let mut builder = ball(radius, 690.0, matt(vary_brightness(stream, rgb([236, 230, 216]))));
+    seam(&mut builder, radius, [0.0009, 0.0026], matt(rgb([176, 26, 30])));
+    builder.build(stream)
 }
 
 /// A tennis ball with its seam.
-pub(super) fn tennis_ball(stream: &mut Stream) -> Thing {
+pub(super) fn tennis_ball(stream: &mut Stream) -> Distractor {
     let radius = 0.033;
     let felt = pick(stream, &[rgb([204, 226, 50]), rgb([204, 226, 50]), rgb([232, 120, 50])]);
-    let mut model = ball(radius, 385.0, matt(shade(stream, felt)));
-    seam(&mut model, radius, [0.0031, 0.0011], matt(WHITE));
-    model.made(stream)
+    let mut builder = ball(radius, 385.0, matt(vary_brightness(stream, felt)));
+    seam(&mut builder, radius, [0.0031, 0.0011], matt(WHITE));
+    builder.build(stream)
 }
 
 /// A golf ball.
-pub(super) fn golf_ball(stream: &mut Stream) -> Thing {
+pub(super) fn golf_ball(stream: &mut Stream) -> Distractor {
     let radius = 0.0214;
     let color = pick(stream, &[WHITE, WHITE, rgb([236, 240, 80]), rgb([250, 150, 60])]);
-    let mut model = ball(radius, 1120.0, gloss(color));
-    model.friction(0.4);
+    let mut builder = ball(radius, 1120.0, glossy(color));
+    builder.friction(0.4);
     // A few of its dimples, as darker dots, and a mark to find it by.
-    let dimple = gloss(color.map(|channel| 0.88 * channel));
+    let dimple = glossy(color.map(|channel| 0.88 * channel));
     for (i, height) in [-0.7, -0.42, -0.14, 0.14, 0.42, 0.7_f64].into_iter().enumerate() {
         let around = (1.0 - height * height).sqrt();
         for [x, y] in arc(around, 0..=47).into_iter().skip(3 * (i % 2)).step_by(6) {
-            spot(&mut model, radius, [x, y, height], 0.0014, dimple);
+            spot(&mut builder, radius, [x, y, height], 0.0014, dimple);
         }
     }
-    cap(&mut model, radius, [0.0, 0.0, 1.0], gloss(vivid(stream)));
-    model.made(stream)
+    cap(&mut builder, radius, [0.0, 0.0, 1.0], glossy(vivid(stream)));
+    builder.build(stream)
 }
 
 /// A rubber ball for racquetball, two halves and the seam between them.
-pub(super) fn racquetball(stream: &mut Stream) -> Thing {
+pub(super) fn racquetball(stream: &mut Stream) -> Distractor {
     let radius = 0.0285;
     let [main, other] = vivids(stream);
-    let mut model = ball(radius, 400.0, gloss(main));
+    let mut builder = ball(radius, 400.0, glossy(main));
     let belt = [
         [0.8 * radius, -0.0008],
         [radius, -0.0008],
@@ -76,22 +76,22 @@ pub(super) fn racquetball(stream: &mut Stream) -> Thing {
         [0.8 * radius, -0.0008],
     ];
     let tilted = pose([0.0; 3], [1.0, 0.35, 0.2, 0.0]);
-    model.lathe(&belt, tilted, gloss(main.map(|channel| 0.6 * channel)));
-    cap(&mut model, radius, [0.6, 0.0, 0.8], gloss(other));
-    model.made(stream)
+    builder.lathe(&belt, tilted, glossy(main.map(|channel| 0.6 * channel)));
+    cap(&mut builder, radius, [0.6, 0.0, 0.8], glossy(other));
+    builder.build(stream)
 }
 
 /// A plain ball that leaves room for what is on it.
-fn ball(radius: f64, density: f64, paint: PaintSpec) -> Model {
-    let mut model = Model::new(density);
+fn ball(radius: f64, density: f64, appearance: AppearanceSpec) -> DistractorBuilder {
+    let mut builder = DistractorBuilder::new(density);
     let (solid, seen) = (Primitive::Ball { radius }, Primitive::Ball { radius: radius - RELIEF });
-    model.solid(solid, pose([0.0; 3], AS_IS)).rolling();
-    model.form(Form::Primitive(seen), pose([0.0; 3], AS_IS), paint);
-    model
+    builder.collider(solid, pose([0.0; 3], IDENTITY)).rolling_resistance();
+    builder.visual(VisualShape::Primitive(seen), pose([0.0; 3], IDENTITY), appearance);
+    builder
 }
 
 /// A round patch that is as curved as the ball, a quarter of its radius wide to each side.
-fn cap(model: &mut Model, radius: f64, towards: [f64; 3], paint: PaintSpec) {
+fn cap(builder: &mut DistractorBuilder, radius: f64, towards: [f64; 3], appearance: AppearanceSpec) {
     // On the ball at 15°, 10°, 5° and 0° from its middle, after what is hidden within.
     let profile = [
         [0.0, 0.93],
@@ -101,18 +101,28 @@ fn cap(model: &mut Model, radius: f64, towards: [f64; 3], paint: PaintSpec) {
         [0.0872, 0.9962],
         [0.0, 1.0],
     ];
-    model.lathe(&profile.map(|point| point.map(|x| x * radius)), pose([0.0; 3], z_to(towards)), paint);
+    builder.lathe(
+        &profile.map(|point| point.map(|x| x * radius)),
+        pose([0.0; 3], z_axis_to(towards)),
+        appearance,
+    );
 }
 
 /// A small flat spot.
-fn spot(model: &mut Model, radius: f64, towards: [f64; 3], size: f64, paint: PaintSpec) {
+fn spot(
+    builder: &mut DistractorBuilder,
+    radius: f64,
+    towards: [f64; 3],
+    size: f64,
+    appearance: AppearanceSpec,
+) {
     let outline: Vec<_> = arc(size, 0..=47).into_iter().step_by(6).collect();
     let at = towards.map(|x| x * (radius - RELIEF));
-    model.plate(&outline, &[], 0.0002, pose(at, z_to(towards)), paint);
+    builder.extrusion(&outline, &[], 0.0002, pose(at, z_axis_to(towards)), appearance);
 }
 
 /// Short strips along the seam of a ball that is sewn of two halves, of these half extents along it and across it.
-fn seam(model: &mut Model, radius: f64, [along, across]: [f64; 2], paint: PaintSpec) {
+fn seam(builder: &mut DistractorBuilder, radius: f64, [along, across]: [f64; 2], appearance: AppearanceSpec) {
     // On a sphere of radius a + b: x = a cos t + b cos 3t, y = a sin t − b sin 3t, z = 2 √(a b) sin 2t.
     const A: f64 = 0.72;
     const B: f64 = 0.28;
@@ -121,14 +131,17 @@ fn seam(model: &mut Model, radius: f64, [along, across]: [f64; 2], paint: PaintS
         [A * cos + B * cos3, A * sin - B * sin3, 2.0 * (A * B).sqrt() * 2.0 * sin * cos]
     };
     for at in arc(1.0, 0..=47) {
-        let next = point([STEP[0] * at[0] - STEP[1] * at[1], STEP[0] * at[1] + STEP[1] * at[0]]);
+        let next = point([
+            COS_SIN_STEP[0] * at[0] - COS_SIN_STEP[1] * at[1],
+            COS_SIN_STEP[0] * at[1] + COS_SIN_STEP[1] * at[0],
+        ]);
         let up = Vector3::from(point(at));
-        let outwards = pose((up * (radius - RELIEF)).into(), z_to(up.into()));
+        let outwards = pose((up * (radius - RELIEF)).into(), z_axis_to(up.into()));
         let onwards = outwards.inverse_transform_vector(&(Vector3::from(next) - up));
         // Either way along the seam looks the same, and the one nearer to x is always reached.
         let [x, y] = [onwards.x.abs(), onwards.y * onwards.x.signum()];
         let turn = [x + (x * x + y * y).sqrt(), 0.0, 0.0, y];
-        let strip = Form::Primitive(Primitive::Box { half: [along, across, RELIEF] });
-        model.form(strip, outwards * pose([0.0; 3], turn), paint);
+        let strip = VisualShape::Primitive(Primitive::Box { half: [along, across, RELIEF] });
+        builder.visual(strip, outwards * pose([0.0; 3], turn), appearance);
     }
 }

@@ -1,55 +1,56 @@
-//! Things of every day that may stand about on a table and that no task mentions. Each kind is one function that draws a
-//! thing from a stream: its size, its colours and what is printed on it; one file holds the kinds of a theme. Nothing
-//! here knows where a thing is put.
+//! Catalogue of distractor objects: everyday objects that no task mentions.
+//!
+//! Each kind is one function that samples an object (its size, colours and print) from a stream; one file holds the
+//! kinds of one theme. Placement on the table is the concern of `scene/draw/distractors.rs`.
 
+mod appearance;
 mod balls;
 mod banana;
 mod bottles;
+mod builder;
 mod cans;
 mod cartons;
 mod cutlery;
 mod fruit;
 mod kitchenware;
-mod model;
-mod paint;
 #[cfg(test)]
 mod tests;
 mod tools;
 mod toys;
 
-pub(crate) use fruit::APPLE;
+pub(crate) use fruit::APPLE_PROFILE;
 
 use crate::scene::{PartSpec, VisualSpec};
 use crate::stream::Stream;
 
-/// What a distractor is made of, as it rests on z 0 around the z axis of its own frame.
-pub(crate) struct Thing {
-    /// Solids that collide; drawn if there are no visuals.
+/// One distractor object, resting on z = 0 and centred on the z axis of its own frame.
+pub(crate) struct Distractor {
+    /// Collision shapes. They are also rendered if there are no visuals.
     pub(crate) parts: Vec<PartSpec>,
-    /// Forms drawn instead of the parts.
+    /// Visual shapes. If empty, the parts are rendered instead.
     pub(crate) visuals: Vec<VisualSpec>,
-    /// kg/m³.
+    /// Density in kg/m³.
     pub(crate) density: f64,
-    /// Coefficient, static and dynamic.
+    /// Friction coefficient, static and dynamic.
     pub(crate) friction: f64,
-    /// Share of linear and angular speed lost per second, 1/s.
+    /// Linear and angular damping, in 1/s.
     pub(crate) damping: [f64; 2],
 }
 
-/// A kind of thing.
-pub(crate) struct Kind {
-    /// What it is called.
+/// A kind of distractor object.
+pub(crate) struct DistractorKind {
+    /// Name; also the name of the stream from which its objects are sampled.
     pub(crate) name: &'static str,
-    /// Draws one of its kind: the same from equal streams.
-    pub(crate) make: fn(&mut Stream) -> Thing,
+    /// Samples an object of this kind: a pure function of the stream.
+    pub(crate) make: fn(&mut Stream) -> Distractor,
 }
 
-const fn kind(name: &'static str, make: fn(&mut Stream) -> Thing) -> Kind {
-    Kind { name, make }
+const fn kind(name: &'static str, make: fn(&mut Stream) -> Distractor) -> DistractorKind {
+    DistractorKind { name, make }
 }
 
-impl Kind {
-    /// All of them.
+impl DistractorKind {
+    /// All kinds.
     pub(crate) const ALL: &[Self] = &[
         kind("soup can", cans::soup),
         kind("tuna can", cans::tuna),

@@ -2,10 +2,10 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::Thing;
-use super::model::{Model, pose, z_to};
-use super::paint::{PEEL, pick, rgb, shade};
-use crate::scene::{PaintSpec, Primitive};
+use super::Distractor;
+use super::appearance::{PEEL_SPECULAR, pick, rgb, vary_brightness};
+use super::builder::{DistractorBuilder, pose, z_axis_to};
+use crate::scene::{AppearanceSpec, Primitive};
 use crate::stream::Stream;
 
 /// How far the middle line reaches to both sides, and how deep it is bent, in m.
@@ -21,22 +21,23 @@ const N_SOLIDS: u32 = 6;
 const N_SEEN: u32 = 14;
 
 /// A banana that lies along y, as yellow as it is ripe.
-pub(super) fn banana(stream: &mut Stream) -> Thing {
+pub(super) fn banana(stream: &mut Stream) -> Distractor {
     let skin = pick(stream, &[rgb([248, 212, 52]), rgb([222, 206, 74]), rgb([232, 184, 52])]);
-    let skin = PaintSpec { specular: PEEL, ..PaintSpec::plain(shade(stream, skin)) };
-    let dark = PaintSpec::plain(rgb([84, 66, 32]));
-    let mut model = Model::new(600.0);
+    let skin =
+        AppearanceSpec { specular: PEEL_SPECULAR, ..AppearanceSpec::plain(vary_brightness(stream, skin)) };
+    let dark = AppearanceSpec::plain(rgb([84, 66, 32]));
+    let mut builder = DistractorBuilder::new(600.0);
     for [from, to] in links(N_SOLIDS) {
         let radius = radius(f64::midpoint(from, to));
         let (half_height, pose) = between(place(from, radius), place(to, radius));
-        model.solid(Primitive::Capsule { radius, half_height }, pose);
+        builder.collider(Primitive::Capsule { radius, half_height }, pose);
     }
     for stations in links(N_SEEN) {
         let [low, high] = stations.map(radius);
         let (half, pose) = between(place(stations[0], low), place(stations[1], high));
         let (reach, more) = (half + OVERLAP, (high - low) / (2.0 * half) * OVERLAP);
         let frustum = [[0.0, -reach], [low - more, -reach], [high + more, reach], [0.0, reach]];
-        model.lathe(&frustum, pose, skin);
+        builder.lathe(&frustum, pose, skin);
     }
     // The stalk, and what is left of the blossom.
     for (end, length, [radius, tip_radius]) in
@@ -44,15 +45,15 @@ pub(super) fn banana(stream: &mut Stream) -> Thing {
     {
         let (half, pose) = between(place(end, END_RADIUS), place(end * (1.0 + length / 0.095), END_RADIUS));
         let stub = [[0.0, -half], [END_RADIUS, -half], [radius, 0.3 * half], [tip_radius, half], [0.0, half]];
-        model.lathe(&stub, pose, skin);
+        builder.lathe(&stub, pose, skin);
         let scar =
             [[0.0, 0.85 * half], [tip_radius, 0.85 * half], [tip_radius, half + 0.001], [0.0, half + 0.001]];
-        model.lathe(&scar.map(|[r, z]| [r * 1.05, z]), pose, dark);
+        builder.lathe(&scar.map(|[r, z]| [r * 1.05, z]), pose, dark);
         if end > 0.0 {
-            model.solid(Primitive::Capsule { radius: 0.005, half_height: half - 0.004 }, pose);
+            builder.collider(Primitive::Capsule { radius: 0.005, half_height: half - 0.004 }, pose);
         }
     }
-    model.made(stream)
+    builder.build(stream)
 }
 
 /// Stations of the links' ends, −1 at one end and 1 at the other.
@@ -72,5 +73,5 @@ fn place(station: f64, height: f64) -> Vector3<f64> {
 /// Half the way between two points, and the pose halfway with z along it.
 fn between(from: Vector3<f64>, to: Vector3<f64>) -> (f64, Isometry3<f64>) {
     let way = to - from;
-    (way.norm() / 2.0, pose(((from + to) / 2.0).into(), z_to(way.normalize().into())))
+    (way.norm() / 2.0, pose(((from + to) / 2.0).into(), z_axis_to(way.normalize().into())))
 }

@@ -1,53 +1,54 @@
-//! Forms that bodies are seen as. Lengths in metres, centred on their own origin unless said otherwise. They never
-//! collide: that is what [`Primitive`]s are for, which can be seen too.
+//! Shapes of visuals. They never collide; collision shapes are [`Primitive`]s, which can also be rendered.
+//!
+//! Lengths are in m. Every shape is centred on its own origin unless stated otherwise.
 
 use core::f64::consts::FRAC_1_SQRT_2;
 
-use super::shape::Primitive;
+use super::primitive::Primitive;
 
 /// A closed surface.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Form {
-    /// A convex solid.
+pub enum VisualShape {
+    /// Convex primitive.
     Primitive(Primitive),
-    /// Box with half extents along x, y, z whose edges are rounded.
+    /// Axis-aligned box with rounded edges.
     RoundedBox {
-        /// Half extents in m, the roundings included.
+        /// Half-extents along x, y and z including the rounding, in m.
         half: [f64; 3],
-        /// Radius of the edges in m, at most the least half extent.
+        /// Edge radius in m, at most the smallest half-extent.
         edge_radius: f64,
     },
-    /// What a profile sweeps that is turned once around z. The origin is wherever the profile puts it.
+    /// Surface of revolution about the z axis. The profile determines the origin.
     Lathe {
-        /// Points (r, z) in m with the outside to the right of the way: up the outside and, for a vessel, down the
-        /// inside. It starts and ends on the axis (r = 0), or ends where it starts.
+        /// Profile points (r, z) in m, ordered so that the outside lies to the right: up the outside and, for a vessel,
+        /// down the inside. The profile either starts and ends on the axis (r = 0) or is closed (ends where it starts).
         profile: Vec<[f64; 2]>,
     },
-    /// Ring about z.
+    /// Torus about the z axis.
     Torus {
-        /// Radius in m of the circle that the tube goes around.
+        /// Distance from the axis to the centre line of the tube, in m.
         major_radius: f64,
-        /// Radius in m of the tube, at most the other.
+        /// Radius of the tube in m, at most the major radius.
         minor_radius: f64,
     },
-    /// Plate or bar along z over an outline. The origin lies in its middle plane, wherever the outline puts it.
+    /// Outline in the xy plane, extruded symmetrically along z. The outline determines the origin's x and y.
     Extrusion {
-        /// Points (x, y) in m, either way around, the first not repeated.
+        /// Outline points (x, y) in m, in either orientation, without repeating the first.
         outline: Vec<[f64; 2]>,
-        /// What is left out, each as the outline and inside it; they neither touch it nor one another.
+        /// Holes, each given like the outline. They lie inside it and touch neither it nor one another.
         holes: Vec<Vec<[f64; 2]>>,
-        /// Half of its length in m.
+        /// Half of the length along z, in m.
         half_height: f64,
     },
 }
 
-impl Form {
-    /// The same form, every length times `scale`.
+impl VisualShape {
+    /// Returns the shape with every length multiplied by `scale`.
     #[must_use]
     pub fn scaled(&self, scale: f64) -> Self {
         let points = |points: &Vec<[f64; 2]>| points.iter().map(|p| p.map(|x| x * scale)).collect();
         match self {
-            Self::Primitive(solid) => Self::Primitive(solid.scaled(scale)),
+            Self::Primitive(primitive) => Self::Primitive(primitive.scaled(scale)),
             Self::RoundedBox { half, edge_radius } => {
                 Self::RoundedBox { half: half.map(|h| h * scale), edge_radius: edge_radius * scale }
             }
@@ -64,7 +65,7 @@ impl Form {
     }
 }
 
-/// Cosines of 0°, 15°, … 90°, written down so that no outline depends on a system's libm.
+/// Cosines of 0°, 15°, … 90°. They are tabulated so that no outline depends on the system's libm.
 const COSINES: [f64; 7] = [
     1.0,
     0.965_925_826_289_068_3,
@@ -75,18 +76,19 @@ const COSINES: [f64; 7] = [
     0.0,
 ];
 
-/// Outline of the rectangle |x|, |y| ≤ `half` (m) whose corners are rounded to `radius` (m), counter-clockwise.
+/// Returns the counter-clockwise outline of the rectangle |x| ≤ `half[0]`, |y| ≤ `half[1]` (m) with corners rounded to
+/// `radius` (m).
 ///
 /// # Panics
-/// If the radius is not above zero and below both half extents.
+/// If `radius` is not positive or not smaller than both half-extents.
 #[must_use]
 pub fn rounded_rectangle(half: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
     let fits = radius > 0.0 && half.iter().all(|half| radius < *half);
-    assert!(fits, "corners of radius {radius} m do not fit a rectangle of half extents {half:?} m");
+    assert!(fits, "corner radius {radius} m does not fit a rectangle with half-extents {half:?} m");
     let last = COSINES.len() - 1;
     let corner = |signs: [f64; 2]| {
         (0..=last).map(move |i| {
-            // On the second and fourth corner the arc runs from y to x.
+            // In the second and fourth quadrants the arc runs from the y axis to the x axis.
             let step = if signs[0] * signs[1] > 0.0 { i } else { last - i };
             let arc = [COSINES[step], COSINES[last - step]];
             core::array::from_fn(|axis| signs[axis] * (half[axis] - radius + radius * arc[axis]))

@@ -1,33 +1,33 @@
 //! Boxes of printed cardboard.
 
-use super::Thing;
-use super::model::{ALONG_X, LABEL, Model, ellipse, pose};
-use super::paint::{BLACK, matt, pale, patterned, pick, vivids};
-use crate::scene::{PaintSpec, Texture};
+use super::Distractor;
+use super::appearance::{BLACK, matt, pale, pick, textured, vivids};
+use super::builder::{DistractorBuilder, LABEL_THICKNESS, Z_TO_X, ellipse, pose};
+use crate::scene::{AppearanceSpec, Texture};
 use crate::stream::Stream;
 
 /// A standing box of crackers.
-pub(super) fn crackers(stream: &mut Stream) -> Thing {
-    carton(stream, [0.03, 0.079, 0.105], 205.0, &[FRONT, BACK]).made(stream)
+pub(super) fn crackers(stream: &mut Stream) -> Distractor {
+    carton(stream, [0.03, 0.079, 0.105], 205.0, &[FRONT, BACK]).build(stream)
 }
 
 /// A standing box of sugar.
-pub(super) fn sugar(stream: &mut Stream) -> Thing {
-    carton(stream, [0.019, 0.0445, 0.0875], 850.0, &[FRONT, BACK]).made(stream)
+pub(super) fn sugar(stream: &mut Stream) -> Distractor {
+    carton(stream, [0.019, 0.0445, 0.0875], 850.0, &[FRONT, BACK]).build(stream)
 }
 
 /// A box of pudding powder that lies on its back.
-pub(super) fn pudding(stream: &mut Stream) -> Thing {
-    let mut model = carton(stream, [0.0175, 0.055, 0.0445], 540.0, &[BACK]);
-    model.tipped(ALONG_X);
-    model.made(stream)
+pub(super) fn pudding(stream: &mut Stream) -> Distractor {
+    let mut builder = carton(stream, [0.0175, 0.055, 0.0445], 540.0, &[BACK]);
+    builder.rotated(Z_TO_X);
+    builder.build(stream)
 }
 
 /// A small box of gelatine that lies on its back.
-pub(super) fn gelatine(stream: &mut Stream) -> Thing {
-    let mut model = carton(stream, [0.014, 0.0425, 0.0365], 550.0, &[BACK]);
-    model.tipped(ALONG_X);
-    model.made(stream)
+pub(super) fn gelatine(stream: &mut Stream) -> Distractor {
+    let mut builder = carton(stream, [0.014, 0.0425, 0.0365], 550.0, &[BACK]);
+    builder.rotated(Z_TO_X);
+    builder.build(stream)
 }
 
 /// The sides of a standing box on which it may be printed: at +x and at −x, which is above when it has been tipped.
@@ -35,16 +35,16 @@ const FRONT: f64 = 1.0;
 const BACK: f64 = -1.0;
 
 /// A box of these half extents that stands around the origin, with the same print on some sides.
-fn carton(stream: &mut Stream, half: [f64; 3], density: f64, sides: &[f64]) -> Model {
+fn carton(stream: &mut Stream, half: [f64; 3], density: f64, sides: &[f64]) -> DistractorBuilder {
     let [x, y, z] = half;
-    let mut model = Model::new(density);
+    let mut builder = DistractorBuilder::new(density);
     let [main, other, third] = vivids(stream);
     let light = pale(stream);
-    model.friction(0.4).piece(half, [0.0; 3], 0.0008, matt(main));
-    let mut print = |layer: f64, share: [f64; 2], at: [f64; 2], paint: PaintSpec| {
+    builder.friction(0.4).rounded_box(half, [0.0; 3], 0.0008, matt(main));
+    let mut print = |layer: f64, share: [f64; 2], at: [f64; 2], appearance: AppearanceSpec| {
         for side in sides {
-            let half = [layer * LABEL, y * share[0], z * share[1]];
-            model.slab(half, [side * x, y * at[0], z * at[1]], paint);
+            let half = [layer * LABEL_THICKNESS, y * share[0], z * share[1]];
+            builder.visual_box(half, [side * x, y * at[0], z * at[1]], appearance);
         }
     };
     match pick(stream, &[0, 1, 2]) {
@@ -65,11 +65,11 @@ fn carton(stream: &mut Stream, half: [f64; 3], density: f64, sides: &[f64]) -> M
             print(2.0, [0.3, 0.03], [-0.4, -0.68], matt(BLACK));
             print(2.0, [0.3, 0.03], [-0.4, -0.78], matt(BLACK));
         }
-        // A patterned band.
+        // A textured band.
         _ => {
             let texture =
                 pick(stream, &[Texture::Gingham, Texture::Waves, Texture::Chevrons, Texture::Stars]);
-            print(1.0, [0.99, 0.34], [0.0, -0.62], patterned(texture, light));
+            print(1.0, [0.99, 0.34], [0.0, -0.62], textured(texture, light));
             print(2.0, [0.72, 0.16], [0.0, 0.62], matt(other));
             print(3.0, [0.6, 0.07], [0.0, 0.62], matt(light));
             print(3.0, [0.5, 0.08], [0.0, -0.74], matt(main));
@@ -80,15 +80,15 @@ fn carton(stream: &mut Stream, half: [f64; 3], density: f64, sides: &[f64]) -> M
     for (layer, radius, color) in spots {
         let outline = ellipse([0.9 * radius, 1.15 * radius]);
         for side in sides {
-            let middle = pose([side * x, 0.0, 0.04 * z], ALONG_X);
-            model.plate(&outline, &[], (layer + 1.0) * LABEL, middle, matt(color));
+            let middle = pose([side * x, 0.0, 0.04 * z], Z_TO_X);
+            builder.extrusion(&outline, &[], (layer + 1.0) * LABEL_THICKNESS, middle, matt(color));
         }
     }
-    flap(&mut model, half, light);
-    model
+    flap(&mut builder, half, light);
+    builder
 }
 
 /// The seam of the lid across the top.
-fn flap(model: &mut Model, [x, y, z]: [f64; 3], color: [f64; 3]) {
-    model.slab([0.25 * x, 0.96 * y, LABEL], [0.3 * x, 0.0, z], matt(color));
+fn flap(builder: &mut DistractorBuilder, [x, y, z]: [f64; 3], color: [f64; 3]) {
+    builder.visual_box([0.25 * x, 0.96 * y, LABEL_THICKNESS], [0.3 * x, 0.0, z], matt(color));
 }

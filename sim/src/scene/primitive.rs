@@ -1,47 +1,47 @@
-//! Primitive shapes that parts of bodies are made of. Lengths in metres, centred on their own origin.
+//! Convex primitive shapes of bodies. Lengths are in m; every primitive is centred on its own origin.
 
 use nalgebra::{Isometry3, Vector3};
 
 /// A convex solid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Primitive {
-    /// Box with half extents along x, y, z.
+    /// Axis-aligned box.
     Box {
-        /// Half extents in m.
+        /// Half-extents along x, y and z, in m.
         half: [f64; 3],
     },
-    /// Cylinder about z.
+    /// Cylinder about the z axis.
     Cylinder {
         /// Radius in m.
         radius: f64,
-        /// Half of its length in m.
+        /// Half of the height, in m.
         half_height: f64,
     },
-    /// Ball.
+    /// Sphere.
     Ball {
         /// Radius in m.
         radius: f64,
     },
-    /// Capsule about z.
+    /// Capsule about the z axis.
     Capsule {
         /// Radius in m.
         radius: f64,
-        /// Half the distance between the centres of its caps in m.
+        /// Half of the distance between the centres of its caps, in m.
         half_height: f64,
     },
 }
 
-/// Half extents of an axis-aligned box and its centre, in m.
+/// An axis-aligned bounding box, in m.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Extent {
-    /// Least corner.
+pub struct Aabb {
+    /// Corner with the smallest coordinates.
     pub min: Vector3<f64>,
-    /// Greatest corner.
+    /// Corner with the largest coordinates.
     pub max: Vector3<f64>,
 }
 
-impl Extent {
-    /// The extent that holds both.
+impl Aabb {
+    /// Returns the smallest box that contains both boxes.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
         Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
@@ -49,7 +49,7 @@ impl Extent {
 }
 
 impl Primitive {
-    /// The same solid, every length times `scale`.
+    /// Returns the primitive with every length multiplied by `scale`.
     #[must_use]
     pub fn scaled(self, scale: f64) -> Self {
         match self {
@@ -64,11 +64,11 @@ impl Primitive {
         }
     }
 
-    /// Axis-aligned extent when placed at `pose`.
+    /// Returns the axis-aligned bounding box of the primitive at `pose`.
     #[must_use]
-    pub fn extent(self, pose: &Isometry3<f64>) -> Extent {
+    pub fn aabb(self, pose: &Isometry3<f64>) -> Aabb {
         let rotation = pose.rotation.to_rotation_matrix();
-        let reach = Vector3::from_fn(|axis, _| {
+        let half = Vector3::from_fn(|axis, _| {
             let row = rotation.matrix().row(axis);
             match self {
                 Self::Box { half } => (0..3).map(|i| row[i].abs() * half[i]).sum(),
@@ -80,6 +80,6 @@ impl Primitive {
             }
         });
         let centre = pose.translation.vector;
-        Extent { min: centre - reach, max: centre + reach }
+        Aabb { min: centre - half, max: centre + half }
     }
 }

@@ -1,0 +1,105 @@
+//! Colours and appearances of distractor objects, sampled from the object's stream.
+
+pub(super) use crate::scene::rgb;
+use crate::scene::{AppearanceSpec, Range, Texture};
+use crate::stream::Stream;
+
+/// Near white, like glazed ceramic.
+pub(super) const WHITE: [f64; 3] = [0.93, 0.93, 0.92];
+/// Near black, like dark plastic.
+pub(super) const BLACK: [f64; 3] = [0.08, 0.08, 0.09];
+/// Gold, of metal or print.
+pub(super) const GOLD: [f64; 3] = rgb([206, 164, 66]);
+
+/// Saturated colours of print and plastic.
+const VIVID: [[f64; 3]; 12] = [
+    rgb([190, 24, 32]),
+    rgb([222, 92, 26]),
+    rgb([238, 180, 24]),
+    rgb([112, 160, 36]),
+    rgb([28, 118, 62]),
+    rgb([22, 138, 140]),
+    rgb([40, 132, 204]),
+    rgb([26, 62, 150]),
+    rgb([92, 48, 138]),
+    rgb([190, 46, 120]),
+    rgb([112, 66, 36]),
+    rgb([44, 52, 66]),
+];
+
+/// Light colours of glaze and paper.
+const PALE: [[f64; 3]; 7] = [
+    WHITE,
+    rgb([240, 228, 196]),
+    rgb([200, 220, 234]),
+    rgb([206, 226, 196]),
+    rgb([240, 206, 200]),
+    rgb([226, 214, 236]),
+    rgb([180, 186, 190]),
+];
+
+/// Draws one of `choices` uniformly.
+pub(super) fn pick<T: Copy>(stream: &mut Stream, choices: &[T]) -> T {
+    *stream.choose(choices)
+}
+
+/// Multiplies a colour by a random factor in [0.85, 1.1].
+pub(super) fn vary_brightness(stream: &mut Stream, color: [f64; 3]) -> [f64; 3] {
+    let factor = stream.uniform(Range::new(0.85, 1.1));
+    color.map(|channel| (channel * factor).min(1.0))
+}
+
+/// Draws a saturated colour.
+pub(super) fn vivid(stream: &mut Stream) -> [f64; 3] {
+    let color = pick(stream, &VIVID);
+    vary_brightness(stream, color)
+}
+
+/// Draws `N` saturated colours of different hues; `N` is at most 12.
+pub(super) fn vivids<const N: usize>(stream: &mut Stream) -> [[f64; 3]; N] {
+    let first = (stream.unit() * VIVID.len() as f64) as usize;
+    // 5 and 12 are coprime, so stepping by 5 visits every colour once.
+    core::array::from_fn(|i| vary_brightness(stream, VIVID[(first + 5 * i) % VIVID.len()]))
+}
+
+/// Draws a light colour.
+pub(super) fn pale(stream: &mut Stream) -> [f64; 3] {
+    pick(stream, &PALE)
+}
+
+/// Specular strength of fruit skin.
+pub(super) const PEEL_SPECULAR: f64 = 0.4;
+
+/// Returns an almost purely diffuse appearance: paper, cloth or foam.
+pub(super) const fn matt(color: [f64; 3]) -> AppearanceSpec {
+    AppearanceSpec { specular: 0.05, ..AppearanceSpec::plain(color) }
+}
+
+/// Returns the appearance of plastic or glaze.
+pub(super) const fn glossy(color: [f64; 3]) -> AppearanceSpec {
+    AppearanceSpec { specular: 0.5, ..AppearanceSpec::plain(color) }
+}
+
+/// Returns a textured appearance with a weak specular highlight.
+pub(super) const fn textured(texture: Texture, color: [f64; 3]) -> AppearanceSpec {
+    AppearanceSpec { specular: 0.2, ..AppearanceSpec::textured(texture, color) }
+}
+
+/// Returns the appearance of brushed steel.
+pub(super) const fn steel() -> AppearanceSpec {
+    AppearanceSpec { specular: 0.8, ..AppearanceSpec::textured(Texture::BrushedMetal, [0.78, 0.79, 0.81]) }
+}
+
+/// Returns the appearance of dark metal.
+pub(super) const fn iron() -> AppearanceSpec {
+    AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain([0.36, 0.37, 0.39]) }
+}
+
+/// Draws the appearance of some kind of wood.
+pub(super) fn wood(stream: &mut Stream) -> AppearanceSpec {
+    let color = pick(stream, &[rgb([214, 168, 112]), rgb([184, 128, 76]), rgb([226, 190, 140])]);
+    AppearanceSpec::textured(
+        pick(stream, &[Texture::Wood, Texture::Walnut, Texture::Bamboo]),
+        vary_brightness(stream, color),
+    )
+}
