@@ -1,4 +1,4 @@
-//! The binary under test: the same three lines as `hypogeum`, so that cargo builds it for this package's tests.
+//! The binary under test: the same entry point as `hypogeum`, declared here so that cargo builds it for these tests.
 
 fn main() -> std::process::ExitCode {
     orchestrator::main()

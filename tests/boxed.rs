@@ -1,4 +1,4 @@
-//! The checkpoint that comes with the repository: small, and able to do what it is there to show.
+//! The bundled checkpoint `checkpoints/act-small`: its size and its success on two tasks.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -8,7 +8,7 @@ use std::path::Path;
 use support::run;
 
 const CHECKPOINT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints/act-small");
-/// A task of each morphology that it does nearly always.
+/// One task per morphology on which the checkpoint nearly always succeeds.
 const TASKS: &str = "PickDishFromRack,DualArmPushBox";
 const EPISODES: &str = "5";
 
@@ -18,13 +18,13 @@ fn bytes_below(folder: &Path) -> u64 {
 }
 
 #[test]
-fn it_is_small() {
+fn bundled_checkpoint_is_small() {
     let bytes = bytes_below(Path::new(CHECKPOINT));
     assert!((1 << 20..30_000_000).contains(&bytes), "{bytes} bytes");
 }
 
 #[test]
-fn it_succeeds_where_nobody_does_who_holds_still() {
+fn bundled_checkpoint_succeeds_where_idle_fails() {
     let dir = tempfile::tempdir().unwrap();
     let act = format!("act=act:{CHECKPOINT}");
     let policies = ["run", "--policy", "idle", "--policy", &act, "--tasks", TASKS, "--episodes", EPISODES];

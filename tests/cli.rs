@@ -1,4 +1,4 @@
-//! What a user may get wrong: one clear error each, exit code 2, and nothing lost.
+//! User errors: each produces one clear message and exit code 2, and loses no data.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 
 use support::{act_tiny, finish, hypogeum, rows, run};
 
-/// Runs, expects exit code 2 and one error that has all of `words`.
+/// Runs the program and asserts exit code 2 and exactly one error, which contains all of `words`.
 #[track_caller]
-fn refused(dir: &Path, args: &[&str], words: &[&str]) {
+fn assert_rejected(dir: &Path, args: &[&str], words: &[&str]) {
     let finished = run(dir, args).expect_code(2);
     let errors: Vec<&str> = finished.stderr.lines().filter(|line| line.starts_with("error")).collect();
     assert_eq!(errors.len(), 1, "one error: {}", finished.stderr);
@@ -22,23 +22,27 @@ fn refused(dir: &Path, args: &[&str], words: &[&str]) {
 }
 
 #[test]
-fn unknown_names_are_met_with_near_ones() {
+fn unknown_name_suggests_the_closest_one() {
     let dir = tempfile::tempdir().unwrap();
-    refused(dir.path(), &["run", "--policy", "idle", "--tasks", "RaiseCub"], &["RaiseCub", "RaiseCube"]);
+    assert_rejected(
+        dir.path(),
+        &["run", "--policy", "idle", "--tasks", "RaiseCub"],
+        &["RaiseCub", "RaiseCube"],
+    );
     let args = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--perturbations", "MO-Colour"];
-    refused(dir.path(), &args, &["MO-Colour", "MO-Color"]);
-    refused(dir.path(), &["run", "--policy", "idel", "--tasks", "RaiseCube"], &["idel", "idle"]);
+    assert_rejected(dir.path(), &args, &["MO-Colour", "MO-Color"]);
+    assert_rejected(dir.path(), &["run", "--policy", "idel", "--tasks", "RaiseCube"], &["idel", "idle"]);
 }
 
 #[test]
-fn a_sweep_file_with_an_unknown_key_names_it() {
+fn sweep_file_with_unknown_key_is_rejected() {
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("sweep.toml"), "tasks = [\"RaiseCube\"]\nepisode = 3\n").unwrap();
-    refused(dir.path(), &["run", "sweep.toml"], &["sweep.toml", "episode"]);
-    refused(dir.path(), &["run", "absent.toml"], &["absent.toml"]);
+    assert_rejected(dir.path(), &["run", "sweep.toml"], &["sweep.toml", "episode"]);
+    assert_rejected(dir.path(), &["run", "absent.toml"], &["absent.toml"]);
 }
 
-/// A copy of the tiny checkpoint in `dir`.
+/// Copies the tiny checkpoint to `dir/act`.
 fn copy_checkpoint(dir: &Path) {
     for morphology in ["single", "bimanual"] {
         let (from, to) = (Path::new(&act_tiny()).join(morphology), dir.join("act").join(morphology));
@@ -51,23 +55,23 @@ fn copy_checkpoint(dir: &Path) {
 }
 
 #[test]
-fn a_bad_checkpoint_is_refused_before_anything_starts() {
+fn bad_checkpoint_is_rejected_before_the_run_starts() {
     let dir = tempfile::tempdir().unwrap();
     copy_checkpoint(dir.path());
     let args = ["run", "--policy", "a=act:act", "--tasks", "RaiseCube", "--episodes", "1"];
     let weights = dir.path().join("act/single/model.safetensors");
     let whole = fs::read(&weights).unwrap();
     fs::write(&weights, &whole[..whole.len() / 2]).unwrap();
-    refused(dir.path(), &args, &["model.safetensors"]);
+    assert_rejected(dir.path(), &args, &["model.safetensors"]);
     fs::write(&weights, b"{}").unwrap();
-    refused(dir.path(), &args, &["model.safetensors"]);
+    assert_rejected(dir.path(), &args, &["model.safetensors"]);
     fs::remove_file(&weights).unwrap();
-    refused(dir.path(), &args, &["model.safetensors"]);
-    refused(dir.path(), &["run", "--policy", "a=act:nowhere", "--tasks", "RaiseCube"], &["nowhere"]);
+    assert_rejected(dir.path(), &args, &["model.safetensors"]);
+    assert_rejected(dir.path(), &["run", "--policy", "a=act:nowhere", "--tasks", "RaiseCube"], &["nowhere"]);
 }
 
 #[test]
-fn a_checkpoint_drives_in_the_mode_it_was_trained_for() {
+fn checkpoint_requires_its_own_control_mode() {
     let dir = tempfile::tempdir().unwrap();
     copy_checkpoint(dir.path());
     let config = dir.path().join("act/single/config.json");
@@ -75,46 +79,46 @@ fn a_checkpoint_drives_in_the_mode_it_was_trained_for() {
     assert!(text.contains("pd_ee_delta_pose"), "{text}");
     fs::write(&config, text.replace("pd_ee_delta_pose", "pd_ee_pose")).unwrap();
     let args = ["run", "--policy", "a=act:act", "--tasks", "RaiseCube", "--episodes", "1", "--db", "x.db"];
-    refused(dir.path(), &args, &["single robot by pd_ee_pose", "run by pd_ee_delta_pose"]);
+    assert_rejected(dir.path(), &args, &["single robot by pd_ee_pose", "run by pd_ee_delta_pose"]);
     run(dir.path(), &[&args[..], &["--control-mode", "pd_ee_pose"]].concat()).expect_code(0);
     assert_eq!(rows(&dir.path().join("x.db")).len(), 1);
 }
 
 #[test]
-fn too_little_shared_memory_is_seen_before_it_is_taken() {
+fn insufficient_shared_memory_is_rejected_before_allocation() {
     let dir = tempfile::tempdir().unwrap();
-    // Each policy that looks at images takes 2 GB at the largest number of envs: enough of them for any /dev/shm.
+    // At the maximum number of envs each policy that needs images takes 2 GB: enough policies to exceed any /dev/shm.
     let free = rustix::fs::statvfs("/dev/shm").unwrap();
     let n_policies = free.f_blocks * free.f_frsize / 2_000_000_000 + 1;
     let policies: Vec<String> = (0..n_policies).map(|i| format!("a{i}=act:{}", act_tiny())).collect();
     let mut args = vec!["run", "--tasks", "RaiseCube", "--episodes", "1", "--envs", "4096"];
     policies.iter().for_each(|policy| args.extend(["--policy", policy]));
-    refused(dir.path(), &args, &["/dev/shm", "--envs"]);
+    assert_rejected(dir.path(), &args, &["/dev/shm", "--envs"]);
 }
 
 #[test]
-fn a_file_of_another_kind_or_configuration_is_left_alone() {
+fn foreign_or_mismatched_results_file_is_left_untouched() {
     let dir = tempfile::tempdir().unwrap();
     let run_into = |db: &'static str, seed: &'static str| {
         ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "1", "--db", db, "--seed", seed]
     };
     fs::write(dir.path().join("notes.txt"), "these are notes, not results").unwrap();
-    refused(dir.path(), &run_into("notes.txt", "0"), &["notes.txt"]);
+    assert_rejected(dir.path(), &run_into("notes.txt", "0"), &["notes.txt"]);
     assert_eq!(fs::read_to_string(dir.path().join("notes.txt")).unwrap(), "these are notes, not results");
 
     let other = rusqlite::Connection::open(dir.path().join("other.db")).unwrap();
     other.execute_batch("CREATE TABLE episodes (name TEXT); PRAGMA user_version = 99;").unwrap();
     drop(other);
-    refused(dir.path(), &run_into("other.db", "0"), &["other.db"]);
+    assert_rejected(dir.path(), &run_into("other.db", "0"), &["other.db"]);
 
     let _ = run(dir.path(), &run_into("mine.db", "0")).expect_code(0);
     let before = rows(&dir.path().join("mine.db"));
-    refused(dir.path(), &run_into("mine.db", "1"), &["mine.db", "seed"]);
+    assert_rejected(dir.path(), &run_into("mine.db", "1"), &["mine.db", "seed"]);
     assert_eq!(rows(&dir.path().join("mine.db")), before);
 }
 
 #[test]
-fn the_suite_is_listed() {
+fn tasks_command_lists_the_whole_suite() {
     let dir = tempfile::tempdir().unwrap();
     let listed = run(dir.path(), &["tasks"]).expect_code(0);
     let matrix = run(dir.path(), &["tasks", "--matrix"]).expect_code(0);
@@ -134,7 +138,7 @@ fn the_suite_is_listed() {
 }
 
 #[test]
-fn json_is_one_object_on_stdout() {
+fn json_output_is_one_object_on_stdout() {
     let dir = tempfile::tempdir().unwrap();
     let args =
         ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "2", "--db", "r.db", "--json"];
@@ -146,7 +150,7 @@ fn json_is_one_object_on_stdout() {
     assert!(value["run"].is_object() && value["ledger"].is_object());
 }
 
-/// Width and height of a PNG, and the number of its frames.
+/// Returns the width, height and number of frames of a PNG file.
 fn png_size(path: &Path) -> ([u32; 2], u32) {
     let reader = png::Decoder::new(BufReader::new(File::open(path).unwrap())).read_info().unwrap();
     let info = reader.info();
@@ -154,7 +158,7 @@ fn png_size(path: &Path) -> ([u32; 2], u32) {
 }
 
 #[test]
-fn show_writes_a_picture() {
+fn show_writes_a_sheet() {
     let dir = tempfile::tempdir().unwrap();
     let finished = run(dir.path(), &["show", "RaiseCube", "-o", "x.png"]).expect_code(0);
     assert!(finished.stdout.is_empty(), "{}", finished.stdout);
@@ -167,7 +171,7 @@ fn show_writes_a_picture() {
 }
 
 #[test]
-fn show_has_a_row_for_every_perturbation_that_applies() {
+fn show_draws_a_row_per_applicable_perturbation() {
     let dir = tempfile::tempdir().unwrap();
     let args = ["show", "RaiseCube", "--perturbation", "all", "-o", "x.png"];
     let stdout = run(dir.path(), &args).expect_code(0).stdout;
@@ -178,11 +182,15 @@ fn show_has_a_row_for_every_perturbation_that_applies() {
     assert!(stdout.contains(sim::TaskId::RaiseCube.task().instruction), "{stdout}");
     let (size, _) = png_size(&dir.path().join("x.png"));
     assert_eq!(size[1], rows.len() as u32 * (2 * 224 + 4) + 4);
-    refused(dir.path(), &[&args[..], &["--episodes", "2"]].concat(), &["--perturbation all", "--episodes"]);
+    assert_rejected(
+        dir.path(),
+        &[&args[..], &["--episodes", "2"]].concat(),
+        &["--perturbation all", "--episodes"],
+    );
 }
 
 #[test]
-fn perturbations_compose_and_weaken() {
+fn perturbations_compose_and_scale_with_strength() {
     let dir = tempfile::tempdir().unwrap();
     let args = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "1", "--db", "x.db"];
     let with = |perturbations, more: &[&'static str]| {
@@ -192,14 +200,18 @@ fn perturbations_compose_and_weaken() {
     let stdout = run(dir.path(), &half).expect_code(0).stdout;
     assert!(stdout.contains("MO-Color+Light-Color"), "{stdout}");
     assert_eq!(rows(&dir.path().join("x.db")).len(), 2);
-    // Rows of another strength are other rows.
-    refused(dir.path(), &with("MO-Color", &[]), &["x.db", "strength", "0.5"]);
-    refused(dir.path(), &with("Language-None+Language-Random", &[]), &["Language-None", "one instruction"]);
-    refused(dir.path(), &["show", "RaiseCube", "--strength", "2"], &["strength is 2", "up to 1"]);
+    // A results file holds one strength only.
+    assert_rejected(dir.path(), &with("MO-Color", &[]), &["x.db", "strength", "0.5"]);
+    assert_rejected(
+        dir.path(),
+        &with("Language-None+Language-Random", &[]),
+        &["Language-None", "one instruction"],
+    );
+    assert_rejected(dir.path(), &["show", "RaiseCube", "--strength", "2"], &["strength is 2", "up to 1"]);
 }
 
 #[test]
-fn show_says_what_its_colours_mean() {
+fn show_prints_a_legend_for_depth_and_segmentation() {
     let dir = tempfile::tempdir().unwrap();
     let shown = |what| run(dir.path(), &["show", "StackCube", "--what", what]).expect_code(0).stdout;
     let depth = shown("depth");
@@ -211,14 +223,14 @@ fn show_says_what_its_colours_mean() {
         .unwrap();
     assert!(range.len() == 2 && 0.05 <= range[0] && range[0] < range[1] && range[1] <= 4.0, "{depth}");
     let legend = shown("seg");
-    for thing in ["red cube", "green cube", "arm 1", "table", "floor", "nothing  "] {
-        let line = legend.lines().find(|line| line.starts_with(thing)).unwrap();
+    for entry in ["red cube", "green cube", "arm 1", "table", "floor", "nothing  "] {
+        let line = legend.lines().find(|line| line.starts_with(entry)).unwrap();
         assert!(line.contains(" #"), "{line}");
     }
 }
 
 #[test]
-fn a_movie_has_a_frame_for_every_control_step_and_the_start() {
+fn movie_has_one_frame_per_control_step() {
     let dir = tempfile::tempdir().unwrap();
     let n_frames = sim::TaskId::RaiseCube.task().max_steps + 1;
     let movie = |name: &str, more: &[&str]| {
@@ -234,7 +246,7 @@ fn a_movie_has_a_frame_for_every_control_step_and_the_start() {
     assert_eq!([u32::from(decoder.width()), u32::from(decoder.height())], size);
     let mut n_gif_frames = 0;
     while let Some(frame) = decoder.next_frame_info().unwrap() {
-        assert_eq!(frame.delay, 5, "in 1/100 s");
+        assert_eq!(frame.delay, 5, "frame delay in units of 10 ms");
         n_gif_frames += 1;
     }
     assert_eq!(n_gif_frames, n_frames);
@@ -245,12 +257,12 @@ fn a_movie_has_a_frame_for_every_control_step_and_the_start() {
 }
 
 #[test]
-fn an_interrupted_movie_leaves_no_file() {
+fn interrupted_movie_leaves_no_file() {
     let dir = tempfile::tempdir().unwrap();
     let child = hypogeum(dir.path(), &["show", "StackCube", "--movie", "x.apng"]).spawn().unwrap();
     let start = Instant::now();
     while !dir.path().join("x.apng.part").exists() {
-        assert!(start.elapsed() < Duration::from_secs(60), "no movie was begun");
+        assert!(start.elapsed() < Duration::from_secs(60), "the movie was not started within 60 s");
         std::thread::sleep(Duration::from_millis(1));
     }
     let pid = rustix::process::Pid::from_child(&child);
@@ -261,17 +273,18 @@ fn an_interrupted_movie_leaves_no_file() {
 }
 
 #[test]
-fn show_refuses_what_it_cannot_show() {
+fn show_rejects_invalid_options() {
     let dir = tempfile::tempdir().unwrap();
-    let refused = |more: &[&str], words| refused(dir.path(), &[&["show", "RaiseCube"], more].concat(), words);
-    refused(&["-o", "absent/x.png"], &["absent/x.png"]);
-    refused(&["--movie", "absent/x.gif"], &["absent/x.gif"]);
-    refused(&["--movie", "x.mp4"], &["x.mp4", ".png, .apng, .gif"]);
-    refused(&["--what", "deep"], &["deep", "depth"]);
-    refused(&["--policy", "random"], &["random", "expert", "idle"]);
-    refused(&["--episodes", "0"], &["--episodes", "1..=64"]);
-    refused(&["--episodes", "2", "--movie", "x.gif"], &["--episodes", "--movie"]);
-    refused(&["--episodes", "2", "--policy", "idle"], &["--episodes", "--policy"]);
-    refused(&["--movie", "x.gif", "-o", "x.png"], &["--movie", "--output"]);
+    let rejected =
+        |more: &[&str], words| assert_rejected(dir.path(), &[&["show", "RaiseCube"], more].concat(), words);
+    rejected(&["-o", "absent/x.png"], &["absent/x.png"]);
+    rejected(&["--movie", "absent/x.gif"], &["absent/x.gif"]);
+    rejected(&["--movie", "x.mp4"], &["x.mp4", ".png, .apng, .gif"]);
+    rejected(&["--what", "deep"], &["deep", "depth"]);
+    rejected(&["--policy", "random"], &["random", "expert", "idle"]);
+    rejected(&["--episodes", "0"], &["--episodes", "1..=64"]);
+    rejected(&["--episodes", "2", "--movie", "x.gif"], &["--episodes", "--movie"]);
+    rejected(&["--episodes", "2", "--policy", "idle"], &["--episodes", "--policy"]);
+    rejected(&["--movie", "x.gif", "-o", "x.png"], &["--movie", "--output"]);
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
 }

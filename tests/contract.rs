@@ -1,5 +1,5 @@
-//! The contract of the link, seen from both of its ends: images are read where they were drawn, and a peer that speaks
-//! another schema is told so.
+//! The contract of the shared-memory link at both ends: policies read images in place, and a host that breaks the
+//! protocol ends the run with a clear error.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -31,8 +31,8 @@ fn receive(lane: &mut HostLane) -> ObservationMessage {
     }
 }
 
-/// Draws every camera of a task's first scene into `out`, image by image.
-fn draw(task: TaskId, out: &mut dyn Iterator<Item = &mut [u8]>) {
+/// Renders every camera of a task's scene into the slices of `out`.
+fn render(task: TaskId, out: &mut dyn Iterator<Item = &mut [u8]>) {
     let scene = (task.task().nominal)().draw(5);
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
@@ -43,7 +43,7 @@ fn draw(task: TaskId, out: &mut dyn Iterator<Item = &mut [u8]>) {
     }
 }
 
-/// The line of /proc/self/maps whose range holds all of `bytes`.
+/// Returns the line of /proc/self/maps whose address range contains `bytes`.
 fn mapping_of(bytes: &[u8]) -> String {
     let span = bytes.as_ptr_range();
     let (start, end) = (span.start as usize, span.end as usize);
@@ -53,11 +53,11 @@ fn mapping_of(bytes: &[u8]) -> String {
         let parse = |hex| usize::from_str_radix(hex, 16).unwrap();
         (parse(lo)..=parse(hi)).contains(&start) && end <= parse(hi)
     };
-    maps.lines().find(holds).expect("the view lies in mapped memory").to_owned()
+    maps.lines().find(holds).expect("the view should lie in mapped memory").to_owned()
 }
 
 #[test]
-fn a_policy_reads_images_where_the_renderer_wrote_them() {
+fn policy_reads_images_in_place() {
     let dir = tempfile::tempdir().unwrap();
     let domain = Domain::new(dir.path(), RUN);
     {
@@ -76,7 +76,7 @@ fn a_policy_reads_images_where_the_renderer_wrote_them() {
             let block = EnvBlockMut::new(morphology, block);
             *block.record = ipc_types::EnvRecord { execute: 1, ..Zeroable::zeroed() };
             let images = block.external.chunks_exact_mut(EXTERNAL_BYTES);
-            draw(task, &mut images.chain(block.hand.chunks_exact_mut(HAND_BYTES)));
+            render(task, &mut images.chain(block.hand.chunks_exact_mut(HAND_BYTES)));
         }
         loan.send(ObservationHeader {
             schema_hash: SCHEMA_HASH,
@@ -95,7 +95,7 @@ fn a_policy_reads_images_where_the_renderer_wrote_them() {
         let view = ObservationView::new(*message.header(), message.pages()).unwrap();
         let mut expected = vec![0; 2 * EXTERNAL_BYTES + 2 * HAND_BYTES];
         let (external, hand) = expected.split_at_mut(2 * EXTERNAL_BYTES);
-        draw(task, &mut external.chunks_exact_mut(EXTERNAL_BYTES).chain(hand.chunks_exact_mut(HAND_BYTES)));
+        render(task, &mut external.chunks_exact_mut(EXTERNAL_BYTES).chain(hand.chunks_exact_mut(HAND_BYTES)));
         for env_idx in 0..2 {
             let env = view.env(env_idx);
             assert!(
@@ -105,47 +105,47 @@ fn a_policy_reads_images_where_the_renderer_wrote_them() {
             for image in [env.external, env.hand] {
                 let mapping = mapping_of(image);
                 assert!(mapping.contains("/dev/shm/") && mapping.contains(&domain.prefix), "{mapping}");
-                assert!(mapping.contains("r--s"), "a policy cannot alter what it sees: {mapping}");
+                assert!(mapping.contains("r--s"), "the mapping should be read-only: {mapping}");
             }
         }
     }
     domain.remove().unwrap();
 }
 
-/// What a foreign host reads of the invitation that a run writes for it.
+/// The fields that a foreign host needs from the descriptor file a run writes for it.
 #[derive(serde::Deserialize)]
-struct Invitation {
+struct LaneDescriptor {
     domain: Domain,
     run: u64,
     lane: LaneSpec,
 }
 
-/// Starts a run of one attached policy and opens its lane, as a host that somebody else wrote would.
-fn attach(dir: &Path) -> (Child, Invitation, LinkNode, HostLane) {
+/// Starts a run with one attached policy and opens its lane the way a third-party host would.
+fn attach(dir: &Path) -> (Child, LaneDescriptor, LinkNode, HostLane) {
     let args =
         ["run", "--policy", "guest=attach:guest", "--tasks", "RaiseCube", "--episodes", "2", "--db", "r.db"];
     let child = hypogeum(dir, &args).spawn().unwrap();
     let deadline = Instant::now() + Duration::from_secs(30);
-    let invitation: Invitation = loop {
+    let descriptor: LaneDescriptor = loop {
         let runs = std::fs::read_dir(dir.join("hypogeum")).into_iter().flatten();
-        let notes = runs.map(|run| run.unwrap().path().join("attach/guest.json"));
-        if let Some(text) = notes.filter_map(|note| std::fs::read_to_string(note).ok()).next() {
+        let files = runs.map(|run| run.unwrap().path().join("attach/guest.json"));
+        if let Some(text) = files.filter_map(|file| std::fs::read_to_string(file).ok()).next() {
             break serde_json::from_str(&text).unwrap();
         }
-        assert!(Instant::now() < deadline, "the run invited nobody within 30 s");
+        assert!(Instant::now() < deadline, "the run wrote no descriptor within 30 s");
         std::thread::sleep(Duration::from_millis(10));
     };
-    let node = LinkNode::new(&invitation.domain, "guest").unwrap();
-    let lane = HostLane::open(&node, &invitation.lane, Duration::from_secs(30)).unwrap();
-    (child, invitation, node, lane)
+    let node = LinkNode::new(&descriptor.domain, "guest").unwrap();
+    let lane = HostLane::open(&node, &descriptor.lane, Duration::from_secs(30)).unwrap();
+    (child, descriptor, node, lane)
 }
 
-/// Answers one observation with rows of zeros, once `spoil` has had its way with header and blocks.
+/// Answers one observation with zero actions after `corrupt` has modified the header and the blocks.
 fn answer(
     lane: &mut HostLane,
     message: &ObservationMessage,
     run: u64,
-    spoil: impl FnOnce(&mut ActionHeader, &mut [ActionBlock]),
+    corrupt: impl FnOnce(&mut ActionHeader, &mut [ActionBlock]),
 ) {
     let view = ObservationView::new(*message.header(), message.pages()).unwrap();
     let mut loan = lane.loan(view.n_envs()).unwrap();
@@ -162,45 +162,45 @@ fn answer(
     let ObservationHeader { sequence, epoch, n_envs, .. } = *message.header();
     let mut header =
         ActionHeader { schema_hash: SCHEMA_HASH, run, sequence, epoch, n_envs, ..Default::default() };
-    spoil(&mut header, loan.blocks_mut());
+    corrupt(&mut header, loan.blocks_mut());
     loan.send(header).unwrap();
 }
 
-/// Answers with `spoil` until the run ends.
-fn play(
+/// Answers every observation, each modified by `corrupt`, until the run ends.
+fn serve_until_exit(
     child: &mut Child,
     lane: &mut HostLane,
     run: u64,
-    spoil: impl Fn(&mut ActionHeader, &mut [ActionBlock]),
+    corrupt: impl Fn(&mut ActionHeader, &mut [ActionBlock]),
 ) {
     let deadline = Instant::now() + Duration::from_secs(60);
     while child.try_wait().unwrap().is_none() {
         if Instant::now() > deadline {
             child.kill().unwrap();
-            panic!("the run did not end");
+            panic!("the run did not end within 60 s");
         }
         match lane.receive().unwrap() {
-            Some(message) => answer(lane, &message, run, &spoil),
+            Some(message) => answer(lane, &message, run, &corrupt),
             None => lane.wait(Duration::from_millis(20)).unwrap(),
         }
     }
 }
 
 #[test]
-fn a_foreign_host_can_play_every_episode() {
+fn foreign_host_serves_every_episode() {
     let dir = tempfile::tempdir().unwrap();
-    let (mut child, invitation, _node, mut lane) = attach(dir.path());
-    play(&mut child, &mut lane, invitation.run, |_, _| ());
+    let (mut child, descriptor, _node, mut lane) = attach(dir.path());
+    serve_until_exit(&mut child, &mut lane, descriptor.run, |_, _| ());
     let _ = finish(child).expect_code(0);
     assert_eq!(rows(&dir.path().join("r.db")).len(), 2);
 }
 
 #[test]
-fn a_foreign_host_of_another_schema_is_refused_by_name() {
+fn foreign_host_with_other_schema_is_rejected() {
     let dir = tempfile::tempdir().unwrap();
-    let (child, invitation, _node, mut lane) = attach(dir.path());
+    let (child, descriptor, _node, mut lane) = attach(dir.path());
     let message = receive(&mut lane);
-    answer(&mut lane, &message, invitation.run, |header, _| header.schema_hash ^= 1);
+    answer(&mut lane, &message, descriptor.run, |header, _| header.schema_hash ^= 1);
     let finished = finish(child).expect_code(2);
     for word in ["guest", "schema", &format!("{SCHEMA_HASH:#018x}")] {
         assert!(finished.stderr.contains(word), "`{word}` is missing in: {}", finished.stderr);
@@ -208,54 +208,54 @@ fn a_foreign_host_of_another_schema_is_refused_by_name() {
 }
 
 #[test]
-fn what_a_foreign_host_cannot_answer_is_an_errored_episode_and_the_run_ends() {
-    type Spoil = fn(&mut ActionHeader, &mut [ActionBlock]);
-    let cases: [(Spoil, &str); 2] = [
+fn failed_answer_marks_the_episode_as_errored() {
+    type Corrupt = fn(&mut ActionHeader, &mut [ActionBlock]);
+    let cases: [(Corrupt, &str); 2] = [
         (|header, _| header.status = 1, "could not answer"),
         (
             |_, blocks| blocks.iter_mut().for_each(|block| block.rows[9] = f32::NAN),
             "row 1, entry 2 is not finite",
         ),
     ];
-    for (spoil, says) in cases {
+    for (corrupt, message) in cases {
         let dir = tempfile::tempdir().unwrap();
-        let (mut child, invitation, _node, mut lane) = attach(dir.path());
-        play(&mut child, &mut lane, invitation.run, spoil);
+        let (mut child, descriptor, _node, mut lane) = attach(dir.path());
+        serve_until_exit(&mut child, &mut lane, descriptor.run, corrupt);
         let _ = finish(child).expect_code(1);
         let errors = errors(&dir.path().join("r.db"));
-        assert_eq!(errors.len(), 2, "{says}");
-        assert!(errors.iter().all(|error| error.contains(says)), "{errors:?}");
+        assert_eq!(errors.len(), 2, "{message}");
+        assert!(errors.iter().all(|error| error.contains(message)), "{errors:?}");
     }
 }
 
 #[test]
-fn a_foreign_host_that_answers_what_was_not_asked_ends_the_run_with_its_name() {
-    type Spoil = fn(&mut ActionHeader, &mut [ActionBlock]);
-    let cases: [(Spoil, &str); 4] = [
+fn malformed_answer_ends_the_run() {
+    type Corrupt = fn(&mut ActionHeader, &mut [ActionBlock]);
+    let cases: [(Corrupt, &str); 4] = [
         (|_, blocks| blocks[0].action_dim = 6, "6"),
         (|_, blocks| blocks[0].n_rows = 0, "n_rows"),
         (|_, blocks| blocks[0].query += 1, "query"),
         (|header, _| header.sequence += 7, "not in flight"),
     ];
-    for (spoil, says) in cases {
+    for (corrupt, message) in cases {
         let dir = tempfile::tempdir().unwrap();
-        let (mut child, invitation, _node, mut lane) = attach(dir.path());
-        play(&mut child, &mut lane, invitation.run, spoil);
+        let (mut child, descriptor, _node, mut lane) = attach(dir.path());
+        serve_until_exit(&mut child, &mut lane, descriptor.run, corrupt);
         let finished = finish(child).expect_code(2);
-        for word in ["guest", says] {
+        for word in ["guest", message] {
             assert!(finished.stderr.contains(word), "`{word}` is missing in: {}", finished.stderr);
         }
-        assert_eq!(rows(&dir.path().join("r.db")).len(), 0, "{says}");
+        assert_eq!(rows(&dir.path().join("r.db")).len(), 0, "{message}");
     }
 }
 
 #[test]
-fn a_second_answer_to_one_question_ends_the_run() {
+fn duplicate_answer_ends_the_run() {
     let dir = tempfile::tempdir().unwrap();
-    let (child, invitation, _node, mut lane) = attach(dir.path());
+    let (child, descriptor, _node, mut lane) = attach(dir.path());
     let message = receive(&mut lane);
-    answer(&mut lane, &message, invitation.run, |_, _| ());
-    answer(&mut lane, &message, invitation.run, |_, _| ());
+    answer(&mut lane, &message, descriptor.run, |_, _| ());
+    answer(&mut lane, &message, descriptor.run, |_, _| ());
     let finished = finish(child).expect_code(2);
     assert!(
         finished.stderr.contains("guest") && finished.stderr.contains("not in flight"),
@@ -265,14 +265,14 @@ fn a_second_answer_to_one_question_ends_the_run() {
 }
 
 #[test]
-fn a_foreign_host_that_leaves_in_the_middle_of_a_batch_is_replaced_by_the_next() {
+fn foreign_host_can_be_replaced_mid_batch() {
     let dir = tempfile::tempdir().unwrap();
-    let (mut child, invitation, node, mut lane) = attach(dir.path());
+    let (mut child, descriptor, node, mut lane) = attach(dir.path());
     let message = receive(&mut lane);
     drop((message, lane, node));
-    let node = LinkNode::new(&invitation.domain, "another guest").unwrap();
-    let mut lane = HostLane::open(&node, &invitation.lane, Duration::from_secs(30)).unwrap();
-    play(&mut child, &mut lane, invitation.run, |_, _| ());
+    let node = LinkNode::new(&descriptor.domain, "another guest").unwrap();
+    let mut lane = HostLane::open(&node, &descriptor.lane, Duration::from_secs(30)).unwrap();
+    serve_until_exit(&mut child, &mut lane, descriptor.run, |_, _| ());
     let _ = finish(child).expect_code(0);
     assert_eq!(rows(&dir.path().join("r.db")).len(), 2);
 }

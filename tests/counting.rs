@@ -1,4 +1,4 @@
-//! An allocator that counts, for the tests of all crates that prove that something allocates nothing.
+//! A counting global allocator, shared by the tests of all crates that assert that a code path does not allocate.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -16,11 +16,11 @@ fn count() {
     OF_PROCESS.fetch_add(1, Ordering::Relaxed);
 }
 
-// SAFETY: every call is passed on to the system's allocator unchanged; the counts are plain numbers that allocate nothing.
+// SAFETY: every call is forwarded to the system allocator unchanged; updating the counters does not allocate.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count();
-        // SAFETY: the caller's promise is the system allocator's requirement.
+        // SAFETY: the caller upholds the contract of `GlobalAlloc::alloc`, which is forwarded as it is.
         unsafe { System.alloc(layout) }
     }
 
@@ -39,7 +39,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// How often this thread and how often the whole process allocates during some work.
+/// Runs `work` and returns the number of allocations made by this thread and by the whole process meanwhile.
 pub(crate) fn allocations<T>(work: impl FnOnce() -> T) -> ([usize; 2], T) {
     let so_far = || [OF_THREAD.get(), OF_PROCESS.load(Ordering::Relaxed)];
     let before = so_far();

@@ -1,4 +1,5 @@
-//! A killed child costs only its unfinished episodes; an interrupted run resumes to the same rows; nothing stays behind.
+//! Crash safety: a killed child costs only its unfinished episodes, an interrupted run resumes to the same rows, and no
+//! shared memory is left behind.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -8,16 +9,16 @@ use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
-use support::{Finished, Row, act_tiny, finish, hypogeum, rows, run, shared_memory};
+use support::{FinishedRun, Row, act_tiny, finish, hypogeum, rows, run, shared_memory};
 
-/// One run at a time, so that what is left in /dev/shm has one owner.
-static ALONE: Mutex<()> = Mutex::new(());
+/// Serialises the tests, so that leftovers in /dev/shm can be attributed to one of them.
+static SERIAL: Mutex<()> = Mutex::new(());
 
-fn alone() -> MutexGuard<'static, ()> {
-    ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+fn serial() -> MutexGuard<'static, ()> {
+    SERIAL.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// One arm and two: more tasks would only take longer.
+/// Tasks of both morphologies; more of them would only take longer.
 const TASKS: &str = "RaiseCube,StackCube,DualArmLiftTray";
 
 fn arguments(db: &str) -> Vec<String> {
@@ -32,7 +33,7 @@ fn start(dir: &Path, db: &str) -> Child {
     hypogeum(dir, &args.iter().map(String::as_str).collect::<Vec<_>>()).spawn().unwrap()
 }
 
-fn undisturbed(dir: &Path) -> Vec<Row> {
+fn uninterrupted_rows(dir: &Path) -> Vec<Row> {
     let _ = finish(start(dir, "reference.db")).expect_code(0);
     rows(&dir.join("reference.db"))
 }
@@ -41,7 +42,7 @@ fn pid_of(child: &Child) -> Pid {
     Pid::from_child(child)
 }
 
-/// A child process of `parent` whose command line has this word.
+/// Returns the child process of `parent` whose command line contains the argument `word`.
 fn find_child(parent: Pid, word: &str) -> Option<Pid> {
     let path = format!("/proc/{0}/task/{0}/children", parent.as_raw_nonzero());
     let children = std::fs::read_to_string(path).ok()?;
@@ -52,14 +53,14 @@ fn find_child(parent: Pid, word: &str) -> Option<Pid> {
     })
 }
 
-/// Finished episodes so far.
+/// Returns the number of finished episodes in a results file, 0 if it cannot be read yet.
 fn n_rows(db: &Path) -> usize {
     let Ok(connection) = rusqlite::Connection::open(db) else { return 0 };
     connection.query_row("SELECT count(*) FROM episodes", [], |row| row.get::<_, i64>(0)).unwrap_or(0)
         as usize
 }
 
-/// Waits until the run has at least `n` rows; false if it ended before.
+/// Waits until the run has at least `n` rows. Returns `false` if it exits first.
 fn wait_for_rows(child: &mut Child, db: &Path, n: usize) -> bool {
     let deadline = Instant::now() + Duration::from_secs(120);
     while n_rows(db) < n {
@@ -72,7 +73,7 @@ fn wait_for_rows(child: &mut Child, db: &Path, n: usize) -> bool {
     true
 }
 
-/// Kills the child with this subcommand, waiting for it to exist.
+/// Waits for the child process with this subcommand to appear and kills it.
 fn kill_child(parent: Pid, word: &str) {
     let deadline = Instant::now() + Duration::from_secs(60);
     loop {
@@ -86,31 +87,31 @@ fn kill_child(parent: Pid, word: &str) {
 }
 
 #[test]
-fn children_killed_twice_and_a_resume_change_no_row() {
-    let _guard = alone();
+fn killed_children_and_resume_change_no_row() {
+    let _guard = serial();
     let dir = tempfile::tempdir().unwrap();
-    let expected = undisturbed(dir.path());
+    let expected = uninterrupted_rows(dir.path());
     let db = dir.path().join("killed.db");
     let mut child = start(dir.path(), "killed.db");
     for (rows, victim) in [(4, "sim"), (12, "policy-host"), (20, "sim"), (28, "policy-host")] {
-        assert!(wait_for_rows(&mut child, &db, rows), "the run ended before it could be disturbed");
+        assert!(wait_for_rows(&mut child, &db, rows), "the run ended before a child could be killed");
         kill_child(pid_of(&child), victim);
     }
     assert!(wait_for_rows(&mut child, &db, 36), "the run ended before it could be interrupted");
     kill_process(pid_of(&child), Signal::INT).unwrap();
     let interrupted = finish(child);
-    let kept = n_rows(&db);
-    let Finished { stderr, .. } = finish(start(dir.path(), "killed.db")).expect_code(0);
-    assert!(kept >= 36, "kept {kept} rows: {}", interrupted.stderr);
+    let n_kept = n_rows(&db);
+    let FinishedRun { stderr, .. } = finish(start(dir.path(), "killed.db")).expect_code(0);
+    assert!(n_kept >= 36, "kept {n_kept} rows: {}", interrupted.stderr);
     assert_eq!(rows(&db), expected, "{stderr}");
     assert_eq!(shared_memory(), Vec::<String>::new());
 }
 
 #[test]
-fn an_orchestrator_killed_outright_leaves_a_file_that_resumes() {
-    let _guard = alone();
+fn killed_orchestrator_leaves_a_resumable_file() {
+    let _guard = serial();
     let dir = tempfile::tempdir().unwrap();
-    let expected = undisturbed(dir.path());
+    let expected = uninterrupted_rows(dir.path());
     let db = dir.path().join("orphaned.db");
     let mut child = start(dir.path(), "orphaned.db");
     assert!(wait_for_rows(&mut child, &db, 5));
@@ -118,18 +119,18 @@ fn an_orchestrator_killed_outright_leaves_a_file_that_resumes() {
     let _ = finish(child);
     let _ = finish(start(dir.path(), "orphaned.db")).expect_code(0);
     assert_eq!(rows(&db), expected);
-    assert_eq!(shared_memory(), Vec::<String>::new(), "the next run sweeps what the killed one left");
+    assert_eq!(shared_memory(), Vec::<String>::new(), "the next run should remove stale segments");
 }
 
 #[test]
-fn a_finished_run_has_nothing_left_to_do() {
-    let _guard = alone();
+fn finished_run_repeats_only_the_report() {
+    let _guard = serial();
     let dir = tempfile::tempdir().unwrap();
     let args = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "2", "--db", "r.db"];
     let _ = run(dir.path(), &args).expect_code(0);
     let before = rows(&dir.path().join("r.db"));
     let again = run(dir.path(), &args).expect_code(0);
     assert_eq!(rows(&dir.path().join("r.db")), before);
-    assert!(again.stdout.contains("RaiseCube"), "the table is printed again: {}", again.stdout);
+    assert!(again.stdout.contains("RaiseCube"), "the table should be printed again: {}", again.stdout);
     assert_eq!(shared_memory(), Vec::<String>::new());
 }

@@ -1,4 +1,4 @@
-//! Datasets of demonstrations: the same bytes however they were made, the same episodes when they are done again.
+//! Demonstration datasets: byte-identical however they were produced, and replayable bit for bit.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use support::{hypogeum, run};
 
-/// Two tasks of one arm, and one of two.
+/// Two single-arm tasks and one bimanual task.
 const TASKS: &str = "RaiseCube,OpenDrawer,DualArmDrawerOpen";
 
 fn demos<'a>(folder: &'a str, others: &[&'a str]) -> Vec<&'a str> {
@@ -17,7 +17,7 @@ fn demos<'a>(folder: &'a str, others: &[&'a str]) -> Vec<&'a str> {
     args.into_iter().chain(others.iter().copied()).collect()
 }
 
-/// Every file below a folder.
+/// Returns the contents of every file below `folder`, by relative path.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in fs::read_dir(folder).unwrap() {
@@ -33,7 +33,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 #[test]
-fn a_killed_dataset_ends_up_with_the_bytes_of_one_made_at_a_stretch_on_other_threads() {
+fn resumed_dataset_is_byte_identical() {
     let dir = tempfile::tempdir().unwrap();
     let whole = run(dir.path(), &demos("whole", &["--threads", "1"])).expect_code(0);
     assert!(whole.stdout.contains("DualArmDrawerOpen"), "{}", whole.stdout);
@@ -46,7 +46,7 @@ fn a_killed_dataset_ends_up_with_the_bytes_of_one_made_at_a_stretch_on_other_thr
     }
     child.kill().unwrap();
     child.wait().unwrap();
-    assert!(first_file.exists(), "a file within a minute");
+    assert!(first_file.exists(), "no data file was written within a minute");
     run(dir.path(), &demos("killed", &["--threads", "2"])).expect_code(0);
 
     let [whole, killed] = ["whole", "killed"].map(|folder| files(&dir.path().join(folder)));
@@ -57,11 +57,15 @@ fn a_killed_dataset_ends_up_with_the_bytes_of_one_made_at_a_stretch_on_other_thr
         assert!(killed[name] == *bytes, "{name} differs");
     }
     let again = run(dir.path(), &demos("whole", &[])).expect_code(0);
-    assert!(again.stderr.contains(", 0.0 per second"), "nothing is made twice: {}", again.stderr);
+    assert!(
+        again.stderr.contains(", 0.0 per second"),
+        "existing episodes should not be recorded again: {}",
+        again.stderr
+    );
 }
 
 #[test]
-fn episodes_done_again_come_out_the_same_and_a_changed_one_is_noticed() {
+fn replay_detects_a_changed_fingerprint() {
     let dir = tempfile::tempdir().unwrap();
     run(dir.path(), &demos("demos", &["--images", "png"])).expect_code(0);
     for (morphology, n) in [("single", 4), ("bimanual", 2)] {
@@ -81,9 +85,9 @@ fn episodes_done_again_come_out_the_same_and_a_changed_one_is_noticed() {
 }
 
 #[test]
-fn what_does_not_fit_a_dataset_is_refused() {
+fn options_that_contradict_the_dataset_are_rejected() {
     let dir = tempfile::tempdir().unwrap();
-    let refused = |args: &[&str], words: &[&str]| {
+    let rejected = |args: &[&str], words: &[&str]| {
         let finished = run(dir.path(), args).expect_code(2);
         for word in words {
             assert!(finished.stderr.contains(word), "`{word}` is missing in: {}", finished.stderr);
@@ -94,20 +98,20 @@ fn what_does_not_fit_a_dataset_is_refused() {
         args.into_iter().chain(others.iter().copied()).collect()
     };
     run(dir.path(), &demos(&[])).expect_code(0);
-    refused(&demos(&["--seed", "5"]), &["hypogeum.json", "seed 1000", "5"]);
-    refused(&demos(&["--images", "png"]), &["images \"jpeg\"", "\"png\""]);
-    refused(&demos(&["--images", "gif"]), &["image format", "jpeg, png"]);
-    refused(&demos(&["--control-mode", "pd_ee_pose"]), &["pd_ee_pose", "pd_joint_pos"]);
-    refused(&demos(&["--perturbation", "RO-Color"]), &["RO-Color", "RaiseCube"]);
-    refused(&["replay", "demos/single", "--episodes", "1"], &["has 1 episodes", "is 1"]);
-    refused(&["replay", "demos"], &["holds no dataset", "meta/hypogeum.json"]);
+    rejected(&demos(&["--seed", "5"]), &["hypogeum.json", "seed 1000", "5"]);
+    rejected(&demos(&["--images", "png"]), &["images \"jpeg\"", "\"png\""]);
+    rejected(&demos(&["--images", "gif"]), &["image format", "jpeg, png"]);
+    rejected(&demos(&["--control-mode", "pd_ee_pose"]), &["pd_ee_pose", "pd_joint_pos"]);
+    rejected(&demos(&["--perturbation", "RO-Color"]), &["RO-Color", "RaiseCube"]);
+    rejected(&["replay", "demos/single", "--episodes", "1"], &["has 1 episodes", "is 1"]);
+    rejected(&["replay", "demos"], &["holds no dataset", "meta/hypogeum.json"]);
     let data = dir.path().join("demos/single/data/chunk-000/file-000.parquet");
     let bytes = fs::read(&data).unwrap();
     fs::write(&data, &bytes[..bytes.len() / 2]).unwrap();
-    refused(&["replay", "demos/single"], &["file-000.parquet", "episode 0"]);
+    rejected(&["replay", "demos/single"], &["file-000.parquet", "episode 0"]);
     fs::write(dir.path().join("demos/single/meta/hypogeum.jsonl"), "{}\n").unwrap();
-    refused(&["replay", "demos/single"], &["hypogeum.jsonl", "line 1"]);
+    rejected(&["replay", "demos/single"], &["hypogeum.jsonl", "line 1"]);
     fs::create_dir_all(dir.path().join("other/single")).unwrap();
     fs::write(dir.path().join("other/single/mine.txt"), "mine").unwrap();
-    refused(&["demos", "-o", "other", "--tasks", "RaiseCube"], &["other/single", "not empty"]);
+    rejected(&["demos", "-o", "other", "--tasks", "RaiseCube"], &["other/single", "not empty"]);
 }

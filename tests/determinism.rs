@@ -1,10 +1,10 @@
-//! Same bits: rows and fingerprints do not depend on how many envs run side by side, or on how many threads.
+//! Determinism: rows and fingerprints depend neither on the number of envs nor on the number of threads.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use support::{Row, act_tiny, rows, run};
 
-/// A run of three policies in a folder of its own; returns its rows.
+/// Evaluates three policies in a temporary folder and returns the rows.
 fn run_with(tasks: &str, perturbations: &str, extra: &[&str]) -> Vec<Row> {
     let dir = tempfile::tempdir().unwrap();
     let act = format!("act=act:{}", act_tiny());
@@ -17,7 +17,7 @@ fn run_with(tasks: &str, perturbations: &str, extra: &[&str]) -> Vec<Row> {
 }
 
 #[test]
-fn rows_depend_neither_on_envs_nor_on_threads() {
+fn rows_are_independent_of_envs_and_threads() {
     let run = |extra| run_with("all", "None,All", extra);
     let alone = run(&["--envs", "1"]);
     assert_eq!(alone.len(), 3 * sim::TaskId::ALL.len() * 2);
@@ -26,7 +26,7 @@ fn rows_depend_neither_on_envs_nor_on_threads() {
 }
 
 #[test]
-fn perturbed_rows_do_not_depend_on_them_either() {
+fn perturbed_rows_are_independent_of_envs_and_threads() {
     let perturbations =
         ["Light-Color", "Distractor-Objects", "Language-Random", "MO-Size", "Camera-Pose+MO-Texture"];
     let run = |extra| run_with("RaiseCube,DualArmLiftTray", &perturbations.join(","), extra);
@@ -37,7 +37,7 @@ fn perturbed_rows_do_not_depend_on_them_either() {
 }
 
 #[test]
-fn ensemble_mode_keeps_the_promise_too() {
+fn ensemble_rows_are_independent_of_envs_and_threads() {
     let with = |extra: &[&str]| {
         let dir = tempfile::tempdir().unwrap();
         let act = format!("act=act:{}", act_tiny());
@@ -53,7 +53,7 @@ fn ensemble_mode_keeps_the_promise_too() {
 }
 
 #[test]
-fn another_seed_gives_another_trajectory() {
+fn different_seeds_give_different_trajectories() {
     let fingerprints = |seed| {
         let dir = tempfile::tempdir().unwrap();
         let args = [

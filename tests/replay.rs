@@ -1,4 +1,4 @@
-//! Episodes of a results file done again from the actions that were kept.
+//! Replay of a results file from its recorded actions.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use support::run;
 
 const ACT: &str = concat!("act=act:", env!("CARGO_MANIFEST_DIR"), "/../policy-host/tests/data/act-tiny");
 
-/// A run of several kinds of policies, with one arm and with two.
+/// Evaluates several kinds of policies on a single-arm and a bimanual task.
 fn evaluate(folder: &Path, db: &str, more: &[&str]) {
     let args =
         ["run", "--policy", "idle", "--policy", "random", "--policy", "expert", "--policy", ACT, "--db", db];
@@ -18,7 +18,7 @@ fn evaluate(folder: &Path, db: &str, more: &[&str]) {
 }
 
 #[test]
-fn kept_actions_make_the_same_episodes_and_changed_ones_others() {
+fn recorded_actions_reproduce_their_episodes() {
     let dir = tempfile::tempdir().unwrap();
     evaluate(dir.path(), "all.db", &["--keep-actions"]);
     let all = run(dir.path(), &["replay", "all.db"]).expect_code(0);
@@ -30,7 +30,7 @@ fn kept_actions_make_the_same_episodes_and_changed_ones_others() {
     run(dir.path(), &movie).expect_code(0);
     assert!(fs::read(dir.path().join("raise.gif")).unwrap().starts_with(b"GIF89a"));
 
-    // A random policy that did nothing.
+    // Overwrite the random policy's actions with zeros.
     let database = Connection::open(dir.path().join("all.db")).unwrap();
     let changed = database
         .execute(
@@ -45,9 +45,9 @@ fn kept_actions_make_the_same_episodes_and_changed_ones_others() {
 }
 
 #[test]
-fn what_cannot_be_replayed_is_refused() {
+fn unreplayable_source_is_rejected() {
     let dir = tempfile::tempdir().unwrap();
-    let refused = |args: &[&str], words: &[&str]| {
+    let rejected = |args: &[&str], words: &[&str]| {
         let finished = run(dir.path(), &[&["replay"], args].concat()).expect_code(2);
         for word in words {
             assert!(finished.stderr.contains(word), "`{word}` is missing in: {}", finished.stderr);
@@ -55,16 +55,16 @@ fn what_cannot_be_replayed_is_refused() {
     };
     let idle = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "1"];
     run(dir.path(), &[&idle[..], &["--db", "bare.db"]].concat()).expect_code(0);
-    refused(&["bare.db"], &["bare.db keeps no actions", "--keep-actions"]);
+    rejected(&["bare.db"], &["bare.db keeps no actions", "--keep-actions"]);
     run(dir.path(), &[&idle[..], &["--db", "kept.db", "--keep-actions"]].concat()).expect_code(0);
-    refused(&["kept.db", "--episodes", "1"], &["has 1 episodes", "is 1"]);
-    refused(&["kept.db", "--policy", "expert"], &["none of the 1 episodes"]);
-    refused(&["kept.db", "--task", "RaiseCub"], &["unknown task", "RaiseCube"]);
+    rejected(&["kept.db", "--episodes", "1"], &["has 1 episodes", "is 1"]);
+    rejected(&["kept.db", "--policy", "expert"], &["none of the 1 episodes"]);
+    rejected(&["kept.db", "--task", "RaiseCub"], &["unknown task", "RaiseCube"]);
     let database = Connection::open(dir.path().join("kept.db")).unwrap();
     database.execute("UPDATE episodes SET actions = x'00000000'", []).unwrap();
     drop(database);
-    refused(&["kept.db"], &["idle's RaiseCube None", "has 1 numbers", "expected 644"]);
+    rejected(&["kept.db"], &["idle's RaiseCube None", "has 1 numbers", "expected 644"]);
     fs::write(dir.path().join("notes.txt"), "no database").unwrap();
-    refused(&["notes.txt"], &["notes.txt", "not one of ours"]);
-    refused(&["nowhere"], &["nowhere holds no dataset"]);
+    rejected(&["notes.txt"], &["notes.txt", "not one of ours"]);
+    rejected(&["nowhere"], &["nowhere holds no dataset"]);
 }

@@ -1,4 +1,4 @@
-//! What holds for every task of the suite, under every perturbation that applies to it.
+//! Properties of every task of the suite under every perturbation that applies to it.
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Translation3, Vector3};
@@ -11,17 +11,17 @@ use sim::scene::{Motion, Range, Scene};
 use sim::stream::{self, Stream};
 use sim::{Perturbation, Profile, TaskId};
 
-/// Greatest speed of a joint after random actions, in rad/s. Next to a singularity a pose may ask for a whole turn: there
-/// the drive, 3000 N·m/rad with 100 N·m·s/rad, turns against the motion only at this speed.
-const fn fastest(mode: ControlMode) -> f32 {
+/// Maximum joint speed after random actions, in rad/s. Near a singularity a pose command may request a full turn; the
+/// drive (3000 N·m/rad, 100 N·m·s/rad) then accelerates until damping balances it at this speed.
+const fn max_joint_speed(mode: ControlMode) -> f32 {
     match mode {
         ControlMode::EeDeltaPose | ControlMode::EePose => 3000.0 * core::f32::consts::TAU / 100.0,
         ControlMode::JointPos => 30.0,
     }
 }
 
-/// Control steps in a second.
-const SECOND: u32 = 20;
+/// Control steps per second.
+const STEPS_PER_SECOND: u32 = 20;
 
 fn cells_of(perturbations: &[Perturbation]) -> Vec<(TaskId, Perturbation)> {
     let applies = |task: TaskId, p: Perturbation| p.applies_to(&(task.task().nominal)()).is_ok();
@@ -29,7 +29,8 @@ fn cells_of(perturbations: &[Perturbation]) -> Vec<(TaskId, Perturbation)> {
     pairs.filter(|(task, p)| applies(*task, *p)).collect()
 }
 
-/// Cells whose worlds differ. All other perturbations are only seen or said, and change no trajectory (`sim/tests/perturb`).
+/// Cells whose physics differ. All other perturbations change only images or instructions and never a trajectory
+/// (`sim/tests/perturb`).
 fn cells() -> Vec<(TaskId, Perturbation)> {
     let differ = |p: &Perturbation| *p == Perturbation::None || p.changes_bodies();
     cells_of(&Perturbation::ALL.iter().copied().filter(differ).collect::<Vec<_>>())
@@ -40,15 +41,15 @@ fn draw(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Scene {
     spec.draw(stream::episode_seed(0, task.name(), episode_idx))
 }
 
-/// A task's world with what its success asks for.
-struct Trial<'a> {
+/// A world built from a scene, together with the task's success criterion and the current action row.
+struct Rollout<'a> {
     task: TaskId,
     scene: &'a Scene,
     world: World,
     row: Vec<f32>,
 }
 
-impl<'a> Trial<'a> {
+impl<'a> Rollout<'a> {
     fn new(task: TaskId, scene: &'a Scene, mode: ControlMode) -> Self {
         let row = vec![0.0; mode.action_dim(task.task().morphology)];
         Self { task, scene, world: World::build(scene, mode), row }
@@ -58,13 +59,13 @@ impl<'a> Trial<'a> {
         first_unmet(&(self.task.task().success)(self.scene, Profile::Strict), &self.world).is_none()
     }
 
-    /// Steps once by the row.
+    /// Advances one control step with the current action row.
     fn step(&mut self) {
         self.world.step(&self.row);
         assert!(self.world.is_finite(), "{}: the state is not finite", self.task.name());
     }
 
-    /// Steps once with every arm held where it is, grippers open.
+    /// Advances one control step with every arm holding its position and grippers open.
     fn hold(&mut self) {
         for (arm, row) in self.row.chunks_exact_mut(8).enumerate() {
             row[..7].copy_from_slice(&self.world.qpos(arm)[..7]);
@@ -77,8 +78,8 @@ impl<'a> Trial<'a> {
         (0..self.scene.bodies.len()).map(|body| self.world.body_pose(body)).collect()
     }
 
-    /// How far the body that moved most is from where it was, in m.
-    fn moved_since(&self, before: &[Isometry3<f32>]) -> f32 {
+    /// Returns the largest displacement of any body since `before`, in m.
+    fn max_displacement(&self, before: &[Isometry3<f32>]) -> f32 {
         let moved = |(pose, before): (&Isometry3<f32>, &Isometry3<f32>)| {
             (pose.translation.vector - before.translation.vector).norm()
         };
@@ -87,25 +88,26 @@ impl<'a> Trial<'a> {
 }
 
 #[test]
-fn an_idle_episode_rests_and_never_succeeds() {
+fn idle_episode_settles_and_never_succeeds() {
     cells().into_par_iter().for_each(|(task, perturbation)| {
         let cell = format!("{} {}", task.name(), perturbation.name());
         let n_episodes =
             if matches!(perturbation, Perturbation::None | Perturbation::MoSize) { 2 } else { 1 };
         for episode_idx in 0..n_episodes {
             let scene = draw(task, perturbation, episode_idx);
-            let mut trial = Trial::new(task, &scene, ControlMode::JointPos);
-            assert!(!trial.succeeds(), "{cell} {episode_idx}: success at reset");
-            let mut rested = trial.poses();
+            let mut rollout = Rollout::new(task, &scene, ControlMode::JointPos);
+            assert!(!rollout.succeeds(), "{cell} {episode_idx}: success at reset");
+            let mut rested = rollout.poses();
             for step in 1..=task.task().max_steps {
-                trial.hold();
-                assert!(!trial.succeeds(), "{cell} {episode_idx}: idle succeeds at {step}");
-                if step == SECOND {
-                    let settled = trial.moved_since(&rested);
+                rollout.hold();
+                assert!(!rollout.succeeds(), "{cell} {episode_idx}: idle succeeds at {step}");
+                if step == STEPS_PER_SECOND {
+                    let settled = rollout.max_displacement(&rested);
                     assert!(settled < 5e-4, "{cell} {episode_idx}: settles by {settled} m");
-                    rested = trial.poses();
-                } else if step > SECOND && step <= 2 * SECOND {
-                    let (moved, overlap) = (trial.moved_since(&rested), trial.world.deepest_overlap());
+                    rested = rollout.poses();
+                } else if step > STEPS_PER_SECOND && step <= 2 * STEPS_PER_SECOND {
+                    let (moved, overlap) =
+                        (rollout.max_displacement(&rested), rollout.world.deepest_overlap());
                     assert!(moved < 1e-3, "{cell} {episode_idx}: moved {moved} m by step {step}");
                     assert!(overlap < 1e-3, "{cell} {episode_idx}: overlaps by {overlap} m");
                 }
@@ -115,7 +117,7 @@ fn an_idle_episode_rests_and_never_succeeds() {
 }
 
 #[test]
-fn success_is_false_when_everything_falls_off_the_table() {
+fn success_is_false_when_everything_falls_off() {
     cells().into_par_iter().for_each(|(task, perturbation)| {
         let mut scene = draw(task, perturbation, 0);
         let success = (task.task().success)(&scene, Profile::Strict);
@@ -123,63 +125,63 @@ fn success_is_false_when_everything_falls_off_the_table() {
         for body in scene.bodies.iter_mut().filter(|body| falls(body.motion)) {
             body.pose = Translation3::from(Vector3::new(3.0, 0.0, 0.0)) * body.pose;
         }
-        let mut trial = Trial::new(task, &scene, ControlMode::JointPos);
+        let mut rollout = Rollout::new(task, &scene, ControlMode::JointPos);
         for _ in 0..task.task().max_steps {
-            trial.hold();
-            assert!(first_unmet(&success, &trial.world).is_some(), "{task:?} {perturbation:?}");
+            rollout.hold();
+            assert!(first_unmet(&success, &rollout.world).is_some(), "{task:?} {perturbation:?}");
         }
         for (body, drawn) in scene.bodies.iter().enumerate().filter(|(_, body)| falls(body.motion)) {
-            let z = trial.world.body_pose(body).translation.z;
+            let z = rollout.world.body_pose(body).translation.z;
             assert!((-0.95..-0.5).contains(&z), "{task:?}: {} lies at z {z}", drawn.name);
         }
     });
 }
 
 #[test]
-fn random_actions_never_leave_the_finite_numbers() {
-    // 21 seeds, shared out among the control modes.
+fn random_actions_keep_the_state_finite() {
+    // 21 seeds, divided among the control modes.
     let cases = TaskId::ALL.iter().flat_map(|&task| ControlMode::ALL.map(|mode| (task, mode)));
     let cases: Vec<_> = cases.flat_map(|(task, mode)| (0..7).map(move |idx| (task, mode, idx))).collect();
     cases.into_par_iter().for_each(|(task, mode, episode_idx)| {
         let cell = format!("{} {} {episode_idx}", task.name(), mode.name());
         let scene = draw(task, Perturbation::All, episode_idx);
-        let mut trial = Trial::new(task, &scene, mode);
+        let mut rollout = Rollout::new(task, &scene, mode);
         let mut actions = Stream::new(u64::from(episode_idx), "random actions");
         for _ in 0..task.task().max_steps {
-            for number in &mut trial.row {
+            for number in &mut rollout.row {
                 *number = actions.uniform(Range::symmetric(1.0)) as f32;
             }
-            trial.step();
+            rollout.step();
         }
-        for arm in 0..trial.world.n_arms() {
-            let speed = trial.world.qvel(arm).iter().fold(0.0_f32, |a, v| a.max(v.abs()));
-            assert!(speed < fastest(mode), "{cell}: {speed} rad/s");
+        for arm in 0..rollout.world.n_arms() {
+            let speed = rollout.world.qvel(arm).iter().fold(0.0_f32, |a, v| a.max(v.abs()));
+            assert!(speed < max_joint_speed(mode), "{cell}: {speed} rad/s");
         }
     });
 }
 
-/// Steps of the expert's plan, if it leads to success.
-fn play(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Option<usize> {
+/// Runs the expert and returns the number of steps of its plan if it succeeds.
+fn run_expert(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Option<usize> {
     let scene = draw(task, perturbation, episode_idx);
     let mut expert = Expert::new(&scene, &(task.task().expert)(&scene)).ok()?;
-    let mut trial = Trial::new(task, &scene, ControlMode::JointPos);
+    let mut rollout = Rollout::new(task, &scene, ControlMode::JointPos);
     let mut act = |_: u32| {
-        expert.act(&trial.world, &mut trial.row);
-        trial.step();
-        trial.succeeds()
+        expert.act(&rollout.world, &mut rollout.row);
+        rollout.step();
+        rollout.succeeds()
     };
     let succeeds = (1..=task.task().max_steps).any(&mut act);
     succeeds.then(|| expert.n_steps())
 }
 
 #[test]
-fn the_expert_succeeds_with_a_plan_about_as_long_as_the_benchmarks_demonstrations() {
+fn expert_succeeds_in_about_the_demonstrations_time() {
     let n_episodes = 8_u32;
     let cells = cells_of(&[Perturbation::None, Perturbation::MoSize, Perturbation::RoSize]);
     cells.into_par_iter().for_each(|(task, perturbation)| {
         let cell = format!("{} {}", task.name(), perturbation.name());
         let episodes = (0..n_episodes).into_par_iter();
-        let plans: Vec<usize> = episodes.filter_map(|idx| play(task, perturbation, idx)).collect();
+        let plans: Vec<usize> = episodes.filter_map(|idx| run_expert(task, perturbation, idx)).collect();
         assert!(plans.len() + 1 >= n_episodes as usize, "{cell}: {} of {n_episodes}", plans.len());
         let mean = plans.iter().sum::<usize>() as f64 / plans.len() as f64;
         let length = mean / task.task().demo_steps;
@@ -188,14 +190,14 @@ fn the_expert_succeeds_with_a_plan_about_as_long_as_the_benchmarks_demonstration
 }
 
 #[test]
-fn the_expert_mostly_succeeds_where_places_are_wide_and_cluttered() {
+fn expert_mostly_succeeds_under_spatial_perturbations() {
     let n_episodes = 2;
     for perturbation in [Perturbation::PoseRandomization, Perturbation::DistractorObjects, Perturbation::All]
     {
         let cells = cells_of(&[perturbation]);
         let episodes = cells.iter().flat_map(|&(task, _)| (0..n_episodes).map(move |idx| (task, idx)));
         let episodes: Vec<(TaskId, u32)> = episodes.collect();
-        let succeeds = |&(task, idx): &(TaskId, u32)| play(task, perturbation, idx).is_some();
+        let succeeds = |&(task, idx): &(TaskId, u32)| run_expert(task, perturbation, idx).is_some();
         let successes = episodes.par_iter().filter(|episode| succeeds(episode)).count();
         let share = successes as f64 / episodes.len() as f64;
         assert!(share >= 0.9, "{}: {successes} of {}", perturbation.name(), episodes.len());
@@ -211,23 +213,27 @@ fn every_cell_builds_a_valid_world() {
         let n_cameras = morphology.n_external_cameras() + morphology.n_hand_cameras();
         assert_eq!(scene.cameras.len(), n_cameras, "{task:?}");
         assert!(scene.instruction.len() <= ipc_types::layout::INSTRUCTION_BYTES);
-        assert_eq!(scene, draw(task, perturbation, 1), "a draw is a function of its seed");
+        assert_eq!(scene, draw(task, perturbation, 1), "the scene should be a function of its seed");
         assert!(World::build(&scene, ControlMode::JointPos).is_finite(), "{task:?} {perturbation:?}");
     }
 }
 
 #[test]
-fn the_whole_suite_is_here() {
+fn suite_is_complete() {
     let of = |morphology| TaskId::ALL.iter().filter(|id| id.task().morphology == morphology).count();
     let [single, bimanual] = ipc_types::Morphology::ALL.map(of);
     assert_eq!((single, bimanual), (16, 12));
     let mut env_ids: Vec<_> = TaskId::ALL.iter().map(|id| id.task().env_id).collect();
     env_ids.sort_unstable();
     env_ids.dedup();
-    assert_eq!(env_ids.len(), TaskId::ALL.len(), "ids are unique");
+    assert_eq!(env_ids.len(), TaskId::ALL.len(), "env ids should be unique");
     let steps = |morphology| {
         let of = TaskId::ALL.iter().filter(|id| id.task().morphology == morphology);
         of.map(|id| id.task().max_steps).sum::<u32>()
     };
-    assert_eq!(ipc_types::Morphology::ALL.map(steps), [4327, 2153], "sums of horizons (spec/tasks.md §1)");
+    assert_eq!(
+        ipc_types::Morphology::ALL.map(steps),
+        [4327, 2153],
+        "sums of horizons (docs/benchmark.md, \"Tasks\")"
+    );
 }

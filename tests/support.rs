@@ -1,4 +1,4 @@
-//! What tests of the whole program share: running the binary with a bound on time, and reading what it left.
+//! Helpers for whole-program tests: running the binary with a deadline and reading the results it leaves.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -7,22 +7,22 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// No run of a test takes longer.
+/// Time limit of each run, after which it is killed.
 const DEADLINE: Duration = Duration::from_secs(240);
 
-/// What a finished run left.
+/// Exit status and output of a finished run.
 #[derive(Debug)]
-pub struct Finished {
-    /// Exit status.
+pub struct FinishedRun {
+    /// Exit status of the orchestrator process.
     pub status: ExitStatus,
-    /// All of stdout.
+    /// Everything the run wrote to stdout.
     pub stdout: String,
-    /// All of stderr.
+    /// Everything the run wrote to stderr.
     pub stderr: String,
 }
 
-impl Finished {
-    /// Exit code, and the output when it is another one.
+impl FinishedRun {
+    /// Asserts the exit code; a mismatch prints the output.
     #[track_caller]
     pub fn expect_code(self, code: i32) -> Self {
         assert_eq!(self.status.code(), Some(code), "stdout:\n{}\nstderr:\n{}", self.stdout, self.stderr);
@@ -30,7 +30,7 @@ impl Finished {
     }
 }
 
-/// The tiny random ACT checkpoint of both morphologies.
+/// Returns the path of a tiny ACT checkpoint with random weights for both morphologies.
 #[must_use]
 pub fn act_tiny() -> String {
     let path: PathBuf =
@@ -38,13 +38,13 @@ pub fn act_tiny() -> String {
     path.canonicalize().unwrap().to_str().unwrap().to_owned()
 }
 
-/// The binary that cargo built beside the running test.
+/// Returns the path of the binary that cargo built next to the running test.
 fn program() -> PathBuf {
     let test = std::env::current_exe().unwrap();
     test.parent().and_then(Path::parent).unwrap().join("hypogeum-under-test")
 }
 
-/// The program with its working folder and its runtime folder in `dir`.
+/// Returns a command that runs the program with `dir` as its working and runtime folder.
 #[must_use]
 pub fn hypogeum(dir: &Path, args: &[&str]) -> Command {
     let mut command = Command::new(program());
@@ -53,15 +53,15 @@ pub fn hypogeum(dir: &Path, args: &[&str]) -> Command {
     command
 }
 
-/// Runs the program to its end.
+/// Runs the program to completion, killing it at the deadline.
 #[must_use]
-pub fn run(dir: &Path, args: &[&str]) -> Finished {
+pub fn run(dir: &Path, args: &[&str]) -> FinishedRun {
     finish(hypogeum(dir, args).spawn().unwrap())
 }
 
-/// Waits for a started program, killing it at the deadline.
+/// Waits for a running program, killing it at the deadline.
 #[must_use]
-pub fn finish(mut child: Child) -> Finished {
+pub fn finish(mut child: Child) -> FinishedRun {
     let (mut out, mut err) = (child.stdout.take().unwrap(), child.stderr.take().unwrap());
     let stdout = std::thread::spawn(move || read_all(&mut out));
     let stderr = std::thread::spawn(move || read_all(&mut err));
@@ -76,7 +76,7 @@ pub fn finish(mut child: Child) -> Finished {
         }
         std::thread::sleep(Duration::from_millis(10));
     };
-    Finished { status, stdout: stdout.join().unwrap(), stderr: stderr.join().unwrap() }
+    FinishedRun { status, stdout: stdout.join().unwrap(), stderr: stderr.join().unwrap() }
 }
 
 fn read_all(source: &mut impl Read) -> String {
@@ -85,10 +85,10 @@ fn read_all(source: &mut impl Read) -> String {
     text
 }
 
-/// One row of a results file, without its times.
+/// One row of a results file without its timings, each column in debug format.
 pub type Row = Vec<String>;
 
-/// All rows of a results file but their times, in the order of their identity.
+/// Returns all rows of a results file without their timings, ordered by episode identity.
 #[must_use]
 pub fn rows(db: &Path) -> Vec<Row> {
     let connection = rusqlite::Connection::open(db).unwrap();
@@ -100,7 +100,7 @@ pub fn rows(db: &Path) -> Vec<Row> {
     statement.query_map([], row).unwrap().collect::<Result<_, _>>().unwrap()
 }
 
-/// Errors of a results file's episodes.
+/// Returns the errors recorded in a results file, ordered by episode.
 #[must_use]
 pub fn errors(db: &Path) -> Vec<String> {
     let connection = rusqlite::Connection::open(db).unwrap();
@@ -109,7 +109,7 @@ pub fn errors(db: &Path) -> Vec<String> {
     statement.query_map([], |row| row.get(0)).unwrap().collect::<Result<_, _>>().unwrap()
 }
 
-/// Segments in /dev/shm that belong to runs under `dir`, by their processes: none may outlive a run.
+/// Returns the names of all shared-memory segments created by runs of this program. None may outlive its run.
 #[must_use]
 pub fn shared_memory() -> Vec<String> {
     let mut names: Vec<String> = std::fs::read_dir("/dev/shm")
