@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::spec::LaneSpec;
+use super::lane_spec::LaneSpec;
 
 /// Errors that can occur while checking the shared-memory budget of a run.
 #[derive(Debug, Error)]

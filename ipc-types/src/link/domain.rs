@@ -13,9 +13,9 @@ use iceoryx2::node::{Node, NodeState, NodeView};
 use iceoryx2::prelude::{CallbackProgression, FileName, Path as IoxPath, SemanticString};
 use serde::{Deserialize, Serialize};
 
-use super::claim::Claim;
 use super::error::LinkError;
-use super::wire::Ipc;
+use super::lease::DomainLease;
+use super::type_names::Ipc;
 
 /// Where POSIX shared memory lives on Linux.
 pub(super) const SHM: &str = "/dev/shm";
@@ -51,8 +51,8 @@ impl Domain {
     ///
     /// # Errors
     /// If the root cannot be created or locked.
-    pub fn claim(&self) -> Result<Claim, LinkError> {
-        Claim::hold(&self.root)
+    pub fn lease(&self) -> Result<DomainLease, LinkError> {
+        DomainLease::hold(&self.root)
     }
 
     /// Frees what processes of this domain that have died held: their places in services, messages they had borrowed,
@@ -87,7 +87,7 @@ impl Domain {
             paths.into_iter().map(|path| gone(&path, std::fs::remove_file(&path))).fold(Ok(()), Result::and)
         });
         // Only a folder that carries our mark is removed with what is in it.
-        let root = if Claim::marks(&self.root) {
+        let root = if DomainLease::marks(&self.root) {
             gone(&self.root, std::fs::remove_dir_all(&self.root))
         } else {
             match std::fs::remove_dir(&self.root) {
@@ -100,7 +100,7 @@ impl Domain {
 
     /// Removes the domains under `base` whose processes are all dead; returns how many. A living run's is never touched:
     /// its processes hold a claim, foreign ones are seen as nodes.
-    pub fn sweep(base: &Path) -> usize {
+    pub fn remove_stale(base: &Path) -> usize {
         let Ok(entries) = std::fs::read_dir(base) else { return 0 };
         let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
         names.filter(|name| is_tag(name)).filter(|name| Self::tagged(base, name).remove_if_unused()).count()
@@ -134,7 +134,7 @@ impl Domain {
     }
 
     fn remove_if_unused(&self) -> bool {
-        let Some(_claim) = Claim::take_unused(&self.root) else { return false };
+        let Some(_lease) = DomainLease::take_unused(&self.root) else { return false };
         !self.has_living_node() && self.remove().is_ok()
     }
 

@@ -9,23 +9,23 @@ use iceoryx2::service::port_factory::event::PortFactory;
 use super::budget;
 use super::domain::SHM;
 use super::error::LinkError;
-use super::inlet::{Inlet, Received};
+use super::lane_spec::LaneSpec;
 use super::node::LinkNode;
-use super::outlet::{Capacity, Loan, Outlet};
+use super::receiver::{MessageReceiver, Received};
 use super::retry::{Attempt, retry};
+use super::sender::{Capacity, Loan, MessageSender};
 use super::services::{self, Agreement, Messages, lane_service};
-use super::spec::LaneSpec;
-use super::wake::{self, Ear, SIM_WAKE};
-use super::wire::Ipc;
+use super::type_names::Ipc;
+use super::wake::{self, SIM_WAKE, WakeListener};
 use crate::frame::{ActionHeader, ObservationHeader};
 use crate::layout::{ActionBlock, Page, SCHEMA_HASH};
 
 /// The host's end of a lane.
 #[derive(Debug)]
 pub struct HostLane {
-    observations: Inlet<ObservationHeader>,
-    actions: Outlet<ActionHeader>,
-    ear: Ear,
+    observations: MessageReceiver<ObservationHeader>,
+    actions: MessageSender<ActionHeader>,
+    ear: WakeListener,
     // The services live as long as something holds them: with these a restarted sim finds its host where it was.
     observation_service: Messages<ObservationHeader>,
     _action_service: Messages<ActionHeader>,
@@ -64,9 +64,9 @@ impl HostLane {
             chunks: spec.action_chunks(),
             loans: spec.in_flight as usize + 1,
         };
-        let actions = Outlet::create(node.domain(), &action_service, &action, bell, capacity)?;
+        let actions = MessageSender::create(node.domain(), &action_service, &action, bell, capacity)?;
         // Last: from here on the sim sees a host, and everything it needs is there.
-        let observations = Inlet::create(
+        let observations = MessageReceiver::create(
             &observation_service,
             &observation,
             spec.observation_pages(),

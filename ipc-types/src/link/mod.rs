@@ -14,26 +14,26 @@
 //! | `hyp/sim/wake` | event | every host → sim |
 
 mod budget;
-mod claim;
 mod domain;
 mod error;
 mod host;
-mod inlet;
+mod lane_spec;
+mod lease;
 mod node;
-mod outlet;
 mod prefault;
+mod receiver;
 mod retry;
+mod sender;
 mod services;
 mod sim;
-mod spec;
+mod type_names;
 mod wake;
-mod wire;
 
 pub use budget::{BudgetError, check_budget};
-pub use claim::Claim;
 pub use domain::Domain;
 pub use error::LinkError;
 pub use host::{ActionLoan, HostLane, ObservationMessage};
+pub use lane_spec::LaneSpec;
+pub use lease::DomainLease;
 pub use node::LinkNode;
 pub use sim::{ActionMessage, ObservationLoan, SimLane, SimLink};
-pub use spec::LaneSpec;

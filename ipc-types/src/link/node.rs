@@ -4,10 +4,10 @@ use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::prelude::{NodeName, SignalHandlingMode};
 
-use super::claim::Claim;
 use super::domain::Domain;
 use super::error::LinkError;
-use super::wire::Ipc;
+use super::lease::DomainLease;
+use super::type_names::Ipc;
 
 /// A process's membership in a domain; its lanes are made from it. Joining also cleans up after dead members.
 #[derive(Debug)]
@@ -15,7 +15,7 @@ pub struct LinkNode {
     node: Node<Ipc>,
     domain: Domain,
     // Released last: the domain must not look unused while the node is still leaving it.
-    _claim: Claim,
+    _lease: DomainLease,
 }
 
 impl LinkNode {
@@ -29,14 +29,14 @@ impl LinkNode {
         let config = domain.config()?;
         let node_name = NodeName::new(name)
             .map_err(|error| LinkError::NodeName { name: name.into(), reason: format!("{error:?}") })?;
-        let claim = domain.claim()?;
+        let lease = domain.lease()?;
         let node = NodeBuilder::new()
             .name(&node_name)
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Ipc>()
             .map_err(|source| LinkError::Node { name: name.into(), source })?;
-        Ok(Self { node, domain: domain.clone(), _claim: claim })
+        Ok(Self { node, domain: domain.clone(), _lease: lease })
     }
 
     /// The domain joined.

@@ -13,10 +13,10 @@ use iceoryx2::service::builder::publish_subscribe::{
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use super::error::LinkError;
+use super::lane_spec::LaneSpec;
 use super::node::LinkNode;
 use super::retry::Attempt;
-use super::spec::LaneSpec;
-use super::wire::Ipc;
+use super::type_names::Ipc;
 use crate::layout::Page;
 
 /// A service that carries messages with header `H`.

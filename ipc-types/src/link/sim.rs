@@ -10,14 +10,14 @@ use iceoryx2::service::port_factory::event::PortFactory;
 use super::budget;
 use super::domain::SHM;
 use super::error::LinkError;
-use super::inlet::{Inlet, Received};
+use super::lane_spec::LaneSpec;
 use super::node::LinkNode;
-use super::outlet::{Capacity, Loan, Outlet};
+use super::receiver::{MessageReceiver, Received};
 use super::retry::{Attempt, retry};
+use super::sender::{Capacity, Loan, MessageSender};
 use super::services::{self, Agreement, Messages, lane_service};
-use super::spec::LaneSpec;
-use super::wake::{self, Ear, SIM_WAKE};
-use super::wire::Ipc;
+use super::type_names::Ipc;
+use super::wake::{self, SIM_WAKE, WakeListener};
 use crate::frame::{ActionHeader, ObservationHeader};
 use crate::layout::{Page, SCHEMA_HASH};
 
@@ -27,7 +27,7 @@ const TAKEOVER: Duration = Duration::from_secs(3);
 /// The event that wakes the sim, shared by its lanes.
 #[derive(Debug)]
 pub struct SimLink {
-    ear: Ear,
+    ear: WakeListener,
 }
 
 impl SimLink {
@@ -56,8 +56,8 @@ impl SimLink {
 /// The sim's end of a lane.
 #[derive(Debug)]
 pub struct SimLane {
-    observations: Outlet<ObservationHeader>,
-    actions: Inlet<ActionHeader>,
+    observations: MessageSender<ObservationHeader>,
+    actions: MessageReceiver<ActionHeader>,
     // The services live as long as something holds them.
     observation_service: Messages<ObservationHeader>,
     _action_service: Messages<ActionHeader>,
@@ -83,7 +83,8 @@ impl SimLane {
         let wake = lane_service(spec, "wake");
         let wake_service = wake::create(node, &wake, 1)?;
         let action_service = services::create(node, &action, run, agreement)?;
-        let actions = Inlet::create(&action_service, &action, spec.action_pages(), spec.action_chunks())?;
+        let actions =
+            MessageReceiver::create(&action_service, &action, spec.action_pages(), spec.action_chunks())?;
         let observation_service = services::create(node, &observation, run, agreement)?;
         let capacity = Capacity {
             pages: spec.observation_pages(),
@@ -91,7 +92,8 @@ impl SimLane {
             loans: spec.in_flight as usize + 1,
         };
         let bell = wake::notify(&wake_service, &wake)?;
-        let observations = Outlet::create(node.domain(), &observation_service, &observation, bell, capacity)?;
+        let observations =
+            MessageSender::create(node.domain(), &observation_service, &observation, bell, capacity)?;
         Ok(Self {
             observations,
             actions,

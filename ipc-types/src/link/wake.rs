@@ -13,7 +13,7 @@ use super::error::LinkError;
 use super::node::LinkNode;
 use super::retry::Attempt;
 use super::services::{failed, occupied, service_name};
-use super::wire::Ipc;
+use super::type_names::Ipc;
 
 /// Name of the event that wakes the sim.
 pub(super) const SIM_WAKE: &str = "hyp/sim/wake";
@@ -24,17 +24,17 @@ const SPARE_NODES: usize = 16;
 
 /// The side that waits.
 #[derive(Debug)]
-pub(super) struct Ear {
+pub(super) struct WakeListener {
     listener: Listener<Ipc>,
 }
 
 /// The side that wakes; shared by everything that sends.
 #[derive(Clone, Debug)]
-pub(super) struct Bell {
+pub(super) struct WakeNotifier {
     notifier: Arc<Notifier<Ipc>>,
 }
 
-impl Ear {
+impl WakeListener {
     /// Waits until the bell has rung or `timeout` is over; rings that came before count, and are forgotten. A signal ends
     /// it too.
     pub(super) fn wait(&self, timeout: Duration) -> Result<(), LinkError> {
@@ -51,7 +51,7 @@ impl Ear {
     }
 }
 
-impl Bell {
+impl WakeNotifier {
     /// Ends the peer's wait. A ring that nobody hears is no failure: every wait ends by itself.
     pub(super) fn ring(&self) {
         let _ = self.notifier.notify();
@@ -85,9 +85,9 @@ pub(super) fn open(node: &LinkNode, event: &str) -> Result<PortFactory<Ipc>, Att
 }
 
 /// The one place from which an event is awaited.
-pub(super) fn listen(service: &PortFactory<Ipc>, event: &str) -> Result<Ear, Attempt> {
+pub(super) fn listen(service: &PortFactory<Ipc>, event: &str) -> Result<WakeListener, Attempt> {
     match service.listener_builder().create() {
-        Ok(listener) => Ok(Ear { listener }),
+        Ok(listener) => Ok(WakeListener { listener }),
         Err(error @ ListenerCreateError::ExceedsMaxSupportedListeners) => {
             Err(Attempt::Later(occupied(event, &error)))
         }
@@ -96,9 +96,9 @@ pub(super) fn listen(service: &PortFactory<Ipc>, event: &str) -> Result<Ear, Att
 }
 
 /// A place from which an event is rung.
-pub(super) fn notify(service: &PortFactory<Ipc>, event: &str) -> Result<Bell, Attempt> {
+pub(super) fn notify(service: &PortFactory<Ipc>, event: &str) -> Result<WakeNotifier, Attempt> {
     match service.notifier_builder().default_event_id(RING).create() {
-        Ok(notifier) => Ok(Bell { notifier: Arc::new(notifier) }),
+        Ok(notifier) => Ok(WakeNotifier { notifier: Arc::new(notifier) }),
         Err(error @ NotifierCreateError::ExceedsMaxSupportedNotifiers) => {
             Err(Attempt::Later(occupied(event, &error)))
         }

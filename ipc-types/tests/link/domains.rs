@@ -32,33 +32,33 @@ fn a_sweep_removes_the_dead_and_leaves_the_living() {
     let living_host = open_host(&living.node(), &small_lane(1));
     await_signal(&living.domain.root);
     // A run whose first process has not joined yet.
-    let claim = starting.domain.claim().unwrap();
+    let lease = starting.domain.lease().unwrap();
     // Folders that are not ours, whatever their names.
     std::fs::create_dir(dead.base.path().join("0123456789ab")).unwrap();
     std::fs::write(dead.base.path().join("0123456789ab/thesis.txt"), "").unwrap();
     std::fs::create_dir(dead.base.path().join("images")).unwrap();
 
-    assert_eq!(Domain::sweep(dead.base.path()), 0, "a sim lives");
+    assert_eq!(Domain::remove_stale(dead.base.path()), 0, "a sim lives");
     victim.kill();
-    assert_eq!(Domain::sweep(dead.base.path()), 0, "a host lives");
+    assert_eq!(Domain::remove_stale(dead.base.path()), 0, "a host lives");
     drop(host);
-    assert_eq!(Domain::sweep(dead.base.path()), 1);
+    assert_eq!(Domain::remove_stale(dead.base.path()), 1);
     dead.assert_gone();
     assert!(dead.base.path().join("0123456789ab/thesis.txt").exists());
 
     drop(living_host);
-    assert_eq!(Domain::sweep(living.base.path()), 0);
+    assert_eq!(Domain::remove_stale(living.base.path()), 0);
     open_host(&living.node(), &small_lane(1));
     survivor.kill();
-    assert_eq!(Domain::sweep(living.base.path()), 1);
+    assert_eq!(Domain::remove_stale(living.base.path()), 1);
     living.assert_gone();
 
-    assert_eq!(Domain::sweep(starting.base.path()), 0);
+    assert_eq!(Domain::remove_stale(starting.base.path()), 0);
     assert!(starting.domain.root.exists());
-    drop(claim);
-    assert_eq!(Domain::sweep(starting.base.path()), 1);
+    drop(lease);
+    assert_eq!(Domain::remove_stale(starting.base.path()), 1);
     starting.assert_gone();
-    assert_eq!(Domain::sweep(&starting.base.path().join("nowhere")), 0);
+    assert_eq!(Domain::remove_stale(&starting.base.path().join("nowhere")), 0);
 }
 
 #[test]

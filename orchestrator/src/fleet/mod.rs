@@ -179,7 +179,7 @@ impl Fleet {
     pub(crate) fn run(self, jobs: Vec<Job>, sink: &mut Sink<'_>) -> Result<(Conclusion, Totals), FleetError> {
         let settings = &self.settings;
         folder::prepare(&settings.base)?;
-        let n_swept = Domain::sweep(&settings.base);
+        let n_swept = Domain::remove_stale(&settings.base);
         if n_swept > 0 {
             let line = format!("removed what {n_swept} dead runs had left in shared memory");
             sink(Happening::Log(&line)).map_err(FleetError::Sink)?;
@@ -187,15 +187,15 @@ impl Fleet {
         let specs: Vec<_> = settings.lanes.iter().map(|policy| policy.lane.spec.clone()).collect();
         check_budget(&specs, &settings.shm)?;
         let domain = Domain::new(&settings.base, settings.run);
-        let claim = domain.claim()?;
+        let lease = domain.lease()?;
         let mut supervisor = Supervisor::new(settings, &domain, self.events, self.inbox, jobs, sink);
         let conclusion = supervisor.work();
         let closed = supervisor.close();
         let totals = supervisor.into_totals();
         let removed = domain.remove();
-        drop(claim);
+        drop(lease);
         // Children of a run that was killed may have been on their way out when this one started.
-        Domain::sweep(&settings.base);
+        Domain::remove_stale(&settings.base);
         let conclusion = conclusion?;
         closed?;
         removed?;

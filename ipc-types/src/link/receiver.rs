@@ -10,7 +10,7 @@ use super::error::LinkError;
 use super::prefault;
 use super::retry::Attempt;
 use super::services::{Messages, failed, occupied};
-use super::wire::Ipc;
+use super::type_names::Ipc;
 use crate::layout::Page;
 
 /// A received message; the sender cannot re-use its memory while this lives.
@@ -18,7 +18,7 @@ pub(super) type Received<H> = Sample<Ipc, [Page], H>;
 
 /// The receiving end of a lane.
 #[derive(Debug)]
-pub(super) struct Inlet<H: ZeroCopySend + core::fmt::Debug + 'static> {
+pub(super) struct MessageReceiver<H: ZeroCopySend + core::fmt::Debug + 'static> {
     subscriber: Subscriber<Ipc, [Page], H>,
     /// Most pages in a message.
     pages: usize,
@@ -33,7 +33,7 @@ struct Mapped {
     chunks: Vec<usize>,
 }
 
-impl<H: ZeroCopySend + core::fmt::Debug> Inlet<H> {
+impl<H: ZeroCopySend + core::fmt::Debug> MessageReceiver<H> {
     /// Attaches to the receiving end of `messages`, of at most `pages` pages, in one of `chunks` places in memory.
     pub(super) fn create(
         messages: &Messages<H>,

@@ -14,8 +14,8 @@ use super::error::LinkError;
 use super::prefault;
 use super::retry::Attempt;
 use super::services::{Messages, failed, occupied};
-use super::wake::Bell;
-use super::wire::Ipc;
+use super::type_names::Ipc;
+use super::wake::WakeNotifier;
 use crate::layout::Page;
 
 /// Longest time that a loan or a send waits for a peer that releases nothing.
@@ -36,26 +36,26 @@ pub(super) struct Capacity {
 
 /// The sending end of a lane, with all its memory.
 #[derive(Debug)]
-pub(super) struct Outlet<H: ZeroCopySend + core::fmt::Debug + 'static> {
+pub(super) struct MessageSender<H: ZeroCopySend + core::fmt::Debug + 'static> {
     publisher: Publisher<Ipc, [Page], H>,
-    bell: Bell,
+    bell: WakeNotifier,
     capacity: Capacity,
 }
 
 /// Memory on loan for one message.
 pub(super) struct Loan<H: ZeroCopySend> {
     sample: SampleMutUninit<Ipc, [MaybeUninit<Page>], H>,
-    bell: Bell,
+    bell: WakeNotifier,
 }
 
-impl<H: ZeroCopySend + core::fmt::Debug + Default> Outlet<H> {
+impl<H: ZeroCopySend + core::fmt::Debug + Default> MessageSender<H> {
     /// Attaches to the sending end of `messages` and takes its memory: reserves all of it, maps what can be on loan (which
     /// is what a lane in step uses, for memory is re-used last in, first out).
     pub(super) fn create(
         domain: &Domain,
         messages: &Messages<H>,
         service: &str,
-        bell: Bell,
+        bell: WakeNotifier,
         capacity: Capacity,
     ) -> Result<Self, Attempt> {
         let publisher = messages

@@ -17,11 +17,11 @@ const ATTEMPTS: usize = 16;
 
 /// A domain in use: while this lives no sweep touches the domain.
 #[derive(Debug)]
-pub struct Claim {
+pub struct DomainLease {
     _lock: File,
 }
 
-impl Claim {
+impl DomainLease {
     /// Creates the root (mode 0700) if needed and holds its lock shared.
     pub(super) fn hold(root: &Path) -> Result<Self, LinkError> {
         let failed = |source| LinkError::Io { action: "claim", path: root.into(), source };
