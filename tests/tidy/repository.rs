@@ -1,0 +1,121 @@
+//! The files of the repository: none is unused, and none is large without a reason.
+
+use std::fs;
+
+use crate::source::{Source, assert_none, files_below, relative, root, rust_sources};
+
+/// Maximum size of a file in bytes, unless it is listed below.
+const MAX_BYTES: u64 = 256 * 1024;
+/// Larger files, each with the reason for it.
+const LARGE_FILES: [(&str, &str); 9] = [
+    ("checkpoints/act-small/single/model.safetensors", "weights of the bundled policy"),
+    ("checkpoints/act-small/bimanual/model.safetensors", "weights of the bundled policy"),
+    ("policy-host/tests/data/act-tiny/single/model.safetensors", "test checkpoint"),
+    ("policy-host/tests/data/act-tiny/bimanual/model.safetensors", "test checkpoint"),
+    ("policy-host/tests/data/lerobot/", "test checkpoints in LeRobot's layouts, with reference outputs"),
+    ("policy-host/tests/data/clip-tiny/", "test text encoder with reference outputs"),
+    ("docs/images/first-light.gif", "the README's animation"),
+    ("docs/images/gallery.png", "one image of each of the 28 tasks"),
+    ("docs/images/perturbations.png", "one row of images per perturbation"),
+];
+/// Files that tools find by their name or location.
+const FOUND_BY_NAME: [&str; 10] = [
+    "README.md",
+    "LICENSE",
+    "Cargo.toml",
+    "Cargo.lock",
+    "clippy.toml",
+    "rustfmt.toml",
+    "conftest.py",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    "pyproject.toml",
+];
+
+#[test]
+fn large_files_are_listed_with_a_reason() {
+    let large: Vec<String> = files_below(&root())
+        .into_iter()
+        .filter(|path| path.metadata().unwrap().len() > MAX_BYTES)
+        .map(|path| relative(&path))
+        .filter(|path| !is_output(path))
+        .filter(|path| !LARGE_FILES.iter().any(|(listed, _)| path.starts_with(listed)))
+        .collect();
+    assert_none(&large, "files above 256 KiB are listed in tests/tidy/repository.rs with their reason");
+}
+
+#[test]
+fn every_module_file_is_declared() {
+    let sources = rust_sources();
+    let undeclared: Vec<String> =
+        sources.iter().filter(|source| !is_declared(source)).map(|source| source.path.clone()).collect();
+    assert_none(&undeclared, "every .rs file is a module of its parent or a target of its package");
+}
+
+/// Returns `true` if the module or package that contains `source` declares it.
+fn is_declared(source: &Source) -> bool {
+    let (folder, name) = source.path.rsplit_once('/').unwrap();
+    let stem = name.trim_end_matches(".rs");
+    if matches!(stem, "lib" | "main" | "bin" | "build") {
+        return true;
+    }
+    let (parent, module) = if stem == "mod" { folder.rsplit_once('/').unwrap() } else { (folder, stem) };
+    // Tasks are declared by the `task_list!` macro.
+    let declarations = [format!("mod {module};"), format!("{module} => ")];
+    let path_attribute = format!("{name}\"]");
+    let siblings = fs::read_dir(root().join(parent)).unwrap().map(|entry| entry.unwrap().path());
+    let parents = siblings.chain([root().join(format!("{parent}.rs"))]);
+    let declared = parents
+        .filter(|path| path.extension().is_some_and(|extension| extension == "rs") && path.is_file())
+        .any(|path| {
+            let text = fs::read_to_string(path).unwrap();
+            declarations.iter().any(|declaration| text.contains(declaration))
+        });
+    declared
+        || is_target(&source.path)
+        || rust_sources().iter().any(|other| other.text.contains(&path_attribute))
+}
+
+/// Returns `true` if a package manifest names the file as a target, or Cargo finds it as one by its location.
+fn is_target(path: &str) -> bool {
+    let (package, rest) = path.split_once('/').unwrap();
+    let manifest = fs::read_to_string(root().join(package).join("Cargo.toml")).unwrap();
+    let is_test_target = rest.strip_prefix("tests/").is_some_and(|file| !file.contains('/'));
+    manifest.contains(&format!("path = \"{rest}\"")) || is_test_target || rest.starts_with("src/bin/")
+}
+
+#[test]
+fn every_other_file_is_mentioned_somewhere() {
+    let paths: Vec<_> = files_below(&root()).into_iter().filter(|path| !is_output(&relative(path))).collect();
+    let texts: Vec<(String, String)> = paths
+        .iter()
+        .filter(|path| path.metadata().unwrap().len() <= MAX_BYTES)
+        .filter_map(|path| Some((relative(path), fs::read_to_string(path).ok()?)))
+        .collect();
+    let unused: Vec<String> = paths
+        .iter()
+        .map(|path| relative(path))
+        .filter(|path| !path.ends_with(".rs") && !is_data_of_a_folder(path))
+        .filter(|path| {
+            let name = path.rsplit('/').next().unwrap();
+            let stem = name.split('.').next().unwrap();
+            let mentions = |text: &str| text.contains(name) || (path.ends_with(".py") && text.contains(stem));
+            !FOUND_BY_NAME.contains(&name)
+                && !texts.iter().any(|(other, text)| other != path && mentions(text))
+        })
+        .collect();
+    assert_none(&unused, "every file is used by name somewhere");
+}
+
+/// Returns `true` for files that are read by folder: recorded benchmark results and test checkpoints.
+fn is_data_of_a_folder(path: &str) -> bool {
+    path.starts_with("benches/results/")
+        || path.contains("/tests/data/")
+        || path.starts_with("checkpoints/")
+        || path.starts_with("python/tests/")
+}
+
+/// Returns `true` for files that runs leave in the working folder and git ignores.
+fn is_output(path: &str) -> bool {
+    [".db", ".db-wal", ".db-shm", ".pending-snap"].iter().any(|ending| path.ends_with(ending))
+}
