@@ -95,7 +95,7 @@ fn identities(plan: &Plan) -> Result<Vec<Identity>, Failure> {
         plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
     let identity = |policy: &crate::policy::NamedPolicy| {
         policy_host::check(&policy.spec, &robots)
-            .map_err(|error| anyhow::anyhow!("failed to {error}"))
+            .map_err(anyhow::Error::new)
             .and_then(|()| policy.identity().map_err(Into::into))
             .with_context(|| format!("policy `{}`", policy.name))
             .or_user()

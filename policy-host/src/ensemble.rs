@@ -7,8 +7,6 @@ use ipc_types::{Morphology, ObservationView};
 
 use crate::policy::{ActionChunk, Policy, PolicyError};
 
-/// Decay of the weights per prediction, `m`, in the benchmark.
-pub const DEFAULT_DECAY: f64 = 0.01;
 /// Slots that can be followed: a bound on memory, far above what a sim has.
 const MAX_SLOTS: u32 = 4096;
 
@@ -74,7 +72,7 @@ impl Policy for Ensemble {
             let action_dim = chunk.action_dim();
             let horizon = chunk.rows().len() / action_dim;
             weights.extend((weights.len()..horizon).map(|idx| (-decay * idx as f64).exp()));
-            past.mean(horizon, weights, chunk.begin(1, action_dim));
+            past.mean(horizon, weights, chunk.reset(1, action_dim));
         }
         Ok(())
     }

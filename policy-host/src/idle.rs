@@ -7,9 +7,9 @@ use crate::rows::fill_rows;
 
 /// Commands the measured joints, or no motion, and the grippers where they are.
 #[derive(Clone, Copy, Debug)]
-pub struct Idle;
+pub struct IdlePolicy;
 
-impl Policy for Idle {
+impl Policy for IdlePolicy {
     fn act(
         &mut self,
         observation: &ObservationView<'_>,

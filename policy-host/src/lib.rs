@@ -8,6 +8,7 @@ pub mod checkpoint;
 pub mod ensemble;
 pub mod generated;
 pub mod idle;
+pub mod load;
 pub mod nn;
 pub mod policy;
 pub mod random;
@@ -21,7 +22,8 @@ mod rows;
 
 use serde::{Deserialize, Serialize};
 
-pub use policy::{ActionChunk, LoadError, Policy, PolicyError, check, load};
+pub use load::{LoadError, check, load};
+pub use policy::{ActionChunk, Policy, PolicyError};
 pub use spec::{PolicySpec, PolicySpecError};
 
 /// How a policy is queried. Results of different modes are never mixed.

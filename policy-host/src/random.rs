@@ -12,9 +12,9 @@ const JOINT_REACH_RAD: f32 = 0.05;
 /// Uniform in [−1, 1] for the tool's motion; for joints, a random walk in steps of at most 0.05 rad from where they
 /// were measured. Grippers are uniform in [−1, 1] in both.
 #[derive(Clone, Copy, Debug)]
-pub struct Random;
+pub struct RandomPolicy;
 
-impl Policy for Random {
+impl Policy for RandomPolicy {
     fn act(
         &mut self,
         observation: &ObservationView<'_>,

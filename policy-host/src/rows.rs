@@ -23,7 +23,7 @@ pub(crate) fn fill_rows(
             return Err(PolicyError::StateDim { env_idx, expected, found });
         }
         let robot = RobotState::new(env.state, morphology);
-        let rows = chunk.begin(env.record.execute as usize, action_dim);
+        let rows = chunk.reset(env.record.execute as usize, action_dim);
         for (row, step) in rows.chunks_exact_mut(action_dim).zip(env.record.step..) {
             if !robot.hold(control_mode, row) {
                 return Err(PolicyError::Unsupported { policy, control_mode: control_mode.name() });

@@ -15,7 +15,8 @@ use ipc_types::{ActionBlock, ActionHeader, FrameError, ObservationHeader, Observ
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::policy::{ActionChunk, LoadError, Policy, PolicyError, load};
+use crate::load::{LoadError, load};
+use crate::policy::{ActionChunk, Policy, PolicyError};
 use crate::{PolicySpec, QueryMode};
 
 /// How long a sim may take to create the lane.

@@ -27,7 +27,7 @@ impl Policy for Predictions {
     ) -> Result<(), PolicyError> {
         for (env_idx, chunk) in answer.iter_mut().enumerate() {
             let record = observation.env(env_idx).record;
-            for (idx, x) in chunk.begin(HORIZON, ACTION_DIM).iter_mut().enumerate() {
+            for (idx, x) in chunk.reset(HORIZON, ACTION_DIM).iter_mut().enumerate() {
                 *x = predicted(record.policy_seed, record.query, idx / ACTION_DIM, idx % ACTION_DIM);
             }
         }

@@ -136,7 +136,7 @@ impl Policy for Recorded {
         for (env_idx, chunk) in answer.iter_mut().enumerate() {
             let step = observation.env(env_idx).record.query as usize;
             let rows = &self.chunks[step * len..][..len];
-            chunk.begin(self.horizon, self.action_dim).copy_from_slice(rows);
+            chunk.reset(self.horizon, self.action_dim).copy_from_slice(rows);
         }
         Ok(())
     }

@@ -95,5 +95,5 @@ fn what_cannot_be_answered_is_refused() {
         assert!(matches!(error, PolicyError::Unsupported { control_mode: "pd_ee_pose", .. }), "{error}");
     }
     let error = load(&PolicySpec::Expert, 1, QueryMode::Chunk).err().unwrap().to_string();
-    assert_eq!(error, "host policy `expert`: it does not run in a policy host");
+    assert_eq!(error, "policy `expert` does not run in a policy host");
 }

@@ -1,0 +1,289 @@
+//! The [`Policy`] that runs ACT networks.
+//!
+//! Each sample is computed by one thread with sequential kernels; samples run in parallel on the current rayon pool.
+//! The samples left over when they do not divide evenly among the threads are computed one after another by all
+//! threads together. Either way every value results from the same operations in the same order.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
+use ipc_types::{ControlMode, Morphology, ObservationView};
+use rayon::prelude::*;
+use thiserror::Error;
+
+use super::architecture::ImageSize;
+use super::image::Image;
+use super::instruction::TokenCache;
+use super::model::{ActModel, ActScratch, Input};
+use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, Wiring};
+use crate::nn::Precision;
+use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError};
+use crate::text::TextEncoder;
+
+/// Image sizes that occur in an observation.
+pub const IMAGE_SIZES: [ImageSize; 2] = [
+    ImageSize { height: EXTERNAL_SIDE, width: EXTERNAL_SIDE },
+    ImageSize { height: HAND_SIDE, width: HAND_SIDE },
+];
+
+/// Maximum number of samples whose images one thread takes through the backbone together. Each kernel is then read
+/// once for all of them.
+const MAX_SAMPLES_PER_JOB: usize = 4;
+
+/// ACT with one network per morphology in its checkpoint folder.
+#[derive(Debug)]
+pub struct ActPolicy {
+    networks: Vec<Network>,
+}
+
+/// The network for one morphology, with the working memory of its threads.
+#[derive(Debug)]
+struct Network {
+    model: ActModel,
+    wiring: Wiring,
+    /// Decay of the temporal ensemble's weights, if the checkpoint specifies one.
+    ensemble_decay: Option<f64>,
+    tokens: Mutex<TokenCache>,
+    /// One worker per thread, each computing its own samples.
+    workers: Vec<Worker>,
+    /// Working memory for a single sample computed by all threads together.
+    team: Worker,
+}
+
+#[derive(Debug)]
+struct Worker {
+    scratch: ActScratch,
+    /// Instruction token `[d]` of the current sample.
+    token: Vec<f32>,
+    /// Network state input `[state_dim]` of the current sample.
+    state: Vec<f32>,
+}
+
+/// Errors that can occur while loading ACT checkpoints or checking them against a run.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the messages describe the fields")]
+pub enum ActLoadError {
+    #[error(
+        "no checkpoint in {}: neither the folder nor its subfolders `single` and `bimanual` contain {CONFIG_FILE}",
+        folder.display()
+    )]
+    NoCheckpoint { folder: PathBuf },
+    #[error(transparent)]
+    Checkpoint(Box<CheckpointError>),
+    #[error("checkpoint {} is for {found}, the run has {expected} tasks", folder.display())]
+    Morphology { folder: PathBuf, found: String, expected: &'static str },
+    #[error("checkpoint {} drives the {robot} robot in {found}, the run in {expected}", folder.display())]
+    ControlMode { folder: PathBuf, robot: &'static str, found: &'static str, expected: &'static str },
+    #[error("both subfolders of {} contain a checkpoint for {morphology}", folder.display())]
+    DuplicateMorphology { folder: PathBuf, morphology: &'static str },
+}
+
+impl From<CheckpointError> for ActLoadError {
+    fn from(error: CheckpointError) -> Self {
+        Self::Checkpoint(Box::new(error))
+    }
+}
+
+/// Checks the configuration and the weights header of a checkpoint against the robots of a run and their control
+/// modes, without loading the weights.
+///
+/// # Errors
+/// The first mismatch found.
+pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), ActLoadError> {
+    let mut found = Vec::new();
+    for inner in checkpoint_folders(folder)? {
+        let checkpoint = Checkpoint::open(&inner)?;
+        let wiring = checkpoint.wiring()?;
+        found.push((wiring.morphology, wiring.control_mode));
+        checkpoint.check_text_encoder()?;
+    }
+    for &(morphology, control_mode) in robots {
+        let Some((_, own)) = found.iter().find(|(robot, _)| *robot == morphology) else {
+            let found: Vec<_> = found.iter().map(|(robot, _)| robot.name()).collect();
+            let (folder, found) = (folder.to_owned(), found.join(", "));
+            return Err(ActLoadError::Morphology { folder, found, expected: morphology.name() });
+        };
+        let (expected, found) = (control_mode.name(), own.name());
+        if expected != found {
+            let (folder, robot) = (folder.to_owned(), morphology.name());
+            return Err(ActLoadError::ControlMode { folder, robot, expected, found });
+        }
+    }
+    Ok(())
+}
+
+impl ActPolicy {
+    /// Loads the checkpoint in `folder` for up to `n_threads` threads.
+    ///
+    /// # Errors
+    /// The first file or tensor that is missing, unexpected or damaged.
+    pub fn load(folder: &Path, precision: Precision, n_threads: usize) -> Result<Self, ActLoadError> {
+        let mut networks = Vec::new();
+        for inner in checkpoint_folders(folder)? {
+            let mut checkpoint = Checkpoint::open(&inner)?;
+            let (wiring, encoder) = (checkpoint.wiring()?.clone(), checkpoint.text_encoder()?);
+            if networks.iter().any(|network: &Network| network.wiring.morphology == wiring.morphology) {
+                let name = wiring.morphology.name();
+                return Err(ActLoadError::DuplicateMorphology {
+                    folder: folder.to_owned(),
+                    morphology: name,
+                });
+            }
+            let weights = checkpoint.weights()?;
+            let (architecture, normalisation) =
+                (checkpoint.architecture().clone(), checkpoint.normalisation().clone());
+            let model = ActModel::new(architecture, normalisation, &weights, precision, &IMAGE_SIZES);
+            let ensemble_decay = checkpoint.ensemble_decay();
+            networks.push(Network { ensemble_decay, ..Network::new(model, wiring, encoder, n_threads) });
+        }
+        Ok(Self { networks })
+    }
+
+    /// Creates a policy with a single network.
+    #[must_use]
+    pub fn new(model: ActModel, wiring: Wiring, encoder: Option<TextEncoder>, n_threads: usize) -> Self {
+        Self { networks: vec![Network::new(model, wiring, encoder, n_threads)] }
+    }
+}
+
+impl Policy for ActPolicy {
+    fn act(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionChunk],
+    ) -> Result<(), PolicyError> {
+        assert_eq!(answer.len(), observation.n_envs(), "one chunk per env");
+        let morphology = observation.morphology();
+        let network = self.networks.iter_mut().find(|network| network.wiring.morphology == morphology);
+        let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
+        network.check(observation)?;
+        network.run(observation, answer);
+        Ok(())
+    }
+
+    fn ensemble_decay(&self, morphology: Morphology) -> f64 {
+        let network = self.networks.iter().find(|network| network.wiring.morphology == morphology);
+        network.and_then(|network| network.ensemble_decay).unwrap_or(DEFAULT_ENSEMBLE_DECAY)
+    }
+}
+
+impl Network {
+    fn new(model: ActModel, wiring: Wiring, encoder: Option<TextEncoder>, n_threads: usize) -> Self {
+        let n_threads = n_threads.max(1);
+        let worker = |n_samples, n_members| Worker {
+            scratch: model.scratch(n_samples, n_members),
+            token: vec![0.0; model.architecture().hidden_dim],
+            state: vec![0.0; model.architecture().state_dim.unwrap_or(0)],
+        };
+        let workers = std::iter::repeat_with(|| worker(MAX_SAMPLES_PER_JOB, 1)).take(n_threads).collect();
+        Self {
+            workers,
+            team: worker(1, n_threads),
+            wiring,
+            ensemble_decay: None,
+            tokens: Mutex::new(TokenCache::new(encoder)),
+            model,
+        }
+    }
+
+    fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
+        let Wiring { morphology, control_mode, cameras, .. } = &self.wiring;
+        if !cameras.is_empty() && !observation.has_images() {
+            return Err(PolicyError::NoImages);
+        }
+        if observation.control_mode() != *control_mode {
+            let (expected, found) = (control_mode.name(), observation.control_mode().name());
+            return Err(PolicyError::ControlMode { expected, found });
+        }
+        (0..observation.n_envs()).try_for_each(|env_idx| {
+            let (expected, found) = (morphology.state_dim(), observation.env(env_idx).state.len());
+            if expected == found { Ok(()) } else { Err(PolicyError::StateDim { env_idx, expected, found }) }
+        })
+    }
+
+    /// Runs all samples. As many as divide evenly among the threads run one thread per sample, in jobs of up to
+    /// [`MAX_SAMPLES_PER_JOB`] that keep every thread busy; all threads together then compute each of the rest.
+    fn run(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionChunk]) {
+        let Self { model, wiring, tokens, workers, team, .. } = self;
+        let n_threads = workers.len();
+        let n_apart = answer.len() - answer.len() % n_threads;
+        let (apart, together) = answer.split_at_mut(n_apart);
+        let n_last = n_apart / n_threads % MAX_SAMPLES_PER_JOB;
+        let (whole, last) = apart.split_at_mut(n_apart - n_last * n_threads);
+        let mut first_env = 0;
+        let jobs =
+            whole.chunks_mut(MAX_SAMPLES_PER_JOB).chain(last.chunks_mut(n_last.max(1))).map(|chunks| {
+                first_env += chunks.len();
+                (first_env - chunks.len(), chunks)
+            });
+        let jobs = Mutex::new(jobs);
+        workers.par_iter_mut().with_max_len(1).for_each(|worker| {
+            while let Some((first_env, chunks)) = next_job(&jobs) {
+                worker.run(model, wiring, tokens, (observation, first_env), chunks);
+            }
+        });
+        for (first_env, chunks) in (n_apart..).zip(together.chunks_mut(1)) {
+            team.run(model, wiring, tokens, (observation, first_env), chunks);
+        }
+    }
+}
+
+impl Worker {
+    /// Computes the chunks of the envs starting at `first_env`, one per element of `chunks`.
+    fn run(
+        &mut self,
+        model: &ActModel,
+        wiring: &Wiring,
+        tokens: &Mutex<TokenCache>,
+        (observation, first_env): (&ObservationView<'_>, usize),
+        chunks: &mut [ActionChunk],
+    ) {
+        let image = |sample: usize, camera: usize| {
+            let (pixels, side) = observation.env(first_env + sample).image(wiring.cameras[camera]);
+            Image { pixels, size: ImageSize { height: side, width: side } }
+        };
+        model.look(chunks.len(), image, &mut self.scratch);
+        for (sample, chunk) in chunks.iter_mut().enumerate() {
+            let env = observation.env(first_env + sample);
+            let has_token = match lock(tokens).get(env.instruction, model) {
+                Some(token) => {
+                    self.token.copy_from_slice(token);
+                    true
+                }
+                None => false,
+            };
+            let mut rest = &mut self.state[..];
+            for part in &wiring.state {
+                let (own, others) = rest.split_at_mut(part.len());
+                own.copy_from_slice(&env.state[part.clone()]);
+                rest = others;
+            }
+            let input = Input { state: &self.state, instruction_token: has_token.then_some(&self.token) };
+            let architecture = model.architecture();
+            let rows = chunk.reset(architecture.horizon, architecture.action_dim);
+            model.run(sample, input, &mut self.scratch, rows);
+        }
+    }
+}
+
+/// Takes the next job from a queue shared between threads.
+fn next_job<J>(jobs: &Mutex<impl Iterator<Item = J>>) -> Option<J> {
+    lock(jobs).next()
+}
+
+/// Locks `mutex`, ignoring poison: a panicking worker aborts the query, and the guarded data stays consistent.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Returns the checkpoint folders in `folder`: `folder` itself, or its subfolders `single` and `bimanual`.
+fn checkpoint_folders(folder: &Path) -> Result<Vec<PathBuf>, ActLoadError> {
+    let has_config = |folder: &PathBuf| folder.join(CONFIG_FILE).is_file();
+    if has_config(&folder.to_owned()) {
+        return Ok(vec![folder.to_owned()]);
+    }
+    let inner = Morphology::ALL.map(|morphology| folder.join(morphology.name()));
+    let found: Vec<_> = inner.into_iter().filter(has_config).collect();
+    if found.is_empty() { Err(ActLoadError::NoCheckpoint { folder: folder.to_owned() }) } else { Ok(found) }
+}

@@ -1,0 +1,55 @@
+//! Construction of a [`Policy`] from a [`PolicySpec`]: the only module that lists the implementors.
+
+use ipc_types::{ControlMode, Morphology};
+use thiserror::Error;
+
+use crate::QueryMode;
+use crate::act::{self, ActLoadError, ActPolicy};
+use crate::ensemble::Ensemble;
+use crate::idle::IdlePolicy;
+use crate::nn::Precision;
+use crate::policy::Policy;
+use crate::random::RandomPolicy;
+use crate::spec::PolicySpec;
+
+/// Errors that can occur while loading a policy or checking it against a run.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the messages describe the fields")]
+pub enum LoadError {
+    #[error("policy `{spec}` does not run in a policy host")]
+    NotHosted { spec: PolicySpec },
+    #[error(transparent)]
+    Act(#[from] ActLoadError),
+}
+
+/// Loads a policy that uses up to `n_threads` threads of the rayon pool in which it is called.
+///
+/// # Errors
+/// If the policy does not run in a policy host, or its checkpoint cannot be loaded.
+pub fn load(spec: &PolicySpec, n_threads: usize, mode: QueryMode) -> Result<Box<dyn Policy>, LoadError> {
+    let policy: Box<dyn Policy> = match spec {
+        PolicySpec::Idle => Box::new(IdlePolicy),
+        PolicySpec::Random => Box::new(RandomPolicy),
+        PolicySpec::Act(folder) => Box::new(ActPolicy::load(folder, Precision::F32, n_threads)?),
+        PolicySpec::ActInt8(folder) => Box::new(ActPolicy::load(folder, Precision::Int8, n_threads)?),
+        PolicySpec::Expert | PolicySpec::Attach(_) => {
+            return Err(LoadError::NotHosted { spec: spec.clone() });
+        }
+    };
+    Ok(match mode {
+        QueryMode::Chunk => policy,
+        QueryMode::Ensemble => Box::new(Ensemble::new(policy)),
+    })
+}
+
+/// Checks that a policy can drive these robots in these control modes, without loading it. For a checkpoint, this
+/// reads the configuration and the header of the weights file.
+///
+/// # Errors
+/// The first mismatch found.
+pub fn check(spec: &PolicySpec, robots: &[(Morphology, ControlMode)]) -> Result<(), LoadError> {
+    match spec {
+        PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => Ok(()),
+        PolicySpec::Act(folder) | PolicySpec::ActInt8(folder) => Ok(act::check(folder, robots)?),
+    }
+}
