@@ -14,8 +14,8 @@ use crate::tasks::TaskId;
 impl Perturbation {
     /// Applies the perturbation to a scene distribution.
     ///
-    /// Perturbations edit disjoint sets of fields, so the order of application does not matter. A perturbation that is
-    /// not applicable to the task changes nothing.
+    /// Perturbations edit disjoint sets of fields, so the order of application does not matter. A
+    /// perturbation that is not applicable to the task changes nothing.
     #[must_use]
     pub fn apply(self, mut spec: SceneSpec, task: &Task, profile: Profile, strength: Strength) -> SceneSpec {
         let weight = strength.get();
@@ -85,9 +85,9 @@ fn vary_texture<'a>(appearances: impl IntoIterator<Item = &'a mut AppearanceSpec
     appearances.into_iter().for_each(|appearance| appearance.variation.texture = strength);
 }
 
-/// Varies the lights. At full strength, each ambient channel is scaled by 0.5 to 1.5, and a single directional light with
-/// channels in [0.5, 1] shines from any azimuth at 45° elevation and casts shadows. The second directional light fades
-/// out with increasing strength.
+/// Varies the lights. At full strength, each ambient channel is scaled by 0.5 to 1.5, and a single
+/// directional light with channels in [0.5, 1] shines from any azimuth at 45° elevation and casts shadows.
+/// The second directional light fades out with increasing strength.
 fn vary_lights(lights: &mut LightsSpec, strength: f64) {
     for channel in &mut lights.ambient {
         *channel = Range::new(0.5 * channel.lo, 1.5 * channel.hi).blended_from(*channel, strength);
@@ -119,8 +119,8 @@ fn jitter_cameras(cameras: &mut [CameraSpec], profile: Profile, strength: f64) {
     }
 }
 
-/// Scales bodies isotropically by 0.8 to 1.2. The benchmark scales its mesh bodies independently along each axis; here
-/// every body keeps its proportions.
+/// Scales bodies isotropically by 0.8 to 1.2. The benchmark scales its mesh bodies independently along each
+/// axis; here every body keeps its proportions.
 fn vary_size(bodies: &mut [BodySpec], by: ScaledBy, strength: f64) {
     for body in bodies.iter_mut().filter(|body| body.scaled_by == by) {
         body.scale = Range::new(0.8, 1.2).shrunk_to(1.0, strength);

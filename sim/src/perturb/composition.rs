@@ -68,7 +68,8 @@ impl Composition {
         names.join(SEPARATOR)
     }
 
-    /// Splits a composition's name into the names of its perturbations. The parts are trimmed but not validated.
+    /// Splits a composition's name into the names of its perturbations. The parts are trimmed but not
+    /// validated.
     pub fn split(name: &str) -> impl Iterator<Item = &str> {
         name.split(SEPARATOR).map(str::trim)
     }

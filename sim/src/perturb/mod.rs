@@ -1,6 +1,7 @@
 //! Perturbations of a task's scene distribution.
 //!
-//! Each perturbation edits only the fields of the [`SceneSpec`] that it owns. Nothing in this module is random.
+//! Each perturbation edits only the fields of the [`SceneSpec`] that it owns. Nothing in this module is
+//! random.
 
 mod apply;
 mod composition;
@@ -67,7 +68,7 @@ pub enum Modality {
     Language,
     /// The required motion: sizes and initial poses of bodies.
     Action,
-    /// All modalities.
+    /// Images, instruction and required motion together.
     Mixed,
 }
 
@@ -105,16 +106,16 @@ impl Perturbation {
         }
     }
 
-    /// Returns `true` if the perturbation moves, adds or resizes bodies. The others do not change the trajectory of a
-    /// policy that ignores images and instruction.
+    /// Returns `true` if the perturbation moves, adds or resizes bodies. The others do not change the
+    /// trajectory of a policy that ignores images and instruction.
     #[must_use]
     pub const fn changes_bodies(self) -> bool {
         matches!(self, Self::DistractorObjects)
             || matches!(self.modality(), Some(Modality::Action | Modality::Mixed))
     }
 
-    /// Checks that the perturbation has an effect on the task with this nominal distribution. The result follows from the
-    /// bodies' roles and the placement regions.
+    /// Checks that the perturbation has an effect on the task with this nominal distribution. The result
+    /// follows from the bodies' roles and the placement regions.
     ///
     /// # Errors
     /// If it has no effect, with the reason.

@@ -5,8 +5,8 @@ use thiserror::Error;
 
 /// The strength of a perturbation, in (0, 1]; 1 is the benchmark's.
 ///
-/// Continuous ranges are interpolated from their nominal value by the strength. Discrete replacements (a texture, an
-/// instruction, a distractor object) happen with the strength as their probability.
+/// Continuous ranges are interpolated from their nominal value by the strength. Discrete replacements (a
+/// texture, an instruction, a distractor object) happen with the strength as their probability.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "f64", into = "f64")]
 pub struct Strength(f64);

@@ -1,5 +1,5 @@
-//! Distribution of the appearance of a part or visual: nominal colour, texture and specular strength, and the degree to
-//! which a perturbation varies them.
+//! Distribution of the appearance of a part or visual: nominal colour, texture and specular strength, and the
+//! degree to which a perturbation varies them.
 
 use super::texture::Texture;
 
@@ -14,8 +14,8 @@ pub const fn rgb([r, g, b]: [u8; 3]) -> [f64; 3] {
 /// If both are non-zero, a fair coin flip per episode decides which of the two is resampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AppearanceVariation {
-    /// Interpolation weight of each colour channel from its nominal value (0) to a uniform sample from [0, 1] (1). A
-    /// resampled colour also removes the texture with this probability.
+    /// Interpolation weight of each colour channel from its nominal value (0) to a uniform sample from [0, 1]
+    /// (1). A resampled colour also removes the texture with this probability.
     pub color: f64,
     /// Probability that colour and texture are replaced by a random untinted texture.
     pub texture: f64,

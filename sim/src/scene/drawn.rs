@@ -21,7 +21,7 @@ pub struct Appearance {
 /// One convex collision shape of a body, at the body's scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
-    /// Collision shape.
+    /// Collision shape in the part's own frame.
     pub shape: Primitive,
     /// Pose in the body's frame.
     pub pose: Isometry3<f64>,
@@ -32,7 +32,7 @@ pub struct Part {
 /// One visual shape of a body, at the body's scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visual {
-    /// Visual shape.
+    /// Visual shape in its own frame.
     pub shape: VisualShape,
     /// Pose in the body's frame.
     pub pose: Isometry3<f64>,
@@ -116,13 +116,13 @@ pub struct Background {
 /// A directional light, infinitely far away.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DirectionalLight {
-    /// Linear RGB.
+    /// Linear RGB radiance.
     pub color: [f64; 3],
     /// World direction in which the light travels.
     pub direction: [f64; 3],
 }
 
-/// Lighting.
+/// Ambient and directional lights.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lights {
     /// Ambient light, linear RGB.
@@ -155,11 +155,11 @@ pub struct Scene {
     pub bodies: Vec<Body>,
     /// One or two arms.
     pub robots: Vec<Robot>,
-    /// The table.
+    /// Table geometry and appearance.
     pub table: Table,
     /// Floor and walls.
     pub background: Background,
-    /// Lighting.
+    /// Ambient and directional lights.
     pub lights: Lights,
     /// Cameras in the order of the observation's images.
     pub cameras: Vec<Camera>,

@@ -1,8 +1,8 @@
 //! Scene distributions and the scenes sampled from them.
 //!
 //! A task describes its scenes as a [`SceneSpec`], whose values are ranges. Perturbations edit the spec, and
-//! [`SceneSpec::draw`] samples a [`Scene`], whose values are numbers, from it and a seed. A `Scene` is never modified
-//! afterwards. This module depends on neither the physics engine nor the renderer.
+//! [`SceneSpec::draw`] samples a [`Scene`], whose values are numbers, from it and a seed. A `Scene` is never
+//! modified afterwards. This module depends on neither the physics engine nor the renderer.
 
 mod appearance;
 mod distractors;

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Vector3};
 /// A convex solid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Primitive {
-    /// Axis-aligned box.
+    /// Box whose edges are parallel to the axes.
     Box {
         /// Half-extents along x, y and z, in m.
         half: [f64; 3],
@@ -17,7 +17,7 @@ pub enum Primitive {
         /// Half of the height, in m.
         half_height: f64,
     },
-    /// Sphere.
+    /// Sphere about the origin.
     Ball {
         /// Radius in m.
         radius: f64,

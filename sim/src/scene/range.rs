@@ -3,9 +3,9 @@
 /// The closed interval [`lo`, `hi`]. A constant has `lo == hi`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
-    /// Lower bound.
+    /// Lower bound, included.
     pub lo: f64,
-    /// Upper bound, not below `lo`.
+    /// Upper bound, included and not below `lo`.
     pub hi: f64,
 }
 
@@ -44,8 +44,8 @@ impl Range {
         self.blended_from(Self::fixed(nominal), strength)
     }
 
-    /// Interpolates both bounds from those of `nominal` (strength 0) to those of this interval (strength 1). Both ends
-    /// are exact.
+    /// Interpolates both bounds from those of `nominal` (strength 0) to those of this interval (strength 1).
+    /// Both ends are exact.
     #[must_use]
     pub fn blended_from(self, nominal: Self, strength: f64) -> Self {
         let bound = |from: f64, to: f64| from * (1.0 - strength) + to * strength;

@@ -38,9 +38,9 @@ impl Role {
 /// The size perturbation that scales a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScaledBy {
-    /// MO-Size.
+    /// The perturbation MO-Size.
     MoSize,
-    /// RO-Size.
+    /// The perturbation RO-Size.
     RoSize,
     /// No perturbation, for the given reason.
     Nothing(&'static str),
@@ -55,8 +55,8 @@ pub enum Motion {
     Fixed,
     /// Neither moves nor collides: a mark painted on the table.
     VisualOnly,
-    /// Moves along or about a joint anchored at its initial pose. It collides with dynamic bodies and arms, but not with
-    /// fixed or other jointed bodies.
+    /// Moves along or about a joint anchored at its initial pose. It collides with dynamic bodies and arms,
+    /// but not with fixed or other jointed bodies.
     Jointed(JointSpec),
 }
 
@@ -80,7 +80,7 @@ pub enum JointKind {
 /// A joint between a body and the world, whose position is 0 at the body's initial pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointSpec {
-    /// Joint type.
+    /// Slide or hinge.
     pub kind: JointKind,
     /// Unit vector in the body's frame, other than −x.
     pub axis: [f64; 3],
@@ -145,7 +145,7 @@ pub struct BodySpec {
     pub name: &'static str,
     /// Role in the task.
     pub role: Role,
-    /// Motion type.
+    /// Motion type, including the joint if there is one.
     pub motion: Motion,
     /// Collision shapes. They are also rendered if there are no visuals.
     pub parts: Vec<PartSpec>,
@@ -155,7 +155,7 @@ pub struct BodySpec {
     pub scaled_by: ScaledBy,
     /// Isotropic scale, nominally 1.
     pub scale: Range,
-    /// Initial pose.
+    /// Distribution of the initial pose.
     pub placement: PlacementSpec,
     /// Density in kg/m³.
     pub density: f64,
@@ -204,7 +204,8 @@ impl BodySpec {
 pub struct RobotSpec {
     /// World pose of link 0.
     pub base: Isometry3<f64>,
-    /// Positions of joints 1 to 7 in rad, clamped to the joint limits after adding noise. Fingers start at 0.04 m.
+    /// Positions of joints 1 to 7 in rad, clamped to the joint limits after adding noise. Fingers start at
+    /// 0.04 m.
     pub qpos: [f64; 7],
     /// Standard deviation of the Gaussian noise on each joint position, in rad.
     pub noise_rad: f64,
@@ -215,7 +216,8 @@ pub struct RobotSpec {
 pub struct SizesSpec {
     /// Name (also of its random stream) and range of each sampled dimension.
     pub ranges: &'static [(&'static str, Range)],
-    /// Sets the shapes and poses of the bodies' parts from the sampled dimensions. It must not change anything else.
+    /// Sets the shapes and poses of the bodies' parts from the sampled dimensions. It must not change
+    /// anything else.
     pub apply: fn(&[f64], &mut [BodySpec]),
 }
 
@@ -270,7 +272,7 @@ pub struct BackgroundSpec {
 /// Distribution of a directional light, infinitely far away.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DirectionalLightSpec {
-    /// Linear RGB.
+    /// Linear RGB radiance.
     pub color: [Range; 3],
     /// World direction in which the light travels at yaw 0; not necessarily normalised.
     pub direction: [f64; 3],
@@ -311,7 +313,7 @@ pub enum CameraMount {
     },
     /// Fixed to the hand link of an arm.
     Hand {
-        /// Arm index.
+        /// Index of the arm.
         arm: usize,
         /// Camera pose in the hand's frame.
         pose: Isometry3<f64>,
@@ -343,7 +345,7 @@ pub struct CameraSpec {
     pub fov_y_rad: f64,
     /// Distances of the near and far clipping planes, in m.
     pub clip_m: [f64; 2],
-    /// Pose error.
+    /// Distribution of the pose error.
     pub jitter: Jitter,
 }
 
@@ -352,21 +354,21 @@ pub struct CameraSpec {
 pub struct SceneSpec {
     /// Bodies, in the order of their indices.
     pub bodies: Vec<BodySpec>,
-    /// Placement regions.
+    /// Regions in which bodies are placed.
     pub regions: Vec<RegionSpec>,
     /// Sampled body dimensions, if any.
     pub sizes: Option<SizesSpec>,
     /// One or two arms.
     pub robots: Vec<RobotSpec>,
-    /// The table.
+    /// Table geometry and appearance.
     pub table: TableSpec,
     /// Floor and walls.
     pub background: BackgroundSpec,
-    /// Lighting.
+    /// Ambient and directional lights.
     pub lights: LightsSpec,
     /// Cameras in the order of the observation's images.
     pub cameras: Vec<CameraSpec>,
-    /// Distractor objects.
+    /// Distribution of the distractor objects.
     pub distractors: DistractorsSpec,
     /// Language instruction given to the policy.
     pub instruction: InstructionSpec,

@@ -1,6 +1,7 @@
 //! Names of the procedural surface textures. The renderer generates their texels.
 
-/// Declares the enum and the slice of all its variants, in the same order, so that a new texture is added in one place.
+/// Declares the enum and the slice of all its variants, in the same order, so that a new texture is added in
+/// one place.
 macro_rules! textures {
     ($($name:ident)+) => {
         /// A procedural surface texture.
@@ -44,6 +45,7 @@ textures! {
 }
 
 impl Texture {
-    /// Textures from which the texture perturbations choose uniformly: all but `Checker`, the floor's 1 m squares.
+    /// Textures from which the texture perturbations choose uniformly: all but `Checker`, the floor's 1 m
+    /// squares.
     pub const PERTURBATION: &[Self] = Self::ALL.split_at(1).1;
 }

@@ -9,7 +9,7 @@ use super::primitive::Primitive;
 /// A closed surface.
 #[derive(Clone, Debug, PartialEq)]
 pub enum VisualShape {
-    /// Convex primitive.
+    /// A primitive, as also used for collision.
     Primitive(Primitive),
     /// Axis-aligned box with rounded edges.
     RoundedBox {
@@ -20,8 +20,9 @@ pub enum VisualShape {
     },
     /// Surface of revolution about the z axis. The profile determines the origin.
     Lathe {
-        /// Profile points (r, z) in m, ordered so that the outside lies to the right: up the outside and, for a vessel,
-        /// down the inside. The profile either starts and ends on the axis (r = 0) or is closed (ends where it starts).
+        /// Profile points (r, z) in m, ordered so that the outside lies to the right: up the outside and, for
+        /// a vessel, down the inside. The profile either starts and ends on the axis (r = 0) or is closed
+        /// (ends where it starts).
         profile: Vec<[f64; 2]>,
     },
     /// Torus about the z axis.
@@ -76,8 +77,8 @@ const COSINES: [f64; 7] = [
     0.0,
 ];
 
-/// Returns the counter-clockwise outline of the rectangle |x| ≤ `half[0]`, |y| ≤ `half[1]` (m) with corners rounded to
-/// `radius` (m).
+/// Returns the counter-clockwise outline of the rectangle |x| ≤ `half[0]`, |y| ≤ `half[1]` (m) with corners
+/// rounded to `radius` (m).
 ///
 /// # Panics
 /// If `radius` is not positive or not smaller than both half-extents.

@@ -40,10 +40,10 @@ fn restore(perturbation: Perturbation, spec: &mut SceneSpec, from: &SceneSpec) {
         Perturbation::MoTexture => appearances(spec, Role::ManipulationObject, texture),
         Perturbation::RoTexture => appearances(spec, Role::ReceiverObject, texture),
         Perturbation::TableColor => {
-            spec.table.appearances_mut().for_each(|appearance| color(&mut appearance.variation))
+            spec.table.appearances_mut().for_each(|appearance| color(&mut appearance.variation));
         }
         Perturbation::TableTexture => {
-            spec.table.appearances_mut().for_each(|appearance| texture(&mut appearance.variation))
+            spec.table.appearances_mut().for_each(|appearance| texture(&mut appearance.variation));
         }
         Perturbation::BackgroundColor => color(&mut spec.background.walls.variation),
         Perturbation::BackgroundTexture => texture(&mut spec.background.walls.variation),

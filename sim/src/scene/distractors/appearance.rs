@@ -56,7 +56,7 @@ pub(super) fn vivid(stream: &mut Stream) -> [f64; 3] {
 }
 
 /// Draws `N` saturated colours of different hues; `N` is at most 12.
-pub(super) fn vivids<const N: usize>(stream: &mut Stream) -> [[f64; 3]; N] {
+pub(super) fn vivid_colors<const N: usize>(stream: &mut Stream) -> [[f64; 3]; N] {
     let first = (stream.unit() * VIVID.len() as f64) as usize;
     // 5 and 12 are coprime, so stepping by 5 visits every colour once.
     core::array::from_fn(|i| vary_brightness(stream, VIVID[(first + 5 * i) % VIVID.len()]))

@@ -1,19 +1,19 @@
-//! Balls from several games. What is seen stays within what collides, which is one ball.
+//! Sports balls. The visuals stay within the single sphere that collides.
 
 use nalgebra::Vector3;
 
 use super::Distractor;
-use super::appearance::{BLACK, WHITE, glossy, matt, pick, rgb, vary_brightness, vivid, vivids};
+use super::appearance::{BLACK, WHITE, glossy, matt, pick, rgb, vary_brightness, vivid, vivid_colors};
 use super::builder::{COS_SIN_STEP, DistractorBuilder, IDENTITY, arc, pose, z_axis_to};
 use crate::scene::{AppearanceSpec, Primitive, VisualShape};
 use crate::stream::Stream;
 
-/// How far what is on a ball stands out of it, in m.
+/// Height of surface details above a ball's base surface, in m.
 const RELIEF: f64 = 0.0004;
 
-/// A small football with dark patches.
+/// Samples a small football with dark patches.
 pub(super) fn football(stream: &mut Stream) -> Distractor {
-    // The corners of an icosahedron: 1 and the golden ratio, over the root of the sum of their squares.
+    // Coordinates of the icosahedron's vertices: (1, φ) / √(1 + φ²) with the golden ratio φ.
     const SHORT: f64 = 0.525_731_112_119_133_6;
     const LONG: f64 = 0.850_650_808_352_039_9;
     let radius = 0.066;
@@ -28,7 +28,7 @@ pub(super) fn football(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A baseball with red stitches.
+/// Samples a baseball with red stitches.
 pub(super) fn baseball(stream: &mut Stream) -> Distractor {
     let radius = 0.0367;
     let mut builder = ball(radius, 690.0, matt(vary_brightness(stream, rgb([236, 230, 216]))));
@@ -36,7 +36,7 @@ pub(super) fn baseball(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A tennis ball with its seam.
+/// Samples a tennis ball with its seam.
 pub(super) fn tennis_ball(stream: &mut Stream) -> Distractor {
     let radius = 0.033;
     let felt = pick(stream, &[rgb([204, 226, 50]), rgb([204, 226, 50]), rgb([232, 120, 50])]);
@@ -45,13 +45,13 @@ pub(super) fn tennis_ball(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A golf ball.
+/// Samples a golf ball.
 pub(super) fn golf_ball(stream: &mut Stream) -> Distractor {
     let radius = 0.0214;
     let color = pick(stream, &[WHITE, WHITE, rgb([236, 240, 80]), rgb([250, 150, 60])]);
     let mut builder = ball(radius, 1120.0, glossy(color));
     builder.friction(0.4);
-    // A few of its dimples, as darker dots, and a mark to find it by.
+    // Some of the dimples, as darker spots, and one coloured mark.
     let dimple = glossy(color.map(|channel| 0.88 * channel));
     for (i, height) in [-0.7, -0.42, -0.14, 0.14, 0.42, 0.7_f64].into_iter().enumerate() {
         let around = (1.0 - height * height).sqrt();
@@ -63,10 +63,10 @@ pub(super) fn golf_ball(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A rubber ball for racquetball, two halves and the seam between them.
+/// Samples a rubber racquetball made of two halves with a seam between them.
 pub(super) fn racquetball(stream: &mut Stream) -> Distractor {
     let radius = 0.0285;
-    let [main, other] = vivids(stream);
+    let [main, other] = vivid_colors(stream);
     let mut builder = ball(radius, 400.0, glossy(main));
     let belt = [
         [0.8 * radius, -0.0008],
@@ -81,7 +81,8 @@ pub(super) fn racquetball(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A plain ball that leaves room for what is on it.
+/// Starts a plain ball whose visual is smaller than its collision shape by `RELIEF`, to make room for
+/// details.
 fn ball(radius: f64, density: f64, appearance: AppearanceSpec) -> DistractorBuilder {
     let mut builder = DistractorBuilder::new(density);
     let (solid, seen) = (Primitive::Ball { radius }, Primitive::Ball { radius: radius - RELIEF });
@@ -90,9 +91,10 @@ fn ball(radius: f64, density: f64, appearance: AppearanceSpec) -> DistractorBuil
     builder
 }
 
-/// A round patch that is as curved as the ball, a quarter of its radius wide to each side.
+/// Adds a round patch with the curvature of the ball, spanning 15° to each side of `towards`.
 fn cap(builder: &mut DistractorBuilder, radius: f64, towards: [f64; 3], appearance: AppearanceSpec) {
-    // On the ball at 15°, 10°, 5° and 0° from its middle, after what is hidden within.
+    // Points on the unit sphere at 15°, 10°, 5° and 0° from the patch centre; the first two are hidden inside
+    // the ball.
     let profile = [
         [0.0, 0.93],
         [0.2588, 0.9659 - 0.006],
@@ -108,7 +110,7 @@ fn cap(builder: &mut DistractorBuilder, radius: f64, towards: [f64; 3], appearan
     );
 }
 
-/// A small flat spot.
+/// Adds a small flat disc of radius `size` at the unit vector `towards`.
 fn spot(
     builder: &mut DistractorBuilder,
     radius: f64,
@@ -121,24 +123,27 @@ fn spot(
     builder.extrusion(&outline, &[], 0.0002, pose(at, z_axis_to(towards)), appearance);
 }
 
-/// Short strips along the seam of a ball that is sewn of two halves, of these half extents along it and across it.
+/// Adds short strips along the seam of a ball sewn from two halves; `along` and `across` are their
+/// half-extents.
 fn seam(builder: &mut DistractorBuilder, radius: f64, [along, across]: [f64; 2], appearance: AppearanceSpec) {
-    // On a sphere of radius a + b: x = a cos t + b cos 3t, y = a sin t − b sin 3t, z = 2 √(a b) sin 2t.
+    // Seam curve on the sphere of radius a + b:
+    // x = a cos t + b cos 3t, y = a sin t − b sin 3t, z = 2 √(a b) sin 2t.
     const A: f64 = 0.72;
     const B: f64 = 0.28;
-    let point = |[cos, sin]: [f64; 2]| {
+    let seam_point = |[cos, sin]: [f64; 2]| {
         let (cos3, sin3) = (cos * (4.0 * cos * cos - 3.0), sin * (3.0 - 4.0 * sin * sin));
         [A * cos + B * cos3, A * sin - B * sin3, 2.0 * (A * B).sqrt() * 2.0 * sin * cos]
     };
     for at in arc(1.0, 0..=47) {
-        let next = point([
+        let next = seam_point([
             COS_SIN_STEP[0] * at[0] - COS_SIN_STEP[1] * at[1],
             COS_SIN_STEP[0] * at[1] + COS_SIN_STEP[1] * at[0],
         ]);
-        let up = Vector3::from(point(at));
+        let up = Vector3::from(seam_point(at));
         let outwards = pose((up * (radius - RELIEF)).into(), z_axis_to(up.into()));
         let onwards = outwards.inverse_transform_vector(&(Vector3::from(next) - up));
-        // Either way along the seam looks the same, and the one nearer to x is always reached.
+        // The strip is symmetric, so its direction may be flipped towards +x, where the half-angle quaternion
+        // below is well defined.
         let [x, y] = [onwards.x.abs(), onwards.y * onwards.x.signum()];
         let turn = [x + (x * x + y * y).sqrt(), 0.0, 0.0, y];
         let strip = VisualShape::Primitive(Primitive::Box { half: [along, across, RELIEF] });

@@ -1,4 +1,5 @@
-//! A banana. Its middle line is a parabola and its underside is level, so that the thin ends lie on the table too.
+//! A banana. Its centre line is a parabola; its underside is level, so that the thin ends rest on the table
+//! too.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -8,42 +9,51 @@ use super::builder::{DistractorBuilder, pose, z_axis_to};
 use crate::scene::{AppearanceSpec, Primitive};
 use crate::stream::Stream;
 
-/// How far the middle line reaches to both sides, and how deep it is bent, in m.
+/// Half of the centre line's length, in m.
 const HALF_LENGTH: f64 = 0.078;
-const DEPTH: f64 = 0.028;
-/// Radius in the middle and at the ends, in m.
+/// Sagitta of the centre line, in m.
+const SAGITTA: f64 = 0.028;
+/// Radius at the middle of the banana, in m.
 const RADIUS: f64 = 0.0175;
+/// Radius at the ends, in m.
 const END_RADIUS: f64 = 0.009;
-/// How far what is seen of a link reaches into its neighbours, whose axes point elsewhere, in m.
+/// Overlap of a visual segment with its neighbours, whose axes differ slightly, in m.
 const OVERLAP: f64 = 0.0008;
-/// Links that collide, and that are seen.
-const N_SOLIDS: u32 = 6;
-const N_SEEN: u32 = 14;
+/// Number of collision segments.
+const N_COLLIDERS: u32 = 6;
+/// Number of visual segments.
+const N_VISUALS: u32 = 14;
 
-/// A banana that lies along y, as yellow as it is ripe.
+/// Samples a banana that lies along y, from unripe to overripe.
 pub(super) fn banana(stream: &mut Stream) -> Distractor {
     let skin = pick(stream, &[rgb([248, 212, 52]), rgb([222, 206, 74]), rgb([232, 184, 52])]);
     let skin =
         AppearanceSpec { specular: PEEL_SPECULAR, ..AppearanceSpec::plain(vary_brightness(stream, skin)) };
     let dark = AppearanceSpec::plain(rgb([84, 66, 32]));
     let mut builder = DistractorBuilder::new(600.0);
-    for [from, to] in links(N_SOLIDS) {
+    for [from, to] in segments(N_COLLIDERS) {
         let radius = radius(f64::midpoint(from, to));
-        let (half_height, pose) = between(place(from, radius), place(to, radius));
+        let (half_height, pose) = between(centre_line(from, radius), centre_line(to, radius));
         builder.collider(Primitive::Capsule { radius, half_height }, pose);
     }
-    for stations in links(N_SEEN) {
-        let [low, high] = stations.map(radius);
-        let (half, pose) = between(place(stations[0], low), place(stations[1], high));
-        let (reach, more) = (half + OVERLAP, (high - low) / (2.0 * half) * OVERLAP);
-        let frustum = [[0.0, -reach], [low - more, -reach], [high + more, reach], [0.0, reach]];
+    for ends in segments(N_VISUALS) {
+        let [low, high] = ends.map(radius);
+        let (half, pose) = between(centre_line(ends[0], low), centre_line(ends[1], high));
+        let (half_length, flare) = (half + OVERLAP, (high - low) / (2.0 * half) * OVERLAP);
+        let frustum = [
+            [0.0, -half_length],
+            [low - flare, -half_length],
+            [high + flare, half_length],
+            [0.0, half_length],
+        ];
         builder.lathe(&frustum, pose, skin);
     }
-    // The stalk, and what is left of the blossom.
+    // The stem and the remains of the blossom.
     for (end, length, [radius, tip_radius]) in
         [(1.0, 0.02, [0.0045, 0.0052]), (-1.0, 0.011, [0.0075, 0.0045])]
     {
-        let (half, pose) = between(place(end, END_RADIUS), place(end * (1.0 + length / 0.095), END_RADIUS));
+        let (half, pose) =
+            between(centre_line(end, END_RADIUS), centre_line(end * (1.0 + length / 0.095), END_RADIUS));
         let stub = [[0.0, -half], [END_RADIUS, -half], [radius, 0.3 * half], [tip_radius, half], [0.0, half]];
         builder.lathe(&stub, pose, skin);
         let scar =
@@ -56,22 +66,24 @@ pub(super) fn banana(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// Stations of the links' ends, −1 at one end and 1 at the other.
-fn links(n: u32) -> impl Iterator<Item = [f64; 2]> {
+/// Returns the curve parameters at both ends of each of `n` segments: −1 is one end of the banana and 1 the
+/// other.
+fn segments(n: u32) -> impl Iterator<Item = [f64; 2]> {
     (0..n).map(move |i| [i, i + 1].map(|i| 2.0 * f64::from(i) / f64::from(n) - 1.0))
 }
 
-fn radius(station: f64) -> f64 {
-    RADIUS + (END_RADIUS - RADIUS) * station * station * station * station
+fn radius(t: f64) -> f64 {
+    RADIUS + (END_RADIUS - RADIUS) * t * t * t * t
 }
 
-/// The middle line at a station, so far above the table.
-fn place(station: f64, height: f64) -> Vector3<f64> {
-    Vector3::new(DEPTH * (0.5 - station * station), HALF_LENGTH * station, height)
+/// Returns the point of the centre line at curve parameter `t`, at the given height above the table.
+fn centre_line(t: f64, height: f64) -> Vector3<f64> {
+    Vector3::new(SAGITTA * (0.5 - t * t), HALF_LENGTH * t, height)
 }
 
-/// Half the way between two points, and the pose halfway with z along it.
+/// Returns half of the distance between two points and the pose at their midpoint with z along their
+/// connection.
 fn between(from: Vector3<f64>, to: Vector3<f64>) -> (f64, Isometry3<f64>) {
-    let way = to - from;
-    (way.norm() / 2.0, pose(((from + to) / 2.0).into(), z_axis_to(way.normalize().into())))
+    let offset = to - from;
+    (offset.norm() / 2.0, pose(((from + to) / 2.0).into(), z_axis_to(offset.normalize().into())))
 }

@@ -1,22 +1,22 @@
 //! Bottles, a sprayer and a pitcher.
 
 use super::Distractor;
-use super::appearance::{BLACK, WHITE, glossy, matt, pale, pick, rgb, vary_brightness, vivid, vivids};
+use super::appearance::{BLACK, WHITE, glossy, matt, pale, pick, rgb, vary_brightness, vivid, vivid_colors};
 use super::builder::{DistractorBuilder, IDENTITY, X_TO_Y_TO_Z, Y_TO_Z, pose};
 use crate::scene::{AppearanceSpec, rounded_rectangle};
 use crate::stream::Stream;
 
-/// A squeezable bottle of mustard.
+/// Samples a mustard squeeze bottle.
 pub(super) fn mustard(stream: &mut Stream) -> Distractor {
     let half = [0.028, 0.0465];
     let mut builder = DistractorBuilder::new(430.0);
     let filling = pick(stream, &[rgb([238, 196, 30]), rgb([186, 28, 24]), rgb([240, 232, 200])]);
     let body = glossy(vary_brightness(stream, filling));
-    let [main, cap] = vivids(stream);
-    flask(&mut builder, half, 0.145, body);
+    let [main, cap] = vivid_colors(stream);
+    bottle_body(&mut builder, half, 0.145, body);
     builder.collider_cylinder(0.016, [0.145, 0.19]);
-    sleeve(&mut builder, half, [0.035, 0.108], matt(main));
-    sleeve_print(&mut builder, half, [0.05, 0.09], matt(WHITE), matt(cap));
+    wraparound_label(&mut builder, half, [0.035, 0.108], matt(main));
+    label_print(&mut builder, half, [0.05, 0.09], matt(WHITE), matt(cap));
     let nozzle = [
         [0.0, 0.14],
         [0.0165, 0.14],
@@ -30,33 +30,33 @@ pub(super) fn mustard(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A bottle of cleanser with a screw cap.
+/// Samples a cleanser bottle with a screw cap.
 pub(super) fn cleanser(stream: &mut Stream) -> Distractor {
     let half = [0.031, 0.049];
     let mut builder = DistractorBuilder::new(430.0);
-    let [main, other] = vivids(stream);
-    flask(&mut builder, half, 0.18, glossy(pale(stream)));
+    let [main, other] = vivid_colors(stream);
+    bottle_body(&mut builder, half, 0.18, glossy(pale(stream)));
     builder.collider_cylinder(0.0165, [0.18, 0.226]);
-    sleeve(&mut builder, half, [0.025, 0.14], matt(main));
-    sleeve_print(&mut builder, half, [0.05, 0.115], matt(WHITE), matt(other));
+    wraparound_label(&mut builder, half, [0.025, 0.14], matt(main));
+    label_print(&mut builder, half, [0.05, 0.115], matt(WHITE), matt(other));
     builder.visual_cylinder(0.013, [0.175, 0.2], glossy(WHITE));
     let cap = [[0.0, 0.194], [0.017, 0.194], [0.017, 0.2], [0.0155, 0.222], [0.013, 0.226], [0.0, 0.226]];
     builder.lathe_about_z(&cap, glossy(other));
     builder.build(stream)
 }
 
-/// A bottle of window cleaner with a trigger to spray.
+/// Samples a window-cleaner bottle with a spray trigger.
 pub(super) fn sprayer(stream: &mut Stream) -> Distractor {
     let half = [0.026, 0.041];
     let mut builder = DistractorBuilder::new(430.0);
-    let [fluid, head, other] = vivids(stream);
-    flask(&mut builder, half, 0.145, glossy(fluid));
+    let [fluid, head, other] = vivid_colors(stream);
+    bottle_body(&mut builder, half, 0.145, glossy(fluid));
     builder.collider_cylinder(0.0135, [0.145, 0.19]);
-    sleeve(&mut builder, half, [0.03, 0.1], matt(WHITE));
-    sleeve_print(&mut builder, half, [0.045, 0.085], matt(other), matt(WHITE));
+    wraparound_label(&mut builder, half, [0.03, 0.1], matt(WHITE));
+    label_print(&mut builder, half, [0.045, 0.085], matt(other), matt(WHITE));
     let collar = [[0.0, 0.138], [0.0145, 0.138], [0.0145, 0.156], [0.011, 0.162], [0.011, 0.2], [0.0, 0.2]];
     builder.lathe_about_z(&collar, glossy(WHITE));
-    // Seen from the side: the nozzle ahead, the hood behind, the trigger below.
+    // Side profiles: the nozzle in front, the hood behind it and the trigger below.
     let hood =
         [[0.046, 0.222], [-0.03, 0.225], [-0.03, 0.212], [-0.012, 0.19], [0.018, 0.19], [0.046, 0.206]];
     let trigger =
@@ -70,7 +70,7 @@ pub(super) fn sprayer(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A plastic pitcher with a lid, a spout and a handle.
+/// Samples a plastic pitcher with a lid, a spout and a handle.
 pub(super) fn pitcher(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(180.0);
     let (body, lid) = (vivid(stream), pick(stream, &[WHITE, BLACK, rgb([40, 90, 170])]));
@@ -102,28 +102,34 @@ pub(super) fn pitcher(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// How round a flask is about its upright edges and its shoulders.
-const ROUND: f64 = 0.024;
+/// Radius of a bottle's vertical edges and shoulders, in m.
+const EDGE_RADIUS: f64 = 0.024;
 
-/// The body of a bottle, straight at its foot and round at its shoulders.
-fn flask(builder: &mut DistractorBuilder, [x, y]: [f64; 2], height: f64, appearance: AppearanceSpec) {
+/// Adds the body of a bottle, with a straight base and rounded shoulders.
+fn bottle_body(builder: &mut DistractorBuilder, [x, y]: [f64; 2], height: f64, appearance: AppearanceSpec) {
     let half_height = height / 2.0;
-    builder.visual_rounded_box([x, y, half_height], [0.0, 0.0, half_height], ROUND, appearance);
-    let foot = rounded_rectangle([x, y], ROUND);
-    builder.extrusion(&foot, &[], ROUND / 2.0, pose([0.0, 0.0, ROUND / 2.0], IDENTITY), appearance);
-    let low = height - ROUND / 2.0;
-    builder.collider_crossed_boxes([x, y, low / 2.0], ROUND / 2.0, [0.0, 0.0, low / 2.0]);
-    builder.collider_box([x / 2.0, y - ROUND / 2.0, half_height], [0.0, 0.0, half_height]);
+    builder.visual_rounded_box([x, y, half_height], [0.0, 0.0, half_height], EDGE_RADIUS, appearance);
+    let foot = rounded_rectangle([x, y], EDGE_RADIUS);
+    builder.extrusion(
+        &foot,
+        &[],
+        EDGE_RADIUS / 2.0,
+        pose([0.0, 0.0, EDGE_RADIUS / 2.0], IDENTITY),
+        appearance,
+    );
+    let low = height - EDGE_RADIUS / 2.0;
+    builder.collider_crossed_boxes([x, y, low / 2.0], EDGE_RADIUS / 2.0, [0.0, 0.0, low / 2.0]);
+    builder.collider_box([x / 2.0, y - EDGE_RADIUS / 2.0, half_height], [0.0, 0.0, half_height]);
 }
 
-/// A label all around a flask between two heights.
-fn sleeve(
+/// Adds a label wrapped all around a bottle between two heights.
+fn wraparound_label(
     builder: &mut DistractorBuilder,
     [x, y]: [f64; 2],
     [low, high]: [f64; 2],
     appearance: AppearanceSpec,
 ) {
-    let outline = rounded_rectangle([x + 0.0004, y + 0.0004], ROUND);
+    let outline = rounded_rectangle([x + 0.0004, y + 0.0004], EDGE_RADIUS);
     builder.extrusion(
         &outline,
         &[],
@@ -133,15 +139,15 @@ fn sleeve(
     );
 }
 
-/// What is printed on the label's front and back: a field, and a title in it.
-fn sleeve_print(
+/// Adds the print on the front and back of a wraparound label: a field and a title inside it.
+fn label_print(
     builder: &mut DistractorBuilder,
     [x, y]: [f64; 2],
     [low, high]: [f64; 2],
     field: AppearanceSpec,
     title: AppearanceSpec,
 ) {
-    let (flat, middle, half) = (y - ROUND, f64::midpoint(low, high), (high - low) / 2.0);
+    let (flat, middle, half) = (y - EDGE_RADIUS, f64::midpoint(low, high), (high - low) / 2.0);
     builder.visual_box([x + 0.0008, flat, half], [0.0, 0.0, middle], field);
     builder.visual_box([x + 0.0012, 0.8 * flat, 0.3 * half], [0.0, 0.0, middle + 0.4 * half], title);
     builder.visual_box([x + 0.0012, 0.6 * flat, 0.1 * half], [0.0, 0.0, middle - 0.3 * half], title);

@@ -1,7 +1,7 @@
 //! Builder of distractor objects from collision shapes and visual shapes in any convenient frame.
 //!
-//! [`DistractorBuilder::build`] moves the finished object onto z = 0, centres it on the z axis and samples its size.
-//! Lengths are in m.
+//! [`DistractorBuilder::build`] moves the finished object onto z = 0, centres it on the z axis and samples
+//! its size. Lengths are in m.
 
 use core::ops::RangeInclusive;
 
@@ -20,7 +20,7 @@ const SCALE: Range = Range::new(0.92, 1.08);
 
 /// A rotation as a quaternion (w, x, y, z) that need not be normalised.
 pub(super) type Quat = [f64; 4];
-/// The identity.
+/// Identity rotation, which leaves a shape as it is.
 pub(super) const IDENTITY: Quat = [1.0, 0.0, 0.0, 0.0];
 /// Rotates z to x, and x to −z.
 pub(super) const Z_TO_X: Quat = [1.0, 0.0, 1.0, 0.0];
@@ -61,8 +61,8 @@ pub(super) fn ellipse([a, b]: [f64; 2]) -> Vec<[f64; 2]> {
 
 /// A distractor object under construction.
 ///
-/// Methods called `collider…` add collision shapes only and methods called `visual…` visual shapes only; `lathe…`,
-/// `extrusion` and `curved_label` add visuals, and `rounded_box` adds both.
+/// Methods called `collider…` add collision shapes only and methods called `visual…` visual shapes only;
+/// `lathe…`, `extrusion` and `curved_label` add visuals, and `rounded_box` adds both.
 pub(super) struct DistractorBuilder(Distractor);
 
 impl DistractorBuilder {
@@ -219,7 +219,8 @@ impl DistractorBuilder {
 
     /// Adds a label that is wrapped around a cylinder of this radius as its `layer`-th label from the inside.
     ///
-    /// It lies between two heights and covers `half_steps` steps of 7.5° to either side of the rotated x axis.
+    /// It lies between two heights and covers `half_steps` steps of 7.5° to either side of the rotated x
+    /// axis.
     pub(super) fn curved_label(
         &mut self,
         (radius, layer): (f64, u32),
@@ -247,7 +248,8 @@ impl DistractorBuilder {
         self
     }
 
-    /// Moves the collision shapes' bounding box onto z = 0 and centres it on the z axis, then samples the scale.
+    /// Moves the collision shapes' bounding box onto z = 0 and centres it on the z axis, then samples the
+    /// scale.
     ///
     /// # Panics
     /// If no collision shape was added.

@@ -3,22 +3,22 @@
 use core::f64::consts::SQRT_2;
 
 use super::Distractor;
-use super::appearance::{BLACK, GOLD, WHITE, glossy, matt, pale, pick, steel, textured, vivids};
+use super::appearance::{BLACK, GOLD, WHITE, glossy, matt, pale, pick, steel, textured, vivid_colors};
 use super::builder::{DistractorBuilder, HALF_TURN_Z, IDENTITY, LABEL_THICKNESS, pose};
 use crate::scene::{Texture, rounded_rectangle};
 use crate::stream::Stream;
 
-/// A can of soup.
+/// Samples a soup can.
 pub(super) fn soup(stream: &mut Stream) -> Distractor {
     tin(stream, 0.034, 0.101, 950.0)
 }
 
-/// A flat can of tuna.
+/// Samples a flat tuna can.
 pub(super) fn tuna(stream: &mut Stream) -> Distractor {
     tin(stream, 0.0425, 0.033, 900.0)
 }
 
-/// A large can of coffee under a plastic lid.
+/// Samples a large coffee can with a plastic lid.
 pub(super) fn coffee(stream: &mut Stream) -> Distractor {
     let (radius, height) = (0.05, 0.139);
     let mut builder = DistractorBuilder::new(370.0);
@@ -38,7 +38,7 @@ pub(super) fn coffee(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A tube of crisps under a plastic lid.
+/// Samples a tube of crisps with a plastic lid.
 pub(super) fn crisps(stream: &mut Stream) -> Distractor {
     let (radius, height) = (0.0365, 0.228);
     let mut builder = DistractorBuilder::new(210.0);
@@ -57,18 +57,18 @@ pub(super) fn crisps(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A can of potted meat: a box with round edges.
+/// Samples a potted-meat can: a box with rounded vertical edges.
 pub(super) fn potted_meat(stream: &mut Stream) -> Distractor {
     let ([x, y], height, round) = ([0.025, 0.048], 0.082, 0.012);
     let mut builder = DistractorBuilder::new(950.0);
-    // Two crossed boxes cut the edges where the round ones are met at 45°.
+    // Two crossed boxes cut the vertical edges off where a 45° plane touches the rounding.
     builder.collider_crossed_boxes([x, y, height / 2.0], round * (2.0 - SQRT_2), [0.0, 0.0, height / 2.0]);
     let mut layer = |out: f64, [low, high]: [f64; 2], appearance| {
         let middle = pose([0.0, 0.0, f64::midpoint(low, high)], IDENTITY);
         let outline = rounded_rectangle([x + out, y + out], round + out);
         builder.extrusion(&outline, &[], (high - low) / 2.0, middle, appearance);
     };
-    let [main, other] = vivids(stream);
+    let [main, other] = vivid_colors(stream);
     layer(-0.001, [0.001, height - 0.002], steel());
     layer(0.0, [0.0, 0.003], steel());
     layer(-0.0006, [0.006, height - 0.006], glossy(main));
@@ -95,7 +95,7 @@ pub(super) fn potted_meat(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A round can with a paper label between its rims, and a ring to open it.
+/// Samples a round can with a paper label between its rims and a pull ring.
 fn tin(stream: &mut Stream, radius: f64, height: f64, density: f64) -> Distractor {
     let mut builder = DistractorBuilder::new(density);
     builder.collider_cylinder(radius, [0.0, height]);
@@ -127,15 +127,15 @@ fn pull_ring(builder: &mut DistractorBuilder, z: f64) {
     builder.extrusion(&ring, &[&hole], 0.0005, pose([0.006, 0.0, z + 0.0005], IDENTITY), steel());
 }
 
-/// A printed label around a drum between two heights, in one of some designs.
+/// Adds a printed label around a cylinder between two heights, in one of four designs.
 pub(super) fn label(
     builder: &mut DistractorBuilder,
     stream: &mut Stream,
     radius: f64,
     [low, high]: [f64; 2],
 ) {
-    let at = |share: f64| low + (high - low) * share;
-    let [main, other] = vivids(stream);
+    let at = |fraction: f64| low + (high - low) * fraction;
+    let [main, other] = vivid_colors(stream);
     let light = pale(stream);
     let mut band = |layer: u32, from: f64, to: f64, appearance| {
         builder.visual_cylinder(radius + LABEL_THICKNESS * f64::from(layer), [at(from), at(to)], appearance);
@@ -146,43 +146,43 @@ pub(super) fn label(
             band(0, 0.0, 0.52, glossy(light));
             band(0, 0.52, 1.0, glossy(main));
             band(1, 0.5, 0.54, glossy(GOLD));
-            both_sides(builder, radius, 3, [at(0.4), at(0.64)], GOLD);
-            writing(builder, radius, 4, [at(0.72), at(0.86)], light);
-            writing(builder, radius, 4, [at(0.14), at(0.26)], main);
+            front_and_back_labels(builder, radius, 3, [at(0.4), at(0.64)], GOLD);
+            text_bar(builder, radius, 4, [at(0.72), at(0.86)], light);
+            text_bar(builder, radius, 4, [at(0.14), at(0.26)], main);
         }
-        // A belt between stripes.
+        // A central band between stripes.
         1 => {
             band(0, 0.0, 1.0, glossy(main));
             band(1, 0.3, 0.7, glossy(light));
             band(1, 0.08, 0.14, glossy(other));
             band(1, 0.86, 0.92, glossy(other));
-            writing(builder, radius, 5, [at(0.5), at(0.62)], main);
-            writing(builder, radius, 3, [at(0.37), at(0.43)], other);
+            text_bar(builder, radius, 5, [at(0.5), at(0.62)], main);
+            text_bar(builder, radius, 3, [at(0.37), at(0.43)], other);
         }
-        // A window with writing in it.
+        // A panel with text on the front and back.
         2 => {
             band(0, 0.0, 1.0, glossy(main));
-            both_sides(builder, radius, 6, [at(0.12), at(0.88)], light);
-            writing(builder, radius, 5, [at(0.66), at(0.8)], other);
-            writing(builder, radius, 4, [at(0.52), at(0.58)], BLACK);
-            writing(builder, radius, 3, [at(0.2), at(0.44)], main);
+            front_and_back_labels(builder, radius, 6, [at(0.12), at(0.88)], light);
+            text_bar(builder, radius, 5, [at(0.66), at(0.8)], other);
+            text_bar(builder, radius, 4, [at(0.52), at(0.58)], BLACK);
+            text_bar(builder, radius, 3, [at(0.2), at(0.44)], main);
         }
-        // A pattern above a plain foot.
+        // A pattern above a plain base.
         _ => {
             let texture =
                 pick(stream, &[Texture::Waves, Texture::PolkaDots, Texture::Gingham, Texture::Stripes]);
             band(0, 0.0, 0.3, glossy(other));
             band(0, 0.3, 1.0, textured(texture, light));
-            both_sides(builder, radius, 5, [at(0.42), at(0.84)], main);
-            writing(builder, radius, 4, [at(0.64), at(0.76)], light);
-            writing(builder, radius, 3, [at(0.5), at(0.56)], light);
-            writing(builder, radius, 5, [at(0.1), at(0.2)], light);
+            front_and_back_labels(builder, radius, 5, [at(0.42), at(0.84)], main);
+            text_bar(builder, radius, 4, [at(0.64), at(0.76)], light);
+            text_bar(builder, radius, 3, [at(0.5), at(0.56)], light);
+            text_bar(builder, radius, 5, [at(0.1), at(0.2)], light);
         }
     }
 }
 
-/// A sheet on the front and on the back of a drum.
-pub(super) fn both_sides(
+/// Adds a label on the front and on the back of a cylinder.
+pub(super) fn front_and_back_labels(
     builder: &mut DistractorBuilder,
     radius: f64,
     half_steps: i32,
@@ -194,8 +194,8 @@ pub(super) fn both_sides(
     }
 }
 
-/// What stands for writing from afar: a bar above what else is printed on the front and on the back.
-fn writing(
+/// Adds a bar that resembles text from a distance, above the other print on the front and back.
+fn text_bar(
     builder: &mut DistractorBuilder,
     radius: f64,
     half_steps: i32,

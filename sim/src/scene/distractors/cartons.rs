@@ -1,54 +1,56 @@
-//! Boxes of printed cardboard.
+//! Printed cardboard boxes.
 
 use super::Distractor;
-use super::appearance::{BLACK, matt, pale, pick, textured, vivids};
+use super::appearance::{BLACK, matt, pale, pick, textured, vivid_colors};
 use super::builder::{DistractorBuilder, LABEL_THICKNESS, Z_TO_X, ellipse, pose};
 use crate::scene::{AppearanceSpec, Texture};
 use crate::stream::Stream;
 
-/// A standing box of crackers.
+/// Samples an upright cracker box.
 pub(super) fn crackers(stream: &mut Stream) -> Distractor {
     carton(stream, [0.03, 0.079, 0.105], 205.0, &[FRONT, BACK]).build(stream)
 }
 
-/// A standing box of sugar.
+/// Samples an upright sugar box.
 pub(super) fn sugar(stream: &mut Stream) -> Distractor {
     carton(stream, [0.019, 0.0445, 0.0875], 850.0, &[FRONT, BACK]).build(stream)
 }
 
-/// A box of pudding powder that lies on its back.
+/// Samples a pudding box lying on its back.
 pub(super) fn pudding(stream: &mut Stream) -> Distractor {
     let mut builder = carton(stream, [0.0175, 0.055, 0.0445], 540.0, &[BACK]);
     builder.rotated(Z_TO_X);
     builder.build(stream)
 }
 
-/// A small box of gelatine that lies on its back.
+/// Samples a small gelatine box lying on its back.
 pub(super) fn gelatine(stream: &mut Stream) -> Distractor {
     let mut builder = carton(stream, [0.014, 0.0425, 0.0365], 550.0, &[BACK]);
     builder.rotated(Z_TO_X);
     builder.build(stream)
 }
 
-/// The sides of a standing box on which it may be printed: at +x and at −x, which is above when it has been tipped.
+/// The printed sides of an upright box: +x is the front, and −x is the back, which faces up once the box is
+/// tipped.
 const FRONT: f64 = 1.0;
 const BACK: f64 = -1.0;
 
-/// A box of these half extents that stands around the origin, with the same print on some sides.
+/// Starts an upright box with half-extents `half`, centred on the origin, with the same print on each of
+/// `sides`.
 fn carton(stream: &mut Stream, half: [f64; 3], density: f64, sides: &[f64]) -> DistractorBuilder {
     let [x, y, z] = half;
     let mut builder = DistractorBuilder::new(density);
-    let [main, other, third] = vivids(stream);
+    let [main, other, third] = vivid_colors(stream);
     let light = pale(stream);
     builder.friction(0.4).rounded_box(half, [0.0; 3], 0.0008, matt(main));
-    let mut print = |layer: f64, share: [f64; 2], at: [f64; 2], appearance: AppearanceSpec| {
+    let mut print = |layer: f64, fraction: [f64; 2], at: [f64; 2], appearance: AppearanceSpec| {
         for side in sides {
-            let half = [layer * LABEL_THICKNESS, y * share[0], z * share[1]];
+            let half = [layer * LABEL_THICKNESS, y * fraction[0], z * fraction[1]];
             builder.visual_box(half, [side * x, y * at[0], z * at[1]], appearance);
         }
     };
     match pick(stream, &[0, 1, 2]) {
-        // A coloured foot and a title above a picture.
+        // A coloured base and a title above a picture.
         0 => {
             print(1.0, [0.99, 0.22], [0.0, -0.76], matt(other));
             print(1.0, [0.8, 0.18], [0.0, 0.66], matt(light));
@@ -56,7 +58,7 @@ fn carton(stream: &mut Stream, half: [f64; 3], density: f64, sides: &[f64]) -> D
             print(2.0, [0.6, 0.04], [0.0, -0.7], matt(light));
             print(2.0, [0.4, 0.03], [0.0, -0.84], matt(light));
         }
-        // A light front in a frame, with lines to read.
+        // A light panel in a frame, with lines of text.
         1 => {
             print(1.0, [0.88, 0.92], [0.0, 0.0], matt(light));
             print(2.0, [0.7, 0.12], [0.0, 0.66], matt(main));
@@ -88,7 +90,7 @@ fn carton(stream: &mut Stream, half: [f64; 3], density: f64, sides: &[f64]) -> D
     builder
 }
 
-/// The seam of the lid across the top.
+/// Adds the seam of the lid across the top.
 fn flap(builder: &mut DistractorBuilder, [x, y, z]: [f64; 3], color: [f64; 3]) {
     builder.visual_box([0.25 * x, 0.96 * y, LABEL_THICKNESS], [0.3 * x, 0.0, z], matt(color));
 }

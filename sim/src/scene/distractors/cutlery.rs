@@ -1,4 +1,4 @@
-//! Cutlery and a turner, which lie along x.
+//! Cutlery and a spatula, lying along x.
 
 use super::Distractor;
 use super::appearance::{BLACK, glossy, matt, pale, pick, rgb, steel, vivid, wood};
@@ -6,13 +6,14 @@ use super::builder::{DistractorBuilder, IDENTITY, LABEL_THICKNESS, ellipse, pose
 use crate::scene::{AppearanceSpec, rounded_rectangle};
 use crate::stream::Stream;
 
-/// Thickness of what is stamped out of sheet metal, and of a handle that is put on it, in m.
-const SHEET: f64 = 0.003;
-const SCALES: f64 = 0.009;
+/// Thickness of sheet metal, in m.
+const SHEET_THICKNESS: f64 = 0.003;
+/// Thickness of a handle with scales, in m.
+const HANDLE_THICKNESS: f64 = 0.009;
 
-/// A fork.
+/// Samples a fork.
 pub(super) fn fork(stream: &mut Stream) -> Distractor {
-    let mut builder = handled(stream);
+    let mut builder = start_with_handle(stream);
     let neck = [[0.0, -0.0035], [0.022, -0.004], [0.034, -0.0125]];
     let mut outline = neck.to_vec();
     for tine in 0..4 {
@@ -23,14 +24,14 @@ pub(super) fn fork(stream: &mut Stream) -> Distractor {
         }
     }
     outline.extend(neck.iter().rev().map(|[x, y]| [*x, -y]));
-    blade(&mut builder, &outline);
-    builder.collider_box([0.042, 0.0125, SHEET / 2.0], [0.042, 0.0, SHEET / 2.0]);
+    sheet_metal(&mut builder, &outline);
+    builder.collider_box([0.042, 0.0125, SHEET_THICKNESS / 2.0], [0.042, 0.0, SHEET_THICKNESS / 2.0]);
     builder.build(stream)
 }
 
-/// A table knife.
+/// Samples a table knife.
 pub(super) fn knife(stream: &mut Stream) -> Distractor {
-    let mut builder = handled(stream);
+    let mut builder = start_with_handle(stream);
     let outline = [
         [0.0, -0.007],
         [0.014, -0.008],
@@ -41,16 +42,16 @@ pub(super) fn knife(stream: &mut Stream) -> Distractor {
         [0.1, 0.0085],
         [0.0, 0.0075],
     ];
-    blade(&mut builder, &outline);
-    builder.collider_box([0.0525, 0.009, SHEET / 2.0], [0.0525, -0.001, SHEET / 2.0]);
+    sheet_metal(&mut builder, &outline);
+    builder.collider_box([0.0525, 0.009, SHEET_THICKNESS / 2.0], [0.0525, -0.001, SHEET_THICKNESS / 2.0]);
     builder.build(stream)
 }
 
-/// A spoon, its bowl open above.
+/// Samples a spoon with an open bowl.
 pub(super) fn spoon(stream: &mut Stream) -> Distractor {
-    let mut builder = handled(stream);
-    blade(&mut builder, &[[0.0, -0.004], [0.045, -0.003], [0.045, 0.003], [0.0, 0.004]]);
-    // A floor within two rings, each wider than the one below it.
+    let mut builder = start_with_handle(stream);
+    sheet_metal(&mut builder, &[[0.0, -0.004], [0.045, -0.003], [0.045, 0.003], [0.0, 0.004]]);
+    // The bowl: a bottom plate inside two rings, each wider than the one below it.
     let at = |z| pose([0.066, 0.0, z], IDENTITY);
     let dull = AppearanceSpec { specular: 0.5, ..AppearanceSpec::plain([0.58, 0.59, 0.61]) };
     builder.extrusion(&ellipse([0.022, 0.014]), &[], 0.001, at(0.001), dull);
@@ -62,11 +63,11 @@ pub(super) fn spoon(stream: &mut Stream) -> Distractor {
     builder
         .collider_box([0.022, 0.019, 0.0035], [0.066, 0.0, 0.0035])
         .collider_box([0.03, 0.012, 0.0035], [0.066, 0.0, 0.0035]);
-    builder.collider_box([0.02, 0.004, SHEET / 2.0], [0.02, 0.0, SHEET / 2.0]);
+    builder.collider_box([0.02, 0.004, SHEET_THICKNESS / 2.0], [0.02, 0.0, SHEET_THICKNESS / 2.0]);
     builder.build(stream)
 }
 
-/// A turner with slots in its blade.
+/// Samples a slotted spatula.
 pub(super) fn spatula(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(900.0);
     let plastic = pick(stream, &[BLACK, rgb([30, 110, 110]), rgb([176, 40, 36])]);
@@ -92,22 +93,23 @@ pub(super) fn spatula(stream: &mut Stream) -> Distractor {
     builder.extrusion(
         &outline,
         &holes,
-        SHEET / 2.0,
-        pose([0.0, 0.0, SHEET / 2.0], IDENTITY),
+        SHEET_THICKNESS / 2.0,
+        pose([0.0, 0.0, SHEET_THICKNESS / 2.0], IDENTITY),
         glossy(plastic),
     );
-    builder.collider_box([0.041, 0.0345, SHEET / 2.0], [0.041, 0.0, SHEET / 2.0]);
+    builder.collider_box([0.041, 0.0345, SHEET_THICKNESS / 2.0], [0.041, 0.0, SHEET_THICKNESS / 2.0]);
     let height = 0.016;
     builder.rounded_box([0.05, 0.011, height / 2.0], [-0.092, 0.0, height / 2.0], 0.0055, grip);
-    // The stem comes down from the handle to the blade.
+    // The stem slopes down from the handle to the blade.
     builder.collider_box([0.026, 0.005, 0.003], [-0.02, 0.0, 0.0045]);
     builder.visual_rounded_box([0.032, 0.005, 0.003], [-0.016, 0.0, 0.0045], 0.0025, steel());
     builder.visual_box([0.004, 0.004, LABEL_THICKNESS], [-0.13, 0.0, height], matt([0.2; 3]));
     builder.build(stream)
 }
 
-/// A handle of steel or with scales on it, up to x 0.
-fn handled(stream: &mut Stream) -> DistractorBuilder {
+/// Starts a piece of cutlery with its handle, which ends at x = 0: bare steel or with scales of plastic or
+/// wood.
+fn start_with_handle(stream: &mut Stream) -> DistractorBuilder {
     let mut builder = DistractorBuilder::new(3000.0);
     let length = 0.1;
     if stream.unit() < 0.45 {
@@ -122,8 +124,11 @@ fn handled(stream: &mut Stream) -> DistractorBuilder {
             [-0.05, 0.0042],
             [0.005, 0.0035],
         ];
-        blade(&mut builder, &outline);
-        builder.collider_box([length / 2.0, 0.007, SHEET / 2.0], [-length / 2.0, 0.0, SHEET / 2.0]);
+        sheet_metal(&mut builder, &outline);
+        builder.collider_box(
+            [length / 2.0, 0.007, SHEET_THICKNESS / 2.0],
+            [-length / 2.0, 0.0, SHEET_THICKNESS / 2.0],
+        );
         return builder;
     }
     let scales = match pick(stream, &[0, 1, 2]) {
@@ -131,12 +136,13 @@ fn handled(stream: &mut Stream) -> DistractorBuilder {
         1 => glossy(pale(stream)),
         _ => wood(stream),
     };
-    let (half, middle) = ([length / 2.0, 0.0085, SCALES / 2.0], [-length / 2.0, 0.0, SCALES / 2.0]);
+    let (half, middle) =
+        ([length / 2.0, 0.0085, HANDLE_THICKNESS / 2.0], [-length / 2.0, 0.0, HANDLE_THICKNESS / 2.0]);
     builder.rounded_box(half, middle, 0.0035, scales);
     for x in [-0.018, -0.082] {
         builder.visual_rounded_box(
             [0.0022, 0.0022, LABEL_THICKNESS],
-            [x, 0.0, SCALES],
+            [x, 0.0, HANDLE_THICKNESS],
             LABEL_THICKNESS,
             steel(),
         );
@@ -144,7 +150,13 @@ fn handled(stream: &mut Stream) -> DistractorBuilder {
     builder
 }
 
-/// Sheet metal on the table.
-fn blade(builder: &mut DistractorBuilder, outline: &[[f64; 2]]) {
-    builder.extrusion(outline, &[], SHEET / 2.0, pose([0.0, 0.0, SHEET / 2.0], IDENTITY), steel());
+/// Adds a piece of sheet metal lying on the table.
+fn sheet_metal(builder: &mut DistractorBuilder, outline: &[[f64; 2]]) {
+    builder.extrusion(
+        outline,
+        &[],
+        SHEET_THICKNESS / 2.0,
+        pose([0.0, 0.0, SHEET_THICKNESS / 2.0], IDENTITY),
+        steel(),
+    );
 }

@@ -1,4 +1,4 @@
-//! Fruit. Round ones stand on a small flat foot, as real ones do, and roll when they are pushed off it.
+//! Fruit. Round fruit stands on a small flat base, as real fruit does, and rolls once it is pushed off it.
 
 use super::Distractor;
 use super::appearance::{PEEL_SPECULAR, matt, pick, rgb, textured, vary_brightness};
@@ -6,7 +6,7 @@ use super::builder::{DistractorBuilder, IDENTITY, Z_TO_X, arc, pose};
 use crate::scene::{AppearanceSpec, Primitive, Texture, VisualShape};
 use crate::stream::Stream;
 
-/// An apple's distance from its axis and height, in radii, from the dimple below to that above.
+/// Profile (r, z) of an apple from the lower to the upper dimple, in units of its radius.
 pub(crate) const APPLE_PROFILE: [[f64; 2]; 12] = [
     [0.0, -0.9],
     [0.18, -0.98],
@@ -22,23 +22,23 @@ pub(crate) const APPLE_PROFILE: [[f64; 2]; 12] = [
     [0.0, 0.7],
 ];
 
-/// An apple with its stalk.
+/// Samples an apple with its stem.
 pub(super) fn apple(stream: &mut Stream) -> Distractor {
     let skin = pick(stream, &[rgb([186, 28, 32]), rgb([138, 178, 56]), rgb([222, 180, 60])]);
-    let skin = peel(vary_brightness(stream, skin));
+    let skin = skin_appearance(vary_brightness(stream, skin));
     let radius = 0.0375;
-    let mut builder = standing(radius);
+    let mut builder = start_round(radius);
     builder.lathe_about_z(&APPLE_PROFILE.map(|point| point.map(|x| x * radius)), skin);
-    stalk(&mut builder, [0.0, 0.0, 0.86 * radius], 0.005);
+    stem(&mut builder, [0.0, 0.0, 0.86 * radius], 0.005);
     builder.build(stream)
 }
 
-/// A pear that stands.
+/// Samples an upright pear.
 pub(super) fn pear(stream: &mut Stream) -> Distractor {
     let skin = pick(stream, &[rgb([170, 182, 60]), rgb([206, 178, 70]), rgb([150, 110, 50])]);
-    let skin = peel(vary_brightness(stream, skin));
+    let skin = skin_appearance(vary_brightness(stream, skin));
     let radius = 0.033;
-    let mut builder = standing(radius);
+    let mut builder = start_round(radius);
     let ball = |radius| Primitive::Ball { radius };
     builder.collider(ball(0.025), pose([0.0, 0.0, 0.022], IDENTITY));
     builder.collider(ball(0.0165), pose([0.0, 0.0, 0.045], IDENTITY));
@@ -56,43 +56,43 @@ pub(super) fn pear(stream: &mut Stream) -> Distractor {
         [0.0, 0.060],
     ];
     builder.lathe_about_z(&profile, skin);
-    stalk(&mut builder, [0.0, 0.0, 0.0585], 0.003);
+    stem(&mut builder, [0.0, 0.0, 0.0585], 0.003);
     builder.build(stream)
 }
 
-/// An orange, its pores just to be seen.
+/// Samples an orange with faintly visible pores.
 pub(super) fn orange(stream: &mut Stream) -> Distractor {
     let radius = 0.0365;
-    let mut builder = standing(radius);
+    let mut builder = start_round(radius);
     let color = vary_brightness(stream, rgb([246, 140, 24]));
     let ball = VisualShape::Primitive(Primitive::Ball { radius });
     builder.visual(ball, pose([0.0; 3], IDENTITY), textured(Texture::Plaster, color));
-    navel(&mut builder, radius);
+    stem_scar(&mut builder, radius);
     builder.build(stream)
 }
 
-/// A peach: two halves with a seam.
+/// Samples a peach: two halves with a seam.
 pub(super) fn peach(stream: &mut Stream) -> Distractor {
-    let mut builder = standing(0.0335);
+    let mut builder = start_round(0.0335);
     let color = pick(stream, &[rgb([242, 158, 92]), rgb([226, 104, 72]), rgb([246, 196, 116])]);
     let color = vary_brightness(stream, color);
-    // The sun has been on one half more than on the other.
+    // One half is redder, as if it had received more sun.
     let [red, green, blue] = color;
     halves(&mut builder, 0.0335, [matt(color), matt([0.95 * red, 0.76 * green, 0.74 * blue])]);
-    navel(&mut builder, 0.0335);
+    stem_scar(&mut builder, 0.0335);
     builder.build(stream)
 }
 
-/// A dark plum: two halves with a seam.
+/// Samples a dark plum: two halves with a seam.
 pub(super) fn plum(stream: &mut Stream) -> Distractor {
-    let mut builder = standing(0.026);
+    let mut builder = start_round(0.026);
     let color = pick(stream, &[rgb([88, 28, 66]), rgb([54, 30, 84]), rgb([128, 30, 50])]);
-    halves(&mut builder, 0.026, [peel(vary_brightness(stream, color)); 2]);
-    stalk(&mut builder, [0.0, 0.0, 0.025], 0.002);
+    halves(&mut builder, 0.026, [skin_appearance(vary_brightness(stream, color)); 2]);
+    stem(&mut builder, [0.0, 0.0, 0.025], 0.002);
     builder.build(stream)
 }
 
-/// A lemon that lies.
+/// Samples a lemon lying on its side.
 pub(super) fn lemon(stream: &mut Stream) -> Distractor {
     let skin = pick(stream, &[rgb([240, 208, 40]), rgb([128, 176, 52])]);
     let skin = textured(Texture::Plaster, vary_brightness(stream, skin));
@@ -103,7 +103,7 @@ pub(super) fn lemon(stream: &mut Stream) -> Distractor {
     builder
         .collider(ball(0.01), pose([0.024, 0.0, 0.0], IDENTITY))
         .collider(ball(0.01), pose([-0.024, 0.0, 0.0], IDENTITY));
-    // It rests on a flat place, as one does that grew unevenly.
+    // A narrow box as wide as the lemon gives it a flat spot to rest on.
     builder.collider_box([0.009, 0.005, radius], [0.0; 3]).rolling_resistance();
     let profile = [
         [0.0, -0.034],
@@ -122,7 +122,7 @@ pub(super) fn lemon(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A strawberry that lies, its leaves towards −x.
+/// Samples a strawberry lying on its side, its leaves towards −x.
 pub(super) fn strawberry(stream: &mut Stream) -> Distractor {
     let radius = 0.0185;
     let mut builder = DistractorBuilder::new(900.0);
@@ -141,13 +141,13 @@ pub(super) fn strawberry(stream: &mut Stream) -> Distractor {
         [0.0, 0.025],
     ];
     let along = pose([0.0; 3], Z_TO_X);
-    builder.lathe(&profile, along, peel(vary_brightness(stream, rgb([206, 24, 34]))));
+    builder.lathe(&profile, along, skin_appearance(vary_brightness(stream, rgb([206, 24, 34]))));
     for (ring, [radius, x]) in (0..).zip([[0.0184, -0.008], [0.0174, 0.002], [0.0138, 0.012]]) {
         for [y, z] in arc(radius, 0..=47).into_iter().skip(4 * (ring % 2)).step_by(8) {
-            // A seed at the very bottom would lift it.
+            // A seed at the very bottom would lift the strawberry.
             if z > -0.9 * radius {
                 let half = [0.0009, 0.0005, 0.0005];
-                builder.visual_rounded_box(half, [x, y, z], 0.0004, peel(rgb([232, 196, 96])));
+                builder.visual_rounded_box(half, [x, y, z], 0.0004, skin_appearance(rgb([232, 196, 96])));
             }
         }
     }
@@ -156,45 +156,45 @@ pub(super) fn strawberry(stream: &mut Stream) -> Distractor {
         .enumerate()
         .map(|(i, point)| point[0].map(|x| x * if i % 2 == 0 { 0.0155 } else { 0.006 }))
         .collect();
-    let leaf = peel(rgb([64, 126, 44]));
+    let leaf = skin_appearance(rgb([64, 126, 44]));
     builder.extrusion(&star, &[], 0.001, pose([-0.0195, 0.0, 0.0], Z_TO_X), leaf);
     let stem = VisualShape::Primitive(Primitive::Capsule { radius: 0.0012, half_height: 0.002 });
     builder.visual(stem, pose([-0.0215, 0.0, 0.0], Z_TO_X), leaf);
     builder.build(stream)
 }
 
-/// A round fruit around the origin as it collides.
-fn standing(radius: f64) -> DistractorBuilder {
+/// Starts a round fruit centred on the origin, with its collision shapes.
+fn start_round(radius: f64) -> DistractorBuilder {
     let mut builder = DistractorBuilder::new(850.0);
     builder.collider(Primitive::Ball { radius }, pose([0.0; 3], IDENTITY)).rolling_resistance();
     builder.collider_cylinder(0.25 * radius, [-radius, -0.7 * radius]);
     builder
 }
 
-/// Two balls that are nearly one.
+/// Adds two nearly coincident balls.
 fn halves(builder: &mut DistractorBuilder, radius: f64, appearances: [AppearanceSpec; 2]) {
-    let off = 0.08 * radius;
-    let half = VisualShape::Primitive(Primitive::Ball { radius: radius - off });
-    for (y, appearance) in [off, -off].into_iter().zip(appearances) {
+    let offset = 0.08 * radius;
+    let half = VisualShape::Primitive(Primitive::Ball { radius: radius - offset });
+    for (y, appearance) in [offset, -offset].into_iter().zip(appearances) {
         builder.visual(half.clone(), pose([0.0, y, 0.0], IDENTITY), appearance);
     }
 }
 
-fn stalk(builder: &mut DistractorBuilder, middle: [f64; 3], half_height: f64) {
-    let stalk = Primitive::Capsule { radius: 0.0018, half_height };
-    builder.visual(VisualShape::Primitive(stalk), pose(middle, IDENTITY), peel(rgb([84, 58, 34])));
+fn stem(builder: &mut DistractorBuilder, middle: [f64; 3], half_height: f64) {
+    let shape = Primitive::Capsule { radius: 0.0018, half_height };
+    builder.visual(VisualShape::Primitive(shape), pose(middle, IDENTITY), skin_appearance(rgb([84, 58, 34])));
 }
 
-/// Where the stalk has been.
-fn navel(builder: &mut DistractorBuilder, radius: f64) {
+/// Adds the scar left by the stem.
+fn stem_scar(builder: &mut DistractorBuilder, radius: f64) {
     let scar = Primitive::Cylinder { radius: 0.0032, half_height: 0.0006 };
     builder.visual(
         VisualShape::Primitive(scar),
         pose([0.0, 0.0, radius], IDENTITY),
-        peel(rgb([92, 100, 48])),
+        skin_appearance(rgb([92, 100, 48])),
     );
 }
 
-fn peel(color: [f64; 3]) -> AppearanceSpec {
+fn skin_appearance(color: [f64; 3]) -> AppearanceSpec {
     AppearanceSpec { specular: PEEL_SPECULAR, ..AppearanceSpec::plain(color) }
 }

@@ -1,52 +1,54 @@
-//! What stands in a kitchen cupboard or lies by its sink. Vessels collide as if they were full: nothing is put into them.
+//! Kitchenware. Vessels collide as if they were solid, since no task puts anything into them.
 
 use super::Distractor;
-use super::appearance::{BLACK, WHITE, glossy, iron, matt, pale, pick, rgb, steel, textured, vivid, vivids};
+use super::appearance::{
+    BLACK, WHITE, glossy, iron, matt, pale, pick, rgb, steel, textured, vivid, vivid_colors,
+};
 use super::builder::{DistractorBuilder, LABEL_THICKNESS, Y_TO_Z, pose};
-use super::cans::both_sides;
+use super::cans::front_and_back_labels;
 use crate::scene::{AppearanceSpec, Texture};
 use crate::stream::Stream;
 
-/// A plastic tumbler.
+/// Samples a plastic tumbler.
 pub(super) fn cup(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(170.0);
     let ([low, high], height) = ([0.031, 0.039], 0.105);
-    let [main, other] = vivids(stream);
+    let [main, other] = vivid_colors(stream);
     builder.collider_cylinder(0.034, [0.0, 0.055]).collider_cylinder(0.038, [0.055, height]);
-    hollow(&mut builder, [low, high], [0.0, height], 0.002, glossy(main));
+    open_vessel(&mut builder, [low, high], [0.0, height], 0.002, glossy(main));
     if stream.unit() < 0.5 {
-        builder.lathe_about_z(&belt([low, high], [0.0, height], [0.55, 0.8]), glossy(other));
-        builder.lathe_about_z(&belt([low, high], [0.0, height], [0.44, 0.49]), glossy(other));
+        builder.lathe_about_z(&band_profile([low, high], [0.0, height], [0.55, 0.8]), glossy(other));
+        builder.lathe_about_z(&band_profile([low, high], [0.0, height], [0.44, 0.49]), glossy(other));
     }
     builder.build(stream)
 }
 
-/// Three stacking cups, each in the one below it.
+/// Samples a stack of three cups.
 pub(super) fn stacking_cups(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(220.0);
     builder.collider_cylinder(0.034, [0.0, 0.05]).collider_cylinder(0.0315, [0.05, 0.088]);
-    let colors: [_; 3] = vivids(stream);
+    let colors: [_; 3] = vivid_colors(stream);
     let cups =
         [([0.031, 0.0345], [0.0, 0.052]), ([0.0295, 0.033], [0.012, 0.07]), ([0.028, 0.0315], [0.02, 0.088])];
     for (color, (radii, between)) in colors.into_iter().zip(cups) {
-        hollow(&mut builder, radii, between, 0.0016, glossy(color));
-        // The bead around the mouth.
+        open_vessel(&mut builder, radii, between, 0.0016, glossy(color));
+        // The bead around the rim.
         let (r, z) = (radii[1], between[1]);
         ring(&mut builder, [r - 0.001, r + 0.0012], [z - 0.005, z - 0.001], glossy(color));
     }
     builder.build(stream)
 }
 
-/// A mug with its handle.
+/// Samples a mug with its handle.
 pub(super) fn mug(stream: &mut Stream) -> Distractor {
     let (radius, height) = (0.0405, 0.088);
     let mut builder = DistractorBuilder::new(520.0);
-    let [main, other] = vivids(stream);
+    let [main, other] = vivid_colors(stream);
     let body = if stream.unit() < 0.4 { pale(stream) } else { main };
     builder
         .collider_cylinder(radius, [0.0, height])
         .collider_box([0.0135, 0.005, 0.029], [radius + 0.0135, 0.0, 0.046]);
-    hollow(&mut builder, [radius - 0.001, radius], [0.0, height], 0.0035, glossy(body));
+    open_vessel(&mut builder, [radius - 0.001, radius], [0.0, height], 0.0035, glossy(body));
     let grip = [
         [0.037, 0.075],
         [0.058, 0.075],
@@ -79,10 +81,10 @@ pub(super) fn mug(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A bowl, glazed inside and out.
+/// Samples a bowl, glazed inside and out.
 pub(super) fn bowl(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(170.0);
-    let [main, other] = vivids(stream);
+    let [main, other] = vivid_colors(stream);
     let inside = if stream.unit() < 0.5 { pale(stream) } else { main };
     builder
         .collider_cylinder(0.045, [0.0, 0.013])
@@ -100,7 +102,7 @@ pub(super) fn bowl(stream: &mut Stream) -> Distractor {
     ];
     let inner = [[0.0745, 0.042], [0.067, 0.0285], [0.055, 0.0165], [0.038, 0.008], [0.0, 0.006]];
     builder.lathe_about_z(&[&outer[..], &inner[..], &[[0.0, 0.0]]].concat(), glossy(main));
-    // The lining stands out of the inside as a label would.
+    // The lining protrudes from the inside by the thickness of a label.
     let lining: Vec<_> =
         inner.iter().map(|[r, z]| [(r - LABEL_THICKNESS).max(0.0), z + LABEL_THICKNESS]).collect();
     let back = inner.iter().rev().map(|[r, z]| [*r, z - 0.0005]);
@@ -111,7 +113,7 @@ pub(super) fn bowl(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A dinner plate.
+/// Samples a dinner plate.
 pub(super) fn plate(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(600.0);
     let (glaze, edge) = (pale(stream), vivid(stream));
@@ -142,7 +144,7 @@ pub(super) fn plate(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// The lid of a pan: glass in a steel rim, with a knob.
+/// Samples a pan lid of glass in a steel rim, with a knob.
 pub(super) fn pan_lid(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(420.0);
     let knob = glossy(pick(stream, &[BLACK, rgb([120, 30, 28]), rgb([60, 62, 66])]));
@@ -176,7 +178,7 @@ pub(super) fn pan_lid(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A sponge with a side to scour with.
+/// Samples a sponge with a scouring side.
 pub(super) fn sponge(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(150.0);
     let foam =
@@ -188,7 +190,7 @@ pub(super) fn sponge(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A shaker for salt or pepper under a steel cap.
+/// Samples a salt or pepper shaker with a steel cap.
 pub(super) fn shaker(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(650.0);
     let (glass, label) = (pick(stream, &[WHITE, rgb([58, 46, 40]), rgb([188, 214, 220])]), vivid(stream));
@@ -196,7 +198,7 @@ pub(super) fn shaker(stream: &mut Stream) -> Distractor {
     let body = [[0.0, 0.0], [0.019, 0.0], [0.021, 0.002], [0.021, 0.05], [0.0155, 0.066], [0.0, 0.066]];
     builder.lathe_about_z(&body, glossy(glass));
     builder.visual_cylinder(0.021 + LABEL_THICKNESS, [0.012, 0.044], matt(label));
-    both_sides(&mut builder, 0.021, 4, [0.018, 0.038], WHITE);
+    front_and_back_labels(&mut builder, 0.021, 4, [0.018, 0.038], WHITE);
     let cap = [[0.0, 0.064], [0.017, 0.064], [0.017, 0.08], [0.0145, 0.086], [0.008, 0.0895], [0.0, 0.09]];
     builder.lathe_about_z(&cap, steel());
     for [x, y] in [[0.0, 0.0], [0.0045, 0.0], [-0.0045, 0.0], [0.0, 0.0045], [0.0, -0.0045]] {
@@ -205,8 +207,8 @@ pub(super) fn shaker(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// An open vessel between two heights, of these outer radii at its foot and its mouth.
-fn hollow(
+/// Adds an open vessel between two heights; `low` and `high` are its outer radii at the base and at the rim.
+fn open_vessel(
     builder: &mut DistractorBuilder,
     [low, high]: [f64; 2],
     [foot, mouth]: [f64; 2],
@@ -227,19 +229,20 @@ fn hollow(
     builder.lathe_about_z(&profile, appearance);
 }
 
-/// Profile of a belt around a vessel, between two shares of its height.
-fn belt([low, high]: [f64; 2], [foot, mouth]: [f64; 2], shares: [f64; 2]) -> [[f64; 2]; 5] {
-    let on = |share: f64, out: f64| [low + (high - low) * share + out, foot + (mouth - foot) * share];
-    let [from, to] = shares;
+/// Returns the profile of a band around a vessel between two fractions of its height.
+fn band_profile([low, high]: [f64; 2], [foot, mouth]: [f64; 2], fractions: [f64; 2]) -> [[f64; 2]; 5] {
+    let on =
+        |fraction: f64, out: f64| [low + (high - low) * fraction + out, foot + (mouth - foot) * fraction];
+    let [from, to] = fractions;
     [on(from, -0.001), on(from, 0.0006), on(to, 0.0006), on(to, -0.001), on(from, -0.001)]
 }
 
-/// A belt around a straight vessel, between two heights.
+/// Adds a band around a straight vessel between two heights.
 fn band(builder: &mut DistractorBuilder, radius: f64, [low, high]: [f64; 2], appearance: AppearanceSpec) {
     ring(builder, [radius - 0.002, radius + LABEL_THICKNESS], [low, high], appearance);
 }
 
-/// A flat ring between two radii and two heights.
+/// Adds a ring between two radii and two heights.
 fn ring(
     builder: &mut DistractorBuilder,
     [inner, outer]: [f64; 2],

@@ -1,7 +1,7 @@
 //! Catalogue of distractor objects: everyday objects that no task mentions.
 //!
-//! Each kind is one function that samples an object (its size, colours and print) from a stream; one file holds the
-//! kinds of one theme. Placement on the table is the concern of `scene/draw/distractors.rs`.
+//! Each kind is one function that samples an object (its size, colours and print) from a stream; one file
+//! holds the kinds of one theme. Placement on the table is the concern of `scene/draw/distractors.rs`.
 
 mod appearance;
 mod balls;
@@ -50,7 +50,7 @@ const fn kind(name: &'static str, make: fn(&mut Stream) -> Distractor) -> Distra
 }
 
 impl DistractorKind {
-    /// All kinds.
+    /// All kinds. The order is part of the sampled scenes.
     pub(crate) const ALL: &[Self] = &[
         kind("soup can", cans::soup),
         kind("tuna can", cans::tuna),

@@ -31,7 +31,8 @@ fn make(kind: &DistractorKind, seed: u64) -> Distractor {
     (kind.make)(&mut Stream::new(seed, kind.name))
 }
 
-/// Returns how far an object placed on a table at a random yaw translates (m) and rotates (rad) within two seconds.
+/// Returns how far an object placed on a table at a random yaw translates (m) and rotates (rad) within two
+/// seconds.
 fn drift(kind: &'static DistractorKind, seed: u64) -> [f64; 2] {
     let mut spec = (TaskId::RaiseCube.task().nominal)();
     let Distractor { parts, visuals, density, friction, damping } = make(kind, seed);

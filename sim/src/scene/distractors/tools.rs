@@ -1,10 +1,10 @@
-//! Tools from the workbench, which lie flat.
+//! Workshop tools, lying flat.
 
 use core::f64::consts::SQRT_2;
 
 use super::Distractor;
 use super::appearance::{
-    BLACK, WHITE, glossy, iron, matt, pick, rgb, steel, vary_brightness, vivid, vivids, wood,
+    BLACK, WHITE, glossy, iron, matt, pick, rgb, steel, vary_brightness, vivid, vivid_colors, wood,
 };
 use super::builder::{
     DistractorBuilder, IDENTITY, LABEL_THICKNESS, Y_TO_Z, Z_TO_X, Z_TO_Y, arc, ellipse, pose,
@@ -12,7 +12,7 @@ use super::builder::{
 use crate::scene::{AppearanceSpec, Primitive, VisualShape, rounded_rectangle};
 use crate::stream::Stream;
 
-/// A cordless drill on its side: its nose along x, its grip along −y.
+/// Samples a cordless drill on its side: its chuck along x, its grip along −y.
 pub(super) fn drill(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(900.0);
     let colors = [
@@ -27,7 +27,7 @@ pub(super) fn drill(stream: &mut Stream) -> Distractor {
     builder.rounded_box([0.05, 0.026, thick], [-0.03, 0.0, 0.0], 0.013, shell);
     builder.rounded_box([0.019, 0.045, 0.018], [-0.042, -0.06, 0.0], 0.01, shell);
     builder.rounded_box([0.038, 0.019, thick], [-0.034, -0.119, 0.0], 0.006, rubber);
-    // The gear box, the chuck, and the bit in it.
+    // The gear box, the chuck and the bit.
     let nose = [
         [0.0, -0.003],
         [0.023, -0.003],
@@ -49,7 +49,7 @@ pub(super) fn drill(stream: &mut Stream) -> Distractor {
         Primitive::Cylinder { radius: 0.009, half_height: 0.0225 },
         pose([0.0825, 0.0, 0.0], Z_TO_X),
     );
-    // The trigger, the grip's rubber, the vents and the name plate.
+    // The trigger, the rubber grip, the vents and the name plate.
     builder.visual_rounded_box([0.006, 0.014, 0.008], [-0.021, -0.043, 0.0], 0.004, rubber);
     builder.visual_rounded_box([0.008, 0.03, 0.0185], [-0.053, -0.062, 0.0], 0.006, rubber);
     for vent in 0..4 {
@@ -61,7 +61,7 @@ pub(super) fn drill(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A block of wood.
+/// Samples a wooden block.
 pub(super) fn wood_block(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(560.0);
     let half = [0.1, 0.0425, 0.0425];
@@ -69,13 +69,13 @@ pub(super) fn wood_block(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// Tangent of 22.5°, half of an eighth of a turn.
+/// Tangent of 22.5°, the half-angle of an eighth of a turn.
 const EIGHTH: f64 = SQRT_2 - 1.0;
 
-/// A screwdriver.
+/// Samples a screwdriver.
 pub(super) fn screwdriver(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(1100.0);
-    let [main, other] = vivids(stream);
+    let [main, other] = vivid_colors(stream);
     let radius = 0.0155;
     let handle = [
         [0.0, -0.1],
@@ -95,7 +95,7 @@ pub(super) fn screwdriver(stream: &mut Stream) -> Distractor {
         [-0.076, -0.066],
         glossy(other),
     );
-    // Ribs to grip by, as deep as the handle.
+    // Grip ribs, as thick as the handle.
     for turn in [IDENTITY, [1.0, EIGHTH, 0.0, 0.0], Y_TO_Z, [1.0, -EIGHTH, 0.0, 0.0]] {
         let rib = VisualShape::RoundedBox { half: [0.016, 0.0022, radius], edge_radius: 0.0015 };
         builder.visual(rib, pose([-0.046, 0.0, 0.0], turn), glossy(other));
@@ -106,7 +106,7 @@ pub(super) fn screwdriver(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// An adjustable wrench.
+/// Samples an adjustable wrench.
 pub(super) fn wrench(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(5000.0);
     let half = 0.006;
@@ -155,11 +155,11 @@ pub(super) fn wrench(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A hammer; its handle is as thick at its end as its head is, so that it lies level.
+/// Samples a hammer. The end of its handle is as thick as its head, so that it lies level.
 pub(super) fn hammer(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(1500.0);
     let thick = 0.0135;
-    let (metal, [main, other]) = (pick(stream, &[steel(), iron()]), vivids(stream));
+    let (metal, [main, other]) = (pick(stream, &[steel(), iron()]), vivid_colors(stream));
     let wooden = stream.unit() < 0.5;
     let grip = if wooden { wood(stream) } else { glossy(main) };
     builder.rounded_box([0.055, 0.012, thick], [-0.06, 0.0, 0.0], 0.006, grip);
@@ -193,7 +193,7 @@ pub(super) fn hammer(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A screw clamp that lies: the mouth of its frame towards −y.
+/// Samples a screw clamp lying flat, with its frame open towards −y.
 pub(super) fn clamp(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(3000.0);
     let half = 0.009;
@@ -233,7 +233,7 @@ pub(super) fn clamp(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A closed padlock that lies.
+/// Samples a closed padlock lying flat.
 pub(super) fn padlock(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(2600.0);
     let brass = AppearanceSpec { specular: 0.6, ..glossy(rgb([196, 152, 62])) };
@@ -258,7 +258,7 @@ pub(super) fn padlock(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A pair of scissors, a little open, the finger rings towards −x.
+/// Samples a pair of scissors, slightly open, with the finger rings towards −x.
 pub(super) fn scissors(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(2500.0);
     let plastic = glossy(vivid(stream));
@@ -270,7 +270,7 @@ pub(super) fn scissors(stream: &mut Stream) -> Distractor {
     for (side, z) in [(1.0, 0.005), (-1.0, 0.007)] {
         let (outer, inner) = ring(side);
         builder.extrusion(&outer, &[&inner], 0.005, pose([0.0, 0.0, 0.005], IDENTITY), plastic);
-        // From the finger ring across the pin to the tip on the other side.
+        // From the finger ring through the pivot to the tip on the other side.
         let shank =
             [[-0.046, side * 0.008], [0.004, -side * 0.008], [0.012, side * 0.004], [-0.038, side * 0.014]];
         builder.extrusion(&shank, &[], 0.0028, pose([0.0, 0.0, z - 0.001], IDENTITY), plastic);
@@ -286,7 +286,7 @@ pub(super) fn scissors(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A roll of adhesive tape.
+/// Samples a roll of adhesive tape.
 pub(super) fn tape(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(430.0);
     let color = pick(
@@ -303,7 +303,7 @@ pub(super) fn tape(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A marker pen with its cap on.
+/// Samples a marker pen with its cap on.
 pub(super) fn marker(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(950.0);
     let ink = vivid(stream);

@@ -1,7 +1,9 @@
-//! Toys and small things from a drawer.
+//! Toys and other small objects.
 
 use super::Distractor;
-use super::appearance::{BLACK, WHITE, glossy, matt, pale, pick, rgb, vary_brightness, vivid, vivids, wood};
+use super::appearance::{
+    BLACK, WHITE, glossy, matt, pale, pick, rgb, vary_brightness, vivid, vivid_colors, wood,
+};
 use super::builder::{
     DistractorBuilder, HALF_TURN_Z, IDENTITY, LABEL_THICKNESS, Quat, Y_TO_Z, Z_TO_X, Z_TO_Y, arc, ellipse,
     pose,
@@ -9,10 +11,10 @@ use super::builder::{
 use crate::scene::{AppearanceSpec, Primitive, VisualShape, rounded_rectangle};
 use crate::stream::Stream;
 
-/// What takes the z axis to the faces of a cube that can be seen: above first, then around it.
+/// Rotations from the z axis to the visible faces of a cube: the top first, then the sides.
 const FACES: [Quat; 5] = [IDENTITY, Z_TO_X, Z_TO_Y, [1.0, 0.0, -1.0, 0.0], Y_TO_Z];
 
-/// A brick of foam.
+/// Samples a foam brick.
 pub(super) fn foam_brick(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(150.0);
     let color =
@@ -28,16 +30,16 @@ pub(super) fn foam_brick(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A die.
+/// Samples a die.
 pub(super) fn die(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(1700.0);
-    let [main, _] = vivids(stream);
+    let [main, _] = vivid_colors(stream);
     let (body, pips) = pick(stream, &[(WHITE, BLACK), (main, WHITE), (BLACK, WHITE)]);
     let half = 0.0125;
     builder.rounded_box([half; 3], [0.0; 3], 0.0022, glossy(body));
     let step = 0.0055;
     let corners = [[-step, -step], [step, step], [-step, step], [step, -step], [-step, 0.0], [step, 0.0]];
-    // On top five, to the sides two, three, four and six; the one lies on the table.
+    // Five pips on top; two, three, four and six on the sides. The face with one pip lies on the table.
     for (face, count) in FACES.into_iter().zip([5, 2, 3, 4, 6]) {
         let odd = (count % 2 == 1).then_some([0.0, 0.0]);
         for [x, y] in corners.into_iter().take(count / 2 * 2).chain(odd) {
@@ -50,12 +52,14 @@ pub(super) fn die(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// Pitch of the studs and height of a toy brick, and radius and height of a stud, in m.
+/// Pitch of the studs of a toy brick, in m.
 const PITCH: f64 = 0.016;
-const BRICK: f64 = 0.0192;
+/// Height of a toy brick, in m.
+const BRICK_HEIGHT: f64 = 0.0192;
+/// Radius and height of a stud, in m.
 const STUD: [f64; 2] = [0.0047, 0.0045];
 
-/// A toy brick with two by two studs.
+/// Samples a toy brick with 2 × 2 studs.
 pub(super) fn small_brick(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(1300.0);
     let color = vivid(stream);
@@ -63,7 +67,7 @@ pub(super) fn small_brick(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A toy brick with two by three, four or six studs.
+/// Samples a toy brick with 2 × 3, 2 × 4 or 2 × 6 studs.
 pub(super) fn long_brick(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(950.0);
     let (length, color) = (pick(stream, &[3, 4, 6]), vivid(stream));
@@ -71,24 +75,24 @@ pub(super) fn long_brick(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A few toy bricks on one another.
+/// Samples a stack of three toy bricks.
 pub(super) fn brick_tower(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(700.0);
-    let colors: [_; 3] = vivids(stream);
+    let colors: [_; 3] = vivid_colors(stream);
     let sizes = pick(stream, &[[[4, 2], [2, 2], [2, 2]], [[4, 2], [4, 2], [2, 2]], [[2, 2], [2, 2], [2, 2]]]);
     for (level, (color, size)) in (0..).zip(colors.into_iter().zip(sizes)) {
-        brick(&mut builder, size, f64::from(level) * BRICK, glossy(color));
+        brick(&mut builder, size, f64::from(level) * BRICK_HEIGHT, glossy(color));
     }
     builder.build(stream)
 }
 
-/// A brick with studs on it, whose foot is at a height.
+/// Adds a brick with studs whose base is at height `foot`.
 fn brick(builder: &mut DistractorBuilder, studs: [i32; 2], foot: f64, appearance: AppearanceSpec) {
     let [x, y] = studs.map(|n| f64::from(n) * PITCH / 2.0);
-    let half = [x - 0.0001, y - 0.0001, BRICK / 2.0];
-    builder.rounded_box(half, [0.0, 0.0, foot + BRICK / 2.0], 0.0006, appearance);
+    let half = [x - 0.0001, y - 0.0001, BRICK_HEIGHT / 2.0];
+    builder.rounded_box(half, [0.0, 0.0, foot + BRICK_HEIGHT / 2.0], 0.0006, appearance);
     let [radius, height] = STUD;
-    let top = foot + BRICK + height / 2.0;
+    let top = foot + BRICK_HEIGHT + height / 2.0;
     builder.collider_box([x - PITCH / 2.0 + radius, y - PITCH / 2.0 + radius, height / 2.0], [0.0, 0.0, top]);
     let outline: Vec<_> = arc(radius, 0..=47).into_iter().step_by(3).collect();
     for i in 0..studs[0] {
@@ -105,10 +109,10 @@ fn brick(builder: &mut DistractorBuilder, studs: [i32; 2], foot: f64, appearance
     }
 }
 
-/// The wings and the hull of a toy aeroplane that is screwed together.
+/// Samples the wings and fuselage of a screwed-together toy aeroplane.
 pub(super) fn aeroplane(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(520.0);
-    let [hull, wing, other] = vivids(stream).map(glossy);
+    let [hull, wing, other] = vivid_colors(stream).map(glossy);
     let wing_z = 0.022;
     builder.visual_rounded_box([0.085, 0.0175, 0.018], [0.0, 0.0, 0.018], 0.011, hull);
     builder.collider_box([0.085, 0.0125, 0.018], [0.0, 0.0, 0.018]);
@@ -140,7 +144,7 @@ pub(super) fn aeroplane(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A puzzle of three by three by three small cubes, scrambled.
+/// Samples a scrambled 3 × 3 × 3 cube puzzle.
 pub(super) fn cube_puzzle(stream: &mut Stream) -> Distractor {
     let colors = [
         WHITE,
@@ -166,10 +170,10 @@ pub(super) fn cube_puzzle(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A kitchen timer: a dial with ticks around it and a knob.
+/// Samples a kitchen timer: a dial with tick marks and a knob.
 pub(super) fn timer(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(520.0);
-    let ([main, other], face) = (vivids(stream), pale(stream));
+    let ([main, other], face) = (vivid_colors(stream), pale(stream));
     builder.collider_cylinder(0.038, [0.0, 0.024]).collider_cylinder(0.0185, [0.024, 0.04]);
     let case = [[0.0, 0.0], [0.036, 0.0], [0.038, 0.002], [0.038, 0.017], [0.034, 0.023], [0.0, 0.023]];
     builder.lathe_about_z(&case, glossy(main)).visual_cylinder(0.0335, [0.02, 0.0236], matt(face));
@@ -187,10 +191,10 @@ pub(super) fn timer(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// A toy car; its wheels do not turn.
+/// Samples a toy car with fixed wheels.
 pub(super) fn car(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(800.0);
-    let [body, other] = vivids(stream);
+    let [body, other] = vivid_colors(stream);
     let roof = if stream.unit() < 0.5 { body } else { other };
     let glass = glossy(rgb([40, 54, 66]));
     builder.visual_rounded_box([0.044, 0.0205, 0.0095], [0.0, 0.0, 0.0155], 0.005, glossy(body));
@@ -213,11 +217,11 @@ pub(super) fn car(stream: &mut Stream) -> Distractor {
             );
         }
     }
-    // Lamps ahead and behind.
-    let lamp = ellipse([0.003, 0.003]);
+    // Headlights and tail lights.
+    let light = ellipse([0.003, 0.003]);
     for y in [-0.014, 0.014] {
         builder.extrusion(
-            &lamp,
+            &light,
             &[],
             0.044 + LABEL_THICKNESS,
             pose([0.0, y, 0.017], Z_TO_X),
@@ -227,11 +231,11 @@ pub(super) fn car(stream: &mut Stream) -> Distractor {
     builder.build(stream)
 }
 
-/// Wooden rings on a peg, the largest below.
+/// Samples wooden rings on a peg, the largest at the bottom.
 pub(super) fn ring_tower(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(420.0);
     let timber = wood(stream);
-    let colors: [_; 4] = vivids(stream);
+    let colors: [_; 4] = vivid_colors(stream);
     builder.visual_cylinder(0.038, [0.0, 0.008], timber).visual_cylinder(0.0055, [0.008, 0.086], timber);
     builder.collider_cylinder(0.038, [0.0, 0.008]);
     for (i, color) in (0..).zip(colors) {

@@ -9,8 +9,8 @@ use crate::scene::spec::{BackgroundSpec, LightsSpec, TableSpec};
 use crate::scene::texture::Texture;
 use crate::stream::Stream;
 
-/// Draws the appearance of each table part independently, except that a resampled colour is shared by the whole table.
-/// The plate above the lower table has a colour of its own.
+/// Draws the appearance of each table part independently, except that a resampled colour is shared by the
+/// whole table. The plate above the lower table has a colour of its own.
 pub(super) fn table(spec: &TableSpec, episode_seed: u64) -> Table {
     let draw = |appearance, part: &str, color: &str| {
         draw_with_color_stream(appearance, episode_seed, &format!("table/{part}"), color)
@@ -59,8 +59,8 @@ pub(super) fn draw(spec: AppearanceSpec, episode_seed: u64, name: &str) -> Appea
     draw_with_color_stream(spec, episode_seed, name, &format!("{name}/color"))
 }
 
-/// Draws an appearance from the streams whose names start with `name`, except that a resampled colour comes from
-/// `color_stream`, which several parts may share.
+/// Draws an appearance from the streams whose names start with `name`, except that a resampled colour comes
+/// from `color_stream`, which several parts may share.
 fn draw_with_color_stream(
     spec: AppearanceSpec,
     episode_seed: u64,

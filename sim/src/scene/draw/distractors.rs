@@ -1,5 +1,5 @@
-//! Sampling of distractor objects: their kinds, and positions that are clear of the arms, of the task's bodies and of
-//! one another.
+//! Sampling of distractor objects: their kinds, and positions that are clear of the arms, of the task's
+//! bodies and of one another.
 
 use core::f64::consts::TAU;
 
@@ -20,7 +20,8 @@ const NAMES: [&str; 2] = ["distractor 1", "distractor 2"];
 const MAX_OBJECT_DRAWS: usize = 40;
 /// Maximum number of poses sampled for each object.
 const MAX_POSE_DRAWS: usize = 50;
-/// Clearance between a distractor's bounding circle and any other footprint, in m: room for the gripper's fingers.
+/// Clearance between a distractor's bounding circle and any other footprint, in m: room for the gripper's
+/// fingers.
 const CLEARANCE_M: f64 = 0.05;
 /// Maximum distance of an arm's surface from the polyline through its joints, in m.
 const ARM_RADIUS_M: f64 = 0.12;

@@ -15,7 +15,8 @@ use super::spec::{
 use crate::robot::panda::{LOWER, UPPER};
 use crate::stream::Stream;
 
-/// Maximum number of positions sampled for a body in a crowded region. The last sample is used if all are rejected.
+/// Maximum number of positions sampled for a body in a crowded region. The last sample is used if all are
+/// rejected.
 const MAX_PLACEMENT_DRAWS: usize = 1000;
 
 impl SceneSpec {
@@ -116,8 +117,9 @@ fn scale_translation(pose: &Isometry3<f64>, scale: f64) -> Isometry3<f64> {
 
 /// Sets the pose of every body of a region.
 ///
-/// Yaw and position have separate streams. The position is resampled while the body is too close to a body that has
-/// already been placed. `placed` contains the world xy centres and footprint radii of those bodies, in m.
+/// Yaw and position have separate streams. The position is resampled while the body is too close to a body
+/// that has already been placed. `placed` contains the world xy centres and footprint radii of those bodies,
+/// in m.
 fn place_region(
     region_idx: usize,
     region: &RegionSpec,
