@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 
-use super::affine::{Affine, Vec3, normalised};
-use super::mesh::Facing;
-use super::rules::{MAP_M, MAP_SIDE};
+use super::math::affine::{Affine3, Vec3, normalised};
+use super::mesh::ProjectionAxis;
 use super::scene::{Instance, RenderScene};
+use super::shading::{SHADOW_MAP_SIDE, SHADOW_MAP_WIDTH_M};
 use super::texture;
 use crate::scene::Snapshot;
 
@@ -101,8 +101,8 @@ impl RenderScene {
             cameras: cameras.collect(),
             lights: lights.collect(),
             ambient: self.ambient,
-            shadow_map_side: MAP_SIDE,
-            shadow_map_width_m: MAP_M,
+            shadow_map_side: SHADOW_MAP_SIDE,
+            shadow_map_width_m: SHADOW_MAP_WIDTH_M,
         }
     }
 
@@ -134,10 +134,10 @@ fn exported_instance(instance: &Instance) -> ExportedInstance {
     let (mesh, scale) = (instance.mesh(), instance.scale);
     let vertices = 0..mesh.n_vertices() as u32;
     let normals = mesh.normals.iter().map(|&normal| normalised(scaled_by(normal, scale.map(|s| 1.0 / s))));
-    let texture_axes = mesh.facing.iter().map(|facing| match facing {
-        Facing::X => 0,
-        Facing::Y => 1,
-        Facing::Z => 2,
+    let texture_axes = mesh.projection_axes.iter().map(|facing| match facing {
+        ProjectionAxis::X => 0,
+        ProjectionAxis::Y => 1,
+        ProjectionAxis::Z => 2,
     });
     ExportedInstance {
         positions: vertices.map(|i| scaled_by(mesh.position(i), scale)).collect(),
@@ -152,7 +152,7 @@ fn exported_instance(instance: &Instance) -> ExportedInstance {
 
 /// Exports the finest mip level of a texture.
 fn exported_texture(texture: crate::scene::Texture) -> ExportedTexture {
-    let (pattern, side) = (texture::pattern(texture), texture::SIDE);
+    let (pattern, side) = (texture::mip_chain(texture), texture::SIDE);
     let rows = pattern.texels.chunks_exact(texture::pitch(0)).take(side);
     let rgb = rows.flat_map(|row| &row[..side]).flat_map(|texel| {
         let [r, g, b, _] = texel.to_le_bytes();
@@ -162,7 +162,7 @@ fn exported_texture(texture: crate::scene::Texture) -> ExportedTexture {
 }
 
 /// Converts a rigid transform to a position and a quaternion (w, x, y, z).
-fn pose(map: &Affine) -> [f32; 7] {
+fn pose(map: &Affine3) -> [f32; 7] {
     let matrix = Matrix3::from_fn(|row, column| map.linear[row][column]);
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
     let [x, y, z] = map.offset;

@@ -4,25 +4,15 @@
 //! on its scene, snapshot and camera alone, not on the batch or the threads. `cpu` makes the same bytes on every machine;
 //! `gpu` makes the same bytes on one device, and nearly those of `cpu`. Both follow `SHADING.md`.
 
-mod affine;
-mod body;
-mod camera;
 mod choice;
 mod cpu;
 pub mod export;
 pub mod gpu;
-mod line;
-mod material;
+mod math;
 mod mesh;
-mod noise;
-mod posed;
-mod robot;
-mod room;
-mod rules;
 mod scene;
-mod srgb;
+mod shading;
 mod texture;
-mod trig;
 
 pub use choice::{OpenError, RendererChoice, open};
 pub use cpu::{CpuOptions, CpuRenderer, Inspection, Segment};

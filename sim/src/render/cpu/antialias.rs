@@ -6,7 +6,7 @@ use super::isa::Kernel;
 use super::kind::{Block, Oversampled, Square};
 use super::raster::{NOTHING, Visibility};
 use super::shade::{Mixture, STRIP, Shader, Sink, Strip, store_all};
-use super::simd::{Floats, Lanes, Line, Mask, N_LANES, Number, Simd, Whole, WholeLine};
+use super::simd::{F32x16, Floats, I32x16, Lanes, Mask, N_LANES, Number, Simd, Whole};
 use super::surface::SEVERAL;
 
 /// Samples along each edge of a pixel.
@@ -26,16 +26,16 @@ pub(super) struct ShadeSamples<'a, K> {
 /// What the samples of a strip's blocks show.
 struct Shown {
     /// By sample and block; lane i is pixel i.
-    ids: [[WholeLine; STRIP]; PER_PIXEL],
-    depths: [[Line; STRIP]; PER_PIXEL],
+    ids: [[I32x16; STRIP]; PER_PIXEL],
+    depths: [[F32x16; STRIP]; PER_PIXEL],
     /// The triangle that all samples of a block show, or [`SEVERAL`].
     alls: [i32; STRIP],
 }
 
 impl Shown {
     const NOTHING: Self = Self {
-        ids: [[WholeLine([NOTHING; N_LANES]); STRIP]; PER_PIXEL],
-        depths: [[Line::ZERO; STRIP]; PER_PIXEL],
+        ids: [[I32x16([NOTHING; N_LANES]); STRIP]; PER_PIXEL],
+        depths: [[F32x16::ZERO; STRIP]; PER_PIXEL],
         alls: [NOTHING; STRIP],
     };
 }
@@ -67,7 +67,7 @@ impl Fragments {
     #[inline(always)]
     fn push<S: Simd>(&mut self, keep: S::M, block: usize, id: S::I, depth: S::F, weight: S::F) {
         let n = self.n;
-        let place = S::I::load(&WholeLine::NUMBERS) + S::I::all((block * N_LANES) as i32);
+        let place = S::I::load(&I32x16::INDICES) + S::I::all((block * N_LANES) as i32);
         for (numbers, list) in [
             (place, &mut self.places),
             (id, &mut self.ids),
@@ -81,8 +81,8 @@ impl Fragments {
 
     /// Sixteen of a list, from the `first` on; there is nothing behind the end.
     #[inline(always)]
-    fn line(list: &[i32; MAX_FRAGMENTS], first: usize) -> WholeLine {
-        WholeLine(each!(i in 16 => list[first + i]))
+    fn line(list: &[i32; MAX_FRAGMENTS], first: usize) -> I32x16 {
+        I32x16(each!(i in 16 => list[first + i]))
     }
 }
 
@@ -92,7 +92,7 @@ impl<K: Sink> Kernel for ShadeSamples<'_, K> {
         let per_row = (self.visibility.side as usize / PER_EDGE) >> Square::WIDTH_BITS;
         let mut strip = Strip::new();
         let (mut shown, mut fragments) = (Shown::NOTHING, Fragments::NONE);
-        let mut light = [[Line::ZERO; 3]; STRIP];
+        let mut light = [[F32x16::ZERO; 3]; STRIP];
         for row in 0..per_row {
             for first in (0..per_row).step_by(STRIP) {
                 let n = STRIP.min(per_row - first);
@@ -132,7 +132,7 @@ impl<K: Sink> ShadeSamples<'_, K> {
 
     /// Adds the fragments' light to that of their pixels.
     #[inline(always)]
-    fn add<S: Simd>(&self, fragments: &Fragments, strip: &mut Strip, light: &mut [[Line; 3]; STRIP]) {
+    fn add<S: Simd>(&self, fragments: &Fragments, strip: &mut Strip, light: &mut [[F32x16; 3]; STRIP]) {
         let mut mixture = Mixture::NONE;
         for first in (0..fragments.n).step_by(N_LANES) {
             let n = N_LANES.min(fragments.n - first);
@@ -148,13 +148,13 @@ impl<K: Sink> ShadeSamples<'_, K> {
             let gaze = self.shader.rays.through::<S>([column.floats(), row.floats()], depth);
             self.shader.gather::<S>(&ids, &gaze, &mut mixture);
             if mixture.textured != 0 {
-                let mut blocks = WholeLine::ZERO;
+                let mut blocks = I32x16::ZERO;
                 block.store(&mut blocks);
                 let tint = self.shader.tint::<S>(&ids, &blocks, &gaze, mixture.textured, strip);
                 store_all::<S>(tint, &mut mixture.tint);
             }
             let roots = self.shader.several::<S>(&mixture, &gaze);
-            let mut rgb = [Line::ZERO; 3];
+            let mut rgb = [F32x16::ZERO; 3];
             store_all::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), &mut rgb);
             for lane in 0..n {
                 let (block, pixel) = (places.0[lane] as usize / N_LANES, places.0[lane] as usize % N_LANES);
@@ -172,7 +172,7 @@ impl<K: Sink> ShadeSamples<'_, K> {
 fn weigh<S: Simd>(
     shown: &Shown,
     strip: &Strip,
-    light: &mut [[Line; 3]; STRIP],
+    light: &mut [[F32x16; 3]; STRIP],
     fragments: &mut Fragments,
 ) -> u16 {
     fragments.n = 0;

@@ -5,7 +5,7 @@ use super::kind::Block;
 use super::lens::Pinhole;
 use super::raster::Visibility;
 use super::simd::Simd;
-use crate::render::affine::{Vec3, add, scaled, sub};
+use crate::render::math::affine::{Vec3, add, scaled, sub};
 
 /// A triangle cut by five planes has at most eight corners.
 const MAX_CORNERS: usize = 8;

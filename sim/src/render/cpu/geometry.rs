@@ -8,17 +8,17 @@ use super::isa::Kernel;
 use super::kind::Block;
 use super::lens::{Lens, Projected, Vectors};
 use super::raster::{Corner, Visibility};
-use super::simd::{Floats, Lanes, Line, Mask, Number, ShortLine, Simd, Whole, WholeLine};
+use super::simd::{F32x16, Floats, I16x16, I32x16, Lanes, Mask, Number, Simd, Whole};
 use super::small::{SMALL_REACH, Shares, Small};
-use crate::render::affine::Affine;
-use crate::render::mesh::{Batches, Corners, Lines3};
+use crate::render::math::affine::Affine3;
+use crate::render::mesh::{ClusterCorners, PackedMesh, Vec3x16};
 use crate::render::scene::Instance;
 
 /// Draws instances, in order.
 pub(super) struct Draw<'a, B, L> {
     pub(super) instances: &'a [Instance],
     /// From each one's mesh to the view frame.
-    pub(super) maps: &'a [Affine],
+    pub(super) maps: &'a [Affine3],
     /// Id of each one's first triangle.
     pub(super) first_ids: &'a [u32],
     pub(super) lens: L,
@@ -34,7 +34,7 @@ impl<B: Block, L: Lens> Kernel for Draw<'_, B, L> {
             let mesh = instance.mesh();
             if self.lens.draws(instance) && self.lens.turn_to(map, mesh.centre, mesh.radius) {
                 let first_id = *first_id as i32;
-                draw::<S, B, L>(&mesh.batches, map, &self.lens, first_id, &mut shares, self.visibility);
+                draw::<S, B, L>(&mesh.packed, map, &self.lens, first_id, &mut shares, self.visibility);
             }
         }
     }
@@ -43,16 +43,16 @@ impl<B: Block, L: Lens> Kernel for Draw<'_, B, L> {
 /// Draws a mesh. Its triangles have the ids from `first_id` up.
 #[inline(always)]
 fn draw<S: Simd, B: Block, L: Lens>(
-    mesh: &Batches,
-    view_from_mesh: &Affine,
+    mesh: &PackedMesh,
+    view_from_mesh: &Affine3,
     lens: &L,
     first_id: i32,
     shares: &mut Shares,
     visibility: &mut Visibility,
 ) {
-    let stretch = S::F::all(view_from_mesh.stretch());
+    let stretch = S::F::all(view_from_mesh.max_scale());
     let map = Map::<S>::new(view_from_mesh);
-    let view_from_steps = Map::<S>::new(&view_from_mesh.per(mesh.steps));
+    let view_from_steps = Map::<S>::new(&view_from_mesh.scale_columns(mesh.steps));
     for (sixteen, bounds) in mesh.bounds.iter().enumerate() {
         let centre = map.points(&bounds.centre);
         let missed = lens.misses::<S>(bounds, &centre, S::F::load(&bounds.radius) * stretch);
@@ -80,22 +80,22 @@ pub(super) struct Map<S: Simd> {
 
 impl<S: Simd> Map<S> {
     #[inline(always)]
-    pub(super) fn new(map: &Affine) -> Self {
+    pub(super) fn new(map: &Affine3) -> Self {
         Self {
             linear: each!(i in 3 => each!(k in 3 => S::F::all(map.linear[i][k]))),
             offset: each!(i in 3 => S::F::all(map.offset[i])),
         }
     }
 
-    /// Images of sixteen points: the same as [`Affine::point`] gives.
+    /// Images of sixteen points: the same as [`Affine3::point`] gives.
     #[inline(always)]
-    pub(super) fn points(&self, points: &Lines3) -> Vectors<S> {
+    pub(super) fn points(&self, points: &Vec3x16) -> Vectors<S> {
         self.of(each!(k in 3 => S::F::load(&points[k])))
     }
 
     /// The same of points whose coordinates are short integers.
     #[inline(always)]
-    pub(super) fn short_points(&self, points: &[ShortLine; 3]) -> Vectors<S> {
+    pub(super) fn short_points(&self, points: &[I16x16; 3]) -> Vectors<S> {
         self.of(each!(k in 3 => S::F::load_short(&points[k])))
     }
 
@@ -112,7 +112,7 @@ impl<S: Simd> Map<S> {
 /// Draws sixteen triangles but for those that must be clipped, which it gives.
 #[inline(always)]
 fn draw_batch<S: Simd, B: Block, L: Lens>(
-    corners: &Corners,
+    corners: &ClusterCorners,
     view_from_steps: &Map<S>,
     lens: &L,
     first_id: i32,
@@ -144,9 +144,9 @@ fn draw_large<S: Simd, B: Block>(
     first_id: i32,
     visibility: &mut Visibility,
 ) {
-    let mut x = [WholeLine::ZERO; 3];
-    let mut y = [WholeLine::ZERO; 3];
-    let mut depth = [Line::ZERO; 3];
+    let mut x = [I32x16::ZERO; 3];
+    let mut y = [I32x16::ZERO; 3];
+    let mut depth = [F32x16::ZERO; 3];
     for (k, corner) in corners.iter().enumerate() {
         corner.x.store(&mut x[k]);
         corner.y.store(&mut y[k]);

@@ -1,6 +1,6 @@
 //! Sixteen neighbouring pixels or samples that are worked on together, and how they lie.
 
-use super::simd::{Line, N_LANES, WholeLine};
+use super::simd::{F32x16, I32x16, N_LANES};
 use crate::render::Samples;
 
 /// A way to lay out what is rasterised.
@@ -25,15 +25,15 @@ pub(super) trait Block {
     /// Height in px.
     const HEIGHT: i32 = 1 << Self::BITS[1];
     /// Column of each lane's pixel.
-    const X: WholeLine = lanes(&Self::PLACES, 1, 0);
+    const X: I32x16 = lanes(&Self::PLACES, 1, 0);
     /// Row of each lane's pixel.
-    const Y: WholeLine = lanes(&Self::PLACES, 0, 1);
+    const Y: I32x16 = lanes(&Self::PLACES, 0, 1);
     /// Column in the lower 16 bits, row in the upper ones.
-    const XY: WholeLine = lanes(&Self::PLACES, 1, 1 << 16);
+    const XY: I32x16 = lanes(&Self::PLACES, 1, 1 << 16);
     /// Column of each lane's pixel.
-    const X_FLOATS: Line = floats(Self::X);
+    const X_FLOATS: F32x16 = floats(Self::X);
     /// Row of each lane's pixel.
-    const Y_FLOATS: Line = floats(Self::Y);
+    const Y_FLOATS: F32x16 = floats(Self::Y);
 }
 
 /// 4 × 4 pixels, row by row: few small triangles reach into more than four of them.
@@ -91,8 +91,8 @@ const fn sample_places() -> [[i32; 2]; N_LANES] {
     places
 }
 
-const fn lanes(places: &[[i32; 2]; N_LANES], per_column: i32, per_row: i32) -> WholeLine {
-    let mut line = WholeLine::ZERO;
+const fn lanes(places: &[[i32; 2]; N_LANES], per_column: i32, per_row: i32) -> I32x16 {
+    let mut line = I32x16::ZERO;
     let mut i = 0;
     while i < N_LANES {
         line.0[i] = places[i][0] * per_column + places[i][1] * per_row;
@@ -101,8 +101,8 @@ const fn lanes(places: &[[i32; 2]; N_LANES], per_column: i32, per_row: i32) -> W
     line
 }
 
-const fn floats(whole: WholeLine) -> Line {
-    let mut line = Line::ZERO;
+const fn floats(whole: I32x16) -> F32x16 {
+    let mut line = F32x16::ZERO;
     let mut i = 0;
     while i < N_LANES {
         line.0[i] = whole.0[i] as f32;

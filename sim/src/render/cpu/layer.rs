@@ -10,26 +10,26 @@ use super::light::Lamps;
 use super::raster::{NOTHING, Visibility};
 use super::rays::{Gaze, Rays};
 use super::shadow::{Extent, Highest, Reach, Shadow, ShadowMap};
-use super::simd::{Floats, Line, Mask, Simd, Whole, WholeLine};
+use super::simd::{F32x16, Floats, I32x16, Mask, Simd, Whole};
 use super::sink::Picture;
 use super::surface::SEVERAL;
 use super::workspace::{Shot, Workspace};
-use crate::render::affine::{Affine, Vec3};
-use crate::render::camera::Camera;
-use crate::render::material::Material;
+use crate::render::math::affine::{Affine3, Vec3};
+use crate::render::scene::camera::PinholeCamera;
+use crate::render::scene::material::Material;
 use crate::render::scene::{Instance, MeshKey, N_SUNS, Sun};
 use crate::render::{Samples, View};
 
 /// The part of a picture that stays. It makes no difference to the bytes: what stays comes first in every picture.
 pub(in crate::render) struct Layer {
     /// The maps of what stays, from its meshes to the view frame.
-    maps: Vec<Affine>,
+    maps: Vec<Affine3>,
     /// How pixels are sampled.
     samples: Samples,
     /// 1/z, block by block.
-    pub(super) depths: Vec<Line>,
+    pub(super) depths: Vec<F32x16>,
     /// What is seen, block by block.
-    ids: Vec<WholeLine>,
+    ids: Vec<I32x16>,
     /// What is seen everywhere in a block, or [`SEVERAL`]: read in place of `ids`, of which there are many.
     shown: Vec<i32>,
     /// The picture of it: `[side, side, 3]`.
@@ -41,9 +41,9 @@ pub(in crate::render) struct Layer {
 /// All that a layer depends on. Numbers that are equal make the same layer: no zero's sign matters.
 #[derive(PartialEq)]
 pub(super) struct Still {
-    camera: Camera,
+    camera: PinholeCamera,
     /// Mesh, pose in the world with scale, scale and look of what never moves.
-    things: Vec<(MeshKey, Affine, Vec3, Material)>,
+    things: Vec<(MeshKey, Affine3, Vec3, Material)>,
     ambient: Vec3,
     suns: [Sun; N_SUNS],
     shadow_centre: Option<Vec3>,
@@ -120,13 +120,13 @@ impl Workspace {
 
 impl Layer {
     /// Whether it was drawn for these maps, with pixels sampled like this.
-    fn shows(&self, maps: &[Affine], samples: Samples) -> bool {
+    fn shows(&self, maps: &[Affine3], samples: Samples) -> bool {
         self.maps == maps && self.samples == samples
     }
 
     /// Puts what is seen in a block where nothing else is.
     #[inline(always)]
-    fn fill<S: Simd>(&self, ids: &mut WholeLine, block: usize) {
+    fn fill<S: Simd>(&self, ids: &mut I32x16, block: usize) {
         let over = S::I::load(ids);
         let drawn = over.gt(S::I::all(NOTHING));
         if drawn.to_bits() != u16::MAX {

@@ -4,10 +4,10 @@ use super::each::each;
 use super::raster::{Corner, Visibility};
 use super::simd::{Floats, Mask, Number, Simd};
 use super::{clip, kind::Block};
-use crate::render::affine::{Affine, Vec3};
-use crate::render::camera::Camera;
-use crate::render::mesh::Bounds;
+use crate::render::math::affine::{Affine3, Vec3};
+use crate::render::mesh::ClusterBounds;
 use crate::render::scene::Instance;
+use crate::render::scene::camera::PinholeCamera;
 
 /// A point or direction per lane.
 pub(super) type Vectors<S> = [<S as Simd>::F; 3];
@@ -28,7 +28,7 @@ pub(super) trait Lens {
     fn draws(&self, instance: &Instance) -> bool;
 
     /// Turns to the mesh that is drawn next; `false` if nothing of a mesh within this ball of its frame can be seen.
-    fn turn_to(&mut self, view_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool;
+    fn turn_to(&mut self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool;
 
     /// Where points appear; meaningless for those that do not fit.
     fn project<S: Simd>(&self, point: &Vectors<S>) -> Projected<S>;
@@ -37,7 +37,7 @@ pub(super) trait Lens {
     fn unfit<S: Simd>(&self, point: &Vectors<S>) -> Unfit<S>;
 
     /// Clusters of which nothing can be seen: bits of `bounds`' lanes, given their centres and radii in the view frame.
-    fn misses<S: Simd>(&self, bounds: &Bounds, centre: &Vectors<S>, radius: S::F) -> u16;
+    fn misses<S: Simd>(&self, bounds: &ClusterBounds, centre: &Vectors<S>, radius: S::F) -> u16;
 
     /// Draws a triangle of which a corner does not fit.
     fn clip<S: Simd, B: Block>(&self, triangle: [Vec3; 3], id: i32, visibility: &mut Visibility);
@@ -53,7 +53,7 @@ pub(super) struct Unfit<S: Simd> {
 
 /// A camera. Its view frame is the centred one.
 pub(super) struct Pinhole<'a> {
-    camera: &'a Camera,
+    camera: &'a PinholeCamera,
     focal_px: f32,
     /// Half the image's side, in px.
     half_px: f32,
@@ -61,7 +61,7 @@ pub(super) struct Pinhole<'a> {
     far_m: f32,
     /// Greatest |x/z| and |y/z| of the image.
     pub(super) slope: f32,
-    /// [`Camera::slant`].
+    /// [`PinholeCamera::slant`].
     slant: f32,
     /// Greatest |x/z| and |y/z| that fit the rasteriser's numbers.
     pub(super) guard_slope: f32,
@@ -74,7 +74,7 @@ const GUARD_PX: f32 = 448.0;
 
 impl<'a> Pinhole<'a> {
     /// Of a camera whose image has `scale` times as many pixels along each edge.
-    pub(super) fn new(camera: &'a Camera, scale: usize) -> Self {
+    pub(super) fn new(camera: &'a PinholeCamera, scale: usize) -> Self {
         let half_px = (camera.side * scale) as f32 / 2.0;
         let focal_px = camera.focal_px * scale as f32;
         let [near_m, far_m] = camera.clip_m;
@@ -109,9 +109,9 @@ impl Lens for Pinhole<'_> {
     }
 
     #[inline(always)]
-    fn turn_to(&mut self, view_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool {
-        self.eye_in_mesh = view_from_mesh.origin_before();
-        self.camera.may_see(view_from_mesh, centre, radius)
+    fn turn_to(&mut self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
+        self.eye_in_mesh = view_from_mesh.preimage_of_origin();
+        self.camera.may_intersect_sphere(view_from_mesh, centre, radius)
     }
 
     #[inline(always)]
@@ -135,7 +135,7 @@ impl Lens for Pinhole<'_> {
     }
 
     #[inline(always)]
-    fn misses<S: Simd>(&self, bounds: &Bounds, [x, y, z]: &Vectors<S>, radius: S::F) -> u16 {
+    fn misses<S: Simd>(&self, bounds: &ClusterBounds, [x, y, z]: &Vectors<S>, radius: S::F) -> u16 {
         let slack = radius * S::F::all(self.slant);
         let edge = z.mul_add(S::F::all(self.slope), slack);
         let zero = S::F::all(0.0);

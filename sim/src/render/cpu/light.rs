@@ -5,9 +5,9 @@ use core::f32::consts::FRAC_1_PI;
 use super::each::each;
 use super::rays::Gaze;
 use super::simd::{Floats, Mask, Number, Per, Simd};
-use crate::render::affine::{Affine, Vec3, scaled};
-use crate::render::rules::{GLOSS, GROUND, SHARPNESS};
+use crate::render::math::affine::{Affine3, Vec3, scaled};
 use crate::render::scene::{N_SUNS, RenderScene};
+use crate::render::shading::{GROUND_AMBIENT, SPECULAR_FALLOFF, SPECULAR_GAIN};
 
 /// The lights of a scene in the view frame.
 pub(super) struct Lamps {
@@ -26,14 +26,14 @@ struct Sun {
 
 impl Lamps {
     /// As a camera sees them.
-    pub(super) fn new(scene: &RenderScene, view_from_world: &Affine) -> Self {
+    pub(super) fn new(scene: &RenderScene, view_from_world: &Affine3) -> Self {
         Self {
             up: view_from_world.vector([0.0, 0.0, 1.0]),
             ambient: scene.ambient,
             suns: each!(i in 2 => Sun {
                 towards: view_from_world.vector(scene.suns[i].towards),
                 scattered: scaled(scene.suns[i].color, FRAC_1_PI),
-                gleam: scaled(scene.suns[i].color, GLOSS),
+                gleam: scaled(scene.suns[i].color, SPECULAR_GAIN),
             }),
         }
     }
@@ -80,7 +80,7 @@ impl Lit<f32> {
     #[inline(always)]
     pub(super) fn gleams(&self, corners: &[[f32; 2]; 4]) -> bool {
         // Some slack for rounding.
-        const LEAST: f32 = 1.0 - 1.0 / SHARPNESS - 0.001;
+        const LEAST: f32 = 1.0 - 1.0 / SPECULAR_FALLOFF - 0.001;
         let nearest = |a: f32, b: f32| if a * b > 0.0 { a.abs().min(b.abs()) } else { 0.0 };
         let [[left, top], _, _, [right, bottom]] = *corners;
         let (dx, dy) = (nearest(left, right), nearest(top, bottom));
@@ -98,7 +98,8 @@ impl<N: Number> Lit<N> {
         let squared = dot(normal, normal).max(N::all(1e-30));
         let per_length = N::all(1.0) / squared.sqrt();
         let n = each!(k in 3 => normal[k] * per_length);
-        let sky = dot(n, all(lamps.up)).mul_add(N::all((1.0 - GROUND) / 2.0), N::all((1.0 + GROUND) / 2.0));
+        let sky = dot(n, all(lamps.up))
+            .mul_add(N::all((1.0 - GROUND_AMBIENT) / 2.0), N::all((1.0 + GROUND_AMBIENT) / 2.0));
         let facing = each!(i in 2 => dot(n, all(lamps.suns[i].towards)).max(N::all(0.0)));
         let [first, second] = &lamps.suns;
         Self {
@@ -152,7 +153,7 @@ pub(super) fn seen<S: Simd, N: Per<S>>(
     let gleam = each!(i in 2 => {
         let [x, y, z] = each!(k in 3 => lit.mirrored[i][k].spread());
         let aligned = x.mul_add(dx, y.mul_add(dy, z)) * gaze.per_length;
-        aligned.mul_add(S::F::all(SHARPNESS), S::F::all(1.0 - SHARPNESS)).max(zero)
+        aligned.mul_add(S::F::all(SPECULAR_FALLOFF), S::F::all(1.0 - SPECULAR_FALLOFF)).max(zero)
     });
     let gleaming = ((gleam[0] + gleam[1]) * specular).gt(zero);
     // Most of a picture is away from highlights.

@@ -31,9 +31,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 
 use rayon::prelude::*;
 
-use super::affine::Affine;
-use super::posed;
-use super::scene::RenderScene;
+use super::math::affine::Affine3;
+use super::scene::{RenderScene, transforms};
 use super::{RenderError, Renderer, Samples, View, with_samples};
 use crate::scene::Snapshot;
 pub use inspect::{Inspection, Segment};
@@ -224,14 +223,14 @@ impl Renderer for CpuRenderer {
 struct Pose<'a> {
     scene: &'a RenderScene,
     snapshot: &'a Snapshot,
-    view_from_world: Affine,
-    maps: &'a mut Vec<Affine>,
+    view_from_world: Affine3,
+    maps: &'a mut Vec<Affine3>,
 }
 
 impl Kernel for Pose<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        posed::pose(self.scene, self.snapshot, &self.view_from_world, self.maps);
+        transforms::write_instance_transforms(self.scene, self.snapshot, &self.view_from_world, self.maps);
     }
 }
 

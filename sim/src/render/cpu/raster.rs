@@ -9,7 +9,7 @@ use ipc_types::EXTERNAL_SIDE;
 use super::each::each;
 use super::isa::Kernel;
 use super::kind::Block;
-use super::simd::{Floats, Line, Mask, N_LANES, Number, Simd, Whole, WholeLine};
+use super::simd::{F32x16, Floats, I32x16, Mask, N_LANES, Number, Simd, Whole};
 
 /// Blocks of the largest picture.
 pub(super) const MAX_BLOCKS: usize = EXTERNAL_SIDE * EXTERNAL_SIDE / N_LANES;
@@ -32,9 +32,9 @@ pub(super) struct Visibility {
     /// Pixels along each edge.
     pub(super) side: i32,
     /// Depth of the nearest.
-    pub(super) depths: Vec<Line>,
+    pub(super) depths: Vec<F32x16>,
     /// What was drawn there, or [`NOTHING`]; empty for a block kind without ids.
-    pub(super) ids: Vec<WholeLine>,
+    pub(super) ids: Vec<I32x16>,
     /// 1 where anything was drawn in a block, seen or not; none for a block kind with ids.
     pub(super) drawn: Vec<u8>,
 }
@@ -104,7 +104,7 @@ pub(super) enum Behind<'a> {
     /// Nothing, and nothing at or below this depth will be seen.
     Nothing(f32),
     /// Something at these depths.
-    Depths(&'a [Line]),
+    Depths(&'a [F32x16]),
 }
 
 impl<B: Block> Kernel for Begin<'_, B> {
@@ -119,14 +119,14 @@ impl<B: Block> Kernel for Begin<'_, B> {
         let n_blocks = (self.side * self.side) >> (B::WIDTH_BITS + B::HEIGHT_BITS);
         *side = self.side as i32;
         match self.behind {
-            Behind::Nothing(least) => fill(depths, n_blocks, Line([least; N_LANES])),
+            Behind::Nothing(least) => fill(depths, n_blocks, F32x16([least; N_LANES])),
             Behind::Depths(behind) => {
                 depths.clear();
                 depths.extend_from_slice(behind);
             }
         }
         fill(drawn, if B::WITH_IDS { 0 } else { n_blocks }, 0);
-        fill(ids, if B::WITH_IDS { n_blocks } else { 0 }, WholeLine([NOTHING; N_LANES]));
+        fill(ids, if B::WITH_IDS { n_blocks } else { 0 }, I32x16([NOTHING; N_LANES]));
     }
 }
 
@@ -143,13 +143,13 @@ fn fill<T: Copy>(lines: &mut Vec<T>, n: usize, line: T) {
 
 /// What is drawn into.
 pub(super) struct Pixels<'a> {
-    depths: &'a mut [Line],
-    ids: &'a mut [WholeLine],
+    depths: &'a mut [F32x16],
+    ids: &'a mut [I32x16],
     drawn: &'a mut [u8],
 }
 
 /// One block of it: depths, and ids if it has any.
-pub(super) type Here<'a> = (&'a mut Line, Option<&'a mut WholeLine>);
+pub(super) type Here<'a> = (&'a mut F32x16, Option<&'a mut I32x16>);
 
 impl<'a> Pixels<'a> {
     pub(super) fn of<B: Block>(visibility: &'a mut Visibility) -> Self {

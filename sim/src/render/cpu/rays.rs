@@ -4,8 +4,8 @@ use super::each::each;
 use super::isa::Kernel;
 use super::kind::{Block, Square};
 use super::raster::MAX_BLOCKS;
-use super::simd::{Floats, Line, N_LANES, Number, Simd};
-use crate::render::camera::Camera;
+use super::simd::{F32x16, Floats, N_LANES, Number, Simd};
+use crate::render::scene::camera::PinholeCamera;
 
 /// Rays of sixteen pixels, d = (x, y, 1) from the eye outwards.
 pub(super) struct Gaze<S: Simd> {
@@ -22,7 +22,7 @@ pub(super) struct Gaze<S: Simd> {
 impl<S: Simd> Gaze<S> {
     /// The same at other depths.
     #[inline(always)]
-    pub(super) fn at(self, depths: &Line) -> Self {
+    pub(super) fn at(self, depths: &F32x16) -> Self {
         Self { depth: S::F::load(depths), ..self }
     }
 }
@@ -33,13 +33,13 @@ pub(super) struct Rays {
     focal_px: f32,
     /// x and y of d at the image's middle.
     middle: [f32; 2],
-    per_length: Vec<Line>,
+    per_length: Vec<F32x16>,
 }
 
 /// Makes rays a camera's.
 pub(super) struct Aim<'a> {
     pub(super) rays: &'a mut Rays,
-    pub(super) camera: &'a Camera,
+    pub(super) camera: &'a PinholeCamera,
 }
 
 impl Kernel for Aim<'_> {
@@ -52,7 +52,7 @@ impl Kernel for Aim<'_> {
         for block in 0..per_row * per_row {
             let (column, row) = (block % per_row, block / per_row);
             let first = [(column << Square::WIDTH_BITS) as f32, (row << Square::HEIGHT_BITS) as f32];
-            let mut line = Line::ZERO;
+            let mut line = F32x16::ZERO;
             per_length::<S>(rays.d::<S>(rays.pixel::<S>(first))).store(&mut line);
             rays.per_length.push(line);
         }
@@ -66,7 +66,7 @@ impl Rays {
     }
 
     /// Whether these are the camera's.
-    pub(super) fn are_of(&self, camera: &Camera) -> bool {
+    pub(super) fn are_of(&self, camera: &PinholeCamera) -> bool {
         let bits = |focal_px: f32, [x, y]: [f32; 2]| [focal_px, x, y].map(f32::to_bits);
         self.side == camera.side && bits(self.focal_px, self.middle) == bits(camera.focal_px, camera.middle)
     }
@@ -135,8 +135,8 @@ fn per_length<S: Simd>([x, y]: [S::F; 2]) -> S::F {
 }
 
 /// Columns of the first pixels of a strip's blocks.
-const BLOCK_STARTS: Line = {
-    let mut line = Line::ZERO;
+const BLOCK_STARTS: F32x16 = {
+    let mut line = F32x16::ZERO;
     let mut i = 0;
     while i < N_LANES {
         line.0[i] = (i << Square::WIDTH_BITS) as f32;

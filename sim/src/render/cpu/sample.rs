@@ -1,8 +1,8 @@
 //! Reading a texture for sixteen pixels: where to look is worked out for all of them at once.
 
 use super::each::each;
-use super::simd::{Floats, Line, Number, Simd, Whole, WholeLine};
-use crate::render::texture::{Pattern, SIDE, level_offset, pitch};
+use super::simd::{F32x16, Floats, I32x16, Number, Simd, Whole};
+use crate::render::texture::{MipChain, SIDE, level_offset, pitch};
 
 /// Bits of a texel coordinate behind the point.
 const FRACTION_BITS: u32 = 8;
@@ -26,13 +26,13 @@ pub(super) struct Level {
 
 /// Levels of sixteen footprints.
 pub(super) struct Levels {
-    fine: WholeLine,
-    blend: Line,
+    fine: I32x16,
+    blend: F32x16,
 }
 
 impl Levels {
     /// None yet.
-    pub(super) const NONE: Self = Self { fine: WholeLine::ZERO, blend: Line::ZERO };
+    pub(super) const NONE: Self = Self { fine: I32x16::ZERO, blend: F32x16::ZERO };
 
     /// Of footprints: the greater squared length in tiles² that a step of one pixel right or down makes. The level is half
     /// its binary logarithm in texels², the mantissa taken as linear.
@@ -58,13 +58,13 @@ impl Levels {
 /// work on several blocks at a time: each step's chain of dependent instructions is long.
 pub(super) struct Site {
     /// Points in 1/256 texel of the level.
-    at: [WholeLine; 2],
+    at: [I32x16; 2],
     level: Level,
 }
 
 impl Site {
     /// No site yet.
-    pub(super) const NOWHERE: Self = Self { at: [WholeLine::ZERO; 2], level: Level { fine: 0, blend: 0.0 } };
+    pub(super) const NOWHERE: Self = Self { at: [I32x16::ZERO; 2], level: Level { fine: 0, blend: 0.0 } };
 
     /// Finds where to read.
     #[inline(always)]
@@ -80,7 +80,7 @@ impl Site {
 
     /// Square roots of the linear factors of red, green and blue, in [0, 1].
     #[inline(always)]
-    pub(super) fn read<S: Simd>(&self, pattern: &Pattern) -> [S::F; 3] {
+    pub(super) fn read<S: Simd>(&self, pattern: &MipChain) -> [S::F; 3] {
         let Level { fine, blend } = self.level;
         let points = each!(k in 2 => S::I::load(&self.at[k]));
         // Coordinates run one way along a surface, so the least are most often at a corner of the block.
@@ -106,7 +106,7 @@ impl Site {
 /// Weighed sums of red, green and blue of the four texels around points of a level in 1/256 texel; 65280 is 1. `least`
 /// is about the least of the points.
 #[inline(always)]
-fn filtered<S: Simd>(pattern: &Pattern, level: i32, points: [S::I; 2], least: [i32; 2]) -> [S::F; 3] {
+fn filtered<S: Simd>(pattern: &MipChain, level: i32, points: [S::I; 2], least: [i32; 2]) -> [S::F; 3] {
     let whole = S::I::all;
     let [x, y] = each!(k in 2 => points[k] - whole(HALF));
     let texels = texels::<S>(pattern, level, [x, y], least);
@@ -128,7 +128,7 @@ fn filtered<S: Simd>(pattern: &Pattern, level: i32, points: [S::I; 2], least: [i
 
 /// The four texels around points in 1/256 texel: upper left, upper right, lower left, lower right.
 #[inline(always)]
-fn texels<S: Simd>(pattern: &Pattern, level: i32, points: [S::I; 2], least: [i32; 2]) -> [S::I; 4] {
+fn texels<S: Simd>(pattern: &MipChain, level: i32, points: [S::I; 2], least: [i32; 2]) -> [S::I; 4] {
     let whole = S::I::all;
     let mask = (SIDE as i32 >> level) - 1;
     let (first, pitch) = (level_offset(level as usize), pitch(level as usize));
@@ -141,7 +141,7 @@ fn texels<S: Simd>(pattern: &Pattern, level: i32, points: [S::I; 2], least: [i32
     }
     let upper = ((y & whole(mask)).dot_halves(whole(pitch as i32)) + whole(first as i32)) + (x & whole(mask));
     let lower = upper + whole(pitch as i32);
-    let (mut at_upper, mut at_lower) = (WholeLine::ZERO, WholeLine::ZERO);
+    let (mut at_upper, mut at_lower) = (I32x16::ZERO, I32x16::ZERO);
     upper.store(&mut at_upper);
     lower.store(&mut at_lower);
     let ((a, b), (c, d)) = (S::pairs(&pattern.texels, &at_upper), S::pairs(&pattern.texels, &at_lower));

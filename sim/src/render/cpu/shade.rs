@@ -9,9 +9,9 @@ use super::raster::{NOTHING, Visibility};
 use super::rays::{Gaze, Rays};
 use super::sample::{Level, Levels, Site, Uv};
 use super::shadow::Shadow;
-use super::simd::{Floats, Lanes, Line, Mask, N_LANES, Number, Per, Simd, Whole, WholeLine};
+use super::simd::{F32x16, Floats, I32x16, Lanes, Mask, N_LANES, Number, Per, Simd, Whole};
 use super::surface::{Look, SEVERAL, Surfaces, Wrap, place};
-use crate::render::texture::{Pattern, pattern};
+use crate::render::texture::{MipChain, mip_chain};
 use crate::scene::Texture;
 
 /// What a picture's blocks are shaded with.
@@ -71,11 +71,11 @@ pub(super) struct Strip {
     /// Bit i: block i shows several triangles.
     several: u16,
     /// See [`Surfaces::shown`].
-    shown: WholeLine,
+    shown: I32x16,
     sites: [Site; STRIP],
     mixtures: [Mixture; STRIP],
     /// Square roots of linear RGB: first of the texture's factors, then of the light that reaches the eye.
-    roots: [[Line; 3]; STRIP],
+    roots: [[F32x16; 3]; STRIP],
     /// Levels of the triangle that was looked up last, by place, in the middle of each block.
     levels: (usize, Levels),
     /// The flat triangle that was shaded last.
@@ -97,11 +97,11 @@ struct FlatSurface {
 /// What sixteen pixels of several triangles are made of.
 pub(super) struct Mixture {
     /// In the view frame, of any length.
-    normal: [Line; 3],
-    color: [Line; 3],
+    normal: [F32x16; 3],
+    color: [F32x16; 3],
     /// Square roots of textures' factors.
-    pub(super) tint: [Line; 3],
-    specular: Line,
+    pub(super) tint: [F32x16; 3],
+    specular: F32x16,
     /// Bit i: lane i shows a texture.
     pub(super) textured: u16,
 }
@@ -109,10 +109,10 @@ pub(super) struct Mixture {
 impl Mixture {
     /// Nothing.
     pub(super) const NONE: Self = Self {
-        normal: [Line::ZERO; 3],
-        color: [Line::ZERO; 3],
-        tint: [Line::ZERO; 3],
-        specular: Line::ZERO,
+        normal: [F32x16::ZERO; 3],
+        color: [F32x16::ZERO; 3],
+        tint: [F32x16::ZERO; 3],
+        specular: F32x16::ZERO,
         textured: 0,
     };
 }
@@ -128,10 +128,10 @@ impl Strip {
             n: 0,
             single: 0,
             several: 0,
-            shown: WholeLine::ZERO,
+            shown: I32x16::ZERO,
             sites: [const { Site::NOWHERE }; STRIP],
             mixtures: [const { Mixture::NONE }; STRIP],
-            roots: [[Line::ZERO; 3]; STRIP],
+            roots: [[F32x16::ZERO; 3]; STRIP],
             levels: (NOWHERE, Levels::NONE),
             flat: FlatSurface { place: NOWHERE, lit: Lit::DARK, gleams: false, sunlit: 0, roots: [0.0; 3] },
         }
@@ -185,13 +185,7 @@ impl Strip {
 impl Shader<'_> {
     /// Fills a strip with the light of blocks that show these triangles at these depths; see [`Surfaces::shown`].
     #[inline(always)]
-    pub(super) fn shade<S: Simd>(
-        &self,
-        shown: &[i32],
-        ids: &[WholeLine],
-        depths: &[Line],
-        strip: &mut Strip,
-    ) {
+    pub(super) fn shade<S: Simd>(&self, shown: &[i32], ids: &[I32x16], depths: &[F32x16], strip: &mut Strip) {
         strip.sort::<S>(shown);
         for block in Lanes(strip.single) {
             let place = place(shown[block]);
@@ -218,7 +212,7 @@ impl Shader<'_> {
         for block in Lanes(strip.several) {
             if strip.mixtures[block].textured != 0 {
                 let gaze = self.rays.gaze::<S>(strip.column + block, strip.row);
-                let here = WholeLine([block as i32; N_LANES]);
+                let here = I32x16([block as i32; N_LANES]);
                 let textured = strip.mixtures[block].textured;
                 let tint = self.tint::<S>(&ids[block], &here, &gaze, textured, strip);
                 store_all::<S>(tint, &mut strip.mixtures[block].tint);
@@ -252,8 +246,8 @@ impl Shader<'_> {
 
     /// The same of one that has a texture.
     #[inline(always)]
-    fn pattern(&self, place: usize) -> &'static Pattern {
-        pattern(Texture::ALL[self.texture(place) as usize])
+    fn pattern(&self, place: usize) -> &'static MipChain {
+        mip_chain(Texture::ALL[self.texture(place) as usize])
     }
 
     /// Square roots of the light of a block that shows one triangle.
@@ -262,7 +256,7 @@ impl Shader<'_> {
         &self,
         place: usize,
         tint: [S::F; 3],
-        depths: &[Line],
+        depths: &[F32x16],
         block: usize,
         strip: &mut Strip,
     ) -> [S::F; 3] {
@@ -292,7 +286,7 @@ impl Shader<'_> {
 
     /// The flat triangle of a strip's block as the strip shows it.
     #[inline(always)]
-    fn flat<S: Simd>(&self, block: usize, depths: &[Line], strip: &Strip) -> FlatSurface {
+    fn flat<S: Simd>(&self, block: usize, depths: &[F32x16], strip: &Strip) -> FlatSurface {
         let place = place(strip.shown.0[block]);
         let look = &self.surfaces.looks[place].0;
         let lit = Lit::new(self.lamps, normal_of(look));
@@ -312,7 +306,7 @@ impl Shader<'_> {
 
     /// Finds what pixels show, each its own triangle, but for the textures.
     #[inline(always)]
-    pub(super) fn gather<S: Simd>(&self, ids: &WholeLine, gaze: &Gaze<S>, mixture: &mut Mixture) {
+    pub(super) fn gather<S: Simd>(&self, ids: &I32x16, gaze: &Gaze<S>, mixture: &mut Mixture) {
         let looks = S::transposed(each!(i in 16 => S::F::load(&self.surfaces.looks[place(ids.0[i])])));
         store_all::<S>(over::<S, S::F>(&looks, Look::NORMAL, gaze), &mut mixture.normal);
         store_all::<S>(each!(c in 3 => looks[Look::COLOR + c]), &mut mixture.color);
@@ -326,8 +320,8 @@ impl Shader<'_> {
     #[inline(always)]
     pub(super) fn tint<S: Simd>(
         &self,
-        ids: &WholeLine,
-        blocks: &WholeLine,
+        ids: &I32x16,
+        blocks: &I32x16,
         gaze: &Gaze<S>,
         mut textured: u16,
         strip: &mut Strip,
@@ -398,7 +392,7 @@ impl Shader<'_> {
 }
 
 #[inline(always)]
-pub(super) fn store_all<S: Simd>(rgb: [S::F; 3], lines: &mut [Line; 3]) {
+pub(super) fn store_all<S: Simd>(rgb: [S::F; 3], lines: &mut [F32x16; 3]) {
     for (channel, line) in rgb.iter().zip(lines) {
         channel.store(line);
     }

@@ -4,7 +4,7 @@
 use super::each::each;
 use super::kind::Block;
 use super::raster::{DepthPlane, Pixels, Visibility, put};
-use super::simd::{Floats, Line, Mask, N_LANES, Number, Simd, Whole, WholeLine};
+use super::simd::{F32x16, Floats, I32x16, Mask, N_LANES, Number, Simd, Whole};
 
 /// Greatest extent of a small triangle along an axis in 1/256 px: edge functions then fit 32 bits, their steps 16.
 pub(super) const SMALL_REACH: i32 = 1 << 14;
@@ -43,11 +43,11 @@ pub(super) struct Shares {
     /// Where to find each one's numbers, counted over all lines; the last vector may be written past the last of them.
     list: [i32; SHARES + N_LANES],
     /// Edge functions at the block's first pixel, by edge and triangle.
-    edges: [[WholeLine; MAX_SHARES]; 3],
+    edges: [[I32x16; MAX_SHARES]; 3],
     /// Depth there.
-    depths: [Line; MAX_SHARES],
+    depths: [F32x16; MAX_SHARES],
     /// The block.
-    blocks: [WholeLine; MAX_SHARES],
+    blocks: [I32x16; MAX_SHARES],
     triangles: Triangles,
 }
 
@@ -57,12 +57,12 @@ const SHARES: usize = MAX_SHARES * N_LANES;
 
 /// What is the same in all blocks of sixteen small triangles: see [`Small`].
 struct Triangles {
-    steps: [WholeLine; 3],
-    depth_dx: Line,
-    depth_dy: Line,
-    depth_least: Line,
-    depth_greatest: Line,
-    ids: WholeLine,
+    steps: [I32x16; 3],
+    depth_dx: F32x16,
+    depth_dy: F32x16,
+    depth_least: F32x16,
+    depth_greatest: F32x16,
+    ids: I32x16,
 }
 
 /// A block's share of a small triangle, per lane.
@@ -80,16 +80,16 @@ impl Shares {
             n: 0,
             n_lines: 0,
             list: [0; SHARES + N_LANES],
-            edges: [[WholeLine::ZERO; MAX_SHARES]; 3],
-            depths: [Line::ZERO; MAX_SHARES],
-            blocks: [WholeLine::ZERO; MAX_SHARES],
+            edges: [[I32x16::ZERO; MAX_SHARES]; 3],
+            depths: [F32x16::ZERO; MAX_SHARES],
+            blocks: [I32x16::ZERO; MAX_SHARES],
             triangles: Triangles {
-                steps: [WholeLine::ZERO; 3],
-                depth_dx: Line::ZERO,
-                depth_dy: Line::ZERO,
-                depth_least: Line::ZERO,
-                depth_greatest: Line::ZERO,
-                ids: WholeLine::ZERO,
+                steps: [I32x16::ZERO; 3],
+                depth_dx: F32x16::ZERO,
+                depth_dy: F32x16::ZERO,
+                depth_least: F32x16::ZERO,
+                depth_greatest: F32x16::ZERO,
+                ids: I32x16::ZERO,
             },
         }
     }
@@ -105,7 +105,7 @@ impl Shares {
         small.depth_dy.store(&mut triangles.depth_dy);
         small.depth_least.store(&mut triangles.depth_least);
         small.depth_greatest.store(&mut triangles.depth_greatest);
-        (S::I::load(&WholeLine::NUMBERS) + S::I::all(first_id)).store(&mut triangles.ids);
+        (S::I::load(&I32x16::INDICES) + S::I::all(first_id)).store(&mut triangles.ids);
     }
 
     /// Lists those lanes that are kept.
@@ -117,7 +117,7 @@ impl Shares {
         }
         share.depth.store(&mut self.depths[line]);
         share.block.store(&mut self.blocks[line]);
-        let places = S::I::load(&WholeLine::NUMBERS) + S::I::all((line * N_LANES) as i32);
+        let places = S::I::load(&I32x16::INDICES) + S::I::all((line * N_LANES) as i32);
         let (to, _) =
             self.list[self.n..].split_first_chunk_mut().expect("room for a vector behind the last one");
         self.n += S::compress(places, keep, to);
@@ -127,7 +127,7 @@ impl Shares {
 
 /// Lines' numbers in a row.
 #[inline(always)]
-fn flat(lines: &[WholeLine; MAX_SHARES]) -> &[i32; SHARES] {
+fn flat(lines: &[I32x16; MAX_SHARES]) -> &[i32; SHARES] {
     bytemuck::cast_ref(lines)
 }
 

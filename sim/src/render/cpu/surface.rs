@@ -11,12 +11,12 @@ use super::isa::Kernel;
 use super::kind::{Block, Square};
 use super::lens::Vectors;
 use super::raster::{MAX_BLOCKS, Visibility};
-use super::simd::{Floats, Line, Mask, N_LANES, Number, Simd, Whole, WholeLine};
-use crate::render::affine::Affine;
-use crate::render::camera::Camera;
-use crate::render::mesh::Triangle;
+use super::simd::{F32x16, Floats, I32x16, Mask, N_LANES, Number, Simd, Whole};
+use crate::render::math::affine::Affine3;
+use crate::render::mesh::TriangleRecord;
+use crate::render::scene::camera::PinholeCamera;
 use crate::render::scene::{Instance, RenderScene};
-use crate::render::texture::pattern;
+use crate::render::texture::mip_chain;
 
 /// Numbers of one visible triangle that every pixel needs, by index into a line.
 pub(super) struct Look;
@@ -50,9 +50,9 @@ impl Wrap {
 /// The visible triangles of one view.
 pub(super) struct Surfaces {
     /// Laid out as [`Look`], by [`place`]; that of nothing is [`VOID`].
-    pub(super) looks: Vec<Line>,
+    pub(super) looks: Vec<F32x16>,
     /// Laid out as [`Wrap`], by [`place`]; only those with a texture are filled in.
-    pub(super) wraps: Vec<Line>,
+    pub(super) wraps: Vec<F32x16>,
     /// What each block shows everywhere, by id, or [`SEVERAL`], or [`KEPT`].
     pub(super) shown: Vec<i32>,
     /// 1 where a triangle is seen, by [`place`].
@@ -75,8 +75,8 @@ pub(super) const SEVERAL: i32 = -2;
 pub(super) const KEPT: i32 = -3;
 
 /// Look of what is not there: black.
-pub(super) const VOID: Line = {
-    let mut line = Line::ZERO;
+pub(super) const VOID: F32x16 = {
+    let mut line = F32x16::ZERO;
     line.0[Look::NORMAL + 6] = -1.0;
     line.0[Look::TEXTURE] = f32::from_bits(u32::MAX);
     line
@@ -100,7 +100,7 @@ impl Surfaces {
     fn start(&mut self, n_ids: usize, n_blocks: usize) {
         let n_lines = self.looks.len().max(n_ids + N_LANES);
         self.looks.resize(n_lines, VOID);
-        self.wraps.resize(n_lines, Line::ZERO);
+        self.wraps.resize(n_lines, F32x16::ZERO);
         if self.is_marked {
             self.seen.fill(0);
         }
@@ -110,7 +110,7 @@ impl Surfaces {
     }
 
     #[inline(always)]
-    fn look_at<S: Simd>(&mut self, blocks: &[WholeLine]) {
+    fn look_at<S: Simd>(&mut self, blocks: &[I32x16]) {
         let Self { shown, seen, .. } = self;
         for (ids, shown) in blocks.iter().zip(shown) {
             *shown = look_at::<S>(ids, seen);
@@ -119,7 +119,7 @@ impl Surfaces {
 
     /// The same for those blocks that lie in the blocks of pixels that are stale.
     #[inline(always)]
-    fn look_at_stale<S: Simd>(&mut self, blocks: &[WholeLine], stale: &[bool], per_row: usize, scale: usize) {
+    fn look_at_stale<S: Simd>(&mut self, blocks: &[I32x16], stale: &[bool], per_row: usize, scale: usize) {
         let Self { shown, seen, .. } = self;
         if scale == 1 {
             for ((ids, shown), stale) in blocks.iter().zip(shown).zip(stale) {
@@ -142,7 +142,7 @@ impl Surfaces {
 
 /// Marks a block's triangles as seen, and says what it shows: see [`Surfaces::shown`].
 #[inline(always)]
-fn look_at<S: Simd>(ids: &WholeLine, seen: &mut [u8]) -> i32 {
+fn look_at<S: Simd>(ids: &I32x16, seen: &mut [u8]) -> i32 {
     seen[place(ids.0[0])] = 1;
     if is_uniform::<S>(ids) {
         return ids.0[0];
@@ -156,9 +156,9 @@ fn look_at<S: Simd>(ids: &WholeLine, seen: &mut [u8]) -> i32 {
 /// Prepares the triangles that a picture shows.
 pub(super) struct Collect<'a> {
     pub(super) scene: &'a RenderScene,
-    pub(super) camera: &'a Camera,
+    pub(super) camera: &'a PinholeCamera,
     /// From each instance's mesh to the view frame.
-    pub(super) maps: &'a [Affine],
+    pub(super) maps: &'a [Affine3],
     pub(super) visibility: &'a Visibility,
     /// Pixels of the rasteriser's grid per pixel of the image.
     pub(super) scale: usize,
@@ -181,7 +181,7 @@ impl Kernel for Collect<'_> {
         }
         let plane = Plane::<S>::new(camera);
         for ((instance, map), &first_id) in scene.instances.iter().zip(maps).zip(&scene.first_id) {
-            let mesh = &instance.mesh().batches;
+            let mesh = &instance.mesh().packed;
             let lines = place(first_id as i32)..place(first_id as i32) + mesh.corners.len() * N_LANES;
             let Surfaces { looks, wraps, seen, list, .. } = &mut *surfaces;
             let list = marked::<S>(&mut seen[lines.clone()], list);
@@ -217,7 +217,7 @@ fn marked<'a, S: Simd>(marks: &mut [u8], list: &'a mut Vec<i32>) -> &'a [[i32; N
             // Moves the lowest bits of the eight bytes side by side.
             eight.wrapping_mul(0x0102_0408_1020_4080) >> 56
         });
-        let numbers = S::I::load(&WholeLine::NUMBERS) + S::I::all((batch * N_LANES) as i32);
+        let numbers = S::I::load(&I32x16::INDICES) + S::I::all((batch * N_LANES) as i32);
         let (to, _) = list[n..].split_first_chunk_mut().expect("room for a vector behind the last one");
         n += S::compress(numbers, S::M::from_bits((high << 8 | low) as u16), to);
     }
@@ -228,7 +228,7 @@ fn marked<'a, S: Simd>(marks: &mut [u8], list: &'a mut Vec<i32>) -> &'a [[i32; N
 
 /// Whether all lanes are the same.
 #[inline(always)]
-pub(super) fn is_uniform<S: Simd>(ids: &WholeLine) -> bool {
+pub(super) fn is_uniform<S: Simd>(ids: &I32x16) -> bool {
     S::I::load(ids).eq(S::I::all(ids.0[0])).to_bits() == u16::MAX
 }
 
@@ -241,7 +241,7 @@ struct Plane<S: Simd> {
 
 impl<S: Simd> Plane<S> {
     #[inline(always)]
-    fn new(camera: &Camera) -> Self {
+    fn new(camera: &PinholeCamera) -> Self {
         Self {
             per_focal: S::F::all(1.0 / camera.focal_px),
             principal: S::F::all(0.5 - camera.side as f32 / 2.0),
@@ -272,16 +272,17 @@ struct Kit<S: Simd> {
 
 impl<S: Simd> Kit<S> {
     #[inline(always)]
-    fn new(instance: &Instance, view_from_mesh: &Affine, camera: &Camera, scale: usize) -> Self {
-        let (material, steps) = (&instance.material, instance.mesh().batches.steps);
-        let from_mesh = camera.centring().map_or(*view_from_mesh, |centring| centring.after(view_from_mesh));
-        let normals = Affine { linear: view_from_mesh.normals(), offset: [0.0; 3] };
+    fn new(instance: &Instance, view_from_mesh: &Affine3, camera: &PinholeCamera, scale: usize) -> Self {
+        let (material, steps) = (&instance.material, instance.mesh().packed.steps);
+        let from_mesh =
+            camera.centring_shear().map_or(*view_from_mesh, |centring| centring.compose(view_from_mesh));
+        let normals = Affine3 { linear: view_from_mesh.normals(), offset: [0.0; 3] };
         Self {
-            centred_from_steps: Map::new(&from_mesh.per(steps)),
+            centred_from_steps: Map::new(&from_mesh.scale_columns(steps)),
             view_from_normal: Map::new(&normals),
             tiles: match material.texture {
                 Some(texture) => {
-                    let per_tile = 1.0 / pattern(texture).tile_m;
+                    let per_tile = 1.0 / mip_chain(texture).tile_m;
                     Some(each!(k in 3 => S::F::all(instance.scale[k] * per_tile * steps[k])))
                 }
                 None => None,
@@ -297,21 +298,21 @@ impl<S: Simd> Kit<S> {
     #[inline(always)]
     fn write(
         &self,
-        triangles: &[Line],
+        triangles: &[F32x16],
         which: &[i32; N_LANES],
         plane: &Plane<S>,
-        looks: &mut [Line],
-        wraps: &mut [Line],
+        looks: &mut [F32x16],
+        wraps: &mut [F32x16],
     ) {
         let numbers = S::transposed(each!(i in 16 => S::F::load(&triangles[which[i] as usize])));
         // In steps, by corner and axis.
         let corners = each!(k in 3 => each!(axis in 3 => {
             let half = 3 * k + axis;
-            let two = numbers[Triangle::CORNERS + half / 2].bits();
+            let two = numbers[TriangleRecord::CORNERS + half / 2].bits();
             (if half.is_multiple_of(2) { two.shl::<16>().sar::<16>() } else { two.sar::<16>() }).floats()
         }));
-        let last = numbers[Triangle::CORNERS + 4].bits().sar::<16>();
-        let flat = (last & S::I::all(Triangle::FLAT)).gt(S::I::all(0));
+        let last = numbers[TriangleRecord::CORNERS + 4].bits().sar::<16>();
+        let flat = (last & S::I::all(TriangleRecord::FLAT_BIT)).gt(S::I::all(0));
         let [p, q, r] = each!(k in 3 => self.snap.on_grid::<S>(self.centred_from_steps.of(corners[k])));
         let (e, f) = (minus::<S>(&q, &p), minus::<S>(&r, &p));
         let weights = Weights::<S> {
@@ -320,7 +321,7 @@ impl<S: Simd> Kit<S> {
             n: plane.of(cross::<S>(&f, &e)),
         };
         let normals = each!(k in 3 =>
-            self.view_from_normal.of(each!(axis in 3 => numbers[Triangle::NORMALS + 3 * k + axis])));
+            self.view_from_normal.of(each!(axis in 3 => numbers[TriangleRecord::NORMALS + 3 * k + axis])));
         let mut rows = [S::F::all(0.0); N_LANES];
         for axis in 0..3 {
             let [value, right, down] = weights.spread(each!(k in 3 => normals[k][axis]));
@@ -335,7 +336,7 @@ impl<S: Simd> Kit<S> {
         rows[Look::FLAT] = S::F::all(1.0).or_where(flat, S::F::all(0.0));
         store_columns::<S>(rows, which, looks);
         if let Some(tiles) = &self.tiles {
-            let facing = last & S::I::all(Triangle::FACING);
+            let facing = last & S::I::all(TriangleRecord::AXIS_MASK);
             let uv = each!(k in 3 => unwrap::<S>(&corners[k], facing, tiles));
             let mut rows = [S::F::all(0.0); N_LANES];
             rows[Wrap::N..Wrap::N + 3].copy_from_slice(&weights.n);
@@ -363,14 +364,14 @@ impl<S: Simd> Weights<S> {
 }
 
 #[inline(always)]
-fn store_columns<S: Simd>(rows: [S::F; N_LANES], which: &[i32; N_LANES], lines: &mut [Line]) {
+fn store_columns<S: Simd>(rows: [S::F; N_LANES], which: &[i32; N_LANES], lines: &mut [F32x16]) {
     let columns = S::transposed(rows);
     for (column, place) in columns.iter().zip(which) {
         column.store(&mut lines[*place as usize]);
     }
 }
 
-/// Texture coordinates of a corner in tiles, given its place in steps: see [`crate::render::mesh::Facing`].
+/// Texture coordinates of a corner in tiles, given its place in steps: see [`crate::render::mesh::ProjectionAxis`].
 #[inline(always)]
 fn unwrap<S: Simd>(corner: &Vectors<S>, facing: S::I, tiles: &Vectors<S>) -> [S::F; 2] {
     let [x, y, z] = each!(k in 3 => corner[k] * tiles[k]);
@@ -386,7 +387,7 @@ struct Snap {
 }
 
 impl Snap {
-    fn new(camera: &Camera, scale: usize) -> Self {
+    fn new(camera: &PinholeCamera, scale: usize) -> Self {
         let per_px = (256 * scale) as f32;
         Self {
             scale: camera.focal_px * per_px,

@@ -17,9 +17,9 @@ use super::shadow::{Relief, Shadow, ShadowMap};
 use super::sink::{Over, Picture};
 use super::surface::{Collect, Surfaces};
 use super::{CpuRenderer, Pose};
-use crate::render::affine::Affine;
-use crate::render::camera::Camera;
+use crate::render::math::affine::Affine3;
 use crate::render::scene::RenderScene;
+use crate::render::scene::camera::PinholeCamera;
 use crate::render::{Samples, View};
 use crate::scene::Snapshot;
 
@@ -28,15 +28,15 @@ use crate::scene::Snapshot;
 pub(super) struct Shot<'a> {
     pub(super) isa: Isa,
     pub(super) scene: &'a RenderScene,
-    pub(super) camera: &'a Camera,
+    pub(super) camera: &'a PinholeCamera,
 }
 
 /// What one view at a time is made in.
 pub(super) struct Workspace {
     /// From each instance's mesh to the view frame.
-    pub(super) maps: Vec<Affine>,
+    pub(super) maps: Vec<Affine3>,
     /// The same to the centred frame, where that is another.
-    centred: Vec<Affine>,
+    centred: Vec<Affine3>,
     pub(super) visibility: Visibility,
     pub(super) surfaces: Surfaces,
     /// Per block of pixels whether it is no longer as in a layer.
@@ -126,9 +126,9 @@ impl Workspace {
     /// Finds what every pixel sees of some of the instances.
     pub(super) fn find<B: Block>(&mut self, shot: Shot<'_>, which: Range<usize>) {
         let mut maps = &self.maps[which.clone()];
-        if let Some(centring) = shot.camera.centring() {
+        if let Some(centring) = shot.camera.centring_shear() {
             self.centred.clear();
-            self.centred.extend(maps.iter().map(|map| centring.after(map)));
+            self.centred.extend(maps.iter().map(|map| centring.compose(map)));
             maps = &self.centred;
         }
         shot.isa.run(Draw {
@@ -163,7 +163,7 @@ impl Workspace {
     }
 
     /// Makes the camera's rays the first ones.
-    fn aim(&mut self, isa: Isa, camera: &Camera) {
+    fn aim(&mut self, isa: Isa, camera: &PinholeCamera) {
         let known = self.rays.iter().position(|rays| rays.are_of(camera));
         self.rays[..=known.unwrap_or(N_RAYS - 1)].rotate_right(1);
         if known.is_none() {

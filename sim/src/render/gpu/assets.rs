@@ -3,9 +3,9 @@
 use super::device::Gpu;
 use super::records::{MAX_TRIANGLES, VertexRecord, padded};
 use super::store::Store;
-use crate::render::mesh::{Facing, Mesh};
+use crate::render::mesh::{Mesh, ProjectionAxis};
 use crate::render::scene::{Instance, MeshKey};
-use crate::render::texture::pattern;
+use crate::render::texture::mip_chain;
 use crate::scene::Texture;
 
 /// Where a mesh lies.
@@ -107,12 +107,12 @@ impl Assets {
             position: padded(mesh.position(i)),
             normal: padded(mesh.normals[i as usize]),
         }));
-        for (corners, facing) in mesh.triangles.iter().zip(&mesh.facing) {
+        for (corners, facing) in mesh.triangles.iter().zip(&mesh.projection_axes) {
             let [a, b, c] = corners.map(|i| i + first_vertex);
             let axis = match facing {
-                Facing::X => 0,
-                Facing::Y => 1,
-                Facing::Z => 2,
+                ProjectionAxis::X => 0,
+                ProjectionAxis::Y => 1,
+                ProjectionAxis::Z => 2,
             };
             self.triangles.push([a, b, c, axis]);
             self.indices.push([a, b, c]);
@@ -126,7 +126,7 @@ impl Assets {
 
     fn add_texture(&mut self, texture: Texture) -> usize {
         self.textures.push(texture);
-        self.texels.extend_from_slice(&pattern(texture).texels);
+        self.texels.extend_from_slice(&mip_chain(texture).texels);
         self.new_textures = true;
         self.textures.len() - 1
     }

@@ -7,11 +7,11 @@ use super::records::{
 };
 use super::shadow::map_from_world;
 use crate::render::View;
-use crate::render::affine::Affine;
-use crate::render::camera::Camera;
-use crate::render::rules::MAP_SIDE;
+use crate::render::math::affine::Affine3;
 use crate::render::scene::Instance;
-use crate::render::texture::pattern;
+use crate::render::scene::camera::PinholeCamera;
+use crate::render::shading::SHADOW_MAP_SIDE;
+use crate::render::texture::mip_chain;
 
 /// Records of a chunk; the memory is kept from one to the next.
 pub(super) struct Batch {
@@ -82,9 +82,9 @@ impl Batch {
         self.n_pixels += record.side * record.side;
         self.max_side = self.max_side.max(record.side);
         for instance in &view.scene.instances {
-            let view_from_mesh = view_from_world.after(&instance.world_from_mesh(view.snapshot));
+            let view_from_mesh = view_from_world.compose(&instance.world_from_mesh(view.snapshot));
             let mesh = instance.mesh();
-            if camera.may_see(&view_from_mesh, mesh.centre, mesh.radius) {
+            if camera.may_intersect_sphere(&view_from_mesh, mesh.centre, mesh.radius) {
                 let first = record.first_instance;
                 let posed = posed(instance, &view_from_mesh, view_idx, first, self.instances.len(), assets);
                 self.images.add(assets.mesh(instance), self.instances.len() as u32);
@@ -101,17 +101,17 @@ impl Batch {
         let view_idx = self.views.len() as u32;
         let first_instance = self.instances.len() as u32;
         self.views.push(ViewRecord {
-            side: MAP_SIDE,
+            side: SHADOW_MAP_SIDE,
             first_pixel: self.n_map_pixels,
             layer: view_idx - self.n_images,
-            half_px: MAP_SIDE as f32 / 2.0,
+            half_px: SHADOW_MAP_SIDE as f32 / 2.0,
             first_instance,
             map: NONE,
             ..bytemuck::Zeroable::zeroed()
         });
-        self.n_map_pixels += MAP_SIDE * MAP_SIDE;
+        self.n_map_pixels += SHADOW_MAP_SIDE * SHADOW_MAP_SIDE;
         for instance in view.scene.instances.iter().filter(|instance| instance.casts_shadow()) {
-            let map_from_mesh = map_from_world.after(&instance.world_from_mesh(view.snapshot));
+            let map_from_mesh = map_from_world.compose(&instance.world_from_mesh(view.snapshot));
             let at = self.instances.len();
             self.instances.push(posed(instance, &map_from_mesh, view_idx, first_instance, at, assets));
             self.maps.add(assets.mesh(instance), at as u32);
@@ -121,14 +121,14 @@ impl Batch {
     }
 }
 
-fn image_record(view: &View<'_>, camera: &Camera, view_from_world: &Affine) -> ViewRecord {
+fn image_record(view: &View<'_>, camera: &PinholeCamera, view_from_world: &Affine3) -> ViewRecord {
     let scene = view.scene;
     let sun = |i: usize| SunRecord {
         towards: padded(view_from_world.vector(scene.suns[i].towards)),
         color: padded(scene.suns[i].color),
     };
     let map_from_view = scene.shadow_centre.map_or([[0.0; 4]; 3], |centre| {
-        rows(&map_from_world(scene.suns[0].towards, centre).after(&view_from_world.rigid_inverse()))
+        rows(&map_from_world(scene.suns[0].towards, centre).compose(&view_from_world.rigid_inverse()))
     });
     ViewRecord {
         focal_px: camera.focal_px,
@@ -146,7 +146,7 @@ fn image_record(view: &View<'_>, camera: &Camera, view_from_world: &Affine) -> V
 
 fn posed(
     instance: &Instance,
-    view_from_mesh: &Affine,
+    view_from_mesh: &Affine3,
     view: u32,
     first_instance: u32,
     at: usize,
@@ -156,7 +156,7 @@ fn posed(
     let number = at as u32 - first_instance;
     assert!((number as usize) < MAX_INSTANCES, "a view shows at most {MAX_INSTANCES} instances");
     let material = &instance.material;
-    let tile_m = material.texture.map_or(1.0, |texture| pattern(texture).tile_m);
+    let tile_m = material.texture.map_or(1.0, |texture| mip_chain(texture).tile_m);
     InstanceRecord {
         view_from_mesh: rows(view_from_mesh),
         color: material.color,

@@ -8,7 +8,7 @@ use super::frame::Shared;
 use super::layers::Layers;
 use super::records::NONE;
 use super::store::Store;
-use crate::render::rules::MAP_SIDE;
+use crate::render::shading::SHADOW_MAP_SIDE;
 
 const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 const ID_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
@@ -59,7 +59,7 @@ impl Raster {
         let mut grown = self.ids.fit(gpu, side, batch.n_images);
         grown |= self.depths.fit(gpu, side, batch.n_images);
         if n_maps > 0 {
-            grown |= self.heights.fit(gpu, MAP_SIDE, n_maps);
+            grown |= self.heights.fit(gpu, SHADOW_MAP_SIDE, n_maps);
         }
         grown
     }

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::render::affine::Affine;
+use crate::render::math::affine::Affine3;
 use crate::render::scene::N_SUNS;
 
 /// No texture, no shadow map, no triangle.
@@ -95,7 +95,7 @@ const _: () = assert!(size_of::<ViewRecord>() == 192 && size_of::<InstanceRecord
 const _: () = assert!(size_of::<VertexRecord>() == 32 && N_SUNS == 2);
 
 /// A matrix as the device has it: rows, the offset last.
-pub(super) fn rows(map: &Affine) -> [[f32; 4]; 3] {
+pub(super) fn rows(map: &Affine3) -> [[f32; 4]; 3] {
     core::array::from_fn(|i| {
         let [x, y, z] = map.linear[i];
         [x, y, z, map.offset[i]]

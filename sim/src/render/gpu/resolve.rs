@@ -4,8 +4,10 @@ use super::bindings::{self, Slot};
 use super::device::Gpu;
 use super::frame::Shared;
 use super::store::Store;
-use crate::render::rules::{GLOSS, GROUND, MAP_STEPS, OFF_SURFACE_M, SHARPNESS};
-use crate::render::srgb::{LINEAR_BELOW, LINEAR_CODES, ROOT_CODES};
+use crate::render::math::srgb::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_POLYNOMIAL};
+use crate::render::shading::{
+    GROUND_AMBIENT, SHADOW_DEPTH_LEVELS, SHADOW_NORMAL_OFFSET_M, SPECULAR_FALLOFF, SPECULAR_GAIN,
+};
 
 /// Pixels along each edge of the square that a workgroup makes.
 const TILE: u32 = 8;
@@ -87,17 +89,17 @@ impl Resolve {
     }
 }
 
-/// Numbers of `rules.rs` and `srgb.rs` in WGSL; `{:?}` writes every bit of one.
+/// Numbers of `shading.rs` and `math/srgb.rs` in WGSL; `{:?}` writes every bit of one.
 fn constants() -> String {
-    let coefficients = ROOT_CODES.map(|c| format!("{c:?}")).join(", ");
+    let coefficients = SQRT_POLYNOMIAL.map(|c| format!("{c:?}")).join(", ");
     format!(
-        "const GLOSS: f32 = {GLOSS:?};\n\
-         const SHARPNESS: f32 = {SHARPNESS:?};\n\
-         const GROUND: f32 = {GROUND:?};\n\
-         const OFF_SURFACE_M: f32 = {OFF_SURFACE_M:?};\n\
-         const MAP_STEPS: f32 = {MAP_STEPS:?};\n\
-         const LINEAR_BELOW: f32 = {LINEAR_BELOW:?};\n\
-         const LINEAR_CODES: f32 = {LINEAR_CODES:?};\n\
-         const ROOT_CODES = array<f32, 7>({coefficients});\n"
+        "const SPECULAR_GAIN: f32 = {SPECULAR_GAIN:?};\n\
+         const SPECULAR_FALLOFF: f32 = {SPECULAR_FALLOFF:?};\n\
+         const GROUND_AMBIENT: f32 = {GROUND_AMBIENT:?};\n\
+         const SHADOW_NORMAL_OFFSET_M: f32 = {SHADOW_NORMAL_OFFSET_M:?};\n\
+         const SHADOW_DEPTH_LEVELS: f32 = {SHADOW_DEPTH_LEVELS:?};\n\
+         const LINEAR_SEGMENT_END: f32 = {LINEAR_SEGMENT_END:?};\n\
+         const LINEAR_SEGMENT_SLOPE: f32 = {LINEAR_SEGMENT_SLOPE:?};\n\
+         const SQRT_POLYNOMIAL = array<f32, 7>({coefficients});\n"
     )
 }

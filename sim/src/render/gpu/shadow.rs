@@ -1,16 +1,18 @@
 //! The light's view of a scene in the numbers of the device: texels, and heights between 0 and 1.
 
-use crate::render::affine::{Affine, Vec3, scaled};
-use crate::render::rules::{MAP_M, MAP_REACH_M, MAP_SIDE, light_from_world};
+use crate::render::math::affine::{Affine3, Vec3, scaled};
+use crate::render::shading::{SHADOW_HALF_DEPTH_M, SHADOW_MAP_SIDE, SHADOW_MAP_WIDTH_M, light_from_world};
 
 /// From the world to a map: texels to the right and down, and the height along the light, which is 0 at the map's lower
 /// end and 1 at its upper one.
-pub(super) fn map_from_world(towards: Vec3, centre: Vec3) -> Affine {
-    let Affine { linear, offset } = light_from_world(towards, centre);
-    let per_m = MAP_SIDE as f32 / MAP_M;
-    let (scales, middle) =
-        ([per_m, per_m, 0.5 / MAP_REACH_M], [MAP_SIDE as f32 / 2.0, MAP_SIDE as f32 / 2.0, 0.5]);
-    Affine {
+pub(super) fn map_from_world(towards: Vec3, centre: Vec3) -> Affine3 {
+    let Affine3 { linear, offset } = light_from_world(towards, centre);
+    let per_m = SHADOW_MAP_SIDE as f32 / SHADOW_MAP_WIDTH_M;
+    let (scales, middle) = (
+        [per_m, per_m, 0.5 / SHADOW_HALF_DEPTH_M],
+        [SHADOW_MAP_SIDE as f32 / 2.0, SHADOW_MAP_SIDE as f32 / 2.0, 0.5],
+    );
+    Affine3 {
         linear: core::array::from_fn(|i| scaled(linear[i], scales[i])),
         offset: core::array::from_fn(|i| offset[i] * scales[i] + middle[i]),
     }
@@ -18,15 +20,15 @@ pub(super) fn map_from_world(towards: Vec3, centre: Vec3) -> Affine {
 
 #[cfg(test)]
 mod tests {
-    use super::{MAP_SIDE, map_from_world};
-    use crate::render::affine::normalised;
+    use super::{SHADOW_MAP_SIDE, map_from_world};
+    use crate::render::math::affine::normalised;
 
     #[test]
     fn the_centre_is_in_the_middle_and_what_is_nearer_to_the_light_is_higher() {
         let towards = normalised([0.3, -0.5, 1.0]);
         let centre = [-0.1, 0.0, 0.35];
         let map = map_from_world(towards, centre);
-        let middle = MAP_SIDE as f32 / 2.0;
+        let middle = SHADOW_MAP_SIDE as f32 / 2.0;
         for (a, b) in map.point(centre).into_iter().zip([middle, middle, 0.5]) {
             assert!((a - b).abs() < 1e-3, "{a} for {b}");
         }

@@ -4,7 +4,7 @@ use core::f32::consts::TAU;
 use core::fmt::Debug;
 
 use super::Mesh;
-use crate::render::affine::{Vec3, add, cross, dot, sub};
+use crate::render::math::affine::{Vec3, add, cross, dot, sub};
 
 /// The directed edges of a mesh between places, not vertices: faces meet at edges where their normals differ.
 fn edges(mesh: &Mesh) -> Vec<[[u32; 3]; 2]> {
@@ -52,7 +52,7 @@ pub(super) fn extents_m(mesh: &Mesh) -> Vec3 {
 pub(super) fn assert_solid(name: &dyn Debug, mesh: &Mesh, extents_m: Vec3, volume_m3: f32) {
     assert_closed(name, mesh);
     assert_normals_follow_faces(name, mesh);
-    assert_eq!(mesh.facing.len(), mesh.triangles.len(), "{name:?}");
+    assert_eq!(mesh.projection_axes.len(), mesh.triangles.len(), "{name:?}");
     let found = self::extents_m(mesh);
     for (size, expected) in found.into_iter().zip(extents_m) {
         assert!((size - expected).abs() < 1e-5 + 4e-5 * expected, "{name:?}: {found:?} for {extents_m:?}");

@@ -4,7 +4,7 @@
 use core::cmp::Ordering;
 
 use super::{Mesh, bounding_sphere};
-use crate::render::affine::{Vec3, add, cross, dot, normalised, scaled};
+use crate::render::math::affine::{Vec3, add, cross, dot, normalised, scaled};
 
 /// Triangles of a cluster; the last of a mesh may have fewer.
 pub(in crate::render) const CLUSTER_SIZE: usize = 16;
@@ -28,7 +28,7 @@ const NEVER: f32 = 2.0;
 /// The angle between v and n is at most φ + θ = 90° − δ, so v · n ≥ d sin δ ≥ radius. A corner p of the triangle is within
 /// `radius` of `centre`, so (p − E) · n ≥ v · n − radius ≥ 0: the eye is not in front of the triangle's plane. ∎
 ///
-/// A greater cutoff culls less and is safe too. Facing is kept by every affine map that does not mirror, so an eye may be
+/// A greater cutoff culls less and is safe too. ProjectionAxis is kept by every affine map that does not mirror, so an eye may be
 /// taken to the frame of a mesh that is drawn stretched.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Cluster {
@@ -47,7 +47,7 @@ pub(super) fn order(mesh: &mut Mesh) {
     let mut items: Vec<Item> = (0..mesh.triangles.len()).map(|index| Item::new(mesh, index)).collect();
     split(&mut items);
     mesh.triangles = items.iter().map(|item| mesh.triangles[item.index]).collect();
-    mesh.facing = items.iter().map(|item| mesh.facing[item.index]).collect();
+    mesh.projection_axes = items.iter().map(|item| mesh.projection_axes[item.index]).collect();
 }
 
 /// The cluster of every run of [`CLUSTER_SIZE`] triangles.
@@ -134,10 +134,10 @@ fn widest(items: &[Item]) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{MeshId, MeshLibrary, extrusion, lathe, rounded, torus};
+    use super::super::{MeshId, MeshLibrary, extrusion, lathe, rounded_box, torus};
     use super::{CLUSTER_SIZE, Cluster, Mesh, NEVER, of, order};
-    use crate::render::affine::{Vec3, dot, scaled, sub};
-    use crate::render::trig::on_circle;
+    use crate::render::math::affine::{Vec3, dot, scaled, sub};
+    use crate::render::math::trig::on_circle;
 
     /// A ball of radius 0.1 m with some 3,000 triangles.
     fn ball() -> Mesh {
@@ -156,7 +156,7 @@ mod tests {
             ("bowl", lathe::mesh(&bowl)),
             ("torus", torus::mesh(0.05, 0.01)),
             ("ell", extrusion::mesh(&ell, &[], 0.002)),
-            ("rounded", rounded::mesh([0.1, 0.06, 0.02], 0.005)),
+            ("rounded", rounded_box::mesh([0.1, 0.06, 0.02], 0.005)),
         ]
     }
 
@@ -229,7 +229,7 @@ mod tests {
         for (name, mut mesh) in meshes() {
             let pairs = |mesh: &Mesh| {
                 let mut pairs: Vec<_> =
-                    mesh.triangles.iter().zip(&mesh.facing).map(|(t, f)| (*t, *f as u8)).collect();
+                    mesh.triangles.iter().zip(&mesh.projection_axes).map(|(t, f)| (*t, *f as u8)).collect();
                 pairs.sort_unstable();
                 pairs
             };
@@ -262,7 +262,7 @@ mod tests {
     #[test]
     fn normals_all_around_are_never_culled() {
         // A box of twelve triangles is one cluster.
-        let mesh = rounded::mesh([0.1; 3], 0.0);
+        let mesh = rounded_box::mesh([0.1; 3], 0.0);
         let clusters = of(&mesh);
         assert_eq!((clusters.len(), clusters[0].cutoff), (1, NEVER));
     }

@@ -1,24 +1,17 @@
 //! Triangle meshes, all made here from formulas: no file is read. Everything drawn is one of these under an affine map.
 
-mod batch;
 #[cfg(test)]
 mod checks;
 mod clusters;
-mod contour;
-pub(super) mod extrusion;
-mod field;
-pub(super) mod lathe;
-mod panda;
-mod polygon;
-pub(super) mod rounded;
-mod solid;
-mod surface_nets;
-pub(super) mod torus;
+mod generate;
+mod packed;
+mod sdf;
 
 use xxhash_rust::xxh3::Xxh3;
 
-use super::affine::{Vec3, add, cross, dot, scaled, sub};
-pub(super) use batch::{Batches, Bounds, Corners, Lines3, Triangle};
+use super::math::affine::{Vec3, add, cross, dot, scaled, sub};
+pub(super) use generate::{extrusion, lathe, rounded_box, torus};
+pub(super) use packed::{ClusterBounds, ClusterCorners, PackedMesh, TriangleRecord, Vec3x16};
 
 /// A closed or open surface of triangles, counter-clockwise seen from outside. Lengths in m, or in units of the
 /// instance's scale for the solids of half extent 1.
@@ -31,13 +24,13 @@ pub(super) struct Mesh {
     /// Three vertices per triangle.
     pub(super) triangles: Vec<[u32; 3]>,
     /// Per triangle the axis its normal is nearest to: textures are projected along it.
-    pub(super) facing: Vec<Facing>,
+    pub(super) projection_axes: Vec<ProjectionAxis>,
     /// Centre of a sphere that holds all vertices.
     pub(super) centre: Vec3,
     /// Radius of that sphere.
     pub(super) radius: f32,
     /// The triangles once more, as vector code reads them.
-    pub(super) batches: Batches,
+    pub(super) packed: PackedMesh,
     /// Hash of all that pictures are made of: corners, normals, the axes that textures are projected along.
     pub(super) fingerprint: u64,
 }
@@ -45,7 +38,7 @@ pub(super) struct Mesh {
 /// The mesh axis along which a triangle's texture is projected. What is left of a point (x, y, z) are its texture
 /// coordinates, v along y where it can, so that a table's boards run that way: (z, y), (x, z) or (x, y).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Facing {
+pub(super) enum ProjectionAxis {
     X,
     Y,
     Z,
@@ -78,12 +71,12 @@ impl Mesh {
             return;
         }
         let [x, y, z] = normal.map(f32::abs);
-        self.facing.push(if z >= x && z >= y {
-            Facing::Z
+        self.projection_axes.push(if z >= x && z >= y {
+            ProjectionAxis::Z
         } else if x >= y {
-            Facing::X
+            ProjectionAxis::X
         } else {
-            Facing::Y
+            ProjectionAxis::Y
         });
         self.triangles.push(corners);
     }
@@ -103,15 +96,15 @@ impl Mesh {
 
     fn hashed(&self) -> u64 {
         let mut hash = Xxh3::new();
-        hash.update(bytemuck::cast_slice(&self.batches.steps));
-        hash.update(bytemuck::cast_slice(&self.batches.triangles));
+        hash.update(bytemuck::cast_slice(&self.packed.steps));
+        hash.update(bytemuck::cast_slice(&self.packed.triangles));
         hash.digest()
     }
 
-    /// Moves all vertices to where [`Batches`] can hold them, by some 2⁻¹⁶ of the mesh's extent along each axis at most.
+    /// Moves all vertices to where [`PackedMesh`] can hold them, by some 2⁻¹⁶ of the mesh's extent along each axis at most.
     /// Triangles of which nothing is left go.
     fn snap(&mut self) {
-        let steps = batch::steps(self);
+        let steps = packed::steps(self);
         for (axis, step) in self.positions.iter_mut().zip(steps) {
             axis.iter_mut().for_each(|x| *x = (*x / step).round_ties_even() * step);
         }
@@ -123,7 +116,7 @@ impl Mesh {
         let mut each = left.iter();
         self.triangles.retain(|_| each.next() == Some(&true));
         let mut each = left.iter();
-        self.facing.retain(|_| each.next() == Some(&true));
+        self.projection_axes.retain(|_| each.next() == Some(&true));
     }
 
     /// The mesh with its bounding sphere, its triangles in clusters.
@@ -132,7 +125,7 @@ impl Mesh {
         let vertices = (0..self.n_vertices() as u32).map(|i| self.position(i));
         (self.centre, self.radius) = bounding_sphere(vertices);
         clusters::order(&mut self);
-        self.batches = Batches::new(&self);
+        self.packed = PackedMesh::new(&self);
         self.fingerprint = self.hashed();
         self
     }
@@ -151,7 +144,7 @@ fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Vec3, f32) {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum MeshId {
     /// The square |x|, |y| ≤ 1 at z 0, seen from above.
-    Square,
+    Quad,
     /// The box of half extents 1.
     Box,
     /// The cylinder about z of radius 1 and half height 1.
@@ -182,10 +175,10 @@ impl MeshLibrary {
     /// Builds them all, in some tens of milliseconds.
     pub(super) fn new() -> Self {
         Self {
-            solids: solid::all(),
-            links: core::array::from_fn(panda::link),
-            hand: panda::hand(),
-            wrist_camera: panda::wrist_camera(),
+            solids: generate::unit_solids::all(),
+            links: core::array::from_fn(sdf::panda::link),
+            hand: sdf::panda::hand(),
+            wrist_camera: sdf::panda::wrist_camera(),
         }
     }
 
@@ -195,7 +188,7 @@ impl MeshLibrary {
     /// If it is a link above 7.
     pub(super) fn get(&self, id: MeshId) -> &Mesh {
         match id {
-            MeshId::Square => &self.solids[0],
+            MeshId::Quad => &self.solids[0],
             MeshId::Box => &self.solids[1],
             MeshId::Cylinder => &self.solids[2],
             MeshId::Tube => &self.solids[3],
@@ -210,7 +203,7 @@ impl MeshLibrary {
 
 #[cfg(test)]
 mod tests {
-    use super::{Batches, Facing, Mesh, MeshId, MeshLibrary, checks, dot, scaled, sub, torus};
+    use super::{Mesh, MeshId, MeshLibrary, PackedMesh, ProjectionAxis, checks, dot, scaled, sub, torus};
 
     #[test]
     fn meshes_that_look_different_have_different_fingerprints() {
@@ -219,15 +212,16 @@ mod tests {
         assert_eq!(first, torus::mesh(0.05, 0.01).fingerprint);
         assert_ne!(first, torus::mesh(0.05, 0.011).fingerprint);
         mesh.normals[7] = scaled(mesh.normals[7], -1.0);
-        let (second, facing) = (mesh.hashed_anew(), mesh.facing[3]);
+        let (second, facing) = (mesh.hashed_anew(), mesh.projection_axes[3]);
         assert_ne!(second, first);
-        mesh.facing[3] = if facing == Facing::X { Facing::Y } else { Facing::X };
+        mesh.projection_axes[3] =
+            if facing == ProjectionAxis::X { ProjectionAxis::Y } else { ProjectionAxis::X };
         assert_ne!(mesh.hashed_anew(), second);
     }
 
     impl Mesh {
         fn hashed_anew(&mut self) -> u64 {
-            self.batches = Batches::new(self);
+            self.packed = PackedMesh::new(self);
             self.hashed()
         }
     }
@@ -259,7 +253,7 @@ mod tests {
     #[test]
     fn triangles_face_the_way_their_normals_point() {
         let library = MeshLibrary::new();
-        for id in CLOSED.into_iter().chain([MeshId::Square, MeshId::Tube, MeshId::Dome]) {
+        for id in CLOSED.into_iter().chain([MeshId::Quad, MeshId::Tube, MeshId::Dome]) {
             checks::assert_normals_follow_faces(&id, library.get(id));
         }
     }

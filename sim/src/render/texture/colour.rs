@@ -1,6 +1,6 @@
 //! Colours as linear factors, and how two of them or a whole palette mix.
 
-use crate::render::srgb;
+use crate::render::math::srgb;
 
 /// Linear red, green and blue, in [0, 1].
 pub(super) type Rgb = [f32; 3];

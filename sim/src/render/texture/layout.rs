@@ -1,6 +1,6 @@
 //! How rectangles are laid: the bonds of bricks, tiles and boards.
 
-use super::curve::wrap;
+use super::shaping::wrap;
 
 /// A rectangle, as seen from a point in it.
 pub(super) struct Block {

@@ -5,23 +5,14 @@
 //! Only additions, multiplications, divisions, square roots, floors and comparisons are used, so that a texel is the
 //! same on every machine. Nothing here knows how a pattern is filtered.
 
-mod brick;
-mod cells;
 mod colour;
-mod curve;
-mod fabric;
-mod geometric;
-mod gradient;
 mod layout;
-mod metal;
-mod mottled;
-mod ornament;
-mod recipes;
-mod stone;
+pub(super) mod noise;
+mod patterns;
+mod shaping;
 #[cfg(test)]
 mod tests;
-mod tile;
-mod wood;
+mod voronoi;
 
 use std::sync::OnceLock;
 
@@ -40,10 +31,10 @@ const N_TEXELS: usize = level_offset(N_LEVELS);
 /// The patterns drawn so far. They are constants that are too large to be written down: the same in every process,
 /// never changed, a function of nothing. Hence a static, which spares every caller from handing them through; each is
 /// drawn when it is first asked for, since a scene shows but a few.
-static PATTERNS: [OnceLock<Pattern>; Texture::ALL.len()] = [const { OnceLock::new() }; Texture::ALL.len()];
+static PATTERNS: [OnceLock<MipChain>; Texture::ALL.len()] = [const { OnceLock::new() }; Texture::ALL.len()];
 
 /// One pattern.
-pub(super) struct Pattern {
+pub(super) struct MipChain {
     /// World length of a tile's side, in m.
     pub(super) tile_m: f32,
     /// Levels from the finest down to one texel, one after the other, each row by row. Rows and columns go on for eight
@@ -54,8 +45,8 @@ pub(super) struct Pattern {
 }
 
 /// The pattern of a texture.
-pub(super) fn pattern(texture: Texture) -> &'static Pattern {
-    PATTERNS[texture as usize].get_or_init(|| Pattern::new(texture))
+pub(super) fn mip_chain(texture: Texture) -> &'static MipChain {
+    PATTERNS[texture as usize].get_or_init(|| MipChain::new(texture))
 }
 
 /// Index of the first texel of a level, the finest being 0: as many as the finer ones hold.
@@ -77,9 +68,9 @@ pub(super) const fn pitch(level: usize) -> usize {
     (SIDE >> level) + APRON
 }
 
-impl Pattern {
+impl MipChain {
     fn new(texture: Texture) -> Self {
-        let (tile_m, shade) = recipes::recipe(texture);
+        let (tile_m, shade) = patterns::recipe(texture);
         let mut level = drawn(&*shade);
         let mut texels = Vec::with_capacity(N_TEXELS);
         let mut side = SIDE;

@@ -1,12 +1,12 @@
 //! What every pattern owes its readers, checked for all of them.
 
-use super::{N_LEVELS, N_TEXELS, Pattern, SIDE, level_offset, pattern, pitch};
+use super::{MipChain, N_LEVELS, N_TEXELS, SIDE, level_offset, mip_chain, pitch};
 use crate::scene::Texture::{self, *};
 
 const GRADIENTS: [Texture; 4] = [Sunset, Ocean, Glow, Rainbow];
 
 /// Linear factors of a texel.
-fn factors(pattern: &Pattern, level: usize, x: usize, y: usize) -> [f64; 3] {
+fn factors(pattern: &MipChain, level: usize, x: usize, y: usize) -> [f64; 3] {
     let [r, g, b, alpha] = pattern.texels[level_offset(level) + y * pitch(level) + x].to_le_bytes();
     assert_eq!(alpha, 255);
     [r, g, b].map(|code| (f64::from(code) / 255.0) * (f64::from(code) / 255.0))
@@ -14,7 +14,7 @@ fn factors(pattern: &Pattern, level: usize, x: usize, y: usize) -> [f64; 3] {
 
 /// Factors of level 0, row by row.
 fn finest(texture: Texture) -> Vec<[f64; 3]> {
-    (0..SIDE * SIDE).map(|i| factors(pattern(texture), 0, i % SIDE, i / SIDE)).collect()
+    (0..SIDE * SIDE).map(|i| factors(mip_chain(texture), 0, i % SIDE, i / SIDE)).collect()
 }
 
 fn difference(a: [f64; 3], b: [f64; 3]) -> f64 {
@@ -29,14 +29,14 @@ fn mean(values: &[[f64; 3]]) -> [f64; 3] {
 fn there_are_many_and_each_has_a_sensible_size() {
     assert!(Texture::PERTURBATION.len() >= 55 && !Texture::PERTURBATION.contains(&Checker));
     for texture in Texture::PERTURBATION {
-        assert!((0.15..=1.2).contains(&pattern(*texture).tile_m), "{texture:?}");
+        assert!((0.15..=1.2).contains(&mip_chain(*texture).tile_m), "{texture:?}");
     }
 }
 
 #[test]
 fn rows_and_columns_go_on_behind_their_end() {
     for texture in Texture::ALL {
-        let texels = &pattern(*texture).texels;
+        let texels = &mip_chain(*texture).texels;
         assert_eq!(texels.len(), N_TEXELS);
         for level in 0..N_LEVELS {
             let (side, pitch) = (SIDE >> level, pitch(level));
@@ -72,7 +72,7 @@ fn patterns_repeat_without_a_seam() {
 #[test]
 fn levels_end_in_the_mean() {
     for texture in Texture::ALL {
-        let far = difference(factors(pattern(*texture), N_LEVELS - 1, 0, 0), mean(&finest(*texture)));
+        let far = difference(factors(mip_chain(*texture), N_LEVELS - 1, 0, 0), mean(&finest(*texture)));
         assert!(far < 0.005, "{texture:?}: {far} from the mean");
     }
 }
@@ -94,7 +94,7 @@ fn no_two_patterns_look_alike() {
     let level = 3;
     let side = SIDE >> level;
     let coarse = |texture: &Texture| -> Vec<[f64; 3]> {
-        (0..side * side).map(|i| factors(pattern(*texture), level, i % side, i / side)).collect()
+        (0..side * side).map(|i| factors(mip_chain(*texture), level, i % side, i / side)).collect()
     };
     let all: Vec<_> = Texture::ALL.iter().map(coarse).collect();
     for (i, a) in all.iter().enumerate() {

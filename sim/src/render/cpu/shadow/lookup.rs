@@ -1,12 +1,12 @@
 //! Looking a map up: which part of the sun's light reaches a block of pixels, and where it is looked up.
 
 use super::{Highest, Level, SIDE, STEPS_PER_M, TEXELS_PER_M, TOP, Window};
-use crate::render::affine::Affine;
 use crate::render::cpu::each::each;
 use crate::render::cpu::kind::Square;
 use crate::render::cpu::rays::{Gaze, Rays};
-use crate::render::cpu::simd::{Floats, Lanes, Line, Mask, Number, Per, Simd, Whole, WholeLine};
-use crate::render::rules::OFF_SURFACE_M;
+use crate::render::cpu::simd::{F32x16, Floats, I32x16, Lanes, Mask, Number, Per, Simd, Whole};
+use crate::render::math::affine::Affine3;
+use crate::render::shading::SHADOW_NORMAL_OFFSET_M;
 
 /// What heights that are compared with the greatest ones may be off by rounding, in steps, and more.
 const SLACK_STEPS: f32 = 4.0;
@@ -18,7 +18,7 @@ pub(in crate::render::cpu) struct Shadow<'a> {
     /// Of what moves and of what does not.
     pub(super) highest: [&'a Highest; 2],
     /// From the view frame to texels and heights.
-    pub(super) texel_from_view: Affine,
+    pub(super) texel_from_view: Affine3,
 }
 
 impl Shadow<'_> {
@@ -47,7 +47,7 @@ impl Shadow<'_> {
         let rows = match S::window_of_halves(self.heights, first, SIDE, within) {
             Some(rows) => rows,
             None => {
-                let mut place = WholeLine::ZERO;
+                let mut place = I32x16::ZERO;
                 (at[1].shl::<9>() + at[0]).store(&mut place);
                 [S::neighbours(self.heights, &place), S::neighbours(&self.heights[SIDE..], &place)]
             }
@@ -68,7 +68,7 @@ impl Shadow<'_> {
         &self,
         rays: &Rays,
         [column, row]: [usize; 2],
-        depths: &[Line],
+        depths: &[F32x16],
         blocks: u16,
         normal: &[f32; 3],
     ) -> u16 {
@@ -78,7 +78,7 @@ impl Shadow<'_> {
         let last = blocks.checked_ilog2().map_or(first, |last| last as usize);
         // How far each block is from the first to the last one.
         let per_block = 1.0 / (last - first).max(1) as f32;
-        let far = (S::I::load(&WholeLine::NUMBERS) - S::I::all(first as i32)).floats() * S::F::all(per_block);
+        let far = (S::I::load(&I32x16::INDICES) - S::I::all(first as i32)).floats() * S::F::all(per_block);
         // Planes keep convex what is convex: a block's pixels lie between its corners' on the map, too.
         let places = each!(k in 4 => {
             let lane = Square::CORNERS[k];
@@ -95,9 +95,9 @@ impl Shadow<'_> {
         let reach = (to[0] - from[0]).max(to[1] - from[1]);
         let greatest = reach.or_where(S::M::from_bits(blocks), S::I::all(0)).greatest();
         let Some(level) = Level::of(greatest) else { return 0 };
-        let mut windows = WholeLine::ZERO;
+        let mut windows = I32x16::ZERO;
         level.windows::<S>(from).store(&mut windows);
-        let mut heights = WholeLine::ZERO;
+        let mut heights = I32x16::ZERO;
         for block in Lanes(blocks) {
             let window = Window(windows.0[block]);
             heights.0[block] = self.highest[0].within(window).max(self.highest[1].within(window)).into();
@@ -114,7 +114,7 @@ impl Shadow<'_> {
             let [a, b, c] = self.texel_from_view.linear[i];
             let along = dx.mul_add(S::F::all(a), dy.mul_add(S::F::all(b), S::F::all(c)));
             let aside = normal[0].mul_add(N::all(a), normal[1].mul_add(N::all(b), normal[2] * N::all(c)));
-            let offset = aside.mul_add(N::all(OFF_SURFACE_M), N::all(self.texel_from_view.offset[i]));
+            let offset = aside.mul_add(N::all(SHADOW_NORMAL_OFFSET_M), N::all(self.texel_from_view.offset[i]));
             z.mul_add(along, offset.spread())
         })
     }
@@ -142,9 +142,9 @@ impl Extent {
     #[inline(always)]
     pub(in crate::render::cpu) fn add<S: Simd>(&mut self, shadow: &Shadow<'_>, gaze: &Gaze<S>, seen: S::M) {
         // Normals are unit vectors, and something is left for rounding.
-        const SLACK: f32 = OFF_SURFACE_M * TEXELS_PER_M + 0.1;
+        const SLACK: f32 = SHADOW_NORMAL_OFFSET_M * TEXELS_PER_M + 0.1;
         const LAST: i32 = SIDE as i32 - 2;
-        let mut lines = [Line::ZERO; 3];
+        let mut lines = [F32x16::ZERO; 3];
         let place = shadow.place(gaze, &[0.0; 3]);
         for k in 0..3 {
             place[k].store(&mut lines[k]);
@@ -164,7 +164,7 @@ impl Extent {
                 None => here,
                 Some(known) => each!(k in 2 => [known[k][0].min(here[k][0]), known[k][1].max(here[k][1])]),
             });
-            self.lowest = self.lowest.min(height - (OFF_SURFACE_M * STEPS_PER_M + SLACK_STEPS));
+            self.lowest = self.lowest.min(height - (SHADOW_NORMAL_OFFSET_M * STEPS_PER_M + SLACK_STEPS));
         }
     }
 
@@ -198,13 +198,13 @@ impl Reach {
 mod tests {
     use super::{Highest, Rays, SIDE, STEPS_PER_M, Shadow, Square, TEXELS_PER_M};
     use crate::TaskId;
-    use crate::render::affine::{Affine, dot, normalised, scaled};
-    use crate::render::camera::Camera;
     use crate::render::cpu::isa::Isa;
     use crate::render::cpu::kind::Block;
     use crate::render::cpu::rays::Aim;
     use crate::render::cpu::shadow::{CELL, CELLS};
-    use crate::render::cpu::simd::{Floats, Line, Mask, N_LANES, Number, Portable, Simd};
+    use crate::render::cpu::simd::{F32x16, Floats, Mask, N_LANES, Number, Portable, Simd};
+    use crate::render::math::affine::{Affine3, dot, normalised, scaled};
+    use crate::render::scene::camera::PinholeCamera;
     use crate::stream::Stream;
 
     type Answers = <Portable as Simd>::M;
@@ -239,7 +239,7 @@ mod tests {
     fn blocks_that_need_no_look_up_are_in_full_sunlight() {
         let mut stream = Stream::new(3, "sunlight");
         let scene = (TaskId::RaiseCube.task().nominal)().draw(1);
-        let (camera, mut rays) = (Camera::new(&scene.cameras[0]), Rays::new());
+        let (camera, mut rays) = (PinholeCamera::new(&scene.cameras[0]), Rays::new());
         Isa::Portable.run(Aim { rays: &mut rays, camera: &camera });
         let per_row = camera.side >> Square::WIDTH_BITS;
         let (heights, highest) = map(&mut stream);
@@ -249,7 +249,7 @@ mod tests {
             let mut random = |least: f64, greatest: f64| (least + stream.unit() * (greatest - least)) as f32;
             // The light comes from above and the side, the plane is turned any way towards the camera.
             let (sin, cos) = random(0.2, 1.3).sin_cos();
-            let texel_from_view = Affine {
+            let texel_from_view = Affine3 {
                 linear: [
                     scaled([1.0, 0.0, 0.0], TEXELS_PER_M),
                     scaled([0.0, cos, sin], TEXELS_PER_M),
@@ -263,13 +263,13 @@ mod tests {
             let n = 1 + (random(0.0, 0.999) * 16.0) as usize;
             let [column, row] =
                 [per_row - n, per_row - 1].map(|last| (random(0.0, 0.999) * last as f32) as usize);
-            let depths: Vec<Line> = (0..n)
+            let depths: Vec<F32x16> = (0..n)
                 .map(|i| {
-                    let mut lines = [Line::ZERO; 2];
+                    let mut lines = [F32x16::ZERO; 2];
                     let gaze = rays.gaze::<Portable>(column + i, row);
                     gaze.d[0].store(&mut lines[0]);
                     gaze.d[1].store(&mut lines[1]);
-                    Line(core::array::from_fn(|lane| {
+                    F32x16(core::array::from_fn(|lane| {
                         -dot(normal, [lines[0].0[lane], lines[1].0[lane], 1.0]) / distance
                     }))
                 })

@@ -15,10 +15,12 @@ use super::isa::{Isa, Kernel};
 use super::kept::Kept;
 use super::kind::{Block, Plain};
 use super::raster::{Begin, Behind, Visibility};
-use super::simd::{Floats, Lanes, Line, Mask, N_LANES, Number, Simd, Whole, WholeLine};
-use crate::render::affine::{Affine, scaled};
-use crate::render::rules::{MAP_M, MAP_REACH_M, MAP_SIDE, MAP_STEPS, light_from_world};
+use super::simd::{F32x16, Floats, I32x16, Lanes, Mask, N_LANES, Number, Simd, Whole};
+use crate::render::math::affine::{Affine3, scaled};
 use crate::render::scene::{MeshKey, RenderScene};
+use crate::render::shading::{
+    SHADOW_DEPTH_LEVELS, SHADOW_HALF_DEPTH_M, SHADOW_MAP_SIDE, SHADOW_MAP_WIDTH_M, light_from_world,
+};
 use crate::scene::Snapshot;
 pub(super) use highest::Highest;
 use highest::{Level, Window};
@@ -26,14 +28,14 @@ pub(super) use lookup::{Extent, Reach, Shadow};
 use parallel::Parallel;
 
 /// Texels along each edge of a map.
-const SIDE: usize = MAP_SIDE as usize;
-const TEXELS_PER_M: f32 = SIDE as f32 / MAP_M;
+const SIDE: usize = SHADOW_MAP_SIDE as usize;
+const TEXELS_PER_M: f32 = SIDE as f32 / SHADOW_MAP_WIDTH_M;
 /// Heights are whole numbers of steps.
-const STEPS_PER_M: f32 = MAP_STEPS / (2.0 * MAP_REACH_M);
+const STEPS_PER_M: f32 = SHADOW_DEPTH_LEVELS / (2.0 * SHADOW_HALF_DEPTH_M);
 /// Height of the map's middle, in steps.
-const MIDDLE_STEPS: f32 = MAP_STEPS / 2.0;
+const MIDDLE_STEPS: f32 = SHADOW_DEPTH_LEVELS / 2.0;
 /// The greatest height, in steps; what is higher is taken for as high as this.
-const TOP: f32 = MAP_STEPS - 1.0;
+const TOP: f32 = SHADOW_DEPTH_LEVELS - 1.0;
 /// Nothing is as low as this, in steps.
 const DEPTHS_OF_SPACE: f32 = 0.0;
 
@@ -73,13 +75,13 @@ impl Heights {
 /// Heights of what never moves in a scene, which renderers keep there.
 pub(in crate::render) struct StillHeights {
     /// The maps of what never moves, from its meshes to the light's frame, for which it was drawn.
-    maps: Vec<Affine>,
+    maps: Vec<Affine3>,
     heights: Heights,
 }
 
 /// All that the heights of what never moves depend on: meshes and their maps to the light's frame.
 #[derive(PartialEq)]
-pub(super) struct Casters(Vec<(MeshKey, Affine)>);
+pub(super) struct Casters(Vec<(MeshKey, Affine3)>);
 
 /// Heights of everything at one moment.
 pub(super) struct ShadowMap {
@@ -87,13 +89,13 @@ pub(super) struct ShadowMap {
     heights: Heights,
     /// The rest: wherever nothing moves it is the same.
     still: Option<Arc<StillHeights>>,
-    light_from_world: Affine,
+    light_from_world: Affine3,
 }
 
 /// What one map at a time is drawn in, block by block.
 pub(super) struct Relief {
     blocks: Visibility,
-    maps: Vec<Affine>,
+    maps: Vec<Affine3>,
     /// Whether there is nothing in it.
     is_empty: bool,
 }
@@ -134,7 +136,7 @@ impl Relief {
 impl ShadowMap {
     /// A map without shadows.
     pub(super) fn new() -> Self {
-        Self { heights: Heights::new(), still: None, light_from_world: Affine::IDENTITY }
+        Self { heights: Heights::new(), still: None, light_from_world: Affine3::IDENTITY }
     }
 
     /// Draws everything that casts a shadow in a scene that has shadows; what never moves only if no scene has `kept` it.
@@ -161,14 +163,14 @@ impl ShadowMap {
     }
 
     /// What a camera needs to look points up; `None` if nothing was drawn.
-    pub(super) fn seen_from(&self, view_from_world: &Affine) -> Option<Shadow<'_>> {
+    pub(super) fn seen_from(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
         let highest = [&self.heights.highest, &still.heights.highest];
         Some(self.shadow(&self.heights.texels, highest, view_from_world))
     }
 
     /// The same as if there were nothing but what never moves.
-    pub(super) fn still_seen_from(&self, view_from_world: &Affine) -> Option<Shadow<'_>> {
+    pub(super) fn still_seen_from(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
         Some(self.shadow(&still.heights.texels, [&still.heights.highest; 2], view_from_world))
     }
@@ -182,9 +184,9 @@ impl ShadowMap {
         &self,
         texels: &'a [u16],
         highest: [&'a Highest; 2],
-        view_from_world: &Affine,
+        view_from_world: &Affine3,
     ) -> Shadow<'a> {
-        let mut texel_from_view = self.light_from_world.after(&view_from_world.rigid_inverse());
+        let mut texel_from_view = self.light_from_world.compose(&view_from_world.rigid_inverse());
         for axis in 0..2 {
             texel_from_view.linear[axis] = scaled(texel_from_view.linear[axis], TEXELS_PER_M);
             // From texels' corners to their middles.
@@ -242,7 +244,7 @@ impl Kernel for Unfold<'_> {
             if *drawn == [0; N_LANES] && *filled == 0 {
                 continue;
             }
-            let is = S::I::load(&WholeLine(each!(i in 16 => drawn[i].into()))).gt(S::I::all(0)).to_bits();
+            let is = S::I::load(&I32x16(each!(i in 16 => drawn[i].into()))).gt(S::I::all(0)).to_bits();
             let was = core::mem::replace(filled, is);
             *drawn = [0; N_LANES];
             let (column, row) = (sixteen * N_LANES % BLOCKS, sixteen * N_LANES / BLOCKS);
@@ -253,9 +255,9 @@ impl Kernel for Unfold<'_> {
                 rows = [rows[0].min(row * PER_BLOCK), row * PER_BLOCK + PER_BLOCK - 1];
             }
             for i in Lanes(is | was) {
-                let mut line = WholeLine::ZERO;
+                let mut line = I32x16::ZERO;
                 S::F::load(&blocks[i]).min(S::F::all(TOP)).truncated().store(&mut line);
-                blocks[i] = Line([DEPTHS_OF_SPACE; N_LANES]);
+                blocks[i] = F32x16([DEPTHS_OF_SPACE; N_LANES]);
                 let steps = each!(k in 16 => line.0[k] as u16);
                 let place = row * BLOCK * SIDE + (column + i) * BLOCK;
                 let rows = place..place + (BLOCK - 1) * SIDE + BLOCK;
@@ -278,7 +280,7 @@ impl Kernel for Unfold<'_> {
 }
 
 /// The light's frame upside down: a mirror image of what the sun sees, so that what looks away from it is drawn.
-fn mirrored(light_from_world: Affine) -> Affine {
-    let Affine { linear: [right, down, height], offset: [x, y, z] } = light_from_world;
-    Affine { linear: [right, scaled(down, -1.0), height], offset: [x, -y, z] }
+fn mirrored(light_from_world: Affine3) -> Affine3 {
+    let Affine3 { linear: [right, down, height], offset: [x, y, z] } = light_from_world;
+    Affine3 { linear: [right, scaled(down, -1.0), height], offset: [x, -y, z] }
 }

@@ -1,15 +1,15 @@
 //! What lies where on a map: the lens of the sun.
 
 use super::{MIDDLE_STEPS, SIDE, STEPS_PER_M, TEXELS_PER_M};
-use crate::render::affine::{Affine, Vec3, normalised};
 use crate::render::cpu::each::each;
 use crate::render::cpu::kind::Block;
 use crate::render::cpu::lens::{Lens, Projected, Unfit, Vectors};
 use crate::render::cpu::raster::Visibility;
 use crate::render::cpu::simd::{Floats, Mask, Number, Simd};
-use crate::render::mesh::Bounds;
-use crate::render::rules::MAP_M;
+use crate::render::math::affine::{Affine3, Vec3, normalised};
+use crate::render::mesh::ClusterBounds;
 use crate::render::scene::Instance;
+use crate::render::shading::SHADOW_MAP_WIDTH_M;
 
 /// The view along the light.
 pub(super) struct Parallel {
@@ -25,11 +25,11 @@ impl Lens for Parallel {
         instance.casts_shadow()
     }
 
-    fn turn_to(&mut self, light_from_mesh: &Affine, centre: Vec3, radius: f32) -> bool {
-        // Facing is kept by cofactors: n' · z' = (C n) · z' = n · (Cᵀ z').
+    fn turn_to(&mut self, light_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
+        // ProjectionAxis is kept by cofactors: n' · z' = (C n) · z' = n · (Cᵀ z').
         self.light_in_mesh = normalised(light_from_mesh.normals()[2]);
         let [x, y, _] = light_from_mesh.point(centre);
-        let reach = MAP_M / 2.0 + radius * light_from_mesh.stretch();
+        let reach = SHADOW_MAP_WIDTH_M / 2.0 + radius * light_from_mesh.max_scale();
         x.abs() <= reach && y.abs() <= reach
     }
 
@@ -52,8 +52,8 @@ impl Lens for Parallel {
     }
 
     #[inline(always)]
-    fn misses<S: Simd>(&self, bounds: &Bounds, [x, y, _]: &Vectors<S>, radius: S::F) -> u16 {
-        let reach = radius + S::F::all(MAP_M / 2.0);
+    fn misses<S: Simd>(&self, bounds: &ClusterBounds, [x, y, _]: &Vectors<S>, radius: S::F) -> u16 {
+        let reach = radius + S::F::all(SHADOW_MAP_WIDTH_M / 2.0);
         let opposite = S::F::all(0.0) - reach;
         let outside = x.gt(reach) | opposite.gt(*x) | y.gt(reach) | opposite.gt(*y);
         // A cluster all of whose normals are within 90° of the light's direction has no back face.

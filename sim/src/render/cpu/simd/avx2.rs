@@ -5,7 +5,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 use crate::render::cpu::each::each;
 
-use super::{Floats, Line, Mask, N_LANES, Number, Per, ShortLine, Simd, Whole, WholeLine, load_pairs};
+use super::{F32x16, Floats, I16x16, I32x16, Mask, N_LANES, Number, Per, Simd, Whole, load_pairs};
 
 /// The instruction set.
 #[derive(Clone, Copy)]
@@ -88,7 +88,7 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
-    fn pairs(words: &[u32], at: &WholeLine) -> (YmmWhole, YmmWhole) {
+    fn pairs(words: &[u32], at: &I32x16) -> (YmmWhole, YmmWhole) {
         let p = load_pairs::<Self>(words, at);
         intrinsic!({
             let a = _mm256_castsi256_ps(_mm256_setr_epi64x(p[0], p[1], p[2], p[3]));
@@ -221,13 +221,13 @@ impl Floats for Ymm {
     type M = YmmMask;
 
     #[inline(always)]
-    fn load(from: &Line) -> Self {
+    fn load(from: &F32x16) -> Self {
         let half = |i: usize| from.0[i..i + 8].as_ptr();
         Self(intrinsic!([_mm256_load_ps(half(0)), _mm256_load_ps(half(8))]))
     }
 
     #[inline(always)]
-    fn load_short(from: &ShortLine) -> Self {
+    fn load_short(from: &I16x16) -> Self {
         Self(each!(i in 2 => intrinsic!({
             let short = _mm_load_si128(from.0.as_ptr().add(i * 8).cast());
             _mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(short))
@@ -235,7 +235,7 @@ impl Floats for Ymm {
     }
 
     #[inline(always)]
-    fn store(self, to: &mut Line) {
+    fn store(self, to: &mut F32x16) {
         for (half, lanes) in self.0.into_iter().zip(to.0.chunks_exact_mut(8)) {
             intrinsic!(_mm256_store_ps(lanes.as_mut_ptr(), half));
         }
@@ -279,13 +279,13 @@ impl Whole for YmmWhole {
     }
 
     #[inline(always)]
-    fn load(from: &WholeLine) -> Self {
+    fn load(from: &I32x16) -> Self {
         let half = |i: usize| from.0[i..i + 8].as_ptr().cast();
         Self(intrinsic!([_mm256_load_si256(half(0)), _mm256_load_si256(half(8))]))
     }
 
     #[inline(always)]
-    fn store(self, to: &mut WholeLine) {
+    fn store(self, to: &mut I32x16) {
         for (half, lanes) in self.0.into_iter().zip(to.0.chunks_exact_mut(8)) {
             intrinsic!(_mm256_store_si256(lanes.as_mut_ptr().cast(), half));
         }

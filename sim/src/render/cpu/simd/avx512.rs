@@ -5,9 +5,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 use crate::render::cpu::each::each;
 
-use super::{
-    Floats, Line, Mask, N_LANES, Number, Per, ShortLine, Simd, Whole, WholeLine, load_pairs, windows,
-};
+use super::{F32x16, Floats, I16x16, I32x16, Mask, N_LANES, Number, Per, Simd, Whole, load_pairs, windows};
 
 /// The instruction set.
 #[derive(Clone, Copy)]
@@ -94,7 +92,7 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
-    fn pairs(words: &[u32], at: &WholeLine) -> (ZmmWhole, ZmmWhole) {
+    fn pairs(words: &[u32], at: &I32x16) -> (ZmmWhole, ZmmWhole) {
         // Sixteen loads put together are measured to take about half as long as gather instructions.
         let p = load_pairs::<Self>(words, at);
         intrinsic!({
@@ -250,12 +248,12 @@ impl Floats for Zmm {
     type M = Kmask;
 
     #[inline(always)]
-    fn load(from: &Line) -> Self {
+    fn load(from: &F32x16) -> Self {
         Self(intrinsic!(_mm512_load_ps(from.0.as_ptr())))
     }
 
     #[inline(always)]
-    fn load_short(from: &ShortLine) -> Self {
+    fn load_short(from: &I16x16) -> Self {
         Self(intrinsic!({
             let short = _mm256_load_si256(from.0.as_ptr().cast());
             _mm512_cvtepi32_ps(_mm512_cvtepi16_epi32(short))
@@ -263,7 +261,7 @@ impl Floats for Zmm {
     }
 
     #[inline(always)]
-    fn store(self, to: &mut Line) {
+    fn store(self, to: &mut F32x16) {
         intrinsic!(_mm512_store_ps(to.0.as_mut_ptr(), self.0));
     }
 
@@ -303,7 +301,7 @@ impl Whole for ZmmWhole {
     }
 
     #[inline(always)]
-    fn load(from: &WholeLine) -> Self {
+    fn load(from: &I32x16) -> Self {
         Self(intrinsic!(_mm512_load_si512(from.0.as_ptr().cast())))
     }
 
@@ -316,7 +314,7 @@ impl Whole for ZmmWhole {
     }
 
     #[inline(always)]
-    fn store(self, to: &mut WholeLine) {
+    fn store(self, to: &mut I32x16) {
         intrinsic!(_mm512_store_si512(to.0.as_mut_ptr().cast(), self.0));
     }
 

@@ -21,7 +21,7 @@ pub(super) use avx512::Avx512;
 pub(super) use portable::Portable;
 
 use super::each::each;
-pub(super) use crate::render::line::{Line, N_LANES, ShortLine, WholeLine};
+pub(super) use crate::render::math::lanes::{F32x16, I16x16, I32x16, N_LANES};
 
 /// An instruction set.
 pub(super) trait Simd: Copy {
@@ -40,7 +40,7 @@ pub(super) trait Simd: Copy {
     ///
     /// # Panics
     /// If there are fewer than two words.
-    fn pairs(words: &[u32], at: &WholeLine) -> (Self::I, Self::I);
+    fn pairs(words: &[u32], at: &I32x16) -> (Self::I, Self::I);
 
     /// The words at x and y of an 8 × 8 window, those to the right of them, below them, and below to the right. The
     /// window's rows begin at `first`, `first + pitch` and so on. `None` if one of the points is outside of the first
@@ -59,18 +59,18 @@ pub(super) trait Simd: Copy {
     /// # Panics
     /// If there are fewer than two numbers.
     #[inline(always)]
-    fn neighbours(halves: &[u16], at: &WholeLine) -> Self::I {
+    fn neighbours(halves: &[u16], at: &I32x16) -> Self::I {
         let last = halves.len().checked_sub(2).expect("two numbers are neighbours") as i32;
         debug_assert!(
             at.0.iter().all(|i| (0..=last).contains(i)),
             "outside of {} numbers: {at:?}",
             halves.len()
         );
-        let mut held = WholeLine::ZERO;
+        let mut held = I32x16::ZERO;
         Self::I::load(at).max(Self::I::all(0)).min(Self::I::all(last)).store(&mut held);
         // SAFETY: every index is held between 0 and the last one that has a number behind it.
         let two = |i: i32| unsafe { halves.as_ptr().add(i as usize).cast::<i32>().read_unaligned() };
-        Self::I::load(&WholeLine(each!(i in 16 => two(held.0[i]))))
+        Self::I::load(&I32x16(each!(i in 16 => two(held.0[i]))))
     }
 
     /// Of an 8 × 8 window, the numbers at x and y in the lower halves and those to the right of them in the upper halves;
@@ -97,7 +97,7 @@ pub(super) trait Simd: Copy {
     /// the line is lost.
     #[inline(always)]
     fn compress(numbers: Self::I, keep: Self::M, to: &mut [i32; N_LANES]) -> usize {
-        let mut line = WholeLine::ZERO;
+        let mut line = I32x16::ZERO;
         numbers.store(&mut line);
         let mut n = 0;
         for lane in Lanes(keep.to_bits()) {
@@ -193,11 +193,11 @@ pub(super) trait Floats: Number {
     type M;
 
     /// From memory.
-    fn load(from: &Line) -> Self;
+    fn load(from: &F32x16) -> Self;
     /// From integers in memory.
-    fn load_short(from: &ShortLine) -> Self;
+    fn load_short(from: &I16x16) -> Self;
     /// To memory.
-    fn store(self, to: &mut Line);
+    fn store(self, to: &mut F32x16);
     /// Where `self > other`; not for NaN.
     fn gt(self, other: Self) -> Self::M;
     /// `self` where `mask`, else `other`.
@@ -222,17 +222,17 @@ pub(super) trait Whole:
     /// The same number everywhere.
     fn all(x: i32) -> Self;
     /// From memory.
-    fn load(from: &WholeLine) -> Self;
+    fn load(from: &I32x16) -> Self;
     /// Sixteen numbers anywhere in memory, or fewer and the `rest`.
     #[inline(always)]
     fn load_some(from: &[i32], rest: i32) -> Self {
-        let mut line = WholeLine([rest; N_LANES]);
+        let mut line = I32x16([rest; N_LANES]);
         let n = from.len().min(N_LANES);
         line.0[..n].copy_from_slice(&from[..n]);
         Self::load(&line)
     }
     /// To memory.
-    fn store(self, to: &mut WholeLine);
+    fn store(self, to: &mut I32x16);
     /// Product, its lower 32 bits.
     fn times(self, other: Self) -> Self;
     /// Products of both 16-bit halves, each kept to 16 bits.
@@ -262,7 +262,7 @@ pub(super) trait Whole:
     /// The least of the lower and the least of the upper 16-bit halves, without signs.
     #[inline(always)]
     fn least_halves(self) -> [u16; 2] {
-        let mut line = WholeLine::ZERO;
+        let mut line = I32x16::ZERO;
         self.store(&mut line);
         let mut least = [u16::MAX; 2];
         for lane in line.0 {
@@ -274,7 +274,7 @@ pub(super) trait Whole:
     /// The greatest lane.
     #[inline(always)]
     fn greatest(self) -> i32 {
-        let mut line = WholeLine::ZERO;
+        let mut line = I32x16::ZERO;
         self.store(&mut line);
         line.0.into_iter().fold(i32::MIN, i32::max)
     }
@@ -319,10 +319,10 @@ impl Iterator for Lanes {
 /// See [`Simd::pairs`].
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
-fn load_pairs<S: Simd>(words: &[u32], at: &WholeLine) -> [i64; N_LANES] {
+fn load_pairs<S: Simd>(words: &[u32], at: &I32x16) -> [i64; N_LANES] {
     let last = words.len().checked_sub(2).expect("two words make a pair") as i32;
     debug_assert!(at.0.iter().all(|i| (0..=last).contains(i)), "outside of {} words: {at:?}", words.len());
-    let mut held = WholeLine::ZERO;
+    let mut held = I32x16::ZERO;
     S::I::load(at).max(S::I::all(0)).min(S::I::all(last)).store(&mut held);
     // SAFETY: every index is held between 0 and the last one that has a word behind it.
     each!(i in 16 => unsafe { words.as_ptr().add(held.0[i] as usize).cast::<i64>().read_unaligned() })

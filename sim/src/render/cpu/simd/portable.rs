@@ -2,7 +2,7 @@
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
-use super::{Floats, Line, Mask, N_LANES, Number, Per, ShortLine, Simd, Whole, WholeLine};
+use super::{F32x16, Floats, I16x16, I32x16, Mask, N_LANES, Number, Per, Simd, Whole};
 
 /// No instruction set in particular.
 #[derive(Clone, Copy)]
@@ -77,7 +77,7 @@ impl Simd for Portable {
         core::array::from_fn(|column| FloatArray(core::array::from_fn(|row| rows[row].0[column])))
     }
 
-    fn pairs(words: &[u32], at: &WholeLine) -> (WholeArray, WholeArray) {
+    fn pairs(words: &[u32], at: &I32x16) -> (WholeArray, WholeArray) {
         let word = |i: i32, next: usize| words[i as usize + next].cast_signed();
         (WholeArray(map(at.0, |i| word(i, 0))), WholeArray(map(at.0, |i| word(i, 1))))
     }
@@ -136,15 +136,15 @@ impl Floats for FloatArray {
     type I = WholeArray;
     type M = Bits;
 
-    fn load(from: &Line) -> Self {
+    fn load(from: &F32x16) -> Self {
         Self(from.0)
     }
 
-    fn load_short(from: &ShortLine) -> Self {
+    fn load_short(from: &I16x16) -> Self {
         Self(from.0.map(f32::from))
     }
 
-    fn store(self, to: &mut Line) {
+    fn store(self, to: &mut F32x16) {
         to.0 = self.0;
     }
 
@@ -177,11 +177,11 @@ impl Whole for WholeArray {
         Self([x; N_LANES])
     }
 
-    fn load(from: &WholeLine) -> Self {
+    fn load(from: &I32x16) -> Self {
         Self(from.0)
     }
 
-    fn store(self, to: &mut WholeLine) {
+    fn store(self, to: &mut I32x16) {
         to.0 = self.0;
     }
 

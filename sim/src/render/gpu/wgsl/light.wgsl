@@ -2,7 +2,7 @@
 
 // Linear light towards the eye.
 fn lit(view: View, color: vec3f, specular: f32, point: vec3f, normal: vec3f, to_eye: vec3f) -> vec3f {
-    let sky = (1.0 + GROUND) / 2.0 + (1.0 - GROUND) / 2.0 * dot(normal, view.up.xyz);
+    let sky = (1.0 + GROUND_AMBIENT) / 2.0 + (1.0 - GROUND_AMBIENT) / 2.0 * dot(normal, view.up.xyz);
     var scattered = view.ambient.rgb * sky;
     var mirrored = vec3f(0.0);
     for (var i = 0u; i < 2u; i++) {
@@ -15,11 +15,11 @@ fn lit(view: View, color: vec3f, specular: f32, point: vec3f, normal: vec3f, to_
             }
             scattered += light * (facing / 3.14159265);
             let aligned = 2.0 * facing * dot(normal, to_eye) - dot(sun.towards.xyz, to_eye);
-            let gleam = max(0.0, SHARPNESS * aligned - (SHARPNESS - 1.0));
+            let gleam = max(0.0, SPECULAR_FALLOFF * aligned - (SPECULAR_FALLOFF - 1.0));
             mirrored += light * (gleam * gleam);
         }
     }
-    return color * scattered + specular * GLOSS * mirrored;
+    return color * scattered + specular * SPECULAR_GAIN * mirrored;
 }
 
 // Share of the first sun's light that reaches a point.
@@ -28,7 +28,7 @@ fn shadow(view: View, point: vec3f, normal: vec3f) -> f32 {
         return 1.0;
     }
     let map = views[view.map];
-    let p = moved(view.map_from_view, point + OFF_SURFACE_M * normal);
+    let p = moved(view.map_from_view, point + SHADOW_NORMAL_OFFSET_M * normal);
     let texel = floor(p.xy - 0.5);
     let fraction = p.xy - 0.5 - texel;
     let left_upper = vec2i(texel);
@@ -42,5 +42,5 @@ fn open(map: View, texel: vec2i, height: f32) -> f32 {
     if any(texel < vec2i(0)) || any(texel >= vec2i(i32(map.side))) {
         return 1.0;
     }
-    return select(0.0, 1.0, floor(height * MAP_STEPS) >= floor(height_at(map, vec2u(texel)) * MAP_STEPS));
+    return select(0.0, 1.0, floor(height * SHADOW_DEPTH_LEVELS) >= floor(height_at(map, vec2u(texel)) * SHADOW_DEPTH_LEVELS));
 }

@@ -71,11 +71,11 @@ fn pixel(view: View, at: vec2u) -> u32 {
 // sRGB of linear light in [0, 1], in codes. The constants are those of srgb.rs.
 fn codes(light: vec3f) -> vec3f {
     let root = sqrt(light);
-    var curve = vec3f(ROOT_CODES[0]);
+    var curve = vec3f(SQRT_POLYNOMIAL[0]);
     for (var i = 1u; i < 7u; i++) {
-        curve = curve * root + ROOT_CODES[i];
+        curve = curve * root + SQRT_POLYNOMIAL[i];
     }
-    return clamp(select(curve, LINEAR_CODES * light, light < vec3f(LINEAR_BELOW)), vec3f(0.0), vec3f(255.0));
+    return clamp(select(curve, LINEAR_SEGMENT_SLOPE * light, light < vec3f(LINEAR_SEGMENT_END)), vec3f(0.0), vec3f(255.0));
 }
 
 // Linear light, held in [0, 1], that a triangle sends along the ray through a pixel's centre.

@@ -1,0 +1,47 @@
+//! Sine and cosine from additions and multiplications only, so that a picture does not depend on a system's libm.
+
+use core::f64::consts::{FRAC_PI_2, TAU};
+
+/// (sine, cosine) of an angle in rad, |angle| below 1e6, within 1e-15 or so.
+pub(in crate::render) fn sin_cos(angle_rad: f64) -> (f64, f64) {
+    let quarter_turns = (angle_rad / FRAC_PI_2).round();
+    let x = angle_rad - quarter_turns * FRAC_PI_2;
+    let (sin, cos) = (series(x, 1.0, x), series(x, 0.0, 1.0));
+    match quarter_turns.rem_euclid(4.0) {
+        0.0 => (sin, cos),
+        1.0 => (cos, -sin),
+        2.0 => (-sin, -cos),
+        _ => (-cos, sin),
+    }
+}
+
+/// Point `i` of `n` on the unit circle: (cosine, sine).
+pub(in crate::render) fn on_circle(i: usize, n: usize) -> (f32, f32) {
+    let (sin, cos) = sin_cos(TAU * (i % n) as f64 / n as f64);
+    (cos as f32, sin as f32)
+}
+
+/// Taylor series that starts with `term`, the one of degree `degree`; ten terms suffice for |x| ≤ π/4.
+fn series(x: f64, mut degree: f64, mut term: f64) -> f64 {
+    let mut sum = 0.0;
+    for _ in 0..10 {
+        sum += term;
+        term *= -x * x / ((degree + 1.0) * (degree + 2.0));
+        degree += 2.0;
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::sin_cos;
+
+    #[test]
+    fn agrees_with_the_standard_library() {
+        for i in -2000..2000 {
+            let angle = f64::from(i) * 0.01;
+            let (sin, cos) = sin_cos(angle);
+            assert!((sin - angle.sin()).abs() < 1e-13 && (cos - angle.cos()).abs() < 1e-13, "at {angle}");
+        }
+    }
+}

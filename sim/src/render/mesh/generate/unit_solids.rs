@@ -1,0 +1,96 @@
+//! Solids of half extent 1, which an instance's scale stretches to size.
+
+use crate::render::math::affine::{Vec3, cross};
+use crate::render::math::trig::on_circle;
+use crate::render::mesh::Mesh;
+
+/// Corners of a circle.
+const AROUND: usize = 64;
+/// Rings of a dome from equator to pole.
+const RINGS: usize = 8;
+
+/// Square, box, cylinder, tube, dome, ball: the order of `MeshLibrary`.
+pub(in crate::render::mesh) fn all() -> [Mesh; 6] {
+    [square(), cuboid(), cylinder(true), cylinder(false), domes(&[1.0]), domes(&[1.0, -1.0])]
+        .map(Mesh::finished)
+}
+
+fn square() -> Mesh {
+    let mut mesh = Mesh::default();
+    face(&mut mesh, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0; 3]);
+    mesh
+}
+
+fn cuboid() -> Mesh {
+    let mut mesh = Mesh::default();
+    for axis in 0..3 {
+        for side in [1.0, -1.0] {
+            let unit = |i: usize, length: f32| {
+                let mut v = [0.0; 3];
+                v[i % 3] = length;
+                v
+            };
+            // The second edge follows the side's sign, so that the face looks outwards.
+            face(&mut mesh, unit(axis + 1, 1.0), unit(axis + 2, side), unit(axis, side));
+        }
+    }
+    mesh
+}
+
+/// The square around `centre` spanned by ±`a` and ±`b`; it looks along a × b.
+fn face(mesh: &mut Mesh, a: Vec3, b: Vec3, centre: Vec3) {
+    let normal = cross(a, b);
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+        .map(|(s, t)| mesh.push(core::array::from_fn(|i| centre[i] + s * a[i] + t * b[i]), normal));
+    mesh.quad(corners);
+}
+
+fn cylinder(with_ends: bool) -> Mesh {
+    let mut mesh = Mesh::default();
+    let ring = |mesh: &mut Mesh, z: f32, normal: &dyn Fn(f32, f32) -> Vec3| -> Vec<u32> {
+        (0..AROUND).map(|i| on_circle(i, AROUND)).map(|(x, y)| mesh.push([x, y, z], normal(x, y))).collect()
+    };
+    let rings = [-1.0, 1.0].map(|z| ring(&mut mesh, z, &|x, y| [x, y, 0.0]));
+    band(&mut mesh, &rings[0], &rings[1]);
+    if with_ends {
+        for z in [-1.0, 1.0] {
+            let rim = ring(&mut mesh, z, &|_, _| [0.0, 0.0, z]);
+            let centre = mesh.push([0.0, 0.0, z], [0.0, 0.0, z]);
+            for i in 0..AROUND {
+                let (a, b) = (rim[i], rim[(i + 1) % AROUND]);
+                mesh.triangle(if z > 0.0 { [centre, a, b] } else { [centre, b, a] });
+            }
+        }
+    }
+    mesh
+}
+
+/// Half balls: the upper one for a sign of 1, the lower one for −1.
+fn domes(signs: &[f32]) -> Mesh {
+    let mut mesh = Mesh::default();
+    for &sign in signs {
+        let rings: Vec<Vec<u32>> = (0..=RINGS)
+            .map(|ring| {
+                let (cos, sin) = on_circle(ring, 4 * RINGS);
+                let point = |i| {
+                    let (x, y) = on_circle(i, AROUND);
+                    [cos * x, cos * y, sign * sin]
+                };
+                (0..AROUND).map(|i| mesh.push(point(i), point(i))).collect()
+            })
+            .collect();
+        for pair in rings.windows(2) {
+            let (lower, upper) = if sign > 0.0 { (&pair[0], &pair[1]) } else { (&pair[1], &pair[0]) };
+            band(&mut mesh, lower, upper);
+        }
+    }
+    mesh
+}
+
+/// Joins two rings of equally many vertices, counter-clockwise seen from above.
+pub(super) fn band(mesh: &mut Mesh, lower: &[u32], upper: &[u32]) {
+    for i in 0..lower.len() {
+        let j = (i + 1) % lower.len();
+        mesh.quad([lower[i], lower[j], upper[j], upper[i]]);
+    }
+}

@@ -1,0 +1,96 @@
+//! Table, floor and walls (spec/env.md §2; walls: spec/perturbations.md §3). What collides with the table is a block;
+//! what is drawn is a top on legs with the same upper face.
+
+use nalgebra::Isometry3;
+
+use super::material::Material;
+use super::{Anchor, Fixture, Instance, MeshSource};
+use crate::render::mesh::MeshId;
+use crate::scene::{Appearance, Scene, Table, TableKind};
+
+/// World z of the floor, in m.
+const FLOOR_Z: f32 = -0.9196;
+/// Half the side of the square of floor that is drawn, in m: five times four tiles of its pattern.
+const FLOOR_HALF: f32 = 20.0;
+
+/// A table whose upper face is `half` around `centre`, in the world.
+struct Bench {
+    centre: [f32; 2],
+    half: [f32; 2],
+    top_z: f32,
+    foot_z: f32,
+    thickness: f32,
+}
+
+const SINGLE_ARM: Bench =
+    Bench { centre: [-0.12, 0.0], half: [0.6045, 1.209], top_z: 0.0, foot_z: FLOOR_Z, thickness: 0.045 };
+const BIMANUAL: Bench =
+    Bench { centre: [0.0, 0.0], half: [0.6, 0.8], top_z: 0.825, foot_z: SINGLE_ARM.top_z, thickness: 0.05 };
+
+/// Half the side of a leg and the distance of its middle from the table's edges, in m.
+const LEG_HALF: f32 = 0.03;
+const LEG_INSET: f32 = 0.07;
+/// Height and inset of the frame under the top, in m.
+const FRAME_HEIGHT: f32 = 0.07;
+
+/// World z of the table's upper face, in m.
+pub(in crate::render) const fn table_top_z(kind: TableKind) -> f32 {
+    match kind {
+        TableKind::SingleArm | TableKind::SingleArmTurned => SINGLE_ARM.top_z,
+        TableKind::Bimanual => BIMANUAL.top_z,
+    }
+}
+
+/// Adds table, walls and floor.
+pub(in crate::render) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
+    let top = &scene.table.top;
+    let mut push = |bench: &Bench, top: &Appearance| push_bench(bench, top, &scene.table, instances);
+    match scene.table.kind {
+        TableKind::SingleArm => push(&SINGLE_ARM, top),
+        TableKind::SingleArmTurned => {
+            let [x, y] = SINGLE_ARM.half;
+            push(&Bench { half: [y, x], ..SINGLE_ARM }, top);
+        }
+        TableKind::Bimanual => {
+            push(&BIMANUAL, top);
+            push(&SINGLE_ARM, scene.table.lower_top.as_ref().unwrap_or(top));
+        }
+    }
+    if let Some(appearance) = scene.background.walls {
+        // Four walls 3 m long and 0.1 m thick around x, y = ±1.5 m, from z −0.92 to 1.08 m.
+        for side in [-1.5, 1.5] {
+            instances.push(block(Fixture::Walls, [side, 0.0, 0.08], [0.05, 1.5, 1.0], appearance.into()));
+            instances.push(block(Fixture::Walls, [0.0, side, 0.08], [1.5, 0.05, 1.0], appearance.into()));
+        }
+    }
+    let floor = [0.0, 0.0, FLOOR_Z];
+    let (half, material) = ([FLOOR_HALF, FLOOR_HALF, 1.0], scene.background.floor.into());
+    instances.push(placed(Fixture::Floor, MeshId::Quad, floor, half, material));
+}
+
+fn push_bench(bench: &Bench, top: &Appearance, table: &Table, instances: &mut Vec<Instance>) {
+    let [top, frame, legs] = [*top, table.frame, table.legs].map(Material::from);
+    let Bench { centre: [x, y], half: [hx, hy], top_z, foot_z, thickness } = *bench;
+    let under_z = top_z - thickness;
+    let mut push = |centre, half, material| instances.push(block(Fixture::Table, centre, half, material));
+    push([x, y, top_z - thickness / 2.0], [hx, hy, thickness / 2.0], top);
+    let (leg_x, leg_y) = (hx - LEG_INSET, hy - LEG_INSET);
+    let (rail, rail_z) = (FRAME_HEIGHT / 2.0, under_z - FRAME_HEIGHT / 2.0);
+    for side in [-1.0, 1.0] {
+        push([x + side * leg_x, y, rail_z], [LEG_HALF / 2.0, leg_y - LEG_HALF, rail], frame);
+        push([x, y + side * leg_y, rail_z], [leg_x - LEG_HALF, LEG_HALF / 2.0, rail], frame);
+        for end in [-1.0, 1.0] {
+            let foot = [x + side * leg_x, y + end * leg_y, f32::midpoint(under_z, foot_z)];
+            push(foot, [LEG_HALF, LEG_HALF, (under_z - foot_z) / 2.0], legs);
+        }
+    }
+}
+
+fn block(fixture: Fixture, centre: [f32; 3], half: [f32; 3], material: Material) -> Instance {
+    placed(fixture, MeshId::Box, centre, half, material)
+}
+
+fn placed(fixture: Fixture, mesh: MeshId, centre: [f32; 3], scale: [f32; 3], material: Material) -> Instance {
+    let ([x, y, z], mesh) = (centre, MeshSource::Library(mesh));
+    Instance { mesh, anchor: Anchor::World(fixture), pose: Isometry3::translation(x, y, z), scale, material }
+}
