@@ -1,21 +1,21 @@
-//! What the tests of perturbations share.
+//! Helpers shared by the perturbation tests.
 
 use sim::perturb::{Composition, Modality, Strength};
 use sim::scene::SceneSpec;
 use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
-/// The distribution of a task under a perturbation.
+/// Returns a task's scene distribution under a perturbation at full strength.
 pub(crate) fn perturbed(task: TaskId, perturbation: Perturbation) -> SceneSpec {
     Composition::from(perturbation).spec(task.task(), Profile::Strict, Strength::FULL)
 }
 
-/// The distribution of a task without any.
+/// Returns a task's unperturbed scene distribution.
 pub(crate) fn nominal(task: TaskId) -> SceneSpec {
     (task.task().nominal)()
 }
 
-/// Those that act alone: all but None and All.
+/// Iterates over the single perturbations: all but `None` and `All`.
 pub(crate) fn singles() -> impl Iterator<Item = Perturbation> {
     let is_single = |p: &Perturbation| !matches!(p.modality(), None | Some(Modality::Mixed));
     Perturbation::ALL.iter().copied().filter(is_single)
@@ -25,7 +25,7 @@ pub(crate) fn applies(perturbation: Perturbation, task: TaskId) -> bool {
     perturbation.applies_to(&nominal(task)).is_ok()
 }
 
-/// Seeds of a task's first episodes.
+/// Returns the seeds of a task's first `n` episodes.
 pub(crate) fn seeds(task: TaskId, n: u32) -> impl Iterator<Item = u64> {
     (0..n).map(move |episode_idx| episode_seed(0, task.name(), episode_idx))
 }

@@ -1,4 +1,4 @@
-//! Clutter: clear of everything, at rest, varied.
+//! Distractor objects: clear of everything else, at rest, and varied.
 
 use std::collections::BTreeSet;
 
@@ -15,28 +15,28 @@ fn distractors(scene: &Scene) -> impl Iterator<Item = &Body> {
 }
 
 #[test]
-fn all_stand_within_their_square_on_the_table() {
+fn distractors_rest_within_their_placement_region() {
     for &task in TaskId::ALL {
-        let place = nominal(task).distractors;
+        let region = nominal(task).distractors;
         let spec = perturbed(task, Perturbation::DistractorObjects);
         let n_seeds = 200;
         let mut n = 0;
         for seed in seeds(task, n_seeds) {
             for body in distractors(&spec.draw(seed)) {
                 let at = body.pose.translation;
-                assert!(place.x.contains(at.x) && place.y.contains(at.y), "{}: {at:?}", task.name());
+                assert!(region.x.contains(at.x) && region.y.contains(at.y), "{}: {at:?}", task.name());
                 let lowest = body.aabb(&body.pose).min.z;
-                assert!((lowest - place.surface_z_m).abs() < 1e-6, "{}: {lowest}", task.name());
+                assert!((lowest - region.surface_z_m).abs() < 1e-6, "{}: {lowest}", task.name());
                 n += 1;
             }
         }
-        let expected = f64::from(n_seeds) * place.n as f64;
-        assert!(f64::from(n) > 0.97 * expected, "{}: {n} of {expected} find a place", task.name());
+        let expected = f64::from(n_seeds) * region.n as f64;
+        assert!(f64::from(n) > 0.97 * expected, "{}: {n} of {expected} were placed", task.name());
     }
 }
 
 #[test]
-fn none_moves_or_touches_anything_at_first() {
+fn distractors_stay_at_rest_without_initial_contact() {
     TaskId::ALL.par_iter().for_each(|&task| {
         let spec = perturbed(task, Perturbation::DistractorObjects);
         for seed in seeds(task, 6) {
@@ -68,27 +68,28 @@ fn none_moves_or_touches_anything_at_first() {
 }
 
 #[test]
-fn they_are_of_many_kinds() {
+fn distractors_are_of_many_kinds() {
     let spec = perturbed(TaskId::RaiseCube, Perturbation::DistractorObjects);
-    let mut forms = BTreeSet::new();
+    let mut kinds = BTreeSet::new();
     let mut solids = BTreeSet::new();
     for seed in seeds(TaskId::RaiseCube, 2000) {
         for body in distractors(&spec.draw(seed)) {
-            // A kind is told by how many parts and visuals of which sort it has.
-            let sort = |text: String| text.split([' ', '{', '(']).next().unwrap_or_default().to_owned();
+            // Kinds are distinguished by the types of their parts and visuals, in order.
+            let type_name = |text: String| text.split([' ', '{', '(']).next().unwrap_or_default().to_owned();
             let parts: Vec<String> =
-                body.parts.iter().map(|part| sort(format!("{:?}", part.shape))).collect();
-            let visuals: Vec<String> = body.visuals.iter().map(|v| sort(format!("{:?}", v.shape))).collect();
+                body.parts.iter().map(|part| type_name(format!("{:?}", part.shape))).collect();
+            let visuals: Vec<String> =
+                body.visuals.iter().map(|v| type_name(format!("{:?}", v.shape))).collect();
             solids.insert(format!("{:?}", body.parts.iter().map(|part| part.shape).collect::<Vec<_>>()));
-            forms.insert((parts, visuals));
+            kinds.insert((parts, visuals));
         }
     }
-    assert!(forms.len() >= 20, "{} sorts of make", forms.len());
-    assert!(solids.len() > 1000, "{} different sizes", solids.len());
+    assert!(kinds.len() >= 20, "{} kinds", kinds.len());
+    assert!(solids.len() > 1000, "{} distinct sets of parts", solids.len());
 }
 
 #[test]
-fn two_of_an_episode_are_not_alike_as_a_rule() {
+fn distractors_of_one_episode_rarely_coincide() {
     let spec = perturbed(TaskId::RaiseCube, Perturbation::DistractorObjects);
     let mut n_alike = 0;
     for seed in seeds(TaskId::RaiseCube, 300) {
@@ -97,5 +98,5 @@ fn two_of_an_episode_are_not_alike_as_a_rule() {
             n_alike += usize::from(a.parts == b.parts);
         }
     }
-    assert!(n_alike < 6, "{n_alike} of 300");
+    assert!(n_alike < 6, "{n_alike} of 300 episodes have two equal distractors");
 }

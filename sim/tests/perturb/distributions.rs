@@ -1,4 +1,4 @@
-//! What is drawn follows the stated distributions (spec/perturbations.md §3, §5).
+//! Sampled values follow the distributions in docs/benchmark.md, "Perturbations".
 
 use std::collections::BTreeMap;
 
@@ -10,32 +10,32 @@ use crate::common::{applies, nominal, perturbed, seeds};
 
 const N: u32 = 10_000;
 
-/// Asserts that numbers are uniform in a range: by their bounds and by the Kolmogorov–Smirnov distance, which exceeds
-/// 1.95 / √n in one of a thousand samples.
+/// Asserts that the samples are uniform in `range`, by their bounds and by the Kolmogorov–Smirnov distance,
+/// which exceeds 1.95 / √n in one of a thousand tests.
 #[track_caller]
-fn assert_uniform(what: &str, mut numbers: Vec<f64>, range: Range) {
-    let n = numbers.len() as f64;
-    numbers.sort_unstable_by(f64::total_cmp);
-    let (least, greatest) = (numbers[0], numbers[numbers.len() - 1]);
+fn assert_uniform(what: &str, mut samples: Vec<f64>, range: Range) {
+    let n = samples.len() as f64;
+    samples.sort_unstable_by(f64::total_cmp);
+    let (min, max) = (samples[0], samples[samples.len() - 1]);
     assert!(
-        range.contains(least) && range.contains(greatest),
-        "{what}: from {least} to {greatest}, not {range:?}"
+        range.contains(min) && range.contains(max),
+        "{what}: samples span [{min}, {max}], expected {range:?}"
     );
     let distance = |(i, x): (usize, &f64)| {
         let expected = (x - range.lo) / (range.hi - range.lo);
         (expected - i as f64 / n).abs().max((expected - (i + 1) as f64 / n).abs())
     };
-    let distance = numbers.iter().enumerate().map(distance).fold(0.0, f64::max);
-    assert!(distance < 1.95 / n.sqrt(), "{what}: Kolmogorov–Smirnov distance {distance} over {n} draws");
+    let distance = samples.iter().enumerate().map(distance).fold(0.0, f64::max);
+    assert!(distance < 1.95 / n.sqrt(), "{what}: Kolmogorov–Smirnov distance {distance} over {n} samples");
 }
 
-/// Asserts that each of `n_choices` is chosen about as often: by the chi-squared statistic, which exceeds its mean by five
-/// standard deviations hardly ever.
+/// Asserts that each of `n_choices` values occurs about equally often, by the chi-squared statistic, which
+/// almost never exceeds its mean by five standard deviations.
 #[track_caller]
 fn assert_even<T: Ord>(what: &str, choices: impl Iterator<Item = T>, n_choices: usize) {
     let mut counts: BTreeMap<T, f64> = BTreeMap::new();
     choices.for_each(|choice| *counts.entry(choice).or_default() += 1.0);
-    assert_eq!(counts.len(), n_choices, "{what}: choices");
+    assert_eq!(counts.len(), n_choices, "{what}: number of distinct values");
     let expected = counts.values().sum::<f64>() / n_choices as f64;
     let chi_squared: f64 = counts.values().map(|count| (count - expected).powi(2) / expected).sum();
     let freedom = (n_choices - 1) as f64;
@@ -50,7 +50,7 @@ fn scenes(task: TaskId, perturbation: Perturbation) -> Vec<Scene> {
 const UNIT: Range = Range::new(0.0, 1.0);
 
 #[test]
-fn colours_are_uniform_and_nobodys_twice() {
+fn colours_are_uniform_and_never_repeat() {
     let scenes = scenes(TaskId::StackCube, Perturbation::MoColor);
     let color = |scene: &Scene| scene.body("red cube").parts[0].appearance.color;
     for channel in 0..3 {
@@ -59,41 +59,42 @@ fn colours_are_uniform_and_nobodys_twice() {
     let mut colors: Vec<[u64; 3]> = scenes.iter().map(|scene| color(scene).map(f64::to_bits)).collect();
     colors.sort_unstable();
     colors.dedup();
-    assert_eq!(colors.len(), N as usize, "no two episodes share a colour");
+    assert_eq!(colors.len(), N as usize, "two episodes share a colour");
 }
 
 #[test]
-fn every_part_has_a_colour_and_a_texture_of_its_own() {
-    // Goals are discs of five rings, cubes are two.
+fn parts_have_independent_colours_and_textures() {
+    // The bodies are two cubes and a goal disc of five rings.
     let task = TaskId::DualArmStackCube;
-    let looks = |scene: &Scene| -> Vec<_> {
+    let appearances = |scene: &Scene| -> Vec<_> {
         let parts = scene.bodies.iter().flat_map(|body| &body.parts);
         parts.map(|part| part.appearance).collect()
     };
     let mut same_texture = 0_usize;
     for seed in seeds(task, 200) {
-        let painted = looks(&perturbed(task, Perturbation::RoColor).draw(seed));
+        let painted = appearances(&perturbed(task, Perturbation::RoColor).draw(seed));
         let rings = &painted[2..];
         assert!(rings.iter().enumerate().all(|(i, a)| rings[..i].iter().all(|b| a.color != b.color)));
-        let textured = looks(&perturbed(task, Perturbation::MoTexture).draw(seed));
-        let [a, b] = [0, 1].map(|cube| textured[cube].texture.expect("a cube has a pattern"));
+        let textured = appearances(&perturbed(task, Perturbation::MoTexture).draw(seed));
+        let [a, b] = [0, 1].map(|cube| textured[cube].texture.expect("MO-Texture textures every part"));
         same_texture += usize::from(a == b);
     }
-    assert!(same_texture < 200 / 10, "the two cubes share a pattern in {same_texture} of 200 episodes");
+    assert!(same_texture < 200 / 10, "the two cubes share a texture in {same_texture} of 200 episodes");
 }
 
 #[test]
-fn textures_are_chosen_evenly_and_untinted() {
+fn textures_are_uniform_and_untinted() {
     let scenes = scenes(TaskId::RaiseCube, Perturbation::MoTexture);
     let appearances: Vec<_> = scenes.iter().map(|scene| scene.body("cube").parts[0].appearance).collect();
     assert!(appearances.iter().all(|appearance| appearance.color == [1.0; 3]));
-    let choices =
-        appearances.iter().map(|appearance| format!("{:?}", appearance.texture.expect("it has a pattern")));
+    let choices = appearances
+        .iter()
+        .map(|appearance| format!("{:?}", appearance.texture.expect("MO-Texture textures every part")));
     assert_even("MO-Texture", choices, Texture::PERTURBATION.len());
 }
 
 #[test]
-fn a_recoloured_table_has_one_colour_and_no_pattern() {
+fn recoloured_table_has_one_colour_and_no_texture() {
     for (task, n_colors) in [(TaskId::RaiseCube, 1), (TaskId::DualArmLiftPot, 2)] {
         for seed in seeds(task, 50) {
             let table = perturbed(task, Perturbation::TableColor).draw(seed).table;
@@ -104,29 +105,29 @@ fn a_recoloured_table_has_one_colour_and_no_pattern() {
                 appearances.iter().map(|appearance| appearance.color.map(f64::to_bits)).collect();
             colors.sort_unstable();
             colors.dedup();
-            assert_eq!(colors.len(), n_colors, "{}: a table, and a plate over it", task.name());
+            assert_eq!(colors.len(), n_colors, "{}: number of table colours", task.name());
         }
     }
 }
 
 #[test]
-fn under_all_a_coin_tells_between_colour_and_texture() {
+fn coin_flip_selects_colour_or_texture_under_all() {
     let scenes = scenes(TaskId::RaiseCube, Perturbation::All);
     let has_texture = |scene: &Scene| {
-        let walls = scene.background.walls.expect("walls stand");
+        let walls = scene.background.walls.expect("varied walls exist");
         [scene.body("cube").parts[0].appearance, scene.table.top, walls]
             .map(|appearance| appearance.texture.is_some())
     };
-    let faces: Vec<[bool; 3]> = scenes.iter().map(has_texture).collect();
+    let outcomes: Vec<[bool; 3]> = scenes.iter().map(has_texture).collect();
     for (i, what) in ["cube", "table", "walls"].into_iter().enumerate() {
-        assert_even(what, faces.iter().map(|face| face[i]), 2);
+        assert_even(what, outcomes.iter().map(|outcome| outcome[i]), 2);
     }
-    // Each look has a coin of its own.
-    assert_even("faces of three coins", faces.iter(), 8);
+    // Each appearance has a coin flip of its own.
+    assert_even("joint outcomes of three coin flips", outcomes.iter(), 8);
 }
 
 #[test]
-fn sizes_lie_within_a_fifth() {
+fn sizes_vary_uniformly_by_a_fifth() {
     for (task, perturbation) in
         [(TaskId::RaiseCube, Perturbation::MoSize), (TaskId::CookItemInPan, Perturbation::RoSize)]
     {
@@ -136,14 +137,14 @@ fn sizes_lie_within_a_fifth() {
             .zip(&perturbed(task, perturbation).bodies)
             .find(|(nominal, perturbed)| nominal.scale != perturbed.scale)
             .map(|(body, _)| body.name);
-        let name = by.expect("a body is scaled");
+        let name = by.expect("the perturbation scales a body");
         let scales = scenes(task, perturbation).iter().map(|scene| scene.body(name).scale).collect();
         assert_uniform(perturbation.name(), scales, Range::new(0.8, 1.2));
     }
 }
 
 #[test]
-fn a_scaled_body_keeps_its_density() {
+fn scaled_body_keeps_its_density() {
     let spec = perturbed(TaskId::RaiseCube, Perturbation::MoSize);
     for seed in seeds(TaskId::RaiseCube, 10) {
         let scene = spec.draw(seed);
@@ -152,7 +153,7 @@ fn a_scaled_body_keeps_its_density() {
 }
 
 #[test]
-fn light_comes_from_anywhere_in_any_hue() {
+fn light_colour_and_azimuth_are_uniform() {
     let scenes = scenes(TaskId::RaiseCube, Perturbation::LightColor);
     assert!(scenes.iter().all(|scene| scene.lights.shadows && scene.lights.directional.len() == 1));
     for channel in 0..3 {
@@ -163,7 +164,7 @@ fn light_comes_from_anywhere_in_any_hue() {
     }
     let directions = scenes.iter().map(|scene| Vector3::from(scene.lights.directional[0].direction));
     let azimuths = directions.map(|direction| {
-        assert!((direction.xy().norm() - 1.0).abs() < 1e-12 && direction.z == -1.0, "it falls at 45°");
+        assert!((direction.xy().norm() - 1.0).abs() < 1e-12 && direction.z == -1.0, "the elevation is 45°");
         direction.y.atan2(direction.x)
     });
     let half_turn = core::f64::consts::PI;
@@ -171,7 +172,7 @@ fn light_comes_from_anywhere_in_any_hue() {
 }
 
 #[test]
-fn external_cameras_err_by_centimetres_and_degrees_and_wrist_cameras_do_not() {
+fn only_external_cameras_have_pose_errors() {
     let scenes = scenes(TaskId::RaiseCube, Perturbation::CameraPose);
     for camera_idx in 0..2 {
         let errors: Vec<_> = scenes.iter().map(|scene| scene.cameras[camera_idx].pose_error).collect();
@@ -179,16 +180,16 @@ fn external_cameras_err_by_centimetres_and_degrees_and_wrist_cameras_do_not() {
             let shifts = errors.iter().map(|error| error.translation.vector[axis]).collect();
             assert_uniform("shift", shifts, Range::symmetric(0.03));
         }
-        // Intrinsic XYZ angles of R are the negated roll, pitch and yaw of its inverse.
+        // The intrinsic XYZ angles of R are the negated roll, pitch and yaw of its inverse.
         let angles: Vec<_> = errors.iter().map(|error| error.rotation.inverse().euler_angles()).collect();
         let range = Range::symmetric(0.035 + 1e-12);
         assert_uniform("about x", angles.iter().map(|angles| -angles.0).collect(), range);
         assert_uniform("about y", angles.iter().map(|angles| -angles.1).collect(), range);
         assert_uniform("about z", angles.iter().map(|angles| -angles.2).collect(), range);
     }
-    let still = scenes.iter().flat_map(|scene| &scene.cameras[2..]);
-    assert!(still.clone().count() > 0);
-    for camera in still {
+    let hand_cameras = scenes.iter().flat_map(|scene| &scene.cameras[2..]);
+    assert!(hand_cameras.clone().count() > 0);
+    for camera in hand_cameras {
         assert!(matches!(camera.mount, CameraMount::Hand { .. }));
         assert_eq!(camera.pose_error, nalgebra::Isometry3::identity());
     }
@@ -196,7 +197,7 @@ fn external_cameras_err_by_centimetres_and_degrees_and_wrist_cameras_do_not() {
 }
 
 #[test]
-fn the_paper_profile_lifts_cameras_by_three_centimetres() {
+fn paper_profile_raises_cameras_by_three_centimetres() {
     let task = TaskId::RaiseCube.task();
     let spec =
         Perturbation::CameraPose.apply((task.nominal)(), task, Profile::Paper, sim::perturb::Strength::FULL);
@@ -206,9 +207,9 @@ fn the_paper_profile_lifts_cameras_by_three_centimetres() {
     }
 }
 
-/// x and y ranges of the body that is placed first in a region under Pose-Randomization (spec/perturbations.md §5), with the
-/// common offset of its region.
-const PLACES: [(TaskId, &str, [[f64; 2]; 2]); 31] = {
+/// Expected x and y ranges under Pose-Randomization of the first body placed in each region, shared offset
+/// included. See docs/benchmark.md, "Perturbations".
+const EXPECTED_RANGES: [(TaskId, &str, [[f64; 2]; 2]); 31] = {
     use TaskId as T;
     [
         (T::RaiseCube, "cube", [[-0.15, 0.15], [-0.15, 0.15]]),
@@ -246,21 +247,21 @@ const PLACES: [(TaskId, &str, [[f64; 2]; 2]); 31] = {
 };
 
 #[test]
-fn places_are_half_as_wide_again() {
-    for (task, name, [x, y]) in PLACES {
+fn regions_are_widened_by_half() {
+    for (task, name, [x, y]) in EXPECTED_RANGES {
         let spec = perturbed(task, Perturbation::PoseRandomization);
         let PlacementSpec::OnSurface { region, .. } = spec.bodies[spec.body_idx(name)].placement else {
-            panic!("{name} is placed with another body")
+            panic!("{name} is placed relative to another body")
         };
-        // A body that must keep away from others is drawn again, and so not uniform.
-        let is_free = spec.regions[region].min_gap_m.is_none();
+        // Rejection sampling makes positions non-uniform.
+        let is_uniform = spec.regions[region].min_gap_m.is_none();
         let scenes: Vec<Scene> =
-            seeds(task, if is_free { N } else { 1000 }).map(|seed| spec.draw(seed)).collect();
+            seeds(task, if is_uniform { N } else { 1000 }).map(|seed| spec.draw(seed)).collect();
         for (axis, [lo, hi]) in [x, y].into_iter().enumerate() {
             let what = format!("{} {name} axis {axis}", task.name());
             let at = scenes.iter().map(|scene| scene.body(name).pose.translation.vector[axis]);
             let range = Range::new(lo - 1e-12, hi + 1e-12);
-            if is_free {
+            if is_uniform {
                 assert_uniform(&what, at.collect(), range);
             } else {
                 at.for_each(|at| assert!(range.contains(at), "{what}: {at}"));
@@ -270,7 +271,7 @@ fn places_are_half_as_wide_again() {
 }
 
 #[test]
-fn what_is_not_widened_stays() {
+fn excluded_regions_and_bodies_are_unchanged() {
     for &task in TaskId::ALL.iter().filter(|task| applies(Perturbation::PoseRandomization, **task)) {
         let (spec, nominal) = (perturbed(task, Perturbation::PoseRandomization), nominal(task));
         for (region, before) in spec.regions.iter().zip(&nominal.regions) {
@@ -278,6 +279,6 @@ fn what_is_not_widened_stays() {
                 assert_eq!(region, before, "{}", task.name());
             }
         }
-        assert_eq!(spec.bodies, nominal.bodies, "{}: yaw and start poses stay", task.name());
+        assert_eq!(spec.bodies, nominal.bodies, "{}: bodies changed", task.name());
     }
 }

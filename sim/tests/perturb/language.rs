@@ -1,4 +1,4 @@
-//! What policies are told.
+//! Language instructions under the language perturbations.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +15,7 @@ fn instructions(task: TaskId, perturbation: Perturbation, n: u32) -> Vec<String>
 }
 
 #[test]
-fn every_task_can_be_said_in_twenty_other_ways() {
+fn every_task_has_twenty_distinct_paraphrases() {
     let mut all = BTreeSet::new();
     for task in TaskId::ALL {
         let sentences: Vec<&str> = task.task().paraphrases.lines().collect();
@@ -24,16 +24,16 @@ fn every_task_can_be_said_in_twenty_other_ways() {
             let words = sentence.split_whitespace().count();
             assert!((3..=30).contains(&words), "{}: {sentence}", task.name());
             assert_eq!(sentence, sentence.trim(), "{}", task.name());
-            assert_eq!(sentence, sentence.to_lowercase(), "{}: as the training sentences are", task.name());
+            assert_eq!(sentence, sentence.to_lowercase(), "{}: paraphrases are lower case", task.name());
             assert!(sentence.len() <= INSTRUCTION_BYTES);
             assert_ne!(sentence, task.task().instruction, "{}", task.name());
-            assert!(all.insert(sentence), "{}: `{sentence}` is said twice", task.name());
+            assert!(all.insert(sentence), "{}: `{sentence}` occurs twice", task.name());
         }
     }
 }
 
 #[test]
-fn a_paraphrase_is_one_of_the_tasks_own_and_each_comes_up() {
+fn every_paraphrase_of_the_task_occurs() {
     for &task in TaskId::ALL {
         let mut counts: BTreeMap<String, u32> = BTreeMap::new();
         for sentence in instructions(task, Perturbation::LanguageParaphrase, 1000) {
@@ -46,14 +46,14 @@ fn a_paraphrase_is_one_of_the_tasks_own_and_each_comes_up() {
 }
 
 #[test]
-fn nothing_is_said_under_language_none() {
+fn instruction_is_empty_under_language_none() {
     for &task in TaskId::ALL {
         assert_eq!(instructions(task, Perturbation::LanguageNone, 5), [""; 5], "{}", task.name());
     }
 }
 
 #[test]
-fn random_words_are_five_to_twelve_and_seldom_the_same() {
+fn random_sentences_have_five_to_twelve_words() {
     let sentences = instructions(TaskId::RaiseCube, Perturbation::LanguageRandom, 2000);
     let mut lengths = BTreeMap::new();
     let mut words = BTreeSet::new();
@@ -64,13 +64,16 @@ fn random_words_are_five_to_twelve_and_seldom_the_same() {
     }
     assert_eq!(lengths.keys().copied().collect::<Vec<usize>>(), (5..=12).collect::<Vec<_>>());
     assert!(lengths.values().all(|n| (180..=320).contains(n)), "{lengths:?}");
-    assert!(words.len() > 1400, "{} words come up", words.len());
-    assert!(words.iter().all(|word| word.bytes().all(|b| b.is_ascii_lowercase())), "words are words");
+    assert!(words.len() > 1400, "{} distinct words occur", words.len());
+    assert!(
+        words.iter().all(|word| word.bytes().all(|b| b.is_ascii_lowercase())),
+        "the vocabulary has only letters"
+    );
     assert_eq!(sentences.iter().collect::<BTreeSet<_>>().len(), sentences.len());
 }
 
 #[test]
-fn another_tasks_sentence_is_of_the_same_morphology() {
+fn other_task_instructions_share_the_morphology() {
     for &task in TaskId::ALL {
         let of_morphology = TaskId::ALL.iter().filter(|id| id.task().morphology == task.task().morphology);
         let mut others: BTreeSet<&str> = of_morphology.map(|id| id.task().instruction).collect();
@@ -82,13 +85,13 @@ fn another_tasks_sentence_is_of_the_same_morphology() {
 }
 
 #[test]
-fn an_instruction_is_its_episodes_own() {
+fn instruction_is_drawn_per_episode() {
     let sentences = |perturbation| instructions(TaskId::RaiseCube, perturbation, 50);
     assert_eq!(
         sentences(Perturbation::LanguageParaphrase),
         sentences(Perturbation::All),
-        "by the same stream"
+        "All uses the stream of Language-Paraphrase"
     );
     let sentences = sentences(Perturbation::LanguageParaphrase);
-    assert!(sentences.iter().collect::<BTreeSet<_>>().len() > 10, "it is drawn anew in each episode");
+    assert!(sentences.iter().collect::<BTreeSet<_>>().len() > 10, "episodes share their instruction");
 }

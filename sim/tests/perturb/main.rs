@@ -1,4 +1,5 @@
-//! Perturbations: what each edits, what it draws, and what it leaves alone.
+//! Integration tests of the perturbations: the fields that each edits, the values that it samples, and
+//! everything that must stay unchanged.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 

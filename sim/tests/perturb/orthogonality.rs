@@ -1,4 +1,4 @@
-//! Each perturbation has fields of its own: it edits no other, and no draw of another changes.
+//! Perturbations are orthogonal: each edits only its own fields and changes no other sampled value.
 
 use sim::perturb::{Composition, Modality, Strength};
 use sim::scene::{Appearance, AppearanceVariation, BodySpec, CameraMount, Jitter, Role, Scene, SceneSpec};
@@ -7,13 +7,13 @@ use sim::{Perturbation, Profile, TaskId};
 use crate::common::{applies, nominal, perturbed, seeds, singles};
 
 #[test]
-fn any_two_commute_on_every_task() {
+fn any_two_perturbations_commute() {
     for &task in TaskId::ALL {
         let apply = |spec, p: Perturbation| p.apply(spec, task.task(), Profile::Strict, Strength::FULL);
         for a in singles() {
             for b in singles().filter(|b| *b != a) {
                 if [a, b].iter().all(|p| p.modality() == Some(Modality::Language)) {
-                    assert!(Composition::new(&[a, b]).is_err(), "an episode has one instruction");
+                    assert!(Composition::new(&[a, b]).is_err(), "two language perturbations");
                     continue;
                 }
                 let orders = [[a, b], [b, a]].map(|order| order.into_iter().fold(nominal(task), apply));
@@ -25,7 +25,7 @@ fn any_two_commute_on_every_task() {
     }
 }
 
-/// Takes back what a perturbation may edit.
+/// Resets the fields of a spec that a perturbation may edit to those of `from`.
 fn restore(perturbation: Perturbation, spec: &mut SceneSpec, from: &SceneSpec) {
     fn appearances<'a>(spec: &'a mut SceneSpec, role: Role, restore: impl Fn(&mut AppearanceVariation) + 'a) {
         let bodies = spec.bodies.iter_mut().filter(move |body| body.role == role);
@@ -34,7 +34,7 @@ fn restore(perturbation: Perturbation, spec: &mut SceneSpec, from: &SceneSpec) {
     let color = |variation: &mut AppearanceVariation| variation.color = 0.0;
     let texture = |variation: &mut AppearanceVariation| variation.texture = 0.0;
     match perturbation {
-        Perturbation::None | Perturbation::All => unreachable!("they have no fields of their own"),
+        Perturbation::None | Perturbation::All => unreachable!("composite conditions own no fields"),
         Perturbation::MoColor => appearances(spec, Role::ManipulationObject, color),
         Perturbation::RoColor => appearances(spec, Role::ReceiverObject, color),
         Perturbation::MoTexture => appearances(spec, Role::ManipulationObject, texture),
@@ -64,7 +64,7 @@ fn restore(perturbation: Perturbation, spec: &mut SceneSpec, from: &SceneSpec) {
 }
 
 #[test]
-fn each_edits_its_own_fields_only_and_those_where_it_applies() {
+fn perturbations_edit_only_their_own_fields() {
     for &task in TaskId::ALL {
         let nominal = nominal(task);
         for perturbation in singles() {
@@ -77,9 +77,9 @@ fn each_edits_its_own_fields_only_and_those_where_it_applies() {
     }
 }
 
-/// Takes back what a perturbation may draw anew.
-fn redraw(perturbation: Perturbation, scene: &mut Scene, twin: &Scene) {
-    let repaint = |scene: &mut Scene, role: Role| {
+/// Resets the fields of a scene that a perturbation may change to those of the unperturbed `twin`.
+fn undo(perturbation: Perturbation, scene: &mut Scene, twin: &Scene) {
+    let restore_appearances = |scene: &mut Scene, role: Role| {
         for (body, twin) in scene.bodies.iter_mut().zip(&twin.bodies).filter(|(body, _)| body.role == role) {
             for (part, twin) in body.parts.iter_mut().zip(&twin.parts) {
                 part.appearance = twin.appearance;
@@ -90,9 +90,11 @@ fn redraw(perturbation: Perturbation, scene: &mut Scene, twin: &Scene) {
         }
     };
     match perturbation {
-        Perturbation::None | Perturbation::All => unreachable!("they have no draws of their own"),
-        Perturbation::MoColor | Perturbation::MoTexture => repaint(scene, Role::ManipulationObject),
-        Perturbation::RoColor | Perturbation::RoTexture => repaint(scene, Role::ReceiverObject),
+        Perturbation::None | Perturbation::All => unreachable!("composite conditions own no draws"),
+        Perturbation::MoColor | Perturbation::MoTexture => {
+            restore_appearances(scene, Role::ManipulationObject);
+        }
+        Perturbation::RoColor | Perturbation::RoTexture => restore_appearances(scene, Role::ReceiverObject),
         Perturbation::TableColor | Perturbation::TableTexture => scene.table = twin.table.clone(),
         Perturbation::BackgroundColor | Perturbation::BackgroundTexture => scene.background.walls = None,
         Perturbation::LightColor => scene.lights = twin.lights.clone(),
@@ -114,7 +116,7 @@ fn redraw(perturbation: Perturbation, scene: &mut Scene, twin: &Scene) {
                     let visuals = body.visuals.iter().map(|visual| visual.appearance);
                     body.parts.iter().map(|part| part.appearance).chain(visuals).collect()
                 };
-                assert_eq!(appearances(body), appearances(twin), "a size changes no look");
+                assert_eq!(appearances(body), appearances(twin), "scaling must not change appearances");
                 assert_eq!((body.density, body.friction), (twin.density, twin.friction));
                 *body = twin.clone();
             }
@@ -128,13 +130,13 @@ fn redraw(perturbation: Perturbation, scene: &mut Scene, twin: &Scene) {
 }
 
 #[test]
-fn unrelated_draws_stay_those_of_the_twin() {
+fn unrelated_draws_equal_those_of_the_twin() {
     for &task in TaskId::ALL {
         for perturbation in singles() {
             let spec = perturbed(task, perturbation);
             for seed in seeds(task, 4) {
                 let (mut scene, twin) = (spec.draw(seed), nominal(task).draw(seed));
-                redraw(perturbation, &mut scene, &twin);
+                undo(perturbation, &mut scene, &twin);
                 assert_eq!(scene, twin, "{} {}", task.name(), perturbation.name());
             }
         }
@@ -142,7 +144,7 @@ fn unrelated_draws_stay_those_of_the_twin() {
 }
 
 #[test]
-fn a_scaled_body_stays_where_it_is_and_stands_on_its_surface() {
+fn scaled_body_keeps_position_and_rests_on_surface() {
     let task = TaskId::RaiseCube;
     let spec = perturbed(task, Perturbation::MoSize);
     for seed in seeds(task, 20) {
@@ -155,11 +157,11 @@ fn a_scaled_body_stays_where_it_is_and_stands_on_its_surface() {
 }
 
 #[test]
-fn all_is_all_that_applies_with_paraphrases() {
-    let parts =
+fn all_equals_composition_of_included_perturbations() {
+    let is_included =
         |p: &Perturbation| p.modality() != Some(Modality::Language) || *p == Perturbation::LanguageParaphrase;
-    let parts: Vec<Perturbation> = singles().filter(parts).collect();
-    let composed = Composition::new(&parts).unwrap();
+    let included: Vec<Perturbation> = singles().filter(is_included).collect();
+    let composed = Composition::new(&included).unwrap();
     for &task in TaskId::ALL {
         let all = perturbed(task, Perturbation::All);
         assert_eq!(all, composed.spec(task.task(), Profile::Strict, Strength::FULL), "{}", task.name());

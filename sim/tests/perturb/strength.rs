@@ -1,4 +1,4 @@
-//! Weaker perturbations.
+//! Perturbations at less than full strength.
 
 use sim::perturb::{Composition, Strength};
 use sim::scene::{Jitter, SceneSpec};
@@ -12,7 +12,7 @@ fn at(strength: f64, task: TaskId, perturbation: Perturbation) -> SceneSpec {
 }
 
 #[test]
-fn ranges_shrink_about_their_nominal_values() {
+fn ranges_shrink_towards_nominal_values() {
     let task = TaskId::RaiseCube;
     let spec = at(0.5, task, Perturbation::All);
     let cube = &spec.bodies[0];
@@ -23,50 +23,50 @@ fn ranges_shrink_about_their_nominal_values() {
     assert_eq!(translation.map(|range| [range.lo, range.hi]), [[-0.015, 0.015]; 3]);
     assert_eq!(rotation.map(|range| [range.lo, range.hi]), [[-0.0175, 0.0175]; 3]);
     let lights = &spec.lights;
-    assert_eq!(lights.directional.len(), 2, "the second light is half as bright");
+    assert_eq!(lights.directional.len(), 2, "the second light fades to half");
     assert_eq!(lights.directional[1].color.map(|range| [range.lo, range.hi]), [[0.5, 0.5]; 3]);
     assert_eq!(lights.directional[0].color.map(|range| [range.lo, range.hi]), [[0.75, 1.0]; 3]);
 }
 
 #[test]
-fn colours_come_half_way() {
+fn colours_deviate_by_at_most_half() {
     let task = TaskId::RaiseCube;
     let spec = at(0.5, task, Perturbation::MoColor);
     let nominal_color = nominal(task).bodies[0].parts[0].appearance.color;
-    let mut farthest = [0.0_f64; 3];
+    let mut max_deviation = [0.0_f64; 3];
     for seed in seeds(task, 1000) {
         let color = spec.draw(seed).bodies[0].parts[0].appearance.color;
         for (channel, (c, from)) in color.into_iter().zip(nominal_color).enumerate() {
             assert!((0.5 * from..=0.5 * from + 0.5).contains(&c));
-            farthest[channel] = farthest[channel].max((c - from).abs());
+            max_deviation[channel] = max_deviation[channel].max((c - from).abs());
         }
     }
-    assert!(farthest.iter().all(|far| *far > 0.25), "{farthest:?}");
+    assert!(max_deviation.iter().all(|deviation| *deviation > 0.25), "{max_deviation:?}");
 }
 
 #[test]
-fn what_is_chosen_is_chosen_half_the_time() {
+fn discrete_replacements_happen_with_the_strength_as_probability() {
     let task = TaskId::RaiseCube;
     let n = 2000;
-    let share = |perturbation, differs: fn(&sim::scene::Scene) -> usize| {
+    let fraction = |perturbation, differs: fn(&sim::scene::Scene) -> usize| {
         let spec = at(0.5, task, perturbation);
         seeds(task, n).map(|seed| differs(&spec.draw(seed))).sum::<usize>() as f64 / f64::from(n)
     };
-    let told_else =
+    let is_replaced =
         |scene: &sim::scene::Scene| usize::from(scene.instruction != TaskId::RaiseCube.task().instruction);
     let half = [
-        share(Perturbation::LanguageParaphrase, told_else),
-        share(Perturbation::LanguageNone, told_else),
-        share(Perturbation::MoTexture, |scene| {
+        fraction(Perturbation::LanguageParaphrase, is_replaced),
+        fraction(Perturbation::LanguageNone, is_replaced),
+        fraction(Perturbation::MoTexture, |scene| {
             usize::from(scene.bodies[0].parts[0].appearance.texture.is_some())
         }),
-        share(Perturbation::DistractorObjects, |scene| scene.bodies.len() - 1) / 2.0,
+        fraction(Perturbation::DistractorObjects, |scene| scene.bodies.len() - 1) / 2.0,
     ];
-    assert!(half.iter().all(|share| (0.46..0.54).contains(share)), "{half:?}");
+    assert!(half.iter().all(|fraction| (0.46..0.54).contains(fraction)), "{half:?}");
 }
 
 #[test]
-fn hardly_any_strength_is_hardly_any_change() {
+fn vanishing_strength_changes_almost_nothing() {
     for &task in TaskId::ALL {
         for perturbation in singles() {
             let (weak, nominal) = (at(1e-9, task, perturbation), nominal(task));
@@ -83,9 +83,9 @@ fn hardly_any_strength_is_hardly_any_change() {
 }
 
 #[test]
-fn a_strength_lies_above_nothing_and_up_to_the_benchmarks() {
-    for wrong in [0.0, -0.1, 1.001, f64::NAN, f64::INFINITY] {
-        assert!(Strength::try_from(wrong).is_err(), "{wrong}");
+fn strength_is_restricted_to_zero_to_one() {
+    for invalid in [0.0, -0.1, 1.001, f64::NAN, f64::INFINITY] {
+        assert!(Strength::try_from(invalid).is_err(), "{invalid}");
     }
     let message = Strength::try_from(2.0).unwrap_err().to_string();
     assert_eq!(message, "strength is 2, expected a number above 0 and at most 1 (the benchmark's strength)");

@@ -1,4 +1,5 @@
-//! What is only seen or said changes no trajectory of one who neither looks nor listens, and what is seen is seen.
+//! Perturbations that change only images or instructions leave the world, and so the trajectory of a blind
+//! policy, unchanged. Every visual perturbation changes the images.
 
 use ipc_types::ControlMode;
 use rayon::prelude::*;
@@ -12,7 +13,7 @@ use sim::{Perturbation, Profile, TaskId};
 
 use crate::common::{applies, nominal, perturbed, seeds};
 
-/// Fingerprint of a whole episode of the expert.
+/// Runs an episode of the expert and returns its fingerprint.
 fn trajectory(task: TaskId, scene: &Scene) -> u64 {
     let mut world = World::build(scene, ControlMode::JointPos);
     let mut expert = Expert::new(scene, &(task.task().expert)(scene)).unwrap();
@@ -28,16 +29,16 @@ fn trajectory(task: TaskId, scene: &Scene) -> u64 {
     fingerprint.finish()
 }
 
-/// A seed whose episode the expert has a plan for.
-fn seed(task: TaskId) -> u64 {
-    let plans = |seed: &u64| {
+/// Returns a seed for whose scene the expert finds a plan.
+fn feasible_seed(task: TaskId) -> u64 {
+    let is_feasible = |seed: &u64| {
         let scene = nominal(task).draw(*seed);
         Expert::new(&scene, &(task.task().expert)(&scene)).is_ok()
     };
-    seeds(task, 10).find(plans).unwrap()
+    seeds(task, 10).find(is_feasible).unwrap()
 }
 
-/// All that a world is built of.
+/// Returns the scene reduced to what the physics world is built from.
 fn physical(mut scene: Scene) -> Scene {
     let blank = Appearance { color: [0.0; 3], texture: None, specular: 0.0 };
     for body in &mut scene.bodies {
@@ -53,9 +54,9 @@ fn physical(mut scene: Scene) -> Scene {
 }
 
 #[test]
-fn what_is_only_seen_or_said_builds_the_same_world_and_what_is_not_another() {
+fn physical_scene_differs_only_if_bodies_change() {
     for &task in TaskId::ALL {
-        let seed = seed(task);
+        let seed = feasible_seed(task);
         let unperturbed = physical(nominal(task).draw(seed));
         for &perturbation in Perturbation::ALL.iter().filter(|p| applies(**p, task)) {
             let differs = physical(perturbed(task, perturbation).draw(seed)) != unperturbed;
@@ -64,22 +65,24 @@ fn what_is_only_seen_or_said_builds_the_same_world_and_what_is_not_another() {
     }
 }
 
-/// Episodes of two perturbations for each task, so that every one is met on several, and of all of them together.
+/// Tests two perturbations per task, so that every perturbation is tested on several tasks, and all of them
+/// combined.
 #[test]
-fn what_is_only_seen_or_said_leaves_the_experts_trajectory_as_it_is() {
+fn visual_and_language_perturbations_keep_the_experts_trajectory() {
     TaskId::ALL.par_iter().enumerate().for_each(|(task_idx, &task)| {
-        let seed = seed(task);
+        let seed = feasible_seed(task);
         let applying =
             Perturbation::ALL.iter().copied().filter(|p| *p != Perturbation::None && applies(*p, task));
-        let only: Vec<Perturbation> = applying.filter(|p| !p.changes_bodies()).collect();
-        let one_language = only
+        let candidates: Vec<Perturbation> = applying.filter(|p| !p.changes_bodies()).collect();
+        let compatible = candidates
             .iter()
             .copied()
             .filter(|p| p.modality() != Some(Modality::Language) || *p == Perturbation::LanguageParaphrase);
-        let together = Composition::new(&one_language.collect::<Vec<_>>()).unwrap();
-        let alone = [2 * task_idx, 2 * task_idx + 1].map(|i| Composition::from(only[i % only.len()]));
+        let combined = Composition::new(&compatible.collect::<Vec<_>>()).unwrap();
+        let alone =
+            [2 * task_idx, 2 * task_idx + 1].map(|i| Composition::from(candidates[i % candidates.len()]));
         let unperturbed = trajectory(task, &nominal(task).draw(seed));
-        for perturbation in [together].into_iter().chain(alone) {
+        for perturbation in [combined].into_iter().chain(alone) {
             let spec = perturbation.spec(task.task(), Profile::Strict, Strength::FULL);
             assert_eq!(trajectory(task, &spec.draw(seed)), unperturbed, "{} {perturbation:?}", task.name());
         }
@@ -90,28 +93,28 @@ fn images(scene: &Scene) -> Vec<Vec<u8>> {
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
     let scene = RenderScene::new(scene);
-    let draw = |camera_idx| {
+    let render = |camera_idx| {
         let side = scene.side(camera_idx);
         let mut rgb = vec![0; side * side * 3];
         let view = View { scene: &scene, snapshot: &snapshot, camera_idx, out: &mut rgb };
         CpuRenderer::new(1).render(&mut [view]).unwrap();
         rgb
     };
-    (0..scene.n_cameras()).map(draw).collect()
+    (0..scene.n_cameras()).map(render).collect()
 }
 
 #[test]
-fn every_visual_factor_is_seen_and_no_word_is() {
+fn images_change_under_all_but_language_perturbations() {
     TaskId::ALL.par_iter().for_each(|&task| {
-        let seed = seed(task);
+        let seed = feasible_seed(task);
         let unperturbed = images(&nominal(task).draw(seed));
         for &perturbation in Perturbation::ALL.iter().filter(|p| applies(**p, task)) {
             let cell = format!("{} {}", task.name(), perturbation.name());
             let (spec, twin) = (perturbed(task, perturbation), &unperturbed);
-            let seen = images(&spec.draw(seed));
+            let rendered = images(&spec.draw(seed));
             match perturbation.modality() {
-                None | Some(Modality::Language) => assert_eq!(&seen, twin, "{cell}"),
-                Some(_) => assert_ne!(&seen, twin, "{cell}"),
+                None | Some(Modality::Language) => assert_eq!(&rendered, twin, "{cell}"),
+                Some(_) => assert_ne!(&rendered, twin, "{cell}"),
             }
         }
     });
