@@ -4,8 +4,8 @@ use std::error::Error;
 
 /// Returns the messages of `error` and of every [`Error::source`] below it, joined by `: `.
 ///
-/// An error of this project either prints its cause or returns it from `source()`, never both, so that the joined text
-/// names each cause exactly once. Use this wherever an error leaves the process as text.
+/// An error of this project either prints its cause or returns it from `source()`, never both, so that the
+/// joined text names each cause exactly once. Use this wherever an error leaves the process as text.
 #[must_use]
 pub fn error_chain(error: &dyn Error) -> String {
     let causes = std::iter::successors(error.source(), |cause| (*cause).source());

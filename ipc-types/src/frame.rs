@@ -1,7 +1,7 @@
-//! Messages: the 64-byte header of each kind, and views that hand out one env's tensors in place.
+//! Messages: the two 64-byte header types, and views that give access to each env's tensors in place.
 //!
-//! A view is made from a header and the pages of a message, and checks one against the other once. After that every
-//! access is a slice of the mapped memory; nothing is copied.
+//! A view is constructed from a header and the pages of a message and validates one against the other once.
+//! After that, every access returns a slice of the mapped memory; nothing is copied.
 
 use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
@@ -12,7 +12,7 @@ use crate::layout::{
 };
 use crate::morphology::{ControlMode, Morphology};
 
-/// Header of an observation message, beside its pages.
+/// Header of an observation message, stored separately from its pages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ObservationHeader {
@@ -20,41 +20,42 @@ pub struct ObservationHeader {
     pub schema_hash: u64,
     /// Random number of the run.
     pub run: u64,
-    /// Counts the observation messages of a lane from 1; the answer carries it back.
+    /// Number of this observation message in its lane, counted from 1. The action message repeats it.
     pub sequence: u64,
-    /// Tells sims and policy hosts that this lane has had apart; an answer of another epoch is dropped.
+    /// Changes whenever a sim or policy host of this lane is replaced; the sim drops answers from another
+    /// epoch.
     pub epoch: u32,
-    /// Envs in the message, at least 1.
+    /// Number of envs in the message, at least 1.
     pub n_envs: u32,
     /// Pages of one env's block.
     pub block_pages: u32,
-    /// [`Morphology::code`]; all envs of a message share it.
+    /// [`Morphology::code`] of all envs in the message.
     pub morphology: u32,
-    /// [`ControlMode::code`] in which the answer will be read.
+    /// [`ControlMode::code`] by which the sim will interpret the actions.
     pub control_mode: u32,
-    /// 1 if the blocks hold images, else 0.
+    /// 1 if the blocks contain images, otherwise 0.
     pub images: u32,
-    /// Zero.
+    /// Reserved for future fields; always zero.
     pub reserved: [u64; 2],
 }
 
-/// Header of an action message, beside its pages (one [`ActionBlock`] each).
+/// Header of an action message, stored separately from its pages (one [`ActionBlock`] each).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ActionHeader {
     /// [`SCHEMA_HASH`] of the sender.
     pub schema_hash: u64,
-    /// The run of the observation answered.
+    /// Copied from the observation's header.
     pub run: u64,
-    /// The sequence of the observation answered.
+    /// Copied from the observation's header.
     pub sequence: u64,
-    /// The epoch of the observation answered.
+    /// Copied from the observation's header.
     pub epoch: u32,
-    /// Envs answered: all of the observation, in its order.
+    /// Number of envs: those of the observation, in the same order.
     pub n_envs: u32,
-    /// 0: fine. Anything else: the policy could not answer; the host's log says why.
+    /// 0 on success. Any other value means that the policy failed; the host's log contains the reason.
     pub status: u32,
-    /// Zero.
+    /// Reserved for future fields; always zero.
     pub reserved: [u32; 7],
 }
 
@@ -65,29 +66,29 @@ const _: () = {
     assert!(offset_of!(ActionHeader, n_envs) == 28 && offset_of!(ActionHeader, status) == 32);
 };
 
-/// A message that does not have the layout it claims.
+/// Errors that can occur while validating a message.
 #[derive(Debug, Error, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
+#[expect(missing_docs, reason = "the messages describe the fields")]
 pub enum FrameError {
     #[error(
-        "the peer speaks link schema {found:#018x}, this build speaks {expected:#018x}: rebuild the older side"
+        "the peer uses link schema {found:#018x}, this build uses {expected:#018x}; rebuild the older side"
     )]
     Schema { expected: u64, found: u64 },
     #[error("header field `{field}` is {found}, expected {expected}")]
     Header { field: &'static str, expected: &'static str, found: u64 },
-    #[error("message has {found} pages, its header implies {expected}")]
+    #[error("the message has {found} pages, but its header implies {expected}")]
     Length { expected: u64, found: u64 },
-    #[error("env {env_idx}: `{field}` is {found}, at most {limit} allowed")]
+    #[error("env {env_idx}: `{field}` is {found}, expected at most {limit}")]
     Record { env_idx: usize, field: &'static str, found: u64, limit: u64 },
-    #[error("env {env_idx}: `{field}` is 0, at least 1 expected")]
+    #[error("env {env_idx}: `{field}` is 0, expected at least 1")]
     Zero { env_idx: usize, field: &'static str },
-    #[error("env {env_idx}: the instruction is not UTF-8")]
+    #[error("env {env_idx}: the instruction is not valid UTF-8")]
     Instruction { env_idx: usize },
     #[error("env {env_idx}: action row {row}, entry {entry} is not finite")]
     NotFinite { env_idx: usize, row: usize, entry: usize },
 }
 
-/// A checked observation message.
+/// A validated observation message.
 #[derive(Clone, Copy, Debug)]
 pub struct ObservationView<'a> {
     header: ObservationHeader,
@@ -96,26 +97,27 @@ pub struct ObservationView<'a> {
     pages: &'a [Page],
 }
 
-/// One env of an observation message; every slice points into the message.
+/// One env of an observation message. Every slice points into the message.
 #[derive(Clone, Copy, Debug)]
 pub struct EnvObservation<'a> {
-    /// The record's page.
+    /// Fixed-size fields of the env's block.
     pub record: &'a EnvRecord,
-    /// `[state_dim] f32`.
+    /// State vector, `[state_dim] f32`; see [`Morphology::state_parts`].
     pub state: &'a [f32],
-    /// The instruction; may be empty.
+    /// Language instruction; may be empty.
     pub instruction: &'a str,
-    /// `[2, 224, 224, 3] u8`, or empty without images.
+    /// External images, `[2, 224, 224, 3] u8` sRGB; empty if the message has no images.
     pub external: &'a [u8],
-    /// `[n_arms, 128, 128, 3] u8`, or empty without images.
+    /// Hand images, `[n_arms, 128, 128, 3] u8` sRGB; empty if the message has no images.
     pub hand: &'a [u8],
 }
 
 impl<'a> EnvObservation<'a> {
-    /// A camera's image `[side, side, 3] u8` and its side, in the order of [`Morphology::camera_names`].
+    /// Returns a camera's image, `[side, side, 3] u8`, and its `side` in pixels. Cameras are indexed in the
+    /// order of [`Morphology::camera_names`].
     ///
     /// # Panics
-    /// If there is no such camera, or the observation has no images.
+    /// If there is no such camera, or the message has no images.
     #[must_use]
     pub fn image(&self, camera_idx: usize) -> (&'a [u8], usize) {
         let n_external = self.external.len() / EXTERNAL_BYTES;
@@ -128,29 +130,32 @@ impl<'a> EnvObservation<'a> {
 }
 
 impl<'a> ObservationView<'a> {
-    /// Checks a message against its header, and each record's lengths.
+    /// Validates a message: its header, the number of pages, and the lengths in each env's record.
     ///
     /// # Errors
-    /// The first field that does not fit.
+    /// Names the first invalid field.
     pub fn new(header: ObservationHeader, pages: &'a [Page]) -> Result<Self, FrameError> {
         check_schema(header.schema_hash)?;
-        let bad =
+        let invalid =
             |field, expected, found: u32| FrameError::Header { field, expected, found: u64::from(found) };
-        let morphology =
-            Morphology::from_code(header.morphology).ok_or(bad("morphology", "0 or 1", header.morphology))?;
-        let control_mode = ControlMode::from_code(header.control_mode).ok_or(bad(
+        let morphology = Morphology::from_code(header.morphology).ok_or(invalid(
+            "morphology",
+            "0 or 1",
+            header.morphology,
+        ))?;
+        let control_mode = ControlMode::from_code(header.control_mode).ok_or(invalid(
             "control_mode",
             "0 to 2",
             header.control_mode,
         ))?;
         if header.images > 1 {
-            return Err(bad("images", "0 or 1", header.images));
+            return Err(invalid("images", "0 or 1", header.images));
         }
         if header.n_envs == 0 {
-            return Err(bad("n_envs", "at least 1", 0));
+            return Err(invalid("n_envs", "at least 1", 0));
         }
         if header.block_pages as usize != block_pages(morphology, header.images == 1) {
-            return Err(bad("block_pages", "the block size of this morphology", header.block_pages));
+            return Err(invalid("block_pages", "the block size of this morphology", header.block_pages));
         }
         let expected = u64::from(header.n_envs) * u64::from(header.block_pages);
         if pages.len() as u64 != expected {
@@ -161,40 +166,40 @@ impl<'a> ObservationView<'a> {
         Ok(view)
     }
 
-    /// The header as received.
+    /// Returns the message's header.
     #[must_use]
     pub fn header(&self) -> &ObservationHeader {
         &self.header
     }
 
-    /// Envs in the message.
+    /// Returns the number of envs in the message.
     #[must_use]
     pub fn n_envs(&self) -> usize {
         self.header.n_envs as usize
     }
 
-    /// Morphology of all its envs.
+    /// Returns the morphology of all envs in the message.
     #[must_use]
     pub fn morphology(&self) -> Morphology {
         self.morphology
     }
 
-    /// How the answer will be read.
+    /// Returns the control mode by which the sim will interpret the actions.
     #[must_use]
     pub fn control_mode(&self) -> ControlMode {
         self.control_mode
     }
 
-    /// Whether the blocks hold images.
+    /// Returns `true` if the message contains images.
     #[must_use]
     pub fn has_images(&self) -> bool {
         self.header.images == 1
     }
 
-    /// The tensors of env `env_idx`.
+    /// Returns the tensors of env `env_idx`.
     ///
     /// # Panics
-    /// If `env_idx` is not below `n_envs`.
+    /// If `env_idx >= n_envs`.
     #[must_use]
     pub fn env(&self, env_idx: usize) -> EnvObservation<'a> {
         let bytes: &'a [u8] = bytemuck::cast_slice(self.block(env_idx));
@@ -234,7 +239,7 @@ impl<'a> ObservationView<'a> {
     }
 }
 
-/// A checked action message.
+/// A validated action message.
 #[derive(Clone, Copy, Debug)]
 pub struct ActionView<'a> {
     header: ActionHeader,
@@ -242,12 +247,12 @@ pub struct ActionView<'a> {
 }
 
 impl<'a> ActionView<'a> {
-    /// Checks a message against its header. Its numbers are checked env by env, with [`Self::check_finite`], so that
-    /// one env's answer never spoils another's. With a status other than 0 the pages may hold anything: they are not
-    /// looked at, and the view has no blocks.
+    /// Validates a message's header and sizes. The action values are checked per env with
+    /// [`Self::check_finite`], so that one env's invalid answer does not affect the others. If the status is
+    /// not 0, the pages may contain anything: they are not read, and the view has no blocks.
     ///
     /// # Errors
-    /// The first field that does not fit.
+    /// Names the first invalid field.
     pub fn new(header: ActionHeader, pages: &'a [Page]) -> Result<Self, FrameError> {
         check_schema(header.schema_hash)?;
         if pages.len() != header.n_envs as usize {
@@ -264,19 +269,19 @@ impl<'a> ActionView<'a> {
         Ok(Self { header, blocks })
     }
 
-    /// The header as received.
+    /// Returns the message's header.
     #[must_use]
     pub fn header(&self) -> &ActionHeader {
         &self.header
     }
 
-    /// Checks that every number of env `env_idx`'s rows is finite.
+    /// Checks that every action value of env `env_idx` is finite.
     ///
     /// # Errors
-    /// The first that is not.
+    /// Returns the position of the first non-finite value.
     ///
     /// # Panics
-    /// If `env_idx` is not below the number of blocks.
+    /// If `env_idx` is not less than the number of blocks.
     pub fn check_finite(&self, env_idx: usize) -> Result<(), FrameError> {
         let block = &self.blocks[env_idx];
         let dim = block.action_dim as usize;
@@ -287,29 +292,29 @@ impl<'a> ActionView<'a> {
         }
     }
 
-    /// One block per env, in the order of the observation; none if the policy could not answer.
+    /// Returns one block per env, in the order of the observation, or none if the policy failed.
     #[must_use]
     pub fn blocks(&self) -> &'a [ActionBlock] {
         self.blocks
     }
 }
 
-/// The mutable tensors of one env's block while the sim fills it.
+/// Mutable tensors of one env's block, for the sim to fill.
 #[derive(Debug)]
 pub struct EnvBlockMut<'a> {
-    /// The record's page.
+    /// Fixed-size fields, including state and instruction.
     pub record: &'a mut EnvRecord,
-    /// `[2, 224, 224, 3] u8`, or empty without images.
+    /// External images, `[2, 224, 224, 3] u8` sRGB; empty if the message has no images.
     pub external: &'a mut [u8],
-    /// `[n_arms, 128, 128, 3] u8`, or empty without images.
+    /// Hand images, `[n_arms, 128, 128, 3] u8` sRGB; empty if the message has no images.
     pub hand: &'a mut [u8],
 }
 
 impl<'a> EnvBlockMut<'a> {
-    /// Splits the pages of one block.
+    /// Splits the pages of one block into its tensors.
     ///
     /// # Panics
-    /// If the number of pages is not that of a block of this morphology, with or without images.
+    /// If the number of pages is not [`block_pages`] of this morphology, with or without images.
     #[must_use]
     pub fn new(morphology: Morphology, block: &'a mut [Page]) -> Self {
         let images = block.len() > 1;

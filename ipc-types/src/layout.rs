@@ -4,17 +4,18 @@
 //!
 //! | offset in block | tensor | shape, dtype |
 //! |--|--|--|
-//! | 0 | [`EnvRecord`] (identity, state, instruction) | one page |
+//! | 0 | [`EnvRecord`] (query identity, state, instruction) | one page |
 //! | 4096 | external images | `[2, 224, 224, 3] u8`, sRGB, row-major, top row first |
 //! | 305152 | hand images | `[n_arms, 128, 128, 3] u8` |
 //!
-//! Without images a block is the record's page alone. An action message is one [`ActionBlock`] page per env.
+//! Without images, a block consists of the record's page alone. An action message is one [`ActionBlock`] page
+//! per env.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::morphology::Morphology;
 
-/// Bytes of a page, the element type of every message.
+/// Size of a [`Page`] in bytes.
 pub const PAGE_BYTES: usize = 4096;
 /// Side of an external image in pixels.
 pub const EXTERNAL_SIDE: usize = 224;
@@ -24,82 +25,85 @@ pub const HAND_SIDE: usize = 128;
 pub const EXTERNAL_BYTES: usize = EXTERNAL_SIDE * EXTERNAL_SIDE * 3;
 /// Bytes of one hand image.
 pub const HAND_BYTES: usize = HAND_SIDE * HAND_SIDE * 3;
-/// Offset of the first external image in an env's block.
+/// Byte offset of the first external image in an env's block.
 pub const EXTERNAL_OFFSET: usize = PAGE_BYTES;
-/// Offset of the first hand image in an env's block.
+/// Byte offset of the first hand image in an env's block.
 pub const HAND_OFFSET: usize = EXTERNAL_OFFSET + 2 * EXTERNAL_BYTES;
-/// Longest instruction in UTF-8 bytes.
+/// Maximum length of an instruction in UTF-8 bytes.
 pub const INSTRUCTION_BYTES: usize = 1024;
-/// Widest state vector.
+/// Maximum width of a state vector.
 pub const MAX_STATE_DIM: usize = 64;
-/// Widest action row.
+/// Maximum width of an action row.
 pub const MAX_ACTION_DIM: usize = 16;
-/// Most rows in one action chunk, so that a chunk of the widest rows and its head fill one page.
+/// Maximum number of rows in an action chunk. A chunk of that many rows of [`MAX_ACTION_DIM`] and its 64-byte
+/// head fill exactly one page.
 pub const MAX_HORIZON: usize = 63;
 
-/// A page of shared memory: the unit in which messages are loaned, so that every block starts on a page boundary.
+/// A page of shared memory. Messages are arrays of pages, so that every block starts on a page boundary.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(4096))]
 pub struct Page(pub [u8; PAGE_BYTES]);
 
 // SAFETY: `Page` is a plain array of bytes; its alignment equals its size, so it has no padding.
 unsafe impl Zeroable for Page {}
-// SAFETY: as above: every bit pattern is valid and there is no padding.
+// SAFETY: as above, every bit pattern is valid and there is no padding.
 unsafe impl Pod for Page {}
 
-/// What a policy sees of one env besides the images: the first page of the env's block.
+/// First page of an env's block: everything a policy observes of the env except the images.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct EnvRecord {
-    /// Slot of the sim that asks; the answer carries it back.
+    /// Slot of the sim that this env occupies. The answer repeats it.
     pub slot: u32,
-    /// Queries of this episode before this one. 0 marks a new episode: a stateful policy forgets the slot's past.
+    /// Number of earlier queries in this episode. 0 marks a new episode: a stateful policy resets its state
+    /// for the slot.
     pub query: u32,
     /// Control steps executed in this episode so far.
     pub step: u32,
-    /// Valid f32 entries of `state`.
+    /// Number of valid entries in `state`.
     pub state_dim: u32,
-    /// Valid bytes of `instruction`; 0 is the empty instruction.
+    /// Number of valid bytes in `instruction`; 0 means an empty instruction.
     pub instruction_len: u32,
-    /// Rows of the answer that the sim will execute, 1 to [`MAX_HORIZON`]; a longer answer is cut, a shorter one is asked again sooner.
+    /// Rows of the answer that the sim will execute, 1 to [`MAX_HORIZON`]. Rows of the answer beyond that are
+    /// ignored; after a shorter answer the next query comes sooner.
     pub execute: u32,
-    /// Seed for a policy that draws random numbers: a function of the episode alone.
+    /// Seed for a stochastic policy, a function of the episode alone.
     pub policy_seed: u64,
-    /// Zero.
+    /// Reserved for future fields; always zero.
     pub reserved: [u64; 4],
-    /// `[state_dim] f32`, in the order of spec/env.md §6; zero beyond.
+    /// State vector, `[state_dim] f32`, in the order of [`Morphology::state_parts`]; zero beyond `state_dim`.
     pub state: [f32; MAX_STATE_DIM],
-    /// UTF-8, not terminated; zero beyond.
+    /// Language instruction in UTF-8, without a terminator; zero beyond `instruction_len`.
     pub instruction: [u8; INSTRUCTION_BYTES],
-    /// Zero up to the end of the page.
+    /// Always zero; fills the page.
     pub padding: [u8; 2752],
 }
 
-/// The answer for one env: a page.
+/// Answer for one env: an action chunk in one page.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct ActionBlock {
-    /// Slot this answers, as in the record.
+    /// Copied from [`EnvRecord::slot`].
     pub slot: u32,
-    /// Query this answers, as in the record.
+    /// Copied from [`EnvRecord::query`].
     pub query: u32,
-    /// Rows in `rows`, 1 to [`MAX_HORIZON`].
+    /// Number of valid rows, 1 to [`MAX_HORIZON`].
     pub n_rows: u32,
-    /// Numbers in a row.
+    /// Width of a row; see [`crate::ControlMode::action_dim`].
     pub action_dim: u32,
-    /// Zero.
+    /// Reserved for future fields; always zero.
     pub reserved: [u64; 6],
-    /// `[n_rows, action_dim] f32`, packed; zero beyond.
+    /// Action chunk, `[n_rows, action_dim] f32`, packed; zero beyond.
     pub rows: [f32; MAX_HORIZON * MAX_ACTION_DIM],
 }
 
-/// Pages of one env's block in an observation message.
+/// Returns the number of pages in one env's block of an observation message.
 #[must_use]
 pub const fn block_pages(morphology: Morphology, images: bool) -> usize {
     if images { (HAND_OFFSET + morphology.n_hand_cameras() * HAND_BYTES).div_ceil(PAGE_BYTES) } else { 1 }
 }
 
-/// The layout in one line, field by field with sizes and offsets: what the schema hash is taken over.
+/// Description of the layout in one line, with the type and offset of every field. Input of [`SCHEMA_HASH`].
 pub const SCHEMA: &str = "hypogeum link v1; page 4096; \
     obs header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, block_pages u32@32, morphology u32@36, control_mode u32@40, images u32@44, reserved 16@48} 64; \
     env record {slot u32@0, query u32@4, step u32@8, state_dim u32@12, instruction_len u32@16, execute u32@20, policy_seed u64@24, reserved 32@32, state f32[64]@64, instruction u8[1024]@320, zero@1344} 4096; \
@@ -109,7 +113,7 @@ pub const SCHEMA: &str = "hypogeum link v1; page 4096; \
     single: state 25, cameras 2+1; bimanual: state 64, cameras 2+2; \
     control modes 0 pd_ee_delta_pose 7, 1 pd_joint_pos 8, 2 pd_ee_pose 7 per arm";
 
-/// xxh3-64 of [`SCHEMA`]. Both sides of the link check it, in the service's attributes and in every header.
+/// xxh3-64 of [`SCHEMA`]. Both sides of the link check it in the service attributes and in every header.
 pub const SCHEMA_HASH: u64 = xxhash_rust::const_xxh3::xxh3_64(SCHEMA.as_bytes());
 
 const _: () = {
@@ -137,49 +141,49 @@ mod tests {
     use super::*;
     use crate::frame::{ActionHeader, ObservationHeader};
 
-    /// What the schema says between braces after `name`, field by field.
-    fn described(name: &str) -> Vec<&'static str> {
+    /// Returns the fields that [`SCHEMA`] lists in braces after `name`.
+    fn schema_fields(name: &str) -> Vec<&'static str> {
         let start = SCHEMA.find(&format!("{name} {{")).unwrap() + name.len() + 2;
         SCHEMA[start..].split('}').next().unwrap().split(", ").collect()
     }
 
-    macro_rules! described_as {
+    macro_rules! struct_fields {
         ($type:ty: $($field:ident as $text:literal),+ $(,)?) => {
             vec![$(format!("{}@{}", $text, offset_of!($type, $field))),+]
         };
     }
 
     #[test]
-    fn the_schema_says_what_the_structs_are() {
-        let observation_header = described_as!(ObservationHeader:
+    fn schema_matches_struct_layouts() {
+        let observation_header = struct_fields!(ObservationHeader:
             schema_hash as "schema u64", run as "run u64", sequence as "sequence u64", epoch as "epoch u32",
             n_envs as "n_envs u32", block_pages as "block_pages u32", morphology as "morphology u32",
             control_mode as "control_mode u32", images as "images u32", reserved as "reserved 16");
-        assert_eq!(described("obs header"), observation_header);
-        let record = described_as!(EnvRecord:
+        assert_eq!(schema_fields("obs header"), observation_header);
+        let record = struct_fields!(EnvRecord:
             slot as "slot u32", query as "query u32", step as "step u32", state_dim as "state_dim u32",
             instruction_len as "instruction_len u32", execute as "execute u32", policy_seed as "policy_seed u64",
             reserved as "reserved 32", state as "state f32[64]", instruction as "instruction u8[1024]",
             padding as "zero");
-        assert_eq!(described("env record"), record);
-        let action_header = described_as!(ActionHeader:
+        assert_eq!(schema_fields("env record"), record);
+        let action_header = struct_fields!(ActionHeader:
             schema_hash as "schema u64", run as "run u64", sequence as "sequence u64", epoch as "epoch u32",
             n_envs as "n_envs u32", status as "status u32", reserved as "reserved 28");
-        assert_eq!(described("act header"), action_header);
-        let block = described_as!(ActionBlock:
+        assert_eq!(schema_fields("act header"), action_header);
+        let block = struct_fields!(ActionBlock:
             slot as "slot u32", query as "query u32", n_rows as "n_rows u32", action_dim as "action_dim u32",
             reserved as "reserved 48", rows as "rows f32[63*16]");
-        assert_eq!(described("action block"), block);
+        assert_eq!(schema_fields("action block"), block);
     }
 
-    /// Whoever changes the layout changes this number, and every foreign host with it.
+    /// A change of this value breaks every existing external host.
     #[test]
-    fn the_schema_hash_is_known_to_foreign_hosts() {
+    fn schema_hash_is_unchanged() {
         assert_eq!(SCHEMA_HASH, 0xb047_67c4_8ca9_5306, "found {SCHEMA_HASH:#018x}");
     }
 
     #[test]
-    fn a_block_has_room_for_all_its_tensors() {
+    fn block_holds_all_tensors_without_a_spare_page() {
         for morphology in Morphology::ALL {
             let bytes = block_pages(morphology, true) * PAGE_BYTES;
             let needed = HAND_OFFSET + morphology.n_hand_cameras() * HAND_BYTES;

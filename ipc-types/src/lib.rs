@@ -1,7 +1,8 @@
-//! Data plane between the sim and a policy host: morphologies, the byte layout of every tensor, the message headers, and
-//! the link that carries messages through shared memory.
+//! Data plane between the sim and a policy host: morphologies, the byte layout of every tensor, the message
+//! headers, and the link that carries messages through shared memory.
 //!
-//! This crate depends on no other crate of the workspace: an external policy host (Python, C++) needs only what is here.
+//! This crate depends on no other crate of the workspace: an external policy host (Python, C++) needs only
+//! what is here.
 
 mod error_chain;
 pub mod frame;

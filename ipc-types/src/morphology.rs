@@ -1,16 +1,17 @@
-//! The two robot morphologies of the benchmark and the control modes a policy may drive them in.
+//! The two robot morphologies of the benchmark and the control modes of policies.
 //!
-//! Axes used in shapes throughout: `n_envs` envs, `horizon` rows of an action chunk, `action_dim`, `state_dim`.
+//! Shapes throughout the project use these axes: `n_envs` (envs in a batch), `horizon` (rows of an action
+//! chunk), `action_dim` (width of an action row), and `state_dim` (width of a state vector).
 
 use serde::{Deserialize, Serialize};
 
-/// One Franka Panda at a table, or two facing each other.
+/// Robot set-up of a task: one Franka Panda at a table, or two facing each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Morphology {
-    /// One arm, three cameras (two external, one at the hand).
+    /// One arm and three cameras: two external, one on the hand.
     Single,
-    /// Two arms, four cameras (two external, one at each hand).
+    /// Two arms and four cameras: two external, one on each hand.
     Bimanual,
 }
 
@@ -18,7 +19,7 @@ impl Morphology {
     /// Both morphologies, in the order of their wire codes.
     pub const ALL: [Self; 2] = [Self::Single, Self::Bimanual];
 
-    /// Number of arms: 1 or 2.
+    /// Returns the number of arms: 1 or 2.
     #[must_use]
     pub const fn n_arms(self) -> usize {
         match self {
@@ -27,20 +28,20 @@ impl Morphology {
         }
     }
 
-    /// Cameras whose images are 224×224: always the two external ones.
+    /// Returns the number of external cameras, whose images are 224×224: always 2.
     #[must_use]
     pub const fn n_external_cameras(self) -> usize {
         2
     }
 
-    /// Cameras whose images are 128×128: one at each hand.
+    /// Returns the number of hand cameras, whose images are 128×128: one per arm.
     #[must_use]
     pub const fn n_hand_cameras(self) -> usize {
         self.n_arms()
     }
 
-    /// Width of the state vector: 25 (qpos 9, qvel 9, TCP pose 7) or 64 (qpos 18, qvel 18, four poses of 7).
-    /// Poses are position then quaternion (w, x, y, z), in the world frame.
+    /// Returns the width of the state vector: 25 (qpos 9, qvel 9, TCP pose 7) or 64 (qpos 18, qvel 18, four
+    /// poses of 7). A pose is a position in m followed by a quaternion (w, x, y, z), both in the world frame.
     #[must_use]
     pub const fn state_dim(self) -> usize {
         match self {
@@ -49,7 +50,8 @@ impl Morphology {
         }
     }
 
-    /// Names of the cameras, in the order of their images: external, then hand (spec/env.md §4).
+    /// Returns the camera names in the order of their images: external, then hand (docs/benchmark.md,
+    /// "Cameras").
     #[must_use]
     pub const fn camera_names(self) -> &'static [&'static str] {
         match self {
@@ -60,7 +62,8 @@ impl Morphology {
         }
     }
 
-    /// Parts of the state vector, in its order: name and width (spec/env.md §6).
+    /// Returns the parts of the state vector in order, as (name, width) pairs (docs/benchmark.md,
+    /// "Observations").
     #[must_use]
     pub const fn state_parts(self) -> &'static [(&'static str, usize)] {
         match self {
@@ -76,7 +79,7 @@ impl Morphology {
         }
     }
 
-    /// Control mode of the benchmark's policies for this morphology.
+    /// Returns the control mode that the benchmark's policies use with this morphology.
     #[must_use]
     pub const fn default_control_mode(self) -> ControlMode {
         match self {
@@ -85,7 +88,8 @@ impl Morphology {
         }
     }
 
-    /// How a run's policies drive it, in which single-arm policies drive in `single_arm`: two arms always by absolute joints.
+    /// Returns the control mode of this morphology in a run whose single-arm policies use `single_arm`.
+    /// Bimanual policies always use [`ControlMode::JointPos`].
     #[must_use]
     pub const fn control_mode(self, single_arm: ControlMode) -> ControlMode {
         match self {
@@ -94,13 +98,13 @@ impl Morphology {
         }
     }
 
-    /// Code on the wire: 0 or 1.
+    /// Returns the wire code: 0 or 1.
     #[must_use]
     pub const fn code(self) -> u32 {
         self as u32
     }
 
-    /// The morphology of a wire code.
+    /// Returns the morphology with wire code `code`, or `None` if there is none.
     #[must_use]
     pub const fn from_code(code: u32) -> Option<Self> {
         match code {
@@ -110,7 +114,7 @@ impl Morphology {
         }
     }
 
-    /// Name in tables and on the command line.
+    /// Returns the name used in tables and on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -120,24 +124,26 @@ impl Morphology {
     }
 }
 
-/// How an action row is read. The gripper entry is always in [−1, 1]: −1 is −0.01 m (squeeze), +1 is 0.04 m per finger.
+/// Interpretation of an action row (docs/benchmark.md, "Robot and control"). A gripper entry is in [−1, 1]
+/// and maps to a target position of each finger: −1 to −0.01 m (squeeze), +1 to 0.04 m (open).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlMode {
-    /// Per arm 7 numbers in [−1, 1]: translation (×0.1 m), rotation vector (×−0.1 rad), gripper; relative to the measured
-    /// TCP pose, in the root frame of the arm (spec/env.md §5.1).
+    /// Seven values in [−1, 1] per arm: translation (×0.1 m), rotation vector (×−0.1 rad), gripper. Relative
+    /// to the measured TCP pose, in the arm's root frame.
     EeDeltaPose,
-    /// Per arm 8 numbers: seven absolute joint positions in rad, gripper.
+    /// Eight values per arm: seven absolute joint positions in rad, gripper.
     JointPos,
-    /// Per arm 7 numbers: TCP position in m, intrinsic XYZ Euler angles in rad, both in the root frame; gripper.
+    /// Seven values per arm: TCP position in m and intrinsic XYZ Euler angles in rad, both in the arm's root
+    /// frame, gripper.
     EePose,
 }
 
 impl ControlMode {
-    /// All modes, in the order of their wire codes.
+    /// All control modes, in the order of their wire codes.
     pub const ALL: [Self; 3] = [Self::EeDeltaPose, Self::JointPos, Self::EePose];
 
-    /// Numbers in an action row for a robot of this morphology.
+    /// Returns the width of an action row for `morphology`.
     #[must_use]
     pub const fn action_dim(self, morphology: Morphology) -> usize {
         let per_arm = match self {
@@ -147,13 +153,13 @@ impl ControlMode {
         per_arm * morphology.n_arms()
     }
 
-    /// Code on the wire: 0, 1 or 2.
+    /// Returns the wire code: 0, 1 or 2.
     #[must_use]
     pub const fn code(self) -> u32 {
         self as u32
     }
 
-    /// The mode of a wire code.
+    /// Returns the control mode with wire code `code`, or `None` if there is none.
     #[must_use]
     pub const fn from_code(code: u32) -> Option<Self> {
         match code {
@@ -164,7 +170,7 @@ impl ControlMode {
         }
     }
 
-    /// Name in sweep files, as ManiSkill spells it.
+    /// Returns the name used in sweep files, which is ManiSkill's.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -181,7 +187,7 @@ mod tests {
     use crate::layout::MAX_ACTION_DIM;
 
     #[test]
-    fn codes_name_what_they_came_from_and_nothing_else() {
+    fn wire_codes_round_trip_and_others_are_rejected() {
         for (code, morphology) in (0..).zip(Morphology::ALL) {
             assert_eq!((morphology.code(), Morphology::from_code(code)), (code, Some(morphology)));
         }
@@ -192,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_and_state_parts_are_as_many_and_as_wide_as_the_layout_says() {
+    fn cameras_and_state_parts_match_their_counts() {
         for morphology in Morphology::ALL {
             let n_cameras = morphology.n_external_cameras() + morphology.n_hand_cameras();
             assert_eq!(morphology.camera_names().len(), n_cameras);
@@ -202,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn action_rows_have_the_widths_of_the_benchmark() {
+    fn action_rows_have_the_expected_widths() {
         let widths =
             Morphology::ALL.map(|morphology| ControlMode::ALL.map(|mode| mode.action_dim(morphology)));
         assert_eq!(widths, [[7, 8, 7], [14, 16, 14]]);

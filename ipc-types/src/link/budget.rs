@@ -20,7 +20,8 @@ pub enum BudgetError {
     TooSmall { path: PathBuf, needed: u64, available: u64 },
 }
 
-/// Checks that `shm`, the tmpfs that backs shared memory, has room for all `lanes`. Returns the bytes they will occupy.
+/// Checks that `shm`, the tmpfs that backs shared memory, has room for all `lanes`. Returns the bytes they
+/// will occupy.
 ///
 /// # Errors
 /// If there is too little room, or the file system cannot be queried.

@@ -1,8 +1,9 @@
-//! Where a run's shared memory lives, and who cleans it up.
+//! A run's namespace in shared memory, and its removal.
 //!
-//! A domain is a prefix of the names in `/dev/shm` and a folder for sockets and descriptions. iceoryx2's own configuration
-//! files are never read. A process that is killed leaves its segments behind; its parent reaps them, the end of the run
-//! removes the domain, and the start of the next run sweeps what runs that died as a whole have left.
+//! A domain consists of a name prefix in `/dev/shm` and a folder for sockets and service files. iceoryx2's
+//! own configuration files are never read. A killed process leaves its segments behind: its parent reaps
+//! them, the end of the run removes the whole domain, and the start of the next run removes domains whose
+//! processes have all exited.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -17,57 +18,61 @@ use super::error::LinkError;
 use super::lease::DomainLease;
 use super::type_names::Ipc;
 
-/// Where POSIX shared memory lives on Linux.
+/// Mount point of POSIX shared memory on Linux.
 pub(super) const SHM: &str = "/dev/shm";
-/// Hexadecimal digits of a run in names. A socket's path has to fit into 107 bytes, so 48 bits of the run must do.
+/// Hexadecimal digits of the run number in names: the low 48 bits, because a socket's path is limited to 107
+/// bytes.
 const TAG_DIGITS: usize = 12;
-/// Longest path of a Unix socket, without its final NUL.
-const SOCKET_PATH_BYTES: usize = 107;
-/// What iceoryx2 adds to root and prefix for a listener's socket: a slash, a number of 34 digits (its upper 32 bits count
-/// what the process has created, so that this suffices 100 000 times), `.event`.
+/// Maximum length of a Unix socket's path, without the terminating NUL (`sun_path` in unix(7)).
+const MAX_SOCKET_PATH_BYTES: usize = 107;
+/// Bytes that iceoryx2 appends to root and prefix for a listener's socket: a slash, a number of up to 34
+/// digits, and `.event`. The upper 32 bits of the number count the objects the process has created; 34 digits
+/// last for 100 000.
 const SOCKET_NAME_BYTES: usize = 1 + 34 + 6;
-/// How long a dead node may be in another cleaner's hands before it is left to that one.
-const CLEANER_PATIENCE: Duration = Duration::from_secs(2);
+/// Maximum wait for another process that is already cleaning up the same exited node.
+const CLEANUP_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Where a run's shared memory lives. One per run; every process of the run is told it.
+/// Namespace of one run in shared memory. Every process of the run receives it from its parent.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Domain {
-    /// First part of the name of every segment in `/dev/shm`: `hyp_<uid>_<run>_`.
+    /// Prefix of the name of every segment in `/dev/shm`: `hyp_<uid>_<run>_`.
     pub prefix: String,
-    /// The run's folder: `<base>/<run>`.
+    /// Folder of the run: `<base>/<run>`.
     pub root: PathBuf,
 }
 
 impl Domain {
-    /// The domain of run `run` (a random number) under `base`, a folder of this user. Touches nothing.
+    /// Returns the domain of run `run` (a random number) under `base`, a folder owned by this user. Creates
+    /// no files.
     #[must_use]
     pub fn new(base: &Path, run: u64) -> Self {
         let tag = run & ((1 << (4 * TAG_DIGITS)) - 1);
         Self::tagged(base, &format!("{tag:0TAG_DIGITS$x}"))
     }
 
-    /// Keeps the domain from being swept until the claim is dropped. Every [`super::LinkNode`] has one of its own; the
-    /// parent of a run takes one before its first child starts.
+    /// Protects the domain from [`Self::remove_stale`] until the lease is dropped. Every [`super::LinkNode`]
+    /// holds its own lease; the parent of a run acquires one before it starts its first child.
     ///
     /// # Errors
     /// If the root cannot be created or locked.
     pub fn lease(&self) -> Result<DomainLease, LinkError> {
-        DomainLease::hold(&self.root)
+        DomainLease::acquire(&self.root)
     }
 
-    /// Frees what processes of this domain that have died held: their places in services, messages they had borrowed,
-    /// segments. Their peers wake up. Returns the number of processes cleaned up after.
+    /// Frees the resources of processes that have exited without cleaning up: service connections, borrowed
+    /// messages and segments. Wakes their peers. Returns the number of such processes.
     ///
-    /// A parent calls it once it has waited for a child; without it the next process that joins the domain does it.
+    /// A parent calls this after it has waited for a child. Otherwise the next process that joins the domain
+    /// does it.
     pub fn reap(&self) -> usize {
         let Ok(config) = self.config() else { return 0 };
         let mut n_cleaned = 0;
-        // A folder that cannot be listed holds nothing that could be freed.
+        // A folder that cannot be listed contains nothing to free.
         let _ = Node::<Ipc>::list(&config, |state| {
-            // A process killed while it joined has no details yet, and nothing but a name to free.
+            // A process that was killed while joining has no details yet and holds nothing but its name.
             if let NodeState::Dead(node) = state
                 && node.details().is_some()
-                && node.blocking_remove_stale_resources(CLEANER_PATIENCE).is_ok()
+                && node.blocking_remove_stale_resources(CLEANUP_TIMEOUT).is_ok()
             {
                 n_cleaned += 1;
             }
@@ -76,55 +81,56 @@ impl Domain {
         n_cleaned
     }
 
-    /// Ends the domain: reaps, then removes whatever of it is left in `/dev/shm` and its root. Processes still in it keep
-    /// what they have mapped and find nobody any more.
+    /// Removes the domain: reaps exited processes, then deletes the remaining segments in `/dev/shm` and the
+    /// root folder. Processes that are still attached keep their mappings but can no longer reach each other.
     ///
     /// # Errors
-    /// If a file of it cannot be removed; the others are removed all the same.
+    /// If a file cannot be removed. The other files are removed nevertheless.
     pub fn remove(&self) -> Result<(), LinkError> {
         self.reap();
         let segments = self.segments().and_then(|paths| {
-            paths.into_iter().map(|path| gone(&path, std::fs::remove_file(&path))).fold(Ok(()), Result::and)
+            let removed = paths.into_iter().map(|path| allow_missing(&path, std::fs::remove_file(&path)));
+            removed.fold(Ok(()), Result::and)
         });
-        // Only a folder that carries our mark is removed with what is in it.
-        let root = if DomainLease::marks(&self.root) {
-            gone(&self.root, std::fs::remove_dir_all(&self.root))
+        // Only a folder that contains our lock file is removed together with its contents.
+        let root = if DomainLease::exists(&self.root) {
+            allow_missing(&self.root, std::fs::remove_dir_all(&self.root))
         } else {
             match std::fs::remove_dir(&self.root) {
                 Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => Ok(()),
-                result => gone(&self.root, result),
+                result => allow_missing(&self.root, result),
             }
         };
         segments.and(root)
     }
 
-    /// Removes the domains under `base` whose processes are all dead; returns how many. A living run's is never touched:
-    /// its processes hold a claim, foreign ones are seen as nodes.
+    /// Removes the domains under `base` whose processes have all exited and returns their number. A run in
+    /// progress is never touched: its own processes hold a lease, and external hosts are registered as nodes.
     pub fn remove_stale(base: &Path) -> usize {
         let Ok(entries) = std::fs::read_dir(base) else { return 0 };
         let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
         names.filter(|name| is_tag(name)).filter(|name| Self::tagged(base, name).remove_if_unused()).count()
     }
 
-    /// What iceoryx2 is told.
+    /// Returns the iceoryx2 configuration of this domain.
     pub(super) fn config(&self) -> Result<Config, LinkError> {
-        let bad = |reason: String| LinkError::Domain {
+        let invalid = |reason: String| LinkError::Domain {
             root: self.root.clone(),
             prefix: self.prefix.clone(),
             reason,
         };
         let root = self.root.as_os_str().as_encoded_bytes();
-        let room = SOCKET_PATH_BYTES.saturating_sub(SOCKET_NAME_BYTES + self.prefix.len());
-        if root.len() > room {
+        let max_length = MAX_SOCKET_PATH_BYTES.saturating_sub(SOCKET_NAME_BYTES + self.prefix.len());
+        if root.len() > max_length {
             let length = root.len();
-            return Err(bad(format!(
-                "a socket's path would be too long: the root has {length} bytes, at most {room} fit"
+            return Err(invalid(format!(
+                "its socket paths would be too long: the root has {length} bytes, expected at most {max_length}"
             )));
         }
         let mut config = Config::default();
         config.global.prefix =
-            FileName::new(self.prefix.as_bytes()).map_err(|error| bad(format!("{error:?}")))?;
-        config.global.set_root_path(&IoxPath::new(root).map_err(|error| bad(format!("{error:?}")))?);
+            FileName::new(self.prefix.as_bytes()).map_err(|error| invalid(format!("{error:?}")))?;
+        config.global.set_root_path(&IoxPath::new(root).map_err(|error| invalid(format!("{error:?}")))?);
         Ok(config)
     }
 
@@ -134,11 +140,11 @@ impl Domain {
     }
 
     fn remove_if_unused(&self) -> bool {
-        let Some(_lease) = DomainLease::take_unused(&self.root) else { return false };
-        !self.has_living_node() && self.remove().is_ok()
+        let Some(_lease) = DomainLease::try_acquire_exclusive(&self.root) else { return false };
+        !self.has_live_node() && self.remove().is_ok()
     }
 
-    fn has_living_node(&self) -> bool {
+    fn has_live_node(&self) -> bool {
         let Ok(config) = self.config() else { return false };
         let mut found = false;
         let listed = Node::<Ipc>::list(&config, |state| {
@@ -148,7 +154,7 @@ impl Domain {
         found || listed.is_err()
     }
 
-    /// Files of the domain in shared memory.
+    /// Lists the domain's files in shared memory.
     pub(super) fn segments(&self) -> Result<Vec<PathBuf>, LinkError> {
         let failed = |source| LinkError::Io { action: "list", path: SHM.into(), source };
         let ours = |name: &std::ffi::OsStr| name.as_encoded_bytes().starts_with(self.prefix.as_bytes());
@@ -161,8 +167,8 @@ fn is_tag(name: &str) -> bool {
     name.len() == TAG_DIGITS && name.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
 }
 
-/// A removal that succeeded, or that somebody else has done.
-fn gone(path: &Path, removed: io::Result<()>) -> Result<(), LinkError> {
+/// Treats the removal of a missing file as success: another process has removed it.
+fn allow_missing(path: &Path, removed: io::Result<()>) -> Result<(), LinkError> {
     match removed {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
             Err(LinkError::Io { action: "remove", path: path.into(), source: error })

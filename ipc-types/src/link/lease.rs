@@ -1,7 +1,8 @@
-//! The lock file by which a domain is known to be in use.
+//! The lock file that marks a domain as in use.
 //!
-//! Every process of ours in a domain holds it shared, from before its first segment until it ends (the kernel releases it
-//! then, whatever the end). A sweep takes it exclusively, so it can never meet a run that is just starting.
+//! Every process of a run that joins the domain holds the lock shared, from before its first segment exists
+//! until the process exits; the kernel releases it however the process ends. [`super::Domain::remove_stale`]
+//! takes the lock exclusively, so it cannot remove the domain of a run that is just starting.
 
 use std::fs::{DirBuilder, File, OpenOptions, TryLockError};
 use std::io;
@@ -10,22 +11,23 @@ use std::path::{Path, PathBuf};
 
 use super::error::LinkError;
 
-/// The lock's name in the domain's root; also the mark by which a sweep knows a folder for one of ours.
+/// File name of the lock in the domain's root. Its presence also identifies a folder as a domain.
 const LOCK_NAME: &str = "claim.lock";
-/// A claim races only with a sweep that is just removing the folder; each round of that race removes one folder.
-const ATTEMPTS: usize = 16;
+/// Attempts to acquire a lease. An attempt fails only if a clean-up removes the folder at the same moment,
+/// and each such clean-up removes one folder.
+const MAX_ATTEMPTS: usize = 16;
 
-/// A domain in use: while this lives no sweep touches the domain.
+/// Protects a domain from [`super::Domain::remove_stale`] until it is dropped.
 #[derive(Debug)]
 pub struct DomainLease {
     _lock: File,
 }
 
 impl DomainLease {
-    /// Creates the root (mode 0700) if needed and holds its lock shared.
-    pub(super) fn hold(root: &Path) -> Result<Self, LinkError> {
-        let failed = |source| LinkError::Io { action: "claim", path: root.into(), source };
-        for _ in 0..ATTEMPTS {
+    /// Creates the domain's root (mode 0700) if it does not exist and locks it shared.
+    pub(super) fn acquire(root: &Path) -> Result<Self, LinkError> {
+        let failed = |source| LinkError::Io { action: "lock", path: root.into(), source };
+        for _ in 0..MAX_ATTEMPTS {
             DirBuilder::new().recursive(true).mode(0o700).create(root).map_err(failed)?;
             match open(root, true).and_then(|lock| lock.lock_shared().map(|()| lock)) {
                 Ok(lock) if is_current(&lock, root) => return Ok(Self { _lock: lock }),
@@ -34,11 +36,11 @@ impl DomainLease {
                 Err(error) => return Err(failed(error)),
             }
         }
-        Err(failed(io::Error::other("another process keeps removing it")))
+        Err(failed(io::Error::other("another process keeps removing the folder")))
     }
 
-    /// Holds the lock of an unused domain exclusively; `None` if the folder is not a domain's, or is in use.
-    pub(super) fn take_unused(root: &Path) -> Option<Self> {
+    /// Locks an unused domain exclusively. Returns `None` if the folder is not a domain's root or is in use.
+    pub(super) fn try_acquire_exclusive(root: &Path) -> Option<Self> {
         let lock = open(root, false).ok()?;
         match lock.try_lock() {
             Ok(()) => is_current(&lock, root).then_some(Self { _lock: lock }),
@@ -46,8 +48,8 @@ impl DomainLease {
         }
     }
 
-    /// Whether `root` carries the mark of a domain.
-    pub(super) fn marks(root: &Path) -> bool {
+    /// Returns `true` if `root` contains the lock file of a domain.
+    pub(super) fn exists(root: &Path) -> bool {
         lock_path(root).is_file()
     }
 }
@@ -56,7 +58,8 @@ fn open(root: &Path, create: bool) -> io::Result<File> {
     OpenOptions::new().read(true).write(true).create(create).truncate(false).open(lock_path(root))
 }
 
-/// Whether the locked file is still the one in the folder: a sweep may have removed it between open and lock.
+/// Returns `true` if the locked file is still the one in the folder. A clean-up may remove it between open
+/// and lock.
 fn is_current(lock: &File, root: &Path) -> bool {
     match (lock.metadata(), std::fs::metadata(lock_path(root))) {
         (Ok(held), Ok(named)) => (held.dev(), held.ino()) == (named.dev(), named.ino()),

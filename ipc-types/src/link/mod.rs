@@ -1,15 +1,17 @@
 //! The link: messages between one sim and its policy hosts, through shared memory and without a copy.
 //!
-//! It owns every iceoryx2 port and every name below a run's [`Domain`]. It never looks into a message (that is
-//! [`crate::frame`]), never decides when to send or what to do about a dead peer, and never waits without a bound.
+//! It owns every iceoryx2 port and every name in a run's [`Domain`]. It never interprets a message (see
+//! [`crate::frame`]), never decides when to send or how to handle an exited peer, and never waits without a
+//! timeout.
 //!
-//! A lane is one (sim, policy) pair: a service for observations, a service for actions, an event that wakes the host. One
-//! more event, shared by all lanes, wakes the sim. All services carry the schema hash and the lane's sizes as attributes.
+//! A lane connects one sim with one policy. It consists of a service for observations, a service for actions,
+//! and an event that wakes the host. A further event, shared by all lanes, wakes the sim. The message
+//! services carry the schema hash and the lane's sizes as attributes.
 //!
 //! | service | pattern | from → to |
 //! |--|--|--|
-//! | `hyp/lane/<lane>/observation` | publish-subscribe, `[Page]` with an [`crate::ObservationHeader`] | sim → host |
-//! | `hyp/lane/<lane>/action` | publish-subscribe, `[Page]` with an [`crate::ActionHeader`] | host → sim |
+//! | `hyp/lane/<lane>/observation` | publish-subscribe, pages with [`crate::ObservationHeader`] | sim → host |
+//! | `hyp/lane/<lane>/action` | publish-subscribe, pages with [`crate::ActionHeader`] | host → sim |
 //! | `hyp/lane/<lane>/wake` | event | sim → host |
 //! | `hyp/sim/wake` | event | every host → sim |
 

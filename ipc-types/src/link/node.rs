@@ -1,4 +1,4 @@
-//! A process's membership in a run's domain. There is one per process.
+//! A process's membership in a run's domain. Each process has exactly one.
 
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
@@ -9,19 +9,20 @@ use super::error::LinkError;
 use super::lease::DomainLease;
 use super::type_names::Ipc;
 
-/// A process's membership in a domain; its lanes are made from it. Joining also cleans up after dead members.
+/// A process's membership in a domain, from which its lanes are opened. Joining also cleans up after exited
+/// members.
 #[derive(Debug)]
 pub struct LinkNode {
     node: Node<Ipc>,
     domain: Domain,
-    // Released last: the domain must not look unused while the node is still leaving it.
+    // Dropped last: the domain must not appear unused while the node is still leaving it.
     _lease: DomainLease,
 }
 
 impl LinkNode {
-    /// Joins `domain` under `name` (for people who list nodes; it need not be unique).
+    /// Joins `domain` as `name`. The name appears in node listings and need not be unique.
     ///
-    /// Signals are left to the process: a signal ends a wait early and nothing else.
+    /// iceoryx2's signal handlers stay disabled: a signal merely ends a wait early.
     ///
     /// # Errors
     /// If the domain's names or paths are too long for the system, or its files cannot be created.
@@ -39,7 +40,7 @@ impl LinkNode {
         Ok(Self { node, domain: domain.clone(), _lease: lease })
     }
 
-    /// The domain joined.
+    /// Returns the joined domain.
     #[must_use]
     pub fn domain(&self) -> &Domain {
         &self.domain

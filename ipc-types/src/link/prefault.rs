@@ -1,7 +1,8 @@
-//! Taking shared memory before it is needed.
+//! Reservation and prefaulting of shared memory before its first use.
 //!
-//! A segment's pages come into being when they are first touched: slowly (55 ms against 4.5 ms for 90 MB), and with SIGBUS
-//! when there is no room. Here they are reserved, so that no room is an error, and then mapped.
+//! By default the kernel allocates a segment's pages on first access. That is slow (55 ms instead of 4.5 ms
+//! for 90 MB) and raises SIGBUS if memory runs out. Reserving the pages first turns a lack of memory into an
+//! error; then they are mapped.
 
 use std::fs::OpenOptions;
 use std::mem::MaybeUninit;
@@ -14,16 +15,16 @@ use super::domain::{Domain, SHM};
 use super::error::LinkError;
 use crate::layout::{PAGE_BYTES, Page};
 
-/// Gives the data segment of publisher `publisher_id` all the memory it can ever use.
+/// Reserves the full size of the data segment of publisher `publisher_id`.
 pub(super) fn reserve(domain: &Domain, publisher_id: u128) -> Result<(), LinkError> {
-    // The name is the domain's prefix, a hash of the type, the publisher.
+    // The file name consists of the domain's prefix, a hash of the type, and the publisher's id.
     let suffix = format!("_{publisher_id}.data");
     let path = domain
         .segments()?
         .into_iter()
         .find(|path| path.as_os_str().as_encoded_bytes().ends_with(suffix.as_bytes()))
         .ok_or_else(|| LinkError::Io {
-            action: "find a publisher's segment in",
+            action: "find the publisher's segment in",
             path: SHM.into(),
             source: std::io::ErrorKind::NotFound.into(),
         })?;
@@ -37,14 +38,15 @@ pub(super) fn reserve(domain: &Domain, publisher_id: u128) -> Result<(), LinkErr
     })
 }
 
-/// Maps `pages`, part of a reserved segment, for writing.
+/// Prefaults `pages`, part of a reserved segment, for writing.
 pub(super) fn populate_for_writing(pages: &mut [MaybeUninit<Page>]) -> Result<(), LinkError> {
     let needed = size_of_val(pages);
-    // SAFETY: the range is exactly a live, exclusively borrowed slice of a shared mapping, and populating it changes no
-    // byte of it.
+    // SAFETY: the range is exactly a live, exclusively borrowed slice of a shared mapping, and populating it
+    // changes none of its bytes.
     match unsafe { rustix::mm::madvise(pages.as_mut_ptr().cast(), needed, Advice::LinuxPopulateWrite) } {
         Ok(()) => Ok(()),
-        // Before Linux 5.14: touch every page; they are reserved, so none of these writes can fail.
+        // Linux before 5.14 lacks this advice: touch every page. The pages are reserved, so no write can
+        // fail.
         Err(Errno::INVAL) => {
             pages.iter_mut().for_each(touch);
             Ok(())
@@ -53,15 +55,17 @@ pub(super) fn populate_for_writing(pages: &mut [MaybeUninit<Page>]) -> Result<()
     }
 }
 
-/// Maps `n_pages` pages from the start of a received message for reading, as far as they are mapped at all. It only makes
-/// the first reading faster, so that it may fail.
+/// Prefaults `n_pages` pages from the start of a received message for reading, as far as they are mapped.
+/// Errors are ignored: prefaulting only makes the first read faster.
 pub(super) fn populate_for_reading(pages: &[Page], n_pages: usize) {
     let start = pages.as_ptr().cast_mut().cast();
-    // SAFETY: populating for reading changes no byte of any mapping; the kernel refuses a range that is not mapped.
+    // SAFETY: populating for reading changes no byte of any mapping; the kernel refuses a range that is not
+    // mapped.
     let _ = unsafe { rustix::mm::madvise(start, n_pages * PAGE_BYTES, Advice::LinuxPopulateRead) };
 }
 
 fn touch(page: &mut MaybeUninit<Page>) {
-    // SAFETY: the pointer is that of an exclusive reference, and any byte may be written to uninitialised memory.
+    // SAFETY: the pointer is that of an exclusive reference, and any byte may be written to uninitialised
+    // memory.
     unsafe { page.as_mut_ptr().cast::<u8>().write_volatile(0) };
 }

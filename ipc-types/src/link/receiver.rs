@@ -1,4 +1,4 @@
-//! Receiving: messages read where the sender wrote them. The same for both directions.
+//! Receiving end of a lane, for either direction: messages are read in the sender's memory.
 
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
@@ -8,78 +8,84 @@ use iceoryx2::sample::Sample;
 
 use super::error::LinkError;
 use super::prefault;
-use super::retry::Attempt;
-use super::services::{Messages, failed, occupied};
+use super::retry::AttemptError;
+use super::services::{MessageService, occupied, service_error};
 use super::type_names::Ipc;
 use crate::layout::Page;
 
-/// A received message; the sender cannot re-use its memory while this lives.
-pub(super) type Received<H> = Sample<Ipc, [Page], H>;
+/// A received message. The sender cannot reuse its memory until it is dropped.
+pub(super) type ReceivedMessage<H> = Sample<Ipc, [Page], H>;
 
-/// The receiving end of a lane.
+/// The receiving end of a lane, for messages with header `H`.
 #[derive(Debug)]
 pub(super) struct MessageReceiver<H: ZeroCopySend + core::fmt::Debug + 'static> {
     subscriber: Subscriber<Ipc, [Page], H>,
-    /// Most pages in a message.
-    pages: usize,
-    mapped: Mapped,
+    /// Maximum number of pages in a message.
+    max_pages: usize,
+    mapped: MappedChunks,
 }
 
-/// Chunks of the present sender that have been mapped for reading.
+/// The current sender's chunks that have been prefaulted for reading.
 #[derive(Debug)]
-struct Mapped {
+struct MappedChunks {
     sender: Option<UniquePublisherId>,
-    /// Addresses of their first pages. As long as the sender has chunks, so that it never grows.
-    chunks: Vec<usize>,
+    /// Address of each chunk's first page. Allocated for all of the sender's chunks, so that it never grows.
+    addresses: Vec<usize>,
 }
 
 impl<H: ZeroCopySend + core::fmt::Debug> MessageReceiver<H> {
-    /// Attaches to the receiving end of `messages`, of at most `pages` pages, in one of `chunks` places in memory.
+    /// Attaches to `messages`, whose sender has `n_chunks` chunks of at most `max_pages` pages.
     pub(super) fn create(
-        messages: &Messages<H>,
+        messages: &MessageService<H>,
         service: &str,
-        pages: usize,
-        chunks: usize,
-    ) -> Result<Self, Attempt> {
+        max_pages: usize,
+        n_chunks: usize,
+    ) -> Result<Self, AttemptError> {
         let subscriber = messages.subscriber_builder().create().map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
-                Attempt::Later(occupied(service, &error))
+                AttemptError::Transient(occupied(service, &error))
             }
-            _ => Attempt::Never(failed(service, &error)),
+            _ => AttemptError::Permanent(service_error(service, &error)),
         })?;
-        let mapped = Mapped { sender: None, chunks: Vec::with_capacity(chunks) };
-        Ok(Self { subscriber, pages, mapped })
+        let mapped = MappedChunks { sender: None, addresses: Vec::with_capacity(n_chunks) };
+        Ok(Self { subscriber, max_pages, mapped })
     }
 
-    /// Connects to a sender that has come since the last look: what it sends from now on outlives it.
+    /// Connects to a sender that has attached since the last call. Messages it sends from now on remain
+    /// readable after it exits.
     pub(super) fn connect(&self) -> Result<(), LinkError> {
         self.subscriber.update_connections().map_err(|error| LinkError::Receive(error.into()))
     }
 
-    /// The oldest message not received yet. Returns at once.
-    pub(super) fn receive(&mut self) -> Result<Option<Received<H>>, LinkError> {
+    /// Returns the oldest unread message, or `None` if there is none. Never blocks.
+    pub(super) fn receive(&mut self) -> Result<Option<ReceivedMessage<H>>, LinkError> {
         let Some(sample) = self.subscriber.receive().map_err(LinkError::Receive)? else { return Ok(None) };
-        // The length is the sender's word, and a slice is made of it: it must be checked before the first access.
+        // The sender states the length, from which the payload slice is made: check it before the first
+        // access.
         let pages = sample.header().number_of_elements();
-        if pages > self.pages as u64 {
-            return Err(LinkError::Oversized { pages, max_pages: self.pages });
+        if pages > self.max_pages as u64 {
+            return Err(LinkError::Oversized { pages, max_pages: self.max_pages });
         }
-        self.mapped.see(&sample, self.pages);
+        self.mapped.prefault_if_new(&sample, self.max_pages);
         Ok(Some(sample))
     }
 }
 
-impl Mapped {
-    /// Maps the whole chunk in which a message lies when one comes in it for the first time.
-    fn see<H: ZeroCopySend + core::fmt::Debug>(&mut self, sample: &Received<H>, pages: usize) {
+impl MappedChunks {
+    /// Prefaults the whole chunk that holds `sample`, the first time a message arrives in that chunk.
+    fn prefault_if_new<H: ZeroCopySend + core::fmt::Debug>(
+        &mut self,
+        sample: &ReceivedMessage<H>,
+        max_pages: usize,
+    ) {
         if self.sender != Some(sample.origin()) {
             self.sender = Some(sample.origin());
-            self.chunks.clear();
+            self.addresses.clear();
         }
         let address = sample.payload().as_ptr().addr();
-        if self.chunks.len() < self.chunks.capacity() && !self.chunks.contains(&address) {
-            prefault::populate_for_reading(sample.payload(), pages);
-            self.chunks.push(address);
+        if self.addresses.len() < self.addresses.capacity() && !self.addresses.contains(&address) {
+            prefault::populate_for_reading(sample.payload(), max_pages);
+            self.addresses.push(address);
         }
     }
 }

@@ -1,42 +1,42 @@
-//! Attempts that may have to wait: for a sim that is not there yet, or for the place of a peer that has just died.
+//! Retries of operations that may have to wait for a sim to start or for an exited peer to be cleaned up.
 
 use std::time::{Duration, Instant};
 
 use super::error::LinkError;
 use super::node::LinkNode;
 
-/// Pause between two attempts.
-const PAUSE: Duration = Duration::from_millis(5);
+const RETRY_INTERVAL: Duration = Duration::from_millis(5);
 
-/// Why an attempt failed, and whether another may succeed.
-pub(super) enum Attempt {
-    /// The world may change: try again while there is patience.
-    Later(LinkError),
-    /// It cannot succeed.
-    Never(LinkError),
+/// Errors of a single attempt, by the use of repeating it.
+pub(super) enum AttemptError {
+    /// Another attempt may succeed.
+    Transient(LinkError),
+    /// No further attempt can succeed.
+    Permanent(LinkError),
 }
 
-impl From<LinkError> for Attempt {
+impl From<LinkError> for AttemptError {
     fn from(error: LinkError) -> Self {
-        Self::Never(error)
+        Self::Permanent(error)
     }
 }
 
-/// Repeats `attempt` until it succeeds, cannot, or `patience` is used up; cleans up after dead peers in between.
+/// Repeats `attempt` until it succeeds, fails permanently, or `timeout` has passed. Cleans up after exited
+/// peers between attempts.
 pub(super) fn retry<T>(
     node: &LinkNode,
-    patience: Duration,
-    mut attempt: impl FnMut() -> Result<T, Attempt>,
+    timeout: Duration,
+    mut attempt: impl FnMut() -> Result<T, AttemptError>,
 ) -> Result<T, LinkError> {
     let start = Instant::now();
     loop {
         match attempt() {
             Ok(value) => return Ok(value),
-            Err(Attempt::Never(error)) => return Err(error),
-            Err(Attempt::Later(error)) if start.elapsed() >= patience => return Err(error),
-            Err(Attempt::Later(_)) => {
+            Err(AttemptError::Permanent(error)) => return Err(error),
+            Err(AttemptError::Transient(error)) if start.elapsed() >= timeout => return Err(error),
+            Err(AttemptError::Transient(_)) => {
                 if matches!(node.inner().try_cleanup_dead_nodes().cleanups, 0) {
-                    std::thread::sleep(PAUSE);
+                    std::thread::sleep(RETRY_INTERVAL);
                 }
             }
         }

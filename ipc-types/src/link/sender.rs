@@ -1,4 +1,5 @@
-//! Sending: memory on loan, written in place, handed over with a deadline. The same for both directions.
+//! Sending end of a lane, for either direction: messages are written in loaned shared memory and sent with a
+//! deadline.
 
 use std::mem::MaybeUninit;
 use std::time::{Duration, Instant};
@@ -12,52 +13,53 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use super::domain::Domain;
 use super::error::LinkError;
 use super::prefault;
-use super::retry::Attempt;
-use super::services::{Messages, failed, occupied};
+use super::retry::AttemptError;
+use super::services::{MessageService, occupied, service_error};
 use super::type_names::Ipc;
 use super::wake::WakeNotifier;
 use crate::layout::Page;
 
-/// Longest time that a loan or a send waits for a peer that releases nothing.
-const DEADLINE: Duration = Duration::from_secs(1);
-/// Pause between two looks for released memory.
-const PAUSE: Duration = Duration::from_micros(50);
+/// Maximum time that a loan or a send waits for the peer to release memory.
+const BACKPRESSURE_TIMEOUT: Duration = Duration::from_secs(1);
+/// Interval at which a loan checks for released memory.
+const POLL_INTERVAL: Duration = Duration::from_micros(50);
 
-/// How much an outlet may hold.
+/// Limits of a [`MessageSender`].
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Capacity {
-    /// Most pages in a message.
+pub(super) struct SenderCapacity {
+    /// Maximum number of pages in a message.
     pub(super) pages: usize,
-    /// Messages that exist at a time, wherever they are.
+    /// Maximum number of messages in existence: on loan, queued, or held by the receiver.
     pub(super) chunks: usize,
-    /// Messages on loan at a time.
+    /// Maximum number of messages on loan.
     pub(super) loans: usize,
 }
 
-/// The sending end of a lane, with all its memory.
+/// The sending end of a lane, for messages with header `H`. Owns the memory of its messages.
 #[derive(Debug)]
 pub(super) struct MessageSender<H: ZeroCopySend + core::fmt::Debug + 'static> {
     publisher: Publisher<Ipc, [Page], H>,
-    bell: WakeNotifier,
-    capacity: Capacity,
+    notifier: WakeNotifier,
+    capacity: SenderCapacity,
 }
 
 /// Memory on loan for one message.
 pub(super) struct Loan<H: ZeroCopySend> {
     sample: SampleMutUninit<Ipc, [MaybeUninit<Page>], H>,
-    bell: WakeNotifier,
+    notifier: WakeNotifier,
 }
 
 impl<H: ZeroCopySend + core::fmt::Debug + Default> MessageSender<H> {
-    /// Attaches to the sending end of `messages` and takes its memory: reserves all of it, maps what can be on loan (which
-    /// is what a lane in step uses, for memory is re-used last in, first out).
+    /// Attaches to `messages` as its sender and allocates all memory: reserves every chunk and prefaults as
+    /// many as can be on loan. A lane whose peer keeps up uses only these, because chunks are reused last in,
+    /// first out.
     pub(super) fn create(
         domain: &Domain,
-        messages: &Messages<H>,
+        messages: &MessageService<H>,
         service: &str,
-        bell: WakeNotifier,
-        capacity: Capacity,
-    ) -> Result<Self, Attempt> {
+        notifier: WakeNotifier,
+        capacity: SenderCapacity,
+    ) -> Result<Self, AttemptError> {
         let publisher = messages
             .publisher_builder()
             .initial_max_slice_len(capacity.pages)
@@ -66,23 +68,23 @@ impl<H: ZeroCopySend + core::fmt::Debug + Default> MessageSender<H> {
             .override_sample_preallocation(move |_| capacity.chunks)
             .backpressure_strategy(BackpressureStrategy::RetryUntilDelivered)
             .set_backpressure_handler(|info| {
-                let out_of_time = info.elapsed_time >= DEADLINE;
-                if out_of_time { BackpressureAction::DiscardDataAndFail } else { BackpressureAction::Retry }
+                let timed_out = info.elapsed_time >= BACKPRESSURE_TIMEOUT;
+                if timed_out { BackpressureAction::DiscardDataAndFail } else { BackpressureAction::Retry }
             })
             .create()
             .map_err(|error| match error {
                 PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                    Attempt::Later(occupied(service, &error))
+                    AttemptError::Transient(occupied(service, &error))
                 }
-                _ => Attempt::Never(failed(service, &error)),
+                _ => AttemptError::Permanent(service_error(service, &error)),
             })?;
         prefault::reserve(domain, publisher.id().value())?;
-        let outlet = Self { publisher, bell, capacity };
-        outlet.populate()?;
-        Ok(outlet)
+        let sender = Self { publisher, notifier, capacity };
+        sender.populate()?;
+        Ok(sender)
     }
 
-    /// Memory for `n_pages` pages; waits, at most a second, for the peer to release some.
+    /// Loans memory for `n_pages` pages. Waits up to [`BACKPRESSURE_TIMEOUT`] for the peer to release memory.
     pub(super) fn loan(&self, n_pages: usize) -> Result<Loan<H>, LinkError> {
         let max_pages = self.capacity.pages;
         if n_pages == 0 || n_pages > max_pages {
@@ -91,15 +93,15 @@ impl<H: ZeroCopySend + core::fmt::Debug + Default> MessageSender<H> {
         let mut since = None;
         loop {
             match self.publisher.loan_slice_uninit(n_pages) {
-                Ok(sample) => return Ok(Loan { sample, bell: self.bell.clone() }),
+                Ok(sample) => return Ok(Loan { sample, notifier: self.notifier.clone() }),
                 Err(LoanError::OutOfMemory) => {
                     let since = *since.get_or_insert_with(Instant::now);
-                    if since.elapsed() >= DEADLINE {
-                        return Err(LinkError::Backpressure { waited_ms: DEADLINE.as_millis() as u64 });
+                    if since.elapsed() >= BACKPRESSURE_TIMEOUT {
+                        return Err(backpressure());
                     }
-                    // Takes back what a peer held that has left or been reaped.
+                    // Reclaims the messages held by a peer that has detached or been reaped.
                     let _ = self.publisher.update_connections();
-                    std::thread::sleep(PAUSE);
+                    std::thread::sleep(POLL_INTERVAL);
                 }
                 Err(source) => return Err(LinkError::Loan { pages: n_pages, source }),
             }
@@ -107,36 +109,41 @@ impl<H: ZeroCopySend + core::fmt::Debug + Default> MessageSender<H> {
     }
 
     fn populate(&self) -> Result<(), LinkError> {
-        let mut held = Vec::with_capacity(self.capacity.loans);
+        let mut loans = Vec::with_capacity(self.capacity.loans);
         for _ in 0..self.capacity.loans {
-            held.push(self.loan(self.capacity.pages)?);
+            loans.push(self.loan(self.capacity.pages)?);
         }
-        held.iter_mut().try_for_each(|loan| prefault::populate_for_writing(loan.sample.payload_mut()))
+        loans.iter_mut().try_for_each(|loan| prefault::populate_for_writing(loan.sample.payload_mut()))
     }
 }
 
 impl<H: ZeroCopySend + core::fmt::Debug> Loan<H> {
-    /// The pages, with whatever an earlier message left in them.
+    /// Returns the pages, which still contain the bytes of an earlier message.
     pub(super) fn pages_mut(&mut self) -> &mut [Page] {
         let pages = self.sample.payload_mut();
-        // SAFETY: the pages lie in a shared mapping that the kernel zeroed, so that every byte of them has a value, and any
-        // value is a valid `Page` (it is Pod). `MaybeUninit<Page>` has the layout of `Page`. The loan is ours alone until it
-        // is sent: nobody reads or writes it meanwhile, and the borrow of `self` keeps it so.
+        // SAFETY: the pages lie in a shared mapping that the kernel zeroed, so every byte is initialised, and
+        // any value is a valid `Page` (it is Pod). `MaybeUninit<Page>` has the layout of `Page`. Until the
+        // loan is sent, no other process accesses it, and the borrow of `self` excludes other accesses in
+        // this one.
         unsafe { &mut *(core::ptr::from_mut(pages) as *mut [Page]) }
     }
 
-    /// Hands the message over and wakes the peer.
+    /// Sends the message and wakes the peer.
     pub(super) fn send(mut self, header: H) -> Result<(), LinkError> {
         *self.sample.user_header_mut() = header;
-        // SAFETY: as in `pages_mut`: every byte of shared memory has a value, and any value is a valid `Page`.
+        // SAFETY: as in `pages_mut`, every byte is initialised and any value is a valid `Page`.
         let n_receivers = unsafe { self.sample.assume_init() }.send().map_err(|error| match error {
-            SendError::UnableToDeliver => LinkError::Backpressure { waited_ms: DEADLINE.as_millis() as u64 },
+            SendError::UnableToDeliver => backpressure(),
             _ => LinkError::Send(error),
         })?;
         if n_receivers == 0 {
             return Err(LinkError::NoPeer);
         }
-        self.bell.ring();
+        self.notifier.notify();
         Ok(())
     }
+}
+
+fn backpressure() -> LinkError {
+    LinkError::Backpressure { waited_ms: BACKPRESSURE_TIMEOUT.as_millis() as u64 }
 }

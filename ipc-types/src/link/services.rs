@@ -1,4 +1,5 @@
-//! The two message services of a lane: their names, their settings, and the attributes by which both sides agree.
+//! The two message services of a lane: their names, settings, and the attributes with which both sides verify
+//! that they agree.
 
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::Node;
@@ -15,22 +16,23 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use super::error::LinkError;
 use super::lane_spec::LaneSpec;
 use super::node::LinkNode;
-use super::retry::Attempt;
+use super::retry::AttemptError;
 use super::type_names::Ipc;
 use crate::layout::Page;
 
-/// A service that carries messages with header `H`.
-pub(super) type Messages<H> = PortFactory<Ipc, [Page], H>;
+/// A publish-subscribe service whose messages are pages with a header `H`.
+pub(super) type MessageService<H> = PortFactory<Ipc, [Page], H>;
 
-/// Processes that may know a service at a time: two, and those that have died and are not reaped yet.
+/// Maximum number of processes that have a service open: two, plus exited processes not reaped yet.
 const MAX_NODES: usize = 16;
 
-/// Name of a lane's service.
-pub(super) fn lane_service(spec: &LaneSpec, what: &str) -> String {
-    format!("hyp/lane/{}/{what}", spec.lane)
+/// Returns the name of the lane's service `kind`: `observation`, `action` or `wake`.
+pub(super) fn lane_service(spec: &LaneSpec, kind: &str) -> String {
+    format!("hyp/lane/{}/{kind}", spec.lane)
 }
 
-/// What both sides of a lane must agree on, as the attributes of its services. The run is told, not compared.
+/// Properties that both sides of a lane must agree on, stored as attributes of its services. The run number
+/// is stored too, but not compared.
 pub(super) struct Agreement<'a> {
     pub(super) schema_hash: u64,
     pub(super) spec: &'a LaneSpec,
@@ -49,7 +51,7 @@ impl Agreement<'_> {
         ]
     }
 
-    /// The first attribute that a service has otherwise.
+    /// Checks a service's attributes. The error names the first one that differs.
     fn check(&self, service: &str, attributes: &AttributeSet) -> Result<(), LinkError> {
         for (field, expected) in self.fields() {
             let found = attribute_key(service, field)
@@ -68,23 +70,23 @@ impl Agreement<'_> {
     fn verifier(&self, service: &str, run: u64) -> Result<AttributeVerifier, LinkError> {
         let mut verifier = AttributeVerifier::new();
         for (field, value) in self.fields().into_iter().chain([("run", format!("{run:016x}"))]) {
-            let value =
-                AttributeValue::new(value.as_bytes()).map_err(|error| refused(service, field, &error))?;
+            let value = AttributeValue::new(value.as_bytes())
+                .map_err(|error| attribute_error(service, field, &error))?;
             verifier = verifier
                 .require(&attribute_key(service, field)?, &value)
-                .map_err(|error| refused(service, field, &error))?;
+                .map_err(|error| attribute_error(service, field, &error))?;
         }
         Ok(verifier)
     }
 }
 
-/// Creates a message service, or opens the one that a dead sim has left to its host.
+/// Creates a message service, or opens the one that an exited sim has left behind.
 pub(super) fn create<H: ZeroCopySend + core::fmt::Debug>(
     node: &LinkNode,
     service: &str,
     run: u64,
     agreement: &Agreement<'_>,
-) -> Result<Messages<H>, Attempt> {
+) -> Result<MessageService<H>, AttemptError> {
     use PublishSubscribeOpenOrCreateError::{
         PublishSubscribeCreateError as Create, PublishSubscribeOpenError as Open, SystemInFlux,
     };
@@ -101,9 +103,9 @@ pub(super) fn create<H: ZeroCopySend + core::fmt::Debug>(
         .open_or_create_with_attributes(&verifier)
         .map_err(|error| match error {
             Open(PublishSubscribeOpenError::IncompatibleAttributes) => {
-                Attempt::Never(match find(node, service, agreement) {
-                    Err(Attempt::Never(difference)) => difference,
-                    _ => failed(service, &error),
+                AttemptError::Permanent(match find(node, service, agreement) {
+                    Err(AttemptError::Permanent(difference)) => difference,
+                    _ => service_error(service, &error),
                 })
             }
             Open(error) => open_failure(service, error),
@@ -112,25 +114,27 @@ pub(super) fn create<H: ZeroCopySend + core::fmt::Debug>(
                 | PublishSubscribeCreateError::IsBeingCreatedByAnotherInstance
                 | PublishSubscribeCreateError::HangsInCreation,
             )
-            | SystemInFlux => Attempt::Later(failed(service, &error)),
-            Create(_) => Attempt::Never(failed(service, &error)),
+            | SystemInFlux => AttemptError::Transient(service_error(service, &error)),
+            Create(_) => AttemptError::Permanent(service_error(service, &error)),
         })
 }
 
-/// Opens a message service that a sim has created.
+/// Opens a message service created by a sim.
 pub(super) fn open<H: ZeroCopySend + core::fmt::Debug>(
     node: &LinkNode,
     service: &str,
     agreement: &Agreement<'_>,
-) -> Result<Messages<H>, Attempt> {
-    // Attributes first: another schema may well have other types, and the schema is what the user can mend.
+) -> Result<MessageService<H>, AttemptError> {
+    // Check the attributes first: a different schema may imply different types, and the schema error tells
+    // the user what to do.
     find(node, service, agreement)?;
     builder(node, service)?.open().map_err(|error| open_failure(service, error))
 }
 
-/// Whether the node of an attached port lives. One that is just being cleaned up cannot be read, and does not.
+/// Returns `true` if the process of an attached port is alive. A node that is being cleaned up cannot be read
+/// and counts as exited.
 pub(super) fn is_alive<H: ZeroCopySend + core::fmt::Debug>(
-    messages: &Messages<H>,
+    messages: &MessageService<H>,
     node: UniqueNodeId,
 ) -> bool {
     let mut alive = false;
@@ -142,11 +146,11 @@ pub(super) fn is_alive<H: ZeroCopySend + core::fmt::Debug>(
     alive && listed.is_ok()
 }
 
-fn find(node: &LinkNode, service: &str, agreement: &Agreement<'_>) -> Result<(), Attempt> {
+fn find(node: &LinkNode, service: &str, agreement: &Agreement<'_>) -> Result<(), AttemptError> {
     match Ipc::details(&service_name(service)?, node.config(), MessagingPattern::PublishSubscribe) {
         Ok(Some(details)) => Ok(agreement.check(service, details.static_details.attributes())?),
-        Ok(None) => Err(Attempt::Later(LinkError::Absent { service: service.into() })),
-        Err(error) => Err(Attempt::Later(failed(service, &error))),
+        Ok(None) => Err(AttemptError::Transient(LinkError::Absent { service: service.into() })),
+        Err(error) => Err(AttemptError::Transient(service_error(service, &error))),
     }
 }
 
@@ -158,38 +162,38 @@ fn builder<H: ZeroCopySend + core::fmt::Debug>(
     Ok(node.service_builder(&service_name(service)?).publish_subscribe::<[Page]>().user_header::<H>())
 }
 
-fn open_failure(service: &str, error: PublishSubscribeOpenError) -> Attempt {
+fn open_failure(service: &str, error: PublishSubscribeOpenError) -> AttemptError {
     use PublishSubscribeOpenError as E;
     match error {
         E::DoesNotExist | E::HangsInCreation | E::IsMarkedForDestruction => {
-            Attempt::Later(LinkError::Absent { service: service.into() })
+            AttemptError::Transient(LinkError::Absent { service: service.into() })
         }
-        E::ExceedsMaxNumberOfNodes => Attempt::Later(occupied(service, &error)),
-        E::IncompatibleTypes => Attempt::Never(LinkError::Types { service: service.into() }),
-        E::Interrupt => Attempt::Later(failed(service, &error)),
-        _ => Attempt::Never(failed(service, &error)),
+        E::ExceedsMaxNumberOfNodes => AttemptError::Transient(occupied(service, &error)),
+        E::IncompatibleTypes => AttemptError::Permanent(LinkError::Types { service: service.into() }),
+        E::Interrupt => AttemptError::Transient(service_error(service, &error)),
+        _ => AttemptError::Permanent(service_error(service, &error)),
     }
 }
 
-/// The service's name as iceoryx2 wants it.
+/// Converts a service name to iceoryx2's type.
 pub(super) fn service_name(service: &str) -> Result<ServiceName, LinkError> {
-    ServiceName::new(service).map_err(|error| failed(service, &error))
+    ServiceName::new(service).map_err(|error| service_error(service, &error))
 }
 
-/// Somebody else has the only place.
+/// Returns the error for a port whose only slot another process holds.
 pub(super) fn occupied(service: &str, reason: &dyn core::fmt::Debug) -> LinkError {
     LinkError::Occupied { service: service.into(), reason: format!("{reason:?}") }
 }
 
-/// A failure of iceoryx2 that has no name of its own here.
-pub(super) fn failed(service: &str, reason: &dyn core::fmt::Debug) -> LinkError {
+/// Returns the error for an iceoryx2 failure without a [`LinkError`] variant of its own.
+pub(super) fn service_error(service: &str, reason: &dyn core::fmt::Debug) -> LinkError {
     LinkError::Service { service: service.into(), reason: format!("{reason:?}") }
 }
 
 fn attribute_key(service: &str, field: &str) -> Result<AttributeKey, LinkError> {
-    AttributeKey::new(field.as_bytes()).map_err(|error| refused(service, field, &error))
+    AttributeKey::new(field.as_bytes()).map_err(|error| attribute_error(service, field, &error))
 }
 
-fn refused(service: &str, field: &str, error: &dyn core::fmt::Debug) -> LinkError {
+fn attribute_error(service: &str, field: &str, error: &dyn core::fmt::Debug) -> LinkError {
     LinkError::Service { service: service.into(), reason: format!("attribute {field}: {error:?}") }
 }

@@ -1,4 +1,4 @@
-//! The sim's side of the link: it creates the services of its lanes, sends observations and receives actions.
+//! The sim's side of the link: creates the services of its lanes, sends observations and receives actions.
 
 use std::path::Path;
 use std::time::Duration;
@@ -12,44 +12,44 @@ use super::domain::SHM;
 use super::error::LinkError;
 use super::lane_spec::LaneSpec;
 use super::node::LinkNode;
-use super::receiver::{MessageReceiver, Received};
-use super::retry::{Attempt, retry};
-use super::sender::{Capacity, Loan, MessageSender};
-use super::services::{self, Agreement, Messages, lane_service};
+use super::receiver::{MessageReceiver, ReceivedMessage};
+use super::retry::{AttemptError, retry};
+use super::sender::{Loan, MessageSender, SenderCapacity};
+use super::services::{self, Agreement, MessageService, lane_service};
 use super::type_names::Ipc;
 use super::wake::{self, SIM_WAKE, WakeListener};
 use crate::frame::{ActionHeader, ObservationHeader};
 use crate::layout::{Page, SCHEMA_HASH};
 
-/// How long a restarted sim waits for the places of its dead predecessor.
-const TAKEOVER: Duration = Duration::from_secs(3);
+/// Maximum time a restarted sim waits for its exited predecessor to be cleaned up.
+const TAKEOVER_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// The event that wakes the sim, shared by its lanes.
+/// The wake event of a sim, shared by all its lanes.
 #[derive(Debug)]
 pub struct SimLink {
-    ear: WakeListener,
+    listener: WakeListener,
 }
 
 impl SimLink {
-    /// Creates the event, or takes over that of a dead sim. `n_lanes` hosts can ring it.
+    /// Creates the event, or takes over that of an exited sim. Up to `n_lanes` hosts can notify it.
     ///
     /// # Errors
-    /// If another living sim has it, or iceoryx2 fails.
+    /// If another running sim holds it, or iceoryx2 fails.
     pub fn create(node: &LinkNode, n_lanes: u32) -> Result<Self, LinkError> {
-        retry(node, TAKEOVER, || {
+        retry(node, TAKEOVER_TIMEOUT, || {
             let event = wake::create(node, SIM_WAKE, n_lanes as usize)?;
-            Ok(Self { ear: wake::listen(&event, SIM_WAKE)? })
+            Ok(Self { listener: wake::create_listener(&event, SIM_WAKE)? })
         })
     }
 
-    /// Waits until any host of the run has rung, or `timeout` is over. One that rang earlier counts, once: look for
-    /// messages after every wait, and expect none. Also ends at a signal. A wait in vain lasts up to two ticks of the kernel
-    /// longer (8 ms).
+    /// Waits until a host of the run notifies the sim, a signal arrives, or `timeout` has passed. Returns at
+    /// once if a notification is pending, so a wake-up does not imply a message: poll every lane after every
+    /// wait. A timeout is up to two kernel ticks (8 ms) late.
     ///
     /// # Errors
     /// If the wait itself fails.
     pub fn wait(&self, timeout: Duration) -> Result<(), LinkError> {
-        self.ear.wait(timeout)
+        self.listener.wait(timeout)
     }
 }
 
@@ -58,25 +58,27 @@ impl SimLink {
 pub struct SimLane {
     observations: MessageSender<ObservationHeader>,
     actions: MessageReceiver<ActionHeader>,
-    // The services live as long as something holds them.
-    observation_service: Messages<ObservationHeader>,
-    _action_service: Messages<ActionHeader>,
+    // A service exists while some process holds it.
+    observation_service: MessageService<ObservationHeader>,
+    _action_service: MessageService<ActionHeader>,
     _wake_service: PortFactory<Ipc>,
 }
 
 impl SimLane {
-    /// Creates the lane's services, or takes over those that a dead sim has left to its host, and takes all the memory for
-    /// observations: afterwards none of it can run out, and none is touched for the first time.
+    /// Creates the lane's services, or takes over those that an exited sim has left behind. Allocates all
+    /// memory for observations, so that later loans neither run out of shared memory nor fault in new pages.
     ///
     /// # Errors
-    /// If shared memory has no room (before anything is taken), another living sim has the lane, the host that is
-    /// attached was started with other sizes, or iceoryx2 fails.
+    /// If shared memory has too little room (checked before anything is allocated), another running sim holds
+    /// the lane, the attached host was started with different sizes, or iceoryx2 fails.
     pub fn create(node: &LinkNode, run: u64, spec: &LaneSpec) -> Result<Self, LinkError> {
         budget::check_bytes(spec.shm_bytes(), Path::new(SHM))?;
-        retry(node, TAKEOVER, || Self::try_create(node, run, &Agreement { schema_hash: SCHEMA_HASH, spec }))
+        retry(node, TAKEOVER_TIMEOUT, || {
+            Self::try_create(node, run, &Agreement { schema_hash: SCHEMA_HASH, spec })
+        })
     }
 
-    fn try_create(node: &LinkNode, run: u64, agreement: &Agreement<'_>) -> Result<Self, Attempt> {
+    fn try_create(node: &LinkNode, run: u64, agreement: &Agreement<'_>) -> Result<Self, AttemptError> {
         let spec = agreement.spec;
         let observation = lane_service(spec, "observation");
         let action = lane_service(spec, "action");
@@ -86,14 +88,14 @@ impl SimLane {
         let actions =
             MessageReceiver::create(&action_service, &action, spec.action_pages(), spec.action_chunks())?;
         let observation_service = services::create(node, &observation, run, agreement)?;
-        let capacity = Capacity {
+        let capacity = SenderCapacity {
             pages: spec.observation_pages(),
             chunks: spec.observation_chunks(),
             loans: spec.in_flight as usize + 1,
         };
-        let bell = wake::notify(&wake_service, &wake)?;
+        let notifier = wake::create_notifier(&wake_service, &wake)?;
         let observations =
-            MessageSender::create(node.domain(), &observation_service, &observation, bell, capacity)?;
+            MessageSender::create(node.domain(), &observation_service, &observation, notifier, capacity)?;
         Ok(Self {
             observations,
             actions,
@@ -103,40 +105,42 @@ impl SimLane {
         })
     }
 
-    /// Memory for an observation message of `n_pages` pages.
+    /// Loans memory for an observation message of `n_pages` pages.
     ///
     /// # Errors
-    /// If it would be longer than the lane's longest message, more than `in_flight + 1` are on loan, or the host has held
-    /// all the memory for a second.
+    /// If `n_pages` is 0 or exceeds the lane's maximum, more than `in_flight + 1` messages are on loan, or
+    /// the host has released no memory for a second.
     pub fn loan(&mut self, n_pages: usize) -> Result<ObservationLoan, LinkError> {
-        // Before the host can answer, so that even a host which leaves at once leaves its answer.
+        // Connect before the host can answer: then its answer survives even if the host exits immediately
+        // afterwards.
         self.actions.connect()?;
         self.observations.loan(n_pages).map(ObservationLoan)
     }
 
-    /// The oldest answer not received yet. Returns at once.
+    /// Returns the oldest unread action message, or `None` if there is none. Never blocks.
     ///
     /// # Errors
-    /// If `in_flight` messages are held already, or the message claims more pages than the lane's longest has.
+    /// If the sim already holds `in_flight` messages, or the message claims more pages than the lane allows.
     pub fn receive(&mut self) -> Result<Option<ActionMessage>, LinkError> {
         Ok(self.actions.receive()?.map(ActionMessage))
     }
 
-    /// Whether a host is attached. A host that was killed stays attached until it is reaped.
+    /// Returns `true` if a host is attached. A killed host stays attached until it is reaped.
     #[must_use]
     pub fn host_connected(&self) -> bool {
         self.observation_service.dynamic_config().number_of_subscribers() > 0
     }
 
-    /// Which host is attached: a number that no other attachment has, so that a host which was replaced between two looks
-    /// is noticed. What its predecessor was sent is lost.
+    /// Returns the id of the attached host, or `None` if there is none. Every attachment has a unique id, so
+    /// that a change reveals a replaced host. Messages sent to the previous host are lost.
     #[must_use]
     pub fn host_id(&self) -> Option<u128> {
         self.host().map(|(id, _)| id)
     }
 
-    /// Whether a host is attached and its process lives, for hosts that nobody waits for as their parent. Asks the file
-    /// system (about 0.2 ms). A dead host can look alive for the moment in which another process cleans up after it.
+    /// Returns `true` if a host is attached and its process is alive. Intended for external hosts, which have
+    /// no parent here to wait for them. Queries the file system (about 0.2 ms). An exited host can briefly
+    /// appear alive while another process cleans up after it.
     #[must_use]
     pub fn host_alive(&self) -> bool {
         self.host().is_some_and(|(_, node)| services::is_alive(&self.observation_service, node))
@@ -152,37 +156,39 @@ impl SimLane {
     }
 }
 
-/// An observation message being written.
+/// An observation message that is being written.
 pub struct ObservationLoan(Loan<ObservationHeader>);
 
 impl ObservationLoan {
-    /// The message's pages, in shared memory. They hold what an earlier message left there: write them all.
+    /// Returns the message's pages, in shared memory. They still contain an earlier message: overwrite all of
+    /// them.
     #[must_use]
     pub fn pages_mut(&mut self) -> &mut [Page] {
         self.0.pages_mut()
     }
 
-    /// Hands the message to the host and wakes it. The header is sent as it is; the host checks it against the pages.
+    /// Sends the message to the host and wakes it. The header is sent unchecked; the host checks it against
+    /// the pages.
     ///
     /// # Errors
-    /// If no host is attached, or its queue has been full for a second. The message is lost then.
+    /// If no host is attached, or its queue has been full for a second. In both cases the message is lost.
     pub fn send(self, header: ObservationHeader) -> Result<(), LinkError> {
         self.0.send(header)
     }
 }
 
-/// An action message, in the host's memory until it is dropped.
+/// An action message in the host's memory.
 #[derive(Debug)]
-pub struct ActionMessage(Received<ActionHeader>);
+pub struct ActionMessage(ReceivedMessage<ActionHeader>);
 
 impl ActionMessage {
-    /// The header as the host sent it.
+    /// Returns the header, unchecked.
     #[must_use]
     pub fn header(&self) -> &ActionHeader {
         self.0.user_header()
     }
 
-    /// The pages, one per env; [`crate::ActionView`] checks and reads them.
+    /// Returns the pages, one per env; [`crate::ActionView`] checks and reads them.
     #[must_use]
     pub fn pages(&self) -> &[Page] {
         self.0.payload()

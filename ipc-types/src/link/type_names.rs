@@ -1,15 +1,17 @@
-//! The names under which iceoryx2 knows the types of a message. A foreign host declares the same names and sizes.
+//! The names under which iceoryx2 registers the message types. An external host must declare the same names
+//! and sizes.
 
 use iceoryx2::prelude::{ZeroCopySend, ipc_threadsafe};
 
 use crate::frame::{ActionHeader, ObservationHeader};
 use crate::layout::Page;
 
-/// The variant whose ports may move between threads; its uncontended lock costs a few nanoseconds an operation.
+/// iceoryx2's thread-safe service variant, whose ports may move between threads. Its uncontended lock costs a
+/// few nanoseconds per operation.
 pub(super) type Ipc = ipc_threadsafe::Service;
 
-// SAFETY: `Page` is a `repr(C)` array of bytes: self-contained, without pointers, the same in every process. (The derive
-// refuses `repr(C, align(N))`.)
+// SAFETY: `Page` is a `repr(C)` array of bytes: self-contained, without pointers, and identical in every
+// process. (The derive macro rejects `repr(C, align(N))`.)
 unsafe impl ZeroCopySend for Page {
     unsafe fn type_name() -> &'static str {
         "hyp.Page.v1"

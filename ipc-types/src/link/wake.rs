@@ -1,4 +1,4 @@
-//! Events that end a peer's wait. They carry nothing: whoever wakes looks for messages.
+//! Events that end a peer's wait. An event carries no data: after a wake-up the process polls for messages.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,40 +11,42 @@ use iceoryx2::service::port_factory::event::PortFactory;
 
 use super::error::LinkError;
 use super::node::LinkNode;
-use super::retry::Attempt;
-use super::services::{failed, occupied, service_name};
+use super::retry::AttemptError;
+use super::services::{occupied, service_error, service_name};
 use super::type_names::Ipc;
 
 /// Name of the event that wakes the sim.
 pub(super) const SIM_WAKE: &str = "hyp/sim/wake";
-/// The only event there is. A reaped peer rings it too.
-const RING: EventId = EventId::new(0);
-/// Processes that may know an event beside its notifiers: the listener, and those that have died and are not reaped yet.
+/// The only event id. iceoryx2 also sends it when a peer is reaped.
+const WAKE: EventId = EventId::new(0);
+/// Processes that may have an event open besides its notifiers: the listener, and exited processes not reaped
+/// yet.
 const SPARE_NODES: usize = 16;
 
-/// The side that waits.
+/// The waiting side of an event.
 #[derive(Debug)]
 pub(super) struct WakeListener {
     listener: Listener<Ipc>,
 }
 
-/// The side that wakes; shared by everything that sends.
+/// The notifying side of an event, shared by all messages on loan.
 #[derive(Clone, Debug)]
 pub(super) struct WakeNotifier {
     notifier: Arc<Notifier<Ipc>>,
 }
 
 impl WakeListener {
-    /// Waits until the bell has rung or `timeout` is over; rings that came before count, and are forgotten. A signal ends
-    /// it too.
+    /// Waits for a notification, a signal, or the end of `timeout`. Returns at once if notifications have
+    /// arrived since the last wait, and consumes all of them.
     pub(super) fn wait(&self, timeout: Duration) -> Result<(), LinkError> {
-        // The timeout becomes a socket's, in whole microseconds, and a socket takes 0 for ever.
-        let rung = if timeout < Duration::from_micros(1) {
+        // iceoryx2 passes the timeout to a socket in whole microseconds, and a socket treats 0 as infinite
+        // (SO_RCVTIMEO in socket(7)).
+        let outcome = if timeout < Duration::from_micros(1) {
             self.listener.try_wait(|_| ())
         } else {
             self.listener.timed_wait(|_| (), timeout)
         };
-        match rung {
+        match outcome {
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
             Err(error) => Err(LinkError::Wait(error)),
         }
@@ -52,14 +54,18 @@ impl WakeListener {
 }
 
 impl WakeNotifier {
-    /// Ends the peer's wait. A ring that nobody hears is no failure: every wait ends by itself.
-    pub(super) fn ring(&self) {
+    /// Wakes the peer. A lost notification is not an error, because every wait has a timeout.
+    pub(super) fn notify(&self) {
         let _ = self.notifier.notify();
     }
 }
 
-/// The sim's side of an event: it exists once this has succeeded.
-pub(super) fn create(node: &LinkNode, event: &str, n_notifiers: usize) -> Result<PortFactory<Ipc>, Attempt> {
+/// Creates the event `event` on behalf of the sim, or opens it if it exists.
+pub(super) fn create(
+    node: &LinkNode,
+    event: &str,
+    n_notifiers: usize,
+) -> Result<PortFactory<Ipc>, AttemptError> {
     use EventOpenOrCreateError::{EventCreateError as Create, EventOpenError as Open, SystemInFlux};
     node.inner()
         .service_builder(&service_name(event)?)
@@ -67,53 +73,53 @@ pub(super) fn create(node: &LinkNode, event: &str, n_notifiers: usize) -> Result
         .max_listeners(1)
         .max_notifiers(n_notifiers)
         .max_nodes(n_notifiers + SPARE_NODES)
-        .event_id_max_value(RING.as_value())
-        .notifier_dead_event(RING)
+        .event_id_max_value(WAKE.as_value())
+        .notifier_dead_event(WAKE)
         .open_or_create()
         .map_err(|error| match error {
             Open(error) => open_failure(event, error),
             Create(EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance)
-            | SystemInFlux => Attempt::Later(failed(event, &error)),
-            Create(_) => Attempt::Never(failed(event, &error)),
+            | SystemInFlux => AttemptError::Transient(service_error(event, &error)),
+            Create(_) => AttemptError::Permanent(service_error(event, &error)),
         })
 }
 
-/// The host's side of an event.
-pub(super) fn open(node: &LinkNode, event: &str) -> Result<PortFactory<Ipc>, Attempt> {
+/// Opens the event `event`, created by the sim, on behalf of a host.
+pub(super) fn open(node: &LinkNode, event: &str) -> Result<PortFactory<Ipc>, AttemptError> {
     let builder = node.inner().service_builder(&service_name(event)?).event();
     builder.open().map_err(|error| open_failure(event, error))
 }
 
-/// The one place from which an event is awaited.
-pub(super) fn listen(service: &PortFactory<Ipc>, event: &str) -> Result<WakeListener, Attempt> {
+/// Creates the event's only listener.
+pub(super) fn create_listener(service: &PortFactory<Ipc>, event: &str) -> Result<WakeListener, AttemptError> {
     match service.listener_builder().create() {
         Ok(listener) => Ok(WakeListener { listener }),
         Err(error @ ListenerCreateError::ExceedsMaxSupportedListeners) => {
-            Err(Attempt::Later(occupied(event, &error)))
+            Err(AttemptError::Transient(occupied(event, &error)))
         }
-        Err(error) => Err(Attempt::Never(failed(event, &error))),
+        Err(error) => Err(AttemptError::Permanent(service_error(event, &error))),
     }
 }
 
-/// A place from which an event is rung.
-pub(super) fn notify(service: &PortFactory<Ipc>, event: &str) -> Result<WakeNotifier, Attempt> {
-    match service.notifier_builder().default_event_id(RING).create() {
+/// Creates a notifier of the event.
+pub(super) fn create_notifier(service: &PortFactory<Ipc>, event: &str) -> Result<WakeNotifier, AttemptError> {
+    match service.notifier_builder().default_event_id(WAKE).create() {
         Ok(notifier) => Ok(WakeNotifier { notifier: Arc::new(notifier) }),
         Err(error @ NotifierCreateError::ExceedsMaxSupportedNotifiers) => {
-            Err(Attempt::Later(occupied(event, &error)))
+            Err(AttemptError::Transient(occupied(event, &error)))
         }
-        Err(error) => Err(Attempt::Never(failed(event, &error))),
+        Err(error) => Err(AttemptError::Permanent(service_error(event, &error))),
     }
 }
 
-fn open_failure(event: &str, error: EventOpenError) -> Attempt {
+fn open_failure(event: &str, error: EventOpenError) -> AttemptError {
     use EventOpenError as E;
     match error {
         E::DoesNotExist | E::HangsInCreation | E::IsMarkedForDestruction => {
-            Attempt::Later(LinkError::Absent { service: event.into() })
+            AttemptError::Transient(LinkError::Absent { service: event.into() })
         }
-        E::ExceedsMaxNumberOfNodes => Attempt::Later(occupied(event, &error)),
-        E::Interrupt => Attempt::Later(failed(event, &error)),
-        _ => Attempt::Never(failed(event, &error)),
+        E::ExceedsMaxNumberOfNodes => AttemptError::Transient(occupied(event, &error)),
+        E::Interrupt => AttemptError::Transient(service_error(event, &error)),
+        _ => AttemptError::Permanent(service_error(event, &error)),
     }
 }
