@@ -1,26 +1,27 @@
-//! Numbers and frames of `SHADING.md` that both renderers follow, each stated once.
+//! Constants and the light frame of `SHADING.md`, shared by both renderers.
 
 use super::math::affine::{Affine3, Vec3, cross, dot, normalised};
 
-/// Brightness of the highlight of a white sun on a surface of specular strength 1.
+/// Peak radiance of the highlight of a white directional light on a surface of specular strength 1.
 pub(super) const SPECULAR_GAIN: f32 = 0.4;
-/// How fast a highlight fades: it reaches as far as the cosine of the angle to its middle is above 1 − 1/`SPECULAR_FALLOFF`.
+/// Falloff of the specular lobe, which is 0 where the cosine of the angle to its axis is below
+/// 1 − 1/`SPECULAR_FALLOFF`.
 pub(super) const SPECULAR_FALLOFF: f32 = 8.0;
-/// What share of the ambient light comes from below, relative to that from above.
+/// Ambient light from straight below relative to that from straight above (hemisphere lighting).
 pub(super) const GROUND_AMBIENT: f32 = 0.55;
-/// Texels along each edge of a shadow map.
+/// Side of a shadow map, in texels.
 pub(super) const SHADOW_MAP_SIDE: u32 = 512;
-/// Width of a shadow map, in m.
+/// Side of the square that a shadow map covers, in m.
 pub(super) const SHADOW_MAP_WIDTH_M: f32 = 2.8;
-/// Heights in a shadow map are told apart within this distance of its centre, in m.
+/// Half the depth range of a shadow map: the largest distance from its centre along the light that it resolves, in m.
 pub(super) const SHADOW_HALF_DEPTH_M: f32 = 8.0;
-/// Steps of height in a shadow map.
+/// Number of depth levels of a shadow map: a texel has 16 bits.
 pub(super) const SHADOW_DEPTH_LEVELS: f32 = 65536.0;
-/// How far a point is moved along its normal before it is looked up in a map, in m: a texel and a half.
+/// Normal offset that is applied before a shadow lookup, in m: one and a half texels.
 pub(super) const SHADOW_NORMAL_OFFSET_M: f32 = 0.008;
 
-/// From the world to the light's frame, in m from a map's middle: right and down on the map, and the height along the
-/// light.
+/// Returns the transform from the world to the light frame, whose origin is `centre`, the centre of the shadow map. Its
+/// axes are right and down on the map and `towards`, the unit vector to the light.
 pub(super) fn light_from_world(towards: Vec3, centre: Vec3) -> Affine3 {
     let side = cross([0.0, 1.0, 0.0], towards);
     let right = if dot(side, side) > 1e-6 { normalised(side) } else { [1.0, 0.0, 0.0] };
@@ -34,13 +35,13 @@ mod tests {
     use crate::render::math::affine::normalised;
 
     #[test]
-    fn the_centre_is_the_origin_and_what_is_nearer_to_the_light_is_higher() {
+    fn light_frame_has_centre_at_origin_and_height_towards_light() {
         let centre = [-0.1, 0.0, 0.35];
         for towards in [[0.3, -0.5, 1.0], [0.0, 1.0, 0.0]].map(normalised) {
             let light = light_from_world(towards, centre);
-            assert!(light.point(centre).iter().all(|x| x.abs() < 1e-6), "{towards:?}");
+            assert!(light.transform_point(centre).iter().all(|x| x.abs() < 1e-6), "{towards:?}");
             let nearer = core::array::from_fn(|i| centre[i] + towards[i]);
-            let [x, y, height] = light.point(nearer);
+            let [x, y, height] = light.transform_point(nearer);
             assert!(x.abs() < 1e-6 && y.abs() < 1e-6 && (height - 1.0).abs() < 1e-6, "{towards:?}");
         }
     }

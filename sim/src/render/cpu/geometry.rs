@@ -63,7 +63,7 @@ fn draw<S: Simd, B: Block, L: Lens>(
             let clipped =
                 draw_batch::<S, B, L>(corners, &view_from_steps, lens, first_id, shares, visibility);
             for lane in Lanes(clipped) {
-                let triangle = each!(k in 3 => view_from_mesh.point(
+                let triangle = each!(k in 3 => view_from_mesh.transform_point(
                     each!(axis in 3 => f32::from(corners[k][axis].0[lane]) * mesh.steps[axis])
                 ));
                 lens.clip::<S, B>(triangle, first_id + lane as i32, visibility);

@@ -61,7 +61,7 @@ pub(super) struct Pinhole<'a> {
     far_m: f32,
     /// Greatest |x/z| and |y/z| of the image.
     pub(super) slope: f32,
-    /// [`PinholeCamera::slant`].
+    /// [`PinholeCamera::sphere_margin`].
     slant: f32,
     /// Greatest |x/z| and |y/z| that fit the rasteriser's numbers.
     pub(super) guard_slope: f32,
@@ -86,7 +86,7 @@ impl<'a> Pinhole<'a> {
             near_m,
             far_m,
             slope,
-            slant: camera.slant(slope),
+            slant: camera.sphere_margin(slope),
             guard_slope: (half_px + GUARD_PX) / focal_px,
             eye_in_mesh: [0.0; 3],
         }

@@ -28,10 +28,10 @@ impl Lamps {
     /// As a camera sees them.
     pub(super) fn new(scene: &RenderScene, view_from_world: &Affine3) -> Self {
         Self {
-            up: view_from_world.vector([0.0, 0.0, 1.0]),
+            up: view_from_world.transform_vector([0.0, 0.0, 1.0]),
             ambient: scene.ambient,
             suns: each!(i in 2 => Sun {
-                towards: view_from_world.vector(scene.suns[i].towards),
+                towards: view_from_world.transform_vector(scene.suns[i].towards),
                 scattered: scaled(scene.suns[i].color, FRAC_1_PI),
                 gleam: scaled(scene.suns[i].color, SPECULAR_GAIN),
             }),

@@ -46,7 +46,7 @@ impl Kernel for Aim<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         let Self { rays, camera } = self;
-        (rays.side, rays.focal_px, rays.middle) = (camera.side, camera.focal_px, camera.middle);
+        (rays.side, rays.focal_px, rays.middle) = (camera.side, camera.focal_px, camera.image_centre);
         rays.per_length.clear();
         let per_row = camera.side >> Square::WIDTH_BITS;
         for block in 0..per_row * per_row {
@@ -68,7 +68,8 @@ impl Rays {
     /// Whether these are the camera's.
     pub(super) fn are_of(&self, camera: &PinholeCamera) -> bool {
         let bits = |focal_px: f32, [x, y]: [f32; 2]| [focal_px, x, y].map(f32::to_bits);
-        self.side == camera.side && bits(self.focal_px, self.middle) == bits(camera.focal_px, camera.middle)
+        self.side == camera.side
+            && bits(self.focal_px, self.middle) == bits(camera.focal_px, camera.image_centre)
     }
 
     /// Rays of a block, by its column and row; what they see is 1 m deep until it is said otherwise.

@@ -276,7 +276,7 @@ impl<S: Simd> Kit<S> {
         let (material, steps) = (&instance.material, instance.mesh().packed.steps);
         let from_mesh =
             camera.centring_shear().map_or(*view_from_mesh, |centring| centring.compose(view_from_mesh));
-        let normals = Affine3 { linear: view_from_mesh.normals(), offset: [0.0; 3] };
+        let normals = Affine3 { linear: view_from_mesh.cofactors(), offset: [0.0; 3] };
         Self {
             centred_from_steps: Map::new(&from_mesh.scale_columns(steps)),
             view_from_normal: Map::new(&normals),

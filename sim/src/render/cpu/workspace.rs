@@ -90,7 +90,7 @@ impl Workspace {
         self.aim(isa, camera);
         let (shot, lamps) = (Shot { isa, scene, camera }, Lamps::new(scene, &view_from_world));
         let shadow = map.and_then(|map| map.seen_from(&view_from_world));
-        if !(options.keep_layers && camera.stands()) {
+        if !(options.keep_layers && camera.is_static()) {
             self.clear::<B>(shot);
             self.find::<B>(shot, 0..scene.instances.len());
             self.shade::<B>(shot, &lamps, shadow, None, Picture::new(view.out, camera.side));

@@ -124,7 +124,7 @@ impl Batch {
 fn image_record(view: &View<'_>, camera: &PinholeCamera, view_from_world: &Affine3) -> ViewRecord {
     let scene = view.scene;
     let sun = |i: usize| SunRecord {
-        towards: padded(view_from_world.vector(scene.suns[i].towards)),
+        towards: padded(view_from_world.transform_vector(scene.suns[i].towards)),
         color: padded(scene.suns[i].color),
     };
     let map_from_view = scene.shadow_centre.map_or([[0.0; 4]; 3], |centre| {
@@ -137,7 +137,7 @@ fn image_record(view: &View<'_>, camera: &PinholeCamera, view_from_world: &Affin
         inverse_far: 1.0 / camera.clip_m[1],
         side: camera.side as u32,
         ambient: padded(scene.ambient),
-        up: padded(view_from_world.vector([0.0, 0.0, 1.0])),
+        up: padded(view_from_world.transform_vector([0.0, 0.0, 1.0])),
         suns: [sun(0), sun(1)],
         map_from_view,
         ..bytemuck::Zeroable::zeroed()

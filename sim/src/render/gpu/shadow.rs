@@ -29,11 +29,11 @@ mod tests {
         let centre = [-0.1, 0.0, 0.35];
         let map = map_from_world(towards, centre);
         let middle = SHADOW_MAP_SIDE as f32 / 2.0;
-        for (a, b) in map.point(centre).into_iter().zip([middle, middle, 0.5]) {
+        for (a, b) in map.transform_point(centre).into_iter().zip([middle, middle, 0.5]) {
             assert!((a - b).abs() < 1e-3, "{a} for {b}");
         }
         let nearer = core::array::from_fn(|i| centre[i] + towards[i]);
-        let [x, y, height] = map.point(nearer);
+        let [x, y, height] = map.transform_point(nearer);
         assert!((x - middle).abs() < 1e-2 && (y - middle).abs() < 1e-2 && (height - 0.5625).abs() < 1e-5);
     }
 }

@@ -1,25 +1,25 @@
-//! Affine3 maps of space in single precision: what takes a mesh to the world and the world to a camera.
+//! Affine transforms in single precision, such as mesh to world and world to camera.
 
 use nalgebra::Isometry3;
 
-/// A point or direction.
+/// A point, a direction or a linear RGB colour.
 pub(in crate::render) type Vec3 = [f32; 3];
 
-/// Three rows of a 3×4 matrix: `p ↦ linear · p + offset`.
+/// A 3×4 matrix in row-major order: `p ↦ linear · p + offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Affine3 {
     /// Rows of the linear part.
     pub(in crate::render) linear: [Vec3; 3],
-    /// Image of the origin.
+    /// Translation: the image of the origin.
     pub(in crate::render) offset: Vec3,
 }
 
 impl Affine3 {
-    /// Changes nothing.
+    /// The identity transform.
     pub(in crate::render) const IDENTITY: Self =
         Self { linear: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], offset: [0.0; 3] };
 
-    /// Scales along the axes, then moves by `pose`.
+    /// Returns the transform that scales along the axes and then applies `pose`.
     #[inline(always)]
     pub(in crate::render) fn from_pose_and_scale(pose: &Isometry3<f32>, scale: Vec3) -> Self {
         let rotation = pose.rotation.to_rotation_matrix();
@@ -32,13 +32,13 @@ impl Affine3 {
         Self { linear, offset: pose.translation.vector.into() }
     }
 
-    /// The rigid motion `pose`.
+    /// Returns `pose` as an affine transform.
     #[inline(always)]
     pub(in crate::render) fn from_pose(pose: &Isometry3<f32>) -> Self {
         Self::from_pose_and_scale(pose, [1.0; 3])
     }
 
-    /// `inner` first, then `self`.
+    /// Returns `self ∘ inner`, which applies `inner` first.
     #[inline(always)]
     pub(in crate::render) fn compose(&self, inner: &Self) -> Self {
         let [a, b, c] = inner.linear;
@@ -49,24 +49,25 @@ impl Affine3 {
                 *entry = x * a[col] + y * b[col] + z * c[col];
             }
         }
-        Self { linear, offset: self.point(inner.offset) }
+        Self { linear, offset: self.transform_point(inner.offset) }
     }
 
-    /// The map of points whose coordinates are given in steps of these lengths.
+    /// Scales the columns of the linear part, so that the result accepts coordinates in units of `factors`.
     #[inline(always)]
-    pub(in crate::render) fn scale_columns(&self, steps: Vec3) -> Self {
+    pub(in crate::render) fn scale_columns(&self, factors: Vec3) -> Self {
         let mut scaled = *self;
         for row in &mut scaled.linear {
-            for (entry, step) in row.iter_mut().zip(steps) {
-                *entry *= step;
+            for (entry, factor) in row.iter_mut().zip(factors) {
+                *entry *= factor;
             }
         }
         scaled
     }
 
-    /// Image of a point, each coordinate a chain of fused products and sums: the steps of the CPU's vector code.
+    /// Transforms a point. Each coordinate is one chain of fused multiply-adds, in the order of the CPU renderer's SIMD
+    /// code, so that both give the same bits.
     #[inline(always)]
-    pub(in crate::render) fn point(&self, [x, y, z]: Vec3) -> Vec3 {
+    pub(in crate::render) fn transform_point(&self, [x, y, z]: Vec3) -> Vec3 {
         let mut image = self.offset;
         for (coordinate, [a, b, c]) in image.iter_mut().zip(self.linear) {
             *coordinate = x.mul_add(a, y.mul_add(b, z.mul_add(c, *coordinate)));
@@ -74,36 +75,37 @@ impl Affine3 {
         image
     }
 
-    /// Image of a difference of points.
-    pub(in crate::render) fn vector(&self, v: Vec3) -> Vec3 {
+    /// Transforms a direction: the translation does not apply.
+    pub(in crate::render) fn transform_vector(&self, v: Vec3) -> Vec3 {
         self.linear.map(|row| dot(row, v))
     }
 
-    /// Inverse of a rigid motion.
+    /// Returns the inverse, provided that the transform is rigid.
     pub(in crate::render) fn rigid_inverse(&self) -> Self {
         let transposed: [Vec3; 3] =
             core::array::from_fn(|row| core::array::from_fn(|col| self.linear[col][row]));
         Self { linear: transposed, offset: transposed.map(|row| -dot(row, self.offset)) }
     }
 
-    /// Map of surface normals up to a positive factor, for a map that does not mirror: the cofactors of the linear part.
+    /// Returns the cofactor matrix of the linear part, which transforms normals up to a positive factor unless the
+    /// transform mirrors.
     #[inline(always)]
-    pub(in crate::render) fn normals(&self) -> [Vec3; 3] {
+    pub(in crate::render) fn cofactors(&self) -> [Vec3; 3] {
         let [a, b, c] = self.linear;
         [cross(b, c), cross(c, a), cross(a, b)]
     }
 
-    /// Where a map of full rank takes the origin from.
+    /// Returns the point that a transform of full rank maps to the origin.
     #[inline(always)]
     pub(in crate::render) fn preimage_of_origin(&self) -> Vec3 {
-        let cofactors = self.normals();
+        let cofactors = self.cofactors();
         let determinant = dot(self.linear[0], cofactors[0]);
         core::array::from_fn(|i| {
             -(0..3).map(|row| cofactors[row][i] * self.offset[row]).sum::<f32>() / determinant
         })
     }
 
-    /// Greatest factor by which a length along a mesh axis grows.
+    /// Returns the largest of the scale factors along the three input axes.
     #[inline(always)]
     pub(in crate::render) fn max_scale(&self) -> f32 {
         let column = |i: usize| self.linear.iter().map(|row| row[i] * row[i]).sum::<f32>();
@@ -111,12 +113,12 @@ impl Affine3 {
     }
 }
 
-/// Dot product, summed in order.
+/// Returns the dot product, summed from x to z.
 pub(in crate::render) fn dot(a: Vec3, b: Vec3) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Cross product.
+/// Returns the right-handed cross product `a × b`.
 pub(in crate::render) fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
@@ -136,7 +138,7 @@ pub(in crate::render) fn scaled(v: Vec3, s: f32) -> Vec3 {
     v.map(|x| x * s)
 }
 
-/// `v` at length 1.
+/// Returns `v` scaled to unit length.
 pub(in crate::render) fn normalised(v: Vec3) -> Vec3 {
     scaled(v, 1.0 / dot(v, v).sqrt())
 }

@@ -1,15 +1,15 @@
-//! The sRGB transfer curve (IEC 61966-2-1): decoding of paints, the curve by which pixels are encoded.
+//! The sRGB transfer function (IEC 61966-2-1): decoding of colours and the constants by which pixels are encoded.
 
-/// Below this linear value the curve is straight.
+/// Linear value below which the encoding function is linear.
 pub(in crate::render) const LINEAR_SEGMENT_END: f32 = 0.003_130_8;
-/// Its slope there, in codes.
+/// Slope of the linear segment, in 8-bit codes per unit of linear light.
 pub(in crate::render) const LINEAR_SEGMENT_SLOPE: f32 = 12.92 * 255.0;
-/// Above, the code of x as a polynomial of √x, the highest power first: a least-squares fit at Chebyshev's points that is
-/// within 0.06 codes of the curve.
+/// Coefficients of the encoding function above the linear segment: the 8-bit code of x as a polynomial in √x, highest
+/// power first. A least-squares fit at Chebyshev nodes, within 0.06 codes of the exact function.
 pub(in crate::render) const SQRT_POLYNOMIAL: [f32; 7] =
     [-188.952_12, 704.575, -1_072.413_6, 875.535_1, -450.649_72, 397.486_94, -10.601_666];
 
-/// Linear value of an sRGB value, both in [0, 1].
+/// Decodes an sRGB value in [0, 1] to linear light in [0, 1].
 pub(in crate::render) fn decode(srgb: f64) -> f32 {
     decode_f64(srgb) as f32
 }
@@ -18,7 +18,7 @@ fn decode_f64(srgb: f64) -> f64 {
     if srgb <= 0.040_45 {
         return srgb / 12.92;
     }
-    // y^2.4 = y² · ⁵√y², the root by Newton's method: unlike powf the same on every system.
+    // y^2.4 = y² · ⁵√y². Newton's method computes the root, because `powf` differs between systems.
     let y = (srgb + 0.055) / 1.055;
     let square = y * y;
     let mut root = 1.0;
@@ -40,18 +40,18 @@ mod tests {
     }
 
     #[test]
-    fn every_code_survives_decoding_and_encoding() {
+    fn every_code_survives_round_trip() {
         for byte in 0..=255_u8 {
             assert!((code(decode(f64::from(byte) / 255.0)) - f32::from(byte)).abs() < 0.06, "{byte}");
         }
     }
 
     #[test]
-    fn the_polynomial_follows_the_curve() {
+    fn polynomial_approximates_encoding_function() {
         for i in 0..=200_000 {
             let linear = i as f32 / 200_000.0;
             let back = decode_f64(f64::from(code(linear)) / 255.0);
-            // 0.06 codes are this much light where the curve is steepest.
+            // The linear light of 0.06 codes where the decoding function is steepest.
             assert!((back - f64::from(linear)).abs() < 0.000_6, "{linear} became {back}");
         }
     }

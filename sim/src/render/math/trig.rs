@@ -1,8 +1,8 @@
-//! Sine and cosine from additions and multiplications only, so that a picture does not depend on a system's libm.
+//! Sine and cosine built from additions and multiplications, so that no image depends on the system's libm.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
-/// (sine, cosine) of an angle in rad, |angle| below 1e6, within 1e-15 or so.
+/// Returns (sine, cosine) of an angle in rad with |angle| < 1e6, with an error of about 1e-15.
 pub(in crate::render) fn sin_cos(angle_rad: f64) -> (f64, f64) {
     let quarter_turns = (angle_rad / FRAC_PI_2).round();
     let x = angle_rad - quarter_turns * FRAC_PI_2;
@@ -15,13 +15,13 @@ pub(in crate::render) fn sin_cos(angle_rad: f64) -> (f64, f64) {
     }
 }
 
-/// Point `i` of `n` on the unit circle: (cosine, sine).
+/// Returns point `i` of `n` evenly spaced points on the unit circle, as (cosine, sine).
 pub(in crate::render) fn on_circle(i: usize, n: usize) -> (f32, f32) {
     let (sin, cos) = sin_cos(TAU * (i % n) as f64 / n as f64);
     (cos as f32, sin as f32)
 }
 
-/// Taylor series that starts with `term`, the one of degree `degree`; ten terms suffice for |x| ≤ π/4.
+/// Sums ten terms of the Taylor series whose first term is `term`, of degree `degree`; enough for |x| ≤ π/4.
 fn series(x: f64, mut degree: f64, mut term: f64) -> f64 {
     let mut sum = 0.0;
     for _ in 0..10 {
@@ -37,7 +37,7 @@ mod tests {
     use super::sin_cos;
 
     #[test]
-    fn agrees_with_the_standard_library() {
+    fn sin_cos_matches_std() {
         for i in -2000..2000 {
             let angle = f64::from(i) * 0.01;
             let (sin, cos) = sin_cos(angle);

@@ -1,5 +1,6 @@
-//! Bodies out of meshes: their visuals or, where there are none, their parts. A primitive is a mesh of the library drawn
-//! out to size; any other form has a mesh of the scene's own, and equal forms share one.
+//! Instances of a body: one per visual or, for a body without visuals, one per collision part.
+//!
+//! A primitive is a scaled library mesh. Every other shape gets a mesh of its own, which equal shapes of a scene share.
 
 use std::sync::Arc;
 
@@ -10,37 +11,40 @@ use super::{Anchor, Instance, MeshSource};
 use crate::render::mesh::{Mesh, MeshId, extrusion, lathe, rounded_box, torus};
 use crate::scene::{Appearance, Body, Primitive, VisualShape};
 
-/// Meshes made for one scene, in m, each with the form it was made of.
+/// Meshes generated for one scene, in m, keyed by shape.
 #[derive(Default)]
 pub(in crate::render) struct OwnMeshes<'a>(Vec<(&'a VisualShape, Arc<Mesh>)>);
 
-/// Adds one body.
+/// Appends the instances of one body.
 pub(in crate::render) fn push<'a>(
     body_idx: usize,
     body: &'a Body,
     own_meshes: &mut OwnMeshes<'a>,
     instances: &mut Vec<Instance>,
 ) {
-    let place =
-        |pose: Isometry3<f64>, appearance: Appearance| Place { body_idx, pose, material: appearance.into() };
+    let placement = |pose: Isometry3<f64>, appearance: Appearance| Placement {
+        body_idx,
+        pose,
+        material: appearance.into(),
+    };
     if body.visuals.is_empty() {
         for part in &body.parts {
-            push_solid(part.shape, &place(part.pose, part.appearance), instances);
+            push_primitive(part.shape, &placement(part.pose, part.appearance), instances);
         }
     }
     for visual in &body.visuals {
-        push_form(&visual.shape, &place(visual.pose, visual.appearance), own_meshes, instances);
+        push_shape(&visual.shape, &placement(visual.pose, visual.appearance), own_meshes, instances);
     }
 }
 
-/// Where on which body something is drawn, looking how.
-struct Place {
+/// Pose of a shape on a body, and its material.
+struct Placement {
     body_idx: usize,
     pose: Isometry3<f64>,
     material: Material,
 }
 
-impl Place {
+impl Placement {
     fn instance(&self, mesh: MeshSource, inner: Isometry3<f64>, scale: [f64; 3]) -> Instance {
         Instance {
             mesh,
@@ -52,38 +56,37 @@ impl Place {
     }
 }
 
-fn push_form<'a>(
-    form: &'a VisualShape,
-    place: &Place,
+fn push_shape<'a>(
+    shape: &'a VisualShape,
+    placement: &Placement,
     own_meshes: &mut OwnMeshes<'a>,
     instances: &mut Vec<Instance>,
 ) {
-    let mesh = match form {
-        VisualShape::Primitive(solid) => return push_solid(*solid, place, instances),
-        VisualShape::RoundedBox { half, edge_radius } => {
-            own_meshes.shared(form, || rounded_box::mesh(half.map(|h| h as f32), *edge_radius as f32))
-        }
-        VisualShape::Lathe { profile } => own_meshes.shared(form, || lathe::mesh(&points(profile))),
+    let mesh = match shape {
+        VisualShape::Primitive(primitive) => return push_primitive(*primitive, placement, instances),
+        VisualShape::RoundedBox { half, edge_radius } => own_meshes
+            .get_or_generate(shape, || rounded_box::mesh(half.map(|h| h as f32), *edge_radius as f32)),
+        VisualShape::Lathe { profile } => own_meshes.get_or_generate(shape, || lathe::mesh(&points(profile))),
         VisualShape::Torus { major_radius, minor_radius } => {
-            own_meshes.shared(form, || torus::mesh(*major_radius as f32, *minor_radius as f32))
+            own_meshes.get_or_generate(shape, || torus::mesh(*major_radius as f32, *minor_radius as f32))
         }
-        VisualShape::Extrusion { outline, holes, half_height } => own_meshes.shared(form, || {
+        VisualShape::Extrusion { outline, holes, half_height } => own_meshes.get_or_generate(shape, || {
             let holes: Vec<_> = holes.iter().map(|hole| points(hole)).collect();
             let holes: Vec<_> = holes.iter().map(Vec::as_slice).collect();
             extrusion::mesh(&points(outline), &holes, *half_height as f32)
         }),
     };
-    instances.push(place.instance(MeshSource::Own(mesh), Isometry3::identity(), [1.0; 3]));
+    instances.push(placement.instance(MeshSource::Own(mesh), Isometry3::identity(), [1.0; 3]));
 }
 
 impl<'a> OwnMeshes<'a> {
-    /// The form's mesh, made when it is first asked for.
-    fn shared(&mut self, form: &'a VisualShape, make: impl FnOnce() -> Mesh) -> Arc<Mesh> {
-        if let Some((_, mesh)) = self.0.iter().find(|(known, _)| *known == form) {
+    /// Returns the mesh of `shape`, generating it with `generate` on the first request.
+    fn get_or_generate(&mut self, shape: &'a VisualShape, generate: impl FnOnce() -> Mesh) -> Arc<Mesh> {
+        if let Some((_, mesh)) = self.0.iter().find(|(known, _)| *known == shape) {
             return Arc::clone(mesh);
         }
-        let mesh = Arc::new(make());
-        self.0.push((form, Arc::clone(&mesh)));
+        let mesh = Arc::new(generate());
+        self.0.push((shape, Arc::clone(&mesh)));
         mesh
     }
 }
@@ -92,13 +95,13 @@ fn points(points: &[[f64; 2]]) -> Vec<[f32; 2]> {
     points.iter().map(|p| p.map(|x| x as f32)).collect()
 }
 
-/// Adds a solid, scaled to exactly its size.
-fn push_solid(solid: Primitive, place: &Place, instances: &mut Vec<Instance>) {
+/// Appends the instances of a primitive, scaled to its exact size.
+fn push_primitive(primitive: Primitive, placement: &Placement, instances: &mut Vec<Instance>) {
     let mut push = |mesh, inner, scale| {
-        instances.push(place.instance(MeshSource::Library(mesh), inner, scale));
+        instances.push(placement.instance(MeshSource::Library(mesh), inner, scale));
     };
     let centred = Isometry3::identity();
-    match solid {
+    match primitive {
         Primitive::Box { half } => push(MeshId::Box, centred, half),
         Primitive::Cylinder { radius, half_height } => {
             push(MeshId::Cylinder, centred, [radius, radius, half_height]);

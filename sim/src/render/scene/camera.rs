@@ -1,5 +1,5 @@
-//! Pinhole cameras. Camera frame: x forward, y left, z up. View frame, in which pictures are made: x right, y down,
-//! z forward, in m.
+//! Pinhole cameras. Camera frame: x forward, y left, z up. View frame, in which images are rendered: x right, y down,
+//! z forward. Both are in m.
 
 use ipc_types::{EXTERNAL_SIDE, HAND_SIDE};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -8,17 +8,17 @@ use crate::render::math::affine::{Affine3, Vec3, scaled};
 use crate::render::math::trig::sin_cos;
 use crate::scene::{self, CameraMount, CameraSlot, Link, Snapshot};
 
-/// A camera of a scene.
+/// A pinhole camera with a square image.
 #[derive(Clone, PartialEq)]
 pub(in crate::render) struct PinholeCamera {
-    /// Pixels along each edge of its image.
+    /// Side of the image, in pixels.
     pub(in crate::render) side: usize,
-    /// Pixels per unit of x/z in the view frame.
+    /// Focal length, in pixels.
     pub(in crate::render) focal_px: f32,
-    /// Nearest and farthest depth that is drawn, in m.
+    /// Depths of the near and far clipping planes, in m.
     pub(in crate::render) clip_m: [f32; 2],
-    /// x/z and y/z of the image's middle: of a part of an image it is not on the axis.
-    pub(in crate::render) middle: [f32; 2],
+    /// x/z and y/z at the centre of the image. Nonzero for a tile of a larger image, whose projection is off-axis.
+    pub(in crate::render) image_centre: [f32; 2],
     mount: Mount,
 }
 
@@ -26,12 +26,12 @@ pub(in crate::render) struct PinholeCamera {
 enum Mount {
     /// Pose in the world.
     World(Isometry3<f32>),
-    /// Pose in the frame of an arm's hand.
+    /// Pose in the hand frame of an arm.
     Hand { arm: usize, pose: Isometry3<f32> },
 }
 
 impl PinholeCamera {
-    /// The camera as drawn, its error applied.
+    /// Creates the camera of a sampled scene, including its pose error.
     pub(in crate::render) fn new(camera: &scene::Camera) -> Self {
         let side = match camera.slot {
             CameraSlot::External1 | CameraSlot::External2 => EXTERNAL_SIDE,
@@ -42,7 +42,7 @@ impl PinholeCamera {
             side,
             focal_px: (side as f64 / 2.0 * cos / sin) as f32,
             clip_m: camera.clip_m.map(|c| c as f32),
-            middle: [0.0; 2],
+            image_centre: [0.0; 2],
             mount: match &camera.mount {
                 CameraMount::World { eye, target } => {
                     Mount::World((look_at(*eye, *target) * camera.pose_error).cast())
@@ -54,30 +54,34 @@ impl PinholeCamera {
         }
     }
 
-    /// The camera that sees one of `times` × `times` parts of its image, by column and row, in as many pixels.
-    pub(in crate::render) fn part(&self, times: usize, window: [usize; 2]) -> Self {
+    /// Returns the camera that renders one of `n_tiles` × `n_tiles` tiles of this camera's image, given as [column, row],
+    /// with as many pixels as this camera has.
+    pub(in crate::render) fn tile(&self, n_tiles: usize, tile: [usize; 2]) -> Self {
         let slope = self.side as f32 / 2.0 / self.focal_px;
-        let middle = |place: usize| slope * (2.0 * place as f32 + 1.0 - times as f32) / times as f32;
-        Self { focal_px: self.focal_px * times as f32, middle: window.map(middle), ..self.clone() }
+        let centre = |idx: usize| slope * (2.0 * idx as f32 + 1.0 - n_tiles as f32) / n_tiles as f32;
+        Self { focal_px: self.focal_px * n_tiles as f32, image_centre: tile.map(centre), ..self.clone() }
     }
 
-    /// What makes the view frame one in which the image's middle is on the axis; nothing if it is there anyway. Depths stay.
+    /// Returns the shear that moves the image centre onto the optical axis and preserves depth, or `None` if it lies
+    /// there already. Its result is called the centred frame.
     pub(in crate::render) fn centring_shear(&self) -> Option<Affine3> {
-        let [x, y] = self.middle;
+        let [x, y] = self.image_centre;
         let linear = [[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]];
-        (self.middle != [0.0; 2]).then_some(Affine3 { linear, offset: [0.0; 3] })
+        (self.image_centre != [0.0; 2]).then_some(Affine3 { linear, offset: [0.0; 3] })
     }
 
-    /// How far beyond an edge of the image, of this slope, a ball's centre may lie for the ball to reach in: along x or y in
-    /// the centred frame, per radius. The last factor makes up for lengths that centring shortens.
+    /// Returns, per unit of radius, the largest distance along x or y in the centred frame by which the centre of a sphere
+    /// may lie outside an image edge of this slope while the sphere still intersects the frustum. The last factor
+    /// compensates for the lengths that the shear shortens.
     #[inline(always)]
-    pub(in crate::render) fn slant(&self, slope: f32) -> f32 {
-        let [x, y] = self.middle.map(f32::abs);
+    pub(in crate::render) fn sphere_margin(&self, slope: f32) -> f32 {
+        let [x, y] = self.image_centre.map(f32::abs);
         let steepest = slope + x.max(y);
         (1.0 + steepest * steepest).sqrt() * (1.0 + x + y)
     }
 
-    /// Whether something within a ball of a mesh's frame may be on the image; the map is to the centred frame.
+    /// Returns `true` if a sphere in the mesh frame may intersect the view frustum. The transform leads to the centred
+    /// frame. The test is conservative.
     #[inline(always)]
     pub(in crate::render) fn may_intersect_sphere(
         &self,
@@ -85,10 +89,10 @@ impl PinholeCamera {
         centre: Vec3,
         radius: f32,
     ) -> bool {
-        let [x, y, z] = view_from_mesh.point(centre);
+        let [x, y, z] = view_from_mesh.transform_point(centre);
         let radius = radius * view_from_mesh.max_scale();
         let slope = self.side as f32 / 2.0 / self.focal_px;
-        let slack = radius * self.slant(slope);
+        let slack = radius * self.sphere_margin(slope);
         let [near_m, far_m] = self.clip_m;
         z + radius >= near_m
             && z - radius <= far_m
@@ -96,12 +100,12 @@ impl PinholeCamera {
             && y.abs() - slope * z <= slack
     }
 
-    /// Whether it stands still within an episode.
-    pub(in crate::render) fn stands(&self) -> bool {
+    /// Returns `true` if the camera does not move within an episode.
+    pub(in crate::render) fn is_static(&self) -> bool {
         matches!(self.mount, Mount::World(_))
     }
 
-    /// From the world to the view frame.
+    /// Returns the transform from the world to the view frame.
     pub(in crate::render) fn view_from_world(&self, snapshot: &Snapshot) -> Affine3 {
         let pose = match &self.mount {
             Mount::World(pose) => *pose,
@@ -113,7 +117,8 @@ impl PinholeCamera {
     }
 }
 
-/// Pose of a camera at `eye` that looks at `target` with +z up; one that looks straight up or down has +y on its left.
+/// Returns the pose of a camera at `eye` that looks at `target` with +z up. A camera that looks straight up or down has
+/// +y on its left.
 fn look_at(eye: [f64; 3], target: [f64; 3]) -> Isometry3<f64> {
     let eye = Vector3::from(eye);
     let forward = (Vector3::from(target) - eye).normalize();

@@ -1,22 +1,22 @@
-//! What a surface looks like, in linear light.
+//! Surface materials in linear light.
 
 use crate::render::math::affine::Vec3;
 use crate::render::math::srgb;
 use crate::scene::{Appearance, Texture};
 
-/// Look of an instance.
+/// Material of an instance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Material {
-    /// Diffuse reflectance, linear RGB.
+    /// Albedo, linear RGB.
     pub(in crate::render) color: Vec3,
-    /// Strength of the highlight in [0, 1].
+    /// Strength of the specular highlight in [0, 1].
     pub(in crate::render) specular: f32,
-    /// MipChain that multiplies the colour.
+    /// Texture that modulates the albedo.
     pub(in crate::render) texture: Option<Texture>,
 }
 
 impl Material {
-    /// A plain colour, sRGB in [0, 1].
+    /// Returns an untextured material of an sRGB colour in [0, 1].
     pub(in crate::render) fn plain(srgb_color: [f64; 3], specular: f32) -> Self {
         Self { color: srgb_color.map(srgb::decode), specular, texture: None }
     }

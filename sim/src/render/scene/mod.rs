@@ -134,7 +134,7 @@ impl RenderScene {
     pub(crate) fn with_tiled_cameras(scene: &Scene, n_tiles: usize) -> Self {
         let tiles = || (0..n_tiles * n_tiles).map(|tile| [tile % n_tiles, tile / n_tiles]);
         let cameras = scene.cameras.iter().map(PinholeCamera::new);
-        let tiled = cameras.flat_map(|camera| tiles().map(move |tile| camera.part(n_tiles, tile)));
+        let tiled = cameras.flat_map(|camera| tiles().map(move |tile| camera.tile(n_tiles, tile)));
         Self::with_cameras(scene, tiled.collect())
     }
 

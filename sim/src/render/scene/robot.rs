@@ -1,4 +1,4 @@
-//! A Panda out of meshes: white housings, dark rings at the joints, grey caps, a dark hand with two fingers.
+//! Instances of a Panda: white link housings, dark joint rings, grey caps and a dark hand with two fingers.
 
 use core::f32::consts::FRAC_1_SQRT_2;
 
@@ -10,14 +10,15 @@ use crate::render::math::affine::Vec3;
 use crate::render::mesh::MeshId;
 use crate::scene::{CameraMount, Link, Scene};
 
-/// A round part of a link: a disc about one of its axes.
+/// A disc attached to a link.
 struct Disc {
     link: Link,
     centre: Vec3,
-    about: Axis,
+    /// Axis of revolution, in the link frame.
+    axis: Axis,
     radius: f32,
     half_height: f32,
-    look: Look,
+    color: DiscColor,
 }
 
 enum Axis {
@@ -25,35 +26,36 @@ enum Axis {
     Z,
 }
 
-enum Look {
+enum DiscColor {
     Dark,
     Grey,
 }
 
-const fn disc(link: Link, centre: Vec3, about: Axis, radius: f32, half_height: f32, look: Look) -> Disc {
-    Disc { link, centre, about, radius, half_height, look }
+const fn disc(link: Link, centre: Vec3, axis: Axis, radius: f32, half_height: f32, color: DiscColor) -> Disc {
+    Disc { link, centre, axis, radius, half_height, color }
 }
 
-/// Rings in the joints' gaps, caps on the ends of the joints' axes, the flange.
+/// Rings in the joint gaps, caps at the ends of the joint axes, and the flange.
 const DISCS: [Disc; 15] = [
-    disc(Link::Link0, [0.0, 0.0, 0.141], Axis::Z, 0.0555, 0.008, Look::Dark),
-    disc(Link::Link1, [0.0, 0.0, 0.0], Axis::Y, 0.0535, 0.012, Look::Dark),
-    disc(Link::Link1, [0.0, -0.1285, 0.0], Axis::Y, 0.043, 0.004, Look::Grey),
-    disc(Link::Link2, [0.0, 0.0, 0.1285], Axis::Z, 0.043, 0.004, Look::Grey),
-    disc(Link::Link2, [0.0, -0.194, 0.0], Axis::Y, 0.0535, 0.012, Look::Dark),
-    disc(Link::Link3, [0.0825, 0.0, 0.0], Axis::Y, 0.0535, 0.012, Look::Dark),
-    disc(Link::Link3, [0.0825, 0.1105, 0.0], Axis::Y, 0.043, 0.004, Look::Grey),
-    disc(Link::Link4, [0.0, 0.0, 0.1105], Axis::Z, 0.043, 0.004, Look::Grey),
-    disc(Link::Link4, [-0.0825, 0.1215, 0.0], Axis::Y, 0.0535, 0.012, Look::Dark),
-    disc(Link::Link5, [0.0, 0.053, 0.0], Axis::Y, 0.0475, 0.008, Look::Dark),
-    disc(Link::Link5, [0.0, 0.1295, 0.0], Axis::Y, 0.04, 0.004, Look::Grey),
-    disc(Link::Link6, [0.0, 0.0, 0.0505], Axis::Z, 0.038, 0.004, Look::Grey),
-    disc(Link::Link6, [0.088, 0.0715, 0.0], Axis::Y, 0.03, 0.004, Look::Grey),
-    disc(Link::Link6, [0.088, -0.0515, 0.0], Axis::Y, 0.0425, 0.008, Look::Dark),
-    disc(Link::Link7, [0.0, 0.0, 0.1055], Axis::Z, 0.0325, 0.006, Look::Dark),
+    disc(Link::Link0, [0.0, 0.0, 0.141], Axis::Z, 0.0555, 0.008, DiscColor::Dark),
+    disc(Link::Link1, [0.0, 0.0, 0.0], Axis::Y, 0.0535, 0.012, DiscColor::Dark),
+    disc(Link::Link1, [0.0, -0.1285, 0.0], Axis::Y, 0.043, 0.004, DiscColor::Grey),
+    disc(Link::Link2, [0.0, 0.0, 0.1285], Axis::Z, 0.043, 0.004, DiscColor::Grey),
+    disc(Link::Link2, [0.0, -0.194, 0.0], Axis::Y, 0.0535, 0.012, DiscColor::Dark),
+    disc(Link::Link3, [0.0825, 0.0, 0.0], Axis::Y, 0.0535, 0.012, DiscColor::Dark),
+    disc(Link::Link3, [0.0825, 0.1105, 0.0], Axis::Y, 0.043, 0.004, DiscColor::Grey),
+    disc(Link::Link4, [0.0, 0.0, 0.1105], Axis::Z, 0.043, 0.004, DiscColor::Grey),
+    disc(Link::Link4, [-0.0825, 0.1215, 0.0], Axis::Y, 0.0535, 0.012, DiscColor::Dark),
+    disc(Link::Link5, [0.0, 0.053, 0.0], Axis::Y, 0.0475, 0.008, DiscColor::Dark),
+    disc(Link::Link5, [0.0, 0.1295, 0.0], Axis::Y, 0.04, 0.004, DiscColor::Grey),
+    disc(Link::Link6, [0.0, 0.0, 0.0505], Axis::Z, 0.038, 0.004, DiscColor::Grey),
+    disc(Link::Link6, [0.088, 0.0715, 0.0], Axis::Y, 0.03, 0.004, DiscColor::Grey),
+    disc(Link::Link6, [0.088, -0.0515, 0.0], Axis::Y, 0.0425, 0.008, DiscColor::Dark),
+    disc(Link::Link7, [0.0, 0.0, 0.1055], Axis::Z, 0.0325, 0.006, DiscColor::Dark),
 ];
 
-/// A box of a finger that opens towards +y: the collision boxes of spec/env.md §3, in mm and in the finger's frame.
+/// A collision box of the finger that opens towards +y (docs/benchmark.md, "Robot and control"), in mm in the finger
+/// frame.
 struct FingerBox {
     centre_mm: Vec3,
     half_mm: Vec3,
@@ -73,12 +75,12 @@ const FINGER: [FingerBox; 5] = [
     finger_box([0.0, 1.01, 45.25], [8.75, 1.01, 9.25], false, true),
 ];
 
-/// Whether a camera is mounted on the arm's hand.
+/// Returns `true` if a camera is mounted on the hand of `arm`.
 pub(in crate::render) fn has_camera(scene: &Scene, arm: usize) -> bool {
     scene.cameras.iter().any(|camera| matches!(camera.mount, CameraMount::Hand { arm: a, .. } if a == arm))
 }
 
-/// Adds what moves of one arm, or the base, which does not.
+/// Appends the moving links of one arm if `moves`, or else its static base.
 pub(in crate::render) fn push(arm: usize, moves: bool, has_camera: bool, instances: &mut Vec<Instance>) {
     let white = Material::plain([0.93, 0.93, 0.92], 0.35);
     let grey = Material::plain([0.66, 0.67, 0.69], 0.3);
@@ -96,7 +98,7 @@ pub(in crate::render) fn push(arm: usize, moves: bool, has_camera: bool, instanc
     }
     for (finger, side) in [(Link::Finger1, 1.0), (Link::Finger2, -1.0)] {
         for FingerBox { centre_mm: [x, y, z], half_mm, tilted, rubber } in FINGER {
-            // 30° about x: the cosine and sine of 15°. The other finger is the mirror image in y.
+            // 30° about x: cosine and sine of 15°. The second finger mirrors the first in y.
             let (cos, sin) = if tilted { (0.965_925_8, 0.258_819_04 * side) } else { (1.0, 0.0) };
             let rotation = UnitQuaternion::new_unchecked(Quaternion::new(cos, sin, 0.0, 0.0));
             let translation = Translation3::from([x, y * side, z].map(|mm| mm * 1e-3));
@@ -118,16 +120,16 @@ pub(in crate::render) fn push(arm: usize, moves: bool, has_camera: bool, instanc
     for link in links {
         push(link, MeshId::Link(link as usize), Isometry3::identity(), [1.0; 3], white);
     }
-    for Disc { link, centre, about, radius, half_height, look } in DISCS {
-        let rotation = match about {
+    for Disc { link, centre, axis, radius, half_height, color } in DISCS {
+        let rotation = match axis {
             Axis::Z => UnitQuaternion::identity(),
-            // A quarter turn about x takes z to −y; a disc does not mind.
+            // A quarter turn about x maps z to −y, which is the same for a symmetric disc.
             Axis::Y => UnitQuaternion::new_unchecked(Quaternion::new(FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0, 0.0)),
         };
         let pose = Isometry3::from_parts(Translation3::from(centre), rotation);
-        let material = match look {
-            Look::Dark => dark,
-            Look::Grey => grey,
+        let material = match color {
+            DiscColor::Dark => dark,
+            DiscColor::Grey => grey,
         };
         push(link, MeshId::Cylinder, pose, [radius, radius, half_height], material);
     }

@@ -1,5 +1,6 @@
-//! Table, floor and walls (spec/env.md §2; walls: spec/perturbations.md §3). What collides with the table is a block;
-//! what is drawn is a top on legs with the same upper face.
+//! Instances of the room: table, floor and walls (docs/benchmark.md, "Scenes and objects" and "Perturbations").
+//!
+//! The table's collision shape is a block; the rendered table is a top on four legs with the same upper face.
 
 use nalgebra::Isometry3;
 
@@ -10,10 +11,10 @@ use crate::scene::{Appearance, Scene, Table, TableKind};
 
 /// World z of the floor, in m.
 const FLOOR_Z: f32 = -0.9196;
-/// Half the side of the square of floor that is drawn, in m: five times four tiles of its pattern.
+/// Half the side of the rendered square of floor, in m: five tiles of its texture (4 m each).
 const FLOOR_HALF: f32 = 20.0;
 
-/// A table whose upper face is `half` around `centre`, in the world.
+/// A table whose upper face is centred at `centre` with half extents `half`. World coordinates, in m.
 struct Bench {
     centre: [f32; 2],
     half: [f32; 2],
@@ -27,13 +28,14 @@ const SINGLE_ARM: Bench =
 const BIMANUAL: Bench =
     Bench { centre: [0.0, 0.0], half: [0.6, 0.8], top_z: 0.825, foot_z: SINGLE_ARM.top_z, thickness: 0.05 };
 
-/// Half the side of a leg and the distance of its middle from the table's edges, in m.
+/// Half the side of a leg, in m.
 const LEG_HALF: f32 = 0.03;
+/// Distance from the edge of the table to the centre of a leg, in m.
 const LEG_INSET: f32 = 0.07;
-/// Height and inset of the frame under the top, in m.
+/// Height of the frame under the top, in m.
 const FRAME_HEIGHT: f32 = 0.07;
 
-/// World z of the table's upper face, in m.
+/// Returns the world z of the upper face of the table, in m.
 pub(in crate::render) const fn table_top_z(kind: TableKind) -> f32 {
     match kind {
         TableKind::SingleArm | TableKind::SingleArmTurned => SINGLE_ARM.top_z,
@@ -41,7 +43,7 @@ pub(in crate::render) const fn table_top_z(kind: TableKind) -> f32 {
     }
 }
 
-/// Adds table, walls and floor.
+/// Appends table, walls and floor.
 pub(in crate::render) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
     let top = &scene.table.top;
     let mut push = |bench: &Bench, top: &Appearance| push_bench(bench, top, &scene.table, instances);
@@ -57,7 +59,7 @@ pub(in crate::render) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
         }
     }
     if let Some(appearance) = scene.background.walls {
-        // Four walls 3 m long and 0.1 m thick around x, y = ±1.5 m, from z −0.92 to 1.08 m.
+        // Four walls at x, y = ±1.5 m, each 3 m long and 0.1 m thick, from z = −0.92 m to 1.08 m.
         for side in [-1.5, 1.5] {
             instances.push(block(Fixture::Walls, [side, 0.0, 0.08], [0.05, 1.5, 1.0], appearance.into()));
             instances.push(block(Fixture::Walls, [0.0, side, 0.08], [1.5, 0.05, 1.0], appearance.into()));

@@ -1,19 +1,19 @@
-//! Where every instance of a scene is at the moment of a view.
+//! Transforms of a scene's instances into a view or light frame.
 
 use super::RenderScene;
 use crate::render::math::affine::Affine3;
 use crate::scene::Snapshot;
 
-/// Fills `maps` with one map per instance, from its mesh to a view's or a light's frame.
+/// Replaces the contents of `out` with one transform per instance, from its mesh to the view (or light) frame.
 #[inline(always)]
 pub(in crate::render) fn write_instance_transforms(
     scene: &RenderScene,
     snapshot: &Snapshot,
     view_from_world: &Affine3,
-    maps: &mut Vec<Affine3>,
+    out: &mut Vec<Affine3>,
 ) {
-    maps.clear();
+    out.clear();
     for instance in &scene.instances {
-        maps.push(view_from_world.compose(&instance.world_from_mesh(snapshot)));
+        out.push(view_from_world.compose(&instance.world_from_mesh(snapshot)));
     }
 }
