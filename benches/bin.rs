@@ -1,4 +1,4 @@
-//! The program as the benchmarks run it: the same three lines as `hypogeum`, built with this package.
+//! The `hypogeum` binary, built as part of this package so that benchmarks can run it.
 
 fn main() -> std::process::ExitCode {
     orchestrator::main()

@@ -1,24 +1,27 @@
-//! The peak: fused multiply-adds on registers alone, as wide as the processor has them.
+//! Peak arithmetic throughput: fused multiply-adds on registers only, with the widest available SIMD
+//! instructions.
 
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Chains that run side by side, enough to fill two units of four cycles.
+/// Independent dependency chains: enough to saturate two FMA units with a latency of four cycles each.
 const N_CHAINS: usize = 12;
-/// Steps between two looks at the clock.
+/// FMA steps per chain between two clock reads.
 const STEPS: usize = 20_000;
-/// Time given to a round.
+/// Minimum duration of a round in s.
 const ROUND_S: f64 = 0.02;
 
-/// GFLOP/s of so many threads at once: the median of several rounds.
+/// Measures the aggregate GFLOP/s of `n_threads` threads that run at the same time: the median over nine
+/// rounds.
 #[must_use]
 pub fn peak_gflop_per_s(n_threads: usize) -> f64 {
     let rounds = || -> Vec<f64> { (0..9).map(|_| round()).collect() };
-    let of_threads: Vec<Vec<f64>> = std::thread::scope(|scope| {
+    let rates_by_thread: Vec<Vec<f64>> = std::thread::scope(|scope| {
         let threads: Vec<_> = (0..n_threads).map(|_| scope.spawn(rounds)).collect();
-        threads.into_iter().map(|thread| thread.join().expect("no arithmetic panics")).collect()
+        threads.into_iter().map(|thread| thread.join().expect("FMA threads do not panic")).collect()
     });
-    let mut sums: Vec<f64> = (0..9).map(|round| of_threads.iter().map(|rates| rates[round]).sum()).collect();
+    let mut sums: Vec<f64> =
+        (0..9).map(|round| rates_by_thread.iter().map(|rates| rates[round]).sum()).collect();
     crate::median(&mut sums)
 }
 
@@ -31,16 +34,16 @@ fn round() -> f64 {
     flop / started.elapsed().as_secs_f64() / 1e9
 }
 
-/// Runs the chains once and returns the floating-point operations that were.
+/// Runs all chains once and returns the number of floating-point operations performed.
 fn chains() -> f64 {
     #[cfg(target_arch = "x86_64")]
     {
         if is_x86_feature_detected!("avx512f") {
-            // SAFETY: the processor has AVX-512.
+            // SAFETY: AVX-512F was detected.
             return unsafe { chains_512() };
         }
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            // SAFETY: the processor has AVX2 and FMA.
+            // SAFETY: AVX2 and FMA were detected.
             return unsafe { chains_256() };
         }
     }
@@ -53,16 +56,16 @@ fn chains() -> f64 {
 }
 
 macro_rules! chains {
-    ($name:ident, $features:literal, $lanes:literal, $all:ident, $fma:ident) => {
+    ($name:ident, $features:literal, $lanes:literal, $splat:ident, $fma:ident) => {
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = $features)]
         fn $name() -> f64 {
-            use core::arch::x86_64::{$all, $fma};
-            let (factor, term) = ($all(black_box(0.5)), $all(black_box(0.25)));
-            let mut sums = [$all(black_box(1.0)); N_CHAINS];
+            use core::arch::x86_64::{$fma, $splat};
+            let (factor, addend) = ($splat(black_box(0.5)), $splat(black_box(0.25)));
+            let mut sums = [$splat(black_box(1.0)); N_CHAINS];
             for _ in 0..STEPS {
                 for sum in &mut sums {
-                    *sum = $fma(*sum, factor, term);
+                    *sum = $fma(*sum, factor, addend);
                 }
             }
             black_box(sums);

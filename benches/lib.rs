@@ -1,5 +1,5 @@
-//! What the benchmarks share: their arguments, a table of figures that is printed and may be written as CSV, peers to be
-//! measured against, and what the processor could do at best.
+//! Shared code of the benchmarks: command-line parsing, CSV reports, peer processes to compare with, and the
+//! processor's peak arithmetic throughput.
 
 mod fma;
 mod peer;
@@ -12,7 +12,7 @@ use anyhow::{Context, Result, bail};
 pub use fma::peak_gflop_per_s;
 pub use peer::Peer;
 
-/// Figures of one benchmark. CSV columns: bench, case, value, unit, note.
+/// Measurements of one benchmark. CSV columns: bench, case, value, unit, note.
 #[derive(Debug)]
 pub struct Report {
     bench: &'static str,
@@ -21,51 +21,52 @@ pub struct Report {
 }
 
 impl Report {
-    /// Reads `--csv FILE` from the command line.
+    /// Parses `--csv FILE` from the command line.
     ///
     /// # Errors
-    /// On any other argument.
+    /// If there is any other argument.
     pub fn from_args(bench: &'static str) -> Result<Self> {
         Self::with_options(bench, "", |_, _| Ok(false))
     }
 
-    /// Reads `--csv FILE` and options of the benchmark's own, which `usage` lists: `take` gets each with its value and says
-    /// whether it knows it.
+    /// Parses `--csv FILE` and the benchmark's own options. `parse` receives each option with its value and
+    /// returns `Ok(false)` if it does not know the option; `usage` lists the options for error messages.
     ///
     /// # Errors
-    /// On an argument that is not known, or that `take` refuses.
+    /// If an option is unknown, lacks a value, or is rejected by `parse`.
     pub fn with_options(
         bench: &'static str,
         usage: &str,
-        mut take: impl FnMut(&str, &str) -> Result<bool>,
+        mut parse: impl FnMut(&str, &str) -> Result<bool>,
     ) -> Result<Self> {
         let mut csv_file = None;
         let mut arguments = std::env::args().skip(1);
         while let Some(argument) = arguments.next() {
-            // What cargo itself adds.
+            // Cargo itself adds this flag.
             if argument == "--bench" {
                 continue;
             }
             let value = arguments.next().with_context(|| format!("{argument} needs a value"))?;
             if argument == "--csv" {
                 csv_file = Some(value.into());
-            } else if !take(&argument, &value)? {
+            } else if !parse(&argument, &value)? {
                 bail!("unknown argument {argument}: expected {usage}--csv FILE");
             }
         }
         Ok(Self { bench, csv_file, csv: String::from("bench,case,value,unit,note\n") })
     }
 
-    /// Adds one figure; the note must not hold a comma.
+    /// Appends one measurement. `note` must not contain commas.
     pub fn add(&mut self, case: &str, value: f64, unit: &str, note: &str) {
-        debug_assert!(!note.contains(','), "the note is a CSV field");
-        writeln!(self.csv, "{},{case},{value:.3},{unit},{note}", self.bench).expect("a String takes all");
+        debug_assert!(!note.contains(','), "a comma in the note would split the CSV field");
+        writeln!(self.csv, "{},{case},{value:.3},{unit},{note}", self.bench)
+            .expect("writing to a String cannot fail");
     }
 
-    /// Writes the CSV file, if one was asked for.
+    /// Writes the CSV file if `--csv` was given.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the file cannot be written.
     pub fn finish(self) -> Result<()> {
         self.csv_file.map_or(Ok(()), |path| {
             std::fs::write(&path, self.csv).with_context(|| format!("write {}", path.display()))
@@ -73,10 +74,10 @@ impl Report {
     }
 }
 
-/// The middle value, or the upper of two.
+/// Sorts the values and returns their median: the middle value, or the upper one of the two middle values.
 ///
 /// # Panics
-/// If there is none.
+/// If `values` is empty.
 pub fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values[values.len() / 2]

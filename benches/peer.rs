@@ -1,4 +1,4 @@
-//! A peer: another implementation of the same work, run as a process beside ours and timed in turn with it.
+//! Peer processes: other implementations of the same workload, timed alternately with ours.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -6,21 +6,22 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
 
-/// A Python script of `peers/`: a request is a line, its answer a line with the seconds it took. It ends with this value.
+/// A Python script in `peers/`. A request is a line on its standard input; the response is a line on its
+/// standard output with the elapsed time in s. Dropping the value kills the process.
 #[derive(Debug)]
 pub struct Peer {
-    /// What it says of itself.
+    /// Name and version, as reported by the script when it is ready.
     pub name: String,
     process: Child,
     requests: ChildStdin,
-    answers: BufReader<ChildStdout>,
+    responses: BufReader<ChildStdout>,
 }
 
 impl Peer {
-    /// Starts `peers/SCRIPT` with these arguments and waits until it is ready.
+    /// Starts `peers/SCRIPT` with the given arguments and waits until it is ready.
     ///
     /// # Errors
-    /// If it cannot be started or ends at once.
+    /// If it cannot be started, or exits before it is ready.
     pub fn start(python: &Path, script: &str, arguments: &[&str]) -> Result<Self> {
         let script: PathBuf = [env!("CARGO_MANIFEST_DIR"), "peers", script].iter().collect();
         let mut process = Command::new(python)
@@ -30,27 +31,28 @@ impl Peer {
             .stdout(Stdio::piped())
             .spawn()
             .with_context(|| format!("start {} {}", python.display(), script.display()))?;
-        let requests = process.stdin.take().context("the peer has a standard input")?;
-        let answers = BufReader::new(process.stdout.take().context("the peer has a standard output")?);
-        let mut peer = Self { name: String::new(), process, requests, answers };
-        peer.name = peer.answer()?;
+        let requests = process.stdin.take().context("the peer's standard input is not piped")?;
+        let responses =
+            BufReader::new(process.stdout.take().context("the peer's standard output is not piped")?);
+        let mut peer = Self { name: String::new(), process, requests, responses };
+        peer.name = peer.read_line()?;
         Ok(peer)
     }
 
-    /// The seconds that a request took.
+    /// Sends a request and returns the elapsed time in s that the peer reports.
     ///
     /// # Errors
-    /// If the peer has ended, or answers anything else.
+    /// If the peer has exited, or responds with anything other than a number.
     pub fn request(&mut self, request: &str) -> Result<f64> {
         writeln!(self.requests, "{request}")?;
-        let answer = self.answer()?;
-        answer.parse().with_context(|| format!("the peer answers with seconds, found {answer}"))
+        let response = self.read_line()?;
+        response.parse().with_context(|| format!("the peer must respond with a time in s, found {response}"))
     }
 
-    fn answer(&mut self) -> Result<String> {
+    fn read_line(&mut self) -> Result<String> {
         let mut line = String::new();
-        self.answers.read_line(&mut line)?;
-        ensure!(!line.is_empty(), "the peer ended; what it wrote above says why");
+        self.responses.read_line(&mut line)?;
+        ensure!(!line.is_empty(), "the peer exited; see its output above for the reason");
         Ok(line.trim().to_owned())
     }
 }

@@ -1,8 +1,9 @@
-//! What a control step costs: each task's world, idle and under its expert, on one thread and on two.
+//! Cost of a control step: the world of each task, idle and driven by its expert, on one thread and on two.
 //!
-//! `cargo bench -p benches --bench physics -- [--csv FILE]`. A control step is five physics steps, its controller and the
-//! success predicates; building worlds and planning are reported apart. Worlds are shared out evenly among the threads, and
-//! the best of several rounds is reported, after warm-up; bounded to some minutes.
+//! `cargo bench -p benches --bench physics -- [--csv FILE]`. A control step consists of five physics steps,
+//! the controller and the success predicates. World construction and planning are reported separately. Worlds
+//! are distributed evenly over the threads; the fastest of several rounds after warm-up is reported. Takes a
+//! few minutes.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -19,13 +20,13 @@ use sim::scene::Scene;
 use sim::stream::episode_seed;
 use sim::{Profile, TaskId};
 
-/// Time given to one case; a round that has begun is finished.
+/// Time per case; a round that has started is finished.
 const CASE_TIME: Duration = Duration::from_millis(500);
-/// Episodes whose building and planning are looked at.
+/// Episodes whose construction and planning are timed.
 const N_SETUPS: u32 = 10;
 /// Worlds per thread in a round.
 const WORLDS_PER_THREAD: u32 = 2;
-/// Control steps of a world before the clock starts: an idle world's bodies have come to rest by then.
+/// Control steps before the clock starts, in which the bodies of an idle world come to rest.
 const WARM_UP_STEPS: u32 = 10;
 
 fn main() -> Result<()> {
@@ -34,25 +35,23 @@ fn main() -> Result<()> {
         let name = task.name();
         let (build_us, plan_us) = setup_costs(task);
         let (steps, demo_steps) = (mean_plan_steps(task), task.task().demo_steps);
-        println!(
-            "{name}: a world is built in {build_us:.0} us, an expert plans {steps:.0} steps in {plan_us:.0} us"
-        );
+        println!("{name}: world construction {build_us:.0} us; planning {steps:.0} steps {plan_us:.0} us");
         let note = format!("of {N_SETUPS} episodes; the benchmark's demonstrations: {demo_steps}");
         report.add(&format!("{name}/plan"), steps, "steps", &note);
         report.add(&format!("{name}/build"), build_us, "us", "one world");
         report.add(&format!("{name}/plan"), plan_us, "us", "one expert");
         for driver in ["idle", "expert"] {
-            let mut of_one_thread = f64::NAN;
+            let mut single_thread_rate = f64::NAN;
             for n_threads in [1, 2] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
                 let control = best_rate(&pool, task, driver == "expert");
                 let physics = control * SUBSTEPS as f64;
                 if n_threads == 1 {
-                    of_one_thread = control;
+                    single_thread_rate = control;
                 }
-                let gain = control / of_one_thread;
+                let speedup = control / single_thread_rate;
                 println!(
-                    "  {driver:6} {n_threads} threads: {control:7.0} control steps/s, {physics:7.0} physics steps/s, x{gain:.2}"
+                    "  {driver:6} {n_threads} threads: {control:7.0} control steps/s, {physics:7.0} physics steps/s, x{speedup:.2}"
                 );
                 let case = format!("{name}/{driver}/threads{n_threads}");
                 report.add(&case, control, "control_steps_per_s", "all threads together");
@@ -63,7 +62,7 @@ fn main() -> Result<()> {
     report.finish()
 }
 
-/// One env with everything a control step needs.
+/// An env with everything that a control step needs.
 struct Env {
     world: World,
     expert: Expert,
@@ -79,7 +78,7 @@ impl Env {
         let mode = ControlMode::JointPos;
         Self {
             world: World::build(&scene, mode),
-            expert: Expert::new(&scene, &moves).expect("these episodes are within reach"),
+            expert: Expert::new(&scene, &moves).expect("the benchmark's episodes have a plan"),
             success: (task.task().success)(&scene, Profile::Strict),
             row: vec![0.0; mode.action_dim(task.task().morphology)],
             max_steps: task.task().max_steps,
@@ -99,7 +98,7 @@ fn draw(task: TaskId, episode_idx: u32) -> Scene {
     (task.task().nominal)().draw(episode_seed(0, task.name(), episode_idx))
 }
 
-/// Control steps per second of all threads together, in the fastest round.
+/// Returns the control steps per second of all threads together, in the fastest round.
 fn best_rate(pool: &rayon::ThreadPool, task: TaskId, expert: bool) -> f64 {
     let n_envs = pool.current_num_threads() as u32 * WORLDS_PER_THREAD;
     let mut best = 0.0_f64;
@@ -115,7 +114,7 @@ fn best_rate(pool: &rayon::ThreadPool, task: TaskId, expert: bool) -> f64 {
     best
 }
 
-/// Mean length of the expert's plans within reach, in control steps.
+/// Returns the mean length of the expert's plans in control steps, over the episodes that have a plan.
 fn mean_plan_steps(task: TaskId) -> f64 {
     let n_steps = |episode_idx| {
         let scene = draw(task, episode_idx);
@@ -125,23 +124,23 @@ fn mean_plan_steps(task: TaskId) -> f64 {
     plans.iter().sum::<f64>() / plans.len() as f64
 }
 
-/// Fastest building of a world and planning of an expert, in µs.
+/// Returns the fastest world construction and the fastest expert planning, in µs.
 fn setup_costs(task: TaskId) -> (f64, f64) {
-    let fastest = |work: &dyn Fn(&Scene)| {
-        let time = |episode_idx| {
+    let fastest_us = |work: &dyn Fn(&Scene)| {
+        let time_us = |episode_idx| {
             let scene = draw(task, episode_idx);
             let started = Instant::now();
             work(&scene);
             started.elapsed().as_secs_f64() * 1e6
         };
-        (0..N_SETUPS).map(time).fold(f64::INFINITY, f64::min)
+        (0..N_SETUPS).map(time_us).fold(f64::INFINITY, f64::min)
     };
-    let build = fastest(&|scene| {
+    let build_us = fastest_us(&|scene| {
         std::hint::black_box(World::build(scene, ControlMode::JointPos));
     });
-    let plan = fastest(&|scene| {
+    let plan_us = fastest_us(&|scene| {
         let moves = (task.task().expert)(scene);
         std::hint::black_box(Expert::new(scene, &moves).is_ok());
     });
-    (build, plan)
+    (build_us, plan_us)
 }

@@ -1,13 +1,16 @@
-//! What a query costs: ACT of full size and the tiny one, with generated weights and images, at several batch sizes.
+//! Inference cost of ACT at full size and at a tiny size, with generated weights and images, for several
+//! batch sizes.
 //!
-//! `cargo bench -p benches --bench policy -- [--threads N] [--peer PYTHON] [--csv FILE]`. A query is one env of a batch;
-//! `gflop_per_s` counts the arithmetic of `Architecture::flop_per_query` (what the definition needs: Winograd's convolutions
-//! do less), and its share is of what the processor reaches on registers alone, measured before and after. In eight bits the
-//! full size answers, too, and by how much its actions differ is told. Then the products that ACT makes, plain as the library
-//! makes them and with weights packed beforehand, in turn. Medians of several rounds, after warm-up; bounded to a minute.
+//! `cargo bench -p benches --bench policy -- [--threads N] [--peer PYTHON] [--csv FILE]`. A query is one env
+//! of a batch. `gflop_per_s` is based on `Architecture::flop_per_query`, the operation count of the direct
+//! algorithm; Winograd convolutions perform fewer. It is compared with the peak on registers only, measured
+//! before and after. The full-size network is also measured with int8 weights, along with the error of its
+//! actions. The matrix products that occur in ACT follow, with the plain library kernel and with pre-packed
+//! weights in alternation. All figures are medians of several rounds after warm-up. Takes about a minute.
 //!
-//! With `--peer`, ONNX Runtime and PyTorch answer the same queries in turn with us (`peers/act_inference.py`, run by the
-//! Python given), and only that is measured: medians, and the median of the ratios within a round.
+//! With `--peer`, ONNX Runtime and PyTorch run the same queries in alternation with ours
+//! (`peers/act_inference.py`, started with the given Python interpreter), and nothing else is measured:
+//! medians, and the median of the ratios per round.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -27,11 +30,11 @@ use policy_host::nn::matmul::{Into, multiply, view, view_mut};
 use policy_host::nn::packed::Packed;
 use policy_host::{ActionChunk, Policy, synthetic};
 
-/// Time given to one case.
+/// Minimum measuring time per case.
 const CASE_TIME: Duration = Duration::from_millis(2500);
-/// Fewest rounds of a case.
+/// Minimum number of rounds per case.
 const MIN_ROUNDS: usize = 3;
-/// Rounds in which everybody answers.
+/// Rounds per batch size of the peer comparison.
 const PEER_ROUNDS: usize = 9;
 
 fn main() -> Result<()> {
@@ -70,30 +73,30 @@ fn queries(n_threads: usize, report: &mut Report) -> Result<()> {
         ("tiny", ActConfig::tiny as Size, Precision::F32),
     ];
     for morphology in Morphology::ALL {
-        let mut exact = Vec::new();
+        let mut f32_actions = Vec::new();
         for (name, size, precision) in cases {
             let config = size(morphology);
             let gflop = config.architecture().flop_per_query() as f64 / 1e9;
             let started = Instant::now();
             let mut policy = synthetic::policy(&config, 0, precision, n_threads);
-            let made_s = started.elapsed().as_secs_f64();
+            let build_s = started.elapsed().as_secs_f64();
             let robot = morphology.name();
-            println!("{name} {robot}: {gflop:.2} GFLOP a query, made in {made_s:.1} s");
+            println!("{name} {robot}: {gflop:.2} GFLOP per query, built in {build_s:.1} s");
             let batches: &[usize] = if morphology == Morphology::Single { &[1, 2, 8] } else { &[2] };
             for &n_envs in batches {
                 let mut batch = Batch::new(morphology, n_envs);
                 let seconds = pool.install(|| -> Result<f64> {
-                    batch.answer(&mut policy)?;
+                    batch.run(&mut policy)?;
                     let (started, mut rounds) = (Instant::now(), Vec::new());
                     while rounds.len() < MIN_ROUNDS || started.elapsed() < CASE_TIME {
-                        rounds.push(batch.answer(&mut policy)?);
+                        rounds.push(batch.run(&mut policy)?);
                     }
                     Ok(median(&mut rounds))
                 })?;
                 let per_query = seconds / n_envs as f64;
                 let (queries_per_s, rate) = (1.0 / per_query, gflop / per_query);
                 println!(
-                    "  batch {n_envs:2}: {:8.2} ms a query, {queries_per_s:7.1} queries/s, {rate:6.1} GFLOP/s, {:.0} % of \
+                    "  batch {n_envs:2}: {:8.2} ms per query, {queries_per_s:7.1} queries/s, {rate:6.1} GFLOP/s, {:.0} % of \
                      peak",
                     per_query * 1e3,
                     100.0 * rate / peak
@@ -103,47 +106,48 @@ fn queries(n_threads: usize, report: &mut Report) -> Result<()> {
                 report.add(&case, per_query * 1e3, "ms_per_query", &note);
                 report.add(&case, rate, "gflop_per_s", &note);
                 match name {
-                    "full" => exact = batch.actions(),
+                    "full" => f32_actions = batch.actions(),
                     "full_int8" => {
-                        let (worst, share) = difference(&exact, &batch.actions());
+                        let (max_abs, rms_ratio) = difference(&f32_actions, &batch.actions());
                         println!(
-                            "    actions differ by {worst:.4} at most, {:.2} % of their spread",
-                            100.0 * share
+                            "    max action error {max_abs:.4}, RMS error {:.2} % of the standard deviation",
+                            100.0 * rms_ratio
                         );
-                        report.add(&case, worst, "largest_difference", &note);
-                        report.add(&case, share, "difference_rms_by_spread", &note);
+                        report.add(&case, max_abs, "largest_difference", &note);
+                        report.add(&case, rms_ratio, "difference_rms_by_spread", &note);
                     }
                     _ => {}
                 }
             }
         }
     }
-    let later = peak_gflop_per_s(n_threads);
-    println!("peak of fused multiply-adds on registers: {peak:.0} GFLOP/s before, {later:.0} after");
+    let peak_after = peak_gflop_per_s(n_threads);
+    println!("peak of fused multiply-adds on registers: {peak:.0} GFLOP/s before, {peak_after:.0} after");
     report.add("fma_peak", peak, "gflop_per_s", &format!("{note} before"));
-    report.add("fma_peak", later, "gflop_per_s", &format!("{note} after"));
+    report.add("fma_peak", peak_after, "gflop_per_s", &format!("{note} after"));
     Ok(())
 }
 
-/// The largest difference of two answers, and the root of its mean square by the standard deviation of the first.
-fn difference(exact: &[f32], rounded: &[f32]) -> (f64, f64) {
+/// Returns the maximum absolute error of `quantised`, and its RMS error divided by the standard deviation of
+/// `exact`.
+fn difference(exact: &[f32], quantised: &[f32]) -> (f64, f64) {
     let n = exact.len() as f64;
     let mean = exact.iter().map(|&x| f64::from(x)).sum::<f64>() / n;
     let variance = exact.iter().map(|&x| (f64::from(x) - mean).powi(2)).sum::<f64>() / n;
-    let differences = exact.iter().zip(rounded).map(|(x, y)| f64::from((x - y).abs()));
-    let (worst, squares) =
-        differences.fold((0.0, 0.0), |(worst, squares): (f64, f64), x| (worst.max(x), squares + x * x));
-    (worst, (squares / n / variance).sqrt())
+    let differences = exact.iter().zip(quantised).map(|(x, y)| f64::from((x - y).abs()));
+    let (max_abs, squares) =
+        differences.fold((0.0, 0.0), |(max_abs, squares): (f64, f64), x| (max_abs.max(x), squares + x * x));
+    (max_abs, (squares / n / variance).sqrt())
 }
 
-/// Full-size ACT of a single arm, by us and by each engine of the peer in turn.
+/// Compares full-size single-arm ACT with each engine of the peer, in alternation.
 fn against_peers(python: &Path, n_threads: usize, report: &mut Report) -> Result<()> {
     const ENGINES: [&str; 2] = ["onnxruntime", "torch"];
     let config = ActConfig::full_size(Morphology::Single);
     let gflop = config.architecture().flop_per_query() as f64 / 1e9;
-    let folder = tempfile::tempdir().context("make a scratch folder")?;
+    let folder = tempfile::tempdir().context("create a temporary directory")?;
     synthetic::write_checkpoint(folder.path(), &config, 0)?;
-    let path = folder.path().to_str().context("a scratch folder's name is text")?;
+    let path = folder.path().to_str().context("the temporary directory's path is not UTF-8")?;
     let mut peer = Peer::start(python, "act_inference.py", &[path, &n_threads.to_string()])?;
     println!("{}", peer.name);
     let mut policy = synthetic::policy(&config, 0, Precision::F32, n_threads);
@@ -151,8 +155,8 @@ fn against_peers(python: &Path, n_threads: usize, report: &mut Report) -> Result
     let note = format!("{n_threads} threads");
     for n_envs in [1, 8] {
         let mut batch = Batch::new(Morphology::Single, n_envs);
-        let mut answer = || pool.install(|| batch.answer(&mut policy));
-        answer()?;
+        let mut query = || pool.install(|| batch.run(&mut policy));
+        query()?;
         for engine in ENGINES {
             peer.request(&format!("{engine} {n_envs}"))?;
         }
@@ -162,10 +166,11 @@ fn against_peers(python: &Path, n_threads: usize, report: &mut Report) -> Result
         for _ in 0..PEER_ROUNDS {
             peaks.push(peak_gflop_per_s(n_threads));
             for (idx, engine) in ENGINES.into_iter().enumerate() {
-                // Before and after, so that a drift of the machine falls on both sides.
-                let before = answer()?;
+                // Time ours before and after the peer, so that drift of the machine affects both sides
+                // equally.
+                let before = query()?;
                 let seconds = peer.request(&format!("{engine} {n_envs}"))?;
-                let after = answer()?;
+                let after = query()?;
                 ratios[idx].push(2.0 * seconds / (before + after));
                 theirs[idx].push(seconds);
                 ours.extend([before, after]);
@@ -175,7 +180,7 @@ fn against_peers(python: &Path, n_threads: usize, report: &mut Report) -> Result
         let (own_ms, peak) = (ms(median(&mut ours)), median(&mut peaks));
         let rate = gflop / own_ms * 1e3;
         println!(
-            "batch {n_envs}: {own_ms:.1} ms a query, {rate:.0} GFLOP/s, {:.0} % of the {peak:.0} of registers alone",
+            "batch {n_envs}: {own_ms:.1} ms per query, {rate:.0} GFLOP/s, {:.0} % of the register peak of {peak:.0}",
             100.0 * rate / peak
         );
         let case = format!("peers_batch{n_envs}");
@@ -184,7 +189,7 @@ fn against_peers(python: &Path, n_threads: usize, report: &mut Report) -> Result
         report.add(&format!("{case}/fma_peak"), peak, "gflop_per_s", &note);
         for ((engine, theirs), ratios) in ENGINES.into_iter().zip(&mut theirs).zip(&mut ratios) {
             let (peer_ms, ratio) = (ms(median(theirs)), median(ratios));
-            println!("  {engine}: {peer_ms:.1} ms a query; we are {ratio:.2} times as fast");
+            println!("  {engine}: {peer_ms:.1} ms per query; ours is {ratio:.2} times as fast");
             report.add(&format!("{case}/{engine}"), peer_ms, "ms_per_query", &note);
             report.add(&format!("{case}/times_{engine}"), ratio, "1", &note);
         }
@@ -192,20 +197,20 @@ fn against_peers(python: &Path, n_threads: usize, report: &mut Report) -> Result
     Ok(())
 }
 
-/// Shapes of products that ACT makes: rows, width, depth.
+/// Shapes of matrix products in ACT: rows, columns and inner dimension.
 const PRODUCTS: [(usize, usize, usize); 6] =
     [(150, 512, 512), (150, 1600, 512), (150, 512, 1600), (64, 64, 64), (48, 512, 512), (256, 64, 147)];
-/// Rounds and time of a product.
+/// Rounds per product, half of them with each kernel, and minimum time per round.
 const PRODUCT_ROUNDS: usize = 9;
 const PRODUCT_TIME: Duration = Duration::from_millis(15);
 
-/// Each thread makes products of its own; the rates are summed.
+/// Measures matrix products. Each thread multiplies its own matrices; the rates are summed.
 fn products(n_threads: usize, report: &mut Report) {
     for (n_rows, width, depth) in PRODUCTS {
-        let of_thread = || {
-            let numbers = |n: usize| vec![0.5_f32; n];
+        let thread_rates = || {
+            let values = |n: usize| vec![0.5_f32; n];
             let (x, weights, mut out) =
-                (numbers(n_rows * depth), numbers(depth * width), numbers(n_rows * width));
+                (values(n_rows * depth), values(depth * width), values(n_rows * width));
             let packed = Packed::new(&weights, depth, width);
             let mut rates = [const { Vec::new() }; 2];
             for round in 0..2 * PRODUCT_ROUNDS {
@@ -231,18 +236,18 @@ fn products(n_threads: usize, report: &mut Report) {
             rates.map(|mut rates| median(&mut rates))
         };
         let rates = std::thread::scope(|scope| {
-            let threads: Vec<_> = (0..n_threads).map(|_| scope.spawn(of_thread)).collect();
+            let threads: Vec<_> = (0..n_threads).map(|_| scope.spawn(thread_rates)).collect();
             threads
                 .into_iter()
-                .map(|thread| thread.join().expect("no product panics"))
-                .fold([0.0, 0.0], |sum: [f64; 2], of_thread| [sum[0] + of_thread[0], sum[1] + of_thread[1]])
+                .map(|thread| thread.join().expect("matrix products do not panic"))
+                .fold([0.0, 0.0], |sum: [f64; 2], rates| [sum[0] + rates[0], sum[1] + rates[1]])
         });
         let [plain, packed] = rates;
         let name = format!("product_{n_rows}x{width}x{depth}");
         println!("{name}: plain {plain:.0} GFLOP/s, packed {packed:.0} GFLOP/s, x{:.2}", packed / plain);
-        for (by, rate) in [("plain", plain), ("packed", packed)] {
+        for (kernel, rate) in [("plain", plain), ("packed", packed)] {
             report.add(
-                &format!("{name}_{by}"),
+                &format!("{name}_{kernel}"),
                 rate,
                 "gflop_per_s",
                 &format!("{n_threads} threads together"),
@@ -251,34 +256,34 @@ fn products(n_threads: usize, report: &mut Report) {
     }
 }
 
-/// An observation, and room for its answer.
+/// A batched observation and the buffer for its action chunks.
 struct Batch {
     header: ObservationHeader,
     pages: Vec<Page>,
-    answer: Vec<ActionChunk>,
+    chunks: Vec<ActionChunk>,
 }
 
 impl Batch {
     fn new(morphology: Morphology, n_envs: usize) -> Self {
         let (header, pages) = observation(morphology, n_envs);
-        Self { header, pages, answer: vec![ActionChunk::default(); n_envs] }
+        Self { header, pages, chunks: vec![ActionChunk::default(); n_envs] }
     }
 
-    /// Seconds of an answer.
-    fn answer(&mut self, policy: &mut dyn Policy) -> Result<f64> {
+    /// Runs the policy once and returns the elapsed time in s.
+    fn run(&mut self, policy: &mut dyn Policy) -> Result<f64> {
         let view = ObservationView::new(self.header, &self.pages)?;
         let started = Instant::now();
-        policy.act(&view, &mut self.answer)?;
+        policy.act(&view, &mut self.chunks)?;
         Ok(started.elapsed().as_secs_f64())
     }
 
-    /// The numbers of the last answer.
+    /// Returns all actions of the last run, concatenated.
     fn actions(&self) -> Vec<f32> {
-        self.answer.iter().flat_map(ActionChunk::rows).copied().collect()
+        self.chunks.iter().flat_map(ActionChunk::rows).copied().collect()
     }
 }
 
-/// An observation of noise, with an instruction.
+/// Creates an observation with noise images and an instruction.
 fn observation(morphology: Morphology, n_envs: usize) -> (ObservationHeader, Vec<Page>) {
     let block_len = block_pages(morphology, true);
     let mut pages = vec![Page::zeroed(); n_envs * block_len];

@@ -1,10 +1,12 @@
 """PyTorch and ONNX Runtime as the peers of `cargo bench -p benches --bench policy -- --peer PYTHON`.
 
-Loads the checkpoint folder given as the first argument into the plain PyTorch network of `python/make_act_checkpoint.py`,
-exports it to ONNX, and answers requests on standard input, `ENGINE BATCH` with `torch` or `onnxruntime`, by the seconds that one
-batch took on as many threads as the second argument says. Both start from bytes, `[n, n_cameras, 3, 224, 224] u8`: scaling
-and normalising count, enlarging the hand cameras' images, which ours does too, does not. Both compute only the decoder layer
-that reaches the output. `python -m pip install numpy safetensors torch onnx onnxruntime` installs all it needs.
+Usage: `act_inference.py CHECKPOINT_DIR N_THREADS`. Loads the checkpoint into the plain PyTorch network of
+`python/make_act_checkpoint.py` and exports it to ONNX. A request is a line `ENGINE BATCH_SIZE` on standard input, where ENGINE is
+`torch` or `onnxruntime`; the response is a line with the elapsed time in s of one batch.
+
+Both engines start from bytes, `[n, n_cameras, 3, 224, 224] u8`. Scaling and normalisation are part of the measured time; upsampling
+the hand camera images is not, although our implementation does that too. Both compute only the decoder layer that reaches the
+output. Requirements: `python -m pip install numpy safetensors torch onnx onnxruntime`.
 """
 
 import json
@@ -26,7 +28,7 @@ from make_act_checkpoint import Act  # noqa: E402
 
 
 class FromBytes(torch.nn.Module):
-    """The network with what turns camera bytes into its input."""
+    """ACT with the conversion from u8 images to normalised inputs in front."""
 
     def __init__(self, net):
         super().__init__()
@@ -76,7 +78,7 @@ class Peers:
         return time.perf_counter() - start
 
     def difference(self):
-        """Largest difference between the two engines' actions."""
+        """Returns the maximum absolute difference between the actions of the two engines."""
         inputs = self.inputs(2)
         named = {name: x.numpy() for name, x in zip(("images", "state", "embedding"), inputs)}
         with torch.inference_mode():

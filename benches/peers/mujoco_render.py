@@ -1,9 +1,9 @@
 """MuJoCo as the peer of `cargo bench -p benches --bench render -- --peer PYTHON`.
 
-Draws the envs that the bench exported (`scene.xml`, `poses.json`) into the directory given as the argument: all images of all
-envs per request. A request is a line `SHADOWS SAMPLES` on standard input (0 or 1; 0 or 4); the answer is a line with the
-seconds that took, poses set and pixels read back. `python -m pip install mujoco==4.0.0` installs all it needs; OpenGL comes
-from EGL unless MUJOCO_GL says otherwise.
+Usage: `mujoco_render.py SCENE_DIR`, where the benchmark has written `scene.xml` and `poses.json`. A request is a line
+`SHADOWS SAMPLES` on standard input (0 or 1; 0 or 4) and renders all images of all envs. The response is a line with the elapsed
+time in s, which includes setting the poses and reading back the pixels. Requirements: `python -m pip install mujoco==4.0.0`. Uses EGL
+unless MUJOCO_GL is set.
 """
 
 import json
@@ -24,7 +24,8 @@ class Peer:
         self.data = mujoco.MjData(self.model)
         described = json.loads((folder / "poses.json").read_text())
         self.envs = np.array(described["poses"])
-        # Renderers by side and samples, so that a context is switched to twice a round, not once an image.
+        # One renderer per image size and sample count, so that the GL context is switched twice per request,
+        # not once per image.
         self.cameras = {}
         for camera, side in enumerate(described["sides"]):
             self.cameras.setdefault(side, []).append(camera)
@@ -35,7 +36,7 @@ class Peer:
             for side in self.cameras:
                 self.renderers[side, samples] = mujoco.Renderer(self.model, side, side)
 
-    def draw(self, shadows: bool, samples: int) -> float:
+    def render(self, shadows: bool, samples: int) -> float:
         start = time.perf_counter()
         for side, cameras in self.cameras.items():
             renderer, image = self.renderers[side, samples], self.images[side]
@@ -56,7 +57,7 @@ def main() -> None:
     print(f"MuJoCo {mujoco.__version__}", flush=True)
     for request in sys.stdin:
         shadows, samples = map(int, request.split())
-        print(peer.draw(bool(shadows), samples), flush=True)
+        print(peer.render(bool(shadows), samples), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-//! What pictures cost: whole observations and single images, on one thread and on two, or on a device.
+//! Rendering cost of whole observations, on the CPU with one thread and with two, or on a GPU.
 //!
-//! `cargo bench -p benches --bench render -- [--renderer cpu|gpu|software] [--visibility raster|compute] [--envs N,N,…]
-//! [--peer PYTHON] [--csv FILE]`. An env-frame is all images of one env: two of 224 × 224 pixels and one of 128 × 128 per arm. Envs differ
-//! in their seed. On the CPU the cases take turns, so that all of them meet the same machine, and medians are reported, after
-//! warm-up: plain, with shadows, with shadows and four samples per pixel, each without and with layers of what stands still.
-//! With `--peer`, MuJoCo draws the same triangles, textures and cameras in turn with us (`peers/mujoco_render.py`, run by the
-//! Python given), and only that is measured.
+//! `cargo bench -p benches --bench render -- [--renderer cpu|gpu|software] [--visibility raster|compute]
+//! [--envs N,N,…] [--peer PYTHON] [--csv FILE]`. An env-frame is all images of one env: two of 224 × 224 px,
+//! plus one of 128 × 128 px per arm. Envs differ in their seed. On the CPU the cases are interleaved, so that
+//! all of them run under the same conditions, and medians after warm-up are reported: plain, with shadows,
+//! and with shadows and four samples per pixel, each without and with static layers. With `--peer`, MuJoCo
+//! renders the same triangles, textures and cameras in alternation with ours (`peers/mujoco_render.py`,
+//! started with the given Python interpreter), and nothing else is measured.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -25,29 +26,29 @@ use sim::render::{CpuOptions, CpuRenderer, GpuRenderer, RenderScene, Renderer, S
 use sim::scene::Snapshot;
 use sim::stream::episode_seed;
 
-/// Time given to one case; a round that has begun is finished.
+/// Time per case; a round that has started is finished.
 const CASE_TIME: Duration = Duration::from_millis(700);
 
-/// Turns a case takes on the CPU, one of them to warm up. Within a turn it draws many rounds, so that caches hold what is its
-/// own, not what the other cases left.
+/// Turns per case on the CPU, including one warm-up turn. A turn consists of many rounds, so that the caches
+/// hold the data of this case rather than that of the previous one.
 const N_TURNS: u32 = 11;
 
 fn main() -> Result<()> {
     let mut options = Options::default();
     let usage = "--renderer cpu|gpu|software, --visibility raster|compute, --envs N,N,…, --peer PYTHON, ";
-    let mut table = Report::with_options("render", usage, |flag, value| options.take(flag, value))?;
+    let mut table = Report::with_options("render", usage, |flag, value| options.parse(flag, value))?;
     if let Some(python) = &options.peer {
-        against_peer(python, &mut table)?;
+        compare_with_peer(python, &mut table)?;
         return table.finish();
     }
     for task in [TaskId::RaiseCube, TaskId::DualArmLiftTray] {
         for &n_envs in &options.n_envs {
             match options.adapter {
-                None => on_cpu(task, n_envs, &mut table)?,
+                None => measure_cpu(task, n_envs, &mut table)?,
                 Some(kind) => {
-                    on_device(
+                    measure_gpu(
                         task,
-                        &mut Env::several(task, n_envs, false),
+                        &mut Env::batch(task, n_envs, false),
                         kind,
                         options.visibility,
                         &mut table,
@@ -59,13 +60,13 @@ fn main() -> Result<()> {
     table.finish()
 }
 
-/// What was asked for.
+/// Parsed command-line options.
 struct Options {
-    /// `None` for the CPU.
+    /// Kind of adapter, or `None` for the CPU renderer.
     adapter: Option<AdapterKind>,
     visibility: Option<Visibility>,
     n_envs: Vec<u32>,
-    /// Python with MuJoCo.
+    /// Python interpreter with MuJoCo installed.
     peer: Option<PathBuf>,
 }
 
@@ -76,7 +77,7 @@ impl Default for Options {
 }
 
 impl Options {
-    fn take(&mut self, flag: &str, value: &str) -> Result<bool> {
+    fn parse(&mut self, flag: &str, value: &str) -> Result<bool> {
         match (flag, value) {
             ("--renderer", "cpu") => self.adapter = None,
             ("--renderer", "gpu") => self.adapter = Some(AdapterKind::Hardware),
@@ -85,7 +86,7 @@ impl Options {
             ("--visibility", "compute") => self.visibility = Some(Visibility::Compute),
             ("--envs", list) => {
                 let numbers = list.split(',').map(str::parse).collect::<Result<_, _>>();
-                self.n_envs = numbers.context("--envs takes numbers with commas between them")?;
+                self.n_envs = numbers.context("--envs needs a comma-separated list of numbers")?;
             }
             ("--peer", python) => self.peer = Some(python.into()),
             _ => return Ok(false),
@@ -94,7 +95,7 @@ impl Options {
     }
 }
 
-/// A way to draw on the CPU.
+/// A configuration of the CPU renderer.
 #[derive(Clone, Copy)]
 struct Case {
     name: &'static str,
@@ -112,16 +113,16 @@ const CASES: [Case; 6] = [
     Case { name: "shadows_4_samples/layers", keep_layers: true, shadows: true, samples: Samples::Four },
 ];
 
-fn on_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
+fn measure_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
     for n_threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
-        let mut arms = CASES.map(|case| {
+        let mut runs = CASES.map(|case| {
             let options = CpuOptions { keep_layers: case.keep_layers, samples: case.samples };
             let renderer = CpuRenderer::with_options(n_threads, options);
-            (case, renderer, Env::several(task, n_envs, case.shadows), Vec::new())
+            (case, renderer, Env::batch(task, n_envs, case.shadows), Vec::new())
         });
         for turn in 0..N_TURNS {
-            for (_, renderer, envs, rounds) in &mut arms {
+            for (_, renderer, envs, rounds) in &mut runs {
                 let start = Instant::now();
                 while start.elapsed() < CASE_TIME / (N_TURNS - 1) {
                     let mut views = Env::views(envs);
@@ -133,7 +134,7 @@ fn on_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
                 }
             }
         }
-        for (case, renderer, envs, mut rounds) in arms {
+        for (case, renderer, envs, mut rounds) in runs {
             let rate = f64::from(n_envs) / median(&mut rounds);
             let name = format!("{}/{}/envs{n_envs}/threads{n_threads}", task.name(), case.name);
             println!("{name:50} {rate:8.0} env_frames_per_s");
@@ -145,16 +146,17 @@ fn on_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
     Ok(())
 }
 
-/// Draws in turn with MuJoCo, on as many threads as there are processors, as MuJoCo's OpenGL does.
-fn against_peer(python: &Path, table: &mut Report) -> Result<()> {
+/// Renders in alternation with MuJoCo, with as many threads as there are processors, as MuJoCo's OpenGL
+/// driver does.
+fn compare_with_peer(python: &Path, table: &mut Report) -> Result<()> {
     const N_ENVS: u32 = 16;
     const N_ROUNDS: usize = 9;
     let task = TaskId::RaiseCube;
     let n_threads = std::thread::available_parallelism()?.get();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
     let folder = tempfile::tempdir()?;
-    export(&Env::several(task, N_ENVS, true), folder.path())?;
-    let scene = folder.path().to_str().context("a scratch folder's name is text")?;
+    export(&Env::batch(task, N_ENVS, true), folder.path())?;
+    let scene = folder.path().to_str().context("the temporary directory's path is not UTF-8")?;
     let mut peer = Peer::start(python, "mujoco_render.py", &[scene])?;
     for (name, shadows, samples) in [
         ("plain", false, Samples::One),
@@ -162,21 +164,21 @@ fn against_peer(python: &Path, table: &mut Report) -> Result<()> {
         ("shadows", true, Samples::One),
         ("shadows_4_samples", true, Samples::Four),
     ] {
-        let mut envs = Env::several(task, N_ENVS, shadows);
-        let mut ways = [false, true].map(|keep_layers| {
+        let mut envs = Env::batch(task, N_ENVS, shadows);
+        let mut variants = [false, true].map(|keep_layers| {
             let name = if keep_layers { "/layers" } else { "" };
             (name, CpuRenderer::with_options(n_threads, CpuOptions { keep_layers, samples }), Vec::new())
         });
         let mut theirs = Vec::new();
-        // The first round warms up.
+        // The first round is for warm-up.
         for round in 0..=N_ROUNDS {
             let n_samples = if samples == Samples::Four { 4 } else { 0 };
             let peer_s = peer.request(&format!("{} {n_samples}", i32::from(shadows)))?;
             if round > 0 {
                 theirs.push(peer_s);
             }
-            for (_, renderer, ours) in &mut ways {
-                // About as long as the peer takes, lest one side meet a moment that the other does not.
+            for (_, renderer, ours) in &mut variants {
+                // Run for half as long as the peer did, so that short disturbances affect both sides.
                 let (start, mut rounds) = (Instant::now(), Vec::new());
                 while rounds.is_empty() || start.elapsed().as_secs_f64() < peer_s / 2.0 {
                     let mut views = Env::views(&mut envs);
@@ -190,13 +192,13 @@ fn against_peer(python: &Path, table: &mut Report) -> Result<()> {
             }
         }
         let rate = |seconds| f64::from(N_ENVS) / seconds;
-        for (way, _, ours) in ways {
+        for (variant, _, ours) in variants {
             let mut ratios: Vec<f64> = theirs.iter().zip(&ours).map(|(theirs, ours)| theirs / ours).collect();
             let (mut ours, mut theirs) = (ours, theirs.clone());
             let [ours, theirs] = [rate(median(&mut ours)), rate(median(&mut theirs))];
-            let case = format!("{}/{name}{way}", task.name());
+            let case = format!("{}/{name}{variant}", task.name());
             let ratio = median(&mut ratios);
-            println!("{case:40} {ours:8.0} against {theirs:4.0} env_frames_per_s: {ratio:.1} times");
+            println!("{case:40} {ours:8.0} env_frames_per_s, peer {theirs:4.0}: {ratio:.1} times as fast");
             table.add(&format!("{case}/peer"), theirs, "env_frames_per_s", &peer.name);
             table.add(&format!("{case}/times_the_peer"), ratio, "1", &format!("envs{N_ENVS}"));
             table.add(&case, ours, "env_frames_per_s", &format!("threads{n_threads}"));
@@ -205,7 +207,7 @@ fn against_peer(python: &Path, table: &mut Report) -> Result<()> {
     Ok(())
 }
 
-/// Writes the first env's scene, and where everything is in each env.
+/// Writes the scene of the first env as MJCF, and the poses of all envs as JSON.
 fn export(envs: &[Env], folder: &Path) -> Result<()> {
     let scene = &envs[0].scene;
     mjcf::write(&scene.export(), folder).context("export the scene for the peer")?;
@@ -219,7 +221,7 @@ fn export(envs: &[Env], folder: &Path) -> Result<()> {
     std::fs::write(folder.join("poses.json"), text).context("export the poses for the peer")
 }
 
-fn on_device(
+fn measure_gpu(
     task: TaskId,
     envs: &mut [Env],
     kind: AdapterKind,
@@ -238,13 +240,13 @@ fn on_device(
         "{case:40} {rate:8.0} env_frames_per_s; last call: submit {submit_ms:.2} ms, wait {wait_ms:.2} ms, readback {readback_ms:.2} ms"
     );
     table.add(&case, rate, "env_frames_per_s", &note);
-    for (what, ms) in [("submit", submit_ms), ("wait", wait_ms), ("readback", readback_ms)] {
-        table.add(&format!("{case}/{what}"), ms, "ms", "of the last call");
+    for (phase, ms) in [("submit", submit_ms), ("wait", wait_ms), ("readback", readback_ms)] {
+        table.add(&format!("{case}/{phase}"), ms, "ms", "of the last call");
     }
     Ok(())
 }
 
-/// One env at its start, with room for its images.
+/// An env in its initial state, with buffers for its images.
 struct Env {
     scene: RenderScene,
     snapshot: Snapshot,
@@ -252,7 +254,7 @@ struct Env {
 }
 
 impl Env {
-    fn several(task: TaskId, n_envs: u32, shadows: bool) -> Vec<Self> {
+    fn batch(task: TaskId, n_envs: u32, shadows: bool) -> Vec<Self> {
         (0..n_envs).map(|episode_idx| Self::new(task, episode_idx, shadows)).collect()
     }
 
@@ -276,7 +278,7 @@ impl Env {
     }
 }
 
-/// Rounds per second in the best round.
+/// Returns the rounds per second of the fastest round.
 fn best_rate(renderer: &mut dyn Renderer, envs: &mut [Env]) -> Result<f64> {
     let mut views = Env::views(envs);
     for _ in 0..2 {

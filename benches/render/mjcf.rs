@@ -1,7 +1,8 @@
 //! Export of scenes to MuJoCo: an MJCF file with OBJ meshes and PNG textures.
 //!
-//! Triangles, texture coordinates, cameras and light directions are those of our renderer. MuJoCo shades by its own
-//! model, so its images look similar but are not equal. Every instance and every camera is a mocap body of its own.
+//! Triangles, texture coordinates, cameras and light directions are those of our renderer. MuJoCo shades by
+//! its own model, so its images look similar but are not equal. Every instance and every camera is a mocap
+//! body of its own.
 
 use std::fmt::Write as _;
 use std::fs::{self, File};
@@ -10,8 +11,8 @@ use std::path::Path;
 
 use sim::render::export::{ExportedInstance, ExportedScene, ExportedTexture};
 
-/// Writes `scene.xml` and the meshes and textures it refers to into a directory. The mocap bodies are the instances,
-/// followed by the cameras.
+/// Writes `scene.xml` and the meshes and textures it refers to into a directory. The mocap bodies are the
+/// instances, followed by the cameras.
 ///
 /// # Errors
 /// If a file cannot be written.
