@@ -9,8 +9,10 @@ pub mod frame;
 pub mod layout;
 pub mod link;
 pub mod morphology;
+pub mod run_config;
 
 pub use error_chain::error_chain;
 pub use frame::{ActionHeader, ActionView, FrameError, ObservationHeader, ObservationView};
 pub use layout::{ActionBlock, EXTERNAL_SIDE, EnvRecord, HAND_SIDE, Page, SCHEMA_HASH};
 pub use morphology::{ControlMode, Morphology};
+pub use run_config::RunConfig;

@@ -2,34 +2,25 @@
 
 use std::path::PathBuf;
 
+use clap::ValueEnum;
 use ipc_types::Morphology;
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::synthetic;
 
 use crate::cli::CheckpointArgs;
 use crate::failure::{Ending, Failure, OrUser};
-use crate::names::pick;
 use crate::progress::print;
 
 /// How large a network.
-#[derive(Clone, Copy, Debug)]
-enum Size {
-    /// The benchmark's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Size {
+    /// The size that the benchmark trains
     Full,
-    /// For tests.
+    /// For tests
     Tiny,
 }
 
 impl Size {
-    const ALL: [Self; 2] = [Self::Full, Self::Tiny];
-
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Full => "full",
-            Self::Tiny => "tiny",
-        }
-    }
-
     fn config(self, morphology: Morphology) -> ActConfig {
         match self {
             Self::Full => ActConfig::full_size(morphology),
@@ -40,10 +31,9 @@ impl Size {
 
 /// Writes it: one folder per morphology.
 pub(crate) fn write(args: &CheckpointArgs) -> Result<Ending, Failure> {
-    let size = pick("size", &args.size, &Size::ALL, Size::name).or_user()?;
     for morphology in Morphology::ALL {
         let folder: PathBuf = args.output.join(morphology.name());
-        synthetic::write_checkpoint(&folder, &size.config(morphology), args.seed)
+        synthetic::write_checkpoint(&folder, &args.size.config(morphology), args.seed)
             .map_err(|error| anyhow::anyhow!("failed to {error}"))
             .or_user()?;
     }

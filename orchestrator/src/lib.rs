@@ -24,18 +24,18 @@ mod replay;
 mod report;
 mod results;
 mod run;
+mod selection;
 mod show;
 mod suite;
-mod sweep;
+mod sweep_file;
 mod work;
 
 use std::io::Write;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use clap::Parser;
-
 use crate::cli::{Cli, Command};
+use crate::failure::{Ending, Failure};
 
 /// Runs the program on this process's arguments.
 ///
@@ -43,15 +43,21 @@ use crate::cli::{Cli, Command};
 #[must_use]
 pub fn main() -> ExitCode {
     let started = Instant::now();
-    let command = match Cli::try_parse() {
-        Ok(cli) => cli.command,
-        Err(error) => {
-            // Help and version also arrive here, with code 0. Whether anybody reads them is not ours to care about.
-            let _ = error.print();
-            return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
-        }
-    };
-    let result = match &command {
+    match Cli::parse_with_sweep_file(&std::env::args_os().collect::<Vec<_>>()) {
+        Ok(cli) => finish(run_command(&cli.command, started)),
+        Err(error) => match error.downcast::<clap::Error>() {
+            Ok(error) => {
+                // Help and version texts are errors for clap, too. A failure to print leaves nothing to report it on.
+                let _ = error.print();
+                if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS }
+            }
+            Err(error) => finish(Err(Failure::User(error))),
+        },
+    }
+}
+
+fn run_command(command: &Command, started: Instant) -> Result<Ending, Failure> {
+    match command {
         Command::Run(args) => run::run(args, started),
         Command::Tasks(args) => suite::list(args),
         Command::Show(args) => show::show(args),
@@ -60,7 +66,11 @@ pub fn main() -> ExitCode {
         Command::Checkpoint(args) => checkpoint::write(args),
         Command::Sim(args) => child::sim(args),
         Command::PolicyHost(args) => child::policy_host(args),
-    };
+    }
+}
+
+/// Prints the error, if there is one, and returns the exit code.
+fn finish(result: Result<Ending, Failure>) -> ExitCode {
     match result {
         Ok(ending) => ending.exit_code(),
         Err(failure) => {

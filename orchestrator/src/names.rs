@@ -1,15 +1,20 @@
-//! From a typed name to the thing it names, or to the names that come nearest.
+//! Lookup of names typed by a user, with suggestions for misspelt ones.
 
+use std::error::Error;
+use std::ffi::OsStr;
+
+use clap::builder::{PossibleValue, TypedValueParser};
+use clap::{Arg, Command};
 use thiserror::Error;
 
-/// Suggestions in one message.
-const MOST_SUGGESTIONS: usize = 3;
-/// Least Jaro–Winkler similarity of a suggestion; below it a name is not a misspelling but another word.
-const LEAST_SIMILARITY: f64 = 0.7;
-/// Names that a message lists in full when none comes near.
-const MOST_LISTED: usize = 12;
+/// Maximum number of suggestions in one message.
+const MAX_SUGGESTIONS: usize = 3;
+/// Minimum Jaro–Winkler similarity of a suggestion. Below it, a name is not a misspelling but another word.
+const MIN_SIMILARITY: f64 = 0.7;
+/// Maximum number of known names that a message lists in full when none is similar.
+const MAX_LISTED: usize = 12;
 
-/// A name that names nothing.
+/// An unknown name, with the known names that are most similar to it.
 #[derive(Debug, Error, PartialEq, Eq)]
 #[error("unknown {kind} `{typed}`{}", hint(suggestions, known))]
 pub(crate) struct UnknownName {
@@ -20,22 +25,22 @@ pub(crate) struct UnknownName {
 }
 
 impl UnknownName {
-    /// For what was typed where one of `known` was expected.
+    /// Describes `typed` where one of `known` was expected.
     pub(crate) fn new(kind: &'static str, typed: &str, known: &[&str]) -> Self {
         let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
         Self {
             kind,
             typed: typed.to_owned(),
-            suggestions: owned(&nearest(typed, known)),
+            suggestions: owned(&most_similar(typed, known)),
             known: owned(known),
         }
     }
 }
 
-/// The one of `all` whose name was typed, in whatever case.
+/// Returns the item of `all` whose name is `typed`, ignoring case.
 ///
 /// # Errors
-/// If none has it.
+/// If no item has that name.
 pub(crate) fn pick<T: Copy>(
     kind: &'static str,
     typed: &str,
@@ -48,20 +53,51 @@ pub(crate) fn pick<T: Copy>(
     })
 }
 
-/// The names most like `typed`, the likest first.
-fn nearest<'a>(typed: &str, known: &[&'a str]) -> Vec<&'a str> {
+/// A clap value parser for named values. It reports unknown names with suggestions and lists the names to shell completions.
+#[derive(Debug)]
+pub(crate) struct NameParser<T, E> {
+    /// Parses one value.
+    pub(crate) parse: fn(&str) -> Result<T, E>,
+    /// Returns the names to complete.
+    pub(crate) names: fn() -> Vec<&'static str>,
+}
+
+impl<T, E> Clone for NameParser<T, E> {
+    fn clone(&self) -> Self {
+        Self { ..*self }
+    }
+}
+
+impl<T, E> TypedValueParser for NameParser<T, E>
+where
+    T: Clone + Send + Sync + 'static,
+    E: Into<Box<dyn Error + Send + Sync>> + 'static,
+{
+    type Value = T;
+
+    fn parse_ref(&self, command: &Command, arg: Option<&Arg>, value: &OsStr) -> Result<T, clap::Error> {
+        TypedValueParser::parse_ref(&self.parse, command, arg, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new((self.names)().into_iter().map(PossibleValue::new)))
+    }
+}
+
+/// Returns the names most similar to `typed`, in descending order of similarity.
+fn most_similar<'a>(typed: &str, known: &[&'a str]) -> Vec<&'a str> {
     let typed = typed.to_ascii_lowercase();
     let similarity = |name: &str| strsim::jaro_winkler(&typed, &name.to_ascii_lowercase());
     let mut scored: Vec<(f64, &str)> = known.iter().map(|&name| (similarity(name), name)).collect();
-    scored.retain(|(score, _)| *score >= LEAST_SIMILARITY);
+    scored.retain(|(score, _)| *score >= MIN_SIMILARITY);
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
-    scored.into_iter().take(MOST_SUGGESTIONS).map(|(_, name)| name).collect()
+    scored.into_iter().take(MAX_SUGGESTIONS).map(|(_, name)| name).collect()
 }
 
 fn hint(suggestions: &[String], known: &[String]) -> String {
     match (suggestions, known) {
-        ([], known) if known.len() <= MOST_LISTED => format!("; known are {}", known.join(", ")),
-        ([], _) => "; `hypogeum tasks --matrix` lists them".to_owned(),
+        ([], known) if known.len() <= MAX_LISTED => format!("; expected one of {}", known.join(", ")),
+        ([], _) => "; `hypogeum tasks --matrix` lists all names".to_owned(),
         ([one], _) => format!("; did you mean {one}?"),
         ([others @ .., last], _) => format!("; did you mean {} or {last}?", others.join(", ")),
     }
@@ -74,11 +110,11 @@ mod tests {
     const FRUIT: [&str; 4] = ["Apple", "Apricot", "Banana", "Pineapple"];
 
     #[test]
-    fn a_name_is_found_in_any_case_and_a_misspelt_one_is_suggested() {
+    fn pick_ignores_case_and_suggests_similar_names() {
         let pick = |typed| pick("fruit", typed, &FRUIT, |name| name);
         assert_eq!(pick("banana"), Ok("Banana"));
         insta::assert_snapshot!(pick("Aple").unwrap_err(), @"unknown fruit `Aple`; did you mean Apple?");
         insta::assert_snapshot!(pick("Bananna").unwrap_err(), @"unknown fruit `Bananna`; did you mean Banana?");
-        insta::assert_snapshot!(pick("xyz").unwrap_err(), @"unknown fruit `xyz`; known are Apple, Apricot, Banana, Pineapple");
+        insta::assert_snapshot!(pick("xyz").unwrap_err(), @"unknown fruit `xyz`; expected one of Apple, Apricot, Banana, Pineapple");
     }
 }

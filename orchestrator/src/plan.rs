@@ -1,64 +1,28 @@
-//! A run as meant: names have become enums, lists are complete, limits are checked. No string is compared after this.
+//! The resolved plan of a run: policies, conditions and options, complete and checked.
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use ipc_types::{ControlMode, Morphology};
-use policy_host::QueryMode;
-use sim::perturb::{Composition, CompositionError, Strength, StrengthError};
-use sim::render::{RendererChoice, Samples};
-use sim::{Perturbation, Profile, TaskId};
+use ipc_types::run_config::QueryMode;
+use ipc_types::{ControlMode, Morphology, RunConfig};
+use sim::perturb::Composition;
+use sim::{Perturbation, TaskId};
 use thiserror::Error;
 
-use crate::names::{UnknownName, pick};
-use crate::policy::{NamedPolicy, PolicyError};
-use crate::sweep::Sweep;
+use crate::cli::SweepArgs;
+use crate::policy::NamedPolicy;
+use crate::selection::{PerturbationSelector, TaskSelector};
 
-/// Where results go unless the user says otherwise.
-const DEFAULT_DB: &str = "hypogeum.db";
-const DEFAULT_EPISODES: u32 = 10;
-const DEFAULT_ENVS: u32 = 16;
-/// Rows of a chunk executed in chunk mode: the benchmark's ACT answers 30.
-const DEFAULT_EXECUTE: u32 = 30;
-/// Most rows a chunk can have.
-const MAX_EXECUTE: u32 = ipc_types::layout::MAX_HORIZON as u32;
-const MAX_EPISODES: u32 = 1_000_000;
-const MAX_ENVS: u32 = 4096;
-const MAX_THREADS: u32 = 1024;
-
-const MODES: [QueryMode; 2] = [QueryMode::Chunk, QueryMode::Ensemble];
-
-/// Everything a run is.
+/// A resolved run.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Plan {
+pub(crate) struct RunPlan {
     /// Policies, in the order given.
     pub(crate) policies: Vec<NamedPolicy>,
-    /// Tasks with the perturbations to run them under, in the suite's order.
+    /// Conditions, in the order of the suite.
     pub(crate) conditions: Vec<Condition>,
     /// Episodes of each policy under each condition.
     pub(crate) episodes: u32,
-    /// Suite seed.
-    pub(crate) seed: u64,
-    /// Episodes in progress at a time.
-    pub(crate) n_envs: u32,
-    /// Worker threads of each process.
-    pub(crate) threads: u32,
-    /// How policies are queried.
-    pub(crate) mode: QueryMode,
-    /// Rows of a chunk to execute.
-    pub(crate) execute: u32,
-    /// Reading of the benchmark.
-    pub(crate) profile: Profile,
-    /// How strong perturbations are.
-    pub(crate) strength: Strength,
-    /// How single-arm policies drive.
-    pub(crate) control_mode: ControlMode,
-    /// Who draws.
-    pub(crate) renderer: RendererChoice,
-    /// How it samples pixels.
-    pub(crate) samples: Samples,
-    /// Whether the results file keeps the actions, for replays.
-    pub(crate) keep_actions: bool,
+    /// Options that reach the children.
+    pub(crate) config: RunConfig,
     /// Results file.
     pub(crate) db: PathBuf,
 }
@@ -70,74 +34,48 @@ pub(crate) struct Condition {
     pub(crate) perturbation: Composition,
 }
 
-/// Why wishes make no plan.
+/// Errors that can occur while resolving arguments into a plan.
 #[derive(Debug, Error)]
 pub(crate) enum PlanError {
-    #[error(transparent)]
-    Name(#[from] UnknownName),
-    #[error(transparent)]
-    Policy(#[from] PolicyError),
     #[error(
-        "no policy to evaluate: say --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)"
+        "no policy to evaluate: add --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)"
     )]
     NoPolicy,
-    #[error("two policies are called `{name}`: give each a name of its own, --policy NAME=SPEC")]
+    #[error("two policies are named `{name}`: give each its own name, --policy NAME=SPEC")]
     SameName { name: String },
     #[error(
-        "perturbation {perturbation} does not apply to {task}: {reason}; leave one of them out, or say --perturbations all for those that apply"
+        "perturbation {perturbation} does not apply to {task}: {reason}; omit one of them, or use --perturbations all for \
+         those that apply"
     )]
     NotApplicable { task: &'static str, perturbation: &'static str, reason: String },
-    #[error(transparent)]
-    Incompatible(#[from] CompositionError),
-    #[error("--{0}")]
-    Strength(#[from] StrengthError),
-    #[error("--{flag} is {found}, expected {least} to {most}")]
-    Range { flag: &'static str, found: u32, least: u32, most: u32 },
     #[error(
-        "--execute is {found}, but ensemble mode queries after every step: leave it out or use --mode chunk"
+        "--execute is {found}, but ensemble mode queries at every step: omit --execute or use --mode chunk"
     )]
     EnsembleExecute { found: u32 },
 }
 
-impl Plan {
-    /// Gives the wishes their meaning, on a machine with `n_cores` cores.
+impl RunPlan {
+    /// Resolves arguments into a plan.
     ///
     /// # Errors
-    /// The first wish that has none.
-    pub(crate) fn new(wishes: &Sweep, n_cores: u32) -> Result<Self, PlanError> {
-        let policies = policies(&wishes.policies)?;
-        let profile = choice("profile", wishes.profile.as_deref(), &Profile::ALL, Profile::name)?;
-        let mode = choice("mode", wishes.mode.as_deref(), &MODES, mode_name)?;
+    /// If arguments contradict each other or a named perturbation does not apply to a task.
+    pub(crate) fn new(args: &SweepArgs) -> Result<Self, PlanError> {
+        let SweepArgs { policies, tasks, perturbations, episodes, db, config } = args;
+        check_policies(policies)?;
+        let options = config.results;
+        if options.mode == QueryMode::Ensemble && options.execute != 1 {
+            return Err(PlanError::EnsembleExecute { found: options.execute });
+        }
         Ok(Self {
-            policies,
-            conditions: conditions(&tasks(&wishes.tasks)?, &wishes.perturbations)?,
-            episodes: in_range("episodes", wishes.episodes.unwrap_or(DEFAULT_EPISODES), MAX_EPISODES)?,
-            seed: wishes.seed.unwrap_or(0),
-            n_envs: in_range("envs", wishes.envs.unwrap_or(DEFAULT_ENVS), MAX_ENVS)?,
-            threads: in_range("threads", wishes.threads.unwrap_or(n_cores), MAX_THREADS)?,
-            mode,
-            execute: execute(mode, wishes.execute)?,
-            profile,
-            strength: strength(wishes.strength.unwrap_or(1.0))?,
-            control_mode: choice(
-                "control mode",
-                wishes.control_mode.as_deref(),
-                &ControlMode::ALL,
-                ControlMode::name,
-            )?,
-            renderer: choice(
-                "renderer",
-                wishes.renderer.as_deref(),
-                &RendererChoice::ALL,
-                RendererChoice::name,
-            )?,
-            samples: choice("samples", wishes.samples.as_deref(), &Samples::ALL, Samples::name)?,
-            keep_actions: wishes.keep_actions,
-            db: wishes.db.clone().unwrap_or_else(|| PathBuf::from(DEFAULT_DB)),
+            policies: policies.clone(),
+            conditions: conditions(&TaskSelector::select(tasks), perturbations)?,
+            episodes: *episodes,
+            config: *config,
+            db: db.clone(),
         })
     }
 
-    /// Morphologies of the tasks, each once.
+    /// Returns the morphologies of the tasks, each once.
     pub(crate) fn morphologies(&self) -> Vec<Morphology> {
         let used = |morphology: &Morphology| {
             self.conditions.iter().any(|condition| condition.task.task().morphology == *morphology)
@@ -145,79 +83,42 @@ impl Plan {
         Morphology::ALL.into_iter().filter(used).collect()
     }
 
-    /// How policies drive a robot: two arms always by absolute joints.
+    /// Returns the control mode of policies with this morphology. Two arms always use absolute joint positions.
     pub(crate) fn control_mode_of(&self, morphology: Morphology) -> ControlMode {
-        morphology.control_mode(self.control_mode)
+        morphology.control_mode(self.config.results.control_mode)
     }
 
-    /// Whether any policy looks at images.
+    /// Returns `true` if any policy reads images.
     pub(crate) fn needs_images(&self) -> bool {
         self.policies.iter().any(|policy| policy.spec.needs_images())
     }
 
-    /// Episodes of the whole plan.
+    /// Returns the number of episodes of the whole plan.
     pub(crate) fn n_episodes(&self) -> u64 {
         self.policies.len() as u64 * self.conditions.len() as u64 * u64::from(self.episodes)
     }
 }
 
-/// Name of a query mode on the command line.
-pub(crate) const fn mode_name(mode: QueryMode) -> &'static str {
-    match mode {
-        QueryMode::Chunk => "chunk",
-        QueryMode::Ensemble => "ensemble",
+impl Condition {
+    /// Makes the condition of `task` under `perturbation`.
+    ///
+    /// # Errors
+    /// If the perturbation does not apply to the task.
+    pub(crate) fn new(task: TaskId, perturbation: Composition) -> Result<Self, PlanError> {
+        perturbation.applies_to(&(task.task().nominal)()).map_err(|(part, error)| {
+            PlanError::NotApplicable { task: task.name(), perturbation: part.name(), reason: error.reason }
+        })?;
+        Ok(Self { task, perturbation })
+    }
+
+    /// Returns the conditions of `task` under every single perturbation that applies to it.
+    pub(crate) fn all_of(task: TaskId) -> impl Iterator<Item = Self> {
+        Perturbation::ALL.iter().filter_map(move |&perturbation| Self::new(task, perturbation.into()).ok())
     }
 }
 
-/// The perturbation that was typed, or those that were typed with a plus between them.
-///
-/// # Errors
-/// If none is called so, or they cannot act together.
-pub(crate) fn perturbation(typed: &str) -> Result<Composition, PlanError> {
-    let one = |word| pick("perturbation", word, Perturbation::ALL, Perturbation::name);
-    let parts = Composition::split(typed).map(one).collect::<Result<Vec<_>, _>>()?;
-    Ok(Composition::new(&parts)?)
-}
-
-/// The strength that was typed.
-///
-/// # Errors
-/// If it is not above 0 and up to 1.
-pub(crate) fn strength(typed: f64) -> Result<Strength, PlanError> {
-    Ok(Strength::try_from(typed)?)
-}
-
-/// The task that was typed.
-///
-/// # Errors
-/// If none is called so.
-pub(crate) fn task(typed: &str) -> Result<TaskId, UnknownName> {
-    pick("task", typed, TaskId::ALL, TaskId::name)
-}
-
-/// The profile that was typed.
-///
-/// # Errors
-/// If none is called so.
-pub(crate) fn profile(typed: &str) -> Result<Profile, UnknownName> {
-    pick("profile", typed, &Profile::ALL, Profile::name)
-}
-
-/// A task under a perturbation that changes it.
-///
-/// # Errors
-/// If the perturbation does not apply to the task.
-pub(crate) fn condition(task: TaskId, perturbation: Composition) -> Result<Condition, PlanError> {
-    perturbation.applies_to(&(task.task().nominal)()).map_err(|(part, error)| PlanError::NotApplicable {
-        task: task.name(),
-        perturbation: part.name(),
-        reason: error.reason,
-    })?;
-    Ok(Condition { task, perturbation })
-}
-
-fn policies(typed: &[String]) -> Result<Vec<NamedPolicy>, PlanError> {
-    let policies: Vec<NamedPolicy> = typed.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
+/// Checks that there is a policy and that no two have the same name.
+fn check_policies(policies: &[NamedPolicy]) -> Result<(), PlanError> {
     if policies.is_empty() {
         return Err(PlanError::NoPolicy);
     }
@@ -226,98 +127,37 @@ fn policies(typed: &[String]) -> Result<Vec<NamedPolicy>, PlanError> {
             return Err(PlanError::SameName { name: policy.name.clone() });
         }
     }
-    Ok(policies)
+    Ok(())
 }
 
-/// Tasks in the suite's order, each once. The words for groups may stand among names.
-///
-/// # Errors
-/// If none is called so.
-pub(crate) fn tasks(typed: &[String]) -> Result<Vec<TaskId>, PlanError> {
-    let groups = |word: &str| -> Option<Box<dyn Fn(TaskId) -> bool>> {
-        let of = |morphology| Box::new(move |task: TaskId| task.task().morphology == morphology);
-        match word {
-            "all" => Some(Box::new(|_| true)),
-            "single" => Some(of(Morphology::Single)),
-            "bimanual" => Some(of(Morphology::Bimanual)),
-            _ => None,
-        }
-    };
-    if typed.is_empty() {
-        return Ok(TaskId::ALL.to_vec());
-    }
-    let mut wanted = Vec::new();
-    for word in typed {
-        match groups(word) {
-            Some(belongs) => wanted.extend(TaskId::ALL.iter().copied().filter(|&task| belongs(task))),
-            None => wanted.push(task(word)?),
-        }
-    }
-    Ok(TaskId::ALL.iter().copied().filter(|task| wanted.contains(task)).collect())
-}
-
-/// Conditions in the suite's order, each once. `all` may stand among names: those that apply.
-fn conditions(tasks: &[TaskId], typed: &[String]) -> Result<Vec<Condition>, PlanError> {
-    let names = typed.iter().filter(|word| *word != "all");
-    let mut named = names.map(|word| perturbation(word)).collect::<Result<BTreeSet<_>, _>>()?;
-    if typed.is_empty() {
-        named.insert(Perturbation::None.into());
-    }
-    let mut wanted = named.clone();
-    if typed.iter().any(|word| word == "all") {
-        wanted.extend(Perturbation::ALL.iter().map(|&perturbation| Composition::from(perturbation)));
-    }
+/// Returns the conditions in the order of the suite, each once. A named perturbation must apply to every task.
+fn conditions(tasks: &[TaskId], selectors: &[PerturbationSelector]) -> Result<Vec<Condition>, PlanError> {
+    let named = PerturbationSelector::named(selectors);
     let mut conditions = Vec::new();
     for &task in tasks {
-        for &perturbation in &wanted {
-            match condition(task, perturbation) {
-                Ok(condition) => conditions.push(condition),
-                Err(error) if named.contains(&perturbation) => return Err(error),
-                Err(_) => {}
-            }
+        let mut selected = named.clone();
+        for &perturbation in &named {
+            Condition::new(task, perturbation)?;
         }
+        if selectors.contains(&PerturbationSelector::Applicable) {
+            selected.extend(Condition::all_of(task).map(|condition| condition.perturbation));
+        }
+        conditions.extend(selected.into_iter().map(|perturbation| Condition { task, perturbation }));
     }
     Ok(conditions)
 }
 
-fn execute(mode: QueryMode, typed: Option<u32>) -> Result<u32, PlanError> {
-    match (mode, typed) {
-        (QueryMode::Chunk, typed) => in_range("execute", typed.unwrap_or(DEFAULT_EXECUTE), MAX_EXECUTE),
-        (QueryMode::Ensemble, None | Some(1)) => Ok(1),
-        (QueryMode::Ensemble, Some(found)) => Err(PlanError::EnsembleExecute { found }),
-    }
-}
-
-/// The one of `all` that was typed, or the first.
-fn choice<T: Copy>(
-    kind: &'static str,
-    typed: Option<&str>,
-    all: &[T],
-    name: impl Fn(T) -> &'static str,
-) -> Result<T, UnknownName> {
-    typed.map_or(Ok(all[0]), |typed| pick(kind, typed, all, name))
-}
-
-fn in_range(flag: &'static str, found: u32, most: u32) -> Result<u32, PlanError> {
-    if (1..=most).contains(&found) {
-        Ok(found)
-    } else {
-        Err(PlanError::Range { flag, found, least: 1, most })
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
-
     use super::*;
-    use crate::cli::{Cli, Command};
+    use crate::cli::parse_run;
 
-    /// The plan of a command line, on a machine with two cores.
-    fn plan(arguments: &str) -> Result<Plan, String> {
-        let words = ["hypogeum", "run"].into_iter().chain(arguments.split_whitespace());
-        let Command::Run(args) = Cli::try_parse_from(words).unwrap().command else { panic!("not a run") };
-        Plan::new(&args.flags, 2).map_err(|error| error.to_string())
+    /// Resolves the arguments of `run`. An error is returned as its text, a clap error without the usage.
+    fn plan(arguments: &str) -> Result<RunPlan, String> {
+        let args = parse_run(arguments).map_err(|error| {
+            error.to_string().lines().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join("\n")
+        })?;
+        RunPlan::new(&args).map_err(|error| error.to_string())
     }
 
     fn conditions_of(arguments: &str) -> Vec<String> {
@@ -326,18 +166,21 @@ mod tests {
     }
 
     #[test]
-    fn a_policy_is_enough() {
+    fn policy_alone_is_a_complete_plan() {
         let plan = plan("--policy idle").unwrap();
         assert_eq!((plan.policies[0].name.as_str(), plan.policies.len()), ("idle", 1));
         assert_eq!(plan.conditions.len(), TaskId::ALL.len());
         assert!(plan.conditions.iter().all(|condition| condition.perturbation == Perturbation::None.into()));
-        assert_eq!((plan.episodes, plan.seed, plan.n_envs, plan.threads), (10, 0, 16, 2));
-        assert_eq!((plan.mode, plan.execute), (QueryMode::Chunk, 30));
+        assert_eq!((plan.episodes, plan.config), (10, RunConfig::default()));
+        let RunConfig { results, resources, .. } = plan.config;
+        assert_eq!((results.seed, resources.envs), (0, 16));
+        assert_eq!(resources.threads as usize, std::thread::available_parallelism().unwrap().get());
+        assert_eq!((results.mode, results.execute), (QueryMode::Chunk, 30));
         assert_eq!(plan.db, PathBuf::from("hypogeum.db"));
     }
 
     #[test]
-    fn lists_are_sorted_and_without_repetition() {
+    fn lists_are_sorted_and_deduplicated() {
         let typed =
             "--policy idle --tasks stackcube,RaiseCube,raisecube --perturbations MO-Color,none,mo-color";
         let expected = ["RaiseCube/None", "RaiseCube/MO-Color", "StackCube/None", "StackCube/MO-Color"];
@@ -347,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn all_perturbations_are_those_that_apply() {
+    fn all_selects_perturbations_that_apply() {
         for condition in plan("--policy idle --perturbations all").unwrap().conditions {
             let nominal = (condition.task.task().nominal)();
             assert_eq!(condition.perturbation.applies_to(&nominal), Ok(()));
@@ -358,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_named_perturbation_must_apply() {
+    fn named_perturbation_must_apply() {
         let pairs = TaskId::ALL.iter().flat_map(|&task| Perturbation::ALL.iter().map(move |&p| (task, p)));
         for (task, perturbation) in pairs {
             let typed =
@@ -374,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn perturbations_can_act_together() {
+    fn perturbations_compose_with_plus() {
         let typed = "--policy idle --tasks RaiseCube --perturbations camera-pose+mo-color,Camera-Pose,MO-Color+Camera-Pose";
         assert_eq!(conditions_of(typed), ["RaiseCube/Camera-Pose", "RaiseCube/MO-Color+Camera-Pose"]);
         let beside_all =
@@ -384,15 +227,15 @@ mod tests {
     }
 
     #[test]
-    fn ensembling_queries_every_step() {
-        assert_eq!(plan("--policy idle --mode ensemble").unwrap().execute, 1);
-        assert_eq!(plan("--policy idle --execute 7").unwrap().execute, 7);
+    fn ensemble_mode_executes_one_row() {
+        assert_eq!(plan("--policy idle --mode ensemble").unwrap().config.results.execute, 1);
+        assert_eq!(plan("--policy idle --execute 7").unwrap().config.results.execute, 7);
     }
 
     #[test]
-    fn every_wrong_wish_is_one_clear_sentence() {
+    fn invalid_arguments_give_one_clear_error() {
         let wrong = |arguments| plan(arguments).unwrap_err();
-        insta::assert_snapshot!(wrong(""), @"no policy to evaluate: say --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)");
+        insta::assert_snapshot!(wrong(""), @"no policy to evaluate: add --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)");
         insta::assert_snapshot!(wrong("--policy idle --tasks RiseCube"), @"unknown task `RiseCube`; did you mean RaiseCube or StackCube?");
         insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Colour"), @"unknown perturbation `MO-Colour`; did you mean MO-Color, RO-Color or Light-Color?");
         insta::assert_snapshot!(wrong("--policy idle --perturbations all,xyz"), @"unknown perturbation `xyz`; `hypogeum tasks --matrix` lists them");

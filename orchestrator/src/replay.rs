@@ -6,9 +6,7 @@ use std::sync::Mutex;
 use anyhow::Context;
 use ipc_types::ControlMode;
 use rayon::prelude::*;
-use sim::TaskId;
 use sim::demo::Recording;
-use sim::perturb::Composition;
 use sim::render::CpuRenderer;
 use sim::show::Subject;
 use sim::show::movie::Format;
@@ -19,8 +17,6 @@ use crate::cli::ReplayArgs;
 use crate::demos::Stored;
 use crate::failure::{Ending, Failure, OrUser};
 use crate::movie;
-use crate::names::pick;
-use crate::plan::perturbation;
 use crate::progress::{Progress, print};
 use crate::report::{Align, Table, print_out};
 use crate::results::Kept;
@@ -121,13 +117,10 @@ fn chosen(args: &ReplayArgs, episodes: &[StoredEpisode]) -> anyhow::Result<Vec<u
     if !args.episodes.is_empty() {
         return Ok(args.episodes.clone());
     }
-    let task = args.task.as_ref().map(|name| pick("task", name, TaskId::ALL, TaskId::name)).transpose()?;
-    let perturbation: Option<Composition> =
-        args.perturbation.as_ref().map(|name| perturbation(name)).transpose()?;
     let is_meant = |episode: &StoredEpisode| {
         args.policy.as_ref().is_none_or(|name| *name == episode.policy)
-            && task.is_none_or(|task| task == episode.subject.task)
-            && perturbation.is_none_or(|perturbation| perturbation == episode.subject.perturbation)
+            && args.task.is_none_or(|task| task == episode.subject.task)
+            && args.perturbation.is_none_or(|perturbation| perturbation == episode.subject.perturbation)
     };
     let mut meant: Vec<usize> = (0..n).filter(|&idx| is_meant(&episodes[idx])).collect();
     anyhow::ensure!(

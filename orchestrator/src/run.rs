@@ -16,12 +16,11 @@ use crate::failure::{Ending, Failure, OrUser};
 use crate::fleet::{self, Conclusion, Fleet, Happening, LanePolicy, Settings, Totals};
 use crate::interrupt;
 use crate::machine::Machine;
-use crate::plan::Plan;
+use crate::plan::RunPlan;
 use crate::policy::Identity;
 use crate::progress::{Progress, print};
 use crate::report::{self, Fps};
 use crate::results::{Key, Manifest, Results};
-use crate::sweep::Sweep;
 use crate::work::{Job, drivers, jobs};
 
 /// Batches of observations that may be unanswered on a lane, so that stepping and inference overlap.
@@ -32,8 +31,7 @@ const SHM: &str = "/dev/shm";
 /// Evaluates, stores and reports.
 pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<Ending, Failure> {
     let machine = Machine::here();
-    let file = args.file.as_deref().map_or(Ok(Sweep::default()), Sweep::read).or_user()?;
-    let plan = Plan::new(&args.flags.clone().over(file), machine.n_cores).or_user()?;
+    let plan = RunPlan::new(&args.sweep).or_user()?;
     let manifest = Manifest::new(&plan, identities(&plan)?);
     let mut results = Results::open(&plan.db, &manifest).or_user()?;
     let finished = results.finished()?;
@@ -90,7 +88,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<Ending, Failure> {
 }
 
 /// What each policy is; also checks that it can be loaded at all, so that nothing is started in vain.
-fn identities(plan: &Plan) -> Result<Vec<Identity>, Failure> {
+fn identities(plan: &RunPlan) -> Result<Vec<Identity>, Failure> {
     let robots: Vec<_> =
         plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
     let identity = |policy: &crate::policy::NamedPolicy| {
@@ -105,7 +103,7 @@ fn identities(plan: &Plan) -> Result<Vec<Identity>, Failure> {
 
 /// Runs what is to be done, if anything.
 fn run_fleet(
-    plan: &Plan,
+    plan: &RunPlan,
     todo: Vec<Job>,
     drawn_with: Option<String>,
     mut sink: impl FnMut(Happening<'_>) -> anyhow::Result<()>,
@@ -124,24 +122,16 @@ fn run_fleet(
     })
 }
 
-fn settings(plan: &Plan, program: PathBuf, drawn_with: Option<String>) -> Settings {
+fn settings(plan: &RunPlan, program: PathBuf, drawn_with: Option<String>) -> Settings {
     // Random: the keys of a hasher come from the system.
-    let run = std::hash::RandomState::new().hash_one(std::process::id());
+    let run_id = std::hash::RandomState::new().hash_one(std::process::id());
     Settings {
         program,
         base: fleet::base(),
         shm: PathBuf::from(SHM),
-        run,
-        n_envs: plan.n_envs,
-        threads: plan.threads,
-        profile: plan.profile,
-        strength: plan.strength,
-        control_mode: plan.control_mode,
-        renderer: plan.renderer,
-        samples: plan.samples,
-        keep_actions: plan.keep_actions,
+        run_id,
+        config: plan.config,
         drawn_with,
-        mode: plan.mode,
         lanes: lanes(plan),
         morphologies: plan.morphologies(),
         limits: fleet::Limits::default(),
@@ -149,7 +139,7 @@ fn settings(plan: &Plan, program: PathBuf, drawn_with: Option<String>) -> Settin
 }
 
 /// The policies outside the sim. Half of the envs fit into one batch, so that the others step meanwhile.
-fn lanes(plan: &Plan) -> Vec<LanePolicy> {
+fn lanes(plan: &RunPlan) -> Vec<LanePolicy> {
     let policy = |(policy, driver): (&crate::policy::NamedPolicy, Driver)| {
         let Driver::Lane(lane) = driver else { return None };
         let images = policy.spec.needs_images();
@@ -157,23 +147,23 @@ fn lanes(plan: &Plan) -> Vec<LanePolicy> {
         let spec = LaneSpec {
             lane,
             policy: policy.name.clone(),
-            max_envs: plan.n_envs.div_ceil(2),
+            max_envs: plan.config.resources.envs.div_ceil(2),
             block_pages: widest.unwrap_or(1) as u32,
             in_flight: IN_FLIGHT,
         };
         let foreign = matches!(policy.spec, PolicySpec::Attach(_));
-        let lane = Lane { spec, images, execute: plan.execute, foreign };
+        let lane = Lane { spec, images, foreign };
         Some(LanePolicy { spec: policy.spec.clone(), lane })
     };
     plan.policies.iter().zip(drivers(plan)).filter_map(policy).collect()
 }
 
 /// What times depend on and results do not.
-fn environment(plan: &Plan, machine: &Machine, totals: &Totals) -> Value {
+fn environment(plan: &RunPlan, machine: &Machine, totals: &Totals) -> Value {
     json!({
-        "envs": plan.n_envs,
-        "threads": plan.threads,
-        "renderer": plan.renderer.name(),
+        "envs": plan.config.resources.envs,
+        "threads": plan.config.resources.threads,
+        "renderer": plan.config.rendering.renderer,
         "adapter": totals.renderer,
         "shm_bytes": totals.shm_bytes,
         "restarts": totals.restarts,

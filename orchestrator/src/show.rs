@@ -3,19 +3,19 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use sim::TaskId;
 use sim::perturb::Composition;
 use sim::show::movie::Format;
 use sim::show::{Film, Key, Script, Subject, What};
 use sim::stream::episode_seed;
-use sim::{Perturbation, TaskId};
 
 use crate::cli::ShowArgs;
 use crate::failure::{Ending, Failure, OrUser};
 use crate::movie;
-use crate::names::pick;
-use crate::plan::{PlanError, condition, perturbation, profile, strength, task};
+use crate::plan::{Condition, PlanError};
 use crate::progress::print;
 use crate::report::{Align, Table, print_out};
+use crate::selection::PerturbationSelector;
 
 /// What to show, as meant.
 struct Wish {
@@ -40,16 +40,12 @@ pub(crate) fn show(args: &ShowArgs) -> Result<Ending, Failure> {
 
 impl Wish {
     fn new(args: &ShowArgs) -> Result<Self, Failure> {
-        let task = task(&args.task).or_user()?;
-        let perturbations = perturbations(task, &args.perturbation).or_user()?;
+        let &ShowArgs { task, strength, profile, what, policy: script, .. } = args;
+        let perturbations = perturbations(task, args.perturbation).or_user()?;
         if perturbations.len() > 1 && (args.episodes > 1 || args.policy.is_some() || args.movie.is_some()) {
             let message = "--perturbation all shows the start of one episode: leave out --episodes, --policy and --movie";
             return Err(Failure::User(anyhow::anyhow!(message)));
         }
-        let strength = strength(args.strength).or_user()?;
-        let profile = profile(&args.profile).or_user()?;
-        let what = pick("view", &args.what, &What::ALL, What::name).or_user()?;
-        let script = |typed: &String| pick("policy to show", typed, &Script::ALL, Script::name);
         let subject = |perturbation| Subject { task, perturbation, profile, strength };
         let episodes = (args.episode..=u32::MAX).take(args.episodes as usize);
         let seeds: Vec<u64> = episodes.map(|idx| episode_seed(args.seed, task.name(), idx)).collect();
@@ -59,18 +55,21 @@ impl Wish {
         Ok(Self {
             episodes: rows.map(|(perturbation, seed)| (subject(perturbation), seed)).collect(),
             what,
-            script: args.policy.as_ref().map(script).transpose().or_user()?,
+            script,
         })
     }
 }
 
-/// What was typed, or all that apply to the task.
-fn perturbations(task: TaskId, typed: &str) -> Result<Vec<Composition>, PlanError> {
-    if typed == "all" {
-        let all = Perturbation::ALL.iter().map(|&perturbation| Composition::from(perturbation));
-        return Ok(all.filter(|perturbation| condition(task, *perturbation).is_ok()).collect());
+/// Returns the perturbations that `selector` selects for `task`, at least one.
+fn perturbations(task: TaskId, selector: PerturbationSelector) -> Result<Vec<Composition>, PlanError> {
+    match selector {
+        PerturbationSelector::Applicable => {
+            Ok(Condition::all_of(task).map(|condition| condition.perturbation).collect())
+        }
+        PerturbationSelector::Named(perturbation) => {
+            Ok(vec![Condition::new(task, perturbation)?.perturbation])
+        }
     }
-    Ok(vec![condition(task, perturbation(typed)?)?.perturbation])
 }
 
 /// One PNG: a row of cameras for the start of each episode, or for three moments along one.

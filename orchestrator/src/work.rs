@@ -3,12 +3,12 @@
 use sim::serve::protocol::{Assignment, Driver};
 use sim::stream::episode_seed;
 
-use crate::plan::{Condition, Plan};
+use crate::plan::{Condition, RunPlan};
 
 /// One episode of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Job {
-    /// Index into [`Plan::policies`].
+    /// Index into [`RunPlan::policies`].
     pub(crate) policy_idx: usize,
     pub(crate) condition: Condition,
     /// Index of the episode.
@@ -28,7 +28,7 @@ impl Job {
 }
 
 /// Who acts for each policy. Lanes are numbered in the order of the policies that have one.
-pub(crate) fn drivers(plan: &Plan) -> Vec<Driver> {
+pub(crate) fn drivers(plan: &RunPlan) -> Vec<Driver> {
     let mut lanes = 0..;
     let mut driver =
         |in_sim: bool| if in_sim { Some(Driver::Expert) } else { lanes.next().map(Driver::Lane) };
@@ -37,13 +37,13 @@ pub(crate) fn drivers(plan: &Plan) -> Vec<Driver> {
 
 /// All episodes. Neighbours differ in policy first and then in condition, so that all lanes have work at any time and a run
 /// that is cut short has a little of everything.
-pub(crate) fn jobs(plan: &Plan) -> impl Iterator<Item = Job> {
+pub(crate) fn jobs(plan: &RunPlan) -> impl Iterator<Item = Job> {
     let drivers = drivers(plan);
     let conditions = plan.conditions.iter();
     (0..plan.episodes).flat_map(move |episode| {
         let drivers = drivers.clone();
         conditions.clone().flat_map(move |&condition| {
-            let seed = episode_seed(plan.seed, condition.task.name(), episode);
+            let seed = episode_seed(plan.config.results.seed, condition.task.name(), episode);
             let job = move |(policy_idx, driver)| Job { policy_idx, condition, episode, seed, driver };
             drivers.clone().into_iter().enumerate().map(job)
         })
@@ -53,19 +53,13 @@ pub(crate) fn jobs(plan: &Plan) -> impl Iterator<Item = Job> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sweep::Sweep;
+    use crate::cli::parse_run;
 
     #[test]
     fn neighbours_differ_in_policy_and_twins_share_their_seed() {
-        let list = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
-        let wishes = Sweep {
-            policies: list(&["idle", "expert", "random"]),
-            tasks: list(&["RaiseCube", "StackCube"]),
-            perturbations: list(&["None", "MO-Color"]),
-            episodes: Some(2),
-            ..Sweep::default()
-        };
-        let plan = Plan::new(&wishes, 1).unwrap();
+        let arguments = "--policy idle --policy expert --policy random --tasks RaiseCube,StackCube \
+            --perturbations None,MO-Color --episodes 2";
+        let plan = RunPlan::new(&parse_run(arguments).unwrap()).unwrap();
         let jobs: Vec<Job> = jobs(&plan).collect();
         assert_eq!(jobs.len() as u64, plan.n_episodes());
         let drivers: Vec<Driver> = jobs.iter().take(4).map(|job| job.driver).collect();

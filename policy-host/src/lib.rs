@@ -20,18 +20,7 @@ pub mod text;
 
 mod rows;
 
-use serde::{Deserialize, Serialize};
-
+pub use ipc_types::run_config::QueryMode;
 pub use load::{LoadError, check, load};
 pub use policy::{ActionChunk, Policy, PolicyError};
 pub use spec::{PolicySpec, PolicySpecError};
-
-/// How a policy is queried. Results of different modes are never mixed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum QueryMode {
-    /// The rows of a chunk are executed open loop.
-    Chunk,
-    /// A query every control step; the executed row is the mean of all predictions for it ([`ensemble`]).
-    Ensemble,
-}

@@ -11,13 +11,15 @@ use std::time::{Duration, Instant};
 use bytemuck::Zeroable;
 use cpu_time::ProcessTime;
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkError, LinkNode, ObservationMessage};
-use ipc_types::{ActionBlock, ActionHeader, FrameError, ObservationHeader, ObservationView, SCHEMA_HASH};
+use ipc_types::{
+    ActionBlock, ActionHeader, FrameError, ObservationHeader, ObservationView, RunConfig, SCHEMA_HASH,
+};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::PolicySpec;
 use crate::load::{LoadError, load};
 use crate::policy::{ActionChunk, Policy, PolicyError};
-use crate::{PolicySpec, QueryMode};
 
 /// How long a sim may take to create the lane.
 const OPEN_PATIENCE: Duration = Duration::from_secs(60);
@@ -29,20 +31,18 @@ const NAP: Duration = Duration::from_millis(100);
 const LEDGER_PERIOD: Duration = Duration::from_secs(1);
 
 /// What a host is told when it starts.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HostConfig {
     /// Where the run's shared memory lives.
     pub domain: Domain,
     /// Random number of the run; observations of another run are refused.
-    pub run: u64,
+    pub run_id: u64,
     /// The lane to serve.
     pub lane: LaneSpec,
     /// The policy to load.
     pub spec: PolicySpec,
-    /// Threads to compute on, at least 1.
-    pub threads: usize,
-    /// How the policy is queried.
-    pub mode: QueryMode,
+    /// Options of the run.
+    pub run: RunConfig,
 }
 
 /// What a host tells its parent: one JSON object a line.
@@ -116,9 +116,9 @@ pub fn serve_with(
     output: impl Write + Send,
 ) -> Result<(), ServeError> {
     let closed = watch(input)?;
-    let threads = config.threads.max(1);
+    let threads = config.run.resources.threads as usize;
     let started = Instant::now();
-    let policy = load(&config.spec, threads, config.mode)?;
+    let policy = load(&config.spec, threads, config.run.results.mode)?;
     let load_ms = started.elapsed().as_secs_f64() * 1e3;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|source| ServeError::Threads { threads, source })?;
@@ -209,7 +209,7 @@ impl<W: Write> Host<W> {
         blocks: &mut [ActionBlock],
     ) -> Result<(), Refusal> {
         let view = ObservationView::new(header, message.pages())?;
-        let (expected, found) = (self.config.run, header.run);
+        let (expected, found) = (self.config.run_id, header.run);
         if expected != found {
             return Err(Refusal::Run { expected, found });
         }

@@ -1,31 +1,23 @@
 //! How a dataset keeps images.
 
 use anyhow::Context;
+use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 /// Of 100; colours are kept at full resolution.
 const JPEG_QUALITY: u8 = 95;
 
 /// A kind of file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum ImageFormat {
-    /// Nearly what policies see, and small.
+pub(crate) enum ImageFormat {
+    /// Quality 95, small
     Jpeg,
-    /// What policies see.
+    /// Lossless, several times as large
     Png,
 }
 
 impl ImageFormat {
-    pub(super) const ALL: [Self; 2] = [Self::Jpeg, Self::Png];
-
-    pub(super) const fn name(self) -> &'static str {
-        match self {
-            Self::Jpeg => "jpeg",
-            Self::Png => "png",
-        }
-    }
-
     /// The file of an image `[side, side, 3] u8` sRGB.
     ///
     /// # Errors

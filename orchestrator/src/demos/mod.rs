@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::Context;
-use ipc_types::{ControlMode, Morphology};
+use ipc_types::Morphology;
 use rayon::prelude::*;
 use sim::TaskId;
 use sim::demo::{DemoError, Recording};
@@ -19,14 +19,14 @@ use sim::stream::episode_seed;
 
 pub(crate) use self::dataset::Stored;
 use self::dataset::{Dataset, Episode, EpisodeRecord, Images, Settings};
-use self::image::ImageFormat;
+pub(crate) use self::image::ImageFormat;
 use crate::cli::DemosArgs;
 use crate::failure::{Ending, Failure, OrUser};
 use crate::interrupt;
-use crate::names::pick;
-use crate::plan::{condition, perturbation, profile, strength, tasks};
+use crate::plan::Condition;
 use crate::progress::{Progress, print};
 use crate::report::{Align, Table, print_out};
+use crate::selection::TaskSelector;
 
 /// Episodes that are made at a time, for each thread.
 const EPISODES_PER_THREAD: u32 = 2;
@@ -69,20 +69,19 @@ pub(crate) fn demos(args: &DemosArgs) -> Result<Ending, Failure> {
 
 impl Wish {
     fn new(args: &DemosArgs) -> Result<Self, Failure> {
-        let tasks = tasks(&args.tasks).or_user()?;
-        let perturbation = perturbation(&args.perturbation).or_user()?;
+        let &DemosArgs { perturbation, strength, profile, control_mode, seed, images, .. } = args;
+        let tasks = TaskSelector::select(&args.tasks);
         for &task in &tasks {
-            condition(task, perturbation).or_user()?;
+            Condition::new(task, perturbation).or_user()?;
         }
-        let modes = [ControlMode::EeDeltaPose, ControlMode::JointPos];
         let single_arm = Settings {
             morphology: Morphology::Single,
-            control_mode: pick("control mode", &args.control_mode, &modes, ControlMode::name).or_user()?,
+            control_mode,
             perturbation,
-            strength: strength(args.strength).or_user()?,
-            profile: profile(&args.profile).or_user()?,
-            seed: args.seed,
-            images: pick("image format", &args.images, &ImageFormat::ALL, ImageFormat::name).or_user()?,
+            strength,
+            profile,
+            seed,
+            images,
         };
         Ok(Self { tasks, episodes: args.episodes, single_arm })
     }

@@ -4,8 +4,8 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
 use ipc_types::link::{Domain, LaneSpec};
+use ipc_types::run_config::{QueryMode, ResultOptions};
 use ipc_types::{Morphology, SCHEMA_HASH};
-use policy_host::QueryMode;
 use serde::Serialize;
 
 use super::error::FleetError;
@@ -53,21 +53,21 @@ struct Invitation<'a> {
 /// Writes `<root>/attach/<name>.json` and returns its path.
 pub(super) fn invite(
     domain: &Domain,
-    run: u64,
+    run_id: u64,
     name: &str,
     lane: &sim::serve::protocol::Lane,
     morphologies: &[Morphology],
-    mode: QueryMode,
+    options: &ResultOptions,
 ) -> Result<PathBuf, FleetError> {
     let invitation = Invitation {
         domain,
-        run,
+        run: run_id,
         lane: &lane.spec,
         schema_hash: format!("{SCHEMA_HASH:#018x}"),
         morphologies,
         images: lane.images,
-        execute: lane.execute,
-        mode,
+        execute: options.execute,
+        mode: options.mode,
     };
     let folder = domain.root.join("attach");
     let path = folder.join(format!("{name}.json"));

@@ -17,11 +17,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use ipc_types::link::{Domain, check_budget};
-use ipc_types::{ControlMode, Morphology};
-use policy_host::{PolicySpec, QueryMode};
-use sim::Profile;
-use sim::perturb::Strength;
-use sim::render::{RendererChoice, Samples};
+use ipc_types::{Morphology, RunConfig};
+use policy_host::PolicySpec;
 use sim::serve::protocol::{Counters, Lane, Outcome};
 
 pub(crate) use self::error::FleetError;
@@ -42,28 +39,12 @@ pub(crate) struct Settings {
     pub(crate) base: PathBuf,
     /// The tmpfs of shared memory.
     pub(crate) shm: PathBuf,
-    /// Random number of the run.
-    pub(crate) run: u64,
-    /// Episodes in progress at a time.
-    pub(crate) n_envs: u32,
-    /// Worker threads of each process.
-    pub(crate) threads: u32,
-    /// Reading of the benchmark.
-    pub(crate) profile: Profile,
-    /// How strong perturbations are.
-    pub(crate) strength: Strength,
-    /// How single-arm policies drive.
-    pub(crate) control_mode: ControlMode,
-    /// Who draws.
-    pub(crate) renderer: RendererChoice,
-    /// How it samples pixels.
-    pub(crate) samples: Samples,
-    /// Whether outcomes tell the actions.
-    pub(crate) keep_actions: bool,
+    /// Random number that identifies the run.
+    pub(crate) run_id: u64,
+    /// Options of the run.
+    pub(crate) config: RunConfig,
     /// Identity of the renderer that earlier results depend on.
     pub(crate) drawn_with: Option<String>,
-    /// How policies are queried.
-    pub(crate) mode: QueryMode,
     /// Policies outside the sim, by lane.
     pub(crate) lanes: Vec<LanePolicy>,
     /// Morphologies of the tasks.
@@ -186,7 +167,7 @@ impl Fleet {
         }
         let specs: Vec<_> = settings.lanes.iter().map(|policy| policy.lane.spec.clone()).collect();
         check_budget(&specs, &settings.shm)?;
-        let domain = Domain::new(&settings.base, settings.run);
+        let domain = Domain::new(&settings.base, settings.run_id);
         let lease = domain.lease()?;
         let mut supervisor = Supervisor::new(settings, &domain, self.events, self.inbox, jobs, sink);
         let conclusion = supervisor.work();

@@ -244,7 +244,7 @@ impl<'a> Supervisor<'a> {
     }
 
     fn feed(&mut self) {
-        let room = JOBS_PER_ENV * self.settings.n_envs as usize;
+        let room = JOBS_PER_ENV * self.settings.config.resources.envs as usize;
         while self.sim.is_up() && self.outstanding.len() < room {
             let Some(job) = self.pending.pop_front() else { return };
             let id = self.next_id;
@@ -319,10 +319,11 @@ impl<'a> Supervisor<'a> {
     }
 
     fn invite_foreign_hosts(&mut self) -> Result<(), FleetError> {
-        let Settings { lanes, morphologies, run, mode, .. } = self.settings;
+        let Settings { lanes, morphologies, run_id, config, .. } = self.settings;
         for policy in lanes {
             if let PolicySpec::Attach(name) = &policy.spec {
-                let path = folder::invite(self.domain, *run, name, &policy.lane, morphologies, *mode)?;
+                let path =
+                    folder::invite(self.domain, *run_id, name, &policy.lane, morphologies, &config.results)?;
                 let policy = &policy.lane.spec.policy;
                 let line =
                     format!("policy `{policy}` waits for a foreign host; its lane is in {}", path.display());
@@ -336,16 +337,9 @@ impl<'a> Supervisor<'a> {
         let settings = self.settings;
         SimConfig {
             domain: self.domain.clone(),
-            run: settings.run,
-            n_envs: settings.n_envs,
-            threads: settings.threads,
+            run_id: settings.run_id,
             lanes: settings.lanes.iter().map(|policy| policy.lane.clone()).collect(),
-            profile: settings.profile,
-            strength: settings.strength,
-            control_mode: settings.control_mode,
-            renderer: settings.renderer,
-            samples: settings.samples,
-            keep_actions: settings.keep_actions,
+            run: settings.config,
         }
     }
 
@@ -354,11 +348,10 @@ impl<'a> Supervisor<'a> {
         let policy = &settings.lanes[lane as usize];
         HostConfig {
             domain: self.domain.clone(),
-            run: settings.run,
+            run_id: settings.run_id,
             lane: policy.lane.spec.clone(),
             spec: policy.spec.clone(),
-            threads: settings.threads as usize,
-            mode: settings.mode,
+            run: settings.config,
         }
     }
 

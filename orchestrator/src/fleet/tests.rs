@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use ipc_types::link::LaneSpec;
 
 use super::*;
-use crate::plan::Plan;
-use crate::sweep::Sweep;
+use crate::cli::parse_run;
+use crate::plan::RunPlan;
 use crate::work::jobs;
 
 /// Far more than any of these runs needs.
@@ -39,23 +39,14 @@ impl Stage {
         std::fs::write(folder.path().join("script"), script).unwrap();
         let lane = LaneSpec { lane: 0, policy: "p".to_owned(), max_envs: 1, block_pages: 1, in_flight: 1 };
         let foreign = matches!(spec, PolicySpec::Attach(_));
-        let policy =
-            LanePolicy { spec: spec.clone(), lane: Lane { spec: lane, images: false, execute: 1, foreign } };
+        let policy = LanePolicy { spec: spec.clone(), lane: Lane { spec: lane, images: false, foreign } };
         let settings = Settings {
             program,
             base: folder.path().join("base"),
             shm: "/dev/shm".into(),
-            run: std::hash::BuildHasher::hash_one(&std::hash::RandomState::new(), 0),
-            n_envs: 2,
-            threads: 1,
-            profile: Profile::Strict,
-            strength: Strength::FULL,
-            control_mode: ControlMode::EeDeltaPose,
-            renderer: RendererChoice::Auto,
-            samples: Samples::One,
-            keep_actions: false,
+            run_id: std::hash::BuildHasher::hash_one(&std::hash::RandomState::new(), 0),
+            config: parse_run("--envs 2 --threads 1").unwrap().config,
             drawn_with: None,
-            mode: QueryMode::Chunk,
             lanes: if *spec == PolicySpec::Expert { Vec::new() } else { vec![policy] },
             morphologies: vec![Morphology::Single],
             limits: Limits {
@@ -73,13 +64,8 @@ impl Stage {
     fn run(&self, mut watch: impl FnMut(&str, &Stopper)) -> Seen {
         let started = Instant::now();
         let policy = if self.settings.lanes.is_empty() { "expert" } else { "p=idle" };
-        let wishes = Sweep {
-            policies: vec![policy.to_owned()],
-            tasks: vec!["RaiseCube".to_owned()],
-            episodes: Some(N_JOBS as u32),
-            ..Sweep::default()
-        };
-        let jobs: Vec<Job> = jobs(&Plan::new(&wishes, 1).unwrap()).collect();
+        let arguments = format!("--policy {policy} --tasks RaiseCube --episodes {N_JOBS}");
+        let jobs: Vec<Job> = jobs(&RunPlan::new(&parse_run(&arguments).unwrap()).unwrap()).collect();
         let fleet = Fleet::new(self.settings.clone());
         let stopper = fleet.stopper();
         let (mut finished, mut log) = (Vec::new(), Vec::new());

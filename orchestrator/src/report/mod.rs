@@ -12,7 +12,7 @@ pub(crate) use self::fps::Fps;
 pub(crate) use self::json::json;
 pub(crate) use self::table::{Align, Table};
 use self::wilson::wilson95;
-use crate::plan::{Condition, Plan};
+use crate::plan::{Condition, RunPlan};
 use crate::policy::NamedPolicy;
 use crate::results::{CellSums, Results, StoreError};
 
@@ -29,7 +29,7 @@ pub(crate) struct Cell {
 ///
 /// # Errors
 /// If the results file cannot be read.
-pub(crate) fn cells(plan: &Plan, results: &Results) -> Result<Vec<Cell>, StoreError> {
+pub(crate) fn cells(plan: &RunPlan, results: &Results) -> Result<Vec<Cell>, StoreError> {
     let pairs = plan
         .policies
         .iter()
@@ -68,7 +68,7 @@ impl Cell {
 }
 
 /// The table.
-pub(crate) fn table(plan: &Plan, cells: &[Cell]) -> String {
+pub(crate) fn table(plan: &RunPlan, cells: &[Cell]) -> String {
     use Align::{Left, Right};
     let columns = [
         ("policy", Left),

@@ -6,12 +6,11 @@ use sim::serve::protocol::Counters;
 use sim::{Perturbation, TaskId};
 
 use super::*;
+use crate::cli::parse_run;
 use crate::fleet::{HostWork, Totals};
-use crate::sweep::Sweep;
 
-fn plan() -> Plan {
-    let policies = ["idle", "expert"].map(str::to_owned).to_vec();
-    Plan::new(&Sweep { policies, ..Sweep::default() }, 1).unwrap()
+fn plan() -> RunPlan {
+    RunPlan::new(&parse_run("--policy idle --policy expert").unwrap()).unwrap()
 }
 
 fn cell(policy: &str, sums: CellSums) -> Cell {

@@ -11,13 +11,13 @@ use rusqlite::{Connection, params};
 use serde::de::DeserializeOwned;
 use sim::perturb::{Composition, Strength};
 use sim::show::Subject;
-use sim::{Profile, TaskId, expert};
+use sim::{Profile, expert};
 
 use super::{manifest, open, schema};
 use crate::names::pick;
-use crate::plan;
 use crate::policy::Identity;
 use crate::replay::StoredEpisode;
+use crate::selection::{parse_perturbation, parse_task};
 
 /// The episodes of a results file whose actions were kept.
 #[derive(Debug)]
@@ -83,8 +83,8 @@ fn read_episodes(connection: &Connection) -> anyhow::Result<Vec<StoredEpisode>> 
     let mut experts: BTreeMap<String, bool> = BTreeMap::new();
     while let Some(row) = rows.next()? {
         let (policy, task, perturbation): (String, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
-        let task = pick("task", &task, TaskId::ALL, TaskId::name)?;
-        let perturbation: Composition = plan::perturbation(&perturbation)?;
+        let task = parse_task(&task)?;
+        let perturbation: Composition = parse_perturbation(&perturbation)?;
         if !experts.contains_key(&policy) {
             let Identity { spec, .. } = entry(connection, &manifest::policy_key(&policy))?;
             experts.insert(policy.clone(), matches!(spec.parse(), Ok(PolicySpec::Expert)));

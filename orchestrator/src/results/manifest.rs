@@ -3,12 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use ipc_types::RunConfig;
+use ipc_types::run_config::ResultOptions;
 use rusqlite::{Connection, OptionalExtension, params};
 use serde::Serialize;
+use serde_json::{Map, Value};
 use thiserror::Error;
 
 use super::open::OpenError;
-use crate::plan::{Plan, mode_name};
+use crate::plan::RunPlan;
 use crate::policy::Identity;
 
 /// Prefix of the keys that hold a policy's identity.
@@ -27,18 +30,9 @@ pub(super) const RENDERER: &str = "renderer";
 pub(crate) struct Manifest {
     /// Version of the program.
     pub(crate) version: String,
-    /// Suite seed.
-    pub(crate) seed: u64,
-    /// Reading of the benchmark.
-    pub(crate) profile: &'static str,
-    /// How strong perturbations are.
-    pub(crate) strength: f64,
-    /// Query mode.
-    pub(crate) mode: &'static str,
-    /// Rows of a chunk executed before the next query.
-    pub(crate) execute: u32,
-    /// How single-arm policies drive.
-    pub(crate) control_mode: &'static str,
+    /// Options that change results.
+    #[serde(flatten)]
+    pub(crate) options: ResultOptions,
     /// By name.
     pub(crate) policies: BTreeMap<String, Identity>,
 }
@@ -58,33 +52,22 @@ pub(crate) struct Mismatch {
 }
 
 impl Manifest {
-    /// Of a plan whose policies have these identities, in the plan's order.
-    pub(crate) fn new(plan: &Plan, identities: Vec<Identity>) -> Self {
+    /// Makes the manifest of a plan. `identities` belong to its policies, in the same order.
+    pub(crate) fn new(plan: &RunPlan, identities: Vec<Identity>) -> Self {
         let names = plan.policies.iter().map(|policy| policy.name.clone());
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            seed: plan.seed,
-            profile: plan.profile.name(),
-            strength: plan.strength.get(),
-            mode: mode_name(plan.mode),
-            execute: plan.execute,
-            control_mode: plan.control_mode.name(),
+            options: plan.config.results,
             policies: names.zip(identities).collect(),
         }
     }
+}
 
-    /// What all rows depend on, as key and JSON text.
-    fn common(&self) -> [(&'static str, String); 7] {
-        let text = |value: serde_json::Value| value.to_string();
-        [
-            ("version", text(self.version.as_str().into())),
-            ("seed", text(self.seed.into())),
-            ("profile", text(self.profile.into())),
-            ("strength", text(self.strength.into())),
-            ("mode", text(self.mode.into())),
-            ("execute", text(self.execute.into())),
-            ("control_mode", text(self.control_mode.into())),
-        ]
+/// Returns the options as keys and values.
+fn entries(options: &ResultOptions) -> Map<String, Value> {
+    match serde_json::json!(options) {
+        Value::Object(entries) => entries,
+        _ => unreachable!("a struct becomes an object"),
     }
 }
 
@@ -96,14 +79,20 @@ pub(super) fn reconcile(connection: &Connection, path: &Path, manifest: &Manifes
         |field: String, found: String, asked: String| Mismatch { path: path.into(), field, found, asked };
     let transaction = connection.unchecked_transaction().map_err(sqlite)?;
     let has_rows = has_rows(&transaction).map_err(sqlite)?;
-    for (key, asked) in manifest.common() {
+    let defaults = entries(&RunConfig::default().results);
+    let version = ("version".to_owned(), Value::from(manifest.version.as_str()));
+    for (key, asked) in std::iter::once(version).chain(entries(&manifest.options)) {
+        let asked = asked.to_string();
         if has_rows {
-            let found = get(&transaction, key).map_err(sqlite)?.ok_or_else(|| invalid(key))?;
+            // A file that was written before an option existed has the results of its default.
+            let default = || defaults.get(&key).map(Value::to_string);
+            let found = get(&transaction, &key).map_err(sqlite)?.or_else(default);
+            let found = found.ok_or_else(|| invalid(&key))?;
             if found != asked {
-                return Err(mismatch(key.to_owned(), found, asked).into());
+                return Err(mismatch(key, found, asked).into());
             }
         }
-        put_text(&transaction, key, &asked).map_err(sqlite)?;
+        put_text(&transaction, &key, &asked).map_err(sqlite)?;
     }
     for (name, asked) in &manifest.policies {
         let key = policy_key(name);
@@ -137,11 +126,7 @@ fn has_rows(connection: &Connection) -> Result<bool, rusqlite::Error> {
 }
 
 /// Writes an entry.
-pub(super) fn put(
-    connection: &Connection,
-    key: &str,
-    value: &serde_json::Value,
-) -> Result<(), rusqlite::Error> {
+pub(super) fn put(connection: &Connection, key: &str, value: &Value) -> Result<(), rusqlite::Error> {
     put_text(connection, key, &value.to_string())
 }
 

@@ -7,16 +7,13 @@ use sim::serve::protocol::{EpisodeLedger, Outcome};
 use sim::{Perturbation, TaskId};
 
 use super::*;
-use crate::sweep::Sweep;
+use crate::cli::parse_run;
 
 const CONDITION: Condition =
     Condition { task: TaskId::RaiseCube, perturbation: Composition::single(Perturbation::None) };
 
-fn manifest(policies: &[&str], edit: impl FnOnce(&mut Sweep)) -> Manifest {
-    let mut wishes =
-        Sweep { policies: policies.iter().map(|&policy| policy.to_owned()).collect(), ..Sweep::default() };
-    edit(&mut wishes);
-    let plan = crate::plan::Plan::new(&wishes, 1).unwrap();
+fn manifest(arguments: &str) -> Manifest {
+    let plan = crate::plan::RunPlan::new(&parse_run(arguments).unwrap()).unwrap();
     let identities = plan.policies.iter().map(|policy| policy.identity().unwrap()).collect();
     Manifest::new(&plan, identities)
 }
@@ -50,7 +47,7 @@ fn refusal(path: &Path, manifest: &Manifest) -> String {
 fn rows_survive_and_are_resumed_and_summed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
-    let idle = manifest(&["idle"], |_| ());
+    let idle = manifest("--policy idle");
     let mut results = Results::open(&path, &idle).unwrap();
     results.record(key(0), 7, &outcome(true, None)).unwrap();
     results.record(key(1), 8, &outcome(false, None)).unwrap();
@@ -76,7 +73,7 @@ fn rows_survive_and_are_resumed_and_summed() {
 fn the_columns_are_those_others_rely_on() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
-    let mut results = Results::open(&path, &manifest(&["idle"], |_| ())).unwrap();
+    let mut results = Results::open(&path, &manifest("--policy idle")).unwrap();
     results.record(key(0), 7, &outcome(false, None)).unwrap();
     let reader = Connection::open(&path).unwrap();
     let row: String = reader
@@ -98,35 +95,34 @@ fn the_columns_are_those_others_rely_on() {
 fn more_of_the_same_kind_may_be_added_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
-    Results::open(&path, &manifest(&["idle"], |_| ()))
+    Results::open(&path, &manifest("--policy idle"))
         .unwrap()
         .record(key(0), 7, &outcome(true, None))
         .unwrap();
 
-    let more = manifest(&["idle", "expert"], |wishes| {
-        wishes.tasks = vec!["StackCube".to_owned()];
-        wishes.perturbations = vec!["all".to_owned()];
-        (wishes.episodes, wishes.envs, wishes.threads) = (Some(3), Some(3), Some(3));
-    });
+    let more = manifest(
+        "--policy idle --policy expert --tasks StackCube --perturbations all --episodes 3 --envs 3 --threads 3 \
+         --keep-actions --renderer cpu --samples 4",
+    );
     Results::open(&path, &more).unwrap();
 
-    let refused = |edit: fn(&mut Sweep)| refusal(&path, &manifest(&["idle"], edit));
-    insta::assert_snapshot!(refused(|wishes| wishes.seed = Some(1)), @"failed to continue the results file a.db: seed is 0 in it, but 1 in this command; say the same again, or name another file with --db");
-    insta::assert_snapshot!(refused(|wishes| wishes.profile = Some("paper".to_owned())), @r#"failed to continue the results file a.db: profile is "strict" in it, but "paper" in this command; say the same again, or name another file with --db"#);
-    insta::assert_snapshot!(refused(|wishes| wishes.mode = Some("ensemble".to_owned())), @r#"failed to continue the results file a.db: mode is "chunk" in it, but "ensemble" in this command; say the same again, or name another file with --db"#);
-    insta::assert_snapshot!(refused(|wishes| wishes.execute = Some(8)), @"failed to continue the results file a.db: execute is 30 in it, but 8 in this command; say the same again, or name another file with --db");
-    insta::assert_snapshot!(refused(|wishes| wishes.control_mode = Some("pd_joint_pos".to_owned())), @r#"failed to continue the results file a.db: control_mode is "pd_ee_delta_pose" in it, but "pd_joint_pos" in this command; say the same again, or name another file with --db"#);
-    insta::assert_snapshot!(refusal(&path, &manifest(&["idle=random"], |_| ())), @"failed to continue the results file a.db: policy `idle` is idle in it, but random in this command; say the same again, or name another file with --db");
-    let newer = Manifest { version: "9.9.9".to_owned(), ..manifest(&["idle"], |_| ()) };
+    let refused = |options: &str| refusal(&path, &manifest(&format!("--policy idle {options}")));
+    insta::assert_snapshot!(refused("--seed 1"), @"failed to continue the results file a.db: seed is 0 in it, but 1 in this command; say the same again, or name another file with --db");
+    insta::assert_snapshot!(refused("--profile paper"), @r#"failed to continue the results file a.db: profile is "strict" in it, but "paper" in this command; say the same again, or name another file with --db"#);
+    insta::assert_snapshot!(refused("--mode ensemble"), @r#"failed to continue the results file a.db: mode is "chunk" in it, but "ensemble" in this command; say the same again, or name another file with --db"#);
+    insta::assert_snapshot!(refused("--execute 8"), @"failed to continue the results file a.db: execute is 30 in it, but 8 in this command; say the same again, or name another file with --db");
+    insta::assert_snapshot!(refused("--control-mode pd_joint_pos"), @r#"failed to continue the results file a.db: control_mode is "pd_ee_delta_pose" in it, but "pd_joint_pos" in this command; say the same again, or name another file with --db"#);
+    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle=random")), @"failed to continue the results file a.db: policy `idle` is idle in it, but random in this command; say the same again, or name another file with --db");
+    let newer = Manifest { version: "9.9.9".to_owned(), ..manifest("--policy idle") };
     assert!(refusal(&path, &newer).contains("version is \""));
-    assert!(Results::open(&path, &manifest(&["idle"], |_| ())).unwrap().finished().unwrap().contains(key(0)));
+    assert!(Results::open(&path, &manifest("--policy idle")).unwrap().finished().unwrap().contains(key(0)));
 }
 
 #[test]
 fn the_renderer_behind_rows_is_remembered() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
-    let plan = manifest(&["idle"], |_| ());
+    let plan = manifest("--policy idle");
     let mut results = Results::open(&path, &plan).unwrap();
     results.draw_with("gpu (x, raster)").unwrap();
     assert_eq!(results.drawn_with().unwrap(), None, "nothing depends on it yet");
@@ -140,15 +136,15 @@ fn the_renderer_behind_rows_is_remembered() {
 fn a_file_without_rows_takes_any_manifest() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
-    Results::open(&path, &manifest(&["idle"], |_| ())).unwrap();
-    Results::open(&path, &manifest(&["idle=random"], |wishes| wishes.seed = Some(5))).unwrap();
+    Results::open(&path, &manifest("--policy idle")).unwrap();
+    Results::open(&path, &manifest("--policy idle=random --seed 5")).unwrap();
 }
 
 #[test]
 fn what_is_not_a_results_file_is_refused_and_left_alone() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    let idle = manifest(&["idle"], |_| ());
+    let idle = manifest("--policy idle");
 
     std::fs::write(path("notes.txt"), "not a database, but long enough to be taken for a header".repeat(20))
         .unwrap();

@@ -4,6 +4,7 @@ use std::io::{self, BufRead, BufReader, PipeWriter};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec, LinkNode, SimLane, SimLink};
 use ipc_types::{ActionView, Morphology, ObservationHeader};
 use policy_host::serve::{HostConfig, HostEvent, ServeError, serve_with};
@@ -36,8 +37,9 @@ impl Stage {
         let sim = SimLane::create(&node, RUN, &lane).unwrap();
         let (input, stdin) = io::pipe().unwrap();
         let (events, output) = io::pipe().unwrap();
-        let config =
-            HostConfig { domain: domain.clone(), run: RUN, lane, spec, threads: 1, mode: QueryMode::Chunk };
+        let mut run = RunConfig::default();
+        run.resources.threads = 1;
+        let config = HostConfig { domain: domain.clone(), run_id: RUN, lane, spec, run };
         // The configuration reaches a real host as JSON.
         let config = serde_json::from_str(&serde_json::to_string(&config).unwrap()).unwrap();
         let host = std::thread::spawn(move || serve_with(config, input, output));

@@ -5,7 +5,6 @@
 
 mod apply;
 mod composition;
-mod strength;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -13,7 +12,7 @@ use thiserror::Error;
 use crate::scene::{Role, ScaledBy, SceneSpec};
 
 pub use composition::{Composition, CompositionError};
-pub use strength::{Strength, StrengthError};
+pub use ipc_types::run_config::{Strength, StrengthError};
 
 /// Declares the enum, the slice of all its variants in the same order, and their names.
 macro_rules! perturbations {

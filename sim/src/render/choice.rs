@@ -1,25 +1,9 @@
 //! Which renderer draws.
 
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::gpu::{AdapterKind, GpuOptions, GpuRenderer};
-use super::{CpuOptions, CpuRenderer, Renderer, Samples};
-
-/// What may be asked for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RendererChoice {
-    /// A GPU if there is one that can draw, else the CPU.
-    #[default]
-    Auto,
-    /// The CPU.
-    Cpu,
-    /// A GPU.
-    Gpu,
-    /// The GPU's renderer on a driver that runs on the CPU: for tests.
-    Software,
-}
+use super::{CpuOptions, CpuRenderer, Renderer, RendererChoice, Samples};
 
 /// Why a renderer cannot be opened.
 #[derive(Debug, Error)]
@@ -31,22 +15,6 @@ pub enum OpenError {
     NoAdapter { wanted: &'static str, found: String },
     #[error("open {name}: {message}")]
     Device { name: String, message: String },
-}
-
-impl RendererChoice {
-    /// All, the default first.
-    pub const ALL: [Self; 4] = [Self::Auto, Self::Cpu, Self::Gpu, Self::Software];
-
-    /// Name on the command line.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::Cpu => "cpu",
-            Self::Gpu => "gpu",
-            Self::Software => "software",
-        }
-    }
 }
 
 /// Opens a renderer for use in a rayon pool of this many threads.

@@ -14,12 +14,12 @@ mod scene;
 mod shading;
 mod texture;
 
-pub use choice::{OpenError, RendererChoice, open};
+pub use choice::{OpenError, open};
 pub use cpu::{CpuOptions, CpuRenderer, Inspection, Segment};
 pub use gpu::GpuRenderer;
+pub use ipc_types::run_config::{RendererChoice, Samples};
 pub use scene::RenderScene;
 
-use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::scene::Snapshot;
@@ -34,32 +34,6 @@ pub struct View<'a> {
     pub camera_idx: usize,
     /// `[side, side, 3] u8` sRGB, row-major, top row first; every byte is written exactly once and none is read.
     pub out: &'a mut [u8],
-}
-
-/// How often each pixel is sampled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Samples {
-    /// At its centre: edges are jagged, as in the benchmark.
-    #[default]
-    #[serde(rename = "1")]
-    One,
-    /// At four places: edges are smooth.
-    #[serde(rename = "4")]
-    Four,
-}
-
-impl Samples {
-    /// All, the default first.
-    pub const ALL: [Self; 2] = [Self::One, Self::Four];
-
-    /// Name on the command line.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::One => "1",
-            Self::Four => "4",
-        }
-    }
 }
 
 /// Why pictures could not be made; the renderer makes no others.

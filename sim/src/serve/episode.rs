@@ -3,37 +3,24 @@
 use std::time::Instant;
 
 use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
-use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology};
+use ipc_types::run_config::ResultOptions;
+use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology, RunConfig};
 
 use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
 use crate::expert::{self, Expert, hold_still};
 use crate::fingerprint::Fingerprint;
-use crate::perturb::Strength;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
-use crate::profile::Profile;
 use crate::render::RenderScene;
 use crate::scene::Snapshot;
 use crate::stream;
 use crate::task::Task;
 
-/// What every episode of a sim shares.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Rules {
-    pub(super) profile: Profile,
-    pub(super) strength: Strength,
-    /// Control mode of single-arm policies.
-    pub(super) single_arm_mode: ControlMode,
-    pub(super) keep_actions: bool,
-}
-
-impl Rules {
-    /// How a policy drives this morphology. The expert always drives absolute joints.
-    pub(super) fn control_mode(self, morphology: Morphology, driver: Driver) -> ControlMode {
-        match driver {
-            Driver::Lane(_) => morphology.control_mode(self.single_arm_mode),
-            Driver::Expert => expert::CONTROL_MODE,
-        }
+/// Returns the control mode in which `driver` controls this morphology. The expert always uses absolute joint positions.
+pub(super) fn control_mode(options: &ResultOptions, morphology: Morphology, driver: Driver) -> ControlMode {
+    match driver {
+        Driver::Lane(_) => morphology.control_mode(options.control_mode),
+        Driver::Expert => expert::CONTROL_MODE,
     }
 }
 
@@ -85,11 +72,13 @@ pub(super) struct Episode {
 
 impl Episode {
     /// Draws and builds the episode's world; with `images` also what the renderer needs.
-    pub(super) fn new(assignment: Assignment, rules: Rules, images: bool) -> Self {
+    pub(super) fn new(assignment: Assignment, run: &RunConfig, images: bool) -> Self {
         let born = Instant::now();
         let task = assignment.task.task();
-        let scene = assignment.perturbation.spec(task, rules.profile, rules.strength).draw(assignment.seed);
-        let mode = rules.control_mode(task.morphology, assignment.driver);
+        let options = &run.results;
+        let spec = assignment.perturbation.spec(task, options.profile, options.strength);
+        let scene = spec.draw(assignment.seed);
+        let mode = control_mode(options, task.morphology, assignment.driver);
         let action_dim = mode.action_dim(task.morphology);
         let world = World::build(&scene, mode);
         let actor = match assignment.driver {
@@ -98,7 +87,7 @@ impl Episode {
             }
             Driver::Expert => Actor::Expert(plan(&assignment, &scene)),
         };
-        let success = (task.success)(&scene, rules.profile);
+        let success = (task.success)(&scene, options.profile);
         let mut fingerprint = Fingerprint::default();
         world.absorb(&mut fingerprint);
         Self {
@@ -117,7 +106,10 @@ impl Episode {
             queried_at: None,
             first_success_step: None,
             fingerprint,
-            actions: rules.keep_actions.then(|| Vec::with_capacity(task.max_steps as usize * action_dim)),
+            actions: run
+                .resources
+                .keep_actions
+                .then(|| Vec::with_capacity(task.max_steps as usize * action_dim)),
             ledger: EpisodeLedger::default(),
             born,
             error: None,

@@ -16,11 +16,11 @@ use std::time::{Duration, Instant};
 
 use cpu_time::ProcessTime;
 use ipc_types::link::{LinkError, LinkNode, SimLink};
-use ipc_types::{ActionView, FrameError};
+use ipc_types::{ActionView, FrameError, RunConfig};
 use thiserror::Error;
 
 use self::batch::BatchWriter;
-use self::episode::Rules;
+use self::episode::control_mode;
 use self::lane::{LaneError, LaneState};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
 use self::slots::Slots;
@@ -67,7 +67,7 @@ enum Fault {
 /// # Errors
 /// When the sim cannot be set up, or its stdout is gone.
 pub fn serve(config: &SimConfig) -> Result<(), ServeError> {
-    let threads = config.threads;
+    let threads = config.run.resources.threads;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads as usize)
         .build()
@@ -111,7 +111,7 @@ struct Server {
     lanes: Vec<LaneState>,
     slots: Slots,
     writer: BatchWriter,
-    rules: Rules,
+    run: RunConfig,
     counters: Counters,
     /// Start of the measured window (see [`Counters::wall_s`]).
     first_work: Option<Instant>,
@@ -133,15 +133,11 @@ impl Server {
         let lanes = config
             .lanes
             .iter()
-            .map(|lane| LaneState::create(&node, config.run, lane.clone()))
+            .map(|lane| LaneState::create(&node, config.run_id, lane.clone()))
             .collect::<Result<Vec<_>, _>>()?;
-        let rules = Rules {
-            profile: config.profile,
-            strength: config.strength,
-            single_arm_mode: config.control_mode,
-            keep_actions: config.keep_actions,
-        };
-        let renderer = render::open(config.renderer, config.samples, config.threads as usize)?;
+        let rendering = &config.run.rendering;
+        let n_threads = config.run.resources.threads as usize;
+        let renderer = render::open(rendering.renderer, rendering.samples, n_threads)?;
         let max_envs = config.lanes.iter().map(|lane| lane.spec.max_envs as usize).max().unwrap_or(0);
         let shm_bytes = config.lanes.iter().map(|lane| lane.spec.shm_bytes()).sum();
         emit(&SimEvent::Ready { shm_bytes, renderer: renderer.name(), identity: renderer.identity() })?;
@@ -149,9 +145,9 @@ impl Server {
             commands,
             link,
             lanes,
-            slots: Slots::new(config.n_envs, rules, &config.lanes),
+            slots: Slots::new(config.run, &config.lanes),
             writer: BatchWriter::new(renderer, max_envs),
-            rules,
+            run: config.run,
             counters: Counters::default(),
             first_work: None,
             pending_idle_s: 0.0,
@@ -236,7 +232,7 @@ impl Server {
     fn serve_lane(&mut self, lane_idx: usize) -> Result<(), Fault> {
         let now = Instant::now();
         let lane = &mut self.lanes[lane_idx];
-        let execute = lane.config.execute;
+        let execute = self.run.results.execute;
         let slots = &mut self.slots;
         while lane.receive(|slot, view, env_idx| accept(slots, slot, view, env_idx, execute, now))? {}
         if lane.look_after(now)? {
@@ -264,13 +260,13 @@ impl Server {
         let as_lane_error = |policy: &str, source| LaneError::Link { policy: policy.to_owned(), source };
         let n_pages = self.batch.len() * lane.block_pages(morphology);
         let mut loan = lane.link.loan(n_pages).map_err(|e| as_lane_error(&lane.config.spec.policy, e))?;
-        let execute = lane.config.execute;
+        let execute = self.run.results.execute;
         let drawn = self.writer.write(&mut self.slots, &self.batch, execute, morphology, loan.pages_mut())?;
         self.counters.images += drawn.images;
         self.counters.render_s += drawn.core_s;
         self.counters.queries += self.batch.len() as u64;
         let now = Instant::now();
-        let mode = self.rules.control_mode(morphology, protocol::Driver::Lane(lane_idx as u32));
+        let mode = control_mode(&self.run.results, morphology, protocol::Driver::Lane(lane_idx as u32));
         for slot in &self.batch {
             self.slots.episode_mut(*slot).expect("a ready slot runs an episode").mark_queried(now);
         }

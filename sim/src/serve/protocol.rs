@@ -2,13 +2,11 @@
 //!
 //! Observations and actions never travel here.
 
-use ipc_types::ControlMode;
+use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec};
 use serde::{Deserialize, Serialize};
 
-use crate::perturb::{Composition, Strength};
-use crate::profile::Profile;
-use crate::render::{RendererChoice, Samples};
+use crate::perturb::Composition;
 use crate::tasks::TaskId;
 
 /// All a sim is told at birth (`hypogeum sim --config JSON`).
@@ -16,26 +14,12 @@ use crate::tasks::TaskId;
 pub struct SimConfig {
     /// Where the run's shared memory lives.
     pub domain: Domain,
-    /// Random number of the run, in every header.
-    pub run: u64,
-    /// Slots: episodes in progress at a time.
-    pub n_envs: u32,
-    /// Worker threads.
-    pub threads: u32,
+    /// Random number that identifies the run in every header.
+    pub run_id: u64,
     /// One per policy that runs outside the sim.
     pub lanes: Vec<Lane>,
-    /// Reading of the benchmark.
-    pub profile: Profile,
-    /// How strong perturbations are.
-    pub strength: Strength,
-    /// How single-arm policies drive; bimanual policies drive absolute joints.
-    pub control_mode: ControlMode,
-    /// Renderer.
-    pub renderer: RendererChoice,
-    /// How it samples pixels.
-    pub samples: Samples,
-    /// Whether outcomes tell the actions.
-    pub keep_actions: bool,
+    /// Options of the run.
+    pub run: RunConfig,
 }
 
 /// A policy outside the sim.
@@ -45,8 +29,6 @@ pub struct Lane {
     pub spec: LaneSpec,
     /// Whether it looks at images; if not, none is drawn for it.
     pub images: bool,
-    /// Rows of each action chunk to execute before the next query, 1 to 63.
-    pub execute: u32,
     /// Whether the host was started by someone else, so that the sim itself must watch whether it lives.
     pub foreign: bool,
 }

@@ -2,9 +2,10 @@
 
 use std::collections::VecDeque;
 
+use ipc_types::RunConfig;
 use rayon::prelude::*;
 
-use super::episode::{Episode, Rules, Status};
+use super::episode::{Episode, Status};
 use super::protocol::{Assignment, Driver, Lane, Outcome};
 
 /// Control steps a slot executes before the loop looks at the lanes again. It shapes only the order of work, never a result.
@@ -24,17 +25,17 @@ pub(super) enum Slot {
 pub(super) struct Slots {
     slots: Vec<Slot>,
     queue: VecDeque<Assignment>,
-    rules: Rules,
+    run: RunConfig,
     /// Per lane, whether its policy looks at images.
     images: Vec<bool>,
 }
 
 impl Slots {
-    pub(super) fn new(n_envs: u32, rules: Rules, lanes: &[Lane]) -> Self {
+    pub(super) fn new(run: RunConfig, lanes: &[Lane]) -> Self {
         Self {
-            slots: (0..n_envs).map(|_| Slot::Empty).collect(),
+            slots: (0..run.resources.envs).map(|_| Slot::Empty).collect(),
             queue: VecDeque::new(),
-            rules,
+            run,
             images: lanes.iter().map(|lane| lane.images).collect(),
         }
     }
@@ -100,14 +101,14 @@ impl Slots {
 
     /// One pass, slots in parallel: builds what was assigned, steps what has rows. Returns the control steps executed.
     pub(super) fn pass(&mut self) -> u64 {
-        let (rules, images) = (self.rules, &self.images);
+        let (run, images) = (&self.run, &self.images);
         let work = |slot: &mut Slot| {
             if let Slot::Assigned(assignment) = slot {
                 let looks = match assignment.driver {
                     Driver::Lane(lane) => images[lane as usize],
                     Driver::Expert => false,
                 };
-                *slot = Slot::Running(Box::new(Episode::new(*assignment, rules, looks)));
+                *slot = Slot::Running(Box::new(Episode::new(*assignment, run, looks)));
             }
             match slot {
                 Slot::Running(episode) => u64::from(episode.advance(STEP_QUANTUM)),

@@ -7,10 +7,9 @@ use ipc_types::{ActionBlock, ActionHeader, ControlMode, ObservationView};
 use super::protocol::{Assignment, Driver, Lane};
 use super::*;
 use crate::counting::allocations;
-use crate::perturb::Strength;
 use crate::physics::World;
-use crate::render::{RendererChoice, Samples};
-use crate::{Perturbation, Profile, TaskId};
+use crate::render::RendererChoice;
+use crate::{Perturbation, TaskId};
 
 const RUN: u64 = 7;
 const N_ENVS: u32 = 3;
@@ -64,19 +63,12 @@ fn a_round_of_the_loop_allocates_nothing_of_its_own() {
         block_pages: ipc_types::layout::block_pages(morphology, true) as u32,
         in_flight: 2,
     };
-    let config = SimConfig {
-        domain: domain.clone(),
-        run: RUN,
-        n_envs: N_ENVS,
-        threads: 1,
-        lanes: vec![Lane { spec: spec.clone(), images: true, execute: N_ROWS, foreign: false }],
-        profile: Profile::Strict,
-        strength: Strength::FULL,
-        control_mode: mode,
-        renderer: RendererChoice::Cpu,
-        samples: Samples::One,
-        keep_actions: false,
-    };
+    let mut run = RunConfig::default();
+    (run.resources.envs, run.resources.threads) = (N_ENVS, 1);
+    (run.results.control_mode, run.results.execute) = (mode, N_ROWS);
+    run.rendering.renderer = RendererChoice::Cpu;
+    let lanes = vec![Lane { spec: spec.clone(), images: true, foreign: false }];
+    let config = SimConfig { domain: domain.clone(), run_id: RUN, lanes, run };
     let (_commands, receiver) = sync_channel(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     pool.install(|| {
@@ -126,7 +118,7 @@ fn a_host_that_does_not_answer_is_given_up_with_its_name() {
     {
         let node = LinkNode::new(&domain, "sim").unwrap();
         let link = SimLink::create(&node, 1).unwrap();
-        let config = Lane { spec: spec.clone(), images: false, execute: 1, foreign: false };
+        let config = Lane { spec: spec.clone(), images: false, foreign: false };
         let mut lane = LaneState::create(&node, RUN, config).unwrap();
         let _host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();

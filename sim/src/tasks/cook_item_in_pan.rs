@@ -10,6 +10,7 @@ use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, fruit, regi
 use crate::expert::Move;
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
+use crate::profile::ProfileRules;
 use crate::robot::control::gripper_entry;
 use crate::robot::panda::FINGER_OPEN;
 use crate::scene::{Range, RegionSpec, Scene, SceneSpec, WidenedRanges};

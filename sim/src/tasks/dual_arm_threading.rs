@@ -10,6 +10,7 @@ use super::common::{ExternalCameras, bimanual, region};
 use crate::expert::{Move, both, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
+use crate::profile::ProfileRules;
 use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 

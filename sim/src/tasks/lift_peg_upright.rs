@@ -9,6 +9,7 @@ use super::common::{ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, mov
 use crate::expert::{Move, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
+use crate::profile::ProfileRules;
 use crate::robot::control;
 use crate::scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};

@@ -10,7 +10,8 @@ use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{BodySpec, AppearanceSpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
+use crate::profile::ProfileRules;
+use crate::scene::{AppearanceSpec, BodySpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {

@@ -7,6 +7,7 @@ use super::common::{ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, p
 use crate::expert::{Move, Reach, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
+use crate::profile::ProfileRules;
 use crate::robot::control;
 use crate::scene::{
     BodySpec, AppearanceSpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec, Texture,

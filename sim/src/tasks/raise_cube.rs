@@ -6,6 +6,7 @@ use super::common::{self, BLUE, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
+use crate::profile::ProfileRules;
 use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 

@@ -7,6 +7,7 @@ use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, m
 use crate::expert::{Move, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
+use crate::profile::ProfileRules;
 use crate::robot::panda::TIP_BEYOND_TCP;
 use crate::scene::{BodySpec, VisualShape, AppearanceSpec, PartSpec, Range, Scene, SceneSpec, Texture, VisualSpec};
 use crate::task::{Category, Task};

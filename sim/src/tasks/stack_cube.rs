@@ -9,6 +9,7 @@ use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_
 use crate::expert::{Move, Reach, first_in_time, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
+use crate::profile::ProfileRules;
 use crate::scene::{BodySpec, Range, RegionSpec, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 

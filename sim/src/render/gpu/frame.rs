@@ -8,7 +8,7 @@ use super::device::Gpu;
 use super::raster::Raster;
 use super::resolve::{Resolve, Seen};
 use super::store::Store;
-use super::{GpuOptions, Visibility};
+use super::{GpuOptions, Visibility, samples_per_axis};
 use crate::render::View;
 
 /// What all passes read.
@@ -35,7 +35,7 @@ enum Pass {
 impl Frame {
     /// Pipelines and small buffers.
     pub(super) fn new(gpu: &Gpu, kind: AdapterKind, visibility: Visibility, options: &GpuOptions) -> Self {
-        let zoom = options.samples.per_axis();
+        let zoom = samples_per_axis(options.samples);
         let pass = match visibility {
             Visibility::Raster => Pass::Raster(Raster::new(gpu, zoom)),
             Visibility::Compute => Pass::Compute(Compute::new(gpu, zoom, kind)),

@@ -166,12 +166,11 @@ impl Renderer for GpuRenderer {
     }
 }
 
-impl Samples {
-    const fn per_axis(self) -> u32 {
-        match self {
-            Self::One => 1,
-            Self::Four => 2,
-        }
+/// Returns the number of samples per pixel along each axis.
+const fn samples_per_axis(samples: Samples) -> u32 {
+    match samples {
+        Samples::One => 1,
+        Samples::Four => 2,
     }
 }
 

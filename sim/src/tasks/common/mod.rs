@@ -22,6 +22,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::predicate::Predicate;
 use crate::profile::Profile;
+use crate::profile::ProfileRules;
 pub use crate::scene::rgb;
 use crate::scene::{
     AppearanceSpec, BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec,

@@ -8,6 +8,7 @@ use super::{BIMANUAL_TABLE_Z, ExternalCameras, GOAL_RADIUS};
 use crate::expert::{Move, Reach, both, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
+use crate::profile::ProfileRules;
 use crate::scene::{Body, BodySpec, Range, Scene};
 
 /// Half a cube's edge, in m.

@@ -1,0 +1,160 @@
+//! The options of a run. Each is declared exactly once, here.
+//!
+//! A field of this module is at the same time a command-line flag, a key of the sweep file, part of the configuration
+//! that `hypogeum sim` and `hypogeum policy-host` receive, and (in [`ResultOptions`]) part of the manifest of a results
+//! file. To add an option, add a field, and read it where it takes effect. The doc comment of the field is its help text.
+
+mod choices;
+mod strength;
+
+use std::thread::available_parallelism;
+
+use clap::{Args, Command, FromArgMatches, value_parser};
+use serde::{Deserialize, Serialize};
+
+pub use self::choices::{Profile, QueryMode, RendererChoice, Samples};
+pub use self::strength::{Strength, StrengthError};
+use crate::ControlMode;
+use crate::layout::MAX_HORIZON;
+
+/// All options of a run that reach its processes, grouped by what they may influence.
+#[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunConfig {
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would show it as help text")]
+    pub results: ResultOptions,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would show it as help text")]
+    pub rendering: RenderOptions,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "clap would show it as help text")]
+    pub resources: ResourceOptions,
+}
+
+/// Options that change the outcome of an episode. The manifest of a results file stores them, and a run that continues the
+/// file must have the same.
+#[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResultOptions {
+    /// Suite seed, from which the seeds of all episodes are derived
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    /// Reading of the benchmark where its paper and its released code disagree
+    #[arg(long, value_enum, ignore_case = true, default_value_t = Profile::Strict)]
+    pub profile: Profile,
+    /// Strength of the perturbations, above 0 and at most 1, which is the benchmark's
+    #[arg(long, value_name = "X", default_value_t = Strength::FULL)]
+    pub strength: Strength,
+    /// Use of the action chunks that a policy predicts
+    #[arg(long, value_enum, ignore_case = true, default_value_t = QueryMode::Chunk)]
+    pub mode: QueryMode,
+    /// Rows of each action chunk to execute before the next query; always 1 in ensemble mode
+    #[arg(long, value_name = "M", value_parser = value_parser!(u32).range(1..=MAX_HORIZON as i64),
+        default_value_t = 30, default_value_if("mode", "ensemble", "1"))]
+    pub execute: u32,
+    /// Control mode of single-arm policies; bimanual policies always use pd_joint_pos
+    #[arg(long, value_enum, ignore_case = true, default_value_t = ControlMode::EeDeltaPose)]
+    #[serde(with = "control_mode_name")]
+    pub control_mode: ControlMode,
+}
+
+/// Options that change the images of an episode. A results file stores the identity of the renderer that results from
+/// them instead of the options themselves, and only if a policy of the run reads images.
+#[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RenderOptions {
+    /// Renderer of the images
+    #[arg(long, value_enum, ignore_case = true, default_value_t = RendererChoice::Auto)]
+    pub renderer: RendererChoice,
+    /// Samples per pixel
+    #[arg(long, value_enum, default_value_t = Samples::One)]
+    pub samples: Samples,
+}
+
+/// Options that never change a result, only the resources a run needs and the detail it records.
+#[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResourceOptions {
+    /// Episodes in progress at a time
+    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=4096), default_value_t = 16)]
+    pub envs: u32,
+    /// Worker threads of the sim and of each policy host; by default one per core
+    #[arg(long, value_name = "T", value_parser = value_parser!(u32).range(1..=1024), default_value_t = n_cores())]
+    pub threads: u32,
+    /// Record every executed action in the results file, for `replay`
+    #[arg(long)]
+    pub keep_actions: bool,
+}
+
+impl Default for RunConfig {
+    /// Returns the configuration of a command line without options.
+    fn default() -> Self {
+        let command = Self::augment_args(Command::new("defaults").no_binary_name(true));
+        let matches = command.try_get_matches_from([""; 0]).expect("every run option has a default");
+        Self::from_arg_matches(&matches).expect("every run option has a default")
+    }
+}
+
+/// Returns the number of cores this process may use.
+fn n_cores() -> u32 {
+    available_parallelism().map_or(1, |n| n.get().try_into().unwrap_or(u32::MAX))
+}
+
+/// Serializes a [`ControlMode`] under its ManiSkill name, as results files have always stored it.
+mod control_mode_name {
+    use clap::ValueEnum;
+    use serde::de::{Deserialize, Deserializer, Error};
+    use serde::ser::Serializer;
+
+    use crate::ControlMode;
+
+    pub(super) fn serialize<S: Serializer>(mode: &ControlMode, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(mode.name())
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ControlMode, D::Error> {
+        let name = String::deserialize(deserializer)?;
+        ControlMode::from_str(&name, false).map_err(D::Error::custom)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::ValueEnum;
+
+    use super::*;
+
+    #[test]
+    fn defaults_survive_json() {
+        let config = RunConfig::default();
+        let text = serde_json::to_string(&config).unwrap();
+        assert_eq!(serde_json::from_str::<RunConfig>(&text).unwrap(), config);
+    }
+
+    #[test]
+    fn execute_defaults_to_one_in_ensemble_mode() {
+        let execute = |words: &[&str]| {
+            let command = RunConfig::augment_args(Command::new("run").no_binary_name(true));
+            let matches = command.try_get_matches_from(words).unwrap();
+            RunConfig::from_arg_matches(&matches).unwrap().results.execute
+        };
+        assert_eq!(execute(&[]), 30);
+        assert_eq!(execute(&["--mode", "ensemble"]), 1);
+        assert_eq!(execute(&["--mode", "ensemble", "--execute", "7"]), 7);
+        assert_eq!(execute(&["--execute", "7"]), 7);
+    }
+
+    #[test]
+    fn json_and_command_line_names_agree() {
+        fn check<T: ValueEnum + Serialize>() {
+            for value in T::value_variants() {
+                let name = value.to_possible_value().unwrap().get_name().to_owned();
+                assert_eq!(serde_json::to_value(value).unwrap(), name);
+            }
+        }
+        check::<Profile>();
+        check::<QueryMode>();
+        check::<RendererChoice>();
+        check::<Samples>();
+        for mode in ControlMode::value_variants() {
+            assert_eq!(mode.to_possible_value().unwrap().get_name(), mode.name());
+        }
+    }
+}

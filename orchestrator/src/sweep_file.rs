@@ -1,0 +1,198 @@
+//! Sweep files: the options of `run` as TOML keys.
+//!
+//! A key is the name of a field of [`SweepArgs`] or [`RunConfig`](ipc_types::RunConfig). Its value is translated into the
+//! flag of that field, so that the command line's parser is the only one and an option needs no second declaration.
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::ffi::OsString;
+use std::num::{ParseFloatError, ParseIntError};
+use std::path::{Path, PathBuf};
+
+use clap::error::{ContextKind, ContextValue};
+use clap::{Arg, ArgAction, Args, Command};
+use thiserror::Error;
+use toml::{Spanned, Value};
+
+use crate::cli::SweepArgs;
+use crate::names::UnknownName;
+
+/// Errors that can occur while reading a sweep file.
+#[derive(Debug, Error)]
+pub(crate) enum SweepFileError {
+    #[error("failed to read the sweep file {}", path.display())]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("failed to parse the sweep file {}", path.display())]
+    Parse { path: PathBuf, source: Box<toml::de::Error> },
+    #[error("the sweep file {}, line {line}", path.display())]
+    UnknownKey { path: PathBuf, line: usize, source: UnknownName },
+    #[error("the sweep file {}, line {line}, key `{key}`: {reason}", path.display())]
+    Value { path: PathBuf, line: usize, key: String, reason: String },
+}
+
+/// Returns the flags that the sweep file at `path` stands for, except those of the options for which `is_overridden` returns
+/// `true`. Overridden keys are checked nevertheless.
+///
+/// # Errors
+/// If the file cannot be read, is not TOML, or has an unknown key or an invalid value.
+pub(crate) fn flags(
+    path: &Path,
+    is_overridden: impl Fn(&str) -> bool,
+) -> Result<Vec<OsString>, SweepFileError> {
+    let text =
+        std::fs::read_to_string(path).map_err(|source| SweepFileError::Read { path: path.into(), source })?;
+    let table: BTreeMap<String, Spanned<Value>> = toml::from_str(&text)
+        .map_err(|source| SweepFileError::Parse { path: path.into(), source: Box::new(source) })?;
+    let mut entries: Vec<_> = table.into_iter().collect();
+    // In the order of the file, so that the first error is reported.
+    entries.sort_by_key(|(_, value)| value.span().start);
+    let command = SweepArgs::augment_args(Command::new("sweep").no_binary_name(true));
+    let mut flags = Vec::new();
+    for (key, value) in entries {
+        let line = text[..value.span().start].matches('\n').count() + 1;
+        let Some(arg) = command.get_arguments().find(|arg| arg.get_id() == key.as_str()) else {
+            let known: Vec<&str> = command.get_arguments().map(|arg| arg.get_id().as_str()).collect();
+            let source = UnknownName::new("key", &key, &known);
+            return Err(SweepFileError::UnknownKey { path: path.into(), line, source });
+        };
+        let invalid = |reason| SweepFileError::Value { path: path.into(), line, key: key.clone(), reason };
+        let own = flags_of(arg, value.get_ref()).map_err(invalid)?;
+        command.clone().try_get_matches_from(&own).map_err(|error| invalid(reason(&error)))?;
+        if !is_overridden(&key) {
+            flags.extend(own);
+        }
+    }
+    Ok(flags)
+}
+
+/// Translates the value of one key.
+fn flags_of(arg: &Arg, value: &Value) -> Result<Vec<OsString>, String> {
+    let flag = format!("--{}", arg.get_long().expect("every option of a sweep has a long flag"));
+    let with_value = |value: &Value| Ok(format!("{flag}={}", scalar(value)?).into());
+    match (arg.get_action(), value) {
+        (ArgAction::SetTrue, Value::Boolean(true)) => Ok(vec![flag.into()]),
+        (ArgAction::SetTrue, Value::Boolean(false)) => Ok(Vec::new()),
+        (ArgAction::SetTrue, other) => Err(format!("found {other}, expected true or false")),
+        (ArgAction::Append, Value::Array(values)) => values.iter().map(with_value).collect(),
+        (_, value) => Ok(vec![with_value(value)?]),
+    }
+}
+
+/// Returns a value that is no list and no table as it would be typed on the command line.
+fn scalar(value: &Value) -> Result<String, String> {
+    match value {
+        Value::String(text) => Ok(text.clone()),
+        Value::Integer(number) => Ok(number.to_string()),
+        Value::Float(number) => Ok(number.to_string()),
+        Value::Boolean(_) | Value::Datetime(_) | Value::Array(_) | Value::Table(_) => {
+            Err(format!("found {value}, expected one string or number"))
+        }
+    }
+}
+
+/// Returns the reason for which clap refuses a value.
+fn reason(error: &clap::Error) -> String {
+    let found = match error.get(ContextKind::InvalidValue) {
+        Some(ContextValue::String(found)) => found.as_str(),
+        _ => "",
+    };
+    match (error.source(), error.get(ContextKind::ValidValue)) {
+        (Some(source), _) if source.is::<ParseIntError>() => {
+            format!("found `{found}`, expected a whole number")
+        }
+        (Some(source), _) if source.is::<ParseFloatError>() => format!("found `{found}`, expected a number"),
+        (Some(source), _) => source.to_string(),
+        (None, Some(ContextValue::Strings(known))) => {
+            let known: Vec<&str> = known.iter().map(String::as_str).collect();
+            UnknownName::new("value", found, &known).to_string()
+        }
+        (None, _) => error.kind().to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::OsStr;
+
+    use super::*;
+    use crate::cli::{Cli, Command as Subcommand};
+
+    /// Parses `hypogeum run FILE ARGUMENTS`, where the file contains `text`.
+    fn parse(text: &str, arguments: &str) -> Result<SweepArgs, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sweep.toml");
+        std::fs::write(&path, text).unwrap();
+        let words = ["hypogeum", "run"].map(OsStr::new).into_iter().chain([path.as_os_str()]);
+        let words = words.chain(arguments.split_whitespace().map(OsStr::new)).map(OsStr::to_owned);
+        let parsed = Cli::parse_with_sweep_file(&words.collect::<Vec<_>>());
+        let message = |error: anyhow::Error| {
+            format!("{error:#}").replace(&path.display().to_string(), "sweep.toml").trim_end().to_owned()
+        };
+        let Subcommand::Run(args) = parsed.map_err(message)?.command else { panic!("not a run") };
+        Ok(args.sweep)
+    }
+
+    #[test]
+    fn flags_override_the_file() {
+        let text = r#"
+            policies = ["idle", "mine=act:weights"]
+            tasks = ["RaiseCube", "StackCube"]
+            perturbations = "all"
+            episodes = 100
+            strength = 0.5
+            samples = 4
+            keep_actions = true
+            control_mode = "pd_joint_pos"
+        "#;
+        let file = parse(text, "").unwrap();
+        let both = parse(text, "--episodes 3 --tasks single --policy random --samples 1").unwrap();
+        let typed = "--policy idle --policy mine=act:weights --tasks RaiseCube,StackCube --perturbations all \
+            --episodes 100 --strength 0.5 --samples 4 --keep-actions --control-mode pd_joint_pos";
+        assert_eq!(file, parse("", typed).unwrap());
+        let typed = "--policy random --tasks single --perturbations all --episodes 3 --strength 0.5 --samples 1 \
+            --keep-actions --control-mode pd_joint_pos";
+        assert_eq!(both, parse("", typed).unwrap());
+    }
+
+    #[test]
+    fn every_run_option_is_a_key() {
+        let command = SweepArgs::augment_args(Command::new("sweep"));
+        for arg in command.get_arguments() {
+            let (key, long) = (arg.get_id().as_str(), arg.get_long().unwrap());
+            assert!(key == long.replace('-', "_") || (key, long) == ("policies", "policy"), "{key} {long}");
+        }
+    }
+
+    #[test]
+    fn execute_default_follows_the_mode_in_the_file() {
+        let execute = |text, arguments| parse(text, arguments).unwrap().config.results.execute;
+        assert_eq!(execute("mode = \"ensemble\"", ""), 1);
+        assert_eq!(execute("mode = \"ensemble\"", "--mode chunk"), 30);
+        assert_eq!(execute("execute = 7", ""), 7);
+    }
+
+    #[test]
+    fn errors_name_the_file_the_line_and_the_key() {
+        let error = |text| parse(text, "").unwrap_err();
+        insta::assert_snapshot!(error("\nepsiodes = 3\n"), @"the sweep file sweep.toml, line 2: unknown key `epsiodes`; did you mean episodes?");
+        insta::assert_snapshot!(error("json = true\n"), @"");
+        insta::assert_snapshot!(error("episodes = \"many\"\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found `many`, expected a whole number");
+        insta::assert_snapshot!(error("episodes = 0\n"), @"the sweep file sweep.toml, line 1, key `episodes`: 0 is not in 1..=1000000");
+        insta::assert_snapshot!(error("episodes = [1, 2]\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found [1, 2], expected one string or number");
+        insta::assert_snapshot!(error("keep_actions = 1\n"), @"the sweep file sweep.toml, line 1, key `keep_actions`: found 1, expected true or false");
+        insta::assert_snapshot!(error("tasks = 3\n"), @"the sweep file sweep.toml, line 1, key `tasks`: unknown task `3`; `hypogeum tasks --matrix` lists all names");
+        insta::assert_snapshot!(error("tasks = [\n\"RaiseCube\",\n\"RiseCube\"]\n"), @"the sweep file sweep.toml, line 1, key `tasks`: unknown task `RiseCube`; did you mean RaiseCube or StackCube?");
+        insta::assert_snapshot!(error("strength = 2\n"), @"the sweep file sweep.toml, line 1, key `strength`: strength is 2, expected a number above 0 and at most 1 (the benchmark's strength)");
+        insta::assert_snapshot!(error("renderer = \"gpi\"\n"), @"the sweep file sweep.toml, line 1, key `renderer`: unknown value `gpi`; did you mean gpu?");
+        insta::assert_snapshot!(error("samples = 3\n"), @"the sweep file sweep.toml, line 1, key `samples`: unknown value `3`; expected one of 1, 4");
+        insta::assert_snapshot!(error("tasks = \n"), @r"
+        failed to parse the sweep file sweep.toml: TOML parse error at line 1, column 9
+          |
+        1 | tasks = 
+          |         ^
+        string values must be quoted, expected literal string
+        ");
+        let absent = flags(Path::new("absent.toml"), |_| false).unwrap_err();
+        insta::assert_snapshot!(format!("{:#}", anyhow::Error::from(absent)), @"failed to read the sweep file absent.toml: No such file or directory (os error 2)");
+    }
+}
