@@ -71,7 +71,7 @@ impl Policy for Ensemble {
             past.push(record.query, chunk);
             let action_dim = chunk.action_dim();
             let horizon = chunk.rows().len() / action_dim;
-            weights.extend((weights.len()..horizon).map(|idx| (-decay * idx as f64).exp()));
+            weights.extend((weights.len()..horizon).map(|idx| libm::exp(-decay * idx as f64)));
             past.mean(horizon, weights, chunk.reset(1, action_dim));
         }
         Ok(())

@@ -195,7 +195,7 @@ impl Predicate {
                 let axis = world.body_pose(body).rotation.cast::<f64>() * Vector3::from(axis);
                 let cosine = axis.dot(&Vector3::from(with));
                 let cosine = if either_way { cosine.abs() } else { cosine };
-                (greatest.cos()..=least.cos()).contains(&cosine.clamp(-1.0, 1.0))
+                (libm::cos(greatest)..=libm::cos(least)).contains(&cosine.clamp(-1.0, 1.0))
             }
             Self::At { body, position: goal, orientation: [w, x, y, z], tolerance: [far, turned] } => {
                 let goal_orientation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));

@@ -44,8 +44,8 @@ impl Stream {
 
     /// Normal with mean 0 and standard deviation 1, by the Box–Muller transform.
     pub fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
-        radius * (core::f64::consts::TAU * self.unit()).cos()
+        let radius = (-2.0 * libm::log(1.0 - self.unit())).sqrt();
+        radius * libm::cos(core::f64::consts::TAU * self.unit())
     }
 }
 

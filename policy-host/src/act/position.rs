@@ -18,8 +18,8 @@ pub(super) fn sine_encoding(map: ImageSize, hidden_dim: usize) -> Vec<f32> {
         for (part, (place, side)) in places.into_iter().enumerate() {
             let angle = (place + 1) as f64 / (side as f64 + 1e-6) * TAU;
             for (idx, x) in out[part * half..(part + 1) * half].iter_mut().enumerate() {
-                let phase = angle / TEMPERATURE.powf((idx / 2 * 2) as f64 / half as f64);
-                *x = if idx % 2 == 0 { phase.sin() } else { phase.cos() } as f32;
+                let phase = angle / libm::pow(TEMPERATURE, (idx / 2 * 2) as f64 / half as f64);
+                *x = if idx % 2 == 0 { libm::sin(phase) } else { libm::cos(phase) } as f32;
             }
         }
     }

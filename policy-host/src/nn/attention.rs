@@ -160,7 +160,7 @@ mod tests {
     fn exp_is_accurate_down_to_the_smallest_normal_number() {
         for step in 0..=87_000 {
             let x = -(step as f32) / 1000.0;
-            let exact = f64::from(x).exp();
+            let exact = libm::exp(f64::from(x));
             let error = (f64::from(exp_of_negative(x)) - exact).abs() / exact;
             assert!(error < 2.5e-7, "exp({x}): relative error {error}");
         }

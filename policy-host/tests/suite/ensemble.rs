@@ -50,7 +50,7 @@ fn batch(slots: &[(u32, u32, u64)]) -> Batch {
 /// The definition (spec/eval.md §1.5), summed in f64.
 fn expected(seed: u64, step: u32, entry: usize) -> f64 {
     let first = (step + 1).saturating_sub(HORIZON as u32);
-    let weights = (0..).map(|idx| (-0.01 * f64::from(idx)).exp());
+    let weights = (0..).map(|idx| libm::exp(-0.01 * f64::from(idx)));
     let terms: Vec<(f64, f64)> = (first..=step)
         .map(|query| f64::from(predicted(seed, query, (step - query) as usize, entry)))
         .zip(weights)

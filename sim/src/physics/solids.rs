@@ -119,7 +119,7 @@ fn volume(shape: Primitive) -> f64 {
     match shape {
         Primitive::Box { half } => 8.0 * half.iter().product::<f64>(),
         Primitive::Cylinder { radius, half_height } => 2.0 * PI * radius * radius * half_height,
-        Primitive::Ball { radius } => 4.0 / 3.0 * PI * radius.powi(3),
+        Primitive::Ball { radius } => 4.0 / 3.0 * PI * (radius * radius * radius),
         Primitive::Capsule { radius, half_height } => {
             PI * radius * radius * (2.0 * half_height + 4.0 / 3.0 * radius)
         }

@@ -92,7 +92,7 @@ impl RenderScene {
     pub fn export(&self) -> ExportedScene {
         let cameras = self.cameras.iter().map(|camera| ExportedCamera {
             side: camera.side,
-            fov_rad: 2.0 * (camera.side as f32 / 2.0 / camera.focal_px).atan(),
+            fov_rad: 2.0 * libm::atanf(camera.side as f32 / 2.0 / camera.focal_px),
             clip_m: camera.clip_m,
         });
         let lights = self.suns.iter().map(|sun| ExportedLight { towards: sun.towards, color: sun.color });

@@ -49,8 +49,8 @@ impl DepthRange {
         if depth_m.is_infinite() {
             return [0; 3];
         }
-        let all = (self.greatest_m / self.least_m).ln().max(f32::EPSILON);
-        let nearness = ((self.greatest_m / depth_m).ln() / all).clamp(0.0, 1.0);
+        let all = libm::logf(self.greatest_m / self.least_m).max(f32::EPSILON);
+        let nearness = (libm::logf(self.greatest_m / depth_m) / all).clamp(0.0, 1.0);
         let even = (nearness * (N_COLORS - 1.0)).round() / (N_COLORS - 1.0) * (RAMP.len() - 1) as f32;
         let step = (even as usize).min(RAMP.len() - 2);
         let (from, to, share) = (RAMP[step], RAMP[step + 1], even - step as f32);

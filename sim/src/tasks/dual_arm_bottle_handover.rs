@@ -65,7 +65,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let closing = grasp::same_way_round(across, &grasp::start_closing(scene, arm));
         grasp::pose(&position.coords, approach, &closing)
     };
-    let turned = TURNS.map(|turn| grip(0, &Vector3::new(turn.sin(), turn.cos(), 0.0)));
+    let turned = TURNS.map(|turn| grip(0, &Vector3::new(libm::sin(turn), libm::cos(turn), 0.0)));
     let stations =
         |tcp: &Isometry3<f64>| [grasp::shifted(&grasp::backed_off(tcp, 0.1), &(Vector3::z() * 0.15)), *tcp];
     let taken = grasp::first_within_reach(scene, 0, &turned, stations);

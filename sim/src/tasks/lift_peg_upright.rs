@@ -94,7 +94,7 @@ fn stood_up(scene: &Scene, lean: f64) -> Vec<Move> {
         Isometry3::from_parts(place.into(), turn * tcp.rotation)
     };
     // The peg's weight times its lever goes with the fourth power of its size.
-    let squeeze = SQUEEZE * peg.scale.powi(4);
+    let squeeze = SQUEEZE * (peg.scale * peg.scale) * (peg.scale * peg.scale);
     let command = control::gripper_entry(half_width - squeeze) as f32;
     vec![
         Move::straight(0, grasp::backed_off(&tcp, 0.05)),

@@ -58,7 +58,7 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
             body: plate,
             axis: [0.0, 0.0, 1.0],
             with: [0.0, 0.0, 1.0],
-            angle_rad: [0.35_f64.acos(), FRAC_PI_2],
+            angle_rad: [libm::acos(0.35), FRAC_PI_2],
             either_way: true,
         },
         Predicate::Still { body: plate, max_linear: 0.02, max_angular: 0.4 },

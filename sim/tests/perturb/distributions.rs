@@ -165,7 +165,7 @@ fn light_colour_and_azimuth_are_uniform() {
     let directions = scenes.iter().map(|scene| Vector3::from(scene.lights.directional[0].direction));
     let azimuths = directions.map(|direction| {
         assert!((direction.xy().norm() - 1.0).abs() < 1e-12 && direction.z == -1.0, "the elevation is 45°");
-        direction.y.atan2(direction.x)
+        libm::atan2(direction.y, direction.x)
     });
     let half_turn = core::f64::consts::PI;
     assert_uniform("azimuth", azimuths.collect(), Range::new(-half_turn, half_turn));

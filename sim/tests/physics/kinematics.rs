@@ -36,7 +36,7 @@ fn the_two_arms_rest_facing_each_other() {
         let expected = Vector3::new(-0.4, side * 0.2935, 0.9227);
         assert!((tcp.translation.vector - expected).norm() < 2e-4, "arm {}: {tcp}", arm + 1);
         let approach = tcp.rotation * Vector3::z();
-        let back_to_base = Vector3::new(0.0, side * FRAC_PI_8.sin(), -FRAC_PI_8.cos());
+        let back_to_base = Vector3::new(0.0, side * libm::sin(FRAC_PI_8), -libm::cos(FRAC_PI_8));
         assert!((approach - back_to_base).norm() < 1e-4, "arm {}: approach {approach}", arm + 1);
     }
 }

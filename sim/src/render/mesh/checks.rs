@@ -75,5 +75,5 @@ pub(super) fn assert_solid(name: &dyn Debug, mesh: &Mesh, extents_m: Vec3, volum
 
 /// Area of the regular polygon of n corners on the unit circle.
 pub(super) fn polygon_area(n: usize) -> f32 {
-    0.5 * n as f32 * (TAU / n as f32).sin()
+    0.5 * n as f32 * libm::sinf(TAU / n as f32)
 }

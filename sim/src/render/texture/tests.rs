@@ -109,7 +109,7 @@ fn no_two_patterns_look_alike() {
 fn perturbations_are_as_bright_as_photographs_on_average() {
     let encoded = |linear: f64| {
         let curve =
-            if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+            if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * libm::pow(linear, 1.0 / 2.4) - 0.055 };
         255.0 * curve
     };
     let means: Vec<_> = Texture::PERTURBATION

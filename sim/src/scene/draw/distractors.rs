@@ -120,7 +120,7 @@ impl BoundingCircle {
         let aabb = body.aabb(&Isometry3::identity());
         let half = aabb.min.abs().sup(&aabb.max.abs());
         let at = pose.translation;
-        Self { centre: [at.x, at.y], radius: half.x.hypot(half.y), top_z: at.z + aabb.max.z }
+        Self { centre: [at.x, at.y], radius: libm::hypot(half.x, half.y), top_z: at.z + aabb.max.z }
     }
 
     fn is_clear_of(&self, other: &Footprint) -> bool {
@@ -128,11 +128,11 @@ impl BoundingCircle {
             let at = self.centre[axis];
             (other.min[axis] - at).max(at - other.max[axis]).max(0.0)
         };
-        outside_by(0).hypot(outside_by(1)) > self.radius + CLEARANCE_M
+        libm::hypot(outside_by(0), outside_by(1)) > self.radius + CLEARANCE_M
     }
 
     fn is_clear_of_arm_at(&self, point: &Point3<f64>) -> bool {
-        let distance = (point.x - self.centre[0]).hypot(point.y - self.centre[1]);
+        let distance = libm::hypot(point.x - self.centre[0], point.y - self.centre[1]);
         point.z - ARM_RADIUS_M > self.top_z || distance > self.radius + ARM_RADIUS_M
     }
 }

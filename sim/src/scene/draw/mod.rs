@@ -152,9 +152,9 @@ fn place_region(
         let mut xy = draw();
         if let Some(min_gap_m) = region.min_gap_m {
             let is_clear = |xy: [f64; 2]| {
-                placed
-                    .iter()
-                    .all(|(other, r)| (xy[0] - other[0]).hypot(xy[1] - other[1]) > radius + r + min_gap_m)
+                placed.iter().all(|(other, r)| {
+                    libm::hypot(xy[0] - other[0], xy[1] - other[1]) > radius + r + min_gap_m
+                })
             };
             let mut draws = 1;
             while !is_clear(xy) && draws < MAX_PLACEMENT_DRAWS {
@@ -172,7 +172,7 @@ fn place_region(
 fn footprint_radius(body: &Body, orientation: UnitQuaternion<f64>) -> f64 {
     let aabb = body.aabb(&Isometry3::from_parts(Translation3::identity(), orientation));
     let half = aabb.min.abs().sup(&aabb.max.abs());
-    half.x.hypot(half.y)
+    libm::hypot(half.x, half.y)
 }
 
 fn draw_camera(spec: &CameraSpec, episode_seed: u64) -> Camera {

@@ -32,7 +32,7 @@ const N_PIECES: u32 = 12;
 pub(in crate::tasks) fn plate() -> BodySpec {
     let white = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain([0.93; 3]) };
     let half =
-        [THICKNESS / 2.0, (RIM_RADIUS + FOOT_RADIUS) / 2.0 * (PI / f64::from(N_PIECES)).tan(), WALL / 2.0];
+        [THICKNESS / 2.0, (RIM_RADIUS + FOOT_RADIUS) / 2.0 * libm::tan(PI / f64::from(N_PIECES)), WALL / 2.0];
     let piece =
         |i: u32| PartSpec { shape: Primitive::Box { half }, pose: piece(azimuth(i)), appearance: white };
     let floor = Primitive::Cylinder { radius: FOOT_RADIUS, half_height: THICKNESS / 2.0 };
@@ -168,7 +168,7 @@ fn rod(radius: f64, from: [f64; 3], to: [f64; 3], appearance: AppearanceSpec) ->
 /// Pose of the plate in the rack's frame when it stands on the rack's floor, opens towards −y and leans back by an angle
 /// against the top of the inner divider at `divider_y` (m). The plate's y points up.
 pub(in crate::tasks) fn leaning(divider_y: f64, lean_rad: f64) -> Isometry3<f64> {
-    let (sin, cos) = lean_rad.sin_cos();
+    let (sin, cos) = libm::sincos(lean_rad);
     let rim_z = HALF_DEPTH - THICKNESS * SIN_FLARE;
     let z = FLOOR + RIM_RADIUS * cos - rim_z * sin;
     let y = divider_y - DIVIDER_HALF[1] - (HALF_DEPTH + (DIVIDER_TOP - z) * sin) / cos;

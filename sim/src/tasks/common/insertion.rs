@@ -76,7 +76,7 @@ pub(in crate::tasks) fn tripod(region: usize) -> BodySpec {
         [0.0, 0.0, (foot + top) / 2.0],
         BROWN,
     ));
-    let side = Primitive::Capsule { radius: TUBE_RADIUS, half_height: RING_RADIUS * (PI / 12.0).tan() };
+    let side = Primitive::Capsule { radius: TUBE_RADIUS, half_height: RING_RADIUS * libm::tan(PI / 12.0) };
     stand.extend(around(Vector3::x_axis(), 12).map(|turn| {
         moved(middle * turn * Translation3::new(0.0, RING_RADIUS, 0.0), &PartSpec::at(side, [0.0; 3], BROWN))
     }));
@@ -111,7 +111,7 @@ pub(in crate::tasks) fn pen(region: usize) -> BodySpec {
 pub(in crate::tasks) fn cap(region: usize) -> BodySpec {
     let ([closed, bottom, open], [r, inside]) = (CAP_Z, CAP_RADII);
     let axis = Translation3::new(CAP_X, 0.0, 0.0);
-    let half = [(r - inside) / 2.0, r * FRAC_PI_8.tan(), (open - closed) / 2.0];
+    let half = [(r - inside) / 2.0, r * libm::tan(FRAC_PI_8), (open - closed) / 2.0];
     let wall = box_part(half, [(r + inside) / 2.0, 0.0, (open + closed) / 2.0], BLUE);
     let clip = |[from, to]: [f64; 2], [low, high]: [f64; 2]| {
         let half = [(to - from) / 2.0, 0.005, (high - low) / 2.0];

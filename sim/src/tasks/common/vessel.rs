@@ -29,12 +29,12 @@ impl Vessel {
 
     fn wall(&self, i: u32, appearance: AppearanceSpec) -> PartSpec {
         let ([low, high], half_thickness) = (self.radii, self.thickness / 2.0);
-        let lean = (high - low).atan2(self.height);
+        let lean = libm::atan2(high - low, self.height);
         let middle = f64::midpoint(low, high) - half_thickness;
         let half_angle = TAU / f64::from(2 * N_WALLS);
         // The lowest corners lie on z 0, the highest as high as the rim.
-        let half_length = (self.height / 2.0 - half_thickness * lean.sin()) / lean.cos();
-        let half = [half_thickness, middle * half_angle.tan(), half_length];
+        let half_length = (self.height / 2.0 - half_thickness * libm::sin(lean)) / libm::cos(lean);
+        let half = [half_thickness, middle * libm::tan(half_angle), half_length];
         let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
         let around = about(Vector3::z_axis(), f64::from(2 * i + 1) * half_angle);
         let centre = around * Vector3::new(middle, 0.0, self.height / 2.0);

@@ -248,7 +248,7 @@ mod tests {
         for _ in 0..600 {
             let mut random = |least: f64, greatest: f64| (least + stream.unit() * (greatest - least)) as f32;
             // The light comes from above and the side, the plane is turned any way towards the camera.
-            let (sin, cos) = random(0.2, 1.3).sin_cos();
+            let (sin, cos) = libm::sincosf(random(0.2, 1.3));
             let texel_from_view = Affine3 {
                 linear: [
                     scaled([1.0, 0.0, 0.0], TEXELS_PER_M),
