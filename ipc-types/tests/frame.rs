@@ -1,4 +1,4 @@
-//! A message is believed only as far as its header and records fit its memory.
+//! Validation of messages: headers and records must be consistent with the memory they arrive in.
 
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
@@ -8,7 +8,8 @@ use ipc_types::{
     ObservationView, Page, SCHEMA_HASH,
 };
 
-/// A well-formed message of `n_envs` envs, every byte of whose images is the env's index.
+/// Returns a valid message of `n_envs` envs. All bytes of an env's external images are the env's index, those
+/// of its hand images the index with the high bit set.
 fn observation(morphology: Morphology, images: bool, n_envs: u32) -> (ObservationHeader, Vec<Page>) {
     let block_pages = block_pages(morphology, images);
     let header = ObservationHeader {
@@ -38,7 +39,7 @@ fn observation(morphology: Morphology, images: bool, n_envs: u32) -> (Observatio
     (header, pages)
 }
 
-/// A well-formed answer for `n_envs` envs.
+/// Returns a valid action message for `n_envs` envs.
 fn action(n_envs: usize) -> (ActionHeader, Vec<Page>) {
     let header = ActionHeader {
         schema_hash: SCHEMA_HASH,
@@ -56,7 +57,7 @@ fn action(n_envs: usize) -> (ActionHeader, Vec<Page>) {
 }
 
 #[test]
-fn every_tensor_of_a_message_lies_inside_it_and_none_overlap() {
+fn tensors_lie_inside_the_message_without_overlap() {
     for (morphology, images) in Morphology::ALL.into_iter().flat_map(|m| [(m, true), (m, false)]) {
         let (header, pages) = observation(morphology, images, 3);
         let view = ObservationView::new(header, &pages).unwrap();
@@ -83,91 +84,91 @@ fn every_tensor_of_a_message_lies_inside_it_and_none_overlap() {
 }
 
 #[test]
-fn an_observation_header_that_lies_is_refused() {
+fn inconsistent_observation_header_is_rejected() {
     let (good, pages) = observation(Morphology::Single, true, 2);
     assert!(ObservationView::new(good, &pages).is_ok());
-    type Lie = fn(&mut ObservationHeader);
-    let lies: [(&str, Lie); 12] = [
-        ("schema", |h| h.schema_hash ^= 1),
-        ("no env", |h| h.n_envs = 0),
-        ("one env fewer", |h| h.n_envs = 1),
-        ("one env more", |h| h.n_envs = 3),
-        ("so many envs that 32 bits overflow", |h| h.n_envs = u32::MAX),
-        ("no pages", |h| h.block_pages = 0),
-        ("a page fewer", |h| h.block_pages -= 1),
-        ("all the pages there could be", |h| h.block_pages = u32::MAX),
+    type Corrupt = fn(&mut ObservationHeader);
+    let cases: [(&str, Corrupt); 12] = [
+        ("wrong schema hash", |h| h.schema_hash ^= 1),
+        ("zero envs", |h| h.n_envs = 0),
+        ("one env too few", |h| h.n_envs = 1),
+        ("one env too many", |h| h.n_envs = 3),
+        ("env count that overflows 32 bits", |h| h.n_envs = u32::MAX),
+        ("zero block pages", |h| h.block_pages = 0),
+        ("one block page too few", |h| h.block_pages -= 1),
+        ("maximum block pages", |h| h.block_pages = u32::MAX),
         ("the other morphology", |h| h.morphology = 1),
-        ("a third morphology", |h| h.morphology = 2),
-        ("an unknown control mode", |h| h.control_mode = 3),
-        ("two kinds of images", |h| h.images = 2),
+        ("unknown morphology", |h| h.morphology = 2),
+        ("unknown control mode", |h| h.control_mode = 3),
+        ("invalid image flag", |h| h.images = 2),
     ];
-    for (name, lie) in lies {
+    for (name, corrupt) in cases {
         let mut header = good;
-        lie(&mut header);
-        assert!(ObservationView::new(header, &pages).is_err(), "{name} was believed");
+        corrupt(&mut header);
+        assert!(ObservationView::new(header, &pages).is_err(), "{name} was accepted");
     }
     let without_images = ObservationHeader { images: 0, ..good };
-    assert!(ObservationView::new(without_images, &pages).is_err(), "missing images were believed");
+    assert!(ObservationView::new(without_images, &pages).is_err(), "a cleared image flag was accepted");
     assert_eq!(
         ObservationView::new(good, &pages[1..]).unwrap_err(),
         FrameError::Length { expected: 174, found: 173 }
     );
-    assert!(ObservationView::new(good, &[]).is_err(), "an empty message was believed");
+    assert!(ObservationView::new(good, &[]).is_err(), "an empty message was accepted");
 }
 
 #[test]
-fn a_record_that_lies_is_refused() {
-    type Lie = (&'static str, fn(&mut EnvRecord));
-    let lies: [Lie; 7] = [
-        ("more state than the morphology has", |r| r.state_dim = 26),
-        ("all the state there could be", |r| r.state_dim = u32::MAX),
-        ("a longer instruction than there is room", |r| r.instruction_len = 1025),
-        ("all the instruction there could be", |r| r.instruction_len = u32::MAX),
-        ("no row to execute", |r| r.execute = 0),
-        ("more rows than a chunk can have", |r| r.execute = 64),
-        ("half a letter", |r| (r.instruction_len, r.instruction[0]) = (1, 0xc3)),
+fn inconsistent_record_is_rejected() {
+    type Case = (&'static str, fn(&mut EnvRecord));
+    let cases: [Case; 7] = [
+        ("state wider than the morphology's", |r| r.state_dim = 26),
+        ("maximum state width", |r| r.state_dim = u32::MAX),
+        ("instruction longer than its field", |r| r.instruction_len = 1025),
+        ("maximum instruction length", |r| r.instruction_len = u32::MAX),
+        ("zero rows to execute", |r| r.execute = 0),
+        ("more rows to execute than a chunk holds", |r| r.execute = 64),
+        ("truncated UTF-8 sequence", |r| (r.instruction_len, r.instruction[0]) = (1, 0xc3)),
     ];
-    for (name, lie) in lies {
+    for (name, corrupt) in cases {
         let (header, mut pages) = observation(Morphology::Single, false, 2);
-        lie(bytemuck::cast_mut(&mut pages[1]));
-        let Err(error) = ObservationView::new(header, &pages) else { panic!("{name} was believed") };
+        corrupt(bytemuck::cast_mut(&mut pages[1]));
+        let Err(error) = ObservationView::new(header, &pages) else { panic!("{name} was accepted") };
         assert!(error.to_string().starts_with("env 1"), "{name}: {error}");
     }
 }
 
 #[test]
-fn an_action_that_lies_is_refused() {
+fn inconsistent_action_message_is_rejected() {
     let (good, pages) = action(2);
     assert_eq!(ActionView::new(good, &pages).unwrap().blocks().len(), 2);
     for n_envs in [0, 1, 3, u32::MAX] {
         assert!(
             ActionView::new(ActionHeader { n_envs, ..good }, &pages).is_err(),
-            "{n_envs} envs were believed"
+            "{n_envs} envs were accepted"
         );
     }
     assert!(ActionView::new(ActionHeader { schema_hash: 0, ..good }, &pages).is_err());
-    type Lie = (&'static str, fn(&mut ActionBlock));
-    let lies: [Lie; 6] = [
-        ("no rows", |b| b.n_rows = 0),
-        ("a row more than there is room", |b| b.n_rows = 64),
-        ("all the rows there could be", |b| b.n_rows = u32::MAX),
-        ("rows of nothing", |b| b.action_dim = 0),
-        ("too wide rows", |b| b.action_dim = 17),
-        ("rows so wide that the product overflows", |b| b.action_dim = u32::MAX),
+    type Case = (&'static str, fn(&mut ActionBlock));
+    let cases: [Case; 6] = [
+        ("zero rows", |b| b.n_rows = 0),
+        ("one row too many", |b| b.n_rows = 64),
+        ("maximum row count", |b| b.n_rows = u32::MAX),
+        ("zero row width", |b| b.action_dim = 0),
+        ("row width beyond the limit", |b| b.action_dim = 17),
+        ("row width that overflows the product", |b| b.action_dim = u32::MAX),
     ];
-    for (name, lie) in lies {
+    for (name, corrupt) in cases {
         let (header, mut pages) = action(2);
-        lie(bytemuck::cast_mut(&mut pages[1]));
-        let Err(error) = ActionView::new(header, &pages) else { panic!("{name} was believed") };
+        corrupt(bytemuck::cast_mut(&mut pages[1]));
+        let Err(error) = ActionView::new(header, &pages) else { panic!("{name} was accepted") };
         assert!(error.to_string().starts_with("env 1"), "{name}: {error}");
     }
 }
 
 #[test]
-fn one_envs_bad_number_is_found_and_spoils_no_other_env() {
+fn check_finite_reports_only_the_affected_env() {
     let (header, mut pages) = action(2);
     let block: &mut ActionBlock = bytemuck::cast_mut(&mut pages[1]);
-    // Beyond the last row nothing counts.
+    // Values beyond the last row are ignored.
     block.rows[7 * 30] = f32::NAN;
     assert_eq!(ActionView::new(header, &pages).unwrap().check_finite(1), Ok(()));
     for number in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
@@ -179,7 +180,7 @@ fn one_envs_bad_number_is_found_and_spoils_no_other_env() {
 }
 
 #[test]
-fn a_policy_that_could_not_answer_sends_no_blocks() {
+fn failed_status_yields_no_blocks() {
     let (good, mut pages) = action(2);
     bytemuck::cast_slice_mut::<Page, u8>(&mut pages).fill(0xff);
     let view = ActionView::new(ActionHeader { status: 1, ..good }, &pages).unwrap();
@@ -189,7 +190,7 @@ fn a_policy_that_could_not_answer_sends_no_blocks() {
 
 #[test]
 #[should_panic(expected = "pages of a bimanual block")]
-fn a_block_of_the_wrong_size_is_our_mistake() {
+fn env_block_of_wrong_size_panics() {
     let mut pages = vec![Page::zeroed(); block_pages(Morphology::Single, true)];
     let _ = EnvBlockMut::new(Morphology::Bimanual, &mut pages);
 }

@@ -1,6 +1,7 @@
-//! The layout module of the Python package is what this test makes of the Rust types, to the letter.
+//! Generates `layout.py` of the Python package from the Rust types and asserts that the committed file is
+//! identical.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::unwrap_used, reason = "tests fail by panicking")]
 
 use std::fmt::Write as _;
 use std::mem::offset_of;
@@ -13,11 +14,11 @@ use ipc_types::layout::{
 };
 use ipc_types::{ActionBlock, ActionHeader, ControlMode, EnvRecord, Morphology, ObservationHeader, Page};
 
-/// Set it to write the module instead of comparing it.
+/// Environment variable that makes the test write the module before the comparison.
 const BLESS: &str = "HYPOGEUM_BLESS";
 
-/// One field: its name, its Python type, its offset.
-type Field = (&'static str, &'static str, usize);
+/// A struct field: name, Python type, byte offset.
+type LayoutField = (&'static str, &'static str, usize);
 
 macro_rules! fields {
     ($type:ty: $($field:ident as $python:literal),+ $(,)?) => {
@@ -26,7 +27,7 @@ macro_rules! fields {
 }
 
 #[test]
-fn the_python_package_has_this_layout() {
+fn python_layout_matches_rust_types() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../python/hypogeum/layout.py");
     let expected = module();
     if std::env::var_os(BLESS).is_some() {
@@ -35,7 +36,7 @@ fn the_python_package_has_this_layout() {
     let found = std::fs::read_to_string(&path).unwrap_or_default();
     assert!(
         found == expected,
-        "python/hypogeum/layout.py is not what ipc-types says; update it with \
+        "python/hypogeum/layout.py differs from the layout in ipc-types; update it with \
          `{BLESS}=1 cargo test -p ipc-types --test python_layout`"
     );
 }
@@ -43,13 +44,13 @@ fn the_python_package_has_this_layout() {
 fn module() -> String {
     let mut out = String::new();
     out.push_str(
-        r#""""The wire layout of the link: what both sides agree on, byte by byte. All numbers are little-endian.
+        r#""""Wire layout of the link, byte by byte. All numbers are little-endian.
 
-Generated from ipc-types; to update it: `HYPOGEUM_BLESS=1 cargo test -p ipc-types --test python_layout`.
+Generated from ipc-types. To update it, run `HYPOGEUM_BLESS=1 cargo test -p ipc-types --test python_layout`.
 
-An observation message is `n_envs` blocks of whole pages, one env after another: an `ENV_RECORD` (one page), then, if
-the lane has images, the external images `[2, 224, 224, 3] u8` and the hand images `[n_arms, 128, 128, 3] u8`. An
-action message is one `ACTION_BLOCK` (one page) per env.
+An observation message consists of `n_envs` blocks of whole pages, one per env. A block holds an `ENV_RECORD` (one page)
+and, if the lane has images, the external images `[2, 224, 224, 3] u8` and the hand images `[n_arms, 128, 128, 3] u8`.
+An action message consists of one `ACTION_BLOCK` (one page) per env.
 """
 
 import ctypes
@@ -69,7 +70,7 @@ import numpy as np
 }
 
 fn schema(out: &mut String) {
-    out.push_str("# The layout in one line; both sides check the hash of it.\nSCHEMA = (\n");
+    out.push_str("# Description of the layout in one line. Both sides check its hash.\nSCHEMA = (\n");
     for part in SCHEMA.split_inclusive("; ") {
         for piece in split_at_width(part, 108) {
             writeln!(out, "    {piece:?}").unwrap();
@@ -78,7 +79,7 @@ fn schema(out: &mut String) {
     writeln!(out, ")\n# xxh3-64 of `SCHEMA`.\nSCHEMA_HASH = {SCHEMA_HASH:#018x}\n").unwrap();
 }
 
-/// Pieces of at most `width` bytes, cut after commas.
+/// Splits `text` after commas into pieces of at most `width` bytes.
 fn split_at_width(text: &str, width: usize) -> Vec<String> {
     let mut pieces = vec![String::new()];
     for word in text.split_inclusive(", ") {
@@ -92,22 +93,22 @@ fn split_at_width(text: &str, width: usize) -> Vec<String> {
 
 fn constants(out: &mut String) {
     let table: [(&str, usize, &str); 9] = [
-        ("PAGE_BYTES", PAGE_BYTES, "The element of every message."),
+        ("PAGE_BYTES", PAGE_BYTES, "Size of a page, the element of every message."),
         ("EXTERNAL_SIDE", EXTERNAL_SIDE, "Side of an external image in pixels."),
         ("HAND_SIDE", HAND_SIDE, "Side of a hand image in pixels."),
-        ("EXTERNAL_OFFSET", EXTERNAL_OFFSET, "Byte of the first external image in an env's block."),
-        ("HAND_OFFSET", HAND_OFFSET, "Byte of the first hand image in an env's block."),
-        ("INSTRUCTION_BYTES", INSTRUCTION_BYTES, "Longest instruction in UTF-8 bytes."),
-        ("MAX_STATE_DIM", MAX_STATE_DIM, "Widest state vector."),
-        ("MAX_ACTION_DIM", MAX_ACTION_DIM, "Widest action row."),
-        ("MAX_HORIZON", MAX_HORIZON, "Most rows in one action chunk."),
+        ("EXTERNAL_OFFSET", EXTERNAL_OFFSET, "Byte offset of the first external image in an env's block."),
+        ("HAND_OFFSET", HAND_OFFSET, "Byte offset of the first hand image in an env's block."),
+        ("INSTRUCTION_BYTES", INSTRUCTION_BYTES, "Maximum length of an instruction in UTF-8 bytes."),
+        ("MAX_STATE_DIM", MAX_STATE_DIM, "Maximum width of a state vector."),
+        ("MAX_ACTION_DIM", MAX_ACTION_DIM, "Maximum width of an action row."),
+        ("MAX_HORIZON", MAX_HORIZON, "Maximum number of rows in an action chunk."),
     ];
-    for (name, value, meaning) in table {
-        writeln!(out, "{name} = {value}  # {meaning}").unwrap();
+    for (name, value, comment) in table {
+        writeln!(out, "{name} = {value}  # {comment}").unwrap();
     }
 }
 
-/// A Python tuple, its lines cut where they get long.
+/// Formats a Python tuple, on several lines if it is long.
 fn tuple(items: impl Iterator<Item = String>) -> String {
     let one_line = items.collect::<Vec<_>>().join(", ");
     if one_line.len() <= 90 {
@@ -122,21 +123,21 @@ fn robots(out: &mut String) {
         r#"
 
 class Morphology(NamedTuple):
-    """A robot of the benchmark."""
+    """Robot set-up of the benchmark: one arm or two."""
 
     name: str
     n_arms: int
     n_external_cameras: int
     n_hand_cameras: int
-    cameras: tuple  # names, in the order of their images: external ones first
+    cameras: tuple  # names in the order of their images: external, then hand
     state_dim: int
-    state_parts: tuple  # (name, width), in the order of the state vector
-    block_pages: int  # of one env with images; without them it is 1
+    state_parts: tuple  # (name, width) pairs in the order of the state vector
+    block_pages: int  # pages of one env with images; without images it is 1
     default_control_mode: str
-    action_dim: dict  # by control mode
+    action_dim: dict  # width of an action row by control mode
 
 
-# By name, in the order of their codes on the wire.
+# Keyed by name, in the order of the wire codes.
 MORPHOLOGIES = {
 "#,
     );
@@ -161,8 +162,7 @@ MORPHOLOGIES = {
         .unwrap();
     }
     let modes = ControlMode::ALL.map(|mode| format!("{:?}", mode.name()));
-    writeln!(out, "}}\n# In the order of their codes on the wire.\nCONTROL_MODES = ({})", modes.join(", "))
-        .unwrap();
+    writeln!(out, "}}\n# In the order of the wire codes.\nCONTROL_MODES = ({})", modes.join(", ")).unwrap();
 }
 
 fn messages(out: &mut String) {
@@ -174,23 +174,23 @@ fn messages(out: &mut String) {
         schema_hash as "c_uint64", run as "c_uint64", sequence as "c_uint64", epoch as "c_uint32",
         n_envs as "c_uint32", status as "c_uint32", reserved as "c_uint32 * 7");
     let page = vec![("bytes", "c_uint8 * PAGE_BYTES", offset_of!(Page, 0))];
-    structure::<Page>(out, "Page", "The element of every message.", &page);
+    structure::<Page>(out, "Page", "Page of shared memory, the element of every message.", &page);
     structure::<ObservationHeader>(
         out,
         "ObservationHeader",
-        "Beside the pages of an observation message.",
+        "Header of an observation message.",
         &observation,
     );
     structure::<ActionHeader>(
         out,
         "ActionHeader",
-        "Beside the pages of an action message. A status other than 0: the policy could not answer.",
+        "Header of an action message. A status other than 0 means that the policy failed.",
         &action,
     );
 }
 
-/// A ctypes structure and the name under which iceoryx2 knows it.
-fn structure<T: ZeroCopySend>(out: &mut String, name: &str, doc: &str, fields: &[Field]) {
+/// Writes a ctypes structure with its iceoryx2 type name.
+fn structure<T: ZeroCopySend>(out: &mut String, name: &str, doc: &str, fields: &[LayoutField]) {
     // SAFETY: the function only returns the type's name.
     let type_name = unsafe { <T as ZeroCopySend>::type_name() };
     writeln!(out, "\n\nclass {name}(ctypes.Structure):\n    \"\"\"{doc} {} bytes.\"\"\"\n", size_of::<T>())
@@ -213,21 +213,21 @@ fn records(out: &mut String) {
     dtype::<EnvRecord>(
         out,
         "ENV_RECORD",
-        "The first page of an env's block: what a policy sees besides the images.",
+        "First page of an env's block: everything a policy observes except the images.",
         &record,
     );
     dtype::<ActionBlock>(
         out,
         "ACTION_BLOCK",
-        "The answer for one env; its rows are packed, `[n_rows, action_dim]`.",
+        "Answer for one env. Its rows are packed: `[n_rows, action_dim]`.",
         &block,
     );
 }
 
-/// A numpy dtype; what no field covers is zero.
-fn dtype<T>(out: &mut String, name: &str, doc: &str, fields: &[Field]) {
+/// Writes a numpy dtype. Bytes that no field covers are zero.
+fn dtype<T>(out: &mut String, name: &str, doc: &str, fields: &[LayoutField]) {
     writeln!(out, "\n\n# {doc}\n{name} = np.dtype({{").unwrap();
-    let join = |each: fn(&Field) -> String| fields.iter().map(each).collect::<Vec<_>>();
+    let join = |each: fn(&LayoutField) -> String| fields.iter().map(each).collect::<Vec<_>>();
     for (key, values) in [
         ("names", join(|field| format!("{:?}", field.0))),
         ("formats", join(|field| field.1.to_owned())),

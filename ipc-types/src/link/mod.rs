@@ -10,8 +10,8 @@
 //!
 //! | service | pattern | from → to |
 //! |--|--|--|
-//! | `hyp/lane/<lane>/observation` | publish-subscribe, pages with [`crate::ObservationHeader`] | sim → host |
-//! | `hyp/lane/<lane>/action` | publish-subscribe, pages with [`crate::ActionHeader`] | host → sim |
+//! | `hyp/lane/<lane>/observation` | pub-sub, pages with [`crate::ObservationHeader`] | sim → host |
+//! | `hyp/lane/<lane>/action` | pub-sub, pages with [`crate::ActionHeader`] | host → sim |
 //! | `hyp/lane/<lane>/wake` | event | sim → host |
 //! | `hyp/sim/wake` | event | every host → sim |
 

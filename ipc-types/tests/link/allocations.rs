@@ -1,5 +1,5 @@
-//! After warm-up a message crosses the link without an allocation of ours. iceoryx2 0.10 makes one for each loan (the loan's
-//! shared state, a small block) and none besides.
+//! After warm-up, our code sends and receives without allocating. iceoryx2 0.10 makes one small allocation
+//! per loan (the loan's shared state) and no others.
 
 use std::time::Duration;
 
@@ -9,19 +9,19 @@ use crate::scratch::{
 };
 
 #[test]
-fn messages_cross_without_an_allocation_but_one_for_each_loan() {
+fn round_trip_allocates_once_per_loan() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let (link, mut lane) = create_sim(&node, &small_lane(2));
     let mut host = open_host(&node, &small_lane(2));
-    let mut round = |sequence: u64| {
-        let ([for_loan, _], mut loan) = allocations(|| lane.loan(4).unwrap());
-        let ([besides, _], ()) = allocations(|| {
+    let mut round_trip = |sequence: u64| {
+        let ([in_loan, _], mut loan) = allocations(|| lane.loan(4).unwrap());
+        let ([in_send, _], ()) = allocations(|| {
             fill(loan.pages_mut(), sequence);
             loan.send(observation_header(sequence, 4)).unwrap();
             host.wait(Duration::from_secs(1)).unwrap();
         });
-        // The echo makes the other loan.
+        // The echo makes the second loan.
         let ([in_host, _], ()) = allocations(|| {
             let message = host.receive().unwrap().unwrap();
             echo(&mut host, &message);
@@ -29,17 +29,17 @@ fn messages_cross_without_an_allocation_but_one_for_each_loan() {
         let ([in_sim, _], ()) = allocations(|| {
             link.wait(Duration::from_secs(1)).unwrap();
             assert_echo(&lane.receive().unwrap().unwrap(), sequence, 4);
-            // Nothing more to come, and a wait in vain.
+            // No further message, and a wait that times out.
             assert!(lane.receive().unwrap().is_none() && host.receive().unwrap().is_none());
             host.wait(Duration::from_micros(10)).unwrap();
         });
-        [for_loan, besides, in_host, in_sim]
+        [in_loan, in_send, in_host, in_sim]
     };
     for sequence in 1..=10 {
-        round(sequence);
+        round_trip(sequence);
     }
     for sequence in 11..=100 {
-        assert_eq!(round(sequence), [1, 0, 1, 0]);
+        assert_eq!(round_trip(sequence), [1, 0, 1, 0]);
     }
     drop((link, lane, host, node));
     scratch.finish();

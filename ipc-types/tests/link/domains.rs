@@ -1,20 +1,20 @@
-//! Runs beside each other, and what is removed when they are over.
+//! Isolation of concurrent runs, and removal of stale domains.
 
 use std::path::Path;
 use std::time::Duration;
 
 use ipc_types::link::{Domain, HostLane, LinkError, LinkNode};
 
-use crate::scratch::{Scratch, await_signal, create_sim, open_host, small_lane};
+use crate::scratch::{Scratch, await_ready, create_sim, open_host, small_lane};
 
 #[test]
-fn runs_do_not_see_each_other() {
+fn runs_are_isolated_from_each_other() {
     let (one, two) = (Scratch::new(), Scratch::new());
     let (node, other) = (one.node(), two.node());
     let sim = create_sim(&node, &small_lane(1));
     let stranger = HostLane::open(&other, &small_lane(1), Duration::from_millis(20));
     assert!(matches!(stranger, Err(LinkError::Absent { .. })));
-    // Removing one leaves the other whole.
+    // Removing one domain leaves the other intact.
     drop(other);
     two.finish();
     let host = open_host(&node, &small_lane(1));
@@ -23,46 +23,46 @@ fn runs_do_not_see_each_other() {
 }
 
 #[test]
-fn a_sweep_removes_the_dead_and_leaves_the_living() {
-    let (dead, living, starting) = (Scratch::new(), Scratch::new(), Scratch::new());
-    let mut victim = dead.spawn("roles::plays_a_sim_that_is_killed");
-    let host = open_host(&dead.node(), &small_lane(1));
-    await_signal(&dead.domain.root);
-    let mut survivor = living.spawn("roles::plays_a_sim_that_is_killed");
-    let living_host = open_host(&living.node(), &small_lane(1));
-    await_signal(&living.domain.root);
+fn remove_stale_spares_domains_in_use() {
+    let (stale, live, starting) = (Scratch::new(), Scratch::new(), Scratch::new());
+    let mut stale_sim = stale.spawn("roles::sim_that_gets_killed");
+    let host = open_host(&stale.node(), &small_lane(1));
+    await_ready(&stale.domain.root);
+    let mut live_sim = live.spawn("roles::sim_that_gets_killed");
+    let live_host = open_host(&live.node(), &small_lane(1));
+    await_ready(&live.domain.root);
     // A run whose first process has not joined yet.
     let lease = starting.domain.lease().unwrap();
-    // Folders that are not ours, whatever their names.
-    std::fs::create_dir(dead.base.path().join("0123456789ab")).unwrap();
-    std::fs::write(dead.base.path().join("0123456789ab/thesis.txt"), "").unwrap();
-    std::fs::create_dir(dead.base.path().join("images")).unwrap();
+    // Folders that are not domains, even if their names look like one.
+    std::fs::create_dir(stale.base.path().join("0123456789ab")).unwrap();
+    std::fs::write(stale.base.path().join("0123456789ab/thesis.txt"), "").unwrap();
+    std::fs::create_dir(stale.base.path().join("images")).unwrap();
 
-    assert_eq!(Domain::remove_stale(dead.base.path()), 0, "a sim lives");
-    victim.kill();
-    assert_eq!(Domain::remove_stale(dead.base.path()), 0, "a host lives");
+    assert_eq!(Domain::remove_stale(stale.base.path()), 0, "the sim is still running");
+    stale_sim.kill();
+    assert_eq!(Domain::remove_stale(stale.base.path()), 0, "the host is still attached");
     drop(host);
-    assert_eq!(Domain::remove_stale(dead.base.path()), 1);
-    dead.assert_gone();
-    assert!(dead.base.path().join("0123456789ab/thesis.txt").exists());
+    assert_eq!(Domain::remove_stale(stale.base.path()), 1);
+    stale.assert_removed();
+    assert!(stale.base.path().join("0123456789ab/thesis.txt").exists());
 
-    drop(living_host);
-    assert_eq!(Domain::remove_stale(living.base.path()), 0);
-    open_host(&living.node(), &small_lane(1));
-    survivor.kill();
-    assert_eq!(Domain::remove_stale(living.base.path()), 1);
-    living.assert_gone();
+    drop(live_host);
+    assert_eq!(Domain::remove_stale(live.base.path()), 0);
+    open_host(&live.node(), &small_lane(1));
+    live_sim.kill();
+    assert_eq!(Domain::remove_stale(live.base.path()), 1);
+    live.assert_removed();
 
     assert_eq!(Domain::remove_stale(starting.base.path()), 0);
     assert!(starting.domain.root.exists());
     drop(lease);
     assert_eq!(Domain::remove_stale(starting.base.path()), 1);
-    starting.assert_gone();
+    starting.assert_removed();
     assert_eq!(Domain::remove_stale(&starting.base.path().join("nowhere")), 0);
 }
 
 #[test]
-fn a_root_too_deep_for_a_socket_is_refused_by_name() {
+fn node_rejects_root_too_long_for_sockets() {
     let deep = Path::new("/tmp").join("x".repeat(60));
     let error = LinkNode::new(&Domain::new(&deep, 1), "test").unwrap_err();
     assert!(matches!(error, LinkError::Domain { .. }), "{error}");

@@ -1,9 +1,9 @@
-//! Peers that are not ours: they speak iceoryx2, but not quite what was agreed.
+//! Peers from outside this crate that use iceoryx2 directly and violate the agreed layout.
 
 use std::time::Duration;
 
 use crate::scratch::{
-    PATIENCE, Scratch, create_sim, eventually, open_host, receive_observation, send, small_lane,
+    Scratch, TIMEOUT, create_sim, eventually, open_host, receive_observation, send, small_lane,
 };
 use iceoryx2::config::Config;
 use iceoryx2::prelude::{AttributeVerifier, FileName, NodeBuilder, Path, SemanticString, ipc_threadsafe};
@@ -13,7 +13,7 @@ use ipc_types::{ActionHeader, ActionView, FrameError, Page, SCHEMA_HASH};
 
 type Node = iceoryx2::node::Node<ipc_threadsafe::Service>;
 
-/// A process that knows the domain's prefix and root, and nothing of this crate.
+/// Creates an iceoryx2 node from the domain's prefix and root alone, without this crate.
 fn foreign_node(scratch: &Scratch) -> Node {
     let mut config = Config::default();
     config.global.prefix = FileName::new(scratch.domain.prefix.as_bytes()).unwrap();
@@ -22,7 +22,7 @@ fn foreign_node(scratch: &Scratch) -> Node {
 }
 
 #[test]
-fn a_longer_message_than_agreed_is_refused_before_it_is_looked_at() {
+fn receive_rejects_oversized_message_without_reading_it() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let (_link, mut lane) = create_sim(&node, &small_lane(1));
@@ -41,10 +41,10 @@ fn a_longer_message_than_agreed_is_refused_before_it_is_looked_at() {
         sample.send().unwrap();
     };
     publish(100, ActionHeader::default());
-    let refused = eventually("the refusal", || lane.receive().err());
-    assert!(matches!(refused, LinkError::Oversized { pages: 100, max_pages: 4 }), "{refused}");
+    let error = eventually("the error", || lane.receive().err());
+    assert!(matches!(error, LinkError::Oversized { pages: 100, max_pages: 4 }), "{error}");
 
-    // The lane is none the worse, and a message of garbage in a fitting length is garbage, not a panic.
+    // The lane still works, and garbage in a message of valid length is reported as an error, not a panic.
     publish(3, ActionHeader { schema_hash: SCHEMA_HASH, n_envs: 3, ..ActionHeader::default() });
     let message = eventually("the message", || lane.receive().unwrap());
     let view = ActionView::new(*message.header(), message.pages());
@@ -54,7 +54,7 @@ fn a_longer_message_than_agreed_is_refused_before_it_is_looked_at() {
 }
 
 #[test]
-fn a_lane_made_of_other_types_is_not_entered() {
+fn open_rejects_lane_with_other_message_types() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let foreign = foreign_node(&scratch);
@@ -66,33 +66,30 @@ fn a_lane_made_of_other_types_is_not_entered() {
         ("block_pages", "1".into()),
         ("in_flight", "1".into()),
     ];
-    let agreed = fields.iter().fold(AttributeVerifier::new(), |agreed, (key, value)| {
+    let attributes = fields.iter().fold(AttributeVerifier::new(), |attributes, (key, value)| {
         let key = AttributeKey::new(key.as_bytes()).unwrap();
-        agreed.require(&key, &AttributeValue::new(value.as_bytes()).unwrap()).unwrap()
+        attributes.require(&key, &AttributeValue::new(value.as_bytes()).unwrap()).unwrap()
     });
     let service = foreign
         .service_builder(&"hyp/lane/0/observation".try_into().unwrap())
         .publish_subscribe::<[u64]>()
-        .open_or_create_with_attributes(&agreed)
+        .open_or_create_with_attributes(&attributes)
         .unwrap();
-    let refused = HostLane::open(&node, &small_lane(1), PATIENCE).unwrap_err();
-    assert!(
-        matches!(&refused, LinkError::Types { service } if service == "hyp/lane/0/observation"),
-        "{refused}"
-    );
+    let error = HostLane::open(&node, &small_lane(1), TIMEOUT).unwrap_err();
+    assert!(matches!(&error, LinkError::Types { service } if service == "hyp/lane/0/observation"), "{error}");
     drop((service, foreign, node));
     scratch.finish();
 }
 
 #[test]
-fn a_foreign_host_reads_without_a_copy_and_cannot_write() {
+fn host_maps_observations_read_only_without_copy() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let (_link, mut lane) = create_sim(&node, &small_lane(1));
     let mut host = open_host(&node, &small_lane(1));
     send(&mut lane, 1, 4);
     let message = receive_observation(&mut host);
-    // The two sides see one memory through two mappings, the host's without permission to write.
+    // Both sides map the same memory, the host without write permission.
     let address = message.pages().as_ptr().addr();
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
     let mapping = maps.lines().find(|line| {

@@ -1,6 +1,7 @@
-//! The link, through its public door and between real processes: this binary starts itself again for the other side.
+//! Tests of the link through its public API and between real processes: this binary re-executes itself as the
+//! peer.
 
-#![expect(clippy::unwrap_used, reason = "a helper of a test fails as the test does")]
+#![expect(clippy::unwrap_used, reason = "test helpers fail by panicking")]
 
 mod allocations;
 #[path = "../../../tests/counting.rs"]

@@ -1,4 +1,4 @@
-//! Shared memory: what a lane takes, and that it is asked for before it is taken.
+//! Shared memory of a lane: its size, its prefaulting, and the budget check that precedes its allocation.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -14,23 +14,27 @@ fn lane_with_images(max_envs: u32) -> LaneSpec {
 }
 
 #[test]
-fn a_lane_takes_what_it_said_before_the_first_message() {
+fn lane_allocates_its_announced_memory_up_front() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let spec = lane_with_images(8);
     let sim = create_sim(&node, &spec);
     let host = open_host(&node, &spec);
-    let taken: u64 =
+    let allocated: u64 =
         scratch.segments().iter().map(|path| std::fs::metadata(path).unwrap().blocks() * 512).sum();
     let messages = 3 * 8 * u64::from(spec.block_pages) * 4096;
-    assert!(taken >= messages, "{taken} bytes taken for {messages} bytes of messages: not populated");
-    assert!(taken <= spec.shm_bytes(), "{taken} bytes taken, {} announced", spec.shm_bytes());
-    assert!(spec.shm_bytes() - taken < 1 << 20, "{taken} bytes taken, {} announced", spec.shm_bytes());
+    let announced = spec.shm_bytes();
+    assert!(
+        allocated >= messages,
+        "{allocated} bytes allocated for {messages} bytes of messages: not reserved"
+    );
+    assert!(allocated <= announced, "{allocated} bytes allocated, {announced} announced");
+    assert!(announced - allocated < 1 << 20, "{allocated} bytes allocated, {announced} announced");
     drop((sim, host, node));
     scratch.finish();
 }
 
-/// Page faults of this thread so far.
+/// Returns the number of minor page faults of this thread so far (`minflt` in proc(5)).
 fn page_faults() -> u64 {
     let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
     let after_name = stat.rsplit_once(')').unwrap().1;
@@ -38,7 +42,7 @@ fn page_faults() -> u64 {
 }
 
 #[test]
-fn the_first_writing_of_a_lane_touches_no_new_memory() {
+fn first_writes_cause_no_page_faults() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let spec = lane_with_images(8);
@@ -50,21 +54,19 @@ fn the_first_writing_of_a_lane_touches_no_new_memory() {
         bytemuck::cast_slice_mut::<Page, u8>(loan.pages_mut()).fill(7);
     }
     let faults = page_faults() - before;
-    assert!(faults < 50, "{faults} page faults while {} pages were written", 3 * n_pages);
+    assert!(faults < 50, "{faults} page faults while writing {} pages", 3 * n_pages);
     drop((loans, _link, lane, node));
     scratch.finish();
 }
 
 #[test]
-fn too_many_envs_are_refused_with_the_numbers() {
-    let (one, two) = (lane_with_images(2), lane_with_images(1 << 24));
-    assert_eq!(
-        check_budget(&[one.clone(), one.clone()], Path::new("/dev/shm")).unwrap(),
-        2 * one.shm_bytes()
-    );
-    let error = check_budget(&[one.clone(), two.clone()], Path::new("/dev/shm")).unwrap_err();
+fn budget_error_states_needed_and_available_bytes() {
+    let (small, huge) = (lane_with_images(2), lane_with_images(1 << 24));
+    let shm = Path::new("/dev/shm");
+    assert_eq!(check_budget(&[small.clone(), small.clone()], shm).unwrap(), 2 * small.shm_bytes());
+    let error = check_budget(&[small.clone(), huge.clone()], shm).unwrap_err();
     let BudgetError::TooSmall { path, needed, available } = &error else { panic!("{error}") };
-    assert_eq!((path.as_path(), *needed), (Path::new("/dev/shm"), one.shm_bytes() + two.shm_bytes()));
+    assert_eq!((path.as_path(), *needed), (shm, small.shm_bytes() + huge.shm_bytes()));
     assert!(available < needed);
     for part in ["/dev/shm", &needed.to_string(), &available.to_string(), "--envs"] {
         assert!(error.to_string().contains(part), "{error}");
@@ -73,19 +75,19 @@ fn too_many_envs_are_refused_with_the_numbers() {
 }
 
 #[test]
-fn a_lane_that_does_not_fit_takes_nothing() {
+fn create_allocates_nothing_when_over_budget() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let before = scratch.segments().len();
-    let refused = SimLane::create(&node, RUN, &lane_with_images(1 << 24));
-    assert!(matches!(refused, Err(LinkError::Budget(BudgetError::TooSmall { .. }))));
+    let result = SimLane::create(&node, RUN, &lane_with_images(1 << 24));
+    assert!(matches!(result, Err(LinkError::Budget(BudgetError::TooSmall { .. }))));
     assert_eq!(scratch.segments().len(), before);
     drop(node);
     scratch.finish();
 }
 
 #[test]
-fn a_message_longer_than_the_lane_is_not_loaned() {
+fn loan_rejects_sizes_beyond_the_lane() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let (_link, mut lane) = create_sim(&node, &lane_with_images(2));

@@ -1,52 +1,52 @@
-//! Messages between processes, and what is left when one of them is killed.
+//! Messages between processes, and recovery after one of them is killed.
 
 use std::time::Duration;
 
 use ipc_types::link::{HostLane, LinkError, SimLane};
 
 use crate::scratch::{
-    LAST, PATIENCE, RUN, Scratch, assert_echo, await_signal, create_sim, echo, eventually, fill,
+    LAST_SEQUENCE, RUN, Scratch, TIMEOUT, assert_echo, await_ready, create_sim, echo, eventually, fill,
     observation_header, open_host, receive_action, receive_observation, send, small_lane,
 };
 
 #[test]
-fn observations_and_actions_cross_between_processes() {
+fn messages_round_trip_between_processes() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let (link, mut lane) = create_sim(&node, &small_lane(2));
-    let host = scratch.spawn("roles::plays_a_host");
+    let host = scratch.spawn("roles::echo_host");
     eventually("the host attaches", || lane.host_connected().then_some(()));
     assert!(lane.host_alive());
-    // Two in flight, of changing sizes.
+    // Two messages in flight, of varying sizes.
     send(&mut lane, 1, 1);
     for sequence in 2..200 {
         send(&mut lane, sequence, 1 + (sequence % 4) as u32);
-        let before = sequence - 1;
-        let n_envs = if before == 1 { 1 } else { 1 + (before % 4) as u32 };
-        assert_echo(&receive_action(&link, &mut lane), before, n_envs);
+        let previous = sequence - 1;
+        let n_envs = if previous == 1 { 1 } else { 1 + (previous % 4) as u32 };
+        assert_echo(&receive_action(&link, &mut lane), previous, n_envs);
     }
     assert_echo(&receive_action(&link, &mut lane), 199, 4);
-    send(&mut lane, LAST, 1);
-    assert_echo(&receive_action(&link, &mut lane), LAST, 1);
+    send(&mut lane, LAST_SEQUENCE, 1);
+    assert_echo(&receive_action(&link, &mut lane), LAST_SEQUENCE, 1);
     host.finish();
-    eventually("the host has left", || (!lane.host_connected()).then_some(()));
+    eventually("the host detaches", || (!lane.host_connected()).then_some(()));
     assert!(!lane.host_alive());
     drop((lane, link, node));
     scratch.finish();
 }
 
 #[test]
-fn a_killed_host_is_reaped_and_another_takes_its_place() {
+fn host_can_be_replaced_after_reaping() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let (link, mut lane) = create_sim(&node, &small_lane(2));
-    let mut hoarder = scratch.spawn("roles::plays_a_host_that_keeps_everything");
+    let mut host = scratch.spawn("roles::host_that_releases_nothing");
     eventually("the host attaches", || lane.host_connected().then_some(()));
     send(&mut lane, 1, 4);
     send(&mut lane, 2, 4);
-    await_signal(&scratch.domain.root);
-    hoarder.kill();
-    // Nothing tells so by itself.
+    await_ready(&scratch.domain.root);
+    host.kill();
+    // The killed host counts as attached until it is reaped.
     assert!(lane.host_connected());
     assert!(!lane.host_alive());
     assert_eq!(scratch.domain.reap(), 1);
@@ -54,82 +54,82 @@ fn a_killed_host_is_reaped_and_another_takes_its_place() {
     assert_eq!(scratch.domain.reap(), 0);
     assert!(matches!(send_one(&mut lane, 3), Err(LinkError::NoPeer)));
 
-    let host = scratch.spawn("roles::plays_a_host");
+    let host = scratch.spawn("roles::echo_host");
     eventually("the next host attaches", || lane.host_connected().then_some(()));
     for sequence in 4..10 {
         send(&mut lane, sequence, 4);
         assert_echo(&receive_action(&link, &mut lane), sequence, 4);
     }
-    send(&mut lane, LAST, 1);
+    send(&mut lane, LAST_SEQUENCE, 1);
     host.finish();
     drop((lane, link, node));
     scratch.finish();
 }
 
 #[test]
-fn a_host_takes_over_from_a_killed_one_that_nobody_reaped() {
+fn new_host_replaces_a_killed_one_without_reaping() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let (link, mut lane) = create_sim(&node, &small_lane(1));
-    let mut hoarder = scratch.spawn("roles::plays_a_host_that_keeps_everything");
+    let mut host = scratch.spawn("roles::host_that_releases_nothing");
     eventually("the host attaches", || lane.host_connected().then_some(()));
     send(&mut lane, 1, 1);
-    await_signal(&scratch.domain.root);
+    await_ready(&scratch.domain.root);
     let predecessor = lane.host_id().unwrap();
-    hoarder.kill();
-    let host = scratch.spawn("roles::plays_a_host");
+    host.kill();
+    let host = scratch.spawn("roles::echo_host");
     eventually("the next host attaches", || lane.host_id().filter(|&id| id != predecessor));
-    // The host leaves right after its first answer, which is not lost.
-    send(&mut lane, LAST, 2);
-    assert_echo(&receive_action(&link, &mut lane), LAST, 2);
+    // The host exits right after its first answer, which must not be lost.
+    send(&mut lane, LAST_SEQUENCE, 2);
+    assert_echo(&receive_action(&link, &mut lane), LAST_SEQUENCE, 2);
     host.finish();
     drop((lane, link, node));
     scratch.finish();
 }
 
 #[test]
-fn a_host_stays_attached_while_its_sim_is_killed_and_restarted() {
+fn host_stays_attached_across_sim_restart() {
     let scratch = Scratch::new();
     let node = scratch.node();
-    let mut sim = scratch.spawn("roles::plays_a_sim_that_is_killed");
+    let mut sim = scratch.spawn("roles::sim_that_gets_killed");
     let mut lane = open_host(&node, &small_lane(1));
-    let kept = receive_observation(&mut lane);
-    await_signal(&scratch.domain.root);
+    let held = receive_observation(&mut lane);
+    await_ready(&scratch.domain.root);
     assert!(lane.sim_connected() && lane.sim_alive());
     sim.kill();
     assert!(lane.sim_connected() && !lane.sim_alive());
     assert!(lane.receive().unwrap().is_none());
-    // Reaped by the parent once, left to the successor once.
+    // First the parent reaps the killed sim, then its successor does.
     for reap in [true, false] {
         if reap {
             assert_eq!(scratch.domain.reap(), 1);
             assert!(!lane.sim_connected());
         }
-        // What the dead sim wrote can still be read.
-        assert_eq!(kept.header().sequence, 1);
-        assert_eq!(kept.pages().len(), 1);
-        let mut successor = scratch.spawn("roles::plays_a_sim_that_is_killed");
+        // The killed sim's message is still readable.
+        assert_eq!(held.header().sequence, 1);
+        assert_eq!(held.pages().len(), 1);
+        let mut successor = scratch.spawn("roles::sim_that_gets_killed");
         let message = receive_observation(&mut lane);
-        assert_eq!(message.header(), kept.header());
-        await_signal(&scratch.domain.root);
+        assert_eq!(message.header(), held.header());
+        await_ready(&scratch.domain.root);
         successor.kill();
         drop(message);
     }
-    drop((kept, lane, node));
+    drop((held, lane, node));
     scratch.finish();
 }
 
 #[test]
-fn a_host_that_never_receives_is_an_error_and_not_a_wait_without_end() {
+fn send_times_out_when_host_never_receives() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let (link, mut lane) = create_sim(&node, &small_lane(1));
     let host = open_host(&scratch.node(), &small_lane(1));
     send(&mut lane, 1, 1);
     assert!(matches!(send_one(&mut lane, 2), Err(LinkError::Backpressure { .. })));
-    // The failed message's memory is back, and the one in the queue is not lost.
+    // The memory of the failed message is free again; the queued message is not lost.
     let loan = lane.loan(4).unwrap();
-    // All memory is in use now; one more loan than there is memory is refused at once.
+    // All memory is in use now, so a further loan fails at once.
     assert!(lane.loan(1).is_err());
     drop((loan, host));
     assert!(matches!(send_one(&mut lane, 3), Err(LinkError::NoPeer)));
@@ -138,31 +138,31 @@ fn a_host_that_never_receives_is_an_error_and_not_a_wait_without_end() {
 }
 
 #[test]
-fn a_wait_ends_when_the_peer_sends() {
+fn wait_ends_when_the_peer_sends() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let (link, mut lane) = create_sim(&node, &small_lane(1));
     let mut host = open_host(&node, &small_lane(1));
-    let (woken, heard) = std::sync::mpsc::channel();
+    let (answered, answers) = std::sync::mpsc::channel();
     std::thread::scope(|scope| {
         scope.spawn(|| {
             for _ in 0..3 {
-                // Waits that would outlast the test if nothing rang.
+                // Without a notification, these waits would outlast the test.
                 let message = loop {
-                    host.wait(4 * PATIENCE).unwrap();
+                    host.wait(4 * TIMEOUT).unwrap();
                     if let Some(message) = host.receive().unwrap() {
                         break message;
                     }
                 };
                 echo(&mut host, &message);
-                woken.send(message.header().sequence).unwrap();
+                answered.send(message.header().sequence).unwrap();
             }
         });
         for sequence in 1..4 {
             send(&mut lane, sequence, 1);
-            assert_eq!(heard.recv_timeout(PATIENCE), Ok(sequence), "the host slept on");
+            assert_eq!(answers.recv_timeout(TIMEOUT), Ok(sequence), "the host was not woken");
             let answer = loop {
-                link.wait(4 * PATIENCE).unwrap();
+                link.wait(4 * TIMEOUT).unwrap();
                 if let Some(message) = lane.receive().unwrap() {
                     break message;
                 }
@@ -175,7 +175,7 @@ fn a_wait_ends_when_the_peer_sends() {
 }
 
 #[test]
-fn a_wait_for_no_time_is_no_wait_without_end() {
+fn wait_with_zero_timeout_returns() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let (link, lane) = create_sim(&node, &small_lane(1));
@@ -189,7 +189,7 @@ fn a_wait_for_no_time_is_no_wait_without_end() {
 }
 
 #[test]
-fn a_lane_has_one_sim_and_one_host() {
+fn lane_admits_one_sim_and_one_host() {
     let scratch = Scratch::new();
     let (node, other) = (scratch.node(), scratch.node());
     let spec = small_lane(1);
@@ -204,7 +204,7 @@ fn a_lane_has_one_sim_and_one_host() {
 }
 
 #[test]
-fn a_host_without_a_sim_is_told_so() {
+fn open_reports_missing_sim() {
     let scratch = Scratch::new();
     let node = scratch.node();
     let error = HostLane::open(&node, &small_lane(1), Duration::from_millis(20)).unwrap_err();

@@ -1,53 +1,55 @@
-//! The parts that other tests have this binary play in a process of its own. Run by hand they do nothing.
+//! Entry points of the peer processes that other tests spawn from this binary. They do nothing when run by
+//! hand.
 
 use ipc_types::link::{HostLane, LinkNode};
 
 use crate::scratch::{
-    LAST, PATIENCE, create_sim, echo, eventually, receive_observation, send, signal, small_lane, told_domain,
+    LAST_SEQUENCE, TIMEOUT, create_sim, domain_from_env, echo, eventually, mark_ready, receive_observation,
+    send, small_lane,
 };
 
 #[test]
-#[ignore = "a part that another test plays"]
-fn plays_a_host() {
-    let Some(domain) = told_domain() else { return };
+#[ignore = "helper process of other tests"]
+fn echo_host() {
+    let Some(domain) = domain_from_env() else { return };
     let node = LinkNode::new(&domain, "host").unwrap();
-    // In flight: what the sim of the test that is playing has set.
+    // The spawning test uses 1 or 2 messages in flight; open the lane with whichever matches.
     let mut lane =
-        [1, 2].into_iter().find_map(|in_flight| HostLane::open(&node, &small_lane(in_flight), PATIENCE).ok());
+        [1, 2].into_iter().find_map(|in_flight| HostLane::open(&node, &small_lane(in_flight), TIMEOUT).ok());
     let lane = lane.as_mut().unwrap();
     loop {
         let message = receive_observation(lane);
         echo(lane, &message);
-        if message.header().sequence == LAST {
+        if message.header().sequence == LAST_SEQUENCE {
             return;
         }
     }
 }
 
 #[test]
-#[ignore = "a part that another test plays"]
-fn plays_a_host_that_keeps_everything() {
-    let Some(domain) = told_domain() else { return };
-    let node = LinkNode::new(&domain, "hoarder").unwrap();
+#[ignore = "helper process of other tests"]
+fn host_that_releases_nothing() {
+    let Some(domain) = domain_from_env() else { return };
+    let node = LinkNode::new(&domain, "host").unwrap();
     let opened =
-        [1, 2].into_iter().find_map(|n| Some((n, HostLane::open(&node, &small_lane(n), PATIENCE).ok()?)));
+        [1, 2].into_iter().find_map(|n| Some((n, HostLane::open(&node, &small_lane(n), TIMEOUT).ok()?)));
     let (in_flight, mut lane) = opened.unwrap();
-    let kept: Vec<_> = (0..in_flight).map(|_| receive_observation(&mut lane)).collect();
-    signal(&domain.root);
-    std::thread::sleep(2 * PATIENCE);
-    drop(kept);
+    let held: Vec<_> = (0..in_flight).map(|_| receive_observation(&mut lane)).collect();
+    mark_ready(&domain.root);
+    std::thread::sleep(2 * TIMEOUT);
+    drop(held);
 }
 
 #[test]
-#[ignore = "a part that another test plays"]
-fn plays_a_sim_that_is_killed() {
-    let Some(domain) = told_domain() else { return };
+#[ignore = "helper process of other tests"]
+fn sim_that_gets_killed() {
+    let Some(domain) = domain_from_env() else { return };
     let node = LinkNode::new(&domain, "sim").unwrap();
     let (_link, mut lane) = create_sim(&node, &small_lane(1));
     eventually("a host attaches", || lane.host_connected().then_some(()));
     send(&mut lane, 1, 1);
     let loan = lane.loan(4).unwrap();
-    signal(&domain.root);
-    std::thread::sleep(2 * PATIENCE);
+    mark_ready(&domain.root);
+    std::thread::sleep(2 * TIMEOUT);
     drop(loan);
 }

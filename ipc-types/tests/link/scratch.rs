@@ -1,4 +1,4 @@
-//! A scratch domain, and other processes: this test binary again, told by its environment which part to play.
+//! A scratch domain and peer processes: this test binary re-executed with one of the [`crate::roles`].
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -11,14 +11,14 @@ use ipc_types::{
     ActionHeader, ActionView, EnvRecord, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH,
 };
 
-/// Longest that anything here waits for anything.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
-/// The run in the headers.
+/// Upper bound on every wait in these tests.
+pub(crate) const TIMEOUT: Duration = Duration::from_secs(20);
+/// Run number in the message headers.
 pub(crate) const RUN: u64 = 0x5ca1_ab1e;
-/// The sequence number that tells an echoing host to end.
-pub(crate) const LAST: u64 = u64::MAX;
+/// Sequence number after which an echo host exits.
+pub(crate) const LAST_SEQUENCE: u64 = u64::MAX;
 
-/// A folder and a domain of its own, removed at the end whatever happens.
+/// A temporary folder with a domain of its own, both removed on drop.
 pub(crate) struct Scratch {
     pub(crate) base: tempfile::TempDir,
     pub(crate) domain: Domain,
@@ -26,9 +26,9 @@ pub(crate) struct Scratch {
 
 impl Scratch {
     pub(crate) fn new() -> Self {
-        // Sockets have short paths, so that the usual temporary folder may lie too deep.
+        // Socket paths are limited to 107 bytes, so the default temporary folder may be too deep.
         let base = tempfile::Builder::new().prefix("hyp").tempdir_in("/tmp").unwrap();
-        // The folder's random name makes the run's number.
+        // Derive the run number from the folder's random name.
         let name = base.path().file_name().unwrap().as_encoded_bytes();
         let run = name.iter().fold(0u64, |run, &byte| run.wrapping_mul(257).wrapping_add(u64::from(byte)));
         let domain = Domain::new(base.path(), run);
@@ -39,7 +39,7 @@ impl Scratch {
         LinkNode::new(&self.domain, "test").unwrap()
     }
 
-    /// Files of the domain in shared memory.
+    /// Lists the domain's files in shared memory.
     pub(crate) fn segments(&self) -> Vec<PathBuf> {
         let entries = std::fs::read_dir("/dev/shm").unwrap();
         let prefix = self.domain.prefix.as_bytes();
@@ -47,19 +47,19 @@ impl Scratch {
         ours.map(|entry| entry.path()).collect()
     }
 
-    /// Ends the domain and proves that nothing of it is left.
+    /// Removes the domain and asserts that nothing is left of it.
     pub(crate) fn finish(self) {
         self.domain.remove().unwrap();
-        self.assert_gone();
+        self.assert_removed();
     }
 
-    pub(crate) fn assert_gone(&self) {
+    pub(crate) fn assert_removed(&self) {
         assert_eq!(self.segments(), Vec::<PathBuf>::new());
         assert!(!self.domain.root.exists());
     }
 
-    /// Starts this binary again in the part `role`, the name of an ignored test.
-    pub(crate) fn spawn(&self, role: &str) -> Peer {
+    /// Re-executes this binary as `role`, the name of an ignored test.
+    pub(crate) fn spawn(&self, role: &str) -> PeerProcess {
         let child = Command::new(std::env::current_exe().unwrap())
             .args([role, "--exact", "--ignored", "--nocapture"])
             .env("LINK_TEST_PREFIX", &self.domain.prefix)
@@ -67,7 +67,7 @@ impl Scratch {
             .stdout(Stdio::null())
             .spawn()
             .unwrap();
-        Peer { child }
+        PeerProcess { child }
     }
 }
 
@@ -77,50 +77,50 @@ impl Drop for Scratch {
     }
 }
 
-/// The domain that a spawned process was told; `None` if a person runs the ignored tests.
-pub(crate) fn told_domain() -> Option<Domain> {
+/// Returns the domain passed to a spawned process, or `None` if the ignored tests are run by hand.
+pub(crate) fn domain_from_env() -> Option<Domain> {
     let prefix = std::env::var("LINK_TEST_PREFIX").ok()?;
     Some(Domain { prefix, root: std::env::var_os("LINK_TEST_ROOT")?.into() })
 }
 
-/// Another process; killed at the end whatever happens.
-pub(crate) struct Peer {
+/// A spawned process, killed on drop.
+pub(crate) struct PeerProcess {
     child: Child,
 }
 
-impl Peer {
-    /// SIGKILL, and waits for the end.
+impl PeerProcess {
+    /// Sends SIGKILL and waits for the process to exit.
     pub(crate) fn kill(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 
-    /// Waits for the process to end by itself, well.
+    /// Waits for the process to exit and asserts that it succeeded.
     pub(crate) fn finish(mut self) {
-        let status = eventually("the other process ends", || self.child.try_wait().unwrap());
-        assert!(status.success(), "the other process failed: {status}");
+        let status = eventually("the peer process exits", || self.child.try_wait().unwrap());
+        assert!(status.success(), "the peer process failed: {status}");
     }
 }
 
-impl Drop for Peer {
+impl Drop for PeerProcess {
     fn drop(&mut self) {
         self.kill();
     }
 }
 
-/// Asks until there is an answer.
-pub(crate) fn eventually<T>(what: &str, mut ask: impl FnMut() -> Option<T>) -> T {
+/// Polls `poll` until it returns a value. Panics with `description` after [`TIMEOUT`].
+pub(crate) fn eventually<T>(description: &str, mut poll: impl FnMut() -> Option<T>) -> T {
     let start = Instant::now();
-    while start.elapsed() < PATIENCE {
-        if let Some(answer) = ask() {
-            return answer;
+    while start.elapsed() < TIMEOUT {
+        if let Some(value) = poll() {
+            return value;
         }
         std::thread::sleep(Duration::from_micros(200));
     }
-    panic!("{what}: not within {PATIENCE:?}");
+    panic!("{description}: not within {TIMEOUT:?}");
 }
 
-/// A lane of single-arm envs without images.
+/// Returns a lane of 4 single-arm envs without images.
 pub(crate) fn small_lane(in_flight: u32) -> LaneSpec {
     LaneSpec { lane: 0, policy: "echo".into(), max_envs: 4, block_pages: 1, in_flight }
 }
@@ -130,7 +130,7 @@ pub(crate) fn create_sim(node: &LinkNode, spec: &LaneSpec) -> (SimLink, SimLane)
 }
 
 pub(crate) fn open_host(node: &LinkNode, spec: &LaneSpec) -> HostLane {
-    HostLane::open(node, spec, PATIENCE).unwrap()
+    HostLane::open(node, spec, TIMEOUT).unwrap()
 }
 
 pub(crate) fn observation_header(sequence: u64, n_envs: u32) -> ObservationHeader {
@@ -159,24 +159,25 @@ pub(crate) fn answer_header(to: &ObservationHeader) -> ActionHeader {
     }
 }
 
-/// Sends `n_envs` records whose slots and first state follow from the sequence number.
+/// Sends a message of `n_envs` records, as written by [`fill`].
 pub(crate) fn send(lane: &mut SimLane, sequence: u64, n_envs: u32) {
     let mut loan = lane.loan(n_envs as usize).unwrap();
     fill(loan.pages_mut(), sequence);
     loan.send(observation_header(sequence, n_envs)).unwrap();
 }
 
+/// Writes one record per page, whose first state entry is [`expected_state`].
 pub(crate) fn fill(pages: &mut [Page], sequence: u64) {
     for (slot, page) in (0..).zip(pages) {
         let record: &mut EnvRecord = bytemuck::cast_mut(page);
         *record = bytemuck::Zeroable::zeroed();
         (record.slot, record.execute, record.state_dim) = (slot, 1, 25);
-        record.state[0] = state(sequence, slot);
+        record.state[0] = expected_state(sequence, slot);
     }
 }
 
-/// What a record of slot `slot` in message `sequence` says, and what its answer says again.
-pub(crate) fn state(sequence: u64, slot: u32) -> f32 {
+/// Returns the first state entry of slot `slot` in message `sequence`, which the answer repeats.
+pub(crate) fn expected_state(sequence: u64, slot: u32) -> f32 {
     (sequence % 1000) as f32 + slot as f32 / 8.0
 }
 
@@ -194,7 +195,7 @@ pub(crate) fn receive_action(link: &SimLink, lane: &mut SimLane) -> ActionMessag
     })
 }
 
-/// Answers each env with one row: its first state.
+/// Answers each env with one action row whose first entry is the env's first state entry.
 pub(crate) fn echo(lane: &mut HostLane, message: &ObservationMessage) {
     let view = ObservationView::new(*message.header(), message.pages()).unwrap();
     let mut loan = lane.loan(view.n_envs()).unwrap();
@@ -207,20 +208,20 @@ pub(crate) fn echo(lane: &mut HostLane, message: &ObservationMessage) {
     loan.send(answer_header(message.header())).unwrap();
 }
 
-/// Checks an echo.
+/// Asserts that `message` is the [`echo`] of observation message `sequence`.
 pub(crate) fn assert_echo(message: &ActionMessage, sequence: u64, n_envs: u32) {
     assert_eq!((message.header().sequence, message.header().n_envs), (sequence, n_envs));
     let view = ActionView::new(*message.header(), message.pages()).unwrap();
     for (slot, block) in (0..).zip(view.blocks()) {
-        assert_eq!((block.slot, block.rows[0]), (slot, state(sequence, slot)));
+        assert_eq!((block.slot, block.rows[0]), (slot, expected_state(sequence, slot)));
     }
 }
 
-/// A sign that a spawned process has come so far.
-pub(crate) fn signal(root: &Path) {
+/// Tells the parent of a spawned process that the process is ready.
+pub(crate) fn mark_ready(root: &Path) {
     std::fs::write(root.join("ready"), "").unwrap();
 }
 
-pub(crate) fn await_signal(root: &Path) {
-    eventually("the other process is ready", || std::fs::remove_file(root.join("ready")).ok());
+pub(crate) fn await_ready(root: &Path) {
+    eventually("the peer process is ready", || std::fs::remove_file(root.join("ready")).ok());
 }
