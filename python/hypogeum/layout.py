@@ -1,10 +1,10 @@
-"""The wire layout of the link: what both sides agree on, byte by byte. All numbers are little-endian.
+"""Wire layout of the link, byte by byte. All numbers are little-endian.
 
-Generated from ipc-types; to update it: `HYPOGEUM_BLESS=1 cargo test -p ipc-types --test python_layout`.
+Generated from ipc-types. To update it, run `HYPOGEUM_BLESS=1 cargo test -p ipc-types --test python_layout`.
 
-An observation message is `n_envs` blocks of whole pages, one env after another: an `ENV_RECORD` (one page), then, if
-the lane has images, the external images `[2, 224, 224, 3] u8` and the hand images `[n_arms, 128, 128, 3] u8`. An
-action message is one `ACTION_BLOCK` (one page) per env.
+An observation message consists of `n_envs` blocks of whole pages, one per env. A block holds an `ENV_RECORD` (one page)
+and, if the lane has images, the external images `[2, 224, 224, 3] u8` and the hand images `[n_arms, 128, 128, 3] u8`.
+An action message consists of one `ACTION_BLOCK` (one page) per env.
 """
 
 import ctypes
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-# The layout in one line; both sides check the hash of it.
+# Description of the layout in one line. Both sides check its hash.
 SCHEMA = (
     "hypogeum link v1; "
     "page 4096; "
@@ -34,33 +34,33 @@ SCHEMA = (
 # xxh3-64 of `SCHEMA`.
 SCHEMA_HASH = 0xb04767c48ca95306
 
-PAGE_BYTES = 4096  # The element of every message.
+PAGE_BYTES = 4096  # Size of a page, the element of every message.
 EXTERNAL_SIDE = 224  # Side of an external image in pixels.
 HAND_SIDE = 128  # Side of a hand image in pixels.
-EXTERNAL_OFFSET = 4096  # Byte of the first external image in an env's block.
-HAND_OFFSET = 305152  # Byte of the first hand image in an env's block.
-INSTRUCTION_BYTES = 1024  # Longest instruction in UTF-8 bytes.
-MAX_STATE_DIM = 64  # Widest state vector.
-MAX_ACTION_DIM = 16  # Widest action row.
-MAX_HORIZON = 63  # Most rows in one action chunk.
+EXTERNAL_OFFSET = 4096  # Byte offset of the first external image in an env's block.
+HAND_OFFSET = 305152  # Byte offset of the first hand image in an env's block.
+INSTRUCTION_BYTES = 1024  # Maximum length of an instruction in UTF-8 bytes.
+MAX_STATE_DIM = 64  # Maximum width of a state vector.
+MAX_ACTION_DIM = 16  # Maximum width of an action row.
+MAX_HORIZON = 63  # Maximum number of rows in an action chunk.
 
 
 class Morphology(NamedTuple):
-    """A robot of the benchmark."""
+    """Robot set-up of the benchmark: one arm or two."""
 
     name: str
     n_arms: int
     n_external_cameras: int
     n_hand_cameras: int
-    cameras: tuple  # names, in the order of their images: external ones first
+    cameras: tuple  # names in the order of their images: external, then hand
     state_dim: int
-    state_parts: tuple  # (name, width), in the order of the state vector
-    block_pages: int  # of one env with images; without them it is 1
+    state_parts: tuple  # (name, width) pairs in the order of the state vector
+    block_pages: int  # pages of one env with images; without images it is 1
     default_control_mode: str
-    action_dim: dict  # by control mode
+    action_dim: dict  # width of an action row by control mode
 
 
-# By name, in the order of their codes on the wire.
+# Keyed by name, in the order of the wire codes.
 MORPHOLOGIES = {
     "single": Morphology(
         "single", n_arms=1, n_external_cameras=2, n_hand_cameras=1, state_dim=25, block_pages=87,
@@ -80,12 +80,12 @@ MORPHOLOGIES = {
         action_dim={"pd_ee_delta_pose": 14, "pd_joint_pos": 16, "pd_ee_pose": 14},
     ),
 }
-# In the order of their codes on the wire.
+# In the order of the wire codes.
 CONTROL_MODES = ("pd_ee_delta_pose", "pd_joint_pos", "pd_ee_pose")
 
 
 class Page(ctypes.Structure):
-    """The element of every message. 4096 bytes."""
+    """Page of shared memory, the element of every message. 4096 bytes."""
 
     _fields_ = [
         ("bytes", c_uint8 * PAGE_BYTES),  # at 0
@@ -97,7 +97,7 @@ class Page(ctypes.Structure):
 
 
 class ObservationHeader(ctypes.Structure):
-    """Beside the pages of an observation message. 64 bytes."""
+    """Header of an observation message. 64 bytes."""
 
     _fields_ = [
         ("schema_hash", c_uint64),  # at 0
@@ -118,7 +118,7 @@ class ObservationHeader(ctypes.Structure):
 
 
 class ActionHeader(ctypes.Structure):
-    """Beside the pages of an action message. A status other than 0: the policy could not answer. 64 bytes."""
+    """Header of an action message. A status other than 0 means that the policy failed. 64 bytes."""
 
     _fields_ = [
         ("schema_hash", c_uint64),  # at 0
@@ -135,7 +135,7 @@ class ActionHeader(ctypes.Structure):
         return "hyp.ActionHeader.v1"
 
 
-# The first page of an env's block: what a policy sees besides the images.
+# First page of an env's block: everything a policy observes except the images.
 ENV_RECORD = np.dtype({
     "names": [
         "slot", "query", "step", "state_dim", "instruction_len", "execute", "policy_seed", "state", "instruction",
@@ -146,7 +146,7 @@ ENV_RECORD = np.dtype({
 })
 
 
-# The answer for one env; its rows are packed, `[n_rows, action_dim]`.
+# Answer for one env. Its rows are packed: `[n_rows, action_dim]`.
 ACTION_BLOCK = np.dtype({
     "names": ["slot", "query", "n_rows", "action_dim", "rows"],
     "formats": ["<u4", "<u4", "<u4", "<u4", ("<f4", MAX_HORIZON * MAX_ACTION_DIM)],
