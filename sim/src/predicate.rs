@@ -9,10 +9,10 @@ use crate::physics::World;
 pub enum Region {
     /// A box along the axes.
     Box {
-        /// Least x, y and z; may be infinite.
-        least: [f64; 3],
-        /// Greatest x, y and z; may be infinite.
-        greatest: [f64; 3],
+        /// Minimum x, y and z; may be infinite.
+        min: [f64; 3],
+        /// Maximum x, y and z; may be infinite.
+        max: [f64; 3],
     },
     /// What is near a line.
     Cylinder {
@@ -30,7 +30,7 @@ pub enum Region {
 impl Region {
     fn contains(self, point: &Point3<f64>) -> bool {
         match self {
-            Self::Box { least, greatest } => (0..3).all(|k| (least[k]..=greatest[k]).contains(&point[k])),
+            Self::Box { min, max } => (0..3).all(|k| (min[k]..=max[k]).contains(&point[k])),
             Self::Cylinder { origin, axis, radius, along: [least, greatest] } => {
                 let (offset, axis) = (point - Point3::from(origin), Vector3::from(axis));
                 let along = offset.dot(&axis);
@@ -77,7 +77,7 @@ pub enum Predicate {
         /// Body.
         body: usize,
         /// Position of its joint, in m or rad.
-        least: f64,
+        min_position: f64,
     },
     /// An axis of the body makes such an angle with a direction.
     Aligned {
@@ -117,7 +117,7 @@ pub enum Predicate {
         rise_tolerance_m: f64,
     },
     /// The body is at rest.
-    Still {
+    AtRest {
         /// Body.
         body: usize,
         /// Greatest speed in m/s.
@@ -126,12 +126,12 @@ pub enum Predicate {
         max_angular: f64,
     },
     /// No arm joint moves faster than `max_qvel` rad/s; fingers do not count.
-    RobotStill {
+    RobotAtRest {
         /// rad/s.
         max_qvel: f64,
     },
     /// This arm grasps the body, and its TCP is at least as near to it as the other arm's.
-    Nearer {
+    GraspedByNearest {
         /// Body.
         body: usize,
         /// Arm index.
@@ -153,7 +153,7 @@ impl Predicate {
     /// The body's origin lies within a box of the world, in m; bounds may be infinite.
     #[must_use]
     pub const fn inside_box(body: usize, least: [f64; 3], greatest: [f64; 3]) -> Self {
-        Self::Inside { body, point: [0.0; 3], of: None, region: Region::Box { least, greatest } }
+        Self::Inside { body, point: [0.0; 3], of: None, region: Region::Box { min: least, max: greatest } }
     }
 
     /// Word for the predicate in results.
@@ -167,9 +167,9 @@ impl Predicate {
             Self::Aligned { .. } => "aligned",
             Self::At { .. } => "at",
             Self::On { .. } => "on",
-            Self::Still { .. } => "still",
-            Self::RobotStill { .. } => "robot_still",
-            Self::Nearer { .. } => "nearer",
+            Self::AtRest { .. } => "still",
+            Self::RobotAtRest { .. } => "robot_still",
+            Self::GraspedByNearest { .. } => "nearer",
             Self::Held { .. } => "held",
             Self::Released { .. } => "released",
         }
@@ -190,7 +190,7 @@ impl Predicate {
                 let in_world = pose(body) * Point3::from(point);
                 region.contains(&of.map_or(in_world, |of| pose(of).inverse_transform_point(&in_world)))
             }
-            Self::Opened { body, least } => f64::from(world.joint_position(body)) >= least,
+            Self::Opened { body, min_position } => f64::from(world.joint_position(body)) >= min_position,
             Self::Aligned { body, axis, with, angle_rad: [least, greatest], either_way } => {
                 let axis = world.body_pose(body).rotation.cast::<f64>() * Vector3::from(axis);
                 let cosine = axis.dot(&Vector3::from(with));
@@ -206,13 +206,13 @@ impl Predicate {
                 let offset = position(top) - position(base);
                 offset.xy().norm() <= xy_m && (offset.z - rise_m).abs() <= rise_tolerance_m
             }
-            Self::Still { body, max_linear, max_angular } => {
+            Self::AtRest { body, max_linear, max_angular } => {
                 let (linear, angular) = world.body_velocity(body);
                 f64::from(linear.norm()) <= max_linear && f64::from(angular.norm()) <= max_angular
             }
-            Self::RobotStill { max_qvel } => (0..world.n_arms())
+            Self::RobotAtRest { max_qvel } => (0..world.n_arms())
                 .all(|arm| world.qvel(arm)[..7].iter().all(|v| f64::from(v.abs()) <= max_qvel)),
-            Self::Nearer { body, arm } => {
+            Self::GraspedByNearest { body, arm } => {
                 let distance = |arm: usize| {
                     (world.tcp_pose(arm).translation.vector.cast::<f64>() - position(body)).norm()
                 };

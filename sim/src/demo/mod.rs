@@ -9,7 +9,7 @@ use ipc_types::ControlMode;
 use ipc_types::layout::MAX_ACTION_DIM;
 use thiserror::Error;
 
-use crate::expert::{self, Expert, PlanError};
+use crate::expert::{self, Expert, MotionPlanError};
 use crate::fingerprint::Fingerprint;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
@@ -21,7 +21,7 @@ use crate::show::Subject;
 pub enum DemoError {
     /// The expert's moves are out of reach.
     #[error("the expert found no plan: {0}")]
-    Plan(#[from] PlanError),
+    Plan(#[from] MotionPlanError),
     /// The world blew up.
     #[error("the physics state is not finite after step {step}")]
     NotFinite {

@@ -42,7 +42,7 @@ pub fn pose(position: &Vector3<f64>, approach: &Vector3<f64>, closing: &Vector3<
 /// along the shorter, or if they are equal along the one nearer to `preferred`; grip `DEPTH_M` below the top. Of the two
 /// ways round, the one nearer to `closing_now` is taken, to spare the wrist.
 #[must_use]
-pub fn from_above(body: &Body, preferred: &Vector3<f64>, closing_now: &Vector3<f64>) -> Isometry3<f64> {
+pub fn top_down(body: &Body, preferred: &Vector3<f64>, closing_now: &Vector3<f64>) -> Isometry3<f64> {
     let down = -Vector3::z();
     let box_extent = body.aabb(&Isometry3::identity());
     let sides = box_extent.max - box_extent.min;
@@ -56,7 +56,7 @@ pub fn from_above(body: &Body, preferred: &Vector3<f64>, closing_now: &Vector3<f
     } else {
         sides[a] < sides[b]
     };
-    let closing = same_way_round(if a_is_better { axes[a] } else { axes[b] }, closing_now);
+    let closing = closest_closing(if a_is_better { axes[a] } else { axes[b] }, closing_now);
     let half = sides[upright] / 2.0;
     let position = centre.coords + down * (DEPTH_M.min(half) - half);
     pose(&position, &down, &closing)
@@ -65,7 +65,7 @@ pub fn from_above(body: &Body, preferred: &Vector3<f64>, closing_now: &Vector3<f
 /// The TCP pose leant back towards the arm's base by an angle, about the closing direction, so that the pads stay flat on
 /// what they grip. It reaches farther: the wrist need not stand over the TCP.
 #[must_use]
-pub fn leant_back(scene: &Scene, arm: usize, tcp: &Isometry3<f64>, angle_rad: f64) -> Isometry3<f64> {
+pub fn tilted_toward_base(scene: &Scene, arm: usize, tcp: &Isometry3<f64>, angle_rad: f64) -> Isometry3<f64> {
     let to_base = scene.robots[arm].base.translation.vector - tcp.translation.vector;
     let side = if (tcp.rotation * Vector3::x()).dot(&to_base) < 0.0 { 1.0 } else { -1.0 };
     tcp * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), side * angle_rad)
@@ -76,7 +76,7 @@ pub fn leant_back(scene: &Scene, arm: usize, tcp: &Isometry3<f64>, angle_rad: f6
 /// # Panics
 /// If there is no candidate.
 #[must_use]
-pub fn first_within_reach<const N: usize>(
+pub fn first_reachable<const N: usize>(
     scene: &Scene,
     arm: usize,
     candidates: &[Isometry3<f64>],
@@ -95,18 +95,18 @@ pub fn first_within_reach<const N: usize>(
 
 /// A gripper closes the same along a direction and against it: the way round that is nearer to `closing_now`.
 #[must_use]
-pub fn same_way_round(closing: Vector3<f64>, closing_now: &Vector3<f64>) -> Vector3<f64> {
+pub fn closest_closing(closing: Vector3<f64>, closing_now: &Vector3<f64>) -> Vector3<f64> {
     if closing.dot(closing_now) < 0.0 { -closing } else { closing }
 }
 
 /// The TCP pose backed off along its approach, by `distance_m`.
 #[must_use]
-pub fn backed_off(tcp: &Isometry3<f64>, distance_m: f64) -> Isometry3<f64> {
+pub fn retreated(tcp: &Isometry3<f64>, distance_m: f64) -> Isometry3<f64> {
     tcp * Translation3::new(0.0, 0.0, -distance_m)
 }
 
 /// The TCP pose moved by a world vector, in m.
 #[must_use]
-pub fn shifted(tcp: &Isometry3<f64>, by: &Vector3<f64>) -> Isometry3<f64> {
+pub fn translated(tcp: &Isometry3<f64>, by: &Vector3<f64>) -> Isometry3<f64> {
     Translation3::from(*by) * tcp
 }

@@ -22,7 +22,7 @@ pub const CONTROL_MODE: ControlMode = ControlMode::JointPos;
 
 /// Where a move takes an arm's TCP.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reach {
+pub struct TcpGoal {
     /// Arm index.
     pub arm: usize,
     /// World pose of the TCP at the end of the move.
@@ -31,19 +31,19 @@ pub struct Reach {
 
 /// Both arms' TCPs at their poses.
 #[must_use]
-pub fn both([first, second]: [Isometry3<f64>; 2]) -> Vec<Reach> {
-    vec![Reach { arm: 0, tcp: first }, Reach { arm: 1, tcp: second }]
+pub fn both_arms([first, second]: [Isometry3<f64>; 2]) -> Vec<TcpGoal> {
+    vec![TcpGoal { arm: 0, tcp: first }, TcpGoal { arm: 1, tcp: second }]
 }
 
 /// One move of a plan. Arms that a move does not name hold still; grippers keep their last command.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Move {
     /// TCPs go along straight lines, turning evenly; arms start and arrive together.
-    Straight(Vec<Reach>),
+    Straight(Vec<TcpGoal>),
     /// The same from place to place without a stop; every place names the same arms.
-    Through(Vec<Vec<Reach>>),
+    Waypoints(Vec<Vec<TcpGoal>>),
     /// Joints go the straight way to the nearest solution; arms start and arrive together.
-    Joint(Vec<Reach>),
+    Joint(Vec<TcpGoal>),
     /// Grippers take a new command, −1 (squeeze) to 1 (open), and the arms hold for some control steps.
     Grip {
         /// Arm indices.
@@ -64,7 +64,7 @@ impl Move {
     /// One arm's TCP along a straight line.
     #[must_use]
     pub fn straight(arm: usize, tcp: Isometry3<f64>) -> Self {
-        Self::Straight(vec![Reach { arm, tcp }])
+        Self::Straight(vec![TcpGoal { arm, tcp }])
     }
 
     /// Closes grippers with full squeeze.
@@ -83,7 +83,7 @@ impl Move {
     const fn name(&self) -> &'static str {
         match self {
             Self::Straight(_) => "straight",
-            Self::Through(_) => "through",
+            Self::Waypoints(_) => "through",
             Self::Joint(_) => "joint",
             Self::Grip { .. } => "grip",
             Self::Hold { .. } => "hold",
@@ -97,7 +97,7 @@ impl Move {
     "move {move_idx} ({name}): arm {} has no joint positions for its TCP at ({:.3}, {:.3}, {:.3}) m, {percent:.0} % of the way",
     arm + 1, at[0], at[1], at[2]
 )]
-pub struct PlanError {
+pub struct MotionPlanError {
     /// Index of the move.
     pub move_idx: usize,
     /// Kind of move.
@@ -123,7 +123,7 @@ impl Expert {
     ///
     /// # Errors
     /// The first pose that an arm cannot reach.
-    pub fn new(scene: &Scene, moves: &[Move]) -> Result<Self, PlanError> {
+    pub fn new(scene: &Scene, moves: &[Move]) -> Result<Self, MotionPlanError> {
         let rows = plan::plan(scene, moves)?;
         Ok(Self { rows, row_len: ROW_PER_ARM * scene.robots.len(), next: 0 })
     }
@@ -151,7 +151,11 @@ impl Expert {
 /// # Panics
 /// If there is no plan.
 #[must_use]
-pub fn first_in_time(scene: &Scene, max_steps: u32, mut plans: impl Iterator<Item = Vec<Move>>) -> Vec<Move> {
+pub fn first_feasible(
+    scene: &Scene,
+    max_steps: u32,
+    mut plans: impl Iterator<Item = Vec<Move>>,
+) -> Vec<Move> {
     let in_time = |moves: &Vec<Move>| {
         Expert::new(scene, moves).is_ok_and(|expert| expert.n_steps() <= max_steps as usize)
     };
@@ -160,7 +164,7 @@ pub fn first_in_time(scene: &Scene, max_steps: u32, mut plans: impl Iterator<Ite
 }
 
 /// A joint-position row that keeps the arms where they are, grippers open.
-pub(crate) fn hold_still(world: &World, row: &mut [f32]) {
+pub(crate) fn write_hold_action(world: &World, row: &mut [f32]) {
     for (arm, row) in row.chunks_exact_mut(8).enumerate() {
         row[..7].copy_from_slice(&world.qpos(arm)[..7]);
         row[7] = 1.0;

@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::Isometry3;
 
 use super::timing::{Caps, sample};
-use super::{Move, PlanError, Reach};
+use super::{MotionPlanError, Move, TcpGoal};
 use crate::physics::CONTROL_HZ;
 use crate::robot::ik;
 use crate::robot::kinematics::{self, Joints};
@@ -30,7 +30,7 @@ impl Config {
 }
 
 /// The action rows of all moves, one after another.
-pub(super) fn plan(scene: &Scene, moves: &[Move]) -> Result<Vec<f32>, PlanError> {
+pub(super) fn plan(scene: &Scene, moves: &[Move]) -> Result<Vec<f32>, MotionPlanError> {
     let mut planner = Planner {
         scene,
         config: Config(scene.robots.iter().map(|robot| Joints::from(robot.qpos)).collect()),
@@ -39,7 +39,7 @@ pub(super) fn plan(scene: &Scene, moves: &[Move]) -> Result<Vec<f32>, PlanError>
     };
     planner.hold(1);
     for (move_idx, step) in moves.iter().enumerate() {
-        planner.add(step).map_err(|Unreachable { arm, tcp, part }| PlanError {
+        planner.add(step).map_err(|Unreachable { arm, tcp, part }| MotionPlanError {
             move_idx,
             name: step.name(),
             arm,
@@ -70,7 +70,7 @@ impl Planner<'_> {
                 let path = self.line(vec![self.config.clone()], reaches)?;
                 self.follow(&path, self.straight_caps());
             }
-            Move::Through(places) => {
+            Move::Waypoints(places) => {
                 let mut path = vec![self.config.clone()];
                 for reaches in places {
                     path = self.line(path, reaches)?;
@@ -79,7 +79,7 @@ impl Planner<'_> {
             }
             Move::Joint(reaches) => {
                 let mut goal = self.config.clone();
-                for Reach { arm, tcp } in reaches {
+                for TcpGoal { arm, tcp } in reaches {
                     let target = self.scene.robots[*arm].base.inverse() * tcp;
                     goal.0[*arm] = ik::solve(&target, &self.config.0[*arm]).ok_or(Unreachable {
                         arm: *arm,
@@ -102,7 +102,7 @@ impl Planner<'_> {
 
     /// The path with solutions along straight lines from its end, each found from the one before, so that the joints
     /// never jump.
-    fn line(&self, mut path: Vec<Config>, reaches: &[Reach]) -> Result<Vec<Config>, Unreachable> {
+    fn line(&self, mut path: Vec<Config>, reaches: &[TcpGoal]) -> Result<Vec<Config>, Unreachable> {
         let start = &path[path.len() - 1];
         let starts: Vec<Isometry3<f64>> = reaches.iter().map(|reach| self.tcp(start, reach.arm)).collect();
         let n_steps =
@@ -110,7 +110,7 @@ impl Planner<'_> {
         for step in 1..=n_steps {
             let part = step as f64 / n_steps as f64;
             let mut config = path[path.len() - 1].clone();
-            for (start, Reach { arm, tcp }) in starts.iter().zip(reaches) {
+            for (start, TcpGoal { arm, tcp }) in starts.iter().zip(reaches) {
                 let tcp = between(start, tcp, part);
                 let target = self.scene.robots[*arm].base.inverse() * tcp;
                 config.0[*arm] =

@@ -7,7 +7,7 @@ use ipc_types::run_config::ResultOptions;
 use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology, RunConfig};
 
 use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
-use crate::expert::{self, Expert, hold_still};
+use crate::expert::{self, Expert, write_hold_action};
 use crate::fingerprint::Fingerprint;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
@@ -153,7 +153,7 @@ impl Episode {
                 *next += 1;
             }
             Actor::Expert(Some(expert)) => expert.act(&self.world, row),
-            Actor::Expert(None) => hold_still(&self.world, row),
+            Actor::Expert(None) => write_hold_action(&self.world, row),
         }
     }
 

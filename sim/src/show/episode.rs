@@ -4,7 +4,7 @@ use ipc_types::ControlMode;
 use ipc_types::layout::MAX_ACTION_DIM;
 
 use super::ShowError;
-use crate::expert::{Expert, PlanError, hold_still};
+use crate::expert::{Expert, MotionPlanError, write_hold_action};
 use crate::perturb::{Composition, Strength};
 use crate::physics::World;
 use crate::predicate::first_unmet;
@@ -95,13 +95,13 @@ impl Script {
     }
 
     /// What writes the next action row, `[8 per arm]` f32.
-    fn actor(self, task: &Task, scene: &Scene) -> Result<Actor, PlanError> {
+    fn actor(self, task: &Task, scene: &Scene) -> Result<Actor, MotionPlanError> {
         Ok(match self {
             Self::Expert => {
                 let mut expert = Expert::new(scene, &(task.expert)(scene))?;
                 Box::new(move |world, row| expert.act(world, row))
             }
-            Self::Idle => Box::new(hold_still),
+            Self::Idle => Box::new(write_hold_action),
         })
     }
 }

@@ -21,14 +21,14 @@ pub use high_res::HighResScene;
 pub use paint::{Key, What};
 pub use segments::Entry;
 
-use crate::expert::PlanError;
+use crate::expert::MotionPlanError;
 
 /// Why an episode cannot be shown.
 #[derive(Debug, Error)]
 pub enum ShowError {
     /// The expert's moves are out of reach.
     #[error("the expert found no plan: {0}")]
-    Plan(#[from] PlanError),
+    Plan(#[from] MotionPlanError),
     /// The world blew up.
     #[error("the physics state is not finite after step {step}")]
     NotFinite {

@@ -69,12 +69,12 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
         ]
     } else {
         let [[x0, y0, _], [x1, y1, top]] = STOVE.map(|corner| scaled(corner, stove));
-        let above = Region::Box { least: [x0, y0, top - 0.005], greatest: [x1, y1, FAR] };
+        let above = Region::Box { min: [x0, y0, top - 0.005], max: [x1, y1, FAR] };
         let middle = scaled(PAN_MIDDLE, pan);
         let radius = PAN.radii[1] * scene.bodies[pan].scale;
         [inside(pan, middle, stove, above), over_pan(middle, radius, [0.0, FAR])]
     };
-    let still = |body| Predicate::Still { body, max_linear: 0.1, max_angular: 1.0 };
+    let still = |body| Predicate::AtRest { body, max_linear: 0.1, max_angular: 1.0 };
     let released = |body| Predicate::Released { body };
     vec![on_stove, in_pan, still(pan), still(apple), released(pan), released(apple)]
 }

@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::{BIMANUAL_TABLE_Z, DENSITY, ExternalCameras, bimanual, movable, props, region};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{BodySpec, Range, Scene, SceneSpec};
@@ -45,7 +45,7 @@ fn nominal() -> SceneSpec {
 
 /// The bottle in the second arm's hand.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
-    vec![Predicate::Nearer { body: scene.body_idx("bottle"), arm: 1 }]
+    vec![Predicate::GraspedByNearest { body: scene.body_idx("bottle"), arm: 1 }]
 }
 
 /// How high over its base the bottle is gripped by each arm, in m at scale 1: hand over hand.
@@ -62,18 +62,18 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let height = Vector3::z() * GRIPS_Z[arm];
         let position = bottle.pose * Point3::from((Vector3::from(FOOT) + height) * bottle.scale);
         let across = Vector3::z().cross(approach);
-        let closing = grasp::same_way_round(across, &grasp::start_closing(scene, arm));
+        let closing = grasp::closest_closing(across, &grasp::start_closing(scene, arm));
         grasp::pose(&position.coords, approach, &closing)
     };
     let turned = TURNS.map(|turn| grip(0, &Vector3::new(libm::sin(turn), libm::cos(turn), 0.0)));
     let stations =
-        |tcp: &Isometry3<f64>| [grasp::shifted(&grasp::backed_off(tcp, 0.1), &(Vector3::z() * 0.15)), *tcp];
-    let taken = grasp::first_within_reach(scene, 0, &turned, stations);
+        |tcp: &Isometry3<f64>| [grasp::translated(&grasp::retreated(tcp, 0.1), &(Vector3::z() * 0.15)), *tcp];
+    let taken = grasp::first_reachable(scene, 0, &turned, stations);
     let [before, at] = stations(&taken);
     let [first, second] = [grip(0, &Vector3::y()), grip(1, &-Vector3::y())];
     let carry = MEETING - first.translation.vector;
     let apart = |distance_m: f64| {
-        both([first, second].map(|tcp| grasp::backed_off(&grasp::shifted(&tcp, &carry), distance_m)))
+        both_arms([first, second].map(|tcp| grasp::retreated(&grasp::translated(&tcp, &carry), distance_m)))
     };
     vec![
         Move::straight(0, before),
@@ -84,6 +84,6 @@ fn expert(scene: &Scene) -> Vec<Move> {
         Move::Straight(apart(0.0)),
         Move::close(&[1], 5),
         Move::open(&[0], 5),
-        Move::straight(1, grasp::backed_off(&grasp::shifted(&second, &carry), 0.16)),
+        Move::straight(1, grasp::retreated(&grasp::translated(&second, &carry), 0.16)),
     ]
 }

@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{self, BIMANUAL_TABLE_Z, BLUE, ExternalCameras, QPOS_B, bimanual, region};
-use crate::expert::{Move, both, first_in_time, grasp};
+use crate::expert::{Move, both_arms, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -37,7 +37,7 @@ fn nominal() -> SceneSpec {
 
 /// The cube in the second arm's hand.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
-    vec![Predicate::Nearer { body: scene.body_idx("cube"), arm: 1 }]
+    vec![Predicate::GraspedByNearest { body: scene.body_idx("cube"), arm: 1 }]
 }
 
 /// Where the cube changes hands, in m.
@@ -49,17 +49,17 @@ const FAR_LEANS: [f64; 3] = [0.8, 1.0, 1.2];
 fn expert(scene: &Scene) -> Vec<Move> {
     let closing = grasp::start_closing(scene, 0);
     let upright = [Vector3::x(), Vector3::y()]
-        .map(|preferred| grasp::from_above(scene.body("cube"), &preferred, &closing));
+        .map(|preferred| grasp::top_down(scene.body("cube"), &preferred, &closing));
     let leant = |leans: &'static [f64]| {
-        upright.iter().flat_map(|tcp| leans.iter().map(|lean| grasp::leant_back(scene, 0, tcp, *lean)))
+        upright.iter().flat_map(|tcp| leans.iter().map(|lean| grasp::tilted_toward_base(scene, 0, tcp, *lean)))
     };
     let ways = [0, 1].map(|arm| nearer_way(scene, arm));
     let near: Vec<Isometry3<f64>> = leant(&LEANS).collect();
-    let first = grasp::first_within_reach(scene, 0, &near, |tcp| stations(tcp, ways[0]));
+    let first = grasp::first_reachable(scene, 0, &near, |tcp| stations(tcp, ways[0]));
     let others =
         leant(&LEANS).chain(leant(&FAR_LEANS)).flat_map(|tcp| [ways[0], -ways[0]].map(|way| (tcp, way)));
     let grips = core::iter::once((first, ways[0])).chain(others);
-    first_in_time(scene, TASK.max_steps, grips.map(|(tcp, way)| handed_over(&tcp, [way, ways[1]])))
+    first_feasible(scene, TASK.max_steps, grips.map(|(tcp, way)| handed_over(&tcp, [way, ways[1]])))
 }
 
 /// The hands meet along y; the first one closes along x, the second one along z, past its fingers.
@@ -77,9 +77,9 @@ fn nearer_way(scene: &Scene, arm: usize) -> f64 {
 
 /// Where the first TCP goes: above the cube, around it, up, before the meeting and there.
 fn stations(tcp: &Isometry3<f64>, way: f64) -> [Isometry3<f64>; 5] {
-    let raised = grasp::shifted(tcp, &(Vector3::z() * 0.15));
+    let raised = grasp::translated(tcp, &(Vector3::z() * 0.15));
     let there = meeting(0, way);
-    [grasp::backed_off(tcp, 0.1), *tcp, raised, grasp::backed_off(&there, 0.06), there]
+    [grasp::retreated(tcp, 0.1), *tcp, raised, grasp::retreated(&there, 0.06), there]
 }
 
 /// Takes the cube and hands it over, each hand this way round.
@@ -91,10 +91,10 @@ fn handed_over(tcp: &Isometry3<f64>, [way, other_way]: [f64; 2]) -> Vec<Move> {
         Move::straight(0, at),
         Move::close(&[0], 10),
         Move::straight(0, raised),
-        Move::Joint(both([before, grasp::backed_off(&other, 0.12)])),
-        Move::Straight(both([there, other])),
+        Move::Joint(both_arms([before, grasp::retreated(&other, 0.12)])),
+        Move::Straight(both_arms([there, other])),
         Move::close(&[1], 10),
         Move::open(&[0], 10),
-        Move::straight(0, grasp::backed_off(&there, 0.1)),
+        Move::straight(0, grasp::retreated(&there, 0.1)),
     ]
 }

@@ -5,7 +5,7 @@ use nalgebra::Isometry3;
 
 use super::common::bimanual;
 use super::common::drawer_unit::{DRAWERS, CAMERAS, Pull, TRAVEL, bodies, place};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Scene, SceneSpec};
@@ -39,7 +39,7 @@ fn nominal() -> SceneSpec {
 /// Both drawers open by a fifth. The released code measures the second one by the limits of the middle drawer; here all
 /// have the same, and the profiles agree.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
-    PULLED.map(|name| Predicate::Opened { body: scene.body_idx(name), least: 0.2 * TRAVEL }).into()
+    PULLED.map(|name| Predicate::Opened { body: scene.body_idx(name), min_position: 0.2 * TRAVEL }).into()
 }
 
 /// How far the drawers are pulled, in m: not against their stops.
@@ -50,7 +50,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let drawer = scene.body(PULLED[arm]);
         Pull::new(scene, arm, drawer, PULL, &grasp::start_closing(scene, arm))
     });
-    let to = |station: fn(&Pull) -> Isometry3<f64>| Move::Straight(both(pulls.each_ref().map(station)));
+    let to = |station: fn(&Pull) -> Isometry3<f64>| Move::Straight(both_arms(pulls.each_ref().map(station)));
     vec![
         // Straight, where the benchmark moves joints: these may end where no straight way leads to the bar.
         to(|pull| pull.before),

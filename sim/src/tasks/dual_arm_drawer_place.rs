@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::drawer_unit::{CARCASS, DRAWERS, CAMERAS, Pull, bodies, place};
 use super::common::{self, BIMANUAL_TABLE_Z, BLUE, bimanual, region};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{BodySpec, Range, ScaledBy, Scene, SceneSpec};
@@ -66,30 +66,30 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let (cube, chest) = (scene.body("cube"), scene.body(CARCASS));
     let closing = grasp::start_closing(scene, 0);
     // Closing across the way to the chest, which the hand would touch with its ends.
-    let grip = grasp::from_above(cube, &Vector3::y(), &closing);
+    let grip = grasp::top_down(cube, &Vector3::y(), &closing);
     let in_chest = |position: [f64; 3]| (chest.pose * Point3::from(position)).coords;
     // Closing across the way to the arm's base, so that the hand can lean straight back.
     let to_base = scene.robots[0].base.translation.vector - in_chest(INTO);
-    let across = grasp::same_way_round(Vector3::z().cross(&to_base), &closing);
+    let across = grasp::closest_closing(Vector3::z().cross(&to_base), &closing);
     let straight = grasp::pose(&in_chest(INTO), &-Vector3::z(), &across);
-    let candidates = LEANS.map(|lean| grasp::leant_back(scene, 0, &straight, lean));
+    let candidates = LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, &straight, lean));
     let stations = |into: &Isometry3<f64>| {
-        let waiting = grasp::shifted(into, &(in_chest(WAITING) - in_chest(INTO)));
-        [grasp::backed_off(&grip, 0.1), grip, waiting, *into]
+        let waiting = grasp::translated(into, &(in_chest(WAITING) - in_chest(INTO)));
+        [grasp::retreated(&grip, 0.1), grip, waiting, *into]
     };
-    let [above, at, waiting, into] = stations(&grasp::first_within_reach(scene, 0, &candidates, stations));
+    let [above, at, waiting, into] = stations(&grasp::first_reachable(scene, 0, &candidates, stations));
     // The other way round than at the start, where the last joint is at its stop.
     let pull = Pull::new(scene, 1, scene.body(OPENED), PULL, &-grasp::start_closing(scene, 1));
     vec![
-        Move::Straight(both([above, pull.before])),
+        Move::Straight(both_arms([above, pull.before])),
         Move::straight(0, at),
         Move::close(&[0], 6),
         // Only now, where the benchmark takes hold with both at once: the hands would meet under the drawer.
-        Move::Straight(both([waiting, pull.at])),
+        Move::Straight(both_arms([waiting, pull.at])),
         Move::close(&[1], 6),
         Move::straight(1, pull.open),
         Move::straight(0, into),
         Move::open(&[0], 6),
-        Move::Straight(both([grasp::backed_off(&into, 0.12), pull.at])),
+        Move::Straight(both_arms([grasp::retreated(&into, 0.12), pull.at])),
     ]
 }

@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{LIFT_CAMERAS, bimanual, lifted, pot, region};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -40,15 +40,15 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 const LEANS: [f64; 7] = [0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9];
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let raised = |tcp: &Isometry3<f64>| grasp::shifted(tcp, &(Vector3::z() * 0.2));
+    let raised = |tcp: &Isometry3<f64>| grasp::translated(tcp, &(Vector3::z() * 0.2));
     let level = pot::grips(scene);
     let grips = [0, 1].map(|arm| {
-        let candidates = LEANS.map(|lean| grasp::leant_back(scene, arm, &level[arm], lean));
-        grasp::first_within_reach(scene, arm, &candidates, |tcp| [pot::away(tcp), *tcp, raised(tcp)])
+        let candidates = LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &level[arm], lean));
+        grasp::first_reachable(scene, arm, &candidates, |tcp| [pot::away(tcp), *tcp, raised(tcp)])
     });
-    let mut moves = vec![Move::Joint(both(grips.each_ref().map(pot::away)))];
+    let mut moves = vec![Move::Joint(both_arms(grips.each_ref().map(pot::away)))];
     moves.extend(pot::seize(&grips));
     // Straight, where the benchmark moves joints: hands that hold one pot must keep their distance all the way up.
-    moves.push(Move::Straight(both(grips.each_ref().map(raised))));
+    moves.push(Move::Straight(both_arms(grips.each_ref().map(raised))));
     moves
 }

@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 
 use super::common::tray::{self, HALF, HEIGHT, RIM_HALF_THICKNESS};
 use super::common::{LIFT_CAMERAS, QPOS_B, bimanual, lifted, region};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -48,10 +48,10 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let grips = [0, 1].map(|arm| {
         let side = [-rim, rim][arm];
         let position = tray.pose * nalgebra::Point3::new(0.0, side, height);
-        let closing = grasp::same_way_round(along, &grasp::start_closing(scene, arm));
+        let closing = grasp::closest_closing(along, &grasp::start_closing(scene, arm));
         grasp::pose(&position.coords, &-nalgebra::Vector3::z(), &closing)
     });
-    let back = |distance_m: f64| both(grips.map(|tcp| grasp::backed_off(&tcp, distance_m)));
+    let back = |distance_m: f64| both_arms(grips.map(|tcp| grasp::retreated(&tcp, distance_m)));
     vec![
         Move::Joint(back(0.1)),
         Move::Straight(back(0.0)),

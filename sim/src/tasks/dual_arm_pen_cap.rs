@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::insertion::{self, CAP_X, CAP_Z, PEN_Z};
 use super::common::{ExternalCameras, QPOS_B, bimanual, region};
-use crate::expert::{Move, both, first_in_time, grasp};
+use crate::expert::{Move, both_arms, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::scene::{Range, RegionSpec, Scene, SceneSpec};
@@ -72,16 +72,16 @@ fn expert(scene: &Scene) -> Vec<Move> {
     // Where a point of a body goes: first up and along y, then over to the other body.
     let stations = |tcp: &Isometry3<f64>, from: Point3<f64>, to: Vector3<f64>| {
         let way = to - from.coords;
-        let up = grasp::shifted(tcp, &Vector3::new(0.0, way.y, way.z));
-        [grasp::backed_off(tcp, 0.1), *tcp, up, grasp::shifted(tcp, &way)]
+        let up = grasp::translated(tcp, &Vector3::new(0.0, way.y, way.z));
+        [grasp::retreated(tcp, 0.1), *tcp, up, grasp::translated(tcp, &way)]
     };
     let (opening, tip) = (cap * Point3::new(CAP_X, 0.0, CAP_Z[2]), pen * Point3::new(0.0, 0.0, PEN_Z[0]));
     let candidates = |arm: usize, places: &[Point3<f64>]| -> Vec<Isometry3<f64>> {
         let closing = grasp::start_closing(scene, arm);
         let down = |place: &Point3<f64>| {
-            grasp::pose(&place.coords, &-Vector3::z(), &grasp::same_way_round(Vector3::x(), &closing))
+            grasp::pose(&place.coords, &-Vector3::z(), &grasp::closest_closing(Vector3::x(), &closing))
         };
-        let leant = |tcp: Isometry3<f64>| LEANS.map(|lean| grasp::leant_back(scene, arm, &tcp, lean));
+        let leant = |tcp: Isometry3<f64>| LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &tcp, lean));
         places.iter().map(down).flat_map(leant).collect()
     };
     let cap_stations = |tcp: &Isometry3<f64>| stations(tcp, opening, MEETING - Vector3::y() * BEFORE);
@@ -89,20 +89,20 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let cap_grips = candidates(0, &[cap * CAP_GRIP]);
     let pen_grips = candidates(1, &PEN_GRIPS.map(|z| pen * Point3::new(0.0, 0.0, z)));
     let first = [
-        grasp::first_within_reach(scene, 0, &cap_grips, cap_stations),
-        grasp::first_within_reach(scene, 1, &pen_grips, pen_stations),
+        grasp::first_reachable(scene, 0, &cap_grips, cap_stations),
+        grasp::first_reachable(scene, 1, &pen_grips, pen_stations),
     ];
     // What is within reach station by station need not be along the way, and the other way round.
     let others = pen_grips.iter().flat_map(|pen| cap_grips.iter().map(|cap| [*cap, *pen]));
     let grips = core::iter::once(first).chain(others);
     let plans = grips.map(|[cap, pen]| capped([cap_stations(&cap), pen_stations(&pen)]));
-    first_in_time(scene, TASK.max_steps, plans)
+    first_feasible(scene, TASK.max_steps, plans)
 }
 
 /// Takes cap and pen, brings both to where they meet and puts the cap on.
 fn capped(hands: [[Isometry3<f64>; 4]; 2]) -> Vec<Move> {
-    let both_at = |station: usize| both(hands.map(|stations| stations[station]));
-    let over_tip = grasp::shifted(&hands[0][3], &(Vector3::y() * (BEFORE + DEPTH)));
+    let both_at = |station: usize| both_arms(hands.map(|stations| stations[station]));
+    let over_tip = grasp::translated(&hands[0][3], &(Vector3::y() * (BEFORE + DEPTH)));
     vec![
         Move::Joint(both_at(0)),
         Move::Straight(both_at(1)),

@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, widened_by_half, fruit, pot, region, tray};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::profile::ProfileRules;
@@ -61,7 +61,7 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
         body: tomato,
         point,
         of,
-        region: Region::Box { least, greatest },
+        region: Region::Box { min: least, max: greatest },
     };
     vec![within(Some(tray), [-x, -y, -FAR], [x, y, FAR]), within(None, [-FAR, -FAR, 0.83], [FAR, FAR, 0.9])]
 }
@@ -80,15 +80,15 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let grips = pot::grips(scene);
     let [pot_x, tray_x] = ["pot", "tray"].map(|name| scene.body(name).pose.translation.x);
     let back = pot_x - tray_x + BEYOND;
-    let carried = |back_m: f64| grips.map(|tcp| grasp::shifted(&tcp, &Vector3::new(-back_m, 0.0, UP)));
+    let carried = |back_m: f64| grips.map(|tcp| grasp::translated(&tcp, &Vector3::new(-back_m, 0.0, UP)));
     let turned = |angle: f64| {
         let turn = |arm: usize| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), [angle, -angle][arm]);
-        Move::Straight(both([0, 1].map(|arm| carried(back)[arm] * turn(arm))))
+        Move::Straight(both_arms([0, 1].map(|arm| carried(back)[arm] * turn(arm))))
     };
-    let mut moves = vec![Move::Joint(both(grips.each_ref().map(pot::away)))];
+    let mut moves = vec![Move::Joint(both_arms(grips.each_ref().map(pot::away)))];
     moves.extend(pot::seize(&grips));
     moves.extend([
-        Move::Through([carried(0.0), carried(back)].map(both).into()),
+        Move::Waypoints([carried(0.0), carried(back)].map(both_arms).into()),
         Move::Hold { steps: SETTLING_STEPS },
         turned(TIPPED),
         Move::Hold { steps: ROLLING_STEPS },

@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{BIMANUAL_TABLE_Z, ExternalCameras, bimanual, box_part, goal_marker, movable, region, rgb};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
@@ -78,22 +78,22 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let [hx, _, hz] = HALF.map(|half| half * pushed.scale);
     let (face, side) = (pushed.pose.rotation * Vector3::x(), pushed.pose.rotation * Vector3::y());
     let stations = |tcp: &Isometry3<f64>| {
-        let away = grasp::shifted(tcp, &(face * AWAY));
-        [grasp::shifted(&away, &(Vector3::z() * 0.12)), away, grasp::shifted(tcp, &forward)]
+        let away = grasp::translated(tcp, &(face * AWAY));
+        [grasp::translated(&away, &(Vector3::z() * 0.12)), away, grasp::translated(tcp, &forward)]
     };
     let hands = [0, 1].map(|arm| {
-        let closing = grasp::same_way_round(face, &grasp::start_closing(scene, arm));
+        let closing = grasp::closest_closing(face, &grasp::start_closing(scene, arm));
         let candidates: Vec<_> = LEANS
             .iter()
             .flat_map(|lean| APART.map(|apart| (apart * [-1.0, 1.0][arm] * pushed.scale, *lean)))
             .map(|(apart, lean)| {
                 let position = middle + face * (hx + FINGERS) + side * apart + Vector3::z() * (LOW - hz);
-                grasp::leant_back(scene, arm, &grasp::pose(&position, &-Vector3::z(), &closing), lean)
+                grasp::tilted_toward_base(scene, arm, &grasp::pose(&position, &-Vector3::z(), &closing), lean)
             })
             .collect();
-        stations(&grasp::first_within_reach(scene, arm, &candidates, stations))
+        stations(&grasp::first_reachable(scene, arm, &candidates, stations))
     });
-    let both_at = |station: usize| both(hands.map(|stations| stations[station]));
+    let both_at = |station: usize| both_arms(hands.map(|stations| stations[station]));
     vec![
         Move::close(&[0, 1], 4),
         Move::Joint(both_at(0)),

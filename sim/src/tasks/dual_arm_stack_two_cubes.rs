@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 
 use super::common::{QPOS_B, bimanual, goal_disc, region};
 use super::common::stacking::{self, Way};
-use crate::expert::{Move, Reach};
+use crate::expert::{Move, TcpGoal};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, RegionSpec, Scene, SceneSpec};
@@ -57,7 +57,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let [red, green, blue] = CUBES.map(|name| scene.body(name));
     let third = Way::new(scene, 0, blue, 2.0 * stacking::HALF * (red.scale + green.scale));
     let mut moves = stacking::stack_two(scene, red, green);
-    moves.push(Move::Straight(vec![Reach { arm: 0, tcp: third.above }, stacking::parked(scene, 1)]));
+    moves.push(Move::Straight(vec![TcpGoal { arm: 0, tcp: third.above }, stacking::parked(scene, 1)]));
     moves.extend([Move::straight(0, third.at), Move::close(&[0], 6)]);
     moves.extend([Move::Straight(vec![third.raised()]), third.carry(None)]);
     moves.extend(third.put());

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::insertion::{self, NEEDLE_LENGTH, RING_Z};
 use super::common::{ExternalCameras, bimanual, region};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::profile::ProfileRules;
@@ -84,15 +84,15 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let pole = tripod * grasp::pose(&POLE_GRIP, &-Vector3::y(), &Vector3::x());
     let up = held * tripod.inverse() * pole;
     vec![
-        Move::straight(0, grasp::backed_off(&at, 0.1)),
+        Move::straight(0, grasp::retreated(&at, 0.1)),
         Move::straight(0, at),
         Move::close(&[0], 10),
-        Move::straight(0, grasp::backed_off(&at, 0.1)),
-        Move::straight(1, grasp::backed_off(&pole, 0.15)),
+        Move::straight(0, grasp::retreated(&at, 0.1)),
+        Move::straight(1, grasp::retreated(&pole, 0.15)),
         Move::straight(1, pole),
         Move::close(&[1], 10),
         // At once, where the benchmark moves one arm after the other: the longest plans would outlast the episode.
-        Move::Straight(both([threading(-BEFORE), up])),
+        Move::Straight(both_arms([threading(-BEFORE), up])),
         Move::straight(0, threading(BEYOND)),
     ]
 }

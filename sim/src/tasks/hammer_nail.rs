@@ -82,11 +82,11 @@ const FOLLOW_THROUGH: f64 = 0.010;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (hammer, nail) = (scene.body("hammer"), scene.body("nail"));
-    let closing = grasp::same_way_round(hammer.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
+    let closing = grasp::closest_closing(hammer.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
     let place = hammer.pose * Point3::new(GRIP * hammer.scale, 0.0, 0.0);
     let tcp = grasp::pose(&place.coords, &-Vector3::z(), &closing);
     let height = nail.pose.translation.z + OVER - tcp.translation.z;
-    let raised = grasp::shifted(&tcp, &(Vector3::z() * height));
+    let raised = grasp::translated(&tcp, &(Vector3::z() * height));
     // Where the TCP is when the hammer lies along x and its face is so far in front of where the nail's head starts.
     let in_front = |distance_m: f64| -> Isometry3<f64> {
         let [face_x, face_y] = HAMMER_FACE.map(|x| x * hammer.scale);
@@ -98,12 +98,12 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let stroke = DRIVEN_Y - FOLLOW_THROUGH - nail.pose.translation.y;
     vec![
         Move::open(&[0], 6),
-        Move::straight(0, grasp::backed_off(&tcp, 0.08)),
+        Move::straight(0, grasp::retreated(&tcp, 0.08)),
         Move::straight(0, tcp),
         Move::close(&[0], 6),
         Move::straight(0, raised),
         Move::straight(0, along_x),
-        Move::straight(0, grasp::shifted(&in_front(RUN_UP), &(Vector3::z() * OVER))),
+        Move::straight(0, grasp::translated(&in_front(RUN_UP), &(Vector3::z() * OVER))),
         Move::straight(0, in_front(RUN_UP)),
         Move::straight(0, in_front(stroke)),
         Move::straight(0, in_front(RUN_UP)),

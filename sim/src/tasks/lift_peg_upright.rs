@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, rgb, single_arm};
-use crate::expert::{Move, first_in_time, grasp};
+use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::profile::ProfileRules;
@@ -75,7 +75,7 @@ const LAG: f64 = 0.12;
 const LEANS: [f64; 4] = [0.0, 0.2, 0.4, 0.6];
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    first_in_time(scene, TASK.max_steps, LEANS.iter().map(|lean| stood_up(scene, *lean)))
+    first_feasible(scene, TASK.max_steps, LEANS.iter().map(|lean| stood_up(scene, *lean)))
 }
 
 /// Takes the peg with a hand that leans back so far, lets it swing down and puts it on its end.
@@ -85,8 +85,8 @@ fn stood_up(scene: &Scene, lean: f64) -> Vec<Move> {
     let closing = grasp::start_closing(scene, 0);
     // By the end that is farther from the robot: the hand then turns up, away from its base.
     let grip = GRIP * peg.scale;
-    let upright = grasp::shifted(&grasp::from_above(peg, &closing, &closing), &(Vector3::x() * grip));
-    let tcp = grasp::leant_back(scene, 0, &upright, lean);
+    let upright = grasp::translated(&grasp::top_down(peg, &closing, &closing), &(Vector3::x() * grip));
+    let tcp = grasp::tilted_toward_base(scene, 0, &upright, lean);
     let standing = |above_m: f64, angle: f64| -> Isometry3<f64> {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -angle);
         let middle = peg.pose.translation.vector;
@@ -97,13 +97,13 @@ fn stood_up(scene: &Scene, lean: f64) -> Vec<Move> {
     let squeeze = SQUEEZE * (peg.scale * peg.scale) * (peg.scale * peg.scale);
     let command = control::gripper_entry(half_width - squeeze) as f32;
     vec![
-        Move::straight(0, grasp::backed_off(&tcp, 0.05)),
+        Move::straight(0, grasp::retreated(&tcp, 0.05)),
         Move::straight(0, tcp),
         Move::Grip { arms: vec![0], command, steps: 6 },
         Move::straight(0, standing(0.06, 0.0)),
         Move::straight(0, standing(0.06, LAG)),
         Move::straight(0, standing(0.001, LAG)),
         Move::open(&[0], 6),
-        Move::straight(0, grasp::backed_off(&standing(0.001, LAG), 0.08)),
+        Move::straight(0, grasp::retreated(&standing(0.001, LAG), 0.08)),
     ]
 }

@@ -52,8 +52,8 @@ fn nominal() -> SceneSpec {
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let door = scene.body_idx("door");
     vec![
-        Predicate::Opened { body: door, least: 0.45 * 0.25 * FRAC_PI_2 },
-        Predicate::Still { body: door, max_linear: 0.1, max_angular: 1.0 },
+        Predicate::Opened { body: door, min_position: 0.45 * 0.25 * FRAC_PI_2 },
+        Predicate::AtRest { body: door, max_linear: 0.1, max_angular: 1.0 },
     ]
 }
 
@@ -66,7 +66,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let handle = (scene.body("cabinet").pose * DOOR_HANDLE).coords;
     let approach = handle - scene.robots[0].base.translation.vector;
     let tangent = Vector3::z().cross(&approach);
-    let closing = grasp::same_way_round(tangent, &grasp::start_closing(scene, 0));
+    let closing = grasp::closest_closing(tangent, &grasp::start_closing(scene, 0));
     let tcp = grasp::pose(&handle, &approach, &closing);
     let opened_by = |angle: f64| {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -angle);
@@ -77,6 +77,6 @@ fn expert(scene: &Scene) -> Vec<Move> {
         vec![Move::open(&[0], 6), Move::straight(0, tcp), Move::close(&[0], 4), Move::Hold { steps: 10 }];
     let arcs = (1..=N_ARCS).map(|arc| OPEN * f64::from(arc) / f64::from(N_ARCS));
     moves.extend(arcs.map(|angle| Move::straight(0, opened_by(angle))));
-    moves.extend([Move::open(&[0], 6), Move::straight(0, grasp::backed_off(&opened_by(OPEN), 0.05))]);
+    moves.extend([Move::open(&[0], 6), Move::straight(0, grasp::retreated(&opened_by(OPEN), 0.05))]);
     moves
 }

@@ -42,8 +42,8 @@ fn nominal() -> SceneSpec {
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let drawer = scene.body_idx("drawer");
     vec![
-        Predicate::Opened { body: drawer, least: 0.5 * DRAWER_TRAVEL },
-        Predicate::Still { body: drawer, max_linear: 0.1, max_angular: 1.0 },
+        Predicate::Opened { body: drawer, min_position: 0.5 * DRAWER_TRAVEL },
+        Predicate::AtRest { body: drawer, max_linear: 0.1, max_angular: 1.0 },
     ]
 }
 

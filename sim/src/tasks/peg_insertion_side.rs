@@ -81,7 +81,7 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let length = scene.bodies[body].aabb(&Isometry3::identity()).max.x;
     let Hole { least: [y0, z0], greatest: [y1, z1] } = Hole::of(&scene.bodies[of]);
     let deepest = if profile.bounds_insertion() { length } else { f64::INFINITY };
-    let region = Region::Box { least: [-0.015, y0, z0], greatest: [deepest, y1, z1] };
+    let region = Region::Box { min: [-0.015, y0, z0], max: [deepest, y1, z1] };
     vec![Predicate::Inside { body, point: [length, 0.0, 0.0], of: Some(of), region }]
 }
 
@@ -101,13 +101,13 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let head_at = |x: f64| {
             target.pose * Translation3::new(x - length, y, z + SAG * mass) * peg.pose.inverse() * tcp
         };
-        [grasp::backed_off(tcp, 0.05), *tcp, head_at(-length - 0.01), head_at(DEPTH)]
+        [grasp::retreated(tcp, 0.05), *tcp, head_at(-length - 0.01), head_at(DEPTH)]
     };
     let closing = grasp::start_closing(scene, 0);
     let to_tail = peg.pose.rotation * -Vector3::x() * f64::max(0.05, length / 2.0 + 0.01);
-    let tcp = grasp::shifted(&grasp::from_above(peg, &closing, &closing), &to_tail);
-    let candidates = LEANS.map(|lean| grasp::leant_back(scene, 0, &tcp, lean));
-    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let tcp = grasp::translated(&grasp::top_down(peg, &closing, &closing), &to_tail);
+    let candidates = LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, &tcp, lean));
+    let tcp = grasp::first_reachable(scene, 0, &candidates, stations);
     let [above, at, before_hole, inserted] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
     vec![above, at, Move::close(&[0], 6), before_hole, Move::Hold { steps: 15 }, inserted]
 }

@@ -67,17 +67,17 @@ fn expert(scene: &Scene) -> Vec<Move> {
     // A quarter turn from the start. The hand takes it first, at its height, and only then goes down and leans.
     let closing = -Vector3::y();
     let stations = |tcp: &Isometry3<f64>| {
-        let above = grasp::backed_off(tcp, APPROACH);
+        let above = grasp::retreated(tcp, APPROACH);
         let beside = Vector3::new(above.translation.x, above.translation.y, start.translation.z);
         [
             grasp::pose(&beside, &-Vector3::z(), &closing),
             above,
             *tcp,
-            grasp::shifted(tcp, &(Vector3::z() * RAISE)),
+            grasp::translated(tcp, &(Vector3::z() * RAISE)),
         ]
     };
     let candidates = dish::rim_grips(plate, dish::side(plate, &Vector3::z()), &closing);
-    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let tcp = grasp::first_reachable(scene, 0, &candidates, stations);
     let [beside, above, at, raised] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
     vec![beside, above, at, Move::close(&[0], 4), raised]
 }

@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, props, region, rgb, single_arm};
-use crate::expert::{Move, Reach, grasp};
+use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::profile::ProfileRules;
@@ -92,13 +92,13 @@ const OUT: f64 = 0.3;
 const PUT_DOWN_Z: f64 = CAN[1] + 0.004;
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let closing = grasp::same_way_round(Vector3::y(), &grasp::start_closing(scene, 0));
+    let closing = grasp::closest_closing(Vector3::y(), &grasp::start_closing(scene, 0));
     let middle = scene.body("can").pose.translation.vector;
     let at = grasp::pose(&middle, &Vector3::x(), &closing);
-    let before = grasp::backed_off(&at, OUT);
-    let down = grasp::shifted(&before, &(Vector3::z() * (PUT_DOWN_Z - middle.z)));
+    let before = grasp::retreated(&at, OUT);
+    let down = grasp::translated(&before, &(Vector3::z() * (PUT_DOWN_Z - middle.z)));
     vec![
-        Move::Joint(vec![Reach { arm: 0, tcp: before }]),
+        Move::Joint(vec![TcpGoal { arm: 0, tcp: before }]),
         Move::straight(0, at),
         Move::Grip { arms: vec![0], command: control::gripper_entry(0.0) as f32, steps: 6 },
         Move::straight(0, before),

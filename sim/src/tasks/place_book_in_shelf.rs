@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::common::props::{self, Bookcase};
 use super::common::{ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, region, single_arm};
-use crate::expert::{Move, Reach, grasp};
+use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::scene::{BodySpec, AppearanceSpec, PlacementSpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, WidenedRanges};
@@ -63,10 +63,10 @@ fn nominal() -> SceneSpec {
 /// The book on the lower board beside the others, let go and at rest.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let body = scene.body_idx("book");
-    let slot = Region::Box { least: [-0.083, -0.07, 0.14], greatest: [0.067, 0.02, 0.165] };
+    let slot = Region::Box { min: [-0.083, -0.07, 0.14], max: [0.067, 0.02, 0.165] };
     vec![
         Predicate::Inside { body, point: [0.0; 3], of: Some(scene.body_idx("shelf")), region: slot },
-        Predicate::Still { body, max_linear: 0.01, max_angular: 0.5 },
+        Predicate::AtRest { body, max_linear: 0.01, max_angular: 0.5 },
         Predicate::Released { body },
     ]
 }
@@ -83,23 +83,23 @@ const CLEARANCE: f64 = 0.015;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let book = scene.body("book");
-    let closing = grasp::same_way_round(Vector3::y(), &grasp::start_closing(scene, 0));
+    let closing = grasp::closest_closing(Vector3::y(), &grasp::start_closing(scene, 0));
     let middle = book.pose.translation.vector + Vector3::from(BOOK_MIDDLE);
     let at = grasp::pose(&(middle + Vector3::x() * (GRIP_DEPTH - BOOK_HALF[0])), &Vector3::x(), &closing);
-    let before = grasp::shifted(&at, &Vector3::new(-0.1, 0.0, 0.05));
+    let before = grasp::translated(&at, &Vector3::new(-0.1, 0.0, 0.05));
     let place = scene.body("shelf").pose.translation.vector + Vector3::from(PLACE);
-    let down = grasp::shifted(&at, &(place - book.pose.translation.vector + Vector3::z() * 0.002));
-    let within = grasp::shifted(&down, &(Vector3::z() * CLEARANCE));
+    let down = grasp::translated(&at, &(place - book.pose.translation.vector + Vector3::z() * 0.002));
+    let within = grasp::translated(&down, &(Vector3::z() * CLEARANCE));
     vec![
         // Over the book's top, which the hand would else knock over from the side.
-        Move::Joint(vec![Reach { arm: 0, tcp: grasp::shifted(&before, &(Vector3::z() * OVER)) }]),
+        Move::Joint(vec![TcpGoal { arm: 0, tcp: grasp::translated(&before, &(Vector3::z() * OVER)) }]),
         Move::straight(0, before),
         Move::straight(0, at),
         Move::close(&[0], 6),
-        Move::straight(0, grasp::backed_off(&within, BEFORE)),
+        Move::straight(0, grasp::retreated(&within, BEFORE)),
         Move::straight(0, within),
         Move::straight(0, down),
         Move::open(&[0], 6),
-        Move::straight(0, grasp::backed_off(&down, 0.1)),
+        Move::straight(0, grasp::retreated(&down, 0.1)),
     ]
 }

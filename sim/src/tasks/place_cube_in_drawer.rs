@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::common::cabinet::{CHEST_TRAVEL, chest_of_drawers, drawer_grip, pull_open};
 use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, single_arm};
-use crate::expert::{Move, Reach, first_in_time, grasp};
+use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::scene::{BodySpec, Range, Role, ScaledBy, Scene, SceneSpec};
@@ -57,9 +57,9 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
         along: [-0.08, 0.08],
     };
     vec![
-        Predicate::Opened { body: drawer, least: 0.3 * CHEST_TRAVEL },
+        Predicate::Opened { body: drawer, min_position: 0.3 * CHEST_TRAVEL },
         Predicate::Inside { body: cube, point: [0.0; 3], of: Some(drawer), region: middle },
-        Predicate::Still { body: cube, max_linear: 0.1, max_angular: 0.5 },
+        Predicate::AtRest { body: cube, max_linear: 0.1, max_angular: 0.5 },
         Predicate::Released { body: cube },
     ]
 }
@@ -84,28 +84,28 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let out = drawer.rotation * Vector3::x();
     let into = drawer.translation.vector + out * (PULL - BEHIND_HANDLE) - cube.pose.translation.vector;
     let stations = |tcp: &Isometry3<f64>| {
-        let [carried, put] = OVER_HANDLE.map(|z| grasp::shifted(tcp, &(into + Vector3::z() * z)));
+        let [carried, put] = OVER_HANDLE.map(|z| grasp::translated(tcp, &(into + Vector3::z() * z)));
         // Farther off than in the benchmark: the way there sags, and must pass over the cube.
-        [grasp::backed_off(tcp, 0.2), *tcp, grasp::shifted(tcp, &RAISE), carried, put]
+        [grasp::retreated(tcp, 0.2), *tcp, grasp::translated(tcp, &RAISE), carried, put]
     };
     // Closing along the drawer, so that the hand leans back towards the robot and not towards the cabinet.
-    let centred = grasp::from_above(cube, &out, &out);
+    let centred = grasp::top_down(cube, &out, &out);
     let candidates: Vec<Isometry3<f64>> = ASIDE
-        .map(|[back, up]| grasp::shifted(&centred, &Vector3::new(-back, 0.0, up)))
+        .map(|[back, up]| grasp::translated(&centred, &Vector3::new(-back, 0.0, up)))
         .iter()
-        .flat_map(|tcp| LEANS.map(|lean| grasp::leant_back(scene, 0, tcp, lean)))
+        .flat_map(|tcp| LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, tcp, lean)))
         .collect();
-    let first = grasp::first_within_reach(scene, 0, &candidates, stations);
-    let handles = TURNS.map(|turn| grasp::leant_back(scene, 0, &drawer_grip(scene), turn));
+    let first = grasp::first_reachable(scene, 0, &candidates, stations);
+    let handles = TURNS.map(|turn| grasp::tilted_toward_base(scene, 0, &drawer_grip(scene), turn));
     // What is within reach station by station need not be along the way, and the other way round.
     let others = handles.iter().flat_map(|handle| candidates.iter().map(|cube| (*handle, *cube)));
     let grips = core::iter::once((handles[0], first)).chain(others);
-    let joint = |tcp| Move::Joint(vec![Reach { arm: 0, tcp }]);
+    let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
     let plans = grips.map(|(handle, cube)| {
         let [above, at, raised, carried, put] = stations(&cube);
         let mut moves = pull_open(scene, handle, PULL);
         moves.extend([
-            Move::straight(0, grasp::shifted(&grasp::backed_off(&handle, 0.05), &(out * PULL))),
+            Move::straight(0, grasp::translated(&grasp::retreated(&handle, 0.05), &(out * PULL))),
             joint(above),
             Move::straight(0, at),
             Move::close(&[0], 6),
@@ -117,5 +117,5 @@ fn expert(scene: &Scene) -> Vec<Move> {
         ]);
         moves
     });
-    first_in_time(scene, TASK.max_steps, plans)
+    first_feasible(scene, TASK.max_steps, plans)
 }

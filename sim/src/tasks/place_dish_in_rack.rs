@@ -50,8 +50,8 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
             point: [0.0; 3],
             of: Some(rack),
             region: Region::Box {
-                least: [-0.0603, -0.0839, f64::NEG_INFINITY],
-                greatest: [0.0603, 0.0839, f64::INFINITY],
+                min: [-0.0603, -0.0839, f64::NEG_INFINITY],
+                max: [0.0603, 0.0839, f64::INFINITY],
             },
         },
         Predicate::Aligned {
@@ -61,7 +61,7 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
             angle_rad: [libm::acos(0.35), FRAC_PI_2],
             either_way: true,
         },
-        Predicate::Still { body: plate, max_linear: 0.02, max_angular: 0.4 },
+        Predicate::AtRest { body: plate, max_linear: 0.02, max_angular: 0.4 },
         Predicate::Released { body: plate },
         Predicate::Above { body: plate, z_m: -0.01 },
     ]
@@ -87,17 +87,17 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let standing = rack.pose * facing_left * dish::leaning(-DIVIDERS_Y[1], LEAN);
     let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2 - side);
     let into_rack = standing * turned * plate.pose.inverse();
-    let up = |tcp: &Isometry3<f64>, by_m: f64| grasp::shifted(tcp, &(Vector3::z() * by_m));
+    let up = |tcp: &Isometry3<f64>, by_m: f64| grasp::translated(tcp, &(Vector3::z() * by_m));
     let stations = |tcp: &Isometry3<f64>| {
         let put = up(&(into_rack * tcp), DROP);
         let over = up(&put, CLEARANCE);
         let raised = up(tcp, RAISE);
         let transported = Isometry3::from_parts(over.translation, raised.rotation);
-        let [above, away] = [grasp::backed_off(tcp, APPROACH), grasp::backed_off(&put, RETREAT)];
+        let [above, away] = [grasp::retreated(tcp, APPROACH), grasp::retreated(&put, RETREAT)];
         [above, *tcp, raised, transported, over, put, away]
     };
     let candidates = dish::rim_grips(plate, side, &grasp::start_closing(scene, 0));
-    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let tcp = grasp::first_reachable(scene, 0, &candidates, stations);
     let [above, at, raised, transported, over, put, away] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
     let narrow = Move::Grip { arms: vec![0], command: control::gripper_entry(OPENING) as f32, steps: 1 };
     let close = Move::close(&[0], 4);

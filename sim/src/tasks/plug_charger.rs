@@ -97,16 +97,16 @@ const RETREAT: f64 = 0.1;
 fn expert(scene: &Scene) -> Vec<Move> {
     let charger = scene.body("charger");
     let middle = (charger.pose * Point3::new(-BASE[0], 0.0, 0.0)).coords;
-    let side = grasp::same_way_round(charger.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
+    let side = grasp::closest_closing(charger.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
     let candidates = [side, -side]
-        .map(|closing| grasp::leant_back(scene, 0, &grasp::pose(&middle, &-Vector3::z(), &closing), LEAN));
+        .map(|closing| grasp::tilted_toward_base(scene, 0, &grasp::pose(&middle, &-Vector3::z(), &closing), LEAN));
     let stations = |tcp: &Isometry3<f64>| {
-        let retreated = grasp::shifted(&grasp::start_tcp(scene, 0), &(-Vector3::x() * RETREAT));
+        let retreated = grasp::translated(&grasp::start_tcp(scene, 0), &(-Vector3::x() * RETREAT));
         let (goal, tcp_in_charger) = (plugged_in(scene), charger.pose.inverse() * tcp);
         let before_slots = goal * Translation3::new(-0.05, 0.0, 0.0) * tcp_in_charger;
-        [retreated, grasp::backed_off(tcp, 0.05), *tcp, before_slots, goal * tcp_in_charger]
+        [retreated, grasp::retreated(tcp, 0.05), *tcp, before_slots, goal * tcp_in_charger]
     };
-    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let tcp = grasp::first_reachable(scene, 0, &candidates, stations);
     let [retreated, above, at, before_slots, plugged_in] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
     vec![retreated, above, at, Move::close(&[0], 6), before_slots, Move::Hold { steps: 5 }, plugged_in]
 }

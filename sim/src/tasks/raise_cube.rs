@@ -37,7 +37,7 @@ fn nominal() -> SceneSpec {
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let cube = scene.body_idx("cube");
     let rest_z = if profile.scales_thresholds() { scene.bodies[cube].pose.translation.z } else { HALF };
-    vec![Predicate::Above { body: cube, z_m: rest_z + 0.18 }, Predicate::RobotStill { max_qvel: 0.2 }]
+    vec![Predicate::Above { body: cube, z_m: rest_z + 0.18 }, Predicate::RobotAtRest { max_qvel: 0.2 }]
 }
 
 /// How far the cube is raised, in m, a little more than success asks for.
@@ -45,11 +45,11 @@ const RAISE: f64 = 0.225;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let closing = grasp::start_closing(scene, 0);
-    let tcp = grasp::from_above(scene.body("cube"), &closing, &closing);
+    let tcp = grasp::top_down(scene.body("cube"), &closing, &closing);
     vec![
-        Move::straight(0, grasp::backed_off(&tcp, 0.05)),
+        Move::straight(0, grasp::retreated(&tcp, 0.05)),
         Move::straight(0, tcp),
         Move::close(&[0], 6),
-        Move::straight(0, grasp::backed_off(&tcp, RAISE)),
+        Move::straight(0, grasp::retreated(&tcp, RAISE)),
     ]
 }

@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region, single_arm};
-use crate::expert::{Move, first_in_time, grasp};
+use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::profile::ProfileRules;
@@ -83,14 +83,14 @@ const CLEARANCE: f64 = 0.002;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let ways = GRIPS.iter().flat_map(|grip| [(*grip, TURN), (*grip, -TURN)]);
-    first_in_time(scene, TASK.max_steps, ways.map(|(grip, turn)| turned_by(scene, grip, turn)))
+    first_feasible(scene, TASK.max_steps, ways.map(|(grip, turn)| turned_by(scene, grip, turn)))
 }
 
 /// Takes the arrow at a place along its shaft and turns it about its middle.
 fn turned_by(scene: &Scene, grip: f64, turn: f64) -> Vec<Move> {
     let arrow = scene.body("arrow");
     let on_axis = |x: f64| arrow.pose * Point3::new(x * arrow.scale, 0.0, 0.0);
-    let closing = grasp::same_way_round(arrow.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
+    let closing = grasp::closest_closing(arrow.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
     let [x, y, _] = on_axis(grip).coords.into();
     let place = Vector3::new(x, y, SINGLE_TABLE_Z + TIP_BEYOND_TCP + CLEARANCE);
     let tcp = grasp::pose(&place, &-Vector3::z(), &closing);
@@ -98,7 +98,7 @@ fn turned_by(scene: &Scene, grip: f64, turn: f64) -> Vec<Move> {
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
         Isometry3::rotation_wrt_point(rotation, on_axis(PIVOT)) * tcp
     };
-    let above = grasp::backed_off(&tcp, 0.05);
+    let above = grasp::retreated(&tcp, 0.05);
     let mut moves = vec![Move::straight(0, above), Move::straight(0, tcp), Move::close(&[0], 6)];
     moves.extend((1..=N_MOVES).map(|i| Move::straight(0, turned(turn * f64::from(i) / f64::from(N_MOVES)))));
     moves

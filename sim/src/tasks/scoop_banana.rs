@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, box_part, fixed, region, rgb, single_arm, tools};
-use crate::expert::{Move, first_in_time, grasp};
+use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{BodySpec, AppearanceSpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
@@ -75,7 +75,7 @@ const LIFTS: [f64; 2] = [0.03, 0.18];
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let ways = TILTS.iter().flat_map(|tilt| [(*tilt, Vector3::y()), (*tilt, -Vector3::y())]);
-    first_in_time(scene, TASK.max_steps, ways.map(|(tilt, closing)| scooped(scene, &closing, tilt)))
+    first_feasible(scene, TASK.max_steps, ways.map(|(tilt, closing)| scooped(scene, &closing, tilt)))
 }
 
 /// Takes the dustpan, pushes it under the banana until that leans on the wall, tilts it back and lifts it.
@@ -88,7 +88,7 @@ fn scooped(scene: &Scene, closing: &Vector3<f64>, tilt: f64) -> Vec<Move> {
         let ahead = (tools::DUSTPAN_MOUTH - tools::DUSTPAN_GRIP[0]) * dustpan.scale;
         Isometry3::from_parts(Translation3::new(x - ahead, banana.y, grip.z + above_m), tcp.rotation)
     };
-    let raised = |tcp: &Isometry3<f64>, by_m: f64| grasp::shifted(tcp, &(Vector3::z() * by_m));
+    let raised = |tcp: &Isometry3<f64>, by_m: f64| grasp::translated(tcp, &(Vector3::z() * by_m));
     let before = banana.x - BEFORE;
     let under = mouth_at(scene.body("wall").pose.translation.x - WALL[0] - LEFT, 0.0);
     let back = UnitQuaternion::from_axis_angle(&-Vector3::y_axis(), tilt);
@@ -96,7 +96,7 @@ fn scooped(scene: &Scene, closing: &Vector3<f64>, tilt: f64) -> Vec<Move> {
     let close = || Move::close(&[0], 6);
     let to = |tcp| Move::straight(0, tcp);
     vec![
-        to(grasp::backed_off(&tcp, 0.08)),
+        to(grasp::retreated(&tcp, 0.08)),
         to(tcp),
         close(),
         to(raised(&tcp, CARRY)),

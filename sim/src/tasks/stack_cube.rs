@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, single_arm};
-use crate::expert::{Move, Reach, first_in_time, grasp};
+use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::profile::ProfileRules;
@@ -62,7 +62,7 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
             rise_m: HALF * (scale(red) + scale(green)),
             rise_tolerance_m: 0.005,
         },
-        Predicate::Still { body: red, max_linear: 0.01, max_angular: 0.5 },
+        Predicate::AtRest { body: red, max_linear: 0.01, max_angular: 0.5 },
         Predicate::Released { body: red },
     ]
 }
@@ -82,24 +82,24 @@ fn expert(scene: &Scene) -> Vec<Move> {
     };
     let stations = |tcp: &Isometry3<f64>| {
         let raised = Vector3::z() * 0.1;
-        [grasp::backed_off(tcp, 0.05), *tcp, grasp::shifted(tcp, &raised), grasp::shifted(tcp, &onto)]
+        [grasp::retreated(tcp, 0.05), *tcp, grasp::translated(tcp, &raised), grasp::translated(tcp, &onto)]
     };
     let closing = grasp::start_closing(scene, 0);
     // Preferably the open fingers go down on the sides where the green cube is not.
     let upright =
-        [Vector3::z().cross(&onto), onto].map(|preferred| grasp::from_above(red, &preferred, &closing));
+        [Vector3::z().cross(&onto), onto].map(|preferred| grasp::top_down(red, &preferred, &closing));
     let leant = |leans: &'static [f64]| {
-        upright.iter().flat_map(|tcp| leans.iter().map(|lean| grasp::leant_back(scene, 0, tcp, *lean)))
+        upright.iter().flat_map(|tcp| leans.iter().map(|lean| grasp::tilted_toward_base(scene, 0, tcp, *lean)))
     };
     let candidates: Vec<Isometry3<f64>> = leant(&LEANS).chain(leant(&FAR_LEANS)).collect();
-    let [above, at, raised, on_green] = stations(&grasp::first_within_reach(scene, 0, &candidates, stations));
+    let [above, at, raised, on_green] = stations(&grasp::first_reachable(scene, 0, &candidates, stations));
     let to = |tcp| Move::straight(0, tcp);
     let through = |[first, second]: [Isometry3<f64>; 2]| {
-        Move::Through([first, second].map(|tcp| vec![Reach { arm: 0, tcp }]).into())
+        Move::Waypoints([first, second].map(|tcp| vec![TcpGoal { arm: 0, tcp }]).into())
     };
     let (close, open) = (Move::close(&[0], 6), Move::open(&[0], 6));
     // The longest ways are in time only without the stops above the cubes.
     let with_stops = vec![to(above), to(at), close.clone(), to(raised), to(on_green), open.clone()];
     let without = vec![through([above, at]), close, through([raised, on_green]), open];
-    first_in_time(scene, TASK.max_steps + SPARE_STEPS, [with_stops, without].into_iter())
+    first_feasible(scene, TASK.max_steps + SPARE_STEPS, [with_stops, without].into_iter())
 }

@@ -1,7 +1,7 @@
 //! Plans: what is out of reach, what comes after the end, and places that are passed without a stop.
 
 use ipc_types::ControlMode;
-use sim::expert::{Expert, Move, PlanError, Reach, first_in_time, grasp};
+use sim::expert::{Expert, MotionPlanError, Move, TcpGoal, first_feasible, grasp};
 use sim::physics::World;
 use sim::{Perturbation, TaskId};
 
@@ -14,7 +14,7 @@ fn a_plan_out_of_reach_names_its_move() {
     tcp.translation.vector.x = 2.0;
     let moves = [Move::Hold { steps: 2 }, Move::straight(0, tcp)];
     let error = Expert::new(&scene, &moves).expect_err("two metres away");
-    assert!(matches!(error, PlanError { move_idx: 1, name: "straight", arm: 0, .. }), "{error:?}");
+    assert!(matches!(error, MotionPlanError { move_idx: 1, name: "straight", arm: 0, .. }), "{error:?}");
     assert!(error.to_string().starts_with("move 1 (straight): arm 1 has no joint positions"), "{error}");
 }
 
@@ -36,11 +36,11 @@ fn places_are_passed_without_a_stop() {
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
     let start = grasp::start_tcp(&scene, 0);
     let places = [[0.03, 0.0, 0.0], [0.06, 0.01, 0.0], [0.09, 0.03, 0.0]]
-        .map(|by| grasp::shifted(&start, &by.into()))
-        .map(|tcp| vec![Reach { arm: 0, tcp }]);
+        .map(|by| grasp::translated(&start, &by.into()))
+        .map(|tcp| vec![TcpGoal { arm: 0, tcp }]);
     let stopping: Vec<Move> = places.iter().cloned().map(Move::Straight).collect();
     let n_steps = |moves: &[Move]| Expert::new(&scene, moves).expect("reachable").n_steps();
-    let passing = [Move::Through(places.to_vec())];
+    let passing = [Move::Waypoints(places.to_vec())];
     assert!(n_steps(&passing) + 10 < n_steps(&stopping));
     let mut nearest = [f64::INFINITY; 3];
     let end = common::play(&scene, &passing, 20, |_, world| {
@@ -58,9 +58,9 @@ fn places_are_passed_without_a_stop() {
 fn the_first_plan_in_reach_and_in_time_is_taken() {
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
     let out_of_reach =
-        vec![Move::straight(0, grasp::shifted(&grasp::start_tcp(&scene, 0), &[2.0, 0.0, 0.0].into()))];
+        vec![Move::straight(0, grasp::translated(&grasp::start_tcp(&scene, 0), &[2.0, 0.0, 0.0].into()))];
     let [long, short] = [50, 5].map(|steps| vec![Move::Hold { steps }]);
-    let taken = |plans: Vec<Vec<Move>>| first_in_time(&scene, 20, plans.into_iter());
+    let taken = |plans: Vec<Vec<Move>>| first_feasible(&scene, 20, plans.into_iter());
     assert_eq!(taken(vec![out_of_reach.clone(), long.clone(), short.clone()]), short);
     assert_eq!(taken(vec![long.clone(), out_of_reach]), long, "the first of all, as none is in time");
 }

@@ -34,7 +34,8 @@ fn moved_counts_along_its_axis_and_either_way() {
 fn inside_a_box_of_the_world_or_of_a_body() {
     let world = world(vec![stands([0.3, 0.1, 0.5], 0.0), stands([0.1, 0.1, 0.5], FRAC_PI_2)]);
     let holds = |of, point, least, greatest| {
-        Predicate::Inside { body: 0, point, of, region: Region::Box { least, greatest } }.holds(&world)
+        Predicate::Inside { body: 0, point, of, region: Region::Box { min: least, max: greatest } }
+            .holds(&world)
     };
     assert!(Predicate::inside_box(0, [0.29, 0.0, f64::NEG_INFINITY], [0.31, 0.2, 1.0]).holds(&world));
     assert!(!Predicate::inside_box(0, [0.31, 0.0, 0.0], [0.4, 0.2, 1.0]).holds(&world));
@@ -83,7 +84,7 @@ fn opened_by_a_joint() {
     let (axis, damping) = ([0.0, 0.0, -1.0], 20.0);
     let joint = JointSpec { kind: JointKind::Slide, axis, upper: 0.2, damping, friction: 0.0 };
     let scene = bodies_only(vec![brick("drawer", Motion::Jointed(joint), HALF, [0.0, 0.0, 1.0])]);
-    let opened = |world: &World, least| Predicate::Opened { body: 0, least }.holds(world);
+    let opened = |world: &World, min_position| Predicate::Opened { body: 0, min_position }.holds(world);
     assert!(!opened(&after(&scene, 1), 0.1));
     let end = after(&scene, 100);
     assert!(opened(&end, 0.19) && !opened(&end, 0.21));

@@ -73,9 +73,9 @@ fn a_stack_stands_still_once_the_arm_is_away() {
 fn pressing_from_above_is_no_grasp() {
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
     let closing = grasp::start_closing(&scene, 0);
-    let top = Translation3::new(0.0, 0.0, 0.02) * grasp::from_above(scene.body("cube"), &closing, &closing);
+    let top = Translation3::new(0.0, 0.0, 0.02) * grasp::top_down(scene.body("cube"), &closing, &closing);
     let moves =
-        [Move::close(&[0], 10), Move::straight(0, grasp::backed_off(&top, 0.05)), Move::straight(0, top)];
+        [Move::close(&[0], 10), Move::straight(0, grasp::retreated(&top, 0.05)), Move::straight(0, top)];
     let world = common::play(&scene, &moves, 10, |step, world| {
         assert!(!world.is_grasping(0, 0), "a grasp after {step} steps");
     });

@@ -37,7 +37,7 @@ mod tests {
     use super::sin_cos;
 
     #[test]
-    fn sin_cos_matches_std() {
+    fn sin_cos_matches_libm() {
         for i in -2000..2000 {
             let angle = f64::from(i) * 0.01;
             let (sin, cos) = sin_cos(angle);

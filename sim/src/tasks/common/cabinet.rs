@@ -186,7 +186,7 @@ fn handle(middle: &Vector3<f64>, along: &UnitQuaternion<f64>) -> [PartSpec; 3] {
 /// Where a hand that comes straight at the closed drawer takes its handle, closing upwards and downwards.
 pub(in crate::tasks) fn drawer_grip(scene: &Scene) -> Isometry3<f64> {
     let handle = scene.body("drawer").pose;
-    let closing = grasp::same_way_round(Vector3::z(), &grasp::start_closing(scene, 0));
+    let closing = grasp::closest_closing(Vector3::z(), &grasp::start_closing(scene, 0));
     grasp::pose(&handle.translation.vector, &-(handle.rotation * Vector3::x()), &closing)
 }
 
@@ -196,10 +196,10 @@ pub(in crate::tasks) fn pull_open(scene: &Scene, tcp: Isometry3<f64>, by_m: f64)
     // Not opened once more before the handle, as in the benchmark: the longest plans would outlast the episode.
     vec![
         Move::open(&[0], 6),
-        Move::straight(0, grasp::backed_off(&tcp, 0.05)),
+        Move::straight(0, grasp::retreated(&tcp, 0.05)),
         Move::straight(0, tcp),
         Move::close(&[0], 6),
-        Move::straight(0, grasp::shifted(&tcp, &(out * by_m))),
+        Move::straight(0, grasp::translated(&tcp, &(out * by_m))),
         Move::open(&[0], 6),
     ]
 }

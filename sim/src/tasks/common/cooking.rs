@@ -104,15 +104,15 @@ const LEANS: [f64; 3] = [0.0, 0.3, 0.6];
 /// Takes what is at `place` from above, between fingers that close along x, and lets it go `way` from there; in m.
 pub(in crate::tasks) fn bring(scene: &Scene, place: Vector3<f64>, way: Vector3<f64>) -> Vec<Move> {
     let at_height =
-        |tcp: &Isometry3<f64>, z: f64| grasp::shifted(tcp, &(Vector3::z() * (z - tcp.translation.z)));
+        |tcp: &Isometry3<f64>, z: f64| grasp::translated(tcp, &(Vector3::z() * (z - tcp.translation.z)));
     let stations = |tcp: &Isometry3<f64>| {
-        let there = grasp::shifted(tcp, &way);
+        let there = grasp::translated(tcp, &way);
         [at_height(tcp, 0.15), *tcp, at_height(tcp, 0.25), at_height(&there, 0.25), there]
     };
     let upright = [1.0, -1.0].map(|way| grasp::pose(&place, &-Vector3::z(), &(Vector3::x() * way)));
-    let leant = |tcp| LEANS.map(|lean| grasp::leant_back(scene, 0, tcp, lean));
+    let leant = |tcp| LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, tcp, lean));
     let candidates: Vec<_> = upright.iter().flat_map(leant).collect();
-    let tcp = grasp::first_within_reach(scene, 0, &candidates, stations);
+    let tcp = grasp::first_reachable(scene, 0, &candidates, stations);
     let [above, at, raised, over, there] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
     vec![above, at, Move::close(&[0], 6), raised, over.clone(), there, Move::open(&[0], 6), over]
 }

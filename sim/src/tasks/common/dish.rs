@@ -198,7 +198,7 @@ pub(in crate::tasks) fn rim_grips(
 ) -> [Isometry3<f64>; 2] {
     let wall = plate.pose * piece(azimuth_rad);
     let position = wall * Point3::new(0.0, 0.0, WALL / 2.0 - GRIP_DEPTH);
-    let closing = grasp::same_way_round(wall.rotation * Vector3::x(), closing_now);
+    let closing = grasp::closest_closing(wall.rotation * Vector3::x(), closing_now);
     [closing, -closing]
         .map(|closing| grasp::pose(&position.coords, &(wall.rotation * -Vector3::z()), &closing))
 }

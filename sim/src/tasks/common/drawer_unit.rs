@@ -195,12 +195,13 @@ impl Pull {
     ) -> Self {
         let out = drawer.pose.rotation * Vector3::x();
         let bar = drawer.pose * Point3::new(BAR, 0.0, 0.0);
-        let closing = grasp::same_way_round(Vector3::z(), closing);
+        let closing = grasp::closest_closing(Vector3::z(), closing);
         let straight = grasp::pose(&bar.coords, &-out, &closing);
-        let candidates = LEANS.map(|lean| grasp::leant_back(scene, arm, &straight, lean));
-        let stations =
-            |tcp: &Isometry3<f64>| [grasp::backed_off(tcp, BEFORE), *tcp, grasp::shifted(tcp, &(out * by_m))];
-        let tcp = grasp::first_within_reach(scene, arm, &candidates, stations);
+        let candidates = LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &straight, lean));
+        let stations = |tcp: &Isometry3<f64>| {
+            [grasp::retreated(tcp, BEFORE), *tcp, grasp::translated(tcp, &(out * by_m))]
+        };
+        let tcp = grasp::first_reachable(scene, arm, &candidates, stations);
         let [before, at, open] = stations(&tcp);
         Self { before, at, open }
     }

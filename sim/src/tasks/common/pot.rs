@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::vessel::Vessel;
 use super::{BIMANUAL_TABLE_Z, movable, rgb, visual_of};
-use crate::expert::{Move, both, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::scene::{AppearanceSpec, BodySpec, PartSpec, Primitive, Scene, VisualShape, VisualSpec};
 
 /// Start pose P of spec/tasks.md §3: the hands level, on either side of the pot and turned to it.
@@ -63,17 +63,17 @@ pub(in crate::tasks) fn grips(scene: &Scene) -> [Isometry3<f64>; 2] {
         let side = [-1.0, 1.0][arm];
         let bar = pot.pose * Point3::from(Vector3::new(0.0, side * BAR_AT, BAR_Z) * pot.scale);
         let inwards = pot.pose.rotation * Vector3::y() * -side;
-        let closing = grasp::same_way_round(Vector3::z(), &grasp::start_closing(scene, arm));
+        let closing = grasp::closest_closing(Vector3::z(), &grasp::start_closing(scene, arm));
         grasp::pose(&bar.coords, &inwards, &closing)
     })
 }
 
 /// The TCP pose from where a hand comes to its handle.
 pub(in crate::tasks) fn away(grip: &Isometry3<f64>) -> Isometry3<f64> {
-    grasp::backed_off(grip, AWAY)
+    grasp::retreated(grip, AWAY)
 }
 
 /// Goes on to the handles and takes the pot by both.
 pub(in crate::tasks) fn seize(grips: &[Isometry3<f64>; 2]) -> [Move; 3] {
-    [Move::Straight(both(*grips)), Move::close(&[0], 10), Move::close(&[1], 10)]
+    [Move::Straight(both_arms(*grips)), Move::close(&[0], 10), Move::close(&[1], 10)]
 }

@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{BIMANUAL_TABLE_Z, ExternalCameras, GOAL_RADIUS};
-use crate::expert::{Move, Reach, both, grasp};
+use crate::expert::{Move, TcpGoal, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::profile::ProfileRules;
@@ -69,36 +69,36 @@ impl Way {
         };
         let stations = |tcp: &Isometry3<f64>| {
             let up = Vector3::z() * CLEARANCE;
-            let down = grasp::shifted(tcp, &to_goal);
-            let raised = grasp::shifted(tcp, &(up + Vector3::z() * base_m));
-            [grasp::backed_off(tcp, 0.1), *tcp, raised, grasp::shifted(&down, &up), down]
+            let down = grasp::translated(tcp, &to_goal);
+            let raised = grasp::translated(tcp, &(up + Vector3::z() * base_m));
+            [grasp::retreated(tcp, 0.1), *tcp, raised, grasp::translated(&down, &up), down]
         };
         let closing = grasp::start_closing(scene, arm);
         let candidates: Vec<Isometry3<f64>> = [closing, Vector3::z().cross(&closing)]
             .iter()
-            .map(|preferred| grasp::from_above(cube, preferred, &closing))
-            .flat_map(|tcp| LEANS.map(|lean| grasp::leant_back(scene, arm, &tcp, lean)))
+            .map(|preferred| grasp::top_down(cube, preferred, &closing))
+            .flat_map(|tcp| LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &tcp, lean)))
             .collect();
-        let tcp = grasp::first_within_reach(scene, arm, &candidates, stations);
+        let tcp = grasp::first_reachable(scene, arm, &candidates, stations);
         let [above, at, raised, over, down] = stations(&tcp);
         Self { arm, above, at, raised, over, down }
     }
 
     /// The gripped cube raised.
-    pub(in crate::tasks) fn raised(&self) -> Reach {
-        Reach { arm: self.arm, tcp: self.raised }
+    pub(in crate::tasks) fn raised(&self) -> TcpGoal {
+        TcpGoal { arm: self.arm, tcp: self.raised }
     }
 
     /// The gripped cube out of the other arm's way: raised, and nearer to the arm's own base.
-    pub(in crate::tasks) fn aside(&self, scene: &Scene) -> Reach {
+    pub(in crate::tasks) fn aside(&self, scene: &Scene) -> TcpGoal {
         let home = scene.robots[self.arm].base.translation.vector - self.raised.translation.vector;
         let back = Vector3::new(home.x, home.y, 0.0).normalize() * ASIDE;
-        Reach { arm: self.arm, tcp: grasp::shifted(&self.raised, &back) }
+        TcpGoal { arm: self.arm, tcp: grasp::translated(&self.raised, &back) }
     }
 
     /// Carries the raised cube over the goal; `leaving` is where the other arm goes meanwhile, if it does.
-    pub(in crate::tasks) fn carry(&self, leaving: Option<Reach>) -> Move {
-        Move::Straight(leaving.into_iter().chain([Reach { arm: self.arm, tcp: self.over }]).collect())
+    pub(in crate::tasks) fn carry(&self, leaving: Option<TcpGoal>) -> Move {
+        Move::Straight(leaving.into_iter().chain([TcpGoal { arm: self.arm, tcp: self.over }]).collect())
     }
 
     /// Lets the cube go on the goal and backs off from it.
@@ -107,7 +107,7 @@ impl Way {
         [
             Move::straight(*arm, *down),
             Move::open(&[*arm], 6),
-            Move::straight(*arm, grasp::backed_off(down, CLEARANCE)),
+            Move::straight(*arm, grasp::retreated(down, CLEARANCE)),
         ]
     }
 }
@@ -116,7 +116,7 @@ impl Way {
 pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> Vec<Move> {
     let (first, second) =
         (Way::new(scene, 0, lower, 0.0), Way::new(scene, 1, upper, 2.0 * HALF * lower.scale));
-    let to = |tcps| Move::Straight(both(tcps));
+    let to = |tcps| Move::Straight(both_arms(tcps));
     let mut moves = vec![to([first.above, second.above]), to([first.at, second.at]), Move::close(&[0, 1], 6)];
     moves.extend([Move::Straight(vec![first.raised(), second.aside(scene)]), first.carry(None)]);
     moves.extend(first.put());
@@ -126,6 +126,6 @@ pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> 
 }
 
 /// Where an arm is out of the other's way.
-pub(in crate::tasks) fn parked(scene: &Scene, arm: usize) -> Reach {
-    Reach { arm, tcp: grasp::start_tcp(scene, arm) }
+pub(in crate::tasks) fn parked(scene: &Scene, arm: usize) -> TcpGoal {
+    TcpGoal { arm, tcp: grasp::start_tcp(scene, arm) }
 }
