@@ -52,7 +52,7 @@ fn draw<S: Simd, B: Block, L: Lens>(
 ) {
     let stretch = S::F::all(view_from_mesh.max_scale());
     let map = Map::<S>::new(view_from_mesh);
-    let view_from_steps = Map::<S>::new(&view_from_mesh.scale_columns(mesh.steps));
+    let view_from_steps = Map::<S>::new(&view_from_mesh.scale_columns(mesh.grid_step));
     for (sixteen, bounds) in mesh.bounds.iter().enumerate() {
         let centre = map.points(&bounds.centre);
         let missed = lens.misses::<S>(bounds, &centre, S::F::load(&bounds.radius) * stretch);
@@ -64,7 +64,7 @@ fn draw<S: Simd, B: Block, L: Lens>(
                 draw_batch::<S, B, L>(corners, &view_from_steps, lens, first_id, shares, visibility);
             for lane in Lanes(clipped) {
                 let triangle = each!(k in 3 => view_from_mesh.transform_point(
-                    each!(axis in 3 => f32::from(corners[k][axis].0[lane]) * mesh.steps[axis])
+                    each!(axis in 3 => f32::from(corners[k][axis].0[lane]) * mesh.grid_step[axis])
                 ));
                 lens.clip::<S, B>(triangle, first_id + lane as i32, visibility);
             }

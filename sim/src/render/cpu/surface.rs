@@ -273,7 +273,7 @@ struct Kit<S: Simd> {
 impl<S: Simd> Kit<S> {
     #[inline(always)]
     fn new(instance: &Instance, view_from_mesh: &Affine3, camera: &PinholeCamera, scale: usize) -> Self {
-        let (material, steps) = (&instance.material, instance.mesh().packed.steps);
+        let (material, steps) = (&instance.material, instance.mesh().packed.grid_step);
         let from_mesh =
             camera.centring_shear().map_or(*view_from_mesh, |centring| centring.compose(view_from_mesh));
         let normals = Affine3 { linear: view_from_mesh.cofactors(), offset: [0.0; 3] };

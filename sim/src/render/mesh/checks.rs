@@ -1,4 +1,4 @@
-//! What the tests of every mesh generator ask of a mesh.
+//! Assertions shared by the tests of all mesh generators.
 
 use core::f32::consts::TAU;
 use core::fmt::Debug;
@@ -6,27 +6,28 @@ use core::fmt::Debug;
 use super::Mesh;
 use crate::render::math::affine::{Vec3, add, cross, dot, sub};
 
-/// The directed edges of a mesh between places, not vertices: faces meet at edges where their normals differ.
+/// Returns the directed edges of a mesh, sorted. Their ends are positions rather than vertices, because faces that meet
+/// at a sharp edge share no vertices.
 fn edges(mesh: &Mesh) -> Vec<[[u32; 3]; 2]> {
-    // Adding zero makes −0 and 0 the same place.
-    let place = |i: u32| mesh.position(i).map(|x| (x + 0.0).to_bits());
+    // Adding zero maps −0 to 0.
+    let position = |i: u32| mesh.position(i).map(|x| (x + 0.0).to_bits());
     let sides = mesh.triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
-    let mut edges: Vec<[[u32; 3]; 2]> = sides.map(|side| side.map(place)).collect();
+    let mut edges: Vec<[[u32; 3]; 2]> = sides.map(|side| side.map(position)).collect();
     edges.sort_unstable();
     edges
 }
 
-/// Every edge has a triangle on either side.
+/// Asserts that every edge has a triangle on either side.
 pub(super) fn assert_closed(name: &dyn Debug, mesh: &Mesh) {
-    let there = edges(mesh);
-    let mut back: Vec<_> = there.iter().map(|[a, b]| [*b, *a]).collect();
-    back.sort_unstable();
-    assert!(there == back, "{name:?}: an edge has a triangle on one side only");
+    let forward = edges(mesh);
+    let mut backward: Vec<_> = forward.iter().map(|[a, b]| [*b, *a]).collect();
+    backward.sort_unstable();
+    assert!(forward == backward, "{name:?}: an edge has a triangle on one side only");
 }
 
-/// Normals are unit and look to the side from which their triangles are counter-clockwise.
+/// Asserts that all normals have unit length and point to the side from which their triangles are counter-clockwise.
 pub(super) fn assert_normals_follow_faces(name: &dyn Debug, mesh: &Mesh) {
-    // Where a sharp crease is rounded off, a few slivers look aside.
+    // A few slivers along rounded creases may deviate.
     let (mut area, mut wrong) = (0.0, 0.0);
     for corners in &mesh.triangles {
         let [a, b, c] = corners.map(|i| mesh.position(i));
@@ -37,10 +38,13 @@ pub(super) fn assert_normals_follow_faces(name: &dyn Debug, mesh: &Mesh) {
         wrong += if dot(face, add(add(l, m), n)) <= 0.0 { size } else { 0.0 };
     }
     assert!(wrong <= 0.002 * area, "{name:?}: {wrong} of {area}");
-    assert!(mesh.normals.iter().all(|n| (dot(*n, *n) - 1.0).abs() < 1e-3), "{name:?}: a normal is not unit");
+    assert!(
+        mesh.normals.iter().all(|n| (dot(*n, *n) - 1.0).abs() < 1e-3),
+        "{name:?}: a normal does not have unit length"
+    );
 }
 
-/// Size of the mesh along x, y and z in m.
+/// Returns the size of the mesh along x, y and z, in m.
 pub(super) fn extents_m(mesh: &Mesh) -> Vec3 {
     core::array::from_fn(|axis| {
         let coordinates = || mesh.positions[axis].iter().copied();
@@ -48,7 +52,7 @@ pub(super) fn extents_m(mesh: &Mesh) -> Vec3 {
     })
 }
 
-/// A closed mesh whose triangles look outwards and which has about this size and volume.
+/// Asserts that a mesh is closed, has outward-facing triangles and has about this size and volume.
 pub(super) fn assert_solid(name: &dyn Debug, mesh: &Mesh, extents_m: Vec3, volume_m3: f32) {
     assert_closed(name, mesh);
     assert_normals_follow_faces(name, mesh);
@@ -73,7 +77,7 @@ pub(super) fn assert_solid(name: &dyn Debug, mesh: &Mesh, extents_m: Vec3, volum
     );
 }
 
-/// Area of the regular polygon of n corners on the unit circle.
+/// Returns the area of the regular n-gon inscribed in the unit circle.
 pub(super) fn polygon_area(n: usize) -> f32 {
     0.5 * n as f32 * libm::sinf(TAU / n as f32)
 }

@@ -1,73 +1,74 @@
-//! Clusters: runs of successive triangles that lie close together and look alike, so that a renderer can pass over a
-//! whole run that looks away from the eye or lies outside its picture.
+//! Clusters of triangles with a bounding sphere and a normal cone, so that a renderer can cull all triangles of a cluster
+//! at once if they face away from the eye or lie outside the image.
 
 use core::cmp::Ordering;
 
 use super::{Mesh, bounding_sphere};
 use crate::render::math::affine::{Vec3, add, cross, dot, normalised, scaled};
 
-/// Triangles of a cluster; the last of a mesh may have fewer.
+/// Triangles per cluster. The last cluster of a mesh may have fewer.
 pub(in crate::render) const CLUSTER_SIZE: usize = 16;
-/// Added to every cutoff, well above the rounding errors of the test in single precision.
+/// Margin added to every cutoff, well above the rounding error of the culling test in single precision.
 const SLACK: f32 = 1e-4;
-/// A cutoff that no eye reaches, for normals that do not fit a half space.
-const NEVER: f32 = 2.0;
+/// Cutoff of a cluster that is never culled because its normals do not fit into a half space.
+const NEVER_CULLED: f32 = 2.0;
 
-/// Bounds of a run of triangles in the mesh's frame.
+/// Bounds of a cluster, in the mesh frame.
 ///
-/// The cluster is wholly back-facing for an eye E if, with v = `centre` − E and d = |v|,
+/// Every triangle of the cluster is back-facing for an eye E if, with v = `centre` − E and d = |v|,
 ///
 /// > v · `axis` ≥ `cutoff` · d + `radius`.
 ///
-/// This never passes over a triangle that faces the eye. Let θ < 90° be the greatest angle between `axis` and a
-/// triangle's unit normal n, `cutoff` = sin θ, and φ the angle between `axis` and v. The condition is
-/// cos φ ≥ sin θ + radius / d; so cos φ ≥ sin θ and φ = 90° − θ − δ for a δ ≥ 0. Then
+/// The test never culls a triangle that faces the eye. Proof: let θ < 90° be the largest angle between `axis` and the
+/// unit normal n of a triangle, `cutoff` = sin θ, and φ the angle between `axis` and v. The condition is
+/// cos φ ≥ sin θ + radius / d, hence cos φ ≥ sin θ and φ = 90° − θ − δ for some δ ≥ 0. Then
 ///
 /// > radius / d ≤ cos φ − sin θ = sin(θ + δ) − sin θ = sin θ (cos δ − 1) + cos θ sin δ ≤ sin δ.
 ///
-/// The angle between v and n is at most φ + θ = 90° − δ, so v · n ≥ d sin δ ≥ radius. A corner p of the triangle is within
-/// `radius` of `centre`, so (p − E) · n ≥ v · n − radius ≥ 0: the eye is not in front of the triangle's plane. ∎
+/// The angle between v and n is at most φ + θ = 90° − δ, so v · n ≥ d sin δ ≥ radius. A corner p of the triangle lies
+/// within `radius` of `centre`, so (p − E) · n ≥ v · n − radius ≥ 0: the eye is not in front of the triangle's plane. ∎
 ///
-/// A greater cutoff culls less and is safe too. ProjectionAxis is kept by every affine map that does not mirror, so an eye may be
-/// taken to the frame of a mesh that is drawn stretched.
+/// A larger cutoff culls less and is therefore also safe. An affine transform that does not mirror preserves facing, so
+/// the test works in the mesh frame of an instance with nonuniform scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Cluster {
-    /// Centre of a sphere that holds the vertices.
+    /// Centre of the bounding sphere.
     pub(in crate::render) centre: Vec3,
-    /// Radius of that sphere.
+    /// Radius of the bounding sphere.
     pub(in crate::render) radius: f32,
-    /// Unit axis of a cone that holds the triangles' normals; zero where these cancel out.
+    /// Unit axis of the normal cone; zero if the normals cancel out.
     pub(in crate::render) axis: Vec3,
-    /// Sine of the cone's half angle and some slack; 2, which no eye reaches, if that is not below a right angle.
+    /// Sine of the half angle of the normal cone plus a margin, or 2 (never culled) if the half angle is not below 90°.
     pub(in crate::render) cutoff: f32,
 }
 
-/// Reorders the triangles of a finished mesh so that every run of [`CLUSTER_SIZE`] is compact in space and in normal.
-pub(super) fn order(mesh: &mut Mesh) {
-    let mut items: Vec<Item> = (0..mesh.triangles.len()).map(|index| Item::new(mesh, index)).collect();
-    split(&mut items);
-    mesh.triangles = items.iter().map(|item| mesh.triangles[item.index]).collect();
-    mesh.projection_axes = items.iter().map(|item| mesh.projection_axes[item.index]).collect();
+/// Sorts the triangles of a mesh so that every chunk of [`CLUSTER_SIZE`] is compact in position and normal.
+pub(super) fn sort_triangles(mesh: &mut Mesh) {
+    let mut keys: Vec<TriangleKey> =
+        (0..mesh.triangles.len()).map(|index| TriangleKey::new(mesh, index)).collect();
+    partition(&mut keys);
+    mesh.triangles = keys.iter().map(|key| mesh.triangles[key.index]).collect();
+    mesh.projection_axes = keys.iter().map(|key| mesh.projection_axes[key.index]).collect();
 }
 
-/// The cluster of every run of [`CLUSTER_SIZE`] triangles.
-pub(super) fn of(mesh: &Mesh) -> Vec<Cluster> {
-    mesh.triangles.chunks(CLUSTER_SIZE).map(|run| cluster(mesh, run)).collect()
+/// Computes the bounds of every chunk of [`CLUSTER_SIZE`] triangles.
+pub(super) fn compute(mesh: &Mesh) -> Vec<Cluster> {
+    mesh.triangles.chunks(CLUSTER_SIZE).map(|triangles| cluster(mesh, triangles)).collect()
 }
 
-fn cluster(mesh: &Mesh, run: &[[u32; 3]]) -> Cluster {
-    let (centre, radius) = bounding_sphere(run.iter().flatten().map(|i| mesh.position(*i)));
-    let normals: Vec<Vec3> = run.iter().map(|corners| face_normal(mesh, *corners)).collect();
+fn cluster(mesh: &Mesh, triangles: &[[u32; 3]]) -> Cluster {
+    let (centre, radius) = bounding_sphere(triangles.iter().flatten().map(|i| mesh.position(*i)));
+    let normals: Vec<Vec3> = triangles.iter().map(|corners| face_normal(mesh, *corners)).collect();
     let axis = normals.iter().copied().fold([0.0; 3], add);
-    // A sum of zero leaves no direction, and no normal agrees with it.
+    // A sum of zero has no direction, and then no normal passes the check below.
     let axis = if dot(axis, axis) > 0.0 { normalised(axis) } else { axis };
     let fits = normals.iter().all(|n| dot(*n, axis) > 0.0);
-    // The sine from the cross product is exact to rounding even for a flat cluster, where that from the cosine is not.
+    // Computed by a cross product: unlike √(1 − cos²), it is accurate for flat clusters too.
     let sine = normals.iter().map(|n| cross(*n, axis)).map(|s| dot(s, s).sqrt()).fold(0.0, f32::max);
-    Cluster { centre, radius, axis, cutoff: if fits { sine + SLACK } else { NEVER } }
+    Cluster { centre, radius, axis, cutoff: if fits { sine + SLACK } else { NEVER_CULLED } }
 }
 
-/// Unit normal of a triangle, computed in double precision: a sliver's would be far off in single.
+/// Returns the unit normal of a triangle, computed in double precision: single precision fails for slivers.
 fn face_normal(mesh: &Mesh, corners: [u32; 3]) -> Vec3 {
     let [a, b, c] = corners.map(|i| mesh.position(i).map(f64::from));
     let normal: [f64; 3] = core::array::from_fn(|i| {
@@ -78,54 +79,54 @@ fn face_normal(mesh: &Mesh, corners: [u32; 3]) -> Vec3 {
     normal.map(|x| (x / length) as f32)
 }
 
-/// A triangle while it is sorted.
-struct Item {
-    /// Its place in the mesh, which decides between equals.
+/// Sort key of a triangle.
+struct TriangleKey {
+    /// Index in the mesh; breaks ties.
     index: usize,
-    /// Centroid in units of the mesh's radius, then unit normal.
-    key: [f32; 6],
+    /// Centroid in units of the mesh radius, then unit normal.
+    coordinates: [f32; 6],
 }
 
-impl Item {
+impl TriangleKey {
     fn new(mesh: &Mesh, index: usize) -> Self {
         let corners = mesh.triangles[index];
         let sum = corners.map(|i| mesh.position(i)).into_iter().fold([0.0; 3], add);
         let [x, y, z] = scaled(sum, 1.0 / (3.0 * mesh.radius));
         let [l, m, n] = face_normal(mesh, corners);
-        Self { index, key: [x, y, z, l, m, n] }
+        Self { index, coordinates: [x, y, z, l, m, n] }
     }
 
-    fn along(&self, axis: usize, other: &Self) -> Ordering {
-        self.key[axis].total_cmp(&other.key[axis]).then(self.index.cmp(&other.index))
+    fn cmp_along(&self, axis: usize, other: &Self) -> Ordering {
+        self.coordinates[axis].total_cmp(&other.coordinates[axis]).then(self.index.cmp(&other.index))
     }
 }
 
-/// Halves the items across the axis along which they differ most, and each half in turn, down to single clusters; only these
-/// are sorted.
-fn split(items: &mut [Item]) {
-    if items.len() <= CLUSTER_SIZE {
+/// Splits the keys recursively at the median of the axis of greatest variance, down to single clusters. Only these are
+/// sorted.
+fn partition(keys: &mut [TriangleKey]) {
+    if keys.len() <= CLUSTER_SIZE {
         return;
     }
-    let axis = widest(items);
-    // The first half is whole clusters, so that only the last of all can be short.
-    let middle = (items.len() / 2 + CLUSTER_SIZE / 2) / CLUSTER_SIZE * CLUSTER_SIZE;
-    items.select_nth_unstable_by(middle, |a, b| a.along(axis, b));
-    let (low, high) = items.split_at_mut(middle);
+    let axis = max_variance_axis(keys);
+    // The first half consists of whole clusters, so only the last cluster of the mesh can be short.
+    let middle = (keys.len() / 2 + CLUSTER_SIZE / 2) / CLUSTER_SIZE * CLUSTER_SIZE;
+    keys.select_nth_unstable_by(middle, |a, b| a.cmp_along(axis, b));
+    let (low, high) = keys.split_at_mut(middle);
     for half in [low, high] {
         if half.len() <= CLUSTER_SIZE {
-            half.sort_unstable_by(|a, b| a.along(axis, b));
+            half.sort_unstable_by(|a, b| a.cmp_along(axis, b));
         } else {
-            split(half);
+            partition(half);
         }
     }
 }
 
-/// The axis of the key along which the items' variance is greatest; the first of equals. Their extent would be that of the few
-/// at the ends.
-fn widest(items: &[Item]) -> usize {
+/// Returns the coordinate of greatest variance, the first of equals. Variance is used instead of extent because the
+/// extent depends on outliers alone.
+fn max_variance_axis(keys: &[TriangleKey]) -> usize {
     let variance = |axis: usize| {
-        let values = items.iter().map(|item| item.key[axis]);
-        let mean = values.clone().sum::<f32>() / items.len() as f32;
+        let values = keys.iter().map(|key| key.coordinates[axis]);
+        let mean = values.clone().sum::<f32>() / keys.len() as f32;
         values.map(|value| (value - mean) * (value - mean)).sum::<f32>()
     };
     let variances: [f32; 6] = core::array::from_fn(variance);
@@ -135,12 +136,12 @@ fn widest(items: &[Item]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::super::{MeshId, MeshLibrary, extrusion, lathe, rounded_box, torus};
-    use super::{CLUSTER_SIZE, Cluster, Mesh, NEVER, of, order};
+    use super::{CLUSTER_SIZE, Cluster, Mesh, NEVER_CULLED, compute, sort_triangles};
     use crate::render::math::affine::{Vec3, dot, scaled, sub};
     use crate::render::math::trig::on_circle;
 
-    /// A ball of radius 0.1 m with some 3,000 triangles.
-    fn ball() -> Mesh {
+    /// Returns a sphere of radius 0.1 m with about 3,000 triangles.
+    fn sphere() -> Mesh {
         let half = 32;
         let arc =
             (1..half).map(|i| on_circle(i + 3 * half / 2, 2 * half)).map(|(cos, sin)| [0.1 * cos, 0.1 * sin]);
@@ -152,7 +153,7 @@ mod tests {
         let bowl = [[0.0, 0.0], [0.03, 0.0], [0.08, 0.06], [0.075, 0.06], [0.03, 0.005], [0.0, 0.005]];
         let ell = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.03], [0.04, 0.03], [0.04, 0.1], [0.0, 0.1]];
         vec![
-            ("ball", ball()),
+            ("sphere", sphere()),
             ("bowl", lathe::mesh(&bowl)),
             ("torus", torus::mesh(0.05, 0.01)),
             ("ell", extrusion::mesh(&ell, &[], 0.002)),
@@ -160,7 +161,7 @@ mod tests {
         ]
     }
 
-    /// Points in the cube of half extent 1 from a linear congruence.
+    /// Returns pseudo-random points in the cube of half extent 1, from a linear congruential generator.
     fn points(n: usize) -> impl Iterator<Item = Vec3> {
         let mut state = 1_u64;
         let mut draw = move || {
@@ -175,7 +176,7 @@ mod tests {
         dot(v, cluster.axis) >= cluster.cutoff * dot(v, v).sqrt() + cluster.radius
     }
 
-    /// Six times the volume between the eye and the triangle, in double precision: positive if it faces the eye.
+    /// Returns `true` if a triangle faces the eye, by the sign of the volume that they span, in double precision.
     fn faces(mesh: &Mesh, corners: [u32; 3], eye: Vec3) -> bool {
         let off = |i: u32| -> [f64; 3] {
             let p = mesh.position(i);
@@ -187,37 +188,37 @@ mod tests {
     }
 
     fn culled_share(mesh: &Mesh, eye: Vec3) -> f32 {
-        let clusters = of(mesh);
+        let clusters = compute(mesh);
         clusters.iter().filter(|cluster| is_culled(cluster, eye)).count() as f32 / clusters.len() as f32
     }
 
-    fn assert_nothing_seen_is_culled(name: &str, mesh: &Mesh) {
-        let clusters = of(mesh);
-        // Eyes at all distances, down to inside the mesh.
+    fn assert_no_visible_triangle_culled(name: &str, mesh: &Mesh) {
+        let clusters = compute(mesh);
+        // Eyes at various distances, some of them inside the mesh.
         for (i, point) in points(200).enumerate() {
             let eye = scaled(point, mesh.radius * [0.5, 1.0, 1.5, 5.0, 100.0][i % 5]);
-            let runs = clusters.iter().zip(mesh.triangles.chunks(CLUSTER_SIZE));
-            for (cluster, run) in runs.filter(|(cluster, _)| is_culled(cluster, eye)) {
-                let seen = run.iter().find(|corners| faces(mesh, **corners, eye));
-                assert!(seen.is_none(), "{name}: {seen:?} of {cluster:?} faces {eye:?}");
+            let chunks = clusters.iter().zip(mesh.triangles.chunks(CLUSTER_SIZE));
+            for (cluster, chunk) in chunks.filter(|(cluster, _)| is_culled(cluster, eye)) {
+                let visible = chunk.iter().find(|corners| faces(mesh, **corners, eye));
+                assert!(visible.is_none(), "{name}: {visible:?} of {cluster:?} faces {eye:?}");
             }
         }
     }
 
     #[test]
-    fn no_triangle_of_a_culled_cluster_faces_the_eye() {
+    fn culled_clusters_contain_no_visible_triangle() {
         for (name, mut mesh) in meshes() {
-            assert_nothing_seen_is_culled(name, &mesh);
-            order(&mut mesh);
-            assert_nothing_seen_is_culled(name, &mesh);
+            assert_no_visible_triangle_culled(name, &mesh);
+            sort_triangles(&mut mesh);
+            assert_no_visible_triangle_culled(name, &mesh);
         }
         let library = MeshLibrary::new();
-        assert_nothing_seen_is_culled("link", library.get(MeshId::Link(5)));
+        assert_no_visible_triangle_culled("link", library.get(MeshId::Link(5)));
     }
 
     #[test]
-    fn about_half_of_a_ball_is_culled_for_a_far_eye() {
-        let mesh = ball();
+    fn distant_eye_culls_about_half_of_sphere() {
+        let mesh = sphere();
         for point in points(50).filter(|p| dot(*p, *p) > 0.1) {
             let share = culled_share(&mesh, scaled(point, 100.0));
             assert!((0.36..0.5).contains(&share), "{share} from {point:?}");
@@ -225,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn order_keeps_every_triangle_with_its_facing() {
+    fn sorting_preserves_triangles_and_projection_axes() {
         for (name, mut mesh) in meshes() {
             let pairs = |mesh: &Mesh| {
                 let mut pairs: Vec<_> =
@@ -234,36 +235,36 @@ mod tests {
                 pairs
             };
             let before = pairs(&mesh);
-            order(&mut mesh);
+            sort_triangles(&mut mesh);
             assert!(before == pairs(&mesh), "{name}");
-            assert_eq!(of(&mesh).len(), mesh.triangles.len().div_ceil(CLUSTER_SIZE), "{name}");
+            assert_eq!(compute(&mesh).len(), mesh.triangles.len().div_ceil(CLUSTER_SIZE), "{name}");
         }
     }
 
     #[test]
-    fn order_is_the_same_every_time() {
+    fn sorting_is_deterministic() {
         for ((name, mut a), (_, mut b)) in meshes().into_iter().zip(meshes()) {
-            order(&mut a);
-            order(&mut b);
-            assert!(a.triangles == b.triangles && of(&a) == of(&b), "{name}");
+            sort_triangles(&mut a);
+            sort_triangles(&mut b);
+            assert!(a.triangles == b.triangles && compute(&a) == compute(&b), "{name}");
         }
     }
 
     #[test]
-    fn clusters_are_as_compact_as_their_area_allows() {
-        let mesh = ball();
-        let clusters = of(&mesh);
+    fn clusters_are_compact() {
+        let mesh = sphere();
+        let clusters = compute(&mesh);
         let mean = clusters.iter().map(|cluster| cluster.radius).sum::<f32>() / clusters.len() as f32;
-        // A round patch of the same share of the ball of 0.1 m would have this radius.
-        let round = 0.1 * 2.0 / (clusters.len() as f32).sqrt();
-        assert!(mean < 1.6 * round, "{mean}, where a disc would have {round}");
+        // Radius of a disc that covers the same share of the sphere of radius 0.1 m.
+        let disc = 0.1 * 2.0 / (clusters.len() as f32).sqrt();
+        assert!(mean < 1.6 * disc, "mean radius {mean}, a disc has {disc}");
     }
 
     #[test]
-    fn normals_all_around_are_never_culled() {
-        // A box of twelve triangles is one cluster.
+    fn clusters_with_opposing_normals_are_never_culled() {
+        // The twelve triangles of a box form one cluster.
         let mesh = rounded_box::mesh([0.1; 3], 0.0);
-        let clusters = of(&mesh);
-        assert_eq!((clusters.len(), clusters[0].cutoff), (1, NEVER));
+        let clusters = compute(&mesh);
+        assert_eq!((clusters.len(), clusters[0].cutoff), (1, NEVER_CULLED));
     }
 }

@@ -1,9 +1,12 @@
-//! Triangle meshes, all made here from formulas: no file is read. Everything drawn is one of these under an affine map.
+//! Triangle meshes, all generated from formulas. Every rendered instance is one of them under an affine transform.
+//!
+//! `generate` covers solids with a closed-form boundary and `sdf` the Panda's housings. No mesh is read from a file.
 
 #[cfg(test)]
 mod checks;
 mod clusters;
 mod generate;
+mod library;
 mod packed;
 mod sdf;
 
@@ -11,50 +14,55 @@ use xxhash_rust::xxh3::Xxh3;
 
 use super::math::affine::{Vec3, add, cross, dot, scaled, sub};
 pub(super) use generate::{extrusion, lathe, rounded_box, torus};
+pub(super) use library::{MeshId, MeshLibrary};
 pub(super) use packed::{ClusterBounds, ClusterCorners, PackedMesh, TriangleRecord, Vec3x16};
 
-/// A closed or open surface of triangles, counter-clockwise seen from outside. Lengths in m, or in units of the
-/// instance's scale for the solids of half extent 1.
+/// An indexed triangle mesh, open or closed, with counter-clockwise winding seen from outside. Lengths are in m, or in
+/// units of the instance scale for the unit solids.
 #[derive(Default)]
 pub(super) struct Mesh {
-    /// Coordinates of the vertices, one array per axis.
+    /// Vertex coordinates, one array of `n_vertices` per axis.
     pub(super) positions: [Vec<f32>; 3],
-    /// Unit normal per vertex.
+    /// Unit normal of each vertex.
     pub(super) normals: Vec<Vec3>,
-    /// Three vertices per triangle.
+    /// Vertex indices of each triangle.
     pub(super) triangles: Vec<[u32; 3]>,
-    /// Per triangle the axis its normal is nearest to: textures are projected along it.
+    /// Texture projection axis of each triangle: the axis closest to its normal.
     pub(super) projection_axes: Vec<ProjectionAxis>,
-    /// Centre of a sphere that holds all vertices.
+    /// Centre of the bounding sphere.
     pub(super) centre: Vec3,
-    /// Radius of that sphere.
+    /// Radius of the bounding sphere.
     pub(super) radius: f32,
-    /// The triangles once more, as vector code reads them.
+    /// The same triangles in the layout that SIMD code loads.
     pub(super) packed: PackedMesh,
-    /// Hash of all that pictures are made of: corners, normals, the axes that textures are projected along.
+    /// Hash of everything that affects an image: corners, normals and projection axes.
     pub(super) fingerprint: u64,
 }
 
-/// The mesh axis along which a triangle's texture is projected. What is left of a point (x, y, z) are its texture
-/// coordinates, v along y where it can, so that a table's boards run that way: (z, y), (x, z) or (x, y).
+/// The mesh axis along which a triangle's texture is projected. The remaining two coordinates are its texture
+/// coordinates (u, v): (z, y), (x, z) or (x, y). Where possible v runs along y, so that the planks of a table do too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ProjectionAxis {
+    /// (u, v) = (z, y).
     X,
+    /// (u, v) = (x, z).
     Y,
+    /// (u, v) = (x, y).
     Z,
 }
 
 impl Mesh {
-    /// Coordinates of vertex `i`.
+    /// Returns the position of vertex `i`.
     pub(super) fn position(&self, i: u32) -> Vec3 {
         core::array::from_fn(|axis| self.positions[axis][i as usize])
     }
 
-    /// Number of vertices.
+    /// Returns the number of vertices.
     pub(super) fn n_vertices(&self) -> usize {
         self.normals.len()
     }
 
+    /// Appends a vertex and returns its index.
     fn push(&mut self, position: Vec3, normal: Vec3) -> u32 {
         for (axis, x) in self.positions.iter_mut().zip(position) {
             axis.push(x);
@@ -63,7 +71,7 @@ impl Mesh {
         self.normals.len() as u32 - 1
     }
 
-    /// Adds the triangle unless two of its corners coincide.
+    /// Appends a triangle unless it is degenerate.
     fn triangle(&mut self, corners: [u32; 3]) {
         let [a, b, c] = corners.map(|i| self.position(i));
         let normal = cross(sub(b, a), sub(c, a));
@@ -81,124 +89,64 @@ impl Mesh {
         self.triangles.push(corners);
     }
 
-    /// Two triangles; corners in order around the quad.
+    /// Appends a quad, split along its shorter diagonal. The corners are in order around it.
     fn quad(&mut self, [a, b, c, d]: [u32; 4]) {
         let length = |i, j| {
             let edge = sub(self.position(i), self.position(j));
             dot(edge, edge)
         };
-        let halves =
+        let triangles =
             if length(a, c) <= length(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
-        for half in halves {
-            self.triangle(half);
+        for triangle in triangles {
+            self.triangle(triangle);
         }
     }
 
-    fn hashed(&self) -> u64 {
+    fn content_hash(&self) -> u64 {
         let mut hash = Xxh3::new();
-        hash.update(bytemuck::cast_slice(&self.packed.steps));
+        hash.update(bytemuck::cast_slice(&self.packed.grid_step));
         hash.update(bytemuck::cast_slice(&self.packed.triangles));
         hash.digest()
     }
 
-    /// Moves all vertices to where [`PackedMesh`] can hold them, by some 2⁻¹⁶ of the mesh's extent along each axis at most.
-    /// Triangles of which nothing is left go.
-    fn snap(&mut self) {
-        let steps = packed::steps(self);
-        for (axis, step) in self.positions.iter_mut().zip(steps) {
+    /// Rounds all vertices to the grid of [`PackedMesh`], by at most about 2⁻¹⁶ of the extent along each axis, and removes
+    /// triangles that degenerate.
+    fn quantise(&mut self) {
+        let grid_step = packed::grid_step(self);
+        for (axis, step) in self.positions.iter_mut().zip(grid_step) {
             axis.iter_mut().for_each(|x| *x = (*x / step).round_ties_even() * step);
         }
-        let is_left = |triangle: &[u32; 3]| {
+        let survives = |triangle: &[u32; 3]| {
             let [a, b, c] = triangle.map(|i| self.position(i));
             cross(sub(b, a), sub(c, a)) != [0.0; 3]
         };
-        let left: Vec<bool> = self.triangles.iter().map(is_left).collect();
-        let mut each = left.iter();
-        self.triangles.retain(|_| each.next() == Some(&true));
-        let mut each = left.iter();
-        self.projection_axes.retain(|_| each.next() == Some(&true));
+        let keep: Vec<bool> = self.triangles.iter().map(survives).collect();
+        let mut flags = keep.iter();
+        self.triangles.retain(|_| flags.next() == Some(&true));
+        let mut flags = keep.iter();
+        self.projection_axes.retain(|_| flags.next() == Some(&true));
     }
 
-    /// The mesh with its bounding sphere, its triangles in clusters.
-    fn finished(mut self) -> Self {
-        self.snap();
+    /// Completes the mesh once all triangles are in place: quantises it, sorts its triangles into clusters and computes
+    /// the derived fields.
+    fn finish(mut self) -> Self {
+        self.quantise();
         let vertices = (0..self.n_vertices() as u32).map(|i| self.position(i));
         (self.centre, self.radius) = bounding_sphere(vertices);
-        clusters::order(&mut self);
+        clusters::sort_triangles(&mut self);
         self.packed = PackedMesh::new(&self);
-        self.fingerprint = self.hashed();
+        self.fingerprint = self.content_hash();
         self
     }
 }
 
-/// Centre and radius of a sphere that holds all points: the one about the middle of their box.
+/// Returns centre and radius of a bounding sphere: the one centred in the bounding box.
 fn bounding_sphere(points: impl Iterator<Item = Vec3> + Clone) -> (Vec3, f32) {
-    let least = points.clone().fold([f32::MAX; 3], |m, p| core::array::from_fn(|i| m[i].min(p[i])));
-    let greatest = points.clone().fold([f32::MIN; 3], |m, p| core::array::from_fn(|i| m[i].max(p[i])));
-    let centre = scaled(add(least, greatest), 0.5);
+    let min = points.clone().fold([f32::MAX; 3], |m, p| core::array::from_fn(|i| m[i].min(p[i])));
+    let max = points.clone().fold([f32::MIN; 3], |m, p| core::array::from_fn(|i| m[i].max(p[i])));
+    let centre = scaled(add(min, max), 0.5);
     let squared = points.map(|p| dot(sub(p, centre), sub(p, centre))).fold(0.0, f32::max);
     (centre, squared.sqrt())
-}
-
-/// Every mesh there is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum MeshId {
-    /// The square |x|, |y| ≤ 1 at z 0, seen from above.
-    Quad,
-    /// The box of half extents 1.
-    Box,
-    /// The cylinder about z of radius 1 and half height 1.
-    Cylinder,
-    /// The same without its end faces.
-    Tube,
-    /// The half of the unit ball with z ≥ 0, without its flat face.
-    Dome,
-    /// The ball of radius 1.
-    Ball,
-    /// Housing of a Panda's link 0 to 7, in the link's frame.
-    Link(usize),
-    /// Housing of the hand.
-    Hand,
-    /// Body of the wrist camera, in the hand's frame.
-    WristCamera,
-}
-
-/// One mesh per [`MeshId`].
-pub(super) struct MeshLibrary {
-    solids: [Mesh; 6],
-    links: [Mesh; 8],
-    hand: Mesh,
-    wrist_camera: Mesh,
-}
-
-impl MeshLibrary {
-    /// Builds them all, in some tens of milliseconds.
-    pub(super) fn new() -> Self {
-        Self {
-            solids: generate::unit_solids::all(),
-            links: core::array::from_fn(sdf::panda::link),
-            hand: sdf::panda::hand(),
-            wrist_camera: sdf::panda::wrist_camera(),
-        }
-    }
-
-    /// The mesh `id`.
-    ///
-    /// # Panics
-    /// If it is a link above 7.
-    pub(super) fn get(&self, id: MeshId) -> &Mesh {
-        match id {
-            MeshId::Quad => &self.solids[0],
-            MeshId::Box => &self.solids[1],
-            MeshId::Cylinder => &self.solids[2],
-            MeshId::Tube => &self.solids[3],
-            MeshId::Dome => &self.solids[4],
-            MeshId::Ball => &self.solids[5],
-            MeshId::Link(link) => &self.links[link],
-            MeshId::Hand => &self.hand,
-            MeshId::WristCamera => &self.wrist_camera,
-        }
-    }
 }
 
 #[cfg(test)]
@@ -206,30 +154,30 @@ mod tests {
     use super::{Mesh, MeshId, MeshLibrary, PackedMesh, ProjectionAxis, checks, dot, scaled, sub, torus};
 
     #[test]
-    fn meshes_that_look_different_have_different_fingerprints() {
+    fn fingerprint_depends_on_everything_visible() {
         let mut mesh = torus::mesh(0.05, 0.01);
         let first = mesh.fingerprint;
         assert_eq!(first, torus::mesh(0.05, 0.01).fingerprint);
         assert_ne!(first, torus::mesh(0.05, 0.011).fingerprint);
         mesh.normals[7] = scaled(mesh.normals[7], -1.0);
-        let (second, facing) = (mesh.hashed_anew(), mesh.projection_axes[3]);
+        let (second, facing) = (mesh.rehash(), mesh.projection_axes[3]);
         assert_ne!(second, first);
         mesh.projection_axes[3] =
             if facing == ProjectionAxis::X { ProjectionAxis::Y } else { ProjectionAxis::X };
-        assert_ne!(mesh.hashed_anew(), second);
+        assert_ne!(mesh.rehash(), second);
     }
 
     impl Mesh {
-        fn hashed_anew(&mut self) -> u64 {
+        fn rehash(&mut self) -> u64 {
             self.packed = PackedMesh::new(self);
-            self.hashed()
+            self.content_hash()
         }
     }
 
     const CLOSED: [MeshId; 13] = [
         MeshId::Box,
         MeshId::Cylinder,
-        MeshId::Ball,
+        MeshId::Sphere,
         MeshId::Link(0),
         MeshId::Link(1),
         MeshId::Link(2),
@@ -251,16 +199,16 @@ mod tests {
     }
 
     #[test]
-    fn triangles_face_the_way_their_normals_point() {
+    fn winding_agrees_with_normals() {
         let library = MeshLibrary::new();
-        for id in CLOSED.into_iter().chain([MeshId::Quad, MeshId::Tube, MeshId::Dome]) {
+        for id in CLOSED.into_iter().chain([MeshId::Quad, MeshId::OpenCylinder, MeshId::Hemisphere]) {
             checks::assert_normals_follow_faces(&id, library.get(id));
         }
     }
 
     #[test]
-    fn links_are_about_as_large_as_their_collision_hulls() {
-        // Extents in m of the hulls of spec/env.md §3.
+    fn links_match_extents_of_collision_hulls() {
+        // Extents of the collision hulls of links 0 to 7, in m (docs/benchmark.md, "Robot and control").
         let hulls = [
             [0.226, 0.189, 0.140],
             [0.110, 0.185, 0.247],
@@ -280,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bounding_sphere_holds_the_mesh() {
+    fn bounding_sphere_contains_mesh() {
         let library = MeshLibrary::new();
         for id in CLOSED {
             let mesh = library.get(id);

@@ -1,135 +1,141 @@
-//! A mesh once more, as vector code reads it: sixteen triangles side by side, and the bounds of sixteen such clusters.
+//! The SIMD layout of a mesh: clusters of 16 triangles, and bounds for 16 clusters at a time.
 
 use super::clusters::{self, CLUSTER_SIZE};
 use super::{Mesh, ProjectionAxis};
 use crate::render::math::affine::Vec3;
 use crate::render::math::lanes::{F32x16, I16x16, N_LANES};
 
-const _: () = assert!(CLUSTER_SIZE == N_LANES, "a cluster's triangles are one vector");
+const _: () = assert!(CLUSTER_SIZE == N_LANES, "the triangles of a cluster fill one vector");
 
-/// A vector of points or directions, one line per axis.
+/// Sixteen points or directions, one vector per axis.
 pub(in crate::render) type Vec3x16 = [F32x16; 3];
 
-/// Positions of the three corners of a cluster's sixteen triangles, by corner and axis, in steps of
-/// [`PackedMesh::steps`]: half the memory that every picture reads. Lanes without a triangle hold one that is a single point.
+/// Corner positions of the 16 triangles of a cluster, indexed by corner and axis, in units of
+/// [`PackedMesh::grid_step`]. Sixteen bits halve the memory that every image reads. Unused lanes hold a degenerate triangle.
 pub(in crate::render) type ClusterCorners = [[I16x16; 3]; 3];
 
-/// Everything that shading needs to know of one triangle, by index into a line.
+/// Layout of the shading data of one triangle in an [`F32x16`]: indices of its elements and bits of the last one.
 pub(in crate::render) struct TriangleRecord;
 
 impl TriangleRecord {
-    /// Where the normals at the corners begin: three numbers each.
+    /// First element of the vertex normals, three `f32` per corner.
     pub(in crate::render) const NORMALS: usize = 0;
-    /// Where the corners begin, three short integers each, the steps that [`ClusterCorners`] has too: two to a number's bits, the
-    /// first of them in the lower half. The last half is [`Self::AXIS_MASK`] and [`Self::FLAT_BIT`].
+    /// First element of the corners: three `i16` per corner, the same grid coordinates as in [`ClusterCorners`]. Each
+    /// element packs two of them, the first in the lower half. The upper half of the last element holds
+    /// [`Self::AXIS_MASK`] and [`Self::FLAT_BIT`].
     pub(in crate::render) const CORNERS: usize = 9;
-    /// Lowest bits of the last half: [`ProjectionAxis`] as a number.
+    /// Mask of the [`ProjectionAxis`]: 0, 1 or 2 for x, y or z.
     pub(in crate::render) const AXIS_MASK: i32 = 3;
-    /// A bit of the last half: the normals are one.
+    /// Bit that is set if the three vertex normals are equal.
     pub(in crate::render) const FLAT_BIT: i32 = 4;
 }
 
-/// ClusterBounds of sixteen clusters; see [`clusters::Cluster`].
+/// Bounds of 16 clusters, see [`clusters::Cluster`].
 pub(in crate::render) struct ClusterBounds {
+    /// Centres of the bounding spheres.
     pub(in crate::render) centre: Vec3x16,
+    /// Radii of the bounding spheres.
     pub(in crate::render) radius: F32x16,
+    /// Unit axes of the normal cones.
     pub(in crate::render) axis: Vec3x16,
+    /// Cutoffs of the normal cones.
     pub(in crate::render) cutoff: F32x16,
-    /// Bit i: there is a cluster i.
+    /// Bit i is set if cluster i exists.
     pub(in crate::render) present: u16,
 }
 
-/// A mesh's clusters.
+/// The clusters of a mesh.
 #[derive(Default)]
 pub(in crate::render) struct PackedMesh {
-    /// In the order of the mesh's triangles.
+    /// One element per cluster, in the order of the mesh's triangles.
     pub(in crate::render) corners: Vec<ClusterCorners>,
-    /// Powers of 2 in the mesh's unit of length, one per axis.
-    pub(in crate::render) steps: Vec3,
-    /// One per triangle, laid out as [`TriangleRecord`].
+    /// Grid step of the coordinates per axis: a power of 2 in the mesh's unit of length.
+    pub(in crate::render) grid_step: Vec3,
+    /// One [`TriangleRecord`] per triangle.
     pub(in crate::render) triangles: Vec<F32x16>,
-    /// One per sixteen batches.
+    /// One element per 16 clusters.
     pub(in crate::render) bounds: Vec<ClusterBounds>,
 }
 
 impl PackedMesh {
-    /// Of a mesh whose triangles are in their final order and whose coordinates are multiples of [`steps`].
+    /// Packs a mesh whose triangles are in their final order and whose coordinates are multiples of [`grid_step`].
     pub(super) fn new(mesh: &Mesh) -> Self {
-        let steps = steps(mesh);
+        let grid_step = grid_step(mesh);
         let n_triangles = mesh.triangles.len();
-        let clusters = clusters::of(mesh);
+        let clusters = clusters::compute(mesh);
         Self {
             corners: (0..n_triangles)
                 .step_by(CLUSTER_SIZE)
-                .map(|first| corners(mesh, first, steps))
+                .map(|first| cluster_corners(mesh, first, grid_step))
                 .collect(),
-            steps,
-            triangles: (0..n_triangles).map(|index| triangle(mesh, index, steps)).collect(),
-            bounds: clusters.chunks(N_LANES).map(bounds).collect(),
+            grid_step,
+            triangles: (0..n_triangles).map(|index| triangle_record(mesh, index, grid_step)).collect(),
+            bounds: clusters.chunks(N_LANES).map(cluster_bounds).collect(),
         }
     }
 }
 
-/// Per axis the least power of 2 of which no coordinate is more than an [`i16`] times.
-pub(super) fn steps(mesh: &Mesh) -> Vec3 {
+/// Returns, per axis, the smallest power of 2 (at least 2⁻²⁴) in whose units every coordinate fits an [`i16`].
+pub(super) fn grid_step(mesh: &Mesh) -> Vec3 {
     core::array::from_fn(|axis| {
-        let reach = mesh.positions[axis].iter().fold(0.0, |reach: f32, x| reach.max(x.abs()));
+        let max_abs = mesh.positions[axis].iter().fold(0.0, |max: f32, x| max.max(x.abs()));
         let mut step = 1.0 / 16_777_216.0;
-        while reach > step * f32::from(i16::MAX) {
+        while max_abs > step * f32::from(i16::MAX) {
             step *= 2.0;
         }
         step
     })
 }
 
-fn corners(mesh: &Mesh, first: usize, steps: Vec3) -> ClusterCorners {
+fn cluster_corners(mesh: &Mesh, first: usize, grid_step: Vec3) -> ClusterCorners {
     let n = CLUSTER_SIZE.min(mesh.triangles.len() - first);
     let mut all = [[I16x16::ZERO; 3]; 3];
     for lane in 0..CLUSTER_SIZE {
         let corners = mesh.triangles[first + lane.min(n - 1)];
         for (k, corner) in corners.into_iter().enumerate() {
             let corner = if lane < n { corner } else { corners[0] };
-            for (axis, step) in in_steps(mesh, corner, steps).into_iter().enumerate() {
-                all[k][axis].0[lane] = step;
+            for (axis, coordinate) in grid_position(mesh, corner, grid_step).into_iter().enumerate() {
+                all[k][axis].0[lane] = coordinate;
             }
         }
     }
     all
 }
 
-fn in_steps(mesh: &Mesh, corner: u32, steps: Vec3) -> [i16; 3] {
-    let position = mesh.position(corner);
-    core::array::from_fn(|axis| (position[axis] / steps[axis]) as i16)
+/// Returns the position of a vertex in units of the grid step.
+fn grid_position(mesh: &Mesh, vertex: u32, grid_step: Vec3) -> [i16; 3] {
+    let position = mesh.position(vertex);
+    core::array::from_fn(|axis| (position[axis] / grid_step[axis]) as i16)
 }
 
-fn triangle(mesh: &Mesh, index: usize, steps: Vec3) -> F32x16 {
+fn triangle_record(mesh: &Mesh, index: usize, grid_step: Vec3) -> F32x16 {
     let corners = mesh.triangles[index];
     let normals = corners.map(|corner| mesh.normals[corner as usize]);
     let flat = if normals == [normals[0]; 3] { TriangleRecord::FLAT_BIT } else { 0 };
-    let facing = match mesh.projection_axes[index] {
+    let axis = match mesh.projection_axes[index] {
         ProjectionAxis::X => 0,
         ProjectionAxis::Y => 1,
         ProjectionAxis::Z => 2,
     };
-    let mut halves = [(flat | facing) as i16; 10];
-    halves[..9].copy_from_slice(corners.map(|corner| in_steps(mesh, corner, steps)).as_flattened());
-    let mut line = F32x16::ZERO;
-    line.0[TriangleRecord::NORMALS..][..9].copy_from_slice(normals.as_flattened());
-    for (number, [low, high]) in line.0[TriangleRecord::CORNERS..].iter_mut().zip(halves.as_chunks().0) {
-        *number = f32::from_bits(u32::from(low.cast_unsigned()) | u32::from(high.cast_unsigned()) << 16);
+    let mut halves = [(flat | axis) as i16; 10];
+    halves[..9].copy_from_slice(corners.map(|corner| grid_position(mesh, corner, grid_step)).as_flattened());
+    let mut record = F32x16::ZERO;
+    record.0[TriangleRecord::NORMALS..][..9].copy_from_slice(normals.as_flattened());
+    for (element, [low, high]) in record.0[TriangleRecord::CORNERS..].iter_mut().zip(halves.as_chunks().0) {
+        *element = f32::from_bits(u32::from(low.cast_unsigned()) | u32::from(high.cast_unsigned()) << 16);
     }
-    line
+    record
 }
 
-fn bounds(clusters: &[clusters::Cluster]) -> ClusterBounds {
-    let line = |f: &dyn Fn(&clusters::Cluster) -> f32| {
+fn cluster_bounds(clusters: &[clusters::Cluster]) -> ClusterBounds {
+    let gather = |f: &dyn Fn(&clusters::Cluster) -> f32| {
         F32x16(core::array::from_fn(|i| clusters.get(i).map_or(0.0, f)))
     };
     ClusterBounds {
-        centre: core::array::from_fn(|axis| line(&|cluster| cluster.centre[axis])),
-        radius: line(&|cluster| cluster.radius),
-        axis: core::array::from_fn(|axis| line(&|cluster| cluster.axis[axis])),
-        cutoff: line(&|cluster| cluster.cutoff),
+        centre: core::array::from_fn(|axis| gather(&|cluster| cluster.centre[axis])),
+        radius: gather(&|cluster| cluster.radius),
+        axis: core::array::from_fn(|axis| gather(&|cluster| cluster.axis[axis])),
+        cutoff: gather(&|cluster| cluster.cutoff),
         present: ((1_u32 << clusters.len()) - 1) as u16,
     }
 }

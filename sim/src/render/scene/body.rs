@@ -106,13 +106,13 @@ fn push_primitive(primitive: Primitive, placement: &Placement, instances: &mut V
         Primitive::Cylinder { radius, half_height } => {
             push(MeshId::Cylinder, centred, [radius, radius, half_height]);
         }
-        Primitive::Ball { radius } => push(MeshId::Ball, centred, [radius; 3]),
+        Primitive::Ball { radius } => push(MeshId::Sphere, centred, [radius; 3]),
         Primitive::Capsule { radius, half_height } => {
             let upper = Isometry3::translation(0.0, 0.0, half_height);
             let half_turn = UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0));
-            push(MeshId::Tube, centred, [radius, radius, half_height]);
-            push(MeshId::Dome, upper, [radius; 3]);
-            push(MeshId::Dome, half_turn * upper, [radius; 3]);
+            push(MeshId::OpenCylinder, centred, [radius, radius, half_height]);
+            push(MeshId::Hemisphere, upper, [radius; 3]);
+            push(MeshId::Hemisphere, half_turn * upper, [radius; 3]);
         }
     }
 }

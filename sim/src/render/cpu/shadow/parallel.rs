@@ -26,7 +26,7 @@ impl Lens for Parallel {
     }
 
     fn turn_to(&mut self, light_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
-        // ProjectionAxis is kept by cofactors: n' · z' = (C n) · z' = n · (Cᵀ z').
+        // Facing is preserved by cofactors: n' · z' = (C n) · z' = n · (Cᵀ z').
         self.light_in_mesh = normalised(light_from_mesh.cofactors()[2]);
         let [x, y, _] = light_from_mesh.transform_point(centre);
         let reach = SHADOW_MAP_WIDTH_M / 2.0 + radius * light_from_mesh.max_scale();

@@ -1,17 +1,17 @@
-//! Outlines with holes lifted to plates and bars along z.
+//! Extrusions along z of an outline with holes.
 
 use super::contour::{Contour, Point};
 use super::polygon;
 use crate::render::mesh::Mesh;
 
-/// The prism over an outline of points (x, y) in m, without its holes, from z −`half_height_m` to `half_height_m`. Loops
-/// may run either way around and do not repeat their first point.
+/// Returns the prism with an outline of points (x, y) in m, minus its holes, from z = −`half_height_m` to
+/// `half_height_m`. Loops may have either orientation and do not repeat their first point.
 ///
 /// # Panics
-/// If a loop crosses or touches itself or another, or repeats a point.
+/// If a loop intersects or touches itself or another loop, or repeats a point.
 pub(in crate::render) fn mesh(outline: &[Point], holes: &[&[Point]], half_height_m: f32) -> Mesh {
-    let mut loops = vec![turned(outline, 1.0)];
-    loops.extend(holes.iter().map(|hole| turned(hole, -1.0)));
+    let mut loops = vec![oriented(outline, 1.0)];
+    loops.extend(holes.iter().map(|hole| oriented(hole, -1.0)));
     let mut mesh = Mesh::default();
     for points in &loops {
         wall(&mut mesh, points, half_height_m);
@@ -28,11 +28,12 @@ pub(in crate::render) fn mesh(outline: &[Point], holes: &[&[Point]], half_height
             mesh.triangle(if side > 0.0 { [a, b, c] } else { [c, b, a] });
         }
     }
-    mesh.finished()
+    mesh.finish()
 }
 
-/// The loop in the direction in which its area has the sign: the solid is then to the left of outline and holes alike.
-fn turned(points: &[Point], sign: f64) -> Vec<Point> {
+/// Returns the loop in the orientation in which its area has the given sign. With positive outline and negative holes the
+/// solid lies to the left of every loop.
+fn oriented(points: &[Point], sign: f64) -> Vec<Point> {
     let mut points = points.to_vec();
     if sign * polygon::double_area(&points) < 0.0 {
         points.reverse();
@@ -40,21 +41,21 @@ fn turned(points: &[Point], sign: f64) -> Vec<Point> {
     points
 }
 
-/// The side faces over a loop, looking to its right.
+/// Appends the side faces along a loop, which face to its right.
 fn wall(mesh: &mut Mesh, points: &[Point], half_height_m: f32) {
     let (first, last) = (points[0], points[points.len() - 1]);
     let around: Vec<Point> = points.iter().copied().chain([first]).collect();
     let contour = Contour::new(&around, [Some(last), Some(points[1])]);
-    let posts: Vec<[u32; 2]> = contour
-        .stations
+    let columns: Vec<[u32; 2]> = contour
+        .vertices
         .iter()
-        .map(|station| {
-            let ([x, y], [nx, ny]) = (station.point, station.normal);
+        .map(|vertex| {
+            let ([x, y], [nx, ny]) = (vertex.point, vertex.normal);
             [-half_height_m, half_height_m].map(|z| mesh.push([x, y, z], [nx, ny, 0.0]))
         })
         .collect();
-    for [from, to] in contour.sides {
-        let ([a, d], [b, c]) = (posts[from], posts[to]);
+    for [from, to] in contour.segments {
+        let ([a, d], [b, c]) = (columns[from], columns[to]);
         mesh.quad([a, b, c, d]);
     }
 }
@@ -81,7 +82,7 @@ mod tests {
             .to_vec()
     }
 
-    /// A star about the origin whose radii a linear congruence draws.
+    /// Returns a star around the origin with pseudo-random radii from a linear congruential generator.
     fn star(seed: &mut u32, n: usize) -> Vec<Point> {
         let mut radius = || {
             *seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -91,7 +92,7 @@ mod tests {
         points.map(|(x, y)| (x, y, radius())).map(|(x, y, r)| [r * x, r * y]).collect()
     }
 
-    /// Closed, outside out, and as large as the loops say.
+    /// Asserts that the prism is closed, faces outwards, and has the extents and volume of its loops.
     fn assert_prism(name: &str, outline: &[Point], holes: &[&[Point]]) {
         let plate = mesh(outline, holes, HALF_HEIGHT_M);
         let area = |points: &[Point]| 0.5 * double_area(points).abs() as f32;
@@ -103,12 +104,12 @@ mod tests {
         let extents = [size(0), size(1), 2.0 * HALF_HEIGHT_M];
         assert_solid(&name, &plate, extents, 2.0 * HALF_HEIGHT_M * solid);
         let n_points = outline.len() + holes.iter().map(|hole| hole.len()).sum::<usize>();
-        // Two caps of n + 2h − 2 triangles and two triangles a side.
+        // Two caps of n + 2h − 2 triangles each and two triangles per segment.
         assert_eq!(plate.triangles.len(), 4 * (n_points + holes.len()) - 4, "{name}");
     }
 
     #[test]
-    fn prisms_are_closed_and_have_their_volume() {
+    fn prisms_are_closed_with_expected_volume() {
         let ell = vec![[0.0, 0.0], [0.1, 0.0], [0.1, 0.03], [0.04, 0.03], [0.04, 0.1], [0.0, 0.1]];
         let flat =
             vec![[0.0, 0.0], [0.05, 0.0], [0.1, 0.0], [0.1, 0.05], [0.1, 0.1], [0.0, 0.1], [0.0, 0.05]];
@@ -119,19 +120,19 @@ mod tests {
         let small = |x, y| square([x, y], 0.01);
         let table: [(&str, Loop, Vec<Loop>); 9] = [
             ("square", square([0.0; 2], 0.1), vec![]),
-            ("ell", ell.clone(), vec![]),
-            ("ell with a hole", ell, vec![small(0.02, 0.015)]),
-            ("points along straight sides", flat, vec![small(0.05, 0.05)]),
+            ("L shape", ell.clone(), vec![]),
+            ("L shape with a hole", ell, vec![small(0.02, 0.015)]),
+            ("points along straight segments", flat, vec![small(0.05, 0.05)]),
             ("comb", comb, vec![]),
             ("washer", circle([0.0; 2], 0.1, 48), vec![circle([0.0; 2], 0.05, 32)]),
-            ("two holes above one another", square([0.0; 2], 0.1), vec![small(0.0, 0.05), small(0.0, -0.05)]),
+            ("two holes in a column", square([0.0; 2], 0.1), vec![small(0.0, 0.05), small(0.0, -0.05)]),
             (
                 "row of holes",
                 square([0.0; 2], 0.1),
                 [-0.06, -0.02, 0.02, 0.06].map(|x| small(x, 0.0)).to_vec(),
             ),
             (
-                "hole within an arc of holes",
+                "hole surrounded by an arc of holes",
                 square([0.0; 2], 0.1),
                 vec![
                     small(0.0, 0.0),
@@ -148,19 +149,19 @@ mod tests {
     }
 
     #[test]
-    fn any_star_with_holes_is_triangulated() {
+    fn random_stars_with_holes_triangulate() {
         let mut seed = 7;
         for round in 0..200 {
             let outline = star(&mut seed, 8 + round % 30);
             let inner: Vec<Point> =
                 star(&mut seed, 5 + round % 7).iter().map(|p| p.map(|x| 0.1 * x)).collect();
-            let beside = circle([-0.0145, 0.003], 0.004, 5 + round % 9);
-            assert_prism("star", &outline, &[&inner, &beside]);
+            let neighbour = circle([-0.0145, 0.003], 0.004, 5 + round % 9);
+            assert_prism("star", &outline, &[&inner, &neighbour]);
         }
     }
 
     #[test]
-    fn walls_are_smooth_along_curves_and_sharp_at_corners() {
+    fn wall_normals_split_only_at_corners() {
         let radial = |p: [f32; 3], n: [f32; 3]| 10.0 * (p[0] * n[0] + p[1] * n[1]);
         for (outline, cosine) in
             [(circle([0.0; 2], 0.1, 24), 1.0), (circle([0.0; 2], 0.1, 4), 0.5_f32.sqrt())]

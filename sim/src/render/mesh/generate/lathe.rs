@@ -1,4 +1,4 @@
-//! Solids of revolution about z: a profile turned once around. Cylinders, cones, cups, bowls and rings are its profiles.
+//! Surfaces of revolution about z, such as cylinders, cones, cups, bowls and rings.
 
 use core::f32::consts::PI;
 
@@ -7,46 +7,48 @@ use super::unit_solids::band;
 use crate::render::math::trig::on_circle;
 use crate::render::mesh::Mesh;
 
-/// Greatest distance of a true circle from the polygon drawn for it, in m, while the limits on its corners allow.
+/// Target sagitta, in m: the largest distance between a circle and the polygon that approximates it.
 const SAG_M: f32 = 0.0002;
-/// Fewest and most corners of a circle.
-const AROUND: [usize; 2] = [16, 64];
+/// Minimum and maximum number of segments of a circle.
+const SEGMENT_LIMITS: [usize; 2] = [16, 64];
 
-/// Corners of a circle of this radius: a polygon of n corners is off by r (1 − cos π/n), about r π² / 2n².
-pub(super) fn n_around(radius_m: f32) -> usize {
+/// Returns the number of segments for a circle of this radius. The sagitta of a regular n-gon is r (1 − cos π/n), about
+/// r π² / 2n².
+pub(super) fn n_segments(radius_m: f32) -> usize {
     let n = (PI * (radius_m / (2.0 * SAG_M)).sqrt()).ceil() as usize;
-    // A multiple of four has corners on both axes, which makes the extents those of the circle.
-    n.next_multiple_of(4).clamp(AROUND[0], AROUND[1])
+    // A multiple of four has corners on both axes, so the polygon has the extents of the circle.
+    n.next_multiple_of(4).clamp(SEGMENT_LIMITS[0], SEGMENT_LIMITS[1])
 }
 
-/// The solid whose outside is to the right of the profile of points (r, z) in m: up the outside and, for a vessel, down
-/// the inside. It is closed if the profile starts and ends on the axis (r = 0) or ends exactly where it starts.
+/// Returns the surface of revolution of a profile of points (r, z) in m, whose outside lies to the right: the profile runs
+/// up the outside and, for a vessel, down the inside. The surface is closed if the profile starts and ends on the axis
+/// (r = 0) or ends exactly where it starts.
 ///
 /// # Panics
 /// If a radius is negative, or as [`Contour::new`] does.
 pub(in crate::render) fn mesh(profile: &[Point]) -> Mesh {
-    assert!(profile.iter().all(|p| p[0] >= 0.0), "a profile crosses the axis: {profile:?}");
-    let contour = Contour::new(profile, beyond(profile));
-    let n = n_around(profile.iter().fold(0.0, |widest, p| widest.max(p[0])));
+    assert!(profile.iter().all(|p| p[0] >= 0.0), "a lathe profile has a negative radius: {profile:?}");
+    let contour = Contour::new(profile, end_neighbours(profile));
+    let n = n_segments(profile.iter().fold(0.0, |max, p| max.max(p[0])));
     let mut mesh = Mesh::default();
     let rings: Vec<Vec<u32>> = contour
-        .stations
+        .vertices
         .iter()
-        .map(|station| {
-            let ([r, z], [radial, axial]) = (station.point, station.normal);
+        .map(|vertex| {
+            let ([r, z], [radial, axial]) = (vertex.point, vertex.normal);
             let around = (0..n).map(|i| on_circle(i, n));
             around.map(|(x, y)| mesh.push([r * x, r * y, z], [radial * x, radial * y, axial])).collect()
         })
         .collect();
-    for [lower, upper] in contour.sides {
+    for [lower, upper] in contour.segments {
         band(&mut mesh, &rings[lower], &rings[upper]);
     }
-    mesh.finished()
+    mesh.finish()
 }
 
-/// How the profile goes on at its ends: around if it is closed; at the axis as its own mirror image, so that a pole is
-/// smooth or sharp as any other corner is.
-fn beyond(profile: &[Point]) -> [Option<Point>; 2] {
+/// Returns the points before the first and after the last point of a profile: across the seam if it is closed, or mirrored
+/// at the axis, so that a pole is smoothed or split like any other corner.
+fn end_neighbours(profile: &[Point]) -> [Option<Point>; 2] {
     let ([first, second, ..], [.., before, last]) = (profile, profile) else {
         return [None; 2];
     };
@@ -59,11 +61,11 @@ fn beyond(profile: &[Point]) -> [Option<Point>; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::{Point, mesh, n_around};
+    use super::{Point, mesh, n_segments};
     use crate::render::math::trig::on_circle;
     use crate::render::mesh::checks::{assert_solid, polygon_area};
 
-    fn ball(radius: f32) -> Vec<Point> {
+    fn sphere_profile(radius: f32) -> Vec<Point> {
         let quarter = 12;
         let point = |i: usize| {
             let (cos, sin) = on_circle(i + 3 * quarter, 4 * quarter);
@@ -76,8 +78,8 @@ mod tests {
     }
 
     #[test]
-    fn profiles_enclose_the_volume_they_should() {
-        // Name, profile, height, and volume over that of a cylinder of radius and height 0.1 m.
+    fn profiles_enclose_expected_volume() {
+        // Name, profile, height in m, and volume relative to a cylinder of radius and height 0.1 m.
         let cylinder = vec![[0.0, -0.1], [0.1, -0.1], [0.1, 0.1], [0.0, 0.1]];
         let cone = vec![[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]];
         let frustum = vec![[0.0, 0.0], [0.1, 0.0], [0.05, 0.1], [0.0, 0.1]];
@@ -91,15 +93,15 @@ mod tests {
             ("ring", ring, 0.1, 0.75),
         ];
         for (name, profile, height_m, volume) in table {
-            let expected = volume * polygon_area(n_around(0.1)) * 1e-3;
+            let expected = volume * polygon_area(n_segments(0.1)) * 1e-3;
             assert_solid(&name, &mesh(&profile), [0.2, 0.2, height_m], expected);
         }
     }
 
     #[test]
-    fn normals_are_smooth_along_curves_and_sharp_at_edges() {
-        for (p, n) in points_and_normals(&ball(0.1)) {
-            assert!((0..3).all(|i| (p[i] * 10.0 - n[i]).abs() < 1e-3), "ball: {n:?} at {p:?}");
+    fn normals_split_only_at_edges() {
+        for (p, n) in points_and_normals(&sphere_profile(0.1)) {
+            assert!((0..3).all(|i| (p[i] * 10.0 - n[i]).abs() < 1e-3), "sphere: {n:?} at {p:?}");
         }
         for (_, n) in points_and_normals(&[[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]]) {
             assert!(n[2] == 0.0 || n[2].abs() == 1.0, "cylinder: {n:?}");
@@ -112,9 +114,9 @@ mod tests {
     }
 
     #[test]
-    fn circles_have_corners_as_their_radius_asks() {
+    fn segment_count_follows_radius() {
         for (radius_m, n) in [(0.0, 16), (0.01, 16), (0.04, 32), (0.1, 52), (1.0, 64)] {
-            assert_eq!(n_around(radius_m), n, "{radius_m} m");
+            assert_eq!(n_segments(radius_m), n, "{radius_m} m");
         }
     }
 }

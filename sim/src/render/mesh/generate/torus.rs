@@ -1,16 +1,19 @@
-//! The torus about z: a lathe's turn of a circle.
+//! Tori about z: the surface of revolution of a circle.
 
-use super::lathe::{self, n_around};
+use super::lathe::{self, n_segments};
 use crate::render::math::trig::on_circle;
 use crate::render::mesh::Mesh;
 
-/// A tube of radius `minor_m` around the circle of radius `major_m` at z 0.
+/// Returns the torus with minor radius `minor_m` around the circle of radius `major_m` at z = 0.
 ///
 /// # Panics
-/// If the tube is wider than the hole leaves room for.
+/// If `minor_m` exceeds `major_m`.
 pub(in crate::render) fn mesh(major_m: f32, minor_m: f32) -> Mesh {
-    assert!(minor_m <= major_m, "a tube of radius {minor_m} m cannot go around a circle of {major_m} m");
-    let n = n_around(minor_m);
+    assert!(
+        minor_m <= major_m,
+        "the minor radius of a torus ({minor_m} m) exceeds its major radius ({major_m} m)"
+    );
+    let n = n_segments(minor_m);
     let profile: Vec<_> = (0..=n)
         .map(|i| {
             let (cos, sin) = on_circle(i, n);
@@ -22,22 +25,22 @@ pub(in crate::render) fn mesh(major_m: f32, minor_m: f32) -> Mesh {
 
 #[cfg(test)]
 mod tests {
-    use super::super::lathe::n_around;
+    use super::super::lathe::n_segments;
     use super::mesh;
     use crate::render::mesh::checks::{assert_solid, polygon_area};
 
     #[test]
-    fn tori_have_the_size_and_volume_of_pappus() {
+    fn tori_match_pappus_theorem() {
         for (major, minor) in [(0.05, 0.01), (0.02, 0.002), (0.2, 0.15)] {
             let wide = 2.0 * (major + minor);
-            let turn = 2.0 * polygon_area(n_around(major + minor)) * major;
-            let volume = turn * polygon_area(n_around(minor)) * minor * minor;
+            let turn = 2.0 * polygon_area(n_segments(major + minor)) * major;
+            let volume = turn * polygon_area(n_segments(minor)) * minor * minor;
             assert_solid(&(major, minor), &mesh(major, minor), [wide, wide, 2.0 * minor], volume);
         }
     }
 
     #[test]
-    fn no_edge_of_a_torus_is_sharp() {
+    fn torus_normals_are_smooth() {
         let (major, minor) = (0.05, 0.01);
         let torus = mesh(major, minor);
         for i in 0..torus.n_vertices() {

@@ -1,21 +1,21 @@
-//! Solids of half extent 1, which an instance's scale stretches to size.
+//! Solids of half extent 1, which the scale of an instance stretches to size.
 
 use crate::render::math::affine::{Vec3, cross};
 use crate::render::math::trig::on_circle;
 use crate::render::mesh::Mesh;
 
-/// Corners of a circle.
-const AROUND: usize = 64;
-/// Rings of a dome from equator to pole.
-const RINGS: usize = 8;
+/// Segments of a circle.
+const N_SEGMENTS: usize = 64;
+/// Segments of a hemisphere from equator to pole.
+const N_RINGS: usize = 8;
 
-/// Square, box, cylinder, tube, dome, ball: the order of `MeshLibrary`.
+/// Returns quad, box, cylinder, open cylinder, hemisphere and sphere, the order of `MeshLibrary`.
 pub(in crate::render::mesh) fn all() -> [Mesh; 6] {
-    [square(), cuboid(), cylinder(true), cylinder(false), domes(&[1.0]), domes(&[1.0, -1.0])]
-        .map(Mesh::finished)
+    [quad(), cuboid(), cylinder(true), cylinder(false), hemispheres(&[1.0]), hemispheres(&[1.0, -1.0])]
+        .map(Mesh::finish)
 }
 
-fn square() -> Mesh {
+fn quad() -> Mesh {
     let mut mesh = Mesh::default();
     face(&mut mesh, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0; 3]);
     mesh
@@ -30,14 +30,14 @@ fn cuboid() -> Mesh {
                 v[i % 3] = length;
                 v
             };
-            // The second edge follows the side's sign, so that the face looks outwards.
+            // The second edge has the sign of the side, so that the face points outwards.
             face(&mut mesh, unit(axis + 1, 1.0), unit(axis + 2, side), unit(axis, side));
         }
     }
     mesh
 }
 
-/// The square around `centre` spanned by ±`a` and ±`b`; it looks along a × b.
+/// Appends the parallelogram around `centre` spanned by ±`a` and ±`b`, which faces along a × b.
 fn face(mesh: &mut Mesh, a: Vec3, b: Vec3, centre: Vec3) {
     let normal = cross(a, b);
     let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
@@ -45,19 +45,22 @@ fn face(mesh: &mut Mesh, a: Vec3, b: Vec3, centre: Vec3) {
     mesh.quad(corners);
 }
 
-fn cylinder(with_ends: bool) -> Mesh {
+fn cylinder(with_caps: bool) -> Mesh {
     let mut mesh = Mesh::default();
     let ring = |mesh: &mut Mesh, z: f32, normal: &dyn Fn(f32, f32) -> Vec3| -> Vec<u32> {
-        (0..AROUND).map(|i| on_circle(i, AROUND)).map(|(x, y)| mesh.push([x, y, z], normal(x, y))).collect()
+        (0..N_SEGMENTS)
+            .map(|i| on_circle(i, N_SEGMENTS))
+            .map(|(x, y)| mesh.push([x, y, z], normal(x, y)))
+            .collect()
     };
     let rings = [-1.0, 1.0].map(|z| ring(&mut mesh, z, &|x, y| [x, y, 0.0]));
     band(&mut mesh, &rings[0], &rings[1]);
-    if with_ends {
+    if with_caps {
         for z in [-1.0, 1.0] {
             let rim = ring(&mut mesh, z, &|_, _| [0.0, 0.0, z]);
             let centre = mesh.push([0.0, 0.0, z], [0.0, 0.0, z]);
-            for i in 0..AROUND {
-                let (a, b) = (rim[i], rim[(i + 1) % AROUND]);
+            for i in 0..N_SEGMENTS {
+                let (a, b) = (rim[i], rim[(i + 1) % N_SEGMENTS]);
                 mesh.triangle(if z > 0.0 { [centre, a, b] } else { [centre, b, a] });
             }
         }
@@ -65,18 +68,18 @@ fn cylinder(with_ends: bool) -> Mesh {
     mesh
 }
 
-/// Half balls: the upper one for a sign of 1, the lower one for −1.
-fn domes(signs: &[f32]) -> Mesh {
+/// Returns unit hemispheres: the upper one for a sign of 1, the lower one for −1.
+fn hemispheres(signs: &[f32]) -> Mesh {
     let mut mesh = Mesh::default();
     for &sign in signs {
-        let rings: Vec<Vec<u32>> = (0..=RINGS)
+        let rings: Vec<Vec<u32>> = (0..=N_RINGS)
             .map(|ring| {
-                let (cos, sin) = on_circle(ring, 4 * RINGS);
+                let (cos, sin) = on_circle(ring, 4 * N_RINGS);
                 let point = |i| {
-                    let (x, y) = on_circle(i, AROUND);
+                    let (x, y) = on_circle(i, N_SEGMENTS);
                     [cos * x, cos * y, sign * sin]
                 };
-                (0..AROUND).map(|i| mesh.push(point(i), point(i))).collect()
+                (0..N_SEGMENTS).map(|i| mesh.push(point(i), point(i))).collect()
             })
             .collect();
         for pair in rings.windows(2) {
@@ -87,7 +90,7 @@ fn domes(signs: &[f32]) -> Mesh {
     mesh
 }
 
-/// Joins two rings of equally many vertices, counter-clockwise seen from above.
+/// Connects two rings with the same number of vertices, counter-clockwise seen from above.
 pub(super) fn band(mesh: &mut Mesh, lower: &[u32], upper: &[u32]) {
     for i in 0..lower.len() {
         let j = (i + 1) % lower.len();

@@ -1,32 +1,34 @@
-//! From a field to a mesh by naive surface nets (Gibson, "Constrained elastic surface nets", 1998): one vertex per cell
-//! that the surface crosses, drawn onto the surface along the gradient, which is also its normal.
+//! Meshing of signed distance fields by naive surface nets (Gibson, "Constrained elastic surface nets", 1998).
+//!
+//! Every cell that the surface crosses gets one vertex, which is projected onto the surface along the gradient. The
+//! gradient is also its normal.
 
-use super::Field;
+use super::SignedDistanceField;
 use crate::render::math::affine::{Vec3, add, dot, normalised, scaled, sub};
 use crate::render::mesh::Mesh;
 
-/// Newton steps that draw a vertex onto the surface.
-const N_STEPS: usize = 4;
+/// Newton iterations that project a vertex onto the surface.
+const N_ITERATIONS: usize = 4;
 
-/// Meshes the surface inside the box from `least` to `greatest` with cells of side `cell_m`.
-pub(super) fn mesh(field: &Field<'_>, least: Vec3, greatest: Vec3, cell_m: f32) -> Mesh {
-    let grid = Grid::new(field, least, greatest, cell_m);
+/// Meshes the surface inside the box from `min` to `max` with cells of side `cell_m`.
+pub(super) fn mesh(field: &SignedDistanceField<'_>, min: Vec3, max: Vec3, cell_m: f32) -> Mesh {
+    let grid = Grid::new(field, min, max, cell_m);
     let mut mesh = Mesh::default();
     let mut vertex_of_cell = vec![None; grid.distances.len()];
     for node in grid.nodes() {
-        let corners = || (0..8).map(|c| offset(node, [c & 1, c >> 1 & 1, c >> 2 & 1]));
+        let corners = || (0..8).map(|c| shifted(node, [c & 1, c >> 1 & 1, c >> 2 & 1]));
         if node.iter().zip(grid.size).any(|(i, n)| i + 1 >= n) || !crosses(corners().map(|c| grid.at(c))) {
             continue;
         }
         let centre = add(grid.position(node), [cell_m / 2.0; 3]);
-        let position = on_surface(field, centre, cell_m);
+        let position = project_to_surface(field, centre, cell_m);
         vertex_of_cell[grid.index(node)] = Some(mesh.push(position, normalised(field.gradient(position))));
     }
     for node in grid.nodes() {
         for axis in 0..3 {
             let mut step = [0; 3];
             step[axis] = 1;
-            let far = offset(node, step);
+            let far = shifted(node, step);
             if far[axis] >= grid.size[axis] || (grid.at(node) < 0.0) == (grid.at(far) < 0.0) {
                 continue;
             }
@@ -35,16 +37,17 @@ pub(super) fn mesh(field: &Field<'_>, least: Vec3, greatest: Vec3, cell_m: f32) 
                 let mut cell = node;
                 cell[u] -= du;
                 cell[v] -= dv;
-                vertex_of_cell[grid.index(cell)].expect("the four cells around a crossed edge are crossed")
+                vertex_of_cell[grid.index(cell)]
+                    .expect("the surface crosses all four cells around a crossed edge")
             });
             let [a, b, c, d] = around;
             mesh.quad(if grid.at(node) < 0.0 { [a, b, c, d] } else { [d, c, b, a] });
         }
     }
-    mesh.finished()
+    mesh.finish()
 }
 
-/// Distances at the nodes of a lattice, a margin of two cells around the box.
+/// Distances sampled on a grid that covers the box plus a margin of two cells.
 struct Grid {
     origin: Vec3,
     cell_m: f32,
@@ -53,9 +56,9 @@ struct Grid {
 }
 
 impl Grid {
-    fn new(field: &Field<'_>, least: Vec3, greatest: Vec3, cell_m: f32) -> Self {
-        let size = core::array::from_fn(|i| ((greatest[i] - least[i]) / cell_m) as usize + 6);
-        let origin = sub(least, [2.0 * cell_m; 3]);
+    fn new(field: &SignedDistanceField<'_>, min: Vec3, max: Vec3, cell_m: f32) -> Self {
+        let size = core::array::from_fn(|i| ((max[i] - min[i]) / cell_m) as usize + 6);
+        let origin = sub(min, [2.0 * cell_m; 3]);
         let mut grid = Self { origin, cell_m, size, distances: Vec::new() };
         grid.distances = grid.nodes().map(|node| field.distance(grid.position(node))).collect();
         grid
@@ -79,7 +82,7 @@ impl Grid {
     }
 }
 
-fn offset(node: [usize; 3], by: [usize; 3]) -> [usize; 3] {
+fn shifted(node: [usize; 3], by: [usize; 3]) -> [usize; 3] {
     core::array::from_fn(|i| node[i] + by[i])
 }
 
@@ -88,10 +91,10 @@ fn crosses(mut distances: impl Iterator<Item = f32>) -> bool {
     distances.any(|d| (d < 0.0) != inside)
 }
 
-/// The point near the centre of a cell at which the field vanishes, within little more than the cell.
-fn on_surface(field: &Field<'_>, centre: Vec3, cell_m: f32) -> Vec3 {
+/// Returns the zero of the field closest to the centre of a cell, clamped to slightly more than the cell.
+fn project_to_surface(field: &SignedDistanceField<'_>, centre: Vec3, cell_m: f32) -> Vec3 {
     let mut p = centre;
-    for _ in 0..N_STEPS {
+    for _ in 0..N_ITERATIONS {
         let gradient = field.gradient(p);
         let steepness = dot(gradient, gradient).max(1e-3);
         p = sub(p, scaled(gradient, field.distance(p) / steepness));

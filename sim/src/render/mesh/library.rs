@@ -1,0 +1,66 @@
+//! The meshes that every scene shares: unit solids and the parts of a Panda.
+
+use super::Mesh;
+use super::generate::unit_solids;
+use super::sdf::panda;
+
+/// Identifier of a library mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::render) enum MeshId {
+    /// The square |x|, |y| ≤ 1 at z = 0, facing +z.
+    Quad,
+    /// Box of half extents 1.
+    Box,
+    /// Cylinder about z of radius 1 and half height 1.
+    Cylinder,
+    /// The cylinder without its caps.
+    OpenCylinder,
+    /// The hemisphere z ≥ 0 of the unit sphere, without its flat face.
+    Hemisphere,
+    /// Sphere of radius 1.
+    Sphere,
+    /// Housing of Panda link 0 to 7, in the link frame.
+    Link(usize),
+    /// Housing of the Panda hand, in the hand frame.
+    Hand,
+    /// Body of the wrist camera, in the hand frame.
+    WristCamera,
+}
+
+/// One mesh for each [`MeshId`].
+pub(in crate::render) struct MeshLibrary {
+    solids: [Mesh; 6],
+    links: [Mesh; 8],
+    hand: Mesh,
+    wrist_camera: Mesh,
+}
+
+impl MeshLibrary {
+    /// Generates all meshes, which takes some tens of milliseconds.
+    pub(in crate::render) fn new() -> Self {
+        Self {
+            solids: unit_solids::all(),
+            links: core::array::from_fn(panda::link),
+            hand: panda::hand(),
+            wrist_camera: panda::wrist_camera(),
+        }
+    }
+
+    /// Returns the mesh `id`.
+    ///
+    /// # Panics
+    /// If `id` is a link above 7.
+    pub(in crate::render) fn get(&self, id: MeshId) -> &Mesh {
+        match id {
+            MeshId::Quad => &self.solids[0],
+            MeshId::Box => &self.solids[1],
+            MeshId::Cylinder => &self.solids[2],
+            MeshId::OpenCylinder => &self.solids[3],
+            MeshId::Hemisphere => &self.solids[4],
+            MeshId::Sphere => &self.solids[5],
+            MeshId::Link(link) => &self.links[link],
+            MeshId::Hand => &self.hand,
+            MeshId::WristCamera => &self.wrist_camera,
+        }
+    }
+}
