@@ -9,7 +9,7 @@ use ipc_types::run_config::{Profile, Strength};
 use ipc_types::{ControlMode, RunConfig};
 use sim::TaskId;
 use sim::perturb::Composition;
-use sim::show::{HighResScene, Script, What};
+use sim::show::{Actor, HighResScene, ViewMode};
 
 use crate::checkpoint::Size;
 use crate::demos::ImageFormat;
@@ -129,10 +129,10 @@ pub(crate) struct ShowArgs {
     /// with the range on stdout; seg: one colour per body, arm, table, floor and walls, with the legend on stdout. Black is
     /// background
     #[arg(long, value_name = "VIEW", default_value = "rgb", value_parser = VIEW_PARSER)]
-    pub(crate) what: What,
+    pub(crate) what: ViewMode,
     /// Let this policy act and show the start, the middle and the success (or end) of the episode
     #[arg(long, value_name = "SPEC", value_parser = SCRIPT_PARSER)]
-    pub(crate) policy: Option<Script>,
+    pub(crate) policy: Option<Actor>,
     /// Write the whole episode, 20 control steps per second, as .png or .apng (lossless) or .gif (small); the expert acts
     /// unless --policy is given
     #[arg(long, value_name = "FILE")]
@@ -239,14 +239,14 @@ pub(crate) struct ChildArgs {
     pub(crate) config: String,
 }
 
-const VIEW_PARSER: NameParser<What, UnknownName> = NameParser {
-    parse: |typed| pick("view", typed, &What::ALL, What::name),
-    names: || What::ALL.map(What::name).to_vec(),
+const VIEW_PARSER: NameParser<ViewMode, UnknownName> = NameParser {
+    parse: |typed| pick("view", typed, &ViewMode::ALL, ViewMode::name),
+    names: || ViewMode::ALL.map(ViewMode::name).to_vec(),
 };
 
-const SCRIPT_PARSER: NameParser<Script, UnknownName> = NameParser {
-    parse: |typed| pick("policy to show", typed, &Script::ALL, Script::name),
-    names: || Script::ALL.map(Script::name).to_vec(),
+const SCRIPT_PARSER: NameParser<Actor, UnknownName> = NameParser {
+    parse: |typed| pick("policy to show", typed, &Actor::ALL, Actor::name),
+    names: || Actor::ALL.map(Actor::name).to_vec(),
 };
 
 /// Control modes in which an expert's episode can be recorded.

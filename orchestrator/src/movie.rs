@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use sim::show::contact_sheet::RgbImage;
-use sim::show::movie::{Format, Movie};
+use sim::show::movie::{MovieFormat, MovieWriter};
 
 use crate::failure::Ending;
 use crate::interrupt;
@@ -18,7 +18,7 @@ use crate::progress::{Progress, print};
 /// If the file cannot be written.
 pub(crate) fn write(
     path: &Path,
-    format: Format,
+    format: MovieFormat,
     n_frames: usize,
     mut picture: impl FnMut(usize) -> RgbImage,
 ) -> anyhow::Result<Ending> {
@@ -27,7 +27,7 @@ pub(crate) fn write(
     let _watch = interrupt::watch(move || stop.store(true, Ordering::Relaxed))
         .context("failed to watch for signals")?;
     let mut progress = Progress::of_frames(n_frames as u64);
-    let mut movie = Movie::begin(path, format, n_frames, picture(0))?;
+    let mut movie = MovieWriter::begin(path, format, n_frames, picture(0))?;
     progress.tick();
     for frame in 1..n_frames {
         if stopped.load(Ordering::Relaxed) {

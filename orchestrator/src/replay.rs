@@ -8,8 +8,8 @@ use ipc_types::ControlMode;
 use rayon::prelude::*;
 use sim::demo::Recording;
 use sim::render::CpuRenderer;
-use sim::show::Subject;
-use sim::show::movie::Format;
+use sim::show::EpisodeSpec;
+use sim::show::movie::MovieFormat;
 use sim::show::{HighResScene, contact_sheet};
 use sim::stream::Stream;
 
@@ -26,7 +26,7 @@ use crate::results::Kept;
 pub(crate) struct StoredEpisode {
     /// Who acted.
     pub(crate) policy: String,
-    pub(crate) subject: Subject,
+    pub(crate) subject: EpisodeSpec,
     /// Index of the episode under the suite seed.
     pub(crate) index: u32,
     /// Of the episode.
@@ -171,7 +171,7 @@ fn report(episodes: &[StoredEpisode], replayed: &[(usize, u64)]) -> Result<Endin
 
 /// The episode as a movie of all cameras, in `scale` times as many pixels as policies see along each edge.
 fn draw_movie(source: &Source, episode_idx: usize, path: &Path, scale: usize) -> anyhow::Result<Ending> {
-    let format = Format::of(path)?;
+    let format = MovieFormat::from_path(path)?;
     let recording = source.again(episode_idx)?;
     let view = HighResScene::new(recording.scene(), scale);
     let mut renderer = CpuRenderer::new(rayon::current_num_threads());

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use sim::TaskId;
 use sim::perturb::Composition;
-use sim::show::movie::Format;
-use sim::show::{Film, Key, Script, Subject, What};
+use sim::show::movie::MovieFormat;
+use sim::show::{Actor, EpisodeSpec, FrameSequence, Legend, ViewMode};
 use sim::stream::episode_seed;
 
 use crate::cli::ShowArgs;
@@ -20,10 +20,10 @@ use crate::selection::PerturbationSelector;
 /// What to show, as meant.
 struct Wish {
     /// Episodes of one task, at least one: a subject and a seed each.
-    episodes: Vec<(Subject, u64)>,
-    what: What,
+    episodes: Vec<(EpisodeSpec, u64)>,
+    what: ViewMode,
     /// Who acts; `None` for the starts alone.
-    script: Option<Script>,
+    script: Option<Actor>,
 }
 
 /// Draws the sheet or the movie.
@@ -46,7 +46,7 @@ impl Wish {
             let message = "--perturbation all shows the start of one episode: leave out --episodes, --policy and --movie";
             return Err(Failure::User(anyhow::anyhow!(message)));
         }
-        let subject = |perturbation| Subject { task, perturbation, profile, strength };
+        let subject = |perturbation| EpisodeSpec { task, perturbation, profile, strength };
         let episodes = (args.episode..=u32::MAX).take(args.episodes as usize);
         let seeds: Vec<u64> = episodes.map(|idx| episode_seed(args.seed, task.name(), idx)).collect();
         let rows = perturbations
@@ -77,10 +77,10 @@ fn sheet(wish: &Wish, path: &Path) -> anyhow::Result<Ending> {
     let &Wish { ref episodes, what, script } = wish;
     let (subject, seed) = episodes[0];
     let mut film = match script {
-        None => Film::of_starts(episodes, what),
-        Some(script) => Film::of_highlights(subject, seed, script, what)?,
+        None => FrameSequence::initial_states(episodes, what),
+        Some(script) => FrameSequence::highlights(subject, seed, script, what)?,
     };
-    film.sheet().write_png(path)?;
+    film.render_sheet().write_png(path)?;
     if episodes.iter().any(|(other, _)| other.perturbation != subject.perturbation) {
         let mut rows = Table::new(&[("row", Align::Left), ("instruction", Align::Left)]);
         for ((subject, _), instruction) in episodes.iter().zip(film.instructions()) {
@@ -88,27 +88,27 @@ fn sheet(wish: &Wish, path: &Path) -> anyhow::Result<Ending> {
         }
         print_out(&rows.to_string())?;
     }
-    tell(film.key(), path)
+    tell(film.legend(), path)
 }
 
 /// A frame per control step of one episode.
 fn draw_movie(wish: &Wish, path: &Path) -> anyhow::Result<Ending> {
     let &Wish { ref episodes, what, script } = wish;
     let (subject, seed) = episodes[0];
-    let format = Format::of(path)?;
-    let mut film = Film::of_episode(subject, seed, script.unwrap_or(Script::Expert), what)?;
-    match movie::write(path, format, film.n_moments(), |moment_idx| film.picture(moment_idx))? {
-        Ending::Done => tell(film.key(), path),
+    let format = MovieFormat::from_path(path)?;
+    let mut film = FrameSequence::episode(subject, seed, script.unwrap_or(Actor::Expert), what)?;
+    match movie::write(path, format, film.n_frames(), |frame_idx| film.render_frame(frame_idx))? {
+        Ending::Done => tell(film.legend(), path),
         other => Ok(other),
     }
 }
 
 /// What the colours mean goes to stdout, where the file is to stderr.
-fn tell(key: &Key, path: &Path) -> anyhow::Result<Ending> {
+fn tell(key: &Legend, path: &Path) -> anyhow::Result<Ending> {
     match key {
-        Key::Rgb => {}
-        Key::Depth(range) => print_out(&format!("depth {range}\n"))?,
-        Key::Seg(entries) => {
+        Legend::Rgb => {}
+        Legend::Depth(range) => print_out(&format!("depth {range}\n"))?,
+        Legend::Seg(entries) => {
             let mut table = Table::new(&[("thing", Align::Left), ("colour", Align::Left)]);
             for entry in entries {
                 let [r, g, b] = entry.color;

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use sim::TaskId;
 use sim::demo::{DemoError, Recording};
 use sim::render::{CpuRenderer, RenderScene};
-use sim::show::Subject;
+use sim::show::EpisodeSpec;
 use sim::stream::episode_seed;
 
 pub(crate) use self::dataset::Stored;
@@ -179,7 +179,7 @@ impl Wish {
     fn episode(&self, task: TaskId, index: u32, stopped: &AtomicBool) -> anyhow::Result<Option<Episode>> {
         let Settings { morphology, control_mode, perturbation, strength, profile, seed, images: format } =
             self.settings_of(task.task().morphology);
-        let subject = Subject { task, perturbation, strength, profile };
+        let subject = EpisodeSpec { task, perturbation, strength, profile };
         let seed = episode_seed(seed, task.name(), index);
         let recording = match Recording::of_expert(subject, seed, control_mode) {
             Ok(recording) if recording.success_at_end() => recording,

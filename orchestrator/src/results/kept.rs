@@ -10,7 +10,7 @@ use policy_host::PolicySpec;
 use rusqlite::{Connection, params};
 use serde::de::DeserializeOwned;
 use sim::perturb::{Composition, Strength};
-use sim::show::Subject;
+use sim::show::EpisodeSpec;
 use sim::{Profile, expert};
 
 use super::{manifest, open, schema};
@@ -96,7 +96,7 @@ fn read_episodes(connection: &Connection) -> anyhow::Result<Vec<StoredEpisode>> 
         };
         episodes.push(StoredEpisode {
             policy,
-            subject: Subject { task, perturbation, strength, profile },
+            subject: EpisodeSpec { task, perturbation, strength, profile },
             index: row.get(3)?,
             // Episode seeds lie below 2⁶³.
             seed: row.get::<_, i64>(4)?.cast_unsigned(),

@@ -1,9 +1,9 @@
-//! Demonstrations: what experts do, in the control mode that policies are trained in.
+//! Demonstrations: expert episodes in the control mode that policies are trained in.
 //!
-//! An episode is stepped first and drawn only if it is wanted: its frames keep where everything was. The same action rows give
-//! the same episode again, bit for bit ([`Recording::replay`]).
+//! An episode is simulated first and rendered only if it is used, from the snapshots of its frames. Replaying
+//! the same action rows reproduces the episode bit for bit ([`Recording::replay`]).
 
-mod track;
+mod action_conversion;
 
 use ipc_types::ControlMode;
 use ipc_types::layout::MAX_ACTION_DIM;
@@ -14,176 +14,189 @@ use crate::fingerprint::Fingerprint;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
 use crate::scene::{Scene, Snapshot};
-use crate::show::Subject;
+use crate::show::EpisodeSpec;
 
-/// Why there is no recording of an episode.
+/// Errors that can occur while recording an episode.
 #[derive(Debug, Error)]
 pub enum DemoError {
-    /// The expert's moves are out of reach.
+    /// The expert's waypoints are not reachable.
     #[error("the expert found no plan: {0}")]
     Plan(#[from] MotionPlanError),
-    /// The world blew up.
+    /// The simulation diverged.
     #[error("the physics state is not finite after step {step}")]
     NotFinite {
-        /// Control steps until then.
+        /// Number of control steps taken.
         step: u32,
     },
-    /// Experts' plans are not told in this mode.
-    #[error("demonstrations are made in pd_joint_pos or, with one arm, pd_ee_delta_pose, not in {mode}")]
+    /// Expert plans cannot be converted to this control mode.
+    #[error("demonstrations are recorded in pd_joint_pos or, with one arm, pd_ee_delta_pose, not in {mode}")]
     Mode {
-        /// The mode asked for.
+        /// Name of the requested mode.
         mode: &'static str,
     },
 }
 
-/// An episode, frame by frame: what was seen before each action row, and the row.
+/// A recorded episode. Each frame consists of an action row and of the state before that action.
 pub struct Recording {
     scene: Scene,
     mode: ControlMode,
-    /// `[n_frames, action_dim]`.
+    /// Action rows, `[n_frames, action_dim]`.
     actions: Vec<f32>,
-    /// `[n_frames, state_dim]`: before the action.
+    /// Robot states before each action, `[n_frames, state_dim]`.
     states: Vec<f32>,
-    /// Before the action.
+    /// Poses before each action.
     snapshots: Vec<Snapshot>,
-    n_states: usize,
+    state_dim: usize,
     success_at_end: bool,
     fingerprint: u64,
 }
 
 impl Recording {
-    /// The expert's episode in this mode: until its plan is over and has succeeded, or the episode's end.
+    /// Records an expert episode in the given control mode. The episode ends when the plan has been executed
+    /// and the task has succeeded, or at the step limit.
     ///
     /// # Errors
-    /// If the expert has no plan or the world blows up, or plans are not told in this mode.
-    pub fn of_expert(subject: Subject, episode_seed: u64, mode: ControlMode) -> Result<Self, DemoError> {
-        let task = subject.task.task();
-        let scene = subject.draw(episode_seed);
+    /// If the expert has no plan, the simulation diverges, or plans cannot be converted to the control mode.
+    pub fn of_expert(spec: EpisodeSpec, episode_seed: u64, mode: ControlMode) -> Result<Self, DemoError> {
+        let task = spec.task.task();
+        let scene = spec.draw(episode_seed);
         let mut expert = Expert::new(&scene, &(task.expert)(&scene))?;
-        let teller = track::teller(mode, task.morphology).ok_or(DemoError::Mode { mode: mode.name() })?;
-        let mut stage = Stage::new(subject, scene, mode);
+        let convert = action_conversion::converter(mode, task.morphology)
+            .ok_or(DemoError::Mode { mode: mode.name() })?;
+        let mut recorder = EpisodeRecorder::new(spec, scene, mode);
         let mut planned = [0.0; MAX_ACTION_DIM];
         let planned = &mut planned[..expert::CONTROL_MODE.action_dim(task.morphology)];
         let mut plan_steps = 0;
-        while stage.steps() < task.max_steps && (plan_steps < expert.n_steps() || !stage.has_succeeded()) {
-            expert.act(&stage.world, planned);
+        while recorder.n_steps() < task.max_steps
+            && (plan_steps < expert.n_steps() || !recorder.has_succeeded())
+        {
+            expert.act(&recorder.world, planned);
             plan_steps += 1;
             let mut repeats = 0;
             loop {
                 let mut row = [0.0; MAX_ACTION_DIM];
                 let row = &mut row[..mode.action_dim(task.morphology)];
-                let in_full = teller(planned, &stage.world, row);
-                stage.step(row)?;
+                let reaches_target = convert(planned, &recorder.world, row);
+                recorder.step(row)?;
                 repeats += 1;
-                if in_full || repeats == track::MOST_REPEATS || stage.steps() == task.max_steps {
+                if reaches_target
+                    || repeats == action_conversion::MAX_REPEATS
+                    || recorder.n_steps() == task.max_steps
+                {
                     break;
                 }
             }
         }
-        Ok(stage.finish())
+        Ok(recorder.finish())
     }
 
-    /// The episode that these action rows `[n_frames, action_dim]` make.
+    /// Replays an episode from its action rows, `[n_frames, action_dim]`.
     ///
     /// # Errors
-    /// If the world blows up.
+    /// If the simulation diverges.
     ///
     /// # Panics
-    /// If the rows are not whole.
+    /// If the length of `actions` is not a multiple of `action_dim`.
     pub fn replay(
-        subject: Subject,
+        spec: EpisodeSpec,
         episode_seed: u64,
         mode: ControlMode,
         actions: &[f32],
     ) -> Result<Self, DemoError> {
-        let action_dim = mode.action_dim(subject.task.task().morphology);
-        assert!(actions.len().is_multiple_of(action_dim), "rows of {action_dim} numbers");
-        let mut stage = Stage::new(subject, subject.draw(episode_seed), mode);
-        actions.chunks_exact(action_dim).try_for_each(|row| stage.step(row))?;
-        Ok(stage.finish())
+        let action_dim = mode.action_dim(spec.task.task().morphology);
+        assert!(
+            actions.len().is_multiple_of(action_dim),
+            "{} values are not rows of {action_dim}",
+            actions.len()
+        );
+        let mut recorder = EpisodeRecorder::new(spec, spec.draw(episode_seed), mode);
+        actions.chunks_exact(action_dim).try_for_each(|row| recorder.step(row))?;
+        Ok(recorder.finish())
     }
 
-    /// Frames, which is control steps.
+    /// Returns the number of frames, which is the number of control steps.
     #[must_use]
     pub fn n_frames(&self) -> usize {
         self.snapshots.len()
     }
 
-    /// How the action rows are meant.
+    /// Returns the control mode of the action rows.
     #[must_use]
     pub fn mode(&self) -> ControlMode {
         self.mode
     }
 
-    /// `[n_frames, action_dim]`.
+    /// Returns the action rows, `[n_frames, action_dim]`.
     #[must_use]
     pub fn actions(&self) -> &[f32] {
         &self.actions
     }
 
-    /// `[n_frames, state_dim]`: what a policy was told of the arms before each action (spec/env.md §6).
+    /// Returns the proprioceptive state before each action, `[n_frames, state_dim]` (docs/benchmark.md,
+    /// "Observations").
     #[must_use]
     pub fn states(&self) -> &[f32] {
         &self.states
     }
 
-    /// What a policy was told to do.
+    /// Returns the language instruction.
     #[must_use]
     pub fn instruction(&self) -> &str {
         &self.scene.instruction
     }
 
-    /// Whether everything that makes success held after the last step.
+    /// Returns `true` if all success predicates held after the last step.
     #[must_use]
     pub fn success_at_end(&self) -> bool {
         self.success_at_end
     }
 
-    /// Hash of the start, the actions and what came of them, as a run makes it of its episodes.
+    /// Returns the fingerprint: a hash of the initial state, the actions and all resulting states, as
+    /// computed in a run.
     #[must_use]
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint
     }
 
-    /// The episode's scene.
+    /// Returns the sampled scene of the episode.
     #[must_use]
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// Where everything was at a frame.
+    /// Returns the poses of all bodies and links at a frame.
     ///
     /// # Panics
-    /// If there is no such frame.
+    /// If `frame` is out of range.
     #[must_use]
     pub fn snapshot(&self, frame: usize) -> &Snapshot {
         &self.snapshots[frame]
     }
 }
 
-/// An episode in progress.
-struct Stage {
+/// Steps an episode and records its frames.
+struct EpisodeRecorder {
     recording: Recording,
     world: World,
     success: Vec<Predicate>,
     fingerprint: Fingerprint,
 }
 
-impl Stage {
-    fn new(subject: Subject, scene: Scene, mode: ControlMode) -> Self {
-        let task = subject.task.task();
+impl EpisodeRecorder {
+    fn new(spec: EpisodeSpec, scene: Scene, mode: ControlMode) -> Self {
+        let task = spec.task.task();
         let world = World::build(&scene, mode);
         let mut fingerprint = Fingerprint::default();
         world.absorb(&mut fingerprint);
         Self {
-            success: (task.success)(&scene, subject.profile),
+            success: (task.success)(&scene, spec.profile),
             recording: Recording {
                 scene,
                 mode,
                 actions: Vec::new(),
                 states: Vec::new(),
                 snapshots: Vec::new(),
-                n_states: task.morphology.state_dim(),
+                state_dim: task.morphology.state_dim(),
                 success_at_end: false,
                 fingerprint: 0,
             },
@@ -192,7 +205,7 @@ impl Stage {
         }
     }
 
-    fn steps(&self) -> u32 {
+    fn n_steps(&self) -> u32 {
         self.recording.snapshots.len() as u32
     }
 
@@ -206,13 +219,13 @@ impl Stage {
         world.write_snapshot(&mut snapshot);
         recording.snapshots.push(snapshot);
         let first = recording.states.len();
-        recording.states.resize(first + recording.n_states, 0.0);
+        recording.states.resize(first + recording.state_dim, 0.0);
         world.write_state(&mut recording.states[first..]);
         recording.actions.extend_from_slice(row);
         world.step(row);
         fingerprint.write(row);
         world.absorb(fingerprint);
-        if world.is_finite() { Ok(()) } else { Err(DemoError::NotFinite { step: self.steps() }) }
+        if world.is_finite() { Ok(()) } else { Err(DemoError::NotFinite { step: self.n_steps() }) }
     }
 
     fn finish(self) -> Recording {

@@ -1,4 +1,5 @@
-//! Scenes as plain data, so that other renderers can be given the same geometry, materials, lights and cameras.
+//! Scenes as plain data, so that other renderers can be given the same geometry, materials, lights and
+//! cameras.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 
@@ -35,8 +36,8 @@ pub struct ExportedInstance {
     pub normals: Vec<[f32; 3]>,
     /// Vertex indices, counter-clockwise when viewed from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// Per triangle the axis (0, 1 or 2) along which the texture is projected onto it: texture coordinates are (z, y),
-    /// (x, z) or (x, y), divided by the tile's side.
+    /// Per triangle the axis (0, 1 or 2) along which the texture is projected onto it: texture coordinates
+    /// are (z, y), (x, z) or (x, y), divided by the tile's side.
     pub texture_axes: Vec<usize>,
     /// Diffuse reflectance, linear RGB.
     pub color: [f32; 3],

@@ -40,8 +40,8 @@ pub struct RgbImage {
     rgb: Vec<u8>,
 }
 
-/// Lays out square images on a grid of `columns` columns, in row-major order, and repeats every pixel `upscale` times
-/// along both axes. Each image is given as its side and its `[side, side, 3] u8` sRGB bytes.
+/// Lays out square images on a grid of `columns` columns, in row-major order, and repeats every pixel
+/// `upscale` times along both axes. Each image is given as its side and its `[side, side, 3] u8` sRGB bytes.
 ///
 /// # Panics
 /// If there are no images, if `columns` or `upscale` is 0, or if an image's length does not match its side.

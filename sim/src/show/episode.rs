@@ -1,4 +1,4 @@
-//! Episodes that need no policy host: who acts in them, and where everything is after each of their steps.
+//! Episodes that run without a policy host.
 
 use ipc_types::ControlMode;
 use ipc_types::layout::MAX_ACTION_DIM;
@@ -13,67 +13,68 @@ use crate::scene::{Scene, Snapshot};
 use crate::task::Task;
 use crate::tasks::TaskId;
 
-/// Which distribution of episodes is shown.
+/// A distribution of episodes. Together with a seed it determines an episode.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Subject {
-    /// Task.
+pub struct EpisodeSpec {
+    /// The task of the episodes.
     pub task: TaskId,
-    /// Perturbation, or several that act together; they apply to the task.
+    /// One perturbation, or several in combination. All of them must apply to the task.
     pub perturbation: Composition,
-    /// How strong they are.
+    /// Strength of the perturbations.
     pub strength: Strength,
-    /// Profile.
+    /// Rules of the benchmark that apply.
     pub profile: Profile,
 }
 
-/// Who acts.
+/// Source of the actions of a rollout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Script {
+pub enum Actor {
     /// The task's scripted expert.
     Expert,
-    /// Nobody: the arms hold still.
+    /// Commands that hold the arms still.
     Idle,
 }
 
-type Actor = Box<dyn FnMut(&World, &mut [f32])>;
+/// Writes the next action row, `[8 per arm] f32`.
+type ActFn = Box<dyn FnMut(&World, &mut [f32])>;
 
-/// When to stop looking.
+/// Condition that ends a rollout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Until {
-    /// After the first success, or at the episode's end without one.
-    Success,
-    /// At the episode's end.
-    End,
+pub(super) enum RolloutEnd {
+    /// The first success, or the episode's step limit.
+    FirstSuccess,
+    /// The episode's step limit.
+    StepLimit,
 }
 
-impl Subject {
-    /// The episode's scene.
+impl EpisodeSpec {
+    /// Samples the scene of an episode.
     pub(crate) fn draw(self, episode_seed: u64) -> Scene {
         self.perturbation.spec(self.task.task(), self.profile, self.strength).draw(episode_seed)
     }
 
-    /// The scene's start and what follows, one snapshot per control step.
+    /// Rolls out an episode. Returns the initial snapshot followed by one snapshot per control step.
     pub(super) fn roll_out(
         self,
         scene: &Scene,
-        script: Script,
-        until: Until,
+        actor: Actor,
+        end: RolloutEnd,
     ) -> Result<Vec<Snapshot>, ShowError> {
         let task = self.task.task();
-        let mut actor = script.actor(task, scene)?;
+        let mut act = actor.act_fn(task, scene)?;
         let mut world = World::build(scene, ControlMode::JointPos);
         let success = (task.success)(scene, self.profile);
         let mut row = [0.0; MAX_ACTION_DIM];
         let row = &mut row[..ControlMode::JointPos.action_dim(task.morphology)];
         let mut snapshots = vec![snapshot(scene, &world)];
         for step in 1..=task.max_steps {
-            actor(&world, row);
+            act(&world, row);
             world.step(row);
             if !world.is_finite() {
                 return Err(ShowError::NotFinite { step });
             }
             snapshots.push(snapshot(scene, &world));
-            if until == Until::Success && first_unmet(&success, &world).is_none() {
+            if end == RolloutEnd::FirstSuccess && first_unmet(&success, &world).is_none() {
                 break;
             }
         }
@@ -81,11 +82,11 @@ impl Subject {
     }
 }
 
-impl Script {
-    /// All of them.
+impl Actor {
+    /// All actors, in the order of the command-line help.
     pub const ALL: [Self; 2] = [Self::Expert, Self::Idle];
 
-    /// Name on the command line: that of the policy which does the same in a run.
+    /// Returns the name on the command line: that of the policy that behaves the same way in a run.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -94,8 +95,7 @@ impl Script {
         }
     }
 
-    /// What writes the next action row, `[8 per arm]` f32.
-    fn actor(self, task: &Task, scene: &Scene) -> Result<Actor, MotionPlanError> {
+    fn act_fn(self, task: &Task, scene: &Scene) -> Result<ActFn, MotionPlanError> {
         Ok(match self {
             Self::Expert => {
                 let mut expert = Expert::new(scene, &(task.expert)(scene))?;
@@ -106,7 +106,7 @@ impl Script {
     }
 }
 
-/// Where everything is now.
+/// Returns the current poses of all bodies and links of a world.
 pub(super) fn snapshot(scene: &Scene, world: &World) -> Snapshot {
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     world.write_snapshot(&mut snapshot);

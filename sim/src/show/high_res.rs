@@ -1,6 +1,6 @@
-//! Renderings at several times the resolution of the observations, for videos. Each image is assembled from tiles of the
-//! usual size, because the rasteriser's integer coordinates cover 224 × 224 px and a guard band. The camera of a tile
-//! looks off its axis, through its part of the image plane.
+//! Renderings at several times the resolution of the observations, for videos. Each image is assembled from
+//! tiles of the usual size, because the rasteriser's integer coordinates cover 224 × 224 px and a guard band.
+//! The camera of a tile looks off its axis, through its part of the image plane.
 
 use std::ops::RangeInclusive;
 
@@ -28,8 +28,8 @@ impl HighResScene {
         Self { tiles: RenderScene::with_tiled_cameras(scene, scale), scale }
     }
 
-    /// Renders all cameras. Returns each camera's side in px and its `[side, side, 3] u8` sRGB image. At scale 1 the
-    /// result is identical to [`CpuRenderer::photograph`].
+    /// Renders all cameras. Returns each camera's side in px and its `[side, side, 3] u8` sRGB image. At
+    /// scale 1 the result is identical to [`CpuRenderer::photograph`].
     ///
     /// # Panics
     /// If the snapshot does not belong to the scene.

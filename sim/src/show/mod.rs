@@ -1,38 +1,39 @@
-//! What people look at: the cameras' pictures at the starts of episodes or along one, as a sheet or as a movie.
+//! Renderings for people: the camera images at the starts of episodes, or along one episode, as a contact
+//! sheet or a movie.
 //!
-//! Owns how depths and segments become colours, and the files of movies. It never decides what an episode is: it draws
-//! scenes and steps worlds as `serve` does, with an actor that needs no policy host.
+//! Owns the colour maps for depth and segmentation and the movie file formats. It does not define what an
+//! episode is: it samples scenes and steps worlds as `serve` does, with an actor that needs no policy host.
 
 pub mod contact_sheet;
 mod depth;
 mod episode;
-mod film;
+mod frame_renderer;
 mod high_res;
 pub mod movie;
-mod paint;
-mod segments;
+mod segmentation;
+mod sequence;
 
 use thiserror::Error;
 
 pub use depth::DepthRange;
-pub use episode::{Script, Subject};
-pub use film::Film;
+pub use episode::{Actor, EpisodeSpec};
+pub use frame_renderer::{Legend, ViewMode};
 pub use high_res::HighResScene;
-pub use paint::{Key, What};
-pub use segments::Entry;
+pub use segmentation::LegendEntry;
+pub use sequence::FrameSequence;
 
 use crate::expert::MotionPlanError;
 
-/// Why an episode cannot be shown.
+/// Errors that can occur while rolling out an episode to show.
 #[derive(Debug, Error)]
 pub enum ShowError {
-    /// The expert's moves are out of reach.
+    /// The expert's waypoints are not reachable.
     #[error("the expert found no plan: {0}")]
     Plan(#[from] MotionPlanError),
-    /// The world blew up.
+    /// The simulation diverged.
     #[error("the physics state is not finite after step {step}")]
     NotFinite {
-        /// Control steps until then.
+        /// Number of control steps taken.
         step: u32,
     },
 }

@@ -5,16 +5,16 @@ use rayon::prelude::*;
 use sim::demo::{DemoError, Recording};
 use sim::perturb::{Composition, Strength};
 use sim::robot::control::delta_row;
-use sim::show::Subject;
+use sim::show::EpisodeSpec;
 use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
 /// Episodes of each task, of which one at least must succeed.
 const TRIES: u32 = 4;
 
-fn subject(task: TaskId) -> Subject {
+fn subject(task: TaskId) -> EpisodeSpec {
     let perturbation = Composition::from(Perturbation::None);
-    Subject { task, perturbation, strength: Strength::FULL, profile: Profile::Strict }
+    EpisodeSpec { task, perturbation, strength: Strength::FULL, profile: Profile::Strict }
 }
 
 fn record(task: TaskId, episode_idx: u32, mode: ControlMode) -> Result<Recording, DemoError> {

@@ -9,7 +9,7 @@ use parquet::data_type::FloatType;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use policy_host::PolicySpec;
 use sim::TaskId;
-use sim::show::Subject;
+use sim::show::EpisodeSpec;
 use sim::stream::episode_seed;
 
 use super::journal::{Settings, read_journal, read_settings};
@@ -46,7 +46,7 @@ impl Stored {
                 places.push((file, place));
                 episodes.push(StoredEpisode {
                     policy: PolicySpec::Expert.kind().to_owned(),
-                    subject: Subject { task, perturbation, strength, profile },
+                    subject: EpisodeSpec { task, perturbation, strength, profile },
                     index: record.index,
                     seed: episode_seed(seed, task.name(), record.index),
                     mode,

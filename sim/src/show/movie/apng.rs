@@ -1,4 +1,4 @@
-//! Animated PNG (PNG specification, third edition, §11.3.6).
+//! Animated PNG encoder (PNG specification, third edition, §11.3.6).
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -8,11 +8,11 @@ use png::{BitDepth, BlendOp, ColorType, EncodingError};
 use super::FRAMES_PER_S;
 use crate::show::contact_sheet::RgbImage;
 
-/// An animated PNG in the making.
+/// An animated PNG file that is being written.
 pub(super) struct Apng(png::Writer<BufWriter<File>>);
 
 impl Apng {
-    /// Writes the head and the first frame.
+    /// Writes the header and the first frame.
     pub(super) fn begin(
         file: BufWriter<File>,
         n_frames: usize,
@@ -32,17 +32,19 @@ impl Apng {
         Ok(Self(writer))
     }
 
-    /// Writes what has changed.
-    pub(super) fn push(&mut self, frame: &RgbImage, before: &RgbImage) -> Result<(), EncodingError> {
+    /// Writes the pixels of `frame` that differ from the `previous` frame; all others are transparent.
+    pub(super) fn push(&mut self, frame: &RgbImage, previous: &RgbImage) -> Result<(), EncodingError> {
         let changes: Vec<u8> = frame
             .pixels()
-            .zip(before.pixels())
-            .flat_map(|(now, before)| if now == before { [0; 4] } else { [now[0], now[1], now[2], u8::MAX] })
+            .zip(previous.pixels())
+            .flat_map(
+                |(now, previous)| if now == previous { [0; 4] } else { [now[0], now[1], now[2], u8::MAX] },
+            )
             .collect();
         self.0.write_image_data(&changes)
     }
 
-    /// Writes the end.
+    /// Writes the trailing chunks.
     pub(super) fn finish(self) -> Result<(), EncodingError> {
         self.0.finish()
     }

@@ -1,5 +1,6 @@
-//! GIF. A frame whose new pixels have few colours gets a palette of exactly those; any other one is dithered to a cube of
-//! colours by a pattern that stays where it is, so that what does not move does not flicker.
+//! GIF encoder. A frame whose changed pixels have at most 255 colours gets an exact palette. Other frames are
+//! dithered to a fixed colour cube by a threshold matrix that is fixed to the image, so that static regions
+//! do not flicker.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -10,21 +11,22 @@ use gif::{Encoder, EncodingError, Frame, Repeat};
 use super::FRAMES_PER_S;
 use crate::show::contact_sheet::RgbImage;
 
-/// Shades of red, green and blue in the cube: the eye sees green best.
-const SHADES: [usize; 3] = [6, 7, 6];
-/// Index of the pixels that stay as they are; the colours of a palette come after it.
-const STAYS: u8 = 0;
-/// Colours that have room in a palette beside that index.
+/// Levels of red, green and blue in the colour cube. Green gets the most because the eye is most sensitive to
+/// it.
+const LEVELS: [usize; 3] = [6, 7, 6];
+/// Palette index of unchanged, transparent pixels. The colours of a palette follow it.
+const UNCHANGED: u8 = 0;
+/// Maximum number of colours in a palette, next to [`UNCHANGED`].
 const MAX_COLORS: usize = 255;
-/// Thresholds of an 8 × 8 ordered dither, in 1/64 (Bayer, "An optimum method for two-level rendition of continuous-tone
-/// pictures", ICC 1973).
+/// Thresholds of an 8 × 8 ordered dither, in 1/64 (Bayer, "An optimum method for two-level rendition of
+/// continuous-tone pictures", ICC 1973).
 const BAYER: [[usize; 8]; 8] = bayer();
 
-/// A GIF in the making.
+/// A GIF file that is being written.
 pub(super) struct Gif(Encoder<BufWriter<File>>);
 
 impl Gif {
-    /// Writes the head and the first frame.
+    /// Writes the header and the first frame.
     pub(super) fn begin(file: BufWriter<File>, first: &RgbImage) -> Result<Self, EncodingError> {
         let [width, height] = first.size().map(|px| px as u16);
         let mut encoder = Encoder::new(file, width, height, &cube())?;
@@ -33,32 +35,32 @@ impl Gif {
         Ok(Self(encoder))
     }
 
-    /// Writes what has changed.
-    pub(super) fn push(&mut self, frame: &RgbImage, before: &RgbImage) -> Result<(), EncodingError> {
+    /// Writes the pixels of `frame` that differ from the `previous` frame; all others are transparent.
+    pub(super) fn push(&mut self, frame: &RgbImage, previous: &RgbImage) -> Result<(), EncodingError> {
         let changed: Vec<bool> =
-            frame.pixels().zip(before.pixels()).map(|(now, before)| now != before).collect();
+            frame.pixels().zip(previous.pixels()).map(|(now, previous)| now != previous).collect();
         self.0.write_frame(&encoded(frame, |pixel| changed[pixel]))
     }
 
-    /// Writes the end.
+    /// Writes the trailer and flushes the file.
     pub(super) fn finish(self) -> Result<(), EncodingError> {
         Ok(self.0.into_inner()?.flush()?)
     }
 }
 
-/// A frame of the pixels for which `changed` holds; all others stay.
-fn encoded(picture: &RgbImage, changed: impl Fn(usize) -> bool) -> Frame<'static> {
-    let [width, height] = picture.size();
-    let exact = exact_palette(picture, &changed);
+/// Encodes the pixels for which `changed` returns `true`; all others are transparent.
+fn encoded(image: &RgbImage, changed: impl Fn(usize) -> bool) -> Frame<'static> {
+    let [width, height] = image.size();
+    let exact = exact_palette(image, &changed);
     let index = |(pixel, rgb): (usize, [u8; 3])| match &exact {
-        _ if !changed(pixel) => STAYS,
+        _ if !changed(pixel) => UNCHANGED,
         Some(indices) => indices[&rgb],
         None => dithered(rgb, BAYER[pixel / width % 8][pixel % width % 8]),
     };
-    let indices: Vec<u8> = picture.pixels().enumerate().map(index).collect();
+    let indices: Vec<u8> = image.pixels().enumerate().map(index).collect();
     Frame {
         delay: 100 / FRAMES_PER_S,
-        transparent: Some(STAYS),
+        transparent: Some(UNCHANGED),
         width: width as u16,
         height: height as u16,
         palette: exact.map(|colors| [[0; 3]].into_iter().chain(colors.into_keys()).flatten().collect()),
@@ -67,49 +69,51 @@ fn encoded(picture: &RgbImage, changed: impl Fn(usize) -> bool) -> Frame<'static
     }
 }
 
-/// Indices of the changed pixels' colours, in the colours' order; `None` if there are too many.
-fn exact_palette(picture: &RgbImage, changed: impl Fn(usize) -> bool) -> Option<BTreeMap<[u8; 3], u8>> {
+/// Assigns palette indices to the colours of all changed pixels, in sorted order. Returns `None` if there are
+/// more than [`MAX_COLORS`].
+fn exact_palette(image: &RgbImage, changed: impl Fn(usize) -> bool) -> Option<BTreeMap<[u8; 3], u8>> {
     let mut colors = BTreeMap::new();
-    for (_, rgb) in picture.pixels().enumerate().filter(|(pixel, _)| changed(*pixel)) {
-        colors.insert(rgb, STAYS);
+    for (_, rgb) in image.pixels().enumerate().filter(|(pixel, _)| changed(*pixel)) {
+        colors.insert(rgb, UNCHANGED);
         if colors.len() > MAX_COLORS {
             return None;
         }
     }
-    colors.values_mut().zip(STAYS + 1..=u8::MAX).for_each(|(index, place)| *index = place);
+    colors.values_mut().zip(UNCHANGED + 1..=u8::MAX).for_each(|(index, assigned)| *index = assigned);
     Some(colors)
 }
 
-/// Index in the palette of [`cube`] of the shades next below or above a colour's, by a threshold in 1/64.
+/// Quantises a colour to the palette of [`cube`], rounding each channel up or down by an ordered-dither
+/// threshold in 1/64.
 fn dithered(rgb: [u8; 3], threshold: usize) -> u8 {
-    let shade = |c: usize| (usize::from(rgb[c]) * (SHADES[c] - 1) * 64 + threshold * 255 + 127) / (255 * 64);
-    1 + ((shade(0) * SHADES[1] + shade(1)) * SHADES[2] + shade(2)) as u8
+    let level = |c: usize| (usize::from(rgb[c]) * (LEVELS[c] - 1) * 64 + threshold * 255 + 127) / (255 * 64);
+    1 + ((level(0) * LEVELS[1] + level(1)) * LEVELS[2] + level(2)) as u8
 }
 
-/// Palette of all shades of all channels, after [`STAYS`].
+/// Returns the palette with all combinations of channel levels, after [`UNCHANGED`].
 fn cube() -> Vec<u8> {
-    let even = |shade: usize, c: usize| (shade * 255 / (SHADES[c] - 1)) as u8;
+    let value = |level: usize, c: usize| (level * 255 / (LEVELS[c] - 1)) as u8;
     let mut palette = vec![0; 3];
-    for index in 0..SHADES.iter().product() {
-        let (r, g, b) = (index / (SHADES[1] * SHADES[2]), index / SHADES[2] % SHADES[1], index % SHADES[2]);
-        palette.extend([even(r, 0), even(g, 1), even(b, 2)]);
+    for index in 0..LEVELS.iter().product() {
+        let (r, g, b) = (index / (LEVELS[1] * LEVELS[2]), index / LEVELS[2] % LEVELS[1], index % LEVELS[2]);
+        palette.extend([value(r, 0), value(g, 1), value(b, 2)]);
     }
     palette
 }
 
 const fn bayer() -> [[usize; 8]; 8] {
     let mut matrix = [[0; 8]; 8];
-    let mut place = 0;
-    while place < 64 {
-        let (x, y) = (place % 8, place / 8);
-        // The bits of x ^ y and y, interleaved, the lowest ones foremost.
+    let mut cell = 0;
+    while cell < 64 {
+        let (x, y) = (cell % 8, cell / 8);
+        // Interleave the bits of x ^ y and y, in reverse order.
         let mut bit = 0;
         while bit < 3 {
             let pair = ((x ^ y) >> bit & 1) << 1 | (y >> bit & 1);
             matrix[y][x] |= pair << (2 * (2 - bit));
             bit += 1;
         }
-        place += 1;
+        cell += 1;
     }
     matrix
 }
@@ -119,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dithering_keeps_the_mean_colour() {
+    fn dithering_preserves_mean_color() {
         let palette = cube();
         for rgb in [[0, 0, 0], [255, 255, 255], [10, 100, 200], [77, 31, 250], [128, 128, 128]] {
             let mut sum = [0; 3];
@@ -134,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn every_threshold_occurs_once() {
+    fn bayer_matrix_contains_every_threshold_once() {
         let mut all: Vec<usize> = BAYER.into_iter().flatten().collect();
         all.sort_unstable();
         assert_eq!(all, (0..64).collect::<Vec<_>>());

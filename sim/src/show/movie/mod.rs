@@ -1,11 +1,11 @@
-//! Movies for people: pictures one after the other at the rate of control, in a file that plays where pictures are shown.
+//! Movies with one frame per control step, in file formats that play wherever images are displayed.
 //!
-//! Most of a frame is the same as before. Such pixels are left transparent over what is there already, which costs next to
-//! nothing in either format.
+//! Most pixels do not change from one frame to the next. They are encoded as transparent, which takes almost
+//! no space in either format.
 
 mod apng;
-mod draft;
 mod gif;
+mod part_file;
 #[cfg(test)]
 mod tests;
 
@@ -17,79 +17,81 @@ use thiserror::Error;
 use crate::physics::CONTROL_HZ;
 use crate::show::contact_sheet::RgbImage;
 use apng::Apng;
-use draft::Draft;
 use gif::Gif;
+use part_file::PartFile;
 
 /// Frames per second: one per control step.
 pub const FRAMES_PER_S: u16 = CONTROL_HZ as u16;
 
-/// A kind of file.
+/// File format of a movie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
-    /// Animated PNG: the pictures to the bit.
+pub enum MovieFormat {
+    /// Animated PNG: lossless.
     Apng,
-    /// GIF: smaller, and dithered where a frame has more colours than the format.
+    /// GIF: smaller; frames with more than 255 new colours are dithered.
     Gif,
 }
 
-/// Extensions of movie files, in lower case.
-const EXTENSIONS: [(&str, Format); 3] = [("png", Format::Apng), ("apng", Format::Apng), ("gif", Format::Gif)];
+/// File name extensions in lower case.
+const EXTENSIONS: [(&str, MovieFormat); 3] =
+    [("png", MovieFormat::Apng), ("apng", MovieFormat::Apng), ("gif", MovieFormat::Gif)];
 
-/// A file name that says no known kind of movie.
+/// Error for a path whose extension is not that of a known movie format.
 #[derive(Debug, Error, PartialEq, Eq)]
-#[error("{path}: a movie's name ends in {}", known())]
+#[error("{path}: a movie's name ends in {}", known_extensions())]
 pub struct UnknownFormat {
     path: String,
 }
 
-/// Failure to write a movie.
+/// Errors that can occur while writing a movie.
 #[derive(Debug, Error)]
 pub enum MovieError {
     /// The file could not be created.
     #[error("create {path}: {source}")]
     Create {
-        /// Where it should have been.
+        /// Path of the file.
         path: String,
-        /// Reason.
+        /// Underlying I/O or encoder error.
         source: io::Error,
     },
     /// A frame could not be written.
     #[error("write {path}: {source}")]
     Write {
-        /// Where it was to be.
+        /// Path of the file.
         path: String,
-        /// Reason.
-        source: CodingError,
+        /// Underlying I/O or encoder error.
+        source: EncodeError,
     },
-    /// The whole file could not take its name.
+    /// The complete file could not be renamed to its final path.
     #[error("rename {part} to {path}: {source}")]
     Rename {
-        /// Where it is.
+        /// Path of the complete file.
         part: String,
-        /// Where it should be.
+        /// Final path of the file.
         path: String,
-        /// Reason.
+        /// Underlying I/O or encoder error.
         source: io::Error,
     },
 }
 
-/// What an encoder says.
+/// Errors of the image encoders.
 #[derive(Debug, Error)]
-pub enum CodingError {
-    /// Of PNG.
+pub enum EncodeError {
+    /// Error of the PNG encoder.
     #[error(transparent)]
     Png(#[from] png::EncodingError),
-    /// Of GIF.
+    /// Error of the GIF encoder.
     #[error(transparent)]
     Gif(#[from] ::gif::EncodingError),
 }
 
-/// A movie in the making. Its file takes its name when it is finished; an unfinished one leaves nothing.
-pub struct Movie {
+/// Writes a movie frame by frame. The file appears under its final path when the movie is finished; an
+/// unfinished movie leaves no file behind.
+pub struct MovieWriter {
     encoder: Encoder,
-    draft: Draft,
-    /// The last frame.
-    shown: RgbImage,
+    file: PartFile,
+    /// The frame written last.
+    previous: RgbImage,
 }
 
 enum Encoder {
@@ -97,66 +99,73 @@ enum Encoder {
     Gif(Gif),
 }
 
-impl Format {
-    /// By the path's extension, in whatever case.
+impl MovieFormat {
+    /// Selects the format by the path's extension, ignoring case.
     ///
     /// # Errors
-    /// If it is none of the known ones.
-    pub fn of(path: &Path) -> Result<Self, UnknownFormat> {
+    /// If the extension is unknown.
+    pub fn from_path(path: &Path) -> Result<Self, UnknownFormat> {
         let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
         let known = EXTENSIONS.iter().find(|(name, _)| name.eq_ignore_ascii_case(extension));
         known.map(|(_, format)| *format).ok_or_else(|| UnknownFormat { path: path.display().to_string() })
     }
 }
 
-impl Movie {
-    /// Begins a movie of `n_frames` with its first one, which sets the size.
+impl MovieWriter {
+    /// Starts a movie of `n_frames` frames. The first frame determines the size.
     ///
     /// # Errors
     /// If the file cannot be created or written.
-    pub fn begin(path: &Path, format: Format, n_frames: usize, first: RgbImage) -> Result<Self, MovieError> {
-        let (draft, file) = Draft::create(path)
+    pub fn begin(
+        path: &Path,
+        format: MovieFormat,
+        n_frames: usize,
+        first: RgbImage,
+    ) -> Result<Self, MovieError> {
+        let (file, buffer) = PartFile::create(path)
             .map_err(|source| MovieError::Create { path: path.display().to_string(), source })?;
         let encoder = match format {
-            Format::Apng => Apng::begin(file, n_frames, &first).map(Encoder::Apng).map_err(CodingError::from),
-            Format::Gif => Gif::begin(file, &first).map(Encoder::Gif).map_err(CodingError::from),
+            MovieFormat::Apng => {
+                Apng::begin(buffer, n_frames, &first).map(Encoder::Apng).map_err(EncodeError::from)
+            }
+            MovieFormat::Gif => Gif::begin(buffer, &first).map(Encoder::Gif).map_err(EncodeError::from),
         };
-        Ok(Self { encoder: encoder.map_err(|source| draft.failed(source))?, draft, shown: first })
+        Ok(Self { encoder: encoder.map_err(|source| file.write_error(source))?, file, previous: first })
     }
 
-    /// Adds a frame.
+    /// Appends a frame.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the frame cannot be written.
     ///
     /// # Panics
-    /// If it has another size than the first one.
+    /// If its size differs from that of the first frame.
     pub fn push(&mut self, frame: RgbImage) -> Result<(), MovieError> {
-        assert_eq!(frame.size(), self.shown.size(), "the frames of a movie are equally large");
+        assert_eq!(frame.size(), self.previous.size(), "all frames of a movie have the same size");
         match &mut self.encoder {
-            Encoder::Apng(apng) => apng.push(&frame, &self.shown).map_err(CodingError::from),
-            Encoder::Gif(gif) => gif.push(&frame, &self.shown).map_err(CodingError::from),
+            Encoder::Apng(apng) => apng.push(&frame, &self.previous).map_err(EncodeError::from),
+            Encoder::Gif(gif) => gif.push(&frame, &self.previous).map_err(EncodeError::from),
         }
-        .map_err(|source| self.draft.failed(source))?;
-        self.shown = frame;
+        .map_err(|source| self.file.write_error(source))?;
+        self.previous = frame;
         Ok(())
     }
 
-    /// Ends the movie and gives the file its name.
+    /// Completes the movie and renames the file to its final path.
     ///
     /// # Errors
     /// If frames are missing or the file cannot be written or renamed.
     pub fn finish(self) -> Result<(), MovieError> {
         match self.encoder {
-            Encoder::Apng(apng) => apng.finish().map_err(CodingError::from),
-            Encoder::Gif(gif) => gif.finish().map_err(CodingError::from),
+            Encoder::Apng(apng) => apng.finish().map_err(EncodeError::from),
+            Encoder::Gif(gif) => gif.finish().map_err(EncodeError::from),
         }
-        .map_err(|source| self.draft.failed(source))?;
-        self.draft.publish()
+        .map_err(|source| self.file.write_error(source))?;
+        self.file.publish()
     }
 }
 
-/// The known extensions as a list.
-fn known() -> String {
+/// Returns the known extensions as a comma-separated list.
+fn known_extensions() -> String {
     EXTENSIONS.map(|(name, _)| format!(".{name}")).join(", ")
 }

@@ -1,35 +1,35 @@
-//! A movie, decoded again and put together frame upon frame, is what went in.
+//! Round-trip tests: a decoded movie equals the frames that were encoded.
 
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use super::{Format, Movie};
+use super::{MovieFormat, MovieWriter};
 use crate::show::contact_sheet::{RgbImage, compose};
 
-/// A square of 40 colours on black that wanders, 3 frames.
+/// Returns three frames of a moving square with 40 colours on black.
 fn frames() -> Vec<RgbImage> {
-    let frame = |at: usize| {
+    let frame = |shift: usize| {
         let mut image = vec![[0; 3]; 32 * 32];
-        for place in 0..64 {
-            let (x, y) = (place % 8 + at, place / 8 + 2 * at);
-            image[y * 32 + x] = [255 - 6 * (place as u8 % 40), 17, place as u8 % 40];
+        for i in 0..64 {
+            let (x, y) = (i % 8 + shift, i / 8 + 2 * shift);
+            image[y * 32 + x] = [255 - 6 * (i as u8 % 40), 17, i as u8 % 40];
         }
         compose(&[(32, image.concat())], 1, 1)
     };
     [0, 3, 7].map(frame).into()
 }
 
-fn write(format: Format, path: &Path) {
+fn write(format: MovieFormat, path: &Path) {
     let mut frames = frames().into_iter();
-    let mut movie = Movie::begin(path, format, 3, frames.next().unwrap()).unwrap();
+    let mut movie = MovieWriter::begin(path, format, 3, frames.next().unwrap()).unwrap();
     frames.for_each(|frame| movie.push(frame).unwrap());
-    assert!(!path.exists(), "the file has its name before it is whole");
+    assert!(!path.exists(), "the file appears under its final path before it is complete");
     movie.finish().unwrap();
 }
 
-/// Puts `[n, 4] u8` RGBA, opaque or transparent, over a canvas.
-fn over(canvas: &mut [[u8; 3]], rgba: &[u8]) {
+/// Composites `[n, 4] u8` RGBA pixels, each opaque or transparent, over a canvas.
+fn composite(canvas: &mut [[u8; 3]], rgba: &[u8]) {
     for (below, above) in canvas.iter_mut().zip(rgba.as_chunks::<4>().0) {
         if above[3] == u8::MAX {
             *below = [above[0], above[1], above[2]];
@@ -37,25 +37,25 @@ fn over(canvas: &mut [[u8; 3]], rgba: &[u8]) {
     }
 }
 
-/// The decoded frames, put over each other in turn, against those that were written.
-fn assert_same(mut next: impl FnMut() -> Vec<u8>) {
+/// Composites the decoded frames in order and compares each result with the frame that was encoded.
+fn assert_round_trip(mut next: impl FnMut() -> Vec<u8>) {
     let frames = frames();
     let mut canvas = vec![[1; 3]; frames[0].pixels().count()];
     for frame in &frames {
-        over(&mut canvas, &next());
+        composite(&mut canvas, &next());
         assert!(frame.pixels().eq(canvas.iter().copied()));
     }
 }
 
 #[test]
-fn an_animated_png_is_exact() {
+fn animated_png_is_lossless() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("x.png");
-    write(Format::Apng, &path);
+    write(MovieFormat::Apng, &path);
     let mut reader = png::Decoder::new(BufReader::new(File::open(&path).unwrap())).read_info().unwrap();
     let control = *reader.info().frame_control().unwrap();
     assert_eq!((control.delay_num, control.delay_den), (1, 20));
-    assert_same(|| {
+    assert_round_trip(|| {
         let mut rgba = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut rgba).unwrap();
         rgba
@@ -63,21 +63,21 @@ fn an_animated_png_is_exact() {
 }
 
 #[test]
-fn a_gif_of_few_colours_is_exact() {
+fn gif_with_few_colors_is_lossless() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("x.gif");
-    write(Format::Gif, &path);
+    write(MovieFormat::Gif, &path);
     let mut options = gif::DecodeOptions::new();
     options.set_color_output(gif::ColorOutput::RGBA);
     let mut decoder = options.read_info(File::open(&path).unwrap()).unwrap();
-    assert_same(|| decoder.read_next_frame().unwrap().unwrap().buffer.to_vec());
+    assert_round_trip(|| decoder.read_next_frame().unwrap().unwrap().buffer.to_vec());
 }
 
 #[test]
-fn an_unfinished_movie_leaves_nothing() {
+fn unfinished_movie_leaves_no_file() {
     let dir = tempfile::tempdir().unwrap();
-    for format in [Format::Apng, Format::Gif] {
-        let movie = Movie::begin(&dir.path().join("x"), format, 3, frames().remove(0)).unwrap();
+    for format in [MovieFormat::Apng, MovieFormat::Gif] {
+        let movie = MovieWriter::begin(&dir.path().join("x"), format, 3, frames().remove(0)).unwrap();
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
         drop(movie);
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
@@ -85,11 +85,11 @@ fn an_unfinished_movie_leaves_nothing() {
 }
 
 #[test]
-fn a_format_is_known_by_its_extension() {
-    assert_eq!(Format::of(Path::new("a/b.GIF")), Ok(Format::Gif));
-    assert_eq!(Format::of(Path::new("b.apng")), Ok(Format::Apng));
+fn format_follows_from_extension() {
+    assert_eq!(MovieFormat::from_path(Path::new("a/b.GIF")), Ok(MovieFormat::Gif));
+    assert_eq!(MovieFormat::from_path(Path::new("b.apng")), Ok(MovieFormat::Apng));
     for unknown in ["a/b.mp4", "gif", "a.gif.part"] {
-        let error = Format::of(Path::new(unknown)).unwrap_err();
+        let error = MovieFormat::from_path(Path::new(unknown)).unwrap_err();
         assert_eq!(error.to_string(), format!("{unknown}: a movie's name ends in .png, .apng, .gif"));
     }
 }

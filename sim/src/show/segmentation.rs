@@ -1,9 +1,11 @@
-//! A colour for every thing, the same in every scene of a task: bodies bright, the room dull, nothing black.
+//! Segmentation colours, the same in every scene of a task: bodies are saturated, the room is muted, and
+//! pixels without a surface are black.
 
 use crate::render::Segment;
 use crate::scene::Scene;
 
-/// Of bodies, in the scene's order (most of "20 simple, distinct colors", S. Trubetskoy, 2017).
+/// sRGB colours of bodies, in the scene's order (most of S. Trubetskoy, "List of 20 Simple, Distinct Colors",
+/// 2017).
 const BODIES: [[u8; 3]; 14] = [
     [230, 25, 75],
     [60, 180, 75],
@@ -20,19 +22,20 @@ const BODIES: [[u8; 3]; 14] = [
     [128, 0, 0],
     [0, 0, 117],
 ];
-/// Of arms.
+/// sRGB colours of the arms.
 const ARMS: [[u8; 3]; 2] = [[255, 255, 255], [70, 153, 144]];
 
-/// A line of the legend.
+/// An entry of the segmentation legend.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Entry {
-    /// The body's name within its scene, `arm 1`, `table` and so on.
+pub struct LegendEntry {
+    /// Name of the object: the body's name within its scene, or `arm 1`, `table` and so on.
     pub name: String,
-    /// sRGB.
+    /// sRGB colour in images.
     pub color: [u8; 3],
 }
 
-/// sRGB of a thing. Bodies after the fourteenth begin the colours again, darker by half for every round.
+/// Returns the sRGB colour of a segment. After the fourteenth body the palette repeats at half the
+/// brightness.
 pub(super) fn color_of(segment: Segment) -> [u8; 3] {
     match segment {
         Segment::Nothing => [0; 3],
@@ -44,10 +47,10 @@ pub(super) fn color_of(segment: Segment) -> [u8; 3] {
     }
 }
 
-/// What the scenes may show, each thing once.
-pub(super) fn legend(scenes: &[Scene]) -> Vec<Entry> {
+/// Lists all objects that occur in the scenes, without duplicates.
+pub(super) fn legend(scenes: &[Scene]) -> Vec<LegendEntry> {
     let mut entries = Vec::new();
-    for entry in scenes.iter().flat_map(things) {
+    for entry in scenes.iter().flat_map(entries_of) {
         if !entries.contains(&entry) {
             entries.push(entry);
         }
@@ -55,7 +58,7 @@ pub(super) fn legend(scenes: &[Scene]) -> Vec<Entry> {
     entries
 }
 
-fn things(scene: &Scene) -> Vec<Entry> {
+fn entries_of(scene: &Scene) -> Vec<LegendEntry> {
     let bodies =
         scene.bodies.iter().enumerate().map(|(idx, body)| (body.name.to_owned(), Segment::Body(idx)));
     let arms = (0..scene.robots.len()).map(|idx| (format!("arm {}", idx + 1), Segment::Arm(idx)));
@@ -63,7 +66,11 @@ fn things(scene: &Scene) -> Vec<Entry> {
     let room = [("table", Segment::Table), ("floor", Segment::Floor)].into_iter().chain(walls);
     let nothing = [("nothing", Segment::Nothing)];
     let room = room.chain(nothing).map(|(name, segment)| (name.to_owned(), segment));
-    bodies.chain(arms).chain(room).map(|(name, segment)| Entry { name, color: color_of(segment) }).collect()
+    bodies
+        .chain(arms)
+        .chain(room)
+        .map(|(name, segment)| LegendEntry { name, color: color_of(segment) })
+        .collect()
 }
 
 #[cfg(test)]
@@ -71,12 +78,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_two_things_look_alike() {
-        let mut things = vec![Segment::Nothing, Segment::Table, Segment::Floor, Segment::Walls];
-        things.extend((0..2).map(Segment::Arm));
-        things.extend((0..2 * BODIES.len()).map(Segment::Body));
-        for (i, &one) in things.iter().enumerate() {
-            for &other in &things[..i] {
+    fn segment_colors_are_distinguishable() {
+        let mut segments = vec![Segment::Nothing, Segment::Table, Segment::Floor, Segment::Walls];
+        segments.extend((0..2).map(Segment::Arm));
+        segments.extend((0..2 * BODIES.len()).map(Segment::Body));
+        for (i, &one) in segments.iter().enumerate() {
+            for &other in &segments[..i] {
                 let (a, b) = (color_of(one), color_of(other));
                 let distance: u32 = (0..3).map(|c| u32::from(a[c].abs_diff(b[c]))).sum();
                 assert!(distance >= 40, "{one:?} and {other:?} differ by {distance}");

@@ -1,0 +1,102 @@
+//! Rendering of frames as colour, depth or segmentation images.
+
+use super::depth::DepthRange;
+use super::segmentation::{LegendEntry, color_of, legend};
+use super::sequence::SequenceFrame;
+use crate::render::{CpuRenderer, Inspection, RenderScene};
+use crate::scene::{Scene, Snapshot};
+
+/// Quantity shown by the images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ViewMode {
+    /// Colour, as policies receive it.
+    Rgb,
+    /// Depth along the optical axis.
+    Depth,
+    /// Object that covers each pixel.
+    Seg,
+}
+
+/// Meaning of the colours.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Legend {
+    /// Colours of the scene.
+    Rgb,
+    /// Depths within this range; near is bright, and pixels without a surface are black.
+    Depth(DepthRange),
+    /// Objects by colour.
+    Seg(Vec<LegendEntry>),
+}
+
+/// Renders frames of a sequence with a common legend.
+pub(super) struct FrameRenderer {
+    renderer: CpuRenderer,
+    legend: Legend,
+}
+
+impl ViewMode {
+    /// All modes, the default first.
+    pub const ALL: [Self; 3] = [Self::Rgb, Self::Depth, Self::Seg];
+
+    /// Returns the name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Rgb => "rgb",
+            Self::Depth => "depth",
+            Self::Seg => "seg",
+        }
+    }
+}
+
+impl FrameRenderer {
+    /// Creates a renderer whose legend covers all frames. `scenes` are the prepared versions of `sampled`.
+    pub(super) fn new(
+        mode: ViewMode,
+        sampled: &[Scene],
+        scenes: &[RenderScene],
+        frames: &[SequenceFrame],
+    ) -> Self {
+        let mut renderer = CpuRenderer::new(rayon::current_num_threads());
+        let legend = match mode {
+            ViewMode::Rgb => Legend::Rgb,
+            ViewMode::Depth => Legend::Depth(depth_range(&mut renderer, scenes, frames)),
+            ViewMode::Seg => Legend::Seg(legend(sampled)),
+        };
+        Self { renderer, legend }
+    }
+
+    pub(super) fn legend(&self) -> &Legend {
+        &self.legend
+    }
+
+    /// Renders all cameras. Returns each camera's side in px and its `[side, side, 3] u8` sRGB image.
+    pub(super) fn render(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
+        let Self { renderer, legend } = self;
+        let mut for_each_camera = |to_image: &dyn Fn(Inspection) -> Vec<u8>| {
+            let camera = |idx| (scene.side(idx), to_image(renderer.inspect(scene, snapshot, idx)));
+            (0..scene.n_cameras()).map(camera).collect()
+        };
+        match legend {
+            Legend::Rgb => renderer.photograph(scene, snapshot),
+            Legend::Depth(range) => for_each_camera(&|inspection| {
+                inspection.depth_m.iter().flat_map(|depth_m| range.color_of(*depth_m)).collect()
+            }),
+            Legend::Seg(_) => for_each_camera(&|inspection| {
+                inspection.segments.iter().flat_map(|segment| color_of(*segment)).collect()
+            }),
+        }
+    }
+}
+
+/// Returns the range of depths over all cameras and frames.
+fn depth_range(renderer: &mut CpuRenderer, scenes: &[RenderScene], frames: &[SequenceFrame]) -> DepthRange {
+    let mut range = DepthRange::EMPTY;
+    for SequenceFrame { scene_idx, snapshot } in frames {
+        let scene = &scenes[*scene_idx];
+        for camera_idx in 0..scene.n_cameras() {
+            range.extend(&renderer.inspect(scene, snapshot, camera_idx).depth_m);
+        }
+    }
+    range
+}
