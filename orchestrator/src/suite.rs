@@ -160,7 +160,7 @@ mod tests {
         [6] the size of rack is pinned: the released code keeps its size
         [7] the size of book is pinned: the benchmark keeps its size
         [8] the size of shelf is pinned: the benchmark keeps its size
-        [9] the size of peg is pinned: its size is drawn anew in every episode
+        [9] the size of peg is pinned: its size is sampled for every episode
         [10] the size of box is pinned: it fits the peg
         [11] the size of charger is pinned: it would not fit the slots
         [12] the size of receptacle is pinned: the charger would not fit it

@@ -1,11 +1,11 @@
-//! CookItemInPan: put a pan on the stove and an apple into it (spec/tasks.md §2, task 16).
+//! CookItemInPan: put a pan on the stove and an apple into the pan. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::FRAC_PI_2;
 
 use ipc_types::Morphology;
 use nalgebra::{Point3, Vector3};
 
-use super::common::cooking::{BURNERS, PAN, PAN_MIDDLE, STOVE, bring, pan, stove};
+use super::common::cooking::{BURNERS, PAN, PAN_CENTRE, STOVE, carry, pan, stove};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, fruit, region, single_arm};
 use crate::expert::Move;
 use crate::predicate::{Predicate, Region};
@@ -29,30 +29,32 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// The hand beside the pan's handle, pointing down.
+/// Initial joint positions in rad: the hand beside the pan's handle, pointing down.
 const QPOS: [f64; 7] = [-0.321, 0.314, 0.635, -2.240, -0.300, 2.473, -1.820];
-const FAR: f64 = f64::INFINITY;
-/// Least gap between the circles around stove and apple, in m: they overlap so far at the nearest nominal places.
+const INF: f64 = f64::INFINITY;
+/// Minimum gap between the bounding circles of stove and apple, in m. It is negative because the circles
+/// overlap by this much at the nearest nominal positions.
 const GAP_TO_STOVE: f64 = -0.047;
 
 fn nominal() -> SceneSpec {
     let at = |name, x, y| region(name, Range::fixed(x), Range::fixed(y));
-    let pan_place = at("pan", 0.0, 0.0);
-    // As wide as elsewhere, but to one side: on the other the pan would start in the stove's corner.
-    let widened = pan_place.widened.map(|widened| WidenedRanges { y: Range::new(0.01, 0.16), ..widened });
-    let apple_place = region("apple", Range::new(-0.2, -0.04), Range::new(-0.28, -0.12));
+    let pan_region = at("pan", 0.0, 0.0);
+    // The widened region has the usual size but is shifted to one side: otherwise the pan could start inside
+    // the stove's corner.
+    let widened = pan_region.widened.map(|widened| WidenedRanges { y: Range::new(0.01, 0.16), ..widened });
+    let apple_region = region("apple", Range::new(-0.2, -0.04), Range::new(-0.28, -0.12));
     let regions = vec![
         at("stove", 0.15, 0.15).not_widened(),
-        // Else the widened region would let the apple start in the stove's corner.
-        RegionSpec { min_gap_m: Some(GAP_TO_STOVE), ..apple_place },
-        RegionSpec { widened, ..pan_place },
+        // Prevents the apple from starting inside the stove's corner when the region is widened.
+        RegionSpec { min_gap_m: Some(GAP_TO_STOVE), ..apple_region },
+        RegionSpec { widened, ..pan_region },
     ];
     let bodies = vec![pan(2).with_yaw(Range::fixed(FRAC_PI_2)), fruit::apple(1, SINGLE_TABLE_Z), stove(0)];
     let cameras = ExternalCameras { external1: [[0.35, -0.3, 0.4], [0.0; 3]], external2: [[0.35, 0.3, 0.4], [0.0; 3]] };
     single_arm(QPOS, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
-/// The pan on the stove, the apple in the pan, both at rest and let go.
+/// Requires the pan on the stove and the apple in the pan, both at rest and released.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [pan, apple, stove] = ["pan", "apple", "stove"].map(|name| scene.body_idx(name));
     let scaled = |point: [f64; 3], body: usize| point.map(|x| x * scene.bodies[body].scale);
@@ -62,49 +64,50 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
         inside(apple, [0.0; 3], pan, Region::Cylinder { origin, axis, radius, along })
     };
     let [on_stove, in_pan] = if profile.counts_near_misses() {
-        // The apple's place is stated along the axes of the pan as it starts.
+        // The benchmark states the apple's position along the axes of the pan's initial frame.
         [
-            Predicate::inside_box(pan, [0.0, -0.35, -FAR], [0.35, 0.0, FAR]),
-            over_pan([0.41, 0.07, 0.0], 0.15, [-FAR, FAR]),
+            Predicate::inside_box(pan, [0.0, -0.35, -INF], [0.35, 0.0, INF]),
+            over_pan([0.41, 0.07, 0.0], 0.15, [-INF, INF]),
         ]
     } else {
         let [[x0, y0, _], [x1, y1, top]] = STOVE.map(|corner| scaled(corner, stove));
-        let above = Region::Box { min: [x0, y0, top - 0.005], max: [x1, y1, FAR] };
-        let middle = scaled(PAN_MIDDLE, pan);
+        let above = Region::Box { min: [x0, y0, top - 0.005], max: [x1, y1, INF] };
+        let centre = scaled(PAN_CENTRE, pan);
         let radius = PAN.radii[1] * scene.bodies[pan].scale;
-        [inside(pan, middle, stove, above), over_pan(middle, radius, [0.0, FAR])]
+        [inside(pan, centre, stove, above), over_pan(centre, radius, [0.0, INF])]
     };
     let still = |body| Predicate::AtRest { body, max_linear: 0.1, max_angular: 1.0 };
     let released = |body| Predicate::Released { body };
     vec![on_stove, in_pan, still(pan), still(apple), released(pan), released(apple)]
 }
 
-/// Where the pan's handle is gripped, in the pan's frame, in m at scale 1.
-const GRIP: [f64; 3] = [0.25, 0.108, 0.022];
-/// How far above its middle the apple is gripped, as a share of its radius: narrow enough for the hand at any size.
-const APPLE_GRIP: f64 = 0.55;
-/// How far above where they come to rest pan and apple are let go, in m.
-const GAP: f64 = 0.002;
-/// How far open fingers reach to either side, with some room to spare, and how far either opens at least, in m: beside the
-/// stove there is not always room to open them all the way.
-const FINGERS: f64 = 0.066;
-const HALF_OPEN: f64 = 0.018;
+/// Grasp position at the pan's handle in the pan's frame, in m at scale 1.
+const HANDLE_GRASP: [f64; 3] = [0.25, 0.108, 0.022];
+/// Height of the apple's grasp above its centre as a fraction of its radius. At this height the apple fits
+/// between the fingers at any scale.
+const APPLE_GRASP: f64 = 0.55;
+/// Height above their resting positions at which pan and apple are released, in m.
+const RELEASE_HEIGHT: f64 = 0.002;
+/// Distance that open fingers extend to either side, including a margin, in m.
+const FINGER_REACH: f64 = 0.066;
+/// Minimum opening of each finger, in m. Beside the stove there is not always room for a full opening.
+const MIN_HALF_OPENING: f64 = 0.018;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let [pan, apple, stove] = ["pan", "apple", "stove"].map(|name| scene.body(name));
     let pan_point = |point: [f64; 3]| (pan.pose * (Point3::from(point) * pan.scale)).coords;
     let [x, y] = BURNERS[0];
-    let burner = (stove.pose * (Point3::new(x, y, STOVE[1][2]) * stove.scale)).coords + Vector3::z() * GAP;
-    let lying = Vector3::z() * (PAN.thickness * pan.scale + fruit::RADIUS * apple.scale);
-    let up = Vector3::z() * (fruit::RADIUS * APPLE_GRIP * apple.scale);
+    let burner = (stove.pose * (Point3::new(x, y, STOVE[1][2]) * stove.scale)).coords + Vector3::z() * RELEASE_HEIGHT;
+    let rest_offset = Vector3::z() * (PAN.thickness * pan.scale + fruit::RADIUS * apple.scale);
+    let up = Vector3::z() * (fruit::RADIUS * APPLE_GRASP * apple.scale);
     let apple_at = apple.pose.translation.vector;
-    let grip = pan_point(GRIP);
-    let room = stove.pose.translation.x + STOVE[0][0] * stove.scale - grip.x;
-    let half_open = (FINGER_OPEN + room - FINGERS).clamp(HALF_OPEN, FINGER_OPEN);
+    let handle = pan_point(HANDLE_GRASP);
+    let room = stove.pose.translation.x + STOVE[0][0] * stove.scale - handle.x;
+    let half_open = (FINGER_OPEN + room - FINGER_REACH).clamp(MIN_HALF_OPENING, FINGER_OPEN);
     let command = gripper_entry(half_open) as f32;
-    // No steps of its own: the fingers have the way to the handle for it.
+    // Zero steps: the fingers move during the approach to the handle.
     let mut moves = vec![Move::Grip { arms: vec![0], command, steps: 0 }];
-    moves.extend(bring(scene, grip, burner - pan_point(PAN_MIDDLE)));
-    moves.extend(bring(scene, apple_at + up, burner + lying - apple_at));
+    moves.extend(carry(scene, handle, burner - pan_point(PAN_CENTRE)));
+    moves.extend(carry(scene, apple_at + up, burner + rest_offset - apple_at));
     moves
 }

@@ -1,4 +1,5 @@
-//! DualArmBottleHandover: one arm picks up a bottle and hands it to the other (spec/tasks.md §3, task 18).
+//! DualArmBottleHandover: one arm picks up a bottle and hands it to the other arm. See docs/benchmark.md,
+//! "Tasks".
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -23,19 +24,21 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// The first hand before the bottle, the second one where it is handed over, both level.
+/// Initial joint positions in rad: the first hand in front of the bottle, the second at the handover
+/// position, both level.
 const QPOS: [[f64; 7]; 2] = [
     [-0.8511, 1.7568, 1.5550, -1.4205, -0.2424, 2.1531, -0.8935],
     [1.0996, -0.9656, 0.2030, -2.2706, -2.0752, 3.4606, -0.1640],
 ];
-/// Middle of the bottle's base in its frame, in m: the benchmark grips it at such a distance from its origin.
+/// Centre of the bottle's base in its frame, in m. The origin is where it is because the benchmark grasps the
+/// bottle relative to it.
 const FOOT: [f64; 3] = [-0.05, 0.02, -0.09];
 
 fn nominal() -> SceneSpec {
     let bottle = BodySpec {
         visuals: props::bottle(FOOT),
         density: DENSITY / props::PRISM_OVERLAP,
-        ..movable("bottle", props::bottle_solids(FOOT), 0, BIMANUAL_TABLE_Z)
+        ..movable("bottle", props::bottle_parts(FOOT), 0, BIMANUAL_TABLE_Z)
     };
     let target = [-0.2, 0.0, 1.03];
     let cameras = ExternalCameras { external1: [[0.75, 0.0, 1.33], target], external2: [[-0.5, 0.0, 1.33], target] };
@@ -43,40 +46,41 @@ fn nominal() -> SceneSpec {
     bimanual(QPOS, 0.0, &cameras, vec![beside_first_arm], vec![bottle], TASK.instruction)
 }
 
-/// The bottle in the second arm's hand.
+/// Requires the second arm to hold the bottle.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     vec![Predicate::GraspedByNearest { body: scene.body_idx("bottle"), arm: 1 }]
 }
 
-/// How high over its base the bottle is gripped by each arm, in m at scale 1: hand over hand.
-const GRIPS_Z: [f64; 2] = [0.115, 0.08];
-/// Where the first arm's TCP brings the bottle, in m.
-const MEETING: Vector3<f64> = Vector3::new(-0.333, 0.04, 1.5);
+/// Height above the bottle's base at which each arm grasps it, in m at scale 1: one hand above the other.
+const GRASPS_Z: [f64; 2] = [0.115, 0.08];
+/// World position of the first arm's TCP at the handover, in m.
+const HANDOVER: Vector3<f64> = Vector3::new(-0.333, 0.04, 1.5);
 
-/// Turns of the first hand about the bottle that are tried, in rad: outwards, for what is out of reach.
-const TURNS: [f64; 4] = [0.0, 0.15, 0.3, 0.45];
+/// Candidate rotations of the first hand about the bottle in rad, outwards, for bottles that are out of reach
+/// at 0.
+const YAWS: [f64; 4] = [0.0, 0.15, 0.3, 0.45];
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let bottle = scene.body("bottle");
-    let grip = |arm: usize, approach: &Vector3<f64>| {
-        let height = Vector3::z() * GRIPS_Z[arm];
+    let grasp_pose = |arm: usize, approach: &Vector3<f64>| {
+        let height = Vector3::z() * GRASPS_Z[arm];
         let position = bottle.pose * Point3::from((Vector3::from(FOOT) + height) * bottle.scale);
         let across = Vector3::z().cross(approach);
         let closing = grasp::closest_closing(across, &grasp::start_closing(scene, arm));
         grasp::pose(&position.coords, approach, &closing)
     };
-    let turned = TURNS.map(|turn| grip(0, &Vector3::new(libm::sin(turn), libm::cos(turn), 0.0)));
-    let stations =
+    let candidates = YAWS.map(|yaw| grasp_pose(0, &Vector3::new(libm::sin(yaw), libm::cos(yaw), 0.0)));
+    let waypoints =
         |tcp: &Isometry3<f64>| [grasp::translated(&grasp::retreated(tcp, 0.1), &(Vector3::z() * 0.15)), *tcp];
-    let taken = grasp::first_reachable(scene, 0, &turned, stations);
-    let [before, at] = stations(&taken);
-    let [first, second] = [grip(0, &Vector3::y()), grip(1, &-Vector3::y())];
-    let carry = MEETING - first.translation.vector;
+    let selected = grasp::first_reachable(scene, 0, &candidates, waypoints);
+    let [pre_grasp, at] = waypoints(&selected);
+    let [first, second] = [grasp_pose(0, &Vector3::y()), grasp_pose(1, &-Vector3::y())];
+    let carry = HANDOVER - first.translation.vector;
     let apart = |distance_m: f64| {
         both_arms([first, second].map(|tcp| grasp::retreated(&grasp::translated(&tcp, &carry), distance_m)))
     };
     vec![
-        Move::straight(0, before),
+        Move::straight(0, pre_grasp),
         Move::straight(0, at),
         Move::Hold { steps: 2 },
         Move::close(&[0], 4),

@@ -1,4 +1,5 @@
-//! DualArmCubeHandover: one arm picks up a cube and hands it to the other (spec/tasks.md §3, task 17).
+//! DualArmCubeHandover: one arm picks up a cube and hands it to the other arm. See docs/benchmark.md,
+//! "Tasks".
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
@@ -23,6 +24,7 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
+/// Half-extent of the cube, in m.
 const HALF: f64 = 0.02;
 
 fn nominal() -> SceneSpec {
@@ -35,57 +37,62 @@ fn nominal() -> SceneSpec {
     bimanual([QPOS_B; 2], 0.0, &cameras, vec![around_origin], vec![cube], TASK.instruction)
 }
 
-/// The cube in the second arm's hand.
+/// Requires the second arm to hold the cube.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     vec![Predicate::GraspedByNearest { body: scene.body_idx("cube"), arm: 1 }]
 }
 
-/// Where the cube changes hands, in m.
-const MEETING: Vector3<f64> = Vector3::new(-0.2, 0.0, 1.2);
-/// Leans of the hand that are tried, in rad, and those that are tried last.
+/// World position of the handover, in m.
+const HANDOVER: Vector3<f64> = Vector3::new(-0.2, 0.0, 1.2);
+/// Candidate lean angles of the hand, in rad.
 const LEANS: [f64; 3] = [0.0, 0.3, 0.6];
+/// Lean angles that are tried last, in rad.
 const FAR_LEANS: [f64; 3] = [0.8, 1.0, 1.2];
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let closing = grasp::start_closing(scene, 0);
     let upright = [Vector3::x(), Vector3::y()]
         .map(|preferred| grasp::top_down(scene.body("cube"), &preferred, &closing));
-    let leant = |leans: &'static [f64]| {
+    let leaning = |leans: &'static [f64]| {
         upright.iter().flat_map(|tcp| leans.iter().map(|lean| grasp::tilted_toward_base(scene, 0, tcp, *lean)))
     };
-    let ways = [0, 1].map(|arm| nearer_way(scene, arm));
-    let near: Vec<Isometry3<f64>> = leant(&LEANS).collect();
-    let first = grasp::first_reachable(scene, 0, &near, |tcp| stations(tcp, ways[0]));
+    let signs = [0, 1].map(|arm| nearer_sign(scene, arm));
+    let near: Vec<Isometry3<f64>> = leaning(&LEANS).collect();
+    let first = grasp::first_reachable(scene, 0, &near, |tcp| waypoints(tcp, signs[0]));
     let others =
-        leant(&LEANS).chain(leant(&FAR_LEANS)).flat_map(|tcp| [ways[0], -ways[0]].map(|way| (tcp, way)));
-    let grips = core::iter::once((first, ways[0])).chain(others);
-    first_feasible(scene, TASK.max_steps, grips.map(|(tcp, way)| handed_over(&tcp, [way, ways[1]])))
+        leaning(&LEANS).chain(leaning(&FAR_LEANS)).flat_map(|tcp| [signs[0], -signs[0]].map(|sign| (tcp, sign)));
+    let grips = core::iter::once((first, signs[0])).chain(others);
+    first_feasible(scene, TASK.max_steps, grips.map(|(tcp, sign)| handover(&tcp, [sign, signs[1]])))
 }
 
-/// The hands meet along y; the first one closes along x, the second one along z, past its fingers.
-fn meeting(arm: usize, way: f64) -> Isometry3<f64> {
+/// Returns an arm's TCP pose at the handover; `sign` selects one of its two closing directions. The hands
+/// face each other along y. The first closes along x and the second along z, so that their fingers do not
+/// collide.
+fn handover_pose(arm: usize, sign: f64) -> Isometry3<f64> {
     let approach = Vector3::y() * [1.0, -1.0][arm];
-    grasp::pose(&MEETING, &approach, &([Vector3::x(), Vector3::z()][arm] * way))
+    grasp::pose(&HANDOVER, &approach, &([Vector3::x(), Vector3::z()][arm] * sign))
 }
 
-/// The way round of a hand at the meeting, 1 or −1, that is nearer to how it starts.
-fn nearer_way(scene: &Scene, arm: usize) -> f64 {
+/// Returns the sign (1 or −1) of the closing direction at the handover that is nearer to the hand's initial
+/// orientation.
+fn nearer_sign(scene: &Scene, arm: usize) -> f64 {
     let start = grasp::start_tcp(scene, arm);
-    let nearer = |way: &f64| (meeting(arm, *way).rotation.inverse() * start.rotation).angle();
+    let nearer = |sign: &f64| (handover_pose(arm, *sign).rotation.inverse() * start.rotation).angle();
     [1.0, -1.0].into_iter().min_by(|a, b| nearer(a).total_cmp(&nearer(b))).unwrap_or(1.0)
 }
 
-/// Where the first TCP goes: above the cube, around it, up, before the meeting and there.
-fn stations(tcp: &Isometry3<f64>, way: f64) -> [Isometry3<f64>; 5] {
+/// Returns the first arm's waypoints: above the cube, at the cube, raised, in front of the handover and at
+/// the handover.
+fn waypoints(tcp: &Isometry3<f64>, sign: f64) -> [Isometry3<f64>; 5] {
     let raised = grasp::translated(tcp, &(Vector3::z() * 0.15));
-    let there = meeting(0, way);
+    let there = handover_pose(0, sign);
     [grasp::retreated(tcp, 0.1), *tcp, raised, grasp::retreated(&there, 0.06), there]
 }
 
-/// Takes the cube and hands it over, each hand this way round.
-fn handed_over(tcp: &Isometry3<f64>, [way, other_way]: [f64; 2]) -> Vec<Move> {
-    let [above, at, raised, before, there] = stations(tcp, way);
-    let other = meeting(1, other_way);
+/// Plans to grasp the cube and hand it over, with the given closing directions of the two hands.
+fn handover(tcp: &Isometry3<f64>, [sign, other_sign]: [f64; 2]) -> Vec<Move> {
+    let [above, at, raised, before, there] = waypoints(tcp, sign);
+    let other = handover_pose(1, other_sign);
     vec![
         Move::straight(0, above),
         Move::straight(0, at),

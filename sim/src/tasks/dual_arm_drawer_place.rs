@@ -1,9 +1,10 @@
-//! DualArmDrawerPlace: one arm opens a drawer, the other puts a cube into it (spec/tasks.md §3, task 25).
+//! DualArmDrawerPlace: one arm opens a drawer and the other puts a cube release it. See docs/benchmark.md,
+//! "Tasks".
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::common::drawer_unit::{CARCASS, DRAWERS, CAMERAS, Pull, bodies, place};
+use super::common::drawer_unit::{CARCASS, DRAWERS, CAMERAS, DrawerPull, bodies, placement_region};
 use super::common::{self, BIMANUAL_TABLE_Z, BLUE, bimanual, region};
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
@@ -24,14 +25,16 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
+/// Half-extent of the cube, in m.
 const HALF: f64 = 0.02;
-/// The first hand over the table, the second one before the chest; its last joint starts at its stop.
+/// Initial joint positions in rad: the first hand above the table, the second in front of the unit. The
+/// second arm's last joint starts at its limit.
 const QPOS: [[f64; 7]; 2] = [
     [1.326, -0.15, -0.305, -2.887, -0.115, 2.742, 0.345],
     [1.373, -0.569, -0.1, -2.768, 1.35, 1.358, 3.281],
 ];
-/// The drawer that is opened.
-const OPENED: &str = DRAWERS[1];
+/// Drawer that the second arm opens.
+const OPENED_DRAWER: &str = DRAWERS[1];
 
 fn nominal() -> SceneSpec {
     let cube = BodySpec {
@@ -40,56 +43,59 @@ fn nominal() -> SceneSpec {
     };
     let beside = region("cube", Range::new(-0.2, -0.1), Range::new(-0.1415, -0.1405));
     let bodies = bodies().into_iter().chain([cube]).collect();
-    bimanual(QPOS, 0.0, &CAMERAS, vec![place(), beside], bodies, TASK.instruction)
+    bimanual(QPOS, 0.0, &CAMERAS, vec![placement_region(), beside], bodies, TASK.instruction)
 }
 
-/// The cube above the table and within 0.25 m of the chest's middle. The released code takes the norm over the distances
-/// in all envs at once; neither profile does, as an episode must not depend on its batch.
+/// Requires the cube to be above the table and within 0.25 m of the unit's centre. The released code takes
+/// the norm over the distances in all parallel environments; neither profile does, since an episode must not
+/// depend on its batch.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
-    let [cube, chest] = ["cube", CARCASS].map(|name| scene.body_idx(name));
+    let [cube, unit] = ["cube", CARCASS].map(|name| scene.body_idx(name));
     vec![
         Predicate::Above { body: cube, z_m: 0.9 },
-        Predicate::On { top: cube, base: chest, xy_m: 0.25, rise_m: 0.0, rise_tolerance_m: f64::INFINITY },
+        Predicate::On { top: cube, base: unit, xy_m: 0.25, rise_m: 0.0, rise_tolerance_m: f64::INFINITY },
     ]
 }
 
-/// How far the drawer is pulled, in m.
-const PULL: f64 = 0.2;
-/// Where the cube is let go and where it waits for the drawer to be open, in the carcass's frame, in m: over the side of
-/// the open drawer that is nearer to its arm, and still farther out.
-const INTO: [f64; 3] = [-0.2, -0.08, 0.1];
+/// Distance by which the drawer is pulled, in m.
+const PULL_DISTANCE: f64 = 0.2;
+/// Position at which the cube is released in the carcass's frame, in m: above the side of the open drawer
+/// that is nearer to its arm.
+const RELEASE: [f64; 3] = [-0.2, -0.08, 0.1];
+/// Position at which the cube waits until the drawer is open in the carcass's frame, in m: farther out.
 const WAITING: [f64; 3] = [-0.3, -0.3, 0.1];
-/// Leans of the hand that are tried over the drawer, in rad.
+/// Candidate lean angles of the hand above the drawer, in rad.
 const LEANS: [f64; 5] = [0.6, 0.8, 1.0, 0.4, 0.2];
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let (cube, chest) = (scene.body("cube"), scene.body(CARCASS));
+    let (cube, unit) = (scene.body("cube"), scene.body(CARCASS));
     let closing = grasp::start_closing(scene, 0);
-    // Closing across the way to the chest, which the hand would touch with its ends.
-    let grip = grasp::top_down(cube, &Vector3::y(), &closing);
-    let in_chest = |position: [f64; 3]| (chest.pose * Point3::from(position)).coords;
-    // Closing across the way to the arm's base, so that the hand can lean straight back.
-    let to_base = scene.robots[0].base.translation.vector - in_chest(INTO);
+    // Close perpendicular to the direction of the unit, which the ends of the hand would touch otherwise.
+    let cube_grasp = grasp::top_down(cube, &Vector3::y(), &closing);
+    let in_unit = |position: [f64; 3]| (unit.pose * Point3::from(position)).coords;
+    // Close perpendicular to the direction of the arm's base, so that the hand can lean straight back.
+    let to_base = scene.robots[0].base.translation.vector - in_unit(RELEASE);
     let across = grasp::closest_closing(Vector3::z().cross(&to_base), &closing);
-    let straight = grasp::pose(&in_chest(INTO), &-Vector3::z(), &across);
+    let straight = grasp::pose(&in_unit(RELEASE), &-Vector3::z(), &across);
     let candidates = LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, &straight, lean));
-    let stations = |into: &Isometry3<f64>| {
-        let waiting = grasp::translated(into, &(in_chest(WAITING) - in_chest(INTO)));
-        [grasp::retreated(&grip, 0.1), grip, waiting, *into]
+    let waypoints = |release: &Isometry3<f64>| {
+        let waiting = grasp::translated(release, &(in_unit(WAITING) - in_unit(RELEASE)));
+        [grasp::retreated(&cube_grasp, 0.1), cube_grasp, waiting, *release]
     };
-    let [above, at, waiting, into] = stations(&grasp::first_reachable(scene, 0, &candidates, stations));
-    // The other way round than at the start, where the last joint is at its stop.
-    let pull = Pull::new(scene, 1, scene.body(OPENED), PULL, &-grasp::start_closing(scene, 1));
+    let [above, at, waiting, release] = waypoints(&grasp::first_reachable(scene, 0, &candidates, waypoints));
+    // The opposite of the initial closing direction, at which the last joint is at its limit.
+    let pull = DrawerPull::new(scene, 1, scene.body(OPENED_DRAWER), PULL_DISTANCE, &-grasp::start_closing(scene, 1));
     vec![
-        Move::Straight(both_arms([above, pull.before])),
+        Move::Straight(both_arms([above, pull.pre_grasp])),
         Move::straight(0, at),
         Move::close(&[0], 6),
-        // Only now, where the benchmark takes hold with both at once: the hands would meet under the drawer.
-        Move::Straight(both_arms([waiting, pull.at])),
+        // The benchmark grasps cube and bar simultaneously. Here the bar is grasped later, since the hands
+        // would collide below the drawer.
+        Move::Straight(both_arms([waiting, pull.grasp])),
         Move::close(&[1], 6),
         Move::straight(1, pull.open),
-        Move::straight(0, into),
+        Move::straight(0, release),
         Move::open(&[0], 6),
-        Move::Straight(both_arms([grasp::retreated(&into, 0.12), pull.at])),
+        Move::Straight(both_arms([grasp::retreated(&release, 0.12), pull.grasp])),
     ]
 }

@@ -1,4 +1,4 @@
-//! DualArmLiftPot: two arms grip a pot by its handles and lift it (spec/tasks.md §3, task 19).
+//! DualArmLiftPot: two arms grasp a pot by its handles and lift it. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::FRAC_PI_8;
 
@@ -31,24 +31,25 @@ fn nominal() -> SceneSpec {
     bimanual(pot::QPOS, 0.0, &LIFT_CAMERAS, vec![around_origin], vec![pot], TASK.instruction)
 }
 
-/// The pot 0.15 m above its start.
+/// Requires the pot to be 0.15 m above its initial height.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     vec![lifted(scene, scene.body_idx("pot"), 0.15, profile)]
 }
 
-/// Turns of a hand about the bar's vertical that are tried, in rad.
+/// Candidate rotations of a hand about the vertical at its bar, in rad.
 const LEANS: [f64; 7] = [0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9];
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let raised = |tcp: &Isometry3<f64>| grasp::translated(tcp, &(Vector3::z() * 0.2));
-    let level = pot::grips(scene);
-    let grips = [0, 1].map(|arm| {
+    let level = pot::grasps(scene);
+    let grasps = [0, 1].map(|arm| {
         let candidates = LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &level[arm], lean));
-        grasp::first_reachable(scene, arm, &candidates, |tcp| [pot::away(tcp), *tcp, raised(tcp)])
+        grasp::first_reachable(scene, arm, &candidates, |tcp| [pot::pre_grasp(tcp), *tcp, raised(tcp)])
     });
-    let mut moves = vec![Move::Joint(both_arms(grips.each_ref().map(pot::away)))];
-    moves.extend(pot::seize(&grips));
-    // Straight, where the benchmark moves joints: hands that hold one pot must keep their distance all the way up.
-    moves.push(Move::Straight(both_arms(grips.each_ref().map(raised))));
+    let mut moves = vec![Move::Joint(both_arms(grasps.each_ref().map(pot::pre_grasp)))];
+    moves.extend(pot::grasp_both(&grasps));
+    // The benchmark moves in joint space here. Straight lines keep the distance between the two hands
+    // constant while they hold the pot.
+    moves.push(Move::Straight(both_arms(grasps.each_ref().map(raised))));
     moves
 }

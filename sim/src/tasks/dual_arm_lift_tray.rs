@@ -1,4 +1,4 @@
-//! DualArmLiftTray: two arms grip a tray by its short rims and lift it (spec/tasks.md §3, task 20).
+//! DualArmLiftTray: two arms grasp a tray by its short rims and lift it. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::FRAC_PI_8;
 
@@ -31,33 +31,36 @@ fn nominal() -> SceneSpec {
     bimanual([QPOS_B; 2], 0.0, &LIFT_CAMERAS, vec![around_origin], vec![tray], TASK.instruction)
 }
 
-/// The tray 0.15 m above its start, in at least one hand.
+/// Requires the tray to be 0.15 m above its initial height and in at least one hand.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let tray = scene.body_idx("tray");
     vec![lifted(scene, tray, 0.15, profile), Predicate::Held { body: tray }]
 }
 
-/// How far below the rim's top the TCPs grip, in m: deep enough to hold, and the finger tips clear of the tray's floor.
-const GRIP_DEPTH: f64 = 0.012;
+/// Depth of the grasp below the top of the rim in m: enough for a firm grasp, with the fingertips clear of
+/// the tray's floor.
+const GRASP_DEPTH: f64 = 0.012;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let tray = scene.body("tray");
     let along = tray.pose.rotation * nalgebra::Vector3::y();
-    let height = HEIGHT * tray.scale - GRIP_DEPTH;
+    let height = HEIGHT * tray.scale - GRASP_DEPTH;
     let rim = (HALF[1] - RIM_HALF_THICKNESS) * tray.scale;
-    let grips = [0, 1].map(|arm| {
+    let grasps = [0, 1].map(|arm| {
         let side = [-rim, rim][arm];
         let position = tray.pose * nalgebra::Point3::new(0.0, side, height);
         let closing = grasp::closest_closing(along, &grasp::start_closing(scene, arm));
         grasp::pose(&position.coords, &-nalgebra::Vector3::z(), &closing)
     });
-    let back = |distance_m: f64| both_arms(grips.map(|tcp| grasp::retreated(&tcp, distance_m)));
+    let backed_off = |distance_m: f64| both_arms(grasps.map(|tcp| grasp::retreated(&tcp, distance_m)));
     vec![
-        Move::Joint(back(0.1)),
-        Move::Straight(back(0.0)),
-        // At once, where the benchmark closes one hand after the other: the longest plans would outlast the episode.
+        Move::Joint(backed_off(0.1)),
+        Move::Straight(backed_off(0.0)),
+        // The benchmark closes one gripper after the other. They close simultaneously here because the
+        // longest plans would exceed the episode otherwise.
         Move::close(&[0, 1], 10),
-        // Straight, where the benchmark moves joints: hands that hold one tray must keep their distance all the way up.
-        Move::Straight(back(0.2)),
+        // The benchmark moves in joint space here. Straight lines keep the distance between the two hands
+        // constant while they hold the tray.
+        Move::Straight(backed_off(0.2)),
     ]
 }

@@ -1,4 +1,5 @@
-//! DualArmPenCap: one hand holds a cap, the other puts the pen's tip into it (spec/tasks.md §3, task 24).
+//! DualArmPenCap: one hand holds a cap and the other inserts the pen's tip into it. See docs/benchmark.md,
+//! "Tasks".
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -24,13 +25,14 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Least gap between the circles around cap and pen, in m: those may overlap so far before such slender bodies can.
-const GAP: f64 = -0.07;
+/// Minimum gap between the bounding circles of cap and pen, in m. It is negative because circles around such
+/// slender bodies overlap long before the bodies do.
+const MIN_GAP: f64 = -0.07;
 
 fn nominal() -> SceneSpec {
     let regions = vec![
         region("cap", Range::new(-0.4, -0.1), Range::new(-0.4, -0.1)),
-        RegionSpec { min_gap_m: Some(GAP), ..region("pen", Range::new(-0.1, 0.2), Range::new(-0.1, 0.2)) },
+        RegionSpec { min_gap_m: Some(MIN_GAP), ..region("pen", Range::new(-0.1, 0.2), Range::new(-0.1, 0.2)) },
     ];
     let cameras = ExternalCameras {
         external1: [[0.75, 0.0, 1.33], [-0.2, 0.0, 1.03]],
@@ -40,7 +42,7 @@ fn nominal() -> SceneSpec {
     bimanual([QPOS_B; 2], 0.0, &cameras, regions, bodies, TASK.instruction)
 }
 
-/// The pen's tip well within the cap's cavity.
+/// Requires the pen's tip to be well inside the cap's cavity.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let [body, cap] = ["pen", "cap"].map(|name| scene.body_idx(name));
     let [_, bottom, open] = CAP_Z;
@@ -53,56 +55,58 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     vec![Predicate::Inside { body, point: [0.0, 0.0, -0.16], of: Some(cap), region }]
 }
 
-/// Where the cap is gripped, in its frame, in m: between clip and opening.
-const CAP_GRIP: Point3<f64> = Point3::new(CAP_X, 0.0, 0.085);
-/// Where the pen may be gripped along itself, in m: near its centre of mass, or farther from its tip.
-const PEN_GRIPS: [f64; 3] = [0.05, 0.09, 0.13];
-/// Leans of the hand that are tried, in rad.
+/// Grasp position on the cap in its frame, in m: between clip and opening.
+const CAP_GRASP: Point3<f64> = Point3::new(CAP_X, 0.0, 0.085);
+/// Candidate grasp positions along the pen in m: near its centre of mass, and farther from its tip.
+const PEN_GRASPS: [f64; 3] = [0.05, 0.09, 0.13];
+/// Candidate lean angles of the hand, in rad.
 const LEANS: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, -0.3];
-/// Where the pen's tip is held, in m.
+/// World position at which the pen's tip is held, in m.
 const MEETING: Vector3<f64> = Vector3::new(-0.19, -0.12, 1.0);
-/// How far the opening is from the tip before the cap is put on, and how far the tip is inside it then, in m.
-const BEFORE: f64 = 0.15;
-const DEPTH: f64 = 0.1;
-/// Control steps in which the arms come to rest before that.
-const STEADY_STEPS: u32 = 10;
+/// Distance between the cap's opening and the pen's tip before insertion, in m.
+const STANDOFF: f64 = 0.15;
+/// Insertion depth of the tip, in m.
+const INSERTION_DEPTH: f64 = 0.1;
+/// Control steps for which the arms hold still before insertion.
+const SETTLING_STEPS: u32 = 10;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let [cap, pen] = ["cap", "pen"].map(|name| scene.body(name).pose);
-    // Where a point of a body goes: first up and along y, then over to the other body.
-    let stations = |tcp: &Isometry3<f64>, from: Point3<f64>, to: Vector3<f64>| {
-        let way = to - from.coords;
-        let up = grasp::translated(tcp, &Vector3::new(0.0, way.y, way.z));
-        [grasp::retreated(tcp, 0.1), *tcp, up, grasp::translated(tcp, &way)]
+    // Waypoints that bring the point `from` of a body to `to`: first along y and z, then along x to the other
+    // body.
+    let waypoints = |tcp: &Isometry3<f64>, from: Point3<f64>, to: Vector3<f64>| {
+        let offset = to - from.coords;
+        let up = grasp::translated(tcp, &Vector3::new(0.0, offset.y, offset.z));
+        [grasp::retreated(tcp, 0.1), *tcp, up, grasp::translated(tcp, &offset)]
     };
     let (opening, tip) = (cap * Point3::new(CAP_X, 0.0, CAP_Z[2]), pen * Point3::new(0.0, 0.0, PEN_Z[0]));
-    let candidates = |arm: usize, places: &[Point3<f64>]| -> Vec<Isometry3<f64>> {
+    let candidates = |arm: usize, positions: &[Point3<f64>]| -> Vec<Isometry3<f64>> {
         let closing = grasp::start_closing(scene, arm);
-        let down = |place: &Point3<f64>| {
-            grasp::pose(&place.coords, &-Vector3::z(), &grasp::closest_closing(Vector3::x(), &closing))
+        let down = |position: &Point3<f64>| {
+            grasp::pose(&position.coords, &-Vector3::z(), &grasp::closest_closing(Vector3::x(), &closing))
         };
-        let leant = |tcp: Isometry3<f64>| LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &tcp, lean));
-        places.iter().map(down).flat_map(leant).collect()
+        let leaning = |tcp: Isometry3<f64>| LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &tcp, lean));
+        positions.iter().map(down).flat_map(leaning).collect()
     };
-    let cap_stations = |tcp: &Isometry3<f64>| stations(tcp, opening, MEETING - Vector3::y() * BEFORE);
-    let pen_stations = |tcp: &Isometry3<f64>| stations(tcp, tip, MEETING);
-    let cap_grips = candidates(0, &[cap * CAP_GRIP]);
-    let pen_grips = candidates(1, &PEN_GRIPS.map(|z| pen * Point3::new(0.0, 0.0, z)));
+    let cap_stations = |tcp: &Isometry3<f64>| waypoints(tcp, opening, MEETING - Vector3::y() * STANDOFF);
+    let pen_stations = |tcp: &Isometry3<f64>| waypoints(tcp, tip, MEETING);
+    let cap_grasps = candidates(0, &[cap * CAP_GRASP]);
+    let pen_grasps = candidates(1, &PEN_GRASPS.map(|z| pen * Point3::new(0.0, 0.0, z)));
     let first = [
-        grasp::first_reachable(scene, 0, &cap_grips, cap_stations),
-        grasp::first_reachable(scene, 1, &pen_grips, pen_stations),
+        grasp::first_reachable(scene, 0, &cap_grasps, cap_stations),
+        grasp::first_reachable(scene, 1, &pen_grasps, pen_stations),
     ];
-    // What is within reach station by station need not be along the way, and the other way round.
-    let others = pen_grips.iter().flat_map(|pen| cap_grips.iter().map(|cap| [*cap, *pen]));
-    let grips = core::iter::once(first).chain(others);
-    let plans = grips.map(|[cap, pen]| capped([cap_stations(&cap), pen_stations(&pen)]));
+    // Waypoints that are reachable one by one need not be reachable along the path, and vice versa.
+    let others = pen_grasps.iter().flat_map(|pen| cap_grasps.iter().map(|cap| [*cap, *pen]));
+    let grasps = core::iter::once(first).chain(others);
+    let plans = grasps.map(|[cap, pen]| cap_pen([cap_stations(&cap), pen_stations(&pen)]));
     first_feasible(scene, TASK.max_steps, plans)
 }
 
-/// Takes cap and pen, brings both to where they meet and puts the cap on.
-fn capped(hands: [[Isometry3<f64>; 4]; 2]) -> Vec<Move> {
-    let both_at = |station: usize| both_arms(hands.map(|stations| stations[station]));
-    let over_tip = grasp::translated(&hands[0][3], &(Vector3::y() * (BEFORE + DEPTH)));
+/// Plans to grasp cap and pen, bring both to the meeting point and put the cap on.
+fn cap_pen(hands: [[Isometry3<f64>; 4]; 2]) -> Vec<Move> {
+    let both_at = |waypoint: usize| both_arms(hands.map(|waypoints| waypoints[waypoint]));
+    let over_tip = grasp::translated(&hands[0][3], &(Vector3::y() * (STANDOFF + INSERTION_DEPTH)));
     vec![
         Move::Joint(both_at(0)),
         Move::Straight(both_at(1)),
@@ -110,7 +114,7 @@ fn capped(hands: [[Isometry3<f64>; 4]; 2]) -> Vec<Move> {
         Move::close(&[1], 10),
         Move::Straight(both_at(2)),
         Move::Straight(both_at(3)),
-        Move::Hold { steps: STEADY_STEPS },
+        Move::Hold { steps: SETTLING_STEPS },
         Move::straight(0, over_tip),
     ]
 }

@@ -1,4 +1,5 @@
-//! DualArmPourPot: two arms lift a pot and pour the tomato in it into a tray (spec/tasks.md §3, task 22).
+//! DualArmPourPot: two arms lift a pot and pour the tomato inside it into a tray. See docs/benchmark.md,
+//! "Tasks".
 
 use core::f64::consts::PI;
 
@@ -26,73 +27,78 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-const FAR: f64 = f64::INFINITY;
+const INF: f64 = f64::INFINITY;
 
 fn nominal() -> SceneSpec {
-    // Regions of one name draw the same offset: pot and tray stand side by side, also where the benchmark widens the pot's.
-    let along = [Range::fixed(0.0), Range::symmetric(0.1)];
-    let place = |x: f64, widened_x: Range| RegionSpec {
-        shared_offset: along,
+    // Regions with the same name draw the same offset: pot and tray stay side by side even when the pot's
+    // region is widened.
+    let shared_offset = [Range::fixed(0.0), Range::symmetric(0.1)];
+    let row = |x: f64, widened_x: Range| RegionSpec {
+        shared_offset,
         widened: Some(WidenedRanges {
             x: widened_x,
             y: Range::fixed(0.0),
-            shared_offset: along.map(|range| range.widened(1.5)),
+            shared_offset: shared_offset.map(|range| range.widened(1.5)),
         }),
         ..region("row", Range::fixed(x), Range::fixed(0.0))
     };
-    // Where it touches the floor: at any size of either, it neither hovers nor sinks in.
+    // The contact point with the pot's floor, so that the tomato neither floats nor penetrates at any scale
+    // of either.
     let on_floor = Isometry3::translation(0.0, 0.0, pot::VESSEL.thickness);
     let tomato = BodySpec {
         placement: PlacementSpec::RelativeTo { body: 0, pose: on_floor },
         ..fruit::tomato(0, BIMANUAL_TABLE_Z)
     };
     let tray = BodySpec { role: Role::ReceiverObject, ..tray::tray(1) };
-    let regions = vec![place(0.1, widened_by_half(Range::fixed(0.1))), place(-0.2, Range::fixed(-0.2))];
+    let regions = vec![row(0.1, widened_by_half(Range::fixed(0.1))), row(-0.2, Range::fixed(-0.2))];
     bimanual(pot::QPOS, 0.0, &LIFT_CAMERAS, regions, vec![pot::pot(0), tomato, tray], TASK.instruction)
 }
 
-/// The tomato's middle over the tray and within 75 mm of the table.
+/// Requires the tomato's centre to be above the tray and within 75 mm of the table.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [tomato, tray] = ["tomato", "tray"].map(|name| scene.body_idx(name));
     let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
     let [x, y] = [0.12, 0.2].map(|half| half * scale(tray));
     let point = [0.0, 0.0, fruit::RADIUS * scene.bodies[tomato].scale];
-    let within = |of, least, greatest| Predicate::Inside {
+    let within = |of, min, max| Predicate::Inside {
         body: tomato,
         point,
         of,
-        region: Region::Box { min: least, max: greatest },
+        region: Region::Box { min, max },
     };
-    vec![within(Some(tray), [-x, -y, -FAR], [x, y, FAR]), within(None, [-FAR, -FAR, 0.83], [FAR, FAR, 0.9])]
+    vec![within(Some(tray), [-x, -y, -INF], [x, y, INF]), within(None, [-INF, -INF, 0.83], [INF, INF, 0.9])]
 }
 
-/// How far the pot is raised, and how far beyond the tray it is then brought back towards the robots, in m.
-const UP: f64 = 0.15;
-const BEYOND: f64 = 0.04;
-/// How far the pot is tipped until the tomato rolls out gently, and then turned over, in rad.
-const TIPPED: f64 = 1.5;
-const TURNED: f64 = 2.0 * PI / 2.05;
-/// Control steps in which the tomato comes to rest in the carried pot, and in which it rolls out of the tipped one.
+/// Height by which the pot is lifted, in m.
+const LIFT: f64 = 0.15;
+/// Distance beyond the tray to which the pot is then moved back towards the robots, in m.
+const OVERSHOOT: f64 = 0.04;
+/// Tilt angle at which the tomato rolls out gently, in rad.
+const POUR_TILT: f64 = 1.5;
+/// Final tilt angle, with the pot upside down, in rad.
+const FINAL_TILT: f64 = 2.0 * PI / 2.05;
+/// Control steps in which the tomato settles in the lifted pot.
 const SETTLING_STEPS: u32 = 15;
+/// Control steps in which the tomato rolls out of the tilted pot.
 const ROLLING_STEPS: u32 = 30;
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let grips = pot::grips(scene);
+    let grasps = pot::grasps(scene);
     let [pot_x, tray_x] = ["pot", "tray"].map(|name| scene.body(name).pose.translation.x);
-    let back = pot_x - tray_x + BEYOND;
-    let carried = |back_m: f64| grips.map(|tcp| grasp::translated(&tcp, &Vector3::new(-back_m, 0.0, UP)));
-    let turned = |angle: f64| {
+    let back = pot_x - tray_x + OVERSHOOT;
+    let carried = |back_m: f64| grasps.map(|tcp| grasp::translated(&tcp, &Vector3::new(-back_m, 0.0, LIFT)));
+    let tilted = |angle: f64| {
         let turn = |arm: usize| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), [angle, -angle][arm]);
         Move::Straight(both_arms([0, 1].map(|arm| carried(back)[arm] * turn(arm))))
     };
-    let mut moves = vec![Move::Joint(both_arms(grips.each_ref().map(pot::away)))];
-    moves.extend(pot::seize(&grips));
+    let mut moves = vec![Move::Joint(both_arms(grasps.each_ref().map(pot::pre_grasp)))];
+    moves.extend(pot::grasp_both(&grasps));
     moves.extend([
         Move::Waypoints([carried(0.0), carried(back)].map(both_arms).into()),
         Move::Hold { steps: SETTLING_STEPS },
-        turned(TIPPED),
+        tilted(POUR_TILT),
         Move::Hold { steps: ROLLING_STEPS },
-        turned(TURNED),
+        tilted(FINAL_TILT),
     ]);
     moves
 }

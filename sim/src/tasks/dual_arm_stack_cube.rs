@@ -1,4 +1,5 @@
-//! DualArmStackCube: one arm puts the red cube on the goal, the other the green one on it (spec/tasks.md §3, task 27).
+//! DualArmStackCube: one arm puts the red cube on the goal and the other the green cube on top. See
+//! docs/benchmark.md, "Tasks".
 
 use ipc_types::Morphology;
 
@@ -37,7 +38,7 @@ fn nominal() -> SceneSpec {
     bimanual([QPOS_B; 2], 0.0, &stacking::CAMERAS, regions, bodies, TASK.instruction)
 }
 
-/// Green on red, and red on the goal.
+/// Requires the green cube on the red one, and the red one on the goal.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [red, green, goal] = ["red cube", "green cube", "goal"].map(|name| scene.body_idx(name));
     vec![stacking::on(scene, profile, green, red), stacking::on_goal(red, goal)]

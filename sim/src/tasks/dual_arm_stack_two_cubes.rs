@@ -1,9 +1,9 @@
-//! DualArmStackTwoCubes: two arms build a tower of three cubes on the goal (spec/tasks.md §3, task 28).
+//! DualArmStackTwoCubes: two arms build a tower of three cubes on the goal. See docs/benchmark.md, "Tasks".
 
 use ipc_types::Morphology;
 
 use super::common::{QPOS_B, bimanual, goal_disc, region};
-use super::common::stacking::{self, Way};
+use super::common::stacking::{self, CubeTransfer};
 use crate::expert::{Move, TcpGoal};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -23,8 +23,8 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Room between cubes for open fingers, in m.
-const FINGERS: f64 = 0.04;
+/// Clearance between cubes for open fingers, in m.
+const FINGER_CLEARANCE: f64 = 0.04;
 const CUBES: [&str; 3] = ["red cube", "green cube", "blue cube"];
 
 fn nominal() -> SceneSpec {
@@ -33,7 +33,7 @@ fn nominal() -> SceneSpec {
         region("red cube", Range::new(0.0, 0.2), near_first_arm),
         region("green cube", Range::new(0.1, 0.2), Range::new(0.1, 0.2)),
         // The released code lets the blue cube overlap the red one.
-        RegionSpec { min_gap_m: Some(FINGERS), ..region("blue cube", Range::new(-0.2, 0.0), near_first_arm) },
+        RegionSpec { min_gap_m: Some(FINGER_CLEARANCE), ..region("blue cube", Range::new(-0.2, 0.0), near_first_arm) },
         region("goal", Range::symmetric(0.05), Range::fixed(0.0)).not_widened(),
     ];
     let colors = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -43,7 +43,7 @@ fn nominal() -> SceneSpec {
     bimanual([QPOS_B; 2], 0.0, &stacking::CAMERAS, regions, bodies, TASK.instruction)
 }
 
-/// Green on red, blue on green, and red on the goal.
+/// Requires green on red, blue on green, and red on the goal.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [red, green, blue] = CUBES.map(|name| scene.body_idx(name));
     vec![
@@ -55,11 +55,11 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let [red, green, blue] = CUBES.map(|name| scene.body(name));
-    let third = Way::new(scene, 0, blue, 2.0 * stacking::HALF * (red.scale + green.scale));
+    let third = CubeTransfer::new(scene, 0, blue, 2.0 * stacking::HALF * (red.scale + green.scale));
     let mut moves = stacking::stack_two(scene, red, green);
     moves.push(Move::Straight(vec![TcpGoal { arm: 0, tcp: third.above }, stacking::parked(scene, 1)]));
-    moves.extend([Move::straight(0, third.at), Move::close(&[0], 6)]);
+    moves.extend([Move::straight(0, third.grasp), Move::close(&[0], 6)]);
     moves.extend([Move::Straight(vec![third.raised()]), third.carry(None)]);
-    moves.extend(third.put());
+    moves.extend(third.place());
     moves
 }

@@ -1,4 +1,5 @@
-//! DualArmThreading: one arm holds up a ring on a tripod, the other puts a needle through it (spec/tasks.md §3, task 23).
+//! DualArmThreading: one arm holds up a ring on a tripod and the other threads a needle through it. See
+//! docs/benchmark.md, "Tasks".
 
 use core::f64::consts::FRAC_PI_6;
 
@@ -27,7 +28,8 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Both hands near what they take: the first one points down, the second one along −y.
+/// Initial joint positions in rad: both hands near their objects, the first pointing down and the second
+/// along −y.
 const QPOS: [[f64; 7]; 2] = [
     [1.873, 0.142, -0.409, -2.725, 0.202, 2.852, 2.057],
     [-1.094, -0.935, -2.296, -2.236, -2.214, 1.062, -1.205],
@@ -46,7 +48,8 @@ fn nominal() -> SceneSpec {
     bimanual(QPOS, 0.0, &cameras, regions, bodies, TASK.instruction)
 }
 
-/// The needle's end within 50 mm of the ring's middle, along its hole and across it.
+/// Requires the needle's end to be within 50 mm of the ring's centre, both along the hole's axis and
+/// perpendicular to it.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [body, tripod] = ["needle", "tripod"].map(|name| scene.body_idx(name));
     let region = Region::Cylinder {
@@ -58,30 +61,31 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     vec![Predicate::Inside { body, point: [NEEDLE_LENGTH, 0.0, 0.0], of: Some(tripod), region }]
 }
 
-/// Where the needle is gripped along itself, in m: near its centre of mass.
-const NEEDLE_GRIP: f64 = 0.045;
-/// Where the pole is gripped, in the tripod's frame, in m.
-const POLE_GRIP: Vector3<f64> = Vector3::new(0.0, 0.0, 0.09);
-/// Where the ring's middle is held, in m.
-const MEETING: Vector3<f64> = Vector3::new(-0.17, -0.011, 1.26);
-/// How far the needle's end is from the ring's plane before it is put through, and then beyond it, in m.
-const BEFORE: f64 = 0.1;
-const BEYOND: f64 = 0.02;
+/// Grasp position along the needle, near its centre of mass, in m.
+const NEEDLE_GRASP: f64 = 0.045;
+/// Grasp position on the pole in the tripod's frame, in m.
+const POLE_GRASP: Vector3<f64> = Vector3::new(0.0, 0.0, 0.09);
+/// World position at which the ring's centre is held, in m.
+const RING_POSITION: Vector3<f64> = Vector3::new(-0.17, -0.011, 1.26);
+/// Distance of the needle's end in front of the ring's plane before insertion, in m.
+const STANDOFF: f64 = 0.1;
+/// Distance of the needle's end beyond the ring's plane after insertion, in m.
+const INSERTION_DEPTH: f64 = 0.02;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let needle = scene.body("needle").pose;
     let closing = grasp::start_closing(scene, 0);
-    let place = needle * Point3::new(NEEDLE_GRIP, 0.0, 0.0);
-    let at = grasp::pose(&place.coords, &-Vector3::z(), &closing);
-    // Its hand turns from above to behind the needle, which goes on pointing along x.
+    let position = needle * Point3::new(NEEDLE_GRASP, 0.0, 0.0);
+    let at = grasp::pose(&position.coords, &-Vector3::z(), &closing);
+    // The hand rotates from above the needle to behind it while the needle keeps pointing along x.
     let threading = |beyond_m: f64| {
-        let place = MEETING + Vector3::x() * (beyond_m - (NEEDLE_LENGTH - NEEDLE_GRIP));
-        grasp::pose(&place, &Vector3::y(), &-Vector3::z())
+        let position = RING_POSITION + Vector3::x() * (beyond_m - (NEEDLE_LENGTH - NEEDLE_GRASP));
+        grasp::pose(&position, &Vector3::y(), &-Vector3::z())
     };
 
     let tripod = scene.body("tripod").pose;
-    let held = Isometry3::from(MEETING - Vector3::z() * RING_Z);
-    let pole = tripod * grasp::pose(&POLE_GRIP, &-Vector3::y(), &Vector3::x());
+    let held = Isometry3::from(RING_POSITION - Vector3::z() * RING_Z);
+    let pole = tripod * grasp::pose(&POLE_GRASP, &-Vector3::y(), &Vector3::x());
     let up = held * tripod.inverse() * pole;
     vec![
         Move::straight(0, grasp::retreated(&at, 0.1)),
@@ -91,8 +95,9 @@ fn expert(scene: &Scene) -> Vec<Move> {
         Move::straight(1, grasp::retreated(&pole, 0.15)),
         Move::straight(1, pole),
         Move::close(&[1], 10),
-        // At once, where the benchmark moves one arm after the other: the longest plans would outlast the episode.
-        Move::Straight(both_arms([threading(-BEFORE), up])),
-        Move::straight(0, threading(BEYOND)),
+        // The benchmark moves one arm after the other. They move simultaneously here because the longest
+        // plans would exceed the episode otherwise.
+        Move::Straight(both_arms([threading(-STANDOFF), up])),
+        Move::straight(0, threading(INSERTION_DEPTH)),
     ]
 }

@@ -1,4 +1,4 @@
-//! HammerNail: drive a nail into a block with a hammer (spec/tasks.md §2, task 11).
+//! HammerNail: drive a nail into a block with a hammer. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::FRAC_PI_3;
 
@@ -26,28 +26,29 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Half extents of the block and the height of its hole over its middle, in m.
-const BLOCK: [f64; 3] = [0.03, 0.015, 0.06];
+/// Half-extents of the block, in m.
+const BLOCK_HALF: [f64; 3] = [0.03, 0.015, 0.06];
+/// Height of the hole above the block's centre, in m.
 const HOLE_Z: f64 = 0.04;
-/// Half the hole's width, in m.
-const HOLE: f64 = 0.003;
+/// Half-width of the hole, in m.
+const HOLE_HALF_WIDTH: f64 = 0.003;
 
 fn nominal() -> SceneSpec {
-    let [half_x, half_y, half_z] = BLOCK;
+    let [half_x, half_y, half_z] = BLOCK_HALF;
     let slab = |x: [f64; 2], z: [f64; 2]| {
         let half = [(x[1] - x[0]) / 2.0, half_y, (z[1] - z[0]) / 2.0];
         box_part(half, [(x[0] + x[1]) / 2.0, 0.0, (z[0] + z[1]) / 2.0], AppearanceSpec::plain([0.6, 0.4, 0.2]))
     };
-    let beside_hole = [HOLE_Z - HOLE, HOLE_Z + HOLE];
+    let hole_z = [HOLE_Z - HOLE_HALF_WIDTH, HOLE_Z + HOLE_HALF_WIDTH];
     let slabs = vec![
-        slab([-half_x, half_x], [-half_z, beside_hole[0]]),
-        slab([-half_x, half_x], [beside_hole[1], half_z]),
-        slab([-half_x, -HOLE], beside_hole),
-        slab([HOLE, half_x], beside_hole),
+        slab([-half_x, half_x], [-half_z, hole_z[0]]),
+        slab([-half_x, half_x], [hole_z[1], half_z]),
+        slab([-half_x, -HOLE_HALF_WIDTH], hole_z),
+        slab([HOLE_HALF_WIDTH, half_x], hole_z),
     ];
-    let pierced = fixed("block", slabs, 1, SINGLE_TABLE_Z, "its hole fits the nail");
+    let pierced_block = fixed("block", slabs, 1, SINGLE_TABLE_Z, "its hole fits the nail");
     let nail = tools::nail(2, SINGLE_TABLE_Z + half_z + HOLE_Z - NAIL_HEAD_RADIUS);
-    let bodies = vec![tools::hammer(0), BodySpec { friction: 2.0, ..pierced }, nail];
+    let bodies = vec![tools::hammer(0), BodySpec { friction: 2.0, ..pierced_block }, nail];
     let regions = vec![
         region("hammer", Range::new(-0.13, -0.07), Range::new(0.32, 0.38)),
         region("block", Range::fixed(0.15), Range::fixed(0.10)).not_widened(),
@@ -62,32 +63,33 @@ fn nominal() -> SceneSpec {
     scene
 }
 
-/// World y to which the nail's middle must be driven, in m: 10 to 15 mm from its start.
+/// World y below which the nail's centre must be driven in m, 10 to 15 mm from its initial position.
 const DRIVEN_Y: f64 = 0.098;
 
-/// The nail driven in.
+/// Requires the nail to be driven in.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let nail = scene.body_idx("nail");
     vec![Predicate::inside_box(nail, [f64::NEG_INFINITY; 3], [f64::INFINITY, DRIVEN_Y, f64::INFINITY])]
 }
 
-/// Where the handle is taken, near the hammer's centre of mass, in m at scale 1.
-const GRIP: f64 = 0.025;
-/// How high the hammer is carried over where it strikes, in m.
-const OVER: f64 = 0.10;
-/// How far in front of the nail's head the stroke begins, in m.
-const RUN_UP: f64 = 0.10;
-/// How far the stroke goes on beyond the goal, in m.
+/// Grasp position along the handle, near the hammer's centre of mass, in m at scale 1.
+const GRASP_X: f64 = 0.025;
+/// Height at which the hammer is carried above the nail, in m.
+const CARRY_HEIGHT: f64 = 0.10;
+/// Distance of the hammer's face from the nail's head at the start of the stroke, in m.
+const STROKE_START: f64 = 0.10;
+/// Distance by which the stroke continues beyond the goal, in m.
 const FOLLOW_THROUGH: f64 = 0.010;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (hammer, nail) = (scene.body("hammer"), scene.body("nail"));
     let closing = grasp::closest_closing(hammer.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
-    let place = hammer.pose * Point3::new(GRIP * hammer.scale, 0.0, 0.0);
-    let tcp = grasp::pose(&place.coords, &-Vector3::z(), &closing);
-    let height = nail.pose.translation.z + OVER - tcp.translation.z;
+    let position = hammer.pose * Point3::new(GRASP_X * hammer.scale, 0.0, 0.0);
+    let tcp = grasp::pose(&position.coords, &-Vector3::z(), &closing);
+    let height = nail.pose.translation.z + CARRY_HEIGHT - tcp.translation.z;
     let raised = grasp::translated(&tcp, &(Vector3::z() * height));
-    // Where the TCP is when the hammer lies along x and its face is so far in front of where the nail's head starts.
+    // TCP pose at which the hammer lies along x with its face `distance_m` in front of the initial position
+    // of the nail's head.
     let in_front = |distance_m: f64| -> Isometry3<f64> {
         let [face_x, face_y] = HAMMER_FACE.map(|x| x * hammer.scale);
         let nail_head = nail.pose.translation.vector + Vector3::y() * NAIL_HALF_LENGTH;
@@ -103,10 +105,10 @@ fn expert(scene: &Scene) -> Vec<Move> {
         Move::close(&[0], 6),
         Move::straight(0, raised),
         Move::straight(0, along_x),
-        Move::straight(0, grasp::translated(&in_front(RUN_UP), &(Vector3::z() * OVER))),
-        Move::straight(0, in_front(RUN_UP)),
+        Move::straight(0, grasp::translated(&in_front(STROKE_START), &(Vector3::z() * CARRY_HEIGHT))),
+        Move::straight(0, in_front(STROKE_START)),
         Move::straight(0, in_front(stroke)),
-        Move::straight(0, in_front(RUN_UP)),
+        Move::straight(0, in_front(STROKE_START)),
         Move::open(&[0], 6),
     ]
 }

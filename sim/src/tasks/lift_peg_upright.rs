@@ -1,4 +1,4 @@
-//! LiftPegUpright: take a lying peg by its end and stand it up (spec/tasks.md §2, task 7).
+//! LiftPegUpright: grasp a lying peg by its end and stand it upright. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -8,8 +8,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, rgb, single_arm};
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::robot::control;
 use crate::scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
@@ -27,7 +26,7 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Half of the peg's length and of its width, in m.
+/// Half-length and half-width of the peg, in m.
 const HALF: [f64; 2] = [0.12, 0.025];
 
 fn nominal() -> SceneSpec {
@@ -45,7 +44,7 @@ fn nominal() -> SceneSpec {
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, vec![around_origin], vec![peg], TASK.instruction)
 }
 
-/// The peg upright, its middle half its length above the table.
+/// Requires the peg to be upright, with its centre at half its length above the table.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let body = scene.body_idx("peg");
     let middle_z = HALF[0] * if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
@@ -65,35 +64,37 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     ]
 }
 
-/// How far from its middle the peg is taken, in m at scale 1.
-const GRIP: f64 = 0.085;
-/// How far the fingers squeeze, in m at scale 1: so little that the peg swings down between them, yet does not slip.
+/// Distance of the grasp from the peg's centre, in m at scale 1.
+const GRASP_OFFSET: f64 = 0.085;
+/// Depth by which the fingers squeeze, in m at scale 1: little enough that the peg swings down between them
+/// without slipping.
 const SQUEEZE: f64 = 0.0075;
-/// By how much the peg stops short of hanging straight down, in rad.
+/// Angle by which the peg stops short of hanging vertically, in rad.
 const LAG: f64 = 0.12;
-/// Leans of the hand that are tried, in rad: the far end of some pegs is out of reach from straight above.
+/// Candidate lean angles of the hand, in rad: the far end of some pegs is out of reach from straight above.
 const LEANS: [f64; 4] = [0.0, 0.2, 0.4, 0.6];
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    first_feasible(scene, TASK.max_steps, LEANS.iter().map(|lean| stood_up(scene, *lean)))
+    first_feasible(scene, TASK.max_steps, LEANS.iter().map(|lean| stand_up(scene, *lean)))
 }
 
-/// Takes the peg with a hand that leans back so far, lets it swing down and puts it on its end.
-fn stood_up(scene: &Scene, lean: f64) -> Vec<Move> {
+/// Plans to grasp the peg with a hand that leans back by `lean` rad, let it swing down and place it on its
+/// end.
+fn stand_up(scene: &Scene, lean: f64) -> Vec<Move> {
     let peg = scene.body("peg");
     let [half_length, half_width] = HALF.map(|half| half * peg.scale);
     let closing = grasp::start_closing(scene, 0);
-    // By the end that is farther from the robot: the hand then turns up, away from its base.
-    let grip = GRIP * peg.scale;
-    let upright = grasp::translated(&grasp::top_down(peg, &closing, &closing), &(Vector3::x() * grip));
+    // Grasp the end that is farther from the robot, so that the hand swings up and away from its base.
+    let grasp_offset = GRASP_OFFSET * peg.scale;
+    let upright = grasp::translated(&grasp::top_down(peg, &closing, &closing), &(Vector3::x() * grasp_offset));
     let tcp = grasp::tilted_toward_base(scene, 0, &upright, lean);
     let standing = |above_m: f64, angle: f64| -> Isometry3<f64> {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -angle);
-        let middle = peg.pose.translation.vector;
-        let place = Vector3::new(middle.x, middle.y, half_length + grip + above_m);
-        Isometry3::from_parts(place.into(), turn * tcp.rotation)
+        let centre = peg.pose.translation.vector;
+        let position = Vector3::new(centre.x, centre.y, half_length + grasp_offset + above_m);
+        Isometry3::from_parts(position.into(), turn * tcp.rotation)
     };
-    // The peg's weight times its lever goes with the fourth power of its size.
+    // The torque of the peg's weight grows with the fourth power of its scale.
     let squeeze = SQUEEZE * (peg.scale * peg.scale) * (peg.scale * peg.scale);
     let command = control::gripper_entry(half_width - squeeze) as f32;
     vec![

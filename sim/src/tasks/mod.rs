@@ -1,4 +1,4 @@
-//! The task suite. A task is one file here and one line in the list below.
+//! The task suite. Adding a task takes one file in this directory and one line in the list below.
 
 pub mod common;
 
@@ -10,22 +10,22 @@ macro_rules! task_list {
     ($($file:ident => $name:ident,)+) => {
         $(mod $file;)+
 
-        /// A task by its name in the paper.
+        /// A task of the suite, by its name in the paper.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
         #[expect(missing_docs, reason = "each name's file describes it")]
         pub enum TaskId { $($name,)+ }
 
         impl TaskId {
-            /// The whole suite, in the benchmark's order.
+            /// All tasks in the benchmark's order.
             pub const ALL: &[Self] = &[$(Self::$name,)+];
 
-            /// Name in the paper, on the command line and in results.
+            /// Returns the name used in the paper, on the command line and in results.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$name => stringify!($name),)+ }
             }
 
-            /// What the task is.
+            /// Returns the definition of the task.
             #[must_use]
             pub const fn task(self) -> &'static Task {
                 match self { $(Self::$name => &$file::TASK,)+ }

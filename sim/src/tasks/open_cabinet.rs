@@ -1,4 +1,4 @@
-//! OpenCabinet: open a door by its handle (spec/tasks.md §2, task 14).
+//! OpenCabinet: open a door by its handle. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
@@ -26,17 +26,17 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// The hand before the handle, closing to both sides of it.
+/// Initial joint positions in rad: the hand in front of the handle, the fingers on either side of it.
 const QPOS: [f64; 7] = [-2.5733, -0.6890, 1.9453, -2.5164, -2.7048, 1.5930, 1.5252];
 
 fn nominal() -> SceneSpec {
     let target = [0.0, 0.0, 0.35];
     let cameras = ExternalCameras { external1: [[-0.4, -0.5, 0.6], target], external2: [[-0.2, -0.15, 0.8], target] };
-    let place = region("cabinet", Range::fixed(0.2), Range::fixed(0.0));
+    let placement = region("cabinet", Range::fixed(0.2), Range::fixed(0.0));
     let bodies = drawer_over_door(Range::fixed(0.0));
-    let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![place], bodies, TASK.instruction);
+    let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![placement], bodies, TASK.instruction);
     spec.table.kind = TableKind::SingleArmTurned;
-    // Before the cabinet, in the way of neither the door nor the arm's base.
+    // In front of the cabinet, clear of the door and of the arm's base.
     spec.distractors = DistractorsSpec {
         n: 1,
         x: Range::new(-0.25, -0.15),
@@ -48,7 +48,7 @@ fn nominal() -> SceneSpec {
     spec
 }
 
-/// The door open by what the released code asks for, and slow.
+/// Requires the door to be open by the released code's angle and to move slowly.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let door = scene.body_idx("door");
     vec![
@@ -57,10 +57,10 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     ]
 }
 
-/// Short moves that follow the handle around the hinge.
-const N_ARCS: u32 = 30;
-/// How far the door is opened, in rad.
-const OPEN: f64 = 0.9 * FRAC_PI_2;
+/// Number of short straight moves that follow the handle's arc about the hinge.
+const N_ARC_MOVES: u32 = 30;
+/// Angle by which the door is opened, in rad.
+const OPENING_ANGLE: f64 = 0.9 * FRAC_PI_2;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let handle = (scene.body("cabinet").pose * DOOR_HANDLE).coords;
@@ -75,8 +75,8 @@ fn expert(scene: &Scene) -> Vec<Move> {
     };
     let mut moves =
         vec![Move::open(&[0], 6), Move::straight(0, tcp), Move::close(&[0], 4), Move::Hold { steps: 10 }];
-    let arcs = (1..=N_ARCS).map(|arc| OPEN * f64::from(arc) / f64::from(N_ARCS));
-    moves.extend(arcs.map(|angle| Move::straight(0, opened_by(angle))));
-    moves.extend([Move::open(&[0], 6), Move::straight(0, grasp::retreated(&opened_by(OPEN), 0.05))]);
+    let angles = (1..=N_ARC_MOVES).map(|i| OPENING_ANGLE * f64::from(i) / f64::from(N_ARC_MOVES));
+    moves.extend(angles.map(|angle| Move::straight(0, opened_by(angle))));
+    moves.extend([Move::open(&[0], 6), Move::straight(0, grasp::retreated(&opened_by(OPENING_ANGLE), 0.05))]);
     moves
 }

@@ -1,10 +1,10 @@
-//! OpenDrawer: pull a drawer open by its handle (spec/tasks.md §2, task 13).
+//! OpenDrawer: pull a drawer open by its handle. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::FRAC_PI_8;
 
 use ipc_types::Morphology;
 
-use super::common::cabinet::{DRAWER_TRAVEL, drawer_grip, drawer_over_door, pull_open};
+use super::common::cabinet::{DRAWER_TRAVEL, drawer_grasp, drawer_over_door, pull_open};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, region, single_arm};
 use crate::expert::Move;
 use crate::predicate::Predicate;
@@ -25,20 +25,20 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// The hand before the cabinet, closing upwards and downwards.
+/// Initial joint positions in rad: the hand in front of the cabinet, the fingers above and below the handle.
 const QPOS: [f64; 7] = [-0.1360, -1.2611, 0.2409, -2.9000, 2.5729, 3.0260, 0.0299];
 
 fn nominal() -> SceneSpec {
     let bodies = drawer_over_door(Range::new(0.0, FRAC_PI_8));
     let target = [-0.2, 0.0, 0.5];
     let cameras = ExternalCameras { external1: [[-0.3, 0.4, 0.8], target], external2: [[-0.4, -0.4, 0.8], target] };
-    let place = region("cabinet", Range::new(0.15, 0.25), Range::symmetric(0.05));
-    let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![place], bodies, TASK.instruction);
+    let placement = region("cabinet", Range::new(0.15, 0.25), Range::symmetric(0.05));
+    let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![placement], bodies, TASK.instruction);
     spec.table.kind = TableKind::SingleArmTurned;
     spec
 }
 
-/// The drawer half open and slow.
+/// Requires the drawer to be half open and to move slowly.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let drawer = scene.body_idx("drawer");
     vec![
@@ -47,9 +47,9 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     ]
 }
 
-/// How far the drawer is pulled, in m.
-const PULL: f64 = 0.2;
+/// Distance by which the drawer is pulled, in m.
+const PULL_DISTANCE: f64 = 0.2;
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    pull_open(scene, drawer_grip(scene), PULL)
+    pull_open(scene, drawer_grasp(scene), PULL_DISTANCE)
 }

@@ -1,4 +1,4 @@
-//! PegInsertionSide: push a peg into the hole in a box's side (spec/tasks.md §2, task 9).
+//! PegInsertionSide: push a peg into the hole in the side of a box. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::{FRAC_PI_6, FRAC_PI_8};
 
@@ -27,7 +27,8 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Half extents of the peg, in m, and where the hole is, from −1 to 1 between as far off the box's middle as it may be.
+/// Sampled dimensions: the peg's half-length and half-width in m, and the hole's y and z from −1 to 1, in
+/// units of its maximum distance from the box's centre.
 const SIZES: SizesSpec = SizesSpec {
     ranges: &[
         ("half length", Range::new(0.085, 0.125)),
@@ -37,7 +38,7 @@ const SIZES: SizesSpec = SizesSpec {
     ],
     apply: set_sizes,
 };
-/// How much wider than the peg the hole is on every side, in m.
+/// Clearance between the peg and the hole on each side, in m.
 const CLEARANCE: f64 = 0.006;
 
 fn nominal() -> SceneSpec {
@@ -45,7 +46,7 @@ fn nominal() -> SceneSpec {
         colors.iter().map(|color| box_part([0.0; 3], [0.0; 3], AppearanceSpec::plain(rgb(*color)))).collect()
     };
     let peg = BodySpec {
-        scaled_by: ScaledBy::Nothing("its size is drawn anew in every episode"),
+        scaled_by: ScaledBy::Nothing("its size is sampled for every episode"),
         ..movable("peg", parts(&[[237, 246, 249], [236, 115, 87]]), 0, SINGLE_TABLE_Z)
     };
     let target = common::fixed("box", parts(&[[143, 145, 150]; 4]), 1, SINGLE_TABLE_Z, "it fits the peg");
@@ -63,51 +64,52 @@ fn nominal() -> SceneSpec {
     SceneSpec { sizes: Some(SIZES), ..scene }
 }
 
-/// The peg's tail and head, and the walls of the box.
+/// Sets the sizes of the peg's tail and head and of the box's walls.
 fn set_sizes(drawn: &[f64], bodies: &mut [BodySpec]) {
-    let &[length, width, y, z] = drawn else { panic!("{drawn:?} are not four sizes") };
+    let &[length, width, y, z] = drawn else { panic!("{} sampled dimensions, expected 4", drawn.len()) };
     let peg = [-1.0, 1.0].map(|end| ([length / 2.0, width, width], [end * length / 2.0, 0.0, 0.0]));
-    let middle = [y, z].map(|fraction| fraction * (length - width) / 2.0);
-    let walls = Hole::around(middle, [width + CLEARANCE; 2]).walls([length; 3]);
+    let centre = [y, z].map(|fraction| fraction * (length - width) / 2.0);
+    let walls = Hole::around(centre, [width + CLEARANCE; 2]).walls([length; 3]);
     let parts = bodies.iter_mut().flat_map(|body| &mut body.parts);
     for (part, (half, position)) in parts.zip(peg.into_iter().chain(walls)) {
         *part = box_part(half, position, part.appearance);
     }
 }
 
-/// The peg's head in the hole, at most 15 mm short of the box's middle.
+/// Requires the peg's head to be in the hole, at most 15 mm short of the box's centre.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [body, of] = ["peg", "box"].map(|name| scene.body_idx(name));
     let length = scene.bodies[body].aabb(&Isometry3::identity()).max.x;
-    let Hole { least: [y0, z0], greatest: [y1, z1] } = Hole::of(&scene.bodies[of]);
+    let Hole { min: [y0, z0], max: [y1, z1] } = Hole::of(&scene.bodies[of]);
     let deepest = if profile.bounds_insertion() { length } else { f64::INFINITY };
     let region = Region::Box { min: [-0.015, y0, z0], max: [deepest, y1, z1] };
     vec![Predicate::Inside { body, point: [length, 0.0, 0.0], of: Some(of), region }]
 }
 
-/// How far beyond the box's middle the head is pushed, in m: the hand must stay in front of the box.
-const DEPTH: f64 = 0.01;
-/// How far the arm gives way under what it holds, in m/kg: its drives are springs, and a plan cannot measure and correct.
-const SAG: f64 = 0.0095;
-/// Leans of the hand that are tried, in rad: a tail far from the robot is out of reach from straight above.
+/// Distance beyond the box's centre to which the head is pushed in m. The hand must stay in front of the box.
+const INSERTION_DEPTH: f64 = 0.01;
+/// Sag of the arm under a payload, in m/kg: its position drives act as springs, and a plan cannot measure and
+/// correct the error.
+const SAG_PER_KG: f64 = 0.0095;
+/// Candidate lean angles of the hand, in rad: tails far from the robot are out of reach from straight above.
 const LEANS: [f64; 3] = [0.0, 0.2, 0.4];
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (peg, target) = (scene.body("peg"), scene.body("box"));
     let half = peg.aabb(&Isometry3::identity()).max;
     let (length, mass) = (half.x, peg.density * 8.0 * half.product());
-    let [y, z] = Hole::of(target).middle();
-    let stations = |tcp: &Isometry3<f64>| {
+    let [y, z] = Hole::of(target).centre();
+    let waypoints = |tcp: &Isometry3<f64>| {
         let head_at = |x: f64| {
-            target.pose * Translation3::new(x - length, y, z + SAG * mass) * peg.pose.inverse() * tcp
+            target.pose * Translation3::new(x - length, y, z + SAG_PER_KG * mass) * peg.pose.inverse() * tcp
         };
-        [grasp::retreated(tcp, 0.05), *tcp, head_at(-length - 0.01), head_at(DEPTH)]
+        [grasp::retreated(tcp, 0.05), *tcp, head_at(-length - 0.01), head_at(INSERTION_DEPTH)]
     };
     let closing = grasp::start_closing(scene, 0);
     let to_tail = peg.pose.rotation * -Vector3::x() * f64::max(0.05, length / 2.0 + 0.01);
     let tcp = grasp::translated(&grasp::top_down(peg, &closing, &closing), &to_tail);
     let candidates = LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, &tcp, lean));
-    let tcp = grasp::first_reachable(scene, 0, &candidates, stations);
-    let [above, at, before_hole, inserted] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
+    let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
+    let [above, at, before_hole, inserted] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
     vec![above, at, Move::close(&[0], 6), before_hole, Move::Hold { steps: 15 }, inserted]
 }

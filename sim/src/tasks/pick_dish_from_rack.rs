@@ -1,4 +1,4 @@
-//! PickDishFromRack: take a plate out of a drying rack (spec/tasks.md §2, task 3).
+//! PickDishFromRack: take a plate out of a drying rack. See docs/benchmark.md, "Tasks".
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
@@ -24,16 +24,17 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// World y of the dividers from the rack's middle, in m; the plate leans against the third.
+/// y of the dividers relative to the rack's centre, in m. The plate leans against the third.
 const DIVIDERS_Y: [f64; 4] = [-0.12, -0.04, 0.04, 0.12];
-/// How far it leans, in rad: its rim rests in the corner of the rack's floor and the second divider.
+/// Lean angle of the plate in rad, at which its rim rests in the corner between the rack's floor and the
+/// second divider.
 const LEAN: f64 = 0.2546;
 /// Index of the rack among the bodies.
 const RACK: usize = 1;
 
 fn nominal() -> SceneSpec {
     let plate = BodySpec {
-        placement: PlacementSpec::RelativeTo { body: RACK, pose: dish::leaning(DIVIDERS_Y[2], LEAN) },
+        placement: PlacementSpec::RelativeTo { body: RACK, pose: dish::leaning_pose(DIVIDERS_Y[2], LEAN) },
         ..dish::plate()
     };
     let beside = RegionSpec {
@@ -46,7 +47,7 @@ fn nominal() -> SceneSpec {
     single_arm(dish::QPOS, 0.0, &cameras, vec![beside], bodies, TASK.instruction)
 }
 
-/// The plate 42.5 mm above the rack's origin, which is 13 mm above its rest.
+/// Requires the plate's origin to be 42.5 mm above the rack's, which is 13 mm above its initial height.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let (plate, rack) = (scene.body_idx("plate"), scene.body("rack").pose.translation.vector);
     let risen = if profile.counts_sinking() {
@@ -57,27 +58,29 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     vec![risen, Predicate::Above { body: plate, z_m: -0.01 }]
 }
 
-/// From how far the hand goes straight to the rim, and how far the plate is raised, in m.
+/// Distance from which the hand approaches the rim in a straight line, in m.
 const APPROACH: f64 = 0.07;
-const RAISE: f64 = 0.2;
+/// Height by which the plate is lifted, in m.
+const LIFT: f64 = 0.2;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let plate = scene.body("plate");
     let start = grasp::start_tcp(scene, 0);
-    // A quarter turn from the start. The hand takes it first, at its height, and only then goes down and leans.
+    // A quarter turn from the initial orientation. The hand rotates at its initial height before it descends
+    // and leans.
     let closing = -Vector3::y();
-    let stations = |tcp: &Isometry3<f64>| {
+    let waypoints = |tcp: &Isometry3<f64>| {
         let above = grasp::retreated(tcp, APPROACH);
         let beside = Vector3::new(above.translation.x, above.translation.y, start.translation.z);
         [
             grasp::pose(&beside, &-Vector3::z(), &closing),
             above,
             *tcp,
-            grasp::translated(tcp, &(Vector3::z() * RAISE)),
+            grasp::translated(tcp, &(Vector3::z() * LIFT)),
         ]
     };
-    let candidates = dish::rim_grips(plate, dish::side(plate, &Vector3::z()), &closing);
-    let tcp = grasp::first_reachable(scene, 0, &candidates, stations);
-    let [beside, above, at, raised] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
+    let candidates = dish::rim_grasps(plate, dish::farthest_azimuth(plate, &Vector3::z()), &closing);
+    let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
+    let [beside, above, at, raised] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
     vec![beside, above, at, Move::close(&[0], 4), raised]
 }

@@ -1,4 +1,5 @@
-//! PickSodaFromCabinet: take a can out of a cabinet and put it down before it (spec/tasks.md §2, task 2).
+//! PickSodaFromCabinet: take a can out of a cabinet and put it down in front of it. See docs/benchmark.md,
+//! "Tasks".
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
@@ -27,24 +28,25 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Before the middle compartment, the hand level.
+/// Initial joint positions in rad: the hand level, in front of the middle compartment.
 const QPOS: [f64; 7] = [-0.387, -0.770, 0.395, -3.009, 2.978, 2.396, -1.963];
-/// World x and y of the cabinet's middle, in m.
+/// World (x, y) of the cabinet's centre, in m.
 const CABINET: [f64; 2] = [0.3, -0.12];
-/// Half extents of a shelf, and the world z of the three shelves' middles, in m.
+/// Half-extents of a shelf, in m.
 const SHELF_HALF: [f64; 3] = [0.2, 0.3, 0.015];
+/// World z of the three shelves' centres, in m.
 const SHELVES_Z: [f64; 3] = [0.021, 0.311, 0.601];
-/// Radius and half height of the can, in m.
+/// Radius and half-height of the can, in m.
 const CAN: [f64; 2] = [0.0375, 0.063];
 
 fn nominal() -> SceneSpec {
     let [radius, half_height] = CAN;
-    let solid =
+    let part =
         PartSpec::at(Primitive::Cylinder { radius, half_height }, [0.0; 3], AppearanceSpec::plain([1.0; 3]));
     let can = BodySpec {
         visuals: props::can(radius, 2.0 * half_height, [0.0, 0.0, -half_height]),
         scaled_by: ScaledBy::Nothing("the benchmark keeps its size"),
-        ..movable("can", vec![solid], 1, SHELVES_Z[1] + SHELF_HALF[2])
+        ..movable("can", vec![part], 1, SHELVES_Z[1] + SHELF_HALF[2])
     };
     let regions = vec![
         region("cabinet", Range::fixed(CABINET[0]), Range::fixed(CABINET[1])).not_widened(),
@@ -55,7 +57,7 @@ fn nominal() -> SceneSpec {
     single_arm(QPOS, 0.0, &cameras, regions, vec![shelves(), panels(), can], TASK.instruction)
 }
 
-/// Three shelves on a plinth; their frame is on the table.
+/// Creates three shelves on a plinth. Their frame is on the table.
 fn shelves() -> BodySpec {
     let wood = AppearanceSpec::textured(Texture::Wood, [0.72, 0.58, 0.42]);
     let [hx, hy, hz] = SHELF_HALF;
@@ -65,7 +67,7 @@ fn shelves() -> BodySpec {
     BodySpec { role: Role::Fixture, ..fixed("shelves", parts, 0, SINGLE_TABLE_Z, "it is furniture") }
 }
 
-/// The left, right and back panel around the shelves, in their frame.
+/// Creates the left, right and back panels around the shelves, in the shelves' frame.
 fn panels() -> BodySpec {
     let panel = |half, [x, y, z]: [f64; 3]| {
         box_part(half, [x - CABINET[0], y - CABINET[1], z], AppearanceSpec::plain(rgb([141, 117, 105])))
@@ -79,29 +81,29 @@ fn panels() -> BodySpec {
     BodySpec { placement, ..fixed("panels", parts, 0, SINGLE_TABLE_Z, "the benchmark keeps its size") }
 }
 
-/// The can low down before the cabinet.
+/// Requires the can to be low and in front of the cabinet.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let (far, front) = (f64::INFINITY, CABINET[0] - SHELF_HALF[0]);
     let [low_z, far_x] = if profile.counts_anywhere_low() { [-far, far] } else { [SINGLE_TABLE_Z, front] };
     vec![Predicate::inside_box(scene.body_idx("can"), [-0.3, -0.3, low_z], [far_x, 0.0, 0.1])]
 }
 
-/// How far before the can the hand waits, and how far it carries it out, in m.
-const OUT: f64 = 0.3;
-/// Height of the can's middle over the table where it is let go, in m.
-const PUT_DOWN_Z: f64 = CAN[1] + 0.004;
+/// Distance of the pre-grasp pose in front of the can, which is also how far the can is pulled out, in m.
+const PULL_OUT: f64 = 0.3;
+/// Height of the can's centre above the table at which it is released, in m.
+const RELEASE_Z: f64 = CAN[1] + 0.004;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let closing = grasp::closest_closing(Vector3::y(), &grasp::start_closing(scene, 0));
-    let middle = scene.body("can").pose.translation.vector;
-    let at = grasp::pose(&middle, &Vector3::x(), &closing);
-    let before = grasp::retreated(&at, OUT);
-    let down = grasp::translated(&before, &(Vector3::z() * (PUT_DOWN_Z - middle.z)));
+    let centre = scene.body("can").pose.translation.vector;
+    let at = grasp::pose(&centre, &Vector3::x(), &closing);
+    let pre_grasp = grasp::retreated(&at, PULL_OUT);
+    let down = grasp::translated(&pre_grasp, &(Vector3::z() * (RELEASE_Z - centre.z)));
     vec![
-        Move::Joint(vec![TcpGoal { arm: 0, tcp: before }]),
+        Move::Joint(vec![TcpGoal { arm: 0, tcp: pre_grasp }]),
         Move::straight(0, at),
         Move::Grip { arms: vec![0], command: control::gripper_entry(0.0) as f32, steps: 6 },
-        Move::straight(0, before),
+        Move::straight(0, pre_grasp),
         Move::straight(0, down),
         Move::open(&[0], 6),
     ]

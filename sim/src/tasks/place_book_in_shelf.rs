@@ -1,4 +1,4 @@
-//! PlaceBookInShelf: put a standing book beside others on a shelf (spec/tasks.md §2, task 5).
+//! PlaceBookInShelf: put an upright book next to others on a shelf. See docs/benchmark.md, "Tasks".
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
@@ -24,43 +24,46 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Over the table, the hand level.
+/// Initial joint positions in rad: the hand level above the table.
 const QPOS: [f64; 7] = [-0.816, 0.109, 0.437, -3.005, 2.678, 1.626, -2.312];
-/// Half of the book's depth, thickness and height, in m. It stands, its spine towards the robot.
+/// Half-depth, half-thickness and half-height of the book in m. It stands upright with its spine towards the
+/// robot.
 const BOOK_HALF: [f64; 3] = [0.0525, 0.014, 0.0705];
-/// The book's middle in its frame, in m: that of the benchmark's mesh as it is turned at the start, so that the origin of
-/// the standing book is 0.0885 m above what it stands on and 0.15 m above the table on a board whose top is at 0.062.
-const BOOK_MIDDLE: [f64; 3] = [-0.045, -0.017, -0.018];
+/// Centre of the book in its frame, in m. It is that of the benchmark's mesh in its initial orientation, so
+/// that the upright book's origin is 0.0885 m above its support, and 0.15 m above the table on a shelf at
+/// 0.062 m.
+const BOOK_CENTRE: [f64; 3] = [-0.045, -0.017, -0.018];
 const BLUE: [f64; 3] = [0.10, 0.20, 0.36];
-/// Its front is as near to the robot as the book on the table allows; other books leave its −y half free.
-const CASE: Bookcase<2> =
-    Bookcase { half: [0.075, 0.18], height: 0.45, middle: [-0.01, 0.03], boards_z: [0.062, 0.262] };
+/// The bookcase. Its front is as near to the robot as the book on the table allows; other books leave its −y
+/// half free.
+const BOOKCASE: Bookcase<2> =
+    Bookcase { half: [0.075, 0.18], height: 0.45, centre: [-0.01, 0.03], shelves_z: [0.062, 0.262] };
 
 fn nominal() -> SceneSpec {
     let book = BodySpec {
-        visuals: props::book(BOOK_HALF, BOOK_MIDDLE, BLUE),
+        visuals: props::book(BOOK_HALF, BOOK_CENTRE, BLUE),
         scaled_by: ScaledBy::Nothing("the benchmark keeps its size"),
-        ..movable("book", vec![box_part(BOOK_HALF, BOOK_MIDDLE, AppearanceSpec::plain(BLUE))], 0, SINGLE_TABLE_Z)
+        ..movable("book", vec![box_part(BOOK_HALF, BOOK_CENTRE, AppearanceSpec::plain(BLUE))], 0, SINGLE_TABLE_Z)
     };
-    let shelf = fixed("shelf", CASE.parts(), 1, SINGLE_TABLE_Z, "the benchmark keeps its size");
-    let rows = [CASE.row(0, BOOK_HALF[0], 0), CASE.row(1, BOOK_HALF[0], 3)].concat();
+    let shelf = fixed("shelf", BOOKCASE.parts(), 1, SINGLE_TABLE_Z, "the benchmark keeps its size");
+    let rows = [BOOKCASE.row(0, BOOK_HALF[0], 0), BOOKCASE.row(1, BOOK_HALF[0], 3)].concat();
     let others = BodySpec {
         role: Role::Fixture,
         placement: PlacementSpec::RelativeTo { body: 1, pose: Isometry3::identity() },
         ..fixed("other books", rows, 1, SINGLE_TABLE_Z, "they stand on the shelf")
     };
     let y = Range::new(-0.4, -0.2);
-    let shelf_place = region("shelf", Range::new(0.0, 0.1), y);
-    // The shelf stands beyond the book's place, so that it moves away as that grows.
-    let widened = shelf_place.widened.map(|widened| WidenedRanges { x: Range::new(0.05, 0.15), ..widened });
+    let shelf_region = region("shelf", Range::new(0.0, 0.1), y);
+    // The bookcase is behind the book's region, so its region moves away when that is widened.
+    let widened = shelf_region.widened.map(|widened| WidenedRanges { x: Range::new(0.05, 0.15), ..widened });
     let regions =
-        vec![region("book", Range::new(-0.2, -0.1), y), RegionSpec { widened, ..shelf_place }];
+        vec![region("book", Range::new(-0.2, -0.1), y), RegionSpec { widened, ..shelf_region }];
     let eye = |y| [[-0.5, y, 0.5], [-0.3, -0.3, 0.1]];
     let cameras = ExternalCameras { external1: eye(-0.1), external2: eye(-0.5) };
     single_arm(QPOS, 0.0, &cameras, regions, vec![book, shelf, others], TASK.instruction)
 }
 
-/// The book on the lower board beside the others, let go and at rest.
+/// Requires the book on the lower shelf next to the others, released and at rest.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let body = scene.body_idx("book");
     let slot = Region::Box { min: [-0.083, -0.07, 0.14], max: [0.067, 0.02, 0.165] };
@@ -71,32 +74,34 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     ]
 }
 
-/// How deep the spine lies between the fingers, in m.
-const GRIP_DEPTH: f64 = 0.025;
-/// How far above its way to the book the hand comes, in m.
-const OVER: f64 = 0.12;
-/// Where the book's origin is let go, in the frame of the shelf, in m: the spine is 12 mm before the board's edge.
-const PLACE: [f64; 3] = [0.0, -0.043, CASE.boards_z[0] + BOOK_HALF[2] - BOOK_MIDDLE[2]];
-/// How far before its place, and how high over the board, the book is brought to the shelf, in m.
-const BEFORE: f64 = 0.25;
+/// Depth of the book's spine between the fingers, in m.
+const GRASP_DEPTH: f64 = 0.025;
+/// Height above the pre-grasp pose at which the hand arrives, in m.
+const APPROACH_HEIGHT: f64 = 0.12;
+/// Position of the book's origin at release in the bookcase's frame, in m. The spine is 12 mm in front of the
+/// shelf's edge.
+const RELEASE: [f64; 3] = [0.0, -0.043, BOOKCASE.shelves_z[0] + BOOK_HALF[2] - BOOK_CENTRE[2]];
+/// Distance in front of its final position from which the book is moved into the bookcase, in m.
+const STANDOFF: f64 = 0.25;
+/// Height above the shelf at which the book is moved in, in m.
 const CLEARANCE: f64 = 0.015;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let book = scene.body("book");
     let closing = grasp::closest_closing(Vector3::y(), &grasp::start_closing(scene, 0));
-    let middle = book.pose.translation.vector + Vector3::from(BOOK_MIDDLE);
-    let at = grasp::pose(&(middle + Vector3::x() * (GRIP_DEPTH - BOOK_HALF[0])), &Vector3::x(), &closing);
-    let before = grasp::translated(&at, &Vector3::new(-0.1, 0.0, 0.05));
-    let place = scene.body("shelf").pose.translation.vector + Vector3::from(PLACE);
-    let down = grasp::translated(&at, &(place - book.pose.translation.vector + Vector3::z() * 0.002));
+    let centre = book.pose.translation.vector + Vector3::from(BOOK_CENTRE);
+    let at = grasp::pose(&(centre + Vector3::x() * (GRASP_DEPTH - BOOK_HALF[0])), &Vector3::x(), &closing);
+    let pre_grasp = grasp::translated(&at, &Vector3::new(-0.1, 0.0, 0.05));
+    let release = scene.body("shelf").pose.translation.vector + Vector3::from(RELEASE);
+    let down = grasp::translated(&at, &(release - book.pose.translation.vector + Vector3::z() * 0.002));
     let within = grasp::translated(&down, &(Vector3::z() * CLEARANCE));
     vec![
-        // Over the book's top, which the hand would else knock over from the side.
-        Move::Joint(vec![TcpGoal { arm: 0, tcp: grasp::translated(&before, &(Vector3::z() * OVER)) }]),
-        Move::straight(0, before),
+        // Approach from above: a hand coming from the side would knock the book over.
+        Move::Joint(vec![TcpGoal { arm: 0, tcp: grasp::translated(&pre_grasp, &(Vector3::z() * APPROACH_HEIGHT)) }]),
+        Move::straight(0, pre_grasp),
         Move::straight(0, at),
         Move::close(&[0], 6),
-        Move::straight(0, grasp::retreated(&within, BEFORE)),
+        Move::straight(0, grasp::retreated(&within, STANDOFF)),
         Move::straight(0, within),
         Move::straight(0, down),
         Move::open(&[0], 6),

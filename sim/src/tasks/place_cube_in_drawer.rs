@@ -1,9 +1,9 @@
-//! PlaceCubeInDrawer: open a drawer and put a cube into it (spec/tasks.md §2, task 15).
+//! PlaceCubeInDrawer: open a drawer and put a cube into it. See docs/benchmark.md, "Tasks".
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::cabinet::{CHEST_TRAVEL, chest_of_drawers, drawer_grip, pull_open};
+use super::common::cabinet::{CHEST_TRAVEL, chest_of_drawers, drawer_grasp, pull_open};
 use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
@@ -24,13 +24,15 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Half the cube's edge, in m.
+/// Half-extent of the cube, in m.
 const HALF: f64 = 0.035;
-/// The hand before the chest's middle drawer, closing upwards and downwards.
+/// Initial joint positions in rad: the hand in front of the middle drawer, the fingers above and below its
+/// handle.
 const QPOS: [f64; 7] = [1.1328, 1.1025, -1.1891, -1.8933, -0.6512, 2.0777, -1.7973];
 
 fn nominal() -> SceneSpec {
-    // Not a manipulation object: the benchmark refuses to recolour the cube of this task, and scaling it has no effect.
+    // A fixture rather than a manipulation object: the benchmark refuses to recolour this task's cube, and
+    // scaling it has no effect there.
     let cube = BodySpec {
         role: Role::Fixture,
         scaled_by: ScaledBy::Nothing("the released code does not scale this cube"),
@@ -47,10 +49,11 @@ fn nominal() -> SceneSpec {
     single_arm(QPOS, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
-/// The drawer three tenths open, the cube around the middle of it, at rest, let go.
+/// Requires the drawer to be open by three tenths of its travel and the cube to be near its middle, at rest
+/// and released.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let [drawer, cube] = ["drawer", "cube"].map(|name| scene.body_idx(name));
-    let middle = Region::Cylinder {
+    let region = Region::Cylinder {
         origin: [-BEHIND_HANDLE, 0.0, 0.0],
         axis: [0.0, 0.0, 1.0],
         radius: 0.1,
@@ -58,60 +61,65 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     };
     vec![
         Predicate::Opened { body: drawer, min_position: 0.3 * CHEST_TRAVEL },
-        Predicate::Inside { body: cube, point: [0.0; 3], of: Some(drawer), region: middle },
+        Predicate::Inside { body: cube, point: [0.0; 3], of: Some(drawer), region },
         Predicate::AtRest { body: cube, max_linear: 0.1, max_angular: 0.5 },
         Predicate::Released { body: cube },
     ]
 }
 
-/// How far behind the handle the cube is put, in m.
+/// Distance behind the handle at which the cube is placed, in m.
 const BEHIND_HANDLE: f64 = 0.12;
-/// How far the drawer is pulled, in m.
-const PULL: f64 = 0.7 * CHEST_TRAVEL;
-/// How the gripped cube is raised, in m.
+/// Distance by which the drawer is pulled, in m.
+const PULL_DISTANCE: f64 = 0.7 * CHEST_TRAVEL;
+/// Displacement by which the grasped cube is raised, in m.
 const RAISE: Vector3<f64> = Vector3::new(0.0, -0.1, 0.4);
-/// Heights of the cube over the handle, in m: on its way, and where it is let go, the hand still over the drawer's front.
+/// Heights of the cube above the handle in m: while it is carried, and at release, with the hand still above
+/// the drawer's front.
 const OVER_HANDLE: [f64; 2] = [0.25, 0.045];
-/// How far off the benchmark's grip the cube is taken, towards the robot and up, in m: the others if that is out of reach.
-const ASIDE: [[f64; 2]; 3] = [[0.0, 0.0], [0.025, 0.015], [0.03, 0.025]];
-/// Leans of the hand that are tried, in rad: half of the cubes are out of reach from straight above.
+/// Candidate displacements of the grasp from the benchmark's, towards the robot and up, in m. The later ones
+/// are for cubes that are out of reach.
+const GRASP_OFFSETS: [[f64; 2]; 3] = [[0.0, 0.0], [0.025, 0.015], [0.03, 0.025]];
+/// Candidate lean angles of the hand at the cube, in rad: half of the cubes are out of reach from straight
+/// above.
 const LEANS: [f64; 6] = [0.0, 0.25, 0.5, 0.75, 1.0, 1.2];
-/// How far the hand at the handle is turned towards the robot, in rad: the later ones where the handle is out of reach.
-const TURNS: [f64; 4] = [0.0, 0.3, 0.6, 0.9];
+/// Candidate rotations of the hand at the handle towards the robot, in rad. The later ones are for handles
+/// that are out of reach.
+const HANDLE_LEANS: [f64; 4] = [0.0, 0.3, 0.6, 0.9];
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (cube, drawer) = (scene.body("cube"), scene.body("drawer").pose);
     let out = drawer.rotation * Vector3::x();
-    let into = drawer.translation.vector + out * (PULL - BEHIND_HANDLE) - cube.pose.translation.vector;
-    let stations = |tcp: &Isometry3<f64>| {
-        let [carried, put] = OVER_HANDLE.map(|z| grasp::translated(tcp, &(into + Vector3::z() * z)));
-        // Farther off than in the benchmark: the way there sags, and must pass over the cube.
-        [grasp::retreated(tcp, 0.2), *tcp, grasp::translated(tcp, &RAISE), carried, put]
+    let into = drawer.translation.vector + out * (PULL_DISTANCE - BEHIND_HANDLE) - cube.pose.translation.vector;
+    let waypoints = |tcp: &Isometry3<f64>| {
+        let [carried, release] = OVER_HANDLE.map(|z| grasp::translated(tcp, &(into + Vector3::z() * z)));
+        // Farther away than in the benchmark: the joint-space path there sags and must pass over the cube.
+        [grasp::retreated(tcp, 0.2), *tcp, grasp::translated(tcp, &RAISE), carried, release]
     };
-    // Closing along the drawer, so that the hand leans back towards the robot and not towards the cabinet.
+    // Close along the drawer's direction, so that the hand leans back towards the robot rather than towards
+    // the cabinet.
     let centred = grasp::top_down(cube, &out, &out);
-    let candidates: Vec<Isometry3<f64>> = ASIDE
+    let candidates: Vec<Isometry3<f64>> = GRASP_OFFSETS
         .map(|[back, up]| grasp::translated(&centred, &Vector3::new(-back, 0.0, up)))
         .iter()
         .flat_map(|tcp| LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, tcp, lean)))
         .collect();
-    let first = grasp::first_reachable(scene, 0, &candidates, stations);
-    let handles = TURNS.map(|turn| grasp::tilted_toward_base(scene, 0, &drawer_grip(scene), turn));
-    // What is within reach station by station need not be along the way, and the other way round.
+    let first = grasp::first_reachable(scene, 0, &candidates, waypoints);
+    let handles = HANDLE_LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, &drawer_grasp(scene), lean));
+    // Waypoints that are reachable one by one need not be reachable along the path, and vice versa.
     let others = handles.iter().flat_map(|handle| candidates.iter().map(|cube| (*handle, *cube)));
-    let grips = core::iter::once((handles[0], first)).chain(others);
+    let grasps = core::iter::once((handles[0], first)).chain(others);
     let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
-    let plans = grips.map(|(handle, cube)| {
-        let [above, at, raised, carried, put] = stations(&cube);
-        let mut moves = pull_open(scene, handle, PULL);
+    let plans = grasps.map(|(handle, cube)| {
+        let [above, at, raised, carried, release] = waypoints(&cube);
+        let mut moves = pull_open(scene, handle, PULL_DISTANCE);
         moves.extend([
-            Move::straight(0, grasp::translated(&grasp::retreated(&handle, 0.05), &(out * PULL))),
+            Move::straight(0, grasp::translated(&grasp::retreated(&handle, 0.05), &(out * PULL_DISTANCE))),
             joint(above),
             Move::straight(0, at),
             Move::close(&[0], 6),
             Move::straight(0, raised),
             joint(carried),
-            Move::straight(0, put),
+            Move::straight(0, release),
             Move::open(&[0], 6),
             Move::straight(0, carried),
         ]);

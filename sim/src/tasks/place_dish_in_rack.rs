@@ -1,4 +1,4 @@
-//! PlaceDishInRack: stand a plate in a drying rack (spec/tasks.md §2, task 6).
+//! PlaceDishInRack: stand a plate in a drying rack. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -26,7 +26,7 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// World y of the dividers from the rack's middle, in m; the plate goes between the inner two.
+/// y of the dividers relative to the rack's centre, in m. The plate goes between the inner two.
 const DIVIDERS_Y: [f64; 4] = [-0.1053, -0.0466, 0.0150, 0.0748];
 
 fn nominal() -> SceneSpec {
@@ -41,7 +41,7 @@ fn nominal() -> SceneSpec {
     single_arm(dish::QPOS, 0.0, &cameras, regions, bodies, TASK.instruction)
 }
 
-/// The plate on edge within the rack, at rest, let go.
+/// Requires the plate to stand on edge in the rack, at rest and released.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let (plate, rack) = (scene.body_idx("plate"), scene.body_idx("rack"));
     vec![
@@ -67,39 +67,44 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     ]
 }
 
-/// How far the plate leans as it is let go, in rad, and how far above the rack's floor, in m.
+/// Lean angle of the plate at release, in rad.
 const LEAN: f64 = 0.05;
+/// Height above the rack's floor at which the plate is released, in m.
 const DROP: f64 = 0.004;
-/// Half of the fingers' opening on the way to the wall, in m: the outer finger must not touch the table.
-const OPENING: f64 = 0.015;
-/// From how far the hand goes straight to the rim, how far the plate is raised, from how far above its place it is put
-/// there, clear of the dividers, and how far the hand goes back, in m.
+/// Half-opening of the fingers during the approach to the wall, in m: the outer finger must not touch the
+/// table.
+const HALF_OPENING: f64 = 0.015;
+/// Distance from which the hand approaches the rim in a straight line, in m.
 const APPROACH: f64 = 0.065;
-const RAISE: f64 = 0.2;
+/// Height by which the plate is lifted, in m.
+const LIFT: f64 = 0.2;
+/// Height above its final position from which the plate is lowered, clear of the dividers, in m.
 const CLEARANCE: f64 = 0.12;
+/// Distance by which the hand retreats, in m.
 const RETREAT: f64 = 0.08;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (plate, rack) = (scene.body("plate"), scene.body("rack"));
-    // By its right side, which is turned up: the hand then comes to the rack from above, clear of the dividers.
-    let side = dish::side(plate, &-Vector3::y());
+    // Grasp the plate's right side, which ends up on top: the hand then reaches the rack from above, clear of
+    // the dividers.
+    let azimuth = dish::farthest_azimuth(plate, &-Vector3::y());
     let facing_left = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
-    let standing = rack.pose * facing_left * dish::leaning(-DIVIDERS_Y[1], LEAN);
-    let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2 - side);
-    let into_rack = standing * turned * plate.pose.inverse();
+    let final_pose = rack.pose * facing_left * dish::leaning_pose(-DIVIDERS_Y[1], LEAN);
+    let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2 - azimuth);
+    let into_rack = final_pose * turned * plate.pose.inverse();
     let up = |tcp: &Isometry3<f64>, by_m: f64| grasp::translated(tcp, &(Vector3::z() * by_m));
-    let stations = |tcp: &Isometry3<f64>| {
-        let put = up(&(into_rack * tcp), DROP);
-        let over = up(&put, CLEARANCE);
-        let raised = up(tcp, RAISE);
+    let waypoints = |tcp: &Isometry3<f64>| {
+        let release = up(&(into_rack * tcp), DROP);
+        let over = up(&release, CLEARANCE);
+        let raised = up(tcp, LIFT);
         let transported = Isometry3::from_parts(over.translation, raised.rotation);
-        let [above, away] = [grasp::retreated(tcp, APPROACH), grasp::retreated(&put, RETREAT)];
-        [above, *tcp, raised, transported, over, put, away]
+        let [above, retreat] = [grasp::retreated(tcp, APPROACH), grasp::retreated(&release, RETREAT)];
+        [above, *tcp, raised, transported, over, release, retreat]
     };
-    let candidates = dish::rim_grips(plate, side, &grasp::start_closing(scene, 0));
-    let tcp = grasp::first_reachable(scene, 0, &candidates, stations);
-    let [above, at, raised, transported, over, put, away] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
-    let narrow = Move::Grip { arms: vec![0], command: control::gripper_entry(OPENING) as f32, steps: 1 };
+    let candidates = dish::rim_grasps(plate, azimuth, &grasp::start_closing(scene, 0));
+    let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
+    let [above, at, raised, transported, over, release, retreat] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
+    let narrow = Move::Grip { arms: vec![0], command: control::gripper_entry(HALF_OPENING) as f32, steps: 1 };
     let close = Move::close(&[0], 4);
-    vec![narrow, above, at, close, raised, transported, over, put, Move::open(&[0], 6), away]
+    vec![narrow, above, at, close, raised, transported, over, release, Move::open(&[0], 6), retreat]
 }

@@ -1,4 +1,5 @@
-//! PlugCharger: push a charger's two prongs into the slots of a receptacle (spec/tasks.md §2, task 10).
+//! PlugCharger: push the two prongs of a charger into the slots of a receptacle. See docs/benchmark.md,
+//! "Tasks".
 
 use core::f64::consts::{FRAC_PI_3, FRAC_PI_8, PI};
 
@@ -26,14 +27,15 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Half extents of the charger's base, in m: it ends where the prongs begin, at the charger's origin.
+/// Half-extents of the charger's base in m. It ends where the prongs begin, at the charger's origin.
 const BASE: [f64; 3] = [0.02, 0.015, 0.012];
-/// Half extents of a prong and how far its middle is from the charger's, in m.
+/// Half-extents of a prong, in m.
 const PRONG: [f64; 3] = [0.008, 0.00075, 0.0032];
+/// Distance of a prong's centre from the charger's, in m.
 const PRONG_Y: f64 = 0.007;
-/// Half extents of the receptacle, in m; its front is at its origin.
+/// Half-extents of the receptacle in m. Its front is at its origin.
 const RECEPTACLE: [f64; 3] = [0.01, 0.05, 0.05];
-/// How much larger than a prong a slot is on every side, in m.
+/// Clearance between a prong and its slot on each side, in m.
 const CLEARANCE: f64 = 0.0025;
 
 fn charger() -> BodySpec {
@@ -46,7 +48,8 @@ fn charger() -> BodySpec {
     }
 }
 
-/// A plate with two slots: one hole for both, and what is between them. Brass fills them, 1 mm deep, and is only seen.
+/// Creates a plate with two slots, built as one hole and a bar in its middle. The 1 mm recessed brass inlays
+/// that fill the slots are visual only.
 fn receptacle() -> BodySpec {
     let [_, slot_y, slot_z] = PRONG.map(|half| half + CLEARANCE);
     let (depth, plastic) = (RECEPTACLE[0], AppearanceSpec::plain([0.9; 3]));
@@ -76,12 +79,12 @@ fn nominal() -> SceneSpec {
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
-/// The charger's pose when it is plugged in: against the receptacle, and facing it.
+/// Returns the charger's pose when it is plugged in: against the receptacle and facing it.
 fn plugged_in(scene: &Scene) -> Isometry3<f64> {
     scene.body("receptacle").pose * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI)
 }
 
-/// The charger plugged in, within 5 mm and 0.2 rad.
+/// Requires the charger to be plugged in, within 5 mm and 0.2 rad.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let goal = plugged_in(scene);
     let [x, y, z, w] = goal.rotation.coords.into();
@@ -89,24 +92,24 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     vec![Predicate::At { body, position, orientation: [w, x, y, z], tolerance: [0.005, 0.2] }]
 }
 
-/// How far the hand is leant back, in rad, to stay clear of the receptacle; the benchmark's 15° do not always suffice.
+/// Lean angle of the hand in rad, to stay clear of the receptacle. The benchmark's 15° are not always enough.
 const LEAN: f64 = FRAC_PI_8;
-/// How far the hand draws back before it turns, in m: it starts over the receptacle's edge.
+/// Distance by which the hand retreats before it rotates in m. It starts above the receptacle's edge.
 const RETREAT: f64 = 0.1;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let charger = scene.body("charger");
-    let middle = (charger.pose * Point3::new(-BASE[0], 0.0, 0.0)).coords;
+    let centre = (charger.pose * Point3::new(-BASE[0], 0.0, 0.0)).coords;
     let side = grasp::closest_closing(charger.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
     let candidates = [side, -side]
-        .map(|closing| grasp::tilted_toward_base(scene, 0, &grasp::pose(&middle, &-Vector3::z(), &closing), LEAN));
-    let stations = |tcp: &Isometry3<f64>| {
+        .map(|closing| grasp::tilted_toward_base(scene, 0, &grasp::pose(&centre, &-Vector3::z(), &closing), LEAN));
+    let waypoints = |tcp: &Isometry3<f64>| {
         let retreated = grasp::translated(&grasp::start_tcp(scene, 0), &(-Vector3::x() * RETREAT));
         let (goal, tcp_in_charger) = (plugged_in(scene), charger.pose.inverse() * tcp);
         let before_slots = goal * Translation3::new(-0.05, 0.0, 0.0) * tcp_in_charger;
         [retreated, grasp::retreated(tcp, 0.05), *tcp, before_slots, goal * tcp_in_charger]
     };
-    let tcp = grasp::first_reachable(scene, 0, &candidates, stations);
-    let [retreated, above, at, before_slots, plugged_in] = stations(&tcp).map(|tcp| Move::straight(0, tcp));
+    let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
+    let [retreated, above, at, before_slots, plugged_in] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
     vec![retreated, above, at, Move::close(&[0], 6), before_slots, Move::Hold { steps: 5 }, plugged_in]
 }

@@ -1,4 +1,4 @@
-//! RaiseCube: grasp a cube and raise it (spec/tasks.md §2, task 1).
+//! RaiseCube: grasp a cube and lift it. See docs/benchmark.md, "Tasks".
 
 use ipc_types::Morphology;
 
@@ -23,6 +23,7 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
+/// Half-extent of the cube, in m.
 const HALF: f64 = 0.02;
 
 fn nominal() -> SceneSpec {
@@ -33,15 +34,15 @@ fn nominal() -> SceneSpec {
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, vec![around_origin], vec![cube], TASK.instruction)
 }
 
-/// The cube's centre above 0.20 m, which is 0.18 m above its rest; the arm still.
+/// Requires the cube's centre to be above 0.20 m (0.18 m above its resting height) and the arm to be at rest.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let cube = scene.body_idx("cube");
     let rest_z = if profile.scales_thresholds() { scene.bodies[cube].pose.translation.z } else { HALF };
     vec![Predicate::Above { body: cube, z_m: rest_z + 0.18 }, Predicate::RobotAtRest { max_qvel: 0.2 }]
 }
 
-/// How far the cube is raised, in m, a little more than success asks for.
-const RAISE: f64 = 0.225;
+/// Height by which the cube is lifted in m, slightly more than success requires.
+const LIFT: f64 = 0.225;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let closing = grasp::start_closing(scene, 0);
@@ -50,6 +51,6 @@ fn expert(scene: &Scene) -> Vec<Move> {
         Move::straight(0, grasp::retreated(&tcp, 0.05)),
         Move::straight(0, tcp),
         Move::close(&[0], 6),
-        Move::straight(0, grasp::retreated(&tcp, RAISE)),
+        Move::straight(0, grasp::retreated(&tcp, LIFT)),
     ]
 }

@@ -1,4 +1,4 @@
-//! ScoopBanana: scoop a banana up with a dustpan, against a wall (spec/tasks.md §2, task 12).
+//! ScoopBanana: scoop up a banana with a dustpan against a wall. See docs/benchmark.md, "Tasks".
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -23,15 +23,16 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Half extents of the wall as it is seen, and how far beyond the banana it stands, in m.
-const WALL: [f64; 3] = [0.02, 0.2, 0.1];
-const BEYOND: f64 = 0.15;
-/// How deep the wall goes into the table, in m: with a banana of another size it is set up higher or lower.
+/// Half-extents of the visible wall, in m.
+const WALL_HALF: [f64; 3] = [0.02, 0.2, 0.1];
+/// Distance of the wall beyond the banana, in m.
+const WALL_DISTANCE: f64 = 0.15;
+/// Depth by which the wall extends into the table, in m: its height varies with the scale of the banana.
 const FOUNDATION: f64 = 0.04;
 
 fn nominal() -> SceneSpec {
     let banana = BodySpec { role: Role::ReceiverObject, ..tools::banana(1) };
-    let [half_x, half_y, half_z] = WALL;
+    let [half_x, half_y, half_z] = WALL_HALF;
     let slab = box_part(
         [half_x, half_y, half_z + FOUNDATION / 2.0],
         [0.0, 0.0, -FOUNDATION / 2.0],
@@ -41,14 +42,15 @@ fn nominal() -> SceneSpec {
         role: Role::Fixture,
         placement: PlacementSpec::RelativeTo {
             body: 1,
-            pose: Isometry3::translation(BEYOND, 0.0, half_z - tools::BANANA_RADIUS),
+            pose: Isometry3::translation(WALL_DISTANCE, 0.0, half_z - tools::BANANA_RADIUS),
         },
         ..fixed("wall", vec![slab], 1, SINGLE_TABLE_Z, "the released code scales only dustpan and banana")
     };
     let around_banana = region("banana", Range::new(-0.05, 0.15), Range::new(-0.25, 0.05)).not_widened();
     let regions = vec![
         region("dustpan", Range::new(-0.3, -0.1), Range::new(-0.3, -0.1)),
-        // The ranges overlap: the banana is drawn again until it lies beside the dustpan, not in it.
+        // The regions overlap: the banana's position is resampled until it is next to the dustpan and not
+        // inside it.
         RegionSpec { min_gap_m: Some(0.0), ..around_banana },
     ];
     let target = [0.0, 0.0, 0.1];
@@ -57,40 +59,44 @@ fn nominal() -> SceneSpec {
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
-/// The banana within 0.17 m of the dustpan's middle and up to 55 mm above it: on the table it lies lower.
+/// Requires the banana to be within 0.17 m of the dustpan's centre and at most 55 mm above it. A banana on
+/// the table is lower.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let [top, base] = ["banana", "dustpan"].map(|name| scene.body_idx(name));
     vec![Predicate::On { top, base, xy_m: 0.1697, rise_m: 0.0275, rise_tolerance_m: 0.0275 }]
 }
 
-/// How high the dustpan is carried to the banana, in m.
-const CARRY: f64 = 0.06;
-/// How far from the banana's middle the mouth is set down, and from the wall it stops, in m.
-const BEFORE: f64 = 0.07;
-const LEFT: f64 = 0.012;
-/// Tilts by which the mouth is turned up, in rad: the later ones where the arm has no room for more.
+/// Height at which the dustpan is carried to the banana, in m.
+const CARRY_HEIGHT: f64 = 0.06;
+/// Distance from the banana's centre at which the mouth is set down, in m.
+const STANDOFF: f64 = 0.07;
+/// Distance from the wall at which the mouth stops, in m.
+const WALL_GAP: f64 = 0.012;
+/// Candidate tilt angles of the dustpan, in rad. The later ones are for poses in which the arm cannot tilt
+/// further.
 const TILTS: [f64; 3] = [0.7, 0.55, 0.4];
-/// How far the dustpan is raised while it is tilted and after that, in m.
+/// Heights by which the dustpan is raised while it is tilted and afterwards, in m.
 const LIFTS: [f64; 2] = [0.03, 0.18];
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let ways = TILTS.iter().flat_map(|tilt| [(*tilt, Vector3::y()), (*tilt, -Vector3::y())]);
-    first_feasible(scene, TASK.max_steps, ways.map(|(tilt, closing)| scooped(scene, &closing, tilt)))
+    let options = TILTS.iter().flat_map(|tilt| [(*tilt, Vector3::y()), (*tilt, -Vector3::y())]);
+    first_feasible(scene, TASK.max_steps, options.map(|(tilt, closing)| scoop(scene, &closing, tilt)))
 }
 
-/// Takes the dustpan, pushes it under the banana until that leans on the wall, tilts it back and lifts it.
-fn scooped(scene: &Scene, closing: &Vector3<f64>, tilt: f64) -> Vec<Move> {
+/// Plans to grasp the dustpan, push it under the banana until that touches the wall, tilt it back and lift
+/// it.
+fn scoop(scene: &Scene, closing: &Vector3<f64>, tilt: f64) -> Vec<Move> {
     let (dustpan, banana) = (scene.body("dustpan"), scene.body("banana").pose.translation);
     let grip = dustpan.pose * Point3::from(tools::DUSTPAN_GRIP.map(|x| x * dustpan.scale));
     let tcp = grasp::pose(&grip.coords, &-Vector3::z(), closing);
-    // In line with the banana, the mouth at this x and so far above the table.
+    // TCP pose in line with the banana with the mouth at this x, `above_m` above the table.
     let mouth_at = |x: f64, above_m: f64| {
-        let ahead = (tools::DUSTPAN_MOUTH - tools::DUSTPAN_GRIP[0]) * dustpan.scale;
-        Isometry3::from_parts(Translation3::new(x - ahead, banana.y, grip.z + above_m), tcp.rotation)
+        let reach = (tools::DUSTPAN_MOUTH_X - tools::DUSTPAN_GRIP[0]) * dustpan.scale;
+        Isometry3::from_parts(Translation3::new(x - reach, banana.y, grip.z + above_m), tcp.rotation)
     };
     let raised = |tcp: &Isometry3<f64>, by_m: f64| grasp::translated(tcp, &(Vector3::z() * by_m));
-    let before = banana.x - BEFORE;
-    let under = mouth_at(scene.body("wall").pose.translation.x - WALL[0] - LEFT, 0.0);
+    let before = banana.x - STANDOFF;
+    let under = mouth_at(scene.body("wall").pose.translation.x - WALL_HALF[0] - WALL_GAP, 0.0);
     let back = UnitQuaternion::from_axis_angle(&-Vector3::y_axis(), tilt);
     let tilted = raised(&Isometry3::from_parts(under.translation, back * under.rotation), LIFTS[0]);
     let close = || Move::close(&[0], 6);
@@ -99,8 +105,8 @@ fn scooped(scene: &Scene, closing: &Vector3<f64>, tilt: f64) -> Vec<Move> {
         to(grasp::retreated(&tcp, 0.08)),
         to(tcp),
         close(),
-        to(raised(&tcp, CARRY)),
-        to(mouth_at(before, CARRY)),
+        to(raised(&tcp, CARRY_HEIGHT)),
+        to(mouth_at(before, CARRY_HEIGHT)),
         to(mouth_at(before, 0.0)),
         to(under),
         close(),

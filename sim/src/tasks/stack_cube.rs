@@ -1,4 +1,4 @@
-//! StackCube: put the red cube on the green one (spec/tasks.md §2, task 4).
+//! StackCube: put the red cube on the green cube. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::TAU;
 
@@ -26,12 +26,13 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
+/// Half-extent of a cube, in m.
 const HALF: f64 = 0.02;
-/// Half the diagonal of a cube's face, in m, as the released code rounds it.
+/// Half-diagonal of a cube's face in m, as rounded in the released code.
 const HALF_DIAGONAL: f64 = 0.0283;
 
 fn nominal() -> SceneSpec {
-    // As in the released code, where no factor acts on the green cube but MO-Size, which scales both.
+    // As in the released code, only MO-Size affects the green cube: it scales both.
     let cube = |name, role, color| BodySpec {
         role,
         ..common::cube(name, HALF, color, 0, SINGLE_TABLE_Z).with_yaw(Range::new(0.0, TAU))
@@ -50,7 +51,7 @@ fn nominal() -> SceneSpec {
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, vec![region], cubes, TASK.instruction)
 }
 
-/// Red on green within half a face diagonal and 5 mm, at rest, let go.
+/// Requires red on green within half a face diagonal plus 5 mm horizontally, at rest and released.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let (red, green) = (scene.body_idx("red cube"), scene.body_idx("green cube"));
     let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
@@ -67,38 +68,40 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     ]
 }
 
-/// Leans of the hand that are tried, in rad: a cube at the far end of the table is out of reach from straight above.
+/// Candidate lean angles of the hand, in rad: cubes at the far end of the table are out of reach from
+/// straight above.
 const LEANS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
-/// Leans that are tried last.
+/// Lean angles that are tried last, in rad.
 const FAR_LEANS: [f64; 2] = [0.95, 1.15];
-/// Control steps by which the red cube has come to rest before a plan ends, which may outlast the episode by so much.
+/// Control steps by which a plan may exceed the episode, since the red cube comes to rest before the plan
+/// ends.
 const SPARE_STEPS: u32 = 5;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (red, green) = (scene.body("red cube"), scene.body("green cube"));
-    let onto = {
+    let to_goal = {
         let rise = Vector3::z() * HALF * (red.scale + green.scale);
         green.pose.translation.vector - red.pose.translation.vector + rise
     };
-    let stations = |tcp: &Isometry3<f64>| {
+    let waypoints = |tcp: &Isometry3<f64>| {
         let raised = Vector3::z() * 0.1;
-        [grasp::retreated(tcp, 0.05), *tcp, grasp::translated(tcp, &raised), grasp::translated(tcp, &onto)]
+        [grasp::retreated(tcp, 0.05), *tcp, grasp::translated(tcp, &raised), grasp::translated(tcp, &to_goal)]
     };
     let closing = grasp::start_closing(scene, 0);
-    // Preferably the open fingers go down on the sides where the green cube is not.
+    // Prefer the orientation in which the open fingers descend on the sides away from the green cube.
     let upright =
-        [Vector3::z().cross(&onto), onto].map(|preferred| grasp::top_down(red, &preferred, &closing));
-    let leant = |leans: &'static [f64]| {
+        [Vector3::z().cross(&to_goal), to_goal].map(|preferred| grasp::top_down(red, &preferred, &closing));
+    let leaning = |leans: &'static [f64]| {
         upright.iter().flat_map(|tcp| leans.iter().map(|lean| grasp::tilted_toward_base(scene, 0, tcp, *lean)))
     };
-    let candidates: Vec<Isometry3<f64>> = leant(&LEANS).chain(leant(&FAR_LEANS)).collect();
-    let [above, at, raised, on_green] = stations(&grasp::first_reachable(scene, 0, &candidates, stations));
+    let candidates: Vec<Isometry3<f64>> = leaning(&LEANS).chain(leaning(&FAR_LEANS)).collect();
+    let [above, at, raised, on_green] = waypoints(&grasp::first_reachable(scene, 0, &candidates, waypoints));
     let to = |tcp| Move::straight(0, tcp);
     let through = |[first, second]: [Isometry3<f64>; 2]| {
         Move::Waypoints([first, second].map(|tcp| vec![TcpGoal { arm: 0, tcp }]).into())
     };
     let (close, open) = (Move::close(&[0], 6), Move::open(&[0], 6));
-    // The longest ways are in time only without the stops above the cubes.
+    // The longest paths fit into the episode only without stops above the cubes.
     let with_stops = vec![to(above), to(at), close.clone(), to(raised), to(on_green), open.clone()];
     let without = vec![through([above, at]), close, through([raised, on_green]), open];
     first_feasible(scene, TASK.max_steps + SPARE_STEPS, [with_stops, without].into_iter())

@@ -1,4 +1,5 @@
-//! What the two tasks share that have a plate and a drying rack (spec/tasks.md §2, tasks 3 and 6).
+//! The plate and the drying rack of PickDishFromRack and PlaceDishInRack. See docs/benchmark.md, "Scenes and
+//! objects".
 
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_6, PI, TAU};
 
@@ -8,7 +9,7 @@ use super::{SINGLE_TABLE_Z, box_part, fixed, movable};
 use crate::expert::grasp;
 use crate::scene::{AppearanceSpec, Body, BodySpec, PartSpec, Primitive, ScaledBy, VisualShape, VisualSpec};
 
-/// Start pose Q1 of spec/tasks.md §2, task 3: TCP at (−0.088, 0.038, 0.318), pointing down.
+/// Initial joint positions in rad: TCP at world (−0.088, 0.038, 0.318) m, pointing down.
 pub(in crate::tasks) const QPOS: [f64; 7] = [0.0380, -0.0558, 0.0235, -2.1654, 0.0421, 2.1272, -0.7544];
 
 /// Radius of the plate's rim, in m.
@@ -17,38 +18,46 @@ const RIM_RADIUS: f64 = 0.09;
 const HALF_DEPTH: f64 = 0.02245;
 /// Thickness of the plate's wall and floor, in m.
 const THICKNESS: f64 = 0.006;
-/// How far the plate's wall leans outwards from its axis, in rad; its sine and cosine.
+/// Outward lean of the plate's wall from its axis, in rad.
 const FLARE: f64 = FRAC_PI_6;
+/// Sine of `FLARE`.
 const SIN_FLARE: f64 = 0.5;
+/// Cosine of `FLARE`.
 const COS_FLARE: f64 = 0.866_025_403_784_438_6;
-/// Length of the plate's wall from foot to rim, and the radius of the foot, in m.
-const WALL: f64 = (2.0 * HALF_DEPTH - THICKNESS * SIN_FLARE) / COS_FLARE;
-const FOOT_RADIUS: f64 = RIM_RADIUS - WALL * SIN_FLARE;
-/// Flat pieces of the plate's wall as it collides: on one of these it stands on edge and does not roll.
-const N_PIECES: u32 = 12;
+/// Length of the plate's wall from the foot to the rim, in m.
+const WALL_LENGTH: f64 = (2.0 * HALF_DEPTH - THICKNESS * SIN_FLARE) / COS_FLARE;
+/// Radius of the plate's foot, in m.
+const FOOT_RADIUS: f64 = RIM_RADIUS - WALL_LENGTH * SIN_FLARE;
+/// Number of flat segments that the plate's wall consists of for collision. A plate on edge rests on one of
+/// them and does not roll.
+const N_SEGMENTS: u32 = 12;
 
-/// The plate about its axis z, its origin halfway up, open above. It lies on the table, in the first region, unless its
-/// task says otherwise. Its friction is 1 where the benchmark's is 20, so that it slides into a slot and does not jam.
+/// Creates the plate, open at the top, about its z axis and centred at half of its depth. By default it lies
+/// on the table in the first region. Its friction coefficient is 1 instead of the benchmark's 20, so that it
+/// slides into a slot without jamming.
 pub(in crate::tasks) fn plate() -> BodySpec {
     let white = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain([0.93; 3]) };
-    let half =
-        [THICKNESS / 2.0, (RIM_RADIUS + FOOT_RADIUS) / 2.0 * libm::tan(PI / f64::from(N_PIECES)), WALL / 2.0];
-    let piece =
-        |i: u32| PartSpec { shape: Primitive::Box { half }, pose: piece(azimuth(i)), appearance: white };
+    let half = [
+        THICKNESS / 2.0,
+        (RIM_RADIUS + FOOT_RADIUS) / 2.0 * libm::tan(PI / f64::from(N_SEGMENTS)),
+        WALL_LENGTH / 2.0,
+    ];
+    let segment =
+        |i: u32| PartSpec { shape: Primitive::Box { half }, pose: wall_pose(azimuth(i)), appearance: white };
     let floor = Primitive::Cylinder { radius: FOOT_RADIUS, half_height: THICKNESS / 2.0 };
     let floor = PartSpec::at(floor, [0.0, 0.0, THICKNESS / 2.0 - HALF_DEPTH], white);
     BodySpec {
-        visuals: vec![VisualSpec::at(VisualShape::Lathe { profile: outline() }, [0.0; 3], white)],
+        visuals: vec![VisualSpec::at(VisualShape::Lathe { profile: profile() }, [0.0; 3], white)],
         scaled_by: ScaledBy::Nothing("the slots of the rack are made for it"),
         density: 300.0,
         friction: 1.0,
-        ..movable("plate", (0..N_PIECES).map(piece).chain([floor]).collect(), 0, SINGLE_TABLE_Z)
+        ..movable("plate", (0..N_SEGMENTS).map(segment).chain([floor]).collect(), 0, SINGLE_TABLE_Z)
     }
 }
 
-/// Outline of the plate's wall and floor, the rim rounded.
-fn outline() -> Vec<[f64; 2]> {
-    // From the foot's outer edge: along the wall, then inwards through it.
+/// Returns the lathe profile of the plate's wall and floor, with rounded edges.
+fn profile() -> Vec<[f64; 2]> {
+    // Point at distance `along` from the foot's outer edge along the wall and `inwards` through it.
     let wall = |along: f64, inwards: f64| {
         let (out, up) = (SIN_FLARE * along - COS_FLARE * inwards, COS_FLARE * along + SIN_FLARE * inwards);
         [FOOT_RADIUS + out, up - HALF_DEPTH]
@@ -58,27 +67,28 @@ fn outline() -> Vec<[f64; 2]> {
         [0.0, -HALF_DEPTH],
         [FOOT_RADIUS - round, -HALF_DEPTH],
         wall(round, 0.0),
-        wall(WALL - round, 0.0),
-        wall(WALL, round),
-        wall(WALL, THICKNESS - round),
-        wall(WALL - round, THICKNESS),
+        wall(WALL_LENGTH - round, 0.0),
+        wall(WALL_LENGTH, round),
+        wall(WALL_LENGTH, THICKNESS - round),
+        wall(WALL_LENGTH - round, THICKNESS),
         wall(THICKNESS + round, THICKNESS),
         [FOOT_RADIUS - THICKNESS - round, THICKNESS - HALF_DEPTH],
         [0.0, THICKNESS - HALF_DEPTH],
     ]
 }
 
-/// Around the plate's axis, in rad, where the middle of a piece of its wall is.
-fn azimuth(piece: u32) -> f64 {
-    TAU * f64::from(piece) / f64::from(N_PIECES)
+/// Returns the azimuth of a wall segment's centre about the plate's axis, in rad.
+fn azimuth(segment: u32) -> f64 {
+    TAU * f64::from(segment) / f64::from(N_SEGMENTS)
 }
 
-/// Middle of the plate's wall at an azimuth, in the plate's frame: x goes outwards through it, z along it to the rim.
-fn piece(azimuth_rad: f64) -> Isometry3<f64> {
+/// Returns the pose of the plate's wall at an azimuth, in the plate's frame: x points outwards through the
+/// wall and z along it to the rim.
+fn wall_pose(azimuth_rad: f64) -> Isometry3<f64> {
     let middle = Vector3::new(
-        FOOT_RADIUS + (WALL * SIN_FLARE - THICKNESS * COS_FLARE) / 2.0,
+        FOOT_RADIUS + (WALL_LENGTH * SIN_FLARE - THICKNESS * COS_FLARE) / 2.0,
         0.0,
-        (WALL * COS_FLARE + THICKNESS * SIN_FLARE) / 2.0 - HALF_DEPTH,
+        (WALL_LENGTH * COS_FLARE + THICKNESS * SIN_FLARE) / 2.0 - HALF_DEPTH,
     );
     let around = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), azimuth_rad);
     let leaning = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FLARE);
@@ -87,54 +97,60 @@ fn piece(azimuth_rad: f64) -> Isometry3<f64> {
 
 /// World z of the rack's origin, in m.
 const RACK_Z: f64 = 0.085;
-/// Heights in the rack's frame, in m: its underside, its floor, and the top of its inner dividers.
-const UNDERSIDE: f64 = -0.06375;
-const FLOOR: f64 = -0.0527;
-const DIVIDER_TOP: f64 = 0.05915;
-/// Half extents in m of the rack's floor, and its middle in the rack's frame.
+/// Height of the rack's underside in its frame, in m.
+const UNDERSIDE_Z: f64 = -0.06375;
+/// Height of the rack's floor in its frame, in m.
+const FLOOR_Z: f64 = -0.0527;
+/// Height of the top of the inner dividers in the rack's frame, in m.
+const DIVIDER_TOP_Z: f64 = 0.05915;
+/// Half-extents of the rack's floor, in m.
 const FLOOR_HALF: [f64; 3] = [0.09045, 0.12585, 0.005];
-const FLOOR_MIDDLE: [f64; 3] = [0.0043, 0.0078, FLOOR - 0.005];
-/// Half width and half thickness of a divider, in m.
+/// Centre of the rack's floor in the rack's frame, in m.
+const FLOOR_CENTRE: [f64; 3] = [0.0043, 0.0078, FLOOR_Z - 0.005];
+/// Half-width and half-thickness of a divider, in m.
 const DIVIDER_HALF: [f64; 2] = [0.0603, 0.003];
 
-/// The rack: four dividers at these y on a floor. It is seen as what it stands for, a rack of bent wire on four feet.
+/// Creates the rack: four dividers at the given y on a floor. Its visuals show the object that the boxes
+/// approximate, a rack of bent wire on four feet.
 pub(in crate::tasks) fn rack(region: usize, dividers_y: [f64; 4]) -> BodySpec {
     let steel = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain([0.62, 0.64, 0.67]) };
     let [half_x, half_y] = DIVIDER_HALF;
-    // Half height and middle of the outer and of the inner dividers.
+    // Half-height and centre z of the outer and of the inner dividers.
     let upright = |i: usize| if i == 0 || i == 3 { [0.06265, -0.0011] } else { [0.06145, -0.0023] };
     let dividers = dividers_y.into_iter().enumerate().map(|(i, y)| (y, upright(i)));
     let parts = dividers
         .clone()
         .map(|(y, [half_z, z])| box_part([half_x, half_y, half_z], [0.0, y, z], steel))
-        .chain([box_part(FLOOR_HALF, FLOOR_MIDDLE, steel)]);
-    let visuals = dividers.flat_map(|(y, [half_z, z])| hoop(y, z + half_z, steel)).chain(frame(steel));
+        .chain([box_part(FLOOR_HALF, FLOOR_CENTRE, steel)]);
+    let visuals = dividers
+        .flat_map(|(y, [half_z, z])| divider_visuals(y, z + half_z, steel))
+        .chain(floor_visuals(steel));
     BodySpec {
         visuals: visuals.collect(),
-        ..fixed("rack", parts.collect(), region, RACK_Z + UNDERSIDE, "the released code keeps its size")
+        ..fixed("rack", parts.collect(), region, RACK_Z + UNDERSIDE_Z, "the released code keeps its size")
     }
 }
 
-/// How a divider looks: a hoop of wire with bars in it.
-fn hoop(y: f64, top_z: f64, appearance: AppearanceSpec) -> impl Iterator<Item = VisualSpec> {
+/// Creates the visuals of a divider: a wire hoop with bars.
+fn divider_visuals(y: f64, top_z: f64, appearance: AppearanceSpec) -> impl Iterator<Item = VisualSpec> {
     const BARS: i32 = 5;
     let [half_x, radius] = DIVIDER_HALF;
-    let reach = half_x - radius;
-    let [low_z, high_z] = [FLOOR - radius, top_z - radius];
+    let max_x = half_x - radius;
+    let [low_z, high_z] = [FLOOR_Z - radius, top_z - radius];
     let half_height = (high_z - low_z) / 2.0;
     let bar = VisualShape::Primitive(Primitive::Cylinder { radius, half_height });
     let bars = (0..BARS).map(move |i| {
-        let x = reach * f64::from(2 * i - (BARS - 1)) / f64::from(BARS - 1);
+        let x = max_x * f64::from(2 * i - (BARS - 1)) / f64::from(BARS - 1);
         VisualSpec::at(bar.clone(), [x, y, low_z + half_height], appearance)
     });
-    let across = [low_z, high_z].map(|z| rod(radius, [-reach, y, z], [reach, y, z], appearance));
+    let across = [low_z, high_z].map(|z| rod(radius, [-max_x, y, z], [max_x, y, z], appearance));
     bars.chain(across)
 }
 
-/// How the rack's floor looks: a frame of wire, bars across it, and feet down to the table.
-fn frame(appearance: AppearanceSpec) -> impl Iterator<Item = VisualSpec> {
+/// Creates the visuals of the rack's floor: a wire frame with crossbars and feet that reach the table.
+fn floor_visuals(appearance: AppearanceSpec) -> impl Iterator<Item = VisualSpec> {
     const BARS: i32 = 5;
-    let [x, y, z] = FLOOR_MIDDLE;
+    let [x, y, z] = FLOOR_CENTRE;
     let radius = FLOOR_HALF[2];
     let [reach_x, reach_y] = [FLOOR_HALF[0] - radius, FLOOR_HALF[1] - radius];
     let corner = move |i: usize| {
@@ -153,7 +169,7 @@ fn frame(appearance: AppearanceSpec) -> impl Iterator<Item = VisualSpec> {
     edges.chain(feet).chain(bars)
 }
 
-/// A rod between two points, its ends rounded; the second lies no lower than the first.
+/// Creates a capsule between two points; `to` must not lie vertically below `from`.
 fn rod(radius: f64, from: [f64; 3], to: [f64; 3], appearance: AppearanceSpec) -> VisualSpec {
     let [from, to] = [from, to].map(Vector3::from);
     let half_height = (to - from).norm() / 2.0;
@@ -165,39 +181,41 @@ fn rod(radius: f64, from: [f64; 3], to: [f64; 3], appearance: AppearanceSpec) ->
     }
 }
 
-/// Pose of the plate in the rack's frame when it stands on the rack's floor, opens towards −y and leans back by an angle
-/// against the top of the inner divider at `divider_y` (m). The plate's y points up.
-pub(in crate::tasks) fn leaning(divider_y: f64, lean_rad: f64) -> Isometry3<f64> {
+/// Returns the pose of the plate in the rack's frame when it stands on the rack's floor, opens towards −y and
+/// leans back by `lean_rad` against the top of the inner divider at `divider_y` (m). The plate's y axis
+/// points up.
+pub(in crate::tasks) fn leaning_pose(divider_y: f64, lean_rad: f64) -> Isometry3<f64> {
     let (sin, cos) = libm::sincos(lean_rad);
     let rim_z = HALF_DEPTH - THICKNESS * SIN_FLARE;
-    let z = FLOOR + RIM_RADIUS * cos - rim_z * sin;
-    let y = divider_y - DIVIDER_HALF[1] - (HALF_DEPTH + (DIVIDER_TOP - z) * sin) / cos;
+    let z = FLOOR_Z + RIM_RADIUS * cos - rim_z * sin;
+    let y = divider_y - DIVIDER_HALF[1] - (HALF_DEPTH + (DIVIDER_TOP_Z - z) * sin) / cos;
     let upright = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2 - lean_rad);
     Isometry3::from_parts(Translation3::new(0.0, y, z), upright)
 }
 
-/// How far below the rim the wall is gripped, in m.
-const GRIP_DEPTH: f64 = 0.01;
+/// Distance of the grasp below the rim, along the wall, in m.
+const GRASP_DEPTH: f64 = 0.01;
 
-/// Around the plate's axis, in rad: the middle of the piece of the wall that lies farthest in a world direction.
-pub(in crate::tasks) fn side(plate: &Body, direction: &Vector3<f64>) -> f64 {
-    let towards = |piece: &u32| {
-        let out = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), azimuth(*piece)) * Vector3::x();
+/// Returns the azimuth about the plate's axis (rad) of the wall segment that lies farthest in a world
+/// direction.
+pub(in crate::tasks) fn farthest_azimuth(plate: &Body, direction: &Vector3<f64>) -> f64 {
+    let towards = |segment: &u32| {
+        let out = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), azimuth(*segment)) * Vector3::x();
         (plate.pose.rotation * out).dot(direction)
     };
-    let farthest = (0..N_PIECES).max_by(|a, b| towards(a).total_cmp(&towards(b)));
+    let farthest = (0..N_SEGMENTS).max_by(|a, b| towards(a).total_cmp(&towards(b)));
     azimuth(farthest.unwrap_or(0))
 }
 
-/// TCP poses from which the plate's wall is gripped at an azimuth, the hand in line with the wall: both ways round, first
-/// the one nearer to `closing_now`.
-pub(in crate::tasks) fn rim_grips(
+/// Returns the two TCP poses that grasp the plate's wall at an azimuth with the hand in line with the wall.
+/// The first is the one whose closing direction is nearer to `closing_now`.
+pub(in crate::tasks) fn rim_grasps(
     plate: &Body,
     azimuth_rad: f64,
     closing_now: &Vector3<f64>,
 ) -> [Isometry3<f64>; 2] {
-    let wall = plate.pose * piece(azimuth_rad);
-    let position = wall * Point3::new(0.0, 0.0, WALL / 2.0 - GRIP_DEPTH);
+    let wall = plate.pose * wall_pose(azimuth_rad);
+    let position = wall * Point3::new(0.0, 0.0, WALL_LENGTH / 2.0 - GRASP_DEPTH);
     let closing = grasp::closest_closing(wall.rotation * Vector3::x(), closing_now);
     [closing, -closing]
         .map(|closing| grasp::pose(&position.coords, &(wall.rotation * -Vector3::z()), &closing))

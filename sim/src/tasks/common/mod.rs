@@ -1,5 +1,5 @@
-//! Shared building blocks of tasks: the single-arm and bimanual workspaces (arms, table, lights and cameras) and
-//! recurring bodies. See docs/benchmark.md, "Scenes and objects" and "Robot and control".
+//! Shared building blocks of tasks: the single-arm and bimanual workspaces (arms, table, lights and cameras)
+//! and recurring bodies. See docs/benchmark.md, "Scenes and objects" and "Robot and control".
 
 pub(super) mod cabinet;
 pub(super) mod cooking;
@@ -291,8 +291,8 @@ fn hand_camera_pose() -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(0.0465, -0.02, 0.036), rotation)
 }
 
-/// Returns the default lighting: ambient light of 0.3 and two white directional lights, one oblique and one from above,
-/// without shadows.
+/// Returns the default lighting: ambient light of 0.3 and two white directional lights, one oblique and one
+/// from above, without shadows.
 fn default_lights() -> LightsSpec {
     let white =
         |direction| DirectionalLightSpec { color: [Range::fixed(1.0); 3], direction, yaw: Range::fixed(0.0) };

@@ -1,4 +1,4 @@
-//! Things of every day that tasks handle or use: a can, a bottle, a book and a bookcase. Lengths in m.
+//! Household objects of several tasks: a can, a bottle, a book and a bookcase. Lengths in m.
 
 use core::f64::consts::{FRAC_PI_4, SQRT_2};
 
@@ -7,26 +7,26 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use super::{box_part, rgb};
 use crate::scene::{AppearanceSpec, PartSpec, Primitive, Texture, VisualShape, VisualSpec};
 
-/// Strength of the highlight on what shines.
+/// Specular strength of shiny surfaces.
 const GLOSS: f64 = 0.6;
 
 const fn glossy(color: [f64; 3]) -> AppearanceSpec {
     AppearanceSpec { specular: GLOSS, ..AppearanceSpec::plain(color) }
 }
 
-/// What turns about a vertical axis.
-struct Turned {
-    /// Where the heights count from, in the body's frame.
+/// Builder of the visuals of an object with rotational symmetry about a vertical axis.
+struct RevolvedVisuals {
+    /// Position in the body's frame from which heights are measured.
     foot: [f64; 3],
     visuals: Vec<VisualSpec>,
 }
 
-impl Turned {
+impl RevolvedVisuals {
     fn on(foot: [f64; 3]) -> Self {
         Self { foot, visuals: Vec::new() }
     }
 
-    /// With a closed form through points of these radii and heights, the outside to the right of the way.
+    /// Adds a surface of revolution with this profile, the outside to its right.
     fn with<const N: usize>(
         mut self,
         radii: [f64; N],
@@ -38,17 +38,17 @@ impl Turned {
         self
     }
 
-    /// With a drum between two heights.
-    fn with_drum(self, radius: f64, [least, greatest]: [f64; 2], appearance: AppearanceSpec) -> Self {
-        self.with([0.0, radius, radius, 0.0], [least, least, greatest, greatest], appearance)
+    /// Adds a cylinder between two heights.
+    fn with_drum(self, radius: f64, [min, max]: [f64; 2], appearance: AppearanceSpec) -> Self {
+        self.with([0.0, radius, radius, 0.0], [min, min, max, max], appearance)
     }
 }
 
-/// How far a label stands out, in m, so that it hides what is under it.
-const LABEL: f64 = 0.0003;
+/// Distance by which a label protrudes in m, so that it covers what is below it.
+const LABEL_THICKNESS: f64 = 0.0003;
 
-/// A soda can of radius `r` on `foot`: red with a white band; foot, shoulder and rim are aluminium, and so is the lid
-/// that is sunk within the rim.
+/// Creates the visuals of a soda can of radius `r` standing on `foot`: red with a white band. Base, shoulder,
+/// rim and the recessed lid are aluminium.
 pub(in crate::tasks) fn can(r: f64, height: f64, foot: [f64; 3]) -> Vec<VisualSpec> {
     let aluminium =
         AppearanceSpec { specular: 0.8, ..AppearanceSpec::textured(Texture::BrushedMetal, [0.8; 3]) };
@@ -56,21 +56,23 @@ pub(in crate::tasks) fn can(r: f64, height: f64, foot: [f64; 3]) -> Vec<VisualSp
     let radii = [0.0, inside, r - 0.001, r - 0.001, rim, rim, inside, inside, 0.0];
     let heights =
         [0.0, 0.0, 0.011, height - 0.014, height - 0.003, height, height, height - 0.005, height - 0.005];
-    Turned::on(foot)
+    RevolvedVisuals::on(foot)
         .with(radii, heights, aluminium)
         .with_drum(r, [0.01, height - 0.013], glossy([0.72, 0.04, 0.07]))
-        .with_drum(r + LABEL, [0.4 * height, 0.6 * height], glossy([0.92; 3]))
+        .with_drum(r + LABEL_THICKNESS, [0.4 * height, 0.6 * height], glossy([0.92; 3]))
         .visuals
 }
 
-/// Radius and greatest height of a bottle's body, shoulder, and neck with its cap.
+/// Radius and upper z of a bottle's body, shoulder, and neck with its cap.
 const BOTTLE: [[f64; 2]; 3] = [[0.03, 0.175], [0.022, 0.213], [0.0155, 0.25]];
-/// How often the boxes of a prism fill it: a body's density is to be divided by this.
+/// Sum of the volumes of the boxes of a bottle's prism relative to their union. The density of a bottle must
+/// be divided by it.
 pub(in crate::tasks) const PRISM_OVERLAP: f64 = 2.0;
 
-/// A bottle on a foot as it collides. Its body is a prism of eight sides, made of four boxes: two pads hold a cylinder
-/// along lines only, and it turns between them when it is carried fast.
-pub(in crate::tasks) fn bottle_solids([x, y, z]: [f64; 3]) -> Vec<PartSpec> {
+/// Creates the collision shapes of a bottle standing at the given position. Its body is an octagonal prism
+/// made of four boxes: finger pads touch a cylinder along two lines only, and it rotates between them when it
+/// is carried fast.
+pub(in crate::tasks) fn bottle_parts([x, y, z]: [f64; 3]) -> Vec<PartSpec> {
     let [[radius, body_z], [shoulder_radius, shoulder_z], [neck_radius, neck_z]] = BOTTLE;
     let appearance = AppearanceSpec::plain([1.0; 3]);
     // tan 22.5° = √2 − 1.
@@ -80,16 +82,16 @@ pub(in crate::tasks) fn bottle_solids([x, y, z]: [f64; 3]) -> Vec<PartSpec> {
         let pose = Isometry3::from_parts(Translation3::new(x, y, z + body_z / 2.0), turn);
         PartSpec { shape: Primitive::Box { half }, pose, appearance }
     };
-    let cylinder = |radius, [least_z, greatest_z]: [f64; 2]| {
-        let solid = Primitive::Cylinder { radius, half_height: (greatest_z - least_z) / 2.0 };
-        PartSpec::at(solid, [x, y, z + (greatest_z + least_z) / 2.0], appearance)
+    let cylinder = |radius, [min_z, max_z]: [f64; 2]| {
+        let solid = Primitive::Cylinder { radius, half_height: (max_z - min_z) / 2.0 };
+        PartSpec::at(solid, [x, y, z + (max_z + min_z) / 2.0], appearance)
     };
     let upper =
         [cylinder(shoulder_radius, [body_z, shoulder_z]), cylinder(neck_radius, [shoulder_z, neck_z])];
     [0.0, 1.0, 2.0, 3.0].map(side).into_iter().chain(upper).collect()
 }
 
-/// A bottle on `foot`: grooves around its body, a label and a screw cap.
+/// Creates the visuals of a bottle standing on `foot`: a grooved body, a label and a screw cap.
 pub(in crate::tasks) fn bottle(foot: [f64; 3]) -> Vec<VisualSpec> {
     let radii = [
         0.0, 0.026, 0.029, 0.03, 0.03, 0.0285, 0.03, 0.03, 0.0285, 0.03, 0.03, 0.0285, 0.025, 0.018, 0.0135,
@@ -101,79 +103,94 @@ pub(in crate::tasks) fn bottle(foot: [f64; 3]) -> Vec<VisualSpec> {
     ];
     let [[body_radius, _], _, [cap_radius, top]] = BOTTLE;
     let cap_radii = [0.0, cap_radius, cap_radius, cap_radius - 0.001, 0.0];
-    Turned::on(foot)
+    RevolvedVisuals::on(foot)
         .with(radii, heights, glossy([0.62, 0.82, 0.90]))
-        .with_drum(body_radius + LABEL, [0.09, 0.16], AppearanceSpec::plain([0.12, 0.32, 0.66]))
+        .with_drum(body_radius + LABEL_THICKNESS, [0.09, 0.16], AppearanceSpec::plain([0.12, 0.32, 0.66]))
         .with(cap_radii, [0.232, 0.232, top - 0.001, top, top], glossy([0.86, 0.88, 0.90]))
         .visuals
 }
 
-/// Thickness of a book's cover, and how far its pages are set back from it.
+/// Thickness of a book's cover, in m.
 const COVER: f64 = 0.002;
-const SET_BACK: f64 = 0.003;
+/// Distance by which a book's pages are recessed from its cover, in m.
+const PAGE_INSET: f64 = 0.003;
 
-/// A book of half extents `half` (depth, thickness, height) around `middle`, its spine at −x with a title on it.
-pub(in crate::tasks) fn book(half: [f64; 3], middle: [f64; 3], color: [f64; 3]) -> Vec<VisualSpec> {
+/// Creates the visuals of a book with half-extents `half` (depth, thickness, height) centred at `centre`. Its
+/// spine is at −x and has a title.
+pub(in crate::tasks) fn book(half: [f64; 3], centre: [f64; 3], color: [f64; 3]) -> Vec<VisualSpec> {
     let [hx, hy, hz] = half;
     let rounded = |half, [x, y, z]: [f64; 3], edge_radius, color| {
-        let position = [middle[0] + x, middle[1] + y, middle[2] + z];
+        let position = [centre[0] + x, centre[1] + y, centre[2] + z];
         VisualSpec::at(VisualShape::RoundedBox { half, edge_radius }, position, AppearanceSpec::plain(color))
     };
-    let board = |y| rounded([hx, COVER / 2.0, hz], [0.0, y, 0.0], COVER / 4.0, color);
+    let cover = |y| rounded([hx, COVER / 2.0, hz], [0.0, y, 0.0], COVER / 4.0, color);
     vec![
-        board(hy - COVER / 2.0),
-        board(COVER / 2.0 - hy),
+        cover(hy - COVER / 2.0),
+        cover(COVER / 2.0 - hy),
         rounded([COVER, hy, hz], [COVER - hx, 0.0, 0.0], COVER / 2.0, color),
-        rounded([hx - SET_BACK, hy - COVER, hz - SET_BACK], [0.0; 3], LABEL, [0.93, 0.90, 0.80]),
-        rounded([LABEL, 0.7 * hy, 0.17 * hz], [-hx, 0.0, 0.5 * hz], LABEL / 2.0, [0.85, 0.68, 0.25]),
+        rounded(
+            [hx - PAGE_INSET, hy - COVER, hz - PAGE_INSET],
+            [0.0; 3],
+            LABEL_THICKNESS,
+            [0.93, 0.90, 0.80],
+        ),
+        rounded(
+            [LABEL_THICKNESS, 0.7 * hy, 0.17 * hz],
+            [-hx, 0.0, 0.5 * hz],
+            LABEL_THICKNESS / 2.0,
+            [0.85, 0.68, 0.25],
+        ),
     ]
 }
 
-/// Half the thickness of a bookcase's plates.
-const PLATE: f64 = 0.007;
+/// Half-thickness of a bookcase's panels.
+const PANEL: f64 = 0.007;
 
-/// A bookcase open towards −x: its half depth and half width, its height, where its middle stands in the body's frame,
-/// and the heights of the boards' tops, the lowest first.
+/// A bookcase that is open towards −x.
 pub(in crate::tasks) struct Bookcase<const N: usize> {
+    /// Half-depth and half-width.
     pub(in crate::tasks) half: [f64; 2],
+    /// Overall height, top panel included.
     pub(in crate::tasks) height: f64,
-    pub(in crate::tasks) middle: [f64; 2],
-    pub(in crate::tasks) boards_z: [f64; N],
+    /// Centre (x, y) in the body's frame.
+    pub(in crate::tasks) centre: [f64; 2],
+    /// Heights of the shelves' upper faces, the lowest first.
+    pub(in crate::tasks) shelves_z: [f64; N],
 }
 
 impl<const N: usize> Bookcase<N> {
-    /// Sides, back, top, boards and what is under the lowest one.
+    /// Creates the sides, back, top, shelves and the plinth under the lowest shelf.
     pub(in crate::tasks) fn parts(&self) -> Vec<PartSpec> {
         let wood = AppearanceSpec::textured(Texture::Wood, [0.50, 0.34, 0.20]);
-        let ([hx, hy], [mx, my]) = (self.half, self.middle);
-        let plate = |[half_x, half_y]: [f64; 2], [x, y]: [f64; 2], [least_z, greatest_z]: [f64; 2]| {
-            let half = [half_x, half_y, (greatest_z - least_z) / 2.0];
-            box_part(half, [mx + x, my + y, (greatest_z + least_z) / 2.0], wood)
+        let ([hx, hy], [mx, my]) = (self.half, self.centre);
+        let panel = |[half_x, half_y]: [f64; 2], [x, y]: [f64; 2], [min_z, max_z]: [f64; 2]| {
+            let half = [half_x, half_y, (max_z - min_z) / 2.0];
+            box_part(half, [mx + x, my + y, (max_z + min_z) / 2.0], wood)
         };
-        let side = |y| plate([hx, PLATE], [0.0, y], [0.0, self.height]);
-        let between = |half_x, x, z| plate([half_x, hy - 2.0 * PLATE], [x, 0.0], z);
-        let board = |top_z| between(hx - PLATE, -PLATE, [top_z - 2.0 * PLATE, top_z]);
+        let side = |y| panel([hx, PANEL], [0.0, y], [0.0, self.height]);
+        let between = |half_x, x, z| panel([half_x, hy - 2.0 * PANEL], [x, 0.0], z);
+        let shelf = |top_z| between(hx - PANEL, -PANEL, [top_z - 2.0 * PANEL, top_z]);
         let mut parts = vec![
-            side(PLATE - hy),
-            side(hy - PLATE),
-            between(PLATE, hx - PLATE, [0.0, self.height]),
-            board(self.height),
-            between(PLATE, 2.0 * PLATE - hx, [0.0, self.boards_z[0] - 2.0 * PLATE]),
+            side(PANEL - hy),
+            side(hy - PANEL),
+            between(PANEL, hx - PANEL, [0.0, self.height]),
+            shelf(self.height),
+            between(PANEL, 2.0 * PANEL - hx, [0.0, self.shelves_z[0] - 2.0 * PANEL]),
         ];
-        parts.extend(self.boards_z.map(board));
+        parts.extend(self.shelves_z.map(shelf));
         parts
     }
 
-    /// Five books of this half depth on a board, side by side from the wall at +y on, of which the first `turn` are moved
-    /// to the end of the row.
-    pub(in crate::tasks) fn row(&self, board: usize, half_depth: f64, turn: usize) -> Vec<PartSpec> {
-        let mut y = self.middle[1] + self.half[1] - 2.0 * PLATE;
+    /// Creates five books of the given half-depth, side by side on a shelf starting at the +y side. The first
+    /// `rotation` books are moved to the end of the row.
+    pub(in crate::tasks) fn row(&self, shelf: usize, half_depth: f64, rotation: usize) -> Vec<PartSpec> {
+        let mut y = self.centre[1] + self.half[1] - 2.0 * PANEL;
         let mut books = BOOKS;
-        books.rotate_left(turn);
+        books.rotate_left(rotation);
         let stand = |(thickness, height, color): (f64, f64, [u8; 3])| {
             y -= thickness;
             let half = [half_depth, thickness / 2.0, height / 2.0];
-            let position = [self.middle[0], y + thickness / 2.0, self.boards_z[board] + height / 2.0];
+            let position = [self.centre[0], y + thickness / 2.0, self.shelves_z[shelf] + height / 2.0];
             box_part(half, position, AppearanceSpec::plain(rgb(color)))
         };
         books.map(stand).to_vec()

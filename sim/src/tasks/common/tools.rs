@@ -1,4 +1,5 @@
-//! What is handled in the two tasks with tools (spec/tasks.md §2, tasks 11 and 12): hammer and nail, dustpan and banana.
+//! The hammer and nail of HammerNail and the dustpan and banana of ScoopBanana. See docs/benchmark.md,
+//! "Scenes and objects".
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -10,14 +11,15 @@ use crate::scene::{
     VisualShape, VisualSpec,
 };
 
-/// The middle of a hammer's face, which looks along −y, in the hammer's frame, in m.
+/// Centre (x, y) of the hammer's face in its own frame, in m. The face points along −y.
 pub(in crate::tasks) const HAMMER_FACE: [f64; 2] = [0.147, -0.065];
-/// Half a nail's length, in m.
+/// Half-length of the nail, in m.
 pub(in crate::tasks) const NAIL_HALF_LENGTH: f64 = 0.043;
-/// Radius of its head, in m.
+/// Radius of the nail's head, in m.
 pub(in crate::tasks) const NAIL_HEAD_RADIUS: f64 = 0.009;
 
-/// A claw hammer that lies on the table: its handle along x, its head along y at the far end, all in all 0.33 × 0.13 × 0.035 m.
+/// Creates a claw hammer that lies on the table, its handle along x and its head along y at the far end; 0.33
+/// × 0.13 × 0.035 m overall.
 pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
     let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain(rgb([120, 124, 130])) };
     let wood = AppearanceSpec::textured(Texture::Wood, rgb([170, 95, 50]));
@@ -25,11 +27,11 @@ pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
     let [head_x, face_y] = HAMMER_FACE;
     let poll_half = 0.023;
     let poll = Primitive::Cylinder { radius: 0.0165, half_height: poll_half };
-    let poll_pose = turned([head_x, face_y + poll_half, 0.0], Vector3::x_axis(), FRAC_PI_2);
+    let poll_pose = rotated_at([head_x, face_y + poll_half, 0.0], Vector3::x_axis(), FRAC_PI_2);
     let rounded = |half, position, appearance| {
         VisualSpec::at(VisualShape::RoundedBox { half, edge_radius: 0.006 }, position, appearance)
     };
-    // A waist behind the face, which is at +z here.
+    // The poll narrows behind the face, which is at +z in the profile's frame.
     let poll_profile = [
         [0.0, -poll_half],
         [0.011, -poll_half],
@@ -80,8 +82,8 @@ pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
     }
 }
 
-/// A nail that slides along its own z axis, tip ahead, and stays where it is driven; it lies along y, its tip towards −y,
-/// with its lowest point at a height.
+/// Creates a nail that slides along its own z axis, tip first, and stays where it is driven. It lies along y
+/// with its tip towards −y and its lowest point at `lowest_z_m`.
 pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
     let (half, shank, head) = (NAIL_HALF_LENGTH, 0.003, NAIL_HEAD_RADIUS);
     let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain([0.75; 3]) };
@@ -121,33 +123,34 @@ pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
     }
 }
 
-/// How far ahead of its middle a dustpan's mouth is, in m.
-pub(in crate::tasks) const DUSTPAN_MOUTH: f64 = 0.10;
-/// Where a hand takes a dustpan's handle, in the dustpan's frame, in m.
+/// x of the dustpan's mouth in its own frame, in m.
+pub(in crate::tasks) const DUSTPAN_MOUTH_X: f64 = 0.10;
+/// Grasp position at the dustpan's handle in its own frame, in m.
 pub(in crate::tasks) const DUSTPAN_GRIP: [f64; 3] = [-0.05, 0.0, 0.007];
 
-/// A dustpan that stands on the table: its mouth at +x, its handle going back and up, all in all 0.2 × 0.173 × 0.058 m.
+/// Creates a dustpan that stands on the table, its mouth at +x and its handle pointing backwards and up; 0.2
+/// × 0.173 × 0.058 m overall.
 pub(in crate::tasks) fn dustpan(region: usize) -> BodySpec {
     let blue = AppearanceSpec::plain(rgb([40, 90, 170]));
     let [back, half_width, half_height] = [-0.02, 0.0865, 0.029];
     let half_thickness = 0.002;
-    // From and to along x, middle and half width along y, height over the table.
+    // A box given by its x range, its centre and half-width along y, and its height above the table.
     let standing = |x: [f64; 2], y: f64, half_y: f64, height: f64| {
         let position = [(x[0] + x[1]) / 2.0, y, height / 2.0 - half_height];
         box_part([(x[1] - x[0]) / 2.0, half_y, height / 2.0], position, blue)
     };
-    let floor = standing([back, DUSTPAN_MOUTH], 0.0, half_width, 0.003);
+    let floor = standing([back, DUSTPAN_MOUTH_X], 0.0, half_width, 0.003);
     let back_wall = standing([back, back + 2.0 * half_thickness], 0.0, half_width, 0.04);
     let sides = [half_thickness - half_width, half_width - half_thickness];
-    // What slopes down to the mouth collides in two steps.
+    // The sloping side walls are approximated by two steps for collision.
     let side_walls = sides.into_iter().flat_map(|y| {
         [standing([back, 0.03], y, half_thickness, 0.03), standing([0.03, 0.08], y, half_thickness, 0.012)]
     });
     let handle_half = [0.040, 0.0125, 0.010];
-    let handle_pose = turned([-0.0587, 0.0, 0.0094], Vector3::y_axis(), 0.25);
+    let handle_pose = rotated_at([-0.0587, 0.0, 0.0094], Vector3::y_axis(), 0.25);
     let handle =
         PartSpec { shape: Primitive::Box { half: handle_half }, pose: handle_pose, appearance: blue };
-    let slope = vec![[back, 0.0], [DUSTPAN_MOUTH, 0.0], [DUSTPAN_MOUTH, 0.004], [back, 0.04]];
+    let slope = vec![[back, 0.0], [DUSTPAN_MOUTH_X, 0.0], [DUSTPAN_MOUTH_X, 0.004], [back, 0.04]];
     let slope = VisualShape::Extrusion { outline: slope, holes: Vec::new(), half_height: half_thickness };
     let mut visuals = vec![visual_of(&floor), visual_of(&back_wall)];
     visuals.push(VisualSpec {
@@ -157,25 +160,25 @@ pub(in crate::tasks) fn dustpan(region: usize) -> BodySpec {
     });
     visuals.extend(sides.map(|y| VisualSpec {
         shape: slope.clone(),
-        pose: turned([0.0, y, -half_height], Vector3::x_axis(), FRAC_PI_2),
+        pose: rotated_at([0.0, y, -half_height], Vector3::x_axis(), FRAC_PI_2),
         appearance: blue,
     }));
     let parts = [floor, back_wall, handle].into_iter().chain(side_walls).collect();
     BodySpec { visuals, ..movable("dustpan", parts, region, SINGLE_TABLE_Z) }
 }
 
-/// Radius of a banana in its middle, in m.
+/// Radius at the middle of the banana, in m.
 pub(in crate::tasks) const BANANA_RADIUS: f64 = 0.0175;
 
-/// A banana that lies on the table along y, 0.18 m long as it is bent, its ends towards −x.
+/// Creates a banana that lies on the table along y, 0.18 m long including its curvature, its ends towards −x.
 pub(in crate::tasks) fn banana(region: usize) -> BodySpec {
     let yellow = AppearanceSpec::plain(rgb([250, 215, 50]));
-    let links = |n: u32| {
-        let station = move |i: u32| 2.0 * f64::from(i) / f64::from(n) - 1.0;
-        (0..n).map(move |i| banana_link(station(i), station(i + 1)))
+    let segments = |n: u32| {
+        let t = move |i: u32| 2.0 * f64::from(i) / f64::from(n) - 1.0;
+        (0..n).map(move |i| banana_segment(t(i), t(i + 1)))
     };
-    let parts = links(6).map(|(shape, pose)| PartSpec { shape, pose, appearance: yellow });
-    let visuals = links(14).map(|(shape, pose)| VisualSpec {
+    let parts = segments(6).map(|(shape, pose)| PartSpec { shape, pose, appearance: yellow });
+    let visuals = segments(14).map(|(shape, pose)| VisualSpec {
         shape: VisualShape::Primitive(shape),
         pose,
         appearance: yellow,
@@ -183,23 +186,27 @@ pub(in crate::tasks) fn banana(region: usize) -> BodySpec {
     BodySpec { visuals: visuals.collect(), ..movable("banana", parts.collect(), region, SINGLE_TABLE_Z) }
 }
 
-/// What lies between two stations of a banana, −1 at one end and 1 at the other.
-fn banana_link(from: f64, to: f64) -> (Primitive, Isometry3<f64>) {
-    // The middle line is a parabola, so far to both sides and so deep, in m.
+/// Returns the capsule between two curve parameters, where −1 and 1 are the banana's ends.
+fn banana_segment(from: f64, to: f64) -> (Primitive, Isometry3<f64>) {
+    // Half of the length of the centre line, which is a parabola, in m.
     const HALF_LENGTH: f64 = 0.075;
-    const DEPTH: f64 = 0.027;
+    /// Sagitta of the centre line, in m.
+    const SAGITTA: f64 = 0.027;
+    /// Radius at the ends, in m.
     const END_RADIUS: f64 = 0.009;
     let along = (from + to) / 2.0;
     let radius = BANANA_RADIUS + (END_RADIUS - BANANA_RADIUS) * along * along * along * along;
-    // The thin ends lie on the table too.
-    let place = |at: f64| Vector3::new(DEPTH * (0.5 - at * at), HALF_LENGTH * at, radius - BANANA_RADIUS);
-    let way = place(to) - place(from);
-    let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &way).expect("it lies level");
-    let shape = Primitive::Capsule { radius, half_height: way.norm() / 2.0 };
-    (shape, Isometry3::from_parts(((place(from) + place(to)) / 2.0).into(), rotation))
+    // The thin ends rest on the table too.
+    let centre_line =
+        |at: f64| Vector3::new(SAGITTA * (0.5 - at * at), HALF_LENGTH * at, radius - BANANA_RADIUS);
+    let offset = centre_line(to) - centre_line(from);
+    let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &offset)
+        .expect("no segment of the banana points down");
+    let shape = Primitive::Capsule { radius, half_height: offset.norm() / 2.0 };
+    (shape, Isometry3::from_parts(((centre_line(from) + centre_line(to)) / 2.0).into(), rotation))
 }
 
-/// A pose in the body's frame: at a position (m), turned about an axis by an angle (rad).
-fn turned(position: [f64; 3], axis: UnitVector3<f64>, angle: f64) -> Isometry3<f64> {
+/// Returns the pose at a position (m), rotated by an angle (rad) about an axis.
+fn rotated_at(position: [f64; 3], axis: UnitVector3<f64>, angle: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(position), UnitQuaternion::from_axis_angle(&axis, angle))
 }

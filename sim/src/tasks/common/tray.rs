@@ -1,18 +1,19 @@
-//! The tray of two tasks (spec/tasks.md §1 and §3, tasks 20 and 22).
+//! The tray of DualArmLiftTray and DualArmPourPot. See docs/benchmark.md, "Scenes and objects".
 
 use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb};
 use crate::scene::{AppearanceSpec, BodySpec, VisualShape, VisualSpec, rounded_rectangle};
 
-/// Half of 0.388 × 0.264 m; the long side lies along the body's y, from arm to arm.
+/// Half-extents along x and y in m. The long side of the 0.264 × 0.388 m tray runs from arm to arm.
 pub(in crate::tasks) const HALF: [f64; 2] = [0.132, 0.194];
 /// Height of the rim, in m.
 pub(in crate::tasks) const HEIGHT: f64 = 0.041;
-/// Half the thickness of the rim, in m.
+/// Half-thickness of the rim, in m.
 pub(in crate::tasks) const RIM_HALF_THICKNESS: f64 = 0.004;
+/// Half-thickness of the floor, in m.
 const FLOOR_HALF_THICKNESS: f64 = 0.003;
 const GREY: [f64; 3] = rgb([48, 49, 51]);
 
-/// The tray on the bimanual table, its origin in the middle of its lower face.
+/// Creates the tray on the bimanual table. Its origin is the centre of its lower face.
 pub(in crate::tasks) fn tray(region: usize) -> BodySpec {
     let slab = |half, position| box_part(half, position, AppearanceSpec::plain(GREY));
     let [hx, hy] = HALF;
@@ -28,11 +29,11 @@ pub(in crate::tasks) fn tray(region: usize) -> BodySpec {
     BodySpec { visuals, ..movable("tray", parts, region, BIMANUAL_TABLE_Z) }
 }
 
-/// Radius of a tray's corners as they are seen, in m; they collide as square ones.
+/// Radius of the tray's visual corners, in m. Its collision shapes have square corners.
 const TRAY_CORNER_RADIUS: f64 = 0.022;
 
-/// How a tray of half extents `half` looks that stands on z 0: a rim that runs around rounded corners and, within it, the
-/// floor. Half heights are those of floor and rim. In m.
+/// Creates the visuals of a tray on z = 0 with half-extents `half`: a rim around rounded corners and the
+/// floor inside it. `half_heights` are those of floor and rim, in m.
 fn visuals(
     half: [f64; 2],
     half_heights: [f64; 2],

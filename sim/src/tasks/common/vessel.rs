@@ -1,4 +1,4 @@
-//! Round open vessels with a hollow that things lie in: pots and pans.
+//! Round open vessels that can contain objects: pots and pans.
 
 use core::f64::consts::TAU;
 
@@ -6,20 +6,21 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::scene::{AppearanceSpec, PartSpec, Primitive, VisualShape, VisualSpec};
 
-/// Boxes that make up a wall.
+/// Number of boxes that form a vessel's wall.
 const N_WALLS: u32 = 12;
 
-/// A vessel that stands on z 0 around z. Lengths in m.
+/// Dimensions of a vessel that stands on z = 0 and is symmetric about z. Lengths in m.
 pub(in crate::tasks) struct Vessel {
     /// Outer radius at the base and at the rim.
     pub(in crate::tasks) radii: [f64; 2],
+    /// Height of the rim above the base.
     pub(in crate::tasks) height: f64,
-    /// Thickness of wall and floor.
+    /// Thickness of the wall and floor.
     pub(in crate::tasks) thickness: f64,
 }
 
 impl Vessel {
-    /// The floor, and the wall as a ring of boxes that lean outwards.
+    /// Creates the floor, and the wall as a ring of boxes that lean outwards.
     pub(in crate::tasks) fn parts(&self, appearance: AppearanceSpec) -> Vec<PartSpec> {
         let half_height = self.thickness / 2.0;
         let floor = Primitive::Cylinder { radius: self.radii[0], half_height };
@@ -32,7 +33,7 @@ impl Vessel {
         let lean = libm::atan2(high - low, self.height);
         let middle = f64::midpoint(low, high) - half_thickness;
         let half_angle = TAU / f64::from(2 * N_WALLS);
-        // The lowest corners lie on z 0, the highest as high as the rim.
+        // The lowest corners lie on z = 0 and the highest at the height of the rim.
         let half_length = (self.height / 2.0 - half_thickness * libm::sin(lean)) / libm::cos(lean);
         let half = [half_thickness, middle * libm::tan(half_angle), half_length];
         let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
@@ -42,17 +43,17 @@ impl Vessel {
         PartSpec { shape: Primitive::Box { half }, pose, appearance }
     }
 
-    /// Wall and floor as they are seen: round, with a bend of radius `bend` (m) between them.
-    pub(in crate::tasks) fn look(&self, bend: f64, appearance: AppearanceSpec) -> VisualSpec {
+    /// Creates the visual of the wall and floor, with a fillet of radius `fillet` (m) between them.
+    pub(in crate::tasks) fn visual(&self, fillet: f64, appearance: AppearanceSpec) -> VisualSpec {
         let &Self { radii: [low, high], height, thickness } = self;
         let profile = vec![
             [0.0, 0.0],
-            [low - bend, 0.0],
-            [low, bend],
+            [low - fillet, 0.0],
+            [low, fillet],
             [high, height],
             [high - thickness, height],
-            [low - thickness, thickness + bend],
-            [low - thickness - bend, thickness],
+            [low - thickness, thickness + fillet],
+            [low - thickness - fillet, thickness],
             [0.0, thickness],
         ];
         VisualSpec::at(VisualShape::Lathe { profile }, [0.0; 3], appearance)
