@@ -3,8 +3,7 @@
 use core::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use super::{Modality, Perturbation, Strength};
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{
     AppearanceSpec, BodySpec, CameraMount, CameraSpec, InstructionSource, Jitter, LightsSpec, Range,
     RegionSpec, Role, ScaledBy, SceneSpec,

@@ -9,8 +9,7 @@ use super::common::cooking::{BURNERS, PAN, PAN_CENTRE, STOVE, carry, pan, stove}
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, fruit, region, single_arm};
 use crate::expert::Move;
 use crate::predicate::{Predicate, Region};
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::robot::control::gripper_entry;
 use crate::robot::panda::FINGER_OPEN;
 use crate::scene::{Range, RegionSpec, Scene, SceneSpec, WidenedRanges};

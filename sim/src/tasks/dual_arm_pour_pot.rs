@@ -9,8 +9,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, widened_by_half, fruit, pot, region, tray};
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 

@@ -10,8 +10,7 @@ use super::common::insertion::{self, NEEDLE_LENGTH, RING_Z};
 use super::common::{ExternalCameras, bimanual, region};
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 

@@ -9,8 +9,7 @@ use super::common::hole::Hole;
 use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, box_part, movable, region, rgb, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{AppearanceSpec, BodySpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
 use crate::task::{Category, Task};
 

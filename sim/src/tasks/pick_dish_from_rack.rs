@@ -6,8 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::common::{ExternalCameras, dish, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Scene, SceneSpec};
 use crate::task::{Category, Task};
 

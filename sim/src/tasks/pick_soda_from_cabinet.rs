@@ -7,8 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::common::{ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, props, region, rgb, single_arm};
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::robot::control;
 use crate::scene::{
     BodySpec, AppearanceSpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec, Texture,

@@ -5,8 +5,7 @@ use ipc_types::Morphology;
 use super::common::{self, BLUE, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 

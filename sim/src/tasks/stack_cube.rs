@@ -8,8 +8,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, single_arm};
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, Range, RegionSpec, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 

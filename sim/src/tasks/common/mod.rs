@@ -21,8 +21,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 pub use crate::scene::rgb;
 use crate::scene::{
     AppearanceSpec, BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec,

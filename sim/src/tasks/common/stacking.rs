@@ -8,8 +8,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::{BIMANUAL_TABLE_Z, ExternalCameras, GOAL_RADIUS};
 use crate::expert::{Move, TcpGoal, both_arms, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use crate::profile::ProfileRules;
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{Body, BodySpec, Range, Scene};
 
 /// Half-extent of a cube, in m.
