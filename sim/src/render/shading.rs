@@ -13,15 +13,16 @@ pub(super) const GROUND_AMBIENT: f32 = 0.55;
 pub(super) const SHADOW_MAP_SIDE: u32 = 512;
 /// Side of the square that a shadow map covers, in m.
 pub(super) const SHADOW_MAP_WIDTH_M: f32 = 2.8;
-/// Half the depth range of a shadow map: the largest distance from its centre along the light that it resolves, in m.
+/// Half the depth range of a shadow map: the largest distance from its centre along the light that it
+/// resolves, in m.
 pub(super) const SHADOW_HALF_DEPTH_M: f32 = 8.0;
 /// Number of depth levels of a shadow map: a texel has 16 bits.
 pub(super) const SHADOW_DEPTH_LEVELS: f32 = 65536.0;
 /// Normal offset that is applied before a shadow lookup, in m: one and a half texels.
 pub(super) const SHADOW_NORMAL_OFFSET_M: f32 = 0.008;
 
-/// Returns the transform from the world to the light frame, whose origin is `centre`, the centre of the shadow map. Its
-/// axes are right and down on the map and `towards`, the unit vector to the light.
+/// Returns the transform from the world to the light frame, whose origin is `centre`, the centre of the
+/// shadow map. Its axes are right and down on the map and `towards`, the unit vector to the light.
 pub(super) fn light_from_world(towards: Vec3, centre: Vec3) -> Affine3 {
     let side = cross([0.0, 1.0, 0.0], towards);
     let right = if dot(side, side) > 1e-6 { normalised(side) } else { [1.0, 0.0, 0.0] };
@@ -35,7 +36,7 @@ mod tests {
     use crate::render::math::affine::normalised;
 
     #[test]
-    fn light_frame_has_centre_at_origin_and_height_towards_light() {
+    fn light_frame_origin_is_map_centre() {
         let centre = [-0.1, 0.0, 0.35];
         for towards in [[0.3, -0.5, 1.0], [0.0, 1.0, 0.0]].map(normalised) {
             let light = light_from_world(towards, centre);

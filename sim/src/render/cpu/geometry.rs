@@ -87,7 +87,7 @@ impl<S: Simd> Map<S> {
         }
     }
 
-    /// Images of sixteen points: the same as [`Affine3::point`] gives.
+    /// Images of sixteen points: the same as [`Affine3::transform_point`] gives.
     #[inline(always)]
     pub(super) fn points(&self, points: &Vec3x16) -> Vectors<S> {
         self.of(each!(k in 3 => S::F::load(&points[k])))

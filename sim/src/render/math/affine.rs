@@ -64,8 +64,8 @@ impl Affine3 {
         scaled
     }
 
-    /// Transforms a point. Each coordinate is one chain of fused multiply-adds, in the order of the CPU renderer's SIMD
-    /// code, so that both give the same bits.
+    /// Transforms a point. Each coordinate is one chain of fused multiply-adds, in the order of the CPU
+    /// renderer's SIMD code, so that both give the same bits.
     #[inline(always)]
     pub(in crate::render) fn transform_point(&self, [x, y, z]: Vec3) -> Vec3 {
         let mut image = self.offset;
@@ -87,8 +87,8 @@ impl Affine3 {
         Self { linear: transposed, offset: transposed.map(|row| -dot(row, self.offset)) }
     }
 
-    /// Returns the cofactor matrix of the linear part, which transforms normals up to a positive factor unless the
-    /// transform mirrors.
+    /// Returns the cofactor matrix of the linear part, which transforms normals up to a positive factor
+    /// unless the transform mirrors.
     #[inline(always)]
     pub(in crate::render) fn cofactors(&self) -> [Vec3; 3] {
         let [a, b, c] = self.linear;

@@ -1,11 +1,12 @@
-//! The sRGB transfer function (IEC 61966-2-1): decoding of colours and the constants by which pixels are encoded.
+//! The sRGB transfer function (IEC 61966-2-1): decoding of colours and the constants by which pixels are
+//! encoded.
 
 /// Linear value below which the encoding function is linear.
 pub(in crate::render) const LINEAR_SEGMENT_END: f32 = 0.003_130_8;
 /// Slope of the linear segment, in 8-bit codes per unit of linear light.
 pub(in crate::render) const LINEAR_SEGMENT_SLOPE: f32 = 12.92 * 255.0;
-/// Coefficients of the encoding function above the linear segment: the 8-bit code of x as a polynomial in √x, highest
-/// power first. A least-squares fit at Chebyshev nodes, within 0.06 codes of the exact function.
+/// Coefficients of the encoding function above the linear segment: the 8-bit code of x as a polynomial in √x,
+/// highest power first. A least-squares fit at Chebyshev nodes, within 0.06 codes of the exact function.
 pub(in crate::render) const SQRT_POLYNOMIAL: [f32; 7] =
     [-188.952_12, 704.575, -1_072.413_6, 875.535_1, -450.649_72, 397.486_94, -10.601_666];
 

@@ -6,8 +6,8 @@ use core::fmt::Debug;
 use super::Mesh;
 use crate::render::math::affine::{Vec3, add, cross, dot, sub};
 
-/// Returns the directed edges of a mesh, sorted. Their ends are positions rather than vertices, because faces that meet
-/// at a sharp edge share no vertices.
+/// Returns the directed edges of a mesh, sorted. Their ends are positions rather than vertices, because faces
+/// that meet at a sharp edge share no vertices.
 fn edges(mesh: &Mesh) -> Vec<[[u32; 3]; 2]> {
     // Adding zero maps −0 to 0.
     let position = |i: u32| mesh.position(i).map(|x| (x + 0.0).to_bits());
@@ -25,7 +25,8 @@ pub(super) fn assert_closed(name: &dyn Debug, mesh: &Mesh) {
     assert!(forward == backward, "{name:?}: an edge has a triangle on one side only");
 }
 
-/// Asserts that all normals have unit length and point to the side from which their triangles are counter-clockwise.
+/// Asserts that all normals have unit length and point to the side from which their triangles are
+/// counter-clockwise.
 pub(super) fn assert_normals_follow_faces(name: &dyn Debug, mesh: &Mesh) {
     // A few slivers along rounded creases may deviate.
     let (mut area, mut wrong) = (0.0, 0.0);

@@ -1,5 +1,5 @@
-//! Clusters of triangles with a bounding sphere and a normal cone, so that a renderer can cull all triangles of a cluster
-//! at once if they face away from the eye or lie outside the image.
+//! Clusters of triangles with a bounding sphere and a normal cone, so that a renderer can cull all triangles
+//! of a cluster at once if they face away from the eye or lie outside the image.
 
 use core::cmp::Ordering;
 
@@ -19,17 +19,18 @@ const NEVER_CULLED: f32 = 2.0;
 ///
 /// > v · `axis` ≥ `cutoff` · d + `radius`.
 ///
-/// The test never culls a triangle that faces the eye. Proof: let θ < 90° be the largest angle between `axis` and the
-/// unit normal n of a triangle, `cutoff` = sin θ, and φ the angle between `axis` and v. The condition is
-/// cos φ ≥ sin θ + radius / d, hence cos φ ≥ sin θ and φ = 90° − θ − δ for some δ ≥ 0. Then
+/// The test never culls a triangle that faces the eye. Proof: let θ < 90° be the largest angle between `axis`
+/// and the unit normal n of a triangle, `cutoff` = sin θ, and φ the angle between `axis` and v. The condition
+/// is cos φ ≥ sin θ + radius / d, hence cos φ ≥ sin θ and φ = 90° − θ − δ for some δ ≥ 0. Then
 ///
 /// > radius / d ≤ cos φ − sin θ = sin(θ + δ) − sin θ = sin θ (cos δ − 1) + cos θ sin δ ≤ sin δ.
 ///
-/// The angle between v and n is at most φ + θ = 90° − δ, so v · n ≥ d sin δ ≥ radius. A corner p of the triangle lies
-/// within `radius` of `centre`, so (p − E) · n ≥ v · n − radius ≥ 0: the eye is not in front of the triangle's plane. ∎
+/// The angle between v and n is at most φ + θ = 90° − δ, so v · n ≥ d sin δ ≥ radius. A corner p of the
+/// triangle lies within `radius` of `centre`, so (p − E) · n ≥ v · n − radius ≥ 0: the eye is not in front of
+/// the triangle's plane. ∎
 ///
-/// A larger cutoff culls less and is therefore also safe. An affine transform that does not mirror preserves facing, so
-/// the test works in the mesh frame of an instance with nonuniform scale.
+/// A larger cutoff culls less and is therefore also safe. An affine transform that does not mirror preserves
+/// facing, so the test works in the mesh frame of an instance with nonuniform scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Cluster {
     /// Centre of the bounding sphere.
@@ -38,7 +39,8 @@ pub(in crate::render) struct Cluster {
     pub(in crate::render) radius: f32,
     /// Unit axis of the normal cone; zero if the normals cancel out.
     pub(in crate::render) axis: Vec3,
-    /// Sine of the half angle of the normal cone plus a margin, or 2 (never culled) if the half angle is not below 90°.
+    /// Sine of the half angle of the normal cone plus a margin, or 2 (never culled) if the half angle is not
+    /// below 90°.
     pub(in crate::render) cutoff: f32,
 }
 
@@ -101,8 +103,8 @@ impl TriangleKey {
     }
 }
 
-/// Splits the keys recursively at the median of the axis of greatest variance, down to single clusters. Only these are
-/// sorted.
+/// Splits the keys recursively at the median of the axis of greatest variance, down to single clusters. Only
+/// these are sorted.
 fn partition(keys: &mut [TriangleKey]) {
     if keys.len() <= CLUSTER_SIZE {
         return;
@@ -121,8 +123,8 @@ fn partition(keys: &mut [TriangleKey]) {
     }
 }
 
-/// Returns the coordinate of greatest variance, the first of equals. Variance is used instead of extent because the
-/// extent depends on outliers alone.
+/// Returns the coordinate of greatest variance, the first of equals. Variance is used instead of extent
+/// because the extent depends on outliers alone.
 fn max_variance_axis(keys: &[TriangleKey]) -> usize {
     let variance = |axis: usize| {
         let values = keys.iter().map(|key| key.coordinates[axis]);
@@ -176,7 +178,8 @@ mod tests {
         dot(v, cluster.axis) >= cluster.cutoff * dot(v, v).sqrt() + cluster.radius
     }
 
-    /// Returns `true` if a triangle faces the eye, by the sign of the volume that they span, in double precision.
+    /// Returns `true` if a triangle faces the eye, by the sign of the volume that they span, in double
+    /// precision.
     fn faces(mesh: &Mesh, corners: [u32; 3], eye: Vec3) -> bool {
         let off = |i: u32| -> [f64; 3] {
             let p = mesh.position(i);

@@ -1,6 +1,8 @@
-//! Triangle meshes, all generated from formulas. Every rendered instance is one of them under an affine transform.
+//! Triangle meshes, all generated from formulas. Every rendered instance is one of them under an affine
+//! transform.
 //!
-//! `generate` covers solids with a closed-form boundary and `sdf` the Panda's housings. No mesh is read from a file.
+//! `generate` covers solids with a closed-form boundary and `sdf` the Panda's housings. No mesh is read from
+//! a file.
 
 #[cfg(test)]
 mod checks;
@@ -17,8 +19,8 @@ pub(super) use generate::{extrusion, lathe, rounded_box, torus};
 pub(super) use library::{MeshId, MeshLibrary};
 pub(super) use packed::{ClusterBounds, ClusterCorners, PackedMesh, TriangleRecord, Vec3x16};
 
-/// An indexed triangle mesh, open or closed, with counter-clockwise winding seen from outside. Lengths are in m, or in
-/// units of the instance scale for the unit solids.
+/// An indexed triangle mesh, open or closed, with counter-clockwise winding seen from outside. Lengths are in
+/// m, or in units of the instance scale for the unit solids.
 #[derive(Default)]
 pub(super) struct Mesh {
     /// Vertex coordinates, one array of `n_vertices` per axis.
@@ -40,7 +42,8 @@ pub(super) struct Mesh {
 }
 
 /// The mesh axis along which a triangle's texture is projected. The remaining two coordinates are its texture
-/// coordinates (u, v): (z, y), (x, z) or (x, y). Where possible v runs along y, so that the planks of a table do too.
+/// coordinates (u, v): (z, y), (x, z) or (x, y). Where possible v runs along y, so that the planks of a table
+/// do too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ProjectionAxis {
     /// (u, v) = (z, y).
@@ -109,8 +112,8 @@ impl Mesh {
         hash.digest()
     }
 
-    /// Rounds all vertices to the grid of [`PackedMesh`], by at most about 2⁻¹⁶ of the extent along each axis, and removes
-    /// triangles that degenerate.
+    /// Rounds all vertices to the grid of [`PackedMesh`], by at most about 2⁻¹⁶ of the extent along each
+    /// axis, and removes triangles that degenerate.
     fn quantise(&mut self) {
         let grid_step = packed::grid_step(self);
         for (axis, step) in self.positions.iter_mut().zip(grid_step) {
@@ -127,8 +130,8 @@ impl Mesh {
         self.projection_axes.retain(|_| flags.next() == Some(&true));
     }
 
-    /// Completes the mesh once all triangles are in place: quantises it, sorts its triangles into clusters and computes
-    /// the derived fields.
+    /// Completes the mesh once all triangles are in place: quantises it, sorts its triangles into clusters
+    /// and computes the derived fields.
     fn finish(mut self) -> Self {
         self.quantise();
         let vertices = (0..self.n_vertices() as u32).map(|i| self.position(i));

@@ -11,18 +11,20 @@ const _: () = assert!(CLUSTER_SIZE == N_LANES, "the triangles of a cluster fill 
 pub(in crate::render) type Vec3x16 = [F32x16; 3];
 
 /// Corner positions of the 16 triangles of a cluster, indexed by corner and axis, in units of
-/// [`PackedMesh::grid_step`]. Sixteen bits halve the memory that every image reads. Unused lanes hold a degenerate triangle.
+/// [`PackedMesh::grid_step`]. Sixteen bits halve the memory that every image reads. Unused lanes hold a
+/// degenerate triangle.
 pub(in crate::render) type ClusterCorners = [[I16x16; 3]; 3];
 
-/// Layout of the shading data of one triangle in an [`F32x16`]: indices of its elements and bits of the last one.
+/// Layout of the shading data of one triangle in an [`F32x16`]: indices of its elements and bits of the last
+/// one.
 pub(in crate::render) struct TriangleRecord;
 
 impl TriangleRecord {
     /// First element of the vertex normals, three `f32` per corner.
     pub(in crate::render) const NORMALS: usize = 0;
-    /// First element of the corners: three `i16` per corner, the same grid coordinates as in [`ClusterCorners`]. Each
-    /// element packs two of them, the first in the lower half. The upper half of the last element holds
-    /// [`Self::AXIS_MASK`] and [`Self::FLAT_BIT`].
+    /// First element of the corners: three `i16` per corner, the same grid coordinates as in
+    /// [`ClusterCorners`]. Each element packs two of them, the first in the lower half. The upper half of the
+    /// last element holds [`Self::AXIS_MASK`] and [`Self::FLAT_BIT`].
     pub(in crate::render) const CORNERS: usize = 9;
     /// Mask of the [`ProjectionAxis`]: 0, 1 or 2 for x, y or z.
     pub(in crate::render) const AXIS_MASK: i32 = 3;
@@ -58,7 +60,8 @@ pub(in crate::render) struct PackedMesh {
 }
 
 impl PackedMesh {
-    /// Packs a mesh whose triangles are in their final order and whose coordinates are multiples of [`grid_step`].
+    /// Packs a mesh whose triangles are in their final order and whose coordinates are multiples of
+    /// [`grid_step`].
     pub(super) fn new(mesh: &Mesh) -> Self {
         let grid_step = grid_step(mesh);
         let n_triangles = mesh.triangles.len();
@@ -75,7 +78,8 @@ impl PackedMesh {
     }
 }
 
-/// Returns, per axis, the smallest power of 2 (at least 2⁻²⁴) in whose units every coordinate fits an [`i16`].
+/// Returns, per axis, the smallest power of 2 (at least 2⁻²⁴) in whose units every coordinate fits an
+/// [`i16`].
 pub(super) fn grid_step(mesh: &Mesh) -> Vec3 {
     core::array::from_fn(|axis| {
         let max_abs = mesh.positions[axis].iter().fold(0.0, |max: f32, x| max.max(x.abs()));

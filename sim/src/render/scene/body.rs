@@ -1,6 +1,7 @@
 //! Instances of a body: one per visual or, for a body without visuals, one per collision part.
 //!
-//! A primitive is a scaled library mesh. Every other shape gets a mesh of its own, which equal shapes of a scene share.
+//! A primitive is a scaled library mesh. Every other shape gets a mesh of its own, which equal shapes of a
+//! scene share.
 
 use std::sync::Arc;
 

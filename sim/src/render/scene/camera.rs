@@ -1,5 +1,5 @@
-//! Pinhole cameras. Camera frame: x forward, y left, z up. View frame, in which images are rendered: x right, y down,
-//! z forward. Both are in m.
+//! Pinhole cameras. Camera frame: x forward, y left, z up. View frame, in which images are rendered: x right,
+//! y down, z forward. Both are in m.
 
 use ipc_types::{EXTERNAL_SIDE, HAND_SIDE};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -17,7 +17,8 @@ pub(in crate::render) struct PinholeCamera {
     pub(in crate::render) focal_px: f32,
     /// Depths of the near and far clipping planes, in m.
     pub(in crate::render) clip_m: [f32; 2],
-    /// x/z and y/z at the centre of the image. Nonzero for a tile of a larger image, whose projection is off-axis.
+    /// x/z and y/z at the centre of the image. Nonzero for a tile of a larger image, whose projection is
+    /// off-axis.
     pub(in crate::render) image_centre: [f32; 2],
     mount: Mount,
 }
@@ -54,25 +55,25 @@ impl PinholeCamera {
         }
     }
 
-    /// Returns the camera that renders one of `n_tiles` × `n_tiles` tiles of this camera's image, given as [column, row],
-    /// with as many pixels as this camera has.
+    /// Returns the camera that renders one of `n_tiles` × `n_tiles` tiles of this camera's image, given as
+    /// [column, row], with as many pixels as this camera has.
     pub(in crate::render) fn tile(&self, n_tiles: usize, tile: [usize; 2]) -> Self {
         let slope = self.side as f32 / 2.0 / self.focal_px;
         let centre = |idx: usize| slope * (2.0 * idx as f32 + 1.0 - n_tiles as f32) / n_tiles as f32;
         Self { focal_px: self.focal_px * n_tiles as f32, image_centre: tile.map(centre), ..self.clone() }
     }
 
-    /// Returns the shear that moves the image centre onto the optical axis and preserves depth, or `None` if it lies
-    /// there already. Its result is called the centred frame.
+    /// Returns the shear that moves the image centre onto the optical axis and preserves depth, or `None` if
+    /// it lies there already. Its result is called the centred frame.
     pub(in crate::render) fn centring_shear(&self) -> Option<Affine3> {
         let [x, y] = self.image_centre;
         let linear = [[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]];
         (self.image_centre != [0.0; 2]).then_some(Affine3 { linear, offset: [0.0; 3] })
     }
 
-    /// Returns, per unit of radius, the largest distance along x or y in the centred frame by which the centre of a sphere
-    /// may lie outside an image edge of this slope while the sphere still intersects the frustum. The last factor
-    /// compensates for the lengths that the shear shortens.
+    /// Returns, per unit of radius, the largest distance along x or y in the centred frame by which the
+    /// centre of a sphere may lie outside an image edge of this slope while the sphere still intersects the
+    /// frustum. The last factor compensates for the lengths that the shear shortens.
     #[inline(always)]
     pub(in crate::render) fn sphere_margin(&self, slope: f32) -> f32 {
         let [x, y] = self.image_centre.map(f32::abs);
@@ -80,8 +81,8 @@ impl PinholeCamera {
         (1.0 + steepest * steepest).sqrt() * (1.0 + x + y)
     }
 
-    /// Returns `true` if a sphere in the mesh frame may intersect the view frustum. The transform leads to the centred
-    /// frame. The test is conservative.
+    /// Returns `true` if a sphere in the mesh frame may intersect the view frustum. The transform leads to
+    /// the centred frame. The test is conservative.
     #[inline(always)]
     pub(in crate::render) fn may_intersect_sphere(
         &self,
@@ -117,8 +118,8 @@ impl PinholeCamera {
     }
 }
 
-/// Returns the pose of a camera at `eye` that looks at `target` with +z up. A camera that looks straight up or down has
-/// +y on its left.
+/// Returns the pose of a camera at `eye` that looks at `target` with +z up. A camera that looks straight up
+/// or down has +y on its left.
 fn look_at(eye: [f64; 3], target: [f64; 3]) -> Isometry3<f64> {
     let eye = Vector3::from(eye);
     let forward = (Vector3::from(target) - eye).normalize();

@@ -54,8 +54,8 @@ const DISCS: [Disc; 15] = [
     disc(Link::Link7, [0.0, 0.0, 0.1055], Axis::Z, 0.0325, 0.006, DiscColor::Dark),
 ];
 
-/// A collision box of the finger that opens towards +y (docs/benchmark.md, "Robot and control"), in mm in the finger
-/// frame.
+/// A collision box of the finger that opens towards +y (docs/benchmark.md, "Robot and control"), in mm in the
+/// finger frame.
 struct FingerBox {
     centre_mm: Vec3,
     half_mm: Vec3,

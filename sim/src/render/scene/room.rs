@@ -1,4 +1,5 @@
-//! Instances of the room: table, floor and walls (docs/benchmark.md, "Scenes and objects" and "Perturbations").
+//! Instances of the room: table, floor and walls (docs/benchmark.md, "Scenes and objects" and
+//! "Perturbations").
 //!
 //! The table's collision shape is a block; the rendered table is a top on four legs with the same upper face.
 

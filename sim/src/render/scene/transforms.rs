@@ -4,7 +4,8 @@ use super::RenderScene;
 use crate::render::math::affine::Affine3;
 use crate::scene::Snapshot;
 
-/// Replaces the contents of `out` with one transform per instance, from its mesh to the view (or light) frame.
+/// Replaces the contents of `out` with one transform per instance, from its mesh to the view (or light)
+/// frame.
 #[inline(always)]
 pub(in crate::render) fn write_instance_transforms(
     scene: &RenderScene,

@@ -1,18 +1,18 @@
-//! What every pattern owes its readers, checked for all of them.
+//! Properties that hold for every texture.
 
 use super::{MipChain, N_LEVELS, N_TEXELS, SIDE, level_offset, mip_chain, pitch};
 use crate::scene::Texture::{self, *};
 
 const GRADIENTS: [Texture; 4] = [Sunset, Ocean, Glow, Rainbow];
 
-/// Linear factors of a texel.
+/// Returns the linear factors of a texel.
 fn factors(pattern: &MipChain, level: usize, x: usize, y: usize) -> [f64; 3] {
     let [r, g, b, alpha] = pattern.texels[level_offset(level) + y * pitch(level) + x].to_le_bytes();
     assert_eq!(alpha, 255);
     [r, g, b].map(|code| (f64::from(code) / 255.0) * (f64::from(code) / 255.0))
 }
 
-/// Factors of level 0, row by row.
+/// Returns the factors of level 0 in row-major order.
 fn finest(texture: Texture) -> Vec<[f64; 3]> {
     (0..SIDE * SIDE).map(|i| factors(mip_chain(texture), 0, i % SIDE, i / SIDE)).collect()
 }
@@ -26,7 +26,7 @@ fn mean(values: &[[f64; 3]]) -> [f64; 3] {
 }
 
 #[test]
-fn there_are_many_and_each_has_a_sensible_size() {
+fn table_is_large_with_plausible_tile_sizes() {
     assert!(Texture::PERTURBATION.len() >= 55 && !Texture::PERTURBATION.contains(&Checker));
     for texture in Texture::PERTURBATION {
         assert!((0.15..=1.2).contains(&mip_chain(*texture).tile_m), "{texture:?}");
@@ -34,7 +34,7 @@ fn there_are_many_and_each_has_a_sensible_size() {
 }
 
 #[test]
-fn rows_and_columns_go_on_behind_their_end() {
+fn padding_repeats_rows_and_columns() {
     for texture in Texture::ALL {
         let texels = &mip_chain(*texture).texels;
         assert_eq!(texels.len(), N_TEXELS);
@@ -51,10 +51,10 @@ fn rows_and_columns_go_on_behind_their_end() {
 }
 
 #[test]
-fn patterns_repeat_without_a_seam() {
+fn textures_tile_seamlessly() {
     for texture in Texture::ALL {
         let texels = finest(*texture);
-        // Mean difference between texels i and i + 1 of a line across the tile, by i.
+        // Mean difference between neighbouring texels i and i + 1 across the tile, indexed by i.
         let jumps = |texel: &dyn Fn(usize, usize) -> [f64; 3]| -> Vec<f64> {
             let jump = |i: usize, k: usize| difference(texel(i, k), texel((i + 1) % SIDE, k));
             (0..SIDE).map(|i| (0..SIDE).map(|k| jump(i, k)).sum::<f64>() / SIDE as f64).collect()
@@ -62,23 +62,23 @@ fn patterns_repeat_without_a_seam() {
         let along_u = jumps(&|i, k| texels[k * SIDE + i]);
         let along_v = jumps(&|i, k| texels[i * SIDE + k]);
         for jumps in [along_u, along_v] {
-            let (seam, inside) = (jumps[SIDE - 1], &jumps[..SIDE - 1]);
-            let largest = inside.iter().copied().fold(0.0, f64::max);
-            assert!(seam <= largest + 1e-9, "{texture:?}: {seam} at the seam, at most {largest} inside");
+            let (seam, interior) = (jumps[SIDE - 1], &jumps[..SIDE - 1]);
+            let largest = interior.iter().copied().fold(0.0, f64::max);
+            assert!(seam <= largest + 1e-9, "{texture:?}: {seam} at the seam, at most {largest} elsewhere");
         }
     }
 }
 
 #[test]
-fn levels_end_in_the_mean() {
+fn coarsest_level_is_mean() {
     for texture in Texture::ALL {
         let far = difference(factors(mip_chain(*texture), N_LEVELS - 1, 0, 0), mean(&finest(*texture)));
-        assert!(far < 0.005, "{texture:?}: {far} from the mean");
+        assert!(far < 0.005, "{texture:?}: differs from the mean by {far}");
     }
 }
 
 #[test]
-fn patterns_can_be_seen() {
+fn textures_have_contrast() {
     for texture in Texture::PERTURBATION.iter().filter(|texture| !GRADIENTS.contains(texture)) {
         let texels = finest(*texture);
         let middle = mean(&texels);
@@ -89,8 +89,8 @@ fn patterns_can_be_seen() {
 }
 
 #[test]
-fn no_two_patterns_look_alike() {
-    // One level suffices and keeps the quadratic number of pairs cheap.
+fn textures_differ_pairwise() {
+    // Comparing one coarse level keeps the quadratic number of pairs cheap.
     let level = 3;
     let side = SIDE >> level;
     let coarse = |texture: &Texture| -> Vec<[f64; 3]> {
@@ -99,14 +99,19 @@ fn no_two_patterns_look_alike() {
     let all: Vec<_> = Texture::ALL.iter().map(coarse).collect();
     for (i, a) in all.iter().enumerate() {
         for (k, b) in all.iter().enumerate().skip(i + 1) {
-            let apart = a.iter().zip(b).map(|(a, b)| difference(*a, *b)).sum::<f64>() / a.len() as f64;
-            assert!(apart > 0.01, "{:?} and {:?}: {apart} apart", Texture::ALL[i], Texture::ALL[k]);
+            let distance = a.iter().zip(b).map(|(a, b)| difference(*a, *b)).sum::<f64>() / a.len() as f64;
+            assert!(
+                distance > 0.01,
+                "{:?} and {:?} differ by only {distance}",
+                Texture::ALL[i],
+                Texture::ALL[k]
+            );
         }
     }
 }
 
 #[test]
-fn perturbations_are_as_bright_as_photographs_on_average() {
+fn mean_brightness_matches_photographs() {
     let encoded = |linear: f64| {
         let curve =
             if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * libm::pow(linear, 1.0 / 2.4) - 0.055 };
@@ -117,6 +122,6 @@ fn perturbations_are_as_bright_as_photographs_on_average() {
         .map(|texture| mean(&finest(*texture).into_iter().map(|rgb| rgb.map(encoded)).collect::<Vec<_>>()))
         .collect();
     let found = mean(&means);
-    let wanted = [149.0, 134.0, 123.0];
-    assert!((0..3).all(|c| (found[c] - wanted[c]).abs() < 15.0), "{found:?} instead of {wanted:?}");
+    let expected = [149.0, 134.0, 123.0];
+    assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 15.0), "{found:?}, expected {expected:?}");
 }

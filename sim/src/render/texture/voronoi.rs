@@ -1,78 +1,81 @@
-//! Voronoi cells on a torus (Worley, 1996). Their points stand in staggered rows and may leave their places at random;
-//! undisturbed, the cells are hexagons.
+//! Periodic Voronoi cells (Worley, "A cellular texture basis function", 1996).
+//!
+//! The feature points form staggered rows with random jitter. Without jitter the cells are hexagons.
 
-use super::shaping::wrap;
+use super::shaping::fract;
 use crate::render::texture::noise::Noise;
 
-/// A division of the tile into cells.
-pub(super) struct Cells {
+/// A Voronoi diagram of the tile.
+pub(super) struct VoronoiCells {
     n: [i32; 2],
-    /// The cells' points in tiles and their lots, row by row, with two columns more to the left and one to the right
-    /// and a row more above and below: copies of those that a neighbouring tile has there.
+    /// Feature points in tiles with their random numbers, in row-major order. Two extra columns on the left,
+    /// one on the right and an extra row above and below repeat the points of the neighbouring tiles.
     points: Vec<([f32; 2], f32)>,
 }
 
-/// A cell, as seen from a point in it.
-pub(super) struct Cell {
-    /// Column and row of its place.
+/// The cell that contains a point, and the position of the point in it.
+pub(super) struct VoronoiCell {
+    /// Column and row of the feature point.
     pub(super) id: [i32; 2],
-    /// Its own random number in [0, 1).
-    pub(super) lot: f32,
-    /// From the cell's point to the point, in tiles.
+    /// Random number of the cell, in [0, 1).
+    pub(super) random: f32,
+    /// Vector from the feature point to the point, in tiles.
     pub(super) offset: [f32; 2],
-    /// The same from this cell's point and its eight neighbours'.
+    /// The same for the 3 × 3 feature points around the point.
     offsets: [[f32; 2]; 9],
 }
 
-impl Cell {
-    /// Distance to the cell's border, in tiles.
-    pub(super) fn edge(&self) -> f32 {
+impl VoronoiCell {
+    /// Returns the distance to the border of the cell, in tiles.
+    pub(super) fn border_distance(&self) -> f32 {
         let [x, y] = self.offset;
-        // The border with another cell is where both points are equally far. The cell itself gives 0 / 0, which is
-        // not a number and never the minimum.
+        // The border is equidistant from both feature points. The cell itself gives 0 / 0, and `min` ignores
+        // the NaN.
         let squares = self.offsets.map(|[other_x, other_y]| {
-            let (apart_x, apart_y) = (x - other_x, y - other_y);
-            let further = other_x * other_x + other_y * other_y - x * x - y * y;
-            further * further / (4.0 * (apart_x * apart_x + apart_y * apart_y))
+            let (between_x, between_y) = (x - other_x, y - other_y);
+            let difference = other_x * other_x + other_y * other_y - x * x - y * y;
+            difference * difference / (4.0 * (between_x * between_x + between_y * between_y))
         });
         squares.into_iter().fold(f32::INFINITY, f32::min).sqrt()
     }
 }
 
-impl Cells {
-    /// Columns and an even number of rows; a point leaves its place by up to `jitter` / 2 of a column and of a row.
+impl VoronoiCells {
+    /// Creates `n` columns and rows of cells, with an even number of rows. Each feature point moves by up to
+    /// `jitter` / 2 of a column and of a row.
     pub(super) fn new(seed: u64, n: [i32; 2], jitter: f32) -> Self {
         let [cols, rows] = n;
-        let lots = [0, 1, 2].map(|i| Noise::new(seed + i, n));
+        let noises = [0, 1, 2].map(|i| Noise::new(seed + i, n));
         let point = |col: i32, row: i32| {
-            let [x, y, lot] = [0, 1, 2].map(|i: usize| lots[i].at_node(col, row));
-            let [x, y] = [x, y].map(|lot| 0.5 + jitter * (lot - 0.5));
-            ([(col as f32 + stagger(row) + x) / cols as f32, (row as f32 + y) / rows as f32], lot)
+            let [x, y, random] = [0, 1, 2].map(|i: usize| noises[i].at_node(col, row));
+            let [x, y] = [x, y].map(|random| 0.5 + jitter * (random - 0.5));
+            ([(col as f32 + stagger(row) + x) / cols as f32, (row as f32 + y) / rows as f32], random)
         };
-        let places = (-1..=rows).flat_map(|row| (-2..=cols).map(move |col| (col, row)));
-        Self { n, points: places.map(|(col, row)| point(col, row)).collect() }
+        let ids = (-1..=rows).flat_map(|row| (-2..=cols).map(move |col| (col, row)));
+        Self { n, points: ids.map(|(col, row)| point(col, row)).collect() }
     }
 
-    /// The cell at (`u`, `v`).
-    pub(super) fn at(&self, u: f32, v: f32) -> Cell {
-        let (first_ids, offsets) = self.near(wrap(u), wrap(v));
-        let (mut nearest, mut least) = (0, f32::INFINITY);
+    /// Returns the cell at (`u`, `v`).
+    pub(super) fn at(&self, u: f32, v: f32) -> VoronoiCell {
+        let (first_ids, offsets) = self.neighbourhood(fract(u), fract(v));
+        let (mut nearest, mut min) = (0, f32::INFINITY);
         for (i, [x, y]) in offsets.iter().enumerate() {
             let square = x * x + y * y;
-            (nearest, least) = if square < least { (i, square) } else { (nearest, least) };
+            (nearest, min) = if square < min { (i, square) } else { (nearest, min) };
         }
         let [col, row] = first_ids[nearest / 3];
         let id = [col + nearest as i32 % 3, row];
-        Cell { id, lot: self.points[self.index(id)].1, offset: offsets[nearest], offsets }
+        VoronoiCell { id, random: self.points[self.index(id)].1, offset: offsets[nearest], offsets }
     }
 
-    /// The cells in the 3 × 3 places around (`u`, `v`) in the tile: the ids of the first in each row and the ways from
-    /// the points of all.
-    fn near(&self, u: f32, v: f32) -> ([[i32; 2]; 3], [[f32; 2]; 9]) {
+    /// Returns the 3 × 3 cells around (`u`, `v`) in the tile: the id of the first cell of each row, and the
+    /// vectors from all nine feature points.
+    fn neighbourhood(&self, u: f32, v: f32) -> ([[i32; 2]; 3], [[f32; 2]; 9]) {
         let [cols, rows] = self.n;
-        let place = ((v * rows as f32) as i32).min(rows - 1);
-        let first_ids = [place - 1, place, place + 1].map(|row| {
-            // One more before the cut to an integer and one less after it: rounded down even where negative.
+        let centre_row = ((v * rows as f32) as i32).min(rows - 1);
+        let first_ids = [centre_row - 1, centre_row, centre_row + 1].map(|row| {
+            // Adding 1 before the cast and subtracting it afterwards rounds down even if the value is
+            // negative.
             let col = (u * cols as f32 - stagger(row) + 1.0) as i32 - 1;
             [col.min(cols - 1) - 1, row]
         });
@@ -86,13 +89,13 @@ impl Cells {
         (first_ids, offsets)
     }
 
-    /// Index of a cell's point.
+    /// Returns the index of a feature point.
     fn index(&self, [col, row]: [i32; 2]) -> usize {
         ((row + 1) * (self.n[0] + 3) + col + 2) as usize
     }
 }
 
-/// How far a row's places stand to the right, in columns.
+/// Returns the horizontal shift of a row, in columns.
 fn stagger(row: i32) -> f32 {
     0.5 * (row & 1) as f32
 }

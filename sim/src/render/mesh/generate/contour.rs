@@ -24,8 +24,8 @@ pub(super) struct Contour {
 }
 
 impl Contour {
-    /// Creates the contour through `points`. The points in `neighbours` precede the first and follow the last one: they
-    /// affect the normals at the ends but add no segments.
+    /// Creates the contour through `points`. The points in `neighbours` precede the first and follow the last
+    /// one: they affect the normals at the ends but add no segments.
     ///
     /// # Panics
     /// If there are fewer than two points or if two successive points coincide.
@@ -59,8 +59,9 @@ impl Contour {
     }
 }
 
-/// Returns the unnormalised normals of the segments that arrive at and leave a corner. At a gentle bend both get the sum,
-/// which weights each segment by its length: a long flat segment stays flat next to a small rounding.
+/// Returns the unnormalised normals of the segments that arrive at and leave a corner. At a gentle bend both
+/// get the sum, which weights each segment by its length: a long flat segment stays flat next to a small
+/// rounding.
 fn corner(before: Option<Point>, point: Point, after: Option<Point>) -> [Point; 2] {
     let arriving = before.map(|before| right_normal(before, point));
     let leaving = after.map(|after| right_normal(point, after));

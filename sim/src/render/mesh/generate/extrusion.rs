@@ -31,8 +31,8 @@ pub(in crate::render) fn mesh(outline: &[Point], holes: &[&[Point]], half_height
     mesh.finish()
 }
 
-/// Returns the loop in the orientation in which its area has the given sign. With positive outline and negative holes the
-/// solid lies to the left of every loop.
+/// Returns the loop in the orientation in which its area has the given sign. With positive outline and
+/// negative holes the solid lies to the left of every loop.
 fn oriented(points: &[Point], sign: f64) -> Vec<Point> {
     let mut points = points.to_vec();
     if sign * polygon::double_area(&points) < 0.0 {

@@ -12,17 +12,17 @@ const SAG_M: f32 = 0.0002;
 /// Minimum and maximum number of segments of a circle.
 const SEGMENT_LIMITS: [usize; 2] = [16, 64];
 
-/// Returns the number of segments for a circle of this radius. The sagitta of a regular n-gon is r (1 − cos π/n), about
-/// r π² / 2n².
+/// Returns the number of segments for a circle of this radius. The sagitta of a regular n-gon is r (1 − cos
+/// π/n), about r π² / 2n².
 pub(super) fn n_segments(radius_m: f32) -> usize {
     let n = (PI * (radius_m / (2.0 * SAG_M)).sqrt()).ceil() as usize;
     // A multiple of four has corners on both axes, so the polygon has the extents of the circle.
     n.next_multiple_of(4).clamp(SEGMENT_LIMITS[0], SEGMENT_LIMITS[1])
 }
 
-/// Returns the surface of revolution of a profile of points (r, z) in m, whose outside lies to the right: the profile runs
-/// up the outside and, for a vessel, down the inside. The surface is closed if the profile starts and ends on the axis
-/// (r = 0) or ends exactly where it starts.
+/// Returns the surface of revolution of a profile of points (r, z) in m, whose outside lies to the right: the
+/// profile runs up the outside and, for a vessel, down the inside. The surface is closed if the profile
+/// starts and ends on the axis (r = 0) or ends exactly where it starts.
 ///
 /// # Panics
 /// If a radius is negative, or as [`Contour::new`] does.
@@ -46,8 +46,8 @@ pub(in crate::render) fn mesh(profile: &[Point]) -> Mesh {
     mesh.finish()
 }
 
-/// Returns the points before the first and after the last point of a profile: across the seam if it is closed, or mirrored
-/// at the axis, so that a pole is smoothed or split like any other corner.
+/// Returns the points before the first and after the last point of a profile: across the seam if it is
+/// closed, or mirrored at the axis, so that a pole is smoothed or split like any other corner.
 fn end_neighbours(profile: &[Point]) -> [Option<Point>; 2] {
     let ([first, second, ..], [.., before, last]) = (profile, profile) else {
         return [None; 2];

@@ -1,14 +1,14 @@
-//! Triangulation of polygons with holes by ear clipping (Meisters, "Polygons have ears", 1975). Bridges first connect the
-//! holes to the outline (Eberly, "Triangulation by ear clipping", 2002).
+//! Triangulation of polygons with holes by ear clipping (Meisters, "Polygons have ears", 1975). Bridges first
+//! connect the holes to the outline (Eberly, "Triangulation by ear clipping", 2002).
 //!
-//! Orientation tests use double precision, which is nearly exact for single-precision coordinates, so they need no
-//! tolerance.
+//! Orientation tests use double precision, which is nearly exact for single-precision coordinates, so they
+//! need no tolerance.
 
 use super::contour::Point;
 
-/// Triangulates a polygon whose first loop is the outline, counter-clockwise, and whose other loops are its holes,
-/// clockwise. The result has counter-clockwise triangles of indices into the concatenated loops. No point of a loop lies
-/// in the interior of a triangle's edge, so walls along the loops leave no gaps.
+/// Triangulates a polygon whose first loop is the outline, counter-clockwise, and whose other loops are its
+/// holes, clockwise. The result has counter-clockwise triangles of indices into the concatenated loops. No
+/// point of a loop lies in the interior of a triangle's edge, so walls along the loops leave no gaps.
 ///
 /// # Panics
 /// If a loop intersects or touches itself or another loop, or has fewer than three points.
@@ -41,8 +41,8 @@ struct PolygonWithHoles {
 }
 
 impl PolygonWithHoles {
-    /// Connects all holes to the ring, the rightmost first: then only the ring lies to the right of a hole's rightmost
-    /// point, so at least one point of the ring is visible from there.
+    /// Connects all holes to the ring, the rightmost first: then only the ring lies to the right of a hole's
+    /// rightmost point, so at least one point of the ring is visible from there.
     fn join_holes(&mut self) {
         for hole in &mut self.holes {
             let right = |i: &usize| self.points[hole[*i]][0];
@@ -68,7 +68,8 @@ impl PolygonWithHoles {
         visible.expect("a hole inside its outline has a visible point")
     }
 
-    /// Returns `true` if the segment from a ring position to `target` lies inside the polygon and intersects no loop.
+    /// Returns `true` if the segment from a ring position to `target` lies inside the polygon and intersects
+    /// no loop.
     fn is_visible(&self, at: usize, target: Point) -> bool {
         let [before, start, after] = self.corner(at);
         let left = |a, b, c| turn(a, b, c) > 0.0;
@@ -85,7 +86,8 @@ impl PolygonWithHoles {
         starts_inside && !edges.any(|edge| intersects([start, target], edge))
     }
 
-    /// Clips ears until one triangle remains, always the ear with the shortest new edge, which avoids slivers.
+    /// Clips ears until one triangle remains, always the ear with the shortest new edge, which avoids
+    /// slivers.
     fn clip_ears(mut self) -> Vec<[usize; 3]> {
         let mut triangles = Vec::with_capacity(self.ring.len() - 2);
         while self.ring.len() >= 3 {
@@ -104,8 +106,8 @@ impl PolygonWithHoles {
         triangles
     }
 
-    /// Returns `true` if the corner is convex and its triangle contains no other point, not even on its boundary. Copies
-    /// of its own corners, which bridges create, do not count.
+    /// Returns `true` if the corner is convex and its triangle contains no other point, not even on its
+    /// boundary. Copies of its own corners, which bridges create, do not count.
     fn is_ear(&self, at: usize) -> bool {
         let [a, b, c] = self.corner(at);
         let covers = |p: Point| turn(a, b, p) >= 0.0 && turn(b, c, p) >= 0.0 && turn(c, a, p) >= 0.0;
@@ -140,7 +142,8 @@ fn difference(a: Point, b: Point) -> [f64; 2] {
     core::array::from_fn(|i| f64::from(a[i]) - f64::from(b[i]))
 }
 
-/// Returns `true` if segment ab crosses segment cd or passes through one of its ends. Shared endpoints do not count.
+/// Returns `true` if segment ab crosses segment cd or passes through one of its ends. Shared endpoints do not
+/// count.
 fn intersects([a, b]: [Point; 2], [c, d]: [Point; 2]) -> bool {
     let passes = |p: Point| {
         let ([ux, uy], [vx, vy]) = (difference(a, p), difference(b, p));

@@ -7,11 +7,12 @@ use crate::render::mesh::Mesh;
 
 /// Segments per quarter circle.
 const SEGMENTS: usize = 3;
-/// Vertices of a ring. Each quarter circle has both of its ends; the flat sides lie between neighbouring quarters.
+/// Vertices of a ring. Each quarter circle has both of its ends; the flat sides lie between neighbouring
+/// quarters.
 const RING_SIZE: usize = 4 * (SEGMENTS + 1);
 
-/// Returns the box |x|, |y|, |z| ≤ `half_m` whose edges are rounded with radius `radius_m`: the octants of a sphere moved
-/// apart to the corners, as rings from bottom to top.
+/// Returns the box |x|, |y|, |z| ≤ `half_m` whose edges are rounded with radius `radius_m`: the octants of a
+/// sphere moved apart to the corners, as rings from bottom to top.
 ///
 /// # Panics
 /// If the radius is negative or exceeds a half extent.
@@ -34,8 +35,8 @@ pub(in crate::render) fn mesh(half_m: Vec3, radius_m: f32) -> Mesh {
     mesh.finish()
 }
 
-/// Appends the ring that lies `step` segments above the equator of the upper half (`side` = 1) or below that of the lower
-/// half (−1), and returns its vertices.
+/// Appends the ring that lies `step` segments above the equator of the upper half (`side` = 1) or below that
+/// of the lower half (−1), and returns its vertices.
 fn ring(mesh: &mut Mesh, half_m: Vec3, radius_m: f32, step: usize, side: f32) -> [u32; RING_SIZE] {
     let (level, height) = on_circle(step, 4 * SEGMENTS);
     core::array::from_fn(|i| {

@@ -1,7 +1,8 @@
-//! Signed distance fields with smooth blends, for shapes like cast housings. Distances are negative inside and in m.
+//! Signed distance fields with smooth blends, for shapes like cast housings. Distances are negative inside
+//! and in m.
 //!
-//! Formulas follow Inigo Quilez, "Distance functions" and "Smooth minimum". Distances are exact near flat and round
-//! faces; elsewhere only their sign and slope are right, which suffices for meshing.
+//! Formulas follow Inigo Quilez, "Distance functions" and "Smooth minimum". Distances are exact near flat and
+//! round faces; elsewhere only their sign and slope are right, which suffices for meshing.
 
 pub(super) mod panda;
 mod surface_nets;
@@ -11,8 +12,8 @@ use crate::render::math::affine::{Vec3, add, dot, scaled, sub};
 /// A primitive solid.
 #[derive(Clone, Copy)]
 pub(super) enum SdfPrimitive {
-    /// Cylinder or cone frustum with flat ends at `a` and `b`, radii `radii[0]` and `radii[1]` there, and edges rounded by
-    /// `round`.
+    /// Cylinder or cone frustum with flat ends at `a` and `b`, radii `radii[0]` and `radii[1]` there, and
+    /// edges rounded by `round`.
     Frustum { a: Vec3, b: Vec3, radii: [f32; 2], round: f32 },
     /// Union of spheres along the segment from `a` to `b`, whose radius goes from `radii[0]` to `radii[1]`.
     RoundCone { a: Vec3, b: Vec3, radii: [f32; 2] },

@@ -1,8 +1,8 @@
 //! Housings of the Panda arm, in link frames.
 //!
-//! They are blended tubes around the joint axes of the kinematic chain (d1 0.333, d3 0.316, a4 ±0.0825, d5 0.384,
-//! a7 0.088, flange 0.107 m), with the sizes of the collision hulls (docs/benchmark.md, "Robot and control"). Two
-//! neighbouring links each cover half of their joint along its axis, as on the real arm.
+//! They are blended tubes around the joint axes of the kinematic chain (d1 0.333, d3 0.316, a4 ±0.0825, d5
+//! 0.384, a7 0.088, flange 0.107 m), with the sizes of the collision hulls (docs/benchmark.md, "Robot and
+//! control"). Two neighbouring links each cover half of their joint along its axis, as on the real arm.
 
 use super::surface_nets;
 use super::{CsgOp, SdfPrimitive, SignedDistanceField};
@@ -236,7 +236,8 @@ pub(in crate::render::mesh) fn hand() -> Mesh {
     surface_nets::mesh(&SignedDistanceField(&ops), [-0.045, -0.105, 0.0], [0.045, 0.105, 0.066], 0.01)
 }
 
-/// Returns a stereo camera on a bracket. The centre of projection lies just in front, at (0.0465, −0.02, 0.036) m.
+/// Returns a stereo camera on a bracket. The centre of projection lies just in front, at (0.0465, −0.02,
+/// 0.036) m.
 pub(in crate::render::mesh) fn wrist_camera() -> Mesh {
     let ops = [
         Union(

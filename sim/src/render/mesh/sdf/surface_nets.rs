@@ -1,7 +1,8 @@
-//! Meshing of signed distance fields by naive surface nets (Gibson, "Constrained elastic surface nets", 1998).
+//! Meshing of signed distance fields by naive surface nets (Gibson, "Constrained elastic surface nets",
+//! 1998).
 //!
-//! Every cell that the surface crosses gets one vertex, which is projected onto the surface along the gradient. The
-//! gradient is also its normal.
+//! Every cell that the surface crosses gets one vertex, which is projected onto the surface along the
+//! gradient. The gradient is also its normal.
 
 use super::SignedDistanceField;
 use crate::render::math::affine::{Vec3, add, dot, normalised, scaled, sub};

@@ -1,61 +1,66 @@
-//! Cloth: what threads, loops and hides look like.
+//! Woven and knitted fabrics, felt and leather.
 
-use super::Shade;
-use crate::render::texture::colour::{Rgb, hex, lit, mix, pick, ramp};
+use super::TextureFn;
+use crate::render::texture::colour::{Rgb, hex, mix, pick, ramp, shade};
 use crate::render::texture::noise::{Fbm, Noise};
-use crate::render::texture::shaping::{bulge, edge, smooth_step, wrap};
-use crate::render::texture::voronoi::Cells;
+use crate::render::texture::shaping::{distance_to_integer, fract, parabola, smooth_step};
+use crate::render::texture::voronoi::VoronoiCells;
 
-/// The thread on top at a point of a cloth with as many threads along v (the warp) as along u (the weft).
+/// The visible thread at a point of a weave with equally many warp threads (along v) and weft threads (along
+/// u).
 struct Thread {
     warp: bool,
     number: i32,
-    /// Light on its round side, 1 in its middle.
+    /// Shading of the round thread, 1 along its centre line.
     light: f32,
 }
 
-/// `over` tells whether the warp thread is on top where threads number (warp, weft) cross.
+/// Returns the visible thread; `over(warp, weft)` returns `true` where the warp thread passes over the weft
+/// thread.
 fn thread(u: f32, v: f32, n: i32, over: impl Fn(i32, i32) -> bool) -> Thread {
     let (x, y) = (u * n as f32, v * n as f32);
     let (col, row) = (x.floor() as i32, y.floor() as i32);
     let warp = over(col, row);
     let (number, across) = if warp { (col, x) } else { (row, y) };
-    Thread { warp, number, light: 0.6 + 0.4 * bulge(wrap(across)) }
+    Thread { warp, number, light: 0.6 + 0.4 * parabola(fract(across)) }
 }
 
-/// Twill: the warp lies over `over` threads of every `of`, one further in each row.
+/// Returns a twill: the warp passes over `over` of every `of` wefts, shifted by one in each row.
 fn twill(over: i32, of: i32) -> impl Fn(i32, i32) -> bool {
     move |col, row| (col + row).rem_euclid(of) < over
 }
 
-/// Flax: plain weave of uneven threads.
-pub(super) fn linen() -> Shade {
+/// Plain weave of uneven flax threads.
+pub(super) fn linen() -> TextureFn {
     const N: i32 = 36;
     let (slubs, wefts) = (Noise::new(1000, [N, 5]), Noise::new(1001, [5, N]));
     let [light, dark] = hex([0xD9CBB0, 0x9C8A6A]);
     Box::new(move |u, v| {
         let thread = thread(u, v, N, twill(1, 2));
         let slub = if thread.warp { slubs.at(u, v) } else { wefts.at(u, v) };
-        lit(mix(dark, light, slub), thread.light * if thread.warp { 1.0 } else { 0.85 })
+        shade(mix(dark, light, slub), thread.light * if thread.warp { 1.0 } else { 0.85 })
     })
 }
 
-/// Indigo warp over a white weft in diagonals, faded in places.
-pub(super) fn denim() -> Shade {
+/// Twill of indigo warp and white weft, faded in places.
+pub(super) fn denim() -> TextureFn {
     const N: i32 = 48;
     let (fade, yarn) = (Fbm::new(1010, [4, 3], 3, 0.5), Noise::new(1014, [N, 6]));
     let [indigo, worn, white] = hex([0x1F3A63, 0x5C7FAE, 0xB4C0CF]);
     Box::new(move |u, v| {
         let thread = thread(u, v, N, twill(2, 3));
         let faded = smooth_step(0.3, 0.75, fade.at(u, v));
-        let colour =
-            if thread.warp { mix(indigo, worn, 0.6 * faded + 0.4 * yarn.at(u, v)) } else { lit(white, 0.7) };
-        lit(colour, thread.light)
+        let colour = if thread.warp {
+            mix(indigo, worn, 0.6 * faded + 0.4 * yarn.at(u, v))
+        } else {
+            shade(white, 0.7)
+        };
+        shade(colour, thread.light)
     })
 }
 
-/// Wool twill whose diagonals turn every few threads.
-pub(super) fn tweed() -> Shade {
+/// Wool herringbone twill with flecks.
+pub(super) fn tweed() -> TextureFn {
     const N: i32 = 48;
     let (flecks, yarn) = (Noise::new(1020, [N, N]), Fbm::new(1021, [24, 24], 2, 0.6));
     let [brown, cream, fleck] = hex([0x4B3A2D, 0xCDBFA6, 0xB4552D]);
@@ -73,15 +78,15 @@ pub(super) fn tweed() -> Shade {
         } else {
             cream
         };
-        lit(colour, thread.light * (0.7 + 0.6 * yarn.at(u, v)))
+        shade(colour, thread.light * (0.7 + 0.6 * yarn.at(u, v)))
     })
 }
 
-/// A Scottish sett: the same coloured bands in warp and weft.
-pub(super) fn tartan() -> Shade {
+/// A Scottish sett with the same coloured bands in warp and weft.
+pub(super) fn tartan() -> TextureFn {
     const N: i32 = 64;
     let [red, green, navy, yellow, white] = hex([0xA91E22, 0x1E5B34, 0x182848, 0xE0B63A, 0xE6E1D6]);
-    // Half a sett; the other half is its mirror image.
+    // The second half of the sett mirrors the first.
     let band = move |number: i32| match number.min(N - 1 - number) {
         0..2 => white,
         2..10 | 24..30 => red,
@@ -92,12 +97,12 @@ pub(super) fn tartan() -> Shade {
     };
     Box::new(move |u, v| {
         let thread = thread(u, v, N, twill(2, 4));
-        lit(band(thread.number), 0.3 + 0.7 * thread.light)
+        shade(band(thread.number), 0.3 + 0.7 * thread.light)
     })
 }
 
 /// Matted fibres of one colour.
-pub(super) fn felt() -> Shade {
+pub(super) fn felt() -> TextureFn {
     let (fibres, crossing, cloud) =
         (Fbm::new(1030, [24, 64], 2, 0.7), Fbm::new(1034, [64, 24], 2, 0.7), Fbm::new(1038, [4, 4], 3, 0.5));
     let [dark, light] = hex([0x5E2452, 0xB65AA0]);
@@ -107,14 +112,14 @@ pub(super) fn felt() -> Shade {
     })
 }
 
-/// Stocking stitch: columns of Vs, with bands of another wool.
-pub(super) fn knit() -> Shade {
+/// Stockinette stitch: columns of Vs, with bands of other colours.
+pub(super) fn knit() -> TextureFn {
     const COLS: f32 = 14.0;
     const ROWS: i32 = 16;
     let fluff = Fbm::new(1040, [48, 48], 2, 0.7);
     let [mustard, cream, brick] = hex([0xD29A2E, 0xEFE3C6, 0xA8452E]);
     Box::new(move |u, v| {
-        let leg = 2.0 * edge(u * COLS);
+        let leg = 2.0 * distance_to_integer(u * COLS);
         let slanted = v * ROWS as f32 - 0.8 * leg;
         let row = (slanted.floor() as i32).rem_euclid(ROWS);
         let wool = match row {
@@ -122,30 +127,30 @@ pub(super) fn knit() -> Shade {
             3..6 => brick,
             _ => mustard,
         };
-        let round = (bulge(leg) * bulge(wrap(slanted))).sqrt();
-        lit(wool, (0.22 + 0.78 * round) * (0.7 + 0.6 * fluff.at(u, v)))
+        let round = (parabola(leg) * parabola(fract(slanted))).sqrt();
+        shade(wool, (0.22 + 0.78 * round) * (0.7 + 0.6 * fluff.at(u, v)))
     })
 }
 
 /// Velvet ribs along v.
-pub(super) fn corduroy() -> Shade {
+pub(super) fn corduroy() -> TextureFn {
     let (pile, cloud) = (Fbm::new(1050, [40, 20], 2, 0.7), Fbm::new(1054, [3, 3], 3, 0.5));
     let palette = hex([0x2C1710, 0x6E3B22, 0x9A5C35, 0xB5794D]);
     Box::new(move |u, v| {
-        let rib = bulge(wrap(u * 14.0)).sqrt();
+        let rib = parabola(fract(u * 14.0)).sqrt();
         ramp(&palette, 1.2 * rib * (0.4 + 0.7 * pile.at(u, v)) - 0.15 + 0.35 * (cloud.at(u, v) - 0.5))
     })
 }
 
-/// Hide: creases around small irregular pads.
-pub(super) fn leather() -> Shade {
-    let (pads, cloud) = (Cells::new(1060, [22, 24], 0.9), Fbm::new(1064, [4, 4], 4, 0.5));
+/// Hide with creases between small irregular pads.
+pub(super) fn leather() -> TextureFn {
+    let (pads, cloud) = (VoronoiCells::new(1060, [22, 24], 0.9), Fbm::new(1064, [4, 4], 4, 0.5));
     let palette: [Rgb; 3] = hex([0x5A2E1A, 0x6B3820, 0x7A4328]);
     let crease = hex([0x24120A])[0];
     Box::new(move |u, v| {
         let pad = pads.at(u, v);
         let [x, y] = pad.offset;
-        let face = lit(pick(&palette, pad.lot), 0.6 + 0.8 * cloud.at(u, v) - 6.0 * (x + y));
-        mix(crease, face, smooth_step(0.001, 0.010, pad.edge()))
+        let face = shade(pick(&palette, pad.random), 0.6 + 0.8 * cloud.at(u, v) - 6.0 * (x + y));
+        mix(crease, face, smooth_step(0.001, 0.010, pad.border_distance()))
     })
 }

@@ -1,4 +1,4 @@
-//! The list: how large each texture is in the world and what draws it.
+//! The table of textures, with one file per family of patterns.
 
 mod brick;
 mod fabric;
@@ -14,19 +14,19 @@ mod wood;
 use super::colour::Rgb;
 use crate::scene::Texture::{self, *};
 
-/// Linear factors at a point of the tile, both coordinates in [0, 1).
-pub(super) type Shade = Box<dyn Fn(f32, f32) -> Rgb>;
+/// A pattern: maps a point (u, v) of the tile, both in [0, 1), to linear factors.
+pub(super) type TextureFn = Box<dyn Fn(f32, f32) -> Rgb>;
 
-/// A texture, the world length of its tile's side in m, and its drawing.
-type Recipe = (Texture, f32, fn() -> Shade);
+/// A texture, the side of its tile in m, and the constructor of its pattern.
+type Entry = (Texture, f32, fn() -> TextureFn);
 
-/// The tile's side in m and the drawing of a texture.
-pub(super) fn recipe(texture: Texture) -> (f32, Shade) {
-    let (_, tile_m, shade) = RECIPES[texture as usize];
-    (tile_m, shade())
+/// Returns the side of the tile, in m, and the pattern of a texture.
+pub(super) fn get(texture: Texture) -> (f32, TextureFn) {
+    let (_, tile_m, pattern) = TABLE[texture as usize];
+    (tile_m, pattern())
 }
 
-const RECIPES: [Recipe; Texture::ALL.len()] = [
+const TABLE: [Entry; Texture::ALL.len()] = [
     (Checker, 4.0, geometric::checker),
     (Wood, 1.2, wood::planks),
     (Barnwood, 0.6, wood::barnwood),
@@ -101,11 +101,11 @@ const RECIPES: [Recipe; Texture::ALL.len()] = [
     (ChippedPaint, 0.4, mottled::chipped_paint),
 ];
 
-// A texture's number is its place in the list.
+// The discriminant of a texture is its index in the table.
 const _: () = {
     let mut i = 0;
-    while i < RECIPES.len() {
-        assert!(RECIPES[i].0 as usize == i, "the recipes stand in the order of the textures");
+    while i < TABLE.len() {
+        assert!(TABLE[i].0 as usize == i, "the table must be in the order of `Texture`");
         i += 1;
     }
 };

@@ -1,32 +1,33 @@
-//! Figures repeated over a ground.
+//! Figures repeated over a plain background.
 
-use super::Shade;
+use super::TextureFn;
 use crate::render::math::trig::on_circle;
-use crate::render::texture::colour::{hex, lit, pick};
+use crate::render::texture::colour::{hex, pick, shade};
 use crate::render::texture::noise::Noise;
-use crate::render::texture::shaping::{bulge, edge, length, odd, wrap};
-use crate::render::texture::voronoi::Cells;
+use crate::render::texture::shaping::{distance_to_integer, fract, is_odd_square, length, parabola};
+use crate::render::texture::voronoi::VoronoiCells;
 
-/// Distance of a point from a star's middle, 1 at its outline: `N` points, inner corners at `inner` of the outer.
+/// Returns the distance from the centre of an `N`-pointed star in units of its outline (1 on the outline).
+/// The inner corners lie at `inner` times the radius of the outer ones.
 fn star_distance<const N: usize>([x, y]: [f32; 2], inner: f32) -> f32 {
-    // The star is the union of N kites; the one whose axis is nearest decides.
+    // The star is a union of N kites. The kite with the closest axis decides.
     let (mut along, mut across) = (f32::NEG_INFINITY, 0.0);
     for i in 0..N {
-        // Turned so that one point looks up, which is −v.
+        // Rotated so that one point is up, along −v.
         let (cos, sin) = on_circle(4 * i + 3 * N, 4 * N);
-        let way = x * cos + y * sin;
-        if way > along {
-            (along, across) = (way, (y * cos - x * sin).abs());
+        let projection = x * cos + y * sin;
+        if projection > along {
+            (along, across) = (projection, (y * cos - x * sin).abs());
         }
     }
-    // The side runs from the outer point (1, 0) to the inner corner.
+    // The edge runs from the outer corner (1, 0) to the inner corner.
     let (cos, sin) = on_circle(1, 2 * N);
     along + across * (1.0 - inner * cos) / (inner * sin)
 }
 
 /// Gold stars on a dark sky.
-pub(super) fn stars() -> Shade {
-    let places = Cells::new(1200, [4, 4], 0.0);
+pub(super) fn stars() -> TextureFn {
+    let places = VoronoiCells::new(1200, [4, 4], 0.0);
     let [sky, gold, silver] = hex([0x1B2350, 0xF2C14E, 0xDDE3F0]);
     Box::new(move |u, v| {
         let place = places.at(u, v);
@@ -35,9 +36,9 @@ pub(super) fn stars() -> Shade {
     })
 }
 
-/// Blossoms of six petals with a yellow heart.
-pub(super) fn flowers() -> Shade {
-    let places = Cells::new(1210, [4, 4], 0.35);
+/// Flowers with six petals and a yellow centre.
+pub(super) fn flowers() -> TextureFn {
+    let places = VoronoiCells::new(1210, [4, 4], 0.35);
     let petals = hex([0xE86A92, 0xF7E1D7, 0xC05299, 0xF4A259]);
     let [meadow, heart] = hex([0x5B8E55, 0xF6D743]);
     Box::new(move |u, v| {
@@ -49,21 +50,21 @@ pub(super) fn flowers() -> Shade {
         });
         match radius {
             0.0..0.026 => heart,
-            _ if petal => pick(&petals, place.lot),
+            _ if petal => pick(&petals, place.random),
             _ => meadow,
         }
     })
 }
 
 /// Lozenges of two colours, crossed by thin lines.
-pub(super) fn argyle() -> Shade {
+pub(super) fn argyle() -> TextureFn {
     let [plum, grey, sand, line] = hex([0x6A2E4F, 0x8A8D91, 0xD9C7A3, 0xF5F0E6]);
     Box::new(move |u, v| {
         let (x, y) = (4.0 * u + 2.0 * v, 4.0 * u - 2.0 * v);
-        if edge(x + 0.5).min(edge(y + 0.5)) < 0.025 {
+        if distance_to_integer(x + 0.5).min(distance_to_integer(y + 0.5)) < 0.025 {
             return line;
         }
-        match (odd(x, 0.0), odd(y, 0.0)) {
+        match (is_odd_square(x, 0.0), is_odd_square(y, 0.0)) {
             (true, true) => plum,
             (false, false) => grey,
             _ => sand,
@@ -71,29 +72,29 @@ pub(super) fn argyle() -> Shade {
     })
 }
 
-/// Triangles, each its own colour.
-pub(super) fn triangles() -> Shade {
+/// Triangles in random colours.
+pub(super) fn triangles() -> TextureFn {
     const N: i32 = 6;
-    let lots = Noise::new(1222, [2 * N, N]);
+    let cell_noise = Noise::new(1222, [2 * N, N]);
     let palette = hex([0x264653, 0x2A9D8F, 0xE9C46A, 0xF4A261, 0xE76F51, 0xF1E8DC]);
     Box::new(move |u, v| {
         let y = v * N as f32;
-        // Odd rows stand half a triangle further, and in each the lines lean both ways.
+        // Each row is shifted by half a triangle against the one above.
         let x = u * N as f32 + 0.5 * y.floor();
-        let lower = wrap(y) > 1.0 - 2.0 * edge(x);
+        let lower = fract(y) > 1.0 - 2.0 * distance_to_integer(x);
         let col = if lower { 2 * x.floor() as i32 } else { 2 * (x + 0.5).floor() as i32 + 1 };
-        pick(&palette, lots.at_node(col, y as i32))
+        pick(&palette, cell_noise.at_node(col, y as i32))
     })
 }
 
-/// Cubes seen along their diagonals, piled up.
-pub(super) fn cubes() -> Shade {
-    let places = Cells::new(1230, [5, 6], 0.0);
+/// Stacked cubes in isometric projection.
+pub(super) fn cubes() -> TextureFn {
+    let places = VoronoiCells::new(1230, [5, 6], 0.0);
     let faces = hex([0xE6D3A8, 0xA8573B, 0x5A2B2A]);
     Box::new(move |u, v| {
         let [x, y] = places.at(u, v).offset;
-        // The three faces meet in the middle. The upper one reaches from there to the hexagon's upper side corners,
-        // which for this many columns and rows lie in directions of slope 8/15.
+        // The three faces meet at the centre. The upper one extends to the upper side corners of the hexagon,
+        // which lie in directions of slope 8/15 for this number of columns and rows.
         if y < -x.abs() * (8.0 / 15.0) {
             faces[0]
         } else if x < 0.0 {
@@ -104,25 +105,25 @@ pub(super) fn cubes() -> Shade {
     })
 }
 
-/// Ribbons woven over and under, dark gaps between.
-pub(super) fn lattice() -> Shade {
+/// Woven ribbons with dark gaps.
+pub(super) fn lattice() -> TextureFn {
     const N: f32 = 6.0;
     let [teal, amber, gap] = hex([0x3F8C88, 0xD8A24A, 0x2A211B]);
     Box::new(move |u, v| {
         let (x, y) = (N * u, N * v);
-        let covers = |t: f32| edge(t) > 0.14;
+        let covers = |t: f32| distance_to_integer(t) > 0.14;
         let (colour, across) = match (covers(x), covers(y)) {
             (false, false) => return gap,
             (true, false) => (teal, x),
             (false, true) => (amber, y),
             (true, true) => {
-                if odd(x, y) {
+                if is_odd_square(x, y) {
                     (teal, x)
                 } else {
                     (amber, y)
                 }
             }
         };
-        lit(colour, 0.4 + 0.6 * bulge(wrap(across)))
+        shade(colour, 0.4 + 0.6 * parabola(fract(across)))
     })
 }

@@ -1,12 +1,14 @@
-//! Wood: planks, floors, veneer, cut ends, cane.
+//! Wood: planks, floors, veneer, end grain and bamboo.
 
-use super::Shade;
-use crate::render::texture::colour::{Rgb, hex, lit, mix, pick, ramp};
-use crate::render::texture::layout::{self, Block};
+use super::TextureFn;
+use crate::render::texture::colour::{Rgb, hex, mix, pick, ramp, shade};
+use crate::render::texture::layout::{self, LayoutRect};
 use crate::render::texture::noise::{Fbm, Noise, Warp};
-use crate::render::texture::shaping::{bulge, edge, length, smooth_step, swing, wrap};
+use crate::render::texture::shaping::{
+    distance_to_integer, fract, length, parabola, smooth_step, smooth_wave,
+};
 
-/// The figure of a board: growth rings and fibres along it.
+/// The figure of a board: growth rings and fibres along its length.
 struct Grain {
     warp: Noise,
     fibres: Fbm,
@@ -15,39 +17,38 @@ struct Grain {
 impl Grain {
     fn new(seed: u64) -> Self {
         let (long, short) = (Noise::new(seed + 1, [160, 5]), Noise::new(seed + 2, [128, 24]));
-        Self { warp: Noise::new(seed, [16, 3]), fibres: Fbm::of(&[(long, 0.6), (short, 0.4)]) }
+        Self { warp: Noise::new(seed, [16, 3]), fibres: Fbm::weighted_sum(&[(long, 0.6), (short, 0.4)]) }
     }
 
-    /// How deep into a growth ring, in [0, 1], if there are `n` rings to a tile, and the lightness of the fibre there,
-    /// in [0, 1].
+    /// Returns the growth-ring value and the fibre lightness, both in [0, 1], for `n` rings per tile.
     fn at(&self, across: f32, along: f32, n: f32) -> (f32, f32) {
         let ring = ring_wave(across * n + 1.3 * self.warp.at(along, across));
         (ring, self.fibres.at(across, along))
     }
 
-    /// The figure of a block cut from its own piece of the tree, as light around 1.
-    fn of_block(&self, block: &Block, lot: f32) -> f32 {
-        let (ring, fibre) = self.at(block.across + 3.7 * lot, block.along + 2.3 * lot, 30.0);
+    /// Returns the figure of a strip cut from a random part of the tree, as a light factor around 1.
+    fn of_block(&self, block: &LayoutRect, random: f32) -> f32 {
+        let (ring, fibre) = self.at(block.across + 3.7 * random, block.along + 2.3 * random, 30.0);
         1.0 + 0.36 * (fibre - 0.5) - 0.18 * ring
     }
 }
 
-/// A growth ring: rises slowly over one period and falls quickly.
+/// Profile of a growth ring with period 1: a slow rise and a quick fall.
 fn ring_wave(t: f32) -> f32 {
-    let phase = wrap(t);
+    let phase = fract(t);
     smooth_step(0.0, 0.8, phase) - smooth_step(0.85, 1.0, phase)
 }
 
 /// Boards along v, each with its own tone, long grain and a fine dark joint.
-pub(super) fn planks() -> Shade {
+pub(super) fn planks() -> TextureFn {
     const BOARDS: i32 = 8;
     let (tone, grain) = (Noise::new(1, [BOARDS, 1]), Grain::new(2));
     Box::new(move |u, v| {
         let across = u * BOARDS as f32;
         let shift = tone.at_node(across as i32, 0);
-        let along = wrap(v + shift);
-        let joint = smooth_step(0.0, 0.035, 0.028 - edge(across));
-        let end = smooth_step(0.0, 0.004, 0.0035 - edge(along));
+        let along = fract(v + shift);
+        let joint = smooth_step(0.0, 0.035, 0.028 - distance_to_integer(across));
+        let end = smooth_step(0.0, 0.004, 0.0035 - distance_to_integer(along));
         let (ring, fibre) = grain.at(u, along, 46.0);
         let light = 0.80 + 0.16 * shift + 0.10 * (fibre - 0.5) - 0.07 * ring;
         let light = light * (1.0 - 0.45 * joint.max(end));
@@ -56,52 +57,52 @@ pub(super) fn planks() -> Shade {
     })
 }
 
-/// Grey boards that weather has furrowed.
-pub(super) fn barnwood() -> Shade {
+/// Grey, weathered boards with furrows.
+pub(super) fn barnwood() -> TextureFn {
     const BOARDS: i32 = 5;
-    let (lots, furrows, stain) =
+    let (cell_noise, furrows, stain) =
         (Noise::new(20, [BOARDS, 1]), Fbm::new(21, [48, 2], 2, 0.7), Fbm::new(25, [4, 3], 3, 0.5));
     let palette = hex([0x3A3029, 0x6E6257, 0x9A8F84, 0xB9AC9E]);
     let gap = hex([0x14100D])[0];
     Box::new(move |u, v| {
         let across = u * BOARDS as f32;
-        let lot = lots.at_node(across as i32, 0);
-        if edge(across) < 0.03 {
+        let random = cell_noise.at_node(across as i32, 0);
+        if distance_to_integer(across) < 0.03 {
             return gap;
         }
-        let furrow = furrows.at(u + 0.01 * (stain.at(u, v) - 0.5), v + lot);
-        ramp(&palette, 1.3 * (furrow - 0.5) + 0.35 + 0.4 * lot + 0.5 * (stain.at(u, v) - 0.5))
+        let furrow = furrows.at(u + 0.01 * (stain.at(u, v) - 0.5), v + random);
+        ramp(&palette, 1.3 * (furrow - 0.5) + 0.35 + 0.4 * random + 0.5 * (stain.at(u, v) - 0.5))
     })
 }
 
-/// Squares of short strips, turned in turn.
-pub(super) fn parquet() -> Shade {
-    let (lots, grain) = (Noise::new(30, [4, 16]), Grain::new(31));
+/// Squares of short strips, rotated by 90° from square to square.
+pub(super) fn parquet() -> TextureFn {
+    let (cell_noise, grain) = (Noise::new(30, [4, 16]), Grain::new(31));
     let palette = hex([0xA66A2E, 0xC08646, 0xD19C5B, 0x8F5724]);
     let joint = hex([0x3B2411])[0];
-    Box::new(move |u, v| floored(&layout::basket(u, v, 4, 4), &lots, &grain, &palette, joint))
+    Box::new(move |u, v| floor_strip(&layout::basket(u, v, 4, 4), &cell_noise, &grain, &palette, joint))
 }
 
-/// Dark strips that meet at right angles, laid askew.
-pub(super) fn herringbone_floor() -> Shade {
-    let (lots, grain) = (Noise::new(40, [16, 16]), Grain::new(41));
+/// Dark herringbone strips at 45°.
+pub(super) fn herringbone_floor() -> TextureFn {
+    let (cell_noise, grain) = (Noise::new(40, [16, 16]), Grain::new(41));
     let palette = hex([0x5C3A22, 0x70482B, 0x82573A, 0x4A2D1A]);
     let joint = hex([0x1D110A])[0];
     Box::new(move |u, v| {
         let block = layout::herringbone(u + v, u - v, 16, 4);
-        floored(&block, &lots, &grain, &palette, joint)
+        floor_strip(&block, &cell_noise, &grain, &palette, joint)
     })
 }
 
-/// A floor's strip with its own colour and figure, and the joint around it.
-fn floored(block: &Block, lots: &Noise, grain: &Grain, palette: &[Rgb], joint: Rgb) -> Rgb {
-    let lot = lots.at_node(block.id[0], block.id[1]);
-    let face = lit(pick(palette, lot), grain.of_block(block, lot));
-    mix(joint, face, smooth_step(0.002, 0.006, block.edge))
+/// Returns the colour of a floor strip with a random colour and figure, including the joint around it.
+fn floor_strip(block: &LayoutRect, cell_noise: &Noise, grain: &Grain, palette: &[Rgb], joint: Rgb) -> Rgb {
+    let random = cell_noise.at_node(block.id[0], block.id[1]);
+    let face = shade(pick(palette, random), grain.of_block(block, random));
+    mix(joint, face, smooth_step(0.002, 0.006, block.edge_distance))
 }
 
-/// Veneer: flat-sawn figure, the rings cut into long arches.
-pub(super) fn walnut() -> Shade {
+/// Flat-sawn veneer, whose rings form long arches.
+pub(super) fn walnut() -> TextureFn {
     let (hills, fibres) = (Fbm::new(50, [4, 1], 3, 0.3), Fbm::new(54, [48, 4], 2, 0.6));
     let palette = hex([0x9A6B45, 0x7C5233, 0x5E3B23, 0x3E2515]);
     Box::new(move |u, v| {
@@ -110,26 +111,26 @@ pub(super) fn walnut() -> Shade {
     })
 }
 
-/// Cut ends of square posts, glued together.
-pub(super) fn butcher_block() -> Shade {
+/// End grain of square posts glued together.
+pub(super) fn butcher_block() -> TextureFn {
     const POSTS: i32 = 4;
-    let lots = [60, 61, 62].map(|seed| Noise::new(seed, [POSTS, POSTS]));
+    let cell_noise = [60, 61, 62].map(|seed| Noise::new(seed, [POSTS, POSTS]));
     let wobble = Fbm::new(63, [8, 8], 3, 0.5);
     let palette = hex([0xE3BD84, 0xCF9F63, 0xB9854B, 0x8B5A33, 0xDDB078]);
     Box::new(move |u, v| {
         let block = layout::courses(u, v, [POSTS, POSTS], 0.5);
-        let [lot, x, y] = [0, 1, 2].map(|i: usize| lots[i].at_node(block.id[0], block.id[1]));
-        // The tree's heart lies somewhere beyond one of the post's sides.
-        let heart = [0.7 * (x - 0.5) + 0.125, if y > 0.5 { 0.35 } else { -0.1 }];
-        let radius = length([block.along - heart[0], block.across - heart[1]]);
+        let [random, x, y] = [0, 1, 2].map(|i: usize| cell_noise[i].at_node(block.id[0], block.id[1]));
+        // The pith of the tree lies outside the post, beyond one of its sides.
+        let pith = [0.7 * (x - 0.5) + 0.125, if y > 0.5 { 0.35 } else { -0.1 }];
+        let radius = length([block.along - pith[0], block.across - pith[1]]);
         let ring = ring_wave(radius * 36.0 + 1.2 * wobble.at(u, v));
         let light = (1.0 - 0.30 * ring) * (0.8 + 0.4 * wobble.at(v, u));
-        lit(pick(&palette, lot), light * (0.45 + 0.55 * smooth_step(0.001, 0.006, block.edge)))
+        shade(pick(&palette, random), light * (0.45 + 0.55 * smooth_step(0.001, 0.006, block.edge_distance)))
     })
 }
 
-/// The edge of a board of many layers, whose fibres run along and across in turn.
-pub(super) fn plywood() -> Shade {
+/// The edge of a plywood board, whose layers alternate between long and cross grain.
+pub(super) fn plywood() -> TextureFn {
     const LAYERS: i32 = 8;
     let (warp, along, ends) =
         (Warp::new(70, 4, 2, 0.03), Fbm::new(104, [5, 64], 2, 0.6), Fbm::new(108, [48, 32], 2, 0.6));
@@ -138,28 +139,28 @@ pub(super) fn plywood() -> Shade {
         let (u, v) = (u, warp.at(u, v).1);
         let layer = v * LAYERS as f32;
         let face = if layer.floor() as i32 & 1 == 0 {
-            lit(pale, 0.8 + 0.4 * along.at(u, v))
+            shade(pale, 0.8 + 0.4 * along.at(u, v))
         } else {
-            lit(tan, 0.55 + 0.9 * ends.at(u, v))
+            shade(tan, 0.55 + 0.9 * ends.at(u, v))
         };
-        mix(glue, face, smooth_step(0.04, 0.10, edge(layer)))
+        mix(glue, face, smooth_step(0.04, 0.10, distance_to_integer(layer)))
     })
 }
 
-/// Canes side by side, with knots at their own heights.
-pub(super) fn bamboo() -> Shade {
+/// Parallel canes with knots at random heights.
+pub(super) fn bamboo() -> TextureFn {
     const CANES: i32 = 7;
-    let (lots, fibres) = (Noise::new(80, [CANES, 1]), Noise::new(81, [96, 4]));
+    let (cell_noise, fibres) = (Noise::new(80, [CANES, 1]), Noise::new(81, [96, 4]));
     let palette = hex([0xC9B45C, 0xB7A24A, 0xD8C878, 0x9DA04A]);
     let knot_colour = hex([0x6A5A26])[0];
     Box::new(move |u, v| {
         let across = u * CANES as f32;
-        let lot = lots.at_node(across as i32, 0);
-        let knot = edge(2.0 * (v + lot));
-        let face = mix(pick(&palette, lot), knot_colour, 1.0 - smooth_step(0.012, 0.05, knot));
-        let above = smooth_step(0.02, 0.12, wrap(2.0 * (v + lot)));
-        let round = 0.25 + 0.75 * bulge(wrap(across)).sqrt();
-        let sheen = 0.12 * swing(wrap(across) + 0.15);
-        lit(face, round * (0.9 + 0.1 * above) * (0.9 + 0.2 * fibres.at(u, v)) + sheen)
+        let random = cell_noise.at_node(across as i32, 0);
+        let knot = distance_to_integer(2.0 * (v + random));
+        let face = mix(pick(&palette, random), knot_colour, 1.0 - smooth_step(0.012, 0.05, knot));
+        let above = smooth_step(0.02, 0.12, fract(2.0 * (v + random)));
+        let round = 0.25 + 0.75 * parabola(fract(across)).sqrt();
+        let sheen = 0.12 * smooth_wave(fract(across) + 0.15);
+        shade(face, round * (0.9 + 0.1 * above) * (0.9 + 0.2 * fibres.at(u, v)) + sheen)
     })
 }
