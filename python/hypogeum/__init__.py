@@ -1,4 +1,4 @@
-"""Serve a robot policy from Python to a run of Hypogeum. Observations are read where the simulator wrote them."""
+"""Serve a robot policy from Python to a Hypogeum run, reading observations directly from shared memory."""
 
 from .ensemble import TemporalEnsemble
 from .host import AnswerError, Statistics, serve

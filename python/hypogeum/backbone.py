@@ -1,4 +1,4 @@
-"""Narrow ResNets for LeRobot's ACT, which by itself knows torchvision's widths only."""
+"""ResNet-18 backbones of any width for LeRobot's ACT, which supports only torchvision's width."""
 
 import contextlib
 import json
@@ -8,13 +8,13 @@ import torchvision
 from torch import nn
 from torchvision.models.resnet import BasicBlock, ResNet
 
-# Channels of the first stage of torchvision's own.
+# Number of channels in the first stage of torchvision's ResNet-18.
 FULL_WIDTH = 64
 STEM = "model.backbone.conv1.weight"
 
 
 def resnet18(width, norm_layer=nn.BatchNorm2d):
-    """A ResNet-18 whose stages have 1, 2, 4 and 8 times `width` channels, with random weights."""
+    """Return a randomly initialised ResNet-18 whose stages have 1, 2, 4 and 8 times `width` channels."""
     network = ResNet(BasicBlock, [2, 2, 2, 2], norm_layer=norm_layer)
     network.inplanes = width
     network.conv1 = nn.Conv2d(3, width, 7, stride=2, padding=3, bias=False)
@@ -31,24 +31,24 @@ def resnet18(width, norm_layer=nn.BatchNorm2d):
 
 @contextlib.contextmanager
 def resnet18_of(width):
-    """Within it, every policy that asks torchvision for a `resnet18` gets one of this width."""
+    """Replace `torchvision.models.resnet18` by a ResNet-18 of this width within the context."""
 
     def make(weights=None, norm_layer=nn.BatchNorm2d, **_):
         if weights is not None:
             raise ValueError(f"there are no pretrained weights for a ResNet-18 of width {width}")
         return resnet18(width, norm_layer)
 
-    own = torchvision.models.resnet18
+    original = torchvision.models.resnet18
     if width != FULL_WIDTH:
         torchvision.models.resnet18 = make
     try:
         yield
     finally:
-        torchvision.models.resnet18 = own
+        torchvision.models.resnet18 = original
 
 
 def width_of(folder):
-    """The width of the ResNet in a checkpoint's `model.safetensors`, by its header; `FULL_WIDTH` if it has none."""
+    """Return the width of the ResNet in a checkpoint's `model.safetensors`, or `FULL_WIDTH` if it has none."""
     with open(Path(folder) / "model.safetensors", "rb") as file:
         header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
     return header[STEM]["shape"][0] if STEM in header else FULL_WIDTH

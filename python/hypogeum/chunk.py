@@ -1,14 +1,14 @@
-"""The rows of an action chunk, as a policy function may return them."""
+"""Conversion of action chunks returned by a policy function."""
 
 import numpy as np
 
 
 class AnswerError(ValueError):
-    """What a policy function returned is no answer."""
+    """The return value of a policy function is not a valid batch of action chunks."""
 
 
 def as_rows(rows, slot, action_dim):
-    """The answer for one env, `[n_rows, action_dim] f32`."""
+    """Convert one env's action chunk to `[n_rows, action_dim] f32`; `slot` only appears in error messages."""
     rows = np.asarray(to_numpy(rows))
     if rows.dtype.kind not in "fiu" or rows.ndim != 2 or rows.shape[1] != action_dim or len(rows) == 0:
         raise AnswerError(
@@ -17,11 +17,11 @@ def as_rows(rows, slot, action_dim):
         )
     if rows.dtype == np.float32:
         return rows
-    # A number too large for f32 becomes infinite, which the simulator refuses.
+    # A value too large for f32 becomes infinite, which the simulator rejects.
     with np.errstate(over="ignore"):
         return rows.astype(np.float32)
 
 
 def to_numpy(rows):
-    """A torch tensor as a numpy array; anything else as it is."""
+    """Convert a torch tensor to a numpy array; return anything else unchanged."""
     return rows.detach().float().cpu().numpy() if hasattr(rows, "detach") else rows

@@ -1,7 +1,7 @@
-"""The text tower of CLIP as a file of tensors: names, shapes, identity.
+"""Tensor names, shapes and fingerprint of CLIP's text tower.
 
-Hugging Face's names, order of axes and separate projections are the canonical ones; OpenAI keeps queries, keys and
-values of a layer in one tensor and the last projection transposed. Arrays are numpy's.
+The canonical form is Hugging Face's: its names, axis order and separate projections. OpenAI's form stores the query,
+key and value projections of a layer in one tensor and transposes the final projection. All arrays are numpy arrays.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ OPENAI_LAYER = "transformer.resblocks.{}."
 
 
 def canonical_shapes(n_layers, width, dim):
-    """{name: shape} of the canonical tensors, in the order of the fingerprint."""
+    """Return {name: shape} of the canonical tensors, in fingerprint order."""
     shapes = {TOKENS: (VOCABULARY, width), POSITIONS: (MAX_TOKENS, width)}
 
     def linear(name, n_out, n_in):
@@ -40,17 +40,17 @@ def canonical_shapes(n_layers, width, dim):
 
 
 def openai_names(n_layers):
-    """{OpenAI's name: the canonical names of what it holds}; several lie one below the other."""
+    """Return {OpenAI name: canonical names}; several canonical tensors are concatenated along the first axis."""
     names = {OPENAI_TOKENS: [TOKENS], "positional_embedding": [POSITIONS]}
     for idx in range(n_layers):
-        own, layer = OPENAI_LAYER.format(idx), LAYER.format(idx)
+        block, layer = OPENAI_LAYER.format(idx), LAYER.format(idx)
         for part in ("weight", "bias"):
-            names[f"{own}attn.in_proj_{part}"] = [f"{layer}self_attn.{x}_proj.{part}" for x in "qkv"]
-            for ours, theirs in (
+            names[f"{block}attn.in_proj_{part}"] = [f"{layer}self_attn.{x}_proj.{part}" for x in "qkv"]
+            for openai, canonical in (
                 ("ln_1", "layer_norm1"), ("ln_2", "layer_norm2"), ("attn.out_proj", "self_attn.out_proj"),
                 ("mlp.c_fc", "mlp.fc1"), ("mlp.c_proj", "mlp.fc2"),
             ):
-                names[f"{own}{ours}.{part}"] = [f"{layer}{theirs}.{part}"]
+                names[f"{block}{openai}.{part}"] = [f"{layer}{canonical}.{part}"]
     for part in ("weight", "bias"):
         names[f"ln_final.{part}"] = [f"{FINAL_NORM}.{part}"]
     names["text_projection"] = [PROJECTION]
@@ -58,15 +58,19 @@ def openai_names(n_layers):
 
 
 def to_openai(tensors):
-    """Canonical tensors by OpenAI's names and in its shapes."""
+    """Convert canonical tensors to OpenAI's names and shapes."""
     names = openai_names(count_layers(tensors, LAYER)).items()
-    stored = {own: np.concatenate([tensors[name] for name in held]) for own, held in names}
+    stored = {openai: np.concatenate([tensors[name] for name in canonical]) for openai, canonical in names}
     stored["text_projection"] = np.ascontiguousarray(stored["text_projection"].T)
     return stored
 
 
 def to_canonical(stored):
-    """The canonical tensors of a text tower in either naming. Raises ValueError if one is missing or misshapen."""
+    """Convert a text tower in either form to canonical tensors.
+
+    Raises:
+        ValueError: A tensor is missing or has the wrong shape.
+    """
     openai = OPENAI_TOKENS in stored
     tokens, projection = (OPENAI_TOKENS, "text_projection") if openai else (TOKENS, PROJECTION)
     for name in (tokens, projection):
@@ -76,10 +80,10 @@ def to_canonical(stored):
     width, dim = stored[tokens].shape[-1], stored[projection].shape[1 if openai else 0]
     tensors = dict(stored)
     if openai:
-        for own, held in openai_names(n_layers).items():
-            if own not in stored:
-                raise ValueError(f"the text tower lacks {own!r}")
-            tensors.update(zip(held, np.split(stored[own], len(held))))
+        for name, canonical in openai_names(n_layers).items():
+            if name not in stored:
+                raise ValueError(f"the text tower lacks {name!r}")
+            tensors.update(zip(canonical, np.split(stored[name], len(canonical))))
         tensors[PROJECTION] = stored["text_projection"].T
     shapes = canonical_shapes(n_layers, width, dim)
     for name, shape in shapes.items():
@@ -90,7 +94,7 @@ def to_canonical(stored):
 
 
 def stored_names(stored):
-    """The names, in their own naming, of the tensors of the text tower."""
+    """Return the names of the text tower's tensors in the form in which `stored` holds them."""
     if OPENAI_TOKENS in stored:
         return list(openai_names(count_layers(stored, OPENAI_LAYER)))
     width, dim = stored[TOKENS].shape[1], stored[PROJECTION].shape[0]
@@ -98,14 +102,17 @@ def stored_names(stored):
 
 
 def count_layers(tensors, pattern):
-    """Layers of the names that fit a pattern of one number."""
+    """Return the number of layers among `tensors`, whose names start with `pattern` up to its layer number `{}`."""
     prefix = pattern.split("{}")[0]
     numbers = [name[len(prefix) :].split(".")[0] for name in tensors if name.startswith(prefix)]
     return max((int(number) + 1 for number in numbers if number.isdigit()), default=1)
 
 
 def fingerprint(tensors):
-    """16 hex digits over canonical tensors: xxh3-64 of name, a zero byte and f32 numbers of each. Needs `xxhash`."""
+    """Return the fingerprint of canonical tensors as 16 hex digits.
+
+    It is the xxh3-64 of every tensor's name, a zero byte and its f32 values, in order. Needs `xxhash`.
+    """
     import xxhash
 
     state = xxhash.xxh3_64()

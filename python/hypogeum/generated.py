@@ -1,4 +1,4 @@
-"""Numbers computed from a name and an index instead of stored: the same as the built-in policies', number by number."""
+"""Pseudo-random arrays computed from a name, bitwise equal to those that the Rust policies compute."""
 
 import math
 
@@ -8,7 +8,7 @@ MASK = (1 << 64) - 1
 
 
 def fnv1a64(name):
-    """FNV-1a of a text's UTF-8 bytes."""
+    """Return the 64-bit FNV-1a hash of a string's UTF-8 bytes."""
     value = 0xCBF29CE484222325
     for byte in name.encode():
         value = ((value ^ byte) * 0x100000001B3) & MASK
@@ -16,7 +16,10 @@ def fnv1a64(name):
 
 
 def unit(name, shape):
-    """f32 in [0, 1): 24 bits of splitmix64's mixing function over the name's hash plus the index times gamma."""
+    """Return an f32 array of values in [0, 1).
+
+    Element `i` is the top 24 bits of splitmix64's finaliser applied to `fnv1a64(name) + i * gamma`.
+    """
     with np.errstate(over="ignore"):
         z = np.uint64(fnv1a64(name)) + np.arange(math.prod(shape), dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
         z ^= z >> np.uint64(30)
@@ -28,5 +31,5 @@ def unit(name, shape):
 
 
 def sym(name, shape, bound):
-    """f32 in [-bound, bound)."""
+    """Return an f32 array of values in [-bound, bound)."""
     return (2 * unit(name, shape) - 1) * np.float32(bound)

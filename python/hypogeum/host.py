@@ -1,4 +1,4 @@
-"""Serving a policy: observations in, action chunks out, until the run is over."""
+"""Serving loop of a policy: receives observations and sends action chunks until the run ends."""
 
 import logging
 import time
@@ -9,69 +9,75 @@ import numpy as np
 
 from .chunk import AnswerError, as_rows, to_numpy
 from .ensemble import DEFAULT_COEFF, TemporalEnsemble
-from .invitation import wait_for_invitation
+from .endpoint import wait_for_endpoint
 from .layout import MAX_HORIZON
 from .observation import FrameError, Observation
 
-# How long to look for a message before sleeping: longer than a fast simulator needs for its next one.
+# Time to poll for a message before sleeping: longer than a fast simulator needs to send the next one.
 SPIN_S = 50e-6
-# Longest sleep, after which the run is looked after.
-NAP_S = 0.1
+# Maximum sleep before the host checks whether the run is still alive.
+SLEEP_S = 0.1
 
 log = logging.getLogger("hypogeum")
 
 
 @dataclass
 class Statistics:
-    """Work done by `serve`."""
+    """Counts of the work done by `serve`."""
 
     runs: int = 0
     batches: int = 0
-    """Observation messages answered."""
+    """Answered observation messages."""
     queries: int = 0
-    """Envs answered."""
+    """Answered envs."""
     failed: int = 0
-    """Messages that could not be answered with actions."""
+    """Messages for which the policy produced no valid actions."""
     busy_s: float = 0.0
-    """Core-seconds spent in the policy function and in checking what it returned."""
+    """CPU time in seconds spent in the policy function and in validating its results."""
 
 
 def serve(
     fn, name="mine", *, base=None, timeout_s=None, forever=False, on_error="report", ensemble_coeff=DEFAULT_COEFF
 ):
-    """Serves `hypogeum run --policy ...=attach:NAME` with a function, until the run is over.
+    """Serve a policy function to `hypogeum run --policy ...=attach:NAME` until the run ends.
 
-    `fn(observation)` gets an `Observation` and returns an action chunk per env: `[n_envs, n_rows, action_dim]`, or a
-    list of `[n_rows, action_dim]`, as numpy arrays or torch tensors of any float type. Of a chunk the simulator
-    executes the first `execute` rows; a shorter one is asked again sooner.
+    If `fn` raises or returns an invalid result, the episodes in that message end with an error in the results, and the
+    reason is logged. A non-finite action ends only its own env's episode.
 
-    In a run with `--mode ensemble` the chunks are ensembled here, with this coefficient (`TemporalEnsemble`); with None they
-    are answered as they are.
+    Args:
+        fn: Policy function. It receives an `Observation` and returns one action chunk per env: either
+            `[n_envs, n_rows, action_dim]` or a list of `[n_rows, action_dim]`, as numpy arrays or torch tensors of any
+            float dtype. The simulator executes the first `execute` rows of a chunk; after a shorter chunk the next
+            query comes sooner.
+        name: NAME of `attach:NAME`.
+        base: Folder that contains the runs, if not the default.
+        timeout_s: Maximum wait for the run in seconds; None waits indefinitely.
+        forever: Whether to serve the next run when one ends, until interrupted by Ctrl-C.
+        on_error: `"report"` continues after an error of `fn`; `"raise"` detaches from the lane and raises it.
+        ensemble_coeff: Coefficient with which a run with `--mode ensemble` is ensembled (see `TemporalEnsemble`). None
+            sends the chunks of `fn` unchanged.
 
-    Waits for the run: for ever, or `timeout_s` seconds and then raises `TimeoutError`. `base` is the folder under which
-    runs live, if it is not the usual one. With `forever` it goes on with the next run; Ctrl-C ends it.
+    Returns:
+        `Statistics` of the work done.
 
-    If `fn` raises, or returns what is no answer, the episodes that were asked for end with an error in the results, the
-    reason is logged, and serving goes on; with `on_error="raise"` it is raised, and the lane is left. A number that is
-    not finite ends only the episode of its env.
-
-    Returns `Statistics`.
+    Raises:
+        TimeoutError: No run appeared within `timeout_s`.
     """
-    # Only here, so that what is not the link can be used where iceoryx2 is not installed.
+    # Imported here so that the rest of the package works without iceoryx2.
     from .link import Lane, RunEnded
 
     if on_error not in ("report", "raise"):
         raise ValueError(f'on_error is {on_error!r}, expected "report" or "raise"')
     statistics, served = Statistics(), set()
     while True:
-        invitation = wait_for_invitation(name, base, timeout_s, served)
-        served.add(invitation.path)
+        endpoint = wait_for_endpoint(name, base, timeout_s, served)
+        served.add(endpoint.path)
         try:
-            with Lane(invitation) as lane:
-                log.info("serving %s, attached as %r", invitation.root, name)
+            with Lane(endpoint) as lane:
+                log.info("serving %s, attached as %r", endpoint.root, name)
                 statistics.runs += 1
-                ensembles = invitation.mode == "ensemble" and ensemble_coeff is not None
-                policy = TemporalEnsemble(fn, ensemble_coeff) if ensembles else fn
+                ensembling = endpoint.mode == "ensemble" and ensemble_coeff is not None
+                policy = TemporalEnsemble(fn, ensemble_coeff) if ensembling else fn
                 _Host(lane, policy, on_error == "raise", statistics).run()
         except RunEnded:
             continue
@@ -80,12 +86,12 @@ def serve(
 
 
 class _Host:
-    """One run."""
+    """Serving loop of one run."""
 
-    def __init__(self, lane, fn, raises, statistics):
+    def __init__(self, lane, fn, raise_errors, statistics):
         self.lane = lane
         self.fn = fn
-        self.raises = raises
+        self.raise_errors = raise_errors
         self.statistics = statistics
         self.warned = False
 
@@ -97,46 +103,47 @@ class _Host:
                 self.answer(message)
                 idle_since = time.perf_counter()
             elif time.perf_counter() - idle_since >= SPIN_S:
-                self.lane.wait(NAP_S)
-                if not self.lane.has_message() and not self.lane.invitation.run_is_alive():
+                self.lane.wait(SLEEP_S)
+                if not self.lane.has_message() and not self.lane.endpoint.run_is_alive():
                     return
                 idle_since = time.perf_counter()
 
     def answer(self, message):
-        base = weakref.ref(message.pages)
-        used = time.process_time()
-        failure = blocks = None
+        pages = weakref.ref(message.pages)
+        start = time.process_time()
+        failure = fill = None
         try:
-            blocks = self.act(message)
+            fill = self.act(message)
         except Exception as error:
             failure = error
         except BaseException:
             message.release()
             raise
-        self.statistics.busy_s += time.process_time() - used
+        self.statistics.busy_s += time.process_time() - start
         self.statistics.batches += 1
         self.statistics.queries += message.header.n_envs
         if failure is None:
-            self.lane.reply(message, 0, blocks)
+            self.lane.reply(message, 0, fill)
         else:
             self.statistics.failed += 1
-            self.lane.reply(message, 1, refuse)
-            if self.raises:
+            self.lane.reply(message, 1, fill_placeholder)
+            if self.raise_errors:
                 raise failure
             self.report(failure)
-        # What they hold of the observation is not the policy function's doing.
-        failure = blocks = None
-        if base() is not None and not self.warned:
+        # Drop our own references to the observation, so that the check below sees only the policy function's.
+        failure = fill = None
+        if pages() is not None and not self.warned:
             self.warned = True
             log.warning(
-                "the policy function kept an array of an observation, which will show later ones; keep copies instead"
+                "the policy function retained an array of an observation, whose contents will change with the next "
+                "one; keep copies instead"
             )
 
     def act(self, message):
-        """What writes the answer to a message."""
-        found, expected = message.header.run, self.lane.invitation.run
+        """Run the policy on a message and return a function that writes the resulting action blocks."""
+        found, expected = message.header.run, self.lane.endpoint.run
         if found != expected:
-            raise FrameError(f"the observation is of run {found:#x}, this host serves run {expected:#x}")
+            raise FrameError(f"the observation belongs to run {found:#x}, this host serves run {expected:#x}")
         observation = Observation(message.header, message.pages)
         chunks = as_chunks(self.fn(observation), observation)
         slots, queries, action_dim = observation.slots, observation.queries, observation.action_dim
@@ -152,20 +159,31 @@ class _Host:
     def report(self, failure):
         expected = isinstance(failure, (AnswerError, FrameError))
         log.error(
-            "could not answer: %s: %s; these episodes end with an error",
+            "failed to answer an observation: %s: %s; the episodes in it end with an error",
             type(failure).__name__,
             failure,
             exc_info=None if expected else failure,
         )
 
 
-def refuse(blocks):
-    """What is sent along with a status that says there is no answer."""
+def fill_placeholder(blocks):
+    """Write the blocks of a message with an error status: the smallest valid chunk per env."""
     blocks["n_rows"] = blocks["action_dim"] = 1
 
 
 def as_chunks(answer, observation):
-    """The action chunk of every env, `[n_rows, action_dim] f32`, of at most MAX_HORIZON rows."""
+    """Validate and convert the return value of a policy function.
+
+    Args:
+        answer: Array or tensor `[n_envs, n_rows, action_dim]`, or a list of `n_envs` arrays `[n_rows, action_dim]`.
+        observation: The `Observation` it answers.
+
+    Returns:
+        A list of `n_envs` arrays `[n_rows, action_dim] f32` with at most MAX_HORIZON rows.
+
+    Raises:
+        AnswerError: The type, shape or dtype is wrong.
+    """
     n_envs, action_dim = observation.n_envs, observation.action_dim
     if hasattr(answer, "detach"):
         answer = to_numpy(answer)

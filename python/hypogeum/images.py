@@ -1,4 +1,4 @@
-"""Images as a network wants them."""
+"""Conversion of images to network inputs."""
 
 import warnings
 
@@ -6,10 +6,18 @@ import numpy as np
 
 
 def to_network(images, height, width):
-    """`[n, side, side, 3] u8` to `[n, 3, height, width] f32` in [0, 1], a torch tensor.
+    """Convert images to a torch tensor in [0, 1], resizing them if necessary.
 
-    Another size is made by antialiased bilinear interpolation in f32 and rounded to the integers that an image has: what
-    the benchmark's resized training images hold. Halves go up, and what rounding errors leave just below a half, too.
+    Resizing uses antialiased bilinear interpolation in f32 and rounds to integers, as for the benchmark's training
+    images. Halves round up, and so do values that floating-point error leaves just below a half.
+
+    Args:
+        images: `[n, side, side, 3] u8`.
+        height: Output height in pixels.
+        width: Output width in pixels.
+
+    Returns:
+        `[n, 3, height, width] f32`.
     """
     import torch
     import torch.nn.functional as F

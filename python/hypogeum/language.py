@@ -1,7 +1,7 @@
-"""A language encoder without weights: an instruction becomes a vector by hashing its words and word pairs.
+"""Language encoder without weights: hashes the words and word pairs of an instruction into a vector.
 
-The same vector as that of the built-in policies, number by number. A checkpoint must be used with the encoder it was
-trained with; its configuration says which.
+The vectors are bitwise equal to those of the Rust policies. A checkpoint must be used with the encoder it was trained
+with, which its configuration names.
 """
 
 import math
@@ -13,7 +13,7 @@ from .generated import sym
 
 
 def hashed_embedding(instruction, dim):
-    """`[dim] f32` of expected length 1; an instruction without a word is the zero vector."""
+    """Return the embedding of an instruction, `[dim] f32` with an expected norm of 1, or zeros if it has no words."""
     words = re.findall(r"[a-z0-9]+", instruction.lower())
     features = words + [" ".join(pair) for pair in zip(words, words[1:])]
     bound = math.sqrt(3 / (dim * max(len(features), 1)))

@@ -1,6 +1,7 @@
-"""Which of our cameras and state parts a checkpoint's input features are fed from.
+"""Mapping from the benchmark's cameras and state parts to the input features of a checkpoint.
 
-What a checkpoint says of itself decides; `hypogeum.json` beside its `config.json` says the rest, all keys optional:
+Feature names and shapes determine the mapping as far as possible. `hypogeum.json` next to the checkpoint's
+`config.json` overrides or completes it. All its keys are optional:
 
     {"morphology": "single", "control_mode": "pd_ee_delta_pose",
      "mapping": {"observation.images.front": "external1_camera", "observation.state": ["qpos", "tcp_pose"],
@@ -17,12 +18,12 @@ from .robot import CAMERAS, STATE_PARTS, state_slice
 
 FILE = "hypogeum.json"
 IMAGES, STATE = "observation.images.", "observation.state"
-# What the instruction's embedding is called in a mapping.
+# Name of the instruction's embedding in a mapping.
 LANGUAGE = "language"
 ENCODERS = ("hashed",)
-# Features that a policy fills in itself when they are missing.
+# Substring of the names of features that LeRobot fills in itself if they are missing.
 EMPTY_CAMERA = ".empty_camera_"
-# Robot and control mode of an action width, if nobody says otherwise.
+# Default morphology and control mode by action width.
 BY_ACTION_DIM = {
     7: ("single", "pd_ee_delta_pose"),
     8: ("single", "pd_joint_pos"),
@@ -32,26 +33,26 @@ BY_ACTION_DIM = {
 
 
 class MappingError(ValueError):
-    """A checkpoint that cannot be fed, or whose actions cannot be executed."""
+    """A checkpoint whose inputs cannot be provided, or whose actions cannot be executed."""
 
 
 @dataclass(frozen=True)
 class Feature:
-    """An input of a checkpoint."""
+    """An input feature of a checkpoint."""
 
     kind: str
-    """"VISUAL", "STATE" or "ENV", as LeRobot calls them."""
+    """LeRobot's feature type: "VISUAL", "STATE" or "ENV"."""
     shape: tuple
 
 
 @dataclass(frozen=True)
 class Mapping:
-    """What a checkpoint is fed with."""
+    """Sources of a checkpoint's input features."""
 
     morphology: str
     control_mode: str
     images: dict
-    """Camera, height and width by feature."""
+    """(camera, height, width) by feature."""
     states: dict
     """Slices of the state vector by feature."""
     languages: dict
@@ -59,14 +60,14 @@ class Mapping:
 
 
 def read_settings(folder):
-    """What `hypogeum.json` in a checkpoint's folder says; nothing if there is none."""
+    """Read `hypogeum.json` from a checkpoint's folder; return an empty dict if there is none."""
     path = Path(folder) / FILE
     if not path.is_file():
         return {}
     try:
         settings = json.loads(path.read_text())
     except ValueError as error:
-        raise MappingError(f"{path} is not JSON: {error}") from error
+        raise MappingError(f"{path} is not valid JSON: {error}") from error
     unknown = set(settings) - {"morphology", "control_mode", "mapping", "language"}
     if unknown:
         raise MappingError(f"{path} has unknown keys {sorted(unknown)}")
@@ -74,13 +75,22 @@ def read_settings(folder):
 
 
 def make_mapping(features, action_dim, settings):
-    """The `Mapping` of a checkpoint: its input `Feature`s by name, the width of its actions, and `hypogeum.json`."""
+    """Determine the `Mapping` of a checkpoint.
+
+    Args:
+        features: Input `Feature`s by name.
+        action_dim: Width of the checkpoint's action rows.
+        settings: Contents of `hypogeum.json`.
+
+    Raises:
+        MappingError: A feature has no source, or the actions match no control mode. Lists every problem.
+    """
     morphology, control_mode = robot(action_dim, settings)
     problems = []
     images, states, languages = {}, {}, {}
     sources = settings.get("mapping", {})
     for name in sources.keys() - features.keys():
-        problems.append(f"{name}: {FILE} maps it, the checkpoint does not have it")
+        problems.append(f"{name}: {FILE} maps it, but the checkpoint has no such feature")
     for name, feature in features.items():
         source = sources.get(name)
         if source is None and EMPTY_CAMERA in name:
@@ -97,17 +107,17 @@ def make_mapping(features, action_dim, settings):
         except ValueError as problem:
             problems.append(f"{name}: {problem}")
     if problems:
-        raise MappingError(both_sides(problems, features, morphology))
+        raise MappingError(describe(problems, features, morphology))
     return Mapping(morphology, control_mode, images, states, languages)
 
 
 def robot(action_dim, settings):
-    """Morphology and control mode of the checkpoint's actions."""
+    """Return the morphology and control mode of actions of width `action_dim`."""
     known = BY_ACTION_DIM.get(action_dim, (None, None))
     morphology = settings.get("morphology", known[0])
     if morphology not in MORPHOLOGIES:
         raise MappingError(
-            f"the checkpoint's actions have {action_dim} numbers and `morphology` is {morphology!r}, "
+            f"the checkpoint's actions have width {action_dim} and `morphology` is {morphology!r}, "
             f"expected {' or '.join(MORPHOLOGIES)}; set it in {FILE}"
         )
     widths = MORPHOLOGIES[morphology].action_dim
@@ -115,27 +125,27 @@ def robot(action_dim, settings):
     if widths.get(control_mode) != action_dim:
         modes = ", ".join(f"{mode} {widths[mode]}" for mode in CONTROL_MODES)
         raise MappingError(
-            f"the checkpoint's actions have {action_dim} numbers, which does not fit control mode {control_mode!r} of "
+            f"the checkpoint's actions have width {action_dim}, which does not match control mode {control_mode!r} of "
             f"a {morphology} robot ({modes}); set `morphology` and `control_mode` in {FILE}"
         )
     return morphology, control_mode
 
 
 def image_source(name, feature, source, morphology):
-    """Camera, height and width."""
+    """Return the camera, height and width for a VISUAL feature."""
     cameras = CAMERAS[morphology]
     short = name.removeprefix(IMAGES) if source is None else source
     candidates = [short, f"{short}_camera"]
     camera = next((camera for camera in candidates if camera in cameras), None)
     if camera is None:
-        raise ValueError(f"no camera is called {' or '.join(map(repr, candidates))}")
+        raise ValueError(f"there is no camera {' or '.join(map(repr, candidates))}")
     if len(feature.shape) != 3 or feature.shape[0] != 3:
-        raise ValueError("images of ours have 3 channels, in front")
+        raise ValueError(f"its shape is {list(feature.shape)}, expected [3, height, width]")
     return camera, feature.shape[1], feature.shape[2]
 
 
 def state_source(name, feature, source, morphology):
-    """Slices of the state vector."""
+    """Return the slices of the state vector for a STATE feature."""
     width, state_dim = feature.shape[0], MORPHOLOGIES[morphology].state_dim
     parts = dict(STATE_PARTS[morphology])
     if source is None and name == STATE:
@@ -144,38 +154,38 @@ def state_source(name, feature, source, morphology):
     if isinstance(source, str):
         source = [source]
     if not isinstance(source, list):
-        raise ValueError(f"map it to a list of state parts that have {width} numbers (the whole state has {state_dim})")
+        raise ValueError(f"map it to a list of state parts of total width {width} (the whole state has {state_dim})")
     slices = [state_slice(morphology, part) for part in source]
     found = sum(part.stop - part.start for part in slices)
     if found != width:
-        raise ValueError(f"{' + '.join(source)} have {found} numbers, it has {width}")
+        raise ValueError(f"{' + '.join(source)} has width {found}, the feature has {width}")
     return slices
 
 
 def language_width(feature, settings):
-    """Width of the embedding."""
+    """Return the embedding width for an ENV feature."""
     language = settings.get("language")
     if not isinstance(language, dict) or language.get("encoder") not in ENCODERS:
         needed = {"language": {"encoder": ENCODERS[0], "dim": feature.shape[0]}}
         raise ValueError(f'"language" needs {json.dumps(needed)} in {FILE}')
     if (language.get("dim"),) != tuple(feature.shape):
-        raise ValueError(f"`language.dim` is {language.get('dim')}, it has {feature.shape[0]} numbers")
+        raise ValueError(f"`language.dim` is {language.get('dim')}, the feature has width {feature.shape[0]}")
     return feature.shape[0]
 
 
-def both_sides(problems, features, morphology):
-    """An error that names everything on either side."""
-    theirs = [f"  {name} {feature.kind} {list(feature.shape)}" for name, feature in features.items()]
-    ours = ", ".join(CAMERAS[morphology])
+def describe(problems, features, morphology):
+    """Return an error message with all problems, the checkpoint's features, and the robot's cameras and state parts."""
+    inputs = [f"  {name} {feature.kind} {list(feature.shape)}" for name, feature in features.items()]
+    cameras = ", ".join(CAMERAS[morphology])
     parts = ", ".join(f"{part} {width}" for part, width in STATE_PARTS[morphology])
     return "\n".join(
         [
-            "cannot feed the checkpoint:",
+            "the checkpoint's input features cannot be provided:",
             *(f"  {problem}" for problem in problems),
-            "its input features:",
-            *theirs,
-            f"the {morphology} robot's cameras: {ours}",
-            f"its state parts: {parts}",
-            f"say in {FILE} beside config.json which feature is which",
+            "input features of the checkpoint:",
+            *inputs,
+            f"cameras of the {morphology} robot: {cameras}",
+            f"state parts of the {morphology} robot: {parts}",
+            f"define the mapping in {FILE} next to config.json",
         ]
     )

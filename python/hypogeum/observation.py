@@ -1,6 +1,6 @@
-"""An observation message as arrays that lie in shared memory: nothing is copied, nothing can be written.
+"""Observation messages as read-only arrays in shared memory, without a copy.
 
-Axes: `n_envs` envs of the message, `n_arms` arms, `state_dim` numbers of the state vector.
+Shapes use these axes: `n_envs` (envs in the message), `n_arms`, and `state_dim` (width of the state vector).
 """
 
 import warnings
@@ -24,52 +24,60 @@ from .robot import CAMERAS
 
 
 class FrameError(Exception):
-    """A message that does not have the layout it claims."""
+    """A message that is inconsistent with its header or with the wire layout."""
 
 
 class Observation:
     """All envs of one message; a sequence of `EnvObservation`.
 
-    The arrays are valid until the policy function has returned. After that the simulator writes its next observation
-    there: an array that is kept shows other numbers. Copy what you keep.
+    The arrays are valid until the policy function returns. After that, the simulator reuses the memory for later
+    observations. Copy any array that you retain.
     """
 
     morphology: str
     """"single" or "bimanual"."""
     control_mode: str
-    """How the answer is read: "pd_ee_delta_pose", "pd_joint_pos" or "pd_ee_pose"."""
+    """Interpretation of the actions: "pd_ee_delta_pose", "pd_joint_pos" or "pd_ee_pose"."""
     n_envs: int
     action_dim: int
-    """Numbers in a row of the answer."""
+    """Width of an action row."""
     states: np.ndarray
-    """`[n_envs, state_dim] f32`."""
+    """State vectors, `[n_envs, state_dim] f32`."""
     external: "np.ndarray | None"
-    """`[n_envs, 2, 224, 224, 3] u8`, RGB, top row first; None if the run draws no images."""
+    """External images, `[n_envs, 2, 224, 224, 3] u8`, RGB, top row first; None if the run renders no images."""
     hand: "np.ndarray | None"
-    """`[n_envs, n_arms, 128, 128, 3] u8`, or None."""
+    """Hand images, `[n_envs, n_arms, 128, 128, 3] u8`, or None."""
     cameras: dict
-    """`[n_envs, side, side, 3] u8` by the benchmark's camera names; empty without images."""
+    """Images by camera name, `[n_envs, side, side, 3] u8` each; empty without images."""
     instructions: list
-    """Of every env; may be empty."""
+    """Language instruction per env; may be empty."""
     slots: list
-    """Of every env: the simulator's slot, the same during an episode."""
+    """Simulator slot per env, constant during an episode."""
     queries: list
-    """Of every env: queries of this episode before this one; 0 marks a new episode."""
+    """Number of earlier queries in the episode, per env; 0 marks a new episode."""
     steps: list
-    """Of every env: control steps executed in this episode so far."""
+    """Control steps executed in the episode so far, per env."""
     executes: list
-    """Of every env: rows of the answer that will be executed."""
+    """Rows of the answer that will be executed, per env."""
     policy_seeds: list
-    """Of every env: seed for a policy that draws random numbers, a function of the episode alone."""
+    """Seed for a stochastic policy, per env; a function of the episode alone."""
 
     def __init__(self, header, pages):
-        """Checks a message: its `ObservationHeader`, and its pages as one `[n_bytes] u8` array."""
+        """Validate a message.
+
+        Args:
+            header: Its `ObservationHeader`.
+            pages: Its pages, `[n_bytes] u8`.
+
+        Raises:
+            FrameError: A field of the header or of a record is invalid.
+        """
         check_header(header, len(pages))
         morphology = list(MORPHOLOGIES.values())[header.morphology]
         n_envs, block_bytes = header.n_envs, header.block_pages * PAGE_BYTES
 
         def tensor(dtype, offset, shape):
-            """An array over the envs' blocks."""
+            """Return an array `[n_envs, *shape]` whose first axis runs over the envs' blocks."""
             dtype = np.dtype(dtype)
             strides = [dtype.itemsize]
             for length in shape[:0:-1]:
@@ -104,9 +112,12 @@ class Observation:
         return EnvObservation(self, env_idx % self.n_envs)
 
     def torch(self):
-        """The same memory as torch tensors: "state" `[n_envs, state_dim] f32`, and every camera by its name.
+        """Return the arrays as torch tensors that share their memory.
 
-        Never write to them: the memory is mapped read-only, and the process would be killed.
+        Never write to them: the memory is mapped read-only, so a write kills the process.
+
+        Returns:
+            A dict with "state", `[n_envs, state_dim] f32`, and one entry per camera name as in `cameras`.
         """
         import torch
 
@@ -127,12 +138,12 @@ class EnvObservation:
 
     @property
     def slot(self):
-        """The simulator's slot, the same during an episode."""
+        """Simulator slot, constant during an episode."""
         return self._all.slots[self._idx]
 
     @property
     def query(self):
-        """Queries of this episode before this one; 0 marks a new episode."""
+        """Number of earlier queries in this episode; 0 marks a new episode."""
         return self._all.queries[self._idx]
 
     @property
@@ -147,45 +158,45 @@ class EnvObservation:
 
     @property
     def policy_seed(self):
-        """Seed for a policy that draws random numbers: a function of the episode alone."""
+        """Seed for a stochastic policy, a function of the episode alone."""
         return self._all.policy_seeds[self._idx]
 
     @property
     def instruction(self):
-        """May be empty."""
+        """Language instruction; may be empty."""
         return self._all.instructions[self._idx]
 
     @property
     def state(self):
-        """`[state_dim] f32`, see `hypogeum.robot.STATE_PARTS`."""
+        """State vector, `[state_dim] f32`; see `hypogeum.robot.STATE_PARTS`."""
         return self._all.states[self._idx]
 
     @property
     def external(self):
-        """`[2, 224, 224, 3] u8`, or None."""
+        """External images, `[2, 224, 224, 3] u8`, or None."""
         return None if self._all.external is None else self._all.external[self._idx]
 
     @property
     def hand(self):
-        """`[n_arms, 128, 128, 3] u8`, or None."""
+        """Hand images, `[n_arms, 128, 128, 3] u8`, or None."""
         return None if self._all.hand is None else self._all.hand[self._idx]
 
     @property
     def cameras(self):
-        """`[side, side, 3] u8` by the benchmark's camera names."""
+        """Images by camera name, `[side, side, 3] u8` each."""
         return {name: images[self._idx] for name, images in self._all.cameras.items()}
 
 
 def check_header(header, n_bytes):
-    """Fails with the first field that does not fit."""
+    """Raise `FrameError` for the first invalid field of a header; `n_bytes` is the size of the message's pages."""
     if header.schema_hash != SCHEMA_HASH:
         raise FrameError(
-            f"the simulator speaks link schema {header.schema_hash:#018x}, this package speaks {SCHEMA_HASH:#018x}: "
-            "install the package that belongs to this hypogeum"
+            f"the simulator uses link schema {header.schema_hash:#018x}, this package uses {SCHEMA_HASH:#018x}; "
+            "install the package version that matches the hypogeum binary"
         )
 
-    def check(field, fits, expected):
-        if not fits:
+    def check(field, valid, expected):
+        if not valid:
             raise FrameError(f"header field `{field}` is {getattr(header, field)}, expected {expected}")
 
     check("morphology", header.morphology < len(MORPHOLOGIES), "0 or 1")
@@ -196,25 +207,25 @@ def check_header(header, n_bytes):
     check("block_pages", header.block_pages == block_pages, block_pages)
     expected = header.n_envs * block_pages * PAGE_BYTES
     if n_bytes != expected:
-        raise FrameError(f"message has {n_bytes} bytes, its header implies {expected}")
+        raise FrameError(f"the message has {n_bytes} bytes, but its header implies {expected}")
 
 
 def check_records(records, morphology):
-    """Fails with the first record that does not fit; returns the instructions."""
+    """Raise `FrameError` for the first invalid record; return the instructions."""
     limits = (
         ("state_dim", morphology.state_dim, morphology.state_dim),
         ("instruction_len", 0, INSTRUCTION_BYTES),
         ("execute", 1, MAX_HORIZON),
     )
-    for field, least, most in limits:
+    for field, low, high in limits:
         for env_idx, found in enumerate(records[field].tolist()):
-            if not least <= found <= most:
-                expected = f"{least} to {most}" if least < most else most
+            if not low <= found <= high:
+                expected = f"{low} to {high}" if low < high else high
                 raise FrameError(f"env {env_idx}: `{field}` is {found}, expected {expected}")
     instructions = []
     for env_idx, (text, length) in enumerate(zip(records["instruction"], records["instruction_len"].tolist())):
         try:
             instructions.append(text[:length].tobytes().decode())
         except UnicodeDecodeError:
-            raise FrameError(f"env {env_idx}: the instruction is not UTF-8") from None
+            raise FrameError(f"env {env_idx}: the instruction is not valid UTF-8") from None
     return instructions

@@ -1,20 +1,20 @@
-"""What the benchmark calls its cameras and the parts of its state vectors.
+"""Names of the benchmark's cameras and of the parts of its state vectors.
 
-Positions are in rad and m, poses are position then quaternion (w, x, y, z) in the world frame; the joints of two arms are
-interleaved.
+Joint positions are in rad, finger positions in m. A pose is a position in m followed by a quaternion (w, x, y, z), both
+in the world frame. With two arms, the joints of the arms are interleaved.
 """
 
 from .layout import MORPHOLOGIES
 
-# By morphology, in the order of the images in a message: external ones first.
+# Camera names by morphology, in the order of the images in a message: external, then hand.
 CAMERAS = {name: morphology.cameras for name, morphology in MORPHOLOGIES.items()}
 
-# By morphology, in the order of the state vector: (name, width).
+# (name, width) pairs by morphology, in the order of the state vector.
 STATE_PARTS = {name: morphology.state_parts for name, morphology in MORPHOLOGIES.items()}
 
 
 def state_slice(morphology, part):
-    """Where a part lies in the state vector."""
+    """Return the slice of the state vector that holds `part`."""
     start = 0
     for name, width in STATE_PARTS[morphology]:
         if name == part:

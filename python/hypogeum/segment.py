@@ -1,6 +1,7 @@
-"""A sender's shared memory, mapped once more and read-only, in a way that lives as long as any array made of it.
+"""Second, read-only mapping of a sender's shared memory, which stays valid while any array refers to it.
 
-iceoryx2 unmaps a sender's memory when that sender is gone; an array that somebody has kept would then end the process.
+iceoryx2 unmaps a sender's memory when the sender detaches. Reading an array that the policy has retained would then
+crash the process.
 """
 
 import mmap
@@ -8,19 +9,19 @@ import os
 
 import numpy as np
 
-# Linux's advice to map all pages at once; older kernels refuse it, which costs time only.
+# madvise(2) advice to map all pages at once. Linux before 5.14 rejects it, which only costs time.
 MADV_POPULATE_READ = 22
 
 
 class SegmentGone(Exception):
-    """The memory has no name any more: its sender has died and was cleaned up after."""
+    """The segment's file no longer exists: its sender has exited and has been cleaned up."""
 
 
 class Segment:
-    """The mapping of one sender."""
+    """Mapping of one sender's data segment."""
 
     def __init__(self, address, sender):
-        """Maps the segment of `sender`, in which this address of the process lies."""
+        """Map the segment of `sender` that contains `address`, an address in this process."""
         self.sender = sender
         start, _, offset, device, inode, path = mapping_of(address)
         try:
@@ -31,7 +32,7 @@ class Segment:
             status = os.fstat(file)
             found = (os.major(status.st_dev), os.minor(status.st_dev), status.st_ino)
             if found != (*device, inode):
-                raise SegmentGone(f"{path} is another file by now")
+                raise SegmentGone(f"{path} has been replaced by another file")
             self._memory = mmap.mmap(file, status.st_size, access=mmap.ACCESS_READ)
         finally:
             os.close(file)
@@ -42,12 +43,15 @@ class Segment:
             pass
 
     def bytes_at(self, address, n_bytes):
-        """`[n_bytes] u8` from an address on. Every call gives an array of its own, the base of all views of it."""
+        """Return the bytes at `address` as `[n_bytes] u8`.
+
+        Every call returns a new array, which is the base of all views derived from it.
+        """
         return np.frombuffer(self._memory, np.uint8, n_bytes, address - self._start + self._offset)
 
 
 def mapping_of(address):
-    """The line of this process's memory map in which an address lies."""
+    """Return the entry of `/proc/self/maps` that contains `address`: start, end, offset, device, inode, path."""
     with open("/proc/self/maps") as maps:
         for line in maps:
             span, _, offset, device, inode, *path = line.split(maxsplit=5)

@@ -2,5 +2,5 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-# The tests' own helpers, and the scripts beside the package.
+# Make the test helpers and the scripts next to the package importable.
 sys.path[:0] = [str(HERE), str(HERE.parent)]

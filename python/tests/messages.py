@@ -1,4 +1,4 @@
-"""Observation messages made by hand."""
+"""Synthetic observation messages."""
 
 import numpy as np
 
@@ -7,7 +7,10 @@ from hypogeum.layout import ENV_RECORD, MORPHOLOGIES, PAGE_BYTES, SCHEMA_HASH, O
 
 
 def message(n_envs=2, morphology="single", images=True, control_mode=0, records=()):
-    """Header and `[n_bytes] u8` of a message; `records` sets fields of one env's record after another."""
+    """Return the header and the pages, `[n_bytes] u8`, of a message.
+
+    `records[i]` overrides fields of the record of env `i`.
+    """
     code = list(MORPHOLOGIES).index(morphology)
     block_pages = MORPHOLOGIES[morphology].block_pages if images else 1
     header = ObservationHeader(SCHEMA_HASH, 7, 1, 0, n_envs, block_pages, code, control_mode, int(images))

@@ -1,4 +1,4 @@
-"""The converter of the benchmark's checkpoints: a tiny one, as training saves it, becomes a folder."""
+"""Conversion of a tiny checkpoint, saved as the benchmark's training saves it."""
 
 import argparse
 import json
@@ -18,19 +18,19 @@ from hypogeum import clip  # noqa: E402
 
 
 def tower(dtype=np.float32):
-    """A text tower of the least size, by canonical names."""
+    """Return the tensors of a minimal text tower by their canonical names."""
     shapes = clip.canonical_shapes(n_layers=1, width=64, dim=512)
     return {name: np.asarray(tensor_by_rule(name, shape)).astype(dtype) for name, shape in shapes.items()}
 
 
 def agent(morphology="single", encoder=None, wrapper=""):
-    """A network's tensors as the benchmark names them, with this encoder inside."""
+    """Return a network's tensors under the benchmark's names, including those of a language encoder."""
     torch.manual_seed(1)
     net = Act(TINY | ROBOTS[morphology] | dict(dec_layers=2, language=dict(dim=512)))
     state = {f"model.{name}": tensor for name, tensor in net.state_dict().items()}
-    inside = clip.to_openai(tower()) if encoder is None else encoder
-    inside = inside | {"visual.conv1.weight": np.zeros((2, 3, 4, 4), np.float32), "logit_scale": np.float32(1)}
-    return state | {f"model.lang_encoder.{wrapper}{name}": torch.from_numpy(np.array(x)) for name, x in inside.items()}
+    encoder = clip.to_openai(tower()) if encoder is None else encoder
+    encoder = encoder | {"visual.conv1.weight": np.zeros((2, 3, 4, 4), np.float32), "logit_scale": np.float32(1)}
+    return state | {f"model.lang_encoder.{wrapper}{name}": torch.from_numpy(np.array(x)) for name, x in encoder.items()}
 
 
 def save(path, **contents):
@@ -45,7 +45,7 @@ def statistics(state_dim, action_dim):
     )
 
 
-def test_everything_is_read_off_the_tensors(tmp_path):
+def test_configuration_is_inferred_from_tensors(tmp_path):
     raw, averaged = agent(), agent()
     averaged["model.action_head.bias"] = torch.full((7,), 2.0)
     config = convert(save(tmp_path / "a.pt", agent=raw, ema_agent=averaged), tmp_path / "out", nheads=4)
@@ -62,7 +62,7 @@ def test_everything_is_read_off_the_tensors(tmp_path):
     assert not (load_file(tmp_path / "raw/model.safetensors")["action_head.bias"] == 2).any()
 
 
-def test_statistics_of_numpy_and_torch_are_kept(tmp_path):
+def test_statistics_are_converted_from_numpy_and_torch(tmp_path):
     path = save(tmp_path / "a.pt", norm_stats=statistics(64, 16), ema_agent=agent("bimanual"))
     config = convert(path, tmp_path / "out")
     assert (config["morphology"], config["control_mode"], config["n_cameras"]) == ("bimanual", "pd_joint_pos", 4)
@@ -74,7 +74,7 @@ def test_statistics_of_numpy_and_torch_are_kept(tmp_path):
 
 @pytest.mark.parametrize("wrapper", ["", "clip.", "model."])
 @pytest.mark.parametrize("naming", [dict, clip.to_openai])
-def test_clip_is_found_in_any_wrapper_and_naming(tmp_path, wrapper, naming):
+def test_clip_is_found_in_any_wrapper_and_form(tmp_path, wrapper, naming):
     half = tower(np.float16)
     path = save(tmp_path / "a.pt", ema_agent=agent(encoder=naming(half), wrapper=wrapper))
     config = convert(path, tmp_path / "out")
@@ -83,22 +83,22 @@ def test_clip_is_found_in_any_wrapper_and_naming(tmp_path, wrapper, naming):
     assert set(stored) == set(naming(half)) and stored[next(iter(stored))].dtype == np.float16
 
 
-def test_what_is_no_checkpoint_is_said(tmp_path):
-    def refused(match, **contents):
+def test_invalid_checkpoints_are_rejected(tmp_path):
+    def assert_rejected(match, **contents):
         with pytest.raises(ConversionError, match=match):
             convert(save(tmp_path / "a.pt", **contents), tmp_path / "out")
 
     torch.save({"state_dict": {}}, tmp_path / "other.pt")
-    with pytest.raises(ConversionError, match="it holds state_dict; expected `ema_agent`"):
+    with pytest.raises(ConversionError, match="it contains state_dict; expected `ema_agent`"):
         convert(tmp_path / "other.pt", tmp_path / "out")
     (tmp_path / "text.pt").write_text("not a checkpoint")
-    with pytest.raises(ConversionError, match="it holds more than data, or is no checkpoint"):
+    with pytest.raises(ConversionError, match="it contains more than data, or is not a checkpoint"):
         convert(tmp_path / "text.pt", tmp_path / "out")
-    refused("more than data.*argparse.Namespace", agent=argparse.Namespace())
-    refused("hold policy.x; expected tensors named `model...", ema_agent={"policy.x": torch.zeros(1)})
-    refused("`model.input_proj_robot_state.weight` is missing", ema_agent={"model.x": torch.zeros(1)})
-    refused("`norm_stats` holds mean; expected state_mean", norm_stats=dict(mean=0), ema_agent=agent())
-    refused("no `model.lang_encoder.`", ema_agent={k: v for k, v in agent().items() if "lang_encoder" not in k})
+    assert_rejected("more than data.*argparse.Namespace", agent=argparse.Namespace())
+    assert_rejected("contain policy.x; expected tensors named `model...", ema_agent={"policy.x": torch.zeros(1)})
+    assert_rejected("`model.input_proj_robot_state.weight` is missing", ema_agent={"model.x": torch.zeros(1)})
+    assert_rejected("`norm_stats` contains mean; expected state_mean", norm_stats=dict(mean=0), ema_agent=agent())
+    assert_rejected("no `model.lang_encoder.`", ema_agent={k: v for k, v in agent().items() if "lang_encoder" not in k})
     broken = {k: v for k, v in clip.to_openai(tower()).items() if k != "ln_final.bias"}
-    refused("text tower lacks 'ln_final.bias'", ema_agent=agent(encoder=broken))
+    assert_rejected("text tower lacks 'ln_final.bias'", ema_agent=agent(encoder=broken))
     assert not (tmp_path / "out").exists()

@@ -1,4 +1,7 @@
-"""Datasets that `hypogeum demos` writes, as LeRobot reads them: set HYPOGEUM to the binary, and install lerobot[dataset]."""
+"""LeRobot's reading of datasets written by `hypogeum demos`.
+
+Set HYPOGEUM to the binary, and install lerobot[dataset].
+"""
 
 import os
 import subprocess
@@ -7,7 +10,7 @@ import numpy as np
 import pytest
 
 HYPOGEUM = os.environ.get("HYPOGEUM")
-pytestmark = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM does not name the binary")
+pytestmark = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM is not set to the binary")
 lerobot_dataset = pytest.importorskip("lerobot.datasets.lerobot_dataset", exc_type=ImportError)
 
 LIMIT_S = 120
@@ -23,7 +26,7 @@ def demos(tmp_path_factory):
 
 
 @pytest.mark.parametrize("morphology, tasks, state_dim, action_dim, n_cameras", CASES)
-def test_lerobot_reads_it_and_finds_the_same_statistics(demos, morphology, tasks, state_dim, action_dim, n_cameras):
+def test_lerobot_reads_dataset_with_equal_statistics(demos, morphology, tasks, state_dim, action_dim, n_cameras):
     from lerobot.datasets.compute_stats import aggregate_stats, compute_episode_stats
 
     dataset = lerobot_dataset.LeRobotDataset(f"hypogeum/{morphology}", root=demos / morphology)
@@ -44,19 +47,18 @@ def test_lerobot_reads_it_and_finds_the_same_statistics(demos, morphology, tasks
 
     episodes = []
     for episode in dataset.meta.episodes:
-        own = frames[episode["dataset_from_index"] : episode["dataset_to_index"]]
-        assert len(own) == episode["length"] and {int(frame["episode_index"]) for frame in own} == {
-            episode["episode_index"]
-        }
+        episode_frames = frames[episode["dataset_from_index"] : episode["dataset_to_index"]]
+        assert len(episode_frames) == episode["length"]
+        assert {int(frame["episode_index"]) for frame in episode_frames} == {episode["episode_index"]}
         names = ("observation.state", "action")
-        numbers = {name: np.stack([frame[name].numpy() for frame in own]) for name in names}
+        numbers = {name: np.stack([frame[name].numpy() for frame in episode_frames]) for name in names}
         episodes.append(compute_episode_stats(numbers, {name: dataset.features[name] for name in names}))
     for name, theirs in aggregate_stats(episodes).items():
         ours = dataset.meta.stats[name]
         numbers = np.stack([frame[name].numpy() for frame in frames]).astype(np.float64)
         np.testing.assert_allclose(ours["mean"], numbers.mean(0), rtol=0, atol=1e-9, err_msg=name)
         np.testing.assert_allclose(ours["std"], numbers.std(0), rtol=0, atol=1e-9, err_msg=name)
-        # Their quantiles are read off histograms, and their deviations are the roots of differences of large numbers.
+        # LeRobot derives quantiles from histograms, and deviations from differences of large numbers.
         for statistic, tolerance in {"min": 0, "max": 0, "mean": 1e-5, "std": 1e-3, "count": 0}.items():
             np.testing.assert_allclose(ours[statistic], theirs[statistic], rtol=1e-4, atol=tolerance, err_msg=name)
     for camera in cameras:

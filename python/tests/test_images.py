@@ -1,4 +1,4 @@
-"""Resizing, and the language encoder."""
+"""Image resizing and the hashed language encoder."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hypogeum.language import hashed_embedding
 torch = pytest.importorskip("torch")
 
 
-def test_an_image_of_the_right_size_is_only_scaled():
+def test_image_of_target_size_is_only_scaled():
     from hypogeum.images import to_network
 
     images = np.random.default_rng(0).integers(0, 256, (2, 8, 8, 3), np.uint8)
@@ -17,7 +17,7 @@ def test_an_image_of_the_right_size_is_only_scaled():
     assert (found.numpy().transpose(0, 2, 3, 1) == images.astype(np.float32) / np.float32(255)).all()
 
 
-def test_a_resized_image_holds_integers_with_halves_rounded_up():
+def test_resized_image_is_rounded_with_halves_up():
     from hypogeum.images import to_network
 
     images = np.zeros((1, 2, 4, 3), np.uint8)
@@ -31,7 +31,7 @@ def test_a_resized_image_holds_integers_with_halves_rounded_up():
         assert to_network(halves, 1, 1)[0, 0, 0, 0] * 255 == up
 
 
-def test_embeddings_have_length_one_and_know_shared_words():
+def test_embedding_has_unit_norm_and_reflects_shared_words():
     embed = lambda text: hashed_embedding(text, 512)  # noqa: E731
     assert abs(np.linalg.norm(embed("pick up the cube and raise it")) - 1) < 0.2
     assert (embed("Raise the cube!") == embed("raise  the cube")).all()

@@ -1,4 +1,4 @@
-"""Checkpoints that can be fed are; of others, both sides are listed."""
+"""Mapping of checkpoint features, and its error messages."""
 
 import json
 
@@ -14,7 +14,7 @@ def features(**others):
     return {f"observation.{name}": feature for name, feature in given.items() if feature is not None}
 
 
-def test_names_and_widths_decide():
+def test_mapping_follows_names_and_widths():
     found = make_mapping(features(), 7, {})
     assert (found.morphology, found.control_mode) == ("single", "pd_ee_delta_pose")
     assert found.images["observation.images.external1"] == ("external1_camera", 224, 224)
@@ -31,13 +31,13 @@ def test_names_and_widths_decide():
         (14, 36, [slice(0, 18), slice(18, 36)]),
     ],
 )
-def test_shorter_states_are_positions_then_velocities(action_dim, width, slices):
+def test_narrow_state_maps_to_qpos_then_qvel(action_dim, width, slices):
     found = make_mapping({"observation.state": Feature("STATE", (width,))}, action_dim, {})
     assert found.states["observation.state"] == slices
     assert found.control_mode == ("pd_joint_pos" if action_dim in (8, 16) else "pd_ee_delta_pose")
 
 
-def test_what_is_said_goes_before():
+def test_settings_take_precedence():
     settings = {
         "control_mode": "pd_ee_pose",
         "mapping": {
@@ -57,7 +57,7 @@ def test_what_is_said_goes_before():
     assert "observation.images.empty_camera_0" not in found.images
 
 
-def test_short_names_of_cameras_and_parts_will_do_and_an_env_feature_is_the_language():
+def test_short_names_and_env_feature_are_mapped():
     given = features(state=Feature("STATE", (9,)), environment_state=Feature("ENV", (64,)))
     settings = {
         "mapping": {"observation.images.external1": "external2", "observation.state": "qpos"},
@@ -71,45 +71,45 @@ def test_short_names_of_cameras_and_parts_will_do_and_an_env_feature_is_the_lang
         make_mapping(given, 7, {"mapping": {"observation.environment_state": ["qpos"]}})
 
 
-def test_what_does_not_fit_is_listed_with_both_sides():
+def test_error_lists_problems_and_available_sources():
     given = {
         **features(state=Feature("STATE", (14,)), environment_state=Feature("ENV", (64,))),
         "observation.images.top": EXTERNAL,
     }
-    with pytest.raises(MappingError) as refused:
+    with pytest.raises(MappingError) as error:
         make_mapping(given, 7, {"mapping": {"observation.images.left": "external1_camera"}})
     for words in (
-        "observation.images.left: hypogeum.json maps it, the checkpoint does not have it",
-        "observation.images.top: no camera is called 'top' or 'top_camera'",
+        "observation.images.left: hypogeum.json maps it, but the checkpoint has no such feature",
+        "observation.images.top: there is no camera 'top' or 'top_camera'",
         "observation.images.top VISUAL [3, 224, 224]",
-        "observation.state: map it to a list of state parts that have 14 numbers (the whole state has 25)",
+        "observation.state: map it to a list of state parts of total width 14 (the whole state has 25)",
         """observation.environment_state: "language" needs {"language": {"encoder": "hashed", "dim": 64}}""",
         "external1_camera, external2_camera, hand_camera",
         "qpos 9, qvel 9, tcp_pose 7",
     ):
-        assert words in str(refused.value)
+        assert words in str(error.value)
 
 
 @pytest.mark.parametrize(
     "action_dim, settings, words",
     [
-        (6, {}, "6 numbers and `morphology` is None"),
+        (6, {}, "width 6 and `morphology` is None"),
         (7, {"morphology": "bimanual"}, "control mode 'pd_ee_delta_pose' of a bimanual robot"),
         (8, {"control_mode": "pd_ee_pose"}, "control mode 'pd_ee_pose' of a single robot"),
         (7, {"mapping": {"observation.state": ["qpos", "ee1_pose"]}}, "has no part 'ee1_pose'"),
-        (7, {"mapping": {"observation.state": ["qpos"]}}, "qpos have 9 numbers, it has 25"),
-        (7, {"mapping": {"observation.images.external1": "front"}}, "no camera is called 'front'"),
+        (7, {"mapping": {"observation.state": ["qpos"]}}, "qpos has width 9, the feature has 25"),
+        (7, {"mapping": {"observation.images.external1": "front"}}, "there is no camera 'front'"),
         (7, {"mapping": {"observation.state": "language"}}, "has no part 'language'"),
-        (7, {"mapping": {"observation.state": "qpos"}}, "qpos have 9 numbers, it has 25"),
+        (7, {"mapping": {"observation.state": "qpos"}}, "qpos has width 9, the feature has 25"),
     ],
 )
-def test_settings_that_do_not_fit_are_named(action_dim, settings, words):
-    with pytest.raises(MappingError) as refused:
+def test_inconsistent_settings_are_rejected(action_dim, settings, words):
+    with pytest.raises(MappingError) as error:
         make_mapping(features(), action_dim, settings)
-    assert words in str(refused.value)
+    assert words in str(error.value)
 
 
-def test_the_file_is_optional_and_its_keys_are_known(tmp_path):
+def test_settings_file_is_optional_and_rejects_unknown_keys(tmp_path):
     assert read_settings(tmp_path) == {}
     (tmp_path / "hypogeum.json").write_text(json.dumps({"morphology": "single"}))
     assert read_settings(tmp_path) == {"morphology": "single"}

@@ -1,4 +1,4 @@
-"""Observations are views of the message, and a message is believed only as far as it fits."""
+"""Observations as views of a message, and validation of messages and answers."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hypogeum import AnswerError, FrameError, Observation
 from hypogeum.host import as_chunks
 
 
-def test_every_array_lies_in_the_message():
+def test_arrays_share_memory_with_the_message():
     for morphology, hands in (("single", 1), ("bimanual", 2)):
         header, pages = message(n_envs=3, morphology=morphology)
         found = Observation(header, pages)
@@ -20,12 +20,12 @@ def test_every_array_lies_in_the_message():
         assert found.instructions == ["lift"] * 3 and [env.slot for env in found] == [0, 1, 2]
 
 
-def test_images_are_not_where_the_run_draws_none():
+def test_images_are_none_when_not_rendered():
     found = observation(images=False)
     assert found.external is None and found.hand is None and found.cameras == {} and found[0].external is None
 
 
-def test_torch_sees_the_same_memory():
+def test_torch_tensors_share_memory():
     pytest.importorskip("torch")
     found = observation()
     for name, tensor in found.torch().items():
@@ -45,29 +45,29 @@ def test_torch_sees_the_same_memory():
         ("block_pages", 99, ("block_pages", "87")),
     ],
 )
-def test_a_header_that_does_not_fit_is_named(field, value, words):
+def test_invalid_header_field_is_named(field, value, words):
     header, pages = message()
     setattr(header, field, value)
-    with pytest.raises(FrameError) as refused:
+    with pytest.raises(FrameError) as error:
         Observation(header, pages)
-    assert all(word in str(refused.value) for word in words)
+    assert all(word in str(error.value) for word in words)
 
 
-UNFIT = [("state_dim", 24), ("instruction_len", 1025), ("execute", 0), ("execute", 64)]
+INVALID_FIELDS = [("state_dim", 24), ("instruction_len", 1025), ("execute", 0), ("execute", 64)]
 
 
-@pytest.mark.parametrize("field, value", UNFIT)
-def test_a_record_that_does_not_fit_is_named(field, value):
+@pytest.mark.parametrize("field, value", INVALID_FIELDS)
+def test_invalid_record_field_is_named(field, value):
     with pytest.raises(FrameError, match=f"env 1: `{field}` is {value}"):
         observation(records=({}, {field: value}))
 
 
-def test_an_instruction_is_text():
-    with pytest.raises(FrameError, match="env 0: the instruction is not UTF-8"):
+def test_invalid_utf8_instruction_is_rejected():
+    with pytest.raises(FrameError, match="env 0: the instruction is not valid UTF-8"):
         observation(records=({"instruction": np.full(1024, 0xFF)},))
 
 
-def test_answers_of_any_float_type_become_rows():
+def test_chunks_of_any_float_dtype_are_converted():
     found = observation()
     for dtype in (np.float16, np.float32, np.float64):
         chunks = as_chunks(np.ones((2, 30, 7), dtype), found)
@@ -78,7 +78,7 @@ def test_answers_of_any_float_type_become_rows():
     assert as_chunks(torch.ones(2, 4, 7, dtype=torch.bfloat16), found)[1].shape == (4, 7)
 
 
-def test_rows_that_no_block_holds_are_cut_to_those_that_are_executed():
+def test_oversized_chunk_is_truncated_to_executed_rows():
     assert [len(chunk) for chunk in as_chunks(np.ones((2, 64, 7)), observation())] == [30, 30]
 
 
@@ -99,6 +99,6 @@ def test_rows_that_no_block_holds_are_cut_to_those_that_are_executed():
         {"actions": np.ones((2, 30, 7))},
     ],
 )
-def test_what_is_no_answer_is_refused(answer):
+def test_invalid_answer_is_rejected(answer):
     with pytest.raises(AnswerError, match="the policy function returned"):
         as_chunks(answer, observation())

@@ -1,4 +1,4 @@
-"""Against a real run: set HYPOGEUM to the `hypogeum` binary."""
+"""Serving of real runs. Set HYPOGEUM to the `hypogeum` binary."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 HYPOGEUM = os.environ.get("HYPOGEUM")
-pytestmark = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM does not name the binary")
+pytestmark = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM is not set to the binary")
 
 # A run of a few episodes takes a second or two.
 LIMIT_S = 30
@@ -32,7 +32,7 @@ print(hypogeum.serve(fn, "mine", timeout_s=30, on_error={on_error!r}))
 
 
 class Run:
-    """A run with one attached policy, in a folder of its own; short, because paths of sockets are."""
+    """A run with one external policy, in a temporary folder whose path is short enough for sockets."""
 
     def __init__(self, episodes=3):
         self.dir = Path(tempfile.mkdtemp(prefix="hyp"))
@@ -51,21 +51,21 @@ class Run:
         return self.start([sys.executable, "-c", HOST.format(body=body, on_error=on_error)])
 
     def sim(self):
-        """The process of the simulator, once there is one."""
+        """Wait for the simulator to start and return its process id."""
         for _ in range(100):
             found = subprocess.run(["pgrep", "-P", str(self.process.pid)], capture_output=True, text=True, check=False)
             if found.stdout.strip():
                 return int(found.stdout.split()[0])
             time.sleep(0.05)
-        raise AssertionError("the run started no simulator")
+        raise AssertionError("the run has not started a simulator")
 
     def errors(self):
-        """The error of every episode in the results."""
+        """Return the error of every episode in the results."""
         with sqlite3.connect(self.dir / "r.db") as results:
             return [error for (error,) in results.execute("select error from episodes order by episode")]
 
     def prefixes(self):
-        """Names that this run's shared memory begins with."""
+        """Return the prefixes of this run's shared memory segments."""
         return [f"hyp_{os.getuid()}_{run.name}_" for run in (self.dir / "hypogeum").glob("*")]
 
     def close(self):
@@ -80,19 +80,19 @@ def run():
     before = set(os.listdir("/dev/shm"))
     run = Run()
     yield run
-    left = run.prefixes()
+    leftover = run.prefixes()
     run.close()
-    assert left == [], "the run's folder is left behind"
-    assert not [name for name in set(os.listdir("/dev/shm")) - before if name.startswith(tuple(left or ["\0"]))]
+    assert leftover == [], "the run's folder was not removed"
+    assert not [name for name in set(os.listdir("/dev/shm")) - before if name.startswith(tuple(leftover or ["\0"]))]
 
 
 def finish(child):
-    """Exit code, standard output, standard error."""
+    """Wait for a process and return its exit code, standard output and standard error."""
     out, err = child.communicate(timeout=LIMIT_S)
     return child.returncode, out, err
 
 
-def test_every_episode_is_played(run):
+def test_every_episode_is_completed(run):
     host = run.host()
     code, _, err = finish(run.process)
     assert code == 0, err
@@ -109,7 +109,7 @@ def test_every_episode_is_played(run):
         ("chunk[:, 3, 2] = np.nan", ""),
     ],
 )
-def test_what_cannot_be_answered_is_an_errored_episode(run, body, words):
+def test_invalid_answer_ends_episodes_with_error(run, body, words):
     host = run.host(body)
     code, _, err = finish(run.process)
     assert code == 1, err
@@ -118,7 +118,7 @@ def test_what_cannot_be_answered_is_an_errored_episode(run, body, words):
     assert code == 0 and words in err
 
 
-def test_a_host_that_is_killed_can_be_replaced(run):
+def test_killed_host_can_be_replaced(run):
     first = run.host("if calls == 2: os.kill(os.getpid(), signal.SIGKILL)")
     assert finish(first)[0] == -signal.SIGKILL
     second = run.host()
@@ -126,11 +126,11 @@ def test_a_host_that_is_killed_can_be_replaced(run):
     assert finish(second)[0] == 0
 
 
-def test_a_host_that_raises_leaves_the_lane_to_another(run):
+def test_lane_is_free_after_host_raises(run):
     first = run.host("if calls == 2: raise KeyError('camera')", on_error="raise")
     code, _, err = finish(first)
     assert code == 1 and "KeyError: 'camera'" in err
-    # What the first was asked last ends with an error; whatever is left, if anything, is for the second.
+    # The episodes of the first host's last message end with an error; the second host serves any others.
     run.host()
     assert finish(run.process)[0] == 1
     errors = run.errors()
@@ -138,7 +138,7 @@ def test_a_host_that_raises_leaves_the_lane_to_another(run):
     assert all(error is None or "could not answer" in error for error in errors), errors
 
 
-def test_a_sim_that_dies_finds_its_host_again(run):
+def test_restarted_sim_reconnects_to_its_host(run):
     host = run.host("time.sleep(0.3)")
     time.sleep(1.5)
     os.kill(run.sim(), signal.SIGKILL)
@@ -148,7 +148,7 @@ def test_a_sim_that_dies_finds_its_host_again(run):
     assert finish(host)[0] == 0
 
 
-def test_an_interrupted_host_leaves_at_once(run):
+def test_interrupted_host_detaches_at_once(run):
     host = run.host("time.sleep(10)")
     time.sleep(1.5)
     host.send_signal(signal.SIGINT)
@@ -158,7 +158,7 @@ def test_an_interrupted_host_leaves_at_once(run):
     assert finish(run.process)[0] == 0 and finish(second)[0] == 0
 
 
-def test_a_kept_array_is_told_and_ends_nothing(run):
+def test_retained_array_is_reported_and_harmless(run):
     host = run.host("global kept; kept = globals().get('kept', []) + [observation.external]; assert kept[0].max() > 0")
     assert finish(run.process)[0] == 0
     code, out, err = finish(host)

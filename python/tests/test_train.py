@@ -1,4 +1,4 @@
-"""Training as the README tells it: set HYPOGEUM to the binary, and install lerobot[dataset]."""
+"""Training as the README describes it. Set HYPOGEUM to the binary, and install lerobot[dataset]."""
 
 import json
 import os
@@ -14,7 +14,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 HYPOGEUM = os.environ.get("HYPOGEUM")
-pytestmark = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM does not name the binary")
+pytestmark = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM is not set to the binary")
 pytest.importorskip("lerobot.policies.act.modeling_act", exc_type=ImportError)
 from hypogeum.lerobot import LeRobotPolicy  # noqa: E402
 
@@ -31,8 +31,8 @@ def demos(tmp_path_factory):
     return folder / "single"
 
 
-def command(demos, output, *more):
-    return [sys.executable, SCRIPT, demos, "-o", output, *SMALL, *more]
+def command(demos, output, *options):
+    return [sys.executable, SCRIPT, demos, "-o", output, *SMALL, *options]
 
 
 def log(output):
@@ -40,27 +40,27 @@ def log(output):
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-def test_it_learns_goes_on_after_an_interruption_and_can_be_evaluated(demos, tmp_path):
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    evaluated = command(demos, whole, "--tasks", "RaiseCube", "--evaluate", HYPOGEUM, "--episodes", "1")
+def test_training_learns_and_resumes_after_interruption(demos, tmp_path):
+    uninterrupted, resumed = tmp_path / "uninterrupted", tmp_path / "resumed"
+    evaluated = command(demos, uninterrupted, "--tasks", "RaiseCube", "--evaluate", HYPOGEUM, "--episodes", "1")
     subprocess.run([*evaluated, "--save-every", "20"], check=True, timeout=LIMIT_S)
-    rows = log(whole)
+    rows = log(uninterrupted)
     assert [row["step"] for row in rows] == [20, 40] and rows[-1]["loss"] < 0.9 * rows[0]["loss"]
     assert all(list(row["success_once"]) == ["RaiseCube"] for row in rows)
 
-    child = subprocess.Popen(command(demos, broken, "--tasks", "RaiseCube"))
+    child = subprocess.Popen(command(demos, resumed, "--tasks", "RaiseCube"))
     deadline = time.monotonic() + LIMIT_S
-    while not (broken / "training/state.pt").exists() and child.poll() is None and time.monotonic() < deadline:
+    while not (resumed / "training/state.pt").exists() and child.poll() is None and time.monotonic() < deadline:
         time.sleep(0.05)
     child.send_signal(signal.SIGINT)
     child.wait(timeout=LIMIT_S)
-    assert len(log(broken)) < 8, "it was over before it could be interrupted"
-    subprocess.run(command(demos, broken, "--tasks", "RaiseCube"), check=True, timeout=LIMIT_S)
+    assert len(log(resumed)) < 8, "training ended before it could be interrupted"
+    subprocess.run(command(demos, resumed, "--tasks", "RaiseCube"), check=True, timeout=LIMIT_S)
     weights = "model.safetensors"
-    assert (whole / weights).read_bytes() == (broken / weights).read_bytes()
+    assert (uninterrupted / weights).read_bytes() == (resumed / weights).read_bytes()
 
-    # A ResNet of a width that LeRobot does not know is loaded all the same.
-    policy = LeRobotPolicy(whole)
+    # A ResNet of a width that LeRobot does not support itself can be loaded.
+    policy = LeRobotPolicy(uninterrupted)
     inputs = policy.policy.config.input_features
     batch = {name: torch.zeros(1, *feature.shape) for name, feature in inputs.items()}
     chunk = policy.infer(batch | {"task": [""]})
@@ -68,23 +68,23 @@ def test_it_learns_goes_on_after_an_interruption_and_can_be_evaluated(demos, tmp
 
 
 @pytest.mark.parametrize(
-    "more, words",
+    "options, words",
     [
         (["--tasks", "RaiseCube,StackCube"], ["has no episodes of StackCube"]),
         (["--dim", "64"], ["was made with dim 32, not 64"]),
-        (["--tasks", "OpenDrawer"], ["was made of another dataset or other tasks"]),
+        (["--tasks", "OpenDrawer"], ["was made from another dataset or other tasks"]),
     ],
 )
-def test_what_does_not_fit_is_refused(demos, tmp_path_factory, more, words):
-    output = tmp_path_factory.getbasetemp() / "refusing"
+def test_conflicting_options_are_rejected(demos, tmp_path_factory, options, words):
+    output = tmp_path_factory.getbasetemp() / "conflicting"
     short = ["--steps", "1", "--save-every", "1"]
     if not output.exists():
         subprocess.run(command(demos, output, *short), check=True, timeout=LIMIT_S)
-    done = subprocess.run(command(demos, output, *short, *more), capture_output=True, text=True, timeout=LIMIT_S)
+    done = subprocess.run(command(demos, output, *short, *options), capture_output=True, text=True, timeout=LIMIT_S)
     assert done.returncode == 1 and all(word in done.stderr for word in words), done.stderr
 
 
-def test_a_folder_without_demonstrations_is_named(tmp_path):
+def test_missing_dataset_is_named(tmp_path):
     nowhere = command(tmp_path / "nowhere", tmp_path / "out")
     done = subprocess.run(nowhere, capture_output=True, text=True, timeout=LIMIT_S)
     assert done.returncode == 1 and "nowhere has no meta/hypogeum.jsonl" in done.stderr
