@@ -1,4 +1,4 @@
-//! Putting observations into a loan: records, and images drawn straight into place.
+//! Writes a batch of observations into a loaned message: one record per env, and images rendered in place.
 
 use cpu_time::ProcessTime;
 use ipc_types::Morphology;
@@ -8,29 +8,30 @@ use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
 use super::slots::Slots;
 use crate::render::{RenderError, Renderer, View};
 
-/// What drawing a batch cost.
+/// The cost of rendering one batch.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Drawn {
-    /// Images drawn.
+pub(super) struct RenderCost {
+    /// Number of images rendered.
     pub(super) images: u64,
-    /// Core-seconds it took.
+    /// Core-seconds spent rendering.
     pub(super) core_s: f64,
 }
 
-/// Fills batches; keeps its memory from one to the next.
+/// Fills batches. It keeps its allocations from one batch to the next.
 pub(super) struct BatchWriter {
     renderer: Box<dyn Renderer>,
     views: Vec<View<'static>>,
 }
 
 impl BatchWriter {
-    /// A writer for batches of up to `max_envs` envs.
+    /// Creates a writer for batches of up to `max_envs` envs.
     pub(super) fn new(renderer: Box<dyn Renderer>, max_envs: usize) -> Self {
         let max_cameras = Morphology::Bimanual.n_external_cameras() + Morphology::Bimanual.n_hand_cameras();
         Self { renderer, views: Vec::with_capacity(max_envs * max_cameras) }
     }
 
-    /// Writes one block per slot of `batch` into `pages`.
+    /// Writes one block per slot of `batch` into `pages`. Each slot must hold an episode of `morphology`
+    /// whose next query is due.
     ///
     /// # Errors
     /// If the renderer fails.
@@ -41,7 +42,7 @@ impl BatchWriter {
         execute: u32,
         morphology: Morphology,
         pages: &mut [Page],
-    ) -> Result<Drawn, RenderError> {
+    ) -> Result<RenderCost, RenderError> {
         for slot in batch {
             slots.episode_mut(*slot).expect("a ready slot runs an episode").take_snapshot();
         }
@@ -74,11 +75,11 @@ impl BatchWriter {
             let episode = slots.episode_mut(*slot).expect("a ready slot runs an episode");
             episode.add_render_time(core_s / batch.len() as f64);
         }
-        Ok(Drawn { images: images as u64, core_s })
+        Ok(RenderCost { images: images as u64, core_s })
     }
 }
 
-/// The same memory, emptied, for views of another lifetime.
+/// Clears `views` and returns its allocation for views of another lifetime.
 fn recycle<'a>(mut views: Vec<View<'_>>) -> Vec<View<'a>> {
     views.clear();
     views.into_iter().map(|_| unreachable!("the vector was cleared")).collect()

@@ -1,22 +1,25 @@
-//! One episode in progress: a world, who acts in it, and what has come of it so far.
+//! One episode in progress: its world, the source of its actions, and its results so far.
 
 use std::time::Instant;
 
 use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
 use ipc_types::run_config::ResultOptions;
-use ipc_types::{ActionBlock, ControlMode, EnvRecord, Morphology, RunConfig};
+use ipc_types::{ActionBlock, ControlMode, EnvRecord, FrameError, Morphology, RunConfig, error_chain};
+use thiserror::Error;
 
+use super::lane::AnswerError;
 use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
 use crate::expert::{self, Expert, write_hold_action};
 use crate::fingerprint::Fingerprint;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
 use crate::render::RenderScene;
-use crate::scene::Snapshot;
+use crate::scene::{Scene, Snapshot};
 use crate::stream;
 use crate::task::Task;
 
-/// Returns the control mode in which `driver` controls this morphology. The expert always uses absolute joint positions.
+/// Returns the control mode in which `driver` controls this morphology. The expert always uses absolute joint
+/// positions.
 pub(super) fn control_mode(options: &ResultOptions, morphology: Morphology, driver: Driver) -> ControlMode {
     match driver {
         Driver::Lane(_) => morphology.control_mode(options.control_mode),
@@ -24,56 +27,70 @@ pub(super) fn control_mode(options: &ResultOptions, morphology: Morphology, driv
     }
 }
 
-/// Who decides the next action row.
-enum Actor {
-    /// Rows answered by a policy, of which the first `next` are executed.
+/// The source of an episode's action rows.
+enum ActionSource {
+    /// The latest action chunk of a policy, `[n_rows, action_dim]` with `next` as the index of the next row
+    /// to execute.
     Chunk { rows: Box<[f32; MAX_HORIZON * MAX_ACTION_DIM]>, n_rows: usize, next: usize },
-    /// The scripted expert; `None` if it found no plan and so holds still.
+    /// The scripted expert; `None` if it found no plan, in which case the robot holds its pose.
     Expert(Option<Box<Expert>>),
 }
 
-/// What an episode waits for.
+/// The state of an episode between two control steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Status {
-    /// Its next observation is due.
+    /// The next query is due.
     Ready,
-    /// Its observation is out.
+    /// A query is in flight.
     Queried,
-    /// It has action rows to execute.
+    /// There are action rows to execute.
     Acting,
-    /// It is over.
+    /// The episode has finished or failed.
     Done,
 }
 
+/// Errors that end an episode before its last step. They are reported apart from task failures.
+#[derive(Debug, Error)]
+pub(super) enum EpisodeError {
+    #[error("the physics state is not finite after step {step}")]
+    NonFiniteState { step: u32 },
+    #[error("the policy host could not answer; see its log")]
+    HostFailed,
+    #[error("the policy sent an invalid action")]
+    NonFiniteAction(#[source] FrameError),
+}
+
 /// An episode in progress.
-pub(super) struct Episode {
+pub(super) struct RunningEpisode {
     pub(super) assignment: Assignment,
     task: &'static Task,
     action_dim: usize,
     instruction: String,
     world: World,
-    actor: Actor,
+    action_source: ActionSource,
     success: Vec<Predicate>,
-    /// For the renderer; absent when nobody looks.
+    /// The scene prepared for rendering; `None` if the policy uses no images.
     pub(super) view: Option<RenderScene>,
     pub(super) snapshot: Snapshot,
     steps: u32,
     queries: u32,
     queried_at: Option<Instant>,
     first_success_step: Option<u32>,
+    /// First predicate that does not hold in the current state.
     unmet: Option<Predicate>,
     fingerprint: Fingerprint,
-    /// Bit patterns of the executed rows, if they are kept.
+    /// Bit patterns of the executed rows, if they are recorded.
     actions: Option<Vec<u32>>,
     ledger: EpisodeLedger,
-    born: Instant,
-    error: Option<String>,
+    created: Instant,
+    error: Option<EpisodeError>,
 }
 
-impl Episode {
-    /// Draws and builds the episode's world; with `images` also what the renderer needs.
+impl RunningEpisode {
+    /// Samples the episode's scene and builds its world. With `images`, the scene is also prepared for
+    /// rendering.
     pub(super) fn new(assignment: Assignment, run: &RunConfig, images: bool) -> Self {
-        let born = Instant::now();
+        let created = Instant::now();
         let task = assignment.task.task();
         let options = &run.results;
         let spec = assignment.perturbation.spec(task, options.profile, options.strength);
@@ -81,11 +98,13 @@ impl Episode {
         let mode = control_mode(options, task.morphology, assignment.driver);
         let action_dim = mode.action_dim(task.morphology);
         let world = World::build(&scene, mode);
-        let actor = match assignment.driver {
-            Driver::Lane(_) => {
-                Actor::Chunk { rows: Box::new([0.0; MAX_HORIZON * MAX_ACTION_DIM]), n_rows: 0, next: 0 }
-            }
-            Driver::Expert => Actor::Expert(plan(&assignment, &scene)),
+        let action_source = match assignment.driver {
+            Driver::Lane(_) => ActionSource::Chunk {
+                rows: Box::new([0.0; MAX_HORIZON * MAX_ACTION_DIM]),
+                n_rows: 0,
+                next: 0,
+            },
+            Driver::Expert => ActionSource::Expert(plan(&assignment, &scene)),
         };
         let success = (task.success)(&scene, options.profile);
         let mut fingerprint = Fingerprint::default();
@@ -94,7 +113,7 @@ impl Episode {
             assignment,
             task,
             action_dim,
-            actor,
+            action_source,
             unmet: first_unmet(&success, &world),
             success,
             view: images.then(|| RenderScene::new(&scene)),
@@ -111,7 +130,7 @@ impl Episode {
                 .keep_actions
                 .then(|| Vec::with_capacity(task.max_steps as usize * action_dim)),
             ledger: EpisodeLedger::default(),
-            born,
+            created,
             error: None,
         }
     }
@@ -124,15 +143,15 @@ impl Episode {
         if self.steps >= self.task.max_steps || self.error.is_some() {
             return Status::Done;
         }
-        match &self.actor {
-            Actor::Expert(_) => Status::Acting,
-            Actor::Chunk { n_rows, next, .. } if next < n_rows => Status::Acting,
-            Actor::Chunk { .. } if self.queried_at.is_some() => Status::Queried,
-            Actor::Chunk { .. } => Status::Ready,
+        match &self.action_source {
+            ActionSource::Expert(_) => Status::Acting,
+            ActionSource::Chunk { n_rows, next, .. } if next < n_rows => Status::Acting,
+            ActionSource::Chunk { .. } if self.queried_at.is_some() => Status::Queried,
+            ActionSource::Chunk { .. } => Status::Ready,
         }
     }
 
-    /// Executes up to `max_rows` action rows, while there are any. Returns the control steps executed.
+    /// Executes up to `max_rows` of the available action rows. Returns the number of control steps executed.
     pub(super) fn advance(&mut self, max_rows: u32) -> u32 {
         let start = Instant::now();
         let before = self.steps;
@@ -147,13 +166,13 @@ impl Episode {
     }
 
     fn next_row(&mut self, row: &mut [f32]) {
-        match &mut self.actor {
-            Actor::Chunk { rows, next, .. } => {
+        match &mut self.action_source {
+            ActionSource::Chunk { rows, next, .. } => {
                 row.copy_from_slice(&rows[*next * row.len()..][..row.len()]);
                 *next += 1;
             }
-            Actor::Expert(Some(expert)) => expert.act(&self.world, row),
-            Actor::Expert(None) => write_hold_action(&self.world, row),
+            ActionSource::Expert(Some(expert)) => expert.act(&self.world, row),
+            ActionSource::Expert(None) => write_hold_action(&self.world, row),
         }
     }
 
@@ -166,7 +185,7 @@ impl Episode {
         }
         self.world.absorb(&mut self.fingerprint);
         if !self.world.is_finite() {
-            self.error = Some(format!("the physics state is not finite after step {}", self.steps));
+            self.error = Some(EpisodeError::NonFiniteState { step: self.steps });
             return;
         }
         self.unmet = first_unmet(&self.success, &self.world);
@@ -175,12 +194,12 @@ impl Episode {
         }
     }
 
-    /// Brings the snapshot up to date for the renderer.
+    /// Copies the current poses into the snapshot for the renderer.
     pub(super) fn take_snapshot(&mut self) {
         self.world.write_snapshot(&mut self.snapshot);
     }
 
-    /// Writes the record of the next query, the whole page, in place.
+    /// Writes the record of the next query in place. Every byte of its page is written.
     pub(super) fn write_record(&self, slot: u32, execute: u32, record: &mut EnvRecord) {
         let (state_dim, text) = (self.task.morphology.state_dim(), self.instruction.as_bytes());
         record.slot = slot;
@@ -198,35 +217,32 @@ impl Episode {
         record.padding.fill(0);
     }
 
-    /// Notes that its observation went out.
+    /// Records that the episode's observation was sent.
     pub(super) fn mark_queried(&mut self, now: Instant) {
         self.queried_at = Some(now);
         self.queries += 1;
     }
 
-    /// Takes over the rows to execute from an answer whose shape has been checked.
+    /// Copies the rows to execute, at most `execute`, from an answer that [`Self::check_answer`] has
+    /// accepted.
     pub(super) fn accept(&mut self, answer: &ActionBlock, execute: u32, now: Instant) {
         self.ledger.policy_s += self.queried_at.take().map_or(0.0, |sent| (now - sent).as_secs_f64());
-        if let Actor::Chunk { rows, n_rows, next } = &mut self.actor {
+        if let ActionSource::Chunk { rows, n_rows, next } = &mut self.action_source {
             (*n_rows, *next) = (answer.n_rows.min(execute) as usize, 0);
             let len = *n_rows * self.action_dim;
             rows[..len].copy_from_slice(&answer.rows[..len]);
         }
     }
 
-    /// Ends the episode with an error, apart from failure.
-    pub(super) fn fail(&mut self, error: String) {
+    /// Ends the episode with an error.
+    pub(super) fn fail(&mut self, error: EpisodeError) {
         self.error = Some(error);
     }
 
-    /// Whether this answer is the one it waits for, and of the right shape.
-    pub(super) fn expects(&self, slot: u32, answer: &ActionBlock) -> Result<(), String> {
+    /// Checks that this answer belongs to the episode's latest query and has the right action size.
+    pub(super) fn check_answer(&self, slot: u32, answer: &ActionBlock) -> Result<(), AnswerError> {
         let check = |field, found: u32, expected: u32| {
-            if found == expected {
-                Ok(())
-            } else {
-                Err(format!("answer for slot {slot}: `{field}` is {found}, expected {expected}"))
-            }
+            if found == expected { Ok(()) } else { Err(AnswerError::Field { slot, field, found, expected }) }
         };
         check("slot", answer.slot, slot)?;
         check("query", answer.query, self.queries - 1)?;
@@ -237,10 +253,11 @@ impl Episode {
         self.ledger.render_s += seconds;
     }
 
-    /// The result, once the status is done.
+    /// Returns the result of an episode whose status is [`Status::Done`].
     pub(super) fn outcome(&mut self) -> Outcome {
         let EpisodeLedger { physics_s, render_s, policy_s, .. } = self.ledger;
-        self.ledger.wait_s = (self.born.elapsed().as_secs_f64() - physics_s - render_s - policy_s).max(0.0);
+        self.ledger.wait_s =
+            (self.created.elapsed().as_secs_f64() - physics_s - render_s - policy_s).max(0.0);
         Outcome {
             id: self.assignment.id,
             steps: self.steps,
@@ -251,21 +268,23 @@ impl Episode {
             fingerprint: self.fingerprint.finish(),
             actions: self.actions.take(),
             ledger: self.ledger,
-            error: self.error.take(),
+            error: self.error.take().map(|error| error_chain(&error)),
         }
     }
 }
 
-fn plan(assignment: &Assignment, scene: &crate::scene::Scene) -> Option<Box<Expert>> {
+/// Plans the expert's motion. A plan that fails is logged.
+fn plan(assignment: &Assignment, scene: &Scene) -> Option<Box<Expert>> {
     let moves = (assignment.task.task().expert)(scene);
     match Expert::new(scene, &moves) {
         Ok(expert) => Some(Box::new(expert)),
         Err(error) => {
             let Assignment { task, perturbation, seed, .. } = assignment;
             super::log(format_args!(
-                "expert found no plan for {} {} seed {seed}: {error}",
+                "the expert found no plan for {} {} seed {seed}: {}",
                 task.name(),
-                perturbation.name()
+                perturbation.name(),
+                error_chain(&error)
             ));
             None
         }

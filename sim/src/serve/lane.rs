@@ -1,103 +1,118 @@
-//! One lane as the sim sees it: what is in flight to a policy host, and the checks on what comes back.
+//! The sim's side of a lane: the batches in flight to a policy host, validation of its answers, and timeouts.
 
 use std::time::{Duration, Instant};
 
 use ipc_types::layout::block_pages;
 use ipc_types::link::{ActionMessage, LinkError, LinkNode, SimLane};
-use ipc_types::{ActionView, ControlMode, Morphology, ObservationHeader, SCHEMA_HASH};
+use ipc_types::{ActionView, ControlMode, FrameError, Morphology, ObservationHeader, SCHEMA_HASH};
 use thiserror::Error;
 
 use super::protocol::Lane;
 
-/// A host that has not answered after this long is given up.
-const ANSWER_PATIENCE: Duration = Duration::from_secs(120);
-/// How long a lane waits for a foreign host to come (again).
-const FOREIGN_PATIENCE: Duration = Duration::from_secs(600);
-/// How often a foreign host is looked after.
-const FOREIGN_CHECK: Duration = Duration::from_millis(500);
+/// Time after which a host that has not answered is considered hung.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(120);
+/// Longest wait for a foreign host to connect or to reconnect.
+const FOREIGN_HOST_TIMEOUT: Duration = Duration::from_secs(600);
+/// Interval between liveness checks of a foreign host.
+const FOREIGN_CHECK_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Spreads the first epochs of a run's sims over all numbers: a late answer to a sim that was killed must not look like one
-/// to its successor.
+/// Odd multiplier that spreads the first epochs of a run's sims over all 32-bit numbers, so that a late
+/// answer to a sim that was killed is not mistaken for an answer to its successor.
 const EPOCH_STRIDE: u32 = 0x9E37_79B1;
 
-/// Why a lane cannot go on.
+/// Errors that can occur while serving a lane. They end the run with this policy; other lanes are not
+/// affected.
 #[derive(Debug, Error)]
 pub(super) enum LaneError {
-    #[error("policy `{policy}`: {source}")]
-    Frame { policy: String, source: ipc_types::FrameError },
-    #[error("policy `{policy}`: {message}")]
-    Answer { policy: String, message: String },
-    #[error("policy `{policy}` has not answered for {} s", .patience.as_secs())]
-    Silent { policy: String, patience: Duration },
-    #[error("no host for policy `{policy}` came within {} s", .patience.as_secs())]
-    NoHost { policy: String, patience: Duration },
-    #[error("policy `{policy}`: {source}")]
+    #[error("policy `{policy}` sent an invalid answer")]
+    Answer { policy: String, source: AnswerError },
+    #[error("policy `{policy}` has not answered for {} s", .timeout.as_secs())]
+    AnswerTimeout { policy: String, timeout: Duration },
+    #[error("no host for policy `{policy}` connected within {} s", .timeout.as_secs())]
+    NoHost { policy: String, timeout: Duration },
+    #[error("the link to policy `{policy}` failed")]
     Link { policy: String, source: LinkError },
 }
 
-/// A batch that went out and has not come back.
-struct InFlight {
+/// Errors that can occur while validating an answer.
+#[derive(Debug, Error)]
+pub(super) enum AnswerError {
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    #[error("batch {sequence} is not in flight")]
+    UnknownBatch { sequence: u64 },
+    #[error("the answer holds {found} envs, expected {expected}")]
+    EnvCount { found: u32, expected: usize },
+    #[error("slot {slot} runs no episode")]
+    EmptySlot { slot: u32 },
+    #[error("slot {slot}: `{field}` is {found}, expected {expected}")]
+    Field { slot: u32, field: &'static str, found: u32, expected: u32 },
+}
+
+/// A batch of observations that was sent and has not been answered.
+struct InFlightBatch {
     sequence: u64,
     sent: Instant,
     slots: Vec<u32>,
 }
 
-/// A lane and its batches.
+/// A lane and its batches in flight.
 pub(super) struct LaneState {
     pub(super) config: Lane,
     pub(super) link: SimLane,
-    run: u64,
-    up: bool,
+    run_id: u64,
+    host_connected: bool,
     epoch: u32,
     sequence: u64,
-    in_flight: Vec<InFlight>,
-    /// Empty batches whose memory is used again.
-    spare: Vec<InFlight>,
-    looked_at_host: Instant,
-    host_gone_since: Option<Instant>,
-    /// The foreign host that is being asked.
-    host: Option<u128>,
+    in_flight: Vec<InFlightBatch>,
+    /// Unused batches, whose allocations are reused.
+    spare: Vec<InFlightBatch>,
+    last_host_check: Instant,
+    host_absent_since: Option<Instant>,
+    /// Identity of the foreign host that receives the queries.
+    host_id: Option<u128>,
 }
 
 impl LaneState {
     /// Creates the lane's shared memory and populates it.
-    pub(super) fn create(node: &LinkNode, run: u64, config: Lane) -> Result<Self, LinkError> {
-        let link = SimLane::create(node, run, &config.spec)?;
+    pub(super) fn create(node: &LinkNode, run_id: u64, config: Lane) -> Result<Self, LinkError> {
+        let link = SimLane::create(node, run_id, &config.spec)?;
         let (depth, max_envs) = (config.spec.in_flight as usize, config.spec.max_envs as usize);
         let now = Instant::now();
         Ok(Self {
             link,
-            run,
-            up: false,
+            run_id,
+            host_connected: false,
             epoch: std::process::id().wrapping_mul(EPOCH_STRIDE),
             sequence: 0,
             in_flight: Vec::with_capacity(depth),
             spare: (0..depth)
-                .map(|_| InFlight { sequence: 0, sent: now, slots: Vec::with_capacity(max_envs) })
+                .map(|_| InFlightBatch { sequence: 0, sent: now, slots: Vec::with_capacity(max_envs) })
                 .collect(),
-            looked_at_host: now,
-            host_gone_since: config.foreign.then_some(now),
-            host: None,
+            last_host_check: now,
+            host_absent_since: config.foreign.then_some(now),
+            host_id: None,
             config,
         })
     }
 
-    /// Whether another batch may go out.
-    pub(super) fn is_open(&self) -> bool {
-        self.up && !self.spare.is_empty()
+    /// Returns `true` if another batch may be sent.
+    pub(super) fn can_send(&self) -> bool {
+        self.host_connected && !self.spare.is_empty()
     }
 
-    /// Whether an answer is due.
+    /// Returns `true` if a batch is in flight.
     pub(super) fn awaits_answer(&self) -> bool {
         !self.in_flight.is_empty()
     }
 
-    /// Pages of one env of this morphology.
+    /// Returns the number of pages of one env of this morphology.
     pub(super) fn block_pages(&self, morphology: Morphology) -> usize {
         block_pages(morphology, self.config.images)
     }
 
-    /// The header of the next batch, which is then in flight; its memory of slots is filled by the caller.
+    /// Records a batch as in flight and returns its header. The caller fills in the observations and sends
+    /// them.
     pub(super) fn dispatch(
         &mut self,
         slots: &[u32],
@@ -105,7 +120,7 @@ impl LaneState {
         mode: ControlMode,
         now: Instant,
     ) -> ObservationHeader {
-        let mut batch = self.spare.pop().expect("dispatch is called on an open lane");
+        let mut batch = self.spare.pop().expect("dispatch requires can_send");
         self.sequence += 1;
         batch.sequence = self.sequence;
         batch.sent = now;
@@ -114,7 +129,7 @@ impl LaneState {
         self.in_flight.push(batch);
         ObservationHeader {
             schema_hash: SCHEMA_HASH,
-            run: self.run,
+            run: self.run_id,
             sequence: self.sequence,
             epoch: self.epoch,
             n_envs: slots.len() as u32,
@@ -126,82 +141,93 @@ impl LaneState {
         }
     }
 
-    /// The host is there: batches may go out.
+    /// Marks the host as connected: batches may be sent.
     pub(super) fn host_up(&mut self) {
-        // Who is asked from here on: one who leaves before the next look must not be taken for its successor.
-        self.host = if self.config.foreign { self.link.host_id() } else { None };
-        self.up = !self.config.foreign || self.host.is_some();
+        // Remember which foreign host receives the queries, so that a replacement is noticed even if it
+        // connects before the next check.
+        self.host_id = if self.config.foreign { self.link.host_id() } else { None };
+        self.host_connected = !self.config.foreign || self.host_id.is_some();
     }
 
-    /// The host is gone: what was in flight never comes back, and late answers belong to an earlier epoch.
+    /// Marks the host as lost: batches in flight are dropped, and the new epoch makes late answers to them
+    /// recognisable.
     pub(super) fn host_down(&mut self) {
-        self.up = false;
+        self.host_connected = false;
         self.epoch = self.epoch.wrapping_add(1);
         self.spare.append(&mut self.in_flight);
     }
 
-    /// Takes the next answer off the lane and hands its blocks to `accept`, env by env with the slot each belongs to.
-    /// Returns whether there was one.
+    /// Receives the next answer and calls `accept` with slot, answer and env index for every env of its
+    /// batch. Answers of an earlier epoch are dropped. Returns `true` if a message was received.
     ///
     /// # Errors
-    /// A message that is not an answer to what was asked.
+    /// If the message is not a valid answer to a batch in flight, or the link fails.
     pub(super) fn receive(
         &mut self,
-        mut accept: impl FnMut(u32, &ActionView<'_>, usize) -> Result<(), String>,
+        accept: impl FnMut(u32, &ActionView<'_>, usize) -> Result<(), AnswerError>,
     ) -> Result<bool, LaneError> {
-        let policy = || self.config.spec.policy.clone();
-        let received = self.link.receive().map_err(|source| LaneError::Link { policy: policy(), source })?;
+        let received = self.link.receive();
+        let received = received.map_err(|source| LaneError::Link { policy: self.policy(), source })?;
         let Some(message) = received else { return Ok(false) };
-        let view = view(&message).map_err(|source| LaneError::Frame { policy: policy(), source })?;
-        let header = view.header();
-        if header.run != self.run || header.epoch != self.epoch {
-            return Ok(true);
-        }
-        let answer = |message| LaneError::Answer { policy: policy(), message };
-        let Some(at) = self.in_flight.iter().position(|batch| batch.sequence == header.sequence) else {
-            return Err(answer(format!("it answered batch {}, which is not in flight", header.sequence)));
-        };
-        let batch = self.in_flight.swap_remove(at);
-        if batch.slots.len() != header.n_envs as usize {
-            let (found, expected) = (header.n_envs, batch.slots.len());
-            return Err(answer(format!("its answer holds {found} envs, expected {expected}")));
-        }
-        for (env_idx, slot) in batch.slots.iter().enumerate() {
-            accept(*slot, &view, env_idx).map_err(answer)?;
-        }
-        self.spare.push(batch);
+        let accepted = self.handle_answer(&message, accept);
+        accepted.map_err(|source| LaneError::Answer { policy: self.policy(), source })?;
         Ok(true)
     }
 
-    /// Looks after a foreign host, and after an answer that does not come. Returns whether the host was lost.
+    fn handle_answer(
+        &mut self,
+        message: &ActionMessage,
+        mut accept: impl FnMut(u32, &ActionView<'_>, usize) -> Result<(), AnswerError>,
+    ) -> Result<(), AnswerError> {
+        let view = ActionView::new(*message.header(), message.pages())?;
+        let header = view.header();
+        if header.run != self.run_id || header.epoch != self.epoch {
+            return Ok(());
+        }
+        let Some(at) = self.in_flight.iter().position(|batch| batch.sequence == header.sequence) else {
+            return Err(AnswerError::UnknownBatch { sequence: header.sequence });
+        };
+        let batch = self.in_flight.swap_remove(at);
+        if batch.slots.len() != header.n_envs as usize {
+            return Err(AnswerError::EnvCount { found: header.n_envs, expected: batch.slots.len() });
+        }
+        for (env_idx, slot) in batch.slots.iter().enumerate() {
+            accept(*slot, &view, env_idx)?;
+        }
+        self.spare.push(batch);
+        Ok(())
+    }
+
+    /// Checks for overdue answers and, for a foreign host, that it is alive. Returns `true` if the host was
+    /// lost.
     ///
     /// # Errors
-    /// When patience has run out.
-    pub(super) fn look_after(&mut self, now: Instant) -> Result<bool, LaneError> {
-        let policy = || self.config.spec.policy.clone();
-        if self.in_flight.iter().any(|batch| now - batch.sent > ANSWER_PATIENCE) {
-            return Err(LaneError::Silent { policy: policy(), patience: ANSWER_PATIENCE });
+    /// If a timeout has expired.
+    pub(super) fn check_host(&mut self, now: Instant) -> Result<bool, LaneError> {
+        if self.in_flight.iter().any(|batch| now - batch.sent > ANSWER_TIMEOUT) {
+            return Err(LaneError::AnswerTimeout { policy: self.policy(), timeout: ANSWER_TIMEOUT });
         }
-        if !self.config.foreign || now - self.looked_at_host < FOREIGN_CHECK {
+        if !self.config.foreign || now - self.last_host_check < FOREIGN_CHECK_INTERVAL {
             return Ok(false);
         }
-        self.looked_at_host = now;
+        self.last_host_check = now;
         if self.link.host_connected() && self.link.host_alive() {
             let id = self.link.host_id();
-            let replaced = self.host.is_some() && self.host != id;
-            (self.host, self.host_gone_since, self.up) = (id, None, !replaced);
+            let replaced = self.host_id.is_some() && self.host_id != id;
+            (self.host_id, self.host_absent_since, self.host_connected) = (id, None, !replaced);
             return Ok(replaced);
         }
-        let was_up = self.up;
-        self.host = None;
-        let gone_since = *self.host_gone_since.get_or_insert(now);
-        if now - gone_since > FOREIGN_PATIENCE {
-            return Err(LaneError::NoHost { policy: policy(), patience: FOREIGN_PATIENCE });
+        let was_connected = self.host_connected;
+        self.host_id = None;
+        let absent_since = *self.host_absent_since.get_or_insert(now);
+        if now - absent_since > FOREIGN_HOST_TIMEOUT {
+            return Err(LaneError::NoHost { policy: self.policy(), timeout: FOREIGN_HOST_TIMEOUT });
         }
-        Ok(was_up)
+        Ok(was_connected)
     }
-}
 
-fn view(message: &ActionMessage) -> Result<ActionView<'_>, ipc_types::FrameError> {
-    ActionView::new(*message.header(), message.pages())
+    /// Returns the name of the lane's policy.
+    pub(super) fn policy(&self) -> String {
+        self.config.spec.policy.clone()
+    }
 }

@@ -1,6 +1,6 @@
-//! Serving episodes: the control plane's messages, the slots, and the loop that steps, renders and queries.
+//! The sim process: it receives commands, runs episodes in slots, and queries policy hosts.
 //!
-//! The clock is read here for the ledger and for bounded waits; no episode depends on it.
+//! The clock is read only for the ledger and for bounded waits; no episode depends on it.
 
 mod batch;
 mod episode;
@@ -16,77 +16,77 @@ use std::time::{Duration, Instant};
 
 use cpu_time::ProcessTime;
 use ipc_types::link::{LinkError, LinkNode, SimLink};
-use ipc_types::{ActionView, FrameError, RunConfig};
+use ipc_types::{ActionView, FrameError, RunConfig, error_chain};
 use thiserror::Error;
 
 use self::batch::BatchWriter;
-use self::episode::control_mode;
-use self::lane::{LaneError, LaneState};
+use self::episode::{EpisodeError, control_mode};
+use self::lane::{AnswerError, LaneError, LaneState};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
 use self::slots::Slots;
 use crate::render::{self, OpenError, RenderError};
 
-/// Spinning before the first timed wait for an answer.
-const SPIN: Duration = Duration::from_micros(50);
-/// Longest single wait; after it everything is looked at again.
-const WAIT: Duration = Duration::from_millis(50);
-/// Time between two progress events.
+/// Duration of busy waiting before the first timed wait for an answer.
+const SPIN_TIME: Duration = Duration::from_micros(50);
+/// Longest single wait. After it, commands, lanes and slots are checked again.
+const MAX_WAIT: Duration = Duration::from_millis(50);
+/// Interval between two progress events.
 const PROGRESS_INTERVAL: Duration = Duration::from_secs(1);
-/// Commands read ahead.
+/// Capacity of the queue between the stdin reader and the loop. A full queue blocks the reader.
 const COMMAND_QUEUE: usize = 1024;
 
-/// Why a sim could not start or go on.
+/// Errors that can occur while starting or running a sim.
 #[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
-pub enum ServeError {
-    #[error("failed to start {threads} worker threads: {source}")]
+#[expect(missing_docs, reason = "the messages describe variants and fields")]
+pub enum SimError {
+    #[error("failed to start {threads} worker threads")]
     Threads { threads: u32, source: rayon::ThreadPoolBuildError },
-    #[error("failed to set up shared memory: {0}")]
+    #[error("failed to set up shared memory")]
     Link(#[from] LinkError),
-    #[error("failed to write to the orchestrator: {0}")]
+    #[error("failed to write an event to stdout")]
     Output(#[from] std::io::Error),
-    #[error("failed to open a renderer: {0}")]
+    #[error("failed to open a renderer")]
     OpenRenderer(#[from] OpenError),
     #[error("failed to {0}")]
-    Render(#[from] RenderError),
+    Render(RenderError),
 }
 
-/// Why a lane could not be served.
+/// Errors that can occur while serving one lane.
 #[derive(Debug, Error)]
-enum Fault {
-    /// Its own fault: the others go on.
+enum ServeLaneError {
+    /// Only this lane fails; the others continue.
     #[error(transparent)]
     Lane(#[from] LaneError),
-    /// Nobody can be served any more.
+    /// No lane can be served any more.
     #[error(transparent)]
     Renderer(#[from] RenderError),
 }
 
-/// Runs a sim until its stdin closes: commands come in on stdin, events go out on stdout.
+/// Runs a sim until its stdin closes. It reads [`SimCommand`]s from stdin and writes [`SimEvent`]s to stdout.
 ///
 /// # Errors
-/// When the sim cannot be set up, or its stdout is gone.
-pub fn serve(config: &SimConfig) -> Result<(), ServeError> {
+/// If the sim cannot be set up, its renderer fails, or its stdout is closed.
+pub fn serve(config: &SimConfig) -> Result<(), SimError> {
     let threads = config.run.resources.threads;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads as usize)
         .build()
-        .map_err(|source| ServeError::Threads { threads, source })?;
+        .map_err(|source| SimError::Threads { threads, source })?;
     let commands = read_commands();
     let served = pool.install(|| Server::new(config, commands)?.run());
-    if let Err(error @ (ServeError::OpenRenderer(_) | ServeError::Render(_))) = &served {
-        emit(&SimEvent::RendererFailed { message: error.to_string() })?;
+    if let Err(error @ (SimError::OpenRenderer(_) | SimError::Render(_))) = &served {
+        emit(&SimEvent::RendererFailed { message: error_chain(error) })?;
     }
     served
 }
 
-/// One line on stderr, which the orchestrator passes on.
+/// Writes one line to stderr, which the orchestrator forwards.
 #[expect(clippy::print_stderr, reason = "stderr is the child's log")]
 fn log(message: core::fmt::Arguments<'_>) {
     eprintln!("{message}");
 }
 
-/// Parses stdin line by line on a thread of its own; the channel closes with stdin.
+/// Spawns a thread that parses stdin line by line. The channel closes with stdin.
 fn read_commands() -> Receiver<SimCommand> {
     let (sender, receiver) = sync_channel(COMMAND_QUEUE);
     std::thread::spawn(move || {
@@ -98,13 +98,14 @@ fn read_commands() -> Receiver<SimCommand> {
                         return;
                     }
                 }
-                Err(error) => log(format_args!("ignored a command that does not parse: {error}")),
+                Err(error) => log(format_args!("ignored a malformed command: {error}")),
             }
         }
     });
     receiver
 }
 
+/// The state of the sim's main loop.
 struct Server {
     commands: Receiver<SimCommand>,
     link: SimLink,
@@ -115,19 +116,20 @@ struct Server {
     counters: Counters,
     /// Start of the measured window (see [`Counters::wall_s`]).
     first_work: Option<Instant>,
-    /// Idle seconds since the last control step. They count once another control step extends the window over them.
+    /// Idle seconds since the last control step. They count once another control step extends the window over
+    /// them.
     pending_idle_s: f64,
-    /// When the loop last ran out of work.
+    /// Time at which the loop last ran out of work.
     idle_since: Option<Instant>,
-    reported: Instant,
-    /// Slots of the batch being put together.
+    last_progress: Instant,
+    /// Slots of the batch that is being assembled.
     batch: Vec<u32>,
-    // Last, so that the ports above are dropped before their node.
+    // Declared last so that the ports above are dropped before their node.
     _node: LinkNode,
 }
 
 impl Server {
-    fn new(config: &SimConfig, commands: Receiver<SimCommand>) -> Result<Self, ServeError> {
+    fn new(config: &SimConfig, commands: Receiver<SimCommand>) -> Result<Self, SimError> {
         let node = LinkNode::new(&config.domain, "sim")?;
         let link = SimLink::create(&node, config.lanes.len() as u32)?;
         let lanes = config
@@ -152,29 +154,30 @@ impl Server {
             first_work: None,
             pending_idle_s: 0.0,
             idle_since: None,
-            reported: Instant::now(),
+            last_progress: Instant::now(),
             batch: Vec::with_capacity(max_envs),
             _node: node,
         })
     }
 
-    fn run(mut self) -> Result<(), ServeError> {
+    fn run(mut self) -> Result<(), SimError> {
         loop {
             loop {
                 match self.commands.try_recv() {
-                    Ok(command) => self.obey(&command),
+                    Ok(command) => self.handle_command(&command),
                     Err(TryRecvError::Empty) => break,
-                    Err(TryRecvError::Disconnected) => return self.leave(),
+                    Err(TryRecvError::Disconnected) => return self.send_final_progress(),
                 }
             }
             self.slots.refill();
             for lane_idx in 0..self.lanes.len() {
                 match self.serve_lane(lane_idx) {
                     Ok(()) => {}
-                    Err(Fault::Renderer(error)) => return Err(error.into()),
-                    Err(Fault::Lane(error)) => {
+                    Err(ServeLaneError::Renderer(error)) => return Err(SimError::Render(error)),
+                    Err(ServeLaneError::Lane(error)) => {
                         self.lanes[lane_idx].host_down();
-                        emit(&SimEvent::LaneFailed { lane: lane_idx as u32, message: error.to_string() })?;
+                        let message = error_chain(&error);
+                        emit(&SimEvent::LaneFailed { lane: lane_idx as u32, message })?;
                     }
                 }
             }
@@ -182,21 +185,21 @@ impl Server {
                 self.idle_since = None;
                 self.step()?;
             } else if !self.idle()? {
-                return self.leave();
+                return self.send_final_progress();
             }
-            if self.reported.elapsed() >= PROGRESS_INTERVAL {
-                self.reported = Instant::now();
+            if self.last_progress.elapsed() >= PROGRESS_INTERVAL {
+                self.last_progress = Instant::now();
                 emit(&SimEvent::Progress(self.counters))?;
             }
         }
     }
 
-    fn leave(&self) -> Result<(), ServeError> {
+    fn send_final_progress(&self) -> Result<(), SimError> {
         emit(&SimEvent::Progress(self.counters))?;
         Ok(())
     }
 
-    fn obey(&mut self, command: &SimCommand) {
+    fn handle_command(&mut self, command: &SimCommand) {
         match command {
             SimCommand::Run(assignment) => self.slots.push(*assignment),
             SimCommand::HostUp { lane } => self.lanes[*lane as usize].host_up(),
@@ -204,14 +207,16 @@ impl Server {
         }
     }
 
+    /// Drops what is in flight to a lane's host and restarts its episodes.
     fn lose_host(&mut self, lane: u32) {
         self.lanes[lane as usize].host_down();
         self.slots.restart(lane);
     }
 
-    fn step(&mut self) -> Result<(), ServeError> {
+    /// Builds and steps episodes, and reports the finished ones.
+    fn step(&mut self) -> Result<(), SimError> {
         let (start, cpu_start) = (Instant::now(), ProcessTime::now());
-        let env_steps = self.slots.pass();
+        let env_steps = self.slots.advance();
         self.counters.physics_s += cpu_start.elapsed().as_secs_f64();
         let first_work = *self.first_work.get_or_insert(start);
         if env_steps > 0 {
@@ -228,24 +233,25 @@ impl Server {
         Ok(written?)
     }
 
-    /// Takes what came back on a lane, then sends what is due.
-    fn serve_lane(&mut self, lane_idx: usize) -> Result<(), Fault> {
+    /// Receives the answers of a lane, then sends all batches that are due.
+    fn serve_lane(&mut self, lane_idx: usize) -> Result<(), ServeLaneError> {
         let now = Instant::now();
         let lane = &mut self.lanes[lane_idx];
         let execute = self.run.results.execute;
         let slots = &mut self.slots;
         while lane.receive(|slot, view, env_idx| accept(slots, slot, view, env_idx, execute, now))? {}
-        if lane.look_after(now)? {
+        if lane.check_host(now)? {
             self.lose_host(lane_idx as u32);
         }
         while self.send(lane_idx)? {}
         Ok(())
     }
 
-    /// Sends one batch of ready slots of one morphology, if the lane is open and there are any.
-    fn send(&mut self, lane_idx: usize) -> Result<bool, Fault> {
+    /// Sends one batch of ready slots that share a morphology. Returns `false` if there are none, or the lane
+    /// cannot send.
+    fn send(&mut self, lane_idx: usize) -> Result<bool, ServeLaneError> {
         let lane = &mut self.lanes[lane_idx];
-        if !lane.is_open() {
+        if !lane.can_send() {
             return Ok(false);
         }
         let Some(morphology) =
@@ -261,9 +267,9 @@ impl Server {
         let n_pages = self.batch.len() * lane.block_pages(morphology);
         let mut loan = lane.link.loan(n_pages).map_err(|e| as_lane_error(&lane.config.spec.policy, e))?;
         let execute = self.run.results.execute;
-        let drawn = self.writer.write(&mut self.slots, &self.batch, execute, morphology, loan.pages_mut())?;
-        self.counters.images += drawn.images;
-        self.counters.render_s += drawn.core_s;
+        let cost = self.writer.write(&mut self.slots, &self.batch, execute, morphology, loan.pages_mut())?;
+        self.counters.images += cost.images;
+        self.counters.render_s += cost.core_s;
         self.counters.queries += self.batch.len() as u64;
         let now = Instant::now();
         let mode = control_mode(&self.run.results, morphology, protocol::Driver::Lane(lane_idx as u32));
@@ -272,7 +278,7 @@ impl Server {
         }
         let header = lane.dispatch(&self.batch, morphology, mode, now);
         match loan.send(header) {
-            // It has left since it was last looked at; the next one is asked anew.
+            // The host disconnected since the last check. The episodes restart with the next host.
             Err(LinkError::NoPeer) if lane.config.foreign => {
                 self.lose_host(lane_idx as u32);
                 Ok(false)
@@ -282,20 +288,20 @@ impl Server {
         }
     }
 
-    /// Nothing to step: waits for an answer or a command. Returns false when stdin has closed.
-    fn idle(&mut self) -> Result<bool, ServeError> {
+    /// Waits for an answer or a command when there is nothing to step. Returns `false` once stdin has closed.
+    fn idle(&mut self) -> Result<bool, SimError> {
         let start = Instant::now();
         let alive = if self.lanes.iter().any(LaneState::awaits_answer) {
-            if self.idle_since.get_or_insert(start).elapsed() < SPIN {
+            if self.idle_since.get_or_insert(start).elapsed() < SPIN_TIME {
                 std::hint::spin_loop();
             } else {
-                self.link.wait(WAIT)?;
+                self.link.wait(MAX_WAIT)?;
             }
             true
         } else {
-            match self.commands.recv_timeout(WAIT) {
+            match self.commands.recv_timeout(MAX_WAIT) {
                 Ok(command) => {
-                    self.obey(&command);
+                    self.handle_command(&command);
                     true
                 }
                 Err(RecvTimeoutError::Timeout) => true,
@@ -309,8 +315,9 @@ impl Server {
     }
 }
 
-/// Hands an env's answer to the episode in its slot. A host that could not answer, or a number that is not finite, ends
-/// that episode with an error; an answer to another question is the lane's fault.
+/// Passes an env's answer to the episode in its slot. If the host could not answer, or an action is not
+/// finite, only that episode ends with an error; an answer that does not match the query is an error of the
+/// lane.
 fn accept(
     slots: &mut Slots,
     slot: u32,
@@ -318,22 +325,23 @@ fn accept(
     env_idx: usize,
     execute: u32,
     now: Instant,
-) -> Result<(), String> {
-    let Some(episode) = slots.episode_mut(slot) else { return Err(format!("slot {slot} runs no episode")) };
+) -> Result<(), AnswerError> {
+    let episode = slots.episode_mut(slot).ok_or(AnswerError::EmptySlot { slot })?;
     if view.header().status != 0 {
-        episode.fail("the policy host could not answer; its log says why".to_owned());
+        episode.fail(EpisodeError::HostFailed);
         return Ok(());
     }
     let answer = &view.blocks()[env_idx];
-    episode.expects(slot, answer)?;
+    episode.check_answer(slot, answer)?;
     match view.check_finite(env_idx) {
         Ok(()) => episode.accept(answer, execute, now),
-        Err(error @ FrameError::NotFinite { .. }) => episode.fail(error.to_string()),
-        Err(error) => return Err(error.to_string()),
+        Err(error @ FrameError::NotFinite { .. }) => episode.fail(EpisodeError::NonFiniteAction(error)),
+        Err(error) => return Err(error.into()),
     }
     Ok(())
 }
 
+/// Writes an event to stdout as one JSON line.
 fn emit(event: &SimEvent) -> Result<(), std::io::Error> {
     let mut out = std::io::stdout().lock();
     serde_json::to_writer(&mut out, event)?;

@@ -1,6 +1,7 @@
-//! The control plane between orchestrator and sim: one config on the command line, then JSON lines both ways.
+//! The control protocol between orchestrator and sim: one configuration on the command line, then JSON lines
+//! in both directions.
 //!
-//! Observations and actions never travel here.
+//! Observations and actions never pass through here; they travel over the link.
 
 use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec};
@@ -9,100 +10,103 @@ use serde::{Deserialize, Serialize};
 use crate::perturb::Composition;
 use crate::tasks::TaskId;
 
-/// All a sim is told at birth (`hypogeum sim --config JSON`).
+/// Start-up configuration of a sim process (`hypogeum sim --config JSON`).
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SimConfig {
-    /// Where the run's shared memory lives.
+    /// Location of the run's shared memory.
     pub domain: Domain,
     /// Random number that identifies the run in every header.
     pub run_id: u64,
-    /// One per policy that runs outside the sim.
+    /// One lane per policy that runs outside the sim.
     pub lanes: Vec<Lane>,
     /// Options of the run.
     pub run: RunConfig,
 }
 
-/// A policy outside the sim.
+/// The connection to one policy that runs outside the sim.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Lane {
-    /// Its shared memory.
+    /// Size and layout of the lane's shared memory.
     pub spec: LaneSpec,
-    /// Whether it looks at images; if not, none is drawn for it.
+    /// `true` if the policy uses images; if not, none is rendered for it.
     pub images: bool,
-    /// Whether the host was started by someone else, so that the sim itself must watch whether it lives.
+    /// `true` if the host was not started by the orchestrator, so that the sim itself has to check that it is
+    /// alive.
     pub foreign: bool,
 }
 
-/// Who acts in an episode.
+/// The source of an episode's actions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Driver {
-    /// The policy of this lane (index into [`SimConfig::lanes`]).
+    /// The policy of this lane (an index into [`SimConfig::lanes`]).
     Lane(u32),
-    /// The scripted expert, inside the sim, with privileged state.
+    /// The scripted expert, which runs inside the sim with access to privileged state.
     Expert,
 }
 
 /// One episode to run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Assignment {
-    /// The orchestrator's number for it, returned with the outcome.
+    /// The orchestrator's identifier of the episode, returned with its [`Outcome`].
     pub id: u64,
-    /// Who acts.
+    /// Source of the actions.
     pub driver: Driver,
-    /// Task.
+    /// The task to run.
     pub task: TaskId,
-    /// Perturbation, or several that act together.
+    /// The perturbation, or several that act together.
     pub perturbation: Composition,
-    /// Episode seed.
+    /// Episode seed; see [`crate::stream::episode_seed`].
     pub seed: u64,
 }
 
-/// A line on the sim's stdin. End of input asks it to leave.
+/// A request on the sim's stdin, one JSON line each. End of input asks the sim to exit.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SimCommand {
-    /// Queue an episode.
+    /// Queues an episode.
     Run(Assignment),
-    /// The lane's policy host is connected: query it.
+    /// Announces that the lane's policy host is connected and accepts queries.
     HostUp {
         /// Lane index.
         lane: u32,
     },
-    /// The lane's policy host died: its unfinished episodes start again when it is back.
+    /// Announces that the lane's policy host has exited. Its unfinished episodes restart when a host is
+    /// connected again.
     HostDown {
         /// Lane index.
         lane: u32,
     },
 }
 
-/// A line on the sim's stdout.
+/// An event on the sim's stdout, one JSON line each.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SimEvent {
-    /// Lanes exist and are populated; hosts may connect.
+    /// The lanes exist and their memory is populated; hosts may connect.
     Ready {
         /// Bytes of shared memory reserved.
         shm_bytes: u64,
         /// Name of the renderer and its adapter.
         renderer: String,
-        /// Its [`crate::render::Renderer::identity`].
+        /// The renderer's [`crate::render::Renderer::identity`].
         identity: String,
     },
-    /// An episode is done.
+    /// An episode has finished.
     Finished(Box<Outcome>),
-    /// Totals since the sim was born, about once a second and before it leaves.
+    /// Totals since the process started, sent about once a second and before it exits.
     Progress(Counters),
-    /// There is no renderer (any more): the sim leaves. Another one might draw other bits, so none takes its place.
+    /// The renderer could not be opened or has failed, and the sim exits. It does not fall back to another
+    /// renderer, whose images could differ in single bits.
     RendererFailed {
-        /// One clear sentence.
+        /// The error in one sentence.
         message: String,
     },
-    /// Something is wrong with a lane; the run cannot go on with it.
+    /// A lane has failed; the run cannot continue with it.
     LaneFailed {
         /// Lane index.
         lane: u32,
-        /// One clear sentence.
+        /// The error in one sentence.
         message: String,
     },
 }
@@ -110,56 +114,58 @@ pub enum SimEvent {
 /// Result of one episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
-    /// Of the assignment.
+    /// [`Assignment::id`] of the episode.
     pub id: u64,
-    /// Control steps executed.
+    /// Number of control steps executed.
     pub steps: u32,
-    /// Success after any step.
+    /// `true` if the task was successful after at least one step.
     pub success_once: bool,
-    /// Success after the last step.
+    /// `true` if the task was successful after the last step.
     pub success_at_end: bool,
-    /// First step after which success held, counted from 1.
+    /// First step after which the task was successful, counted from 1.
     pub first_success_step: Option<u32>,
-    /// First predicate that did not hold after the last step.
+    /// Name of the first predicate that did not hold after the last step.
     pub failed_predicate: Option<String>,
-    /// Hash of the trajectory: every executed action row and every state after it.
+    /// Hash of the trajectory: the initial state, then every executed action row and the state after it.
     pub fingerprint: u64,
-    /// The executed action rows `[steps, action_dim]` as bit patterns of f32, if they are kept.
+    /// The executed action rows, `[steps, action_dim]` as bit patterns of f32, if they are recorded.
     pub actions: Option<Vec<u32>>,
-    /// Where the episode's time went.
+    /// Time spent on the episode, by stage.
     pub ledger: EpisodeLedger,
-    /// Why the episode could not be run to its end; apart from failure.
+    /// The reason why the episode could not be completed. Such an episode counts as an error, not as a
+    /// failure.
     pub error: Option<String>,
 }
 
-/// Seconds of one episode.
+/// Time spent on one episode, in seconds by stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeLedger {
-    /// Seconds of its thread stepping physics, control and predicates included.
+    /// Wall seconds of stepping, including control and predicates.
     pub physics_s: f64,
-    /// Its share of the core-seconds that drawing its batches took.
+    /// The episode's share of the core-seconds spent rendering its batches.
     pub render_s: f64,
-    /// Seconds between sending its observations and receiving the answers.
+    /// Wall seconds between sending its observations and receiving the answers.
     pub policy_s: f64,
-    /// Seconds in which it could go on but its turn had not come.
+    /// Remaining wall seconds, in which the episode waited for its turn.
     pub wait_s: f64,
 }
 
-/// Totals of a sim.
+/// Totals of a sim process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Counters {
-    /// Control steps executed, of finished and unfinished episodes.
+    /// Control steps executed, in finished and unfinished episodes.
     pub env_steps: u64,
-    /// Images drawn.
+    /// Images rendered.
     pub images: u64,
-    /// Envs asked about (one query per env).
+    /// Queries sent; a batch counts once per env.
     pub queries: u64,
-    /// Wall seconds of the measured window, from the first work (building the first world) to the end of the last control step.
+    /// Wall seconds of the measured window, from the first work (building the first world) to the end of the
+    /// last control step.
     pub wall_s: f64,
-    /// Core-seconds stepping.
+    /// Core-seconds of building worlds and stepping them.
     pub physics_s: f64,
-    /// Core-seconds drawing.
+    /// Core-seconds of rendering.
     pub render_s: f64,
-    /// Seconds within the measured window in which the sim had nothing to do.
+    /// Wall seconds within the measured window in which the sim had nothing to do.
     pub idle_s: f64,
 }

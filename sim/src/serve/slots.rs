@@ -1,36 +1,38 @@
-//! The slots: episodes side by side, each refilled the moment it is done.
+//! The slots: episodes that run side by side. A slot is refilled as soon as its episode is done.
 
 use std::collections::VecDeque;
 
 use ipc_types::RunConfig;
 use rayon::prelude::*;
 
-use super::episode::{Episode, Status};
+use super::episode::{RunningEpisode, Status};
 use super::protocol::{Assignment, Driver, Lane, Outcome};
 
-/// Control steps a slot executes before the loop looks at the lanes again. It shapes only the order of work, never a result.
+/// Control steps that a slot executes before the loop serves the lanes again. It affects only the order of
+/// work, never a result.
 const STEP_QUANTUM: u32 = 5;
 
-/// One place for an episode.
+/// The state of one slot.
 pub(super) enum Slot {
-    /// Free.
+    /// No episode.
     Empty,
-    /// Given an episode that is not built yet.
+    /// An episode whose world has not been built yet.
     Assigned(Assignment),
-    /// In progress.
-    Running(Box<Episode>),
+    /// An episode in progress.
+    Running(Box<RunningEpisode>),
 }
 
-/// All slots, and the episodes that wait for one.
+/// All slots, and the queue of episodes without a slot.
 pub(super) struct Slots {
     slots: Vec<Slot>,
     queue: VecDeque<Assignment>,
     run: RunConfig,
-    /// Per lane, whether its policy looks at images.
+    /// [`Lane::images`] of every lane.
     images: Vec<bool>,
 }
 
 impl Slots {
+    /// Creates empty slots, one per env of the run.
     pub(super) fn new(run: RunConfig, lanes: &[Lane]) -> Self {
         Self {
             slots: (0..run.resources.envs).map(|_| Slot::Empty).collect(),
@@ -45,7 +47,7 @@ impl Slots {
         self.queue.push_back(assignment);
     }
 
-    /// Gives free slots their next episodes, in the order they were queued.
+    /// Assigns queued episodes to empty slots, first in, first out.
     pub(super) fn refill(&mut self) {
         for slot in self.slots.iter_mut().filter(|slot| matches!(slot, Slot::Empty)) {
             let Some(assignment) = self.queue.pop_front() else { return };
@@ -53,7 +55,7 @@ impl Slots {
         }
     }
 
-    /// Starts the episodes of a lane's policy again from their beginning.
+    /// Restarts all running episodes of a lane's policy from their beginning.
     pub(super) fn restart(&mut self, lane: u32) {
         for slot in &mut self.slots {
             if let Slot::Running(episode) = slot
@@ -64,24 +66,24 @@ impl Slots {
         }
     }
 
-    /// The episode in a slot.
-    pub(super) fn episode_mut(&mut self, slot: u32) -> Option<&mut Episode> {
+    /// Returns the episode that runs in a slot.
+    pub(super) fn episode_mut(&mut self, slot: u32) -> Option<&mut RunningEpisode> {
         match self.slots.get_mut(slot as usize) {
             Some(Slot::Running(episode)) => Some(episode),
             _ => None,
         }
     }
 
-    /// The episode in a slot.
-    pub(super) fn episode(&self, slot: u32) -> Option<&Episode> {
+    /// Returns the episode that runs in a slot.
+    pub(super) fn episode(&self, slot: u32) -> Option<&RunningEpisode> {
         match self.slots.get(slot as usize) {
             Some(Slot::Running(episode)) => Some(episode),
             _ => None,
         }
     }
 
-    /// Slots of a lane whose next observation is due, in slot order.
-    pub(super) fn ready(&self, lane: u32) -> impl Iterator<Item = (u32, &Episode)> {
+    /// Returns the slots of a lane whose next query is due, in slot order.
+    pub(super) fn ready(&self, lane: u32) -> impl Iterator<Item = (u32, &RunningEpisode)> {
         (0_u32..).zip(&self.slots).filter_map(move |(idx, slot)| match slot {
             Slot::Running(episode) if episode.assignment.driver == Driver::Lane(lane) => {
                 (episode.status() == Status::Ready).then_some((idx, episode.as_ref()))
@@ -90,7 +92,8 @@ impl Slots {
         })
     }
 
-    /// Whether a pass would build or step anything, or an episode that an answer has ended waits to be reported.
+    /// Returns `true` if [`Self::advance`] would build or step anything, or a finished episode has not been
+    /// reported.
     pub(super) fn has_work(&self) -> bool {
         self.slots.iter().any(|slot| match slot {
             Slot::Empty => false,
@@ -99,26 +102,27 @@ impl Slots {
         })
     }
 
-    /// One pass, slots in parallel: builds what was assigned, steps what has rows. Returns the control steps executed.
-    pub(super) fn pass(&mut self) -> u64 {
+    /// Builds assigned episodes and steps those that have action rows, slots in parallel. Returns the number
+    /// of control steps executed.
+    pub(super) fn advance(&mut self) -> u64 {
         let (run, images) = (&self.run, &self.images);
-        let work = |slot: &mut Slot| {
+        let advance_slot = |slot: &mut Slot| {
             if let Slot::Assigned(assignment) = slot {
-                let looks = match assignment.driver {
+                let uses_images = match assignment.driver {
                     Driver::Lane(lane) => images[lane as usize],
                     Driver::Expert => false,
                 };
-                *slot = Slot::Running(Box::new(Episode::new(*assignment, run, looks)));
+                *slot = Slot::Running(Box::new(RunningEpisode::new(*assignment, run, uses_images)));
             }
             match slot {
                 Slot::Running(episode) => u64::from(episode.advance(STEP_QUANTUM)),
                 Slot::Empty | Slot::Assigned(_) => 0,
             }
         };
-        self.slots.par_iter_mut().with_max_len(1).map(work).sum()
+        self.slots.par_iter_mut().with_max_len(1).map(advance_slot).sum()
     }
 
-    /// Empties the slots that are done, in slot order.
+    /// Reports and removes finished episodes, in slot order.
     pub(super) fn take_finished(&mut self, mut report: impl FnMut(Outcome)) {
         for slot in &mut self.slots {
             if let Slot::Running(episode) = slot

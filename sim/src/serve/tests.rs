@@ -1,4 +1,4 @@
-//! The loop's own parts, driven by hand against a host in the same process.
+//! Tests that drive the parts of the sim's loop by hand, against a host in the same process.
 
 use bytemuck::Zeroable;
 use ipc_types::link::{Domain, HostLane, LaneSpec};
@@ -13,13 +13,13 @@ use crate::{Perturbation, TaskId};
 
 const RUN: u64 = 7;
 const N_ENVS: u32 = 3;
-/// Rows of each answer, one pass of the slots.
+/// Rows of each answer; the slots execute them in one call.
 const N_ROWS: u32 = 5;
-/// Rounds before counting begins, and while it goes on: memory has grown to its size by then.
+/// Rounds before counting starts, by which all buffers have reached their final size, and counted rounds.
 const WARM_UP: u64 = 4;
 const ROUNDS: u64 = 10;
 
-/// Answers the batch that waits, every env with rows that move the arm a little.
+/// Answers the pending batch with rows that move every arm a little.
 fn answer(host: &mut HostLane, action_dim: usize) {
     host.wait(Duration::from_secs(5)).unwrap();
     let message = host.receive().unwrap().expect("the batch was just sent");
@@ -49,10 +49,10 @@ fn assignment(id: u64) -> Assignment {
     Assignment { id, driver: Driver::Lane(0), task, perturbation, seed }
 }
 
-/// Receiving, stepping, drawing and sending, images and all. What a physics step allocates is rapier's: a world stepped on
-/// its own, through the same actions, allocates as often.
+/// Covers receiving, stepping, rendering and sending. Allocations of a physics step are rapier's: a separate
+/// world that executes the same actions makes as many.
 #[test]
-fn a_round_of_the_loop_allocates_nothing_of_its_own() {
+fn loop_round_allocates_nothing_of_its_own() {
     let base = tempfile::Builder::new().prefix("hyp").tempdir_in("/tmp").unwrap();
     let domain = Domain::new(base.path(), u64::from(std::process::id()));
     let (mode, morphology) = (ControlMode::EeDeltaPose, TaskId::RaiseCube.task().morphology);
@@ -75,34 +75,34 @@ fn a_round_of_the_loop_allocates_nothing_of_its_own() {
         let mut server = Server::new(&config, receiver).unwrap();
         let node = LinkNode::new(&domain, "test-host").unwrap();
         let mut host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
-        server.obey(&SimCommand::HostUp { lane: 0 });
+        server.handle_command(&SimCommand::HostUp { lane: 0 });
         let mut twins: Vec<World> = (0..u64::from(N_ENVS))
             .map(|id| {
-                server.obey(&SimCommand::Run(assignment(id)));
+                server.handle_command(&SimCommand::Run(assignment(id)));
                 let nominal = (TaskId::RaiseCube.task().nominal)();
                 World::build(&nominal.draw(assignment(id).seed), mode)
             })
             .collect();
         server.slots.refill();
-        assert_eq!(server.slots.pass(), 0, "the first pass builds");
+        assert_eq!(server.slots.advance(), 0, "the first call only builds the worlds");
         server.serve_lane(0).unwrap();
         let row = [0.1; 7];
         for round in 0..WARM_UP + ROUNDS {
             answer(&mut host, row.len());
             server.link.wait(Duration::from_secs(5)).unwrap();
             let ([received, _], ()) = allocations(|| server.serve_lane(0).unwrap());
-            let ([stepped, _], n_steps) = allocations(|| server.slots.pass());
+            let ([stepped, _], n_steps) = allocations(|| server.slots.advance());
             assert_eq!(n_steps, u64::from(N_ENVS * N_ROWS));
-            let ([of_rapier, _], ()) = allocations(|| {
+            let ([by_rapier, _], ()) = allocations(|| {
                 for twin in &mut twins {
                     (0..N_ROWS).for_each(|_| twin.step(&row));
                 }
             });
             let ([sent, _], ()) = allocations(|| server.serve_lane(0).unwrap());
-            assert!(server.lanes[0].awaits_answer(), "a batch with images is out");
+            assert!(server.lanes[0].awaits_answer(), "a batch with images is in flight");
             if round >= WARM_UP {
                 // The one allocation is iceoryx2's, for the loan.
-                assert_eq!((received, stepped, sent), (0, of_rapier, 1), "round {round}");
+                assert_eq!((received, stepped, sent), (0, by_rapier, 1), "round {round}");
             }
         }
         assert_eq!(server.counters.images, (WARM_UP + ROUNDS + 1) * 3 * u64::from(N_ENVS));
@@ -111,7 +111,7 @@ fn a_round_of_the_loop_allocates_nothing_of_its_own() {
 }
 
 #[test]
-fn a_host_that_does_not_answer_is_given_up_with_its_name() {
+fn unanswered_query_times_out_naming_the_policy() {
     let base = tempfile::Builder::new().prefix("hyp").tempdir_in("/tmp").unwrap();
     let domain = Domain::new(base.path(), u64::from(std::process::id()) << 8);
     let spec = LaneSpec { lane: 0, policy: "slow".into(), max_envs: 1, block_pages: 1, in_flight: 1 };
@@ -122,11 +122,11 @@ fn a_host_that_does_not_answer_is_given_up_with_its_name() {
         let mut lane = LaneState::create(&node, RUN, config).unwrap();
         let _host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();
-        let asked = Instant::now();
-        lane.dispatch(&[0], TaskId::RaiseCube.task().morphology, ControlMode::EeDeltaPose, asked);
-        assert!(!lane.look_after(asked + Duration::from_secs(119)).unwrap());
-        let given_up = lane.look_after(asked + Duration::from_secs(121)).unwrap_err().to_string();
-        assert_eq!(given_up, "policy `slow` has not answered for 120 s");
+        let sent = Instant::now();
+        lane.dispatch(&[0], TaskId::RaiseCube.task().morphology, ControlMode::EeDeltaPose, sent);
+        assert!(!lane.check_host(sent + Duration::from_secs(119)).unwrap());
+        let error = lane.check_host(sent + Duration::from_secs(121)).unwrap_err().to_string();
+        assert_eq!(error, "policy `slow` has not answered for 120 s");
         drop(link);
     }
     domain.remove().unwrap();
