@@ -1,83 +1,88 @@
-//! Pictures of worlds: a [`Scene`](crate::scene::Scene) once, a [`Snapshot`] per picture, sRGB bytes out.
+//! Rendering: turns a [`Scene`](crate::scene::Scene), prepared once per episode, and a [`Snapshot`] per image
+//! into sRGB bytes.
 //!
-//! Owns the meshes, textures and shading rules; never steps a world and never draws a random number. A picture depends
-//! on its scene, snapshot and camera alone, not on the batch or the threads. `cpu` makes the same bytes on every machine;
-//! `gpu` makes the same bytes on one device, and nearly those of `cpu`. Both follow `SHADING.md`.
+//! Owns meshes, textures and the shading model. Never steps a world and never draws a random number. An image
+//! depends on its scene, snapshot and camera alone, not on the batch or the number of threads. `cpu` gives
+//! the same bytes on every machine; `gpu` gives the same bytes on one device, and nearly those of `cpu`. Both
+//! follow `SHADING.md`.
 
-mod choice;
 mod cpu;
 pub mod export;
 pub mod gpu;
 mod math;
 mod mesh;
+mod open;
 mod scene;
 mod shading;
 mod texture;
 
-pub use choice::{OpenError, open};
 pub use cpu::{CpuOptions, CpuRenderer, Inspection, Segment};
 pub use gpu::GpuRenderer;
 pub use ipc_types::run_config::{RendererChoice, Samples};
+pub use open::{OpenRendererError, open};
 pub use scene::RenderScene;
 
 use thiserror::Error;
 
 use crate::scene::Snapshot;
 
-/// One picture to make.
+/// One image to render.
 pub struct View<'a> {
-    /// What does not move.
+    /// The static description of the scene.
     pub scene: &'a RenderScene,
-    /// Where everything is; as many bodies and arms as the scene has.
+    /// Poses of all bodies and links; must have as many bodies and arms as the scene.
     pub snapshot: &'a Snapshot,
-    /// Which of the scene's cameras.
+    /// Index of the camera in the scene.
     pub camera_idx: usize,
-    /// `[side, side, 3] u8` sRGB, row-major, top row first; every byte is written exactly once and none is read.
+    /// The image, `[side, side, 3] u8` sRGB, row-major from the top. Every byte is written exactly once and
+    /// never read.
     pub out: &'a mut [u8],
 }
 
-/// Why pictures could not be made; the renderer makes no others.
+/// Errors that can occur while rendering. The renderer is unusable afterwards.
 #[derive(Clone, Debug, Error)]
 #[expect(missing_docs, reason = "the fields are named by their messages")]
 pub enum RenderError {
-    #[error("draw on {name}: {message}")]
+    #[error("render on {name}: {message}")]
     Device { name: String, message: String },
 }
 
-/// A way to make pictures.
+/// A renderer: the CPU or a GPU.
 pub trait Renderer: Send {
-    /// Name for people, with what it runs on.
+    /// Returns a display name that includes the device.
     fn name(&self) -> String;
 
-    /// What its pictures depend on beside the views: renderers with the same identity make the same bytes.
+    /// Returns what images depend on besides their views: renderers with the same identity give the same
+    /// bytes.
     fn identity(&self) -> String;
 
-    /// Fills every view's `out`, on rayon's current pool or on a device.
+    /// Renders every view into its `out`, on the current rayon pool or on a device.
     ///
     /// # Errors
-    /// If the device fails. What is in `out` is then undefined, and every later call fails, too.
+    /// If the device fails. The contents of `out` are then unspecified, and every later call fails too.
     ///
     /// # Panics
-    /// If a view's camera does not exist, its `out` is not of its camera's size, or its snapshot is not of its scene.
+    /// If the camera of a view does not exist, or if its `out` or snapshot does not match the camera or
+    /// scene.
     fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError>;
 }
 
 impl View<'_> {
-    /// Whether it shows the same world at the same moment as another one.
-    fn is_of_env(&self, other: &View<'_>) -> bool {
+    /// Returns `true` if both views show the same scene and snapshot.
+    fn is_same_env(&self, other: &View<'_>) -> bool {
         core::ptr::eq(self.scene, other.scene) && core::ptr::eq(self.snapshot, other.snapshot)
     }
 
-    /// Asserts that its parts belong together.
+    /// Asserts that camera, image size and snapshot match the scene.
     fn check(&self) {
         let side = self.scene.side(self.camera_idx);
-        assert_eq!(self.out.len(), side * side * 3, "a view's bytes are [side, side, 3]");
-        assert!(self.scene.fits(self.snapshot), "a snapshot has the bodies and arms of its scene");
+        assert_eq!(self.out.len(), side * side * 3, "the image of a view must have [side, side, 3] bytes");
+        assert!(self.scene.fits(self.snapshot), "a snapshot must have the bodies and arms of its scene");
     }
 }
 
-/// A renderer's name with how it samples, unless that is as usual.
-fn with_samples(name: String, samples: Samples) -> String {
+/// Appends the sample count to a renderer name unless it is 1.
+fn name_with_samples(name: String, samples: Samples) -> String {
     match samples {
         Samples::One => name,
         Samples::Four => format!("{name} with 4 samples per pixel"),

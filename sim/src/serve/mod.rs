@@ -24,7 +24,7 @@ use self::episode::{EpisodeError, control_mode};
 use self::lane::{AnswerError, LaneError, LaneState};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
 use self::slots::Slots;
-use crate::render::{self, OpenError, RenderError};
+use crate::render::{self, OpenRendererError, RenderError};
 
 /// Duration of busy waiting before the first timed wait for an answer.
 const SPIN_TIME: Duration = Duration::from_micros(50);
@@ -46,7 +46,7 @@ pub enum SimError {
     #[error("failed to write an event to stdout")]
     Output(#[from] std::io::Error),
     #[error("failed to open a renderer")]
-    OpenRenderer(#[from] OpenError),
+    OpenRenderer(#[from] OpenRendererError),
     #[error("failed to {0}")]
     Render(RenderError),
 }

@@ -1,7 +1,7 @@
 //! What may be chosen.
 
 use sim::render::gpu::{AdapterKind, GpuOptions};
-use sim::render::{GpuRenderer, OpenError, RendererChoice, Samples, open};
+use sim::render::{GpuRenderer, OpenRendererError, RendererChoice, Samples, open};
 
 use crate::common::{Cells, VISIBILITIES, renderer, shots};
 
@@ -34,7 +34,7 @@ fn auto_draws_whatever_the_machine_has() {
 #[test]
 fn a_gpu_that_is_missing_is_missed_by_what_was_found() {
     if let Err(error) = GpuRenderer::open(AdapterKind::Hardware, &GpuOptions::default()) {
-        let OpenError::NoAdapter { found, .. } = &error else { panic!("{error}") };
+        let OpenRendererError::NoAdapter { found, .. } = &error else { panic!("{error}") };
         assert!(!found.is_empty() && error.to_string().contains("--renderer cpu"), "{error}");
     }
 }

@@ -33,7 +33,7 @@ use rayon::prelude::*;
 
 use super::math::affine::Affine3;
 use super::scene::{RenderScene, transforms};
-use super::{RenderError, Renderer, Samples, View, with_samples};
+use super::{RenderError, Renderer, Samples, View, name_with_samples};
 use crate::scene::Snapshot;
 pub use inspect::{Inspection, Segment};
 use isa::{Isa, Kernel};
@@ -119,7 +119,7 @@ impl CpuRenderer {
     pub fn draw(&mut self, views: &mut [View<'_>]) {
         views.iter().for_each(View::check);
         self.first_views.clear();
-        let starts = (0..views.len()).filter(|i| *i == 0 || !views[*i].is_of_env(&views[*i - 1]));
+        let starts = (0..views.len()).filter(|i| *i == 0 || !views[*i].is_same_env(&views[*i - 1]));
         self.first_views.extend(starts);
         self.draw_envs(&self.first_views, views);
     }
@@ -206,11 +206,11 @@ fn free_from<T>(things: &[Mutex<T>], own: usize, clean: impl Fn(&mut T)) -> Opti
 impl Renderer for CpuRenderer {
     fn name(&self) -> String {
         let name = format!("cpu ({}, {} threads)", self.isa.name(), self.workspaces.len());
-        with_samples(name, self.options.samples)
+        name_with_samples(name, self.options.samples)
     }
 
     fn identity(&self) -> String {
-        with_samples("cpu".to_owned(), self.options.samples)
+        name_with_samples("cpu".to_owned(), self.options.samples)
     }
 
     fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError> {

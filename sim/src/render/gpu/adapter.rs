@@ -2,7 +2,7 @@
 
 use super::ready;
 use super::{GpuOptions, Visibility};
-use crate::render::choice::OpenError;
+use crate::render::open::OpenRendererError;
 
 /// Where to look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,7 +28,7 @@ pub(super) struct Found {
 ///
 /// # Errors
 /// If there is none: what was found, and what each lacks.
-pub(super) fn find(kind: AdapterKind, options: &GpuOptions) -> Result<Found, OpenError> {
+pub(super) fn find(kind: AdapterKind, options: &GpuOptions) -> Result<Found, OpenRendererError> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,
         flags: wgpu::InstanceFlags::empty(),
@@ -55,7 +55,7 @@ pub(super) fn find(kind: AdapterKind, options: &GpuOptions) -> Result<Found, Ope
     if complaints.is_empty() {
         complaints.push("there is no Vulkan driver".to_owned());
     }
-    Err(OpenError::NoAdapter { wanted: kind.described(), found: complaints.join("; ") })
+    Err(OpenRendererError::NoAdapter { wanted: kind.described(), found: complaints.join("; ") })
 }
 
 /// What is asked of a device.

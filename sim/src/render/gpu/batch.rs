@@ -60,7 +60,7 @@ impl Batch {
         // The images of one env follow each other and share a map.
         let mut map = NONE;
         for (i, view) in views.iter().enumerate() {
-            let shares = i > 0 && view.is_of_env(&views[i - 1]);
+            let shares = i > 0 && view.is_same_env(&views[i - 1]);
             if !shares {
                 map = self.add_map(view, assets);
             }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use super::adapter::{self, Found};
 use super::ready;
 use crate::render::RenderError;
-use crate::render::choice::OpenError;
+use crate::render::open::OpenRendererError;
 
 /// A device that has not finished a chunk after this long is given up.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -30,7 +30,7 @@ impl Gpu {
     ///
     /// # Errors
     /// If the driver refuses.
-    pub(super) fn open(found: Found) -> Result<Self, OpenError> {
+    pub(super) fn open(found: Found) -> Result<Self, OpenRendererError> {
         let (required_features, required_limits) = adapter::required(found.visibility);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("hypogeum"),
@@ -38,8 +38,9 @@ impl Gpu {
             required_limits,
             ..wgpu::DeviceDescriptor::default()
         };
-        let (device, queue) = ready(found.adapter.request_device(&descriptor))
-            .map_err(|error| OpenError::Device { name: found.name.clone(), message: error.to_string() })?;
+        let (device, queue) = ready(found.adapter.request_device(&descriptor)).map_err(|error| {
+            OpenRendererError::Device { name: found.name.clone(), message: error.to_string() }
+        })?;
         let failure = Failure::default();
         let (lost, wrong) = (failure.clone(), failure.clone());
         device.set_device_lost_callback(move |reason, message| {

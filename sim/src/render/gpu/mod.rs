@@ -27,8 +27,8 @@ use std::time::Instant;
 
 pub use adapter::AdapterKind;
 
-use super::choice::OpenError;
-use super::{RenderError, Renderer, Samples, View, with_samples};
+use super::open::OpenRendererError;
+use super::{RenderError, Renderer, Samples, View, name_with_samples};
 use device::Gpu;
 use frame::Frame;
 use readback::Readback;
@@ -84,14 +84,16 @@ impl GpuRenderer {
     ///
     /// # Errors
     /// If there is none, or it cannot be opened.
-    pub fn open(kind: AdapterKind, options: &GpuOptions) -> Result<Self, OpenError> {
+    pub fn open(kind: AdapterKind, options: &GpuOptions) -> Result<Self, OpenRendererError> {
         let found = adapter::find(kind, options)?;
         let visibility = found.visibility;
         let gpu = Gpu::open(found)?;
         let frame = Frame::new(&gpu, kind, visibility, options);
         // A driver that refuses a shader says so now.
-        gpu.check()
-            .map_err(|error| OpenError::Device { name: gpu.name.clone(), message: error.to_string() })?;
+        gpu.check().map_err(|error| OpenRendererError::Device {
+            name: gpu.name.clone(),
+            message: error.to_string(),
+        })?;
         Ok(Self {
             frame,
             readbacks: Default::default(),
@@ -137,7 +139,7 @@ impl Renderer for GpuRenderer {
             Visibility::Raster => "raster",
             Visibility::Compute => "compute",
         };
-        with_samples(format!("gpu ({}, {visibility})", self.gpu.name), self.samples)
+        name_with_samples(format!("gpu ({}, {visibility})", self.gpu.name), self.samples)
     }
 
     fn identity(&self) -> String {

@@ -19,6 +19,6 @@ fn a_lost_device_is_an_error_and_stays_one() {
     renderer.gpu.device.destroy();
     for _ in 0..2 {
         let error = draw(&mut renderer).unwrap_err().to_string();
-        assert!(error.contains("draw on") && error.contains("lost"), "{error}");
+        assert!(error.contains("render on") && error.contains("lost"), "{error}");
     }
 }

@@ -1,26 +1,27 @@
-//! Which renderer draws.
+//! Selection of a renderer at start-up.
 
 use thiserror::Error;
 
 use super::gpu::{AdapterKind, GpuOptions, GpuRenderer};
 use super::{CpuOptions, CpuRenderer, Renderer, RendererChoice, Samples};
 
-/// Why a renderer cannot be opened.
+/// Errors that can occur while opening a renderer.
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the fields are named by their messages")]
-pub enum OpenError {
+pub enum OpenRendererError {
     #[error(
-        "found no {wanted} that can draw through Vulkan: {found}; say --renderer cpu or auto, or install a driver"
+        "found no {wanted} that can render through Vulkan: {found}; use --renderer cpu or auto, or install a driver"
     )]
     NoAdapter { wanted: &'static str, found: String },
-    #[error("open {name}: {message}")]
+    #[error("failed to open {name}: {message}")]
     Device { name: String, message: String },
 }
 
-/// Opens a renderer for use in a rayon pool of this many threads.
+/// Opens a renderer for use in a rayon pool of `threads` threads. `Auto` falls back to the CPU if no GPU can
+/// render.
 ///
 /// # Errors
-/// If a GPU or a software driver is asked for and none can draw.
+/// If `choice` requires a GPU or a software driver and none can render.
 ///
 /// # Panics
 /// If `threads` is 0.
@@ -28,7 +29,7 @@ pub fn open(
     choice: RendererChoice,
     samples: Samples,
     threads: usize,
-) -> Result<Box<dyn Renderer>, OpenError> {
+) -> Result<Box<dyn Renderer>, OpenRendererError> {
     let gpu = |kind| GpuRenderer::open(kind, &GpuOptions { samples, ..GpuOptions::default() });
     let cpu = || CpuRenderer::with_options(threads, CpuOptions { samples, ..CpuOptions::default() });
     Ok(match choice {
