@@ -1,4 +1,5 @@
-//! After its first pictures the renderer allocates nothing. A binary of its own, for it counts all that its process does.
+//! After warm-up the renderer allocates nothing. A separate binary, because it counts the allocations of the
+//! whole process.
 
 #[path = "../../tests/counting.rs"]
 mod counting;
@@ -25,7 +26,7 @@ fn rendering_allocates_nothing_after_warm_up() {
         .map(|(scene, _)| (0..scene.n_cameras()).map(|c| vec![0; scene.side(c).pow(2) * 3]).collect())
         .collect();
     let mut renderer = CpuRenderer::new(2);
-    // The whole test runs on a worker, so that rayon has nothing to hand over from outside.
+    // Runs on a worker thread, because injecting work into the pool from outside allocates.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     let ([_, counted], ()) = pool.install(|| {
         let mut views: Vec<View<'_>> = envs
@@ -40,7 +41,7 @@ fn rendering_allocates_nothing_after_warm_up() {
                 })
             })
             .collect();
-        // Every scratch must have seen every scene; which worker takes which view is up to rayon.
+        // Every workspace must have rendered every scene, and rayon decides which worker takes which view.
         for _ in 0..20 {
             renderer.render(&mut views).unwrap();
         }

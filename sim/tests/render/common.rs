@@ -1,4 +1,4 @@
-//! What the tests of the renderer share.
+//! Scenes and image helpers shared by the renderer tests.
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -15,8 +15,8 @@ use sim::{Perturbation, Profile, TaskId};
 pub(crate) const BLUE: [f64; 3] = [0.0, 0.0, 1.0];
 pub(crate) const RED: [f64; 3] = [1.0, 0.0, 0.0];
 
-/// A task's first scene, with all of its poses as they were drawn.
-pub(crate) fn drawn(task: TaskId) -> (Scene, Snapshot) {
+/// Returns the first scene of a task, with its initial snapshot.
+pub(crate) fn first_scene(task: TaskId) -> (Scene, Snapshot) {
     let spec = (task.task().nominal)();
     let scene = spec.draw(episode_seed(0, task.name(), 0));
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
@@ -24,12 +24,13 @@ pub(crate) fn drawn(task: TaskId) -> (Scene, Snapshot) {
     (scene, snapshot)
 }
 
-/// The distribution of a task under a perturbation.
+/// Returns the scene distribution of a task under a perturbation.
 pub(crate) fn perturbed(task: TaskId, perturbation: Perturbation) -> SceneSpec {
     Composition::from(perturbation).spec(task.task(), Profile::Strict, Strength::FULL)
 }
 
-/// A room with a table, a camera at `eye` that looks at `target` over 90°, even light and nothing else.
+/// Returns a room with a table, ambient light and a camera at `eye` that looks at `target` with a 90° field
+/// of view.
 pub(crate) fn empty_room(eye: [f64; 3], target: [f64; 3]) -> Scene {
     let paint = |color| Appearance { color, texture: None, specular: 0.0 };
     Scene {
@@ -55,7 +56,7 @@ pub(crate) fn empty_room(eye: [f64; 3], target: [f64; 3]) -> Scene {
     }
 }
 
-/// A body of one solid.
+/// Returns a body with one collision part and no visuals.
 pub(crate) fn body(name: &'static str, shape: Primitive, position: [f64; 3], color: [f64; 3]) -> Body {
     Body {
         name,
@@ -75,13 +76,13 @@ pub(crate) fn body(name: &'static str, shape: Primitive, position: [f64; 3], col
     }
 }
 
-/// The snapshot of a scene without arms, its bodies where they were drawn.
-pub(crate) fn as_placed(scene: &Scene) -> Snapshot {
+/// Returns the initial snapshot of a scene without arms.
+pub(crate) fn initial_snapshot(scene: &Scene) -> Snapshot {
     Snapshot { bodies: scene.bodies.iter().map(|body| body.pose.cast()).collect(), arms: Vec::new() }
 }
 
-/// One image.
-pub(crate) fn image(scene: &Scene, snapshot: &Snapshot, camera_idx: usize) -> Vec<u8> {
+/// Renders one image.
+pub(crate) fn render(scene: &Scene, snapshot: &Snapshot, camera_idx: usize) -> Vec<u8> {
     let scene = RenderScene::new(scene);
     let side = scene.side(camera_idx);
     let mut out = vec![0; side * side * 3];
@@ -89,26 +90,35 @@ pub(crate) fn image(scene: &Scene, snapshot: &Snapshot, camera_idx: usize) -> Ve
     out
 }
 
-/// Columns and rows of the pixels for which `is` holds, in an image of this side.
-pub(crate) fn pixels(image: &[u8], side: usize, is: impl Fn([u8; 3]) -> bool) -> Vec<[usize; 2]> {
+/// Returns [column, row] of all pixels of a `side` × `side` image that satisfy `predicate`.
+pub(crate) fn pixels_where(
+    image: &[u8],
+    side: usize,
+    predicate: impl Fn([u8; 3]) -> bool,
+) -> Vec<[usize; 2]> {
     let rgb = image.chunks_exact(3).map(|p| [p[0], p[1], p[2]]);
-    rgb.enumerate().filter(|(_, rgb)| is(*rgb)).map(|(i, _)| [i % side, i / side]).collect()
+    rgb.enumerate().filter(|(_, rgb)| predicate(*rgb)).map(|(i, _)| [i % side, i / side]).collect()
 }
 
-/// Whether a pixel shows something painted [`BLUE`].
+/// Returns `true` if a pixel shows a [`BLUE`] surface.
 pub(crate) fn is_blue([r, g, b]: [u8; 3]) -> bool {
     r == 0 && g == 0 && b > 0
 }
 
-/// Whether a pixel shows something painted [`RED`].
+/// Returns `true` if a pixel shows a [`RED`] surface.
 pub(crate) fn is_red([r, g, b]: [u8; 3]) -> bool {
     r > 0 && g == 0 && b == 0
 }
 
-/// Least and greatest column and row of some pixels.
+/// Returns the minimum and maximum [column, row] of some pixels.
 pub(crate) fn bounds(pixels: &[[usize; 2]]) -> [[usize; 2]; 2] {
-    let of = |axis: usize, pick: fn(usize, usize) -> usize| {
-        pixels.iter().map(|p| p[axis]).reduce(pick).expect("some pixels")
+    let reduce = |axis: usize, f: fn(usize, usize) -> usize| {
+        pixels.iter().map(|p| p[axis]).reduce(f).expect("no pixels to bound")
     };
-    [[of(0, usize::min), of(1, usize::min)], [of(0, usize::max), of(1, usize::max)]]
+    [[reduce(0, usize::min), reduce(1, usize::min)], [reduce(0, usize::max), reduce(1, usize::max)]]
+}
+
+/// Returns the number of pixels that differ between two images.
+pub(crate) fn n_different_pixels(a: &[u8], b: &[u8]) -> usize {
+    a.chunks_exact(3).zip(b.chunks_exact(3)).filter(|(a, b)| a != b).count()
 }

@@ -1,17 +1,17 @@
-//! A picture is a function of its scene, snapshot and camera: of nothing else, and of all of them.
+//! An image is a function of its scene, snapshot and camera: it depends on all three and on nothing else.
 
 use sim::TaskId;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::{Link, Snapshot};
 
-use crate::common::{drawn, image};
+use crate::common::{bounds, first_scene, n_different_pixels, render};
 
-/// All images of all tasks, rendered in one batch on this many threads, into buffers that start as `garbage`.
-fn batch(n_threads: usize, reversed: bool, garbage: u8) -> Vec<Vec<u8>> {
+/// Renders all images of all tasks in one batch on `n_threads` threads, into buffers filled with `garbage`.
+fn render_batch(n_threads: usize, reversed: bool, garbage: u8) -> Vec<Vec<u8>> {
     let scenes: Vec<(RenderScene, Snapshot)> = TaskId::ALL
         .iter()
         .map(|task| {
-            let (scene, snapshot) = drawn(*task);
+            let (scene, snapshot) = first_scene(*task);
             (RenderScene::new(&scene), snapshot)
         })
         .collect();
@@ -37,31 +37,31 @@ fn batch(n_threads: usize, reversed: bool, garbage: u8) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn bytes_do_not_depend_on_threads_batch_order_or_what_was_there() {
+fn bytes_are_independent_of_threads_batch_and_buffer() {
     let one_by_one: Vec<Vec<u8>> = TaskId::ALL
         .iter()
         .flat_map(|task| {
-            let (scene, snapshot) = drawn(*task);
-            (0..scene.cameras.len()).map(move |c| image(&scene, &snapshot, c)).collect::<Vec<_>>()
+            let (scene, snapshot) = first_scene(*task);
+            (0..scene.cameras.len()).map(move |c| render(&scene, &snapshot, c)).collect::<Vec<_>>()
         })
         .collect();
     for (n_threads, reversed, garbage) in [(1, false, 0), (1, true, 7), (2, false, 255), (3, true, 255)] {
         assert!(
-            batch(n_threads, reversed, garbage) == one_by_one,
+            render_batch(n_threads, reversed, garbage) == one_by_one,
             "{n_threads} threads, reversed: {reversed}"
         );
     }
 }
 
 #[test]
-fn moving_a_body_changes_the_image_where_the_body_is() {
-    let (scene, before) = drawn(TaskId::RaiseCube);
+fn moving_a_body_changes_only_its_surroundings() {
+    let (scene, before) = first_scene(TaskId::RaiseCube);
     let mut after = before.clone();
     after.bodies[0].translation.x += 0.03;
     for camera_idx in 0..2 {
-        let render = RenderScene::new(&scene);
-        let side = render.side(camera_idx);
-        let (old, new) = (image(&scene, &before, camera_idx), image(&scene, &after, camera_idx));
+        let render_scene = RenderScene::new(&scene);
+        let side = render_scene.side(camera_idx);
+        let (old, new) = (render(&scene, &before, camera_idx), render(&scene, &after, camera_idx));
         let changed: Vec<[usize; 2]> = old
             .chunks_exact(3)
             .zip(new.chunks_exact(3))
@@ -69,34 +69,29 @@ fn moving_a_body_changes_the_image_where_the_body_is() {
             .filter(|(_, (a, b))| a != b)
             .map(|(i, _)| [i % side, i / side])
             .collect();
-        let [least, greatest] = crate::common::bounds(&changed);
-        // A cube of 4 cm that moves 3 cm, seen from no nearer than 0.2 m.
+        let [min, max] = bounds(&changed);
+        // A cube of 4 cm moves by 3 cm, at least 0.2 m from the camera.
         assert!(changed.len() > 20, "{} pixels", changed.len());
         for axis in 0..2 {
-            assert!(greatest[axis] - least[axis] < 50, "{least:?} to {greatest:?}");
+            assert!(max[axis] - min[axis] < 50, "{min:?} to {max:?}");
         }
     }
 }
 
 #[test]
-fn the_hand_camera_moves_with_the_hand_and_sees_the_fingers() {
-    let (scene, open) = drawn(TaskId::RaiseCube);
+fn hand_camera_follows_hand_and_sees_fingers() {
+    let (scene, open) = first_scene(TaskId::RaiseCube);
     let mut closed = open.clone();
     let hand = open.arms[0][Link::Hand as usize];
     for finger in [Link::Finger1, Link::Finger2] {
         closed.arms[0][finger as usize] = hand * nalgebra::Isometry3::translation(0.0, 0.0, 0.0584);
     }
-    let changed = differing(&image(&scene, &open, 2), &image(&scene, &closed, 2));
+    let changed = n_different_pixels(&render(&scene, &open, 2), &render(&scene, &closed, 2));
     assert!((300..6000).contains(&changed), "{changed} pixels change as the fingers close");
     let mut higher = open.clone();
     for link in &mut higher.arms[0] {
         link.translation.z += 0.1;
     }
-    let changed = differing(&image(&scene, &open, 2), &image(&scene, &higher, 2));
+    let changed = n_different_pixels(&render(&scene, &open, 2), &render(&scene, &higher, 2));
     assert!(changed > 6000, "{changed} pixels change as the hand rises");
-}
-
-/// Pixels that differ.
-pub(crate) fn differing(a: &[u8], b: &[u8]) -> usize {
-    a.chunks_exact(3).zip(b.chunks_exact(3)).filter(|(a, b)| a != b).count()
 }

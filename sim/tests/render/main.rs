@@ -1,15 +1,15 @@
-//! The renderer through the crate's public door: where things appear, what hides what, and that nothing but the scene
-//! decides a byte.
+//! Tests of the renderer through its public interface: projection, visibility, shading, and that images
+//! depend on nothing but the scene, snapshot and camera.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
-mod enlarged;
-mod forms;
+mod contact_sheet;
+mod high_res;
+mod image_content;
 mod independence;
 mod inspect;
-mod layers;
-mod light;
-mod looks;
+mod lighting;
 mod projection;
-mod sheet;
+mod static_layers;
+mod visual_shapes;

@@ -1,4 +1,4 @@
-//! Contact sheets.
+//! Contact sheets: composition and PNG output.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -7,7 +7,7 @@ use std::path::Path;
 use sim::show::contact_sheet::{SheetError, compose};
 
 #[test]
-fn a_sheet_holds_its_images_enlarged_side_by_side() {
+fn sheet_contains_its_images_enlarged() {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sheet.png");
     let (red, blue) = ([255, 0, 0].repeat(9), [0, 0, 255].repeat(4));
     compose(&[(3, &red), (2, &blue), (2, &blue)], 2, 2).write_png(&path).unwrap();
@@ -15,13 +15,13 @@ fn a_sheet_holds_its_images_enlarged_side_by_side() {
     let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut bytes).unwrap();
     let count = |rgb: [u8; 3]| bytes.chunks_exact(3).filter(|p| **p == rgb).count();
-    // Two columns and two rows of cells as large as the largest image.
+    // Two columns and two rows of cells, each as large as the largest image.
     assert_eq!(info.width, info.height);
     assert_eq!([count([255, 0, 0]), count([0, 0, 255])], [9 * 4, 2 * 4 * 4]);
 }
 
 #[test]
-fn a_sheet_that_cannot_be_written_names_its_file() {
+fn unwritable_sheet_names_its_file() {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("missing").join("sheet.png");
     let error = compose(&[(1, [0; 3])], 1, 1).write_png(&path).unwrap_err();
     assert!(matches!(error, SheetError::Create { .. }));

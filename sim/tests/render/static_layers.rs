@@ -1,4 +1,4 @@
-//! Keeping what stands still saves work and changes no byte.
+//! Cached static layers change no byte.
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -8,19 +8,20 @@ use sim::scene::{Link, Scene, Snapshot};
 use sim::stream::episode_seed;
 use sim::{Perturbation, TaskId};
 
-use crate::common::{drawn, perturbed};
+use crate::common::{first_scene, perturbed};
 
-/// All images of a scene at some moments, each by a renderer that has drawn nothing before.
-fn photographs(scene: &Scene, options: CpuOptions, moments: &[Snapshot]) -> Vec<Vec<u8>> {
+/// Renders all images of a scene at some snapshots, each with a new renderer.
+fn render_independently(scene: &Scene, options: CpuOptions, snapshots: &[Snapshot]) -> Vec<Vec<u8>> {
     let photograph = |snapshot| {
         CpuRenderer::with_options(1, options).photograph(&RenderScene::new(scene), snapshot).into_iter()
     };
-    moments.iter().flat_map(photograph).map(|(_, image)| image).collect()
+    snapshots.iter().flat_map(photograph).map(|(_, image)| image).collect()
 }
 
-/// All images of a scene at some moments, one after the other by one renderer, which makes some of another scene in between.
-fn film(scene: &Scene, options: CpuOptions, moments: &[Snapshot]) -> Vec<Vec<u8>> {
-    let (render, (mut other, elsewhere)) = (RenderScene::new(scene), drawn(TaskId::DualArmLiftTray));
+/// Renders all images of a scene at some snapshots with one renderer, and another scene in between.
+fn render_sequence(scene: &Scene, options: CpuOptions, snapshots: &[Snapshot]) -> Vec<Vec<u8>> {
+    let (render_scene, (mut other, other_snapshot)) =
+        (RenderScene::new(scene), first_scene(TaskId::DualArmLiftTray));
     other.lights.shadows = scene.lights.shadows;
     let other = RenderScene::new(&other);
     let mut renderer = CpuRenderer::with_options(1, options);
@@ -30,18 +31,18 @@ fn film(scene: &Scene, options: CpuOptions, moments: &[Snapshot]) -> Vec<Vec<u8>
         renderer.draw(&mut [View { scene, snapshot, camera_idx, out: &mut out }]);
         out
     };
-    for snapshot in moments {
-        for camera_idx in 0..render.n_cameras() {
-            images.push(draw(&render, snapshot, camera_idx));
+    for snapshot in snapshots {
+        for camera_idx in 0..render_scene.n_cameras() {
+            images.push(draw(&render_scene, snapshot, camera_idx));
         }
-        draw(&other, &elsewhere, 0);
+        draw(&other, &other_snapshot, 0);
     }
     images
 }
 
-/// The start, then everything that moves sweeps around the robot's base, and falls through the table in the end. The arms' bases
-/// stay.
-fn moments(start: &Snapshot) -> Vec<Snapshot> {
+/// Returns snapshots in which everything that moves sweeps around the robot base and finally falls through
+/// the table. The bases of the arms stay in place.
+fn snapshots(start: &Snapshot) -> Vec<Snapshot> {
     let sweep = |step: u16| {
         let mut snapshot = start.clone();
         let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * (0.17 * f32::from(step)));
@@ -57,29 +58,31 @@ fn moments(start: &Snapshot) -> Vec<Snapshot> {
 }
 
 #[test]
-fn layers_change_no_byte_as_things_move() {
+fn layers_change_no_byte_while_bodies_move() {
     for &task in TaskId::ALL {
-        let (mut scene, start) = drawn(task);
-        let moments = moments(&start);
+        let (mut scene, start) = first_scene(task);
+        let snapshots = snapshots(&start);
         for (shadows, samples) in
             [(false, Samples::One), (true, Samples::One), (false, Samples::Four), (true, Samples::Four)]
         {
             scene.lights.shadows = shadows;
-            let [kept, without_layers] =
-                [true, false].map(|keep_layers| film(&scene, CpuOptions { keep_layers, samples }, &moments));
-            let drawn_anew = photographs(&scene, CpuOptions { keep_layers: false, samples }, &moments);
-            for (i, drawn_anew) in drawn_anew.iter().enumerate() {
+            let [cached, uncached] = [true, false]
+                .map(|keep_layers| render_sequence(&scene, CpuOptions { keep_layers, samples }, &snapshots));
+            let expected =
+                render_independently(&scene, CpuOptions { keep_layers: false, samples }, &snapshots);
+            for (i, expected) in expected.iter().enumerate() {
                 let case = format!("{task:?}, shadows {shadows}, {samples:?}: image {i}");
-                assert!(&kept[i] == drawn_anew, "{case}");
-                assert!(&without_layers[i] == drawn_anew, "{case} without layers");
+                assert!(&cached[i] == expected, "{case}, cached layers");
+                assert!(&uncached[i] == expected, "{case}, no layers");
             }
-            assert!(kept[0] != kept[kept.len() - scene.cameras.len()], "{task:?}: nothing moved");
+            assert!(cached[0] != cached[cached.len() - scene.cameras.len()], "{task:?}: no image changed");
         }
     }
 }
 
-/// A task's scenes under everything that applies to it, two of each, with shadows and without.
-fn varied(task: TaskId) -> Vec<(Scene, Snapshot)> {
+/// Returns scenes of a task under every applicable perturbation: two episodes, and the first of them again
+/// with shadows.
+fn perturbed_scenes(task: TaskId) -> Vec<(Scene, Snapshot)> {
     let nominal = (task.task().nominal)();
     let mut all = Vec::new();
     for &perturbation in Perturbation::ALL.iter().filter(|p| p.applies_to(&nominal).is_ok()) {
@@ -95,10 +98,10 @@ fn varied(task: TaskId) -> Vec<(Scene, Snapshot)> {
 }
 
 #[test]
-fn scenes_of_one_renderer_are_not_taken_for_one_another() {
+fn renderer_keeps_scenes_apart() {
     for task in [TaskId::RaiseCube, TaskId::OpenCabinet, TaskId::DualArmLiftTray] {
         let scenes: Vec<_> =
-            varied(task).into_iter().map(|(scene, at)| (RenderScene::new(&scene), at)).collect();
+            perturbed_scenes(task).into_iter().map(|(scene, at)| (RenderScene::new(&scene), at)).collect();
         let mut renderer = CpuRenderer::new(2);
         let sides = |scene: &RenderScene| (0..scene.n_cameras()).map(|c| scene.side(c)).collect::<Vec<_>>();
         let mut together: Vec<Vec<Vec<u8>>> = scenes
