@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
-"""Writes a randomly initialised ACT checkpoint that `act:PATH` can load, and what PyTorch computes with it.
+"""Write a randomly initialised ACT checkpoint that `act:PATH` can load, and PyTorch's outputs for it.
 
-The network is the benchmark's ACT: ResNet-18 with frozen batch normalisation, a DETR-style transformer, an instruction
-token, an action chunk as output. Needs `torch`, `numpy` and `safetensors`.
+The network is the benchmark's ACT: a ResNet-18 with frozen batch normalisation and a DETR-style transformer with an
+instruction token, which outputs an action chunk. Needs `torch`, `numpy` and `safetensors`.
 
-    make_act_checkpoint.py OUT --morphology single            a full-size checkpoint
-    make_act_checkpoint.py OUT --morphology single --tiny     one of a few hundred kB
-    ... --rule             weights computed from tensor names, as policy-host's `synthetic` module does
-    ... --reference FILE   PyTorch's actions for two generated observations, as safetensors
-    ... --no-weights       only the reference: for networks whose weights the rule can make again
+    make_act_checkpoint.py OUT --morphology single            write a full-size checkpoint
+    make_act_checkpoint.py OUT --morphology single --tiny     write a checkpoint of a few hundred kB
+    ... --rule             compute the weights from tensor names, like policy-host's `synthetic` module
+    ... --reference FILE   also write PyTorch's actions for two generated observations, as safetensors
+    ... --no-weights       write only the reference, for networks whose weights `--rule` can reproduce
 
-The two in `policy-host/tests/data/act-tiny` were made with `--tiny --lean --reference OUT/reference.safetensors`, the bimanual
-one with `--statistics --seed 1`, too.
+The checkpoints in `policy-host/tests/data/act-tiny` were made with `--tiny --lean --reference
+OUT/reference.safetensors`, the bimanual one additionally with `--statistics --seed 1`.
 """
 
 import argparse
@@ -43,11 +43,12 @@ TINY = dict(
 )
 LATENT_DIM = 32
 EXTERNAL_SIDE, HAND_SIDE = 224, 128
-# One instruction with a language token, one without.
+# An empty instruction is evaluated without a language token.
 INSTRUCTIONS = ["Raise the red cube above the table.", ""]
 
 
-def tensor_by_rule(name, shape):
+def generated_tensor(name, shape):
+    """Return the f32 weights that `--rule` assigns to a tensor, a function of its name and shape."""
     if name.endswith("running_var"):
         return 1 + sym(name, shape, 0.5)
     if name.endswith("running_mean"):
@@ -115,8 +116,8 @@ class EncoderLayer(nn.Module):
         return self.linear2(F.relu(self.linear1(x)))
 
     def forward(self, x, position):
-        placed = x + position
-        x = self.norm1(x + self.self_attn(placed, placed, x, need_weights=False)[0])
+        query = x + position
+        x = self.norm1(x + self.self_attn(query, query, x, need_weights=False)[0])
         return self.norm2(x + self.feed_forward(x))
 
 
@@ -127,8 +128,8 @@ class DecoderLayer(EncoderLayer):
         self.norm3 = nn.LayerNorm(c["hidden_dim"])
 
     def forward(self, target, memory, position, query_position):
-        placed = target + query_position
-        target = self.norm1(target + self.self_attn(placed, placed, target, need_weights=False)[0])
+        query = target + query_position
+        target = self.norm1(target + self.self_attn(query, query, target, need_weights=False)[0])
         query, key = target + query_position, memory + position
         target = self.norm2(target + self.multihead_attn(query, key, memory, need_weights=False)[0])
         return self.norm3(target + self.feed_forward(target))
@@ -143,7 +144,7 @@ class Stack(nn.Module):
 
 
 class Joiner(nn.Module):
-    """Only there to give the backbone's tensors the names they have in the benchmark's checkpoints."""
+    """Wrapper that gives the backbone's tensors the names they have in the benchmark's checkpoints."""
 
     def __init__(self, body):
         super().__init__()
@@ -170,7 +171,7 @@ class Act(nn.Module):
             self.lang_proj = nn.Sequential(
                 nn.Linear(e, e), nn.ReLU(), nn.LayerNorm(e), nn.Linear(e, e), nn.ReLU(), nn.LayerNorm(e), nn.Linear(e, d)
             )
-        # Only training uses these.
+        # Used only in training.
         self.encoder = Stack(EncoderLayer, c, c["enc_layers"])
         self.cls_embed = nn.Embedding(1, d)
         self.encoder_state_proj = nn.Linear(c["state_dim"], d)
@@ -178,77 +179,86 @@ class Act(nn.Module):
         self.latent_proj = nn.Linear(d, 2 * LATENT_DIM)
 
     def positions(self, side):
-        """[side, side, d]: sines and cosines of the row in the first half, of the column in the second."""
+        """Return the positional encoding, `[side, side, hidden_dim]`: one half for the row, one for the column."""
         half = self.c["hidden_dim"] // 2
-        place = torch.arange(1, side + 1, dtype=torch.float32) / (side + 1e-6) * 2 * math.pi
+        coordinate = torch.arange(1, side + 1, dtype=torch.float32) / (side + 1e-6) * 2 * math.pi
         wavelength = 10000 ** (2 * (torch.arange(half) // 2) / half)
-        phase = place[:, None] / wavelength
+        phase = coordinate[:, None] / wavelength
         code = torch.stack([phase[:, 0::2].sin(), phase[:, 1::2].cos()], -1).flatten(1)
         return torch.cat([code[:, None].expand(-1, side, -1), code[None].expand(side, -1, -1)], -1)
 
     def forward(self, images, state, embedding=None):
-        """images [n, n_cameras, 3, 224, 224] normalised, state [n, state_dim], embedding [n, language dim] or None.
+        """Compute action chunks.
 
-        Returns the chunks [n, num_queries, action_dim] and the backbone's features [n, n_cameras, C, 7, 7].
+        Args:
+            images: Normalised images, `[n, n_cameras, 3, 224, 224] f32`.
+            state: State vectors, `[n, state_dim] f32`.
+            embedding: Language embeddings, `[n, language_dim] f32`, or None.
+
+        Returns:
+            Action chunks `[n, num_queries, action_dim]` and backbone features `[n, n_cameras, C, 7, 7]`.
         """
         n, n_cameras = images.shape[:2]
         features = self.backbones[0][0].body(images.flatten(0, 1)).unflatten(0, (n, n_cameras))
-        # Cameras side by side, then row by row.
+        # Token order: the cameras' feature maps side by side, read row by row.
         image_tokens = self.input_proj(features.flatten(0, 1)).unflatten(0, (n, n_cameras))
         image_tokens = image_tokens.permute(0, 3, 1, 4, 2).flatten(1, 3)
         position = self.positions(features.shape[-1])
         image_position = position[:, None].expand(-1, n_cameras, -1, -1).flatten(0, 2)
         tokens = [self.latent_out_proj(torch.zeros(n, LATENT_DIM)), self.input_proj_robot_state(state)]
-        placing = [self.additional_pos_embed.weight]
+        positions = [self.additional_pos_embed.weight]
         if embedding is not None:
             tokens.append(self.lang_proj(embedding))
-            placing.append(torch.zeros(1, self.c["hidden_dim"]))
+            positions.append(torch.zeros(1, self.c["hidden_dim"]))
         memory = torch.cat([torch.stack(tokens, 1), image_tokens], 1)
-        placing = torch.cat([*placing, image_position])[None]
+        positions = torch.cat([*positions, image_position])[None]
         for layer in self.transformer.encoder.layers:
-            memory = layer(memory, placing)
+            memory = layer(memory, positions)
         query_position = self.query_embed.weight.expand(n, -1, -1)
         decoder = self.transformer.decoder
-        # The benchmark reads the first of the stacked intermediate outputs: later layers never matter.
-        target = decoder.layers[0](torch.zeros_like(query_position), memory, placing, query_position)
+        # The benchmark reads the first of the stacked intermediate outputs, so later decoder layers have no effect.
+        target = decoder.layers[0](torch.zeros_like(query_position), memory, positions, query_position)
         return self.action_head(decoder.norm(target)), features
 
 
 # --- checkpoint and reference -----------------------------------------------------------------------------------------
 
-def initialise(net, by_rule, seed):
+def initialise(net, by_rule, random):
+    """Initialise all weights by `generated_tensor`, or only the batch statistics, randomly."""
     with torch.no_grad():
         for name, tensor in net.state_dict().items():
             if by_rule:
-                tensor.copy_(torch.from_numpy(np.asarray(tensor_by_rule(name, tuple(tensor.shape)))))
+                tensor.copy_(torch.from_numpy(np.asarray(generated_tensor(name, tuple(tensor.shape)))))
             elif name.endswith(("running_mean", "running_var")):
-                # Untrained statistics would hide a mistake in how they are folded.
-                values = torch.rand(tensor.shape, generator=seed)
+                # The default statistics would hide an error in folding them into the convolutions.
+                values = torch.rand(tensor.shape, generator=random)
                 tensor.copy_(values + 0.5 if name.endswith("var") else 0.2 * values - 0.1)
 
 
 def generated_observation(env, morphology):
-    """The same numbers as policy-host's tests generate."""
+    """Return external images, hand images and state of an observation that policy-host's tests generate equally."""
     robot, n_hands = ROBOTS[morphology], ROBOTS[morphology]["n_cameras"] - 2
     pixels = lambda name, shape: (256 * unit(f"in.{env}.{name}", shape)).astype(np.uint8)
     external = pixels("external", (2, EXTERNAL_SIDE, EXTERNAL_SIDE, 3))
-    # Blocks of 8x8 pixels: an enlarged image is then smooth enough to compare, and still has edges.
+    # With blocks of 8x8 pixels, the resized image is smooth enough to compare but still has edges.
     hand = np.kron(pixels("hand", (n_hands, HAND_SIDE // 8, HAND_SIDE // 8, 3)), np.ones((1, 8, 8, 1), np.uint8))
     return external, hand, sym(f"in.{env}.state", (robot["state_dim"],), 1)
 
 
 def normalised_images(external, hand):
+    """Return network inputs, `[n_cameras, 3, 224, 224] f32`; hand images are resized as in `hypogeum.images`."""
     to_chw = lambda x: torch.from_numpy(x).permute(0, 3, 1, 2).float()
-    grown = F.interpolate(
+    resized = F.interpolate(
         to_chw(hand), (EXTERNAL_SIDE, EXTERNAL_SIDE), mode="bilinear", antialias=True, align_corners=False
     )
-    # Halves go up, and what rounding errors leave just below a half, too.
-    images = torch.cat([to_chw(external), (grown + 0.501).floor().clamp(0, 255)]) / 255
+    # Halves round up, and so do values that floating-point error leaves just below a half.
+    images = torch.cat([to_chw(external), (resized + 0.501).floor().clamp(0, 255)]) / 255
     mean, std = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
     return (images - mean[:, None, None]) / std[:, None, None]
 
 
 def reference(net, config, statistics):
+    """Return PyTorch's actions and backbone features for one generated observation per instruction."""
     out = {"actions": [], "trunk": []}
     for env, instruction in enumerate(INSTRUCTIONS):
         external, hand, state = generated_observation(env, config["morphology"])
@@ -265,19 +275,19 @@ def reference(net, config, statistics):
         if statistics:
             actions = actions * statistics["norm_stats.action_std"] + statistics["norm_stats.action_mean"]
         out["actions"].append(actions)
-        # Every camera's features in the middle of the image: enough to tell where a difference comes from.
+        # The features at the image centre, per camera: enough to locate the cause of a difference.
         out["trunk"].append(features[:, :, 3, 3])
     return {name: torch.stack(values).contiguous() for name, values in out.items()}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, help="folder of the checkpoint")
+    parser.add_argument("out", type=Path, help="output folder")
     parser.add_argument("--morphology", choices=ROBOTS, default="single")
-    parser.add_argument("--tiny", action="store_true", help="a sixteenth to an eighth of the widths")
-    parser.add_argument("--rule", action="store_true", help="weights computed from tensor names")
+    parser.add_argument("--tiny", action="store_true", help="reduce widths to between a sixteenth and an eighth")
+    parser.add_argument("--rule", action="store_true", help="compute the weights from tensor names")
     parser.add_argument("--statistics", action="store_true", help="add normalisation statistics")
-    parser.add_argument("--lean", action="store_true", help="leave out tensors that inference does not use")
+    parser.add_argument("--lean", action="store_true", help="omit tensors that inference does not use")
     parser.add_argument("--reference", type=Path, metavar="FILE", help="also write PyTorch's outputs")
     parser.add_argument("--no-weights", action="store_true", help="write no checkpoint")
     parser.add_argument("--seed", type=int, default=0)

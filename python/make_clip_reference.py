@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Writes what PyTorch computes with a small CLIP text tower whose weights come from tensor names.
+"""Write PyTorch's embeddings from a small CLIP text tower whose weights are computed from tensor names.
 
-    make_clip_reference.py OUT            OUT/reference.json: texts with their tokens, and the weights' fingerprint;
-                                          OUT/reference.safetensors: their embeddings
-    ... --layers 12 --width 512           a tower of another size (that of CLIP ViT-B/32)
-    ... --weights huggingface|openai      also OUT/model.safetensors, in that naming
-    ... --time                            prints how long PyTorch takes for a text
+    make_clip_reference.py OUT            write OUT/reference.json (texts, tokens, fingerprint of the weights)
+                                          and OUT/reference.safetensors (embeddings)
+    ... --layers 12 --width 512           use a tower of another size (here that of CLIP ViT-B/32)
+    ... --weights huggingface|openai      also write OUT/model.safetensors in that form
+    ... --time                            print PyTorch's time per text
 
-Texts are some odd ones and the suite's instructions; tokens are those of open_clip, which mends texts with ftfy.
+The texts are edge cases and the suite's instructions. The tokens are those of open_clip, which cleans texts with ftfy.
 Needs `torch`, `transformers`, `open_clip_torch`, `safetensors` and `xxhash`.
 """
 
@@ -23,11 +23,11 @@ from safetensors.numpy import save_file
 from transformers import CLIPTextConfig, CLIPTextModelWithProjection
 
 from hypogeum.clip import HEAD_WIDTH, canonical_shapes, fingerprint, to_openai
-from make_act_checkpoint import tensor_by_rule
+from make_act_checkpoint import generated_tensor
 
 PARAPHRASES = Path(__file__).parents[1] / "sim/src/tasks/paraphrases"
-# Capitals, contractions, digits, white space, other scripts, marks, more than 77 tokens, nothing.
-ODD_TEXTS = [
+# Capitals, contractions, digits, white space, other scripts, punctuation, more than 77 tokens, empty texts.
+EDGE_CASES = [
     "",
     "   ",
     "Raise the Red CUBE!",
@@ -44,18 +44,20 @@ ODD_TEXTS = [
 
 
 def suite_texts(per_task):
+    """Yield the first `per_task` instructions of every task."""
     for path in sorted(PARAPHRASES.glob("*.txt")):
         yield from [line for line in path.read_text().splitlines() if line][:per_task]
 
 
 def tokens(texts):
-    """The ids of every text up to the first mark of an end."""
+    """Return the token ids of every text, up to and including the first end-of-text token."""
     end = 49407
     rows = SimpleTokenizer()(texts).tolist()
     return [row[: row.index(end) + 1] for row in rows]
 
 
 def make_net(tensors, n_layers, width, dim):
+    """Return the transformers implementation of the text tower with these weights."""
     config = CLIPTextConfig(
         hidden_size=width, intermediate_size=4 * width, num_hidden_layers=n_layers, projection_dim=dim,
         num_attention_heads=width // HEAD_WIDTH,
@@ -67,7 +69,7 @@ def make_net(tensors, n_layers, width, dim):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, help="folder")
+    parser.add_argument("out", type=Path, help="output folder")
     parser.add_argument("--layers", type=int, default=3)
     parser.add_argument("--width", type=int, default=128)
     parser.add_argument("--dim", type=int, default=512, help="width of an embedding")
@@ -77,15 +79,15 @@ def main():
     args = parser.parse_args()
 
     shapes = canonical_shapes(args.layers, args.width, args.dim)
-    tensors = {name: np.asarray(tensor_by_rule(name, shape), np.float32) for name, shape in shapes.items()}
+    tensors = {name: np.asarray(generated_tensor(name, shape), np.float32) for name, shape in shapes.items()}
     net = make_net(tensors, args.layers, args.width, args.dim)
-    texts = [*ODD_TEXTS, *suite_texts(args.per_task)]
+    texts = [*EDGE_CASES, *suite_texts(args.per_task)]
     ids = tokens(texts)
     start = time.perf_counter()
     with torch.no_grad():
         embeddings = torch.cat([net(torch.tensor([row])).text_embeds for row in ids]).numpy()
     if args.time:
-        print(f"{(time.perf_counter() - start) / len(texts) * 1e3:.1f} ms a text")
+        print(f"{(time.perf_counter() - start) / len(texts) * 1e3:.1f} ms per text")
 
     args.out.mkdir(parents=True, exist_ok=True)
     rows = ",\n".join("  " + json.dumps({"text": text, "ids": row}) for text, row in zip(texts, ids))

@@ -1,21 +1,21 @@
 #!/usr/bin/env python3
-"""Writes tiny LeRobot ACT checkpoints and what LeRobot computes with them, for policy-host's tests.
+"""Write tiny LeRobot ACT checkpoints and LeRobot's outputs for them, for policy-host's tests.
 
     make_lerobot_reference.py OUT
 
-makes in OUT one folder per case, each with LeRobot's own files and `io.safetensors`: inputs as they enter the
-pre-processor, chunks as they leave the post-processor, and for the case `robot` a whole episode of temporal ensembling.
+Creates one folder per case in OUT, each with LeRobot's own files and `io.safetensors`: the inputs of the pre-processor,
+the chunks returned by the post-processor, and for the case `robot` a whole episode of temporal ensembling.
 
-| case | what is in it |
+| case | contents |
 |--|--|
-| `env_state` | no camera, an environment state, mean/std |
-| `cameras` | two cameras of other sizes, min/max on states and actions, identity on images, two decoder layers, no VAE |
-| `robot` | the benchmark's single arm: three cameras, 25 numbers of state, 7 of action, an instruction as environment state |
-| `older` | as `cameras`, with statistics among the weights, as LeRobot before 0.4 saved them |
+| `env_state` | no camera, an environment state, mean/std normalisation |
+| `cameras` | two cameras of other sizes, min/max for states and actions, raw images, two decoder layers, no VAE |
+| `robot` | the benchmark's single arm: three cameras, 25-wide state, 7-wide action, instruction as environment state |
+| `older` | like `cameras`, with the statistics among the weights, as saved by LeRobot before 0.4 |
 
-Weights and inputs come from a seed. Needs `lerobot` (0.4 or newer), which brings torch. The ResNet is narrowed to a few
-channels, so that a checkpoint stays below a megabyte. For the case `robot` there are also the actions for the observations
-that `make_act_checkpoint.py` and policy-host's tests generate, images resized and instructions embedded.
+Weights and inputs are derived from a seed. Needs `lerobot` 0.4 or newer, which depends on torch. The ResNet has only a
+few channels, so that a checkpoint stays below 1 MB. The case `robot` also contains the actions for the observations
+that `make_act_checkpoint.py` and policy-host's tests generate, with resized images and embedded instructions.
 """
 
 import argparse
@@ -75,18 +75,18 @@ def config(inputs, action_dim, chunk, modes, **others):
 
 
 def statistics(features, random):
-    """Statistics that leave numbers of order one, as a dataset's would."""
+    """Return random statistics that keep normalised values of order one, like those of a dataset."""
     stats = {}
-    for name, of in features.items():
-        shape = (3, 1, 1) if of.type is FeatureType.VISUAL else of.shape
+    for name, feature in features.items():
+        shape = (3, 1, 1) if feature.type is FeatureType.VISUAL else feature.shape
         uniform = lambda low, high: low + (high - low) * torch.rand(shape, generator=random)
         mean, std = uniform(-0.3, 0.5), uniform(0.2, 0.8)
         stats[name] = dict(mean=mean, std=std, min=mean - uniform(1, 2), max=mean + uniform(1, 2))
     return stats
 
 
-def spread(policy, random):
-    """Untrained statistics and embeddings would hide mistakes in how they are used."""
+def perturb_weights(policy, random):
+    """Replace the default batch statistics, biases and scales, which would hide errors in their use."""
     with torch.no_grad():
         for name, tensor in policy.state_dict().items():
             if name.endswith("running_var"):
@@ -98,17 +98,18 @@ def spread(policy, random):
 
 
 def sample_inputs(features, random, n):
+    """Draw a batch of `n` random inputs: images `[n, 3, height, width] u8`, vectors `[n, dim] f32` in [-1, 1)."""
     inputs = {}
-    for name, of in features.items():
-        if of.type is FeatureType.VISUAL:
-            inputs[name] = torch.randint(0, 256, (n, *of.shape), generator=random, dtype=torch.uint8)
+    for name, feature in features.items():
+        if feature.type is FeatureType.VISUAL:
+            inputs[name] = torch.randint(0, 256, (n, *feature.shape), generator=random, dtype=torch.uint8)
         else:
-            inputs[name] = 2 * torch.rand((n, *of.shape), generator=random) - 1
+            inputs[name] = 2 * torch.rand((n, *feature.shape), generator=random) - 1
     return inputs
 
 
 def observation(features, env):
-    """The generated observation of an env, as a LeRobot policy of these features sees it."""
+    """Return the generated observation of an env as input for a LeRobot policy with these features."""
     external, hand, state = generated_observation(env, "single")
     cameras = dict(external1=external[0], external2=external[1], hand=hand[0])
     embedding = hashed_embedding(INSTRUCTIONS[env], features[ENV].shape[0])
@@ -123,51 +124,61 @@ def observation(features, env):
 
 
 def as_batch(inputs):
+    """Scale u8 images to [0, 1]."""
     return {name: x.float() / 255 if x.dtype == torch.uint8 else x for name, x in inputs.items()}
 
 
 def write(folder, config, seed, episode=0):
+    """Write the checkpoint of one case and LeRobot's outputs.
+
+    Args:
+        folder: Output folder.
+        config: LeRobot's `ACTConfig`.
+        seed: Seed of weights, statistics and inputs.
+        episode: Length of the ensembled episode, or 0 for none.
+    """
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
     policy = ACTPolicy(config).eval()
-    spread(policy, random)
+    perturb_weights(policy, random)
     stats = statistics(config.input_features | config.output_features, random)
-    before, after = make_pre_post_processors(config, dataset_stats=stats)
+    preprocess, postprocess = make_pre_post_processors(config, dataset_stats=stats)
     policy.save_pretrained(folder)
-    before.save_pretrained(folder)
-    after.save_pretrained(folder)
-    # A card is of no use here.
+    preprocess.save_pretrained(folder)
+    postprocess.save_pretrained(folder)
+    # The model card is not needed.
     (folder / "README.md").unlink(missing_ok=True)
     out = sample_inputs(config.input_features, random, N_SAMPLES)
     with torch.no_grad():
-        out["chunk"] = after(policy.predict_action_chunk(before(as_batch(out))))
+        out["chunk"] = postprocess(policy.predict_action_chunk(preprocess(as_batch(out))))
         if episode:
             steps = sample_inputs(config.input_features, random, episode)
             ensembler = ACTTemporalEnsembler(config.temporal_ensemble_coeff, config.chunk_size)
-            chunks = policy.predict_action_chunk(before(as_batch(steps)))
+            chunks = policy.predict_action_chunk(preprocess(as_batch(steps)))
             rows = [ensembler.update(chunks[step : step + 1].clone()) for step in range(episode)]
-            out |= dict(episode_chunks=after(chunks), episode_actions=after(torch.cat(rows)))
+            out |= dict(episode_chunks=postprocess(chunks), episode_actions=postprocess(torch.cat(rows)))
             observations = [observation(config.input_features, env) for env in range(2)]
-            batch = {name: torch.stack([of[name] for of in observations]) for name in observations[0]}
-            out["actions"] = after(policy.predict_action_chunk(before(as_batch(batch))))
+            batch = {name: torch.stack([inputs[name] for inputs in observations]) for name in observations[0]}
+            out["actions"] = postprocess(policy.predict_action_chunk(preprocess(as_batch(batch))))
     save_file({name: x.contiguous() for name, x in out.items()}, folder / "io.safetensors")
     return stats
 
 
 def make_older(source, folder):
-    """Moves the statistics among the weights, under the names they had."""
+    """Copy a checkpoint and move its statistics among the weights, under the names used before LeRobot 0.4."""
     shutil.copytree(source, folder)
     tensors = load_file(folder / "model.safetensors")
     stats = load_file(next(folder.glob("policy_preprocessor_step_*_normalizer_processor.safetensors")))
     modes = json.loads((folder / "config.json").read_text())["normalization_mapping"]
     for name, x in stats.items():
-        of, statistic = name.rsplit(".", 1)
-        kind = {STATE: "STATE", ACTION: "ACTION"}.get(of, "VISUAL")
+        feature_name, statistic = name.rsplit(".", 1)
+        kind = {STATE: "STATE", ACTION: "ACTION"}.get(feature_name, "VISUAL")
         if statistic not in {"MEAN_STD": ("mean", "std"), "MIN_MAX": ("min", "max")}.get(modes[kind], ()):
             continue
-        places = ("normalize_targets", "unnormalize_outputs") if of == ACTION else ("normalize_inputs",)
-        for place in places:
-            tensors[f"{place}.buffer_{of.replace('.', '_')}.{statistic}"] = x.clone()
+        is_action = feature_name == ACTION
+        modules = ("normalize_targets", "unnormalize_outputs") if is_action else ("normalize_inputs",)
+        for module in modules:
+            tensors[f"{module}.buffer_{feature_name.replace('.', '_')}.{statistic}"] = x.clone()
     for path in folder.glob("policy_*"):
         path.unlink()
     save_file(tensors, folder / "model.safetensors")
@@ -175,10 +186,10 @@ def make_older(source, folder):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
+    parser.add_argument("out", type=Path, help="output folder")
     out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
-    # What the policy's constructor looks up by the name in its configuration.
+    # The policy's constructor looks the backbone up by the name in its configuration.
     modeling_act.torchvision.models.resnet18 = NarrowResNet
 
     mean_std = dict(VISUAL="MEAN_STD", STATE="MEAN_STD", ACTION="MEAN_STD")

@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Trains LeRobot's ACT on demonstrations of `hypogeum demos`, and evaluates it in the simulator as it learns.
+"""Train LeRobot's ACT on demonstrations from `hypogeum demos` and evaluate every checkpoint in the simulator.
 
     hypogeum demos -o demos --tasks RaiseCube --episodes 100
     train_act.py demos/single -o raise-cube --evaluate target/release/hypogeum
     hypogeum run --policy act=act:raise-cube --tasks RaiseCube --episodes 200
 
-Needs LeRobot 0.6 (`pip install './python[lerobot]' 'lerobot[dataset]'`). Runs on a GPU if there is one. Interrupt it and
-give the command again: it goes on from the last checkpoint. `OUT` is a checkpoint as LeRobot saves it, of averaged
-weights in half precision; `OUT/training` is what only training needs: images, optimiser, log.
+Needs LeRobot 0.6 (`pip install './python[lerobot]' 'lerobot[dataset]'`). Uses a GPU if there is one. After an
+interruption, the same command resumes from the last checkpoint. The output folder is a LeRobot checkpoint of the
+averaged weights in half precision; its sub-folder `training` holds what only training needs: images, optimiser state
+and log.
 """
 
 import argparse
@@ -39,51 +40,59 @@ from lerobot.policies.act.modeling_act import ACTPolicy
 from lerobot.policies.act.processor_act import make_act_pre_post_processors
 
 STATE, INSTRUCTION, ACTION = "observation.state", "observation.environment_state", "action"
-# Smallest deviation that a vector is divided by, as in the benchmark's own training.
+# Lower bound on the standard deviations by which vectors are divided, as in the benchmark's own training.
 MIN_STD = 0.01
 WARM_UP_STEPS = 500
-# The part of all steps in which the learning rate falls to nothing.
+# Fraction of all steps over which the learning rate decays to zero.
 COOL_DOWN = 0.25
-# Side of the images that normalisations are measured with.
+# Side in pixels of the images from which the batch statistics are computed.
 CALIBRATION_SIDE = 64
-# What a run that goes on must have in common with its beginning.
+# Arguments that must not change when training resumes.
 FIXED = ("tasks", "batch_size", "width", "shrink", "dim", "layers", "chunk", "dropout", "vae", "ema", "seed")
 
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("dataset", type=Path, help="a dataset of one morphology, for example demos/single")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the checkpoint")
-    parser.add_argument("--tasks", help="comma-separated; all in the dataset by default")
-    parser.add_argument("--steps", type=int, default=20_000, help="updates in all; more of them may be asked for later")
+    parser.add_argument("dataset", type=Path, help="dataset of one morphology, for example demos/single")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="checkpoint folder")
+    parser.add_argument("--tasks", help="comma-separated task names (default: all in the dataset)")
+    parser.add_argument("--steps", type=int, default=20_000, help="total updates; may be increased when resuming")
     parser.add_argument("--batch-size", type=int, default=16)
     parser.add_argument("--lr", type=float, default=2e-4)
-    parser.add_argument("--width", type=int, default=64, help="of the ResNet-18's first stage; 64 is the usual one")
-    parser.add_argument("--shrink", type=int, default=1, help="images are this many times smaller than the dataset's")
-    parser.add_argument("--dim", type=int, default=512, help="of the transformer's tokens")
-    parser.add_argument("--layers", type=int, default=4, help="of the transformer's encoder")
-    parser.add_argument("--dropout", type=float, default=0.1, help="in the transformer")
-    parser.add_argument("--chunk", type=int, default=30, help="actions per answer")
-    parser.add_argument("--vae", action="store_true", help="with ACT's latent variable: scripts need none")
+    parser.add_argument("--width", type=int, default=64, help="channels of the ResNet-18's first stage; usually 64")
+    parser.add_argument("--shrink", type=int, default=1, help="factor by which images are downscaled")
+    parser.add_argument("--dim", type=int, default=512, help="width of the transformer")
+    parser.add_argument("--layers", type=int, default=4, help="number of encoder layers")
+    parser.add_argument("--dropout", type=float, default=0.1, help="dropout rate of the transformer")
+    parser.add_argument("--chunk", type=int, default=30, help="rows of an action chunk")
+    parser.add_argument("--vae", action="store_true", help="train with ACT's latent variable; scripted demos need none")
     parser.add_argument("--ema", type=float, default=0.999, help="decay of the averaged weights, per step")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     parser.add_argument("--save-every", type=int, default=1000, help="steps between checkpoints")
-    parser.add_argument("--evaluate", metavar="HYPOGEUM", help="the binary that evaluates every checkpoint")
-    parser.add_argument("--episodes", type=int, default=20, help="of every task, for an evaluation")
-    parser.add_argument("--evaluation-seed", type=int, default=7, help="not the seed that you report results with")
+    parser.add_argument("--evaluate", metavar="HYPOGEUM", help="binary with which to evaluate every checkpoint")
+    parser.add_argument("--episodes", type=int, default=20, help="episodes per task in an evaluation")
+    parser.add_argument("--evaluation-seed", type=int, default=7, help="use another seed for reported results")
     return parser.parse_args()
 
 
 @functools.lru_cache(maxsize=1)
 def shuffled(n, seed, epoch):
-    """The frames' order in an epoch."""
+    """Return the order of the frames in an epoch, a permutation of `range(n)`."""
     return np.random.default_rng([seed, epoch]).permutation(n)
 
 
 class Demonstrations:
-    """The frames of some tasks in memory: vectors as they are, images in the size that the network sees."""
+    """Frames of the selected tasks: vectors in memory, images memory-mapped in the network's input size.
+
+    Args:
+        root: Folder of the dataset.
+        tasks: Task names, or None for all.
+        shrink: Factor by which images are downscaled.
+        chunk: Rows of an action chunk.
+        cache: Folder for the decoded images.
+    """
 
     def __init__(self, root, tasks, shrink, chunk, cache):
         if not (root / "meta/hypogeum.jsonl").exists():
@@ -100,7 +109,7 @@ class Demonstrations:
         self.cameras = {key: [3, *(side // shrink for side in shape)] for key, shape in sides.items()}
         lengths = np.array([rows[idx]["n_frames"] for idx in episodes])
         self.n_frames = int(lengths.sum())
-        # Of every frame: one past the last of its episode.
+        # End of its episode (exclusive), per frame.
         self.ends = np.repeat(np.cumsum(lengths), lengths)
         self.offsets = np.arange(chunk)
         paths = {key: cache / f"{key}-{'-'.join(map(str, shape[1:]))}.npy" for key, shape in self.cameras.items()}
@@ -111,55 +120,55 @@ class Demonstrations:
         self.vectors = load_file(vectors)
         found = {len(values) for values in [*self.images.values(), *self.vectors.values()]}
         if found != {self.n_frames}:
-            sys.exit(f"{cache} was made of another dataset or other tasks: remove it")
+            sys.exit(f"{cache} was made from another dataset or other tasks; remove it")
 
     def fill(self, dataset, paths, vectors):
-        """Decodes every image once. The vectors are written last: without them, nothing counts."""
+        """Decode every image once. The vectors are written last and mark the cache as complete."""
         vectors.unlink(missing_ok=True)
         images = {
             key: np.lib.format.open_memmap(path, "w+", np.uint8, (self.n_frames, *self.cameras[key][1:], 3))
             for key, path in paths.items()
         }
         frames, values = dataset.hf_dataset.with_format(None), {STATE: [], INSTRUCTION: [], ACTION: []}
-        started = time.monotonic()
+        start = time.monotonic()
         for idx, frame in enumerate(frames):
-            for key, into in images.items():
+            for key, array in images.items():
                 pixels = to_network(np.asarray(frame[key])[None], *self.cameras[key][1:])
-                into[idx] = (pixels[0] * 255).round().permute(1, 2, 0).numpy()
-            for key, into in values.items():
-                into.append(frame[key])
+                array[idx] = (pixels[0] * 255).round().permute(1, 2, 0).numpy()
+            for key, rows in values.items():
+                rows.append(frame[key])
             if idx % 5000 == 0:
-                print(f"images of {idx} of {self.n_frames} frames, {time.monotonic() - started:.0f} s", flush=True)
-        for into in images.values():
-            into.flush()
+                print(f"decoded {idx} of {self.n_frames} frames, {time.monotonic() - start:.0f} s", flush=True)
+        for array in images.values():
+            array.flush()
         save_file({key: torch.tensor(np.array(rows, np.float32)) for key, rows in values.items()}, vectors)
 
     def stats(self):
-        """Means and deviations: of vectors per number, of images per channel."""
+        """Return means and standard deviations, of vectors per element and of images per channel."""
         stats = {}
         for key, values in self.vectors.items():
             stats[key] = {"mean": values.mean(0), "std": values.std(0).clamp_min(MIN_STD)}
         for key, images in self.images.items():
-            some = np.asarray(images[:: max(1, self.n_frames // 2000)], np.float64) / 255
-            moments = {"mean": some.mean((0, 1, 2)), "std": some.std((0, 1, 2))}
+            sample = np.asarray(images[:: max(1, self.n_frames // 2000)], np.float64) / 255
+            moments = {"mean": sample.mean((0, 1, 2)), "std": sample.std((0, 1, 2))}
             stats[key] = {name: torch.tensor(value).float()[:, None, None] for name, value in moments.items()}
         return stats
 
     def batch(self, step, size, seed):
-        """The batch of a step, a function of its arguments: every epoch goes once through all frames."""
+        """Return the batch of a training step, a function of the arguments alone. An epoch visits every frame once."""
         per_epoch = self.n_frames // size
-        picked = np.sort(shuffled(self.n_frames, seed, step // per_epoch)[step % per_epoch * size :][:size])
-        ahead = picked[:, None] + self.offsets
-        last = self.ends[picked][:, None] - 1
-        batch = {key: torch.from_numpy(images[picked]).permute(0, 3, 1, 2) / 255 for key, images in self.images.items()}
-        batch |= {key: self.vectors[key][picked] for key in (STATE, INSTRUCTION)}
-        batch[ACTION] = self.vectors[ACTION][np.minimum(ahead, last)]
-        batch["action_is_pad"] = torch.from_numpy(ahead > last)
+        frames = np.sort(shuffled(self.n_frames, seed, step // per_epoch)[step % per_epoch * size :][:size])
+        future = frames[:, None] + self.offsets
+        last = self.ends[frames][:, None] - 1
+        batch = {key: torch.from_numpy(images[frames]).permute(0, 3, 1, 2) / 255 for key, images in self.images.items()}
+        batch |= {key: self.vectors[key][frames] for key in (STATE, INSTRUCTION)}
+        batch[ACTION] = self.vectors[ACTION][np.minimum(future, last)]
+        batch["action_is_pad"] = torch.from_numpy(future > last)
         return batch
 
 
 def make_policy(args, data):
-    """A fresh policy with LeRobot's configuration."""
+    """Return a randomly initialised `ACTPolicy` for the dataset."""
     vectors = {key: FeatureType.ENV if key == INSTRUCTION else FeatureType.STATE for key in (STATE, INSTRUCTION)}
     features = {key: PolicyFeature(kind, (data.vectors[key].shape[1],)) for key, kind in vectors.items()}
     features |= {key: PolicyFeature(FeatureType.VISUAL, tuple(shape)) for key, shape in data.cameras.items()}
@@ -176,7 +185,7 @@ def make_policy(args, data):
 
 @torch.no_grad()
 def calibrate(policy, batch):
-    """Sets the frozen normalisations, whose statistics nothing else would, to those of a batch: first to last."""
+    """Set the frozen batch normalisations, layer by layer, to a batch's statistics; training never updates them."""
 
     def measure(norm, inputs):
         norm.running_mean.copy_(inputs[0].mean((0, 2, 3)))
@@ -184,7 +193,7 @@ def calibrate(policy, batch):
 
     norms = [module for module in policy.modules() if isinstance(module, FrozenBatchNorm2d)]
     hooks = [norm.register_forward_pre_hook(measure) for norm in norms]
-    # The backbone is the cameras' in common: their images make one batch, small and of one size.
+    # The cameras share the backbone, so their images form one batch, resized to a small common size.
     images = [F.interpolate(batch[key], CALIBRATION_SIDE) for key in policy.config.image_features]
     policy.model.backbone(torch.cat(images))
     for hook in hooks:
@@ -192,12 +201,15 @@ def calibrate(policy, batch):
 
 
 def learning_rate(step, args):
-    """It warms up, stays, and falls to nothing at the end; so a run can be prolonged."""
+    """Return the learning rate of a step: warm-up, constant, then linear decay to zero.
+
+    Because the rate is constant in between, a run can be extended with a larger `--steps`.
+    """
     return args.lr * min((step + 1) / WARM_UP_STEPS, (args.steps - step) / (COOL_DOWN * args.steps), 1)
 
 
 def export(policy, processors, folder):
-    """The checkpoint as LeRobot saves it, in half precision, and what our encoder needs to know."""
+    """Save a LeRobot checkpoint in half precision, with the language encoder's settings in `hypogeum.json`."""
     copy.deepcopy(policy).half().save_pretrained(folder)
     for processor in processors:
         processor.save_pretrained(folder)
@@ -206,7 +218,7 @@ def export(policy, processors, folder):
 
 
 def evaluate(args, tasks):
-    """Success of the exported checkpoint in closed loop, by task."""
+    """Evaluate the exported checkpoint in closed loop and return {task: success_once}."""
     with tempfile.TemporaryDirectory() as folder:
         command = [
             args.evaluate, "run", "--policy", f"act=act:{args.output}", "--tasks", ",".join(tasks), "--json", "--quiet",
@@ -240,11 +252,11 @@ def main():
         saved = torch.load(state, weights_only=True, map_location=args.device)
         for name, value in fixed.items():
             if saved["fixed"][name] != value:
-                sys.exit(f"{state} was made with {name} {saved['fixed'][name]}, not {value}: choose another output")
+                sys.exit(f"{state} was made with {name} {saved['fixed'][name]}, not {value}; choose another --output")
         for name, part in (("policy", policy), ("averaged", averaged), ("optimiser", optimiser)):
             part.load_state_dict(saved[name])
         first = saved["step"]
-        print(f"goes on after step {first}")
+        print(f"resuming after step {first}")
     else:
         calibrate(policy, prepare(0))
         averaged.module.load_state_dict(policy.state_dict())
@@ -252,7 +264,7 @@ def main():
     print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)
 
     policy.train()
-    losses, started = [], time.monotonic()
+    losses, start = [], time.monotonic()
     for step in range(first, args.steps):
         for group in optimiser.param_groups:
             group["lr"] = learning_rate(step, args)
@@ -265,21 +277,21 @@ def main():
         averaged.update_parameters(policy)
         losses.append(loss.item())
         if not math.isfinite(losses[-1]):
-            sys.exit(f"the loss of step {step} is {losses[-1]}: lower --lr, and start from the last checkpoint")
+            sys.exit(f"the loss of step {step} is {losses[-1]}; lower --lr and resume from the last checkpoint")
         done = step + 1
         if done % 100 == 0:
-            rate = (done - first) * args.batch_size / (time.monotonic() - started)
+            rate = (done - first) * args.batch_size / (time.monotonic() - start)
             print(f"step {done} of {args.steps}: loss {np.mean(losses[-100:]):.4f}, {rate:.1f} samples/s", flush=True)
         if done % args.save_every == 0 or done == args.steps:
             export(averaged.module, processors, args.output)
-            row = {"step": done, "loss": float(np.mean(losses)), "seconds": round(time.monotonic() - started, 1)}
+            row = {"step": done, "loss": float(np.mean(losses)), "seconds": round(time.monotonic() - start, 1)}
             if args.evaluate:
                 row["success_once"] = evaluate(args, data.tasks)
             losses.clear()
             with open(folder / "log.jsonl", "a") as log:
                 log.write(json.dumps(row) + "\n")
             print(json.dumps(row), flush=True)
-            # Last: what an interruption leaves undone is done again.
+            # Saved last: after an interruption, unfinished work since the previous checkpoint is repeated.
             parts = {"policy": policy, "averaged": averaged, "optimiser": optimiser}
             saved = {name: part.state_dict() for name, part in parts.items()} | {"step": done, "fixed": fixed}
             torch.save(saved, folder / "new.pt")
@@ -290,4 +302,4 @@ if __name__ == "__main__":
     try:
         main()
     except KeyboardInterrupt:
-        sys.exit("\ninterrupted: the same command goes on from the last checkpoint")
+        sys.exit("\ninterrupted; the same command resumes from the last checkpoint")

@@ -11,7 +11,7 @@ pytest.importorskip("safetensors")
 pytest.importorskip("xxhash")
 
 from convert_act_checkpoint import ConversionError, convert  # noqa: E402
-from make_act_checkpoint import ROBOTS, TINY, Act, tensor_by_rule  # noqa: E402
+from make_act_checkpoint import ROBOTS, TINY, Act, generated_tensor  # noqa: E402
 from safetensors.numpy import load_file  # noqa: E402
 
 from hypogeum import clip  # noqa: E402
@@ -20,7 +20,7 @@ from hypogeum import clip  # noqa: E402
 def tower(dtype=np.float32):
     """Return the tensors of a minimal text tower by their canonical names."""
     shapes = clip.canonical_shapes(n_layers=1, width=64, dim=512)
-    return {name: np.asarray(tensor_by_rule(name, shape)).astype(dtype) for name, shape in shapes.items()}
+    return {name: np.asarray(generated_tensor(name, shape)).astype(dtype) for name, shape in shapes.items()}
 
 
 def agent(morphology="single", encoder=None, wrapper=""):
