@@ -1,4 +1,4 @@
-//! What a renderer keeps of a scene for the length of an episode: instances of meshes, lights, cameras.
+//! The render scene: mesh instances, lights and cameras of one episode, in the form that both renderers read.
 
 mod body;
 pub(in crate::render) mod camera;
@@ -20,40 +20,40 @@ use body::OwnMeshes;
 use camera::PinholeCamera;
 use material::Material;
 
-/// Meshes. They are constants that are too large to be written down: the same in every process, never changed, a
-/// function of nothing. Hence a static, which spares every caller from handing them through.
+/// The mesh library. Its meshes are constants that are too large to write down, so a static holds them and no
+/// caller has to pass them around.
 static MESHES: LazyLock<MeshLibrary> = LazyLock::new(MeshLibrary::new);
 
-/// What an instance moves with.
+/// The frame that an instance is attached to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::render) enum Anchor {
-    /// Nothing: it stands in the world.
+    /// The world: the instance is static.
     World(Fixture),
     /// A body, by index.
     Body(usize),
-    /// A link of an arm, by their indices.
+    /// A link of an arm, by index.
     Link { arm: usize, link: usize },
 }
 
-/// Where an instance's mesh is kept.
+/// Storage of the mesh of an instance.
 pub(in crate::render) enum MeshSource {
-    /// With all others that every scene knows.
+    /// A mesh of the library, shared by all scenes.
     Library(MeshId),
-    /// With the instances of one scene that show it.
+    /// A mesh generated for one scene and shared by its instances.
     Own(Arc<Mesh>),
 }
 
-/// What a mesh is known by: the same for all that are made of the same numbers, in every process.
+/// Identity of a mesh. Meshes with the same contents have the same key, in every process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::render) enum MeshKey {
-    /// One of the library.
+    /// A mesh of the library.
     Library(MeshId),
-    /// Any other, by its fingerprint.
+    /// A generated mesh, by its fingerprint.
     Own(u64),
 }
 
 impl MeshSource {
-    /// What the mesh is known by.
+    /// Returns the identity of the mesh.
     pub(in crate::render) fn key(&self) -> MeshKey {
         match self {
             Self::Library(id) => MeshKey::Library(*id),
@@ -62,7 +62,7 @@ impl MeshSource {
     }
 }
 
-/// What the room is made of.
+/// The static parts of the room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::render) enum Fixture {
     Table,
@@ -70,49 +70,51 @@ pub(in crate::render) enum Fixture {
     Walls,
 }
 
-/// A mesh somewhere, looking somehow.
+/// A mesh with a pose, a scale and a material.
 pub(in crate::render) struct Instance {
-    /// Mesh.
+    /// The mesh, shared with other instances.
     pub(in crate::render) mesh: MeshSource,
-    /// What it moves with.
+    /// The frame that the instance is attached to.
     pub(in crate::render) anchor: Anchor,
-    /// Pose in the anchor's frame.
+    /// Pose in the anchor frame.
     pub(in crate::render) pose: Isometry3<f32>,
-    /// Factors along the mesh's axes, all positive.
+    /// Scale factors along the mesh axes, all positive.
     pub(in crate::render) scale: Vec3,
-    /// Look.
+    /// Surface material, in linear light.
     pub(in crate::render) material: Material,
 }
 
-/// A light infinitely far away.
+/// A directional light.
 #[derive(Clone, Copy, PartialEq)]
 pub(in crate::render) struct Sun {
     /// Unit vector towards the light.
     pub(in crate::render) towards: Vec3,
-    /// Linear RGB.
+    /// Radiance, linear RGB.
     pub(in crate::render) color: Vec3,
 }
 
-/// Directional lights a scene may have; those it lacks are black.
+/// Maximum number of directional lights. Missing ones are black.
 pub(in crate::render) const N_SUNS: usize = 2;
 
-/// Everything about a [`Scene`] that does not move within its episode.
+/// The part of a [`Scene`] that stays constant within an episode, ready for rendering.
 pub struct RenderScene {
-    /// First those that never move within an episode, of these the room first.
+    /// Static instances first, and among them the room first.
     pub(in crate::render) instances: Vec<Instance>,
-    /// How many never move.
+    /// Number of static instances.
     pub(in crate::render) n_still: usize,
-    /// Id of each instance's first triangle: a multiple of 16, for triangles come in clusters of so many.
+    /// Id of the first triangle of each instance: a multiple of 16, the cluster size.
     pub(in crate::render) first_id: Vec<u32>,
     n_ids: usize,
+    /// Ambient radiance, linear RGB.
     pub(in crate::render) ambient: Vec3,
     pub(in crate::render) suns: [Sun; N_SUNS],
     pub(in crate::render) cameras: Vec<PinholeCamera>,
-    /// Middle of the shadow map in the world, if the first sun casts shadows.
+    /// World position of the centre of the shadow map, if the first directional light casts shadows.
     pub(in crate::render) shadow_centre: Option<Vec3>,
-    /// Per camera what the CPU renderer keeps from picture to picture: it saves work and changes no byte.
+    /// Static layer of each camera, which the CPU renderer caches. It affects speed only, never a byte of an
+    /// image.
     pub(in crate::render) layers: Vec<Mutex<Option<Arc<Layer>>>>,
-    /// The same for shadows.
+    /// Cached shadow map of the static instances, likewise.
     pub(in crate::render) still_heights: Mutex<Option<Arc<StillHeights>>>,
     n_triangles: usize,
     n_bodies: usize,
@@ -120,7 +122,7 @@ pub struct RenderScene {
 }
 
 impl RenderScene {
-    /// Prepares a scene.
+    /// Prepares a scene for rendering.
     ///
     /// # Panics
     /// If it has more than two directional lights.
@@ -129,8 +131,8 @@ impl RenderScene {
         Self::with_cameras(scene, scene.cameras.iter().map(PinholeCamera::new).collect())
     }
 
-    /// Prepares a scene in which `n_tiles` × `n_tiles` cameras take the place of each camera. Each of them renders one
-    /// tile of the image, in row-major order, at the camera's own resolution.
+    /// Prepares a scene in which `n_tiles` × `n_tiles` cameras take the place of each camera. Each of them
+    /// renders one tile of the image, in row-major order, at the camera's own resolution.
     pub(crate) fn with_tiled_cameras(scene: &Scene, n_tiles: usize) -> Self {
         let tiles = || (0..n_tiles * n_tiles).map(|tile| [tile % n_tiles, tile / n_tiles]);
         let cameras = scene.cameras.iter().map(PinholeCamera::new);
@@ -177,13 +179,13 @@ impl RenderScene {
         }
     }
 
-    /// Number of cameras, in the order of the observation's images.
+    /// Returns the number of cameras, which are in the order of the images of an observation.
     #[must_use]
     pub fn n_cameras(&self) -> usize {
         self.cameras.len()
     }
 
-    /// Pixels along each edge of a camera's image.
+    /// Returns the side of the image of a camera, in pixels.
     ///
     /// # Panics
     /// If there is no such camera.
@@ -192,30 +194,30 @@ impl RenderScene {
         self.cameras[camera_idx].side
     }
 
-    /// Triangles in the scene, seen or not.
+    /// Returns the number of triangles in the scene, visible or not.
     #[must_use]
     pub fn n_triangles(&self) -> usize {
         self.n_triangles
     }
 
-    /// Number of ids of triangles.
+    /// Returns the number of triangle ids, padding of partial clusters included.
     pub(in crate::render) fn n_ids(&self) -> usize {
         self.n_ids
     }
 
-    /// Whether the snapshot has as many bodies and arms as the scene.
+    /// Returns `true` if the snapshot has as many bodies and arms as the scene.
     pub(in crate::render) fn fits(&self, snapshot: &Snapshot) -> bool {
         snapshot.bodies.len() == self.n_bodies && snapshot.arms.len() == self.n_arms
     }
 }
 
 impl Instance {
-    /// Whether it throws a shadow: all but the floor do.
+    /// Returns `true` if the instance casts a shadow: everything except the floor does.
     pub(in crate::render) fn casts_shadow(&self) -> bool {
         self.mesh.key() != MeshKey::Library(MeshId::Quad)
     }
 
-    /// Its mesh.
+    /// Returns the mesh of the instance.
     pub(in crate::render) fn mesh(&self) -> &Mesh {
         match &self.mesh {
             MeshSource::Library(id) => MESHES.get(*id),
@@ -223,7 +225,7 @@ impl Instance {
         }
     }
 
-    /// From the mesh, in its own units, to the world.
+    /// Returns the transform from the mesh frame, in mesh units, to the world.
     #[inline(always)]
     pub(in crate::render) fn world_from_mesh(&self, snapshot: &Snapshot) -> Affine3 {
         let local = Affine3::from_pose_and_scale(&self.pose, self.scale);
@@ -235,10 +237,10 @@ impl Instance {
     }
 }
 
-/// Above the middle of the work space, where shadows are wanted.
+/// Returns the centre of the shadow map, above the middle of the workspace, if the scene has shadows.
 fn shadow_centre(scene: &Scene) -> Option<Vec3> {
-    let wanted = scene.lights.shadows && !scene.lights.directional.is_empty();
-    wanted.then_some([-0.1, 0.0, room::table_top_z(scene.table.kind) + 0.35])
+    let has_shadows = scene.lights.shadows && !scene.lights.directional.is_empty();
+    has_shadows.then_some([-0.1, 0.0, room::table_top_z(scene.table.kind) + 0.35])
 }
 
 fn suns(lights: &Lights) -> [Sun; N_SUNS] {
