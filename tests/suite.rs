@@ -107,7 +107,7 @@ fn idle_episode_settles_and_never_succeeds() {
                     rested = rollout.poses();
                 } else if step > STEPS_PER_SECOND && step <= 2 * STEPS_PER_SECOND {
                     let (moved, overlap) =
-                        (rollout.max_displacement(&rested), rollout.world.deepest_overlap());
+                        (rollout.max_displacement(&rested), rollout.world.max_penetration());
                     assert!(moved < 1e-3, "{cell} {episode_idx}: moved {moved} m by step {step}");
                     assert!(overlap < 1e-3, "{cell} {episode_idx}: overlaps by {overlap} m");
                 }

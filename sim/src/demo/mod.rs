@@ -187,7 +187,7 @@ impl EpisodeRecorder {
         let task = spec.task.task();
         let world = World::build(&scene, mode);
         let mut fingerprint = Fingerprint::default();
-        world.absorb(&mut fingerprint);
+        world.hash_state(&mut fingerprint);
         Self {
             success: (task.success)(&scene, spec.profile),
             recording: Recording {
@@ -224,7 +224,7 @@ impl EpisodeRecorder {
         recording.actions.extend_from_slice(row);
         world.step(row);
         fingerprint.write(row);
-        world.absorb(fingerprint);
+        world.hash_state(fingerprint);
         if world.is_finite() { Ok(()) } else { Err(DemoError::NotFinite { step: self.n_steps() }) }
     }
 

@@ -86,7 +86,7 @@ pub fn first_reachable<const N: usize>(
     let within_reach = |tcp: &Isometry3<f64>| {
         let mut joints = Some(Joints::from(robot.qpos));
         for station in stations(tcp) {
-            joints = joints.and_then(|from| ik::descend(&(robot.base.inverse() * station), &from));
+            joints = joints.and_then(|from| ik::iterate(&(robot.base.inverse() * station), &from));
         }
         joints.is_some()
     };

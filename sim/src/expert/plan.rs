@@ -114,7 +114,7 @@ impl Planner<'_> {
                 let tcp = between(start, tcp, part);
                 let target = self.scene.robots[*arm].base.inverse() * tcp;
                 config.0[*arm] =
-                    ik::descend(&target, &config.0[*arm]).ok_or(Unreachable { arm: *arm, tcp, part })?;
+                    ik::iterate(&target, &config.0[*arm]).ok_or(Unreachable { arm: *arm, tcp, part })?;
             }
             path.push(config);
         }

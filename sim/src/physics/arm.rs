@@ -1,7 +1,7 @@
-//! One arm as a multibody: built at a pose, driven towards targets, read back.
+//! One arm as a multibody: construction, joint drives and state readout.
 //!
-//! The drives are implicit springs and dampers of the multibody itself; constraint motors slip and joints between free
-//! bodies sag. An arm never steps the world it is in.
+//! The drives are implicit springs and dampers of the multibody itself, because constraint motors slip and
+//! joints between free bodies sag. An arm never steps its world.
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Vector3};
@@ -12,52 +12,52 @@ use rapier3d::geometry::{ColliderHandle, NarrowPhase};
 use rapier3d::math::Vector;
 use rapier3d::pipeline::PhysicsWorld;
 
+use super::bodies::collider;
 use super::convert::{from_pose, from_vector, to_matrix, to_pose, to_vector};
-use super::joint::{coordinate, one_freedom};
-use super::solids::collider;
+use super::joint::{coordinate_idx, single_dof_joint};
 use crate::robot::control::{Drive, FINGER_DRIVE, Targets, arm_drive, targets};
 use crate::robot::kinematics::Joints;
 use crate::robot::panda::{
-    FINGER_OPEN, Inertia, LOWER, N_DOFS, N_JOINTS, Solid, UPPER, finger_in_link7, finger_inertia,
-    finger_solids, hand_in_link7, joint_origin, link_inertia, link_solids, tcp_in_link7,
+    CollisionShape, FINGER_OPEN, Inertia, LOWER, N_DOFS, N_JOINTS, UPPER, finger_in_link7, finger_inertia,
+    finger_shapes, hand_in_link7, joint_origin, link_inertia, link_shapes, tcp_in_link7,
 };
 use crate::scene::{ArmLinks, JointKind, Link, N_LINKS, Robot};
 
-/// Friction of the fingers.
+/// Friction coefficient of the fingers.
 const FINGER_FRICTION: f32 = 2.0;
-/// Friction of all other links.
+/// Friction coefficient of all other links.
 const LINK_FRICTION: f32 = 0.3;
-/// Least force on each finger that counts as a grasp, in N.
-const GRASP_FORCE_N: f32 = 0.5;
-/// Greatest angle between that force and the finger's opening direction: 85°, as its cosine.
-const GRASP_COS: f32 = 0.087_155_74;
+/// Minimum force on each finger for a grasp, in N.
+const MIN_GRASP_FORCE_N: f32 = 0.5;
+/// Cosine of the maximum angle, 85°, between that force and the finger's opening direction.
+const MIN_GRASP_COS: f32 = 0.087_155_74;
 
-/// An arm within a rapier world.
+/// Handles and drive state of one arm in a rapier world.
 pub(super) struct Arm {
     multibody: MultibodyIndex,
-    /// Link 0 to 7, then the two fingers.
+    /// Links 0 to 7, then the two fingers.
     links: [RigidBodyHandle; N_DOFS + 1],
     fingers: [Vec<ColliderHandle>; 2],
     drive: Drive,
     targets: Targets,
-    /// What each joint moves, as it was at the last command.
+    /// Effective inertia of each joint (see [`Self::effective_inertia`]) as of the last command.
     inertia: [f64; N_DOFS],
     hand_in_link7: Isometry3<f32>,
     tcp_in_link7: Isometry3<f32>,
 }
 
 impl Arm {
-    /// Adds an arm at its drawn pose, fingers open, aiming at where it is.
+    /// Adds an arm at its start pose with open fingers. Its targets are its start positions.
     pub(super) fn add(
         world: &mut PhysicsWorld,
         robot: &Robot,
         mode: ControlMode,
         wrist_camera: bool,
     ) -> Self {
-        let mut builder = Builder { world, links: Vec::with_capacity(N_DOFS + 1) };
+        let mut builder = ArmBuilder { world, links: Vec::with_capacity(N_DOFS + 1) };
         let base = builder.world.insert_body(RigidBodyBuilder::fixed().pose(to_pose(&robot.base)));
         builder.links.push(base);
-        builder.add_solids(base, &link_solids(0), LINK_FRICTION);
+        builder.add_shapes(base, &link_shapes(0), LINK_FRICTION);
         for joint in 0..N_JOINTS {
             let axis = Vector3::z();
             let child = builder.add_link(
@@ -66,17 +66,18 @@ impl Arm {
                 &joint_origin(joint),
                 &axis,
             );
-            builder.add_solids(child, &link_solids(joint + 1), LINK_FRICTION);
+            builder.add_shapes(child, &link_shapes(joint + 1), LINK_FRICTION);
         }
         let fingers = [1.0, -1.0].map(|side| {
             let axis = Vector3::y() * side;
             let wrist = builder.links[N_JOINTS];
             let finger = builder.add_link(wrist, &finger_inertia(), &finger_in_link7(), &axis);
-            builder.add_solids(finger, &finger_solids(side), FINGER_FRICTION)
+            builder.add_shapes(finger, &finger_shapes(side), FINGER_FRICTION)
         });
         let links: [RigidBodyHandle; N_DOFS + 1] =
             builder.links.try_into().unwrap_or_else(|_| unreachable!("a base, seven links and two fingers"));
-        let multibody = world.multibody_joints.rigid_body_link(base).expect("the base has joints").multibody;
+        let multibody =
+            world.multibody_joints.rigid_body_link(base).expect("the base is part of a multibody").multibody;
         let arm = Self {
             multibody,
             links,
@@ -87,14 +88,14 @@ impl Arm {
             hand_in_link7: hand_in_link7().cast(),
             tcp_in_link7: tcp_in_link7().cast(),
         };
-        arm.pose(world);
+        arm.set_start_pose(world);
         arm
     }
 
-    /// Puts the multibody, which rapier builds at position zero, where the targets are.
-    fn pose(&self, world: &mut PhysicsWorld) {
+    /// Moves the multibody, which rapier creates at joint position zero, to the targets.
+    fn set_start_pose(&self, world: &mut PhysicsWorld) {
         let bodies = &mut world.bodies;
-        // rapier would do so in its first step, but the first command already asks for the inertia.
+        // rapier would do this in its first step, but the first command already needs the inertia.
         for link in self.links {
             bodies[link].recompute_mass_properties_from_colliders(&world.colliders);
         }
@@ -102,7 +103,7 @@ impl Arm {
             world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
         multibody.set_self_contacts_enabled(false);
         multibody.forward_kinematics(bodies, true);
-        assert_eq!(multibody.ndofs(), N_DOFS, "a fixed base has no freedom of its own");
+        assert_eq!(multibody.ndofs(), N_DOFS, "a fixed base has no degree of freedom");
         multibody
             .damping_mut()
             .copy_from_slice(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.drive_of(dof).damping as f32));
@@ -120,26 +121,26 @@ impl Arm {
         if dof < N_JOINTS { self.targets.joints[dof] } else { self.targets.finger }
     }
 
-    /// Takes new targets from this arm's part of an action row.
+    /// Sets new targets from this arm's part of an action row, [`Targets`] in `mode`.
     pub(super) fn command(&mut self, world: &PhysicsWorld, mode: ControlMode, row: &[f32]) {
         let qpos = self.qpos(world);
         self.targets = targets(mode, row, &Joints::from_fn(|joint, _| f64::from(qpos[joint])));
-        self.inertia = self.moved_inertia(world);
+        self.inertia = self.effective_inertia(world);
     }
 
-    /// Sets the springs for the next physics step.
+    /// Sets the springs for the next physics step. Returns `true` if a joint may reach a joint limit within
+    /// the step.
     ///
-    /// rapier's springs know no limit of force, so a spring's rest position is drawn in until the force lies within the
-    /// drive's. The limit holds for the mean over the step: while a joint gains speed the force of an implicit spring falls,
-    /// over one step to about 1 / (1 + x) of its start with x = dt (damping + stiffness · dt) / inertia.
-    ///
-    /// Returns whether a joint may meet one of its stops within the step.
+    /// rapier's springs have no force limit, so the rest position of a spring is moved towards the joint
+    /// until the force is within the drive's limit. The limit applies to the mean force over the step: while
+    /// a joint accelerates, the force of an implicit spring falls over one step to about 1 / (1 + x) of its
+    /// initial value, with x = dt (damping + stiffness · dt) / inertia.
     pub(super) fn drive(&self, world: &mut PhysicsWorld) -> bool {
         let (qpos, qvel) = (self.qpos(world), self.qvel(world));
         let dt = f64::from(world.integration_parameters.dt);
         let multibody =
             world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
-        let mut meets_any_stop = false;
+        let mut any_at_limit = false;
         for dof in 0..N_DOFS {
             let Drive { stiffness, damping, limit } = self.drive_of(dof);
             let (q, v) = (f64::from(qpos[dof]), f64::from(qvel[dof]));
@@ -148,57 +149,59 @@ impl Arm {
             let force = (stiffness * (self.target_of(dof) - q) - damping * v).clamp(-limit, limit);
             let rest = q + (force + damping * v) / stiffness;
             let joint = &mut multibody.link_mut(dof + 1).expect("one link per joint").joint;
-            joint.set_spring(coordinate(kind(dof)), stiffness as f32, rest as f32);
-            // A stop that cannot be met within this step would cost a constraint and do nothing.
-            let driven = v + dt * (force - stiffness * dt * v) / (self.inertia[dof] + resistance);
+            joint.set_spring(coordinate_idx(kind(dof)), stiffness as f32, rest as f32);
+            // A limit that the joint cannot reach within this step would add a constraint without effect.
+            let predicted_v = v + dt * (force - stiffness * dt * v) / (self.inertia[dof] + resistance);
             let [lo, hi] = range(dof);
-            let ahead = [q, q + 2.0 * dt * v, q + 2.0 * dt * driven];
-            let meets_stop = ahead.iter().any(|q| *q < lo || *q > hi);
-            joint.data.limit_axes = if meets_stop { !joint.data.locked_axes } else { JointAxesMask::empty() };
-            meets_any_stop |= meets_stop;
+            let predicted_q = [q, q + 2.0 * dt * v, q + 2.0 * dt * predicted_v];
+            let at_limit = predicted_q.iter().any(|q| *q < lo || *q > hi);
+            joint.data.limit_axes = if at_limit { !joint.data.locked_axes } else { JointAxesMask::empty() };
+            any_at_limit |= at_limit;
         }
-        meets_any_stop
+        any_at_limit
     }
 
-    /// Whether the box around a part that moves overlapped the box around anything but the arm itself in the last step.
+    /// Returns `true` if the bounding box of a moving link overlapped that of any collider outside the arm in
+    /// the last step.
     pub(super) fn is_near_others(&self, world: &PhysicsWorld) -> bool {
-        let is_own = |solid: ColliderHandle| {
-            let body = world.colliders[solid].parent();
+        let is_own = |handle: ColliderHandle| {
+            let body = world.colliders[handle].parent();
             body.is_some_and(|body| self.links.contains(&body))
         };
         let moving = self.links[1..].iter().flat_map(|link| world.bodies[*link].colliders());
         moving
-            .flat_map(|solid| world.narrow_phase.contact_pairs_with(*solid))
+            .flat_map(|handle| world.narrow_phase.contact_pairs_with(*handle))
             .any(|pair| !is_own(pair.collider1) || !is_own(pair.collider2))
     }
 
-    /// Inertia that each joint moves, itself and all links beyond it: kg·m², of fingers kg.
-    fn moved_inertia(&self, world: &PhysicsWorld) -> [f64; N_DOFS] {
+    /// Returns the inertia that each joint accelerates, i.e. of its own link and all links after it: kg·m²
+    /// for arm joints, kg for fingers.
+    fn effective_inertia(&self, world: &PhysicsWorld) -> [f64; N_DOFS] {
         let multibody = self.multibody(world);
         let mut inertia = [0.0; N_DOFS];
         for (link, handle) in self.links.iter().enumerate().skip(1) {
             let properties = world.bodies[*handle].mass_properties();
-            let (mass, turning) = (properties.effective_mass().x, properties.effective_angular_inertia());
+            let (mass, rotational) = (properties.effective_mass().x, properties.effective_angular_inertia());
             let jacobian = multibody.body_jacobian(link);
             for (dof, inertia) in inertia.iter_mut().enumerate() {
                 let column = jacobian.column(dof);
                 let linear = Vector::new(column[0], column[1], column[2]);
                 let angular = Vector::new(column[3], column[4], column[5]);
-                *inertia += f64::from(mass * linear.length_squared() + angular.dot(turning * angular));
+                *inertia += f64::from(mass * linear.length_squared() + angular.dot(rotational * angular));
             }
         }
         inertia
     }
 
-    /// Positions of joints 1 to 7 (rad) and of the fingers (m).
+    /// Returns the positions of joints 1 to 7 (rad) and of the fingers (m).
     pub(super) fn qpos(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
         let multibody = self.multibody(world);
         core::array::from_fn(|dof| {
-            multibody.link(dof + 1).expect("one link per joint").joint().coords()[coordinate(kind(dof))]
+            multibody.link(dof + 1).expect("one link per joint").joint().coords()[coordinate_idx(kind(dof))]
         })
     }
 
-    /// Velocities of joints 1 to 7 (rad/s) and of the fingers (m/s).
+    /// Returns the velocities of joints 1 to 7 (rad/s) and of the fingers (m/s).
     pub(super) fn qvel(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
         let velocity = self.multibody(world).generalized_velocity();
         core::array::from_fn(|dof| velocity[dof])
@@ -212,12 +215,12 @@ impl Arm {
         from_pose(world.bodies[self.links[link]].position())
     }
 
-    /// World pose of the TCP.
+    /// Returns the TCP pose in the world frame.
     pub(super) fn tcp_pose(&self, world: &PhysicsWorld) -> Isometry3<f32> {
         self.link_pose(world, N_JOINTS) * self.tcp_in_link7
     }
 
-    /// World poses of all links.
+    /// Returns the poses of all links in the world frame.
     pub(super) fn link_poses(&self, world: &PhysicsWorld) -> ArmLinks {
         let mut poses: [Isometry3<f32>; N_LINKS] = core::array::from_fn(|link| match link {
             0..=N_JOINTS => self.link_pose(world, link),
@@ -227,28 +230,29 @@ impl Arm {
         poses
     }
 
-    /// Whether both fingers press on the body, each within 85° of its opening direction (spec/env.md §3).
+    /// Returns `true` if both fingers press on the body with at least 0.5 N, each within 85° of its opening
+    /// direction.
     pub(super) fn is_grasping(&self, world: &PhysicsWorld, body: RigidBodyHandle) -> bool {
         [0, 1].into_iter().all(|finger| {
             let opening = self.link_pose(world, N_JOINTS + 1 + finger).rotation * Vector3::y();
             let opening = if finger == 0 { opening } else { -opening };
             let force = self.force_on_finger(world, finger, body);
             let size = force.norm();
-            size >= GRASP_FORCE_N && force.dot(&opening) >= GRASP_COS * size
+            size >= MIN_GRASP_FORCE_N && force.dot(&opening) >= MIN_GRASP_COS * size
         })
     }
 
-    /// Sum of the normal forces that a body puts on a finger, in N.
+    /// Returns the sum of the normal forces that a body exerts on a finger, in N.
     fn force_on_finger(&self, world: &PhysicsWorld, finger: usize, body: RigidBodyHandle) -> Vector3<f32> {
         let phase: &NarrowPhase = &world.narrow_phase;
-        let of_body = |other: ColliderHandle| world.colliders[other].parent() == Some(body);
+        let is_of_body = |other: ColliderHandle| world.colliders[other].parent() == Some(body);
         let mut impulse = Vector3::zeros();
-        for &solid in &self.fingers[finger] {
-            for pair in phase.contact_pairs_with(solid) {
-                // Impulses are those on the second collider of a pair.
-                if pair.collider1 == solid && of_body(pair.collider2) {
+        for &handle in &self.fingers[finger] {
+            for pair in phase.contact_pairs_with(handle) {
+                // rapier reports the impulse on the second collider of a pair.
+                if pair.collider1 == handle && is_of_body(pair.collider2) {
                     impulse -= from_vector(pair.total_impulse());
-                } else if pair.collider2 == solid && of_body(pair.collider1) {
+                } else if pair.collider2 == handle && is_of_body(pair.collider1) {
                     impulse += from_vector(pair.total_impulse());
                 }
             }
@@ -257,23 +261,25 @@ impl Arm {
     }
 }
 
-/// Joints turn, fingers slide.
+/// Returns the joint type of a degree of freedom: arm joints are revolute, fingers prismatic.
 const fn kind(dof: usize) -> JointKind {
     if dof < N_JOINTS { JointKind::Hinge } else { JointKind::Slide }
 }
 
-/// Least and greatest position of a joint or finger.
+/// Returns the minimum and maximum position of a joint (rad) or finger (m).
 const fn range(dof: usize) -> [f64; 2] {
     if dof < N_JOINTS { [LOWER[dof], UPPER[dof]] } else { [0.0, FINGER_OPEN] }
 }
 
-struct Builder<'a> {
+/// Inserts links into a world and records their handles.
+struct ArmBuilder<'a> {
     world: &'a mut PhysicsWorld,
     links: Vec<RigidBodyHandle>,
 }
 
-impl Builder<'_> {
-    /// Adds the next link, which turns about `axis` (a finger: slides along it) of the frame at `origin` in its parent.
+impl ArmBuilder<'_> {
+    /// Adds the next link. Its joint has the frame `origin` in the parent and rotates about `axis` of that
+    /// frame; a finger slides along it.
     fn add_link(
         &mut self,
         parent: RigidBodyHandle,
@@ -290,16 +296,21 @@ impl Builder<'_> {
             RigidBodyBuilder::dynamic().gravity_scale(0.0).can_sleep(false).additional_mass_properties(mass);
         let link = self.world.insert_body(link);
         let dof = self.links.len() - 1;
-        let joint = one_freedom(kind(dof), origin, axis, range(dof));
-        self.world.multibody_joints.insert(parent, link, joint, true).expect("links form a tree");
+        let joint = single_dof_joint(kind(dof), origin, axis, range(dof));
+        self.world.multibody_joints.insert(parent, link, joint, true).expect("the links form a tree");
         self.links.push(link);
         link
     }
 
-    fn add_solids(&mut self, link: RigidBodyHandle, solids: &[Solid], friction: f32) -> Vec<ColliderHandle> {
-        let add = |(shape, pose): &Solid| {
+    fn add_shapes(
+        &mut self,
+        link: RigidBodyHandle,
+        shapes: &[CollisionShape],
+        friction: f32,
+    ) -> Vec<ColliderHandle> {
+        let add = |(shape, pose): &CollisionShape| {
             self.world.insert_collider(collider(*shape, pose).density(0.0).friction(friction), Some(link))
         };
-        solids.iter().map(add).collect()
+        shapes.iter().map(add).collect()
     }
 }

@@ -1,4 +1,4 @@
-//! The border between nalgebra (ours) and glam (rapier's).
+//! Conversions between nalgebra types (used in this crate) and glam types (used by rapier).
 
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::math::{Matrix, Pose, Rotation, Vector};
@@ -22,7 +22,8 @@ pub(super) fn from_vector(v: Vector) -> Vector3<f32> {
     Vector3::new(v.x, v.y, v.z)
 }
 
-/// The rotation keeps its sign, so that a link's quaternion never jumps as it turns.
+/// Converts a pose without normalising the sign of its quaternion, so that the quaternion of a rotating link
+/// stays continuous.
 pub(super) fn from_pose(pose: &Pose) -> Isometry3<f32> {
     let r = pose.rotation;
     let rotation = UnitQuaternion::new_unchecked(Quaternion::new(r.w, r.x, r.y, r.z));

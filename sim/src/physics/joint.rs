@@ -1,4 +1,5 @@
-//! Joints of one freedom, as rapier's multibodies have them: the free axis is always x of the joint's own frame.
+//! Single-degree-of-freedom joints for rapier's multibodies, in which the free axis is always x of the joint
+//! frame.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rapier3d::dynamics::{GenericJointBuilder, JointAxesMask, JointAxis};
@@ -6,11 +7,12 @@ use rapier3d::dynamics::{GenericJointBuilder, JointAxesMask, JointAxis};
 use super::convert::to_pose;
 use crate::scene::JointKind;
 
-/// A joint at `origin` in the parent's frame, along or about `axis` of the child's, between two positions in m or rad.
+/// Builds a joint that slides along or rotates about `axis` of the child's frame. `origin` is the pose of the
+/// joint in the parent's frame, `limits` are its minimum and maximum position in m or rad.
 ///
 /// # Panics
 /// If the axis is −x.
-pub(super) fn one_freedom(
+pub(super) fn single_dof_joint(
     kind: JointKind,
     origin: &Isometry3<f64>,
     axis: &Vector3<f64>,
@@ -27,8 +29,8 @@ pub(super) fn one_freedom(
         .limits(free, limits.map(|limit| limit as f32))
 }
 
-/// Index of the joint's position among the six coordinates that rapier keeps of each.
-pub(super) const fn coordinate(kind: JointKind) -> usize {
+/// Returns the index of the joint position among the six coordinates that rapier stores per joint.
+pub(super) const fn coordinate_idx(kind: JointKind) -> usize {
     match kind {
         JointKind::Slide => 0,
         JointKind::Hinge => 3,

@@ -1,13 +1,13 @@
-//! Physics of one episode: a drawn scene as rapier bodies, stepped 20 times a second of simulated time.
+//! Rigid-body simulation of one episode: the sampled scene as rapier bodies, controlled at 20 Hz.
 //!
-//! rapier is known here and nowhere else in the crate. A [`World`] is isolated from all others; what it does is a function
-//! of its scene, its control mode and the actions it was given.
+//! No other module of the crate uses rapier. Worlds are isolated from each other: the state of a [`World`] is
+//! a function of its scene, its control mode and the actions executed so far.
 
 mod arm;
+mod bodies;
 mod convert;
 mod joint;
-mod preset;
-mod solids;
+mod solver;
 mod world;
 
 pub use world::World;

@@ -1,4 +1,4 @@
-//! One isolated environment.
+//! The physics world of one environment.
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Vector3};
@@ -8,15 +8,15 @@ use rapier3d::pipeline::PhysicsWorld;
 
 use super::arm::Arm;
 use super::convert::{from_pose, from_vector};
-use super::{SUBSTEPS, preset, solids};
+use super::{SUBSTEPS, bodies, solver};
 use crate::fingerprint::Fingerprint;
 use crate::robot::panda::{N_DOFS, N_JOINTS};
 use crate::scene::{JointKind, Motion, Scene, Snapshot};
 
-/// m/s².
+/// Gravitational acceleration along world z, in m/s².
 const GRAVITY: f32 = -9.81;
 
-/// One env: the bodies and arms of a scene, driven in one control mode.
+/// The bodies and arms of one scene, driven in one control mode.
 pub struct World {
     rapier: PhysicsWorld,
     arms: Vec<Arm>,
@@ -26,16 +26,16 @@ pub struct World {
 }
 
 impl World {
-    /// The scene as it was drawn; nothing has been stepped, and the arms aim at where they are.
+    /// Builds the world of a scene in its start state. The arms' targets are their start positions.
     #[must_use]
     pub fn build(scene: &Scene, mode: ControlMode) -> Self {
         let mut rapier = PhysicsWorld {
             gravity: Vector::new(0.0, 0.0, GRAVITY),
-            integration_parameters: preset::contacts(),
+            integration_parameters: solver::parameters(),
             ..PhysicsWorld::default()
         };
-        solids::add_ground(&mut rapier, scene.table.kind);
-        let bodies = scene.bodies.iter().map(|body| solids::add_body(&mut rapier, body)).collect();
+        bodies::add_ground(&mut rapier, scene.table.kind);
+        let bodies = scene.bodies.iter().map(|body| bodies::add_body(&mut rapier, body)).collect();
         let wrist_camera = scene.robots.len() == 1;
         let arms =
             scene.robots.iter().map(|robot| Arm::add(&mut rapier, robot, mode, wrist_camera)).collect();
@@ -46,7 +46,8 @@ impl World {
         Self { rapier, arms, bodies, joints: joints.collect(), mode }
     }
 
-    /// One control step of 0.05 s. `action` is one row, `[action_dim]` f32: each arm's part in turn.
+    /// Executes one control step of 0.05 s. `action` is one row, `[action_dim]` f32: the parts of all arms,
+    /// one after another.
     ///
     /// # Panics
     /// If the row has another length.
@@ -58,91 +59,94 @@ impl World {
         }
     }
 
-    /// Gives the arms their new targets.
+    /// Sets the arms' new targets.
     fn command(&mut self, action: &[f32]) {
         let width = match self.mode {
             ControlMode::EeDeltaPose | ControlMode::EePose => N_JOINTS,
             ControlMode::JointPos => N_JOINTS + 1,
         };
-        assert_eq!(action.len(), width * self.arms.len(), "an action row holds each arm's part");
+        assert_eq!(action.len(), width * self.arms.len(), "an action row holds one part per arm");
         for (arm, row) in self.arms.iter_mut().zip(action.chunks_exact(width)) {
             arm.command(&self.rapier, self.mode, row);
         }
     }
 
-    /// Sets the arms' springs, and how finely the solver works, for the next physics step.
+    /// Sets the arms' springs and the number of solver substeps for the next physics step.
     fn drive(&mut self) {
-        let mut needs_care = false;
+        let mut needs_substeps = false;
         for arm in &self.arms {
-            let meets_stop = arm.drive(&mut self.rapier);
-            needs_care |= meets_stop || arm.is_near_others(&self.rapier);
+            let at_limit = arm.drive(&mut self.rapier);
+            needs_substeps |= at_limit || arm.is_near_others(&self.rapier);
         }
         self.rapier.integration_parameters.num_solver_iterations =
-            if needs_care { preset::CARE_SUBSTEPS } else { preset::FREE_SUBSTEPS };
+            if needs_substeps { solver::CONTACT_SUBSTEPS } else { solver::FREE_SUBSTEPS };
     }
 
-    /// Arms: 1 or 2.
+    /// Returns the number of arms, 1 or 2.
     #[must_use]
     pub fn n_arms(&self) -> usize {
         self.arms.len()
     }
 
-    /// World pose of a body's frame (not of its centre of mass).
+    /// Returns the world pose of a body's frame (not of its centre of mass).
     #[must_use]
     pub fn body_pose(&self, body: usize) -> Isometry3<f32> {
         from_pose(self.rapier.bodies[self.bodies[body]].position())
     }
 
-    /// Linear velocity of a body's centre of mass (m/s) and angular velocity (rad/s), in the world frame.
+    /// Returns the linear velocity of a body's centre of mass (m/s) and its angular velocity (rad/s), in the
+    /// world frame.
     #[must_use]
     pub fn body_velocity(&self, body: usize) -> (Vector3<f32>, Vector3<f32>) {
         let body = &self.rapier.bodies[self.bodies[body]];
         (from_vector(body.linvel()), from_vector(body.angvel()))
     }
 
-    /// How far a jointed body has moved from its start, in m or rad; 0 for any other body.
+    /// Returns the displacement of a jointed body from its start, in m or rad; 0 for any other body.
     #[must_use]
     pub fn joint_position(&self, body: usize) -> f32 {
         let kind = self.joints[body];
-        kind.map_or(0.0, |kind| solids::joint_position(&self.rapier, self.bodies[body], kind))
+        kind.map_or(0.0, |kind| bodies::joint_position(&self.rapier, self.bodies[body], kind))
     }
 
-    /// Deepest overlap of two solids in the last physics step, in m; 0 if nothing touches.
+    /// Returns the maximum penetration depth over all contacts of the last physics step, in m; 0 without
+    /// contacts.
     #[must_use]
-    pub fn deepest_overlap(&self) -> f32 {
+    pub fn max_penetration(&self) -> f32 {
         let pairs = self.rapier.narrow_phase.contact_pairs();
         let contacts = pairs.filter_map(|pair| pair.find_deepest_contact());
         contacts.map(|(_, contact)| -contact.dist).fold(0.0, f32::max)
     }
 
-    /// Positions of an arm's joints 1 to 7 (rad), then of its two fingers (m).
+    /// Returns the positions of an arm's joints 1 to 7 (rad), then of its two fingers (m).
     #[must_use]
     pub fn qpos(&self, arm: usize) -> [f32; N_DOFS] {
         self.arms[arm].qpos(&self.rapier)
     }
 
-    /// Velocities of an arm's joints 1 to 7 (rad/s), then of its two fingers (m/s).
+    /// Returns the velocities of an arm's joints 1 to 7 (rad/s), then of its two fingers (m/s).
     #[must_use]
     pub fn qvel(&self, arm: usize) -> [f32; N_DOFS] {
         self.arms[arm].qvel(&self.rapier)
     }
 
-    /// World pose of an arm's TCP: z approaches, y closes.
+    /// Returns the world pose of an arm's TCP; z is the approach axis, y the closing axis.
     #[must_use]
     pub fn tcp_pose(&self, arm: usize) -> Isometry3<f32> {
         self.arms[arm].tcp_pose(&self.rapier)
     }
 
-    /// Whether both fingers of an arm press on a body, each with at least 0.5 N and within 85° of its opening direction
-    /// (spec/env.md §3).
+    /// Returns `true` if both fingers of an arm press on a body, each with at least 0.5 N and within 85° of
+    /// its opening direction.
     #[must_use]
     pub fn is_grasping(&self, arm: usize, body: usize) -> bool {
         self.arms[arm].is_grasping(&self.rapier, self.bodies[body])
     }
 
-    /// The state a policy sees (spec/env.md §6), `[25]` f32 of one arm or `[64]` of two: qpos, qvel, then poses as position
-    /// and quaternion (w, x, y, z). Two arms' joints alternate, their fingers follow arm by arm, and the two TCP poses are
-    /// given twice, as the benchmark does.
+    /// Writes the state vector of an observation, `[25]` f32 for one arm or `[64]` for two: qpos, qvel, then
+    /// TCP poses as position and quaternion (w, x, y, z). The joints of two arms are interleaved, their
+    /// fingers are not, and both TCP poses appear twice, as in the benchmark (docs/benchmark.md,
+    /// "Observations").
     ///
     /// # Panics
     /// If `out` has another length.
@@ -159,11 +163,11 @@ impl World {
             }
         }
         for (i, pose) in poses.chunks_exact_mut(7).enumerate() {
-            pose.copy_from_slice(&numbers(&self.tcp_pose(i % n)));
+            pose.copy_from_slice(&pose_to_array(&self.tcp_pose(i % n)));
         }
     }
 
-    /// Copies all poses into a snapshot made for this scene; allocates nothing.
+    /// Copies all poses into a snapshot of this scene, without allocating.
     ///
     /// # Panics
     /// If the snapshot was made for another number of bodies or arms.
@@ -171,7 +175,7 @@ impl World {
         assert_eq!(
             (out.bodies.len(), out.arms.len()),
             (self.bodies.len(), self.arms.len()),
-            "another scene's"
+            "the snapshot belongs to another scene"
         );
         for (body, pose) in out.bodies.iter_mut().enumerate() {
             *pose = self.body_pose(body);
@@ -181,31 +185,32 @@ impl World {
         }
     }
 
-    /// Adds the whole moving state to a fingerprint: each arm's joints and their velocities, each body's pose and velocity.
-    pub fn absorb(&self, fingerprint: &mut Fingerprint) {
+    /// Adds the full dynamic state to a fingerprint: joint positions and velocities of each arm, pose and
+    /// velocity of each body.
+    pub fn hash_state(&self, fingerprint: &mut Fingerprint) {
         for arm in 0..self.arms.len() {
             fingerprint.write(&self.qpos(arm));
             fingerprint.write(&self.qvel(arm));
         }
         for body in 0..self.bodies.len() {
-            fingerprint.write(&numbers(&self.body_pose(body)));
+            fingerprint.write(&pose_to_array(&self.body_pose(body)));
             let (linear, angular) = self.body_velocity(body);
             fingerprint.write(linear.as_slice());
             fingerprint.write(angular.as_slice());
         }
     }
 
-    /// Whether every number of the state is finite; if not, the episode is worthless.
+    /// Returns `true` if every number of the state is finite. If not, the episode cannot be evaluated.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         let finite = |numbers: &[f32]| numbers.iter().all(|x| x.is_finite());
         (0..self.arms.len()).all(|arm| finite(&self.qpos(arm)) && finite(&self.qvel(arm)))
-            && (0..self.bodies.len()).all(|body| finite(&numbers(&self.body_pose(body))))
+            && (0..self.bodies.len()).all(|body| finite(&pose_to_array(&self.body_pose(body))))
     }
 }
 
-/// Position, then quaternion (w, x, y, z).
-fn numbers(pose: &Isometry3<f32>) -> [f32; 7] {
+/// Returns position, then quaternion (w, x, y, z).
+fn pose_to_array(pose: &Isometry3<f32>) -> [f32; 7] {
     let (p, q) = (pose.translation.vector, pose.rotation.coords);
     [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
 }

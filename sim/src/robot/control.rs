@@ -1,4 +1,5 @@
-//! Controllers: from an arm's part of an action row to joint targets (spec/env.md §5).
+//! Controllers, which convert an arm's part of an action row into joint targets (docs/benchmark.md, "Robot
+//! and control").
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
@@ -7,30 +8,33 @@ use super::ik;
 use super::kinematics::{Joints, tcp_and_jacobian};
 use super::panda::{FINGER_OPEN, N_JOINTS};
 
-/// Translation at full deflection of `pd_ee_delta_pose`, in m.
+/// Translation of `pd_ee_delta_pose` for an action of 1, in m.
 const DELTA_TRANSLATION_M: f64 = 0.1;
-/// Rotation at full deflection, in rad. The benchmark multiplies by the lower bound of its range, hence the sign.
+/// Rotation for an action of 1, in rad. The benchmark multiplies by the lower bound of its range, hence the
+/// sign.
 const DELTA_ROTATION_RAD: f64 = -0.1;
-/// Damping of the least-squares step of `pd_ee_delta_pose`.
+/// Damping of the damped-least-squares step of `pd_ee_delta_pose`.
 const DELTA_DAMPING: f64 = 1e-4;
-/// Finger target at gripper −1, in m: beyond closed, so that it squeezes.
+/// Finger target for a gripper command of −1, in m. It lies beyond the closed position so that the fingers
+/// squeeze.
 const FINGER_SQUEEZE: f64 = -0.01;
 
-/// PD drive of a joint: torque (N·m) or force (N) = stiffness · error − damping · velocity, within ± `limit`.
+/// Gains of a joint's PD drive: torque (N·m) or force (N) = stiffness · error − damping · velocity, clamped
+/// to ± `limit`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
-    /// Per rad or m.
+    /// Proportional gain, per rad or m.
     pub stiffness: f64,
-    /// Per rad/s or m/s.
+    /// Derivative gain, per rad/s or m/s.
     pub damping: f64,
-    /// Greatest torque or force.
+    /// Maximum torque or force.
     pub limit: f64,
 }
 
-/// Drive of the fingers in every mode.
+/// Drive of the fingers in every control mode.
 pub const FINGER_DRIVE: Drive = Drive { stiffness: 1000.0, damping: 100.0, limit: 100.0 };
 
-/// Drive of the arm's joints in a mode.
+/// Returns the drive of the arm joints in a control mode.
 #[must_use]
 pub const fn arm_drive(mode: ControlMode) -> Drive {
     let stiffness = match mode {
@@ -40,7 +44,7 @@ pub const fn arm_drive(mode: ControlMode) -> Drive {
     Drive { stiffness, damping: 100.0, limit: 100.0 }
 }
 
-/// What the drives of an arm aim at, until the next control step.
+/// Target positions of an arm's drives until the next control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Targets {
     /// Joints 1 to 7, in rad.
@@ -49,8 +53,9 @@ pub struct Targets {
     pub finger: f64,
 }
 
-/// The targets that an arm's part of an action row asks for: `[7]` or `[8]` numbers, see [`ControlMode`]. `q` are the
-/// measured joint positions.
+/// Converts an arm's part of an action row, `[7]` or `[8]` f32 (see [`ControlMode`]), into targets. `q` are
+/// the measured joint positions. An unreachable absolute pose yields `q` itself, so that the arm holds its
+/// position.
 ///
 /// # Panics
 /// If the row is shorter than the mode's.
@@ -68,25 +73,26 @@ pub fn targets(mode: ControlMode, row: &[f32], q: &Joints) -> Targets {
         },
         ControlMode::EePose => {
             let target = Isometry3::from_parts(Translation3::from(vector(0)), intrinsic_xyz(&vector(3)));
-            Targets { joints: ik::descend(&target, q).unwrap_or(*q), finger: finger_target(value(6)) }
+            Targets { joints: ik::iterate(&target, q).unwrap_or(*q), finger: finger_target(value(6)) }
         }
     }
 }
 
-/// Finger target in m of a gripper entry in [−1, 1].
+/// Returns the finger target in m for a gripper command in [−1, 1].
 fn finger_target(gripper: f64) -> f64 {
     let unit = (gripper.clamp(-1.0, 1.0) + 1.0) / 2.0;
     FINGER_SQUEEZE + (FINGER_OPEN - FINGER_SQUEEZE) * unit
 }
 
-/// The gripper entry that asks for a finger target.
+/// Returns the gripper command that yields a finger target: the inverse of the mapping in [`targets`].
 #[must_use]
-pub fn gripper_entry(finger_m: f64) -> f64 {
+pub fn gripper_command(finger_m: f64) -> f64 {
     2.0 * (finger_m - FINGER_SQUEEZE) / (FINGER_OPEN - FINGER_SQUEEZE) - 1.0
 }
 
-/// Change of the joints by one damped-least-squares step, as the benchmark's batched back end takes it: translation and
-/// rotation vector in [−1, 1], in the root frame, from the measured joints; not held within joint limits.
+/// Returns the joint displacement of one damped-least-squares step from the measured positions, as in the
+/// benchmark's batched back end: Δq = (JᵀJ + λI)⁻¹ Jᵀ δ. Translation and rotation vector are in [−1, 1] and
+/// in the root frame. The result is not clamped to the joint limits.
 fn delta_step(translation: &Vector3<f64>, rotation: &Vector3<f64>, q: &Joints) -> Joints {
     let linear = translation.map(|x| x.clamp(-1.0, 1.0)) * DELTA_TRANSLATION_M;
     let angular = rotation / rotation.norm().max(1.0) * DELTA_ROTATION_RAD;
@@ -97,24 +103,24 @@ fn delta_step(translation: &Vector3<f64>, rotation: &Vector3<f64>, q: &Joints) -
     factor.solve(&(jacobian.transpose() * delta))
 }
 
-/// Writes the first six entries of a `pd_ee_delta_pose` row that asks for this displacement of the TCP, in m and rad in the
-/// root frame, or for as much of it as a row can. Returns whether it is all of it.
+/// Writes the first six entries of the `pd_ee_delta_pose` row for a TCP displacement (m, rad) in the root
+/// frame. Returns `true` if one row can express it; otherwise the row is clipped to the action range.
 ///
 /// # Panics
-/// If `row` is not six numbers.
+/// If the length of `row` is not 6.
 pub fn delta_row(displacement: &SVector<f64, 6>, row: &mut [f32]) -> bool {
     assert_eq!(row.len(), 6, "translation and rotation");
     let linear = displacement.fixed_rows::<3>(0) / DELTA_TRANSLATION_M;
     let angular = displacement.fixed_rows::<3>(3) / DELTA_ROTATION_RAD;
-    let turn = angular.norm();
+    let angle = angular.norm();
     for axis in 0..3 {
         row[axis] = linear[axis].clamp(-1.0, 1.0) as f32;
-        row[3 + axis] = (angular[axis] / turn.max(1.0)) as f32;
+        row[3 + axis] = (angular[axis] / angle.max(1.0)) as f32;
     }
-    linear.amax() <= 1.0 && turn <= 1.0
+    linear.amax() <= 1.0 && angle <= 1.0
 }
 
-/// Rotation of intrinsic XYZ Euler angles: R = Rx · Ry · Rz.
+/// Returns the rotation of intrinsic XYZ Euler angles: R = Rx · Ry · Rz.
 fn intrinsic_xyz(angles: &Vector3<f64>) -> UnitQuaternion<f64> {
     let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
     about(Vector3::x_axis(), angles.x)

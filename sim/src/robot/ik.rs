@@ -1,25 +1,25 @@
-//! Inverse kinematics of an arm by damped least squares within joint limits.
+//! Inverse kinematics of an arm by damped least squares (DLS) within joint limits.
 
 use nalgebra::{Isometry3, SMatrix, SVector};
 
 use super::kinematics::{Jacobian, Joints, displacement, tcp_and_jacobian};
 use super::panda::{LOWER, N_JOINTS, UPPER};
 
-/// Iterations of one descent.
+/// Maximum number of DLS iterations from one start.
 const MAX_ITERATIONS: usize = 100;
-/// Distance (m) and angle (rad) from the target at which a descent has arrived.
+/// Distance (m) and angle (rad) from the target at which the iteration has converged.
 const TOLERANCE: [f64; 2] = [1e-5, 1e-4];
-/// Damping at the target; far from it the step is shortened instead.
+/// Constant damping factor. Far from the target, the step length is limited instead.
 const DAMPING: f64 = 1e-6;
-/// Longest step of any joint in one iteration, in rad.
+/// Maximum displacement of any joint in one iteration, in rad.
 const MAX_STEP: f64 = 0.2;
-/// Other places of the joint space that [`solve`] starts from.
+/// Additional starts of [`solve`], spread over the joint space.
 const N_RESTARTS: usize = 24;
 
-/// The solution that damped least squares descends to from `from`; `None` if it does not arrive. `target` is the TCP's
-/// pose in the frame of link 0.
+/// Iterates damped least squares from the joint positions `from`. `target` is the TCP pose in the frame of
+/// link 0. Returns `None` if the iteration does not converge.
 #[must_use]
-pub fn descend(target: &Isometry3<f64>, from: &Joints) -> Option<Joints> {
+pub fn iterate(target: &Isometry3<f64>, from: &Joints) -> Option<Joints> {
     let mut q = *from;
     for _ in 0..MAX_ITERATIONS {
         let (tcp, jacobian) = tcp_and_jacobian(&q);
@@ -28,13 +28,14 @@ pub fn descend(target: &Isometry3<f64>, from: &Joints) -> Option<Joints> {
             return Some(q);
         }
         let step = step_within_limits(jacobian, &error, &q)?;
-        let shorten = (MAX_STEP / step.amax()).min(1.0);
-        q = clamped(&(q + step * shorten));
+        let scale = (MAX_STEP / step.amax()).min(1.0);
+        q = clamped(&(q + step * scale));
     }
     None
 }
 
-/// The damped-least-squares step; joints that stand at a limit and would be pushed beyond it are left to the others.
+/// Returns the DLS step. Joints at a limit that the step would exceed are excluded, and the step is
+/// recomputed without them.
 fn step_within_limits(mut jacobian: Jacobian, error: &SVector<f64, 6>, q: &Joints) -> Option<Joints> {
     loop {
         let normal = jacobian * jacobian.transpose() + SMatrix::<f64, 6, 6>::identity() * DAMPING;
@@ -42,35 +43,36 @@ fn step_within_limits(mut jacobian: Jacobian, error: &SVector<f64, 6>, q: &Joint
         let blocked = |joint: usize| {
             (q[joint] <= LOWER[joint] && step[joint] < 0.0) || (q[joint] >= UPPER[joint] && step[joint] > 0.0)
         };
-        let mut all_free = true;
+        let mut none_blocked = true;
         for joint in (0..N_JOINTS).filter(|joint| blocked(*joint)) {
             jacobian.column_mut(joint).fill(0.0);
-            all_free = false;
+            none_blocked = false;
         }
-        if all_free {
+        if none_blocked {
             return Some(step);
         }
     }
 }
 
-/// The solution nearest to `near` (by the joint that must move most) among those found from it and from fixed other
-/// starts; `None` if the target is out of reach.
+/// Returns the solution nearest to `near` (in the maximum norm over joints) among those found from `near` and
+/// from `N_RESTARTS` fixed starts, or `None` if the target is out of reach.
 #[must_use]
 pub fn solve(target: &Isometry3<f64>, near: &Joints) -> Option<Joints> {
     let distance = |q: &Joints| (q - near).amax();
-    let starts = core::iter::once(*near).chain((1..=N_RESTARTS).map(spread));
-    starts.filter_map(|from| descend(target, &from)).min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    let starts = core::iter::once(*near).chain((1..=N_RESTARTS).map(quasirandom_start));
+    starts.filter_map(|from| iterate(target, &from)).min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
-/// The joints moved into their limits.
+/// Clamps joint positions to the joint limits.
 #[must_use]
 pub fn clamped(q: &Joints) -> Joints {
     Joints::from_fn(|joint, _| q[joint].clamp(LOWER[joint], UPPER[joint]))
 }
 
-/// Point `index` of a sequence that fills the joint space evenly: multiples of the powers of the inverse of the root of
-/// x⁸ = x + 1 (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
-fn spread(index: usize) -> Joints {
+/// Returns point `index` of a quasirandom sequence over the joint space, the R₇ sequence of Roberts, "The
+/// Unreasonable Effectiveness of Quasirandom Sequences" (2018), which uses powers of the inverse of the root
+/// of x⁸ = x + 1.
+fn quasirandom_start(index: usize) -> Joints {
     const ROOT: f64 = 1.096_981_557_798_56;
     let mut power = 1.0;
     let unit: [f64; N_JOINTS] = core::array::from_fn(|_| {

@@ -6,10 +6,10 @@ use super::panda::{N_JOINTS, joint_origin, tcp_in_link7};
 
 /// Positions of joints 1 to 7, in rad.
 pub type Joints = SVector<f64, N_JOINTS>;
-/// Linear (m/s, first three rows) and angular velocity (rad/s) per joint velocity.
+/// TCP velocity per joint velocity: linear in rows 0 to 2, angular in rows 3 to 5.
 pub type Jacobian = SMatrix<f64, 6, N_JOINTS>;
 
-/// Poses of links 1 to 7 in the frame of link 0.
+/// Returns the poses of links 1 to 7 in the frame of link 0.
 #[must_use]
 pub fn links(q: &Joints) -> [Isometry3<f64>; N_JOINTS] {
     let mut pose = Isometry3::identity();
@@ -19,13 +19,13 @@ pub fn links(q: &Joints) -> [Isometry3<f64>; N_JOINTS] {
     })
 }
 
-/// Pose of the TCP in the frame of link 0.
+/// Returns the pose of the TCP in the frame of link 0.
 #[must_use]
 pub fn tcp(q: &Joints) -> Isometry3<f64> {
     links(q)[N_JOINTS - 1] * tcp_in_link7()
 }
 
-/// Pose of the TCP and its geometric Jacobian, both in the frame of link 0.
+/// Returns the pose of the TCP and its geometric Jacobian, both in the frame of link 0.
 #[must_use]
 pub fn tcp_and_jacobian(q: &Joints) -> (Isometry3<f64>, Jacobian) {
     let links = links(q);
@@ -40,7 +40,8 @@ pub fn tcp_and_jacobian(q: &Joints) -> (Isometry3<f64>, Jacobian) {
     (tcp, jacobian)
 }
 
-/// What takes a pose to another: translation (m) and rotation vector (rad) in the frame both are given in.
+/// Returns the displacement from one pose to another: translation (m), then rotation vector (rad), in the
+/// frame in which both poses are given.
 #[must_use]
 pub fn displacement(from: &Isometry3<f64>, to: &Isometry3<f64>) -> SVector<f64, 6> {
     let linear = to.translation.vector - from.translation.vector;

@@ -1,8 +1,8 @@
-//! The Franka Panda: its facts, its kinematics and its controllers.
+//! The Franka Panda: its model, kinematics and controllers.
 //!
-//! Plain f64 functions of joint positions. Nothing here knows scenes, tasks, policies or the physics engine; trigonometry
-//! goes through nalgebra, which the workspace builds on a portable implementation, so results do not depend on the
-//! system's mathematics library.
+//! All functions are pure f64 functions of joint positions, independent of scenes, tasks, policies and the
+//! physics engine. Trigonometry goes through nalgebra, which is built with the `libm` crate, so results do
+//! not depend on the system's libm.
 
 pub mod control;
 pub mod ik;

@@ -108,7 +108,7 @@ impl RunningEpisode {
         };
         let success = (task.success)(&scene, options.profile);
         let mut fingerprint = Fingerprint::default();
-        world.absorb(&mut fingerprint);
+        world.hash_state(&mut fingerprint);
         Self {
             assignment,
             task,
@@ -183,7 +183,7 @@ impl RunningEpisode {
         if let Some(actions) = &mut self.actions {
             actions.extend(row.iter().map(|number| number.to_bits()));
         }
-        self.world.absorb(&mut self.fingerprint);
+        self.world.hash_state(&mut self.fingerprint);
         if !self.world.is_finite() {
             self.error = Some(EpisodeError::NonFiniteState { step: self.steps });
             return;

@@ -10,7 +10,7 @@ use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, fruit, regi
 use crate::expert::Move;
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
-use crate::robot::control::gripper_entry;
+use crate::robot::control::gripper_command;
 use crate::robot::panda::FINGER_OPEN;
 use crate::scene::{Range, RegionSpec, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
@@ -103,7 +103,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let handle = pan_point(HANDLE_GRASP);
     let room = stove.pose.translation.x + STOVE[0][0] * stove.scale - handle.x;
     let half_open = (FINGER_OPEN + room - FINGER_REACH).clamp(MIN_HALF_OPENING, FINGER_OPEN);
-    let command = gripper_entry(half_open) as f32;
+    let command = gripper_command(half_open) as f32;
     // Zero steps: the fingers move during the approach to the handle.
     let mut moves = vec![Move::Grip { arms: vec![0], command, steps: 0 }];
     moves.extend(carry(scene, handle, burner - pan_point(PAN_CENTRE)));

@@ -96,7 +96,7 @@ fn stand_up(scene: &Scene, lean: f64) -> Vec<Move> {
     };
     // The torque of the peg's weight grows with the fourth power of its scale.
     let squeeze = SQUEEZE * (peg.scale * peg.scale) * (peg.scale * peg.scale);
-    let command = control::gripper_entry(half_width - squeeze) as f32;
+    let command = control::gripper_command(half_width - squeeze) as f32;
     vec![
         Move::straight(0, grasp::retreated(&tcp, 0.05)),
         Move::straight(0, tcp),

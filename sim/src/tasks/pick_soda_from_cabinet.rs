@@ -101,7 +101,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     vec![
         Move::Joint(vec![TcpGoal { arm: 0, tcp: pre_grasp }]),
         Move::straight(0, at),
-        Move::Grip { arms: vec![0], command: control::gripper_entry(0.0) as f32, steps: 6 },
+        Move::Grip { arms: vec![0], command: control::gripper_command(0.0) as f32, steps: 6 },
         Move::straight(0, pre_grasp),
         Move::straight(0, down),
         Move::open(&[0], 6),

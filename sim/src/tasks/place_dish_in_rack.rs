@@ -104,7 +104,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let candidates = dish::rim_grasps(plate, azimuth, &grasp::start_closing(scene, 0));
     let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
     let [above, at, raised, transported, over, release, retreat] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
-    let narrow = Move::Grip { arms: vec![0], command: control::gripper_entry(HALF_OPENING) as f32, steps: 1 };
+    let narrow = Move::Grip { arms: vec![0], command: control::gripper_command(HALF_OPENING) as f32, steps: 1 };
     let close = Move::close(&[0], 4);
     vec![narrow, above, at, close, raised, transported, over, release, Move::open(&[0], 6), retreat]
 }

@@ -19,12 +19,12 @@ fn trajectory(task: TaskId, scene: &Scene) -> u64 {
     let mut expert = Expert::new(scene, &(task.task().expert)(scene)).unwrap();
     let mut row = vec![0.0; ControlMode::JointPos.action_dim(task.task().morphology)];
     let mut fingerprint = Fingerprint::default();
-    world.absorb(&mut fingerprint);
+    world.hash_state(&mut fingerprint);
     for _ in 0..task.task().max_steps {
         expert.act(&world, &mut row);
         world.step(&row);
         fingerprint.write(&row);
-        world.absorb(&mut fingerprint);
+        world.hash_state(&mut fingerprint);
     }
     fingerprint.finish()
 }

@@ -15,7 +15,7 @@ use super::common;
 fn trajectory(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> u64 {
     let scene = common::draw(task, perturbation, episode_idx);
     let mut fingerprint = Fingerprint::default();
-    common::play(&scene, &(task.task().expert)(&scene), 0, |_, world| world.absorb(&mut fingerprint));
+    common::play(&scene, &(task.task().expert)(&scene), 0, |_, world| world.hash_state(&mut fingerprint));
     fingerprint.finish()
 }
 

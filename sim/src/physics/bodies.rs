@@ -1,4 +1,4 @@
-//! What stands in a scene besides the arms: its bodies, the table and the floor.
+//! The bodies of a scene other than the arms, and the table and floor.
 
 use nalgebra::{Isometry3, Translation3};
 use rapier3d::dynamics::{RigidBodyBuilder, RigidBodyHandle};
@@ -7,24 +7,25 @@ use rapier3d::math::{Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::convert::to_pose;
-use super::joint::{coordinate, one_freedom};
+use super::joint::{coordinate_idx, single_dof_joint};
 use crate::scene::{Body, JointKind, JointSpec, Motion, Primitive, TableKind};
 
-/// Least mass of a body that moves, in kg: contact stiffness follows mass, and a few grams are crushed by the gripper.
-const LEAST_MASS_KG: f64 = 0.025;
-/// Friction of table and floor.
+/// Minimum mass of a moving body, in kg. Contact stiffness scales with mass, so the gripper would penetrate a
+/// body of a few grams.
+const MIN_MASS_KG: f64 = 0.025;
+/// Friction coefficient of table and floor.
 const GROUND_FRICTION: f32 = 0.3;
-/// World z of the floor, in m.
+/// Height of the floor in the world frame, in m.
 const FLOOR_Z: f64 = -0.9196;
-/// Groups of what stands fast and of what a joint guides: these do not meet.
+/// Collision groups of fixed and of jointed bodies, which do not collide with each other.
 const FIXED: Group = Group::GROUP_1;
 const JOINTED: Group = Group::GROUP_2;
 
-/// A collider for a solid at a pose in its parent's frame.
+/// Builds a collider of a shape at a pose in its parent's frame.
 pub(super) fn collider(shape: Primitive, pose: &Isometry3<f64>) -> ColliderBuilder {
     let f = |x: f64| x as f32;
     let upright = Rotation::from_rotation_x(core::f32::consts::FRAC_PI_2);
-    let mut placed = to_pose(pose);
+    let mut position = to_pose(pose);
     let shape = match shape {
         Primitive::Box { half: [x, y, z] } => SharedShape::cuboid(f(x), f(y), f(z)),
         Primitive::Ball { radius } => SharedShape::ball(f(radius)),
@@ -33,20 +34,20 @@ pub(super) fn collider(shape: Primitive, pose: &Isometry3<f64>) -> ColliderBuild
             SharedShape::capsule(-end, end, f(radius))
         }
         Primitive::Cylinder { radius, half_height } => {
-            // rapier's cylinders stand along y.
-            placed.rotation *= upright;
+            // The axis of rapier's cylinders is y.
+            position.rotation *= upright;
             SharedShape::cylinder(f(half_height), f(radius))
         }
     };
-    ColliderBuilder::new(shape).position(placed)
+    ColliderBuilder::new(shape).position(position)
 }
 
-/// Adds a body at its drawn pose.
+/// Adds a body at its start pose, with its colliders and its joint.
 pub(super) fn add_body(world: &mut PhysicsWorld, body: &Body) -> RigidBodyHandle {
     let (builder, groups) = match body.motion {
         Motion::Dynamic => (RigidBodyBuilder::dynamic(), InteractionGroups::all()),
-        Motion::Jointed(_) => (RigidBodyBuilder::dynamic(), meeting(JOINTED, !(FIXED | JOINTED))),
-        Motion::Fixed | Motion::VisualOnly => (RigidBodyBuilder::fixed(), meeting(FIXED, !JOINTED)),
+        Motion::Jointed(_) => (RigidBodyBuilder::dynamic(), collision_groups(JOINTED, !(FIXED | JOINTED))),
+        Motion::Fixed | Motion::VisualOnly => (RigidBodyBuilder::fixed(), collision_groups(FIXED, !JOINTED)),
     };
     let [linear, angular] = body.damping.map(|damping| damping as f32);
     let builder = builder.linear_damping(linear).angular_damping(angular);
@@ -55,52 +56,55 @@ pub(super) fn add_body(world: &mut PhysicsWorld, body: &Body) -> RigidBodyHandle
         return handle;
     }
     let mass: f64 = body.parts.iter().map(|part| volume(part.shape) * body.density).sum();
-    let density = body.density * (LEAST_MASS_KG / mass).max(1.0);
+    let density = body.density * (MIN_MASS_KG / mass).max(1.0);
     for part in &body.parts {
-        let solid = collider(part.shape, &part.pose).density(density as f32).friction(body.friction as f32);
-        world.insert_collider(solid.collision_groups(groups), Some(handle));
+        let collider_builder =
+            collider(part.shape, &part.pose).density(density as f32).friction(body.friction as f32);
+        world.insert_collider(collider_builder.collision_groups(groups), Some(handle));
     }
     if let Motion::Jointed(joint) = body.motion {
-        join(world, handle, &joint, &body.pose);
+        attach(world, handle, &joint, &body.pose);
     }
     handle
 }
 
-fn meeting(memberships: Group, filter: Group) -> InteractionGroups {
+/// Collision groups of a collider that belongs to `memberships` and collides with members of `filter`.
+fn collision_groups(memberships: Group, filter: Group) -> InteractionGroups {
     InteractionGroups::new(memberships, filter, InteractionTestMode::And)
 }
 
-/// Joins a body to its start pose by a multibody of one joint: joints between free bodies sag.
-fn join(world: &mut PhysicsWorld, body: RigidBodyHandle, joint: &JointSpec, start: &Isometry3<f64>) {
+/// Attaches a body to its start pose by a multibody with one joint, because joints between free bodies sag.
+fn attach(world: &mut PhysicsWorld, body: RigidBodyHandle, joint: &JointSpec, start: &Isometry3<f64>) {
     let anchor = world.insert_body(RigidBodyBuilder::fixed().pose(to_pose(start)));
-    let guide = one_freedom(joint.kind, &Isometry3::identity(), &joint.axis.into(), [0.0, joint.upper]);
+    let guide = single_dof_joint(joint.kind, &Isometry3::identity(), &joint.axis.into(), [0.0, joint.upper]);
     world.multibody_joints.insert(anchor, body, guide, true).expect("an anchor and a body form a tree");
-    let link = *world.multibody_joints.rigid_body_link(body).expect("it has just been joined");
+    let link = *world.multibody_joints.rigid_body_link(body).expect("the body was just attached");
     let bodies = &mut world.bodies;
     bodies[body].recompute_mass_properties_from_colliders(&world.colliders);
     let multibody =
-        world.multibody_joints.get_multibody_mut(link.multibody).expect("it has just been joined");
+        world.multibody_joints.get_multibody_mut(link.multibody).expect("the body was just attached");
     multibody.forward_kinematics(bodies, true);
-    assert_eq!(multibody.ndofs(), 1, "an anchor has no freedom of its own");
+    assert_eq!(multibody.ndofs(), 1, "an anchor has no degree of freedom");
     multibody.damping_mut()[0] = joint.damping as f32;
     multibody.frictions_mut()[0] = joint.friction as f32;
     multibody.forward_kinematics(bodies, false);
     multibody.update_rigid_bodies(bodies, true);
 }
 
-/// Position of a jointed body's joint, in m or rad.
+/// Returns the joint position of a jointed body, in m or rad.
 pub(super) fn joint_position(world: &PhysicsWorld, body: RigidBodyHandle, kind: JointKind) -> f32 {
     let link = *world.multibody_joints.rigid_body_link(body).expect("a jointed body is in a multibody");
     let multibody = world.multibody_joints.get_multibody(link.multibody).expect("a link's multibody exists");
-    multibody.link(link.id).expect("a link of its multibody").joint().coords()[coordinate(kind)]
+    multibody.link(link.id).expect("a link of its multibody").joint().coords()[coordinate_idx(kind)]
 }
 
-/// Adds floor and table (spec/env.md §2). Walls are only seen: a look must never change a trajectory.
+/// Adds the floor and the table (docs/benchmark.md, "Scenes and objects"). Walls are visual only: appearance
+/// never affects the trajectory.
 pub(super) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
     let mut block = |half: [f64; 3], centre: [f64; 3]| {
         let pose = Isometry3::from(Translation3::from(centre));
-        let solid = collider(Primitive::Box { half }, &pose).friction(GROUND_FRICTION);
-        world.insert_collider(solid.collision_groups(meeting(FIXED, !JOINTED)), None);
+        let collider_builder = collider(Primitive::Box { half }, &pose).friction(GROUND_FRICTION);
+        world.insert_collider(collider_builder.collision_groups(collision_groups(FIXED, !JOINTED)), None);
     };
     block([5.0, 5.0, 0.5], [0.0, 0.0, FLOOR_Z - 0.5]);
     let [x, y] = match table {
@@ -113,7 +117,7 @@ pub(super) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
     }
 }
 
-/// In m³.
+/// Returns the volume in m³.
 fn volume(shape: Primitive) -> f64 {
     use core::f64::consts::PI;
     match shape {
