@@ -60,7 +60,7 @@ def generated_tensor(name, shape):
     return sym(name, shape, math.sqrt(3 / math.prod(shape[1:])))
 
 
-# --- the network ------------------------------------------------------------------------------------------------------
+# --- Network ----------------------------------------------------------------------------------------
 
 class FrozenBatchNorm(nn.Module):
     def __init__(self, width):
@@ -216,12 +216,12 @@ class Act(nn.Module):
             memory = layer(memory, positions)
         query_position = self.query_embed.weight.expand(n, -1, -1)
         decoder = self.transformer.decoder
-        # The benchmark reads the first of the stacked intermediate outputs, so later decoder layers have no effect.
+        # The benchmark reads the first of the stacked intermediate outputs, so later layers have no effect.
         target = decoder.layers[0](torch.zeros_like(query_position), memory, positions, query_position)
         return self.action_head(decoder.norm(target)), features
 
 
-# --- checkpoint and reference -----------------------------------------------------------------------------------------
+# --- Checkpoint and reference outputs ---------------------------------------------------------------
 
 def initialise(net, by_rule, random):
     """Initialise all weights by `generated_tensor`, or only the batch statistics, randomly."""

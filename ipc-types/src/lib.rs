@@ -1,5 +1,6 @@
 //! Data plane between the sim and a policy host: morphologies, the byte layout of every tensor, the message
-//! headers, and the link that carries messages through shared memory.
+//! headers, and the link that carries messages through shared memory. Also the options of a run, which all
+//! processes share.
 //!
 //! This crate depends on no other crate of the workspace: an external policy host (Python, C++) needs only
 //! what is here.

@@ -29,7 +29,7 @@ OCCUPIED_TIMEOUT_S = 5.0
 LOAN_TIMEOUT_S = 1.0
 RETRY_INTERVAL_S = 0.005
 
-# Names of iceoryx2 errors that mean that a service does not exist yet, or that another process holds its only port.
+# iceoryx2 errors that mean that a service does not exist yet, or that another process holds its only port.
 ABSENT = ("DoesNotExist", "HangsInCreation", "IsMarkedForDestruction", "Interrupt")
 OCCUPIED = (
     "ExceedsMaxNumberOfNodes",
@@ -157,7 +157,7 @@ class Lane:
         ctypes.memmove(loan.user_header_ptr, ctypes.addressof(header), ctypes.sizeof(header))
         message.release()
         try:
-            # The number of receivers does not matter: if the simulator has exited, its successor repeats the query.
+            # No receiver is not an error: if the simulator has exited, its successor repeats the query.
             loan.assume_init().send()
         except iox.SendError as error:
             raise LinkError(f"failed to send an answer: {error}") from error
@@ -193,7 +193,7 @@ class Lane:
             .initial_max_slice_len(self.endpoint.max_envs)
             .allocation_strategy(iox.AllocationStrategy.Static)
             .max_loaned_samples(1)
-            # The simulator has room for an answer to every query in flight: only an exited one's queue can be full.
+            # The simulator's queue has room for all queries in flight: only an exited one's can be full.
             .backpressure_strategy(iox.BackpressureStrategy.DiscardData)
         )
         self._actions = attempt(action, publisher.create)

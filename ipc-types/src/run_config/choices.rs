@@ -39,9 +39,9 @@ pub enum RendererChoice {
     /// A GPU if one is usable, otherwise the CPU
     #[default]
     Auto,
-    /// The CPU
+    /// The CPU rasteriser
     Cpu,
-    /// A GPU
+    /// A GPU, through Vulkan
     Gpu,
     /// The GPU renderer on a software Vulkan driver, for tests
     Software,

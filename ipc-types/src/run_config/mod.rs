@@ -1,8 +1,9 @@
 //! The options of a run. Each is declared exactly once, here.
 //!
-//! A field of this module is at the same time a command-line flag, a key of the sweep file, part of the configuration
-//! that `hypogeum sim` and `hypogeum policy-host` receive, and (in [`ResultOptions`]) part of the manifest of a results
-//! file. To add an option, add a field, and read it where it takes effect. The doc comment of the field is its help text.
+//! A field of this module is at the same time a command-line flag, a key of the sweep file, part of the
+//! configuration that `hypogeum sim` and `hypogeum policy-host` receive, and (in [`ResultOptions`]) part of
+//! the manifest of a results file. To add an option, add a field, and read it where it takes effect. The doc
+//! comment of the field is its help text.
 
 mod choices;
 mod strength;
@@ -31,8 +32,8 @@ pub struct RunConfig {
     pub resources: ResourceOptions,
 }
 
-/// Options that change the outcome of an episode. The manifest of a results file stores them, and a run that continues the
-/// file must have the same.
+/// Options that change the outcome of an episode. The manifest of a results file stores them, and a run that
+/// continues the file must have the same.
 #[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResultOptions {
     /// Suite seed, from which the seeds of all episodes are derived
@@ -57,8 +58,8 @@ pub struct ResultOptions {
     pub control_mode: ControlMode,
 }
 
-/// Options that change the images of an episode. A results file stores the identity of the renderer that results from
-/// them instead of the options themselves, and only if a policy of the run reads images.
+/// Options that change the images of an episode. A results file stores the identity of the renderer that
+/// results from them instead of the options themselves, and only if a policy of the run reads images.
 #[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RenderOptions {
     /// Renderer of the images

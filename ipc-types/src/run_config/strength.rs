@@ -20,7 +20,7 @@ pub enum StrengthError {
     /// The number is outside (0, 1].
     #[error("strength is {found}, expected a number above 0 and at most 1 (the benchmark's strength)")]
     OutOfRange {
-        /// The number.
+        /// The rejected strength.
         found: f64,
     },
     /// The text is not a number.
