@@ -1,5 +1,4 @@
-//! Signals by which a user or a machine ends a run: Ctrl-C and SIGTERM. A terminal that closes is left to the system, so
-//! that `nohup` means what it says.
+//! Handling of SIGINT (Ctrl-C) and SIGTERM. SIGHUP keeps its default action, so that `nohup` works as usual.
 
 use std::io;
 use std::thread;
@@ -7,22 +6,22 @@ use std::thread;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::{Handle, Signals};
 
-/// While this lives the signals do not end the process. Dropping it ends the watch; the signals are then ignored.
+/// A guard during whose lifetime the signals do not terminate the process. After it is dropped they are ignored.
 #[derive(Debug)]
-pub(crate) struct Watch(Handle);
+pub(crate) struct SignalWatch(Handle);
 
-/// Calls `stop` for every signal, from a thread.
+/// Calls `stop` for every signal, on a separate thread.
 ///
 /// # Errors
-/// If the system refuses the handlers.
-pub(crate) fn watch(stop: impl Fn() + Send + 'static) -> io::Result<Watch> {
+/// If the handlers cannot be installed.
+pub(crate) fn watch(stop: impl Fn() + Send + 'static) -> io::Result<SignalWatch> {
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
-    let watch = Watch(signals.handle());
+    let watch = SignalWatch(signals.handle());
     thread::spawn(move || signals.forever().for_each(|_| stop()));
     Ok(watch)
 }
 
-impl Drop for Watch {
+impl Drop for SignalWatch {
     fn drop(&mut self) {
         self.0.close();
     }

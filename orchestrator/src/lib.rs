@@ -1,82 +1,81 @@
-//! The program `hypogeum`: reads what the user wants, runs the children that do it, keeps and reports what they found.
+//! The program `hypogeum`: parses the command line, runs the child processes that do the work, and stores and reports
+//! their results.
 //!
-//! It owns the command line, the processes of a run, the results file and everything a person reads. In a run it
-//! never steps a world, evaluates a policy or sees an observation: episodes live in `sim`, policies in `policy-host`, and
-//! both run as children of this process, which are this same program executed again. What needs no policy (`show`, `demos`,
-//! `replay`) it has `sim` do on threads of its own.
+//! It owns the command line, the processes of a run, the results file and all user-visible text. During a run it never
+//! steps a world, evaluates a policy or reads an observation: episodes run in `sim` and policies in `policy-host`, both
+//! as children of this process, which execute the same program. Commands that need no policy (`show`, `demos`,
+//! `replay`) run `sim` on threads of this process.
 //!
-//! `cli` (as typed) → `plan` (as meant) → `work` (episodes to run) → `fleet` (children) → `results` (SQLite) → `report`.
+//! `cli` (arguments) → `plan` (resolved run) → `jobs` (episodes to run) → `fleet` (children) → `results` (SQLite) →
+//! `report`.
 
-mod checkpoint;
-mod child;
 mod cli;
+mod commands;
 mod demos;
-mod failure;
+mod exit;
 mod fleet;
 mod interrupt;
+mod jobs;
 mod machine;
 mod movie;
 mod names;
+mod output;
 mod plan;
 mod policy;
 mod progress;
-mod replay;
 mod report;
 mod results;
-mod run;
 mod selection;
-mod show;
-mod suite;
-mod sweep_file;
-mod work;
+mod stored_episode;
+mod sweep;
+mod table;
 
-use std::io::Write;
+use std::ffi::OsString;
 use std::process::ExitCode;
 use std::time::Instant;
 
 use crate::cli::{Cli, Command};
-use crate::failure::{Ending, Failure};
+use crate::commands::{checkpoint, child, completions, demos as demos_command, replay, run, show, tasks};
+use crate::exit::{ExitStatus, Failure};
+use crate::output::print_message;
 
-/// Runs the program on this process's arguments.
+/// Runs the program on the arguments of this process.
 ///
-/// Exit codes: 0 done, 1 finished with errored episodes, 2 user error, 3 bug, 130 interrupted.
+/// Exit codes: 0 success, 1 finished with errored episodes, 2 user error, 3 bug, 130 interrupted.
 #[must_use]
 pub fn main() -> ExitCode {
     let started = Instant::now();
-    match Cli::parse_with_sweep_file(&std::env::args_os().collect::<Vec<_>>()) {
-        Ok(cli) => finish(run_command(&cli.command, started)),
+    let words: Vec<OsString> = std::env::args_os().collect();
+    let result = match Cli::parse_with_sweep_file(&words) {
+        Ok(cli) => run_command(&cli.command, started),
         Err(error) => match error.downcast::<clap::Error>() {
             Ok(error) => {
-                // Help and version texts are errors for clap, too. A failure to print leaves nothing to report it on.
+                // clap also returns help and version texts as errors. If printing fails, nothing can report it.
                 let _ = error.print();
-                if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS }
+                return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
             }
-            Err(error) => finish(Err(Failure::User(error))),
+            Err(error) => Err(Failure::User(error)),
         },
-    }
-}
-
-fn run_command(command: &Command, started: Instant) -> Result<Ending, Failure> {
-    match command {
-        Command::Run(args) => run::run(args, started),
-        Command::Tasks(args) => suite::list(args),
-        Command::Show(args) => show::show(args),
-        Command::Demos(args) => demos::demos(args),
-        Command::Replay(args) => replay::replay(args),
-        Command::Checkpoint(args) => checkpoint::write(args),
-        Command::Sim(args) => child::sim(args),
-        Command::PolicyHost(args) => child::policy_host(args),
-    }
-}
-
-/// Prints the error, if there is one, and returns the exit code.
-fn finish(result: Result<Ending, Failure>) -> ExitCode {
+    };
     match result {
-        Ok(ending) => ending.exit_code(),
+        Ok(status) => status.exit_code(),
         Err(failure) => {
-            // A closed stderr leaves the exit code to say it.
-            let _ = writeln!(std::io::stderr().lock(), "error: {failure}");
+            print_message(&format!("error: {failure}"));
             failure.exit_code()
         }
+    }
+}
+
+fn run_command(command: &Command, started: Instant) -> Result<ExitStatus, Failure> {
+    match command {
+        Command::Run(args) => run::run(args, started),
+        Command::Tasks(args) => tasks::tasks(args),
+        Command::Show(args) => show::show(args),
+        Command::Demos(args) => demos_command::demos(args),
+        Command::Replay(args) => replay::replay(args),
+        Command::Checkpoint(args) => checkpoint::checkpoint(args),
+        Command::Completions(args) => completions::completions(args),
+        Command::Sim(args) => child::sim(args),
+        Command::PolicyHost(args) => child::policy_host(args),
     }
 }

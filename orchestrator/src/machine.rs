@@ -1,23 +1,23 @@
-//! What machine this is, as far as results name it and times depend on it.
+//! The machine that a run is executed on, as results name it.
 
 use std::thread::available_parallelism;
 
 use serde::Serialize;
 
-/// A machine.
+/// The facts about a machine that timings depend on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(crate) struct Machine {
-    /// Model of the processor.
+    /// Model name of the CPU.
     pub(crate) cpu: String,
-    /// Cores this process may use.
+    /// Number of cores this process may use.
     pub(crate) n_cores: u32,
-    /// Kernel and its architecture.
+    /// Kernel name, release and architecture.
     pub(crate) os: String,
 }
 
 impl Machine {
-    /// This one.
-    pub(crate) fn here() -> Self {
+    /// Detects the machine that this process runs on.
+    pub(crate) fn detect() -> Self {
         let name = rustix::system::uname();
         let part = |text: &std::ffi::CStr| text.to_string_lossy().into_owned();
         Self {

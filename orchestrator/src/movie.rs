@@ -1,4 +1,4 @@
-//! Movies frame by frame, with progress, until they are done or the user has enough.
+//! Writing movies frame by frame, with a progress bar and a response to interrupts.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -8,11 +8,12 @@ use anyhow::Context;
 use sim::show::contact_sheet::RgbImage;
 use sim::show::movie::{MovieFormat, MovieWriter};
 
-use crate::failure::Ending;
+use crate::exit::ExitStatus;
 use crate::interrupt;
-use crate::progress::{Progress, print};
+use crate::output::print_message;
+use crate::progress::Progress;
 
-/// Writes `picture(0)` to `picture(n_frames - 1)`.
+/// Writes `frame(0)` to `frame(n_frames - 1)`. An interrupt leaves no file.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -20,25 +21,25 @@ pub(crate) fn write(
     path: &Path,
     format: MovieFormat,
     n_frames: usize,
-    mut picture: impl FnMut(usize) -> RgbImage,
-) -> anyhow::Result<Ending> {
+    mut frame: impl FnMut(usize) -> RgbImage,
+) -> anyhow::Result<ExitStatus> {
     let stopped = Arc::new(AtomicBool::new(false));
     let stop = Arc::clone(&stopped);
     let _watch = interrupt::watch(move || stop.store(true, Ordering::Relaxed))
-        .context("failed to watch for signals")?;
+        .context("failed to install signal handlers")?;
     let mut progress = Progress::of_frames(n_frames as u64);
-    let mut movie = MovieWriter::begin(path, format, n_frames, picture(0))?;
+    let mut movie = MovieWriter::begin(path, format, n_frames, frame(0))?;
     progress.tick();
-    for frame in 1..n_frames {
+    for frame_idx in 1..n_frames {
         if stopped.load(Ordering::Relaxed) {
             progress.finish();
-            print(&format!("interrupted; {} is not written", path.display()));
-            return Ok(Ending::Interrupted);
+            print_message(&format!("interrupted; {} is not written", path.display()));
+            return Ok(ExitStatus::Interrupted);
         }
-        movie.push(picture(frame))?;
+        movie.push(frame(frame_idx))?;
         progress.tick();
     }
     movie.finish()?;
     progress.finish();
-    Ok(Ending::Done)
+    Ok(ExitStatus::Success)
 }

@@ -11,12 +11,10 @@ use thiserror::Error;
 const MAX_SUGGESTIONS: usize = 3;
 /// Minimum Jaro–Winkler similarity of a suggestion. Below it, a name is not a misspelling but another word.
 const MIN_SIMILARITY: f64 = 0.7;
-/// Maximum number of known names that a message lists in full when none is similar.
-const MAX_LISTED: usize = 12;
 
 /// An unknown name, with the known names that are most similar to it.
 #[derive(Debug, Error, PartialEq, Eq)]
-#[error("unknown {kind} `{typed}`{}", hint(suggestions, known))]
+#[error("unknown {kind} `{typed}`{}", hint(kind, suggestions, known))]
 pub(crate) struct UnknownName {
     kind: &'static str,
     typed: String,
@@ -53,7 +51,8 @@ pub(crate) fn pick<T: Copy>(
     })
 }
 
-/// A clap value parser for named values. It reports unknown names with suggestions and lists the names to shell completions.
+/// A clap value parser for named values. It reports unknown names with suggestions and offers the names to shell
+/// completions.
 #[derive(Debug)]
 pub(crate) struct NameParser<T, E> {
     /// Parses one value.
@@ -94,12 +93,15 @@ fn most_similar<'a>(typed: &str, known: &[&'a str]) -> Vec<&'a str> {
     scored.into_iter().take(MAX_SUGGESTIONS).map(|(_, name)| name).collect()
 }
 
-fn hint(suggestions: &[String], known: &[String]) -> String {
-    match (suggestions, known) {
-        ([], known) if known.len() <= MAX_LISTED => format!("; expected one of {}", known.join(", ")),
-        ([], _) => "; `hypogeum tasks --matrix` lists all names".to_owned(),
-        ([one], _) => format!("; did you mean {one}?"),
-        ([others @ .., last], _) => format!("; did you mean {} or {last}?", others.join(", ")),
+fn hint(kind: &str, suggestions: &[String], known: &[String]) -> String {
+    match suggestions {
+        // Too many to list.
+        [] if matches!(kind, "task" | "perturbation") => {
+            "; `hypogeum tasks --matrix` lists all names".to_owned()
+        }
+        [] => format!("; expected one of {}", known.join(", ")),
+        [one] => format!("; did you mean {one}?"),
+        [others @ .., last] => format!("; did you mean {} or {last}?", others.join(", ")),
     }
 }
 

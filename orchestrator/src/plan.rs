@@ -8,9 +8,9 @@ use sim::perturb::Composition;
 use sim::{Perturbation, TaskId};
 use thiserror::Error;
 
-use crate::cli::SweepArgs;
 use crate::policy::NamedPolicy;
 use crate::selection::{PerturbationSelector, TaskSelector};
+use crate::sweep::SweepArgs;
 
 /// A resolved run.
 #[derive(Clone, Debug, PartialEq)]
@@ -150,11 +150,10 @@ fn conditions(tasks: &[TaskId], selectors: &[PerturbationSelector]) -> Result<Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::parse_run;
 
     /// Resolves the arguments of `run`. An error is returned as its text, a clap error without the usage.
     fn plan(arguments: &str) -> Result<RunPlan, String> {
-        let args = parse_run(arguments).map_err(|error| {
+        let args = SweepArgs::parse(arguments).map_err(|error| {
             error.to_string().lines().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join("\n")
         })?;
         RunPlan::new(&args).map_err(|error| error.to_string())

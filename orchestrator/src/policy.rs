@@ -1,4 +1,4 @@
-//! A policy of a run: its name in the results, what it is, and what its results depend on.
+//! The policies of a run: their names in the results, their specs and their identities.
 
 use std::fs::File;
 use std::io::Read;
@@ -12,35 +12,35 @@ use xxhash_rust::xxh3::Xxh3Default;
 
 use crate::names::UnknownName;
 
-/// Longest name of a policy.
+/// Maximum length of a policy name.
 const MAX_NAME: usize = 64;
-/// Folders below a checkpoint's that are looked into.
+/// Maximum depth of folders below a checkpoint that are hashed.
 const MAX_DEPTH: usize = 4;
-/// Bytes read at a time.
+/// Bytes per read.
 const CHUNK: usize = 1 << 20;
 
-/// A policy under the name the user gave it.
+/// A policy with the name that the user chose.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct NamedPolicy {
     /// Name in the results.
     pub(crate) name: String,
-    /// What it is.
+    /// Kind and checkpoint or attachment.
     pub(crate) spec: PolicySpec,
 }
 
-/// What a policy's results depend on besides the episode.
+/// The properties of a policy that its results depend on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Identity {
-    /// As typed.
+    /// The spec, as on the command line.
     pub(crate) spec: String,
-    /// Hash of the checkpoint's files, 16 hexadecimal digits, for a policy that has one.
+    /// Hash of the checkpoint's files, 16 hexadecimal digits, if the policy has a checkpoint.
     pub(crate) checkpoint: Option<String>,
 }
 
-/// A text that names no policy.
+/// Errors that can occur while parsing a policy.
 #[derive(Debug, Error, PartialEq, Eq)]
 pub(crate) enum PolicyError {
-    #[error("policy name `{name}` cannot be used: 1 to {MAX_NAME} letters, digits, `.`, `_` or `-`")]
+    #[error("policy name `{name}` is invalid, expected 1 to {MAX_NAME} letters, digits, `.`, `_` or `-`")]
     Name { name: String },
     #[error(transparent)]
     Unknown(#[from] UnknownName),
@@ -48,10 +48,10 @@ pub(crate) enum PolicyError {
     Spec(#[from] PolicySpecError),
 }
 
-/// A checkpoint that cannot be read.
+/// An error that occurred while hashing a checkpoint.
 #[derive(Debug, Error)]
-#[error("failed to read the checkpoint file {}: {source}", path.display())]
-pub(crate) struct CheckpointError {
+#[error("failed to read the checkpoint file {}", path.display())]
+pub(crate) struct HashError {
     path: PathBuf,
     source: std::io::Error,
 }
@@ -59,9 +59,9 @@ pub(crate) struct CheckpointError {
 impl FromStr for NamedPolicy {
     type Err = PolicyError;
 
-    /// `NAME=SPEC`, or a spec alone, which is then named by its kind.
+    /// Parses `NAME=SPEC`, or a spec alone, whose kind is then its name.
     fn from_str(typed: &str) -> Result<Self, PolicyError> {
-        // A colon before the equals sign belongs to a spec whose path holds one.
+        // With a colon before it, the equals sign belongs to the path of a spec.
         let (name, text) = match typed.split_once('=') {
             Some((name, text)) if !name.contains(':') => (Some(name), text),
             _ => (None, typed),
@@ -71,7 +71,7 @@ impl FromStr for NamedPolicy {
             other => PolicyError::Spec(other),
         })?;
         let name = name.unwrap_or(spec.kind()).to_owned();
-        // Both kinds of names become names of files.
+        // Both kinds of names become file names.
         if let PolicySpec::Attach(foreign) = &spec
             && !is_plain(foreign)
         {
@@ -82,16 +82,16 @@ impl FromStr for NamedPolicy {
 }
 
 impl NamedPolicy {
-    /// Whether the sim itself runs it, with privileged state; any other has a lane.
+    /// Returns `true` if the sim itself runs the policy, with privileged state. Any other policy has a lane.
     pub(crate) fn runs_in_sim(&self) -> bool {
         self.spec == PolicySpec::Expert
     }
 
-    /// What its results depend on; reads a checkpoint whole.
+    /// Returns the identity of the policy. Reads all files of its checkpoint.
     ///
     /// # Errors
     /// If the checkpoint cannot be read.
-    pub(crate) fn identity(&self) -> Result<Identity, CheckpointError> {
+    pub(crate) fn identity(&self) -> Result<Identity, HashError> {
         let checkpoint = match &self.spec {
             PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => None,
             PolicySpec::Act(path) | PolicySpec::ActInt8(path) => Some(format!("{:016x}", hash(path)?)),
@@ -101,7 +101,7 @@ impl NamedPolicy {
 }
 
 impl Identity {
-    /// Whether both stand for the same policy. A checkpoint is what is in it, wherever it lies.
+    /// Returns `true` if both are the same policy. Checkpoints are compared by content, not by path.
     pub(crate) fn matches(&self, other: &Self) -> bool {
         let kind = |identity: &Self| identity.spec.split(':').next().map(str::to_owned);
         match (&self.checkpoint, &other.checkpoint) {
@@ -132,16 +132,16 @@ fn unknown_kind(text: &str) -> UnknownName {
     UnknownName::new("policy", text, &known)
 }
 
-/// xxh3-64 over what a loader may read below `folder`: the JSON and safetensors files with their names and lengths, by
-/// name.
-fn hash(folder: &Path) -> Result<u64, CheckpointError> {
+/// Returns the xxh3-64 hash of all files that a loader may read below `folder`: the JSON and safetensors files, sorted
+/// by name, with their names and lengths.
+fn hash(folder: &Path) -> Result<u64, HashError> {
     let mut files = Vec::new();
     collect(folder, MAX_DEPTH, &mut files)?;
     files.sort();
     let mut hash = Xxh3Default::new();
     let mut buffer = vec![0; CHUNK];
     for path in files {
-        let failed = |source| CheckpointError { path: path.clone(), source };
+        let failed = |source| HashError { path: path.clone(), source };
         let mut file = File::open(&path).map_err(failed)?;
         let name = path.strip_prefix(folder).unwrap_or(&path).as_os_str().as_encoded_bytes();
         hash.update(&(name.len() as u64).to_le_bytes());
@@ -157,8 +157,8 @@ fn hash(folder: &Path) -> Result<u64, CheckpointError> {
     Ok(hash.digest())
 }
 
-fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), CheckpointError> {
-    let failed = |source| CheckpointError { path: folder.into(), source };
+fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), HashError> {
+    let failed = |source| HashError { path: folder.into(), source };
     for entry in std::fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
         let read =
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spec_alone_is_named_by_its_kind() {
+    fn spec_without_name_is_named_by_kind() {
         let pair = |name: &str, spec: &str| (name.to_owned(), spec.to_owned());
         assert_eq!(parse("idle"), pair("idle", "idle"));
         assert_eq!(parse("floor=idle"), pair("floor", "idle"));
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_checkpoint_is_what_is_in_it_wherever_it_lies() {
+    fn checkpoint_identity_depends_on_content_only() {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, weights: &[u8]| {
             let sub = folder.path().join(name).join("single");

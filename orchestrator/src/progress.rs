@@ -1,33 +1,35 @@
-//! How far long work is, for the person at the terminal. Everything goes to stderr, and nothing depends on it.
+//! Progress display on stderr: a bar on a terminal, occasional lines otherwise.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use sim::serve::protocol::Counters;
 
-/// Time between two lines where there is no terminal.
+use crate::output::print_message;
+
+/// Interval between lines if stderr is not a terminal.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
-/// A view of the progress of a run or a movie.
+/// The progress display of a long operation.
 #[derive(Debug)]
 pub(crate) enum Progress {
     /// A bar on a terminal.
     Bar(ProgressBar),
-    /// A line now and then.
+    /// Occasional lines.
     Lines(Lines),
-    /// Nothing but what children log.
+    /// Only logged lines.
     Silent,
 }
 
-/// What lines are made from.
+/// The state behind progress lines.
 #[derive(Debug)]
 pub(crate) struct Lines {
-    /// What is counted.
+    /// Name of the counted items, plural.
     unit: &'static str,
     n: u64,
     done: u64,
-    /// Those that were done when the work started.
+    /// Items that were done before the operation started.
     done_before: u64,
     started: Instant,
     printed: Instant,
@@ -35,22 +37,22 @@ pub(crate) struct Lines {
 }
 
 impl Progress {
-    /// Of a run of `n_episodes`, `done` of which an earlier run has finished.
-    pub(crate) fn new(n_episodes: u64, done: u64, quiet: bool, json: bool) -> Self {
+    /// Shows the progress of a run of `n_episodes`, of which earlier runs finished `done`.
+    pub(crate) fn of_run(n_episodes: u64, done: u64, quiet: bool, json: bool) -> Self {
         Self::of("episodes", n_episodes, done, quiet, json)
     }
 
-    /// Of a movie.
+    /// Shows the progress of a movie.
     pub(crate) fn of_frames(n_frames: u64) -> Self {
         Self::of("frames", n_frames, 0, false, false)
     }
 
-    /// Of a dataset of `n` demonstrations, `done` of which are there.
+    /// Shows the progress of a dataset of `n` demonstrations, of which earlier commands recorded `done`.
     pub(crate) fn of_demonstrations(n: u64, done: u64, quiet: bool) -> Self {
         Self::of("demonstrations", n, done, quiet, false)
     }
 
-    /// Of replays.
+    /// Shows the progress of replays.
     pub(crate) fn of_replays(n: u64, quiet: bool) -> Self {
         Self::of("episodes", n, 0, quiet, false)
     }
@@ -76,7 +78,7 @@ impl Progress {
         }
     }
 
-    /// An episode or a frame is done.
+    /// Counts one finished item.
     pub(crate) fn tick(&mut self) {
         match self {
             Self::Bar(bar) => bar.inc(1),
@@ -88,7 +90,7 @@ impl Progress {
         }
     }
 
-    /// The sim has counted.
+    /// Updates the displayed speed.
     pub(crate) fn counters(&mut self, counters: &Counters) {
         let speed = || format!(", {:.0} env-steps/s", counters.env_steps as f64 / counters.wall_s.max(1e-9));
         match self {
@@ -101,15 +103,15 @@ impl Progress {
         }
     }
 
-    /// A line for the person; it stays.
+    /// Prints a line that remains visible.
     pub(crate) fn log(&self, line: &str) {
         match self {
-            Self::Bar(bar) => bar.suspend(|| print(line)),
-            Self::Lines(_) | Self::Silent => print(line),
+            Self::Bar(bar) => bar.suspend(|| print_message(line)),
+            Self::Lines(_) | Self::Silent => print_message(line),
         }
     }
 
-    /// The work is over: the bar goes.
+    /// Removes the bar.
     pub(crate) fn finish(&self) {
         if let Self::Bar(bar) = self {
             bar.finish_and_clear();
@@ -121,7 +123,7 @@ impl Lines {
     fn print_if_due(&mut self) {
         if self.printed.elapsed() >= LINE_INTERVAL {
             self.printed = Instant::now();
-            print(&self.line(self.started.elapsed()));
+            print_message(&self.line(self.started.elapsed()));
         }
     }
 
@@ -137,18 +139,12 @@ impl Lines {
     }
 }
 
-/// One line on stderr.
-pub(crate) fn print(line: &str) {
-    // Nobody reads it if stderr is closed, which is no reason to stop.
-    let _ = writeln!(io::stderr().lock(), "{line}");
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_line_says_how_far_how_fast_how_long() {
+    fn line_shows_count_speed_and_time_left() {
         let now = Instant::now();
         let speed = ", 512 env-steps/s".to_owned();
         let mut lines =

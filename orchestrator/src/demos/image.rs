@@ -1,13 +1,13 @@
-//! How a dataset keeps images.
+//! Image formats of a dataset.
 
 use anyhow::Context;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-/// Of 100; colours are kept at full resolution.
+/// JPEG quality out of 100, without chroma subsampling.
 const JPEG_QUALITY: u8 = 95;
 
-/// A kind of file.
+/// The file format of images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum ImageFormat {
@@ -18,21 +18,21 @@ pub(crate) enum ImageFormat {
 }
 
 impl ImageFormat {
-    /// The file of an image `[side, side, 3] u8` sRGB.
+    /// Encodes an image `[side, side, 3] u8` sRGB.
     ///
     /// # Errors
-    /// If it cannot be made.
+    /// If the encoder fails.
     pub(super) fn encode(self, pixels: &[u8], side: usize) -> anyhow::Result<Vec<u8>> {
         let mut file = Vec::new();
         match self {
             Self::Jpeg => {
-                let side = u16::try_from(side).context("an image too large for JPEG")?;
+                let side = u16::try_from(side).context("the image is too large for JPEG")?;
                 let mut encoder = jpeg_encoder::Encoder::new(&mut file, JPEG_QUALITY);
                 encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_1_1);
                 encoder.encode(pixels, side, side, jpeg_encoder::ColorType::Rgb)?;
             }
             Self::Png => {
-                let side = u32::try_from(side).context("an image too large for PNG")?;
+                let side = u32::try_from(side).context("the image is too large for PNG")?;
                 let mut encoder = png::Encoder::new(&mut file, side, side);
                 encoder.set_color(png::ColorType::Rgb);
                 encoder.set_compression(png::Compression::Fast);

@@ -1,14 +1,12 @@
-//! `hypogeum demos`: the experts' successes as datasets that LeRobot trains on.
+//! Recording of demonstrations: successful episodes of the experts, as datasets that LeRobot can train on.
 
 mod dataset;
 mod image;
 
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use anyhow::Context;
 use ipc_types::Morphology;
 use rayon::prelude::*;
 use sim::TaskId;
@@ -17,88 +15,56 @@ use sim::render::{CpuRenderer, RenderScene};
 use sim::show::EpisodeSpec;
 use sim::stream::episode_seed;
 
-pub(crate) use self::dataset::Stored;
-use self::dataset::{Dataset, Episode, EpisodeRecord, Images, Settings};
+use self::dataset::{CameraImages, DatasetEpisode, DatasetWriter, EpisodeRecord};
+pub(crate) use self::dataset::{DatasetSettings, StoredDataset};
 pub(crate) use self::image::ImageFormat;
-use crate::cli::DemosArgs;
-use crate::failure::{Ending, Failure, OrUser};
-use crate::interrupt;
-use crate::plan::Condition;
-use crate::progress::{Progress, print};
-use crate::report::{Align, Table, print_out};
-use crate::selection::TaskSelector;
+use crate::exit::ExitStatus;
+use crate::output::{print_message, print_out};
+use crate::progress::Progress;
+use crate::table::{Align, Table};
 
-/// Episodes that are made at a time, for each thread.
+/// Episodes that are recorded at a time per thread.
 const EPISODES_PER_THREAD: u32 = 2;
-/// A task is given up when it has been tried so many times as often as is wanted, and a few times more.
-const MOST_TRIES: u32 = 10;
-const FEW_TRIES: u32 = 20;
+/// A task is given up after this many tries per requested demonstration plus [`EXTRA_TRIES`].
+const MAX_TRIES_PER_DEMO: u32 = 10;
+const EXTRA_TRIES: u32 = 20;
 
-/// What is wanted, as meant.
-struct Wish {
-    tasks: Vec<TaskId>,
-    /// Demonstrations of each task.
-    episodes: u32,
-    /// What the episodes of one arm share. Those of two differ in morphology and control mode.
-    single_arm: Settings,
+/// The demonstrations to record.
+pub(crate) struct DemoPlan {
+    pub(crate) tasks: Vec<TaskId>,
+    /// Demonstrations per task.
+    pub(crate) episodes: u32,
+    /// Settings of single-arm episodes. Bimanual ones differ in morphology and control mode.
+    pub(crate) single_arm: DatasetSettings,
 }
 
-/// What became of a task.
-struct Yield {
+/// The demonstrations of one task.
+struct TaskYield {
     task: TaskId,
     demonstrations: u32,
     tries: u32,
     frames: u64,
 }
 
-/// Makes demonstrations until there are as many as wanted.
-pub(crate) fn demos(args: &DemosArgs) -> Result<Ending, Failure> {
-    let wish = Wish::new(args)?;
-    let threads = match args.threads {
-        Some(threads) => threads as usize,
-        None => std::thread::available_parallelism().context("failed to count the cores").or_user()?.get(),
-    };
-    let pool =
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().context("failed to start threads")?;
-    let stopped = Arc::new(AtomicBool::new(false));
-    let stop = Arc::clone(&stopped);
-    let _watch = interrupt::watch(move || stop.store(true, Ordering::Relaxed))
-        .context("failed to watch for signals")?;
-    pool.install(|| wish.run(&args.output, args.quiet, &stopped)).or_user()
-}
-
-impl Wish {
-    fn new(args: &DemosArgs) -> Result<Self, Failure> {
-        let &DemosArgs { perturbation, strength, profile, control_mode, seed, images, .. } = args;
-        let tasks = TaskSelector::select(&args.tasks);
-        for &task in &tasks {
-            Condition::new(task, perturbation).or_user()?;
-        }
-        let single_arm = Settings {
-            morphology: Morphology::Single,
-            control_mode,
-            perturbation,
-            strength,
-            profile,
-            seed,
-            images,
-        };
-        Ok(Self { tasks, episodes: args.episodes, single_arm })
-    }
-
-    fn settings_of(&self, morphology: Morphology) -> Settings {
+impl DemoPlan {
+    fn settings_of(&self, morphology: Morphology) -> DatasetSettings {
         let control_mode = morphology.control_mode(self.single_arm.control_mode);
-        Settings { morphology, control_mode, ..self.single_arm }
+        DatasetSettings { morphology, control_mode, ..self.single_arm }
     }
 
-    fn run(&self, folder: &Path, quiet: bool, stopped: &AtomicBool) -> anyhow::Result<Ending> {
+    /// Records until each task has enough demonstrations, is given up, or `stopped` is set.
+    ///
+    /// # Errors
+    /// If a dataset cannot be opened or written.
+    pub(crate) fn run(&self, folder: &Path, quiet: bool, stopped: &AtomicBool) -> anyhow::Result<ExitStatus> {
         let started = Instant::now();
         let mut datasets = Vec::new();
         for morphology in Morphology::ALL {
             let own: Vec<TaskId> =
                 self.tasks.iter().copied().filter(|task| task.task().morphology == morphology).collect();
             if !own.is_empty() {
-                let dataset = Dataset::open(&folder.join(morphology.name()), self.settings_of(morphology))?;
+                let dataset =
+                    DatasetWriter::open(&folder.join(morphology.name()), self.settings_of(morphology))?;
                 datasets.push((dataset, own));
             }
         }
@@ -119,47 +85,47 @@ impl Wish {
                 }
             }
             dataset.write_meta()?;
-            yields.extend(tasks.iter().map(|&task| Yield::of(task, dataset)));
+            yields.extend(tasks.iter().map(|&task| TaskYield::new(task, dataset)));
         }
         progress.finish();
         let frames: u64 = datasets.iter().map(|(dataset, _)| dataset.n_frames()).sum();
         let seconds = started.elapsed().as_secs_f64();
         print_out(&table(&yields))?;
-        print(&format!(
-            "{}: {frames} frames, {:.1} per second of the {seconds:.0} s just now",
+        print_message(&format!(
+            "{}: {frames} frames, {:.1} new ones per second for {seconds:.0} s",
             folder.display(),
             (frames - frames_before) as f64 / seconds
         ));
         if stopped.load(Ordering::Relaxed) {
-            print("interrupted; the same command goes on from here");
-            return Ok(Ending::Interrupted);
+            print_message("interrupted; run the same command to resume");
+            return Ok(ExitStatus::Interrupted);
         }
         let short = yields.iter().any(|own| own.demonstrations < self.episodes);
-        Ok(if short { Ending::WithErrors } else { Ending::Done })
+        Ok(if short { ExitStatus::EpisodeErrors } else { ExitStatus::Success })
     }
 
-    /// Tries episode after episode until there are enough successes of this task.
+    /// Records episode after episode until there are enough successes of this task.
     fn demonstrate(
         &self,
         task: TaskId,
-        dataset: &mut Dataset,
+        dataset: &mut DatasetWriter,
         progress: &mut Progress,
         stopped: &AtomicBool,
     ) -> anyhow::Result<()> {
         let (mut n_done, mut next) = dataset.progress(task.name());
-        let most_tries = self.episodes.saturating_mul(MOST_TRIES).saturating_add(FEW_TRIES);
-        while n_done < self.episodes && next < most_tries {
+        let max_tries = self.episodes.saturating_mul(MAX_TRIES_PER_DEMO).saturating_add(EXTRA_TRIES);
+        while n_done < self.episodes && next < max_tries {
             let n_together = EPISODES_PER_THREAD * rayon::current_num_threads() as u32;
-            let indices = next..(next + n_together).min(most_tries);
+            let indices = next..(next + n_together).min(max_tries);
             next = indices.end;
-            let made: Vec<Option<Episode>> = indices
+            let recorded: Vec<Option<DatasetEpisode>> = indices
                 .into_par_iter()
                 .map(|index| self.episode(task, index, stopped))
                 .collect::<anyhow::Result<_>>()?;
             if stopped.load(Ordering::Relaxed) {
                 return Ok(());
             }
-            for episode in made.into_iter().flatten().take((self.episodes - n_done) as usize) {
+            for episode in recorded.into_iter().flatten().take((self.episodes - n_done) as usize) {
                 dataset.push(episode)?;
                 n_done += 1;
                 progress.tick();
@@ -168,17 +134,29 @@ impl Wish {
         if n_done < self.episodes {
             let name = task.name();
             progress.log(&format!(
-                "{name}: {n_done} of {} demonstrations in {next} tries; given up",
+                "{name}: {n_done} of {} demonstrations after {next} tries; giving up",
                 self.episodes
             ));
         }
         dataset.close_file()
     }
 
-    /// The expert's episode of this index, drawn, if it succeeds.
-    fn episode(&self, task: TaskId, index: u32, stopped: &AtomicBool) -> anyhow::Result<Option<Episode>> {
-        let Settings { morphology, control_mode, perturbation, strength, profile, seed, images: format } =
-            self.settings_of(task.task().morphology);
+    /// Records and renders the expert's episode of this index. Returns `None` if it does not succeed.
+    fn episode(
+        &self,
+        task: TaskId,
+        index: u32,
+        stopped: &AtomicBool,
+    ) -> anyhow::Result<Option<DatasetEpisode>> {
+        let DatasetSettings {
+            morphology,
+            control_mode,
+            perturbation,
+            strength,
+            profile,
+            seed,
+            images: format,
+        } = self.settings_of(task.task().morphology);
         let subject = EpisodeSpec { task, perturbation, strength, profile };
         let seed = episode_seed(seed, task.name(), index);
         let recording = match Recording::of_expert(subject, seed, control_mode) {
@@ -188,7 +166,8 @@ impl Wish {
         };
         let mut renderer = CpuRenderer::new(rayon::current_num_threads());
         let view = RenderScene::new(recording.scene());
-        let mut images: Vec<Images> = morphology.camera_names().iter().map(|_| Images::default()).collect();
+        let mut images: Vec<CameraImages> =
+            morphology.camera_names().iter().map(|_| CameraImages::default()).collect();
         for frame in 0..recording.n_frames() {
             if stopped.load(Ordering::Relaxed) {
                 return Ok(None);
@@ -198,7 +177,7 @@ impl Wish {
                 of_camera.push(&pixels, format.encode(&pixels, side)?);
             }
         }
-        Ok(Some(Episode {
+        Ok(Some(DatasetEpisode {
             task: task.name().to_owned(),
             instruction: recording.instruction().to_owned(),
             index,
@@ -210,9 +189,9 @@ impl Wish {
     }
 }
 
-impl Yield {
-    /// As the dataset has it; tries after the last success are not counted.
-    fn of(task: TaskId, dataset: &Dataset) -> Self {
+impl TaskYield {
+    /// Counts the demonstrations of `task`. Tries after the last success do not count.
+    fn new(task: TaskId, dataset: &DatasetWriter) -> Self {
         let (demonstrations, tries) = dataset.progress(task.name());
         let of_task = |episode: &&EpisodeRecord| episode.task == task.name();
         let frames = dataset.episodes().filter(of_task).map(|episode| episode.n_frames).sum();
@@ -220,7 +199,7 @@ impl Yield {
     }
 }
 
-fn table(yields: &[Yield]) -> String {
+fn table(yields: &[TaskYield]) -> String {
     use Align::{Left, Right};
     let columns = [
         ("task", Left),
@@ -231,7 +210,7 @@ fn table(yields: &[Yield]) -> String {
         ("mean_steps", Right),
     ];
     let mut table = Table::new(&columns);
-    for Yield { task, demonstrations, tries, frames } in yields {
+    for TaskYield { task, demonstrations, tries, frames } in yields {
         let per = |n: f64, of: u32| n / f64::from(of.max(1));
         table.row(vec![
             task.name().to_owned(),

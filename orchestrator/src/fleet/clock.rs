@@ -1,30 +1,30 @@
-//! The fleet's clock, for patience. It stands still while the orchestrator itself does not run (stopped by Ctrl-Z, or the
-//! machine asleep), so that nobody is blamed for that.
+//! The clock of the fleet's timeouts. It stops while this process does not run (suspended by Ctrl-Z, or the machine is
+//! asleep), so that children do not time out because of that.
 
 use std::time::{Duration, Instant};
 
-/// Longest time between two looks that counts as running.
-const LONGEST_LOOK: Duration = Duration::from_secs(2);
+/// Maximum time between two updates that counts as running.
+const MAX_TICK: Duration = Duration::from_secs(2);
 
-/// Time during which the orchestrator ran.
+/// The time during which this process has run.
 #[derive(Debug)]
-pub(super) struct Clock {
-    looked: Instant,
+pub(super) struct RunningClock {
+    updated: Instant,
     now: Duration,
 }
 
-impl Clock {
+impl RunningClock {
     pub(super) fn new() -> Self {
-        Self { looked: Instant::now(), now: Duration::ZERO }
+        Self { updated: Instant::now(), now: Duration::ZERO }
     }
 
-    /// Looks at the world's clock. To be called often.
-    pub(super) fn look(&mut self) {
-        self.now += self.looked.elapsed().min(LONGEST_LOOK);
-        self.looked = Instant::now();
+    /// Advances the clock. Must be called at least every [`MAX_TICK`].
+    pub(super) fn update(&mut self) {
+        self.now += self.updated.elapsed().min(MAX_TICK);
+        self.updated = Instant::now();
     }
 
-    /// The time at the last look.
+    /// Returns the time at the last update.
     pub(super) fn now(&self) -> Duration {
         self.now
     }

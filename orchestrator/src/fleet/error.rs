@@ -1,4 +1,4 @@
-//! Why a fleet could not finish its work.
+//! Errors of a fleet.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -6,41 +6,53 @@ use std::time::Duration;
 use ipc_types::link::{BudgetError, LinkError};
 use thiserror::Error;
 
-use super::member::Death;
+use super::member::ChildExit;
 
-/// A fleet that stopped before its work was done. Finished episodes are kept.
+/// Errors that can end a fleet before its work is complete. Finished episodes are stored.
 #[derive(Debug, Error)]
 pub(crate) enum FleetError {
-    #[error("failed to use {} for the link: {reason}; set XDG_RUNTIME_DIR to a folder of yours", path.display())]
-    Base { path: PathBuf, reason: String },
+    #[error("failed to use {} for shared memory; set XDG_RUNTIME_DIR to a folder that you own", path.display())]
+    Base { path: PathBuf, source: BaseError },
     #[error(transparent)]
     Link(#[from] LinkError),
     #[error(transparent)]
     Budget(#[from] BudgetError),
-    #[error("failed to describe the lane of {name} in {}: {source}", path.display())]
+    #[error("failed to write the lane description of {name} to {}", path.display())]
     Attach { name: String, path: PathBuf, source: std::io::Error },
-    #[error("failed to start {name} ({}): {source}", program.display())]
+    #[error("failed to start {name} ({})", program.display())]
     Spawn { name: String, program: PathBuf, source: std::io::Error },
-    #[error("{name} was not ready after {} s{log}", patience.as_secs(), log = last_words(log))]
-    StartUp { name: String, patience: Duration, log: Vec<String> },
-    #[error("{name} died {deaths} times without finishing an episode; at last it {death}{log}", log = last_words(log))]
-    GaveUp { name: String, deaths: u32, death: Death, log: Vec<String> },
+    #[error("{name} was not ready after {} s{log}", timeout.as_secs(), log = log_tail(log))]
+    StartUp { name: String, timeout: Duration, log: Vec<String> },
+    #[error(
+        "{name} failed {failures} times without finishing an episode; the last time it {exit}{log}",
+        log = log_tail(log)
+    )]
+    TooManyFailures { name: String, failures: u32, exit: ChildExit, log: Vec<String> },
     #[error("{0}")]
     Lane(String),
-    #[error("the sim {0}; the same command continues where it stopped")]
+    #[error("the sim {0}; run the same command to resume")]
     Renderer(String),
     #[error(
-        "finished episodes were drawn with {before}, but the sim now draws with {now}, whose images differ; choose the same \
-         with --renderer and --samples, or name another results file with --db"
+        "finished episodes were rendered with {earlier}, but the sim now renders with {now}, whose images differ; choose \
+         the same with --renderer and --samples, or use another results file with --db"
     )]
-    OtherRenderer { before: String, now: String },
+    RendererChanged { earlier: String, now: String },
     #[error(transparent)]
     Sink(anyhow::Error),
 }
 
+/// Errors that can occur while preparing the base folder of runs.
+#[derive(Debug, Error)]
+pub(crate) enum BaseError {
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    #[error("it belongs to user {owner}")]
+    ForeignOwner { owner: u32 },
+}
+
 impl FleetError {
-    /// Whether the user can mend it.
-    pub(crate) fn is_users(&self) -> bool {
+    /// Returns `true` if the user can fix the error.
+    pub(crate) fn is_user_error(&self) -> bool {
         match self {
             Self::Base { .. }
             | Self::Link(_)
@@ -48,15 +60,15 @@ impl FleetError {
             | Self::Attach { .. }
             | Self::Lane(_)
             | Self::Renderer(_)
-            | Self::OtherRenderer { .. } => true,
-            Self::Spawn { .. } | Self::StartUp { .. } | Self::GaveUp { .. } | Self::Sink(_) => false,
+            | Self::RendererChanged { .. } => true,
+            Self::Spawn { .. } | Self::StartUp { .. } | Self::TooManyFailures { .. } | Self::Sink(_) => false,
         }
     }
 }
 
-fn last_words(log: &[String]) -> String {
+fn log_tail(log: &[String]) -> String {
     if log.is_empty() {
-        ", and it had logged nothing".to_owned()
+        " (its log is empty)".to_owned()
     } else {
         format!("; the end of its log:\n  {}", log.join("\n  "))
     }

@@ -1,13 +1,13 @@
 #!/bin/sh
-# Stands in for the program in the fleet's tests: a sim and a policy host that speak the control plane and do nothing.
-# The file `script` beside it says how each one behaves: lines "<sim|policy-host> <birth> <behaviour>", where birth * is
-# every birth that has no line of its own. Births are noted in the file `births`, what sims are told in `heard`.
+# Replaces the program in the tests of the fleet: a sim and a policy host that speak the control protocol and do nothing.
+# The file `script` next to it has lines "<sim|policy-host> <spawn> <behaviour>". Spawns count from 0; * matches every
+# spawn without a line of its own. Spawns are logged to the file `spawns`, commands to sims to the file `received`.
 here=$(dirname "$0")
 part=$1
-touch "$here/births"
-birth=$(grep -c "^$part" "$here/births")
-echo "$part" >>"$here/births"
-behaviour=$(sed -n "s/^$part $birth //p" "$here/script")
+touch "$here/spawns"
+spawn=$(grep -c "^$part" "$here/spawns")
+echo "$part" >>"$here/spawns"
+behaviour=$(sed -n "s/^$part $spawn //p" "$here/script")
 : "${behaviour:=$(sed -n "s/^$part \* //p" "$here/script")}"
 
 finish() {
@@ -23,11 +23,11 @@ echo "${behaviour:-work}" >&2
 if [ "$part" = policy-host ]; then
     echo '{"Ready":{"load_ms":1.0}}'
     if [ "$behaviour" = leave ]; then
-        # Not before the sim is at work.
-        while [ ! -e "$here/heard" ]; do sleep 0.05; done
+        # Wait until the sim works.
+        while [ ! -e "$here/received" ]; do sleep 0.05; done
         exit 0
     fi
-    # Leaves when its stdin closes.
+    # Exit when stdin closes.
     cat >/dev/null
     exit 0
 fi
@@ -41,7 +41,7 @@ renderer=none
 echo '{"ready":{"shm_bytes":5,"renderer":"'"$renderer"'","identity":"'"$renderer"'"}}'
 n=0
 while read -r line; do
-    echo "$line" >>"$here/heard"
+    echo "$line" >>"$here/received"
     case "$line" in
     '{"host_up"'*)
         [ "$behaviour" = fail ] && echo '{"lane_failed":{"lane":0,"message":"policy `p` has not answered"}}'

@@ -1,4 +1,4 @@
-//! Files of a run outside shared memory: the folder all runs of a user share, and the notes for foreign hosts.
+//! Files of a run outside shared memory: the base folder of a user's runs, and the descriptions for foreign hosts.
 
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
@@ -8,10 +8,10 @@ use ipc_types::run_config::{QueryMode, ResultOptions};
 use ipc_types::{Morphology, SCHEMA_HASH};
 use serde::Serialize;
 
-use super::error::FleetError;
+use super::error::{BaseError, FleetError};
 
-/// The folder under which the runs of this user live: `$XDG_RUNTIME_DIR/hypogeum`, or `/tmp/hypogeum_<uid>` where there is
-/// none.
+/// Returns the folder under which all runs of this user live: `$XDG_RUNTIME_DIR/hypogeum`, or `/tmp/hypogeum_<uid>` if
+/// that is not set.
 pub(crate) fn base() -> PathBuf {
     let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
     runtime.map_or_else(
@@ -20,29 +20,29 @@ pub(crate) fn base() -> PathBuf {
     )
 }
 
-/// Creates the folder if needed. `/tmp` is everybody's, so a folder of that name may be somebody else's: it is not used.
+/// Creates the base folder if needed. Since anybody can create it in `/tmp`, a folder of another user is refused.
 pub(super) fn prepare(base: &Path) -> Result<(), FleetError> {
-    let failed = |reason: String| FleetError::Base { path: base.into(), reason };
+    let failed = |source: BaseError| FleetError::Base { path: base.into(), source };
     std::fs::DirBuilder::new()
         .recursive(true)
         .mode(0o700)
         .create(base)
-        .map_err(|error| failed(error.to_string()))?;
-    let owner = std::fs::symlink_metadata(base).map_err(|error| failed(error.to_string()))?.uid();
+        .map_err(|error| failed(error.into()))?;
+    let owner = std::fs::symlink_metadata(base).map_err(|error| failed(error.into()))?.uid();
     if owner == rustix::process::getuid().as_raw() {
         Ok(())
     } else {
-        Err(failed(format!("it belongs to user {owner}")))
+        Err(failed(BaseError::ForeignOwner { owner }))
     }
 }
 
-/// All a foreign host needs to find its lane.
+/// The description of a lane for a foreign host.
 #[derive(Serialize)]
-struct Invitation<'a> {
+struct LaneDescription<'a> {
     domain: &'a Domain,
     run: u64,
     lane: &'a LaneSpec,
-    /// Hexadecimal, because JSON numbers do not reach so far everywhere.
+    /// Hexadecimal, since JSON numbers of some languages do not hold 64 bits.
     schema_hash: String,
     morphologies: &'a [Morphology],
     images: bool,
@@ -50,8 +50,8 @@ struct Invitation<'a> {
     mode: QueryMode,
 }
 
-/// Writes `<root>/attach/<name>.json` and returns its path.
-pub(super) fn invite(
+/// Writes the description of a lane to `<root>/attach/<name>.json` and returns that path.
+pub(super) fn write_lane_description(
     domain: &Domain,
     run_id: u64,
     name: &str,
@@ -59,7 +59,7 @@ pub(super) fn invite(
     morphologies: &[Morphology],
     options: &ResultOptions,
 ) -> Result<PathBuf, FleetError> {
-    let invitation = Invitation {
+    let description = LaneDescription {
         domain,
         run: run_id,
         lane: &lane.spec,
@@ -72,9 +72,9 @@ pub(super) fn invite(
     let folder = domain.root.join("attach");
     let path = folder.join(format!("{name}.json"));
     let part = folder.join(format!(".{name}.json"));
-    // Renamed into place, so that a host that watches the folder never reads half of it.
+    // The rename is atomic, so that a host that watches the folder never reads a partial file.
     std::fs::create_dir_all(&folder)
-        .and_then(|()| std::fs::write(&part, format!("{:#}\n", serde_json::json!(invitation))))
+        .and_then(|()| std::fs::write(&part, format!("{:#}\n", serde_json::json!(description))))
         .and_then(|()| std::fs::rename(&part, &path))
         .map_err(|source| FleetError::Attach { name: name.to_owned(), path: path.clone(), source })?;
     Ok(path)

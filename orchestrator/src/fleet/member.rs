@@ -1,151 +1,150 @@
-//! One place in the fleet: the child that fills it now, and what became of those before.
+//! A member of the fleet: a role, the child process that currently fills it, and its failures so far.
 
 use std::collections::VecDeque;
 use std::fmt;
 use std::os::unix::process::ExitStatusExt;
-use std::process::ExitStatus;
+use std::process;
 use std::time::Duration;
 
-use super::process::Process;
+use super::process::ChildProcess;
 
-/// Lines of a child's log that an error shows.
+/// Number of log lines that an error shows.
 const LOG_LINES: usize = 8;
 
-/// Which place.
+/// The role of a child process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Place {
-    /// The one sim.
+pub(super) enum MemberRole {
+    /// The sim.
     Sim,
     /// The policy host of this lane.
     Host(u32),
 }
 
-/// A place and the child in it.
+/// A role and the child that fills it.
 #[derive(Debug, Default)]
 pub(super) struct Member {
-    state: State,
-    /// Deaths since an episode of this member was last finished.
-    deaths: u32,
+    state: MemberState,
+    /// Number of exits since this member last took part in a finished episode.
+    failures: u32,
     log: VecDeque<String>,
 }
 
 #[derive(Debug, Default)]
-enum State {
+enum MemberState {
     #[default]
-    Empty,
-    /// Started at this time of the fleet's clock.
-    Starting(Process, Duration),
-    /// Last heard of at this time of the fleet's clock.
-    Up(Process, Duration),
+    Vacant,
+    /// A child that is starting, and the time of its spawn.
+    Starting(ChildProcess, Duration),
+    /// A child that is ready, and the time of its last output.
+    Up(ChildProcess, Duration),
 }
 
-/// How a child ended.
+/// The end of a child process.
 #[derive(Debug)]
-pub(crate) enum Death {
-    /// With this status.
-    Exit(ExitStatus),
-    /// Nobody knows.
+pub(crate) enum ChildExit {
+    /// It exited with this status.
+    Exited(process::ExitStatus),
+    /// Waiting for it failed.
     Unknown(std::io::Error),
 }
 
-impl fmt::Display for Death {
+impl fmt::Display for ChildExit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Exit(status) => match (status.code(), status.signal()) {
+            Self::Exited(status) => match (status.code(), status.signal()) {
                 (Some(code), _) => write!(f, "exited with code {code}"),
                 (None, Some(signal)) => write!(f, "was killed by signal {signal}"),
                 (None, None) => write!(f, "ended ({status})"),
             },
-            Self::Unknown(error) => write!(f, "ended in an unknown way ({error})"),
+            Self::Unknown(error) => write!(f, "ended with an unknown status ({error})"),
         }
     }
 }
 
 impl Member {
-    /// A child was started.
-    pub(super) fn started(&mut self, process: Process, now: Duration) {
-        self.state = State::Starting(process, now);
+    /// Records that a child was spawned.
+    pub(super) fn on_spawn(&mut self, process: ChildProcess, now: Duration) {
+        self.state = MemberState::Starting(process, now);
         self.log.clear();
     }
 
-    /// The child said that it is ready.
-    pub(super) fn ready(&mut self, now: Duration) {
+    /// Records that the child is ready.
+    pub(super) fn on_ready(&mut self, now: Duration) {
         self.state = match std::mem::take(&mut self.state) {
-            State::Starting(process, _) | State::Up(process, _) => State::Up(process, now),
-            State::Empty => State::Empty,
+            MemberState::Starting(process, _) | MemberState::Up(process, _) => MemberState::Up(process, now),
+            MemberState::Vacant => MemberState::Vacant,
         };
     }
 
-    /// The child said something.
-    pub(super) fn heard(&mut self, now: Duration) {
-        if let State::Up(_, heard) = &mut self.state {
-            *heard = now;
+    /// Records that the child wrote something.
+    pub(super) fn on_output(&mut self, now: Duration) {
+        if let MemberState::Up(_, last_output) = &mut self.state {
+            *last_output = now;
         }
     }
 
-    /// The child logged a line.
-    pub(super) fn logged(&mut self, line: &str) {
+    /// Records a line of the child's log.
+    pub(super) fn on_log(&mut self, line: &str) {
         if self.log.len() == LOG_LINES {
             self.log.pop_front();
         }
         self.log.push_back(line.to_owned());
     }
 
-    /// The end of the child's log.
-    pub(super) fn log(&self) -> Vec<String> {
+    /// Returns the last lines of the child's log.
+    pub(super) fn log_tail(&self) -> Vec<String> {
         self.log.iter().cloned().collect()
     }
 
-    /// An episode of this member was finished: its deaths are forgiven.
-    pub(super) fn forgive(&mut self) {
-        self.deaths = 0;
+    /// Resets the failure count after a finished episode.
+    pub(super) fn reset_failures(&mut self) {
+        self.failures = 0;
     }
 
-    /// Takes the dying child out and waits for it. Counts as a death.
-    pub(super) fn bury(&mut self, patience: Duration) -> Option<Death> {
+    /// Removes the exiting child and waits for it. Counts as a failure.
+    pub(super) fn reap(&mut self, timeout: Duration) -> Option<ChildExit> {
         let process = self.take()?;
-        self.deaths += 1;
-        Some(process.wait(patience).map_or_else(Death::Unknown, Death::Exit))
+        self.failures += 1;
+        Some(process.wait(timeout).map_or_else(ChildExit::Unknown, ChildExit::Exited))
     }
 
-    /// Deaths since an episode was last finished.
-    pub(super) fn deaths(&self) -> u32 {
-        self.deaths
+    /// Returns the number of failures since the last finished episode.
+    pub(super) fn failures(&self) -> u32 {
+        self.failures
     }
 
-    /// Whether the child is ready to work.
+    /// Returns `true` if the child is ready to work.
     pub(super) fn is_up(&self) -> bool {
-        matches!(self.state, State::Up(..))
+        matches!(self.state, MemberState::Up(..))
     }
 
-    /// Whether there is no child.
-    pub(super) fn is_empty(&self) -> bool {
-        matches!(self.state, State::Empty)
+    /// Returns `true` if there is no child.
+    pub(super) fn is_vacant(&self) -> bool {
+        matches!(self.state, MemberState::Vacant)
     }
 
-    /// How long the child has been starting.
+    /// Returns the time since the spawn of a child that is not ready yet.
     pub(super) fn starting_for(&self, now: Duration) -> Option<Duration> {
-        if let State::Starting(_, since) = self.state { Some(now - since) } else { None }
+        if let MemberState::Starting(_, since) = self.state { Some(now - since) } else { None }
     }
 
-    /// How long a child that is up has said nothing.
+    /// Returns the time since the last output of a ready child.
     pub(super) fn silent_for(&self, now: Duration) -> Option<Duration> {
-        if let State::Up(_, heard) = self.state { Some(now - heard) } else { None }
+        if let MemberState::Up(_, last_output) = self.state { Some(now - last_output) } else { None }
     }
 
-    /// The child.
-    pub(super) fn process(&mut self) -> Option<&mut Process> {
+    pub(super) fn process(&mut self) -> Option<&mut ChildProcess> {
         match &mut self.state {
-            State::Empty => None,
-            State::Starting(process, _) | State::Up(process, _) => Some(process),
+            MemberState::Vacant => None,
+            MemberState::Starting(process, _) | MemberState::Up(process, _) => Some(process),
         }
     }
 
-    /// Takes the child out.
-    pub(super) fn take(&mut self) -> Option<Process> {
+    /// Removes the child.
+    pub(super) fn take(&mut self) -> Option<ChildProcess> {
         match std::mem::take(&mut self.state) {
-            State::Empty => None,
-            State::Starting(process, _) | State::Up(process, _) => Some(process),
+            MemberState::Vacant => None,
+            MemberState::Starting(process, _) | MemberState::Up(process, _) => Some(process),
         }
     }
 }

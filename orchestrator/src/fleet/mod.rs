@@ -1,8 +1,8 @@
-//! The children of a run: started, fed, listened to, started again when they die, and sent home.
+//! The child processes of a run: spawned, supplied with episodes, supervised, restarted after a crash, and shut down.
 //!
-//! It owns the processes, the run's shared-memory domain and the list of episodes that are still to be run. It knows
-//! nothing of results files or terminals: what happens goes to a sink. One event enum, one loop ([`supervisor`]); every wait
-//! in it is bounded.
+//! A fleet owns the processes, the run's shared-memory domain and the queue of episodes. It knows nothing of results
+//! files or terminals: everything it reports goes to a sink. There is one event enum and one loop ([`supervisor`]), and
+//! every wait in that loop is bounded.
 
 mod clock;
 mod error;
@@ -23,58 +23,56 @@ use sim::serve::protocol::{Counters, Lane, Outcome};
 
 pub(crate) use self::error::FleetError;
 pub(crate) use self::folder::base;
-use self::process::Said;
+use self::member::MemberRole;
+use self::process::ChildOutput;
 use self::supervisor::Supervisor;
 #[cfg(test)]
 pub(crate) use self::totals::HostWork;
 pub(crate) use self::totals::Totals;
-use crate::work::Job;
+use crate::jobs::Job;
 
-/// What a fleet is made of.
+/// The configuration of a fleet.
 #[derive(Clone, Debug)]
-pub(crate) struct Settings {
-    /// The program that is executed as `sim` and `policy-host`.
+pub(crate) struct FleetConfig {
+    /// The program to execute as `sim` and `policy-host`.
     pub(crate) program: PathBuf,
-    /// Folder under which the runs of this user live.
+    /// Base folder of all runs of this user.
     pub(crate) base: PathBuf,
-    /// The tmpfs of shared memory.
+    /// Mount point of shared memory.
     pub(crate) shm: PathBuf,
     /// Random number that identifies the run.
     pub(crate) run_id: u64,
     /// Options of the run.
-    pub(crate) config: RunConfig,
-    /// Identity of the renderer that earlier results depend on.
-    pub(crate) drawn_with: Option<String>,
+    pub(crate) run: RunConfig,
+    /// Identity of the renderer of earlier results, which this run must match.
+    pub(crate) earlier_renderer: Option<String>,
     /// Policies outside the sim, by lane.
-    pub(crate) lanes: Vec<LanePolicy>,
+    pub(crate) lanes: Vec<PolicyLane>,
     /// Morphologies of the tasks.
     pub(crate) morphologies: Vec<Morphology>,
-    /// Patience.
     pub(crate) limits: Limits,
 }
 
 /// A policy outside the sim and its lane.
 #[derive(Clone, Debug)]
-pub(crate) struct LanePolicy {
-    /// What it is.
+pub(crate) struct PolicyLane {
     pub(crate) spec: PolicySpec,
-    /// Its lane.
     pub(crate) lane: Lane,
 }
 
-/// How long and how often.
+/// Timeouts and the failure limit.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
-    /// A sim is ready after this, or never.
+    /// Time for a sim to get ready.
     pub(crate) sim_start: Duration,
-    /// A policy host is ready after this, or never; it has a checkpoint to load.
+    /// Time for a policy host to get ready, which includes loading its checkpoint.
     pub(crate) host_start: Duration,
-    /// A sim that says nothing for this long hangs; it reports every second.
+    /// Time without output after which a sim counts as hung. A sim reports every second.
     pub(crate) silence: Duration,
-    /// A child that was asked to leave is gone after this, or killed.
-    pub(crate) leave: Duration,
-    /// Deaths of one child without a finished episode in between.
-    pub(crate) deaths: u32,
+    /// Time for a child to exit after a request, before it is killed.
+    pub(crate) shutdown: Duration,
+    /// Number of failures of one child without a finished episode in between that end the run.
+    pub(crate) failures: u32,
 }
 
 impl Default for Limits {
@@ -83,104 +81,107 @@ impl Default for Limits {
             sim_start: Duration::from_secs(60),
             host_start: Duration::from_secs(120),
             silence: Duration::from_secs(60),
-            leave: Duration::from_secs(5),
-            deaths: 3,
+            shutdown: Duration::from_secs(5),
+            failures: 3,
         }
     }
 }
 
-/// What a fleet lets be known.
+/// A report of the fleet to its sink.
 #[derive(Debug)]
-pub(crate) enum Happening<'a> {
-    /// An episode is done.
-    Finished(&'a Job, &'a Outcome),
+pub(crate) enum FleetEvent<'a> {
+    /// An episode is finished.
+    EpisodeFinished(&'a Job, &'a Outcome),
     /// Totals of all sims so far, about once a second.
     Counters(&'a Counters),
-    /// A sim is ready and draws with the renderer of this identity.
-    Drawing(&'a str),
-    /// A line for people.
+    /// A sim is ready; its renderer has this identity.
+    RendererReady(&'a str),
+    /// A line for the user.
     Log(&'a str),
 }
 
-/// Receives what happens; an error ends the run.
-pub(crate) type Sink<'a> = dyn FnMut(Happening<'_>) -> anyhow::Result<()> + 'a;
+/// The receiver of a fleet's events. An error ends the run.
+pub(crate) type Sink<'a> = dyn FnMut(FleetEvent<'_>) -> anyhow::Result<()> + 'a;
 
-/// How a fleet's work ended.
+/// The end of a run without an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Conclusion {
+pub(crate) enum RunStatus {
     /// All episodes are finished.
     Complete,
-    /// It was stopped.
+    /// The run was stopped.
     Stopped,
 }
 
-/// What the loop listens to.
+/// An input of the supervisor's loop.
 #[derive(Debug)]
-enum Event {
-    /// A child said something.
-    Child(member::Place, Said),
-    /// The user wants to stop.
+enum SupervisorEvent {
+    /// Output of a child.
+    Child(MemberRole, ChildOutput),
+    /// A request to stop.
     Stop,
 }
 
 /// A fleet that has not started yet.
 #[derive(Debug)]
 pub(crate) struct Fleet {
-    settings: Settings,
-    events: Sender<Event>,
-    inbox: Receiver<Event>,
+    config: FleetConfig,
+    events: Sender<SupervisorEvent>,
+    inbox: Receiver<SupervisorEvent>,
 }
 
-/// Stops a fleet, from any thread. The first call lets children leave, the second kills them.
+/// Stops a fleet, from any thread. The first call shuts the children down, the second kills them.
 #[derive(Clone, Debug)]
-pub(crate) struct Stopper(Sender<Event>);
+pub(crate) struct Stopper(Sender<SupervisorEvent>);
 
 impl Stopper {
+    /// Requests a stop.
     pub(crate) fn stop(&self) {
-        // A fleet that is gone needs no stopping.
-        let _ = self.0.send(Event::Stop);
+        // Sending fails only if the fleet has already ended.
+        let _ = self.0.send(SupervisorEvent::Stop);
     }
 }
 
 impl Fleet {
-    pub(crate) fn new(settings: Settings) -> Self {
+    /// Makes a fleet. Starts nothing.
+    pub(crate) fn new(config: FleetConfig) -> Self {
         let (events, inbox) = channel();
-        Self { settings, events, inbox }
+        Self { config, events, inbox }
     }
 
+    /// Returns a handle that stops the fleet.
     pub(crate) fn stopper(&self) -> Stopper {
         Stopper(self.events.clone())
     }
 
-    /// Runs `jobs`. When this returns no child is alive and nothing of the run is left in shared memory.
+    /// Runs `jobs`. When this returns, no child is alive and the run's shared memory is removed.
     ///
     /// # Errors
-    /// If there is not enough shared memory, a child cannot be kept alive, a lane fails, or the sink refuses. What was
-    /// finished has gone to the sink.
-    pub(crate) fn run(self, jobs: Vec<Job>, sink: &mut Sink<'_>) -> Result<(Conclusion, Totals), FleetError> {
-        let settings = &self.settings;
-        folder::prepare(&settings.base)?;
-        let n_swept = Domain::remove_stale(&settings.base);
-        if n_swept > 0 {
-            let line = format!("removed what {n_swept} dead runs had left in shared memory");
-            sink(Happening::Log(&line)).map_err(FleetError::Sink)?;
+    /// If there is not enough shared memory, a child fails repeatedly, a lane fails, or the sink returns an error.
+    /// Episodes that finished before have gone to the sink.
+    pub(crate) fn run(self, jobs: Vec<Job>, sink: &mut Sink<'_>) -> Result<(RunStatus, Totals), FleetError> {
+        let config = &self.config;
+        folder::prepare(&config.base)?;
+        let n_removed = Domain::remove_stale(&config.base);
+        if n_removed > 0 {
+            let line = format!("removed the shared memory of {n_removed} crashed runs");
+            sink(FleetEvent::Log(&line)).map_err(FleetError::Sink)?;
         }
-        let specs: Vec<_> = settings.lanes.iter().map(|policy| policy.lane.spec.clone()).collect();
-        check_budget(&specs, &settings.shm)?;
-        let domain = Domain::new(&settings.base, settings.run_id);
+        let specs: Vec<_> = config.lanes.iter().map(|policy| policy.lane.spec.clone()).collect();
+        check_budget(&specs, &config.shm)?;
+        let domain = Domain::new(&config.base, config.run_id);
         let lease = domain.lease()?;
-        let mut supervisor = Supervisor::new(settings, &domain, self.events, self.inbox, jobs, sink);
-        let conclusion = supervisor.work();
-        let closed = supervisor.close();
+        let mut supervisor = Supervisor::new(config, &domain, self.events, self.inbox, jobs, sink);
+        let status = supervisor.run();
+        let shutdown = supervisor.shut_down();
         let totals = supervisor.into_totals();
         let removed = domain.remove();
         drop(lease);
-        // Children of a run that was killed may have been on their way out when this one started.
-        Domain::remove_stale(&settings.base);
-        let conclusion = conclusion?;
-        closed?;
+        // Children of a killed run may still have been exiting when this run started.
+        Domain::remove_stale(&config.base);
+        let status = status?;
+        shutdown?;
         removed?;
-        Ok((conclusion, totals))
+        Ok((status, totals))
     }
 }
 

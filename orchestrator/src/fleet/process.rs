@@ -1,7 +1,7 @@
-//! One child process: its three pipes, and its end.
+//! One child process: its pipes and its termination.
 //!
-//! Commands go in line by line on a thread of their own, so that a child that does not read never blocks the fleet. The
-//! child is in a process group of its own, so that Ctrl-C reaches the orchestrator alone.
+//! A separate thread writes commands to its stdin, so that a child that does not read never blocks the fleet. The child
+//! has its own process group, so that Ctrl-C signals the orchestrator only.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::process::CommandExt;
@@ -11,40 +11,40 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How often an ending child is looked at.
-const POLL: Duration = Duration::from_millis(5);
-/// After its stdout has closed, how long the rest of a child's stderr is waited for.
-const LAST_WORDS: Duration = Duration::from_secs(1);
+/// Interval at which an exiting child is polled.
+const POLL_INTERVAL: Duration = Duration::from_millis(5);
+/// Maximum wait for the rest of a child's stderr after its stdout has closed.
+const STDERR_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// A child process. Dropping it kills it.
+/// A child process. Dropping it kills the child.
 #[derive(Debug)]
-pub(super) struct Process {
+pub(super) struct ChildProcess {
     child: Child,
     commands: Option<Sender<String>>,
 }
 
-/// What a child lets be heard, in order.
+/// The output of a child, in order.
 #[derive(Debug)]
-pub(super) enum Said {
-    /// A line on stdout: an event.
+pub(super) enum ChildOutput {
+    /// A line on stdout, which is an event.
     Event(String),
-    /// A line on stderr: its log.
+    /// A line on stderr, which is the log.
     Log(String),
-    /// Stdout is closed: the child is leaving, or dead. Nothing follows.
+    /// The end of stdout: the child is exiting or has exited. Nothing follows.
     Closed,
 }
 
-impl Process {
-    /// Starts `program subcommand --config config`. Whatever it says goes to `hear`, from threads of ours.
+impl ChildProcess {
+    /// Starts `program subcommand --config config`. Calls `on_output` for all its output, from other threads.
     pub(super) fn spawn(
         program: &Path,
         subcommand: &str,
         config: &str,
-        hear: impl Fn(Said) + Clone + Send + 'static,
+        on_output: impl Fn(ChildOutput) + Clone + Send + 'static,
     ) -> io::Result<Self> {
         let mut child = Command::new(program)
             .args([subcommand, "--config", config])
-            // Else Mesa, asked for a GPU, looks for a desktop and complains on stderr where there is none.
+            // Otherwise Mesa's device selection looks for a desktop and writes errors to stderr if there is none.
             .env("NODEVICE_SELECT", "1")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -54,11 +54,11 @@ impl Process {
         let (Some(mut stdin), Some(stdout), Some(stderr)) =
             (child.stdin.take(), child.stdout.take(), child.stderr.take())
         else {
-            unreachable!("all three were asked for")
+            unreachable!("all three are piped")
         };
         let (commands, queue) = channel::<String>();
         thread::spawn(move || {
-            // A write fails only when the child is gone, which its stdout says. The end of the queue closes stdin.
+            // A write fails only if the child has exited, which its stdout shows. Dropping the queue closes stdin.
             for line in queue {
                 if stdin.write_all(line.as_bytes()).is_err() {
                     return;
@@ -66,65 +66,65 @@ impl Process {
             }
         });
         let (log_ends, log_ended) = channel::<()>();
-        let hear_log = hear.clone();
+        let on_log = on_output.clone();
         thread::spawn(move || {
-            each_line(stderr, |line| hear_log(Said::Log(line)));
+            each_line(stderr, |line| on_log(ChildOutput::Log(line)));
             drop(log_ends);
         });
         thread::spawn(move || {
-            each_line(stdout, |line| hear(Said::Event(line)));
-            // Its only message is its end; either way the wait is over.
-            let _ = log_ended.recv_timeout(LAST_WORDS);
-            hear(Said::Closed);
+            each_line(stdout, |line| on_output(ChildOutput::Event(line)));
+            // Nothing is ever sent: this returns when the thread above ends, or after the timeout.
+            let _ = log_ended.recv_timeout(STDERR_TIMEOUT);
+            on_output(ChildOutput::Closed);
         });
         Ok(Self { child, commands: Some(commands) })
     }
 
-    /// Queues a line for the child's stdin. A child that has gone is noticed by its stdout.
+    /// Queues a line for the child's stdin. If the child has exited, the line is dropped.
     pub(super) fn send(&self, line: String) {
         if let Some(commands) = &self.commands {
             let _ = commands.send(line + "\n");
         }
     }
 
-    /// Asks the child to leave: closes its stdin once what is queued is written.
+    /// Asks the child to exit by closing its stdin after all queued lines.
     pub(super) fn close(&mut self) {
         self.commands = None;
     }
 
-    /// Ends the child at once; that it is gone is heard as usual.
+    /// Kills the child. Its exit arrives as [`ChildOutput::Closed`], as usual.
     pub(super) fn kill(&mut self) {
-        // It fails only for a child that has already been waited for.
+        // This fails only for a child that has already been reaped.
         let _ = self.child.kill();
     }
 
-    /// Waits until the child has ended; kills it when patience runs out.
-    pub(super) fn wait(mut self, patience: Duration) -> io::Result<ExitStatus> {
+    /// Waits for the child to exit; kills it after `timeout`.
+    pub(super) fn wait(mut self, timeout: Duration) -> io::Result<ExitStatus> {
         let start = Instant::now();
-        while start.elapsed() < patience {
+        while start.elapsed() < timeout {
             if let Some(status) = self.child.try_wait()? {
                 return Ok(status);
             }
-            thread::sleep(POLL);
+            thread::sleep(POLL_INTERVAL);
         }
         self.child.kill()?;
         self.child.wait()
     }
 }
 
-impl Drop for Process {
+impl Drop for ChildProcess {
     fn drop(&mut self) {
         self.kill();
-        // A killed child ends; should the kernel not tell, nothing better can be done.
+        // A killed child exits; if waiting for it fails, nothing better can be done.
         let _ = self.child.wait();
     }
 }
 
-fn each_line(pipe: impl Read, mut hear: impl FnMut(String)) {
+fn each_line(pipe: impl Read, mut on_line: impl FnMut(String)) {
     let mut reader = BufReader::new(pipe);
     let mut line = Vec::new();
     while reader.read_until(b'\n', &mut line).is_ok_and(|n| n > 0) {
-        hear(String::from_utf8_lossy(&line).trim_end().to_owned());
+        on_line(String::from_utf8_lossy(&line).trim_end().to_owned());
         line.clear();
     }
 }

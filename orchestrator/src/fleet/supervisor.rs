@@ -1,4 +1,4 @@
-//! The loop: one event after another until all episodes are finished, or it is known why they cannot be.
+//! The supervisor's loop: handles one event after another until all episodes are finished or the run has to end.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::mpsc::{Receiver, Sender};
@@ -9,30 +9,30 @@ use policy_host::PolicySpec;
 use policy_host::serve::{HostConfig, HostEvent};
 use sim::serve::protocol::{Driver, Outcome, SimCommand, SimConfig, SimEvent};
 
-use super::clock::Clock;
+use super::clock::RunningClock;
 use super::error::FleetError;
-use super::member::{Member, Place};
-use super::process::{Process, Said};
+use super::member::{Member, MemberRole};
+use super::process::{ChildOutput, ChildProcess};
 use super::totals::{HostWork, Totals};
-use super::{Conclusion, Event, Happening, Settings, Sink, folder};
-use crate::work::Job;
+use super::{FleetConfig, FleetEvent, RunStatus, Sink, SupervisorEvent, folder};
+use crate::jobs::Job;
 
-/// Longest wait for an event before patience is looked at.
+/// Maximum wait for an event before timeouts are checked.
 const TICK: Duration = Duration::from_millis(200);
-/// Episodes given to the sim ahead of time, per env: enough that an env never waits for the orchestrator.
+/// Episodes assigned to the sim per env, ahead of time, so that an env never waits for the orchestrator.
 const JOBS_PER_ENV: usize = 2;
 
 pub(super) struct Supervisor<'a> {
-    settings: &'a Settings,
+    config: &'a FleetConfig,
     domain: &'a Domain,
-    events: Sender<Event>,
-    inbox: Receiver<Event>,
-    clock: Clock,
+    events: Sender<SupervisorEvent>,
+    inbox: Receiver<SupervisorEvent>,
+    clock: RunningClock,
     sim: Member,
-    /// By lane; the place of a foreign host stays empty.
+    /// By lane; the member of a foreign host stays vacant.
     hosts: Vec<Member>,
     pending: VecDeque<Job>,
-    /// Given to the sim, by number.
+    /// Jobs assigned to the sim, by assignment id.
     outstanding: BTreeMap<u64, Job>,
     next_id: u64,
     totals: Totals,
@@ -41,74 +41,75 @@ pub(super) struct Supervisor<'a> {
 
 impl<'a> Supervisor<'a> {
     pub(super) fn new(
-        settings: &'a Settings,
+        config: &'a FleetConfig,
         domain: &'a Domain,
-        events: Sender<Event>,
-        inbox: Receiver<Event>,
+        events: Sender<SupervisorEvent>,
+        inbox: Receiver<SupervisorEvent>,
         jobs: Vec<Job>,
         sink: &'a mut Sink<'a>,
     ) -> Self {
-        let n_lanes = settings.lanes.len();
+        let n_lanes = config.lanes.len();
         Self {
-            settings,
+            config,
             domain,
             events,
             inbox,
-            clock: Clock::new(),
+            clock: RunningClock::new(),
             sim: Member::default(),
             hosts: std::iter::repeat_with(Member::default).take(n_lanes).collect(),
             pending: jobs.into(),
             outstanding: BTreeMap::new(),
             next_id: 0,
-            totals: Totals::new(n_lanes, settings.drawn_with.clone()),
+            totals: Totals::new(n_lanes, config.earlier_renderer.clone()),
             sink,
         }
     }
 
-    /// Starts the children and works until all episodes are finished or somebody wants to stop.
-    pub(super) fn work(&mut self) -> Result<Conclusion, FleetError> {
-        self.invite_foreign_hosts()?;
-        self.start(Place::Sim)?;
+    /// Starts the children and runs until all episodes are finished or a stop is requested.
+    pub(super) fn run(&mut self) -> Result<RunStatus, FleetError> {
+        self.describe_foreign_lanes()?;
+        self.start(MemberRole::Sim)?;
         for lane in self.hosted_lanes() {
-            self.start(Place::Host(lane))?;
+            self.start(MemberRole::Host(lane))?;
         }
         while !(self.pending.is_empty() && self.outstanding.is_empty()) {
-            self.feed();
+            self.assign_jobs();
             match self.next_event() {
-                Some(Event::Child(place, said)) => self.hear(place, said)?,
-                Some(Event::Stop) => return Ok(Conclusion::Stopped),
+                Some(SupervisorEvent::Child(role, output)) => self.on_output(role, output)?,
+                Some(SupervisorEvent::Stop) => return Ok(RunStatus::Stopped),
                 None => {}
             }
-            self.look_after()?;
+            self.check_timeouts()?;
         }
-        Ok(Conclusion::Complete)
+        Ok(RunStatus::Complete)
     }
 
-    /// Asks all children to leave and kills those that do not, or all at once if somebody wants to stop. Episodes that
-    /// are finished meanwhile count.
-    pub(super) fn close(&mut self) -> Result<(), FleetError> {
+    /// Asks all children to exit and kills those that do not in time, or all of them if another stop is requested.
+    /// Episodes that finish meanwhile count.
+    pub(super) fn shut_down(&mut self) -> Result<(), FleetError> {
         let mut result = Ok(());
-        for place in self.places() {
-            if let Some(process) = self.member(place).process() {
+        for role in self.roles() {
+            if let Some(process) = self.member(role).process() {
                 process.close();
             }
         }
-        self.clock.look();
-        let deadline = self.clock.now() + self.settings.limits.leave;
-        while self.clock.now() < deadline && self.places().iter().any(|&place| !self.member(place).is_empty())
-        {
+        self.clock.update();
+        let deadline = self.clock.now() + self.config.limits.shutdown;
+        while self.clock.now() < deadline && self.roles().iter().any(|&role| !self.member(role).is_vacant()) {
             match self.next_event() {
-                Some(Event::Child(place, Said::Closed)) => self.dismiss(place),
-                Some(Event::Child(place, said)) if result.is_ok() => result = self.hear(place, said),
-                Some(Event::Child(..)) | None => {}
-                Some(Event::Stop) => break,
+                Some(SupervisorEvent::Child(role, ChildOutput::Closed)) => self.wait_for_exit(role),
+                Some(SupervisorEvent::Child(role, output)) if result.is_ok() => {
+                    result = self.on_output(role, output);
+                }
+                Some(SupervisorEvent::Child(..)) | None => {}
+                Some(SupervisorEvent::Stop) => break,
             }
         }
-        for place in self.places() {
-            if let Some(process) = self.member(place).process() {
+        for role in self.roles() {
+            if let Some(process) = self.member(role).process() {
                 process.kill();
             }
-            self.dismiss(place);
+            self.wait_for_exit(role);
         }
         result
     }
@@ -117,111 +118,114 @@ impl<'a> Supervisor<'a> {
         self.totals
     }
 
-    fn next_event(&mut self) -> Option<Event> {
+    fn next_event(&mut self) -> Option<SupervisorEvent> {
         let event = self.inbox.recv_timeout(TICK).ok();
-        self.clock.look();
+        self.clock.update();
         event
     }
 
-    fn start(&mut self, place: Place) -> Result<(), FleetError> {
-        let (subcommand, config) = match place {
-            Place::Sim => ("sim", serde_json::json!(self.sim_config())),
-            Place::Host(lane) => ("policy-host", serde_json::json!(self.host_config(lane))),
+    fn start(&mut self, role: MemberRole) -> Result<(), FleetError> {
+        let (subcommand, config) = match role {
+            MemberRole::Sim => ("sim", serde_json::json!(self.sim_config())),
+            MemberRole::Host(lane) => ("policy-host", serde_json::json!(self.host_config(lane))),
         };
         let events = self.events.clone();
-        let hear = move |said| {
-            // The loop is gone only when the children are to be, too.
-            let _ = events.send(Event::Child(place, said));
+        let on_output = move |output| {
+            // Sending fails only if the loop has ended, which then also ends the children.
+            let _ = events.send(SupervisorEvent::Child(role, output));
         };
-        let program = &self.settings.program;
-        let process = Process::spawn(program, subcommand, &config.to_string(), hear).map_err(|source| {
-            FleetError::Spawn { name: self.name(place), program: program.clone(), source }
-        })?;
+        let program = &self.config.program;
+        let process =
+            ChildProcess::spawn(program, subcommand, &config.to_string(), on_output).map_err(|source| {
+                FleetError::Spawn { name: self.name(role), program: program.clone(), source }
+            })?;
         let now = self.clock.now();
-        self.member(place).started(process, now);
+        self.member(role).on_spawn(process, now);
         Ok(())
     }
 
-    fn hear(&mut self, place: Place, said: Said) -> Result<(), FleetError> {
+    fn on_output(&mut self, role: MemberRole, output: ChildOutput) -> Result<(), FleetError> {
         let now = self.clock.now();
-        self.member(place).heard(now);
-        match said {
-            Said::Closed => self.replace(place),
-            Said::Log(line) => {
-                self.member(place).logged(&line);
-                let line = format!("{}: {line}", self.name(place));
+        self.member(role).on_output(now);
+        match output {
+            ChildOutput::Closed => self.restart(role),
+            ChildOutput::Log(line) => {
+                self.member(role).on_log(&line);
+                let line = format!("{}: {line}", self.name(role));
                 self.log(&line)
             }
-            Said::Event(line) => {
-                let understood = match place {
-                    Place::Sim => serde_json::from_str(&line).map(|event| self.hear_sim(event)),
-                    Place::Host(lane) => serde_json::from_str(&line).map(|event| self.hear_host(lane, event)),
+            ChildOutput::Event(line) => {
+                let handled = match role {
+                    MemberRole::Sim => serde_json::from_str(&line).map(|event| self.on_sim_event(event)),
+                    MemberRole::Host(lane) => {
+                        serde_json::from_str(&line).map(|event| self.on_host_event(lane, event))
+                    }
                 };
-                understood.unwrap_or_else(|error| {
-                    let line = format!("{} said what is no event ({error}): {line}", self.name(place));
+                handled.unwrap_or_else(|error| {
+                    let line = format!("ignored invalid output of {} ({error}): {line}", self.name(role));
                     self.log(&line)
                 })
             }
         }
     }
 
-    fn hear_sim(&mut self, event: SimEvent) -> Result<(), FleetError> {
+    fn on_sim_event(&mut self, event: SimEvent) -> Result<(), FleetError> {
         match event {
             SimEvent::Ready { shm_bytes, renderer, identity } => {
                 self.totals.shm_bytes = shm_bytes;
                 self.totals.renderer = Some(renderer);
-                self.draw_with(identity)?;
-                self.sim.ready(self.clock.now());
-                self.brief_sim();
+                self.check_renderer(identity)?;
+                self.sim.on_ready(self.clock.now());
+                self.send_state_to_sim();
                 Ok(())
             }
-            SimEvent::Finished(outcome) => self.finish(&outcome),
+            SimEvent::Finished(outcome) => self.on_episode_finished(&outcome),
             SimEvent::Progress(counters) => {
-                self.totals.sim_reports(counters);
-                (self.sink)(Happening::Counters(&self.totals.sim())).map_err(FleetError::Sink)
+                self.totals.on_sim_counters(counters);
+                (self.sink)(FleetEvent::Counters(&self.totals.sim())).map_err(FleetError::Sink)
             }
             SimEvent::RendererFailed { message } => Err(FleetError::Renderer(message)),
-            SimEvent::LaneFailed { lane, message } => self.lane_failed(lane, message),
+            SimEvent::LaneFailed { lane, message } => self.on_lane_failed(lane, message),
         }
     }
 
-    /// All sims of a run draw the same bits.
-    fn draw_with(&mut self, now: String) -> Result<(), FleetError> {
-        if let Some(before) = self.totals.drawn_with.take_if(|before| *before != now) {
-            return Err(FleetError::OtherRenderer { before, now });
+    /// Checks that all sims of a run, and earlier runs with the same results file, render the same bits.
+    fn check_renderer(&mut self, now: String) -> Result<(), FleetError> {
+        if let Some(earlier) = self.totals.renderer_identity.take_if(|earlier| *earlier != now) {
+            return Err(FleetError::RendererChanged { earlier, now });
         }
-        (self.sink)(Happening::Drawing(&now)).map_err(FleetError::Sink)?;
-        self.totals.drawn_with = Some(now);
+        (self.sink)(FleetEvent::RendererReady(&now)).map_err(FleetError::Sink)?;
+        self.totals.renderer_identity = Some(now);
         Ok(())
     }
 
-    fn hear_host(&mut self, lane: u32, event: HostEvent) -> Result<(), FleetError> {
+    fn on_host_event(&mut self, lane: u32, event: HostEvent) -> Result<(), FleetError> {
         match event {
             HostEvent::Ready { .. } => {
                 let now = self.clock.now();
-                self.member(Place::Host(lane)).ready(now);
-                self.tell_sim(&SimCommand::HostUp { lane });
+                self.member(MemberRole::Host(lane)).on_ready(now);
+                self.send_to_sim(&SimCommand::HostUp { lane });
                 Ok(())
             }
             HostEvent::Ledger { queries, batches, busy_s } => {
-                self.totals.host_reports(lane, HostWork { queries, batches, busy_s });
+                self.totals.on_host_work(lane, HostWork { queries, batches, busy_s });
                 Ok(())
             }
             HostEvent::Failed { message } => {
-                let line = format!("{} could not answer: {message}", self.name(Place::Host(lane)));
+                let line = format!("{} failed to answer: {message}", self.name(MemberRole::Host(lane)));
                 self.log(&line)
             }
         }
     }
 
-    /// A host that does not answer, or answers what was not asked: one of ours is killed, and replaced when its death is
-    /// heard; a foreign one is its owner's affair.
-    fn lane_failed(&mut self, lane: u32, message: String) -> Result<(), FleetError> {
-        if self.settings.lanes[lane as usize].lane.foreign {
+    /// Handles a host that does not answer or answers incorrectly. A host of this fleet is killed, and restarted when
+    /// its exit arrives. The failure of a foreign host ends the run.
+    fn on_lane_failed(&mut self, lane: u32, message: String) -> Result<(), FleetError> {
+        if self.config.lanes[lane as usize].lane.foreign {
             return Err(FleetError::Lane(message));
         }
-        let host = self.member(Place::Host(lane));
-        host.logged(&message);
+        let host = self.member(MemberRole::Host(lane));
+        host.on_log(&message);
         if host.is_up()
             && let Some(process) = host.process()
         {
@@ -230,101 +234,103 @@ impl<'a> Supervisor<'a> {
         self.log(&format!("{message}; killed its host"))
     }
 
-    /// Tells a sim that has just got ready who is there and what is to be done.
-    fn brief_sim(&mut self) {
-        for (lane, policy) in (0..).zip(&self.settings.lanes) {
+    /// Sends a sim that has just become ready the connected hosts and the unfinished episodes.
+    fn send_state_to_sim(&mut self) {
+        for (lane, policy) in (0..).zip(&self.config.lanes) {
             if policy.lane.foreign || self.hosts[lane as usize].is_up() {
-                self.tell_sim(&SimCommand::HostUp { lane });
+                self.send_to_sim(&SimCommand::HostUp { lane });
             }
         }
         let unfinished: Vec<_> = self.outstanding.iter().map(|(&id, job)| job.assignment(id)).collect();
         for assignment in unfinished {
-            self.tell_sim(&SimCommand::Run(assignment));
+            self.send_to_sim(&SimCommand::Run(assignment));
         }
     }
 
-    fn feed(&mut self) {
-        let room = JOBS_PER_ENV * self.settings.config.resources.envs as usize;
-        while self.sim.is_up() && self.outstanding.len() < room {
+    fn assign_jobs(&mut self) {
+        let max_outstanding = JOBS_PER_ENV * self.config.run.resources.envs as usize;
+        while self.sim.is_up() && self.outstanding.len() < max_outstanding {
             let Some(job) = self.pending.pop_front() else { return };
             let id = self.next_id;
             self.next_id += 1;
             self.outstanding.insert(id, job);
-            self.tell_sim(&SimCommand::Run(job.assignment(id)));
+            self.send_to_sim(&SimCommand::Run(job.assignment(id)));
         }
     }
 
-    fn finish(&mut self, outcome: &Outcome) -> Result<(), FleetError> {
+    fn on_episode_finished(&mut self, outcome: &Outcome) -> Result<(), FleetError> {
         let Some(job) = self.outstanding.remove(&outcome.id) else {
-            return self.log(&format!("the sim finished episode {} again; ignored", outcome.id));
+            return self.log(&format!("ignored a second outcome of episode {}", outcome.id));
         };
-        self.sim.forgive();
+        self.sim.reset_failures();
         if let Driver::Lane(lane) = job.driver {
-            self.hosts[lane as usize].forgive();
+            self.hosts[lane as usize].reset_failures();
         }
-        (self.sink)(Happening::Finished(&job, outcome)).map_err(FleetError::Sink)
+        (self.sink)(FleetEvent::EpisodeFinished(&job, outcome)).map_err(FleetError::Sink)
     }
 
-    /// A child is gone: cleans up after it and starts another in its place, unless that has been tried too often.
-    fn replace(&mut self, place: Place) -> Result<(), FleetError> {
-        let Settings { limits, .. } = self.settings;
-        let Some(death) = self.member(place).bury(limits.leave) else { return Ok(()) };
+    /// Reaps a child, cleans up its shared memory and restarts it, unless it has failed too often.
+    fn restart(&mut self, role: MemberRole) -> Result<(), FleetError> {
+        let limits = self.config.limits;
+        let Some(exit) = self.member(role).reap(limits.shutdown) else { return Ok(()) };
         let _n_cleaned = self.domain.reap();
-        let (name, deaths, log) = (self.name(place), self.member(place).deaths(), self.member(place).log());
-        if deaths >= limits.deaths {
-            return Err(FleetError::GaveUp { name, deaths, death, log });
+        let member = self.member(role);
+        let (failures, log) = (member.failures(), member.log_tail());
+        let name = self.name(role);
+        if failures >= limits.failures {
+            return Err(FleetError::TooManyFailures { name, failures, exit, log });
         }
-        match place {
-            Place::Sim => self.totals.sim_died(),
-            Place::Host(lane) => {
-                self.totals.host_died(lane);
-                self.tell_sim(&SimCommand::HostDown { lane });
+        match role {
+            MemberRole::Sim => self.totals.on_sim_exit(),
+            MemberRole::Host(lane) => {
+                self.totals.on_host_exit(lane);
+                self.send_to_sim(&SimCommand::HostDown { lane });
             }
         }
-        self.log(&format!("{name} {death}; starting it again"))?;
-        self.start(place)
+        self.log(&format!("{name} {exit}; restarting it"))?;
+        self.start(role)
     }
 
-    /// A child leaves as it was asked to.
-    fn dismiss(&mut self, place: Place) {
-        let leave = self.settings.limits.leave;
-        if let Some(process) = self.member(place).take() {
-            // How it ends is its own affair now.
-            let _ = process.wait(leave);
+    /// Waits for a child that was asked to exit. Its exit status does not matter.
+    fn wait_for_exit(&mut self, role: MemberRole) {
+        let timeout = self.config.limits.shutdown;
+        if let Some(process) = self.member(role).take() {
+            let _ = process.wait(timeout);
         }
     }
 
-    /// Kills a sim that hangs; gives up on children that never get ready. Whether a host hangs the sim can tell better: it
-    /// knows what it has asked.
-    fn look_after(&mut self) -> Result<(), FleetError> {
-        let (now, limits) = (self.clock.now(), self.settings.limits);
-        for place in self.places() {
-            let patience = if place == Place::Sim { limits.sim_start } else { limits.host_start };
-            let member = self.member(place);
-            if member.starting_for(now).is_some_and(|time| time > patience) {
-                let log = member.log();
-                return Err(FleetError::StartUp { name: self.name(place), patience, log });
+    /// Kills a hung sim, and fails if a child does not get ready in time. Hung hosts are detected by the sim, which knows
+    /// the unanswered queries.
+    fn check_timeouts(&mut self) -> Result<(), FleetError> {
+        let (now, limits) = (self.clock.now(), self.config.limits);
+        for role in self.roles() {
+            let timeout = if role == MemberRole::Sim { limits.sim_start } else { limits.host_start };
+            let member = self.member(role);
+            if member.starting_for(now).is_some_and(|time| time > timeout) {
+                let log = member.log_tail();
+                return Err(FleetError::StartUp { name: self.name(role), timeout, log });
             }
         }
         if self.sim.silent_for(now).is_some_and(|time| time > limits.silence) {
-            self.sim.heard(now);
+            self.sim.on_output(now);
             if let Some(process) = self.sim.process() {
                 process.kill();
             }
-            let line = format!("the sim said nothing for {} s; killed it", limits.silence.as_secs());
-            self.sim.logged(&line);
+            let line = format!("the sim wrote nothing for {} s; killed it", limits.silence.as_secs());
+            self.sim.on_log(&line);
             return self.log(&line);
         }
         Ok(())
     }
 
-    fn invite_foreign_hosts(&mut self) -> Result<(), FleetError> {
-        let Settings { lanes, morphologies, run_id, config, .. } = self.settings;
+    fn describe_foreign_lanes(&mut self) -> Result<(), FleetError> {
+        let FleetConfig { lanes, morphologies, run_id, run, .. } = self.config;
         for policy in lanes {
             if let PolicySpec::Attach(name) = &policy.spec {
+                let (lane, options) = (&policy.lane, &run.results);
                 let path =
-                    folder::invite(self.domain, *run_id, name, &policy.lane, morphologies, &config.results)?;
-                let policy = &policy.lane.spec.policy;
+                    folder::write_lane_description(self.domain, *run_id, name, lane, morphologies, options)?;
+                let policy = &lane.spec.policy;
                 let line =
                     format!("policy `{policy}` waits for a foreign host; its lane is in {}", path.display());
                 self.log(&line)?;
@@ -334,29 +340,29 @@ impl<'a> Supervisor<'a> {
     }
 
     fn sim_config(&self) -> SimConfig {
-        let settings = self.settings;
+        let config = self.config;
         SimConfig {
             domain: self.domain.clone(),
-            run_id: settings.run_id,
-            lanes: settings.lanes.iter().map(|policy| policy.lane.clone()).collect(),
-            run: settings.config,
+            run_id: config.run_id,
+            lanes: config.lanes.iter().map(|policy| policy.lane.clone()).collect(),
+            run: config.run,
         }
     }
 
     fn host_config(&self, lane: u32) -> HostConfig {
-        let settings = self.settings;
-        let policy = &settings.lanes[lane as usize];
+        let config = self.config;
+        let policy = &config.lanes[lane as usize];
         HostConfig {
             domain: self.domain.clone(),
-            run_id: settings.run_id,
+            run_id: config.run_id,
             lane: policy.lane.spec.clone(),
             spec: policy.spec.clone(),
-            run: settings.config,
+            run: config.run,
         }
     }
 
-    /// A sim that is not up is told when it is.
-    fn tell_sim(&mut self, command: &SimCommand) {
+    /// Sends a command to the sim if it is ready. Otherwise it learns the state when it becomes ready.
+    fn send_to_sim(&mut self, command: &SimCommand) {
         if self.sim.is_up()
             && let Some(process) = self.sim.process()
         {
@@ -365,32 +371,32 @@ impl<'a> Supervisor<'a> {
     }
 
     fn log(&mut self, line: &str) -> Result<(), FleetError> {
-        (self.sink)(Happening::Log(line)).map_err(FleetError::Sink)
+        (self.sink)(FleetEvent::Log(line)).map_err(FleetError::Sink)
     }
 
-    fn name(&self, place: Place) -> String {
-        match place {
-            Place::Sim => "sim".to_owned(),
-            Place::Host(lane) => {
-                format!("host of `{}`", self.settings.lanes[lane as usize].lane.spec.policy)
+    fn name(&self, role: MemberRole) -> String {
+        match role {
+            MemberRole::Sim => "sim".to_owned(),
+            MemberRole::Host(lane) => {
+                format!("host of `{}`", self.config.lanes[lane as usize].lane.spec.policy)
             }
         }
     }
 
-    fn member(&mut self, place: Place) -> &mut Member {
-        match place {
-            Place::Sim => &mut self.sim,
-            Place::Host(lane) => &mut self.hosts[lane as usize],
+    fn member(&mut self, role: MemberRole) -> &mut Member {
+        match role {
+            MemberRole::Sim => &mut self.sim,
+            MemberRole::Host(lane) => &mut self.hosts[lane as usize],
         }
     }
 
     fn hosted_lanes(&self) -> Vec<u32> {
-        let lanes = (0..).zip(&self.settings.lanes);
+        let lanes = (0..).zip(&self.config.lanes);
         lanes.filter(|(_, policy)| policy.spec.hosted()).map(|(lane, _)| lane).collect()
     }
 
-    fn places(&self) -> Vec<Place> {
-        let hosts = self.hosted_lanes().into_iter().map(Place::Host);
-        std::iter::once(Place::Sim).chain(hosts).collect()
+    fn roles(&self) -> Vec<MemberRole> {
+        let hosts = self.hosted_lanes().into_iter().map(MemberRole::Host);
+        std::iter::once(MemberRole::Sim).chain(hosts).collect()
     }
 }

@@ -1,77 +1,77 @@
-//! What a fleet has done so far, over all the children it has had.
+//! Totals of a fleet over all its child processes.
 
 use sim::serve::protocol::Counters;
 
-/// Sums over all children, the dead ones included.
+/// Sums over all children, including those that have exited.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Totals {
-    /// Of the sims that died.
+    /// Sums over the sims that have exited.
     past: Counters,
-    /// Of the sim that lives.
+    /// Counters of the current sim.
     current: Counters,
-    /// Per lane: of the hosts that died, and of the one that lives.
+    /// Per lane: the sum over hosts that have exited, and the current host.
     hosts: Vec<[HostWork; 2]>,
-    /// Name of the renderer, once a sim is ready.
+    /// Name of the renderer, known once a sim is ready.
     pub(crate) renderer: Option<String>,
-    /// Its identity, or that of the one that earlier results depend on.
-    pub(crate) drawn_with: Option<String>,
-    /// Bytes of shared memory in use, once a sim is ready.
+    /// Identity of that renderer, or of the one that rendered earlier results.
+    pub(crate) renderer_identity: Option<String>,
+    /// Bytes of shared memory in use, known once a sim is ready.
     pub(crate) shm_bytes: u64,
-    /// Children that had to be started again.
+    /// Number of children that were restarted.
     pub(crate) restarts: u32,
 }
 
-/// What policy hosts have done.
+/// The work of policy hosts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct HostWork {
-    /// Envs answered.
+    /// Number of answered queries, one per env.
     pub(crate) queries: u64,
-    /// Batches answered.
+    /// Number of answered batches.
     pub(crate) batches: u64,
-    /// Core-seconds spent answering.
+    /// Core-seconds of inference.
     pub(crate) busy_s: f64,
 }
 
 impl Totals {
-    /// Of no children yet.
-    pub(crate) fn new(n_lanes: usize, drawn_with: Option<String>) -> Self {
-        Self { hosts: vec![Default::default(); n_lanes], drawn_with, ..Self::default() }
+    /// Makes the totals of a fleet without children.
+    pub(crate) fn new(n_lanes: usize, renderer_identity: Option<String>) -> Self {
+        Self { hosts: vec![Default::default(); n_lanes], renderer_identity, ..Self::default() }
     }
 
-    /// Of all sims.
+    /// Returns the sum over all sims.
     pub(crate) fn sim(&self) -> Counters {
         add(self.past, self.current)
     }
 
-    /// Of all policy hosts.
+    /// Returns the sum over all policy hosts.
     pub(crate) fn hosts(&self) -> HostWork {
-        self.hosts.iter().flatten().copied().fold(HostWork::default(), HostWork::plus)
+        self.hosts.iter().flatten().copied().fold(HostWork::default(), HostWork::add)
     }
 
-    /// The sim that lives has counted.
-    pub(crate) fn sim_reports(&mut self, counters: Counters) {
+    /// Updates the counters of the current sim.
+    pub(crate) fn on_sim_counters(&mut self, counters: Counters) {
         self.current = counters;
     }
 
-    /// The host that lives has counted.
-    pub(crate) fn host_reports(&mut self, lane: u32, work: HostWork) {
+    /// Updates the work of the current host of a lane.
+    pub(crate) fn on_host_work(&mut self, lane: u32, work: HostWork) {
         self.hosts[lane as usize][1] = work;
     }
 
-    pub(super) fn sim_died(&mut self) {
+    pub(super) fn on_sim_exit(&mut self) {
         self.past = add(self.past, std::mem::take(&mut self.current));
         self.restarts += 1;
     }
 
-    pub(super) fn host_died(&mut self, lane: u32) {
+    pub(super) fn on_host_exit(&mut self, lane: u32) {
         let [past, current] = &mut self.hosts[lane as usize];
-        *past = past.plus(std::mem::take(current));
+        *past = past.add(std::mem::take(current));
         self.restarts += 1;
     }
 }
 
 impl HostWork {
-    fn plus(self, other: Self) -> Self {
+    fn add(self, other: Self) -> Self {
         Self {
             queries: self.queries + other.queries,
             batches: self.batches + other.batches,
@@ -97,18 +97,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_dead_are_counted_once() {
+    fn exited_children_are_counted_once() {
         let mut totals = Totals::new(1, None);
         let steps = |env_steps| Counters { env_steps, ..Counters::default() };
-        totals.sim_reports(steps(5));
-        totals.sim_reports(steps(7));
-        totals.sim_died();
-        totals.sim_reports(steps(2));
+        totals.on_sim_counters(steps(5));
+        totals.on_sim_counters(steps(7));
+        totals.on_sim_exit();
+        totals.on_sim_counters(steps(2));
         assert_eq!(totals.sim().env_steps, 9);
         let work = |queries| HostWork { queries, ..HostWork::default() };
-        totals.host_reports(0, work(3));
-        totals.host_died(0);
-        totals.host_reports(0, work(4));
+        totals.on_host_work(0, work(3));
+        totals.on_host_exit(0);
+        totals.on_host_work(0, work(4));
         assert_eq!((totals.hosts().queries, totals.restarts), (7, 2));
     }
 }

@@ -1,31 +1,34 @@
-//! What perturbations do to a policy: changes against the unperturbed tasks, as the benchmark's figures average them.
+//! The effect of perturbations on a policy: changes against the unperturbed tasks, averaged as in the benchmark's
+//! figures.
 
 use sim::Perturbation;
 use sim::perturb::Composition;
 
-use super::{Align, Cell, Table};
+use super::Cell;
+use crate::table::{Align, Table};
 
-/// Tasks whose unperturbed success is less say nothing about perturbations.
-const LEAST_SUCCESS: f64 = 0.1;
+/// Minimum unperturbed success rate of a task that counts for the changes.
+const MIN_SUCCESS: f64 = 0.1;
 
-/// A policy's results under a perturbation, over tasks.
+/// The results of a policy under a perturbation, averaged over tasks.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Effect {
     /// Name of the policy.
     pub(crate) policy: String,
     pub(crate) perturbation: Composition,
-    /// Mean success over all tasks that ran under it.
+    /// Mean success rate over all tasks that ran under the perturbation.
     pub(crate) success_once: f64,
-    /// Tasks that count for the changes: run without it, too, and not hopeless then.
+    /// Number of tasks that count for the changes: those that also ran unperturbed, with a success rate of at least
+    /// [`MIN_SUCCESS`].
     pub(crate) n_tasks: usize,
-    /// Mean over these of the difference in success; none without tasks.
+    /// Mean difference of the success rate over these tasks; `None` without tasks.
     pub(crate) change: Option<f64>,
-    /// Mean over these of the difference as a part of the unperturbed success; none without tasks.
+    /// Mean difference relative to the unperturbed success rate over these tasks; `None` without tasks.
     pub(crate) relative_change: Option<f64>,
 }
 
-/// By policy in the cells' order and perturbation in the suite's; empty if nothing ran without perturbation, or nothing
-/// else did.
+/// Computes the effects, sorted by policy (in the order of `cells`) and perturbation (in the order of the suite). Returns
+/// none unless there are both perturbed and unperturbed results.
 pub(crate) fn effects(cells: &[Cell]) -> Vec<Effect> {
     let none = Composition::from(Perturbation::None);
     let mut found: Vec<(&str, Composition)> = Vec::new();
@@ -40,7 +43,7 @@ pub(crate) fn effects(cells: &[Cell]) -> Vec<Effect> {
     if !is_compared {
         return Vec::new();
     }
-    // Cells come task by task, so that a perturbation that does not apply to the first would come late.
+    // Cells are sorted by task: a perturbation that does not apply to the first task appears late in them.
     let place = |perturbation: &Composition| perturbation.iter().collect::<Vec<Perturbation>>();
     let policies: Vec<&str> = found.iter().map(|(policy, _)| *policy).collect();
     let rank = |name: &str| policies.iter().position(|policy| *policy == name);
@@ -59,7 +62,7 @@ fn effect(cells: &[Cell], policy: &str, perturbation: Composition) -> Option<Eff
         let twin = own(none).find(|twin| twin.condition.task == cell.condition.task)?;
         Some((twin.success_once()?, cell.success_once()?))
     });
-    let pairs: Vec<(f64, f64)> = pairs.filter(|(before, _)| *before >= LEAST_SUCCESS).collect();
+    let pairs: Vec<(f64, f64)> = pairs.filter(|(before, _)| *before >= MIN_SUCCESS).collect();
     Some(Effect {
         policy: policy.to_owned(),
         perturbation,
@@ -74,7 +77,7 @@ fn mean(numbers: &[f64]) -> Option<f64> {
     (!numbers.is_empty()).then(|| numbers.iter().sum::<f64>() / numbers.len() as f64)
 }
 
-/// The effects as a table; empty without any.
+/// Formats the effects as a table; empty without effects.
 pub(super) fn table(effects: &[Effect]) -> String {
     use Align::{Left, Right};
     if effects.is_empty() {
@@ -115,9 +118,10 @@ mod tests {
     use crate::plan::Condition;
     use crate::results::CellSums;
 
+    /// Marks a perturbation that does not apply to the task.
     const NOT: f64 = f64::NAN;
-    /// Successes of 200 episodes, in percent, of an earlier ACT in the benchmark's repository: none, MO-Color, RO-Color,
-    /// Table-Color, RO-Size, All by task; `NOT` where a perturbation does not apply.
+    /// Success rates in percent over 200 episodes of an earlier ACT in the benchmark's repository, by task: None,
+    /// MO-Color, RO-Color, Table-Color, RO-Size, All.
     const MEASURED: [(TaskId, [f64; 6]); 12] = [
         (TaskId::DualArmLiftPot, [97.5, 61.5, NOT, 34.5, NOT, 0.0]),
         (TaskId::DualArmPushBox, [82.0, 42.0, NOT, 54.0, NOT, 1.5]),
@@ -159,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn the_benchmarks_own_table_gives_the_benchmarks_own_changes() {
+    fn benchmark_table_gives_benchmark_changes() {
         let effects = effects(&measured());
         let shown: Vec<_> = effects
             .iter()
@@ -194,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_comparison_there_is_no_table() {
+    fn table_is_empty_without_comparison() {
         let unperturbed = |cell: &Cell| cell.condition.perturbation == Perturbation::None.into();
         let (none, others): (Vec<Cell>, Vec<Cell>) = measured().into_iter().partition(unperturbed);
         assert_eq!(table(&effects(&none)) + &table(&effects(&others)), "");

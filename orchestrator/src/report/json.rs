@@ -1,11 +1,11 @@
-//! The object that `--json` prints.
+//! The JSON object that `--json` prints.
 
 use serde_json::{Value, json};
 
 use super::changes::{Effect, effects};
 use super::{Cell, Fps};
 
-/// `run` (the manifest), `cells`, `changes`, `fps` and `ledger`.
+/// Makes the object with the keys `run` (the manifest), `cells`, `changes`, `fps` and `ledger`.
 pub(crate) fn json(run: &Value, cells: &[Cell], fps: &Fps) -> Value {
     let changes: Vec<Value> = effects(cells).iter().map(change).collect();
     let cells: Vec<Value> = cells.iter().map(cell).collect();

@@ -1,22 +1,19 @@
-//! What a run found, for people (a table and a few lines) and for programs (one JSON object).
+//! The report of a run: a table and a few lines for people, or one JSON object for programs.
 
 mod changes;
 mod fps;
 mod json;
-mod table;
 mod wilson;
-
-use std::io::{self, Write};
 
 pub(crate) use self::fps::Fps;
 pub(crate) use self::json::json;
-pub(crate) use self::table::{Align, Table};
 use self::wilson::wilson95;
 use crate::plan::{Condition, RunPlan};
 use crate::policy::NamedPolicy;
 use crate::results::{CellSums, Results, StoreError};
+use crate::table::{Align, Table};
 
-/// Results of one policy under one condition.
+/// The results of one policy under one condition.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Cell {
     /// Name of the policy.
@@ -25,7 +22,7 @@ pub(crate) struct Cell {
     pub(crate) sums: CellSums,
 }
 
-/// Results of the whole plan, by policy, task and perturbation.
+/// Reads the results of the whole plan, by policy, task and perturbation.
 ///
 /// # Errors
 /// If the results file cannot be read.
@@ -42,22 +39,22 @@ pub(crate) fn cells(plan: &RunPlan, results: &Results) -> Result<Vec<Cell>, Stor
 }
 
 impl Cell {
-    /// Fraction of episodes with success after any step; none without episodes.
+    /// Returns the fraction of episodes with success after any step; `None` without episodes.
     pub(crate) fn success_once(&self) -> Option<f64> {
         self.per_episode(u64::from(self.sums.success_once))
     }
 
-    /// Fraction of episodes with success after the last step; none without episodes.
+    /// Returns the fraction of episodes with success after the last step; `None` without episodes.
     pub(crate) fn success_at_end(&self) -> Option<f64> {
         self.per_episode(u64::from(self.sums.success_at_end))
     }
 
-    /// Mean control steps of an episode; none without episodes.
+    /// Returns the mean number of control steps per episode; `None` without episodes.
     pub(crate) fn mean_steps(&self) -> Option<f64> {
         self.per_episode(self.sums.steps)
     }
 
-    /// 95 % interval of `success_once` by Wilson's score; none without episodes.
+    /// Returns the 95 % Wilson score interval of `success_once`; `None` without episodes.
     pub(crate) fn wilson95(&self) -> Option<[f64; 2]> {
         wilson95(self.sums.success_once, self.sums.n)
     }
@@ -67,7 +64,7 @@ impl Cell {
     }
 }
 
-/// The table.
+/// Formats the results as text tables.
 pub(crate) fn table(plan: &RunPlan, cells: &[Cell]) -> String {
     use Align::{Left, Right};
     let columns = [
@@ -101,22 +98,11 @@ pub(crate) fn table(plan: &RunPlan, cells: &[Cell]) -> String {
     let mut text = table.to_string() + &changes::table(&changes::effects(cells));
     for policy in plan.policies.iter().filter(|policy| policy.runs_in_sim()) {
         text += &format!(
-            "{}: the scripted expert, with privileged state; a ceiling, not a policy\n",
+            "{}: the scripted expert, which reads privileged state; a ceiling, not a policy\n",
             policy.name
         );
     }
     text
-}
-
-/// Writes to stdout. A reader that has closed it (`| head`) has read enough.
-///
-/// # Errors
-/// If stdout cannot be written for another reason.
-pub(crate) fn print_out(text: &str) -> io::Result<()> {
-    match io::stdout().lock().write_all(text.as_bytes()) {
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        result => result,
-    }
 }
 
 #[cfg(test)]

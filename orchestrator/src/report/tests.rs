@@ -1,4 +1,4 @@
-//! The report as people and programs read it.
+//! Tests of the report's text and JSON.
 
 use std::time::Duration;
 
@@ -6,11 +6,11 @@ use sim::serve::protocol::Counters;
 use sim::{Perturbation, TaskId};
 
 use super::*;
-use crate::cli::parse_run;
 use crate::fleet::{HostWork, Totals};
+use crate::sweep::SweepArgs;
 
 fn plan() -> RunPlan {
-    RunPlan::new(&parse_run("--policy idle --policy expert").unwrap()).unwrap()
+    RunPlan::new(&SweepArgs::parse("--policy idle --policy expert").unwrap()).unwrap()
 }
 
 fn cell(policy: &str, sums: CellSums) -> Cell {
@@ -26,17 +26,17 @@ fn cells() -> Vec<Cell> {
 }
 
 #[test]
-fn the_table_aligns_and_names_the_expert_for_what_it_is() {
+fn table_aligns_and_explains_the_expert() {
     insta::assert_snapshot!(table(&plan(), &cells()), @r"
     policy  task       perturbation   n  success_once   95 % interval  success_at_end  mean_steps  errors
     idle    RaiseCube  MO-Color       0             –               –               –           –       0
     expert  RaiseCube  MO-Color      10       100.0 %  72.2 – 100.0 %          90.0 %        74.1       1
-    expert: the scripted expert, with privileged state; a ceiling, not a policy
+    expert: the scripted expert, which reads privileged state; a ceiling, not a policy
     ");
 }
 
 #[test]
-fn the_object_has_the_names_others_rely_on() {
+fn json_keys_are_stable() {
     let fps = Fps::new(&Totals::default(), Duration::from_secs(2), 2);
     assert_eq!(fps.lines(), "");
     let object = json(&serde_json::json!({ "seed": 0 }), &cells(), &fps);
@@ -95,9 +95,9 @@ fn the_object_has_the_names_others_rely_on() {
 }
 
 #[test]
-fn speed_is_measured_and_bounded_as_defined() {
+fn speed_and_bound_follow_their_definitions() {
     let mut totals = Totals::new(1, None);
-    totals.sim_reports(Counters {
+    totals.on_sim_counters(Counters {
         env_steps: 3000,
         images: 300,
         queries: 100,
@@ -107,7 +107,7 @@ fn speed_is_measured_and_bounded_as_defined() {
         idle_s: 0.1,
     });
     // Batches of 5 on 2 threads: both are busy all the time.
-    totals.host_reports(0, HostWork { queries: 100, batches: 20, busy_s: 2.0 });
+    totals.on_host_work(0, HostWork { queries: 100, batches: 20, busy_s: 2.0 });
     let fps = Fps::new(&totals, Duration::from_secs(4), 2);
     assert_eq!((fps.env_steps_per_s, fps.process_env_steps_per_s), (Some(1500.0), 750.0));
     assert_eq!((fps.images_per_s, fps.queries_per_s), (Some(150.0), Some(50.0)));

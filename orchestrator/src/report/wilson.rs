@@ -1,9 +1,10 @@
-//! Wilson's score interval for a proportion (E. B. Wilson, JASA 22, 1927): sensible at 0 %, at 100 % and for few episodes.
+//! Wilson's score interval for a proportion (E. B. Wilson, JASA 22, 1927), which is also valid at 0 %, at
+//! 100 % and for few episodes.
 
-/// 97.5 % quantile of the normal distribution.
+/// 97.5 % quantile of the standard normal distribution.
 const Z: f64 = 1.959_963_984_540_054;
 
-/// 95 % interval of the probability behind `successes` of `n`; none for no trial.
+/// Returns the 95 % interval of the success probability, given `successes` in `n` trials; `None` without trials.
 pub(super) fn wilson95(successes: u32, n: u32) -> Option<[f64; 2]> {
     if n == 0 {
         return None;
@@ -19,9 +20,9 @@ pub(super) fn wilson95(successes: u32, n: u32) -> Option<[f64; 2]> {
 mod tests {
     use super::wilson95;
 
-    /// The interval's ends are the p at which (p̂ − p)² = z² p (1 − p) / n.
+    /// The bounds are the solutions p of (p̂ − p)² = z² p (1 − p) / n.
     #[test]
-    fn the_ends_solve_the_score_equation() {
+    fn bounds_solve_the_score_equation() {
         for (successes, n) in [(0, 10), (1, 10), (5, 10), (100, 100), (37, 204), (1, 1)] {
             let found = wilson95(successes, n).unwrap();
             let observed = f64::from(successes) / f64::from(n);
@@ -36,7 +37,7 @@ mod tests {
     }
 
     #[test]
-    fn known_values() {
+    fn interval_matches_known_values() {
         let rounded = |successes, n| wilson95(successes, n).unwrap().map(|p| (p * 1e4).round() / 1e4);
         assert_eq!(rounded(0, 10), [0.0, 0.2775]);
         assert_eq!(rounded(10, 10), [0.7225, 1.0]);

@@ -1,4 +1,4 @@
-//! What the rows of a results file depend on, kept in the file and compared before rows are added.
+//! The manifest of a results file: the configuration that its rows depend on. It is compared before rows are added.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,22 +10,22 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use thiserror::Error;
 
-use super::open::OpenError;
+use super::open::ResultsFileError;
 use crate::plan::RunPlan;
 use crate::policy::Identity;
 
-/// Prefix of the keys that hold a policy's identity.
+/// Prefix of the keys under which identities of policies are stored.
 const POLICY: &str = "policy/";
 
-/// Key of a policy's identity.
+/// Returns the key of a policy's identity.
 pub(super) fn policy_key(name: &str) -> String {
     format!("{POLICY}{name}")
 }
 
-/// Key of the renderer's identity: it is known only once a sim is ready.
+/// Key of the renderer's identity, which is known only once a sim is ready.
 pub(super) const RENDERER: &str = "renderer";
 
-/// What results depend on, apart from the episode.
+/// The configuration that all results of a run depend on.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Manifest {
     /// Version of the program.
@@ -33,22 +33,22 @@ pub(crate) struct Manifest {
     /// Options that change results.
     #[serde(flatten)]
     pub(crate) options: ResultOptions,
-    /// By name.
+    /// Identities of the policies by name.
     pub(crate) policies: BTreeMap<String, Identity>,
 }
 
-/// A results file that was made with something else than the command says.
+/// A difference between the manifest of a results file and the command.
 #[derive(Debug, Error, PartialEq, Eq)]
 #[error(
-    "failed to continue the results file {}: {field} is {found} in it, but {asked} in this command; say the same again, or \
-     name another file with --db",
+    "failed to resume the results file {}: {field} is {found} in the file, but {requested} in this command; use the same \
+     value, or another file with --db",
     path.display()
 )]
-pub(crate) struct Mismatch {
+pub(crate) struct ManifestMismatch {
     path: PathBuf,
     field: String,
     found: String,
-    asked: String,
+    requested: String,
 }
 
 impl Manifest {
@@ -71,30 +71,38 @@ fn entries(options: &ResultOptions) -> Map<String, Value> {
     }
 }
 
-/// Compares the file's manifest with this one where rows depend on it, and writes the rest.
-pub(super) fn reconcile(connection: &Connection, path: &Path, manifest: &Manifest) -> Result<(), OpenError> {
-    let sqlite = |source| OpenError::Sqlite { path: path.into(), source };
-    let invalid = |key: &str| OpenError::Manifest { path: path.into(), key: key.to_owned() };
-    let mismatch =
-        |field: String, found: String, asked: String| Mismatch { path: path.into(), field, found, asked };
+/// Compares the manifest of the file with `manifest` if rows depend on it, and stores the latter.
+pub(super) fn reconcile(
+    connection: &Connection,
+    path: &Path,
+    manifest: &Manifest,
+) -> Result<(), ResultsFileError> {
+    let sqlite = |source| ResultsFileError::Sqlite { path: path.into(), source };
+    let invalid = |key: &str| ResultsFileError::Manifest { path: path.into(), key: key.to_owned() };
+    let mismatch = |field: String, found: String, requested: String| ManifestMismatch {
+        path: path.into(),
+        field,
+        found,
+        requested,
+    };
     let transaction = connection.unchecked_transaction().map_err(sqlite)?;
     let has_rows = has_rows(&transaction).map_err(sqlite)?;
     let defaults = entries(&RunConfig::default().results);
     let version = ("version".to_owned(), Value::from(manifest.version.as_str()));
-    for (key, asked) in std::iter::once(version).chain(entries(&manifest.options)) {
-        let asked = asked.to_string();
+    for (key, requested) in std::iter::once(version).chain(entries(&manifest.options)) {
+        let requested = requested.to_string();
         if has_rows {
             // A file that was written before an option existed has the results of its default.
             let default = || defaults.get(&key).map(Value::to_string);
             let found = get(&transaction, &key).map_err(sqlite)?.or_else(default);
             let found = found.ok_or_else(|| invalid(&key))?;
-            if found != asked {
-                return Err(mismatch(key, found, asked).into());
+            if found != requested {
+                return Err(mismatch(key, found, requested).into());
             }
         }
-        put_text(&transaction, &key, &asked).map_err(sqlite)?;
+        put_text(&transaction, &key, &requested).map_err(sqlite)?;
     }
-    for (name, asked) in &manifest.policies {
+    for (name, requested) in &manifest.policies {
         let key = policy_key(name);
         let in_use: bool = transaction
             .query_row("SELECT EXISTS (SELECT 1 FROM episodes WHERE policy = ?1)", [name], |row| row.get(0))
@@ -102,19 +110,19 @@ pub(super) fn reconcile(connection: &Connection, path: &Path, manifest: &Manifes
         if in_use {
             let found = get(&transaction, &key).map_err(sqlite)?.ok_or_else(|| invalid(&key))?;
             let found: Identity = serde_json::from_str(&found).map_err(|_| invalid(&key))?;
-            if !found.matches(asked) {
+            if !found.matches(requested) {
                 let field = format!("policy `{name}`");
-                return Err(mismatch(field, found.to_string(), asked.to_string()).into());
+                return Err(mismatch(field, found.to_string(), requested.to_string()).into());
             }
         }
-        let value = serde_json::json!(asked);
+        let value = serde_json::json!(requested);
         put(&transaction, &key, &value).map_err(sqlite)?;
     }
     transaction.commit().map_err(sqlite)
 }
 
-/// Identity of the renderer of the images that the file's rows depend on, if there are any.
-pub(super) fn drawn_with(connection: &Connection) -> Result<Option<String>, rusqlite::Error> {
+/// Returns the identity of the renderer whose images the rows of the file depend on, if there are rows.
+pub(super) fn renderer(connection: &Connection) -> Result<Option<String>, rusqlite::Error> {
     if !has_rows(connection)? {
         return Ok(None);
     }

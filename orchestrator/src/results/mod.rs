@@ -1,11 +1,11 @@
 //! The results file: SQLite, written by one orchestrator at a time, one transaction per finished episode.
 //!
-//! It owns table `episodes` (one complete row per finished episode), table `manifest` (what the rows depend on) and what
-//! resuming means. It never overwrites a row, unless that row holds an error.
+//! It owns the table `episodes` (one complete row per finished episode), the table `manifest` (the configuration that the
+//! rows depend on) and the rules of resuming. It never overwrites a row, unless that row has an error.
 
-mod kept;
 mod manifest;
 mod open;
+mod recorded;
 mod schema;
 
 use std::collections::BTreeSet;
@@ -16,53 +16,54 @@ use rusqlite::{Connection, params};
 use sim::serve::protocol::Outcome;
 use thiserror::Error;
 
-pub(crate) use self::kept::Kept;
 pub(crate) use self::manifest::Manifest;
-pub(crate) use self::open::OpenError;
+pub(crate) use self::open::ResultsFileError;
+pub(crate) use self::recorded::RecordedEpisodes;
 use crate::plan::Condition;
+use crate::stored_episode::format_fingerprint;
 
 /// An open results file.
 #[derive(Debug)]
 pub(crate) struct Results {
     connection: Connection,
     path: PathBuf,
-    // Held, against a second writer, until the connection is closed: SQLite's own locks are lost when any descriptor of
-    // the file is closed, so this one must outlive them.
+    // Excludes a second writer until the connection is closed. SQLite's own POSIX locks are lost when any descriptor of
+    // the file is closed, so this descriptor must outlive the connection.
     _lock: File,
 }
 
-/// What identifies an episode.
+/// The primary key of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Key<'a> {
+pub(crate) struct EpisodeKey<'a> {
     /// Name of the policy.
     pub(crate) policy: &'a str,
     pub(crate) condition: Condition,
-    /// Index of the episode.
+    /// Index of the episode under the suite seed.
     pub(crate) episode: u32,
 }
 
-/// Episodes that need not run again.
+/// The finished episodes of a results file.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Finished(BTreeSet<(String, String, String, u32)>);
+pub(crate) struct FinishedEpisodes(BTreeSet<(String, String, String, u32)>);
 
 /// Sums over the episodes of one policy under one condition.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct CellSums {
-    /// Episodes that ran to their end.
+    /// Episodes that finished without an error.
     pub(crate) n: u32,
-    /// Of these, with success after any step.
+    /// Those with success after any step.
     pub(crate) success_once: u32,
-    /// Of these, with success after the last step.
+    /// Those with success after the last step.
     pub(crate) success_at_end: u32,
-    /// Control steps of these.
+    /// Control steps of all of them.
     pub(crate) steps: u64,
     /// Episodes that ended with an error; not in `n`.
     pub(crate) errors: u32,
 }
 
-/// A results file that stopped working.
+/// An error that occurred while reading or writing an open results file.
 #[derive(Debug, Error)]
-#[error("failed to {action} {}: {source}", path.display())]
+#[error("failed to {action} {}", path.display())]
 pub(crate) struct StoreError {
     action: &'static str,
     path: PathBuf,
@@ -70,18 +71,17 @@ pub(crate) struct StoreError {
 }
 
 impl Results {
-    /// Opens `path`, or creates it, for a run with this manifest.
+    /// Opens or creates the results file at `path` for a run with this manifest.
     ///
     /// # Errors
-    /// If it is not a results file of this version, holds rows that depend on something else than this manifest says, is
-    /// in use, or cannot be written.
-    pub(crate) fn open(path: &Path, manifest: &Manifest) -> Result<Self, OpenError> {
+    /// If it is not a results file of this version, has rows with another manifest, is in use, or cannot be written.
+    pub(crate) fn open(path: &Path, manifest: &Manifest) -> Result<Self, ResultsFileError> {
         let (connection, lock) = open::open(path)?;
         manifest::reconcile(&connection, path, manifest)?;
         Ok(Self { connection, path: path.into(), _lock: lock })
     }
 
-    /// Notes something results do not depend on, for readers of the file; replaces an earlier note.
+    /// Stores a note that results do not depend on, replacing an earlier one with the same key.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -89,27 +89,32 @@ impl Results {
         manifest::put(&self.connection, key, value).map_err(|source| self.failed("write to", source))
     }
 
-    /// Identity of the renderer that the images behind the file's rows come from.
+    /// Returns the identity of the renderer whose images the rows of the file depend on.
     ///
     /// # Errors
     /// If it cannot be read.
-    pub(crate) fn drawn_with(&self) -> Result<Option<String>, StoreError> {
-        manifest::drawn_with(&self.connection).map_err(|source| self.failed("read", source))
+    pub(crate) fn renderer(&self) -> Result<Option<String>, StoreError> {
+        manifest::renderer(&self.connection).map_err(|source| self.failed("read", source))
     }
 
-    /// Notes it for rows to come.
+    /// Stores the identity of the renderer for future rows.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn draw_with(&self, identity: &str) -> Result<(), StoreError> {
+    pub(crate) fn set_renderer(&self, identity: &str) -> Result<(), StoreError> {
         self.note(manifest::RENDERER, &identity.into())
     }
 
-    /// Stores an episode. When this returns, the row survives the end of the process.
+    /// Stores an episode. Once this returns, the row survives a crash of the process.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn record(&mut self, key: Key<'_>, seed: u64, outcome: &Outcome) -> Result<(), StoreError> {
+    pub(crate) fn record(
+        &mut self,
+        key: EpisodeKey<'_>,
+        seed: u64,
+        outcome: &Outcome,
+    ) -> Result<(), StoreError> {
         let Condition { task, perturbation } = key.condition;
         let ledger = &outcome.ledger;
         let stored = self.connection.prepare_cached(schema::RECORD).and_then(|mut statement| {
@@ -118,14 +123,14 @@ impl Results {
                 task.name(),
                 perturbation.name(),
                 key.episode,
-                // Episode seeds lie below 2⁶³.
+                // Episode seeds are below 2⁶³.
                 seed.cast_signed(),
                 outcome.steps,
                 outcome.success_once,
                 outcome.success_at_end,
                 outcome.first_success_step,
                 outcome.failed_predicate,
-                crate::replay::shown(outcome.fingerprint),
+                format_fingerprint(outcome.fingerprint),
                 outcome.error,
                 ledger.physics_s,
                 ledger.render_s,
@@ -137,21 +142,21 @@ impl Results {
         stored.map(|_| ()).map_err(|source| self.failed("write to", source))
     }
 
-    /// Episodes that ran to their end.
+    /// Returns the episodes that finished without an error.
     ///
     /// # Errors
     /// If they cannot be read.
-    pub(crate) fn finished(&self) -> Result<Finished, StoreError> {
+    pub(crate) fn finished(&self) -> Result<FinishedEpisodes, StoreError> {
         let read = || {
             let mut statement = self.connection.prepare(schema::FINISHED)?;
             let keys =
                 statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?)))?;
-            keys.collect::<Result<_, _>>().map(Finished)
+            keys.collect::<Result<_, _>>().map(FinishedEpisodes)
         };
         read().map_err(|source| self.failed("read", source))
     }
 
-    /// Sums over the first `n_episodes` episodes of a policy under a condition.
+    /// Returns sums over the first `n_episodes` episodes of a policy under a condition.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -182,14 +187,14 @@ impl Results {
     }
 }
 
-/// Little-endian bytes of 32-bit patterns.
+/// Returns the little-endian bytes of 32-bit patterns.
 fn to_bytes(patterns: &[u32]) -> Vec<u8> {
     patterns.iter().flat_map(|pattern| pattern.to_le_bytes()).collect()
 }
 
-impl Finished {
-    /// Whether this episode ran to its end.
-    pub(crate) fn contains(&self, key: Key<'_>) -> bool {
+impl FinishedEpisodes {
+    /// Returns `true` if this episode finished without an error.
+    pub(crate) fn contains(&self, key: EpisodeKey<'_>) -> bool {
         let Condition { task, perturbation } = key.condition;
         let owned = (key.policy.to_owned(), task.name().to_owned(), perturbation.name(), key.episode);
         self.0.contains(&owned)

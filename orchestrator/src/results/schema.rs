@@ -1,12 +1,12 @@
 //! The SQL of a results file. Changing a table means a new [`VERSION`].
 
-/// Marks a SQLite file as ours: "HYPG".
+/// Application id of results files: "HYPG" in ASCII.
 pub(super) const APPLICATION_ID: i64 = 0x4859_5047;
 /// Version of the tables below.
 pub(super) const VERSION: i64 = 2;
 
-/// Makes the tables. Times are in seconds; `seed` is the episode's; `fingerprint` is 16 hexadecimal digits;
-/// `actions` are the executed rows `[steps, action_dim]` in little-endian f32, if they were kept.
+/// Creates the tables. Times are in seconds, `seed` is the episode seed, `fingerprint` has 16 hexadecimal digits, and
+/// `actions` are the executed rows `[steps, action_dim]` in little-endian f32, if they were recorded.
 pub(super) const CREATE: &str = "
     CREATE TABLE manifest (
         key   TEXT NOT NULL PRIMARY KEY,
@@ -34,7 +34,7 @@ pub(super) const CREATE: &str = "
     ) STRICT, WITHOUT ROWID;
 ";
 
-/// Stores an episode; only a row that holds an error is replaced.
+/// Stores an episode. Only a row with an error is replaced.
 pub(super) const RECORD: &str = "
     INSERT INTO episodes (policy, task, perturbation, episode, seed, steps, success_once, success_at_end,
         first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s, actions)
@@ -46,20 +46,20 @@ pub(super) const RECORD: &str = "
         wait_s = excluded.wait_s, actions = excluded.actions
     WHERE episodes.error IS NOT NULL";
 
-/// Keys of the episodes that ran to their end.
+/// Selects the keys of episodes without an error.
 pub(super) const FINISHED: &str =
     "SELECT policy, task, perturbation, episode FROM episodes WHERE error IS NULL";
 
-/// Episodes that can be replayed.
-pub(super) const KEPT: &str = "
+/// Selects the episodes that can be replayed.
+pub(super) const RECORDED: &str = "
     SELECT policy, task, perturbation, episode, seed, steps, fingerprint FROM episodes
     WHERE error IS NULL AND actions IS NOT NULL ORDER BY policy, task, perturbation, episode";
 
-/// The actions of an episode.
+/// Selects the actions of an episode.
 pub(super) const ACTIONS: &str =
     "SELECT actions FROM episodes WHERE policy = ?1 AND task = ?2 AND perturbation = ?3 AND episode = ?4";
 
-/// Sums of one cell's first episodes.
+/// Sums over the first episodes of one cell.
 pub(super) const SUMS: &str = "
     SELECT count(*) FILTER (WHERE error IS NULL),
         coalesce(sum(success_once) FILTER (WHERE error IS NULL), 0),

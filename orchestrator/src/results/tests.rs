@@ -1,4 +1,4 @@
-//! A results file from outside: what is kept, what is resumed, what is refused.
+//! Tests of results files: storing, resuming and refusing.
 
 use std::path::Path;
 
@@ -7,13 +7,13 @@ use sim::serve::protocol::{EpisodeLedger, Outcome};
 use sim::{Perturbation, TaskId};
 
 use super::*;
-use crate::cli::parse_run;
+use crate::sweep::SweepArgs;
 
 const CONDITION: Condition =
     Condition { task: TaskId::RaiseCube, perturbation: Composition::single(Perturbation::None) };
 
 fn manifest(arguments: &str) -> Manifest {
-    let plan = crate::plan::RunPlan::new(&parse_run(arguments).unwrap()).unwrap();
+    let plan = crate::plan::RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap();
     let identities = plan.policies.iter().map(|policy| policy.identity().unwrap()).collect();
     Manifest::new(&plan, identities)
 }
@@ -33,18 +33,18 @@ fn outcome(success: bool, error: Option<&str>) -> Outcome {
     }
 }
 
-fn key(episode: u32) -> Key<'static> {
-    Key { policy: "idle", condition: CONDITION, episode }
+fn key(episode: u32) -> EpisodeKey<'static> {
+    EpisodeKey { policy: "idle", condition: CONDITION, episode }
 }
 
-/// The message of a refusal, without the folder.
+/// Returns the error of opening a results file, with its sources and without the folder.
 fn refusal(path: &Path, manifest: &Manifest) -> String {
-    let error = Results::open(path, manifest).unwrap_err().to_string();
+    let error = format!("{:#}", anyhow::Error::from(Results::open(path, manifest).unwrap_err()));
     error.replace(&format!("{}/", path.parent().unwrap().display()), "")
 }
 
 #[test]
-fn rows_survive_and_are_resumed_and_summed() {
+fn rows_persist_and_are_resumed_and_summed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
     let idle = manifest("--policy idle");
@@ -62,7 +62,7 @@ fn rows_survive_and_are_resumed_and_summed() {
     assert_eq!(results.sums("idle", CONDITION, 1).unwrap().n, 1);
     assert_eq!(results.sums("random", CONDITION, 10).unwrap(), CellSums::default());
 
-    // An error is replaced by what came of the second try; a finished row by nothing.
+    // The second try replaces an error; nothing replaces a finished row.
     results.record(key(2), 9, &outcome(true, None)).unwrap();
     results.record(key(1), 8, &outcome(true, None)).unwrap();
     let sums = CellSums { n: 3, success_once: 2, success_at_end: 2, steps: 276, errors: 0 };
@@ -70,7 +70,7 @@ fn rows_survive_and_are_resumed_and_summed() {
 }
 
 #[test]
-fn the_columns_are_those_others_rely_on() {
+fn columns_and_manifest_keys_are_stable() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
     let mut results = Results::open(&path, &manifest("--policy idle")).unwrap();
@@ -107,33 +107,33 @@ fn more_of_the_same_kind_may_be_added_and_nothing_else() {
     Results::open(&path, &more).unwrap();
 
     let refused = |options: &str| refusal(&path, &manifest(&format!("--policy idle {options}")));
-    insta::assert_snapshot!(refused("--seed 1"), @"failed to continue the results file a.db: seed is 0 in it, but 1 in this command; say the same again, or name another file with --db");
-    insta::assert_snapshot!(refused("--profile paper"), @r#"failed to continue the results file a.db: profile is "strict" in it, but "paper" in this command; say the same again, or name another file with --db"#);
-    insta::assert_snapshot!(refused("--mode ensemble"), @r#"failed to continue the results file a.db: mode is "chunk" in it, but "ensemble" in this command; say the same again, or name another file with --db"#);
-    insta::assert_snapshot!(refused("--execute 8"), @"failed to continue the results file a.db: execute is 30 in it, but 8 in this command; say the same again, or name another file with --db");
-    insta::assert_snapshot!(refused("--control-mode pd_joint_pos"), @r#"failed to continue the results file a.db: control_mode is "pd_ee_delta_pose" in it, but "pd_joint_pos" in this command; say the same again, or name another file with --db"#);
-    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle=random")), @"failed to continue the results file a.db: policy `idle` is idle in it, but random in this command; say the same again, or name another file with --db");
+    insta::assert_snapshot!(refused("--seed 1"), @"failed to resume the results file a.db: seed is 0 in the file, but 1 in this command; use the same value, or another file with --db");
+    insta::assert_snapshot!(refused("--profile paper"), @r#"failed to resume the results file a.db: profile is "strict" in the file, but "paper" in this command; use the same value, or another file with --db"#);
+    insta::assert_snapshot!(refused("--mode ensemble"), @r#"failed to resume the results file a.db: mode is "chunk" in the file, but "ensemble" in this command; use the same value, or another file with --db"#);
+    insta::assert_snapshot!(refused("--execute 8"), @"failed to resume the results file a.db: execute is 30 in the file, but 8 in this command; use the same value, or another file with --db");
+    insta::assert_snapshot!(refused("--control-mode pd_joint_pos"), @r#"failed to resume the results file a.db: control_mode is "pd_ee_delta_pose" in the file, but "pd_joint_pos" in this command; use the same value, or another file with --db"#);
+    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle=random")), @"failed to resume the results file a.db: policy `idle` is idle in the file, but random in this command; use the same value, or another file with --db");
     let newer = Manifest { version: "9.9.9".to_owned(), ..manifest("--policy idle") };
     assert!(refusal(&path, &newer).contains("version is \""));
     assert!(Results::open(&path, &manifest("--policy idle")).unwrap().finished().unwrap().contains(key(0)));
 }
 
 #[test]
-fn the_renderer_behind_rows_is_remembered() {
+fn renderer_identity_is_stored_with_rows() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
     let plan = manifest("--policy idle");
     let mut results = Results::open(&path, &plan).unwrap();
-    results.draw_with("gpu (x, raster)").unwrap();
-    assert_eq!(results.drawn_with().unwrap(), None, "nothing depends on it yet");
+    results.set_renderer("gpu (x, raster)").unwrap();
+    assert_eq!(results.renderer().unwrap(), None, "no row depends on it yet");
     results.record(key(0), 7, &outcome(true, None)).unwrap();
     drop(results);
     let again = Results::open(&path, &plan).unwrap();
-    assert_eq!(again.drawn_with().unwrap().as_deref(), Some("gpu (x, raster)"));
+    assert_eq!(again.renderer().unwrap().as_deref(), Some("gpu (x, raster)"));
 }
 
 #[test]
-fn a_file_without_rows_takes_any_manifest() {
+fn file_without_rows_accepts_any_manifest() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
     Results::open(&path, &manifest("--policy idle")).unwrap();
@@ -141,25 +141,25 @@ fn a_file_without_rows_takes_any_manifest() {
 }
 
 #[test]
-fn what_is_not_a_results_file_is_refused_and_left_alone() {
+fn other_files_are_refused_and_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let idle = manifest("--policy idle");
 
     std::fs::write(path("notes.txt"), "not a database, but long enough to be taken for a header".repeat(20))
         .unwrap();
-    insta::assert_snapshot!(refusal(&path("notes.txt"), &idle), @"failed to use notes.txt as results file: it is not one of ours; name another");
+    insta::assert_snapshot!(refusal(&path("notes.txt"), &idle), @"failed to use notes.txt as a results file: it is another kind of file; choose another with --db");
     assert!(std::fs::read_to_string(path("notes.txt")).unwrap().starts_with("not a database"));
 
     Connection::open(path("other.db")).unwrap().execute_batch("CREATE TABLE t (x)").unwrap();
-    insta::assert_snapshot!(refusal(&path("other.db"), &idle), @"failed to use other.db as results file: it is not one of ours; name another");
+    insta::assert_snapshot!(refusal(&path("other.db"), &idle), @"failed to use other.db as a results file: it is another kind of file; choose another with --db");
 
     drop(Results::open(&path("future.db"), &idle).unwrap());
     Connection::open(path("future.db")).unwrap().pragma_update(None, "user_version", 3).unwrap();
-    insta::assert_snapshot!(refusal(&path("future.db"), &idle), @"failed to use the results file future.db: its tables are version 3, this program writes version 2; name another with --db");
+    insta::assert_snapshot!(refusal(&path("future.db"), &idle), @"failed to use the results file future.db: its tables are version 3, this program uses version 2; choose another file with --db");
 
     std::fs::create_dir(path("folder")).unwrap();
-    insta::assert_snapshot!(refusal(&path("folder"), &idle), @"failed to open the results file folder: it is a folder; name a file with --db");
+    insta::assert_snapshot!(refusal(&path("folder"), &idle), @"failed to open the results file folder: it is a folder; choose a file with --db");
     insta::assert_snapshot!(refusal(&path("absent/a.db"), &idle), @"failed to open the results file a.db: No such file or directory (os error 2)");
 
     let held = Results::open(&path("held.db"), &idle).unwrap();

@@ -1,4 +1,4 @@
-//! Columns of Parquet files, written as pyarrow writes them: LeRobot and everything else that reads its datasets expects that.
+//! Parquet columns in the layout of pyarrow, which LeRobot and other readers of its datasets expect.
 
 use std::fs::File;
 use std::path::Path;
@@ -12,16 +12,16 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
-/// A column's name, and what is in each row.
+/// The name and the cells of a column.
 pub(super) type Column = (String, Cells);
 
-/// One column of some rows.
+/// The cells of one column.
 #[derive(Debug)]
 pub(super) enum Cells {
     Int(Vec<i64>),
     Float(Vec<f32>),
     Text(Vec<String>),
-    /// Files of images, without paths.
+    /// Encoded image files, without paths.
     Image(Vec<Vec<u8>>),
     /// `[n_rows, width]`.
     FloatList {
@@ -30,35 +30,39 @@ pub(super) enum Cells {
     },
     IntList(Vec<Vec<i64>>),
     TextList(Vec<Vec<String>>),
-    /// Lists within lists; inner ones have one entry.
+    /// Lists nested `depth` deep, whose inner lists have one element.
     DoubleList {
         depth: usize,
         lists: Vec<Vec<f64>>,
     },
 }
 
-/// A Parquet file in the making.
-pub(super) struct Table(SerializedFileWriter<File>);
+/// A Parquet file being written.
+pub(super) struct ParquetTable(SerializedFileWriter<File>);
 
-impl Table {
-    /// A file for rows like these, with a note for its readers.
+impl ParquetTable {
+    /// Creates a file with the schema of the columns `like` and a key-value pair of metadata.
     ///
     /// # Errors
-    /// If it cannot be made.
-    pub(super) fn create(path: &Path, like: &[Column], note: Option<(&str, String)>) -> anyhow::Result<Self> {
+    /// If the file cannot be created.
+    pub(super) fn create(
+        path: &Path,
+        like: &[Column],
+        metadata: Option<(&str, String)>,
+    ) -> anyhow::Result<Self> {
         let fields = like.iter().map(|(name, cells)| cells.schema(name)).collect::<anyhow::Result<_>>()?;
         let schema = Type::group_type_builder("schema").with_fields(fields).build()?;
-        let note = note.map(|(key, value)| vec![KeyValue::new(key.to_owned(), value)]);
+        let metadata = metadata.map(|(key, value)| vec![KeyValue::new(key.to_owned(), value)]);
         let properties = WriterProperties::builder()
             .set_dictionary_enabled(false)
             .set_statistics_enabled(EnabledStatistics::None)
-            .set_key_value_metadata(note)
+            .set_key_value_metadata(metadata)
             .build();
         let file = File::create(path).with_context(|| format!("failed to create {}", path.display()))?;
         Ok(Self(SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))?))
     }
 
-    /// Adds rows, a group of their own.
+    /// Appends rows as one row group.
     ///
     /// # Errors
     /// If they cannot be written.
@@ -71,7 +75,7 @@ impl Table {
         Ok(())
     }
 
-    /// Writes what is left, down to the disk.
+    /// Writes the footer and syncs the file to disk.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -111,8 +115,8 @@ impl Cells {
             Self::Image(files) => {
                 let bytes: Vec<ByteArray> = files.into_iter().map(ByteArray::from).collect();
                 leaves::<ByteArrayType>(group, &bytes, 2, None)?;
-                // The path is absent in every row.
-                let mut column = group.next_column()?.context("an image has a path")?;
+                // The path is null in every row.
+                let mut column = group.next_column()?.context("the schema of an image has a path")?;
                 column.typed::<ByteArrayType>().write_batch(&[], Some(&vec![1; bytes.len()]), None)?;
                 Ok(column.close()?)
             }
@@ -133,19 +137,19 @@ impl Cells {
     }
 }
 
-/// For each entry of these lists, 0 if it is its list's first, else 1.
+/// Returns the repetition levels of concatenated lists: 0 for the first element of a list, otherwise 1.
 fn repeats<T>(lists: &[Vec<T>]) -> Vec<i16> {
     lists.iter().flat_map(|list| (0..list.len()).map(|idx| i16::from(idx > 0))).collect()
 }
 
-/// One leaf column; nothing in it is absent, so that all of it is defined as far down as can be.
+/// Writes one leaf column without nulls, so that every value has the maximum definition level.
 fn leaves<T: DataType>(
     group: &mut SerializedRowGroupWriter<'_, File>,
     values: &[T::T],
     definition: i16,
     repeats: Option<&[i16]>,
 ) -> anyhow::Result<()> {
-    let mut column = group.next_column()?.context("a column for every field")?;
+    let mut column = group.next_column()?.context("the schema has a column for every field")?;
     column.typed::<T>().write_batch(values, Some(&vec![definition; values.len()]), repeats)?;
     Ok(column.close()?)
 }
@@ -187,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kind_of_column_reads_back_as_it_was_written() {
+    fn every_kind_of_column_round_trips() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("table.parquet");
         let columns = || {
@@ -209,14 +213,14 @@ mod tests {
                 ),
             ]
         };
-        let mut table = Table::create(&path, &columns(), Some(("key", "value".to_owned()))).unwrap();
+        let mut table = ParquetTable::create(&path, &columns(), Some(("key", "value".to_owned()))).unwrap();
         table.push(columns()).unwrap();
         table.push(columns()).unwrap();
         table.finish().unwrap();
         let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
         let rows: Vec<String> =
             reader.get_row_iter(None).unwrap().map(|row| row.unwrap().to_string()).collect();
-        assert_eq!(rows[..2], rows[2..], "a group for each push");
+        assert_eq!(rows[..2], rows[2..], "one row group per push");
         insta::assert_snapshot!(rows[..2].join("\n"), @r#"
         {int: 7, float: 0.5, text: "a", image: {bytes: [1, 2], path: null}, floats: [1.0, 2.0], ints: [1], texts: ["x"], doubles/1: [0.1], doubles/3: [[[0.1]], [[0.4]]]}
         {int: 8, float: -2.5E-1, text: "", image: {bytes: [255], path: null}, floats: [3.0, 4.0], ints: [2, 3], texts: ["y"], doubles/1: [0.2, 0.3], doubles/3: [[[0.2]]]}

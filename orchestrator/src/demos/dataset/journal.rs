@@ -1,4 +1,4 @@
-//! `meta/hypogeum.json`, how a dataset is made, and `meta/hypogeum.jsonl`, a line for each finished data file.
+//! `meta/hypogeum.json`, the settings of a dataset, and `meta/hypogeum.jsonl`, one line per finished data file.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -11,27 +11,27 @@ use serde::{Deserialize, Serialize};
 use sim::Profile;
 use sim::perturb::{Composition, Strength};
 
-use super::stats::Stats;
+use super::stats::FeatureStats;
 use crate::demos::image::ImageFormat;
 
 pub(super) const SETTINGS: &str = "meta/hypogeum.json";
 const JOURNAL: &str = "meta/hypogeum.jsonl";
 
-/// What all episodes of a dataset share.
+/// The settings that all episodes of a dataset share.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(in crate::demos) struct Settings {
-    pub(in crate::demos) morphology: Morphology,
-    pub(in crate::demos) control_mode: ControlMode,
-    pub(in crate::demos) perturbation: Composition,
-    pub(in crate::demos) strength: Strength,
-    pub(in crate::demos) profile: Profile,
+pub(crate) struct DatasetSettings {
+    pub(crate) morphology: Morphology,
+    pub(crate) control_mode: ControlMode,
+    pub(crate) perturbation: Composition,
+    pub(crate) strength: Strength,
+    pub(crate) profile: Profile,
     /// Suite seed.
-    pub(in crate::demos) seed: u64,
-    pub(in crate::demos) images: ImageFormat,
+    pub(crate) seed: u64,
+    pub(crate) images: ImageFormat,
 }
 
-/// What is remembered of an episode.
+/// The journal record of an episode.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::demos) struct EpisodeRecord {
@@ -40,15 +40,15 @@ pub(in crate::demos) struct EpisodeRecord {
     /// Index of the episode under the suite seed.
     pub(in crate::demos) index: u32,
     pub(in crate::demos) n_frames: u64,
-    /// Hexadecimal.
+    /// Fingerprint of the trajectory, 16 hexadecimal digits.
     pub(in crate::demos) fingerprint: String,
-    /// By feature.
-    pub(super) stats: BTreeMap<String, Stats>,
+    /// Statistics by feature.
+    pub(super) stats: BTreeMap<String, FeatureStats>,
 }
 
-/// The finished files.
+/// The journal of finished data files.
 pub(super) struct Journal {
-    settings: Settings,
+    settings: DatasetSettings,
     /// The episodes of each file.
     files: Vec<Vec<EpisodeRecord>>,
     path: PathBuf,
@@ -56,34 +56,34 @@ pub(super) struct Journal {
 }
 
 impl Journal {
-    /// Reads the journal in `folder`, or begins one.
+    /// Opens the journal in `folder`, or creates one.
     ///
     /// # Errors
-    /// If it was begun with other settings, or cannot be read.
-    pub(super) fn open(folder: &Path, settings: Settings) -> anyhow::Result<Self> {
-        let said = folder.join(SETTINGS);
+    /// If it has other settings, cannot be read, or is in use.
+    pub(super) fn open(folder: &Path, settings: DatasetSettings) -> anyhow::Result<Self> {
+        let settings_path = folder.join(SETTINGS);
         match read_settings(folder)? {
-            Some(found) => agree(&said, &found, &settings)?,
+            Some(found) => check_same_settings(&settings_path, &found, &settings)?,
             None => {
                 if folder.exists() && folder.read_dir()?.next().is_some() {
-                    bail!("{} is not empty, and holds no dataset that `demos` made", folder.display());
+                    bail!("{} is not empty and contains no dataset of `demos`", folder.display());
                 }
                 std::fs::create_dir_all(folder.join("meta"))
-                    .with_context(|| format!("failed to make {}", folder.display()))?;
-                std::fs::write(&said, format!("{:#}\n", serde_json::to_value(settings)?))
-                    .with_context(|| format!("failed to write {}", said.display()))?;
+                    .with_context(|| format!("failed to create {}", folder.display()))?;
+                std::fs::write(&settings_path, format!("{:#}\n", serde_json::to_value(settings)?))
+                    .with_context(|| format!("failed to write {}", settings_path.display()))?;
             }
         }
         let path = folder.join(JOURNAL);
         let lines = OpenOptions::new().append(true).create(true).open(&path);
         let lines = lines.with_context(|| format!("failed to open {}", path.display()))?;
-        lines.try_lock().with_context(|| format!("another process is adding to {}", folder.display()))?;
-        mend(&path)?;
+        lines.try_lock().with_context(|| format!("another process is writing to {}", folder.display()))?;
+        truncate_partial_line(&path)?;
         let files = read_journal(folder)?;
         Ok(Self { settings, files, path, lines })
     }
 
-    pub(super) fn settings(&self) -> &Settings {
+    pub(super) fn settings(&self) -> &DatasetSettings {
         &self.settings
     }
 
@@ -100,7 +100,7 @@ impl Journal {
         self.files.iter().flatten()
     }
 
-    /// Notes the episodes of the next file, which is finished.
+    /// Adds the episodes of the next finished file.
     pub(super) fn push(&mut self, episodes: Vec<EpisodeRecord>) -> anyhow::Result<()> {
         let mut line = serde_json::to_vec(&episodes)?;
         line.push(b'\n');
@@ -111,19 +111,19 @@ impl Journal {
     }
 }
 
-/// How the dataset in `folder` is made; nothing if there is none.
-pub(super) fn read_settings(folder: &Path) -> anyhow::Result<Option<Settings>> {
+/// Reads the settings of the dataset in `folder`. Returns `None` if there is no dataset.
+pub(super) fn read_settings(folder: &Path) -> anyhow::Result<Option<DatasetSettings>> {
     let path = folder.join(SETTINGS);
     match std::fs::read(&path) {
         Ok(text) => serde_json::from_slice(&text)
             .map(Some)
-            .with_context(|| format!("{} is not what `demos` writes", path.display())),
+            .with_context(|| format!("{} was not written by `demos`", path.display())),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(error).with_context(|| format!("failed to read {}", path.display())),
     }
 }
 
-/// The episodes of each file; a last line that was cut short does not count.
+/// Reads the episodes of each file. An incomplete last line is ignored.
 pub(super) fn read_journal(folder: &Path) -> anyhow::Result<Vec<Vec<EpisodeRecord>>> {
     let path = folder.join(JOURNAL);
     let text = match std::fs::read_to_string(&path) {
@@ -134,37 +134,40 @@ pub(super) fn read_journal(folder: &Path) -> anyhow::Result<Vec<Vec<EpisodeRecor
     let line = |(idx, line): (usize, &str)| {
         serde_json::from_str(line).with_context(|| format!("{} line {} is damaged", path.display(), idx + 1))
     };
-    text[..whole(text.as_bytes())].lines().enumerate().map(line).collect()
+    text[..complete_len(text.as_bytes())].lines().enumerate().map(line).collect()
 }
 
-/// Takes away a last line that was cut short: its file is made again.
-fn mend(path: &Path) -> anyhow::Result<()> {
+/// Truncates an incomplete last line. Its data file will be written again.
+fn truncate_partial_line(path: &Path) -> anyhow::Result<()> {
     match std::fs::read(path) {
-        Ok(text) if whole(&text) < text.len() => {
+        Ok(text) if complete_len(&text) < text.len() => {
             let file = OpenOptions::new().write(true).open(path)?;
-            file.set_len(whole(&text) as u64).with_context(|| format!("failed to mend {}", path.display()))
+            file.set_len(complete_len(&text) as u64)
+                .with_context(|| format!("failed to truncate {}", path.display()))
         }
         _ => Ok(()),
     }
 }
 
-/// Length of the lines that end.
-fn whole(text: &[u8]) -> usize {
+/// Returns the length of the complete lines.
+fn complete_len(text: &[u8]) -> usize {
     text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1)
 }
 
+/// Checks that both settings are equal.
+///
 /// # Errors
-/// The first setting that differs.
-fn agree(path: &Path, found: &Settings, wanted: &Settings) -> anyhow::Result<()> {
-    let fields = |settings: &Settings| -> anyhow::Result<serde_json::Map<String, serde_json::Value>> {
+/// If a setting differs; the message names it.
+fn check_same_settings(path: &Path, found: &DatasetSettings, wanted: &DatasetSettings) -> anyhow::Result<()> {
+    let fields = |settings: &DatasetSettings| -> anyhow::Result<serde_json::Map<String, serde_json::Value>> {
         Ok(serde_json::to_value(settings)?.as_object().cloned().unwrap_or_default())
     };
     let (found, wanted) = (fields(found)?, fields(wanted)?);
     for (name, value) in wanted {
-        let there = &found[&name];
-        if *there != value {
+        let found = &found[&name];
+        if *found != value {
             bail!(
-                "{} has demonstrations with {name} {there}, asked for are some with {value}",
+                "{}: {name} is {found} in the dataset, but {value} in this command; use the same value or another folder",
                 path.display()
             );
         }

@@ -1,4 +1,4 @@
-//! What LeRobot reads beside the frames: `info.json`, `stats.json`, `tasks.parquet` and the table of episodes.
+//! The metadata that LeRobot reads: `info.json`, `stats.json`, `tasks.parquet` and the table of episodes.
 
 use std::path::Path;
 
@@ -7,18 +7,18 @@ use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
 use ipc_types::{ControlMode, Morphology};
 use serde_json::{Map, Value, json};
 
-use super::column::{Cells, Column, Table};
+use super::column::{Cells, Column, ParquetTable};
 use super::journal::{EpisodeRecord, Journal};
-use super::stats::{QUANTILES, Stats};
+use super::stats::{FeatureStats, QUANTILES};
 use super::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE, camera_feature, instructions};
 
-/// Files in a folder.
+/// Maximum number of data files per folder.
 const CHUNK_FILES: usize = 1000;
 const EPISODES: &str = "meta/episodes/chunk-000/file-000.parquet";
-/// Joints of an arm.
+/// Joints per arm.
 const N_JOINTS: usize = 7;
 
-/// One number in each frame.
+/// Scalar features: name and dtype.
 const SCALARS: [(&str, &str); 5] = [
     ("timestamp", "float32"),
     ("frame_index", "int64"),
@@ -27,12 +27,12 @@ const SCALARS: [(&str, &str); 5] = [
     ("task_index", "int64"),
 ];
 
-/// Where a data file lies.
+/// Returns the path of a data file, relative to the dataset.
 pub(super) fn data_path(file_idx: usize) -> String {
     format!("data/chunk-{:03}/file-{:03}.parquet", file_idx / CHUNK_FILES, file_idx % CHUNK_FILES)
 }
 
-/// Writes everything but the data and the journal.
+/// Writes all metadata, which is derived from the journal.
 pub(super) fn write(folder: &Path, journal: &Journal) -> anyhow::Result<()> {
     let text = |name: &str, value: &Value| {
         let path = folder.join(name);
@@ -47,16 +47,16 @@ pub(super) fn write(folder: &Path, journal: &Journal) -> anyhow::Result<()> {
     let episodes = folder.join(EPISODES);
     std::fs::create_dir_all(episodes.parent().unwrap_or(folder))?;
     table(&episodes, episode_columns(journal), None)?;
-    let said = instructions(journal.episodes());
-    let tasks = vec![
-        ("task_index".to_owned(), Cells::Int((0..said.len() as i64).collect())),
-        ("task".to_owned(), Cells::Text(said.iter().map(|&text| text.to_owned()).collect())),
+    let tasks = instructions(journal.episodes());
+    let columns = vec![
+        ("task_index".to_owned(), Cells::Int((0..tasks.len() as i64).collect())),
+        ("task".to_owned(), Cells::Text(tasks.iter().map(|&text| text.to_owned()).collect())),
     ];
-    table(&folder.join("meta/tasks.parquet"), tasks, Some(("pandas", pandas_note().to_string())))
+    table(&folder.join("meta/tasks.parquet"), columns, Some(("pandas", pandas_metadata().to_string())))
 }
 
-fn table(path: &Path, columns: Vec<Column>, note: Option<(&str, String)>) -> anyhow::Result<()> {
-    let mut table = Table::create(path, &columns, note)?;
+fn table(path: &Path, columns: Vec<Column>, metadata: Option<(&str, String)>) -> anyhow::Result<()> {
+    let mut table = ParquetTable::create(path, &columns, metadata)?;
     table
         .push(columns)
         .and_then(|()| table.finish())
@@ -83,7 +83,7 @@ fn info(journal: &Journal) -> Value {
     })
 }
 
-/// The features, in the order of their columns.
+/// Returns the description of the features, in column order.
 fn features(morphology: Morphology, mode: ControlMode) -> Value {
     let vector = |width: usize, names: Value| json!({"dtype": "float32", "shape": [width], "names": names});
     let state = morphology
@@ -108,7 +108,7 @@ fn features(morphology: Morphology, mode: ControlMode) -> Value {
     Value::Object(features)
 }
 
-/// A name for each number of an action row.
+/// Returns the names of the values of an action row.
 fn action_names(morphology: Morphology, mode: ControlMode) -> Value {
     let of_arm: Vec<String> = match mode {
         ControlMode::JointPos => (1..=N_JOINTS).map(|joint| format!("joint{joint}")).collect(),
@@ -120,8 +120,8 @@ fn action_names(morphology: Morphology, mode: ControlMode) -> Value {
     arms.flat_map(|arm| of_arm().map(move |name| format!("arm{arm}.{name}"))).collect()
 }
 
-/// What Hugging Face's `datasets` wants to know of a data file.
-pub(super) fn hugging_face_note(morphology: Morphology) -> String {
+/// Returns the metadata that Hugging Face's `datasets` expects in a data file.
+pub(super) fn hugging_face_metadata(morphology: Morphology) -> String {
     let value = |dtype: &str| json!({"dtype": dtype, "_type": "Value"});
     let list = || json!({"feature": value("float32"), "_type": "List"});
     let mut features: Map<String, Value> =
@@ -133,8 +133,8 @@ pub(super) fn hugging_face_note(morphology: Morphology) -> String {
     json!({"info": {"features": features}}).to_string()
 }
 
-/// What pandas wants to know: the instruction is the table's index.
-fn pandas_note() -> Value {
+/// Returns the metadata that pandas expects. The instruction is the index of the table.
+fn pandas_metadata() -> Value {
     let column = |name: &str, kind: &str, numpy: &str| json!({"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": null});
     json!({
         "index_columns": ["task"],
@@ -149,13 +149,13 @@ fn pandas_note() -> Value {
     })
 }
 
-/// How deep the lists of a feature's statistics are: those of images have an entry for each channel, row and column.
+/// Returns the nesting depth of a feature's statistics. Those of images have shape `[3, 1, 1]`.
 fn depth(feature: &str) -> usize {
     if feature.starts_with("observation.images.") { 3 } else { 1 }
 }
 
-/// A statistic's lists, by name.
-fn lists(stats: &Stats) -> impl Iterator<Item = (&'static str, &Vec<f64>)> {
+/// Returns the statistics by name.
+fn lists(stats: &FeatureStats) -> impl Iterator<Item = (&'static str, &Vec<f64>)> {
     let quantiles = QUANTILES.iter().map(|(_, name)| *name).zip(&stats.quantiles);
     [("min", &stats.min), ("max", &stats.max), ("mean", &stats.mean), ("std", &stats.std)]
         .into_iter()
@@ -165,8 +165,9 @@ fn lists(stats: &Stats) -> impl Iterator<Item = (&'static str, &Vec<f64>)> {
 fn stats(journal: &Journal) -> Value {
     let Some(first) = journal.episodes().next() else { return json!({}) };
     let of_feature = |feature: &String| {
-        let of_episodes: Vec<&Stats> = journal.episodes().map(|episode| &episode.stats[feature]).collect();
-        let over = Stats::over(&of_episodes);
+        let of_episodes: Vec<&FeatureStats> =
+            journal.episodes().map(|episode| &episode.stats[feature]).collect();
+        let over = FeatureStats::aggregate(&of_episodes);
         let nested = |numbers: &[f64]| -> Value {
             numbers.iter().map(|&x| if depth(feature) == 3 { json!([[x]]) } else { json!(x) }).collect()
         };
@@ -213,10 +214,10 @@ fn episode_columns(journal: &Journal) -> Vec<Column> {
         ("dataset_to_index".into(), Cells::Int(ends)),
     ];
     for feature in all.first().map(|episode| episode.stats.keys()).into_iter().flatten() {
-        let stats: Vec<&Stats> = all.iter().map(|episode| &episode.stats[feature]).collect();
+        let stats: Vec<&FeatureStats> = all.iter().map(|episode| &episode.stats[feature]).collect();
         let names = stats.first().map(|stats| lists(stats).map(|(name, _)| name).collect::<Vec<_>>());
         for (idx, name) in names.unwrap_or_default().into_iter().enumerate() {
-            let of_episode = |stats: &&Stats| {
+            let of_episode = |stats: &&FeatureStats| {
                 lists(stats).nth(idx).map(|(_, numbers)| numbers.clone()).unwrap_or_default()
             };
             let cells =

@@ -1,8 +1,8 @@
-//! A folder of demonstrations in LeRobot's dataset format v3, with what it takes to go on with it and to replay it.
+//! A folder of demonstrations in LeRobot's dataset format v3, with the records needed to resume and to replay it.
 //!
-//! Frames lie in Parquet files of some episodes each. A file counts once `meta/hypogeum.jsonl` names it: what was cut short is
-//! made again, so that an interrupted dataset ends up with the same bytes as one made at a stretch. All else in `meta/` is
-//! written from that journal.
+//! Frames are stored in Parquet files of several episodes each. A file counts once `meta/hypogeum.jsonl` lists it; an
+//! unfinished file is written again, so that an interrupted dataset ends up with the same bytes as an uninterrupted one.
+//! All other files in `meta/` are derived from that journal.
 
 mod column;
 mod journal;
@@ -17,44 +17,46 @@ use anyhow::Context;
 use ipc_types::Morphology;
 use policy_host::text::hashed_embedding;
 
-use self::column::{Cells, Column, Table};
+use self::column::{Cells, Column, ParquetTable};
 use self::journal::Journal;
-use self::stats::{Histogram, Stats};
+use self::stats::{FeatureStats, Histogram};
+use crate::stored_episode::format_fingerprint;
 
-pub(super) use self::journal::{EpisodeRecord, Settings};
-pub(crate) use self::read::Stored;
+pub(crate) use self::journal::DatasetSettings;
+pub(super) use self::journal::EpisodeRecord;
+pub(crate) use self::read::StoredDataset;
 
 /// Frames per second.
 const FPS: u32 = 20;
-/// Width of the instruction's embedding.
+/// Width of the instruction embedding.
 const LANGUAGE_DIM: usize = 64;
-/// A data file is closed when it has as many bytes of images.
+/// Bytes of images after which a data file is closed.
 const FILE_BYTES: usize = 32 << 20;
 
 const STATE: &str = "observation.state";
 const LANGUAGE: &str = "observation.environment_state";
 const ACTION: &str = "action";
 
-/// A dataset that grows.
-pub(super) struct Dataset {
+/// Appends episodes to a dataset.
+pub(super) struct DatasetWriter {
     folder: PathBuf,
     journal: Journal,
-    /// The file that is being written, which the journal does not know yet.
+    /// The file being written, which is not in the journal yet.
     open: Option<OpenFile>,
 }
 
 struct OpenFile {
-    table: Table,
-    /// Its name as long as it is open, which no reader of datasets takes for data.
+    table: ParquetTable,
+    /// Path while the file is open. Readers of datasets ignore its extension.
     draft: PathBuf,
-    /// Its name.
+    /// Path of the finished file.
     path: PathBuf,
     episodes: Vec<EpisodeRecord>,
     n_bytes: usize,
 }
 
-/// An episode to be added.
-pub(super) struct Episode {
+/// An episode to append.
+pub(super) struct DatasetEpisode {
     pub(super) task: String,
     pub(super) instruction: String,
     /// Index of the episode under the suite seed.
@@ -64,56 +66,57 @@ pub(super) struct Episode {
     pub(super) actions: Vec<f32>,
     /// `[n_frames, state_dim]`.
     pub(super) states: Vec<f32>,
-    pub(super) images: Vec<Images>,
+    /// By camera.
+    pub(super) images: Vec<CameraImages>,
 }
 
-/// One camera's images.
+/// The images of one camera.
 #[derive(Default)]
-pub(super) struct Images {
-    /// Encoded.
+pub(super) struct CameraImages {
+    /// Encoded images, one per frame.
     files: Vec<Vec<u8>>,
     histograms: [Histogram; 3],
 }
 
-impl Images {
-    /// Adds an image `[side, side, 3]` and the file it is kept as.
+impl CameraImages {
+    /// Adds an image `[side, side, 3] u8` and its encoded file.
     pub(super) fn push(&mut self, pixels: &[u8], file: Vec<u8>) {
         Histogram::count(&mut self.histograms, pixels);
         self.files.push(file);
     }
 }
 
-impl Dataset {
-    /// Opens the dataset in this folder, or begins one.
+impl DatasetWriter {
+    /// Opens the dataset in `folder`, or creates one.
     ///
     /// # Errors
-    /// If what is there was made with other settings, or is no dataset of ours.
-    pub(super) fn open(folder: &Path, settings: Settings) -> anyhow::Result<Self> {
+    /// If the folder contains a dataset with other settings, or something else.
+    pub(super) fn open(folder: &Path, settings: DatasetSettings) -> anyhow::Result<Self> {
         let journal = Journal::open(folder, settings)?;
         Ok(Self { folder: folder.to_owned(), journal, open: None })
     }
 
-    /// Demonstrations of a task, and the first episode that has not been tried for it.
+    /// Returns the number of demonstrations of a task and the index of its first untried episode.
     pub(super) fn progress(&self, task: &str) -> (u32, u32) {
         let of_task = || self.episodes().filter(|episode| episode.task == task);
         (of_task().count() as u32, of_task().map(|episode| episode.index + 1).max().unwrap_or(0))
     }
 
-    /// All episodes, those of the open file included.
+    /// Returns all episodes, including those of the open file.
     pub(super) fn episodes(&self) -> impl Iterator<Item = &EpisodeRecord> {
         self.journal.episodes().chain(self.open.iter().flat_map(|open| &open.episodes))
     }
 
-    /// Frames in all.
+    /// Returns the total number of frames.
     pub(super) fn n_frames(&self) -> u64 {
         self.episodes().map(|episode| episode.n_frames).sum()
     }
 
-    /// Adds an episode.
+    /// Appends an episode.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(super) fn push(&mut self, episode: Episode) -> anyhow::Result<()> {
+    pub(super) fn push(&mut self, episode: DatasetEpisode) -> anyhow::Result<()> {
         let (first, episode_idx) = (self.n_frames(), self.episodes().count() as u64);
         let task_idx = self.task_idx(&episode.instruction);
         let morphology = self.journal.settings().morphology;
@@ -124,10 +127,10 @@ impl Dataset {
             none => {
                 let path = self.folder.join(meta::data_path(self.journal.n_files()));
                 std::fs::create_dir_all(path.parent().unwrap_or(&self.folder))
-                    .with_context(|| format!("failed to make the folder of {}", path.display()))?;
-                let note = ("huggingface", meta::hugging_face_note(morphology));
+                    .with_context(|| format!("failed to create the folder of {}", path.display()))?;
+                let note = ("huggingface", meta::hugging_face_metadata(morphology));
                 let draft = path.with_extension("draft");
-                let table = Table::create(&draft, &columns, Some(note))?;
+                let table = ParquetTable::create(&draft, &columns, Some(note))?;
                 none.insert(OpenFile { table, draft, path, episodes: Vec::new(), n_bytes: 0 })
             }
         };
@@ -137,7 +140,7 @@ impl Dataset {
         if open.n_bytes >= FILE_BYTES { self.close_file() } else { Ok(()) }
     }
 
-    /// Closes the file at hand: its episodes count from now on.
+    /// Closes the open file and adds its episodes to the journal.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -148,7 +151,7 @@ impl Dataset {
         self.journal.push(episodes)
     }
 
-    /// Forgets the file at hand, and writes what readers need to know of the others.
+    /// Discards the open file and writes the metadata of the others.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -160,33 +163,33 @@ impl Dataset {
         meta::write(&self.folder, &self.journal)
     }
 
-    /// Index of an instruction: LeRobot's tasks are what is said.
+    /// Returns the index of an instruction. LeRobot's tasks are distinct instructions.
     fn task_idx(&self, instruction: &str) -> usize {
-        let said = instructions(self.episodes());
-        said.iter().position(|known| *known == instruction).unwrap_or(said.len())
+        let known = instructions(self.episodes());
+        known.iter().position(|other| *other == instruction).unwrap_or(known.len())
     }
 }
 
-/// Each instruction once, in the order of their first episodes.
+/// Returns the distinct instructions in the order of their first episodes.
 fn instructions<'a>(episodes: impl Iterator<Item = &'a EpisodeRecord>) -> Vec<&'a str> {
-    let mut said: Vec<&str> = Vec::new();
+    let mut distinct: Vec<&str> = Vec::new();
     for episode in episodes {
-        if !said.contains(&episode.instruction.as_str()) {
-            said.push(&episode.instruction);
+        if !distinct.contains(&episode.instruction.as_str()) {
+            distinct.push(&episode.instruction);
         }
     }
-    said
+    distinct
 }
 
-/// A camera's feature.
+/// Returns the name of a camera's feature.
 fn camera_feature(camera: &str) -> String {
     format!("observation.images.{}", camera.strip_suffix("_camera").unwrap_or(camera))
 }
 
-/// An episode's rows, and what is remembered of it.
+/// Returns the rows of an episode and its journal record.
 fn columns(
     morphology: Morphology,
-    episode: Episode,
+    episode: DatasetEpisode,
     (episode_idx, first, task_idx): (u64, u64, usize),
 ) -> (Vec<Column>, EpisodeRecord) {
     let state_dim = morphology.state_dim();
@@ -201,12 +204,12 @@ fn columns(
     let mut stats = BTreeMap::new();
     let mut columns: Vec<Column> = Vec::new();
     for (name, width, numbers) in numbers {
-        stats.insert(name.to_owned(), Stats::of_numbers(&numbers, width));
+        stats.insert(name.to_owned(), FeatureStats::of_values(&numbers, width));
         columns.push((name.to_owned(), Cells::FloatList { width, numbers }));
     }
-    for (camera, Images { files, histograms }) in morphology.camera_names().iter().zip(episode.images) {
+    for (camera, CameraImages { files, histograms }) in morphology.camera_names().iter().zip(episode.images) {
         let name = camera_feature(camera);
-        stats.insert(name.clone(), Stats::of_colors(&histograms, n_frames as u64));
+        stats.insert(name.clone(), FeatureStats::of_images(&histograms, n_frames as u64));
         columns.push((name, Cells::Image(files)));
     }
     let timestamps: Vec<f32> = (0..n_frames).map(|frame| frame as f32 / FPS as f32).collect();
@@ -217,11 +220,11 @@ fn columns(
         ("index", frames.map(|frame| first as i64 + frame).collect()),
         ("task_index", vec![task_idx as i64; n_frames]),
     ];
-    stats.insert("timestamp".to_owned(), Stats::of_numbers(&timestamps, 1));
+    stats.insert("timestamp".to_owned(), FeatureStats::of_values(&timestamps, 1));
     columns.push(("timestamp".to_owned(), Cells::Float(timestamps)));
     for (name, numbers) in counts {
         let floats: Vec<f32> = numbers.iter().map(|&x| x as f32).collect();
-        stats.insert(name.to_owned(), Stats::of_numbers(&floats, 1));
+        stats.insert(name.to_owned(), FeatureStats::of_values(&floats, 1));
         columns.push((name.to_owned(), Cells::Int(numbers)));
     }
     let record = EpisodeRecord {
@@ -229,7 +232,7 @@ fn columns(
         instruction: episode.instruction,
         index: episode.index,
         n_frames: n_frames as u64,
-        fingerprint: crate::replay::shown(episode.fingerprint),
+        fingerprint: format_fingerprint(episode.fingerprint),
         stats,
     };
     (columns, record)

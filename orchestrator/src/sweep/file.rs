@@ -14,7 +14,7 @@ use clap::{Arg, ArgAction, Args, Command};
 use thiserror::Error;
 use toml::{Spanned, Value};
 
-use crate::cli::SweepArgs;
+use super::SweepArgs;
 use crate::names::UnknownName;
 
 /// Errors that can occur while reading a sweep file.
@@ -107,92 +107,5 @@ fn reason(error: &clap::Error) -> String {
             UnknownName::new("value", found, &known).to_string()
         }
         (None, _) => error.kind().to_string(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::ffi::OsStr;
-
-    use super::*;
-    use crate::cli::{Cli, Command as Subcommand};
-
-    /// Parses `hypogeum run FILE ARGUMENTS`, where the file contains `text`.
-    fn parse(text: &str, arguments: &str) -> Result<SweepArgs, String> {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("sweep.toml");
-        std::fs::write(&path, text).unwrap();
-        let words = ["hypogeum", "run"].map(OsStr::new).into_iter().chain([path.as_os_str()]);
-        let words = words.chain(arguments.split_whitespace().map(OsStr::new)).map(OsStr::to_owned);
-        let parsed = Cli::parse_with_sweep_file(&words.collect::<Vec<_>>());
-        let message = |error: anyhow::Error| {
-            format!("{error:#}").replace(&path.display().to_string(), "sweep.toml").trim_end().to_owned()
-        };
-        let Subcommand::Run(args) = parsed.map_err(message)?.command else { panic!("not a run") };
-        Ok(args.sweep)
-    }
-
-    #[test]
-    fn flags_override_the_file() {
-        let text = r#"
-            policies = ["idle", "mine=act:weights"]
-            tasks = ["RaiseCube", "StackCube"]
-            perturbations = "all"
-            episodes = 100
-            strength = 0.5
-            samples = 4
-            keep_actions = true
-            control_mode = "pd_joint_pos"
-        "#;
-        let file = parse(text, "").unwrap();
-        let both = parse(text, "--episodes 3 --tasks single --policy random --samples 1").unwrap();
-        let typed = "--policy idle --policy mine=act:weights --tasks RaiseCube,StackCube --perturbations all \
-            --episodes 100 --strength 0.5 --samples 4 --keep-actions --control-mode pd_joint_pos";
-        assert_eq!(file, parse("", typed).unwrap());
-        let typed = "--policy random --tasks single --perturbations all --episodes 3 --strength 0.5 --samples 1 \
-            --keep-actions --control-mode pd_joint_pos";
-        assert_eq!(both, parse("", typed).unwrap());
-    }
-
-    #[test]
-    fn every_run_option_is_a_key() {
-        let command = SweepArgs::augment_args(Command::new("sweep"));
-        for arg in command.get_arguments() {
-            let (key, long) = (arg.get_id().as_str(), arg.get_long().unwrap());
-            assert!(key == long.replace('-', "_") || (key, long) == ("policies", "policy"), "{key} {long}");
-        }
-    }
-
-    #[test]
-    fn execute_default_follows_the_mode_in_the_file() {
-        let execute = |text, arguments| parse(text, arguments).unwrap().config.results.execute;
-        assert_eq!(execute("mode = \"ensemble\"", ""), 1);
-        assert_eq!(execute("mode = \"ensemble\"", "--mode chunk"), 30);
-        assert_eq!(execute("execute = 7", ""), 7);
-    }
-
-    #[test]
-    fn errors_name_the_file_the_line_and_the_key() {
-        let error = |text| parse(text, "").unwrap_err();
-        insta::assert_snapshot!(error("\nepsiodes = 3\n"), @"the sweep file sweep.toml, line 2: unknown key `epsiodes`; did you mean episodes?");
-        insta::assert_snapshot!(error("json = true\n"), @"");
-        insta::assert_snapshot!(error("episodes = \"many\"\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found `many`, expected a whole number");
-        insta::assert_snapshot!(error("episodes = 0\n"), @"the sweep file sweep.toml, line 1, key `episodes`: 0 is not in 1..=1000000");
-        insta::assert_snapshot!(error("episodes = [1, 2]\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found [1, 2], expected one string or number");
-        insta::assert_snapshot!(error("keep_actions = 1\n"), @"the sweep file sweep.toml, line 1, key `keep_actions`: found 1, expected true or false");
-        insta::assert_snapshot!(error("tasks = 3\n"), @"the sweep file sweep.toml, line 1, key `tasks`: unknown task `3`; `hypogeum tasks --matrix` lists all names");
-        insta::assert_snapshot!(error("tasks = [\n\"RaiseCube\",\n\"RiseCube\"]\n"), @"the sweep file sweep.toml, line 1, key `tasks`: unknown task `RiseCube`; did you mean RaiseCube or StackCube?");
-        insta::assert_snapshot!(error("strength = 2\n"), @"the sweep file sweep.toml, line 1, key `strength`: strength is 2, expected a number above 0 and at most 1 (the benchmark's strength)");
-        insta::assert_snapshot!(error("renderer = \"gpi\"\n"), @"the sweep file sweep.toml, line 1, key `renderer`: unknown value `gpi`; did you mean gpu?");
-        insta::assert_snapshot!(error("samples = 3\n"), @"the sweep file sweep.toml, line 1, key `samples`: unknown value `3`; expected one of 1, 4");
-        insta::assert_snapshot!(error("tasks = \n"), @r"
-        failed to parse the sweep file sweep.toml: TOML parse error at line 1, column 9
-          |
-        1 | tasks = 
-          |         ^
-        string values must be quoted, expected literal string
-        ");
-        let absent = flags(Path::new("absent.toml"), |_| false).unwrap_err();
-        insta::assert_snapshot!(format!("{:#}", anyhow::Error::from(absent)), @"failed to read the sweep file absent.toml: No such file or directory (os error 2)");
     }
 }

@@ -1,4 +1,4 @@
-//! Reading a results file back for replays: episodes whose actions were kept.
+//! Reading of a results file for replays: episodes whose actions were recorded.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,29 +16,29 @@ use sim::{Profile, expert};
 use super::{manifest, open, schema};
 use crate::names::pick;
 use crate::policy::Identity;
-use crate::replay::StoredEpisode;
 use crate::selection::{parse_perturbation, parse_task};
+use crate::stored_episode::StoredEpisode;
 
-/// The episodes of a results file whose actions were kept.
+/// The episodes of a results file whose actions were recorded.
 #[derive(Debug)]
-pub(crate) struct Kept {
+pub(crate) struct RecordedEpisodes {
     path: PathBuf,
     connection: Mutex<Connection>,
     episodes: Vec<StoredEpisode>,
 }
 
-impl Kept {
-    /// Opens a results file to read.
+impl RecordedEpisodes {
+    /// Opens a results file for reading.
     ///
     /// # Errors
-    /// If it is none, or no episode's actions were kept.
+    /// If it is not a results file, or has no recorded actions.
     pub(crate) fn open(path: &Path) -> anyhow::Result<Self> {
-        let connection = open::open_to_read(path)?;
+        let connection = open::open_read_only(path)?;
         let episodes = read_episodes(&connection)
             .with_context(|| format!("failed to read the results file {}", path.display()))?;
         ensure!(
             !episodes.is_empty(),
-            "{} keeps no actions: evaluate with `run --keep-actions` to replay",
+            "{} has no recorded actions: evaluate with `run --keep-actions` to replay",
             path.display()
         );
         Ok(Self { path: path.to_owned(), connection: Mutex::new(connection), episodes })
@@ -48,10 +48,10 @@ impl Kept {
         &self.episodes
     }
 
-    /// An episode's action rows `[n_steps, action_dim]`.
+    /// Reads the action rows `[n_steps, action_dim]` of an episode.
     ///
     /// # Errors
-    /// If they cannot be read, or are not as many as the episode has steps.
+    /// If they cannot be read, or their number differs from the number of steps.
     pub(crate) fn actions(&self, episode_idx: usize) -> anyhow::Result<Vec<f32>> {
         let episode = &self.episodes[episode_idx];
         let StoredEpisode { policy, subject, index, .. } = episode;
@@ -61,10 +61,10 @@ impl Kept {
             .query_row(schema::ACTIONS, key, |row| row.get(0))
             .with_context(|| format!("failed to read {} in {}", episode.name(), self.path.display()))?;
         let (numbers, rest) = bytes.as_chunks::<4>();
-        let (found, expected) = (numbers.len(), episode.n_numbers());
+        let (found, expected) = (numbers.len(), episode.n_action_values());
         ensure!(
             found == expected && rest.is_empty(),
-            "{}: {} has {found} numbers in `actions`, expected {expected}",
+            "{}: {} has {found} values in `actions`, expected {expected}",
             self.path.display(),
             episode.name()
         );
@@ -77,7 +77,7 @@ fn read_episodes(connection: &Connection) -> anyhow::Result<Vec<StoredEpisode>> 
     let strength: Strength = entry(connection, "strength")?;
     let single_arm_mode: String = entry(connection, "control_mode")?;
     let single_arm_mode = pick("control mode", &single_arm_mode, &ControlMode::ALL, ControlMode::name)?;
-    let mut statement = connection.prepare(schema::KEPT)?;
+    let mut statement = connection.prepare(schema::RECORDED)?;
     let mut rows = statement.query([])?;
     let mut episodes = Vec::new();
     let mut experts: BTreeMap<String, bool> = BTreeMap::new();
@@ -98,7 +98,7 @@ fn read_episodes(connection: &Connection) -> anyhow::Result<Vec<StoredEpisode>> 
             policy,
             subject: EpisodeSpec { task, perturbation, strength, profile },
             index: row.get(3)?,
-            // Episode seeds lie below 2⁶³.
+            // Episode seeds are below 2⁶³.
             seed: row.get::<_, i64>(4)?.cast_unsigned(),
             mode,
             n_steps: row.get(5)?,
@@ -108,7 +108,7 @@ fn read_episodes(connection: &Connection) -> anyhow::Result<Vec<StoredEpisode>> 
     Ok(episodes)
 }
 
-/// An entry of the manifest.
+/// Reads an entry of the manifest.
 fn entry<T: DeserializeOwned>(connection: &Connection, key: &str) -> anyhow::Result<T> {
     let Some(text) = manifest::get(connection, key)? else { bail!("its manifest has no {key}") };
     serde_json::from_str(&text).with_context(|| format!("its manifest has no valid {key}"))

@@ -1,4 +1,4 @@
-//! The episodes of a plan, in the order in which they are run.
+//! The episodes of a plan, in the order in which they run.
 
 use sim::serve::protocol::{Assignment, Driver};
 use sim::stream::episode_seed;
@@ -11,23 +11,23 @@ pub(crate) struct Job {
     /// Index into [`RunPlan::policies`].
     pub(crate) policy_idx: usize,
     pub(crate) condition: Condition,
-    /// Index of the episode.
+    /// Index of the episode under the suite seed.
     pub(crate) episode: u32,
-    /// Seed of the episode; the same for all policies and perturbations.
+    /// Episode seed, the same for all policies and perturbations.
     pub(crate) seed: u64,
-    /// Who acts.
+    /// The lane or expert that acts.
     pub(crate) driver: Driver,
 }
 
 impl Job {
-    /// What a sim is told; `id` comes back with the outcome.
+    /// Returns the message that starts this episode in a sim. The outcome has the same `id`.
     pub(crate) fn assignment(&self, id: u64) -> Assignment {
         let Condition { task, perturbation } = self.condition;
         Assignment { id, driver: self.driver, task, perturbation, seed: self.seed }
     }
 }
 
-/// Who acts for each policy. Lanes are numbered in the order of the policies that have one.
+/// Returns the driver of each policy. Lanes are numbered in the order of the policies that have one.
 pub(crate) fn drivers(plan: &RunPlan) -> Vec<Driver> {
     let mut lanes = 0..;
     let mut driver =
@@ -35,8 +35,8 @@ pub(crate) fn drivers(plan: &RunPlan) -> Vec<Driver> {
     plan.policies.iter().filter_map(|policy| driver(policy.runs_in_sim())).collect()
 }
 
-/// All episodes. Neighbours differ in policy first and then in condition, so that all lanes have work at any time and a run
-/// that is cut short has a little of everything.
+/// Returns all episodes. Policies vary fastest and conditions next, so that all lanes have work at all times and an
+/// interrupted run has some episodes of each condition.
 pub(crate) fn jobs(plan: &RunPlan) -> impl Iterator<Item = Job> {
     let drivers = drivers(plan);
     let conditions = plan.conditions.iter();
@@ -53,13 +53,13 @@ pub(crate) fn jobs(plan: &RunPlan) -> impl Iterator<Item = Job> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::parse_run;
+    use crate::sweep::SweepArgs;
 
     #[test]
-    fn neighbours_differ_in_policy_and_twins_share_their_seed() {
+    fn policies_alternate_and_twins_share_seeds() {
         let arguments = "--policy idle --policy expert --policy random --tasks RaiseCube,StackCube \
             --perturbations None,MO-Color --episodes 2";
-        let plan = RunPlan::new(&parse_run(arguments).unwrap()).unwrap();
+        let plan = RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap();
         let jobs: Vec<Job> = jobs(&plan).collect();
         assert_eq!(jobs.len() as u64, plan.n_episodes());
         let drivers: Vec<Driver> = jobs.iter().take(4).map(|job| job.driver).collect();

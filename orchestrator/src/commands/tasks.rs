@@ -1,22 +1,34 @@
-//! `hypogeum tasks`: the task suite, and which perturbation applies where.
+//! `hypogeum tasks`: the task suite, and the perturbations that apply to each task.
 
+use clap::Args;
 use serde_json::{Value, json};
 use sim::scene::{Role, SceneSpec};
 use sim::{Perturbation, TaskId};
 
-use crate::cli::TasksArgs;
-use crate::failure::{Ending, Failure};
-use crate::report::{Align, Table, print_out};
+use crate::exit::{ExitStatus, Failure};
+use crate::output::print_out;
+use crate::table::{Align, Table};
+
+/// Arguments of `tasks`.
+#[derive(Debug, Args)]
+pub(crate) struct TasksArgs {
+    /// Show which perturbations apply to which task, and the reasons for those that do not
+    #[arg(long)]
+    pub(crate) matrix: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 /// Prints the suite.
-pub(crate) fn list(args: &TasksArgs) -> Result<Ending, Failure> {
+pub(crate) fn tasks(args: &TasksArgs) -> Result<ExitStatus, Failure> {
     let text = match (args.json, args.matrix) {
         (true, _) => format!("{:#}\n", suite_json()),
         (false, true) => matrix(),
         (false, false) => table(),
     };
     print_out(&text)?;
-    Ok(Ending::Done)
+    Ok(ExitStatus::Success)
 }
 
 fn table() -> String {
@@ -34,7 +46,7 @@ fn table() -> String {
     for id in TaskId::ALL {
         let task = id.task();
         let nominal = (task.nominal)();
-        let named = |role| match of_role(&nominal, role).collect::<Vec<_>>() {
+        let named = |role| match bodies_with_role(&nominal, role).collect::<Vec<_>>() {
             names if names.is_empty() => "–".to_owned(),
             names => names.join(", "),
         };
@@ -51,12 +63,13 @@ fn table() -> String {
     table.to_string()
 }
 
-/// Names of the bodies that have a role.
-fn of_role(nominal: &SceneSpec, role: Role) -> impl Iterator<Item = &'static str> {
+/// Returns the names of the bodies that have a role.
+fn bodies_with_role(nominal: &SceneSpec, role: Role) -> impl Iterator<Item = &'static str> {
     nominal.bodies.iter().filter(move |body| body.role == role).map(|body| body.name)
 }
 
-/// A column per perturbation that some task is without, where a number stands for the reason below; the others are listed.
+/// Formats a table with one column per perturbation that does not apply to every task. Numbers refer to the reasons
+/// listed below it. The perturbations that apply everywhere are listed last.
 fn matrix() -> String {
     let nominals: Vec<SceneSpec> = TaskId::ALL.iter().map(|id| (id.task().nominal)()).collect();
     let (everywhere, somewhere): (Vec<Perturbation>, Vec<Perturbation>) = Perturbation::ALL
@@ -107,8 +120,8 @@ fn suite_json() -> Value {
             "max_steps": task.max_steps,
             "demo_steps": task.demo_steps,
             "instruction": task.instruction,
-            "manipulation_objects": of_role(&nominal, Role::ManipulationObject).collect::<Vec<_>>(),
-            "receiver_objects": of_role(&nominal, Role::ReceiverObject).collect::<Vec<_>>(),
+            "manipulation_objects": bodies_with_role(&nominal, Role::ManipulationObject).collect::<Vec<_>>(),
+            "receiver_objects": bodies_with_role(&nominal, Role::ReceiverObject).collect::<Vec<_>>(),
             "perturbations": applies.collect::<Vec<_>>(),
         })
     });
@@ -120,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_applies_where_is_frozen() {
+    fn applicability_matrix_is_unchanged() {
         insta::assert_snapshot!(matrix(), @r"
         task                   MO-Color  RO-Color  MO-Texture  RO-Texture  MO-Size  RO-Size  Pose-Randomization
         RaiseCube              yes       – [1]     yes         – [1]       yes      – [1]    yes
@@ -179,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn every_task_has_a_row_and_every_gap_a_reason() {
+    fn tasks_have_rows_and_gaps_have_reasons() {
         let table = table();
         for id in TaskId::ALL {
             assert!(table.lines().any(|line| line.starts_with(id.name())), "{table}");

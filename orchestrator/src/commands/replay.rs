@@ -1,0 +1,215 @@
+//! `hypogeum replay`: replays stored episodes and compares their fingerprints with the stored ones.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use anyhow::{Context, bail, ensure};
+use clap::Args;
+use rayon::prelude::*;
+use sim::TaskId;
+use sim::demo::Recording;
+use sim::perturb::Composition;
+use sim::render::CpuRenderer;
+use sim::show::movie::MovieFormat;
+use sim::show::{HighResScene, contact_sheet};
+use sim::stream::Stream;
+
+use crate::demos::StoredDataset;
+use crate::exit::{ExitStatus, Failure, OrUser};
+use crate::movie;
+use crate::output::{print_message, print_out};
+use crate::progress::Progress;
+use crate::results::RecordedEpisodes;
+use crate::selection::{PERTURBATION_PARSER, TASK_PARSER};
+use crate::stored_episode::{StoredEpisode, format_fingerprint};
+use crate::table::{Align, Table};
+
+/// Arguments of `replay`.
+#[derive(Debug, Args)]
+pub(crate) struct ReplayArgs {
+    /// Dataset, which is single/ or bimanual/ in a folder that `demos` wrote, or a results file of
+    /// `run --keep-actions`
+    #[arg(value_name = "DATASET|FILE.db")]
+    pub(crate) source: PathBuf,
+    /// Episodes, comma-separated indices into the source [default: all, or the first for a movie]
+    #[arg(long, value_name = "LIST", value_delimiter = ',',
+        conflicts_with_all = ["policy", "task", "perturbation"])]
+    pub(crate) episodes: Vec<usize>,
+    /// Only episodes of this policy, by its name in the results
+    #[arg(long, value_name = "NAME")]
+    pub(crate) policy: Option<String>,
+    /// Only episodes of this task
+    #[arg(long, value_name = "NAME", value_parser = TASK_PARSER, hide_possible_values = true)]
+    pub(crate) task: Option<TaskId>,
+    /// Only episodes under this perturbation, or under these joined by +
+    #[arg(long, value_name = "NAME", value_parser = PERTURBATION_PARSER, hide_possible_values = true)]
+    pub(crate) perturbation: Option<Composition>,
+    /// Replay a random sample of this many of them
+    #[arg(long, value_name = "N", conflicts_with_all = ["episodes", "movie"])]
+    pub(crate) sample: Option<usize>,
+    /// Seed of the sample
+    #[arg(long, value_name = "S", default_value_t = 0, requires = "sample")]
+    pub(crate) seed: u64,
+    /// Write the first of them as a movie of all cameras: .png or .apng (lossless) or .gif (small)
+    #[arg(long, value_name = "FILE")]
+    pub(crate) movie: Option<PathBuf>,
+    /// Movie resolution as a multiple, 1 to 8, of what policies receive: 224 pixels per edge for external cameras,
+    /// 128 for hand cameras
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "movie", value_parser = parse_scale)]
+    pub(crate) scale: usize,
+    /// Show no progress
+    #[arg(long)]
+    pub(crate) quiet: bool,
+}
+
+/// A store of episodes.
+enum EpisodeSource {
+    Dataset(StoredDataset),
+    Results(RecordedEpisodes),
+}
+
+impl EpisodeSource {
+    fn open(path: &Path) -> anyhow::Result<Self> {
+        if path.is_file() {
+            RecordedEpisodes::open(path).map(Self::Results)
+        } else {
+            StoredDataset::open(path).map(Self::Dataset)
+        }
+    }
+
+    fn episodes(&self) -> &[StoredEpisode] {
+        match self {
+            Self::Dataset(dataset) => dataset.episodes(),
+            Self::Results(results) => results.episodes(),
+        }
+    }
+
+    /// Executes the stored actions of an episode again.
+    fn replay(&self, episode_idx: usize) -> anyhow::Result<Recording> {
+        let StoredEpisode { subject, seed, mode, .. } = self.episodes()[episode_idx];
+        let actions = match self {
+            Self::Dataset(dataset) => dataset.actions(episode_idx),
+            Self::Results(results) => results.actions(episode_idx),
+        }?;
+        Recording::replay(subject, seed, mode, &actions)
+            .with_context(|| format!("failed to replay episode {episode_idx}"))
+    }
+}
+
+/// Replays episodes of a dataset or a results file.
+pub(crate) fn replay(args: &ReplayArgs) -> Result<ExitStatus, Failure> {
+    let source = EpisodeSource::open(&args.source).or_user()?;
+    let selected = select(args, source.episodes()).or_user()?;
+    if let Some(path) = &args.movie {
+        return write_movie(&source, selected[0], path, args.scale).or_user();
+    }
+    let progress = Mutex::new(Progress::of_replays(selected.len() as u64, args.quiet));
+    let replayed: Vec<(usize, u64)> = selected
+        .into_par_iter()
+        .map(|episode_idx| {
+            let fingerprint = source.replay(episode_idx)?.fingerprint();
+            progress.lock().unwrap_or_else(PoisonError::into_inner).tick();
+            Ok((episode_idx, fingerprint))
+        })
+        .collect::<anyhow::Result<_>>()
+        .or_user()?;
+    progress.into_inner().unwrap_or_else(PoisonError::into_inner).finish();
+    report(source.episodes(), &replayed)
+}
+
+/// Returns the indices of the episodes that the arguments select, at least one.
+fn select(args: &ReplayArgs, episodes: &[StoredEpisode]) -> anyhow::Result<Vec<usize>> {
+    let (path, n) = (args.source.display(), episodes.len());
+    ensure!(n > 0, "{path} has no episodes yet");
+    if let Some(&beyond) = args.episodes.iter().find(|idx| **idx >= n) {
+        bail!("{path} has {n} episodes, but episode {beyond} was requested (the first is 0)");
+    }
+    if !args.episodes.is_empty() {
+        return Ok(args.episodes.clone());
+    }
+    let matches = |episode: &StoredEpisode| {
+        args.policy.as_ref().is_none_or(|name| *name == episode.policy)
+            && args.task.is_none_or(|task| task == episode.subject.task)
+            && args.perturbation.is_none_or(|perturbation| perturbation == episode.subject.perturbation)
+    };
+    let mut selected: Vec<usize> = (0..n).filter(|&idx| matches(&episodes[idx])).collect();
+    ensure!(
+        !selected.is_empty(),
+        "none of the {n} episodes in {path} has that policy, task and perturbation"
+    );
+    if let Some(sample) = args.sample {
+        let mut stream = Stream::new(args.seed, "replay");
+        let n_drawn = sample.min(selected.len());
+        return Ok((0..n_drawn)
+            .map(|_| selected.swap_remove((stream.unit() * selected.len() as f64) as usize))
+            .collect());
+    }
+    Ok(selected)
+}
+
+fn report(episodes: &[StoredEpisode], replayed: &[(usize, u64)]) -> Result<ExitStatus, Failure> {
+    use Align::{Left, Right};
+    let mut table = Table::new(&[
+        ("episode", Right),
+        ("policy", Left),
+        ("task", Left),
+        ("perturbation", Left),
+        ("steps", Right),
+        ("stored", Left),
+        ("replayed", Left),
+    ]);
+    let mut n_same = 0;
+    for (episode_idx, fingerprint) in replayed {
+        let StoredEpisode { policy, subject, n_steps, fingerprint: stored, .. } = &episodes[*episode_idx];
+        let found = format_fingerprint(*fingerprint);
+        let is_same = found == *stored;
+        n_same += usize::from(is_same);
+        table.row(vec![
+            episode_idx.to_string(),
+            policy.clone(),
+            subject.task.name().to_owned(),
+            subject.perturbation.name(),
+            n_steps.to_string(),
+            stored.clone(),
+            if is_same { "same".to_owned() } else { found },
+        ]);
+    }
+    print_out(&table.to_string())?;
+    print_message(&format!("{n_same} of {} episodes reproduce the stored fingerprint", replayed.len()));
+    Ok(if n_same == replayed.len() { ExitStatus::Success } else { ExitStatus::EpisodeErrors })
+}
+
+/// Writes an episode as a movie of all cameras, with `scale` times the resolution of a policy's images along each edge.
+fn write_movie(
+    source: &EpisodeSource,
+    episode_idx: usize,
+    path: &Path,
+    scale: usize,
+) -> anyhow::Result<ExitStatus> {
+    let format = MovieFormat::from_path(path)?;
+    let recording = source.replay(episode_idx)?;
+    let view = HighResScene::new(recording.scene(), scale);
+    let mut renderer = CpuRenderer::new(rayon::current_num_threads());
+    let status = movie::write(path, format, recording.n_frames(), |frame| {
+        let images = view.photograph(&mut renderer, recording.snapshot(frame));
+        contact_sheet::compose(&images, images.len(), 1)
+    })?;
+    if status != ExitStatus::Success {
+        return Ok(status);
+    }
+    print_message(&format!("wrote {}", path.display()));
+    if format_fingerprint(recording.fingerprint()) == source.episodes()[episode_idx].fingerprint {
+        return Ok(ExitStatus::Success);
+    }
+    print_message(&format!("episode {episode_idx} does not reproduce the stored fingerprint"));
+    Ok(ExitStatus::EpisodeErrors)
+}
+
+fn parse_scale(typed: &str) -> Result<usize, String> {
+    let scales = HighResScene::SCALES;
+    typed
+        .parse()
+        .ok()
+        .filter(|scale| scales.contains(scale))
+        .ok_or_else(|| format!("expected {} to {}", scales.start(), scales.end()))
+}

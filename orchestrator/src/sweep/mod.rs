@@ -1,0 +1,61 @@
+//! The options of a sweep: an evaluation of policies under many conditions.
+
+pub(crate) mod file;
+
+use std::path::PathBuf;
+
+use clap::Args;
+use ipc_types::RunConfig;
+
+use crate::policy::NamedPolicy;
+use crate::selection::{PerturbationSelector, TaskSelector};
+
+/// The options of a run that a sweep file can state as well. Paths are relative to the current folder.
+#[derive(Args, Clone, Debug, PartialEq)]
+pub(crate) struct SweepArgs {
+    /// Policy and its name in the results (repeatable); SPEC is idle, random, expert, act:PATH, act-int8:PATH or
+    /// attach:NAME
+    #[arg(long = "policy", value_name = "NAME=SPEC")]
+    pub(crate) policies: Vec<NamedPolicy>,
+    /// Tasks, comma-separated: names, all, single or bimanual [default: all]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = TaskSelector::PARSER,
+        hide_possible_values = true)]
+    pub(crate) tasks: Vec<TaskSelector>,
+    /// Perturbations, comma-separated: names, names joined by + that act together, or all that apply [default: None]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PerturbationSelector::PARSER,
+        hide_possible_values = true)]
+    pub(crate) perturbations: Vec<PerturbationSelector>,
+    /// Episodes per policy, task and perturbation
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
+        default_value_t = 10)]
+    pub(crate) episodes: u32,
+    /// Results file
+    #[arg(long, value_name = "FILE", default_value = "hypogeum.db")]
+    pub(crate) db: PathBuf,
+    #[command(flatten)]
+    pub(crate) config: RunConfig,
+}
+
+#[cfg(test)]
+impl SweepArgs {
+    /// Parses options separated by spaces.
+    pub(crate) fn parse(options: &str) -> Result<Self, clap::Error> {
+        use clap::FromArgMatches;
+        let command = Self::augment_args(clap::Command::new("hypogeum run").no_binary_name(true));
+        Self::from_arg_matches(&command.try_get_matches_from(options.split_whitespace())?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn option_names_are_sweep_file_keys() {
+        let command = SweepArgs::augment_args(clap::Command::new("sweep"));
+        for arg in command.get_arguments() {
+            let (key, long) = (arg.get_id().as_str(), arg.get_long().unwrap());
+            assert!(key == long.replace('-', "_") || (key, long) == ("policies", "policy"), "{key} {long}");
+        }
+    }
+}
