@@ -1,8 +1,8 @@
-//! Hash of a trajectory, for comparing runs bit for bit.
+//! A hash of trajectories, for bit-exact comparison of runs.
 
 use xxhash_rust::xxh3::Xxh3Default;
 
-/// xxh3-64 over the bit patterns of the numbers written to it, in order.
+/// An xxh3-64 hash over the bit patterns of a sequence of f32 values.
 #[derive(Clone, Default)]
 pub struct Fingerprint(Xxh3Default);
 
@@ -13,12 +13,12 @@ impl core::fmt::Debug for Fingerprint {
 }
 
 impl Fingerprint {
-    /// Adds numbers.
+    /// Appends values to the hashed sequence.
     pub fn write(&mut self, numbers: &[f32]) {
         self.0.update(bytemuck::cast_slice(numbers));
     }
 
-    /// The hash of everything written so far.
+    /// Returns the hash of all values written so far.
     #[must_use]
     pub fn finish(&self) -> u64 {
         self.0.digest()

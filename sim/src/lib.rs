@@ -1,4 +1,5 @@
-//! The simulator: draws scenes, steps worlds, renders what a policy will look at, and serves it over the link.
+//! The simulator: samples scenes, steps their physics, renders observations, and serves them to policies over
+//! the link.
 
 #[cfg(test)]
 #[path = "../../tests/counting.rs"]
@@ -19,7 +20,7 @@ pub mod stream;
 pub mod task;
 pub mod tasks;
 
-/// The examples of ARCHITECTURE.md are tried like those of the documentation.
+/// Runs the code examples of ARCHITECTURE.md as doctests.
 #[cfg(doctest)]
 #[doc = include_str!("../../ARCHITECTURE.md")]
 mod architecture {}

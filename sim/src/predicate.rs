@@ -1,28 +1,28 @@
-//! Success as data: predicates over one world, each with the numbers of its own drawn scene.
+//! Success predicates: conditions on the state of one world, with the parameters of its sampled scene.
 
 use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector3};
 
 use crate::physics::World;
 
-/// A part of space, in m.
+/// A region of space, in m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Region {
-    /// A box along the axes.
+    /// An axis-aligned box.
     Box {
         /// Minimum x, y and z; may be infinite.
         min: [f64; 3],
         /// Maximum x, y and z; may be infinite.
         max: [f64; 3],
     },
-    /// What is near a line.
+    /// A cylinder.
     Cylinder {
-        /// A point on the line.
+        /// A point on the axis.
         origin: [f64; 3],
-        /// Unit vector along it.
+        /// Unit vector along the axis.
         axis: [f64; 3],
-        /// Greatest distance from it.
+        /// Maximum distance from the axis.
         radius: f64,
-        /// Least and greatest distance from the origin along it; may be infinite.
+        /// Minimum and maximum position along the axis, relative to `origin`; may be infinite.
         along: [f64; 2],
     },
 }
@@ -31,132 +31,133 @@ impl Region {
     fn contains(self, point: &Point3<f64>) -> bool {
         match self {
             Self::Box { min, max } => (0..3).all(|k| (min[k]..=max[k]).contains(&point[k])),
-            Self::Cylinder { origin, axis, radius, along: [least, greatest] } => {
+            Self::Cylinder { origin, axis, radius, along: [min, max] } => {
                 let (offset, axis) = (point - Point3::from(origin), Vector3::from(axis));
                 let along = offset.dot(&axis);
-                (least..=greatest).contains(&along) && (offset - axis * along).norm() <= radius
+                (min..=max).contains(&along) && (offset - axis * along).norm() <= radius
             }
         }
     }
 }
 
-/// A condition on one world. Bodies are indices into the scene's.
+/// A condition on the state of one world. Bodies are indices into [`crate::scene::Scene::bodies`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Predicate {
-    /// The body's origin is higher than `z_m`.
+    /// The origin of the body is above `z_m`.
     Above {
-        /// Body.
+        /// Body index.
         body: usize,
-        /// World z in m.
+        /// Height in the world frame, in m.
         z_m: f64,
     },
-    /// A point of the body is farther than a distance from where it was, along one axis and either way.
+    /// The origin of the body has moved by more than a distance along an axis, in either direction.
     Moved {
-        /// Body.
+        /// Body index.
         body: usize,
-        /// World position in m.
+        /// Reference position in the world frame, in m.
         from: [f64; 3],
-        /// Unit vector in the world.
+        /// Axis, as a unit vector in the world frame.
         along: [f64; 3],
-        /// Distance in m.
+        /// Minimum distance, in m.
         by_m: f64,
     },
-    /// A point of the body lies within a region.
+    /// A point of the body is inside a region.
     Inside {
-        /// Body.
+        /// Body index.
         body: usize,
-        /// Point in the body's frame, in m.
+        /// Point in the body frame, in m.
         point: [f64; 3],
-        /// Whose frame the region is stated in: that of a body, or the world.
+        /// Body in whose frame the region is defined; `None` for the world frame.
         of: Option<usize>,
-        /// Region.
+        /// The region, in that frame.
         region: Region,
     },
-    /// A jointed body has moved at least so far from its start.
+    /// The joint of a jointed body has moved at least a given distance from its start.
     Opened {
-        /// Body.
+        /// Body index.
         body: usize,
-        /// Position of its joint, in m or rad.
+        /// Minimum joint position, in m or rad.
         min_position: f64,
     },
-    /// An axis of the body makes such an angle with a direction.
+    /// The angle between an axis of the body and a direction is within bounds.
     Aligned {
-        /// Body.
+        /// Body index.
         body: usize,
-        /// Unit vector in the body's frame.
+        /// Axis, as a unit vector in the body frame.
         axis: [f64; 3],
-        /// Unit vector in the world.
+        /// Direction, as a unit vector in the world frame.
         with: [f64; 3],
-        /// Least and greatest angle between them, in rad.
+        /// Minimum and maximum angle, in rad.
         angle_rad: [f64; 2],
-        /// Whether the axis counts either way round, so that no angle exceeds a right one.
+        /// `true` if the sign of the axis is ignored, so that the angle is at most π/2.
         either_way: bool,
     },
-    /// The body is at a pose.
+    /// The body is close to a pose.
     At {
-        /// Body.
+        /// Body index.
         body: usize,
-        /// World position in m.
+        /// Position in the world frame, in m.
         position: [f64; 3],
-        /// World orientation, quaternion (w, x, y, z).
+        /// Orientation in the world frame, quaternion (w, x, y, z).
         orientation: [f64; 4],
-        /// Greatest distance in m and greatest angle in rad.
+        /// Maximum distance in m and maximum angle in rad.
         tolerance: [f64; 2],
     },
-    /// `top` stands on `base`: origins near in xy, and one above the other.
+    /// `top` is on `base`: their origins are close in xy, and `top` is above `base` by a given height.
     On {
-        /// Upper body.
+        /// Index of the upper body.
         top: usize,
-        /// Lower body.
+        /// Index of the lower body.
         base: usize,
-        /// Greatest distance of the origins in the xy plane, in m.
+        /// Maximum distance of the origins in the xy plane, in m.
         xy_m: f64,
-        /// Height of `top`'s origin over `base`'s, in m.
+        /// Height of the origin of `top` above that of `base`, in m.
         rise_m: f64,
-        /// Greatest error of that height, in m; infinite for any height.
+        /// Maximum deviation from that height, in m; infinite to accept any height.
         rise_tolerance_m: f64,
     },
     /// The body is at rest.
     AtRest {
-        /// Body.
+        /// Body index.
         body: usize,
-        /// Greatest speed in m/s.
+        /// Maximum linear speed, in m/s.
         max_linear: f64,
-        /// Greatest angular speed in rad/s.
+        /// Maximum angular speed, in rad/s.
         max_angular: f64,
     },
-    /// No arm joint moves faster than `max_qvel` rad/s; fingers do not count.
+    /// All arm joints are at rest; fingers are ignored.
     RobotAtRest {
-        /// rad/s.
+        /// Maximum joint speed, in rad/s.
         max_qvel: f64,
     },
-    /// This arm grasps the body, and its TCP is at least as near to it as the other arm's.
+    /// An arm grasps the body, and its TCP is at least as close to it as that of any other arm.
     GraspedByNearest {
-        /// Body.
+        /// Body index.
         body: usize,
         /// Arm index.
         arm: usize,
     },
     /// At least one arm grasps the body.
     Held {
-        /// Body.
+        /// Body index.
         body: usize,
     },
     /// No arm grasps the body.
     Released {
-        /// Body.
+        /// Body index.
         body: usize,
     },
 }
 
 impl Predicate {
-    /// The body's origin lies within a box of the world, in m; bounds may be infinite.
+    /// Creates a predicate for the body's origin being inside a box in the world frame, in m. Bounds may be
+    /// infinite.
     #[must_use]
-    pub const fn inside_box(body: usize, least: [f64; 3], greatest: [f64; 3]) -> Self {
-        Self::Inside { body, point: [0.0; 3], of: None, region: Region::Box { min: least, max: greatest } }
+    pub const fn inside_box(body: usize, min: [f64; 3], max: [f64; 3]) -> Self {
+        Self::Inside { body, point: [0.0; 3], of: None, region: Region::Box { min, max } }
     }
 
-    /// Word for the predicate in results.
+    /// Returns the name used in results.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -175,7 +176,7 @@ impl Predicate {
         }
     }
 
-    /// Whether it holds in the world as it is now.
+    /// Returns `true` if the predicate holds in the current state of `world`.
     #[must_use]
     pub fn holds(self, world: &World) -> bool {
         let position = |body: usize| world.body_pose(body).translation.vector.cast::<f64>();
@@ -191,16 +192,21 @@ impl Predicate {
                 region.contains(&of.map_or(in_world, |of| pose(of).inverse_transform_point(&in_world)))
             }
             Self::Opened { body, min_position } => f64::from(world.joint_position(body)) >= min_position,
-            Self::Aligned { body, axis, with, angle_rad: [least, greatest], either_way } => {
+            Self::Aligned { body, axis, with, angle_rad: [min, max], either_way } => {
                 let axis = world.body_pose(body).rotation.cast::<f64>() * Vector3::from(axis);
                 let cosine = axis.dot(&Vector3::from(with));
                 let cosine = if either_way { cosine.abs() } else { cosine };
-                (libm::cos(greatest)..=libm::cos(least)).contains(&cosine.clamp(-1.0, 1.0))
+                (libm::cos(max)..=libm::cos(min)).contains(&cosine.clamp(-1.0, 1.0))
             }
-            Self::At { body, position: goal, orientation: [w, x, y, z], tolerance: [far, turned] } => {
+            Self::At {
+                body,
+                position: goal,
+                orientation: [w, x, y, z],
+                tolerance: [max_distance, max_angle],
+            } => {
                 let goal_orientation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-                (position(body) - Vector3::from(goal)).norm() <= far
-                    && world.body_pose(body).rotation.cast::<f64>().angle_to(&goal_orientation) <= turned
+                (position(body) - Vector3::from(goal)).norm() <= max_distance
+                    && world.body_pose(body).rotation.cast::<f64>().angle_to(&goal_orientation) <= max_angle
             }
             Self::On { top, base, xy_m, rise_m, rise_tolerance_m } => {
                 let offset = position(top) - position(base);
@@ -225,7 +231,7 @@ impl Predicate {
     }
 }
 
-/// The first predicate that does not hold, if any.
+/// Returns the first predicate that does not hold, if any.
 #[must_use]
 pub fn first_unmet(predicates: &[Predicate], world: &World) -> Option<Predicate> {
     predicates.iter().copied().find(|predicate| !predicate.holds(world))

@@ -4,36 +4,40 @@ pub use ipc_types::run_config::Profile;
 
 use crate::scene::Range;
 
-/// The rules that depend on the profile. Each difference is one named method, so that no other file matches on [`Profile`].
+/// The rules that depend on the profile. Each difference is one named method, so that no other file matches
+/// on [`Profile`].
 pub trait ProfileRules {
-    /// Returns the range of the vertical camera jitter under Camera-Pose, in m: ±0.03, as on the other axes. In the released
-    /// code both bounds are +0.03.
+    /// Returns the range of the vertical camera jitter under Camera-Pose, in m: ±0.03, as on the other axes.
+    /// In the released code both bounds are +0.03.
     fn camera_jitter_z(self) -> Range;
 
-    /// Returns `true` if a body that has to rise by some height also succeeds by sinking as far, as in the released code.
+    /// Returns `true` if a body that has to rise by some height also succeeds by sinking as far, as in the
+    /// released code.
     fn counts_sinking(self) -> bool;
 
-    /// Returns `true` if the head of an inserted peg must be inside the box. In the released code any position behind the
-    /// entry of the hole succeeds, if it is in line with the hole.
+    /// Returns `true` if the head of an inserted peg must be inside the box. In the released code any
+    /// position behind the entry of the hole succeeds, if it is in line with the hole.
     fn bounds_insertion(self) -> bool;
 
-    /// Returns `true` if a rotated arrow has to point away from the world's x axis, as in the released code, whose Euler
-    /// angle jumps there. Otherwise its rotation is measured from its own start.
+    /// Returns `true` if a rotated arrow has to point away from the world's x axis, as in the released code,
+    /// whose Euler angle jumps there. Otherwise its rotation is measured from its own start.
     fn judges_absolute_yaw(self) -> bool;
 
-    /// Returns the distance in m by which the needle's success region lies below the true centre of the ring; the released
-    /// code misplaces it.
+    /// Returns the distance in m by which the needle's success region lies below the true centre of the ring;
+    /// the released code misplaces it.
     fn ring_error_m(self) -> f64;
 
-    /// Returns `true` if a can that fell off the table or stands on the lowest shelf counts as taken out, as in the released
-    /// code.
+    /// Returns `true` if a can that fell off the table or stands on the lowest shelf counts as taken out, as
+    /// in the released code.
     fn counts_anywhere_low(self) -> bool;
 
-    /// Returns `true` if it suffices that the pan is near the stove and the apple near the pan, at any height, as in the
-    /// released code. Otherwise the pan must stand on the stove and the apple lie in the pan.
+    /// Returns `true` if it suffices that the pan is near the stove and the apple near the pan, at any
+    /// height, as in the released code. Otherwise the pan must stand on the stove and the apple lie in the
+    /// pan.
     fn counts_near_misses(self) -> bool;
 
-    /// Returns `true` if success thresholds follow the sampled size of an object. The released code keeps the nominal ones.
+    /// Returns `true` if success thresholds follow the sampled size of an object. The released code keeps the
+    /// nominal ones.
     fn scales_thresholds(self) -> bool;
 }
 

@@ -1,7 +1,7 @@
 //! Named random streams: the only source of randomness in an episode.
 //!
-//! A stream is a function of the episode seed and a name such as `"cube/pose"`. A stream that is added, dropped or drawn
-//! from more often never changes what another one yields, so a perturbation re-rolls only what it owns.
+//! A stream is determined by the episode seed and a name such as `"cube/pose"`. Adding, removing or reading a
+//! stream never changes the values of another, so a perturbation affects only the values that it owns.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -14,7 +14,7 @@ use crate::scene::Range;
 pub struct Stream(ChaCha8Rng);
 
 impl Stream {
-    /// The stream `name` of the episode with seed `episode_seed`.
+    /// Creates the stream `name` of the episode with seed `episode_seed`.
     #[must_use]
     pub fn new(episode_seed: u64, name: &str) -> Self {
         let mut seed = [0_u8; 32];
@@ -24,39 +24,39 @@ impl Stream {
         Self(ChaCha8Rng::from_seed(seed))
     }
 
-    /// Uniform in [0, 1), a multiple of 2⁻⁵³.
+    /// Draws a value uniformly from [0, 1); it is a multiple of 2⁻⁵³.
     pub fn unit(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
     }
 
-    /// Uniform in `range`.
+    /// Draws a value uniformly from `range`.
     pub fn uniform(&mut self, range: Range) -> f64 {
         range.lerp(self.unit())
     }
 
-    /// One of `all`, with equal chances.
+    /// Chooses an element of `all` with equal probabilities.
     ///
     /// # Panics
-    /// If there is none.
+    /// If `all` is empty.
     pub fn choose<'a, T>(&mut self, all: &'a [T]) -> &'a T {
         &all[(self.unit() * all.len() as f64) as usize]
     }
 
-    /// Normal with mean 0 and standard deviation 1, by the Box–Muller transform.
+    /// Draws a value from the standard normal distribution by the Box–Muller transform.
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * libm::log(1.0 - self.unit())).sqrt();
         radius * libm::cos(core::f64::consts::TAU * self.unit())
     }
 }
 
-/// Seed of one episode: a function of suite seed, task and index only, so that every perturbation and policy meets the
-/// same draw (its twin). Below 2⁶³, so that it fits SQLite's integer.
+/// Returns the seed of an episode. It depends on suite seed, task and index only, so that all perturbations
+/// and policies run the same episodes (twins). It is less than 2⁶³ so that it fits an SQLite integer.
 #[must_use]
 pub fn episode_seed(suite_seed: u64, task: &str, episode_idx: u32) -> u64 {
     derive(derive(suite_seed, task), &format!("episode/{episode_idx}")) >> 1
 }
 
-/// Seed handed to a policy that draws random numbers.
+/// Returns the seed for a policy that draws random numbers.
 #[must_use]
 pub fn policy_seed(episode_seed: u64) -> u64 {
     derive(episode_seed, "policy")
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stream_depends_on_seed_and_name_only() {
+    fn stream_depends_on_seed_and_name_only() {
         let draw = |seed, name| Stream::new(seed, name).unit();
         assert_eq!(draw(7, "cube/pose"), draw(7, "cube/pose"));
         assert_ne!(draw(7, "cube/pose"), draw(8, "cube/pose"));
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn draws_have_the_moments_of_their_distribution() {
+    fn draws_have_expected_moments() {
         let mut stream = Stream::new(1, "moments");
         let n = 20_000;
         let uniform: f64 = (0..n).map(|_| stream.uniform(Range::new(-1.0, 3.0))).sum::<f64>() / f64::from(n);

@@ -1,4 +1,5 @@
-//! A task: what the words of `tasks/` mean. A task is data and three short functions; it never steps a world.
+//! The definition of a task: data and three short functions. A task never steps a world; `tasks/` holds those
+//! of the suite.
 
 use ipc_types::Morphology;
 
@@ -7,7 +8,7 @@ use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Scene, SceneSpec};
 
-/// The benchmark's categories (spec/tasks.md §1).
+/// The benchmark's task categories (docs/benchmark.md, "Tasks").
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names are the benchmark's")]
 pub enum Category {
@@ -23,7 +24,7 @@ pub enum Category {
 }
 
 impl Category {
-    /// Name as the benchmark prints it.
+    /// Returns the name used by the benchmark.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -40,27 +41,28 @@ impl Category {
     }
 }
 
-/// One task of the suite.
+/// A task of the suite.
 #[derive(Clone, Copy, Debug)]
 pub struct Task {
-    /// Id in the released code, for readers of its results.
+    /// Identifier of the task in the benchmark's released code.
     pub env_id: &'static str,
-    /// Category.
+    /// Category of the task in the benchmark.
     pub category: Category,
-    /// Morphology.
+    /// Morphology of the robot that performs the task.
     pub morphology: Morphology,
-    /// Control steps after which an episode ends.
+    /// Length of an episode, in control steps.
     pub max_steps: u32,
     /// Mean length of the benchmark's demonstrations, in control steps.
     pub demo_steps: f64,
-    /// The sentence policies are trained with.
+    /// The instruction that policies are trained with.
     pub instruction: &'static str,
-    /// The same said in other words, a sentence on each line.
+    /// Paraphrases of the instruction, one per line.
     pub paraphrases: &'static str,
-    /// The distribution without perturbation.
+    /// Returns the unperturbed scene distribution.
     pub nominal: fn() -> SceneSpec,
-    /// Predicates that must all hold after the same control step.
+    /// Returns the success predicates for a sampled scene; success requires all of them after the same
+    /// control step.
     pub success: fn(&Scene, Profile) -> Vec<Predicate>,
-    /// The scripted expert's plan: privileged, a function of the drawn scene.
+    /// Returns the scripted expert's plan for a sampled scene, using privileged state.
     pub expert: fn(&Scene) -> Vec<Move>,
 }

@@ -1,8 +1,8 @@
-//! Scripted experts: the ceiling that policies are compared with, and the source of demonstrations.
+//! Scripted experts: an upper reference for policies, and the source of demonstrations.
 //!
-//! A task's expert is a short function of the drawn scene, privileged state included, that names [`Move`]s. Planning lives
-//! here once: inverse kinematics, straight-line and joint-space motion, timing. A plan is made whole before the first step
-//! and never looks at the world again.
+//! A task's expert is a short function that maps the sampled scene, including privileged state, to a sequence
+//! of [`Move`]s. This module plans them: inverse kinematics, straight-line and joint-space paths, and their
+//! time parametrisation. The whole plan is computed before the first control step and is executed open loop.
 
 pub mod grasp;
 mod plan;
@@ -15,12 +15,12 @@ use thiserror::Error;
 use crate::physics::World;
 use crate::scene::Scene;
 
-/// Numbers in one arm's part of a `pd_joint_pos` action row.
+/// Length of one arm's part of a `pd_joint_pos` action row.
 const ROW_PER_ARM: usize = 8;
-/// How experts drive, with one arm and with two.
+/// Control mode of all experts, single-arm and bimanual.
 pub const CONTROL_MODE: ControlMode = ControlMode::JointPos;
 
-/// Where a move takes an arm's TCP.
+/// Target pose of an arm's TCP at the end of a move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TcpGoal {
     /// Arm index.
@@ -29,45 +29,49 @@ pub struct TcpGoal {
     pub tcp: Isometry3<f64>,
 }
 
-/// Both arms' TCPs at their poses.
+/// Returns the goals of both arms from their TCP poses in the world frame.
 #[must_use]
 pub fn both_arms([first, second]: [Isometry3<f64>; 2]) -> Vec<TcpGoal> {
     vec![TcpGoal { arm: 0, tcp: first }, TcpGoal { arm: 1, tcp: second }]
 }
 
-/// One move of a plan. Arms that a move does not name hold still; grippers keep their last command.
+/// One move of a plan. Arms that are not part of a move hold their position; grippers keep their last
+/// command.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Move {
-    /// TCPs go along straight lines, turning evenly; arms start and arrive together.
+    /// Moves TCPs along straight lines with uniform rotation. All arms start and arrive together.
     Straight(Vec<TcpGoal>),
-    /// The same from place to place without a stop; every place names the same arms.
+    /// Moves TCPs along straight lines through a sequence of waypoints without stopping. Every waypoint has
+    /// the same arms.
     Waypoints(Vec<Vec<TcpGoal>>),
-    /// Joints go the straight way to the nearest solution; arms start and arrive together.
+    /// Interpolates linearly in joint space to the nearest inverse-kinematics solution. All arms start and
+    /// arrive together.
     Joint(Vec<TcpGoal>),
-    /// Grippers take a new command, −1 (squeeze) to 1 (open), and the arms hold for some control steps.
+    /// Sets the gripper command, −1 (squeeze) to 1 (open), and holds the arms' positions for some control
+    /// steps.
     Grip {
         /// Arm indices.
         arms: Vec<usize>,
-        /// Gripper entry of the action.
+        /// Gripper command of the action row.
         command: f32,
-        /// Control steps.
+        /// Number of control steps.
         steps: u32,
     },
-    /// All hold for some control steps.
+    /// Holds everything for some control steps.
     Hold {
-        /// Control steps.
+        /// Number of control steps.
         steps: u32,
     },
 }
 
 impl Move {
-    /// One arm's TCP along a straight line.
+    /// Moves one arm's TCP along a straight line.
     #[must_use]
     pub fn straight(arm: usize, tcp: Isometry3<f64>) -> Self {
         Self::Straight(vec![TcpGoal { arm, tcp }])
     }
 
-    /// Closes grippers with full squeeze.
+    /// Closes grippers with maximum force.
     #[must_use]
     pub fn close(arms: &[usize], steps: u32) -> Self {
         Self::Grip { arms: arms.to_vec(), command: -1.0, steps }
@@ -79,11 +83,11 @@ impl Move {
         Self::Grip { arms: arms.to_vec(), command: 1.0, steps }
     }
 
-    /// Word for messages.
+    /// Returns the name used in error messages.
     const fn name(&self) -> &'static str {
         match self {
             Self::Straight(_) => "straight",
-            Self::Waypoints(_) => "through",
+            Self::Waypoints(_) => "waypoints",
             Self::Joint(_) => "joint",
             Self::Grip { .. } => "grip",
             Self::Hold { .. } => "hold",
@@ -91,7 +95,7 @@ impl Move {
     }
 }
 
-/// A plan that the arm cannot follow.
+/// Error for a move that the arm cannot reach.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[error(
     "move {move_idx} ({name}): arm {} has no joint positions for its TCP at ({:.3}, {:.3}, {:.3}) m, {percent:.0} % of the way",
@@ -100,17 +104,17 @@ impl Move {
 pub struct MotionPlanError {
     /// Index of the move.
     pub move_idx: usize,
-    /// Kind of move.
+    /// Name of the kind of move.
     pub name: &'static str,
     /// Arm index.
     pub arm: usize,
-    /// World position of the TCP that cannot be reached, in m.
+    /// Unreachable position of the TCP in the world frame, in m.
     pub at: [f64; 3],
-    /// How far along the move.
+    /// Position of that pose along the move, in percent.
     pub percent: f64,
 }
 
-/// A plan in execution, as `pd_joint_pos` action rows.
+/// A planned sequence of `pd_joint_pos` action rows, and the position within it.
 #[derive(Clone, Debug)]
 pub struct Expert {
     rows: Vec<f32>,
@@ -119,25 +123,25 @@ pub struct Expert {
 }
 
 impl Expert {
-    /// Plans all moves from the scene's start.
+    /// Plans all moves, starting from the start state of the scene.
     ///
     /// # Errors
-    /// The first pose that an arm cannot reach.
+    /// If an arm cannot reach a pose; the error names the first one.
     pub fn new(scene: &Scene, moves: &[Move]) -> Result<Self, MotionPlanError> {
         let rows = plan::plan(scene, moves)?;
         Ok(Self { rows, row_len: ROW_PER_ARM * scene.robots.len(), next: 0 })
     }
 
-    /// Control steps of the plan.
+    /// Returns the number of control steps of the plan.
     #[must_use]
     pub fn n_steps(&self) -> usize {
         self.rows.len() / self.row_len
     }
 
-    /// Writes the next action row, `[8 per arm]` f32; the last one again when the plan has ended.
+    /// Writes the next action row, `[8 · n_arms]` f32. After the end of the plan, the last row is repeated.
     ///
     /// # Panics
-    /// If `row` has another length.
+    /// If the length of `row` differs.
     pub fn act(&mut self, _world: &World, row: &mut [f32]) {
         let at = self.next.min(self.n_steps() - 1) * self.row_len;
         row.copy_from_slice(&self.rows[at..at + self.row_len]);
@@ -145,25 +149,25 @@ impl Expert {
     }
 }
 
-/// Where the same thing can be done in several ways: the first plan that the arms can follow within an episode, or the first
-/// of all if there is none.
+/// Returns the first of several alternative plans that is reachable and takes at most `max_steps` control
+/// steps, or the first plan if there is none.
 ///
 /// # Panics
-/// If there is no plan.
+/// If `plans` is empty.
 #[must_use]
 pub fn first_feasible(
     scene: &Scene,
     max_steps: u32,
     mut plans: impl Iterator<Item = Vec<Move>>,
 ) -> Vec<Move> {
-    let in_time = |moves: &Vec<Move>| {
+    let is_feasible = |moves: &Vec<Move>| {
         Expert::new(scene, moves).is_ok_and(|expert| expert.n_steps() <= max_steps as usize)
     };
     let first = plans.next().expect("there is at least one plan");
-    if in_time(&first) { first } else { plans.find(in_time).unwrap_or(first) }
+    if is_feasible(&first) { first } else { plans.find(is_feasible).unwrap_or(first) }
 }
 
-/// A joint-position row that keeps the arms where they are, grippers open.
+/// Writes a joint-position action row that holds the arms at their current positions with open grippers.
 pub(crate) fn write_hold_action(world: &World, row: &mut [f32]) {
     for (arm, row) in row.chunks_exact_mut(8).enumerate() {
         row[..7].copy_from_slice(&world.qpos(arm)[..7]);
