@@ -26,8 +26,8 @@ use ipc_types::{Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HAS
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::generated::{fnv1a64, unit};
 use policy_host::nn::Precision;
-use policy_host::nn::matmul::{Into, multiply, view, view_mut};
-use policy_host::nn::packed::Packed;
+use policy_host::nn::matmul::{Accum, matmul, view, view_mut};
+use policy_host::nn::packed::PackedWeights;
 use policy_host::{ActionChunk, Policy, synthetic};
 
 /// Minimum measuring time per case.
@@ -211,7 +211,7 @@ fn products(n_threads: usize, report: &mut Report) {
             let values = |n: usize| vec![0.5_f32; n];
             let (x, weights, mut out) =
                 (values(n_rows * depth), values(depth * width), values(n_rows * width));
-            let packed = Packed::new(&weights, depth, width);
+            let packed = PackedWeights::new(&weights, depth, width);
             let mut rates = [const { Vec::new() }; 2];
             for round in 0..2 * PRODUCT_ROUNDS {
                 let started = Instant::now();
@@ -219,14 +219,14 @@ fn products(n_threads: usize, report: &mut Report) {
                 while started.elapsed() < PRODUCT_TIME {
                     if round % 2 == 0 {
                         let out = view_mut(&mut out, n_rows, width, width);
-                        multiply(
+                        matmul(
                             out,
-                            Into::Replace,
+                            Accum::Replace,
                             view(&x, n_rows, depth, depth),
                             view(&weights, depth, width, width),
                         );
                     } else {
-                        packed.run(&x, depth, &mut out, Into::Replace);
+                        packed.matmul(&x, depth, &mut out, Accum::Replace);
                     }
                     n += 1;
                 }

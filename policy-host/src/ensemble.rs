@@ -1,37 +1,39 @@
-//! Temporal ensembling: a query every control step, and the mean of all predictions for that step.
+//! Temporal ensembling: the policy is queried at every control step, and the executed action is a weighted mean of all
+//! predictions for that step.
 //!
-//! At control step `t` the executed row is `Σ wᵢ·aᵢ / Σ wᵢ` over the predictions for `t` in the last `horizon` chunks,
-//! oldest first, with `wᵢ = exp(−m·i)`: for a decay `m` above zero the oldest weighs most (spec/eval.md §1.5).
+//! The action at control step `t` is `Σ wᵢ·aᵢ / Σ wᵢ` over the predictions for `t` in the last `horizon` chunks, oldest
+//! first, with `wᵢ = exp(−m·i)`. With a positive decay `m` the oldest prediction has the largest weight (Zhao et al.,
+//! Learning fine-grained bimanual manipulation with low-cost hardware, 2023, section 4).
 
 use ipc_types::{Morphology, ObservationView};
 
 use crate::policy::{ActionChunk, Policy, PolicyError};
 
-/// Slots that can be followed: a bound on memory, far above what a sim has.
+/// Upper bound on slot indices. It limits memory and is far above the number of slots of a sim.
 const MAX_SLOTS: u32 = 4096;
 
-/// A policy whose chunks are ensembled. It answers with one row.
+/// A policy that ensembles the chunks of another one. Its chunks have one row.
 pub struct Ensemble {
     inner: Box<dyn Policy>,
-    /// By slot.
-    pasts: Vec<Past>,
-    /// `exp(−m·i)` for each robot, by its code, as many as its longest chunk has had rows.
+    /// Chunk history of each slot.
+    histories: Vec<ChunkHistory>,
+    /// Weights `exp(−m·i)` per morphology code, as many as the longest chunk so far has rows.
     weights: [Vec<f64>; Morphology::ALL.len()],
 }
 
-/// The latest chunks of one slot's episode.
-struct Past {
-    /// The query expected next; 0 before the first episode.
+/// The latest chunks of the current episode of a slot.
+struct ChunkHistory {
+    /// Query index expected next; 0 before the first episode.
     next_query: u32,
-    /// `[horizon, horizon, action_dim]`: the chunk of query `q` at `q % horizon`.
+    /// Ring buffer `[horizon, horizon, action_dim]` with the chunk of query `q` at index `q % horizon`.
     chunks: Vec<f32>,
 }
 
 impl Ensemble {
-    /// Ensembles the chunks of `inner`, which must have the same number of rows in every answer to a slot's episode.
+    /// Wraps `inner`, whose chunks must have the same number of rows throughout an episode.
     #[must_use]
     pub fn new(inner: Box<dyn Policy>) -> Self {
-        Self { inner, pasts: Vec::new(), weights: Default::default() }
+        Self { inner, histories: Vec::new(), weights: Default::default() }
     }
 
     fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
@@ -41,7 +43,7 @@ impl Ensemble {
             if slot >= MAX_SLOTS {
                 return Err(PolicyError::Slot { slot, limit: MAX_SLOTS });
             }
-            let expected = self.pasts.get(slot as usize).map_or(0, |past| past.next_query);
+            let expected = self.histories.get(slot as usize).map_or(0, |history| history.next_query);
             if found != 0 && found != expected {
                 return Err(PolicyError::QueryGap { slot, expected, found });
             }
@@ -64,21 +66,21 @@ impl Policy for Ensemble {
         for (env_idx, chunk) in answer.iter_mut().enumerate() {
             let record = observation.env(env_idx).record;
             let slot = record.slot as usize;
-            if slot >= self.pasts.len() {
-                self.pasts.resize_with(slot + 1, || Past { next_query: 0, chunks: Vec::new() });
+            if slot >= self.histories.len() {
+                self.histories.resize_with(slot + 1, || ChunkHistory { next_query: 0, chunks: Vec::new() });
             }
-            let past = &mut self.pasts[slot];
-            past.push(record.query, chunk);
+            let history = &mut self.histories[slot];
+            history.push(record.query, chunk);
             let action_dim = chunk.action_dim();
             let horizon = chunk.rows().len() / action_dim;
             weights.extend((weights.len()..horizon).map(|idx| libm::exp(-decay * idx as f64)));
-            past.mean(horizon, weights, chunk.reset(1, action_dim));
+            history.mean(horizon, weights, chunk.reset(1, action_dim));
         }
         Ok(())
     }
 }
 
-impl Past {
+impl ChunkHistory {
     fn push(&mut self, query: u32, chunk: &ActionChunk) {
         let rows = chunk.rows();
         let horizon = rows.len() / chunk.action_dim();
@@ -87,7 +89,7 @@ impl Past {
         self.next_query = query + 1;
     }
 
-    /// The weighted mean for the control step of the newest chunk, summed oldest first.
+    /// Writes the weighted mean of the predictions for the newest control step to `row [action_dim]`, summed oldest first.
     fn mean(&self, horizon: usize, weights: &[f64], row: &mut [f32]) {
         let newest = self.next_query as usize - 1;
         let n_past = horizon.min(newest + 1);

@@ -1,11 +1,11 @@
-//! The floor: a policy that holds still.
+//! The idle policy, a floor for success rates.
 
 use ipc_types::ObservationView;
 
 use crate::policy::{ActionChunk, Policy, PolicyError};
 use crate::rows::fill_rows;
 
-/// Commands the measured joints, or no motion, and the grippers where they are.
+/// Commands zero motion, or the measured joint positions, and keeps the grippers at their current position.
 #[derive(Clone, Copy, Debug)]
 pub struct IdlePolicy;
 

@@ -1,7 +1,7 @@
-//! Policies and the host that serves them: observations in through shared memory, action chunks out.
+//! Policies and the host that serves them: observations arrive through shared memory, action chunks return.
 //!
-//! A policy sees only what crosses the link; this crate knows nothing of the simulator. Its arithmetic depends on the
-//! observation alone: not on batch, thread count, time or environment.
+//! A policy receives only what crosses the link; this crate does not depend on the simulator. Results depend on the
+//! observation and its history alone, not on batch size, thread count, time or environment variables.
 
 pub mod act;
 pub mod checkpoint;
@@ -17,6 +17,7 @@ pub mod serve;
 pub mod spec;
 pub mod synthetic;
 pub mod text;
+pub mod weights;
 
 mod rows;
 

@@ -1,4 +1,4 @@
-//! Random actions, drawn by (episode, control step, entry) alone: the same however the rows are chunked.
+//! The random policy. Each value depends only on (episode, control step, action entry), not on how rows are chunked.
 
 use ipc_types::{ControlMode, ObservationView};
 
@@ -6,11 +6,11 @@ use crate::generated::{SPLITMIX_GAMMA, splitmix64, unit};
 use crate::policy::{ActionChunk, Policy, PolicyError};
 use crate::rows::fill_rows;
 
-/// Farthest that a commanded joint is from the measured one.
-const JOINT_REACH_RAD: f32 = 0.05;
+/// Maximum distance between a commanded and the measured joint position.
+const MAX_JOINT_OFFSET_RAD: f32 = 0.05;
 
-/// Uniform in [−1, 1] for the tool's motion; for joints, a random walk in steps of at most 0.05 rad from where they
-/// were measured. Grippers are uniform in [−1, 1] in both.
+/// Draws tool motions uniformly from [−1, 1], joint positions uniformly within 0.05 rad of the measured ones, and gripper
+/// commands uniformly from [−1, 1].
 #[derive(Clone, Copy, Debug)]
 pub struct RandomPolicy;
 
@@ -27,7 +27,7 @@ impl Policy for RandomPolicy {
                 let drawn = draw(record.policy_seed, step, entry);
                 let is_gripper = entry % arm_dim == arm_dim - 1;
                 match control_mode {
-                    ControlMode::JointPos if !is_gripper => *x += JOINT_REACH_RAD * drawn,
+                    ControlMode::JointPos if !is_gripper => *x += MAX_JOINT_OFFSET_RAD * drawn,
                     _ => *x = drawn,
                 }
             }
@@ -35,8 +35,8 @@ impl Policy for RandomPolicy {
     }
 }
 
-/// Uniform in [−1, 1): the generator's state is counted, not carried.
+/// Draws a value uniformly from [−1, 1), with a counter-based generator that carries no state.
 fn draw(seed: u64, step: u32, entry: usize) -> f32 {
-    let of_step = splitmix64(seed.wrapping_add(u64::from(step).wrapping_mul(SPLITMIX_GAMMA)));
-    2.0 * unit(of_step, entry) - 1.0
+    let stream = splitmix64(seed.wrapping_add(u64::from(step).wrapping_mul(SPLITMIX_GAMMA)));
+    2.0 * unit(stream, entry) - 1.0
 }

@@ -1,17 +1,17 @@
-//! Answers that are made row by row from holding still.
+//! Action chunks built row by row from the action that holds the current position.
 
 use ipc_types::{EnvRecord, ObservationView};
 
 use crate::policy::{ActionChunk, PolicyError};
 use crate::robot_state::RobotState;
 
-/// Answers every env with as many rows as it will execute. Each holds the robot still until `change(record, control
-/// step, row)` has altered it.
+/// Fills the chunk of every env with as many rows as the sim will execute. Each row holds the current position before
+/// `modify(record, control step, row)` changes it.
 pub(crate) fn fill_rows(
     policy: &'static str,
     observation: &ObservationView<'_>,
     answer: &mut [ActionChunk],
-    change: impl Fn(&EnvRecord, u32, &mut [f32]),
+    modify: impl Fn(&EnvRecord, u32, &mut [f32]),
 ) -> Result<(), PolicyError> {
     assert_eq!(answer.len(), observation.n_envs(), "one chunk per env");
     let (morphology, control_mode) = (observation.morphology(), observation.control_mode());
@@ -25,10 +25,10 @@ pub(crate) fn fill_rows(
         let robot = RobotState::new(env.state, morphology);
         let rows = chunk.reset(env.record.execute as usize, action_dim);
         for (row, step) in rows.chunks_exact_mut(action_dim).zip(env.record.step..) {
-            if !robot.hold(control_mode, row) {
+            if !robot.write_hold(control_mode, row) {
                 return Err(PolicyError::Unsupported { policy, control_mode: control_mode.name() });
             }
-            change(env.record, step, row);
+            modify(env.record, step, row);
         }
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! What a user may write for a policy.
+//! Policy specifications, as users write them on the command line and in sweep files.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -11,23 +11,23 @@ use thiserror::Error;
 /// `attach:NAME`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub enum PolicySpec {
-    /// Holds still: the floor.
+    /// Holds the current position: a floor for success rates.
     Idle,
-    /// Random actions.
+    /// Draws random actions.
     Random,
-    /// The scripted expert, which runs inside the sim: the ceiling.
+    /// The scripted expert, which runs inside the sim: a ceiling for success rates.
     Expert,
     /// An ACT checkpoint folder.
     Act(PathBuf),
-    /// An ACT checkpoint folder, most of whose products are made in eight bits ([`crate::nn::Precision`]).
+    /// An ACT checkpoint folder, evaluated mostly with 8-bit integers ([`crate::nn::Precision`]).
     ActInt8(PathBuf),
-    /// A foreign host of this name.
+    /// An external policy host with this name.
     Attach(String),
 }
 
-/// A text that names no policy.
+/// Errors that can occur while parsing a policy specification.
 #[derive(Debug, Error, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
+#[expect(missing_docs, reason = "the messages describe the fields")]
 pub enum PolicySpecError {
     #[error("unknown policy `{found}`, expected one of {}", known())]
     Unknown { found: String },
@@ -37,50 +37,53 @@ pub enum PolicySpecError {
     Argument { kind: &'static str, found: String },
 }
 
-/// One kind of policy: its name, what follows the colon, and how to make it.
+/// A kind of policy: its name and the parser of its argument.
 struct PolicyKind {
     name: &'static str,
-    make: Make,
+    parser: ArgumentParser,
 }
 
-enum Make {
-    Plain(PolicySpec),
-    With { argument: &'static str, make: fn(&str) -> PolicySpec },
+enum ArgumentParser {
+    NoArgument(PolicySpec),
+    Argument { name: &'static str, parse: fn(&str) -> PolicySpec },
 }
 
-/// All kinds, in the order they are listed to users.
+/// All kinds, in the order in which help texts list them.
 const KINDS: [PolicyKind; 6] = [
-    PolicyKind { name: "idle", make: Make::Plain(PolicySpec::Idle) },
-    PolicyKind { name: "random", make: Make::Plain(PolicySpec::Random) },
-    PolicyKind { name: "expert", make: Make::Plain(PolicySpec::Expert) },
+    PolicyKind { name: "idle", parser: ArgumentParser::NoArgument(PolicySpec::Idle) },
+    PolicyKind { name: "random", parser: ArgumentParser::NoArgument(PolicySpec::Random) },
+    PolicyKind { name: "expert", parser: ArgumentParser::NoArgument(PolicySpec::Expert) },
     PolicyKind {
         name: "act",
-        make: Make::With { argument: "PATH", make: |path| PolicySpec::Act(PathBuf::from(path)) },
+        parser: ArgumentParser::Argument { name: "PATH", parse: |path| PolicySpec::Act(PathBuf::from(path)) },
     },
     PolicyKind {
         name: "act-int8",
-        make: Make::With { argument: "PATH", make: |path| PolicySpec::ActInt8(PathBuf::from(path)) },
+        parser: ArgumentParser::Argument {
+            name: "PATH",
+            parse: |path| PolicySpec::ActInt8(PathBuf::from(path)),
+        },
     },
     PolicyKind {
         name: "attach",
-        make: Make::With { argument: "NAME", make: |name| PolicySpec::Attach(name.to_owned()) },
+        parser: ArgumentParser::Argument { name: "NAME", parse: |name| PolicySpec::Attach(name.to_owned()) },
     },
 ];
 
 impl PolicySpec {
-    /// Whether a child process of ours runs it.
+    /// Returns `true` if a policy-host child process runs this policy.
     #[must_use]
     pub fn hosted(&self) -> bool {
         matches!(self, Self::Idle | Self::Random | Self::Act(_) | Self::ActInt8(_))
     }
 
-    /// Whether it looks at images.
+    /// Returns `true` if the policy needs images in its observations.
     #[must_use]
     pub fn needs_images(&self) -> bool {
         matches!(self, Self::Act(_) | Self::ActInt8(_) | Self::Attach(_))
     }
 
-    /// Name of its kind.
+    /// Returns the name of the policy's kind.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -93,11 +96,11 @@ impl PolicySpec {
         }
     }
 
-    /// The ways to write a policy, as shown to users.
+    /// Returns the syntax of every kind, for help texts and errors.
     pub fn forms() -> impl Iterator<Item = String> {
-        KINDS.iter().map(|kind| match kind.make {
-            Make::Plain(_) => kind.name.to_owned(),
-            Make::With { argument, .. } => format!("{}:{argument}", kind.name),
+        KINDS.iter().map(|kind| match kind.parser {
+            ArgumentParser::NoArgument(_) => kind.name.to_owned(),
+            ArgumentParser::Argument { name, .. } => format!("{}:{name}", kind.name),
         })
     }
 }
@@ -109,15 +112,15 @@ impl FromStr for PolicySpec {
         let (name, given) = text.split_once(':').map_or((text, None), |(name, given)| (name, Some(given)));
         let kind = KINDS.iter().find(|kind| kind.name == name);
         let kind = kind.ok_or_else(|| PolicySpecError::Unknown { found: text.to_owned() })?;
-        match (&kind.make, given) {
-            (Make::Plain(spec), None) => Ok(spec.clone()),
-            (Make::Plain(_), Some(found)) => {
+        match (&kind.parser, given) {
+            (ArgumentParser::NoArgument(spec), None) => Ok(spec.clone()),
+            (ArgumentParser::NoArgument(_), Some(found)) => {
                 Err(PolicySpecError::Argument { kind: kind.name, found: found.to_owned() })
             }
-            (Make::With { argument, .. }, None | Some("")) => {
+            (ArgumentParser::Argument { name: argument, .. }, None | Some("")) => {
                 Err(PolicySpecError::NoArgument { kind: kind.name, argument })
             }
-            (Make::With { make, .. }, Some(given)) => Ok(make(given)),
+            (ArgumentParser::Argument { parse, .. }, Some(given)) => Ok(parse(given)),
         }
     }
 }
@@ -141,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_form_reads_back_as_it_is_shown() {
+    fn every_form_round_trips_through_display() {
         for form in PolicySpec::forms() {
             let spec: PolicySpec = form.parse().unwrap();
             assert_eq!(spec.to_string(), form);
@@ -150,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_say_what_is_known() {
+    fn errors_list_the_known_policies() {
         let error = "acts:here".parse::<PolicySpec>().unwrap_err().to_string();
         assert_eq!(
             error,

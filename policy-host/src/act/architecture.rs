@@ -1,113 +1,113 @@
-//! The shape of an ACT network: what its arithmetic is, whatever folder its weights came from.
+//! Hyperparameters of an ACT network, independent of the checkpoint format.
 
 use ipc_types::layout::MAX_ACTION_DIM;
 
 /// Hyperparameters of a network.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Architecture {
-    /// Images as the backbone sees them, in the order of their tokens; may be empty.
+    /// Sizes of the backbone's input images, in the order of their tokens. May be empty.
     pub cameras: Vec<ImageSize>,
-    /// Width of the state vector, for a network that sees one.
+    /// Dimension of the state vector, or `None` for a network without state input.
     pub state_dim: Option<usize>,
-    /// The embedding of an instruction, for a network that sees one.
+    /// Instruction input, or `None` for a network without one.
     pub instruction: Option<InstructionInput>,
-    /// Width of an action row.
+    /// Dimension of an action.
     pub action_dim: usize,
-    /// Rows of an action chunk.
+    /// Number of actions in a chunk.
     pub horizon: usize,
-    /// Width of a token.
+    /// Model width `d`, the dimension of a token.
     pub hidden_dim: usize,
-    /// Inner width of the feed-forward layers.
+    /// Hidden width of the feed-forward layers.
     pub dim_feedforward: usize,
-    /// Attention heads.
+    /// Number of attention heads.
     pub n_heads: usize,
-    /// Encoder layers.
+    /// Number of encoder layers.
     pub enc_layers: usize,
-    /// Decoder layers that reach the output.
+    /// Number of decoder layers that affect the output.
     pub dec_layers: usize,
-    /// The image network.
+    /// Image backbone.
     pub backbone: ResNet,
 }
 
-/// Sides of an image in pixels.
+/// Height and width of an image or feature map, in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImageSize {
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// Pixels in a row.
+    /// Number of pixels in a row.
     pub width: usize,
 }
 
-/// A residual network of two-convolution blocks, without its classifier.
+/// A ResNet of basic blocks (two 3×3 convolutions each), without the classifier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResNet {
-    /// Blocks of each stage.
+    /// Number of blocks in each stage.
     pub blocks: [usize; 4],
-    /// Channels of the first stage; each further stage has twice as many.
+    /// Channels of the first stage. Every further stage doubles them.
     pub width: usize,
 }
 
-/// The embedding of an instruction and how it becomes a token.
+/// Instruction input: the embedding and its projection to a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InstructionInput {
-    /// Width of the embedding.
+    /// Dimension of the embedding.
     pub dim: usize,
-    /// How it becomes a token.
+    /// Projection to a token.
     pub projection: Projection,
 }
 
-/// How an embedding becomes a token.
+/// Projection of an instruction embedding to a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Projection {
-    /// `(Linear, ReLU, LayerNorm) × 2, Linear` (spec/eval.md §1.2). The token has no position, and an empty instruction has
-    /// no token.
+    /// `(Linear, ReLU, LayerNorm) × 2, Linear` (docs/benchmark.md, "Policies and evaluation"). The token has no position
+    /// embedding, and an empty instruction has no token.
     Mlp,
-    /// One linear layer, as for LeRobot's environment state. The token has a learned position.
+    /// One linear layer, like LeRobot's environment state. The token has a learned position embedding.
     Linear,
 }
 
-/// A hyperparameter that no network can have.
+/// A hyperparameter outside its limits.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct BadValue {
-    /// Which one.
+pub struct InvalidHyperparameter {
+    /// Name of the hyperparameter.
     pub name: &'static str,
-    /// What it is.
+    /// Actual value.
     pub found: usize,
-    /// What it may be.
+    /// Description of the valid values.
     pub expected: String,
 }
 
-/// Pixels of an image that the features of one place cover in each direction.
+/// Base-2 logarithm of the backbone's total stride: one feature covers 32 × 32 pixels.
 const BACKBONE_STRIDE_LOG2: u32 = 5;
 
 impl ImageSize {
-    /// Sides of the backbone's last feature map: halved five times, rounded up.
+    /// Returns the size of the backbone's last feature map: halved five times, rounding up.
     #[must_use]
     pub fn features(self) -> Self {
         let halved = |side: usize| (0..BACKBONE_STRIDE_LOG2).fold(side, |side, _| side.div_ceil(2));
         Self { height: halved(self.height), width: halved(self.width) }
     }
 
-    /// Places of a map of these sides.
+    /// Returns the number of pixels.
     #[must_use]
-    pub const fn n_places(self) -> usize {
+    pub const fn n_pixels(self) -> usize {
         self.height * self.width
     }
 }
 
 impl ResNet {
-    /// The usual ResNet-18.
+    /// ResNet-18 with the standard widths.
     pub const RESNET_18: Self = Self { blocks: [2, 2, 2, 2], width: 64 };
-    /// The usual ResNet-34.
+    /// ResNet-34 with the standard widths.
     pub const RESNET_34: Self = Self { blocks: [3, 4, 6, 3], width: 64 };
 
-    /// Channels of a stage's output.
+    /// Returns the number of output channels of a stage.
     #[must_use]
     pub const fn channels(self, stage: usize) -> usize {
         self.width << stage
     }
 
-    /// Channels of the last stage's output.
+    /// Returns the number of output channels of the last stage.
     #[must_use]
     pub const fn n_features(self) -> usize {
         self.channels(self.blocks.len() - 1)
@@ -115,14 +115,14 @@ impl ResNet {
 }
 
 impl Architecture {
-    /// Longest chunk.
+    /// Maximum number of actions in a chunk.
     pub const MAX_HORIZON: usize = 1024;
 
     /// Checks every value against its limits.
     ///
     /// # Errors
-    /// The first that no network can have.
-    pub fn check(&self) -> Result<(), BadValue> {
+    /// The first hyperparameter outside its limits.
+    pub fn check(&self) -> Result<(), InvalidHyperparameter> {
         let sides =
             self.cameras.iter().flat_map(|size| [("image height", size.height), ("image width", size.width)]);
         let sides = sides.map(|(name, found)| (name, found, 2048));
@@ -140,11 +140,11 @@ impl Architecture {
         ];
         for (name, found, limit) in sizes.into_iter().chain(sides) {
             if found == 0 || found > limit {
-                return Err(BadValue { name, found, expected: format!("1 to {limit}") });
+                return Err(InvalidHyperparameter { name, found, expected: format!("1 to {limit}") });
             }
         }
         if self.cameras.len() > 8 {
-            return Err(BadValue {
+            return Err(InvalidHyperparameter {
                 name: "number of cameras",
                 found: self.cameras.len(),
                 expected: "at most 8".into(),
@@ -152,25 +152,26 @@ impl Architecture {
         }
         if !self.hidden_dim.is_multiple_of(4) || !self.hidden_dim.is_multiple_of(self.n_heads) {
             let expected = format!("a multiple of 4 and of the number of heads, {}", self.n_heads);
-            return Err(BadValue { name: "token width", found: self.hidden_dim, expected });
+            return Err(InvalidHyperparameter { name: "token width", found: self.hidden_dim, expected });
         }
         Ok(())
     }
 
-    /// Tokens that images make.
+    /// Returns the number of image tokens of all cameras.
     #[must_use]
     pub fn n_image_tokens(&self) -> usize {
-        self.cameras.iter().map(|size| size.features().n_places()).sum()
+        self.cameras.iter().map(|size| size.features().n_pixels()).sum()
     }
 
-    /// Tokens with a learned position: latent, state and, of a [`Projection::Linear`], instruction.
+    /// Returns the number of tokens with a learned position embedding: latent, state and, with [`Projection::Linear`],
+    /// instruction.
     #[must_use]
-    pub fn n_placed_tokens(&self) -> usize {
+    pub fn n_learned_positions(&self) -> usize {
         let linear = self.instruction.is_some_and(|input| input.projection == Projection::Linear);
         1 + usize::from(self.state_dim.is_some()) + usize::from(linear)
     }
 
-    /// Most tokens in the encoder: latent, state, instruction if it can be there, images.
+    /// Returns the maximum number of encoder tokens: latent, state, instruction and images.
     #[must_use]
     pub fn max_tokens(&self) -> usize {
         let leading = 1 + usize::from(self.state_dim.is_some()) + usize::from(self.instruction.is_some());

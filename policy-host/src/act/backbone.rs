@@ -1,4 +1,4 @@
-//! The residual network: an image in, a map of features out.
+//! The ResNet backbone: maps images to feature maps.
 
 use std::ops::Range;
 
@@ -7,98 +7,101 @@ use super::image::{Image, ImageScratch, Preprocessor};
 use super::normalise::Normalisation;
 use super::team::in_bands;
 use super::tensors::BACKBONE;
-use crate::checkpoint::Weights;
 use crate::nn::Precision;
-use crate::nn::conv::{Conv, ConvScratch, Finish, FrozenNorm, Window};
-use crate::nn::maps::MapShape;
-use crate::nn::pool::max_pool_3x3;
+use crate::nn::conv::{Conv2d, ConvGeometry, ConvScratch, Epilogue, FrozenBatchNorm2d};
+use crate::nn::feature_map::FeatureMapShape;
+use crate::nn::pool::max_pool2d_3x3;
+use crate::weights::StateDict;
 
-/// The network, its normalisations folded into its convolutions.
+/// A ResNet with the batch normalisations folded into the convolutions.
 #[derive(Debug)]
 pub(super) struct Backbone {
-    /// One for each camera.
+    /// One preprocessor per camera.
     preprocessors: Vec<Preprocessor>,
-    /// Neighbouring cameras whose images have the same sides, and so go through the network together.
+    /// Ranges of consecutive cameras with equal image size, which are computed together.
     groups: Vec<Range<usize>>,
-    stem: Conv,
-    /// Of the stages whose maps are large and kernels small: an image goes through all of them before the next, so that its
-    /// maps stay in the cache.
-    early: Vec<Block>,
-    /// Of the stages whose maps are small and kernels large: all images go through a block before the next, so that its
-    /// kernels are read once.
-    late: Vec<Block>,
+    stem: Conv2d,
+    /// Blocks of the first stages, with large maps and small kernels. Each image passes through all of them before the
+    /// next image, so that its maps stay in the cache.
+    early: Vec<BasicBlock>,
+    /// Blocks of the last stages, with small maps and large kernels. All images pass through a block before the next
+    /// block, so that its kernels are read once.
+    late: Vec<BasicBlock>,
 }
 
-/// Stages that are early.
+/// Number of stages in [`Backbone::early`].
 const N_EARLY_STAGES: usize = 2;
 
-/// A residual block.
+/// A residual block of two 3×3 convolutions, torchvision's `BasicBlock`.
 #[derive(Debug)]
-struct Block {
-    first: Conv,
-    second: Conv,
-    /// Brings the input to the output's shape where they differ.
-    downsample: Option<Conv>,
+struct BasicBlock {
+    conv1: Conv2d,
+    conv2: Conv2d,
+    /// 1×1 convolution of the skip connection, where input and output shapes differ.
+    downsample: Option<Conv2d>,
 }
 
-/// Working memory for the images of some samples.
+/// Working memory for the images of a group of samples.
 #[derive(Debug, Default)]
-pub(super) struct TrunkScratch {
+pub(super) struct BackboneScratch {
     n_samples: usize,
     resize: ImageScratch,
     image: Vec<f32>,
     stem: Vec<f32>,
-    early: Maps,
-    late: Maps,
+    early: BlockMaps,
+    late: BlockMaps,
 }
 
-/// The running features, a block's inner features, and its downsampled input.
-type Maps = [Vec<f32>; 3];
+/// Feature maps of a block: input and output, after the first convolution, and skip connection.
+type BlockMaps = [Vec<f32>; 3];
 
 impl Backbone {
-    /// From checked weights, for images of these sizes.
+    /// Builds the backbone from a checked state dict, for images of these sizes.
     #[must_use]
     pub(super) fn new(
         architecture: &Architecture,
         normalisation: &Normalisation,
-        weights: &Weights,
+        state_dict: &StateDict,
         precision: Precision,
         sizes: &[ImageSize],
     ) -> Self {
-        let conv = |conv: &str, norm: &str, window, precision| {
-            let part = |name: &str| weights.get(&format!("{BACKBONE}.{norm}.{name}"));
-            let norm = FrozenNorm {
+        let conv = |conv: &str, norm: &str, geometry, precision| {
+            let part = |name: &str| state_dict.get(&format!("{BACKBONE}.{norm}.{name}"));
+            let norm = FrozenBatchNorm2d {
                 weight: part("weight"),
                 bias: part("bias"),
                 mean: part("running_mean"),
                 variance: part("running_var"),
             };
-            Conv::folded(weights.get(&format!("{BACKBONE}.{conv}.weight")), norm, window, precision)
+            let weight = state_dict.get(&format!("{BACKBONE}.{conv}.weight"));
+            Conv2d::with_batch_norm(weight, norm, geometry, precision)
         };
         let (mut early, mut late) = (Vec::new(), Vec::new());
         for (stage, n_blocks) in architecture.backbone.blocks.into_iter().enumerate() {
             for block in 0..n_blocks {
                 let name = format!("layer{}.{block}", stage + 1);
-                let shrinks = stage > 0 && block == 0;
-                let stride = if shrinks { 2 } else { 1 };
-                let same = Window { kernel: 3, stride: 1, padding: 1 };
-                let skip = Window { kernel: 1, stride, padding: 0 };
+                let downsamples = stage > 0 && block == 0;
+                let stride = if downsamples { 2 } else { 1 };
+                let same = ConvGeometry { kernel_size: 3, stride: 1, padding: 1 };
+                let skip = ConvGeometry { kernel_size: 1, stride, padding: 0 };
                 let (down, down_norm) = (format!("{name}.downsample.0"), format!("{name}.downsample.1"));
                 let blocks = if stage < N_EARLY_STAGES { &mut early } else { &mut late };
-                let of_block = |idx: usize, window| {
-                    conv(&format!("{name}.conv{idx}"), &format!("{name}.bn{idx}"), window, precision)
+                let block_conv = |idx: usize, geometry| {
+                    conv(&format!("{name}.conv{idx}"), &format!("{name}.bn{idx}"), geometry, precision)
                 };
-                blocks.push(Block {
-                    first: of_block(1, Window { stride, ..same }),
-                    second: of_block(2, same),
-                    downsample: shrinks.then(|| conv(&down, &down_norm, skip, precision)),
+                blocks.push(BasicBlock {
+                    conv1: block_conv(1, ConvGeometry { stride, ..same }),
+                    conv2: block_conv(2, same),
+                    downsample: downsamples.then(|| conv(&down, &down_norm, skip, precision)),
                 });
             }
         }
-        let stem = conv("conv1", "bn1", Window { kernel: 7, stride: 2, padding: 3 }, Precision::F32);
+        let stem =
+            conv("conv1", "bn1", ConvGeometry { kernel_size: 7, stride: 2, padding: 3 }, Precision::F32);
         let cameras = architecture.cameras.iter().zip(&normalisation.images);
-        let preprocessors =
-            cameras.map(|(&size, affine)| Preprocessor::new(size, affine.as_ref(), sizes)).collect();
+        let preprocessors = cameras
+            .map(|(&size, normalisation)| Preprocessor::new(size, normalisation.as_ref(), sizes))
+            .collect();
         let mut groups: Vec<Range<usize>> = Vec::new();
         for same in architecture.cameras.chunk_by(|a, b| a == b) {
             let start = groups.last().map_or(0, |group| group.end);
@@ -107,10 +110,10 @@ impl Backbone {
         Self { preprocessors, groups, stem, early, late }
     }
 
-    /// Working memory for up to `n_samples` at a time; lets every member's grow to what it needs, too.
+    /// Allocates working memory for up to `n_samples` samples and grows that of every team member as needed.
     #[must_use]
-    pub(super) fn scratch(&self, n_samples: usize, members: &mut [ConvScratch]) -> TrunkScratch {
-        let mut scratch = TrunkScratch { n_samples, ..TrunkScratch::default() };
+    pub(super) fn scratch(&self, n_samples: usize, members: &mut [ConvScratch]) -> BackboneScratch {
+        let mut scratch = BackboneScratch { n_samples, ..BackboneScratch::default() };
         for group in &self.groups {
             self.preprocessors[group.start].reserve(&mut scratch.resize);
             let [image, stem, pooled] = self.shapes(group.start);
@@ -118,28 +121,28 @@ impl Backbone {
             grow(&mut scratch.stem, stem.len());
             members.iter_mut().for_each(|member| self.stem.reserve(image, member));
             let n_images = n_samples * group.len();
-            let pooled = MapShape { n_maps: n_early(n_images, members.len()), ..pooled };
+            let pooled = FeatureMapShape { batch: n_early(n_images, members.len()), ..pooled };
             let shape = reserve(&self.early, pooled, &mut scratch.early, members);
-            reserve(&self.late, MapShape { n_maps: n_images, ..shape }, &mut scratch.late, members);
+            reserve(&self.late, FeatureMapShape { batch: n_images, ..shape }, &mut scratch.late, members);
         }
         scratch
     }
 
-    /// The features of the images of `n_samples`, sample after sample and camera after camera
-    /// `[height, width, n_features]`, by a team of as many threads as there are `members`.
+    /// Computes `features`, the concatenation over samples and cameras of `[h, w, c]`, with a team of `members.len()`
+    /// threads.
     ///
     /// # Panics
-    /// If there are more samples than the working memory is for, or `features` does not have its size.
-    pub(super) fn run<'a>(
+    /// If `scratch` was allocated for fewer samples, or `features` has the wrong length.
+    pub(super) fn forward<'a>(
         &self,
         n_samples: usize,
         image: impl Fn(usize, usize) -> Image<'a>,
-        scratch: &mut TrunkScratch,
+        scratch: &mut BackboneScratch,
         members: &mut [ConvScratch],
         features: &mut [f32],
     ) {
         assert!(n_samples <= scratch.n_samples, "{n_samples} samples");
-        let len_of_sample = features.len() / n_samples;
+        let sample_len = features.len() / n_samples;
         let mut first = 0;
         for group in &self.groups {
             let n_images = n_samples * group.len();
@@ -151,63 +154,68 @@ impl Backbone {
                     let camera = group.start + idx % group.len();
                     (camera, image(idx / group.len(), camera))
                 });
-                let len = images.len() * shape.map_len();
-                self.run_early(images, pooled, scratch, members);
-                let late = &mut scratch.late[0][start * shape.map_len()..][..len];
+                let len = images.len() * shape.image_len();
+                self.forward_early(images, pooled, scratch, members);
+                let late = &mut scratch.late[0][start * shape.image_len()..][..len];
                 late.copy_from_slice(&scratch.early[0][..len]);
             }
-            let shape =
-                run_blocks(&self.late, MapShape { n_maps: n_images, ..shape }, &mut scratch.late, members);
+            let shape = forward_blocks(
+                &self.late,
+                FeatureMapShape { batch: n_images, ..shape },
+                &mut scratch.late,
+                members,
+            );
             let row_len = shape.width * shape.channels;
-            let len_of_group = group.len() * shape.height * row_len;
-            for (line, row) in (0..shape.n_lines()).map(|line| (line, line % (group.len() * shape.height))) {
-                let to = line / (group.len() * shape.height) * len_of_sample + first + row * row_len;
-                let from = shape.offset(line / shape.height, line % shape.height, 0);
+            let group_len = group.len() * shape.height * row_len;
+            for (image_row, row) in (0..shape.n_rows()).map(|row| (row, row % (group.len() * shape.height))) {
+                let to = image_row / (group.len() * shape.height) * sample_len + first + row * row_len;
+                let from = shape.offset(image_row / shape.height, image_row % shape.height, 0);
                 features[to..to + row_len].copy_from_slice(&scratch.late[0][from..from + row_len]);
             }
-            first += len_of_group;
+            first += group_len;
         }
-        assert_eq!(first, len_of_sample, "features of a sample");
+        assert_eq!(first, sample_len, "feature length of a sample");
     }
 
-    /// Brings images of one size, `pooled` after the pooling, through the stem and the early stages, to the first of the
-    /// early maps.
-    fn run_early<'a>(
+    /// Passes images of one size through the stem and the early stages, into the first of the early maps. `pooled` is
+    /// their shape after pooling.
+    fn forward_early<'a>(
         &self,
         images: impl ExactSizeIterator<Item = (usize, Image<'a>)>,
-        pooled: MapShape,
-        scratch: &mut TrunkScratch,
+        pooled: FeatureMapShape,
+        scratch: &mut BackboneScratch,
         members: &mut [ConvScratch],
     ) {
-        let TrunkScratch { resize, image: pixels, stem, early, .. } = scratch;
+        let BackboneScratch { resize, image: pixels, stem, early, .. } = scratch;
         let n_images = images.len();
         for (idx, (camera, image)) in images.enumerate() {
             let preprocessor = &self.preprocessors[camera];
             let [image_shape, stem_shape, _] = self.shapes(camera);
             let (pixels, stem) = (&mut pixels[..image_shape.len()], &mut stem[..stem_shape.len()]);
             preprocessor.prepare(image, resize);
-            in_bands(members, (pixels, image_shape), 1, |lines, out, _| {
-                preprocessor.run(image, resize, lines, out);
+            in_bands(members, (pixels, image_shape), 1, |rows, out, _| {
+                preprocessor.run(image, resize, rows, out);
             });
-            convolve(&self.stem, (pixels, image_shape), (stem, stem_shape), Finish::Relu, members);
+            convolve(&self.stem, (pixels, image_shape), (stem, stem_shape), Epilogue::Relu, members);
             let map = &mut early[0][idx * pooled.len()..][..pooled.len()];
-            in_bands(members, (map, pooled), 1, |lines, out, _| {
-                max_pool_3x3((stem, stem_shape), (out, pooled), lines);
+            in_bands(members, (map, pooled), 1, |rows, out, _| {
+                max_pool2d_3x3((stem, stem_shape), (out, pooled), rows);
             });
         }
-        run_blocks(&self.early, MapShape { n_maps: n_images, ..pooled }, early, members);
+        forward_blocks(&self.early, FeatureMapShape { batch: n_images, ..pooled }, early, members);
     }
 
-    /// Shapes of one image of a camera: as prepared, after the stem, and after the pooling.
-    fn shapes(&self, camera: usize) -> [MapShape; 3] {
+    /// Returns the shapes of one image of a camera: preprocessed, after the stem, and after pooling.
+    fn shapes(&self, camera: usize) -> [FeatureMapShape; 3] {
         let image = self.preprocessors[camera].shape();
         let stem = self.stem.output_shape(image, 1);
         let [height, width] = [stem.height, stem.width].map(|side| side.div_ceil(2));
-        [image, stem, MapShape { height, width, ..stem }]
+        [image, stem, FeatureMapShape { height, width, ..stem }]
     }
 }
 
-/// Images that go through the early stages together: one, but all of them where a team has to share out their lines.
+/// Returns the number of images that pass through the early stages together: one for a single thread, all for a team,
+/// which divides their rows among its members.
 fn n_early(n_images: usize, n_members: usize) -> usize {
     if n_members > 1 { n_images } else { 1 }
 }
@@ -216,19 +224,24 @@ fn grow(buffer: &mut Vec<f32>, len: usize) {
     buffer.resize(buffer.len().max(len), 0.0);
 }
 
-/// Shape of what these blocks make of such an input.
-fn output_shape(blocks: &[Block], input: MapShape) -> MapShape {
-    blocks.iter().fold(input, |shape, block| block.first.output_shape(shape, 1))
+/// Returns the output shape of a sequence of blocks.
+fn output_shape(blocks: &[BasicBlock], input: FeatureMapShape) -> FeatureMapShape {
+    blocks.iter().fold(input, |shape, block| block.conv1.output_shape(shape, 1))
 }
 
-/// Lets maps and members grow to what these blocks need for such an input; the output's shape is returned.
-fn reserve(blocks: &[Block], mut shape: MapShape, maps: &mut Maps, members: &mut [ConvScratch]) -> MapShape {
+/// Grows the maps and the members' working memory to what the blocks need. Returns the output shape.
+fn reserve(
+    blocks: &[BasicBlock],
+    mut shape: FeatureMapShape,
+    maps: &mut BlockMaps,
+    members: &mut [ConvScratch],
+) -> FeatureMapShape {
     maps.iter_mut().for_each(|map| grow(map, shape.len()));
     for block in blocks {
-        let inner = block.first.output_shape(shape, 1);
+        let inner = block.conv1.output_shape(shape, 1);
         for member in &mut *members {
-            block.first.reserve(shape, member);
-            block.second.reserve(inner, member);
+            block.conv1.reserve(shape, member);
+            block.conv2.reserve(inner, member);
             if let Some(downsample) = &block.downsample {
                 downsample.reserve(shape, member);
             }
@@ -239,36 +252,37 @@ fn reserve(blocks: &[Block], mut shape: MapShape, maps: &mut Maps, members: &mut
     shape
 }
 
-/// Brings the first of the maps through these blocks; its shape is returned.
-fn run_blocks(
-    blocks: &[Block],
-    mut shape: MapShape,
-    [x, inner, skip]: &mut Maps,
+/// Passes the first of the maps through the blocks in place. Returns its new shape.
+fn forward_blocks(
+    blocks: &[BasicBlock],
+    mut shape: FeatureMapShape,
+    [x, inner, skip]: &mut BlockMaps,
     members: &mut [ConvScratch],
-) -> MapShape {
+) -> FeatureMapShape {
     for block in blocks {
-        let out = block.first.output_shape(shape, 1);
+        let out = block.conv1.output_shape(shape, 1);
         let (from, inner) = (&x[..shape.len()], &mut inner[..out.len()]);
-        convolve(&block.first, (from, shape), (inner, out), Finish::Relu, members);
+        convolve(&block.conv1, (from, shape), (inner, out), Epilogue::Relu, members);
         if let Some(downsample) = &block.downsample {
-            convolve(downsample, (from, shape), (&mut skip[..out.len()], out), Finish::Store, members);
+            convolve(downsample, (from, shape), (&mut skip[..out.len()], out), Epilogue::Store, members);
             std::mem::swap(x, skip);
         }
-        convolve(&block.second, (inner, out), (&mut x[..out.len()], out), Finish::AddRelu, members);
+        convolve(&block.conv2, (inner, out), (&mut x[..out.len()], out), Epilogue::AddRelu, members);
         shape = out;
     }
     shape
 }
 
+/// Computes a convolution with a team of threads.
 fn convolve(
-    conv: &Conv,
-    input: (&[f32], MapShape),
-    output: (&mut [f32], MapShape),
-    finish: Finish,
+    conv: &Conv2d,
+    input: (&[f32], FeatureMapShape),
+    output: (&mut [f32], FeatureMapShape),
+    epilogue: Epilogue,
     members: &mut [ConvScratch],
 ) {
     let shape = output.1;
-    in_bands(members, output, conv.lines_together(), |lines, out, scratch| {
-        conv.run(input, (out, shape), lines, finish, scratch);
+    in_bands(members, output, conv.row_granularity(), |rows, out, scratch| {
+        conv.forward(input, (out, shape), rows, epilogue, scratch);
     });
 }

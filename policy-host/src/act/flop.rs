@@ -1,11 +1,11 @@
-//! The arithmetic of one query, counted from the shapes: multiplications and additions of all matrix products and
-//! convolutions that reach the output. Normalisations, activations and softmaxes are not counted.
+//! Floating-point operation count of one query, derived from the shapes: multiplications and additions of all matrix
+//! products and convolutions that affect the output. Normalisations, activations and softmaxes are not counted.
 
 use super::architecture::{Architecture, ImageSize, ResNet};
 
 impl Architecture {
-    /// Floating-point operations of one query with an instruction known before; dead layers and what is precomputed are
-    /// left out.
+    /// Returns the floating-point operations of one query whose instruction token is cached. Layers that do not affect
+    /// the output and precomputed terms are excluded.
     #[must_use]
     pub fn flop_per_query(&self) -> u64 {
         let product = |rows: usize, inner: usize, cols: usize| 2 * (rows * inner * cols) as u64;
@@ -20,22 +20,22 @@ impl Architecture {
             + attention(queries, tokens)
             + product(queries, width, width)
             + feed_forward(queries);
-        // Self-attention and the cross-attention's queries of the first layer are the same in every query.
-        let own = 5 * product(queries, width, width) + attention(queries, queries);
-        let decoder = self.dec_layers as u64 * cross + (self.dec_layers as u64 - 1) * own;
+        // The first layer's self-attention and cross-attention queries are constant and precomputed.
+        let self_attention = 5 * product(queries, width, width) + attention(queries, queries);
+        let decoder = self.dec_layers as u64 * cross + (self.dec_layers as u64 - 1) * self_attention;
         let projections = product(self.n_image_tokens(), self.backbone.n_features(), width)
             + product(1, self.state_dim.unwrap_or(0), width)
             + product(queries, width, self.action_dim);
-        let trunks: u64 = self.cameras.iter().map(|&size| trunk_flop(self.backbone, size)).sum();
-        trunks + projections + self.enc_layers as u64 * encoder_layer + decoder
+        let backbones: u64 = self.cameras.iter().map(|&size| backbone_flop(self.backbone, size)).sum();
+        backbones + projections + self.enc_layers as u64 * encoder_layer + decoder
     }
 }
 
-/// Floating-point operations of the backbone for one image.
-fn trunk_flop(backbone: ResNet, image: ImageSize) -> u64 {
+/// Returns the floating-point operations of the backbone for one image.
+fn backbone_flop(backbone: ResNet, image: ImageSize) -> u64 {
     let half = |size: ImageSize| ImageSize { height: size.height.div_ceil(2), width: size.width.div_ceil(2) };
     let conv = |size: ImageSize, taps: usize, c_in: usize, c_out: usize| {
-        2 * (size.n_places() * taps * c_in * c_out) as u64
+        2 * (size.n_pixels() * taps * c_in * c_out) as u64
     };
     let mut size = half(image);
     let mut total = conv(size, 49, 3, backbone.width);

@@ -1,35 +1,36 @@
-//! Instruction tokens, computed once for each distinct instruction.
+//! Cache of instruction tokens: each distinct instruction is encoded once.
 
 use super::architecture::Projection;
 use super::model::ActModel;
 use crate::text::TextEncoder;
 
-/// Most instructions remembered; the oldest is forgotten first.
+/// Maximum number of cached instructions. The oldest entry is evicted first.
 const CAPACITY: usize = 256;
 
-/// Tokens of the instructions met so far.
+/// Cache from instruction to token `[d]`.
 #[derive(Debug)]
 pub(super) struct TokenCache {
     encoder: Option<TextEncoder>,
     entries: Vec<(String, Vec<f32>)>,
+    /// Index of the entry to overwrite next.
     next: usize,
 }
 
 impl TokenCache {
-    /// For a network trained with this encoder's embeddings, if it sees instructions.
+    /// Creates an empty cache. `encoder` is `None` for a network without instruction input.
     pub(super) fn new(encoder: Option<TextEncoder>) -> Self {
         Self { encoder, entries: Vec::new(), next: 0 }
     }
 
-    /// The token of an instruction, or `None` if the network has none for it: because it sees no instructions, or because
-    /// the instruction is empty and the benchmark's network omits it (spec/eval.md §1.2).
+    /// Returns the token of an instruction. Returns `None` if the network has no instruction input, or if the instruction
+    /// is empty and the benchmark's network omits the token (docs/benchmark.md, "Policies and evaluation").
     pub(super) fn get(&mut self, instruction: &str, model: &ActModel) -> Option<&[f32]> {
         let input = model.architecture().instruction?;
         if instruction.is_empty() && input.projection == Projection::Mlp {
             return None;
         }
-        let known = self.entries.iter().position(|(known, _)| known == instruction);
-        let idx = match known {
+        let cached = self.entries.iter().position(|(key, _)| key == instruction);
+        let idx = match cached {
             Some(idx) => idx,
             None => {
                 let embedding = self.encoder.as_ref()?.encode(instruction);

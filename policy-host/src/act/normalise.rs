@@ -1,29 +1,29 @@
-//! The numbers a network was trained on, from those of an observation, and back.
+//! Normalisation of network inputs, and its inverse for actions.
 
-/// `normalised = (x − shift) / scale`, entry by entry.
+/// Element-wise normalisation `(x − shift) / scale`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Affine {
-    /// `[n]`.
+pub struct ShiftScale {
+    /// Shift `[n]`, for example the mean.
     pub shift: Vec<f32>,
-    /// `[n]`, nowhere zero.
+    /// Scale `[n]`, for example the standard deviation. Never zero.
     pub scale: Vec<f32>,
 }
 
-/// What a network's inputs and outputs go through. `None` leaves numbers as they are.
+/// Normalisation of all inputs and outputs of a network. `None` means identity.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Normalisation {
-    /// For each camera, over its three channels in [0, 1].
-    pub images: Vec<Option<Affine>>,
-    /// Over the state.
-    pub state: Option<Affine>,
-    /// Over the embedding of an instruction.
-    pub instruction: Option<Affine>,
-    /// Over an action row; used backwards.
-    pub action: Option<Affine>,
+    /// Per camera, over its three channels, whose values are in [0, 1].
+    pub images: Vec<Option<ShiftScale>>,
+    /// Over the state vector.
+    pub state: Option<ShiftScale>,
+    /// Over the instruction embedding.
+    pub instruction: Option<ShiftScale>,
+    /// Over an action; the policy applies its inverse.
+    pub action: Option<ShiftScale>,
 }
 
-impl Affine {
-    /// ImageNet's channel means and standard deviations (spec/eval.md §1.2).
+impl ShiftScale {
+    /// Returns ImageNet's channel means and standard deviations, as torchvision defines them.
     #[must_use]
     pub fn image_net() -> Self {
         Self { shift: vec![0.485, 0.456, 0.406], scale: vec![0.229, 0.224, 0.225] }
@@ -31,13 +31,13 @@ impl Affine {
 
     /// Normalises `x [n]` in place.
     pub fn normalise(&self, x: &mut [f32]) {
-        assert_eq!(x.len(), self.shift.len(), "numbers to normalise");
+        assert_eq!(x.len(), self.shift.len(), "entries to normalise");
         for ((x, shift), scale) in x.iter_mut().zip(&self.shift).zip(&self.scale) {
             *x = (*x - shift) / scale;
         }
     }
 
-    /// Undoes it for every row of `x [T, n]`, in place.
+    /// Applies the inverse to every row of `x [t, n]` in place.
     pub fn restore(&self, x: &mut [f32]) {
         for row in x.chunks_exact_mut(self.shift.len()) {
             for ((x, shift), scale) in row.iter_mut().zip(&self.shift).zip(&self.scale) {

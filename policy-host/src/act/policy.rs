@@ -15,11 +15,12 @@ use thiserror::Error;
 use super::architecture::ImageSize;
 use super::image::Image;
 use super::instruction::TokenCache;
-use super::model::{ActModel, ActScratch, Input};
-use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, Wiring};
+use super::model::{ActInput, ActModel, ActScratch};
+use crate::checkpoint::{Checkpoint, CheckpointError, ObservationMapping};
 use crate::nn::Precision;
 use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError};
 use crate::text::TextEncoder;
+use crate::weights::CONFIG_FILE;
 
 /// Image sizes that occur in an observation.
 pub const IMAGE_SIZES: [ImageSize; 2] = [
@@ -41,7 +42,7 @@ pub struct ActPolicy {
 #[derive(Debug)]
 struct Network {
     model: ActModel,
-    wiring: Wiring,
+    mapping: ObservationMapping,
     /// Decay of the temporal ensemble's weights, if the checkpoint specifies one.
     ensemble_decay: Option<f64>,
     tokens: Mutex<TokenCache>,
@@ -94,8 +95,8 @@ pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), 
     let mut found = Vec::new();
     for inner in checkpoint_folders(folder)? {
         let checkpoint = Checkpoint::open(&inner)?;
-        let wiring = checkpoint.wiring()?;
-        found.push((wiring.morphology, wiring.control_mode));
+        let mapping = checkpoint.mapping()?;
+        found.push((mapping.morphology, mapping.control_mode));
         checkpoint.check_text_encoder()?;
     }
     for &(morphology, control_mode) in robots {
@@ -122,28 +123,33 @@ impl ActPolicy {
         let mut networks = Vec::new();
         for inner in checkpoint_folders(folder)? {
             let mut checkpoint = Checkpoint::open(&inner)?;
-            let (wiring, encoder) = (checkpoint.wiring()?.clone(), checkpoint.text_encoder()?);
-            if networks.iter().any(|network: &Network| network.wiring.morphology == wiring.morphology) {
-                let name = wiring.morphology.name();
+            let (mapping, encoder) = (checkpoint.mapping()?.clone(), checkpoint.text_encoder()?);
+            if networks.iter().any(|network: &Network| network.mapping.morphology == mapping.morphology) {
+                let name = mapping.morphology.name();
                 return Err(ActLoadError::DuplicateMorphology {
                     folder: folder.to_owned(),
                     morphology: name,
                 });
             }
-            let weights = checkpoint.weights()?;
+            let state_dict = checkpoint.state_dict()?;
             let (architecture, normalisation) =
                 (checkpoint.architecture().clone(), checkpoint.normalisation().clone());
-            let model = ActModel::new(architecture, normalisation, &weights, precision, &IMAGE_SIZES);
+            let model = ActModel::new(architecture, normalisation, &state_dict, precision, &IMAGE_SIZES);
             let ensemble_decay = checkpoint.ensemble_decay();
-            networks.push(Network { ensemble_decay, ..Network::new(model, wiring, encoder, n_threads) });
+            networks.push(Network { ensemble_decay, ..Network::new(model, mapping, encoder, n_threads) });
         }
         Ok(Self { networks })
     }
 
     /// Creates a policy with a single network.
     #[must_use]
-    pub fn new(model: ActModel, wiring: Wiring, encoder: Option<TextEncoder>, n_threads: usize) -> Self {
-        Self { networks: vec![Network::new(model, wiring, encoder, n_threads)] }
+    pub fn new(
+        model: ActModel,
+        mapping: ObservationMapping,
+        encoder: Option<TextEncoder>,
+        n_threads: usize,
+    ) -> Self {
+        Self { networks: vec![Network::new(model, mapping, encoder, n_threads)] }
     }
 }
 
@@ -155,7 +161,7 @@ impl Policy for ActPolicy {
     ) -> Result<(), PolicyError> {
         assert_eq!(answer.len(), observation.n_envs(), "one chunk per env");
         let morphology = observation.morphology();
-        let network = self.networks.iter_mut().find(|network| network.wiring.morphology == morphology);
+        let network = self.networks.iter_mut().find(|network| network.mapping.morphology == morphology);
         let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
         network.check(observation)?;
         network.run(observation, answer);
@@ -163,13 +169,18 @@ impl Policy for ActPolicy {
     }
 
     fn ensemble_decay(&self, morphology: Morphology) -> f64 {
-        let network = self.networks.iter().find(|network| network.wiring.morphology == morphology);
+        let network = self.networks.iter().find(|network| network.mapping.morphology == morphology);
         network.and_then(|network| network.ensemble_decay).unwrap_or(DEFAULT_ENSEMBLE_DECAY)
     }
 }
 
 impl Network {
-    fn new(model: ActModel, wiring: Wiring, encoder: Option<TextEncoder>, n_threads: usize) -> Self {
+    fn new(
+        model: ActModel,
+        mapping: ObservationMapping,
+        encoder: Option<TextEncoder>,
+        n_threads: usize,
+    ) -> Self {
         let n_threads = n_threads.max(1);
         let worker = |n_samples, n_members| Worker {
             scratch: model.scratch(n_samples, n_members),
@@ -180,7 +191,7 @@ impl Network {
         Self {
             workers,
             team: worker(1, n_threads),
-            wiring,
+            mapping,
             ensemble_decay: None,
             tokens: Mutex::new(TokenCache::new(encoder)),
             model,
@@ -188,7 +199,7 @@ impl Network {
     }
 
     fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
-        let Wiring { morphology, control_mode, cameras, .. } = &self.wiring;
+        let ObservationMapping { morphology, control_mode, cameras, .. } = &self.mapping;
         if !cameras.is_empty() && !observation.has_images() {
             return Err(PolicyError::NoImages);
         }
@@ -205,7 +216,7 @@ impl Network {
     /// Runs all samples. As many as divide evenly among the threads run one thread per sample, in jobs of up to
     /// [`MAX_SAMPLES_PER_JOB`] that keep every thread busy; all threads together then compute each of the rest.
     fn run(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionChunk]) {
-        let Self { model, wiring, tokens, workers, team, .. } = self;
+        let Self { model, mapping, tokens, workers, team, .. } = self;
         let n_threads = workers.len();
         let n_apart = answer.len() - answer.len() % n_threads;
         let (apart, together) = answer.split_at_mut(n_apart);
@@ -220,11 +231,11 @@ impl Network {
         let jobs = Mutex::new(jobs);
         workers.par_iter_mut().with_max_len(1).for_each(|worker| {
             while let Some((first_env, chunks)) = next_job(&jobs) {
-                worker.run(model, wiring, tokens, (observation, first_env), chunks);
+                worker.run(model, mapping, tokens, (observation, first_env), chunks);
             }
         });
         for (first_env, chunks) in (n_apart..).zip(together.chunks_mut(1)) {
-            team.run(model, wiring, tokens, (observation, first_env), chunks);
+            team.run(model, mapping, tokens, (observation, first_env), chunks);
         }
     }
 }
@@ -234,16 +245,16 @@ impl Worker {
     fn run(
         &mut self,
         model: &ActModel,
-        wiring: &Wiring,
+        mapping: &ObservationMapping,
         tokens: &Mutex<TokenCache>,
         (observation, first_env): (&ObservationView<'_>, usize),
         chunks: &mut [ActionChunk],
     ) {
         let image = |sample: usize, camera: usize| {
-            let (pixels, side) = observation.env(first_env + sample).image(wiring.cameras[camera]);
+            let (pixels, side) = observation.env(first_env + sample).image(mapping.cameras[camera]);
             Image { pixels, size: ImageSize { height: side, width: side } }
         };
-        model.look(chunks.len(), image, &mut self.scratch);
+        model.encode_images(chunks.len(), image, &mut self.scratch);
         for (sample, chunk) in chunks.iter_mut().enumerate() {
             let env = observation.env(first_env + sample);
             let has_token = match lock(tokens).get(env.instruction, model) {
@@ -254,15 +265,15 @@ impl Worker {
                 None => false,
             };
             let mut rest = &mut self.state[..];
-            for part in &wiring.state {
+            for part in &mapping.state {
                 let (own, others) = rest.split_at_mut(part.len());
                 own.copy_from_slice(&env.state[part.clone()]);
                 rest = others;
             }
-            let input = Input { state: &self.state, instruction_token: has_token.then_some(&self.token) };
+            let input = ActInput { state: &self.state, instruction_token: has_token.then_some(&self.token) };
             let architecture = model.architecture();
             let rows = chunk.reset(architecture.horizon, architecture.action_dim);
-            model.run(sample, input, &mut self.scratch, rows);
+            model.forward(sample, input, &mut self.scratch, rows);
         }
     }
 }

@@ -1,24 +1,16 @@
-//! The tensors that inference needs: names and shapes, derived from the architecture, in the order of the benchmark's
+//! Names and shapes of the tensors that inference needs, derived from the architecture, in the order of the benchmark's
 //! reference implementation.
 
 use super::architecture::{Architecture, Projection, ResNet};
+use crate::weights::TensorSpec;
 
-/// One tensor.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct TensorSpec {
-    /// Its name, as the benchmark's checkpoints spell it.
-    pub name: String,
-    /// Its shape, row-major.
-    pub shape: Vec<usize>,
-}
-
-/// Where the backbone's tensors live.
+/// Name prefix of the backbone's tensors.
 pub const BACKBONE: &str = "backbones.0.0.body";
 
-/// All of them.
+/// Returns the specs of all tensors, under the names of the benchmark's checkpoints.
 #[must_use]
 pub fn tensor_specs(architecture: &Architecture) -> Vec<TensorSpec> {
-    let mut list = List { specs: Vec::new() };
+    let mut list = SpecList { specs: Vec::new() };
     list.transformer(architecture);
     list.heads(architecture);
     if !architecture.cameras.is_empty() {
@@ -28,11 +20,11 @@ pub fn tensor_specs(architecture: &Architecture) -> Vec<TensorSpec> {
     list.specs
 }
 
-struct List {
+struct SpecList {
     specs: Vec<TensorSpec>,
 }
 
-impl List {
+impl SpecList {
     fn add(&mut self, name: String, shape: &[usize]) {
         self.specs.push(TensorSpec { name, shape: shape.to_vec() });
     }
@@ -88,7 +80,7 @@ impl List {
             self.linear("input_proj_robot_state", width, state_dim);
         }
         self.add("latent_out_proj.bias".to_owned(), &[width]);
-        self.add("additional_pos_embed.weight".to_owned(), &[architecture.n_placed_tokens(), width]);
+        self.add("additional_pos_embed.weight".to_owned(), &[architecture.n_learned_positions(), width]);
     }
 
     fn batch_norm(&mut self, name: &str, width: usize) {

@@ -1,42 +1,42 @@
-//! The transformer of ACT: encoder layers over the memory tokens, decoder layers over the queries.
+//! ACT's transformer: post-norm encoder layers over the memory tokens, post-norm decoder layers over the queries.
 //!
-//! Layers are post-norm (spec/eval.md §1.2). Letters: `T` tokens, `D` width, `F` inner width, `Q` queries. Everything is
-//! done by a team of threads, each for rows or heads of its own.
+//! Letters in shapes: `t` tokens, `d` model width, `f` hidden width, `q` queries. All work is divided among a team of
+//! threads, by rows or by heads.
 
 use rayon::prelude::*;
 
 use super::architecture::Architecture;
 use super::team;
-use crate::checkpoint::Weights;
 use crate::nn::Precision;
-use crate::nn::attention::Attended;
+use crate::nn::attention::Qkv;
 use crate::nn::linear::{Linear, relu};
 use crate::nn::norm::LayerNorm;
+use crate::weights::StateDict;
 
-/// Working memory.
+/// Working memory of a transformer and its team.
 #[derive(Clone, Debug)]
 pub(super) struct TransformerScratch {
     n_members: usize,
-    /// `[max(T, Q), D]`: tokens with their positions.
-    placed: Vec<f32>,
-    /// `[max(T, Q), D]`.
+    /// Tokens plus position embeddings `[max(t, q), d]`.
+    positioned: Vec<f32>,
+    /// Projected queries `[max(t, q), d]`.
     queries: Vec<f32>,
-    /// `[max(T, Q), D]`.
+    /// Projected keys `[max(t, q), d]`.
     keys: Vec<f32>,
-    /// `[max(T, Q), D]`.
+    /// Projected values `[max(t, q), d]`.
     values: Vec<f32>,
-    /// `[n_heads, max(T, Q), D / n_heads]`.
+    /// Attention output by head `[n_heads, max(t, q), d / n_heads]`.
     attended: Vec<f32>,
-    /// `[n_members, max(T, Q)²]`.
+    /// Attention scores `[n_members, max(t, q)²]`.
     scores: Vec<f32>,
-    /// `[max(T, Q), F]`.
+    /// Hidden activations of the feed-forward layers `[max(t, q), f]`.
     hidden: Vec<f32>,
-    /// `[Q, D]`.
+    /// Decoder state `[q, d]`.
     decoded: Vec<f32>,
 }
 
 impl TransformerScratch {
-    /// Working memory for one sample and a team of so many threads.
+    /// Allocates working memory for one sample and a team of `n_members` threads.
     #[must_use]
     pub(super) fn new(architecture: &Architecture, n_members: usize) -> Self {
         let (width, horizon) = (architecture.hidden_dim, architecture.horizon);
@@ -44,7 +44,7 @@ impl TransformerScratch {
         let tokens = vec![0.0; rows * width];
         Self {
             n_members,
-            placed: tokens.clone(),
+            positioned: tokens.clone(),
             queries: tokens.clone(),
             keys: tokens.clone(),
             values: tokens.clone(),
@@ -56,9 +56,9 @@ impl TransformerScratch {
     }
 }
 
-/// The projections of a self- or cross-attention, the queries' divided by the root of the head's width.
+/// The projections of a self- or cross-attention. The query projection includes the scale `1 / √head_width`.
 #[derive(Clone, Debug)]
-struct Attention {
+struct MultiheadAttention {
     query: Linear,
     key: Linear,
     value: Linear,
@@ -66,199 +66,225 @@ struct Attention {
     n_heads: usize,
 }
 
-impl Attention {
-    /// From PyTorch's tensors, which hold queries above keys above values.
-    fn new(architecture: &Architecture, weights: &Weights, precision: Precision, name: &str) -> Self {
+impl MultiheadAttention {
+    /// Builds the projections from PyTorch's `MultiheadAttention` tensors, which stack query, key and value.
+    fn new(architecture: &Architecture, state_dict: &StateDict, precision: Precision, name: &str) -> Self {
         let width = architecture.hidden_dim;
-        let part = |part: usize, factor: f32| {
+        let projection = |block: usize, factor: f32| {
             let scaled = |tensor: &str, len: usize| -> Vec<f32> {
-                let numbers = weights.get(&format!("{name}.in_proj_{tensor}"));
-                numbers[part * len..(part + 1) * len].iter().map(|x| x * factor).collect()
+                let values = state_dict.get(&format!("{name}.in_proj_{tensor}"));
+                values[block * len..(block + 1) * len].iter().map(|x| x * factor).collect()
             };
             Linear::with_precision(&scaled("weight", width * width), &scaled("bias", width), precision)
         };
         let scale = 1.0 / ((width / architecture.n_heads) as f32).sqrt();
         Self {
-            query: part(0, scale),
-            key: part(1, 1.0),
-            value: part(2, 1.0),
-            out: linear(weights, precision, &format!("{name}.out_proj")),
+            query: projection(0, scale),
+            key: projection(1, 1.0),
+            value: projection(2, 1.0),
+            out: linear(state_dict, precision, &format!("{name}.out_proj")),
             n_heads: architecture.n_heads,
         }
     }
 
-    /// The heads of `n_queries` and `n_keys`, whose projections are in the working memory, into its `attended`.
+    /// Computes attention from the projections in `scratch` into `scratch.attended`.
     fn attend(&self, n_queries: usize, n_keys: usize, scratch: &mut TransformerScratch) {
         let TransformerScratch { n_members, queries, keys, values, attended: out, scores, .. } = scratch;
-        let width = self.out.n_in();
+        let width = self.out.in_features();
         let (queries, len) = (&queries[..n_queries * width], n_keys * width);
-        let attended =
-            Attended { queries, keys: &keys[..len], values: &values[..len], width, n_heads: self.n_heads };
+        let qkv = Qkv { queries, keys: &keys[..len], values: &values[..len], width, n_heads: self.n_heads };
         let n_heads = team::share(self.n_heads, *n_members, 1);
-        let out = out[..queries.len()].par_chunks_mut(n_heads * n_queries * attended.head_width());
+        let out = out[..queries.len()].par_chunks_mut(n_heads * n_queries * qkv.head_width());
         out.zip(scores.par_chunks_mut(n_queries * n_keys)).enumerate().for_each(|(member, (out, scores))| {
-            attended.run(member * n_heads, out, scores);
+            qkv.attention(member * n_heads, out, scores);
         });
     }
 
-    /// `x += out(attended)` for rows from `first_row` on, `attended` being `[n_heads, n_rows, D / n_heads]`.
-    fn add_to(&self, attended: &[f32], n_rows: usize, first_row: usize, x: &mut [f32]) {
-        let width = self.out.n_in();
-        let (head_width, n_own) = (width / self.n_heads, x.len() / width);
-        let block = |head: usize| &attended[(head * n_rows + first_row) * head_width..][..n_own * head_width];
-        self.out.add_blocks_to(self.n_heads, block, x);
+    /// Computes `x += out(attended)` for the rows of `x`, which start at `first_row`. `attended` is
+    /// `[n_heads, n_rows, d / n_heads]`.
+    fn forward_add_out(&self, attended: &[f32], n_rows: usize, first_row: usize, x: &mut [f32]) {
+        let width = self.out.in_features();
+        let (head_width, n_x_rows) = (width / self.n_heads, x.len() / width);
+        let block =
+            |head: usize| &attended[(head * n_rows + first_row) * head_width..][..n_x_rows * head_width];
+        self.out.forward_add_blocks(self.n_heads, block, x);
     }
 }
 
-/// The two linear layers with a ReLU between them.
+/// Feed-forward network: two linear layers with a ReLU in between.
 #[derive(Clone, Debug)]
 struct FeedForward {
-    up: Linear,
-    down: Linear,
+    linear1: Linear,
+    linear2: Linear,
 }
 
 impl FeedForward {
-    fn new(weights: &Weights, precision: Precision, layer: &str) -> Self {
+    fn new(state_dict: &StateDict, precision: Precision, layer: &str) -> Self {
         Self {
-            up: linear(weights, precision, &format!("{layer}.linear1")),
-            down: linear(weights, precision, &format!("{layer}.linear2")),
+            linear1: linear(state_dict, precision, &format!("{layer}.linear1")),
+            linear2: linear(state_dict, precision, &format!("{layer}.linear2")),
         }
     }
 
-    /// `x += down(relu(up(x)))`.
-    fn add_to(&self, x: &mut [f32], hidden: &mut [f32]) {
-        let hidden = &mut hidden[..x.len() / self.up.n_in() * self.up.n_out()];
-        self.up.run(x, hidden);
+    /// Computes `x += linear2(relu(linear1(x)))`.
+    fn forward_add(&self, x: &mut [f32], hidden: &mut [f32]) {
+        let hidden = &mut hidden[..x.len() / self.linear1.in_features() * self.linear1.out_features()];
+        self.linear1.forward(x, hidden);
         relu(hidden);
-        self.down.add_to(hidden, x);
+        self.linear2.forward_add(hidden, x);
     }
 }
 
-/// What follows the heads in a layer of either kind.
+/// Second part of an encoder or decoder layer, after the attention heads: output projection and feed-forward network,
+/// each followed by a layer normalisation.
 #[derive(Clone, Debug)]
-struct LayerRest {
-    norm: LayerNorm,
+struct LayerTail {
+    attention_norm: LayerNorm,
     feed_forward: FeedForward,
-    last_norm: LayerNorm,
+    feed_forward_norm: LayerNorm,
 }
 
-impl LayerRest {
-    /// With the layer's normalisations of these numbers.
-    fn new(weights: &Weights, precision: Precision, layer: &str, norms: [usize; 2]) -> Self {
-        let [norm, last_norm] = norms.map(|idx| layer_norm(weights, &format!("{layer}.norm{idx}")));
-        Self { norm, feed_forward: FeedForward::new(weights, precision, layer), last_norm }
+impl LayerTail {
+    /// Builds the part from a checked state dict. `norms` are the indices of the two normalisations.
+    fn new(state_dict: &StateDict, precision: Precision, layer: &str, norms: [usize; 2]) -> Self {
+        let [attention_norm, feed_forward_norm] =
+            norms.map(|idx| layer_norm(state_dict, &format!("{layer}.norm{idx}")));
+        let feed_forward = FeedForward::new(state_dict, precision, layer);
+        Self { attention_norm, feed_forward, feed_forward_norm }
     }
 
-    /// Adds what `attention` attended to, which is in the working memory, to `x`, and feeds that forward.
-    fn run(&self, attention: &Attention, x: &mut [f32], scratch: &mut TransformerScratch) {
+    /// Applies the output projection to `scratch.attended`, adds it to `x`, and applies the feed-forward network in place.
+    fn forward(&self, attention: &MultiheadAttention, x: &mut [f32], scratch: &mut TransformerScratch) {
         let TransformerScratch { n_members, attended, hidden, .. } = scratch;
-        let (width, inner) = (attention.out.n_in(), self.feed_forward.up.n_out());
+        let (width, inner) = (attention.out.in_features(), self.feed_forward.linear1.out_features());
         let n_rows = x.len() / width;
-        let rows = team::rows(n_rows, *n_members);
+        let rows = team::rows_per_member(n_rows, *n_members);
         let bands = x.par_chunks_mut(rows * width).zip(hidden.par_chunks_mut(rows * inner));
         bands.enumerate().for_each(|(member, (x, hidden))| {
-            attention.add_to(attended, n_rows, member * rows, x);
-            self.norm.run(x);
-            self.feed_forward.add_to(x, hidden);
-            self.last_norm.run(x);
+            attention.forward_add_out(attended, n_rows, member * rows, x);
+            self.attention_norm.forward(x);
+            self.feed_forward.forward_add(x, hidden);
+            self.feed_forward_norm.forward(x);
         });
     }
 }
 
-/// One encoder layer.
+/// A post-norm encoder layer.
 #[derive(Clone, Debug)]
 pub(super) struct EncoderLayer {
-    attention: Attention,
-    rest: LayerRest,
+    attention: MultiheadAttention,
+    tail: LayerTail,
 }
 
 impl EncoderLayer {
-    /// From checked weights; `layer` as in `transformer.encoder.layers.0`.
+    /// Builds the layer from a checked state dict. `layer` is its name, for example `transformer.encoder.layers.0`.
     #[must_use]
     pub(super) fn new(
         architecture: &Architecture,
-        weights: &Weights,
+        state_dict: &StateDict,
         precision: Precision,
         layer: &str,
     ) -> Self {
         Self {
-            attention: Attention::new(architecture, weights, precision, &format!("{layer}.self_attn")),
-            rest: LayerRest::new(weights, precision, layer, [1, 2]),
+            attention: MultiheadAttention::new(
+                architecture,
+                state_dict,
+                precision,
+                &format!("{layer}.self_attn"),
+            ),
+            tail: LayerTail::new(state_dict, precision, layer, [1, 2]),
         }
     }
 
-    /// Transforms the tokens `x [T, D]`, whose positions are `positions [T, D]`, in place.
-    pub(super) fn run(&self, x: &mut [f32], positions: &[f32], scratch: &mut TransformerScratch) {
-        let width = self.attention.out.n_in();
+    /// Applies the layer in place to the tokens `x [t, d]` with position embeddings `positions [t, d]`.
+    pub(super) fn forward(&self, x: &mut [f32], positions: &[f32], scratch: &mut TransformerScratch) {
+        let width = self.attention.out.in_features();
         let n_tokens = x.len() / width;
-        project_all(&self.attention, x, positions, scratch);
+        project_qkv(&self.attention, x, positions, scratch);
         self.attention.attend(n_tokens, n_tokens, scratch);
-        self.rest.run(&self.attention, x, scratch);
+        self.tail.forward(&self.attention, x, scratch);
     }
 }
 
-/// Queries and keys of `x [T, D]` with its positions, values of `x` alone.
-fn project_all(attention: &Attention, x: &[f32], positions: &[f32], scratch: &mut TransformerScratch) {
-    project_memory(attention, x, positions, scratch);
-    let len = team::rows(x.len() / attention.out.n_in(), scratch.n_members) * attention.out.n_in();
-    let placed = scratch.placed[..x.len()].par_chunks(len);
-    placed.zip(scratch.queries[..x.len()].par_chunks_mut(len)).for_each(|(placed, queries)| {
-        attention.query.run(placed, queries);
+/// Projects `x + positions` to queries and keys, and `x [t, d]` to values.
+fn project_qkv(
+    attention: &MultiheadAttention,
+    x: &[f32],
+    positions: &[f32],
+    scratch: &mut TransformerScratch,
+) {
+    project_kv(attention, x, positions, scratch);
+    let len = team::rows_per_member(x.len() / attention.out.in_features(), scratch.n_members)
+        * attention.out.in_features();
+    let positioned = scratch.positioned[..x.len()].par_chunks(len);
+    positioned.zip(scratch.queries[..x.len()].par_chunks_mut(len)).for_each(|(positioned, queries)| {
+        attention.query.forward(positioned, queries);
     });
 }
 
-/// Keys of `memory [T, D]` with its positions, values of `memory` alone.
-fn project_memory(
-    attention: &Attention,
+/// Projects `memory + positions` to keys and `memory [t, d]` to values.
+fn project_kv(
+    attention: &MultiheadAttention,
     memory: &[f32],
     positions: &[f32],
     scratch: &mut TransformerScratch,
 ) {
-    let len = team::rows(memory.len() / attention.out.n_in(), scratch.n_members) * attention.out.n_in();
+    let len = team::rows_per_member(memory.len() / attention.out.in_features(), scratch.n_members)
+        * attention.out.in_features();
     let inputs = memory.par_chunks(len).zip(positions.par_chunks(len));
-    let outputs = scratch.placed.par_chunks_mut(len).zip(scratch.keys.par_chunks_mut(len));
+    let outputs = scratch.positioned.par_chunks_mut(len).zip(scratch.keys.par_chunks_mut(len));
     let outputs = outputs.zip(scratch.values.par_chunks_mut(len));
-    inputs.zip(outputs).for_each(|((memory, positions), ((placed, keys), values))| {
-        let placed = &mut placed[..memory.len()];
-        add(memory, positions, placed);
-        attention.key.run(placed, &mut keys[..memory.len()]);
-        attention.value.run(memory, &mut values[..memory.len()]);
+    inputs.zip(outputs).for_each(|((memory, positions), ((positioned, keys), values))| {
+        let positioned = &mut positioned[..memory.len()];
+        add(memory, positions, positioned);
+        attention.key.forward(positioned, &mut keys[..memory.len()]);
+        attention.value.forward(memory, &mut values[..memory.len()]);
     });
 }
 
-/// One decoder layer.
+/// A post-norm decoder layer.
 #[derive(Clone, Debug)]
 struct DecoderLayer {
-    own: Attention,
+    self_attn: MultiheadAttention,
     norm1: LayerNorm,
-    cross: Attention,
-    rest: LayerRest,
+    cross_attn: MultiheadAttention,
+    tail: LayerTail,
 }
 
 impl DecoderLayer {
-    fn new(architecture: &Architecture, weights: &Weights, precision: Precision, layer: &str) -> Self {
+    fn new(architecture: &Architecture, state_dict: &StateDict, precision: Precision, layer: &str) -> Self {
         Self {
-            own: Attention::new(architecture, weights, precision, &format!("{layer}.self_attn")),
-            norm1: layer_norm(weights, &format!("{layer}.norm1")),
-            cross: Attention::new(architecture, weights, precision, &format!("{layer}.multihead_attn")),
-            rest: LayerRest::new(weights, precision, layer, [2, 3]),
+            self_attn: MultiheadAttention::new(
+                architecture,
+                state_dict,
+                precision,
+                &format!("{layer}.self_attn"),
+            ),
+            norm1: layer_norm(state_dict, &format!("{layer}.norm1")),
+            cross_attn: MultiheadAttention::new(
+                architecture,
+                state_dict,
+                precision,
+                &format!("{layer}.multihead_attn"),
+            ),
+            tail: LayerTail::new(state_dict, precision, layer, [2, 3]),
         }
     }
 
-    /// Self-attention of the target `x [Q, D]`, in place, and then its queries to the memory.
+    /// Applies self-attention to the target `x [q, d]` in place, then projects the queries of the cross-attention.
     fn attend_to_target(&self, x: &mut [f32], query_positions: &[f32], scratch: &mut TransformerScratch) {
-        let width = self.own.out.n_in();
+        let width = self.self_attn.out.in_features();
         let n_queries = x.len() / width;
-        project_all(&self.own, x, query_positions, scratch);
-        self.own.attend(n_queries, n_queries, scratch);
-        self.own.add_to(&scratch.attended, n_queries, 0, x);
-        self.norm1.run(x);
-        let placed = &mut scratch.placed[..x.len()];
-        add(x, query_positions, placed);
-        self.cross.query.run(placed, &mut scratch.queries[..x.len()]);
+        project_qkv(&self.self_attn, x, query_positions, scratch);
+        self.self_attn.attend(n_queries, n_queries, scratch);
+        self.self_attn.forward_add_out(&scratch.attended, n_queries, 0, x);
+        self.norm1.forward(x);
+        let positioned = &mut scratch.positioned[..x.len()];
+        add(x, query_positions, positioned);
+        self.cross_attn.query.forward(positioned, &mut scratch.queries[..x.len()]);
     }
 
-    /// The rest of the layer, in place; the target's queries are in the working memory.
+    /// Applies cross-attention and the feed-forward network to `x [q, d]` in place. The queries are in `scratch`.
     fn attend_to_memory(
         &self,
         x: &mut [f32],
@@ -266,40 +292,45 @@ impl DecoderLayer {
         positions: &[f32],
         scratch: &mut TransformerScratch,
     ) {
-        let width = self.cross.out.n_in();
+        let width = self.cross_attn.out.in_features();
         let (n_queries, n_tokens) = (x.len() / width, memory.len() / width);
-        project_memory(&self.cross, memory, positions, scratch);
-        self.cross.attend(n_queries, n_tokens, scratch);
-        self.rest.run(&self.cross, x, scratch);
+        project_kv(&self.cross_attn, memory, positions, scratch);
+        self.cross_attn.attend(n_queries, n_tokens, scratch);
+        self.tail.forward(&self.cross_attn, x, scratch);
     }
 }
 
-/// The decoder: its layers, the final normalisation, and the action head.
+/// The decoder layers, the final normalisation and the action head.
 ///
-/// The target starts at zero, so the first layer up to the cross-attention's queries is the same for every input: it is
-/// computed once here.
+/// The target starts at zero, so the first layer's output up to the cross-attention queries is the same for every input.
+/// It is computed once, at construction.
 #[derive(Clone, Debug)]
 pub(super) struct Decoder {
     layers: Vec<DecoderLayer>,
-    /// `[Q, D]`.
+    /// Learned query position embeddings `[q, d]`.
     query_positions: Vec<f32>,
-    /// `[Q, D]`: the target after the first layer's self-attention and its normalisation.
+    /// Target `[q, d]` after the first layer's self-attention and normalisation.
     target: Vec<f32>,
-    /// `[Q, D]`: the first cross-attention's queries.
+    /// Queries `[q, d]` of the first cross-attention.
     queries: Vec<f32>,
     norm: LayerNorm,
     action_head: Linear,
 }
 
 impl Decoder {
-    /// From checked weights.
+    /// Builds the decoder from a checked state dict.
     #[must_use]
-    pub(super) fn new(architecture: &Architecture, weights: &Weights, precision: Precision) -> Self {
+    pub(super) fn new(architecture: &Architecture, state_dict: &StateDict, precision: Precision) -> Self {
         let layer = |idx| {
-            DecoderLayer::new(architecture, weights, precision, &format!("transformer.decoder.layers.{idx}"))
+            DecoderLayer::new(
+                architecture,
+                state_dict,
+                precision,
+                &format!("transformer.decoder.layers.{idx}"),
+            )
         };
         let layers: Vec<_> = (0..architecture.dec_layers).map(layer).collect();
-        let query_positions = weights.get("query_embed.weight").to_vec();
+        let query_positions = state_dict.get("query_embed.weight").to_vec();
         let mut target = vec![0.0; query_positions.len()];
         let mut scratch = TransformerScratch::new(architecture, 1);
         layers[0].attend_to_target(&mut target, &query_positions, &mut scratch);
@@ -308,13 +339,13 @@ impl Decoder {
             queries: scratch.queries[..query_positions.len()].to_vec(),
             query_positions,
             target,
-            norm: layer_norm(weights, "transformer.decoder.norm"),
-            action_head: linear(weights, Precision::F32, "action_head"),
+            norm: layer_norm(state_dict, "transformer.decoder.norm"),
+            action_head: linear(state_dict, Precision::F32, "action_head"),
         }
     }
 
-    /// `actions [Q, action_dim]` from the encoded tokens `memory [T, D]` and their positions.
-    pub(super) fn run(
+    /// Computes `actions [q, action_dim]` from the encoded tokens `memory [t, d]` and their position embeddings.
+    pub(super) fn forward(
         &self,
         memory: &[f32],
         positions: &[f32],
@@ -330,24 +361,25 @@ impl Decoder {
             }
             layer.attend_to_memory(&mut x, memory, positions, scratch);
         }
-        self.norm.run(&mut x);
-        self.action_head.run(&x, actions);
+        self.norm.forward(&mut x);
+        self.action_head.forward(&x, actions);
         scratch.decoded = x;
     }
 }
 
-/// The linear layer of that name.
-pub(super) fn linear(weights: &Weights, precision: Precision, name: &str) -> Linear {
-    let [weight, bias] = ["weight", "bias"].map(|part| weights.get(&format!("{name}.{part}")));
+/// Builds the linear layer `name`.
+pub(super) fn linear(state_dict: &StateDict, precision: Precision, name: &str) -> Linear {
+    let [weight, bias] = ["weight", "bias"].map(|part| state_dict.get(&format!("{name}.{part}")));
     Linear::with_precision(weight, bias, precision)
 }
 
-/// The layer normalisation of that name.
-pub(super) fn layer_norm(weights: &Weights, name: &str) -> LayerNorm {
-    LayerNorm::new(weights.get(&format!("{name}.weight")), weights.get(&format!("{name}.bias")))
+/// Builds the layer normalisation `name`.
+pub(super) fn layer_norm(state_dict: &StateDict, name: &str) -> LayerNorm {
+    LayerNorm::new(state_dict.get(&format!("{name}.weight")), state_dict.get(&format!("{name}.bias")))
 }
 
+/// Computes `out = x + y`.
 fn add(x: &[f32], y: &[f32], out: &mut [f32]) {
-    assert_eq!((x.len(), y.len()), (out.len(), out.len()), "terms of a sum");
+    assert_eq!((x.len(), y.len()), (out.len(), out.len()), "operands of equal length");
     out.iter_mut().zip(x).zip(y).for_each(|((out, x), y)| *out = x + y);
 }

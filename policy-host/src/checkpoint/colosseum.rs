@@ -1,5 +1,5 @@
-//! The benchmark's ACT: `config.json` of type `act_colosseum`, everything about the network that its tensors do not say
-//! themselves.
+//! The benchmark's ACT format: `config.json` of type `act_colosseum`, which holds the hyperparameters that the tensors
+//! do not determine.
 
 use std::path::Path;
 
@@ -7,20 +7,20 @@ use ipc_types::layout::{MAX_ACTION_DIM, MAX_STATE_DIM};
 use ipc_types::{ControlMode, Morphology};
 use serde::{Deserialize, Serialize};
 
-use super::file::TensorFile;
-use super::{CheckpointError, Description, MODEL_FILE, Naming, Wiring, parse};
+use super::{CheckpointError, Description, ObservationMapping, TensorNames, parse};
 use crate::act::architecture::{Architecture, ImageSize, InstructionInput, Projection, ResNet};
-use crate::act::normalise::{Affine, Normalisation};
+use crate::act::normalise::{Normalisation, ShiftScale};
 use crate::text::LanguageConfig;
+use crate::weights::{MODEL_FILE, TensorFile};
 
-/// Names of the optional normalisation statistics: all of them or none.
+/// Tensors of the optional normalisation statistics. A checkpoint contains either all of them or none.
 pub const STATISTICS: [&str; 4] =
     ["norm_stats.state_mean", "norm_stats.state_std", "norm_stats.action_mean", "norm_stats.action_std"];
-/// Smallest standard deviation that normalisation divides by (spec/eval.md §1.3).
+/// Lower bound of the standard deviation in normalisation (docs/benchmark.md, "Policies and evaluation").
 const MIN_STD: f32 = 0.01;
-/// Side of every image as the network sees it.
+/// Height and width of every network input image, in pixels.
 const IMAGE_SIDE: usize = 224;
-/// Beginnings of the names of what only training uses.
+/// Name prefixes of tensors that only training uses.
 const UNUSED: [&str; 8] = [
     "encoder.",
     "pos_table",
@@ -32,69 +32,70 @@ const UNUSED: [&str; 8] = [
     "lang_encoder.",
 ];
 
-/// Hyperparameters of one network, as its `config.json` spells them. Unknown keys are errors.
+/// Hyperparameters of a network, as stored in `config.json`. Unknown keys are errors.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActConfig {
-    /// Always `act_colosseum`.
+    /// Network type, always `act_colosseum`.
     #[serde(rename = "type")]
-    pub kind: Kind,
-    /// The robot it drives; `null` for parity data that fits no robot.
+    pub kind: NetworkType,
+    /// Robot that the network controls; `null` for parity data that matches no robot.
     #[serde(deserialize_with = "Option::deserialize")]
     pub morphology: Option<Morphology>,
-    /// How its action rows are meant, by ManiSkill's name.
+    /// Control mode of its actions, under ManiSkill's name.
     #[serde(with = "control_mode_name")]
     pub control_mode: ControlMode,
-    /// Width of the state vector.
+    /// Dimension of the state vector.
     pub state_dim: usize,
-    /// Width of an action row.
+    /// Dimension of an action.
     pub action_dim: usize,
-    /// Images in an observation, hand cameras included.
+    /// Number of images in an observation, hand cameras included.
     pub n_cameras: usize,
-    /// Rows of an action chunk.
+    /// Number of actions in a chunk.
     pub num_queries: usize,
-    /// Width of a token.
+    /// Model width, the dimension of a token.
     pub hidden_dim: usize,
-    /// Inner width of the feed-forward layers.
+    /// Hidden width of the feed-forward layers.
     pub dim_feedforward: usize,
-    /// Attention heads.
+    /// Number of attention heads.
     pub nheads: usize,
-    /// Encoder layers; the training-only encoder of the variational part has as many.
+    /// Number of encoder layers, also in the training-only CVAE encoder.
     pub enc_layers: usize,
-    /// Decoder layers. Only the first reaches the output (spec/eval.md §1.2).
+    /// Number of decoder layers. Only the first affects the output (docs/benchmark.md, "Policies and evaluation").
     pub dec_layers: usize,
-    /// Always `resnet18`.
-    pub backbone: Backbone,
-    /// Channels of the backbone's first stage: 64 is the real network, less makes small checkpoints.
+    /// Image backbone, always `resnet18`.
+    pub backbone: BackboneName,
+    /// Channels of the backbone's first stage: 64 in the real network, fewer in small test checkpoints.
     pub backbone_width: usize,
-    /// The encoder of instructions it was trained with, or `null` for a network without a language token.
+    /// Language encoder used for training, or `null` for a network without an instruction token.
     #[serde(deserialize_with = "Option::deserialize")]
     pub language: Option<LanguageConfig>,
 }
 
-/// The network type.
+/// Network types of this format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Kind {
-    /// The benchmark's ACT with a language token.
+pub enum NetworkType {
+    /// The benchmark's ACT with an instruction token.
     #[serde(rename = "act_colosseum")]
     ActColosseum,
 }
 
-/// The image network.
+/// Image backbones of this format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Backbone {
-    /// ResNet-18 without its classifier.
+pub enum BackboneName {
+    /// ResNet-18 without the classifier.
     #[serde(rename = "resnet18")]
     ResNet18,
 }
 
 impl ActConfig {
-    /// The benchmark's network for a robot: spec/eval.md §1.1, with the weight-free instruction encoder.
+    /// Returns the benchmark's network for a robot (docs/benchmark.md, "Policies and evaluation"), with the weight-free
+    /// language encoder.
     #[must_use]
     pub fn full_size(morphology: Morphology) -> Self {
         let control_mode = morphology.default_control_mode();
         Self {
-            kind: Kind::ActColosseum,
+            kind: NetworkType::ActColosseum,
             morphology: Some(morphology),
             control_mode,
             state_dim: morphology.state_dim(),
@@ -106,13 +107,13 @@ impl ActConfig {
             nheads: 8,
             enc_layers: 4,
             dec_layers: 7,
-            backbone: Backbone::ResNet18,
+            backbone: BackboneName::ResNet18,
             backbone_width: 64,
             language: Some(LanguageConfig::Hashed { dim: 512 }),
         }
     }
 
-    /// A network of the same shape small enough for tests and first trials: a sixteenth to an eighth of the widths, two encoder
+    /// Returns a network of the same structure for tests and first trials: 1/16 to 1/8 of the widths, two encoder
     /// layers.
     #[must_use]
     pub fn tiny(morphology: Morphology) -> Self {
@@ -128,7 +129,7 @@ impl ActConfig {
         }
     }
 
-    /// The network it describes.
+    /// Returns the architecture of the network.
     #[must_use]
     pub fn architecture(&self) -> Architecture {
         let instruction = self.language.as_ref();
@@ -148,21 +149,24 @@ impl ActConfig {
         }
     }
 
-    /// What its numbers go through when its checkpoint holds no statistics.
+    /// Returns the normalisation used when the checkpoint contains no statistics.
     #[must_use]
     pub fn raw_normalisation(&self) -> Normalisation {
-        Normalisation { images: vec![Some(Affine::image_net()); self.n_cameras], ..Normalisation::default() }
+        Normalisation {
+            images: vec![Some(ShiftScale::image_net()); self.n_cameras],
+            ..Normalisation::default()
+        }
     }
 
-    /// How a robot's observation becomes its input.
+    /// Returns the mapping from the robot's observation to the network's input.
     ///
     /// # Errors
-    /// If it names no robot.
-    pub fn wiring(&self) -> Result<Wiring, String> {
+    /// If the configuration names no robot.
+    pub fn mapping(&self) -> Result<ObservationMapping, String> {
         let Some(morphology) = self.morphology else {
             return Err("`morphology` is null, expected \"single\" or \"bimanual\"".to_owned());
         };
-        Ok(Wiring {
+        Ok(ObservationMapping {
             morphology,
             control_mode: self.control_mode,
             cameras: (0..self.n_cameras).collect(),
@@ -170,11 +174,10 @@ impl ActConfig {
         })
     }
 
-    /// Checks every value against its limits and, with a morphology, against the robot: key, what was found, what was
-    /// expected.
+    /// Checks every value against its limits and, if a morphology is given, against the robot.
     ///
     /// # Errors
-    /// The first value that does not fit.
+    /// The first invalid value, as key, actual value and expected value.
     fn check(&self) -> Result<(), (&'static str, usize, String)> {
         let limits = [
             ("state_dim", self.state_dim, MAX_STATE_DIM),
@@ -190,18 +193,19 @@ impl ActConfig {
             }
         }
         let Some(morphology) = self.morphology else { return Ok(()) };
-        let needs = [
+        let required = [
             ("state_dim", self.state_dim, morphology.state_dim()),
             ("action_dim", self.action_dim, self.control_mode.action_dim(morphology)),
             ("n_cameras", self.n_cameras, morphology.camera_names().len()),
         ];
         let robot = format!("{}, {}", morphology.name(), self.control_mode.name());
-        let differs = needs.into_iter().find(|(_, found, need)| found != need);
-        differs.map_or(Ok(()), |(key, found, need)| Err((key, found, format!("{need} ({robot})"))))
+        let differs = required.into_iter().find(|(_, found, required)| found != required);
+        differs.map_or(Ok(()), |(key, found, required)| Err((key, found, format!("{required} ({robot})"))))
     }
 }
 
-/// Reads what `config.json` at `path` says, and the statistics among the tensors, which are opened for it.
+/// Reads the configuration at `path` and the normalisation statistics. Opens the weights file and stores it in
+/// `tensors`.
 pub(super) fn describe(
     path: &Path,
     text: &[u8],
@@ -216,7 +220,7 @@ pub(super) fn describe(
     })?;
     let tensors = tensors.insert(TensorFile::open(&path.with_file_name(MODEL_FILE))?);
     let mut normalisation = config.raw_normalisation();
-    if STATISTICS.iter().any(|name| tensors.has(name)) {
+    if STATISTICS.iter().any(|name| tensors.contains(name)) {
         let [state, action] = [(0, config.state_dim), (2, config.action_dim)].map(|(first, width)| {
             let mut read = |name: &str| {
                 tensors.check(name, &[width])?;
@@ -224,7 +228,7 @@ pub(super) fn describe(
             };
             let shift = read(STATISTICS[first])?;
             let scale = read(STATISTICS[first + 1])?.into_iter().map(|std| std.max(MIN_STD)).collect();
-            Ok::<_, CheckpointError>(Affine { shift, scale })
+            Ok::<_, CheckpointError>(ShiftScale { shift, scale })
         });
         (normalisation.state, normalisation.action) = (Some(state?), Some(action?));
     }
@@ -233,27 +237,27 @@ pub(super) fn describe(
     Ok(Description {
         architecture: config.architecture(),
         normalisation,
-        naming: Naming { prefixes: &[], unused },
-        wiring: config.wiring(),
+        names: TensorNames { prefixes: &[], unused },
+        mapping: config.mapping(),
         language: config.language,
         ensemble_decay: None,
     })
 }
 
-/// A control mode by ManiSkill's name, or none.
+/// Deserializes an optional control mode from ManiSkill's name.
 pub(super) fn optional_control_mode<'de, D: serde::Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<ControlMode>, D::Error> {
     control_mode_name::deserialize(deserializer).map(Some)
 }
 
-/// Control modes by ManiSkill's names.
+/// Serde adapter for control modes under ManiSkill's names.
 mod control_mode_name {
     use ipc_types::ControlMode;
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serializer};
 
-    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "signature required by serde")]
     pub(super) fn serialize<S: Serializer>(mode: &ControlMode, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(mode.name())
     }

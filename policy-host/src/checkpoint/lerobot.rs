@@ -1,19 +1,20 @@
-//! LeRobot's ACT, as `save_pretrained` writes it: `config.json`, `model.safetensors`, and the statistics either beside them
-//! (since LeRobot 0.4: the pre- and post-processor's files) or, before, as buffers among the weights.
+//! LeRobot's ACT format, as written by `save_pretrained`: `config.json`, `model.safetensors`, and the normalisation
+//! statistics. Since LeRobot 0.4 the statistics are in the files of the pre- and postprocessor; before, they were
+//! buffers among the weights.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Deserialize;
 
-use super::file::TensorFile;
-use super::mapping::{Feature, FeatureKind, Sidecar, wire};
-use super::processor::{Mode, Statistics};
-use super::{CONFIG_FILE, CheckpointError, Description, MODEL_FILE, Naming, parse};
+use super::mapping::{FeatureKind, InputFeature, Sidecar, map_features};
+use super::processor::{NormalisationMode, Statistics};
+use super::{CheckpointError, Description, TensorNames, parse};
 use crate::act::architecture::{Architecture, ImageSize, InstructionInput, Projection, ResNet};
 use crate::act::normalise::Normalisation;
+use crate::weights::{CONFIG_FILE, MODEL_FILE, TensorFile};
 
-/// Its names for the benchmark's.
+/// Pairs of the benchmark's and LeRobot's tensor name prefixes.
 const PREFIXES: [(&str, &str); 9] = [
     ("transformer.", "model."),
     ("backbones.0.0.body.", "model.backbone."),
@@ -25,7 +26,7 @@ const PREFIXES: [(&str, &str); 9] = [
     ("input_proj_env_state.", "model.encoder_env_state_input_proj."),
     ("input_proj.", "model.encoder_img_feat_input_proj."),
 ];
-/// Beginnings of the names of what only training uses, and of statistics.
+/// Name prefixes of tensors that only training uses, and of normalisation statistics.
 const UNUSED: [&str; 5] = [
     "model.vae_encoder",
     "model.encoder_latent_input_proj.weight",
@@ -33,15 +34,15 @@ const UNUSED: [&str; 5] = [
     "normalize_targets.",
     "unnormalize_outputs.",
 ];
-/// The name of the action.
+/// Name of the action feature.
 const ACTION: &str = "action";
 
-/// The keys that inference depends on; there are many more.
+/// The keys of `config.json` that inference depends on. All others are ignored.
 #[derive(Debug, Deserialize)]
-struct Config {
-    input_features: BTreeMap<String, Shape>,
-    output_features: BTreeMap<String, Shape>,
-    normalization_mapping: BTreeMap<String, Mode>,
+struct LeRobotConfig {
+    input_features: BTreeMap<String, FeatureShape>,
+    output_features: BTreeMap<String, FeatureShape>,
+    normalization_mapping: BTreeMap<String, NormalisationMode>,
     #[serde(default = "one")]
     n_obs_steps: usize,
     chunk_size: usize,
@@ -58,17 +59,17 @@ struct Config {
 }
 
 #[derive(Debug, Deserialize)]
-struct Shape {
+struct FeatureShape {
     #[serde(rename = "type")]
     kind: FeatureKind,
     shape: Vec<usize>,
 }
 
-/// A flag that some versions write as a number.
+/// A boolean that some LeRobot versions write as a number.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 enum Flag {
-    Word(bool),
+    Bool(bool),
     Number(u8),
 }
 
@@ -79,14 +80,14 @@ const fn one() -> usize {
 impl Flag {
     fn is_set(&self) -> bool {
         match *self {
-            Self::Word(set) => set,
+            Self::Bool(set) => set,
             Self::Number(number) => number != 0,
         }
     }
 }
 
-impl Config {
-    /// The first thing about the network that this engine does not do: key, what was found, what was expected.
+impl LeRobotConfig {
+    /// Returns the first option that this implementation does not support, as key, actual value and expected value.
     fn unsupported(&self) -> Option<(&'static str, String, &'static str)> {
         let backbones = "resnet18 or resnet34";
         [
@@ -119,14 +120,15 @@ impl Config {
     }
 }
 
-/// Reads what the configuration, its processors and the mapping in `folder` say.
+/// Reads the configuration, the processors and the observation mapping in `folder`. Opens the weights file and stores
+/// it in `tensors`.
 pub(super) fn describe(
     folder: &Path,
     text: &[u8],
     tensors: &mut Option<TensorFile>,
 ) -> Result<Description, CheckpointError> {
     let path = folder.join(CONFIG_FILE);
-    let config: Config = parse(&path, text)?;
+    let config: LeRobotConfig = parse(&path, text)?;
     let value = |key: &str, found: String, expected: &str| CheckpointError::Value {
         path: path.clone(),
         key: key.to_owned(),
@@ -138,14 +140,14 @@ pub(super) fn describe(
     }
     let action = config.output_features.get(ACTION);
     let action_dim = match action.map(|action| &action.shape[..]) {
-        Some(&[width]) => width,
-        found => return Err(value("output_features.action", format!("{found:?}"), "a shape [width]")),
+        Some(&[dim]) => dim,
+        found => return Err(value("output_features.action", format!("{found:?}"), "a shape [dim]")),
     };
     let inputs = inputs(&config).map_err(|(name, shape)| {
         value(
             &format!("input_features.{name}"),
             format!("{shape:?}"),
-            "[width], or [3, height, width] of an image",
+            "[dim], or [3, height, width] for an image",
         )
     })?;
     let of_kind = |kind: FeatureKind| inputs.iter().filter(move |input| input.kind == kind);
@@ -153,14 +155,14 @@ pub(super) fn describe(
         if of_kind(kind).count() > 1 {
             return Err(value(
                 "input_features",
-                format!("{} of type {kind:?}", of_kind(kind).count()),
+                format!("{} features of type {kind:?}", of_kind(kind).count()),
                 "at most one",
             ));
         }
     }
     let tensors = tensors.insert(TensorFile::open(&folder.join(MODEL_FILE))?);
     let mut architecture = architecture(&config, &inputs, action_dim);
-    // The name of a backbone says how deep it is; how wide it is its first tensor says.
+    // The backbone name determines the depth, its first tensor the width.
     if let Some(&[width, ..]) = tensors.shape("model.backbone.conv1.weight") {
         architecture.backbone.width = width;
     }
@@ -170,21 +172,21 @@ pub(super) fn describe(
     Ok(Description {
         architecture,
         normalisation,
-        naming: Naming { prefixes: &PREFIXES, unused: UNUSED.map(str::to_owned).into() },
-        wiring: wire(&inputs, action_dim, &sidecar),
+        names: TensorNames { prefixes: &PREFIXES, unused: UNUSED.map(str::to_owned).into() },
+        mapping: map_features(&inputs, action_dim, &sidecar),
         language: sidecar.language,
         ensemble_decay: config.temporal_ensemble_coeff,
     })
 }
 
-fn architecture(config: &Config, inputs: &[Feature], action_dim: usize) -> Architecture {
+fn architecture(config: &LeRobotConfig, inputs: &[InputFeature], action_dim: usize) -> Architecture {
     let of_kind = |kind: FeatureKind| inputs.iter().filter(move |input| input.kind == kind);
-    let width = |kind: FeatureKind| of_kind(kind).next().map(|input| input.shape[0]);
-    let size = |input: &Feature| ImageSize { height: input.shape[1], width: input.shape[2] };
+    let dim = |kind: FeatureKind| of_kind(kind).next().map(|input| input.shape[0]);
+    let size = |input: &InputFeature| ImageSize { height: input.shape[1], width: input.shape[2] };
     Architecture {
         cameras: of_kind(FeatureKind::Visual).map(size).collect(),
-        state_dim: width(FeatureKind::State),
-        instruction: width(FeatureKind::Env)
+        state_dim: dim(FeatureKind::State),
+        instruction: dim(FeatureKind::Env)
             .map(|dim| InstructionInput { dim, projection: Projection::Linear }),
         action_dim,
         horizon: config.chunk_size,
@@ -199,17 +201,17 @@ fn architecture(config: &Config, inputs: &[Feature], action_dim: usize) -> Archi
 
 fn normalisation(
     mut statistics: Statistics<'_>,
-    inputs: &[Feature],
+    inputs: &[InputFeature],
     action_dim: usize,
 ) -> Result<Normalisation, CheckpointError> {
     let mut normalisation = Normalisation::default();
     for input in inputs {
-        let width = if input.kind == FeatureKind::Visual { 3 } else { input.shape[0] };
-        let affine = statistics.input(&input.name, input.kind, width)?;
+        let dim = if input.kind == FeatureKind::Visual { 3 } else { input.shape[0] };
+        let shift_scale = statistics.input(&input.name, input.kind, dim)?;
         match input.kind {
-            FeatureKind::Visual => normalisation.images.push(affine),
-            FeatureKind::State => normalisation.state = affine,
-            FeatureKind::Env => normalisation.instruction = affine,
+            FeatureKind::Visual => normalisation.images.push(shift_scale),
+            FeatureKind::State => normalisation.state = shift_scale,
+            FeatureKind::Env => normalisation.instruction = shift_scale,
             FeatureKind::Action => {}
         }
     }
@@ -217,10 +219,10 @@ fn normalisation(
     Ok(normalisation)
 }
 
-/// The inputs, or the first whose shape is none: cameras first, in the order of their names.
-fn inputs(config: &Config) -> Result<Vec<Feature>, (String, Vec<usize>)> {
+/// Returns the input features, cameras first, ordered by name; or the first feature whose shape is invalid.
+fn inputs(config: &LeRobotConfig) -> Result<Vec<InputFeature>, (String, Vec<usize>)> {
     let mut inputs = Vec::new();
-    for (name, Shape { kind, shape }) in &config.input_features {
+    for (name, FeatureShape { kind, shape }) in &config.input_features {
         let fits = match kind {
             FeatureKind::Visual => matches!(shape[..], [3, _, _]),
             FeatureKind::State | FeatureKind::Env => shape.len() == 1,
@@ -229,7 +231,7 @@ fn inputs(config: &Config) -> Result<Vec<Feature>, (String, Vec<usize>)> {
         if !fits {
             return Err((name.clone(), shape.clone()));
         }
-        inputs.push(Feature { name: name.clone(), shape: shape.clone(), kind: *kind });
+        inputs.push(InputFeature { name: name.clone(), shape: shape.clone(), kind: *kind });
     }
     inputs.sort_by_key(|input| input.kind);
     Ok(inputs)

@@ -1,7 +1,7 @@
-//! Which of the robot's cameras and numbers a checkpoint's features are: from a small file beside it, or from their names
-//! and widths.
+//! Mapping from the robot's observation to the input features of a checkpoint, taken from a file in the checkpoint
+//! folder or inferred from the features' names and shapes.
 //!
-//! `hypogeum.json`, every key optional:
+//! The file is `hypogeum.json`, with every key optional:
 //!
 //! ```json
 //! {
@@ -16,8 +16,9 @@
 //! }
 //! ```
 //!
-//! Without it, `observation.images.X` is the camera `X` or `X_camera`; `observation.state` is the whole state, `qpos`, or
-//! `qpos` and `qvel`, whichever has its width; the robot and its control mode follow from the width of an action.
+//! Without it, `observation.images.X` maps to the camera `X` or `X_camera`; `observation.state` maps to the full state,
+//! to `qpos`, or to `qpos` and `qvel`, whichever has its dimension; robot and control mode follow from the dimension of
+//! an action.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -29,52 +30,52 @@ use serde::Deserialize;
 use super::{CheckpointError, parse};
 use crate::text::LanguageConfig;
 
-/// Name of the file.
+/// File name of the mapping in a checkpoint folder.
 pub const MAPPING_FILE: &str = "hypogeum.json";
-/// What the instruction's embedding is called in a mapping.
+/// Name of the instruction embedding in a mapping.
 const LANGUAGE: &str = "language";
 
-/// How a robot's observation becomes a network's input, and what its actions mean.
+/// The mapping from a robot's observation to a network's input, and the meaning of its actions.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Wiring {
-    /// The robot.
+pub struct ObservationMapping {
+    /// Robot that the network controls.
     pub morphology: Morphology,
-    /// How action rows are meant.
+    /// Control mode of the network's actions.
     pub control_mode: ControlMode,
-    /// For each of the network's cameras, the robot's.
+    /// Index of the robot's camera for each camera of the network.
     pub cameras: Vec<usize>,
-    /// Parts of the robot's state that make up the network's, in order.
+    /// Ranges of the robot's state vector whose concatenation is the network's state input.
     pub state: Vec<Range<usize>>,
 }
 
-/// The file.
+/// Contents of the mapping file.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Sidecar {
     pub(super) morphology: Option<Morphology>,
     #[serde(deserialize_with = "super::colosseum::optional_control_mode")]
     pub(super) control_mode: Option<ControlMode>,
-    pub(super) mapping: BTreeMap<String, Source>,
+    pub(super) mapping: BTreeMap<String, FeatureSource>,
     pub(super) language: Option<LanguageConfig>,
 }
 
-/// What a feature is made of.
+/// Source of a feature: a camera, `language`, or parts of the state.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
-pub(super) enum Source {
+pub(super) enum FeatureSource {
     One(String),
     Parts(Vec<String>),
 }
 
-/// An input of a checkpoint.
+/// An input feature of a checkpoint.
 #[derive(Debug)]
-pub(super) struct Feature {
+pub(super) struct InputFeature {
     pub(super) name: String,
     pub(super) shape: Vec<usize>,
     pub(super) kind: FeatureKind,
 }
 
-/// What an input is.
+/// Kind of a feature, under LeRobot's names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 pub(super) enum FeatureKind {
@@ -85,7 +86,7 @@ pub(super) enum FeatureKind {
 }
 
 impl Sidecar {
-    /// Reads the file in `folder`; nothing, if there is none.
+    /// Reads the mapping file in `folder`, or returns the default if there is none.
     pub(super) fn read(folder: &Path) -> Result<Self, CheckpointError> {
         let path = folder.join(MAPPING_FILE);
         match std::fs::read(&path) {
@@ -96,7 +97,7 @@ impl Sidecar {
     }
 }
 
-impl Source {
+impl FeatureSource {
     fn names(&self) -> &[String] {
         match self {
             Self::One(name) => std::slice::from_ref(name),
@@ -105,50 +106,59 @@ impl Source {
     }
 }
 
-/// Wires `inputs` (cameras in the network's order) for actions of `action_dim` numbers.
+/// Maps the robot's observation to `inputs` (cameras in the network's order), for actions of dimension `action_dim`.
 ///
 /// # Errors
-/// What does not fit, with both sides listed.
-pub(super) fn wire(inputs: &[Feature], action_dim: usize, sidecar: &Sidecar) -> Result<Wiring, String> {
+/// The first feature that cannot be mapped, with a list of both sides.
+pub(super) fn map_features(
+    inputs: &[InputFeature],
+    action_dim: usize,
+    sidecar: &Sidecar,
+) -> Result<ObservationMapping, String> {
     let (morphology, control_mode) = robot(action_dim, sidecar)?;
-    let both_sides = |problem: String| format!("{problem}; {}", both_sides(inputs, morphology));
+    let with_both_sides = |problem: String| format!("{problem}; {}", both_sides(inputs, morphology));
     let known = |name: &String| inputs.iter().any(|input| input.name == *name);
     if let Some(name) = sidecar.mapping.keys().find(|name| !known(name)) {
-        return Err(both_sides(format!("{MAPPING_FILE} maps `{name}`, which is no input")));
+        return Err(with_both_sides(format!("{MAPPING_FILE} maps `{name}`, which is not an input")));
     }
-    let mut wiring = Wiring { morphology, control_mode, cameras: Vec::new(), state: Vec::new() };
+    let mut mapping = ObservationMapping { morphology, control_mode, cameras: Vec::new(), state: Vec::new() };
     for input in inputs {
         let source = sidecar.mapping.get(&input.name);
-        let fits = match input.kind {
+        let mapped = match input.kind {
             FeatureKind::Visual => {
-                camera(input, source, morphology).map(|camera| wiring.cameras.push(camera))
+                camera(input, source, morphology).map(|camera| mapping.cameras.push(camera))
             }
-            FeatureKind::State => state(input, source, morphology).map(|parts| wiring.state = parts),
+            FeatureKind::State => state(input, source, morphology).map(|parts| mapping.state = parts),
             FeatureKind::Env => language(input, source, sidecar.language.as_ref()),
-            FeatureKind::Action => Err(format!("`{}` is an action", input.name)),
+            FeatureKind::Action => Err(format!("`{}` is an action, not an input", input.name)),
         };
-        fits.map_err(both_sides)?;
+        mapped.map_err(with_both_sides)?;
     }
-    Ok(wiring)
+    Ok(mapping)
 }
 
 fn robot(action_dim: usize, sidecar: &Sidecar) -> Result<(Morphology, ControlMode), String> {
     let all = Morphology::ALL.into_iter().flat_map(|robot| ControlMode::ALL.map(|mode| (robot, mode)));
-    // An absolute pose is as wide as a relative one, which is what the benchmark trains on: it has to be asked for.
-    let wanted = |&(robot, mode): &(Morphology, ControlMode)| {
+    // Absolute and delta poses have the same dimension. Delta, which the benchmark trains on, comes first in the list;
+    // absolute must be requested explicitly.
+    let matches = |&(robot, mode): &(Morphology, ControlMode)| {
         mode.action_dim(robot) == action_dim
-            && sidecar.morphology.is_none_or(|wanted| wanted == robot)
-            && sidecar.control_mode.is_none_or(|wanted| wanted == mode)
+            && sidecar.morphology.is_none_or(|required| required == robot)
+            && sidecar.control_mode.is_none_or(|required| required == mode)
     };
-    all.clone().find(wanted).ok_or_else(|| {
+    all.clone().find(matches).ok_or_else(|| {
         let known: Vec<String> = all
             .map(|(robot, mode)| format!("{} {} {}", robot.name(), mode.name(), mode.action_dim(robot)))
             .collect();
-        format!("its actions have {action_dim} numbers; robots and widths are: {}", known.join(", "))
+        format!("actions have {action_dim} entries, expected one of: {}", known.join(", "))
     })
 }
 
-fn camera(input: &Feature, source: Option<&Source>, morphology: Morphology) -> Result<usize, String> {
+fn camera(
+    input: &InputFeature,
+    source: Option<&FeatureSource>,
+    morphology: Morphology,
+) -> Result<usize, String> {
     if !matches!(input.shape[..], [3, _, _]) {
         return Err(format!("`{}` is {:?}, expected [3, height, width]", input.name, input.shape));
     }
@@ -159,80 +169,82 @@ fn camera(input: &Feature, source: Option<&Source>, morphology: Morphology) -> R
     match source {
         None => {
             let own = input.name.strip_prefix("observation.images.").unwrap_or(&input.name);
-            position(own).ok_or_else(|| format!("no camera is called as `{}` is", input.name))
+            position(own).ok_or_else(|| format!("no camera matches `{}`", input.name))
         }
-        Some(Source::One(name)) => position(name)
-            .ok_or_else(|| format!("`{}` is mapped to `{name}`, which is no camera", input.name)),
-        Some(Source::Parts(_)) => Err(format!("`{}` is mapped to a list, expected one camera", input.name)),
+        Some(FeatureSource::One(name)) => position(name)
+            .ok_or_else(|| format!("`{}` is mapped to `{name}`, which is not a camera", input.name)),
+        Some(FeatureSource::Parts(_)) => {
+            Err(format!("`{}` is mapped to a list, expected a single camera", input.name))
+        }
     }
 }
 
 fn state(
-    input: &Feature,
-    source: Option<&Source>,
+    input: &InputFeature,
+    source: Option<&FeatureSource>,
     morphology: Morphology,
 ) -> Result<Vec<Range<usize>>, String> {
-    let [width] = input.shape[..] else {
-        return Err(format!("`{}` is {:?}, expected [width]", input.name, input.shape));
+    let [dim] = input.shape[..] else {
+        return Err(format!("`{}` is {:?}, expected [dim]", input.name, input.shape));
     };
     let parts = morphology.state_parts();
-    let range = |wanted: &str| -> Result<Range<usize>, String> {
+    let range = |part: &str| -> Result<Range<usize>, String> {
         let mut start = 0;
         for (name, width) in parts {
-            if *name == wanted {
+            if *name == part {
                 return Ok(start..start + width);
             }
             start += width;
         }
-        Err(format!("`{}` is mapped to `{wanted}`, which is no part of the state", input.name))
+        Err(format!("`{}` is mapped to `{part}`, which is not part of the state", input.name))
     };
     let ranges = match source {
         Some(source) => source.names().iter().map(|name| range(name)).collect::<Result<Vec<_>, _>>()?,
         None => {
             let leading = [parts.len(), 1, 2].map(|n| 0..parts[..n].iter().map(|(_, width)| width).sum());
-            leading.into_iter().filter(|range| range.len() == width).take(1).collect()
+            leading.into_iter().filter(|range| range.len() == dim).take(1).collect()
         }
     };
     let found: usize = ranges.iter().map(Range::len).sum();
-    if found == width {
+    if found == dim {
         Ok(ranges)
     } else if source.is_some() {
-        Err(format!("`{}` has {width} numbers, what it is mapped to has {found}", input.name))
+        Err(format!("`{}` has {dim} entries, its mapping has {found}", input.name))
     } else {
-        Err(format!("`{}` has {width} numbers, and nothing says which", input.name))
+        Err(format!("`{}` has {dim} entries and no mapping", input.name))
     }
 }
 
 fn language(
-    input: &Feature,
-    source: Option<&Source>,
+    input: &InputFeature,
+    source: Option<&FeatureSource>,
     language: Option<&LanguageConfig>,
 ) -> Result<(), String> {
-    let is_language = |source: &Source| matches!(source, Source::One(name) if name == LANGUAGE);
+    let is_language = |source: &FeatureSource| matches!(source, FeatureSource::One(name) if name == LANGUAGE);
     let name = &input.name;
     if source.is_some_and(|source| !is_language(source)) {
         return Err(format!("`{name}` can only be mapped to `{LANGUAGE}`"));
     }
     let Some(language) = language else {
         return Err(format!(
-            "`{name}` can only be the instruction's embedding, and no `language` encoder is named"
+            "`{name}` must be the instruction embedding, but no `language` encoder is given"
         ));
     };
     if input.shape == [language.dim()] {
         Ok(())
     } else {
-        Err(format!("`{name}` is {:?}, the language encoder gives [{}]", input.shape, language.dim()))
+        Err(format!("`{name}` is {:?}, the language encoder produces [{}]", input.shape, language.dim()))
     }
 }
 
-fn both_sides(inputs: &[Feature], morphology: Morphology) -> String {
+fn both_sides(inputs: &[InputFeature], morphology: Morphology) -> String {
     let inputs: Vec<String> =
         inputs.iter().map(|input| format!("{} {:?}", input.name, input.shape)).collect();
     let parts: Vec<String> =
         morphology.state_parts().iter().map(|(name, width)| format!("{name} {width}")).collect();
     format!(
-        "the checkpoint sees {}; a {} robot has cameras {}, state {}, and `{LANGUAGE}`: map them in {MAPPING_FILE} beside \
-         it",
+        "the checkpoint expects {}; a {} robot has the cameras {}, the state {} and `{LANGUAGE}`. Map them in \
+         {MAPPING_FILE} in the checkpoint folder",
         inputs.join(", "),
         morphology.name(),
         morphology.camera_names().join(", "),

@@ -1,30 +1,32 @@
-//! The statistics by which LeRobot normalises, wherever a version of it keeps them.
+//! LeRobot's normalisation statistics, in the locations that its versions use.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Deserialize;
 
-use super::file::TensorFile;
 use super::mapping::FeatureKind;
 use super::{CheckpointError, parse};
-use crate::act::normalise::Affine;
+use crate::act::normalise::ShiftScale;
+use crate::weights::TensorFile;
 
-/// The processors' files, since LeRobot 0.4.
+/// File name of the preprocessor, written since LeRobot 0.4.
 const PREPROCESSOR: &str = "policy_preprocessor.json";
+/// File name of the postprocessor, written since LeRobot 0.4.
 const POSTPROCESSOR: &str = "policy_postprocessor.json";
-/// Steps of a processor that change no number for us: images and states come batched, on the CPU, under their own names.
-const HARMLESS: [&str; 3] = ["rename_observations_processor", "to_batch_processor", "device_processor"];
-/// The steps that do.
+/// Processor steps with no effect here: images and states are batched, on the CPU and correctly named already.
+const NO_OP_STEPS: [&str; 3] = ["rename_observations_processor", "to_batch_processor", "device_processor"];
+/// Preprocessor step that normalises inputs.
 const NORMALISER: &str = "normalizer_processor";
+/// Postprocessor step that restores actions.
 const UNNORMALISER: &str = "unnormalizer_processor";
-/// What LeRobot adds to, or puts in the place of, a width that is zero.
+/// Default of LeRobot's `eps`, which it adds to a standard deviation and substitutes for a zero range.
 const DEFAULT_EPSILON: f32 = 1e-8;
 
-/// How a kind of feature is normalised.
+/// Normalisation of one kind of feature, under LeRobot's names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-pub(super) enum Mode {
+pub(super) enum NormalisationMode {
     Identity,
     MeanStd,
     MinMax,
@@ -32,14 +34,14 @@ pub(super) enum Mode {
     Quantile10,
 }
 
-/// A processor's file.
+/// Contents of a processor file.
 #[derive(Debug, Deserialize)]
 struct Processor {
-    steps: Vec<Step>,
+    steps: Vec<ProcessorStep>,
 }
 
 #[derive(Debug, Deserialize)]
-struct Step {
+struct ProcessorStep {
     registry_name: Option<String>,
     #[serde(default)]
     config: StepConfig,
@@ -50,74 +52,81 @@ struct Step {
 #[serde(default)]
 struct StepConfig {
     eps: Option<f32>,
-    norm_map: BTreeMap<String, Mode>,
+    norm_map: BTreeMap<String, NormalisationMode>,
 }
 
-/// Where a feature's statistics are.
-struct Place<'a> {
+/// Location of a feature's statistics.
+struct StatisticsSource<'a> {
     file: &'a mut TensorFile,
-    /// What stands before their names: of a processor's own file, `<feature>.`; among the weights of an older checkpoint,
-    /// `<direction>.buffer_<feature, dots as underscores>.`
+    /// Prefix of the tensor names: `<feature>.` in a processor's own file; `<direction>.buffer_<feature>.`, with dots
+    /// replaced by underscores, among the weights of an older checkpoint.
     prefix: String,
 }
 
-/// One direction: of inputs to the network, or of its actions back.
-struct Direction {
-    modes: BTreeMap<String, Mode>,
+/// Statistics of one direction: network inputs, or actions back to the robot.
+struct ProcessorStatistics {
+    modes: BTreeMap<String, NormalisationMode>,
     epsilon: f32,
-    /// `None` where nothing is normalised.
+    /// The processor's state file, or `None` if the statistics are among the weights or nothing is normalised.
     file: Option<TensorFile>,
 }
 
-/// The statistics of a checkpoint.
+/// All statistics of a checkpoint.
 pub(super) struct Statistics<'a> {
-    inputs: Direction,
-    outputs: Direction,
+    inputs: ProcessorStatistics,
+    outputs: ProcessorStatistics,
     weights: &'a mut TensorFile,
 }
 
 impl<'a> Statistics<'a> {
-    /// Finds them in `folder`, or among the `weights` of an older checkpoint, whose configuration names the `modes`.
+    /// Locates the statistics: in `folder`, or among the `weights` of an older checkpoint, whose configuration specifies
+    /// the `modes`.
     pub(super) fn find(
         folder: &Path,
-        modes: &BTreeMap<String, Mode>,
+        modes: &BTreeMap<String, NormalisationMode>,
         weights: &'a mut TensorFile,
     ) -> Result<Self, CheckpointError> {
         let (inputs, outputs) = if folder.join(PREPROCESSOR).is_file() {
             (
-                Direction::read(folder, PREPROCESSOR, NORMALISER)?,
-                Direction::read(folder, POSTPROCESSOR, UNNORMALISER)?,
+                ProcessorStatistics::read(folder, PREPROCESSOR, NORMALISER)?,
+                ProcessorStatistics::read(folder, POSTPROCESSOR, UNNORMALISER)?,
             )
         } else {
-            let older = || Direction { modes: modes.clone(), epsilon: DEFAULT_EPSILON, file: None };
+            let older = || ProcessorStatistics { modes: modes.clone(), epsilon: DEFAULT_EPSILON, file: None };
             (older(), older())
         };
         Ok(Self { inputs, outputs, weights })
     }
 
-    /// What an input of `width` numbers (of an image: channels) goes through.
+    /// Returns the normalisation of an input with `dim` entries (channels for an image).
     pub(super) fn input(
         &mut self,
         name: &str,
         kind: FeatureKind,
-        width: usize,
-    ) -> Result<Option<Affine>, CheckpointError> {
+        dim: usize,
+    ) -> Result<Option<ShiftScale>, CheckpointError> {
         let mode = self.inputs.mode(kind);
         let epsilon = self.inputs.epsilon;
-        let place = self.inputs.place(self.weights, "normalize_inputs", name);
-        affine(place, mode, width, epsilon, |std| std + epsilon)
+        let source = self.inputs.source(self.weights, "normalize_inputs", name);
+        shift_scale(source, mode, dim, epsilon, |std| std + epsilon)
     }
 
-    /// What actions come back through.
-    pub(super) fn action(&mut self, name: &str, width: usize) -> Result<Option<Affine>, CheckpointError> {
+    /// Returns the normalisation of actions, which the policy applies in reverse.
+    pub(super) fn action(&mut self, name: &str, dim: usize) -> Result<Option<ShiftScale>, CheckpointError> {
         let mode = self.outputs.mode(FeatureKind::Action);
         let epsilon = self.outputs.epsilon;
-        affine(self.outputs.place(self.weights, "unnormalize_outputs", name), mode, width, epsilon, |std| std)
+        shift_scale(
+            self.outputs.source(self.weights, "unnormalize_outputs", name),
+            mode,
+            dim,
+            epsilon,
+            |std| std,
+        )
     }
 }
 
-impl Direction {
-    /// Reads a processor's file, whose steps must all be known.
+impl ProcessorStatistics {
+    /// Reads a processor file. Unknown steps are errors.
     fn read(folder: &Path, file: &str, normaliser: &str) -> Result<Self, CheckpointError> {
         let path = folder.join(file);
         let text =
@@ -125,102 +134,104 @@ impl Direction {
         let processor: Processor = parse(&path, &text)?;
         let mut found = Self { modes: BTreeMap::new(), epsilon: DEFAULT_EPSILON, file: None };
         for (idx, step) in processor.steps.into_iter().enumerate() {
-            let name = step.registry_name.unwrap_or_else(|| "a class".to_owned());
+            let name = step.registry_name.unwrap_or_else(|| "an unregistered class".to_owned());
             if name == normaliser {
                 let state = step.state_file.map(|state| TensorFile::open(&folder.join(state))).transpose()?;
                 let epsilon = step.config.eps.unwrap_or(DEFAULT_EPSILON);
                 found = Self { modes: step.config.norm_map, epsilon, file: state };
-            } else if !HARMLESS.contains(&name.as_str()) {
+            } else if !NO_OP_STEPS.contains(&name.as_str()) {
                 return Err(CheckpointError::Value {
                     path,
                     key: format!("steps[{idx}]"),
                     found: format!("`{name}`"),
-                    expected: format!("`{normaliser}` or one of {}", HARMLESS.join(", ")),
+                    expected: format!("`{normaliser}` or one of {}", NO_OP_STEPS.join(", ")),
                 });
             }
         }
-        // A processor without statistics leaves every feature as it is.
+        // A processor without statistics leaves every feature unchanged.
         if found.file.is_none() {
             found.modes.clear();
         }
         Ok(found)
     }
 
-    fn mode(&self, kind: FeatureKind) -> Mode {
+    fn mode(&self, kind: FeatureKind) -> NormalisationMode {
         let name = match kind {
             FeatureKind::Visual => "VISUAL",
             FeatureKind::State => "STATE",
             FeatureKind::Env => "ENV",
             FeatureKind::Action => "ACTION",
         };
-        self.modes.get(name).copied().unwrap_or(Mode::Identity)
+        self.modes.get(name).copied().unwrap_or(NormalisationMode::Identity)
     }
 
-    /// Where a feature's statistics are; nowhere, if a processor has none for it and so leaves it as it is.
-    fn place<'a>(
+    /// Returns the location of a feature's statistics, or `None` if the processor leaves the feature unchanged.
+    fn source<'a>(
         &'a mut self,
         weights: &'a mut TensorFile,
         direction: &str,
         feature: &str,
-    ) -> Option<Place<'a>> {
+    ) -> Option<StatisticsSource<'a>> {
         match &mut self.file {
             Some(file) => {
                 let prefix = format!("{feature}.");
-                file.names().iter().any(|name| name.starts_with(&prefix)).then_some(Place { file, prefix })
+                file.names()
+                    .iter()
+                    .any(|name| name.starts_with(&prefix))
+                    .then_some(StatisticsSource { file, prefix })
             }
             None => {
                 let prefix = format!("{direction}.buffer_{}.", feature.replace('.', "_"));
-                Some(Place { file: weights, prefix })
+                Some(StatisticsSource { file: weights, prefix })
             }
         }
     }
 }
 
-/// What `width` numbers are shifted and scaled by; of a standard deviation, `scale_of`.
-fn affine(
-    place: Option<Place<'_>>,
-    mode: Mode,
-    width: usize,
+/// Computes the shift and scale of `dim` entries. `scale_of` maps a standard deviation to its scale.
+fn shift_scale(
+    source: Option<StatisticsSource<'_>>,
+    mode: NormalisationMode,
+    dim: usize,
     epsilon: f32,
     scale_of: impl Fn(f32) -> f32,
-) -> Result<Option<Affine>, CheckpointError> {
-    let Some(mut place) = place else { return Ok(None) };
+) -> Result<Option<ShiftScale>, CheckpointError> {
+    let Some(mut source) = source else { return Ok(None) };
     let mut between = |low: &str, high: &str| {
-        let (low, high) = (place.read(low, width)?, place.read(high, width)?);
-        let half = |low: f32, high: f32| if high == low { 0.5 * epsilon } else { 0.5 * (high - low) };
-        let scale: Vec<f32> = low.iter().zip(&high).map(|(&low, &high)| half(low, high)).collect();
+        let (low, high) = (source.read(low, dim)?, source.read(high, dim)?);
+        let half_range = |low: f32, high: f32| if high == low { 0.5 * epsilon } else { 0.5 * (high - low) };
+        let scale: Vec<f32> = low.iter().zip(&high).map(|(&low, &high)| half_range(low, high)).collect();
         let shift = low.iter().zip(&scale).map(|(low, half)| low + half).collect();
-        Ok(Some(Affine { shift, scale }))
+        Ok(Some(ShiftScale { shift, scale }))
     };
     match mode {
-        Mode::Identity => Ok(None),
-        Mode::MinMax => between("min", "max"),
-        Mode::Quantiles => between("q01", "q99"),
-        Mode::Quantile10 => between("q10", "q90"),
-        Mode::MeanStd => {
-            let shift = place.read("mean", width)?;
-            let scale = place.read("std", width)?.into_iter().map(scale_of).collect();
-            Ok(Some(Affine { shift, scale }))
+        NormalisationMode::Identity => Ok(None),
+        NormalisationMode::MinMax => between("min", "max"),
+        NormalisationMode::Quantiles => between("q01", "q99"),
+        NormalisationMode::Quantile10 => between("q10", "q90"),
+        NormalisationMode::MeanStd => {
+            let shift = source.read("mean", dim)?;
+            let scale = source.read("std", dim)?.into_iter().map(scale_of).collect();
+            Ok(Some(ShiftScale { shift, scale }))
         }
     }
 }
 
-impl Place<'_> {
-    /// One statistic: `[width]`, or `[width, 1, 1]` of an image's channels.
-    fn read(&mut self, statistic: &str, width: usize) -> Result<Vec<f32>, CheckpointError> {
+impl StatisticsSource<'_> {
+    /// Reads one statistic of shape `[dim]`, or `[dim, 1, 1]` for the channels of an image.
+    fn read(&mut self, statistic: &str, dim: usize) -> Result<Vec<f32>, CheckpointError> {
         let name = format!("{}{statistic}", self.prefix);
-        let of_channels = self.file.shape(&name) == Some(&[width, 1, 1]);
-        let shape: &[usize] = if of_channels { &[width, 1, 1] } else { &[width] };
+        let per_channel = self.file.shape(&name) == Some(&[dim, 1, 1]);
+        let shape: &[usize] = if per_channel { &[dim, 1, 1] } else { &[dim] };
         self.file.check(&name, shape)?;
-        let numbers = self.file.read(&name)?;
-        match numbers.iter().find(|x| !x.is_finite()) {
-            None => Ok(numbers),
+        let values = self.file.read(&name)?;
+        match values.iter().find(|x| !x.is_finite()) {
+            None => Ok(values),
             Some(x) => Err(CheckpointError::Value {
                 path: self.file.path().to_owned(),
                 key: name,
                 found: x.to_string(),
-                expected: "a finite number: the checkpoint was saved without its dataset's statistics"
-                    .to_owned(),
+                expected: "a finite value; the checkpoint was saved without dataset statistics".to_owned(),
             }),
         }
     }

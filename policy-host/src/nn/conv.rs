@@ -1,91 +1,90 @@
-//! 2-D convolutions of feature maps, with the batch normalisation that follows folded in.
+//! 2-D convolutions of feature maps, with the following batch normalisation folded into the weights.
 //!
-//! 3×3 kernels of stride 1 go by way of [`winograd`](super::winograd). For others the windows of an output line are
-//! multiplied where they lie, a kernel row at a time, or, where lines are short, copied into stripes of patches first. Each sum
-//! is the same chain of additions either way. In eight bits all windows are multiplied where they lie.
+//! 3×3 kernels with stride 1 use [`winograd`](super::winograd). Others are GEMMs: wide output rows read their windows
+//! in place, one kernel row at a time; narrow rows go through im2col, a block of pixels at a time. Every sum is the same
+//! chain of additions either way. With 8-bit weights all windows are read in place.
 
 use std::ops::Range;
 
 use super::Precision;
-use super::maps::MapShape;
-use super::matmul::Into;
-use super::packed::Packed;
-use super::quantised::{QUAD, QuantisedMatrix, Runs, quantise_positive};
+use super::feature_map::FeatureMapShape;
+use super::matmul::Accum;
+use super::packed::PackedWeights;
+use super::quantised::{QUAD, QuantisedWeights, Segments, quantise_unsigned};
 use super::winograd::{LANES, Winograd, WinogradScratch};
 
-/// Numbers in a stripe of patches: half a mebibyte, so that it stays in the second-level cache.
-const PATCH_STRIPE_LEN: usize = 1 << 17;
-/// Fewest pixels in a stripe of patches, so that reading the weights for each stripe stays cheap.
-const PATCH_STRIPE_MIN_PIXELS: usize = 256;
+/// Number of values in an im2col block: 0.5 MiB, so that it stays in the L2 cache.
+const IM2COL_BLOCK_LEN: usize = 1 << 17;
+/// Minimum number of pixels in an im2col block, to amortise reading the weights once per block.
+const IM2COL_MIN_PIXELS: usize = 256;
+/// Minimum output width for reading windows in place, which reads the weights once per output row.
+const MIN_IN_PLACE_WIDTH: usize = 24;
 
-/// Shortest output line whose windows are multiplied where they lie: the weights are read once for each line.
-const LONG_LINE: usize = 24;
-
-/// Size of the kernel and its step.
+/// Geometry of a convolution, with PyTorch's meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Window {
-    /// Side of the kernel in pixels.
-    pub kernel: usize,
-    /// Pixels between the centres of neighbouring windows.
+pub struct ConvGeometry {
+    /// Height and width of the kernel, in pixels.
+    pub kernel_size: usize,
+    /// Distance between neighbouring windows, in pixels.
     pub stride: usize,
-    /// Zero pixels assumed around the input.
+    /// Zero padding on each side of the input, in pixels.
     pub padding: usize,
 }
 
-impl Window {
-    /// Side of the output for an input of `side` pixels.
+impl ConvGeometry {
+    /// Returns the output height or width for an input of `side` pixels.
     #[must_use]
     pub const fn output_side(self, side: usize) -> usize {
-        (side + 2 * self.padding - self.kernel) / self.stride + 1
+        (side + 2 * self.padding - self.kernel_size) / self.stride + 1
     }
 }
 
-/// A batch normalisation of fixed statistics, `[C] f32` each.
+/// A batch normalisation with fixed statistics, each `[c] f32`.
 #[derive(Clone, Copy, Debug)]
-pub struct FrozenNorm<'a> {
-    /// Scale.
+pub struct FrozenBatchNorm2d<'a> {
+    /// Scale `γ`.
     pub weight: &'a [f32],
-    /// Offset.
+    /// Offset `β`.
     pub bias: &'a [f32],
-    /// Mean subtracted.
+    /// Running mean.
     pub mean: &'a [f32],
-    /// Variance divided by, before the root.
+    /// Running variance.
     pub variance: &'a [f32],
 }
 
-impl FrozenNorm<'_> {
-    /// Added to the variance (torchvision's FrozenBatchNorm2d and the benchmark's copy of it).
+impl FrozenBatchNorm2d<'_> {
+    /// Term added to the variance, as in torchvision's FrozenBatchNorm2d and the benchmark's copy of it.
     pub const EPSILON: f32 = 1e-5;
 }
 
-/// What happens to the sums of a convolution.
+/// Operation that writes the sums of a convolution, bias included, to the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Finish {
-    /// They overwrite the output.
+pub enum Epilogue {
+    /// `out = sum`.
     Store,
-    /// Their positive part overwrites the output.
+    /// `out = max(sum, 0)`.
     Relu,
-    /// They are added to the output, and the positive part stays: the end of a residual block.
+    /// `out = max(out + sum, 0)`, the end of a residual block.
     AddRelu,
 }
 
-/// A convolution with bias.
+/// A 2-D convolution with bias.
 #[derive(Clone, Debug)]
-pub struct Conv {
-    kernels: Kernels,
+pub struct Conv2d {
+    weights: ConvWeights,
     bias: Vec<f32>,
-    window: Window,
+    geometry: ConvGeometry,
     c_in: usize,
     c_out: usize,
 }
 
 #[derive(Clone, Debug)]
-enum Kernels {
+enum ConvWeights {
     Winograd(Winograd),
-    /// `[kernel · kernel · C_in, C_out]`.
-    Unfolded(Packed),
-    /// As above.
-    Quantised(QuantisedMatrix),
+    /// GEMM weights `[kernel_size² · c_in, c_out]`.
+    Gemm(PackedWeights),
+    /// 8-bit GEMM weights of the same shape.
+    Int8(QuantisedWeights),
 }
 
 /// Working memory of convolutions.
@@ -94,41 +93,46 @@ pub struct ConvScratch {
     patches: Vec<f32>,
     sums: Vec<f32>,
     winograd: WinogradScratch,
-    /// The rounded input.
-    rounded: Vec<u8>,
-    /// What a step of each rounded map is worth.
-    steps: Vec<f32>,
-    /// The pixels that are computed.
-    pixels: Vec<Pixel>,
+    /// Quantised input, with the layout of the input.
+    quantised: Vec<u8>,
+    /// Quantisation scale `[n]` of each image.
+    scales: Vec<f32>,
+    /// Output pixels of the current call.
+    pixels: Vec<OutputPixel>,
 }
 
-/// An output pixel of a convolution in eight bits.
+/// An output pixel of an 8-bit convolution.
 #[derive(Clone, Copy, Debug)]
-struct Pixel {
-    /// Where its window begins in the input.
+struct OutputPixel {
+    /// Offset of its window in the input.
     start: usize,
-    /// Where it lies in the output.
+    /// Offset of the pixel in the output.
     out: usize,
-    /// What a step of its map is worth.
-    step: f32,
+    /// Quantisation scale of its image.
+    scale: f32,
 }
 
-impl Conv {
-    /// A convolution of `weight [C_out, C_in, kernel, kernel]` without bias, followed by `norm`. In eight bits its input must
-    /// not be negative.
+impl Conv2d {
+    /// Creates a bias-free convolution with `weight [c_out, c_in, kernel_size, kernel_size]`, followed by `norm`. With
+    /// [`Precision::Int8`], inputs must be non-negative.
     ///
     /// # Panics
-    /// If the lengths do not fit.
+    /// If the lengths do not match.
     #[must_use]
-    pub fn folded(weight: &[f32], norm: FrozenNorm<'_>, window: Window, precision: Precision) -> Self {
+    pub fn with_batch_norm(
+        weight: &[f32],
+        norm: FrozenBatchNorm2d<'_>,
+        geometry: ConvGeometry,
+        precision: Precision,
+    ) -> Self {
         let c_out = norm.weight.len();
-        let area = window.kernel * window.kernel;
+        let area = geometry.kernel_size * geometry.kernel_size;
         let c_in = weight.len() / (c_out * area);
-        assert_eq!(weight.len(), c_out * c_in * area, "kernels [{c_out}, {c_in}, {area}]");
+        assert_eq!(weight.len(), c_out * c_in * area, "weight [{c_out}, {c_in}, {area}]");
         let mut matrix = vec![0.0; weight.len()];
         let mut bias = vec![0.0; c_out];
         for out_idx in 0..c_out {
-            let scale = norm.weight[out_idx] / (norm.variance[out_idx] + FrozenNorm::EPSILON).sqrt();
+            let scale = norm.weight[out_idx] / (norm.variance[out_idx] + FrozenBatchNorm2d::EPSILON).sqrt();
             bias[out_idx] = norm.bias[out_idx] - norm.mean[out_idx] * scale;
             for in_idx in 0..c_in {
                 for tap in 0..area {
@@ -138,211 +142,227 @@ impl Conv {
             }
         }
         let whole_lanes = c_in.is_multiple_of(LANES) && c_out.is_multiple_of(LANES);
-        let kernels = if precision == Precision::Int8 && c_in.is_multiple_of(QUAD) {
-            Kernels::Quantised(QuantisedMatrix::new(&matrix, area * c_in, c_out))
-        } else if whole_lanes && window == (Window { kernel: 3, stride: 1, padding: 1 }) {
-            Kernels::Winograd(Winograd::new(&matrix, c_in, c_out))
+        let weights = if precision == Precision::Int8 && c_in.is_multiple_of(QUAD) {
+            ConvWeights::Int8(QuantisedWeights::new(&matrix, area * c_in, c_out))
+        } else if whole_lanes && geometry == (ConvGeometry { kernel_size: 3, stride: 1, padding: 1 }) {
+            ConvWeights::Winograd(Winograd::new(&matrix, c_in, c_out))
         } else {
-            Kernels::Unfolded(Packed::new(&matrix, area * c_in, c_out))
+            ConvWeights::Gemm(PackedWeights::new(&matrix, area * c_in, c_out))
         };
-        Self { kernels, bias, window, c_in, c_out }
+        Self { weights, bias, geometry, c_in, c_out }
     }
 
-    /// Lines of output that are best computed together: bands are cut at multiples of it.
+    /// Returns the granularity, in output rows, at which work should be divided between threads.
     #[must_use]
-    pub fn lines_together(&self) -> usize {
-        match &self.kernels {
-            Kernels::Winograd(winograd) => winograd.out_side(),
-            Kernels::Unfolded(_) | Kernels::Quantised(_) => 1,
+    pub fn row_granularity(&self) -> usize {
+        match &self.weights {
+            ConvWeights::Winograd(winograd) => winograd.output_side(),
+            ConvWeights::Gemm(_) | ConvWeights::Int8(_) => 1,
         }
     }
 
-    /// Shape of the output, with a border of `border` pixels.
+    /// Returns the shape of the output, with `padding` pixels of padding.
     #[must_use]
-    pub fn output_shape(&self, input: MapShape, border: usize) -> MapShape {
-        let [height, width] = [input.height, input.width].map(|side| self.window.output_side(side));
-        MapShape { height, width, channels: self.c_out, border, ..input }
+    pub fn output_shape(&self, input: FeatureMapShape, padding: usize) -> FeatureMapShape {
+        let [height, width] = [input.height, input.width].map(|side| self.geometry.output_side(side));
+        FeatureMapShape { height, width, channels: self.c_out, padding, ..input }
     }
 
-    /// Lets `scratch` grow to what [`run`](Self::run) needs for this input.
-    pub fn reserve(&self, input: MapShape, scratch: &mut ConvScratch) {
+    /// Grows `scratch` to what [`forward`](Self::forward) needs for this input.
+    pub fn reserve(&self, input: FeatureMapShape, scratch: &mut ConvScratch) {
         let output = self.output_shape(input, 0);
-        match &self.kernels {
-            Kernels::Winograd(winograd) => return winograd.reserve(input, &mut scratch.winograd),
-            Kernels::Quantised(_) => {
-                scratch.rounded.resize(scratch.rounded.len().max(input.len()), 0);
-                scratch.steps.resize(scratch.steps.len().max(input.n_maps), 0.0);
-                return scratch.pixels.reserve(output.n_lines() * output.width);
+        match &self.weights {
+            ConvWeights::Winograd(winograd) => return winograd.reserve(input, &mut scratch.winograd),
+            ConvWeights::Int8(_) => {
+                scratch.quantised.resize(scratch.quantised.len().max(input.len()), 0);
+                scratch.scales.resize(scratch.scales.len().max(input.batch), 0.0);
+                return scratch.pixels.reserve(output.n_rows() * output.width);
             }
-            Kernels::Unfolded(_) => {}
+            ConvWeights::Gemm(_) => {}
         }
-        if output.width >= LONG_LINE {
+        if output.width >= MIN_IN_PLACE_WIDTH {
             return scratch.sums.resize(scratch.sums.len().max(output.width * self.c_out), 0.0);
         }
-        let n_pixels = self.stripe_pixels().min(output.n_maps * output.height * output.width);
+        let n_pixels = self.im2col_pixels().min(output.n_rows() * output.width);
         let grow = |buffer: &mut Vec<f32>, len: usize| buffer.resize(buffer.len().max(len), 0.0);
         grow(&mut scratch.patches, n_pixels * self.patch_len());
         grow(&mut scratch.sums, n_pixels * self.c_out);
     }
 
-    /// Convolves `input` (its border at least the padding wide) into these lines of the output: `output` is the memory of
-    /// the lines ([`MapShape::lines`]), whose border is left alone.
+    /// Computes these rows of the output. The input's padding must be at least that of the convolution. `output` is the
+    /// memory of the rows ([`FeatureMapShape::row_span`]); its padding is not written.
     ///
     /// # Panics
     /// If a slice does not have its shape, or `scratch` was not reserved for this shape.
-    pub fn run(
+    pub fn forward(
         &self,
-        (input, input_shape): (&[f32], MapShape),
-        (output, output_shape): (&mut [f32], MapShape),
-        lines: Range<usize>,
-        finish: Finish,
+        (input, input_shape): (&[f32], FeatureMapShape),
+        (output, output_shape): (&mut [f32], FeatureMapShape),
+        rows: Range<usize>,
+        epilogue: Epilogue,
         scratch: &mut ConvScratch,
     ) {
         assert_eq!(input.len(), input_shape.len(), "input {input_shape:?}");
-        let memory = output_shape.lines(lines.clone());
-        assert_eq!(output.len(), memory.len(), "lines {lines:?} of {output_shape:?}");
+        let span = output_shape.row_span(rows.clone());
+        assert_eq!(output.len(), span.len(), "rows {rows:?} of {output_shape:?}");
         assert_eq!(input_shape.channels, self.c_in, "input channels");
-        assert!(input_shape.border >= self.window.padding, "the border holds the padding");
-        assert_eq!(output_shape, self.output_shape(input_shape, output_shape.border), "output shape");
-        let mut take = |line: usize, col: usize, sums: &[f32]| {
-            let (map_idx, row) = (line / output_shape.height, line % output_shape.height);
-            let first = output_shape.offset(map_idx, row, col) - memory.start;
-            finish_pixel(sums.iter().copied(), &self.bias, &mut output[first..first + self.c_out], finish);
+        assert!(input_shape.padding >= self.geometry.padding, "input padding");
+        assert_eq!(output_shape, self.output_shape(input_shape, output_shape.padding), "output shape");
+        let mut emit = |out_row: usize, col: usize, sums: &[f32]| {
+            let (image_idx, row) = (out_row / output_shape.height, out_row % output_shape.height);
+            let first = output_shape.offset(image_idx, row, col) - span.start;
+            apply_epilogue(
+                sums.iter().copied(),
+                &self.bias,
+                &mut output[first..first + self.c_out],
+                epilogue,
+            );
         };
-        match &self.kernels {
-            Kernels::Winograd(winograd) => {
-                winograd.run(input, input_shape, lines, &mut scratch.winograd, take);
+        match &self.weights {
+            ConvWeights::Winograd(winograd) => {
+                winograd.forward(input, input_shape, rows, &mut scratch.winograd, emit);
             }
-            Kernels::Unfolded(matrix) => {
-                self.unfolded(matrix, (input, input_shape), output_shape, lines, scratch, &mut take);
+            ConvWeights::Gemm(weights) => {
+                self.gemm(weights, (input, input_shape), output_shape, rows, scratch, &mut emit);
             }
-            Kernels::Quantised(matrix) => {
-                let output = (output, output_shape, memory.start);
-                self.quantised(matrix, (input, input_shape), output, lines, finish, scratch);
+            ConvWeights::Int8(weights) => {
+                let output = (output, output_shape, span.start);
+                self.int8(weights, (input, input_shape), output, rows, epilogue, scratch);
             }
         }
     }
 
-    fn unfolded(
+    fn gemm(
         &self,
-        matrix: &Packed,
-        (input, input_shape): (&[f32], MapShape),
-        output_shape: MapShape,
-        lines: Range<usize>,
+        weights: &PackedWeights,
+        (input, input_shape): (&[f32], FeatureMapShape),
+        output_shape: FeatureMapShape,
+        rows: Range<usize>,
         scratch: &mut ConvScratch,
-        take: &mut impl FnMut(usize, usize, &[f32]),
+        emit: &mut impl FnMut(usize, usize, &[f32]),
     ) {
-        let MapShape { height, width, .. } = output_shape;
-        if width >= LONG_LINE {
+        let FeatureMapShape { height, width, .. } = output_shape;
+        if width >= MIN_IN_PLACE_WIDTH {
             let sums = &mut scratch.sums[..width * self.c_out];
-            for line in lines {
-                let map = &input[line / height * input_shape.map_len()..];
-                self.sum_line(matrix, map, input_shape, line % height, sums);
+            for out_row in rows {
+                let image = &input[out_row / height * input_shape.image_len()..];
+                self.sum_row(weights, image, input_shape, out_row % height, sums);
                 for (col, sums) in sums.chunks_exact(self.c_out).enumerate() {
-                    take(line, col, sums);
+                    emit(out_row, col, sums);
                 }
             }
             return;
         }
-        let pixels = lines.start * width..lines.end * width;
-        for start in pixels.clone().step_by(self.stripe_pixels()) {
-            let n = self.stripe_pixels().min(pixels.end - start);
+        let pixels = rows.start * width..rows.end * width;
+        for start in pixels.clone().step_by(self.im2col_pixels()) {
+            let n = self.im2col_pixels().min(pixels.end - start);
             let patches = &mut scratch.patches[..n * self.patch_len()];
             for (patch, pixel) in patches.chunks_exact_mut(self.patch_len()).zip(start..) {
-                let (line, col) = (pixel / width, pixel % width);
-                let map = &input[line / height * input_shape.map_len()..];
-                self.copy_patch(map, input_shape, line % height, col, patch);
+                let (out_row, col) = (pixel / width, pixel % width);
+                let image = &input[out_row / height * input_shape.image_len()..];
+                self.copy_patch(image, input_shape, out_row % height, col, patch);
             }
             let sums = &mut scratch.sums[..n * self.c_out];
-            matrix.run(patches, self.patch_len(), sums, Into::Replace);
+            weights.matmul(patches, self.patch_len(), sums, Accum::Replace);
             for (sums, pixel) in sums.chunks_exact(self.c_out).zip(start..) {
-                take(pixel / width, pixel % width, sums);
+                emit(pixel / width, pixel % width, sums);
             }
         }
     }
 
-    /// The sums of one output line, from windows that overlap in the input.
-    fn sum_line(&self, matrix: &Packed, map: &[f32], shape: MapShape, row: usize, sums: &mut [f32]) {
-        let run = self.window.kernel * self.c_in;
-        let inset = shape.border - self.window.padding;
-        for kernel_row in 0..self.window.kernel {
-            let first = ((row * self.window.stride + inset + kernel_row) * shape.pitch() + inset) * self.c_in;
-            let into = if kernel_row == 0 { Into::Replace } else { Into::Add };
-            let part = kernel_row * run..(kernel_row + 1) * run;
-            matrix.run_part(part, &map[first..], self.window.stride * self.c_in, sums, into);
-        }
-    }
-
-    fn copy_patch(&self, map: &[f32], shape: MapShape, row: usize, col: usize, patch: &mut [f32]) {
-        let inset = shape.border - self.window.padding;
-        let run = self.window.kernel * self.c_in;
-        let first_row = row * self.window.stride + inset;
-        let first_col = col * self.window.stride + inset;
-        for (kernel_row, part) in patch.chunks_exact_mut(run).enumerate() {
-            let from = ((first_row + kernel_row) * shape.pitch() + first_col) * self.c_in;
-            part.copy_from_slice(&map[from..from + run]);
-        }
-    }
-
-    /// Rounds the maps that these lines see, multiplies, and finishes the sums; the output's memory begins at `origin`.
-    fn quantised(
+    /// Computes the sums `[w, c_out]` of one output row, reading the overlapping windows in place.
+    fn sum_row(
         &self,
-        matrix: &QuantisedMatrix,
-        (input, shape): (&[f32], MapShape),
-        (output, output_shape, origin): (&mut [f32], MapShape, usize),
-        lines: Range<usize>,
-        finish: Finish,
+        weights: &PackedWeights,
+        image: &[f32],
+        shape: FeatureMapShape,
+        row: usize,
+        sums: &mut [f32],
+    ) {
+        let segment = self.geometry.kernel_size * self.c_in;
+        let inset = shape.padding - self.geometry.padding;
+        for kernel_row in 0..self.geometry.kernel_size {
+            let first = ((row * self.geometry.stride + inset + kernel_row) * shape.padded_width() + inset)
+                * self.c_in;
+            let accum = if kernel_row == 0 { Accum::Replace } else { Accum::Add };
+            let k_range = kernel_row * segment..(kernel_row + 1) * segment;
+            weights.matmul_rows(k_range, &image[first..], self.geometry.stride * self.c_in, sums, accum);
+        }
+    }
+
+    /// Copies the window of an output pixel to `patch [kernel_size² · c_in]` (im2col).
+    fn copy_patch(&self, image: &[f32], shape: FeatureMapShape, row: usize, col: usize, patch: &mut [f32]) {
+        let inset = shape.padding - self.geometry.padding;
+        let segment = self.geometry.kernel_size * self.c_in;
+        let first_row = row * self.geometry.stride + inset;
+        let first_col = col * self.geometry.stride + inset;
+        for (kernel_row, part) in patch.chunks_exact_mut(segment).enumerate() {
+            let from = ((first_row + kernel_row) * shape.padded_width() + first_col) * self.c_in;
+            part.copy_from_slice(&image[from..from + segment]);
+        }
+    }
+
+    /// Quantises the images of these rows, multiplies, and applies the epilogue. The output slice starts at offset
+    /// `origin` of the feature maps.
+    fn int8(
+        &self,
+        weights: &QuantisedWeights,
+        (input, shape): (&[f32], FeatureMapShape),
+        (output, output_shape, origin): (&mut [f32], FeatureMapShape, usize),
+        rows: Range<usize>,
+        epilogue: Epilogue,
         scratch: &mut ConvScratch,
     ) {
-        let ConvScratch { rounded, steps, pixels, .. } = scratch;
-        let MapShape { height, width, .. } = output_shape;
-        let maps = lines.start / height..lines.end.div_ceil(height);
-        for (map_idx, step) in maps.clone().zip(&mut steps[maps]) {
-            let map = map_idx * shape.map_len()..(map_idx + 1) * shape.map_len();
-            quantise_positive(&input[map.clone()], &mut rounded[map], step);
+        let ConvScratch { quantised, scales, pixels, .. } = scratch;
+        let FeatureMapShape { height, width, .. } = output_shape;
+        let images = rows.start / height..rows.end.div_ceil(height);
+        for (image_idx, scale) in images.clone().zip(&mut scales[images]) {
+            let image = image_idx * shape.image_len()..(image_idx + 1) * shape.image_len();
+            quantise_unsigned(&input[image.clone()], &mut quantised[image], scale);
         }
-        let (inset, stride) = (shape.border - self.window.padding, self.window.stride);
+        let (inset, stride) = (shape.padding - self.geometry.padding, self.geometry.stride);
         pixels.clear();
-        for line in lines {
-            let (map_idx, row) = (line / height, line % height);
-            let first =
-                map_idx * shape.map_len() + ((row * stride + inset) * shape.pitch() + inset) * self.c_in;
-            pixels.extend((0..width).map(|col| Pixel {
+        for out_row in rows {
+            let (image_idx, row) = (out_row / height, out_row % height);
+            let first = image_idx * shape.image_len()
+                + ((row * stride + inset) * shape.padded_width() + inset) * self.c_in;
+            pixels.extend((0..width).map(|col| OutputPixel {
                 start: first + col * stride * self.c_in,
-                out: output_shape.offset(map_idx, row, col) - origin,
-                step: steps[map_idx],
+                out: output_shape.offset(image_idx, row, col) - origin,
+                scale: scales[image_idx],
             }));
         }
-        let side = self.window.kernel;
-        let runs = Runs { count: side, len: side * self.c_in, stride: shape.pitch() * self.c_in };
+        let side = self.geometry.kernel_size;
+        let segments =
+            Segments { count: side, len: side * self.c_in, stride: shape.padded_width() * self.c_in };
         let start = |idx: usize| pixels[idx].start;
-        matrix.run(rounded, runs, pixels.len(), start, |idx, first, sums| {
-            let Pixel { out, step, .. } = pixels[idx];
+        weights.matmul(quantised, segments, pixels.len(), start, |idx, first, sums| {
+            let OutputPixel { out, scale, .. } = pixels[idx];
             let columns = first..first + sums.len();
             let values = sums
                 .iter()
-                .zip(&matrix.steps()[columns.clone()])
-                .map(|(&sum, own)| sum as f32 * (step * own));
+                .zip(&weights.scales()[columns.clone()])
+                .map(|(&sum, weight_scale)| sum as f32 * (scale * weight_scale));
             let out = &mut output[out + first..][..sums.len()];
-            finish_pixel(values, &self.bias[columns], out, finish);
+            apply_epilogue(values, &self.bias[columns], out, epilogue);
         });
     }
 
     fn patch_len(&self) -> usize {
-        self.window.kernel * self.window.kernel * self.c_in
+        self.geometry.kernel_size * self.geometry.kernel_size * self.c_in
     }
 
-    fn stripe_pixels(&self) -> usize {
-        (PATCH_STRIPE_LEN / self.patch_len()).max(PATCH_STRIPE_MIN_PIXELS)
+    fn im2col_pixels(&self) -> usize {
+        (IM2COL_BLOCK_LEN / self.patch_len()).max(IM2COL_MIN_PIXELS)
     }
 }
 
 #[inline(always)]
-fn finish_pixel(sums: impl Iterator<Item = f32>, bias: &[f32], pixel: &mut [f32], finish: Finish) {
+fn apply_epilogue(sums: impl Iterator<Item = f32>, bias: &[f32], pixel: &mut [f32], epilogue: Epilogue) {
     let terms = pixel.iter_mut().zip(sums).zip(bias);
-    match finish {
-        Finish::Store => terms.for_each(|((y, x), b)| *y = x + b),
-        Finish::Relu => terms.for_each(|((y, x), b)| *y = (x + b).max(0.0)),
-        Finish::AddRelu => terms.for_each(|((y, x), b)| *y = (*y + (x + b)).max(0.0)),
+    match epilogue {
+        Epilogue::Store => terms.for_each(|((y, x), b)| *y = x + b),
+        Epilogue::Relu => terms.for_each(|((y, x), b)| *y = (x + b).max(0.0)),
+        Epilogue::AddRelu => terms.for_each(|((y, x), b)| *y = (*y + (x + b)).max(0.0)),
     }
 }

@@ -1,10 +1,11 @@
-//! The activation of CLIP.
+//! QuickGELU, the activation of CLIP.
 
-use super::attention::exp_of_negative;
-use super::wide::wide;
+use super::attention::exp_of_non_positive;
+use super::isa::multiversion;
 
-wide! {
-    /// `x · σ(1.702 x)` in place: Hendrycks and Gimpel's fast approximation of the Gaussian error linear unit.
+multiversion! {
+    /// Applies QuickGELU, `x · σ(1.702 x)`, in place: Hendrycks and Gimpel's approximation of the Gaussian error linear
+    /// unit.
     pub fn quick_gelu(x: &mut [f32]) {
         for x in x {
             *x *= sigmoid(1.702 * *x);
@@ -12,12 +13,12 @@ wide! {
     }
 }
 
-/// `1 / (1 + exp(−x))`, by way of the exponential that does not overflow.
+/// Returns `1 / (1 + exp(−x))`, computed from `exp(−|x|)`, which cannot overflow.
 #[inline(always)]
 fn sigmoid(x: f32) -> f32 {
-    let small = exp_of_negative(-x.abs());
-    let numerator = if x < 0.0 { small } else { 1.0 };
-    numerator / (1.0 + small)
+    let exp = exp_of_non_positive(-x.abs());
+    let numerator = if x < 0.0 { exp } else { 1.0 };
+    numerator / (1.0 + exp)
 }
 
 #[cfg(test)]
@@ -25,7 +26,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_agrees_with_double_precision_at_any_size() {
+    fn quick_gelu_agrees_with_double_precision() {
         for step in -2000..=2000 {
             let x = step as f32 * 0.05;
             let exact = f64::from(x) / (1.0 + libm::exp(-1.702 * f64::from(x)));

@@ -1,118 +1,123 @@
-//! Affine layers: `y = x · W + b`.
+//! Linear layers, `y = x · Wᵀ + b` with PyTorch's weight layout.
 
 use super::Precision;
-use super::matmul::Into;
-use super::packed::Packed;
-use super::quantised::{QUAD, QuantisedMatrix, Runs, quantise};
+use super::matmul::Accum;
+use super::packed::PackedWeights;
+use super::quantised::{QUAD, QuantisedWeights, Segments, quantise_signed};
 
-/// Numbers of rows that are rounded together.
-const ROUNDED_LEN: usize = 48 << 10;
-/// Rows that are rounded together come in multiples of this, a tile's.
-const ROUNDED_ROWS: usize = 6;
-/// Most rows that are rounded together.
-const MOST_ROUNDED_ROWS: usize = 96;
-/// Fewest columns of a layer whose weights are rounded: others are soon multiplied.
-const FEWEST_ROUNDED: usize = 32;
+/// Number of input values that are quantised together.
+const QUANTISED_BLOCK_LEN: usize = 48 << 10;
+/// Granularity of the number of rows that are quantised together: the rows of a GEMM micro-tile.
+const QUANTISED_ROW_GRANULARITY: usize = 6;
+/// Maximum number of rows that are quantised together.
+const MAX_QUANTISED_ROWS: usize = 96;
+/// Minimum `out_features` for 8-bit weights. Smaller layers take too little time to gain from them.
+const MIN_QUANTISED_FEATURES: usize = 32;
 
-/// A linear layer.
+/// A linear layer, like PyTorch's `Linear`.
 #[derive(Clone, Debug)]
 pub struct Linear {
-    matrix: Matrix,
+    weights: LinearWeights,
     bias: Vec<f32>,
 }
 
-/// `[n_in, n_out]`.
+/// Transposed weights `[in_features, out_features]`.
 #[derive(Clone, Debug)]
-enum Matrix {
-    Exact(Packed),
-    Quantised(QuantisedMatrix),
+enum LinearWeights {
+    F32(PackedWeights),
+    Int8(QuantisedWeights),
 }
 
 impl Linear {
-    /// From a checkpoint's `weight [n_out, n_in]` and `bias [n_out]`.
+    /// Creates an f32 layer from `weight [out_features, in_features]` and `bias [out_features]`.
     ///
     /// # Panics
-    /// If the lengths do not fit.
+    /// If the lengths do not match.
     #[must_use]
     pub fn new(weight: &[f32], bias: &[f32]) -> Self {
         Self::with_precision(weight, bias, Precision::F32)
     }
 
-    /// As [`new`](Self::new), with the weights kept as told.
+    /// Like [`new`](Self::new), with the given precision. Layers that would not gain from 8 bits stay in f32.
     ///
     /// # Panics
-    /// If the lengths do not fit.
+    /// If the lengths do not match.
     #[must_use]
     pub fn with_precision(weight: &[f32], bias: &[f32], precision: Precision) -> Self {
-        let n_out = bias.len();
-        let n_in = weight.len() / n_out;
-        assert_eq!(weight.len(), n_in * n_out, "a [{n_out}, {n_in}] matrix");
-        let mut matrix = vec![0.0; weight.len()];
-        for (out_idx, row) in weight.chunks_exact(n_in).enumerate() {
+        let out_features = bias.len();
+        let in_features = weight.len() / out_features;
+        assert_eq!(weight.len(), in_features * out_features, "weight [{out_features}, {in_features}]");
+        let mut transposed = vec![0.0; weight.len()];
+        for (out_idx, row) in weight.chunks_exact(in_features).enumerate() {
             for (in_idx, &x) in row.iter().enumerate() {
-                matrix[in_idx * n_out + out_idx] = x;
+                transposed[in_idx * out_features + out_idx] = x;
             }
         }
-        let is_rounded = precision == Precision::Int8
-            && n_out >= FEWEST_ROUNDED
-            && n_in.is_multiple_of(QUAD)
-            && n_in <= ROUNDED_LEN / ROUNDED_ROWS;
-        let matrix = if is_rounded {
-            Matrix::Quantised(QuantisedMatrix::new(&matrix, n_in, n_out))
+        let is_quantised = precision == Precision::Int8
+            && out_features >= MIN_QUANTISED_FEATURES
+            && in_features.is_multiple_of(QUAD)
+            && in_features <= QUANTISED_BLOCK_LEN / QUANTISED_ROW_GRANULARITY;
+        let weights = if is_quantised {
+            LinearWeights::Int8(QuantisedWeights::new(&transposed, in_features, out_features))
         } else {
-            Matrix::Exact(Packed::new(&matrix, n_in, n_out))
+            LinearWeights::F32(PackedWeights::new(&transposed, in_features, out_features))
         };
-        Self { matrix, bias: bias.to_vec() }
+        Self { weights, bias: bias.to_vec() }
     }
 
-    /// Width of the input.
+    /// Returns the number of input features.
     #[must_use]
-    pub fn n_in(&self) -> usize {
-        match &self.matrix {
-            Matrix::Exact(matrix) => matrix.depth(),
-            Matrix::Quantised(matrix) => matrix.depth(),
+    pub fn in_features(&self) -> usize {
+        match &self.weights {
+            LinearWeights::F32(weights) => weights.k(),
+            LinearWeights::Int8(weights) => weights.k(),
         }
     }
 
-    /// Width of the output.
+    /// Returns the number of output features.
     #[must_use]
-    pub fn n_out(&self) -> usize {
+    pub fn out_features(&self) -> usize {
         self.bias.len()
     }
 
-    /// `out [T, n_out] = x [T, n_in] · W + b`.
+    /// Computes `out [t, out_features] = x [t, in_features] · Wᵀ + b`.
     ///
     /// # Panics
-    /// If the lengths do not fit.
-    pub fn run(&self, x: &[f32], out: &mut [f32]) {
-        out.chunks_exact_mut(self.n_out()).for_each(|row| row.copy_from_slice(&self.bias));
+    /// If the lengths do not match.
+    pub fn forward(&self, x: &[f32], out: &mut [f32]) {
+        out.chunks_exact_mut(self.out_features()).for_each(|row| row.copy_from_slice(&self.bias));
         self.accumulate(x, out);
     }
 
-    /// `out [T, n_out] += x [T, n_in] · W + b`.
+    /// Computes `out [t, out_features] += x [t, in_features] · Wᵀ + b`.
     ///
     /// # Panics
-    /// If the lengths do not fit.
-    pub fn add_to(&self, x: &[f32], out: &mut [f32]) {
+    /// If the lengths do not match.
+    pub fn forward_add(&self, x: &[f32], out: &mut [f32]) {
         self.add_bias(out);
         self.accumulate(x, out);
     }
 
-    /// `out [T, n_out] += x · W + b` for an input whose columns lie apart in blocks of equal width, block `i` as rows
-    /// `[T, n_in / n_blocks]` at `block(i)`: the heads of an attention. The sums are those of [`add_to`](Self::add_to).
+    /// Like [`forward_add`](Self::forward_add) for an input whose columns are stored as `n_blocks` separate blocks of
+    /// equal width, such as attention heads: `block(i)` is `[t, in_features / n_blocks]`. The result is bit-identical.
     ///
     /// # Panics
-    /// If the lengths do not fit.
-    pub fn add_blocks_to<'a>(&self, n_blocks: usize, block: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
-        let width = self.n_in() / n_blocks;
-        assert_eq!(self.n_in(), n_blocks * width, "blocks of equal width");
+    /// If the lengths do not match.
+    pub fn forward_add_blocks<'a>(
+        &self,
+        n_blocks: usize,
+        block: impl Fn(usize) -> &'a [f32],
+        out: &mut [f32],
+    ) {
+        let width = self.in_features() / n_blocks;
+        assert_eq!(self.in_features(), n_blocks * width, "the blocks must have equal width");
         self.add_bias(out);
-        match &self.matrix {
-            Matrix::Exact(matrix) => (0..n_blocks).for_each(|idx| {
-                matrix.run_part(idx * width..(idx + 1) * width, block(idx), width, out, Into::Add);
+        match &self.weights {
+            LinearWeights::F32(weights) => (0..n_blocks).for_each(|idx| {
+                weights.matmul_rows(idx * width..(idx + 1) * width, block(idx), width, out, Accum::Add);
             }),
-            Matrix::Quantised(matrix) => add_rounded(matrix, out, |row, whole| {
-                for (idx, part) in whole.chunks_exact_mut(width).enumerate() {
+            LinearWeights::Int8(weights) => add_quantised(weights, out, |row, input| {
+                for (idx, part) in input.chunks_exact_mut(width).enumerate() {
                     part.copy_from_slice(&block(idx)[row * width..][..width]);
                 }
             }),
@@ -120,54 +125,63 @@ impl Linear {
     }
 
     fn add_bias(&self, out: &mut [f32]) {
-        for row in out.chunks_exact_mut(self.n_out()) {
+        for row in out.chunks_exact_mut(self.out_features()) {
             row.iter_mut().zip(&self.bias).for_each(|(y, b)| *y += b);
         }
     }
 
     fn accumulate(&self, x: &[f32], out: &mut [f32]) {
-        let (n_in, n_out) = (self.n_in(), self.n_out());
-        let n_rows = x.len() / n_in;
-        assert_eq!((x.len(), out.len()), (n_rows * n_in, n_rows * n_out), "rows of a linear layer");
-        match &self.matrix {
-            Matrix::Exact(matrix) => matrix.run(x, n_in, out, Into::Add),
-            Matrix::Quantised(matrix) => {
-                add_rounded(matrix, out, |row, whole| whole.copy_from_slice(&x[row * n_in..][..n_in]));
+        let (in_features, out_features) = (self.in_features(), self.out_features());
+        let n_rows = x.len() / in_features;
+        assert_eq!(
+            (x.len(), out.len()),
+            (n_rows * in_features, n_rows * out_features),
+            "rows of a linear layer"
+        );
+        match &self.weights {
+            LinearWeights::F32(weights) => weights.matmul(x, in_features, out, Accum::Add),
+            LinearWeights::Int8(weights) => {
+                add_quantised(weights, out, |row, input| {
+                    input.copy_from_slice(&x[row * in_features..][..in_features]);
+                });
             }
         }
     }
 }
 
-/// `out [T, width] += x · weights` with each row of `x`, which `copy(row, [depth])` makes, rounded.
-fn add_rounded(matrix: &QuantisedMatrix, out: &mut [f32], copy: impl Fn(usize, &mut [f32])) {
-    let (depth, width) = (matrix.depth(), matrix.width());
-    let (mut rounded, mut whole) = ([0; ROUNDED_LEN], [0.0; ROUNDED_LEN / ROUNDED_ROWS]);
-    let mut steps = [0.0; MOST_ROUNDED_ROWS];
-    let n_together = (ROUNDED_LEN / depth / ROUNDED_ROWS * ROUNDED_ROWS).min(MOST_ROUNDED_ROWS);
-    for (block_idx, out) in out.chunks_mut(n_together * width).enumerate() {
-        let n_rows = out.len() / width;
-        for (idx, (row, step)) in rounded.chunks_exact_mut(depth).zip(&mut steps).take(n_rows).enumerate() {
-            copy(block_idx * n_together + idx, &mut whole[..depth]);
-            quantise(&whole[..depth], row, step);
+/// Computes `out [t, n] += x · weights` with every row of `x` quantised. `copy(row, [k])` writes a row of `x`.
+fn add_quantised(weights: &QuantisedWeights, out: &mut [f32], copy: impl Fn(usize, &mut [f32])) {
+    let (k, n) = (weights.k(), weights.n());
+    let mut quantised = [0; QUANTISED_BLOCK_LEN];
+    let mut input = [0.0; QUANTISED_BLOCK_LEN / QUANTISED_ROW_GRANULARITY];
+    let mut scales = [0.0; MAX_QUANTISED_ROWS];
+    let block_rows = QUANTISED_BLOCK_LEN / k / QUANTISED_ROW_GRANULARITY * QUANTISED_ROW_GRANULARITY;
+    let block_rows = block_rows.min(MAX_QUANTISED_ROWS);
+    for (block_idx, out) in out.chunks_mut(block_rows * n).enumerate() {
+        let n_rows = out.len() / n;
+        for (idx, (row, scale)) in quantised.chunks_exact_mut(k).zip(&mut scales).take(n_rows).enumerate() {
+            copy(block_idx * block_rows + idx, &mut input[..k]);
+            quantise_signed(&input[..k], row, scale);
         }
-        let runs = Runs { count: 1, len: depth, stride: 0 };
-        matrix.run(
-            &rounded,
-            runs,
+        let segments = Segments { count: 1, len: k, stride: 0 };
+        weights.matmul(
+            &quantised,
+            segments,
             n_rows,
-            |idx| idx * depth,
+            |idx| idx * k,
             |idx, first, sums| {
-                let columns = matrix.steps()[first..].iter().zip(&matrix.zeros()[first..]);
-                let out = out[idx * width + first..].iter_mut();
-                for ((out, &sum), (own, zero)) in out.zip(sums).zip(columns) {
-                    *out += (sum - zero) as f32 * (steps[idx] * own);
+                let columns =
+                    weights.scales()[first..].iter().zip(&weights.zero_point_corrections()[first..]);
+                let out = out[idx * n + first..].iter_mut();
+                for ((out, &sum), (scale, correction)) in out.zip(sums).zip(columns) {
+                    *out += (sum - correction) as f32 * (scales[idx] * scale);
                 }
             },
         );
     }
 }
 
-/// `max(x, 0)` in place.
+/// Applies `max(x, 0)` in place.
 pub fn relu(x: &mut [f32]) {
     x.iter_mut().for_each(|x| *x = x.max(0.0));
 }

@@ -1,45 +1,44 @@
-//! The one door to faer's matrix product: row-major views with a row stride, on the calling thread.
+//! Products of activations: row-major views and faer's matrix product on the calling thread. No other module uses faer.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
+use faer::{MatMut, MatRef, Par};
 
-/// What a product does with the numbers already in its destination.
+/// Treatment of the existing contents of a product's destination.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Into {
-    /// Overwrites them.
+pub enum Accum {
+    /// Overwrites the destination.
     Replace,
-    /// Adds to them.
+    /// Adds to the destination.
     Add,
 }
 
-/// `[n_rows, n_cols] f32` in `data`, rows `stride` numbers apart. Rows may overlap (`stride < n_cols`), which is how a
-/// convolution reads its neighbourhoods without copying them.
+/// Returns a view `[n_rows, n_cols] f32` of `data` whose rows are `stride` values apart. Rows may overlap
+/// (`stride < n_cols`), so that a convolution can read its windows without copying them.
 ///
 /// # Panics
-/// If the last number would lie outside `data`.
+/// If the last value would lie outside `data`.
 #[must_use]
 pub fn view(data: &[f32], n_rows: usize, n_cols: usize, stride: usize) -> MatRef<'_, f32> {
     MatRef::from_row_major_slice_with_stride(data, n_rows, n_cols, stride)
 }
 
-/// As [`view`], for a destination; rows may not overlap.
+/// Like [`view`], but mutable. Rows must not overlap.
 ///
 /// # Panics
-/// If the last number would lie outside `data`, or rows overlap.
+/// If the last value would lie outside `data`, or if rows overlap.
 #[must_use]
 pub fn view_mut(data: &mut [f32], n_rows: usize, n_cols: usize, stride: usize) -> MatMut<'_, f32> {
-    // By way of columns: the row-major constructor of faer 0.24 for strided slices swaps its strides.
+    // faer 0.24's row-major constructor for strided slices swaps the strides, so construct the transpose.
     MatMut::from_column_major_slice_with_stride_mut(data, n_cols, n_rows, stride).transpose_mut()
 }
 
-/// `out = a · b`, or `out += a · b`.
+/// Computes `out = a · b` or `out += a · b`.
 ///
 /// # Panics
-/// If the shapes do not fit.
-pub fn multiply(out: MatMut<'_, f32>, into: Into, a: MatRef<'_, f32>, b: MatRef<'_, f32>) {
-    let accum = match into {
-        Into::Replace => Accum::Replace,
-        Into::Add => Accum::Add,
+/// If the shapes do not match.
+pub fn matmul(out: MatMut<'_, f32>, accum: Accum, a: MatRef<'_, f32>, b: MatRef<'_, f32>) {
+    let accum = match accum {
+        Accum::Replace => faer::Accum::Replace,
+        Accum::Add => faer::Accum::Add,
     };
-    matmul(out, accum, a, b, 1.0, Par::Seq);
+    faer::linalg::matmul::matmul(out, accum, a, b, 1.0, Par::Seq);
 }

@@ -1,32 +1,32 @@
-//! Neural network kernels on the CPU: sequential, over faer's matrix product, on slices that the caller owns.
+//! Neural network kernels for the CPU: sequential, on slices that the caller owns.
 //!
-//! Every kernel computes each number by a fixed sequence of operations that does not depend on how many rows, images
-//! or samples are computed beside it. Nothing here starts a thread, and nothing allocates once its weights are made:
-//! working memory is handed in.
+//! Every kernel computes each value by a fixed sequence of operations, independent of how many rows, images or samples
+//! are computed together. Kernels start no threads, and they allocate nothing after construction: the caller passes
+//! their working memory. See `README.md` for the design and its measurements.
 //!
-//! Letters in shapes: `T` rows (tokens), `D` model width, `H` and `W` sides of an image, `C` channels.
-
-/// How the weights of a layer are kept and multiplied.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Precision {
-    /// As they are.
-    #[default]
-    F32,
-    /// Rounded to eight bits ([`quantised`]), where there are enough of them for that to be faster.
-    Int8,
-}
+//! Letters in shapes: `t` rows (tokens), `d` model width, `n` images, `c` channels, `h` and `w` height and width;
+//! `[m, k] · [k, n]` in matrix products.
 
 pub mod attention;
 pub mod conv;
+pub mod feature_map;
 pub mod gelu;
 pub mod linear;
-pub mod maps;
 pub mod matmul;
 pub mod norm;
 pub mod packed;
 pub mod pool;
 
+mod isa;
 mod quantised;
-
-mod wide;
 mod winograd;
+
+/// Numeric precision of a layer's weights and products.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// 32-bit floats.
+    #[default]
+    F32,
+    /// 8-bit integers ([`quantised`]), in layers large enough to become faster.
+    Int8,
+}

@@ -1,49 +1,51 @@
 //! Layer normalisation.
 
-use super::wide::wide;
+use super::isa::multiversion;
 
-/// Partial sums kept side by side, so that the order of additions is fixed and wide registers are used.
+/// Number of partial sums of a reduction. It fixes the order of additions and lets the compiler vectorise them.
 pub(super) const LANES: usize = 16;
 
 /// Layer normalisation over the last axis.
 #[derive(Clone, Debug)]
 pub struct LayerNorm {
-    scale: Vec<f32>,
-    offset: Vec<f32>,
+    /// Scale `[d]`.
+    weight: Vec<f32>,
+    /// Offset `[d]`.
+    bias: Vec<f32>,
 }
 
 impl LayerNorm {
-    /// Added to the variance (PyTorch's default).
+    /// Term added to the variance (PyTorch's default `eps`).
     pub const EPSILON: f32 = 1e-5;
 
-    /// From a checkpoint's `weight [D]` and `bias [D]`.
+    /// Creates the layer from `weight [d]` and `bias [d]`.
     #[must_use]
     pub fn new(weight: &[f32], bias: &[f32]) -> Self {
-        assert_eq!(weight.len(), bias.len(), "scale and offset");
-        Self { scale: weight.to_vec(), offset: bias.to_vec() }
+        assert_eq!(weight.len(), bias.len(), "weight and bias");
+        Self { weight: weight.to_vec(), bias: bias.to_vec() }
     }
 
-    /// Normalises every row of `x [T, D]` in place.
-    pub fn run(&self, x: &mut [f32]) {
-        normalise_rows(x, &self.scale, &self.offset);
+    /// Normalises every row of `x [t, d]` in place.
+    pub fn forward(&self, x: &mut [f32]) {
+        normalise_rows(x, &self.weight, &self.bias);
     }
 }
 
-wide! {
-    fn normalise_rows(x: &mut [f32], scale: &[f32], offset: &[f32]) {
-        let width = scale.len() as f32;
-        for row in x.chunks_exact_mut(scale.len()) {
+multiversion! {
+    fn normalise_rows(x: &mut [f32], weight: &[f32], bias: &[f32]) {
+        let width = weight.len() as f32;
+        for row in x.chunks_exact_mut(weight.len()) {
             let mean = sum(row, |x| x) / width;
             let variance = sum(row, |x| (x - mean) * (x - mean)) / width;
             let inverse = 1.0 / (variance + LayerNorm::EPSILON).sqrt();
-            for ((x, scale), offset) in row.iter_mut().zip(scale).zip(offset) {
-                *x = (*x - mean) * inverse * scale + offset;
+            for ((x, weight), bias) in row.iter_mut().zip(weight).zip(bias) {
+                *x = (*x - mean) * inverse * weight + bias;
             }
         }
     }
 }
 
-/// `Σ f(x)` in a fixed order.
+/// Returns `Σ f(x)`, summed in a fixed order.
 #[inline(always)]
 pub(super) fn sum(row: &[f32], f: impl Fn(f32) -> f32) -> f32 {
     let mut lanes = [0.0; LANES];

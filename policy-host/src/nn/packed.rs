@@ -1,123 +1,151 @@
-//! Products with a matrix of weights that was laid out for them beforehand.
+//! GEMM with packed weights: `[m, k] · [k, n]`, where the right factor is packed once into panels of [`NR`] columns.
 //!
-//! faer packs its factors anew in every call, which suits a product that is made once. Weights are the same in every
-//! query, so here they lie in panels of [`PANEL`] columns, read front to back by the tiles below. (Measured against faer 0.24
-//! in one run, AVX-512: 1.2 to 1.5 times as fast at ACT's shapes; `cargo bench -p benches --bench policy`.)
+//! faer packs both factors in every call. The weights are the same in every query, so packing them once saves that
+//! work: 1.2 to 1.5 times as fast as faer 0.24 at ACT's shapes, measured in one run with AVX-512 by
+//! `cargo bench -p benches --bench policy`.
 //!
-//! Every number of a product is one chain of fused multiply-adds over the depth, in order, whatever the instruction set,
-//! the tile or the number of rows: the same bits on every x86 processor with FMA. Others round products, too.
+//! Every value of a product is a single chain of fused multiply-adds over `k`, in order, whatever the instruction set,
+//! the micro-tile or the number of rows. It has the same bits on every x86 processor with FMA. Without FMA, products are
+//! rounded as well.
 
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::matmul::Into;
+use super::isa::FloatIsa;
+#[cfg(target_arch = "x86_64")]
+use super::isa::{V3, V4};
+use super::matmul::Accum;
 
-/// Columns of a panel: four registers of AVX-512.
-const PANEL: usize = 64;
-/// Rows of a tile: with a panel's four registers they fill 24 of AVX-512's 32.
-const TILE_ROWS: usize = 6;
-/// Depth of a block, so that its part of a panel stays in the cache while all rows pass by.
-const BLOCK_DEPTH: usize = 256;
+/// Columns of a panel and of a micro-tile: four AVX-512 registers.
+const NR: usize = 64;
+/// Rows of a micro-tile. With four registers per row, its accumulators take 24 of AVX-512's 32 registers.
+const MR: usize = 6;
+/// Length of a block along `k`, so that a panel's block stays in the cache while all rows are computed.
+const KC: usize = 256;
 
-/// Numbers of one register, aligned so that no load straddles two cache lines.
+/// Values of one AVX-512 register, aligned so that no load crosses a cache line.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(64))]
-struct Line([f32; 16]);
+struct AlignedF32x16([f32; 16]);
 
-/// Weights `[depth, width] f32`, packed.
+/// Packed weights `[k, n] f32`.
 #[derive(Clone, Debug)]
-pub struct Packed {
-    /// `[⌈width / PANEL⌉, depth, PANEL]`, zero beyond the last column.
-    panels: Vec<Line>,
-    depth: usize,
-    width: usize,
-    isa: Isa,
+pub struct PackedWeights {
+    /// Panels `[⌈n / NR⌉, k, NR]`, zero beyond the last column.
+    panels: Vec<AlignedF32x16>,
+    k: usize,
+    n: usize,
+    isa: FloatIsa,
 }
 
-impl Packed {
-    /// Packs row-major weights.
+impl PackedWeights {
+    /// Packs row-major weights `[k, n]`.
     ///
     /// # Panics
-    /// If `rows` is not `[depth, width]`.
+    /// If `weights` does not have this shape.
     #[must_use]
-    pub fn new(rows: &[f32], depth: usize, width: usize) -> Self {
-        Self::with_isa(rows, depth, width, Isa::best())
+    pub fn new(weights: &[f32], k: usize, n: usize) -> Self {
+        Self::with_isa(weights, k, n, FloatIsa::best())
     }
 
-    fn with_isa(rows: &[f32], depth: usize, width: usize, isa: Isa) -> Self {
-        assert_eq!(rows.len(), depth * width, "weights [{depth}, {width}]");
-        let n_panels = width.div_ceil(PANEL);
-        let mut panels = vec![Line::zeroed(); n_panels * depth * PANEL / 16];
-        let numbers: &mut [f32] = bytemuck::cast_slice_mut(&mut panels);
-        for (panel_idx, panel) in numbers.chunks_exact_mut(depth * PANEL).enumerate() {
-            let first = panel_idx * PANEL;
-            let n = PANEL.min(width - first);
-            for (line, row) in panel.chunks_exact_mut(PANEL).zip(rows.chunks_exact(width)) {
-                line[..n].copy_from_slice(&row[first..first + n]);
+    fn with_isa(weights: &[f32], k: usize, n: usize, isa: FloatIsa) -> Self {
+        assert_eq!(weights.len(), k * n, "weights [{k}, {n}]");
+        let n_panels = n.div_ceil(NR);
+        let mut panels = vec![AlignedF32x16::zeroed(); n_panels * k * NR / 16];
+        let packed: &mut [f32] = bytemuck::cast_slice_mut(&mut panels);
+        for (panel_idx, panel) in packed.chunks_exact_mut(k * NR).enumerate() {
+            let first = panel_idx * NR;
+            let n_cols = NR.min(n - first);
+            for (line, row) in panel.chunks_exact_mut(NR).zip(weights.chunks_exact(n)) {
+                line[..n_cols].copy_from_slice(&row[first..first + n_cols]);
             }
         }
-        Self { panels, depth, width, isa }
+        Self { panels, k, n, isa }
     }
 
-    /// Rows of the weights, which is the length of an input's row.
+    /// Returns the number of rows `k` of the weights.
     #[must_use]
-    pub fn depth(&self) -> usize {
-        self.depth
+    pub fn k(&self) -> usize {
+        self.k
     }
 
-    /// Columns of the weights, which is the length of an output's row.
+    /// Returns the number of columns `n` of the weights.
     #[must_use]
-    pub fn width(&self) -> usize {
-        self.width
+    pub fn n(&self) -> usize {
+        self.n
     }
 
-    /// `out [T, width] = x [T, depth] · weights`, or `out += x · weights`. Rows of `x` lie `stride` numbers apart and may
+    /// Computes `out [m, n] = x [m, k] · weights` or `out += x · weights`. Rows of `x` are `stride` values apart and may
     /// overlap.
     ///
     /// # Panics
-    /// If `out` is not whole rows, or the last row of `x` would end outside it.
-    pub fn run(&self, x: &[f32], stride: usize, out: &mut [f32], into: Into) {
-        self.run_part(0..self.depth, x, stride, out, into);
+    /// If `out` is not a whole number of rows, or the last row of `x` would end outside the slice.
+    pub fn matmul(&self, x: &[f32], stride: usize, out: &mut [f32], accum: Accum) {
+        self.matmul_rows(0..self.k, x, stride, out, accum);
     }
 
-    /// As [`run`](Self::run) with only the given rows of the weights, rows of `x` being as long.
+    /// Like [`matmul`](Self::matmul) with only the rows `k_range` of the weights: `x` is `[m, k_range.len()]`.
     ///
     /// # Panics
-    /// If there are not so many weights, `out` is not whole rows, or the last row of `x` would end outside it.
-    pub fn run_part(&self, part: Range<usize>, x: &[f32], stride: usize, out: &mut [f32], into: Into) {
-        let n_rows = out.len() / self.width;
-        assert_eq!(out.len(), n_rows * self.width, "rows of {} numbers", self.width);
-        assert!(part.end <= self.depth, "weights {part:?} of {}", self.depth);
+    /// If `k_range` exceeds the weights, `out` is not a whole number of rows, or the last row of `x` would end outside
+    /// the slice.
+    pub fn matmul_rows(
+        &self,
+        k_range: Range<usize>,
+        x: &[f32],
+        stride: usize,
+        out: &mut [f32],
+        accum: Accum,
+    ) {
+        let n_rows = out.len() / self.n;
+        assert_eq!(out.len(), n_rows * self.n, "rows of {} values", self.n);
+        assert!(k_range.end <= self.k, "rows {k_range:?} of {}", self.k);
         if n_rows == 0 {
             return;
         }
-        assert!((n_rows - 1) * stride + part.len() <= x.len(), "{n_rows} rows of {} numbers", part.len());
+        assert!(
+            (n_rows - 1) * stride + k_range.len() <= x.len(),
+            "{n_rows} rows of {} values",
+            k_range.len()
+        );
         match self.isa {
-            Isa::Plain => self.by_rows(part, x, stride, out, into),
+            FloatIsa::Portable => self.matmul_portable(k_range, x, stride, out, accum),
             #[cfg(target_arch = "x86_64")]
-            Isa::Fma256 => self.by_tiles(part, x, stride, out, into, &tiles_256()),
+            FloatIsa::Fma256(token) => {
+                self.matmul_tiled(k_range, x, stride, out, accum, &micro_kernels_256(token));
+            }
             #[cfg(target_arch = "x86_64")]
-            Isa::Fma512 => self.by_tiles(part, x, stride, out, into, &tiles_512()),
+            FloatIsa::Fma512(token) => {
+                self.matmul_tiled(k_range, x, stride, out, accum, &micro_kernels_512(token));
+            }
         }
     }
 
+    /// Iterates over the panels with the index of their first column.
     fn panels(&self) -> impl Iterator<Item = (usize, &[f32])> {
-        let numbers: &[f32] = bytemuck::cast_slice(&self.panels);
-        numbers.chunks_exact(self.depth * PANEL).enumerate().map(|(idx, panel)| (idx * PANEL, panel))
+        let values: &[f32] = bytemuck::cast_slice(&self.panels);
+        values.chunks_exact(self.k * NR).enumerate().map(|(idx, panel)| (idx * NR, panel))
     }
 
-    /// A row at a time, so that no number depends on the rows beside it.
-    fn by_rows(&self, part: Range<usize>, x: &[f32], stride: usize, out: &mut [f32], into: Into) {
-        for (row, out) in out.chunks_exact_mut(self.width).enumerate() {
-            let x = &x[row * stride..][..part.len()];
+    /// Computes one row at a time, so that no value depends on other rows.
+    fn matmul_portable(
+        &self,
+        k_range: Range<usize>,
+        x: &[f32],
+        stride: usize,
+        out: &mut [f32],
+        accum: Accum,
+    ) {
+        for (row, out) in out.chunks_exact_mut(self.n).enumerate() {
+            let x = &x[row * stride..][..k_range.len()];
             for (first, panel) in self.panels() {
-                let out = &mut out[first..self.width.min(first + PANEL)];
-                let mut sums = [0.0; PANEL];
-                if into == Into::Add {
+                let out = &mut out[first..self.n.min(first + NR)];
+                let mut sums = [0.0; NR];
+                if accum == Accum::Add {
                     sums[..out.len()].copy_from_slice(out);
                 }
-                let weights = panel[part.start * PANEL..part.end * PANEL].as_chunks::<PANEL>().0;
+                let weights = panel[k_range.start * NR..k_range.end * NR].as_chunks::<NR>().0;
                 for (x, weights) in x.iter().zip(weights) {
                     sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += x * weight);
                 }
@@ -127,40 +155,40 @@ impl Packed {
     }
 
     #[cfg(target_arch = "x86_64")]
-    fn by_tiles(
+    fn matmul_tiled(
         &self,
-        part: Range<usize>,
+        k_range: Range<usize>,
         x: &[f32],
         stride: usize,
         out: &mut [f32],
-        into: Into,
-        tiles: &[Tile; TILE_ROWS],
+        accum: Accum,
+        micro_kernels: &[MicroKernel; MR],
     ) {
-        let n_rows = out.len() / self.width;
-        for first_depth in (0..part.len()).step_by(BLOCK_DEPTH) {
-            let depth = BLOCK_DEPTH.min(part.len() - first_depth);
-            let adds = first_depth > 0 || into == Into::Add;
+        let n_rows = out.len() / self.n;
+        for k_start in (0..k_range.len()).step_by(KC) {
+            let kc = KC.min(k_range.len() - k_start);
+            let adds = k_start > 0 || accum == Accum::Add;
             for (first, panel) in self.panels() {
-                let weights = &panel[(part.start + first_depth) * PANEL..][..depth * PANEL];
-                let n = PANEL.min(self.width - first);
-                for row in (0..n_rows).step_by(TILE_ROWS) {
-                    let height = TILE_ROWS.min(n_rows - row);
-                    let x = &x[row * stride + first_depth..][..(height - 1) * stride + depth];
-                    let out = &mut out[row * self.width + first..][..(height - 1) * self.width + n];
-                    let tile = tiles[height - 1];
-                    if n == PANEL {
-                        // SAFETY: the slices just cut hold what a tile of `height` rows touches, and `run` chose tiles
-                        // that this processor has.
-                        unsafe { tile(x, stride, weights, out, self.width, adds) };
+                let weights = &panel[(k_range.start + k_start) * NR..][..kc * NR];
+                let n_cols = NR.min(self.n - first);
+                for row in (0..n_rows).step_by(MR) {
+                    let height = MR.min(n_rows - row);
+                    let x = &x[row * stride + k_start..][..(height - 1) * stride + kc];
+                    let out = &mut out[row * self.n + first..][..(height - 1) * self.n + n_cols];
+                    let micro_kernel = micro_kernels[height - 1];
+                    if n_cols == NR {
+                        // SAFETY: the slices cover the micro-tile of `height` rows, and `micro_kernels` was selected
+                        // with the token of its instruction set.
+                        unsafe { micro_kernel(x, stride, weights, out, self.n, adds) };
                     } else {
-                        let mut whole = [0.0; TILE_ROWS * PANEL];
-                        let rows = whole.chunks_exact_mut(PANEL).zip(out.chunks(self.width));
-                        rows.for_each(|(whole, out)| whole[..n].copy_from_slice(&out[..n]));
-                        let part = &mut whole[..height * PANEL];
-                        // SAFETY: as above; `part` is `height` rows of a whole panel.
-                        unsafe { tile(x, stride, weights, part, PANEL, adds) };
-                        let rows = whole.chunks_exact(PANEL).zip(out.chunks_mut(self.width));
-                        rows.for_each(|(whole, out)| out[..n].copy_from_slice(&whole[..n]));
+                        let mut full = [0.0; MR * NR];
+                        let rows = full.chunks_exact_mut(NR).zip(out.chunks(self.n));
+                        rows.for_each(|(full, out)| full[..n_cols].copy_from_slice(&out[..n_cols]));
+                        let rows = &mut full[..height * NR];
+                        // SAFETY: as above; `rows` is `height` full rows of the micro-tile.
+                        unsafe { micro_kernel(x, stride, weights, rows, NR, adds) };
+                        let rows = full.chunks_exact(NR).zip(out.chunks_mut(self.n));
+                        rows.for_each(|(full, out)| out[..n_cols].copy_from_slice(&full[..n_cols]));
                     }
                 }
             }
@@ -168,63 +196,43 @@ impl Packed {
     }
 }
 
-/// How a processor multiplies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Isa {
-    /// As any processor can.
-    Plain,
-    /// AVX2 and FMA.
-    #[cfg(target_arch = "x86_64")]
-    Fma256,
-    /// AVX-512.
-    #[cfg(target_arch = "x86_64")]
-    Fma512,
-}
-
-impl Isa {
-    /// Those that this processor has, the slowest first.
-    fn available() -> Vec<Self> {
-        let mut available = vec![Self::Plain];
-        #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-                available.push(Self::Fma256);
-            }
-            if is_x86_feature_detected!("avx512f") {
-                available.push(Self::Fma512);
-            }
-        }
-        available
-    }
-
-    fn best() -> Self {
-        Self::available().last().copied().unwrap_or(Self::Plain)
-    }
-}
-
-/// `out [height, PANEL] = (out if adds, else 0) + x [height, depth] · weights [depth, PANEL]`, rows `stride` apart in `x`
-/// and `out_stride` in `out`.
+/// GEMM micro-kernel: `out [height, NR] = (out if adds, else 0) + x [height, kc] · weights [kc, NR]`, with rows `stride`
+/// apart in `x` and `out_stride` apart in `out`.
 ///
 /// # Safety
-/// The processor must have the tile's instruction set, and the slices all of those numbers.
+/// The processor must support the kernel's instruction set, and the slices must cover all of these values.
 #[cfg(target_arch = "x86_64")]
-type Tile =
+type MicroKernel =
     unsafe fn(x: &[f32], stride: usize, weights: &[f32], out: &mut [f32], out_stride: usize, adds: bool);
 
-/// Tiles of one row, two rows, and so on.
+/// Returns the AVX-512 micro-kernels for 1 to [`MR`] rows. The token proves the instruction set.
 #[cfg(target_arch = "x86_64")]
-const fn tiles_512() -> [Tile; TILE_ROWS] {
-    [tile_512::<1>, tile_512::<2>, tile_512::<3>, tile_512::<4>, tile_512::<5>, tile_512::<6>]
+const fn micro_kernels_512(_: V4) -> [MicroKernel; MR] {
+    [
+        micro_kernel_512::<1>,
+        micro_kernel_512::<2>,
+        micro_kernel_512::<3>,
+        micro_kernel_512::<4>,
+        micro_kernel_512::<5>,
+        micro_kernel_512::<6>,
+    ]
 }
 
-/// Tiles of one row, two rows, and so on.
+/// Returns the AVX2 micro-kernels for 1 to [`MR`] rows. The token proves the instruction set.
 #[cfg(target_arch = "x86_64")]
-const fn tiles_256() -> [Tile; TILE_ROWS] {
-    [tile_256::<1>, tile_256::<2>, tile_256::<3>, tile_256::<4>, tile_256::<5>, tile_256::<6>]
+const fn micro_kernels_256(_: V3) -> [MicroKernel; MR] {
+    [
+        micro_kernel_256::<1>,
+        micro_kernel_256::<2>,
+        micro_kernel_256::<3>,
+        micro_kernel_256::<4>,
+        micro_kernel_256::<5>,
+        micro_kernel_256::<6>,
+    ]
 }
 
-/// One tile's function: registers of so many lanes, so many of them side by side for each row.
-macro_rules! tile {
+/// Defines a micro-kernel. `$lanes` is the number of lanes of a register, `$across` the number of registers per row.
+macro_rules! micro_kernel {
     ($name:ident, $features:literal, $lanes:literal, $across:literal, $zero:ident, $load:ident, $all:ident, $fma:ident, $store:ident) => {
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = $features)]
@@ -238,8 +246,8 @@ macro_rules! tile {
         ) {
             use core::arch::x86_64::{$all, $fma, $load, $store, $zero};
             let x = x.as_ptr();
-            for first in (0..PANEL).step_by($across * $lanes) {
-                // SAFETY: the caller vouches for `HEIGHT` rows of `depth` numbers in `x` and of `PANEL` numbers in `out`.
+            for first in (0..NR).step_by($across * $lanes) {
+                // SAFETY: the caller guarantees `HEIGHT` rows of `kc` values in `x` and of `NR` values in `out`.
                 unsafe {
                     let out = out.as_mut_ptr().add(first);
                     let mut sums = [[$zero(); $across]; HEIGHT];
@@ -250,7 +258,7 @@ macro_rules! tile {
                             }
                         }
                     }
-                    for (step, from) in weights.chunks_exact(PANEL).enumerate() {
+                    for (step, from) in weights.chunks_exact(NR).enumerate() {
                         let mut line = [$zero(); $across];
                         for (col, weights) in line.iter_mut().enumerate() {
                             *weights = $load(from.as_ptr().add(first + col * $lanes));
@@ -274,60 +282,54 @@ macro_rules! tile {
 }
 
 #[rustfmt::skip]
-tile!(tile_512, "avx512f", 16, 4, _mm512_setzero_ps, _mm512_loadu_ps, _mm512_set1_ps, _mm512_fmadd_ps, _mm512_storeu_ps);
-// With six rows these fill twelve of AVX2's sixteen registers.
+micro_kernel!(micro_kernel_512, "avx512f", 16, 4, _mm512_setzero_ps, _mm512_loadu_ps, _mm512_set1_ps, _mm512_fmadd_ps, _mm512_storeu_ps);
+// With six rows, the accumulators take 12 of AVX2's 16 registers.
 #[rustfmt::skip]
-tile!(tile_256, "avx2,fma", 8, 2, _mm256_setzero_ps, _mm256_loadu_ps, _mm256_set1_ps, _mm256_fmadd_ps, _mm256_storeu_ps);
+micro_kernel!(micro_kernel_256, "avx2,fma", 8, 2, _mm256_setzero_ps, _mm256_loadu_ps, _mm256_set1_ps, _mm256_fmadd_ps, _mm256_storeu_ps);
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn numbers(n: usize, salt: usize) -> Vec<f32> {
+    fn pseudo_random(n: usize, salt: usize) -> Vec<f32> {
         (0..n).map(|i| ((i * 7919 + salt * 104_729) % 2003) as f32 / 1001.0 - 1.0).collect()
     }
 
-    /// Products of every shape that can go wrong: narrow, wide, ragged, shallow, deeper than a block, rows overlapping.
+    /// Edge cases `(m, n, k)`: narrow, wide, partial panels, small k, k above a block, overlapping rows.
     const SHAPES: [(usize, usize, usize); 6] =
         [(1, 1, 1), (5, 7, 3), (6, 64, 256), (13, 130, 300), (50, 200, 513), (7, 16, 64)];
 
-    fn product(
-        isa: Isa,
-        (n_rows, width, depth): (usize, usize, usize),
-        into: Into,
-        stride: usize,
-    ) -> Vec<f32> {
-        let x = numbers((n_rows - 1) * stride + depth, 1);
-        let mut out = numbers(n_rows * width, 3);
-        Packed::with_isa(&numbers(depth * width, 2), depth, width, isa).run(&x, stride, &mut out, into);
+    fn product(isa: FloatIsa, (m, n, k): (usize, usize, usize), accum: Accum, stride: usize) -> Vec<f32> {
+        let x = pseudo_random((m - 1) * stride + k, 1);
+        let mut out = pseudo_random(m * n, 3);
+        PackedWeights::with_isa(&pseudo_random(k * n, 2), k, n, isa).matmul(&x, stride, &mut out, accum);
         out
     }
 
     #[test]
-    fn every_instruction_set_gives_the_exact_chain_of_fused_additions() {
+    fn every_instruction_set_gives_the_fused_chain() {
         for shape in SHAPES {
-            let (n_rows, width, depth) = shape;
-            for (into, stride) in
-                [(Into::Replace, depth), (Into::Add, depth + 5), (Into::Replace, depth.div_ceil(3))]
+            let (m, n, k) = shape;
+            for (accum, stride) in [(Accum::Replace, k), (Accum::Add, k + 5), (Accum::Replace, k.div_ceil(3))]
             {
-                let x = numbers((n_rows - 1) * stride + depth, 1);
-                let (weights, before) = (numbers(depth * width, 2), numbers(n_rows * width, 3));
+                let x = pseudo_random((m - 1) * stride + k, 1);
+                let (weights, before) = (pseudo_random(k * n, 2), pseudo_random(m * n, 3));
                 let chain = |i: usize| {
-                    let first = if into == Into::Add { before[i] } else { 0.0 };
-                    let row = &x[i / width * stride..][..depth];
+                    let first = if accum == Accum::Add { before[i] } else { 0.0 };
+                    let row = &x[i / n * stride..][..k];
                     row.iter()
                         .enumerate()
-                        .fold(first, |sum, (k, x)| x.mul_add(weights[k * width + i % width], sum))
+                        .fold(first, |sum, (idx, x)| x.mul_add(weights[idx * n + i % n], sum))
                 };
-                let expected: Vec<f32> = (0..n_rows * width).map(chain).collect();
-                for isa in Isa::available() {
-                    let found = product(isa, shape, into, stride);
-                    if isa == Isa::Plain {
+                let expected: Vec<f32> = (0..m * n).map(chain).collect();
+                for isa in FloatIsa::available() {
+                    let found = product(isa, shape, accum, stride);
+                    if matches!(isa, FloatIsa::Portable) {
                         let error =
                             found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-                        assert!(error < 1e-4, "{isa:?} {shape:?} {into:?}: off by {error}");
+                        assert!(error < 1e-4, "{isa:?} {shape:?} {accum:?}: off by {error}");
                     } else {
-                        assert!(found == expected, "{isa:?} {shape:?} {into:?} stride {stride}");
+                        assert!(found == expected, "{isa:?} {shape:?} {accum:?} stride {stride}");
                     }
                 }
             }
@@ -335,8 +337,8 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "2 rows of 8 numbers")]
-    fn an_input_too_short_is_refused() {
-        Packed::new(&[0.0; 16], 8, 2).run(&[0.0; 15], 8, &mut [0.0; 4], Into::Replace);
+    #[should_panic(expected = "2 rows of 8 values")]
+    fn matmul_panics_when_input_is_too_short() {
+        PackedWeights::new(&[0.0; 16], 8, 2).matmul(&[0.0; 15], 8, &mut [0.0; 4], Accum::Replace);
     }
 }

@@ -1,249 +1,257 @@
-//! Products in eight-bit integers: faster than floats where a processor has instructions for them, and less exact.
+//! GEMM with 8-bit integers and 32-bit accumulators: less exact than f32, and faster on processors with VNNI.
 //!
-//! Weights are rounded to 127 steps on either side of zero, each column's steps as fine as its largest weight lets them be;
-//! inputs likewise when they are multiplied, each row or map by its own largest number. Sums of integers are exact, so every
-//! processor gives the same bits. Those with AVX-512 VNNI make 64 products at a time; others are slower than with floats.
+//! Weights are quantised symmetrically to ±127 with one scale per output column. Inputs are quantised dynamically, with
+//! one scale per row or image. Integer sums are exact, so every processor gives the same bits. AVX-512 VNNI computes 64
+//! products per instruction; without it, this path is slower than f32.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::wide::wide;
+#[cfg(target_arch = "x86_64")]
+use super::isa::Avx512Vnni;
+use super::isa::{Int8Isa, multiversion};
 
-/// Columns of a panel: four registers of AVX-512.
-const PANEL: usize = 64;
-/// Rows of a tile: with a panel's four registers they fill 24 of AVX-512's 32.
-const TILE_ROWS: usize = 6;
-/// Products that one lane sums at a time: the depth comes in multiples of it.
+/// Columns of a panel and of a micro-tile: four AVX-512 registers.
+const NR: usize = 64;
+/// Rows of a micro-tile. With four registers per row, its accumulators take 24 of AVX-512's 32 registers.
+const MR: usize = 6;
+/// Number of products that one 32-bit lane sums per instruction. `k` must be a multiple of it.
 pub(super) const QUAD: usize = 4;
-/// Steps from zero to the largest weight or signed input, and to the largest input that cannot be negative.
-const SIGNED_STEPS: f32 = 127.0;
-const POSITIVE_STEPS: f32 = 255.0;
-/// What a signed input's zero is stored as.
-const ZERO: u8 = 128;
-/// From here on floats are whole numbers: adding it rounds to the nearest one, which is then in the lowest bits.
-const WHOLE: f32 = 8_388_608.0;
+/// Largest quantised magnitude of weights and signed inputs.
+const SIGNED_MAX: f32 = 127.0;
+/// Largest quantised value of non-negative inputs.
+const UNSIGNED_MAX: f32 = 255.0;
+/// Zero point of signed inputs, which are stored as u8.
+const ZERO_POINT: u8 = 128;
+/// 2²³. Adding it to a float rounds to the nearest integer and leaves that integer in the low bits of the mantissa.
+const ROUNDING_OFFSET: f32 = 8_388_608.0;
 
-/// Weights of a cache line.
+/// One cache line of weights.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C, align(64))]
-struct Line([i8; 64]);
+struct AlignedI8x64([i8; 64]);
 
-/// Weights `[depth, width]`, rounded and packed.
+/// Quantised and packed weights `[k, n]`.
 #[derive(Clone, Debug)]
-pub(super) struct QuantisedMatrix {
-    /// `[⌈width / PANEL⌉, depth / QUAD, PANEL, QUAD]`, zero beyond the last column.
-    panels: Vec<Line>,
-    depth: usize,
-    width: usize,
-    /// `[width]`: what a step of a column's weights is worth.
-    steps: Vec<f32>,
-    /// `[width]`: the sum of a column times [`ZERO`], which signed inputs add to every sum.
-    zeros: Vec<i32>,
-    isa: Isa,
+pub(super) struct QuantisedWeights {
+    /// Panels `[⌈n / NR⌉, k / QUAD, NR, QUAD] i8`, zero beyond the last column.
+    panels: Vec<AlignedI8x64>,
+    k: usize,
+    n: usize,
+    /// Quantisation scale `[n]` of each column.
+    scales: Vec<f32>,
+    /// Zero-point correction `[n]`: column sum times [`ZERO_POINT`], to be subtracted from sums over signed inputs.
+    zero_point_corrections: Vec<i32>,
+    isa: Int8Isa,
 }
 
-/// The numbers that a row of a product is made of: so many runs of equal length, their beginnings `stride` apart.
+/// Memory layout of an input row: `count` contiguous segments of `len` values, `stride` values apart.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Runs {
+pub(super) struct Segments {
     pub(super) count: usize,
     pub(super) len: usize,
     pub(super) stride: usize,
 }
 
-impl QuantisedMatrix {
-    /// Rounds and packs row-major weights.
+impl QuantisedWeights {
+    /// Quantises and packs row-major weights `[k, n]`.
     ///
     /// # Panics
-    /// If `rows` is not `[depth, width]`, or the depth is no multiple of [`QUAD`].
-    pub(super) fn new(rows: &[f32], depth: usize, width: usize) -> Self {
-        Self::with_isa(rows, depth, width, Isa::best())
+    /// If `weights` does not have this shape, or `k` is not a multiple of [`QUAD`].
+    pub(super) fn new(weights: &[f32], k: usize, n: usize) -> Self {
+        Self::with_isa(weights, k, n, Int8Isa::best())
     }
 
-    fn with_isa(rows: &[f32], depth: usize, width: usize, isa: Isa) -> Self {
-        assert_eq!(rows.len(), depth * width, "weights [{depth}, {width}]");
-        assert!(depth.is_multiple_of(QUAD), "depth {depth}");
-        let mut panels = vec![Line::zeroed(); width.div_ceil(PANEL) * depth];
+    fn with_isa(weights: &[f32], k: usize, n: usize, isa: Int8Isa) -> Self {
+        assert_eq!(weights.len(), k * n, "weights [{k}, {n}]");
+        assert!(k.is_multiple_of(QUAD), "k = {k} must be a multiple of {QUAD}");
+        let mut panels = vec![AlignedI8x64::zeroed(); n.div_ceil(NR) * k];
         let packed: &mut [i8] = bytemuck::cast_slice_mut(&mut panels);
-        let (mut steps, mut zeros) = (Vec::with_capacity(width), Vec::with_capacity(width));
-        for col in 0..width {
-            let column = || rows.iter().skip(col).step_by(width);
-            let step = column().fold(0.0, |most: f32, x| most.max(x.abs())) / SIGNED_STEPS;
-            let panel = &mut packed[col / PANEL * depth * PANEL..][..depth * PANEL];
+        let (mut scales, mut zero_point_corrections) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        for col in 0..n {
+            let column = || weights.iter().skip(col).step_by(n);
+            let scale = column().fold(0.0, |max: f32, x| max.max(x.abs())) / SIGNED_MAX;
+            let panel = &mut packed[col / NR * k * NR..][..k * NR];
             let mut sum = 0;
             for (idx, x) in column().enumerate() {
-                let rounded = if step > 0.0 { (x / step).round() as i8 } else { 0 };
-                panel[(idx / QUAD * PANEL + col % PANEL) * QUAD + idx % QUAD] = rounded;
-                sum += i32::from(rounded);
+                let quantised = if scale > 0.0 { (x / scale).round() as i8 } else { 0 };
+                panel[(idx / QUAD * NR + col % NR) * QUAD + idx % QUAD] = quantised;
+                sum += i32::from(quantised);
             }
-            steps.push(step);
-            zeros.push(i32::from(ZERO) * sum);
+            scales.push(scale);
+            zero_point_corrections.push(i32::from(ZERO_POINT) * sum);
         }
-        Self { panels, depth, width, steps, zeros, isa }
+        Self { panels, k, n, scales, zero_point_corrections, isa }
     }
 
-    pub(super) fn depth(&self) -> usize {
-        self.depth
+    /// Returns the number of rows `k` of the weights.
+    pub(super) fn k(&self) -> usize {
+        self.k
     }
 
-    pub(super) fn width(&self) -> usize {
-        self.width
+    /// Returns the number of columns `n` of the weights.
+    pub(super) fn n(&self) -> usize {
+        self.n
     }
 
-    /// `[width]`: what a step of a column's weights is worth.
-    pub(super) fn steps(&self) -> &[f32] {
-        &self.steps
+    /// Returns the quantisation scale `[n]` of each column.
+    pub(super) fn scales(&self) -> &[f32] {
+        &self.scales
     }
 
-    /// `[width]`: how much too large the sums of signed inputs are.
-    pub(super) fn zeros(&self) -> &[i32] {
-        &self.zeros
+    /// Returns the zero-point correction `[n]`, to be subtracted from sums over signed inputs.
+    pub(super) fn zero_point_corrections(&self) -> &[i32] {
+        &self.zero_point_corrections
     }
 
-    /// Multiplies `n_rows` rows of rounded numbers, row `idx` beginning at `start(idx)` in `numbers`, and hands the sums to
-    /// `take(idx, first column, sums)`, some columns at a time.
+    /// Multiplies `n_rows` rows of quantised inputs with the weights. Row `idx` starts at `start(idx)` in `inputs`. Calls
+    /// `emit(idx, first column, accumulators)` with up to [`NR`] columns at a time.
     ///
     /// # Panics
-    /// If the runs are not as long as the weights are deep, or a row would end outside `numbers`.
-    pub(super) fn run(
+    /// If the segments do not add up to `k` values, or a row would end outside `inputs`.
+    pub(super) fn matmul(
         &self,
-        numbers: &[u8],
-        runs: Runs,
+        inputs: &[u8],
+        segments: Segments,
         n_rows: usize,
         start: impl Fn(usize) -> usize,
-        take: impl FnMut(usize, usize, &[i32]),
+        emit: impl FnMut(usize, usize, &[i32]),
     ) {
-        assert_eq!(runs.count * runs.len, self.depth, "{runs:?}");
-        assert!(runs.len.is_multiple_of(QUAD), "{runs:?}");
+        assert_eq!(segments.count * segments.len, self.k, "{segments:?}");
+        assert!(segments.len.is_multiple_of(QUAD), "{segments:?}");
         match self.isa {
-            Isa::Plain => self.by_tiles(numbers, runs, n_rows, start, take, &TILES_PLAIN),
+            Int8Isa::Portable => {
+                self.matmul_tiled(inputs, segments, n_rows, start, emit, &MICRO_KERNELS_PORTABLE)
+            }
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: the processor has these instructions.
-            Isa::Vnni => unsafe { self.by_tiles_vnni(numbers, runs, n_rows, start, take) },
+            // SAFETY: the token proves AVX-512F and VNNI.
+            Int8Isa::Vnni(token) => unsafe {
+                self.matmul_vnni(token, inputs, segments, n_rows, start, emit);
+            },
         }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f,avx512vnni")]
-    fn by_tiles_vnni(
+    fn matmul_vnni(
         &self,
-        numbers: &[u8],
-        runs: Runs,
+        token: Avx512Vnni,
+        inputs: &[u8],
+        segments: Segments,
         n_rows: usize,
         start: impl Fn(usize) -> usize,
-        take: impl FnMut(usize, usize, &[i32]),
+        emit: impl FnMut(usize, usize, &[i32]),
     ) {
-        self.by_tiles(numbers, runs, n_rows, start, take, &TILES_VNNI);
+        self.matmul_tiled(inputs, segments, n_rows, start, emit, &micro_kernels_vnni(token));
     }
 
     #[inline(always)]
-    fn by_tiles(
+    fn matmul_tiled(
         &self,
-        numbers: &[u8],
-        runs: Runs,
+        inputs: &[u8],
+        segments: Segments,
         n_rows: usize,
         start: impl Fn(usize) -> usize,
-        mut take: impl FnMut(usize, usize, &[i32]),
-        tiles: &[Tile; TILE_ROWS],
+        mut emit: impl FnMut(usize, usize, &[i32]),
+        micro_kernels: &[Int8MicroKernel; MR],
     ) {
-        let reach = (runs.count - 1) * runs.stride + runs.len;
+        let row_extent = (segments.count - 1) * segments.stride + segments.len;
         let packed: &[i8] = bytemuck::cast_slice(&self.panels);
-        let mut sums = [0; TILE_ROWS * PANEL];
-        for (panel_idx, panel) in packed.chunks_exact(self.depth * PANEL).enumerate() {
-            let first = panel_idx * PANEL;
-            let n_cols = PANEL.min(self.width - first);
-            for row in (0..n_rows).step_by(TILE_ROWS) {
-                let height = TILE_ROWS.min(n_rows - row);
-                let mut rows: [&[u8]; TILE_ROWS] = [&[]; TILE_ROWS];
-                for (idx, own) in rows[..height].iter_mut().enumerate() {
-                    *own = &numbers[start(row + idx)..][..reach];
+        let mut sums = [0; MR * NR];
+        for (panel_idx, panel) in packed.chunks_exact(self.k * NR).enumerate() {
+            let first = panel_idx * NR;
+            let n_cols = NR.min(self.n - first);
+            for row in (0..n_rows).step_by(MR) {
+                let height = MR.min(n_rows - row);
+                let mut rows: [&[u8]; MR] = [&[]; MR];
+                for (idx, input) in rows[..height].iter_mut().enumerate() {
+                    *input = &inputs[start(row + idx)..][..row_extent];
                 }
-                // SAFETY: the first `height` rows reach as far as the runs do, the panel is as deep as they are long, and
-                // `run` chose tiles that this processor has.
-                unsafe { tiles[height - 1](&rows, runs, panel, &mut sums) };
-                for (idx, sums) in sums.chunks_exact(PANEL).take(height).enumerate() {
-                    take(row + idx, first, &sums[..n_cols]);
+                // SAFETY: the first `height` rows extend to the end of the last segment, the panel has as many rows as
+                // the segments have values, and `micro_kernels` was selected with the token of its instruction set.
+                unsafe { micro_kernels[height - 1](&rows, segments, panel, &mut sums) };
+                for (idx, sums) in sums.chunks_exact(NR).take(height).enumerate() {
+                    emit(row + idx, first, &sums[..n_cols]);
                 }
             }
         }
     }
 }
 
-wide! {
-    /// Rounds numbers that are not negative to 0 to 255; `step` becomes what a step is worth, and is not finite if one of the
-    /// numbers is not.
-    pub(super) fn quantise_positive(numbers: &[f32], out: &mut [u8], step: &mut f32) {
-        *step = round(numbers, POSITIVE_STEPS, WHOLE, out);
+multiversion! {
+    /// Quantises non-negative values to 0 to 255 and sets `scale`. The scale is not finite if any value is not.
+    pub(super) fn quantise_unsigned(values: &[f32], out: &mut [u8], scale: &mut f32) {
+        *scale = quantise(values, UNSIGNED_MAX, ROUNDING_OFFSET, out);
     }
 
-    /// Rounds numbers to 127 steps on either side of [`ZERO`]; `step` as above.
-    pub(super) fn quantise(numbers: &[f32], out: &mut [u8], step: &mut f32) {
-        *step = round(numbers, SIGNED_STEPS, WHOLE + f32::from(ZERO), out);
+    /// Quantises values to [`ZERO_POINT`] ± 127 and sets `scale`. The scale is not finite if any value is not.
+    pub(super) fn quantise_signed(values: &[f32], out: &mut [u8], scale: &mut f32) {
+        *scale = quantise(values, SIGNED_MAX, ROUNDING_OFFSET + f32::from(ZERO_POINT), out);
     }
 }
 
-/// What a step is worth, and each number's steps from `zero`.
+/// Quantises values to integers of magnitude up to `q_max` and returns the scale. `offset` is [`ROUNDING_OFFSET`] plus
+/// the zero point.
 #[inline(always)]
-fn round(numbers: &[f32], n_steps: f32, zero: f32, out: &mut [u8]) -> f32 {
-    assert_eq!(numbers.len(), out.len(), "rounded numbers");
+fn quantise(values: &[f32], q_max: f32, offset: f32, out: &mut [u8]) -> f32 {
+    assert_eq!(values.len(), out.len(), "quantised values");
     let magnitude = |x: &f32| x.to_bits() & 0x7fff_ffff;
-    // As integers, magnitudes are in the same order as floats are, and what is not a number is above all.
-    let most = f32::from_bits(numbers.iter().fold(0, |most, x| most.max(magnitude(x))));
-    let per_step = if most > 0.0 { n_steps / most } else { 0.0 };
-    for (out, x) in out.iter_mut().zip(numbers) {
-        *out = (x * per_step + zero).to_bits() as u8;
+    // The bits of magnitudes, compared as integers, have the order of the floats, with NaN above all.
+    let max = f32::from_bits(values.iter().fold(0, |max, x| max.max(magnitude(x))));
+    let inverse_scale = if max > 0.0 { q_max / max } else { 0.0 };
+    for (out, x) in out.iter_mut().zip(values) {
+        *out = (x * inverse_scale + offset).to_bits() as u8;
     }
-    most / n_steps
+    max / q_max
 }
 
-/// Which instructions multiply.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Isa {
-    /// Those of any processor.
-    Plain,
-    /// AVX-512 VNNI.
-    #[cfg(target_arch = "x86_64")]
-    Vnni,
-}
+/// Accumulators `[MR, NR]` of a micro-tile.
+type Accumulators = [i32; MR * NR];
 
-impl Isa {
-    fn available() -> Vec<Self> {
-        let mut available = vec![Self::Plain];
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vnni") {
-            available.push(Self::Vnni);
-        }
-        available
-    }
-
-    fn best() -> Self {
-        Self::available().last().copied().unwrap_or(Self::Plain)
-    }
-}
-
-type Sums = [i32; TILE_ROWS * PANEL];
-
-/// `sums [height, PANEL]` of the first `height` rows times a panel.
+/// GEMM micro-kernel: computes `sums [height, NR]`, the product of the first `height` rows and a panel.
 ///
 /// # Safety
-/// The processor must have the tile's instructions, those rows must reach to the end of the last run, and the panel must be
-/// as deep as all runs together.
-type Tile = unsafe fn(rows: &[&[u8]; TILE_ROWS], runs: Runs, panel: &[i8], sums: &mut Sums);
+/// The processor must support the kernel's instruction set, the rows must extend to the end of the last segment, and the
+/// panel must have as many rows as the segments have values.
+type Int8MicroKernel =
+    unsafe fn(rows: &[&[u8]; MR], segments: Segments, panel: &[i8], sums: &mut Accumulators);
 
-/// Tiles of one row, two rows, and so on.
-const TILES_PLAIN: [Tile; TILE_ROWS] =
-    [tile_plain::<1>, tile_plain::<2>, tile_plain::<3>, tile_plain::<4>, tile_plain::<5>, tile_plain::<6>];
+/// Portable micro-kernels for 1 to [`MR`] rows.
+const MICRO_KERNELS_PORTABLE: [Int8MicroKernel; MR] = [
+    micro_kernel_portable::<1>,
+    micro_kernel_portable::<2>,
+    micro_kernel_portable::<3>,
+    micro_kernel_portable::<4>,
+    micro_kernel_portable::<5>,
+    micro_kernel_portable::<6>,
+];
+
+/// Returns the VNNI micro-kernels for 1 to [`MR`] rows. The token proves the instruction set.
 #[cfg(target_arch = "x86_64")]
-const TILES_VNNI: [Tile; TILE_ROWS] =
-    [tile_vnni::<1>, tile_vnni::<2>, tile_vnni::<3>, tile_vnni::<4>, tile_vnni::<5>, tile_vnni::<6>];
+const fn micro_kernels_vnni(_: Avx512Vnni) -> [Int8MicroKernel; MR] {
+    [
+        micro_kernel_vnni::<1>,
+        micro_kernel_vnni::<2>,
+        micro_kernel_vnni::<3>,
+        micro_kernel_vnni::<4>,
+        micro_kernel_vnni::<5>,
+        micro_kernel_vnni::<6>,
+    ]
+}
 
-fn tile_plain<const HEIGHT: usize>(rows: &[&[u8]; TILE_ROWS], runs: Runs, panel: &[i8], sums: &mut Sums) {
-    for (row, sums) in rows[..HEIGHT].iter().zip(sums.chunks_exact_mut(PANEL)) {
+fn micro_kernel_portable<const HEIGHT: usize>(
+    rows: &[&[u8]; MR],
+    segments: Segments,
+    panel: &[i8],
+    sums: &mut Accumulators,
+) {
+    for (row, sums) in rows[..HEIGHT].iter().zip(sums.chunks_exact_mut(NR)) {
         sums.fill(0);
-        let mut lines = panel.chunks_exact(PANEL * QUAD);
-        for run in 0..runs.count {
-            let numbers = row[run * runs.stride..][..runs.len].as_chunks::<QUAD>().0;
-            for (numbers, line) in numbers.iter().zip(&mut lines) {
+        let mut lines = panel.chunks_exact(NR * QUAD);
+        for segment in 0..segments.count {
+            let inputs = row[segment * segments.stride..][..segments.len].as_chunks::<QUAD>().0;
+            for (inputs, line) in inputs.iter().zip(&mut lines) {
                 for (sum, weights) in sums.iter_mut().zip(line.as_chunks::<QUAD>().0) {
-                    let products = numbers.iter().zip(weights).map(|(&x, &w)| i32::from(x) * i32::from(w));
+                    let products = inputs.iter().zip(weights).map(|(&x, &w)| i32::from(x) * i32::from(w));
                     *sum += products.sum::<i32>();
                 }
             }
@@ -253,29 +261,29 @@ fn tile_plain<const HEIGHT: usize>(rows: &[&[u8]; TILE_ROWS], runs: Runs, panel:
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vnni")]
-unsafe fn tile_vnni<const HEIGHT: usize>(
-    rows: &[&[u8]; TILE_ROWS],
-    runs: Runs,
+unsafe fn micro_kernel_vnni<const HEIGHT: usize>(
+    rows: &[&[u8]; MR],
+    segments: Segments,
     panel: &[i8],
-    out: &mut Sums,
+    out: &mut Accumulators,
 ) {
     use core::arch::x86_64::{
         _mm512_dpbusd_epi32, _mm512_loadu_si512, _mm512_set1_epi32, _mm512_setzero_si512, _mm512_storeu_si512,
     };
-    const ACROSS: usize = PANEL / 16;
+    const ACROSS: usize = NR / 16;
     let mut sums = [[_mm512_setzero_si512(); ACROSS]; HEIGHT];
     let mut weights = panel.as_ptr();
-    for run in 0..runs.count {
-        let first = run * runs.stride;
-        for idx in (first..first + runs.len).step_by(QUAD) {
-            // SAFETY: the caller vouches for `HEIGHT` rows that reach to the end of the last run, and for a line of weights
-            // for each four numbers.
+    for segment in 0..segments.count {
+        let first = segment * segments.stride;
+        for idx in (first..first + segments.len).step_by(QUAD) {
+            // SAFETY: the caller guarantees `HEIGHT` rows that extend to the end of the last segment, and `NR` groups of
+            // weights for each group of four inputs.
             unsafe {
                 let mut line = [_mm512_setzero_si512(); ACROSS];
                 for (col, line) in line.iter_mut().enumerate() {
                     *line = _mm512_loadu_si512(weights.add(col * 64).cast());
                 }
-                weights = weights.add(PANEL * QUAD);
+                weights = weights.add(NR * QUAD);
                 for (row, sums) in rows.iter().zip(&mut sums) {
                     let x = _mm512_set1_epi32(row.as_ptr().add(idx).cast::<i32>().read_unaligned());
                     for (sum, weights) in sums.iter_mut().zip(line) {
@@ -285,9 +293,9 @@ unsafe fn tile_vnni<const HEIGHT: usize>(
             }
         }
     }
-    for (sums, out) in sums.iter().zip(out.chunks_exact_mut(PANEL)) {
+    for (sums, out) in sums.iter().zip(out.chunks_exact_mut(NR)) {
         for (sum, out) in sums.iter().zip(out.chunks_exact_mut(16)) {
-            // SAFETY: `out` is sixteen numbers.
+            // SAFETY: `out` has sixteen elements.
             unsafe { _mm512_storeu_si512(out.as_mut_ptr().cast(), *sum) };
         }
     }
@@ -297,64 +305,64 @@ unsafe fn tile_vnni<const HEIGHT: usize>(
 mod tests {
     use super::*;
 
-    fn numbers(n: usize, salt: usize) -> Vec<f32> {
+    fn pseudo_random(n: usize, salt: usize) -> Vec<f32> {
         (0..n).map(|i| ((i * 7919 + salt * 104_729) % 2003) as f32 / 1001.0 - 1.0).collect()
     }
 
     #[test]
-    fn every_instruction_set_gives_the_exact_integer_sums() {
-        for (n_rows, width, count, len, stride) in
+    fn every_instruction_set_gives_exact_integer_sums() {
+        for (n_rows, n, count, len, stride) in
             [(1, 1, 1, 4, 0), (5, 7, 3, 12, 20), (13, 130, 2, 64, 100), (50, 64, 1, 516, 0)]
         {
-            let depth = count * len;
-            let weights = numbers(depth * width, 2);
+            let k = count * len;
+            let weights = pseudo_random(k * n, 2);
             let bytes: Vec<u8> = (0..(n_rows - 1) * 8 + (count - 1) * stride + len)
                 .map(|i| if i % 5 == 0 { 255 } else { (i * 37 % 256) as u8 })
                 .collect();
-            for isa in Isa::available() {
-                let matrix = QuantisedMatrix::with_isa(&weights, depth, width, isa);
-                let mut n_taken = 0;
-                matrix.run(
+            for isa in Int8Isa::available() {
+                let matrix = QuantisedWeights::with_isa(&weights, k, n, isa);
+                let mut n_emitted = 0;
+                matrix.matmul(
                     &bytes,
-                    Runs { count, len, stride },
+                    Segments { count, len, stride },
                     n_rows,
                     |row| row * 8,
                     |row, first, sums| {
                         for (col, &found) in (first..).zip(sums) {
-                            let of_run = |idx: usize| idx / len * stride + idx % len;
-                            let expected: f64 = (0..depth)
+                            let input_offset = |idx: usize| idx / len * stride + idx % len;
+                            let expected: f64 = (0..k)
                                 .map(|idx| {
-                                    let weight = (weights[idx * width + col] / matrix.steps()[col]).round();
-                                    f64::from(bytes[row * 8 + of_run(idx)]) * f64::from(weight)
+                                    let weight = (weights[idx * n + col] / matrix.scales()[col]).round();
+                                    f64::from(bytes[row * 8 + input_offset(idx)]) * f64::from(weight)
                                 })
                                 .sum();
                             assert_eq!(f64::from(found), expected, "{isa:?} row {row} column {col}");
-                            n_taken += 1;
+                            n_emitted += 1;
                         }
                     },
                 );
-                assert_eq!(n_taken, n_rows * width, "{isa:?}");
+                assert_eq!(n_emitted, n_rows * n, "{isa:?}");
             }
         }
     }
 
     #[test]
-    fn numbers_are_rounded_to_the_nearest_step() {
-        let (mut out, mut step) = ([0; 5], 0.0);
-        quantise(&[-2.54, -0.011, 0.0, 0.009, 1.0], &mut out, &mut step);
-        assert_eq!((out, step), ([1, 127, 128, 128, 178], 0.02));
-        quantise_positive(&[0.0, 0.6, 1.4, 255.0, 128.0], &mut out, &mut step);
-        assert_eq!((out, step), ([0, 1, 1, 255, 128], 1.0));
-        quantise(&[0.0; 5], &mut out, &mut step);
-        assert_eq!((out, step), ([ZERO; 5], 0.0));
+    fn values_are_quantised_to_nearest() {
+        let (mut out, mut scale) = ([0; 5], 0.0);
+        quantise_signed(&[-2.54, -0.011, 0.0, 0.009, 1.0], &mut out, &mut scale);
+        assert_eq!((out, scale), ([1, 127, 128, 128, 178], 0.02));
+        quantise_unsigned(&[0.0, 0.6, 1.4, 255.0, 128.0], &mut out, &mut scale);
+        assert_eq!((out, scale), ([0, 1, 1, 255, 128], 1.0));
+        quantise_signed(&[0.0; 5], &mut out, &mut scale);
+        assert_eq!((out, scale), ([ZERO_POINT; 5], 0.0));
     }
 
     #[test]
-    fn what_is_not_finite_is_not_lost() {
-        let (mut out, mut step) = ([0; 3], 0.0);
+    fn non_finite_values_give_a_non_finite_scale() {
+        let (mut out, mut scale) = ([0; 3], 0.0);
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            quantise(&[1.0, bad, -2.0], &mut out, &mut step);
-            assert!(!step.is_finite());
+            quantise_signed(&[1.0, bad, -2.0], &mut out, &mut scale);
+            assert!(!scale.is_finite());
         }
     }
 }

@@ -1,14 +1,14 @@
-//! A language encoder without weights: an instruction becomes a vector by hashing its words and word pairs.
+//! A language encoder without weights: it hashes the words and word pairs of an instruction to a vector.
 //!
-//! It stands where the benchmark has CLIP, whose weights are not shipped here. It tells instructions apart and keeps
-//! those that share words close, but knows nothing of meaning: a paraphrase with other words is as far away as any other
-//! sentence. A checkpoint must be used with the encoder it was trained with; its configuration says which.
+//! It substitutes for CLIP where CLIP's weights are not available. It distinguishes instructions, and instructions with
+//! common words have similar embeddings, but it does not capture meaning: a paraphrase in other words is as distant as
+//! an unrelated sentence. A checkpoint must be used with the encoder it was trained with; its configuration names it.
 
 use crate::generated::{fnv1a64, sym};
 
-/// `[dim] f32` of expected length 1: the sum of a pseudo-random vector for every word and every pair of neighbouring
-/// words, divided by the root of their number. Words are runs of ASCII letters and digits, in lower case; other
-/// characters only separate. An instruction without a word is the zero vector.
+/// Returns the embedding `[dim] f32`, of expected norm 1: the sum of a pseudo-random vector for each word and each pair
+/// of adjacent words, divided by the square root of their number. Words are runs of ASCII letters and digits, in lower
+/// case; all other characters are separators. An instruction without words maps to the zero vector.
 #[must_use]
 pub fn hashed_embedding(instruction: &str, dim: usize) -> Vec<f32> {
     let lower = instruction.to_ascii_lowercase();
@@ -16,7 +16,7 @@ pub fn hashed_embedding(instruction: &str, dim: usize) -> Vec<f32> {
         lower.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty()).collect();
     let pairs = words.windows(2).map(|pair| fnv1a64(&pair.join(" ")));
     let streams: Vec<u64> = words.iter().map(|word| fnv1a64(word)).chain(pairs).collect();
-    // A uniform number in ±√(3/dim) has variance 1/dim.
+    // A uniform variable in ±√(3/dim) has variance 1/dim.
     let bound = (3.0 / (dim * streams.len().max(1)) as f32).sqrt();
     (0..dim).map(|idx| streams.iter().map(|&stream| sym(stream, idx, bound)).sum()).collect()
 }
@@ -32,7 +32,7 @@ mod tests {
     }
 
     #[test]
-    fn length_is_about_one_and_shared_words_are_close() {
+    fn embeddings_are_similar_when_words_are_shared() {
         let embedding = hashed_embedding("pick up the cube and raise it", 512);
         let norm = embedding.iter().map(|x| x * x).sum::<f32>().sqrt();
         assert!((norm - 1.0).abs() < 0.2, "{norm}");

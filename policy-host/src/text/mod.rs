@@ -1,6 +1,6 @@
-//! Language encoders: an instruction in, its embedding out.
+//! Language encoders: they map an instruction to its embedding.
 //!
-//! A network is used with the encoder it was trained with; its checkpoint says which.
+//! A network only works with the encoder it was trained with; its checkpoint names that encoder.
 
 pub mod clip;
 pub mod hashed;
@@ -8,48 +8,62 @@ pub mod hashed;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
-use self::clip::{ClipText, Fingerprint};
+use self::clip::{ClipText, WeightsFingerprint};
 pub use self::hashed::hashed_embedding;
-use crate::checkpoint::{CONFIG_FILE, CheckpointError, MODEL_FILE};
+use crate::weights::{CONFIG_FILE, MODEL_FILE, WeightsError};
 
-/// Width of the embeddings of CLIP ViT-B/32.
+/// Embedding dimension of CLIP ViT-B/32.
 const CLIP_VIT_B_32_DIM: usize = 512;
 
-/// Which encoder a checkpoint was trained with.
+/// Configuration of a language encoder, as a checkpoint stores it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "encoder", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum LanguageConfig {
-    /// [`hashed`]: no weights.
+    /// The weight-free encoder in [`hashed`].
     Hashed {
-        /// Width of an embedding.
+        /// Dimension of an embedding.
         dim: usize,
     },
-    /// [`clip`]: 512 numbers.
+    /// The text encoder of CLIP ViT-B/32 ([`clip`]), with 512-dimensional embeddings.
     #[serde(rename = "clip-vit-b-32")]
     ClipVitB32 {
-        /// Folder of its `model.safetensors`, from the checkpoint's folder.
+        /// Folder of its `model.safetensors`, relative to the checkpoint folder.
         #[serde(default = "clip_folder")]
         weights: PathBuf,
-        /// Which weights these must be.
-        fingerprint: Fingerprint,
+        /// Fingerprint of the weights used for training.
+        fingerprint: WeightsFingerprint,
     },
 }
 
-/// An encoder, ready to run.
+/// A loaded language encoder.
 #[derive(Debug)]
 pub enum TextEncoder {
-    /// [`hashed`], of this width.
+    /// The weight-free encoder in [`hashed`].
     Hashed {
-        /// Width of an embedding.
+        /// Dimension of an embedding.
         dim: usize,
     },
-    /// [`clip`].
+    /// The text encoder of CLIP ([`clip`]).
     Clip(Box<ClipText>),
 }
 
+/// Errors that can occur while loading a language encoder.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the messages describe the fields")]
+pub enum EncoderError {
+    #[error(transparent)]
+    Weights(#[from] WeightsError),
+    #[error(
+        "{} has the fingerprint {found}, the network of {} was trained with {expected}",
+        path.display(), config.display()
+    )]
+    Fingerprint { path: PathBuf, config: PathBuf, expected: WeightsFingerprint, found: WeightsFingerprint },
+}
+
 impl LanguageConfig {
-    /// Width of an embedding.
+    /// Returns the dimension of an embedding.
     #[must_use]
     pub fn dim(&self) -> usize {
         match self {
@@ -60,24 +74,24 @@ impl LanguageConfig {
 }
 
 impl TextEncoder {
-    /// Checks that what the encoder of a checkpoint in `folder` needs is there, by names and shapes alone.
+    /// Checks the encoder's weights for a checkpoint in `folder`, by tensor names and shapes alone.
     ///
     /// # Errors
-    /// If it is not.
-    pub fn check(config: &LanguageConfig, folder: &Path) -> Result<(), CheckpointError> {
+    /// If a file or tensor is missing or differs.
+    pub fn check(config: &LanguageConfig, folder: &Path) -> Result<(), EncoderError> {
         match config {
             LanguageConfig::Hashed { .. } => Ok(()),
             LanguageConfig::ClipVitB32 { weights, .. } => {
-                ClipText::check(&folder.join(weights).join(MODEL_FILE), config.dim())
+                Ok(ClipText::check(&folder.join(weights).join(MODEL_FILE), config.dim())?)
             }
         }
     }
 
-    /// Makes the encoder that a checkpoint in `folder` names.
+    /// Loads the encoder of a checkpoint in `folder`.
     ///
     /// # Errors
-    /// If its weights cannot be loaded or are not those of the training.
-    pub fn open(config: &LanguageConfig, folder: &Path) -> Result<Self, CheckpointError> {
+    /// If the weights cannot be loaded or their fingerprint is not the one in `config`.
+    pub fn open(config: &LanguageConfig, folder: &Path) -> Result<Self, EncoderError> {
         let (weights, fingerprint) = match config {
             LanguageConfig::Hashed { dim } => return Ok(Self::Hashed { dim: *dim }),
             LanguageConfig::ClipVitB32 { weights, fingerprint } => (weights, *fingerprint),
@@ -87,15 +101,11 @@ impl TextEncoder {
         if clip.fingerprint() == fingerprint {
             return Ok(Self::Clip(Box::new(clip)));
         }
-        Err(CheckpointError::Encoder {
-            found: clip.fingerprint().to_string(),
-            path,
-            config: folder.join(CONFIG_FILE),
-            expected: fingerprint.to_string(),
-        })
+        let (config, found) = (folder.join(CONFIG_FILE), clip.fingerprint());
+        Err(EncoderError::Fingerprint { path, config, expected: fingerprint, found })
     }
 
-    /// The embedding `[dim] f32` of an instruction.
+    /// Returns the embedding `[dim] f32` of an instruction.
     #[must_use]
     pub fn encode(&self, instruction: &str) -> Vec<f32> {
         match self {

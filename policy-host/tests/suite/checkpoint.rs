@@ -94,7 +94,7 @@ fn a_missing_tensor_is_named_with_its_shape() {
 fn an_unknown_tensor_is_named() {
     let folder = checkpoint();
     edit_tensors(folder.path(), |list| list.push(("head.extra".to_owned(), Dtype::F32, vec![2], vec![0; 8])));
-    assert_says(&refusal(folder.path()), &["`head.extra`", "F32 [2]", "belongs to no network"]);
+    assert_says(&refusal(folder.path()), &["`head.extra`", "F32 [2]", "is not part of the network"]);
 }
 
 #[test]

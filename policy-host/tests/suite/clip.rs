@@ -4,11 +4,11 @@ use std::fs;
 use std::path::Path;
 
 use ipc_types::{ControlMode, Morphology};
-use policy_host::act::tensors::TensorSpec;
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::synthetic::{tensor, write_checkpoint};
 use policy_host::text::LanguageConfig;
-use policy_host::text::clip::{ClipText, ClipTokenizer, Fingerprint, TowerShape};
+use policy_host::text::clip::{ClipText, ClipTokenizer, TowerShape, WeightsFingerprint};
+use policy_host::weights::TensorSpec;
 use policy_host::{PolicySpec, QueryMode, check, load};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::Deserialize;
@@ -27,7 +27,7 @@ const ROBOTS: [(Morphology, ControlMode); 1] = [(Morphology::Single, ControlMode
 
 #[derive(Deserialize)]
 struct Reference {
-    fingerprint: Fingerprint,
+    fingerprint: WeightsFingerprint,
     texts: Vec<Text>,
 }
 
@@ -113,7 +113,7 @@ fn encoder(tensors: &[Tensor]) -> ClipText {
 fn checkpoint(fingerprint: u64, edit: impl FnOnce(&mut Vec<Tensor>)) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let language =
-        LanguageConfig::ClipVitB32 { weights: "clip".into(), fingerprint: Fingerprint(fingerprint) };
+        LanguageConfig::ClipVitB32 { weights: "clip".into(), fingerprint: WeightsFingerprint(fingerprint) };
     let config = ActConfig { language: Some(language), ..ActConfig::tiny(Morphology::Single) };
     write_checkpoint(folder.path(), &config, 0).unwrap();
     let mut tensors = hugging_face(LEAST);
@@ -178,7 +178,7 @@ fn a_checkpoint_uses_the_encoder_it_names() {
     check(&spec(&other), &ROBOTS).unwrap();
     let error = load(&spec(&other), 1, QueryMode::Chunk).err().unwrap().to_string();
     let (path, expected) =
-        (other.path().join("clip/model.safetensors"), Fingerprint(fingerprint.0 ^ 1).to_string());
+        (other.path().join("clip/model.safetensors"), WeightsFingerprint(fingerprint.0 ^ 1).to_string());
     for part in [path.to_str().unwrap(), "config.json", &fingerprint.to_string(), &expected] {
         assert!(error.contains(part), "`{error}` does not say `{part}`");
     }

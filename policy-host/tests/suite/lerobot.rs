@@ -5,7 +5,7 @@ use std::path::Path;
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use policy_host::act::architecture::ImageSize;
 use policy_host::act::image::Image;
-use policy_host::act::model::{ActModel, Input};
+use policy_host::act::model::{ActInput, ActModel};
 use policy_host::checkpoint::Checkpoint;
 use policy_host::ensemble::Ensemble;
 use policy_host::{ActionChunk, Policy, PolicyError, PolicySpec, QueryMode, check, load};
@@ -72,7 +72,7 @@ fn assert_parity(case: &str, cameras: &[&str]) {
     let (chunks, _) = recording.numbers("chunk");
     for n_members in [1, 2] {
         let mut scratch = model.scratch(shape[0], n_members);
-        model.look(
+        model.encode_images(
             shape[0],
             |sample, camera| {
                 let (pixels, size) = &images[camera][sample];
@@ -87,8 +87,8 @@ fn assert_parity(case: &str, cameras: &[&str]) {
                 model.instruction_token(&environment[sample * width..][..width]).unwrap()
             });
             let mut actions = vec![0.0; architecture.horizon * architecture.action_dim];
-            let input = Input { state, instruction_token: token.as_deref() };
-            model.run(sample, input, &mut scratch, &mut actions);
+            let input = ActInput { state, instruction_token: token.as_deref() };
+            model.forward(sample, input, &mut scratch, &mut actions);
             found.extend(actions);
         }
         let worst = worst(&found, &chunks);
@@ -229,26 +229,22 @@ fn what_the_engine_does_not_do_is_named_with_what_it_does() {
 fn features_that_fit_nothing_are_listed_beside_what_there_is() {
     let both_sides = ["observation.state [25]", "external2_camera", "tcp_pose 7", "hypogeum.json"];
     for (config, mapping, says) in [
-        (("images.hand", "images.front"), "", "no camera is called as `observation.images.front` is"),
+        (("images.hand", "images.front"), "", "no camera matches `observation.images.front`"),
         (
             ("", ""),
             "\"mapping\": {\"observation.images.hand\": \"nose\"}",
-            "mapped to `nose`, which is no camera",
+            "mapped to `nose`, which is not a camera",
         ),
-        (
-            ("", ""),
-            "\"mapping\": {\"observation.state\": [\"qpos\"]}",
-            "has 25 numbers, what it is mapped to has 9",
-        ),
+        (("", ""), "\"mapping\": {\"observation.state\": [\"qpos\"]}", "has 25 entries, its mapping has 9"),
         (
             ("", ""),
             "\"mapping\": {\"observation.state\": \"joints\"}",
-            "`joints`, which is no part of the state",
+            "`joints`, which is not part of the state",
         ),
         (
             ("", ""),
             "\"mapping\": {\"observation.images.rear\": \"hand\"}",
-            "`observation.images.rear`, which is no input",
+            "`observation.images.rear`, which is not an input",
         ),
     ] {
         let folder = copy("robot");
@@ -266,10 +262,10 @@ fn features_that_fit_nothing_are_listed_beside_what_there_is() {
     std::fs::remove_file(folder.path().join("hypogeum.json")).unwrap();
     assert_says(
         &refusal(folder.path()),
-        &["`observation.environment_state`", "no `language` encoder is named"],
+        &["`observation.environment_state`", "no `language` encoder is given"],
     );
     let folder = copy("cameras");
-    assert_says(&refusal(folder.path()), &["actions have 6 numbers", "single pd_joint_pos 8"]);
+    assert_says(&refusal(folder.path()), &["actions have 6 entries", "single pd_joint_pos 8"]);
 }
 
 #[test]
@@ -279,8 +275,8 @@ fn a_mapping_may_swap_cameras_and_pick_parts_of_the_state() {
                 \"observation.images.external2\": \"external1\", \
                 \"observation.state\": [\"qvel\", \"qpos\", \"tcp_pose\"]}, \"language\"";
     edit(&folder.path().join("hypogeum.json"), "\"language\"", swap);
-    let wiring = Checkpoint::open(folder.path()).unwrap().wiring().unwrap().clone();
-    assert_eq!((wiring.cameras, wiring.state), (vec![1, 0, 2], vec![9..18, 0..9, 18..25]));
+    let mapping = Checkpoint::open(folder.path()).unwrap().mapping().unwrap().clone();
+    assert_eq!((mapping.cameras, mapping.state), (vec![1, 0, 2], vec![9..18, 0..9, 18..25]));
 }
 
 #[test]

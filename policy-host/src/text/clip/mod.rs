@@ -1,7 +1,7 @@
-//! CLIP's text encoder, with weights from a file of the user's.
+//! CLIP's text encoder, with weights from a file supplied by the user.
 //!
-//! It computes what the benchmark's networks were trained with: the projected last token of the text, not normalised. Its
-//! size is read off the tensors; a tower's identity is the [`Fingerprint`] over them, whatever file they come from.
+//! The output is the projected last token, not normalised, as in the training of the benchmark's networks. The size of
+//! the tower is derived from its tensors; [`WeightsFingerprint`] identifies the weights whatever file holds them.
 
 mod tensors;
 mod tokens;
@@ -16,69 +16,70 @@ pub use self::tensors::TowerShape;
 pub use self::tokens::{ClipTokenizer, MAX_TOKENS, VOCABULARY};
 
 use self::tensors::TowerFile;
-use self::tower::Tower;
-use crate::checkpoint::CheckpointError;
+use self::tower::TextTower;
+use crate::weights::WeightsError;
 
-/// Which weights a text tower has: xxh3-64 over name, a zero byte and little-endian f32 numbers of all its tensors.
+/// Identity of a text tower's weights: xxh3-64 over all tensors, each as its name, a zero byte and its values as
+/// little-endian f32.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct Fingerprint(pub u64);
+pub struct WeightsFingerprint(pub u64);
 
-/// A text encoder, ready to run.
+/// A loaded CLIP text encoder: tokenizer and text tower.
 #[derive(Debug)]
 pub struct ClipText {
     tokenizer: ClipTokenizer,
-    tower: Tower,
-    fingerprint: Fingerprint,
+    tower: TextTower,
+    fingerprint: WeightsFingerprint,
 }
 
 impl ClipText {
-    /// Checks the header of a weights file whose embeddings should be `dim` wide.
+    /// Checks the header of a weights file for embeddings of dimension `dim`.
     ///
     /// # Errors
-    /// The first tensor that is missing or has another shape.
-    pub fn check(path: &Path, dim: usize) -> Result<(), CheckpointError> {
+    /// The first tensor that is missing or has a different shape.
+    pub fn check(path: &Path, dim: usize) -> Result<(), WeightsError> {
         TowerFile::open(path)?.check_dim(dim)
     }
 
-    /// Loads a weights file whose embeddings should be `dim` wide.
+    /// Loads a weights file for embeddings of dimension `dim`.
     ///
     /// # Errors
-    /// The first tensor that is missing, has another shape, or cannot be read.
-    pub fn load(path: &Path, dim: usize) -> Result<Self, CheckpointError> {
+    /// The first tensor that is missing, has a different shape, or cannot be read.
+    pub fn load(path: &Path, dim: usize) -> Result<Self, WeightsError> {
         let file = TowerFile::open(path)?;
         file.check_dim(dim)?;
         let shape = file.shape();
-        let (weights, fingerprint) = file.read()?;
-        Ok(Self { tokenizer: ClipTokenizer::new(), tower: Tower::new(shape, &weights), fingerprint })
+        let (state_dict, fingerprint) = file.read()?;
+        Ok(Self { tokenizer: ClipTokenizer::new(), tower: TextTower::new(shape, &state_dict), fingerprint })
     }
 
-    /// Which weights it has.
+    /// Returns the fingerprint of the weights.
     #[must_use]
-    pub fn fingerprint(&self) -> Fingerprint {
+    pub fn fingerprint(&self) -> WeightsFingerprint {
         self.fingerprint
     }
 
-    /// The embedding `[dim] f32` of a text.
+    /// Returns the embedding `[dim] f32` of a text.
     #[must_use]
     pub fn encode(&self, text: &str) -> Vec<f32> {
-        self.tower.run(&self.tokenizer.encode(text))
+        self.tower.forward(&self.tokenizer.encode(text))
     }
 }
 
-impl fmt::Display for Fingerprint {
+impl fmt::Display for WeightsFingerprint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:016x}", self.0)
     }
 }
 
-impl From<Fingerprint> for String {
-    fn from(fingerprint: Fingerprint) -> Self {
+impl From<WeightsFingerprint> for String {
+    fn from(fingerprint: WeightsFingerprint) -> Self {
         fingerprint.to_string()
     }
 }
 
-impl TryFrom<String> for Fingerprint {
+impl TryFrom<String> for WeightsFingerprint {
     type Error = String;
 
     fn try_from(text: String) -> Result<Self, String> {

@@ -1,76 +1,75 @@
-//! The tensors of CLIP's text tower: their names in Hugging Face's and in OpenAI's files, their shapes, and the
-//! fingerprint over all of them.
+//! The tensors of CLIP's text tower: names in Hugging Face and OpenAI files, shapes, and fingerprint.
 //!
-//! Hugging Face's names, order of axes and separate projections are the canonical ones. OpenAI keeps queries, keys and
-//! values of a layer in one tensor and the last projection transposed.
+//! The canonical form is Hugging Face's: its names, its axis order and its separate projections. OpenAI's files store
+//! the query, key and value projections of a layer as one tensor and the final projection transposed.
 
 use std::path::Path;
 
 use xxhash_rust::xxh3::Xxh3;
 
-use super::Fingerprint;
+use super::WeightsFingerprint;
 use super::tokens::{MAX_TOKENS, VOCABULARY};
-use crate::act::tensors::TensorSpec;
-use crate::checkpoint::file::TensorFile;
-use crate::checkpoint::{CheckpointError, Weights};
+use crate::weights::{StateDict, TensorFile, TensorSpec, WeightsError};
 
-/// Width of a head.
+/// Width of an attention head.
 pub(super) const HEAD_WIDTH: usize = 64;
-/// Most layers of a tower.
+/// Maximum number of layers of a tower.
 const MAX_LAYERS: usize = 64;
 
-/// Canonical names.
+// Canonical names.
 pub(super) const TOKENS: &str = "text_model.embeddings.token_embedding.weight";
 pub(super) const POSITIONS: &str = "text_model.embeddings.position_embedding.weight";
 pub(super) const LAYERS: &str = "text_model.encoder.layers";
 pub(super) const FINAL_NORM: &str = "text_model.final_layer_norm";
 pub(super) const PROJECTION: &str = "text_projection.weight";
 
-/// Size of a tower.
+/// Dimensions of a text tower.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TowerShape {
-    /// Layers.
+    /// Number of transformer layers.
     pub n_layers: usize,
-    /// Width of a token, in heads of 64.
+    /// Width `d` of a token, a multiple of the head width 64.
     pub width: usize,
-    /// Width of an embedding.
+    /// Dimension of an embedding.
     pub dim: usize,
 }
 
-/// How a file names its tensors.
+/// Tensor naming scheme of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Naming {
+enum NamingScheme {
     HuggingFace,
     OpenAi,
 }
 
-/// What a canonical tensor is of a stored one.
+/// Relation of a canonical tensor to the stored tensor that contains it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Part {
-    Whole,
-    /// One of three equal blocks of rows.
-    Third(usize),
+enum StoredLayout {
+    /// The stored tensor itself.
+    Identity,
+    /// One of three equal blocks of rows: query, key, value.
+    QkvBlock(usize),
+    /// The transpose of the stored tensor.
     Transposed,
 }
 
-/// A weights file whose tensors have been checked by name and shape.
+/// An open weights file whose tensors have been checked by name and shape.
 #[derive(Debug)]
 pub(super) struct TowerFile {
     file: TensorFile,
-    naming: Naming,
+    scheme: NamingScheme,
     shape: TowerShape,
 }
 
 impl TowerFile {
-    /// Reads the header and checks it. Tensors of other names are ignored: the file may hold CLIP's images' half, too.
-    pub(super) fn open(path: &Path) -> Result<Self, CheckpointError> {
+    /// Opens the file and checks its header. Unknown tensors are ignored: the file may also contain the vision tower.
+    pub(super) fn open(path: &Path) -> Result<Self, WeightsError> {
         let file = TensorFile::open(path)?;
-        let naming =
-            if file.has(&Naming::OpenAi.stored(TOKENS).0) { Naming::OpenAi } else { Naming::HuggingFace };
-        let shape = naming.tower_shape(&file)?;
-        let tower = Self { file, naming, shape };
+        let is_open_ai = file.contains(&NamingScheme::OpenAi.stored(TOKENS).0);
+        let scheme = if is_open_ai { NamingScheme::OpenAi } else { NamingScheme::HuggingFace };
+        let shape = scheme.tower_shape(&file)?;
+        let tower = Self { file, scheme, shape };
         for spec in shape.tensors() {
-            let (stored, shape, _) = tower.place(&spec);
+            let (stored, shape, _) = tower.locate(&spec);
             tower.file.check(&stored, &shape)?;
         }
         Ok(tower)
@@ -80,44 +79,44 @@ impl TowerFile {
         self.shape
     }
 
-    /// Checks that embeddings are `dim` wide.
-    pub(super) fn check_dim(&self, dim: usize) -> Result<(), CheckpointError> {
+    /// Checks that embeddings have dimension `dim`.
+    pub(super) fn check_dim(&self, dim: usize) -> Result<(), WeightsError> {
         let expected = TensorSpec { name: PROJECTION.to_owned(), shape: vec![dim, self.shape.width] };
-        let (stored, shape, _) = self.place(&expected);
+        let (stored, shape, _) = self.locate(&expected);
         self.file.check(&stored, &shape)
     }
 
-    /// Reads all tensors, by their canonical names, and says which they are.
-    pub(super) fn read(mut self) -> Result<(Weights, Fingerprint), CheckpointError> {
-        let (mut weights, mut hash) = (Weights::default(), Xxh3::new());
+    /// Reads all tensors in canonical form and computes their fingerprint.
+    pub(super) fn read(mut self) -> Result<(StateDict, WeightsFingerprint), WeightsError> {
+        let (mut state_dict, mut hash) = (StateDict::default(), Xxh3::new());
         for spec in self.shape.tensors() {
-            let (stored, _, part) = self.place(&spec);
-            let numbers = part.of(self.file.read(&stored)?, &spec.shape);
+            let (stored, _, layout) = self.locate(&spec);
+            let values = layout.to_canonical(self.file.read(&stored)?, &spec.shape);
             hash.update(spec.name.as_bytes());
             hash.update(&[0]);
-            for block in numbers.chunks(1 << 14) {
+            for block in values.chunks(1 << 14) {
                 hash.update(&block.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>());
             }
-            weights.insert(spec.name, numbers);
+            state_dict.insert(spec.name, values);
         }
-        Ok((weights, Fingerprint(hash.digest())))
+        Ok((state_dict, WeightsFingerprint(hash.digest())))
     }
 
-    /// Where a canonical tensor is: name and shape as stored, and which part of that it is.
-    fn place(&self, spec: &TensorSpec) -> (String, Vec<usize>, Part) {
-        let (name, part) = self.naming.stored(&spec.name);
+    /// Returns the stored name and shape of the tensor that contains a canonical one, and the relation between the two.
+    fn locate(&self, spec: &TensorSpec) -> (String, Vec<usize>, StoredLayout) {
+        let (name, layout) = self.scheme.stored(&spec.name);
         let mut shape = spec.shape.clone();
-        match part {
-            Part::Whole => {}
-            Part::Third(_) => shape[0] *= 3,
-            Part::Transposed => shape.reverse(),
+        match layout {
+            StoredLayout::Identity => {}
+            StoredLayout::QkvBlock(_) => shape[0] *= 3,
+            StoredLayout::Transposed => shape.reverse(),
         }
-        (name, shape, part)
+        (name, shape, layout)
     }
 }
 
 impl TowerShape {
-    /// The canonical tensors, in the order of the fingerprint.
+    /// Returns the canonical tensors in the order in which the fingerprint hashes them.
     pub fn tensors(self) -> impl Iterator<Item = TensorSpec> {
         let Self { n_layers, width, dim } = self;
         let first = [spec(TOKENS, "", &[VOCABULARY, width]), spec(POSITIONS, "", &[MAX_TOKENS, width])];
@@ -151,13 +150,13 @@ fn spec(name: &str, part: &str, shape: &[usize]) -> TensorSpec {
     TensorSpec { name: format!("{name}{part}"), shape: shape.to_vec() }
 }
 
-impl Naming {
-    /// The size that a file's tensors have.
-    fn tower_shape(self, file: &TensorFile) -> Result<TowerShape, CheckpointError> {
+impl NamingScheme {
+    /// Derives the dimensions of the tower from the shapes in a file.
+    fn tower_shape(self, file: &TensorFile) -> Result<TowerShape, WeightsError> {
         let width = match self.axes(file, TOKENS)?[..] {
             [VOCABULARY, width] if width > 0 && width % HEAD_WIDTH == 0 => width,
             _ => {
-                return Err(self.unfit(
+                return Err(self.mismatch(
                     file,
                     TOKENS,
                     format!("F32 [{VOCABULARY}, a multiple of {HEAD_WIDTH}]"),
@@ -166,7 +165,7 @@ impl Naming {
         };
         let dim = match (self, &self.axes(file, PROJECTION)?[..]) {
             (Self::HuggingFace, &[dim, _]) | (Self::OpenAi, &[_, dim]) if dim > 0 => dim,
-            _ => return Err(self.unfit(file, PROJECTION, format!("two axes, one of {width}"))),
+            _ => return Err(self.mismatch(file, PROJECTION, format!("a matrix with one axis of {width}"))),
         };
         let prefix = format!("{}.", self.stored(LAYERS).0);
         let layer_of = |name: &str| name.strip_prefix(&prefix)?.split('.').next()?.parse::<usize>().ok();
@@ -174,60 +173,61 @@ impl Naming {
         Ok(TowerShape { n_layers: last.saturating_add(1).min(MAX_LAYERS), width, dim })
     }
 
-    fn axes(self, file: &TensorFile, name: &str) -> Result<Vec<usize>, CheckpointError> {
+    fn axes(self, file: &TensorFile, name: &str) -> Result<Vec<usize>, WeightsError> {
         let stored = self.stored(name).0;
-        let missing = || CheckpointError::Missing {
+        let missing = || WeightsError::Missing {
             path: file.path().to_owned(),
             tensor: stored.clone(),
-            expected: "the text tower of CLIP ViT-B/32, by Hugging Face's names or OpenAI's".to_owned(),
+            expected: "the text tower of CLIP ViT-B/32 under Hugging Face's names or OpenAI's".to_owned(),
         };
         file.shape(&stored).map(<[usize]>::to_vec).ok_or_else(missing)
     }
 
-    fn unfit(self, file: &TensorFile, name: &str, expected: String) -> CheckpointError {
+    fn mismatch(self, file: &TensorFile, name: &str, expected: String) -> WeightsError {
         let tensor = self.stored(name).0;
         let found = file.describe(&tensor).unwrap_or_default();
-        CheckpointError::Mismatch { path: file.path().to_owned(), tensor, expected, found }
+        WeightsError::Mismatch { path: file.path().to_owned(), tensor, expected, found }
     }
 
-    /// The name under which a canonical tensor is stored, alone or with others.
-    fn stored(self, name: &str) -> (String, Part) {
+    /// Returns the name of the stored tensor that contains a canonical one, and the relation between the two.
+    fn stored(self, name: &str) -> (String, StoredLayout) {
         if self == Self::HuggingFace {
-            return (name.to_owned(), Part::Whole);
+            return (name.to_owned(), StoredLayout::Identity);
         }
         match name {
-            TOKENS => return ("token_embedding.weight".to_owned(), Part::Whole),
-            POSITIONS => return ("positional_embedding".to_owned(), Part::Whole),
-            PROJECTION => return ("text_projection".to_owned(), Part::Transposed),
+            TOKENS => return ("token_embedding.weight".to_owned(), StoredLayout::Identity),
+            POSITIONS => return ("positional_embedding".to_owned(), StoredLayout::Identity),
+            PROJECTION => return ("text_projection".to_owned(), StoredLayout::Transposed),
             _ => {}
         }
         if let Some(rest) = name.strip_prefix(FINAL_NORM) {
-            return (format!("ln_final{rest}"), Part::Whole);
+            return (format!("ln_final{rest}"), StoredLayout::Identity);
         }
-        let (mut stored, mut part) = (name.replace(LAYERS, "transformer.resblocks"), Part::Whole);
-        for (canonical, own) in [
+        let (mut stored, mut layout) =
+            (name.replace(LAYERS, "transformer.resblocks"), StoredLayout::Identity);
+        for (canonical, open_ai) in [
             ("self_attn.out_proj", "attn.out_proj"),
             ("layer_norm", "ln_"),
             ("mlp.fc1", "mlp.c_fc"),
             ("mlp.fc2", "mlp.c_proj"),
         ] {
-            stored = stored.replace(canonical, own);
+            stored = stored.replace(canonical, open_ai);
         }
-        for (third, own) in ["q_proj.", "k_proj.", "v_proj."].into_iter().enumerate() {
-            if let Some((layer, tensor)) = stored.split_once(&format!("self_attn.{own}")) {
-                (stored, part) = (format!("{layer}attn.in_proj_{tensor}"), Part::Third(third));
+        for (block, projection) in ["q_proj.", "k_proj.", "v_proj."].into_iter().enumerate() {
+            if let Some((layer, tensor)) = stored.split_once(&format!("self_attn.{projection}")) {
+                (stored, layout) = (format!("{layer}attn.in_proj_{tensor}"), StoredLayout::QkvBlock(block));
             }
         }
-        (stored, part)
+        (stored, layout)
     }
 }
 
-impl Part {
-    /// The canonical tensor of this `shape`.
-    fn of(self, mut stored: Vec<f32>, shape: &[usize]) -> Vec<f32> {
+impl StoredLayout {
+    /// Extracts the canonical tensor of this `shape` from the stored values.
+    fn to_canonical(self, mut stored: Vec<f32>, shape: &[usize]) -> Vec<f32> {
         match self {
-            Self::Whole => stored,
-            Self::Third(idx) => {
+            Self::Identity => stored,
+            Self::QkvBlock(idx) => {
                 let len = stored.len() / 3;
                 stored.drain(idx * len..(idx + 1) * len).collect()
             }

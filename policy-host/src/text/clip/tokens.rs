@@ -1,35 +1,35 @@
-//! Text as CLIP reads it: pieces of words by OpenAI's byte-pair vocabulary.
+//! CLIP's tokenizer: OpenAI's byte-pair vocabulary.
 
 use instant_clip_tokenizer::{Token, Tokenizer};
 
-/// Most tokens of a text, marks of start and end included.
+/// Maximum number of tokens of a text, start and end markers included.
 pub const MAX_TOKENS: usize = 77;
-/// Words of the vocabulary, the two marks included.
+/// Size of the vocabulary, start and end markers included.
 pub const VOCABULARY: usize = 49408;
 
-/// The vocabulary, ready to use.
+/// CLIP's tokenizer with its vocabulary loaded.
 pub struct ClipTokenizer {
-    pieces: Tokenizer,
+    inner: Tokenizer,
 }
 
 impl ClipTokenizer {
-    /// Reads the vocabulary, which takes some milliseconds.
+    /// Loads the vocabulary, which takes a few milliseconds.
     #[must_use]
-    #[expect(clippy::new_without_default, reason = "made on purpose: it is not cheap")]
+    #[expect(clippy::new_without_default, reason = "construction is expensive and must be explicit")]
     pub fn new() -> Self {
-        Self { pieces: Tokenizer::new() }
+        Self { inner: Tokenizer::new() }
     }
 
-    /// The tokens of a text from the mark of its start to that of its end, at most [`MAX_TOKENS`]: of a longer text, the
-    /// first pieces and the end.
+    /// Returns the token ids of a text including the start and end markers. A longer text is truncated to
+    /// [`MAX_TOKENS`] by dropping tokens before the end marker.
     ///
-    /// The original first mends text that went through a wrong encoding, resolves HTML entities and composes accents; of
-    /// all that, only typographic quotation marks become plain here.
+    /// The original tokenizer also repairs mis-decoded text, resolves HTML entities and composes accents. This one
+    /// only replaces typographic quotation marks.
     #[must_use]
     pub fn encode(&self, text: &str) -> Vec<u16> {
-        let (start, end) = (self.pieces.start_of_text(), self.pieces.end_of_text());
+        let (start, end) = (self.inner.start_of_text(), self.inner.end_of_text());
         let mut tokens = vec![start];
-        self.pieces.encode(&text.chars().map(plain).collect::<String>(), &mut tokens);
+        self.inner.encode(&text.chars().map(ascii_quote).collect::<String>(), &mut tokens);
         let n_before_end = tokens.iter().position(|&token| token == end).unwrap_or(tokens.len());
         tokens.truncate(n_before_end.min(MAX_TOKENS - 1));
         tokens.push(end);
@@ -43,8 +43,8 @@ impl std::fmt::Debug for ClipTokenizer {
     }
 }
 
-/// Typographic quotation marks as the keyboard has them.
-fn plain(c: char) -> char {
+/// Replaces a typographic quotation mark by its ASCII equivalent.
+fn ascii_quote(c: char) -> char {
     match c {
         '\u{2bc}' | '\u{2018}'..='\u{201b}' => '\'',
         '\u{201c}'..='\u{201f}' => '"',

@@ -1,0 +1,149 @@
+//! Reader of safetensors files. The header is validated when the file is opened; values are converted to f32.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use half::{bf16, f16};
+use safetensors::Dtype;
+use safetensors::tensor::{Metadata, TensorInfo};
+
+use super::WeightsError;
+
+/// Maximum header length. An ACT checkpoint has about 400 tensors with 100 header bytes each.
+const MAX_HEADER_BYTES: u64 = 16 << 20;
+
+/// An open safetensors file with a valid header.
+#[derive(Debug)]
+pub struct TensorFile {
+    path: PathBuf,
+    file: File,
+    header: Metadata,
+    /// Byte offset of the first tensor.
+    data_start: u64,
+}
+
+impl TensorFile {
+    /// Opens the file and reads its header.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is not a safetensors file, or its length differs from what the header implies.
+    pub fn open(path: &Path) -> Result<Self, WeightsError> {
+        let path = path.to_owned();
+        let read = |source| WeightsError::Read { path: path.clone(), source };
+        let mut file = File::open(&path).map_err(read)?;
+        let found = file.metadata().map_err(read)?.len();
+        let (header, data_start) = read_header(&mut file, &path, found)?;
+        let expected = data_start + header.data_len() as u64;
+        if expected != found {
+            return Err(WeightsError::Length { path, expected, found });
+        }
+        Ok(Self { path, file, header, data_start })
+    }
+
+    /// Returns the path of the file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns the names of all tensors, sorted.
+    #[must_use]
+    pub fn names(&self) -> Vec<String> {
+        let mut names: Vec<String> = self.header.tensors().into_keys().collect();
+        names.sort();
+        names
+    }
+
+    /// Returns the dtype and shape of a tensor as text, for example `F32 [512, 25]`.
+    #[must_use]
+    pub fn describe(&self, name: &str) -> Option<String> {
+        self.header.info(name).map(|info| describe(info.dtype, &info.shape))
+    }
+
+    /// Returns `true` if the file contains a tensor with this name.
+    #[must_use]
+    pub fn contains(&self, name: &str) -> bool {
+        self.header.info(name).is_some()
+    }
+
+    /// Returns the shape of a tensor, or `None` if the file does not contain it.
+    #[must_use]
+    pub fn shape(&self, name: &str) -> Option<&[usize]> {
+        self.header.info(name).map(|info| &info.shape[..])
+    }
+
+    /// Checks that a tensor exists with this shape and a 32- or 16-bit float dtype.
+    ///
+    /// # Errors
+    /// If the tensor is missing or differs.
+    pub fn check(&self, name: &str, shape: &[usize]) -> Result<(), WeightsError> {
+        let (path, tensor, expected) = (self.path.clone(), name.to_owned(), describe(Dtype::F32, shape));
+        match self.header.info(name) {
+            Some(info) if is_float(info.dtype) && info.shape == shape => Ok(()),
+            Some(info) => {
+                let found = describe(info.dtype, &info.shape);
+                Err(WeightsError::Mismatch { path, tensor, expected, found })
+            }
+            None => Err(WeightsError::Missing { path, tensor, expected }),
+        }
+    }
+
+    /// Reads the values of a tensor, row-major, and converts them to f32.
+    ///
+    /// # Errors
+    /// If the tensor is missing, has no float dtype, or cannot be read.
+    pub fn read(&mut self, name: &str) -> Result<Vec<f32>, WeightsError> {
+        let Some(&TensorInfo { dtype, ref shape, data_offsets: (start, end) }) = self.header.info(name)
+        else {
+            let (path, tensor) = (self.path.clone(), name.to_owned());
+            return Err(WeightsError::Missing { path, tensor, expected: "a float tensor".to_owned() });
+        };
+        if !is_float(dtype) {
+            let (path, tensor, found) = (self.path.clone(), name.to_owned(), describe(dtype, shape));
+            return Err(WeightsError::Mismatch {
+                path,
+                tensor,
+                expected: describe(Dtype::F32, shape),
+                found,
+            });
+        }
+        let mut bytes = vec![0; end - start];
+        let read = |source| WeightsError::Read { path: self.path.clone(), source };
+        self.file.seek(SeekFrom::Start(self.data_start + start as u64)).map_err(read)?;
+        self.file.read_exact(&mut bytes).map_err(read)?;
+        let half_words = || bytes.as_chunks::<2>().0.iter().copied();
+        Ok(match dtype {
+            Dtype::F16 => half_words().map(|x| f16::from_le_bytes(x).to_f32()).collect(),
+            Dtype::BF16 => half_words().map(|x| bf16::from_le_bytes(x).to_f32()).collect(),
+            _ => bytes.as_chunks::<4>().0.iter().map(|&x| f32::from_le_bytes(x)).collect(),
+        })
+    }
+}
+
+fn is_float(dtype: Dtype) -> bool {
+    matches!(dtype, Dtype::F32 | Dtype::F16 | Dtype::BF16)
+}
+
+/// Reads the header of a safetensors file of `file_len` bytes. Returns it with the byte offset of the first tensor.
+fn read_header(file: &mut File, path: &Path, file_len: u64) -> Result<(Metadata, u64), WeightsError> {
+    let invalid = |reason: String| WeightsError::Header { path: path.to_owned(), reason };
+    let read = |source| WeightsError::Read { path: path.to_owned(), source };
+    if file_len < 8 {
+        return Err(invalid(format!("it has only {file_len} bytes")));
+    }
+    let mut length = [0; 8];
+    file.read_exact(&mut length).map_err(read)?;
+    let length = u64::from_le_bytes(length);
+    if length > MAX_HEADER_BYTES || length + 8 > file_len {
+        return Err(invalid(format!("it claims a header of {length} bytes in a file of {file_len}")));
+    }
+    let mut bytes = vec![0; length as usize];
+    file.read_exact(&mut bytes).map_err(read)?;
+    let metadata = serde_json::from_slice(&bytes).map_err(|error| invalid(error.to_string()))?;
+    Ok((metadata, 8 + length))
+}
+
+fn describe(dtype: Dtype, shape: &[usize]) -> String {
+    format!("{dtype:?} {shape:?}")
+}
