@@ -176,7 +176,7 @@ mod tests {
         assert_eq!(schema_fields("action block"), block);
     }
 
-    /// A change of this value breaks every existing external host.
+    /// A change of this value breaks every existing foreign host.
     #[test]
     fn schema_hash_is_unchanged() {
         assert_eq!(SCHEMA_HASH, 0xb047_67c4_8ca9_5306, "found {SCHEMA_HASH:#018x}");

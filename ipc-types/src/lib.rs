@@ -2,7 +2,7 @@
 //! headers, and the link that carries messages through shared memory. Also the options of a run, which all
 //! processes share.
 //!
-//! This crate depends on no other crate of the workspace: an external policy host (Python, C++) needs only
+//! This crate depends on no other crate of the workspace: a foreign policy host (Python, C++) needs only
 //! what is here.
 
 mod error_chain;

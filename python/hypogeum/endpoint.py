@@ -1,4 +1,4 @@
-"""Discovery of runs that accept external policies.
+"""Discovery of runs that accept foreign policy hosts.
 
 A run writes an endpoint descriptor to `<base>/<run>/attach/<name>.json` for every policy of kind `attach:NAME`. The
 base folder belongs to the user. Every process of a run holds a shared lock on a file in the run's folder, which
@@ -23,7 +23,7 @@ class EndpointError(Exception):
 
 @dataclass(frozen=True)
 class EndpointDescriptor:
-    """Everything an external policy needs to attach to a lane of a run."""
+    """Everything a foreign policy host needs to attach to a lane of a run."""
 
     path: Path
     root: Path

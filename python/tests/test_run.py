@@ -32,7 +32,7 @@ print(hypogeum.serve(fn, "mine", timeout_s=30, on_error={on_error!r}))
 
 
 class Run:
-    """A run with one external policy, in a temporary folder whose path is short enough for sockets."""
+    """A run with one foreign policy host, in a temporary folder whose path is short enough for sockets."""
 
     def __init__(self, episodes=3):
         self.dir = Path(tempfile.mkdtemp(prefix="hyp"))

@@ -105,7 +105,7 @@ impl Domain {
     }
 
     /// Removes the domains under `base` whose processes have all exited and returns their number. A run in
-    /// progress is never touched: its own processes hold a lease, and external hosts are registered as nodes.
+    /// progress is never touched: its own processes hold a lease, and foreign hosts are registered as nodes.
     pub fn remove_stale(base: &Path) -> usize {
         let Ok(entries) = std::fs::read_dir(base) else { return 0 };
         let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());

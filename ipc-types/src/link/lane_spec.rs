@@ -13,7 +13,7 @@ const BOOKKEEPING_BYTES: u64 = 256 * 1024;
 pub struct LaneSpec {
     /// Index of the lane within its run.
     pub lane: u32,
-    /// Name of the policy as the user gave it; an external host uses it to find its lane.
+    /// Name of the policy as the user gave it; a foreign host uses it to find its lane.
     pub policy: String,
     /// Maximum number of envs in one message.
     pub max_envs: u32,

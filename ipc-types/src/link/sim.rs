@@ -138,7 +138,7 @@ impl SimLane {
         self.host().map(|(id, _)| id)
     }
 
-    /// Returns `true` if a host is attached and its process is alive. Intended for external hosts, which have
+    /// Returns `true` if a host is attached and its process is alive. Intended for foreign hosts, which have
     /// no parent here to wait for them. Queries the file system (about 0.2 ms). An exited host can briefly
     /// appear alive while another process cleans up after it.
     #[must_use]

@@ -1,4 +1,4 @@
-//! The names under which iceoryx2 registers the message types. An external host must declare the same names
+//! The names under which iceoryx2 registers the message types. A foreign host must declare the same names
 //! and sizes.
 
 use iceoryx2::prelude::{ZeroCopySend, ipc_threadsafe};
