@@ -6,7 +6,7 @@ use super::isa::Kernel;
 use super::kind::{Block, Oversampled, Square};
 use super::raster::{NOTHING, Visibility};
 use super::shade::{Mixture, STRIP, Shader, Sink, Strip, store_all};
-use super::simd::{F32x16, Floats, I32x16, Lanes, Mask, N_LANES, Number, Simd, Whole};
+use super::simd::{F32x16, FloatLike, I32x16, N_LANES, SetBits, Simd, SimdF32, SimdI32, SimdMask};
 use super::surface::SEVERAL;
 
 /// Samples along each edge of a pixel.
@@ -43,7 +43,7 @@ impl Shown {
 /// Triangles that pixels of a strip show beside those of their first samples, packed: a list of each property.
 struct Fragments {
     n: usize,
-    /// Number of the block times 16, plus that of the pixel.
+    /// FloatLike of the block times 16, plus that of the pixel.
     places: [i32; MAX_FRAGMENTS],
     ids: [i32; MAX_FRAGMENTS],
     /// As the bits of floats.
@@ -67,12 +67,12 @@ impl Fragments {
     #[inline(always)]
     fn push<S: Simd>(&mut self, keep: S::M, block: usize, id: S::I, depth: S::F, weight: S::F) {
         let n = self.n;
-        let place = S::I::load(&I32x16::INDICES) + S::I::all((block * N_LANES) as i32);
+        let place = S::I::load(&I32x16::INDICES) + S::I::splat((block * N_LANES) as i32);
         for (numbers, list) in [
             (place, &mut self.places),
             (id, &mut self.ids),
-            (depth.bits(), &mut self.depths),
-            (weight.bits(), &mut self.weights),
+            (depth.bitcast_i32(), &mut self.depths),
+            (weight.bitcast_i32(), &mut self.weights),
         ] {
             let (to, _) = list[n..].split_first_chunk_mut().expect("room for a vector behind the last one");
             self.n = n + S::compress(numbers, keep, to);
@@ -104,7 +104,7 @@ impl<K: Sink> Kernel for ShadeSamples<'_, K> {
                 self.shader.shade::<S>(&shown.alls[..n], ids, depths, &mut strip);
                 let mixed = weigh::<S>(&shown, &strip, &mut light, &mut fragments);
                 self.add::<S>(&fragments, &mut strip, &mut light);
-                for i in Lanes(mixed) {
+                for i in SetBits(mixed) {
                     strip.replace::<S>(i, each!(c in 3 => S::F::load(&light[i][c]).sqrt()));
                 }
                 self.sink.take::<S>(&strip);
@@ -122,11 +122,13 @@ impl<K: Sink> ShadeSamples<'_, K> {
         let blocks = [upper, upper + 1, upper + pitch, upper + pitch + 1];
         let alls = each!(k in 4 => self.shader.surfaces.shown[blocks[k]]);
         shown.alls[i] = if alls == [alls[0]; 4] { alls[0] } else { SEVERAL };
-        let ids = S::unfolded(each!(k in 4 => S::I::load(&self.visibility.ids[blocks[k]])));
-        let depths = S::unfolded(each!(k in 4 => S::F::load(&self.visibility.depths[blocks[k]]).bits()));
+        let ids = S::interleave_tiles(each!(k in 4 => S::I::load(&self.visibility.ids[blocks[k]])));
+        let depths = S::interleave_tiles(
+            each!(k in 4 => S::F::load(&self.visibility.depths[blocks[k]]).bitcast_i32()),
+        );
         for sample in 0..PER_PIXEL {
             ids[sample].store(&mut shown.ids[sample][i]);
-            depths[sample].as_float_bits().store(&mut shown.depths[sample][i]);
+            depths[sample].bitcast_f32().store(&mut shown.depths[sample][i]);
         }
     }
 
@@ -140,12 +142,12 @@ impl<K: Sink> ShadeSamples<'_, K> {
             ids.0[n..].fill(NOTHING);
             let places = Fragments::line(&fragments.places, first);
             let place = S::I::load(&places);
-            let block = place.shr::<4>();
-            let column = (block.shl::<2>() | place & S::I::all(3)) + S::I::all((strip.column * 4) as i32);
-            let row = (place.shr::<2>() & S::I::all(3)) + S::I::all((strip.row * 4) as i32);
-            let depth = S::I::load(&Fragments::line(&fragments.depths, first)).as_float_bits();
-            let weight = S::I::load(&Fragments::line(&fragments.weights, first)).as_float_bits();
-            let gaze = self.shader.rays.through::<S>([column.floats(), row.floats()], depth);
+            let block = place.shr_logical::<4>();
+            let column = (block.shl::<2>() | place & S::I::splat(3)) + S::I::splat((strip.column * 4) as i32);
+            let row = (place.shr_logical::<2>() & S::I::splat(3)) + S::I::splat((strip.row * 4) as i32);
+            let depth = S::I::load(&Fragments::line(&fragments.depths, first)).bitcast_f32();
+            let weight = S::I::load(&Fragments::line(&fragments.weights, first)).bitcast_f32();
+            let gaze = self.shader.rays.through::<S>([column.to_f32(), row.to_f32()], depth);
             self.shader.gather::<S>(&ids, &gaze, &mut mixture);
             if mixture.textured != 0 {
                 let mut blocks = I32x16::ZERO;
@@ -191,7 +193,7 @@ fn weigh<S: Simd>(
         let weight = share::<S>(&ids, 0);
         store_all::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), light);
         for sample in 1..PER_PIXEL {
-            let mut keep = ids[sample].gt(S::I::all(NOTHING));
+            let mut keep = ids[sample].gt(S::I::splat(NOTHING));
             for before in &ids[..sample] {
                 keep = keep.and_not(ids[sample].eq(*before));
             }
@@ -207,9 +209,9 @@ fn weigh<S: Simd>(
 /// What share of a pixel's samples show what this one shows, if none before it does.
 #[inline(always)]
 fn share<S: Simd>(ids: &[S::I; PER_PIXEL], sample: usize) -> S::F {
-    let mut share = S::F::all(SHARE);
+    let mut share = S::F::splat(SHARE);
     for after in &ids[sample + 1..] {
-        share = share + S::F::all(SHARE).or_where(after.eq(ids[sample]), S::F::all(0.0));
+        share = share + S::F::splat(SHARE).select_or(after.eq(ids[sample]), S::F::splat(0.0));
     }
     share
 }
@@ -217,6 +219,6 @@ fn share<S: Simd>(ids: &[S::I; PER_PIXEL], sample: usize) -> S::F {
 /// Linear light, held in [0, 1], from its square root.
 #[inline(always)]
 fn linear<S: Simd>(root: S::F) -> S::F {
-    let held = root.min(S::F::all(1.0));
+    let held = root.min(S::F::splat(1.0));
     held * held
 }

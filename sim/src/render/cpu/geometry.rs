@@ -8,7 +8,7 @@ use super::isa::Kernel;
 use super::kind::Block;
 use super::lens::{Lens, Projected, Vectors};
 use super::raster::{Corner, Visibility};
-use super::simd::{F32x16, Floats, I16x16, I32x16, Lanes, Mask, Number, Simd, Whole};
+use super::simd::{F32x16, FloatLike, I16x16, I32x16, SetBits, Simd, SimdF32, SimdI32, SimdMask};
 use super::small::{SMALL_REACH, Shares, Small};
 use crate::render::math::affine::Affine3;
 use crate::render::mesh::{ClusterCorners, PackedMesh, Vec3x16};
@@ -50,19 +50,19 @@ fn draw<S: Simd, B: Block, L: Lens>(
     shares: &mut Shares,
     visibility: &mut Visibility,
 ) {
-    let stretch = S::F::all(view_from_mesh.max_scale());
+    let stretch = S::F::splat(view_from_mesh.max_scale());
     let map = Map::<S>::new(view_from_mesh);
     let view_from_steps = Map::<S>::new(&view_from_mesh.scale_columns(mesh.grid_step));
     for (sixteen, bounds) in mesh.bounds.iter().enumerate() {
         let centre = map.points(&bounds.centre);
         let missed = lens.misses::<S>(bounds, &centre, S::F::load(&bounds.radius) * stretch);
-        for lane in Lanes(bounds.present & !missed) {
+        for lane in SetBits(bounds.present & !missed) {
             let batch_idx = sixteen * 16 + lane;
             let corners = &mesh.corners[batch_idx];
             let first_id = first_id + (batch_idx * 16) as i32;
             let clipped =
                 draw_batch::<S, B, L>(corners, &view_from_steps, lens, first_id, shares, visibility);
-            for lane in Lanes(clipped) {
+            for lane in SetBits(clipped) {
                 let triangle = each!(k in 3 => view_from_mesh.transform_point(
                     each!(axis in 3 => f32::from(corners[k][axis].0[lane]) * mesh.grid_step[axis])
                 ));
@@ -82,8 +82,8 @@ impl<S: Simd> Map<S> {
     #[inline(always)]
     pub(super) fn new(map: &Affine3) -> Self {
         Self {
-            linear: each!(i in 3 => each!(k in 3 => S::F::all(map.linear[i][k]))),
-            offset: each!(i in 3 => S::F::all(map.offset[i])),
+            linear: each!(i in 3 => each!(k in 3 => S::F::splat(map.linear[i][k]))),
+            offset: each!(i in 3 => S::F::splat(map.offset[i])),
         }
     }
 
@@ -96,7 +96,7 @@ impl<S: Simd> Map<S> {
     /// The same of points whose coordinates are short integers.
     #[inline(always)]
     pub(super) fn short_points(&self, points: &[I16x16; 3]) -> Vectors<S> {
-        self.of(each!(k in 3 => S::F::load_short(&points[k])))
+        self.of(each!(k in 3 => S::F::load_i16(&points[k])))
     }
 
     /// Images of sixteen points.
@@ -152,7 +152,7 @@ fn draw_large<S: Simd, B: Block>(
         corner.y.store(&mut y[k]);
         corner.depth.store(&mut depth[k]);
     }
-    for lane in Lanes(lanes) {
+    for lane in SetBits(lanes) {
         let corners = each!(k in 3 => Corner { x: x[k].0[lane], y: y[k].0[lane], depth: depth[k].0[lane] });
         visibility.draw_large::<S, B>(&corners, first_id + lane as i32);
     }
@@ -179,7 +179,7 @@ impl<S: Simd> Extent<S> {
         let (from_x, to_x) = pixels_between::<S>(least_x, greatest_x, side);
         let (from_y, to_y) = pixels_between::<S>(least_y, greatest_y, side);
         let empty = from_x.gt(to_x) | from_y.gt(to_y);
-        let large = reach.gt(S::I::all(SMALL_REACH - 1)).and_not(empty);
+        let large = reach.gt(S::I::splat(SMALL_REACH - 1)).and_not(empty);
         Self { from: [from_x, from_y], to: [to_x, to_y], empty, large }
     }
 }
@@ -195,14 +195,15 @@ fn prepare<S: Simd, B: Block>(
 ) -> Option<Small<S>> {
     let [p, q, r] = corners;
     let Extent { from: [from_x, from_y], to: [to_x, to_y], empty, large } = *extent;
-    let whole = S::I::all;
+    let whole = S::I::splat;
     let (qx, qy, rx, ry) = (q.x - p.x, q.y - p.y, r.x - p.x, r.y - p.y);
-    let area = halves::<S>(qx, whole(0) - rx).dot_halves(halves::<S>(ry, qy));
+    let area = halves::<S>(qx, whole(0) - rx).dot_i16(halves::<S>(ry, qy));
     let present = area.gt(whole(0)).and_not(empty | large | unfit);
     if !present.any() {
         return None;
     }
-    let (block_x, block_y) = (from_x.sar_by(B::WIDTH_BITS), from_y.sar_by(B::HEIGHT_BITS));
+    let (block_x, block_y) =
+        (from_x.shr_arithmetic_by(B::WIDTH_BITS), from_y.shr_arithmetic_by(B::HEIGHT_BITS));
     // The centre of the first block's first pixel.
     let centre_x = (from_x & whole(-B::WIDTH)).shl::<8>() + whole(128);
     let centre_y = (from_y & whole(-B::HEIGHT)).shl::<8>() + whole(128);
@@ -214,28 +215,28 @@ fn prepare<S: Simd, B: Block>(
         let (dx, dy) = (b.x - a.x, b.y - a.y);
         // A centre on the edge belongs to the triangle if the edge is at its top or left.
         let top_left = whole(0).gt(dy) | (dy.eq(whole(0)) & dx.gt(whole(0)));
-        let bias = whole(0).or_where(top_left, whole(1));
+        let bias = whole(0).select_or(top_left, whole(1));
         let steps = halves::<S>(whole(0) - dy, dx);
-        let edge = (steps.dot_halves(halves::<S>(centre_x - a.x, centre_y - a.y)) - bias).sar::<8>();
+        let edge = (steps.dot_i16(halves::<S>(centre_x - a.x, centre_y - a.y)) - bias).shr_arithmetic::<8>();
         (edges[k], all_steps[k]) = (edge, steps);
-        let first = edge + steps.dot_halves(inwards);
+        let first = edge + steps.dot_i16(inwards);
         let at = [first, first - dy, first + dx, first + dx - dy];
         outside = each!(i in 4 => outside[i] | at[i]);
     }
     // Of the triangles that reach over no more than 2 × 2 pixels many cover none.
     let tiny = whole(2).gt(to_x - from_x) & whole(2).gt(to_y - from_y);
-    let none = S::I::all(0).gt(outside[0] & outside[1] & outside[2] & outside[3]);
+    let none = S::I::splat(0).gt(outside[0] & outside[1] & outside[2] & outside[3]);
     let present = present.and_not(tiny & none);
     if !present.any() {
         return None;
     }
     let (q_rise, r_rise) = (q.depth - p.depth, r.depth - p.depth);
     // Per pixel, hence the 256.
-    let scale = S::F::all(256.0) / area.floats();
-    let dx = (q_rise * ry.floats() - r_rise * qy.floats()) * scale;
-    let dy = (r_rise * qx.floats() - q_rise * rx.floats()) * scale;
-    let px = S::F::all(1.0 / 256.0);
-    let (across, down) = ((centre_x - p.x).floats() * px, (centre_y - p.y).floats() * px);
+    let scale = S::F::splat(256.0) / area.to_f32();
+    let dx = (q_rise * ry.to_f32() - r_rise * qy.to_f32()) * scale;
+    let dy = (r_rise * qx.to_f32() - q_rise * rx.to_f32()) * scale;
+    let px = S::F::splat(1.0 / 256.0);
+    let (across, down) = ((centre_x - p.x).to_f32() * px, (centre_y - p.y).to_f32() * px);
     Some(Small {
         present,
         edges,
@@ -245,21 +246,24 @@ fn prepare<S: Simd, B: Block>(
         depth_dy: dy,
         depth_least: p.depth.min(q.depth).min(r.depth),
         depth_greatest: p.depth.max(q.depth).max(r.depth),
-        block: block_y.dot_halves(whole(side >> B::WIDTH_BITS)) + block_x,
-        more: [to_x.sar_by(B::WIDTH_BITS) - block_x, to_y.sar_by(B::HEIGHT_BITS) - block_y],
+        block: block_y.dot_i16(whole(side >> B::WIDTH_BITS)) + block_x,
+        more: [
+            to_x.shr_arithmetic_by(B::WIDTH_BITS) - block_x,
+            to_y.shr_arithmetic_by(B::HEIGHT_BITS) - block_y,
+        ],
     })
 }
 
 /// Numbers of 16 bits in the lower and the upper halves of lanes.
 #[inline(always)]
 fn halves<S: Simd>(lower: S::I, upper: S::I) -> S::I {
-    (lower & S::I::all(0xFFFF)) | upper.shl::<16>()
+    (lower & S::I::splat(0xFFFF)) | upper.shl::<16>()
 }
 
 /// First and last pixel whose centre lies between two places in 1/256 px; pixel i has its centre at 256 i + 128.
 #[inline(always)]
 fn pixels_between<S: Simd>(least: S::I, greatest: S::I, side: i32) -> (S::I, S::I) {
-    let first = (least + S::I::all(127)).sar::<8>().max(S::I::all(0));
-    let last = (greatest - S::I::all(128)).sar::<8>().min(S::I::all(side - 1));
+    let first = (least + S::I::splat(127)).shr_arithmetic::<8>().max(S::I::splat(0));
+    let last = (greatest - S::I::splat(128)).shr_arithmetic::<8>().min(S::I::splat(side - 1));
     (first, last)
 }

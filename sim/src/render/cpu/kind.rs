@@ -31,9 +31,9 @@ pub(super) trait Block {
     /// Column in the lower 16 bits, row in the upper ones.
     const XY: I32x16 = lanes(&Self::PLACES, 1, 1 << 16);
     /// Column of each lane's pixel.
-    const X_FLOATS: F32x16 = floats(Self::X);
+    const X_FLOATS: F32x16 = as_floats(Self::X);
     /// Row of each lane's pixel.
-    const Y_FLOATS: F32x16 = floats(Self::Y);
+    const Y_FLOATS: F32x16 = as_floats(Self::Y);
 }
 
 /// 4 × 4 pixels, row by row: few small triangles reach into more than four of them.
@@ -101,7 +101,7 @@ const fn lanes(places: &[[i32; 2]; N_LANES], per_column: i32, per_row: i32) -> I
     line
 }
 
-const fn floats(whole: I32x16) -> F32x16 {
+const fn as_floats(whole: I32x16) -> F32x16 {
     let mut line = F32x16::ZERO;
     let mut i = 0;
     while i < N_LANES {

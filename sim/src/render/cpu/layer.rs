@@ -10,7 +10,7 @@ use super::light::Lamps;
 use super::raster::{NOTHING, Visibility};
 use super::rays::{Gaze, Rays};
 use super::shadow::{Extent, Highest, Reach, Shadow, ShadowMap};
-use super::simd::{F32x16, Floats, I32x16, Mask, Simd, Whole};
+use super::simd::{F32x16, I32x16, Simd, SimdF32, SimdI32, SimdMask};
 use super::sink::Picture;
 use super::surface::SEVERAL;
 use super::workspace::{Shot, Workspace};
@@ -128,13 +128,13 @@ impl Layer {
     #[inline(always)]
     fn fill<S: Simd>(&self, ids: &mut I32x16, block: usize) {
         let over = S::I::load(ids);
-        let drawn = over.gt(S::I::all(NOTHING));
+        let drawn = over.gt(S::I::splat(NOTHING));
         if drawn.to_bits() != u16::MAX {
             let behind = match self.shown[block] {
                 SEVERAL => S::I::load(&self.ids[block]),
-                shown => S::I::all(shown),
+                shown => S::I::splat(shown),
             };
-            over.or_where(drawn, behind).store(ids);
+            over.select_or(drawn, behind).store(ids);
         }
     }
 }
@@ -164,17 +164,17 @@ impl Kernel for Measure<'_> {
         for block in 0..per_row * per_row {
             let (column, row) = (block % per_row, block / per_row);
             let mut extent = Extent::NONE;
-            let nothing = S::I::all(NOTHING);
+            let nothing = S::I::splat(NOTHING);
             if samples_per_edge == 1 {
                 let gaze = rays.gaze::<S>(column, row).at(&depths[block]);
                 extent.add::<S>(shadow, &gaze, S::I::load(&ids[block]).gt(nothing));
             } else {
                 let upper = row * 2 * pitch + column * 2;
                 let four = [upper, upper + 1, upper + pitch, upper + pitch + 1];
-                let ids = S::unfolded(each!(k in 4 => S::I::load(&ids[four[k]])));
-                let depths = S::unfolded(each!(k in 4 => S::F::load(&depths[four[k]]).bits()));
+                let ids = S::interleave_tiles(each!(k in 4 => S::I::load(&ids[four[k]])));
+                let depths = S::interleave_tiles(each!(k in 4 => S::F::load(&depths[four[k]]).bitcast_i32()));
                 for k in 0..4 {
-                    let gaze = Gaze { depth: depths[k].as_float_bits(), ..rays.gaze::<S>(column, row) };
+                    let gaze = Gaze { depth: depths[k].bitcast_f32(), ..rays.gaze::<S>(column, row) };
                     extent.add::<S>(shadow, &gaze, ids[k].gt(nothing));
                 }
             }
@@ -201,7 +201,7 @@ impl Kernel for Renew<'_> {
         let Self { visibility: Visibility { side, ids, .. }, samples_per_edge, layer, moving, stale } = self;
         let pitch = *side as usize >> Square::WIDTH_BITS;
         let per_row = pitch / samples_per_edge;
-        let nothing = S::I::all(NOTHING);
+        let nothing = S::I::splat(NOTHING);
         stale.clear();
         stale.resize(per_row * per_row, false);
         if let Some(highest) = moving {

@@ -2,7 +2,7 @@
 
 use super::each::each;
 use super::raster::{Corner, Visibility};
-use super::simd::{Floats, Mask, Number, Simd};
+use super::simd::{FloatLike, Simd, SimdF32, SimdMask};
 use super::{clip, kind::Block};
 use crate::render::math::affine::{Affine3, Vec3};
 use crate::render::mesh::ClusterBounds;
@@ -116,36 +116,36 @@ impl Lens for Pinhole<'_> {
 
     #[inline(always)]
     fn project<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Projected<S> {
-        let depth = S::F::all(1.0) / *z;
-        let (scale, middle) = (S::F::all(self.focal_px * 256.0), S::F::all(self.half_px * 256.0));
+        let depth = S::F::splat(1.0) / *z;
+        let (scale, middle) = (S::F::splat(self.focal_px * 256.0), S::F::splat(self.half_px * 256.0));
         Projected {
-            x: (*x * depth).mul_add(scale, middle).rounded(),
-            y: (*y * depth).mul_add(scale, middle).rounded(),
+            x: (*x * depth).mul_add(scale, middle).round_to_i32(),
+            y: (*y * depth).mul_add(scale, middle).round_to_i32(),
             depth,
         }
     }
 
     #[inline(always)]
     fn unfit<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Unfit<S> {
-        let hidden = S::F::all(self.near_m).gt(*z);
-        let guard = *z * S::F::all(self.guard_slope);
-        let opposite = *z * S::F::all(-self.guard_slope);
+        let hidden = S::F::splat(self.near_m).gt(*z);
+        let guard = *z * S::F::splat(self.guard_slope);
+        let opposite = *z * S::F::splat(-self.guard_slope);
         let unfit = hidden | x.gt(guard) | opposite.gt(*x) | y.gt(guard) | opposite.gt(*y);
         Unfit { hidden, unfit }
     }
 
     #[inline(always)]
     fn misses<S: Simd>(&self, bounds: &ClusterBounds, [x, y, z]: &Vectors<S>, radius: S::F) -> u16 {
-        let slack = radius * S::F::all(self.slant);
-        let edge = z.mul_add(S::F::all(self.slope), slack);
-        let zero = S::F::all(0.0);
-        let outside = S::F::all(self.near_m).gt(*z + radius)
-            | (*z - radius).gt(S::F::all(self.far_m))
+        let slack = radius * S::F::splat(self.slant);
+        let edge = z.mul_add(S::F::splat(self.slope), slack);
+        let zero = S::F::splat(0.0);
+        let outside = S::F::splat(self.near_m).gt(*z + radius)
+            | (*z - radius).gt(S::F::splat(self.far_m))
             | x.gt(edge)
             | (zero - *x).gt(edge)
             | y.gt(edge)
             | (zero - *y).gt(edge);
-        let [a, b, c] = each!(k in 3 => S::F::load(&bounds.centre[k]) - S::F::all(self.eye_in_mesh[k]));
+        let [a, b, c] = each!(k in 3 => S::F::load(&bounds.centre[k]) - S::F::splat(self.eye_in_mesh[k]));
         let distance = c.mul_add(c, b.mul_add(b, a * a)).sqrt();
         let [l, m, n] = each!(k in 3 => S::F::load(&bounds.axis[k]));
         let along = c.mul_add(n, b.mul_add(m, a * l));

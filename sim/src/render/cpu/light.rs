@@ -4,7 +4,7 @@ use core::f32::consts::FRAC_1_PI;
 
 use super::each::each;
 use super::rays::Gaze;
-use super::simd::{Floats, Mask, Number, Per, Simd};
+use super::simd::{Broadcast, FloatLike, Simd, SimdF32, SimdMask};
 use crate::render::math::affine::{Affine3, Vec3, scaled};
 use crate::render::scene::{N_SUNS, RenderScene};
 use crate::render::shading::{GROUND_AMBIENT, SPECULAR_FALLOFF, SPECULAR_GAIN};
@@ -91,26 +91,26 @@ impl Lit<f32> {
     }
 }
 
-impl<N: Number> Lit<N> {
+impl<N: FloatLike> Lit<N> {
     /// On surfaces with these normals, of any length.
     #[inline(always)]
     pub(super) fn new(lamps: &Lamps, normal: [N; 3]) -> Self {
-        let squared = dot(normal, normal).max(N::all(1e-30));
-        let per_length = N::all(1.0) / squared.sqrt();
+        let squared = dot(normal, normal).max(N::splat(1e-30));
+        let per_length = N::splat(1.0) / squared.sqrt();
         let n = each!(k in 3 => normal[k] * per_length);
         let sky = dot(n, all(lamps.up))
-            .mul_add(N::all((1.0 - GROUND_AMBIENT) / 2.0), N::all((1.0 + GROUND_AMBIENT) / 2.0));
-        let facing = each!(i in 2 => dot(n, all(lamps.suns[i].towards)).max(N::all(0.0)));
+            .mul_add(N::splat((1.0 - GROUND_AMBIENT) / 2.0), N::splat((1.0 + GROUND_AMBIENT) / 2.0));
+        let facing = each!(i in 2 => dot(n, all(lamps.suns[i].towards)).max(N::splat(0.0)));
         let [first, second] = &lamps.suns;
         Self {
             normal: n,
             scattered: each!(c in 3 =>
-                facing[1].mul_add(N::all(second.scattered[c]), sky * N::all(lamps.ambient[c]))),
-            first_sun: each!(c in 3 => facing[0] * N::all(first.scattered[c])),
+                facing[1].mul_add(N::splat(second.scattered[c]), sky * N::splat(lamps.ambient[c]))),
+            first_sun: each!(c in 3 => facing[0] * N::splat(first.scattered[c])),
             mirrored: each!(i in 2 => {
-                let twice = facing[i] * N::all(-2.0);
+                let twice = facing[i] * N::splat(-2.0);
                 let towards = lamps.suns[i].towards;
-                each!(k in 3 => twice.mul_add(n[k], N::all(towards[k])).where_positive(facing[i]))
+                each!(k in 3 => twice.mul_add(n[k], N::splat(towards[k])).zero_unless_positive(facing[i]))
             }),
         }
     }
@@ -119,10 +119,10 @@ impl<N: Number> Lit<N> {
     #[inline(always)]
     pub(super) fn faces_first_sun<S: Simd>(&self) -> S::M
     where
-        N: Per<S>,
+        N: Broadcast<S>,
     {
-        let [r, g, b] = each!(c in 3 => self.first_sun[c].spread());
-        r.max(g.max(b)).gt(S::F::all(0.0))
+        let [r, g, b] = each!(c in 3 => self.first_sun[c].broadcast());
+        r.max(g.max(b)).gt(S::F::splat(0.0))
     }
 }
 
@@ -130,7 +130,7 @@ impl<N: Number> Lit<N> {
 /// for all), the surface's colour, the square roots of its texture's factors and the strength of its highlights; `gleams` if there may
 /// be any.
 #[inline(always)]
-pub(super) fn seen<S: Simd, N: Per<S>>(
+pub(super) fn seen<S: Simd, N: Broadcast<S>>(
     lit: &Lit<N>,
     lamps: &Lamps,
     gleams: bool,
@@ -141,19 +141,19 @@ pub(super) fn seen<S: Simd, N: Per<S>>(
     let Paint { color, tint, specular } = *paint;
     let sunlight = match sunlight {
         Some(share) => share,
-        None => S::F::all(1.0),
+        None => S::F::splat(1.0),
     };
     let plain = each!(c in 3 =>
-        color[c] * sunlight.mul_add(lit.first_sun[c].spread(), lit.scattered[c].spread()));
+        color[c] * sunlight.mul_add(lit.first_sun[c].broadcast(), lit.scattered[c].broadcast()));
     // Without a highlight all but the texture may be the same for many pixels: see `Lit::plain_roots`.
     if !gleams {
         return each!(c in 3 => plain[c].sqrt() * tint[c]);
     }
-    let (zero, [dx, dy]) = (S::F::all(0.0), gaze.d);
+    let (zero, [dx, dy]) = (S::F::splat(0.0), gaze.d);
     let gleam = each!(i in 2 => {
-        let [x, y, z] = each!(k in 3 => lit.mirrored[i][k].spread());
+        let [x, y, z] = each!(k in 3 => lit.mirrored[i][k].broadcast());
         let aligned = x.mul_add(dx, y.mul_add(dy, z)) * gaze.per_length;
-        aligned.mul_add(S::F::all(SPECULAR_FALLOFF), S::F::all(1.0 - SPECULAR_FALLOFF)).max(zero)
+        aligned.mul_add(S::F::splat(SPECULAR_FALLOFF), S::F::splat(1.0 - SPECULAR_FALLOFF)).max(zero)
     });
     let gleaming = ((gleam[0] + gleam[1]) * specular).gt(zero);
     // Most of a picture is away from highlights.
@@ -164,20 +164,20 @@ pub(super) fn seen<S: Simd, N: Per<S>>(
     let first = first * sunlight;
     each!(c in 3 => {
         let light = plain[c] * (tint[c] * tint[c]);
-        let light = first.mul_add(S::F::all(lamps.suns[0].gleam[c]), light);
-        let light = second.mul_add(S::F::all(lamps.suns[1].gleam[c]), light);
-        light.or_where(gleaming, plain[c]).sqrt() * S::F::all(1.0).or_where(gleaming, tint[c])
+        let light = first.mul_add(S::F::splat(lamps.suns[0].gleam[c]), light);
+        let light = second.mul_add(S::F::splat(lamps.suns[1].gleam[c]), light);
+        light.select_or(gleaming, plain[c]).sqrt() * S::F::splat(1.0).select_or(gleaming, tint[c])
     })
 }
 
 /// The same vector everywhere.
 #[inline(always)]
-fn all<N: Number>(v: Vec3) -> [N; 3] {
-    each!(k in 3 => N::all(v[k]))
+fn all<N: FloatLike>(v: Vec3) -> [N; 3] {
+    each!(k in 3 => N::splat(v[k]))
 }
 
 /// Dot product, in a fixed order.
 #[inline(always)]
-pub(super) fn dot<N: Number>(a: [N; 3], b: [N; 3]) -> N {
+pub(super) fn dot<N: FloatLike>(a: [N; 3], b: [N; 3]) -> N {
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }

@@ -9,7 +9,7 @@ use ipc_types::EXTERNAL_SIDE;
 use super::each::each;
 use super::isa::Kernel;
 use super::kind::Block;
-use super::simd::{F32x16, Floats, I32x16, Mask, N_LANES, Number, Simd, Whole};
+use super::simd::{F32x16, FloatLike, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
 
 /// Blocks of the largest picture.
 pub(super) const MAX_BLOCKS: usize = EXTERNAL_SIDE * EXTERNAL_SIDE / N_LANES;
@@ -63,11 +63,11 @@ impl Visibility {
         let (columns, rows) = (S::I::load(&B::X), S::I::load(&B::Y));
         let steps = each!(k in 3 => {
             let edge = &large.edges[k];
-            S::I::all(edge.dx).times(columns) + S::I::all(edge.dy).times(rows)
+            S::I::splat(edge.dx).mul(columns) + S::I::splat(edge.dy).mul(rows)
         });
         let pitch = self.side >> B::WIDTH_BITS;
         let mut pixels = Pixels::of::<B>(self);
-        let id = S::I::all(id);
+        let id = S::I::splat(id);
         let least = large.edges.map(|edge| edge.least_change::<B>());
         for y in large.from_y..large.to_y + 1 {
             let (from_x, to_x) = large.span::<B>(y);
@@ -82,8 +82,8 @@ impl Visibility {
                 let covered = if inside >= 0 {
                     S::M::from_bits(u16::MAX)
                 } else {
-                    let [a, b, c] = each!(k in 3 => S::I::all(first[k]) + steps[k]);
-                    (a | b | c).gt(S::I::all(-1))
+                    let [a, b, c] = each!(k in 3 => S::I::splat(first[k]) + steps[k]);
+                    (a | b | c).gt(S::I::splat(-1))
                 };
                 put::<S>(pixels.at::<B>((y * pitch + x) as usize), covered, depth, id);
             }
@@ -174,14 +174,14 @@ impl<'a> Pixels<'a> {
 /// Draws one block's share of a triangle.
 #[inline(always)]
 pub(super) fn put<S: Simd>((depths, ids): Here<'_>, covered: S::M, depth: S::F, id: S::I) {
-    let depth = depth.or_where(covered, S::F::all(f32::NEG_INFINITY));
+    let depth = depth.select_or(covered, S::F::splat(f32::NEG_INFINITY));
     let before = S::F::load(depths);
     let seen = depth.gt(before);
     // Not the blend by `seen` that it is: compilers would write some lanes only, and what follows such a store closely waits
     // until it has reached the cache.
     depth.max(before).store(depths);
     if let Some(ids) = ids {
-        id.or_where(seen, S::I::load(ids)).store(ids);
+        id.select_or(seen, S::I::load(ids)).store(ids);
     }
 }
 
@@ -197,11 +197,11 @@ pub(super) struct DepthPlane<S: Simd> {
 impl<S: Simd> DepthPlane<S> {
     #[inline(always)]
     pub(super) fn new<B: Block>([dx, dy]: [f32; 2], [least, greatest]: [f32; 2]) -> Self {
-        let across = S::F::all(dx) * S::F::load(&B::X_FLOATS);
+        let across = S::F::splat(dx) * S::F::load(&B::X_FLOATS);
         Self {
-            offsets: S::F::all(dy).mul_add(S::F::load(&B::Y_FLOATS), across),
-            least: S::F::all(least),
-            greatest: S::F::all(greatest),
+            offsets: S::F::splat(dy).mul_add(S::F::load(&B::Y_FLOATS), across),
+            least: S::F::splat(least),
+            greatest: S::F::splat(greatest),
             right: dx * B::WIDTH as f32,
         }
     }
@@ -209,7 +209,7 @@ impl<S: Simd> DepthPlane<S> {
     /// Over a block whose first pixel has this depth.
     #[inline(always)]
     pub(super) fn at(&self, first: f32) -> S::F {
-        (S::F::all(first) + self.offsets).max(self.least).min(self.greatest)
+        (S::F::splat(first) + self.offsets).max(self.least).min(self.greatest)
     }
 }
 

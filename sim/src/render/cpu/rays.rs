@@ -4,7 +4,7 @@ use super::each::each;
 use super::isa::Kernel;
 use super::kind::{Block, Square};
 use super::raster::MAX_BLOCKS;
-use super::simd::{F32x16, Floats, N_LANES, Number, Simd};
+use super::simd::{F32x16, FloatLike, N_LANES, Simd, SimdF32};
 use crate::render::scene::camera::PinholeCamera;
 
 /// Rays of sixteen pixels, d = (x, y, 1) from the eye outwards.
@@ -82,7 +82,7 @@ impl Rays {
             pixel,
             d: self.d::<S>(pixel),
             per_length: S::F::load(&self.per_length[row * per_row + column]),
-            depth: S::F::all(1.0),
+            depth: S::F::splat(1.0),
         }
     }
 
@@ -113,26 +113,26 @@ impl Rays {
         let [right, down] = Square::PLACES[lane];
         let x = ((column << Square::WIDTH_BITS) as i32 + right) as f32;
         let y = ((row << Square::HEIGHT_BITS) as i32 + down) as f32;
-        [S::F::all(x) + S::F::load(&BLOCK_STARTS), S::F::all(y)]
+        [S::F::splat(x) + S::F::load(&BLOCK_STARTS), S::F::splat(y)]
     }
 
     /// Columns and rows of the pixels of a block with this first one.
     #[inline(always)]
     fn pixel<S: Simd>(&self, [x, y]: [f32; 2]) -> [S::F; 2] {
-        [S::F::all(x) + S::F::load(&Square::X_FLOATS), S::F::all(y) + S::F::load(&Square::Y_FLOATS)]
+        [S::F::splat(x) + S::F::load(&Square::X_FLOATS), S::F::splat(y) + S::F::load(&Square::Y_FLOATS)]
     }
 
     #[inline(always)]
     fn d<S: Simd>(&self, pixel: [S::F; 2]) -> [S::F; 2] {
         let per_focal = 1.0 / self.focal_px;
         let first = (0.5 - self.side as f32 / 2.0) * per_focal;
-        each!(k in 2 => pixel[k].mul_add(S::F::all(per_focal), S::F::all(first + self.middle[k])))
+        each!(k in 2 => pixel[k].mul_add(S::F::splat(per_focal), S::F::splat(first + self.middle[k])))
     }
 }
 
 #[inline(always)]
 fn per_length<S: Simd>([x, y]: [S::F; 2]) -> S::F {
-    S::F::all(1.0) / x.mul_add(x, y.mul_add(y, S::F::all(1.0))).sqrt()
+    S::F::splat(1.0) / x.mul_add(x, y.mul_add(y, S::F::splat(1.0))).sqrt()
 }
 
 /// Columns of the first pixels of a strip's blocks.

@@ -1,10 +1,10 @@
 //! Reading a texture for sixteen pixels: where to look is worked out for all of them at once.
 
 use super::each::each;
-use super::simd::{F32x16, Floats, I32x16, Number, Simd, Whole};
+use super::simd::{F32x16, FloatLike, I32x16, Simd, SimdF32, SimdI32};
 use crate::render::texture::{MipChain, SIDE, level_offset, pitch};
 
-/// Bits of a texel coordinate behind the point.
+/// PortableMask of a texel coordinate behind the point.
 const FRACTION_BITS: u32 = 8;
 /// Half a texel, from its corner to its middle.
 const HALF: i32 = 1 << (FRACTION_BITS - 1);
@@ -39,12 +39,12 @@ impl Levels {
     #[inline(always)]
     pub(super) fn set<S: Simd>(&mut self, footprint: S::F) {
         const TEXELS: f32 = (SIDE * SIDE) as f32;
-        let texels = (footprint * S::F::all(TEXELS)).max(S::F::all(1.0)).min(S::F::all(TEXELS * 0.999));
+        let texels = (footprint * S::F::splat(TEXELS)).max(S::F::splat(1.0)).min(S::F::splat(TEXELS * 0.999));
         // In 1/256 levels.
-        let level = (texels.bits() - S::I::all(1.0_f32.to_bits().cast_signed())).shr::<16>();
-        level.shr::<8>().store(&mut self.fine);
-        let blend = ((level & S::I::all(255)) - S::I::all(BLEND_FROM)).floats() * S::F::all(BLEND_RATE);
-        blend.max(S::F::all(0.0)).min(S::F::all(1.0)).store(&mut self.blend);
+        let level = (texels.bitcast_i32() - S::I::splat(1.0_f32.to_bits().cast_signed())).shr_logical::<16>();
+        level.shr_logical::<8>().store(&mut self.fine);
+        let blend = ((level & S::I::splat(255)) - S::I::splat(BLEND_FROM)).to_f32() * S::F::splat(BLEND_RATE);
+        blend.max(S::F::splat(0.0)).min(S::F::splat(1.0)).store(&mut self.blend);
     }
 
     /// One of them.
@@ -72,9 +72,9 @@ impl Site {
         self.level = level;
         // 1/256 texel per tile: 2^(16 − level), built from its exponent.
         let exponent = (127 + SIDE.ilog2() + FRACTION_BITS).cast_signed() - level.fine;
-        let scale = S::F::all(f32::from_bits((exponent << 23).cast_unsigned()));
+        let scale = S::F::splat(f32::from_bits((exponent << 23).cast_unsigned()));
         for (t, at) in uv.iter().zip(&mut self.at) {
-            (*t * scale).rounded().store(at);
+            (*t * scale).round_to_i32().store(at);
         }
     }
 
@@ -88,18 +88,18 @@ impl Site {
             let at = &self.at[k].0;
             at[0].min(at[3]).min(at[12]).min(at[15])
         });
-        let coarser = each!(k in 2 => points[k].sar::<1>());
+        let coarser = each!(k in 2 => points[k].shr_arithmetic::<1>());
         let least_coarser = [least[0] >> 1, least[1] >> 1];
         let root = if blend == 0.0 {
             filtered::<S>(pattern, fine, points, least)
         } else if blend == 1.0 {
             filtered::<S>(pattern, fine + 1, coarser, least_coarser)
         } else {
-            let (root, share) = (filtered::<S>(pattern, fine, points, least), S::F::all(blend));
+            let (root, share) = (filtered::<S>(pattern, fine, points, least), S::F::splat(blend));
             let coarse = filtered::<S>(pattern, fine + 1, coarser, least_coarser);
             each!(c in 3 => (coarse[c] - root[c]).mul_add(share, root[c]))
         };
-        each!(c in 3 => root[c] * S::F::all(1.0 / 65280.0))
+        each!(c in 3 => root[c] * S::F::splat(1.0 / 65280.0))
     }
 }
 
@@ -107,7 +107,7 @@ impl Site {
 /// is about the least of the points.
 #[inline(always)]
 fn filtered<S: Simd>(pattern: &MipChain, level: i32, points: [S::I; 2], least: [i32; 2]) -> [S::F; 3] {
-    let whole = S::I::all;
+    let whole = S::I::splat;
     let [x, y] = each!(k in 2 => points[k] - whole(HALF));
     let texels = texels::<S>(pattern, level, [x, y], least);
     // In both halves of a lane.
@@ -115,35 +115,40 @@ fn filtered<S: Simd>(pattern: &MipChain, level: i32, points: [S::I; 2], least: [
         let fraction = [x, y][k] & whole(255);
         fraction | fraction.shl::<16>()
     });
-    let corner = fx.times_halves(fy).shr_halves::<8>();
+    let corner = fx.mul_i16(fy).shr_logical_u16::<8>();
     let weights = [whole(0x0100_0100) + corner - fx - fy, fx - corner, fy - corner, corner];
     let (mut red_blue, mut green) = (whole(0), whole(0));
     for k in 0..4 {
-        red_blue = red_blue + (texels[k] & whole(0x00FF_00FF)).times_halves(weights[k]);
+        red_blue = red_blue + (texels[k] & whole(0x00FF_00FF)).mul_i16(weights[k]);
         // The upper half's alpha comes along and is dropped at the end.
-        green = green + texels[k].shr_halves::<8>().times_halves(weights[k]);
+        green = green + texels[k].shr_logical_u16::<8>().mul_i16(weights[k]);
     }
-    [(red_blue & whole(0xFFFF)).floats(), (green & whole(0xFFFF)).floats(), red_blue.shr::<16>().floats()]
+    [
+        (red_blue & whole(0xFFFF)).to_f32(),
+        (green & whole(0xFFFF)).to_f32(),
+        red_blue.shr_logical::<16>().to_f32(),
+    ]
 }
 
 /// The four texels around points in 1/256 texel: upper left, upper right, lower left, lower right.
 #[inline(always)]
 fn texels<S: Simd>(pattern: &MipChain, level: i32, points: [S::I; 2], least: [i32; 2]) -> [S::I; 4] {
-    let whole = S::I::all;
+    let whole = S::I::splat;
     let mask = (SIDE as i32 >> level) - 1;
     let (first, pitch) = (level_offset(level as usize), pitch(level as usize));
-    let [x, y] = each!(k in 2 => points[k].sar::<FRACTION_BITS>());
+    let [x, y] = each!(k in 2 => points[k].shr_arithmetic::<FRACTION_BITS>());
     let corner = each!(k in 2 => (least[k] - HALF) >> FRACTION_BITS);
     let [left, top] = each!(k in 2 => (corner[k] & mask) as usize);
     let within = [x - whole(corner[0]), y - whole(corner[1])];
-    if let Some(texels) = S::window(&pattern.texels, first + top * pitch + left, pitch, within) {
+    if let Some(texels) = S::gather_window(&pattern.texels, first + top * pitch + left, pitch, within) {
         return texels;
     }
-    let upper = ((y & whole(mask)).dot_halves(whole(pitch as i32)) + whole(first as i32)) + (x & whole(mask));
+    let upper = ((y & whole(mask)).dot_i16(whole(pitch as i32)) + whole(first as i32)) + (x & whole(mask));
     let lower = upper + whole(pitch as i32);
     let (mut at_upper, mut at_lower) = (I32x16::ZERO, I32x16::ZERO);
     upper.store(&mut at_upper);
     lower.store(&mut at_lower);
-    let ((a, b), (c, d)) = (S::pairs(&pattern.texels, &at_upper), S::pairs(&pattern.texels, &at_lower));
+    let ((a, b), (c, d)) =
+        (S::gather_pairs(&pattern.texels, &at_upper), S::gather_pairs(&pattern.texels, &at_lower));
     [a, b, c, d]
 }

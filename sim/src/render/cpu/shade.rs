@@ -9,7 +9,7 @@ use super::raster::{NOTHING, Visibility};
 use super::rays::{Gaze, Rays};
 use super::sample::{Level, Levels, Site, Uv};
 use super::shadow::Shadow;
-use super::simd::{F32x16, Floats, I32x16, Lanes, Mask, N_LANES, Number, Per, Simd, Whole};
+use super::simd::{Broadcast, F32x16, FloatLike, I32x16, N_LANES, SetBits, Simd, SimdF32, SimdI32, SimdMask};
 use super::surface::{Look, SEVERAL, Surfaces, Wrap, place};
 use crate::render::texture::{MipChain, mip_chain};
 use crate::scene::Texture;
@@ -146,7 +146,7 @@ impl Strip {
     #[inline(always)]
     pub(super) fn packed<S: Simd>(&self, i: usize) -> S::I {
         if self.lit() >> i & 1 == 0 {
-            return S::I::all(0);
+            return S::I::splat(0);
         }
         let [r, g, b] = each!(c in 3 => encode::<S>(S::F::load(&self.roots[i][c])));
         r | g.shl::<8>() | b.shl::<16>()
@@ -156,7 +156,7 @@ impl Strip {
     #[inline(always)]
     pub(super) fn roots<S: Simd>(&self, i: usize) -> [S::F; 3] {
         let is_lit = self.lit() >> i & 1 == 1;
-        each!(c in 3 => if is_lit { S::F::load(&self.roots[i][c]) } else { S::F::all(0.0) })
+        each!(c in 3 => if is_lit { S::F::load(&self.roots[i][c]) } else { S::F::splat(0.0) })
     }
 
     /// Puts other light in the place of a block's.
@@ -169,10 +169,10 @@ impl Strip {
     /// Sorts the blocks by what they show.
     #[inline(always)]
     fn sort<S: Simd>(&mut self, shown: &[i32]) {
-        let shown = S::I::load_some(shown, NOTHING);
+        let shown = S::I::load_partial(shown, NOTHING);
         shown.store(&mut self.shown);
-        self.single = shown.gt(S::I::all(NOTHING)).to_bits();
-        self.several = shown.eq(S::I::all(SEVERAL)).to_bits();
+        self.single = shown.gt(S::I::splat(NOTHING)).to_bits();
+        self.several = shown.eq(S::I::splat(SEVERAL)).to_bits();
     }
 
     /// Goes to another place.
@@ -187,7 +187,7 @@ impl Shader<'_> {
     #[inline(always)]
     pub(super) fn shade<S: Simd>(&self, shown: &[i32], ids: &[I32x16], depths: &[F32x16], strip: &mut Strip) {
         strip.sort::<S>(shown);
-        for block in Lanes(strip.single) {
+        for block in SetBits(strip.single) {
             let place = place(shown[block]);
             if self.texture(place) >= 0 {
                 let gaze = self.rays.gaze::<S>(strip.column + block, strip.row);
@@ -195,21 +195,21 @@ impl Shader<'_> {
                 strip.sites[block].locate::<S>(&self.uv::<S>(place, &gaze), level);
             }
         }
-        for block in Lanes(strip.single) {
+        for block in SetBits(strip.single) {
             let place = place(shown[block]);
             let tint = if self.texture(place) < 0 {
-                [S::F::all(1.0); 3]
+                [S::F::splat(1.0); 3]
             } else {
                 strip.sites[block].read::<S>(self.pattern(place))
             };
             let roots = self.single::<S>(place, tint, depths, block, strip);
             store_all::<S>(roots, &mut strip.roots[block]);
         }
-        for block in Lanes(strip.several) {
+        for block in SetBits(strip.several) {
             let gaze = self.rays.gaze::<S>(strip.column + block, strip.row);
             self.gather::<S>(&ids[block], &gaze, &mut strip.mixtures[block]);
         }
-        for block in Lanes(strip.several) {
+        for block in SetBits(strip.several) {
             if strip.mixtures[block].textured != 0 {
                 let gaze = self.rays.gaze::<S>(strip.column + block, strip.row);
                 let here = I32x16([block as i32; N_LANES]);
@@ -218,7 +218,7 @@ impl Shader<'_> {
                 store_all::<S>(tint, &mut strip.mixtures[block].tint);
             }
         }
-        for block in Lanes(strip.several) {
+        for block in SetBits(strip.several) {
             let gaze = self.rays.gaze::<S>(strip.column + block, strip.row).at(&depths[block]);
             let roots = self.several::<S>(&strip.mixtures[block], &gaze);
             store_all::<S>(roots, &mut strip.roots[block]);
@@ -231,7 +231,7 @@ impl Shader<'_> {
         let (known, levels) = &mut strip.levels;
         if *known != place {
             *known = place;
-            let middle = S::F::all(1.5);
+            let middle = S::F::splat(1.5);
             let pixel = Rays::pixels_of_strip::<S>([strip.column, strip.row], 0);
             levels.set::<S>(self.footprint::<S>(place, each!(k in 2 => pixel[k] + middle)));
         }
@@ -268,13 +268,13 @@ impl Shader<'_> {
             }
             let FlatSurface { gleams, sunlit, roots, .. } = &strip.flat;
             if !gleams && sunlit >> block & 1 == 1 {
-                return each!(c in 3 => S::F::all(roots[c]) * tint[c]);
+                return each!(c in 3 => S::F::splat(roots[c]) * tint[c]);
             }
         }
         // The general case.
         let gaze = &self.rays.gaze::<S>(strip.column + block, strip.row).at(&depths[block]);
-        let color = each!(c in 3 => S::F::all(look[Look::COLOR + c]));
-        let paint = &Paint { color, tint, specular: S::F::all(look[Look::SPECULAR]) };
+        let color = each!(c in 3 => S::F::splat(look[Look::COLOR + c]));
+        let paint = &Paint { color, tint, specular: S::F::splat(look[Look::SPECULAR]) };
         if is_flat {
             let FlatSurface { lit, gleams, sunlit, .. } = &strip.flat;
             let sunlight = if sunlit >> block & 1 == 1 { None } else { self.sunlight(lit, gaze) };
@@ -294,7 +294,7 @@ impl Shader<'_> {
             look[Look::SPECULAR] > 0.0 && lit.gleams(&self.rays.corners(strip.column, strip.row, STRIP));
         let sunlit = match &self.shadow {
             Some(shadow) if lit.faces_first_sun::<S>().any() => {
-                let blocks = S::I::load(&strip.shown).eq(S::I::all(strip.shown.0[block])).to_bits();
+                let blocks = S::I::load(&strip.shown).eq(S::I::splat(strip.shown.0[block])).to_bits();
                 let at = [strip.column, strip.row];
                 shadow.in_sunlight::<S>(self.rays, at, depths, blocks, &lit.normal)
             }
@@ -307,12 +307,12 @@ impl Shader<'_> {
     /// Finds what pixels show, each its own triangle, but for the textures.
     #[inline(always)]
     pub(super) fn gather<S: Simd>(&self, ids: &I32x16, gaze: &Gaze<S>, mixture: &mut Mixture) {
-        let looks = S::transposed(each!(i in 16 => S::F::load(&self.surfaces.looks[place(ids.0[i])])));
+        let looks = S::transpose(each!(i in 16 => S::F::load(&self.surfaces.looks[place(ids.0[i])])));
         store_all::<S>(over::<S, S::F>(&looks, Look::NORMAL, gaze), &mut mixture.normal);
         store_all::<S>(each!(c in 3 => looks[Look::COLOR + c]), &mut mixture.color);
-        store_all::<S>([S::F::all(1.0); 3], &mut mixture.tint);
+        store_all::<S>([S::F::splat(1.0); 3], &mut mixture.tint);
         looks[Look::SPECULAR].store(&mut mixture.specular);
-        mixture.textured = looks[Look::TEXTURE].bits().gt(S::I::all(-1)).to_bits();
+        mixture.textured = looks[Look::TEXTURE].bitcast_i32().gt(S::I::splat(-1)).to_bits();
     }
 
     /// Tints of pixels in the given blocks of a strip, found for the textured ones of each block triangle by triangle: few
@@ -327,7 +327,7 @@ impl Shader<'_> {
         strip: &mut Strip,
     ) -> [S::F; 3] {
         let (all_ids, all_blocks) = (S::I::load(ids), S::I::load(blocks));
-        let mut tint = [S::F::all(1.0); 3];
+        let mut tint = [S::F::splat(1.0); 3];
         while textured != 0 {
             let lane = textured.trailing_zeros() as usize;
             let (id, block) = (ids.0[lane], blocks.0[lane]);
@@ -336,8 +336,8 @@ impl Shader<'_> {
             let site = &mut strip.sites[block as usize];
             site.locate::<S>(&self.uv::<S>(place, gaze), level);
             let factors = site.read::<S>(self.pattern(place));
-            let here = all_ids.eq(S::I::all(id)) & all_blocks.eq(S::I::all(block));
-            tint = each!(c in 3 => factors[c].or_where(here, tint[c]));
+            let here = all_ids.eq(S::I::splat(id)) & all_blocks.eq(S::I::splat(block));
+            tint = each!(c in 3 => factors[c].select_or(here, tint[c]));
             textured &= !here.to_bits();
         }
         tint
@@ -359,7 +359,7 @@ impl Shader<'_> {
     /// What share of the first sun's light reaches what is seen: see [`Shadow::sunlight`]; `None` if it makes no difference, or
     /// for all.
     #[inline(always)]
-    fn sunlight<S: Simd, N: Per<S>>(&self, lit: &Lit<N>, gaze: &Gaze<S>) -> Option<S::F> {
+    fn sunlight<S: Simd, N: Broadcast<S>>(&self, lit: &Lit<N>, gaze: &Gaze<S>) -> Option<S::F> {
         let shadow = self.shadow.as_ref()?;
         let facing = lit.faces_first_sun::<S>();
         facing.any().then(|| shadow.sunlight(gaze, &lit.normal, facing))
@@ -369,7 +369,7 @@ impl Shader<'_> {
     #[inline(always)]
     fn uv<S: Simd>(&self, place: usize, gaze: &Gaze<S>) -> Uv<S> {
         let wrap = &self.surfaces.wraps[place].0;
-        let per_n = S::F::all(1.0) / linear::<S, f32>(wrap, Wrap::N, gaze.pixel);
+        let per_n = S::F::splat(1.0) / linear::<S, f32>(wrap, Wrap::N, gaze.pixel);
         each!(k in 2 => linear::<S, f32>(wrap, [Wrap::U, Wrap::V][k], gaze.pixel) * per_n)
     }
 
@@ -377,14 +377,14 @@ impl Shader<'_> {
     #[inline(always)]
     fn footprint<S: Simd>(&self, place: usize, pixel: [S::F; 2]) -> S::F {
         let wrap = &self.surfaces.wraps[place].0;
-        let per_n = S::F::all(1.0) / linear::<S, f32>(wrap, Wrap::N, pixel);
+        let per_n = S::F::splat(1.0) / linear::<S, f32>(wrap, Wrap::N, pixel);
         let u = linear::<S, f32>(wrap, Wrap::U, pixel) * per_n;
         let v = linear::<S, f32>(wrap, Wrap::V, pixel) * per_n;
         // d(U/n) = (dU − (U/n) dn) / n.
         let [right, down] = each!(k in 2 => {
-            let dn = S::F::all(-wrap[Wrap::N + k + 1]);
-            let du = u.mul_add(dn, S::F::all(wrap[Wrap::U + k + 1])) * per_n;
-            let dv = v.mul_add(dn, S::F::all(wrap[Wrap::V + k + 1])) * per_n;
+            let dn = S::F::splat(-wrap[Wrap::N + k + 1]);
+            let du = u.mul_add(dn, S::F::splat(wrap[Wrap::U + k + 1])) * per_n;
+            let dv = v.mul_add(dn, S::F::splat(wrap[Wrap::V + k + 1])) * per_n;
             du.mul_add(du, dv * dv)
         });
         right.max(down)
@@ -404,11 +404,11 @@ fn normal_of(look: &[f32; N_LANES]) -> [f32; 3] {
 
 /// Three functions that are linear over the image, from index `from` on.
 #[inline(always)]
-fn over<S: Simd, N: Per<S>>(numbers: &[N; N_LANES], from: usize, gaze: &Gaze<S>) -> [S::F; 3] {
+fn over<S: Simd, N: Broadcast<S>>(numbers: &[N; N_LANES], from: usize, gaze: &Gaze<S>) -> [S::F; 3] {
     each!(k in 3 => linear::<S, N>(numbers, from + 3 * k, gaze.pixel))
 }
 
 #[inline(always)]
-fn linear<S: Simd, N: Per<S>>(numbers: &[N; N_LANES], k: usize, [x, y]: [S::F; 2]) -> S::F {
-    x.mul_add(numbers[k + 1].spread(), y.mul_add(numbers[k + 2].spread(), numbers[k].spread()))
+fn linear<S: Simd, N: Broadcast<S>>(numbers: &[N; N_LANES], k: usize, [x, y]: [S::F; 2]) -> S::F {
+    x.mul_add(numbers[k + 1].broadcast(), y.mul_add(numbers[k + 2].broadcast(), numbers[k].broadcast()))
 }

@@ -3,7 +3,7 @@
 use super::each::each;
 use super::kind::{Block, Square};
 use super::shade::{Sink, Strip};
-use super::simd::{Lanes, Simd};
+use super::simd::{SetBits, Simd};
 
 /// Bytes of a pixel.
 const RGB: usize = 3;
@@ -49,7 +49,7 @@ impl Sink for Picture<'_> {
     fn take<S: Simd>(&mut self, strip: &Strip) {
         for block in (0..strip.n).step_by(QUAD) {
             let pixels = each!(k in 4 => strip.packed::<S>(block + k));
-            S::store_rgb_of_four(pixels, self.part(strip, block));
+            S::store_rgb_x4(pixels, self.part(strip, block));
         }
     }
 }
@@ -68,7 +68,7 @@ impl<'a> Over<'a> {
 impl Sink for Over<'_> {
     #[inline(always)]
     fn take<S: Simd>(&mut self, strip: &Strip) {
-        for block in Lanes(strip.lit()) {
+        for block in SetBits(strip.lit()) {
             S::store_rgb(strip.packed::<S>(block), self.0.part(strip, block));
         }
     }

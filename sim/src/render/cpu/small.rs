@@ -4,7 +4,7 @@
 use super::each::each;
 use super::kind::Block;
 use super::raster::{DepthPlane, Pixels, Visibility, put};
-use super::simd::{F32x16, Floats, I32x16, Mask, N_LANES, Number, Simd, Whole};
+use super::simd::{F32x16, FloatLike, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
 
 /// Greatest extent of a small triangle along an axis in 1/256 px: edge functions then fit 32 bits, their steps 16.
 pub(super) const SMALL_REACH: i32 = 1 << 14;
@@ -105,7 +105,7 @@ impl Shares {
         small.depth_dy.store(&mut triangles.depth_dy);
         small.depth_least.store(&mut triangles.depth_least);
         small.depth_greatest.store(&mut triangles.depth_greatest);
-        (S::I::load(&I32x16::INDICES) + S::I::all(first_id)).store(&mut triangles.ids);
+        (S::I::load(&I32x16::INDICES) + S::I::splat(first_id)).store(&mut triangles.ids);
     }
 
     /// Lists those lanes that are kept.
@@ -117,7 +117,7 @@ impl Shares {
         }
         share.depth.store(&mut self.depths[line]);
         share.block.store(&mut self.blocks[line]);
-        let places = S::I::load(&I32x16::INDICES) + S::I::all((line * N_LANES) as i32);
+        let places = S::I::load(&I32x16::INDICES) + S::I::splat((line * N_LANES) as i32);
         let (to, _) =
             self.list[self.n..].split_first_chunk_mut().expect("room for a vector behind the last one");
         self.n += S::compress(places, keep, to);
@@ -140,9 +140,9 @@ impl Visibility {
         first_id: i32,
         shares: &mut Shares,
     ) {
-        let whole = S::I::all;
+        let whole = S::I::splat;
         shares.start::<S>(small, first_id);
-        let changes = each!(k in 3 => [small.steps[k].shl::<16>().sar::<16>(), small.steps[k].sar::<16>()]);
+        let changes = each!(k in 3 => [small.steps[k].shl::<16>().shr_arithmetic::<16>(), small.steps[k].shr_arithmetic::<16>()]);
         let right = each!(k in 3 => times::<S>(changes[k][0], B::WIDTH));
         let down = each!(k in 3 => times::<S>(changes[k][1], B::HEIGHT));
         // From a block's first pixel to where an edge function is greatest.
@@ -150,11 +150,11 @@ impl Visibility {
             let [x, y] = each!(axis in 2 => changes[k][axis].max(whole(0)));
             times::<S>(x, B::WIDTH - 1) + times::<S>(y, B::HEIGHT - 1)
         });
-        let depth_right = small.depth_dx * S::F::all(B::WIDTH as f32);
-        let depth_down = small.depth_dy * S::F::all(B::HEIGHT as f32);
+        let depth_right = small.depth_dx * S::F::splat(B::WIDTH as f32);
+        let depth_down = small.depth_dy * S::F::splat(B::HEIGHT as f32);
         let [more_x, more_y] = small.more;
         let [last_x, last_y] =
-            each!(axis in 2 => small.more[axis].or_where(small.present, whole(0)).greatest());
+            each!(axis in 2 => small.more[axis].select_or(small.present, whole(0)).reduce_max());
         let mut row: Share<S> = Share { edges: small.edges, depth: small.depth, block: small.block };
         for y in 0..last_y + 1 {
             let in_row = small.present.and_not(whole(y).gt(more_y));
@@ -191,13 +191,13 @@ impl Visibility {
             // First of all, lest the numbers below be kept in other registers while it is seen whether there is such a block.
             let here = pixels.at::<B>(blocks[share] as usize);
             let [a, b, c] = each!(k in 3 =>
-                S::I::all(triangles.steps[k].0[lane]).dot_halves(offsets) + S::I::all(edges[k][share]));
+                S::I::splat(triangles.steps[k].0[lane]).dot_i16(offsets) + S::I::splat(edges[k][share]));
             let plane = DepthPlane::<S>::new::<B>(
                 [triangles.depth_dx.0[lane], triangles.depth_dy.0[lane]],
                 [triangles.depth_least.0[lane], triangles.depth_greatest.0[lane]],
             );
-            let covered = (a | b | c).gt(S::I::all(-1));
-            put::<S>(here, covered, plane.at(depths[share]), S::I::all(triangles.ids.0[lane]));
+            let covered = (a | b | c).gt(S::I::splat(-1));
+            put::<S>(here, covered, plane.at(depths[share]), S::I::splat(triangles.ids.0[lane]));
         }
         (*n, *n_lines) = (0, 0);
     }
@@ -209,6 +209,6 @@ fn times<S: Simd>(x: S::I, factor: i32) -> S::I {
     match factor {
         3 => x + x + x,
         4 => x.shl::<2>(),
-        _ => x.times(S::I::all(factor)),
+        _ => x.mul(S::I::splat(factor)),
     }
 }

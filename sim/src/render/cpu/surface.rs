@@ -11,7 +11,7 @@ use super::isa::Kernel;
 use super::kind::{Block, Square};
 use super::lens::Vectors;
 use super::raster::{MAX_BLOCKS, Visibility};
-use super::simd::{F32x16, Floats, I32x16, Mask, N_LANES, Number, Simd, Whole};
+use super::simd::{F32x16, FloatLike, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
 use crate::render::math::affine::Affine3;
 use crate::render::mesh::TriangleRecord;
 use crate::render::scene::camera::PinholeCamera;
@@ -217,7 +217,7 @@ fn marked<'a, S: Simd>(marks: &mut [u8], list: &'a mut Vec<i32>) -> &'a [[i32; N
             // Moves the lowest bits of the eight bytes side by side.
             eight.wrapping_mul(0x0102_0408_1020_4080) >> 56
         });
-        let numbers = S::I::load(&I32x16::INDICES) + S::I::all((batch * N_LANES) as i32);
+        let numbers = S::I::load(&I32x16::INDICES) + S::I::splat((batch * N_LANES) as i32);
         let (to, _) = list[n..].split_first_chunk_mut().expect("room for a vector behind the last one");
         n += S::compress(numbers, S::M::from_bits((high << 8 | low) as u16), to);
     }
@@ -229,7 +229,7 @@ fn marked<'a, S: Simd>(marks: &mut [u8], list: &'a mut Vec<i32>) -> &'a [[i32; N
 /// Whether all lanes are the same.
 #[inline(always)]
 pub(super) fn is_uniform<S: Simd>(ids: &I32x16) -> bool {
-    S::I::load(ids).eq(S::I::all(ids.0[0])).to_bits() == u16::MAX
+    S::I::load(ids).eq(S::I::splat(ids.0[0])).to_bits() == u16::MAX
 }
 
 /// From vectors v to d·v as a function of the pixel, where d = (x/z, y/z, 1) is the ray through its centre, all in the
@@ -243,8 +243,8 @@ impl<S: Simd> Plane<S> {
     #[inline(always)]
     fn new(camera: &PinholeCamera) -> Self {
         Self {
-            per_focal: S::F::all(1.0 / camera.focal_px),
-            principal: S::F::all(0.5 - camera.side as f32 / 2.0),
+            per_focal: S::F::splat(1.0 / camera.focal_px),
+            principal: S::F::splat(0.5 - camera.side as f32 / 2.0),
         }
     }
 
@@ -283,7 +283,7 @@ impl<S: Simd> Kit<S> {
             tiles: match material.texture {
                 Some(texture) => {
                     let per_tile = 1.0 / mip_chain(texture).tile_m;
-                    Some(each!(k in 3 => S::F::all(instance.scale[k] * per_tile * steps[k])))
+                    Some(each!(k in 3 => S::F::splat(instance.scale[k] * per_tile * steps[k])))
                 }
                 None => None,
             },
@@ -304,15 +304,15 @@ impl<S: Simd> Kit<S> {
         looks: &mut [F32x16],
         wraps: &mut [F32x16],
     ) {
-        let numbers = S::transposed(each!(i in 16 => S::F::load(&triangles[which[i] as usize])));
+        let numbers = S::transpose(each!(i in 16 => S::F::load(&triangles[which[i] as usize])));
         // In steps, by corner and axis.
         let corners = each!(k in 3 => each!(axis in 3 => {
             let half = 3 * k + axis;
-            let two = numbers[TriangleRecord::CORNERS + half / 2].bits();
-            (if half.is_multiple_of(2) { two.shl::<16>().sar::<16>() } else { two.sar::<16>() }).floats()
+            let two = numbers[TriangleRecord::CORNERS + half / 2].bitcast_i32();
+            (if half.is_multiple_of(2) { two.shl::<16>().shr_arithmetic::<16>() } else { two.shr_arithmetic::<16>() }).to_f32()
         }));
-        let last = numbers[TriangleRecord::CORNERS + 4].bits().sar::<16>();
-        let flat = (last & S::I::all(TriangleRecord::FLAT_BIT)).gt(S::I::all(0));
+        let last = numbers[TriangleRecord::CORNERS + 4].bitcast_i32().shr_arithmetic::<16>();
+        let flat = (last & S::I::splat(TriangleRecord::FLAT_BIT)).gt(S::I::splat(0));
         let [p, q, r] = each!(k in 3 => self.snap.on_grid::<S>(self.centred_from_steps.of(corners[k])));
         let (e, f) = (minus::<S>(&q, &p), minus::<S>(&r, &p));
         let weights = Weights::<S> {
@@ -322,26 +322,26 @@ impl<S: Simd> Kit<S> {
         };
         let normals = each!(k in 3 =>
             self.view_from_normal.of(each!(axis in 3 => numbers[TriangleRecord::NORMALS + 3 * k + axis])));
-        let mut rows = [S::F::all(0.0); N_LANES];
+        let mut rows = [S::F::splat(0.0); N_LANES];
         for axis in 0..3 {
-            let [value, right, down] = weights.spread(each!(k in 3 => normals[k][axis]));
+            let [value, right, down] = weights.plane(each!(k in 3 => normals[k][axis]));
             // A constant normal needs no division: its direction is all that counts.
-            rows[Look::NORMAL + 3 * axis] = normals[0][axis].or_where(flat, value);
-            rows[Look::NORMAL + 3 * axis + 1] = S::F::all(0.0).or_where(flat, right);
-            rows[Look::NORMAL + 3 * axis + 2] = S::F::all(0.0).or_where(flat, down);
-            rows[Look::COLOR + axis] = S::F::all(self.color[axis]);
+            rows[Look::NORMAL + 3 * axis] = normals[0][axis].select_or(flat, value);
+            rows[Look::NORMAL + 3 * axis + 1] = S::F::splat(0.0).select_or(flat, right);
+            rows[Look::NORMAL + 3 * axis + 2] = S::F::splat(0.0).select_or(flat, down);
+            rows[Look::COLOR + axis] = S::F::splat(self.color[axis]);
         }
-        rows[Look::SPECULAR] = S::F::all(self.specular);
-        rows[Look::TEXTURE] = S::I::all(self.texture).as_float_bits();
-        rows[Look::FLAT] = S::F::all(1.0).or_where(flat, S::F::all(0.0));
+        rows[Look::SPECULAR] = S::F::splat(self.specular);
+        rows[Look::TEXTURE] = S::I::splat(self.texture).bitcast_f32();
+        rows[Look::FLAT] = S::F::splat(1.0).select_or(flat, S::F::splat(0.0));
         store_columns::<S>(rows, which, looks);
         if let Some(tiles) = &self.tiles {
-            let facing = last & S::I::all(TriangleRecord::AXIS_MASK);
+            let facing = last & S::I::splat(TriangleRecord::AXIS_MASK);
             let uv = each!(k in 3 => unwrap::<S>(&corners[k], facing, tiles));
-            let mut rows = [S::F::all(0.0); N_LANES];
+            let mut rows = [S::F::splat(0.0); N_LANES];
             rows[Wrap::N..Wrap::N + 3].copy_from_slice(&weights.n);
-            rows[Wrap::U..Wrap::U + 3].copy_from_slice(&weights.spread(each!(k in 3 => uv[k][0])));
-            rows[Wrap::V..Wrap::V + 3].copy_from_slice(&weights.spread(each!(k in 3 => uv[k][1])));
+            rows[Wrap::U..Wrap::U + 3].copy_from_slice(&weights.plane(each!(k in 3 => uv[k][0])));
+            rows[Wrap::V..Wrap::V + 3].copy_from_slice(&weights.plane(each!(k in 3 => uv[k][1])));
             store_columns::<S>(rows, which, wraps);
         }
     }
@@ -357,7 +357,7 @@ struct Weights<S: Simd> {
 impl<S: Simd> Weights<S> {
     /// An attribute times n over the image, from its values at the corners.
     #[inline(always)]
-    fn spread(&self, [t0, t1, t2]: [S::F; 3]) -> Vectors<S> {
+    fn plane(&self, [t0, t1, t2]: [S::F; 3]) -> Vectors<S> {
         let (along_e, along_f) = (t1 - t0, t2 - t0);
         each!(k in 3 => along_f.mul_add(self.b[k], along_e.mul_add(self.a[k], t0 * self.n[k])))
     }
@@ -365,7 +365,7 @@ impl<S: Simd> Weights<S> {
 
 #[inline(always)]
 fn store_columns<S: Simd>(rows: [S::F; N_LANES], which: &[i32; N_LANES], lines: &mut [F32x16]) {
-    let columns = S::transposed(rows);
+    let columns = S::transpose(rows);
     for (column, place) in columns.iter().zip(which) {
         column.store(&mut lines[*place as usize]);
     }
@@ -375,8 +375,8 @@ fn store_columns<S: Simd>(rows: [S::F; N_LANES], which: &[i32; N_LANES], lines: 
 #[inline(always)]
 fn unwrap<S: Simd>(corner: &Vectors<S>, facing: S::I, tiles: &Vectors<S>) -> [S::F; 2] {
     let [x, y, z] = each!(k in 3 => corner[k] * tiles[k]);
-    let (faces_x, faces_y) = (facing.eq(S::I::all(0)), facing.eq(S::I::all(1)));
-    [z.or_where(faces_x, x), z.or_where(faces_y, y)]
+    let (faces_x, faces_y) = (facing.eq(S::I::splat(0)), facing.eq(S::I::splat(1)));
+    [z.select_or(faces_x, x), z.select_or(faces_y, y)]
 }
 
 /// Moves points to where the rasteriser puts them, 1/256 px apart, so that no pixel of a triangle lies outside of it.
@@ -399,15 +399,15 @@ impl Snap {
     /// Points behind the near plane stay where they are.
     #[inline(always)]
     fn on_grid<S: Simd>(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
-        let (scale, middle) = (S::F::all(self.scale), S::F::all(self.middle));
-        let depth = S::F::all(1.0) / z;
-        let per_scale = S::F::all(1.0 / self.scale);
+        let (scale, middle) = (S::F::splat(self.scale), S::F::splat(self.middle));
+        let depth = S::F::splat(1.0) / z;
+        let per_scale = S::F::splat(1.0 / self.scale);
         // Beyond 2²³ there is no grid to speak of, and the numbers' own rounding is as fine as it gets.
-        let hidden = S::F::all(self.near_m).gt(z);
+        let hidden = S::F::splat(self.near_m).gt(z);
         let [x, y] = each!(k in 2 => {
             let t = [x, y][k];
-            let on_image = (t * depth).mul_add(scale, middle).rounded().floats();
-            t.or_where(hidden, (on_image - middle) * per_scale * z)
+            let on_image = (t * depth).mul_add(scale, middle).round_to_i32().to_f32();
+            t.select_or(hidden, (on_image - middle) * per_scale * z)
         });
         [x, y, z]
     }
@@ -422,6 +422,6 @@ fn minus<S: Simd>(a: &Vectors<S>, b: &Vectors<S>) -> Vectors<S> {
 fn cross<S: Simd>(a: &Vectors<S>, b: &Vectors<S>) -> Vectors<S> {
     each!(k in 3 => {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-        a[i].mul_add(b[j], S::F::all(0.0) - a[j] * b[i])
+        a[i].mul_add(b[j], S::F::splat(0.0) - a[j] * b[i])
     })
 }

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// Number of lanes of a vector.
+/// FloatLike of lanes of a vector.
 pub(in crate::render) const N_LANES: usize = 16;
 
 /// Sixteen `f32` on one cache line.

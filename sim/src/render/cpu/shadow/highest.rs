@@ -4,7 +4,7 @@ use core::ops::RangeInclusive;
 
 use super::{CELL, CELLS};
 use crate::render::cpu::each::each;
-use crate::render::cpu::simd::{Simd, Whole};
+use crate::render::cpu::simd::{Simd, SimdI32};
 
 /// The greatest heights of a map's cells, and of overlapping windows of 3 × 3 of them.
 ///
@@ -135,8 +135,8 @@ impl Level {
     #[inline(always)]
     pub(super) fn windows<S: Simd>(self, [x, y]: [S::I; 2]) -> S::I {
         let bits = CELL.ilog2() + self.0;
-        let row = y.sar_by(bits).dot_halves(S::I::all((CELLS >> self.0) as i32));
-        row + x.sar_by(bits) + S::I::all(LEVELS[self.0 as usize] as i32)
+        let row = y.shr_arithmetic_by(bits).dot_i16(S::I::splat((CELLS >> self.0) as i32));
+        row + x.shr_arithmetic_by(bits) + S::I::splat(LEVELS[self.0 as usize] as i32)
     }
 }
 

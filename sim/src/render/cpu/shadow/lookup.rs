@@ -4,7 +4,9 @@ use super::{Highest, Level, SIDE, STEPS_PER_M, TEXELS_PER_M, TOP, Window};
 use crate::render::cpu::each::each;
 use crate::render::cpu::kind::Square;
 use crate::render::cpu::rays::{Gaze, Rays};
-use crate::render::cpu::simd::{F32x16, Floats, I32x16, Lanes, Mask, Number, Per, Simd, Whole};
+use crate::render::cpu::simd::{
+    Broadcast, F32x16, FloatLike, I32x16, SetBits, Simd, SimdF32, SimdI32, SimdMask,
+};
 use crate::render::math::affine::Affine3;
 use crate::render::shading::SHADOW_NORMAL_OFFSET_M;
 
@@ -25,40 +27,43 @@ impl Shadow<'_> {
     /// What share of the sun's light reaches what is seen, given its unit normals. Only where it is `facing` the sun the answer
     /// means anything.
     #[inline(always)]
-    pub(in crate::render::cpu) fn sunlight<S: Simd, N: Per<S>>(
+    pub(in crate::render::cpu) fn sunlight<S: Simd, N: Broadcast<S>>(
         &self,
         gaze: &Gaze<S>,
         normal: &[N; 3],
         facing: S::M,
     ) -> S::F {
         let [x, y, height] = self.place(gaze, normal);
-        let (zero, last) = (S::F::all(0.0), S::F::all((SIDE - 1) as f32));
+        let (zero, last) = (S::F::splat(0.0), S::F::splat((SIDE - 1) as f32));
         let outside = zero.gt(x) | x.gt(last) | zero.gt(y) | y.gt(last);
         let mut at = [on_map::<S>(x), on_map::<S>(y)];
         // Pixels that do not face the sun are looked up where others are: they shall not make the window too small.
         let both = at[0] | at[1].shl::<16>();
-        let least = both.or_where(facing, S::I::all(-1)).least_halves();
+        let least = both.select_or(facing, S::I::splat(-1)).reduce_min_u16();
         let first = each!(k in 2 => i32::from(least[k]));
-        at = each!(k in 2 => at[k].or_where(facing, S::I::all(first[k])));
-        let [fx, fy] = each!(k in 2 => [x, y][k] - at[k].floats());
+        at = each!(k in 2 => at[k].select_or(facing, S::I::splat(first[k])));
+        let [fx, fy] = each!(k in 2 => [x, y][k] - at[k].to_f32());
         let corner = each!(k in 2 => first[k].min((SIDE - 8) as i32));
-        let within = each!(k in 2 => at[k] - S::I::all(corner[k]));
+        let within = each!(k in 2 => at[k] - S::I::splat(corner[k]));
         let first = corner[1] as usize * SIDE + corner[0] as usize;
-        let rows = match S::window_of_halves(self.heights, first, SIDE, within) {
+        let rows = match S::gather_window_u16(self.heights, first, SIDE, within) {
             Some(rows) => rows,
             None => {
                 let mut place = I32x16::ZERO;
                 (at[1].shl::<9>() + at[0]).store(&mut place);
-                [S::neighbours(self.heights, &place), S::neighbours(&self.heights[SIDE..], &place)]
+                [
+                    S::gather_neighbours_u16(self.heights, &place),
+                    S::gather_neighbours_u16(&self.heights[SIDE..], &place),
+                ]
             }
         };
-        let height = height.max(S::F::all(0.0)).min(S::F::all(TOP)).truncated();
-        let share = |there: S::I| S::F::all(0.0).or_where(there.gt(height), S::F::all(1.0));
+        let height = height.max(S::F::splat(0.0)).min(S::F::splat(TOP)).truncate_to_i32();
+        let share = |there: S::I| S::F::splat(0.0).select_or(there.gt(height), S::F::splat(1.0));
         let [[a, b], [c, d]] =
-            each!(k in 2 => [share(rows[k] & S::I::all(0xFFFF)), share(rows[k].shr::<16>())]);
+            each!(k in 2 => [share(rows[k] & S::I::splat(0xFFFF)), share(rows[k].shr_logical::<16>())]);
         let upper = (b - a).mul_add(fx, a);
         let lower = (d - c).mul_add(fx, c);
-        S::F::all(1.0).or_where(outside, (lower - upper).mul_add(fy, upper))
+        S::F::splat(1.0).select_or(outside, (lower - upper).mul_add(fy, upper))
     }
 
     /// Which of a strip's blocks lie in full sunlight, as far as that is known without a look at the map; bit i stands for block
@@ -78,44 +83,45 @@ impl Shadow<'_> {
         let last = blocks.checked_ilog2().map_or(first, |last| last as usize);
         // How far each block is from the first to the last one.
         let per_block = 1.0 / (last - first).max(1) as f32;
-        let far = (S::I::load(&I32x16::INDICES) - S::I::all(first as i32)).floats() * S::F::all(per_block);
+        let far =
+            (S::I::load(&I32x16::INDICES) - S::I::splat(first as i32)).to_f32() * S::F::splat(per_block);
         // Planes keep convex what is convex: a block's pixels lie between its corners' on the map, too.
         let places = each!(k in 4 => {
             let lane = Square::CORNERS[k];
             let [from, to] = [depths[first].0[lane], depths[last].0[lane]];
-            let depth = far.mul_add(S::F::all(to - from), S::F::all(from));
+            let depth = far.mul_add(S::F::splat(to - from), S::F::splat(from));
             let pixel = Rays::pixels_of_strip::<S>([column, row], lane);
             self.place(&rays.through::<S>(pixel, depth), normal)
         });
         let least = each!(i in 3 => places[0][i].min(places[1][i]).min(places[2][i].min(places[3][i])));
         let greatest = each!(i in 2 => places[0][i].max(places[1][i]).max(places[2][i].max(places[3][i])));
-        let from = each!(k in 2 => on_map::<S>(least[k] - S::F::all(SLACK)));
+        let from = each!(k in 2 => on_map::<S>(least[k] - S::F::splat(SLACK)));
         // And their neighbours.
-        let to = each!(k in 2 => on_map::<S>(greatest[k] + S::F::all(SLACK)) + S::I::all(1));
+        let to = each!(k in 2 => on_map::<S>(greatest[k] + S::F::splat(SLACK)) + S::I::splat(1));
         let reach = (to[0] - from[0]).max(to[1] - from[1]);
-        let greatest = reach.or_where(S::M::from_bits(blocks), S::I::all(0)).greatest();
+        let greatest = reach.select_or(S::M::from_bits(blocks), S::I::splat(0)).reduce_max();
         let Some(level) = Level::of(greatest) else { return 0 };
         let mut windows = I32x16::ZERO;
         level.windows::<S>(from).store(&mut windows);
         let mut heights = I32x16::ZERO;
-        for block in Lanes(blocks) {
+        for block in SetBits(blocks) {
             let window = Window(windows.0[block]);
             heights.0[block] = self.highest[0].within(window).max(self.highest[1].within(window)).into();
         }
-        (least[2] - S::F::all(SLACK_STEPS)).gt(S::I::load(&heights).floats()).to_bits() & blocks
+        (least[2] - S::F::splat(SLACK_STEPS)).gt(S::I::load(&heights).to_f32()).to_bits() & blocks
     }
 
     /// Where on the map what is seen is looked up, in texels, and its height, given its unit normals.
     #[inline(always)]
-    fn place<S: Simd, N: Per<S>>(&self, gaze: &Gaze<S>, normal: &[N; 3]) -> [S::F; 3] {
-        let z = S::F::all(1.0) / gaze.depth;
+    fn place<S: Simd, N: Broadcast<S>>(&self, gaze: &Gaze<S>, normal: &[N; 3]) -> [S::F; 3] {
+        let z = S::F::splat(1.0) / gaze.depth;
         let [dx, dy] = gaze.d;
         each!(i in 3 => {
             let [a, b, c] = self.texel_from_view.linear[i];
-            let along = dx.mul_add(S::F::all(a), dy.mul_add(S::F::all(b), S::F::all(c)));
-            let aside = normal[0].mul_add(N::all(a), normal[1].mul_add(N::all(b), normal[2] * N::all(c)));
-            let offset = aside.mul_add(N::all(SHADOW_NORMAL_OFFSET_M), N::all(self.texel_from_view.offset[i]));
-            z.mul_add(along, offset.spread())
+            let along = dx.mul_add(S::F::splat(a), dy.mul_add(S::F::splat(b), S::F::splat(c)));
+            let aside = normal[0].mul_add(N::splat(a), normal[1].mul_add(N::splat(b), normal[2] * N::splat(c)));
+            let offset = aside.mul_add(N::splat(SHADOW_NORMAL_OFFSET_M), N::splat(self.texel_from_view.offset[i]));
+            z.mul_add(along, offset.broadcast())
         })
     }
 }
@@ -123,7 +129,7 @@ impl Shadow<'_> {
 /// The texel in or next to the map whose middle is at or before these, and which has another one behind it.
 #[inline(always)]
 fn on_map<S: Simd>(x: S::F) -> S::I {
-    x.max(S::F::all(0.0)).min(S::F::all((SIDE - 2) as f32)).truncated()
+    x.max(S::F::splat(0.0)).min(S::F::splat((SIDE - 2) as f32)).truncate_to_i32()
 }
 
 /// Where on a map a block of pixels is looked up, whatever its normals.
@@ -150,7 +156,7 @@ impl Extent {
             place[k].store(&mut lines[k]);
         }
         let [columns, rows, heights] = &lines;
-        for lane in Lanes(seen.to_bits()) {
+        for lane in SetBits(seen.to_bits()) {
             let (at, height) = ([columns.0[lane], rows.0[lane]], heights.0[lane]);
             if at.iter().any(|x| !(-SLACK..SIDE as f32 + SLACK).contains(x)) {
                 continue;
@@ -202,7 +208,7 @@ mod tests {
     use crate::render::cpu::kind::Block;
     use crate::render::cpu::rays::Aim;
     use crate::render::cpu::shadow::{CELL, CELLS};
-    use crate::render::cpu::simd::{F32x16, Floats, Mask, N_LANES, Number, Portable, Simd};
+    use crate::render::cpu::simd::{F32x16, FloatLike, N_LANES, Portable, Simd, SimdF32, SimdMask};
     use crate::render::math::affine::{Affine3, dot, normalised, scaled};
     use crate::render::scene::camera::PinholeCamera;
     use crate::stream::Stream;
@@ -285,7 +291,7 @@ mod tests {
             for (i, depths) in depths.iter().enumerate().filter(|(i, _)| blocks >> i & 1 == 1) {
                 let gaze = rays.gaze::<Portable>(column + i, row).at(depths);
                 let share = shadow.sunlight::<Portable, f32>(&gaze, &normal, Answers::from_bits(u16::MAX));
-                let is_sunlit = !Numbers::all(1.0).gt(share).any();
+                let is_sunlit = !Numbers::splat(1.0).gt(share).any();
                 let is_told = told >> i & 1 == 1;
                 assert!(is_sunlit || !is_told, "block {i} of {blocks:b} at {column}, {row}");
                 n_told += u32::from(is_told);

@@ -15,7 +15,7 @@ use super::isa::{Isa, Kernel};
 use super::kept::Kept;
 use super::kind::{Block, Plain};
 use super::raster::{Begin, Behind, Visibility};
-use super::simd::{F32x16, Floats, I32x16, Lanes, Mask, N_LANES, Number, Simd, Whole};
+use super::simd::{F32x16, FloatLike, I32x16, N_LANES, SetBits, Simd, SimdF32, SimdI32, SimdMask};
 use crate::render::math::affine::{Affine3, scaled};
 use crate::render::scene::{MeshKey, RenderScene};
 use crate::render::shading::{
@@ -244,7 +244,7 @@ impl Kernel for Unfold<'_> {
             if *drawn == [0; N_LANES] && *filled == 0 {
                 continue;
             }
-            let is = S::I::load(&I32x16(each!(i in 16 => drawn[i].into()))).gt(S::I::all(0)).to_bits();
+            let is = S::I::load(&I32x16(each!(i in 16 => drawn[i].into()))).gt(S::I::splat(0)).to_bits();
             let was = core::mem::replace(filled, is);
             *drawn = [0; N_LANES];
             let (column, row) = (sixteen * N_LANES % BLOCKS, sixteen * N_LANES / BLOCKS);
@@ -254,9 +254,9 @@ impl Kernel for Unfold<'_> {
                 columns = [columns[0].min(first), columns[1].max(last)];
                 rows = [rows[0].min(row * PER_BLOCK), row * PER_BLOCK + PER_BLOCK - 1];
             }
-            for i in Lanes(is | was) {
+            for i in SetBits(is | was) {
                 let mut line = I32x16::ZERO;
-                S::F::load(&blocks[i]).min(S::F::all(TOP)).truncated().store(&mut line);
+                S::F::load(&blocks[i]).min(S::F::splat(TOP)).truncate_to_i32().store(&mut line);
                 blocks[i] = F32x16([DEPTHS_OF_SPACE; N_LANES]);
                 let steps = each!(k in 16 => line.0[k] as u16);
                 let place = row * BLOCK * SIDE + (column + i) * BLOCK;

@@ -5,7 +5,7 @@ use crate::render::cpu::each::each;
 use crate::render::cpu::kind::Block;
 use crate::render::cpu::lens::{Lens, Projected, Unfit, Vectors};
 use crate::render::cpu::raster::Visibility;
-use crate::render::cpu::simd::{Floats, Mask, Number, Simd};
+use crate::render::cpu::simd::{FloatLike, Simd, SimdF32, SimdMask};
 use crate::render::math::affine::{Affine3, Vec3, normalised};
 use crate::render::mesh::ClusterBounds;
 use crate::render::scene::Instance;
@@ -35,29 +35,29 @@ impl Lens for Parallel {
 
     #[inline(always)]
     fn project<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Projected<S> {
-        let (scale, middle) = (S::F::all(TEXELS_PER_M * 256.0), S::F::all((SIDE * 128) as f32));
+        let (scale, middle) = (S::F::splat(TEXELS_PER_M * 256.0), S::F::splat((SIDE * 128) as f32));
         Projected {
-            x: x.mul_add(scale, middle).rounded(),
-            y: y.mul_add(scale, middle).rounded(),
-            depth: z.mul_add(S::F::all(STEPS_PER_M), S::F::all(MIDDLE_STEPS)),
+            x: x.mul_add(scale, middle).round_to_i32(),
+            y: y.mul_add(scale, middle).round_to_i32(),
+            depth: z.mul_add(S::F::splat(STEPS_PER_M), S::F::splat(MIDDLE_STEPS)),
         }
     }
 
     #[inline(always)]
     fn unfit<S: Simd>(&self, [x, y, _]: &Vectors<S>) -> Unfit<S> {
-        let reach = S::F::all((SIDE as f32 / 2.0 + GUARD) / TEXELS_PER_M);
-        let opposite = S::F::all(0.0) - reach;
+        let reach = S::F::splat((SIDE as f32 / 2.0 + GUARD) / TEXELS_PER_M);
+        let opposite = S::F::splat(0.0) - reach;
         let far = x.gt(reach) | opposite.gt(*x) | y.gt(reach) | opposite.gt(*y);
         Unfit { hidden: far, unfit: far }
     }
 
     #[inline(always)]
     fn misses<S: Simd>(&self, bounds: &ClusterBounds, [x, y, _]: &Vectors<S>, radius: S::F) -> u16 {
-        let reach = radius + S::F::all(SHADOW_MAP_WIDTH_M / 2.0);
-        let opposite = S::F::all(0.0) - reach;
+        let reach = radius + S::F::splat(SHADOW_MAP_WIDTH_M / 2.0);
+        let opposite = S::F::splat(0.0) - reach;
         let outside = x.gt(reach) | opposite.gt(*x) | y.gt(reach) | opposite.gt(*y);
         // A cluster all of whose normals are within 90° of the light's direction has no back face.
-        let [l, m, n] = each!(k in 3 => S::F::load(&bounds.axis[k]) * S::F::all(self.light_in_mesh[k]));
+        let [l, m, n] = each!(k in 3 => S::F::load(&bounds.axis[k]) * S::F::splat(self.light_in_mesh[k]));
         let facing = (l + m + n).gt(S::F::load(&bounds.cutoff));
         (outside | facing).to_bits()
     }

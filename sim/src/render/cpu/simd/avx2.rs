@@ -5,23 +5,25 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 use crate::render::cpu::each::each;
 
-use super::{F32x16, Floats, I16x16, I32x16, Mask, N_LANES, Number, Per, Simd, Whole, load_pairs};
+use super::{
+    Broadcast, F32x16, FloatLike, I16x16, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask, load_pairs,
+};
 
 /// The instruction set.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Avx2;
 
-/// Floats, lanes 0 to 7 and 8 to 15.
+/// SimdF32, lanes 0 to 7 and 8 to 15.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Ymm([__m256; 2]);
+pub(in crate::render::cpu) struct Avx2F32([__m256; 2]);
 
 /// Integers, lanes 0 to 7 and 8 to 15.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct YmmWhole([__m256i; 2]);
+pub(in crate::render::cpu) struct Avx2I32([__m256i; 2]);
 
 /// Answers, all bits of a lane set or none.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct YmmMask([__m256i; 2]);
+pub(in crate::render::cpu) struct Avx2Mask([__m256i; 2]);
 
 /// What intrinsics give.
 macro_rules! intrinsic {
@@ -53,24 +55,24 @@ macro_rules! operator {
     };
 }
 
-operator!(Ymm, Add, add, _mm256_add_ps);
-operator!(Ymm, Sub, sub, _mm256_sub_ps);
-operator!(Ymm, Mul, mul, _mm256_mul_ps);
-operator!(Ymm, Div, div, _mm256_div_ps);
-operator!(YmmWhole, Add, add, _mm256_add_epi32);
-operator!(YmmWhole, Sub, sub, _mm256_sub_epi32);
-operator!(YmmWhole, BitAnd, bitand, _mm256_and_si256);
-operator!(YmmWhole, BitOr, bitor, _mm256_or_si256);
-operator!(YmmMask, BitAnd, bitand, _mm256_and_si256);
-operator!(YmmMask, BitOr, bitor, _mm256_or_si256);
+operator!(Avx2F32, Add, add, _mm256_add_ps);
+operator!(Avx2F32, Sub, sub, _mm256_sub_ps);
+operator!(Avx2F32, Mul, mul, _mm256_mul_ps);
+operator!(Avx2F32, Div, div, _mm256_div_ps);
+operator!(Avx2I32, Add, add, _mm256_add_epi32);
+operator!(Avx2I32, Sub, sub, _mm256_sub_epi32);
+operator!(Avx2I32, BitAnd, bitand, _mm256_and_si256);
+operator!(Avx2I32, BitOr, bitor, _mm256_or_si256);
+operator!(Avx2Mask, BitAnd, bitand, _mm256_and_si256);
+operator!(Avx2Mask, BitOr, bitor, _mm256_or_si256);
 
 impl Simd for Avx2 {
-    type F = Ymm;
-    type I = YmmWhole;
-    type M = YmmMask;
+    type F = Avx2F32;
+    type I = Avx2I32;
+    type M = Avx2Mask;
 
     #[inline(always)]
-    fn transposed(rows: [Ymm; N_LANES]) -> [Ymm; N_LANES] {
+    fn transpose(rows: [Avx2F32; N_LANES]) -> [Avx2F32; N_LANES] {
         let mut columns = rows;
         for half in 0..2 {
             for from in [0, 8] {
@@ -78,7 +80,7 @@ impl Simd for Avx2 {
                 for i in 0..8 {
                     block[i] = rows[from + i].0[half];
                 }
-                let block = transposed_8(block);
+                let block = transpose_8x8(block);
                 for i in 0..8 {
                     columns[8 * half + i].0[from / 8] = block[i];
                 }
@@ -88,7 +90,7 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
-    fn pairs(words: &[u32], at: &I32x16) -> (YmmWhole, YmmWhole) {
+    fn gather_pairs(words: &[u32], at: &I32x16) -> (Avx2I32, Avx2I32) {
         let p = load_pairs::<Self>(words, at);
         intrinsic!({
             let a = _mm256_castsi256_ps(_mm256_setr_epi64x(p[0], p[1], p[2], p[3]));
@@ -96,20 +98,14 @@ impl Simd for Avx2 {
             let c = _mm256_castsi256_ps(_mm256_setr_epi64x(p[8], p[9], p[10], p[11]));
             let d = _mm256_castsi256_ps(_mm256_setr_epi64x(p[12], p[13], p[14], p[15]));
             (
-                YmmWhole([
-                    ordered(_mm256_shuffle_ps::<0x88>(a, b)),
-                    ordered(_mm256_shuffle_ps::<0x88>(c, d)),
-                ]),
-                YmmWhole([
-                    ordered(_mm256_shuffle_ps::<0xDD>(a, b)),
-                    ordered(_mm256_shuffle_ps::<0xDD>(c, d)),
-                ]),
+                Avx2I32([ordered(_mm256_shuffle_ps::<0x88>(a, b)), ordered(_mm256_shuffle_ps::<0x88>(c, d))]),
+                Avx2I32([ordered(_mm256_shuffle_ps::<0xDD>(a, b)), ordered(_mm256_shuffle_ps::<0xDD>(c, d))]),
             )
         })
     }
 
     #[inline(always)]
-    fn unfolded([a, b, c, d]: [YmmWhole; 4]) -> [YmmWhole; 4] {
+    fn interleave_tiles([a, b, c, d]: [Avx2I32; 4]) -> [Avx2I32; 4] {
         intrinsic!({
             // By half: one row each, two numbers' quarters of it side by side.
             let rows = each!(i in 2 => [
@@ -119,11 +115,11 @@ impl Simd for Avx2 {
                 _mm256_unpackhi_epi64(c.0[i], d.0[i]),
             ]);
             let [[even, odd], [later_even, later_odd]] = each!(i in 2 => [
-                YmmWhole([
+                Avx2I32([
                     _mm256_permute2x128_si256::<0x20>(rows[i][0], rows[i][1]),
                     _mm256_permute2x128_si256::<0x20>(rows[i][2], rows[i][3]),
                 ]),
-                YmmWhole([
+                Avx2I32([
                     _mm256_permute2x128_si256::<0x31>(rows[i][0], rows[i][1]),
                     _mm256_permute2x128_si256::<0x31>(rows[i][2], rows[i][3]),
                 ]),
@@ -133,7 +129,7 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
-    fn store_rgb(pixels: YmmWhole, rows: [&mut [u8; 12]; 4]) {
+    fn store_rgb(pixels: Avx2I32, rows: [&mut [u8; 12]; 4]) {
         let [a, b, c, d] = rows;
         intrinsic!({
             let three_of_four = _mm256_broadcastsi128_si256(_mm_setr_epi8(
@@ -156,7 +152,7 @@ fn ordered(mixed: __m256) -> __m256i {
 }
 
 #[inline(always)]
-fn transposed_8(rows: [__m256; 8]) -> [__m256; 8] {
+fn transpose_8x8(rows: [__m256; 8]) -> [__m256; 8] {
     let (mut pairs, mut quads, mut columns) = (rows, rows, rows);
     intrinsic!({
         for i in (0..8).step_by(2) {
@@ -177,9 +173,9 @@ fn transposed_8(rows: [__m256; 8]) -> [__m256; 8] {
     columns
 }
 
-impl Number for Ymm {
+impl FloatLike for Avx2F32 {
     #[inline(always)]
-    fn all(x: f32) -> Self {
+    fn splat(x: f32) -> Self {
         Self(intrinsic!([_mm256_set1_ps(x); 2]))
     }
 
@@ -204,21 +200,21 @@ impl Number for Ymm {
     }
 
     #[inline(always)]
-    fn where_positive(self, sign: Self) -> Self {
-        self.or_where(sign.gt(Self::all(0.0)), Self::all(0.0))
+    fn zero_unless_positive(self, sign: Self) -> Self {
+        self.select_or(sign.gt(Self::splat(0.0)), Self::splat(0.0))
     }
 }
 
-impl Per<Avx2> for Ymm {
+impl Broadcast<Avx2> for Avx2F32 {
     #[inline(always)]
-    fn spread(self) -> Self {
+    fn broadcast(self) -> Self {
         self
     }
 }
 
-impl Floats for Ymm {
-    type I = YmmWhole;
-    type M = YmmMask;
+impl SimdF32 for Avx2F32 {
+    type I = Avx2I32;
+    type M = Avx2Mask;
 
     #[inline(always)]
     fn load(from: &F32x16) -> Self {
@@ -227,7 +223,7 @@ impl Floats for Ymm {
     }
 
     #[inline(always)]
-    fn load_short(from: &I16x16) -> Self {
+    fn load_i16(from: &I16x16) -> Self {
         Self(each!(i in 2 => intrinsic!({
             let short = _mm_load_si128(from.0.as_ptr().add(i * 8).cast());
             _mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(short))
@@ -242,39 +238,39 @@ impl Floats for Ymm {
     }
 
     #[inline(always)]
-    fn gt(self, other: Self) -> YmmMask {
-        YmmMask(each!(i in 2 =>
+    fn gt(self, other: Self) -> Avx2Mask {
+        Avx2Mask(each!(i in 2 =>
             intrinsic!(_mm256_castps_si256(_mm256_cmp_ps::<_CMP_GT_OQ>(self.0[i], other.0[i])))))
     }
 
     #[inline(always)]
-    fn or_where(self, mask: YmmMask, other: Self) -> Self {
+    fn select_or(self, mask: Avx2Mask, other: Self) -> Self {
         Self(each!(i in 2 =>
             intrinsic!(_mm256_blendv_ps(other.0[i], self.0[i], _mm256_castsi256_ps(mask.0[i])))))
     }
 
     #[inline(always)]
-    fn rounded(self) -> YmmWhole {
-        YmmWhole(both!(_mm256_cvtps_epi32(self.0)))
+    fn round_to_i32(self) -> Avx2I32 {
+        Avx2I32(both!(_mm256_cvtps_epi32(self.0)))
     }
 
     #[inline(always)]
-    fn truncated(self) -> YmmWhole {
-        YmmWhole(both!(_mm256_cvttps_epi32(self.0)))
+    fn truncate_to_i32(self) -> Avx2I32 {
+        Avx2I32(both!(_mm256_cvttps_epi32(self.0)))
     }
 
     #[inline(always)]
-    fn bits(self) -> YmmWhole {
-        YmmWhole(both!(_mm256_castps_si256(self.0)))
+    fn bitcast_i32(self) -> Avx2I32 {
+        Avx2I32(both!(_mm256_castps_si256(self.0)))
     }
 }
 
-impl Whole for YmmWhole {
-    type F = Ymm;
-    type M = YmmMask;
+impl SimdI32 for Avx2I32 {
+    type F = Avx2F32;
+    type M = Avx2Mask;
 
     #[inline(always)]
-    fn all(x: i32) -> Self {
+    fn splat(x: i32) -> Self {
         Self(intrinsic!([_mm256_set1_epi32(x); 2]))
     }
 
@@ -292,17 +288,17 @@ impl Whole for YmmWhole {
     }
 
     #[inline(always)]
-    fn times(self, other: Self) -> Self {
+    fn mul(self, other: Self) -> Self {
         Self(both!(_mm256_mullo_epi32(self.0, other.0)))
     }
 
     #[inline(always)]
-    fn times_halves(self, other: Self) -> Self {
+    fn mul_i16(self, other: Self) -> Self {
         Self(both!(_mm256_mullo_epi16(self.0, other.0)))
     }
 
     #[inline(always)]
-    fn dot_halves(self, other: Self) -> Self {
+    fn dot_i16(self, other: Self) -> Self {
         Self(both!(_mm256_madd_epi16(self.0, other.0)))
     }
 
@@ -313,24 +309,24 @@ impl Whole for YmmWhole {
     }
 
     #[inline(always)]
-    fn shr<const BITS: u32>(self) -> Self {
+    fn shr_logical<const BITS: u32>(self) -> Self {
         let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
         Self(each!(i in 2 => intrinsic!(_mm256_srl_epi32(self.0[i], count))))
     }
 
     #[inline(always)]
-    fn shr_halves<const BITS: u32>(self) -> Self {
+    fn shr_logical_u16<const BITS: u32>(self) -> Self {
         let count = intrinsic!(_mm_cvtsi32_si128(BITS.cast_signed()));
         Self(each!(i in 2 => intrinsic!(_mm256_srl_epi16(self.0[i], count))))
     }
 
     #[inline(always)]
-    fn sar<const BITS: u32>(self) -> Self {
-        self.sar_by(BITS)
+    fn shr_arithmetic<const BITS: u32>(self) -> Self {
+        self.shr_arithmetic_by(BITS)
     }
 
     #[inline(always)]
-    fn sar_by(self, bits: u32) -> Self {
+    fn shr_arithmetic_by(self, bits: u32) -> Self {
         let count = intrinsic!(_mm_cvtsi32_si128(bits.cast_signed()));
         Self(each!(i in 2 => intrinsic!(_mm256_sra_epi32(self.0[i], count))))
     }
@@ -346,32 +342,32 @@ impl Whole for YmmWhole {
     }
 
     #[inline(always)]
-    fn gt(self, other: Self) -> YmmMask {
-        YmmMask(both!(_mm256_cmpgt_epi32(self.0, other.0)))
+    fn gt(self, other: Self) -> Avx2Mask {
+        Avx2Mask(both!(_mm256_cmpgt_epi32(self.0, other.0)))
     }
 
     #[inline(always)]
-    fn eq(self, other: Self) -> YmmMask {
-        YmmMask(both!(_mm256_cmpeq_epi32(self.0, other.0)))
+    fn eq(self, other: Self) -> Avx2Mask {
+        Avx2Mask(both!(_mm256_cmpeq_epi32(self.0, other.0)))
     }
 
     #[inline(always)]
-    fn or_where(self, mask: YmmMask, other: Self) -> Self {
+    fn select_or(self, mask: Avx2Mask, other: Self) -> Self {
         Self(both!(_mm256_blendv_epi8(other.0, self.0, mask.0)))
     }
 
     #[inline(always)]
-    fn floats(self) -> Ymm {
-        Ymm(both!(_mm256_cvtepi32_ps(self.0)))
+    fn to_f32(self) -> Avx2F32 {
+        Avx2F32(both!(_mm256_cvtepi32_ps(self.0)))
     }
 
     #[inline(always)]
-    fn as_float_bits(self) -> Ymm {
-        Ymm(both!(_mm256_castsi256_ps(self.0)))
+    fn bitcast_f32(self) -> Avx2F32 {
+        Avx2F32(both!(_mm256_castsi256_ps(self.0)))
     }
 }
 
-impl Mask for YmmMask {
+impl SimdMask for Avx2Mask {
     #[inline(always)]
     fn to_bits(self) -> u16 {
         let [low, high] =

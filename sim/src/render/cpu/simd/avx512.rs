@@ -5,23 +5,26 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 use crate::render::cpu::each::each;
 
-use super::{F32x16, Floats, I16x16, I32x16, Mask, N_LANES, Number, Per, Simd, Whole, load_pairs, windows};
+use super::{
+    Broadcast, F32x16, FloatLike, I16x16, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask, load_pairs,
+    windows,
+};
 
 /// The instruction set.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Avx512;
 
-/// Floats in a register.
+/// SimdF32 in a register.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Zmm(__m512);
+pub(in crate::render::cpu) struct Avx512F32(__m512);
 
 /// Integers in a register.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct ZmmWhole(__m512i);
+pub(in crate::render::cpu) struct Avx512I32(__m512i);
 
 /// Answers in a mask register.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Kmask(__mmask16);
+pub(in crate::render::cpu) struct Avx512Mask(__mmask16);
 
 /// A function of one intrinsic.
 macro_rules! intrinsic {
@@ -43,22 +46,22 @@ macro_rules! operator {
     };
 }
 
-operator!(Zmm, Add, add, _mm512_add_ps);
-operator!(Zmm, Sub, sub, _mm512_sub_ps);
-operator!(Zmm, Mul, mul, _mm512_mul_ps);
-operator!(Zmm, Div, div, _mm512_div_ps);
-operator!(ZmmWhole, Add, add, _mm512_add_epi32);
-operator!(ZmmWhole, Sub, sub, _mm512_sub_epi32);
-operator!(ZmmWhole, BitAnd, bitand, _mm512_and_si512);
-operator!(ZmmWhole, BitOr, bitor, _mm512_or_si512);
+operator!(Avx512F32, Add, add, _mm512_add_ps);
+operator!(Avx512F32, Sub, sub, _mm512_sub_ps);
+operator!(Avx512F32, Mul, mul, _mm512_mul_ps);
+operator!(Avx512F32, Div, div, _mm512_div_ps);
+operator!(Avx512I32, Add, add, _mm512_add_epi32);
+operator!(Avx512I32, Sub, sub, _mm512_sub_epi32);
+operator!(Avx512I32, BitAnd, bitand, _mm512_and_si512);
+operator!(Avx512I32, BitOr, bitor, _mm512_or_si512);
 
 impl Simd for Avx512 {
-    type F = Zmm;
-    type I = ZmmWhole;
-    type M = Kmask;
+    type F = Avx512F32;
+    type I = Avx512I32;
+    type M = Avx512Mask;
 
     #[inline(always)]
-    fn transposed(rows: [Zmm; N_LANES]) -> [Zmm; N_LANES] {
+    fn transpose(rows: [Avx512F32; N_LANES]) -> [Avx512F32; N_LANES] {
         let mut pairs = [rows[0].0; N_LANES];
         let mut quads = pairs;
         let mut halves = pairs;
@@ -82,17 +85,17 @@ impl Simd for Avx512 {
                 halves[k + 12] = _mm512_shuffle_f32x4::<0xDD>(quads[k + 8], quads[k + 12]);
             }
             for k in 0..4 {
-                columns[k] = Zmm(_mm512_shuffle_f32x4::<0x88>(halves[k], halves[k + 8]));
-                columns[k + 4] = Zmm(_mm512_shuffle_f32x4::<0x88>(halves[k + 4], halves[k + 12]));
-                columns[k + 8] = Zmm(_mm512_shuffle_f32x4::<0xDD>(halves[k], halves[k + 8]));
-                columns[k + 12] = Zmm(_mm512_shuffle_f32x4::<0xDD>(halves[k + 4], halves[k + 12]));
+                columns[k] = Avx512F32(_mm512_shuffle_f32x4::<0x88>(halves[k], halves[k + 8]));
+                columns[k + 4] = Avx512F32(_mm512_shuffle_f32x4::<0x88>(halves[k + 4], halves[k + 12]));
+                columns[k + 8] = Avx512F32(_mm512_shuffle_f32x4::<0xDD>(halves[k], halves[k + 8]));
+                columns[k + 12] = Avx512F32(_mm512_shuffle_f32x4::<0xDD>(halves[k + 4], halves[k + 12]));
             }
         });
         columns
     }
 
     #[inline(always)]
-    fn pairs(words: &[u32], at: &I32x16) -> (ZmmWhole, ZmmWhole) {
+    fn gather_pairs(words: &[u32], at: &I32x16) -> (Avx512I32, Avx512I32) {
         // Sixteen loads put together are measured to take about half as long as gather instructions.
         let p = load_pairs::<Self>(words, at);
         intrinsic!({
@@ -101,31 +104,36 @@ impl Simd for Avx512 {
             let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
             let odd = _mm512_or_si512(even, _mm512_set1_epi32(1));
             (
-                ZmmWhole(_mm512_permutex2var_epi32(low, even, high)),
-                ZmmWhole(_mm512_permutex2var_epi32(low, odd, high)),
+                Avx512I32(_mm512_permutex2var_epi32(low, even, high)),
+                Avx512I32(_mm512_permutex2var_epi32(low, odd, high)),
             )
         })
     }
 
     #[inline(always)]
-    fn window(words: &[u32], first: usize, pitch: usize, [x, y]: [ZmmWhole; 2]) -> Option<[ZmmWhole; 4]> {
+    fn gather_window(
+        words: &[u32],
+        first: usize,
+        pitch: usize,
+        [x, y]: [Avx512I32; 2],
+    ) -> Option<[Avx512I32; 4]> {
         let words = intrinsic!(windows::of_words(words, first, pitch, [x.0, y.0]))?;
-        Some(each!(k in 4 => ZmmWhole(words[k])))
+        Some(each!(k in 4 => Avx512I32(words[k])))
     }
 
     #[inline(always)]
-    fn window_of_halves(
+    fn gather_window_u16(
         halves: &[u16],
         first: usize,
         pitch: usize,
-        [x, y]: [ZmmWhole; 2],
-    ) -> Option<[ZmmWhole; 2]> {
+        [x, y]: [Avx512I32; 2],
+    ) -> Option<[Avx512I32; 2]> {
         let halves = intrinsic!(windows::of_halves(halves, first, pitch, [x.0, y.0]))?;
-        Some(each!(k in 2 => ZmmWhole(halves[k])))
+        Some(each!(k in 2 => Avx512I32(halves[k])))
     }
 
     #[inline(always)]
-    fn unfolded([a, b, c, d]: [ZmmWhole; 4]) -> [ZmmWhole; 4] {
+    fn interleave_tiles([a, b, c, d]: [Avx512I32; 4]) -> [Avx512I32; 4] {
         intrinsic!({
             // One row each, the four numbers' quarters of it side by side.
             let rows = [
@@ -143,16 +151,16 @@ impl Simd for Avx512 {
                 _mm512_shuffle_i32x4::<0xEE>(rows[2], rows[3]),
             ];
             [
-                ZmmWhole(_mm512_shuffle_i32x4::<0x88>(upper[0], lower[0])),
-                ZmmWhole(_mm512_shuffle_i32x4::<0xDD>(upper[0], lower[0])),
-                ZmmWhole(_mm512_shuffle_i32x4::<0x88>(upper[1], lower[1])),
-                ZmmWhole(_mm512_shuffle_i32x4::<0xDD>(upper[1], lower[1])),
+                Avx512I32(_mm512_shuffle_i32x4::<0x88>(upper[0], lower[0])),
+                Avx512I32(_mm512_shuffle_i32x4::<0xDD>(upper[0], lower[0])),
+                Avx512I32(_mm512_shuffle_i32x4::<0x88>(upper[1], lower[1])),
+                Avx512I32(_mm512_shuffle_i32x4::<0xDD>(upper[1], lower[1])),
             ]
         })
     }
 
     #[inline(always)]
-    fn compress(numbers: ZmmWhole, keep: Kmask, to: &mut [i32; N_LANES]) -> usize {
+    fn compress(numbers: Avx512I32, keep: Avx512Mask, to: &mut [i32; N_LANES]) -> usize {
         intrinsic!({
             let kept = _mm512_maskz_compress_epi32(keep.0, numbers.0);
             _mm512_storeu_si512(to.as_mut_ptr().cast(), kept);
@@ -161,7 +169,7 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
-    fn store_rgb(pixels: ZmmWhole, rows: [&mut [u8; 12]; 4]) {
+    fn store_rgb(pixels: Avx512I32, rows: [&mut [u8; 12]; 4]) {
         let [a, b, c, d] = rows;
         let bytes = three_of_four(pixels);
         intrinsic!({
@@ -173,7 +181,7 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
-    fn store_rgb_of_four(pixels: [ZmmWhole; 4], rows: [&mut [u8; 48]; 4]) {
+    fn store_rgb_x4(pixels: [Avx512I32; 4], rows: [&mut [u8; 48]; 4]) {
         let [a, b, c, d] = each!(k in 4 => three_of_four(pixels[k]));
         let [first, second, third, fourth] = rows;
         intrinsic!({
@@ -197,16 +205,16 @@ impl Simd for Avx512 {
 
 /// The lowest three bytes of each lane, side by side in every four lanes.
 #[inline(always)]
-fn three_of_four(pixels: ZmmWhole) -> __m512i {
+fn three_of_four(pixels: Avx512I32) -> __m512i {
     intrinsic!({
         let places = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);
         _mm512_shuffle_epi8(pixels.0, _mm512_broadcast_i32x4(places))
     })
 }
 
-impl Number for Zmm {
+impl FloatLike for Avx512F32 {
     #[inline(always)]
-    fn all(x: f32) -> Self {
+    fn splat(x: f32) -> Self {
         Self(intrinsic!(_mm512_set1_ps(x)))
     }
 
@@ -231,21 +239,21 @@ impl Number for Zmm {
     }
 
     #[inline(always)]
-    fn where_positive(self, sign: Self) -> Self {
-        self.or_where(sign.gt(Self::all(0.0)), Self::all(0.0))
+    fn zero_unless_positive(self, sign: Self) -> Self {
+        self.select_or(sign.gt(Self::splat(0.0)), Self::splat(0.0))
     }
 }
 
-impl Per<Avx512> for Zmm {
+impl Broadcast<Avx512> for Avx512F32 {
     #[inline(always)]
-    fn spread(self) -> Self {
+    fn broadcast(self) -> Self {
         self
     }
 }
 
-impl Floats for Zmm {
-    type I = ZmmWhole;
-    type M = Kmask;
+impl SimdF32 for Avx512F32 {
+    type I = Avx512I32;
+    type M = Avx512Mask;
 
     #[inline(always)]
     fn load(from: &F32x16) -> Self {
@@ -253,7 +261,7 @@ impl Floats for Zmm {
     }
 
     #[inline(always)]
-    fn load_short(from: &I16x16) -> Self {
+    fn load_i16(from: &I16x16) -> Self {
         Self(intrinsic!({
             let short = _mm256_load_si256(from.0.as_ptr().cast());
             _mm512_cvtepi32_ps(_mm512_cvtepi16_epi32(short))
@@ -266,37 +274,37 @@ impl Floats for Zmm {
     }
 
     #[inline(always)]
-    fn gt(self, other: Self) -> Kmask {
-        Kmask(intrinsic!(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, other.0)))
+    fn gt(self, other: Self) -> Avx512Mask {
+        Avx512Mask(intrinsic!(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, other.0)))
     }
 
     #[inline(always)]
-    fn or_where(self, mask: Kmask, other: Self) -> Self {
+    fn select_or(self, mask: Avx512Mask, other: Self) -> Self {
         Self(intrinsic!(_mm512_mask_blend_ps(mask.0, other.0, self.0)))
     }
 
     #[inline(always)]
-    fn rounded(self) -> ZmmWhole {
-        ZmmWhole(intrinsic!(_mm512_cvtps_epi32(self.0)))
+    fn round_to_i32(self) -> Avx512I32 {
+        Avx512I32(intrinsic!(_mm512_cvtps_epi32(self.0)))
     }
 
     #[inline(always)]
-    fn truncated(self) -> ZmmWhole {
-        ZmmWhole(intrinsic!(_mm512_cvttps_epi32(self.0)))
+    fn truncate_to_i32(self) -> Avx512I32 {
+        Avx512I32(intrinsic!(_mm512_cvttps_epi32(self.0)))
     }
 
     #[inline(always)]
-    fn bits(self) -> ZmmWhole {
-        ZmmWhole(intrinsic!(_mm512_castps_si512(self.0)))
+    fn bitcast_i32(self) -> Avx512I32 {
+        Avx512I32(intrinsic!(_mm512_castps_si512(self.0)))
     }
 }
 
-impl Whole for ZmmWhole {
-    type F = Zmm;
-    type M = Kmask;
+impl SimdI32 for Avx512I32 {
+    type F = Avx512F32;
+    type M = Avx512Mask;
 
     #[inline(always)]
-    fn all(x: i32) -> Self {
+    fn splat(x: i32) -> Self {
         Self(intrinsic!(_mm512_set1_epi32(x)))
     }
 
@@ -306,7 +314,7 @@ impl Whole for ZmmWhole {
     }
 
     #[inline(always)]
-    fn load_some(from: &[i32], rest: i32) -> Self {
+    fn load_partial(from: &[i32], rest: i32) -> Self {
         let n = from.len().min(N_LANES);
         let there = ((1_u32 << n) - 1) as u16;
         // Reads no lane that is not there.
@@ -319,17 +327,17 @@ impl Whole for ZmmWhole {
     }
 
     #[inline(always)]
-    fn times(self, other: Self) -> Self {
+    fn mul(self, other: Self) -> Self {
         Self(intrinsic!(_mm512_mullo_epi32(self.0, other.0)))
     }
 
     #[inline(always)]
-    fn times_halves(self, other: Self) -> Self {
+    fn mul_i16(self, other: Self) -> Self {
         Self(intrinsic!(_mm512_mullo_epi16(self.0, other.0)))
     }
 
     #[inline(always)]
-    fn dot_halves(self, other: Self) -> Self {
+    fn dot_i16(self, other: Self) -> Self {
         Self(intrinsic!(_mm512_madd_epi16(self.0, other.0)))
     }
 
@@ -339,22 +347,22 @@ impl Whole for ZmmWhole {
     }
 
     #[inline(always)]
-    fn shr<const BITS: u32>(self) -> Self {
+    fn shr_logical<const BITS: u32>(self) -> Self {
         Self(intrinsic!(_mm512_srli_epi32::<BITS>(self.0)))
     }
 
     #[inline(always)]
-    fn shr_halves<const BITS: u32>(self) -> Self {
+    fn shr_logical_u16<const BITS: u32>(self) -> Self {
         Self(intrinsic!(_mm512_srli_epi16::<BITS>(self.0)))
     }
 
     #[inline(always)]
-    fn sar<const BITS: u32>(self) -> Self {
+    fn shr_arithmetic<const BITS: u32>(self) -> Self {
         Self(intrinsic!(_mm512_srai_epi32::<BITS>(self.0)))
     }
 
     #[inline(always)]
-    fn sar_by(self, bits: u32) -> Self {
+    fn shr_arithmetic_by(self, bits: u32) -> Self {
         Self(intrinsic!(_mm512_sra_epi32(self.0, _mm_cvtsi32_si128(bits.cast_signed()))))
     }
 
@@ -369,7 +377,7 @@ impl Whole for ZmmWhole {
     }
 
     #[inline(always)]
-    fn least_halves(self) -> [u16; 2] {
+    fn reduce_min_u16(self) -> [u16; 2] {
         let least = intrinsic!({
             let eight =
                 _mm256_min_epu16(_mm512_castsi512_si256(self.0), _mm512_extracti64x4_epi64::<1>(self.0));
@@ -381,37 +389,37 @@ impl Whole for ZmmWhole {
     }
 
     #[inline(always)]
-    fn greatest(self) -> i32 {
+    fn reduce_max(self) -> i32 {
         intrinsic!(_mm512_reduce_max_epi32(self.0))
     }
 
     #[inline(always)]
-    fn gt(self, other: Self) -> Kmask {
-        Kmask(intrinsic!(_mm512_cmpgt_epi32_mask(self.0, other.0)))
+    fn gt(self, other: Self) -> Avx512Mask {
+        Avx512Mask(intrinsic!(_mm512_cmpgt_epi32_mask(self.0, other.0)))
     }
 
     #[inline(always)]
-    fn eq(self, other: Self) -> Kmask {
-        Kmask(intrinsic!(_mm512_cmpeq_epi32_mask(self.0, other.0)))
+    fn eq(self, other: Self) -> Avx512Mask {
+        Avx512Mask(intrinsic!(_mm512_cmpeq_epi32_mask(self.0, other.0)))
     }
 
     #[inline(always)]
-    fn or_where(self, mask: Kmask, other: Self) -> Self {
+    fn select_or(self, mask: Avx512Mask, other: Self) -> Self {
         Self(intrinsic!(_mm512_mask_blend_epi32(mask.0, other.0, self.0)))
     }
 
     #[inline(always)]
-    fn floats(self) -> Zmm {
-        Zmm(intrinsic!(_mm512_cvtepi32_ps(self.0)))
+    fn to_f32(self) -> Avx512F32 {
+        Avx512F32(intrinsic!(_mm512_cvtepi32_ps(self.0)))
     }
 
     #[inline(always)]
-    fn as_float_bits(self) -> Zmm {
-        Zmm(intrinsic!(_mm512_castsi512_ps(self.0)))
+    fn bitcast_f32(self) -> Avx512F32 {
+        Avx512F32(intrinsic!(_mm512_castsi512_ps(self.0)))
     }
 }
 
-impl BitAnd for Kmask {
+impl BitAnd for Avx512Mask {
     type Output = Self;
     #[inline(always)]
     fn bitand(self, other: Self) -> Self {
@@ -419,7 +427,7 @@ impl BitAnd for Kmask {
     }
 }
 
-impl BitOr for Kmask {
+impl BitOr for Avx512Mask {
     type Output = Self;
     #[inline(always)]
     fn bitor(self, other: Self) -> Self {
@@ -427,7 +435,7 @@ impl BitOr for Kmask {
     }
 }
 
-impl Mask for Kmask {
+impl SimdMask for Avx512Mask {
     #[inline(always)]
     fn to_bits(self) -> u16 {
         self.0

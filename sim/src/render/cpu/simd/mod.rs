@@ -26,30 +26,35 @@ pub(super) use crate::render::math::lanes::{F32x16, I16x16, I32x16, N_LANES};
 /// An instruction set.
 pub(super) trait Simd: Copy {
     /// `[16] f32`.
-    type F: Floats<I = Self::I, M = Self::M> + Per<Self>;
+    type F: SimdF32<I = Self::I, M = Self::M> + Broadcast<Self>;
     /// `[16] i32`.
-    type I: Whole<F = Self::F, M = Self::M>;
+    type I: SimdI32<F = Self::F, M = Self::M>;
     /// `[16]` yes or no.
-    type M: Mask;
+    type M: SimdMask;
 
     /// Rows become columns.
-    fn transposed(rows: [Self::F; N_LANES]) -> [Self::F; N_LANES];
+    fn transpose(rows: [Self::F; N_LANES]) -> [Self::F; N_LANES];
 
     /// The words at each index and right behind it. An index outside of `words` is a mistake, which builds with debug
     /// assertions tell; others then read some other words.
     ///
     /// # Panics
     /// If there are fewer than two words.
-    fn pairs(words: &[u32], at: &I32x16) -> (Self::I, Self::I);
+    fn gather_pairs(words: &[u32], at: &I32x16) -> (Self::I, Self::I);
 
     /// The words at x and y of an 8 × 8 window, those to the right of them, below them, and below to the right. The
     /// window's rows begin at `first`, `first + pitch` and so on. `None` if one of the points is outside of the first
-    /// 7 × 7, or if this instruction set has no faster way than [`Self::pairs`].
+    /// 7 × 7, or if this instruction set has no faster way than [`Self::gather_pairs`].
     ///
     /// # Panics
     /// If the window reaches out of `words`.
     #[inline(always)]
-    fn window(_words: &[u32], _first: usize, _pitch: usize, _at: [Self::I; 2]) -> Option<[Self::I; 4]> {
+    fn gather_window(
+        _words: &[u32],
+        _first: usize,
+        _pitch: usize,
+        _at: [Self::I; 2],
+    ) -> Option<[Self::I; 4]> {
         None
     }
 
@@ -59,7 +64,7 @@ pub(super) trait Simd: Copy {
     /// # Panics
     /// If there are fewer than two numbers.
     #[inline(always)]
-    fn neighbours(halves: &[u16], at: &I32x16) -> Self::I {
+    fn gather_neighbours_u16(halves: &[u16], at: &I32x16) -> Self::I {
         let last = halves.len().checked_sub(2).expect("two numbers are neighbours") as i32;
         debug_assert!(
             at.0.iter().all(|i| (0..=last).contains(i)),
@@ -67,7 +72,7 @@ pub(super) trait Simd: Copy {
             halves.len()
         );
         let mut held = I32x16::ZERO;
-        Self::I::load(at).max(Self::I::all(0)).min(Self::I::all(last)).store(&mut held);
+        Self::I::load(at).max(Self::I::splat(0)).min(Self::I::splat(last)).store(&mut held);
         // SAFETY: every index is held between 0 and the last one that has a number behind it.
         let two = |i: i32| unsafe { halves.as_ptr().add(i as usize).cast::<i32>().read_unaligned() };
         Self::I::load(&I32x16(each!(i in 16 => two(held.0[i]))))
@@ -75,12 +80,12 @@ pub(super) trait Simd: Copy {
 
     /// Of an 8 × 8 window, the numbers at x and y in the lower halves and those to the right of them in the upper halves;
     /// and those below both. The window's rows begin at `first`, `first + pitch` and so on. `None` if one of the points is outside of
-    /// the first 7 × 7, or if this instruction set has no faster way than [`Self::neighbours`].
+    /// the first 7 × 7, or if this instruction set has no faster way than [`Self::gather_neighbours_u16`].
     ///
     /// # Panics
     /// If the window reaches out of `halves`.
     #[inline(always)]
-    fn window_of_halves(
+    fn gather_window_u16(
         _halves: &[u16],
         _first: usize,
         _pitch: usize,
@@ -91,7 +96,7 @@ pub(super) trait Simd: Copy {
 
     /// Lane 4 r + 2 b + c of number k of the result is lane 4 k + 2 (r % 2) + c of number 2 (r / 2) + b of these: what lies in four
     /// squares of 2 × 2 pixels, four times over, is put in the order of one square of 4 × 4.
-    fn unfolded(squares: [Self::I; 4]) -> [Self::I; 4];
+    fn interleave_tiles(squares: [Self::I; 4]) -> [Self::I; 4];
 
     /// Writes the lanes that are kept side by side, from the lowest up, and says how many they are. What is behind them in
     /// the line is lost.
@@ -100,7 +105,7 @@ pub(super) trait Simd: Copy {
         let mut line = I32x16::ZERO;
         numbers.store(&mut line);
         let mut n = 0;
-        for lane in Lanes(keep.to_bits()) {
+        for lane in SetBits(keep.to_bits()) {
             to[n] = line.0[lane];
             n += 1;
         }
@@ -112,7 +117,7 @@ pub(super) trait Simd: Copy {
 
     /// The same for four numbers side by side.
     #[inline(always)]
-    fn store_rgb_of_four(pixels: [Self::I; 4], rows: [&mut [u8; 48]; 4]) {
+    fn store_rgb_x4(pixels: [Self::I; 4], rows: [&mut [u8; 48]; 4]) {
         let [a, b, c, d] = rows;
         let rows = [a.as_chunks_mut().0, b.as_chunks_mut().0, c.as_chunks_mut().0, d.as_chunks_mut().0];
         let [a, b, c, d] = rows;
@@ -123,11 +128,11 @@ pub(super) trait Simd: Copy {
 }
 
 /// A float or sixteen of them: what is the same for all pixels of a surface is computed once, by the same steps.
-pub(super) trait Number:
+pub(super) trait FloatLike:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
     /// The same number everywhere.
-    fn all(x: f32) -> Self;
+    fn splat(x: f32) -> Self;
     /// `self * factor + term`, rounded once.
     fn mul_add(self, factor: Self, term: Self) -> Self;
     /// Square root.
@@ -137,12 +142,12 @@ pub(super) trait Number:
     /// The lesser; the other one if `self` is NaN.
     fn min(self, other: Self) -> Self;
     /// `self` where `sign` is positive, else 0.
-    fn where_positive(self, sign: Self) -> Self;
+    fn zero_unless_positive(self, sign: Self) -> Self;
 }
 
-impl Number for f32 {
+impl FloatLike for f32 {
     #[inline(always)]
-    fn all(x: f32) -> Self {
+    fn splat(x: f32) -> Self {
         x
     }
 
@@ -167,26 +172,26 @@ impl Number for f32 {
     }
 
     #[inline(always)]
-    fn where_positive(self, sign: Self) -> Self {
+    fn zero_unless_positive(self, sign: Self) -> Self {
         if sign > 0.0 { self } else { 0.0 }
     }
 }
 
 /// A number that can be spread over an instruction set's lanes.
-pub(super) trait Per<S: Simd>: Number {
+pub(super) trait Broadcast<S: Simd>: FloatLike {
     /// Itself if it is sixteen, else the same everywhere.
-    fn spread(self) -> S::F;
+    fn broadcast(self) -> S::F;
 }
 
-impl<S: Simd> Per<S> for f32 {
+impl<S: Simd> Broadcast<S> for f32 {
     #[inline(always)]
-    fn spread(self) -> S::F {
-        S::F::all(self)
+    fn broadcast(self) -> S::F {
+        S::F::splat(self)
     }
 }
 
 /// Sixteen floats.
-pub(super) trait Floats: Number {
+pub(super) trait SimdF32: FloatLike {
     /// Integers as wide.
     type I;
     /// Masks as wide.
@@ -195,37 +200,37 @@ pub(super) trait Floats: Number {
     /// From memory.
     fn load(from: &F32x16) -> Self;
     /// From integers in memory.
-    fn load_short(from: &I16x16) -> Self;
+    fn load_i16(from: &I16x16) -> Self;
     /// To memory.
     fn store(self, to: &mut F32x16);
     /// Where `self > other`; not for NaN.
     fn gt(self, other: Self) -> Self::M;
     /// `self` where `mask`, else `other`.
-    fn or_where(self, mask: Self::M, other: Self) -> Self;
+    fn select_or(self, mask: Self::M, other: Self) -> Self;
     /// To the nearest integer, ties to even; meaningless outside of ±2³¹.
-    fn rounded(self) -> Self::I;
+    fn round_to_i32(self) -> Self::I;
     /// Towards zero; meaningless outside of ±2³¹.
-    fn truncated(self) -> Self::I;
+    fn truncate_to_i32(self) -> Self::I;
     /// The same bits.
-    fn bits(self) -> Self::I;
+    fn bitcast_i32(self) -> Self::I;
 }
 
 /// Sixteen integers; arithmetic wraps.
-pub(super) trait Whole:
+pub(super) trait SimdI32:
     Copy + Add<Output = Self> + Sub<Output = Self> + BitAnd<Output = Self> + BitOr<Output = Self>
 {
-    /// Floats as wide.
+    /// SimdF32 as wide.
     type F;
     /// Masks as wide.
     type M;
 
     /// The same number everywhere.
-    fn all(x: i32) -> Self;
+    fn splat(x: i32) -> Self;
     /// From memory.
     fn load(from: &I32x16) -> Self;
     /// Sixteen numbers anywhere in memory, or fewer and the `rest`.
     #[inline(always)]
-    fn load_some(from: &[i32], rest: i32) -> Self {
+    fn load_partial(from: &[i32], rest: i32) -> Self {
         let mut line = I32x16([rest; N_LANES]);
         let n = from.len().min(N_LANES);
         line.0[..n].copy_from_slice(&from[..n]);
@@ -234,21 +239,21 @@ pub(super) trait Whole:
     /// To memory.
     fn store(self, to: &mut I32x16);
     /// Product, its lower 32 bits.
-    fn times(self, other: Self) -> Self;
+    fn mul(self, other: Self) -> Self;
     /// Products of both 16-bit halves, each kept to 16 bits.
-    fn times_halves(self, other: Self) -> Self;
+    fn mul_i16(self, other: Self) -> Self;
     /// Sum of the two products of signed 16-bit halves.
-    fn dot_halves(self, other: Self) -> Self;
+    fn dot_i16(self, other: Self) -> Self;
     /// Shifted left.
     fn shl<const BITS: u32>(self) -> Self;
     /// Shifted right, zeros from the left.
-    fn shr<const BITS: u32>(self) -> Self;
+    fn shr_logical<const BITS: u32>(self) -> Self;
     /// Both 16-bit halves shifted right, zeros from the left of each.
-    fn shr_halves<const BITS: u32>(self) -> Self;
+    fn shr_logical_u16<const BITS: u32>(self) -> Self;
     /// Shifted right, the sign from the left.
-    fn sar<const BITS: u32>(self) -> Self;
+    fn shr_arithmetic<const BITS: u32>(self) -> Self;
     /// Shifted right by as many bits in each lane, the sign from the left.
-    fn sar_by(self, bits: u32) -> Self;
+    fn shr_arithmetic_by(self, bits: u32) -> Self;
     /// The greater.
     fn max(self, other: Self) -> Self;
     /// The lesser.
@@ -258,10 +263,10 @@ pub(super) trait Whole:
     /// Where they are equal.
     fn eq(self, other: Self) -> Self::M;
     /// `self` where `mask`, else `other`.
-    fn or_where(self, mask: Self::M, other: Self) -> Self;
+    fn select_or(self, mask: Self::M, other: Self) -> Self;
     /// The least of the lower and the least of the upper 16-bit halves, without signs.
     #[inline(always)]
-    fn least_halves(self) -> [u16; 2] {
+    fn reduce_min_u16(self) -> [u16; 2] {
         let mut line = I32x16::ZERO;
         self.store(&mut line);
         let mut least = [u16::MAX; 2];
@@ -273,19 +278,19 @@ pub(super) trait Whole:
     }
     /// The greatest lane.
     #[inline(always)]
-    fn greatest(self) -> i32 {
+    fn reduce_max(self) -> i32 {
         let mut line = I32x16::ZERO;
         self.store(&mut line);
         line.0.into_iter().fold(i32::MIN, i32::max)
     }
     /// As floats, rounded to nearest.
-    fn floats(self) -> Self::F;
+    fn to_f32(self) -> Self::F;
     /// The same bits.
-    fn as_float_bits(self) -> Self::F;
+    fn bitcast_f32(self) -> Self::F;
 }
 
 /// Sixteen answers.
-pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
+pub(super) trait SimdMask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
     /// Lane i as bit i.
     fn to_bits(self) -> u16;
     /// Bit i as lane i.
@@ -300,9 +305,9 @@ pub(super) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
 }
 
 /// The lanes whose bits are set, from the lowest up.
-pub(super) struct Lanes(pub(super) u16);
+pub(super) struct SetBits(pub(super) u16);
 
-impl Iterator for Lanes {
+impl Iterator for SetBits {
     type Item = usize;
 
     #[inline(always)]
@@ -323,7 +328,7 @@ fn load_pairs<S: Simd>(words: &[u32], at: &I32x16) -> [i64; N_LANES] {
     let last = words.len().checked_sub(2).expect("two words make a pair") as i32;
     debug_assert!(at.0.iter().all(|i| (0..=last).contains(i)), "outside of {} words: {at:?}", words.len());
     let mut held = I32x16::ZERO;
-    S::I::load(at).max(S::I::all(0)).min(S::I::all(last)).store(&mut held);
+    S::I::load(at).max(S::I::splat(0)).min(S::I::splat(last)).store(&mut held);
     // SAFETY: every index is held between 0 and the last one that has a word behind it.
     each!(i in 16 => unsafe { words.as_ptr().add(held.0[i] as usize).cast::<i64>().read_unaligned() })
 }

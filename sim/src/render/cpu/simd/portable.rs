@@ -2,23 +2,23 @@
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
-use super::{F32x16, Floats, I16x16, I32x16, Mask, N_LANES, Number, Per, Simd, Whole};
+use super::{Broadcast, F32x16, FloatLike, I16x16, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
 
 /// No instruction set in particular.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Portable;
 
-/// Floats in an array.
+/// SimdF32 in an array.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct FloatArray([f32; N_LANES]);
+pub(in crate::render::cpu) struct PortableF32([f32; N_LANES]);
 
 /// Integers in an array.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct WholeArray([i32; N_LANES]);
+pub(in crate::render::cpu) struct PortableI32([i32; N_LANES]);
 
 /// Answers as bits.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Bits(u16);
+pub(in crate::render::cpu) struct PortableMask(u16);
 
 fn map<A: Copy, B>(a: [A; N_LANES], f: impl Fn(A) -> B) -> [B; N_LANES] {
     a.map(f)
@@ -28,11 +28,11 @@ fn zip<A: Copy, B: Copy, C>(a: [A; N_LANES], b: [B; N_LANES], f: impl Fn(A, B) -
     core::array::from_fn(|i| f(a[i], b[i]))
 }
 
-fn ask<A: Copy>(a: [A; N_LANES], b: [A; N_LANES], f: impl Fn(A, A) -> bool) -> Bits {
-    Bits((0..N_LANES).fold(0, |bits, i| bits | u16::from(f(a[i], b[i])) << i))
+fn ask<A: Copy>(a: [A; N_LANES], b: [A; N_LANES], f: impl Fn(A, A) -> bool) -> PortableMask {
+    PortableMask((0..N_LANES).fold(0, |bits, i| bits | u16::from(f(a[i], b[i])) << i))
 }
 
-fn choose<A: Copy>(mask: Bits, yes: [A; N_LANES], no: [A; N_LANES]) -> [A; N_LANES] {
+fn choose<A: Copy>(mask: PortableMask, yes: [A; N_LANES], no: [A; N_LANES]) -> [A; N_LANES] {
     core::array::from_fn(|i| if mask.0 >> i & 1 == 1 { yes[i] } else { no[i] })
 }
 
@@ -59,39 +59,39 @@ macro_rules! operator {
     };
 }
 
-operator!(FloatArray, Add, add, |a, b| a + b);
-operator!(FloatArray, Sub, sub, |a, b| a - b);
-operator!(FloatArray, Mul, mul, |a, b| a * b);
-operator!(FloatArray, Div, div, |a, b| a / b);
-operator!(WholeArray, Add, add, i32::wrapping_add);
-operator!(WholeArray, Sub, sub, i32::wrapping_sub);
-operator!(WholeArray, BitAnd, bitand, |a, b| a & b);
-operator!(WholeArray, BitOr, bitor, |a, b| a | b);
+operator!(PortableF32, Add, add, |a, b| a + b);
+operator!(PortableF32, Sub, sub, |a, b| a - b);
+operator!(PortableF32, Mul, mul, |a, b| a * b);
+operator!(PortableF32, Div, div, |a, b| a / b);
+operator!(PortableI32, Add, add, i32::wrapping_add);
+operator!(PortableI32, Sub, sub, i32::wrapping_sub);
+operator!(PortableI32, BitAnd, bitand, |a, b| a & b);
+operator!(PortableI32, BitOr, bitor, |a, b| a | b);
 
 impl Simd for Portable {
-    type F = FloatArray;
-    type I = WholeArray;
-    type M = Bits;
+    type F = PortableF32;
+    type I = PortableI32;
+    type M = PortableMask;
 
-    fn transposed(rows: [FloatArray; N_LANES]) -> [FloatArray; N_LANES] {
-        core::array::from_fn(|column| FloatArray(core::array::from_fn(|row| rows[row].0[column])))
+    fn transpose(rows: [PortableF32; N_LANES]) -> [PortableF32; N_LANES] {
+        core::array::from_fn(|column| PortableF32(core::array::from_fn(|row| rows[row].0[column])))
     }
 
-    fn pairs(words: &[u32], at: &I32x16) -> (WholeArray, WholeArray) {
+    fn gather_pairs(words: &[u32], at: &I32x16) -> (PortableI32, PortableI32) {
         let word = |i: i32, next: usize| words[i as usize + next].cast_signed();
-        (WholeArray(map(at.0, |i| word(i, 0))), WholeArray(map(at.0, |i| word(i, 1))))
+        (PortableI32(map(at.0, |i| word(i, 0))), PortableI32(map(at.0, |i| word(i, 1))))
     }
 
-    fn unfolded(squares: [WholeArray; 4]) -> [WholeArray; 4] {
+    fn interleave_tiles(squares: [PortableI32; 4]) -> [PortableI32; 4] {
         core::array::from_fn(|k| {
-            WholeArray(core::array::from_fn(|lane| {
+            PortableI32(core::array::from_fn(|lane| {
                 let (row, half, column) = (lane / 4, lane / 2 % 2, lane % 2);
                 squares[row / 2 * 2 + half].0[4 * k + row % 2 * 2 + column]
             }))
         })
     }
 
-    fn store_rgb(pixels: WholeArray, rows: [&mut [u8; 12]; 4]) {
+    fn store_rgb(pixels: PortableI32, rows: [&mut [u8; 12]; 4]) {
         for (row, pixels) in rows.into_iter().zip(pixels.0.chunks_exact(4)) {
             for (rgb, pixel) in row.chunks_exact_mut(3).zip(pixels) {
                 rgb.copy_from_slice(&pixel.to_le_bytes()[..3]);
@@ -100,8 +100,8 @@ impl Simd for Portable {
     }
 }
 
-impl Number for FloatArray {
-    fn all(x: f32) -> Self {
+impl FloatLike for PortableF32 {
+    fn splat(x: f32) -> Self {
         Self([x; N_LANES])
     }
 
@@ -121,26 +121,26 @@ impl Number for FloatArray {
         Self(zip(self.0, other.0, |a, b| if a < b { a } else { b }))
     }
 
-    fn where_positive(self, sign: Self) -> Self {
+    fn zero_unless_positive(self, sign: Self) -> Self {
         Self(zip(self.0, sign.0, |x, sign| if sign > 0.0 { x } else { 0.0 }))
     }
 }
 
-impl Per<Portable> for FloatArray {
-    fn spread(self) -> Self {
+impl Broadcast<Portable> for PortableF32 {
+    fn broadcast(self) -> Self {
         self
     }
 }
 
-impl Floats for FloatArray {
-    type I = WholeArray;
-    type M = Bits;
+impl SimdF32 for PortableF32 {
+    type I = PortableI32;
+    type M = PortableMask;
 
     fn load(from: &F32x16) -> Self {
         Self(from.0)
     }
 
-    fn load_short(from: &I16x16) -> Self {
+    fn load_i16(from: &I16x16) -> Self {
         Self(from.0.map(f32::from))
     }
 
@@ -148,32 +148,32 @@ impl Floats for FloatArray {
         to.0 = self.0;
     }
 
-    fn gt(self, other: Self) -> Bits {
+    fn gt(self, other: Self) -> PortableMask {
         ask(self.0, other.0, |a, b| a > b)
     }
 
-    fn or_where(self, mask: Bits, other: Self) -> Self {
+    fn select_or(self, mask: PortableMask, other: Self) -> Self {
         Self(choose(mask, self.0, other.0))
     }
 
-    fn rounded(self) -> WholeArray {
-        WholeArray(map(self.0, |x| whole(x.round_ties_even())))
+    fn round_to_i32(self) -> PortableI32 {
+        PortableI32(map(self.0, |x| whole(x.round_ties_even())))
     }
 
-    fn truncated(self) -> WholeArray {
-        WholeArray(map(self.0, whole))
+    fn truncate_to_i32(self) -> PortableI32 {
+        PortableI32(map(self.0, whole))
     }
 
-    fn bits(self) -> WholeArray {
-        WholeArray(map(self.0, |x| x.to_bits().cast_signed()))
+    fn bitcast_i32(self) -> PortableI32 {
+        PortableI32(map(self.0, |x| x.to_bits().cast_signed()))
     }
 }
 
-impl Whole for WholeArray {
-    type F = FloatArray;
-    type M = Bits;
+impl SimdI32 for PortableI32 {
+    type F = PortableF32;
+    type M = PortableMask;
 
-    fn all(x: i32) -> Self {
+    fn splat(x: i32) -> Self {
         Self([x; N_LANES])
     }
 
@@ -185,18 +185,18 @@ impl Whole for WholeArray {
         to.0 = self.0;
     }
 
-    fn times(self, other: Self) -> Self {
+    fn mul(self, other: Self) -> Self {
         Self(zip(self.0, other.0, i32::wrapping_mul))
     }
 
-    fn times_halves(self, other: Self) -> Self {
+    fn mul_i16(self, other: Self) -> Self {
         Self(zip(self.0, other.0, |a, b| {
             let [low, high] = halves(a, b, i32::wrapping_mul);
             low & 0xFFFF | high << 16
         }))
     }
 
-    fn dot_halves(self, other: Self) -> Self {
+    fn dot_i16(self, other: Self) -> Self {
         Self(zip(self.0, other.0, |a, b| {
             let [low, high] = halves(a, b, i32::wrapping_mul);
             low.wrapping_add(high)
@@ -207,22 +207,22 @@ impl Whole for WholeArray {
         Self(map(self.0, |x| x << BITS))
     }
 
-    fn shr<const BITS: u32>(self) -> Self {
+    fn shr_logical<const BITS: u32>(self) -> Self {
         Self(map(self.0, |x| (x.cast_unsigned() >> BITS).cast_signed()))
     }
 
-    fn shr_halves<const BITS: u32>(self) -> Self {
+    fn shr_logical_u16<const BITS: u32>(self) -> Self {
         Self(map(self.0, |x| {
             let halves = x.cast_unsigned();
             (halves >> 16 >> BITS << 16 | (halves & 0xFFFF) >> BITS).cast_signed()
         }))
     }
 
-    fn sar<const BITS: u32>(self) -> Self {
+    fn shr_arithmetic<const BITS: u32>(self) -> Self {
         Self(map(self.0, |x| x >> BITS))
     }
 
-    fn sar_by(self, bits: u32) -> Self {
+    fn shr_arithmetic_by(self, bits: u32) -> Self {
         Self(map(self.0, |x| x >> bits))
     }
 
@@ -234,42 +234,42 @@ impl Whole for WholeArray {
         Self(zip(self.0, other.0, i32::min))
     }
 
-    fn gt(self, other: Self) -> Bits {
+    fn gt(self, other: Self) -> PortableMask {
         ask(self.0, other.0, |a, b| a > b)
     }
 
-    fn eq(self, other: Self) -> Bits {
+    fn eq(self, other: Self) -> PortableMask {
         ask(self.0, other.0, |a, b| a == b)
     }
 
-    fn or_where(self, mask: Bits, other: Self) -> Self {
+    fn select_or(self, mask: PortableMask, other: Self) -> Self {
         Self(choose(mask, self.0, other.0))
     }
 
-    fn floats(self) -> FloatArray {
-        FloatArray(map(self.0, |x| x as f32))
+    fn to_f32(self) -> PortableF32 {
+        PortableF32(map(self.0, |x| x as f32))
     }
 
-    fn as_float_bits(self) -> FloatArray {
-        FloatArray(map(self.0, |x| f32::from_bits(x.cast_unsigned())))
+    fn bitcast_f32(self) -> PortableF32 {
+        PortableF32(map(self.0, |x| f32::from_bits(x.cast_unsigned())))
     }
 }
 
-impl BitAnd for Bits {
+impl BitAnd for PortableMask {
     type Output = Self;
     fn bitand(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
 }
 
-impl BitOr for Bits {
+impl BitOr for PortableMask {
     type Output = Self;
     fn bitor(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 }
 
-impl Mask for Bits {
+impl SimdMask for PortableMask {
     fn to_bits(self) -> u16 {
         self.0
     }

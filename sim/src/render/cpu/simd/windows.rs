@@ -48,7 +48,7 @@ pub(super) unsafe fn of_words(
     }
 }
 
-/// [`super::Simd::window_of_halves`].
+/// [`super::Simd::gather_window_u16`].
 ///
 /// # Safety
 /// Only on a processor with AVX-512.
