@@ -99,25 +99,25 @@ impl Options {
 #[derive(Clone, Copy)]
 struct Case {
     name: &'static str,
-    keep_layers: bool,
+    static_layers: bool,
     shadows: bool,
     samples: Samples,
 }
 
 const CASES: [Case; 6] = [
-    Case { name: "plain", keep_layers: false, shadows: false, samples: Samples::One },
-    Case { name: "plain/layers", keep_layers: true, shadows: false, samples: Samples::One },
-    Case { name: "shadows", keep_layers: false, shadows: true, samples: Samples::One },
-    Case { name: "shadows/layers", keep_layers: true, shadows: true, samples: Samples::One },
-    Case { name: "shadows_4_samples", keep_layers: false, shadows: true, samples: Samples::Four },
-    Case { name: "shadows_4_samples/layers", keep_layers: true, shadows: true, samples: Samples::Four },
+    Case { name: "plain", static_layers: false, shadows: false, samples: Samples::One },
+    Case { name: "plain/layers", static_layers: true, shadows: false, samples: Samples::One },
+    Case { name: "shadows", static_layers: false, shadows: true, samples: Samples::One },
+    Case { name: "shadows/layers", static_layers: true, shadows: true, samples: Samples::One },
+    Case { name: "shadows_4_samples", static_layers: false, shadows: true, samples: Samples::Four },
+    Case { name: "shadows_4_samples/layers", static_layers: true, shadows: true, samples: Samples::Four },
 ];
 
 fn measure_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
     for n_threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
         let mut runs = CASES.map(|case| {
-            let options = CpuOptions { keep_layers: case.keep_layers, samples: case.samples };
+            let options = CpuOptions { static_layers: case.static_layers, samples: case.samples };
             let renderer = CpuRenderer::with_options(n_threads, options);
             (case, renderer, Env::batch(task, n_envs, case.shadows), Vec::new())
         });
@@ -165,9 +165,9 @@ fn compare_with_peer(python: &Path, table: &mut Report) -> Result<()> {
         ("shadows_4_samples", true, Samples::Four),
     ] {
         let mut envs = Env::batch(task, N_ENVS, shadows);
-        let mut variants = [false, true].map(|keep_layers| {
-            let name = if keep_layers { "/layers" } else { "" };
-            (name, CpuRenderer::with_options(n_threads, CpuOptions { keep_layers, samples }), Vec::new())
+        let mut variants = [false, true].map(|static_layers| {
+            let name = if static_layers { "/layers" } else { "" };
+            (name, CpuRenderer::with_options(n_threads, CpuOptions { static_layers, samples }), Vec::new())
         });
         let mut theirs = Vec::new();
         // The first round is for warm-up.

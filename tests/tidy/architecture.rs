@@ -62,7 +62,6 @@ fn unsafe_code_is_confined() {
         "ipc-types/src/layout.rs",
         "ipc-types/src/link/",
         "policy-host/src/nn/",
-        "sim/src/render/cpu/isa.rs",
         "sim/src/render/cpu/simd/",
         "policy-host/tests/",
         "ipc-types/tests/",

@@ -66,10 +66,11 @@ fn layers_change_no_byte_while_bodies_move() {
             [(false, Samples::One), (true, Samples::One), (false, Samples::Four), (true, Samples::Four)]
         {
             scene.lights.shadows = shadows;
-            let [cached, uncached] = [true, false]
-                .map(|keep_layers| render_sequence(&scene, CpuOptions { keep_layers, samples }, &snapshots));
+            let [cached, uncached] = [true, false].map(|static_layers| {
+                render_sequence(&scene, CpuOptions { static_layers, samples }, &snapshots)
+            });
             let expected =
-                render_independently(&scene, CpuOptions { keep_layers: false, samples }, &snapshots);
+                render_independently(&scene, CpuOptions { static_layers: false, samples }, &snapshots);
             for (i, expected) in expected.iter().enumerate() {
                 let case = format!("{task:?}, shadows {shadows}, {samples:?}: image {i}");
                 assert!(&cached[i] == expected, "{case}, cached layers");
@@ -118,7 +119,7 @@ fn renderer_keeps_scenes_apart() {
             .collect();
         renderer.draw(&mut views);
         for (i, ((scene, snapshot), together)) in scenes.iter().zip(&together).enumerate() {
-            let options = CpuOptions { keep_layers: false, samples: Samples::One };
+            let options = CpuOptions { static_layers: false, samples: Samples::One };
             let alone = CpuRenderer::with_options(1, options).photograph(scene, snapshot);
             for (camera_idx, ((_, alone), together)) in alone.iter().zip(together).enumerate() {
                 assert!(alone == together, "{task:?}: scene {i}, camera {camera_idx}");

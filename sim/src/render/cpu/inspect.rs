@@ -1,9 +1,9 @@
 //! The tools' view: how far away every pixel's surface is, and whose surface it is. Policies never see either.
 
-use super::kind::{Block, Square};
-use super::raster::{NOTHING, Visibility};
-use super::workspace::Shot;
-use super::{CpuRenderer, Pose};
+use super::visibility::raster::{NO_ID, Visibility};
+use super::visibility::tile::{Tile4x4, TileLayout};
+use super::workspace::CameraContext;
+use super::{CpuRenderer, TransformInstances};
 use crate::render::scene::{Anchor, Fixture, RenderScene};
 use crate::scene::Snapshot;
 
@@ -44,26 +44,26 @@ impl CpuRenderer {
         let camera = &scene.cameras[camera_idx];
         self.with_workspace(|workspace| {
             let view_from_world = camera.view_from_world(snapshot);
-            let shot = Shot { isa: self.isa, scene, camera };
-            self.isa.run(Pose { scene, snapshot, view_from_world, maps: &mut workspace.maps });
-            workspace.clear::<Square>(shot);
-            workspace.find::<Square>(shot, 0..scene.instances.len());
+            let context = CameraContext { isa: self.isa, scene, camera };
+            self.isa.run(TransformInstances { scene, snapshot, view_from_world, maps: &mut workspace.maps });
+            workspace.clear::<Tile4x4>(context);
+            workspace.rasterize::<Tile4x4>(context, 0..scene.instances.len());
             read(&workspace.visibility, scene)
         })
     }
 }
 
-/// From blocks of pixels to rows.
+/// From tiles of pixels to rows.
 fn read(visibility: &Visibility, scene: &RenderScene) -> Inspection {
     let side = visibility.side as usize;
-    let pitch = side >> Square::WIDTH_BITS;
+    let pitch = side >> Tile4x4::WIDTH_BITS;
     let mut depth_m = vec![f32::INFINITY; side * side];
     let mut segments = vec![Segment::Nothing; side * side];
-    for (block, (depths, ids)) in visibility.depths.iter().zip(&visibility.ids).enumerate() {
-        let (left, top) = ((block % pitch) << Square::WIDTH_BITS, (block / pitch) << Square::HEIGHT_BITS);
+    for (tile, (depths, ids)) in visibility.depths.iter().zip(&visibility.ids).enumerate() {
+        let (left, top) = ((tile % pitch) << Tile4x4::WIDTH_BITS, (tile / pitch) << Tile4x4::HEIGHT_BITS);
         for (lane, (&depth, &id)) in depths.0.iter().zip(&ids.0).enumerate() {
-            if id != NOTHING {
-                let pixel = (top + Square::Y.0[lane] as usize) * side + left + Square::X.0[lane] as usize;
+            if id != NO_ID {
+                let pixel = (top + Tile4x4::Y.0[lane] as usize) * side + left + Tile4x4::X.0[lane] as usize;
                 depth_m[pixel] = 1.0 / depth;
                 segments[pixel] = segment(scene, id as u32);
             }

@@ -1,30 +1,15 @@
-//! Pictures on the CPU: a visibility pass that finds the nearest triangle of each pixel, then a shading pass that looks
+//! Pictures on the CPU: a visibility pass that finds the nearest triangle of each pixel, then a shading pass that records
 //! at every pixel once and writes its bytes straight to where the policy will read them.
 //!
 //! Both work on sixteen triangles or pixels at a time, in generic code over [`simd::Simd`] that [`isa`] compiles once per
 //! instruction set.
 
-mod antialias;
-mod clip;
-mod each;
-mod encode;
-mod geometry;
+mod cache;
 mod inspect;
-mod isa;
-mod kept;
-mod kind;
-mod layer;
-mod lens;
-mod light;
-mod raster;
-mod rays;
-mod sample;
-mod shade;
+mod shading;
 mod shadow;
 mod simd;
-mod sink;
-mod small;
-mod surface;
+mod visibility;
 mod workspace;
 
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
@@ -35,26 +20,26 @@ use super::math::affine::Affine3;
 use super::scene::{RenderScene, transforms};
 use super::{RenderError, Renderer, Samples, View, name_with_samples};
 use crate::scene::Snapshot;
+use cache::shared_cache::SharedCache;
+pub(super) use cache::static_layer::StaticLayer;
+use cache::static_layer::StaticLayerKey;
 pub use inspect::{Inspection, Segment};
-use isa::{Isa, Kernel};
-use kept::Kept;
-pub(super) use layer::Layer;
-use layer::Still;
-pub(super) use shadow::StillHeights;
-use shadow::{Casters, ShadowMap};
+pub(super) use shadow::StaticHeights;
+use shadow::{ShadowMap, StaticHeightsKey};
 use simd::Simd;
+use simd::isa::{Isa, Kernel};
 use workspace::Workspace;
 
 /// The renderer that needs nothing but a CPU.
 pub struct CpuRenderer {
     /// One per thread; which one a view is made in does not matter.
     workspaces: Vec<Mutex<Workspace>>,
-    /// [`MAPS`] per thread; which one an env's shadows are drawn in does not matter.
+    /// [`MAPS_PER_THREAD`] per thread; which one an env's shadows are drawn in does not matter.
     maps: Vec<Mutex<ShadowMap>>,
     /// The first view of each env of a batch.
     first_views: Vec<usize>,
-    layers: Kept<Still, Layer>,
-    still_heights: Kept<Casters, StillHeights>,
+    layers: SharedCache<StaticLayerKey, StaticLayer>,
+    static_heights: SharedCache<StaticHeightsKey, StaticHeights>,
     isa: Isa,
     options: CpuOptions,
 }
@@ -65,19 +50,19 @@ pub struct CpuOptions {
     /// Keeps what a standing camera sees of what never moves, once for all scenes in which that is alike. It changes no byte;
     /// it costs 1.1 MB, and 2.5 MB more with four samples per pixel. The shadow map of what never moves is kept in any
     /// case: 0.8 MB for all scenes in which it is alike.
-    pub keep_layers: bool,
+    pub static_layers: bool,
     /// How a pixel is sampled.
     pub samples: Samples,
 }
 
 impl Default for CpuOptions {
     fn default() -> Self {
-        Self { keep_layers: true, samples: Samples::One }
+        Self { static_layers: true, samples: Samples::One }
     }
 }
 
 /// Shadow maps per thread: a thread that waits for an env's last view may begin another env.
-const MAPS: usize = 2;
+const MAPS_PER_THREAD: usize = 2;
 
 impl CpuRenderer {
     /// A renderer for use in a rayon pool of this many threads.
@@ -103,10 +88,10 @@ impl CpuRenderer {
         assert!(threads > 0, "a renderer needs a thread");
         Self {
             workspaces: (0..threads).map(|_| Mutex::new(Workspace::new())).collect(),
-            maps: (0..MAPS * threads).map(|_| Mutex::new(ShadowMap::new())).collect(),
+            maps: (0..MAPS_PER_THREAD * threads).map(|_| Mutex::new(ShadowMap::new())).collect(),
             first_views: Vec::new(),
-            layers: Kept::new(),
-            still_heights: Kept::new(),
+            layers: SharedCache::new(),
+            static_heights: SharedCache::new(),
             isa,
             options,
         }
@@ -139,7 +124,7 @@ impl CpuRenderer {
         images
     }
 
-    /// Draws some envs, of which these are all views. Other threads may take their part, down to single views; an env's shadow
+    /// Draws some envs, of which these are all views. Other threads may take their part, down to uniform views; an env's shadow
     /// map is drawn just before its views, into a map that this thread has used before: it is still in the processor's cache.
     fn draw_envs(&self, first_views: &[usize], views: &mut [View<'_>]) {
         if let [first, _, ..] = first_views {
@@ -150,7 +135,7 @@ impl CpuRenderer {
         }
         match views.first() {
             Some(View { scene, snapshot, .. }) if scene.shadow_centre.is_some() => self.with_map(|map| {
-                self.with_workspace(|workspace| workspace.draw_map(self, scene, snapshot, map));
+                self.with_workspace(|workspace| workspace.render_shadow_map(self, scene, snapshot, map));
                 self.draw_views(views, Some(map));
             }),
             _ => self.draw_views(views, None),
@@ -163,7 +148,7 @@ impl CpuRenderer {
         });
     }
 
-    /// Runs `work` with a workspace that no other thread uses: the worker's own unless a larger pool shares it.
+    /// Runs `work` with a workspace that no other thread uses: the worker's own unless a larger pool bins it.
     fn with_workspace<T>(&self, work: impl FnOnce(&mut Workspace) -> T) -> T {
         let own = own_of(&self.workspaces, 1);
         // Nothing in a workspace outlives a view, so one that a panic left behind is as good as new.
@@ -175,7 +160,7 @@ impl CpuRenderer {
     /// Runs `work`, which may wait for other threads and take over other envs meanwhile, with a map that nobody else uses.
     fn with_map<T>(&self, work: impl FnOnce(&mut ShadowMap) -> T) -> T {
         // One that a panic left behind may be half drawn.
-        let free = free_from(&self.maps, own_of(&self.maps, MAPS), |map| *map = ShadowMap::new());
+        let free = free_from(&self.maps, own_of(&self.maps, MAPS_PER_THREAD), |map| *map = ShadowMap::new());
         match free {
             Some(mut map) => work(&mut map),
             None => work(&mut ShadowMap::new()),
@@ -220,14 +205,14 @@ impl Renderer for CpuRenderer {
 }
 
 /// Finds where every instance is.
-struct Pose<'a> {
+struct TransformInstances<'a> {
     scene: &'a RenderScene,
     snapshot: &'a Snapshot,
     view_from_world: Affine3,
     maps: &'a mut Vec<Affine3>,
 }
 
-impl Kernel for Pose<'_> {
+impl Kernel for TransformInstances<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         transforms::write_instance_transforms(self.scene, self.snapshot, &self.view_from_world, self.maps);

@@ -11,7 +11,7 @@ use std::sync::{Arc, LazyLock, Mutex};
 
 use nalgebra::Isometry3;
 
-use super::cpu::{Layer, StillHeights};
+use super::cpu::{StaticHeights, StaticLayer};
 use super::math::affine::{Affine3, Vec3, normalised, scaled};
 use super::math::lanes::N_LANES;
 use super::mesh::{Mesh, MeshId, MeshLibrary};
@@ -101,7 +101,7 @@ pub struct RenderScene {
     /// Static instances first, and among them the room first.
     pub(in crate::render) instances: Vec<Instance>,
     /// Number of static instances.
-    pub(in crate::render) n_still: usize,
+    pub(in crate::render) n_static: usize,
     /// Id of the first triangle of each instance: a multiple of 16, the cluster size.
     pub(in crate::render) first_id: Vec<u32>,
     n_ids: usize,
@@ -113,9 +113,9 @@ pub struct RenderScene {
     pub(in crate::render) shadow_centre: Option<Vec3>,
     /// Static layer of each camera, which the CPU renderer caches. It affects speed only, never a byte of an
     /// image.
-    pub(in crate::render) layers: Vec<Mutex<Option<Arc<Layer>>>>,
+    pub(in crate::render) layers: Vec<Mutex<Option<Arc<StaticLayer>>>>,
     /// Cached shadow map of the static instances, likewise.
-    pub(in crate::render) still_heights: Mutex<Option<Arc<StillHeights>>>,
+    pub(in crate::render) static_heights: Mutex<Option<Arc<StaticHeights>>>,
     n_triangles: usize,
     n_bodies: usize,
     n_arms: usize,
@@ -141,7 +141,7 @@ impl RenderScene {
     }
 
     fn with_cameras(scene: &Scene, cameras: Vec<PinholeCamera>) -> Self {
-        let (mut instances, mut n_still) = (Vec::new(), 0);
+        let (mut instances, mut n_static) = (Vec::new(), 0);
         let mut own_meshes = OwnMeshes::default();
         room::push(scene, &mut instances);
         for moves in [false, true] {
@@ -153,7 +153,7 @@ impl RenderScene {
                 robot::push(arm, moves, robot::has_camera(scene, arm), &mut instances);
             }
             if !moves {
-                n_still = instances.len();
+                n_static = instances.len();
             }
         }
         let mut n_ids = 0;
@@ -170,8 +170,8 @@ impl RenderScene {
             shadow_centre: shadow_centre(scene),
             layers: cameras.iter().map(|_| Mutex::default()).collect(),
             cameras,
-            still_heights: Mutex::default(),
-            n_still,
+            static_heights: Mutex::default(),
+            n_static,
             n_triangles: instances.iter().map(|instance| instance.mesh().triangles.len()).sum(),
             n_bodies: scene.bodies.len(),
             n_arms: scene.robots.len(),

@@ -1,43 +1,43 @@
-//! Looking a map up: which part of the sun's light reaches a block of pixels, and where it is looked up.
+//! Looking a map up: which part of the sun's light light_bounds a tile of pixels, and where it is looked up.
 
-use super::{Highest, Level, SIDE, STEPS_PER_M, TEXELS_PER_M, TOP, Window};
-use crate::render::cpu::each::each;
-use crate::render::cpu::kind::Square;
-use crate::render::cpu::rays::{Gaze, Rays};
+use super::{MAX_HEIGHT, MaxHeightPyramid, PyramidLevel, PyramidWindow, SIDE, STEPS_PER_M, TEXELS_PER_M};
+use crate::render::cpu::shading::rays::{RayTable, ViewRays};
+use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{
     Broadcast, F32x16, FloatLike, I32x16, SetBits, Simd, SimdF32, SimdI32, SimdMask,
 };
+use crate::render::cpu::visibility::tile::Tile4x4;
 use crate::render::math::affine::Affine3;
 use crate::render::shading::SHADOW_NORMAL_OFFSET_M;
 
 /// What heights that are compared with the greatest ones may be off by rounding, in steps, and more.
 const SLACK_STEPS: f32 = 4.0;
 
-/// A shadow map as a camera looks it up.
+/// A shadow map as a camera records it up.
 pub(in crate::render::cpu) struct Shadow<'a> {
     /// `[512, 512]` heights in steps.
     pub(super) heights: &'a [u16],
     /// Of what moves and of what does not.
-    pub(super) highest: [&'a Highest; 2],
+    pub(super) max_heights: [&'a MaxHeightPyramid; 2],
     /// From the view frame to texels and heights.
     pub(super) texel_from_view: Affine3,
 }
 
 impl Shadow<'_> {
-    /// What share of the sun's light reaches what is seen, given its unit normals. Only where it is `facing` the sun the answer
+    /// What share of the sun's light light_bounds what is seen, given its unit normals. Only where it is `facing` the sun the answer
     /// means anything.
     #[inline(always)]
     pub(in crate::render::cpu) fn sunlight<S: Simd, N: Broadcast<S>>(
         &self,
-        gaze: &Gaze<S>,
+        ray: &ViewRays<S>,
         normal: &[N; 3],
         facing: S::M,
     ) -> S::F {
-        let [x, y, height] = self.place(gaze, normal);
+        let [x, y, height] = self.place(ray, normal);
         let (zero, last) = (S::F::splat(0.0), S::F::splat((SIDE - 1) as f32));
         let outside = zero.gt(x) | x.gt(last) | zero.gt(y) | y.gt(last);
         let mut at = [on_map::<S>(x), on_map::<S>(y)];
-        // Pixels that do not face the sun are looked up where others are: they shall not make the window too small.
+        // VisibilityTarget that do not face the sun are looked up where others are: they shall not make the window too small.
         let both = at[0] | at[1].shl::<16>();
         let least = both.select_or(facing, S::I::splat(-1)).reduce_min_u16();
         let first = each!(k in 2 => i32::from(least[k]));
@@ -57,7 +57,7 @@ impl Shadow<'_> {
                 ]
             }
         };
-        let height = height.max(S::F::splat(0.0)).min(S::F::splat(TOP)).truncate_to_i32();
+        let height = height.max(S::F::splat(0.0)).min(S::F::splat(MAX_HEIGHT)).truncate_to_i32();
         let share = |there: S::I| S::F::splat(0.0).select_or(there.gt(height), S::F::splat(1.0));
         let [[a, b], [c, d]] =
             each!(k in 2 => [share(rows[k] & S::I::splat(0xFFFF)), share(rows[k].shr_logical::<16>())]);
@@ -66,32 +66,32 @@ impl Shadow<'_> {
         S::F::splat(1.0).select_or(outside, (lower - upper).mul_add(fy, upper))
     }
 
-    /// Which of a strip's blocks lie in full sunlight, as far as that is known without a look at the map; bit i stands for block
+    /// Which of a tile_row's tiles lie in full sunlight, as far as that is known without a look at the map; bit i stands for tile
     /// i. They all show one plane, which has this unit normal, at these depths; there is at least one of them.
     #[inline(always)]
-    pub(in crate::render::cpu) fn in_sunlight<S: Simd>(
+    pub(in crate::render::cpu) fn fully_lit_tiles<S: Simd>(
         &self,
-        rays: &Rays,
+        rays: &RayTable,
         [column, row]: [usize; 2],
         depths: &[F32x16],
-        blocks: u16,
+        tiles: u16,
         normal: &[f32; 3],
     ) -> u16 {
         // For rounding, in texels.
         const SLACK: f32 = 0.05;
-        let first = blocks.trailing_zeros() as usize;
-        let last = blocks.checked_ilog2().map_or(first, |last| last as usize);
-        // How far each block is from the first to the last one.
+        let first = tiles.trailing_zeros() as usize;
+        let last = tiles.checked_ilog2().map_or(first, |last| last as usize);
+        // How far each tile is from the first to the last one.
         let per_block = 1.0 / (last - first).max(1) as f32;
         let far =
             (S::I::load(&I32x16::INDICES) - S::I::splat(first as i32)).to_f32() * S::F::splat(per_block);
-        // Planes keep convex what is convex: a block's pixels lie between its corners' on the map, too.
+        // Planes keep convex what is convex: a tile's pixels lie between its corners' on the map, too.
         let places = each!(k in 4 => {
-            let lane = Square::CORNERS[k];
+            let lane = Tile4x4::CORNERS[k];
             let [from, to] = [depths[first].0[lane], depths[last].0[lane]];
             let depth = far.mul_add(S::F::splat(to - from), S::F::splat(from));
-            let pixel = Rays::pixels_of_strip::<S>([column, row], lane);
-            self.place(&rays.through::<S>(pixel, depth), normal)
+            let pixel = RayTable::pixels_of_tile_row::<S>([column, row], lane);
+            self.place(&rays.for_pixels::<S>(pixel, depth), normal)
         });
         let least = each!(i in 3 => places[0][i].min(places[1][i]).min(places[2][i].min(places[3][i])));
         let greatest = each!(i in 2 => places[0][i].max(places[1][i]).max(places[2][i].max(places[3][i])));
@@ -99,23 +99,24 @@ impl Shadow<'_> {
         // And their neighbours.
         let to = each!(k in 2 => on_map::<S>(greatest[k] + S::F::splat(SLACK)) + S::I::splat(1));
         let reach = (to[0] - from[0]).max(to[1] - from[1]);
-        let greatest = reach.select_or(S::M::from_bits(blocks), S::I::splat(0)).reduce_max();
-        let Some(level) = Level::of(greatest) else { return 0 };
+        let greatest = reach.select_or(S::M::from_bits(tiles), S::I::splat(0)).reduce_max();
+        let Some(level) = PyramidLevel::of(greatest) else { return 0 };
         let mut windows = I32x16::ZERO;
         level.windows::<S>(from).store(&mut windows);
         let mut heights = I32x16::ZERO;
-        for block in SetBits(blocks) {
-            let window = Window(windows.0[block]);
-            heights.0[block] = self.highest[0].within(window).max(self.highest[1].within(window)).into();
+        for tile in SetBits(tiles) {
+            let window = PyramidWindow(windows.0[tile]);
+            heights.0[tile] =
+                self.max_heights[0].within(window).max(self.max_heights[1].within(window)).into();
         }
-        (least[2] - S::F::splat(SLACK_STEPS)).gt(S::I::load(&heights).to_f32()).to_bits() & blocks
+        (least[2] - S::F::splat(SLACK_STEPS)).gt(S::I::load(&heights).to_f32()).to_bits() & tiles
     }
 
     /// Where on the map what is seen is looked up, in texels, and its height, given its unit normals.
     #[inline(always)]
-    fn place<S: Simd, N: Broadcast<S>>(&self, gaze: &Gaze<S>, normal: &[N; 3]) -> [S::F; 3] {
-        let z = S::F::splat(1.0) / gaze.depth;
-        let [dx, dy] = gaze.d;
+    fn place<S: Simd, N: Broadcast<S>>(&self, ray: &ViewRays<S>, normal: &[N; 3]) -> [S::F; 3] {
+        let z = S::F::splat(1.0) / ray.depth;
+        let [dx, dy] = ray.d;
         each!(i in 3 => {
             let [a, b, c] = self.texel_from_view.linear[i];
             let along = dx.mul_add(S::F::splat(a), dy.mul_add(S::F::splat(b), S::F::splat(c)));
@@ -132,26 +133,31 @@ fn on_map<S: Simd>(x: S::F) -> S::I {
     x.max(S::F::splat(0.0)).min(S::F::splat((SIDE - 2) as f32)).truncate_to_i32()
 }
 
-/// Where on a map a block of pixels is looked up, whatever its normals.
-pub(in crate::render::cpu) struct Extent {
+/// Where on a map a tile of pixels is looked up, whatever its normals.
+pub(in crate::render::cpu) struct LightBoundsBuilder {
     /// First and last column, first and last row, if there are any.
     texels: Option<[[i32; 2]; 2]>,
     /// Nothing that is lower shades it.
     lowest: f32,
 }
 
-impl Extent {
+impl LightBoundsBuilder {
     /// Of what is not on the map.
     pub(in crate::render::cpu) const NONE: Self = Self { texels: None, lowest: f32::INFINITY };
 
-    /// Widens it by what a block of pixels shows there where `seen`.
+    /// Widens it by what a tile of pixels shows there where `seen`.
     #[inline(always)]
-    pub(in crate::render::cpu) fn add<S: Simd>(&mut self, shadow: &Shadow<'_>, gaze: &Gaze<S>, seen: S::M) {
+    pub(in crate::render::cpu) fn add<S: Simd>(
+        &mut self,
+        shadow: &Shadow<'_>,
+        ray: &ViewRays<S>,
+        seen: S::M,
+    ) {
         // Normals are unit vectors, and something is left for rounding.
         const SLACK: f32 = SHADOW_NORMAL_OFFSET_M * TEXELS_PER_M + 0.1;
         const LAST: i32 = SIDE as i32 - 2;
         let mut lines = [F32x16::ZERO; 3];
-        let place = shadow.place(gaze, &[0.0; 3]);
+        let place = shadow.place(ray, &[0.0; 3]);
         for k in 0..3 {
             place[k].store(&mut lines[k]);
         }
@@ -175,26 +181,26 @@ impl Extent {
     }
 
     /// What has to be known of it to tell what falls on it.
-    pub(in crate::render::cpu) fn reach(&self) -> Reach {
-        Reach { window: self.texels.and_then(Window::around), lowest: self.lowest }
+    pub(in crate::render::cpu) fn reach(&self) -> LightBounds {
+        LightBounds { window: self.texels.and_then(PyramidWindow::around), lowest: self.lowest }
     }
 }
 
-/// Where shadows come from that fall on a block of pixels.
+/// Where shadows come from that fall on a tile of pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::render::cpu) struct Reach {
+pub(in crate::render::cpu) struct LightBounds {
     /// Anywhere if it is too large for a window.
-    window: Option<Window>,
+    window: Option<PyramidWindow>,
     /// Nothing that is lower shades it.
     lowest: f32,
 }
 
-impl Reach {
+impl LightBounds {
     /// Whether a shadow of something this high may fall on it.
     #[inline(always)]
-    pub(in crate::render::cpu) fn is_touched(&self, highest: &Highest) -> bool {
+    pub(in crate::render::cpu) fn is_touched(&self, max_heights: &MaxHeightPyramid) -> bool {
         match self.window {
-            Some(window) => f32::from(highest.within(window)) > self.lowest,
+            Some(window) => f32::from(max_heights.within(window)) > self.lowest,
             None => self.lowest < f32::INFINITY,
         }
     }
@@ -202,13 +208,13 @@ impl Reach {
 
 #[cfg(test)]
 mod tests {
-    use super::{Highest, Rays, SIDE, STEPS_PER_M, Shadow, Square, TEXELS_PER_M};
+    use super::{MaxHeightPyramid, RayTable, SIDE, STEPS_PER_M, Shadow, TEXELS_PER_M, Tile4x4};
     use crate::TaskId;
-    use crate::render::cpu::isa::Isa;
-    use crate::render::cpu::kind::Block;
-    use crate::render::cpu::rays::Aim;
+    use crate::render::cpu::shading::rays::ComputeRayTable;
     use crate::render::cpu::shadow::{CELL, CELLS};
+    use crate::render::cpu::simd::isa::Isa;
     use crate::render::cpu::simd::{F32x16, FloatLike, N_LANES, Portable, Simd, SimdF32, SimdMask};
+    use crate::render::cpu::visibility::tile::TileLayout;
     use crate::render::math::affine::{Affine3, dot, normalised, scaled};
     use crate::render::scene::camera::PinholeCamera;
     use crate::stream::Stream;
@@ -217,7 +223,7 @@ mod tests {
     type Numbers = <Portable as Simd>::F;
 
     /// A map of random boxes about as high as what is looked up, and its greatest heights.
-    fn map(stream: &mut Stream) -> (Vec<u16>, Highest) {
+    fn map(stream: &mut Stream) -> (Vec<u16>, MaxHeightPyramid) {
         let mut heights = vec![0; SIDE * SIDE];
         for _ in 0..200 {
             let mut below = |n: usize| (stream.unit() * n as f64) as usize;
@@ -227,7 +233,7 @@ mod tests {
                 heights[row * SIDE..][left..(left + width).min(SIDE)].fill(step);
             }
         }
-        let mut highest = Highest::new();
+        let mut max_heights = MaxHeightPyramid::new();
         for place in (0..CELLS * CELLS).step_by(2) {
             let [column, row] = [place % CELLS, place / CELLS];
             let cell = |column: usize| {
@@ -235,21 +241,21 @@ mod tests {
                     (0..CELL).flat_map(|y| &heights[(row * CELL + y) * SIDE..][column * CELL..][..CELL]);
                 texels.copied().max().unwrap()
             };
-            highest.set_two([column, row], [cell(column), cell(column + 1)]);
+            max_heights.set_cell_pair([column, row], [cell(column), cell(column + 1)]);
         }
-        highest.finish(Some([[0, CELLS - 1]; 2]));
-        (heights, highest)
+        max_heights.finish(Some([[0, CELLS - 1]; 2]));
+        (heights, max_heights)
     }
 
     #[test]
     fn blocks_that_need_no_look_up_are_in_full_sunlight() {
         let mut stream = Stream::new(3, "sunlight");
         let scene = (TaskId::RaiseCube.task().nominal)().draw(1);
-        let (camera, mut rays) = (PinholeCamera::new(&scene.cameras[0]), Rays::new());
-        Isa::Portable.run(Aim { rays: &mut rays, camera: &camera });
-        let per_row = camera.side >> Square::WIDTH_BITS;
-        let (heights, highest) = map(&mut stream);
-        let nothing = Highest::new();
+        let (camera, mut rays) = (PinholeCamera::new(&scene.cameras[0]), RayTable::new());
+        Isa::Portable.run(ComputeRayTable { rays: &mut rays, camera: &camera });
+        let per_row = camera.side >> Tile4x4::WIDTH_BITS;
+        let (heights, max_heights) = map(&mut stream);
+        let nothing = MaxHeightPyramid::new();
         let [mut n_told, mut n_sunlit, mut n_shaded] = [0; 3];
         for _ in 0..600 {
             let mut random = |least: f64, greatest: f64| (least + stream.unit() * (greatest - least)) as f32;
@@ -263,7 +269,7 @@ mod tests {
                 ],
                 offset: [256.0, random(0.0, 256.0), random(32_000.0, 40_000.0)],
             };
-            let shadow = Shadow { heights: &heights, highest: [&highest, &nothing], texel_from_view };
+            let shadow = Shadow { heights: &heights, max_heights: [&max_heights, &nothing], texel_from_view };
             let normal = normalised([random(-1.0, 1.0), random(-1.0, 1.0), random(-1.0, -0.3)]);
             let distance = random(0.5, 2.0);
             let n = 1 + (random(0.0, 0.999) * 16.0) as usize;
@@ -272,9 +278,9 @@ mod tests {
             let depths: Vec<F32x16> = (0..n)
                 .map(|i| {
                     let mut lines = [F32x16::ZERO; 2];
-                    let gaze = rays.gaze::<Portable>(column + i, row);
-                    gaze.d[0].store(&mut lines[0]);
-                    gaze.d[1].store(&mut lines[1]);
+                    let ray = rays.tile::<Portable>(column + i, row);
+                    ray.d[0].store(&mut lines[0]);
+                    ray.d[1].store(&mut lines[1]);
                     F32x16(core::array::from_fn(|lane| {
                         -dot(normal, [lines[0].0[lane], lines[1].0[lane], 1.0]) / distance
                     }))
@@ -285,15 +291,15 @@ mod tests {
                 continue;
             }
             let all = (u32::from(u16::MAX) >> (N_LANES - n)) as u16;
-            let blocks = all & ((stream.unit() * 65536.0) as u16 | 1 << (n - 1));
-            let told = shadow.in_sunlight::<Portable>(&rays, [column, row], &depths, blocks, &normal);
-            assert_eq!(told & !blocks, 0);
-            for (i, depths) in depths.iter().enumerate().filter(|(i, _)| blocks >> i & 1 == 1) {
-                let gaze = rays.gaze::<Portable>(column + i, row).at(depths);
-                let share = shadow.sunlight::<Portable, f32>(&gaze, &normal, Answers::from_bits(u16::MAX));
+            let tiles = all & ((stream.unit() * 65536.0) as u16 | 1 << (n - 1));
+            let told = shadow.fully_lit_tiles::<Portable>(&rays, [column, row], &depths, tiles, &normal);
+            assert_eq!(told & !tiles, 0);
+            for (i, depths) in depths.iter().enumerate().filter(|(i, _)| tiles >> i & 1 == 1) {
+                let ray = rays.tile::<Portable>(column + i, row).at(depths);
+                let share = shadow.sunlight::<Portable, f32>(&ray, &normal, Answers::from_bits(u16::MAX));
                 let is_sunlit = !Numbers::splat(1.0).gt(share).any();
                 let is_told = told >> i & 1 == 1;
-                assert!(is_sunlit || !is_told, "block {i} of {blocks:b} at {column}, {row}");
+                assert!(is_sunlit || !is_told, "tile {i} of {tiles:b} at {column}, {row}");
                 n_told += u32::from(is_told);
                 n_sunlit += u32::from(is_sunlit);
                 n_shaded += u32::from(!is_sunlit);

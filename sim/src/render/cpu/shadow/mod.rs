@@ -1,109 +1,111 @@
 //! Shadows of the first sun: a map of heights along its light, and looking up whether a point is reached.
 
-mod highest;
+mod light_projection;
 mod lookup;
-mod parallel;
+mod max_heights;
 
 use core::marker::PhantomData;
 use core::ops::Range;
 use std::sync::{Arc, PoisonError};
 
-use super::Pose;
-use super::each::each;
-use super::geometry::Draw;
-use super::isa::{Isa, Kernel};
-use super::kept::Kept;
-use super::kind::{Block, Plain};
-use super::raster::{Begin, Behind, Visibility};
-use super::simd::{F32x16, FloatLike, I32x16, N_LANES, SetBits, Simd, SimdF32, SimdI32, SimdMask};
+use crate::render::cpu::TransformInstances;
+use crate::render::cpu::cache::shared_cache::SharedCache;
+use crate::render::cpu::simd::each::each;
+use crate::render::cpu::simd::isa::{Isa, Kernel};
+use crate::render::cpu::simd::{
+    F32x16, FloatLike, I32x16, N_LANES, SetBits, Simd, SimdF32, SimdI32, SimdMask,
+};
+use crate::render::cpu::visibility::instances::RasterizeInstances;
+use crate::render::cpu::visibility::raster::{ClearTo, ClearVisibility, Visibility};
+use crate::render::cpu::visibility::tile::{DepthTile, TileLayout};
 use crate::render::math::affine::{Affine3, scaled};
 use crate::render::scene::{MeshKey, RenderScene};
 use crate::render::shading::{
     SHADOW_DEPTH_LEVELS, SHADOW_HALF_DEPTH_M, SHADOW_MAP_SIDE, SHADOW_MAP_WIDTH_M, light_from_world,
 };
 use crate::scene::Snapshot;
-pub(super) use highest::Highest;
-use highest::{Level, Window};
-pub(super) use lookup::{Extent, Reach, Shadow};
-use parallel::Parallel;
+use light_projection::LightProjection;
+pub(super) use lookup::{LightBounds, LightBoundsBuilder, Shadow};
+pub(super) use max_heights::MaxHeightPyramid;
+use max_heights::{PyramidLevel, PyramidWindow};
 
 /// Texels along each edge of a map.
 const SIDE: usize = SHADOW_MAP_SIDE as usize;
 const TEXELS_PER_M: f32 = SIDE as f32 / SHADOW_MAP_WIDTH_M;
-/// Heights are whole numbers of steps.
+/// HeightMap are whole numbers of steps.
 const STEPS_PER_M: f32 = SHADOW_DEPTH_LEVELS / (2.0 * SHADOW_HALF_DEPTH_M);
 /// Height of the map's middle, in steps.
 const MIDDLE_STEPS: f32 = SHADOW_DEPTH_LEVELS / 2.0;
 /// The greatest height, in steps; what is higher is taken for as high as this.
-const TOP: f32 = SHADOW_DEPTH_LEVELS - 1.0;
+const MAX_HEIGHT: f32 = SHADOW_DEPTH_LEVELS - 1.0;
 /// Nothing is as low as this, in steps.
-const DEPTHS_OF_SPACE: f32 = 0.0;
+const EMPTY_HEIGHT: f32 = 0.0;
 
-/// Texels along each edge of a block.
-const BLOCK: usize = Plain::WIDTH as usize;
+/// Texels along each edge of a tile.
+const TILE: usize = DepthTile::WIDTH as usize;
 /// Blocks along each edge of a map.
-const BLOCKS: usize = SIDE / BLOCK;
+const TILES: usize = SIDE / TILE;
 /// Texels along each edge of a cell.
 const CELL: usize = 2;
-/// Cells along each edge of a block.
-const PER_BLOCK: usize = BLOCK / CELL;
+/// Cells along each edge of a tile.
+const CELLS_PER_TILE: usize = TILE / CELL;
 /// Cells along each edge of a map.
 const CELLS: usize = SIDE / CELL;
 
-/// Heights along the first sun's light, in steps, of the surfaces that look away from it: those that look at it would now and
+/// HeightMap along the first sun's light, in steps, of the surfaces that look away from it: those that look at it would now and
 /// then shade themselves.
-struct Heights {
+struct HeightMap {
     /// `[512, 512]`, of what was drawn and of what it was drawn over.
     texels: Vec<u16>,
     /// Of what was drawn alone.
-    highest: Highest,
-    /// Per sixteen blocks where anything was drawn, bit by bit.
+    max_heights: MaxHeightPyramid,
+    /// Per sixteen tiles where anything was drawn, bit by bit.
     filled: Vec<u16>,
 }
 
-impl Heights {
+impl HeightMap {
     /// Nothing anywhere.
     fn new() -> Self {
         Self {
             texels: vec![0; SIDE * SIDE],
-            highest: Highest::new(),
-            filled: vec![0; BLOCKS * BLOCKS / N_LANES],
+            max_heights: MaxHeightPyramid::new(),
+            filled: vec![0; TILES * TILES / N_LANES],
         }
     }
 }
 
-/// Heights of what never moves in a scene, which renderers keep there.
-pub(in crate::render) struct StillHeights {
+/// HeightMap of what never moves in a scene, which renderers keep there.
+pub(in crate::render) struct StaticHeights {
     /// The maps of what never moves, from its meshes to the light's frame, for which it was drawn.
     maps: Vec<Affine3>,
-    heights: Heights,
+    heights: HeightMap,
 }
 
 /// All that the heights of what never moves depend on: meshes and their maps to the light's frame.
 #[derive(PartialEq)]
-pub(super) struct Casters(Vec<(MeshKey, Affine3)>);
+pub(super) struct StaticHeightsKey(Vec<(MeshKey, Affine3)>);
 
-/// Heights of everything at one moment.
+/// HeightMap of everything at one moment.
 pub(super) struct ShadowMap {
     /// What moves, drawn over the rest.
-    heights: Heights,
+    heights: HeightMap,
     /// The rest: wherever nothing moves it is the same.
-    still: Option<Arc<StillHeights>>,
+    still: Option<Arc<StaticHeights>>,
     light_from_world: Affine3,
 }
 
-/// What one map at a time is drawn in, block by block.
-pub(super) struct Relief {
-    blocks: Visibility,
+/// What one map at a time is drawn in, tile by tile.
+pub(super) struct HeightRaster {
+    tiles: Visibility,
     maps: Vec<Affine3>,
     /// Whether there is nothing in it.
     is_empty: bool,
 }
 
-impl Relief {
+impl HeightRaster {
     /// An empty one.
     pub(super) fn new() -> Self {
-        Self { blocks: Visibility::new(), maps: Vec::with_capacity(256), is_empty: false }
+        Self { tiles: Visibility::new(), maps: Vec::with_capacity(256), is_empty: false }
     }
 
     /// Draws some of the instances, moves them into `heights` over other ones, and leaves nothing behind.
@@ -112,23 +114,23 @@ impl Relief {
         isa: Isa,
         (scene, which): (&RenderScene, Range<usize>),
         under: &[u16],
-        heights: &mut Heights,
+        heights: &mut HeightMap,
     ) {
-        let Self { blocks, maps, is_empty } = self;
+        let Self { tiles, maps, is_empty } = self;
         if !*is_empty {
-            let (behind, kind) = (Behind::Nothing(DEPTHS_OF_SPACE), PhantomData::<Plain>);
-            isa.run(Begin { visibility: blocks, side: SIDE, behind, blocks: kind });
+            let (behind, kind) = (ClearTo::Background(EMPTY_HEIGHT), PhantomData::<DepthTile>);
+            isa.run(ClearVisibility { visibility: tiles, side: SIDE, behind, tiles: kind });
         }
         *is_empty = false;
-        isa.run(Draw {
+        isa.run(RasterizeInstances {
             instances: &scene.instances[which.clone()],
             maps: &maps[which.clone()],
             first_ids: &scene.first_id[which],
-            lens: Parallel { light_in_mesh: [0.0; 3] },
-            visibility: blocks,
-            blocks: PhantomData::<Plain>,
+            projection: LightProjection { light_in_mesh: [0.0; 3] },
+            visibility: tiles,
+            tiles: PhantomData::<DepthTile>,
         });
-        isa.run(Unfold { blocks, under, heights });
+        isa.run(ResolveHeights { tiles, under, heights });
         *is_empty = true;
     }
 }
@@ -136,7 +138,7 @@ impl Relief {
 impl ShadowMap {
     /// A map without shadows.
     pub(super) fn new() -> Self {
-        Self { heights: Heights::new(), still: None, light_from_world: Affine3::IDENTITY }
+        Self { heights: HeightMap::new(), still: None, light_from_world: Affine3::IDENTITY }
     }
 
     /// Draws everything that casts a shadow in a scene that has shadows; what never moves only if no scene has `kept` it.
@@ -145,45 +147,45 @@ impl ShadowMap {
         isa: Isa,
         scene: &RenderScene,
         snapshot: &Snapshot,
-        kept: &Kept<Casters, StillHeights>,
-        relief: &mut Relief,
+        kept: &SharedCache<StaticHeightsKey, StaticHeights>,
+        raster: &mut HeightRaster,
     ) {
         let Some(centre) = scene.shadow_centre else { return };
         self.light_from_world = mirrored(light_from_world(scene.suns[0].towards, centre));
-        let (view_from_world, maps) = (self.light_from_world, &mut relief.maps);
-        isa.run(Pose { scene, snapshot, view_from_world, maps });
-        let still = still_heights(isa, scene, kept, relief);
+        let (view_from_world, maps) = (self.light_from_world, &mut raster.maps);
+        isa.run(TransformInstances { scene, snapshot, view_from_world, maps });
+        let still = static_heights(isa, scene, kept, raster);
         if !self.still.as_ref().is_some_and(|known| Arc::ptr_eq(known, &still)) {
             // Where something moved it is drawn anew in any case.
             self.heights.texels.copy_from_slice(&still.heights.texels);
         }
-        let which = scene.n_still..scene.instances.len();
-        relief.draw(isa, (scene, which), &still.heights.texels, &mut self.heights);
+        let which = scene.n_static..scene.instances.len();
+        raster.draw(isa, (scene, which), &still.heights.texels, &mut self.heights);
         self.still = Some(still);
     }
 
     /// What a camera needs to look points up; `None` if nothing was drawn.
-    pub(super) fn seen_from(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
+    pub(super) fn view(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
-        let highest = [&self.heights.highest, &still.heights.highest];
-        Some(self.shadow(&self.heights.texels, highest, view_from_world))
+        let max_heights = [&self.heights.max_heights, &still.heights.max_heights];
+        Some(self.shadow(&self.heights.texels, max_heights, view_from_world))
     }
 
     /// The same as if there were nothing but what never moves.
-    pub(super) fn still_seen_from(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
+    pub(super) fn static_view(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
-        Some(self.shadow(&still.heights.texels, [&still.heights.highest; 2], view_from_world))
+        Some(self.shadow(&still.heights.texels, [&still.heights.max_heights; 2], view_from_world))
     }
 
     /// The greatest heights of what moves.
-    pub(super) fn moving(&self) -> &Highest {
-        &self.heights.highest
+    pub(super) fn moving(&self) -> &MaxHeightPyramid {
+        &self.heights.max_heights
     }
 
     fn shadow<'a>(
         &self,
         texels: &'a [u16],
-        highest: [&'a Highest; 2],
+        max_heights: [&'a MaxHeightPyramid; 2],
         view_from_world: &Affine3,
     ) -> Shadow<'a> {
         let mut texel_from_view = self.light_from_world.compose(&view_from_world.rigid_inverse());
@@ -195,91 +197,94 @@ impl ShadowMap {
         }
         texel_from_view.linear[2] = scaled(texel_from_view.linear[2], STEPS_PER_M);
         texel_from_view.offset[2] = texel_from_view.offset[2] * STEPS_PER_M + MIDDLE_STEPS;
-        Shadow { heights: texels, highest, texel_from_view }
+        Shadow { heights: texels, max_heights, texel_from_view }
     }
 }
 
-/// The heights of what never moves, drawn unless this scene or another one has them for the relief's maps.
-fn still_heights(
+/// The heights of what never moves, drawn unless this scene or another one has them for the raster's maps.
+fn static_heights(
     isa: Isa,
     scene: &RenderScene,
-    all: &Kept<Casters, StillHeights>,
-    relief: &mut Relief,
-) -> Arc<StillHeights> {
+    all: &SharedCache<StaticHeightsKey, StaticHeights>,
+    raster: &mut HeightRaster,
+) -> Arc<StaticHeights> {
     // What is kept is whole at any moment.
-    let mut kept = scene.still_heights.lock().unwrap_or_else(PoisonError::into_inner);
-    let maps = &relief.maps[..scene.n_still];
+    let mut kept = scene.static_heights.lock().unwrap_or_else(PoisonError::into_inner);
+    let maps = &raster.maps[..scene.n_static];
     match &*kept {
         Some(still) if still.maps == maps => Arc::clone(still),
         _ => {
             let meshes = scene.instances.iter().map(|instance| instance.mesh.key());
-            let casters = Casters(meshes.zip(maps.iter().copied()).collect());
+            let casters = StaticHeightsKey(meshes.zip(maps.iter().copied()).collect());
             let maps = maps.to_vec();
             let draw = || {
-                let (nothing, mut heights) = (vec![0; SIDE * SIDE], Heights::new());
-                relief.draw(isa, (scene, 0..scene.n_still), &nothing, &mut heights);
-                StillHeights { maps, heights }
+                let (nothing, mut heights) = (vec![0; SIDE * SIDE], HeightMap::new());
+                raster.draw(isa, (scene, 0..scene.n_static), &nothing, &mut heights);
+                StaticHeights { maps, heights }
             };
             Arc::clone(kept.insert(all.get(casters, draw)))
         }
     }
 }
 
-/// Moves a relief into a map over other heights, and leaves the relief empty.
-struct Unfold<'a> {
-    blocks: &'a mut Visibility,
+/// Moves a raster into a map over other heights, and leaves the raster empty.
+struct ResolveHeights<'a> {
+    tiles: &'a mut Visibility,
     under: &'a [u16],
-    heights: &'a mut Heights,
+    heights: &'a mut HeightMap,
 }
 
-impl Kernel for Unfold<'_> {
+impl Kernel for ResolveHeights<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let Self { blocks: Visibility { depths, drawn, .. }, under, heights } = self;
-        let Heights { texels, highest, filled } = heights;
+        let Self { tiles: Visibility { depths, drawn, .. }, under, heights } = self;
+        let HeightMap { texels, max_heights, filled } = heights;
         let (mut columns, mut rows) = ([CELLS, 0], [CELLS, 0]);
         let sixteens = depths.as_chunks_mut::<N_LANES>().0.iter_mut().zip(drawn.as_chunks_mut::<N_LANES>().0);
-        for ((sixteen, (blocks, drawn)), filled) in sixteens.enumerate().zip(filled) {
-            // Most blocks are empty in one picture after the other.
+        for ((sixteen, (tiles, drawn)), filled) in sixteens.enumerate().zip(filled) {
+            // Most tiles are empty in one picture after the other.
             if *drawn == [0; N_LANES] && *filled == 0 {
                 continue;
             }
             let is = S::I::load(&I32x16(each!(i in 16 => drawn[i].into()))).gt(S::I::splat(0)).to_bits();
             let was = core::mem::replace(filled, is);
             *drawn = [0; N_LANES];
-            let (column, row) = (sixteen * N_LANES % BLOCKS, sixteen * N_LANES / BLOCKS);
+            let (column, row) = (sixteen * N_LANES % TILES, sixteen * N_LANES / TILES);
             if is != 0 {
                 let ends = [column + is.trailing_zeros() as usize, column + is.ilog2() as usize];
-                let [first, last] = [ends[0] * PER_BLOCK, ends[1] * PER_BLOCK + PER_BLOCK - 1];
+                let [first, last] = [ends[0] * CELLS_PER_TILE, ends[1] * CELLS_PER_TILE + CELLS_PER_TILE - 1];
                 columns = [columns[0].min(first), columns[1].max(last)];
-                rows = [rows[0].min(row * PER_BLOCK), row * PER_BLOCK + PER_BLOCK - 1];
+                rows = [rows[0].min(row * CELLS_PER_TILE), row * CELLS_PER_TILE + CELLS_PER_TILE - 1];
             }
             for i in SetBits(is | was) {
                 let mut line = I32x16::ZERO;
-                S::F::load(&blocks[i]).min(S::F::splat(TOP)).truncate_to_i32().store(&mut line);
-                blocks[i] = F32x16([DEPTHS_OF_SPACE; N_LANES]);
+                S::F::load(&tiles[i]).min(S::F::splat(MAX_HEIGHT)).truncate_to_i32().store(&mut line);
+                tiles[i] = F32x16([EMPTY_HEIGHT; N_LANES]);
                 let steps = each!(k in 16 => line.0[k] as u16);
-                let place = row * BLOCK * SIDE + (column + i) * BLOCK;
-                let rows = place..place + (BLOCK - 1) * SIDE + BLOCK;
+                let place = row * TILE * SIDE + (column + i) * TILE;
+                let rows = place..place + (TILE - 1) * SIDE + TILE;
                 let (texels, under) = (&mut texels[rows.clone()], &under[rows]);
-                for (y, steps) in steps.as_chunks::<BLOCK>().0.iter().enumerate() {
-                    let (texels, under) = (&mut texels[y * SIDE..][..BLOCK], &under[y * SIDE..][..BLOCK]);
-                    for x in 0..BLOCK {
+                for (y, steps) in steps.as_chunks::<TILE>().0.iter().enumerate() {
+                    let (texels, under) = (&mut texels[y * SIDE..][..TILE], &under[y * SIDE..][..TILE]);
+                    for x in 0..TILE {
                         texels[x] = steps[x].max(under[x]);
                     }
                 }
-                for k in 0..PER_BLOCK {
-                    let [upper, lower] = each!(half in 2 => steps.as_chunks::<BLOCK>().0[2 * k + half]);
+                for k in 0..CELLS_PER_TILE {
+                    let [upper, lower] = each!(half in 2 => steps.as_chunks::<TILE>().0[2 * k + half]);
                     let [a, b, c, d] = each!(x in 4 => upper[x].max(lower[x]));
-                    highest.set_two([(column + i) * PER_BLOCK, row * PER_BLOCK + k], [a.max(b), c.max(d)]);
+                    max_heights.set_cell_pair(
+                        [(column + i) * CELLS_PER_TILE, row * CELLS_PER_TILE + k],
+                        [a.max(b), c.max(d)],
+                    );
                 }
             }
         }
-        highest.finish((columns[0] < CELLS).then_some([columns, rows]));
+        max_heights.finish((columns[0] < CELLS).then_some([columns, rows]));
     }
 }
 
-/// The light's frame upside down: a mirror image of what the sun sees, so that what looks away from it is drawn.
+/// The light's frame upside down: a mirror image of what the sun sees, so that what records away from it is drawn.
 fn mirrored(light_from_world: Affine3) -> Affine3 {
     let Affine3 { linear: [right, down, height], offset: [x, y, z] } = light_from_world;
     Affine3 { linear: [right, scaled(down, -1.0), height], offset: [x, -y, z] }

@@ -3,7 +3,7 @@
 use core::arch::x86_64::*;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
-use crate::render::cpu::each::each;
+use crate::render::cpu::simd::each::each;
 
 use super::{
     Broadcast, F32x16, FloatLike, I16x16, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask, load_pairs,
@@ -76,13 +76,13 @@ impl Simd for Avx2 {
         let mut columns = rows;
         for half in 0..2 {
             for from in [0, 8] {
-                let mut block = [rows[0].0[0]; 8];
+                let mut tile = [rows[0].0[0]; 8];
                 for i in 0..8 {
-                    block[i] = rows[from + i].0[half];
+                    tile[i] = rows[from + i].0[half];
                 }
-                let block = transpose_8x8(block);
+                let tile = transpose_8x8(tile);
                 for i in 0..8 {
-                    columns[8 * half + i].0[from / 8] = block[i];
+                    columns[8 * half + i].0[from / 8] = tile[i];
                 }
             }
         }

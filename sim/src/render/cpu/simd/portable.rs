@@ -1,4 +1,4 @@
-//! Plain arrays: what every processor can do.
+//! DepthTile arrays: what every processor can do.
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 

@@ -2,7 +2,7 @@
 
 use core::arch::x86_64::*;
 
-use crate::render::cpu::each::each;
+use crate::render::cpu::simd::each::each;
 
 /// Whether points lie within the first 7 × 7.
 #[inline(always)]

@@ -1,12 +1,12 @@
 //! The same code compiled for several instruction sets, the widest the processor has chosen once at the start.
 
 #[cfg(target_arch = "x86_64")]
-use super::simd::{Avx2, Avx512};
-use super::simd::{Portable, Simd};
+use super::{Avx2, Avx512};
+use super::{Portable, Simd};
 
 /// An instruction set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Isa {
+pub(in crate::render::cpu) enum Isa {
     /// What every processor of the compiled-for family has.
     Portable,
     /// Eight numbers at a time.
@@ -19,7 +19,7 @@ pub(super) enum Isa {
 
 impl Isa {
     /// Those that this processor has, the narrowest first.
-    pub(super) fn available() -> Vec<Self> {
+    pub(in crate::render::cpu) fn available() -> Vec<Self> {
         let mut available = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
         {
@@ -40,7 +40,7 @@ impl Isa {
     }
 
     /// Name for people.
-    pub(super) const fn name(self) -> &'static str {
+    pub(in crate::render::cpu) const fn name(self) -> &'static str {
         match self {
             Self::Portable => "portable",
             #[cfg(target_arch = "x86_64")]
@@ -51,7 +51,7 @@ impl Isa {
     }
 
     /// Does a piece of work with this instruction set.
-    pub(super) fn run<K: Kernel>(self, kernel: K) {
+    pub(in crate::render::cpu) fn run<K: Kernel>(self, kernel: K) {
         match self {
             Self::Portable => kernel.run::<Portable>(),
             #[cfg(target_arch = "x86_64")]
@@ -66,7 +66,7 @@ impl Isa {
 
 /// A piece of work that is compiled once per instruction set. `run` and all that it calls with vectors is
 /// `inline(always)`, for only what is inlined into the functions below is compiled for their instruction sets.
-pub(super) trait Kernel {
+pub(in crate::render::cpu) trait Kernel {
     /// Does it.
     fn run<S: Simd>(self);
 }

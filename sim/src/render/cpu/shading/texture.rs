@@ -1,7 +1,7 @@
 //! Reading a texture for sixteen pixels: where to look is worked out for all of them at once.
 
-use super::each::each;
-use super::simd::{F32x16, FloatLike, I32x16, Simd, SimdF32, SimdI32};
+use crate::render::cpu::simd::each::each;
+use crate::render::cpu::simd::{F32x16, FloatLike, I32x16, Simd, SimdF32, SimdI32};
 use crate::render::texture::{MipChain, SIDE, level_offset, pitch};
 
 /// PortableMask of a texel coordinate behind the point.
@@ -13,31 +13,31 @@ const BLEND_FROM: i32 = 96;
 const BLEND_RATE: f32 = 4.0 / 256.0;
 
 /// A point of a texture per lane, in tiles.
-pub(super) type Uv<S> = [<S as Simd>::F; 2];
+pub(in crate::render::cpu) type Uv<S> = [<S as Simd>::F; 2];
 
-/// Which level to read, or which two: chosen once per block and triangle.
+/// Which level to read, or which two: chosen once per tile and triangle.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) struct Level {
+pub(in crate::render::cpu) struct MipLevel {
     /// The finer level's number.
     fine: i32,
-    /// Share of the next coarser one.
+    /// BinEntry of the next coarser one.
     blend: f32,
 }
 
-/// Levels of sixteen footprints.
-pub(super) struct Levels {
+/// MipLevels of sixteen footprints.
+pub(in crate::render::cpu) struct MipLevels {
     fine: I32x16,
     blend: F32x16,
 }
 
-impl Levels {
+impl MipLevels {
     /// None yet.
-    pub(super) const NONE: Self = Self { fine: I32x16::ZERO, blend: F32x16::ZERO };
+    pub(in crate::render::cpu) const NONE: Self = Self { fine: I32x16::ZERO, blend: F32x16::ZERO };
 
     /// Of footprints: the greater squared length in tiles² that a step of one pixel right or down makes. The level is half
     /// its binary logarithm in texels², the mantissa taken as linear.
     #[inline(always)]
-    pub(super) fn set<S: Simd>(&mut self, footprint: S::F) {
+    pub(in crate::render::cpu) fn set<S: Simd>(&mut self, footprint: S::F) {
         const TEXELS: f32 = (SIDE * SIDE) as f32;
         let texels = (footprint * S::F::splat(TEXELS)).max(S::F::splat(1.0)).min(S::F::splat(TEXELS * 0.999));
         // In 1/256 levels.
@@ -49,26 +49,27 @@ impl Levels {
 
     /// One of them.
     #[inline(always)]
-    pub(super) fn get(&self, i: usize) -> Level {
-        Level { fine: self.fine.0[i], blend: self.blend.0[i] }
+    pub(in crate::render::cpu) fn get(&self, i: usize) -> MipLevel {
+        MipLevel { fine: self.fine.0[i], blend: self.blend.0[i] }
     }
 }
 
-/// Where to read a texture for sixteen pixels. Finding sites and reading them are kept apart, so that a processor can
-/// work on several blocks at a time: each step's chain of dependent instructions is long.
-pub(super) struct Site {
+/// Where to read a texture for sixteen pixels. Finding samples and reading them are kept apart, so that a processor can
+/// work on several tiles at a time: each step's chain of dependent instructions is long.
+pub(in crate::render::cpu) struct TextureSample {
     /// Points in 1/256 texel of the level.
     at: [I32x16; 2],
-    level: Level,
+    level: MipLevel,
 }
 
-impl Site {
-    /// No site yet.
-    pub(super) const NOWHERE: Self = Self { at: [I32x16::ZERO; 2], level: Level { fine: 0, blend: 0.0 } };
+impl TextureSample {
+    /// No sample yet.
+    pub(in crate::render::cpu) const NONE: Self =
+        Self { at: [I32x16::ZERO; 2], level: MipLevel { fine: 0, blend: 0.0 } };
 
     /// Finds where to read.
     #[inline(always)]
-    pub(super) fn locate<S: Simd>(&mut self, uv: &Uv<S>, level: Level) {
+    pub(in crate::render::cpu) fn locate<S: Simd>(&mut self, uv: &Uv<S>, level: MipLevel) {
         self.level = level;
         // 1/256 texel per tile: 2^(16 − level), built from its exponent.
         let exponent = (127 + SIDE.ilog2() + FRACTION_BITS).cast_signed() - level.fine;
@@ -78,12 +79,12 @@ impl Site {
         }
     }
 
-    /// Square roots of the linear factors of red, green and blue, in [0, 1].
+    /// Tile4x4 roots of the linear factors of red, green and blue, in [0, 1].
     #[inline(always)]
-    pub(super) fn read<S: Simd>(&self, pattern: &MipChain) -> [S::F; 3] {
-        let Level { fine, blend } = self.level;
+    pub(in crate::render::cpu) fn read<S: Simd>(&self, pattern: &MipChain) -> [S::F; 3] {
+        let MipLevel { fine, blend } = self.level;
         let points = each!(k in 2 => S::I::load(&self.at[k]));
-        // Coordinates run one way along a surface, so the least are most often at a corner of the block.
+        // Coordinates run one way along a surface, so the least are most often at a corner of the tile.
         let least = each!(k in 2 => {
             let at = &self.at[k].0;
             at[0].min(at[3]).min(at[12]).min(at[15])

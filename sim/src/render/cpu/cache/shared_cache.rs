@@ -3,16 +3,16 @@
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// Things that scenes keep, known by what they are made of; forgotten with the last scene that keeps them.
-pub(super) struct Kept<K, T>(Mutex<Vec<(K, Weak<T>)>>);
+pub(in crate::render::cpu) struct SharedCache<K, T>(Mutex<Vec<(K, Weak<T>)>>);
 
-impl<K: PartialEq, T> Kept<K, T> {
+impl<K: PartialEq, T> SharedCache<K, T> {
     /// Nothing yet.
-    pub(super) const fn new() -> Self {
+    pub(in crate::render::cpu) const fn new() -> Self {
         Self(Mutex::new(Vec::new()))
     }
 
     /// What is made of this, unless there is such a thing.
-    pub(super) fn get(&self, of: K, make: impl FnOnce() -> T) -> Arc<T> {
+    pub(in crate::render::cpu) fn get(&self, of: K, make: impl FnOnce() -> T) -> Arc<T> {
         let known = Self::find(&self.0.lock().unwrap_or_else(PoisonError::into_inner), &of);
         if let Some(known) = known {
             return known;
@@ -37,11 +37,11 @@ impl<K: PartialEq, T> Kept<K, T> {
 mod tests {
     use std::sync::Arc;
 
-    use super::Kept;
+    use super::SharedCache;
 
     #[test]
     fn alike_things_are_made_once_and_forgotten_with_the_last_that_has_them() {
-        let kept = Kept::new();
+        let kept = SharedCache::new();
         let first = kept.get("a", || 1);
         assert!(Arc::ptr_eq(&first, &kept.get("a", || unreachable!())));
         assert_eq!(*kept.get("b", || 2), 2);
@@ -53,7 +53,7 @@ mod tests {
 
     #[test]
     fn of_two_that_are_made_at_a_time_one_is_kept() {
-        let kept = Kept::new();
+        let kept = SharedCache::new();
         let mut inner = None;
         let outer = kept.get("a", || {
             inner = Some(kept.get("a", || 1));

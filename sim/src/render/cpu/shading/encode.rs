@@ -1,11 +1,11 @@
 //! From light to 8-bit sRGB.
 
-use super::simd::{FloatLike, Simd, SimdF32};
+use crate::render::cpu::simd::{FloatLike, Simd, SimdF32};
 use crate::render::math::srgb::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_POLYNOMIAL};
 
 /// Codes 0 to 255 of the square roots of linear light, none of which is negative; what is greater than 1 is white.
 #[inline(always)]
-pub(super) fn encode<S: Simd>(root: S::F) -> S::I {
+pub(in crate::render::cpu) fn encode<S: Simd>(root: S::F) -> S::I {
     let root = root.min(S::F::splat(1.0));
     // Pairs of powers first: fewer steps wait for one another than in Horner's scheme.
     let [six, five, four, three, two, one, zero] = SQRT_POLYNOMIAL;

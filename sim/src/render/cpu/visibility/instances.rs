@@ -3,38 +3,41 @@
 
 use core::marker::PhantomData;
 
-use super::each::each;
-use super::isa::Kernel;
-use super::kind::Block;
-use super::lens::{Lens, Projected, Vectors};
-use super::raster::{Corner, Visibility};
-use super::simd::{F32x16, FloatLike, I16x16, I32x16, SetBits, Simd, SimdF32, SimdI32, SimdMask};
-use super::small::{SMALL_REACH, Shares, Small};
+use crate::render::cpu::simd::each::each;
+use crate::render::cpu::simd::isa::Kernel;
+use crate::render::cpu::simd::{
+    F32x16, FloatLike, I16x16, I32x16, SetBits, Simd, SimdF32, SimdI32, SimdMask,
+};
+use crate::render::cpu::visibility::projection::{Projected, Projection, Vectors};
+use crate::render::cpu::visibility::raster::{ScreenVertex, Visibility};
+use crate::render::cpu::visibility::small_triangles::{SMALL_EXTENT, SmallTriangles, TileBins};
+use crate::render::cpu::visibility::tile::TileLayout;
 use crate::render::math::affine::Affine3;
 use crate::render::mesh::{ClusterCorners, PackedMesh, Vec3x16};
 use crate::render::scene::Instance;
 
 /// Draws instances, in order.
-pub(super) struct Draw<'a, B, L> {
-    pub(super) instances: &'a [Instance],
+pub(in crate::render::cpu) struct RasterizeInstances<'a, B, L> {
+    pub(in crate::render::cpu) instances: &'a [Instance],
     /// From each one's mesh to the view frame.
-    pub(super) maps: &'a [Affine3],
+    pub(in crate::render::cpu) maps: &'a [Affine3],
     /// Id of each one's first triangle.
-    pub(super) first_ids: &'a [u32],
-    pub(super) lens: L,
-    pub(super) visibility: &'a mut Visibility,
-    pub(super) blocks: PhantomData<B>,
+    pub(in crate::render::cpu) first_ids: &'a [u32],
+    pub(in crate::render::cpu) projection: L,
+    pub(in crate::render::cpu) visibility: &'a mut Visibility,
+    pub(in crate::render::cpu) tiles: PhantomData<B>,
 }
 
-impl<B: Block, L: Lens> Kernel for Draw<'_, B, L> {
+impl<B: TileLayout, L: Projection> Kernel for RasterizeInstances<'_, B, L> {
     #[inline(always)]
     fn run<S: Simd>(mut self) {
-        let mut shares = Shares::new();
+        let mut bins = TileBins::new();
         for ((instance, map), first_id) in self.instances.iter().zip(self.maps).zip(self.first_ids) {
             let mesh = instance.mesh();
-            if self.lens.draws(instance) && self.lens.turn_to(map, mesh.centre, mesh.radius) {
+            if self.projection.includes(instance) && self.projection.begin_mesh(map, mesh.centre, mesh.radius)
+            {
                 let first_id = *first_id as i32;
-                draw::<S, B, L>(&mesh.packed, map, &self.lens, first_id, &mut shares, self.visibility);
+                draw::<S, B, L>(&mesh.packed, map, &self.projection, first_id, &mut bins, self.visibility);
             }
         }
     }
@@ -42,45 +45,45 @@ impl<B: Block, L: Lens> Kernel for Draw<'_, B, L> {
 
 /// Draws a mesh. Its triangles have the ids from `first_id` up.
 #[inline(always)]
-fn draw<S: Simd, B: Block, L: Lens>(
+fn draw<S: Simd, B: TileLayout, L: Projection>(
     mesh: &PackedMesh,
     view_from_mesh: &Affine3,
-    lens: &L,
+    projection: &L,
     first_id: i32,
-    shares: &mut Shares,
+    bins: &mut TileBins,
     visibility: &mut Visibility,
 ) {
     let stretch = S::F::splat(view_from_mesh.max_scale());
-    let map = Map::<S>::new(view_from_mesh);
-    let view_from_steps = Map::<S>::new(&view_from_mesh.scale_columns(mesh.grid_step));
+    let map = TransformX16::<S>::new(view_from_mesh);
+    let view_from_steps = TransformX16::<S>::new(&view_from_mesh.scale_columns(mesh.grid_step));
     for (sixteen, bounds) in mesh.bounds.iter().enumerate() {
         let centre = map.points(&bounds.centre);
-        let missed = lens.misses::<S>(bounds, &centre, S::F::load(&bounds.radius) * stretch);
-        for lane in SetBits(bounds.present & !missed) {
+        let culled = projection.cull_clusters::<S>(bounds, &centre, S::F::load(&bounds.radius) * stretch);
+        for lane in SetBits(bounds.present & !culled) {
             let batch_idx = sixteen * 16 + lane;
             let corners = &mesh.corners[batch_idx];
             let first_id = first_id + (batch_idx * 16) as i32;
             let clipped =
-                draw_batch::<S, B, L>(corners, &view_from_steps, lens, first_id, shares, visibility);
+                draw_batch::<S, B, L>(corners, &view_from_steps, projection, first_id, bins, visibility);
             for lane in SetBits(clipped) {
                 let triangle = each!(k in 3 => view_from_mesh.transform_point(
                     each!(axis in 3 => f32::from(corners[k][axis].0[lane]) * mesh.grid_step[axis])
                 ));
-                lens.clip::<S, B>(triangle, first_id + lane as i32, visibility);
+                projection.clip::<S, B>(triangle, first_id + lane as i32, visibility);
             }
         }
     }
 }
 
 /// An affine map, its numbers spread over vectors.
-pub(super) struct Map<S: Simd> {
+pub(in crate::render::cpu) struct TransformX16<S: Simd> {
     linear: [Vectors<S>; 3],
     offset: Vectors<S>,
 }
 
-impl<S: Simd> Map<S> {
+impl<S: Simd> TransformX16<S> {
     #[inline(always)]
-    pub(super) fn new(map: &Affine3) -> Self {
+    pub(in crate::render::cpu) fn new(map: &Affine3) -> Self {
         Self {
             linear: each!(i in 3 => each!(k in 3 => S::F::splat(map.linear[i][k]))),
             offset: each!(i in 3 => S::F::splat(map.offset[i])),
@@ -89,19 +92,19 @@ impl<S: Simd> Map<S> {
 
     /// Images of sixteen points: the same as [`Affine3::transform_point`] gives.
     #[inline(always)]
-    pub(super) fn points(&self, points: &Vec3x16) -> Vectors<S> {
+    pub(in crate::render::cpu) fn points(&self, points: &Vec3x16) -> Vectors<S> {
         self.of(each!(k in 3 => S::F::load(&points[k])))
     }
 
     /// The same of points whose coordinates are short integers.
     #[inline(always)]
-    pub(super) fn short_points(&self, points: &[I16x16; 3]) -> Vectors<S> {
+    pub(in crate::render::cpu) fn short_points(&self, points: &[I16x16; 3]) -> Vectors<S> {
         self.of(each!(k in 3 => S::F::load_i16(&points[k])))
     }
 
     /// Images of sixteen points.
     #[inline(always)]
-    pub(super) fn of(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
+    pub(in crate::render::cpu) fn of(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
         each!(i in 3 => {
             let [a, b, c] = self.linear[i];
             x.mul_add(a, y.mul_add(b, z.mul_add(c, self.offset[i])))
@@ -111,34 +114,35 @@ impl<S: Simd> Map<S> {
 
 /// Draws sixteen triangles but for those that must be clipped, which it gives.
 #[inline(always)]
-fn draw_batch<S: Simd, B: Block, L: Lens>(
+fn draw_batch<S: Simd, B: TileLayout, L: Projection>(
     corners: &ClusterCorners,
-    view_from_steps: &Map<S>,
-    lens: &L,
+    view_from_steps: &TransformX16<S>,
+    projection: &L,
     first_id: i32,
-    shares: &mut Shares,
+    bins: &mut TileBins,
     visibility: &mut Visibility,
 ) -> u16 {
     // Outsides are counter-clockwise to the eye, which is clockwise in numbers, as y runs down: exchanging two corners
     // makes all three edge functions positive inside.
     let [p, r, q] = each!(k in 3 => view_from_steps.short_points(&corners[k]));
-    let [at_p, at_q, at_r] = [lens.unfit::<S>(&p), lens.unfit::<S>(&q), lens.unfit::<S>(&r)];
-    let hidden = at_p.hidden & at_q.hidden & at_r.hidden;
-    let unfit = at_p.unfit | at_q.unfit | at_r.unfit;
-    let corners = [lens.project::<S>(&p), lens.project::<S>(&q), lens.project::<S>(&r)];
-    let extent = Extent::<S>::of(&corners, visibility.side);
-    if let Some(small) = prepare::<S, B>(&corners, &extent, unfit, visibility.side) {
-        visibility.draw_small::<S, B>(&small, first_id, shares);
+    let [at_p, at_q, at_r] =
+        [projection.needs_clip::<S>(&p), projection.needs_clip::<S>(&q), projection.needs_clip::<S>(&r)];
+    let behind_near = at_p.behind_near & at_q.behind_near & at_r.behind_near;
+    let needs_clip = at_p.needs_clip | at_q.needs_clip | at_r.needs_clip;
+    let corners = [projection.project::<S>(&p), projection.project::<S>(&q), projection.project::<S>(&r)];
+    let extent = PixelBounds::<S>::of(&corners, visibility.side);
+    if let Some(small) = prepare::<S, B>(&corners, &extent, needs_clip, visibility.side) {
+        visibility.rasterize_small::<S, B>(&small, first_id, bins);
     }
-    let large = extent.large.and_not(unfit).to_bits();
+    let large = extent.large.and_not(needs_clip).to_bits();
     if large != 0 {
-        draw_large::<S, B>(&corners, large, first_id, visibility);
+        rasterize_large::<S, B>(&corners, large, first_id, visibility);
     }
-    unfit.and_not(hidden).to_bits()
+    needs_clip.and_not(behind_near).to_bits()
 }
 
 #[inline(always)]
-fn draw_large<S: Simd, B: Block>(
+fn rasterize_large<S: Simd, B: TileLayout>(
     corners: &[Projected<S>; 3],
     lanes: u16,
     first_id: i32,
@@ -153,24 +157,25 @@ fn draw_large<S: Simd, B: Block>(
         corner.depth.store(&mut depth[k]);
     }
     for lane in SetBits(lanes) {
-        let corners = each!(k in 3 => Corner { x: x[k].0[lane], y: y[k].0[lane], depth: depth[k].0[lane] });
-        visibility.draw_large::<S, B>(&corners, first_id + lane as i32);
+        let corners =
+            each!(k in 3 => ScreenVertex { x: x[k].0[lane], y: y[k].0[lane], depth: depth[k].0[lane] });
+        visibility.rasterize_large::<S, B>(&corners, first_id + lane as i32);
     }
 }
 
 /// Where sixteen triangles lie.
-struct Extent<S: Simd> {
+struct PixelBounds<S: Simd> {
     /// Column and row of the first pixel whose centre lies within.
     from: [S::I; 2],
     /// Column and row of the last one.
     to: [S::I; 2],
     /// No pixel's centre lies within.
     empty: S::M,
-    /// Too large for [`Small`], and not empty.
+    /// Too large for [`SmallTriangles`], and not empty.
     large: S::M,
 }
 
-impl<S: Simd> Extent<S> {
+impl<S: Simd> PixelBounds<S> {
     #[inline(always)]
     fn of([p, q, r]: &[Projected<S>; 3], side: i32) -> Self {
         let (least_x, greatest_x) = (p.x.min(q.x).min(r.x), p.x.max(q.x).max(r.x));
@@ -179,32 +184,32 @@ impl<S: Simd> Extent<S> {
         let (from_x, to_x) = pixels_between::<S>(least_x, greatest_x, side);
         let (from_y, to_y) = pixels_between::<S>(least_y, greatest_y, side);
         let empty = from_x.gt(to_x) | from_y.gt(to_y);
-        let large = reach.gt(S::I::splat(SMALL_REACH - 1)).and_not(empty);
+        let large = reach.gt(S::I::splat(SMALL_EXTENT - 1)).and_not(empty);
         Self { from: [from_x, from_y], to: [to_x, to_y], empty, large }
     }
 }
 
 /// Sets up sixteen triangles, of which those are present that are small, seen from the front, over some pixel's centre, and not
-/// `unfit`.
+/// `needs_clip`.
 #[inline(always)]
-fn prepare<S: Simd, B: Block>(
+fn prepare<S: Simd, B: TileLayout>(
     corners: &[Projected<S>; 3],
-    extent: &Extent<S>,
-    unfit: S::M,
+    extent: &PixelBounds<S>,
+    needs_clip: S::M,
     side: i32,
-) -> Option<Small<S>> {
+) -> Option<SmallTriangles<S>> {
     let [p, q, r] = corners;
-    let Extent { from: [from_x, from_y], to: [to_x, to_y], empty, large } = *extent;
+    let PixelBounds { from: [from_x, from_y], to: [to_x, to_y], empty, large } = *extent;
     let whole = S::I::splat;
     let (qx, qy, rx, ry) = (q.x - p.x, q.y - p.y, r.x - p.x, r.y - p.y);
     let area = halves::<S>(qx, whole(0) - rx).dot_i16(halves::<S>(ry, qy));
-    let present = area.gt(whole(0)).and_not(empty | large | unfit);
+    let present = area.gt(whole(0)).and_not(empty | large | needs_clip);
     if !present.any() {
         return None;
     }
-    let (block_x, block_y) =
+    let (tile_x, tile_y) =
         (from_x.shr_arithmetic_by(B::WIDTH_BITS), from_y.shr_arithmetic_by(B::HEIGHT_BITS));
-    // The centre of the first block's first pixel.
+    // The centre of the first tile's first pixel.
     let centre_x = (from_x & whole(-B::WIDTH)).shl::<8>() + whole(128);
     let centre_y = (from_y & whole(-B::HEIGHT)).shl::<8>() + whole(128);
     let inwards = (from_x & whole(B::WIDTH - 1)) | (from_y & whole(B::HEIGHT - 1)).shl::<16>();
@@ -237,7 +242,7 @@ fn prepare<S: Simd, B: Block>(
     let dy = (r_rise * qx.to_f32() - q_rise * rx.to_f32()) * scale;
     let px = S::F::splat(1.0 / 256.0);
     let (across, down) = ((centre_x - p.x).to_f32() * px, (centre_y - p.y).to_f32() * px);
-    Some(Small {
+    Some(SmallTriangles {
         present,
         edges,
         steps: all_steps,
@@ -246,10 +251,10 @@ fn prepare<S: Simd, B: Block>(
         depth_dy: dy,
         depth_least: p.depth.min(q.depth).min(r.depth),
         depth_greatest: p.depth.max(q.depth).max(r.depth),
-        block: block_y.dot_i16(whole(side >> B::WIDTH_BITS)) + block_x,
+        tile: tile_y.dot_i16(whole(side >> B::WIDTH_BITS)) + tile_x,
         more: [
-            to_x.shr_arithmetic_by(B::WIDTH_BITS) - block_x,
-            to_y.shr_arithmetic_by(B::HEIGHT_BITS) - block_y,
+            to_x.shr_arithmetic_by(B::WIDTH_BITS) - tile_x,
+            to_y.shr_arithmetic_by(B::HEIGHT_BITS) - tile_y,
         ],
     })
 }

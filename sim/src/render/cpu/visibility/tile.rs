@@ -1,17 +1,17 @@
 //! Sixteen neighbouring pixels or samples that are worked on together, and how they lie.
 
-use super::simd::{F32x16, I32x16, N_LANES};
 use crate::render::Samples;
+use crate::render::cpu::simd::{F32x16, I32x16, N_LANES};
 
 /// A way to lay out what is rasterised.
-pub(super) trait Block {
-    /// Binary logarithms of a block's width and height in px.
+pub(in crate::render::cpu) trait TileLayout {
+    /// Binary logarithms of a tile's width and height in px.
     const BITS: [u32; 2];
     /// Column and row of each lane's pixel.
-    const PLACES: [[i32; 2]; N_LANES];
+    const PIXELS: [[i32; 2]; N_LANES];
     /// How an image's pixel is sampled.
     const SAMPLES: Samples = Samples::One;
-    /// Pixels of the rasteriser's grid along each edge of an image's pixel.
+    /// VisibilityTarget of the rasteriser's grid along each edge of an image's pixel.
     const SAMPLES_PER_EDGE: usize = 1;
     /// Whether it matters which triangle a pixel shows.
     const WITH_IDS: bool;
@@ -25,11 +25,11 @@ pub(super) trait Block {
     /// Height in px.
     const HEIGHT: i32 = 1 << Self::BITS[1];
     /// Column of each lane's pixel.
-    const X: I32x16 = lanes(&Self::PLACES, 1, 0);
+    const X: I32x16 = lanes(&Self::PIXELS, 1, 0);
     /// Row of each lane's pixel.
-    const Y: I32x16 = lanes(&Self::PLACES, 0, 1);
+    const Y: I32x16 = lanes(&Self::PIXELS, 0, 1);
     /// Column in the lower 16 bits, row in the upper ones.
-    const XY: I32x16 = lanes(&Self::PLACES, 1, 1 << 16);
+    const XY: I32x16 = lanes(&Self::PIXELS, 1, 1 << 16);
     /// Column of each lane's pixel.
     const X_FLOATS: F32x16 = as_floats(Self::X);
     /// Row of each lane's pixel.
@@ -37,36 +37,36 @@ pub(super) trait Block {
 }
 
 /// 4 × 4 pixels, row by row: few small triangles reach into more than four of them.
-pub(super) struct Square;
+pub(in crate::render::cpu) struct Tile4x4;
 
 /// 2 × 2 pixels of 2 × 2 samples each: lane 4 s + p is sample s of pixel p.
-pub(super) struct Oversampled;
+pub(in crate::render::cpu) struct MultisampleTile;
 
-impl Square {
+impl Tile4x4 {
     /// The lanes at the corners, row by row.
-    pub(super) const CORNERS: [usize; 4] = [0, 3, 12, 15];
+    pub(in crate::render::cpu) const CORNERS: [usize; 4] = [0, 3, 12, 15];
 }
 
 /// The same, of which only the depths matter.
-pub(super) struct Plain;
+pub(in crate::render::cpu) struct DepthTile;
 
-impl Block for Square {
+impl TileLayout for Tile4x4 {
     const BITS: [u32; 2] = [2, 2];
-    const PLACES: [[i32; 2]; N_LANES] = places(4);
+    const PIXELS: [[i32; 2]; N_LANES] = places(4);
     const WITH_IDS: bool = true;
 }
 
-impl Block for Oversampled {
+impl TileLayout for MultisampleTile {
     const BITS: [u32; 2] = [2, 2];
-    const PLACES: [[i32; 2]; N_LANES] = sample_places();
+    const PIXELS: [[i32; 2]; N_LANES] = sample_pixels();
     const SAMPLES: Samples = Samples::Four;
     const SAMPLES_PER_EDGE: usize = 2;
     const WITH_IDS: bool = true;
 }
 
-impl Block for Plain {
-    const BITS: [u32; 2] = Square::BITS;
-    const PLACES: [[i32; 2]; N_LANES] = Square::PLACES;
+impl TileLayout for DepthTile {
+    const BITS: [u32; 2] = Tile4x4::BITS;
+    const PIXELS: [[i32; 2]; N_LANES] = Tile4x4::PIXELS;
     const WITH_IDS: bool = false;
 }
 
@@ -80,7 +80,7 @@ const fn places(width: usize) -> [[i32; 2]; N_LANES] {
     places
 }
 
-const fn sample_places() -> [[i32; 2]; N_LANES] {
+const fn sample_pixels() -> [[i32; 2]; N_LANES] {
     let mut places = [[0; 2]; N_LANES];
     let mut i = 0;
     while i < N_LANES {

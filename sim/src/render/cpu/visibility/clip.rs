@@ -1,10 +1,10 @@
 //! The few triangles that reach behind the near plane or far beyond the image: cut to what can be projected.
 
-use super::each::each;
-use super::kind::Block;
-use super::lens::Pinhole;
-use super::raster::Visibility;
-use super::simd::Simd;
+use crate::render::cpu::simd::Simd;
+use crate::render::cpu::simd::each::each;
+use crate::render::cpu::visibility::projection::PinholeProjection;
+use crate::render::cpu::visibility::raster::Visibility;
+use crate::render::cpu::visibility::tile::TileLayout;
 use crate::render::math::affine::{Vec3, add, scaled, sub};
 
 /// A triangle cut by five planes has at most eight corners.
@@ -19,19 +19,19 @@ struct Polygon {
 
 /// Draws the part of a triangle, given in the view frame, that lies in front of the near plane and within the guard.
 #[inline(always)]
-pub(super) fn draw<S: Simd, B: Block>(
+pub(in crate::render::cpu) fn draw<S: Simd, B: TileLayout>(
     triangle: [Vec3; 3],
-    lens: &Pinhole<'_>,
+    projection: &PinholeProjection<'_>,
     id: i32,
     visibility: &mut Visibility,
 ) {
-    if is_outside(&triangle, lens.slope) {
+    if is_outside(&triangle, projection.slope) {
         return;
     }
-    let polygon = cut_to_fit(triangle, lens);
+    let polygon = cut_to_fit(triangle, projection);
     for i in 2..polygon.n {
         let fan = [polygon.corners[0], polygon.corners[i], polygon.corners[i - 1]];
-        visibility.draw_large::<S, B>(&each!(k in 3 => lens.corner(fan[k])), id);
+        visibility.rasterize_large::<S, B>(&each!(k in 3 => projection.corner(fan[k])), id);
     }
 }
 
@@ -43,12 +43,12 @@ fn is_outside(triangle: &[Vec3; 3], slope: f32) -> bool {
 }
 
 #[inline(never)]
-fn cut_to_fit(triangle: [Vec3; 3], lens: &Pinhole<'_>) -> Polygon {
+fn cut_to_fit(triangle: [Vec3; 3], projection: &PinholeProjection<'_>) -> Polygon {
     let mut polygon = Polygon { corners: [[0.0; 3]; MAX_CORNERS], n: 3 };
     polygon.corners[..3].copy_from_slice(&triangle);
-    let guard = lens.guard_slope;
+    let guard = projection.guard_slope;
     polygon
-        .cut(|p| p[2] - lens.near_m)
+        .cut(|p| p[2] - projection.near_m)
         .cut(|p| guard * p[2] - p[0])
         .cut(|p| guard * p[2] + p[0])
         .cut(|p| guard * p[2] - p[1])

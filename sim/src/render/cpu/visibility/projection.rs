@@ -1,80 +1,81 @@
 //! From space to the image: pinhole pictures and the parallel view along a light.
 
-use super::each::each;
-use super::raster::{Corner, Visibility};
-use super::simd::{FloatLike, Simd, SimdF32, SimdMask};
-use super::{clip, kind::Block};
+use super::clip;
+use super::tile::TileLayout;
+use crate::render::cpu::simd::each::each;
+use crate::render::cpu::simd::{FloatLike, Simd, SimdF32, SimdMask};
+use crate::render::cpu::visibility::raster::{ScreenVertex, Visibility};
 use crate::render::math::affine::{Affine3, Vec3};
 use crate::render::mesh::ClusterBounds;
 use crate::render::scene::Instance;
 use crate::render::scene::camera::PinholeCamera;
 
 /// A point or direction per lane.
-pub(super) type Vectors<S> = [<S as Simd>::F; 3];
+pub(in crate::render::cpu) type Vectors<S> = [<S as Simd>::F; 3];
 
 /// Where sixteen points of the view frame appear.
-pub(super) struct Projected<S: Simd> {
+pub(in crate::render::cpu) struct Projected<S: Simd> {
     /// 1/256 px.
-    pub(super) x: S::I,
+    pub(in crate::render::cpu) x: S::I,
     /// 1/256 px.
-    pub(super) y: S::I,
-    /// See [`super::raster`].
-    pub(super) depth: S::F,
+    pub(in crate::render::cpu) y: S::I,
+    /// See [`crate::render::cpu::visibility::raster`].
+    pub(in crate::render::cpu) depth: S::F,
 }
 
 /// A way to project.
-pub(super) trait Lens {
+pub(in crate::render::cpu) trait Projection {
     /// Whether an instance is drawn at all.
-    fn draws(&self, instance: &Instance) -> bool;
+    fn includes(&self, instance: &Instance) -> bool;
 
     /// Turns to the mesh that is drawn next; `false` if nothing of a mesh within this ball of its frame can be seen.
-    fn turn_to(&mut self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool;
+    fn begin_mesh(&mut self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool;
 
     /// Where points appear; meaningless for those that do not fit.
     fn project<S: Simd>(&self, point: &Vectors<S>) -> Projected<S>;
 
     /// Points that are not seen, and points that cannot be projected into the rasteriser's numbers.
-    fn unfit<S: Simd>(&self, point: &Vectors<S>) -> Unfit<S>;
+    fn needs_clip<S: Simd>(&self, point: &Vectors<S>) -> ClipFlags<S>;
 
     /// Clusters of which nothing can be seen: bits of `bounds`' lanes, given their centres and radii in the view frame.
-    fn misses<S: Simd>(&self, bounds: &ClusterBounds, centre: &Vectors<S>, radius: S::F) -> u16;
+    fn cull_clusters<S: Simd>(&self, bounds: &ClusterBounds, centre: &Vectors<S>, radius: S::F) -> u16;
 
     /// Draws a triangle of which a corner does not fit.
-    fn clip<S: Simd, B: Block>(&self, triangle: [Vec3; 3], id: i32, visibility: &mut Visibility);
+    fn clip<S: Simd, B: TileLayout>(&self, triangle: [Vec3; 3], id: i32, visibility: &mut Visibility);
 }
 
 /// Points that need care.
-pub(super) struct Unfit<S: Simd> {
-    /// Behind the near plane.
-    pub(super) hidden: S::M,
+pub(in crate::render::cpu) struct ClipFlags<S: Simd> {
+    /// ClearTo the near plane.
+    pub(in crate::render::cpu) behind_near: S::M,
     /// That, or far outside of the image.
-    pub(super) unfit: S::M,
+    pub(in crate::render::cpu) needs_clip: S::M,
 }
 
 /// A camera. Its view frame is the centred one.
-pub(super) struct Pinhole<'a> {
+pub(in crate::render::cpu) struct PinholeProjection<'a> {
     camera: &'a PinholeCamera,
     focal_px: f32,
     /// Half the image's side, in px.
     half_px: f32,
-    pub(super) near_m: f32,
+    pub(in crate::render::cpu) near_m: f32,
     far_m: f32,
     /// Greatest |x/z| and |y/z| of the image.
-    pub(super) slope: f32,
+    pub(in crate::render::cpu) slope: f32,
     /// [`PinholeCamera::sphere_margin`].
     slant: f32,
     /// Greatest |x/z| and |y/z| that fit the rasteriser's numbers.
-    pub(super) guard_slope: f32,
+    pub(in crate::render::cpu) guard_slope: f32,
     /// Where the camera is in the mesh's frame.
     eye_in_mesh: Vec3,
 }
 
-/// Pixels beyond the image's edges to which triangles are drawn unclipped.
+/// VisibilityTarget beyond the image's edges to which triangles are drawn unclipped.
 const GUARD_PX: f32 = 448.0;
 
-impl<'a> Pinhole<'a> {
+impl<'a> PinholeProjection<'a> {
     /// Of a camera whose image has `scale` times as many pixels along each edge.
-    pub(super) fn new(camera: &'a PinholeCamera, scale: usize) -> Self {
+    pub(in crate::render::cpu) fn new(camera: &'a PinholeCamera, scale: usize) -> Self {
         let half_px = (camera.side * scale) as f32 / 2.0;
         let focal_px = camera.focal_px * scale as f32;
         let [near_m, far_m] = camera.clip_m;
@@ -92,24 +93,24 @@ impl<'a> Pinhole<'a> {
         }
     }
 
-    /// Where a point that fits appears: the same as [`Lens::project`] gives.
+    /// Where a point that fits appears: the same as [`Projection::project`] gives.
     #[inline(always)]
-    pub(super) fn corner(&self, [x, y, z]: Vec3) -> Corner {
+    pub(in crate::render::cpu) fn corner(&self, [x, y, z]: Vec3) -> ScreenVertex {
         let depth = 1.0 / z;
         let on_image = |t: f32| {
             (t * depth).mul_add(self.focal_px * 256.0, self.half_px * 256.0).round_ties_even() as i32
         };
-        Corner { x: on_image(x), y: on_image(y), depth }
+        ScreenVertex { x: on_image(x), y: on_image(y), depth }
     }
 }
 
-impl Lens for Pinhole<'_> {
-    fn draws(&self, _instance: &Instance) -> bool {
+impl Projection for PinholeProjection<'_> {
+    fn includes(&self, _instance: &Instance) -> bool {
         true
     }
 
     #[inline(always)]
-    fn turn_to(&mut self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
+    fn begin_mesh(&mut self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
         self.eye_in_mesh = view_from_mesh.preimage_of_origin();
         self.camera.may_intersect_sphere(view_from_mesh, centre, radius)
     }
@@ -126,16 +127,16 @@ impl Lens for Pinhole<'_> {
     }
 
     #[inline(always)]
-    fn unfit<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> Unfit<S> {
-        let hidden = S::F::splat(self.near_m).gt(*z);
+    fn needs_clip<S: Simd>(&self, [x, y, z]: &Vectors<S>) -> ClipFlags<S> {
+        let behind_near = S::F::splat(self.near_m).gt(*z);
         let guard = *z * S::F::splat(self.guard_slope);
         let opposite = *z * S::F::splat(-self.guard_slope);
-        let unfit = hidden | x.gt(guard) | opposite.gt(*x) | y.gt(guard) | opposite.gt(*y);
-        Unfit { hidden, unfit }
+        let needs_clip = behind_near | x.gt(guard) | opposite.gt(*x) | y.gt(guard) | opposite.gt(*y);
+        ClipFlags { behind_near, needs_clip }
     }
 
     #[inline(always)]
-    fn misses<S: Simd>(&self, bounds: &ClusterBounds, [x, y, z]: &Vectors<S>, radius: S::F) -> u16 {
+    fn cull_clusters<S: Simd>(&self, bounds: &ClusterBounds, [x, y, z]: &Vectors<S>, radius: S::F) -> u16 {
         let slack = radius * S::F::splat(self.slant);
         let edge = z.mul_add(S::F::splat(self.slope), slack);
         let zero = S::F::splat(0.0);
@@ -154,7 +155,7 @@ impl Lens for Pinhole<'_> {
     }
 
     #[inline(always)]
-    fn clip<S: Simd, B: Block>(&self, triangle: [Vec3; 3], id: i32, visibility: &mut Visibility) {
+    fn clip<S: Simd, B: TileLayout>(&self, triangle: [Vec3; 3], id: i32, visibility: &mut Visibility) {
         clip::draw::<S, B>(triangle, self, id, visibility);
     }
 }

@@ -3,13 +3,13 @@
 use core::ops::RangeInclusive;
 
 use super::{CELL, CELLS};
-use crate::render::cpu::each::each;
+use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{Simd, SimdI32};
 
 /// The greatest heights of a map's cells, and of overlapping windows of 3 × 3 of them.
 ///
-/// Level k of the windows has those of cells of 2ᵏ × 2ᵏ of the map's, by each window's first cell.
-pub(in crate::render::cpu) struct Highest {
+/// PyramidLevel k of the windows has those of cells of 2ᵏ × 2ᵏ of the map's, by each window's first cell.
+pub(in crate::render::cpu) struct MaxHeightPyramid {
     /// Rows of [`PITCH`] cells; there is nothing in the last two rows and columns, into which windows reach.
     cells: Vec<u16>,
     /// All levels, from the finest on.
@@ -20,7 +20,7 @@ pub(in crate::render::cpu) struct Highest {
 
 /// Cells along each edge of the map, and two beyond it.
 const PITCH: usize = CELLS + 2;
-/// Levels: the cells of the coarsest are an eighth of the map wide.
+/// MipLevels: the cells of the coarsest are an eighth of the map wide.
 const N_LEVELS: usize = 6;
 /// Where each level begins.
 const LEVELS: [usize; N_LEVELS + 1] = {
@@ -34,7 +34,7 @@ const LEVELS: [usize; N_LEVELS + 1] = {
     firsts
 };
 
-impl Highest {
+impl MaxHeightPyramid {
     /// Nothing anywhere.
     pub(super) fn new() -> Self {
         Self { cells: vec![0; PITCH * PITCH], windows: vec![0; LEVELS[N_LEVELS]], occupied: None }
@@ -42,7 +42,7 @@ impl Highest {
 
     /// Puts the greatest heights of two cells side by side into their place, by the first one's column and row.
     #[inline(always)]
-    pub(super) fn set_two(&mut self, [column, row]: [usize; 2], heights: [u16; 2]) {
+    pub(super) fn set_cell_pair(&mut self, [column, row]: [usize; 2], heights: [u16; 2]) {
         self.cells[row * PITCH + column..][..2].copy_from_slice(&heights);
     }
 
@@ -78,8 +78,8 @@ impl Highest {
                     &finer[[2 * row, next(row)][k] * 2 * side..][..2 * side]
                 });
                 let both = &mut both[..2 * side];
-                for (i, highest) in both.iter_mut().enumerate() {
-                    *highest = upper[i].max(lower[i]);
+                for (i, max_heights) in both.iter_mut().enumerate() {
+                    *max_heights = upper[i].max(lower[i]);
                 }
                 let windows = &mut coarser[row * side..][..side];
                 for column in reached(columns, level) {
@@ -91,7 +91,7 @@ impl Highest {
 
     /// A window's greatest height.
     #[inline(always)]
-    pub(super) fn within(&self, window: Window) -> u16 {
+    pub(super) fn within(&self, window: PyramidWindow) -> u16 {
         self.windows[window.0 as usize]
     }
 }
@@ -103,20 +103,20 @@ fn reached([first, last]: [usize; 2], level: usize) -> RangeInclusive<usize> {
 
 /// One of a map's windows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Window(pub(super) i32);
+pub(super) struct PyramidWindow(pub(super) i32);
 
-impl Window {
+impl PyramidWindow {
     /// The least one with these columns and rows of texels in it, first and last; `None` if they are too far apart for any.
     pub(super) fn around([[left, right], [top, bottom]]: [[i32; 2]; 2]) -> Option<Self> {
-        Level::of((right - left).max(bottom - top)).map(|level| level.window([left, top]))
+        PyramidLevel::of((right - left).max(bottom - top)).map(|level| level.window([left, top]))
     }
 }
 
 /// A level of windows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Level(u32);
+pub(super) struct PyramidLevel(u32);
 
-impl Level {
+impl PyramidLevel {
     /// The finest one whose windows have room for texels that are so far apart.
     #[inline(always)]
     pub(super) fn of(reach: i32) -> Option<Self> {
@@ -126,9 +126,9 @@ impl Level {
     }
 
     /// The window that a texel has in its first cell.
-    fn window(self, [x, y]: [i32; 2]) -> Window {
+    fn window(self, [x, y]: [i32; 2]) -> PyramidWindow {
         let bits = CELL.ilog2() + self.0;
-        Window(LEVELS[self.0 as usize] as i32 + (y >> bits) * (CELLS >> self.0) as i32 + (x >> bits))
+        PyramidWindow(LEVELS[self.0 as usize] as i32 + (y >> bits) * (CELLS >> self.0) as i32 + (x >> bits))
     }
 
     /// The same for sixteen texels.
@@ -142,7 +142,7 @@ impl Level {
 
 #[cfg(test)]
 mod tests {
-    use super::{CELL, CELLS, Highest, LEVELS, Level, N_LEVELS, Window};
+    use super::{CELL, CELLS, LEVELS, MaxHeightPyramid, N_LEVELS, PyramidLevel, PyramidWindow};
     use crate::render::cpu::shadow::SIDE;
     use crate::stream::Stream;
 
@@ -152,7 +152,7 @@ mod tests {
     }
 
     /// Puts random heights into the cells of a random part, and nothing elsewhere.
-    fn change(stream: &mut Stream, cells: &mut [u16], highest: &mut Highest) {
+    fn change(stream: &mut Stream, cells: &mut [u16], max_heights: &mut MaxHeightPyramid) {
         let part = [0; 2].map(|_| {
             let first = below(stream, CELLS / 2) * 2;
             [first, (first + 1 + 2 * below(stream, 30)).min(CELLS - 1)]
@@ -163,37 +163,41 @@ mod tests {
             *cell = if is_in_part { below(stream, 1 << 16) as u16 } else { 0 };
         }
         for (place, two) in cells.as_chunks::<2>().0.iter().enumerate() {
-            highest.set_two([2 * place % CELLS, 2 * place / CELLS], *two);
+            max_heights.set_cell_pair([2 * place % CELLS, 2 * place / CELLS], *two);
         }
-        highest.finish(Some(part));
+        max_heights.finish(Some(part));
     }
 
     #[test]
     fn windows_hold_the_greatest_of_three_by_three_cells_whatever_was_there_before() {
         let mut stream = Stream::new(1, "windows");
-        let (mut cells, mut highest) = (vec![0; CELLS * CELLS], Highest::new());
+        let (mut cells, mut max_heights) = (vec![0; CELLS * CELLS], MaxHeightPyramid::new());
         for _ in 0..4 {
-            change(&mut stream, &mut cells, &mut highest);
+            change(&mut stream, &mut cells, &mut max_heights);
             for (level, first) in LEVELS[..N_LEVELS].iter().enumerate() {
                 let side = CELLS >> level;
                 for (row, column) in (0..side).flat_map(|row| (0..side).map(move |column| (row, column))) {
                     let [columns, rows] = [column, row].map(|at| at << level..((at + 3) << level).min(CELLS));
                     let expected = rows.flat_map(|row| &cells[row * CELLS..][columns.clone()]).max();
-                    let window = Window((first + row * side + column) as i32);
-                    assert_eq!(highest.within(window), *expected.unwrap(), "level {level}, {column}, {row}");
+                    let window = PyramidWindow((first + row * side + column) as i32);
+                    assert_eq!(
+                        max_heights.within(window),
+                        *expected.unwrap(),
+                        "level {level}, {column}, {row}"
+                    );
                 }
             }
         }
-        highest.cells.fill(0);
-        highest.finish(None);
-        assert_eq!(highest.windows.iter().max(), Some(&0));
+        max_heights.cells.fill(0);
+        max_heights.finish(None);
+        assert_eq!(max_heights.windows.iter().max(), Some(&0));
     }
 
     #[test]
     fn a_window_around_texels_has_all_of_them_in_it() {
         let mut stream = Stream::new(2, "windows");
-        let (mut cells, mut highest) = (vec![0; CELLS * CELLS], Highest::new());
-        change(&mut stream, &mut cells, &mut highest);
+        let (mut cells, mut max_heights) = (vec![0; CELLS * CELLS], MaxHeightPyramid::new());
+        change(&mut stream, &mut cells, &mut max_heights);
         let mut levels = [0; N_LEVELS];
         for _ in 0..20_000 {
             let reach = 1 << below(&mut stream, 8);
@@ -201,13 +205,13 @@ mod tests {
                 let first = below(&mut stream, SIDE);
                 [first, (first + below(&mut stream, reach + 1)).min(SIDE - 1)]
             });
-            let window = Window::around(texels.map(|ends| ends.map(|at| at as i32))).unwrap();
+            let window = PyramidWindow::around(texels.map(|ends| ends.map(|at| at as i32))).unwrap();
             let [columns, rows] = texels.map(|[first, last]| first / CELL..=last / CELL);
             let greatest = rows.flat_map(|row| &cells[row * CELLS..][columns.clone()]).max();
-            assert!(highest.within(window) >= *greatest.unwrap(), "{texels:?}");
+            assert!(max_heights.within(window) >= *greatest.unwrap(), "{texels:?}");
             levels[LEVELS.partition_point(|first| *first <= window.0 as usize) - 1] += 1;
         }
         assert!(levels.iter().all(|n| *n > 100), "{levels:?}");
-        assert!(Level::of(SIDE as i32 - 1).is_none() && Level::of(0) == Level::of(1));
+        assert!(PyramidLevel::of(SIDE as i32 - 1).is_none() && PyramidLevel::of(0) == PyramidLevel::of(1));
     }
 }

@@ -6,54 +6,58 @@ use core::marker::PhantomData;
 
 use ipc_types::EXTERNAL_SIDE;
 
-use super::each::each;
-use super::isa::Kernel;
-use super::kind::Block;
-use super::simd::{F32x16, FloatLike, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
+use crate::render::cpu::simd::each::each;
+use crate::render::cpu::simd::isa::Kernel;
+use crate::render::cpu::simd::{F32x16, FloatLike, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
+use crate::render::cpu::visibility::tile::TileLayout;
 
 /// Blocks of the largest picture.
-pub(super) const MAX_BLOCKS: usize = EXTERNAL_SIDE * EXTERNAL_SIDE / N_LANES;
+pub(in crate::render::cpu) const MAX_TILES: usize = EXTERNAL_SIDE * EXTERNAL_SIDE / N_LANES;
 /// No triangle.
-pub(super) const NOTHING: i32 = -1;
+pub(in crate::render::cpu) const NO_ID: i32 = -1;
 
 /// A corner of a triangle on the image.
 #[derive(Clone, Copy)]
-pub(super) struct Corner {
+pub(in crate::render::cpu) struct ScreenVertex {
     /// 1/256 pixel from the left edge, between about ±2¹⁸.
-    pub(super) x: i32,
+    pub(in crate::render::cpu) x: i32,
     /// 1/256 pixel from the upper edge.
-    pub(super) y: i32,
+    pub(in crate::render::cpu) y: i32,
     /// Depth.
-    pub(super) depth: f32,
+    pub(in crate::render::cpu) depth: f32,
 }
 
-/// The nearest triangle of every pixel, block by block, rows of blocks from the top.
-pub(super) struct Visibility {
-    /// Pixels along each edge.
-    pub(super) side: i32,
+/// The nearest triangle of every pixel, tile by tile, rows of tiles from the top.
+pub(in crate::render::cpu) struct Visibility {
+    /// VisibilityTarget along each edge.
+    pub(in crate::render::cpu) side: i32,
     /// Depth of the nearest.
-    pub(super) depths: Vec<F32x16>,
-    /// What was drawn there, or [`NOTHING`]; empty for a block kind without ids.
-    pub(super) ids: Vec<I32x16>,
-    /// 1 where anything was drawn in a block, seen or not; none for a block kind with ids.
-    pub(super) drawn: Vec<u8>,
+    pub(in crate::render::cpu) depths: Vec<F32x16>,
+    /// What was drawn there, or [`NO_ID`]; empty for a tile kind without ids.
+    pub(in crate::render::cpu) ids: Vec<I32x16>,
+    /// 1 where anything was drawn in a tile, seen or not; none for a tile kind with ids.
+    pub(in crate::render::cpu) drawn: Vec<u8>,
 }
 
 impl Visibility {
     /// No picture yet, and room for one.
-    pub(super) fn new() -> Self {
+    pub(in crate::render::cpu) fn new() -> Self {
         Self {
             side: 0,
-            depths: Vec::with_capacity(MAX_BLOCKS),
-            ids: Vec::with_capacity(MAX_BLOCKS),
-            drawn: Vec::with_capacity(MAX_BLOCKS),
+            depths: Vec::with_capacity(MAX_TILES),
+            ids: Vec::with_capacity(MAX_TILES),
+            drawn: Vec::with_capacity(MAX_TILES),
         }
     }
 
     /// Draws a triangle of any size; nothing if it is seen from behind.
     #[inline(always)]
-    pub(super) fn draw_large<S: Simd, B: Block>(&mut self, corners: &[Corner; 3], id: i32) {
-        let Some(large) = Large::new::<B>(corners, self.side) else {
+    pub(in crate::render::cpu) fn rasterize_large<S: Simd, B: TileLayout>(
+        &mut self,
+        corners: &[ScreenVertex; 3],
+        id: i32,
+    ) {
+        let Some(large) = LargeTriangle::new::<B>(corners, self.side) else {
             return;
         };
         let plane = DepthPlane::<S>::new::<B>(
@@ -66,7 +70,7 @@ impl Visibility {
             S::I::splat(edge.dx).mul(columns) + S::I::splat(edge.dy).mul(rows)
         });
         let pitch = self.side >> B::WIDTH_BITS;
-        let mut pixels = Pixels::of::<B>(self);
+        let mut pixels = VisibilityTarget::of::<B>(self);
         let id = S::I::splat(id);
         let least = large.edges.map(|edge| edge.least_change::<B>());
         for y in large.from_y..large.to_y + 1 {
@@ -85,29 +89,29 @@ impl Visibility {
                     let [a, b, c] = each!(k in 3 => S::I::splat(first[k]) + steps[k]);
                     (a | b | c).gt(S::I::splat(-1))
                 };
-                put::<S>(pixels.at::<B>((y * pitch + x) as usize), covered, depth, id);
+                write_tile::<S>(pixels.at::<B>((y * pitch + x) as usize), covered, depth, id);
             }
         }
     }
 }
 
 /// Begins a square picture.
-pub(super) struct Begin<'a, B> {
-    pub(super) visibility: &'a mut Visibility,
-    pub(super) side: usize,
-    pub(super) behind: Behind<'a>,
-    pub(super) blocks: PhantomData<B>,
+pub(in crate::render::cpu) struct ClearVisibility<'a, B> {
+    pub(in crate::render::cpu) visibility: &'a mut Visibility,
+    pub(in crate::render::cpu) side: usize,
+    pub(in crate::render::cpu) behind: ClearTo<'a>,
+    pub(in crate::render::cpu) tiles: PhantomData<B>,
 }
 
 /// What there is before anything is drawn.
-pub(super) enum Behind<'a> {
+pub(in crate::render::cpu) enum ClearTo<'a> {
     /// Nothing, and nothing at or below this depth will be seen.
-    Nothing(f32),
+    Background(f32),
     /// Something at these depths.
     Depths(&'a [F32x16]),
 }
 
-impl<B: Block> Kernel for Begin<'_, B> {
+impl<B: TileLayout> Kernel for ClearVisibility<'_, B> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         let Self { visibility: Visibility { side, depths, ids, drawn }, .. } = self;
@@ -116,17 +120,17 @@ impl<B: Block> Kernel for Begin<'_, B> {
             "side {}",
             self.side
         );
-        let n_blocks = (self.side * self.side) >> (B::WIDTH_BITS + B::HEIGHT_BITS);
+        let n_tiles = (self.side * self.side) >> (B::WIDTH_BITS + B::HEIGHT_BITS);
         *side = self.side as i32;
         match self.behind {
-            Behind::Nothing(least) => fill(depths, n_blocks, F32x16([least; N_LANES])),
-            Behind::Depths(behind) => {
+            ClearTo::Background(least) => fill(depths, n_tiles, F32x16([least; N_LANES])),
+            ClearTo::Depths(behind) => {
                 depths.clear();
                 depths.extend_from_slice(behind);
             }
         }
-        fill(drawn, if B::WITH_IDS { 0 } else { n_blocks }, 0);
-        fill(ids, if B::WITH_IDS { n_blocks } else { 0 }, I32x16([NOTHING; N_LANES]));
+        fill(drawn, if B::WITH_IDS { 0 } else { n_tiles }, 0);
+        fill(ids, if B::WITH_IDS { n_tiles } else { 0 }, I32x16([NO_ID; N_LANES]));
     }
 }
 
@@ -142,19 +146,19 @@ fn fill<T: Copy>(lines: &mut Vec<T>, n: usize, line: T) {
 }
 
 /// What is drawn into.
-pub(super) struct Pixels<'a> {
+pub(in crate::render::cpu) struct VisibilityTarget<'a> {
     depths: &'a mut [F32x16],
     ids: &'a mut [I32x16],
     drawn: &'a mut [u8],
 }
 
-/// One block of it: depths, and ids if it has any.
-pub(super) type Here<'a> = (&'a mut F32x16, Option<&'a mut I32x16>);
+/// One tile of it: depths, and ids if it has any.
+pub(in crate::render::cpu) type TileTarget<'a> = (&'a mut F32x16, Option<&'a mut I32x16>);
 
-impl<'a> Pixels<'a> {
-    pub(super) fn of<B: Block>(visibility: &'a mut Visibility) -> Self {
+impl<'a> VisibilityTarget<'a> {
+    pub(in crate::render::cpu) fn of<B: TileLayout>(visibility: &'a mut Visibility) -> Self {
         let Visibility { depths, ids, drawn, .. } = visibility;
-        // One length, so that one look tells whether a block is there.
+        // One length, so that one look tells whether a tile is there.
         let n = depths.len();
         let (ids, drawn): (&mut [_], &mut [_]) =
             if B::WITH_IDS { (&mut ids[..n], &mut []) } else { (&mut [], &mut drawn[..n]) };
@@ -162,18 +166,23 @@ impl<'a> Pixels<'a> {
     }
 
     #[inline(always)]
-    pub(super) fn at<B: Block>(&mut self, block: usize) -> Here<'_> {
+    pub(in crate::render::cpu) fn at<B: TileLayout>(&mut self, tile: usize) -> TileTarget<'_> {
         if !B::WITH_IDS {
-            self.drawn[block] = 1;
+            self.drawn[tile] = 1;
         }
-        let ids = if B::WITH_IDS { Some(&mut self.ids[block]) } else { None };
-        (&mut self.depths[block], ids)
+        let ids = if B::WITH_IDS { Some(&mut self.ids[tile]) } else { None };
+        (&mut self.depths[tile], ids)
     }
 }
 
-/// Draws one block's share of a triangle.
+/// Draws one tile's share of a triangle.
 #[inline(always)]
-pub(super) fn put<S: Simd>((depths, ids): Here<'_>, covered: S::M, depth: S::F, id: S::I) {
+pub(in crate::render::cpu) fn write_tile<S: Simd>(
+    (depths, ids): TileTarget<'_>,
+    covered: S::M,
+    depth: S::F,
+    id: S::I,
+) {
     let depth = depth.select_or(covered, S::F::splat(f32::NEG_INFINITY));
     let before = S::F::load(depths);
     let seen = depth.gt(before);
@@ -185,18 +194,21 @@ pub(super) fn put<S: Simd>((depths, ids): Here<'_>, covered: S::M, depth: S::F, 
     }
 }
 
-/// Depth over a block, held within the triangle's own range where it is steep.
-pub(super) struct DepthPlane<S: Simd> {
+/// Depth over a tile, held within the triangle's own range where it is steep.
+pub(in crate::render::cpu) struct DepthPlane<S: Simd> {
     offsets: S::F,
     least: S::F,
     greatest: S::F,
-    /// Change from a block to the next one.
+    /// Change from a tile to the next one.
     right: f32,
 }
 
 impl<S: Simd> DepthPlane<S> {
     #[inline(always)]
-    pub(super) fn new<B: Block>([dx, dy]: [f32; 2], [least, greatest]: [f32; 2]) -> Self {
+    pub(in crate::render::cpu) fn new<B: TileLayout>(
+        [dx, dy]: [f32; 2],
+        [least, greatest]: [f32; 2],
+    ) -> Self {
         let across = S::F::splat(dx) * S::F::load(&B::X_FLOATS);
         Self {
             offsets: S::F::splat(dy).mul_add(S::F::load(&B::Y_FLOATS), across),
@@ -206,29 +218,29 @@ impl<S: Simd> DepthPlane<S> {
         }
     }
 
-    /// Over a block whose first pixel has this depth.
+    /// OverlaySink a tile whose first pixel has this depth.
     #[inline(always)]
-    pub(super) fn at(&self, first: f32) -> S::F {
+    pub(in crate::render::cpu) fn at(&self, first: f32) -> S::F {
         (S::F::splat(first) + self.offsets).max(self.least).min(self.greatest)
     }
 }
 
 /// A triangle of any size, ready to be drawn.
-struct Large {
+struct LargeTriangle {
     edges: [Edge; 3],
-    first: Corner,
+    first: ScreenVertex,
     depth_dx: f32,
     depth_dy: f32,
     depth_least: f32,
     depth_greatest: f32,
-    /// First and last column and row of blocks.
+    /// First and last column and row of tiles.
     from_x: i32,
     to_x: i32,
     from_y: i32,
     to_y: i32,
 }
 
-/// An edge function at pixel centres, in the units of [`super::small::Small::edges`].
+/// An edge function at pixel centres, in the units of [`crate::render::cpu::visibility::small_triangles::SmallTriangles::edges`].
 #[derive(Clone, Copy)]
 struct Edge {
     /// At the centre of pixel (0, 0).
@@ -237,10 +249,10 @@ struct Edge {
     dy: i32,
 }
 
-impl Large {
+impl LargeTriangle {
     /// `None` if the corners run the other way round or no pixel centre is near.
     #[inline(always)]
-    fn new<B: Block>([p, q, r]: &[Corner; 3], side: i32) -> Option<Self> {
+    fn new<B: TileLayout>([p, q, r]: &[ScreenVertex; 3], side: i32) -> Option<Self> {
         let (qx, qy) = (i64::from(q.x - p.x), i64::from(q.y - p.y));
         let (rx, ry) = (i64::from(r.x - p.x), i64::from(r.y - p.y));
         let area = qx * ry - rx * qy;
@@ -272,13 +284,13 @@ impl Large {
         })
     }
 
-    /// First and last block of a row that the triangle may reach into: near enough, the edge functions decide.
+    /// First and last tile of a row that the triangle may reach into: near enough, the edge functions decide.
     #[inline(always)]
-    fn span<B: Block>(&self, block_row: i32) -> (i32, i32) {
+    fn span<B: TileLayout>(&self, tile_y: i32) -> (i32, i32) {
         let (mut from, mut to) = (self.from_x << B::WIDTH_BITS, self.to_x << B::WIDTH_BITS | (B::WIDTH - 1));
         for edge in &self.edges {
-            // The row of pixels on which the inner side reaches farthest.
-            let y = (block_row << B::HEIGHT_BITS) + if edge.dy > 0 { B::HEIGHT - 1 } else { 0 };
+            // The row of pixels on which the inner side light_bounds farthest.
+            let y = (tile_y << B::HEIGHT_BITS) + if edge.dy > 0 { B::HEIGHT - 1 } else { 0 };
             let crossing = -edge.at(0, y) as f32 / edge.dx as f32;
             if edge.dx > 0 {
                 from = from.max(crossing as i32 - 1);
@@ -300,7 +312,7 @@ impl Large {
 
 impl Edge {
     #[inline(always)]
-    fn new(p: &Corner, q: &Corner) -> Self {
+    fn new(p: &ScreenVertex, q: &ScreenVertex) -> Self {
         let (dx, dy) = (q.x - p.x, q.y - p.y);
         // A centre on the edge belongs to the triangle if the edge is at its top or left.
         let bias = i64::from(!(dy < 0 || (dy == 0 && dx > 0)));
@@ -308,9 +320,9 @@ impl Edge {
         Self { origin: (origin >> 8) as i32, dx: -dy, dy: dx }
     }
 
-    /// Least difference between a pixel of a block and the block's first one.
+    /// Least difference between a pixel of a tile and the tile's first one.
     #[inline(always)]
-    fn least_change<B: Block>(&self) -> i32 {
+    fn least_change<B: TileLayout>(&self) -> i32 {
         (self.dx * (B::WIDTH - 1)).min(0) + (self.dy * (B::HEIGHT - 1)).min(0)
     }
 

@@ -1,31 +1,31 @@
-//! What lies where on a map: the lens of the sun.
+//! What lies where on a map: the projection of the sun.
 
 use super::{MIDDLE_STEPS, SIDE, STEPS_PER_M, TEXELS_PER_M};
-use crate::render::cpu::each::each;
-use crate::render::cpu::kind::Block;
-use crate::render::cpu::lens::{Lens, Projected, Unfit, Vectors};
-use crate::render::cpu::raster::Visibility;
+use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{FloatLike, Simd, SimdF32, SimdMask};
+use crate::render::cpu::visibility::projection::{ClipFlags, Projected, Projection, Vectors};
+use crate::render::cpu::visibility::raster::Visibility;
+use crate::render::cpu::visibility::tile::TileLayout;
 use crate::render::math::affine::{Affine3, Vec3, normalised};
 use crate::render::mesh::ClusterBounds;
 use crate::render::scene::Instance;
 use crate::render::shading::SHADOW_MAP_WIDTH_M;
 
 /// The view along the light.
-pub(super) struct Parallel {
+pub(super) struct LightProjection {
     /// Direction to the light in the frame of the mesh that is drawn.
     pub(super) light_in_mesh: Vec3,
 }
 
-/// Texels beyond the map's edges that fit the rasteriser's numbers; nothing in a scene reaches farther, but for the floor.
+/// Texels beyond the map's edges that fit the rasteriser's numbers; nothing in a scene light_bounds farther, but for the floor.
 const GUARD: f32 = 512.0;
 
-impl Lens for Parallel {
-    fn draws(&self, instance: &Instance) -> bool {
+impl Projection for LightProjection {
+    fn includes(&self, instance: &Instance) -> bool {
         instance.casts_shadow()
     }
 
-    fn turn_to(&mut self, light_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
+    fn begin_mesh(&mut self, light_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
         // Facing is preserved by cofactors: n' · z' = (C n) · z' = n · (Cᵀ z').
         self.light_in_mesh = normalised(light_from_mesh.cofactors()[2]);
         let [x, y, _] = light_from_mesh.transform_point(centre);
@@ -44,15 +44,15 @@ impl Lens for Parallel {
     }
 
     #[inline(always)]
-    fn unfit<S: Simd>(&self, [x, y, _]: &Vectors<S>) -> Unfit<S> {
+    fn needs_clip<S: Simd>(&self, [x, y, _]: &Vectors<S>) -> ClipFlags<S> {
         let reach = S::F::splat((SIDE as f32 / 2.0 + GUARD) / TEXELS_PER_M);
         let opposite = S::F::splat(0.0) - reach;
         let far = x.gt(reach) | opposite.gt(*x) | y.gt(reach) | opposite.gt(*y);
-        Unfit { hidden: far, unfit: far }
+        ClipFlags { behind_near: far, needs_clip: far }
     }
 
     #[inline(always)]
-    fn misses<S: Simd>(&self, bounds: &ClusterBounds, [x, y, _]: &Vectors<S>, radius: S::F) -> u16 {
+    fn cull_clusters<S: Simd>(&self, bounds: &ClusterBounds, [x, y, _]: &Vectors<S>, radius: S::F) -> u16 {
         let reach = radius + S::F::splat(SHADOW_MAP_WIDTH_M / 2.0);
         let opposite = S::F::splat(0.0) - reach;
         let outside = x.gt(reach) | opposite.gt(*x) | y.gt(reach) | opposite.gt(*y);
@@ -63,5 +63,5 @@ impl Lens for Parallel {
     }
 
     #[inline(always)]
-    fn clip<S: Simd, B: Block>(&self, _triangle: [Vec3; 3], _id: i32, _visibility: &mut Visibility) {}
+    fn clip<S: Simd, B: TileLayout>(&self, _triangle: [Vec3; 3], _id: i32, _visibility: &mut Visibility) {}
 }

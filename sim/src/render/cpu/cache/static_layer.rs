@@ -2,18 +2,18 @@
 
 use std::sync::{Arc, PoisonError};
 
-use super::each::each;
-use super::isa::Kernel;
-use super::kept::Kept;
-use super::kind::{Block, Square};
-use super::light::Lamps;
-use super::raster::{NOTHING, Visibility};
-use super::rays::{Gaze, Rays};
-use super::shadow::{Extent, Highest, Reach, Shadow, ShadowMap};
-use super::simd::{F32x16, I32x16, Simd, SimdF32, SimdI32, SimdMask};
-use super::sink::Picture;
-use super::surface::SEVERAL;
-use super::workspace::{Shot, Workspace};
+use crate::render::cpu::cache::shared_cache::SharedCache;
+use crate::render::cpu::shading::lighting::ViewLights;
+use crate::render::cpu::shading::rays::{RayTable, ViewRays};
+use crate::render::cpu::shading::sink::ImageSink;
+use crate::render::cpu::shading::surface::MIXED;
+use crate::render::cpu::shadow::{LightBounds, LightBoundsBuilder, MaxHeightPyramid, Shadow, ShadowMap};
+use crate::render::cpu::simd::each::each;
+use crate::render::cpu::simd::isa::Kernel;
+use crate::render::cpu::simd::{F32x16, I32x16, Simd, SimdF32, SimdI32, SimdMask};
+use crate::render::cpu::visibility::raster::{NO_ID, Visibility};
+use crate::render::cpu::visibility::tile::{Tile4x4, TileLayout};
+use crate::render::cpu::workspace::{CameraContext, Workspace};
 use crate::render::math::affine::{Affine3, Vec3};
 use crate::render::scene::camera::PinholeCamera;
 use crate::render::scene::material::Material;
@@ -21,26 +21,26 @@ use crate::render::scene::{Instance, MeshKey, N_SUNS, Sun};
 use crate::render::{Samples, View};
 
 /// The part of a picture that stays. It makes no difference to the bytes: what stays comes first in every picture.
-pub(in crate::render) struct Layer {
+pub(in crate::render) struct StaticLayer {
     /// The maps of what stays, from its meshes to the view frame.
     maps: Vec<Affine3>,
     /// How pixels are sampled.
     samples: Samples,
-    /// 1/z, block by block.
-    pub(super) depths: Vec<F32x16>,
-    /// What is seen, block by block.
+    /// 1/z, tile by tile.
+    pub(in crate::render::cpu) depths: Vec<F32x16>,
+    /// What is seen, tile by tile.
     ids: Vec<I32x16>,
-    /// What is seen everywhere in a block, or [`SEVERAL`]: read in place of `ids`, of which there are many.
-    shown: Vec<i32>,
+    /// What is seen everywhere in a tile, or [`MIXED`]: read in place of `ids`, of which there are many.
+    tile_ids: Vec<i32>,
     /// The picture of it: `[side, side, 3]`.
-    pub(super) pixels: Vec<u8>,
-    /// Per block of pixels where shadows fall on it; empty if none do.
-    reaches: Vec<Reach>,
+    pub(in crate::render::cpu) pixels: Vec<u8>,
+    /// Per tile of pixels where shadows fall on it; empty if none do.
+    light_bounds: Vec<LightBounds>,
 }
 
 /// All that a layer depends on. Numbers that are equal make the same layer: no zero's sign matters.
 #[derive(PartialEq)]
-pub(super) struct Still {
+pub(in crate::render::cpu) struct StaticLayerKey {
     camera: PinholeCamera,
     /// Mesh, pose in the world with scale, scale and look of what never moves.
     things: Vec<(MeshKey, Affine3, Vec3, Material)>,
@@ -50,11 +50,11 @@ pub(super) struct Still {
     samples: Samples,
 }
 
-impl Still {
+impl StaticLayerKey {
     /// What a view's layer depends on.
     fn of(view: &View<'_>, samples: Samples) -> Self {
         let View { scene, snapshot, camera_idx, .. } = view;
-        let things = scene.instances[..scene.n_still].iter();
+        let things = scene.instances[..scene.n_static].iter();
         let thing = |it: &Instance| (it.mesh.key(), it.world_from_mesh(snapshot), it.scale, it.material);
         Self {
             camera: scene.cameras[*camera_idx].clone(),
@@ -69,70 +69,75 @@ impl Still {
 
 impl Workspace {
     /// The layer of a view: the scene's, or that of another one in which the same stands still, or else drawn.
-    pub(super) fn layer<B: Block>(
+    pub(in crate::render::cpu) fn layer<B: TileLayout>(
         &mut self,
-        shot: Shot<'_>,
+        context: CameraContext<'_>,
         view: &View<'_>,
-        lamps: &Lamps,
+        lights: &ViewLights,
         map: Option<&ShadowMap>,
-        layers: &Kept<Still, Layer>,
-    ) -> Arc<Layer> {
+        layers: &SharedCache<StaticLayerKey, StaticLayer>,
+    ) -> Arc<StaticLayer> {
         // What is kept is whole at any moment.
         let mut kept = view.scene.layers[view.camera_idx].lock().unwrap_or_else(PoisonError::into_inner);
         match &*kept {
-            Some(layer) if layer.shows(&self.maps[..view.scene.n_still], B::SAMPLES) => Arc::clone(layer),
+            Some(layer) if layer.shows(&self.maps[..view.scene.n_static], B::SAMPLES) => Arc::clone(layer),
             _ => {
-                let view_from_world = shot.camera.view_from_world(view.snapshot);
-                let shadow = map.and_then(|map| map.still_seen_from(&view_from_world));
-                let draw = || self.draw_layer::<B>(shot, lamps, shadow);
-                Arc::clone(kept.insert(layers.get(Still::of(view, B::SAMPLES), draw)))
+                let view_from_world = context.camera.view_from_world(view.snapshot);
+                let shadow = map.and_then(|map| map.static_view(&view_from_world));
+                let draw = || self.draw_layer::<B>(context, lights, shadow);
+                Arc::clone(kept.insert(layers.get(StaticLayerKey::of(view, B::SAMPLES), draw)))
             }
         }
     }
 
-    fn draw_layer<B: Block>(&mut self, shot: Shot<'_>, lamps: &Lamps, shadow: Option<Shadow<'_>>) -> Layer {
-        let Shot { isa, scene, camera } = shot;
-        self.clear::<B>(shot);
-        self.find::<B>(shot, 0..scene.n_still);
-        let mut reaches = Vec::new();
+    fn draw_layer<B: TileLayout>(
+        &mut self,
+        context: CameraContext<'_>,
+        lights: &ViewLights,
+        shadow: Option<Shadow<'_>>,
+    ) -> StaticLayer {
+        let CameraContext { isa, scene, camera } = context;
+        self.clear::<B>(context);
+        self.rasterize::<B>(context, 0..scene.n_static);
+        let mut light_bounds = Vec::new();
         if let Some(shadow) = &shadow {
-            isa.run(Measure {
+            isa.run(MeasureLightBounds {
                 visibility: &self.visibility,
                 samples_per_edge: B::SAMPLES_PER_EDGE,
                 rays: &self.rays[0],
                 shadow,
-                reaches: &mut reaches,
+                light_bounds: &mut light_bounds,
             });
         }
         let mut pixels = vec![0; camera.side * camera.side * 3];
-        self.shade::<B>(shot, lamps, shadow, None, Picture::new(&mut pixels, camera.side));
-        Layer {
-            maps: self.maps[..scene.n_still].to_vec(),
+        self.shade::<B>(context, lights, shadow, None, ImageSink::new(&mut pixels, camera.side));
+        StaticLayer {
+            maps: self.maps[..scene.n_static].to_vec(),
             samples: B::SAMPLES,
             depths: self.visibility.depths.clone(),
             ids: self.visibility.ids.clone(),
-            shown: self.surfaces.shown.clone(),
+            tile_ids: self.surfaces.tile_ids.clone(),
             pixels,
-            reaches,
+            light_bounds,
         }
     }
 }
 
-impl Layer {
+impl StaticLayer {
     /// Whether it was drawn for these maps, with pixels sampled like this.
     fn shows(&self, maps: &[Affine3], samples: Samples) -> bool {
         self.maps == maps && self.samples == samples
     }
 
-    /// Puts what is seen in a block where nothing else is.
+    /// Puts what is seen in a tile where nothing else is.
     #[inline(always)]
-    fn fill<S: Simd>(&self, ids: &mut I32x16, block: usize) {
+    fn fill<S: Simd>(&self, ids: &mut I32x16, tile: usize) {
         let over = S::I::load(ids);
-        let drawn = over.gt(S::I::splat(NOTHING));
+        let drawn = over.gt(S::I::splat(NO_ID));
         if drawn.to_bits() != u16::MAX {
-            let behind = match self.shown[block] {
-                SEVERAL => S::I::load(&self.ids[block]),
-                shown => S::I::splat(shown),
+            let behind = match self.tile_ids[tile] {
+                MIXED => S::I::load(&self.ids[tile]),
+                tile_ids => S::I::splat(tile_ids),
             };
             over.select_or(drawn, behind).store(ids);
         }
@@ -140,15 +145,15 @@ impl Layer {
 }
 
 /// Finds where shadows fall on a layer.
-struct Measure<'a> {
+struct MeasureLightBounds<'a> {
     visibility: &'a Visibility,
     samples_per_edge: usize,
-    rays: &'a Rays,
+    rays: &'a RayTable,
     shadow: &'a Shadow<'a>,
-    reaches: &'a mut Vec<Reach>,
+    light_bounds: &'a mut Vec<LightBounds>,
 }
 
-impl Kernel for Measure<'_> {
+impl Kernel for MeasureLightBounds<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         let Self {
@@ -156,76 +161,76 @@ impl Kernel for Measure<'_> {
             samples_per_edge,
             rays,
             shadow,
-            reaches,
+            light_bounds,
         } = self;
-        let pitch = *side as usize >> Square::WIDTH_BITS;
+        let pitch = *side as usize >> Tile4x4::WIDTH_BITS;
         let per_row = pitch / samples_per_edge;
-        reaches.clear();
-        for block in 0..per_row * per_row {
-            let (column, row) = (block % per_row, block / per_row);
-            let mut extent = Extent::NONE;
-            let nothing = S::I::splat(NOTHING);
+        light_bounds.clear();
+        for tile in 0..per_row * per_row {
+            let (column, row) = (tile % per_row, tile / per_row);
+            let mut extent = LightBoundsBuilder::NONE;
+            let nothing = S::I::splat(NO_ID);
             if samples_per_edge == 1 {
-                let gaze = rays.gaze::<S>(column, row).at(&depths[block]);
-                extent.add::<S>(shadow, &gaze, S::I::load(&ids[block]).gt(nothing));
+                let ray = rays.tile::<S>(column, row).at(&depths[tile]);
+                extent.add::<S>(shadow, &ray, S::I::load(&ids[tile]).gt(nothing));
             } else {
                 let upper = row * 2 * pitch + column * 2;
                 let four = [upper, upper + 1, upper + pitch, upper + pitch + 1];
                 let ids = S::interleave_tiles(each!(k in 4 => S::I::load(&ids[four[k]])));
                 let depths = S::interleave_tiles(each!(k in 4 => S::F::load(&depths[four[k]]).bitcast_i32()));
                 for k in 0..4 {
-                    let gaze = Gaze { depth: depths[k].bitcast_f32(), ..rays.gaze::<S>(column, row) };
-                    extent.add::<S>(shadow, &gaze, ids[k].gt(nothing));
+                    let ray = ViewRays { depth: depths[k].bitcast_f32(), ..rays.tile::<S>(column, row) };
+                    extent.add::<S>(shadow, &ray, ids[k].gt(nothing));
                 }
             }
-            reaches.push(extent.reach());
+            light_bounds.push(extent.reach());
         }
     }
 }
 
-/// Finds which blocks of pixels are no longer as in a layer, and puts what the layer shows behind what moves there.
-pub(super) struct Renew<'a> {
+/// Finds which tiles of pixels are no longer as in a layer, and puts what the layer shows behind what moves there.
+pub(in crate::render::cpu) struct FindStaleTiles<'a> {
     /// Of what moves, drawn over the layer's depths.
-    pub(super) visibility: &'a mut Visibility,
-    pub(super) samples_per_edge: usize,
-    pub(super) layer: &'a Layer,
+    pub(in crate::render::cpu) visibility: &'a mut Visibility,
+    pub(in crate::render::cpu) samples_per_edge: usize,
+    pub(in crate::render::cpu) layer: &'a StaticLayer,
     /// The heights of what moves, if it casts shadows.
-    pub(super) moving: Option<&'a Highest>,
-    /// Per block of pixels.
-    pub(super) stale: &'a mut Vec<bool>,
+    pub(in crate::render::cpu) moving: Option<&'a MaxHeightPyramid>,
+    /// Per tile of pixels.
+    pub(in crate::render::cpu) stale: &'a mut Vec<bool>,
 }
 
-impl Kernel for Renew<'_> {
+impl Kernel for FindStaleTiles<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
         let Self { visibility: Visibility { side, ids, .. }, samples_per_edge, layer, moving, stale } = self;
-        let pitch = *side as usize >> Square::WIDTH_BITS;
+        let pitch = *side as usize >> Tile4x4::WIDTH_BITS;
         let per_row = pitch / samples_per_edge;
-        let nothing = S::I::splat(NOTHING);
+        let nothing = S::I::splat(NO_ID);
         stale.clear();
         stale.resize(per_row * per_row, false);
-        if let Some(highest) = moving {
-            for (stale, reach) in stale.iter_mut().zip(&layer.reaches) {
-                *stale = reach.is_touched(highest);
+        if let Some(max_heights) = moving {
+            for (stale, reach) in stale.iter_mut().zip(&layer.light_bounds) {
+                *stale = reach.is_touched(max_heights);
             }
         }
         if samples_per_edge == 1 {
-            for (block, (ids, stale)) in ids.iter_mut().zip(stale).enumerate() {
+            for (tile, (ids, stale)) in ids.iter_mut().zip(stale).enumerate() {
                 *stale |= S::I::load(ids).gt(nothing).any();
                 if *stale {
-                    layer.fill::<S>(ids, block);
+                    layer.fill::<S>(ids, tile);
                 }
             }
             return;
         }
-        for (block, stale) in stale.iter_mut().enumerate() {
-            let upper = block / per_row * 2 * pitch + block % per_row * 2;
+        for (tile, stale) in stale.iter_mut().enumerate() {
+            let upper = tile / per_row * 2 * pitch + tile % per_row * 2;
             let four = [upper, upper + 1, upper + pitch, upper + pitch + 1];
             let [a, b, c, d] = each!(k in 4 => S::I::load(&ids[four[k]]));
             *stale |= a.max(b).max(c.max(d)).gt(nothing).any();
             if *stale {
-                for block in four {
-                    layer.fill::<S>(&mut ids[block], block);
+                for tile in four {
+                    layer.fill::<S>(&mut ids[tile], tile);
                 }
             }
         }
@@ -238,14 +243,14 @@ mod tests {
 
     use ipc_types::ControlMode;
 
-    use super::Layer;
+    use super::StaticLayer;
     use crate::TaskId;
     use crate::physics::World;
     use crate::render::{CpuRenderer, RenderScene};
     use crate::scene::{CameraMount, Scene, Snapshot};
 
     /// The layer that a scene has of its first camera once it has been drawn.
-    fn layer(renderer: &mut CpuRenderer, scene: &Scene) -> (RenderScene, Arc<Layer>) {
+    fn layer(renderer: &mut CpuRenderer, scene: &Scene) -> (RenderScene, Arc<StaticLayer>) {
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
         let scene = RenderScene::new(scene);
@@ -268,7 +273,7 @@ mod tests {
                 let _images = renderer.photograph(&render, &snapshot);
                 world.step(&vec![0.3; scene.robots.len() * 7]);
                 let layers = render.layers.iter().map(|layer| layer.lock().unwrap().clone());
-                (layers.collect::<Vec<_>>(), render.still_heights.lock().unwrap().clone())
+                (layers.collect::<Vec<_>>(), render.static_heights.lock().unwrap().clone())
             };
             let (layers, heights) = kept();
             for _ in 0..3 {

@@ -6,19 +6,19 @@
 /// `each!(k in 3 => f(k))` is `[f(0), f(1), f(2)]`; for 2, 3, 4, 8 and 16.
 macro_rules! each {
     ($k:ident in 2 => $value:expr) => {
-        $crate::render::cpu::each::each!($k of [0, 1] => $value)
+        $crate::render::cpu::simd::each::each!($k of [0, 1] => $value)
     };
     ($k:ident in 3 => $value:expr) => {
-        $crate::render::cpu::each::each!($k of [0, 1, 2] => $value)
+        $crate::render::cpu::simd::each::each!($k of [0, 1, 2] => $value)
     };
     ($k:ident in 4 => $value:expr) => {
-        $crate::render::cpu::each::each!($k of [0, 1, 2, 3] => $value)
+        $crate::render::cpu::simd::each::each!($k of [0, 1, 2, 3] => $value)
     };
     ($k:ident in 8 => $value:expr) => {
-        $crate::render::cpu::each::each!($k of [0, 1, 2, 3, 4, 5, 6, 7] => $value)
+        $crate::render::cpu::simd::each::each!($k of [0, 1, 2, 3, 4, 5, 6, 7] => $value)
     };
     ($k:ident in 16 => $value:expr) => {
-        $crate::render::cpu::each::each!($k of [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] => $value)
+        $crate::render::cpu::simd::each::each!($k of [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] => $value)
     };
     ($k:ident of [$($i:literal),+] => $value:expr) => {
         [$({
@@ -28,4 +28,4 @@ macro_rules! each {
     };
 }
 
-pub(super) use each;
+pub(in crate::render::cpu) use each;

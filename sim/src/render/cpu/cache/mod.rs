@@ -1,0 +1,4 @@
+//! Caches of what static cameras and lights see of static geometry. They save work and change no byte.
+
+pub(super) mod shared_cache;
+pub(super) mod static_layer;

@@ -1,0 +1,232 @@
+//! Four samples per pixel: every triangle that a pixel shows is shaded once, at the pixel's centre, and weighed by its
+//! share of the samples.
+
+use crate::render::cpu::shading::surface::MIXED;
+use crate::render::cpu::shading::tiles::{GatheredSurfaces, Shader, TILE_ROW, TileRow, TileSink, store_all};
+use crate::render::cpu::simd::each::each;
+use crate::render::cpu::simd::isa::Kernel;
+use crate::render::cpu::simd::{
+    F32x16, FloatLike, I32x16, N_LANES, SetBits, Simd, SimdF32, SimdI32, SimdMask,
+};
+use crate::render::cpu::visibility::raster::{NO_ID, Visibility};
+use crate::render::cpu::visibility::tile::{MultisampleTile, Tile4x4, TileLayout};
+
+/// Samples along each edge of a pixel.
+const PER_EDGE: usize = MultisampleTile::SAMPLES_PER_EDGE;
+/// Samples of a pixel.
+const PER_PIXEL: usize = PER_EDGE * PER_EDGE;
+/// BinEntry of a pixel's light that a sample has.
+const SHARE: f32 = 1.0 / PER_PIXEL as f32;
+
+/// Shades a picture from samples in [`MultisampleTile`] tiles.
+pub(in crate::render::cpu) struct ShadeSamples<'a, K> {
+    pub(in crate::render::cpu) shader: Shader<'a>,
+    pub(in crate::render::cpu) visibility: &'a Visibility,
+    pub(in crate::render::cpu) sink: K,
+}
+
+/// What the samples of a tile_row's tiles show.
+struct TileSamples {
+    /// By sample and tile; lane i is pixel i.
+    ids: [[I32x16; TILE_ROW]; PER_PIXEL],
+    depths: [[F32x16; TILE_ROW]; PER_PIXEL],
+    /// The triangle that all samples of a tile show, or [`MIXED`].
+    uniform_ids: [i32; TILE_ROW],
+}
+
+impl TileSamples {
+    const NO_ID: Self = Self {
+        ids: [[I32x16([NO_ID; N_LANES]); TILE_ROW]; PER_PIXEL],
+        depths: [[F32x16::ZERO; TILE_ROW]; PER_PIXEL],
+        uniform_ids: [NO_ID; TILE_ROW],
+    };
+}
+
+/// TriangleSetups that pixels of a tile_row show beside those of their first samples, packed: a list of each property.
+struct Fragments {
+    n: usize,
+    /// FloatLike of the tile times 16, plus that of the pixel.
+    pixels: [i32; MAX_FRAGMENTS],
+    ids: [i32; MAX_FRAGMENTS],
+    /// As the bits of floats.
+    depths: [i32; MAX_FRAGMENTS],
+    /// BinEntry of the pixel's samples, likewise.
+    weights: [i32; MAX_FRAGMENTS],
+}
+
+/// Every sample but a pixel's first may show a triangle of its own; the last vector may be written past the last of them.
+const MAX_FRAGMENTS: usize = TILE_ROW * N_LANES * (PER_PIXEL - 1) + N_LANES;
+
+impl Fragments {
+    const NONE: Self = Self {
+        n: 0,
+        pixels: [0; MAX_FRAGMENTS],
+        ids: [0; MAX_FRAGMENTS],
+        depths: [0; MAX_FRAGMENTS],
+        weights: [0; MAX_FRAGMENTS],
+    };
+
+    #[inline(always)]
+    fn push<S: Simd>(&mut self, keep: S::M, tile: usize, id: S::I, depth: S::F, weight: S::F) {
+        let n = self.n;
+        let pixel_idx = S::I::load(&I32x16::INDICES) + S::I::splat((tile * N_LANES) as i32);
+        for (numbers, list) in [
+            (pixel_idx, &mut self.pixels),
+            (id, &mut self.ids),
+            (depth.bitcast_i32(), &mut self.depths),
+            (weight.bitcast_i32(), &mut self.weights),
+        ] {
+            let (to, _) = list[n..].split_first_chunk_mut().expect("room for a vector behind the last one");
+            self.n = n + S::compress(numbers, keep, to);
+        }
+    }
+
+    /// Sixteen of a list, from the `first` on; there is nothing behind the end.
+    #[inline(always)]
+    fn line(list: &[i32; MAX_FRAGMENTS], first: usize) -> I32x16 {
+        I32x16(each!(i in 16 => list[first + i]))
+    }
+}
+
+impl<K: TileSink> Kernel for ShadeSamples<'_, K> {
+    #[inline(always)]
+    fn run<S: Simd>(mut self) {
+        let per_row = (self.visibility.side as usize / PER_EDGE) >> Tile4x4::WIDTH_BITS;
+        let mut tile_row = TileRow::new();
+        let (mut samples, mut fragments) = (TileSamples::NO_ID, Fragments::NONE);
+        let mut light = [[F32x16::ZERO; 3]; TILE_ROW];
+        for row in 0..per_row {
+            for first in (0..per_row).step_by(TILE_ROW) {
+                let n = TILE_ROW.min(per_row - first);
+                for i in 0..n {
+                    self.gather::<S>(first + i, row, i, &mut samples);
+                }
+                tile_row.move_to(first, row, n);
+                let (ids, depths) = (&samples.ids[0][..n], &samples.depths[0][..n]);
+                self.shader.shade::<S>(&samples.uniform_ids[..n], ids, depths, &mut tile_row);
+                let mixed = weigh::<S>(&samples, &tile_row, &mut light, &mut fragments);
+                self.add::<S>(&fragments, &mut tile_row, &mut light);
+                for i in SetBits(mixed) {
+                    tile_row.replace::<S>(i, each!(c in 3 => S::F::load(&light[i][c]).sqrt()));
+                }
+                self.sink.write::<S>(&tile_row);
+            }
+        }
+    }
+}
+
+impl<K: TileSink> ShadeSamples<'_, K> {
+    /// Puts the samples of a tile_row's tile of pixels, which lie in four tiles of samples, in the order of the pixels.
+    #[inline(always)]
+    fn gather<S: Simd>(&self, column: usize, row: usize, i: usize, samples: &mut TileSamples) {
+        let pitch = self.visibility.side as usize >> Tile4x4::WIDTH_BITS;
+        let upper = row * PER_EDGE * pitch + column * PER_EDGE;
+        let tiles = [upper, upper + 1, upper + pitch, upper + pitch + 1];
+        let uniform_ids = each!(k in 4 => self.shader.surfaces.tile_ids[tiles[k]]);
+        samples.uniform_ids[i] = if uniform_ids == [uniform_ids[0]; 4] { uniform_ids[0] } else { MIXED };
+        let ids = S::interleave_tiles(each!(k in 4 => S::I::load(&self.visibility.ids[tiles[k]])));
+        let depths =
+            S::interleave_tiles(each!(k in 4 => S::F::load(&self.visibility.depths[tiles[k]]).bitcast_i32()));
+        for sample in 0..PER_PIXEL {
+            ids[sample].store(&mut samples.ids[sample][i]);
+            depths[sample].bitcast_f32().store(&mut samples.depths[sample][i]);
+        }
+    }
+
+    /// Adds the fragments' light to that of their pixels.
+    #[inline(always)]
+    fn add<S: Simd>(
+        &self,
+        fragments: &Fragments,
+        tile_row: &mut TileRow,
+        light: &mut [[F32x16; 3]; TILE_ROW],
+    ) {
+        let mut gathered = GatheredSurfaces::NONE;
+        for first in (0..fragments.n).step_by(N_LANES) {
+            let n = N_LANES.min(fragments.n - first);
+            let mut ids = Fragments::line(&fragments.ids, first);
+            ids.0[n..].fill(NO_ID);
+            let pixels = Fragments::line(&fragments.pixels, first);
+            let pixel_idx = S::I::load(&pixels);
+            let tile = pixel_idx.shr_logical::<4>();
+            let column =
+                (tile.shl::<2>() | pixel_idx & S::I::splat(3)) + S::I::splat((tile_row.column * 4) as i32);
+            let row =
+                (pixel_idx.shr_logical::<2>() & S::I::splat(3)) + S::I::splat((tile_row.row * 4) as i32);
+            let depth = S::I::load(&Fragments::line(&fragments.depths, first)).bitcast_f32();
+            let weight = S::I::load(&Fragments::line(&fragments.weights, first)).bitcast_f32();
+            let ray = self.shader.rays.for_pixels::<S>([column.to_f32(), row.to_f32()], depth);
+            self.shader.gather::<S>(&ids, &ray, &mut gathered);
+            if gathered.textured != 0 {
+                let mut tiles = I32x16::ZERO;
+                tile.store(&mut tiles);
+                let tint = self.shader.tint::<S>(&ids, &tiles, &ray, gathered.textured, tile_row);
+                store_all::<S>(tint, &mut gathered.tint);
+            }
+            let roots = self.shader.shade_mixed::<S>(&gathered, &ray);
+            let mut rgb = [F32x16::ZERO; 3];
+            store_all::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), &mut rgb);
+            for lane in 0..n {
+                let (tile, pixel) = (pixels.0[lane] as usize / N_LANES, pixels.0[lane] as usize % N_LANES);
+                for c in 0..3 {
+                    light[tile][c].0[pixel] += rgb[c].0[lane];
+                }
+            }
+        }
+    }
+}
+
+/// Gives the first samples' light its weight in the tile_row's tiles where other samples show something else, and lists what
+/// they show. Bit i: tile i is one of them.
+#[inline(always)]
+fn weigh<S: Simd>(
+    samples: &TileSamples,
+    tile_row: &TileRow,
+    light: &mut [[F32x16; 3]; TILE_ROW],
+    fragments: &mut Fragments,
+) -> u16 {
+    fragments.n = 0;
+    let mut mixed = 0;
+    for (i, light) in light[..tile_row.n].iter_mut().enumerate() {
+        if samples.uniform_ids[i] != MIXED {
+            continue;
+        }
+        let ids = each!(s in 4 => S::I::load(&samples.ids[s][i]));
+        let same = ids[1].eq(ids[0]) & ids[2].eq(ids[0]) & ids[3].eq(ids[0]);
+        if same.to_bits() == u16::MAX {
+            continue;
+        }
+        mixed |= 1 << i;
+        let roots = tile_row.roots::<S>(i);
+        let weight = share::<S>(&ids, 0);
+        store_all::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), light);
+        for sample in 1..PER_PIXEL {
+            let mut keep = ids[sample].gt(S::I::splat(NO_ID));
+            for before in &ids[..sample] {
+                keep = keep.and_not(ids[sample].eq(*before));
+            }
+            if keep.any() {
+                let depth = S::F::load(&samples.depths[sample][i]);
+                fragments.push::<S>(keep, i, ids[sample], depth, share::<S>(&ids, sample));
+            }
+        }
+    }
+    mixed
+}
+
+/// What share of a pixel's samples show what this one shows, if none before it does.
+#[inline(always)]
+fn share<S: Simd>(ids: &[S::I; PER_PIXEL], sample: usize) -> S::F {
+    let mut share = S::F::splat(SHARE);
+    for after in &ids[sample + 1..] {
+        share = share + S::F::splat(SHARE).select_or(after.eq(ids[sample]), S::F::splat(0.0));
+    }
+    share
+}
+
+/// Linear light, held in [0, 1], from its square root.
+#[inline(always)]
+fn linear<S: Simd>(root: S::F) -> S::F {
+    let held = root.min(S::F::splat(1.0));
+    held * held
+}
