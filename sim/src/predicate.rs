@@ -14,7 +14,7 @@ pub enum Region {
         /// Maximum x, y and z; may be infinite.
         max: [f64; 3],
     },
-    /// A cylinder.
+    /// A cylinder with arbitrary axis.
     Cylinder {
         /// A point on the axis.
         origin: [f64; 3],
@@ -45,14 +45,14 @@ impl Region {
 pub enum Predicate {
     /// The origin of the body is above `z_m`.
     Above {
-        /// Body index.
+        /// Index of the body.
         body: usize,
         /// Height in the world frame, in m.
         z_m: f64,
     },
     /// The origin of the body has moved by more than a distance along an axis, in either direction.
     Moved {
-        /// Body index.
+        /// Index of the body.
         body: usize,
         /// Reference position in the world frame, in m.
         from: [f64; 3],
@@ -63,7 +63,7 @@ pub enum Predicate {
     },
     /// A point of the body is inside a region.
     Inside {
-        /// Body index.
+        /// Index of the body.
         body: usize,
         /// Point in the body frame, in m.
         point: [f64; 3],
@@ -74,14 +74,14 @@ pub enum Predicate {
     },
     /// The joint of a jointed body has moved at least a given distance from its start.
     Opened {
-        /// Body index.
+        /// Index of the body.
         body: usize,
         /// Minimum joint position, in m or rad.
         min_position: f64,
     },
     /// The angle between an axis of the body and a direction is within bounds.
     Aligned {
-        /// Body index.
+        /// Index of the body.
         body: usize,
         /// Axis, as a unit vector in the body frame.
         axis: [f64; 3],
@@ -94,7 +94,7 @@ pub enum Predicate {
     },
     /// The body is close to a pose.
     At {
-        /// Body index.
+        /// Index of the body.
         body: usize,
         /// Position in the world frame, in m.
         position: [f64; 3],
@@ -118,7 +118,7 @@ pub enum Predicate {
     },
     /// The body is at rest.
     AtRest {
-        /// Body index.
+        /// Index of the body.
         body: usize,
         /// Maximum linear speed, in m/s.
         max_linear: f64,
@@ -132,19 +132,19 @@ pub enum Predicate {
     },
     /// An arm grasps the body, and its TCP is at least as close to it as that of any other arm.
     GraspedByNearest {
-        /// Body index.
+        /// Index of the body.
         body: usize,
-        /// Arm index.
+        /// Index of the arm.
         arm: usize,
     },
     /// At least one arm grasps the body.
     Held {
-        /// Body index.
+        /// Index of the body.
         body: usize,
     },
     /// No arm grasps the body.
     Released {
-        /// Body index.
+        /// Index of the body.
         body: usize,
     },
 }

@@ -23,7 +23,7 @@ pub const CONTROL_MODE: ControlMode = ControlMode::JointPos;
 /// Target pose of an arm's TCP at the end of a move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TcpGoal {
-    /// Arm index.
+    /// Index of the arm.
     pub arm: usize,
     /// World pose of the TCP at the end of the move.
     pub tcp: Isometry3<f64>,
@@ -50,7 +50,7 @@ pub enum Move {
     /// Sets the gripper command, −1 (squeeze) to 1 (open), and holds the arms' positions for some control
     /// steps.
     Grip {
-        /// Arm indices.
+        /// Indices of the arms.
         arms: Vec<usize>,
         /// Gripper command of the action row.
         command: f32,
@@ -77,7 +77,7 @@ impl Move {
         Self::Grip { arms: arms.to_vec(), command: -1.0, steps }
     }
 
-    /// Opens grippers.
+    /// Opens grippers fully.
     #[must_use]
     pub fn open(arms: &[usize], steps: u32) -> Self {
         Self::Grip { arms: arms.to_vec(), command: 1.0, steps }
@@ -106,7 +106,7 @@ pub struct MotionPlanError {
     pub move_idx: usize,
     /// Name of the kind of move.
     pub name: &'static str,
-    /// Arm index.
+    /// Index of the arm.
     pub arm: usize,
     /// Unreachable position of the TCP in the world frame, in m.
     pub at: [f64; 3],

@@ -22,7 +22,7 @@ pub(super) fn time_parametrise(path: &[Configuration], limits: MotionLimits, dt:
     let total = lengths[lengths.len() - 1];
     let profile = TrapezoidalProfile::new(total, limits);
     let n_steps = (profile.duration / dt).ceil();
-    // The profile is stretched by less than one step, so that the last time_parametrise is the end of the
+    // The profile is stretched by less than one step, so that the last sample is the end of the
     // path.
     let mut segment = 0;
     (1..=n_steps as usize)

@@ -68,13 +68,13 @@ pub enum SimCommand {
     Run(Assignment),
     /// Announces that the lane's policy host is connected and accepts queries.
     HostUp {
-        /// Lane index.
+        /// Index of the lane.
         lane: u32,
     },
     /// Announces that the lane's policy host has exited. Its unfinished episodes restart when a host is
     /// connected again.
     HostDown {
-        /// Lane index.
+        /// Index of the lane.
         lane: u32,
     },
 }
@@ -104,7 +104,7 @@ pub enum SimEvent {
     },
     /// A lane has failed; the run cannot continue with it.
     LaneFailed {
-        /// Lane index.
+        /// Index of the lane.
         lane: u32,
         /// The error in one sentence.
         message: String,
@@ -155,7 +155,7 @@ pub struct EpisodeLedger {
 pub struct Counters {
     /// Control steps executed, in finished and unfinished episodes.
     pub env_steps: u64,
-    /// Images rendered.
+    /// Number of images rendered.
     pub images: u64,
     /// Queries sent; a batch counts once per env.
     pub queries: u64,

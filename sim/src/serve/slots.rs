@@ -14,7 +14,7 @@ const STEP_QUANTUM: u32 = 5;
 
 /// The state of one slot.
 pub(super) enum Slot {
-    /// No episode.
+    /// The slot has no episode.
     Empty,
     /// An episode whose world has not been built yet.
     Assigned(Assignment),

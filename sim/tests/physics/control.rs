@@ -1,4 +1,4 @@
-//! Control modes as seen from outside: what an action row does to the arm.
+//! Control modes: the effect of action rows on the arm.
 
 use ipc_types::ControlMode;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -7,7 +7,8 @@ use sim::{Perturbation, TaskId};
 
 use super::common;
 
-/// The TCP's displacement (m) and rotation vector (rad) in the world after `steps` equal delta-pose rows.
+/// Returns the TCP's displacement (m) and rotation vector (rad) in the world frame after `steps` identical
+/// delta-pose rows.
 fn moved_by(row: [f32; 7], steps: usize) -> (Vector3<f32>, Vector3<f32>) {
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 1);
     let mut world = World::build(&scene, ControlMode::EeDeltaPose);
@@ -21,7 +22,7 @@ fn moved_by(row: [f32; 7], steps: usize) -> (Vector3<f32>, Vector3<f32>) {
 }
 
 #[test]
-fn every_mode_holds_still_when_asked_to() {
+fn hold_action_holds_the_pose_in_every_mode() {
     for &task in TaskId::ALL {
         let scene = common::draw(task, Perturbation::None, 0);
         for mode in ControlMode::ALL {
@@ -46,37 +47,37 @@ fn every_mode_holds_still_when_asked_to() {
 }
 
 #[test]
-fn a_delta_pose_translates_along_the_root_axes() {
+fn delta_pose_translates_along_the_root_axes() {
     for axis in 0..3 {
         for sign in [-1.0, 1.0] {
             let mut row = [0.0; 7];
             (row[axis], row[6]) = (0.1 * sign, 1.0);
             let (moved, turned) = moved_by(row, 10);
             let along = moved[axis] * sign;
-            let aside = (moved - Vector3::ith(axis, moved[axis])).norm();
+            let lateral = (moved - Vector3::ith(axis, moved[axis])).norm();
             assert!(along > 0.03 && along < 0.1, "axis {axis}: {moved}");
-            assert!(aside < 0.05 * along && turned.norm() < 0.02, "axis {axis}: {moved}, turned {turned}");
+            assert!(lateral < 0.05 * along && turned.norm() < 0.02, "axis {axis}: {moved}, turned {turned}");
         }
     }
 }
 
 #[test]
-fn a_delta_pose_turns_against_the_sign_of_its_action() {
+fn delta_pose_rotates_against_the_action_sign() {
     for axis in 0..3 {
         let mut row = [0.0; 7];
         (row[3 + axis], row[6]) = (0.5, 1.0);
         let (moved, turned) = moved_by(row, 10);
         assert!(turned[axis] < -0.1, "axis {axis}: {turned}");
-        let aside = (turned - Vector3::ith(axis, turned[axis])).norm();
+        let lateral = (turned - Vector3::ith(axis, turned[axis])).norm();
         assert!(
-            aside < 0.1 * turned[axis].abs() && moved.norm() < 0.01,
+            lateral < 0.1 * turned[axis].abs() && moved.norm() < 0.01,
             "axis {axis}: {turned}, moved {moved}"
         );
     }
 }
 
 #[test]
-fn a_delta_pose_is_clipped_by_component_and_its_rotation_by_norm() {
+fn delta_pose_is_clipped_to_its_range() {
     assert_eq!(
         moved_by([5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], 3),
         moved_by([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], 3)
@@ -88,7 +89,7 @@ fn a_delta_pose_is_clipped_by_component_and_its_rotation_by_norm() {
 }
 
 #[test]
-fn an_absolute_pose_is_reached_and_an_unreachable_one_holds() {
+fn absolute_pose_is_reached_or_held_if_unreachable() {
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
     let mut world = World::build(&scene, ControlMode::EePose);
     let start = world.tcp_pose(0).translation.vector;
@@ -109,7 +110,7 @@ fn an_absolute_pose_is_reached_and_an_unreachable_one_holds() {
 }
 
 #[test]
-fn the_gripper_entry_maps_to_both_fingers() {
+fn gripper_command_maps_to_both_fingers() {
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
     for (entry, finger_m) in [(1.0, 0.04), (0.0, 0.015), (-0.6, 0.0), (-1.0, 0.0)] {
         let mut world = World::build(&scene, ControlMode::JointPos);
@@ -119,15 +120,15 @@ fn the_gripper_entry_maps_to_both_fingers() {
             world.step(&row);
         }
         for finger in &world.qpos(0)[7..] {
-            assert!((finger - finger_m).abs() < 5e-4, "gripper {entry}: finger at {finger} m");
+            assert!((finger - finger_m).abs() < 5e-4, "gripper command {entry}: finger at {finger} m");
         }
     }
 }
 
 #[test]
-fn the_drive_never_exceeds_its_limit_of_force() {
-    // At rest a joint's speed after one step of full torque is bounded by limit · dt over its least inertia, far above what
-    // a spring of 1000 N·m/rad would give for an error of 2 rad; what shows is that joint 1 takes its time.
+fn drive_respects_its_force_limit() {
+    // A force limit of 100 N·m slows joint 1 down visibly: without it, a spring of 1000 N·m/rad with an error
+    // of 2 rad would move the joint much farther in one control step.
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
     let mut world = World::build(&scene, ControlMode::JointPos);
     let mut row = common::hold_row(&scene, &world, ControlMode::JointPos);

@@ -1,4 +1,5 @@
-//! Demonstrations: experts' plans told in the modes that policies are trained in, and done again.
+//! Demonstrations: expert plans converted to the control modes that policies are trained in, and their
+//! replay.
 
 use ipc_types::{ControlMode, Morphology};
 use rayon::prelude::*;
@@ -9,7 +10,7 @@ use sim::show::EpisodeSpec;
 use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
-/// Episodes of each task, of which one at least must succeed.
+/// Number of episodes per task, of which at least one must succeed.
 const TRIES: u32 = 4;
 
 fn subject(task: TaskId) -> EpisodeSpec {
@@ -22,7 +23,7 @@ fn record(task: TaskId, episode_idx: u32, mode: ControlMode) -> Result<Recording
 }
 
 #[test]
-fn every_task_can_be_demonstrated_in_the_mode_policies_are_trained_in_and_replays_to_the_same_fingerprint() {
+fn demonstration_of_every_task_replays_to_its_fingerprint() {
     TaskId::ALL.par_iter().for_each(|&task| {
         let mode = task.task().morphology.default_control_mode();
         let found = (0..TRIES).find_map(|episode_idx| {
@@ -39,34 +40,34 @@ fn every_task_can_be_demonstrated_in_the_mode_policies_are_trained_in_and_replay
         assert_eq!(recording.actions().len(), n_frames * action_dim);
         assert_eq!(recording.states().len(), n_frames * task.task().morphology.state_dim());
         let seed = episode_seed(1000, task.name(), episode_idx);
-        let again = Recording::replay(subject(task), seed, mode, recording.actions()).unwrap();
-        assert!(again.success_at_end(), "{}", task.name());
-        assert_eq!(again.fingerprint(), recording.fingerprint(), "{}", task.name());
-        assert_eq!(again.states(), recording.states(), "{}", task.name());
-        let mut other = recording.actions().to_vec();
-        other[action_dim + 2] += 0.01;
-        let changed = Recording::replay(subject(task), seed, mode, &other).unwrap();
+        let replayed = Recording::replay(subject(task), seed, mode, recording.actions()).unwrap();
+        assert!(replayed.success_at_end(), "{}", task.name());
+        assert_eq!(replayed.fingerprint(), recording.fingerprint(), "{}", task.name());
+        assert_eq!(replayed.states(), recording.states(), "{}", task.name());
+        let mut altered = recording.actions().to_vec();
+        altered[action_dim + 2] += 0.01;
+        let changed = Recording::replay(subject(task), seed, mode, &altered).unwrap();
         assert_ne!(changed.fingerprint(), recording.fingerprint(), "{}", task.name());
     });
 }
 
 #[test]
-fn a_mode_that_plans_are_not_told_in_is_named() {
-    let refused = |task, mode| record(task, 0, mode).err().map(|error| error.to_string());
-    let error = refused(TaskId::RaiseCube, ControlMode::EePose).unwrap();
+fn unsupported_control_mode_is_named_in_the_error() {
+    let error_of = |task, mode| record(task, 0, mode).err().map(|error| error.to_string());
+    let error = error_of(TaskId::RaiseCube, ControlMode::EePose).unwrap();
     assert!(error.contains("not in pd_ee_pose"), "{error}");
-    assert!(refused(TaskId::DualArmLiftTray, ControlMode::EeDeltaPose).is_some());
+    assert!(error_of(TaskId::DualArmLiftTray, ControlMode::EeDeltaPose).is_some());
     assert_eq!(TaskId::DualArmLiftTray.task().morphology, Morphology::Bimanual);
 }
 
 #[test]
-fn a_row_asks_for_a_displacement_or_for_as_much_of_it_as_it_can() {
+fn delta_row_expresses_or_clips_a_displacement() {
     let mut row = [0.0; 6];
     assert!(delta_row(&[0.05, -0.1, 0.0, 0.0, 0.02, -0.06].into(), &mut row));
     assert_eq!(row, [0.5, -1.0, 0.0, 0.0, -0.2, 0.6]);
     assert!(!delta_row(&[0.2, 0.01, 0.0, 0.0, 0.0, 0.05].into(), &mut row));
     assert_eq!(row, [1.0, 0.1, 0.0, 0.0, 0.0, -0.5]);
-    // A turn is shortened as a whole.
+    // A rotation is scaled down by its norm.
     assert!(!delta_row(&[0.0, 0.0, 0.0, 0.12, 0.0, 0.16].into(), &mut row));
     assert_eq!(row.map(|x| (x * 1e4).round() / 1e4), [0.0, 0.0, 0.0, -0.6, 0.0, -0.8]);
 }

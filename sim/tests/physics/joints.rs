@@ -1,4 +1,4 @@
-//! Bodies that slide and turn: what guides them, holds them and stops them.
+//! Jointed bodies: motion along the joint axis, friction and joint limits.
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -6,17 +6,17 @@ use sim::scene::{Body, JointKind, JointSpec, Motion, Scene};
 
 use super::common::{after, bodies_only, brick};
 
-/// Weight of a brick of half extents 0.05 m, in N.
+/// Weight of a brick with half extents of 0.05 m, in N.
 const WEIGHT_N: f64 = 9.81;
 
-/// A brick of 1 kg on a rail that leads straight down.
+/// Returns a brick of 1 kg on a vertical slide joint that points down.
 fn sinking(friction: f64) -> Body {
     let axis = [0.0, 0.0, -1.0];
     let rail = JointSpec { kind: JointKind::Slide, axis, upper: 0.3, damping: 5.0, friction };
     brick("brick", Motion::Jointed(rail), [0.05; 3], [0.0, 0.0, 1.0])
 }
 
-/// How far the first body has moved along its joint, and how far down, after two seconds.
+/// Returns the joint position of the first body and its downward displacement, in m, after two seconds.
 fn travel(scene: &Scene) -> [f64; 2] {
     let world = after(scene, 40);
     let sunk = scene.bodies[0].pose.translation.z - f64::from(world.body_pose(0).translation.z);
@@ -24,14 +24,14 @@ fn travel(scene: &Scene) -> [f64; 2] {
 }
 
 #[test]
-fn a_slide_ends_at_its_stop() {
+fn slide_stops_at_its_limit() {
     let [position, sunk] = travel(&bodies_only(vec![sinking(0.0)]));
     assert!((position - 0.3).abs() < 2e-3, "at {position} m");
     assert!((position - sunk).abs() < 1e-4, "it moved along its axis, {position} and {sunk} m");
 }
 
 #[test]
-fn dry_friction_holds_what_is_lighter() {
+fn dry_friction_holds_lighter_bodies() {
     let [held, _] = travel(&bodies_only(vec![sinking(1.2 * WEIGHT_N)]));
     assert!(held.abs() < 1e-3, "slipped by {held} m");
     let [slipped, _] = travel(&bodies_only(vec![sinking(0.8 * WEIGHT_N)]));
@@ -39,7 +39,7 @@ fn dry_friction_holds_what_is_lighter() {
 }
 
 #[test]
-fn a_hinge_turns_about_its_origin_as_far_as_its_stop() {
+fn hinge_rotates_about_its_origin_to_its_limit() {
     let (axis, upper) = ([0.0, 1.0, 0.0], FRAC_PI_2);
     let hinge = JointSpec { kind: JointKind::Hinge, axis, upper, damping: 1.0, friction: 0.0 };
     let mut door = brick("door", Motion::Jointed(hinge), [0.05; 3], [0.0, 0.0, 1.0]);
@@ -53,11 +53,12 @@ fn a_hinge_turns_about_its_origin_as_far_as_its_stop() {
 }
 
 #[test]
-fn a_jointed_body_passes_fixed_ones_and_bears_free_ones() {
+fn jointed_body_passes_fixed_but_carries_free_bodies() {
     let fixed = brick("fixed", Motion::Fixed, [0.2, 0.2, 0.02], [0.0, 0.0, 0.9]);
     let [passed, _] = travel(&bodies_only(vec![sinking(0.0), fixed]));
     assert!(passed > 0.29, "stuck at {passed} m");
-    // Friction bears the brick's own weight and half a load more: with a whole one it sinks, and the load stays on it.
+    // Friction supports the brick and half the load. With the full load the brick sinks, and the load stays
+    // on top of it.
     let load = brick("load", Motion::Dynamic, [0.05; 3], [0.0, 0.0, 1.1]);
     let loaded = bodies_only(vec![sinking(1.5 * WEIGHT_N), load]);
     let [sunk, _] = travel(&loaded);
@@ -67,14 +68,14 @@ fn a_jointed_body_passes_fixed_ones_and_bears_free_ones() {
 }
 
 #[test]
-fn a_free_body_reports_no_joint() {
+fn free_body_has_joint_position_zero() {
     let world = after(&bodies_only(vec![brick("free", Motion::Dynamic, [0.05; 3], [0.0, 0.0, 0.05])]), 2);
     assert_eq!(world.joint_position(0), 0.0);
 }
 
 #[test]
-fn an_overlap_is_seen() {
+fn overlap_is_reported_as_penetration() {
     let bricks = [0.05, 0.14].map(|z| brick("brick", Motion::Dynamic, [0.05; 3], [0.0, 0.0, z]));
     let overlap = after(&bodies_only(bricks.to_vec()), 1).max_penetration();
-    assert!((0.002..0.011).contains(&overlap), "drawn 10 mm deep, found {overlap} m after a step");
+    assert!((0.002..0.011).contains(&overlap), "placed 10 mm deep, found {overlap} m after a step");
 }

@@ -1,4 +1,4 @@
-//! Kinematics of the arm against known poses, finite differences and itself.
+//! Kinematics of the arm, compared with known poses, finite differences and its own inverse.
 
 use core::f64::consts::FRAC_PI_8;
 
@@ -13,13 +13,13 @@ use sim::{Perturbation, TaskId};
 
 use super::common;
 
-/// Joint positions within their limits, and a margin.
+/// Draws joint positions within their limits, with a margin of 0.1 rad.
 fn random_joints(stream: &mut Stream) -> Joints {
     Joints::from_fn(|joint, _| stream.uniform(Range::new(LOWER[joint] + 0.1, UPPER[joint] - 0.1)))
 }
 
 #[test]
-fn the_default_pose_puts_the_tcp_over_the_table() {
+fn default_pose_places_tcp_above_the_table() {
     let mut scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
     scene.robots[0].qpos = (TaskId::RaiseCube.task().nominal)().robots[0].qpos;
     let tcp = start_tcp(&scene, 0);
@@ -29,7 +29,7 @@ fn the_default_pose_puts_the_tcp_over_the_table() {
 }
 
 #[test]
-fn the_two_arms_rest_facing_each_other() {
+fn both_arms_start_facing_each_other() {
     let scene = common::draw(TaskId::DualArmLiftTray, Perturbation::None, 0);
     for (arm, side) in [(0, -1.0), (1, 1.0)] {
         let tcp = start_tcp(&scene, arm);
@@ -42,7 +42,7 @@ fn the_two_arms_rest_facing_each_other() {
 }
 
 #[test]
-fn the_jacobian_agrees_with_finite_differences() {
+fn jacobian_matches_finite_differences() {
     let mut stream = Stream::new(1, "jacobian");
     for _ in 0..50 {
         let q = random_joints(&mut stream);
@@ -59,7 +59,7 @@ fn the_jacobian_agrees_with_finite_differences() {
 }
 
 #[test]
-fn inverse_kinematics_finds_poses_the_arm_has() {
+fn inverse_kinematics_solves_reachable_poses() {
     let mut stream = Stream::new(2, "ik");
     for case in 0..100 {
         let target = tcp(&random_joints(&mut stream));
@@ -75,7 +75,7 @@ fn inverse_kinematics_finds_poses_the_arm_has() {
 }
 
 #[test]
-fn inverse_kinematics_refuses_what_is_out_of_reach() {
+fn inverse_kinematics_rejects_unreachable_pose() {
     let far = Isometry3::translation(1.5, 0.0, 0.3);
     assert_eq!(ik::solve(&far, &Joints::from([0.0, 0.4, 0.0, -2.0, 0.0, 2.4, -0.8])), None);
 }

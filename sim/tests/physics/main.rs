@@ -1,5 +1,5 @@
-//! The robot and its physics through the crate's public door: scenes, kinematics, control modes, worlds, joints,
-//! predicates, profiles, plans, demonstrations.
+//! Tests of robot and physics through the public API: scenes, kinematics, control modes, worlds, joints,
+//! predicates, profiles, plans and demonstrations.
 
 mod common;
 mod control;

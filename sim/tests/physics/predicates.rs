@@ -1,4 +1,4 @@
-//! Each predicate where it holds and where it just does not.
+//! Predicates on both sides of their thresholds.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
@@ -11,8 +11,8 @@ use super::common::{after, bodies_only, brick};
 
 const HALF: [f64; 3] = [0.02, 0.03, 0.04];
 
-/// A fixed brick at a place, turned about z.
-fn stands(position: [f64; 3], yaw: f64) -> Body {
+/// Returns a fixed brick at a position (m), rotated about z by `yaw` (rad).
+fn fixed_brick(position: [f64; 3], yaw: f64) -> Body {
     let mut body = brick("brick", Motion::Fixed, HALF, position);
     body.pose.rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
     body
@@ -23,31 +23,30 @@ fn world(bodies: Vec<Body>) -> World {
 }
 
 #[test]
-fn moved_counts_along_its_axis_and_either_way() {
-    let world = world(vec![stands([0.1, 0.0, 0.5], 0.0)]);
+fn moved_counts_both_directions_along_its_axis() {
+    let world = world(vec![fixed_brick([0.1, 0.0, 0.5], 0.0)]);
     let moved = |from: [f64; 3], along| Predicate::Moved { body: 0, from, along, by_m: 0.2 }.holds(&world);
     assert!(moved([0.1, 0.0, 0.29], [0.0, 0.0, 1.0]) && moved([0.1, 0.0, 0.71], [0.0, 0.0, 1.0]));
     assert!(!moved([0.1, 0.0, 0.31], [0.0, 0.0, 1.0]) && !moved([0.1, 0.0, 0.2], [1.0, 0.0, 0.0]));
 }
 
 #[test]
-fn inside_a_box_of_the_world_or_of_a_body() {
-    let world = world(vec![stands([0.3, 0.1, 0.5], 0.0), stands([0.1, 0.1, 0.5], FRAC_PI_2)]);
-    let holds = |of, point, least, greatest| {
-        Predicate::Inside { body: 0, point, of, region: Region::Box { min: least, max: greatest } }
-            .holds(&world)
+fn inside_box_in_world_or_body_frame() {
+    let world = world(vec![fixed_brick([0.3, 0.1, 0.5], 0.0), fixed_brick([0.1, 0.1, 0.5], FRAC_PI_2)]);
+    let holds = |of, point, min, max| {
+        Predicate::Inside { body: 0, point, of, region: Region::Box { min, max } }.holds(&world)
     };
     assert!(Predicate::inside_box(0, [0.29, 0.0, f64::NEG_INFINITY], [0.31, 0.2, 1.0]).holds(&world));
     assert!(!Predicate::inside_box(0, [0.31, 0.0, 0.0], [0.4, 0.2, 1.0]).holds(&world));
-    // Body 1 looks along world y: body 0 lies 0.2 m to its right, its point 0.05 m farther.
+    // The x axis of body 1 is world y, so body 0 is 0.2 m to its right, and the tested point 0.05 m farther.
     assert!(holds(Some(1), [0.0; 3], [-0.01, -0.21, -0.01], [0.01, -0.19, 0.01]));
     assert!(!holds(Some(1), [0.05, 0.0, 0.0], [-0.01, -0.21, -0.01], [0.01, -0.19, 0.01]));
     assert!(holds(Some(1), [0.05, 0.0, 0.0], [-0.01, -0.26, -0.01], [0.01, -0.24, 0.01]));
 }
 
 #[test]
-fn inside_a_cylinder() {
-    let world = world(vec![stands([0.3, 0.1, 0.5], 0.0)]);
+fn inside_cylinder() {
+    let world = world(vec![fixed_brick([0.3, 0.1, 0.5], 0.0)]);
     let holds = |radius, along| {
         let region = Region::Cylinder { origin: [0.0, 0.1, 0.46], axis: [1.0, 0.0, 0.0], radius, along };
         Predicate::Inside { body: 0, point: [0.0; 3], of: None, region }.holds(&world)
@@ -58,18 +57,18 @@ fn inside_a_cylinder() {
 
 #[test]
 fn aligned_within_angles() {
-    let world = world(vec![stands([0.0, 0.0, 0.5], 2.5)]);
+    let world = world(vec![fixed_brick([0.0, 0.0, 0.5], 2.5)]);
     let holds = |angle_rad, either_way| {
         let axis = [1.0, 0.0, 0.0];
         Predicate::Aligned { body: 0, axis, with: axis, angle_rad, either_way }.holds(&world)
     };
     assert!(holds([2.4, PI], false) && !holds([0.0, 2.4], false));
-    assert!(holds([0.6, 0.7], true) && !holds([0.0, 0.6], true), "either way round it is 0.64 rad");
+    assert!(holds([0.6, 0.7], true) && !holds([0.0, 0.6], true), "ignoring the sign, the angle is 0.64 rad");
 }
 
 #[test]
 fn at_a_pose() {
-    let world = world(vec![stands([0.1, 0.2, 0.5], 0.3)]);
+    let world = world(vec![fixed_brick([0.1, 0.2, 0.5], 0.3)]);
     let holds = |position: [f64; 3], yaw: f64| {
         let q = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
         let orientation = [q.w, q.i, q.j, q.k];
@@ -80,7 +79,7 @@ fn at_a_pose() {
 }
 
 #[test]
-fn opened_by_a_joint() {
+fn opened_by_joint_position() {
     let (axis, damping) = ([0.0, 0.0, -1.0], 20.0);
     let joint = JointSpec { kind: JointKind::Slide, axis, upper: 0.2, damping, friction: 0.0 };
     let scene = bodies_only(vec![brick("drawer", Motion::Jointed(joint), HALF, [0.0, 0.0, 1.0])]);

@@ -1,4 +1,5 @@
-//! Where the released code's rules differ from the evident intent: moments that one profile counts and the other does not.
+//! States in which the profiles disagree: the released code counts a success and the evident intent does not,
+//! or vice versa.
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -9,7 +10,8 @@ use sim::{Perturbation, Profile, TaskId};
 
 use super::common;
 
-/// Whether an episode succeeds, strictly and by the paper's rules, once `arrange` has put its bodies elsewhere.
+/// Returns the success under the strict and the paper profile after `arrange` has moved the bodies of the
+/// scene.
 fn judged(task: TaskId, arrange: impl Fn(&mut Scene)) -> [bool; 2] {
     judged_scene(task, &common::draw(task, Perturbation::None, 0), arrange)
 }
@@ -33,7 +35,7 @@ const BOTH: [bool; 2] = [true; 2];
 const NEITHER: [bool; 2] = [false; 2];
 
 #[test]
-fn a_body_that_sinks_has_not_risen() {
+fn sinking_body_does_not_count_as_lifted() {
     let by = |task, body, z| judged(task, |scene| shift(scene, body, [0.0, 0.0, z]));
     assert_eq!(by(TaskId::DualArmLiftPot, "pot", 0.16), BOTH);
     assert_eq!(by(TaskId::DualArmLiftPot, "pot", -0.16), PAPER_ONLY);
@@ -42,11 +44,11 @@ fn a_body_that_sinks_has_not_risen() {
 }
 
 #[test]
-fn a_scaled_peg_stands_where_its_length_says() {
+fn scaled_peg_is_judged_by_its_own_length() {
     let task = TaskId::LiftPegUpright;
-    let of_another_size = |scene: &Scene| (scene.body("peg").scale - 1.0).abs() > 0.1;
+    let is_scaled = |scene: &Scene| (scene.body("peg").scale - 1.0).abs() > 0.1;
     let mut draws = (0..50).map(|episode_idx| common::draw(task, Perturbation::MoSize, episode_idx));
-    let drawn = draws.find(of_another_size).expect("half of all pegs are");
+    let drawn = draws.find(is_scaled).expect("half of all pegs are scaled");
     let stand = |nominal: bool| {
         judged_scene(task, &drawn, |scene| {
             let peg = scene.body_idx("peg");
@@ -61,7 +63,7 @@ fn a_scaled_peg_stands_where_its_length_says() {
 }
 
 #[test]
-fn a_peg_behind_the_box_is_not_inserted() {
+fn peg_behind_the_box_is_not_inserted() {
     let head_at = |lengths: f64| {
         judged(TaskId::PegInsertionSide, |scene| {
             let (peg, target) = (scene.body_idx("peg"), scene.body("box").clone());
@@ -78,7 +80,7 @@ fn a_peg_behind_the_box_is_not_inserted() {
 }
 
 #[test]
-fn an_arrow_is_turned_by_how_far_it_was_turned() {
+fn arrow_rotation_is_measured_from_its_start() {
     let turned = |degrees: f64| {
         judged(TaskId::RotateArrow, |scene| {
             let arrow = scene.body_idx("arrow");
@@ -86,14 +88,14 @@ fn an_arrow_is_turned_by_how_far_it_was_turned() {
             scene.bodies[arrow].pose.rotation = turn * scene.bodies[arrow].pose.rotation;
         })
     };
-    // It starts within 15° of the world's x axis.
+    // The arrow starts within 15° of the world's x axis.
     assert_eq!(turned(70.0), NEITHER);
     assert_eq!(turned(110.0), PAPER_ONLY);
     assert_eq!(turned(160.0), BOTH);
 }
 
 #[test]
-fn a_ring_is_where_it_is() {
+fn ring_is_judged_at_its_true_position() {
     let tip_above_middle = |z: f64| {
         judged(TaskId::DualArmThreading, |scene| {
             let (needle, tripod) = (scene.body_idx("needle"), scene.body("tripod").pose);
@@ -106,7 +108,7 @@ fn a_ring_is_where_it_is() {
 }
 
 #[test]
-fn a_can_on_the_floor_is_not_put_down() {
+fn can_on_the_floor_is_not_placed() {
     let at = |position: [f64; 3]| {
         judged(TaskId::PickSodaFromCabinet, |scene| {
             let can = scene.body_idx("can");
@@ -119,8 +121,8 @@ fn a_can_on_the_floor_is_not_put_down() {
 }
 
 #[test]
-fn an_apple_in_a_pan_beside_the_stove_does_not_cook() {
-    // The pan lies where it starts, beside the stove; the middle of its dish is at about (−0.1, 0.42).
+fn apple_in_pan_off_the_stove_fails() {
+    // The pan is at its start next to the stove; the centre of its base is at about (−0.1, 0.42).
     let apple_at = |position: [f64; 3]| {
         judged(TaskId::CookItemInPan, |scene| {
             let apple = scene.body_idx("apple");

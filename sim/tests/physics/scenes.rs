@@ -1,4 +1,4 @@
-//! Drawing scenes: sizes, places in regions and with other bodies.
+//! Sampling of scenes: sizes, and placement in regions and relative to other bodies.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use sim::TaskId;
@@ -10,7 +10,7 @@ fn raise_cube() -> SceneSpec {
     (TaskId::RaiseCube.task().nominal)()
 }
 
-/// Makes a bar of the cube, of the drawn length.
+/// Replaces the cube by a bar of the sampled length.
 fn stretch(drawn: &[f64], bodies: &mut [BodySpec]) {
     bodies[0].parts[0].shape = Primitive::Box { half: [drawn[0], 0.02, 0.02] };
 }
@@ -21,7 +21,7 @@ fn half_length(scene: &Scene) -> f64 {
 }
 
 #[test]
-fn sizes_are_drawn_by_name_and_move_nothing_else() {
+fn sizes_have_their_own_random_stream() {
     let spec = SceneSpec {
         sizes: Some(SizesSpec { ranges: &[("length", LENGTH)], apply: stretch }),
         ..raise_cube()
@@ -32,13 +32,13 @@ fn sizes_are_drawn_by_name_and_move_nothing_else() {
     assert!(spread > 0.01, "lengths differ: {lengths:?}");
     for seed in 0..5 {
         let (cube, bar) = (raise_cube().draw(seed), spec.draw(seed));
-        assert_eq!(cube.bodies[0].pose, bar.bodies[0].pose, "the place has its own stream");
+        assert_eq!(cube.bodies[0].pose, bar.bodies[0].pose, "placement has its own stream");
         assert_eq!(half_length(&bar), half_length(&spec.draw(seed)));
     }
 }
 
 #[test]
-fn a_body_is_placed_with_another_and_at_its_scale() {
+fn relative_placement_follows_pose_and_scale() {
     let mut spec = raise_cube();
     let offset = Isometry3::from_parts(Translation3::new(0.1, 0.0, 0.2), UnitQuaternion::identity());
     spec.bodies[0] = spec.bodies[0].clone().with_yaw(Range::new(1.0, 2.0));
@@ -52,6 +52,6 @@ fn a_body_is_placed_with_another_and_at_its_scale() {
         assert!((rider.translation.vector - expected.translation.vector).norm() < 1e-12);
         assert!(rider.rotation.angle_to(&carrier.rotation) < 1e-9);
         let turned = rider.rotation * Vector3::x();
-        assert!(turned.x < 0.55, "the carrier was turned by at least 1 rad: {turned}");
+        assert!(turned.x < 0.55, "the carrier has a yaw of at least 1 rad: {turned}");
     }
 }

@@ -1,4 +1,4 @@
-//! Worlds: grasps, states, fingerprints, and that nothing explodes.
+//! Worlds: grasps, stacking, state vectors, snapshots and determinism.
 
 use ipc_types::ControlMode;
 use nalgebra::Translation3;
@@ -11,7 +11,7 @@ use sim::{Perturbation, TaskId};
 
 use super::common;
 
-/// Fingerprint of the whole expert episode.
+/// Returns the fingerprint of a whole expert episode.
 fn trajectory(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> u64 {
     let scene = common::draw(task, perturbation, episode_idx);
     let mut fingerprint = Fingerprint::default();
@@ -20,18 +20,18 @@ fn trajectory(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> u64
 }
 
 #[test]
-fn a_trajectory_is_the_same_again_and_in_any_thread() {
+fn trajectories_do_not_depend_on_the_thread() {
     let cases: Vec<(TaskId, u32)> = TaskId::ALL.iter().flat_map(|&task| [(task, 0), (task, 1)]).collect();
     let run = |&(task, episode_idx): &(TaskId, u32)| trajectory(task, Perturbation::None, episode_idx);
-    let alone: Vec<u64> = cases.iter().map(run).collect();
+    let sequential: Vec<u64> = cases.iter().map(run).collect();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().expect("four threads");
-    let together: Vec<u64> = pool.install(|| cases.par_iter().map(run).collect());
-    assert_eq!(alone, together);
-    assert!(alone.windows(2).all(|pair| pair[0] != pair[1]), "episodes differ: {alone:?}");
+    let parallel: Vec<u64> = pool.install(|| cases.par_iter().map(run).collect());
+    assert_eq!(sequential, parallel);
+    assert!(sequential.windows(2).all(|pair| pair[0] != pair[1]), "episodes differ: {sequential:?}");
 }
 
 #[test]
-fn a_grasped_cube_does_not_slip() {
+fn grasped_cube_does_not_slip() {
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 3);
     let moves = (TaskId::RaiseCube.task().expert)(&scene);
     let n_until_closed = sim::expert::Expert::new(&scene, &moves[..3]).expect("reachable").n_steps();
@@ -49,7 +49,7 @@ fn a_grasped_cube_does_not_slip() {
 }
 
 #[test]
-fn a_stack_stands_still_once_the_arm_is_away() {
+fn stack_is_stable_after_release() {
     let scene = common::draw(TaskId::StackCube, Perturbation::None, 1);
     let moves = (TaskId::StackCube.task().expert)(&scene);
     let n_steps = sim::expert::Expert::new(&scene, &moves).expect("reachable").n_steps();
@@ -59,7 +59,7 @@ fn a_stack_stands_still_once_the_arm_is_away() {
             poses.push([0, 1].map(|body| world.body_pose(body)));
         }
     });
-    assert!(poses[0][0].translation.z - poses[0][1].translation.z > 0.035, "one cube stands on the other");
+    assert!(poses[0][0].translation.z - poses[0][1].translation.z > 0.035, "one cube is on top of the other");
     for pose in &poses {
         for body in [0, 1] {
             let moved = (pose[body].translation.vector - poses[0][body].translation.vector).norm();
@@ -70,24 +70,21 @@ fn a_stack_stands_still_once_the_arm_is_away() {
 }
 
 #[test]
-fn pressing_from_above_is_no_grasp() {
+fn pressing_from_above_is_not_a_grasp() {
     let scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
     let closing = grasp::start_closing(&scene, 0);
     let top = Translation3::new(0.0, 0.0, 0.02) * grasp::top_down(scene.body("cube"), &closing, &closing);
     let moves =
         [Move::close(&[0], 10), Move::straight(0, grasp::retreated(&top, 0.05)), Move::straight(0, top)];
     let world = common::play(&scene, &moves, 10, |step, world| {
-        assert!(!world.is_grasping(0, 0), "a grasp after {step} steps");
+        assert!(!world.is_grasping(0, 0), "grasp reported after {step} steps");
     });
     let above_target = f64::from(world.tcp_pose(0).translation.z) - top.translation.z;
-    assert!(
-        above_target > 0.003,
-        "the finger tips stand on the cube, {above_target} m above where they were sent"
-    );
+    assert!(above_target > 0.003, "the finger tips rest on the cube, {above_target} m above their target");
 }
 
 #[test]
-fn a_gripper_that_closes_on_air_grasps_nothing() {
+fn gripper_closing_on_air_grasps_nothing() {
     for &task in TaskId::ALL {
         let scene = common::draw(task, Perturbation::None, 0);
         let arms: Vec<usize> = (0..scene.robots.len()).collect();
@@ -100,7 +97,7 @@ fn a_gripper_that_closes_on_air_grasps_nothing() {
 }
 
 #[test]
-fn the_state_has_the_benchmarks_layout() {
+fn state_has_the_benchmark_layout() {
     for &task in TaskId::ALL {
         let scene = common::draw(task, Perturbation::None, 5);
         let world = common::play(&scene, &(task.task().expert)(&scene)[..2], 0, |_, _| {});
@@ -110,11 +107,11 @@ fn the_state_has_the_benchmarks_layout() {
         for arm in 0..n {
             let (qpos, qvel, tcp) = (world.qpos(arm), world.qvel(arm), world.tcp_pose(arm));
             for joint in 0..7 {
-                assert_eq!(state[n * joint + arm], qpos[joint], "arms alternate joint by joint");
+                assert_eq!(state[n * joint + arm], qpos[joint], "joints of both arms are interleaved");
                 assert_eq!(state[9 * n + n * joint + arm], qvel[joint]);
             }
             for finger in 0..2 {
-                assert_eq!(state[7 * n + 2 * arm + finger], qpos[7 + finger], "fingers follow arm by arm");
+                assert_eq!(state[7 * n + 2 * arm + finger], qpos[7 + finger], "fingers are grouped by arm");
                 assert_eq!(state[16 * n + 2 * arm + finger], qvel[7 + finger]);
             }
             let q = tcp.rotation.quaternion();
@@ -129,7 +126,7 @@ fn the_state_has_the_benchmarks_layout() {
 }
 
 #[test]
-fn a_snapshot_shows_every_body_and_link() {
+fn snapshot_contains_every_body_and_link() {
     for &task in TaskId::ALL {
         let scene = common::draw(task, Perturbation::None, 0);
         let world = World::build(&scene, ControlMode::JointPos);
