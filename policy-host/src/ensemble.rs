@@ -1,9 +1,10 @@
-//! Temporal ensembling: the policy is queried at every control step, and the executed action is a weighted mean of all
-//! predictions for that step.
+//! Temporal ensembling: the policy is queried at every control step, and the executed action is a weighted
+//! mean of all predictions for that step.
 //!
-//! The action at control step `t` is `Σ wᵢ·aᵢ / Σ wᵢ` over the predictions for `t` in the last `horizon` chunks, oldest
-//! first, with `wᵢ = exp(−m·i)`. With a positive decay `m` the oldest prediction has the largest weight (Zhao et al.,
-//! Learning fine-grained bimanual manipulation with low-cost hardware, 2023, section 4).
+//! The action at control step `t` is `Σ wᵢ·aᵢ / Σ wᵢ` over the predictions for `t` in the last `horizon`
+//! chunks, oldest first, with `wᵢ = exp(−m·i)`. With a positive decay `m` the oldest prediction has the
+//! largest weight (Zhao et al., Learning fine-grained bimanual manipulation with low-cost hardware, 2023,
+//! section 4).
 
 use ipc_types::{Morphology, ObservationView};
 
@@ -89,7 +90,8 @@ impl ChunkHistory {
         self.next_query = query + 1;
     }
 
-    /// Writes the weighted mean of the predictions for the newest control step to `row [action_dim]`, summed oldest first.
+    /// Writes the weighted mean of the predictions for the newest control step to `row [action_dim]`, summed
+    /// oldest first.
     fn mean(&self, horizon: usize, weights: &[f64], row: &mut [f32]) {
         let newest = self.next_query as usize - 1;
         let n_past = horizon.min(newest + 1);

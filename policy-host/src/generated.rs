@@ -1,13 +1,15 @@
-//! Counter-based pseudo-random numbers, computed from a stream name and an index: identical in every language and on
-//! every machine.
+//! Counter-based pseudo-random numbers, computed from a stream name and an index: identical in every language
+//! and on every machine.
 //!
-//! Element `i` of stream `s` is a 24-bit fraction, the upper bits of splitmix64's mixing function applied to `s + i·γ`,
-//! where γ is the generator's odd increment. A named stream starts at the 64-bit FNV-1a hash of its name.
+//! Element `i` of stream `s` is a 24-bit fraction, the upper bits of splitmix64's mixing function applied to
+//! `s + i·γ`, where γ is the generator's odd increment. A named stream starts at the 64-bit FNV-1a hash of
+//! its name.
 
 /// splitmix64's increment γ, 2⁶⁴ divided by the golden ratio.
 pub const SPLITMIX_GAMMA: u64 = 0x9E37_79B9_7F4A_7C15;
 
-/// Applies splitmix64's mixing function (Steele, Lea, Flood: Fast splittable pseudorandom number generators, 2014).
+/// Applies splitmix64's mixing function (Steele, Lea, Flood: Fast splittable pseudorandom number generators,
+/// 2014).
 #[must_use]
 pub const fn splitmix64(mut z: u64) -> u64 {
     z ^= z >> 30;

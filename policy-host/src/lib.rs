@@ -1,7 +1,7 @@
 //! Policies and the host that serves them: observations arrive through shared memory, action chunks return.
 //!
-//! A policy receives only what crosses the link; this crate does not depend on the simulator. Results depend on the
-//! observation and its history alone, not on batch size, thread count, time or environment variables.
+//! A policy receives only what crosses the link; this crate does not depend on the simulator. Results depend
+//! on the observation and its history alone, not on batch size, thread count, time or environment variables.
 
 pub mod act;
 pub mod checkpoint;

@@ -42,8 +42,8 @@ pub fn load(spec: &PolicySpec, n_threads: usize, mode: QueryMode) -> Result<Box<
     })
 }
 
-/// Checks that a policy can drive these robots in these control modes, without loading it. For a checkpoint, this
-/// reads the configuration and the header of the weights file.
+/// Checks that a policy can drive these robots in these control modes, without loading it. For a checkpoint,
+/// this reads the configuration and the header of the weights file.
 ///
 /// # Errors
 /// The first mismatch found.

@@ -17,10 +17,12 @@ pub struct ActionChunk {
     action_dim: usize,
 }
 
-/// Maps observations to action chunks. The chunk for an env depends only on that env's record, images and history.
+/// Maps observations to action chunks. The chunk for an env depends only on that env's record, images and
+/// history.
 pub trait Policy: Send {
-    /// Writes one chunk into `answer` for each env of `observation`, in the same order. Runs on the current thread
-    /// and may use the current rayon pool. Chunks may contain non-finite values; the simulator rejects them per env.
+    /// Writes one chunk into `answer` for each env of `observation`, in the same order. Runs on the current
+    /// thread and may use the current rayon pool. Chunks may contain non-finite values; the simulator rejects
+    /// them per env.
     ///
     /// # Errors
     /// If this policy cannot act on the observation. The contents of `answer` are then unspecified.
@@ -62,7 +64,8 @@ pub enum PolicyError {
 }
 
 impl ActionChunk {
-    /// Resizes the chunk to `[n_rows, action_dim]`, sets it to zero and returns its values, row-major and packed.
+    /// Resizes the chunk to `[n_rows, action_dim]`, sets it to zero and returns its values, row-major and
+    /// packed.
     ///
     /// # Panics
     /// If `n_rows` is zero, or `action_dim` is zero or exceeds [`MAX_ACTION_DIM`].

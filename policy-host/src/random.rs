@@ -1,4 +1,5 @@
-//! The random policy. Each value depends only on (episode, control step, action entry), not on how rows are chunked.
+//! The random policy. Each value depends only on (episode, control step, action entry), not on how rows are
+//! chunked.
 
 use ipc_types::{ControlMode, ObservationView};
 
@@ -9,8 +10,8 @@ use crate::rows::fill_rows;
 /// Maximum distance between a commanded and the measured joint position.
 const MAX_JOINT_OFFSET_RAD: f32 = 0.05;
 
-/// Draws tool motions uniformly from [−1, 1], joint positions uniformly within 0.05 rad of the measured ones, and gripper
-/// commands uniformly from [−1, 1].
+/// Draws tool motions uniformly from [−1, 1], joint positions uniformly within 0.05 rad of the measured ones,
+/// and gripper commands uniformly from [−1, 1].
 #[derive(Clone, Copy, Debug)]
 pub struct RandomPolicy;
 

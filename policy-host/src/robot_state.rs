@@ -1,4 +1,5 @@
-//! Joint and gripper positions in a state vector (docs/benchmark.md, "Observations"), for the weight-free policies.
+//! Joint and gripper positions in a state vector (docs/benchmark.md, "Observations"), for the weight-free
+//! policies.
 
 use ipc_types::{ControlMode, Morphology};
 
@@ -25,8 +26,8 @@ impl<'a> RobotState<'a> {
         Self { state, morphology }
     }
 
-    /// Returns the position of joint `joint` of arm `arm`, in rad, or in m for the fingers (7 and 8). The state of a
-    /// bimanual robot interleaves the two arms.
+    /// Returns the position of joint `joint` of arm `arm`, in rad, or in m for the fingers (7 and 8). The
+    /// state of a bimanual robot interleaves the two arms.
     #[must_use]
     pub fn joint(&self, arm: usize, joint: usize) -> f32 {
         self.state[joint * self.morphology.n_arms() + arm]
@@ -40,8 +41,8 @@ impl<'a> RobotState<'a> {
         (2.0 * (finger_m - low) / (high - low) - 1.0).clamp(-1.0, 1.0)
     }
 
-    /// Writes the action that keeps the robot at its current position. Returns `false` if the control mode needs
-    /// information that the state vector lacks.
+    /// Writes the action that keeps the robot at its current position. Returns `false` if the control mode
+    /// needs information that the state vector lacks.
     pub fn write_hold(&self, control_mode: ControlMode, row: &mut [f32]) -> bool {
         let n_arms = self.morphology.n_arms();
         for (arm, action) in row.chunks_exact_mut(row.len() / n_arms).enumerate() {

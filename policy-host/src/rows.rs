@@ -5,8 +5,8 @@ use ipc_types::{EnvRecord, ObservationView};
 use crate::policy::{ActionChunk, PolicyError};
 use crate::robot_state::RobotState;
 
-/// Fills the chunk of every env with as many rows as the sim will execute. Each row holds the current position before
-/// `modify(record, control step, row)` changes it.
+/// Fills the chunk of every env with as many rows as the sim will execute. Each row holds the current
+/// position before `modify(record, control step, row)` changes it.
 pub(crate) fn fill_rows(
     policy: &'static str,
     observation: &ObservationView<'_>,

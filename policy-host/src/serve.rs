@@ -1,7 +1,7 @@
-//! A policy host: answers the observations of one lane until its parent closes its standard input.
+//! The policy host: answers the observations of one lane until its parent closes its standard input.
 //!
-//! It owns the lane's host end, the policy and the thread pool. It never starts or ends another process; that a sim has
-//! died is its parent's to notice, and a sim that takes the place of a dead one finds the same host.
+//! It owns the host end of the lane, the policy and the thread pool. It never starts or stops another
+//! process. The parent detects that a sim has exited; the sim that replaces it connects to the same host.
 
 use std::io::{self, Read, Write};
 use std::sync::Arc;
@@ -21,84 +21,84 @@ use crate::PolicySpec;
 use crate::load::{LoadError, load};
 use crate::policy::{ActionChunk, Policy, PolicyError};
 
-/// How long a sim may take to create the lane.
-const OPEN_PATIENCE: Duration = Duration::from_secs(60);
-/// How long to look for a message before sleeping: longer than a fast sim needs for its next one.
-const SPIN: Duration = Duration::from_micros(50);
-/// Longest sleep, after which standard input is checked.
-const NAP: Duration = Duration::from_millis(100);
-/// Shortest time between two ledgers.
+/// Maximum time for the sim to create the lane.
+const OPEN_TIMEOUT: Duration = Duration::from_secs(60);
+/// Time to poll for a message before blocking, longer than a fast sim needs for its next message.
+const SPIN_TIME: Duration = Duration::from_micros(50);
+/// Maximum time to block, after which standard input is checked.
+const WAIT_TIMEOUT: Duration = Duration::from_millis(100);
+/// Minimum time between two ledger events.
 const LEDGER_PERIOD: Duration = Duration::from_secs(1);
 
-/// What a host is told when it starts.
+/// Configuration of a host, passed by its parent at start.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HostConfig {
-    /// Where the run's shared memory lives.
+    /// Domain of the run's shared memory.
     pub domain: Domain,
-    /// Random number of the run; observations of another run are refused.
+    /// Random id of the run. Observations of another run are rejected.
     pub run_id: u64,
-    /// The lane to serve.
+    /// Lane to serve.
     pub lane: LaneSpec,
-    /// The policy to load.
+    /// Policy to load.
     pub spec: PolicySpec,
     /// Options of the run.
     pub run: RunConfig,
 }
 
-/// What a host tells its parent: one JSON object a line.
+/// Events that a host reports to its parent, one JSON object per line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum HostEvent {
     /// The policy is loaded and the lane is open.
     Ready {
-        /// Time taken to load the policy.
+        /// Time that loading the policy took, in ms.
         load_ms: f64,
     },
-    /// Work done so far; at most one a second, and one at the end.
+    /// Cumulative work, sent at most once per second and once at the end.
     Ledger {
-        /// Envs answered.
+        /// Number of env queries answered.
         queries: u64,
-        /// Observation messages answered.
+        /// Number of observation messages answered.
         batches: u64,
         /// Core-seconds spent in the policy.
         busy_s: f64,
     },
-    /// A message could not be answered; the host goes on.
+    /// A message could not be answered. The host continues.
     Failed {
-        /// Why.
+        /// Error with its causes.
         message: String,
     },
 }
 
-/// A host that cannot start or go on.
+/// Errors that can stop a policy host.
 #[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
+#[expect(missing_docs, reason = "the messages describe the fields")]
 pub enum ServeError {
     #[error(transparent)]
     Load(#[from] LoadError),
     #[error(transparent)]
     Link(#[from] LinkError),
-    #[error("start {threads} threads: {source}")]
+    #[error("failed to start {threads} threads")]
     Threads { threads: usize, source: rayon::ThreadPoolBuildError },
-    #[error("watch standard input: {0}")]
-    Watch(io::Error),
-    #[error("report to the parent: {0}")]
-    Report(io::Error),
+    #[error("failed to start the thread that reads standard input")]
+    Watch(#[source] io::Error),
+    #[error("failed to write an event to the parent")]
+    Report(#[source] io::Error),
 }
 
-/// An observation that was not answered with actions.
+/// Errors that can occur while answering an observation.
 #[derive(Debug, Error)]
-enum Refusal {
+enum AnswerError {
     #[error(transparent)]
     Frame(#[from] FrameError),
-    #[error("read an observation of run {found:#x}: this host serves run {expected:#x}")]
+    #[error("the observation belongs to run {found:#x}, this host serves run {expected:#x}")]
     Run { expected: u64, found: u64 },
-    #[error("answer {found} envs: the lane has {limit}")]
+    #[error("the observation has {found} envs, the lane allows {limit}")]
     Envs { found: u32, limit: u32 },
     #[error(transparent)]
     Policy(#[from] PolicyError),
 }
 
-/// Serves the lane of this process: events go to standard output; returns once standard input is closed.
+/// Serves a lane, with events on standard output, and returns when standard input is closed.
 ///
 /// # Errors
 /// If the policy cannot be loaded, the link fails, or the parent no longer reads.
@@ -106,10 +106,10 @@ pub fn serve(config: HostConfig) -> Result<(), ServeError> {
     serve_with(config, io::stdin(), io::stdout())
 }
 
-/// As [`serve`], between any two streams.
+/// Like [`serve`], with arbitrary streams.
 ///
 /// # Errors
-/// As [`serve`].
+/// See [`serve`].
 pub fn serve_with(
     config: HostConfig,
     input: impl Read + Send + 'static,
@@ -122,23 +122,23 @@ pub fn serve_with(
     let load_ms = started.elapsed().as_secs_f64() * 1e3;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|source| ServeError::Threads { threads, source })?;
-    // The loop itself runs in the pool, so that a query starts without a hand-over between threads.
+    // The loop itself runs in the pool, so that a query needs no hand-over between threads.
     pool.install(move || {
         let node = LinkNode::new(&config.domain, "policy-host")?;
-        let lane = HostLane::open(&node, &config.lane, OPEN_PATIENCE)?;
+        let lane = HostLane::open(&node, &config.lane, OPEN_TIMEOUT)?;
         let chunks = vec![ActionChunk::default(); config.lane.max_envs.max(1) as usize];
-        let mut host = Host { config, lane, policy, chunks, output, ledger: Ledger::new() };
+        let mut host = Host { config, lane, policy, chunks, output, ledger: WorkCounter::new() };
         host.report(&HostEvent::Ready { load_ms })?;
         host.run(&closed)
     })
 }
 
-/// Sets the returned flag once `input` has ended.
+/// Spawns a thread that sets the returned flag when `input` reaches its end.
 fn watch(mut input: impl Read + Send + 'static) -> Result<Arc<AtomicBool>, ServeError> {
     let closed = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&closed);
     let wait_for_end = move || {
-        // What a parent writes means nothing; an error is as good as the end.
+        // The content of the input is irrelevant, and an error is treated like the end.
         let _ = io::copy(&mut input, &mut io::sink());
         flag.store(true, Ordering::Relaxed);
     };
@@ -150,10 +150,10 @@ struct Host<W> {
     config: HostConfig,
     lane: HostLane,
     policy: Box<dyn Policy>,
-    /// The answer at hand, as long as the longest.
+    /// Chunks of the current answer, allocated for the largest batch.
     chunks: Vec<ActionChunk>,
     output: W,
-    ledger: Ledger,
+    ledger: WorkCounter,
 }
 
 impl<W: Write> Host<W> {
@@ -163,10 +163,10 @@ impl<W: Write> Host<W> {
             if let Some(message) = self.lane.receive()? {
                 self.answer(message)?;
                 last_message = Instant::now();
-            } else if last_message.elapsed() < SPIN {
+            } else if last_message.elapsed() < SPIN_TIME {
                 std::hint::spin_loop();
             } else {
-                self.lane.wait(NAP)?;
+                self.lane.wait(WAIT_TIMEOUT)?;
                 last_message = Instant::now();
             }
             if let Some(event) = self.ledger.due() {
@@ -186,17 +186,17 @@ impl<W: Write> Host<W> {
         let outcome = self.act(header, &message, loan.blocks_mut());
         self.ledger.add(n_envs, start.elapsed().as_secs_f64());
         let mut status = 0;
-        if let Err(refusal) = outcome {
+        if let Err(error) = outcome {
             status = 1;
             loan.blocks_mut().fill(ActionBlock { n_rows: 1, action_dim: 1, ..ActionBlock::zeroed() });
-            self.report(&HostEvent::Failed { message: refusal.to_string() })?;
+            self.report(&HostEvent::Failed { message: ipc_types::error_chain(&error) })?;
         }
         drop(message);
         let ObservationHeader { run, sequence, epoch, .. } = header;
         let answer =
             ActionHeader { schema_hash: SCHEMA_HASH, run, sequence, epoch, n_envs, status, reserved: [0; 7] };
         match loan.send(answer) {
-            // The sim has died since it asked; its successor asks anew.
+            // The sim has exited since it sent the observation; its replacement will send a new one.
             Err(LinkError::NoPeer) => Ok(()),
             sent => Ok(sent?),
         }
@@ -207,14 +207,14 @@ impl<W: Write> Host<W> {
         header: ObservationHeader,
         message: &ObservationMessage,
         blocks: &mut [ActionBlock],
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), AnswerError> {
         let view = ObservationView::new(header, message.pages())?;
         let (expected, found) = (self.config.run_id, header.run);
         if expected != found {
-            return Err(Refusal::Run { expected, found });
+            return Err(AnswerError::Run { expected, found });
         }
         if blocks.len() != view.n_envs() {
-            return Err(Refusal::Envs { found: header.n_envs, limit: self.config.lane.max_envs });
+            return Err(AnswerError::Envs { found: header.n_envs, limit: self.config.lane.max_envs });
         }
         let chunks = &mut self.chunks[..blocks.len()];
         self.policy.act(&view, chunks)?;
@@ -230,8 +230,8 @@ impl<W: Write> Host<W> {
     }
 }
 
-/// What has been done, and when that was last said.
-struct Ledger {
+/// Cumulative work of the host, and the time of the last report.
+struct WorkCounter {
     queries: u64,
     batches: u64,
     busy_s: f64,
@@ -239,7 +239,7 @@ struct Ledger {
     reported_batches: u64,
 }
 
-impl Ledger {
+impl WorkCounter {
     fn new() -> Self {
         Self { queries: 0, batches: 0, busy_s: 0.0, reported: Instant::now(), reported_batches: 0 }
     }
@@ -250,7 +250,7 @@ impl Ledger {
         self.busy_s += busy_s;
     }
 
-    /// The event to send, if there is news and the last one is a while ago.
+    /// Returns an event if there is new work and the last report is at least [`LEDGER_PERIOD`] ago.
     fn due(&mut self) -> Option<HostEvent> {
         let news = self.batches > self.reported_batches && self.reported.elapsed() >= LEDGER_PERIOD;
         news.then(|| {

@@ -1,7 +1,7 @@
 //! Checkpoints with generated instead of trained weights, for tests, benchmarks and first trials.
 //!
-//! Element `i` (row-major) of a tensor is drawn from the stream named after the tensor ([`crate::generated`]). The ranges
-//! keep activations bounded in networks of any depth:
+//! Element `i` (row-major) of a tensor is drawn from the stream named after the tensor
+//! ([`crate::generated`]). The ranges keep activations bounded in networks of any depth:
 //!
 //! | tensor | range |
 //! |--|--|
@@ -12,7 +12,8 @@
 //! | other tensors with one axis | ±0.05 |
 //! | all other tensors | ±√(3 / fan-in) |
 //!
-//! Seed 0 uses the streams unchanged, so that other implementations can reproduce it; another seed shifts every stream.
+//! Seed 0 uses the streams unchanged, so that other implementations can reproduce it; another seed shifts
+//! every stream.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! After warm-up a query allocates nothing.
+//! Queries allocate nothing after warm-up.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -13,16 +13,19 @@ use std::path::PathBuf;
 use ipc_types::Morphology;
 use policy_host::{ActionChunk, PolicySpec, QueryMode, load};
 
-use crate::batch::Batch;
+use crate::batch::ObservationBatch;
 use crate::counting::allocations;
 
 #[test]
-fn a_query_allocates_nothing_after_warm_up() {
+fn query_allocates_nothing_after_warm_up() {
     let folder: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests/data/act-tiny"].iter().collect();
     for (mode, n_threads) in [(QueryMode::Chunk, 1), (QueryMode::Chunk, 2), (QueryMode::Ensemble, 2)] {
         let mut policy = load(&PolicySpec::Act(folder.clone()), n_threads, mode).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
-        let batches = [Batch::of(Morphology::Single, &[0]), Batch::of(Morphology::Single, &[1, 2, 3])];
+        let batches = [
+            ObservationBatch::of(Morphology::Single, &[0]),
+            ObservationBatch::of(Morphology::Single, &[1, 2, 3]),
+        ];
         assert_eq!(batches[1].answer(&mut *policy).len(), 3);
         let mut answer = vec![ActionChunk::default(); 3];
         let mut round = |policy: &mut dyn policy_host::Policy| {
@@ -31,7 +34,7 @@ fn a_query_allocates_nothing_after_warm_up() {
                 policy.act(&batch.view(), answer).unwrap();
             }
         };
-        // The whole loop runs inside the pool, as a host's does.
+        // Like a policy host, run the whole loop inside the pool.
         let ([_, n_allocations], ()) = pool.install(|| {
             (0..5).for_each(|_| round(&mut *policy));
             allocations(|| (0..5).for_each(|_| round(&mut *policy)))

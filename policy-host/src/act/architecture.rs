@@ -25,7 +25,7 @@ pub struct Architecture {
     pub enc_layers: usize,
     /// Number of decoder layers that affect the output.
     pub dec_layers: usize,
-    /// Image backbone.
+    /// Backbone of the image input.
     pub backbone: ResNet,
 }
 
@@ -59,8 +59,8 @@ pub struct InstructionInput {
 /// Projection of an instruction embedding to a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Projection {
-    /// `(Linear, ReLU, LayerNorm) × 2, Linear` (docs/benchmark.md, "Policies and evaluation"). The token has no position
-    /// embedding, and an empty instruction has no token.
+    /// `(Linear, ReLU, LayerNorm) × 2, Linear` (docs/benchmark.md, "Policies and evaluation"). The token has
+    /// no position embedding, and an empty instruction has no token.
     Mlp,
     /// One linear layer, like LeRobot's environment state. The token has a learned position embedding.
     Linear,
@@ -71,7 +71,7 @@ pub enum Projection {
 pub struct InvalidHyperparameter {
     /// Name of the hyperparameter.
     pub name: &'static str,
-    /// Actual value.
+    /// Value that was found.
     pub found: usize,
     /// Description of the valid values.
     pub expected: String,
@@ -163,8 +163,8 @@ impl Architecture {
         self.cameras.iter().map(|size| size.features().n_pixels()).sum()
     }
 
-    /// Returns the number of tokens with a learned position embedding: latent, state and, with [`Projection::Linear`],
-    /// instruction.
+    /// Returns the number of tokens with a learned position embedding: latent, state and, with
+    /// [`Projection::Linear`], instruction.
     #[must_use]
     pub fn n_learned_positions(&self) -> usize {
         let linear = self.instruction.is_some_and(|input| input.projection == Projection::Linear);

@@ -21,11 +21,11 @@ pub(super) struct Backbone {
     /// Ranges of consecutive cameras with equal image size, which are computed together.
     groups: Vec<Range<usize>>,
     stem: Conv2d,
-    /// Blocks of the first stages, with large maps and small kernels. Each image passes through all of them before the
-    /// next image, so that its maps stay in the cache.
+    /// Blocks of the first stages, with large maps and small kernels. Each image passes through all of them
+    /// before the next image, so that its maps stay in the cache.
     early: Vec<BasicBlock>,
-    /// Blocks of the last stages, with small maps and large kernels. All images pass through a block before the next
-    /// block, so that its kernels are read once.
+    /// Blocks of the last stages, with small maps and large kernels. All images pass through a block before
+    /// the next block, so that its kernels are read once.
     late: Vec<BasicBlock>,
 }
 
@@ -128,8 +128,8 @@ impl Backbone {
         scratch
     }
 
-    /// Computes `features`, the concatenation over samples and cameras of `[h, w, c]`, with a team of `members.len()`
-    /// threads.
+    /// Computes `features`, the concatenation over samples and cameras of `[h, w, c]`, with a team of
+    /// `members.len()` threads.
     ///
     /// # Panics
     /// If `scratch` was allocated for fewer samples, or `features` has the wrong length.
@@ -177,8 +177,8 @@ impl Backbone {
         assert_eq!(first, sample_len, "feature length of a sample");
     }
 
-    /// Passes images of one size through the stem and the early stages, into the first of the early maps. `pooled` is
-    /// their shape after pooling.
+    /// Passes images of one size through the stem and the early stages, into the first of the early maps.
+    /// `pooled` is their shape after pooling.
     fn forward_early<'a>(
         &self,
         images: impl ExactSizeIterator<Item = (usize, Image<'a>)>,
@@ -214,8 +214,8 @@ impl Backbone {
     }
 }
 
-/// Returns the number of images that pass through the early stages together: one for a single thread, all for a team,
-/// which divides their rows among its members.
+/// Returns the number of images that pass through the early stages together: one for a single thread, all for
+/// a team, which divides their rows among its members.
 fn n_early(n_images: usize, n_members: usize) -> usize {
     if n_members > 1 { n_images } else { 1 }
 }

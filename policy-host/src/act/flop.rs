@@ -1,11 +1,12 @@
-//! Floating-point operation count of one query, derived from the shapes: multiplications and additions of all matrix
-//! products and convolutions that affect the output. Normalisations, activations and softmaxes are not counted.
+//! Floating-point operation count of one query, derived from the shapes: multiplications and additions of all
+//! matrix products and convolutions that affect the output. Normalisations, activations and softmaxes are not
+//! counted.
 
 use super::architecture::{Architecture, ImageSize, ResNet};
 
 impl Architecture {
-    /// Returns the floating-point operations of one query whose instruction token is cached. Layers that do not affect
-    /// the output and precomputed terms are excluded.
+    /// Returns the floating-point operations of one query whose instruction token is cached. Layers that do
+    /// not affect the output and precomputed terms are excluded.
     #[must_use]
     pub fn flop_per_query(&self) -> u64 {
         let product = |rows: usize, inner: usize, cols: usize| 2 * (rows * inner * cols) as u64;

@@ -1,4 +1,5 @@
-//! Image preprocessor: resizes camera images where needed, rounds them to bytes, scales, normalises and pads them.
+//! Image preprocessor: resizes camera images where needed, rounds them to bytes, scales, normalises and pads
+//! them.
 
 use std::ops::Range;
 
@@ -18,8 +19,8 @@ pub struct Image<'a> {
     pub size: ImageSize,
 }
 
-/// Offset that rounds to the nearest byte, halves up. Enlarging by 7/4 produces thousands of exact halves in an image;
-/// the extra 0.001 keeps rounding errors from deciding their direction.
+/// Offset that rounds to the nearest byte, halves up. Enlarging by 7/4 produces thousands of exact halves in
+/// an image; the extra 0.001 keeps rounding errors from deciding their direction.
 const HALF_UP_OFFSET: f32 = 0.501;
 
 /// Converts the images of one camera to the backbone's input.
@@ -83,8 +84,8 @@ impl Preprocessor {
         }
     }
 
-    /// Computes these rows of the output, whose shape is [`shape`](Self::shape). `out` is the memory of the rows
-    /// ([`FeatureMapShape::row_span`]); its padding is not written.
+    /// Computes these rows of the output, whose shape is [`shape`](Self::shape). `out` is the memory of the
+    /// rows ([`FeatureMapShape::row_span`]); its padding is not written.
     pub(super) fn run(&self, image: Image<'_>, scratch: &ImageScratch, rows: Range<usize>, out: &mut [f32]) {
         let shape = self.shape();
         let span = shape.row_span(rows.clone());
@@ -120,8 +121,8 @@ impl Preprocessor {
     }
 }
 
-/// Bilinear resizer for images of one size, with half-pixel centres and, when downsampling, a filter widened by the scale
-/// factor, like PyTorch's `interpolate(mode="bilinear", antialias=True)`.
+/// Bilinear resizer for images of one size, with half-pixel centres and, when downsampling, a filter widened
+/// by the scale factor, like PyTorch's `interpolate(mode="bilinear", antialias=True)`.
 #[derive(Clone, Debug)]
 struct Resizer {
     from: ImageSize,
@@ -129,7 +130,8 @@ struct Resizer {
     horizontal: Vec<FilterTaps>,
 }
 
-/// Filter of one target pixel along one axis: the first source pixel and the weights of it and its successors.
+/// Filter of one target pixel along one axis: the first source pixel and the weights of it and its
+/// successors.
 #[derive(Clone, Debug)]
 struct FilterTaps {
     first: usize,
@@ -165,8 +167,8 @@ impl Resizer {
     }
 }
 
-/// Returns the filter of each target pixel along one axis: a triangle around its centre that extends at least one source
-/// pixel to each side.
+/// Returns the filter of each target pixel along one axis: a triangle around its centre that extends at least
+/// one source pixel to each side.
 fn taps(n_from: usize, n_to: usize) -> Vec<FilterTaps> {
     let scale = n_from as f64 / n_to as f64;
     let radius = scale.max(1.0);

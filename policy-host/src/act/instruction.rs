@@ -22,8 +22,9 @@ impl TokenCache {
         Self { encoder, entries: Vec::new(), next: 0 }
     }
 
-    /// Returns the token of an instruction. Returns `None` if the network has no instruction input, or if the instruction
-    /// is empty and the benchmark's network omits the token (docs/benchmark.md, "Policies and evaluation").
+    /// Returns the token of an instruction. Returns `None` if the network has no instruction input, or if the
+    /// instruction is empty and the benchmark's network omits the token (docs/benchmark.md, "Policies and
+    /// evaluation").
     pub(super) fn get(&mut self, instruction: &str, model: &ActModel) -> Option<&[f32]> {
         let input = model.architecture().instruction?;
         if instruction.is_empty() && input.projection == Projection::Mlp {

@@ -1,5 +1,5 @@
-//! ACT, the action chunking transformer (Zhao et al., Learning fine-grained bimanual manipulation with low-cost
-//! hardware, 2023): the network in [`model`], the policy around it in [`ActPolicy`].
+//! ACT, the action chunking transformer (Zhao et al., Learning fine-grained bimanual manipulation with
+//! low-cost hardware, 2023): the network in [`model`], the policy around it in [`ActPolicy`].
 
 pub mod architecture;
 pub mod image;

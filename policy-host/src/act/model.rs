@@ -80,9 +80,9 @@ impl ActModel {
         Ok(Self::new(architecture.clone(), normalisation.clone(), &state_dict, Precision::F32, sizes))
     }
 
-    /// Builds the network for images of these sizes. [`Precision::Int8`] applies to the backbone's residual blocks, the
-    /// image projection and the transformer's linear layers. The stem, the other input projections, the attention
-    /// products and the action head stay in f32.
+    /// Builds the network for images of these sizes. [`Precision::Int8`] applies to the backbone's residual
+    /// blocks, the image projection and the transformer's linear layers. The stem, the other input
+    /// projections, the attention products and the action head stay in f32.
     ///
     /// # Panics
     /// If `state_dict` lacks a tensor of `architecture`, or one has a different shape.
@@ -154,7 +154,8 @@ impl ActModel {
         }
     }
 
-    /// Returns the token `[d]` of an instruction embedding, or `None` for a network without instruction input.
+    /// Returns the token `[d]` of an instruction embedding, or `None` for a network without instruction
+    /// input.
     ///
     /// # Panics
     /// If the embedding has a different dimension.
@@ -177,9 +178,9 @@ impl ActModel {
         Some(token)
     }
 
-    /// Computes the features of the images `image(sample_idx, camera)` of `n_samples` samples, for later calls of
-    /// [`forward`](Self::forward). Batching samples only saves time: neither their number nor the number of threads (one
-    /// per member of `scratch`, from the current pool) changes a bit.
+    /// Computes the features of the images `image(sample_idx, camera)` of `n_samples` samples, for later
+    /// calls of [`forward`](Self::forward). Batching samples only saves time: neither their number nor the
+    /// number of threads (one per member of `scratch`, from the current pool) changes a bit.
     ///
     /// # Panics
     /// If `scratch` was allocated for fewer samples, or an image has the wrong size.
@@ -196,8 +197,8 @@ impl ActModel {
         }
     }
 
-    /// Computes the action chunk `actions [horizon, action_dim]`, in the units of the environment, from the image features
-    /// of sample `sample_idx` ([`encode_images`](Self::encode_images)) and `input`.
+    /// Computes the action chunk `actions [horizon, action_dim]`, in the units of the environment, from the
+    /// image features of sample `sample_idx` ([`encode_images`](Self::encode_images)) and `input`.
     ///
     /// # Panics
     /// If a slice has the wrong length.
@@ -247,8 +248,9 @@ impl ActModel {
     }
 }
 
-/// Returns the position embeddings of all tokens, and of all but the instruction token: learned ones, zero for an
-/// instruction token without a learned one, and the sinusoidal encoding for image tokens, equal for cameras of one size.
+/// Returns the position embeddings of all tokens, and of all but the instruction token: learned ones, zero
+/// for an instruction token without a learned one, and the sinusoidal encoding for image tokens, equal for
+/// cameras of one size.
 fn positions(architecture: &Architecture, state_dict: &StateDict) -> [Vec<f32>; 2] {
     let width = architecture.hidden_dim;
     let learned = state_dict.get("additional_pos_embed.weight");

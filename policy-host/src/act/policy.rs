@@ -1,8 +1,9 @@
 //! The [`Policy`] that runs ACT networks.
 //!
-//! Each sample is computed by one thread with sequential kernels; samples run in parallel on the current rayon pool.
-//! The samples left over when they do not divide evenly among the threads are computed one after another by all
-//! threads together. Either way every value results from the same operations in the same order.
+//! Each sample is computed by one thread with sequential kernels; samples run in parallel on the current
+//! rayon pool. The samples left over when they do not divide evenly among the threads are computed one after
+//! another by all threads together. Either way every value results from the same operations in the same
+//! order.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -28,8 +29,8 @@ pub const IMAGE_SIZES: [ImageSize; 2] = [
     ImageSize { height: HAND_SIDE, width: HAND_SIDE },
 ];
 
-/// Maximum number of samples whose images one thread takes through the backbone together. Each kernel is then read
-/// once for all of them.
+/// Maximum number of samples whose images one thread takes through the backbone together. Each kernel is then
+/// read once for all of them.
 const MAX_SAMPLES_PER_JOB: usize = 4;
 
 /// ACT with one network per morphology in its checkpoint folder.
@@ -86,8 +87,8 @@ impl From<CheckpointError> for ActLoadError {
     }
 }
 
-/// Checks the configuration and the weights header of a checkpoint against the robots of a run and their control
-/// modes, without loading the weights.
+/// Checks the configuration and the weights header of a checkpoint against the robots of a run and their
+/// control modes, without loading the weights.
 ///
 /// # Errors
 /// The first mismatch found.
@@ -213,8 +214,9 @@ impl Network {
         })
     }
 
-    /// Runs all samples. As many as divide evenly among the threads run one thread per sample, in jobs of up to
-    /// [`MAX_SAMPLES_PER_JOB`] that keep every thread busy; all threads together then compute each of the rest.
+    /// Runs all samples. As many as divide evenly among the threads run one thread per sample, in jobs of up
+    /// to [`MAX_SAMPLES_PER_JOB`] that keep every thread busy; all threads together then compute each of the
+    /// rest.
     fn run(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionChunk]) {
         let Self { model, mapping, tokens, workers, team, .. } = self;
         let n_threads = workers.len();
@@ -283,7 +285,8 @@ fn next_job<J>(jobs: &Mutex<impl Iterator<Item = J>>) -> Option<J> {
     lock(jobs).next()
 }
 
-/// Locks `mutex`, ignoring poison: a panicking worker aborts the query, and the guarded data stays consistent.
+/// Locks `mutex`, ignoring poison: a panicking worker aborts the query, and the guarded data stays
+/// consistent.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,5 +1,5 @@
-//! Fixed two-dimensional sinusoidal position encoding of image tokens (Carion et al., End-to-end object detection with
-//! transformers, 2020).
+//! Fixed two-dimensional sinusoidal position encoding of image tokens (Carion et al., End-to-end object
+//! detection with transformers, 2020).
 
 use std::f64::consts::TAU;
 
@@ -8,8 +8,8 @@ use super::architecture::ImageSize;
 /// Base of the geometric progression of wavelengths.
 const TEMPERATURE: f64 = 10_000.0;
 
-/// Returns the encoding `[h, w, d] f32` of one camera's feature map. The first half of a token encodes its row, the
-/// second half its column.
+/// Returns the encoding `[h, w, d] f32` of one camera's feature map. The first half of a token encodes its
+/// row, the second half its column.
 #[must_use]
 pub(super) fn sine_encoding(map: ImageSize, hidden_dim: usize) -> Vec<f32> {
     let half = hidden_dim / 2;

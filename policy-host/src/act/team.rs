@@ -1,17 +1,19 @@
-//! Work sharing between a team of threads that computes one sample together, used when there are fewer samples than
-//! threads.
+//! Work sharing between a team of threads that computes one sample together, used when there are fewer
+//! samples than threads.
 //!
-//! The units of work are token rows, attention heads and rows of feature maps. Every value is computed exactly as by a
-//! single thread, so the size of the team does not change a bit.
+//! The units of work are token rows, attention heads and rows of feature maps. Every value is computed
+//! exactly as by a single thread, so the size of the team does not change a bit.
 
 use std::ops::Range;
 
 use crate::nn::feature_map::FeatureMapShape;
 
-/// Granularity of token rows: the row count of a GEMM micro-tile, so that sharing adds at most one partial tile.
+/// Granularity of token rows: the row count of a GEMM micro-tile, so that sharing adds at most one partial
+/// tile.
 const ROW_GRANULARITY: usize = 6;
 
-/// Returns the number of units (rows, heads) per member, of `n_units` in total. The last member may have fewer.
+/// Returns the number of units (rows, heads) per member, of `n_units` in total. The last member may have
+/// fewer.
 pub(super) fn share(n_units: usize, n_members: usize, granularity: usize) -> usize {
     n_units.div_ceil(n_members).next_multiple_of(granularity).max(1)
 }
@@ -21,8 +23,8 @@ pub(super) fn rows_per_member(n_rows: usize, n_members: usize) -> usize {
     share(n_rows, n_members, ROW_GRANULARITY)
 }
 
-/// Divides the rows of the feature maps `map` among the members and calls `compute(rows, memory of the rows, member)` for
-/// each band. Bands start at multiples of `granularity`. Clears the padding afterwards.
+/// Divides the rows of the feature maps `map` among the members and calls `compute(rows, memory of the rows,
+/// member)` for each band. Bands start at multiples of `granularity`. Clears the padding afterwards.
 pub(super) fn in_bands<M: Send>(
     members: &mut [M],
     (map, shape): (&mut [f32], FeatureMapShape),

@@ -1,5 +1,5 @@
-//! Names and shapes of the tensors that inference needs, derived from the architecture, in the order of the benchmark's
-//! reference implementation.
+//! Names and shapes of the tensors that inference needs, derived from the architecture, in the order of the
+//! benchmark's reference implementation.
 
 use super::architecture::{Architecture, Projection, ResNet};
 use crate::weights::TensorSpec;

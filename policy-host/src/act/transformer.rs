@@ -1,7 +1,8 @@
-//! ACT's transformer: post-norm encoder layers over the memory tokens, post-norm decoder layers over the queries.
+//! ACT's transformer: post-norm encoder layers over the memory tokens, post-norm decoder layers over the
+//! queries.
 //!
-//! Letters in shapes: `t` tokens, `d` model width, `f` hidden width, `q` queries. All work is divided among a team of
-//! threads, by rows or by heads.
+//! Letters in shapes: `t` tokens, `d` model width, `f` hidden width, `q` queries. All work is divided among a
+//! team of threads, by rows or by heads.
 
 use rayon::prelude::*;
 
@@ -135,8 +136,8 @@ impl FeedForward {
     }
 }
 
-/// Second part of an encoder or decoder layer, after the attention heads: output projection and feed-forward network,
-/// each followed by a layer normalisation.
+/// Second part of an encoder or decoder layer, after the attention heads: output projection and feed-forward
+/// network, each followed by a layer normalisation.
 #[derive(Clone, Debug)]
 struct LayerTail {
     attention_norm: LayerNorm,
@@ -153,7 +154,8 @@ impl LayerTail {
         Self { attention_norm, feed_forward, feed_forward_norm }
     }
 
-    /// Applies the output projection to `scratch.attended`, adds it to `x`, and applies the feed-forward network in place.
+    /// Applies the output projection to `scratch.attended`, adds it to `x`, and applies the feed-forward
+    /// network in place.
     fn forward(&self, attention: &MultiheadAttention, x: &mut [f32], scratch: &mut TransformerScratch) {
         let TransformerScratch { n_members, attended, hidden, .. } = scratch;
         let (width, inner) = (attention.out.in_features(), self.feed_forward.linear1.out_features());
@@ -177,7 +179,8 @@ pub(super) struct EncoderLayer {
 }
 
 impl EncoderLayer {
-    /// Builds the layer from a checked state dict. `layer` is its name, for example `transformer.encoder.layers.0`.
+    /// Builds the layer from a checked state dict. `layer` is its name, for example
+    /// `transformer.encoder.layers.0`.
     #[must_use]
     pub(super) fn new(
         architecture: &Architecture,
@@ -271,7 +274,8 @@ impl DecoderLayer {
         }
     }
 
-    /// Applies self-attention to the target `x [q, d]` in place, then projects the queries of the cross-attention.
+    /// Applies self-attention to the target `x [q, d]` in place, then projects the queries of the
+    /// cross-attention.
     fn attend_to_target(&self, x: &mut [f32], query_positions: &[f32], scratch: &mut TransformerScratch) {
         let width = self.self_attn.out.in_features();
         let n_queries = x.len() / width;
@@ -284,7 +288,8 @@ impl DecoderLayer {
         self.cross_attn.query.forward(positioned, &mut scratch.queries[..x.len()]);
     }
 
-    /// Applies cross-attention and the feed-forward network to `x [q, d]` in place. The queries are in `scratch`.
+    /// Applies cross-attention and the feed-forward network to `x [q, d]` in place. The queries are in
+    /// `scratch`.
     fn attend_to_memory(
         &self,
         x: &mut [f32],
@@ -302,8 +307,8 @@ impl DecoderLayer {
 
 /// The decoder layers, the final normalisation and the action head.
 ///
-/// The target starts at zero, so the first layer's output up to the cross-attention queries is the same for every input.
-/// It is computed once, at construction.
+/// The target starts at zero, so the first layer's output up to the cross-attention queries is the same for
+/// every input. It is computed once, at construction.
 #[derive(Clone, Debug)]
 pub(super) struct Decoder {
     layers: Vec<DecoderLayer>,
@@ -344,7 +349,8 @@ impl Decoder {
         }
     }
 
-    /// Computes `actions [q, action_dim]` from the encoded tokens `memory [t, d]` and their position embeddings.
+    /// Computes `actions [q, action_dim]` from the encoded tokens `memory [t, d]` and their position
+    /// embeddings.
     pub(super) fn forward(
         &self,
         memory: &[f32],

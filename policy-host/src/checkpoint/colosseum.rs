@@ -1,5 +1,5 @@
-//! The benchmark's ACT format: `config.json` of type `act_colosseum`, which holds the hyperparameters that the tensors
-//! do not determine.
+//! The benchmark's ACT format: `config.json` of type `act_colosseum`, which holds the hyperparameters that
+//! the tensors do not determine.
 
 use std::path::Path;
 
@@ -61,7 +61,8 @@ pub struct ActConfig {
     pub nheads: usize,
     /// Number of encoder layers, also in the training-only CVAE encoder.
     pub enc_layers: usize,
-    /// Number of decoder layers. Only the first affects the output (docs/benchmark.md, "Policies and evaluation").
+    /// Number of decoder layers. Only the first affects the output (docs/benchmark.md, "Policies and
+    /// evaluation").
     pub dec_layers: usize,
     /// Image backbone, always `resnet18`.
     pub backbone: BackboneName,
@@ -89,8 +90,8 @@ pub enum BackboneName {
 }
 
 impl ActConfig {
-    /// Returns the benchmark's network for a robot (docs/benchmark.md, "Policies and evaluation"), with the weight-free
-    /// language encoder.
+    /// Returns the benchmark's network for a robot (docs/benchmark.md, "Policies and evaluation"), with the
+    /// weight-free language encoder.
     #[must_use]
     pub fn full_size(morphology: Morphology) -> Self {
         let control_mode = morphology.default_control_mode();
@@ -113,8 +114,8 @@ impl ActConfig {
         }
     }
 
-    /// Returns a network of the same structure for tests and first trials: 1/16 to 1/8 of the widths, two encoder
-    /// layers.
+    /// Returns a network of the same structure for tests and first trials: 1/16 to 1/8 of the widths, two
+    /// encoder layers.
     #[must_use]
     pub fn tiny(morphology: Morphology) -> Self {
         Self {
@@ -204,8 +205,8 @@ impl ActConfig {
     }
 }
 
-/// Reads the configuration at `path` and the normalisation statistics. Opens the weights file and stores it in
-/// `tensors`.
+/// Reads the configuration at `path` and the normalisation statistics. Opens the weights file and stores it
+/// in `tensors`.
 pub(super) fn describe(
     path: &Path,
     text: &[u8],

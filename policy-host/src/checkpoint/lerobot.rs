@@ -1,6 +1,6 @@
-//! LeRobot's ACT format, as written by `save_pretrained`: `config.json`, `model.safetensors`, and the normalisation
-//! statistics. Since LeRobot 0.4 the statistics are in the files of the pre- and postprocessor; before, they were
-//! buffers among the weights.
+//! LeRobot's ACT format, as written by `save_pretrained`: `config.json`, `model.safetensors`, and the
+//! normalisation statistics. Since LeRobot 0.4 the statistics are in the files of the pre- and postprocessor;
+//! before, they were buffers among the weights.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -87,7 +87,8 @@ impl Flag {
 }
 
 impl LeRobotConfig {
-    /// Returns the first option that this implementation does not support, as key, actual value and expected value.
+    /// Returns the first option that this implementation does not support, as key, actual value and expected
+    /// value.
     fn unsupported(&self) -> Option<(&'static str, String, &'static str)> {
         let backbones = "resnet18 or resnet34";
         [
@@ -120,8 +121,8 @@ impl LeRobotConfig {
     }
 }
 
-/// Reads the configuration, the processors and the observation mapping in `folder`. Opens the weights file and stores
-/// it in `tensors`.
+/// Reads the configuration, the processors and the observation mapping in `folder`. Opens the weights file
+/// and stores it in `tensors`.
 pub(super) fn describe(
     folder: &Path,
     text: &[u8],

@@ -1,5 +1,5 @@
-//! Mapping from the robot's observation to the input features of a checkpoint, taken from a file in the checkpoint
-//! folder or inferred from the features' names and shapes.
+//! Mapping from the robot's observation to the input features of a checkpoint, taken from a file in the
+//! checkpoint folder or inferred from the features' names and shapes.
 //!
 //! The file is `hypogeum.json`, with every key optional:
 //!
@@ -16,9 +16,9 @@
 //! }
 //! ```
 //!
-//! Without it, `observation.images.X` maps to the camera `X` or `X_camera`; `observation.state` maps to the full state,
-//! to `qpos`, or to `qpos` and `qvel`, whichever has its dimension; robot and control mode follow from the dimension of
-//! an action.
+//! Without it, `observation.images.X` maps to the camera `X` or `X_camera`; `observation.state` maps to the
+//! full state, to `qpos`, or to `qpos` and `qvel`, whichever has its dimension; robot and control mode follow
+//! from the dimension of an action.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -106,7 +106,8 @@ impl FeatureSource {
     }
 }
 
-/// Maps the robot's observation to `inputs` (cameras in the network's order), for actions of dimension `action_dim`.
+/// Maps the robot's observation to `inputs` (cameras in the network's order), for actions of dimension
+/// `action_dim`.
 ///
 /// # Errors
 /// The first feature that cannot be mapped, with a list of both sides.
@@ -139,8 +140,8 @@ pub(super) fn map_features(
 
 fn robot(action_dim: usize, sidecar: &Sidecar) -> Result<(Morphology, ControlMode), String> {
     let all = Morphology::ALL.into_iter().flat_map(|robot| ControlMode::ALL.map(|mode| (robot, mode)));
-    // Absolute and delta poses have the same dimension. Delta, which the benchmark trains on, comes first in the list;
-    // absolute must be requested explicitly.
+    // Absolute and delta poses have the same dimension. Delta, which the benchmark trains on, comes first in
+    // the list; absolute must be requested explicitly.
     let matches = |&(robot, mode): &(Morphology, ControlMode)| {
         mode.action_dim(robot) == action_dim
             && sidecar.morphology.is_none_or(|required| required == robot)

@@ -1,7 +1,8 @@
 //! ACT checkpoint folders in two formats, the benchmark's and LeRobot's, and their common description.
 //!
-//! A folder contains `config.json`, whose `type` selects the format, and `model.safetensors`; LeRobot's folders also
-//! contain the pre- and postprocessor. Every tensor is checked by name, dtype and shape before any is read.
+//! A folder contains `config.json`, whose `type` selects the format, and `model.safetensors`; LeRobot's
+//! folders also contain the pre- and postprocessor. Every tensor is checked by name, dtype and shape before
+//! any is read.
 
 pub mod colosseum;
 pub mod lerobot;
@@ -84,7 +85,8 @@ struct TypeTag {
 const IGNORED_SUFFIX: &str = ".num_batches_tracked";
 
 impl Checkpoint {
-    /// Reads the configuration in `folder` and the header of its weights file, and checks one against the other.
+    /// Reads the configuration in `folder` and the header of its weights file, and checks one against the
+    /// other.
     ///
     /// # Errors
     /// The first mismatch found, with file, tensor, actual and expected value.
@@ -149,7 +151,8 @@ impl Checkpoint {
         language.map_or(Ok(()), |language| Ok(TextEncoder::check(language, &self.folder)?))
     }
 
-    /// Loads the language encoder of the training run, or returns `None` for a network without instruction input.
+    /// Loads the language encoder of the training run, or returns `None` for a network without instruction
+    /// input.
     ///
     /// # Errors
     /// If the encoder's weights cannot be loaded or are not the ones used for training.

@@ -14,7 +14,8 @@ use crate::weights::TensorFile;
 const PREPROCESSOR: &str = "policy_preprocessor.json";
 /// File name of the postprocessor, written since LeRobot 0.4.
 const POSTPROCESSOR: &str = "policy_postprocessor.json";
-/// Processor steps with no effect here: images and states are batched, on the CPU and correctly named already.
+/// Processor steps with no effect here: images and states are batched, on the CPU and correctly named
+/// already.
 const NO_OP_STEPS: [&str; 3] = ["rename_observations_processor", "to_batch_processor", "device_processor"];
 /// Preprocessor step that normalises inputs.
 const NORMALISER: &str = "normalizer_processor";
@@ -58,8 +59,8 @@ struct StepConfig {
 /// Location of a feature's statistics.
 struct StatisticsSource<'a> {
     file: &'a mut TensorFile,
-    /// Prefix of the tensor names: `<feature>.` in a processor's own file; `<direction>.buffer_<feature>.`, with dots
-    /// replaced by underscores, among the weights of an older checkpoint.
+    /// Prefix of the tensor names: `<feature>.` in a processor's own file; `<direction>.buffer_<feature>.`,
+    /// with dots replaced by underscores, among the weights of an older checkpoint.
     prefix: String,
 }
 
@@ -67,7 +68,8 @@ struct StatisticsSource<'a> {
 struct ProcessorStatistics {
     modes: BTreeMap<String, NormalisationMode>,
     epsilon: f32,
-    /// The processor's state file, or `None` if the statistics are among the weights or nothing is normalised.
+    /// The processor's state file, or `None` if the statistics are among the weights or nothing is
+    /// normalised.
     file: Option<TensorFile>,
 }
 
@@ -79,8 +81,8 @@ pub(super) struct Statistics<'a> {
 }
 
 impl<'a> Statistics<'a> {
-    /// Locates the statistics: in `folder`, or among the `weights` of an older checkpoint, whose configuration specifies
-    /// the `modes`.
+    /// Locates the statistics: in `folder`, or among the `weights` of an older checkpoint, whose
+    /// configuration specifies the `modes`.
     pub(super) fn find(
         folder: &Path,
         modes: &BTreeMap<String, NormalisationMode>,
@@ -165,7 +167,8 @@ impl ProcessorStatistics {
         self.modes.get(name).copied().unwrap_or(NormalisationMode::Identity)
     }
 
-    /// Returns the location of a feature's statistics, or `None` if the processor leaves the feature unchanged.
+    /// Returns the location of a feature's statistics, or `None` if the processor leaves the feature
+    /// unchanged.
     fn source<'a>(
         &'a mut self,
         weights: &'a mut TensorFile,

@@ -4,8 +4,8 @@ use super::isa::multiversion;
 use super::matmul::{Accum, matmul, view, view_mut};
 use super::norm::{LANES, sum};
 
-/// Projected queries, keys and values, each `[t, d]` with the heads side by side. The queries are already scaled by
-/// `1 / √head_width`.
+/// Projected queries, keys and values, each `[t, d]` with the heads side by side. The queries are already
+/// scaled by `1 / √head_width`.
 #[derive(Clone, Copy, Debug)]
 pub struct Qkv<'a> {
     /// Queries `[n_queries, d]`.
@@ -39,8 +39,8 @@ impl Qkv<'_> {
         self.width / self.n_heads
     }
 
-    /// Computes attention into `out [heads, n_queries, head_width]`, for as many heads as `out` holds, starting at
-    /// `first_head`. `scores` is working memory of at least `n_queries · n_keys` values.
+    /// Computes attention into `out [heads, n_queries, head_width]`, for as many heads as `out` holds,
+    /// starting at `first_head`. `scores` is working memory of at least `n_queries · n_keys` values.
     ///
     /// # Panics
     /// If the lengths do not match.
@@ -121,7 +121,8 @@ pub fn softmax(row: &mut [f32]) {
 /// Returns the maximum of a row without NaN.
 #[inline(always)]
 fn max(row: &[f32]) -> f32 {
-    // One maximum per lane avoids a serial dependency chain. `if` instead of `f32::max`, which also handles NaN.
+    // One maximum per lane avoids a serial dependency chain. `if` instead of `f32::max`, which also handles
+    // NaN.
     let mut lanes = [f32::NEG_INFINITY; LANES];
     let (chunks, rest) = row.as_chunks::<LANES>();
     for chunk in chunks {
@@ -132,11 +133,11 @@ fn max(row: &[f32]) -> f32 {
     lanes.iter().chain(rest).copied().fold(f32::NEG_INFINITY, f32::max)
 }
 
-/// Returns `exp(x)` for `x ≤ 0`, within 2 ulp, in plain arithmetic that the compiler can vectorise and that gives the
-/// same bits on every machine. The C library's `exp` does neither.
+/// Returns `exp(x)` for `x ≤ 0`, within 2 ulp, in plain arithmetic that the compiler can vectorise and that
+/// gives the same bits on every machine. The C library's `exp` does neither.
 ///
-/// Decomposes `x = n·ln 2 + r` with `|r| ≤ ln 2 / 2` and evaluates the Taylor series of `exp(r)` to degree seven,
-/// times `2ⁿ`.
+/// Decomposes `x = n·ln 2 + r` with `|r| ≤ ln 2 / 2` and evaluates the Taylor series of `exp(r)` to degree
+/// seven, times `2ⁿ`.
 #[inline(always)]
 pub(super) fn exp_of_non_positive(x: f32) -> f32 {
     /// 1.5 · 2²³. Adding it leaves the nearest integer in the low bits of the mantissa.

@@ -1,8 +1,8 @@
 //! 2-D convolutions of feature maps, with the following batch normalisation folded into the weights.
 //!
-//! 3×3 kernels with stride 1 use [`winograd`](super::winograd). Others are GEMMs: wide output rows read their windows
-//! in place, one kernel row at a time; narrow rows go through im2col, a block of pixels at a time. Every sum is the same
-//! chain of additions either way. With 8-bit weights all windows are read in place.
+//! 3×3 kernels with stride 1 use [`winograd`](super::winograd). Others are GEMMs: wide output rows read their
+//! windows in place, one kernel row at a time; narrow rows go through im2col, a block of pixels at a time.
+//! Every sum is the same chain of additions either way. With 8-bit weights all windows are read in place.
 
 use std::ops::Range;
 
@@ -42,13 +42,13 @@ impl ConvGeometry {
 /// A batch normalisation with fixed statistics, each `[c] f32`.
 #[derive(Clone, Copy, Debug)]
 pub struct FrozenBatchNorm2d<'a> {
-    /// Scale `γ`.
+    /// Scale `γ`, PyTorch's `weight`.
     pub weight: &'a [f32],
-    /// Offset `β`.
+    /// Offset `β`, PyTorch's `bias`.
     pub bias: &'a [f32],
-    /// Running mean.
+    /// Running mean of the training.
     pub mean: &'a [f32],
-    /// Running variance.
+    /// Running variance of the training.
     pub variance: &'a [f32],
 }
 
@@ -113,8 +113,8 @@ struct OutputPixel {
 }
 
 impl Conv2d {
-    /// Creates a bias-free convolution with `weight [c_out, c_in, kernel_size, kernel_size]`, followed by `norm`. With
-    /// [`Precision::Int8`], inputs must be non-negative.
+    /// Creates a bias-free convolution with `weight [c_out, c_in, kernel_size, kernel_size]`, followed by
+    /// `norm`. With [`Precision::Int8`], inputs must be non-negative.
     ///
     /// # Panics
     /// If the lengths do not match.
@@ -189,8 +189,8 @@ impl Conv2d {
         grow(&mut scratch.sums, n_pixels * self.c_out);
     }
 
-    /// Computes these rows of the output. The input's padding must be at least that of the convolution. `output` is the
-    /// memory of the rows ([`FeatureMapShape::row_span`]); its padding is not written.
+    /// Computes these rows of the output. The input's padding must be at least that of the convolution.
+    /// `output` is the memory of the rows ([`FeatureMapShape::row_span`]); its padding is not written.
     ///
     /// # Panics
     /// If a slice does not have its shape, or `scratch` was not reserved for this shape.
@@ -302,8 +302,8 @@ impl Conv2d {
         }
     }
 
-    /// Quantises the images of these rows, multiplies, and applies the epilogue. The output slice starts at offset
-    /// `origin` of the feature maps.
+    /// Quantises the images of these rows, multiplies, and applies the epilogue. The output slice starts at
+    /// offset `origin` of the feature maps.
     fn int8(
         &self,
         weights: &QuantisedWeights,

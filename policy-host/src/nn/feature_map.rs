@@ -64,9 +64,9 @@ impl FeatureMapShape {
         self.batch * self.height
     }
 
-    /// Returns the memory range of the given rows, counted over all images: from the left padding of the first row to
-    /// the left padding of the row after the last. The top padding of the first image precedes all rows; the last row
-    /// extends to the end of the data.
+    /// Returns the memory range of the given rows, counted over all images: from the left padding of the
+    /// first row to the left padding of the row after the last. The top padding of the first image precedes
+    /// all rows; the last row extends to the end of the data.
     #[must_use]
     pub fn row_span(self, rows: Range<usize>) -> Range<usize> {
         let margin = self.padding * self.channels;

@@ -4,8 +4,8 @@ use super::attention::exp_of_non_positive;
 use super::isa::multiversion;
 
 multiversion! {
-    /// Applies QuickGELU, `x · σ(1.702 x)`, in place: Hendrycks and Gimpel's approximation of the Gaussian error linear
-    /// unit.
+    /// Applies QuickGELU, `x · σ(1.702 x)`, in place: Hendrycks and Gimpel's approximation of the Gaussian
+    /// error linear unit.
     pub fn quick_gelu(x: &mut [f32]) {
         for x in x {
             *x *= sigmoid(1.702 * *x);

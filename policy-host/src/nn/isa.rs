@@ -1,7 +1,8 @@
 //! Instruction sets, each proven by a token that only run-time detection can create (crate `pulp`).
 //!
-//! A kernel compiled for an instruction set is called only where its token is at hand. No kernel fuses a product and a
-//! sum except where it says so, and Rust never does by itself, so the vector width does not change a bit.
+//! A kernel compiled for an instruction set is called only where its token is at hand. No kernel fuses a
+//! product and a sum except where it says so, and Rust never does by itself, so the vector width does not
+//! change a bit.
 
 #[cfg(target_arch = "x86_64")]
 pub(super) use pulp::x86::{V3, V4};
@@ -23,7 +24,7 @@ pub(super) enum FloatIsa {
     /// AVX2 and FMA.
     #[cfg(target_arch = "x86_64")]
     Fma256(V3),
-    /// AVX-512.
+    /// AVX-512 with 512-bit registers.
     #[cfg(target_arch = "x86_64")]
     Fma512(V4),
 }
@@ -31,9 +32,9 @@ pub(super) enum FloatIsa {
 /// Instruction set of the 8-bit GEMM.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Int8Isa {
-    /// Portable code.
+    /// Portable code, slower than f32.
     Portable,
-    /// AVX-512 VNNI.
+    /// AVX-512 with VNNI.
     #[cfg(target_arch = "x86_64")]
     Vnni(Avx512Vnni),
 }
@@ -71,8 +72,8 @@ impl Int8Isa {
     }
 }
 
-/// Defines functions that are compiled twice, for the baseline x86-64 and for AVX2, and dispatch at run time. Functions
-/// that they call must be `#[inline(always)]` to be compiled for AVX2 as well.
+/// Defines functions that are compiled twice, for the baseline x86-64 and for AVX2, and dispatch at run time.
+/// Functions that they call must be `#[inline(always)]` to be compiled for AVX2 as well.
 macro_rules! multiversion {
     ($($(#[$meta:meta])* $vis:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $body:block)+) => {$(
         $(#[$meta])*

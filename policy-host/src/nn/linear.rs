@@ -98,8 +98,9 @@ impl Linear {
         self.accumulate(x, out);
     }
 
-    /// Like [`forward_add`](Self::forward_add) for an input whose columns are stored as `n_blocks` separate blocks of
-    /// equal width, such as attention heads: `block(i)` is `[t, in_features / n_blocks]`. The result is bit-identical.
+    /// Like [`forward_add`](Self::forward_add) for an input whose columns are stored as `n_blocks` separate
+    /// blocks of equal width, such as attention heads: `block(i)` is `[t, in_features / n_blocks]`. The
+    /// result is bit-identical.
     ///
     /// # Panics
     /// If the lengths do not match.
@@ -149,7 +150,8 @@ impl Linear {
     }
 }
 
-/// Computes `out [t, n] += x · weights` with every row of `x` quantised. `copy(row, [k])` writes a row of `x`.
+/// Computes `out [t, n] += x · weights` with every row of `x` quantised. `copy(row, [k])` writes a row of
+/// `x`.
 fn add_quantised(weights: &QuantisedWeights, out: &mut [f32], copy: impl Fn(usize, &mut [f32])) {
     let (k, n) = (weights.k(), weights.n());
     let mut quantised = [0; QUANTISED_BLOCK_LEN];

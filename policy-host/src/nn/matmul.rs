@@ -1,4 +1,5 @@
-//! Products of activations: row-major views and faer's matrix product on the calling thread. No other module uses faer.
+//! Products of activations: row-major views and faer's matrix product on the calling thread. No other module
+//! uses faer.
 
 use faer::{MatMut, MatRef, Par};
 

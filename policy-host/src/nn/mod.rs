@@ -1,11 +1,11 @@
 //! Neural network kernels for the CPU: sequential, on slices that the caller owns.
 //!
-//! Every kernel computes each value by a fixed sequence of operations, independent of how many rows, images or samples
-//! are computed together. Kernels start no threads, and they allocate nothing after construction: the caller passes
-//! their working memory. See `README.md` for the design and its measurements.
+//! Every kernel computes each value by a fixed sequence of operations, independent of how many rows, images
+//! or samples are computed together. Kernels start no threads, and they allocate nothing after construction:
+//! the caller passes their working memory. See `README.md` for the design and its measurements.
 //!
-//! Letters in shapes: `t` rows (tokens), `d` model width, `n` images, `c` channels, `h` and `w` height and width;
-//! `[m, k] · [k, n]` in matrix products.
+//! Letters in shapes: `t` rows (tokens), `d` model width, `n` images, `c` channels, `h` and `w` height and
+//! width; `[m, k] · [k, n]` in matrix products.
 
 pub mod attention;
 pub mod conv;
@@ -24,7 +24,7 @@ mod winograd;
 /// Numeric precision of a layer's weights and products.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Precision {
-    /// 32-bit floats.
+    /// 32-bit floating point.
     #[default]
     F32,
     /// 8-bit integers ([`quantised`]), in layers large enough to become faster.

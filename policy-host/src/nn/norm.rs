@@ -2,15 +2,16 @@
 
 use super::isa::multiversion;
 
-/// Number of partial sums of a reduction. It fixes the order of additions and lets the compiler vectorise them.
+/// Number of partial sums of a reduction. It fixes the order of additions and lets the compiler vectorise
+/// them.
 pub(super) const LANES: usize = 16;
 
 /// Layer normalisation over the last axis.
 #[derive(Clone, Debug)]
 pub struct LayerNorm {
-    /// Scale `[d]`.
+    /// Scale of each entry, `[d]`.
     weight: Vec<f32>,
-    /// Offset `[d]`.
+    /// Offset of each entry, `[d]`.
     bias: Vec<f32>,
 }
 

@@ -1,12 +1,13 @@
-//! GEMM with packed weights: `[m, k] · [k, n]`, where the right factor is packed once into panels of [`NR`] columns.
+//! GEMM with packed weights: `[m, k] · [k, n]`, where the right factor is packed once into panels of [`NR`]
+//! columns.
 //!
-//! faer packs both factors in every call. The weights are the same in every query, so packing them once saves that
-//! work: 1.2 to 1.5 times as fast as faer 0.24 at ACT's shapes, measured in one run with AVX-512 by
+//! faer packs both factors in every call. The weights are the same in every query, so packing them once saves
+//! that work: 1.2 to 1.5 times as fast as faer 0.24 at ACT's shapes, measured in one run with AVX-512 by
 //! `cargo bench -p benches --bench policy`.
 //!
-//! Every value of a product is a single chain of fused multiply-adds over `k`, in order, whatever the instruction set,
-//! the micro-tile or the number of rows. It has the same bits on every x86 processor with FMA. Without FMA, products are
-//! rounded as well.
+//! Every value of a product is a single chain of fused multiply-adds over `k`, in order, whatever the
+//! instruction set, the micro-tile or the number of rows. It has the same bits on every x86 processor with
+//! FMA. Without FMA, products are rounded as well.
 
 use std::ops::Range;
 
@@ -76,8 +77,8 @@ impl PackedWeights {
         self.n
     }
 
-    /// Computes `out [m, n] = x [m, k] · weights` or `out += x · weights`. Rows of `x` are `stride` values apart and may
-    /// overlap.
+    /// Computes `out [m, n] = x [m, k] · weights` or `out += x · weights`. Rows of `x` are `stride` values
+    /// apart and may overlap.
     ///
     /// # Panics
     /// If `out` is not a whole number of rows, or the last row of `x` would end outside the slice.
@@ -85,11 +86,12 @@ impl PackedWeights {
         self.matmul_rows(0..self.k, x, stride, out, accum);
     }
 
-    /// Like [`matmul`](Self::matmul) with only the rows `k_range` of the weights: `x` is `[m, k_range.len()]`.
+    /// Like [`matmul`](Self::matmul) with only the rows `k_range` of the weights: `x` is `[m,
+    /// k_range.len()]`.
     ///
     /// # Panics
-    /// If `k_range` exceeds the weights, `out` is not a whole number of rows, or the last row of `x` would end outside
-    /// the slice.
+    /// If `k_range` exceeds the weights, `out` is not a whole number of rows, or the last row of `x` would
+    /// end outside the slice.
     pub fn matmul_rows(
         &self,
         k_range: Range<usize>,
@@ -177,8 +179,8 @@ impl PackedWeights {
                     let out = &mut out[row * self.n + first..][..(height - 1) * self.n + n_cols];
                     let micro_kernel = micro_kernels[height - 1];
                     if n_cols == NR {
-                        // SAFETY: the slices cover the micro-tile of `height` rows, and `micro_kernels` was selected
-                        // with the token of its instruction set.
+                        // SAFETY: the slices cover the micro-tile of `height` rows, and `micro_kernels` was
+                        // selected with the token of its instruction set.
                         unsafe { micro_kernel(x, stride, weights, out, self.n, adds) };
                     } else {
                         let mut full = [0.0; MR * NR];
@@ -196,8 +198,8 @@ impl PackedWeights {
     }
 }
 
-/// GEMM micro-kernel: `out [height, NR] = (out if adds, else 0) + x [height, kc] · weights [kc, NR]`, with rows `stride`
-/// apart in `x` and `out_stride` apart in `out`.
+/// GEMM micro-kernel: `out [height, NR] = (out if adds, else 0) + x [height, kc] · weights [kc, NR]`, with
+/// rows `stride` apart in `x` and `out_stride` apart in `out`.
 ///
 /// # Safety
 /// The processor must support the kernel's instruction set, and the slices must cover all of these values.
@@ -231,7 +233,8 @@ const fn micro_kernels_256(_: V3) -> [MicroKernel; MR] {
     ]
 }
 
-/// Defines a micro-kernel. `$lanes` is the number of lanes of a register, `$across` the number of registers per row.
+/// Defines a micro-kernel. `$lanes` is the number of lanes of a register, `$across` the number of registers
+/// per row.
 macro_rules! micro_kernel {
     ($name:ident, $features:literal, $lanes:literal, $across:literal, $zero:ident, $load:ident, $all:ident, $fma:ident, $store:ident) => {
         #[cfg(target_arch = "x86_64")]
@@ -247,7 +250,8 @@ macro_rules! micro_kernel {
             use core::arch::x86_64::{$all, $fma, $load, $store, $zero};
             let x = x.as_ptr();
             for first in (0..NR).step_by($across * $lanes) {
-                // SAFETY: the caller guarantees `HEIGHT` rows of `kc` values in `x` and of `NR` values in `out`.
+                // SAFETY: the caller guarantees `HEIGHT` rows of `kc` values in `x` and of `NR` values in
+                // `out`.
                 unsafe {
                     let out = out.as_mut_ptr().add(first);
                     let mut sums = [[$zero(); $across]; HEIGHT];

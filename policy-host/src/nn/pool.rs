@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use super::feature_map::FeatureMapShape;
 
-/// Computes these rows of a 3×3 max pooling with stride 2 and padding 1. The input must be non-negative, so that the
-/// zero padding in memory has no effect. `output` is the memory of the rows ([`FeatureMapShape::row_span`]); its
-/// padding is not written.
+/// Computes these rows of a 3×3 max pooling with stride 2 and padding 1. The input must be non-negative, so
+/// that the zero padding in memory has no effect. `output` is the memory of the rows
+/// ([`FeatureMapShape::row_span`]); its padding is not written.
 ///
 /// # Panics
 /// If a slice does not have its shape.

@@ -1,8 +1,8 @@
 //! GEMM with 8-bit integers and 32-bit accumulators: less exact than f32, and faster on processors with VNNI.
 //!
-//! Weights are quantised symmetrically to ±127 with one scale per output column. Inputs are quantised dynamically, with
-//! one scale per row or image. Integer sums are exact, so every processor gives the same bits. AVX-512 VNNI computes 64
-//! products per instruction; without it, this path is slower than f32.
+//! Weights are quantised symmetrically to ±127 with one scale per output column. Inputs are quantised
+//! dynamically, with one scale per row or image. Integer sums are exact, so every processor gives the same
+//! bits. AVX-512 VNNI computes 64 products per instruction; without it, this path is slower than f32.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -22,7 +22,8 @@ const SIGNED_MAX: f32 = 127.0;
 const UNSIGNED_MAX: f32 = 255.0;
 /// Zero point of signed inputs, which are stored as u8.
 const ZERO_POINT: u8 = 128;
-/// 2²³. Adding it to a float rounds to the nearest integer and leaves that integer in the low bits of the mantissa.
+/// 2²³. Adding it to a float rounds to the nearest integer and leaves that integer in the low bits of the
+/// mantissa.
 const ROUNDING_OFFSET: f32 = 8_388_608.0;
 
 /// One cache line of weights.
@@ -39,7 +40,8 @@ pub(super) struct QuantisedWeights {
     n: usize,
     /// Quantisation scale `[n]` of each column.
     scales: Vec<f32>,
-    /// Zero-point correction `[n]`: column sum times [`ZERO_POINT`], to be subtracted from sums over signed inputs.
+    /// Zero-point correction `[n]`: column sum times [`ZERO_POINT`], to be subtracted from sums over signed
+    /// inputs.
     zero_point_corrections: Vec<i32>,
     isa: Int8Isa,
 }
@@ -103,8 +105,8 @@ impl QuantisedWeights {
         &self.zero_point_corrections
     }
 
-    /// Multiplies `n_rows` rows of quantised inputs with the weights. Row `idx` starts at `start(idx)` in `inputs`. Calls
-    /// `emit(idx, first column, accumulators)` with up to [`NR`] columns at a time.
+    /// Multiplies `n_rows` rows of quantised inputs with the weights. Row `idx` starts at `start(idx)` in
+    /// `inputs`. Calls `emit(idx, first column, accumulators)` with up to [`NR`] columns at a time.
     ///
     /// # Panics
     /// If the segments do not add up to `k` values, or a row would end outside `inputs`.
@@ -166,8 +168,9 @@ impl QuantisedWeights {
                 for (idx, input) in rows[..height].iter_mut().enumerate() {
                     *input = &inputs[start(row + idx)..][..row_extent];
                 }
-                // SAFETY: the first `height` rows extend to the end of the last segment, the panel has as many rows as
-                // the segments have values, and `micro_kernels` was selected with the token of its instruction set.
+                // SAFETY: the first `height` rows extend to the end of the last segment, the panel has as
+                // many rows as the segments have values, and `micro_kernels` was selected with the token of
+                // its instruction set.
                 unsafe { micro_kernels[height - 1](&rows, segments, panel, &mut sums) };
                 for (idx, sums) in sums.chunks_exact(NR).take(height).enumerate() {
                     emit(row + idx, first, &sums[..n_cols]);
@@ -178,19 +181,21 @@ impl QuantisedWeights {
 }
 
 multiversion! {
-    /// Quantises non-negative values to 0 to 255 and sets `scale`. The scale is not finite if any value is not.
+    /// Quantises non-negative values to 0 to 255 and sets `scale`. The scale is not finite if any value is
+    /// not.
     pub(super) fn quantise_unsigned(values: &[f32], out: &mut [u8], scale: &mut f32) {
         *scale = quantise(values, UNSIGNED_MAX, ROUNDING_OFFSET, out);
     }
 
-    /// Quantises values to [`ZERO_POINT`] ± 127 and sets `scale`. The scale is not finite if any value is not.
+    /// Quantises values to [`ZERO_POINT`] ± 127 and sets `scale`. The scale is not finite if any value is
+    /// not.
     pub(super) fn quantise_signed(values: &[f32], out: &mut [u8], scale: &mut f32) {
         *scale = quantise(values, SIGNED_MAX, ROUNDING_OFFSET + f32::from(ZERO_POINT), out);
     }
 }
 
-/// Quantises values to integers of magnitude up to `q_max` and returns the scale. `offset` is [`ROUNDING_OFFSET`] plus
-/// the zero point.
+/// Quantises values to integers of magnitude up to `q_max` and returns the scale. `offset` is
+/// [`ROUNDING_OFFSET`] plus the zero point.
 #[inline(always)]
 fn quantise(values: &[f32], q_max: f32, offset: f32, out: &mut [u8]) -> f32 {
     assert_eq!(values.len(), out.len(), "quantised values");
@@ -210,8 +215,8 @@ type Accumulators = [i32; MR * NR];
 /// GEMM micro-kernel: computes `sums [height, NR]`, the product of the first `height` rows and a panel.
 ///
 /// # Safety
-/// The processor must support the kernel's instruction set, the rows must extend to the end of the last segment, and the
-/// panel must have as many rows as the segments have values.
+/// The processor must support the kernel's instruction set, the rows must extend to the end of the last
+/// segment, and the panel must have as many rows as the segments have values.
 type Int8MicroKernel =
     unsafe fn(rows: &[&[u8]; MR], segments: Segments, panel: &[i8], sums: &mut Accumulators);
 
@@ -276,8 +281,8 @@ unsafe fn micro_kernel_vnni<const HEIGHT: usize>(
     for segment in 0..segments.count {
         let first = segment * segments.stride;
         for idx in (first..first + segments.len).step_by(QUAD) {
-            // SAFETY: the caller guarantees `HEIGHT` rows that extend to the end of the last segment, and `NR` groups of
-            // weights for each group of four inputs.
+            // SAFETY: the caller guarantees `HEIGHT` rows that extend to the end of the last segment, and
+            // `NR` groups of weights for each group of four inputs.
             unsafe {
                 let mut line = [_mm512_setzero_si512(); ACROSS];
                 for (col, line) in line.iter_mut().enumerate() {

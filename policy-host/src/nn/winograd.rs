@@ -1,11 +1,11 @@
-//! Winograd convolution for 3×3 kernels with stride 1 (Lavin and Gray, *Fast Algorithms for Convolutional Neural
-//! Networks*, 2016). F(4×4, 3×3) takes 36 products for 16 output pixels instead of 144; F(2×2, 3×3) takes 16 products
-//! for four pixels instead of 36.
+//! Winograd convolution for 3×3 kernels with stride 1 (Lavin and Gray, *Fast Algorithms for Convolutional
+//! Neural Networks*, 2016). F(4×4, 3×3) takes 36 products for 16 output pixels instead of 144; F(2×2, 3×3)
+//! takes 16 products for four pixels instead of 36.
 //!
-//! An input tile is the receptive field of a square of output pixels. Tiles and kernels are transformed; in the
-//! transform domain the convolution is one matrix product over the channels per tile element, and the output transform
-//! yields the sums of the square. Layers with many channels have large kernels and small maps, where F(2×2, 3×3) is the
-//! faster of the two.
+//! An input tile is the receptive field of a square of output pixels. Tiles and kernels are transformed; in
+//! the transform domain the convolution is one matrix product over the channels per tile element, and the
+//! output transform yields the sums of the square. Layers with many channels have large kernels and small
+//! maps, where F(2×2, 3×3) is the faster of the two.
 
 use std::f64::consts::SQRT_2;
 use std::ops::Range;
@@ -24,11 +24,12 @@ const BLOCK_LEN: usize = 1 << 17;
 const MIN_TILES_F4: usize = 24;
 /// Minimum number of F(2×2) tiles in a block. Their kernels have more channels, so a block needs more tiles.
 const MIN_TILES_F2: usize = 48;
-/// Maximum `c_in · c_out` for F(4×4). Beyond it, its 36 kernel matrices are too much to read for the few tiles of a map.
+/// Maximum `c_in · c_out` for F(4×4). Beyond it, its 36 kernel matrices are too much to read for the few
+/// tiles of a map.
 const F4_MAX_CHANNEL_PRODUCT: usize = 256 * 256;
 
-/// Unused values after each tile element, one cache line. Without them the elements would be a power of two apart and
-/// compete for the same L1 cache sets.
+/// Unused values after each tile element, one cache line. Without them the elements would be a power of two
+/// apart and compete for the same L1 cache sets.
 const SET_CONFLICT_GAP: usize = 16;
 
 type ChannelLanes = [f32; LANES];
@@ -104,8 +105,8 @@ impl Winograd {
         grow(&mut scratch.zeros, self.c_in);
     }
 
-    /// Convolves `input`, whose padding is one pixel wide, and calls `emit(row, col, sums [c_out])` for every pixel of
-    /// these output rows. Row `image_idx · h + row` is row `row` of an image.
+    /// Convolves `input`, whose padding is one pixel wide, and calls `emit(row, col, sums [c_out])` for every
+    /// pixel of these output rows. Row `image_idx · h + row` is row `row` of an image.
     ///
     /// The transforms use no fused multiply-add, so the vector width does not change a bit.
     pub(super) fn forward(
@@ -219,8 +220,8 @@ impl Winograd {
 
 /// Kernel transform `G` of F(2×2, 3×3), along one axis.
 const G_F2: [[f64; 3]; 4] = [[1.0, 0.0, 0.0], [0.5, 0.5, 0.5], [0.5, -0.5, 0.5], [0.0, 0.0, 1.0]];
-/// Inner interpolation point of F(4×4, 3×3). The elements are 0, ±√½, ±√2 and infinity; the usual 0, ±1, ±2 would have
-/// two times (mean) to five times (maximum) the rounding error.
+/// Inner interpolation point of F(4×4, 3×3). The elements are 0, ±√½, ±√2 and infinity; the usual 0, ±1, ±2
+/// would have two times (mean) to five times (maximum) the rounding error.
 const NEAR: f32 = std::f32::consts::FRAC_1_SQRT_2;
 /// Outer interpolation point of F(4×4, 3×3).
 const FAR: f32 = std::f32::consts::SQRT_2;
@@ -234,8 +235,8 @@ const G_F4: [[f64; 3]; 6] = [
     [0.0, 0.0, 1.0],
 ];
 
-// Plain loops here and below: closures of `array::from_fn` and `array::map` are not reliably inlined, and code that is
-// not inlined is compiled for the baseline instruction set.
+// Plain loops here and below: closures of `array::from_fn` and `array::map` are not reliably inlined, and
+// code that is not inlined is compiled for the baseline instruction set.
 #[inline(always)]
 fn lanes(f: impl Fn(usize) -> f32) -> ChannelLanes {
     let mut out = [0.0; LANES];

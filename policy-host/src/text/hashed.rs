@@ -1,14 +1,16 @@
 //! A language encoder without weights: it hashes the words and word pairs of an instruction to a vector.
 //!
-//! It substitutes for CLIP where CLIP's weights are not available. It distinguishes instructions, and instructions with
-//! common words have similar embeddings, but it does not capture meaning: a paraphrase in other words is as distant as
-//! an unrelated sentence. A checkpoint must be used with the encoder it was trained with; its configuration names it.
+//! It substitutes for CLIP where CLIP's weights are not available. It distinguishes instructions, and
+//! instructions with common words have similar embeddings, but it does not capture meaning: a paraphrase in
+//! other words is as distant as an unrelated sentence. A checkpoint must be used with the encoder it was
+//! trained with; its configuration names it.
 
 use crate::generated::{fnv1a64, sym};
 
-/// Returns the embedding `[dim] f32`, of expected norm 1: the sum of a pseudo-random vector for each word and each pair
-/// of adjacent words, divided by the square root of their number. Words are runs of ASCII letters and digits, in lower
-/// case; all other characters are separators. An instruction without words maps to the zero vector.
+/// Returns the embedding `[dim] f32`, of expected norm 1: the sum of a pseudo-random vector for each word and
+/// each pair of adjacent words, divided by the square root of their number. Words are runs of ASCII letters
+/// and digits, in lower case; all other characters are separators. An instruction without words maps to the
+/// zero vector.
 #[must_use]
 pub fn hashed_embedding(instruction: &str, dim: usize) -> Vec<f32> {
     let lower = instruction.to_ascii_lowercase();

@@ -27,7 +27,8 @@ impl TensorFile {
     /// Opens the file and reads its header.
     ///
     /// # Errors
-    /// If the file cannot be read, is not a safetensors file, or its length differs from what the header implies.
+    /// If the file cannot be read, is not a safetensors file, or its length differs from what the header
+    /// implies.
     pub fn open(path: &Path) -> Result<Self, WeightsError> {
         let path = path.to_owned();
         let read = |source| WeightsError::Read { path: path.clone(), source };
@@ -125,7 +126,8 @@ fn is_float(dtype: Dtype) -> bool {
     matches!(dtype, Dtype::F32 | Dtype::F16 | Dtype::BF16)
 }
 
-/// Reads the header of a safetensors file of `file_len` bytes. Returns it with the byte offset of the first tensor.
+/// Reads the header of a safetensors file of `file_len` bytes. Returns it with the byte offset of the first
+/// tensor.
 fn read_header(file: &mut File, path: &Path, file_len: u64) -> Result<(Metadata, u64), WeightsError> {
     let invalid = |reason: String| WeightsError::Header { path: path.to_owned(), reason };
     let read = |source| WeightsError::Read { path: path.to_owned(), source };

@@ -1,6 +1,7 @@
 //! Weight files: the safetensors reader, its errors, and the in-memory state dict.
 //!
-//! [`checkpoint`](crate::checkpoint) and [`text`](crate::text) both build on this module; it depends on neither.
+//! [`checkpoint`](crate::checkpoint) and [`text`](crate::text) both build on this module; it depends on
+//! neither.
 
 mod file;
 mod state_dict;
@@ -22,7 +23,7 @@ pub const MODEL_FILE: &str = "model.safetensors";
 pub struct TensorSpec {
     /// Name in the state dict.
     pub name: String,
-    /// Shape, row-major.
+    /// Shape of the row-major tensor.
     pub shape: Vec<usize>,
 }
 

@@ -1,4 +1,5 @@
-//! Observation messages made of generated numbers: the ones `python/make_act_checkpoint.py` gives to PyTorch.
+//! Observation messages with generated values, identical to those that `python/make_act_checkpoint.py` passes
+//! to PyTorch.
 
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
@@ -9,17 +10,17 @@ use policy_host::{ActionChunk, Policy};
 
 /// Instructions of even and odd envs.
 const INSTRUCTIONS: [&str; 2] = ["Raise the red cube above the table.", ""];
-/// Side of the uniform blocks of a generated hand image.
+/// Side of the uniform blocks in a generated hand image, in pixels.
 const HAND_BLOCK: usize = 8;
 
-/// An observation message.
-pub(crate) struct Batch {
+/// An observation message and its header.
+pub(crate) struct ObservationBatch {
     pub(crate) header: ObservationHeader,
     pub(crate) pages: Vec<Page>,
 }
 
-impl Batch {
-    /// The observations of these envs; env `n` looks the same in every batch.
+impl ObservationBatch {
+    /// Creates the observations of these envs. Env `n` has the same observation in every batch.
     pub(crate) fn of(morphology: Morphology, envs: &[u32]) -> Self {
         let block_len = block_pages(morphology, true);
         let mut pages = vec![Page::zeroed(); block_len * envs.len()];
@@ -44,7 +45,7 @@ impl Batch {
         ObservationView::new(self.header, &self.pages).unwrap()
     }
 
-    /// What `policy` answers.
+    /// Returns the action blocks that `policy` computes for this batch.
     pub(crate) fn answer(&self, policy: &mut dyn Policy) -> Vec<ActionBlock> {
         let view = self.view();
         let mut chunks = vec![ActionChunk::default(); view.n_envs()];

@@ -1,47 +1,47 @@
-//! Bad checkpoints: one clear error each, before anything runs.
+//! Invalid checkpoints are rejected with a specific error before a run starts.
 
 use std::fs;
 use std::path::Path;
 
-use ipc_types::{ControlMode, Morphology};
+use ipc_types::{ControlMode, Morphology, error_chain};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::synthetic::write_checkpoint;
 use policy_host::{ActionChunk, PolicyError, PolicySpec, QueryMode, check, load};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use tempfile::TempDir;
 
-use crate::batch::Batch;
-use crate::{assert_says, data};
+use crate::batch::ObservationBatch;
+use crate::{assert_contains, data};
 
-/// A tiny checkpoint of the single-arm robot, to be spoiled.
+/// Writes a tiny checkpoint for the single-arm robot, for tests to modify.
 fn checkpoint() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     write_checkpoint(folder.path(), &ActConfig::tiny(Morphology::Single), 3).unwrap();
     folder
 }
 
-/// A single arm, driven as by default.
+/// The single-arm robot in its default control mode.
 const SINGLE: (Morphology, ControlMode) = (Morphology::Single, ControlMode::EeDeltaPose);
-/// Both robots, driven as by default.
+/// Both robots in their default control modes.
 const BOTH: [(Morphology, ControlMode); 2] = [SINGLE, (Morphology::Bimanual, ControlMode::JointPos)];
 
 fn spec(folder: &Path) -> PolicySpec {
     PolicySpec::Act(folder.to_owned())
 }
 
-/// What `check` and `load` both say.
-fn refusal(folder: &Path) -> String {
-    let checked = check(&spec(folder), &[SINGLE]).unwrap_err().to_string();
-    let loaded = load(&spec(folder), 1, QueryMode::Chunk).err().unwrap().to_string();
-    assert_eq!(checked, loaded, "seen before anything starts");
+/// Returns the error of `check` and `load`, which must be the same.
+fn rejection(folder: &Path) -> String {
+    let checked = error_chain(&check(&spec(folder), &[SINGLE]).unwrap_err());
+    let loaded = error_chain(&load(&spec(folder), 1, QueryMode::Chunk).err().unwrap());
+    assert_eq!(checked, loaded, "check and load must agree");
     checked
 }
 
-/// Name, type, shape and bytes.
-type Tensor = (String, Dtype, Vec<usize>, Vec<u8>);
+/// Name, dtype, shape and bytes of a tensor.
+type RawTensor = (String, Dtype, Vec<usize>, Vec<u8>);
 
-/// Rewrites the model file with its tensors changed.
-fn edit_tensors(folder: &Path, edit: impl FnOnce(&mut Vec<Tensor>)) {
+/// Rewrites the weights file after applying `edit` to its tensors.
+fn edit_tensors(folder: &Path, edit: impl FnOnce(&mut Vec<RawTensor>)) {
     let path = folder.join("model.safetensors");
     let bytes = fs::read(&path).unwrap();
     let tensors = SafeTensors::deserialize(&bytes).unwrap();
@@ -58,7 +58,7 @@ fn edit_tensors(folder: &Path, edit: impl FnOnce(&mut Vec<Tensor>)) {
     fs::write(&path, safetensors::serialize(views, None).unwrap()).unwrap();
 }
 
-/// Rewrites the configuration with one text replaced.
+/// Rewrites the configuration after replacing one substring.
 fn edit_config(folder: &Path, from: &str, to: &str) {
     let path = folder.join("config.json");
     let text = fs::read_to_string(&path).unwrap();
@@ -67,45 +67,45 @@ fn edit_config(folder: &Path, from: &str, to: &str) {
 }
 
 #[test]
-fn a_good_checkpoint_loads_with_and_without_its_unused_tensors() {
+fn checkpoint_loads_with_and_without_unused_tensors() {
     let folder = checkpoint();
     check(&spec(folder.path()), &[SINGLE]).unwrap();
-    let before = Batch::of(Morphology::Single, &[0])
+    let before = ObservationBatch::of(Morphology::Single, &[0])
         .answer(&mut *load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap());
     edit_tensors(folder.path(), |list| {
         list.push(("cls_embed.weight".to_owned(), Dtype::F32, vec![1, 64], vec![0; 256]));
         list.push(("latent_proj.bias".to_owned(), Dtype::F32, vec![64], vec![0; 256]));
         list.push(("backbones.0.0.body.bn1.num_batches_tracked".to_owned(), Dtype::I64, vec![], vec![0; 8]));
     });
-    let after = Batch::of(Morphology::Single, &[0])
+    let after = ObservationBatch::of(Morphology::Single, &[0])
         .answer(&mut *load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap());
     assert_eq!(before[0].rows, after[0].rows);
 }
 
 #[test]
-fn a_missing_tensor_is_named_with_its_shape() {
+fn missing_tensor_error_states_name_and_shape() {
     let folder = checkpoint();
     edit_tensors(folder.path(), |list| list.retain(|(name, ..)| name != "action_head.weight"));
     let path = folder.path().join("model.safetensors").display().to_string();
-    assert_says(&refusal(folder.path()), &[&path, "`action_head.weight` is missing", "F32 [7, 64]"]);
+    assert_contains(&rejection(folder.path()), &[&path, "`action_head.weight` is missing", "F32 [7, 64]"]);
 }
 
 #[test]
-fn an_unknown_tensor_is_named() {
+fn unknown_tensor_is_rejected_by_name() {
     let folder = checkpoint();
     edit_tensors(folder.path(), |list| list.push(("head.extra".to_owned(), Dtype::F32, vec![2], vec![0; 8])));
-    assert_says(&refusal(folder.path()), &["`head.extra`", "F32 [2]", "is not part of the network"]);
+    assert_contains(&rejection(folder.path()), &["`head.extra`", "F32 [2]", "is not part of the network"]);
 }
 
 #[test]
-fn a_misshapen_tensor_and_one_of_another_type_are_named() {
+fn tensors_of_wrong_shape_or_dtype_are_rejected() {
     let folder = checkpoint();
     edit_tensors(folder.path(), |list| {
         let tensor = list.iter_mut().find(|(name, ..)| name == "input_proj_robot_state.weight").unwrap();
         tensor.2 = vec![25, 64];
     });
-    assert_says(
-        &refusal(folder.path()),
+    assert_contains(
+        &rejection(folder.path()),
         &["`input_proj_robot_state.weight` is F32 [25, 64], expected F32 [64, 25]"],
     );
 
@@ -114,37 +114,40 @@ fn a_misshapen_tensor_and_one_of_another_type_are_named() {
         let tensor = list.iter_mut().find(|(name, ..)| name == "query_embed.weight").unwrap();
         (tensor.1, tensor.3) = (Dtype::I16, vec![0; 30 * 64 * 2]);
     });
-    assert_says(&refusal(folder.path()), &["`query_embed.weight` is I16 [30, 64], expected F32 [30, 64]"]);
+    assert_contains(
+        &rejection(folder.path()),
+        &["`query_embed.weight` is I16 [30, 64], expected F32 [30, 64]"],
+    );
 }
 
 #[test]
-fn incomplete_statistics_are_an_error() {
+fn incomplete_statistics_are_rejected() {
     let folder = checkpoint();
     edit_tensors(folder.path(), |list| {
         list.push(("norm_stats.state_mean".to_owned(), Dtype::F32, vec![25], vec![0; 100]));
     });
-    assert_says(&refusal(folder.path()), &["`norm_stats.state_std` is missing", "F32 [25]"]);
+    assert_contains(&rejection(folder.path()), &["`norm_stats.state_std` is missing", "F32 [25]"]);
 }
 
 #[test]
-fn truncated_and_corrupt_files_are_errors() {
+fn truncated_and_corrupt_files_are_rejected() {
     let folder = checkpoint();
     let path = folder.path().join("model.safetensors");
     let bytes = fs::read(&path).unwrap();
     fs::write(&path, &bytes[..bytes.len() - 1000]).unwrap();
-    assert_says(&refusal(folder.path()), &["model.safetensors", "truncated", &bytes.len().to_string()]);
+    assert_contains(&rejection(folder.path()), &["model.safetensors", "truncated", &bytes.len().to_string()]);
     fs::write(&path, &bytes[..100]).unwrap();
-    assert_says(&refusal(folder.path()), &["not a safetensors file"]);
+    assert_contains(&rejection(folder.path()), &["not a safetensors file"]);
     fs::write(&path, &bytes[..4]).unwrap();
-    assert_says(&refusal(folder.path()), &["not a safetensors file", "4 bytes"]);
+    assert_contains(&rejection(folder.path()), &["not a safetensors file", "4 bytes"]);
     fs::write(&path, "this is not a model, but it is long enough to be read as one").unwrap();
-    assert_says(&refusal(folder.path()), &["not a safetensors file"]);
+    assert_contains(&rejection(folder.path()), &["not a safetensors file"]);
     fs::remove_file(&path).unwrap();
-    assert_says(&refusal(folder.path()), &["model.safetensors", "No such file"]);
+    assert_contains(&rejection(folder.path()), &["model.safetensors", "No such file"]);
 }
 
 #[test]
-fn bad_configurations_name_the_key() {
+fn invalid_configuration_errors_name_the_key() {
     for (from, to, parts) in [
         ("\"enc_layers\"", "\"encoder_layers\"", &["config.json", "unknown field `encoder_layers`"][..]),
         (
@@ -171,50 +174,50 @@ fn bad_configurations_name_the_key() {
     ] {
         let folder = checkpoint();
         edit_config(folder.path(), from, to);
-        assert_says(&refusal(folder.path()), parts);
+        assert_contains(&rejection(folder.path()), parts);
     }
 }
 
 #[test]
-fn a_checkpoint_for_other_robots_is_refused_before_the_run() {
+fn checkpoint_for_another_robot_is_rejected() {
     let folder = checkpoint();
     let error = check(&spec(folder.path()), &BOTH).unwrap_err().to_string();
-    assert_says(&error, &["is for single", "run has bimanual tasks"]);
+    assert_contains(&error, &["is for single", "run has bimanual tasks"]);
     check(&spec(&data("act-tiny")), &BOTH).unwrap();
 
     let config = ActConfig { control_mode: ControlMode::EePose, ..ActConfig::tiny(Morphology::Single) };
     write_checkpoint(folder.path(), &config, 0).unwrap();
     let error = check(&spec(folder.path()), &[SINGLE]).unwrap_err().to_string();
-    assert_says(&error, &["single robot in pd_ee_pose", "run in pd_ee_delta_pose"]);
+    assert_contains(&error, &["single robot in pd_ee_pose", "run in pd_ee_delta_pose"]);
     check(&spec(folder.path()), &[(Morphology::Single, ControlMode::EePose)]).unwrap();
 
     let empty = tempfile::tempdir().unwrap();
     let error = check(&spec(empty.path()), &[SINGLE]).unwrap_err().to_string();
-    assert_says(&error, &["no checkpoint in", "`single` and `bimanual`", "config.json"]);
+    assert_contains(&error, &["no checkpoint in", "`single` and `bimanual`", "config.json"]);
 }
 
 #[test]
-fn an_observation_that_does_not_fit_the_checkpoint_is_refused() {
+fn observation_that_mismatches_the_checkpoint_is_rejected() {
     let folder = checkpoint();
     let mut policy = load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap();
-    let mut refused = |batch: &Batch| -> PolicyError {
+    let mut rejected = |batch: &ObservationBatch| -> PolicyError {
         policy.act(&batch.view(), &mut [ActionChunk::default()]).unwrap_err()
     };
     assert_eq!(
-        refused(&Batch::of(Morphology::Bimanual, &[0])),
+        rejected(&ObservationBatch::of(Morphology::Bimanual, &[0])),
         PolicyError::Morphology { found: "bimanual" }
     );
-    let mut batch = Batch::of(Morphology::Single, &[0]);
+    let mut batch = ObservationBatch::of(Morphology::Single, &[0]);
     batch.header.control_mode = ControlMode::JointPos.code();
-    assert!(matches!(refused(&batch), PolicyError::ControlMode { .. }));
-    let mut batch = Batch::of(Morphology::Single, &[0]);
+    assert!(matches!(rejected(&batch), PolicyError::ControlMode { .. }));
+    let mut batch = ObservationBatch::of(Morphology::Single, &[0]);
     (batch.header.images, batch.header.block_pages) = (0, 1);
     batch.pages.truncate(1);
-    assert_eq!(refused(&batch), PolicyError::NoImages);
+    assert_eq!(rejected(&batch), PolicyError::NoImages);
 }
 
 #[test]
-fn a_network_that_explodes_answers_with_nothing_that_could_be_executed() {
+fn non_finite_network_output_reaches_the_answer() {
     let folder = checkpoint();
     edit_tensors(folder.path(), |list| {
         let tensor = list.iter_mut().find(|(name, ..)| name == "action_head.bias").unwrap();
@@ -222,7 +225,7 @@ fn a_network_that_explodes_answers_with_nothing_that_could_be_executed() {
     });
     let mut policy = load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap();
     let mut answer = [ActionChunk::default()];
-    policy.act(&Batch::of(Morphology::Single, &[0]).view(), &mut answer).unwrap();
+    policy.act(&ObservationBatch::of(Morphology::Single, &[0]).view(), &mut answer).unwrap();
     let mut rows = answer[0].rows().chunks_exact(7);
     assert!(rows.len() > 0 && rows.all(|row| row[0].is_nan()));
 }

@@ -1,9 +1,10 @@
-//! CLIP's text encoder against PyTorch, the reference being what `python/make_clip_reference.py` wrote, and its bad files.
+//! CLIP's text encoder against the reference that `python/make_clip_reference.py` computed with PyTorch, and
+//! errors of invalid weight files.
 
 use std::fs;
 use std::path::Path;
 
-use ipc_types::{ControlMode, Morphology};
+use ipc_types::{ControlMode, Morphology, error_chain};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::synthetic::{tensor, write_checkpoint};
 use policy_host::text::LanguageConfig;
@@ -14,15 +15,15 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::Deserialize;
 use tempfile::TempDir;
 
-use crate::batch::Batch;
+use crate::batch::ObservationBatch;
 use crate::data;
 
-/// Largest difference of a number that counts as equal.
+/// Maximum absolute difference of an embedding entry.
 const TOLERANCE: f32 = 1e-4;
-/// The tower of the reference.
+/// Dimensions of the reference tower.
 const TOWER: TowerShape = TowerShape { n_layers: 3, width: 128, dim: 512 };
-/// The least tower whose embeddings are as wide as those of ViT-B/32.
-const LEAST: TowerShape = TowerShape { n_layers: 1, width: 64, dim: 512 };
+/// Dimensions of the smallest tower with the embedding dimension of ViT-B/32.
+const MIN_TOWER: TowerShape = TowerShape { n_layers: 1, width: 64, dim: 512 };
 const ROBOTS: [(Morphology, ControlMode); 1] = [(Morphology::Single, ControlMode::EeDeltaPose)];
 
 #[derive(Deserialize)]
@@ -41,11 +42,11 @@ fn reference() -> Reference {
     serde_json::from_slice(&fs::read(data("clip-tiny/reference.json")).unwrap()).unwrap()
 }
 
-/// Name, shape and numbers.
-type Tensor = (String, Vec<usize>, Vec<f32>);
+/// Name, shape and values of a tensor.
+type F32Tensor = (String, Vec<usize>, Vec<f32>);
 
-/// A tower by rule, in Hugging Face's naming.
-fn hugging_face(shape: TowerShape) -> Vec<Tensor> {
+/// Generates the tensors of a tower under Hugging Face's names.
+fn hugging_face(shape: TowerShape) -> Vec<F32Tensor> {
     shape
         .tensors()
         .map(|spec| {
@@ -56,8 +57,8 @@ fn hugging_face(shape: TowerShape) -> Vec<Tensor> {
         .collect()
 }
 
-/// The same tower in OpenAI's naming, with a tensor of the images' half.
-fn open_ai(shape: TowerShape) -> Vec<Tensor> {
+/// Generates the same tensors under OpenAI's names, with an additional tensor of the vision tower.
+fn open_ai(shape: TowerShape) -> Vec<F32Tensor> {
     let renamed = [
         ("text_model.embeddings.token_embedding", "token_embedding"),
         ("text_model.embeddings.position_embedding.weight", "positional_embedding"),
@@ -70,7 +71,7 @@ fn open_ai(shape: TowerShape) -> Vec<Tensor> {
         ("mlp.fc1", "mlp.c_fc"),
         ("mlp.fc2", "mlp.c_proj"),
     ];
-    let mut list: Vec<Tensor> = vec![("visual.proj".to_owned(), vec![2, 1], vec![0.0; 2])];
+    let mut list: Vec<F32Tensor> = vec![("visual.proj".to_owned(), vec![2, 1], vec![0.0; 2])];
     for (name, mut shape, mut numbers) in hugging_face(shape) {
         let base = name.replace("k_proj", "q_proj").replace("v_proj", "q_proj");
         let name = renamed.iter().fold(base, |name, (from, to)| name.replace(from, to));
@@ -80,7 +81,7 @@ fn open_ai(shape: TowerShape) -> Vec<Tensor> {
             numbers = (0..n_cols).flat_map(|col| (0..n_rows).map(move |row| at(row, col))).collect();
             shape.reverse();
         }
-        // Queries, keys and values now share a name, and come in this order.
+        // Query, key and value projections now share a name and arrive in this order.
         match list.iter_mut().find(|(known, ..)| *known == name) {
             Some((_, known_shape, known_numbers)) => {
                 known_shape[0] += shape[0];
@@ -92,8 +93,8 @@ fn open_ai(shape: TowerShape) -> Vec<Tensor> {
     list
 }
 
-/// Writes `FOLDER/model.safetensors`.
-fn write(folder: &Path, tensors: &[Tensor]) {
+/// Writes the tensors to `model.safetensors` in `folder`.
+fn write(folder: &Path, tensors: &[F32Tensor]) {
     let bytes: Vec<Vec<u8>> =
         tensors.iter().map(|(.., numbers)| numbers.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();
     let views = tensors.iter().zip(&bytes).map(|((name, shape, _), bytes)| {
@@ -103,20 +104,20 @@ fn write(folder: &Path, tensors: &[Tensor]) {
     safetensors::serialize_to_file(views, None, &folder.join("model.safetensors")).unwrap();
 }
 
-fn encoder(tensors: &[Tensor]) -> ClipText {
+fn encoder(tensors: &[F32Tensor]) -> ClipText {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), tensors);
     ClipText::load(&folder.path().join("model.safetensors"), TOWER.dim).unwrap()
 }
 
-/// A tiny checkpoint whose encoder is in `clip`, with its tensors changed.
-fn checkpoint(fingerprint: u64, edit: impl FnOnce(&mut Vec<Tensor>)) -> TempDir {
+/// Writes a tiny checkpoint whose encoder is in `clip`, after applying `edit` to the encoder's tensors.
+fn checkpoint(fingerprint: u64, edit: impl FnOnce(&mut Vec<F32Tensor>)) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let language =
         LanguageConfig::ClipVitB32 { weights: "clip".into(), fingerprint: WeightsFingerprint(fingerprint) };
     let config = ActConfig { language: Some(language), ..ActConfig::tiny(Morphology::Single) };
     write_checkpoint(folder.path(), &config, 0).unwrap();
-    let mut tensors = hugging_face(LEAST);
+    let mut tensors = hugging_face(MIN_TOWER);
     edit(&mut tensors);
     write(&folder.path().join("clip"), &tensors);
     folder
@@ -126,19 +127,19 @@ fn spec(folder: &TempDir) -> PolicySpec {
     PolicySpec::Act(folder.path().to_owned())
 }
 
-/// What `check` and `load` both say.
+/// Asserts that `check` and `load` return the same error and that it contains `parts`.
 #[track_caller]
-fn assert_refused(folder: &TempDir, parts: &[&str]) {
-    let checked = check(&spec(folder), &ROBOTS).unwrap_err().to_string();
-    let loaded = load(&spec(folder), 1, QueryMode::Chunk).err().unwrap().to_string();
-    assert_eq!(checked, loaded, "seen before anything starts");
+fn assert_rejected(folder: &TempDir, parts: &[&str]) {
+    let checked = error_chain(&check(&spec(folder), &ROBOTS).unwrap_err());
+    let loaded = error_chain(&load(&spec(folder), 1, QueryMode::Chunk).err().unwrap());
+    assert_eq!(checked, loaded, "check and load must agree");
     for part in parts {
-        assert!(checked.contains(part), "`{checked}` does not say `{part}`");
+        assert!(checked.contains(part), "`{checked}` does not contain `{part}`");
     }
 }
 
 #[test]
-fn tokens_are_those_of_the_reference() {
+fn tokens_agree_with_the_reference() {
     let tokenizer = ClipTokenizer::new();
     for Text { text, ids } in reference().texts {
         assert_eq!(tokenizer.encode(&text), ids, "{text:?}");
@@ -146,7 +147,7 @@ fn tokens_are_those_of_the_reference() {
 }
 
 #[test]
-fn embeddings_agree_with_pytorch_in_either_naming() {
+fn embeddings_agree_with_pytorch_in_both_formats() {
     let Reference { fingerprint, texts } = reference();
     let bytes = fs::read(data("clip-tiny/reference.safetensors")).unwrap();
     let tensors = SafeTensors::deserialize(&bytes).unwrap();
@@ -160,19 +161,19 @@ fn embeddings_agree_with_pytorch_in_either_naming() {
     for (Text { text, .. }, row) in texts.iter().zip(rows) {
         let expected = row.as_chunks::<4>().0.iter().map(|&x| f32::from_le_bytes(x));
         let [found, same] = [0, 1].map(|idx: usize| encoders[idx].encode(text));
-        let worst = found.iter().zip(expected).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
-        assert!(worst <= TOLERANCE, "{text:?}: {worst}");
+        let max_error = found.iter().zip(expected).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
+        assert!(max_error <= TOLERANCE, "{text:?}: {max_error}");
         assert_eq!(found, same, "{text:?}");
     }
 }
 
 #[test]
-fn a_checkpoint_uses_the_encoder_it_names() {
-    let fingerprint = encoder(&hugging_face(LEAST)).fingerprint();
+fn checkpoint_loads_only_the_encoder_it_names() {
+    let fingerprint = encoder(&hugging_face(MIN_TOWER)).fingerprint();
     let folder = checkpoint(fingerprint.0, |_| {});
     check(&spec(&folder), &ROBOTS).unwrap();
     let mut policy = load(&spec(&folder), 1, QueryMode::Chunk).unwrap();
-    let answer = Batch::of(Morphology::Single, &[0]).answer(&mut *policy);
+    let answer = ObservationBatch::of(Morphology::Single, &[0]).answer(&mut *policy);
 
     let other = checkpoint(fingerprint.0 ^ 1, |_| {});
     check(&spec(&other), &ROBOTS).unwrap();
@@ -180,7 +181,7 @@ fn a_checkpoint_uses_the_encoder_it_names() {
     let (path, expected) =
         (other.path().join("clip/model.safetensors"), WeightsFingerprint(fingerprint.0 ^ 1).to_string());
     for part in [path.to_str().unwrap(), "config.json", &fingerprint.to_string(), &expected] {
-        assert!(error.contains(part), "`{error}` does not say `{part}`");
+        assert!(error.contains(part), "`{error}` does not contain `{part}`");
     }
 
     let config = other.path().join("config.json");
@@ -188,45 +189,48 @@ fn a_checkpoint_uses_the_encoder_it_names() {
     assert!(text.contains(r#""encoder": "clip-vit-b-32""#), "{text}");
     fs::write(&config, text.replace(&expected, &fingerprint.to_string())).unwrap();
     let mut policy = load(&spec(&other), 1, QueryMode::Chunk).unwrap();
-    assert_eq!(Batch::of(Morphology::Single, &[0]).answer(&mut *policy)[0].rows, answer[0].rows);
+    assert_eq!(ObservationBatch::of(Morphology::Single, &[0]).answer(&mut *policy)[0].rows, answer[0].rows);
     fs::write(&config, text.replace(&expected, "12345")).unwrap();
-    assert_refused(&other, &["config.json", "fingerprint `12345`", "16 hexadecimal digits"]);
+    assert_rejected(&other, &["config.json", "fingerprint `12345`", "16 hexadecimal digits"]);
 }
 
 #[test]
-fn an_absent_folder_is_named() {
+fn missing_encoder_folder_is_rejected_by_name() {
     let folder = checkpoint(0, |_| {});
     fs::remove_dir_all(folder.path().join("clip")).unwrap();
-    assert_refused(&folder, &["clip/model.safetensors", "No such file"]);
+    assert_rejected(&folder, &["clip/model.safetensors", "No such file"]);
 }
 
 #[test]
-fn missing_and_misshapen_tensors_are_named() {
+fn missing_and_misshapen_tensors_are_rejected() {
     let folder = checkpoint(0, |list| list.retain(|(name, ..)| !name.ends_with("v_proj.bias")));
-    assert_refused(
+    assert_rejected(
         &folder,
         &["clip/model.safetensors", "layers.0.self_attn.v_proj.bias` is missing", "F32 [64]"],
     );
     let folder = checkpoint(0, |list| list.retain(|(name, ..)| !name.contains("token_embedding")));
-    assert_refused(&folder, &["token_embedding.weight` is missing", "Hugging Face's names or OpenAI's"]);
+    assert_rejected(&folder, &["token_embedding.weight` is missing", "Hugging Face's names or OpenAI's"]);
     let folder = checkpoint(0, |list| {
         list[0].1[0] -= 1;
         list[0].2.truncate(49407 * 64);
     });
-    assert_refused(&folder, &["token_embedding.weight` is F32 [49407, 64]", "F32 [49408, a multiple of 64]"]);
-    let folder = checkpoint(0, |list| *list = hugging_face(TowerShape { dim: 64, ..LEAST }));
-    assert_refused(&folder, &["`text_projection.weight` is F32 [64, 64], expected F32 [512, 64]"]);
-    let folder = checkpoint(0, |list| *list = open_ai(TowerShape { dim: 64, ..LEAST }));
-    assert_refused(&folder, &["`text_projection` is F32 [64, 64], expected F32 [64, 512]"]);
+    assert_rejected(
+        &folder,
+        &["token_embedding.weight` is F32 [49407, 64]", "F32 [49408, a multiple of 64]"],
+    );
+    let folder = checkpoint(0, |list| *list = hugging_face(TowerShape { dim: 64, ..MIN_TOWER }));
+    assert_rejected(&folder, &["`text_projection.weight` is F32 [64, 64], expected F32 [512, 64]"]);
+    let folder = checkpoint(0, |list| *list = open_ai(TowerShape { dim: 64, ..MIN_TOWER }));
+    assert_rejected(&folder, &["`text_projection` is F32 [64, 64], expected F32 [64, 512]"]);
 }
 
 #[test]
-fn a_network_for_embeddings_of_another_width_is_refused() {
+fn network_with_other_embedding_dimension_is_rejected() {
     let folder = checkpoint(0, |_| {});
     write_checkpoint(folder.path(), &ActConfig::tiny(Morphology::Single), 0).unwrap();
     let config = folder.path().join("config.json");
     let mut value: serde_json::Value = serde_json::from_slice(&fs::read(&config).unwrap()).unwrap();
     value["language"] = serde_json::json!({ "encoder": "clip-vit-b-32", "fingerprint": "0123456789abcdef" });
     fs::write(&config, value.to_string()).unwrap();
-    assert_refused(&folder, &["`lang_proj.0.weight` is F32 [64, 64], expected F32 [512, 512]"]);
+    assert_rejected(&folder, &["`lang_proj.0.weight` is F32 [64, 64], expected F32 [512, 512]"]);
 }

@@ -1,20 +1,20 @@
-//! Temporal ensembling against the definition: every prediction kept, one sum per control step.
+//! Temporal ensembling against its definition: store every prediction, sum once per control step.
 
 use ipc_types::{Morphology, ObservationView};
 use policy_host::ensemble::Ensemble;
 use policy_host::generated::sym;
 use policy_host::{ActionChunk, Policy, PolicyError};
 
-use crate::batch::Batch;
+use crate::batch::ObservationBatch;
 use crate::rows;
 
 const HORIZON: usize = 30;
 const ACTION_DIM: usize = 7;
 
-/// Predicts numbers that tell slot, episode, query and row apart.
+/// A policy whose predictions are distinct for every episode, query and row.
 struct Predictions;
 
-/// What is predicted at `query` for `query + ahead` in the episode of this seed.
+/// Returns the prediction at `query` for step `query + ahead` in the episode with this seed.
 fn predicted(seed: u64, query: u32, ahead: usize, entry: usize) -> f32 {
     sym(seed, (query as usize * HORIZON + ahead) * ACTION_DIM + entry, 1.0)
 }
@@ -35,10 +35,10 @@ impl Policy for Predictions {
     }
 }
 
-/// Observations of slots at given (query, episode seed).
-fn batch(slots: &[(u32, u32, u64)]) -> Batch {
+/// Creates the observations of slots, given as (slot, query, episode seed).
+fn batch(slots: &[(u32, u32, u64)]) -> ObservationBatch {
     let envs: Vec<u32> = slots.iter().map(|&(slot, ..)| slot).collect();
-    let mut batch = Batch::of(Morphology::Single, &envs);
+    let mut batch = ObservationBatch::of(Morphology::Single, &envs);
     let block_pages = batch.header.block_pages as usize;
     for (page, &(_, query, seed)) in batch.pages.iter_mut().step_by(block_pages).zip(slots) {
         let record: &mut ipc_types::EnvRecord = bytemuck::cast_mut(page);
@@ -47,7 +47,7 @@ fn batch(slots: &[(u32, u32, u64)]) -> Batch {
     batch
 }
 
-/// The definition (spec/eval.md §1.5), summed in f64.
+/// Evaluates the definition (docs/benchmark.md, "Policies and evaluation") in f64.
 fn expected(seed: u64, step: u32, entry: usize) -> f64 {
     let first = (step + 1).saturating_sub(HORIZON as u32);
     let weights = (0..).map(|idx| libm::exp(-0.01 * f64::from(idx)));
@@ -60,7 +60,7 @@ fn expected(seed: u64, step: u32, entry: usize) -> f64 {
 }
 
 #[test]
-fn rows_equal_the_weighted_mean_of_all_predictions() {
+fn rows_equal_weighted_mean_of_all_predictions() {
     let mut policy = Ensemble::new(Box::new(Predictions));
     // Slot 5 joins late, slot 2 starts a second episode after 40 steps.
     for tick in 0..80_u32 {
@@ -82,12 +82,12 @@ fn rows_equal_the_weighted_mean_of_all_predictions() {
 }
 
 #[test]
-fn a_gap_in_the_queries_is_refused_and_changes_nothing() {
+fn query_gap_is_rejected_without_side_effects() {
     let mut policy = Ensemble::new(Box::new(Predictions));
     batch(&[(0, 0, 1), (1, 0, 2)]).answer(&mut policy);
-    let refused = batch(&[(0, 1, 1), (1, 2, 2)]);
+    let with_gap = batch(&[(0, 1, 1), (1, 2, 2)]);
     let error =
-        policy.act(&refused.view(), &mut [ActionChunk::default(), ActionChunk::default()]).unwrap_err();
+        policy.act(&with_gap.view(), &mut [ActionChunk::default(), ActionChunk::default()]).unwrap_err();
     assert_eq!(error, PolicyError::QueryGap { slot: 1, expected: 1, found: 2 });
     let answer = batch(&[(0, 1, 1), (1, 1, 2)]).answer(&mut policy);
     assert!((f64::from(rows(&answer[1])[3]) - expected(2, 1, 3)).abs() < 1e-6);

@@ -1,8 +1,8 @@
-//! LeRobot's checkpoints against LeRobot: the committed outputs of `python/make_lerobot_reference.py`.
+//! LeRobot checkpoints against LeRobot's own outputs, recorded by `python/make_lerobot_reference.py`.
 
 use std::path::Path;
 
-use ipc_types::{ControlMode, Morphology, ObservationView};
+use ipc_types::{ControlMode, Morphology, ObservationView, error_chain};
 use policy_host::act::architecture::ImageSize;
 use policy_host::act::image::Image;
 use policy_host::act::model::{ActInput, ActModel};
@@ -11,18 +11,18 @@ use policy_host::ensemble::Ensemble;
 use policy_host::{ActionChunk, Policy, PolicyError, PolicySpec, QueryMode, check, load};
 use safetensors::SafeTensors;
 
-use crate::batch::Batch;
-use crate::{assert_says, data, rows};
+use crate::batch::ObservationBatch;
+use crate::{assert_contains, data, rows};
 
-/// Largest difference of an action number that counts as equal.
+/// Maximum absolute difference of an action entry.
 const TOLERANCE: f32 = 1e-4;
 
-/// The recorded inputs and outputs of a case.
-struct Recording {
+/// Recorded inputs and outputs of a case.
+struct ReferenceIo {
     bytes: Vec<u8>,
 }
 
-impl Recording {
+impl ReferenceIo {
     fn of(case: &str) -> Self {
         Self { bytes: std::fs::read(data("lerobot").join(case).join("io.safetensors")).unwrap() }
     }
@@ -31,45 +31,46 @@ impl Recording {
         SafeTensors::deserialize(&self.bytes).unwrap()
     }
 
-    /// A tensor's numbers, and its shape.
-    fn numbers(&self, name: &str) -> (Vec<f32>, Vec<usize>) {
+    /// Returns the values and the shape of a tensor.
+    fn values(&self, name: &str) -> (Vec<f32>, Vec<usize>) {
         let tensors = self.tensors();
         let tensor = tensors.tensor(name).unwrap();
-        let numbers = tensor.data().as_chunks::<4>().0.iter().map(|&x| f32::from_le_bytes(x)).collect();
-        (numbers, tensor.shape().to_vec())
+        let values = tensor.data().as_chunks::<4>().0.iter().map(|&x| f32::from_le_bytes(x)).collect();
+        (values, tensor.shape().to_vec())
     }
 
-    /// The images of a camera, from `[n, 3, height, width]` to `[height, width, 3]` each.
+    /// Returns the images of a camera, converted from `[n, 3, h, w]` to `[h, w, 3]` each.
     fn images(&self, name: &str) -> Vec<(Vec<u8>, ImageSize)> {
         let tensors = self.tensors();
         let tensor = tensors.tensor(name).unwrap();
         let &[_, 3, height, width] = tensor.shape() else { panic!("{name}: {:?}", tensor.shape()) };
-        let places = height * width;
+        let n_pixels = height * width;
         let image = |planes: &[u8]| {
-            (0..3 * places).map(|idx| planes[idx % 3 * places + idx / 3]).collect::<Vec<u8>>()
+            (0..3 * n_pixels).map(|idx| planes[idx % 3 * n_pixels + idx / 3]).collect::<Vec<u8>>()
         };
-        let images = tensor.data().chunks_exact(3 * places);
+        let images = tensor.data().chunks_exact(3 * n_pixels);
         images.map(|planes| (image(planes), ImageSize { height, width })).collect()
     }
 }
 
-fn worst(found: &[f32], expected: &[f32]) -> f32 {
+fn max_error(found: &[f32], expected: &[f32]) -> f32 {
     assert_eq!(found.len(), expected.len());
     found.iter().zip(expected).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
 }
 
-/// Runs the network of a case over its recorded inputs, alone and by a team of two, and compares with the recorded chunks.
+/// Runs the network of a case on its recorded inputs, with one thread and with a team of two, and compares the
+/// chunks.
 fn assert_parity(case: &str, cameras: &[&str]) {
     let folder = data("lerobot").join(case);
-    let recording = Recording::of(case);
+    let recording = ReferenceIo::of(case);
     let images: Vec<_> =
         cameras.iter().map(|name| recording.images(&format!("observation.images.{name}"))).collect();
     let sizes: Vec<ImageSize> = images.iter().map(|images| images[0].1).collect();
     let model = ActModel::load(&folder, &sizes).unwrap();
     let architecture = model.architecture().clone();
-    let (states, shape) = recording.numbers("observation.state");
-    let environment = architecture.instruction.map(|_| recording.numbers("observation.environment_state").0);
-    let (chunks, _) = recording.numbers("chunk");
+    let (states, shape) = recording.values("observation.state");
+    let environment = architecture.instruction.map(|_| recording.values("observation.environment_state").0);
+    let (chunks, _) = recording.values("chunk");
     for n_members in [1, 2] {
         let mut scratch = model.scratch(shape[0], n_members);
         model.encode_images(
@@ -91,8 +92,8 @@ fn assert_parity(case: &str, cameras: &[&str]) {
             model.forward(sample, input, &mut scratch, &mut actions);
             found.extend(actions);
         }
-        let worst = worst(&found, &chunks);
-        assert!(worst <= TOLERANCE, "{case}, {n_members} threads: {worst}");
+        let max_error = max_error(&found, &chunks);
+        assert!(max_error <= TOLERANCE, "{case}, {n_members} threads: {max_error}");
     }
 }
 
@@ -105,28 +106,28 @@ fn networks_agree_with_lerobot() {
 }
 
 #[test]
-fn a_policy_agrees_with_lerobot_from_camera_bytes_to_action_rows() {
+fn policy_agrees_with_lerobot_end_to_end() {
     let mut policy = load(&PolicySpec::Act(data("lerobot/robot")), 2, QueryMode::Chunk).unwrap();
-    let answer = Batch::of(Morphology::Single, &[0, 1]).answer(&mut *policy);
-    let (actions, shape) = Recording::of("robot").numbers("actions");
+    let answer = ObservationBatch::of(Morphology::Single, &[0, 1]).answer(&mut *policy);
+    let (actions, shape) = ReferenceIo::of("robot").values("actions");
     assert_eq!(shape, [2, 70, 7]);
     for (block, actions) in answer.iter().zip(actions.chunks_exact(70 * 7)) {
         // A message holds 63 rows.
         assert_eq!((block.n_rows, block.action_dim), (63, 7));
-        let worst = worst(rows(block), &actions[..63 * 7]);
-        assert!(worst <= TOLERANCE, "{worst}");
+        let max_error = max_error(rows(block), &actions[..63 * 7]);
+        assert!(max_error <= TOLERANCE, "{max_error}");
     }
 }
 
-/// Answers an episode's queries with recorded chunks `[n_steps, horizon, action_dim]`.
-struct Recorded {
+/// A policy that replays recorded chunks `[n_steps, horizon, action_dim]`.
+struct RecordedPolicy {
     chunks: Vec<f32>,
     horizon: usize,
     action_dim: usize,
     decay: f64,
 }
 
-impl Policy for Recorded {
+impl Policy for RecordedPolicy {
     fn act(
         &mut self,
         observation: &ObservationView<'_>,
@@ -147,24 +148,24 @@ impl Policy for Recorded {
 }
 
 #[test]
-fn temporal_ensembling_equals_lerobots_over_an_episode() {
-    let recording = Recording::of("robot");
-    let (chunks, shape) = recording.numbers("episode_chunks");
-    let (actions, _) = recording.numbers("episode_actions");
+fn temporal_ensembling_agrees_with_lerobot() {
+    let recording = ReferenceIo::of("robot");
+    let (chunks, shape) = recording.values("episode_chunks");
+    let (actions, _) = recording.values("episode_actions");
     let [n_steps, horizon, action_dim] = shape[..] else { panic!("{shape:?}") };
-    assert!(n_steps > horizon, "the oldest chunks are forgotten");
+    assert!(n_steps > horizon, "the episode must outlast the horizon");
     let decay = Checkpoint::open(&data("lerobot/robot")).unwrap().ensemble_decay().unwrap();
-    let mut policy = Ensemble::new(Box::new(Recorded { chunks, horizon, action_dim, decay }));
+    let mut policy = Ensemble::new(Box::new(RecordedPolicy { chunks, horizon, action_dim, decay }));
     for (step, expected) in actions.chunks_exact(action_dim).enumerate() {
-        let mut batch = Batch::of(Morphology::Single, &[0]);
+        let mut batch = ObservationBatch::of(Morphology::Single, &[0]);
         bytemuck::cast_mut::<_, ipc_types::EnvRecord>(&mut batch.pages[0]).query = step as u32;
         let answer = batch.answer(&mut policy);
-        let worst = worst(rows(&answer[0]), expected);
-        assert!(worst <= 1e-5, "step {step}: {worst}");
+        let max_error = max_error(rows(&answer[0]), expected);
+        assert!(max_error <= 1e-5, "step {step}: {max_error}");
     }
 }
 
-/// A copy of a case, to be spoiled.
+/// Copies a case to a temporary folder, for tests to modify.
 fn copy(case: &str) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for entry in std::fs::read_dir(data("lerobot").join(case)).unwrap() {
@@ -180,14 +181,14 @@ fn edit(path: &Path, from: &str, to: &str) {
     std::fs::write(path, text.replace(from, to)).unwrap();
 }
 
-/// What is said of a folder before a run starts.
-fn refusal(folder: &Path) -> String {
+/// Returns the error of `check`, with its causes.
+fn rejection(folder: &Path) -> String {
     let spec = PolicySpec::Act(folder.to_owned());
-    check(&spec, &[(Morphology::Single, ControlMode::EeDeltaPose)]).unwrap_err().to_string()
+    error_chain(&check(&spec, &[(Morphology::Single, ControlMode::EeDeltaPose)]).unwrap_err())
 }
 
 #[test]
-fn what_the_engine_does_not_do_is_named_with_what_it_does() {
+fn unsupported_option_errors_list_supported_values() {
     for (file, from, to, says) in [
         (
             "config.json",
@@ -221,12 +222,12 @@ fn what_the_engine_does_not_do_is_named_with_what_it_does() {
     ] {
         let folder = copy("robot");
         edit(&folder.path().join(file), from, to);
-        assert_says(&refusal(folder.path()), says);
+        assert_contains(&rejection(folder.path()), says);
     }
 }
 
 #[test]
-fn features_that_fit_nothing_are_listed_beside_what_there_is() {
+fn unmapped_feature_errors_list_both_sides() {
     let both_sides = ["observation.state [25]", "external2_camera", "tcp_pose 7", "hypogeum.json"];
     for (config, mapping, says) in [
         (("images.hand", "images.front"), "", "no camera matches `observation.images.front`"),
@@ -254,22 +255,22 @@ fn features_that_fit_nothing_are_listed_beside_what_there_is() {
         if !mapping.is_empty() {
             edit(&folder.path().join("hypogeum.json"), "\"language\"", &format!("{mapping}, \"language\""));
         }
-        let said = refusal(folder.path());
-        assert_says(&said, &[says]);
-        assert_says(&said, &both_sides);
+        let error = rejection(folder.path());
+        assert_contains(&error, &[says]);
+        assert_contains(&error, &both_sides);
     }
     let folder = copy("robot");
     std::fs::remove_file(folder.path().join("hypogeum.json")).unwrap();
-    assert_says(
-        &refusal(folder.path()),
+    assert_contains(
+        &rejection(folder.path()),
         &["`observation.environment_state`", "no `language` encoder is given"],
     );
     let folder = copy("cameras");
-    assert_says(&refusal(folder.path()), &["actions have 6 entries", "single pd_joint_pos 8"]);
+    assert_contains(&rejection(folder.path()), &["actions have 6 entries", "single pd_joint_pos 8"]);
 }
 
 #[test]
-fn a_mapping_may_swap_cameras_and_pick_parts_of_the_state() {
+fn mapping_can_swap_cameras_and_select_state_parts() {
     let folder = copy("robot");
     let swap = "\"mapping\": {\"observation.images.external1\": \"external2_camera\", \
                 \"observation.images.external2\": \"external1\", \
@@ -280,11 +281,11 @@ fn a_mapping_may_swap_cameras_and_pick_parts_of_the_state() {
 }
 
 #[test]
-fn an_older_checkpoint_without_statistics_is_refused() {
+fn older_checkpoint_without_statistics_is_rejected() {
     let folder = copy("cameras");
     for file in ["policy_preprocessor.json", "policy_postprocessor.json"] {
         std::fs::remove_file(folder.path().join(file)).unwrap();
     }
     let error = Checkpoint::open(folder.path()).unwrap_err().to_string();
-    assert_says(&error, &["`normalize_inputs.buffer_observation_state.min` is missing"]);
+    assert_contains(&error, &["`normalize_inputs.buffer_observation_state.min` is missing"]);
 }

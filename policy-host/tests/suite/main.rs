@@ -1,4 +1,4 @@
-//! The policies through their public door: messages in, action blocks out.
+//! Tests of the policies through the public API: observation messages in, action blocks out.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -16,19 +16,19 @@ use std::path::PathBuf;
 
 use ipc_types::ActionBlock;
 
-/// A file or folder of the committed test data.
+/// Returns the path of a file or folder of the committed test data.
 fn data(name: &str) -> PathBuf {
     [env!("CARGO_MANIFEST_DIR"), "tests/data", name].iter().collect()
 }
 
-/// The rows of an answer.
+/// Returns the rows `[n_rows, action_dim]` of an action block.
 fn rows(block: &ActionBlock) -> &[f32] {
     &block.rows[..(block.n_rows * block.action_dim) as usize]
 }
 
 #[track_caller]
-fn assert_says(message: &str, parts: &[&str]) {
+fn assert_contains(message: &str, parts: &[&str]) {
     for part in parts {
-        assert!(message.contains(part), "`{message}` does not say `{part}`");
+        assert!(message.contains(part), "`{message}` does not contain `{part}`");
     }
 }

@@ -1,4 +1,4 @@
-//! ACT against PyTorch: the committed outputs of `python/make_act_checkpoint.py` for the same observations.
+//! ACT against PyTorch's outputs for the same observations, recorded by `python/make_act_checkpoint.py`.
 
 use ipc_types::Morphology;
 use policy_host::checkpoint::colosseum::ActConfig;
@@ -6,15 +6,15 @@ use policy_host::nn::Precision;
 use policy_host::{QueryMode, load, synthetic};
 use safetensors::SafeTensors;
 
-use crate::batch::Batch;
+use crate::batch::ObservationBatch;
 use crate::{data, rows};
 
-/// Largest difference of an action number that counts as equal.
+/// Maximum absolute difference of an action entry.
 const TOLERANCE: f32 = 1e-4;
-/// What rounding to eight bits may add, as a root mean square and by the spread of the actions.
+/// Maximum RMS error of 8-bit inference, relative to the standard deviation of the actions.
 const INT8_TOLERANCE: f32 = 0.05;
 
-/// The actions that PyTorch computed for envs 0 and 1.
+/// Returns the actions that PyTorch computed for envs 0 and 1.
 fn expected_actions(file: &str) -> Vec<f32> {
     let bytes = std::fs::read(data(file)).unwrap();
     let tensors = SafeTensors::deserialize(&bytes).unwrap();
@@ -24,12 +24,12 @@ fn expected_actions(file: &str) -> Vec<f32> {
 }
 
 fn assert_parity(policy: &mut dyn policy_host::Policy, morphology: Morphology, reference: &str) {
-    let answer = Batch::of(morphology, &[0, 1]).answer(policy);
+    let answer = ObservationBatch::of(morphology, &[0, 1]).answer(policy);
     let actions: Vec<f32> = answer.iter().flat_map(rows).copied().collect();
     let expected = expected_actions(reference);
     assert_eq!(actions.len(), expected.len());
-    let worst = actions.iter().zip(&expected).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
-    assert!(worst <= TOLERANCE, "{reference}: {worst}");
+    let max_error = actions.iter().zip(&expected).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max);
+    assert!(max_error <= TOLERANCE, "{reference}: {max_error}");
 }
 
 #[test]
@@ -54,16 +54,20 @@ fn full_size_networks_agree_with_pytorch() {
 }
 
 #[test]
-fn eight_bits_change_the_actions_of_full_size_networks_little() {
+fn int8_error_of_full_size_networks_is_small() {
     for morphology in Morphology::ALL {
         let mut policy = synthetic::policy(&ActConfig::full_size(morphology), 0, Precision::Int8, 2);
-        let answer = Batch::of(morphology, &[0, 1]).answer(&mut policy);
+        let answer = ObservationBatch::of(morphology, &[0, 1]).answer(&mut policy);
         let expected = expected_actions(&format!("act-full-{}.safetensors", morphology.name()));
         let mean = expected.iter().sum::<f32>() / expected.len() as f32;
         let squares = |differences: &mut dyn Iterator<Item = f32>| differences.map(|x| x * x).sum::<f32>();
         let spread = squares(&mut expected.iter().map(|x| x - mean));
         let found = answer.iter().flat_map(rows);
-        let share = (squares(&mut found.zip(&expected).map(|(x, y)| x - y)) / spread).sqrt();
-        assert!(share > 0.0 && share < INT8_TOLERANCE, "{}: {share}", morphology.name());
+        let relative_error = (squares(&mut found.zip(&expected).map(|(x, y)| x - y)) / spread).sqrt();
+        assert!(
+            relative_error > 0.0 && relative_error < INT8_TOLERANCE,
+            "{}: {relative_error}",
+            morphology.name()
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! A host in this process, served by a sim's end of the link.
+//! A policy host in this process, connected to the sim end of a link.
 
 use std::io::{self, BufRead, BufReader, PipeWriter};
 use std::thread::JoinHandle;
@@ -10,14 +10,14 @@ use ipc_types::{ActionView, Morphology, ObservationHeader};
 use policy_host::serve::{HostConfig, HostEvent, ServeError, serve_with};
 use policy_host::{PolicySpec, QueryMode};
 
-use crate::batch::Batch;
+use crate::batch::ObservationBatch;
 use crate::{data, rows};
 
-/// Longest wait for anything.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Timeout of every wait.
+const TIMEOUT: Duration = Duration::from_secs(60);
 const RUN: u64 = 77;
 
-struct Stage {
+struct HostFixture {
     domain: Domain,
     wake: SimLink,
     lane: SimLane,
@@ -27,7 +27,7 @@ struct Stage {
     _base: tempfile::TempDir,
 }
 
-impl Stage {
+impl HostFixture {
     fn new(spec: PolicySpec, id: u64) -> Self {
         let base = tempfile::tempdir_in("/tmp").unwrap();
         let domain = Domain::new(base.path(), 0x9057_0000_0000 + u64::from(std::process::id()) * 64 + id);
@@ -40,7 +40,7 @@ impl Stage {
         let mut run = RunConfig::default();
         run.resources.threads = 1;
         let config = HostConfig { domain: domain.clone(), run_id: RUN, lane, spec, run };
-        // The configuration reaches a real host as JSON.
+        // Real hosts receive their configuration as JSON.
         let config = serde_json::from_str(&serde_json::to_string(&config).unwrap()).unwrap();
         let host = std::thread::spawn(move || serve_with(config, input, output));
         Self { domain, wake, lane: sim, host, stdin, events: BufReader::new(events), _base: base }
@@ -52,7 +52,7 @@ impl Stage {
         serde_json::from_str(&line).unwrap()
     }
 
-    /// Why the next message that is refused is refused.
+    /// Returns the error of the next `Failed` event.
     fn failure(&mut self) -> String {
         loop {
             match self.event() {
@@ -63,7 +63,7 @@ impl Stage {
         }
     }
 
-    fn send(&mut self, batch: &Batch, header: ObservationHeader) {
+    fn send(&mut self, batch: &ObservationBatch, header: ObservationHeader) {
         let mut loan = self.lane.loan(batch.pages.len()).unwrap();
         loan.pages_mut().copy_from_slice(&batch.pages);
         loan.send(header).unwrap();
@@ -75,12 +75,12 @@ impl Stage {
             if let Some(message) = self.lane.receive().unwrap() {
                 return message;
             }
-            assert!(started.elapsed() < PATIENCE, "no answer");
+            assert!(started.elapsed() < TIMEOUT, "no answer");
             self.wake.wait(Duration::from_millis(20)).unwrap();
         }
     }
 
-    /// Closes the host's standard input; its remaining events.
+    /// Closes the host's standard input and returns its remaining events.
     fn end(self) -> Vec<HostEvent> {
         drop(self.stdin);
         self.host.join().unwrap().unwrap();
@@ -93,14 +93,14 @@ impl Stage {
 }
 
 #[test]
-fn a_host_answers_refuses_goes_on_and_ends_with_its_input() {
-    let mut stage = Stage::new(PolicySpec::Act(data("act-tiny")), 0);
-    assert!(matches!(stage.event(), HostEvent::Ready { load_ms } if load_ms > 0.0));
-    let batch = Batch::of(Morphology::Single, &[0, 1]);
+fn host_survives_bad_messages_and_exits_with_input() {
+    let mut fixture = HostFixture::new(PolicySpec::Act(data("act-tiny")), 0);
+    assert!(matches!(fixture.event(), HostEvent::Ready { load_ms } if load_ms > 0.0));
+    let batch = ObservationBatch::of(Morphology::Single, &[0, 1]);
     let header = ObservationHeader { run: RUN, sequence: 5, epoch: 3, ..batch.header };
 
-    stage.send(&batch, header);
-    let answer = stage.receive();
+    fixture.send(&batch, header);
+    let answer = fixture.receive();
     assert_eq!((answer.header().run, answer.header().sequence, answer.header().epoch), (RUN, 5, 3));
     assert_eq!(answer.header().status, 0);
     let mut policy = policy_host::load(&PolicySpec::Act(data("act-tiny")), 1, QueryMode::Chunk).unwrap();
@@ -116,24 +116,24 @@ fn a_host_answers_refuses_goes_on_and_ends_with_its_input() {
         (ObservationHeader { run: 1, ..header }, "run"),
         (ObservationHeader { control_mode: 1, ..header }, "pd_joint_pos"),
     ] {
-        stage.send(&batch, bad);
-        let answer = stage.receive();
+        fixture.send(&batch, bad);
+        let answer = fixture.receive();
         assert_eq!((answer.header().status, answer.header().sequence), (1, 5));
         drop(answer);
-        let failure = stage.failure();
+        let failure = fixture.failure();
         assert!(failure.contains(says), "{says}: {failure}");
     }
 
-    stage.send(&batch, ObservationHeader { sequence: 6, ..header });
-    assert_eq!(stage.receive().header().status, 0);
-    let events = stage.end();
+    fixture.send(&batch, ObservationHeader { sequence: 6, ..header });
+    assert_eq!(fixture.receive().header().status, 0);
+    let events = fixture.end();
     let last = events.last().unwrap();
     assert!(matches!(last, HostEvent::Ledger { batches: 6, busy_s, .. } if *busy_s > 0.0), "{last:?}");
 }
 
 #[test]
-fn a_host_without_work_ends_with_its_input() {
-    let mut stage = Stage::new(PolicySpec::Idle, 1);
-    assert!(matches!(stage.event(), HostEvent::Ready { .. }));
-    assert_eq!(stage.end(), [HostEvent::Ledger { queries: 0, batches: 0, busy_s: 0.0 }]);
+fn idle_host_exits_when_input_closes() {
+    let mut fixture = HostFixture::new(PolicySpec::Idle, 1);
+    assert!(matches!(fixture.event(), HostEvent::Ready { .. }));
+    assert_eq!(fixture.end(), [HostEvent::Ledger { queries: 0, batches: 0, busy_s: 0.0 }]);
 }

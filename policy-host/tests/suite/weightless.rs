@@ -1,18 +1,19 @@
-//! The policies without weights: idle and random.
+//! The weight-free policies: idle and random.
 
 use ipc_types::{ControlMode, EnvRecord, Morphology};
 use policy_host::{ActionChunk, Policy, PolicyError, PolicySpec, QueryMode, load};
 
-use crate::batch::Batch;
+use crate::batch::ObservationBatch;
 use crate::rows;
 
 fn policy(name: &str) -> Box<dyn Policy> {
     load(&name.parse().unwrap(), 1, QueryMode::Chunk).unwrap()
 }
 
-/// One env whose joint `j` of arm `a` is at `j + a/10` rad, fingers at `finger_m`, asking for `execute` rows.
-fn batch(morphology: Morphology, finger_m: f32, step: u32, execute: u32) -> Batch {
-    let mut batch = Batch::of(morphology, &[3]);
+/// Creates the observation of one env that requests `execute` rows. Joint `j` of arm `a` is at `j + a/10`
+/// rad, the fingers of arm `a` are at `finger_m · (a + 1)`.
+fn batch(morphology: Morphology, finger_m: f32, step: u32, execute: u32) -> ObservationBatch {
+    let mut batch = ObservationBatch::of(morphology, &[3]);
     let record: &mut EnvRecord = bytemuck::cast_mut(&mut batch.pages[0]);
     let n_arms = morphology.n_arms();
     for joint in 0..9 {
@@ -26,7 +27,7 @@ fn batch(morphology: Morphology, finger_m: f32, step: u32, execute: u32) -> Batc
 }
 
 #[test]
-fn idle_holds_tool_and_gripper_where_they_are() {
+fn idle_holds_tool_and_gripper_position() {
     for (finger_m, command) in [(-0.01, -1.0), (0.015, 0.0), (0.04, 1.0), (0.05, 1.0)] {
         let answer = batch(Morphology::Single, finger_m, 0, 4).answer(&mut *policy("idle"));
         assert_eq!((answer[0].n_rows, answer[0].action_dim), (4, 7));
@@ -38,7 +39,7 @@ fn idle_holds_tool_and_gripper_where_they_are() {
 }
 
 #[test]
-fn idle_finds_each_arm_in_the_interleaved_state() {
+fn idle_reads_each_arm_from_interleaved_state() {
     let answer = batch(Morphology::Bimanual, 0.02, 0, 1).answer(&mut *policy("idle"));
     let expected = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.2, 0.1, 1.1, 2.1, 3.1, 4.1, 5.1, 6.1, 1.0];
     for (entry, (x, y)) in rows(&answer[0]).iter().zip(expected).enumerate() {
@@ -47,7 +48,7 @@ fn idle_finds_each_arm_in_the_interleaved_state() {
 }
 
 #[test]
-fn random_depends_on_the_episode_not_on_the_chunking() {
+fn random_depends_on_episode_not_on_chunking() {
     let all = batch(Morphology::Single, 0.02, 10, 6).answer(&mut *policy("random"));
     let later = batch(Morphology::Single, 0.02, 12, 2).answer(&mut *policy("random"));
     assert_eq!(rows(&all[0])[2 * 7..4 * 7], *rows(&later[0]));
@@ -60,34 +61,34 @@ fn random_depends_on_the_episode_not_on_the_chunking() {
 }
 
 #[test]
-fn random_is_spread_evenly() {
-    let drawn: Vec<f32> = (0..20)
+fn random_is_uniform() {
+    let samples: Vec<f32> = (0..20)
         .flat_map(|chunk| {
             rows(&batch(Morphology::Single, 0.02, chunk * 60, 60).answer(&mut *policy("random"))[0]).to_vec()
         })
         .collect();
-    let mean = |f: &dyn Fn(f32) -> f32| drawn.iter().map(|&x| f(x)).sum::<f32>() / drawn.len() as f32;
-    assert_eq!(drawn.len(), 8400);
+    let mean = |f: &dyn Fn(f32) -> f32| samples.iter().map(|&x| f(x)).sum::<f32>() / samples.len() as f32;
+    assert_eq!(samples.len(), 8400);
     assert!(mean(&|x| x).abs() < 0.03 && (mean(&|x| x * x) - 1.0 / 3.0).abs() < 0.02);
 }
 
 #[test]
-fn random_joints_stay_near_the_measured_ones() {
+fn random_joints_stay_near_measured_ones() {
     let answer = batch(Morphology::Bimanual, 0.02, 0, 63).answer(&mut *policy("random"));
-    let mut farthest: f32 = 0.0;
+    let mut max_offset: f32 = 0.0;
     for row in rows(&answer[0]).chunks(16) {
         for (arm, action) in row.chunks(8).enumerate() {
             for (joint, x) in action[..7].iter().enumerate() {
-                farthest = farthest.max((x - (joint as f32 + arm as f32 / 10.0)).abs());
+                max_offset = max_offset.max((x - (joint as f32 + arm as f32 / 10.0)).abs());
             }
             assert!(action[7].abs() <= 1.0);
         }
     }
-    assert!(farthest <= 0.0501 && farthest > 0.03, "{farthest}");
+    assert!(max_offset <= 0.0501 && max_offset > 0.03, "{max_offset}");
 }
 
 #[test]
-fn what_cannot_be_answered_is_refused() {
+fn unsupported_requests_are_rejected() {
     for name in ["idle", "random"] {
         let mut absolute = batch(Morphology::Single, 0.0, 0, 1);
         absolute.header.control_mode = ControlMode::EePose.code();

@@ -1,7 +1,8 @@
 //! CLIP's text encoder, with weights from a file supplied by the user.
 //!
-//! The output is the projected last token, not normalised, as in the training of the benchmark's networks. The size of
-//! the tower is derived from its tensors; [`WeightsFingerprint`] identifies the weights whatever file holds them.
+//! The output is the projected last token, not normalised, as in the training of the benchmark's networks.
+//! The size of the tower is derived from its tensors; [`WeightsFingerprint`] identifies the weights whatever
+//! file holds them.
 
 mod tensors;
 mod tokens;
@@ -19,8 +20,8 @@ use self::tensors::TowerFile;
 use self::tower::TextTower;
 use crate::weights::WeightsError;
 
-/// Identity of a text tower's weights: xxh3-64 over all tensors, each as its name, a zero byte and its values as
-/// little-endian f32.
+/// Identity of a text tower's weights: xxh3-64 over all tensors, each as its name, a zero byte and its values
+/// as little-endian f32.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct WeightsFingerprint(pub u64);

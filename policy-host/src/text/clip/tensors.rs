@@ -1,7 +1,8 @@
 //! The tensors of CLIP's text tower: names in Hugging Face and OpenAI files, shapes, and fingerprint.
 //!
-//! The canonical form is Hugging Face's: its names, its axis order and its separate projections. OpenAI's files store
-//! the query, key and value projections of a layer as one tensor and the final projection transposed.
+//! The canonical form is Hugging Face's: its names, its axis order and its separate projections. OpenAI's
+//! files store the query, key and value projections of a layer as one tensor and the final projection
+//! transposed.
 
 use std::path::Path;
 
@@ -61,7 +62,8 @@ pub(super) struct TowerFile {
 }
 
 impl TowerFile {
-    /// Opens the file and checks its header. Unknown tensors are ignored: the file may also contain the vision tower.
+    /// Opens the file and checks its header. Unknown tensors are ignored: the file may also contain the
+    /// vision tower.
     pub(super) fn open(path: &Path) -> Result<Self, WeightsError> {
         let file = TensorFile::open(path)?;
         let is_open_ai = file.contains(&NamingScheme::OpenAi.stored(TOKENS).0);
@@ -102,7 +104,8 @@ impl TowerFile {
         Ok((state_dict, WeightsFingerprint(hash.digest())))
     }
 
-    /// Returns the stored name and shape of the tensor that contains a canonical one, and the relation between the two.
+    /// Returns the stored name and shape of the tensor that contains a canonical one, and the relation
+    /// between the two.
     fn locate(&self, spec: &TensorSpec) -> (String, Vec<usize>, StoredLayout) {
         let (name, layout) = self.scheme.stored(&spec.name);
         let mut shape = spec.shape.clone();

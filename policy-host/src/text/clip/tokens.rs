@@ -23,8 +23,8 @@ impl ClipTokenizer {
     /// Returns the token ids of a text including the start and end markers. A longer text is truncated to
     /// [`MAX_TOKENS`] by dropping tokens before the end marker.
     ///
-    /// The original tokenizer also repairs mis-decoded text, resolves HTML entities and composes accents. This one
-    /// only replaces typographic quotation marks.
+    /// The original tokenizer also repairs mis-decoded text, resolves HTML entities and composes accents.
+    /// This one only replaces typographic quotation marks.
     #[must_use]
     pub fn encode(&self, text: &str) -> Vec<u16> {
         let (start, end) = (self.inner.start_of_text(), self.inner.end_of_text());

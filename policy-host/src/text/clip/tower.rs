@@ -1,5 +1,5 @@
-//! CLIP's text tower: a pre-norm transformer with causal attention (Radford et al., Learning transferable visual
-//! models from natural language supervision, 2021).
+//! CLIP's text tower: a pre-norm transformer with causal attention (Radford et al., Learning transferable
+//! visual models from natural language supervision, 2021).
 //!
 //! Letters in shapes: `t` tokens, `d` model width, `e` embedding dimension.
 
@@ -49,8 +49,8 @@ impl TextTower {
         }
     }
 
-    /// Returns the embedding `[e]` of a token sequence: the projection of its last token, the only one that attends to
-    /// all others.
+    /// Returns the embedding `[e]` of a token sequence: the projection of its last token, the only one that
+    /// attends to all others.
     pub(super) fn forward(&self, tokens: &[u16]) -> Vec<f32> {
         let width = self.projection.in_features();
         let row = |token: u16| &self.token_embedding[usize::from(token) * width..][..width];
