@@ -13,7 +13,7 @@ use crate::interrupt;
 use crate::output::print_message;
 use crate::progress::Progress;
 
-/// Writes `frame(0)` to `frame(n_frames - 1)`. An interrupt leaves no file.
+/// Writes `frame(0)` to `frame(n_frames - 1)`, each shown for the duration of `steps_per_frame` control steps. An interrupt leaves no file.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -21,6 +21,7 @@ pub(crate) fn write(
     path: &Path,
     format: MovieFormat,
     n_frames: usize,
+    steps_per_frame: u16,
     mut frame: impl FnMut(usize) -> RgbImage,
 ) -> anyhow::Result<ExitStatus> {
     let stopped = Arc::new(AtomicBool::new(false));
@@ -28,7 +29,7 @@ pub(crate) fn write(
     let _watch = interrupt::watch(move || stop.store(true, Ordering::Relaxed))
         .context("failed to install signal handlers")?;
     let mut progress = Progress::of_frames(n_frames as u64);
-    let mut movie = MovieWriter::begin(path, format, n_frames, frame(0))?;
+    let mut movie = MovieWriter::begin(path, format, n_frames, steps_per_frame, frame(0))?;
     progress.tick();
     for frame_idx in 1..n_frames {
         if stopped.load(Ordering::Relaxed) {

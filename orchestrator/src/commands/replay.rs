@@ -57,6 +57,13 @@ pub(crate) struct ReplayArgs {
     /// 128 for hand cameras
     #[arg(long, value_name = "N", default_value_t = 1, requires = "movie", value_parser = parse_scale)]
     pub(crate) scale: usize,
+    /// Show all selected episodes side by side in the movie, the first external camera of each
+    #[arg(long, requires = "movie")]
+    pub(crate) grid: bool,
+    /// Keep every Nth frame of the movie, which plays at the same speed
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "movie",
+        value_parser = clap::value_parser!(u16).range(1..=20))]
+    pub(crate) stride: u16,
     /// Show no progress
     #[arg(long)]
     pub(crate) quiet: bool,
@@ -101,7 +108,8 @@ pub(crate) fn replay(args: &ReplayArgs) -> Result<ExitStatus, Failure> {
     let source = EpisodeSource::open(&args.source).or_user()?;
     let selected = select(args, source.episodes()).or_user()?;
     if let Some(path) = &args.movie {
-        return write_movie(&source, selected[0], path, args.scale).or_user();
+        let shown = if args.grid { &selected[..] } else { &selected[..1] };
+        return write_movie(&source, shown, path, args).or_user();
     }
     let progress = Mutex::new(Progress::of_replays(selected.len() as u64, args.quiet));
     let replayed: Vec<(usize, u64)> = selected
@@ -179,30 +187,63 @@ fn report(episodes: &[StoredEpisode], replayed: &[(usize, u64)]) -> Result<ExitS
     Ok(if n_same == replayed.len() { ExitStatus::Success } else { ExitStatus::EpisodeErrors })
 }
 
-/// Writes an episode as a movie of all cameras, with `scale` times the resolution of a policy's images along each edge.
+/// An episode that has been replayed, and how to render it.
+struct MovieEpisode {
+    recording: Recording,
+    scene: HighResScene,
+}
+
+/// Writes a movie of one episode with all cameras, or of several with the first external camera of each.
 fn write_movie(
     source: &EpisodeSource,
-    episode_idx: usize,
+    episodes: &[usize],
     path: &Path,
-    scale: usize,
+    args: &ReplayArgs,
 ) -> anyhow::Result<ExitStatus> {
     let format = MovieFormat::from_path(path)?;
-    let recording = source.replay(episode_idx)?;
-    let view = HighResScene::new(recording.scene(), scale);
+    let replayed = |episode_idx: &usize| {
+        let recording = source.replay(*episode_idx)?;
+        let scene = HighResScene::new(recording.scene(), args.scale);
+        anyhow::Ok(MovieEpisode { recording, scene })
+    };
+    let replayed: Vec<MovieEpisode> = episodes.par_iter().map(replayed).collect::<anyhow::Result<_>>()?;
+    let n_steps = replayed.iter().map(|episode| episode.recording.n_frames()).max().unwrap_or(0);
+    let stride = usize::from(args.stride);
     let mut renderer = CpuRenderer::new(rayon::current_num_threads());
-    let status = movie::write(path, format, recording.n_frames(), |frame| {
-        let images = view.photograph(&mut renderer, recording.snapshot(frame));
-        contact_sheet::compose(&images, images.len(), 1)
+    let status = movie::write(path, format, n_steps.div_ceil(stride), args.stride, |frame| {
+        render_frame(&replayed, frame * stride, args.grid, &mut renderer)
     })?;
     if status != ExitStatus::Success {
         return Ok(status);
     }
     print_message(&format!("wrote {}", path.display()));
-    if format_fingerprint(recording.fingerprint()) == source.episodes()[episode_idx].fingerprint {
-        return Ok(ExitStatus::Success);
+    let mut status = ExitStatus::Success;
+    for (&episode_idx, episode) in episodes.iter().zip(&replayed) {
+        if format_fingerprint(episode.recording.fingerprint()) != source.episodes()[episode_idx].fingerprint {
+            print_message(&format!("episode {episode_idx} does not reproduce the stored fingerprint"));
+            status = ExitStatus::EpisodeErrors;
+        }
     }
-    print_message(&format!("episode {episode_idx} does not reproduce the stored fingerprint"));
-    Ok(ExitStatus::EpisodeErrors)
+    Ok(status)
+}
+
+/// Renders the state after `step` control steps. An episode that has ended keeps its last state.
+fn render_frame(
+    episodes: &[MovieEpisode],
+    step: usize,
+    grid: bool,
+    renderer: &mut CpuRenderer,
+) -> contact_sheet::RgbImage {
+    let snapshot = |recording: &Recording| recording.snapshot(step.min(recording.n_frames() - 1)).clone();
+    let images: Vec<(usize, Vec<u8>)> = if grid {
+        let camera = |it: &MovieEpisode| it.scene.photograph_camera(renderer, &snapshot(&it.recording), 0);
+        episodes.iter().map(camera).collect()
+    } else {
+        let only = &episodes[0];
+        only.scene.photograph(renderer, &snapshot(&only.recording))
+    };
+    let columns = if grid { images.len().div_ceil(2).clamp(1, 4) } else { images.len() };
+    contact_sheet::compose(&images, columns, 1)
 }
 
 fn parse_scale(typed: &str) -> Result<usize, String> {

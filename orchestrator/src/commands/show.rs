@@ -8,7 +8,7 @@ use ipc_types::run_config::{Profile, Strength};
 use sim::TaskId;
 use sim::perturb::Composition;
 use sim::show::movie::MovieFormat;
-use sim::show::{Actor, EpisodeSpec, FrameSequence, Legend, ViewMode};
+use sim::show::{Actor, EpisodeSpec, FrameSequence, Legend, ViewMode, contact_sheet};
 use sim::stream::episode_seed;
 
 use crate::exit::{ExitStatus, Failure, OrUser};
@@ -16,15 +16,15 @@ use crate::movie;
 use crate::names::{NameParser, UnknownName, pick};
 use crate::output::{print_message, print_out};
 use crate::plan::{Condition, PlanError};
-use crate::selection::{PerturbationSelector, TASK_PARSER};
+use crate::selection::{PerturbationSelector, TaskSelector};
 use crate::table::{Align, Table};
 
 /// Arguments of `show`.
 #[derive(Debug, Args)]
 pub(crate) struct ShowArgs {
-    /// Task
-    #[arg(value_parser = TASK_PARSER, hide_possible_values = true)]
-    pub(crate) task: TaskId,
+    /// Task; or all, single or bimanual: one image of each task on a single sheet
+    #[arg(value_parser = TaskSelector::PARSER, hide_possible_values = true)]
+    pub(crate) task: TaskSelector,
     /// Perturbation, several joined by + that act together, or all: one row for each that applies to the task
     #[arg(long, default_value = "None", value_parser = PerturbationSelector::PARSER, hide_possible_values = true)]
     pub(crate) perturbation: PerturbationSelector,
@@ -71,6 +71,9 @@ const ACTOR_PARSER: NameParser<Actor, UnknownName> = NameParser {
     names: || Actor::ALL.map(Actor::name).to_vec(),
 };
 
+/// Images per row of a sheet of several tasks.
+const GALLERY_COLUMNS: usize = 7;
+
 /// The resolved arguments.
 struct ShowPlan {
     /// Episodes of one task, at least one, each with its seed.
@@ -82,8 +85,11 @@ struct ShowPlan {
 
 /// Renders the contact sheet or the movie.
 pub(crate) fn show(args: &ShowArgs) -> Result<ExitStatus, Failure> {
-    let plan = ShowPlan::new(args).or_user()?;
-    let name = args.task.name();
+    let TaskSelector::Task(task) = args.task else {
+        return write_gallery(args).context("failed to show the gallery").or_user();
+    };
+    let plan = ShowPlan::new(task, args).or_user()?;
+    let name = task.name();
     match &args.movie {
         Some(path) => write_movie(&plan, path),
         None => write_sheet(&plan, args.output.as_deref().unwrap_or(&PathBuf::from(format!("{name}.png")))),
@@ -93,8 +99,8 @@ pub(crate) fn show(args: &ShowArgs) -> Result<ExitStatus, Failure> {
 }
 
 impl ShowPlan {
-    fn new(args: &ShowArgs) -> anyhow::Result<Self> {
-        let &ShowArgs { task, strength, profile, what, policy: actor, .. } = args;
+    fn new(task: TaskId, args: &ShowArgs) -> anyhow::Result<Self> {
+        let &ShowArgs { strength, profile, what, policy: actor, .. } = args;
         let perturbations = perturbations(task, args.perturbation)?;
         if perturbations.len() > 1 && (args.episodes > 1 || actor.is_some() || args.movie.is_some()) {
             let message =
@@ -143,13 +149,37 @@ fn write_sheet(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
     print_legend(frames.legend(), path)
 }
 
+/// Writes one PNG with the first external camera's image at the start of an episode of each selected task.
+fn write_gallery(args: &ShowArgs) -> anyhow::Result<ExitStatus> {
+    let &ShowArgs { strength, profile, what, .. } = args;
+    if args.policy.is_some() || args.movie.is_some() || args.episodes > 1 || what != ViewMode::Rgb {
+        let message = "a sheet of several tasks shows one rgb image of each: omit --policy, --movie, --episodes and \
+                       --what, or name one task";
+        return Err(anyhow!(message));
+    }
+    let PerturbationSelector::Named(perturbation) = args.perturbation else {
+        return Err(anyhow!("a sheet of several tasks shows one perturbation: name it instead of `all`"));
+    };
+    let mut images = Vec::new();
+    for task in TaskSelector::select(&[args.task]) {
+        let perturbation = Condition::new(task, perturbation)?.perturbation;
+        let seed = episode_seed(args.seed, task.name(), args.episode);
+        let episode = EpisodeSpec { task, perturbation, profile, strength };
+        images.push(FrameSequence::initial_states(&[(episode, seed)], what).render_camera(0, 0));
+    }
+    let path = args.output.as_deref().unwrap_or(Path::new("tasks.png"));
+    contact_sheet::compose(&images, GALLERY_COLUMNS, 1).write_png(path)?;
+    print_message(&format!("wrote {}", path.display()));
+    Ok(ExitStatus::Success)
+}
+
 /// Writes one frame per control step of one episode.
 fn write_movie(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
     let &ShowPlan { ref episodes, what, actor } = plan;
     let (subject, seed) = episodes[0];
     let format = MovieFormat::from_path(path)?;
     let mut frames = FrameSequence::episode(subject, seed, actor.unwrap_or(Actor::Expert), what)?;
-    match movie::write(path, format, frames.n_frames(), |frame_idx| frames.render_frame(frame_idx))? {
+    match movie::write(path, format, frames.n_frames(), 1, |frame_idx| frames.render_frame(frame_idx))? {
         ExitStatus::Success => print_legend(frames.legend(), path),
         other => Ok(other),
     }

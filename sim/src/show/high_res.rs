@@ -4,7 +4,7 @@
 
 use std::ops::RangeInclusive;
 
-use crate::render::{CpuRenderer, RenderScene};
+use crate::render::{CpuRenderer, RenderScene, View};
 use crate::scene::{Scene, Snapshot};
 
 /// A scene whose cameras have `scale` times as many pixels along each edge as the observation cameras.
@@ -37,6 +37,34 @@ impl HighResScene {
     pub fn photograph(&self, renderer: &mut CpuRenderer, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
         let tiles = renderer.photograph(&self.tiles, snapshot);
         tiles.chunks_exact(self.scale * self.scale).map(|tiles| self.assemble(tiles)).collect()
+    }
+
+    /// Renders one camera only. Returns its side in px and its `[side, side, 3] u8` sRGB image.
+    ///
+    /// # Panics
+    /// If the snapshot does not belong to the scene, or the scene has no such camera.
+    #[must_use]
+    pub fn photograph_camera(
+        &self,
+        renderer: &mut CpuRenderer,
+        snapshot: &Snapshot,
+        camera_idx: usize,
+    ) -> (usize, Vec<u8>) {
+        let n_tiles = self.scale * self.scale;
+        let side = self.tiles.side(camera_idx * n_tiles);
+        let mut tiles = vec![(side, vec![0; side * side * 3]); n_tiles];
+        let mut views: Vec<View<'_>> = tiles
+            .iter_mut()
+            .enumerate()
+            .map(|(tile, (_, out))| View {
+                scene: &self.tiles,
+                snapshot,
+                camera_idx: camera_idx * n_tiles + tile,
+                out,
+            })
+            .collect();
+        renderer.draw(&mut views);
+        self.assemble(&tiles)
     }
 
     /// Assembles the tiles of one camera into one image.

@@ -134,6 +134,15 @@ impl FrameSequence {
         contact_sheet::compose(&images, self.scenes[0].n_cameras(), SHEET_UPSCALE)
     }
 
+    /// Renders one camera's image of one frame: its side in px and its `[side, side, 3] u8` sRGB bytes.
+    ///
+    /// # Panics
+    /// If there is no such frame or camera.
+    #[must_use]
+    pub fn render_camera(&mut self, frame_idx: usize, camera_idx: usize) -> (usize, Vec<u8>) {
+        self.camera_images(frame_idx).swap_remove(camera_idx)
+    }
+
     fn camera_images(&mut self, frame_idx: usize) -> Vec<(usize, Vec<u8>)> {
         let SequenceFrame { scene_idx, snapshot } = &self.frames[frame_idx];
         self.renderer.render(&self.scenes[*scene_idx], snapshot)

@@ -5,7 +5,7 @@ use std::io::BufWriter;
 
 use png::{BitDepth, BlendOp, ColorType, EncodingError};
 
-use super::FRAMES_PER_S;
+use super::STEPS_PER_S;
 use crate::show::contact_sheet::RgbImage;
 
 /// An animated PNG file that is being written.
@@ -16,6 +16,7 @@ impl Apng {
     pub(super) fn begin(
         file: BufWriter<File>,
         n_frames: usize,
+        steps_per_frame: u16,
         first: &RgbImage,
     ) -> Result<Self, EncodingError> {
         let [width, height] = first.size();
@@ -23,7 +24,7 @@ impl Apng {
         encoder.set_color(ColorType::Rgba);
         encoder.set_depth(BitDepth::Eight);
         encoder.set_animated(n_frames as u32, 0)?;
-        encoder.set_frame_delay(1, FRAMES_PER_S)?;
+        encoder.set_frame_delay(steps_per_frame, STEPS_PER_S)?;
         encoder.set_blend_op(BlendOp::Over)?;
         encoder.validate_sequence(true);
         let mut writer = encoder.write_header()?;

@@ -8,7 +8,7 @@ use std::io::{BufWriter, Write};
 
 use gif::{Encoder, EncodingError, Frame, Repeat};
 
-use super::FRAMES_PER_S;
+use super::STEPS_PER_S;
 use crate::show::contact_sheet::RgbImage;
 
 /// Levels of red, green and blue in the colour cube. Green gets the most because the eye is most sensitive to
@@ -23,33 +23,42 @@ const MAX_COLORS: usize = 255;
 const BAYER: [[usize; 8]; 8] = bayer();
 
 /// A GIF file that is being written.
-pub(super) struct Gif(Encoder<BufWriter<File>>);
+pub(super) struct Gif {
+    encoder: Encoder<BufWriter<File>>,
+    /// Duration of a frame, in 1/100 s.
+    delay: u16,
+}
 
 impl Gif {
     /// Writes the header and the first frame.
-    pub(super) fn begin(file: BufWriter<File>, first: &RgbImage) -> Result<Self, EncodingError> {
+    pub(super) fn begin(
+        file: BufWriter<File>,
+        steps_per_frame: u16,
+        first: &RgbImage,
+    ) -> Result<Self, EncodingError> {
         let [width, height] = first.size().map(|px| px as u16);
         let mut encoder = Encoder::new(file, width, height, &cube())?;
         encoder.set_repeat(Repeat::Infinite)?;
-        encoder.write_frame(&encoded(first, |_| true))?;
-        Ok(Self(encoder))
+        let delay = 100 * steps_per_frame / STEPS_PER_S;
+        encoder.write_frame(&encoded(first, delay, |_| true))?;
+        Ok(Self { encoder, delay })
     }
 
     /// Writes the pixels of `frame` that differ from the `previous` frame; all others are transparent.
     pub(super) fn push(&mut self, frame: &RgbImage, previous: &RgbImage) -> Result<(), EncodingError> {
         let changed: Vec<bool> =
             frame.pixels().zip(previous.pixels()).map(|(now, previous)| now != previous).collect();
-        self.0.write_frame(&encoded(frame, |pixel| changed[pixel]))
+        self.encoder.write_frame(&encoded(frame, self.delay, |pixel| changed[pixel]))
     }
 
     /// Writes the trailer and flushes the file.
     pub(super) fn finish(self) -> Result<(), EncodingError> {
-        Ok(self.0.into_inner()?.flush()?)
+        Ok(self.encoder.into_inner()?.flush()?)
     }
 }
 
 /// Encodes the pixels for which `changed` returns `true`; all others are transparent.
-fn encoded(image: &RgbImage, changed: impl Fn(usize) -> bool) -> Frame<'static> {
+fn encoded(image: &RgbImage, delay: u16, changed: impl Fn(usize) -> bool) -> Frame<'static> {
     let [width, height] = image.size();
     let exact = exact_palette(image, &changed);
     let index = |(pixel, rgb): (usize, [u8; 3])| match &exact {
@@ -59,7 +68,7 @@ fn encoded(image: &RgbImage, changed: impl Fn(usize) -> bool) -> Frame<'static> 
     };
     let indices: Vec<u8> = image.pixels().enumerate().map(index).collect();
     Frame {
-        delay: 100 / FRAMES_PER_S,
+        delay,
         transparent: Some(UNCHANGED),
         width: width as u16,
         height: height as u16,

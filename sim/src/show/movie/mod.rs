@@ -1,4 +1,4 @@
-//! Movies with one frame per control step, in file formats that play wherever images are displayed.
+//! Movies that play at the speed of the simulation, in file formats that play wherever images are displayed.
 //!
 //! Most pixels do not change from one frame to the next. They are encoded as transparent, which takes almost
 //! no space in either format.
@@ -20,8 +20,8 @@ use apng::Apng;
 use gif::Gif;
 use part_file::PartFile;
 
-/// Frames per second: one per control step.
-pub const FRAMES_PER_S: u16 = CONTROL_HZ as u16;
+/// Control steps per second, which movies play in real time.
+const STEPS_PER_S: u16 = CONTROL_HZ as u16;
 
 /// File format of a movie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,7 +112,8 @@ impl MovieFormat {
 }
 
 impl MovieWriter {
-    /// Starts a movie of `n_frames` frames. The first frame determines the size.
+    /// Starts a movie of `n_frames` frames, each shown for the duration of `steps_per_frame` control steps. The first
+    /// frame determines the size.
     ///
     /// # Errors
     /// If the file cannot be created or written.
@@ -120,15 +121,18 @@ impl MovieWriter {
         path: &Path,
         format: MovieFormat,
         n_frames: usize,
+        steps_per_frame: u16,
         first: RgbImage,
     ) -> Result<Self, MovieError> {
         let (file, buffer) = PartFile::create(path)
             .map_err(|source| MovieError::Create { path: path.display().to_string(), source })?;
         let encoder = match format {
-            MovieFormat::Apng => {
-                Apng::begin(buffer, n_frames, &first).map(Encoder::Apng).map_err(EncodeError::from)
+            MovieFormat::Apng => Apng::begin(buffer, n_frames, steps_per_frame, &first)
+                .map(Encoder::Apng)
+                .map_err(EncodeError::from),
+            MovieFormat::Gif => {
+                Gif::begin(buffer, steps_per_frame, &first).map(Encoder::Gif).map_err(EncodeError::from)
             }
-            MovieFormat::Gif => Gif::begin(buffer, &first).map(Encoder::Gif).map_err(EncodeError::from),
         };
         Ok(Self { encoder: encoder.map_err(|source| file.write_error(source))?, file, previous: first })
     }

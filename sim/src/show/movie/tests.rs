@@ -22,7 +22,7 @@ fn frames() -> Vec<RgbImage> {
 
 fn write(format: MovieFormat, path: &Path) {
     let mut frames = frames().into_iter();
-    let mut movie = MovieWriter::begin(path, format, 3, frames.next().unwrap()).unwrap();
+    let mut movie = MovieWriter::begin(path, format, 3, 1, frames.next().unwrap()).unwrap();
     frames.for_each(|frame| movie.push(frame).unwrap());
     assert!(!path.exists(), "the file appears under its final path before it is complete");
     movie.finish().unwrap();
@@ -77,7 +77,7 @@ fn gif_with_few_colors_is_lossless() {
 fn unfinished_movie_leaves_no_file() {
     let dir = tempfile::tempdir().unwrap();
     for format in [MovieFormat::Apng, MovieFormat::Gif] {
-        let movie = MovieWriter::begin(&dir.path().join("x"), format, 3, frames().remove(0)).unwrap();
+        let movie = MovieWriter::begin(&dir.path().join("x"), format, 3, 1, frames().remove(0)).unwrap();
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
         drop(movie);
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
