@@ -1,12 +1,13 @@
-//! A picture depends on its view alone.
+//! Independence of images from the batch in which they are rendered.
 
 use sim::render::Samples;
 use sim::render::{Renderer, View};
 
-use crate::common::{Cells, Shot, VISIBILITIES, renderer, shots};
+use crate::common::{PerturbationSet, TestScene, VISIBILITIES, renderer, test_scenes};
 
-/// Cells whose shots are drawn: one arm and two, plain, patterned and with everything. More would only take longer.
-const CELLS: [&str; 6] = [
+/// Scenes that are rendered: one arm and two, unperturbed, textured, and with all perturbations. More would
+/// only take longer.
+const SCENES: [&str; 6] = [
     "RaiseCube/None",
     "RaiseCube/MO-Texture",
     "RaiseCube/All",
@@ -14,48 +15,54 @@ const CELLS: [&str; 6] = [
     "DualArmLiftTray/MO-Texture",
     "DualArmLiftTray/All",
 ];
-/// Times that all shots are drawn in one batch: enough for several chunks.
+/// Copies of all scenes in one batch: enough for several chunks.
 const COPIES: usize = 6;
 
 #[test]
-fn bytes_do_not_depend_on_the_batch() {
+fn images_do_not_depend_on_the_batch() {
     for visibility in VISIBILITIES {
         let Some(mut gpu) = renderer(visibility, Samples::One) else { return };
-        let is_one = |shot: &Shot| CELLS.contains(&shot.name.as_str());
-        let shots: Vec<Shot> = [false, true]
-            .map(|shadows| shots(Cells::All, shadows))
+        let is_selected = |scene: &TestScene| SCENES.contains(&scene.name.as_str());
+        let scenes: Vec<TestScene> = [false, true]
+            .map(|shadows| test_scenes(PerturbationSet::All, shadows))
             .into_iter()
             .flatten()
-            .filter(is_one)
+            .filter(is_selected)
             .collect();
-        let alone: Vec<Vec<Vec<u8>>> = shots.iter().map(|shot| images_one_by_one(shot, &mut gpu)).collect();
+        let alone: Vec<Vec<Vec<u8>>> =
+            scenes.iter().map(|scene| render_one_by_one(scene, &mut gpu)).collect();
         for reversed in [false, true] {
-            let mut images: Vec<_> = (0..COPIES).flat_map(|_| shots.iter().map(Shot::blank_images)).collect();
-            let mut views: Vec<View<'_>> =
-                shots.iter().cycle().zip(&mut images).flat_map(|(shot, images)| shot.views(images)).collect();
+            let mut images: Vec<_> =
+                (0..COPIES).flat_map(|_| scenes.iter().map(TestScene::blank_images)).collect();
+            let mut views: Vec<View<'_>> = scenes
+                .iter()
+                .cycle()
+                .zip(&mut images)
+                .flat_map(|(scene, images)| scene.views(images))
+                .collect();
             if reversed {
                 views.reverse();
             }
             gpu.render(&mut views).unwrap();
             for (i, together) in images.iter().enumerate() {
-                let name = &shots[i % shots.len()].name;
-                assert!(*together == alone[i % shots.len()], "{name}, {visibility:?}, reversed: {reversed}");
+                let name = &scenes[i % scenes.len()].name;
+                assert!(*together == alone[i % scenes.len()], "{name}, {visibility:?}, reversed: {reversed}");
             }
         }
     }
 }
 
 #[test]
-fn an_empty_batch_is_drawn_at_once() {
+fn empty_batch_renders_nothing() {
     for visibility in VISIBILITIES {
         let Some(mut gpu) = renderer(visibility, Samples::One) else { return };
         gpu.render(&mut []).unwrap();
     }
 }
 
-fn images_one_by_one(shot: &Shot, renderer: &mut dyn Renderer) -> Vec<Vec<u8>> {
-    let mut images = shot.blank_images();
-    for view in shot.views(&mut images) {
+fn render_one_by_one(scene: &TestScene, renderer: &mut dyn Renderer) -> Vec<Vec<u8>> {
+    let mut images = scene.blank_images();
+    for view in scene.views(&mut images) {
         renderer.render(&mut [view]).unwrap();
     }
     images

@@ -1,9 +1,14 @@
-//! The renderer on a GPU, tried on a software driver: it makes the pictures of the CPU's, and the same ones in every batch.
+//! Tests of the GPU renderer on a software driver: its images match those of the CPU renderer and do not
+//! depend on the batch.
 //!
-//! Where there is no such driver the tests say so and pass, unless the environment variable `HYPOGEUM_REQUIRE_VULKAN` is 1.
+//! Without a software driver the tests print a message and pass, unless the environment variable
+//! `HYPOGEUM_REQUIRE_VULKAN` is 1.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-#![expect(clippy::print_stderr, reason = "a test that is left out says why, and agreement is a figure")]
+#![expect(
+    clippy::print_stderr,
+    reason = "skipped tests print the reason, and agreement tests print the worst deviation"
+)]
 
 mod agreement;
 mod batch;

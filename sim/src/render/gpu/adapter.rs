@@ -1,64 +1,64 @@
-//! Which adapter draws, and what one must have.
+//! Adapter selection, and the features and limits that an adapter must have.
 
-use super::ready;
+use super::poll_ready;
 use super::{GpuOptions, Visibility};
 use crate::render::open::OpenRendererError;
 
-/// Where to look.
+/// Kind of Vulkan adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AdapterKind {
-    /// A GPU.
+    /// A physical or virtual GPU.
     Hardware,
-    /// A driver that runs on the CPU, for tests: Mesa's lavapipe.
+    /// A software driver that runs on the CPU, for tests: Mesa's lavapipe.
     Software,
 }
 
-/// NVIDIA's chips for data centres: nearly all of such a chip can compute, a small part of it rasterises.
-const COMPUTE_CHIPS: [&str; 8] = ["A100", "A800", "H100", "H200", "H800", "B100", "B200", "B300"];
+/// NVIDIA data-centre GPUs. They have few rasterisation units relative to their compute throughput.
+const COMPUTE_GPUS: [&str; 8] = ["A100", "A800", "H100", "H200", "H800", "B100", "B200", "B300"];
 
-/// An adapter that has what it takes.
-pub(super) struct Found {
+/// An adapter that meets all requirements.
+pub(super) struct SelectedAdapter {
     pub(super) adapter: wgpu::Adapter,
     pub(super) visibility: Visibility,
-    /// Name of adapter and driver, for people.
+    /// Name of the adapter and its driver, for messages.
     pub(super) name: String,
 }
 
-/// The first adapter of a kind that can do what is asked.
+/// Selects the first adapter of a kind that meets all requirements.
 ///
 /// # Errors
-/// If there is none: what was found, and what each lacks.
-pub(super) fn find(kind: AdapterKind, options: &GpuOptions) -> Result<Found, OpenRendererError> {
+/// If there is none. The error lists the adapters found and the capabilities that each lacks.
+pub(super) fn select(kind: AdapterKind, options: &GpuOptions) -> Result<SelectedAdapter, OpenRendererError> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,
         flags: wgpu::InstanceFlags::empty(),
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     });
-    let mut complaints = Vec::new();
-    let mut adapters = ready(instance.enumerate_adapters(wgpu::Backends::VULKAN));
-    // A card before what is built into a processor.
+    let mut rejections = Vec::new();
+    let mut adapters = poll_ready(instance.enumerate_adapters(wgpu::Backends::VULKAN));
+    // Prefer discrete GPUs over integrated ones.
     adapters.sort_by_key(|adapter| adapter.get_info().device_type != wgpu::DeviceType::DiscreteGpu);
     for adapter in adapters {
         let info = adapter.get_info();
         let name = format!("{} ({})", info.name, [info.driver, info.driver_info].join(" ").trim());
         if kind_of(info.device_type) != kind {
-            complaints.push(format!("{name} is no {}", kind.described()));
+            rejections.push(format!("{name} is not a {}", kind.description()));
             continue;
         }
-        let visibility = options.visibility.unwrap_or_else(|| best(&adapter, &info.name));
-        let lacks = lacks(&adapter, visibility);
-        if lacks.is_empty() {
-            return Ok(Found { adapter, visibility, name });
+        let visibility = options.visibility.unwrap_or_else(|| preferred_visibility(&adapter, &info.name));
+        let missing = missing_capabilities(&adapter, visibility);
+        if missing.is_empty() {
+            return Ok(SelectedAdapter { adapter, visibility, name });
         }
-        complaints.push(format!("{name} lacks {}", lacks.join(", ")));
+        rejections.push(format!("{name} lacks {}", missing.join(", ")));
     }
-    if complaints.is_empty() {
-        complaints.push("there is no Vulkan driver".to_owned());
+    if rejections.is_empty() {
+        rejections.push("there is no Vulkan driver".to_owned());
     }
-    Err(OpenRendererError::NoAdapter { wanted: kind.described(), found: complaints.join("; ") })
+    Err(OpenRendererError::NoAdapter { wanted: kind.description(), found: rejections.join("; ") })
 }
 
-/// What is asked of a device.
+/// Returns the features and limits that a visibility method requires.
 pub(super) fn required(visibility: Visibility) -> (wgpu::Features, wgpu::Limits) {
     let features = match visibility {
         Visibility::Raster => wgpu::Features::PRIMITIVE_INDEX,
@@ -68,7 +68,7 @@ pub(super) fn required(visibility: Visibility) -> (wgpu::Features, wgpu::Limits)
 }
 
 impl AdapterKind {
-    const fn described(self) -> &'static str {
+    const fn description(self) -> &'static str {
         match self {
             Self::Hardware => "GPU",
             Self::Software => "software driver",
@@ -84,24 +84,29 @@ fn kind_of(device_type: wgpu::DeviceType) -> AdapterKind {
     }
 }
 
-/// Compute on chips made for it, else the rasteriser, unless only the other is there.
-fn best(adapter: &wgpu::Adapter, name: &str) -> Visibility {
-    let computes = COMPUTE_CHIPS.iter().any(|chip| name.contains(chip));
-    let [first, second] = if computes {
+/// Returns compute for [`COMPUTE_GPUS`] and the rasteriser for all others, or the other method if the adapter
+/// supports only that one.
+fn preferred_visibility(adapter: &wgpu::Adapter, name: &str) -> Visibility {
+    let prefers_compute = COMPUTE_GPUS.iter().any(|gpu| name.contains(gpu));
+    let [first, second] = if prefers_compute {
         [Visibility::Compute, Visibility::Raster]
     } else {
         [Visibility::Raster, Visibility::Compute]
     };
-    if lacks(adapter, first).is_empty() || !lacks(adapter, second).is_empty() { first } else { second }
+    if missing_capabilities(adapter, first).is_empty() || !missing_capabilities(adapter, second).is_empty() {
+        first
+    } else {
+        second
+    }
 }
 
-/// Names of the features and limits that an adapter does not reach.
-fn lacks(adapter: &wgpu::Adapter, visibility: Visibility) -> Vec<String> {
+/// Lists the required features and limits that an adapter lacks.
+fn missing_capabilities(adapter: &wgpu::Adapter, visibility: Visibility) -> Vec<String> {
     let (features, limits) = required(visibility);
-    let missing = features - adapter.features();
-    let mut lacks: Vec<String> = missing.iter_names().map(|(name, _)| name.to_owned()).collect();
-    limits.check_limits_with_fail_fn(&adapter.limits(), false, |name, needed, there| {
-        lacks.push(format!("{name} {needed} (it has {there})"));
+    let missing_features = features - adapter.features();
+    let mut missing: Vec<String> = missing_features.iter_names().map(|(name, _)| name.to_owned()).collect();
+    limits.check_limits_with_fail_fn(&adapter.limits(), false, |name, required, available| {
+        missing.push(format!("{name} {required} (available: {available})"));
     });
-    lacks
+    missing
 }

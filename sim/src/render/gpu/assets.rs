@@ -1,49 +1,51 @@
-//! Meshes and textures on the device: brought there when they are first seen and kept, until there are too many.
+//! Meshes and textures on the device. They are uploaded on first use and stay resident until the meshes
+//! exceed a memory limit.
 
 use super::device::Gpu;
+use super::growable_buffer::GrowableBuffer;
 use super::records::{MAX_TRIANGLES, VertexRecord, padded};
-use super::store::Store;
 use crate::render::mesh::{Mesh, ProjectionAxis};
 use crate::render::scene::{Instance, MeshKey};
 use crate::render::texture::mip_chain;
 use crate::scene::Texture;
 
-/// Where a mesh lies.
+/// Location of a mesh in the device buffers.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct MeshPlace {
-    /// Which it is.
+pub(super) struct MeshRange {
+    /// Identifies the mesh.
     pub(super) key: MeshKey,
-    /// Its number, in the order in which meshes were first seen.
+    /// Index of the mesh, in order of first use.
     pub(super) mesh_idx: usize,
     /// Index of its first triangle.
     pub(super) first_triangle: u32,
-    /// Its triangles.
+    /// Number of triangles.
     pub(super) n_triangles: u32,
 }
 
-/// All that was seen so far.
+/// All meshes and textures used so far, with host copies of their buffers.
 pub(super) struct Assets {
-    meshes: Vec<MeshPlace>,
+    meshes: Vec<MeshRange>,
     textures: Vec<Texture>,
     vertices: Vec<VertexRecord>,
-    /// Three vertices each, then the axis it faces.
+    /// Three vertex indices and the texture projection axis per triangle.
     triangles: Vec<[u32; 4]>,
-    /// Three vertices each.
+    /// Three vertex indices per triangle, as the index buffer.
     indices: Vec<[u32; 3]>,
     texels: Vec<u32>,
-    /// Something was seen since the last upload.
-    new_meshes: bool,
-    new_textures: bool,
-    pub(super) vertex_store: Store,
-    pub(super) triangle_store: Store,
-    pub(super) index_store: Store,
-    pub(super) texel_store: Store,
+    /// `true` if meshes were added since the last upload.
+    meshes_dirty: bool,
+    /// `true` if textures were added since the last upload.
+    textures_dirty: bool,
+    pub(super) vertex_buffer: GrowableBuffer,
+    pub(super) triangle_buffer: GrowableBuffer,
+    pub(super) index_buffer: GrowableBuffer,
+    pub(super) texel_buffer: GrowableBuffer,
 }
 
 impl Assets {
-    /// Nothing yet.
+    /// Creates empty buffers.
     pub(super) fn new(gpu: &Gpu) -> Self {
-        let store = |label, usage| Store::new(gpu, label, usage);
+        let buffer = |label, usage| GrowableBuffer::new(gpu, label, usage);
         let none = wgpu::BufferUsages::empty();
         Self {
             meshes: Vec::new(),
@@ -52,33 +54,33 @@ impl Assets {
             triangles: Vec::new(),
             indices: Vec::new(),
             texels: Vec::new(),
-            new_meshes: false,
-            new_textures: false,
-            vertex_store: store("vertices", none),
-            triangle_store: store("triangles", none),
-            index_store: store("indices", wgpu::BufferUsages::INDEX),
-            texel_store: store("texels", none),
+            meshes_dirty: false,
+            textures_dirty: false,
+            vertex_buffer: buffer("vertices", none),
+            triangle_buffer: buffer("triangles", none),
+            index_buffer: buffer("indices", wgpu::BufferUsages::INDEX),
+            texel_buffer: buffer("texels", none),
         }
     }
 
-    /// The place of an instance's mesh.
-    pub(super) fn mesh(&mut self, instance: &Instance) -> MeshPlace {
+    /// Returns the location of an instance's mesh, adding the mesh if it is new.
+    pub(super) fn mesh(&mut self, instance: &Instance) -> MeshRange {
         let key = instance.mesh.key();
-        let known = self.meshes.iter().find(|place| place.key == key).copied();
+        let known = self.meshes.iter().find(|range| range.key == key).copied();
         known.unwrap_or_else(|| self.add_mesh(key, instance.mesh()))
     }
 
-    /// The index of a texture.
+    /// Returns the device index of a texture, adding the texture if it is new.
     pub(super) fn texture(&mut self, texture: Texture) -> u32 {
-        let known = self.textures.iter().position(|seen| *seen == texture);
+        let known = self.textures.iter().position(|other| *other == texture);
         known.unwrap_or_else(|| self.add_texture(texture)) as u32
     }
 
-    /// Forgets all meshes once they fill much memory: bodies of drawn sizes have meshes of their own. Only between batches,
-    /// for places are no longer good afterwards.
-    pub(super) fn trim(&mut self) {
-        const MOST_VERTICES: usize = 1 << 21;
-        if self.vertices.len() > MOST_VERTICES {
+    /// Removes all meshes if they exceed a memory limit: bodies of random size have meshes of their own. Must
+    /// only be called between batches, because it invalidates all mesh ranges.
+    pub(super) fn evict_if_full(&mut self) {
+        const MAX_VERTICES: usize = 1 << 21;
+        if self.vertices.len() > MAX_VERTICES {
             self.meshes.clear();
             self.vertices.clear();
             self.triangles.clear();
@@ -86,21 +88,21 @@ impl Assets {
         }
     }
 
-    /// Brings what is new to the device; whether that took another buffer.
+    /// Uploads new meshes and textures. Returns `true` if a buffer was reallocated.
     pub(super) fn upload(&mut self, gpu: &Gpu) -> bool {
-        let mut grown = false;
-        if core::mem::take(&mut self.new_meshes) {
-            grown |= self.vertex_store.write(gpu, &self.vertices);
-            grown |= self.triangle_store.write(gpu, &self.triangles);
-            grown |= self.index_store.write(gpu, &self.indices);
+        let mut reallocated = false;
+        if core::mem::take(&mut self.meshes_dirty) {
+            reallocated |= self.vertex_buffer.write(gpu, &self.vertices);
+            reallocated |= self.triangle_buffer.write(gpu, &self.triangles);
+            reallocated |= self.index_buffer.write(gpu, &self.indices);
         }
-        if core::mem::take(&mut self.new_textures) {
-            grown |= self.texel_store.write(gpu, &self.texels);
+        if core::mem::take(&mut self.textures_dirty) {
+            reallocated |= self.texel_buffer.write(gpu, &self.texels);
         }
-        grown
+        reallocated
     }
 
-    fn add_mesh(&mut self, key: MeshKey, mesh: &Mesh) -> MeshPlace {
+    fn add_mesh(&mut self, key: MeshKey, mesh: &Mesh) -> MeshRange {
         assert!(mesh.triangles.len() <= MAX_TRIANGLES, "{key:?} has {} triangles", mesh.triangles.len());
         let (first_vertex, first_triangle) = (self.vertices.len() as u32, self.triangles.len() as u32);
         self.vertices.extend((0..mesh.n_vertices() as u32).map(|i| VertexRecord {
@@ -118,16 +120,16 @@ impl Assets {
             self.indices.push([a, b, c]);
         }
         let n_triangles = mesh.triangles.len() as u32;
-        let place = MeshPlace { key, mesh_idx: self.meshes.len(), first_triangle, n_triangles };
-        self.meshes.push(place);
-        self.new_meshes = true;
-        place
+        let range = MeshRange { key, mesh_idx: self.meshes.len(), first_triangle, n_triangles };
+        self.meshes.push(range);
+        self.meshes_dirty = true;
+        range
     }
 
     fn add_texture(&mut self, texture: Texture) -> usize {
         self.textures.push(texture);
         self.texels.extend_from_slice(&mip_chain(texture).texels);
-        self.new_textures = true;
+        self.textures_dirty = true;
         self.textures.len() - 1
     }
 }

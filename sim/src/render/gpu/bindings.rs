@@ -1,30 +1,40 @@
-//! Bind groups: what a pass reads and writes, in one list from which layout and group are made.
+//! Bind groups, shader modules and compute pipelines. The layout and the bind group of a pass derive from one
+//! ordered list of its resources.
 
 use super::device::Gpu;
 
-/// What a pass sees of a resource.
+/// Kind of a bound resource.
 #[derive(Clone, Copy)]
-pub(super) enum Slot {
-    /// A storage buffer, read.
-    Read,
-    /// A storage buffer, read and written.
-    Write,
-    /// Layers of ids.
-    Ids,
-    /// Layers of depths.
-    Depths,
+pub(super) enum BindingKind {
+    /// Read-only storage buffer.
+    ReadBuffer,
+    /// Read-write storage buffer.
+    WriteBuffer,
+    /// Array texture of triangle ids.
+    IdTexture,
+    /// Array texture of depths.
+    DepthTexture,
 }
 
-/// A layout with these slots at bindings 0, 1 and so on.
-pub(super) fn layout(gpu: &Gpu, visibility: wgpu::ShaderStages, slots: &[Slot]) -> wgpu::BindGroupLayout {
+/// Creates a bind group layout with the given resources at bindings 0, 1 and so on.
+pub(super) fn layout(
+    gpu: &Gpu,
+    visibility: wgpu::ShaderStages,
+    kinds: &[BindingKind],
+) -> wgpu::BindGroupLayout {
     let entries: Vec<_> = (0..)
-        .zip(slots)
-        .map(|(binding, slot)| wgpu::BindGroupLayoutEntry { binding, visibility, ty: slot.ty(), count: None })
+        .zip(kinds)
+        .map(|(binding, kind)| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility,
+            ty: kind.binding_type(),
+            count: None,
+        })
         .collect();
     gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries: &entries })
 }
 
-/// Resources for the slots of a layout.
+/// Creates a bind group with resources in the order of the layout.
 pub(super) fn group(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
@@ -37,7 +47,7 @@ pub(super) fn group(
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
 }
 
-/// The layout of a pipeline with one group.
+/// Creates the layout of a pipeline with a single bind group.
 pub(super) fn pipeline_layout(gpu: &Gpu, layout: &wgpu::BindGroupLayout) -> wgpu::PipelineLayout {
     gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
@@ -46,13 +56,14 @@ pub(super) fn pipeline_layout(gpu: &Gpu, layout: &wgpu::BindGroupLayout) -> wgpu
     })
 }
 
-/// A compute pipeline with one group, at `zoom` samples per pixel along each axis.
+/// Creates a compute pipeline with a single bind group, for `samples_per_axis` samples per pixel along each
+/// axis.
 pub(super) fn compute_pipeline(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
     module: &wgpu::ShaderModule,
     entry_point: &str,
-    zoom: u32,
+    samples_per_axis: u32,
 ) -> wgpu::ComputePipeline {
     gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(entry_point),
@@ -60,23 +71,23 @@ pub(super) fn compute_pipeline(
         module,
         entry_point: Some(entry_point),
         compilation_options: wgpu::PipelineCompilationOptions {
-            constants: &[("ZOOM", f64::from(zoom))],
+            constants: &[("SAMPLES_PER_AXIS", f64::from(samples_per_axis))],
             zero_initialize_workgroup_memory: false,
         },
         cache: None,
     })
 }
 
-/// A shader out of several texts.
-pub(super) fn module(gpu: &Gpu, label: &str, texts: &[&str]) -> wgpu::ShaderModule {
+/// Compiles the concatenation of several WGSL sources.
+pub(super) fn module(gpu: &Gpu, label: &str, sources: &[&str]) -> wgpu::ShaderModule {
     gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(label),
-        source: wgpu::ShaderSource::Wgsl(texts.concat().into()),
+        source: wgpu::ShaderSource::Wgsl(sources.concat().into()),
     })
 }
 
-impl Slot {
-    fn ty(self) -> wgpu::BindingType {
+impl BindingKind {
+    fn binding_type(self) -> wgpu::BindingType {
         let buffer = |read_only| wgpu::BindingType::Buffer {
             ty: wgpu::BufferBindingType::Storage { read_only },
             has_dynamic_offset: false,
@@ -88,10 +99,10 @@ impl Slot {
             multisampled: false,
         };
         match self {
-            Self::Read => buffer(true),
-            Self::Write => buffer(false),
-            Self::Ids => texture(wgpu::TextureSampleType::Uint),
-            Self::Depths => texture(wgpu::TextureSampleType::Depth),
+            Self::ReadBuffer => buffer(true),
+            Self::WriteBuffer => buffer(false),
+            Self::IdTexture => texture(wgpu::TextureSampleType::Uint),
+            Self::DepthTexture => texture(wgpu::TextureSampleType::Depth),
         }
     }
 }

@@ -1,93 +1,94 @@
-//! The open device, how it fails, and waiting for it with an end.
+//! The open device, its error state, and waiting with a timeout.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::adapter::{self, Found};
-use super::ready;
+use super::adapter::{self, SelectedAdapter};
+use super::poll_ready;
 use crate::render::RenderError;
 use crate::render::open::OpenRendererError;
 
-/// A device that has not finished a chunk after this long is given up.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Timeout after which a device that has not finished a chunk counts as failed.
+const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A device and its queue.
 pub(super) struct Gpu {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
-    /// Name of adapter and driver, for people.
+    /// Name of the adapter and its driver, for messages.
     pub(super) name: String,
-    failure: Failure,
+    first_error: FirstError,
 }
 
-/// The first thing that went wrong, told by callbacks of the device.
+/// The first error that a device callback or a wait has reported. Later errors are ignored.
 #[derive(Clone, Default)]
-struct Failure(Arc<Mutex<Option<String>>>);
+struct FirstError(Arc<Mutex<Option<String>>>);
 
 impl Gpu {
     /// Opens an adapter.
     ///
     /// # Errors
-    /// If the driver refuses.
-    pub(super) fn open(found: Found) -> Result<Self, OpenRendererError> {
-        let (required_features, required_limits) = adapter::required(found.visibility);
+    /// If the driver rejects the request.
+    pub(super) fn open(selected: SelectedAdapter) -> Result<Self, OpenRendererError> {
+        let (required_features, required_limits) = adapter::required(selected.visibility);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("hypogeum"),
             required_features,
             required_limits,
             ..wgpu::DeviceDescriptor::default()
         };
-        let (device, queue) = ready(found.adapter.request_device(&descriptor)).map_err(|error| {
-            OpenRendererError::Device { name: found.name.clone(), message: error.to_string() }
+        let (device, queue) = poll_ready(selected.adapter.request_device(&descriptor)).map_err(|error| {
+            OpenRendererError::Device { name: selected.name.clone(), message: error.to_string() }
         })?;
-        let failure = Failure::default();
-        let (lost, wrong) = (failure.clone(), failure.clone());
+        let first_error = FirstError::default();
+        let (on_lost, on_error) = (first_error.clone(), first_error.clone());
         device.set_device_lost_callback(move |reason, message| {
-            lost.set(format!("it was lost ({reason:?}): {message}"));
+            on_lost.set(format!("the device was lost ({reason:?}): {message}"));
         });
-        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| wrong.set(error.to_string())));
-        Ok(Self { device, queue, name: found.name, failure })
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.set(error.to_string())));
+        Ok(Self { device, queue, name: selected.name, first_error })
     }
 
-    /// Whether all is well.
+    /// Checks the error state.
     ///
     /// # Errors
-    /// The first thing that went wrong since the device was opened.
+    /// The first error since the device was opened.
     pub(super) fn check(&self) -> Result<(), RenderError> {
-        match self.failure.get() {
+        match self.first_error.get() {
             Some(message) => Err(RenderError::Device { name: self.name.clone(), message }),
             None => Ok(()),
         }
     }
 
-    /// Notes a failure, for good.
+    /// Marks the device as failed permanently.
     pub(super) fn fail(&self, message: String) {
-        self.failure.set(message);
+        self.first_error.set(message);
     }
 
-    /// Waits until a submission is done and its callbacks have been called.
+    /// Waits until a submission has completed and its callbacks have run.
     ///
     /// # Errors
-    /// If the device fails, or is not done within a minute.
+    /// If the device fails, or does not complete within [`WAIT_TIMEOUT`].
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), RenderError> {
-        let poll_type = wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) };
-        // wgpu panics when the driver says in the middle of a wait that the device is lost.
+        let poll_type =
+            wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_TIMEOUT) };
+        // wgpu panics if the driver reports a lost device during a wait.
         match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll_type))) {
             Ok(Ok(_)) => {}
             Ok(Err(wgpu::PollError::Timeout)) => {
-                self.fail(format!("it has not answered for {} s", PATIENCE.as_secs()));
+                self.fail(format!("the device did not respond within {} s", WAIT_TIMEOUT.as_secs()));
             }
             Ok(Err(wgpu::PollError::WrongSubmissionIndex(..))) => {
-                self.fail("it was lost and takes no more work".to_owned());
+                self.fail("the device was lost and accepts no more work".to_owned());
             }
-            Err(_) => self.fail("it was lost while it drew".to_owned()),
+            Err(_) => self.fail("the device was lost while rendering".to_owned()),
         }
         self.check()
     }
 }
 
-impl Failure {
+impl FirstError {
     fn get(&self) -> Option<String> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

@@ -1,8 +1,8 @@
-//! Pictures on a GPU, through wgpu and Vulkan: a visibility pass finds the triangle of each pixel, a compute kernel shades
-//! it, and the packed bytes are copied to where the policy will read them. The rules are those of `SHADING.md`.
+//! GPU renderer on wgpu and Vulkan. A visibility pass finds the triangle of each pixel, a compute kernel
+//! shades it, and the packed bytes are copied into the observation. `SHADING.md` defines the image.
 //!
-//! Views are made in chunks. While the device makes one, the CPU prepares the next. A picture depends on its view and the
-//! device alone, not on the other views.
+//! Views are rendered in chunks: while the device renders one, the CPU prepares the next. An image depends
+//! only on its view and the device, not on the other views.
 
 mod adapter;
 mod assets;
@@ -10,15 +10,15 @@ mod batch;
 mod bindings;
 mod compute;
 mod device;
-mod drawing;
-mod frame;
-mod layers;
+mod draw_list;
+mod growable_buffer;
+mod pipeline;
 mod raster;
 mod readback;
 mod records;
-mod resolve;
+mod shading;
 mod shadow;
-mod store;
+mod texture_layers;
 
 use core::ops::Range;
 use core::pin::pin;
@@ -30,48 +30,48 @@ pub use adapter::AdapterKind;
 use super::open::OpenRendererError;
 use super::{RenderError, Renderer, Samples, View, name_with_samples};
 use device::Gpu;
-use frame::Frame;
+use pipeline::ImagePipeline;
 use readback::Readback;
 
-/// Pixels of a chunk: 32 envs with two external cameras and one hand camera. Mesa's lavapipe takes ten times as long per
-/// env from 64 envs a dispatch on, and a GPU is busy with far fewer.
+/// Maximum number of pixels per chunk: 32 envs with two external cameras and one hand camera. From 64 envs
+/// per dispatch on, Mesa's lavapipe takes ten times as long per env; far fewer envs saturate a GPU.
 const CHUNK_PX: usize = 32 * (2 * 224 * 224 + 128 * 128);
 
-/// Views of a chunk: as many layers of a texture as every device has.
+/// Maximum number of views per chunk, within the number of texture layers that every device supports.
 const CHUNK_VIEWS: usize = 128;
 
-/// How the triangle of each pixel is found.
+/// Method of finding the visible triangle of each pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Visibility {
-    /// By the rasteriser.
+    /// The hardware rasteriser.
     Raster,
-    /// By compute kernels with 64-bit atomics.
+    /// Compute kernels with 64-bit atomics.
     Compute,
 }
 
-/// What may be chosen.
+/// Options of the GPU renderer.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GpuOptions {
-    /// How visibility is found; if `None`, as suits the adapter.
+    /// Visibility method; `None` selects the one that suits the adapter.
     pub visibility: Option<Visibility>,
-    /// Anti-aliasing.
+    /// Samples per pixel, for anti-aliasing.
     pub samples: Samples,
 }
 
-/// Where the time of a call of [`Renderer::render`] went, in s.
+/// Breakdown of the time spent in a call of [`Renderer::render`], in s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Timings {
-    /// Preparing, uploading and submitting.
+    /// Preparing, uploading and submitting commands.
     pub submit_s: f64,
     /// Waiting for the device.
     pub wait_s: f64,
-    /// Copying images to where they belong.
+    /// Copying images to the output slices.
     pub readback_s: f64,
 }
 
-/// The renderer on a GPU.
+/// Renderer that runs on a GPU through Vulkan.
 pub struct GpuRenderer {
-    frame: Frame,
+    pipeline: ImagePipeline,
     readbacks: [Readback; 2],
     timings: Timings,
     visibility: Visibility,
@@ -80,22 +80,22 @@ pub struct GpuRenderer {
 }
 
 impl GpuRenderer {
-    /// Opens the first adapter of a kind that can draw.
+    /// Opens the first suitable adapter of a kind.
     ///
     /// # Errors
-    /// If there is none, or it cannot be opened.
+    /// If there is none, or if it cannot be opened.
     pub fn open(kind: AdapterKind, options: &GpuOptions) -> Result<Self, OpenRendererError> {
-        let found = adapter::find(kind, options)?;
-        let visibility = found.visibility;
-        let gpu = Gpu::open(found)?;
-        let frame = Frame::new(&gpu, kind, visibility, options);
-        // A driver that refuses a shader says so now.
+        let selected = adapter::select(kind, options)?;
+        let visibility = selected.visibility;
+        let gpu = Gpu::open(selected)?;
+        let pipeline = ImagePipeline::new(&gpu, kind, visibility, options);
+        // Shader compilation errors are reported at this point.
         gpu.check().map_err(|error| OpenRendererError::Device {
             name: gpu.name.clone(),
             message: error.to_string(),
         })?;
         Ok(Self {
-            frame,
+            pipeline,
             readbacks: Default::default(),
             timings: Timings::default(),
             visibility,
@@ -104,7 +104,7 @@ impl GpuRenderer {
         })
     }
 
-    /// Where the time of the last call went.
+    /// Returns the timings of the last call of [`Renderer::render`].
     #[must_use]
     pub fn timings(&self) -> Timings {
         self.timings
@@ -114,7 +114,7 @@ impl GpuRenderer {
         let start = Instant::now();
         let descriptor = wgpu::CommandEncoderDescriptor::default();
         let mut encoder = self.gpu.device.create_command_encoder(&descriptor);
-        let images = self.frame.encode(&self.gpu, views, &mut encoder);
+        let images = self.pipeline.encode(&self.gpu, views, &mut encoder);
         let n_bytes = views.iter().map(|view| view.out.len() as u64).sum();
         self.readbacks[chunk_idx % 2].submit(&self.gpu, encoder, images, n_bytes);
         self.timings.submit_s += start.elapsed().as_secs_f64();
@@ -176,7 +176,8 @@ const fn samples_per_axis(samples: Samples) -> u32 {
     }
 }
 
-/// The views from `from` on that are made together: at least one if there are any.
+/// Returns the range of views, starting at `from`, that form the next chunk. It is empty only if no views are
+/// left.
 fn chunk(views: &[View<'_>], from: usize) -> Range<usize> {
     let mut n_px = 0;
     let fits = |view: &&View<'_>| {
@@ -187,11 +188,11 @@ fn chunk(views: &[View<'_>], from: usize) -> Range<usize> {
     from..(from + n.max(1)).min(views.len())
 }
 
-/// The result of a future that is ready at once, as all of wgpu's are where it is not in a browser.
-fn ready<T>(future: impl Future<Output = T>) -> T {
+/// Returns the result of a future that is ready immediately, as all futures of wgpu are outside of a browser.
+fn poll_ready<T>(future: impl Future<Output = T>) -> T {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(result) => result,
-        Poll::Pending => unreachable!("wgpu answers at once"),
+        Poll::Pending => unreachable!("native wgpu futures are ready immediately"),
     }
 }
 

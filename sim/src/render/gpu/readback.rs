@@ -1,15 +1,15 @@
-//! Bringing finished images home.
+//! Asynchronous readback of rendered images.
 
 use std::sync::mpsc::{Receiver, sync_channel};
 
 use super::device::Gpu;
 use crate::render::{RenderError, View};
 
-/// A buffer that the CPU can read, used by every other chunk.
+/// A CPU-readable buffer. Two of them alternate between chunks.
 #[derive(Default)]
 pub(super) struct Readback {
     buffer: Option<wgpu::Buffer>,
-    /// What was submitted last and not collected yet.
+    /// The submission that has not been collected yet.
     pending: Option<Pending>,
 }
 
@@ -20,7 +20,8 @@ struct Pending {
 }
 
 impl Readback {
-    /// Submits commands that make `n_bytes` of images in `images`, followed by their copy.
+    /// Submits commands that render `n_bytes` of images into `images`, followed by their copy to the readback
+    /// buffer.
     pub(super) fn submit(
         &mut self,
         gpu: &Gpu,
@@ -28,34 +29,34 @@ impl Readback {
         images: &wgpu::Buffer,
         n_bytes: u64,
     ) {
-        let buffer = self.fit(gpu, n_bytes);
+        let buffer = self.reserve(gpu, n_bytes);
         encoder.copy_buffer_to_buffer(images, 0, &buffer, 0, Some(n_bytes));
         let submission = gpu.queue.submit([encoder.finish()]);
         let (sender, mapped) = sync_channel(1);
         buffer.map_async(wgpu::MapMode::Read, ..n_bytes, move |result| {
-            // Nobody listens any more once an earlier chunk has failed.
+            // The receiver is gone if an earlier chunk has failed.
             let _ = sender.send(result);
         });
         self.pending = Some(Pending { submission, mapped, n_bytes });
     }
 
-    /// Waits for the device.
+    /// Waits until the pending submission has completed.
     ///
     /// # Errors
-    /// If it fails.
+    /// If the device fails.
     pub(super) fn wait(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
         let Some(pending) = &self.pending else { return Ok(()) };
         gpu.wait(pending.submission.clone())?;
         if !matches!(pending.mapped.try_recv(), Ok(Ok(()))) {
-            gpu.fail("its images could not be read".to_owned());
+            gpu.fail("the images could not be read back".to_owned());
         }
         gpu.check()
     }
 
-    /// Copies what was waited for into the views that it was made of.
+    /// Copies the images of the completed submission into its views.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the buffer cannot be read.
     pub(super) fn collect(&mut self, gpu: &Gpu, views: &mut [View<'_>]) -> Result<(), RenderError> {
         let (Some(pending), Some(buffer)) = (self.pending.take(), &self.buffer) else { return Ok(()) };
         match buffer.get_mapped_range(..pending.n_bytes) {
@@ -73,7 +74,7 @@ impl Readback {
         gpu.check()
     }
 
-    fn fit(&mut self, gpu: &Gpu, n_bytes: u64) -> wgpu::Buffer {
+    fn reserve(&mut self, gpu: &Gpu, n_bytes: u64) -> wgpu::Buffer {
         let large_enough = self.buffer.take().filter(|buffer| buffer.size() >= n_bytes);
         let buffer = large_enough.unwrap_or_else(|| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {

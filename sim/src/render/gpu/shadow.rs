@@ -1,10 +1,10 @@
-//! The light's view of a scene in the numbers of the device: texels, and heights between 0 and 1.
+//! Light-space transform of shadow maps in device units: texels, and heights in [0, 1].
 
 use crate::render::math::affine::{Affine3, Vec3, scaled};
 use crate::render::shading::{SHADOW_HALF_DEPTH_M, SHADOW_MAP_SIDE, SHADOW_MAP_WIDTH_M, light_from_world};
 
-/// From the world to a map: texels to the right and down, and the height along the light, which is 0 at the map's lower
-/// end and 1 at its upper one.
+/// Returns the transform from the world to a shadow map: texels to the right and down, and the height along
+/// the light, which is 0 at the far end of the map's depth range and 1 at the end nearest to the light.
 pub(super) fn map_from_world(towards: Vec3, centre: Vec3) -> Affine3 {
     let Affine3 { linear, offset } = light_from_world(towards, centre);
     let per_m = SHADOW_MAP_SIDE as f32 / SHADOW_MAP_WIDTH_M;
@@ -24,13 +24,13 @@ mod tests {
     use crate::render::math::affine::normalised;
 
     #[test]
-    fn the_centre_is_in_the_middle_and_what_is_nearer_to_the_light_is_higher() {
+    fn shadow_map_is_centered_and_height_points_to_light() {
         let towards = normalised([0.3, -0.5, 1.0]);
         let centre = [-0.1, 0.0, 0.35];
         let map = map_from_world(towards, centre);
         let middle = SHADOW_MAP_SIDE as f32 / 2.0;
         for (a, b) in map.transform_point(centre).into_iter().zip([middle, middle, 0.5]) {
-            assert!((a - b).abs() < 1e-3, "{a} for {b}");
+            assert!((a - b).abs() < 1e-3, "{a}, expected {b}");
         }
         let nearer = core::array::from_fn(|i| centre[i] + towards[i]);
         let [x, y, height] = map.transform_point(nearer);

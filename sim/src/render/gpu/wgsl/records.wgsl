@@ -1,58 +1,58 @@
-// What the CPU says about views and instances: the same fields in the same order as in records.rs.
+// Records of views and instances. The fields and their order must match records.rs.
 
-// No texture, no shadow map, no triangle.
+// Sentinel for a missing texture, shadow map or triangle.
 const NONE: u32 = 0xffffffffu;
 
 // Samples per pixel along each axis: 1, or 2 with anti-aliasing.
-override ZOOM: u32 = 1u;
+override SAMPLES_PER_AXIS: u32 = 1u;
 
 struct Sun {
-    // Unit vector to the light, in the view frame.
+    // Unit vector towards the light, in the view frame.
     towards: vec4f,
-    // Linear RGB.
+    // Irradiance, linear RGB.
     color: vec4f,
 }
 
-// A camera's image or a shadow map.
+// A camera image or a shadow map.
 struct View {
     focal_px: f32,
     // Half the image's side.
     half_px: f32,
     near_m: f32,
-    // What is not nearer than this 1/z is not drawn.
+    // 1/z of the far clipping plane; samples whose 1/z does not exceed it are discarded.
     inverse_far: f32,
     side: u32,
-    // Pixels of the views before this one.
+    // Number of pixels of all preceding views of the same kind.
     first_pixel: u32,
-    // Its place among the images or among the maps.
+    // Index among the images or among the shadow maps.
     layer: u32,
     first_instance: u32,
-    // Index of the shadow map's view, or NONE.
-    map: u32,
-    spare_0: u32,
-    spare_1: u32,
-    spare_2: u32,
+    // View index of the shadow map, or NONE.
+    shadow_map: u32,
+    padding_0: u32,
+    padding_1: u32,
+    padding_2: u32,
     ambient: vec4f,
-    // The world's up, in the view frame.
+    // World up vector in the view frame.
     up: vec4f,
     suns: array<Sun, 2>,
-    // From the view frame to texels of the shadow map and the height in it.
-    map_from_view: array<vec4f, 3>,
+    // Rows of the transform from the view frame to shadow map texels and height.
+    shadow_from_view: array<vec4f, 3>,
 }
 
 struct Instance {
-    // From the mesh to the view frame, or to texels and height of a shadow map.
+    // Rows of the transform from the mesh frame to the view frame, or to shadow map texels and height.
     view_from_mesh: array<vec4f, 3>,
-    // Linear RGB; the strength of the highlight.
-    paint: vec4f,
-    // Tiles of the texture per unit of the mesh along each axis.
+    // Diffuse reflectance, linear RGB, and strength of the specular highlight.
+    color_specular: vec4f,
+    // Texture tiles per mesh unit along each axis.
     tiles: vec3f,
     // Index of the texture, or NONE.
     texture: u32,
     view: u32,
     first_triangle: u32,
     n_triangles: u32,
-    // Id of its first triangle: its index within the view in the upper twelve bits.
+    // Id of the first triangle. The upper 12 bits hold the instance's index within the view.
     first_id: u32,
 }
 
@@ -61,15 +61,17 @@ struct Vertex {
     normal: vec4f,
 }
 
-// An id is the instance's index in its view above these bits, and the triangle's index in its mesh in them.
+// Number of low bits of a triangle id that hold the triangle's index in its mesh. The bits above hold the
+// instance's index in its view.
 const TRIANGLE_BITS: u32 = 20u;
 
-fn moved(map: array<vec4f, 3>, point: vec3f) -> vec3f {
+// Applies an affine transform, given as the rows of a 3 × 4 matrix, to a point.
+fn transform_point(map: array<vec4f, 3>, point: vec3f) -> vec3f {
     let p = vec4f(point, 1.0);
     return vec3f(dot(map[0], p), dot(map[1], p), dot(map[2], p));
 }
 
-// To 1/256 pixel, ties to even.
-fn snapped(px: vec2f) -> vec2f {
+// Rounds to 1/256 px, ties to even.
+fn snap_to_grid(px: vec2f) -> vec2f {
     return round(px * 256.0) / 256.0;
 }

@@ -1,16 +1,20 @@
-// Textures: squares of texels that repeat, with their coarser levels, filtered in integers.
+// Repeating square textures with mip levels, filtered in integer arithmetic.
 
-// Texels of every texture: its levels from the finest down, rows and columns going on for eight texels behind their end.
-// Red, green and blue from the lowest byte up, each the square root of a factor.
+// Texels of all textures. Each texture stores its mip levels from the finest to the coarsest; rows and
+// columns are extended by eight repeated texels. Red, green and blue from the lowest byte up, each the square
+// root of a linear factor.
 @group(0) @binding(4) var<storage, read> texels: array<u32>;
 
+// Side of level 0 in texels.
 const TILE_SIDE: u32 = 256u;
 const LAST_LEVEL: u32 = 8u;
+// Repeated texels at the end of each row and column.
 const APRON: u32 = 8u;
-// Words of one texture: the sum over levels of (side + 8)².
+// Words per texture: the sum of (side + 8)² over all levels.
 const TILE_WORDS: u32 = 96133u;
 
-// Words before a level: the sum over the finer sides s of s² + 16 s + 64, which are powers of two.
+// Returns the number of words before a level: the sum of s² + 16 s + 64 over the sides s of all finer levels,
+// which are powers of two.
 fn level_offset(level: u32) -> u32 {
     let side = TILE_SIDE >> level;
     return (TILE_SIDE * TILE_SIDE - side * side) * 4u / 3u
@@ -18,10 +22,11 @@ fn level_offset(level: u32) -> u32 {
         + APRON * APRON * level;
 }
 
-// Factors of red, green and blue at uv, in tiles, over a pixel whose longer side spans √footprint texels.
-fn factor(texture: u32, uv: vec2f, footprint: f32) -> vec3f {
-    let held = clamp(footprint, 1.0, f32(TILE_SIDE * TILE_SIDE) * 0.999);
-    let level = (bitcast<u32>(held) - bitcast<u32>(1.0)) >> 16u;
+// Samples a texture at uv, in tiles, for a pixel whose longer side spans √footprint texels. Returns linear
+// RGB factors.
+fn sample_texture(texture: u32, uv: vec2f, footprint: f32) -> vec3f {
+    let clamped = clamp(footprint, 1.0, f32(TILE_SIDE * TILE_SIDE) * 0.999);
+    let level = (bitcast<u32>(clamped) - bitcast<u32>(1.0)) >> 16u;
     let base = level >> 8u;
     let blend = u32(clamp((i32(level & 255u) - 96) * 4, 0, 256));
     let at = vec2i(round(uv * f32((TILE_SIDE >> base) * 256u)));
@@ -33,21 +38,21 @@ fn factor(texture: u32, uv: vec2f, footprint: f32) -> vec3f {
     return root * root;
 }
 
-// The four texels around a point in 1/256 texel of a level, weighed: in [0, 65280].
+// Bilinear interpolation at a point given in 1/256 texel of a level. Results are in [0, 65280].
 fn bilinear(texture: u32, level: u32, point: vec2i) -> vec3u {
     let side = TILE_SIDE >> level;
-    // Half a texel from the corner of a texel to its middle.
+    // Texel centres are half a texel from the corner.
     let at = bitcast<vec2u>(point - 128);
     let left_upper = (at >> vec2u(8u)) & vec2u(side - 1u);
     let fraction = at & vec2u(255u);
-    let corner = (fraction.x * fraction.y) >> 8u;
+    let weight_11 = (fraction.x * fraction.y) >> 8u;
     let pitch = side + APRON;
     let upper = texture * TILE_WORDS + level_offset(level) + left_upper.y * pitch + left_upper.x;
     let lower = upper + pitch;
-    return channels(texels[upper]) * (256u + corner - fraction.x - fraction.y)
-        + channels(texels[upper + 1u]) * (fraction.x - corner)
-        + channels(texels[lower]) * (fraction.y - corner)
-        + channels(texels[lower + 1u]) * corner;
+    return channels(texels[upper]) * (256u + weight_11 - fraction.x - fraction.y)
+        + channels(texels[upper + 1u]) * (fraction.x - weight_11)
+        + channels(texels[lower]) * (fraction.y - weight_11)
+        + channels(texels[lower + 1u]) * weight_11;
 }
 
 fn channels(texel: u32) -> vec3u {

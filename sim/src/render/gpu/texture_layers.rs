@@ -1,34 +1,35 @@
-//! Textures with one layer per view.
+//! Array textures with one layer per view.
 
 use super::device::Gpu;
 
-/// Layers by which a texture grows.
-const STEP: u32 = 16;
+/// Granularity at which the number of layers grows.
+const LAYER_STEP: u32 = 16;
 
-/// Square layers; exchanged for more or larger ones when they are too few or too small. All views begin at the left upper
-/// pixel of their layer, so that how a rasteriser rounds does not depend on which layer that is.
-pub(super) struct Layers {
+/// A growable array texture with square layers. Every view starts at the top left pixel of its layer, so that
+/// the rounding of the rasteriser does not depend on the layer.
+pub(super) struct TextureLayers {
     format: wgpu::TextureFormat,
     side: u32,
-    /// All of them.
+    /// View of all layers.
     pub(super) all: wgpu::TextureView,
-    /// Each of them.
+    /// One view per layer.
     pub(super) each: Vec<wgpu::TextureView>,
 }
 
-impl Layers {
-    /// Some small ones.
+impl TextureLayers {
+    /// Creates a minimal texture.
     pub(super) fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
         Self::with(gpu, format, 8, 1)
     }
 
-    /// Makes room for `n` views of up to `side` pixels; whether that took another texture.
-    pub(super) fn fit(&mut self, gpu: &Gpu, side: u32, n: u32) -> bool {
+    /// Reserves space for `n` views of up to `side` × `side` px. Returns `true` if the texture was
+    /// reallocated.
+    pub(super) fn reserve(&mut self, gpu: &Gpu, side: u32, n: u32) -> bool {
         let n_layers = self.each.len() as u32;
         if side <= self.side && n <= n_layers {
             return false;
         }
-        let n_layers = if n <= n_layers { n_layers } else { n.next_multiple_of(STEP) };
+        let n_layers = if n <= n_layers { n_layers } else { n.next_multiple_of(LAYER_STEP) };
         *self = Self::with(gpu, self.format, side.max(self.side), n_layers);
         true
     }
