@@ -13,7 +13,7 @@ use crate::scene::Snapshot;
 /// Everything about a scene that does not change within an episode.
 #[derive(Clone, Debug)]
 pub struct ExportedScene {
-    /// Rigid objects.
+    /// Rigid objects of the scene, the static ones first.
     pub instances: Vec<ExportedInstance>,
     /// Cameras, in the order of the observation's images.
     pub cameras: Vec<ExportedCamera>,

@@ -55,7 +55,7 @@ pub(super) struct ViewRecord {
     pub(super) ambient: [f32; 4],
     /// World up vector in the view frame.
     pub(super) up: [f32; 4],
-    /// Directional lights.
+    /// Directional lights; unused ones are black.
     pub(super) suns: [SunRecord; 2],
     /// Rows of the transform from the view frame to shadow map texels and height.
     pub(super) shadow_from_view: [[f32; 4]; 3],

@@ -24,7 +24,7 @@ mod tests {
     use crate::render::math::affine::normalised;
 
     #[test]
-    fn shadow_map_is_centered_and_height_points_to_light() {
+    fn shadow_map_is_centered_and_height_faces_light() {
         let towards = normalised([0.3, -0.5, 1.0]);
         let centre = [-0.1, 0.0, 0.35];
         let map = map_from_world(towards, centre);
