@@ -49,7 +49,8 @@ fn nominal() -> SceneSpec {
         RegionSpec { widened, ..pan_region },
     ];
     let bodies = vec![pan(2).with_yaw(Range::fixed(FRAC_PI_2)), fruit::apple(1, SINGLE_TABLE_Z), stove(0)];
-    let cameras = ExternalCameras { external1: [[0.35, -0.3, 0.4], [0.0; 3]], external2: [[0.35, 0.3, 0.4], [0.0; 3]] };
+    let cameras =
+        ExternalCameras { external1: [[0.35, -0.3, 0.4], [0.0; 3]], external2: [[0.35, 0.3, 0.4], [0.0; 3]] };
     single_arm(QPOS, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
@@ -75,9 +76,9 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
         let radius = PAN.radii[1] * scene.bodies[pan].scale;
         [inside(pan, centre, stove, above), over_pan(centre, radius, [0.0, INF])]
     };
-    let still = |body| Predicate::AtRest { body, max_linear: 0.1, max_angular: 1.0 };
+    let at_rest = |body| Predicate::AtRest { body, max_linear: 0.1, max_angular: 1.0 };
     let released = |body| Predicate::Released { body };
-    vec![on_stove, in_pan, still(pan), still(apple), released(pan), released(apple)]
+    vec![on_stove, in_pan, at_rest(pan), at_rest(apple), released(pan), released(apple)]
 }
 
 /// Grasp position at the pan's handle in the pan's frame, in m at scale 1.
@@ -96,7 +97,8 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let [pan, apple, stove] = ["pan", "apple", "stove"].map(|name| scene.body(name));
     let pan_point = |point: [f64; 3]| (pan.pose * (Point3::from(point) * pan.scale)).coords;
     let [x, y] = BURNERS[0];
-    let burner = (stove.pose * (Point3::new(x, y, STOVE[1][2]) * stove.scale)).coords + Vector3::z() * RELEASE_HEIGHT;
+    let burner =
+        (stove.pose * (Point3::new(x, y, STOVE[1][2]) * stove.scale)).coords + Vector3::z() * RELEASE_HEIGHT;
     let rest_offset = Vector3::z() * (PAN.thickness * pan.scale + fruit::RADIUS * apple.scale);
     let up = Vector3::z() * (fruit::RADIUS * APPLE_GRASP * apple.scale);
     let apple_at = apple.pose.translation.vector;

@@ -30,8 +30,8 @@ const QPOS: [[f64; 7]; 2] = [
     [-0.8511, 1.7568, 1.5550, -1.4205, -0.2424, 2.1531, -0.8935],
     [1.0996, -0.9656, 0.2030, -2.2706, -2.0752, 3.4606, -0.1640],
 ];
-/// Centre of the bottle's base in its frame, in m. The origin is where it is because the benchmark grasps the
-/// bottle relative to it.
+/// Centre of the bottle's base in its frame, in m. The origin is off-centre because the benchmark grasps the
+/// bottle at this offset from its origin.
 const FOOT: [f64; 3] = [-0.05, 0.02, -0.09];
 
 fn nominal() -> SceneSpec {
@@ -41,7 +41,8 @@ fn nominal() -> SceneSpec {
         ..movable("bottle", props::bottle_parts(FOOT), 0, BIMANUAL_TABLE_Z)
     };
     let target = [-0.2, 0.0, 1.03];
-    let cameras = ExternalCameras { external1: [[0.75, 0.0, 1.33], target], external2: [[-0.5, 0.0, 1.33], target] };
+    let cameras =
+        ExternalCameras { external1: [[0.75, 0.0, 1.33], target], external2: [[-0.5, 0.0, 1.33], target] };
     let beside_first_arm = region("bottle", Range::new(0.2, 0.4), Range::new(-0.3, -0.1));
     bimanual(QPOS, 0.0, &cameras, vec![beside_first_arm], vec![bottle], TASK.instruction)
 }

@@ -54,13 +54,16 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let upright = [Vector3::x(), Vector3::y()]
         .map(|preferred| grasp::top_down(scene.body("cube"), &preferred, &closing));
     let leaning = |leans: &'static [f64]| {
-        upright.iter().flat_map(|tcp| leans.iter().map(|lean| grasp::tilted_toward_base(scene, 0, tcp, *lean)))
+        upright
+            .iter()
+            .flat_map(|tcp| leans.iter().map(|lean| grasp::tilted_toward_base(scene, 0, tcp, *lean)))
     };
     let signs = [0, 1].map(|arm| nearer_sign(scene, arm));
     let near: Vec<Isometry3<f64>> = leaning(&LEANS).collect();
     let first = grasp::first_reachable(scene, 0, &near, |tcp| waypoints(tcp, signs[0]));
-    let others =
-        leaning(&LEANS).chain(leaning(&FAR_LEANS)).flat_map(|tcp| [signs[0], -signs[0]].map(|sign| (tcp, sign)));
+    let others = leaning(&LEANS)
+        .chain(leaning(&FAR_LEANS))
+        .flat_map(|tcp| [signs[0], -signs[0]].map(|sign| (tcp, sign)));
     let grips = core::iter::once((first, signs[0])).chain(others);
     first_feasible(scene, TASK.max_steps, grips.map(|(tcp, sign)| handover(&tcp, [sign, signs[1]])))
 }

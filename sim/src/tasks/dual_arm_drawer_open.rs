@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 use nalgebra::Isometry3;
 
 use super::common::bimanual;
-use super::common::drawer_unit::{DRAWERS, CAMERAS, DrawerPull, TRAVEL, bodies, placement_region};
+use super::common::drawer_unit::{CAMERAS, DRAWERS, DrawerPull, TRAVEL, bodies, placement_region};
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -39,7 +39,9 @@ fn nominal() -> SceneSpec {
 /// Requires both drawers to be open by a fifth of their travel. The released code measures the second drawer
 /// against the limits of the middle one; here all drawers have the same limits, so the profiles agree.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
-    PULLED_DRAWERS.map(|name| Predicate::Opened { body: scene.body_idx(name), min_position: 0.2 * TRAVEL }).into()
+    PULLED_DRAWERS
+        .map(|name| Predicate::Opened { body: scene.body_idx(name), min_position: 0.2 * TRAVEL })
+        .into()
 }
 
 /// Distance by which the drawers are pulled in m, short of their stops.
@@ -50,7 +52,9 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let drawer = scene.body(PULLED_DRAWERS[arm]);
         DrawerPull::new(scene, arm, drawer, PULL_DISTANCE, &grasp::start_closing(scene, arm))
     });
-    let to = |waypoint: fn(&DrawerPull) -> Isometry3<f64>| Move::Straight(both_arms(pulls.each_ref().map(waypoint)));
+    let to = |waypoint: fn(&DrawerPull) -> Isometry3<f64>| {
+        Move::Straight(both_arms(pulls.each_ref().map(waypoint)))
+    };
     vec![
         // The benchmark moves in joint space here. Straight lines are used because a joint-space motion may
         // end where no straight path leads to the bar.

@@ -1,10 +1,10 @@
-//! DualArmDrawerPlace: one arm opens a drawer and the other puts a cube release it. See docs/benchmark.md,
+//! DualArmDrawerPlace: one arm opens a drawer and the other puts a cube into it. See docs/benchmark.md,
 //! "Tasks".
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::common::drawer_unit::{CARCASS, DRAWERS, CAMERAS, DrawerPull, bodies, placement_region};
+use super::common::drawer_unit::{CAMERAS, CARCASS, DRAWERS, DrawerPull, bodies, placement_region};
 use super::common::{self, BIMANUAL_TABLE_Z, BLUE, bimanual, region};
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
@@ -29,10 +29,8 @@ pub(super) const TASK: Task = Task {
 const HALF: f64 = 0.02;
 /// Initial joint positions in rad: the first hand above the table, the second in front of the unit. The
 /// second arm's last joint starts at its limit.
-const QPOS: [[f64; 7]; 2] = [
-    [1.326, -0.15, -0.305, -2.887, -0.115, 2.742, 0.345],
-    [1.373, -0.569, -0.1, -2.768, 1.35, 1.358, 3.281],
-];
+const QPOS: [[f64; 7]; 2] =
+    [[1.326, -0.15, -0.305, -2.887, -0.115, 2.742, 0.345], [1.373, -0.569, -0.1, -2.768, 1.35, 1.358, 3.281]];
 /// Drawer that the second arm opens.
 const OPENED_DRAWER: &str = DRAWERS[1];
 
@@ -41,9 +39,9 @@ fn nominal() -> SceneSpec {
         scaled_by: ScaledBy::Nothing("the released code leaves it as it is"),
         ..common::cube("cube", HALF, BLUE, 1, BIMANUAL_TABLE_Z)
     };
-    let beside = region("cube", Range::new(-0.2, -0.1), Range::new(-0.1415, -0.1405));
+    let cube_region = region("cube", Range::new(-0.2, -0.1), Range::new(-0.1415, -0.1405));
     let bodies = bodies().into_iter().chain([cube]).collect();
-    bimanual(QPOS, 0.0, &CAMERAS, vec![placement_region(), beside], bodies, TASK.instruction)
+    bimanual(QPOS, 0.0, &CAMERAS, vec![placement_region(), cube_region], bodies, TASK.instruction)
 }
 
 /// Requires the cube to be above the table and within 0.25 m of the unit's centre. The released code takes
@@ -62,7 +60,7 @@ const PULL_DISTANCE: f64 = 0.2;
 /// Position at which the cube is released in the carcass's frame, in m: above the side of the open drawer
 /// that is nearer to its arm.
 const RELEASE: [f64; 3] = [-0.2, -0.08, 0.1];
-/// Position at which the cube waits until the drawer is open in the carcass's frame, in m: farther out.
+/// Position farther out, in the same frame, at which the cube waits until the drawer is open, in m.
 const WAITING: [f64; 3] = [-0.3, -0.3, 0.1];
 /// Candidate lean angles of the hand above the drawer, in rad.
 const LEANS: [f64; 5] = [0.6, 0.8, 1.0, 0.4, 0.2];
@@ -84,7 +82,8 @@ fn expert(scene: &Scene) -> Vec<Move> {
     };
     let [above, at, waiting, release] = waypoints(&grasp::first_reachable(scene, 0, &candidates, waypoints));
     // The opposite of the initial closing direction, at which the last joint is at its limit.
-    let pull = DrawerPull::new(scene, 1, scene.body(OPENED_DRAWER), PULL_DISTANCE, &-grasp::start_closing(scene, 1));
+    let pull =
+        DrawerPull::new(scene, 1, scene.body(OPENED_DRAWER), PULL_DISTANCE, &-grasp::start_closing(scene, 1));
     vec![
         Move::Straight(both_arms([above, pull.pre_grasp])),
         Move::straight(0, at),

@@ -32,7 +32,10 @@ const MIN_GAP: f64 = -0.07;
 fn nominal() -> SceneSpec {
     let regions = vec![
         region("cap", Range::new(-0.4, -0.1), Range::new(-0.4, -0.1)),
-        RegionSpec { min_gap_m: Some(MIN_GAP), ..region("pen", Range::new(-0.1, 0.2), Range::new(-0.1, 0.2)) },
+        RegionSpec {
+            min_gap_m: Some(MIN_GAP),
+            ..region("pen", Range::new(-0.1, 0.2), Range::new(-0.1, 0.2))
+        },
     ];
     let cameras = ExternalCameras {
         external1: [[0.75, 0.0, 1.33], [-0.2, 0.0, 1.03]],
@@ -85,7 +88,8 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let down = |position: &Point3<f64>| {
             grasp::pose(&position.coords, &-Vector3::z(), &grasp::closest_closing(Vector3::x(), &closing))
         };
-        let leaning = |tcp: Isometry3<f64>| LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &tcp, lean));
+        let leaning =
+            |tcp: Isometry3<f64>| LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &tcp, lean));
         positions.iter().map(down).flat_map(leaning).collect()
     };
     let cap_stations = |tcp: &Isometry3<f64>| waypoints(tcp, opening, MEETING - Vector3::y() * STANDOFF);

@@ -6,7 +6,7 @@ use core::f64::consts::PI;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, widened_by_half, fruit, pot, region, tray};
+use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, fruit, pot, region, tray, widened_by_half};
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
@@ -59,12 +59,8 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
     let [x, y] = [0.12, 0.2].map(|half| half * scale(tray));
     let point = [0.0, 0.0, fruit::RADIUS * scene.bodies[tomato].scale];
-    let within = |of, min, max| Predicate::Inside {
-        body: tomato,
-        point,
-        of,
-        region: Region::Box { min, max },
-    };
+    let within =
+        |of, min, max| Predicate::Inside { body: tomato, point, of, region: Region::Box { min, max } };
     vec![within(Some(tray), [-x, -y, -INF], [x, y, INF]), within(None, [-INF, -INF, 0.83], [INF, INF, 0.9])]
 }
 

@@ -5,7 +5,9 @@ use core::f64::consts::FRAC_PI_6;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, ExternalCameras, bimanual, box_part, goal_marker, movable, region, rgb};
+use super::common::{
+    BIMANUAL_TABLE_Z, ExternalCameras, bimanual, box_part, goal_marker, movable, region, rgb,
+};
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -42,7 +44,8 @@ fn nominal() -> SceneSpec {
     .with_yaw(Range::symmetric(FRAC_PI_6));
     let [hx, hy, _] = HALF;
     let (patch, half_height) = (Primitive::Box { half: [hx, hy, 5e-4] }, 5e-4);
-    let patch = goal_marker(1, vec![PartSpec::at(patch, [0.0, 0.0, half_height], AppearanceSpec::plain(RED))]);
+    let patch =
+        goal_marker(1, vec![PartSpec::at(patch, [0.0, 0.0, half_height], AppearanceSpec::plain(RED))]);
     let regions = vec![
         region("box", Range::new(-0.2, 0.0), Range::symmetric(0.1)),
         region("goal", Range::fixed(-0.4), Range::fixed(0.0)).not_widened(),
@@ -87,9 +90,14 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let closing = grasp::closest_closing(face, &grasp::start_closing(scene, arm));
         let candidates: Vec<_> = LEANS
             .iter()
-            .flat_map(|lean| LATERAL_OFFSETS.map(|offset| (offset * [-1.0, 1.0][arm] * target_box.scale, *lean)))
+            .flat_map(|lean| {
+                LATERAL_OFFSETS.map(|offset| (offset * [-1.0, 1.0][arm] * target_box.scale, *lean))
+            })
             .map(|(offset, lean)| {
-                let position = centre + face * (hx + FINGER_HALF_THICKNESS) + side * offset + Vector3::z() * (TCP_HEIGHT - hz);
+                let position = centre
+                    + face * (hx + FINGER_HALF_THICKNESS)
+                    + side * offset
+                    + Vector3::z() * (TCP_HEIGHT - hz);
                 grasp::tilted_toward_base(scene, arm, &grasp::pose(&position, &-Vector3::z(), &closing), lean)
             })
             .collect();

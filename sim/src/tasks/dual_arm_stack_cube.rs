@@ -3,8 +3,8 @@
 
 use ipc_types::Morphology;
 
-use super::common::{QPOS_B, bimanual, goal_disc, region};
 use super::common::stacking;
+use super::common::{QPOS_B, bimanual, goal_disc, region};
 use crate::expert::Move;
 use crate::predicate::Predicate;
 use crate::profile::Profile;

@@ -2,8 +2,8 @@
 
 use ipc_types::Morphology;
 
-use super::common::{QPOS_B, bimanual, goal_disc, region};
 use super::common::stacking::{self, CubeTransfer};
+use super::common::{QPOS_B, bimanual, goal_disc, region};
 use crate::expert::{Move, TcpGoal};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -33,7 +33,10 @@ fn nominal() -> SceneSpec {
         region("red cube", Range::new(0.0, 0.2), near_first_arm),
         region("green cube", Range::new(0.1, 0.2), Range::new(0.1, 0.2)),
         // The released code lets the blue cube overlap the red one.
-        RegionSpec { min_gap_m: Some(FINGER_CLEARANCE), ..region("blue cube", Range::new(-0.2, 0.0), near_first_arm) },
+        RegionSpec {
+            min_gap_m: Some(FINGER_CLEARANCE),
+            ..region("blue cube", Range::new(-0.2, 0.0), near_first_arm)
+        },
         region("goal", Range::symmetric(0.05), Range::fixed(0.0)).not_widened(),
     ];
     let colors = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];

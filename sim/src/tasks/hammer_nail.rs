@@ -6,11 +6,13 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
 use super::common::tools::{self, HAMMER_FACE, NAIL_HALF_LENGTH, NAIL_HEAD_RADIUS};
-use super::common::{ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, box_part, fixed, region, single_arm};
+use super::common::{
+    ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, fixed, region, single_arm,
+};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, AppearanceSpec, Range, Scene, SceneSpec};
+use crate::scene::{AppearanceSpec, BodySpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -37,7 +39,11 @@ fn nominal() -> SceneSpec {
     let [half_x, half_y, half_z] = BLOCK_HALF;
     let slab = |x: [f64; 2], z: [f64; 2]| {
         let half = [(x[1] - x[0]) / 2.0, half_y, (z[1] - z[0]) / 2.0];
-        box_part(half, [(x[0] + x[1]) / 2.0, 0.0, (z[0] + z[1]) / 2.0], AppearanceSpec::plain([0.6, 0.4, 0.2]))
+        box_part(
+            half,
+            [(x[0] + x[1]) / 2.0, 0.0, (z[0] + z[1]) / 2.0],
+            AppearanceSpec::plain([0.6, 0.4, 0.2]),
+        )
     };
     let hole_z = [HOLE_Z - HOLE_HALF_WIDTH, HOLE_Z + HOLE_HALF_WIDTH];
     let slabs = vec![
@@ -55,7 +61,8 @@ fn nominal() -> SceneSpec {
         region("nail", Range::fixed(0.15), Range::new(0.108, 0.113)).not_widened(),
     ];
     let target = [-0.1, 0.1, 0.0];
-    let cameras = ExternalCameras { external1: [[0.5, 0.5, 0.3], target], external2: [[0.75, 0.0, 0.5], target] };
+    let cameras =
+        ExternalCameras { external1: [[0.5, 0.5, 0.3], target], external2: [[0.75, 0.0, 0.5], target] };
     let mut scene = single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction);
     for camera in &mut scene.cameras[..2] {
         (camera.fov_y_rad, camera.clip_m[1]) = (FRAC_PI_3, 10.0);
@@ -83,7 +90,8 @@ const FOLLOW_THROUGH: f64 = 0.010;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (hammer, nail) = (scene.body("hammer"), scene.body("nail"));
-    let closing = grasp::closest_closing(hammer.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
+    let closing =
+        grasp::closest_closing(hammer.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
     let position = hammer.pose * Point3::new(GRASP_X * hammer.scale, 0.0, 0.0);
     let tcp = grasp::pose(&position.coords, &-Vector3::z(), &closing);
     let height = nail.pose.translation.z + CARRY_HEIGHT - tcp.translation.z;

@@ -5,7 +5,9 @@ use core::f64::consts::FRAC_PI_2;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::common::{ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, movable, region, rgb, single_arm};
+use super::common::{
+    ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, movable, region, rgb, single_arm,
+};
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
@@ -39,7 +41,8 @@ fn nominal() -> SceneSpec {
     let peg = movable("peg", vec![half(-1.0, [176, 14, 14]), half(1.0, [12, 42, 160])], 0, SINGLE_TABLE_Z)
         .with_orientation(UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2));
     let target = [-0.1, 0.0, 0.1];
-    let cameras = ExternalCameras { external1: [[0.3, 0.0, 0.6], target], external2: [[0.0, 0.3, 0.5], target] };
+    let cameras =
+        ExternalCameras { external1: [[0.3, 0.0, 0.6], target], external2: [[0.0, 0.3, 0.5], target] };
     let around_origin = region("peg", Range::symmetric(0.1), Range::symmetric(0.1));
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, vec![around_origin], vec![peg], TASK.instruction)
 }
@@ -86,7 +89,8 @@ fn stand_up(scene: &Scene, lean: f64) -> Vec<Move> {
     let closing = grasp::start_closing(scene, 0);
     // Grasp the end that is farther from the robot, so that the hand swings up and away from its base.
     let grasp_offset = GRASP_OFFSET * peg.scale;
-    let upright = grasp::translated(&grasp::top_down(peg, &closing, &closing), &(Vector3::x() * grasp_offset));
+    let upright =
+        grasp::translated(&grasp::top_down(peg, &closing, &closing), &(Vector3::x() * grasp_offset));
     let tcp = grasp::tilted_toward_base(scene, 0, &upright, lean);
     let standing = |above_m: f64, angle: f64| -> Isometry3<f64> {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -angle);

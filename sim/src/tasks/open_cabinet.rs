@@ -31,18 +31,15 @@ const QPOS: [f64; 7] = [-2.5733, -0.6890, 1.9453, -2.5164, -2.7048, 1.5930, 1.52
 
 fn nominal() -> SceneSpec {
     let target = [0.0, 0.0, 0.35];
-    let cameras = ExternalCameras { external1: [[-0.4, -0.5, 0.6], target], external2: [[-0.2, -0.15, 0.8], target] };
+    let cameras =
+        ExternalCameras { external1: [[-0.4, -0.5, 0.6], target], external2: [[-0.2, -0.15, 0.8], target] };
     let placement = region("cabinet", Range::fixed(0.2), Range::fixed(0.0));
     let bodies = drawer_over_door(Range::fixed(0.0));
     let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![placement], bodies, TASK.instruction);
     spec.table.kind = TableKind::SingleArmTurned;
     // In front of the cabinet, clear of the door and of the arm's base.
-    spec.distractors = DistractorsSpec {
-        n: 1,
-        x: Range::new(-0.25, -0.15),
-        y: Range::symmetric(0.05),
-        ..spec.distractors
-    };
+    spec.distractors =
+        DistractorsSpec { n: 1, x: Range::new(-0.25, -0.15), y: Range::symmetric(0.05), ..spec.distractors };
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI / 12.0);
     spec.robots[0].base = Isometry3::from_parts(Translation3::new(-0.615, 0.15, 0.0), turn);
     spec

@@ -31,7 +31,8 @@ const QPOS: [f64; 7] = [-0.1360, -1.2611, 0.2409, -2.9000, 2.5729, 3.0260, 0.029
 fn nominal() -> SceneSpec {
     let bodies = drawer_over_door(Range::new(0.0, FRAC_PI_8));
     let target = [-0.2, 0.0, 0.5];
-    let cameras = ExternalCameras { external1: [[-0.3, 0.4, 0.8], target], external2: [[-0.4, -0.4, 0.8], target] };
+    let cameras =
+        ExternalCameras { external1: [[-0.3, 0.4, 0.8], target], external2: [[-0.4, -0.4, 0.8], target] };
     let placement = region("cabinet", Range::new(0.15, 0.25), Range::symmetric(0.05));
     let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![placement], bodies, TASK.instruction);
     spec.table.kind = TableKind::SingleArmTurned;

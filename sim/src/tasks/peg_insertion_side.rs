@@ -6,7 +6,9 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::common::hole::Hole;
-use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, box_part, movable, region, rgb, single_arm};
+use super::common::{
+    self, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region, rgb, single_arm,
+};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
@@ -58,7 +60,8 @@ fn nominal() -> SceneSpec {
         RegionSpec { min_gap_m: Some(0.0), ..region("box", Range::symmetric(0.05), Range::new(0.2, 0.4)) },
     ];
     let centre = [0.0, 0.0, 0.1];
-    let cameras = ExternalCameras { external1: [[0.35, -0.4, 0.3], centre], external2: [[-0.2, 0.0, 0.3], centre] };
+    let cameras =
+        ExternalCameras { external1: [[0.35, -0.4, 0.3], centre], external2: [[-0.2, 0.0, 0.3], centre] };
     let scene = single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction);
     SceneSpec { sizes: Some(SIZES), ..scene }
 }

@@ -41,7 +41,8 @@ fn nominal() -> SceneSpec {
         ..region("rack", Range::fixed(-0.1), Range::new(0.15, 0.25)).not_widened()
     };
     let target = [0.0, 0.0, 0.05];
-    let cameras = ExternalCameras { external1: [[0.3, -0.25, 0.35], target], external2: [[-0.2, -0.15, 0.5], target] };
+    let cameras =
+        ExternalCameras { external1: [[0.3, -0.25, 0.35], target], external2: [[-0.2, -0.15, 0.5], target] };
     let bodies = vec![plate, dish::rack(0, DIVIDERS_Y)];
     single_arm(dish::QPOS, 0.0, &cameras, vec![beside], bodies, TASK.instruction)
 }

@@ -4,13 +4,16 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, props, region, rgb, single_arm};
+use super::common::{
+    ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, props, region, rgb, single_arm,
+};
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
 use crate::robot::control;
 use crate::scene::{
-    BodySpec, AppearanceSpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec, Texture,
+    AppearanceSpec, BodySpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec,
+    Texture,
 };
 use crate::task::{Category, Task};
 

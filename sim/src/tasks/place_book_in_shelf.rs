@@ -8,7 +8,10 @@ use super::common::{ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, r
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{BodySpec, AppearanceSpec, PlacementSpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, WidenedRanges};
+use crate::scene::{
+    AppearanceSpec, BodySpec, PlacementSpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec,
+    WidenedRanges,
+};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -43,7 +46,12 @@ fn nominal() -> SceneSpec {
     let book = BodySpec {
         visuals: props::book(BOOK_HALF, BOOK_CENTRE, BLUE),
         scaled_by: ScaledBy::Nothing("the benchmark keeps its size"),
-        ..movable("book", vec![box_part(BOOK_HALF, BOOK_CENTRE, AppearanceSpec::plain(BLUE))], 0, SINGLE_TABLE_Z)
+        ..movable(
+            "book",
+            vec![box_part(BOOK_HALF, BOOK_CENTRE, AppearanceSpec::plain(BLUE))],
+            0,
+            SINGLE_TABLE_Z,
+        )
     };
     let shelf = fixed("shelf", BOOKCASE.parts(), 1, SINGLE_TABLE_Z, "the benchmark keeps its size");
     let rows = [BOOKCASE.row(0, BOOK_HALF[0], 0), BOOKCASE.row(1, BOOK_HALF[0], 3)].concat();
@@ -56,8 +64,7 @@ fn nominal() -> SceneSpec {
     let shelf_region = region("shelf", Range::new(0.0, 0.1), y);
     // The bookcase is behind the book's region, so its region moves away when that is widened.
     let widened = shelf_region.widened.map(|widened| WidenedRanges { x: Range::new(0.05, 0.15), ..widened });
-    let regions =
-        vec![region("book", Range::new(-0.2, -0.1), y), RegionSpec { widened, ..shelf_region }];
+    let regions = vec![region("book", Range::new(-0.2, -0.1), y), RegionSpec { widened, ..shelf_region }];
     let eye = |y| [[-0.5, y, 0.5], [-0.3, -0.3, 0.1]];
     let cameras = ExternalCameras { external1: eye(-0.1), external2: eye(-0.5) };
     single_arm(QPOS, 0.0, &cameras, regions, vec![book, shelf, others], TASK.instruction)
@@ -97,7 +104,10 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let within = grasp::translated(&down, &(Vector3::z() * CLEARANCE));
     vec![
         // Approach from above: a hand coming from the side would knock the book over.
-        Move::Joint(vec![TcpGoal { arm: 0, tcp: grasp::translated(&pre_grasp, &(Vector3::z() * APPROACH_HEIGHT)) }]),
+        Move::Joint(vec![TcpGoal {
+            arm: 0,
+            tcp: grasp::translated(&pre_grasp, &(Vector3::z() * APPROACH_HEIGHT)),
+        }]),
         Move::straight(0, pre_grasp),
         Move::straight(0, at),
         Move::close(&[0], 6),

@@ -41,7 +41,8 @@ fn nominal() -> SceneSpec {
     };
     let bodies = chest_of_drawers().into_iter().chain([cube]).collect();
     let target = [-0.1, 0.0, 0.1];
-    let cameras = ExternalCameras { external1: [[0.3, 0.1, 0.6], target], external2: [[-0.2, 0.0, 0.8], target] };
+    let cameras =
+        ExternalCameras { external1: [[0.3, 0.1, 0.6], target], external2: [[-0.2, 0.0, 0.8], target] };
     let regions = vec![
         region("cabinet", Range::symmetric(0.1), Range::new(-0.6, -0.4)),
         region("cube", Range::symmetric(0.1), Range::new(0.4, 0.6)),
@@ -89,7 +90,8 @@ const HANDLE_LEANS: [f64; 4] = [0.0, 0.3, 0.6, 0.9];
 fn expert(scene: &Scene) -> Vec<Move> {
     let (cube, drawer) = (scene.body("cube"), scene.body("drawer").pose);
     let out = drawer.rotation * Vector3::x();
-    let into = drawer.translation.vector + out * (PULL_DISTANCE - BEHIND_HANDLE) - cube.pose.translation.vector;
+    let into =
+        drawer.translation.vector + out * (PULL_DISTANCE - BEHIND_HANDLE) - cube.pose.translation.vector;
     let waypoints = |tcp: &Isometry3<f64>| {
         let [carried, release] = OVER_HANDLE.map(|z| grasp::translated(tcp, &(into + Vector3::z() * z)));
         // Farther away than in the benchmark: the joint-space path there sags and must pass over the cube.

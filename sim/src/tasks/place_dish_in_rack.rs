@@ -36,7 +36,8 @@ fn nominal() -> SceneSpec {
         region("rack", Range::new(-0.15, -0.05), Range::new(0.05, 0.15)).not_widened(),
     ];
     let target = [0.0, 0.0, 0.05];
-    let cameras = ExternalCameras { external1: [[0.2, -0.15, 0.5], target], external2: [[0.1, 0.5, 0.4], target] };
+    let cameras =
+        ExternalCameras { external1: [[0.2, -0.15, 0.5], target], external2: [[0.1, 0.5, 0.4], target] };
     let bodies = vec![plate.with_yaw(Range::new(0.0, TAU)), dish::rack(1, DIVIDERS_Y)];
     single_arm(dish::QPOS, 0.0, &cameras, regions, bodies, TASK.instruction)
 }
@@ -103,8 +104,10 @@ fn expert(scene: &Scene) -> Vec<Move> {
     };
     let candidates = dish::rim_grasps(plate, azimuth, &grasp::start_closing(scene, 0));
     let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
-    let [above, at, raised, transported, over, release, retreat] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
-    let narrow = Move::Grip { arms: vec![0], command: control::gripper_command(HALF_OPENING) as f32, steps: 1 };
+    let [above, at, raised, transported, over, release, retreat] =
+        waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
+    let narrow =
+        Move::Grip { arms: vec![0], command: control::gripper_command(HALF_OPENING) as f32, steps: 1 };
     let close = Move::close(&[0], 4);
     vec![narrow, above, at, close, raised, transported, over, release, Move::open(&[0], 6), retreat]
 }

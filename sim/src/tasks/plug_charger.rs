@@ -7,11 +7,14 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::common::hole::Hole;
-use super::common::{self, BLUE, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, box_part, movable, region, rgb, single_arm};
+use super::common::{
+    self, BLUE, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region, rgb,
+    single_arm,
+};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, AppearanceSpec, Range, ScaledBy, Scene, SceneSpec};
+use crate::scene::{AppearanceSpec, BodySpec, Range, ScaledBy, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -75,7 +78,8 @@ fn nominal() -> SceneSpec {
     let facing_robot = Range::new(PI - FRAC_PI_8, PI + FRAC_PI_8);
     let bodies = vec![charger().with_yaw(Range::symmetric(FRAC_PI_3)), receptacle().with_yaw(facing_robot)];
     let target = [-0.1, 0.0, 0.1];
-    let cameras = ExternalCameras { external1: [[-0.3, 0.1, 0.1], target], external2: [[-0.1, -0.5, 0.3], target] };
+    let cameras =
+        ExternalCameras { external1: [[-0.3, 0.1, 0.1], target], external2: [[-0.1, -0.5, 0.3], target] };
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
@@ -101,8 +105,9 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let charger = scene.body("charger");
     let centre = (charger.pose * Point3::new(-BASE[0], 0.0, 0.0)).coords;
     let side = grasp::closest_closing(charger.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
-    let candidates = [side, -side]
-        .map(|closing| grasp::tilted_toward_base(scene, 0, &grasp::pose(&centre, &-Vector3::z(), &closing), LEAN));
+    let candidates = [side, -side].map(|closing| {
+        grasp::tilted_toward_base(scene, 0, &grasp::pose(&centre, &-Vector3::z(), &closing), LEAN)
+    });
     let waypoints = |tcp: &Isometry3<f64>| {
         let retreated = grasp::translated(&grasp::start_tcp(scene, 0), &(-Vector3::x() * RETREAT));
         let (goal, tcp_in_charger) = (plugged_in(scene), charger.pose.inverse() * tcp);

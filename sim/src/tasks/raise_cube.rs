@@ -2,7 +2,9 @@
 
 use ipc_types::Morphology;
 
-use super::common::{self, BLUE, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, region, single_arm};
+use super::common::{
+    self, BLUE, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, single_arm,
+};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
@@ -28,7 +30,8 @@ const HALF: f64 = 0.02;
 fn nominal() -> SceneSpec {
     let cube = common::cube("cube", HALF, BLUE, 0, SINGLE_TABLE_Z);
     let target = [-0.1, 0.0, 0.1];
-    let cameras = ExternalCameras { external1: [[0.2, -0.3, 0.3], target], external2: [[0.1, 0.3, 0.3], target] };
+    let cameras =
+        ExternalCameras { external1: [[0.2, -0.3, 0.3], target], external2: [[0.1, 0.3, 0.3], target] };
     let around_origin = region("cube", Range::symmetric(0.1), Range::symmetric(0.1));
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, vec![around_origin], vec![cube], TASK.instruction)
 }

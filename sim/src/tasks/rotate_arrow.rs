@@ -9,7 +9,9 @@ use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
 use crate::robot::panda::TIP_BEYOND_TCP;
-use crate::scene::{BodySpec, VisualShape, AppearanceSpec, PartSpec, Range, Scene, SceneSpec, Texture, VisualSpec};
+use crate::scene::{
+    AppearanceSpec, BodySpec, PartSpec, Range, Scene, SceneSpec, Texture, VisualShape, VisualSpec,
+};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -38,7 +40,8 @@ const HEAD_SLICES: u32 = 4;
 const QPOS: [f64; 7] = [0.0, 0.0, -0.04, -2.21, 0.0, 2.28, 0.66];
 
 fn nominal() -> SceneSpec {
-    let ceramic = AppearanceSpec { specular: 0.6, ..AppearanceSpec::textured(Texture::Marble, [0.55, 0.75, 0.95]) };
+    let ceramic =
+        AppearanceSpec { specular: 0.6, ..AppearanceSpec::textured(Texture::Marble, [0.55, 0.75, 0.95]) };
     let ([tail, root, tip], [shaft, head]) = (TAIL_ROOT_TIP, HALF_WIDTHS);
     let right = [[tail, -shaft], [root, -shaft], [root, -head], [tip, 0.0]];
     let left = right[..3].iter().rev().map(|[x, y]| [*x, -y]);
@@ -58,7 +61,8 @@ fn nominal() -> SceneSpec {
         ..movable("arrow", parts, 0, SINGLE_TABLE_Z).with_yaw(Range::symmetric(15.0_f64.to_radians()))
     };
     let target = [-0.3, -0.2, 0.0];
-    let cameras = ExternalCameras { external1: [[0.2, 0.0, 0.4], target], external2: [[0.0, 0.3, 0.4], target] };
+    let cameras =
+        ExternalCameras { external1: [[0.2, 0.0, 0.4], target], external2: [[0.0, 0.3, 0.4], target] };
     let beside_base = region("arrow", Range::new(-0.4, -0.2), Range::new(-0.3, -0.1));
     single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![beside_base], vec![arrow], TASK.instruction)
 }

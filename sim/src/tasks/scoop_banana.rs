@@ -3,11 +3,13 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::common::{ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, box_part, fixed, region, rgb, single_arm, tools};
+use super::common::{
+    ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, fixed, region, rgb, single_arm, tools,
+};
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, AppearanceSpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
+use crate::scene::{AppearanceSpec, BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -54,7 +56,8 @@ fn nominal() -> SceneSpec {
         RegionSpec { min_gap_m: Some(0.0), ..around_banana },
     ];
     let target = [0.0, 0.0, 0.1];
-    let cameras = ExternalCameras { external1: [[-0.25, 0.25, 0.4], target], external2: [[-0.2, -0.4, 0.4], target] };
+    let cameras =
+        ExternalCameras { external1: [[-0.25, 0.25, 0.4], target], external2: [[-0.2, -0.4, 0.4], target] };
     let bodies = vec![tools::dustpan(0), banana, wall];
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }

@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, QPOS_D, SINGLE_TABLE_Z, single_arm};
+use super::common::{self, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, single_arm};
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
@@ -46,7 +46,8 @@ fn nominal() -> SceneSpec {
             .with_shared_offset([Range::symmetric(0.1); 2])
     };
     let target = [-0.1, 0.0, 0.1];
-    let cameras = ExternalCameras { external1: [[0.3, 0.0, 0.4], target], external2: [[0.0, -0.3, 0.4], target] };
+    let cameras =
+        ExternalCameras { external1: [[0.3, 0.0, 0.4], target], external2: [[0.0, -0.3, 0.4], target] };
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, vec![region], cubes, TASK.instruction)
 }
 
@@ -91,7 +92,9 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let upright =
         [Vector3::z().cross(&to_goal), to_goal].map(|preferred| grasp::top_down(red, &preferred, &closing));
     let leaning = |leans: &'static [f64]| {
-        upright.iter().flat_map(|tcp| leans.iter().map(|lean| grasp::tilted_toward_base(scene, 0, tcp, *lean)))
+        upright
+            .iter()
+            .flat_map(|tcp| leans.iter().map(|lean| grasp::tilted_toward_base(scene, 0, tcp, *lean)))
     };
     let candidates: Vec<Isometry3<f64>> = leaning(&LEANS).chain(leaning(&FAR_LEANS)).collect();
     let [above, at, raised, on_green] = waypoints(&grasp::first_reachable(scene, 0, &candidates, waypoints));

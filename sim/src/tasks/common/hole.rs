@@ -12,7 +12,7 @@ pub(in crate::tasks) struct Hole {
 }
 
 impl Hole {
-    /// Returns the hole with half-extents `half` centred at (y, z) = `middle`, in m.
+    /// Returns the hole with half-extents `half` centred at (y, z) = `centre`, in m.
     pub(in crate::tasks) fn around(centre: [f64; 2], half: [f64; 2]) -> Self {
         let bounds = |side: f64| core::array::from_fn(|axis| centre[axis] + side * half[axis]);
         Self { min: bounds(-1.0), max: bounds(1.0) }

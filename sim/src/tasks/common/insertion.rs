@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, UnitVector3,
 use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb, visual_of};
 use crate::scene::{AppearanceSpec, BodySpec, PartSpec, Primitive, Role, ScaledBy, VisualShape, VisualSpec};
 
-/// The size of two mating bodies never changes.
+/// Neither of two mating bodies changes its size.
 const NOT_SCALED: ScaledBy = ScaledBy::Nothing("the body that it fits keeps its size");
 
 /// Length of the needle from its origin along x, in m.
