@@ -22,7 +22,7 @@ use serde_json::Value;
 const N_RUNS: usize = 3;
 
 /// A benchmark case: one configuration of `hypogeum run`.
-struct Case {
+struct FabricCase {
     name: &'static str,
     policy: String,
     episodes: u32,
@@ -40,11 +40,11 @@ fn main() -> Result<()> {
     let act = |path: &Path| format!("act=act:{}", path.display());
     let chunk: &[&str] = &["--mode", "chunk", "--execute", "30"];
     let cases = [
-        Case { name: "idle", policy: "idle".into(), episodes: 256, extra_args: chunk },
-        Case { name: "expert", policy: "expert".into(), episodes: 96, extra_args: &[] },
-        Case { name: "act_full_chunk30", policy: act(&full), episodes: 32, extra_args: chunk },
-        Case { name: "act_tiny_chunk30", policy: act(&tiny), episodes: 64, extra_args: chunk },
-        Case {
+        FabricCase { name: "idle", policy: "idle".into(), episodes: 256, extra_args: chunk },
+        FabricCase { name: "expert", policy: "expert".into(), episodes: 96, extra_args: &[] },
+        FabricCase { name: "act_full_chunk30", policy: act(&full), episodes: 32, extra_args: chunk },
+        FabricCase { name: "act_tiny_chunk30", policy: act(&tiny), episodes: 64, extra_args: chunk },
+        FabricCase {
             name: "act_tiny_ensemble",
             policy: act(&tiny),
             episodes: 16,
@@ -77,7 +77,7 @@ struct Throughput {
     reached: f64,
 }
 
-fn run(case: &Case, folder: &Path, round: usize) -> Result<Throughput> {
+fn run(case: &FabricCase, folder: &Path, round: usize) -> Result<Throughput> {
     let program = env!("CARGO_BIN_EXE_hypogeum-under-bench");
     let db = folder.join(format!("{}-{round}.db", case.name));
     let output = Command::new(program)

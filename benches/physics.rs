@@ -63,7 +63,7 @@ fn main() -> Result<()> {
 }
 
 /// An env with everything that a control step needs.
-struct Env {
+struct PhysicsEnv {
     world: World,
     expert: Expert,
     success: Vec<Predicate>,
@@ -71,7 +71,7 @@ struct Env {
     max_steps: u32,
 }
 
-impl Env {
+impl PhysicsEnv {
     fn new(task: TaskId, episode_idx: u32, expert: bool) -> Self {
         let scene = draw(task, episode_idx);
         let moves = if expert { (task.task().expert)(&scene) } else { vec![Move::Hold { steps: 1 }] };
@@ -104,7 +104,8 @@ fn best_rate(pool: &rayon::ThreadPool, task: TaskId, expert: bool) -> f64 {
     let mut best = 0.0_f64;
     let started = Instant::now();
     while started.elapsed() < CASE_TIME {
-        let mut envs: Vec<Env> = (0..n_envs).map(|episode_idx| Env::new(task, episode_idx, expert)).collect();
+        let mut envs: Vec<PhysicsEnv> =
+            (0..n_envs).map(|episode_idx| PhysicsEnv::new(task, episode_idx, expert)).collect();
         let n_steps = envs[0].max_steps - WARM_UP_STEPS;
         pool.install(|| envs.par_iter_mut().for_each(|env| env.run(WARM_UP_STEPS)));
         let round = Instant::now();

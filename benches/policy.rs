@@ -38,7 +38,7 @@ const MIN_ROUNDS: usize = 3;
 const PEER_ROUNDS: usize = 9;
 
 fn main() -> Result<()> {
-    let mut options = Options { n_threads: std::thread::available_parallelism()?.get(), peer: None };
+    let mut options = PolicyOptions { n_threads: std::thread::available_parallelism()?.get(), peer: None };
     let mut report = Report::with_options("policy", "--threads N, --peer PYTHON, ", |option, value| {
         match option {
             "--threads" => options.n_threads = value.parse().context("--threads needs a number")?,
@@ -57,7 +57,7 @@ fn main() -> Result<()> {
     report.finish()
 }
 
-struct Options {
+struct PolicyOptions {
     n_threads: usize,
     peer: Option<PathBuf>,
 }

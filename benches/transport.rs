@@ -98,13 +98,13 @@ impl WaitStrategy {
 const MAX_BLOCK: Duration = Duration::from_millis(100);
 
 /// Measurements, as CSV.
-struct Table {
+struct LatencyReport {
     csv: String,
     /// CPU placement of the two processes, for the notes.
     placement: &'static str,
 }
 
-impl Table {
+impl LatencyReport {
     fn row(&mut self, case: &str, value: f64, unit: &str, note: &str) -> Result<()> {
         println!("{case:<44} {value:>12.2} {unit:<6} {note}");
         writeln!(self.csv, "transport,{case},{value:.3},{unit},\"{note}; {}\"", self.placement)?;
@@ -127,7 +127,7 @@ fn measure(args: &[&str]) -> Result<()> {
     let csv_path =
         csv_path.map(|path| path.map(PathBuf::from).context("--csv needs a file name")).transpose()?;
     let placement = if pin(0) { "one core each" } else { "not pinned" };
-    let mut table = Table { csv: "bench,case,value,unit,note\n".into(), placement };
+    let mut table = LatencyReport { csv: "bench,case,value,unit,note\n".into(), placement };
     for n_envs in [1, 16, 64] {
         let bytes = n_envs * block_pages(MORPHOLOGY, true) * size_of::<Page>();
         first_touch(&mut table, n_envs, bytes)?;
@@ -154,7 +154,7 @@ fn measure(args: &[&str]) -> Result<()> {
 
 /// Measures round trips over the link, and the first and later writes of an observation.
 fn link_rounds(
-    table: &mut Table,
+    table: &mut LatencyReport,
     n_envs: usize,
     strategy: WaitStrategy,
     reads: bool,
@@ -283,7 +283,7 @@ fn run_socket(n_envs: &str) -> Result<()> {
 
 /// Measures the first and second write to untouched memory. The difference is the page-fault cost that the
 /// link avoids by populating its segment.
-fn first_touch(table: &mut Table, n_envs: usize, bytes: usize) -> Result<()> {
+fn first_touch(table: &mut LatencyReport, n_envs: usize, bytes: usize) -> Result<()> {
     let mut memory = vec![0u8; bytes];
     for (value, name) in [(1, "first"), (2, "second")] {
         let start = Instant::now();

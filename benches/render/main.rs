@@ -21,7 +21,7 @@ use ipc_types::ControlMode;
 use sim::TaskId;
 use sim::physics::World;
 use sim::render::export::ExportedPoses;
-use sim::render::gpu::{AdapterKind, GpuOptions, Timings, Visibility};
+use sim::render::gpu::{AdapterKind, GpuOptions, Timings, VisibilityMethod};
 use sim::render::{CpuOptions, CpuRenderer, GpuRenderer, RenderScene, Renderer, Samples, View};
 use sim::scene::Snapshot;
 use sim::stream::episode_seed;
@@ -34,7 +34,7 @@ const CASE_TIME: Duration = Duration::from_millis(700);
 const N_TURNS: u32 = 11;
 
 fn main() -> Result<()> {
-    let mut options = Options::default();
+    let mut options = RenderOptions::default();
     let usage = "--renderer cpu|gpu|software, --visibility raster|compute, --envs N,N,…, --peer PYTHON, ";
     let mut table = Report::with_options("render", usage, |flag, value| options.parse(flag, value))?;
     if let Some(python) = &options.peer {
@@ -48,7 +48,7 @@ fn main() -> Result<()> {
                 Some(kind) => {
                     measure_gpu(
                         task,
-                        &mut Env::batch(task, n_envs, false),
+                        &mut RenderEnv::batch(task, n_envs, false),
                         kind,
                         options.visibility,
                         &mut table,
@@ -61,29 +61,29 @@ fn main() -> Result<()> {
 }
 
 /// Parsed command-line options.
-struct Options {
+struct RenderOptions {
     /// Kind of adapter, or `None` for the CPU renderer.
     adapter: Option<AdapterKind>,
-    visibility: Option<Visibility>,
+    visibility: Option<VisibilityMethod>,
     n_envs: Vec<u32>,
     /// Python interpreter with MuJoCo installed.
     peer: Option<PathBuf>,
 }
 
-impl Default for Options {
+impl Default for RenderOptions {
     fn default() -> Self {
         Self { adapter: None, visibility: None, n_envs: vec![1, 16], peer: None }
     }
 }
 
-impl Options {
+impl RenderOptions {
     fn parse(&mut self, flag: &str, value: &str) -> Result<bool> {
         match (flag, value) {
             ("--renderer", "cpu") => self.adapter = None,
             ("--renderer", "gpu") => self.adapter = Some(AdapterKind::Hardware),
             ("--renderer", "software") => self.adapter = Some(AdapterKind::Software),
-            ("--visibility", "raster") => self.visibility = Some(Visibility::Raster),
-            ("--visibility", "compute") => self.visibility = Some(Visibility::Compute),
+            ("--visibility", "raster") => self.visibility = Some(VisibilityMethod::Raster),
+            ("--visibility", "compute") => self.visibility = Some(VisibilityMethod::Compute),
             ("--envs", list) => {
                 let numbers = list.split(',').map(str::parse).collect::<Result<_, _>>();
                 self.n_envs = numbers.context("--envs needs a comma-separated list of numbers")?;
@@ -97,20 +97,20 @@ impl Options {
 
 /// A configuration of the CPU renderer.
 #[derive(Clone, Copy)]
-struct Case {
+struct CpuCase {
     name: &'static str,
     static_layers: bool,
     shadows: bool,
     samples: Samples,
 }
 
-const CASES: [Case; 6] = [
-    Case { name: "plain", static_layers: false, shadows: false, samples: Samples::One },
-    Case { name: "plain/layers", static_layers: true, shadows: false, samples: Samples::One },
-    Case { name: "shadows", static_layers: false, shadows: true, samples: Samples::One },
-    Case { name: "shadows/layers", static_layers: true, shadows: true, samples: Samples::One },
-    Case { name: "shadows_4_samples", static_layers: false, shadows: true, samples: Samples::Four },
-    Case { name: "shadows_4_samples/layers", static_layers: true, shadows: true, samples: Samples::Four },
+const CASES: [CpuCase; 6] = [
+    CpuCase { name: "plain", static_layers: false, shadows: false, samples: Samples::One },
+    CpuCase { name: "plain/layers", static_layers: true, shadows: false, samples: Samples::One },
+    CpuCase { name: "shadows", static_layers: false, shadows: true, samples: Samples::One },
+    CpuCase { name: "shadows/layers", static_layers: true, shadows: true, samples: Samples::One },
+    CpuCase { name: "shadows_4_samples", static_layers: false, shadows: true, samples: Samples::Four },
+    CpuCase { name: "shadows_4_samples/layers", static_layers: true, shadows: true, samples: Samples::Four },
 ];
 
 fn measure_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
@@ -119,13 +119,13 @@ fn measure_cpu(task: TaskId, n_envs: u32, table: &mut Report) -> Result<()> {
         let mut runs = CASES.map(|case| {
             let options = CpuOptions { static_layers: case.static_layers, samples: case.samples };
             let renderer = CpuRenderer::with_options(n_threads, options);
-            (case, renderer, Env::batch(task, n_envs, case.shadows), Vec::new())
+            (case, renderer, RenderEnv::batch(task, n_envs, case.shadows), Vec::new())
         });
         for turn in 0..N_TURNS {
             for (_, renderer, envs, rounds) in &mut runs {
                 let start = Instant::now();
                 while start.elapsed() < CASE_TIME / (N_TURNS - 1) {
-                    let mut views = Env::views(envs);
+                    let mut views = RenderEnv::views(envs);
                     let round = Instant::now();
                     pool.install(|| renderer.draw(&mut views));
                     if turn > 0 {
@@ -155,7 +155,7 @@ fn compare_with_peer(python: &Path, table: &mut Report) -> Result<()> {
     let n_threads = std::thread::available_parallelism()?.get();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
     let folder = tempfile::tempdir()?;
-    export(&Env::batch(task, N_ENVS, true), folder.path())?;
+    export(&RenderEnv::batch(task, N_ENVS, true), folder.path())?;
     let scene = folder.path().to_str().context("the temporary directory's path is not UTF-8")?;
     let mut peer = Peer::start(python, "mujoco_render.py", &[scene])?;
     for (name, shadows, samples) in [
@@ -164,7 +164,7 @@ fn compare_with_peer(python: &Path, table: &mut Report) -> Result<()> {
         ("shadows", true, Samples::One),
         ("shadows_4_samples", true, Samples::Four),
     ] {
-        let mut envs = Env::batch(task, N_ENVS, shadows);
+        let mut envs = RenderEnv::batch(task, N_ENVS, shadows);
         let mut variants = [false, true].map(|static_layers| {
             let name = if static_layers { "/layers" } else { "" };
             (name, CpuRenderer::with_options(n_threads, CpuOptions { static_layers, samples }), Vec::new())
@@ -181,7 +181,7 @@ fn compare_with_peer(python: &Path, table: &mut Report) -> Result<()> {
                 // Run for half as long as the peer did, so that short disturbances affect both sides.
                 let (start, mut rounds) = (Instant::now(), Vec::new());
                 while rounds.is_empty() || start.elapsed().as_secs_f64() < peer_s / 2.0 {
-                    let mut views = Env::views(&mut envs);
+                    let mut views = RenderEnv::views(&mut envs);
                     let round = Instant::now();
                     pool.install(|| renderer.draw(&mut views));
                     rounds.push(round.elapsed().as_secs_f64());
@@ -208,7 +208,7 @@ fn compare_with_peer(python: &Path, table: &mut Report) -> Result<()> {
 }
 
 /// Writes the scene of the first env as MJCF, and the poses of all envs as JSON.
-fn export(envs: &[Env], folder: &Path) -> Result<()> {
+fn export(envs: &[RenderEnv], folder: &Path) -> Result<()> {
     let scene = &envs[0].scene;
     mjcf::write(&scene.export(), folder).context("export the scene for the peer")?;
     let poses = envs.iter().map(|env| {
@@ -223,9 +223,9 @@ fn export(envs: &[Env], folder: &Path) -> Result<()> {
 
 fn measure_gpu(
     task: TaskId,
-    envs: &mut [Env],
+    envs: &mut [RenderEnv],
     kind: AdapterKind,
-    visibility: Option<Visibility>,
+    visibility: Option<VisibilityMethod>,
     table: &mut Report,
 ) -> Result<()> {
     let options = GpuOptions { visibility, ..GpuOptions::default() };
@@ -247,13 +247,13 @@ fn measure_gpu(
 }
 
 /// An env in its initial state, with buffers for its images.
-struct Env {
+struct RenderEnv {
     scene: RenderScene,
     snapshot: Snapshot,
     images: Vec<Vec<u8>>,
 }
 
-impl Env {
+impl RenderEnv {
     fn batch(task: TaskId, n_envs: u32, shadows: bool) -> Vec<Self> {
         (0..n_envs).map(|episode_idx| Self::new(task, episode_idx, shadows)).collect()
     }
@@ -279,8 +279,8 @@ impl Env {
 }
 
 /// Returns the rounds per second of the fastest round.
-fn best_rate(renderer: &mut dyn Renderer, envs: &mut [Env]) -> Result<f64> {
-    let mut views = Env::views(envs);
+fn best_rate(renderer: &mut dyn Renderer, envs: &mut [RenderEnv]) -> Result<f64> {
+    let mut views = RenderEnv::views(envs);
     for _ in 0..2 {
         renderer.render(&mut views)?;
     }

@@ -3,16 +3,16 @@
 use ipc_types::ControlMode;
 use sim::perturb::{Composition, Strength};
 use sim::physics::World;
-use sim::render::gpu::{AdapterKind, GpuOptions, Visibility};
+use sim::render::gpu::{AdapterKind, GpuOptions, VisibilityMethod};
 use sim::render::{GpuRenderer, RenderScene, Renderer, Samples, View};
 use sim::scene::{Scene, Snapshot};
 use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
-pub(crate) const VISIBILITIES: [Visibility; 2] = [Visibility::Raster, Visibility::Compute];
+pub(crate) const VISIBILITIES: [VisibilityMethod; 2] = [VisibilityMethod::Raster, VisibilityMethod::Compute];
 
 /// Opens a renderer on a software driver. Returns `None` if there is no driver and none is required.
-pub(crate) fn renderer(visibility: Visibility, samples: Samples) -> Option<GpuRenderer> {
+pub(crate) fn renderer(visibility: VisibilityMethod, samples: Samples) -> Option<GpuRenderer> {
     let options = GpuOptions { visibility: Some(visibility), samples };
     match GpuRenderer::open(AdapterKind::Software, &options) {
         Ok(renderer) => Some(renderer),

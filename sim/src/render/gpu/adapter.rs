@@ -1,7 +1,7 @@
 //! Adapter selection, and the features and limits that an adapter must have.
 
 use super::poll_ready;
-use super::{GpuOptions, Visibility};
+use super::{GpuOptions, VisibilityMethod};
 use crate::render::open::OpenRendererError;
 
 /// Kind of Vulkan adapter.
@@ -19,7 +19,7 @@ const COMPUTE_GPUS: [&str; 8] = ["A100", "A800", "H100", "H200", "H800", "B100",
 /// An adapter that meets all requirements.
 pub(super) struct SelectedAdapter {
     pub(super) adapter: wgpu::Adapter,
-    pub(super) visibility: Visibility,
+    pub(super) visibility: VisibilityMethod,
     /// Name of the adapter and its driver, for messages.
     pub(super) name: String,
 }
@@ -59,10 +59,12 @@ pub(super) fn select(kind: AdapterKind, options: &GpuOptions) -> Result<Selected
 }
 
 /// Returns the features and limits that a visibility method requires.
-pub(super) fn required(visibility: Visibility) -> (wgpu::Features, wgpu::Limits) {
+pub(super) fn required(visibility: VisibilityMethod) -> (wgpu::Features, wgpu::Limits) {
     let features = match visibility {
-        Visibility::Raster => wgpu::Features::PRIMITIVE_INDEX,
-        Visibility::Compute => wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX,
+        VisibilityMethod::Raster => wgpu::Features::PRIMITIVE_INDEX,
+        VisibilityMethod::Compute => {
+            wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX
+        }
     };
     (features, wgpu::Limits::defaults())
 }
@@ -86,12 +88,12 @@ fn kind_of(device_type: wgpu::DeviceType) -> AdapterKind {
 
 /// Returns compute for [`COMPUTE_GPUS`] and the rasteriser for all others, or the other method if the adapter
 /// supports only that one.
-fn preferred_visibility(adapter: &wgpu::Adapter, name: &str) -> Visibility {
+fn preferred_visibility(adapter: &wgpu::Adapter, name: &str) -> VisibilityMethod {
     let prefers_compute = COMPUTE_GPUS.iter().any(|gpu| name.contains(gpu));
     let [first, second] = if prefers_compute {
-        [Visibility::Compute, Visibility::Raster]
+        [VisibilityMethod::Compute, VisibilityMethod::Raster]
     } else {
-        [Visibility::Raster, Visibility::Compute]
+        [VisibilityMethod::Raster, VisibilityMethod::Compute]
     };
     if missing_capabilities(adapter, first).is_empty() || !missing_capabilities(adapter, second).is_empty() {
         first
@@ -101,7 +103,7 @@ fn preferred_visibility(adapter: &wgpu::Adapter, name: &str) -> Visibility {
 }
 
 /// Lists the required features and limits that an adapter lacks.
-fn missing_capabilities(adapter: &wgpu::Adapter, visibility: Visibility) -> Vec<String> {
+fn missing_capabilities(adapter: &wgpu::Adapter, visibility: VisibilityMethod) -> Vec<String> {
     let (features, limits) = required(visibility);
     let missing_features = features - adapter.features();
     let mut missing: Vec<String> = missing_features.iter_names().map(|(name, _)| name.to_owned()).collect();

@@ -1,5 +1,5 @@
-//! Visibility pass on compute kernels: finds the largest 1/z and its triangle id per image sample, and the
-//! largest height per shadow map texel.
+//! VisibilityMethod pass on compute kernels: finds the largest 1/z and its triangle id per image sample, and
+//! the largest height per shadow map texel.
 
 use super::adapter::AdapterKind;
 use super::batch::ViewBatch;

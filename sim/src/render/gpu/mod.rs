@@ -42,7 +42,7 @@ const CHUNK_VIEWS: usize = 128;
 
 /// Method of finding the visible triangle of each pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Visibility {
+pub enum VisibilityMethod {
     /// The hardware rasteriser.
     Raster,
     /// Compute kernels with 64-bit atomics.
@@ -52,8 +52,8 @@ pub enum Visibility {
 /// Options of the GPU renderer.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GpuOptions {
-    /// Visibility method; `None` selects the one that suits the adapter.
-    pub visibility: Option<Visibility>,
+    /// VisibilityMethod method; `None` selects the one that suits the adapter.
+    pub visibility: Option<VisibilityMethod>,
     /// Samples per pixel, for anti-aliasing.
     pub samples: Samples,
 }
@@ -74,7 +74,7 @@ pub struct GpuRenderer {
     pipeline: ImagePipeline,
     readbacks: [Readback; 2],
     timings: Timings,
-    visibility: Visibility,
+    visibility: VisibilityMethod,
     samples: Samples,
     gpu: Gpu,
 }
@@ -136,8 +136,8 @@ impl GpuRenderer {
 impl Renderer for GpuRenderer {
     fn name(&self) -> String {
         let visibility = match self.visibility {
-            Visibility::Raster => "raster",
-            Visibility::Compute => "compute",
+            VisibilityMethod::Raster => "raster",
+            VisibilityMethod::Compute => "compute",
         };
         name_with_samples(format!("gpu ({}, {visibility})", self.gpu.name), self.samples)
     }

@@ -8,7 +8,7 @@ use super::device::Gpu;
 use super::growable_buffer::GrowableBuffer;
 use super::raster::RasterVisibility;
 use super::shading::{ShadingPass, VisibilityResult};
-use super::{GpuOptions, Visibility, samples_per_axis};
+use super::{GpuOptions, VisibilityMethod, samples_per_axis};
 use crate::render::View;
 
 /// Buffers that all passes read.
@@ -34,11 +34,16 @@ enum VisibilityPass {
 
 impl ImagePipeline {
     /// Creates the pipelines and minimal buffers.
-    pub(super) fn new(gpu: &Gpu, kind: AdapterKind, visibility: Visibility, options: &GpuOptions) -> Self {
+    pub(super) fn new(
+        gpu: &Gpu,
+        kind: AdapterKind,
+        visibility: VisibilityMethod,
+        options: &GpuOptions,
+    ) -> Self {
         let samples_per_axis = samples_per_axis(options.samples);
         let pass = match visibility {
-            Visibility::Raster => VisibilityPass::Raster(RasterVisibility::new(gpu, samples_per_axis)),
-            Visibility::Compute => {
+            VisibilityMethod::Raster => VisibilityPass::Raster(RasterVisibility::new(gpu, samples_per_axis)),
+            VisibilityMethod::Compute => {
                 VisibilityPass::Compute(ComputeVisibility::new(gpu, samples_per_axis, kind))
             }
         };

@@ -1,5 +1,5 @@
-//! Visibility pass on the hardware rasteriser: one layer of triangle ids per image, one layer of heights per
-//! shadow map.
+//! VisibilityMethod pass on the hardware rasteriser: one layer of triangle ids per image, one layer of
+//! heights per shadow map.
 
 use super::batch::ViewBatch;
 use super::bindings::{self, BindingKind};

@@ -96,10 +96,10 @@ impl ShadingPass {
         let mut resources: Vec<_> = buffers.map(|buffer| buffer.buffer.as_entire_binding()).into();
         match visibility {
             VisibilityResult::Textures(views) => {
-                resources.extend(views.map(wgpu::BindingResource::TextureView))
+                resources.extend(views.map(wgpu::BindingResource::TextureView));
             }
             VisibilityResult::Buffers(buffers) => {
-                resources.extend(buffers.map(|buffer| buffer.buffer.as_entire_binding()))
+                resources.extend(buffers.map(|buffer| buffer.buffer.as_entire_binding()));
             }
         }
         self.group = Some(bindings::group(gpu, &self.layout, &resources));

@@ -112,8 +112,8 @@ impl MovieFormat {
 }
 
 impl MovieWriter {
-    /// Starts a movie of `n_frames` frames, each shown for the duration of `steps_per_frame` control steps. The first
-    /// frame determines the size.
+    /// Starts a movie of `n_frames` frames, each shown for the duration of `steps_per_frame` control steps.
+    /// The first frame determines the size.
     ///
     /// # Errors
     /// If the file cannot be created or written.
