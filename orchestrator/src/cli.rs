@@ -1,4 +1,5 @@
-//! The command line. Every argument is parsed into its final type here and in the argument structs of the commands.
+//! The command line. Every argument is parsed into its final type here and in the argument structs of the
+//! commands.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -50,11 +51,12 @@ pub(crate) enum Command {
 }
 
 impl Cli {
-    /// Parses a whole command line, program name included. If `run` names a sweep file, merges its options in.
+    /// Parses a whole command line, program name included. If `run` names a sweep file, merges its options
+    /// in.
     ///
     /// # Errors
-    /// If an argument is invalid ([`clap::Error`], which also carries help and version texts) or the sweep file is
-    /// ([`SweepFileError`](file::SweepFileError)).
+    /// If an argument is invalid ([`clap::Error`], which also carries help and version texts) or the sweep
+    /// file is ([`SweepFileError`](file::SweepFileError)).
     pub(crate) fn parse_with_sweep_file(words: &[OsString]) -> anyhow::Result<Self> {
         let matches = Self::command().try_get_matches_from(words)?;
         let Some(("run", run)) = matches.subcommand() else { return Ok(Self::from_arg_matches(&matches)?) };

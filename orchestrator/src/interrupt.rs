@@ -6,7 +6,8 @@ use std::thread;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::{Handle, Signals};
 
-/// A guard during whose lifetime the signals do not terminate the process. After it is dropped they are ignored.
+/// A guard during whose lifetime the signals do not terminate the process. After it is dropped they are
+/// ignored.
 #[derive(Debug)]
 pub(crate) struct SignalWatch(Handle);
 

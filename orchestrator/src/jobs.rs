@@ -35,8 +35,8 @@ pub(crate) fn drivers(plan: &RunPlan) -> Vec<Driver> {
     plan.policies.iter().filter_map(|policy| driver(policy.runs_in_sim())).collect()
 }
 
-/// Returns all episodes. Policies vary fastest and conditions next, so that all lanes have work at all times and an
-/// interrupted run has some episodes of each condition.
+/// Returns all episodes. Policies vary fastest and conditions next, so that all lanes have work at all times
+/// and an interrupted run has some episodes of each condition.
 pub(crate) fn jobs(plan: &RunPlan) -> impl Iterator<Item = Job> {
     let drivers = drivers(plan);
     let conditions = plan.conditions.iter();

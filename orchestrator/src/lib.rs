@@ -1,13 +1,13 @@
-//! The program `hypogeum`: parses the command line, runs the child processes that do the work, and stores and reports
-//! their results.
+//! The program `hypogeum`: parses the command line, runs the child processes that do the work, and stores and
+//! reports their results.
 //!
-//! It owns the command line, the processes of a run, the results file and all user-visible text. During a run it never
-//! steps a world, evaluates a policy or reads an observation: episodes run in `sim` and policies in `policy-host`, both
-//! as children of this process, which execute the same program. Commands that need no policy (`show`, `demos`,
-//! `replay`) run `sim` on threads of this process.
+//! It owns the command line, the processes of a run, the results file and all user-visible text. During a run
+//! it never steps a world, evaluates a policy or reads an observation: episodes run in `sim` and policies in
+//! `policy-host`, both as children of this process, which execute the same program. Commands that need no
+//! policy (`show`, `demos`, `replay`) run `sim` on threads of this process.
 //!
-//! `cli` (arguments) → `plan` (resolved run) → `jobs` (episodes to run) → `fleet` (children) → `results` (SQLite) →
-//! `report`.
+//! `cli` (arguments) → `plan` (resolved run) → `jobs` (episodes to run) → `fleet` (children) → `results`
+//! (SQLite) → `report`.
 
 mod cli;
 mod commands;
@@ -50,7 +50,8 @@ pub fn main() -> ExitCode {
         Ok(cli) => run_command(&cli.command, started),
         Err(error) => match error.downcast::<clap::Error>() {
             Ok(error) => {
-                // clap also returns help and version texts as errors. If printing fails, nothing can report it.
+                // clap also returns help and version texts as errors. If printing fails, nothing can report
+                // it.
                 let _ = error.print();
                 return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
             }

@@ -51,8 +51,8 @@ pub(crate) fn pick<T: Copy>(
     })
 }
 
-/// A clap value parser for named values. It reports unknown names with suggestions and offers the names to shell
-/// completions.
+/// A clap value parser for named values. It reports unknown names with suggestions and offers the names to
+/// shell completions.
 #[derive(Debug)]
 pub(crate) struct NameParser<T, E> {
     /// Parses one value.

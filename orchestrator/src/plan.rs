@@ -23,7 +23,7 @@ pub(crate) struct RunPlan {
     pub(crate) episodes: u32,
     /// Options that reach the children.
     pub(crate) config: RunConfig,
-    /// Results file.
+    /// Path of the results file.
     pub(crate) db: PathBuf,
 }
 
@@ -83,7 +83,8 @@ impl RunPlan {
         Morphology::ALL.into_iter().filter(used).collect()
     }
 
-    /// Returns the control mode of policies with this morphology. Two arms always use absolute joint positions.
+    /// Returns the control mode of policies with this morphology. Two arms always use absolute joint
+    /// positions.
     pub(crate) fn control_mode_of(&self, morphology: Morphology) -> ControlMode {
         morphology.control_mode(self.config.results.control_mode)
     }
@@ -130,7 +131,8 @@ fn check_policies(policies: &[NamedPolicy]) -> Result<(), PlanError> {
     Ok(())
 }
 
-/// Returns the conditions in the order of the suite, each once. A named perturbation must apply to every task.
+/// Returns the conditions in the order of the suite, each once. A named perturbation must apply to every
+/// task.
 fn conditions(tasks: &[TaskId], selectors: &[PerturbationSelector]) -> Result<Vec<Condition>, PlanError> {
     let named = PerturbationSelector::named(selectors);
     let mut conditions = Vec::new();

@@ -132,8 +132,8 @@ fn unknown_kind(text: &str) -> UnknownName {
     UnknownName::new("policy", text, &known)
 }
 
-/// Returns the xxh3-64 hash of all files that a loader may read below `folder`: the JSON and safetensors files, sorted
-/// by name, with their names and lengths.
+/// Returns the xxh3-64 hash of all files that a loader may read below `folder`: the JSON and safetensors
+/// files, sorted by name, with their names and lengths.
 fn hash(folder: &Path) -> Result<u64, HashError> {
     let mut files = Vec::new();
     collect(folder, MAX_DEPTH, &mut files)?;

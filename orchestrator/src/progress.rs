@@ -16,7 +16,7 @@ const LINE_INTERVAL: Duration = Duration::from_secs(5);
 pub(crate) enum Progress {
     /// A bar on a terminal.
     Bar(ProgressBar),
-    /// Occasional lines.
+    /// Occasional lines on stderr.
     Lines(Lines),
     /// Only logged lines.
     Silent,

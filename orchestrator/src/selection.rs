@@ -16,7 +16,7 @@ pub(crate) enum TaskSelector {
     All,
     /// Every task of a morphology (`single`, `bimanual`).
     Morphology(Morphology),
-    /// One task.
+    /// A single task.
     Task(TaskId),
 }
 
@@ -45,7 +45,8 @@ impl TaskSelector {
         names: || [vec!["all", "single", "bimanual"], task_names()].concat(),
     };
 
-    /// Returns the selected tasks in the order of the suite, each once. Without selectors, every task is selected.
+    /// Returns the selected tasks in the order of the suite, each once. Without selectors, every task is
+    /// selected.
     pub(crate) fn select(selectors: &[Self]) -> Vec<TaskId> {
         let is_selected = |task: &TaskId| {
             selectors.is_empty()

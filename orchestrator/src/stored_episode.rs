@@ -1,4 +1,5 @@
-//! Episodes stored with their actions, in a dataset or in a results file: all that a replay needs except the actions.
+//! Episodes stored with their actions, in a dataset or in a results file: all that a replay needs except the
+//! actions.
 
 use ipc_types::ControlMode;
 use sim::show::EpisodeSpec;
@@ -11,7 +12,7 @@ pub(crate) struct StoredEpisode {
     pub(crate) subject: EpisodeSpec,
     /// Index of the episode under the suite seed.
     pub(crate) index: u32,
-    /// Episode seed.
+    /// Seed of the episode.
     pub(crate) seed: u64,
     /// Control mode of the action rows.
     pub(crate) mode: ControlMode,

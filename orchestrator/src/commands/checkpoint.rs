@@ -29,7 +29,7 @@ pub(crate) struct CheckpointArgs {
 pub(crate) enum NetworkSize {
     /// The size that the benchmark trains
     Full,
-    /// For tests
+    /// A small network for tests
     Tiny,
 }
 

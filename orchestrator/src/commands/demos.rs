@@ -47,7 +47,7 @@ pub(crate) struct DemosArgs {
     /// Control mode in which single-arm episodes are recorded
     #[arg(long, value_name = "MODE", default_value = "pd_ee_delta_pose", value_parser = DEMO_MODE_PARSER)]
     pub(crate) control_mode: ControlMode,
-    /// Image format
+    /// File format of the images
     #[arg(long, value_name = "FORMAT", value_enum, ignore_case = true, default_value_t = ImageFormat::Jpeg)]
     pub(crate) images: ImageFormat,
     /// Worker threads [default: one per core]

@@ -53,8 +53,8 @@ pub(crate) struct ReplayArgs {
     /// Write the first of them as a movie of all cameras: .png or .apng (lossless) or .gif (small)
     #[arg(long, value_name = "FILE")]
     pub(crate) movie: Option<PathBuf>,
-    /// Movie resolution as a multiple, 1 to 8, of what policies receive: 224 pixels per edge for external cameras,
-    /// 128 for hand cameras
+    /// Movie resolution as a multiple, 1 to 8, of what policies receive: 224 pixels per edge for external
+    /// cameras, 128 for hand cameras
     #[arg(long, value_name = "N", default_value_t = 1, requires = "movie", value_parser = parse_scale)]
     pub(crate) scale: usize,
     /// Show all selected episodes side by side in the movie, the first external camera of each

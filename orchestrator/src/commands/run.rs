@@ -164,7 +164,8 @@ fn fleet_config(plan: &RunPlan, program: PathBuf, earlier_renderer: Option<Strin
     }
 }
 
-/// Returns the policies that run outside the sim. A batch holds half of the envs, so that the others step meanwhile.
+/// Returns the policies that run outside the sim. A batch holds half of the envs, so that the others step
+/// meanwhile.
 fn lanes(plan: &RunPlan) -> Vec<PolicyLane> {
     let policy = |(policy, driver): (&NamedPolicy, Driver)| {
         let Driver::Lane(lane) = driver else { return None };

@@ -1,4 +1,5 @@
-//! `hypogeum show`: the images of all cameras at the start of episodes or along one, as a contact sheet or a movie.
+//! `hypogeum show`: the images of all cameras at the start of episodes or along one, as a contact sheet or a
+//! movie.
 
 use std::path::{Path, PathBuf};
 
@@ -44,16 +45,16 @@ pub(crate) struct ShowArgs {
     /// Reading of the benchmark where its paper and its released code disagree
     #[arg(long, value_enum, ignore_case = true, default_value_t = Profile::Strict)]
     pub(crate) profile: Profile,
-    /// Image content. rgb: the images that policies receive; depth: log depth in viridis, near bright, within 0.05 to
-    /// 4 m (the range is printed); seg: one colour per body, arm, table, floor and walls (the legend is printed).
-    /// Background is black
+    /// Image content. rgb: the images that policies receive; depth: log depth in viridis, near bright, within
+    /// 0.05 to 4 m (the range is printed); seg: one colour per body, arm, table, floor and walls (the legend
+    /// is printed). Background is black
     #[arg(long, value_name = "VIEW", default_value = "rgb", value_parser = VIEW_PARSER)]
     pub(crate) what: ViewMode,
     /// Let this policy act, and show the start, the middle and the success (or end) of the episode
     #[arg(long, value_name = "SPEC", value_parser = ACTOR_PARSER)]
     pub(crate) policy: Option<Actor>,
-    /// Write the whole episode, 20 control steps per second, as .png or .apng (lossless) or .gif (small); the expert
-    /// acts unless --policy is given
+    /// Write the whole episode, 20 control steps per second, as .png or .apng (lossless) or .gif (small); the
+    /// expert acts unless --policy is given
     #[arg(long, value_name = "FILE")]
     pub(crate) movie: Option<PathBuf>,
     /// Contact sheet to write [default: TASK.png]

@@ -68,8 +68,8 @@ fn bodies_with_role(nominal: &SceneSpec, role: Role) -> impl Iterator<Item = &'s
     nominal.bodies.iter().filter(move |body| body.role == role).map(|body| body.name)
 }
 
-/// Formats a table with one column per perturbation that does not apply to every task. Numbers refer to the reasons
-/// listed below it. The perturbations that apply everywhere are listed last.
+/// Formats a table with one column per perturbation that does not apply to every task. Numbers refer to the
+/// reasons listed below it. The perturbations that apply everywhere are listed last.
 fn matrix() -> String {
     let nominals: Vec<SceneSpec> = TaskId::ALL.iter().map(|id| (id.task().nominal)()).collect();
     let (everywhere, somewhere): (Vec<Perturbation>, Vec<Perturbation>) = Perturbation::ALL

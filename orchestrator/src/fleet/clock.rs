@@ -1,5 +1,5 @@
-//! The clock of the fleet's timeouts. It stops while this process does not run (suspended by Ctrl-Z, or the machine is
-//! asleep), so that children do not time out because of that.
+//! The clock of the fleet's timeouts. It stops while this process does not run (suspended by Ctrl-Z, or the
+//! machine is asleep), so that children do not time out because of that.
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,5 @@
-//! Files of a run outside shared memory: the base folder of a user's runs, and the descriptions for foreign hosts.
+//! Files of a run outside shared memory: the base folder of a user's runs, and the descriptions for foreign
+//! hosts.
 
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
@@ -10,8 +11,8 @@ use serde::Serialize;
 
 use super::error::{BaseError, FleetError};
 
-/// Returns the folder under which all runs of this user live: `$XDG_RUNTIME_DIR/hypogeum`, or `/tmp/hypogeum_<uid>` if
-/// that is not set.
+/// Returns the folder under which all runs of this user live: `$XDG_RUNTIME_DIR/hypogeum`, or
+/// `/tmp/hypogeum_<uid>` if that is not set.
 pub(crate) fn base() -> PathBuf {
     let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
     runtime.map_or_else(
@@ -20,7 +21,8 @@ pub(crate) fn base() -> PathBuf {
     )
 }
 
-/// Creates the base folder if needed. Since anybody can create it in `/tmp`, a folder of another user is refused.
+/// Creates the base folder if needed. Since anybody can create it in `/tmp`, a folder of another user is
+/// refused.
 pub(super) fn prepare(base: &Path) -> Result<(), FleetError> {
     let failed = |source: BaseError| FleetError::Base { path: base.into(), source };
     std::fs::DirBuilder::new()

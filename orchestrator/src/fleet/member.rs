@@ -14,7 +14,7 @@ const LOG_LINES: usize = 8;
 /// The role of a child process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum MemberRole {
-    /// The sim.
+    /// The only sim.
     Sim,
     /// The policy host of this lane.
     Host(u32),

@@ -1,8 +1,9 @@
-//! The child processes of a run: spawned, supplied with episodes, supervised, restarted after a crash, and shut down.
+//! The child processes of a run: spawned, supplied with episodes, supervised, restarted after a crash, and
+//! shut down.
 //!
-//! A fleet owns the processes, the run's shared-memory domain and the queue of episodes. It knows nothing of results
-//! files or terminals: everything it reports goes to a sink. There is one event enum and one loop ([`supervisor`]), and
-//! every wait in that loop is bounded.
+//! A fleet owns the processes, the run's shared-memory domain and the queue of episodes. It knows nothing of
+//! results files or terminals: everything it reports goes to a sink. There is one event enum and one loop
+//! ([`supervisor`]), and every wait in that loop is bounded.
 
 mod clock;
 mod error;
@@ -156,8 +157,8 @@ impl Fleet {
     /// Runs `jobs`. When this returns, no child is alive and the run's shared memory is removed.
     ///
     /// # Errors
-    /// If there is not enough shared memory, a child fails repeatedly, a lane fails, or the sink returns an error.
-    /// Episodes that finished before have gone to the sink.
+    /// If there is not enough shared memory, a child fails repeatedly, a lane fails, or the sink returns an
+    /// error. Episodes that finished before have gone to the sink.
     pub(crate) fn run(self, jobs: Vec<Job>, sink: &mut Sink<'_>) -> Result<(RunStatus, Totals), FleetError> {
         let config = &self.config;
         folder::prepare(&config.base)?;

@@ -1,7 +1,7 @@
 //! One child process: its pipes and its termination.
 //!
-//! A separate thread writes commands to its stdin, so that a child that does not read never blocks the fleet. The child
-//! has its own process group, so that Ctrl-C signals the orchestrator only.
+//! A separate thread writes commands to its stdin, so that a child that does not read never blocks the fleet.
+//! The child has its own process group, so that Ctrl-C signals the orchestrator only.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::process::CommandExt;
@@ -44,7 +44,8 @@ impl ChildProcess {
     ) -> io::Result<Self> {
         let mut child = Command::new(program)
             .args([subcommand, "--config", config])
-            // Otherwise Mesa's device selection looks for a desktop and writes errors to stderr if there is none.
+            // Otherwise Mesa's device selection looks for a desktop and writes errors to stderr if there is
+            // none.
             .env("NODEVICE_SELECT", "1")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -58,7 +59,8 @@ impl ChildProcess {
         };
         let (commands, queue) = channel::<String>();
         thread::spawn(move || {
-            // A write fails only if the child has exited, which its stdout shows. Dropping the queue closes stdin.
+            // A write fails only if the child has exited, which its stdout shows. Dropping the queue closes
+            // stdin.
             for line in queue {
                 if stdin.write_all(line.as_bytes()).is_err() {
                     return;

@@ -1,4 +1,5 @@
-//! The supervisor's loop: handles one event after another until all episodes are finished or the run has to end.
+//! The supervisor's loop: handles one event after another until all episodes are finished or the run has to
+//! end.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::mpsc::{Receiver, Sender};
@@ -84,8 +85,8 @@ impl<'a> Supervisor<'a> {
         Ok(RunStatus::Complete)
     }
 
-    /// Asks all children to exit and kills those that do not in time, or all of them if another stop is requested.
-    /// Episodes that finish meanwhile count.
+    /// Asks all children to exit and kills those that do not in time, or all of them if another stop is
+    /// requested. Episodes that finish meanwhile count.
     pub(super) fn shut_down(&mut self) -> Result<(), FleetError> {
         let mut result = Ok(());
         for role in self.roles() {
@@ -218,8 +219,8 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    /// Handles a host that does not answer or answers incorrectly. A host of this fleet is killed, and restarted when
-    /// its exit arrives. The failure of a foreign host ends the run.
+    /// Handles a host that does not answer or answers incorrectly. A host of this fleet is killed, and
+    /// restarted when its exit arrives. The failure of a foreign host ends the run.
     fn on_lane_failed(&mut self, lane: u32, message: String) -> Result<(), FleetError> {
         if self.config.lanes[lane as usize].lane.foreign {
             return Err(FleetError::Lane(message));
@@ -299,8 +300,8 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    /// Kills a hung sim, and fails if a child does not get ready in time. Hung hosts are detected by the sim, which knows
-    /// the unanswered queries.
+    /// Kills a hung sim, and fails if a child does not get ready in time. Hung hosts are detected by the sim,
+    /// which knows the unanswered queries.
     fn check_timeouts(&mut self) -> Result<(), FleetError> {
         let (now, limits) = (self.clock.now(), self.config.limits);
         for role in self.roles() {

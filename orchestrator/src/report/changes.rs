@@ -1,5 +1,5 @@
-//! The effect of perturbations on a policy: changes against the unperturbed tasks, averaged as in the benchmark's
-//! figures.
+//! The effect of perturbations on a policy: changes against the unperturbed tasks, averaged as in the
+//! benchmark's figures.
 
 use sim::Perturbation;
 use sim::perturb::Composition;
@@ -18,8 +18,8 @@ pub(crate) struct Effect {
     pub(crate) perturbation: Composition,
     /// Mean success rate over all tasks that ran under the perturbation.
     pub(crate) success_once: f64,
-    /// Number of tasks that count for the changes: those that also ran unperturbed, with a success rate of at least
-    /// [`MIN_SUCCESS`].
+    /// Number of tasks that count for the changes: those that also ran unperturbed, with a success rate of at
+    /// least [`MIN_SUCCESS`].
     pub(crate) n_tasks: usize,
     /// Mean difference of the success rate over these tasks; `None` without tasks.
     pub(crate) change: Option<f64>,
@@ -27,8 +27,8 @@ pub(crate) struct Effect {
     pub(crate) relative_change: Option<f64>,
 }
 
-/// Computes the effects, sorted by policy (in the order of `cells`) and perturbation (in the order of the suite). Returns
-/// none unless there are both perturbed and unperturbed results.
+/// Computes the effects, sorted by policy (in the order of `cells`) and perturbation (in the order of the
+/// suite). Returns none unless there are both perturbed and unperturbed results.
 pub(crate) fn effects(cells: &[Cell]) -> Vec<Effect> {
     let none = Composition::from(Perturbation::None);
     let mut found: Vec<(&str, Composition)> = Vec::new();
@@ -120,8 +120,8 @@ mod tests {
 
     /// Marks a perturbation that does not apply to the task.
     const NOT: f64 = f64::NAN;
-    /// Success rates in percent over 200 episodes of an earlier ACT in the benchmark's repository, by task: None,
-    /// MO-Color, RO-Color, Table-Color, RO-Size, All.
+    /// Success rates in percent over 200 episodes of an earlier ACT in the benchmark's repository, by task:
+    /// None, MO-Color, RO-Color, Table-Color, RO-Size, All.
     const MEASURED: [(TaskId, [f64; 6]); 12] = [
         (TaskId::DualArmLiftPot, [97.5, 61.5, NOT, 34.5, NOT, 0.0]),
         (TaskId::DualArmPushBox, [82.0, 42.0, NOT, 54.0, NOT, 1.5]),

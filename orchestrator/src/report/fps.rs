@@ -1,7 +1,7 @@
 //! Speed of a run: control steps per second, core-seconds by stage, and the speed bound derived from them.
 //!
-//! All figures except the `process_` ones cover one window: from the first work (building the first world) to the
-//! last control step.
+//! All figures except the `process_` ones cover one window: from the first work (building the first world) to
+//! the last control step.
 
 use std::time::Duration;
 
@@ -63,16 +63,17 @@ pub(crate) struct Bound {
 pub(crate) struct Ledger {
     /// Building worlds and stepping physics.
     pub(crate) physics_s: f64,
-    /// Rendering.
+    /// Rendering of observations.
     pub(crate) render_s: f64,
-    /// Policy inference.
+    /// Inference in the policy hosts.
     pub(crate) policy_s: f64,
     /// Wall seconds in which the sim had nothing to do.
     pub(crate) wait_s: f64,
 }
 
 impl Fps {
-    /// Computes the figures from a fleet's totals, for a process that has run for `process` on `n_cores` cores.
+    /// Computes the figures from a fleet's totals, for a process that has run for `process` on `n_cores`
+    /// cores.
     pub(crate) fn new(totals: &Totals, process: Duration, n_cores: u32) -> Self {
         let (sim, hosts) = (totals.sim(), totals.hosts());
         let rate = |count: u64| (sim.wall_s > 0.0).then(|| count as f64 / sim.wall_s);
@@ -137,7 +138,8 @@ impl Bound {
         let sim = totals.sim();
         let per = |seconds: f64, count: u64| if count == 0 { 0.0 } else { seconds / count as f64 };
         let busy_s = ledger.physics_s + ledger.render_s + ledger.policy_s;
-        // (r + w) / k per control step equals all core-seconds of rendering and inference over all control steps.
+        // (r + w) / k per control step equals all core-seconds of rendering and inference over all control
+        // steps.
         let bound = f64::from(n_cores) * sim.env_steps as f64 / busy_s;
         (busy_s > 0.0 && sim.wall_s > 0.0).then(|| Self {
             n_cores,

@@ -4,7 +4,8 @@
 /// 97.5 % quantile of the standard normal distribution.
 const Z: f64 = 1.959_963_984_540_054;
 
-/// Returns the 95 % interval of the success probability, given `successes` in `n` trials; `None` without trials.
+/// Returns the 95 % interval of the success probability, given `successes` in `n` trials; `None` without
+/// trials.
 pub(super) fn wilson95(successes: u32, n: u32) -> Option<[f64; 2]> {
     if n == 0 {
         return None;

@@ -1,4 +1,5 @@
-//! The manifest of a results file: the configuration that its rows depend on. It is compared before rows are added.
+//! The manifest of a results file: the configuration that its rows depend on. It is compared before rows are
+//! added.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,8 @@
 //! The results file: SQLite, written by one orchestrator at a time, one transaction per finished episode.
 //!
-//! It owns the table `episodes` (one complete row per finished episode), the table `manifest` (the configuration that the
-//! rows depend on) and the rules of resuming. It never overwrites a row, unless that row has an error.
+//! It owns the table `episodes` (one complete row per finished episode), the table `manifest` (the
+//! configuration that the rows depend on) and the rules of resuming. It never overwrites a row, unless that
+//! row has an error.
 
 mod manifest;
 mod open;
@@ -27,8 +28,8 @@ use crate::stored_episode::format_fingerprint;
 pub(crate) struct Results {
     connection: Connection,
     path: PathBuf,
-    // Excludes a second writer until the connection is closed. SQLite's own POSIX locks are lost when any descriptor of
-    // the file is closed, so this descriptor must outlive the connection.
+    // Excludes a second writer until the connection is closed. SQLite's own POSIX locks are lost when any
+    // descriptor of the file is closed, so this descriptor must outlive the connection.
     _lock: File,
 }
 
@@ -74,7 +75,8 @@ impl Results {
     /// Opens or creates the results file at `path` for a run with this manifest.
     ///
     /// # Errors
-    /// If it is not a results file of this version, has rows with another manifest, is in use, or cannot be written.
+    /// If it is not a results file of this version, has rows with another manifest, is in use, or cannot be
+    /// written.
     pub(crate) fn open(path: &Path, manifest: &Manifest) -> Result<Self, ResultsFileError> {
         let (connection, lock) = open::open(path)?;
         manifest::reconcile(&connection, path, manifest)?;

@@ -99,8 +99,8 @@ fn lock(path: &Path) -> Result<File, ResultsFileError> {
     }
 }
 
-/// Connects to the file. A new one gets its tables, application id and version in one transaction; an existing one is
-/// not written.
+/// Connects to the file. A new one gets its tables, application id and version in one transaction; an
+/// existing one is not written.
 fn connect(path: &Path, is_new: bool) -> Result<Connection, rusqlite::Error> {
     let connection = Connection::open(path)?;
     connection.busy_timeout(BUSY_TIMEOUT)?;

@@ -5,8 +5,9 @@ pub(super) const APPLICATION_ID: i64 = 0x4859_5047;
 /// Version of the tables below.
 pub(super) const VERSION: i64 = 2;
 
-/// Creates the tables. Times are in seconds, `seed` is the episode seed, `fingerprint` has 16 hexadecimal digits, and
-/// `actions` are the executed rows `[steps, action_dim]` in little-endian f32, if they were recorded.
+/// Creates the tables. Times are in seconds, `seed` is the episode seed, `fingerprint` has 16 hexadecimal
+/// digits, and `actions` are the executed rows `[steps, action_dim]` in little-endian f32, if they were
+/// recorded.
 pub(super) const CREATE: &str = "
     CREATE TABLE manifest (
         key   TEXT NOT NULL PRIMARY KEY,

@@ -92,7 +92,7 @@ fn columns_and_manifest_keys_are_stable() {
 }
 
 #[test]
-fn more_of_the_same_kind_may_be_added_and_nothing_else() {
+fn resume_adds_rows_but_rejects_other_options() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
     Results::open(&path, &manifest("--policy idle"))

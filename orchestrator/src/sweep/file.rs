@@ -1,7 +1,8 @@
 //! Sweep files: the options of `run` as TOML keys.
 //!
-//! A key is the name of a field of [`SweepArgs`] or [`RunConfig`](ipc_types::RunConfig). Its value is translated into the
-//! flag of that field, so that the command line's parser is the only one and an option needs no second declaration.
+//! A key is the name of a field of [`SweepArgs`] or [`RunConfig`](ipc_types::RunConfig). Its value is
+//! translated into the flag of that field, so that the command line's parser is the only one and an option
+//! needs no second declaration.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -30,8 +31,8 @@ pub(crate) enum SweepFileError {
     Value { path: PathBuf, line: usize, key: String, reason: String },
 }
 
-/// Returns the flags that the sweep file at `path` stands for, except those of the options for which `is_overridden` returns
-/// `true`. Overridden keys are checked nevertheless.
+/// Returns the flags that the sweep file at `path` stands for, except those of the options for which
+/// `is_overridden` returns `true`. Overridden keys are checked nevertheless.
 ///
 /// # Errors
 /// If the file cannot be read, is not TOML, or has an unknown key or an invalid value.

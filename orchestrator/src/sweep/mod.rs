@@ -13,15 +13,16 @@ use crate::selection::{PerturbationSelector, TaskSelector};
 /// The options of a run that a sweep file can state as well. Paths are relative to the current folder.
 #[derive(Args, Clone, Debug, PartialEq)]
 pub(crate) struct SweepArgs {
-    /// Policy and its name in the results (repeatable); SPEC is idle, random, expert, act:PATH, act-int8:PATH or
-    /// attach:NAME
+    /// Policy and its name in the results (repeatable); SPEC is idle, random, expert, act:PATH, act-int8:PATH
+    /// or attach:NAME
     #[arg(long = "policy", value_name = "NAME=SPEC")]
     pub(crate) policies: Vec<NamedPolicy>,
     /// Tasks, comma-separated: names, all, single or bimanual [default: all]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = TaskSelector::PARSER,
         hide_possible_values = true)]
     pub(crate) tasks: Vec<TaskSelector>,
-    /// Perturbations, comma-separated: names, names joined by + that act together, or all that apply [default: None]
+    /// Perturbations, comma-separated: names, names joined by + that act together, or all that apply
+    /// [default: None]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PerturbationSelector::PARSER,
         hide_possible_values = true)]
     pub(crate) perturbations: Vec<PerturbationSelector>,
@@ -29,7 +30,7 @@ pub(crate) struct SweepArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
         default_value_t = 10)]
     pub(crate) episodes: u32,
-    /// Results file
+    /// Results file to create or resume
     #[arg(long, value_name = "FILE", default_value = "hypogeum.db")]
     pub(crate) db: PathBuf,
     #[command(flatten)]

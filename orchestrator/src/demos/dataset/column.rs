@@ -23,7 +23,7 @@ pub(super) enum Cells {
     Text(Vec<String>),
     /// Encoded image files, without paths.
     Image(Vec<Vec<u8>>),
-    /// `[n_rows, width]`.
+    /// Lists of equal length: `[n_rows, width]`.
     FloatList {
         width: usize,
         numbers: Vec<f32>,

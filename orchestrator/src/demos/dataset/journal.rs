@@ -1,4 +1,5 @@
-//! `meta/hypogeum.json`, the settings of a dataset, and `meta/hypogeum.jsonl`, one line per finished data file.
+//! `meta/hypogeum.json`, the settings of a dataset, and `meta/hypogeum.jsonl`, one line per finished data
+//! file.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -26,7 +27,7 @@ pub(crate) struct DatasetSettings {
     pub(crate) perturbation: Composition,
     pub(crate) strength: Strength,
     pub(crate) profile: Profile,
-    /// Suite seed.
+    /// Suite seed of the episodes.
     pub(crate) seed: u64,
     pub(crate) images: ImageFormat,
 }

@@ -1,8 +1,9 @@
-//! A folder of demonstrations in LeRobot's dataset format v3, with the records needed to resume and to replay it.
+//! A folder of demonstrations in LeRobot's dataset format v3, with the records needed to resume and to replay
+//! it.
 //!
-//! Frames are stored in Parquet files of several episodes each. A file counts once `meta/hypogeum.jsonl` lists it; an
-//! unfinished file is written again, so that an interrupted dataset ends up with the same bytes as an uninterrupted one.
-//! All other files in `meta/` are derived from that journal.
+//! Frames are stored in Parquet files of several episodes each. A file counts once `meta/hypogeum.jsonl`
+//! lists it; an unfinished file is written again, so that an interrupted dataset ends up with the same bytes
+//! as an uninterrupted one. All other files in `meta/` are derived from that journal.
 
 mod column;
 mod journal;
@@ -62,11 +63,11 @@ pub(super) struct DatasetEpisode {
     /// Index of the episode under the suite seed.
     pub(super) index: u32,
     pub(super) fingerprint: u64,
-    /// `[n_frames, action_dim]`.
+    /// Action rows `[n_frames, action_dim]`.
     pub(super) actions: Vec<f32>,
-    /// `[n_frames, state_dim]`.
+    /// Robot states `[n_frames, state_dim]`.
     pub(super) states: Vec<f32>,
-    /// By camera.
+    /// Images by camera.
     pub(super) images: Vec<CameraImages>,
 }
 

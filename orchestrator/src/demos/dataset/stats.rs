@@ -1,5 +1,5 @@
-//! Statistics of features, per episode and aggregated, by LeRobot's definitions: a quantile over several episodes is the
-//! mean of their quantiles, weighted by frames.
+//! Statistics of features, per episode and aggregated, by LeRobot's definitions: a quantile over several
+//! episodes is the mean of their quantiles, weighted by frames.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,8 @@ pub(super) const QUANTILES: [(f64, &str); 5] =
 /// Values of an 8-bit colour channel.
 const LEVELS: usize = 256;
 
-/// The statistics of one feature. Each list has one value per component of a vector, or per channel of an image.
+/// The statistics of one feature. Each list has one value per component of a vector, or per channel of an
+/// image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct FeatureStats {
     pub(super) min: Vec<f64>,
