@@ -13,7 +13,8 @@ use crate::interrupt;
 use crate::output::print_message;
 use crate::progress::Progress;
 
-/// Writes `frame(0)` to `frame(n_frames - 1)`, each shown for the duration of `steps_per_frame` control steps. An interrupt leaves no file.
+/// Writes `frame(0)` to `frame(n_frames - 1)`, each shown for the duration of `steps_per_frame` control
+/// steps. An interrupt leaves no file.
 ///
 /// # Errors
 /// If the file cannot be written.
