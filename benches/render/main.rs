@@ -34,7 +34,7 @@ const CASE_TIME: Duration = Duration::from_millis(700);
 const N_TURNS: u32 = 11;
 
 fn main() -> Result<()> {
-    let mut options = RenderOptions::default();
+    let mut options = BenchOptions::default();
     let usage = "--renderer cpu|gpu|software, --visibility raster|compute, --envs N,N,…, --peer PYTHON, ";
     let mut table = Report::with_options("render", usage, |flag, value| options.parse(flag, value))?;
     if let Some(python) = &options.peer {
@@ -61,7 +61,7 @@ fn main() -> Result<()> {
 }
 
 /// Parsed command-line options.
-struct RenderOptions {
+struct BenchOptions {
     /// Kind of adapter, or `None` for the CPU renderer.
     adapter: Option<AdapterKind>,
     visibility: Option<VisibilityMethod>,
@@ -70,13 +70,13 @@ struct RenderOptions {
     peer: Option<PathBuf>,
 }
 
-impl Default for RenderOptions {
+impl Default for BenchOptions {
     fn default() -> Self {
         Self { adapter: None, visibility: None, n_envs: vec![1, 16], peer: None }
     }
 }
 
-impl RenderOptions {
+impl BenchOptions {
     fn parse(&mut self, flag: &str, value: &str) -> Result<bool> {
         match (flag, value) {
             ("--renderer", "cpu") => self.adapter = None,

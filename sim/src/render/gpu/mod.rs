@@ -52,7 +52,7 @@ pub enum VisibilityMethod {
 /// Options of the GPU renderer.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GpuOptions {
-    /// VisibilityMethod method; `None` selects the one that suits the adapter.
+    /// Visibility method; `None` selects the one that suits the adapter.
     pub visibility: Option<VisibilityMethod>,
     /// Samples per pixel, for anti-aliasing.
     pub samples: Samples,
