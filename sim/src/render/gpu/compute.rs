@@ -1,4 +1,4 @@
-//! VisibilityMethod pass on compute kernels: finds the largest 1/z and its triangle id per image sample, and
+//! Visibility pass on compute kernels: finds the largest 1/z and its triangle id per image sample, and
 //! the largest height per shadow map texel.
 
 use super::adapter::AdapterKind;

@@ -1,4 +1,4 @@
-//! VisibilityMethod pass on the hardware rasteriser: one layer of triangle ids per image, one layer of
+//! Visibility pass on the hardware rasteriser: one layer of triangle ids per image, one layer of
 //! heights per shadow map.
 
 use super::batch::ViewBatch;
