@@ -205,9 +205,9 @@ fn perturbations_compose_and_scale_with_strength() {
     assert_rejected(
         dir.path(),
         &with("Language-None+Language-Random", &[]),
-        &["Language-None", "one instruction"],
+        &["Language-None", "single instruction"],
     );
-    assert_rejected(dir.path(), &["show", "RaiseCube", "--strength", "2"], &["strength is 2", "up to 1"]);
+    assert_rejected(dir.path(), &["show", "RaiseCube", "--strength", "2"], &["strength is 2", "at most 1"]);
 }
 
 #[test]

@@ -39,7 +39,7 @@ pub(crate) struct Identity {
 
 /// Errors that can occur while parsing a policy.
 #[derive(Debug, Error, PartialEq, Eq)]
-pub(crate) enum PolicyError {
+pub(crate) enum PolicyArgError {
     #[error("policy name `{name}` is invalid, expected 1 to {MAX_NAME} letters, digits, `.`, `_` or `-`")]
     Name { name: String },
     #[error(transparent)]
@@ -57,27 +57,27 @@ pub(crate) struct HashError {
 }
 
 impl FromStr for NamedPolicy {
-    type Err = PolicyError;
+    type Err = PolicyArgError;
 
     /// Parses `NAME=SPEC`, or a spec alone, whose kind is then its name.
-    fn from_str(typed: &str) -> Result<Self, PolicyError> {
+    fn from_str(typed: &str) -> Result<Self, PolicyArgError> {
         // With a colon before it, the equals sign belongs to the path of a spec.
         let (name, text) = match typed.split_once('=') {
             Some((name, text)) if !name.contains(':') => (Some(name), text),
             _ => (None, typed),
         };
         let spec = text.parse::<PolicySpec>().map_err(|error| match error {
-            PolicySpecError::Unknown { .. } => PolicyError::Unknown(unknown_kind(text)),
-            other => PolicyError::Spec(other),
+            PolicySpecError::Unknown { .. } => PolicyArgError::Unknown(unknown_kind(text)),
+            other => PolicyArgError::Spec(other),
         })?;
         let name = name.unwrap_or(spec.kind()).to_owned();
         // Both kinds of names become file names.
         if let PolicySpec::Attach(foreign) = &spec
             && !is_plain(foreign)
         {
-            return Err(PolicyError::Name { name: foreign.clone() });
+            return Err(PolicyArgError::Name { name: foreign.clone() });
         }
-        if is_plain(&name) { Ok(Self { name, spec }) } else { Err(PolicyError::Name { name }) }
+        if is_plain(&name) { Ok(Self { name, spec }) } else { Err(PolicyArgError::Name { name }) }
     }
 }
 

@@ -11,12 +11,12 @@ pub(crate) enum Align {
 
 /// A header and rows.
 #[derive(Debug)]
-pub(crate) struct Table {
+pub(crate) struct TextTable {
     aligns: Vec<Align>,
     rows: Vec<Vec<String>>,
 }
 
-impl Table {
+impl TextTable {
     /// Makes a table with these column headers and no rows.
     pub(crate) fn new(columns: &[(&str, Align)]) -> Self {
         let header = columns.iter().map(|(name, _)| (*name).to_owned()).collect();
@@ -33,7 +33,7 @@ impl Table {
     }
 }
 
-impl fmt::Display for Table {
+impl fmt::Display for TextTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let width = |text: &str| text.chars().count();
         let max_width = |column: usize| self.rows.iter().map(|row| width(&row[column])).max().unwrap_or(0);

@@ -143,7 +143,7 @@ def test_restarted_sim_reconnects_to_its_host(run):
     time.sleep(1.5)
     os.kill(run.sim(), signal.SIGKILL)
     code, _, err = finish(run.process)
-    assert code == 0 and "starting it again" in err, err
+    assert code == 0 and "restarting it" in err, err
     assert run.errors() == [None] * 3
     assert finish(host)[0] == 0
 

@@ -26,7 +26,7 @@ pub struct RunConfig {
     pub results: ResultOptions,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would show it as help text")]
-    pub rendering: RenderOptions,
+    pub rendering: ImageOptions,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would show it as help text")]
     pub resources: ResourceOptions,
@@ -61,7 +61,7 @@ pub struct ResultOptions {
 /// Options that change the images of an episode. A results file stores the identity of the renderer that
 /// results from them instead of the options themselves, and only if a policy of the run reads images.
 #[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RenderOptions {
+pub struct ImageOptions {
     /// Renderer of the images
     #[arg(long, value_enum, ignore_case = true, default_value_t = RendererChoice::Auto)]
     pub renderer: RendererChoice,

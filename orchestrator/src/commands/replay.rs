@@ -22,7 +22,7 @@ use crate::progress::Progress;
 use crate::results::RecordedEpisodes;
 use crate::selection::{PERTURBATION_PARSER, TASK_PARSER};
 use crate::stored_episode::{StoredEpisode, format_fingerprint};
-use crate::table::{Align, Table};
+use crate::table::{Align, TextTable};
 
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
@@ -157,7 +157,7 @@ fn select(args: &ReplayArgs, episodes: &[StoredEpisode]) -> anyhow::Result<Vec<u
 
 fn report(episodes: &[StoredEpisode], replayed: &[(usize, u64)]) -> Result<ExitStatus, Failure> {
     use Align::{Left, Right};
-    let mut table = Table::new(&[
+    let mut table = TextTable::new(&[
         ("episode", Right),
         ("policy", Left),
         ("task", Left),

@@ -18,7 +18,7 @@ use crate::names::{NameParser, UnknownName, pick};
 use crate::output::{print_message, print_out};
 use crate::plan::{Condition, PlanError};
 use crate::selection::{PerturbationSelector, TaskSelector};
-use crate::table::{Align, Table};
+use crate::table::{Align, TextTable};
 
 /// Arguments of `show`.
 #[derive(Debug, Args)]
@@ -141,7 +141,7 @@ fn write_sheet(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
     };
     frames.render_sheet().write_png(path)?;
     if episodes.iter().any(|(other, _)| other.perturbation != subject.perturbation) {
-        let mut rows = Table::new(&[("row", Align::Left), ("instruction", Align::Left)]);
+        let mut rows = TextTable::new(&[("row", Align::Left), ("instruction", Align::Left)]);
         for ((subject, _), instruction) in episodes.iter().zip(frames.instructions()) {
             rows.row(vec![subject.perturbation.name(), instruction.clone()]);
         }
@@ -192,7 +192,7 @@ fn print_legend(legend: &Legend, path: &Path) -> anyhow::Result<ExitStatus> {
         Legend::Rgb => {}
         Legend::Depth(range) => print_out(&format!("depth {range}\n"))?,
         Legend::Seg(entries) => {
-            let mut table = Table::new(&[("object", Align::Left), ("colour", Align::Left)]);
+            let mut table = TextTable::new(&[("object", Align::Left), ("colour", Align::Left)]);
             for entry in entries {
                 let [r, g, b] = entry.color;
                 table.row(vec![entry.name.clone(), format!("#{r:02x}{g:02x}{b:02x}")]);

@@ -7,7 +7,7 @@ use sim::{Perturbation, TaskId};
 
 use crate::exit::{ExitStatus, Failure};
 use crate::output::print_out;
-use crate::table::{Align, Table};
+use crate::table::{Align, TextTable};
 
 /// Arguments of `tasks`.
 #[derive(Debug, Args)]
@@ -42,7 +42,7 @@ fn table() -> String {
         ("RO", Left),
         ("instruction", Left),
     ];
-    let mut table = Table::new(&columns);
+    let mut table = TextTable::new(&columns);
     for id in TaskId::ALL {
         let task = id.task();
         let nominal = (task.nominal)();
@@ -77,7 +77,7 @@ fn matrix() -> String {
         .partition(|perturbation| nominals.iter().all(|nominal| perturbation.applies_to(nominal).is_ok()));
     let mut columns = vec![("task", Align::Left)];
     columns.extend(somewhere.iter().map(|perturbation| (perturbation.name(), Align::Left)));
-    let mut table = Table::new(&columns);
+    let mut table = TextTable::new(&columns);
     let mut reasons: Vec<String> = Vec::new();
     for (id, nominal) in TaskId::ALL.iter().zip(&nominals) {
         let mut row = vec![id.name().to_owned()];

@@ -21,7 +21,7 @@ pub(crate) use self::image::ImageFormat;
 use crate::exit::ExitStatus;
 use crate::output::{print_message, print_out};
 use crate::progress::Progress;
-use crate::table::{Align, Table};
+use crate::table::{Align, TextTable};
 
 /// Episodes that are recorded at a time per thread.
 const EPISODES_PER_THREAD: u32 = 2;
@@ -209,7 +209,7 @@ fn table(yields: &[TaskYield]) -> String {
         ("frames", Right),
         ("mean_steps", Right),
     ];
-    let mut table = Table::new(&columns);
+    let mut table = TextTable::new(&columns);
     for TaskYield { task, demonstrations, tries, frames } in yields {
         let per = |n: f64, of: u32| n / f64::from(of.max(1));
         table.row(vec![

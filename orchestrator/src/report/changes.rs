@@ -5,7 +5,7 @@ use sim::Perturbation;
 use sim::perturb::Composition;
 
 use super::Cell;
-use crate::table::{Align, Table};
+use crate::table::{Align, TextTable};
 
 /// Minimum unperturbed success rate of a task that counts for the changes.
 const MIN_SUCCESS: f64 = 0.1;
@@ -91,7 +91,7 @@ pub(super) fn table(effects: &[Effect]) -> String {
         ("change", Right),
         ("relative", Right),
     ];
-    let mut table = Table::new(&columns);
+    let mut table = TextTable::new(&columns);
     for effect in effects {
         let is_none = effect.perturbation == Composition::from(Perturbation::None);
         let change = |change: Option<f64>, unit: &str| match change {

@@ -11,7 +11,7 @@ use self::wilson::wilson95;
 use crate::plan::{Condition, RunPlan};
 use crate::policy::NamedPolicy;
 use crate::results::{CellSums, Results, StoreError};
-use crate::table::{Align, Table};
+use crate::table::{Align, TextTable};
 
 /// The results of one policy under one condition.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,7 +80,7 @@ pub(crate) fn table(plan: &RunPlan, cells: &[Cell]) -> String {
     ];
     let percent = |fraction: f64| format!("{:.1} %", 100.0 * fraction);
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "–".to_owned());
-    let mut table = Table::new(&columns);
+    let mut table = TextTable::new(&columns);
     for cell in cells {
         let interval = |[low, high]: [f64; 2]| format!("{:.1} – {:.1} %", 100.0 * low, 100.0 * high);
         table.row(vec![
