@@ -183,7 +183,7 @@ impl Kernel for MeasureLightBounds<'_> {
                     extent.add::<S>(shadow, &ray, ids[k].gt(nothing));
                 }
             }
-            light_bounds.push(extent.reach());
+            light_bounds.push(extent.finish());
         }
     }
 }
@@ -211,7 +211,7 @@ impl Kernel for FindStaleTiles<'_> {
         stale.resize(per_row * per_row, false);
         if let Some(max_heights) = moving {
             for (stale, reach) in stale.iter_mut().zip(&layer.light_bounds) {
-                *stale = reach.is_touched(max_heights);
+                *stale = reach.may_be_shaded_by(max_heights);
             }
         }
         if samples_per_edge == 1 {

@@ -1,4 +1,4 @@
-//! What lies where on a map: the projection of the sun.
+//! Orthographic projection along the first directional light.
 
 use super::{MIDDLE_STEPS, SIDE, STEPS_PER_M, TEXELS_PER_M};
 use crate::render::cpu::simd::each::each;
@@ -11,13 +11,13 @@ use crate::render::mesh::ClusterBounds;
 use crate::render::scene::Instance;
 use crate::render::shading::SHADOW_MAP_WIDTH_M;
 
-/// The view along the light.
+/// The projection onto the shadow map.
 pub(super) struct LightProjection {
-    /// Direction to the light in the frame of the mesh that is drawn.
+    /// Direction to the light in the frame of the current mesh.
     pub(super) light_in_mesh: Vec3,
 }
 
-/// Texels beyond the map's edges that fit the rasteriser's numbers; nothing in a scene light_bounds farther, but for the floor.
+/// Width of the guard band in texels. Only the floor extends further, and it casts no shadow.
 const GUARD: f32 = 512.0;
 
 impl Projection for LightProjection {
@@ -26,7 +26,7 @@ impl Projection for LightProjection {
     }
 
     fn begin_mesh(&mut self, light_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
-        // Facing is preserved by cofactors: n' · z' = (C n) · z' = n · (Cᵀ z').
+        // Normals transform by cofactors: n' · z' = (C n) · z' = n · (Cᵀ z').
         self.light_in_mesh = normalised(light_from_mesh.cofactors()[2]);
         let [x, y, _] = light_from_mesh.transform_point(centre);
         let reach = SHADOW_MAP_WIDTH_M / 2.0 + radius * light_from_mesh.max_scale();
@@ -56,7 +56,7 @@ impl Projection for LightProjection {
         let reach = radius + S::F::splat(SHADOW_MAP_WIDTH_M / 2.0);
         let opposite = S::F::splat(0.0) - reach;
         let outside = x.gt(reach) | opposite.gt(*x) | y.gt(reach) | opposite.gt(*y);
-        // A cluster all of whose normals are within 90° of the light's direction has no back face.
+        // Only back faces cast shadows. A cluster whose normals all lie within 90° of the light has none.
         let [l, m, n] = each!(k in 3 => S::F::load(&bounds.axis[k]) * S::F::splat(self.light_in_mesh[k]));
         let facing = (l + m + n).gt(S::F::load(&bounds.cutoff));
         (outside | facing).to_bits()

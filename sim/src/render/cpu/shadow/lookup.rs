@@ -1,4 +1,5 @@
-//! Looking a map up: which part of the sun's light light_bounds a tile of pixels, and where it is looked up.
+//! Shadow map lookups: the fraction of the light that reaches each pixel of a tile, and conservative bounds of where a
+//! tile is looked up.
 
 use super::{MAX_HEIGHT, MaxHeightPyramid, PyramidLevel, PyramidWindow, SIDE, STEPS_PER_M, TEXELS_PER_M};
 use crate::render::cpu::shading::rays::{RayTable, ViewRays};
@@ -10,22 +11,22 @@ use crate::render::cpu::visibility::tile::Tile4x4;
 use crate::render::math::affine::Affine3;
 use crate::render::shading::SHADOW_NORMAL_OFFSET_M;
 
-/// What heights that are compared with the greatest ones may be off by rounding, in steps, and more.
+/// Tolerance for rounding when heights are compared with maximum heights, in steps.
 const SLACK_STEPS: f32 = 4.0;
 
-/// A shadow map as a camera records it up.
+/// A shadow map with the transform from a camera's view frame.
 pub(in crate::render::cpu) struct Shadow<'a> {
     /// `[512, 512]` heights in steps.
     pub(super) heights: &'a [u16],
-    /// Of what moves and of what does not.
+    /// Maximum heights of moving and of static geometry.
     pub(super) max_heights: [&'a MaxHeightPyramid; 2],
-    /// From the view frame to texels and heights.
+    /// Transform from the view frame to texels and height steps.
     pub(super) texel_from_view: Affine3,
 }
 
 impl Shadow<'_> {
-    /// What share of the sun's light light_bounds what is seen, given its unit normals. Only where it is `facing` the sun the answer
-    /// means anything.
+    /// Returns the fraction of the light that reaches the visible points, given their unit normals: percentage-closer
+    /// filtering of 2 × 2 texels. Unspecified where `facing` is not set.
     #[inline(always)]
     pub(in crate::render::cpu) fn sunlight<S: Simd, N: Broadcast<S>>(
         &self,
@@ -33,14 +34,14 @@ impl Shadow<'_> {
         normal: &[N; 3],
         facing: S::M,
     ) -> S::F {
-        let [x, y, height] = self.place(ray, normal);
+        let [x, y, height] = self.lookup_position(ray, normal);
         let (zero, last) = (S::F::splat(0.0), S::F::splat((SIDE - 1) as f32));
         let outside = zero.gt(x) | x.gt(last) | zero.gt(y) | y.gt(last);
-        let mut at = [on_map::<S>(x), on_map::<S>(y)];
-        // VisibilityTarget that do not face the sun are looked up where others are: they shall not make the window too small.
+        let mut at = [clamp_to_map::<S>(x), clamp_to_map::<S>(y)];
+        // Move the lookups of pixels that do not face the light to those of others, so that the window stays small.
         let both = at[0] | at[1].shl::<16>();
-        let least = both.select_or(facing, S::I::splat(-1)).reduce_min_u16();
-        let first = each!(k in 2 => i32::from(least[k]));
+        let min = both.select_or(facing, S::I::splat(-1)).reduce_min_u16();
+        let first = each!(k in 2 => i32::from(min[k]));
         at = each!(k in 2 => at[k].select_or(facing, S::I::splat(first[k])));
         let [fx, fy] = each!(k in 2 => [x, y][k] - at[k].to_f32());
         let corner = each!(k in 2 => first[k].min((SIDE - 8) as i32));
@@ -66,8 +67,8 @@ impl Shadow<'_> {
         S::F::splat(1.0).select_or(outside, (lower - upper).mul_add(fy, upper))
     }
 
-    /// Which of a tile_row's tiles lie in full sunlight, as far as that is known without a look at the map; bit i stands for tile
-    /// i. They all show one plane, which has this unit normal, at these depths; there is at least one of them.
+    /// Returns the tiles of a tile row that are fully lit as far as the maximum heights can tell; bit i stands for tile i.
+    /// The `tiles`, at least one, all show the same plane with this unit normal, at these depths.
     #[inline(always)]
     pub(in crate::render::cpu) fn fully_lit_tiles<S: Simd>(
         &self,
@@ -77,30 +78,30 @@ impl Shadow<'_> {
         tiles: u16,
         normal: &[f32; 3],
     ) -> u16 {
-        // For rounding, in texels.
+        // Tolerance for rounding, in texels.
         const SLACK: f32 = 0.05;
         let first = tiles.trailing_zeros() as usize;
         let last = tiles.checked_ilog2().map_or(first, |last| last as usize);
-        // How far each tile is from the first to the last one.
+        // Position of each tile between the first (0) and the last (1).
         let per_block = 1.0 / (last - first).max(1) as f32;
         let far =
             (S::I::load(&I32x16::INDICES) - S::I::splat(first as i32)).to_f32() * S::F::splat(per_block);
-        // Planes keep convex what is convex: a tile's pixels lie between its corners' on the map, too.
-        let places = each!(k in 4 => {
+        // The projection of a plane preserves convexity: the pixels of a tile map into the hull of its corners.
+        let corners = each!(k in 4 => {
             let lane = Tile4x4::CORNERS[k];
             let [from, to] = [depths[first].0[lane], depths[last].0[lane]];
             let depth = far.mul_add(S::F::splat(to - from), S::F::splat(from));
             let pixel = RayTable::pixels_of_tile_row::<S>([column, row], lane);
-            self.place(&rays.for_pixels::<S>(pixel, depth), normal)
+            self.lookup_position(&rays.for_pixels::<S>(pixel, depth), normal)
         });
-        let least = each!(i in 3 => places[0][i].min(places[1][i]).min(places[2][i].min(places[3][i])));
-        let greatest = each!(i in 2 => places[0][i].max(places[1][i]).max(places[2][i].max(places[3][i])));
-        let from = each!(k in 2 => on_map::<S>(least[k] - S::F::splat(SLACK)));
-        // And their neighbours.
-        let to = each!(k in 2 => on_map::<S>(greatest[k] + S::F::splat(SLACK)) + S::I::splat(1));
-        let reach = (to[0] - from[0]).max(to[1] - from[1]);
-        let greatest = reach.select_or(S::M::from_bits(tiles), S::I::splat(0)).reduce_max();
-        let Some(level) = PyramidLevel::of(greatest) else { return 0 };
+        let min = each!(i in 3 => corners[0][i].min(corners[1][i]).min(corners[2][i].min(corners[3][i])));
+        let max = each!(i in 2 => corners[0][i].max(corners[1][i]).max(corners[2][i].max(corners[3][i])));
+        let from = each!(k in 2 => clamp_to_map::<S>(min[k] - S::F::splat(SLACK)));
+        // Including the neighbours that filtering reads.
+        let to = each!(k in 2 => clamp_to_map::<S>(max[k] + S::F::splat(SLACK)) + S::I::splat(1));
+        let size = (to[0] - from[0]).max(to[1] - from[1]);
+        let max_size = size.select_or(S::M::from_bits(tiles), S::I::splat(0)).reduce_max();
+        let Some(level) = PyramidLevel::of(max_size) else { return 0 };
         let mut windows = I32x16::ZERO;
         level.windows::<S>(from).store(&mut windows);
         let mut heights = I32x16::ZERO;
@@ -109,12 +110,12 @@ impl Shadow<'_> {
             heights.0[tile] =
                 self.max_heights[0].within(window).max(self.max_heights[1].within(window)).into();
         }
-        (least[2] - S::F::splat(SLACK_STEPS)).gt(S::I::load(&heights).to_f32()).to_bits() & tiles
+        (min[2] - S::F::splat(SLACK_STEPS)).gt(S::I::load(&heights).to_f32()).to_bits() & tiles
     }
 
-    /// Where on the map what is seen is looked up, in texels, and its height, given its unit normals.
+    /// Returns the lookup position in texels and the height of the visible points, given their unit normals.
     #[inline(always)]
-    fn place<S: Simd, N: Broadcast<S>>(&self, ray: &ViewRays<S>, normal: &[N; 3]) -> [S::F; 3] {
+    fn lookup_position<S: Simd, N: Broadcast<S>>(&self, ray: &ViewRays<S>, normal: &[N; 3]) -> [S::F; 3] {
         let z = S::F::splat(1.0) / ray.depth;
         let [dx, dy] = ray.d;
         each!(i in 3 => {
@@ -127,81 +128,84 @@ impl Shadow<'_> {
     }
 }
 
-/// The texel in or next to the map whose middle is at or before these, and which has another one behind it.
+/// Returns the texel whose centre is at or before a coordinate, clamped so that it has a right neighbour on the map.
 #[inline(always)]
-fn on_map<S: Simd>(x: S::F) -> S::I {
+fn clamp_to_map<S: Simd>(x: S::F) -> S::I {
     x.max(S::F::splat(0.0)).min(S::F::splat((SIDE - 2) as f32)).truncate_to_i32()
 }
 
-/// Where on a map a tile of pixels is looked up, whatever its normals.
+/// Accumulates bounds of the lookups of a tile, for any normals.
 pub(in crate::render::cpu) struct LightBoundsBuilder {
-    /// First and last column, first and last row, if there are any.
+    /// First and last column, first and last row; `None` if there are no lookups.
     texels: Option<[[i32; 2]; 2]>,
-    /// Nothing that is lower shades it.
-    lowest: f32,
+    /// Minimum height: lower geometry cannot shade the tile.
+    min_height: f32,
 }
 
 impl LightBoundsBuilder {
-    /// Of what is not on the map.
-    pub(in crate::render::cpu) const NONE: Self = Self { texels: None, lowest: f32::INFINITY };
+    /// Bounds of nothing.
+    pub(in crate::render::cpu) const NONE: Self = Self { texels: None, min_height: f32::INFINITY };
 
-    /// Widens it by what a tile of pixels shows there where `seen`.
+    /// Adds the visible points of a tile where `visible` is set.
     #[inline(always)]
     pub(in crate::render::cpu) fn add<S: Simd>(
         &mut self,
         shadow: &Shadow<'_>,
         ray: &ViewRays<S>,
-        seen: S::M,
+        visible: S::M,
     ) {
-        // Normals are unit vectors, and something is left for rounding.
+        // Normals are unit vectors; the rest is tolerance for rounding.
         const SLACK: f32 = SHADOW_NORMAL_OFFSET_M * TEXELS_PER_M + 0.1;
         const LAST: i32 = SIDE as i32 - 2;
-        let mut lines = [F32x16::ZERO; 3];
-        let place = shadow.place(ray, &[0.0; 3]);
+        let mut lanes = [F32x16::ZERO; 3];
+        let position = shadow.lookup_position(ray, &[0.0; 3]);
         for k in 0..3 {
-            place[k].store(&mut lines[k]);
+            position[k].store(&mut lanes[k]);
         }
-        let [columns, rows, heights] = &lines;
-        for lane in SetBits(seen.to_bits()) {
+        let [columns, rows, heights] = &lanes;
+        for lane in SetBits(visible.to_bits()) {
             let (at, height) = ([columns.0[lane], rows.0[lane]], heights.0[lane]);
             if at.iter().any(|x| !(-SLACK..SIDE as f32 + SLACK).contains(x)) {
                 continue;
             }
-            // And its neighbour's.
-            let here = at.map(|x| {
+            // Including the neighbour that filtering reads.
+            let texels = at.map(|x| {
                 let (first, last) = ((x - SLACK) as i32, (x + SLACK) as i32);
                 [first.clamp(0, LAST), last.clamp(0, LAST) + 1]
             });
             self.texels = Some(match self.texels {
-                None => here,
-                Some(known) => each!(k in 2 => [known[k][0].min(here[k][0]), known[k][1].max(here[k][1])]),
+                None => texels,
+                Some(known) => {
+                    each!(k in 2 => [known[k][0].min(texels[k][0]), known[k][1].max(texels[k][1])])
+                }
             });
-            self.lowest = self.lowest.min(height - (SHADOW_NORMAL_OFFSET_M * STEPS_PER_M + SLACK_STEPS));
+            self.min_height =
+                self.min_height.min(height - (SHADOW_NORMAL_OFFSET_M * STEPS_PER_M + SLACK_STEPS));
         }
     }
 
-    /// What has to be known of it to tell what falls on it.
-    pub(in crate::render::cpu) fn reach(&self) -> LightBounds {
-        LightBounds { window: self.texels.and_then(PyramidWindow::around), lowest: self.lowest }
+    /// Returns the bounds.
+    pub(in crate::render::cpu) fn finish(&self) -> LightBounds {
+        LightBounds { window: self.texels.and_then(PyramidWindow::around), min_height: self.min_height }
     }
 }
 
-/// Where shadows come from that fall on a tile of pixels.
+/// Conservative bounds, on the shadow map, of the geometry that can shade a tile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render::cpu) struct LightBounds {
-    /// Anywhere if it is too large for a window.
+    /// Window of the lookups; `None` if they span more than the largest window.
     window: Option<PyramidWindow>,
-    /// Nothing that is lower shades it.
-    lowest: f32,
+    /// Minimum height: lower geometry cannot shade the tile.
+    min_height: f32,
 }
 
 impl LightBounds {
-    /// Whether a shadow of something this high may fall on it.
+    /// Returns `true` if geometry with these maximum heights may shade the tile.
     #[inline(always)]
-    pub(in crate::render::cpu) fn is_touched(&self, max_heights: &MaxHeightPyramid) -> bool {
+    pub(in crate::render::cpu) fn may_be_shaded_by(&self, max_heights: &MaxHeightPyramid) -> bool {
         match self.window {
-            Some(window) => f32::from(max_heights.within(window)) > self.lowest,
-            None => self.lowest < f32::INFINITY,
+            Some(window) => f32::from(max_heights.within(window)) > self.min_height,
+            None => self.min_height < f32::INFINITY,
         }
     }
 }
@@ -219,10 +223,10 @@ mod tests {
     use crate::render::scene::camera::PinholeCamera;
     use crate::stream::Stream;
 
-    type Answers = <Portable as Simd>::M;
-    type Numbers = <Portable as Simd>::F;
+    type MaskX16 = <Portable as Simd>::M;
+    type F32Lanes = <Portable as Simd>::F;
 
-    /// A map of random boxes about as high as what is looked up, and its greatest heights.
+    /// Creates a map of random boxes about as high as the lookups, and its maximum heights.
     fn map(stream: &mut Stream) -> (Vec<u16>, MaxHeightPyramid) {
         let mut heights = vec![0; SIDE * SIDE];
         for _ in 0..200 {
@@ -248,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_that_need_no_look_up_are_in_full_sunlight() {
+    fn fully_lit_tiles_are_lit_at_every_pixel() {
         let mut stream = Stream::new(3, "sunlight");
         let scene = (TaskId::RaiseCube.task().nominal)().draw(1);
         let (camera, mut rays) = (PinholeCamera::new(&scene.cameras[0]), RayTable::new());
@@ -256,10 +260,10 @@ mod tests {
         let per_row = camera.side >> Tile4x4::WIDTH_BITS;
         let (heights, max_heights) = map(&mut stream);
         let nothing = MaxHeightPyramid::new();
-        let [mut n_told, mut n_sunlit, mut n_shaded] = [0; 3];
+        let [mut n_reported, mut n_sunlit, mut n_shaded] = [0; 3];
         for _ in 0..600 {
-            let mut random = |least: f64, greatest: f64| (least + stream.unit() * (greatest - least)) as f32;
-            // The light comes from above and the side, the plane is turned any way towards the camera.
+            let mut random = |min: f64, max: f64| (min + stream.unit() * (max - min)) as f32;
+            // The light comes from above and the side; the plane has a random orientation towards the camera.
             let (sin, cos) = libm::sincosf(random(0.2, 1.3));
             let texel_from_view = Affine3 {
                 linear: [
@@ -286,28 +290,28 @@ mod tests {
                     }))
                 })
                 .collect();
-            // What is behind the camera is not seen.
+            // Skip planes that extend behind the camera.
             if depths.iter().flat_map(|line| line.0).any(|depth| depth < 0.1) {
                 continue;
             }
             let all = (u32::from(u16::MAX) >> (N_LANES - n)) as u16;
             let tiles = all & ((stream.unit() * 65536.0) as u16 | 1 << (n - 1));
-            let told = shadow.fully_lit_tiles::<Portable>(&rays, [column, row], &depths, tiles, &normal);
-            assert_eq!(told & !tiles, 0);
+            let reported = shadow.fully_lit_tiles::<Portable>(&rays, [column, row], &depths, tiles, &normal);
+            assert_eq!(reported & !tiles, 0);
             for (i, depths) in depths.iter().enumerate().filter(|(i, _)| tiles >> i & 1 == 1) {
                 let ray = rays.tile::<Portable>(column + i, row).at(depths);
-                let share = shadow.sunlight::<Portable, f32>(&ray, &normal, Answers::from_bits(u16::MAX));
-                let is_sunlit = !Numbers::splat(1.0).gt(share).any();
-                let is_told = told >> i & 1 == 1;
-                assert!(is_sunlit || !is_told, "tile {i} of {tiles:b} at {column}, {row}");
-                n_told += u32::from(is_told);
+                let share = shadow.sunlight::<Portable, f32>(&ray, &normal, MaskX16::from_bits(u16::MAX));
+                let is_sunlit = !F32Lanes::splat(1.0).gt(share).any();
+                let is_reported = reported >> i & 1 == 1;
+                assert!(is_sunlit || !is_reported, "tile {i} of {tiles:b} at {column}, {row}");
+                n_reported += u32::from(is_reported);
                 n_sunlit += u32::from(is_sunlit);
                 n_shaded += u32::from(!is_sunlit);
             }
         }
         assert!(
-            n_shaded > 200 && n_told > 200 && 2 * n_told > n_sunlit,
-            "{n_shaded}, {n_told} of {n_sunlit}"
+            n_shaded > 200 && n_reported > 200 && 2 * n_reported > n_sunlit,
+            "{n_shaded}, {n_reported} of {n_sunlit}"
         );
     }
 }

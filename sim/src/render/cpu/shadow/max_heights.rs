@@ -1,4 +1,4 @@
-//! A map's greatest heights, so that most look-ups can be spared.
+//! Maximum heights of a shadow map over windows of several sizes, which make most lookups unnecessary.
 
 use core::ops::RangeInclusive;
 
@@ -6,23 +6,23 @@ use super::{CELL, CELLS};
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{Simd, SimdI32};
 
-/// The greatest heights of a map's cells, and of overlapping windows of 3 × 3 of them.
+/// Maximum heights of the cells of a shadow map, and a pyramid of maximum heights over overlapping windows of 3 × 3 cells.
 ///
-/// PyramidLevel k of the windows has those of cells of 2ᵏ × 2ᵏ of the map's, by each window's first cell.
+/// The cells of level k are 2ᵏ × 2ᵏ cells of the map. A window is indexed by its first cell.
 pub(in crate::render::cpu) struct MaxHeightPyramid {
-    /// Rows of [`PITCH`] cells; there is nothing in the last two rows and columns, into which windows reach.
+    /// Rows of [`PITCH`] cells. The last two rows and columns are padding for windows at the edge.
     cells: Vec<u16>,
-    /// All levels, from the finest on.
+    /// All levels, the finest first.
     windows: Vec<u16>,
-    /// First and last column, first and last row of the cells that held anything when the windows were last found out.
+    /// First and last column and row of the occupied cells at the last update of the windows.
     occupied: Option<[[usize; 2]; 2]>,
 }
 
-/// Cells along each edge of the map, and two beyond it.
+/// Length of a row of cells, including two cells of padding.
 const PITCH: usize = CELLS + 2;
-/// MipLevels: the cells of the coarsest are an eighth of the map wide.
+/// Number of levels. The cells of the coarsest are an eighth of the map wide.
 const N_LEVELS: usize = 6;
-/// Where each level begins.
+/// Index of the first window of each level.
 const LEVELS: [usize; N_LEVELS + 1] = {
     let mut firsts = [0; N_LEVELS + 1];
     let mut level = 0;
@@ -35,22 +35,22 @@ const LEVELS: [usize; N_LEVELS + 1] = {
 };
 
 impl MaxHeightPyramid {
-    /// Nothing anywhere.
+    /// Creates an empty pyramid.
     pub(super) fn new() -> Self {
         Self { cells: vec![0; PITCH * PITCH], windows: vec![0; LEVELS[N_LEVELS]], occupied: None }
     }
 
-    /// Puts the greatest heights of two cells side by side into their place, by the first one's column and row.
+    /// Sets the maximum heights of two horizontally adjacent cells, given the column and row of the first.
     #[inline(always)]
     pub(super) fn set_cell_pair(&mut self, [column, row]: [usize; 2], heights: [u16; 2]) {
         self.cells[row * PITCH + column..][..2].copy_from_slice(&heights);
     }
 
-    /// Finds the windows out from the cells, given the first and last column and row of those that hold anything.
+    /// Updates the windows from the cells, given the first and last column and row of the occupied ones.
     #[inline(always)]
     pub(super) fn finish(&mut self, occupied: Option<[[usize; 2]; 2]>) {
         let before = core::mem::replace(&mut self.occupied, occupied);
-        // What is no longer there leaves the windows, too.
+        // Include the cells that were occupied before, so that their windows are cleared.
         let [columns, rows] = match (before, occupied) {
             (Some(before), Some(now)) => {
                 each!(k in 2 => [before[k][0].min(now[k][0]), before[k][1].max(now[k][1])])
@@ -59,7 +59,7 @@ impl MaxHeightPyramid {
             (None, None) => return,
         };
         let (first, n) = (columns[0].saturating_sub(2), columns[1] - columns[0].saturating_sub(2) + 1);
-        for row in reached(rows, 0) {
+        for row in overlapping(rows, 0) {
             let windows = &mut self.windows[row * CELLS + first..][..n];
             let rows = each!(down in 3 => &self.cells[(row + down) * PITCH + first..][..n + 2]);
             for (i, window) in windows.iter_mut().enumerate() {
@@ -71,9 +71,9 @@ impl MaxHeightPyramid {
         for level in 1..N_LEVELS {
             let (finer, coarser) = self.windows.split_at_mut(LEVELS[level]);
             let (finer, side) = (&finer[LEVELS[level - 1]..], CELLS >> level);
-            // Windows of three cells that are twice as long are windows side by side.
+            // A window of three cells of twice the size is the union of two adjacent finer windows.
             let next = |at: usize| (2 * at + 3).min(2 * side - 1);
-            for row in reached(rows, level) {
+            for row in overlapping(rows, level) {
                 let [upper, lower] = each!(k in 2 => {
                     &finer[[2 * row, next(row)][k] * 2 * side..][..2 * side]
                 });
@@ -82,56 +82,57 @@ impl MaxHeightPyramid {
                     *max_heights = upper[i].max(lower[i]);
                 }
                 let windows = &mut coarser[row * side..][..side];
-                for column in reached(columns, level) {
+                for column in overlapping(columns, level) {
                     windows[column] = both[2 * column].max(both[next(column)]);
                 }
             }
         }
     }
 
-    /// A window's greatest height.
+    /// Returns the maximum height of a window.
     #[inline(always)]
     pub(super) fn within(&self, window: PyramidWindow) -> u16 {
         self.windows[window.0 as usize]
     }
 }
 
-/// Windows of a level that have to do with these columns or rows of cells.
-fn reached([first, last]: [usize; 2], level: usize) -> RangeInclusive<usize> {
+/// Returns the columns or rows of the windows of a level that overlap these cells.
+fn overlapping([first, last]: [usize; 2], level: usize) -> RangeInclusive<usize> {
     (first >> level).saturating_sub(2)..=last >> level
 }
 
-/// One of a map's windows.
+/// Index of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PyramidWindow(pub(super) i32);
 
 impl PyramidWindow {
-    /// The least one with these columns and rows of texels in it, first and last; `None` if they are too far apart for any.
+    /// Returns the smallest window that contains these columns and rows of texels (first, last), or `None` if no window is
+    /// large enough.
     pub(super) fn around([[left, right], [top, bottom]]: [[i32; 2]; 2]) -> Option<Self> {
         PyramidLevel::of((right - left).max(bottom - top)).map(|level| level.window([left, top]))
     }
 }
 
-/// A level of windows.
+/// A level of the pyramid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PyramidLevel(u32);
 
 impl PyramidLevel {
-    /// The finest one whose windows have room for texels that are so far apart.
+    /// Returns the finest level whose windows can contain texels that are `size` apart.
     #[inline(always)]
-    pub(super) fn of(reach: i32) -> Option<Self> {
-        // Two of its cells are as long as that, since it need not begin where a cell does.
-        let level = u32::BITS - ((reach.max(1) as u32 - 1) / (2 * CELL as u32)).leading_zeros();
+    pub(super) fn of(size: i32) -> Option<Self> {
+        // Two cells must cover the range, because it need not be aligned with the cells.
+        let level = u32::BITS - ((size.max(1) as u32 - 1) / (2 * CELL as u32)).leading_zeros();
         ((level as usize) < N_LEVELS).then_some(Self(level))
     }
 
-    /// The window that a texel has in its first cell.
+    /// Returns the window whose first cell contains a texel.
     fn window(self, [x, y]: [i32; 2]) -> PyramidWindow {
         let bits = CELL.ilog2() + self.0;
         PyramidWindow(LEVELS[self.0 as usize] as i32 + (y >> bits) * (CELLS >> self.0) as i32 + (x >> bits))
     }
 
-    /// The same for sixteen texels.
+    /// Returns the indices of the windows whose first cells contain sixteen texels.
     #[inline(always)]
     pub(super) fn windows<S: Simd>(self, [x, y]: [S::I; 2]) -> S::I {
         let bits = CELL.ilog2() + self.0;
@@ -146,12 +147,12 @@ mod tests {
     use crate::render::cpu::shadow::SIDE;
     use crate::stream::Stream;
 
-    /// A whole number below `n`.
+    /// Draws an integer below `n`.
     fn below(stream: &mut Stream, n: usize) -> usize {
         (stream.unit() * n as f64) as usize
     }
 
-    /// Puts random heights into the cells of a random part, and nothing elsewhere.
+    /// Sets random heights in a random rectangle of cells and 0 elsewhere.
     fn change(stream: &mut Stream, cells: &mut [u16], max_heights: &mut MaxHeightPyramid) {
         let part = [0; 2].map(|_| {
             let first = below(stream, CELLS / 2) * 2;
@@ -169,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_hold_the_greatest_of_three_by_three_cells_whatever_was_there_before() {
+    fn windows_hold_the_maximum_of_their_cells() {
         let mut stream = Stream::new(1, "windows");
         let (mut cells, mut max_heights) = (vec![0; CELLS * CELLS], MaxHeightPyramid::new());
         for _ in 0..4 {
@@ -194,21 +195,21 @@ mod tests {
     }
 
     #[test]
-    fn a_window_around_texels_has_all_of_them_in_it() {
+    fn window_covers_every_requested_texel() {
         let mut stream = Stream::new(2, "windows");
         let (mut cells, mut max_heights) = (vec![0; CELLS * CELLS], MaxHeightPyramid::new());
         change(&mut stream, &mut cells, &mut max_heights);
         let mut levels = [0; N_LEVELS];
         for _ in 0..20_000 {
-            let reach = 1 << below(&mut stream, 8);
+            let size = 1 << below(&mut stream, 8);
             let texels = [0; 2].map(|_| {
                 let first = below(&mut stream, SIDE);
-                [first, (first + below(&mut stream, reach + 1)).min(SIDE - 1)]
+                [first, (first + below(&mut stream, size + 1)).min(SIDE - 1)]
             });
             let window = PyramidWindow::around(texels.map(|ends| ends.map(|at| at as i32))).unwrap();
             let [columns, rows] = texels.map(|[first, last]| first / CELL..=last / CELL);
-            let greatest = rows.flat_map(|row| &cells[row * CELLS..][columns.clone()]).max();
-            assert!(max_heights.within(window) >= *greatest.unwrap(), "{texels:?}");
+            let max = rows.flat_map(|row| &cells[row * CELLS..][columns.clone()]).max();
+            assert!(max_heights.within(window) >= *max.unwrap(), "{texels:?}");
             levels[LEVELS.partition_point(|first| *first <= window.0 as usize) - 1] += 1;
         }
         assert!(levels.iter().all(|n| *n > 100), "{levels:?}");

@@ -1,4 +1,4 @@
-//! Shadows of the first sun: a map of heights along its light, and looking up whether a point is reached.
+//! Shadows of the first directional light: a map of heights along the light, and its lookup.
 
 mod light_projection;
 mod lookup;
@@ -29,42 +29,41 @@ pub(super) use lookup::{LightBounds, LightBoundsBuilder, Shadow};
 pub(super) use max_heights::MaxHeightPyramid;
 use max_heights::{PyramidLevel, PyramidWindow};
 
-/// Texels along each edge of a map.
+/// Number of texels along each edge of a shadow map.
 const SIDE: usize = SHADOW_MAP_SIDE as usize;
 const TEXELS_PER_M: f32 = SIDE as f32 / SHADOW_MAP_WIDTH_M;
-/// HeightMap are whole numbers of steps.
+/// Resolution of heights, which are stored as 16-bit numbers of steps.
 const STEPS_PER_M: f32 = SHADOW_DEPTH_LEVELS / (2.0 * SHADOW_HALF_DEPTH_M);
-/// Height of the map's middle, in steps.
+/// Height of the centre of the map, in steps.
 const MIDDLE_STEPS: f32 = SHADOW_DEPTH_LEVELS / 2.0;
-/// The greatest height, in steps; what is higher is taken for as high as this.
+/// Maximum height, in steps. Higher geometry is clamped to it.
 const MAX_HEIGHT: f32 = SHADOW_DEPTH_LEVELS - 1.0;
-/// Nothing is as low as this, in steps.
+/// Height of empty texels, in steps.
 const EMPTY_HEIGHT: f32 = 0.0;
 
-/// Texels along each edge of a tile.
+/// Number of texels along each edge of a tile.
 const TILE: usize = DepthTile::WIDTH as usize;
-/// Blocks along each edge of a map.
+/// Number of tiles along each edge of a map.
 const TILES: usize = SIDE / TILE;
-/// Texels along each edge of a cell.
+/// Number of texels along each edge of a cell of the max-height pyramid.
 const CELL: usize = 2;
-/// Cells along each edge of a tile.
+/// Number of cells along each edge of a tile.
 const CELLS_PER_TILE: usize = TILE / CELL;
-/// Cells along each edge of a map.
+/// Number of cells along each edge of a map.
 const CELLS: usize = SIDE / CELL;
 
-/// HeightMap along the first sun's light, in steps, of the surfaces that look away from it: those that look at it would now and
-/// then shade themselves.
+/// Heights along the light, in steps, of back faces only: front faces would occasionally shadow themselves.
 struct HeightMap {
-    /// `[512, 512]`, of what was drawn and of what it was drawn over.
+    /// `[512, 512]` heights of the geometry drawn and of the map below it.
     texels: Vec<u16>,
-    /// Of what was drawn alone.
+    /// Maximum heights of the geometry drawn, without the map below.
     max_heights: MaxHeightPyramid,
-    /// Per sixteen tiles where anything was drawn, bit by bit.
+    /// Bit mask of the occupied tiles, sixteen per element.
     filled: Vec<u16>,
 }
 
 impl HeightMap {
-    /// Nothing anywhere.
+    /// Creates an empty map.
     fn new() -> Self {
         Self {
             texels: vec![0; SIDE * SIDE],
@@ -74,41 +73,41 @@ impl HeightMap {
     }
 }
 
-/// HeightMap of what never moves in a scene, which renderers keep there.
+/// Cached heights of static geometry.
 pub(in crate::render) struct StaticHeights {
-    /// The maps of what never moves, from its meshes to the light's frame, for which it was drawn.
+    /// Transforms of the static instances to the light frame for which the map was rendered.
     maps: Vec<Affine3>,
     heights: HeightMap,
 }
 
-/// All that the heights of what never moves depend on: meshes and their maps to the light's frame.
+/// Cache key of [`StaticHeights`]: the meshes and their transforms to the light frame.
 #[derive(PartialEq)]
 pub(super) struct StaticHeightsKey(Vec<(MeshKey, Affine3)>);
 
-/// HeightMap of everything at one moment.
+/// The shadow map of one env at one time.
 pub(super) struct ShadowMap {
-    /// What moves, drawn over the rest.
+    /// Heights of moving geometry, drawn over the static map.
     heights: HeightMap,
-    /// The rest: wherever nothing moves it is the same.
+    /// Heights of static geometry.
     still: Option<Arc<StaticHeights>>,
     light_from_world: Affine3,
 }
 
-/// What one map at a time is drawn in, tile by tile.
+/// Scratch buffers for rasterising one map at a time, tile by tile.
 pub(super) struct HeightRaster {
     tiles: Visibility,
     maps: Vec<Affine3>,
-    /// Whether there is nothing in it.
+    /// `true` if all tiles are cleared.
     is_empty: bool,
 }
 
 impl HeightRaster {
-    /// An empty one.
+    /// Creates empty buffers.
     pub(super) fn new() -> Self {
         Self { tiles: Visibility::new(), maps: Vec::with_capacity(256), is_empty: false }
     }
 
-    /// Draws some of the instances, moves them into `heights` over other ones, and leaves nothing behind.
+    /// Rasterises a range of instances and resolves them into `heights` on top of `under`. Leaves the tiles cleared.
     fn draw(
         &mut self,
         isa: Isa,
@@ -136,27 +135,27 @@ impl HeightRaster {
 }
 
 impl ShadowMap {
-    /// A map without shadows.
+    /// Creates a map without shadows.
     pub(super) fn new() -> Self {
         Self { heights: HeightMap::new(), still: None, light_from_world: Affine3::IDENTITY }
     }
 
-    /// Draws everything that casts a shadow in a scene that has shadows; what never moves only if no scene has `kept` it.
+    /// Renders all shadow casters of a scene with shadows. Static geometry is rendered only if it is not in the `cache`.
     pub(super) fn draw(
         &mut self,
         isa: Isa,
         scene: &RenderScene,
         snapshot: &Snapshot,
-        kept: &SharedCache<StaticHeightsKey, StaticHeights>,
+        cache: &SharedCache<StaticHeightsKey, StaticHeights>,
         raster: &mut HeightRaster,
     ) {
         let Some(centre) = scene.shadow_centre else { return };
         self.light_from_world = mirrored(light_from_world(scene.suns[0].towards, centre));
         let (view_from_world, maps) = (self.light_from_world, &mut raster.maps);
         isa.run(TransformInstances { scene, snapshot, view_from_world, maps });
-        let still = static_heights(isa, scene, kept, raster);
+        let still = static_heights(isa, scene, cache, raster);
         if !self.still.as_ref().is_some_and(|known| Arc::ptr_eq(known, &still)) {
-            // Where something moved it is drawn anew in any case.
+            // Tiles that moving geometry occupied are rewritten below in any case.
             self.heights.texels.copy_from_slice(&still.heights.texels);
         }
         let which = scene.n_static..scene.instances.len();
@@ -164,20 +163,20 @@ impl ShadowMap {
         self.still = Some(still);
     }
 
-    /// What a camera needs to look points up; `None` if nothing was drawn.
+    /// Returns the map for lookups from a camera, or `None` if nothing was rendered.
     pub(super) fn view(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
         let max_heights = [&self.heights.max_heights, &still.heights.max_heights];
         Some(self.shadow(&self.heights.texels, max_heights, view_from_world))
     }
 
-    /// The same as if there were nothing but what never moves.
+    /// Returns the map of static geometry alone for lookups from a camera.
     pub(super) fn static_view(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
         Some(self.shadow(&still.heights.texels, [&still.heights.max_heights; 2], view_from_world))
     }
 
-    /// The greatest heights of what moves.
+    /// Returns the maximum heights of moving geometry.
     pub(super) fn moving(&self) -> &MaxHeightPyramid {
         &self.heights.max_heights
     }
@@ -191,7 +190,7 @@ impl ShadowMap {
         let mut texel_from_view = self.light_from_world.compose(&view_from_world.rigid_inverse());
         for axis in 0..2 {
             texel_from_view.linear[axis] = scaled(texel_from_view.linear[axis], TEXELS_PER_M);
-            // From texels' corners to their middles.
+            // Shift from texel corners to texel centres.
             texel_from_view.offset[axis] =
                 texel_from_view.offset[axis] * TEXELS_PER_M + (SIDE as f32 / 2.0 - 0.5);
         }
@@ -201,17 +200,17 @@ impl ShadowMap {
     }
 }
 
-/// The heights of what never moves, drawn unless this scene or another one has them for the raster's maps.
+/// Returns the heights of static geometry, rendering them unless this or another scene has cached them.
 fn static_heights(
     isa: Isa,
     scene: &RenderScene,
-    all: &SharedCache<StaticHeightsKey, StaticHeights>,
+    cache: &SharedCache<StaticHeightsKey, StaticHeights>,
     raster: &mut HeightRaster,
 ) -> Arc<StaticHeights> {
-    // What is kept is whole at any moment.
-    let mut kept = scene.static_heights.lock().unwrap_or_else(PoisonError::into_inner);
+    // The slot is replaced as a whole, so it is valid even if a panic poisoned the lock.
+    let mut slot = scene.static_heights.lock().unwrap_or_else(PoisonError::into_inner);
     let maps = &raster.maps[..scene.n_static];
-    match &*kept {
+    match &*slot {
         Some(still) if still.maps == maps => Arc::clone(still),
         _ => {
             let meshes = scene.instances.iter().map(|instance| instance.mesh.key());
@@ -222,12 +221,12 @@ fn static_heights(
                 raster.draw(isa, (scene, 0..scene.n_static), &nothing, &mut heights);
                 StaticHeights { maps, heights }
             };
-            Arc::clone(kept.insert(all.get(casters, draw)))
+            Arc::clone(slot.insert(cache.get(casters, draw)))
         }
     }
 }
 
-/// Moves a raster into a map over other heights, and leaves the raster empty.
+/// Kernel that resolves rasterised tiles into a height map on top of another one and clears the tiles.
 struct ResolveHeights<'a> {
     tiles: &'a mut Visibility,
     under: &'a [u16],
@@ -242,7 +241,7 @@ impl Kernel for ResolveHeights<'_> {
         let (mut columns, mut rows) = ([CELLS, 0], [CELLS, 0]);
         let sixteens = depths.as_chunks_mut::<N_LANES>().0.iter_mut().zip(drawn.as_chunks_mut::<N_LANES>().0);
         for ((sixteen, (tiles, drawn)), filled) in sixteens.enumerate().zip(filled) {
-            // Most tiles are empty in one picture after the other.
+            // Most tiles are empty in one image after another.
             if *drawn == [0; N_LANES] && *filled == 0 {
                 continue;
             }
@@ -284,7 +283,7 @@ impl Kernel for ResolveHeights<'_> {
     }
 }
 
-/// The light's frame upside down: a mirror image of what the sun sees, so that what records away from it is drawn.
+/// Mirrors the light frame, which reverses the winding so that back faces are drawn.
 fn mirrored(light_from_world: Affine3) -> Affine3 {
     let Affine3 { linear: [right, down, height], offset: [x, y, z] } = light_from_world;
     Affine3 { linear: [right, scaled(down, -1.0), height], offset: [x, -y, z] }

@@ -9,31 +9,32 @@ use super::{
     Broadcast, F32x16, FloatLike, I16x16, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask, load_pairs,
 };
 
-/// The instruction set.
+/// The AVX2 implementation.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Avx2;
 
-/// SimdF32, lanes 0 to 7 and 8 to 15.
+/// Sixteen floats: lanes 0 to 7 and 8 to 15.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Avx2F32([__m256; 2]);
 
-/// Integers, lanes 0 to 7 and 8 to 15.
+/// Sixteen integers: lanes 0 to 7 and 8 to 15.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Avx2I32([__m256i; 2]);
 
-/// Answers, all bits of a lane set or none.
+/// Sixteen booleans: all bits of a lane are set, or none.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Avx2Mask([__m256i; 2]);
 
-/// What intrinsics give.
+/// Evaluates an expression of intrinsics.
 macro_rules! intrinsic {
     ($call:expr) => {
-        // SAFETY: this type exists only in code compiled for AVX2 and FMA, which runs only where the processor has them.
+        // SAFETY: values of this type exist only in code compiled for AVX2 and FMA, which runs only on processors
+        // that have them (see `super::isa`).
         unsafe { $call }
     };
 }
 
-/// The same intrinsic for both halves.
+/// Applies an intrinsic to both registers.
 macro_rules! both {
     ($intrinsic:ident ( $($arg:expr),+ )) => {
         intrinsic!([
@@ -107,7 +108,7 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn interleave_tiles([a, b, c, d]: [Avx2I32; 4]) -> [Avx2I32; 4] {
         intrinsic!({
-            // By half: one row each, two numbers' quarters of it side by side.
+            // Per register: one pixel row each, with the quarters of two tiles side by side.
             let rows = each!(i in 2 => [
                 _mm256_unpacklo_epi64(a.0[i], b.0[i]),
                 _mm256_unpackhi_epi64(a.0[i], b.0[i]),
@@ -145,7 +146,7 @@ impl Simd for Avx2 {
     }
 }
 
-/// Undoes the order in which shuffles within halves leave the pairs of lanes.
+/// Restores the lane order after shuffles that work within 128-bit halves.
 #[inline(always)]
 fn ordered(mixed: __m256) -> __m256i {
     intrinsic!(_mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_castps_si256(mixed)))

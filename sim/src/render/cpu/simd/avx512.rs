@@ -10,26 +10,27 @@ use super::{
     windows,
 };
 
-/// The instruction set.
+/// The AVX-512 implementation.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Avx512;
 
-/// SimdF32 in a register.
+/// Sixteen floats in a register.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Avx512F32(__m512);
 
-/// Integers in a register.
+/// Sixteen integers in a register.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Avx512I32(__m512i);
 
-/// Answers in a mask register.
+/// Sixteen booleans in a mask register.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Avx512Mask(__mmask16);
 
-/// A function of one intrinsic.
+/// Evaluates an expression of intrinsics.
 macro_rules! intrinsic {
     ($call:expr) => {
-        // SAFETY: this type exists only in code compiled for AVX-512, which runs only where the processor has it.
+        // SAFETY: values of this type exist only in code compiled for AVX-512, which runs only on processors that
+        // have it (see `super::isa`).
         unsafe { $call }
     };
 }
@@ -96,7 +97,7 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn gather_pairs(words: &[u32], at: &I32x16) -> (Avx512I32, Avx512I32) {
-        // Sixteen loads put together are measured to take about half as long as gather instructions.
+        // Measured: sixteen loads take about half as long as gather instructions.
         let p = load_pairs::<Self>(words, at);
         intrinsic!({
             let low = _mm512_setr_epi64(p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]);
@@ -135,7 +136,7 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn interleave_tiles([a, b, c, d]: [Avx512I32; 4]) -> [Avx512I32; 4] {
         intrinsic!({
-            // One row each, the four numbers' quarters of it side by side.
+            // One pixel row each, with the quarters of the four tiles side by side.
             let rows = [
                 _mm512_unpacklo_epi64(a.0, b.0),
                 _mm512_unpackhi_epi64(a.0, b.0),
@@ -203,7 +204,7 @@ impl Simd for Avx512 {
     }
 }
 
-/// The lowest three bytes of each lane, side by side in every four lanes.
+/// Packs the low three bytes of each lane contiguously within every four lanes.
 #[inline(always)]
 fn three_of_four(pixels: Avx512I32) -> __m512i {
     intrinsic!({
@@ -317,7 +318,7 @@ impl SimdI32 for Avx512I32 {
     fn load_partial(from: &[i32], rest: i32) -> Self {
         let n = from.len().min(N_LANES);
         let there = ((1_u32 << n) - 1) as u16;
-        // Reads no lane that is not there.
+        // The mask suppresses reads beyond the slice.
         Self(intrinsic!(_mm512_mask_loadu_epi32(_mm512_set1_epi32(rest), there, from.as_ptr())))
     }
 

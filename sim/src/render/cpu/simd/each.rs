@@ -1,9 +1,10 @@
-//! Arrays of like expressions, written out.
+//! Arrays of similar expressions, unrolled by a macro.
 //!
-//! `array::from_fn` and `map` take closures, and a closure is not compiled for the instruction set of the function it is
-//! in: the intrinsics in it would be called one by one. Nor does code here pass vectors through other closures.
+//! `array::from_fn` and `map` take closures, and a closure is not compiled for the instruction set of the function that
+//! contains it, so intrinsics inside would become function calls. For the same reason no code of this renderer passes
+//! vectors through other closures.
 
-/// `each!(k in 3 => f(k))` is `[f(0), f(1), f(2)]`; for 2, 3, 4, 8 and 16.
+/// Expands `each!(k in 3 => f(k))` to `[f(0), f(1), f(2)]`. Supports 2, 3, 4, 8 and 16 elements.
 macro_rules! each {
     ($k:ident in 2 => $value:expr) => {
         $crate::render::cpu::simd::each::each!($k of [0, 1] => $value)

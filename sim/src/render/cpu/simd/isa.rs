@@ -1,73 +1,68 @@
-//! The same code compiled for several instruction sets, the widest the processor has chosen once at the start.
+//! Run-time dispatch: the same kernels compiled for several instruction sets, of which a renderer uses the widest that
+//! the processor has.
+
+#[cfg(target_arch = "x86_64")]
+use pulp::x86::{V3, V4};
 
 #[cfg(target_arch = "x86_64")]
 use super::{Avx2, Avx512};
 use super::{Portable, Simd};
 
-/// An instruction set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// An instruction set. The variants hold pulp's capability tokens, which only run-time detection can create, so a value
+/// of this type proves that the processor has the instruction set.
+#[derive(Clone, Copy, Debug)]
 pub(in crate::render::cpu) enum Isa {
-    /// What every processor of the compiled-for family has.
+    /// The baseline of the compilation target.
     Portable,
-    /// Eight numbers at a time.
+    /// AVX2 and FMA: eight f32 lanes per register.
     #[cfg(target_arch = "x86_64")]
-    Avx2,
-    /// Sixteen numbers at a time.
+    Avx2(V3),
+    /// AVX-512 F, BW, DQ and VL: sixteen f32 lanes per register.
     #[cfg(target_arch = "x86_64")]
-    Avx512,
+    Avx512(V4),
 }
 
 impl Isa {
-    /// Those that this processor has, the narrowest first.
+    /// Returns the instruction sets of this processor, the narrowest first.
     pub(in crate::render::cpu) fn available() -> Vec<Self> {
         let mut available = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
         {
-            let counts_bits = is_x86_feature_detected!("bmi1") && is_x86_feature_detected!("popcnt");
-            if counts_bits && is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-                available.push(Self::Avx2);
-            }
-            if available.contains(&Self::Avx2)
-                && is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512bw")
-                && is_x86_feature_detected!("avx512dq")
-                && is_x86_feature_detected!("avx512vl")
-            {
-                available.push(Self::Avx512);
-            }
+            available.extend(V3::try_new().map(Self::Avx2));
+            available.extend(V4::try_new().map(Self::Avx512));
         }
         available
     }
 
-    /// Name for people.
+    /// Returns the name to display.
     pub(in crate::render::cpu) const fn name(self) -> &'static str {
         match self {
             Self::Portable => "portable",
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => "AVX2",
+            Self::Avx2(_) => "AVX2",
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => "AVX-512",
+            Self::Avx512(_) => "AVX-512",
         }
     }
 
-    /// Does a piece of work with this instruction set.
+    /// Runs a kernel compiled for this instruction set.
     pub(in crate::render::cpu) fn run<K: Kernel>(self, kernel: K) {
         match self {
             Self::Portable => kernel.run::<Portable>(),
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: `available` lists this instruction set only where the processor has it.
-            Self::Avx2 => unsafe { avx2(kernel) },
+            // SAFETY: the token proves x86-64-v3, which includes every feature that `avx2` enables.
+            Self::Avx2(_) => unsafe { avx2(kernel) },
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: `available` lists this instruction set only where the processor has it.
-            Self::Avx512 => unsafe { avx512(kernel) },
+            // SAFETY: the token proves x86-64-v4, which includes every feature that `avx512` enables.
+            Self::Avx512(_) => unsafe { avx512(kernel) },
         }
     }
 }
 
-/// A piece of work that is compiled once per instruction set. `run` and all that it calls with vectors is
-/// `inline(always)`, for only what is inlined into the functions below is compiled for their instruction sets.
+/// A piece of work that is compiled once per instruction set. `run` and every function it calls with vector arguments
+/// must be `#[inline(always)]`: only what is inlined into the functions below is compiled for their instruction sets.
 pub(in crate::render::cpu) trait Kernel {
-    /// Does it.
+    /// Executes the kernel.
     fn run<S: Simd>(self);
 }
 

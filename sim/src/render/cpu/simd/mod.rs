@@ -1,8 +1,8 @@
-//! Sixteen numbers side by side and what can be done with them, once per instruction set.
+//! Vectors of sixteen lanes and their operations, implemented once per instruction set.
 //!
-//! Every operation is the IEEE or integer one in each lane, the fused product-and-sum included, so generic code gives the
-//! same bits on every instruction set. Values of an implementation exist only inside code compiled for its instruction
-//! set ([`super::isa`]): that is what makes its intrinsics sound.
+//! Every operation is the IEEE 754 or integer operation in each lane, fused multiply-add included, so generic code
+//! produces identical bits on every instruction set. Values of an implementation exist only in code compiled for its
+//! instruction set ([`isa`]), which makes its intrinsics sound.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -25,31 +25,31 @@ pub(super) use portable::Portable;
 pub(super) use crate::render::math::lanes::{F32x16, I16x16, I32x16, N_LANES};
 use each::each;
 
-/// An instruction set.
+/// Vector types of an instruction set and the operations that combine several of them.
 pub(super) trait Simd: Copy {
     /// `[16] f32`.
     type F: SimdF32<I = Self::I, M = Self::M> + Broadcast<Self>;
     /// `[16] i32`.
     type I: SimdI32<F = Self::F, M = Self::M>;
-    /// `[16]` yes or no.
+    /// `[16] bool`.
     type M: SimdMask;
 
-    /// Rows become columns.
+    /// Transposes a 16 × 16 matrix given as rows.
     fn transpose(rows: [Self::F; N_LANES]) -> [Self::F; N_LANES];
 
-    /// The words at each index and right behind it. An index outside of `words` is a mistake, which builds with debug
-    /// assertions tell; others then read some other words.
+    /// Gathers the words at each index of `at` and their right neighbours. An out-of-range index is a bug: it panics
+    /// with debug assertions and otherwise yields some other word of the slice.
     ///
     /// # Panics
     /// If there are fewer than two words.
     fn gather_pairs(words: &[u32], at: &I32x16) -> (Self::I, Self::I);
 
-    /// The words at x and y of an 8 × 8 window, those to the right of them, below them, and below to the right. The
-    /// window's rows begin at `first`, `first + pitch` and so on. `None` if one of the points is outside of the first
-    /// 7 × 7, or if this instruction set has no faster way than [`Self::gather_pairs`].
+    /// Gathers from an 8 × 8 window the words at (x, y), (x + 1, y), (x, y + 1) and (x + 1, y + 1). The rows of the
+    /// window start at `first`, `first + pitch` and so on. Returns `None` if a point lies outside the first 7 × 7, or if
+    /// this instruction set has no faster implementation than [`Self::gather_pairs`].
     ///
     /// # Panics
-    /// If the window light_bounds out of `words`.
+    /// If the window exceeds `words`.
     #[inline(always)]
     fn gather_window(
         _words: &[u32],
@@ -60,32 +60,34 @@ pub(super) trait Simd: Copy {
         None
     }
 
-    /// The number at each index in the lower half of a lane, the one right behind it in the upper half. An index outside of
-    /// `halves` is a mistake, which builds with debug assertions tell; others then read some other numbers.
+    /// Gathers the number at each index of `at` into the low half of its lane and its right neighbour into the high
+    /// half. An out-of-range index is a bug: it panics with debug assertions and otherwise yields some other number of
+    /// the slice.
     ///
     /// # Panics
     /// If there are fewer than two numbers.
     #[inline(always)]
     fn gather_neighbours_u16(halves: &[u16], at: &I32x16) -> Self::I {
-        let last = halves.len().checked_sub(2).expect("two numbers are neighbours") as i32;
+        let last = halves.len().checked_sub(2).expect("at least two numbers") as i32;
         debug_assert!(
             at.0.iter().all(|i| (0..=last).contains(i)),
-            "outside of {} numbers: {at:?}",
+            "out of range of {} numbers: {at:?}",
             halves.len()
         );
-        let mut held = I32x16::ZERO;
-        Self::I::load(at).max(Self::I::splat(0)).min(Self::I::splat(last)).store(&mut held);
-        // SAFETY: every index is held between 0 and the last one that has a number behind it.
-        let two = |i: i32| unsafe { halves.as_ptr().add(i as usize).cast::<i32>().read_unaligned() };
-        Self::I::load(&I32x16(each!(i in 16 => two(held.0[i]))))
+        let mut clamped = I32x16::ZERO;
+        Self::I::load(at).max(Self::I::splat(0)).min(Self::I::splat(last)).store(&mut clamped);
+        // SAFETY: every index is clamped to 0..=last, and `last` has a right neighbour.
+        let pair = |i: i32| unsafe { halves.as_ptr().add(i as usize).cast::<i32>().read_unaligned() };
+        Self::I::load(&I32x16(each!(i in 16 => pair(clamped.0[i]))))
     }
 
-    /// Of an 8 × 8 window, the numbers at x and y in the lower halves and those to the right of them in the upper halves;
-    /// and those below both. The window's rows begin at `first`, `first + pitch` and so on. `None` if one of the points is outside of
-    /// the first 7 × 7, or if this instruction set has no faster way than [`Self::gather_neighbours_u16`].
+    /// Gathers from an 8 × 8 window the numbers at (x, y) in the low halves and at (x + 1, y) in the high halves, and
+    /// the same for the row below. The rows of the window start at `first`, `first + pitch` and so on. Returns `None` if a
+    /// point lies outside the first 7 × 7, or if this instruction set has no faster implementation than
+    /// [`Self::gather_neighbours_u16`].
     ///
     /// # Panics
-    /// If the window light_bounds out of `halves`.
+    /// If the window exceeds `halves`.
     #[inline(always)]
     fn gather_window_u16(
         _halves: &[u16],
@@ -96,28 +98,29 @@ pub(super) trait Simd: Copy {
         None
     }
 
-    /// Lane 4 r + 2 b + c of number k of the result is lane 4 k + 2 (r % 2) + c of number 2 (r / 2) + b of these: what lies in four
-    /// squares of 2 × 2 pixels, four times over, is put in the order of one square of 4 × 4.
+    /// Reorders the samples of 4 × 4 pixels from four multisample tiles of 2 × 2 pixels each, given in row-major order.
+    /// Vector k of the result holds sample k of every pixel in the lane order of a 4 × 4 tile: its lane 4 r + 2 b + c is
+    /// lane 4 k + 2 (r % 2) + c of tile 2 (r / 2) + b.
     fn interleave_tiles(squares: [Self::I; 4]) -> [Self::I; 4];
 
-    /// Writes the lanes that are kept side by side, from the lowest up, and says how many they are. What is behind them in
-    /// the line is lost.
+    /// Writes the lanes selected by `keep` contiguously, the lowest first, and returns their number. The contents of `to`
+    /// after them are unspecified.
     #[inline(always)]
     fn compress(numbers: Self::I, keep: Self::M, to: &mut [i32; N_LANES]) -> usize {
-        let mut line = I32x16::ZERO;
-        numbers.store(&mut line);
+        let mut lanes = I32x16::ZERO;
+        numbers.store(&mut lanes);
         let mut n = 0;
         for lane in SetBits(keep.to_bits()) {
-            to[n] = line.0[lane];
+            to[n] = lanes.0[lane];
             n += 1;
         }
         n
     }
 
-    /// Writes the lowest three bytes of each lane, four lanes to a row.
+    /// Writes the low three bytes of each lane, four lanes per row.
     fn store_rgb(pixels: Self::I, rows: [&mut [u8; 12]; 4]);
 
-    /// The same for four numbers side by side.
+    /// Like [`Self::store_rgb`] for four horizontally adjacent tiles.
     #[inline(always)]
     fn store_rgb_x4(pixels: [Self::I; 4], rows: [&mut [u8; 48]; 4]) {
         let [a, b, c, d] = rows;
@@ -129,21 +132,22 @@ pub(super) trait Simd: Copy {
     }
 }
 
-/// A float or sixteen of them: what is the same for all pixels of a surface is computed once, by the same steps.
+/// Operations common to `f32` and vectors of it. A quantity that is the same for all pixels of a surface is computed once,
+/// as a scalar, by the same steps.
 pub(super) trait FloatLike:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
-    /// The same number everywhere.
+    /// Broadcasts `x` to all lanes.
     fn splat(x: f32) -> Self;
-    /// `self * factor + term`, rounded once.
+    /// Returns `self * factor + term` with a single rounding.
     fn mul_add(self, factor: Self, term: Self) -> Self;
     /// Tile4x4 root.
     fn sqrt(self) -> Self;
-    /// The greater; the other one if `self` is NaN.
+    /// Returns the maximum, or `other` if `self` is NaN.
     fn max(self, other: Self) -> Self;
-    /// The lesser; the other one if `self` is NaN.
+    /// Returns the minimum, or `other` if `self` is NaN.
     fn min(self, other: Self) -> Self;
-    /// `self` where `sign` is positive, else 0.
+    /// Returns `self` where `sign` is positive and 0 elsewhere.
     fn zero_unless_positive(self, sign: Self) -> Self;
 }
 
@@ -179,9 +183,9 @@ impl FloatLike for f32 {
     }
 }
 
-/// A number that can be spread over an instruction set's lanes.
+/// A scalar or vector that can be converted to a vector of an instruction set.
 pub(super) trait Broadcast<S: Simd>: FloatLike {
-    /// Itself if it is sixteen, else the same everywhere.
+    /// Returns a vector unchanged and a scalar in all lanes.
     fn broadcast(self) -> S::F;
 }
 
@@ -192,28 +196,28 @@ impl<S: Simd> Broadcast<S> for f32 {
     }
 }
 
-/// Sixteen floats.
+/// Sixteen f32 lanes.
 pub(super) trait SimdF32: FloatLike {
-    /// Integers as wide.
+    /// Matching integer vector.
     type I;
-    /// Masks as wide.
+    /// Matching mask.
     type M;
 
-    /// From memory.
+    /// Loads from memory.
     fn load(from: &F32x16) -> Self;
-    /// From integers in memory.
+    /// Loads 16-bit integers and converts them.
     fn load_i16(from: &I16x16) -> Self;
-    /// To memory.
+    /// Stores to memory.
     fn store(self, to: &mut F32x16);
-    /// Where `self > other`; not for NaN.
+    /// Compares `self > other`; false for NaN.
     fn gt(self, other: Self) -> Self::M;
-    /// `self` where `mask`, else `other`.
+    /// Returns `self` where `mask` is set and `other` elsewhere.
     fn select_or(self, mask: Self::M, other: Self) -> Self;
-    /// To the nearest integer, ties to even; meaningless outside of ±2³¹.
+    /// Rounds to the nearest integer, ties to even. Unspecified outside ±2³¹.
     fn round_to_i32(self) -> Self::I;
-    /// Towards zero; meaningless outside of ±2³¹.
+    /// Truncates towards zero. Unspecified outside ±2³¹.
     fn truncate_to_i32(self) -> Self::I;
-    /// The same bits.
+    /// Reinterprets the bits as integers.
     fn bitcast_i32(self) -> Self::I;
 }
 
@@ -223,90 +227,90 @@ pub(super) trait SimdI32:
 {
     /// SimdF32 as wide.
     type F;
-    /// Masks as wide.
+    /// Matching mask.
     type M;
 
-    /// The same number everywhere.
+    /// Broadcasts `x` to all lanes.
     fn splat(x: i32) -> Self;
-    /// From memory.
+    /// Loads from memory.
     fn load(from: &I32x16) -> Self;
-    /// Sixteen numbers anywhere in memory, or fewer and the `rest`.
+    /// Loads up to sixteen numbers of an unaligned slice and fills the remaining lanes with `rest`.
     #[inline(always)]
     fn load_partial(from: &[i32], rest: i32) -> Self {
-        let mut line = I32x16([rest; N_LANES]);
+        let mut lanes = I32x16([rest; N_LANES]);
         let n = from.len().min(N_LANES);
-        line.0[..n].copy_from_slice(&from[..n]);
-        Self::load(&line)
+        lanes.0[..n].copy_from_slice(&from[..n]);
+        Self::load(&lanes)
     }
-    /// To memory.
+    /// Stores to memory.
     fn store(self, to: &mut I32x16);
-    /// Product, its lower 32 bits.
+    /// Returns the low 32 bits of the product.
     fn mul(self, other: Self) -> Self;
-    /// Products of both 16-bit halves, each kept to 16 bits.
+    /// Multiplies the 16-bit halves separately and keeps the low 16 bits of each product.
     fn mul_i16(self, other: Self) -> Self;
-    /// Sum of the two products of signed 16-bit halves.
+    /// Multiplies the signed 16-bit halves and returns the sum of both products.
     fn dot_i16(self, other: Self) -> Self;
-    /// Shifted left.
+    /// Shifts left.
     fn shl<const BITS: u32>(self) -> Self;
-    /// Shifted right, zeros from the left.
+    /// Shifts right, inserting zeros.
     fn shr_logical<const BITS: u32>(self) -> Self;
-    /// Both 16-bit halves shifted right, zeros from the left of each.
+    /// Shifts both 16-bit halves right, inserting zeros.
     fn shr_logical_u16<const BITS: u32>(self) -> Self;
-    /// Shifted right, the sign from the left.
+    /// Shifts right, inserting the sign bit.
     fn shr_arithmetic<const BITS: u32>(self) -> Self;
-    /// Shifted right by as many bits in each lane, the sign from the left.
+    /// Shifts every lane right by `bits`, inserting the sign bit.
     fn shr_arithmetic_by(self, bits: u32) -> Self;
-    /// The greater.
+    /// Returns the maximum.
     fn max(self, other: Self) -> Self;
-    /// The lesser.
+    /// Returns the minimum.
     fn min(self, other: Self) -> Self;
-    /// Where `self > other`.
+    /// Compares `self > other`.
     fn gt(self, other: Self) -> Self::M;
-    /// Where they are equal.
+    /// Compares for equality.
     fn eq(self, other: Self) -> Self::M;
-    /// `self` where `mask`, else `other`.
+    /// Returns `self` where `mask` is set and `other` elsewhere.
     fn select_or(self, mask: Self::M, other: Self) -> Self;
-    /// The least of the lower and the least of the upper 16-bit halves, without signs.
+    /// Returns the minima of the low and of the high 16-bit halves of all lanes, as unsigned numbers.
     #[inline(always)]
     fn reduce_min_u16(self) -> [u16; 2] {
-        let mut line = I32x16::ZERO;
-        self.store(&mut line);
-        let mut least = [u16::MAX; 2];
-        for lane in line.0 {
+        let mut lanes = I32x16::ZERO;
+        self.store(&mut lanes);
+        let mut min = [u16::MAX; 2];
+        for lane in lanes.0 {
             let halves = [lane as u16, (lane >> 16) as u16];
-            least = [least[0].min(halves[0]), least[1].min(halves[1])];
+            min = [min[0].min(halves[0]), min[1].min(halves[1])];
         }
-        least
+        min
     }
-    /// The greatest lane.
+    /// Returns the maximum over all lanes.
     #[inline(always)]
     fn reduce_max(self) -> i32 {
-        let mut line = I32x16::ZERO;
-        self.store(&mut line);
-        line.0.into_iter().fold(i32::MIN, i32::max)
+        let mut lanes = I32x16::ZERO;
+        self.store(&mut lanes);
+        lanes.0.into_iter().fold(i32::MIN, i32::max)
     }
-    /// As floats, rounded to nearest.
+    /// Converts to floats, rounding to nearest.
     fn to_f32(self) -> Self::F;
-    /// The same bits.
+    /// Reinterprets the bits as floats.
     fn bitcast_f32(self) -> Self::F;
 }
 
-/// Sixteen answers.
+/// Sixteen boolean lanes.
 pub(super) trait SimdMask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
-    /// Lane i as bit i.
+    /// Packs lane i into bit i.
     fn to_bits(self) -> u16;
-    /// Bit i as lane i.
+    /// Unpacks bit i into lane i.
     fn from_bits(bits: u16) -> Self;
-    /// Whether it is yes anywhere.
+    /// Returns `true` if any lane is set.
     #[inline(always)]
     fn any(self) -> bool {
         self.to_bits() != 0
     }
-    /// Where `self` and not `other`.
+    /// Returns `self & !other`.
     fn and_not(self, other: Self) -> Self;
 }
 
-/// The lanes whose bits are set, from the lowest up.
+/// Iterator over the indices of the set bits, the lowest first.
 pub(super) struct SetBits(pub(super) u16);
 
 impl Iterator for SetBits {
@@ -320,17 +324,21 @@ impl Iterator for SetBits {
     }
 }
 
-/// Sixteen pairs of neighbouring words, the first one in the lower half.
+/// Loads sixteen pairs of adjacent words, the first of each pair in the low half.
 ///
 /// # Panics
-/// See [`Simd::pairs`].
+/// See [`Simd::gather_pairs`].
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 fn load_pairs<S: Simd>(words: &[u32], at: &I32x16) -> [i64; N_LANES] {
-    let last = words.len().checked_sub(2).expect("two words make a pair") as i32;
-    debug_assert!(at.0.iter().all(|i| (0..=last).contains(i)), "outside of {} words: {at:?}", words.len());
-    let mut held = I32x16::ZERO;
-    S::I::load(at).max(S::I::splat(0)).min(S::I::splat(last)).store(&mut held);
-    // SAFETY: every index is held between 0 and the last one that has a word behind it.
-    each!(i in 16 => unsafe { words.as_ptr().add(held.0[i] as usize).cast::<i64>().read_unaligned() })
+    let last = words.len().checked_sub(2).expect("at least two words") as i32;
+    debug_assert!(
+        at.0.iter().all(|i| (0..=last).contains(i)),
+        "out of range of {} words: {at:?}",
+        words.len()
+    );
+    let mut clamped = I32x16::ZERO;
+    S::I::load(at).max(S::I::splat(0)).min(S::I::splat(last)).store(&mut clamped);
+    // SAFETY: every index is clamped to 0..=last, and `last` has a right neighbour.
+    each!(i in 16 => unsafe { words.as_ptr().add(clamped.0[i] as usize).cast::<i64>().read_unaligned() })
 }

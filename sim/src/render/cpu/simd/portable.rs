@@ -1,22 +1,22 @@
-//! DepthTile arrays: what every processor can do.
+//! Portable implementation on plain arrays.
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 use super::{Broadcast, F32x16, FloatLike, I16x16, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
 
-/// No instruction set in particular.
+/// The portable implementation, for any processor.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct Portable;
 
-/// SimdF32 in an array.
+/// Sixteen floats in an array.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct PortableF32([f32; N_LANES]);
 
-/// Integers in an array.
+/// Sixteen integers in an array.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct PortableI32([i32; N_LANES]);
 
-/// Answers as bits.
+/// Sixteen booleans as the bits of an integer.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct PortableMask(u16);
 
@@ -28,21 +28,21 @@ fn zip<A: Copy, B: Copy, C>(a: [A; N_LANES], b: [B; N_LANES], f: impl Fn(A, B) -
     core::array::from_fn(|i| f(a[i], b[i]))
 }
 
-fn ask<A: Copy>(a: [A; N_LANES], b: [A; N_LANES], f: impl Fn(A, A) -> bool) -> PortableMask {
+fn compare<A: Copy>(a: [A; N_LANES], b: [A; N_LANES], f: impl Fn(A, A) -> bool) -> PortableMask {
     PortableMask((0..N_LANES).fold(0, |bits, i| bits | u16::from(f(a[i], b[i])) << i))
 }
 
-fn choose<A: Copy>(mask: PortableMask, yes: [A; N_LANES], no: [A; N_LANES]) -> [A; N_LANES] {
-    core::array::from_fn(|i| if mask.0 >> i & 1 == 1 { yes[i] } else { no[i] })
+fn select<A: Copy>(mask: PortableMask, set: [A; N_LANES], unset: [A; N_LANES]) -> [A; N_LANES] {
+    core::array::from_fn(|i| if mask.0 >> i & 1 == 1 { set[i] } else { unset[i] })
 }
 
-/// A float without a fraction as an integer; what does not fit becomes the least integer, as x86 has it.
-fn whole(x: f32) -> i32 {
-    const BEYOND: f32 = (1_u32 << 31) as f32;
-    if x.abs() < BEYOND { x as i32 } else { i32::MIN }
+/// Converts an integral float to an integer. Out-of-range values become `i32::MIN`, as on x86.
+fn to_i32(x: f32) -> i32 {
+    const LIMIT: f32 = (1_u32 << 31) as f32;
+    if x.abs() < LIMIT { x as i32 } else { i32::MIN }
 }
 
-/// What both halves of two numbers give.
+/// Applies `f` to the signed low halves and to the signed high halves of `a` and `b`.
 fn halves(a: i32, b: i32, f: impl Fn(i32, i32) -> i32) -> [i32; 2] {
     let low = |x: i32| i32::from(x as i16);
     [f(low(a), low(b)), f(a >> 16, b >> 16)]
@@ -82,11 +82,11 @@ impl Simd for Portable {
         (PortableI32(map(at.0, |i| word(i, 0))), PortableI32(map(at.0, |i| word(i, 1))))
     }
 
-    fn interleave_tiles(squares: [PortableI32; 4]) -> [PortableI32; 4] {
+    fn interleave_tiles(tiles: [PortableI32; 4]) -> [PortableI32; 4] {
         core::array::from_fn(|k| {
             PortableI32(core::array::from_fn(|lane| {
                 let (row, half, column) = (lane / 4, lane / 2 % 2, lane % 2);
-                squares[row / 2 * 2 + half].0[4 * k + row % 2 * 2 + column]
+                tiles[row / 2 * 2 + half].0[4 * k + row % 2 * 2 + column]
             }))
         })
     }
@@ -149,19 +149,19 @@ impl SimdF32 for PortableF32 {
     }
 
     fn gt(self, other: Self) -> PortableMask {
-        ask(self.0, other.0, |a, b| a > b)
+        compare(self.0, other.0, |a, b| a > b)
     }
 
     fn select_or(self, mask: PortableMask, other: Self) -> Self {
-        Self(choose(mask, self.0, other.0))
+        Self(select(mask, self.0, other.0))
     }
 
     fn round_to_i32(self) -> PortableI32 {
-        PortableI32(map(self.0, |x| whole(x.round_ties_even())))
+        PortableI32(map(self.0, |x| to_i32(x.round_ties_even())))
     }
 
     fn truncate_to_i32(self) -> PortableI32 {
-        PortableI32(map(self.0, whole))
+        PortableI32(map(self.0, to_i32))
     }
 
     fn bitcast_i32(self) -> PortableI32 {
@@ -235,15 +235,15 @@ impl SimdI32 for PortableI32 {
     }
 
     fn gt(self, other: Self) -> PortableMask {
-        ask(self.0, other.0, |a, b| a > b)
+        compare(self.0, other.0, |a, b| a > b)
     }
 
     fn eq(self, other: Self) -> PortableMask {
-        ask(self.0, other.0, |a, b| a == b)
+        compare(self.0, other.0, |a, b| a == b)
     }
 
     fn select_or(self, mask: PortableMask, other: Self) -> Self {
-        Self(choose(mask, self.0, other.0))
+        Self(select(mask, self.0, other.0))
     }
 
     fn to_f32(self) -> PortableF32 {

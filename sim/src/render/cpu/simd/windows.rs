@@ -1,20 +1,23 @@
-//! Windows of 8 × 8 numbers in AVX-512 registers: sixteen points are read with a few permutations.
+//! Gathers from 8 × 8 windows held in AVX-512 registers: sixteen points with a few permutations.
 
 use core::arch::x86_64::*;
 
 use crate::render::cpu::simd::each::each;
 
-/// Whether points lie within the first 7 × 7.
+/// Returns `true` if all points lie within the first 7 × 7.
+///
+/// # Safety
+/// The processor must have AVX-512.
 #[inline(always)]
-unsafe fn fit([x, y]: [__m512i; 2]) -> bool {
-    // SAFETY: as the callers say.
+unsafe fn all_in_window([x, y]: [__m512i; 2]) -> bool {
+    // SAFETY: guaranteed by the caller.
     unsafe { _mm512_cmpgt_epu32_mask(_mm512_max_epu32(x, y), _mm512_set1_epi32(6)) == 0 }
 }
 
-/// [`super::Simd::window`].
+/// Implements [`super::Simd::gather_window`].
 ///
 /// # Safety
-/// Only on a processor with AVX-512.
+/// The processor must have AVX-512.
 #[inline(always)]
 pub(super) unsafe fn of_words(
     words: &[u32],
@@ -22,9 +25,9 @@ pub(super) unsafe fn of_words(
     pitch: usize,
     [x, y]: [__m512i; 2],
 ) -> Option<[__m512i; 4]> {
-    // SAFETY: as the caller says; all rows lie within the slice.
+    // SAFETY: the caller guarantees AVX-512, and all rows lie within the slice.
     unsafe {
-        if !fit([x, y]) {
+        if !all_in_window([x, y]) {
             return None;
         }
         let words = &words[first..][..7 * pitch + 8];
@@ -36,7 +39,7 @@ pub(super) unsafe fn of_words(
         let at = _mm512_add_epi32(_mm512_slli_epi32::<3>(y), x);
         let below = _mm512_add_epi32(at, _mm512_set1_epi32(8));
         let one = _mm512_set1_epi32(1);
-        // Words from the 32nd on are in the lower half of the window.
+        // Indices from 32 on are in the bottom half of the window.
         let lower = _mm512_set1_epi32(32);
         let halves = [_mm512_test_epi32_mask(at, lower), _mm512_test_epi32_mask(below, lower)];
         let places = [at, _mm512_add_epi32(at, one), below, _mm512_add_epi32(below, one)];
@@ -48,10 +51,10 @@ pub(super) unsafe fn of_words(
     }
 }
 
-/// [`super::Simd::gather_window_u16`].
+/// Implements [`super::Simd::gather_window_u16`].
 ///
 /// # Safety
-/// Only on a processor with AVX-512.
+/// The processor must have AVX-512.
 #[inline(always)]
 pub(super) unsafe fn of_halves(
     halves: &[u16],
@@ -59,9 +62,9 @@ pub(super) unsafe fn of_halves(
     pitch: usize,
     [x, y]: [__m512i; 2],
 ) -> Option<[__m512i; 2]> {
-    // SAFETY: as the caller says; all rows lie within the slice.
+    // SAFETY: the caller guarantees AVX-512, and all rows lie within the slice.
     unsafe {
-        if !fit([x, y]) {
+        if !all_in_window([x, y]) {
             return None;
         }
         let halves = &halves[first..][..7 * pitch + 8];
@@ -72,7 +75,7 @@ pub(super) unsafe fn of_halves(
             _mm512_inserti64x4::<1>(_mm512_castsi256_si512(first), second)
         });
         let at = _mm512_add_epi32(_mm512_slli_epi32::<3>(y), x);
-        // The same in both halves, and one more in the upper one.
+        // The index in both 16-bit halves; the high half is incremented below.
         let two = _mm512_or_si512(at, _mm512_slli_epi32::<16>(at));
         let places = [
             _mm512_add_epi32(two, _mm512_set1_epi32(0x0001_0000)),

@@ -1,5 +1,5 @@
-//! From clusters of triangles to triangles on the image: passes over what cannot be seen, sixteen clusters at a time,
-//! and prepares the others' triangles, sixteen at a time.
+//! Culling and triangle set-up: culls clusters of triangles, sixteen clusters at a time, and projects the triangles of the
+//! remaining ones, sixteen triangles at a time.
 
 use core::marker::PhantomData;
 
@@ -16,12 +16,12 @@ use crate::render::math::affine::Affine3;
 use crate::render::mesh::{ClusterCorners, PackedMesh, Vec3x16};
 use crate::render::scene::Instance;
 
-/// Draws instances, in order.
+/// Rasterises instances in order.
 pub(in crate::render::cpu) struct RasterizeInstances<'a, B, L> {
     pub(in crate::render::cpu) instances: &'a [Instance],
-    /// From each one's mesh to the view frame.
+    /// Transform of each instance from its mesh to the view frame.
     pub(in crate::render::cpu) maps: &'a [Affine3],
-    /// Id of each one's first triangle.
+    /// Id of the first triangle of each instance.
     pub(in crate::render::cpu) first_ids: &'a [u32],
     pub(in crate::render::cpu) projection: L,
     pub(in crate::render::cpu) visibility: &'a mut Visibility,
@@ -43,7 +43,7 @@ impl<B: TileLayout, L: Projection> Kernel for RasterizeInstances<'_, B, L> {
     }
 }
 
-/// Draws a mesh. Its triangles have the ids from `first_id` up.
+/// Rasterises a mesh. Its triangles get ids from `first_id` on.
 #[inline(always)]
 fn draw<S: Simd, B: TileLayout, L: Projection>(
     mesh: &PackedMesh,
@@ -53,14 +53,14 @@ fn draw<S: Simd, B: TileLayout, L: Projection>(
     bins: &mut TileBins,
     visibility: &mut Visibility,
 ) {
-    let stretch = S::F::splat(view_from_mesh.max_scale());
+    let max_scale = S::F::splat(view_from_mesh.max_scale());
     let map = TransformX16::<S>::new(view_from_mesh);
     let view_from_steps = TransformX16::<S>::new(&view_from_mesh.scale_columns(mesh.grid_step));
-    for (sixteen, bounds) in mesh.bounds.iter().enumerate() {
+    for (group, bounds) in mesh.bounds.iter().enumerate() {
         let centre = map.points(&bounds.centre);
-        let culled = projection.cull_clusters::<S>(bounds, &centre, S::F::load(&bounds.radius) * stretch);
+        let culled = projection.cull_clusters::<S>(bounds, &centre, S::F::load(&bounds.radius) * max_scale);
         for lane in SetBits(bounds.present & !culled) {
-            let batch_idx = sixteen * 16 + lane;
+            let batch_idx = group * 16 + lane;
             let corners = &mesh.corners[batch_idx];
             let first_id = first_id + (batch_idx * 16) as i32;
             let clipped =
@@ -75,7 +75,7 @@ fn draw<S: Simd, B: TileLayout, L: Projection>(
     }
 }
 
-/// An affine map, its numbers spread over vectors.
+/// An affine transform with every coefficient broadcast to a vector.
 pub(in crate::render::cpu) struct TransformX16<S: Simd> {
     linear: [Vectors<S>; 3],
     offset: Vectors<S>,
@@ -90,19 +90,19 @@ impl<S: Simd> TransformX16<S> {
         }
     }
 
-    /// Images of sixteen points: the same as [`Affine3::transform_point`] gives.
+    /// Transforms sixteen points, with the same results as [`Affine3::transform_point`].
     #[inline(always)]
     pub(in crate::render::cpu) fn points(&self, points: &Vec3x16) -> Vectors<S> {
         self.of(each!(k in 3 => S::F::load(&points[k])))
     }
 
-    /// The same of points whose coordinates are short integers.
+    /// Transforms sixteen points with 16-bit integer coordinates.
     #[inline(always)]
     pub(in crate::render::cpu) fn short_points(&self, points: &[I16x16; 3]) -> Vectors<S> {
         self.of(each!(k in 3 => S::F::load_i16(&points[k])))
     }
 
-    /// Images of sixteen points.
+    /// Transforms sixteen points.
     #[inline(always)]
     pub(in crate::render::cpu) fn of(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
         each!(i in 3 => {
@@ -112,7 +112,7 @@ impl<S: Simd> TransformX16<S> {
     }
 }
 
-/// Draws sixteen triangles but for those that must be clipped, which it gives.
+/// Rasterises sixteen triangles, except for those that need clipping. Returns the lanes of those.
 #[inline(always)]
 fn draw_batch<S: Simd, B: TileLayout, L: Projection>(
     corners: &ClusterCorners,
@@ -122,8 +122,8 @@ fn draw_batch<S: Simd, B: TileLayout, L: Projection>(
     bins: &mut TileBins,
     visibility: &mut Visibility,
 ) -> u16 {
-    // Outsides are counter-clockwise to the eye, which is clockwise in numbers, as y runs down: exchanging two corners
-    // makes all three edge functions positive inside.
+    // Front faces are counter-clockwise as seen from the eye, but clockwise in image coordinates, whose y axis points down.
+    // Swapping two corners makes all three edge functions positive inside.
     let [p, r, q] = each!(k in 3 => view_from_steps.short_points(&corners[k]));
     let [at_p, at_q, at_r] =
         [projection.needs_clip::<S>(&p), projection.needs_clip::<S>(&q), projection.needs_clip::<S>(&r)];
@@ -163,34 +163,33 @@ fn rasterize_large<S: Simd, B: TileLayout>(
     }
 }
 
-/// Where sixteen triangles lie.
+/// Bounding boxes of sixteen triangles, in pixels.
 struct PixelBounds<S: Simd> {
-    /// Column and row of the first pixel whose centre lies within.
+    /// Column and row of the first pixel whose centre is inside.
     from: [S::I; 2],
-    /// Column and row of the last one.
+    /// Column and row of the last such pixel.
     to: [S::I; 2],
-    /// No pixel's centre lies within.
+    /// Set if no pixel centre is inside.
     empty: S::M,
-    /// Too large for [`SmallTriangles`], and not empty.
+    /// Set if the triangle is not empty and too large for [`SmallTriangles`].
     large: S::M,
 }
 
 impl<S: Simd> PixelBounds<S> {
     #[inline(always)]
     fn of([p, q, r]: &[Projected<S>; 3], side: i32) -> Self {
-        let (least_x, greatest_x) = (p.x.min(q.x).min(r.x), p.x.max(q.x).max(r.x));
-        let (least_y, greatest_y) = (p.y.min(q.y).min(r.y), p.y.max(q.y).max(r.y));
-        let reach = (greatest_x - least_x).max(greatest_y - least_y);
-        let (from_x, to_x) = pixels_between::<S>(least_x, greatest_x, side);
-        let (from_y, to_y) = pixels_between::<S>(least_y, greatest_y, side);
+        let (min_x, max_x) = (p.x.min(q.x).min(r.x), p.x.max(q.x).max(r.x));
+        let (min_y, max_y) = (p.y.min(q.y).min(r.y), p.y.max(q.y).max(r.y));
+        let size = (max_x - min_x).max(max_y - min_y);
+        let (from_x, to_x) = pixels_between::<S>(min_x, max_x, side);
+        let (from_y, to_y) = pixels_between::<S>(min_y, max_y, side);
         let empty = from_x.gt(to_x) | from_y.gt(to_y);
-        let large = reach.gt(S::I::splat(SMALL_EXTENT - 1)).and_not(empty);
+        let large = size.gt(S::I::splat(SMALL_EXTENT - 1)).and_not(empty);
         Self { from: [from_x, from_y], to: [to_x, to_y], empty, large }
     }
 }
 
-/// Sets up sixteen triangles, of which those are present that are small, seen from the front, over some pixel's centre, and not
-/// `needs_clip`.
+/// Sets up sixteen triangles. Those that are small, front-facing, not empty and not in `needs_clip` are marked present.
 #[inline(always)]
 fn prepare<S: Simd, B: TileLayout>(
     corners: &[Projected<S>; 3],
@@ -200,43 +199,44 @@ fn prepare<S: Simd, B: TileLayout>(
 ) -> Option<SmallTriangles<S>> {
     let [p, q, r] = corners;
     let PixelBounds { from: [from_x, from_y], to: [to_x, to_y], empty, large } = *extent;
-    let whole = S::I::splat;
+    let splat = S::I::splat;
     let (qx, qy, rx, ry) = (q.x - p.x, q.y - p.y, r.x - p.x, r.y - p.y);
-    let area = halves::<S>(qx, whole(0) - rx).dot_i16(halves::<S>(ry, qy));
-    let present = area.gt(whole(0)).and_not(empty | large | needs_clip);
+    let area = pack_i16::<S>(qx, splat(0) - rx).dot_i16(pack_i16::<S>(ry, qy));
+    let present = area.gt(splat(0)).and_not(empty | large | needs_clip);
     if !present.any() {
         return None;
     }
     let (tile_x, tile_y) =
         (from_x.shr_arithmetic_by(B::WIDTH_BITS), from_y.shr_arithmetic_by(B::HEIGHT_BITS));
-    // The centre of the first tile's first pixel.
-    let centre_x = (from_x & whole(-B::WIDTH)).shl::<8>() + whole(128);
-    let centre_y = (from_y & whole(-B::HEIGHT)).shl::<8>() + whole(128);
-    let inwards = (from_x & whole(B::WIDTH - 1)) | (from_y & whole(B::HEIGHT - 1)).shl::<16>();
-    // Signs of the edge functions at the first pixel that may be covered and at its neighbours right, below and across.
-    let mut outside = [whole(0); 4];
-    let (mut edges, mut all_steps) = ([whole(0); 3], [whole(0); 3]);
+    // Centre of the first pixel of the first tile.
+    let centre_x = (from_x & splat(-B::WIDTH)).shl::<8>() + splat(128);
+    let centre_y = (from_y & splat(-B::HEIGHT)).shl::<8>() + splat(128);
+    let first_in_tile = (from_x & splat(B::WIDTH - 1)) | (from_y & splat(B::HEIGHT - 1)).shl::<16>();
+    // Signs of the edge functions at the first candidate pixel and at its right, lower and diagonal neighbours.
+    let mut outside = [splat(0); 4];
+    let (mut edges, mut all_steps) = ([splat(0); 3], [splat(0); 3]);
     for (k, (a, b)) in [(p, q), (q, r), (r, p)].into_iter().enumerate() {
         let (dx, dy) = (b.x - a.x, b.y - a.y);
-        // A centre on the edge belongs to the triangle if the edge is at its top or left.
-        let top_left = whole(0).gt(dy) | (dy.eq(whole(0)) & dx.gt(whole(0)));
-        let bias = whole(0).select_or(top_left, whole(1));
-        let steps = halves::<S>(whole(0) - dy, dx);
-        let edge = (steps.dot_i16(halves::<S>(centre_x - a.x, centre_y - a.y)) - bias).shr_arithmetic::<8>();
+        // Top-left rule: a centre on an edge is inside if the edge is a top or left edge.
+        let top_left = splat(0).gt(dy) | (dy.eq(splat(0)) & dx.gt(splat(0)));
+        let bias = splat(0).select_or(top_left, splat(1));
+        let steps = pack_i16::<S>(splat(0) - dy, dx);
+        let edge =
+            (steps.dot_i16(pack_i16::<S>(centre_x - a.x, centre_y - a.y)) - bias).shr_arithmetic::<8>();
         (edges[k], all_steps[k]) = (edge, steps);
-        let first = edge + steps.dot_i16(inwards);
+        let first = edge + steps.dot_i16(first_in_tile);
         let at = [first, first - dy, first + dx, first + dx - dy];
         outside = each!(i in 4 => outside[i] | at[i]);
     }
-    // Of the triangles that reach over no more than 2 × 2 pixels many cover none.
-    let tiny = whole(2).gt(to_x - from_x) & whole(2).gt(to_y - from_y);
+    // Many triangles that span at most 2 × 2 pixels cover none.
+    let tiny = splat(2).gt(to_x - from_x) & splat(2).gt(to_y - from_y);
     let none = S::I::splat(0).gt(outside[0] & outside[1] & outside[2] & outside[3]);
     let present = present.and_not(tiny & none);
     if !present.any() {
         return None;
     }
     let (q_rise, r_rise) = (q.depth - p.depth, r.depth - p.depth);
-    // Per pixel, hence the 256.
+    // Per pixel rather than per 1/256 px.
     let scale = S::F::splat(256.0) / area.to_f32();
     let dx = (q_rise * ry.to_f32() - r_rise * qy.to_f32()) * scale;
     let dy = (r_rise * qx.to_f32() - q_rise * rx.to_f32()) * scale;
@@ -249,9 +249,9 @@ fn prepare<S: Simd, B: TileLayout>(
         depth: dy.mul_add(down, dx.mul_add(across, p.depth)),
         depth_dx: dx,
         depth_dy: dy,
-        depth_least: p.depth.min(q.depth).min(r.depth),
-        depth_greatest: p.depth.max(q.depth).max(r.depth),
-        tile: tile_y.dot_i16(whole(side >> B::WIDTH_BITS)) + tile_x,
+        depth_min: p.depth.min(q.depth).min(r.depth),
+        depth_max: p.depth.max(q.depth).max(r.depth),
+        tile: tile_y.dot_i16(splat(side >> B::WIDTH_BITS)) + tile_x,
         more: [
             to_x.shr_arithmetic_by(B::WIDTH_BITS) - tile_x,
             to_y.shr_arithmetic_by(B::HEIGHT_BITS) - tile_y,
@@ -259,16 +259,17 @@ fn prepare<S: Simd, B: TileLayout>(
     })
 }
 
-/// Numbers of 16 bits in the lower and the upper halves of lanes.
+/// Packs 16-bit numbers into the low and high halves of the lanes.
 #[inline(always)]
-fn halves<S: Simd>(lower: S::I, upper: S::I) -> S::I {
+fn pack_i16<S: Simd>(lower: S::I, upper: S::I) -> S::I {
     (lower & S::I::splat(0xFFFF)) | upper.shl::<16>()
 }
 
-/// First and last pixel whose centre lies between two places in 1/256 px; pixel i has its centre at 256 i + 128.
+/// Returns the first and last pixel whose centre lies between two coordinates in 1/256 px. Pixel i has its centre at
+/// 256 i + 128.
 #[inline(always)]
-fn pixels_between<S: Simd>(least: S::I, greatest: S::I, side: i32) -> (S::I, S::I) {
-    let first = (least + S::I::splat(127)).shr_arithmetic::<8>().max(S::I::splat(0));
-    let last = (greatest - S::I::splat(128)).shr_arithmetic::<8>().min(S::I::splat(side - 1));
+fn pixels_between<S: Simd>(min: S::I, max: S::I, side: i32) -> (S::I, S::I) {
+    let first = (min + S::I::splat(127)).shr_arithmetic::<8>().max(S::I::splat(0));
+    let last = (max - S::I::splat(128)).shr_arithmetic::<8>().min(S::I::splat(side - 1));
     (first, last)
 }

@@ -1,4 +1,4 @@
-//! From space to the image: pinhole pictures and the parallel view along a light.
+//! Projections from the view frame to the image: perspective for cameras, orthographic along a light for shadow maps.
 
 use super::clip;
 use super::tile::TileLayout;
@@ -10,71 +10,71 @@ use crate::render::mesh::ClusterBounds;
 use crate::render::scene::Instance;
 use crate::render::scene::camera::PinholeCamera;
 
-/// A point or direction per lane.
+/// One point or direction per lane.
 pub(in crate::render::cpu) type Vectors<S> = [<S as Simd>::F; 3];
 
-/// Where sixteen points of the view frame appear.
+/// Image coordinates and depths of sixteen points.
 pub(in crate::render::cpu) struct Projected<S: Simd> {
-    /// 1/256 px.
+    /// Column, in 1/256 px.
     pub(in crate::render::cpu) x: S::I,
-    /// 1/256 px.
+    /// Row, in 1/256 px.
     pub(in crate::render::cpu) y: S::I,
-    /// See [`crate::render::cpu::visibility::raster`].
+    /// Depth as defined in [`super::raster`].
     pub(in crate::render::cpu) depth: S::F,
 }
 
-/// A way to project.
+/// A projection with its culling and clipping rules.
 pub(in crate::render::cpu) trait Projection {
-    /// Whether an instance is drawn at all.
+    /// Returns `true` if an instance is to be rasterised at all.
     fn includes(&self, instance: &Instance) -> bool;
 
-    /// Turns to the mesh that is drawn next; `false` if nothing of a mesh within this ball of its frame can be seen.
+    /// Prepares for the next mesh. Returns `false` if its bounding sphere, given in the mesh frame, is outside the view.
     fn begin_mesh(&mut self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool;
 
-    /// Where points appear; meaningless for those that do not fit.
+    /// Projects sixteen points. The result is unspecified for points that need clipping.
     fn project<S: Simd>(&self, point: &Vectors<S>) -> Projected<S>;
 
-    /// Points that are not seen, and points that cannot be projected into the rasteriser's numbers.
+    /// Classifies points that are invisible or exceed the range of the rasteriser's fixed-point numbers.
     fn needs_clip<S: Simd>(&self, point: &Vectors<S>) -> ClipFlags<S>;
 
-    /// Clusters of which nothing can be seen: bits of `bounds`' lanes, given their centres and radii in the view frame.
+    /// Returns the lanes of `bounds` whose clusters are invisible, given their centres and radii in the view frame.
     fn cull_clusters<S: Simd>(&self, bounds: &ClusterBounds, centre: &Vectors<S>, radius: S::F) -> u16;
 
-    /// Draws a triangle of which a corner does not fit.
+    /// Clips and rasterises a triangle.
     fn clip<S: Simd, B: TileLayout>(&self, triangle: [Vec3; 3], id: i32, visibility: &mut Visibility);
 }
 
-/// Points that need care.
+/// Clip flags of sixteen points.
 pub(in crate::render::cpu) struct ClipFlags<S: Simd> {
-    /// ClearTo the near plane.
+    /// Set for points behind the near plane.
     pub(in crate::render::cpu) behind_near: S::M,
-    /// That, or far outside of the image.
+    /// Set for those and for points outside the guard band.
     pub(in crate::render::cpu) needs_clip: S::M,
 }
 
-/// A camera. Its view frame is the centred one.
+/// The perspective projection of a camera. Its view frame is the centred frame.
 pub(in crate::render::cpu) struct PinholeProjection<'a> {
     camera: &'a PinholeCamera,
     focal_px: f32,
-    /// Half the image's side, in px.
+    /// Half the side of the image, in px.
     half_px: f32,
     pub(in crate::render::cpu) near_m: f32,
     far_m: f32,
-    /// Greatest |x/z| and |y/z| of the image.
+    /// Maximum |x/z| and |y/z| inside the image.
     pub(in crate::render::cpu) slope: f32,
-    /// [`PinholeCamera::sphere_margin`].
-    slant: f32,
-    /// Greatest |x/z| and |y/z| that fit the rasteriser's numbers.
+    /// Value of [`PinholeCamera::sphere_margin`].
+    sphere_margin: f32,
+    /// Maximum |x/z| and |y/z| inside the guard band.
     pub(in crate::render::cpu) guard_slope: f32,
-    /// Where the camera is in the mesh's frame.
+    /// Position of the camera in the mesh frame.
     eye_in_mesh: Vec3,
 }
 
-/// VisibilityTarget beyond the image's edges to which triangles are drawn unclipped.
+/// Width of the guard band: triangles that extend no further beyond the image are rasterised without clipping.
 const GUARD_PX: f32 = 448.0;
 
 impl<'a> PinholeProjection<'a> {
-    /// Of a camera whose image has `scale` times as many pixels along each edge.
+    /// Creates the projection for a grid with `scale` samples per pixel along each edge.
     pub(in crate::render::cpu) fn new(camera: &'a PinholeCamera, scale: usize) -> Self {
         let half_px = (camera.side * scale) as f32 / 2.0;
         let focal_px = camera.focal_px * scale as f32;
@@ -87,13 +87,13 @@ impl<'a> PinholeProjection<'a> {
             near_m,
             far_m,
             slope,
-            slant: camera.sphere_margin(slope),
+            sphere_margin: camera.sphere_margin(slope),
             guard_slope: (half_px + GUARD_PX) / focal_px,
             eye_in_mesh: [0.0; 3],
         }
     }
 
-    /// Where a point that fits appears: the same as [`Projection::project`] gives.
+    /// Projects a point that needs no clipping, with the same result as [`Projection::project`].
     #[inline(always)]
     pub(in crate::render::cpu) fn corner(&self, [x, y, z]: Vec3) -> ScreenVertex {
         let depth = 1.0 / z;
@@ -137,7 +137,7 @@ impl Projection for PinholeProjection<'_> {
 
     #[inline(always)]
     fn cull_clusters<S: Simd>(&self, bounds: &ClusterBounds, [x, y, z]: &Vectors<S>, radius: S::F) -> u16 {
-        let slack = radius * S::F::splat(self.slant);
+        let slack = radius * S::F::splat(self.sphere_margin);
         let edge = z.mul_add(S::F::splat(self.slope), slack);
         let zero = S::F::splat(0.0);
         let outside = S::F::splat(self.near_m).gt(*z + radius)
@@ -150,8 +150,8 @@ impl Projection for PinholeProjection<'_> {
         let distance = c.mul_add(c, b.mul_add(b, a * a)).sqrt();
         let [l, m, n] = each!(k in 3 => S::F::load(&bounds.axis[k]));
         let along = c.mul_add(n, b.mul_add(m, a * l));
-        let turned_away = along.gt(distance.mul_add(S::F::load(&bounds.cutoff), S::F::load(&bounds.radius)));
-        (outside | turned_away).to_bits()
+        let back_facing = along.gt(distance.mul_add(S::F::load(&bounds.cutoff), S::F::load(&bounds.radius)));
+        (outside | back_facing).to_bits()
     }
 
     #[inline(always)]

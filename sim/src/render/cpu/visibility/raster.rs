@@ -1,6 +1,7 @@
-//! Which triangle each pixel sees: exact coverage in integers, the nearest by depth.
+//! Visibility buffer and rasterisation of single triangles: exact coverage in integer arithmetic, nearest triangle by
+//! depth.
 //!
-//! Depth stands for what the greater is, the nearer: 1/z in pictures, height along the light in shadow maps.
+//! Greater depth means nearer: depth is 1/z in images and the height along the light in shadow maps.
 
 use core::marker::PhantomData;
 
@@ -11,36 +12,36 @@ use crate::render::cpu::simd::isa::Kernel;
 use crate::render::cpu::simd::{F32x16, FloatLike, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
 use crate::render::cpu::visibility::tile::TileLayout;
 
-/// Blocks of the largest picture.
+/// Number of tiles of the largest image.
 pub(in crate::render::cpu) const MAX_TILES: usize = EXTERNAL_SIDE * EXTERNAL_SIDE / N_LANES;
-/// No triangle.
+/// Id of the background.
 pub(in crate::render::cpu) const NO_ID: i32 = -1;
 
-/// A corner of a triangle on the image.
+/// A projected triangle corner.
 #[derive(Clone, Copy)]
 pub(in crate::render::cpu) struct ScreenVertex {
-    /// 1/256 pixel from the left edge, between about ±2¹⁸.
+    /// Distance from the left edge in 1/256 px, within about ±2¹⁸.
     pub(in crate::render::cpu) x: i32,
-    /// 1/256 pixel from the upper edge.
+    /// Distance from the top edge in 1/256 px.
     pub(in crate::render::cpu) y: i32,
-    /// Depth.
+    /// Depth; greater is nearer.
     pub(in crate::render::cpu) depth: f32,
 }
 
-/// The nearest triangle of every pixel, tile by tile, rows of tiles from the top.
+/// Visibility buffer: the nearest triangle of every pixel, tile by tile in row-major order.
 pub(in crate::render::cpu) struct Visibility {
-    /// VisibilityTarget along each edge.
+    /// Number of pixels along each edge.
     pub(in crate::render::cpu) side: i32,
-    /// Depth of the nearest.
+    /// Depth of the nearest triangle.
     pub(in crate::render::cpu) depths: Vec<F32x16>,
-    /// What was drawn there, or [`NO_ID`]; empty for a tile kind without ids.
+    /// Id of the nearest triangle, or [`NO_ID`]. Empty for tile layouts without ids.
     pub(in crate::render::cpu) ids: Vec<I32x16>,
-    /// 1 where anything was drawn in a tile, seen or not; none for a tile kind with ids.
+    /// 1 for each tile that any triangle touched, visible or not. Empty for tile layouts with ids.
     pub(in crate::render::cpu) drawn: Vec<u8>,
 }
 
 impl Visibility {
-    /// No picture yet, and room for one.
+    /// Creates an empty buffer with capacity for the largest image.
     pub(in crate::render::cpu) fn new() -> Self {
         Self {
             side: 0,
@@ -50,7 +51,7 @@ impl Visibility {
         }
     }
 
-    /// Draws a triangle of any size; nothing if it is seen from behind.
+    /// Rasterises a triangle of any size. Culls back faces.
     #[inline(always)]
     pub(in crate::render::cpu) fn rasterize_large<S: Simd, B: TileLayout>(
         &mut self,
@@ -60,10 +61,8 @@ impl Visibility {
         let Some(large) = LargeTriangle::new::<B>(corners, self.side) else {
             return;
         };
-        let plane = DepthPlane::<S>::new::<B>(
-            [large.depth_dx, large.depth_dy],
-            [large.depth_least, large.depth_greatest],
-        );
+        let plane =
+            DepthPlane::<S>::new::<B>([large.depth_dx, large.depth_dy], [large.depth_min, large.depth_max]);
         let (columns, rows) = (S::I::load(&B::X), S::I::load(&B::Y));
         let steps = each!(k in 3 => {
             let edge = &large.edges[k];
@@ -72,7 +71,7 @@ impl Visibility {
         let pitch = self.side >> B::WIDTH_BITS;
         let mut pixels = VisibilityTarget::of::<B>(self);
         let id = S::I::splat(id);
-        let least = large.edges.map(|edge| edge.least_change::<B>());
+        let min_change = large.edges.map(|edge| edge.min_change::<B>());
         for y in large.from_y..large.to_y + 1 {
             let (from_x, to_x) = large.span::<B>(y);
             let (first_px, py) = (from_x << B::WIDTH_BITS, y << B::HEIGHT_BITS);
@@ -82,7 +81,8 @@ impl Visibility {
                 let (first, depth) = (at, plane.at(first_depth));
                 at = each!(k in 3 => at[k].wrapping_add(large.edges[k].dx << B::WIDTH_BITS));
                 first_depth += plane.right;
-                let inside = (first[0] + least[0]) | (first[1] + least[1]) | (first[2] + least[2]);
+                let inside =
+                    (first[0] + min_change[0]) | (first[1] + min_change[1]) | (first[2] + min_change[2]);
                 let covered = if inside >= 0 {
                     S::M::from_bits(u16::MAX)
                 } else {
@@ -95,7 +95,7 @@ impl Visibility {
     }
 }
 
-/// Begins a square picture.
+/// Kernel that clears the buffer for a square image.
 pub(in crate::render::cpu) struct ClearVisibility<'a, B> {
     pub(in crate::render::cpu) visibility: &'a mut Visibility,
     pub(in crate::render::cpu) side: usize,
@@ -103,11 +103,11 @@ pub(in crate::render::cpu) struct ClearVisibility<'a, B> {
     pub(in crate::render::cpu) tiles: PhantomData<B>,
 }
 
-/// What there is before anything is drawn.
+/// Initial contents of the depth buffer.
 pub(in crate::render::cpu) enum ClearTo<'a> {
-    /// Nothing, and nothing at or below this depth will be seen.
+    /// Background everywhere. Nothing at or below this depth is visible.
     Background(f32),
-    /// Something at these depths.
+    /// Surfaces at these depths, rendered before.
     Depths(&'a [F32x16]),
 }
 
@@ -123,7 +123,7 @@ impl<B: TileLayout> Kernel for ClearVisibility<'_, B> {
         let n_tiles = (self.side * self.side) >> (B::WIDTH_BITS + B::HEIGHT_BITS);
         *side = self.side as i32;
         match self.behind {
-            ClearTo::Background(least) => fill(depths, n_tiles, F32x16([least; N_LANES])),
+            ClearTo::Background(depth) => fill(depths, n_tiles, F32x16([depth; N_LANES])),
             ClearTo::Depths(behind) => {
                 depths.clear();
                 depths.extend_from_slice(behind);
@@ -134,31 +134,31 @@ impl<B: TileLayout> Kernel for ClearVisibility<'_, B> {
     }
 }
 
-/// So many lines, all of them like this one. [`Vec::resize`] would not write those that are there, and is not compiled for the
-/// caller's instruction set.
+/// Sets the length to `n` and every element to `value`. [`Vec::resize`] would leave existing elements as they are, and is
+/// not compiled for the caller's instruction set.
 #[inline(always)]
-fn fill<T: Copy>(lines: &mut Vec<T>, n: usize, line: T) {
-    lines.truncate(n);
-    for old in lines.iter_mut() {
-        *old = line;
+fn fill<T: Copy>(values: &mut Vec<T>, n: usize, value: T) {
+    values.truncate(n);
+    for old in values.iter_mut() {
+        *old = value;
     }
-    lines.resize(n, line);
+    values.resize(n, value);
 }
 
-/// What is drawn into.
+/// Mutable view of the visibility buffer for rasterisation.
 pub(in crate::render::cpu) struct VisibilityTarget<'a> {
     depths: &'a mut [F32x16],
     ids: &'a mut [I32x16],
     drawn: &'a mut [u8],
 }
 
-/// One tile of it: depths, and ids if it has any.
+/// One tile of the buffer: its depths, and its ids if the layout has them.
 pub(in crate::render::cpu) type TileTarget<'a> = (&'a mut F32x16, Option<&'a mut I32x16>);
 
 impl<'a> VisibilityTarget<'a> {
     pub(in crate::render::cpu) fn of<B: TileLayout>(visibility: &'a mut Visibility) -> Self {
         let Visibility { depths, ids, drawn, .. } = visibility;
-        // One length, so that one look tells whether a tile is there.
+        // Equal lengths, so that a single bounds check covers both slices.
         let n = depths.len();
         let (ids, drawn): (&mut [_], &mut [_]) =
             if B::WITH_IDS { (&mut ids[..n], &mut []) } else { (&mut [], &mut drawn[..n]) };
@@ -175,7 +175,7 @@ impl<'a> VisibilityTarget<'a> {
     }
 }
 
-/// Draws one tile's share of a triangle.
+/// Depth-tests one tile of a triangle and writes the covered pixels that pass.
 #[inline(always)]
 pub(in crate::render::cpu) fn write_tile<S: Simd>(
     (depths, ids): TileTarget<'_>,
@@ -185,72 +185,69 @@ pub(in crate::render::cpu) fn write_tile<S: Simd>(
 ) {
     let depth = depth.select_or(covered, S::F::splat(f32::NEG_INFINITY));
     let before = S::F::load(depths);
-    let seen = depth.gt(before);
-    // Not the blend by `seen` that it is: compilers would write some lanes only, and what follows such a store closely waits
-    // until it has reached the cache.
+    let visible = depth.gt(before);
+    // A maximum instead of a blend by `visible`: compilers turn the blend into a masked store, and loads that follow a
+    // masked store closely stall until it has reached the cache.
     depth.max(before).store(depths);
     if let Some(ids) = ids {
-        id.select_or(seen, S::I::load(ids)).store(ids);
+        id.select_or(visible, S::I::load(ids)).store(ids);
     }
 }
 
-/// Depth over a tile, held within the triangle's own range where it is steep.
+/// Depth over a tile, clamped to the range of the triangle's corners.
 pub(in crate::render::cpu) struct DepthPlane<S: Simd> {
     offsets: S::F,
-    least: S::F,
-    greatest: S::F,
-    /// Change from a tile to the next one.
+    min: S::F,
+    max: S::F,
+    /// Change from one tile to the next on the right.
     right: f32,
 }
 
 impl<S: Simd> DepthPlane<S> {
     #[inline(always)]
-    pub(in crate::render::cpu) fn new<B: TileLayout>(
-        [dx, dy]: [f32; 2],
-        [least, greatest]: [f32; 2],
-    ) -> Self {
+    pub(in crate::render::cpu) fn new<B: TileLayout>([dx, dy]: [f32; 2], [min, max]: [f32; 2]) -> Self {
         let across = S::F::splat(dx) * S::F::load(&B::X_FLOATS);
         Self {
             offsets: S::F::splat(dy).mul_add(S::F::load(&B::Y_FLOATS), across),
-            least: S::F::splat(least),
-            greatest: S::F::splat(greatest),
+            min: S::F::splat(min),
+            max: S::F::splat(max),
             right: dx * B::WIDTH as f32,
         }
     }
 
-    /// OverlaySink a tile whose first pixel has this depth.
+    /// Returns the depths of a tile whose first pixel has depth `first`.
     #[inline(always)]
     pub(in crate::render::cpu) fn at(&self, first: f32) -> S::F {
-        (S::F::splat(first) + self.offsets).max(self.least).min(self.greatest)
+        (S::F::splat(first) + self.offsets).max(self.min).min(self.max)
     }
 }
 
-/// A triangle of any size, ready to be drawn.
+/// A triangle of any size after set-up.
 struct LargeTriangle {
     edges: [Edge; 3],
     first: ScreenVertex,
     depth_dx: f32,
     depth_dy: f32,
-    depth_least: f32,
-    depth_greatest: f32,
-    /// First and last column and row of tiles.
+    depth_min: f32,
+    depth_max: f32,
+    /// Columns and rows of the first and last tile of the bounding box.
     from_x: i32,
     to_x: i32,
     from_y: i32,
     to_y: i32,
 }
 
-/// An edge function at pixel centres, in the units of [`crate::render::cpu::visibility::small_triangles::SmallTriangles::edges`].
+/// An edge function at pixel centres, in the units of [`super::small_triangles::SmallTriangles::edges`].
 #[derive(Clone, Copy)]
 struct Edge {
-    /// At the centre of pixel (0, 0).
+    /// Value at the centre of pixel (0, 0).
     origin: i32,
     dx: i32,
     dy: i32,
 }
 
 impl LargeTriangle {
-    /// `None` if the corners run the other way round or no pixel centre is near.
+    /// Sets up a triangle. Returns `None` for back faces and for triangles whose bounding box has no pixel centre.
     #[inline(always)]
     fn new<B: TileLayout>([p, q, r]: &[ScreenVertex; 3], side: i32) -> Option<Self> {
         let (qx, qy) = (i64::from(q.x - p.x), i64::from(q.y - p.y));
@@ -268,15 +265,15 @@ impl LargeTriangle {
             return None;
         }
         let (q_rise, r_rise) = (q.depth - p.depth, r.depth - p.depth);
-        // Per pixel, hence the 256.
+        // Per pixel rather than per 1/256 px.
         let scale = 256.0 / area as f32;
         Some(Self {
             edges: [Edge::new(p, q), Edge::new(q, r), Edge::new(r, p)],
             first: *p,
             depth_dx: (q_rise * ry as f32 - r_rise * qy as f32) * scale,
             depth_dy: (r_rise * qx as f32 - q_rise * rx as f32) * scale,
-            depth_least: p.depth.min(q.depth).min(r.depth),
-            depth_greatest: p.depth.max(q.depth).max(r.depth),
+            depth_min: p.depth.min(q.depth).min(r.depth),
+            depth_max: p.depth.max(q.depth).max(r.depth),
             from_x: from_x >> B::WIDTH_BITS,
             to_x: to_x >> B::WIDTH_BITS,
             from_y: from_y >> B::HEIGHT_BITS,
@@ -284,12 +281,12 @@ impl LargeTriangle {
         })
     }
 
-    /// First and last tile of a row that the triangle may reach into: near enough, the edge functions decide.
+    /// Returns a conservative range of tiles that the triangle may cover in a row of tiles.
     #[inline(always)]
     fn span<B: TileLayout>(&self, tile_y: i32) -> (i32, i32) {
         let (mut from, mut to) = (self.from_x << B::WIDTH_BITS, self.to_x << B::WIDTH_BITS | (B::WIDTH - 1));
         for edge in &self.edges {
-            // The row of pixels on which the inner side light_bounds farthest.
+            // The pixel row on which the inside extends furthest.
             let y = (tile_y << B::HEIGHT_BITS) + if edge.dy > 0 { B::HEIGHT - 1 } else { 0 };
             let crossing = -edge.at(0, y) as f32 / edge.dx as f32;
             if edge.dx > 0 {
@@ -301,7 +298,7 @@ impl LargeTriangle {
         (from >> B::WIDTH_BITS, to >> B::WIDTH_BITS)
     }
 
-    /// Depth at a pixel's centre.
+    /// Returns the depth at the centre of a pixel.
     #[inline(always)]
     fn depth_at(&self, x: i32, y: i32) -> f32 {
         let from_first = |px: i32, corner: i32| px as f32 + (128 - corner) as f32 / 256.0;
@@ -314,15 +311,15 @@ impl Edge {
     #[inline(always)]
     fn new(p: &ScreenVertex, q: &ScreenVertex) -> Self {
         let (dx, dy) = (q.x - p.x, q.y - p.y);
-        // A centre on the edge belongs to the triangle if the edge is at its top or left.
+        // Top-left rule: a centre on an edge is inside if the edge is a top or left edge.
         let bias = i64::from(!(dy < 0 || (dy == 0 && dx > 0)));
         let origin = i64::from(dx) * i64::from(128 - p.y) - i64::from(dy) * i64::from(128 - p.x) - bias;
         Self { origin: (origin >> 8) as i32, dx: -dy, dy: dx }
     }
 
-    /// Least difference between a pixel of a tile and the tile's first one.
+    /// Returns the minimum difference between the value at a pixel of a tile and at its first pixel.
     #[inline(always)]
-    fn least_change<B: TileLayout>(&self) -> i32 {
+    fn min_change<B: TileLayout>(&self) -> i32 {
         (self.dx * (B::WIDTH - 1)).min(0) + (self.dy * (B::HEIGHT - 1)).min(0)
     }
 

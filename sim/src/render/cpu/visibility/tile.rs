@@ -1,19 +1,19 @@
-//! Sixteen neighbouring pixels or samples that are worked on together, and how they lie.
+//! Tile layouts: how sixteen neighbouring pixels or samples that are processed together map to lanes.
 
 use crate::render::Samples;
 use crate::render::cpu::simd::{F32x16, I32x16, N_LANES};
 
-/// A way to lay out what is rasterised.
+/// Layout of a tile of sixteen pixels or samples.
 pub(in crate::render::cpu) trait TileLayout {
-    /// Binary logarithms of a tile's width and height in px.
+    /// Binary logarithms of the width and height of a tile, in px.
     const BITS: [u32; 2];
     /// Column and row of each lane's pixel.
     const PIXELS: [[i32; 2]; N_LANES];
-    /// How an image's pixel is sampled.
+    /// Samples per pixel of the image.
     const SAMPLES: Samples = Samples::One;
-    /// VisibilityTarget of the rasteriser's grid along each edge of an image's pixel.
+    /// Number of samples along each edge of a pixel of the image.
     const SAMPLES_PER_EDGE: usize = 1;
-    /// Whether it matters which triangle a pixel shows.
+    /// `true` if the buffer records triangle ids as well as depths.
     const WITH_IDS: bool;
 
     /// Binary logarithm of the width.
@@ -28,7 +28,7 @@ pub(in crate::render::cpu) trait TileLayout {
     const X: I32x16 = lanes(&Self::PIXELS, 1, 0);
     /// Row of each lane's pixel.
     const Y: I32x16 = lanes(&Self::PIXELS, 0, 1);
-    /// Column in the lower 16 bits, row in the upper ones.
+    /// Column in the low 16 bits and row in the high 16 bits of each lane.
     const XY: I32x16 = lanes(&Self::PIXELS, 1, 1 << 16);
     /// Column of each lane's pixel.
     const X_FLOATS: F32x16 = as_floats(Self::X);
@@ -36,23 +36,23 @@ pub(in crate::render::cpu) trait TileLayout {
     const Y_FLOATS: F32x16 = as_floats(Self::Y);
 }
 
-/// 4 × 4 pixels, row by row: few small triangles reach into more than four of them.
+/// 4 × 4 pixels in row-major order. Few small triangles overlap more than four such tiles.
 pub(in crate::render::cpu) struct Tile4x4;
 
-/// 2 × 2 pixels of 2 × 2 samples each: lane 4 s + p is sample s of pixel p.
+/// 2 × 2 pixels with 2 × 2 samples each: lane 4 s + p is sample s of pixel p.
 pub(in crate::render::cpu) struct MultisampleTile;
 
 impl Tile4x4 {
-    /// The lanes at the corners, row by row.
+    /// Lanes at the corners, in row-major order.
     pub(in crate::render::cpu) const CORNERS: [usize; 4] = [0, 3, 12, 15];
 }
 
-/// The same, of which only the depths matter.
+/// 4 × 4 texels of a shadow map, of which only the depths are recorded.
 pub(in crate::render::cpu) struct DepthTile;
 
 impl TileLayout for Tile4x4 {
     const BITS: [u32; 2] = [2, 2];
-    const PIXELS: [[i32; 2]; N_LANES] = places(4);
+    const PIXELS: [[i32; 2]; N_LANES] = row_major(4);
     const WITH_IDS: bool = true;
 }
 
@@ -70,43 +70,43 @@ impl TileLayout for DepthTile {
     const WITH_IDS: bool = false;
 }
 
-const fn places(width: usize) -> [[i32; 2]; N_LANES] {
-    let mut places = [[0; 2]; N_LANES];
+const fn row_major(width: usize) -> [[i32; 2]; N_LANES] {
+    let mut pixels = [[0; 2]; N_LANES];
     let mut i = 0;
     while i < N_LANES {
-        places[i] = [(i % width) as i32, (i / width) as i32];
+        pixels[i] = [(i % width) as i32, (i / width) as i32];
         i += 1;
     }
-    places
+    pixels
 }
 
 const fn sample_pixels() -> [[i32; 2]; N_LANES] {
-    let mut places = [[0; 2]; N_LANES];
+    let mut pixels = [[0; 2]; N_LANES];
     let mut i = 0;
     while i < N_LANES {
         let (sample, pixel) = (i as i32 / 4, i as i32 % 4);
-        places[i] = [pixel % 2 * 2 + sample % 2, pixel / 2 * 2 + sample / 2];
+        pixels[i] = [pixel % 2 * 2 + sample % 2, pixel / 2 * 2 + sample / 2];
         i += 1;
     }
-    places
+    pixels
 }
 
-const fn lanes(places: &[[i32; 2]; N_LANES], per_column: i32, per_row: i32) -> I32x16 {
-    let mut line = I32x16::ZERO;
+const fn lanes(pixels: &[[i32; 2]; N_LANES], per_column: i32, per_row: i32) -> I32x16 {
+    let mut lanes = I32x16::ZERO;
     let mut i = 0;
     while i < N_LANES {
-        line.0[i] = places[i][0] * per_column + places[i][1] * per_row;
+        lanes.0[i] = pixels[i][0] * per_column + pixels[i][1] * per_row;
         i += 1;
     }
-    line
+    lanes
 }
 
 const fn as_floats(whole: I32x16) -> F32x16 {
-    let mut line = F32x16::ZERO;
+    let mut lanes = F32x16::ZERO;
     let mut i = 0;
     while i < N_LANES {
-        line.0[i] = whole.0[i] as f32;
+        lanes.0[i] = whole.0[i] as f32;
         i += 1;
     }
-    line
+    lanes
 }
