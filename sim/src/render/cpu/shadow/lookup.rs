@@ -1,5 +1,5 @@
-//! Shadow map lookups: the fraction of the light that reaches each pixel of a tile, and conservative bounds of where a
-//! tile is looked up.
+//! Shadow map lookups: the fraction of the light that reaches each pixel of a tile, and conservative bounds
+//! of where a tile is looked up.
 
 use super::{MAX_HEIGHT, MaxHeightPyramid, PyramidLevel, PyramidWindow, SIDE, STEPS_PER_M, TEXELS_PER_M};
 use crate::render::cpu::shading::rays::{RayTable, ViewRays};
@@ -25,8 +25,8 @@ pub(in crate::render::cpu) struct Shadow<'a> {
 }
 
 impl Shadow<'_> {
-    /// Returns the fraction of the light that reaches the visible points, given their unit normals: percentage-closer
-    /// filtering of 2 × 2 texels. Unspecified where `facing` is not set.
+    /// Returns the fraction of the light that reaches the visible points, given their unit normals:
+    /// percentage-closer filtering of 2 × 2 texels. Unspecified where `facing` is not set.
     #[inline(always)]
     pub(in crate::render::cpu) fn sunlight<S: Simd, N: Broadcast<S>>(
         &self,
@@ -38,7 +38,8 @@ impl Shadow<'_> {
         let (zero, last) = (S::F::splat(0.0), S::F::splat((SIDE - 1) as f32));
         let outside = zero.gt(x) | x.gt(last) | zero.gt(y) | y.gt(last);
         let mut at = [clamp_to_map::<S>(x), clamp_to_map::<S>(y)];
-        // Move the lookups of pixels that do not face the light to those of others, so that the window stays small.
+        // Move the lookups of pixels that do not face the light to those of others, so that the window stays
+        // small.
         let both = at[0] | at[1].shl::<16>();
         let min = both.select_or(facing, S::I::splat(-1)).reduce_min_u16();
         let first = each!(k in 2 => i32::from(min[k]));
@@ -67,8 +68,9 @@ impl Shadow<'_> {
         S::F::splat(1.0).select_or(outside, (lower - upper).mul_add(fy, upper))
     }
 
-    /// Returns the tiles of a tile row that are fully lit as far as the maximum heights can tell; bit i stands for tile i.
-    /// The `tiles`, at least one, all show the same plane with this unit normal, at these depths.
+    /// Returns the tiles of a tile row that are fully lit as far as the maximum heights can tell; bit i
+    /// stands for tile i. The `tiles`, at least one, all show the same plane with this unit normal, at these
+    /// depths.
     #[inline(always)]
     pub(in crate::render::cpu) fn fully_lit_tiles<S: Simd>(
         &self,
@@ -86,7 +88,8 @@ impl Shadow<'_> {
         let per_block = 1.0 / (last - first).max(1) as f32;
         let far =
             (S::I::load(&I32x16::INDICES) - S::I::splat(first as i32)).to_f32() * S::F::splat(per_block);
-        // The projection of a plane preserves convexity: the pixels of a tile map into the hull of its corners.
+        // The projection of a plane preserves convexity: the pixels of a tile map into the hull of its
+        // corners.
         let corners = each!(k in 4 => {
             let lane = Tile4x4::CORNERS[k];
             let [from, to] = [depths[first].0[lane], depths[last].0[lane]];
@@ -128,7 +131,8 @@ impl Shadow<'_> {
     }
 }
 
-/// Returns the texel whose centre is at or before a coordinate, clamped so that it has a right neighbour on the map.
+/// Returns the texel whose centre is at or before a coordinate, clamped so that it has a right neighbour on
+/// the map.
 #[inline(always)]
 fn clamp_to_map<S: Simd>(x: S::F) -> S::I {
     x.max(S::F::splat(0.0)).min(S::F::splat((SIDE - 2) as f32)).truncate_to_i32()

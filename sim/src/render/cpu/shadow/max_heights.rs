@@ -6,7 +6,8 @@ use super::{CELL, CELLS};
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{Simd, SimdI32};
 
-/// Maximum heights of the cells of a shadow map, and a pyramid of maximum heights over overlapping windows of 3 × 3 cells.
+/// Maximum heights of the cells of a shadow map, and a pyramid of maximum heights over overlapping windows of
+/// 3 × 3 cells.
 ///
 /// The cells of level k are 2ᵏ × 2ᵏ cells of the map. A window is indexed by its first cell.
 pub(in crate::render::cpu) struct MaxHeightPyramid {
@@ -106,8 +107,8 @@ fn overlapping([first, last]: [usize; 2], level: usize) -> RangeInclusive<usize>
 pub(super) struct PyramidWindow(pub(super) i32);
 
 impl PyramidWindow {
-    /// Returns the smallest window that contains these columns and rows of texels (first, last), or `None` if no window is
-    /// large enough.
+    /// Returns the smallest window that contains these columns and rows of texels (first, last), or `None` if
+    /// no window is large enough.
     pub(super) fn around([[left, right], [top, bottom]]: [[i32; 2]; 2]) -> Option<Self> {
         PyramidLevel::of((right - left).max(bottom - top)).map(|level| level.window([left, top]))
     }

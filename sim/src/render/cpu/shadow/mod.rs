@@ -107,7 +107,8 @@ impl HeightRaster {
         Self { tiles: Visibility::new(), maps: Vec::with_capacity(256), is_empty: false }
     }
 
-    /// Rasterises a range of instances and resolves them into `heights` on top of `under`. Leaves the tiles cleared.
+    /// Rasterises a range of instances and resolves them into `heights` on top of `under`. Leaves the tiles
+    /// cleared.
     fn draw(
         &mut self,
         isa: Isa,
@@ -140,7 +141,8 @@ impl ShadowMap {
         Self { heights: HeightMap::new(), still: None, light_from_world: Affine3::IDENTITY }
     }
 
-    /// Renders all shadow casters of a scene with shadows. Static geometry is rendered only if it is not in the `cache`.
+    /// Renders all shadow casters of a scene with shadows. Static geometry is rendered only if it is not in
+    /// the `cache`.
     pub(super) fn draw(
         &mut self,
         isa: Isa,

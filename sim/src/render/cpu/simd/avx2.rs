@@ -28,8 +28,8 @@ pub(in crate::render::cpu) struct Avx2Mask([__m256i; 2]);
 /// Evaluates an expression of intrinsics.
 macro_rules! intrinsic {
     ($call:expr) => {
-        // SAFETY: values of this type exist only in code compiled for AVX2 and FMA, which runs only on processors
-        // that have them (see `super::isa`).
+        // SAFETY: values of this type exist only in code compiled for AVX2 and FMA, which runs only on
+        // processors that have them (see `super::isa`).
         unsafe { $call }
     };
 }

@@ -29,8 +29,8 @@ pub(in crate::render::cpu) struct Avx512Mask(__mmask16);
 /// Evaluates an expression of intrinsics.
 macro_rules! intrinsic {
     ($call:expr) => {
-        // SAFETY: values of this type exist only in code compiled for AVX-512, which runs only on processors that
-        // have it (see `super::isa`).
+        // SAFETY: values of this type exist only in code compiled for AVX-512, which runs only on processors
+        // that have it (see `super::isa`).
         unsafe { $call }
     };
 }
@@ -118,7 +118,7 @@ impl Simd for Avx512 {
         pitch: usize,
         [x, y]: [Avx512I32; 2],
     ) -> Option<[Avx512I32; 4]> {
-        let words = intrinsic!(windows::of_words(words, first, pitch, [x.0, y.0]))?;
+        let words = intrinsic!(permute512::of_words(words, first, pitch, [x.0, y.0]))?;
         Some(each!(k in 4 => Avx512I32(words[k])))
     }
 
@@ -129,7 +129,7 @@ impl Simd for Avx512 {
         pitch: usize,
         [x, y]: [Avx512I32; 2],
     ) -> Option<[Avx512I32; 2]> {
-        let halves = intrinsic!(windows::of_halves(halves, first, pitch, [x.0, y.0]))?;
+        let halves = intrinsic!(permute512::of_halves(halves, first, pitch, [x.0, y.0]))?;
         Some(each!(k in 2 => Avx512I32(halves[k])))
     }
 
@@ -172,7 +172,7 @@ impl Simd for Avx512 {
     #[inline(always)]
     fn store_rgb(pixels: Avx512I32, rows: [&mut [u8; 12]; 4]) {
         let [a, b, c, d] = rows;
-        let bytes = three_of_four(pixels);
+        let bytes = intrinsic!(permute512::pack_rgb(pixels.0));
         intrinsic!({
             _mm_mask_storeu_epi32(a.as_mut_ptr().cast(), 0b0111, _mm512_castsi512_si128(bytes));
             _mm_mask_storeu_epi32(b.as_mut_ptr().cast(), 0b0111, _mm512_extracti32x4_epi32::<1>(bytes));
@@ -183,7 +183,7 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn store_rgb_x4(pixels: [Avx512I32; 4], rows: [&mut [u8; 48]; 4]) {
-        let [a, b, c, d] = each!(k in 4 => three_of_four(pixels[k]));
+        let [a, b, c, d] = each!(k in 4 => intrinsic!(permute512::pack_rgb(pixels[k].0)));
         let [first, second, third, fourth] = rows;
         intrinsic!({
             let (ab, cd) = (_mm512_shuffle_i32x4::<0x44>(a, b), _mm512_shuffle_i32x4::<0x44>(c, d));
@@ -202,15 +202,6 @@ impl Simd for Avx512 {
             _mm512_mask_storeu_epi32(fourth.as_mut_ptr().cast(), 0x0FFF, h);
         });
     }
-}
-
-/// Packs the low three bytes of each lane contiguously within every four lanes.
-#[inline(always)]
-fn three_of_four(pixels: Avx512I32) -> __m512i {
-    intrinsic!({
-        let places = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);
-        _mm512_shuffle_epi8(pixels.0, _mm512_broadcast_i32x4(places))
-    })
 }
 
 impl FloatLike for Avx512F32 {

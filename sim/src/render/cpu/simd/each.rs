@@ -1,8 +1,8 @@
 //! Arrays of similar expressions, unrolled by a macro.
 //!
-//! `array::from_fn` and `map` take closures, and a closure is not compiled for the instruction set of the function that
-//! contains it, so intrinsics inside would become function calls. For the same reason no code of this renderer passes
-//! vectors through other closures.
+//! `array::from_fn` and `map` take closures, and a closure is not compiled for the instruction set of the
+//! function that contains it, so intrinsics inside would become function calls. For the same reason no code
+//! of this renderer passes vectors through other closures.
 
 /// Expands `each!(k in 3 => f(k))` to `[f(0), f(1), f(2)]`. Supports 2, 3, 4, 8 and 16 elements.
 macro_rules! each {

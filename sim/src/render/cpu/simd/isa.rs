@@ -1,5 +1,5 @@
-//! Run-time dispatch: the same kernels compiled for several instruction sets, of which a renderer uses the widest that
-//! the processor has.
+//! Run-time dispatch: the same kernels compiled for several instruction sets, of which a renderer uses the
+//! widest that the processor has.
 
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::{V3, V4};
@@ -8,8 +8,8 @@ use pulp::x86::{V3, V4};
 use super::{Avx2, Avx512};
 use super::{Portable, Simd};
 
-/// An instruction set. The variants hold pulp's capability tokens, which only run-time detection can create, so a value
-/// of this type proves that the processor has the instruction set.
+/// An instruction set. The variants hold pulp's capability tokens, which only run-time detection can create,
+/// so a value of this type proves that the processor has the instruction set.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render::cpu) enum Isa {
     /// The baseline of the compilation target.
@@ -59,8 +59,9 @@ impl Isa {
     }
 }
 
-/// A piece of work that is compiled once per instruction set. `run` and every function it calls with vector arguments
-/// must be `#[inline(always)]`: only what is inlined into the functions below is compiled for their instruction sets.
+/// A piece of work that is compiled once per instruction set. `run` and every function it calls with vector
+/// arguments must be `#[inline(always)]`: only what is inlined into the functions below is compiled for their
+/// instruction sets.
 pub(in crate::render::cpu) trait Kernel {
     /// Executes the kernel.
     fn run<S: Simd>(self);

@@ -1,8 +1,8 @@
 //! Vectors of sixteen lanes and their operations, implemented once per instruction set.
 //!
-//! Every operation is the IEEE 754 or integer operation in each lane, fused multiply-add included, so generic code
-//! produces identical bits on every instruction set. Values of an implementation exist only in code compiled for its
-//! instruction set ([`isa`]), which makes its intrinsics sound.
+//! Every operation is the IEEE 754 or integer operation in each lane, fused multiply-add included, so generic
+//! code produces identical bits on every instruction set. Values of an implementation exist only in code
+//! compiled for its instruction set ([`isa`]), which makes its intrinsics sound.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -10,9 +10,9 @@ mod avx2;
 mod avx512;
 pub(super) mod each;
 pub(super) mod isa;
-mod portable;
 #[cfg(target_arch = "x86_64")]
-mod windows;
+mod permute512;
+mod portable;
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
@@ -37,16 +37,16 @@ pub(super) trait Simd: Copy {
     /// Transposes a 16 × 16 matrix given as rows.
     fn transpose(rows: [Self::F; N_LANES]) -> [Self::F; N_LANES];
 
-    /// Gathers the words at each index of `at` and their right neighbours. An out-of-range index is a bug: it panics
-    /// with debug assertions and otherwise yields some other word of the slice.
+    /// Gathers the words at each index of `at` and their right neighbours. An out-of-range index is a bug: it
+    /// panics with debug assertions and otherwise yields some other word of the slice.
     ///
     /// # Panics
     /// If there are fewer than two words.
     fn gather_pairs(words: &[u32], at: &I32x16) -> (Self::I, Self::I);
 
-    /// Gathers from an 8 × 8 window the words at (x, y), (x + 1, y), (x, y + 1) and (x + 1, y + 1). The rows of the
-    /// window start at `first`, `first + pitch` and so on. Returns `None` if a point lies outside the first 7 × 7, or if
-    /// this instruction set has no faster implementation than [`Self::gather_pairs`].
+    /// Gathers from an 8 × 8 window the words at (x, y), (x + 1, y), (x, y + 1) and (x + 1, y + 1). The rows
+    /// of the window start at `first`, `first + pitch` and so on. Returns `None` if a point lies outside the
+    /// first 7 × 7, or if this instruction set has no faster implementation than [`Self::gather_pairs`].
     ///
     /// # Panics
     /// If the window exceeds `words`.
@@ -60,9 +60,9 @@ pub(super) trait Simd: Copy {
         None
     }
 
-    /// Gathers the number at each index of `at` into the low half of its lane and its right neighbour into the high
-    /// half. An out-of-range index is a bug: it panics with debug assertions and otherwise yields some other number of
-    /// the slice.
+    /// Gathers the number at each index of `at` into the low half of its lane and its right neighbour into
+    /// the high half. An out-of-range index is a bug: it panics with debug assertions and otherwise yields
+    /// some other number of the slice.
     ///
     /// # Panics
     /// If there are fewer than two numbers.
@@ -81,10 +81,10 @@ pub(super) trait Simd: Copy {
         Self::I::load(&I32x16(each!(i in 16 => pair(clamped.0[i]))))
     }
 
-    /// Gathers from an 8 × 8 window the numbers at (x, y) in the low halves and at (x + 1, y) in the high halves, and
-    /// the same for the row below. The rows of the window start at `first`, `first + pitch` and so on. Returns `None` if a
-    /// point lies outside the first 7 × 7, or if this instruction set has no faster implementation than
-    /// [`Self::gather_neighbours_u16`].
+    /// Gathers from an 8 × 8 window the numbers at (x, y) in the low halves and at (x + 1, y) in the high
+    /// halves, and the same for the row below. The rows of the window start at `first`, `first + pitch` and
+    /// so on. Returns `None` if a point lies outside the first 7 × 7, or if this instruction set has no
+    /// faster implementation than [`Self::gather_neighbours_u16`].
     ///
     /// # Panics
     /// If the window exceeds `halves`.
@@ -98,13 +98,13 @@ pub(super) trait Simd: Copy {
         None
     }
 
-    /// Reorders the samples of 4 × 4 pixels from four multisample tiles of 2 × 2 pixels each, given in row-major order.
-    /// Vector k of the result holds sample k of every pixel in the lane order of a 4 × 4 tile: its lane 4 r + 2 b + c is
-    /// lane 4 k + 2 (r % 2) + c of tile 2 (r / 2) + b.
+    /// Reorders the samples of 4 × 4 pixels from four multisample tiles of 2 × 2 pixels each, given in
+    /// row-major order. Vector k of the result holds sample k of every pixel in the lane order of a 4 × 4
+    /// tile: its lane 4 r + 2 b + c is lane 4 k + 2 (r % 2) + c of tile 2 (r / 2) + b.
     fn interleave_tiles(squares: [Self::I; 4]) -> [Self::I; 4];
 
-    /// Writes the lanes selected by `keep` contiguously, the lowest first, and returns their number. The contents of `to`
-    /// after them are unspecified.
+    /// Writes the lanes selected by `keep` contiguously, the lowest first, and returns their number. The
+    /// contents of `to` after them are unspecified.
     #[inline(always)]
     fn compress(numbers: Self::I, keep: Self::M, to: &mut [i32; N_LANES]) -> usize {
         let mut lanes = I32x16::ZERO;
@@ -132,8 +132,8 @@ pub(super) trait Simd: Copy {
     }
 }
 
-/// Operations common to `f32` and vectors of it. A quantity that is the same for all pixels of a surface is computed once,
-/// as a scalar, by the same steps.
+/// Operations common to `f32` and vectors of it. A quantity that is the same for all pixels of a surface is
+/// computed once, as a scalar, by the same steps.
 pub(super) trait FloatLike:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
@@ -141,7 +141,7 @@ pub(super) trait FloatLike:
     fn splat(x: f32) -> Self;
     /// Returns `self * factor + term` with a single rounding.
     fn mul_add(self, factor: Self, term: Self) -> Self;
-    /// Tile4x4 root.
+    /// Returns the square root.
     fn sqrt(self) -> Self;
     /// Returns the maximum, or `other` if `self` is NaN.
     fn max(self, other: Self) -> Self;

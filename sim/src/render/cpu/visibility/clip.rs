@@ -17,8 +17,8 @@ struct Polygon {
     n: usize,
 }
 
-/// Rasterises the part of a triangle, given in the view frame, that lies in front of the near plane and inside the guard
-/// band.
+/// Rasterises the part of a triangle, given in the view frame, that lies in front of the near plane and
+/// inside the guard band.
 #[inline(always)]
 pub(in crate::render::cpu) fn draw<S: Simd, B: TileLayout>(
     triangle: [Vec3; 3],
@@ -36,8 +36,8 @@ pub(in crate::render::cpu) fn draw<S: Simd, B: TileLayout>(
     }
 }
 
-/// Returns `true` if all of a triangle lies beyond one edge of an image with this slope. This rejects most triangles
-/// that would need clipping.
+/// Returns `true` if all of a triangle lies beyond one edge of an image with this slope. This rejects most
+/// triangles that would need clipping.
 fn is_outside(triangle: &[Vec3; 3], slope: f32) -> bool {
     [0, 1].iter().any(|&axis| {
         triangle.iter().all(|p| p[axis] > slope * p[2]) || triangle.iter().all(|p| -p[axis] > slope * p[2])
@@ -58,8 +58,8 @@ fn clip_to_guard_band(triangle: [Vec3; 3], projection: &PinholeProjection<'_>) -
 }
 
 impl Polygon {
-    /// Returns the part on which `height` is not negative. An edge is always intersected from its inner to its outer
-    /// corner, so that two triangles that share the edge are cut at the same point.
+    /// Returns the part on which `height` is not negative. An edge is always intersected from its inner to
+    /// its outer corner, so that two triangles that share the edge are cut at the same point.
     fn clip_plane(&self, height: impl Fn(Vec3) -> f32) -> Self {
         if self.corners[..self.n].iter().all(|p| height(*p) >= 0.0) {
             return *self;

@@ -1,5 +1,5 @@
-//! Culling and triangle set-up: culls clusters of triangles, sixteen clusters at a time, and projects the triangles of the
-//! remaining ones, sixteen triangles at a time.
+//! Culling and triangle set-up: culls clusters of triangles, sixteen clusters at a time, and projects the
+//! triangles of the remaining ones, sixteen triangles at a time.
 
 use core::marker::PhantomData;
 
@@ -122,8 +122,8 @@ fn draw_batch<S: Simd, B: TileLayout, L: Projection>(
     bins: &mut TileBins,
     visibility: &mut Visibility,
 ) -> u16 {
-    // Front faces are counter-clockwise as seen from the eye, but clockwise in image coordinates, whose y axis points down.
-    // Swapping two corners makes all three edge functions positive inside.
+    // Front faces are counter-clockwise as seen from the eye, but clockwise in image coordinates, whose y
+    // axis points down. Swapping two corners makes all three edge functions positive inside.
     let [p, r, q] = each!(k in 3 => view_from_steps.short_points(&corners[k]));
     let [at_p, at_q, at_r] =
         [projection.needs_clip::<S>(&p), projection.needs_clip::<S>(&q), projection.needs_clip::<S>(&r)];
@@ -189,7 +189,8 @@ impl<S: Simd> PixelBounds<S> {
     }
 }
 
-/// Sets up sixteen triangles. Those that are small, front-facing, not empty and not in `needs_clip` are marked present.
+/// Sets up sixteen triangles. Those that are small, front-facing, not empty and not in `needs_clip` are
+/// marked present.
 #[inline(always)]
 fn prepare<S: Simd, B: TileLayout>(
     corners: &[Projected<S>; 3],
@@ -212,7 +213,8 @@ fn prepare<S: Simd, B: TileLayout>(
     let centre_x = (from_x & splat(-B::WIDTH)).shl::<8>() + splat(128);
     let centre_y = (from_y & splat(-B::HEIGHT)).shl::<8>() + splat(128);
     let first_in_tile = (from_x & splat(B::WIDTH - 1)) | (from_y & splat(B::HEIGHT - 1)).shl::<16>();
-    // Signs of the edge functions at the first candidate pixel and at its right, lower and diagonal neighbours.
+    // Signs of the edge functions at the first candidate pixel and at its right, lower and diagonal
+    // neighbours.
     let mut outside = [splat(0); 4];
     let (mut edges, mut all_steps) = ([splat(0); 3], [splat(0); 3]);
     for (k, (a, b)) in [(p, q), (q, r), (r, p)].into_iter().enumerate() {
@@ -265,8 +267,8 @@ fn pack_i16<S: Simd>(lower: S::I, upper: S::I) -> S::I {
     (lower & S::I::splat(0xFFFF)) | upper.shl::<16>()
 }
 
-/// Returns the first and last pixel whose centre lies between two coordinates in 1/256 px. Pixel i has its centre at
-/// 256 i + 128.
+/// Returns the first and last pixel whose centre lies between two coordinates in 1/256 px. Pixel i has its
+/// centre at 256 i + 128.
 #[inline(always)]
 fn pixels_between<S: Simd>(min: S::I, max: S::I, side: i32) -> (S::I, S::I) {
     let first = (min + S::I::splat(127)).shr_arithmetic::<8>().max(S::I::splat(0));

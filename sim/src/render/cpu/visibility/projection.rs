@@ -1,4 +1,5 @@
-//! Projections from the view frame to the image: perspective for cameras, orthographic along a light for shadow maps.
+//! Projections from the view frame to the image: perspective for cameras, orthographic along a light for
+//! shadow maps.
 
 use super::clip;
 use super::tile::TileLayout;
@@ -28,7 +29,8 @@ pub(in crate::render::cpu) trait Projection {
     /// Returns `true` if an instance is to be rasterised at all.
     fn includes(&self, instance: &Instance) -> bool;
 
-    /// Prepares for the next mesh. Returns `false` if its bounding sphere, given in the mesh frame, is outside the view.
+    /// Prepares for the next mesh. Returns `false` if its bounding sphere, given in the mesh frame, is
+    /// outside the view.
     fn begin_mesh(&mut self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool;
 
     /// Projects sixteen points. The result is unspecified for points that need clipping.
@@ -37,7 +39,8 @@ pub(in crate::render::cpu) trait Projection {
     /// Classifies points that are invisible or exceed the range of the rasteriser's fixed-point numbers.
     fn needs_clip<S: Simd>(&self, point: &Vectors<S>) -> ClipFlags<S>;
 
-    /// Returns the lanes of `bounds` whose clusters are invisible, given their centres and radii in the view frame.
+    /// Returns the lanes of `bounds` whose clusters are invisible, given their centres and radii in the view
+    /// frame.
     fn cull_clusters<S: Simd>(&self, bounds: &ClusterBounds, centre: &Vectors<S>, radius: S::F) -> u16;
 
     /// Clips and rasterises a triangle.
@@ -70,7 +73,8 @@ pub(in crate::render::cpu) struct PinholeProjection<'a> {
     eye_in_mesh: Vec3,
 }
 
-/// Width of the guard band: triangles that extend no further beyond the image are rasterised without clipping.
+/// Width of the guard band: triangles that extend no further beyond the image are rasterised without
+/// clipping.
 const GUARD_PX: f32 = 448.0;
 
 impl<'a> PinholeProjection<'a> {

@@ -1,5 +1,5 @@
-//! Visibility buffer and rasterisation of single triangles: exact coverage in integer arithmetic, nearest triangle by
-//! depth.
+//! Visibility buffer and rasterisation of single triangles: exact coverage in integer arithmetic, nearest
+//! triangle by depth.
 //!
 //! Greater depth means nearer: depth is 1/z in images and the height along the light in shadow maps.
 
@@ -134,8 +134,8 @@ impl<B: TileLayout> Kernel for ClearVisibility<'_, B> {
     }
 }
 
-/// Sets the length to `n` and every element to `value`. [`Vec::resize`] would leave existing elements as they are, and is
-/// not compiled for the caller's instruction set.
+/// Sets the length to `n` and every element to `value`. [`Vec::resize`] would leave existing elements as they
+/// are, and is not compiled for the caller's instruction set.
 #[inline(always)]
 fn fill<T: Copy>(values: &mut Vec<T>, n: usize, value: T) {
     values.truncate(n);
@@ -186,8 +186,8 @@ pub(in crate::render::cpu) fn write_tile<S: Simd>(
     let depth = depth.select_or(covered, S::F::splat(f32::NEG_INFINITY));
     let before = S::F::load(depths);
     let visible = depth.gt(before);
-    // A maximum instead of a blend by `visible`: compilers turn the blend into a masked store, and loads that follow a
-    // masked store closely stall until it has reached the cache.
+    // A maximum instead of a blend by `visible`: compilers turn the blend into a masked store, and loads that
+    // follow a masked store closely stall until it has reached the cache.
     depth.max(before).store(depths);
     if let Some(ids) = ids {
         id.select_or(visible, S::I::load(ids)).store(ids);
@@ -247,7 +247,8 @@ struct Edge {
 }
 
 impl LargeTriangle {
-    /// Sets up a triangle. Returns `None` for back faces and for triangles whose bounding box has no pixel centre.
+    /// Sets up a triangle. Returns `None` for back faces and for triangles whose bounding box has no pixel
+    /// centre.
     #[inline(always)]
     fn new<B: TileLayout>([p, q, r]: &[ScreenVertex; 3], side: i32) -> Option<Self> {
         let (qx, qy) = (i64::from(q.x - p.x), i64::from(q.y - p.y));

@@ -1,20 +1,21 @@
-//! Rasterisation of small triangles, sixteen at a time. All pairs of a triangle and a tile are binned first and rasterised
-//! afterwards, which avoids a mispredicted loop exit per triangle.
+//! Rasterisation of small triangles, sixteen at a time. All pairs of a triangle and a tile are binned first
+//! and rasterised afterwards, which avoids a mispredicted loop exit per triangle.
 
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{F32x16, FloatLike, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask};
 use crate::render::cpu::visibility::raster::{DepthPlane, Visibility, VisibilityTarget, write_tile};
 use crate::render::cpu::visibility::tile::TileLayout;
 
-/// Maximum extent of a small triangle along an axis, in 1/256 px. Edge functions then fit in 32 bits and their steps in 16.
+/// Maximum extent of a small triangle along an axis, in 1/256 px. Edge functions then fit in 32 bits and
+/// their steps in 16.
 pub(in crate::render::cpu) const SMALL_EXTENT: i32 = 1 << 14;
 
 /// Sixteen triangles no larger than [`SMALL_EXTENT`], after set-up.
 pub(in crate::render::cpu) struct SmallTriangles<S: Simd> {
     /// Valid lanes. The contents of the others are unspecified.
     pub(in crate::render::cpu) present: S::M,
-    /// Edge functions at the first pixel of the first tile, not negative inside, in units of 256/256² px². Pixel centres
-    /// are whole pixels apart, so lower bits never matter and are shifted out.
+    /// Edge functions at the first pixel of the first tile, not negative inside, in units of 256/256² px².
+    /// Pixel centres are whole pixels apart, so lower bits never matter and are shifted out.
     pub(in crate::render::cpu) edges: [S::I; 3],
     /// Steps of the edge functions per pixel: to the right in the low 16 bits, down in the high 16 bits.
     pub(in crate::render::cpu) steps: [S::I; 3],

@@ -1,4 +1,5 @@
-//! Gathers from 8 × 8 windows held in AVX-512 registers: sixteen points with a few permutations.
+//! Permutations of AVX-512 registers: gathers from 8 × 8 windows, sixteen points at a time, and packing of
+//! pixels.
 
 use core::arch::x86_64::*;
 
@@ -82,5 +83,18 @@ pub(super) unsafe fn of_halves(
             _mm512_add_epi32(two, _mm512_set1_epi32(0x0009_0008)),
         ];
         Some(each!(k in 2 => _mm512_permutex2var_epi16(upper, places[k], lower)))
+    }
+}
+
+/// Packs the low three bytes of each lane contiguously within every four lanes.
+///
+/// # Safety
+/// The processor must have AVX-512.
+#[inline(always)]
+pub(super) unsafe fn pack_rgb(pixels: __m512i) -> __m512i {
+    // SAFETY: guaranteed by the caller.
+    unsafe {
+        let order = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);
+        _mm512_shuffle_epi8(pixels, _mm512_broadcast_i32x4(order))
     }
 }
