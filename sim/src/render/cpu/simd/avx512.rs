@@ -7,7 +7,7 @@ use crate::render::cpu::simd::each::each;
 
 use super::{
     Broadcast, F32x16, FloatLike, I16x16, I32x16, N_LANES, Simd, SimdF32, SimdI32, SimdMask, load_pairs,
-    windows,
+    permute512,
 };
 
 /// The AVX-512 implementation.
