@@ -1,5 +1,6 @@
 //! The render scene: mesh instances, lights and cameras of one episode, in the form that both renderers read.
 
+mod attachment;
 mod body;
 pub(in crate::render) mod camera;
 pub(in crate::render) mod material;
@@ -7,15 +8,15 @@ mod robot;
 mod room;
 pub(in crate::render) mod transforms;
 
-use std::sync::{Arc, LazyLock, Mutex};
+use std::sync::{Arc, LazyLock};
 
 use nalgebra::Isometry3;
 
-use super::cpu::{StaticHeights, StaticLayer};
 use super::math::affine::{Affine3, Vec3, normalised, scaled};
 use super::math::lanes::N_LANES;
 use super::mesh::{Mesh, MeshId, MeshLibrary};
 use crate::scene::{Body, Lights, Scene, Snapshot};
+use attachment::Attachment;
 use body::OwnMeshes;
 use camera::PinholeCamera;
 use material::Material;
@@ -111,11 +112,8 @@ pub struct RenderScene {
     pub(in crate::render) cameras: Vec<PinholeCamera>,
     /// World position of the centre of the shadow map, if the first directional light casts shadows.
     pub(in crate::render) shadow_centre: Option<Vec3>,
-    /// Static layer of each camera, which the CPU renderer caches. It affects speed only, never a byte of an
-    /// image.
-    pub(in crate::render) layers: Vec<Mutex<Option<Arc<StaticLayer>>>>,
-    /// Cached shadow map of the static instances, likewise.
-    pub(in crate::render) static_heights: Mutex<Option<Arc<StaticHeights>>>,
+    /// Data that a renderer derives from the scene.
+    pub(in crate::render) attachment: Attachment,
     n_triangles: usize,
     n_bodies: usize,
     n_arms: usize,
@@ -168,9 +166,8 @@ impl RenderScene {
             ambient: scene.lights.ambient.map(|c| c as f32),
             suns: suns(&scene.lights),
             shadow_centre: shadow_centre(scene),
-            layers: cameras.iter().map(|_| Mutex::default()).collect(),
             cameras,
-            static_heights: Mutex::default(),
+            attachment: Attachment::default(),
             n_static,
             n_triangles: instances.iter().map(|instance| instance.mesh().triangles.len()).sum(),
             n_bodies: scene.bodies.len(),

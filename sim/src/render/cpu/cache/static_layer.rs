@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, PoisonError};
 
+use super::scene_cache::SceneCache;
 use crate::render::cpu::cache::shared_cache::SharedCache;
 use crate::render::cpu::shading::lighting::ViewLights;
 use crate::render::cpu::shading::rays::{RayTable, ViewRays};
@@ -78,7 +79,8 @@ impl Workspace {
         layers: &SharedCache<StaticLayerKey, StaticLayer>,
     ) -> Arc<StaticLayer> {
         // What is kept is whole at any moment.
-        let mut kept = view.scene.layers[view.camera_idx].lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept =
+            SceneCache::of(view.scene).layers[view.camera_idx].lock().unwrap_or_else(PoisonError::into_inner);
         match &*kept {
             Some(layer) if layer.shows(&self.maps[..view.scene.n_static], B::SAMPLES) => Arc::clone(layer),
             _ => {
@@ -246,6 +248,7 @@ mod tests {
     use super::StaticLayer;
     use crate::TaskId;
     use crate::physics::World;
+    use crate::render::cpu::cache::scene_cache::SceneCache;
     use crate::render::{CpuRenderer, RenderScene};
     use crate::scene::{CameraMount, Scene, Snapshot};
 
@@ -255,7 +258,7 @@ mod tests {
         World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
         let scene = RenderScene::new(scene);
         let _images = renderer.photograph(&scene, &snapshot);
-        let layer = scene.layers[0].lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let layer = SceneCache::of(&scene).layers[0].lock().unwrap_or_else(PoisonError::into_inner).clone();
         (scene, layer.expect("a standing camera has a layer"))
     }
 
@@ -272,8 +275,8 @@ mod tests {
                 world.write_snapshot(&mut snapshot);
                 let _images = renderer.photograph(&render, &snapshot);
                 world.step(&vec![0.3; scene.robots.len() * 7]);
-                let layers = render.layers.iter().map(|layer| layer.lock().unwrap().clone());
-                (layers.collect::<Vec<_>>(), render.static_heights.lock().unwrap().clone())
+                let layers = SceneCache::of(&render).layers.iter().map(|layer| layer.lock().unwrap().clone());
+                (layers.collect::<Vec<_>>(), SceneCache::of(&render).static_heights.lock().unwrap().clone())
             };
             let (layers, heights) = kept();
             for _ in 0..3 {

@@ -9,6 +9,7 @@ use core::ops::Range;
 use std::sync::{Arc, PoisonError};
 
 use crate::render::cpu::TransformInstances;
+use crate::render::cpu::cache::scene_cache::SceneCache;
 use crate::render::cpu::cache::shared_cache::SharedCache;
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::isa::{Isa, Kernel};
@@ -210,7 +211,7 @@ fn static_heights(
     raster: &mut HeightRaster,
 ) -> Arc<StaticHeights> {
     // The slot is replaced as a whole, so it is valid even if a panic poisoned the lock.
-    let mut slot = scene.static_heights.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut slot = SceneCache::of(scene).static_heights.lock().unwrap_or_else(PoisonError::into_inner);
     let maps = &raster.maps[..scene.n_static];
     match &*slot {
         Some(still) if still.maps == maps => Arc::clone(still),

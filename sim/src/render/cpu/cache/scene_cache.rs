@@ -1,0 +1,26 @@
+//! The cache entries that a scene holds on to, so that lookups in the shared caches are needed only when
+//! something static changes.
+
+use std::sync::{Arc, Mutex};
+
+use super::static_layer::StaticLayer;
+use crate::render::cpu::shadow::StaticHeights;
+use crate::render::scene::RenderScene;
+
+/// What the CPU renderer attaches to a scene. It affects speed only, never a byte of an image.
+pub(in crate::render::cpu) struct SceneCache {
+    /// Static layer of each camera.
+    pub(in crate::render::cpu) layers: Vec<Mutex<Option<Arc<StaticLayer>>>>,
+    /// Shadow map of the static instances.
+    pub(in crate::render::cpu) static_heights: Mutex<Option<Arc<StaticHeights>>>,
+}
+
+impl SceneCache {
+    /// Returns the cache of a scene, empty on first use.
+    pub(in crate::render::cpu) fn of(scene: &RenderScene) -> &Self {
+        scene.attachment.get_or_init(|| Self {
+            layers: (0..scene.n_cameras()).map(|_| Mutex::default()).collect(),
+            static_heights: Mutex::default(),
+        })
+    }
+}
