@@ -87,7 +87,7 @@ pub enum ServeError {
 
 /// Errors that can occur while answering an observation.
 #[derive(Debug, Error)]
-enum AnswerError {
+enum QueryError {
     #[error(transparent)]
     Frame(#[from] FrameError),
     #[error("the observation belongs to run {found:#x}, this host serves run {expected:#x}")]
@@ -207,14 +207,14 @@ impl<W: Write> Host<W> {
         header: ObservationHeader,
         message: &ObservationMessage,
         blocks: &mut [ActionBlock],
-    ) -> Result<(), AnswerError> {
+    ) -> Result<(), QueryError> {
         let view = ObservationView::new(header, message.pages())?;
         let (expected, found) = (self.config.run_id, header.run);
         if expected != found {
-            return Err(AnswerError::Run { expected, found });
+            return Err(QueryError::Run { expected, found });
         }
         if blocks.len() != view.n_envs() {
-            return Err(AnswerError::Envs { found: header.n_envs, limit: self.config.lane.max_envs });
+            return Err(QueryError::Envs { found: header.n_envs, limit: self.config.lane.max_envs });
         }
         let chunks = &mut self.chunks[..blocks.len()];
         self.policy.act(&view, chunks)?;

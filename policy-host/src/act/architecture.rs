@@ -52,13 +52,13 @@ pub struct ResNet {
 pub struct InstructionInput {
     /// Dimension of the embedding.
     pub dim: usize,
-    /// Projection to a token.
-    pub projection: Projection,
+    /// TokenProjection to a token.
+    pub projection: TokenProjection,
 }
 
-/// Projection of an instruction embedding to a token.
+/// TokenProjection of an instruction embedding to a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Projection {
+pub enum TokenProjection {
     /// `(Linear, ReLU, LayerNorm) × 2, Linear` (docs/benchmark.md, "Policies and evaluation"). The token has
     /// no position embedding, and an empty instruction has no token.
     Mlp,
@@ -164,10 +164,10 @@ impl Architecture {
     }
 
     /// Returns the number of tokens with a learned position embedding: latent, state and, with
-    /// [`Projection::Linear`], instruction.
+    /// [`TokenProjection::Linear`], instruction.
     #[must_use]
     pub fn n_learned_positions(&self) -> usize {
-        let linear = self.instruction.is_some_and(|input| input.projection == Projection::Linear);
+        let linear = self.instruction.is_some_and(|input| input.projection == TokenProjection::Linear);
         1 + usize::from(self.state_dim.is_some()) + usize::from(linear)
     }
 

@@ -1,6 +1,6 @@
 //! Cache of instruction tokens: each distinct instruction is encoded once.
 
-use super::architecture::Projection;
+use super::architecture::TokenProjection;
 use super::model::ActModel;
 use crate::text::TextEncoder;
 
@@ -27,7 +27,7 @@ impl TokenCache {
     /// evaluation").
     pub(super) fn get(&mut self, instruction: &str, model: &ActModel) -> Option<&[f32]> {
         let input = model.architecture().instruction?;
-        if instruction.is_empty() && input.projection == Projection::Mlp {
+        if instruction.is_empty() && input.projection == TokenProjection::Mlp {
             return None;
         }
         let cached = self.entries.iter().position(|(key, _)| key == instruction);

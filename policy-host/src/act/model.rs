@@ -4,7 +4,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::architecture::{Architecture, ImageSize, Projection};
+use super::architecture::{Architecture, ImageSize, TokenProjection};
 use super::backbone::{Backbone, BackboneScratch};
 use super::image::Image;
 use super::normalise::Normalisation;
@@ -37,7 +37,7 @@ pub struct ActModel {
     decoder: Decoder,
 }
 
-/// Projection of an instruction embedding to its token.
+/// TokenProjection of an instruction embedding to its token.
 #[derive(Debug)]
 struct InstructionProjection {
     /// Hidden layers, each `Linear`, `ReLU`, `LayerNorm`.
@@ -96,10 +96,10 @@ impl ActModel {
     ) -> Self {
         let linear_f32 = |name: &str| linear(state_dict, Precision::F32, name);
         let instruction_projection = architecture.instruction.map(|input| match input.projection {
-            Projection::Linear => {
+            TokenProjection::Linear => {
                 InstructionProjection { inner: Vec::new(), out: linear_f32("input_proj_env_state") }
             }
-            Projection::Mlp => InstructionProjection {
+            TokenProjection::Mlp => InstructionProjection {
                 inner: [("lang_proj.0", "lang_proj.2"), ("lang_proj.3", "lang_proj.5")]
                     .map(|(dense, norm)| (linear_f32(dense), layer_norm(state_dict, norm)))
                     .into(),
@@ -259,8 +259,8 @@ fn positions(architecture: &Architecture, state_dict: &StateDict) -> [Vec<f32>; 
     let n_always = 1 + usize::from(architecture.state_dim.is_some());
     let always = &learned[..n_always * width];
     let zero_position = match architecture.instruction.map(|input| input.projection) {
-        Some(Projection::Mlp) => vec![0.0; width],
-        Some(Projection::Linear) | None => Vec::new(),
+        Some(TokenProjection::Mlp) => vec![0.0; width],
+        Some(TokenProjection::Linear) | None => Vec::new(),
     };
     [[learned, &zero_position, &images].concat(), [always, &images].concat()]
 }

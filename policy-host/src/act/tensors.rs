@@ -1,7 +1,7 @@
 //! Names and shapes of the tensors that inference needs, derived from the architecture, in the order of the
 //! benchmark's reference implementation.
 
-use super::architecture::{Architecture, Projection, ResNet};
+use super::architecture::{Architecture, ResNet, TokenProjection};
 use crate::weights::TensorSpec;
 
 /// Name prefix of the backbone's tensors.
@@ -113,8 +113,10 @@ impl SpecList {
     fn instruction(&mut self, architecture: &Architecture) {
         let Some(input) = architecture.instruction else { return };
         match input.projection {
-            Projection::Linear => self.linear("input_proj_env_state", architecture.hidden_dim, input.dim),
-            Projection::Mlp => {
+            TokenProjection::Linear => {
+                self.linear("input_proj_env_state", architecture.hidden_dim, input.dim);
+            }
+            TokenProjection::Mlp => {
                 for (linear, norm) in [(0, 2), (3, 5)] {
                     self.linear(&format!("lang_proj.{linear}"), input.dim, input.dim);
                     self.norm(&format!("lang_proj.{norm}"), input.dim);

@@ -8,7 +8,7 @@ use ipc_types::{ControlMode, Morphology};
 use serde::{Deserialize, Serialize};
 
 use super::{CheckpointError, Description, ObservationMapping, TensorNames, parse};
-use crate::act::architecture::{Architecture, ImageSize, InstructionInput, Projection, ResNet};
+use crate::act::architecture::{Architecture, ImageSize, InstructionInput, ResNet, TokenProjection};
 use crate::act::normalise::{Normalisation, ShiftScale};
 use crate::text::LanguageConfig;
 use crate::weights::{MODEL_FILE, TensorFile};
@@ -138,7 +138,7 @@ impl ActConfig {
             cameras: vec![ImageSize { height: IMAGE_SIDE, width: IMAGE_SIDE }; self.n_cameras],
             state_dim: Some(self.state_dim),
             instruction: instruction
-                .map(|language| InstructionInput { dim: language.dim(), projection: Projection::Mlp }),
+                .map(|language| InstructionInput { dim: language.dim(), projection: TokenProjection::Mlp }),
             action_dim: self.action_dim,
             horizon: self.num_queries,
             hidden_dim: self.hidden_dim,

@@ -10,7 +10,7 @@ use serde::Deserialize;
 use super::mapping::{FeatureKind, InputFeature, Sidecar, map_features};
 use super::processor::{NormalisationMode, Statistics};
 use super::{CheckpointError, Description, TensorNames, parse};
-use crate::act::architecture::{Architecture, ImageSize, InstructionInput, Projection, ResNet};
+use crate::act::architecture::{Architecture, ImageSize, InstructionInput, ResNet, TokenProjection};
 use crate::act::normalise::Normalisation;
 use crate::weights::{CONFIG_FILE, MODEL_FILE, TensorFile};
 
@@ -188,7 +188,7 @@ fn architecture(config: &LeRobotConfig, inputs: &[InputFeature], action_dim: usi
         cameras: of_kind(FeatureKind::Visual).map(size).collect(),
         state_dim: dim(FeatureKind::State),
         instruction: dim(FeatureKind::Env)
-            .map(|dim| InstructionInput { dim, projection: Projection::Linear }),
+            .map(|dim| InstructionInput { dim, projection: TokenProjection::Linear }),
         action_dim,
         horizon: config.chunk_size,
         hidden_dim: config.dim_model,

@@ -122,7 +122,7 @@ impl QuantisedWeights {
         assert!(segments.len.is_multiple_of(QUAD), "{segments:?}");
         match self.isa {
             Int8Isa::Portable => {
-                self.matmul_tiled(inputs, segments, n_rows, start, emit, &MICRO_KERNELS_PORTABLE)
+                self.matmul_tiled(inputs, segments, n_rows, start, emit, &MICRO_KERNELS_PORTABLE);
             }
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the token proves AVX-512F and VNNI.
