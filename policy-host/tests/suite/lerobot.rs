@@ -58,8 +58,8 @@ fn max_error(found: &[f32], expected: &[f32]) -> f32 {
     found.iter().zip(expected).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
 }
 
-/// Runs the network of a case on its recorded inputs, with one thread and with a team of two, and compares the
-/// chunks.
+/// Runs the network of a case on its recorded inputs, with one thread and with a team of two. Compares the
+/// chunks with the recorded ones.
 fn assert_parity(case: &str, cameras: &[&str]) {
     let folder = data("lerobot").join(case);
     let recording = ReferenceIo::of(case);
