@@ -1,4 +1,4 @@
-//! The tools' view: how far away every pixel's surface is, and whose surface it is. Policies never see either.
+//! Depth and segmentation images for tools. Policies never receive either.
 
 use super::visibility::raster::{NO_ID, Visibility};
 use super::visibility::tile::{Tile4x4, TileLayout};
@@ -7,54 +7,60 @@ use super::{CpuRenderer, TransformInstances};
 use crate::render::scene::{Anchor, Fixture, RenderScene};
 use crate::scene::Snapshot;
 
-/// What a pixel shows.
+/// The scene object that is visible at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Segment {
-    /// Nothing: no surface, or none between the camera's near and far plane.
+    /// No surface between the near and far planes of the camera.
     Nothing,
-    /// A body, by its index in the scene.
+    /// A body, given its index in the scene.
     Body(usize),
-    /// An arm with its hand and fingers, by its index.
+    /// An arm with its hand and fingers, given its index.
     Arm(usize),
-    /// A table, its top or its legs.
+    /// A table, including its legs.
     Table,
-    /// The floor.
+    /// The floor of the room.
     Floor,
-    /// A wall.
+    /// Any wall of the room.
     Walls,
 }
 
-/// One camera's view as numbers, at the centres of the pixels of its image.
+/// Depth and segmentation images of one camera, sampled at the pixel centres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inspection {
-    /// `[side, side] f32`, row-major, top row first: distance along the camera's axis in m, infinite where nothing is.
+    /// `[side, side] f32`, row-major, top row first: depth along the optical axis in m, infinite at
+    /// background pixels.
     pub depth_m: Vec<f32>,
-    /// `[side, side]`, in the same order.
+    /// `[side, side]`, in the order of `depth_m`: the visible object of each pixel.
     pub segments: Vec<Segment>,
 }
 
 impl CpuRenderer {
-    /// Looks through one of the scene's cameras.
+    /// Returns the depth and segmentation images of one camera.
     ///
     /// # Panics
-    /// If there is no such camera, or the snapshot is not of this scene.
+    /// If the camera does not exist, or if the snapshot does not belong to the scene.
     #[must_use]
     pub fn inspect(&mut self, scene: &RenderScene, snapshot: &Snapshot, camera_idx: usize) -> Inspection {
-        assert!(scene.fits(snapshot), "a snapshot has the bodies and arms of its scene");
+        assert!(scene.fits(snapshot), "a snapshot must have the bodies and arms of its scene");
         let camera = &scene.cameras[camera_idx];
         self.with_workspace(|workspace| {
             let view_from_world = camera.view_from_world(snapshot);
             let context = CameraContext { isa: self.isa, scene, camera };
-            self.isa.run(TransformInstances { scene, snapshot, view_from_world, maps: &mut workspace.maps });
+            self.isa.run(TransformInstances {
+                scene,
+                snapshot,
+                view_from_world,
+                transforms: &mut workspace.view_from_mesh,
+            });
             workspace.clear::<Tile4x4>(context);
             workspace.rasterize::<Tile4x4>(context, 0..scene.instances.len());
-            read(&workspace.visibility, scene)
+            untile(&workspace.visibility, scene)
         })
     }
 }
 
-/// From tiles of pixels to rows.
-fn read(visibility: &Visibility, scene: &RenderScene) -> Inspection {
+/// Converts the tiles of a visibility buffer to row-major images.
+fn untile(visibility: &Visibility, scene: &RenderScene) -> Inspection {
     let side = visibility.side as usize;
     let pitch = side >> Tile4x4::WIDTH_BITS;
     let mut depth_m = vec![f32::INFINITY; side * side];
@@ -65,15 +71,15 @@ fn read(visibility: &Visibility, scene: &RenderScene) -> Inspection {
             if id != NO_ID {
                 let pixel = (top + Tile4x4::Y.0[lane] as usize) * side + left + Tile4x4::X.0[lane] as usize;
                 depth_m[pixel] = 1.0 / depth;
-                segments[pixel] = segment(scene, id as u32);
+                segments[pixel] = segment_of(scene, id as u32);
             }
         }
     }
     Inspection { depth_m, segments }
 }
 
-/// Whose triangle this is.
-fn segment(scene: &RenderScene, id: u32) -> Segment {
+/// Returns the object to which the triangle `id` belongs.
+fn segment_of(scene: &RenderScene, id: u32) -> Segment {
     let instance_idx = scene.first_id.partition_point(|first| *first <= id) - 1;
     match scene.instances[instance_idx].anchor {
         Anchor::World(Fixture::Table) => Segment::Table,

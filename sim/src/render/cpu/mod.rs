@@ -1,8 +1,8 @@
-//! Pictures on the CPU: a visibility pass that finds the nearest triangle of each pixel, then a shading pass that records
-//! at every pixel once and writes its bytes straight to where the policy will read them.
+//! The CPU renderer: a visibility pass finds the nearest triangle of each pixel, then a deferred shading pass
+//! visits every pixel once and writes its bytes directly to the memory from which the policy reads them.
 //!
-//! Both work on sixteen triangles or pixels at a time, in generic code over [`simd::Simd`] that [`isa`] compiles once per
-//! instruction set.
+//! Both passes process sixteen triangles or pixels at a time, in code generic over [`simd::Simd`] that
+//! [`simd::isa`] compiles once per instruction set.
 
 mod cache;
 mod inspect;
@@ -30,13 +30,13 @@ use simd::Simd;
 use simd::isa::{Isa, Kernel};
 use workspace::Workspace;
 
-/// The renderer that needs nothing but a CPU.
+/// A renderer that needs no GPU.
 pub struct CpuRenderer {
-    /// One per thread; which one a view is made in does not matter.
+    /// One per thread. Images do not depend on which one renders a view.
     workspaces: Vec<Mutex<Workspace>>,
-    /// [`MAPS_PER_THREAD`] per thread; which one an env's shadows are drawn in does not matter.
-    maps: Vec<Mutex<ShadowMap>>,
-    /// The first view of each env of a batch.
+    /// [`MAPS_PER_THREAD`] per thread. Images do not depend on which one an env uses.
+    shadow_maps: Vec<Mutex<ShadowMap>>,
+    /// Index of the first view of each env of the current batch.
     first_views: Vec<usize>,
     layers: SharedCache<StaticLayerKey, StaticLayer>,
     static_heights: SharedCache<StaticHeightsKey, StaticHeights>,
@@ -44,14 +44,15 @@ pub struct CpuRenderer {
     options: CpuOptions,
 }
 
-/// What a CPU renderer does, and how.
+/// Options of a CPU renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CpuOptions {
-    /// Keeps what a standing camera sees of what never moves, once for all scenes in which that is alike. It changes no byte;
-    /// it costs 1.1 MB, and 2.5 MB more with four samples per pixel. The shadow map of what never moves is kept in any
-    /// case: 0.8 MB for all scenes in which it is alike.
+    /// `true` to cache, per static camera, a layer with the rendered static geometry, shared by all scenes
+    /// whose static geometry is identical. Does not change any byte. A layer takes 1.1 MB, and 2.5 MB more
+    /// with four samples per pixel. The shadow map of the static geometry is always cached: 0.8 MB, shared
+    /// likewise.
     pub static_layers: bool,
-    /// How a pixel is sampled.
+    /// Number of visibility samples per pixel.
     pub samples: Samples,
 }
 
@@ -61,11 +62,12 @@ impl Default for CpuOptions {
     }
 }
 
-/// Shadow maps per thread: a thread that waits for an env's last view may begin another env.
+/// Shadow maps per thread. Two, because a thread that waits for the last view of an env may start another
+/// env.
 const MAPS_PER_THREAD: usize = 2;
 
 impl CpuRenderer {
-    /// A renderer for use in a rayon pool of this many threads.
+    /// Creates a renderer with default options for use in a rayon pool of `threads` threads.
     ///
     /// # Panics
     /// If `threads` is 0.
@@ -74,7 +76,7 @@ impl CpuRenderer {
         Self::with_options(threads, CpuOptions::default())
     }
 
-    /// The same with other options.
+    /// Creates a renderer for use in a rayon pool of `threads` threads.
     ///
     /// # Panics
     /// If `threads` is 0.
@@ -85,10 +87,10 @@ impl CpuRenderer {
     }
 
     fn with_isa(threads: usize, options: CpuOptions, isa: Isa) -> Self {
-        assert!(threads > 0, "a renderer needs a thread");
+        assert!(threads > 0, "a renderer needs at least one thread");
         Self {
             workspaces: (0..threads).map(|_| Mutex::new(Workspace::new())).collect(),
-            maps: (0..MAPS_PER_THREAD * threads).map(|_| Mutex::new(ShadowMap::new())).collect(),
+            shadow_maps: (0..MAPS_PER_THREAD * threads).map(|_| Mutex::new(ShadowMap::new())).collect(),
             first_views: Vec::new(),
             layers: SharedCache::new(),
             static_heights: SharedCache::new(),
@@ -97,22 +99,24 @@ impl CpuRenderer {
         }
     }
 
-    /// Fills every view's `out`: [`Renderer::render`], which cannot fail here.
+    /// Renders every view into its `out`. Like [`Renderer::render`], but infallible.
     ///
     /// # Panics
-    /// If a view's camera does not exist, its `out` is not of its camera's size, or its snapshot is not of its scene.
+    /// If the camera of a view does not exist, or if its `out` or snapshot does not match the camera or
+    /// scene.
     pub fn draw(&mut self, views: &mut [View<'_>]) {
         views.iter().for_each(View::check);
         self.first_views.clear();
         let starts = (0..views.len()).filter(|i| *i == 0 || !views[*i].is_same_env(&views[*i - 1]));
         self.first_views.extend(starts);
-        self.draw_envs(&self.first_views, views);
+        self.render_envs(&self.first_views, views);
     }
 
-    /// Every camera's side and its image, `[side, side, 3] u8` sRGB.
+    /// Renders the images of all cameras of a scene. Returns, per camera, the side in px and the image,
+    /// `[side, side, 3] u8` sRGB.
     ///
     /// # Panics
-    /// If the snapshot is not of the scene.
+    /// If the snapshot does not belong to the scene.
     #[must_use]
     pub fn photograph(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
         let sides = (0..scene.n_cameras()).map(|camera_idx| scene.side(camera_idx));
@@ -124,43 +128,49 @@ impl CpuRenderer {
         images
     }
 
-    /// Draws some envs, of which these are all views. Other threads may take their part, down to uniform views; an env's shadow
-    /// map is drawn just before its views, into a map that this thread has used before: it is still in the processor's cache.
-    fn draw_envs(&self, first_views: &[usize], views: &mut [View<'_>]) {
+    /// Renders the envs that start at `first_views`, given all of their views. Other threads may steal
+    /// work, down to single views. The shadow map of an env is rendered just before its views, into a map
+    /// that this thread has used before and that is therefore likely to be in its CPU cache.
+    fn render_envs(&self, first_views: &[usize], views: &mut [View<'_>]) {
         if let [first, _, ..] = first_views {
             let (envs, more_envs) = first_views.split_at(first_views.len() / 2);
             let (views, more_views) = views.split_at_mut(more_envs[0] - first);
-            rayon::join(|| self.draw_envs(envs, views), || self.draw_envs(more_envs, more_views));
+            rayon::join(|| self.render_envs(envs, views), || self.render_envs(more_envs, more_views));
             return;
         }
         match views.first() {
-            Some(View { scene, snapshot, .. }) if scene.shadow_centre.is_some() => self.with_map(|map| {
-                self.with_workspace(|workspace| workspace.render_shadow_map(self, scene, snapshot, map));
-                self.draw_views(views, Some(map));
-            }),
-            _ => self.draw_views(views, None),
+            Some(View { scene, snapshot, .. }) if scene.shadow_centre.is_some() => {
+                self.with_shadow_map(|map| {
+                    self.with_workspace(|workspace| workspace.render_shadow_map(self, scene, snapshot, map));
+                    self.render_views(views, Some(map));
+                })
+            }
+            _ => self.render_views(views, None),
         }
     }
 
-    fn draw_views(&self, views: &mut [View<'_>], map: Option<&ShadowMap>) {
+    fn render_views(&self, views: &mut [View<'_>], map: Option<&ShadowMap>) {
         views.par_iter_mut().with_max_len(1).for_each(|view| {
-            self.with_workspace(|workspace| workspace.draw(self, view, map));
+            self.with_workspace(|workspace| workspace.render(self, view, map));
         });
     }
 
-    /// Runs `work` with a workspace that no other thread uses: the worker's own unless a larger pool bins it.
+    /// Runs `work` with exclusive access to a workspace, preferably the one that belongs to this thread.
     fn with_workspace<T>(&self, work: impl FnOnce(&mut Workspace) -> T) -> T {
-        let own = own_of(&self.workspaces, 1);
-        // Nothing in a workspace outlives a view, so one that a panic left behind is as good as new.
-        let free = free_from(&self.workspaces, own, |_| {});
-        let waited = || self.workspaces[own].lock().unwrap_or_else(PoisonError::into_inner);
-        work(&mut free.unwrap_or_else(waited))
+        let own = own_index(&self.workspaces, 1);
+        // No state in a workspace outlives a view, so a poisoned one is safe to reuse.
+        let free = lock_free(&self.workspaces, own, |_| {});
+        let wait = || self.workspaces[own].lock().unwrap_or_else(PoisonError::into_inner);
+        work(&mut free.unwrap_or_else(wait))
     }
 
-    /// Runs `work`, which may wait for other threads and take over other envs meanwhile, with a map that nobody else uses.
-    fn with_map<T>(&self, work: impl FnOnce(&mut ShadowMap) -> T) -> T {
-        // One that a panic left behind may be half drawn.
-        let free = free_from(&self.maps, own_of(&self.maps, MAPS_PER_THREAD), |map| *map = ShadowMap::new());
+    /// Runs `work` with exclusive access to a shadow map. `work` may wait for other threads and meanwhile
+    /// run the work of other envs on this thread.
+    fn with_shadow_map<T>(&self, work: impl FnOnce(&mut ShadowMap) -> T) -> T {
+        // A poisoned map may be partially rendered.
+        let free = lock_free(&self.shadow_maps, own_index(&self.shadow_maps, MAPS_PER_THREAD), |map| {
+            *map = ShadowMap::new()
+        });
         match free {
             Some(mut map) => work(&mut map),
             None => work(&mut ShadowMap::new()),
@@ -168,21 +178,22 @@ impl CpuRenderer {
     }
 }
 
-/// The first one of the things, `n` per thread, that are this thread's own.
-fn own_of<T>(things: &[T], n: usize) -> usize {
-    rayon::current_thread_index().unwrap_or(0) * n % things.len()
+/// Returns the index of the first of the `n` pool entries that belong to this thread.
+fn own_index<T>(pool: &[T], n: usize) -> usize {
+    rayon::current_thread_index().unwrap_or(0) * n % pool.len()
 }
 
-/// A thing that nobody uses, the first one from `own` on; `clean` if a panic left it behind.
-fn free_from<T>(things: &[Mutex<T>], own: usize, clean: impl Fn(&mut T)) -> Option<MutexGuard<'_, T>> {
-    let (before, after) = things.split_at(own);
-    after.iter().chain(before).find_map(|thing| match thing.try_lock() {
-        Ok(free) => Some(free),
-        Err(TryLockError::Poisoned(left)) => {
-            let mut left = left.into_inner();
-            clean(&mut left);
-            thing.clear_poison();
-            Some(left)
+/// Locks the first unlocked pool entry, searching from index `own` and wrapping around. If a panic poisoned
+/// it, `reset` is applied first. Returns `None` if all entries are locked.
+fn lock_free<T>(pool: &[Mutex<T>], own: usize, reset: impl Fn(&mut T)) -> Option<MutexGuard<'_, T>> {
+    let (before, after) = pool.split_at(own);
+    after.iter().chain(before).find_map(|entry| match entry.try_lock() {
+        Ok(guard) => Some(guard),
+        Err(TryLockError::Poisoned(poisoned)) => {
+            let mut guard = poisoned.into_inner();
+            reset(&mut guard);
+            entry.clear_poison();
+            Some(guard)
         }
         Err(TryLockError::WouldBlock) => None,
     })
@@ -204,18 +215,23 @@ impl Renderer for CpuRenderer {
     }
 }
 
-/// Finds where every instance is.
+/// Computes the transforms of all instances into the view (or light) frame.
 struct TransformInstances<'a> {
     scene: &'a RenderScene,
     snapshot: &'a Snapshot,
     view_from_world: Affine3,
-    maps: &'a mut Vec<Affine3>,
+    transforms: &'a mut Vec<Affine3>,
 }
 
 impl Kernel for TransformInstances<'_> {
     #[inline(always)]
     fn run<S: Simd>(self) {
-        transforms::write_instance_transforms(self.scene, self.snapshot, &self.view_from_world, self.maps);
+        transforms::write_instance_transforms(
+            self.scene,
+            self.snapshot,
+            &self.view_from_world,
+            self.transforms,
+        );
     }
 }
 
@@ -229,8 +245,8 @@ mod tests {
     use crate::render::{RenderScene, Samples, View};
     use crate::scene::{Scene, Snapshot, Texture};
 
-    /// A task's scene with textures on everything, and with shadows if wanted.
-    fn decorated(task: TaskId, seed: u64, shadows: bool) -> Scene {
+    /// Draws a task's scene and puts a texture on every part; `shadows` enables shadow casting.
+    fn textured_scene(task: TaskId, seed: u64, shadows: bool) -> Scene {
         let mut scene = (task.task().nominal)().draw(seed);
         scene.lights.shadows = shadows;
         let parts = scene.bodies.iter_mut().flat_map(|body| &mut body.parts);
@@ -254,15 +270,15 @@ mod tests {
     }
 
     #[test]
-    fn every_instruction_set_makes_the_same_bytes() {
+    fn images_are_identical_on_every_instruction_set() {
         for &task in TaskId::ALL {
             for (shadows, samples) in [(false, Samples::One), (true, Samples::One), (true, Samples::Four)] {
-                let scene = decorated(task, 3, shadows);
+                let scene = textured_scene(task, 3, shadows);
                 let options = CpuOptions { samples, ..CpuOptions::default() };
-                let first = images(Isa::Portable, options, &scene);
+                let expected = images(Isa::Portable, options, &scene);
                 for isa in Isa::available() {
                     assert!(
-                        images(isa, options, &scene) == first,
+                        images(isa, options, &scene) == expected,
                         "{isa:?}, {task:?}, {shadows}, {samples:?}"
                     );
                 }

@@ -1,4 +1,4 @@
-//! Making one picture after the other: what is seen, then its light.
+//! Per-thread buffers of the CPU renderer, and the sequence of passes that renders one view.
 
 use core::marker::PhantomData;
 use core::ops::Range;
@@ -23,7 +23,7 @@ use crate::render::scene::camera::PinholeCamera;
 use crate::render::{Samples, View};
 use crate::scene::Snapshot;
 
-/// What is seen, by which camera, and the instruction set to draw it with.
+/// The scene and camera of a pass, and the instruction set that runs it.
 #[derive(Clone, Copy)]
 pub(super) struct CameraContext<'a> {
     pub(super) isa: Isa,
@@ -31,39 +31,41 @@ pub(super) struct CameraContext<'a> {
     pub(super) camera: &'a PinholeCamera,
 }
 
-/// What one view at a time is made in.
+/// Buffers for rendering one view at a time. No state is carried from one view to the next, except for the
+/// cached [`RayTable`]s.
 pub(super) struct Workspace {
-    /// From each instance's mesh to the view frame.
-    pub(super) maps: Vec<Affine3>,
-    /// The same to the centred frame, where that is another.
-    centred: Vec<Affine3>,
+    /// Per instance the transform from its mesh to the view frame.
+    pub(super) view_from_mesh: Vec<Affine3>,
+    /// Per rasterised instance the transform from its mesh to the centred frame; used by off-axis cameras
+    /// only.
+    centred_from_mesh: Vec<Affine3>,
     pub(super) visibility: Visibility,
     pub(super) surfaces: VisibleSurfaces,
-    /// Per tile of pixels whether it is no longer as in a layer.
+    /// Per pixel tile `true` if it differs from the static layer and must be shaded again.
     pub(super) stale: Vec<bool>,
     raster: HeightRaster,
-    /// One per make of camera, the most lately used first.
+    /// One per set of camera intrinsics, the most recently used first.
     pub(super) rays: Vec<RayTable>,
 }
 
-/// Makes of cameras whose rays are kept.
-const N_RAYS: usize = 4;
+/// Number of cached ray tables.
+const N_RAY_TABLES: usize = 4;
 
 impl Workspace {
-    /// Nothing in it yet.
+    /// Creates an empty workspace.
     pub(super) fn new() -> Self {
         Self {
-            maps: Vec::with_capacity(256),
-            centred: Vec::new(),
+            view_from_mesh: Vec::with_capacity(256),
+            centred_from_mesh: Vec::new(),
             visibility: Visibility::new(),
             surfaces: VisibleSurfaces::new(),
             stale: Vec::new(),
             raster: HeightRaster::new(),
-            rays: (0..N_RAYS).map(|_| RayTable::new()).collect(),
+            rays: (0..N_RAY_TABLES).map(|_| RayTable::new()).collect(),
         }
     }
 
-    /// Draws the shadow map of a scene whose light casts shadows.
+    /// Renders the shadow map of a scene whose first sun casts shadows.
     pub(super) fn render_shadow_map(
         &mut self,
         renderer: &CpuRenderer,
@@ -74,8 +76,8 @@ impl Workspace {
         map.draw(renderer.isa, scene, snapshot, &renderer.static_heights, &mut self.raster);
     }
 
-    /// Makes one picture.
-    pub(super) fn draw(&mut self, renderer: &CpuRenderer, view: &mut View<'_>, map: Option<&ShadowMap>) {
+    /// Renders one view into its `out`.
+    pub(super) fn render(&mut self, renderer: &CpuRenderer, view: &mut View<'_>, map: Option<&ShadowMap>) {
         match renderer.options.samples {
             Samples::One => self.render_with::<Tile4x4>(renderer, view, map),
             Samples::Four => self.render_with::<MultisampleTile>(renderer, view, map),
@@ -91,8 +93,13 @@ impl Workspace {
         let CpuRenderer { isa, options, layers, .. } = renderer;
         let (isa, scene, camera) = (*isa, view.scene, &view.scene.cameras[view.camera_idx]);
         let view_from_world = camera.view_from_world(view.snapshot);
-        isa.run(TransformInstances { scene, snapshot: view.snapshot, view_from_world, maps: &mut self.maps });
-        self.select_rays(isa, camera);
+        isa.run(TransformInstances {
+            scene,
+            snapshot: view.snapshot,
+            view_from_world,
+            transforms: &mut self.view_from_mesh,
+        });
+        self.select_ray_table(isa, camera);
         let (context, lights) =
             (CameraContext { isa, scene, camera }, ViewLights::new(scene, &view_from_world));
         let shadow = map.and_then(|map| map.view(&view_from_world));
@@ -118,12 +125,12 @@ impl Workspace {
         self.stale = stale;
     }
 
-    /// Forgets what was seen.
+    /// Clears the visibility buffer to the far plane.
     pub(super) fn clear<B: TileLayout>(&mut self, context: CameraContext<'_>) {
         self.clear_to::<B>(context, ClearTo::Background(1.0 / context.camera.clip_m[1]));
     }
 
-    /// Begins a picture.
+    /// Resizes the visibility buffer to the camera's image and clears it.
     fn clear_to<B: TileLayout>(
         &mut self,
         CameraContext { isa, camera, .. }: CameraContext<'_>,
@@ -133,17 +140,17 @@ impl Workspace {
         isa.run(ClearVisibility { visibility: &mut self.visibility, side, behind, tiles: PhantomData::<B> });
     }
 
-    /// Finds what every pixel sees of some of the instances.
+    /// Rasterises the instances `which` into the visibility buffer.
     pub(super) fn rasterize<B: TileLayout>(&mut self, context: CameraContext<'_>, which: Range<usize>) {
-        let mut maps = &self.maps[which.clone()];
+        let mut transforms = &self.view_from_mesh[which.clone()];
         if let Some(centring) = context.camera.centring_shear() {
-            self.centred.clear();
-            self.centred.extend(maps.iter().map(|map| centring.compose(map)));
-            maps = &self.centred;
+            self.centred_from_mesh.clear();
+            self.centred_from_mesh.extend(transforms.iter().map(|it| centring.compose(it)));
+            transforms = &self.centred_from_mesh;
         }
         context.isa.run(RasterizeInstances {
             instances: &context.scene.instances[which.clone()],
-            maps,
+            maps: transforms,
             first_ids: &context.scene.first_id[which],
             projection: PinholeProjection::new(context.camera, B::SAMPLES_PER_EDGE),
             visibility: &mut self.visibility,
@@ -151,7 +158,7 @@ impl Workspace {
         });
     }
 
-    /// Shades what is seen, or the tiles of pixels that are stale.
+    /// Shades the visibility buffer into `sink`: all pixel tiles, or only the stale ones if `stale` is given.
     pub(super) fn shade<B: TileLayout>(
         &mut self,
         context: CameraContext<'_>,
@@ -160,10 +167,10 @@ impl Workspace {
         stale: Option<&[bool]>,
         sink: impl TileSink,
     ) {
-        let Self { maps, visibility, surfaces, rays, .. } = self;
+        let Self { view_from_mesh, visibility, surfaces, rays, .. } = self;
         let CameraContext { isa, scene, camera } = context;
         let scale = B::SAMPLES_PER_EDGE;
-        isa.run(PrepareSurfaces { scene, camera, maps, visibility, scale, stale, surfaces });
+        isa.run(PrepareSurfaces { scene, camera, view_from_mesh, visibility, scale, stale, surfaces });
         let shader = Shader { lights, rays: &rays[0], surfaces, shadow };
         if scale == 1 {
             isa.run(Shade { shader, visibility, sink });
@@ -172,11 +179,11 @@ impl Workspace {
         }
     }
 
-    /// Makes the camera's rays the first ones.
-    fn select_rays(&mut self, isa: Isa, camera: &PinholeCamera) {
-        let known = self.rays.iter().position(|rays| rays.matches(camera));
-        self.rays[..=known.unwrap_or(N_RAYS - 1)].rotate_right(1);
-        if known.is_none() {
+    /// Moves the camera's ray table to the front of the cache, computing it on a miss.
+    fn select_ray_table(&mut self, isa: Isa, camera: &PinholeCamera) {
+        let cached = self.rays.iter().position(|rays| rays.matches(camera));
+        self.rays[..=cached.unwrap_or(N_RAY_TABLES - 1)].rotate_right(1);
+        if cached.is_none() {
             isa.run(ComputeRayTable { rays: &mut self.rays[0], camera });
         }
     }

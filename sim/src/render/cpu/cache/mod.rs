@@ -1,4 +1,4 @@
-//! Caches of what static cameras and lights see of static geometry. They save work and change no byte.
+//! Caches of the images and shadow heights of static geometry. They save work and do not change any byte.
 
 pub(super) mod scene_cache;
 pub(super) mod shared_cache;

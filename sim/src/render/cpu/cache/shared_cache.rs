@@ -1,35 +1,36 @@
-//! What is kept of what stands still: once for all scenes in which it is alike.
+//! Cache of values derived from static geometry, shared by every scene whose static geometry is identical.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-/// Things that scenes keep, known by what they are made of; forgotten with the last scene that keeps them.
-pub(in crate::render::cpu) struct SharedCache<K, T>(Mutex<Vec<(K, Weak<T>)>>);
+/// A cache keyed by content. It holds weak references: an entry lives as long as at least one scene uses it.
+pub(in crate::render::cpu) struct SharedCache<K, V>(Mutex<Vec<(K, Weak<V>)>>);
 
-impl<K: PartialEq, T> SharedCache<K, T> {
-    /// Nothing yet.
+impl<K: PartialEq, V> SharedCache<K, V> {
+    /// Creates an empty cache.
     pub(in crate::render::cpu) const fn new() -> Self {
         Self(Mutex::new(Vec::new()))
     }
 
-    /// What is made of this, unless there is such a thing.
-    pub(in crate::render::cpu) fn get(&self, of: K, make: impl FnOnce() -> T) -> Arc<T> {
-        let known = Self::find(&self.0.lock().unwrap_or_else(PoisonError::into_inner), &of);
-        if let Some(known) = known {
-            return known;
+    /// Returns the cached value for `key`, computing it with `compute` on a miss.
+    pub(in crate::render::cpu) fn get_or_insert_with(&self, key: K, compute: impl FnOnce() -> V) -> Arc<V> {
+        let cached = Self::find(&self.0.lock().unwrap_or_else(PoisonError::into_inner), &key);
+        if let Some(cached) = cached {
+            return cached;
         }
-        // Others need not wait for it. If one of them makes the same, the first to be ready is kept.
-        let made = Arc::new(make());
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = Self::find(&all, &of) {
-            return known;
+        // Compute outside the lock so that other threads are not blocked. If two threads race, the first
+        // insert wins.
+        let value = Arc::new(compute());
+        let mut entries = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(cached) = Self::find(&entries, &key) {
+            return cached;
         }
-        all.retain(|(_, thing)| thing.strong_count() > 0);
-        all.push((of, Arc::downgrade(&made)));
-        made
+        entries.retain(|(_, value)| value.strong_count() > 0);
+        entries.push((key, Arc::downgrade(&value)));
+        value
     }
 
-    fn find(all: &[(K, Weak<T>)], of: &K) -> Option<Arc<T>> {
-        all.iter().filter(|(known, _)| known == of).find_map(|(_, thing)| thing.upgrade())
+    fn find(entries: &[(K, Weak<V>)], key: &K) -> Option<Arc<V>> {
+        entries.iter().filter(|(entry_key, _)| entry_key == key).find_map(|(_, value)| value.upgrade())
     }
 }
 
@@ -40,23 +41,23 @@ mod tests {
     use super::SharedCache;
 
     #[test]
-    fn alike_things_are_made_once_and_forgotten_with_the_last_that_has_them() {
-        let kept = SharedCache::new();
-        let first = kept.get("a", || 1);
-        assert!(Arc::ptr_eq(&first, &kept.get("a", || unreachable!())));
-        assert_eq!(*kept.get("b", || 2), 2);
-        // Nobody has kept it.
-        assert_eq!(*kept.get("b", || 3), 3);
+    fn values_are_shared_and_dropped_with_last_user() {
+        let cache = SharedCache::new();
+        let first = cache.get_or_insert_with("a", || 1);
+        assert!(Arc::ptr_eq(&first, &cache.get_or_insert_with("a", || unreachable!())));
+        assert_eq!(*cache.get_or_insert_with("b", || 2), 2);
+        // The value was dropped right after the previous line.
+        assert_eq!(*cache.get_or_insert_with("b", || 3), 3);
         drop(first);
-        assert_eq!(*kept.get("a", || 4), 4);
+        assert_eq!(*cache.get_or_insert_with("a", || 4), 4);
     }
 
     #[test]
-    fn of_two_that_are_made_at_a_time_one_is_kept() {
-        let kept = SharedCache::new();
+    fn first_insert_wins_when_computations_overlap() {
+        let cache = SharedCache::new();
         let mut inner = None;
-        let outer = kept.get("a", || {
-            inner = Some(kept.get("a", || 1));
+        let outer = cache.get_or_insert_with("a", || {
+            inner = Some(cache.get_or_insert_with("a", || 1));
             2
         });
         assert!(Arc::ptr_eq(&outer, &inner.unwrap()));

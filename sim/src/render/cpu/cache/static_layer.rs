@@ -1,4 +1,5 @@
-//! What a camera that stands still sees of what never moves: drawn once, then only what changes is drawn over it.
+//! Static layers: the static geometry as a static camera sees it, rendered once. Later images start from the
+//! layer, and only the pixel tiles that differ from it are shaded.
 
 use std::sync::{Arc, PoisonError};
 
@@ -21,30 +22,33 @@ use crate::render::scene::material::Material;
 use crate::render::scene::{Instance, MeshKey, N_SUNS, Sun};
 use crate::render::{Samples, View};
 
-/// The part of a picture that stays. It makes no difference to the bytes: what stays comes first in every picture.
+/// The rendered static geometry of one static camera. Using it changes no byte of an image, because static
+/// instances come first in every scene.
 pub(in crate::render) struct StaticLayer {
-    /// The maps of what stays, from its meshes to the view frame.
-    maps: Vec<Affine3>,
-    /// How pixels are sampled.
+    /// Per static instance the transform from its mesh to the view frame.
+    view_from_mesh: Vec<Affine3>,
+    /// Number of samples per pixel with which the layer was rendered.
     samples: Samples,
-    /// 1/z, tile by tile.
+    /// 1/z per visibility tile.
     pub(in crate::render::cpu) depths: Vec<F32x16>,
-    /// What is seen, tile by tile.
+    /// Triangle ids per visibility tile.
     ids: Vec<I32x16>,
-    /// What is seen everywhere in a tile, or [`MIXED`]: read in place of `ids`, of which there are many.
+    /// Per visibility tile the id that all of its lanes show, or [`MIXED`]. It is read in place of the much
+    /// larger `ids` where possible.
     tile_ids: Vec<i32>,
-    /// The picture of it: `[side, side, 3]`.
+    /// The shaded image, `[side, side, 3] u8` sRGB.
     pub(in crate::render::cpu) pixels: Vec<u8>,
-    /// Per tile of pixels where shadows fall on it; empty if none do.
+    /// Per pixel tile its bounds in the shadow map; empty if no light casts shadows.
     light_bounds: Vec<LightBounds>,
 }
 
-/// All that a layer depends on. Numbers that are equal make the same layer: no zero's sign matters.
+/// Everything that a layer depends on. Keys are compared as floats: the sign of a zero does not affect a
+/// layer.
 #[derive(PartialEq)]
 pub(in crate::render::cpu) struct StaticLayerKey {
     camera: PinholeCamera,
-    /// Mesh, pose in the world with scale, scale and look of what never moves.
-    things: Vec<(MeshKey, Affine3, Vec3, Material)>,
+    /// Mesh, world-from-mesh transform (including scale), scale and material of each static instance.
+    instances: Vec<(MeshKey, Affine3, Vec3, Material)>,
     ambient: Vec3,
     suns: [Sun; N_SUNS],
     shadow_centre: Option<Vec3>,
@@ -52,14 +56,15 @@ pub(in crate::render::cpu) struct StaticLayerKey {
 }
 
 impl StaticLayerKey {
-    /// What a view's layer depends on.
+    /// Returns the key of the layer of a view.
     fn of(view: &View<'_>, samples: Samples) -> Self {
         let View { scene, snapshot, camera_idx, .. } = view;
-        let things = scene.instances[..scene.n_static].iter();
-        let thing = |it: &Instance| (it.mesh.key(), it.world_from_mesh(snapshot), it.scale, it.material);
+        let instances = scene.instances[..scene.n_static].iter();
+        let instance_key =
+            |it: &Instance| (it.mesh.key(), it.world_from_mesh(snapshot), it.scale, it.material);
         Self {
             camera: scene.cameras[*camera_idx].clone(),
-            things: things.map(thing).collect(),
+            instances: instances.map(instance_key).collect(),
             ambient: scene.ambient,
             suns: scene.suns,
             shadow_centre: scene.shadow_centre,
@@ -69,7 +74,8 @@ impl StaticLayerKey {
 }
 
 impl Workspace {
-    /// The layer of a view: the scene's, or that of another one in which the same stands still, or else drawn.
+    /// Returns the layer of a view: the scene's own, or an identical one from the shared cache, rendering
+    /// it on a miss.
     pub(in crate::render::cpu) fn layer<B: TileLayout>(
         &mut self,
         context: CameraContext<'_>,
@@ -78,21 +84,24 @@ impl Workspace {
         map: Option<&ShadowMap>,
         layers: &SharedCache<StaticLayerKey, StaticLayer>,
     ) -> Arc<StaticLayer> {
-        // What is kept is whole at any moment.
-        let mut kept =
+        // The slot is never partially written, so a poisoned lock is safe to use.
+        let mut slot =
             SceneCache::of(view.scene).layers[view.camera_idx].lock().unwrap_or_else(PoisonError::into_inner);
-        match &*kept {
-            Some(layer) if layer.shows(&self.maps[..view.scene.n_static], B::SAMPLES) => Arc::clone(layer),
+        match &*slot {
+            Some(layer) if layer.matches(&self.view_from_mesh[..view.scene.n_static], B::SAMPLES) => {
+                Arc::clone(layer)
+            }
             _ => {
                 let view_from_world = context.camera.view_from_world(view.snapshot);
                 let shadow = map.and_then(|map| map.static_view(&view_from_world));
-                let draw = || self.draw_layer::<B>(context, lights, shadow);
-                Arc::clone(kept.insert(layers.get(StaticLayerKey::of(view, B::SAMPLES), draw)))
+                let render = || self.render_layer::<B>(context, lights, shadow);
+                let key = StaticLayerKey::of(view, B::SAMPLES);
+                Arc::clone(slot.insert(layers.get_or_insert_with(key, render)))
             }
         }
     }
 
-    fn draw_layer<B: TileLayout>(
+    fn render_layer<B: TileLayout>(
         &mut self,
         context: CameraContext<'_>,
         lights: &ViewLights,
@@ -114,7 +123,7 @@ impl Workspace {
         let mut pixels = vec![0; camera.side * camera.side * 3];
         self.shade::<B>(context, lights, shadow, None, ImageSink::new(&mut pixels, camera.side));
         StaticLayer {
-            maps: self.maps[..scene.n_static].to_vec(),
+            view_from_mesh: self.view_from_mesh[..scene.n_static].to_vec(),
             samples: B::SAMPLES,
             depths: self.visibility.depths.clone(),
             ids: self.visibility.ids.clone(),
@@ -126,27 +135,27 @@ impl Workspace {
 }
 
 impl StaticLayer {
-    /// Whether it was drawn for these maps, with pixels sampled like this.
-    fn shows(&self, maps: &[Affine3], samples: Samples) -> bool {
-        self.maps == maps && self.samples == samples
+    /// Returns `true` if the layer was rendered for these transforms and this number of samples.
+    fn matches(&self, view_from_mesh: &[Affine3], samples: Samples) -> bool {
+        self.view_from_mesh == view_from_mesh && self.samples == samples
     }
 
-    /// Puts what is seen in a tile where nothing else is.
+    /// Replaces the background lanes of a visibility tile with the layer's ids.
     #[inline(always)]
-    fn fill<S: Simd>(&self, ids: &mut I32x16, tile: usize) {
-        let over = S::I::load(ids);
-        let drawn = over.gt(S::I::splat(NO_ID));
-        if drawn.to_bits() != u16::MAX {
+    fn composite_under<S: Simd>(&self, ids: &mut I32x16, tile: usize) {
+        let front = S::I::load(ids);
+        let covered = front.gt(S::I::splat(NO_ID));
+        if covered.to_bits() != u16::MAX {
             let behind = match self.tile_ids[tile] {
                 MIXED => S::I::load(&self.ids[tile]),
-                tile_ids => S::I::splat(tile_ids),
+                id => S::I::splat(id),
             };
-            over.select_or(drawn, behind).store(ids);
+            front.select_or(covered, behind).store(ids);
         }
     }
 }
 
-/// Finds where shadows fall on a layer.
+/// Computes the shadow-map bounds of each pixel tile of a layer.
 struct MeasureLightBounds<'a> {
     visibility: &'a Visibility,
     samples_per_edge: usize,
@@ -170,11 +179,11 @@ impl Kernel for MeasureLightBounds<'_> {
         light_bounds.clear();
         for tile in 0..per_row * per_row {
             let (column, row) = (tile % per_row, tile / per_row);
-            let mut extent = LightBoundsBuilder::NONE;
-            let nothing = S::I::splat(NO_ID);
+            let mut bounds = LightBoundsBuilder::NONE;
+            let no_id = S::I::splat(NO_ID);
             if samples_per_edge == 1 {
                 let ray = rays.tile::<S>(column, row).at(&depths[tile]);
-                extent.add::<S>(shadow, &ray, S::I::load(&ids[tile]).gt(nothing));
+                bounds.add::<S>(shadow, &ray, S::I::load(&ids[tile]).gt(no_id));
             } else {
                 let upper = row * 2 * pitch + column * 2;
                 let four = [upper, upper + 1, upper + pitch, upper + pitch + 1];
@@ -182,23 +191,24 @@ impl Kernel for MeasureLightBounds<'_> {
                 let depths = S::interleave_tiles(each!(k in 4 => S::F::load(&depths[four[k]]).bitcast_i32()));
                 for k in 0..4 {
                     let ray = ViewRays { depth: depths[k].bitcast_f32(), ..rays.tile::<S>(column, row) };
-                    extent.add::<S>(shadow, &ray, ids[k].gt(nothing));
+                    bounds.add::<S>(shadow, &ray, ids[k].gt(no_id));
                 }
             }
-            light_bounds.push(extent.finish());
+            light_bounds.push(bounds.finish());
         }
     }
 }
 
-/// Finds which tiles of pixels are no longer as in a layer, and puts what the layer shows behind what moves there.
+/// Finds the pixel tiles that differ from a layer, and composites the layer's ids under the moving instances
+/// there. A tile is stale if a moving instance is visible in it or may cast a shadow on it.
 pub(in crate::render::cpu) struct FindStaleTiles<'a> {
-    /// Of what moves, drawn over the layer's depths.
+    /// Visibility buffer of the moving instances, depth-tested against the layer.
     pub(in crate::render::cpu) visibility: &'a mut Visibility,
     pub(in crate::render::cpu) samples_per_edge: usize,
     pub(in crate::render::cpu) layer: &'a StaticLayer,
-    /// The heights of what moves, if it casts shadows.
+    /// Max-height pyramid of the moving instances, if they cast shadows.
     pub(in crate::render::cpu) moving: Option<&'a MaxHeightPyramid>,
-    /// Per tile of pixels.
+    /// Per pixel tile `true` if it differs from the layer.
     pub(in crate::render::cpu) stale: &'a mut Vec<bool>,
 }
 
@@ -208,19 +218,19 @@ impl Kernel for FindStaleTiles<'_> {
         let Self { visibility: Visibility { side, ids, .. }, samples_per_edge, layer, moving, stale } = self;
         let pitch = *side as usize >> Tile4x4::WIDTH_BITS;
         let per_row = pitch / samples_per_edge;
-        let nothing = S::I::splat(NO_ID);
+        let no_id = S::I::splat(NO_ID);
         stale.clear();
         stale.resize(per_row * per_row, false);
         if let Some(max_heights) = moving {
-            for (stale, reach) in stale.iter_mut().zip(&layer.light_bounds) {
-                *stale = reach.may_be_shaded_by(max_heights);
+            for (stale, bounds) in stale.iter_mut().zip(&layer.light_bounds) {
+                *stale = bounds.may_be_shaded_by(max_heights);
             }
         }
         if samples_per_edge == 1 {
             for (tile, (ids, stale)) in ids.iter_mut().zip(stale).enumerate() {
-                *stale |= S::I::load(ids).gt(nothing).any();
+                *stale |= S::I::load(ids).gt(no_id).any();
                 if *stale {
-                    layer.fill::<S>(ids, tile);
+                    layer.composite_under::<S>(ids, tile);
                 }
             }
             return;
@@ -229,10 +239,10 @@ impl Kernel for FindStaleTiles<'_> {
             let upper = tile / per_row * 2 * pitch + tile % per_row * 2;
             let four = [upper, upper + 1, upper + pitch, upper + pitch + 1];
             let [a, b, c, d] = each!(k in 4 => S::I::load(&ids[four[k]]));
-            *stale |= a.max(b).max(c.max(d)).gt(nothing).any();
+            *stale |= a.max(b).max(c.max(d)).gt(no_id).any();
             if *stale {
                 for tile in four {
-                    layer.fill::<S>(&mut ids[tile], tile);
+                    layer.composite_under::<S>(&mut ids[tile], tile);
                 }
             }
         }
@@ -252,18 +262,18 @@ mod tests {
     use crate::render::{CpuRenderer, RenderScene};
     use crate::scene::{CameraMount, Scene, Snapshot};
 
-    /// The layer that a scene has of its first camera once it has been drawn.
+    /// Renders a scene and returns it with the layer of its first camera.
     fn layer(renderer: &mut CpuRenderer, scene: &Scene) -> (RenderScene, Arc<StaticLayer>) {
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
         let scene = RenderScene::new(scene);
         let _images = renderer.photograph(&scene, &snapshot);
         let layer = SceneCache::of(&scene).layers[0].lock().unwrap_or_else(PoisonError::into_inner).clone();
-        (scene, layer.expect("a standing camera has a layer"))
+        (scene, layer.expect("a static camera must have a layer"))
     }
 
     #[test]
-    fn what_a_scene_keeps_lasts_while_its_arms_move() {
+    fn cached_layers_survive_arm_motion() {
         let mut renderer = CpuRenderer::new(1);
         for &task in TaskId::ALL {
             let mut scene = (task.task().nominal)().draw(1);
@@ -271,16 +281,16 @@ mod tests {
             let mut world = World::build(&scene, ControlMode::EeDeltaPose);
             let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
             let render = RenderScene::new(&scene);
-            let mut kept = || {
+            let mut cached = || {
                 world.write_snapshot(&mut snapshot);
                 let _images = renderer.photograph(&render, &snapshot);
                 world.step(&vec![0.3; scene.robots.len() * 7]);
                 let layers = SceneCache::of(&render).layers.iter().map(|layer| layer.lock().unwrap().clone());
                 (layers.collect::<Vec<_>>(), SceneCache::of(&render).static_heights.lock().unwrap().clone())
             };
-            let (layers, heights) = kept();
+            let (layers, heights) = cached();
             for _ in 0..3 {
-                let (later, later_heights) = kept();
+                let (later, later_heights) = cached();
                 assert!(Arc::ptr_eq(&heights.clone().unwrap(), &later_heights.unwrap()), "{task:?}");
                 let same = |(a, b): (&Option<_>, &Option<_>)| match (a, b) {
                     (Some(a), Some(b)) => Arc::ptr_eq(a, b),
@@ -292,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn scenes_share_a_layer_only_if_nothing_that_stands_differs() {
+    fn scenes_share_layer_only_if_static_parts_match() {
         let mut renderer = CpuRenderer::new(1);
         let draw = |seed| (TaskId::RaiseCube.task().nominal)().draw(seed);
         let (_scene, first) = layer(&mut renderer, &draw(1));
@@ -306,7 +316,7 @@ mod tests {
             ("shadows", |scene| scene.lights.shadows ^= true),
             ("camera", |scene| match &mut scene.cameras[0].mount {
                 CameraMount::World { eye, .. } => eye[0] += 0.01,
-                CameraMount::Hand { .. } => unreachable!("the first camera stands"),
+                CameraMount::Hand { .. } => unreachable!("the first camera is static"),
             }),
         ];
         for (name, change) in changes {

@@ -1,8 +1,8 @@
-//! Four samples per pixel: every triangle that a pixel shows is shaded once, at the pixel's centre, and weighed by its
-//! share of the samples.
+//! Multisample anti-aliasing (MSAA) with four samples per pixel: every triangle visible in a pixel is
+//! shaded once, at the pixel's centre, and weighted by its fraction of the samples.
 
 use crate::render::cpu::shading::surface::MIXED;
-use crate::render::cpu::shading::tiles::{GatheredSurfaces, Shader, TILE_ROW, TileRow, TileSink, store_all};
+use crate::render::cpu::shading::tiles::{GatheredSurfaces, Shader, TILE_ROW, TileRow, TileSink, store_rgb};
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::isa::Kernel;
 use crate::render::cpu::simd::{
@@ -13,52 +13,55 @@ use crate::render::cpu::visibility::tile::{MultisampleTile, Tile4x4, TileLayout}
 
 /// Samples along each edge of a pixel.
 const PER_EDGE: usize = MultisampleTile::SAMPLES_PER_EDGE;
-/// Samples of a pixel.
+/// Samples per pixel.
 const PER_PIXEL: usize = PER_EDGE * PER_EDGE;
-/// BinEntry of a pixel's light that a sample has.
-const SHARE: f32 = 1.0 / PER_PIXEL as f32;
+/// Weight of one sample.
+const SAMPLE_WEIGHT: f32 = 1.0 / PER_PIXEL as f32;
 
-/// Shades a picture from samples in [`MultisampleTile`] tiles.
+/// Kernel that shades an image from a visibility buffer of [`MultisampleTile`]s.
 pub(in crate::render::cpu) struct ShadeSamples<'a, K> {
     pub(in crate::render::cpu) shader: Shader<'a>,
     pub(in crate::render::cpu) visibility: &'a Visibility,
     pub(in crate::render::cpu) sink: K,
 }
 
-/// What the samples of a tile_row's tiles show.
+/// The visibility samples of a tile row, reordered by pixel.
 struct TileSamples {
-    /// By sample and tile; lane i is pixel i.
+    /// Triangle ids by sample and tile; lane i is pixel i.
     ids: [[I32x16; TILE_ROW]; PER_PIXEL],
+    /// 1/z in the same order.
     depths: [[F32x16; TILE_ROW]; PER_PIXEL],
-    /// The triangle that all samples of a tile show, or [`MIXED`].
+    /// Per pixel tile the id that all of its samples show, or [`MIXED`].
     uniform_ids: [i32; TILE_ROW],
 }
 
 impl TileSamples {
-    const NO_ID: Self = Self {
+    const EMPTY: Self = Self {
         ids: [[I32x16([NO_ID; N_LANES]); TILE_ROW]; PER_PIXEL],
         depths: [[F32x16::ZERO; TILE_ROW]; PER_PIXEL],
         uniform_ids: [NO_ID; TILE_ROW],
     };
 }
 
-/// TriangleSetups that pixels of a tile_row show beside those of their first samples, packed: a list of each property.
+/// Fragments of a tile row that differ from the first sample of their pixel, densely packed (structure of
+/// arrays).
 struct Fragments {
     n: usize,
-    /// FloatLike of the tile times 16, plus that of the pixel.
+    /// Index of the tile times 16, plus the index of the pixel within it.
     pixels: [i32; MAX_FRAGMENTS],
     ids: [i32; MAX_FRAGMENTS],
-    /// As the bits of floats.
+    /// 1/z as the bits of an `f32`.
     depths: [i32; MAX_FRAGMENTS],
-    /// BinEntry of the pixel's samples, likewise.
+    /// Fraction of the pixel's samples, as the bits of an `f32`.
     weights: [i32; MAX_FRAGMENTS],
 }
 
-/// Every sample but a pixel's first may show a triangle of its own; the last vector may be written past the last of them.
+/// Capacity of [`Fragments`]: each sample but the first may show another triangle, and the last vector
+/// store may extend past the last fragment.
 const MAX_FRAGMENTS: usize = TILE_ROW * N_LANES * (PER_PIXEL - 1) + N_LANES;
 
 impl Fragments {
-    const NONE: Self = Self {
+    const EMPTY: Self = Self {
         n: 0,
         pixels: [0; MAX_FRAGMENTS],
         ids: [0; MAX_FRAGMENTS],
@@ -66,24 +69,25 @@ impl Fragments {
         weights: [0; MAX_FRAGMENTS],
     };
 
+    /// Appends the lanes in `keep` of a tile.
     #[inline(always)]
     fn push<S: Simd>(&mut self, keep: S::M, tile: usize, id: S::I, depth: S::F, weight: S::F) {
         let n = self.n;
         let pixel_idx = S::I::load(&I32x16::INDICES) + S::I::splat((tile * N_LANES) as i32);
-        for (numbers, list) in [
+        for (values, list) in [
             (pixel_idx, &mut self.pixels),
             (id, &mut self.ids),
             (depth.bitcast_i32(), &mut self.depths),
             (weight.bitcast_i32(), &mut self.weights),
         ] {
-            let (to, _) = list[n..].split_first_chunk_mut().expect("room for a vector behind the last one");
-            self.n = n + S::compress(numbers, keep, to);
+            let (to, _) = list[n..].split_first_chunk_mut().expect("room for a vector past the end");
+            self.n = n + S::compress(values, keep, to);
         }
     }
 
-    /// Sixteen of a list, from the `first` on; there is nothing behind the end.
+    /// Returns sixteen values of a list from index `first` on. Those past the end are unspecified.
     #[inline(always)]
-    fn line(list: &[i32; MAX_FRAGMENTS], first: usize) -> I32x16 {
+    fn load(list: &[i32; MAX_FRAGMENTS], first: usize) -> I32x16 {
         I32x16(each!(i in 16 => list[first + i]))
     }
 }
@@ -93,7 +97,7 @@ impl<K: TileSink> Kernel for ShadeSamples<'_, K> {
     fn run<S: Simd>(mut self) {
         let per_row = (self.visibility.side as usize / PER_EDGE) >> Tile4x4::WIDTH_BITS;
         let mut tile_row = TileRow::new();
-        let (mut samples, mut fragments) = (TileSamples::NO_ID, Fragments::NONE);
+        let (mut samples, mut fragments) = (TileSamples::EMPTY, Fragments::EMPTY);
         let mut light = [[F32x16::ZERO; 3]; TILE_ROW];
         for row in 0..per_row {
             for first in (0..per_row).step_by(TILE_ROW) {
@@ -104,10 +108,10 @@ impl<K: TileSink> Kernel for ShadeSamples<'_, K> {
                 tile_row.move_to(first, row, n);
                 let (ids, depths) = (&samples.ids[0][..n], &samples.depths[0][..n]);
                 self.shader.shade::<S>(&samples.uniform_ids[..n], ids, depths, &mut tile_row);
-                let mixed = weigh::<S>(&samples, &tile_row, &mut light, &mut fragments);
-                self.add::<S>(&fragments, &mut tile_row, &mut light);
+                let mixed = weight_first_samples::<S>(&samples, &tile_row, &mut light, &mut fragments);
+                self.accumulate::<S>(&fragments, &mut tile_row, &mut light);
                 for i in SetBits(mixed) {
-                    tile_row.replace::<S>(i, each!(c in 3 => S::F::load(&light[i][c]).sqrt()));
+                    tile_row.set_roots::<S>(i, each!(c in 3 => S::F::load(&light[i][c]).sqrt()));
                 }
                 self.sink.write::<S>(&tile_row);
             }
@@ -116,7 +120,8 @@ impl<K: TileSink> Kernel for ShadeSamples<'_, K> {
 }
 
 impl<K: TileSink> ShadeSamples<'_, K> {
-    /// Puts the samples of a tile_row's tile of pixels, which lie in four tiles of samples, in the order of the pixels.
+    /// Loads pixel tile `i` of a tile row, whose samples lie in four visibility tiles, and reorders them by
+    /// pixel.
     #[inline(always)]
     fn gather<S: Simd>(&self, column: usize, row: usize, i: usize, samples: &mut TileSamples) {
         let pitch = self.visibility.side as usize >> Tile4x4::WIDTH_BITS;
@@ -133,39 +138,39 @@ impl<K: TileSink> ShadeSamples<'_, K> {
         }
     }
 
-    /// Adds the fragments' light to that of their pixels.
+    /// Shades the fragments and adds their weighted light to their pixels.
     #[inline(always)]
-    fn add<S: Simd>(
+    fn accumulate<S: Simd>(
         &self,
         fragments: &Fragments,
         tile_row: &mut TileRow,
         light: &mut [[F32x16; 3]; TILE_ROW],
     ) {
-        let mut gathered = GatheredSurfaces::NONE;
+        let mut gathered = GatheredSurfaces::EMPTY;
         for first in (0..fragments.n).step_by(N_LANES) {
             let n = N_LANES.min(fragments.n - first);
-            let mut ids = Fragments::line(&fragments.ids, first);
+            let mut ids = Fragments::load(&fragments.ids, first);
             ids.0[n..].fill(NO_ID);
-            let pixels = Fragments::line(&fragments.pixels, first);
+            let pixels = Fragments::load(&fragments.pixels, first);
             let pixel_idx = S::I::load(&pixels);
             let tile = pixel_idx.shr_logical::<4>();
             let column =
                 (tile.shl::<2>() | pixel_idx & S::I::splat(3)) + S::I::splat((tile_row.column * 4) as i32);
             let row =
                 (pixel_idx.shr_logical::<2>() & S::I::splat(3)) + S::I::splat((tile_row.row * 4) as i32);
-            let depth = S::I::load(&Fragments::line(&fragments.depths, first)).bitcast_f32();
-            let weight = S::I::load(&Fragments::line(&fragments.weights, first)).bitcast_f32();
+            let depth = S::I::load(&Fragments::load(&fragments.depths, first)).bitcast_f32();
+            let weight = S::I::load(&Fragments::load(&fragments.weights, first)).bitcast_f32();
             let ray = self.shader.rays.for_pixels::<S>([column.to_f32(), row.to_f32()], depth);
             self.shader.gather::<S>(&ids, &ray, &mut gathered);
             if gathered.textured != 0 {
                 let mut tiles = I32x16::ZERO;
                 tile.store(&mut tiles);
-                let tint = self.shader.tint::<S>(&ids, &tiles, &ray, gathered.textured, tile_row);
-                store_all::<S>(tint, &mut gathered.tint);
+                let tint = self.shader.gather_tint::<S>(&ids, &tiles, &ray, gathered.textured, tile_row);
+                store_rgb::<S>(tint, &mut gathered.tint);
             }
             let roots = self.shader.shade_mixed::<S>(&gathered, &ray);
             let mut rgb = [F32x16::ZERO; 3];
-            store_all::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), &mut rgb);
+            store_rgb::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), &mut rgb);
             for lane in 0..n {
                 let (tile, pixel) = (pixels.0[lane] as usize / N_LANES, pixels.0[lane] as usize % N_LANES);
                 for c in 0..3 {
@@ -176,10 +181,10 @@ impl<K: TileSink> ShadeSamples<'_, K> {
     }
 }
 
-/// Gives the first samples' light its weight in the tile_row's tiles where other samples show something else, and lists what
-/// they show. Bit i: tile i is one of them.
+/// Writes the weighted light of the first samples of all tiles in which samples differ, and collects the
+/// fragments of the other samples. Returns a mask of these tiles: bit i stands for tile i.
 #[inline(always)]
-fn weigh<S: Simd>(
+fn weight_first_samples<S: Simd>(
     samples: &TileSamples,
     tile_row: &TileRow,
     light: &mut [[F32x16; 3]; TILE_ROW],
@@ -198,35 +203,36 @@ fn weigh<S: Simd>(
         }
         mixed |= 1 << i;
         let roots = tile_row.roots::<S>(i);
-        let weight = share::<S>(&ids, 0);
-        store_all::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), light);
+        let weight = sample_weight::<S>(&ids, 0);
+        store_rgb::<S>(each!(c in 3 => linear::<S>(roots[c]) * weight), light);
         for sample in 1..PER_PIXEL {
             let mut keep = ids[sample].gt(S::I::splat(NO_ID));
-            for before in &ids[..sample] {
-                keep = keep.and_not(ids[sample].eq(*before));
+            for previous in &ids[..sample] {
+                keep = keep.and_not(ids[sample].eq(*previous));
             }
             if keep.any() {
                 let depth = S::F::load(&samples.depths[sample][i]);
-                fragments.push::<S>(keep, i, ids[sample], depth, share::<S>(&ids, sample));
+                fragments.push::<S>(keep, i, ids[sample], depth, sample_weight::<S>(&ids, sample));
             }
         }
     }
     mixed
 }
 
-/// What share of a pixel's samples show what this one shows, if none before it does.
+/// Returns the fraction of a pixel's samples that show the same triangle as `sample`, given that no earlier
+/// sample shows it.
 #[inline(always)]
-fn share<S: Simd>(ids: &[S::I; PER_PIXEL], sample: usize) -> S::F {
-    let mut share = S::F::splat(SHARE);
-    for after in &ids[sample + 1..] {
-        share = share + S::F::splat(SHARE).select_or(after.eq(ids[sample]), S::F::splat(0.0));
+fn sample_weight<S: Simd>(ids: &[S::I; PER_PIXEL], sample: usize) -> S::F {
+    let mut weight = S::F::splat(SAMPLE_WEIGHT);
+    for later in &ids[sample + 1..] {
+        weight = weight + S::F::splat(SAMPLE_WEIGHT).select_or(later.eq(ids[sample]), S::F::splat(0.0));
     }
-    share
+    weight
 }
 
-/// Linear light, held in [0, 1], from its square root.
+/// Returns linear light, clamped to [0, 1], given its square root.
 #[inline(always)]
 fn linear<S: Simd>(root: S::F) -> S::F {
-    let held = root.min(S::F::splat(1.0));
-    held * held
+    let clamped = root.min(S::F::splat(1.0));
+    clamped * clamped
 }

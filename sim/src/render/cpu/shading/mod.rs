@@ -1,4 +1,4 @@
-//! The shading stage: turns a visibility buffer into sRGB bytes, visiting each tile of pixels once.
+//! The deferred shading stage: turns the visibility buffer into sRGB bytes, visiting each pixel tile once.
 
 pub(super) mod antialias;
 pub(super) mod encode;

@@ -1,4 +1,4 @@
-//! From visible triangles to bytes: every tile of pixels is looked at once.
+//! Deferred shading of pixel tiles: visits each tile of the visibility buffer once and computes its light.
 
 use crate::render::cpu::shading::encode::encode;
 use crate::render::cpu::shading::lighting::{Lighting, Reflectance, ViewLights, radiance_roots};
@@ -16,7 +16,7 @@ use crate::render::cpu::visibility::tile::{Tile4x4, TileLayout};
 use crate::render::texture::{MipChain, mip_chain};
 use crate::scene::Texture;
 
-/// What a picture's tiles are shaded with.
+/// The inputs of the shading of one image.
 pub(in crate::render::cpu) struct Shader<'a> {
     pub(in crate::render::cpu) lights: &'a ViewLights,
     pub(in crate::render::cpu) rays: &'a RayTable,
@@ -25,13 +25,13 @@ pub(in crate::render::cpu) struct Shader<'a> {
     pub(in crate::render::cpu) shadow: Option<Shadow<'a>>,
 }
 
-/// Where pixels go.
+/// A destination for shaded tiles.
 pub(in crate::render::cpu) trait TileSink {
-    /// Takes the pixels of a tile_row of tiles.
+    /// Writes the pixels of a tile row.
     fn write<S: Simd>(&mut self, tile_row: &TileRow);
 }
 
-/// Shades a picture.
+/// Kernel that shades an image with one sample per pixel.
 pub(in crate::render::cpu) struct Shade<'a, K> {
     pub(in crate::render::cpu) shader: Shader<'a>,
     pub(in crate::render::cpu) visibility: &'a Visibility,
@@ -57,60 +57,63 @@ impl<K: TileSink> Kernel for Shade<'_, K> {
     }
 }
 
-/// Blocks that are shaded step by step side by side: a processor can then work on several of them at a time, as each
-/// step's chain of dependent instructions is long.
+/// Maximum number of tiles in a tile row. Each shading step runs over all of them before the next step
+/// begins, so that a CPU can overlap the long dependency chains of several tiles.
 pub(in crate::render::cpu) const TILE_ROW: usize = N_LANES;
 
-/// A tile_row of tiles and what was found out about them.
+/// A row of up to [`TILE_ROW`] adjacent tiles, with the intermediate results of their shading.
 pub(in crate::render::cpu) struct TileRow {
-    /// Column of the first tile and row of all of them.
+    /// Column of the first tile.
     pub(in crate::render::cpu) column: usize,
+    /// Row of all tiles.
     pub(in crate::render::cpu) row: usize,
-    /// How many there are.
+    /// Number of tiles.
     pub(in crate::render::cpu) n: usize,
-    /// Bit i: tile i shows one triangle.
+    /// Bit i is set if tile i is uniform: all of its pixels show one triangle.
     uniform: u16,
-    /// Bit i: tile i shows several triangles.
+    /// Bit i is set if tile i shows several triangles.
     mixed: u16,
-    /// See [`VisibleSurfaces::tile_ids`].
+    /// Entries of [`VisibleSurfaces::tile_ids`], one lane per tile.
     tile_ids: I32x16,
     samples: [TextureSample; TILE_ROW],
     gathered: [GatheredSurfaces; TILE_ROW],
-    /// Tile4x4 roots of linear RGB: first of the texture's factors, then of the light that light_bounds the eye.
+    /// The square roots of the radiance per tile, linear RGB.
     roots: [[F32x16; 3]; TILE_ROW],
-    /// MipLevels of the triangle that was looked up last, by triangle, in the middle of each tile.
+    /// Record index of the last textured triangle, and its mip level at the centre of each tile.
     levels: (usize, MipLevels),
-    /// The flat triangle that was shaded last.
+    /// The last flat triangle that was shaded.
     flat: FlatSurface,
 }
 
-/// A flat triangle, by triangle.
+/// Shading terms of a flat triangle that are constant over a tile row.
 struct FlatSurface {
+    /// Record index of the triangle.
     triangle: usize,
     lighting: Lighting<f32>,
-    /// Whether a highlight may be seen in the present tile_row.
+    /// `true` if a highlight may be visible in the tile row.
     may_highlight: bool,
-    /// Bit i: tile i shows it in full sunlight, as far as that is known, or in its own shade.
+    /// Bit i is set if no shadow lookup is needed in tile i: it is known to be fully lit, or faces away
+    /// from the sun.
     sunlit: u16,
-    /// Tile4x4 roots of its light where there is neither highlight nor shadow nor texture.
+    /// The square roots of its radiance without highlights, shadows and texture.
     roots: [f32; 3],
 }
 
-/// What sixteen pixels of several triangles are made of.
+/// Surface attributes of sixteen pixels that show several triangles.
 pub(in crate::render::cpu) struct GatheredSurfaces {
-    /// In the view frame, of any length.
+    /// Normals in the view frame, not normalised.
     normal: [F32x16; 3],
     color: [F32x16; 3],
-    /// Tile4x4 roots of textures' factors.
+    /// The square roots of the textures' linear factors.
     pub(in crate::render::cpu) tint: [F32x16; 3],
     specular: F32x16,
-    /// Bit i: lane i shows a texture.
+    /// Bit i is set if lane i shows a textured surface.
     pub(in crate::render::cpu) textured: u16,
 }
 
 impl GatheredSurfaces {
-    /// Nothing.
-    pub(in crate::render::cpu) const NONE: Self = Self {
+    /// Black, untextured surfaces.
+    pub(in crate::render::cpu) const EMPTY: Self = Self {
         normal: [F32x16::ZERO; 3],
         color: [F32x16::ZERO; 3],
         tint: [F32x16::ZERO; 3],
@@ -119,10 +122,11 @@ impl GatheredSurfaces {
     };
 }
 
-/// No triangle's triangle.
-const NONE: usize = usize::MAX;
+/// Record index that belongs to no triangle.
+const NO_TRIANGLE: usize = usize::MAX;
 
 impl TileRow {
+    /// Creates a tile row without tiles.
     pub(in crate::render::cpu) fn new() -> Self {
         Self {
             column: 0,
@@ -132,11 +136,11 @@ impl TileRow {
             mixed: 0,
             tile_ids: I32x16::ZERO,
             samples: [const { TextureSample::NONE }; TILE_ROW],
-            gathered: [const { GatheredSurfaces::NONE }; TILE_ROW],
+            gathered: [const { GatheredSurfaces::EMPTY }; TILE_ROW],
             roots: [[F32x16::ZERO; 3]; TILE_ROW],
-            levels: (NONE, MipLevels::NONE),
+            levels: (NO_TRIANGLE, MipLevels::NONE),
             flat: FlatSurface {
-                triangle: NONE,
+                triangle: NO_TRIANGLE,
                 lighting: Lighting::DARK,
                 may_highlight: false,
                 sunlit: 0,
@@ -145,12 +149,12 @@ impl TileRow {
         }
     }
 
-    /// Bit i: tile i shows anything.
+    /// Returns a mask of the tiles that show any surface: bit i stands for tile i.
     pub(in crate::render::cpu) fn shown_tiles(&self) -> u16 {
         self.uniform | self.mixed
     }
 
-    /// A tile's pixels, red in the lowest byte.
+    /// Returns the sRGB pixels of a tile, with red in the lowest byte.
     #[inline(always)]
     pub(in crate::render::cpu) fn packed<S: Simd>(&self, i: usize) -> S::I {
         if self.shown_tiles() >> i & 1 == 0 {
@@ -160,38 +164,39 @@ impl TileRow {
         r | g.shl::<8>() | b.shl::<16>()
     }
 
-    /// Tile4x4 roots of a tile's light, linear RGB.
+    /// Returns the square roots of a tile's radiance, linear RGB.
     #[inline(always)]
     pub(in crate::render::cpu) fn roots<S: Simd>(&self, i: usize) -> [S::F; 3] {
         let is_shown = self.shown_tiles() >> i & 1 == 1;
         each!(c in 3 => if is_shown { S::F::load(&self.roots[i][c]) } else { S::F::splat(0.0) })
     }
 
-    /// Puts other light in the triangle of a tile's.
+    /// Replaces the radiance of a tile, given its square roots.
     #[inline(always)]
-    pub(in crate::render::cpu) fn replace<S: Simd>(&mut self, i: usize, roots: [S::F; 3]) {
+    pub(in crate::render::cpu) fn set_roots<S: Simd>(&mut self, i: usize, roots: [S::F; 3]) {
         self.mixed |= 1 << i;
-        store_all::<S>(roots, &mut self.roots[i]);
+        store_rgb::<S>(roots, &mut self.roots[i]);
     }
 
-    /// Sorts the tiles by what they show.
+    /// Classifies the tiles as uniform, mixed or empty.
     #[inline(always)]
-    fn sort<S: Simd>(&mut self, tile_ids: &[i32]) {
+    fn classify<S: Simd>(&mut self, tile_ids: &[i32]) {
         let tile_ids = S::I::load_partial(tile_ids, NO_ID);
         tile_ids.store(&mut self.tile_ids);
         self.uniform = tile_ids.gt(S::I::splat(NO_ID)).to_bits();
         self.mixed = tile_ids.eq(S::I::splat(MIXED)).to_bits();
     }
 
-    /// Goes to another triangle.
+    /// Moves to `n` other tiles and invalidates all cached results.
     pub(in crate::render::cpu) fn move_to(&mut self, column: usize, row: usize, n: usize) {
         (self.column, self.row, self.n) = (column, row, n);
-        (self.levels.0, self.flat.triangle) = (NONE, NONE);
+        (self.levels.0, self.flat.triangle) = (NO_TRIANGLE, NO_TRIANGLE);
     }
 }
 
 impl Shader<'_> {
-    /// Fills a tile_row with the light of tiles that show these triangles at these depths; see [`VisibleSurfaces::tile_ids`].
+    /// Shades the tiles of a tile row. `tile_ids` are their entries of [`VisibleSurfaces::tile_ids`]; `ids`
+    /// and `depths` are their visibility tiles.
     #[inline(always)]
     pub(in crate::render::cpu) fn shade<S: Simd>(
         &self,
@@ -200,7 +205,7 @@ impl Shader<'_> {
         depths: &[F32x16],
         tile_row: &mut TileRow,
     ) {
-        tile_row.sort::<S>(tile_ids);
+        tile_row.classify::<S>(tile_ids);
         for tile in SetBits(tile_row.uniform) {
             let triangle = record_index(tile_ids[tile]);
             if self.texture(triangle) >= 0 {
@@ -214,10 +219,10 @@ impl Shader<'_> {
             let tint = if self.texture(triangle) < 0 {
                 [S::F::splat(1.0); 3]
             } else {
-                tile_row.samples[tile].read::<S>(self.pattern(triangle))
+                tile_row.samples[tile].read::<S>(self.mip_chain(triangle))
             };
             let roots = self.shade_uniform::<S>(triangle, tint, depths, tile, tile_row);
-            store_all::<S>(roots, &mut tile_row.roots[tile]);
+            store_rgb::<S>(roots, &mut tile_row.roots[tile]);
         }
         for tile in SetBits(tile_row.mixed) {
             let ray = self.rays.tile::<S>(tile_row.column + tile, tile_row.row);
@@ -226,45 +231,45 @@ impl Shader<'_> {
         for tile in SetBits(tile_row.mixed) {
             if tile_row.gathered[tile].textured != 0 {
                 let ray = self.rays.tile::<S>(tile_row.column + tile, tile_row.row);
-                let here = I32x16([tile as i32; N_LANES]);
+                let same = I32x16([tile as i32; N_LANES]);
                 let textured = tile_row.gathered[tile].textured;
-                let tint = self.tint::<S>(&ids[tile], &here, &ray, textured, tile_row);
-                store_all::<S>(tint, &mut tile_row.gathered[tile].tint);
+                let tint = self.gather_tint::<S>(&ids[tile], &same, &ray, textured, tile_row);
+                store_rgb::<S>(tint, &mut tile_row.gathered[tile].tint);
             }
         }
         for tile in SetBits(tile_row.mixed) {
             let ray = self.rays.tile::<S>(tile_row.column + tile, tile_row.row).at(&depths[tile]);
             let roots = self.shade_mixed::<S>(&tile_row.gathered[tile], &ray);
-            store_all::<S>(roots, &mut tile_row.roots[tile]);
+            store_rgb::<S>(roots, &mut tile_row.roots[tile]);
         }
     }
 
-    /// MipLevel at which to read a triangle's texture in a tile_row's tile.
+    /// Returns the mip level of a triangle's texture in one tile.
     #[inline(always)]
     fn level<S: Simd>(&self, triangle: usize, tile: usize, tile_row: &mut TileRow) -> MipLevel {
-        let (known, levels) = &mut tile_row.levels;
-        if *known != triangle {
-            *known = triangle;
-            let middle = S::F::splat(1.5);
+        let (cached, levels) = &mut tile_row.levels;
+        if *cached != triangle {
+            *cached = triangle;
+            let centre = S::F::splat(1.5);
             let pixel = RayTable::pixels_of_tile_row::<S>([tile_row.column, tile_row.row], 0);
-            levels.set::<S>(self.footprint::<S>(triangle, each!(k in 2 => pixel[k] + middle)));
+            levels.set::<S>(self.footprint::<S>(triangle, each!(k in 2 => pixel[k] + centre)));
         }
         levels.get(tile)
     }
 
-    /// Texture of a visible triangle, -1 for none.
+    /// Returns the texture index of a visible triangle, -1 for none.
     #[inline(always)]
     fn texture(&self, triangle: usize) -> i32 {
         self.surfaces.records[triangle].0[SurfaceRecord::TEXTURE].to_bits().cast_signed()
     }
 
-    /// The same of one that has a texture.
+    /// Returns the texture of a triangle that has one.
     #[inline(always)]
-    fn pattern(&self, triangle: usize) -> &'static MipChain {
+    fn mip_chain(&self, triangle: usize) -> &'static MipChain {
         mip_chain(Texture::ALL[self.texture(triangle) as usize])
     }
 
-    /// Tile4x4 roots of the light of a tile that shows one triangle.
+    /// Returns the square roots of the radiance of a uniform tile.
     #[inline(always)]
     fn shade_uniform<S: Simd>(
         &self,
@@ -278,14 +283,14 @@ impl Shader<'_> {
         let is_flat = record[SurfaceRecord::FLAT] == 1.0;
         if is_flat {
             if tile_row.flat.triangle != triangle {
-                tile_row.flat = self.flat::<S>(tile, depths, tile_row);
+                tile_row.flat = self.flat_surface::<S>(tile, depths, tile_row);
             }
             let FlatSurface { may_highlight, sunlit, roots, .. } = &tile_row.flat;
             if !may_highlight && sunlit >> tile & 1 == 1 {
                 return each!(c in 3 => S::F::splat(roots[c]) * tint[c]);
             }
         }
-        // The general case.
+        // The general case: highlights, shadows or a normal that varies.
         let ray = &self.rays.tile::<S>(tile_row.column + tile, tile_row.row).at(&depths[tile]);
         let color = each!(c in 3 => S::F::splat(record[SurfaceRecord::COLOR + c]));
         let reflectance =
@@ -295,13 +300,13 @@ impl Shader<'_> {
             let sunlight = if sunlit >> tile & 1 == 1 { None } else { self.sunlight(lighting, ray) };
             return radiance_roots(lighting, self.lights, *may_highlight, ray, sunlight, reflectance);
         }
-        let lighting = Lighting::new(self.lights, over::<S, f32>(record, SurfaceRecord::NORMAL, ray));
+        let lighting = Lighting::new(self.lights, eval_planes::<S, f32>(record, SurfaceRecord::NORMAL, ray));
         radiance_roots(&lighting, self.lights, true, ray, self.sunlight(&lighting, ray), reflectance)
     }
 
-    /// The flat triangle of a tile_row's tile as the tile_row shows it.
+    /// Computes the shading terms of the flat triangle that a tile shows, for the whole tile row.
     #[inline(always)]
-    fn flat<S: Simd>(&self, tile: usize, depths: &[F32x16], tile_row: &TileRow) -> FlatSurface {
+    fn flat_surface<S: Simd>(&self, tile: usize, depths: &[F32x16], tile_row: &TileRow) -> FlatSurface {
         let triangle = record_index(tile_row.tile_ids.0[tile]);
         let record = &self.surfaces.records[triangle].0;
         let lighting = Lighting::new(self.lights, normal_of(record));
@@ -320,7 +325,7 @@ impl Shader<'_> {
         FlatSurface { triangle, lighting, may_highlight, sunlit, roots }
     }
 
-    /// Finds what pixels show, each its own triangle, but for the textures.
+    /// Gathers the surface attributes of sixteen pixels with a triangle each, except for their textures.
     #[inline(always)]
     pub(in crate::render::cpu) fn gather<S: Simd>(
         &self,
@@ -330,17 +335,18 @@ impl Shader<'_> {
     ) {
         let records =
             S::transpose(each!(i in 16 => S::F::load(&self.surfaces.records[record_index(ids.0[i])])));
-        store_all::<S>(over::<S, S::F>(&records, SurfaceRecord::NORMAL, ray), &mut gathered.normal);
-        store_all::<S>(each!(c in 3 => records[SurfaceRecord::COLOR + c]), &mut gathered.color);
-        store_all::<S>([S::F::splat(1.0); 3], &mut gathered.tint);
+        store_rgb::<S>(eval_planes::<S, S::F>(&records, SurfaceRecord::NORMAL, ray), &mut gathered.normal);
+        store_rgb::<S>(each!(c in 3 => records[SurfaceRecord::COLOR + c]), &mut gathered.color);
+        store_rgb::<S>([S::F::splat(1.0); 3], &mut gathered.tint);
         records[SurfaceRecord::SPECULAR].store(&mut gathered.specular);
         gathered.textured = records[SurfaceRecord::TEXTURE].bitcast_i32().gt(S::I::splat(-1)).to_bits();
     }
 
-    /// Tints of pixels in the given tiles of a tile_row, found for the textured ones of each tile triangle by triangle: few
-    /// tiles show many textured triangles.
+    /// Returns the square roots of the texture factors of sixteen pixels, given the tile of the row in
+    /// which each one lies. Loops over the pairs of tile and textured triangle, of which there are usually
+    /// few.
     #[inline(always)]
-    pub(in crate::render::cpu) fn tint<S: Simd>(
+    pub(in crate::render::cpu) fn gather_tint<S: Simd>(
         &self,
         ids: &I32x16,
         tiles: &I32x16,
@@ -348,7 +354,7 @@ impl Shader<'_> {
         mut textured: u16,
         tile_row: &mut TileRow,
     ) -> [S::F; 3] {
-        let (all_ids, all_blocks) = (S::I::load(ids), S::I::load(tiles));
+        let (all_ids, all_tiles) = (S::I::load(ids), S::I::load(tiles));
         let mut tint = [S::F::splat(1.0); 3];
         while textured != 0 {
             let lane = textured.trailing_zeros() as usize;
@@ -357,15 +363,15 @@ impl Shader<'_> {
             let level = self.level::<S>(triangle, tile as usize, tile_row);
             let sample = &mut tile_row.samples[tile as usize];
             sample.locate::<S>(&self.uv::<S>(triangle, ray), level);
-            let factors = sample.read::<S>(self.pattern(triangle));
-            let here = all_ids.eq(S::I::splat(id)) & all_blocks.eq(S::I::splat(tile));
-            tint = each!(c in 3 => factors[c].select_or(here, tint[c]));
-            textured &= !here.to_bits();
+            let factors = sample.read::<S>(self.mip_chain(triangle));
+            let same = all_ids.eq(S::I::splat(id)) & all_tiles.eq(S::I::splat(tile));
+            tint = each!(c in 3 => factors[c].select_or(same, tint[c]));
+            textured &= !same.to_bits();
         }
         tint
     }
 
-    /// Tile4x4 roots of the light of pixels that show several triangles.
+    /// Returns the square roots of the radiance of pixels that show several triangles.
     #[inline(always)]
     pub(in crate::render::cpu) fn shade_mixed<S: Simd>(
         &self,
@@ -382,8 +388,8 @@ impl Shader<'_> {
         radiance_roots(&lighting, self.lights, true, ray, self.sunlight(&lighting, ray), &reflectance)
     }
 
-    /// What share of the first sun's light light_bounds what is seen: see [`Shadow::sunlight`]; `None` if it makes no difference, or
-    /// for all.
+    /// Returns the fraction of the first sun's light that arrives at the visible surfaces, see
+    /// [`Shadow::sunlight`]. `None` if all of it arrives or if no surface faces the sun.
     #[inline(always)]
     fn sunlight<S: Simd, N: Broadcast<S>>(&self, lighting: &Lighting<N>, ray: &ViewRays<S>) -> Option<S::F> {
         let shadow = self.shadow.as_ref()?;
@@ -391,21 +397,22 @@ impl Shader<'_> {
         facing.any().then(|| shadow.sunlight(ray, &lighting.normal, facing))
     }
 
-    /// Texture coordinates on a triangle, in tiles.
+    /// Returns the texture coordinates on a triangle, in texture tiles.
     #[inline(always)]
     fn uv<S: Simd>(&self, triangle: usize, ray: &ViewRays<S>) -> Uv<S> {
         let uv_record = &self.surfaces.uv_records[triangle].0;
-        let per_n = S::F::splat(1.0) / linear::<S, f32>(uv_record, UvRecord::N, ray.pixel);
-        each!(k in 2 => linear::<S, f32>(uv_record, [UvRecord::U, UvRecord::V][k], ray.pixel) * per_n)
+        let per_n = S::F::splat(1.0) / eval_plane::<S, f32>(uv_record, UvRecord::N, ray.pixel);
+        each!(k in 2 => eval_plane::<S, f32>(uv_record, [UvRecord::U, UvRecord::V][k], ray.pixel) * per_n)
     }
 
-    /// Greater squared length, in tiles², that a step of one pixel right or down makes on a triangle.
+    /// Returns the footprints of pixels on a triangle: the larger squared length, in texture tiles², of a
+    /// step of one pixel to the right or down.
     #[inline(always)]
     fn footprint<S: Simd>(&self, triangle: usize, pixel: [S::F; 2]) -> S::F {
         let uv_record = &self.surfaces.uv_records[triangle].0;
-        let per_n = S::F::splat(1.0) / linear::<S, f32>(uv_record, UvRecord::N, pixel);
-        let u = linear::<S, f32>(uv_record, UvRecord::U, pixel) * per_n;
-        let v = linear::<S, f32>(uv_record, UvRecord::V, pixel) * per_n;
+        let per_n = S::F::splat(1.0) / eval_plane::<S, f32>(uv_record, UvRecord::N, pixel);
+        let u = eval_plane::<S, f32>(uv_record, UvRecord::U, pixel) * per_n;
+        let v = eval_plane::<S, f32>(uv_record, UvRecord::V, pixel) * per_n;
         // d(U/n) = (dU − (U/n) dn) / n.
         let [right, down] = each!(k in 2 => {
             let dn = S::F::splat(-uv_record[UvRecord::N + k + 1]);
@@ -417,10 +424,11 @@ impl Shader<'_> {
     }
 }
 
+/// Stores the three channels of an RGB value.
 #[inline(always)]
-pub(in crate::render::cpu) fn store_all<S: Simd>(rgb: [S::F; 3], lines: &mut [F32x16; 3]) {
-    for (channel, line) in rgb.iter().zip(lines) {
-        channel.store(line);
+pub(in crate::render::cpu) fn store_rgb<S: Simd>(rgb: [S::F; 3], out: &mut [F32x16; 3]) {
+    for (channel, out) in rgb.iter().zip(out) {
+        channel.store(out);
     }
 }
 
@@ -428,13 +436,14 @@ fn normal_of(record: &[f32; N_LANES]) -> [f32; 3] {
     [0, 3, 6].map(|k| record[SurfaceRecord::NORMAL + k])
 }
 
-/// Three functions that are linear over the image, from index `from` on.
+/// Evaluates three attribute planes that start at lane `from` of a record.
 #[inline(always)]
-fn over<S: Simd, N: Broadcast<S>>(numbers: &[N; N_LANES], from: usize, ray: &ViewRays<S>) -> [S::F; 3] {
-    each!(k in 3 => linear::<S, N>(numbers, from + 3 * k, ray.pixel))
+fn eval_planes<S: Simd, N: Broadcast<S>>(record: &[N; N_LANES], from: usize, ray: &ViewRays<S>) -> [S::F; 3] {
+    each!(k in 3 => eval_plane::<S, N>(record, from + 3 * k, ray.pixel))
 }
 
+/// Evaluates the attribute plane that starts at lane `k` of a record at the given pixels.
 #[inline(always)]
-fn linear<S: Simd, N: Broadcast<S>>(numbers: &[N; N_LANES], k: usize, [x, y]: [S::F; 2]) -> S::F {
-    x.mul_add(numbers[k + 1].broadcast(), y.mul_add(numbers[k + 2].broadcast(), numbers[k].broadcast()))
+fn eval_plane<S: Simd, N: Broadcast<S>>(record: &[N; N_LANES], k: usize, [x, y]: [S::F; 2]) -> S::F {
+    x.mul_add(record[k + 1].broadcast(), y.mul_add(record[k + 2].broadcast(), record[k].broadcast()))
 }

@@ -155,7 +155,7 @@ impl ShadowMap {
         let Some(centre) = scene.shadow_centre else { return };
         self.light_from_world = mirrored(light_from_world(scene.suns[0].towards, centre));
         let (view_from_world, maps) = (self.light_from_world, &mut raster.maps);
-        isa.run(TransformInstances { scene, snapshot, view_from_world, maps });
+        isa.run(TransformInstances { scene, snapshot, view_from_world, transforms: maps });
         let still = static_heights(isa, scene, cache, raster);
         if !self.still.as_ref().is_some_and(|known| Arc::ptr_eq(known, &still)) {
             // Tiles that moving geometry occupied are rewritten below in any case.
@@ -224,7 +224,7 @@ fn static_heights(
                 raster.draw(isa, (scene, 0..scene.n_static), &nothing, &mut heights);
                 StaticHeights { maps, heights }
             };
-            Arc::clone(slot.insert(cache.get(casters, draw)))
+            Arc::clone(slot.insert(cache.get_or_insert_with(casters, draw)))
         }
     }
 }
