@@ -7,7 +7,7 @@ use super::static_layer::StaticLayer;
 use crate::render::cpu::shadow::StaticHeights;
 use crate::render::scene::RenderScene;
 
-/// What the CPU renderer attaches to a scene. It affects speed only, never a byte of an image.
+/// Cached values that the CPU renderer attaches to a scene. They affect speed only, never a byte of an image.
 pub(in crate::render::cpu) struct SceneCache {
     /// Static layer of each camera.
     pub(in crate::render::cpu) layers: Vec<Mutex<Option<Arc<StaticLayer>>>>,
