@@ -7,7 +7,7 @@ use ipc_types::run_config::ResultOptions;
 use ipc_types::{ActionBlock, ControlMode, EnvRecord, FrameError, Morphology, RunConfig, error_chain};
 use thiserror::Error;
 
-use super::lane::AnswerError;
+use super::lane::InvalidAnswerError;
 use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
 use crate::expert::{self, Expert, write_hold_action};
 use crate::fingerprint::Fingerprint;
@@ -240,9 +240,13 @@ impl RunningEpisode {
     }
 
     /// Checks that this answer belongs to the episode's latest query and has the right action size.
-    pub(super) fn check_answer(&self, slot: u32, answer: &ActionBlock) -> Result<(), AnswerError> {
+    pub(super) fn check_answer(&self, slot: u32, answer: &ActionBlock) -> Result<(), InvalidAnswerError> {
         let check = |field, found: u32, expected: u32| {
-            if found == expected { Ok(()) } else { Err(AnswerError::Field { slot, field, found, expected }) }
+            if found == expected {
+                Ok(())
+            } else {
+                Err(InvalidAnswerError::Field { slot, field, found, expected })
+            }
         };
         check("slot", answer.slot, slot)?;
         check("query", answer.query, self.queries - 1)?;

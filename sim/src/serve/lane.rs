@@ -25,7 +25,7 @@ const EPOCH_STRIDE: u32 = 0x9E37_79B1;
 #[derive(Debug, Error)]
 pub(super) enum LaneError {
     #[error("policy `{policy}` sent an invalid answer")]
-    Answer { policy: String, source: AnswerError },
+    Answer { policy: String, source: InvalidAnswerError },
     #[error("policy `{policy}` has not answered for {} s", .timeout.as_secs())]
     AnswerTimeout { policy: String, timeout: Duration },
     #[error("no host for policy `{policy}` connected within {} s", .timeout.as_secs())]
@@ -36,7 +36,7 @@ pub(super) enum LaneError {
 
 /// Errors that can occur while validating an answer.
 #[derive(Debug, Error)]
-pub(super) enum AnswerError {
+pub(super) enum InvalidAnswerError {
     #[error(transparent)]
     Frame(#[from] FrameError),
     #[error("batch {sequence} is not in flight")]
@@ -164,7 +164,7 @@ impl LaneState {
     /// If the message is not a valid answer to a batch in flight, or the link fails.
     pub(super) fn receive(
         &mut self,
-        accept: impl FnMut(u32, &ActionView<'_>, usize) -> Result<(), AnswerError>,
+        accept: impl FnMut(u32, &ActionView<'_>, usize) -> Result<(), InvalidAnswerError>,
     ) -> Result<bool, LaneError> {
         let received = self.link.receive();
         let received = received.map_err(|source| LaneError::Link { policy: self.policy(), source })?;
@@ -177,19 +177,19 @@ impl LaneState {
     fn handle_answer(
         &mut self,
         message: &ActionMessage,
-        mut accept: impl FnMut(u32, &ActionView<'_>, usize) -> Result<(), AnswerError>,
-    ) -> Result<(), AnswerError> {
+        mut accept: impl FnMut(u32, &ActionView<'_>, usize) -> Result<(), InvalidAnswerError>,
+    ) -> Result<(), InvalidAnswerError> {
         let view = ActionView::new(*message.header(), message.pages())?;
         let header = view.header();
         if header.run != self.run_id || header.epoch != self.epoch {
             return Ok(());
         }
         let Some(at) = self.in_flight.iter().position(|batch| batch.sequence == header.sequence) else {
-            return Err(AnswerError::UnknownBatch { sequence: header.sequence });
+            return Err(InvalidAnswerError::UnknownBatch { sequence: header.sequence });
         };
         let batch = self.in_flight.swap_remove(at);
         if batch.slots.len() != header.n_envs as usize {
-            return Err(AnswerError::EnvCount { found: header.n_envs, expected: batch.slots.len() });
+            return Err(InvalidAnswerError::EnvCount { found: header.n_envs, expected: batch.slots.len() });
         }
         for (env_idx, slot) in batch.slots.iter().enumerate() {
             accept(*slot, &view, env_idx)?;

@@ -21,7 +21,7 @@ use thiserror::Error;
 
 use self::batch::BatchWriter;
 use self::episode::{EpisodeError, control_mode};
-use self::lane::{AnswerError, LaneError, LaneState};
+use self::lane::{InvalidAnswerError, LaneError, LaneState};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
 use self::slots::Slots;
 use crate::render::{self, OpenRendererError, RenderError};
@@ -325,8 +325,8 @@ fn accept(
     env_idx: usize,
     execute: u32,
     now: Instant,
-) -> Result<(), AnswerError> {
-    let episode = slots.episode_mut(slot).ok_or(AnswerError::EmptySlot { slot })?;
+) -> Result<(), InvalidAnswerError> {
+    let episode = slots.episode_mut(slot).ok_or(InvalidAnswerError::EmptySlot { slot })?;
     if view.header().status != 0 {
         episode.fail(EpisodeError::HostFailed);
         return Ok(());
