@@ -1,4 +1,5 @@
-//! The binary under test: the same entry point as `hypogeum`, declared here so that cargo builds it for these tests.
+//! The binary under test: the same entry point as `hypogeum`, declared here so that cargo builds it for these
+//! tests.
 
 fn main() -> std::process::ExitCode {
     orchestrator::main()

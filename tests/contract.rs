@@ -1,5 +1,5 @@
-//! The contract of the shared-memory link at both ends: policies read images in place, and a host that breaks the
-//! protocol ends the run with a clear error.
+//! The contract of the shared-memory link at both ends: policies read images in place, and a host that breaks
+//! the protocol ends the run with a clear error.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 

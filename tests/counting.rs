@@ -1,4 +1,5 @@
-//! A counting global allocator, shared by the tests of all crates that assert that a code path does not allocate.
+//! A counting global allocator, shared by the tests of all crates that assert that a code path does not
+//! allocate.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

@@ -1,5 +1,5 @@
-//! Crash safety: a killed child costs only its unfinished episodes, an interrupted run resumes to the same rows, and no
-//! shared memory is left behind.
+//! Crash safety: a killed child costs only its unfinished episodes, an interrupted run resumes to the same
+//! rows, and no shared memory is left behind.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 

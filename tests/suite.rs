@@ -11,8 +11,8 @@ use sim::scene::{Motion, Range, Scene};
 use sim::stream::{self, Stream};
 use sim::{Perturbation, Profile, TaskId};
 
-/// Maximum joint speed after random actions, in rad/s. Near a singularity a pose command may request a full turn; the
-/// drive (3000 N·m/rad, 100 N·m·s/rad) then accelerates until damping balances it at this speed.
+/// Maximum joint speed after random actions, in rad/s. Near a singularity a pose command may request a full
+/// turn; the drive (3000 N·m/rad, 100 N·m·s/rad) then accelerates until damping balances it at this speed.
 const fn max_joint_speed(mode: ControlMode) -> f32 {
     match mode {
         ControlMode::EeDeltaPose | ControlMode::EePose => 3000.0 * core::f32::consts::TAU / 100.0,
@@ -29,8 +29,8 @@ fn cells_of(perturbations: &[Perturbation]) -> Vec<(TaskId, Perturbation)> {
     pairs.filter(|(task, p)| applies(*task, *p)).collect()
 }
 
-/// Cells whose physics differ. All other perturbations change only images or instructions and never a trajectory
-/// (`sim/tests/perturb`).
+/// Cells whose physics differ. All other perturbations change only images or instructions and never a
+/// trajectory (`sim/tests/perturb`).
 fn cells() -> Vec<(TaskId, Perturbation)> {
     let differ = |p: &Perturbation| *p == Perturbation::None || p.changes_bodies();
     cells_of(&Perturbation::ALL.iter().copied().filter(differ).collect::<Vec<_>>())

@@ -8,7 +8,8 @@ use crate::source::{Source, assert_none, rust_sources, with_extension};
 const MAX_COMMENT_COLUMNS: usize = 110;
 /// Maximum number of words in a test's name.
 const MAX_TEST_NAME_WORDS: usize = 8;
-/// First words that turn a doc comment into a riddle. Start with a noun phrase or a third-person verb instead.
+/// First words that turn a doc comment into a riddle. Start with a noun phrase or a third-person verb
+/// instead.
 const BAD_DOC_OPENINGS: [&str; 9] =
     ["What", "Whether", "How", "Where", "Why", "Who", "When", "Which", "That"];
 /// Words of a private vocabulary that the code base once had, each with the standard term.
@@ -124,8 +125,8 @@ fn type_names_are_unique_in_the_workspace() {
     assert_none(&repeated, "no type name is used for two different things");
 }
 
-/// Returns the name of the struct, enum, union, trait or free type alias that a line defines. Associated types, which are
-/// indented `type` items, do not count.
+/// Returns the name of the struct, enum, union, trait or free type alias that a line defines. Associated
+/// types, which are indented `type` items, do not count.
 fn defined_type(line: &str) -> Option<&str> {
     let is_indented = line.starts_with(' ');
     let mut words = line.split_whitespace().skip_while(|word| *word == "pub" || word.starts_with("pub("));

@@ -76,7 +76,8 @@ impl Source {
         (1..).zip(self.text.lines())
     }
 
-    /// Returns the doc comments (`///` and `//!`): the number of the first line and the text of all lines of each.
+    /// Returns the doc comments (`///` and `//!`): the number of the first line and the text of all lines of
+    /// each.
     pub(crate) fn docs(&self) -> Vec<(usize, Vec<&str>)> {
         let mut docs: Vec<(usize, Vec<&str>)> = Vec::new();
         let mut continues = false;
