@@ -20,7 +20,7 @@ use crate::show::EpisodeSpec;
 #[derive(Debug, Error)]
 pub enum DemoError {
     /// The expert's waypoints are not reachable.
-    #[error("the expert found no plan: {0}")]
+    #[error("the expert found no plan")]
     Plan(#[from] MotionPlanError),
     /// The simulation diverged.
     #[error("the physics state is not finite after step {step}")]

@@ -15,7 +15,7 @@ const BACKGROUND: u8 = 96;
 #[derive(Debug, Error)]
 pub enum SheetError {
     /// The file could not be created.
-    #[error("create {path}: {source}")]
+    #[error("failed to create {path}")]
     Create {
         /// Path of the file.
         path: String,
@@ -23,7 +23,7 @@ pub enum SheetError {
         source: io::Error,
     },
     /// The image could not be encoded or written.
-    #[error("write {path}: {source}")]
+    #[error("failed to write {path}")]
     Write {
         /// Path of the file.
         path: String,

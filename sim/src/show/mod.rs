@@ -28,7 +28,7 @@ use crate::expert::MotionPlanError;
 #[derive(Debug, Error)]
 pub enum ShowError {
     /// The expert's waypoints are not reachable.
-    #[error("the expert found no plan: {0}")]
+    #[error("the expert found no plan")]
     Plan(#[from] MotionPlanError),
     /// The simulation diverged.
     #[error("the physics state is not finite after step {step}")]

@@ -47,7 +47,7 @@ pub struct UnknownFormat {
 #[derive(Debug, Error)]
 pub enum MovieError {
     /// The file could not be created.
-    #[error("create {path}: {source}")]
+    #[error("failed to create {path}")]
     Create {
         /// Path of the file.
         path: String,
@@ -55,7 +55,7 @@ pub enum MovieError {
         source: io::Error,
     },
     /// A frame could not be written.
-    #[error("write {path}: {source}")]
+    #[error("failed to write {path}")]
     Write {
         /// Path of the file.
         path: String,
@@ -63,7 +63,7 @@ pub enum MovieError {
         source: EncodeError,
     },
     /// The complete file could not be renamed to its final path.
-    #[error("rename {part} to {path}: {source}")]
+    #[error("failed to rename {part} to {path}")]
     Rename {
         /// Path of the complete file.
         part: String,
