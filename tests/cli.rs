@@ -79,7 +79,7 @@ fn checkpoint_requires_its_own_control_mode() {
     assert!(text.contains("pd_ee_delta_pose"), "{text}");
     fs::write(&config, text.replace("pd_ee_delta_pose", "pd_ee_pose")).unwrap();
     let args = ["run", "--policy", "a=act:act", "--tasks", "RaiseCube", "--episodes", "1", "--db", "x.db"];
-    assert_rejected(dir.path(), &args, &["single robot by pd_ee_pose", "run by pd_ee_delta_pose"]);
+    assert_rejected(dir.path(), &args, &["single robot in pd_ee_pose", "run in pd_ee_delta_pose"]);
     run(dir.path(), &[&args[..], &["--control-mode", "pd_ee_pose"]].concat()).expect_code(0);
     assert_eq!(rows(&dir.path().join("x.db")).len(), 1);
 }

@@ -2,6 +2,7 @@
 //! added.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use ipc_types::RunConfig;
@@ -41,15 +42,14 @@ pub(crate) struct Manifest {
 /// A difference between the manifest of a results file and the command.
 #[derive(Debug, Error, PartialEq, Eq)]
 #[error(
-    "failed to resume the results file {}: {field} is {found} in the file, but {requested} in this command; use the same \
-     value, or another file with --db",
-    path.display()
+    "failed to resume the results file {}: {}; use the same value, or another file with --db",
+    path.display(),
+    differences.join(", and ")
 )]
 pub(crate) struct ManifestMismatch {
     path: PathBuf,
-    field: String,
-    found: String,
-    requested: String,
+    /// One clause per differing entry.
+    differences: Vec<String>,
 }
 
 impl Manifest {
@@ -80,12 +80,10 @@ pub(super) fn reconcile(
 ) -> Result<(), ResultsFileError> {
     let sqlite = |source| ResultsFileError::Sqlite { path: path.into(), source };
     let invalid = |key: &str| ResultsFileError::Manifest { path: path.into(), key: key.to_owned() };
-    let mismatch = |field: String, found: String, requested: String| ManifestMismatch {
-        path: path.into(),
-        field,
-        found,
-        requested,
+    let difference = |field: &str, found: &dyn Display, requested: &dyn Display| {
+        format!("{field} is {found} in the file, but {requested} in this command")
     };
+    let mut differences = Vec::new();
     let transaction = connection.unchecked_transaction().map_err(sqlite)?;
     let has_rows = has_rows(&transaction).map_err(sqlite)?;
     let defaults = entries(&RunConfig::default().results);
@@ -98,7 +96,7 @@ pub(super) fn reconcile(
             let found = get(&transaction, &key).map_err(sqlite)?.or_else(default);
             let found = found.ok_or_else(|| invalid(&key))?;
             if found != requested {
-                return Err(mismatch(key, found, requested).into());
+                differences.push(difference(&key, &found, &requested));
             }
         }
         put_text(&transaction, &key, &requested).map_err(sqlite)?;
@@ -112,14 +110,17 @@ pub(super) fn reconcile(
             let found = get(&transaction, &key).map_err(sqlite)?.ok_or_else(|| invalid(&key))?;
             let found: Identity = serde_json::from_str(&found).map_err(|_| invalid(&key))?;
             if !found.matches(requested) {
-                let field = format!("policy `{name}`");
-                return Err(mismatch(field, found.to_string(), requested.to_string()).into());
+                differences.push(difference(&format!("policy `{name}`"), &found, requested));
             }
         }
         let value = serde_json::json!(requested);
         put(&transaction, &key, &value).map_err(sqlite)?;
     }
-    transaction.commit().map_err(sqlite)
+    if differences.is_empty() {
+        transaction.commit().map_err(sqlite)
+    } else {
+        Err(ManifestMismatch { path: path.into(), differences }.into())
+    }
 }
 
 /// Returns the identity of the renderer whose images the rows of the file depend on, if there are rows.

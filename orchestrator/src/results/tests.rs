@@ -109,7 +109,7 @@ fn resume_adds_rows_but_rejects_other_options() {
     let refused = |options: &str| refusal(&path, &manifest(&format!("--policy idle {options}")));
     insta::assert_snapshot!(refused("--seed 1"), @"failed to resume the results file a.db: seed is 0 in the file, but 1 in this command; use the same value, or another file with --db");
     insta::assert_snapshot!(refused("--profile paper"), @r#"failed to resume the results file a.db: profile is "strict" in the file, but "paper" in this command; use the same value, or another file with --db"#);
-    insta::assert_snapshot!(refused("--mode ensemble"), @r#"failed to resume the results file a.db: mode is "chunk" in the file, but "ensemble" in this command; use the same value, or another file with --db"#);
+    insta::assert_snapshot!(refused("--mode ensemble"), @r#"failed to resume the results file a.db: execute is 30 in the file, but 1 in this command, and mode is "chunk" in the file, but "ensemble" in this command; use the same value, or another file with --db"#);
     insta::assert_snapshot!(refused("--execute 8"), @"failed to resume the results file a.db: execute is 30 in the file, but 8 in this command; use the same value, or another file with --db");
     insta::assert_snapshot!(refused("--control-mode pd_joint_pos"), @r#"failed to resume the results file a.db: control_mode is "pd_ee_delta_pose" in the file, but "pd_joint_pos" in this command; use the same value, or another file with --db"#);
     insta::assert_snapshot!(refusal(&path, &manifest("--policy idle=random")), @"failed to resume the results file a.db: policy `idle` is idle in the file, but random in this command; use the same value, or another file with --db");
