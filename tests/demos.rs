@@ -104,7 +104,7 @@ fn options_that_contradict_the_dataset_are_rejected() {
     rejected(&demos(&["--control-mode", "pd_ee_pose"]), &["pd_ee_pose", "pd_joint_pos"]);
     rejected(&demos(&["--perturbation", "RO-Color"]), &["RO-Color", "RaiseCube"]);
     rejected(&["replay", "demos/single", "--episodes", "1"], &["has 1 episodes", "episode 1 was requested"]);
-    rejected(&["replay", "demos"], &["holds no dataset", "meta/hypogeum.json"]);
+    rejected(&["replay", "demos"], &["contains no dataset", "meta/hypogeum.json"]);
     let data = dir.path().join("demos/single/data/chunk-000/file-000.parquet");
     let bytes = fs::read(&data).unwrap();
     fs::write(&data, &bytes[..bytes.len() / 2]).unwrap();

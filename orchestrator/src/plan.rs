@@ -237,26 +237,35 @@ mod tests {
     fn invalid_arguments_give_one_clear_error() {
         let wrong = |arguments| plan(arguments).unwrap_err();
         insta::assert_snapshot!(wrong(""), @"no policy to evaluate: add --policy NAME=SPEC, for example --policy idle (or `policies` in the sweep file)");
-        insta::assert_snapshot!(wrong("--policy idle --tasks RiseCube"), @"unknown task `RiseCube`; did you mean RaiseCube or StackCube?");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Colour"), @"unknown perturbation `MO-Colour`; did you mean MO-Color, RO-Color or Light-Color?");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations all,xyz"), @"unknown perturbation `xyz`; `hypogeum tasks --matrix` lists them");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+Camera-Pos"), @"unknown perturbation `Camera-Pos`; did you mean Camera-Pose?");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+"), @"unknown perturbation ``; `hypogeum tasks --matrix` lists them");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+None"), @"None cannot be combined with other perturbations");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations All+MO-Color"), @"All cannot be combined with other perturbations");
-        insta::assert_snapshot!(wrong("--policy idle --perturbations Language-None+Language-Random"), @"Language-None and Language-Random cannot be combined: an episode has a single instruction");
-        insta::assert_snapshot!(wrong("--policy idle --tasks OpenDrawer --perturbations Camera-Pose+MO-Size"), @"perturbation MO-Size does not apply to OpenDrawer: the task has no manipulation object; leave one of them out, or say --perturbations all for those that apply");
-        insta::assert_snapshot!(wrong("--policy idle --strength 1.5"), @"--strength is 1.5, expected a number above 0 and at most 1 (the benchmark's strength)");
-        insta::assert_snapshot!(wrong("--policy idle --strength 0"), @"--strength is 0, expected a number above 0 and at most 1 (the benchmark's strength)");
-        insta::assert_snapshot!(wrong("--policy idel"), @"unknown policy `idel`; did you mean idle?");
-        insta::assert_snapshot!(wrong("--policy a=act"), @"policy `act` needs PATH after a colon: act:PATH");
-        insta::assert_snapshot!(wrong("--policy a/b=idle"), @"policy name `a/b` cannot be used: 1 to 64 letters, digits, `.`, `_` or `-`");
-        insta::assert_snapshot!(wrong("--policy idle --policy idle=random"), @"two policies are called `idle`: give each a name of its own, --policy NAME=SPEC");
-        insta::assert_snapshot!(wrong("--policy idle --mode chunks"), @"unknown mode `chunks`; did you mean chunk?");
-        insta::assert_snapshot!(wrong("--policy idle --renderer gpi"), @"unknown renderer `gpi`; did you mean gpu?");
-        insta::assert_snapshot!(wrong("--policy idle --control-mode pd_joint"), @"unknown control mode `pd_joint`; did you mean pd_joint_pos?");
-        insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"--envs is 0, expected 1 to 4096");
-        insta::assert_snapshot!(wrong("--policy idle --execute 64"), @"--execute is 64, expected 1 to 63");
-        insta::assert_snapshot!(wrong("--policy idle --mode ensemble --execute 30"), @"--execute is 30, but ensemble mode queries after every step: leave it out or use --mode chunk");
+        insta::assert_snapshot!(wrong("--policy idle --tasks RiseCube"), @"error: invalid value 'RiseCube' for '--tasks <LIST>': unknown task `RiseCube`; did you mean RaiseCube or StackCube?");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Colour"), @"error: invalid value 'MO-Colour' for '--perturbations <LIST>': unknown perturbation `MO-Colour`; did you mean MO-Color, RO-Color or Light-Color?");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations all,xyz"), @"error: invalid value 'xyz' for '--perturbations <LIST>': unknown perturbation `xyz`; `hypogeum tasks --matrix` lists all names");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+Camera-Pos"), @"error: invalid value 'MO-Color+Camera-Pos' for '--perturbations <LIST>': unknown perturbation `Camera-Pos`; did you mean Camera-Pose?");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+"), @"error: invalid value 'MO-Color+' for '--perturbations <LIST>': unknown perturbation ``; `hypogeum tasks --matrix` lists all names");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations MO-Color+None"), @"error: invalid value 'MO-Color+None' for '--perturbations <LIST>': None cannot be combined with other perturbations");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations All+MO-Color"), @"error: invalid value 'All+MO-Color' for '--perturbations <LIST>': All cannot be combined with other perturbations");
+        insta::assert_snapshot!(wrong("--policy idle --perturbations Language-None+Language-Random"), @"error: invalid value 'Language-None+Language-Random' for '--perturbations <LIST>': Language-None and Language-Random cannot be combined: an episode has a single instruction");
+        insta::assert_snapshot!(wrong("--policy idle --tasks OpenDrawer --perturbations Camera-Pose+MO-Size"), @"perturbation MO-Size does not apply to OpenDrawer: the task has no manipulation object; omit one of them, or use --perturbations all for those that apply");
+        insta::assert_snapshot!(wrong("--policy idle --strength 1.5"), @"error: invalid value '1.5' for '--strength <X>': strength is 1.5, expected a number above 0 and at most 1 (the benchmark's strength)");
+        insta::assert_snapshot!(wrong("--policy idle --strength 0"), @"error: invalid value '0' for '--strength <X>': strength is 0, expected a number above 0 and at most 1 (the benchmark's strength)");
+        insta::assert_snapshot!(wrong("--policy idel"), @"error: invalid value 'idel' for '--policy <NAME=SPEC>': unknown policy `idel`; did you mean idle?");
+        insta::assert_snapshot!(wrong("--policy a=act"), @"error: invalid value 'a=act' for '--policy <NAME=SPEC>': policy `act` needs PATH after a colon: act:PATH");
+        insta::assert_snapshot!(wrong("--policy a/b=idle"), @"error: invalid value 'a/b=idle' for '--policy <NAME=SPEC>': policy name `a/b` is invalid, expected 1 to 64 letters, digits, `.`, `_` or `-`");
+        insta::assert_snapshot!(wrong("--policy idle --policy idle=random"), @"two policies are named `idle`: give each its own name, --policy NAME=SPEC");
+        insta::assert_snapshot!(wrong("--policy idle --mode chunks"), @r#"
+    error: invalid value 'chunks' for '--mode <MODE>'
+      [possible values: chunk, ensemble]
+    "#);
+        insta::assert_snapshot!(wrong("--policy idle --renderer gpi"), @r#"
+    error: invalid value 'gpi' for '--renderer <RENDERER>'
+      [possible values: auto, cpu, gpu, software]
+    "#);
+        insta::assert_snapshot!(wrong("--policy idle --control-mode pd_joint"), @r#"
+    error: invalid value 'pd_joint' for '--control-mode <CONTROL_MODE>'
+      [possible values: pd_ee_delta_pose, pd_joint_pos, pd_ee_pose]
+    "#);
+        insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"error: invalid value '0' for '--envs <N>': 0 is not in 1..=4096");
+        insta::assert_snapshot!(wrong("--policy idle --execute 64"), @"error: invalid value '64' for '--execute <M>': 64 is not in 1..=63");
+        insta::assert_snapshot!(wrong("--policy idle --mode ensemble --execute 30"), @"--execute is 30, but ensemble mode queries at every step: omit --execute or use --mode chunk");
     }
 }

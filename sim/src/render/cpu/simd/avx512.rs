@@ -370,14 +370,14 @@ impl SimdI32 for Avx512I32 {
 
     #[inline(always)]
     fn reduce_min_u16(self) -> [u16; 2] {
-        let least = intrinsic!({
+        let min = intrinsic!({
             let eight =
                 _mm256_min_epu16(_mm512_castsi512_si256(self.0), _mm512_extracti64x4_epi64::<1>(self.0));
             let four = _mm_min_epu16(_mm256_castsi256_si128(eight), _mm256_extracti128_si256::<1>(eight));
             let two = _mm_min_epu16(four, _mm_shuffle_epi32::<0b0100_1110>(four));
             _mm_cvtsi128_si32(_mm_min_epu16(two, _mm_shuffle_epi32::<0b1011_0001>(two)))
         });
-        [least as u16, (least >> 16) as u16]
+        [min as u16, (min >> 16) as u16]
     }
 
     #[inline(always)]

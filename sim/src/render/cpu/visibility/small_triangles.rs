@@ -144,12 +144,12 @@ impl Visibility {
         let splat = S::I::splat;
         bins.start::<S>(small, first_id);
         let changes = each!(k in 3 => [small.steps[k].shl::<16>().shr_arithmetic::<16>(), small.steps[k].shr_arithmetic::<16>()]);
-        let right = each!(k in 3 => times::<S>(changes[k][0], B::WIDTH));
-        let down = each!(k in 3 => times::<S>(changes[k][1], B::HEIGHT));
+        let right = each!(k in 3 => mul_small::<S>(changes[k][0], B::WIDTH));
+        let down = each!(k in 3 => mul_small::<S>(changes[k][1], B::HEIGHT));
         // Difference between the maximum of an edge function over a tile and its value at the first pixel.
         let max_change = each!(k in 3 => {
             let [x, y] = each!(axis in 2 => changes[k][axis].max(splat(0)));
-            times::<S>(x, B::WIDTH - 1) + times::<S>(y, B::HEIGHT - 1)
+            mul_small::<S>(x, B::WIDTH - 1) + mul_small::<S>(y, B::HEIGHT - 1)
         });
         let depth_right = small.depth_dx * S::F::splat(B::WIDTH as f32);
         let depth_down = small.depth_dy * S::F::splat(B::HEIGHT as f32);
@@ -206,7 +206,7 @@ impl Visibility {
 
 /// Returns the product with the extent of a tile or with its last index.
 #[inline(always)]
-fn times<S: Simd>(x: S::I, factor: i32) -> S::I {
+fn mul_small<S: Simd>(x: S::I, factor: i32) -> S::I {
     match factor {
         3 => x + x + x,
         4 => x.shl::<2>(),
