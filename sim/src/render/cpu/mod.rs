@@ -143,7 +143,7 @@ impl CpuRenderer {
                 self.with_shadow_map(|map| {
                     self.with_workspace(|workspace| workspace.render_shadow_map(self, scene, snapshot, map));
                     self.render_views(views, Some(map));
-                })
+                });
             }
             _ => self.render_views(views, None),
         }
@@ -169,7 +169,7 @@ impl CpuRenderer {
     fn with_shadow_map<T>(&self, work: impl FnOnce(&mut ShadowMap) -> T) -> T {
         // A poisoned map may be partially rendered.
         let free = lock_free(&self.shadow_maps, own_index(&self.shadow_maps, MAPS_PER_THREAD), |map| {
-            *map = ShadowMap::new()
+            *map = ShadowMap::new();
         });
         match free {
             Some(mut map) => work(&mut map),
