@@ -1,5 +1,5 @@
 //! The [`Policy`] trait and the types in its signature. This module knows none of the implementors;
-//! [`crate::load`] lists them.
+//! [`crate::load()`] lists them.
 
 use bytemuck::Zeroable;
 use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};

@@ -1,6 +1,6 @@
 //! 2-D convolutions of feature maps, with the following batch normalisation folded into the weights.
 //!
-//! 3×3 kernels with stride 1 use [`winograd`](super::winograd). Others are GEMMs: wide output rows read their
+//! 3×3 kernels with stride 1 use `winograd`. Others are GEMMs: wide output rows read their
 //! windows in place, one kernel row at a time; narrow rows go through im2col, a block of pixels at a time.
 //! Every sum is the same chain of additions either way. With 8-bit weights all windows are read in place.
 

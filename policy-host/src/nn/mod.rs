@@ -27,6 +27,6 @@ pub enum Precision {
     /// 32-bit floating point.
     #[default]
     F32,
-    /// 8-bit integers ([`quantised`]), in layers large enough to become faster.
+    /// 8-bit integers (`quantised`), in layers large enough to become faster.
     Int8,
 }

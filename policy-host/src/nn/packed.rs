@@ -1,4 +1,4 @@
-//! GEMM with packed weights: `[m, k] · [k, n]`, where the right factor is packed once into panels of [`NR`]
+//! GEMM with packed weights: `[m, k] · [k, n]`, where the right factor is packed once into panels of `NR`
 //! columns.
 //!
 //! faer packs both factors in every call. The weights are the same in every query, so packing them once saves
