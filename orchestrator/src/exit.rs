@@ -82,5 +82,7 @@ mod tests {
     fn failure_shows_each_source_once() {
         let error = anyhow!("no such file").context("failed to read x").context("policy `p`");
         assert_eq!(Failure::User(error).to_string(), "policy `p`: failed to read x: no such file");
+        let error = anyhow!("no such file").context("failed to read x");
+        assert_eq!(Failure::Bug(error).to_string(), "failed to read x: no such file");
     }
 }

@@ -119,6 +119,27 @@ fn resume_adds_rows_but_rejects_other_options() {
 }
 
 #[test]
+fn missing_manifest_key_means_the_default() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    Results::open(&path, &manifest("--policy idle"))
+        .unwrap()
+        .record(key(0), 7, &outcome(true, None))
+        .unwrap();
+    let forget = |name: &str| {
+        let removed = Connection::open(&path).unwrap().execute("DELETE FROM manifest WHERE key = ?1", [name]);
+        assert_eq!(removed.unwrap(), 1);
+    };
+
+    forget("strength");
+    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle --strength 0.5")), @"failed to resume the results file a.db: strength is 1.0 in the file, but 0.5 in this command; use the same value, or another file with --db");
+    assert!(Results::open(&path, &manifest("--policy idle")).unwrap().finished().unwrap().contains(key(0)));
+
+    forget("version");
+    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle")), @"");
+}
+
+#[test]
 fn renderer_identity_is_stored_with_rows() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");

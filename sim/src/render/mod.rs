@@ -8,6 +8,7 @@
 
 mod cpu;
 pub mod export;
+#[cfg(feature = "gpu")]
 pub mod gpu;
 mod math;
 mod mesh;
@@ -17,6 +18,7 @@ mod shading;
 mod texture;
 
 pub use cpu::{CpuOptions, CpuRenderer, Inspection, Segment};
+#[cfg(feature = "gpu")]
 pub use gpu::GpuRenderer;
 pub use ipc_types::run_config::{RendererChoice, Samples};
 pub use open::{OpenRendererError, open};

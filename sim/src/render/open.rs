@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+#[cfg(feature = "gpu")]
 use super::gpu::{AdapterKind, GpuOptions, GpuRenderer};
 use super::{CpuOptions, CpuRenderer, Renderer, RendererChoice, Samples};
 
@@ -15,13 +16,17 @@ pub enum OpenRendererError {
     NoAdapter { wanted: &'static str, found: String },
     #[error("failed to open {name}: {message}")]
     Device { name: String, message: String },
+    #[error(
+        "this program was built without the GPU renderer; build it with `--features gpu`, or use --renderer cpu or auto"
+    )]
+    NotBuilt,
 }
 
 /// Opens a renderer for use in a rayon pool of `threads` threads. `Auto` falls back to the CPU if no GPU can
 /// render.
 ///
 /// # Errors
-/// If `choice` requires a GPU or a software driver and none can render.
+/// If `choice` requires a GPU or a software driver and none can render, or if the feature `gpu` is off.
 ///
 /// # Panics
 /// If `threads` is 0.
@@ -30,15 +35,24 @@ pub fn open(
     samples: Samples,
     threads: usize,
 ) -> Result<Box<dyn Renderer>, OpenRendererError> {
-    let gpu = |kind| GpuRenderer::open(kind, &GpuOptions { samples, ..GpuOptions::default() });
-    let cpu = || CpuRenderer::with_options(threads, CpuOptions { samples, ..CpuOptions::default() });
+    let cpu = || Box::new(CpuRenderer::with_options(threads, CpuOptions { samples, ..CpuOptions::default() }));
     Ok(match choice {
-        RendererChoice::Cpu => Box::new(cpu()),
-        RendererChoice::Gpu => Box::new(gpu(AdapterKind::Hardware)?),
-        RendererChoice::Software => Box::new(gpu(AdapterKind::Software)?),
-        RendererChoice::Auto => match gpu(AdapterKind::Hardware) {
-            Ok(renderer) => Box::new(renderer),
-            Err(_) => Box::new(cpu()),
-        },
+        RendererChoice::Cpu => cpu(),
+        RendererChoice::Auto => open_gpu(choice, samples).unwrap_or_else(|_| cpu()),
+        RendererChoice::Gpu | RendererChoice::Software => open_gpu(choice, samples)?,
     })
+}
+
+#[cfg(feature = "gpu")]
+fn open_gpu(choice: RendererChoice, samples: Samples) -> Result<Box<dyn Renderer>, OpenRendererError> {
+    let kind = match choice {
+        RendererChoice::Software => AdapterKind::Software,
+        _ => AdapterKind::Hardware,
+    };
+    Ok(Box::new(GpuRenderer::open(kind, &GpuOptions { samples, ..GpuOptions::default() })?))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn open_gpu(_: RendererChoice, _: Samples) -> Result<Box<dyn Renderer>, OpenRendererError> {
+    Err(OpenRendererError::NotBuilt)
 }
