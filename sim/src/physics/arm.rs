@@ -309,7 +309,7 @@ impl ArmBuilder<'_> {
         friction: f32,
     ) -> Vec<ColliderHandle> {
         let add = |(shape, pose): &CollisionShape| {
-            self.world.insert_collider(collider(*shape, pose).density(0.0).friction(friction), Some(link))
+            self.world.insert_collider(collider(shape, pose).density(0.0).friction(friction), Some(link))
         };
         shapes.iter().map(add).collect()
     }

@@ -1,14 +1,14 @@
 //! The bodies of a scene other than the arms, and the table and floor.
 
 use nalgebra::{Isometry3, Translation3};
-use rapier3d::dynamics::{RigidBodyBuilder, RigidBodyHandle};
+use rapier3d::dynamics::{MassProperties, RigidBodyBuilder, RigidBodyHandle};
 use rapier3d::geometry::{ColliderBuilder, Group, InteractionGroups, InteractionTestMode, SharedShape};
 use rapier3d::math::{Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::convert::to_pose;
 use super::joint::{coordinate_idx, single_dof_joint};
-use crate::scene::{Body, JointKind, JointSpec, Motion, Primitive, TableKind};
+use crate::scene::{Body, JointKind, JointSpec, Mass, Motion, Primitive, TableKind};
 
 /// Minimum mass of a moving body, in kg. Contact stiffness scales with mass, so the gripper would penetrate a
 /// body of a few grams.
@@ -22,11 +22,11 @@ const FIXED: Group = Group::GROUP_1;
 const JOINTED: Group = Group::GROUP_2;
 
 /// Builds a collider of a shape at a pose in its parent's frame.
-pub(super) fn collider(shape: Primitive, pose: &Isometry3<f64>) -> ColliderBuilder {
+pub(super) fn collider(shape: &Primitive, pose: &Isometry3<f64>) -> ColliderBuilder {
     let f = |x: f64| x as f32;
     let upright = Rotation::from_rotation_x(core::f32::consts::FRAC_PI_2);
     let mut position = to_pose(pose);
-    let shape = match shape {
+    let shape = match *shape {
         Primitive::Box { half: [x, y, z] } => SharedShape::cuboid(f(x), f(y), f(z)),
         Primitive::Ball { radius } => SharedShape::ball(f(radius)),
         Primitive::Capsule { radius, half_height } => {
@@ -37,6 +37,10 @@ pub(super) fn collider(shape: Primitive, pose: &Isometry3<f64>) -> ColliderBuild
             // The axis of rapier's cylinders is y.
             position.rotation *= upright;
             SharedShape::cylinder(f(half_height), f(radius))
+        }
+        Primitive::Hull { ref points } => {
+            let points: Vec<Vector> = points.iter().map(|&[x, y, z]| Vector::new(f(x), f(y), f(z))).collect();
+            SharedShape::convex_hull(&points).expect("the points of a hull are not in one plane")
         }
     };
     ColliderBuilder::new(shape).position(position)
@@ -50,22 +54,38 @@ pub(super) fn add_body(world: &mut PhysicsWorld, body: &Body) -> RigidBodyHandle
         Motion::Fixed | Motion::VisualOnly => (RigidBodyBuilder::fixed(), collision_groups(FIXED, !JOINTED)),
     };
     let [linear, angular] = body.damping.map(|damping| damping as f32);
-    let builder = builder.linear_damping(linear).angular_damping(angular);
+    let mut builder = builder.linear_damping(linear).angular_damping(angular);
+    if let Mass::Measured { kg, centre, inertia } = body.mass {
+        builder = builder.additional_mass_properties(mass_properties(kg, centre, inertia));
+    }
     let handle = world.insert_body(builder.pose(to_pose(&body.pose)));
     if body.motion == Motion::VisualOnly {
         return handle;
     }
-    let mass: f64 = body.parts.iter().map(|part| volume(part.shape) * body.density).sum();
-    let density = body.density * (MIN_MASS_KG / mass).max(1.0);
+    let density = match body.mass {
+        Mass::Density(density) => {
+            let mass: f64 = body.parts.iter().map(|part| volume(&part.shape) * density).sum();
+            density * (MIN_MASS_KG / mass).max(1.0)
+        }
+        Mass::Measured { .. } => 0.0,
+    };
     for part in &body.parts {
         let collider_builder =
-            collider(part.shape, &part.pose).density(density as f32).friction(body.friction as f32);
+            collider(&part.shape, &part.pose).density(density as f32).friction(body.friction as f32);
         world.insert_collider(collider_builder.collision_groups(groups), Some(handle));
     }
     if let Motion::Jointed(joint) = body.motion {
         attach(world, handle, &joint, &body.pose);
     }
     handle
+}
+
+/// Returns the mass properties of a body of at least [`MIN_MASS_KG`].
+fn mass_properties(kg: f64, centre: [f64; 3], inertia: [f64; 3]) -> MassProperties {
+    let heavier = (MIN_MASS_KG / kg).max(1.0);
+    let vector =
+        |[x, y, z]: [f64; 3], by: f64| Vector::new((x * by) as f32, (y * by) as f32, (z * by) as f32);
+    MassProperties::new(vector(centre, 1.0), (kg * heavier) as f32, vector(inertia, heavier))
 }
 
 /// Collision groups of a collider that belongs to `memberships` and collides with members of `filter`.
@@ -103,7 +123,7 @@ pub(super) fn joint_position(world: &PhysicsWorld, body: RigidBodyHandle, kind: 
 pub(super) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
     let mut block = |half: [f64; 3], centre: [f64; 3]| {
         let pose = Isometry3::from(Translation3::from(centre));
-        let collider_builder = collider(Primitive::Box { half }, &pose).friction(GROUND_FRICTION);
+        let collider_builder = collider(&Primitive::Box { half }, &pose).friction(GROUND_FRICTION);
         world.insert_collider(collider_builder.collision_groups(collision_groups(FIXED, !JOINTED)), None);
     };
     block([5.0, 5.0, 0.5], [0.0, 0.0, FLOOR_Z - 0.5]);
@@ -118,14 +138,18 @@ pub(super) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
 }
 
 /// Returns the volume in m³.
-fn volume(shape: Primitive) -> f64 {
+fn volume(shape: &Primitive) -> f64 {
     use core::f64::consts::PI;
-    match shape {
+    match *shape {
         Primitive::Box { half } => 8.0 * half.iter().product::<f64>(),
         Primitive::Cylinder { radius, half_height } => 2.0 * PI * radius * radius * half_height,
         Primitive::Ball { radius } => 4.0 / 3.0 * PI * (radius * radius * radius),
         Primitive::Capsule { radius, half_height } => {
             PI * radius * radius * (2.0 * half_height + 4.0 / 3.0 * radius)
+        }
+        Primitive::Hull { .. } => {
+            let solid = collider(shape, &Isometry3::identity()).build();
+            f64::from(solid.shape().mass_properties(1.0).mass())
         }
     }
 }

@@ -35,7 +35,8 @@ pub fn open(
     samples: Samples,
     threads: usize,
 ) -> Result<Box<dyn Renderer>, OpenRendererError> {
-    let cpu = || Box::new(CpuRenderer::with_options(threads, CpuOptions { samples, ..CpuOptions::default() }));
+    let cpu =
+        || Box::new(CpuRenderer::with_options(threads, CpuOptions { samples, ..CpuOptions::default() }));
     Ok(match choice {
         RendererChoice::Cpu => cpu(),
         RendererChoice::Auto => open_gpu(choice, samples).unwrap_or_else(|_| cpu()),

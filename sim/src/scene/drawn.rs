@@ -1,7 +1,8 @@
 //! One sampled scene: the structure of a spec with a number in place of every range. It is immutable.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
+use super::mass::Mass;
 use super::primitive::{Aabb, Primitive};
 use super::spec::{CameraMount, CameraSlot, Motion, Role, TableKind};
 use super::texture::Texture;
@@ -34,6 +35,9 @@ pub struct Part {
 pub struct Visual {
     /// Visual shape in its own frame.
     pub shape: VisualShape,
+    /// Further factors along the axes of the shape's own frame, all 1 unless the body's axes are scaled
+    /// independently.
+    pub stretch: [f64; 3],
     /// Pose in the body's frame.
     pub pose: Isometry3<f64>,
     /// Appearance of the whole shape.
@@ -53,12 +57,14 @@ pub struct Body {
     pub parts: Vec<Part>,
     /// Visual shapes, scaled. If empty, the parts are rendered instead.
     pub visuals: Vec<Visual>,
-    /// Factor applied to all nominal lengths.
-    pub scale: f64,
+    /// Factors applied to all nominal lengths along the axes of the body's frame.
+    pub scale: Vector3<f64>,
     /// World pose of the body's frame at reset.
     pub pose: Isometry3<f64>,
-    /// Density in kg/m³.
-    pub density: f64,
+    /// Height above the surface from which it drops at reset, in m.
+    pub drop_m: f64,
+    /// Mass at this scale, or the density that determines it.
+    pub mass: Mass,
     /// Friction coefficient, static and dynamic.
     pub friction: f64,
     /// Linear and angular damping, in 1/s: the fraction of the velocity lost per second.
@@ -66,6 +72,18 @@ pub struct Body {
 }
 
 impl Body {
+    /// Returns the world pose of the body's frame once it has dropped onto the surface, if it does not tip.
+    #[must_use]
+    pub fn resting_pose(&self) -> Isometry3<f64> {
+        Translation3::new(0.0, 0.0, -self.drop_m) * self.pose
+    }
+
+    /// Returns the resting world position of a point given in the body's frame at scale 1, in m.
+    #[must_use]
+    pub fn point(&self, nominal: [f64; 3]) -> Point3<f64> {
+        self.resting_pose() * Point3::from(Vector3::from(nominal).component_mul(&self.scale))
+    }
+
     /// Returns the axis-aligned bounding box of all parts when the body's frame is at `pose`.
     ///
     /// # Panics

@@ -9,6 +9,7 @@ mod distractors;
 mod draw;
 mod drawn;
 mod instruction;
+mod mass;
 mod placement;
 mod primitive;
 mod range;
@@ -23,14 +24,15 @@ pub use drawn::{
     Appearance, Background, Body, Camera, DirectionalLight, Lights, Part, Robot, Scene, Table, Visual,
 };
 pub use instruction::{InstructionSource, InstructionSpec};
+pub use mass::Mass;
 pub use placement::{DistractorsSpec, PlacementSpec, RegionSpec, WidenedRanges};
 pub use primitive::{Aabb, Primitive};
 pub use range::Range;
 pub use snapshot::{ArmLinks, Link, N_LINKS, Snapshot};
 pub use spec::{
     BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec, Jitter, JointKind,
-    JointSpec, LightsSpec, Motion, PartSpec, RobotSpec, Role, ScaledBy, SceneSpec, SizesSpec, TableKind,
-    TableSpec, VisualSpec,
+    JointSpec, LightsSpec, Motion, PartSpec, RenderParts, RobotSpec, Role, ScaleAxes, ScaledBy, SceneSpec,
+    SizesSpec, TableKind, TableSpec, VisualSpec,
 };
 pub use texture::Texture;
 pub use visual_shape::{VisualShape, rounded_rectangle};

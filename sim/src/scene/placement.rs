@@ -68,12 +68,15 @@ pub struct DistractorsSpec {
 /// Distribution of a body's initial pose.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PlacementSpec {
-    /// Sampled from a region, with the body's lowest point on a horizontal surface.
+    /// Sampled from a region, on or above a horizontal surface.
     OnSurface {
         /// Index into [`super::SceneSpec::regions`].
         region: usize,
         /// World z of the surface, in m.
         surface_z_m: f64,
+        /// World z of the body's origin at the start, in m; the body drops onto the surface. `None` starts it
+        /// with its lowest point on the surface, and so does a height at which it would be inside.
+        origin_z_m: Option<f64>,
         /// Orientation before the yaw rotation.
         orientation: UnitQuaternion<f64>,
         /// Rotation about world z, in rad.

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::appearance::AppearanceSpec;
 use super::instruction::InstructionSpec;
+use super::mass::Mass;
 use super::placement::{DistractorsSpec, PlacementSpec, RegionSpec};
 use super::primitive::Primitive;
 use super::range::Range;
@@ -44,6 +45,24 @@ pub enum ScaledBy {
     RoSize,
     /// No perturbation, for the given reason.
     Nothing(&'static str),
+}
+
+/// Axes along which a body is scaled by the same factor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ScaleAxes {
+    /// One factor for the whole body, which keeps its proportions.
+    Together,
+    /// One factor for each axis of the body's frame. The benchmark does this to bodies made from mesh files.
+    Independent,
+}
+
+/// Render parts of a body: the units that colour and texture perturbations change independently.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RenderParts {
+    /// Every part or visual is one.
+    PerShape,
+    /// The whole body is one, like the benchmark's bodies with a single mesh.
+    Single,
 }
 
 /// Motion type of a body.
@@ -151,14 +170,18 @@ pub struct BodySpec {
     pub parts: Vec<PartSpec>,
     /// Visual shapes. If empty, the parts are rendered instead.
     pub visuals: Vec<VisualSpec>,
+    /// The units that are recoloured independently.
+    pub render_parts: RenderParts,
     /// The size perturbation that scales the body.
     pub scaled_by: ScaledBy,
-    /// Isotropic scale, nominally 1.
+    /// Scale, nominally 1.
     pub scale: Range,
+    /// Axes that share one value of the scale.
+    pub scale_axes: ScaleAxes,
     /// Distribution of the initial pose.
     pub placement: PlacementSpec,
-    /// Density in kg/m³.
-    pub density: f64,
+    /// Mass, or the density that determines it.
+    pub mass: Mass,
     /// Friction coefficient, static and dynamic.
     pub friction: f64,
     /// Linear and angular damping, in 1/s: the fraction of the velocity lost per second.
@@ -189,6 +212,19 @@ impl BodySpec {
             panic!("{} is placed relative to another body, which determines its orientation", self.name)
         };
         *orientation = upright;
+        self
+    }
+
+    /// Sets the world z of the body's origin at the start, in m.
+    ///
+    /// # Panics
+    /// If the body is placed relative to another body.
+    #[must_use]
+    pub fn with_origin_z(mut self, z_m: f64) -> Self {
+        let PlacementSpec::OnSurface { origin_z_m, .. } = &mut self.placement else {
+            panic!("{} is placed relative to another body, which determines its height", self.name)
+        };
+        *origin_z_m = Some(z_m);
         self
     }
 

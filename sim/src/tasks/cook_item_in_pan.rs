@@ -57,7 +57,7 @@ fn nominal() -> SceneSpec {
 /// Requires the pan on the stove and the apple in the pan, both at rest and released.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [pan, apple, stove] = ["pan", "apple", "stove"].map(|name| scene.body_idx(name));
-    let scaled = |point: [f64; 3], body: usize| point.map(|x| x * scene.bodies[body].scale);
+    let scaled = |point: [f64; 3], body: usize| point.map(|x| x * scene.bodies[body].scale.x);
     let inside = |body, point, of, region| Predicate::Inside { body, point, of: Some(of), region };
     let over_pan = |origin, radius, along| {
         let axis = [0.0, 0.0, 1.0];
@@ -73,7 +73,7 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
         let [[x0, y0, _], [x1, y1, top]] = STOVE.map(|corner| scaled(corner, stove));
         let above = Region::Box { min: [x0, y0, top - 0.005], max: [x1, y1, INF] };
         let centre = scaled(PAN_CENTRE, pan);
-        let radius = PAN.radii[1] * scene.bodies[pan].scale;
+        let radius = PAN.radii[1] * scene.bodies[pan].scale.x;
         [inside(pan, centre, stove, above), over_pan(centre, radius, [0.0, INF])]
     };
     let at_rest = |body| Predicate::AtRest { body, max_linear: 0.1, max_angular: 1.0 };
@@ -95,15 +95,15 @@ const MIN_HALF_OPENING: f64 = 0.018;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let [pan, apple, stove] = ["pan", "apple", "stove"].map(|name| scene.body(name));
-    let pan_point = |point: [f64; 3]| (pan.pose * (Point3::from(point) * pan.scale)).coords;
+    let pan_point = |point: [f64; 3]| (pan.pose * (Point3::from(point) * pan.scale.x)).coords;
     let [x, y] = BURNERS[0];
     let burner =
-        (stove.pose * (Point3::new(x, y, STOVE[1][2]) * stove.scale)).coords + Vector3::z() * RELEASE_HEIGHT;
-    let rest_offset = Vector3::z() * (PAN.thickness * pan.scale + fruit::RADIUS * apple.scale);
-    let up = Vector3::z() * (fruit::RADIUS * APPLE_GRASP * apple.scale);
+        (stove.pose * (Point3::new(x, y, STOVE[1][2]) * stove.scale.x)).coords + Vector3::z() * RELEASE_HEIGHT;
+    let rest_offset = Vector3::z() * (PAN.thickness * pan.scale.x + fruit::RADIUS * apple.scale.x);
+    let up = Vector3::z() * (fruit::RADIUS * APPLE_GRASP * apple.scale.x);
     let apple_at = apple.pose.translation.vector;
     let handle = pan_point(HANDLE_GRASP);
-    let room = stove.pose.translation.x + STOVE[0][0] * stove.scale - handle.x;
+    let room = stove.pose.translation.x + STOVE[0][0] * stove.scale.x - handle.x;
     let half_open = (FINGER_OPEN + room - FINGER_REACH).clamp(MIN_HALF_OPENING, FINGER_OPEN);
     let command = gripper_command(half_open) as f32;
     // Zero steps: the fingers move during the approach to the handle.

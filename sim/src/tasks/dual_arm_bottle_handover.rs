@@ -8,7 +8,7 @@ use super::common::{BIMANUAL_TABLE_Z, DENSITY, ExternalCameras, bimanual, movabl
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, Range, Scene, SceneSpec};
+use crate::scene::{BodySpec, Mass, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -37,7 +37,7 @@ const FOOT: [f64; 3] = [-0.05, 0.02, -0.09];
 fn nominal() -> SceneSpec {
     let bottle = BodySpec {
         visuals: props::bottle(FOOT),
-        density: DENSITY / props::PRISM_OVERLAP,
+        mass: Mass::Density(DENSITY / props::PRISM_OVERLAP),
         ..movable("bottle", props::bottle_parts(FOOT), 0, BIMANUAL_TABLE_Z)
     };
     let target = [-0.2, 0.0, 1.03];
@@ -65,7 +65,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let bottle = scene.body("bottle");
     let grasp_pose = |arm: usize, approach: &Vector3<f64>| {
         let height = Vector3::z() * GRASPS_Z[arm];
-        let position = bottle.pose * Point3::from((Vector3::from(FOOT) + height) * bottle.scale);
+        let position = bottle.pose * Point3::from((Vector3::from(FOOT) + height) * bottle.scale.x);
         let across = Vector3::z().cross(approach);
         let closing = grasp::closest_closing(across, &grasp::start_closing(scene, arm));
         grasp::pose(&position.coords, approach, &closing)

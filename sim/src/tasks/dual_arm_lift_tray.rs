@@ -44,8 +44,8 @@ const GRASP_DEPTH: f64 = 0.012;
 fn expert(scene: &Scene) -> Vec<Move> {
     let tray = scene.body("tray");
     let along = tray.pose.rotation * nalgebra::Vector3::y();
-    let height = HEIGHT * tray.scale - GRASP_DEPTH;
-    let rim = (HALF[1] - RIM_HALF_THICKNESS) * tray.scale;
+    let height = HEIGHT * tray.scale.x - GRASP_DEPTH;
+    let rim = (HALF[1] - RIM_HALF_THICKNESS) * tray.scale.x;
     let grasps = [0, 1].map(|arm| {
         let side = [-rim, rim][arm];
         let position = tray.pose * nalgebra::Point3::new(0.0, side, height);

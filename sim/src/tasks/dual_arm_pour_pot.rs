@@ -56,9 +56,9 @@ fn nominal() -> SceneSpec {
 /// Requires the tomato's centre to be above the tray and within 75 mm of the table.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [tomato, tray] = ["tomato", "tray"].map(|name| scene.body_idx(name));
-    let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
+    let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale.x } else { 1.0 };
     let [x, y] = [0.12, 0.2].map(|half| half * scale(tray));
-    let point = [0.0, 0.0, fruit::RADIUS * scene.bodies[tomato].scale];
+    let point = [0.0, 0.0, fruit::RADIUS * scene.bodies[tomato].scale.x];
     let within =
         |of, min, max| Predicate::Inside { body: tomato, point, of, region: Region::Box { min, max } };
     vec![within(Some(tray), [-x, -y, -INF], [x, y, INF]), within(None, [-INF, -INF, 0.83], [INF, INF, 0.9])]

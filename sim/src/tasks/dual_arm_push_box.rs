@@ -80,7 +80,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let centre = target_box.pose.translation.vector;
     let forward = scene.body("goal").pose.translation.vector - centre;
     let forward = Vector3::new(forward.x, forward.y, 0.0);
-    let [hx, _, hz] = HALF.map(|half| half * target_box.scale);
+    let [hx, _, hz] = HALF.map(|half| half * target_box.scale.x);
     let (face, side) = (target_box.pose.rotation * Vector3::x(), target_box.pose.rotation * Vector3::y());
     let waypoints = |tcp: &Isometry3<f64>| {
         let away = grasp::translated(tcp, &(face * STANDOFF));
@@ -91,7 +91,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let candidates: Vec<_> = LEANS
             .iter()
             .flat_map(|lean| {
-                LATERAL_OFFSETS.map(|offset| (offset * [-1.0, 1.0][arm] * target_box.scale, *lean))
+                LATERAL_OFFSETS.map(|offset| (offset * [-1.0, 1.0][arm] * target_box.scale.x, *lean))
             })
             .map(|(offset, lean)| {
                 let position = centre

@@ -58,7 +58,7 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let [red, green, blue] = CUBES.map(|name| scene.body(name));
-    let third = CubeTransfer::new(scene, 0, blue, 2.0 * stacking::HALF * (red.scale + green.scale));
+    let third = CubeTransfer::new(scene, 0, blue, 2.0 * stacking::HALF * (red.scale.x + green.scale.x));
     let mut moves = stacking::stack_two(scene, red, green);
     moves.push(Move::Straight(vec![TcpGoal { arm: 0, tcp: third.above }, stacking::parked(scene, 1)]));
     moves.extend([Move::straight(0, third.grasp), Move::close(&[0], 6)]);

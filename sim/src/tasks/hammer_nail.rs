@@ -92,14 +92,14 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let (hammer, nail) = (scene.body("hammer"), scene.body("nail"));
     let closing =
         grasp::closest_closing(hammer.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
-    let position = hammer.pose * Point3::new(GRASP_X * hammer.scale, 0.0, 0.0);
+    let position = hammer.pose * Point3::new(GRASP_X * hammer.scale.x, 0.0, 0.0);
     let tcp = grasp::pose(&position.coords, &-Vector3::z(), &closing);
     let height = nail.pose.translation.z + CARRY_HEIGHT - tcp.translation.z;
     let raised = grasp::translated(&tcp, &(Vector3::z() * height));
     // TCP pose at which the hammer lies along x with its face `distance_m` in front of the initial position
     // of the nail's head.
     let in_front = |distance_m: f64| -> Isometry3<f64> {
-        let [face_x, face_y] = HAMMER_FACE.map(|x| x * hammer.scale);
+        let [face_x, face_y] = HAMMER_FACE.map(|x| x * hammer.scale.x);
         let nail_head = nail.pose.translation.vector + Vector3::y() * NAIL_HALF_LENGTH;
         let hammer_at = nail_head + Vector3::new(-face_x, distance_m - face_y, 0.0);
         Isometry3::from(Translation3::from(hammer_at)) * hammer.pose.inverse() * tcp

@@ -50,7 +50,7 @@ fn nominal() -> SceneSpec {
 /// Requires the peg to be upright, with its centre at half its length above the table.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let body = scene.body_idx("peg");
-    let middle_z = HALF[0] * if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
+    let middle_z = HALF[0] * if profile.scales_thresholds() { scene.bodies[body].scale.x } else { 1.0 };
     vec![
         Predicate::Aligned {
             body,
@@ -85,10 +85,10 @@ fn expert(scene: &Scene) -> Vec<Move> {
 /// end.
 fn stand_up(scene: &Scene, lean: f64) -> Vec<Move> {
     let peg = scene.body("peg");
-    let [half_length, half_width] = HALF.map(|half| half * peg.scale);
+    let [half_length, half_width] = HALF.map(|half| half * peg.scale.x);
     let closing = grasp::start_closing(scene, 0);
     // Grasp the end that is farther from the robot, so that the hand swings up and away from its base.
-    let grasp_offset = GRASP_OFFSET * peg.scale;
+    let grasp_offset = GRASP_OFFSET * peg.scale.x;
     let upright =
         grasp::translated(&grasp::top_down(peg, &closing, &closing), &(Vector3::x() * grasp_offset));
     let tcp = grasp::tilted_toward_base(scene, 0, &upright, lean);
@@ -99,7 +99,7 @@ fn stand_up(scene: &Scene, lean: f64) -> Vec<Move> {
         Isometry3::from_parts(position.into(), turn * tcp.rotation)
     };
     // The torque of the peg's weight grows with the fourth power of its scale.
-    let squeeze = SQUEEZE * (peg.scale * peg.scale) * (peg.scale * peg.scale);
+    let squeeze = SQUEEZE * (peg.scale.x * peg.scale.x) * (peg.scale.x * peg.scale.x);
     let command = control::gripper_command(half_width - squeeze) as f32;
     vec![
         Move::straight(0, grasp::retreated(&tcp, 0.05)),

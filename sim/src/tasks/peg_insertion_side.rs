@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::common::hole::Hole;
 use super::common::{
-    self, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region, rgb, single_arm,
+    self, DENSITY, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region, rgb, single_arm,
 };
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
@@ -99,7 +99,7 @@ const LEANS: [f64; 3] = [0.0, 0.2, 0.4];
 fn expert(scene: &Scene) -> Vec<Move> {
     let (peg, target) = (scene.body("peg"), scene.body("box"));
     let half = peg.aabb(&Isometry3::identity()).max;
-    let (length, mass) = (half.x, peg.density * 8.0 * half.product());
+    let (length, mass) = (half.x, DENSITY * 8.0 * half.product());
     let [y, z] = Hole::of(target).centre();
     let waypoints = |tcp: &Isometry3<f64>| {
         let head_at = |x: f64| {

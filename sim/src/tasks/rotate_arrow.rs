@@ -96,7 +96,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
 /// Plans to grasp the arrow at `grasp_x` along its shaft and turn it about its pivot by `turn` rad.
 fn turn_arrow(scene: &Scene, grasp_x: f64, turn: f64) -> Vec<Move> {
     let arrow = scene.body("arrow");
-    let on_axis = |x: f64| arrow.pose * Point3::new(x * arrow.scale, 0.0, 0.0);
+    let on_axis = |x: f64| arrow.pose * Point3::new(x * arrow.scale.x, 0.0, 0.0);
     let closing = grasp::closest_closing(arrow.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
     let [x, y, _] = on_axis(grasp_x).coords.into();
     let position = Vector3::new(x, y, SINGLE_TABLE_Z + TIP_BEYOND_TCP + CLEARANCE);

@@ -90,11 +90,11 @@ fn expert(scene: &Scene) -> Vec<Move> {
 /// it.
 fn scoop(scene: &Scene, closing: &Vector3<f64>, tilt: f64) -> Vec<Move> {
     let (dustpan, banana) = (scene.body("dustpan"), scene.body("banana").pose.translation);
-    let grip = dustpan.pose * Point3::from(tools::DUSTPAN_GRIP.map(|x| x * dustpan.scale));
+    let grip = dustpan.pose * Point3::from(tools::DUSTPAN_GRIP.map(|x| x * dustpan.scale.x));
     let tcp = grasp::pose(&grip.coords, &-Vector3::z(), closing);
     // TCP pose in line with the banana with the mouth at this x, `above_m` above the table.
     let mouth_at = |x: f64, above_m: f64| {
-        let reach = (tools::DUSTPAN_MOUTH_X - tools::DUSTPAN_GRIP[0]) * dustpan.scale;
+        let reach = (tools::DUSTPAN_MOUTH_X - tools::DUSTPAN_GRIP[0]) * dustpan.scale.x;
         Isometry3::from_parts(Translation3::new(x - reach, banana.y, grip.z + above_m), tcp.rotation)
     };
     let raised = |tcp: &Isometry3<f64>, by_m: f64| grasp::translated(tcp, &(Vector3::z() * by_m));

@@ -54,7 +54,7 @@ fn nominal() -> SceneSpec {
 /// Requires red on green within half a face diagonal plus 5 mm horizontally, at rest and released.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let (red, green) = (scene.body_idx("red cube"), scene.body_idx("green cube"));
-    let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
+    let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale.x } else { 1.0 };
     vec![
         Predicate::On {
             top: red,
@@ -80,7 +80,7 @@ const SPARE_STEPS: u32 = 5;
 fn expert(scene: &Scene) -> Vec<Move> {
     let (red, green) = (scene.body("red cube"), scene.body("green cube"));
     let to_goal = {
-        let rise = Vector3::z() * HALF * (red.scale + green.scale);
+        let rise = Vector3::z() * HALF * (red.scale.x + green.scale.x);
         green.pose.translation.vector - red.pose.translation.vector + rise
     };
     let waypoints = |tcp: &Isometry3<f64>| {

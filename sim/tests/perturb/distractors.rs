@@ -80,7 +80,10 @@ fn distractors_are_of_many_kinds() {
                 body.parts.iter().map(|part| type_name(format!("{:?}", part.shape))).collect();
             let visuals: Vec<String> =
                 body.visuals.iter().map(|v| type_name(format!("{:?}", v.shape))).collect();
-            solids.insert(format!("{:?}", body.parts.iter().map(|part| part.shape).collect::<Vec<_>>()));
+            solids.insert(format!(
+                "{:?}",
+                body.parts.iter().map(|part| part.shape.clone()).collect::<Vec<_>>()
+            ));
             kinds.insert((parts, visuals));
         }
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use sim::scene::{CameraMount, PlacementSpec, Range, Scene, Texture};
+use sim::scene::{CameraMount, Mass, PlacementSpec, Range, Scene, Texture};
 use sim::{Perturbation, Profile, TaskId};
 
 use crate::common::{applies, nominal, perturbed, seeds};
@@ -138,7 +138,7 @@ fn sizes_vary_uniformly_by_a_fifth() {
             .find(|(nominal, perturbed)| nominal.scale != perturbed.scale)
             .map(|(body, _)| body.name);
         let name = by.expect("the perturbation scales a body");
-        let scales = scenes(task, perturbation).iter().map(|scene| scene.body(name).scale).collect();
+        let scales = scenes(task, perturbation).iter().map(|scene| scene.body(name).scale.x).collect();
         assert_uniform(perturbation.name(), scales, Range::new(0.8, 1.2));
     }
 }
@@ -148,7 +148,7 @@ fn scaled_body_keeps_its_density() {
     let spec = perturbed(TaskId::RaiseCube, Perturbation::MoSize);
     for seed in seeds(TaskId::RaiseCube, 10) {
         let scene = spec.draw(seed);
-        assert_eq!(scene.body("cube").density, 1000.0);
+        assert_eq!(scene.body("cube").mass, Mass::Density(1000.0));
     }
 }
 

@@ -46,13 +46,13 @@ fn sinking_body_does_not_count_as_lifted() {
 #[test]
 fn scaled_peg_is_judged_by_its_own_length() {
     let task = TaskId::LiftPegUpright;
-    let is_scaled = |scene: &Scene| (scene.body("peg").scale - 1.0).abs() > 0.1;
+    let is_scaled = |scene: &Scene| (scene.body("peg").scale.x - 1.0).abs() > 0.1;
     let mut draws = (0..50).map(|episode_idx| common::draw(task, Perturbation::MoSize, episode_idx));
     let drawn = draws.find(is_scaled).expect("half of all pegs are scaled");
     let stand = |nominal: bool| {
         judged_scene(task, &drawn, |scene| {
             let peg = scene.body_idx("peg");
-            let scale = scene.bodies[peg].scale;
+            let scale = scene.bodies[peg].scale.x;
             let upright = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -core::f64::consts::FRAC_PI_2);
             let z = 0.12 * if nominal { 1.0 } else { scale };
             scene.bodies[peg].pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, z), upright);

@@ -48,7 +48,7 @@ fn relative_placement_follows_pose_and_scale() {
     for seed in 0..5 {
         let scene = spec.draw(seed);
         let [carrier, rider] = [0, 1].map(|body| scene.bodies[body].pose);
-        let expected = carrier * Translation3::from(offset.translation.vector * scene.bodies[0].scale);
+        let expected = carrier * Translation3::from(offset.translation.vector * scene.bodies[0].scale.x);
         assert!((rider.translation.vector - expected.translation.vector).norm() < 1e-12);
         assert!(rider.rotation.angle_to(&carrier.rotation) < 1e-9);
         let turned = rider.rotation * Vector3::x();

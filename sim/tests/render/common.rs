@@ -6,8 +6,8 @@ use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::{
-    Appearance, Background, Body, Camera, CameraMount, CameraSlot, Lights, Motion, Part, Primitive, Role,
-    Scene, SceneSpec, Snapshot, Table, TableKind,
+    Appearance, Background, Body, Camera, CameraMount, CameraSlot, Lights, Mass, Motion, Part, Primitive,
+    Role, Scene, SceneSpec, Snapshot, Table, TableKind,
 };
 use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
@@ -68,9 +68,10 @@ pub(crate) fn body(name: &'static str, shape: Primitive, position: [f64; 3], col
             appearance: Appearance { color, texture: None, specular: 0.0 },
         }],
         visuals: Vec::new(),
-        scale: 1.0,
+        scale: Vector3::repeat(1.0),
         pose: Isometry3::from_parts(Translation3::from(Vector3::from(position)), UnitQuaternion::identity()),
-        density: 1000.0,
+        drop_m: 0.0,
+        mass: Mass::Density(1000.0),
         friction: 0.3,
         damping: [0.0; 2],
     }

@@ -53,7 +53,7 @@ fn primitives_have_their_projected_size() {
     ];
     for (shape, half_m) in cases {
         let mut scene = scene();
-        scene.bodies.push(body("solid", shape, [0.0, 0.0, 0.5], BLUE));
+        scene.bodies.push(body("solid", shape.clone(), [0.0, 0.0, 0.5], BLUE));
         let [min, max] = bounds(&pixels_where(&render_initial(&scene), SIDE, is_blue));
         for axis in 0..2 {
             let size_px = (max[axis] - min[axis] + 1) as f64;

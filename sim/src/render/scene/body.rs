@@ -23,35 +23,42 @@ pub(in crate::render) fn push<'a>(
     own_meshes: &mut OwnMeshes<'a>,
     instances: &mut Vec<Instance>,
 ) {
-    let placement = |pose: Isometry3<f64>, appearance: Appearance| Placement {
+    let placement = |pose: Isometry3<f64>, stretch: [f64; 3], appearance: Appearance| Placement {
         body_idx,
         pose,
+        stretch,
         material: appearance.into(),
     };
     if body.visuals.is_empty() {
         for part in &body.parts {
-            push_primitive(part.shape, &placement(part.pose, part.appearance), instances);
+            push_primitive(&part.shape, &placement(part.pose, [1.0; 3], part.appearance), instances);
         }
     }
     for visual in &body.visuals {
-        push_shape(&visual.shape, &placement(visual.pose, visual.appearance), own_meshes, instances);
+        let placement = placement(visual.pose, visual.stretch, visual.appearance);
+        push_shape(&visual.shape, &placement, own_meshes, instances);
     }
 }
 
-/// Pose of a shape on a body, and its material.
+/// Pose of a shape on a body, factors along the shape's own axes, and its material.
 struct Placement {
     body_idx: usize,
     pose: Isometry3<f64>,
+    stretch: [f64; 3],
     material: Material,
 }
 
 impl Placement {
-    fn instance(&self, mesh: MeshSource, inner: Isometry3<f64>, scale: [f64; 3]) -> Instance {
+    /// Creates an instance of a mesh whose axes are parallel to those of the shape.
+    fn instance(&self, mesh: MeshSource, mut inner: Isometry3<f64>, scale: [f64; 3]) -> Instance {
+        for (x, factor) in inner.translation.vector.iter_mut().zip(self.stretch) {
+            *x *= factor;
+        }
         Instance {
             mesh,
             anchor: Anchor::Body(self.body_idx),
             pose: (self.pose * inner).cast(),
-            scale: scale.map(|s| s as f32),
+            scale: core::array::from_fn(|axis| (scale[axis] * self.stretch[axis]) as f32),
             material: self.material,
         }
     }
@@ -64,7 +71,7 @@ fn push_shape<'a>(
     instances: &mut Vec<Instance>,
 ) {
     let mesh = match shape {
-        VisualShape::Primitive(primitive) => return push_primitive(*primitive, placement, instances),
+        VisualShape::Primitive(primitive) => return push_primitive(primitive, placement, instances),
         VisualShape::RoundedBox { half, edge_radius } => own_meshes
             .get_or_generate(shape, || rounded_box::mesh(half.map(|h| h as f32), *edge_radius as f32)),
         VisualShape::Lathe { profile } => own_meshes.get_or_generate(shape, || lathe::mesh(&points(profile))),
@@ -97,12 +104,12 @@ fn points(points: &[[f64; 2]]) -> Vec<[f32; 2]> {
 }
 
 /// Appends the instances of a primitive, scaled to its exact size.
-fn push_primitive(primitive: Primitive, placement: &Placement, instances: &mut Vec<Instance>) {
+fn push_primitive(primitive: &Primitive, placement: &Placement, instances: &mut Vec<Instance>) {
     let mut push = |mesh, inner, scale| {
         instances.push(placement.instance(MeshSource::Library(mesh), inner, scale));
     };
     let centred = Isometry3::identity();
-    match primitive {
+    match *primitive {
         Primitive::Box { half } => push(MeshId::Box, centred, half),
         Primitive::Cylinder { radius, half_height } => {
             push(MeshId::Cylinder, centred, [radius, radius, half_height]);
@@ -115,5 +122,6 @@ fn push_primitive(primitive: Primitive, placement: &Placement, instances: &mut V
             push(MeshId::Hemisphere, upper, [radius; 3]);
             push(MeshId::Hemisphere, half_turn * upper, [radius; 3]);
         }
+        Primitive::Hull { .. } => unreachable!("a body whose shapes include a hull has visuals"),
     }
 }

@@ -10,7 +10,7 @@ use super::{Distractor, DistractorKind};
 use crate::TaskId;
 use crate::physics::World;
 use crate::scene::{
-    Aabb, BodySpec, Motion, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, VisualShape,
+    Aabb, BodySpec, Mass, Motion, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, VisualShape,
     VisualSpec,
 };
 use crate::stream::Stream;
@@ -40,6 +40,7 @@ fn drift(kind: &'static DistractorKind, seed: u64) -> [f64; 2] {
     let placement = PlacementSpec::OnSurface {
         region: 0,
         surface_z_m: 0.0,
+        origin_z_m: None,
         orientation: nalgebra::UnitQuaternion::identity(),
         yaw: Range::new(0.0, 2.0 * PI),
     };
@@ -51,7 +52,7 @@ fn drift(kind: &'static DistractorKind, seed: u64) -> [f64; 2] {
         parts,
         visuals,
         placement,
-        density,
+        mass: Mass::Density(density),
         friction,
         damping,
         ..cube
@@ -121,15 +122,16 @@ fn parts_aabb(parts: &[PartSpec]) -> Aabb {
 
 /// Returns the mass in kg.
 fn mass(Distractor { parts, density, .. }: &Distractor) -> f64 {
-    let volume = |shape: Primitive| match shape {
+    let volume = |shape: &Primitive| match *shape {
         Primitive::Box { half: [x, y, z] } => 8.0 * x * y * z,
         Primitive::Cylinder { radius, half_height } => 2.0 * PI * radius * radius * half_height,
         Primitive::Ball { radius } => 4.0 / 3.0 * PI * radius.powi(3),
         Primitive::Capsule { radius, half_height } => {
             PI * radius * radius * (2.0 * half_height + 4.0 / 3.0 * radius)
         }
+        Primitive::Hull { .. } => unreachable!("no distractor has a hull"),
     };
-    parts.iter().map(|part| volume(part.shape) * density).sum()
+    parts.iter().map(|part| volume(&part.shape) * density).sum()
 }
 
 /// Returns a description of every requirement that an object violates.

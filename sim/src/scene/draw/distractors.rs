@@ -5,13 +5,14 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{draw_parts, draw_visuals};
+use super::{Painter, draw_parts, draw_visuals};
 use crate::robot::kinematics::{self, Joints};
 use crate::scene::distractors::{Distractor, DistractorKind};
 use crate::scene::drawn::{Body, Robot};
+use crate::scene::mass::Mass;
 use crate::scene::placement::DistractorsSpec;
 use crate::scene::range::Range;
-use crate::scene::spec::{Motion, Role};
+use crate::scene::spec::{Motion, RenderParts, Role};
 use crate::stream::Stream;
 
 /// Body names, which also name the random streams. Their number limits the distractor objects of a scene.
@@ -80,15 +81,17 @@ fn draw_pose(spec: &DistractorsSpec, stream: &mut Stream) -> Isometry3<f64> {
 }
 
 fn draw_body(name: &'static str, distractor: &Distractor, episode_seed: u64) -> Body {
+    let painter = Painter { name, render_parts: RenderParts::PerShape, episode_seed };
     Body {
         name,
         role: Role::Distractor,
         motion: Motion::Dynamic,
-        parts: draw_parts(name, &distractor.parts, 1.0, episode_seed),
-        visuals: draw_visuals(name, &distractor.visuals, 1.0, episode_seed),
-        scale: 1.0,
+        parts: draw_parts(&painter, &distractor.parts, &Vector3::repeat(1.0)),
+        visuals: draw_visuals(&painter, &distractor.visuals, &Vector3::repeat(1.0)),
+        scale: Vector3::repeat(1.0),
         pose: Isometry3::identity(),
-        density: distractor.density,
+        drop_m: 0.0,
+        mass: Mass::Density(distractor.density),
         friction: distractor.friction,
         damping: distractor.damping,
     }

@@ -7,10 +7,13 @@ use std::borrow::Cow;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::drawn::{Body, Camera, Part, Robot, Scene, Visual};
+use super::appearance::AppearanceSpec;
+use super::drawn::{Appearance, Body, Camera, Part, Robot, Scene, Visual};
 use super::placement::{PlacementSpec, RegionSpec};
+use super::primitive::factors_along;
 use super::spec::{
-    BodySpec, CameraSpec, Jitter, JointKind, JointSpec, Motion, PartSpec, RobotSpec, SceneSpec, VisualSpec,
+    BodySpec, CameraSpec, Jitter, JointKind, JointSpec, Motion, PartSpec, RenderParts, RobotSpec, ScaleAxes,
+    SceneSpec, VisualSpec,
 };
 use crate::robot::panda::{LOWER, UPPER};
 use crate::stream::Stream;
@@ -37,7 +40,7 @@ impl SceneSpec {
         }
         for (idx, spec) in specs.iter().enumerate() {
             if let PlacementSpec::RelativeTo { body, pose } = &spec.placement {
-                bodies[idx].pose = bodies[*body].pose * scale_translation(pose, bodies[*body].scale);
+                bodies[idx].pose = bodies[*body].pose * scale_translation(pose, &bodies[*body].scale);
             }
         }
         let robots = self.robots.iter().enumerate();
@@ -64,55 +67,99 @@ fn draw_robot(arm: usize, spec: &RobotSpec, episode_seed: u64) -> Robot {
     Robot { base: spec.base, qpos }
 }
 
+/// Draws the scale of a body: one factor for all axes, or one for each.
+fn draw_scale(spec: &BodySpec, episode_seed: u64) -> Vector3<f64> {
+    let mut stream = Stream::new(episode_seed, &format!("{}/scale", spec.name));
+    let first = stream.uniform(spec.scale);
+    match spec.scale_axes {
+        ScaleAxes::Together => Vector3::repeat(first),
+        ScaleAxes::Independent => Vector3::new(first, stream.uniform(spec.scale), stream.uniform(spec.scale)),
+    }
+}
+
 fn draw_body(spec: &BodySpec, episode_seed: u64) -> Body {
     let name = spec.name;
-    let scale = Stream::new(episode_seed, &format!("{name}/scale")).uniform(spec.scale);
+    let scale = draw_scale(spec, episode_seed);
+    let painter = Painter { name, render_parts: spec.render_parts, episode_seed };
     Body {
         name,
         role: spec.role,
-        motion: scale_motion(spec.motion, scale),
-        parts: draw_parts(name, &spec.parts, scale, episode_seed),
-        visuals: draw_visuals(name, &spec.visuals, scale, episode_seed),
+        motion: scale_motion(spec.motion, &scale),
+        parts: draw_parts(&painter, &spec.parts, &scale),
+        visuals: draw_visuals(&painter, &spec.visuals, &scale),
         scale,
         pose: Isometry3::identity(),
-        density: spec.density,
+        drop_m: 0.0,
+        mass: spec.mass.stretched(&scale),
         friction: spec.friction,
         damping: spec.damping,
     }
 }
 
-/// Scales the parts of the body called `name` and draws an independent appearance for each.
-fn draw_parts(name: &str, parts: &[PartSpec], scale: f64, episode_seed: u64) -> Vec<Part> {
-    let draw = |(i, part): (usize, &PartSpec)| Part {
-        shape: part.shape.scaled(scale),
-        pose: scale_translation(&part.pose, scale),
-        appearance: appearance::draw(part.appearance, episode_seed, &format!("{name}/part{i}")),
+/// Draws the appearances of a body's render parts.
+struct Painter<'a> {
+    /// Name of the body.
+    name: &'a str,
+    render_parts: RenderParts,
+    episode_seed: u64,
+}
+
+impl Painter<'_> {
+    /// Draws the appearance of the `idx`-th shape of its kind, "part" or "visual". Shapes of a single render
+    /// part share one random stream.
+    fn draw(&self, appearance: AppearanceSpec, kind: &str, idx: usize) -> Appearance {
+        let idx = match self.render_parts {
+            RenderParts::PerShape => idx,
+            RenderParts::Single => 0,
+        };
+        appearance::draw(appearance, self.episode_seed, &format!("{}/{kind}{idx}", self.name))
+    }
+}
+
+/// Scales the parts of a body and draws their appearances.
+fn draw_parts(painter: &Painter<'_>, parts: &[PartSpec], scale: &Vector3<f64>) -> Vec<Part> {
+    let draw = |(i, part): (usize, &PartSpec)| {
+        let (shape, pose) = part.shape.stretched(&part.pose, scale);
+        Part { shape, pose, appearance: painter.draw(part.appearance, "part", i) }
     };
     parts.iter().enumerate().map(draw).collect()
 }
 
-/// Scales the visuals of the body called `name` and draws an independent appearance for each.
-fn draw_visuals(name: &str, visuals: &[VisualSpec], scale: f64, episode_seed: u64) -> Vec<Visual> {
-    let draw = |(i, visual): (usize, &VisualSpec)| Visual {
-        shape: visual.shape.scaled(scale),
-        pose: scale_translation(&visual.pose, scale),
-        appearance: appearance::draw(visual.appearance, episode_seed, &format!("{name}/visual{i}")),
+/// Scales the visuals of a body and draws their appearances.
+fn draw_visuals(painter: &Painter<'_>, visuals: &[VisualSpec], scale: &Vector3<f64>) -> Vec<Visual> {
+    let draw = |(i, visual): (usize, &VisualSpec)| {
+        let (shape, stretch) = if scale.x == scale.y && scale.x == scale.z {
+            (visual.shape.scaled(scale.x), [1.0; 3])
+        } else {
+            let along = factors_along(&visual.pose.rotation, scale);
+            (
+                visual.shape.clone(),
+                along.unwrap_or_else(|| panic!("visual {i} of {} is oblique", painter.name)).into(),
+            )
+        };
+        Visual {
+            shape,
+            stretch,
+            pose: scale_translation(&visual.pose, scale),
+            appearance: painter.draw(visual.appearance, "visual", i),
+        }
     };
     visuals.iter().enumerate().map(draw).collect()
 }
 
 /// Scales the travel of a slide joint with its body. The range of a hinge joint does not depend on the scale.
-fn scale_motion(motion: Motion, scale: f64) -> Motion {
+fn scale_motion(motion: Motion, scale: &Vector3<f64>) -> Motion {
     match motion {
         Motion::Jointed(joint) if joint.kind == JointKind::Slide => {
-            Motion::Jointed(JointSpec { upper: joint.upper * scale, ..joint })
+            let along = Vector3::from(joint.axis).component_mul(scale).norm();
+            Motion::Jointed(JointSpec { upper: joint.upper * along, ..joint })
         }
         other => other,
     }
 }
 
-fn scale_translation(pose: &Isometry3<f64>, scale: f64) -> Isometry3<f64> {
-    Isometry3::from_parts(Translation3::from(pose.translation.vector * scale), pose.rotation)
+fn scale_translation(pose: &Isometry3<f64>, scale: &Vector3<f64>) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::from(pose.translation.vector.component_mul(scale)), pose.rotation)
 }
 
 /// Sets the pose of every body of a region.
@@ -134,7 +181,9 @@ fn place_region(
         region.random_mirror && Stream::new(episode_seed, &format!("{}/side", region.name)).unit() < 0.5;
     let side = if mirrored { -1.0 } else { 1.0 };
     for (spec, body) in specs.iter().zip(bodies) {
-        let PlacementSpec::OnSurface { region: of, surface_z_m, orientation, yaw } = spec.placement else {
+        let PlacementSpec::OnSurface { region: of, surface_z_m, origin_z_m, orientation, yaw } =
+            spec.placement
+        else {
             continue;
         };
         if of != region_idx {
@@ -163,8 +212,10 @@ fn place_region(
             }
         }
         placed.push((xy, radius));
-        let z = surface_z_m - aabb.min.z;
+        let resting_z = surface_z_m - aabb.min.z;
+        let z = origin_z_m.map_or(resting_z, |z| z.max(resting_z));
         body.pose = Isometry3::from_parts(Translation3::new(xy[0], xy[1], z), rotation);
+        body.drop_m = z - resting_z;
     }
 }
 

@@ -6,8 +6,8 @@ use super::vessel::Vessel;
 use super::{SINGLE_TABLE_Z, box_part, movable, rgb};
 use crate::expert::{Move, grasp};
 use crate::scene::{
-    AppearanceSpec, BodySpec, Motion, PartSpec, Primitive, Role, ScaledBy, Scene, VisualShape, VisualSpec,
-    rounded_rectangle,
+    AppearanceSpec, BodySpec, Mass, Motion, PartSpec, Primitive, Role, ScaledBy, Scene, VisualShape,
+    VisualSpec, rounded_rectangle,
 };
 
 /// Corners of the stove's bounding box in its own frame, smallest coordinates first, in m.
@@ -98,7 +98,7 @@ pub(in crate::tasks) fn pan(region: usize) -> BodySpec {
     parts.push(box_part([half_x, half_width, half_z], at, grip));
     BodySpec {
         visuals: vec![bowl, VisualSpec::at(handle, at, grip)],
-        density: 300.0,
+        mass: Mass::Density(300.0),
         ..movable("pan", parts, region, SINGLE_TABLE_Z)
     }
 }

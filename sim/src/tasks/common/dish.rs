@@ -7,7 +7,9 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::{SINGLE_TABLE_Z, box_part, fixed, movable};
 use crate::expert::grasp;
-use crate::scene::{AppearanceSpec, Body, BodySpec, PartSpec, Primitive, ScaledBy, VisualShape, VisualSpec};
+use crate::scene::{
+    AppearanceSpec, Body, BodySpec, Mass, PartSpec, Primitive, ScaledBy, VisualShape, VisualSpec,
+};
 
 /// Initial joint positions in rad: TCP at world (−0.088, 0.038, 0.318) m, pointing down.
 pub(in crate::tasks) const QPOS: [f64; 7] = [0.0380, -0.0558, 0.0235, -2.1654, 0.0421, 2.1272, -0.7544];
@@ -49,7 +51,7 @@ pub(in crate::tasks) fn plate() -> BodySpec {
     BodySpec {
         visuals: vec![VisualSpec::at(VisualShape::Lathe { profile: profile() }, [0.0; 3], white)],
         scaled_by: ScaledBy::Nothing("the slots of the rack are made for it"),
-        density: 300.0,
+        mass: Mass::Density(300.0),
         friction: 1.0,
         ..movable("plate", (0..N_SEGMENTS).map(segment).chain([floor]).collect(), 0, SINGLE_TABLE_Z)
     }

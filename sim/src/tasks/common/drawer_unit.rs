@@ -8,8 +8,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::{BIMANUAL_TABLE_Z, ExternalCameras, box_part, fixed, region};
 use crate::expert::grasp;
 use crate::scene::{
-    AppearanceSpec, Body, BodySpec, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, Primitive, Range,
-    RegionSpec, Role, ScaledBy, Scene, Texture, VisualShape, VisualSpec,
+    AppearanceSpec, Body, BodySpec, JointKind, JointSpec, Mass, Motion, PartSpec, PlacementSpec, Primitive,
+    Range, RegionSpec, Role, ScaledBy, Scene, Texture, VisualShape, VisualSpec,
 };
 
 /// Name of the carcass. Its front faces its own −x; its origin lies behind the middle drawer's bar.
@@ -94,7 +94,7 @@ pub(in crate::tasks) fn bodies() -> Vec<BodySpec> {
     let carcass = BodySpec {
         role: Role::Fixture,
         friction: SURFACE_FRICTION,
-        density: WOOD_DENSITY,
+        mass: Mass::Density(WOOD_DENSITY),
         ..fixed(
             CARCASS,
             carcass_parts(),
@@ -171,7 +171,7 @@ const BAR_SHAPE: Primitive = Primitive::Capsule { radius: BAR_RADIUS, half_heigh
 /// Creates the visuals of the parts and of the two posts of the bar, which do not collide.
 fn drawer_visuals(parts: &[PartSpec]) -> Vec<VisualSpec> {
     let part_visuals = parts.iter().map(|part| {
-        let shape = match part.shape {
+        let shape = match part.shape.clone() {
             Primitive::Box { half } => VisualShape::RoundedBox { half, edge_radius: 0.003 },
             other => VisualShape::Primitive(other),
         };

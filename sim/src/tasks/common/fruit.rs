@@ -30,7 +30,7 @@ pub(in crate::tasks) fn tomato(region: usize, surface_z_m: f64) -> BodySpec {
     let calyx = VisualShape::Extrusion { outline: CALYX.to_vec(), holes: Vec::new(), half_height: 0.0015 };
     BodySpec {
         visuals: vec![
-            VisualSpec::at(VisualShape::Primitive(ball), middle, skin),
+            VisualSpec::at(VisualShape::Primitive(ball.clone()), middle, skin),
             VisualSpec::at(calyx, top, green),
             VisualSpec::at(stem(), top, green),
         ],

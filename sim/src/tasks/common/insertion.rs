@@ -6,7 +6,9 @@ use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_8, PI, TAU};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
 use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb, visual_of};
-use crate::scene::{AppearanceSpec, BodySpec, PartSpec, Primitive, Role, ScaledBy, VisualShape, VisualSpec};
+use crate::scene::{
+    AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, Role, ScaledBy, VisualShape, VisualSpec,
+};
 
 /// Neither of two mating bodies changes its size.
 const NOT_SCALED: ScaledBy = ScaledBy::Nothing("the body that it fits keeps its size");
@@ -58,7 +60,11 @@ pub(in crate::tasks) fn needle(region: usize) -> BodySpec {
         box_part([(to - from) / 2.0, half, half], [(from + to) / 2.0, 0.0, 0.0], metal)
     };
     let parts = vec![bar(0.02, 0.0, SHAFT_LENGTH), bar(0.012, SHAFT_LENGTH, NEEDLE_LENGTH)];
-    BodySpec { density: 8000.0, scaled_by: NOT_SCALED, ..movable("needle", parts, region, BIMANUAL_TABLE_Z) }
+    BodySpec {
+        mass: Mass::Density(8000.0),
+        scaled_by: NOT_SCALED,
+        ..movable("needle", parts, region, BIMANUAL_TABLE_Z)
+    }
 }
 
 /// Creates the tripod: three legs, a plate, and a pole that carries the ring.
@@ -86,7 +92,7 @@ pub(in crate::tasks) fn tripod(region: usize) -> BodySpec {
     stand.extend(rotations(Vector3::x_axis(), 12).map(|turn| {
         transformed(
             middle * turn * Translation3::new(0.0, RING_RADIUS, 0.0),
-            &PartSpec::at(side, [0.0; 3], BROWN),
+            &PartSpec::at(side.clone(), [0.0; 3], BROWN),
         )
     }));
     BodySpec {

@@ -25,9 +25,9 @@ use crate::profile::{Profile, ProfileRules};
 pub use crate::scene::rgb;
 use crate::scene::{
     AppearanceSpec, BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec,
-    DistractorsSpec, InstructionSpec, Jitter, LightsSpec, Motion, PartSpec, PlacementSpec, Primitive, Range,
-    RegionSpec, RobotSpec, Role, ScaledBy, Scene, SceneSpec, TableKind, TableSpec, Texture, VisualShape,
-    VisualSpec, WidenedRanges,
+    DistractorsSpec, InstructionSpec, Jitter, LightsSpec, Mass, Motion, PartSpec, PlacementSpec, Primitive,
+    Range, RegionSpec, RenderParts, RobotSpec, Role, ScaleAxes, ScaledBy, Scene, SceneSpec, TableKind,
+    TableSpec, Texture, VisualShape, VisualSpec, WidenedRanges,
 };
 
 /// World z of the single-arm table top, in m.
@@ -121,15 +121,18 @@ pub fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, surface_
         motion: Motion::Dynamic,
         parts,
         visuals: Vec::new(),
+        render_parts: RenderParts::PerShape,
         scaled_by: ScaledBy::MoSize,
         scale: Range::fixed(1.0),
+        scale_axes: ScaleAxes::Together,
         placement: PlacementSpec::OnSurface {
             region,
             surface_z_m,
+            origin_z_m: None,
             orientation: UnitQuaternion::identity(),
             yaw: Range::fixed(0.0),
         },
-        density: DENSITY,
+        mass: Mass::Density(DENSITY),
         friction: FRICTION,
         damping: [0.0; 2],
     }
@@ -158,7 +161,11 @@ pub fn box_part(half: [f64; 3], position: [f64; 3], appearance: AppearanceSpec) 
 
 /// Creates the visual that renders a part unchanged, for bodies with additional visuals.
 pub fn visual_of(part: &PartSpec) -> VisualSpec {
-    VisualSpec { shape: VisualShape::Primitive(part.shape), pose: part.pose, appearance: part.appearance }
+    VisualSpec {
+        shape: VisualShape::Primitive(part.shape.clone()),
+        pose: part.pose,
+        appearance: part.appearance,
+    }
 }
 
 /// Requires the body to be more than `by_m` above its initial height.

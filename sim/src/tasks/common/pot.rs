@@ -68,7 +68,7 @@ pub(in crate::tasks) fn grasps(scene: &Scene) -> [Isometry3<f64>; 2] {
     let pot = scene.body("pot");
     [0, 1].map(|arm| {
         let side = [-1.0, 1.0][arm];
-        let bar = pot.pose * Point3::from(Vector3::new(0.0, side * BAR_OFFSET, BAR_Z) * pot.scale);
+        let bar = pot.pose * Point3::from(Vector3::new(0.0, side * BAR_OFFSET, BAR_Z) * pot.scale.x);
         let inwards = pot.pose.rotation * Vector3::y() * -side;
         let closing = grasp::closest_closing(Vector3::z(), &grasp::start_closing(scene, arm));
         grasp::pose(&bar.coords, &inwards, &closing)

@@ -27,7 +27,7 @@ pub(in crate::tasks) fn cube(name: &'static str, color: [f64; 3], region: usize)
 
 /// Requires one cube to be on another, within 25 mm horizontally and 5 mm vertically.
 pub(in crate::tasks) fn on(scene: &Scene, profile: Profile, top: usize, base: usize) -> Predicate {
-    let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale } else { 1.0 };
+    let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale.x } else { 1.0 };
     Predicate::On {
         top,
         base,
@@ -124,7 +124,7 @@ impl CubeTransfer {
 pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> Vec<Move> {
     let (first, second) = (
         CubeTransfer::new(scene, 0, lower, 0.0),
-        CubeTransfer::new(scene, 1, upper, 2.0 * HALF * lower.scale),
+        CubeTransfer::new(scene, 1, upper, 2.0 * HALF * lower.scale.x),
     );
     let to = |tcps| Move::Straight(both_arms(tcps));
     let mut moves =

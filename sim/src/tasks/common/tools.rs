@@ -7,8 +7,8 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
 use super::{SINGLE_TABLE_Z, box_part, movable, rgb, visual_of};
 use crate::scene::{
-    AppearanceSpec, BodySpec, JointKind, JointSpec, Motion, PartSpec, Primitive, Role, ScaledBy, Texture,
-    VisualShape, VisualSpec,
+    AppearanceSpec, BodySpec, JointKind, JointSpec, Mass, Motion, PartSpec, Primitive, Role, ScaledBy,
+    Texture, VisualShape, VisualSpec,
 };
 
 /// Centre (x, y) of the hammer's face in its own frame, in m. The face points along −y.
@@ -64,7 +64,7 @@ pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
             },
             VisualSpec::at(claw, [0.0; 3], steel),
         ],
-        density: 2000.0,
+        mass: Mass::Density(2000.0),
         friction: 2.0,
         damping: [10.0, 12.0],
         ..movable(
@@ -111,7 +111,7 @@ pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
         motion: Motion::Jointed(guide),
         scaled_by: ScaledBy::Nothing("it fits its hole"),
         visuals: vec![VisualSpec::at(VisualShape::Lathe { profile }, [0.0; 3], steel)],
-        density: 5000.0,
+        mass: Mass::Density(5000.0),
         friction: 2.0,
         ..movable(
             "nail",
