@@ -2,7 +2,7 @@
 
 pub use ipc_types::run_config::Profile;
 
-use crate::scene::Range;
+use crate::scene::{DistractorPlacement, Range};
 
 /// The rules that depend on the profile. Each difference is one named method, so that no other file matches
 /// on [`Profile`].
@@ -10,6 +10,10 @@ pub trait ProfileRules {
     /// Returns the range of the vertical camera jitter under Camera-Pose, in m: ±0.03, as on the other axes.
     /// In the released code both bounds are +0.03.
     fn camera_jitter_z(self) -> Range;
+
+    /// Returns the placement of distractor objects: at rest, clear of everything. The released code drops
+    /// them from the air wherever they fall, even onto the manipulated object or the hand.
+    fn distractor_placement(self) -> DistractorPlacement;
 
     /// Returns `true` if a body that has to rise by some height also succeeds by sinking as far, as in the
     /// released code.
@@ -46,6 +50,13 @@ impl ProfileRules for Profile {
         match self {
             Self::Strict => Range::symmetric(0.03),
             Self::Paper => Range::fixed(0.03),
+        }
+    }
+
+    fn distractor_placement(self) -> DistractorPlacement {
+        match self {
+            Self::Strict => DistractorPlacement::Resting,
+            Self::Paper => DistractorPlacement::Dropped,
         }
     }
 

@@ -33,7 +33,10 @@ impl Perturbation {
             Self::BackgroundColor => vary_color([&mut spec.background.walls], weight),
             Self::BackgroundTexture => vary_texture([&mut spec.background.walls], weight),
             Self::LightColor => vary_lights(&mut spec.lights, weight),
-            Self::DistractorObjects => spec.distractors.presence = weight,
+            Self::DistractorObjects => {
+                spec.distractors.presence = weight;
+                spec.distractors.placement = profile.distractor_placement();
+            }
             Self::CameraPose => jitter_cameras(&mut spec.cameras, profile, weight),
             Self::MoSize => vary_size(&mut spec.bodies, ScaledBy::MoSize, weight),
             Self::RoSize => vary_size(&mut spec.bodies, ScaledBy::RoSize, weight),

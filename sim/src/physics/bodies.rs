@@ -17,6 +17,9 @@ const MIN_MASS_KG: f64 = 0.025;
 const GROUND_FRICTION: f32 = 0.3;
 /// Height of the floor in the world frame, in m.
 const FLOOR_Z: f64 = -0.9196;
+/// Distance of the walls' centre planes from the world's origin, and their height, in m.
+const WALL_DISTANCE: f64 = 1.5;
+const WALL_HEIGHT: f64 = 2.0;
 /// Collision groups of fixed and of jointed bodies, which do not collide with each other.
 const FIXED: Group = Group::GROUP_1;
 const JOINTED: Group = Group::GROUP_2;
@@ -118,14 +121,20 @@ pub(super) fn joint_position(world: &PhysicsWorld, body: RigidBodyHandle, kind: 
     multibody.link(link.id).expect("a link of its multibody").joint().coords()[coordinate_idx(kind)]
 }
 
-/// Adds the floor and the table (docs/benchmark.md, "Scenes and objects"). Walls are visual only: appearance
-/// never affects the trajectory.
+/// Adds the floor, the table and the four walls of the room (docs/benchmark.md, "Scenes and objects").
+///
+/// The walls exist even where no background perturbation shows them: appearance never affects a trajectory.
 pub(super) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
     let mut block = |half: [f64; 3], centre: [f64; 3]| {
         let pose = Isometry3::from(Translation3::from(centre));
         let collider_builder = collider(&Primitive::Box { half }, &pose).friction(GROUND_FRICTION);
         world.insert_collider(collider_builder.collision_groups(collision_groups(FIXED, !JOINTED)), None);
     };
+    for sign in [-1.0, 1.0] {
+        let [half, z] = [WALL_HEIGHT / 2.0, FLOOR_Z + WALL_HEIGHT / 2.0];
+        block([0.05, 1.5, half], [sign * WALL_DISTANCE, 0.0, z]);
+        block([1.5, 0.05, half], [0.0, sign * WALL_DISTANCE, z]);
+    }
     block([5.0, 5.0, 0.5], [0.0, 0.0, FLOOR_Z - 0.5]);
     let [x, y] = match table {
         TableKind::SingleArmTurned => [1.209, 0.6045],

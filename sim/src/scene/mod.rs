@@ -25,7 +25,7 @@ pub use drawn::{
 };
 pub use instruction::{InstructionSource, InstructionSpec};
 pub use mass::Mass;
-pub use placement::{DistractorsSpec, PlacementSpec, RegionSpec, WidenedRanges};
+pub use placement::{DistractorPlacement, DistractorsSpec, PlacementSpec, RegionSpec, WidenedRanges};
 pub use primitive::{Aabb, Primitive};
 pub use range::Range;
 pub use snapshot::{ArmLinks, Link, N_LINKS, Snapshot};

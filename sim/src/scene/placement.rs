@@ -50,7 +50,16 @@ impl RegionSpec {
     }
 }
 
-/// Distribution of the distractor objects, which rest on the table clear of all other bodies.
+/// Placement of distractor objects within their region.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DistractorPlacement {
+    /// At rest on the table at any yaw, clear of the arms, of all bodies and of each other.
+    Resting,
+    /// In the air, upright at yaw 0, wherever that is: the object falls onto whatever is below it.
+    Dropped,
+}
+
+/// Distribution of the distractor objects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DistractorsSpec {
     /// Maximum number of distractor objects.
@@ -61,8 +70,13 @@ pub struct DistractorsSpec {
     pub x: Range,
     /// World y of each object's origin, in m.
     pub y: Range,
-    /// World z of the table top, in m.
+    /// Placement within these ranges.
+    pub placement: DistractorPlacement,
+    /// World z of the table top, on which objects rest, in m.
     pub surface_z_m: f64,
+    /// Height from which objects are dropped, in m: above the origin of the body with this index, or above
+    /// world z = 0.
+    pub drop_m: (f64, Option<usize>),
 }
 
 /// Distribution of a body's initial pose.

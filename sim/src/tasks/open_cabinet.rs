@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_PI_2, PI};
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::common::cabinet::{DOOR_HANDLE, drawer_over_door};
+use super::common::cabinet::{DOOR_HANDLE, ORIGIN_Z, drawer_over_door};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
@@ -38,8 +38,13 @@ fn nominal() -> SceneSpec {
     let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![placement], bodies, TASK.instruction);
     spec.table.kind = TableKind::SingleArmTurned;
     // In front of the cabinet, clear of the door and of the arm's base.
-    spec.distractors =
-        DistractorsSpec { n: 1, x: Range::new(-0.25, -0.15), y: Range::symmetric(0.05), ..spec.distractors };
+    spec.distractors = DistractorsSpec {
+        n: 1,
+        x: Range::new(-0.25, -0.15),
+        y: Range::symmetric(0.05),
+        drop_m: (0.10 + ORIGIN_Z, None),
+        ..spec.distractors
+    };
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI / 12.0);
     spec.robots[0].base = Isometry3::from_parts(Translation3::new(-0.615, 0.15, 0.0), turn);
     spec

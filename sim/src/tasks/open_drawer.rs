@@ -4,7 +4,7 @@ use core::f64::consts::FRAC_PI_8;
 
 use ipc_types::Morphology;
 
-use super::common::cabinet::{DRAWER_TRAVEL, drawer_grasp, drawer_over_door, pull_open};
+use super::common::cabinet::{DRAWER_TRAVEL, ORIGIN_Z, drawer_grasp, drawer_over_door, pull_open};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, region, single_arm};
 use crate::expert::Move;
 use crate::predicate::Predicate;
@@ -36,6 +36,7 @@ fn nominal() -> SceneSpec {
     let placement = region("cabinet", Range::new(0.15, 0.25), Range::symmetric(0.05));
     let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![placement], bodies, TASK.instruction);
     spec.table.kind = TableKind::SingleArmTurned;
+    spec.distractors.drop_m = (0.25 + ORIGIN_Z, None);
     spec
 }
 

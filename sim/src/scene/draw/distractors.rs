@@ -1,5 +1,5 @@
 //! Sampling of distractor objects: their kinds, and positions that are clear of the arms, of the task's
-//! bodies and of one another.
+//! bodies and of one another, or anywhere in the air.
 
 use core::f64::consts::TAU;
 
@@ -10,7 +10,7 @@ use crate::robot::kinematics::{self, Joints};
 use crate::scene::distractors::{Distractor, DistractorKind};
 use crate::scene::drawn::{Body, Robot};
 use crate::scene::mass::Mass;
-use crate::scene::placement::DistractorsSpec;
+use crate::scene::placement::{DistractorPlacement, DistractorsSpec};
 use crate::scene::range::Range;
 use crate::scene::spec::{Motion, RenderParts, Role};
 use crate::stream::Stream;
@@ -43,6 +43,9 @@ pub(super) fn draw(
     if spec.presence == 0.0 {
         return Vec::new();
     }
+    if spec.placement == DistractorPlacement::Dropped {
+        return drop(spec, bodies, episode_seed);
+    }
     let arm_points: Vec<Point3<f64>> = robots.iter().flat_map(points_along).collect();
     let mut occupied: Vec<Footprint> = bodies.iter().map(Footprint::of).collect();
     let mut distractors = Vec::new();
@@ -70,6 +73,22 @@ pub(super) fn draw(
         }
     }
     distractors
+}
+
+/// Draws objects that fall from the air, one after another without looking at anything below.
+fn drop(spec: &DistractorsSpec, bodies: &[Body], episode_seed: u64) -> Vec<Body> {
+    let (above_m, reference) = spec.drop_m;
+    let z = above_m + reference.map_or(0.0, |body| bodies[body].pose.translation.z);
+    let is_present =
+        |name: &&&str| Stream::new(episode_seed, &format!("{name}/chance")).unit() < spec.presence;
+    let draw = |name: &&'static str| {
+        let stream = |of: &str| Stream::new(episode_seed, &format!("{name}/{of}"));
+        let (mut place, kind) = (stream("place"), stream("kind").choose(DistractorKind::ALL));
+        let [x, y] = [spec.x, spec.y].map(|range| place.uniform(range));
+        let body = draw_body(name, &(kind.make)(&mut stream(kind.name)), episode_seed);
+        Body { pose: Isometry3::translation(x, y, z), ..body }
+    };
+    NAMES[..spec.n].iter().filter(is_present).map(draw).collect()
 }
 
 /// Draws a position within the spec's ranges and any yaw.

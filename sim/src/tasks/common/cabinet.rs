@@ -213,6 +213,9 @@ pub(in crate::tasks) fn pull_open(scene: &Scene, tcp: Isometry3<f64>, by_m: f64)
     ]
 }
 
+/// Height of the original cabinet's origin above its foot, in m. The model is not public; this is half the
+/// height of ours.
+pub(in crate::tasks) const ORIGIN_Z: f64 = 0.3;
 /// Travel of the drawer of [`drawer_over_door`], in m.
 pub(in crate::tasks) const DRAWER_TRAVEL: f64 = 0.3;
 /// Position of the closed door's handle in the cabinet's frame, in m.

@@ -25,9 +25,9 @@ use crate::profile::{Profile, ProfileRules};
 pub use crate::scene::rgb;
 use crate::scene::{
     AppearanceSpec, BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec,
-    DistractorsSpec, InstructionSpec, Jitter, LightsSpec, Mass, Motion, PartSpec, PlacementSpec, Primitive,
-    Range, RegionSpec, RenderParts, RobotSpec, Role, ScaleAxes, ScaledBy, Scene, SceneSpec, TableKind,
-    TableSpec, Texture, VisualShape, VisualSpec, WidenedRanges,
+    DistractorPlacement, DistractorsSpec, InstructionSpec, Jitter, LightsSpec, Mass, Motion, PartSpec,
+    PlacementSpec, Primitive, Range, RegionSpec, RenderParts, RobotSpec, Role, ScaleAxes, ScaledBy, Scene,
+    SceneSpec, TableKind, TableSpec, Texture, VisualShape, VisualSpec, WidenedRanges,
 };
 
 /// World z of the single-arm table top, in m.
@@ -246,6 +246,7 @@ fn workspace(
             },
         ),
     );
+    let manipulated = bodies.iter().position(|body| body.role == Role::ManipulationObject);
     SceneSpec {
         bodies,
         regions,
@@ -263,6 +264,8 @@ fn workspace(
             presence: 0.0,
             x: Range::symmetric(0.4),
             y: Range::symmetric(0.4),
+            placement: DistractorPlacement::Resting,
+            drop_m: (0.25, manipulated),
             surface_z_m: match morphology {
                 Morphology::Single => SINGLE_TABLE_Z,
                 Morphology::Bimanual => BIMANUAL_TABLE_Z,
