@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use ipc_types::run_config::QueryMode;
 use ipc_types::{ControlMode, Morphology, RunConfig};
-use sim::perturb::Composition;
+use sim::perturb::{Composition, Sentences, SentencesError};
 use sim::{Perturbation, TaskId};
 use thiserror::Error;
 
@@ -52,6 +52,8 @@ pub(crate) enum PlanError {
         "--execute is {found}, but ensemble mode queries at every step: omit --execute or use --mode chunk"
     )]
     EnsembleExecute { found: u32 },
+    #[error("failed to read --language")]
+    Sentences(#[from] SentencesError),
 }
 
 impl RunPlan {
@@ -62,15 +64,20 @@ impl RunPlan {
     pub(crate) fn new(args: &SweepArgs) -> Result<Self, PlanError> {
         let SweepArgs { policies, tasks, perturbations, episodes, db, config } = args;
         check_policies(policies)?;
-        let options = config.results;
+        let options = &config.results;
         if options.mode == QueryMode::Ensemble && options.execute != 1 {
             return Err(PlanError::EnsembleExecute { found: options.execute });
         }
+        let conditions = conditions(&TaskSelector::select(tasks), perturbations)?;
+        if let Some(file) = &options.language {
+            let sentences = Sentences::read(file)?;
+            conditions.iter().try_for_each(|condition| sentences.require(condition.task.task()))?;
+        }
         Ok(Self {
             policies: policies.clone(),
-            conditions: conditions(&TaskSelector::select(tasks), perturbations)?,
+            conditions,
             episodes: *episodes,
-            config: *config,
+            config: config.clone(),
             db: db.clone(),
         })
     }
@@ -173,7 +180,7 @@ mod tests {
         assert_eq!(plan.conditions.len(), TaskId::ALL.len());
         assert!(plan.conditions.iter().all(|condition| condition.perturbation == Perturbation::None.into()));
         assert_eq!((plan.episodes, plan.config), (10, RunConfig::default()));
-        let RunConfig { results, resources, .. } = plan.config;
+        let RunConfig { results, resources, .. } = RunConfig::default();
         assert_eq!((results.seed, resources.envs), (0, 16));
         assert_eq!(resources.threads as usize, std::thread::available_parallelism().unwrap().get());
         assert_eq!((results.mode, results.execute), (QueryMode::Chunk, 30));

@@ -6,6 +6,7 @@
 //! comment of the field is its help text.
 
 mod choices;
+mod language_file;
 mod strength;
 
 use std::thread::available_parallelism;
@@ -14,12 +15,13 @@ use clap::{Args, Command, FromArgMatches, value_parser};
 use serde::{Deserialize, Serialize};
 
 pub use self::choices::{Profile, QueryMode, RendererChoice, Samples};
+pub use self::language_file::{LanguageFile, LanguageFileError};
 pub use self::strength::{Strength, StrengthError};
 use crate::ControlMode;
 use crate::layout::MAX_HORIZON;
 
 /// All options of a run that reach its processes, grouped by what they may influence.
-#[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunConfig {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would show it as help text")]
@@ -34,7 +36,7 @@ pub struct RunConfig {
 
 /// Options that change the outcome of an episode. The manifest of a results file stores them, and a run that
 /// continues the file must have the same.
-#[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResultOptions {
     /// Suite seed, from which the seeds of all episodes are derived
     #[arg(long, value_name = "S", default_value_t = 0)]
@@ -56,6 +58,10 @@ pub struct ResultOptions {
     #[arg(long, value_enum, ignore_case = true, default_value_t = ControlMode::EeDeltaPose)]
     #[serde(with = "control_mode_name")]
     pub control_mode: ControlMode,
+    /// Paraphrases for Language-Paraphrase: a YAML mapping from env ids to lists of sentences, like the
+    /// benchmark's own. By default, sentences of ours
+    #[arg(long, value_name = "FILE")]
+    pub language: Option<LanguageFile>,
 }
 
 /// Options that change the images of an episode. A results file stores the identity of the renderer that

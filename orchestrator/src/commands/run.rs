@@ -156,7 +156,7 @@ fn fleet_config(plan: &RunPlan, program: PathBuf, earlier_renderer: Option<Strin
         shm: PathBuf::from(SHM),
         // The keys of a `RandomState` are random numbers from the operating system.
         run_id: RandomState::new().hash_one(std::process::id()),
-        run: plan.config,
+        run: plan.config.clone(),
         earlier_renderer,
         lanes: lanes(plan),
         morphologies: plan.morphologies(),

@@ -346,7 +346,7 @@ impl<'a> Supervisor<'a> {
             domain: self.domain.clone(),
             run_id: config.run_id,
             lanes: config.lanes.iter().map(|policy| policy.lane.clone()).collect(),
-            run: config.run,
+            run: config.run.clone(),
         }
     }
 
@@ -358,7 +358,7 @@ impl<'a> Supervisor<'a> {
             run_id: config.run_id,
             lane: policy.lane.spec.clone(),
             spec: policy.spec.clone(),
-            run: config.run,
+            run: config.run.clone(),
         }
     }
 

@@ -58,18 +58,23 @@ impl Manifest {
         let names = plan.policies.iter().map(|policy| policy.name.clone());
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            options: plan.config.results,
+            options: plan.config.results.clone(),
             policies: names.zip(identities).collect(),
         }
     }
 }
 
-/// Returns the options as keys and values.
+/// Returns the options as keys and values. A file is represented by the fingerprint of its content.
 fn entries(options: &ResultOptions) -> Map<String, Value> {
-    match serde_json::json!(options) {
-        Value::Object(entries) => entries,
-        _ => unreachable!("a struct becomes an object"),
+    let Value::Object(mut entries) = serde_json::json!(options) else {
+        unreachable!("a struct becomes an object")
+    };
+    for value in entries.values_mut() {
+        if let Some(fingerprint) = value.get_mut("fingerprint") {
+            *value = fingerprint.take();
+        }
     }
+    entries
 }
 
 /// Compares the manifest of the file with `manifest` if rows depend on it, and stores the latter.

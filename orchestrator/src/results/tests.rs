@@ -88,7 +88,7 @@ fn columns_and_manifest_keys_are_stable() {
     let manifest: String = reader
         .query_row("SELECT group_concat(key || ' = ' || value, '; ') FROM manifest", [], |row| row.get(0))
         .unwrap();
-    insta::assert_snapshot!(manifest, @r#"control_mode = "pd_ee_delta_pose"; execute = 30; mode = "chunk"; policy/idle = {"checkpoint":null,"spec":"idle"}; profile = "strict"; seed = 0; strength = 1.0; version = "0.1.0""#);
+    insta::assert_snapshot!(manifest, @r#"control_mode = "pd_ee_delta_pose"; execute = 30; language = null; mode = "chunk"; policy/idle = {"checkpoint":null,"spec":"idle"}; profile = "strict"; seed = 0; strength = 1.0; version = "0.1.0""#);
 }
 
 #[test]
@@ -137,6 +137,23 @@ fn missing_manifest_key_means_the_default() {
 
     forget("version");
     insta::assert_snapshot!(refusal(&path, &manifest("--policy idle")), @"");
+}
+
+#[test]
+fn language_file_is_identified_by_its_content() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    let with_language = |name: &str, text: &str| {
+        let file = folder.path().join(name);
+        std::fs::write(&file, text).unwrap();
+        manifest(&format!("--policy idle --tasks RaiseCube --language {}", file.display()))
+    };
+    let first = with_language("first.yaml", "RaiseCube-v1: [lift it]");
+    Results::open(&path, &first).unwrap().record(key(0), 7, &outcome(true, None)).unwrap();
+    assert!(Results::open(&path, &with_language("copy.yaml", "RaiseCube-v1: [lift it]")).is_ok());
+    let other = with_language("other.yaml", "RaiseCube-v1: [raise it]");
+    assert!(refusal(&path, &other).contains("language is \""), "{}", refusal(&path, &other));
+    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle")), @r#""#);
 }
 
 #[test]

@@ -44,8 +44,9 @@ impl Perturbation {
                 spec.regions.iter_mut().for_each(|region| widen(region, weight));
             }
             Self::LanguageParaphrase => {
-                let paraphrases = task.paraphrases.lines().collect();
-                spec.instruction.replacement = replace_instruction(InstructionSource::OneOf(paraphrases));
+                let paraphrases = task.paraphrases.lines().map(str::to_owned).collect();
+                spec.instruction.replacement =
+                    replace_instruction(InstructionSource::Paraphrase(paraphrases));
             }
             Self::LanguageNone => {
                 spec.instruction.replacement = replace_instruction(InstructionSource::OneOf(vec![""]));

@@ -5,6 +5,7 @@
 
 mod apply;
 mod composition;
+mod sentences;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -13,6 +14,7 @@ use crate::scene::{Role, ScaledBy, SceneSpec};
 
 pub use composition::{Composition, CompositionError};
 pub use ipc_types::run_config::{Strength, StrengthError};
+pub use sentences::{Sentences, SentencesError};
 
 /// Declares the enum, the slice of all its variants in the same order, and their names.
 macro_rules! perturbations {

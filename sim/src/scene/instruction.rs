@@ -12,6 +12,8 @@ const N_WORDS: [usize; 2] = [5, 12];
 pub enum InstructionSource {
     /// A uniform choice from these sentences.
     OneOf(Vec<&'static str>),
+    /// A uniform choice from these paraphrases of the training sentence.
+    Paraphrase(Vec<String>),
     /// A sentence of 5 to 12 words, each sampled independently from the vocabulary.
     RandomWords,
 }
@@ -48,6 +50,7 @@ impl InstructionSource {
     fn draw(&self, stream: &mut Stream) -> String {
         match self {
             Self::OneOf(sentences) => (*stream.choose(sentences)).to_owned(),
+            Self::Paraphrase(sentences) => stream.choose(sentences).clone(),
             Self::RandomWords => {
                 let vocabulary: Vec<&str> = VOCABULARY.split_whitespace().collect();
                 let [min, max] = N_WORDS;

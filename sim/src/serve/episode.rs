@@ -11,6 +11,7 @@ use super::lane::InvalidAnswerError;
 use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
 use crate::expert::{self, Expert, write_hold_action};
 use crate::fingerprint::Fingerprint;
+use crate::perturb::Sentences;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
 use crate::render::RenderScene;
@@ -89,11 +90,19 @@ pub(super) struct RunningEpisode {
 impl RunningEpisode {
     /// Samples the episode's scene and builds its world. With `images`, the scene is also prepared for
     /// rendering.
-    pub(super) fn new(assignment: Assignment, run: &RunConfig, images: bool) -> Self {
+    pub(super) fn new(
+        assignment: Assignment,
+        run: &RunConfig,
+        sentences: Option<&Sentences>,
+        images: bool,
+    ) -> Self {
         let created = Instant::now();
         let task = assignment.task.task();
         let options = &run.results;
-        let spec = assignment.perturbation.spec(task, options.profile, options.strength);
+        let mut spec = assignment.perturbation.spec(task, options.profile, options.strength);
+        if let Some(sentences) = sentences {
+            sentences.replace(task, &mut spec);
+        }
         let scene = spec.draw(assignment.seed);
         let mode = control_mode(options, task.morphology, assignment.driver);
         let action_dim = mode.action_dim(task.morphology);

@@ -24,6 +24,7 @@ use self::episode::{EpisodeError, control_mode};
 use self::lane::{InvalidAnswerError, LaneError, LaneState};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
 use self::slots::Slots;
+use crate::perturb::{Sentences, SentencesError};
 use crate::render::{self, OpenRendererError, RenderError};
 
 /// Duration of busy waiting before the first timed wait for an answer.
@@ -45,6 +46,8 @@ pub enum SimError {
     Link(#[from] LinkError),
     #[error("failed to write an event to stdout")]
     Output(#[from] std::io::Error),
+    #[error("failed to read --language")]
+    Sentences(#[from] SentencesError),
     #[error("failed to open a renderer")]
     OpenRenderer(#[from] OpenRendererError),
     #[error("failed to {0}")]
@@ -137,6 +140,8 @@ impl Server {
             .iter()
             .map(|lane| LaneState::create(&node, config.run_id, lane.clone()))
             .collect::<Result<Vec<_>, _>>()?;
+        let language = &config.run.results.language;
+        let sentences = language.as_ref().map(Sentences::read).transpose()?;
         let rendering = &config.run.rendering;
         let n_threads = config.run.resources.threads as usize;
         let renderer = render::open(rendering.renderer, rendering.samples, n_threads)?;
@@ -147,9 +152,9 @@ impl Server {
             commands,
             link,
             lanes,
-            slots: Slots::new(config.run, &config.lanes),
+            slots: Slots::new(config.run.clone(), sentences, &config.lanes),
             writer: BatchWriter::new(renderer, max_envs),
-            run: config.run,
+            run: config.run.clone(),
             counters: Counters::default(),
             first_work: None,
             pending_idle_s: 0.0,

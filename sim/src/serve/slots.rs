@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::episode::{RunningEpisode, Status};
 use super::protocol::{Assignment, Driver, Lane, Outcome};
+use crate::perturb::Sentences;
 
 /// Control steps that a slot executes before the loop serves the lanes again. It affects only the order of
 /// work, never a result.
@@ -27,17 +28,20 @@ pub(super) struct Slots {
     slots: Vec<Slot>,
     queue: VecDeque<Assignment>,
     run: RunConfig,
+    /// Paraphrases that replace the built-in ones.
+    sentences: Option<Sentences>,
     /// [`Lane::images`] of every lane.
     images: Vec<bool>,
 }
 
 impl Slots {
     /// Creates empty slots, one per env of the run.
-    pub(super) fn new(run: RunConfig, lanes: &[Lane]) -> Self {
+    pub(super) fn new(run: RunConfig, sentences: Option<Sentences>, lanes: &[Lane]) -> Self {
         Self {
             slots: (0..run.resources.envs).map(|_| Slot::Empty).collect(),
             queue: VecDeque::new(),
             run,
+            sentences,
             images: lanes.iter().map(|lane| lane.images).collect(),
         }
     }
@@ -105,14 +109,15 @@ impl Slots {
     /// Builds assigned episodes and steps those that have action rows, slots in parallel. Returns the number
     /// of control steps executed.
     pub(super) fn advance(&mut self) -> u64 {
-        let (run, images) = (&self.run, &self.images);
+        let (run, sentences, images) = (&self.run, self.sentences.as_ref(), &self.images);
         let advance_slot = |slot: &mut Slot| {
             if let Slot::Assigned(assignment) = slot {
                 let uses_images = match assignment.driver {
                     Driver::Lane(lane) => images[lane as usize],
                     Driver::Expert => false,
                 };
-                *slot = Slot::Running(Box::new(RunningEpisode::new(*assignment, run, uses_images)));
+                let episode = RunningEpisode::new(*assignment, run, sentences, uses_images);
+                *slot = Slot::Running(Box::new(episode));
             }
             match slot {
                 Slot::Running(episode) => u64::from(episode.advance(STEP_QUANTUM)),
