@@ -86,6 +86,10 @@ pub(super) fn reconcile(
     let sqlite = |source| ResultsFileError::Sqlite { path: path.into(), source };
     let invalid = |key: &str| ResultsFileError::Manifest { path: path.into(), key: key.to_owned() };
     let difference = |field: &str, found: &dyn Display, requested: &dyn Display| {
+        let [found, requested] = [found, requested].map(|value| match value.to_string() {
+            value if value == "null" => "not given".to_owned(),
+            value => value,
+        });
         format!("{field} is {found} in the file, but {requested} in this command")
     };
     let mut differences = Vec::new();

@@ -136,7 +136,7 @@ fn missing_manifest_key_means_the_default() {
     assert!(Results::open(&path, &manifest("--policy idle")).unwrap().finished().unwrap().contains(key(0)));
 
     forget("version");
-    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle")), @"");
+    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle")), @"failed to resume the results file a.db: its manifest has no valid version");
 }
 
 #[test]
@@ -153,7 +153,7 @@ fn language_file_is_identified_by_its_content() {
     assert!(Results::open(&path, &with_language("copy.yaml", "RaiseCube-v1: [lift it]")).is_ok());
     let other = with_language("other.yaml", "RaiseCube-v1: [raise it]");
     assert!(refusal(&path, &other).contains("language is \""), "{}", refusal(&path, &other));
-    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle")), @r#""#);
+    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle")), @r#"failed to resume the results file a.db: language is "5c889732c4d8cd00" in the file, but not given in this command; use the same value, or another file with --db"#);
 }
 
 #[test]
