@@ -82,6 +82,15 @@ impl World {
             if needs_substeps { solver::CONTACT_SUBSTEPS } else { solver::FREE_SUBSTEPS };
     }
 
+    /// Returns the mass of a body in kg, 0 if it is fixed.
+    ///
+    /// # Panics
+    /// If there is no such body.
+    #[must_use]
+    pub fn body_mass(&self, body: usize) -> f32 {
+        self.rapier.bodies[self.bodies[body]].mass()
+    }
+
     /// Returns the number of arms, 1 or 2.
     #[must_use]
     pub fn n_arms(&self) -> usize {
