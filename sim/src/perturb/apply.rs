@@ -123,8 +123,8 @@ fn jitter_cameras(cameras: &mut [CameraSpec], profile: Profile, strength: f64) {
     }
 }
 
-/// Scales bodies isotropically by 0.8 to 1.2. The benchmark scales its mesh bodies independently along each
-/// axis; here every body keeps its proportions.
+/// Scales bodies by 0.8 to 1.2, those made from mesh files independently along each axis
+/// ([`ScaleAxes`](crate::scene::ScaleAxes)).
 fn vary_size(bodies: &mut [BodySpec], by: ScaledBy, strength: f64) {
     for body in bodies.iter_mut().filter(|body| body.scaled_by == by) {
         body.scale = Range::new(0.8, 1.2).shrunk_to(1.0, strength);

@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stretched_box_has_the_inertia_of_the_larger_box() {
+    fn stretched_box_has_inertia_of_larger_box() {
         let of_box = |half: [f64; 3], kg: f64| {
             let square = half.map(|h| h * h);
             let total: f64 = square.iter().sum();
