@@ -5,11 +5,12 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
+use ipc_types::run_config::Samples;
 use rayon::prelude::*;
 use sim::TaskId;
 use sim::demo::Recording;
 use sim::perturb::Composition;
-use sim::render::CpuRenderer;
+use sim::render::{CpuOptions, CpuRenderer};
 use sim::show::movie::MovieFormat;
 use sim::show::{HighResScene, contact_sheet};
 use sim::stream::Stream;
@@ -57,6 +58,9 @@ pub(crate) struct ReplayArgs {
     /// cameras, 128 for hand cameras
     #[arg(long, value_name = "N", default_value_t = 1, requires = "movie", value_parser = parse_scale)]
     pub(crate) scale: usize,
+    /// Samples per pixel of the movie
+    #[arg(long, value_enum, default_value_t = Samples::One, requires = "movie")]
+    pub(crate) samples: Samples,
     /// Show all selected episodes side by side in the movie, the first external camera of each
     #[arg(long, requires = "movie")]
     pub(crate) grid: bool,
@@ -209,7 +213,8 @@ fn write_movie(
     let replayed: Vec<MovieEpisode> = episodes.par_iter().map(replayed).collect::<anyhow::Result<_>>()?;
     let n_steps = replayed.iter().map(|episode| episode.recording.n_frames()).max().unwrap_or(0);
     let stride = usize::from(args.stride);
-    let mut renderer = CpuRenderer::new(rayon::current_num_threads());
+    let options = CpuOptions { samples: args.samples, ..CpuOptions::default() };
+    let mut renderer = CpuRenderer::with_options(rayon::current_num_threads(), options);
     let status = movie::write(path, format, n_steps.div_ceil(stride), args.stride, |frame| {
         render_frame(&replayed, frame * stride, args.grid, &mut renderer)
     })?;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 use clap::Args;
-use ipc_types::run_config::{Profile, Strength};
+use ipc_types::run_config::{Profile, Samples, Strength};
 use sim::TaskId;
 use sim::perturb::Composition;
 use sim::show::movie::MovieFormat;
@@ -50,6 +50,9 @@ pub(crate) struct ShowArgs {
     /// is printed). Background is black
     #[arg(long, value_name = "VIEW", default_value = "rgb", value_parser = VIEW_PARSER)]
     pub(crate) what: ViewMode,
+    /// Samples per pixel of rgb images
+    #[arg(long, value_enum, default_value_t = Samples::One)]
+    pub(crate) samples: Samples,
     /// Let this policy act, and show the start, the middle and the success (or end) of the episode
     #[arg(long, value_name = "SPEC", value_parser = ACTOR_PARSER)]
     pub(crate) policy: Option<Actor>,
@@ -80,6 +83,7 @@ struct ShowPlan {
     /// Episodes of one task, at least one, each with its seed.
     episodes: Vec<(EpisodeSpec, u64)>,
     what: ViewMode,
+    samples: Samples,
     /// The policy that acts; `None` to show the starts only.
     actor: Option<Actor>,
 }
@@ -101,7 +105,7 @@ pub(crate) fn show(args: &ShowArgs) -> Result<ExitStatus, Failure> {
 
 impl ShowPlan {
     fn new(task: TaskId, args: &ShowArgs) -> anyhow::Result<Self> {
-        let &ShowArgs { strength, profile, what, policy: actor, .. } = args;
+        let &ShowArgs { strength, profile, what, samples, policy: actor, .. } = args;
         let perturbations = perturbations(task, args.perturbation)?;
         if perturbations.len() > 1 && (args.episodes > 1 || actor.is_some() || args.movie.is_some()) {
             let message =
@@ -115,7 +119,7 @@ impl ShowPlan {
             .iter()
             .flat_map(|perturbation| seeds.iter().map(move |seed| (*perturbation, *seed)));
         let episodes = rows.map(|(perturbation, seed)| (subject(perturbation), seed)).collect();
-        Ok(Self { episodes, what, actor })
+        Ok(Self { episodes, what, samples, actor })
     }
 }
 
@@ -133,12 +137,13 @@ fn perturbations(task: TaskId, selector: PerturbationSelector) -> Result<Vec<Com
 
 /// Writes one PNG: a row of camera images for the start of each episode, or for three moments of one.
 fn write_sheet(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
-    let &ShowPlan { ref episodes, what, actor } = plan;
+    let &ShowPlan { ref episodes, what, samples, actor } = plan;
     let (subject, seed) = episodes[0];
-    let mut frames = match actor {
+    let frames = match actor {
         None => FrameSequence::initial_states(episodes, what),
         Some(actor) => FrameSequence::highlights(subject, seed, actor, what)?,
     };
+    let mut frames = frames.with_samples(samples);
     frames.render_sheet().write_png(path)?;
     if episodes.iter().any(|(other, _)| other.perturbation != subject.perturbation) {
         let mut rows = TextTable::new(&[("row", Align::Left), ("instruction", Align::Left)]);
@@ -152,7 +157,7 @@ fn write_sheet(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
 
 /// Writes one PNG with the first external camera's image at the start of an episode of each selected task.
 fn write_gallery(args: &ShowArgs) -> anyhow::Result<ExitStatus> {
-    let &ShowArgs { strength, profile, what, .. } = args;
+    let &ShowArgs { strength, profile, what, samples, .. } = args;
     if args.policy.is_some() || args.movie.is_some() || args.episodes > 1 || what != ViewMode::Rgb {
         let message = "a sheet of several tasks shows one rgb image of each: omit --policy, --movie, --episodes and \
                        --what, or name one task";
@@ -166,7 +171,8 @@ fn write_gallery(args: &ShowArgs) -> anyhow::Result<ExitStatus> {
         let perturbation = Condition::new(task, perturbation)?.perturbation;
         let seed = episode_seed(args.seed, task.name(), args.episode);
         let episode = EpisodeSpec { task, perturbation, profile, strength };
-        images.push(FrameSequence::initial_states(&[(episode, seed)], what).render_camera(0, 0));
+        let start = FrameSequence::initial_states(&[(episode, seed)], what);
+        images.push(start.with_samples(samples).render_camera(0, 0));
     }
     let path = args.output.as_deref().unwrap_or(Path::new("tasks.png"));
     contact_sheet::compose(&images, GALLERY_COLUMNS, 1).write_png(path)?;
@@ -176,10 +182,11 @@ fn write_gallery(args: &ShowArgs) -> anyhow::Result<ExitStatus> {
 
 /// Writes one frame per control step of one episode.
 fn write_movie(plan: &ShowPlan, path: &Path) -> anyhow::Result<ExitStatus> {
-    let &ShowPlan { ref episodes, what, actor } = plan;
+    let &ShowPlan { ref episodes, what, samples, actor } = plan;
     let (subject, seed) = episodes[0];
     let format = MovieFormat::from_path(path)?;
-    let mut frames = FrameSequence::episode(subject, seed, actor.unwrap_or(Actor::Expert), what)?;
+    let frames = FrameSequence::episode(subject, seed, actor.unwrap_or(Actor::Expert), what)?;
+    let mut frames = frames.with_samples(samples);
     match movie::write(path, format, frames.n_frames(), 1, |frame_idx| frames.render_frame(frame_idx))? {
         ExitStatus::Success => print_legend(frames.legend(), path),
         other => Ok(other),

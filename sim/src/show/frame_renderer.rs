@@ -3,7 +3,7 @@
 use super::depth::DepthRange;
 use super::segmentation::{LegendEntry, color_of, legend};
 use super::sequence::SequenceFrame;
-use crate::render::{CpuRenderer, Inspection, RenderScene};
+use crate::render::{CpuOptions, CpuRenderer, Inspection, RenderScene, Samples};
 use crate::scene::{Scene, Snapshot};
 
 /// Quantity shown by the images.
@@ -64,6 +64,12 @@ impl FrameRenderer {
             ViewMode::Seg => Legend::Seg(legend(sampled)),
         };
         Self { renderer, legend }
+    }
+
+    /// Renders colour images with this many samples per pixel from now on.
+    pub(super) fn set_samples(&mut self, samples: Samples) {
+        let options = CpuOptions { samples, ..CpuOptions::default() };
+        self.renderer = CpuRenderer::with_options(rayon::current_num_threads(), options);
     }
 
     pub(super) fn legend(&self) -> &Legend {

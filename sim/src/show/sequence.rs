@@ -7,7 +7,7 @@ use super::contact_sheet::{self, RgbImage};
 use super::episode::{Actor, EpisodeSpec, RolloutEnd, snapshot};
 use super::frame_renderer::{FrameRenderer, Legend, ViewMode};
 use crate::physics::World;
-use crate::render::RenderScene;
+use crate::render::{RenderScene, Samples};
 use crate::scene::Snapshot;
 
 /// Pixels of a contact sheet per rendered pixel, along each axis.
@@ -97,6 +97,13 @@ impl FrameSequence {
         let scenes = vec![RenderScene::new(&scene)];
         let renderer = FrameRenderer::new(mode, core::slice::from_ref(&scene), &scenes, &frames);
         Ok(Self { scenes, instructions: vec![scene.instruction], frames, renderer })
+    }
+
+    /// Sets the samples per pixel of colour images; 1 unless set.
+    #[must_use]
+    pub fn with_samples(mut self, samples: Samples) -> Self {
+        self.renderer.set_samples(samples);
+        self
     }
 
     /// Returns the number of frames, at least 1.
