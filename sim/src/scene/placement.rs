@@ -53,7 +53,8 @@ impl RegionSpec {
 /// Placement of distractor objects within their region.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DistractorPlacement {
-    /// At rest on the table at any yaw, clear of the arms, of all bodies and of each other.
+    /// At rest on the table at any yaw, clear of the arms, of all bodies and of each other, and without hiding
+    /// a manipulated object from an external camera.
     Resting,
     /// In the air, upright at yaw 0, wherever that is: the object falls onto whatever is below it.
     Dropped,

@@ -1,10 +1,12 @@
 //! Sampling of distractor objects: their kinds, and positions that are clear of the arms, of the task's
-//! bodies and of one another, or anywhere in the air.
+//! bodies, of one another and of the external cameras' view of the manipulated objects, or anywhere in the
+//! air.
 
 use core::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
+use super::occlusion::LinesOfSight;
 use super::{Painter, draw_parts, draw_visuals};
 use crate::robot::kinematics::{self, Joints};
 use crate::scene::distractors::{Distractor, DistractorKind};
@@ -12,7 +14,7 @@ use crate::scene::drawn::{Body, Robot};
 use crate::scene::mass::Mass;
 use crate::scene::placement::{DistractorPlacement, DistractorsSpec};
 use crate::scene::range::Range;
-use crate::scene::spec::{Motion, RenderParts, Role};
+use crate::scene::spec::{CameraSpec, Motion, RenderParts, Role};
 use crate::stream::Stream;
 
 /// Body names, which also name the random streams. Their number limits the distractor objects of a scene.
@@ -37,6 +39,7 @@ pub(super) fn draw(
     spec: &DistractorsSpec,
     bodies: &[Body],
     robots: &[Robot],
+    cameras: &[CameraSpec],
     episode_seed: u64,
 ) -> Vec<Body> {
     assert!(spec.n <= NAMES.len(), "a scene has at most {} distractors, not {}", NAMES.len(), spec.n);
@@ -47,6 +50,7 @@ pub(super) fn draw(
         return drop(spec, bodies, episode_seed);
     }
     let arm_points: Vec<Point3<f64>> = robots.iter().flat_map(points_along).collect();
+    let lines_of_sight = LinesOfSight::new(cameras, bodies);
     let mut occupied: Vec<Footprint> = bodies.iter().map(Footprint::of).collect();
     let mut distractors = Vec::new();
     for name in &NAMES[..spec.n] {
@@ -59,6 +63,7 @@ pub(super) fn draw(
             let circle = BoundingCircle::of(body, pose);
             occupied.iter().all(|other| circle.is_clear_of(other))
                 && arm_points.iter().all(|point| circle.is_clear_of_arm_at(point))
+                && !lines_of_sight.are_blocked_by(&body.aabb(pose))
         };
         let found = (0..MAX_OBJECT_DRAWS).find_map(|_| {
             let kind = kinds.choose(DistractorKind::ALL);

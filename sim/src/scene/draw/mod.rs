@@ -2,6 +2,7 @@
 
 mod appearance;
 mod distractors;
+mod occlusion;
 
 use std::borrow::Cow;
 
@@ -45,7 +46,7 @@ impl SceneSpec {
         }
         let robots = self.robots.iter().enumerate();
         let robots: Vec<Robot> = robots.map(|(arm, spec)| draw_robot(arm, spec, episode_seed)).collect();
-        bodies.extend(distractors::draw(&self.distractors, &bodies, &robots, episode_seed));
+        bodies.extend(distractors::draw(&self.distractors, &bodies, &robots, &self.cameras, episode_seed));
         Scene {
             bodies,
             robots,
