@@ -7,6 +7,7 @@ use rapier3d::math::{Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 
 use super::convert::to_pose;
+use super::hull::Hull;
 use super::joint::{coordinate_idx, single_dof_joint};
 use crate::scene::{Body, JointKind, JointSpec, Mass, Motion, Primitive, TableKind};
 
@@ -43,7 +44,7 @@ pub(super) fn collider(shape: &Primitive, pose: &Isometry3<f64>) -> ColliderBuil
         }
         Primitive::Hull { ref points } => {
             let points: Vec<Vector> = points.iter().map(|&[x, y, z]| Vector::new(f(x), f(y), f(z))).collect();
-            SharedShape::convex_hull(&points).expect("the points of a hull are not in one plane")
+            Hull::shape(&points).expect("the points of a hull are not in one plane")
         }
     };
     ColliderBuilder::new(shape).position(position)

@@ -6,6 +6,7 @@
 mod arm;
 mod bodies;
 mod convert;
+mod hull;
 mod joint;
 mod solver;
 mod world;

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use sim::expert::{Move, grasp};
 use sim::fingerprint::Fingerprint;
 use sim::physics::World;
-use sim::scene::{Link, Snapshot};
+use sim::scene::{Link, Motion, Primitive, Snapshot};
 use sim::{Perturbation, TaskId};
 
 use super::common;
@@ -67,6 +67,18 @@ fn stack_is_stable_after_release() {
             assert!(moved < 1e-4 && turned < 1e-3, "body {body} moved {moved} m and turned {turned} rad");
         }
     }
+}
+
+#[test]
+fn hull_with_a_many_sided_base_rests_still() {
+    let mut vessel = common::brick("vessel", Motion::Dynamic, [0.1; 3], [0.0, 0.0, 0.005]);
+    vessel.parts[0].shape = Primitive::frustum([[0.14, 0.0], [0.15, 0.1]]);
+    let scene = common::bodies_only(vec![vessel]);
+    let [first, last] = [20, 60].map(|steps| common::after(&scene, steps).body_pose(0));
+    let moved = (last.translation.vector - first.translation.vector).norm();
+    let turned = first.rotation.angle_to(&last.rotation);
+    assert!(moved < 1e-4 && turned < 1e-3, "moved {moved} m and turned {turned} rad");
+    assert!(last.translation.z.abs() < 5e-4, "rests at {}", last.translation);
 }
 
 #[test]
