@@ -56,6 +56,11 @@ pub fn episode_seed(suite_seed: u64, task: &str, episode_idx: u32) -> u64 {
     derive(derive(suite_seed, task), &format!("episode/{episode_idx}")) >> 1
 }
 
+/// Returns the seed of an attempt at placing the bodies of an episode; the first uses the episode's own.
+pub(crate) fn placement_seed(episode_seed: u64, attempt: usize) -> u64 {
+    if attempt == 0 { episode_seed } else { derive(episode_seed, &format!("placement/{attempt}")) }
+}
+
 /// Returns the seed for a policy that draws random numbers.
 #[must_use]
 pub fn policy_seed(episode_seed: u64) -> u64 {

@@ -392,6 +392,9 @@ pub struct SceneSpec {
     pub bodies: Vec<BodySpec>,
     /// Regions in which bodies are placed.
     pub regions: Vec<RegionSpec>,
+    /// Minimum gap between the bounding boxes of any two bodies at the start, in m: all positions are drawn
+    /// again until it is kept. `None` accepts overlaps. Bodies placed relative to others do not count.
+    pub min_start_gap_m: Option<f64>,
     /// Sampled body dimensions, if any.
     pub sizes: Option<SizesSpec>,
     /// One or two arms.

@@ -5,15 +5,14 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{
-    ExternalCameras, SINGLE_TABLE_Z, box_part, fixed, movable, props, region, rgb, single_arm,
+    ExternalCameras, SINGLE_TABLE_Z, box_part, can, fixed, movable, region, rgb, single_arm,
 };
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
 use crate::robot::control;
 use crate::scene::{
-    AppearanceSpec, BodySpec, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, Scene, SceneSpec,
-    Texture,
+    AppearanceSpec, BodySpec, PlacementSpec, Range, Role, ScaledBy, Scene, SceneSpec, Texture,
 };
 use crate::task::{Category, Task};
 
@@ -34,22 +33,24 @@ pub(super) const TASK: Task = Task {
 const QPOS: [f64; 7] = [-0.387, -0.770, 0.395, -3.009, 2.978, 2.396, -1.963];
 /// World (x, y) of the cabinet's centre, in m.
 const CABINET: [f64; 2] = [0.3, -0.12];
+/// World z of the cabinet's origin, in m.
+const CABINET_Z: f64 = 0.456;
 /// Half-extents of a shelf, in m.
 const SHELF_HALF: [f64; 3] = [0.2, 0.3, 0.015];
-/// World z of the three shelves' centres, in m.
+/// World z of the three shelves' centres, in m. There are 6 mm of air under the lowest.
 const SHELVES_Z: [f64; 3] = [0.021, 0.311, 0.601];
-/// Radius and half-height of the can, in m.
-const CAN: [f64; 2] = [0.0375, 0.063];
+/// World z of the can's centre at the start, in m: it drops 15 mm onto the middle shelf.
+const CAN_Z: f64 = 0.405;
 
 fn nominal() -> SceneSpec {
-    let [radius, half_height] = CAN;
-    let part =
-        PartSpec::at(Primitive::Cylinder { radius, half_height }, [0.0; 3], AppearanceSpec::plain([1.0; 3]));
     let can = BodySpec {
-        visuals: props::can(radius, 2.0 * half_height, [0.0, 0.0, -half_height]),
+        visuals: can::visuals(),
+        mass: can::MASS,
+        damping: [0.0, 0.05],
         scaled_by: ScaledBy::Nothing("the benchmark keeps its size"),
-        ..movable("can", vec![part], 1, SHELVES_Z[1] + SHELF_HALF[2])
+        ..movable("can", can::parts(), 1, SHELVES_Z[1] + SHELF_HALF[2])
     };
+    let can = can.with_origin_z(CAN_Z);
     let regions = vec![
         region("cabinet", Range::fixed(CABINET[0]), Range::fixed(CABINET[1])).not_widened(),
         region("can", Range::new(0.13, 0.162), Range::new(-0.3, -0.1)).not_widened(),
@@ -59,20 +60,20 @@ fn nominal() -> SceneSpec {
     single_arm(QPOS, 0.0, &cameras, regions, vec![shelves(), panels(), can], TASK.instruction)
 }
 
-/// Creates three shelves on a plinth. Their frame is on the table.
+/// Creates the three shelves.
 fn shelves() -> BodySpec {
     let wood = AppearanceSpec::textured(Texture::Wood, [0.72, 0.58, 0.42]);
-    let [hx, hy, hz] = SHELF_HALF;
-    let plinth = (SHELVES_Z[0] - hz) / 2.0;
-    let mut parts = vec![box_part([hx - 0.02, hy - 0.02, plinth], [0.0, 0.0, plinth], wood)];
-    parts.extend(SHELVES_Z.map(|z| box_part(SHELF_HALF, [0.0, 0.0, z], wood)));
-    BodySpec { role: Role::Fixture, ..fixed("shelves", parts, 0, SINGLE_TABLE_Z, "it is furniture") }
+    let parts = SHELVES_Z.map(|z| box_part(SHELF_HALF, [0.0, 0.0, z - CABINET_Z], wood)).to_vec();
+    let shelves =
+        BodySpec { role: Role::Fixture, ..fixed("shelves", parts, 0, SINGLE_TABLE_Z, "it is furniture") };
+    shelves.with_origin_z(CABINET_Z)
 }
 
 /// Creates the left, right and back panels around the shelves, in the shelves' frame.
 fn panels() -> BodySpec {
     let panel = |half, [x, y, z]: [f64; 3]| {
-        box_part(half, [x - CABINET[0], y - CABINET[1], z], AppearanceSpec::plain(rgb([141, 117, 105])))
+        let position = [x - CABINET[0], y - CABINET[1], z - CABINET_Z];
+        box_part(half, position, AppearanceSpec::plain(rgb([141, 117, 105])))
     };
     let parts = vec![
         panel([0.19, 0.01, 0.272], [0.304, 0.1773, 0.3096]),
@@ -93,11 +94,11 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 /// Distance of the pre-grasp pose in front of the can, which is also how far the can is pulled out, in m.
 const PULL_OUT: f64 = 0.3;
 /// Height of the can's centre above the table at which it is released, in m.
-const RELEASE_Z: f64 = CAN[1] + 0.004;
+const RELEASE_Z: f64 = can::HALF_HEIGHT + 0.004;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let closing = grasp::closest_closing(Vector3::y(), &grasp::start_closing(scene, 0));
-    let centre = scene.body("can").pose.translation.vector;
+    let centre = scene.body("can").resting_pose().translation.vector;
     let at = grasp::pose(&centre, &Vector3::x(), &closing);
     let pre_grasp = grasp::retreated(&at, PULL_OUT);
     let down = grasp::translated(&pre_grasp, &(Vector3::z() * (RELEASE_Z - centre.z)));

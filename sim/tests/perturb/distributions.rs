@@ -254,7 +254,7 @@ fn regions_are_widened_by_half() {
             panic!("{name} is placed relative to another body")
         };
         // Rejection sampling makes positions non-uniform.
-        let is_uniform = spec.regions[region].min_gap_m.is_none();
+        let is_uniform = spec.regions[region].min_gap_m.is_none() && spec.min_start_gap_m.is_none();
         let scenes: Vec<Scene> =
             seeds(task, if is_uniform { N } else { 1000 }).map(|seed| spec.draw(seed)).collect();
         for (axis, [lo, hi]) in [x, y].into_iter().enumerate() {
@@ -266,6 +266,21 @@ fn regions_are_widened_by_half() {
             } else {
                 at.for_each(|at| assert!(range.contains(at), "{what}: {at}"));
             }
+        }
+    }
+}
+
+#[test]
+fn book_starts_clear_of_the_bookcase() {
+    let task = TaskId::PlaceBookInShelf;
+    for spec in [nominal(task), perturbed(task, Perturbation::PoseRandomization)] {
+        for scene in seeds(task, 200).map(|seed| spec.draw(seed)) {
+            let [book, shelf] = ["book", "shelf"].map(|name| {
+                let body = scene.body(name);
+                body.aabb(&body.pose)
+            });
+            let gap = (book.min - shelf.max).sup(&(shelf.min - book.max)).max();
+            assert!(gap > 0.005 - 1e-12, "{gap} m");
         }
     }
 }

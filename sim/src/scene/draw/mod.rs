@@ -11,13 +11,13 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use super::appearance::AppearanceSpec;
 use super::drawn::{Appearance, Body, Camera, Part, Robot, Scene, Visual};
 use super::placement::{PlacementSpec, RegionSpec};
-use super::primitive::factors_along;
+use super::primitive::{Aabb, factors_along};
 use super::spec::{
     BodySpec, CameraSpec, Jitter, JointKind, JointSpec, Motion, PartSpec, RenderParts, RobotSpec, ScaleAxes,
     SceneSpec, VisualSpec,
 };
 use crate::robot::panda::{LOWER, UPPER};
-use crate::stream::Stream;
+use crate::stream::{Stream, placement_seed};
 
 /// Maximum number of positions sampled for a body in a crowded region. The last sample is used if all are
 /// rejected.
@@ -35,10 +35,7 @@ impl SceneSpec {
             (sizes.apply)(&drawn, specs.to_mut());
         }
         let mut bodies: Vec<Body> = specs.iter().map(|spec| draw_body(spec, episode_seed)).collect();
-        let mut placed = Vec::new();
-        for (region_idx, region) in self.regions.iter().enumerate() {
-            place_region(region_idx, region, &specs, &mut bodies, &mut placed, episode_seed);
-        }
+        self.place(&specs, &mut bodies, episode_seed);
         for (idx, spec) in specs.iter().enumerate() {
             if let PlacementSpec::RelativeTo { body, pose } = &spec.placement {
                 bodies[idx].pose = bodies[*body].pose * scale_translation(pose, &bodies[*body].scale);
@@ -57,6 +54,31 @@ impl SceneSpec {
             instruction: self.instruction.draw(episode_seed),
         }
     }
+
+    /// Sets the poses of all bodies that are placed in regions, again and again until no two of them are
+    /// closer than the minimum gap.
+    fn place(&self, specs: &[BodySpec], bodies: &mut [Body], episode_seed: u64) {
+        for attempt in 0..MAX_PLACEMENT_DRAWS {
+            let seed = placement_seed(episode_seed, attempt);
+            let mut placed = Vec::new();
+            for (region_idx, region) in self.regions.iter().enumerate() {
+                place_region(region_idx, region, specs, bodies, &mut placed, seed);
+            }
+            if self.min_start_gap_m.is_none_or(|gap_m| keep_gap(specs, bodies, gap_m)) {
+                break;
+            }
+        }
+    }
+}
+
+/// Returns `true` if the bounding boxes of any two bodies placed in regions are at least `gap_m` apart.
+fn keep_gap(specs: &[BodySpec], bodies: &[Body], gap_m: f64) -> bool {
+    let in_region =
+        |(spec, _): &(&BodySpec, &Body)| matches!(spec.placement, PlacementSpec::OnSurface { .. });
+    let boxes: Vec<Aabb> =
+        specs.iter().zip(bodies).filter(in_region).map(|(_, body)| body.aabb(&body.pose)).collect();
+    let apart = |a: &Aabb, b: &Aabb| (a.min - b.max).sup(&(b.min - a.max)).max() >= gap_m;
+    boxes.iter().enumerate().all(|(i, a)| boxes[..i].iter().all(|b| apart(a, b)))
 }
 
 fn draw_robot(arm: usize, spec: &RobotSpec, episode_seed: u64) -> Robot {

@@ -1,7 +1,10 @@
 //! Shared building blocks of tasks: the single-arm and bimanual workspaces (arms, table, lights and cameras)
 //! and recurring bodies. See docs/benchmark.md, "Scenes and objects" and "Robot and control".
 
+pub(super) mod book;
+pub(super) mod bookcase;
 pub(super) mod cabinet;
+pub(super) mod can;
 pub(super) mod cooking;
 pub(super) mod dish;
 pub(super) mod drawer_unit;
@@ -250,6 +253,7 @@ fn workspace(
     SceneSpec {
         bodies,
         regions,
+        min_start_gap_m: None,
         sizes: None,
         robots,
         table: table(kind),
