@@ -1,11 +1,12 @@
 //! Likeness of our camera images to those of the original simulator, at the same start states.
 //!
-//! `cargo bench -p benches --bench looks -- --frames DIR --starts DIR [--sheet FILE] [--csv FILE]`. The folder of
-//! `--frames` holds the original images, `ENV_ID.SEED.CAMERA.png`, that of `--starts` their start states,
-//! `ENV_ID.SEED.json` (`peers/recorded_starts.py` converts recordings). Each start is put into our scene of the task, drawn by the
-//! CPU renderer and compared camera by camera. Two figures are reported, lower is better: the mean absolute
-//! difference of the means of 8 × 8 pixels, in codes from 0 to 255, and the share of pixels with an edge in one
-//! image that has none within a pixel in the other. `--sheet` writes ours | original, a row per camera.
+//! `cargo bench -p benches --bench looks -- --frames DIR --starts DIR [--sheet FILE] [--csv FILE]`. The
+//! folder of `--frames` holds the original images, `ENV_ID.SEED.CAMERA.png`, that of `--starts` their start
+//! states, `ENV_ID.SEED.json` (`peers/recorded_starts.py` converts recordings). Each start is put into our
+//! scene of the task, drawn by the CPU renderer and compared camera by camera. Two figures are reported,
+//! lower is better: the mean absolute difference of the means of 8 × 8 pixels, in codes from 0 to 255, and
+//! the share of pixels with an edge in one image that has none within a pixel in the other. `--sheet` writes
+//! ours | original, a row per camera.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -101,7 +102,7 @@ const fn camera_name(slot: CameraSlot, n_arms: usize) -> &'static str {
 }
 
 /// Returns the task of a start named `ENV_ID.SEED` and its frames by camera, or `None` if it has no frames.
-fn task_and_frames(start: &str, frames: &Path) -> Result<Option<(TaskId, BTreeMap<String, Image>)>> {
+fn task_and_frames(start: &str, frames: &Path) -> Result<Option<(TaskId, BTreeMap<String, CameraImage>)>> {
     let env_id = start.rsplit_once('.').map_or(start, |(env_id, _)| env_id);
     let task = TaskId::ALL.iter().find(|task| task.task().env_id == env_id);
     let task = *task.with_context(|| format!("no task is called {env_id}"))?;
@@ -110,7 +111,7 @@ fn task_and_frames(start: &str, frames: &Path) -> Result<Option<(TaskId, BTreeMa
         let name = file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
         let camera = name.strip_prefix(start).and_then(|rest| rest.strip_prefix('.')?.strip_suffix(".png"));
         if let Some(camera) = camera {
-            let image = Image::read(&file).with_context(|| format!("read {}", file.display()))?;
+            let image = CameraImage::read(&file).with_context(|| format!("read {}", file.display()))?;
             images.insert(camera.to_owned(), image);
         }
     }
@@ -118,7 +119,7 @@ fn task_and_frames(start: &str, frames: &Path) -> Result<Option<(TaskId, BTreeMa
 }
 
 /// Draws all cameras of a task's scene in a recorded start state.
-fn render(task: TaskId, start: &Path) -> Result<Vec<(&'static str, Image)>> {
+fn render(task: TaskId, start: &Path) -> Result<Vec<(&'static str, CameraImage)>> {
     let start: Value = serde_json::from_str(&std::fs::read_to_string(start)?)?;
     let mut spec = (task.task().nominal)();
     let sizes = numbers(&start["sizes"])?;
@@ -135,7 +136,7 @@ fn render(task: TaskId, start: &Path) -> Result<Vec<(&'static str, Image)>> {
     let snapshot = snapshot(&scene, &start["bodies"])?;
     let images = CpuRenderer::new(1).photograph(&RenderScene::new(&scene), &snapshot);
     let names = scene.cameras.iter().map(|camera| camera_name(camera.slot, scene.robots.len()));
-    Ok(names.zip(images.into_iter().map(|(side, rgb)| Image { side, rgb })).collect())
+    Ok(names.zip(images.into_iter().map(|(side, rgb)| CameraImage { side, rgb })).collect())
 }
 
 /// Returns the poses of the arms and of the recorded bodies. Other bodies keep the places drawn for them.
@@ -160,12 +161,12 @@ fn numbers(value: &Value) -> Result<Vec<f64>> {
 
 /// A square image, `[side, side, 3] u8` sRGB.
 #[derive(Clone)]
-struct Image {
+struct CameraImage {
     side: usize,
     rgb: Vec<u8>,
 }
 
-impl Image {
+impl CameraImage {
     /// Reads a PNG file with three or four 8-bit channels.
     fn read(path: &Path) -> Result<Self> {
         let mut reader = png::Decoder::new(BufReader::new(File::open(path)?)).read_info()?;
@@ -205,9 +206,9 @@ impl Image {
         let inner = 1..self.side - 1;
         let edge = |i: usize| {
             let (x, y) = (i % self.side, i / self.side);
-            inner.contains(&x)
-                && inner.contains(&y)
-                && (column(x + 1, y) - column(x - 1, y)).hypot(row(x, y + 1) - row(x, y - 1)) > EDGE
+            let is_inner = inner.contains(&x) && inner.contains(&y);
+            let gradient = || [column(x + 1, y) - column(x - 1, y), row(x, y + 1) - row(x, y - 1)];
+            is_inner && gradient().map(|slope| slope * slope).iter().sum::<f32>() > EDGE * EDGE
         };
         (0..grey.len()).map(edge).collect()
     }
@@ -223,7 +224,7 @@ struct Likeness {
 }
 
 impl Likeness {
-    fn of(ours: &Image, original: &Image) -> Self {
+    fn of(ours: &CameraImage, original: &CameraImage) -> Self {
         let (a, b) = (ours.block_means(), original.block_means());
         let differences = a.iter().zip(&b).map(|(a, b)| (a - b).abs());
         let edges = [ours.edges(), original.edges()];

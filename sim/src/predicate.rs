@@ -25,6 +25,19 @@ pub enum Region {
         /// Minimum and maximum position along the axis, relative to `origin`; may be infinite.
         along: [f64; 2],
     },
+    /// A cylinder with a half-ellipsoid on its base.
+    DomedCylinder {
+        /// Centre of the base.
+        origin: [f64; 3],
+        /// Unit vector along the axis, from the base into the cylinder.
+        axis: [f64; 3],
+        /// Radius of the cylinder and of the half-ellipsoid.
+        radius: f64,
+        /// Length of the cylinder.
+        length: f64,
+        /// Height of the half-ellipsoid.
+        dome: f64,
+    },
 }
 
 impl Region {
@@ -35,6 +48,12 @@ impl Region {
                 let (offset, axis) = (point - Point3::from(origin), Vector3::from(axis));
                 let along = offset.dot(&axis);
                 (min..=max).contains(&along) && (offset - axis * along).norm() <= radius
+            }
+            Self::DomedCylinder { origin, axis, radius, length, dome } => {
+                let (offset, axis) = (point - Point3::from(origin), Vector3::from(axis));
+                let along = offset.dot(&axis);
+                let across = (offset - axis * along).norm() / radius;
+                along <= length && libm::hypot(across, (along / dome).min(0.0)) <= 1.0
             }
         }
     }
@@ -70,6 +89,15 @@ pub enum Predicate {
         /// Body in whose frame the region is defined; `None` for the world frame.
         of: Option<usize>,
         /// The region, in that frame.
+        region: Region,
+    },
+    /// The offset of a body's origin from that of another body, along the world's axes, is inside a region.
+    Offset {
+        /// Index of the body.
+        body: usize,
+        /// Index of the other body.
+        from: usize,
+        /// The region, about the other body's origin.
         region: Region,
     },
     /// The joint of a jointed body has moved at least a given distance from its start.
@@ -164,6 +192,7 @@ impl Predicate {
             Self::Above { .. } => "above",
             Self::Moved { .. } => "moved",
             Self::Inside { .. } => "inside",
+            Self::Offset { .. } => "offset",
             Self::Opened { .. } => "opened",
             Self::Aligned { .. } => "aligned",
             Self::At { .. } => "at",
@@ -191,6 +220,7 @@ impl Predicate {
                 let in_world = pose(body) * Point3::from(point);
                 region.contains(&of.map_or(in_world, |of| pose(of).inverse_transform_point(&in_world)))
             }
+            Self::Offset { body, from, region } => region.contains(&(position(body) - position(from)).into()),
             Self::Opened { body, min_position } => f64::from(world.joint_position(body)) >= min_position,
             Self::Aligned { body, axis, with, angle_rad: [min, max], either_way } => {
                 let axis = world.body_pose(body).rotation.cast::<f64>() * Vector3::from(axis);

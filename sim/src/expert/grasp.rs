@@ -39,8 +39,8 @@ pub fn pose(position: &Vector3<f64>, approach: &Vector3<f64>, closing: &Vector3<
     Isometry3::from_parts(Translation3::from(*position), UnitQuaternion::from_rotation_matrix(&rotation))
 }
 
-/// Returns a top-down grasp of a body by the benchmark's rule. Of the two horizontal axes of the body's
-/// bounding box, the gripper closes along the shorter one; if both are equal, along the one closer to
+/// Returns a top-down grasp of a resting body by the benchmark's rule. Of the two horizontal axes of the
+/// body's bounding box, the gripper closes along the shorter one; if both are equal, along the one closer to
 /// `preferred`. The TCP is `GRASP_DEPTH_M` below the top. The sign of the closing axis is the one closer to
 /// `closing_now`, which minimises wrist rotation.
 #[must_use]
@@ -48,8 +48,9 @@ pub fn top_down(body: &Body, preferred: &Vector3<f64>, closing_now: &Vector3<f64
     let down = -Vector3::z();
     let box_extent = body.aabb(&Isometry3::identity());
     let sides = box_extent.max - box_extent.min;
-    let centre = body.pose * nalgebra::Point3::from((box_extent.max + box_extent.min) / 2.0);
-    let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| body.pose.rotation * axis);
+    let resting = body.resting_pose();
+    let centre = resting * nalgebra::Point3::from((box_extent.max + box_extent.min) / 2.0);
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| resting.rotation * axis);
     let upright = (0..3).max_by(|a, b| axes[*a].z.abs().total_cmp(&axes[*b].z.abs())).unwrap_or(2);
     let [a, b] = [(upright + 1) % 3, (upright + 2) % 3];
     let equal = (sides[a] - sides[b]).abs() < EQUAL_SIDES_TOLERANCE * sides[a].max(sides[b]);

@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn bad_files_are_refused_by_name() {
-        let refused = |text: &str| read(text).err().expect("refused");
+        let refused = |text: &str| read(text).expect_err("refused");
         assert!(refused("- a\n- b\n").contains("sentences.yaml is a list, expected a single mapping"));
         assert!(refused("").contains("is empty, expected a single mapping"));
         assert!(refused("a: text\n").contains("`a` is text, expected a list"));

@@ -1,8 +1,8 @@
 //! Convex hulls whose flat faces rest stably.
 //!
-//! parry takes the contact points of a convex polyhedron from the first four vertices of the touching face. On
-//! a face with many vertices, such as the base of a solid of revolution, these lie side by side, and the body
-//! rocks and creeps on them. A [`Hull`] offers four vertices around the whole face instead and is a
+//! parry takes the contact points of a convex polyhedron from the first four vertices of the touching face.
+//! On a face with many vertices, such as the base of a solid of revolution, these lie side by side, and the
+//! body rocks and creeps on them. A [`Hull`] offers four vertices around the whole face instead and is a
 //! [`ConvexPolyhedron`] in every other respect.
 
 use rapier3d::geometry::{Aabb, Shape, ShapeType, SharedShape, TypedShape};

@@ -53,8 +53,8 @@ impl RegionSpec {
 /// Placement of distractor objects within their region.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DistractorPlacement {
-    /// At rest on the table at any yaw, clear of the arms, of all bodies and of each other, and without hiding
-    /// a manipulated object from an external camera.
+    /// At rest on the table at any yaw, clear of the arms, of all bodies and of each other, and without
+    /// hiding a manipulated object from an external camera.
     Resting,
     /// In the air, upright at yaw 0, wherever that is: the object falls onto whatever is below it.
     Dropped,
@@ -96,6 +96,17 @@ pub enum PlacementSpec {
         orientation: UnitQuaternion<f64>,
         /// Rotation about world z, in rad.
         yaw: Range,
+    },
+    /// Unrotated, with its origin above that of another body, which must be placed
+    /// [`OnSurface`](Self::OnSurface); it drops onto a surface of the other body.
+    Over {
+        /// Index of the other body.
+        body: usize,
+        /// World z of the body's origin at the start, in m. The body starts higher if its lowest point would
+        /// otherwise be below the surface.
+        origin_z_m: f64,
+        /// Height of the surface in the other body's frame at scale 1, in m.
+        surface_z_m: f64,
     },
     /// Fixed relative to another body, which must be placed [`OnSurface`](Self::OnSurface).
     RelativeTo {

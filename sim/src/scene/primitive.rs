@@ -79,6 +79,12 @@ impl Primitive {
     /// Creates the solid of revolution about z between two circles, each given as (radius, z), in m.
     #[must_use]
     pub fn frustum(circles: [[f64; 2]; 2]) -> Self {
+        Self::revolution(&circles)
+    }
+
+    /// Creates the convex solid of revolution about z through circles, each given as (radius, z), in m.
+    #[must_use]
+    pub fn revolution(circles: &[[f64; 2]]) -> Self {
         Self::Hull { points: circles.iter().flat_map(|&[radius, z]| circle(radius, z)).collect() }
     }
 

@@ -5,13 +5,15 @@ use core::f64::consts::FRAC_PI_2;
 use ipc_types::Morphology;
 use nalgebra::{Point3, Vector3};
 
-use super::common::cooking::{BURNERS, PAN, PAN_CENTRE, STOVE, carry, pan, stove};
+use super::common::cooking::{
+    PAN_INSIDE, PAN_Z, STOVE_BOXES, WALL_SLOPE, carry, pan, pan_middle, pan_rim, stove,
+};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, fruit, region, single_arm};
-use crate::expert::Move;
+use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
 use crate::robot::control::gripper_command;
-use crate::robot::panda::FINGER_OPEN;
+use crate::robot::panda::TIP_BEYOND_TCP;
 use crate::scene::{Range, RegionSpec, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
@@ -28,19 +30,22 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Initial joint positions in rad: the hand beside the pan's handle, pointing down.
+/// Initial joint positions in rad: the hand above the pan's rim, pointing down.
 const QPOS: [f64; 7] = [-0.321, 0.314, 0.635, -2.240, -0.300, 2.473, -1.820];
 const INF: f64 = f64::INFINITY;
 /// Minimum gap between the bounding circles of stove and apple, in m. It is negative because the circles
 /// overlap by this much at the nearest nominal positions.
-const GAP_TO_STOVE: f64 = -0.047;
+const GAP_TO_STOVE: f64 = -0.0515;
+
+/// Offset (x, y) in the world of the point that the benchmark takes for the middle of the pan from the pan's
+/// origin, in m. It is at the root of the handle.
+const ASSUMED_MIDDLE: [f64; 2] = [-0.07, 0.41];
 
 fn nominal() -> SceneSpec {
     let at = |name, x, y| region(name, Range::fixed(x), Range::fixed(y));
     let pan_region = at("pan", 0.0, 0.0);
-    // The widened region has the usual size but is shifted to one side: otherwise the pan could start inside
-    // the stove's corner.
-    let widened = pan_region.widened.map(|widened| WidenedRanges { y: Range::new(0.01, 0.16), ..widened });
+    // Further towards +x, the pan would start inside the stove.
+    let widened = pan_region.widened.map(|widened| WidenedRanges { x: Range::new(-0.075, 0.005), ..widened });
     let apple_region = region("apple", Range::new(-0.2, -0.04), Range::new(-0.28, -0.12));
     let regions = vec![
         at("stove", 0.15, 0.15).not_widened(),
@@ -57,58 +62,74 @@ fn nominal() -> SceneSpec {
 /// Requires the pan on the stove and the apple in the pan, both at rest and released.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [pan, apple, stove] = ["pan", "apple", "stove"].map(|name| scene.body_idx(name));
-    let scaled = |point: [f64; 3], body: usize| point.map(|x| x * scene.bodies[body].scale.x);
-    let inside = |body, point, of, region| Predicate::Inside { body, point, of: Some(of), region };
-    let over_pan = |origin, radius, along| {
-        let axis = [0.0, 0.0, 1.0];
-        inside(apple, [0.0; 3], pan, Region::Cylinder { origin, axis, radius, along })
-    };
     let [on_stove, in_pan] = if profile.counts_near_misses() {
-        // The benchmark states the apple's position along the axes of the pan's initial frame.
+        let [x, y] = ASSUMED_MIDDLE;
+        let (origin, axis) = ([x, y, 0.0], [0.0, 0.0, 1.0]);
+        let region = Region::Cylinder { origin, axis, radius: 0.15, along: [-INF, INF] };
         [
             Predicate::inside_box(pan, [0.0, -0.35, -INF], [0.35, 0.0, INF]),
-            over_pan([0.41, 0.07, 0.0], 0.15, [-INF, INF]),
+            Predicate::Offset { body: apple, from: pan, region },
         ]
     } else {
-        let [[x0, y0, _], [x1, y1, top]] = STOVE.map(|corner| scaled(corner, stove));
+        let scale = |body: usize| scene.bodies[body].scale;
+        let scaled =
+            |point: [f64; 3], body| -> [f64; 3] { Vector3::from(point).component_mul(&scale(body)).into() };
+        let [[x0, y0, _], [x1, y1, top]] = STOVE_BOXES[1].map(|corner| scaled(corner, stove));
         let above = Region::Box { min: [x0, y0, top - 0.005], max: [x1, y1, INF] };
-        let centre = scaled(PAN_CENTRE, pan);
-        let radius = PAN.radii[1] * scene.bodies[pan].scale.x;
-        [inside(pan, centre, stove, above), over_pan(centre, radius, [0.0, INF])]
+        let origin = scaled(pan_middle(PAN_Z[1]), pan);
+        let radius = PAN_INSIDE[1] * libm::sqrt(scale(pan).x * scale(pan).y);
+        let inside = Region::Cylinder { origin, axis: [0.0, 0.0, 1.0], radius, along: [0.0, INF] };
+        [
+            Predicate::Inside { body: pan, point: origin, of: Some(stove), region: above },
+            Predicate::Inside { body: apple, point: [0.0; 3], of: Some(pan), region: inside },
+        ]
     };
     let at_rest = |body| Predicate::AtRest { body, max_linear: 0.1, max_angular: 1.0 };
     let released = |body| Predicate::Released { body };
     vec![on_stove, in_pan, at_rest(pan), at_rest(apple), released(pan), released(apple)]
 }
 
-/// Grasp position at the pan's handle in the pan's frame, in m at scale 1.
-const HANDLE_GRASP: [f64; 3] = [0.25, 0.108, 0.022];
-/// Height of the apple's grasp above its centre as a fraction of its radius. At this height the apple fits
-/// between the fingers at any scale.
-const APPLE_GRASP: f64 = 0.55;
+/// Height of the grasp at the pan's wall in its frame, in m.
+const RIM_GRASP_Z: f64 = 0.0215;
+/// Opening of each finger while the hand descends to the wall, in m. The hand leans, so that a finger that is
+/// further away from the wall would touch the table.
+const HALF_OPENING: f64 = 0.015;
+/// Point of the stove on which the middle of the pan is set down, in its frame, in m.
+const ON_STOVE: [f64; 3] = [-0.008, -0.077, STOVE_BOXES[1][1][2]];
+/// Maximum distance of the apple from the middle of the pan as a fraction of the free distance.
+const OFF_CENTRE: f64 = 0.85;
+/// Maximum half-width of the apple between the fingertips, in m; the open fingers leave slightly more room. A
+/// larger apple is grasped above its middle.
+const APPLE_HALF_WIDTH: f64 = 0.0375;
 /// Height above their resting positions at which pan and apple are released, in m.
 const RELEASE_HEIGHT: f64 = 0.002;
-/// Distance that open fingers extend to either side, including a margin, in m.
-const FINGER_REACH: f64 = 0.066;
-/// Minimum opening of each finger, in m. Beside the stove there is not always room for a full opening.
-const MIN_HALF_OPENING: f64 = 0.018;
 
+/// Plans to grasp the pan by its rim on the side of the robot, put it on the stove, and put the apple into
+/// it.
 fn expert(scene: &Scene) -> Vec<Move> {
     let [pan, apple, stove] = ["pan", "apple", "stove"].map(|name| scene.body(name));
-    let pan_point = |point: [f64; 3]| (pan.pose * (Point3::from(point) * pan.scale.x)).coords;
-    let [x, y] = BURNERS[0];
-    let burner =
-        (stove.pose * (Point3::new(x, y, STOVE[1][2]) * stove.scale.x)).coords + Vector3::z() * RELEASE_HEIGHT;
-    let rest_offset = Vector3::z() * (PAN.thickness * pan.scale.x + fruit::RADIUS * apple.scale.x);
-    let up = Vector3::z() * (fruit::RADIUS * APPLE_GRASP * apple.scale.x);
-    let apple_at = apple.pose.translation.vector;
-    let handle = pan_point(HANDLE_GRASP);
-    let room = stove.pose.translation.x + STOVE[0][0] * stove.scale.x - handle.x;
-    let half_open = (FINGER_OPEN + room - FINGER_REACH).clamp(MIN_HALF_OPENING, FINGER_OPEN);
-    let command = gripper_command(half_open) as f32;
-    // Zero steps: the fingers move during the approach to the handle.
+    let on_stove = (stove.pose * Point3::from(Vector3::from(ON_STOVE).component_mul(&stove.scale))).coords;
+    let to_stove = on_stove + Vector3::z() * RELEASE_HEIGHT - pan.point(pan_middle(PAN_Z[0])).coords;
+    let closing = pan.pose.rotation * Vector3::x();
+    // The pads are parallel to the wall, which leans outwards.
+    let approach = closing * (WALL_SLOPE * pan.scale.x / pan.scale.z) - Vector3::z();
+    let rim = pan.point(pan_rim(RIM_GRASP_Z)).coords;
+    // Zero steps: the fingers move during the approach to the pan.
+    let command = gripper_command(HALF_OPENING) as f32;
     let mut moves = vec![Move::Grip { arms: vec![0], command, steps: 0 }];
-    moves.extend(carry(scene, handle, burner - pan_point(PAN_CENTRE)));
-    moves.extend(carry(scene, apple_at + up, burner + rest_offset - apple_at));
+    moves.extend(carry(scene, &grasp::pose(&rim, &approach, &closing), &to_stove));
+
+    let radius = fruit::APPLE_RADIUS * apple.scale.x;
+    let middle = pan.point(pan_middle(PAN_Z[1])).coords;
+    // Near the middle of the pan, on the side of the point at which the benchmark takes it to be.
+    let [x, y] = ASSUMED_MIDDLE;
+    let aside = pan.pose.translation.vector + Vector3::new(x, y, 0.0) - middle;
+    let free = PAN_INSIDE[0] * pan.scale.x.min(pan.scale.y) - radius;
+    let aside = Vector3::new(aside.x, aside.y, 0.0).cap_magnitude(OFF_CENTRE * free);
+    let from = apple.resting_pose().translation.vector;
+    let to_pan = middle + to_stove + aside + Vector3::z() * radius - from;
+    let above_middle = libm::sqrt((radius.powi(2) - APPLE_HALF_WIDTH.powi(2)).max(0.0)) + TIP_BEYOND_TCP;
+    let place = from + Vector3::z() * above_middle;
+    moves.extend(carry(scene, &grasp::pose(&place, &-Vector3::z(), &closing), &to_pan));
     moves
 }

@@ -3,8 +3,9 @@
 use core::f64::consts::FRAC_PI_8;
 
 use ipc_types::Morphology;
+use nalgebra::Vector3;
 
-use super::common::tray::{self, HALF, HEIGHT, RIM_HALF_THICKNESS};
+use super::common::tray;
 use super::common::{LIFT_CAMERAS, QPOS_B, bimanual, lifted, region};
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
@@ -26,12 +27,13 @@ pub(super) const TASK: Task = Task {
 };
 
 fn nominal() -> SceneSpec {
-    let tray = tray::tray(0).with_yaw(Range::symmetric(FRAC_PI_8));
+    let tray = tray::tray(0).with_origin_z(0.86).with_yaw(Range::symmetric(FRAC_PI_8));
     let around_origin = region("tray", Range::symmetric(0.1), Range::symmetric(0.1));
     bimanual([QPOS_B; 2], 0.0, &LIFT_CAMERAS, vec![around_origin], vec![tray], TASK.instruction)
 }
 
-/// Requires the tray to be 0.15 m above its initial height and in at least one hand.
+/// Requires the tray to be in at least one hand and 0.15 m above its start, from which it first drops onto
+/// the table.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let tray = scene.body_idx("tray");
     vec![lifted(scene, tray, 0.15, profile), Predicate::Held { body: tray }]
@@ -43,14 +45,11 @@ const GRASP_DEPTH: f64 = 0.012;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let tray = scene.body("tray");
-    let along = tray.pose.rotation * nalgebra::Vector3::y();
-    let height = HEIGHT * tray.scale.x - GRASP_DEPTH;
-    let rim = (HALF[1] - RIM_HALF_THICKNESS) * tray.scale.x;
+    let along = tray.pose.rotation * Vector3::y();
     let grasps = [0, 1].map(|arm| {
-        let side = [-rim, rim][arm];
-        let position = tray.pose * nalgebra::Point3::new(0.0, side, height);
+        let rim = tray.point([0.0, [-tray::RIM_Y, tray::RIM_Y][arm], tray::RIM_Z]);
         let closing = grasp::closest_closing(along, &grasp::start_closing(scene, arm));
-        grasp::pose(&position.coords, &-nalgebra::Vector3::z(), &closing)
+        grasp::pose(&(rim.coords - Vector3::z() * GRASP_DEPTH), &-Vector3::z(), &closing)
     });
     let backed_off = |distance_m: f64| both_arms(grasps.map(|tcp| grasp::retreated(&tcp, distance_m)));
     vec![

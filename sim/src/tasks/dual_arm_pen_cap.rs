@@ -4,12 +4,12 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::common::insertion::{self, CAP_X, CAP_Z, PEN_Z};
+use super::common::pen_and_cap::{self, CAP_MIDDLE, CAP_OPENING, PEN_TIP};
 use super::common::{ExternalCameras, QPOS_B, bimanual, region};
 use crate::expert::{Move, both_arms, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{Range, RegionSpec, Scene, SceneSpec};
+use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -25,41 +25,34 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Minimum gap between the bounding circles of cap and pen, in m. It is negative because circles around such
-/// slender bodies overlap long before the bodies do.
-const MIN_GAP: f64 = -0.07;
-
 fn nominal() -> SceneSpec {
     let regions = vec![
         region("cap", Range::new(-0.4, -0.1), Range::new(-0.4, -0.1)),
-        RegionSpec {
-            min_gap_m: Some(MIN_GAP),
-            ..region("pen", Range::new(-0.1, 0.2), Range::new(-0.1, 0.2))
-        },
+        region("pen", Range::new(-0.1, 0.2), Range::new(-0.1, 0.2)),
     ];
     let cameras = ExternalCameras {
         external1: [[0.75, 0.0, 1.33], [-0.2, 0.0, 1.03]],
         external2: [[-0.5, 0.0, 1.33], [-0.2, 0.0, 1.03]],
     };
-    let bodies = vec![insertion::cap(0), insertion::pen(1)];
+    let bodies = vec![pen_and_cap::cap(0), pen_and_cap::pen(1)];
     bimanual([QPOS_B; 2], 0.0, &cameras, regions, bodies, TASK.instruction)
 }
 
-/// Requires the pen's tip to be well inside the cap's cavity.
+/// Requires a point just behind the pen's tip to be more than 30 mm inside the cap and close to a line
+/// through it.
 fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     let [body, cap] = ["pen", "cap"].map(|name| scene.body_idx(name));
-    let [_, bottom, open] = CAP_Z;
     let region = Region::Cylinder {
-        origin: [CAP_X, 0.0, open],
+        origin: [0.02, 0.0, 0.12],
         axis: [0.0, 0.0, -1.0],
         radius: 0.02,
-        along: [0.03, open - bottom],
+        along: [0.03, f64::INFINITY],
     };
     vec![Predicate::Inside { body, point: [0.0, 0.0, -0.16], of: Some(cap), region }]
 }
 
-/// Grasp position on the cap in its frame, in m: between clip and opening.
-const CAP_GRASP: Point3<f64> = Point3::new(CAP_X, 0.0, 0.085);
+/// Grasp position on the cap in its frame in m: on the clip, near the opening.
+const CAP_GRASP: Point3<f64> = Point3::new(CAP_MIDDLE[0], CAP_MIDDLE[1] - 0.003, 0.08);
 /// Candidate grasp positions along the pen in m: near its centre of mass, and farther from its tip.
 const PEN_GRASPS: [f64; 3] = [0.05, 0.09, 0.13];
 /// Candidate lean angles of the hand, in rad.
@@ -68,13 +61,14 @@ const LEANS: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, -0.3];
 const MEETING: Vector3<f64> = Vector3::new(-0.19, -0.12, 1.0);
 /// Distance between the cap's opening and the pen's tip before insertion, in m.
 const STANDOFF: f64 = 0.15;
-/// Insertion depth of the tip, in m.
-const INSERTION_DEPTH: f64 = 0.1;
+/// Insertion depth of the tip in m, a little more than the pen fits.
+const INSERTION_DEPTH: f64 = 0.06;
 /// Control steps for which the arms hold still before insertion.
 const SETTLING_STEPS: u32 = 10;
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let [cap, pen] = ["cap", "pen"].map(|name| scene.body(name).pose);
+    let cap = pen_and_cap::resting_cap(scene.body("cap"));
+    let pen = pen_and_cap::resting_pen(scene.body("pen"));
     // Waypoints that bring the point `from` of a body to `to`: first along y and z, then along x to the other
     // body.
     let waypoints = |tcp: &Isometry3<f64>, from: Point3<f64>, to: Vector3<f64>| {
@@ -82,7 +76,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let up = grasp::translated(tcp, &Vector3::new(0.0, offset.y, offset.z));
         [grasp::retreated(tcp, 0.1), *tcp, up, grasp::translated(tcp, &offset)]
     };
-    let (opening, tip) = (cap * Point3::new(CAP_X, 0.0, CAP_Z[2]), pen * Point3::new(0.0, 0.0, PEN_Z[0]));
+    let (opening, tip) = (cap * CAP_OPENING, pen * PEN_TIP);
     let candidates = |arm: usize, positions: &[Point3<f64>]| -> Vec<Isometry3<f64>> {
         let closing = grasp::start_closing(scene, arm);
         let down = |position: &Point3<f64>| {
@@ -95,7 +89,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let cap_stations = |tcp: &Isometry3<f64>| waypoints(tcp, opening, MEETING - Vector3::y() * STANDOFF);
     let pen_stations = |tcp: &Isometry3<f64>| waypoints(tcp, tip, MEETING);
     let cap_grasps = candidates(0, &[cap * CAP_GRASP]);
-    let pen_grasps = candidates(1, &PEN_GRASPS.map(|z| pen * Point3::new(0.0, 0.0, z)));
+    let pen_grasps = candidates(1, &PEN_GRASPS.map(|z| pen * Point3::new(PEN_TIP.x, PEN_TIP.y, z)));
     let first = [
         grasp::first_reachable(scene, 0, &cap_grasps, cap_stations),
         grasp::first_reachable(scene, 1, &pen_grasps, pen_stations),

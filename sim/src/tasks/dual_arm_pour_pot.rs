@@ -4,7 +4,7 @@
 use core::f64::consts::PI;
 
 use ipc_types::Morphology;
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, fruit, pot, region, tray, widened_by_half};
 use crate::expert::{Move, both_arms, grasp};
@@ -27,6 +27,9 @@ pub(super) const TASK: Task = Task {
 };
 
 const INF: f64 = f64::INFINITY;
+/// World z of the origins of the tray and the tomato at the start, in m.
+const TRAY_Z: f64 = 0.85;
+const TOMATO_Z: f64 = 0.9;
 
 fn nominal() -> SceneSpec {
     // Regions with the same name draw the same offset: pot and tray stay side by side even when the pot's
@@ -41,27 +44,30 @@ fn nominal() -> SceneSpec {
         }),
         ..region("row", Range::fixed(x), Range::fixed(0.0))
     };
-    // The contact point with the pot's floor, so that the tomato neither floats nor penetrates at any scale
-    // of either.
-    let on_floor = Isometry3::translation(0.0, 0.0, pot::VESSEL.thickness);
     let tomato = BodySpec {
-        placement: PlacementSpec::RelativeTo { body: 0, pose: on_floor },
+        // Colour and texture perturbations leave the tomato alone, although MO-Size scales it.
+        role: Role::Fixture,
+        placement: PlacementSpec::Over { body: 0, origin_z_m: TOMATO_Z, surface_z_m: pot::FLOOR_Z },
         ..fruit::tomato(0, BIMANUAL_TABLE_Z)
     };
-    let tray = BodySpec { role: Role::ReceiverObject, ..tray::tray(1) };
+    let tray = BodySpec { role: Role::ReceiverObject, ..tray::tray(1).with_origin_z(TRAY_Z) };
     let regions = vec![row(0.1, widened_by_half(Range::fixed(0.1))), row(-0.2, Range::fixed(-0.2))];
     bimanual(pot::QPOS, 0.0, &LIFT_CAMERAS, regions, vec![pot::pot(0), tomato, tray], TASK.instruction)
 }
 
-/// Requires the tomato's centre to be above the tray and within 75 mm of the table.
+/// Requires the tomato's origin to be near the tray's along the world's axes and 5 to 75 mm above the table.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let [tomato, tray] = ["tomato", "tray"].map(|name| scene.body_idx(name));
-    let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale.x } else { 1.0 };
-    let [x, y] = [0.12, 0.2].map(|half| half * scale(tray));
-    let point = [0.0, 0.0, fruit::RADIUS * scene.bodies[tomato].scale.x];
-    let within =
-        |of, min, max| Predicate::Inside { body: tomato, point, of, region: Region::Box { min, max } };
-    vec![within(Some(tray), [-x, -y, -INF], [x, y, INF]), within(None, [-INF, -INF, 0.83], [INF, INF, 0.9])]
+    let scale = if profile.scales_thresholds() { scene.bodies[tray].scale } else { Vector3::repeat(1.0) };
+    let [x, y] = [0.12 * scale.x, 0.2 * scale.y];
+    vec![
+        Predicate::Offset {
+            body: tomato,
+            from: tray,
+            region: Region::Box { min: [-x, -y, -INF], max: [x, y, INF] },
+        },
+        Predicate::inside_box(tomato, [-INF, -INF, 0.83], [INF, INF, 0.9]),
+    ]
 }
 
 /// Height by which the pot is lifted, in m.

@@ -11,7 +11,7 @@ use super::common::{
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
+use crate::scene::{AppearanceSpec, BodySpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -30,6 +30,8 @@ pub(super) const TASK: Task = Task {
 /// Half-extents of the box, in m.
 const HALF: [f64; 3] = [0.08, 0.12, 0.04];
 const RED: [f64; 3] = rgb([194, 19, 22]);
+/// World z of the goal's mark in m: it floats 6 mm above the table, as in the benchmark.
+const PATCH_Z: f64 = 0.831;
 /// Initial joint positions in rad: both hands beside the box, pointing down.
 const QPOS: [[f64; 7]; 2] =
     [[0.84, 0.154, -0.27, -2.496, 0.086, 2.642, -0.288], [2.307, 0.17, 0.273, -2.473, -0.096, 2.633, 1.875]];
@@ -42,10 +44,10 @@ fn nominal() -> SceneSpec {
         BIMANUAL_TABLE_Z,
     )
     .with_yaw(Range::symmetric(FRAC_PI_6));
+    let target_box = BodySpec { damping: [0.0, 0.05], ..target_box };
     let [hx, hy, _] = HALF;
-    let (patch, half_height) = (Primitive::Box { half: [hx, hy, 5e-4] }, 5e-4);
-    let patch =
-        goal_marker(1, vec![PartSpec::at(patch, [0.0, 0.0, half_height], AppearanceSpec::plain(RED))]);
+    let patch = box_part([hx, hy, 1e-4], [0.0; 3], AppearanceSpec::plain(RED));
+    let patch = goal_marker(1, vec![patch]).with_origin_z(PATCH_Z);
     let regions = vec![
         region("box", Range::new(-0.2, 0.0), Range::symmetric(0.1)),
         region("goal", Range::fixed(-0.4), Range::fixed(0.0)).not_widened(),

@@ -4,7 +4,7 @@
 use ipc_types::Morphology;
 
 use super::common::stacking;
-use super::common::{QPOS_B, bimanual, goal_disc, region};
+use super::common::{QPOS_B, bimanual, region};
 use crate::expert::Move;
 use crate::predicate::Predicate;
 use crate::profile::Profile;
@@ -33,7 +33,7 @@ fn nominal() -> SceneSpec {
     let bodies = vec![
         stacking::cube("red cube", [1.0, 0.0, 0.0], 0),
         stacking::cube("green cube", [0.0, 1.0, 0.0], 1),
-        goal_disc(2),
+        stacking::goal(2),
     ];
     bimanual([QPOS_B; 2], 0.0, &stacking::CAMERAS, regions, bodies, TASK.instruction)
 }

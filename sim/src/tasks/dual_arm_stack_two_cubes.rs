@@ -3,11 +3,11 @@
 use ipc_types::Morphology;
 
 use super::common::stacking::{self, CubeTransfer};
-use super::common::{QPOS_B, bimanual, goal_disc, region};
+use super::common::{QPOS_B, bimanual, region};
 use crate::expert::{Move, TcpGoal};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{Range, RegionSpec, Scene, SceneSpec};
+use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -23,8 +23,6 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// Clearance between cubes for open fingers, in m.
-const FINGER_CLEARANCE: f64 = 0.04;
 const CUBES: [&str; 3] = ["red cube", "green cube", "blue cube"];
 
 fn nominal() -> SceneSpec {
@@ -32,17 +30,13 @@ fn nominal() -> SceneSpec {
     let regions = vec![
         region("red cube", Range::new(0.0, 0.2), near_first_arm),
         region("green cube", Range::new(0.1, 0.2), Range::new(0.1, 0.2)),
-        // The released code lets the blue cube overlap the red one.
-        RegionSpec {
-            min_gap_m: Some(FINGER_CLEARANCE),
-            ..region("blue cube", Range::new(-0.2, 0.0), near_first_arm)
-        },
+        region("blue cube", Range::new(-0.2, 0.0), near_first_arm),
         region("goal", Range::symmetric(0.05), Range::fixed(0.0)).not_widened(),
     ];
     let colors = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let cubes = CUBES.into_iter().zip(colors).enumerate();
     let mut bodies: Vec<_> = cubes.map(|(i, (name, color))| stacking::cube(name, color, i)).collect();
-    bodies.push(goal_disc(3));
+    bodies.push(stacking::goal(3));
     bimanual([QPOS_B; 2], 0.0, &stacking::CAMERAS, regions, bodies, TASK.instruction)
 }
 

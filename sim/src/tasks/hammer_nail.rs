@@ -1,15 +1,15 @@
 //! HammerNail: drive a nail into a block with a hammer. See docs/benchmark.md, "Tasks".
 
-use core::f64::consts::FRAC_PI_3;
+use core::f64::consts::{FRAC_PI_2, FRAC_PI_3};
 
 use ipc_types::Morphology;
-use nalgebra::{Isometry3, Point3, Translation3, Vector3};
+use nalgebra::{Isometry3, Translation3, Vector3};
 
-use super::common::tools::{self, HAMMER_FACE, NAIL_HALF_LENGTH, NAIL_HEAD_RADIUS};
+use super::common::tools::{self, HAMMER_FACE, HAMMER_HALF_THICKNESS, NAIL_HALF_LENGTH, NAIL_HEAD_RADIUS};
 use super::common::{
     ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, fixed, region, single_arm,
 };
-use crate::expert::{Move, grasp};
+use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{AppearanceSpec, BodySpec, Range, Scene, SceneSpec};
@@ -54,7 +54,9 @@ fn nominal() -> SceneSpec {
     ];
     let pierced_block = fixed("block", slabs, 1, SINGLE_TABLE_Z, "its hole fits the nail");
     let nail = tools::nail(2, SINGLE_TABLE_Z + half_z + HOLE_Z - NAIL_HEAD_RADIUS);
-    let bodies = vec![tools::hammer(0), BodySpec { friction: 2.0, ..pierced_block }, nail];
+    // The x and y axes of the block's frame are −y and x of the benchmark's.
+    let block = BodySpec { friction: tools::NAIL_FRICTION, ..pierced_block };
+    let bodies = vec![tools::hammer(0).with_yaw(Range::new(-FRAC_PI_2, 0.0)), block, nail];
     let regions = vec![
         region("hammer", Range::new(-0.13, -0.07), Range::new(0.32, 0.38)),
         region("block", Range::fixed(0.15), Range::fixed(0.10)).not_widened(),
@@ -79,8 +81,11 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     vec![Predicate::inside_box(nail, [f64::NEG_INFINITY; 3], [f64::INFINITY, DRIVEN_Y, f64::INFINITY])]
 }
 
-/// Grasp position along the handle, near the hammer's centre of mass, in m at scale 1.
-const GRASP_X: f64 = 0.025;
+/// Grasp position along the handle in m at scale 1: 0.7 of the way from the middle of the hammer's length to
+/// its centre of mass.
+const GRASP_X: f64 = 0.020;
+/// Depth of the grasp below the hammer's top, in m.
+const GRASP_DEPTH: f64 = 0.015;
 /// Height at which the hammer is carried above the nail, in m.
 const CARRY_HEIGHT: f64 = 0.10;
 /// Distance of the hammer's face from the nail's head at the start of the stroke, in m.
@@ -89,11 +94,17 @@ const STROKE_START: f64 = 0.10;
 const FOLLOW_THROUGH: f64 = 0.010;
 
 fn expert(scene: &Scene) -> Vec<Move> {
+    let across = scene.body("hammer").resting_pose().rotation * Vector3::y();
+    let closing = grasp::closest_closing(across, &grasp::start_closing(scene, 0));
+    first_feasible(scene, TASK.max_steps, [closing, -closing].iter().map(|closing| strike(scene, closing)))
+}
+
+/// Plans to grasp the hammer's handle, turn it to lie along x in front of the nail and strike.
+fn strike(scene: &Scene, closing: &Vector3<f64>) -> Vec<Move> {
     let (hammer, nail) = (scene.body("hammer"), scene.body("nail"));
-    let closing =
-        grasp::closest_closing(hammer.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
-    let position = hammer.pose * Point3::new(GRASP_X * hammer.scale.x, 0.0, 0.0);
-    let tcp = grasp::pose(&position.coords, &-Vector3::z(), &closing);
+    let start = hammer.resting_pose();
+    let position = hammer.point([GRASP_X, 0.0, HAMMER_HALF_THICKNESS]) - Vector3::z() * GRASP_DEPTH;
+    let tcp = grasp::pose(&position.coords, &-Vector3::z(), closing);
     let height = nail.pose.translation.z + CARRY_HEIGHT - tcp.translation.z;
     let raised = grasp::translated(&tcp, &(Vector3::z() * height));
     // TCP pose at which the hammer lies along x with its face `distance_m` in front of the initial position
@@ -102,7 +113,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let [face_x, face_y] = HAMMER_FACE.map(|x| x * hammer.scale.x);
         let nail_head = nail.pose.translation.vector + Vector3::y() * NAIL_HALF_LENGTH;
         let hammer_at = nail_head + Vector3::new(-face_x, distance_m - face_y, 0.0);
-        Isometry3::from(Translation3::from(hammer_at)) * hammer.pose.inverse() * tcp
+        Isometry3::from(Translation3::from(hammer_at)) * start.inverse() * tcp
     };
     let along_x = Isometry3::from_parts(raised.translation, in_front(0.0).rotation);
     let stroke = DRIVEN_Y - FOLLOW_THROUGH - nail.pose.translation.y;

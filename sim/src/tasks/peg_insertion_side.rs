@@ -7,7 +7,8 @@ use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::common::hole::Hole;
 use super::common::{
-    self, DENSITY, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region, rgb, single_arm,
+    self, DENSITY, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region, rgb,
+    single_arm,
 };
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
@@ -48,6 +49,7 @@ fn nominal() -> SceneSpec {
     };
     let peg = BodySpec {
         scaled_by: ScaledBy::Nothing("its size is sampled for every episode"),
+        damping: [0.0, 0.05],
         ..movable("peg", parts(&[[237, 246, 249], [236, 115, 87]]), 0, SINGLE_TABLE_Z)
     };
     let target = common::fixed("box", parts(&[[143, 145, 150]; 4]), 1, SINGLE_TABLE_Z, "it fits the peg");

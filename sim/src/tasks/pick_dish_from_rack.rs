@@ -1,7 +1,7 @@
 //! PickDishFromRack: take a plate out of a drying rack. See docs/benchmark.md, "Tasks".
 
 use ipc_types::Morphology;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::common::{ExternalCameras, dish, region, single_arm};
 use crate::expert::{Move, grasp};
@@ -23,17 +23,17 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-/// y of the dividers relative to the rack's centre, in m. The plate leans against the third.
+/// y of the dividers relative to the rack's centre, in m. The plate stands between the inner two.
 const DIVIDERS_Y: [f64; 4] = [-0.12, -0.04, 0.04, 0.12];
-/// Lean angle of the plate in rad, at which its rim rests in the corner between the rack's floor and the
-/// second divider.
-const LEAN: f64 = 0.2546;
+/// Height of the plate's centre above the rack's at the start, in m. The benchmark starts it 15 mm higher and
+/// above the success threshold; this is where it is after the first control step.
+const START_Z: f64 = 0.0403;
 /// Index of the rack among the bodies.
 const RACK: usize = 1;
 
 fn nominal() -> SceneSpec {
     let plate = BodySpec {
-        placement: PlacementSpec::RelativeTo { body: RACK, pose: dish::leaning_pose(DIVIDERS_Y[2], LEAN) },
+        placement: PlacementSpec::RelativeTo { body: RACK, pose: dish::upright_pose(0.0, START_Z) },
         ..dish::plate()
     };
     let beside = RegionSpec {
@@ -47,7 +47,7 @@ fn nominal() -> SceneSpec {
     single_arm(dish::QPOS, 0.0, &cameras, vec![beside], bodies, TASK.instruction)
 }
 
-/// Requires the plate's origin to be 42.5 mm above the rack's, which is 13 mm above its initial height.
+/// Requires the plate's origin to be 42.5 mm above the rack's: 2 mm above its start and 6 mm above its rest.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let (plate, rack) = (scene.body_idx("plate"), scene.body("rack").pose.translation.vector);
     let risen = if profile.counts_sinking() {
@@ -58,29 +58,24 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     vec![risen, Predicate::Above { body: plate, z_m: -0.01 }]
 }
 
-/// Distance from which the hand approaches the rim in a straight line, in m.
-const APPROACH: f64 = 0.07;
+/// Position of the grasp relative to the rack's centre, in m: on the upper part of the plate, which has come
+/// to rest leaning against the divider at its back, halfway between its floor and its foot.
+const GRASP: [f64; 3] = [0.0, 0.025, 0.095];
 /// Height by which the plate is lifted, in m.
 const LIFT: f64 = 0.2;
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let plate = scene.body("plate");
+    let rack = scene.body("rack");
     let start = grasp::start_tcp(scene, 0);
-    // A quarter turn from the initial orientation. The hand rotates at its initial height before it descends
-    // and leans.
-    let closing = -Vector3::y();
+    let position = (rack.pose * Point3::from(GRASP)).coords;
     let waypoints = |tcp: &Isometry3<f64>| {
-        let above = grasp::retreated(tcp, APPROACH);
-        let beside = Vector3::new(above.translation.x, above.translation.y, start.translation.z);
-        [
-            grasp::pose(&beside, &-Vector3::z(), &closing),
-            above,
-            *tcp,
-            grasp::translated(tcp, &(Vector3::z() * LIFT)),
-        ]
+        let mut above = *tcp;
+        above.translation.z = start.translation.z;
+        [above, *tcp, grasp::translated(tcp, &(Vector3::z() * LIFT))]
     };
-    let candidates = dish::rim_grasps(plate, dish::farthest_azimuth(plate, &Vector3::z()), &closing);
+    // A quarter turn from the initial orientation.
+    let candidates = [-Vector3::y(), Vector3::y()].map(|y| grasp::pose(&position, &-Vector3::z(), &y));
     let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
-    let [beside, above, at, raised] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
-    vec![beside, above, at, Move::close(&[0], 4), raised]
+    let [above, at, raised] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
+    vec![above, at, Move::close(&[0], 4), raised]
 }

@@ -1,6 +1,6 @@
 //! PlaceDishInRack: stand a plate in a drying rack. See docs/benchmark.md, "Tasks".
 
-use core::f64::consts::{FRAC_PI_2, PI, TAU};
+use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -38,7 +38,8 @@ fn nominal() -> SceneSpec {
     let target = [0.0, 0.0, 0.05];
     let cameras =
         ExternalCameras { external1: [[0.2, -0.15, 0.5], target], external2: [[0.1, 0.5, 0.4], target] };
-    let bodies = vec![plate.with_yaw(Range::new(0.0, TAU)), dish::rack(1, DIVIDERS_Y)];
+    let plate = plate.with_yaw(Range::new(0.0, TAU)).with_origin_z(0.02445);
+    let bodies = vec![plate, dish::rack(1, DIVIDERS_Y)];
     single_arm(dish::QPOS, 0.0, &cameras, regions, bodies, TASK.instruction)
 }
 
@@ -68,10 +69,14 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     ]
 }
 
-/// Lean angle of the plate at release, in rad.
-const LEAN: f64 = 0.05;
-/// Height above the rack's floor at which the plate is released, in m.
-const DROP: f64 = 0.004;
+/// Height of the plate's centre above the rack's at release, in m: a few millimetres above its rest.
+const RELEASE_Z: f64 = 0.043;
+/// Angle by which the hand leans along the rim when it grasps the plate, in rad. Once the plate is upright,
+/// the hand points obliquely down and stays above the dividers.
+const LEAN: f64 = FRAC_PI_4;
+/// Height of the grasped point of the rim above the level of the plate's centre at release, as an angle about
+/// the plate's axis in rad.
+const GRASP_ELEVATION: f64 = PI / 8.0;
 /// Half-opening of the fingers during the approach to the wall, in m: the outer finger must not touch the
 /// table.
 const HALF_OPENING: f64 = 0.015;
@@ -86,23 +91,24 @@ const RETREAT: f64 = 0.08;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (plate, rack) = (scene.body("plate"), scene.body("rack"));
-    // Grasp the plate's right side, which ends up on top: the hand then reaches the rack from above, clear of
-    // the dividers.
-    let azimuth = dish::farthest_azimuth(plate, &-Vector3::y());
+    // Grasp the plate's far side with the hand leaning away from the rack. The plate ends up open to the
+    // left, and the hand reaches in from there.
+    let azimuth = dish::farthest_azimuth(plate, &Vector3::x());
     let facing_left = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
-    let final_pose = rack.pose * facing_left * dish::leaning_pose(-DIVIDERS_Y[1], LEAN);
-    let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2 - azimuth);
-    let into_rack = final_pose * turned * plate.pose.inverse();
+    let slot_y = (DIVIDERS_Y[1] + DIVIDERS_Y[2]) / 2.0;
+    let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI - GRASP_ELEVATION - azimuth);
+    let final_pose = rack.pose * facing_left * dish::upright_pose(-slot_y, RELEASE_Z) * turned;
+    let into_rack = final_pose * plate.resting_pose().inverse();
     let up = |tcp: &Isometry3<f64>, by_m: f64| grasp::translated(tcp, &(Vector3::z() * by_m));
     let waypoints = |tcp: &Isometry3<f64>| {
-        let release = up(&(into_rack * tcp), DROP);
+        let release = into_rack * tcp;
         let over = up(&release, CLEARANCE);
         let raised = up(tcp, LIFT);
         let transported = Isometry3::from_parts(over.translation, raised.rotation);
         let [above, retreat] = [grasp::retreated(tcp, APPROACH), grasp::retreated(&release, RETREAT)];
         [above, *tcp, raised, transported, over, release, retreat]
     };
-    let candidates = dish::rim_grasps(plate, azimuth, &grasp::start_closing(scene, 0));
+    let candidates = dish::rim_grasps(plate, azimuth, -LEAN, &grasp::start_closing(scene, 0));
     let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
     let [above, at, raised, transported, over, release, retreat] =
         waypoints(&tcp).map(|tcp| Move::straight(0, tcp));

@@ -231,7 +231,7 @@ const EXPECTED_RANGES: [(TaskId, &str, [[f64; 2]; 2]); 31] = {
         (T::PlaceCubeInDrawer, "cube", [[-0.15, 0.15], [0.35, 0.65]]),
         (T::PlaceCubeInDrawer, "cabinet", [[-0.15, 0.15], [-0.65, -0.35]]),
         (T::CookItemInPan, "apple", [[-0.24, 0.0], [-0.32, -0.08]]),
-        (T::CookItemInPan, "pan", [[-0.075, 0.075], [0.01, 0.16]]),
+        (T::CookItemInPan, "pan", [[-0.075, 0.005], [-0.075, 0.075]]),
         (T::DualArmBottleHandover, "bottle", [[0.15, 0.45], [-0.35, -0.05]]),
         (T::DualArmPushBox, "box", [[-0.25, 0.05], [-0.15, 0.15]]),
         (T::DualArmPourPot, "pot", [[0.025, 0.175], [-0.15, 0.15]]),

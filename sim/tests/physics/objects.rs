@@ -1,5 +1,5 @@
-//! Mass, size and resting height of the manipulated objects against the original's, as measured on its running
-//! simulator (docs/benchmark.md, "Objects").
+//! Mass, size and resting height of the manipulated objects against the original's, as measured on its
+//! running simulator (docs/benchmark.md, "Objects").
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Vector3};
@@ -57,7 +57,7 @@ const OBJECTS: &[Object] = &[
     object(TaskId::DualArmPushBox, "box", 3.072, [0.24, 0.16, 0.08], 0.865),
     object(TaskId::DualArmPourPot, "tomato", 0.202, [0.0771, 0.076, 0.0614], 0.841),
     object(TaskId::DualArmThreading, "needle", 1.19, [0.125, 0.04, 0.04], 0.845),
-    object(TaskId::DualArmThreading, "tripod", 0.2504, [0.3301, 0.1826, 0.1582], 0.8851),
+    object(TaskId::DualArmThreading, "tripod", 0.2504, [0.3301, 0.1656, 0.157], 0.8851),
     object(TaskId::DualArmPenCap, "pen", 0.33, [0.3952, 0.0383, 0.0382], 0.8443),
     object(TaskId::DualArmPenCap, "cap", 0.2955, [0.1869, 0.0689, 0.0556], 0.8522),
     object(TaskId::DualArmStackCube, "red cube", 0.064, [0.04, 0.04, 0.04], 0.845),

@@ -145,16 +145,20 @@ fn body_without_visuals_renders_collision_parts() {
 }
 
 #[test]
-fn mo_color_samples_color_per_visual() {
+fn mo_color_samples_color_per_render_part() {
+    let colors = |task, body: &str, seed| {
+        let scene = perturbed(task, Perturbation::MoColor).draw(seed);
+        scene.body(body).visuals.iter().map(|visual| visual.appearance.color).collect::<Vec<_>>()
+    };
+    let book = colors(TaskId::PlaceBookInShelf, "book", 5);
+    assert!(book.len() > 1 && book.iter().skip(1).all(|color| *color != book[0]), "{book:?}");
+
+    // The original's tray is a single mesh.
     let (nominal, snapshot) = first_scene(TaskId::DualArmLiftTray);
     let spec = perturbed(TaskId::DualArmLiftTray, Perturbation::MoColor);
-    let [first, again, other] = [5, 5, 6].map(|seed| {
-        let scene = spec.draw(seed);
-        let visuals = &scene.body("tray").visuals;
-        visuals.iter().map(|visual| visual.appearance.color).collect::<Vec<_>>()
-    });
+    let [first, again, other] = [5, 5, 6].map(|seed| colors(TaskId::DualArmLiftTray, "tray", seed));
     assert_eq!(first, again);
-    assert!(first.len() == 2 && first[0] != first[1], "{first:?}");
+    assert!(first.len() > 1 && first.iter().all(|color| *color == first[0]), "{first:?}");
     assert!(first.iter().zip(&other).all(|(a, b)| a != b), "{first:?} and {other:?}");
     let mut colored = nominal.clone();
     colored.bodies[0].visuals = spec.draw(5).bodies[0].visuals.clone();
@@ -168,10 +172,12 @@ fn visuals_scale_with_their_body() {
     for seed in 0..8 {
         let tray = spec.draw(seed).body("tray").clone();
         for (visual, at_one) in tray.visuals.iter().zip(&spec.bodies[0].visuals) {
-            assert_eq!(visual.shape, at_one.shape.scaled(tray.scale.x));
-            let expected = at_one.pose.translation.vector * tray.scale.x;
+            assert_eq!(visual.shape, at_one.shape);
+            let expected = at_one.pose.translation.vector.component_mul(&tray.scale);
             assert_eq!(visual.pose.translation.vector, expected);
+            let along = at_one.pose.rotation * Vector3::from(visual.stretch);
+            assert!((along.abs() - tray.scale).amax() < 1e-9, "{along} is not {}", tray.scale);
         }
-        assert!((tray.scale.x - 1.0).abs() > 1e-3, "seed {seed} samples the nominal size");
+        assert!((tray.scale.x - tray.scale.y).abs() > 1e-3, "seed {seed} scales all axes alike");
     }
 }

@@ -37,8 +37,14 @@ impl SceneSpec {
         let mut bodies: Vec<Body> = specs.iter().map(|spec| draw_body(spec, episode_seed)).collect();
         self.place(&specs, &mut bodies, episode_seed);
         for (idx, spec) in specs.iter().enumerate() {
-            if let PlacementSpec::RelativeTo { body, pose } = &spec.placement {
-                bodies[idx].pose = bodies[*body].pose * scale_translation(pose, &bodies[*body].scale);
+            match &spec.placement {
+                PlacementSpec::OnSurface { .. } => {}
+                PlacementSpec::Over { body, origin_z_m, surface_z_m } => {
+                    place_over(idx, *body, *origin_z_m, *surface_z_m, &mut bodies);
+                }
+                PlacementSpec::RelativeTo { body, pose } => {
+                    bodies[idx].pose = bodies[*body].pose * scale_translation(pose, &bodies[*body].scale);
+                }
             }
         }
         let robots = self.robots.iter().enumerate();
@@ -240,6 +246,18 @@ fn place_region(
         body.pose = Isometry3::from_parts(Translation3::new(xy[0], xy[1], z), rotation);
         body.drop_m = z - resting_z;
     }
+}
+
+/// Sets the pose of body `idx` above a surface of body `below`. See [`PlacementSpec::Over`].
+fn place_over(idx: usize, below: usize, origin_z_m: f64, surface_z_m: f64, bodies: &mut [Body]) {
+    let lowest = bodies[idx].aabb(&Isometry3::identity()).min.z;
+    let surface = &bodies[below];
+    let [touching_z, resting_z] = [&surface.pose, &surface.resting_pose()]
+        .map(|pose| pose.translation.z + surface_z_m * surface.scale.z - lowest);
+    let z = origin_z_m.max(touching_z);
+    let at = Translation3::new(surface.pose.translation.x, surface.pose.translation.y, z);
+    bodies[idx].pose = Isometry3::from_parts(at, UnitQuaternion::identity());
+    bodies[idx].drop_m = z - resting_z;
 }
 
 /// Returns the radius of the circle about the body's origin that contains its footprint at any yaw, in m.

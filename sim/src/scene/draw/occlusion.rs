@@ -7,13 +7,13 @@ use crate::scene::primitive::Aabb;
 use crate::scene::spec::{CameraMount, CameraSpec, Role};
 
 /// A line of sight from a camera to a point of an object, in world coordinates.
-struct Segment {
+struct SightLine {
     from: Point3<f64>,
     to: Point3<f64>,
 }
 
 /// The lines of sight from each external camera to each manipulated object.
-pub(super) struct LinesOfSight(Vec<Vec<Segment>>);
+pub(super) struct LinesOfSight(Vec<Vec<SightLine>>);
 
 impl LinesOfSight {
     /// Collects the lines to the centre and the corners of the bounding boxes of the resting objects. Cameras
@@ -27,7 +27,7 @@ impl LinesOfSight {
         let targets: Vec<Aabb> = manipulated.map(|body| body.aabb(&body.resting_pose())).collect();
         let lines = |from: Point3<f64>| {
             let to_points =
-                move |target: &Aabb| points_of(target).map(|to| Segment { from, to }).into_iter().collect();
+                move |target: &Aabb| points_of(target).map(|to| SightLine { from, to }).into_iter().collect();
             targets.iter().map(to_points).collect::<Vec<_>>()
         };
         Self(eyes.flat_map(lines).collect())
@@ -50,7 +50,7 @@ fn points_of(aabb: &Aabb) -> [Point3<f64>; 9] {
     core::array::from_fn(|i| if i < 8 { corner(i).into() } else { ((aabb.min + aabb.max) / 2.0).into() })
 }
 
-impl Segment {
+impl SightLine {
     /// Returns `true` if any point of the segment is in the box, by clipping it against the three slabs.
     fn intersects(&self, aabb: &Aabb) -> bool {
         let along = self.to - self.from;
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn box_blocks_only_lines_through_it() {
-        let line = |to: [f64; 3]| Segment { from: Point3::new(1.0, 0.0, 1.0), to: Point3::from(to) };
+        let line = |to: [f64; 3]| SightLine { from: Point3::new(1.0, 0.0, 1.0), to: Point3::from(to) };
         let aabb = Aabb { min: Vector3::new(0.3, -0.1, 0.0), max: Vector3::new(0.6, 0.1, 0.5) };
         assert!(line([0.0, 0.0, 0.0]).intersects(&aabb));
         assert!(!line([0.0, 1.0, 0.0]).intersects(&aabb), "beside the box");

@@ -1,9 +1,9 @@
 //! The bookcase of PlaceBookInShelf, open towards −x. Lengths in m.
 //!
 //! Its frame has the benchmark's origin, with axes parallel to those of the world. On a solid base stand two
-//! side walls and a back wall. A block of leaning books takes the +y half of the compartment between them; the
-//! slot for the book is the other half. Above the compartment is a board with a heap of books on it, and no
-//! top.
+//! side walls and a back wall. A block of leaning books takes the +y half of the compartment between them;
+//! the slot for the book is the other half. Above the compartment is a board with a heap of books on it, and
+//! no top.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 

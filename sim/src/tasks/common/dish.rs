@@ -1,7 +1,7 @@
 //! The plate and the drying rack of PickDishFromRack and PlaceDishInRack. See docs/benchmark.md, "Scenes and
 //! objects".
 
-use core::f64::consts::{FRAC_PI_2, FRAC_PI_6, PI, TAU};
+use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -14,69 +14,86 @@ use crate::scene::{
 /// Initial joint positions in rad: TCP at world (−0.088, 0.038, 0.318) m, pointing down.
 pub(in crate::tasks) const QPOS: [f64; 7] = [0.0380, -0.0558, 0.0235, -2.1654, 0.0421, 2.1272, -0.7544];
 
-/// Radius of the plate's rim, in m.
-const RIM_RADIUS: f64 = 0.09;
-/// Half of the plate's depth, in m.
-const HALF_DEPTH: f64 = 0.02245;
-/// Thickness of the plate's wall and floor, in m.
-const THICKNESS: f64 = 0.006;
-/// Outward lean of the plate's wall from its axis, in rad.
-const FLARE: f64 = FRAC_PI_6;
-/// Sine of `FLARE`.
-const SIN_FLARE: f64 = 0.5;
-/// Cosine of `FLARE`.
-const COS_FLARE: f64 = 0.866_025_403_784_438_6;
-/// Length of the plate's wall from the foot to the rim, in m.
-const WALL_LENGTH: f64 = (2.0 * HALF_DEPTH - THICKNESS * SIN_FLARE) / COS_FLARE;
+/// Radius and z of the circles between which the plate is a solid of revolution: the foot, the underside of
+/// the base, and the base up to the floor of the dish. In m.
+const SOLID: [[[f64; 2]; 2]; 3] = [
+    [[0.0535, -0.019], [0.058, -0.012]],
+    [[0.058, -0.012], [0.0775, -0.008]],
+    [[0.0775, -0.008], [0.0873, 0.0015]],
+];
+/// Height of the plate's underside in its frame, in m.
+const FOOT_Z: f64 = -0.0232;
 /// Radius of the plate's foot, in m.
-const FOOT_RADIUS: f64 = RIM_RADIUS - WALL_LENGTH * SIN_FLARE;
-/// Number of flat segments that the plate's wall consists of for collision. A plate on edge rests on one of
-/// them and does not roll.
-const N_SEGMENTS: u32 = 12;
+const FOOT_RADIUS: f64 = 0.0505;
+/// Profile (r, z) of the plate as it is seen, in m. It is thinner than the solid that collides.
+const PROFILE: [[f64; 2]; 26] = [
+    [0.0, -0.0175],
+    [0.0395, -0.0175],
+    [0.0415, -0.0215],
+    [0.0430, -0.02245],
+    [0.0490, -0.02245],
+    [0.0507, -0.0220],
+    [0.0530, -0.0188],
+    [0.0570, -0.0160],
+    [0.0730, -0.0133],
+    [0.0780, -0.0118],
+    [0.0796, -0.0080],
+    [0.0837, -0.0040],
+    [0.0864, 0.0],
+    [0.0888, 0.0040],
+    [0.0900, 0.0090],
+    [0.0905, 0.0160],
+    [0.0905, 0.0208],
+    [0.0895, 0.0222],
+    [0.0875, 0.02245],
+    [0.0859, 0.0215],
+    [0.0853, 0.0160],
+    [0.0840, 0.0100],
+    [0.0800, 0.0050],
+    [0.0740, 0.0008],
+    [0.0600, -0.0020],
+    [0.0, -0.0030],
+];
+/// Heights of the bottom and the top of the rim's wall in the plate's frame, in m.
+const WALL_Z: [f64; 2] = [0.0015, 0.024];
+/// Thickness of the rim's wall, in m.
+const WALL_THICKNESS: f64 = 0.0085;
+/// Outer radius of the wall halfway up, at the middle of a segment, in m.
+const WALL_RADIUS: f64 = 0.0904;
+/// Outward lean of the wall from the plate's axis, in rad.
+const FLARE: f64 = 0.053;
+/// Number of boxes that the wall consists of for collision. A plate on edge rests on one of them and does not
+/// roll.
+const N_SEGMENTS: u32 = 16;
 
-/// Creates the plate, open at the top, about its z axis and centred at half of its depth. By default it lies
-/// on the table in the first region. Its friction coefficient is 1 instead of the benchmark's 20, so that it
-/// slides into a slot without jamming.
+/// Creates the plate, open at the top, about its z axis. By default it lies on the table in the first region.
+///
+/// The benchmark's plate is a shallow dish on a foot. It collides as convex pieces that fill its floor and
+/// double the thickness of its rim; so does this one.
 pub(in crate::tasks) fn plate() -> BodySpec {
     let white = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain([0.93; 3]) };
     let half = [
-        THICKNESS / 2.0,
-        (RIM_RADIUS + FOOT_RADIUS) / 2.0 * libm::tan(PI / f64::from(N_SEGMENTS)),
-        WALL_LENGTH / 2.0,
+        WALL_THICKNESS / 2.0,
+        WALL_RADIUS * libm::tan(PI / f64::from(N_SEGMENTS)),
+        (WALL_Z[1] - WALL_Z[0]) / 2.0,
     ];
     let segment =
         |i: u32| PartSpec { shape: Primitive::Box { half }, pose: wall_pose(azimuth(i)), appearance: white };
-    let floor = Primitive::Cylinder { radius: FOOT_RADIUS, half_height: THICKNESS / 2.0 };
-    let floor = PartSpec::at(floor, [0.0, 0.0, THICKNESS / 2.0 - HALF_DEPTH], white);
+    let foot = Primitive::Cylinder { radius: FOOT_RADIUS, half_height: (SOLID[0][0][1] - FOOT_Z) / 2.0 };
+    let foot = PartSpec::at(foot, [0.0, 0.0, (SOLID[0][0][1] + FOOT_Z) / 2.0], white);
+    let solid = SOLID.map(|circles| PartSpec::at(Primitive::frustum(circles), [0.0; 3], white));
     BodySpec {
-        visuals: vec![VisualSpec::at(VisualShape::Lathe { profile: profile() }, [0.0; 3], white)],
+        visuals: vec![VisualSpec::at(VisualShape::Lathe { profile: PROFILE.to_vec() }, [0.0; 3], white)],
         scaled_by: ScaledBy::Nothing("the slots of the rack are made for it"),
-        mass: Mass::Density(300.0),
-        friction: 1.0,
-        ..movable("plate", (0..N_SEGMENTS).map(segment).chain([floor]).collect(), 0, SINGLE_TABLE_Z)
+        mass: Mass::Measured { kg: 0.1365, centre: [0.0, 0.0, -0.0029], inertia: [2.9e-4, 2.9e-4, 5.5e-4] },
+        friction: 20.0,
+        ..movable(
+            "plate",
+            (0..N_SEGMENTS).map(segment).chain([foot]).chain(solid).collect(),
+            0,
+            SINGLE_TABLE_Z,
+        )
     }
-}
-
-/// Returns the lathe profile of the plate's wall and floor, with rounded edges.
-fn profile() -> Vec<[f64; 2]> {
-    // Point at distance `along` from the foot's outer edge along the wall and `inwards` through it.
-    let wall = |along: f64, inwards: f64| {
-        let (out, up) = (SIN_FLARE * along - COS_FLARE * inwards, COS_FLARE * along + SIN_FLARE * inwards);
-        [FOOT_RADIUS + out, up - HALF_DEPTH]
-    };
-    let round = THICKNESS / 3.0;
-    vec![
-        [0.0, -HALF_DEPTH],
-        [FOOT_RADIUS - round, -HALF_DEPTH],
-        wall(round, 0.0),
-        wall(WALL_LENGTH - round, 0.0),
-        wall(WALL_LENGTH, round),
-        wall(WALL_LENGTH, THICKNESS - round),
-        wall(WALL_LENGTH - round, THICKNESS),
-        wall(THICKNESS + round, THICKNESS),
-        [FOOT_RADIUS - THICKNESS - round, THICKNESS - HALF_DEPTH],
-        [0.0, THICKNESS - HALF_DEPTH],
-    ]
 }
 
 /// Returns the azimuth of a wall segment's centre about the plate's axis, in rad.
@@ -87,11 +104,7 @@ fn azimuth(segment: u32) -> f64 {
 /// Returns the pose of the plate's wall at an azimuth, in the plate's frame: x points outwards through the
 /// wall and z along it to the rim.
 fn wall_pose(azimuth_rad: f64) -> Isometry3<f64> {
-    let middle = Vector3::new(
-        FOOT_RADIUS + (WALL_LENGTH * SIN_FLARE - THICKNESS * COS_FLARE) / 2.0,
-        0.0,
-        (WALL_LENGTH * COS_FLARE + THICKNESS * SIN_FLARE) / 2.0 - HALF_DEPTH,
-    );
+    let middle = Vector3::new(WALL_RADIUS - WALL_THICKNESS / 2.0, 0.0, (WALL_Z[0] + WALL_Z[1]) / 2.0);
     let around = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), azimuth_rad);
     let leaning = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FLARE);
     Isometry3::from_parts((around * middle).into(), around * leaning)
@@ -103,8 +116,6 @@ const RACK_Z: f64 = 0.085;
 const UNDERSIDE_Z: f64 = -0.06375;
 /// Height of the rack's floor in its frame, in m.
 const FLOOR_Z: f64 = -0.0527;
-/// Height of the top of the inner dividers in the rack's frame, in m.
-const DIVIDER_TOP_Z: f64 = 0.05915;
 /// Half-extents of the rack's floor, in m.
 const FLOOR_HALF: [f64; 3] = [0.09045, 0.12585, 0.005];
 /// Centre of the rack's floor in the rack's frame, in m.
@@ -183,19 +194,14 @@ fn rod(radius: f64, from: [f64; 3], to: [f64; 3], appearance: AppearanceSpec) ->
     }
 }
 
-/// Returns the pose of the plate in the rack's frame when it stands on the rack's floor, opens towards −y and
-/// leans back by `lean_rad` against the top of the inner divider at `divider_y` (m). The plate's y axis
-/// points up.
-pub(in crate::tasks) fn leaning_pose(divider_y: f64, lean_rad: f64) -> Isometry3<f64> {
-    let (sin, cos) = libm::sincos(lean_rad);
-    let rim_z = HALF_DEPTH - THICKNESS * SIN_FLARE;
-    let z = FLOOR_Z + RIM_RADIUS * cos - rim_z * sin;
-    let y = divider_y - DIVIDER_HALF[1] - (HALF_DEPTH + (DIVIDER_TOP_Z - z) * sin) / cos;
-    let upright = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2 - lean_rad);
+/// Returns the pose of the plate in the rack's frame when it stands upright, open towards −y, with its centre
+/// at a given y and z (m).
+pub(in crate::tasks) fn upright_pose(y: f64, z: f64) -> Isometry3<f64> {
+    let upright = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
     Isometry3::from_parts(Translation3::new(0.0, y, z), upright)
 }
 
-/// Distance of the grasp below the rim, along the wall, in m.
+/// Distance of the grasp below the top of the rim, along the wall, in m.
 const GRASP_DEPTH: f64 = 0.01;
 
 /// Returns the azimuth about the plate's axis (rad) of the wall segment that lies farthest in a world
@@ -209,16 +215,19 @@ pub(in crate::tasks) fn farthest_azimuth(plate: &Body, direction: &Vector3<f64>)
     azimuth(farthest.unwrap_or(0))
 }
 
-/// Returns the two TCP poses that grasp the plate's wall at an azimuth with the hand in line with the wall.
-/// The first is the one whose closing direction is nearer to `closing_now`.
+/// Returns the two TCP poses that grasp the wall of the resting plate at an azimuth. The hand leans along the
+/// rim by `lean_rad` in the direction of increasing azimuth. The first pose is the one whose closing
+/// direction is nearer to `closing_now`.
 pub(in crate::tasks) fn rim_grasps(
     plate: &Body,
     azimuth_rad: f64,
+    lean_rad: f64,
     closing_now: &Vector3<f64>,
 ) -> [Isometry3<f64>; 2] {
-    let wall = plate.pose * wall_pose(azimuth_rad);
-    let position = wall * Point3::new(0.0, 0.0, WALL_LENGTH / 2.0 - GRASP_DEPTH);
+    let wall = plate.resting_pose() * wall_pose(azimuth_rad);
+    let position = wall * Point3::new(0.0, 0.0, (WALL_Z[1] - WALL_Z[0]) / 2.0 - GRASP_DEPTH);
+    let approach =
+        wall.rotation * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -lean_rad) * -Vector3::z();
     let closing = grasp::closest_closing(wall.rotation * Vector3::x(), closing_now);
-    [closing, -closing]
-        .map(|closing| grasp::pose(&position.coords, &(wall.rotation * -Vector3::z()), &closing))
+    [closing, -closing].map(|closing| grasp::pose(&position.coords, &approach, &closing))
 }

@@ -1,15 +1,46 @@
-//! A tomato and an apple: spheres for collision, with detailed visuals. See docs/benchmark.md, "Scenes and
-//! objects".
+//! A tomato and an apple: a solid of revolution and a sphere for collision, with detailed visuals. See
+//! docs/benchmark.md, "Scenes and objects".
+
+use core::f64::consts::FRAC_PI_2;
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{movable, rgb};
-use crate::scene::{APPLE_PROFILE, AppearanceSpec, BodySpec, PartSpec, Primitive, VisualShape, VisualSpec};
+use crate::scene::{
+    APPLE_PROFILE, AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, ScaleAxes, VisualShape, VisualSpec,
+};
 
-/// Radius of either fruit, in m.
-pub(in crate::tasks) const RADIUS: f64 = 0.0375;
-/// Angular damping that stands in for rolling resistance, in 1/s.
-const ROLLING_DAMPING: f64 = 3.0;
+/// Radius of the apple, in m: half the mean of its width and height.
+pub(in crate::tasks) const APPLE_RADIUS: f64 = 0.037;
+/// Radius and half of the height of the apple's base, in m.
+const APPLE_BASE: [f64; 2] = [0.012, 0.002];
 
-/// Creates a red tomato with a green calyx. Its origin is its lowest point.
+/// Radii of the tomato at heights along its axis, each given as (radius, height), in m. The rings are close
+/// enough together for it to roll onto its flat pole, as the benchmark's does.
+const TOMATO_PROFILE: [[f64; 2]; 19] = [
+    [0.0212, -0.0004],
+    [0.0253, 0.002],
+    [0.0295, 0.005],
+    [0.0320, 0.008],
+    [0.0337, 0.011],
+    [0.0350, 0.014],
+    [0.0361, 0.017],
+    [0.0369, 0.02],
+    [0.0375, 0.023],
+    [0.0380, 0.026],
+    [0.0383, 0.029],
+    [0.0382, 0.032],
+    [0.0376, 0.035],
+    [0.0366, 0.038],
+    [0.0349, 0.042],
+    [0.0321, 0.047],
+    [0.0281, 0.052],
+    [0.0216, 0.056],
+    [0.0080, 0.061],
+];
+
+/// Creates a red tomato with a green calyx. Its axis is the y axis of its frame, which is horizontal at the
+/// start; the origin is the flat pole, opposite the calyx.
 pub(in crate::tasks) fn tomato(region: usize, surface_z_m: f64) -> BodySpec {
     /// Outline of the calyx, in m.
     const CALYX: [[f64; 2]; 10] = [
@@ -25,32 +56,53 @@ pub(in crate::tasks) fn tomato(region: usize, surface_z_m: f64) -> BodySpec {
         [0.0049, -0.0035],
     ];
     let (skin, green) = (skin_appearance([200, 34, 24]), AppearanceSpec::plain(rgb([62, 112, 36])));
-    let (middle, top) = ([0.0, 0.0, RADIUS], [0.0, 0.0, 2.0 * RADIUS - 0.002]);
-    let ball = Primitive::Ball { radius: RADIUS };
+    let z_to_y = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -FRAC_PI_2);
+    let at = |y: f64| Isometry3::from_parts(Translation3::new(0.0, y, 0.0), z_to_y);
+    let visual = |shape, y, appearance| VisualSpec { shape, pose: at(y), appearance };
+    let [_, inner @ .., _] = TOMATO_PROFILE;
+    let profile = [[0.0, 0.003], [0.012, 0.0002], [0.0205, 0.0006]].into_iter();
+    let profile = profile.chain(inner).chain([[0.013, 0.0595], [0.0, 0.0585]]).collect();
     let calyx = VisualShape::Extrusion { outline: CALYX.to_vec(), holes: Vec::new(), half_height: 0.0015 };
+    let body = Primitive::revolution(&TOMATO_PROFILE);
     BodySpec {
         visuals: vec![
-            VisualSpec::at(VisualShape::Primitive(ball.clone()), middle, skin),
-            VisualSpec::at(calyx, top, green),
-            VisualSpec::at(stem(), top, green),
+            visual(VisualShape::Lathe { profile }, 0.0, skin),
+            visual(calyx, 0.0595, green),
+            visual(stem(), 0.061, green),
         ],
-        damping: [0.0, ROLLING_DAMPING],
-        ..movable("tomato", vec![PartSpec::at(ball, middle, skin)], region, surface_z_m)
+        scale_axes: ScaleAxes::Independent,
+        mass: Mass::Measured { kg: 0.202, centre: [0.0005, 0.0283, 0.0], inertia: [1.1e-4, 1.2e-4, 1.1e-4] },
+        damping: [0.0, 0.05],
+        ..movable(
+            "tomato",
+            vec![PartSpec { shape: body, pose: at(0.0), appearance: skin }],
+            region,
+            surface_z_m,
+        )
     }
 }
 
-/// Creates a red apple with its stem. Its origin is its centre.
+/// Creates a red apple with its stem. Its origin is its centre. It collides as a sphere with a flat base, on
+/// which it stands.
 pub(in crate::tasks) fn apple(region: usize, surface_z_m: f64) -> BodySpec {
     let skin = skin_appearance([190, 28, 32]);
-    let profile = APPLE_PROFILE.iter().map(|point| point.map(|x| x * RADIUS)).collect();
-    let ball = PartSpec::at(Primitive::Ball { radius: RADIUS }, [0.0; 3], skin);
+    let profile = APPLE_PROFILE.iter().map(|point| point.map(|x| x * APPLE_RADIUS)).collect();
+    let [radius, half_height] = APPLE_BASE;
+    let parts = vec![
+        PartSpec::at(Primitive::Ball { radius: APPLE_RADIUS }, [0.0; 3], skin),
+        PartSpec::at(
+            Primitive::Cylinder { radius, half_height },
+            [0.0, 0.0, half_height - APPLE_RADIUS],
+            skin,
+        ),
+    ];
     BodySpec {
         visuals: vec![
             VisualSpec::at(VisualShape::Lathe { profile }, [0.0; 3], skin),
-            VisualSpec::at(stem(), [0.0, 0.0, 0.9 * RADIUS], AppearanceSpec::plain(rgb([84, 58, 34]))),
+            VisualSpec::at(stem(), [0.0, 0.0, 0.9 * APPLE_RADIUS], AppearanceSpec::plain(rgb([84, 58, 34]))),
         ],
-        damping: [0.0, ROLLING_DAMPING],
-        ..movable("apple", vec![ball], region, surface_z_m)
+        damping: [0.0, 0.05],
+        ..movable("apple", parts, region, surface_z_m).with_origin_z(surface_z_m + APPLE_RADIUS)
     }
 }
 

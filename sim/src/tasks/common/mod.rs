@@ -1,8 +1,10 @@
 //! Shared building blocks of tasks: the single-arm and bimanual workspaces (arms, table, lights and cameras)
 //! and recurring bodies. See docs/benchmark.md, "Scenes and objects" and "Robot and control".
 
+pub(super) mod arrow;
 pub(super) mod book;
 pub(super) mod bookcase;
+pub(super) mod bottle;
 pub(super) mod cabinet;
 pub(super) mod can;
 pub(super) mod cooking;
@@ -10,13 +12,13 @@ pub(super) mod dish;
 pub(super) mod drawer_unit;
 pub(super) mod fruit;
 pub(super) mod hole;
-pub(super) mod insertion;
+pub(super) mod pen_and_cap;
 pub(super) mod pot;
 pub(super) mod props;
+pub(super) mod ring_and_needle;
 pub(super) mod stacking;
 pub(super) mod tools;
 pub(super) mod tray;
-pub(super) mod vessel;
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
 

@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, ExternalCameras, GOAL_RADIUS};
+use super::{BIMANUAL_TABLE_Z, ExternalCameras, GOAL_RADIUS, goal_disc};
 use crate::expert::{Move, TcpGoal, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
@@ -22,7 +22,13 @@ pub(in crate::tasks) const CAMERAS: ExternalCameras = ExternalCameras {
 
 /// Creates a cube of the tower.
 pub(in crate::tasks) fn cube(name: &'static str, color: [f64; 3], region: usize) -> BodySpec {
-    super::cube(name, HALF, color, region, BIMANUAL_TABLE_Z).with_yaw(Range::new(0.0, TAU))
+    let cube = super::cube(name, HALF, color, region, BIMANUAL_TABLE_Z);
+    BodySpec { damping: [0.0, 0.05], ..cube.with_yaw(Range::new(0.0, TAU)).with_origin_z(0.85) }
+}
+
+/// Creates the goal disc, which floats 6 mm above the table.
+pub(in crate::tasks) fn goal(region: usize) -> BodySpec {
+    goal_disc(region).with_origin_z(0.831)
 }
 
 /// Requires one cube to be on another, within 25 mm horizontally and 5 mm vertically.

@@ -5,25 +5,31 @@ use core::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
-use super::{SINGLE_TABLE_Z, box_part, movable, rgb, visual_of};
+use super::{SINGLE_TABLE_Z, box_part, movable, rgb};
 use crate::scene::{
-    AppearanceSpec, BodySpec, JointKind, JointSpec, Mass, Motion, PartSpec, Primitive, Role, ScaledBy,
-    Texture, VisualShape, VisualSpec,
+    AppearanceSpec, BodySpec, JointKind, JointSpec, Mass, Motion, PartSpec, Primitive, Range, RenderParts,
+    Role, ScaleAxes, ScaledBy, Texture, VisualShape, VisualSpec, rounded_rectangle,
 };
 
 /// Centre (x, y) of the hammer's face in its own frame, in m. The face points along −y.
 pub(in crate::tasks) const HAMMER_FACE: [f64; 2] = [0.147, -0.065];
+/// Height of the hammer's centre plane above the table while it lies flat, in m.
+pub(in crate::tasks) const HAMMER_HALF_THICKNESS: f64 = 0.0175;
 /// Half-length of the nail, in m.
 pub(in crate::tasks) const NAIL_HALF_LENGTH: f64 = 0.043;
 /// Radius of the nail's head, in m.
-pub(in crate::tasks) const NAIL_HEAD_RADIUS: f64 = 0.009;
+pub(in crate::tasks) const NAIL_HEAD_RADIUS: f64 = 0.0057;
+/// Friction coefficients of the hammer and of the nail and its block: the benchmark's static ones. Its
+/// dynamic ones are 2.0.
+const HAMMER_FRICTION: f64 = 3.0;
+pub(in crate::tasks) const NAIL_FRICTION: f64 = 2.5;
 
 /// Creates a claw hammer that lies on the table, its handle along x and its head along y at the far end; 0.33
-/// × 0.13 × 0.035 m overall.
+/// × 0.13 × 0.035 m overall. It drops 1 mm.
 pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
     let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain(rgb([120, 124, 130])) };
     let wood = AppearanceSpec::textured(Texture::Wood, rgb([170, 95, 50]));
-    let thick = 0.0175;
+    let thick = HAMMER_HALF_THICKNESS;
     let [head_x, face_y] = HAMMER_FACE;
     let poll_half = 0.023;
     let poll = Primitive::Cylinder { radius: 0.0165, half_height: poll_half };
@@ -65,7 +71,7 @@ pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
             VisualSpec::at(claw, [0.0; 3], steel),
         ],
         mass: Mass::Density(2000.0),
-        friction: 2.0,
+        friction: HAMMER_FRICTION,
         damping: [10.0, 12.0],
         ..movable(
             "hammer",
@@ -79,43 +85,51 @@ pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
             region,
             SINGLE_TABLE_Z,
         )
+        .with_origin_z(SINGLE_TABLE_Z + thick + 0.001)
     }
 }
 
-/// Creates a nail that slides along its own z axis, tip first, and stays where it is driven. It lies along y
-/// with its tip towards −y and its lowest point at `lowest_z_m`.
+/// Creates a nail that slides along its own z axis, tip first, slowed only by damping. It lies along y with
+/// its tip towards −y and its lowest point at `lowest_z_m`.
 pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
-    let (half, shank, head) = (NAIL_HALF_LENGTH, 0.003, NAIL_HEAD_RADIUS);
+    /// Mass in the simulation, in kg: the minimum. At the benchmark's density the nail weighs 9.3 g.
+    const MASS: f64 = 0.025;
+    /// Fraction of its speed that the nail loses per second, in 1/s.
+    const DAMPING: f64 = 2.0;
+    let (half, shank, head) = (NAIL_HALF_LENGTH, 0.0026, NAIL_HEAD_RADIUS);
     let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain([0.75; 3]) };
-    let head_half = 0.002;
-    let cylinder = |radius, half_height, z| {
-        PartSpec::at(Primitive::Cylinder { radius, half_height }, [0.0, 0.0, z], steel)
+    let [under_head, tip_base] = [0.0025 - half, 0.0365];
+    let cylinder = |radius, [from, to]: [f64; 2]| {
+        let shape = Primitive::Cylinder { radius, half_height: (to - from) / 2.0 };
+        PartSpec::at(shape, [0.0, 0.0, f64::midpoint(from, to)], steel)
     };
+    let tip = PartSpec::at(Primitive::frustum([[shank, tip_base], [0.0005, half]]), [0.0; 3], steel);
     let profile = vec![
         [0.0, -half],
         [head, -half],
-        [head, 2.0 * head_half - half],
-        [shank, 2.0 * head_half - half],
-        [shank, half - 0.012],
+        [head, under_head],
+        [shank, under_head],
+        [shank, tip_base],
         [0.0, half],
     ];
     let guide = JointSpec {
         kind: JointKind::Slide,
         axis: [0.0, 0.0, 1.0],
-        upper: 0.035,
-        damping: 20.0,
-        friction: 2.0,
+        // The head stops at the block.
+        upper: 0.036,
+        damping: DAMPING * MASS,
+        friction: 0.0,
     };
     BodySpec {
         role: Role::Fixture,
         motion: Motion::Jointed(guide),
         scaled_by: ScaledBy::Nothing("it fits its hole"),
         visuals: vec![VisualSpec::at(VisualShape::Lathe { profile }, [0.0; 3], steel)],
-        mass: Mass::Density(5000.0),
-        friction: 2.0,
+        mass: Mass::Measured { kg: MASS, centre: [0.0, 0.0, -0.0085], inertia: [1.6e-5, 1.6e-5, 1.2e-7] },
+        friction: NAIL_FRICTION,
         ..movable(
             "nail",
-            vec![cylinder(shank, half, 0.0), cylinder(head, head_half, head_half - half)],
+            vec![cylinder(head, [-half, under_head]), cylinder(shank, [under_head, tip_base]), tip],
             region,
             lowest_z_m,
         )
@@ -124,53 +138,125 @@ pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
 }
 
 /// x of the dustpan's mouth in its own frame, in m.
-pub(in crate::tasks) const DUSTPAN_MOUTH_X: f64 = 0.10;
+pub(in crate::tasks) const DUSTPAN_MOUTH_X: f64 = 0.1005;
 /// Grasp position at the dustpan's handle in its own frame, in m.
-pub(in crate::tasks) const DUSTPAN_GRIP: [f64; 3] = [-0.05, 0.0, 0.007];
+pub(in crate::tasks) const DUSTPAN_GRIP: [f64; 3] = [-0.05, 0.0, 0.015];
 
-/// Creates a dustpan that stands on the table, its mouth at +x and its handle pointing backwards and up; 0.2
-/// × 0.173 × 0.058 m overall.
+/// Creates a dustpan that stands on the table, its mouth towards +x turned by −3.75° and its handle at the
+/// back; 0.202 × 0.176 × 0.061 m overall as it collides. The x, y and z axes of its frame are z, x and y of
+/// the benchmark's.
 pub(in crate::tasks) fn dustpan(region: usize) -> BodySpec {
     let blue = AppearanceSpec::plain(rgb([40, 90, 170]));
-    let [back, half_width, half_height] = [-0.02, 0.0865, 0.029];
-    let half_thickness = 0.002;
-    // A box given by its x range, its centre and half-width along y, and its height above the table.
-    let standing = |x: [f64; 2], y: f64, half_y: f64, height: f64| {
-        let position = [(x[0] + x[1]) / 2.0, y, height / 2.0 - half_height];
-        box_part([(x[1] - x[0]) / 2.0, half_y, height / 2.0], position, blue)
+    BodySpec {
+        visuals: dustpan_visuals(blue),
+        render_parts: RenderParts::Single,
+        scale_axes: ScaleAxes::Independent,
+        mass: Mass::Measured {
+            kg: 0.386,
+            centre: [0.0123, 0.0005, -0.0159],
+            inertia: [11.5e-4, 6.2e-4, 16.8e-4],
+        },
+        damping: [0.0, 0.05],
+        ..movable("dustpan", dustpan_parts(blue), region, SINGLE_TABLE_Z)
+            .with_yaw(Range::fixed((-3.75_f64).to_radians()))
+    }
+}
+
+/// Returns the dustpan's collision shapes, which are thicker than it looks: a wedge between two walls and a
+/// back, and a handle.
+fn dustpan_parts(blue: AppearanceSpec) -> Vec<PartSpec> {
+    const BOTTOM: f64 = -0.0311;
+    // The solid with this outline in the xz plane, `2 · half_y` wide about `y`.
+    let prism = |outline: &[[f64; 2]], half_y: f64, y: f64| {
+        let points: Vec<[f64; 3]> = outline.iter().map(|&[x, z]| [x, half_y, z]).collect();
+        PartSpec::at(mirrored_hull(&points), [0.0, y, 0.0], blue)
     };
-    let floor = standing([back, DUSTPAN_MOUTH_X], 0.0, half_width, 0.003);
-    let back_wall = standing([back, back + 2.0 * half_thickness], 0.0, half_width, 0.04);
-    let sides = [half_thickness - half_width, half_width - half_thickness];
-    // The sloping side walls are approximated by two steps for collision.
-    let side_walls = sides.into_iter().flat_map(|y| {
-        [standing([back, 0.03], y, half_thickness, 0.03), standing([0.03, 0.08], y, half_thickness, 0.012)]
+    let lip = DUSTPAN_MOUTH_X;
+    let floor = [
+        [-0.030, BOTTOM],
+        [lip, BOTTOM],
+        [lip, -0.0267],
+        [0.09, -0.0254],
+        [0.05, -0.0207],
+        [0.02, -0.018],
+        [-0.030, -0.018],
+    ];
+    let wall = [[-0.0275, BOTTOM], [lip, BOTTOM], [lip, -0.028], [-0.012, 0.021], [-0.0275, 0.021]];
+    let root = [[-0.0306, 0.029], [-0.0416, 0.016]].map(|[x, half_y]| {
+        let underside = if x < -0.04 { 0.0148 } else { 0.009 };
+        [[x, half_y, underside], [x, half_y, 0.025]]
     });
-    let handle_half = [0.040, 0.0125, 0.010];
-    let handle_pose = rotated_at([-0.0587, 0.0, 0.0094], Vector3::y_axis(), 0.25);
-    let handle =
-        PartSpec { shape: Primitive::Box { half: handle_half }, pose: handle_pose, appearance: blue };
-    let slope = vec![[back, 0.0], [DUSTPAN_MOUTH_X, 0.0], [DUSTPAN_MOUTH_X, 0.004], [back, 0.04]];
-    let slope = VisualShape::Extrusion { outline: slope, holes: Vec::new(), half_height: half_thickness };
-    let mut visuals = vec![visual_of(&floor), visual_of(&back_wall)];
-    visuals.push(VisualSpec {
-        shape: VisualShape::RoundedBox { half: handle_half, edge_radius: 0.006 },
-        pose: handle_pose,
+    let handle = [[-0.0416, 0.0155], [-0.0416, 0.0251], [-0.0901, 0.0292], [-0.0901, 0.0240]];
+    vec![
+        prism(&floor, 0.0767, 0.0),
+        prism(&wall, 0.0057, -0.0824),
+        prism(&wall, 0.0057, 0.0824),
+        box_part([0.0069, 0.088, 0.02705], [-0.0237, 0.0, -0.00405], blue),
+        PartSpec::at(mirrored_hull(root.as_flattened()), [0.0; 3], blue),
+        prism(&handle, 0.0132, 0.0),
+        box_part([0.0057, 0.011, 0.0041], [-0.0958, 0.0, 0.0261], blue),
+    ]
+}
+
+/// Returns the dustpan as it looks: thin walls, and a handle that ends in a loop.
+fn dustpan_visuals(blue: AppearanceSpec) -> Vec<VisualSpec> {
+    let extruded = |outline: &[[f64; 2]], half_height| VisualShape::Extrusion {
+        outline: outline.to_vec(),
+        holes: Vec::new(),
+        half_height,
+    };
+    // An outline in the xz plane, extruded along y.
+    let upright = |outline: &[[f64; 2]], half_y: f64, y: f64| VisualSpec {
+        shape: extruded(outline, half_y),
+        pose: rotated_at([0.0, y, 0.0], Vector3::x_axis(), FRAC_PI_2),
         appearance: blue,
-    });
-    visuals.extend(sides.map(|y| VisualSpec {
-        shape: slope.clone(),
-        pose: rotated_at([0.0, y, -half_height], Vector3::x_axis(), FRAC_PI_2),
-        appearance: blue,
-    }));
-    let parts = [floor, back_wall, handle].into_iter().chain(side_walls).collect();
-    BodySpec { visuals, ..movable("dustpan", parts, region, SINGLE_TABLE_Z) }
+    };
+    let floor = [
+        [-0.0285, -0.0292],
+        [0.0995, -0.0292],
+        [0.0995, -0.0278],
+        [0.09, -0.0268],
+        [0.05, -0.0225],
+        [0.02, -0.0200],
+        [-0.0285, -0.0200],
+    ];
+    let wall = [
+        [-0.0285, -0.0292],
+        [0.0995, -0.0292],
+        [0.0995, -0.0285],
+        [0.02, 0.0060],
+        [-0.010, 0.0185],
+        [-0.0285, 0.0185],
+    ];
+    let root = [[-0.0285, -0.027], [-0.0285, 0.027], [-0.0416, 0.0145], [-0.0416, -0.0145]];
+    let handle = [[-0.040, 0.0165], [-0.040, 0.0240], [-0.0890, 0.0285], [-0.0890, 0.0245]];
+    let back = VisualShape::RoundedBox { half: [0.0040, 0.0864, 0.0253], edge_radius: 0.003 };
+    let end_loop = VisualShape::Extrusion {
+        outline: rounded_rectangle([0.0075, 0.0105], 0.005),
+        holes: vec![rounded_rectangle([0.0035, 0.0060], 0.003)],
+        half_height: 0.0025,
+    };
+    vec![
+        upright(&floor, 0.080, 0.0),
+        upright(&wall, 0.0035, -0.0829),
+        upright(&wall, 0.0035, 0.0829),
+        VisualSpec::at(back, [-0.0245, 0.0, -0.0039], blue),
+        VisualSpec::at(extruded(&root, 0.0055), [0.0, 0.0, 0.018], blue),
+        upright(&handle, 0.0120, 0.0),
+        VisualSpec::at(end_loop, [-0.0925, 0.0, 0.0267], blue),
+    ]
+}
+
+/// Returns the convex hull of points (m) and of their mirror images in the plane y = 0.
+pub(in crate::tasks) fn mirrored_hull(points: &[[f64; 3]]) -> Primitive {
+    Primitive::Hull { points: points.iter().flat_map(|&[x, y, z]| [[x, y, z], [x, -y, z]]).collect() }
 }
 
 /// Radius at the middle of the banana, in m.
-pub(in crate::tasks) const BANANA_RADIUS: f64 = 0.0175;
+pub(in crate::tasks) const BANANA_RADIUS: f64 = 0.0183;
 
-/// Creates a banana that lies on the table along y, 0.18 m long including its curvature, its ends towards −x.
+/// Creates a banana that lies on the table, obliquely along y and its ends towards −x, like the YCB banana;
+/// 0.109 × 0.178 × 0.037 m overall.
 pub(in crate::tasks) fn banana(region: usize) -> BodySpec {
     let yellow = AppearanceSpec::plain(rgb([250, 215, 50]));
     let segments = |n: u32| {
@@ -183,22 +269,34 @@ pub(in crate::tasks) fn banana(region: usize) -> BodySpec {
         pose,
         appearance: yellow,
     });
-    BodySpec { visuals: visuals.collect(), ..movable("banana", parts.collect(), region, SINGLE_TABLE_Z) }
+    BodySpec {
+        visuals: visuals.collect(),
+        render_parts: RenderParts::Single,
+        damping: [0.0, 0.05],
+        ..movable("banana", parts.collect(), region, SINGLE_TABLE_Z)
+    }
 }
 
 /// Returns the capsule between two curve parameters, where −1 and 1 are the banana's ends.
 fn banana_segment(from: f64, to: f64) -> (Primitive, Isometry3<f64>) {
-    // Half of the length of the centre line, which is a parabola, in m.
-    const HALF_LENGTH: f64 = 0.075;
+    // Half of the chord of the centre line, which is a parabola, in m.
+    const HALF_LENGTH: f64 = 0.084;
     /// Sagitta of the centre line, in m.
-    const SAGITTA: f64 = 0.027;
+    const SAGITTA: f64 = 0.036;
+    /// x of the chord, in m: the origin is the middle of the bounding box.
+    const CHORD_X: f64 = -0.005;
+    /// Angle of the chord to the y axis, in rad.
+    const OBLIQUITY: f64 = 0.45;
     /// Radius at the ends, in m.
     const END_RADIUS: f64 = 0.009;
     let along = (from + to) / 2.0;
     let radius = BANANA_RADIUS + (END_RADIUS - BANANA_RADIUS) * along * along * along * along;
+    let (sin, cos) = libm::sincos(OBLIQUITY);
     // The thin ends rest on the table too.
-    let centre_line =
-        |at: f64| Vector3::new(SAGITTA * (0.5 - at * at), HALF_LENGTH * at, radius - BANANA_RADIUS);
+    let centre_line = |at: f64| {
+        let (bulge, chord) = (SAGITTA * (1.0 - at * at), HALF_LENGTH * at);
+        Vector3::new(CHORD_X + cos * bulge + sin * chord, cos * chord - sin * bulge, radius - BANANA_RADIUS)
+    };
     let offset = centre_line(to) - centre_line(from);
     let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &offset)
         .expect("no segment of the banana points down");
