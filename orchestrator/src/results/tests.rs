@@ -43,6 +43,11 @@ fn refusal(path: &Path, manifest: &Manifest) -> String {
     error.replace(&format!("{}/", path.parent().unwrap().display()), "")
 }
 
+/// Adds one finished episode to a results file, which is created if there is none.
+fn add_row(path: &Path, manifest: &Manifest) {
+    Results::open(path, manifest).unwrap().record(key(0), 7, &outcome(true, None)).unwrap();
+}
+
 #[test]
 fn rows_persist_and_are_resumed_and_summed() {
     let folder = tempfile::tempdir().unwrap();
@@ -95,10 +100,7 @@ fn columns_and_manifest_keys_are_stable() {
 fn resume_adds_rows_but_rejects_other_options() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
-    Results::open(&path, &manifest("--policy idle"))
-        .unwrap()
-        .record(key(0), 7, &outcome(true, None))
-        .unwrap();
+    add_row(&path, &manifest("--policy idle"));
 
     let more = manifest(
         "--policy idle --policy expert --tasks StackCube --perturbations all --episodes 3 --envs 3 --threads 3 \
@@ -122,10 +124,7 @@ fn resume_adds_rows_but_rejects_other_options() {
 fn missing_manifest_key_means_the_default() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
-    Results::open(&path, &manifest("--policy idle"))
-        .unwrap()
-        .record(key(0), 7, &outcome(true, None))
-        .unwrap();
+    add_row(&path, &manifest("--policy idle"));
     let forget = |name: &str| {
         let removed = Connection::open(&path).unwrap().execute("DELETE FROM manifest WHERE key = ?1", [name]);
         assert_eq!(removed.unwrap(), 1);
@@ -149,7 +148,7 @@ fn language_file_is_identified_by_its_content() {
         manifest(&format!("--policy idle --tasks RaiseCube --language {}", file.display()))
     };
     let first = with_language("first.yaml", "RaiseCube-v1: [lift it]");
-    Results::open(&path, &first).unwrap().record(key(0), 7, &outcome(true, None)).unwrap();
+    add_row(&path, &first);
     assert!(Results::open(&path, &with_language("copy.yaml", "RaiseCube-v1: [lift it]")).is_ok());
     let other = with_language("other.yaml", "RaiseCube-v1: [raise it]");
     assert!(refusal(&path, &other).contains("language is \""), "{}", refusal(&path, &other));

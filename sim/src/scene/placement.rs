@@ -97,6 +97,18 @@ pub enum PlacementSpec {
         /// Rotation about world z, in rad.
         yaw: Range,
     },
+    /// Unrotated, at the y of another body, which must be placed [`OnSurface`](Self::OnSurface), and on its −x
+    /// side.
+    Beside {
+        /// Index of the other body.
+        body: usize,
+        /// World x of the body's origin, in m. It is less if the bodies would overlap otherwise.
+        x_m: f64,
+        /// World z of the surface, in m.
+        surface_z_m: f64,
+        /// World z of the body's origin at the start, in m; the body drops onto the surface.
+        origin_z_m: f64,
+    },
     /// Unrotated, with its origin above that of another body, which must be placed
     /// [`OnSurface`](Self::OnSurface); it drops onto a surface of the other body.
     Over {

@@ -8,7 +8,7 @@ use super::common::{self, BIMANUAL_TABLE_Z, BLUE, ExternalCameras, QPOS_B, biman
 use crate::expert::{Move, both_arms, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{BodySpec, Range, Scene, SceneSpec};
+use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -29,7 +29,6 @@ const HALF: f64 = 0.02;
 
 fn nominal() -> SceneSpec {
     let cube = common::cube("cube", HALF, BLUE, 0, BIMANUAL_TABLE_Z).with_origin_z(0.85);
-    let cube = BodySpec { damping: [0.0, 0.05], ..cube };
     let cameras = ExternalCameras {
         external1: [[0.75, 0.0, 1.33], [-0.2, 0.0, 1.03]],
         external2: [[-0.5, 0.0, 1.58], [-0.2, 0.0, 1.13]],

@@ -6,11 +6,11 @@ use core::f64::consts::PI;
 use ipc_types::Morphology;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, fruit, pot, region, tray, widened_by_half};
+use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, fruit, pot, region, tray};
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec, WidenedRanges};
+use crate::scene::{BodySpec, PlacementSpec, Range, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -32,26 +32,24 @@ const TRAY_Z: f64 = 0.85;
 const TOMATO_Z: f64 = 0.9;
 
 fn nominal() -> SceneSpec {
-    // Regions with the same name draw the same offset: pot and tray stay side by side even when the pot's
-    // region is widened.
-    let shared_offset = [Range::fixed(0.0), Range::symmetric(0.1)];
-    let row = |x: f64, widened_x: Range| RegionSpec {
-        shared_offset,
-        widened: Some(WidenedRanges {
-            x: widened_x,
-            y: Range::fixed(0.0),
-            shared_offset: shared_offset.map(|range| range.widened(1.5)),
-        }),
-        ..region("row", Range::fixed(x), Range::fixed(0.0))
-    };
     let tomato = BodySpec {
         // Colour and texture perturbations leave the tomato alone, although MO-Size scales it.
         role: Role::Fixture,
         placement: PlacementSpec::Over { body: 0, origin_z_m: TOMATO_Z, surface_z_m: pot::FLOOR_Z },
         ..fruit::tomato(0, BIMANUAL_TABLE_Z)
     };
-    let tray = BodySpec { role: Role::ReceiverObject, ..tray::tray(1).with_origin_z(TRAY_Z) };
-    let regions = vec![row(0.1, widened_by_half(Range::fixed(0.1))), row(-0.2, Range::fixed(-0.2))];
+    let tray = BodySpec {
+        role: Role::ReceiverObject,
+        // The benchmark lets a large pot or one close to the tray start inside the tray.
+        placement: PlacementSpec::Beside {
+            body: 0,
+            x_m: -0.2,
+            surface_z_m: BIMANUAL_TABLE_Z,
+            origin_z_m: TRAY_Z,
+        },
+        ..tray::tray(0)
+    };
+    let regions = vec![region("pot", Range::fixed(0.1), Range::symmetric(0.1))];
     bimanual(pot::QPOS, 0.0, &LIFT_CAMERAS, regions, vec![pot::pot(0), tomato, tray], TASK.instruction)
 }
 

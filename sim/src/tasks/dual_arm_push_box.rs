@@ -11,7 +11,7 @@ use super::common::{
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{AppearanceSpec, BodySpec, Range, Scene, SceneSpec};
+use crate::scene::{AppearanceSpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -44,7 +44,6 @@ fn nominal() -> SceneSpec {
         BIMANUAL_TABLE_Z,
     )
     .with_yaw(Range::symmetric(FRAC_PI_6));
-    let target_box = BodySpec { damping: [0.0, 0.05], ..target_box };
     let [hx, hy, _] = HALF;
     let patch = box_part([hx, hy, 1e-4], [0.0; 3], AppearanceSpec::plain(RED));
     let patch = goal_marker(1, vec![patch]).with_origin_z(PATCH_Z);

@@ -49,7 +49,6 @@ fn nominal() -> SceneSpec {
     };
     let peg = BodySpec {
         scaled_by: ScaledBy::Nothing("its size is sampled for every episode"),
-        damping: [0.0, 0.05],
         ..movable("peg", parts(&[[237, 246, 249], [236, 115, 87]]), 0, SINGLE_TABLE_Z)
     };
     let target = common::fixed("box", parts(&[[143, 145, 150]; 4]), 1, SINGLE_TABLE_Z, "it fits the peg");

@@ -46,7 +46,6 @@ fn nominal() -> SceneSpec {
     let can = BodySpec {
         visuals: can::visuals(),
         mass: can::MASS,
-        damping: [0.0, 0.05],
         scaled_by: ScaledBy::Nothing("the benchmark keeps its size"),
         ..movable("can", can::parts(), 1, SHELVES_Z[1] + SHELF_HALF[2])
     };

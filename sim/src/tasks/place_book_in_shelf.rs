@@ -39,7 +39,6 @@ fn nominal() -> SceneSpec {
     let book = BodySpec {
         visuals: book::visuals(),
         mass: book::MASS,
-        damping: [0.0, 0.05],
         scaled_by: ScaledBy::Nothing(reason),
         ..movable("book", book::parts(), 0, SINGLE_TABLE_Z)
     };

@@ -43,7 +43,6 @@ pub(in crate::tasks) fn arrow(region: usize) -> BodySpec {
             centre: [0.0419, 0.0, 0.0001],
             inertia: [3.41e-5, 7.85e-4, 8.03e-4],
         },
-        damping: [0.0, 0.05],
         ..movable(
             "arrow",
             SECTIONS.iter().flat_map(|part| part.windows(2)).map(hull).collect(),

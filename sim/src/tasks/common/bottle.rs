@@ -45,7 +45,6 @@ pub(in crate::tasks) fn bottle(region: usize) -> BodySpec {
         render_parts: RenderParts::Single,
         scale_axes: ScaleAxes::Independent,
         mass: Mass::Measured { kg: 0.774, centre: [0.0, 0.0691, 0.0], inertia: [3.3e-3, 4.2e-4, 3.3e-3] },
-        damping: [0.0, 0.05],
         ..bottle.with_orientation(upright)
     }
 }

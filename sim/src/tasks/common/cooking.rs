@@ -140,7 +140,6 @@ pub(in crate::tasks) fn pan(region: usize) -> BodySpec {
             centre: [0.3149, 0.1016, 0.0123],
             inertia: [1.7e-4, 3.7e-4, 5.3e-4],
         },
-        damping: [0.0, 0.05],
         ..movable("pan", parts.collect(), region, SINGLE_TABLE_Z)
     }
 }

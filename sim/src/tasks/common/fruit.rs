@@ -72,7 +72,6 @@ pub(in crate::tasks) fn tomato(region: usize, surface_z_m: f64) -> BodySpec {
         ],
         scale_axes: ScaleAxes::Independent,
         mass: Mass::Measured { kg: 0.202, centre: [0.0005, 0.0283, 0.0], inertia: [1.1e-4, 1.2e-4, 1.1e-4] },
-        damping: [0.0, 0.05],
         ..movable(
             "tomato",
             vec![PartSpec { shape: body, pose: at(0.0), appearance: skin }],
@@ -101,7 +100,6 @@ pub(in crate::tasks) fn apple(region: usize, surface_z_m: f64) -> BodySpec {
             VisualSpec::at(VisualShape::Lathe { profile }, [0.0; 3], skin),
             VisualSpec::at(stem(), [0.0, 0.0, 0.9 * APPLE_RADIUS], AppearanceSpec::plain(rgb([84, 58, 34]))),
         ],
-        damping: [0.0, 0.05],
         ..movable("apple", parts, region, surface_z_m).with_origin_z(surface_z_m + APPLE_RADIUS)
     }
 }

@@ -41,6 +41,8 @@ pub const SINGLE_TABLE_Z: f64 = 0.0;
 pub const BIMANUAL_TABLE_Z: f64 = 0.825;
 /// Default density of a body, in kg/m³.
 pub const DENSITY: f64 = 1000.0;
+/// Default linear and angular damping of a body, in 1/s: those of the benchmark's engine.
+pub const DAMPING: [f64; 2] = [0.0, 0.05];
 /// Default friction coefficient of a body.
 pub const FRICTION: f64 = 0.3;
 
@@ -139,7 +141,7 @@ pub fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, surface_
         },
         mass: Mass::Density(DENSITY),
         friction: FRICTION,
-        damping: [0.0; 2],
+        damping: DAMPING,
     }
 }
 

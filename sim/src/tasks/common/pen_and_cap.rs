@@ -192,7 +192,6 @@ fn lying(name: &'static str, parts: Vec<PartSpec>, region: usize) -> BodySpec {
     BodySpec {
         scaled_by: NOT_SCALED,
         render_parts: RenderParts::Single,
-        damping: [0.0, 0.05],
         ..body.with_orientation(UnitQuaternion::from_quaternion(along_y))
     }
 }

@@ -60,7 +60,6 @@ pub(in crate::tasks) fn pot(region: usize) -> BodySpec {
         render_parts: RenderParts::Single,
         scale_axes: ScaleAxes::Independent,
         mass: Mass::Measured { kg: 3.449, centre: [0.0, 0.0013, 0.0654], inertia: [0.0439, 0.0409, 0.0622] },
-        damping: [0.0, 0.05],
         ..movable("pot", parts, region, BIMANUAL_TABLE_Z)
     };
     body.with_origin_z(START_Z)

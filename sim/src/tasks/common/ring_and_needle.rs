@@ -10,8 +10,6 @@ use crate::scene::{AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, Role, Sc
 
 /// Neither of the two bodies changes its size.
 const NOT_SCALED: ScaledBy = ScaledBy::Nothing("the body that it fits keeps its size");
-/// Linear and angular damping, in 1/s.
-const DAMPING: [f64; 2] = [0.0, 0.05];
 
 /// Length of the needle from its origin along x, in m.
 pub(in crate::tasks) const NEEDLE_LENGTH: f64 = 0.125;
@@ -42,7 +40,6 @@ pub(in crate::tasks) fn needle(region: usize) -> BodySpec {
     BodySpec {
         mass: Mass::Density(8000.0),
         scaled_by: NOT_SCALED,
-        damping: DAMPING,
         ..movable("needle", parts, region, BIMANUAL_TABLE_Z)
     }
 }
@@ -71,7 +68,6 @@ pub(in crate::tasks) fn tripod(region: usize) -> BodySpec {
         role: Role::ReceiverObject,
         friction: 0.6,
         scaled_by: NOT_SCALED,
-        damping: DAMPING,
         ..movable("tripod", parts, region, BIMANUAL_TABLE_Z)
     }
 }

@@ -23,7 +23,7 @@ pub(in crate::tasks) const CAMERAS: ExternalCameras = ExternalCameras {
 /// Creates a cube of the tower.
 pub(in crate::tasks) fn cube(name: &'static str, color: [f64; 3], region: usize) -> BodySpec {
     let cube = super::cube(name, HALF, color, region, BIMANUAL_TABLE_Z);
-    BodySpec { damping: [0.0, 0.05], ..cube.with_yaw(Range::new(0.0, TAU)).with_origin_z(0.85) }
+    cube.with_yaw(Range::new(0.0, TAU)).with_origin_z(0.85)
 }
 
 /// Creates the goal disc, which floats 6 mm above the table.

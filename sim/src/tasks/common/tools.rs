@@ -156,7 +156,6 @@ pub(in crate::tasks) fn dustpan(region: usize) -> BodySpec {
             centre: [0.0123, 0.0005, -0.0159],
             inertia: [11.5e-4, 6.2e-4, 16.8e-4],
         },
-        damping: [0.0, 0.05],
         ..movable("dustpan", dustpan_parts(blue), region, SINGLE_TABLE_Z)
             .with_yaw(Range::fixed((-3.75_f64).to_radians()))
     }
@@ -272,7 +271,6 @@ pub(in crate::tasks) fn banana(region: usize) -> BodySpec {
     BodySpec {
         visuals: visuals.collect(),
         render_parts: RenderParts::Single,
-        damping: [0.0, 0.05],
         ..movable("banana", parts.collect(), region, SINGLE_TABLE_Z)
     }
 }

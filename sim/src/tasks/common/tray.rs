@@ -46,7 +46,6 @@ pub(in crate::tasks) fn tray(region: usize) -> BodySpec {
             centre: [-0.0024, 0.0014, 0.0106],
             inertia: [0.0275, 0.0142, 0.0413],
         },
-        damping: [0.0, 0.05],
         ..movable("tray", parts, region, BIMANUAL_TABLE_Z)
     }
 }
