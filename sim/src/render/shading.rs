@@ -2,13 +2,11 @@
 
 use super::math::affine::{Affine3, Vec3, cross, dot, normalised};
 
-/// Peak radiance of the highlight of a white directional light on a surface of specular strength 1.
-pub(super) const SPECULAR_GAIN: f32 = 0.4;
-/// Falloff of the specular lobe, which is 0 where the cosine of the angle to its axis is below
-/// 1 − 1/`SPECULAR_FALLOFF`.
-pub(super) const SPECULAR_FALLOFF: f32 = 8.0;
-/// Ambient light from straight below relative to that from straight above (hemisphere lighting).
-pub(super) const GROUND_AMBIENT: f32 = 0.55;
+/// Falloff of the specular lobe: that of a surface of roughness 0.53 (GGX), like the benchmark's table.
+pub(super) const SPECULAR_FALLOFF: f32 = 6.0;
+/// Fraction of the specular reflection that does not depend on the angle of incidence (Schlick's
+/// approximation of Smith's visibility, for the same roughness).
+pub(super) const SPECULAR_VISIBILITY: f32 = 0.3;
 /// Side of a shadow map, in texels.
 pub(super) const SHADOW_MAP_SIDE: u32 = 512;
 /// Side of the square that a shadow map covers, in m.

@@ -3,12 +3,6 @@
 
 use super::texture::Texture;
 
-/// Converts an sRGB colour from 8-bit channels to channels in [0, 1].
-#[must_use]
-pub const fn rgb([r, g, b]: [u8; 3]) -> [f64; 3] {
-    [r as f64 / 255.0, g as f64 / 255.0, b as f64 / 255.0]
-}
-
 /// The degree to which colour and texture are resampled, from 0 (nominal) to 1 (anything).
 ///
 /// If both are non-zero, a fair coin flip per episode decides which of the two is resampled.
@@ -29,26 +23,35 @@ impl AppearanceVariation {
 /// Distribution of the appearance of one part or visual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AppearanceSpec {
-    /// Nominal sRGB colour, channels in [0, 1].
+    /// Nominal colour, linear RGB in [0, 1].
     pub color: [f64; 3],
     /// Nominal texture, multiplied by the colour.
     pub texture: Option<Texture>,
-    /// Specular strength in [0, 1].
+    /// Strength of the highlights in [0, 1], unless it is a metal. At 1 it reflects 8 % specularly.
     pub specular: f64,
+    /// 1 for a metal, whose highlights have its colour and which reflects directional light in no other way;
+    /// 0 for anything else.
+    pub metallic: f64,
     /// Variation around the nominal colour and texture.
     pub variation: AppearanceVariation,
 }
 
 impl AppearanceSpec {
-    /// Creates an untextured appearance with a weak specular highlight; `color` is sRGB in [0, 1].
+    /// Creates a matt untextured appearance; `color` is linear RGB.
     #[must_use]
     pub const fn plain(color: [f64; 3]) -> Self {
-        Self { color, texture: None, specular: 0.2, variation: AppearanceVariation::NONE }
+        Self { color, texture: None, specular: 0.0, metallic: 0.0, variation: AppearanceVariation::NONE }
     }
 
-    /// Creates a matt appearance whose texture is multiplied by `color` (sRGB in [0, 1]).
+    /// Creates an untextured metal; `color` is linear RGB.
+    #[must_use]
+    pub const fn metal(color: [f64; 3]) -> Self {
+        Self { metallic: 1.0, ..Self::plain(color) }
+    }
+
+    /// Creates a matt appearance whose texture is multiplied by `color` (linear RGB).
     #[must_use]
     pub const fn textured(texture: Texture, color: [f64; 3]) -> Self {
-        Self { color, texture: Some(texture), specular: 0.0, variation: AppearanceVariation::NONE }
+        Self { texture: Some(texture), ..Self::plain(color) }
     }
 }

@@ -11,12 +11,14 @@ use super::visual_shape::VisualShape;
 /// Appearance of a part or visual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Appearance {
-    /// sRGB colour, channels in [0, 1].
+    /// Linear RGB colour, channels in [0, 1].
     pub color: [f64; 3],
     /// Texture, multiplied by the colour.
     pub texture: Option<Texture>,
-    /// Specular strength in [0, 1].
+    /// Strength of the highlights in [0, 1], unless it is a metal.
     pub specular: f64,
+    /// 1 for a metal, whose highlights have its colour; 0 for anything else.
+    pub metallic: f64,
 }
 
 /// One convex collision shape of a body, at the body's scale.

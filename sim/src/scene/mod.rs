@@ -5,6 +5,7 @@
 //! modified afterwards. This module depends on neither the physics engine nor the renderer.
 
 mod appearance;
+mod color;
 mod distractors;
 mod draw;
 mod drawn;
@@ -18,7 +19,8 @@ mod spec;
 mod texture;
 mod visual_shape;
 
-pub use appearance::{AppearanceSpec, AppearanceVariation, rgb};
+pub use appearance::{AppearanceSpec, AppearanceVariation};
+pub use color::{decode_srgb, rgb, srgb};
 pub(crate) use distractors::APPLE_PROFILE;
 pub use drawn::{
     Appearance, Background, Body, Camera, DirectionalLight, Lights, Part, Robot, Scene, Table, Visual,

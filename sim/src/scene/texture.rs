@@ -19,7 +19,7 @@ macro_rules! textures {
 }
 
 textures! {
-    Checker
+    FloorGrid Cedar Maple
 
     Wood Barnwood Parquet HerringboneFloor Walnut ButcherBlock Plywood Bamboo
 
@@ -45,7 +45,7 @@ textures! {
 }
 
 impl Texture {
-    /// Textures from which the texture perturbations choose uniformly: all but `Checker`, the floor's 1 m
-    /// squares.
-    pub const PERTURBATION: &[Self] = Self::ALL.split_at(1).1;
+    /// Textures from which the texture perturbations choose uniformly: all but those of the floor and of the
+    /// two tables.
+    pub const PERTURBATION: &[Self] = Self::ALL.split_at(3).1;
 }

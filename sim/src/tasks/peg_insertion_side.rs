@@ -7,8 +7,8 @@ use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::common::hole::Hole;
 use super::common::{
-    self, DENSITY, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region, rgb,
-    single_arm,
+    self, DENSITY, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region,
+    single_arm, srgb,
 };
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
@@ -45,7 +45,7 @@ const CLEARANCE: f64 = 0.006;
 
 fn nominal() -> SceneSpec {
     let parts = |colors: &[[u8; 3]]| {
-        colors.iter().map(|color| box_part([0.0; 3], [0.0; 3], AppearanceSpec::plain(rgb(*color)))).collect()
+        colors.iter().map(|color| box_part([0.0; 3], [0.0; 3], AppearanceSpec::plain(srgb(*color)))).collect()
     };
     let peg = BodySpec {
         scaled_by: ScaledBy::Nothing("its size is sampled for every episode"),

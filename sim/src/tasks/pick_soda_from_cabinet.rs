@@ -5,7 +5,7 @@ use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
 use super::common::{
-    ExternalCameras, SINGLE_TABLE_Z, box_part, can, fixed, movable, region, rgb, single_arm,
+    ExternalCameras, SINGLE_TABLE_Z, box_part, can, fixed, movable, region, rgb, single_arm, srgb,
 };
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::Predicate;
@@ -61,7 +61,7 @@ fn nominal() -> SceneSpec {
 
 /// Creates the three shelves.
 fn shelves() -> BodySpec {
-    let wood = AppearanceSpec::textured(Texture::Wood, [0.72, 0.58, 0.42]);
+    let wood = AppearanceSpec::textured(Texture::Wood, srgb([184, 148, 107]));
     let parts = SHELVES_Z.map(|z| box_part(SHELF_HALF, [0.0, 0.0, z - CABINET_Z], wood)).to_vec();
     let shelves =
         BodySpec { role: Role::Fixture, ..fixed("shelves", parts, 0, SINGLE_TABLE_Z, "it is furniture") };

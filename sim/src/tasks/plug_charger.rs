@@ -8,8 +8,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::common::hole::Hole;
 use super::common::{
-    self, BLUE, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region, rgb,
-    single_arm,
+    self, BLUE, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region,
+    single_arm, srgb,
 };
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
@@ -42,7 +42,7 @@ const RECEPTACLE: [f64; 3] = [0.01, 0.05, 0.05];
 const CLEARANCE: f64 = 0.0025;
 
 fn charger() -> BodySpec {
-    let metal = AppearanceSpec { specular: 0.8, ..AppearanceSpec::plain([0.8; 3]) };
+    let metal = AppearanceSpec::metal(BLUE);
     let prong = |y: f64| box_part(PRONG, [PRONG[0], y, 0.0], metal);
     let base = box_part(BASE, [-BASE[0], 0.0, 0.0], AppearanceSpec::plain(BLUE));
     BodySpec {
@@ -55,11 +55,11 @@ fn charger() -> BodySpec {
 /// that fill the slots are visual only.
 fn receptacle() -> BodySpec {
     let [_, slot_y, slot_z] = PRONG.map(|half| half + CLEARANCE);
-    let (depth, plastic) = (RECEPTACLE[0], AppearanceSpec::plain([0.9; 3]));
+    let (depth, plastic) = (RECEPTACLE[0], AppearanceSpec::plain([1.0; 3]));
     let walls = Hole::around([0.0; 2], [PRONG_Y + slot_y, slot_z]).walls(RECEPTACLE);
     let mut parts = walls.map(|(half, [_, y, z])| box_part(half, [-depth, y, z], plastic)).to_vec();
     parts.push(box_part([depth, PRONG_Y - slot_y, slot_z], [-depth, 0.0, 0.0], plastic));
-    let brass = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain(rgb([219, 181, 57])) };
+    let brass = AppearanceSpec::metal(srgb([219, 181, 57]));
     let inlays =
         [-PRONG_Y, PRONG_Y].map(|y| box_part([depth - 5e-4, slot_y, slot_z], [-depth - 5e-4, y, 0.0], brass));
     let visuals = parts.iter().chain(&inlays).map(common::visual_of).collect();

@@ -40,7 +40,7 @@ fn feasible_seed(task: TaskId) -> u64 {
 
 /// Returns the scene reduced to what the physics world is built from.
 fn physical(mut scene: Scene) -> Scene {
-    let blank = Appearance { color: [0.0; 3], texture: None, specular: 0.0 };
+    let blank = Appearance { color: [0.0; 3], texture: None, specular: 0.0, metallic: 0.0 };
     for body in &mut scene.bodies {
         body.parts.iter_mut().for_each(|part| part.appearance = blank);
         body.visuals.clear();

@@ -32,7 +32,7 @@ pub(crate) fn perturbed(task: TaskId, perturbation: Perturbation) -> SceneSpec {
 /// Returns a room with a table, ambient light and a camera at `eye` that looks at `target` with a 90° field
 /// of view.
 pub(crate) fn empty_room(eye: [f64; 3], target: [f64; 3]) -> Scene {
-    let paint = |color| Appearance { color, texture: None, specular: 0.0 };
+    let paint = |color| Appearance { color, texture: None, specular: 0.0, metallic: 0.0 };
     Scene {
         bodies: Vec::new(),
         robots: Vec::new(),
@@ -65,7 +65,7 @@ pub(crate) fn body(name: &'static str, shape: Primitive, position: [f64; 3], col
         parts: vec![Part {
             shape,
             pose: Isometry3::identity(),
-            appearance: Appearance { color, texture: None, specular: 0.0 },
+            appearance: Appearance { color, texture: None, specular: 0.0, metallic: 0.0 },
         }],
         visuals: Vec::new(),
         scale: Vector3::repeat(1.0),

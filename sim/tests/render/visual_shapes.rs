@@ -80,7 +80,7 @@ fn side_by_side(scale: f64) -> Scene {
             stretch: [1.0; 3],
             shape: shape.scaled(scale),
             pose: Isometry3::rotation(Vector3::y() * turn_rad),
-            appearance: Appearance { color, texture: None, specular: 0.0 },
+            appearance: Appearance { color, texture: None, specular: 0.0, metallic: 0.0 },
         });
         scene.bodies.push(body);
     }

@@ -141,7 +141,6 @@ fn image_record(view: &View<'_>, camera: &PinholeCamera, view_from_world: &Affin
         inverse_far: 1.0 / camera.clip_m[1],
         side: camera.side as u32,
         ambient: padded(scene.ambient),
-        up: padded(view_from_world.transform_vector([0.0, 0.0, 1.0])),
         suns: [sun(0), sun(1)],
         shadow_from_view,
         ..bytemuck::Zeroable::zeroed()
@@ -171,5 +170,7 @@ fn instance_record(
         first_triangle: mesh.first_triangle,
         n_triangles: mesh.n_triangles,
         first_id: idx_in_view << TRIANGLE_BITS,
+        metallic: material.metallic,
+        padding: [0; 3],
     }
 }

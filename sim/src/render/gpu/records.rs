@@ -53,8 +53,6 @@ pub(super) struct ViewRecord {
     pub(super) padding: [u32; 3],
     /// Ambient light, linear RGB.
     pub(super) ambient: [f32; 4],
-    /// World up vector in the view frame.
-    pub(super) up: [f32; 4],
     /// Directional lights; unused ones are black.
     pub(super) suns: [SunRecord; 2],
     /// Rows of the transform from the view frame to shadow map texels and height.
@@ -67,9 +65,9 @@ pub(super) struct ViewRecord {
 pub(super) struct InstanceRecord {
     /// Rows of the transform from the mesh frame to the view frame, or to shadow map texels and height.
     pub(super) view_from_mesh: [[f32; 4]; 3],
-    /// Diffuse reflectance, linear RGB.
+    /// Reflectance, linear RGB.
     pub(super) color: [f32; 3],
-    /// Strength of the specular highlight, in [0, 1].
+    /// Specular reflectance in white; 0 for a metal.
     pub(super) specular: f32,
     /// Texture tiles per mesh unit along each axis.
     pub(super) tiles: [f32; 3],
@@ -83,6 +81,10 @@ pub(super) struct InstanceRecord {
     pub(super) n_triangles: u32,
     /// Id of the first triangle.
     pub(super) first_id: u32,
+    /// 1 for a metal, 0 for anything else.
+    pub(super) metallic: f32,
+    /// Padding to 16 bytes.
+    pub(super) padding: [u32; 3],
 }
 
 /// A mesh vertex.
@@ -95,7 +97,7 @@ pub(super) struct VertexRecord {
     pub(super) normal: [f32; 4],
 }
 
-const _: () = assert!(size_of::<ViewRecord>() == 192 && size_of::<InstanceRecord>() == 96);
+const _: () = assert!(size_of::<ViewRecord>() == 176 && size_of::<InstanceRecord>() == 112);
 const _: () = assert!(size_of::<VertexRecord>() == 32 && N_SUNS == 2);
 
 /// Converts a transform to the rows of a 3 × 4 matrix, with the translation in the last column.

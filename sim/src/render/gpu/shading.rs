@@ -6,7 +6,7 @@ use super::growable_buffer::GrowableBuffer;
 use super::pipeline::SharedBuffers;
 use crate::render::math::srgb::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_POLYNOMIAL};
 use crate::render::shading::{
-    GROUND_AMBIENT, SHADOW_DEPTH_LEVELS, SHADOW_NORMAL_OFFSET_M, SPECULAR_FALLOFF, SPECULAR_GAIN,
+    SHADOW_DEPTH_LEVELS, SHADOW_NORMAL_OFFSET_M, SPECULAR_FALLOFF, SPECULAR_VISIBILITY,
 };
 
 /// Side of the pixel tile that a workgroup shades.
@@ -119,9 +119,8 @@ impl ShadingPass {
 fn constants() -> String {
     let coefficients = SQRT_POLYNOMIAL.map(|c| format!("{c:?}")).join(", ");
     format!(
-        "const SPECULAR_GAIN: f32 = {SPECULAR_GAIN:?};\n\
-         const SPECULAR_FALLOFF: f32 = {SPECULAR_FALLOFF:?};\n\
-         const GROUND_AMBIENT: f32 = {GROUND_AMBIENT:?};\n\
+        "const SPECULAR_FALLOFF: f32 = {SPECULAR_FALLOFF:?};\n\
+         const SPECULAR_VISIBILITY: f32 = {SPECULAR_VISIBILITY:?};\n\
          const SHADOW_NORMAL_OFFSET_M: f32 = {SHADOW_NORMAL_OFFSET_M:?};\n\
          const SHADOW_DEPTH_LEVELS: f32 = {SHADOW_DEPTH_LEVELS:?};\n\
          const LINEAR_SEGMENT_END: f32 = {LINEAR_SEGMENT_END:?};\n\

@@ -1,6 +1,8 @@
 //! The sRGB transfer function (IEC 61966-2-1): decoding of colours and the constants by which pixels are
 //! encoded.
 
+use crate::scene::decode_srgb;
+
 /// Linear value below which the encoding function is linear.
 pub(in crate::render) const LINEAR_SEGMENT_END: f32 = 0.003_130_8;
 /// Slope of the linear segment, in 8-bit codes per unit of linear light.
@@ -12,27 +14,14 @@ pub(in crate::render) const SQRT_POLYNOMIAL: [f32; 7] =
 
 /// Decodes an sRGB value in [0, 1] to linear light in [0, 1].
 pub(in crate::render) fn decode(srgb: f64) -> f32 {
-    decode_f64(srgb) as f32
-}
-
-fn decode_f64(srgb: f64) -> f64 {
-    if srgb <= 0.040_45 {
-        return srgb / 12.92;
-    }
-    // y^2.4 = y² · ⁵√y². Newton's method computes the root, because `powf` differs between systems.
-    let y = (srgb + 0.055) / 1.055;
-    let square = y * y;
-    let mut root = 1.0;
-    for _ in 0..40 {
-        let fourth = root * root * root * root;
-        root -= (root * fourth - square) / (5.0 * fourth);
-    }
-    square * root
+    decode_srgb(srgb) as f32
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_POLYNOMIAL, decode, decode_f64};
+    use crate::scene::decode_srgb;
+
+    use super::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_POLYNOMIAL, decode};
 
     fn code(linear: f32) -> f32 {
         let [first, rest @ ..] = SQRT_POLYNOMIAL;
@@ -51,7 +40,7 @@ mod tests {
     fn polynomial_approximates_encoding_function() {
         for i in 0..=200_000 {
             let linear = i as f32 / 200_000.0;
-            let back = decode_f64(f64::from(code(linear)) / 255.0);
+            let back = decode_srgb(f64::from(code(linear)) / 255.0);
             // The linear light of 0.06 codes where the decoding function is steepest.
             assert!((back - f64::from(linear)).abs() < 0.000_6, "{linear} became {back}");
         }

@@ -21,18 +21,22 @@ pub(in crate::render) enum MeshId {
     Sphere,
     /// Housing of Panda link 0 to 7, in the link frame.
     Link(usize),
+    /// Dark panels of Panda link 3 to 7, in the link frame.
+    LinkTrim(usize),
     /// Housing of the Panda hand, in the hand frame.
     Hand,
-    /// Body of the wrist camera, in the hand frame.
-    WristCamera,
 }
+
+/// First link with dark panels; all links after it have some, too.
+pub(in crate::render) const FIRST_TRIMMED_LINK: usize = 3;
 
 /// One mesh for each [`MeshId`].
 pub(in crate::render) struct MeshLibrary {
     solids: [Mesh; 6],
     links: [Mesh; 8],
+    /// Panels of links 3 to 7.
+    trims: [Mesh; 5],
     hand: Mesh,
-    wrist_camera: Mesh,
 }
 
 impl MeshLibrary {
@@ -41,15 +45,15 @@ impl MeshLibrary {
         Self {
             solids: unit_solids::all(),
             links: core::array::from_fn(panda::link),
+            trims: core::array::from_fn(|i| panda::trim(i + FIRST_TRIMMED_LINK)),
             hand: panda::hand(),
-            wrist_camera: panda::wrist_camera(),
         }
     }
 
     /// Returns the mesh `id`.
     ///
     /// # Panics
-    /// If `id` is a link above 7.
+    /// If `id` is a link above 7, or a link without panels.
     pub(in crate::render) fn get(&self, id: MeshId) -> &Mesh {
         match id {
             MeshId::Quad => &self.solids[0],
@@ -59,8 +63,8 @@ impl MeshLibrary {
             MeshId::Hemisphere => &self.solids[4],
             MeshId::Sphere => &self.solids[5],
             MeshId::Link(link) => &self.links[link],
+            MeshId::LinkTrim(link) => &self.trims[link - FIRST_TRIMMED_LINK],
             MeshId::Hand => &self.hand,
-            MeshId::WristCamera => &self.wrist_camera,
         }
     }
 }

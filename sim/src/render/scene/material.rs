@@ -1,32 +1,37 @@
 //! Surface materials in linear light.
 
 use crate::render::math::affine::Vec3;
-use crate::render::math::srgb;
 use crate::scene::{Appearance, Texture};
+
+/// Specular reflectance of the strongest highlights of a non-metal.
+const MAX_SPECULAR: f64 = 0.08;
 
 /// Material of an instance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Material {
     /// Albedo, linear RGB.
     pub(in crate::render) color: Vec3,
-    /// Strength of the specular highlight in [0, 1].
+    /// Specular reflectance in white; 0 for a metal.
     pub(in crate::render) specular: f32,
+    /// 1 for a metal, which reflects directional light only specularly and in its own colour.
+    pub(in crate::render) metallic: f32,
     /// Texture that modulates the albedo.
     pub(in crate::render) texture: Option<Texture>,
 }
 
 impl Material {
-    /// Returns an untextured material of an sRGB colour in [0, 1].
-    pub(in crate::render) fn plain(srgb_color: [f64; 3], specular: f32) -> Self {
-        Self { color: srgb_color.map(srgb::decode), specular, texture: None }
+    /// Returns a matt, untextured material of a linear colour in [0, 1].
+    pub(in crate::render) fn plain(color: Vec3) -> Self {
+        Self { color, specular: 0.0, metallic: 0.0, texture: None }
     }
 }
 
 impl From<Appearance> for Material {
     fn from(appearance: Appearance) -> Self {
         Self {
-            color: appearance.color.map(srgb::decode),
-            specular: appearance.specular as f32,
+            color: appearance.color.map(|c| c as f32),
+            specular: (MAX_SPECULAR * appearance.specular * (1.0 - appearance.metallic)) as f32,
+            metallic: appearance.metallic as f32,
             texture: appearance.texture,
         }
     }

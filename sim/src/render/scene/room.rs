@@ -12,8 +12,8 @@ use crate::scene::{Appearance, Scene, Table, TableKind};
 
 /// World z of the floor, in m.
 const FLOOR_Z: f32 = -0.9196;
-/// Half the side of the rendered square of floor, in m: five tiles of its texture (4 m each).
-const FLOOR_HALF: f32 = 20.0;
+/// Half the side of the rendered square of floor, in m.
+const FLOOR_HALF: f32 = 50.0;
 
 /// A table whose upper face is centred at `centre` with half extents `half`. World coordinates, in m.
 struct Bench {

@@ -1,41 +1,41 @@
 //! Colours and appearances of distractor objects, sampled from the object's stream.
 
-pub(super) use crate::scene::rgb;
+pub(super) use crate::scene::srgb;
 use crate::scene::{AppearanceSpec, Range, Texture};
 use crate::stream::Stream;
 
 /// Near white, like glazed ceramic.
-pub(super) const WHITE: [f64; 3] = [0.93, 0.93, 0.92];
+pub(super) const WHITE: [f64; 3] = srgb([237, 237, 235]);
 /// Near black, like dark plastic.
-pub(super) const BLACK: [f64; 3] = [0.08, 0.08, 0.09];
+pub(super) const BLACK: [f64; 3] = srgb([20, 20, 23]);
 /// Gold, of metal or print.
-pub(super) const GOLD: [f64; 3] = rgb([206, 164, 66]);
+pub(super) const GOLD: [f64; 3] = srgb([206, 164, 66]);
 
 /// Saturated colours of print and plastic.
 const VIVID: [[f64; 3]; 12] = [
-    rgb([190, 24, 32]),
-    rgb([222, 92, 26]),
-    rgb([238, 180, 24]),
-    rgb([112, 160, 36]),
-    rgb([28, 118, 62]),
-    rgb([22, 138, 140]),
-    rgb([40, 132, 204]),
-    rgb([26, 62, 150]),
-    rgb([92, 48, 138]),
-    rgb([190, 46, 120]),
-    rgb([112, 66, 36]),
-    rgb([44, 52, 66]),
+    srgb([190, 24, 32]),
+    srgb([222, 92, 26]),
+    srgb([238, 180, 24]),
+    srgb([112, 160, 36]),
+    srgb([28, 118, 62]),
+    srgb([22, 138, 140]),
+    srgb([40, 132, 204]),
+    srgb([26, 62, 150]),
+    srgb([92, 48, 138]),
+    srgb([190, 46, 120]),
+    srgb([112, 66, 36]),
+    srgb([44, 52, 66]),
 ];
 
 /// Light colours of glaze and paper.
 const PALE: [[f64; 3]; 7] = [
     WHITE,
-    rgb([240, 228, 196]),
-    rgb([200, 220, 234]),
-    rgb([206, 226, 196]),
-    rgb([240, 206, 200]),
-    rgb([226, 214, 236]),
-    rgb([180, 186, 190]),
+    srgb([240, 228, 196]),
+    srgb([200, 220, 234]),
+    srgb([206, 226, 196]),
+    srgb([240, 206, 200]),
+    srgb([226, 214, 236]),
+    srgb([180, 186, 190]),
 ];
 
 /// Draws one of `choices` uniformly.
@@ -43,9 +43,9 @@ pub(super) fn pick<T: Copy>(stream: &mut Stream, choices: &[T]) -> T {
     *stream.choose(choices)
 }
 
-/// Multiplies a colour by a random factor in [0.85, 1.1].
+/// Multiplies a colour by a random factor in [0.7, 1.2].
 pub(super) fn vary_brightness(stream: &mut Stream, color: [f64; 3]) -> [f64; 3] {
-    let factor = stream.uniform(Range::new(0.85, 1.1));
+    let factor = stream.uniform(Range::new(0.7, 1.2));
     color.map(|channel| (channel * factor).min(1.0))
 }
 
@@ -87,17 +87,17 @@ pub(super) const fn textured(texture: Texture, color: [f64; 3]) -> AppearanceSpe
 
 /// Returns the appearance of brushed steel.
 pub(super) const fn steel() -> AppearanceSpec {
-    AppearanceSpec { specular: 0.8, ..AppearanceSpec::textured(Texture::BrushedMetal, [0.78, 0.79, 0.81]) }
+    AppearanceSpec { specular: 0.8, ..AppearanceSpec::textured(Texture::BrushedMetal, srgb([199, 201, 207])) }
 }
 
 /// Returns the appearance of dark metal.
 pub(super) const fn iron() -> AppearanceSpec {
-    AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain([0.36, 0.37, 0.39]) }
+    AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain(srgb([92, 94, 99])) }
 }
 
 /// Draws the appearance of some kind of wood.
 pub(super) fn wood(stream: &mut Stream) -> AppearanceSpec {
-    let color = pick(stream, &[rgb([214, 168, 112]), rgb([184, 128, 76]), rgb([226, 190, 140])]);
+    let color = pick(stream, &[srgb([214, 168, 112]), srgb([184, 128, 76]), srgb([226, 190, 140])]);
     AppearanceSpec::textured(
         pick(stream, &[Texture::Wood, Texture::Walnut, Texture::Bamboo]),
         vary_brightness(stream, color),

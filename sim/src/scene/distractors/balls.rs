@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::Distractor;
-use super::appearance::{BLACK, WHITE, glossy, matt, pick, rgb, vary_brightness, vivid, vivid_colors};
+use super::appearance::{BLACK, WHITE, glossy, matt, pick, srgb, vary_brightness, vivid, vivid_colors};
 use super::builder::{COS_SIN_STEP, DistractorBuilder, IDENTITY, arc, pose, z_axis_to};
 use crate::scene::{AppearanceSpec, Primitive, VisualShape};
 use crate::stream::Stream;
@@ -17,7 +17,7 @@ pub(super) fn football(stream: &mut Stream) -> Distractor {
     const SHORT: f64 = 0.525_731_112_119_133_6;
     const LONG: f64 = 0.850_650_808_352_039_9;
     let radius = 0.066;
-    let light = pick(stream, &[WHITE, WHITE, rgb([240, 220, 90])]);
+    let light = pick(stream, &[WHITE, WHITE, srgb([240, 220, 90])]);
     let mut builder = ball(radius, 105.0, glossy(light));
     let patch = glossy(if stream.unit() < 0.5 { BLACK } else { vivid(stream) });
     for [a, b] in [[SHORT, LONG], [-SHORT, LONG], [SHORT, -LONG], [-SHORT, -LONG]] {
@@ -31,15 +31,15 @@ pub(super) fn football(stream: &mut Stream) -> Distractor {
 /// Samples a baseball with red stitches.
 pub(super) fn baseball(stream: &mut Stream) -> Distractor {
     let radius = 0.0367;
-    let mut builder = ball(radius, 690.0, matt(vary_brightness(stream, rgb([236, 230, 216]))));
-    seam(&mut builder, radius, [0.0009, 0.0026], matt(rgb([176, 26, 30])));
+    let mut builder = ball(radius, 690.0, matt(vary_brightness(stream, srgb([236, 230, 216]))));
+    seam(&mut builder, radius, [0.0009, 0.0026], matt(srgb([176, 26, 30])));
     builder.build(stream)
 }
 
 /// Samples a tennis ball with its seam.
 pub(super) fn tennis_ball(stream: &mut Stream) -> Distractor {
     let radius = 0.033;
-    let felt = pick(stream, &[rgb([204, 226, 50]), rgb([204, 226, 50]), rgb([232, 120, 50])]);
+    let felt = pick(stream, &[srgb([204, 226, 50]), srgb([204, 226, 50]), srgb([232, 120, 50])]);
     let mut builder = ball(radius, 385.0, matt(vary_brightness(stream, felt)));
     seam(&mut builder, radius, [0.0031, 0.0011], matt(WHITE));
     builder.build(stream)
@@ -48,7 +48,7 @@ pub(super) fn tennis_ball(stream: &mut Stream) -> Distractor {
 /// Samples a golf ball.
 pub(super) fn golf_ball(stream: &mut Stream) -> Distractor {
     let radius = 0.0214;
-    let color = pick(stream, &[WHITE, WHITE, rgb([236, 240, 80]), rgb([250, 150, 60])]);
+    let color = pick(stream, &[WHITE, WHITE, srgb([236, 240, 80]), srgb([250, 150, 60])]);
     let mut builder = ball(radius, 1120.0, glossy(color));
     builder.friction(0.4);
     // Some of the dimples, as darker spots, and one coloured mark.

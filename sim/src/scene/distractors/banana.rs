@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::Distractor;
-use super::appearance::{PEEL_SPECULAR, pick, rgb, vary_brightness};
+use super::appearance::{PEEL_SPECULAR, pick, srgb, vary_brightness};
 use super::builder::{DistractorBuilder, pose, z_axis_to};
 use crate::scene::{AppearanceSpec, Primitive};
 use crate::stream::Stream;
@@ -26,10 +26,10 @@ const N_VISUALS: u32 = 14;
 
 /// Samples a banana that lies along y, from unripe to overripe.
 pub(super) fn banana(stream: &mut Stream) -> Distractor {
-    let skin = pick(stream, &[rgb([248, 212, 52]), rgb([222, 206, 74]), rgb([232, 184, 52])]);
+    let skin = pick(stream, &[srgb([248, 212, 52]), srgb([222, 206, 74]), srgb([232, 184, 52])]);
     let skin =
         AppearanceSpec { specular: PEEL_SPECULAR, ..AppearanceSpec::plain(vary_brightness(stream, skin)) };
-    let dark = AppearanceSpec::plain(rgb([84, 66, 32]));
+    let dark = AppearanceSpec::plain(srgb([84, 66, 32]));
     let mut builder = DistractorBuilder::new(600.0);
     for [from, to] in segments(N_COLLIDERS) {
         let radius = radius(f64::midpoint(from, to));

@@ -1,7 +1,7 @@
 //! Bottles, a sprayer and a pitcher.
 
 use super::Distractor;
-use super::appearance::{BLACK, WHITE, glossy, matt, pale, pick, rgb, vary_brightness, vivid, vivid_colors};
+use super::appearance::{BLACK, WHITE, glossy, matt, pale, pick, srgb, vary_brightness, vivid, vivid_colors};
 use super::builder::{DistractorBuilder, IDENTITY, X_TO_Y_TO_Z, Y_TO_Z, pose};
 use crate::scene::{AppearanceSpec, rounded_rectangle};
 use crate::stream::Stream;
@@ -10,7 +10,7 @@ use crate::stream::Stream;
 pub(super) fn mustard(stream: &mut Stream) -> Distractor {
     let half = [0.028, 0.0465];
     let mut builder = DistractorBuilder::new(430.0);
-    let filling = pick(stream, &[rgb([238, 196, 30]), rgb([186, 28, 24]), rgb([240, 232, 200])]);
+    let filling = pick(stream, &[srgb([238, 196, 30]), srgb([186, 28, 24]), srgb([240, 232, 200])]);
     let body = glossy(vary_brightness(stream, filling));
     let [main, cap] = vivid_colors(stream);
     bottle_body(&mut builder, half, 0.145, body);
@@ -73,7 +73,7 @@ pub(super) fn sprayer(stream: &mut Stream) -> Distractor {
 /// Samples a plastic pitcher with a lid, a spout and a handle.
 pub(super) fn pitcher(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(180.0);
-    let (body, lid) = (vivid(stream), pick(stream, &[WHITE, BLACK, rgb([40, 90, 170])]));
+    let (body, lid) = (vivid(stream), pick(stream, &[WHITE, BLACK, srgb([40, 90, 170])]));
     builder
         .collider_cylinder(0.05, [0.0, 0.1])
         .collider_cylinder(0.055, [0.1, 0.215])

@@ -1,7 +1,7 @@
 //! Cutlery and a spatula, lying along x.
 
 use super::Distractor;
-use super::appearance::{BLACK, glossy, matt, pale, pick, rgb, steel, vivid, wood};
+use super::appearance::{BLACK, glossy, matt, pale, pick, srgb, steel, vivid, wood};
 use super::builder::{DistractorBuilder, IDENTITY, LABEL_THICKNESS, ellipse, pose};
 use crate::scene::{AppearanceSpec, rounded_rectangle};
 use crate::stream::Stream;
@@ -53,7 +53,7 @@ pub(super) fn spoon(stream: &mut Stream) -> Distractor {
     sheet_metal(&mut builder, &[[0.0, -0.004], [0.045, -0.003], [0.045, 0.003], [0.0, 0.004]]);
     // The bowl: a bottom plate inside two rings, each wider than the one below it.
     let at = |z| pose([0.066, 0.0, z], IDENTITY);
-    let dull = AppearanceSpec { specular: 0.5, ..AppearanceSpec::plain([0.58, 0.59, 0.61]) };
+    let dull = AppearanceSpec { specular: 0.5, ..AppearanceSpec::plain(srgb([148, 150, 156])) };
     builder.extrusion(&ellipse([0.022, 0.014]), &[], 0.001, at(0.001), dull);
     for (outer, inner, z) in
         [([0.026, 0.018], [0.021, 0.0135], 0.003), ([0.03, 0.021], [0.0265, 0.018], 0.0055)]
@@ -70,7 +70,7 @@ pub(super) fn spoon(stream: &mut Stream) -> Distractor {
 /// Samples a slotted spatula.
 pub(super) fn spatula(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(900.0);
-    let plastic = pick(stream, &[BLACK, rgb([30, 110, 110]), rgb([176, 40, 36])]);
+    let plastic = pick(stream, &[BLACK, srgb([30, 110, 110]), srgb([176, 40, 36])]);
     let grip = if stream.unit() < 0.5 { wood(stream) } else { glossy(plastic) };
     let outline = [
         [0.0, -0.02],

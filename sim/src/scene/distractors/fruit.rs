@@ -1,7 +1,7 @@
 //! Fruit. Round fruit stands on a small flat base, as real fruit does, and rolls once it is pushed off it.
 
 use super::Distractor;
-use super::appearance::{PEEL_SPECULAR, matt, pick, rgb, textured, vary_brightness};
+use super::appearance::{PEEL_SPECULAR, matt, pick, srgb, textured, vary_brightness};
 use super::builder::{DistractorBuilder, IDENTITY, Z_TO_X, arc, pose};
 use crate::scene::{AppearanceSpec, Primitive, Texture, VisualShape};
 use crate::stream::Stream;
@@ -24,7 +24,7 @@ pub(crate) const APPLE_PROFILE: [[f64; 2]; 12] = [
 
 /// Samples an apple with its stem.
 pub(super) fn apple(stream: &mut Stream) -> Distractor {
-    let skin = pick(stream, &[rgb([186, 28, 32]), rgb([138, 178, 56]), rgb([222, 180, 60])]);
+    let skin = pick(stream, &[srgb([186, 28, 32]), srgb([138, 178, 56]), srgb([222, 180, 60])]);
     let skin = skin_appearance(vary_brightness(stream, skin));
     let radius = 0.0375;
     let mut builder = start_round(radius);
@@ -35,7 +35,7 @@ pub(super) fn apple(stream: &mut Stream) -> Distractor {
 
 /// Samples an upright pear.
 pub(super) fn pear(stream: &mut Stream) -> Distractor {
-    let skin = pick(stream, &[rgb([170, 182, 60]), rgb([206, 178, 70]), rgb([150, 110, 50])]);
+    let skin = pick(stream, &[srgb([170, 182, 60]), srgb([206, 178, 70]), srgb([150, 110, 50])]);
     let skin = skin_appearance(vary_brightness(stream, skin));
     let radius = 0.033;
     let mut builder = start_round(radius);
@@ -64,7 +64,7 @@ pub(super) fn pear(stream: &mut Stream) -> Distractor {
 pub(super) fn orange(stream: &mut Stream) -> Distractor {
     let radius = 0.0365;
     let mut builder = start_round(radius);
-    let color = vary_brightness(stream, rgb([246, 140, 24]));
+    let color = vary_brightness(stream, srgb([246, 140, 24]));
     let ball = VisualShape::Primitive(Primitive::Ball { radius });
     builder.visual(ball, pose([0.0; 3], IDENTITY), textured(Texture::Plaster, color));
     stem_scar(&mut builder, radius);
@@ -74,7 +74,7 @@ pub(super) fn orange(stream: &mut Stream) -> Distractor {
 /// Samples a peach: two halves with a seam.
 pub(super) fn peach(stream: &mut Stream) -> Distractor {
     let mut builder = start_round(0.0335);
-    let color = pick(stream, &[rgb([242, 158, 92]), rgb([226, 104, 72]), rgb([246, 196, 116])]);
+    let color = pick(stream, &[srgb([242, 158, 92]), srgb([226, 104, 72]), srgb([246, 196, 116])]);
     let color = vary_brightness(stream, color);
     // One half is redder, as if it had received more sun.
     let [red, green, blue] = color;
@@ -86,7 +86,7 @@ pub(super) fn peach(stream: &mut Stream) -> Distractor {
 /// Samples a dark plum: two halves with a seam.
 pub(super) fn plum(stream: &mut Stream) -> Distractor {
     let mut builder = start_round(0.026);
-    let color = pick(stream, &[rgb([88, 28, 66]), rgb([54, 30, 84]), rgb([128, 30, 50])]);
+    let color = pick(stream, &[srgb([88, 28, 66]), srgb([54, 30, 84]), srgb([128, 30, 50])]);
     halves(&mut builder, 0.026, [skin_appearance(vary_brightness(stream, color)); 2]);
     stem(&mut builder, [0.0, 0.0, 0.025], 0.002);
     builder.build(stream)
@@ -94,7 +94,7 @@ pub(super) fn plum(stream: &mut Stream) -> Distractor {
 
 /// Samples a lemon lying on its side.
 pub(super) fn lemon(stream: &mut Stream) -> Distractor {
-    let skin = pick(stream, &[rgb([240, 208, 40]), rgb([128, 176, 52])]);
+    let skin = pick(stream, &[srgb([240, 208, 40]), srgb([128, 176, 52])]);
     let skin = textured(Texture::Plaster, vary_brightness(stream, skin));
     let radius = 0.027;
     let mut builder = DistractorBuilder::new(900.0);
@@ -141,13 +141,13 @@ pub(super) fn strawberry(stream: &mut Stream) -> Distractor {
         [0.0, 0.025],
     ];
     let along = pose([0.0; 3], Z_TO_X);
-    builder.lathe(&profile, along, skin_appearance(vary_brightness(stream, rgb([206, 24, 34]))));
+    builder.lathe(&profile, along, skin_appearance(vary_brightness(stream, srgb([206, 24, 34]))));
     for (ring, [radius, x]) in (0..).zip([[0.0184, -0.008], [0.0174, 0.002], [0.0138, 0.012]]) {
         for [y, z] in arc(radius, 0..=47).into_iter().skip(4 * (ring % 2)).step_by(8) {
             // A seed at the very bottom would lift the strawberry.
             if z > -0.9 * radius {
                 let half = [0.0009, 0.0005, 0.0005];
-                builder.visual_rounded_box(half, [x, y, z], 0.0004, skin_appearance(rgb([232, 196, 96])));
+                builder.visual_rounded_box(half, [x, y, z], 0.0004, skin_appearance(srgb([232, 196, 96])));
             }
         }
     }
@@ -156,7 +156,7 @@ pub(super) fn strawberry(stream: &mut Stream) -> Distractor {
         .enumerate()
         .map(|(i, point)| point[0].map(|x| x * if i % 2 == 0 { 0.0155 } else { 0.006 }))
         .collect();
-    let leaf = skin_appearance(rgb([64, 126, 44]));
+    let leaf = skin_appearance(srgb([64, 126, 44]));
     builder.extrusion(&star, &[], 0.001, pose([-0.0195, 0.0, 0.0], Z_TO_X), leaf);
     let stem = VisualShape::Primitive(Primitive::Capsule { radius: 0.0012, half_height: 0.002 });
     builder.visual(stem, pose([-0.0215, 0.0, 0.0], Z_TO_X), leaf);
@@ -182,7 +182,11 @@ fn halves(builder: &mut DistractorBuilder, radius: f64, appearances: [Appearance
 
 fn stem(builder: &mut DistractorBuilder, middle: [f64; 3], half_height: f64) {
     let shape = Primitive::Capsule { radius: 0.0018, half_height };
-    builder.visual(VisualShape::Primitive(shape), pose(middle, IDENTITY), skin_appearance(rgb([84, 58, 34])));
+    builder.visual(
+        VisualShape::Primitive(shape),
+        pose(middle, IDENTITY),
+        skin_appearance(srgb([84, 58, 34])),
+    );
 }
 
 /// Adds the scar left by the stem.
@@ -191,7 +195,7 @@ fn stem_scar(builder: &mut DistractorBuilder, radius: f64) {
     builder.visual(
         VisualShape::Primitive(scar),
         pose([0.0, 0.0, radius], IDENTITY),
-        skin_appearance(rgb([92, 100, 48])),
+        skin_appearance(srgb([92, 100, 48])),
     );
 }
 

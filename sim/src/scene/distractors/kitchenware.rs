@@ -2,7 +2,7 @@
 
 use super::Distractor;
 use super::appearance::{
-    BLACK, WHITE, glossy, iron, matt, pale, pick, rgb, steel, textured, vivid, vivid_colors,
+    BLACK, WHITE, glossy, iron, matt, pale, pick, srgb, steel, textured, vivid, vivid_colors,
 };
 use super::builder::{DistractorBuilder, LABEL_THICKNESS, Y_TO_Z, pose};
 use super::cans::front_and_back_labels;
@@ -147,8 +147,8 @@ pub(super) fn plate(stream: &mut Stream) -> Distractor {
 /// Samples a pan lid of glass in a steel rim, with a knob.
 pub(super) fn pan_lid(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(420.0);
-    let knob = glossy(pick(stream, &[BLACK, rgb([120, 30, 28]), rgb([60, 62, 66])]));
-    let cover = pick(stream, &[glossy(rgb([150, 168, 172])), steel(), iron(), glossy(rgb([90, 22, 24]))]);
+    let knob = glossy(pick(stream, &[BLACK, srgb([120, 30, 28]), srgb([60, 62, 66])]));
+    let cover = pick(stream, &[glossy(srgb([150, 168, 172])), steel(), iron(), glossy(srgb([90, 22, 24]))]);
     builder
         .collider_cylinder(0.1, [0.0, 0.012])
         .collider_cylinder(0.072, [0.012, 0.025])
@@ -181,9 +181,11 @@ pub(super) fn pan_lid(stream: &mut Stream) -> Distractor {
 /// Samples a sponge with a scouring side.
 pub(super) fn sponge(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(150.0);
-    let foam =
-        pick(stream, &[rgb([244, 206, 66]), rgb([236, 140, 160]), rgb([110, 180, 220]), rgb([244, 150, 60])]);
-    let scourer = pick(stream, &[rgb([40, 100, 52]), rgb([60, 62, 66]), rgb([36, 70, 130])]);
+    let foam = pick(
+        stream,
+        &[srgb([244, 206, 66]), srgb([236, 140, 160]), srgb([110, 180, 220]), srgb([244, 150, 60])],
+    );
+    let scourer = pick(stream, &[srgb([40, 100, 52]), srgb([60, 62, 66]), srgb([36, 70, 130])]);
     builder.friction(0.7).collider_box([0.055, 0.036, 0.0155], [0.0, 0.0, 0.0155]);
     builder.visual_rounded_box([0.055, 0.036, 0.0115], [0.0, 0.0, 0.0115], 0.003, matt(foam));
     builder.visual_rounded_box([0.0548, 0.0358, 0.0045], [0.0, 0.0, 0.0265], 0.0015, matt(scourer));
@@ -193,7 +195,7 @@ pub(super) fn sponge(stream: &mut Stream) -> Distractor {
 /// Samples a salt or pepper shaker with a steel cap.
 pub(super) fn shaker(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(650.0);
-    let (glass, label) = (pick(stream, &[WHITE, rgb([58, 46, 40]), rgb([188, 214, 220])]), vivid(stream));
+    let (glass, label) = (pick(stream, &[WHITE, srgb([58, 46, 40]), srgb([188, 214, 220])]), vivid(stream));
     builder.collider_cylinder(0.021, [0.0, 0.066]).collider_cylinder(0.017, [0.066, 0.09]);
     let body = [[0.0, 0.0], [0.019, 0.0], [0.021, 0.002], [0.021, 0.05], [0.0155, 0.066], [0.0, 0.066]];
     builder.lathe_about_z(&body, glossy(glass));

@@ -4,7 +4,7 @@ use core::f64::consts::SQRT_2;
 
 use super::Distractor;
 use super::appearance::{
-    BLACK, WHITE, glossy, iron, matt, pick, rgb, steel, vary_brightness, vivid, vivid_colors, wood,
+    BLACK, WHITE, glossy, iron, matt, pick, srgb, steel, vary_brightness, vivid, vivid_colors, wood,
 };
 use super::builder::{
     DistractorBuilder, IDENTITY, LABEL_THICKNESS, Y_TO_Z, Z_TO_X, Z_TO_Y, arc, ellipse, pose,
@@ -16,11 +16,11 @@ use crate::stream::Stream;
 pub(super) fn drill(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(900.0);
     let colors = [
-        rgb([222, 96, 22]),
-        rgb([236, 186, 24]),
-        rgb([24, 116, 130]),
-        rgb([176, 28, 30]),
-        rgb([30, 80, 160]),
+        srgb([222, 96, 22]),
+        srgb([236, 186, 24]),
+        srgb([24, 116, 130]),
+        srgb([176, 28, 30]),
+        srgb([30, 80, 160]),
     ];
     let shell = glossy(pick(stream, &colors));
     let (rubber, thick) = (matt(BLACK), 0.027);
@@ -198,7 +198,7 @@ pub(super) fn clamp(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(3000.0);
     let half = 0.009;
     let frame =
-        glossy(if stream.unit() < 0.5 { vivid(stream) } else { vary_brightness(stream, rgb([70, 72, 76])) });
+        glossy(if stream.unit() < 0.5 { vivid(stream) } else { vary_brightness(stream, srgb([70, 72, 76])) });
     let outline = [
         [-0.05, -0.045],
         [-0.036, -0.045],
@@ -236,8 +236,8 @@ pub(super) fn clamp(stream: &mut Stream) -> Distractor {
 /// Samples a closed padlock lying flat.
 pub(super) fn padlock(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(2600.0);
-    let brass = AppearanceSpec { specular: 0.6, ..glossy(rgb([196, 152, 62])) };
-    let body = pick(stream, &[brass, steel(), glossy(BLACK), glossy(rgb([28, 60, 140]))]);
+    let brass = AppearanceSpec { specular: 0.6, ..glossy(srgb([196, 152, 62])) };
+    let body = pick(stream, &[brass, steel(), glossy(BLACK), glossy(srgb([28, 60, 140]))]);
     let half = [0.022, 0.0185, 0.0095];
     builder.rounded_box(half, [0.0; 3], 0.0035, body);
     let bow = |radius: f64| {
@@ -291,14 +291,14 @@ pub(super) fn tape(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(430.0);
     let color = pick(
         stream,
-        &[rgb([150, 152, 156]), BLACK, rgb([206, 172, 116]), rgb([180, 30, 34]), rgb([236, 232, 214])],
+        &[srgb([150, 152, 156]), BLACK, srgb([206, 172, 116]), srgb([180, 30, 34]), srgb([236, 232, 214])],
     );
     let ([inner, core, outer], height) = ([0.0335, 0.036, 0.052], 0.046);
     builder.collider_cylinder(outer, [0.0, height]);
     let ring = |from: f64, to: f64, low: f64, high: f64| {
         [[from, low], [to, low], [to, high], [from, high], [from, low]]
     };
-    builder.lathe_about_z(&ring(inner, core, 0.0005, height - 0.0005), matt(rgb([178, 140, 96])));
+    builder.lathe_about_z(&ring(inner, core, 0.0005, height - 0.0005), matt(srgb([178, 140, 96])));
     builder.lathe_about_z(&ring(core, outer, 0.0, height), glossy(vary_brightness(stream, color)));
     builder.build(stream)
 }

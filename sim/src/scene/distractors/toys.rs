@@ -2,7 +2,7 @@
 
 use super::Distractor;
 use super::appearance::{
-    BLACK, WHITE, glossy, matt, pale, pick, rgb, vary_brightness, vivid, vivid_colors, wood,
+    BLACK, WHITE, glossy, matt, pale, pick, srgb, vary_brightness, vivid, vivid_colors, wood,
 };
 use super::builder::{
     DistractorBuilder, HALF_TURN_Z, IDENTITY, LABEL_THICKNESS, Quat, Y_TO_Z, Z_TO_X, Z_TO_Y, arc, ellipse,
@@ -18,7 +18,7 @@ const FACES: [Quat; 5] = [IDENTITY, Z_TO_X, Z_TO_Y, [1.0, 0.0, -1.0, 0.0], Y_TO_
 pub(super) fn foam_brick(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(150.0);
     let color =
-        pick(stream, &[rgb([196, 44, 40]), rgb([40, 90, 170]), rgb([234, 190, 60]), rgb([90, 150, 70])]);
+        pick(stream, &[srgb([196, 44, 40]), srgb([40, 90, 170]), srgb([234, 190, 60]), srgb([90, 150, 70])]);
     let half = [0.039, 0.026, 0.0255];
     let foam = matt(vary_brightness(stream, color));
     builder.friction(0.7).rounded_box(half, [0.0; 3], 0.002, foam);
@@ -129,7 +129,7 @@ pub(super) fn aeroplane(stream: &mut Stream) -> Distractor {
         [0.02, 0.0125, 0.01],
         [0.022, 0.0, 0.035],
         0.0095,
-        glossy(rgb([150, 196, 214])),
+        glossy(srgb([150, 196, 214])),
     );
     builder.collider_box([0.018, 0.01, 0.0085], [0.022, 0.0, 0.0365]);
     let nose = [[0.0, 0.0], [0.013, 0.0], [0.012, 0.008], [0.006, 0.014], [0.0, 0.015]];
@@ -148,11 +148,11 @@ pub(super) fn aeroplane(stream: &mut Stream) -> Distractor {
 pub(super) fn cube_puzzle(stream: &mut Stream) -> Distractor {
     let colors = [
         WHITE,
-        rgb([236, 206, 30]),
-        rgb([196, 26, 34]),
-        rgb([240, 120, 26]),
-        rgb([26, 130, 64]),
-        rgb([30, 74, 176]),
+        srgb([236, 206, 30]),
+        srgb([196, 26, 34]),
+        srgb([240, 120, 26]),
+        srgb([26, 130, 64]),
+        srgb([30, 74, 176]),
     ];
     let mut builder = DistractorBuilder::new(480.0);
     let (half, cell) = (0.0285, 0.019);
@@ -196,7 +196,7 @@ pub(super) fn car(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(800.0);
     let [body, other] = vivid_colors(stream);
     let roof = if stream.unit() < 0.5 { body } else { other };
-    let glass = glossy(rgb([40, 54, 66]));
+    let glass = glossy(srgb([40, 54, 66]));
     builder.visual_rounded_box([0.044, 0.0205, 0.0095], [0.0, 0.0, 0.0155], 0.005, glossy(body));
     builder.collider_box([0.044, 0.0205, 0.0105], [0.0, 0.0, 0.0145]);
     let cab = [[-0.03, 0.022], [-0.022, 0.038], [0.008, 0.038], [0.022, 0.022]];
@@ -225,7 +225,7 @@ pub(super) fn car(stream: &mut Stream) -> Distractor {
             &[],
             0.044 + LABEL_THICKNESS,
             pose([0.0, y, 0.017], Z_TO_X),
-            glossy(rgb([250, 236, 170])),
+            glossy(srgb([250, 236, 170])),
         );
     }
     builder.build(stream)

@@ -13,7 +13,10 @@ use crate::stream::Stream;
 /// whole table. The plate above the lower table has a colour of its own.
 pub(super) fn table(spec: &TableSpec, episode_seed: u64) -> Table {
     let draw = |appearance, part: &str, color: &str| {
-        draw_with_color_stream(appearance, episode_seed, &format!("table/{part}"), color)
+        let drawn = draw_with_color_stream(appearance, episode_seed, &format!("table/{part}"), color);
+        // The benchmark replaces a recoloured table by a plain block.
+        let metallic = if drawn.texture.is_some() { drawn.metallic } else { 0.0 };
+        Appearance { metallic, ..drawn }
     };
     let top_color = if spec.lower_top.is_some() { "plate/color" } else { "table/color" };
     Table {
@@ -67,7 +70,7 @@ fn draw_with_color_stream(
     name: &str,
     color_stream: &str,
 ) -> Appearance {
-    let AppearanceSpec { color, texture, specular, variation } = spec;
+    let AppearanceSpec { color, texture, specular, metallic, variation } = spec;
     let chance = |of: &str, limit: f64| Stream::new(episode_seed, &format!("{name}/{of}")).unit() < limit;
     let both = variation.color > 0.0 && variation.texture > 0.0;
     let recolors = variation.color > 0.0 && (!both || chance("coin", 0.5));
@@ -75,11 +78,12 @@ fn draw_with_color_stream(
         let mut stream = Stream::new(episode_seed, color_stream);
         let ranges = color.map(|c| Range::new(0.0, 1.0).shrunk_to(c, variation.color));
         let color = ranges.map(|range| stream.uniform(range));
-        Appearance { color, texture: texture.filter(|_| !chance("plain", variation.color)), specular }
+        let texture = texture.filter(|_| !chance("plain", variation.color));
+        Appearance { color, texture, specular, metallic }
     } else if variation.texture > 0.0 && chance("pattern", variation.texture) {
         let choice = Stream::new(episode_seed, &format!("{name}/texture")).choose(Texture::PERTURBATION);
-        Appearance { color: [1.0; 3], texture: Some(*choice), specular }
+        Appearance { color: [1.0; 3], texture: Some(*choice), specular, metallic }
     } else {
-        Appearance { color, texture, specular }
+        Appearance { color, texture, specular, metallic }
     }
 }

@@ -3,7 +3,7 @@
 //! Its origin is the benchmark's, outside the book's centre. Its axes are parallel to its edges: x from the
 //! spine to the fore edge, y across the pages, z up the spine. The benchmark's axes are oblique to them.
 
-use super::box_part;
+use super::{box_part, srgb};
 use crate::scene::{AppearanceSpec, Mass, PartSpec, Primitive, VisualShape, VisualSpec};
 
 /// Half-depth, half-thickness and half-height as it collides.
@@ -23,7 +23,7 @@ pub(in crate::tasks) fn parts() -> Vec<PartSpec> {
 const VISIBLE_HALF: [f64; 3] = [0.04815, 0.025, 0.05425];
 /// Thickness of the cover.
 const COVER: f64 = 0.003;
-const COVER_COLOR: [f64; 3] = [0.05, 0.05, 0.06];
+const COVER_COLOR: [f64; 3] = srgb([13, 13, 15]);
 /// Distance by which the pages are recessed from the cover.
 const PAGE_INSET: f64 = 0.003;
 /// Number of groups of pages that are coloured independently.
@@ -52,7 +52,7 @@ pub(in crate::tasks) fn visuals() -> Vec<VisualSpec> {
         let y = half_sheet * f64::from(2 * i + 1) - board;
         let half = [hx - (COVER + PAGE_INSET) / 2.0, half_sheet, hz - PAGE_INSET];
         let position = [CENTRE[0] + (COVER - PAGE_INSET) / 2.0, CENTRE[1] + y, CENTRE[2]];
-        let paper = AppearanceSpec::plain([0.93, 0.90, 0.80]);
+        let paper = AppearanceSpec::plain(srgb([237, 230, 204]));
         VisualSpec::at(VisualShape::Primitive(Primitive::Box { half }), position, paper)
     }));
     visuals

@@ -7,7 +7,7 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::rgb;
+use super::srgb;
 use crate::scene::{AppearanceSpec, PartSpec, Primitive, Texture, VisualShape, VisualSpec};
 
 /// Height of the compartment's floor.
@@ -58,7 +58,7 @@ pub(in crate::tasks) fn visuals() -> Vec<VisualSpec> {
 }
 
 fn wood() -> AppearanceSpec {
-    AppearanceSpec::textured(Texture::Wood, [0.50, 0.34, 0.20])
+    AppearanceSpec::textured(Texture::Wood, srgb([128, 87, 51]))
 }
 
 /// Thickness, depth, height and colour of the leaning books, from −y to +y.
@@ -105,7 +105,7 @@ fn book(half: [f64; 3], pose: Isometry3<f64>, color: [u8; 3]) -> VisualSpec {
     /// Edge radius of a book.
     const EDGE: f64 = 0.0015;
     let shape = VisualShape::RoundedBox { half, edge_radius: EDGE };
-    VisualSpec { shape, pose, appearance: AppearanceSpec::plain(rgb(color)) }
+    VisualSpec { shape, pose, appearance: AppearanceSpec::plain(srgb(color)) }
 }
 
 fn half_and_centre(bounds: [[f64; 2]; 3]) -> ([f64; 3], [f64; 3]) {

@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, box_part, movable};
+use super::{BIMANUAL_TABLE_Z, box_part, movable, srgb};
 use crate::scene::{
     AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, RenderParts, ScaleAxes, VisualShape, VisualSpec,
 };
@@ -71,14 +71,14 @@ fn visuals() -> [VisualSpec; 3] {
     let [_, [cap, edge], [top, top_y], _] = NECK;
     let label = wall(0.05) + LABEL_THICKNESS;
     [
-        lathe(body, glossy([0.62, 0.82, 0.90])),
+        lathe(body, glossy(srgb([158, 209, 230]))),
         lathe(
             vec![[0.0, 0.042], [label, 0.042], [label, 0.106], [0.0, 0.106]],
-            AppearanceSpec::plain([0.12, 0.32, 0.66]),
+            AppearanceSpec::plain(srgb([31, 82, 168])),
         ),
         lathe(
             vec![[0.0, CAP_Y], [cap, CAP_Y], [cap, edge], [top, top_y], [0.0, top_y]],
-            glossy([0.86, 0.88, 0.90]),
+            glossy(srgb([219, 224, 230])),
         ),
     ]
 }

@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{SINGLE_TABLE_Z, box_part, fixed};
+use super::{SINGLE_TABLE_Z, box_part, fixed, srgb};
 use crate::expert::{Move, grasp};
 use crate::scene::{
     AppearanceSpec, BodySpec, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, Primitive, Range, Role,
@@ -47,11 +47,12 @@ const PLINTH: [f64; 2] = [0.03, 0.03];
 const HANDLE_STANDOFF: f64 = 0.035;
 /// Radius of a handle's bar and half of the distance between its posts, in m.
 const BAR: [f64; 2] = [0.007, 0.045];
-const STEEL: AppearanceSpec = AppearanceSpec { specular: 0.9, ..AppearanceSpec::plain([0.72, 0.73, 0.75]) };
+const STEEL: AppearanceSpec =
+    AppearanceSpec { specular: 0.9, ..AppearanceSpec::plain(srgb([184, 186, 191])) };
 /// Appearance of a drawer's box, behind the front.
-const BOX_PAINT: AppearanceSpec = AppearanceSpec::plain([0.84, 0.72, 0.53]);
-const OFF_WHITE: AppearanceSpec = AppearanceSpec::plain([0.93, 0.92, 0.89]);
-const PLINTH_PAINT: AppearanceSpec = AppearanceSpec::plain([0.13, 0.12, 0.11]);
+const BOX_PAINT: AppearanceSpec = AppearanceSpec::plain(srgb([214, 184, 135]));
+const OFF_WHITE: AppearanceSpec = AppearanceSpec::plain(srgb([237, 235, 227]));
+const PLINTH_PAINT: AppearanceSpec = AppearanceSpec::plain(srgb([33, 31, 28]));
 /// Friction coefficient of all surfaces.
 const FRICTION: f64 = 1.0;
 /// Joint of a drawer; `upper` is set per drawer. The damping lets it follow a steady pull and stop when
@@ -229,7 +230,7 @@ pub(in crate::tasks) fn drawer_over_door(yaw: Range) -> Vec<BodySpec> {
         depth: 0.4,
         half_width: 0.19,
         height: 0.6,
-        carcass_paint: AppearanceSpec::textured(Texture::Walnut, [0.85, 0.72, 0.6]),
+        carcass_paint: AppearanceSpec::textured(Texture::Walnut, srgb([217, 184, 153])),
         front_paint: OFF_WHITE,
     };
     vec![
@@ -253,7 +254,7 @@ pub(in crate::tasks) fn chest_of_drawers() -> Vec<BodySpec> {
         depth: 0.45,
         half_width: 0.2,
         height: 0.428,
-        carcass_paint: AppearanceSpec::textured(Texture::Wood, [0.55, 0.38, 0.25]),
+        carcass_paint: AppearanceSpec::textured(Texture::Wood, srgb([140, 97, 64])),
         front_paint: OFF_WHITE,
     };
     vec![

@@ -2,6 +2,7 @@
 //! the benchmark the same axis is y.
 
 use super::props::{LABEL_THICKNESS, RevolvedVisuals, glossy};
+use super::srgb;
 use crate::scene::{AppearanceSpec, Mass, PartSpec, Primitive, Texture, VisualSpec};
 
 /// Half of the height as it collides.
@@ -36,7 +37,7 @@ const VISIBLE_RADIUS: f64 = 0.0375;
 /// Creates the visuals: red with a white band. Foot, shoulder, rim and the sunken lid are aluminium.
 pub(in crate::tasks) fn visuals() -> Vec<VisualSpec> {
     let aluminium =
-        AppearanceSpec { specular: 0.8, ..AppearanceSpec::textured(Texture::BrushedMetal, [0.8; 3]) };
+        AppearanceSpec { specular: 0.8, ..AppearanceSpec::textured(Texture::BrushedMetal, srgb([204; 3])) };
     let r = VISIBLE_RADIUS;
     let radii =
         [0.0, 0.024, 0.025, 0.029, 0.033, r, r, 0.0343, 0.0316, 0.0311, 0.0316, 0.0316, 0.03, 0.029, 0.0];
@@ -46,7 +47,7 @@ pub(in crate::tasks) fn visuals() -> Vec<VisualSpec> {
     ];
     RevolvedVisuals::on([0.0; 3])
         .with(radii, heights, aluminium)
-        .with_drum(r + LABEL_THICKNESS, [-0.0525, 0.04], glossy([0.72, 0.04, 0.07]))
-        .with_drum(r + 2.0 * LABEL_THICKNESS, [-0.013, 0.013], glossy([0.92; 3]))
+        .with_drum(r + LABEL_THICKNESS, [-0.0525, 0.04], glossy(srgb([184, 10, 18])))
+        .with_drum(r + 2.0 * LABEL_THICKNESS, [-0.013, 0.013], glossy(srgb([235; 3])))
         .visuals
 }

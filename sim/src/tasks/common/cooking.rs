@@ -4,7 +4,7 @@ use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{SINGLE_TABLE_Z, box_part, movable, rgb};
+use super::{SINGLE_TABLE_Z, box_part, movable, srgb};
 use crate::expert::{Move, grasp};
 use crate::scene::{
     AppearanceSpec, BodySpec, Mass, Motion, PartSpec, Primitive, RenderParts, Role, ScaleAxes, ScaledBy,
@@ -74,8 +74,8 @@ const HANDLE_Y: [f64; 2] = [0.097, 0.008];
 
 /// Creates a fixed stove: a plain block whose two burners are only visible.
 pub(in crate::tasks) fn stove(region: usize) -> BodySpec {
-    let steel = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain(rgb([196, 198, 200])) };
-    let iron = AppearanceSpec::plain(rgb([38, 38, 40]));
+    let steel = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain(srgb([196, 198, 200])) };
+    let iron = AppearanceSpec::plain(srgb([38, 38, 40]));
     let [min, max] = STOVE;
     let [radius, burner_height] = BURNER;
     let [hx, hy, half_height] = core::array::from_fn(|k| (max[k] - min[k]) / 2.0);
@@ -111,8 +111,8 @@ pub(in crate::tasks) fn stove(region: usize) -> BodySpec {
 
 /// Creates a frying pan whose handle points towards +x. Its frame is that of the benchmark's mesh.
 pub(in crate::tasks) fn pan(region: usize) -> BodySpec {
-    let iron = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain(rgb([62, 64, 68])) };
-    let grip = AppearanceSpec::plain(rgb([24, 24, 26]));
+    let iron = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain(srgb([62, 64, 68])) };
+    let grip = AppearanceSpec::plain(srgb([24, 24, 26]));
     let [x, y] = PAN_AXIS;
     let hull =
         |points: Vec<[f64; 3]>| PartSpec::at(Primitive::Hull { points: points.into() }, [0.0; 3], grip);

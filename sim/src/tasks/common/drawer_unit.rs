@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, ExternalCameras, box_part, fixed, region};
+use super::{BIMANUAL_TABLE_Z, ExternalCameras, box_part, fixed, region, srgb};
 use crate::expert::grasp;
 use crate::scene::{
     AppearanceSpec, Body, BodySpec, JointKind, JointSpec, Mass, Motion, PartSpec, PlacementSpec, Primitive,
@@ -78,11 +78,12 @@ const SLIDE_DAMPING: f64 = 20.0;
 /// Dry friction of the drawers, in N.
 const SLIDE_FRICTION: f64 = 3.0;
 
-const FRAME: AppearanceSpec = AppearanceSpec::textured(Texture::Walnut, [1.0, 0.92, 0.84]);
-const PANEL: AppearanceSpec = AppearanceSpec::textured(Texture::Wood, [0.74, 0.50, 0.30]);
-const INSIDE: AppearanceSpec = AppearanceSpec::plain([0.86, 0.78, 0.64]);
-const DARK: AppearanceSpec = AppearanceSpec::plain([0.20, 0.13, 0.09]);
-const STEEL: AppearanceSpec = AppearanceSpec { specular: 0.8, ..AppearanceSpec::plain([0.80, 0.80, 0.82]) };
+const FRAME: AppearanceSpec = AppearanceSpec::textured(Texture::Walnut, srgb([255, 235, 214]));
+const PANEL: AppearanceSpec = AppearanceSpec::textured(Texture::Wood, srgb([189, 128, 76]));
+const INSIDE: AppearanceSpec = AppearanceSpec::plain(srgb([219, 199, 163]));
+const DARK: AppearanceSpec = AppearanceSpec::plain(srgb([51, 33, 23]));
+const STEEL: AppearanceSpec =
+    AppearanceSpec { specular: 0.8, ..AppearanceSpec::plain(srgb([204, 204, 209])) };
 
 /// Returns the placement region of the carcass.
 pub(in crate::tasks) fn placement_region() -> RegionSpec {

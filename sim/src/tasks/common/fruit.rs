@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::{movable, rgb};
+use super::{movable, srgb};
 use crate::scene::{
     APPLE_PROFILE, AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, ScaleAxes, VisualShape, VisualSpec,
 };
@@ -55,7 +55,7 @@ pub(in crate::tasks) fn tomato(region: usize, surface_z_m: f64) -> BodySpec {
         [0.0062, -0.019],
         [0.0049, -0.0035],
     ];
-    let (skin, green) = (skin_appearance([200, 34, 24]), AppearanceSpec::plain(rgb([62, 112, 36])));
+    let (skin, green) = (skin_appearance([200, 34, 24]), AppearanceSpec::plain(srgb([62, 112, 36])));
     let z_to_y = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -FRAC_PI_2);
     let at = |y: f64| Isometry3::from_parts(Translation3::new(0.0, y, 0.0), z_to_y);
     let visual = |shape, y, appearance| VisualSpec { shape, pose: at(y), appearance };
@@ -98,14 +98,14 @@ pub(in crate::tasks) fn apple(region: usize, surface_z_m: f64) -> BodySpec {
     BodySpec {
         visuals: vec![
             VisualSpec::at(VisualShape::Lathe { profile }, [0.0; 3], skin),
-            VisualSpec::at(stem(), [0.0, 0.0, 0.9 * APPLE_RADIUS], AppearanceSpec::plain(rgb([84, 58, 34]))),
+            VisualSpec::at(stem(), [0.0, 0.0, 0.9 * APPLE_RADIUS], AppearanceSpec::plain(srgb([84, 58, 34]))),
         ],
         ..movable("apple", parts, region, surface_z_m).with_origin_z(surface_z_m + APPLE_RADIUS)
     }
 }
 
 fn skin_appearance(color: [u8; 3]) -> AppearanceSpec {
-    AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain(rgb(color)) }
+    AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain(srgb(color)) }
 }
 
 fn stem() -> VisualShape {

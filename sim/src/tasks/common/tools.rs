@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
-use super::{SINGLE_TABLE_Z, box_part, movable, rgb};
+use super::{SINGLE_TABLE_Z, box_part, movable, srgb};
 use crate::scene::{
     AppearanceSpec, BodySpec, JointKind, JointSpec, Mass, Motion, PartSpec, Primitive, Range, RenderParts,
     Role, ScaleAxes, ScaledBy, Texture, VisualShape, VisualSpec, rounded_rectangle,
@@ -27,8 +27,8 @@ pub(in crate::tasks) const NAIL_FRICTION: f64 = 2.5;
 /// Creates a claw hammer that lies on the table, its handle along x and its head along y at the far end; 0.33
 /// × 0.13 × 0.035 m overall. It drops 1 mm.
 pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
-    let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain(rgb([120, 124, 130])) };
-    let wood = AppearanceSpec::textured(Texture::Wood, rgb([170, 95, 50]));
+    let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain(srgb([120, 124, 130])) };
+    let wood = AppearanceSpec::textured(Texture::Wood, srgb([170, 95, 50]));
     let thick = HAMMER_HALF_THICKNESS;
     let [head_x, face_y] = HAMMER_FACE;
     let poll_half = 0.023;
@@ -97,7 +97,7 @@ pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
     /// Fraction of its speed that the nail loses per second, in 1/s.
     const DAMPING: f64 = 2.0;
     let (half, shank, head) = (NAIL_HALF_LENGTH, 0.0026, NAIL_HEAD_RADIUS);
-    let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain([0.75; 3]) };
+    let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain(srgb([191; 3])) };
     let [under_head, tip_base] = [0.0025 - half, 0.0365];
     let cylinder = |radius, [from, to]: [f64; 2]| {
         let shape = Primitive::Cylinder { radius, half_height: (to - from) / 2.0 };
@@ -146,7 +146,7 @@ pub(in crate::tasks) const DUSTPAN_GRIP: [f64; 3] = [-0.05, 0.0, 0.015];
 /// back; 0.202 × 0.176 × 0.061 m overall as it collides. The x, y and z axes of its frame are z, x and y of
 /// the benchmark's.
 pub(in crate::tasks) fn dustpan(region: usize) -> BodySpec {
-    let blue = AppearanceSpec::plain(rgb([40, 90, 170]));
+    let blue = AppearanceSpec::plain(srgb([40, 90, 170]));
     BodySpec {
         visuals: dustpan_visuals(blue),
         render_parts: RenderParts::Single,
@@ -257,7 +257,7 @@ pub(in crate::tasks) const BANANA_RADIUS: f64 = 0.0183;
 /// Creates a banana that lies on the table, obliquely along y and its ends towards −x, like the YCB banana;
 /// 0.109 × 0.178 × 0.037 m overall.
 pub(in crate::tasks) fn banana(region: usize) -> BodySpec {
-    let yellow = AppearanceSpec::plain(rgb([250, 215, 50]));
+    let yellow = AppearanceSpec::plain(srgb([250, 215, 50]));
     let segments = |n: u32| {
         let t = move |i: u32| 2.0 * f64::from(i) / f64::from(n) - 1.0;
         (0..n).map(move |i| banana_segment(t(i), t(i + 1)))

@@ -7,46 +7,42 @@ use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{Broadcast, FloatLike, Simd, SimdF32, SimdMask};
 use crate::render::math::affine::{Affine3, Vec3, scaled};
 use crate::render::scene::{N_SUNS, RenderScene};
-use crate::render::shading::{GROUND_AMBIENT, SPECULAR_FALLOFF, SPECULAR_GAIN};
+use crate::render::shading::{SPECULAR_FALLOFF, SPECULAR_VISIBILITY};
 
 /// The lights of a scene, in the view frame.
 pub(in crate::render::cpu) struct ViewLights {
-    up: Vec3,
     ambient: Vec3,
     suns: [ViewSun; N_SUNS],
 }
 
 struct ViewSun {
     towards: Vec3,
+    color: Vec3,
     /// Diffuse radiance of a white surface that faces the sun.
     diffuse: Vec3,
-    /// Radiance at the centre of a specular highlight of strength 1.
-    specular_light: Vec3,
 }
 
 impl ViewLights {
     /// Transforms the lights of a scene into the view frame.
     pub(in crate::render::cpu) fn new(scene: &RenderScene, view_from_world: &Affine3) -> Self {
         Self {
-            up: view_from_world.transform_vector([0.0, 0.0, 1.0]),
             ambient: scene.ambient,
             suns: each!(i in 2 => ViewSun {
                 towards: view_from_world.transform_vector(scene.suns[i].towards),
+                color: scene.suns[i].color,
                 diffuse: scaled(scene.suns[i].color, FRAC_1_PI),
-                specular_light: scaled(scene.suns[i].color, SPECULAR_GAIN),
             }),
         }
     }
 }
 
-/// The light that a surface reflects, split into the terms of the lighting model.
+/// The geometric terms of the lighting model.
 pub(in crate::render::cpu) struct Lighting<N> {
     /// Unit normal in the view frame.
     pub(in crate::render::cpu) normal: [N; 3],
-    /// Diffuse radiance of a white surface, without the contribution of the first sun.
-    diffuse: [N; 3],
-    /// Diffuse contribution of the first sun, unshadowed.
-    first_sun: [N; 3],
+    /// Per sun the cosine of the angle between the normal and the direction to it, 0 if it is below the
+    /// horizon.
+    facing: [N; N_SUNS],
     /// Per sun the reflected direction to it, negated: it points away from an eye that sees the highlight's
     /// centre.
     reflected: [[N; 3]; N_SUNS],
@@ -55,40 +51,36 @@ pub(in crate::render::cpu) struct Lighting<N> {
 impl Lighting<f32> {
     /// Lighting without any light.
     pub(in crate::render::cpu) const DARK: Self =
-        Self { normal: [0.0; 3], diffuse: [0.0; 3], first_sun: [0.0; 3], reflected: [[0.0; 3]; N_SUNS] };
+        Self { normal: [0.0; 3], facing: [0.0; N_SUNS], reflected: [[0.0; 3]; N_SUNS] };
 }
 
 /// The material at sixteen surface points.
 pub(in crate::render::cpu) struct Reflectance<S: Simd> {
-    /// Diffuse reflectance, linear RGB.
+    /// Reflectance, linear RGB.
     pub(in crate::render::cpu) color: [S::F; 3],
     /// The square roots of the texture's linear factors.
     pub(in crate::render::cpu) tint: [S::F; 3],
-    /// Strength of the specular highlights, in [0, 1].
+    /// Specular reflectance in white; 0 for a metal.
     pub(in crate::render::cpu) specular: S::F,
+    /// 1 for a metal, 0 for anything else.
+    pub(in crate::render::cpu) metallic: S::F,
 }
 
 impl Lighting<f32> {
     /// Returns the square roots of the radiance of an untextured surface that has neither shadows nor
     /// highlights. Performs the operations of [`radiance_roots`] on scalars.
     #[inline(always)]
-    pub(in crate::render::cpu) fn unshadowed_roots(&self, color: [f32; 3]) -> [f32; 3] {
-        core::array::from_fn(|c| (color[c] * (self.first_sun[c] + self.diffuse[c])).sqrt())
-    }
-
-    /// Returns `true` if a highlight may be visible within a rectangle of the image, given the ray
-    /// directions d at its corners: upper left, upper right, lower left, lower right.
-    #[inline(always)]
-    pub(in crate::render::cpu) fn may_highlight(&self, corners: &[[f32; 2]; 4]) -> bool {
-        // Cosine at which a highlight begins, with slack for rounding.
-        const MIN_COSINE: f32 = 1.0 - 1.0 / SPECULAR_FALLOFF - 0.001;
-        let nearest = |a: f32, b: f32| if a * b > 0.0 { a.abs().min(b.abs()) } else { 0.0 };
-        let [[left, top], _, _, [right, bottom]] = *corners;
-        let (dx, dy) = (nearest(left, right), nearest(top, bottom));
-        let min_aligned = MIN_COSINE * (dx * dx + dy * dy + 1.0).sqrt();
-        // A linear function attains its maximum at a corner.
-        let aligned = |[x, y, z]: &[f32; 3], [dx, dy]: &[f32; 2]| x * dx + y * dy + z > min_aligned;
-        self.reflected.iter().any(|reflected| corners.iter().any(|d| aligned(reflected, d)))
+    pub(in crate::render::cpu) fn unshadowed_roots(
+        &self,
+        lights: &ViewLights,
+        color: [f32; 3],
+        metallic: f32,
+    ) -> [f32; 3] {
+        let [first, second] = &lights.suns;
+        core::array::from_fn(|c| {
+            let suns = self.facing[0].mul_add(first.diffuse[c], self.facing[1] * second.diffuse[c]);
+            (color[c] * suns.mul_add(1.0 - metallic, lights.ambient[c])).sqrt()
+        })
     }
 }
 
@@ -99,19 +91,13 @@ impl<N: FloatLike> Lighting<N> {
         let squared = dot(normal, normal).max(N::splat(1e-30));
         let inv_length = N::splat(1.0) / squared.sqrt();
         let n = each!(k in 3 => normal[k] * inv_length);
-        let sky = dot(n, splat3(lights.up))
-            .mul_add(N::splat((1.0 - GROUND_AMBIENT) / 2.0), N::splat((1.0 + GROUND_AMBIENT) / 2.0));
         let facing = each!(i in 2 => dot(n, splat3(lights.suns[i].towards)).max(N::splat(0.0)));
-        let [first, second] = &lights.suns;
         Self {
             normal: n,
-            diffuse: each!(c in 3 =>
-                facing[1].mul_add(N::splat(second.diffuse[c]), sky * N::splat(lights.ambient[c]))),
-            first_sun: each!(c in 3 => facing[0] * N::splat(first.diffuse[c])),
+            facing,
             reflected: each!(i in 2 => {
                 let twice = facing[i] * N::splat(-2.0);
-                let towards = lights.suns[i].towards;
-                each!(k in 3 => twice.mul_add(n[k], N::splat(towards[k])).zero_unless_positive(facing[i]))
+                each!(k in 3 => twice.mul_add(n[k], N::splat(lights.suns[i].towards[k])))
             }),
         }
     }
@@ -123,53 +109,53 @@ impl<N: FloatLike> Lighting<N> {
     where
         N: Broadcast<S>,
     {
-        let [r, g, b] = each!(c in 3 => self.first_sun[c].broadcast());
-        r.max(g.max(b)).gt(S::F::splat(0.0))
+        self.facing[0].broadcast().gt(S::F::splat(0.0))
     }
 }
 
 /// Returns the square roots of the radiance towards the eye, linear RGB. `sunlight` is the fraction of the
-/// first sun's light that arrives, `None` for all of it. `may_highlight` is `false` if no highlight can be
-/// visible.
+/// first sun's light that arrives, `None` for all of it.
 #[inline(always)]
 pub(in crate::render::cpu) fn radiance_roots<S: Simd, N: Broadcast<S>>(
     lighting: &Lighting<N>,
     lights: &ViewLights,
-    may_highlight: bool,
     ray: &ViewRays<S>,
     sunlight: Option<S::F>,
     reflectance: &Reflectance<S>,
 ) -> [S::F; 3] {
-    let Reflectance { color, tint, specular } = *reflectance;
-    let sunlight = match sunlight {
-        Some(fraction) => fraction,
-        None => S::F::splat(1.0),
+    let Reflectance { color, tint, specular, metallic } = *reflectance;
+    let [first, second] = &lights.suns;
+    let facing: [S::F; 2] = each!(i in 2 => lighting.facing[i].broadcast());
+    let lit = match sunlight {
+        Some(fraction) => [facing[0] * fraction, facing[1]],
+        None => facing,
     };
-    let diffuse = each!(c in 3 =>
-        color[c] * sunlight.mul_add(lighting.first_sun[c].broadcast(), lighting.diffuse[c].broadcast()));
-    // Without highlights, only the texture may vary between pixels; `Lighting::unshadowed_roots` relies on
-    // this.
-    if !may_highlight {
+    let matt = S::F::splat(1.0) - metallic;
+    let diffuse = each!(c in 3 => {
+        let suns = lit[0].mul_add(S::F::splat(first.diffuse[c]), lit[1] * S::F::splat(second.diffuse[c]));
+        color[c] * suns.mul_add(matt, S::F::splat(lights.ambient[c]))
+    });
+    // Most surfaces are matt. Only the texture may then vary between pixels; `Lighting::unshadowed_roots`
+    // relies on this.
+    let glossy = (specular + metallic).gt(S::F::splat(0.0));
+    if !glossy.any() {
         return each!(c in 3 => diffuse[c].sqrt() * tint[c]);
     }
-    let (zero, [dx, dy]) = (S::F::splat(0.0), ray.d);
-    let specular_light = each!(i in 2 => {
+    let [dx, dy] = ray.d;
+    let lobe = each!(i in 2 => {
         let [x, y, z] = each!(k in 3 => lighting.reflected[i][k].broadcast());
         let aligned = x.mul_add(dx, y.mul_add(dy, z)) * ray.inv_length;
-        aligned.mul_add(S::F::splat(SPECULAR_FALLOFF), S::F::splat(1.0 - SPECULAR_FALLOFF)).max(zero)
+        let width = aligned.mul_add(S::F::splat(-SPECULAR_FALLOFF), S::F::splat(1.0 + SPECULAR_FALLOFF));
+        let visibility = facing[i]
+            .mul_add(S::F::splat(1.0 - SPECULAR_VISIBILITY), S::F::splat(SPECULAR_VISIBILITY));
+        lit[i] / (width * width * visibility)
     });
-    let highlighted = ((specular_light[0] + specular_light[1]) * specular).gt(zero);
-    // Most of an image has no highlights.
-    if !highlighted.any() {
-        return each!(c in 3 => diffuse[c].sqrt() * tint[c]);
-    }
-    let [first, second] = each!(i in 2 => specular_light[i] * specular_light[i] * specular);
-    let first = first * sunlight;
     each!(c in 3 => {
-        let light = diffuse[c] * (tint[c] * tint[c]);
-        let light = first.mul_add(S::F::splat(lights.suns[0].specular_light[c]), light);
-        let light = second.mul_add(S::F::splat(lights.suns[1].specular_light[c]), light);
-        light.select_or(highlighted, diffuse[c]).sqrt() * S::F::splat(1.0).select_or(highlighted, tint[c])
+        let factor = tint[c] * tint[c];
+        let highlight = lobe[0].mul_add(S::F::splat(first.color[c]), lobe[1] * S::F::splat(second.color[c]));
+        let highlight_color = (color[c] * factor).mul_add(metallic, specular);
+        let light = highlight.mul_add(highlight_color, diffuse[c] * factor);
+        light.select_or(glossy, diffuse[c]).sqrt() * S::F::splat(1.0).select_or(glossy, tint[c])
     })
 }
 

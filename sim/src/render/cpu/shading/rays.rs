@@ -96,21 +96,6 @@ impl RayTable {
         ViewRays { pixel, d, inv_length: inv_length::<S>(d), depth }
     }
 
-    /// Returns the x and y components of d at the corners of a row of `n` tiles: upper left, upper right,
-    /// lower left, lower right.
-    #[inline(always)]
-    pub(in crate::render::cpu) fn corners(&self, column: usize, row: usize, n: usize) -> [[f32; 2]; 4] {
-        let inv_focal = 1.0 / self.focal_px;
-        let d = |pixel: usize, k: usize| {
-            (pixel as f32 + 0.5 - self.side as f32 / 2.0) * inv_focal + self.image_centre[k]
-        };
-        let (left, top) = (column << Tile4x4::WIDTH_BITS, row << Tile4x4::HEIGHT_BITS);
-        let (right, bottom) = (left + (n << Tile4x4::WIDTH_BITS), top + Tile4x4::HEIGHT as usize);
-        let [left, right] = [d(left, 0), d(right, 0)];
-        let [top, bottom] = [d(top, 1), d(bottom, 1)];
-        [[left, top], [right, top], [left, bottom], [right, bottom]]
-    }
-
     /// Returns the column and row of the pixel of one lane in each of the sixteen tiles of a tile row,
     /// given the column and row of the first tile.
     #[inline(always)]

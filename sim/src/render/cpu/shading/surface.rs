@@ -28,12 +28,14 @@ impl SurfaceRecord {
     pub(in crate::render::cpu) const NORMAL: usize = 0;
     /// First lane of the colour, linear RGB.
     pub(in crate::render::cpu) const COLOR: usize = 9;
-    /// Strength of the specular highlight.
+    /// Specular reflectance in white; 0 for a metal.
     pub(in crate::render::cpu) const SPECULAR: usize = 12;
     /// Texture index as the bits of an `i32`, -1 for none.
     pub(in crate::render::cpu) const TEXTURE: usize = 13;
     /// 1 if the normal is constant, otherwise 0.
     pub(in crate::render::cpu) const FLAT: usize = 14;
+    /// 1 for a metal, 0 for anything else.
+    pub(in crate::render::cpu) const METALLIC: usize = 15;
 }
 
 /// Layout of a texture-coordinate record: lane indices of the attribute planes n, u n and v n. Each plane
@@ -273,6 +275,7 @@ struct InstanceSetup<S: Simd> {
     tiles_per_step: Option<Vectors<S>>,
     color: [f32; 3],
     specular: f32,
+    metallic: f32,
     texture: i32,
     snap: GridSnap,
 }
@@ -296,6 +299,7 @@ impl<S: Simd> InstanceSetup<S> {
             },
             color: material.color,
             specular: material.specular,
+            metallic: material.metallic,
             texture: material.texture.map_or(-1, |texture| texture as i32),
             snap: GridSnap::new(camera, scale),
         }
@@ -340,6 +344,7 @@ impl<S: Simd> InstanceSetup<S> {
             rows[SurfaceRecord::COLOR + axis] = S::F::splat(self.color[axis]);
         }
         rows[SurfaceRecord::SPECULAR] = S::F::splat(self.specular);
+        rows[SurfaceRecord::METALLIC] = S::F::splat(self.metallic);
         rows[SurfaceRecord::TEXTURE] = S::I::splat(self.texture).bitcast_f32();
         rows[SurfaceRecord::FLAT] = S::F::splat(1.0).select_or(flat, S::F::splat(0.0));
         store_columns::<S>(rows, which, records);

@@ -90,8 +90,8 @@ struct FlatSurface {
     /// Record index of the triangle.
     triangle: usize,
     lighting: Lighting<f32>,
-    /// `true` if a highlight may be visible in the tile row.
-    may_highlight: bool,
+    /// `true` if the triangle has highlights.
+    glossy: bool,
     /// Bit i is set if no shadow lookup is needed in tile i: it is known to be fully lit, or faces away
     /// from the sun.
     sunlit: u16,
@@ -107,6 +107,7 @@ pub(in crate::render::cpu) struct GatheredSurfaces {
     /// The square roots of the textures' linear factors.
     pub(in crate::render::cpu) tint: [F32x16; 3],
     specular: F32x16,
+    metallic: F32x16,
     /// Bit i is set if lane i shows a textured surface.
     pub(in crate::render::cpu) textured: u16,
 }
@@ -118,6 +119,7 @@ impl GatheredSurfaces {
         color: [F32x16::ZERO; 3],
         tint: [F32x16::ZERO; 3],
         specular: F32x16::ZERO,
+        metallic: F32x16::ZERO,
         textured: 0,
     };
 }
@@ -142,7 +144,7 @@ impl TileRow {
             flat: FlatSurface {
                 triangle: NO_TRIANGLE,
                 lighting: Lighting::DARK,
-                may_highlight: false,
+                glossy: false,
                 sunlit: 0,
                 roots: [0.0; 3],
             },
@@ -285,23 +287,24 @@ impl Shader<'_> {
             if tile_row.flat.triangle != triangle {
                 tile_row.flat = self.flat_surface::<S>(tile, depths, tile_row);
             }
-            let FlatSurface { may_highlight, sunlit, roots, .. } = &tile_row.flat;
-            if !may_highlight && sunlit >> tile & 1 == 1 {
+            let FlatSurface { glossy, sunlit, roots, .. } = &tile_row.flat;
+            if !glossy && sunlit >> tile & 1 == 1 {
                 return each!(c in 3 => S::F::splat(roots[c]) * tint[c]);
             }
         }
         // The general case: highlights, shadows or a normal that varies.
         let ray = &self.rays.tile::<S>(tile_row.column + tile, tile_row.row).at(&depths[tile]);
         let color = each!(c in 3 => S::F::splat(record[SurfaceRecord::COLOR + c]));
-        let reflectance =
-            &Reflectance { color, tint, specular: S::F::splat(record[SurfaceRecord::SPECULAR]) };
+        let [specular, metallic] = [SurfaceRecord::SPECULAR, SurfaceRecord::METALLIC].map(|k| record[k]);
+        let (specular, metallic) = (S::F::splat(specular), S::F::splat(metallic));
+        let reflectance = &Reflectance { color, tint, specular, metallic };
         if is_flat {
-            let FlatSurface { lighting, may_highlight, sunlit, .. } = &tile_row.flat;
+            let FlatSurface { lighting, sunlit, .. } = &tile_row.flat;
             let sunlight = if sunlit >> tile & 1 == 1 { None } else { self.sunlight(lighting, ray) };
-            return radiance_roots(lighting, self.lights, *may_highlight, ray, sunlight, reflectance);
+            return radiance_roots(lighting, self.lights, ray, sunlight, reflectance);
         }
         let lighting = Lighting::new(self.lights, eval_planes::<S, f32>(record, SurfaceRecord::NORMAL, ray));
-        radiance_roots(&lighting, self.lights, true, ray, self.sunlight(&lighting, ray), reflectance)
+        radiance_roots(&lighting, self.lights, ray, self.sunlight(&lighting, ray), reflectance)
     }
 
     /// Computes the shading terms of the flat triangle that a tile shows, for the whole tile row.
@@ -310,8 +313,7 @@ impl Shader<'_> {
         let triangle = record_index(tile_row.tile_ids.0[tile]);
         let record = &self.surfaces.records[triangle].0;
         let lighting = Lighting::new(self.lights, normal_of(record));
-        let may_highlight = record[SurfaceRecord::SPECULAR] > 0.0
-            && lighting.may_highlight(&self.rays.corners(tile_row.column, tile_row.row, TILE_ROW));
+        let glossy = record[SurfaceRecord::SPECULAR] + record[SurfaceRecord::METALLIC] > 0.0;
         let sunlit = match &self.shadow {
             Some(shadow) if lighting.faces_first_sun::<S>().any() => {
                 let tiles =
@@ -321,8 +323,12 @@ impl Shader<'_> {
             }
             _ => u16::MAX,
         };
-        let roots = lighting.unshadowed_roots(each!(c in 3 => record[SurfaceRecord::COLOR + c]));
-        FlatSurface { triangle, lighting, may_highlight, sunlit, roots }
+        let roots = lighting.unshadowed_roots(
+            self.lights,
+            each!(c in 3 => record[SurfaceRecord::COLOR + c]),
+            record[SurfaceRecord::METALLIC],
+        );
+        FlatSurface { triangle, lighting, glossy, sunlit, roots }
     }
 
     /// Gathers the surface attributes of sixteen pixels with a triangle each, except for their textures.
@@ -339,6 +345,7 @@ impl Shader<'_> {
         store_rgb::<S>(each!(c in 3 => records[SurfaceRecord::COLOR + c]), &mut gathered.color);
         store_rgb::<S>([S::F::splat(1.0); 3], &mut gathered.tint);
         records[SurfaceRecord::SPECULAR].store(&mut gathered.specular);
+        records[SurfaceRecord::METALLIC].store(&mut gathered.metallic);
         gathered.textured = records[SurfaceRecord::TEXTURE].bitcast_i32().gt(S::I::splat(-1)).to_bits();
     }
 
@@ -378,14 +385,15 @@ impl Shader<'_> {
         gathered: &GatheredSurfaces,
         ray: &ViewRays<S>,
     ) -> [S::F; 3] {
-        let GatheredSurfaces { normal, color, tint, specular, .. } = gathered;
+        let GatheredSurfaces { normal, color, tint, specular, metallic, .. } = gathered;
         let lighting = Lighting::new(self.lights, each!(k in 3 => S::F::load(&normal[k])));
         let reflectance = Reflectance {
             color: each!(c in 3 => S::F::load(&color[c])),
             tint: each!(c in 3 => S::F::load(&tint[c])),
             specular: S::F::load(specular),
+            metallic: S::F::load(metallic),
         };
-        radiance_roots(&lighting, self.lights, true, ray, self.sunlight(&lighting, ray), &reflectance)
+        radiance_roots(&lighting, self.lights, ray, self.sunlight(&lighting, ray), &reflectance)
     }
 
     /// Returns the fraction of the first sun's light that arrives at the visible surfaces, see

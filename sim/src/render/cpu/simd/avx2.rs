@@ -199,11 +199,6 @@ impl FloatLike for Avx2F32 {
     fn min(self, other: Self) -> Self {
         Self(both!(_mm256_min_ps(self.0, other.0)))
     }
-
-    #[inline(always)]
-    fn zero_unless_positive(self, sign: Self) -> Self {
-        self.select_or(sign.gt(Self::splat(0.0)), Self::splat(0.0))
-    }
 }
 
 impl Broadcast<Avx2> for Avx2F32 {

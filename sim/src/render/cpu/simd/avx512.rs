@@ -229,11 +229,6 @@ impl FloatLike for Avx512F32 {
     fn min(self, other: Self) -> Self {
         Self(intrinsic!(_mm512_min_ps(self.0, other.0)))
     }
-
-    #[inline(always)]
-    fn zero_unless_positive(self, sign: Self) -> Self {
-        self.select_or(sign.gt(Self::splat(0.0)), Self::splat(0.0))
-    }
 }
 
 impl Broadcast<Avx512> for Avx512F32 {

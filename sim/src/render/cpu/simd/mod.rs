@@ -147,8 +147,6 @@ pub(super) trait FloatLike:
     fn max(self, other: Self) -> Self;
     /// Returns the minimum, or `other` if `self` is NaN.
     fn min(self, other: Self) -> Self;
-    /// Returns `self` where `sign` is positive and 0 elsewhere.
-    fn zero_unless_positive(self, sign: Self) -> Self;
 }
 
 impl FloatLike for f32 {
@@ -175,11 +173,6 @@ impl FloatLike for f32 {
     #[inline(always)]
     fn min(self, other: Self) -> Self {
         if self < other { self } else { other }
-    }
-
-    #[inline(always)]
-    fn zero_unless_positive(self, sign: Self) -> Self {
-        if sign > 0.0 { self } else { 0.0 }
     }
 }
 

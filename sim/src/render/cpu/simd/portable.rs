@@ -120,10 +120,6 @@ impl FloatLike for PortableF32 {
     fn min(self, other: Self) -> Self {
         Self(zip(self.0, other.0, |a, b| if a < b { a } else { b }))
     }
-
-    fn zero_unless_positive(self, sign: Self) -> Self {
-        Self(zip(self.0, sign.0, |x, sign| if sign > 0.0 { x } else { 0.0 }))
-    }
 }
 
 impl Broadcast<Portable> for PortableF32 {

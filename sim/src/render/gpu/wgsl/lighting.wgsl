@@ -1,25 +1,25 @@
 // Lighting of surface points, and shadow map lookup for the first sun.
 
 // Returns the linear radiance towards the eye.
-fn illuminate(view: View, color: vec3f, specular: f32, point: vec3f, normal: vec3f, to_eye: vec3f) -> vec3f {
-    let sky = (1.0 + GROUND_AMBIENT) / 2.0 + (1.0 - GROUND_AMBIENT) / 2.0 * dot(normal, view.up.xyz);
-    var diffuse = view.ambient.rgb * sky;
-    var specular_sum = vec3f(0.0);
+fn illuminate(view: View, color: vec3f, specular: f32, metallic: f32, point: vec3f, normal: vec3f, to_eye: vec3f) -> vec3f {
+    var diffuse = vec3f(0.0);
+    var highlight = vec3f(0.0);
     for (var i = 0u; i < 2u; i++) {
         let sun = view.suns[i];
         let facing = dot(normal, sun.towards.xyz);
         if facing > 0.0 {
-            var light = sun.color.rgb;
+            var light = sun.color.rgb * facing;
             if i == 0u {
                 light *= sun_visibility(view, point, normal);
             }
-            diffuse += light * (facing / 3.14159265);
+            diffuse += light / 3.14159265;
             let aligned = 2.0 * facing * dot(normal, to_eye) - dot(sun.towards.xyz, to_eye);
-            let lobe = max(0.0, SPECULAR_FALLOFF * aligned - (SPECULAR_FALLOFF - 1.0));
-            specular_sum += light * (lobe * lobe);
+            let width = 1.0 + SPECULAR_FALLOFF - SPECULAR_FALLOFF * aligned;
+            highlight += light / (width * width * mix(SPECULAR_VISIBILITY, 1.0, facing));
         }
     }
-    return color * diffuse + specular * SPECULAR_GAIN * specular_sum;
+    let reflected = color * (view.ambient.rgb + (1.0 - metallic) * diffuse);
+    return reflected + highlight * (specular + metallic * color);
 }
 
 // Returns the fraction of the first sun's light that reaches a point.

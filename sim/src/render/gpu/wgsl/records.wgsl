@@ -33,8 +33,6 @@ struct View {
     padding_1: u32,
     padding_2: u32,
     ambient: vec4f,
-    // World up vector in the view frame.
-    up: vec4f,
     suns: array<Sun, 2>,
     // Rows of the transform from the view frame to shadow map texels and height.
     shadow_from_view: array<vec4f, 3>,
@@ -43,7 +41,7 @@ struct View {
 struct Instance {
     // Rows of the transform from the mesh frame to the view frame, or to shadow map texels and height.
     view_from_mesh: array<vec4f, 3>,
-    // Diffuse reflectance, linear RGB, and strength of the specular highlight.
+    // Reflectance, linear RGB, and specular reflectance in white, which is 0 for a metal.
     color_specular: vec4f,
     // Texture tiles per mesh unit along each axis.
     tiles: vec3f,
@@ -54,6 +52,11 @@ struct Instance {
     n_triangles: u32,
     // Id of the first triangle. The upper 12 bits hold the instance's index within the view.
     first_id: u32,
+    // 1 for a metal, 0 for anything else.
+    metallic: f32,
+    padding_0: u32,
+    padding_1: u32,
+    padding_2: u32,
 }
 
 struct Vertex {

@@ -108,7 +108,7 @@ fn shade_triangle(view: View, id: u32, at: vec2u) -> vec3f {
         let middle = vec2f(at / BLOCK * BLOCK) + 0.5 * f32(BLOCK);
         color *= texture_factor(instance, corners.w, points, ab, intersect(view, p, e, f, middle));
     }
-    let light = illuminate(view, color, instance.color_specular.w, point, normal, -normalize(ray_through(view, px)));
+    let light = illuminate(view, color, instance.color_specular.w, instance.metallic, point, normal, -normalize(ray_through(view, px)));
     return clamp(light, vec3f(0.0), vec3f(1.0));
 }
 

@@ -5,6 +5,7 @@
 //! round faces; elsewhere only their sign and slope are right, which suffices for meshing.
 
 pub(super) mod panda;
+mod panda_trim;
 mod surface_nets;
 
 use crate::render::math::affine::{Vec3, add, dot, scaled, sub};
@@ -19,6 +20,9 @@ pub(super) enum SdfPrimitive {
     RoundCone { a: Vec3, b: Vec3, radii: [f32; 2] },
     /// Box with edges rounded by `round`.
     RoundedBox { centre: Vec3, half: Vec3, round: f32 },
+    /// The same, but with the half-extent along x going from `half[0]` at the lower z to `upper_half_x` at
+    /// the upper z.
+    TaperedBox { centre: Vec3, half: Vec3, upper_half_x: f32, round: f32 },
 }
 
 impl SdfPrimitive {
@@ -44,6 +48,13 @@ impl SdfPrimitive {
                 let sides: Vec3 = core::array::from_fn(|i| off[i].abs() - half[i]);
                 rounded_intersection(&sides, round)
             }
+            Self::TaperedBox { centre, half, upper_half_x, round } => {
+                let off = sub(p, centre);
+                let t = ((off[2] / half[2] + 1.0) / 2.0).clamp(0.0, 1.0);
+                let half = [half[0] + (upper_half_x - half[0]) * t, half[1], half[2]];
+                let sides: Vec3 = core::array::from_fn(|i| off[i].abs() - half[i]);
+                rounded_intersection(&sides, round)
+            }
         }
     }
 }
@@ -62,6 +73,8 @@ pub(super) enum CsgOp {
     Union(SdfPrimitive, f32),
     /// Subtraction with an edge rounded by about this radius, in m.
     Subtract(SdfPrimitive, f32),
+    /// Intersection with an edge rounded by about this radius, in m.
+    Intersect(SdfPrimitive, f32),
 }
 
 /// Solids combined by CSG operations in order, starting from empty space.
@@ -73,6 +86,7 @@ impl SignedDistanceField<'_> {
         self.0.iter().fold(f32::MAX, |d, op| match op {
             CsgOp::Union(solid, fillet) => smooth_min(d, solid.distance(p), *fillet),
             CsgOp::Subtract(solid, fillet) => -smooth_min(-d, solid.distance(p), *fillet),
+            CsgOp::Intersect(solid, fillet) => -smooth_min(-d, -solid.distance(p), *fillet),
         })
     }
 

@@ -13,6 +13,50 @@ const N_ITERATIONS: usize = 4;
 
 /// Meshes the surface inside the box from `min` to `max` with cells of side `cell_m`.
 pub(super) fn mesh(field: &SignedDistanceField<'_>, min: Vec3, max: Vec3, cell_m: f32) -> Mesh {
+    surface(field, min, max, cell_m).finish()
+}
+
+/// Meshes the part of the surface on which `region` is positive, raised by `offset_m`: an open sheet that
+/// covers that part of the mesh which [`mesh`] returns for the same arguments.
+pub(super) fn sheet(
+    field: &SignedDistanceField<'_>,
+    (min, max, cell_m): (Vec3, Vec3, f32),
+    offset_m: f32,
+    region: &dyn Fn(Vec3) -> f32,
+) -> Mesh {
+    let whole = surface(field, min, max, cell_m);
+    let mut sheet = Mesh::default();
+    for triangle in &whole.triangles {
+        let corners = triangle.map(|i| {
+            let position = whole.position(i);
+            (position, whole.normals[i as usize], region(position))
+        });
+        // Sutherland-Hodgman clipping by the zero of the region's function.
+        let mut polygon = Vec::with_capacity(4);
+        for (i, (position, normal, inside)) in corners.iter().enumerate() {
+            let (next_position, next_normal, next_inside) = &corners[(i + 1) % 3];
+            if *inside > 0.0 {
+                polygon.push((*position, *normal));
+            }
+            if (*inside > 0.0) != (*next_inside > 0.0) {
+                let t = inside / (inside - next_inside);
+                let between = |a: Vec3, b: Vec3| add(a, scaled(sub(b, a), t));
+                polygon
+                    .push((between(*position, *next_position), normalised(between(*normal, *next_normal))));
+            }
+        }
+        let vertices: Vec<u32> = polygon
+            .into_iter()
+            .map(|(position, normal)| sheet.push(add(position, scaled(normal, offset_m)), normal))
+            .collect();
+        for i in 2..vertices.len() {
+            sheet.triangle([vertices[0], vertices[i - 1], vertices[i]]);
+        }
+    }
+    sheet.finish()
+}
+
+fn surface(field: &SignedDistanceField<'_>, min: Vec3, max: Vec3, cell_m: f32) -> Mesh {
     let grid = Grid::new(field, min, max, cell_m);
     let mut mesh = Mesh::default();
     let mut vertex_of_cell = vec![None; grid.distances.len()];
@@ -45,7 +89,7 @@ pub(super) fn mesh(field: &SignedDistanceField<'_>, min: Vec3, max: Vec3, cell_m
             mesh.quad(if grid.at(node) < 0.0 { [a, b, c, d] } else { [d, c, b, a] });
         }
     }
-    mesh.finish()
+    mesh
 }
 
 /// Distances sampled on a grid that covers the box plus a margin of two cells.

@@ -3,21 +3,14 @@
 use super::TextureFn;
 use crate::render::texture::colour::{hex, mix, pick, shade};
 use crate::render::texture::noise::Noise;
-use crate::render::texture::shaping::{
-    distance_to_integer, fract, is_odd_square, length, smooth_step, smooth_wave,
-};
+use crate::render::texture::shaping::{distance_to_integer, fract, length, smooth_wave};
 use crate::render::texture::voronoi::VoronoiCells;
 
-/// A chequerboard of 1 m squares with a thin line along every edge.
-pub(super) fn checker() -> TextureFn {
-    const SQUARES: f32 = 4.0;
-    let speckle = Noise::new(5, [128, 128]);
-    Box::new(move |u, v| {
-        let (x, y) = (u * SQUARES, v * SQUARES);
-        let line = 1.0 - smooth_step(0.006, 0.014, distance_to_integer(x).min(distance_to_integer(y)));
-        let tone = if is_odd_square(x, y) { 0.52 } else { 0.88 } + 0.04 * (speckle.at(u, v) - 0.5);
-        [tone * (1.0 - 0.5 * line); 3]
-    })
+/// A grey floor with a thin white line, 1/64 of the tile wide, along two edges of the tile.
+pub(super) fn floor_grid() -> TextureFn {
+    const LINE: f32 = 1.0 - 1.0 / 64.0;
+    let [floor, line] = hex([0x777B84, 0xAFB4C0]);
+    Box::new(move |u, v| if u >= LINE || v >= LINE { line } else { floor })
 }
 
 /// Awning stripes along v.

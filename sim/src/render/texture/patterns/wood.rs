@@ -57,6 +57,28 @@ pub(super) fn planks() -> TextureFn {
     })
 }
 
+/// A board with many straight, pronounced rings along v.
+pub(super) fn cedar() -> TextureFn {
+    let (bow, tone) = (Fbm::new(8, [5, 1], 3, 0.4), Noise::new(9, [24, 2]));
+    let fibres = Fbm::weighted_sum(&[(Noise::new(10, [128, 3]), 0.6), (Noise::new(11, [200, 9]), 0.4)]);
+    let palette = hex([0x9A5833, 0xD77F4A, 0xFFA86D]);
+    Box::new(move |u, v| {
+        let ring = ring_wave(54.0 * u + 5.0 * bow.at(u, v));
+        let streak = 1.3 * (fibres.at(u, v) - 0.5) + 0.35 * (tone.at(u, v) - 0.5);
+        ramp(&palette, 0.28 + 0.44 * ring + streak)
+    })
+}
+
+/// Pale veneer with a faint figure along v.
+pub(super) fn maple() -> TextureFn {
+    let (grain, patches) = (Grain::new(12), Fbm::new(16, [6, 2], 3, 0.5));
+    let palette = hex([0xECC78F, 0xF8DAA3, 0xFEE4B5]);
+    Box::new(move |u, v| {
+        let (ring, fibre) = grain.at(u, v, 12.0);
+        ramp(&palette, 0.34 + 0.08 * ring + 0.5 * (fibre - 0.5) + 0.5 * (patches.at(u, v) - 0.5))
+    })
+}
+
 /// Grey, weathered boards with furrows.
 pub(super) fn barnwood() -> TextureFn {
     const BOARDS: i32 = 5;
