@@ -48,7 +48,7 @@ COOL_DOWN = 0.25
 # Side in pixels of the images from which the batch statistics are computed.
 CALIBRATION_SIDE = 64
 # Arguments that must not change when training resumes.
-FIXED = ("tasks", "batch_size", "width", "shrink", "dim", "layers", "chunk", "dropout", "vae", "ema", "seed")
+FIXED = ("tasks", "batch_size", "width", "shrink", "dim", "layers", "chunk", "dropout", "vae", "ema", "seed", "init")
 
 
 def arguments():
@@ -68,6 +68,7 @@ def arguments():
     parser.add_argument("--vae", action="store_true", help="train with ACT's latent variable; scripted demos need none")
     parser.add_argument("--ema", type=float, default=0.999, help="decay of the averaged weights, per step")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--init", metavar="CHECKPOINT", help="fine-tune the weights of a checkpoint of this script")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     parser.add_argument("--save-every", type=int, default=1000, help="steps between checkpoints")
@@ -183,6 +184,20 @@ def make_policy(args, data):
         return ACTPolicy(config).to(args.device)
 
 
+def load_weights(policy, folder):
+    """Load the weights of an exported checkpoint; its network must have the same shape."""
+    path = Path(folder) / "model.safetensors"
+    if not path.is_file():
+        sys.exit(f"{path} does not exist: expected a checkpoint folder of this script")
+    weights = load_file(path)
+    expected = {name: tuple(value.shape) for name, value in policy.state_dict().items()}
+    found = {name: tuple(value.shape) for name, value in weights.items()}
+    for name in sorted(expected.keys() | found.keys()):
+        if expected.get(name) != found.get(name):
+            sys.exit(f"{path}: {name} has shape {found.get(name)}, expected {expected.get(name)}")
+    policy.load_state_dict(weights)
+
+
 @torch.no_grad()
 def calibrate(policy, batch):
     """Set the frozen batch normalisations, layer by layer, to a batch's statistics; training never updates them."""
@@ -251,14 +266,18 @@ def main():
     if state.exists():
         saved = torch.load(state, weights_only=True, map_location=args.device)
         for name, value in fixed.items():
-            if saved["fixed"][name] != value:
-                sys.exit(f"{state} was made with {name} {saved['fixed'][name]}, not {value}; choose another --output")
+            made_with = saved["fixed"].get(name)
+            if made_with != value:
+                sys.exit(f"{state} was made with {name} {made_with}, not {value}; choose another --output")
         for name, part in (("policy", policy), ("averaged", averaged), ("optimiser", optimiser)):
             part.load_state_dict(saved[name])
         first = saved["step"]
         print(f"resuming after step {first}")
     else:
-        calibrate(policy, prepare(0))
+        if args.init:
+            load_weights(policy, args.init)
+        else:
+            calibrate(policy, prepare(0))
         averaged.module.load_state_dict(policy.state_dict())
     n_parameters = sum(parameter.numel() for parameter in policy.parameters())
     print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)

@@ -3,7 +3,9 @@
 //!
 //! The table's collision shape is a block; the rendered table is a top on four legs with the same upper face.
 
-use nalgebra::Isometry3;
+use core::f32::consts::FRAC_1_SQRT_2;
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use super::material::Material;
 use super::{Anchor, Fixture, Instance, MeshSource};
@@ -76,7 +78,6 @@ fn push_bench(bench: &Bench, top: &Appearance, table: &Table, instances: &mut Ve
     let Bench { centre: [x, y], half: [hx, hy], top_z, foot_z, thickness } = *bench;
     let under_z = top_z - thickness;
     let mut push = |centre, half, material| instances.push(block(Fixture::Table, centre, half, material));
-    push([x, y, top_z - thickness / 2.0], [hx, hy, thickness / 2.0], top);
     let (leg_x, leg_y) = (hx - LEG_INSET, hy - LEG_INSET);
     let (rail, rail_z) = (FRAME_HEIGHT / 2.0, under_z - FRAME_HEIGHT / 2.0);
     for side in [-1.0, 1.0] {
@@ -87,6 +88,15 @@ fn push_bench(bench: &Bench, top: &Appearance, table: &Table, instances: &mut Ve
             push(foot, [LEG_HALF, LEG_HALF, (under_z - foot_z) / 2.0], legs);
         }
     }
+    let top_half = [hx, hy, thickness / 2.0];
+    let mut top = block(Fixture::Table, [x, y, top_z - thickness / 2.0], top_half, top);
+    if table.kind == TableKind::SingleArmTurned {
+        // A quarter turn about z, for the grain of the wood turns with the table.
+        let turn = UnitQuaternion::new_unchecked(Quaternion::new(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2));
+        top.pose = Isometry3::from_parts(Translation3::from(top.pose.translation), turn);
+        top.scale = [hy, hx, thickness / 2.0];
+    }
+    instances.push(top);
 }
 
 fn block(fixture: Fixture, centre: [f32; 3], half: [f32; 3], material: Material) -> Instance {

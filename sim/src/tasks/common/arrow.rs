@@ -3,7 +3,7 @@
 use super::tools::mirrored_hull;
 use super::{SINGLE_TABLE_Z, movable};
 use crate::scene::{
-    AppearanceSpec, BodySpec, Mass, PartSpec, Range, RenderParts, ScaleAxes, Texture, VisualShape, VisualSpec,
+    AppearanceSpec, BodySpec, Mass, PartSpec, Range, RenderParts, ScaleAxes, VisualShape, VisualSpec,
 };
 
 /// Sections of the shaft and of the head as they collide, each given by x, half-width and z of its bottom and
@@ -24,18 +24,17 @@ const HALF_THICKNESS: f64 = 0.0197 / 2.0;
 /// Creates an arrow that lies on the table and points along x. Its y and z axes are −z and y of the
 /// benchmark's.
 pub(in crate::tasks) fn arrow(region: usize) -> BodySpec {
-    let ceramic =
-        AppearanceSpec { specular: 0.6, ..AppearanceSpec::textured(Texture::Marble, [0.55, 0.75, 0.95]) };
+    let white = AppearanceSpec::plain([0.8; 3]);
     let left = OUTLINE[..3].iter().rev().map(|[x, y]| [*x, -y]);
     let outline = OUTLINE.into_iter().chain(left).collect();
     let seen = VisualShape::Extrusion { outline, holes: Vec::new(), half_height: HALF_THICKNESS };
     let hull = |sections: &[[f64; 4]]| {
         let corners = |&[x, half_y, low, high]: &[f64; 4]| [[x, half_y, low], [x, half_y, high]];
         let points: Vec<[f64; 3]> = sections.iter().flat_map(corners).collect();
-        PartSpec::at(mirrored_hull(&points), [0.0; 3], ceramic)
+        PartSpec::at(mirrored_hull(&points), [0.0; 3], white)
     };
     BodySpec {
-        visuals: vec![VisualSpec::at(seen, [0.0; 3], ceramic)],
+        visuals: vec![VisualSpec::at(seen, [0.0; 3], white)],
         render_parts: RenderParts::Single,
         scale_axes: ScaleAxes::Independent,
         mass: Mass::Measured {

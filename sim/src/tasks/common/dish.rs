@@ -124,62 +124,54 @@ const FLOOR_CENTRE: [f64; 3] = [0.0043, 0.0078, FLOOR_Z - 0.005];
 const DIVIDER_HALF: [f64; 2] = [0.0603, 0.003];
 
 /// Creates the rack: four dividers at the given y on a floor. Its visuals show the object that the boxes
-/// approximate, a rack of bent wire on four feet.
+/// approximate, a frame with two rows of pegs.
 pub(in crate::tasks) fn rack(region: usize, dividers_y: [f64; 4]) -> BodySpec {
-    let steel = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain([0.62, 0.64, 0.67]) };
+    let white = AppearanceSpec::plain([0.8; 3]);
     let [half_x, half_y] = DIVIDER_HALF;
     // Half-height and centre z of the outer and of the inner dividers.
     let upright = |i: usize| if i == 0 || i == 3 { [0.06265, -0.0011] } else { [0.06145, -0.0023] };
     let dividers = dividers_y.into_iter().enumerate().map(|(i, y)| (y, upright(i)));
     let parts = dividers
         .clone()
-        .map(|(y, [half_z, z])| box_part([half_x, half_y, half_z], [0.0, y, z], steel))
-        .chain([box_part(FLOOR_HALF, FLOOR_CENTRE, steel)]);
-    let visuals = dividers
-        .flat_map(|(y, [half_z, z])| divider_visuals(y, z + half_z, steel))
-        .chain(floor_visuals(steel));
+        .map(|(y, [half_z, z])| box_part([half_x, half_y, half_z], [0.0, y, z], white))
+        .chain([box_part(FLOOR_HALF, FLOOR_CENTRE, white)]);
+    let pegs = dividers.flat_map(|(y, [half_z, z])| peg_visuals(y, z + half_z, white));
     BodySpec {
-        visuals: visuals.collect(),
+        visuals: pegs.chain(frame_visuals(white)).collect(),
         ..fixed("rack", parts.collect(), region, RACK_Z + UNDERSIDE_Z, "the released code keeps its size")
     }
 }
 
-/// Creates the visuals of a divider: a wire hoop with bars.
-fn divider_visuals(y: f64, top_z: f64, appearance: AppearanceSpec) -> impl Iterator<Item = VisualSpec> {
-    const BARS: i32 = 5;
-    let [half_x, radius] = DIVIDER_HALF;
-    let max_x = half_x - radius;
-    let [low_z, high_z] = [FLOOR_Z - radius, top_z - radius];
-    let half_height = (high_z - low_z) / 2.0;
-    let bar = VisualShape::Primitive(Primitive::Cylinder { radius, half_height });
-    let bars = (0..BARS).map(move |i| {
-        let x = max_x * f64::from(2 * i - (BARS - 1)) / f64::from(BARS - 1);
-        VisualSpec::at(bar.clone(), [x, y, low_z + half_height], appearance)
-    });
-    let across = [low_z, high_z].map(|z| rod(radius, [-max_x, y, z], [max_x, y, z], appearance));
-    bars.chain(across)
+/// Distance of a row of pegs from the middle of the rack at the foot and at the tip, in m.
+const PEG_X: [f64; 2] = [0.0795, 0.086];
+/// Radius of a peg, in m.
+const PEG_RADIUS: f64 = 0.006;
+/// Half-width of a rail of the frame, in m.
+const RAIL_HALF_WIDTH: f64 = 0.01;
+/// Distance of a crossbar of the frame from the middle of the rack, in m.
+const CROSSBAR_Y: f64 = 0.105;
+
+/// Creates the visuals of a divider: two pegs that lean outwards.
+fn peg_visuals(y: f64, top_z: f64, appearance: AppearanceSpec) -> [VisualSpec; 2] {
+    let [x0, y0, z0] = FLOOR_CENTRE;
+    let max_y = FLOOR_HALF[1] - RAIL_HALF_WIDTH;
+    let y = y.clamp(y0 - max_y, y0 + max_y);
+    [-1.0, 1.0].map(|side| {
+        let [foot, tip] = PEG_X.map(|x| x0 + side * x);
+        rod(PEG_RADIUS, [foot, y, z0], [tip, y, top_z - PEG_RADIUS], appearance)
+    })
 }
 
-/// Creates the visuals of the rack's floor: a wire frame with crossbars and feet that reach the table.
-fn floor_visuals(appearance: AppearanceSpec) -> impl Iterator<Item = VisualSpec> {
-    const BARS: i32 = 5;
-    let [x, y, z] = FLOOR_CENTRE;
-    let radius = FLOOR_HALF[2];
-    let [reach_x, reach_y] = [FLOOR_HALF[0] - radius, FLOOR_HALF[1] - radius];
-    let corner = move |i: usize| {
-        let [side_x, side_y] = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]][i % 4];
-        [x + side_x * reach_x, y + side_y * reach_y, z]
+/// Creates the visuals of the rack's frame: two rails and two crossbars.
+fn frame_visuals(appearance: AppearanceSpec) -> [VisualSpec; 4] {
+    let ([x, y, z], [_, half_y, half_z]) = (FLOOR_CENTRE, FLOOR_HALF);
+    let bar = |half, position| {
+        let shape = VisualShape::Primitive(Primitive::Box { half });
+        VisualSpec::at(shape, position, appearance)
     };
-    let edges = (0..4).map(move |i| rod(radius, corner(i), corner(i + 1), appearance));
-    let feet = (0..4).map(move |i| {
-        let [x, y, _] = corner(i);
-        rod(radius, [x, y, radius - RACK_Z], corner(i), appearance)
-    });
-    let bars = (0..BARS).map(move |i| {
-        let x = x + reach_x * f64::from(2 * i - (BARS - 1)) / f64::from(BARS + 1);
-        rod(DIVIDER_HALF[1], [x, y - reach_y, z], [x, y + reach_y, z], appearance)
-    });
-    edges.chain(feet).chain(bars)
+    let rail = |side: f64| bar([RAIL_HALF_WIDTH, half_y, half_z], [x + side * PEG_X[0], y, z]);
+    let crossbar = |side: f64| bar([PEG_X[0], half_z, half_z], [x, y + side * CROSSBAR_Y, z]);
+    [rail(-1.0), rail(1.0), crossbar(-1.0), crossbar(1.0)]
 }
 
 /// Creates a capsule between two points; `to` must not lie vertically below `from`.

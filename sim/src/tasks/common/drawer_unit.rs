@@ -8,8 +8,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::{BIMANUAL_TABLE_Z, ExternalCameras, box_part, fixed, region, srgb};
 use crate::expert::grasp;
 use crate::scene::{
-    AppearanceSpec, Body, BodySpec, JointKind, JointSpec, Mass, Motion, PartSpec, PlacementSpec, Primitive,
-    Range, RegionSpec, Role, ScaledBy, Scene, Texture, VisualShape, VisualSpec,
+    AppearanceSpec, Body, BodySpec, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, Primitive, Range,
+    RegionSpec, Role, ScaledBy, Scene, Texture, VisualShape, VisualSpec,
 };
 
 /// Name of the carcass. Its front faces its own −x; its origin lies behind the middle drawer's bar.
@@ -68,15 +68,10 @@ const BAR_HALF_LENGTH: f64 = 0.06;
 const POST_RADIUS: f64 = 0.005;
 /// Distance of a post from the middle of its bar, in m.
 const POST_OFFSET: f64 = 0.045;
-/// Density of the wood, in kg/m³.
-const WOOD_DENSITY: f64 = 600.0;
 /// Friction coefficient of all surfaces.
 const SURFACE_FRICTION: f64 = 1.0;
-/// Viscous damping of the drawers in N·s/m: high enough that they stop within a few centimetres of where they
-/// are released.
-const SLIDE_DAMPING: f64 = 20.0;
-/// Dry friction of the drawers, in N.
-const SLIDE_FRICTION: f64 = 3.0;
+/// Dry friction of the drawers, in N. Nothing else slows them, as in the benchmark.
+const SLIDE_FRICTION: f64 = 0.05;
 
 const FRAME: AppearanceSpec = AppearanceSpec::textured(Texture::Walnut, srgb([255, 235, 214]));
 const PANEL: AppearanceSpec = AppearanceSpec::textured(Texture::Wood, srgb([189, 128, 76]));
@@ -95,7 +90,6 @@ pub(in crate::tasks) fn bodies() -> Vec<BodySpec> {
     let carcass = BodySpec {
         role: Role::Fixture,
         friction: SURFACE_FRICTION,
-        mass: Mass::Density(WOOD_DENSITY),
         ..fixed(
             CARCASS,
             carcass_parts(),
@@ -136,7 +130,7 @@ fn drawer(i: usize, carcass: &BodySpec) -> BodySpec {
             kind: JointKind::Slide,
             axis: [1.0, 0.0, 0.0],
             upper: TRAVEL,
-            damping: SLIDE_DAMPING,
+            damping: 0.0,
             friction: SLIDE_FRICTION,
         }),
         visuals: drawer_visuals(&parts),

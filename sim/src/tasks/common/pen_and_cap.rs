@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb, visual_of};
+use super::{BIMANUAL_TABLE_Z, box_part, movable, visual_of};
 use crate::scene::{
     AppearanceSpec, Body, BodySpec, Mass, PartSpec, Primitive, RenderParts, Role, ScaledBy, VisualShape,
     VisualSpec,
@@ -50,9 +50,8 @@ pub(in crate::tasks) const CAP_MIDDLE: [f64; 2] = [0.023, 0.0024];
 /// Angle by which the cap rolls from its start onto its clip, in rad.
 const CAP_ROLL: f64 = 0.11;
 
-const BLUE: AppearanceSpec = AppearanceSpec::plain(rgb([24, 58, 140]));
-const WHITE: AppearanceSpec = AppearanceSpec::plain(rgb([225, 225, 220]));
-const STEEL: AppearanceSpec = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain(rgb([150, 152, 156])) };
+const BLACK: AppearanceSpec = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain([0.01; 3]) };
+const SILVER: AppearanceSpec = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain([0.5; 3]) };
 
 /// Half of the angle between neighbouring facets of the pen's hull, which has 24: with it, facets instead of
 /// edges lie under the flats.
@@ -64,7 +63,7 @@ pub(in crate::tasks) fn pen(region: usize) -> BodySpec {
     let [[front, front_z], [rear, rear_z]] = PEN_SUPPORTS;
     let [width, thickness] = FLAT;
     let facets = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), HALF_FACET);
-    let hull = PartSpec { shape: Primitive::revolution(&PEN), pose: axis * facets, appearance: WHITE };
+    let hull = PartSpec { shape: Primitive::revolution(&PEN), pose: axis * facets, appearance: SILVER };
     let flat = |quarter: u32| {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), f64::from(quarter) * FRAC_PI_2);
         let middle = Translation3::new(0.0, -(front + rear) / 2.0, (front_z + rear_z) / 2.0);
@@ -73,7 +72,7 @@ pub(in crate::tasks) fn pen(region: usize) -> BodySpec {
         PartSpec {
             shape: Primitive::Box { half: [width, thickness, half_length] },
             pose: axis * turn * middle * tilt * Translation3::new(0.0, thickness, 0.0),
-            appearance: WHITE,
+            appearance: SILVER,
         }
     };
     let parts = core::iter::once(hull).chain((0..4).map(flat)).collect();
@@ -81,14 +80,19 @@ pub(in crate::tasks) fn pen(region: usize) -> BodySpec {
         let [x, y] = [PEN_TIP.x, PEN_TIP.y];
         VisualSpec::at(VisualShape::Lathe { profile: profile.to_vec() }, [x, y, 0.0], appearance)
     };
-    let [.., support, [end_radius, _]] = PEN;
-    let barrel =
-        [[0.0, -0.05], [0.0187, -0.05], [0.0185, 0.0], support, [end_radius, PEN_END], [0.0, PEN_END]];
-    let section = [[0.0, -0.12], [0.0154, -0.12], [0.0169, -0.1], [0.0187, -0.05], [0.0, -0.05]];
-    let cone = [[0.0, PEN_TIP.z], [0.0033, -0.16], [0.007, -0.15], [0.0154, -0.12], [0.0, -0.12]];
+    // The pen as it is seen is slimmer than its hull.
+    let barrel = [[0.0, -0.05], [0.0145, -0.05], [0.013, 0.205], [0.0, 0.205]];
+    let rear = [[0.0, 0.205], [0.0125, 0.205], [0.012, PEN_END], [0.0, PEN_END]];
+    let section = [[0.0, -0.12], [0.011, -0.12], [0.0135, -0.1], [0.0145, -0.05], [0.0, -0.05]];
+    let nib = [[0.0, PEN_TIP.z], [0.0025, -0.16], [0.004, -0.15], [0.0075, -0.12], [0.0, -0.12]];
     BodySpec {
         mass: Mass::Measured { kg: 0.33, centre: [0.0059, -0.0016, 0.0326], inertia: [3.3e-3, 3.3e-3, 5e-5] },
-        visuals: vec![lathe(&barrel, BLUE), lathe(&section, WHITE), lathe(&cone, STEEL)],
+        visuals: vec![
+            lathe(&barrel, SILVER),
+            lathe(&rear, BLACK),
+            lathe(&section, BLACK),
+            lathe(&nib, SILVER),
+        ],
         ..lying("pen", parts, region)
     }
 }
@@ -104,11 +108,11 @@ pub(in crate::tasks) fn cap(region: usize) -> BodySpec {
     };
     let clip = |[[x0, x1], [y0, y1], [z0, z1]]: [[f64; 2]; 3]| {
         let half = [x1 - x0, y1 - y0, z1 - z0].map(|extent| extent / 2.0);
-        box_part(half, [(x0 + x1) / 2.0, (y0 + y1) / 2.0, (z0 + z1) / 2.0], STEEL)
+        box_part(half, [(x0 + x1) / 2.0, (y0 + y1) / 2.0, (z0 + z1) / 2.0], SILVER)
     };
-    let wall = |shape| PartSpec::at(shape, [0.0; 3], BLUE);
+    let wall = |shape| PartSpec::at(shape, [0.0; 3], BLACK);
     let mut parts: Vec<PartSpec> = cavity_walls().map(wall).collect();
-    parts.extend([rod(CAVITY_RADIUS, CAP_Z, BLUE), clip(CLIP)]);
+    parts.extend([rod(CAVITY_RADIUS, CAP_Z, BLACK), clip(CLIP)]);
     // The walls as they are seen are thin and round.
     let (seen_outer, seen_inner) = (outer - 0.0015, 0.0215);
     let profile = [
@@ -129,7 +133,7 @@ pub(in crate::tasks) fn cap(region: usize) -> BodySpec {
             inertia: [8.9e-4, 9.3e-4, 1.7e-4],
         },
         visuals: vec![
-            VisualSpec::at(VisualShape::Lathe { profile: profile.to_vec() }, [x, y, 0.0], BLUE),
+            VisualSpec::at(VisualShape::Lathe { profile: profile.to_vec() }, [x, y, 0.0], BLACK),
             visual_of(&clip([[clip_outside - 0.004, clip_outside], across, [low, high]])),
             visual_of(&clip([[clip_inside - 0.003, clip_outside], across, [high - 0.012, high]])),
         ],
