@@ -72,11 +72,12 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
 /// Height of the plate's centre above the rack's at release, in m: a few millimetres above its rest.
 const RELEASE_Z: f64 = 0.043;
 /// Angle by which the hand leans along the rim when it grasps the plate, in rad. Once the plate is upright,
-/// the hand points obliquely down and stays above the dividers.
-const LEAN: f64 = FRAC_PI_4;
+/// the hand points obliquely down and stays above the dividers. The more it leans, the more the plate slips
+/// while it is turned.
+const LEAN: f64 = 0.3;
 /// Height of the grasped point of the rim above the level of the plate's centre at release, as an angle about
 /// the plate's axis in rad.
-const GRASP_ELEVATION: f64 = PI / 8.0;
+const GRASP_ELEVATION: f64 = FRAC_PI_4;
 /// Half-opening of the fingers during the approach to the wall, in m: the outer finger must not touch the
 /// table.
 const HALF_OPENING: f64 = 0.015;
