@@ -3,12 +3,13 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::cabinet::{CHEST_TRAVEL, chest_of_drawers, drawer_grasp, pull_open};
+use super::common::cabinet::{drawer_grasp, pull_open};
+use super::common::chest::{TRAVEL, chest_of_drawers};
 use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{BodySpec, Range, Role, ScaledBy, Scene, SceneSpec};
+use crate::scene::{BodySpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -26,7 +27,7 @@ pub(super) const TASK: Task = Task {
 
 /// Half-extent of the cube, in m.
 const HALF: f64 = 0.035;
-/// Initial joint positions in rad: the hand in front of the middle drawer, the fingers above and below its
+/// Initial joint positions in rad: the hand in front of the lowest drawer, the fingers above and below its
 /// handle.
 const QPOS: [f64; 7] = [1.1328, 1.1025, -1.1891, -1.8933, -0.6512, 2.0777, -1.7973];
 
@@ -43,10 +44,11 @@ fn nominal() -> SceneSpec {
     let target = [-0.1, 0.0, 0.1];
     let cameras =
         ExternalCameras { external1: [[0.3, 0.1, 0.6], target], external2: [[-0.2, 0.0, 0.8], target] };
-    let regions = vec![
-        region("cabinet", Range::symmetric(0.1), Range::new(-0.6, -0.4)),
-        region("cube", Range::symmetric(0.1), Range::new(0.4, 0.6)),
-    ];
+    let cabinet = region("cabinet", Range::symmetric(0.1), Range::new(-0.6, -0.4));
+    // Further towards the arm, the gripper would start inside the drawer's front.
+    let widened = cabinet.widened.map(|widened| WidenedRanges { y: Range::new(-0.65, -0.4), ..widened });
+    let regions =
+        vec![RegionSpec { widened, ..cabinet }, region("cube", Range::symmetric(0.1), Range::new(0.4, 0.6))];
     single_arm(QPOS, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
 }
 
@@ -61,22 +63,24 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
         along: [-0.08, 0.08],
     };
     vec![
-        Predicate::Opened { body: drawer, min_position: 0.3 * CHEST_TRAVEL },
+        Predicate::Opened { body: drawer, min_position: 0.3 * TRAVEL },
         Predicate::Inside { body: cube, point: [0.0; 3], of: Some(drawer), region },
         Predicate::AtRest { body: cube, max_linear: 0.1, max_angular: 0.5 },
         Predicate::Released { body: cube },
     ]
 }
 
-/// Distance behind the handle at which the cube is placed, in m.
+/// Distance behind the handle at which the cube counts as placed, in m.
 const BEHIND_HANDLE: f64 = 0.12;
+/// Distance behind the handle at which the cube is released, with the hand behind the drawer's front, in m.
+const RELEASE_BEHIND: f64 = 0.14;
 /// Distance by which the drawer is pulled, in m.
-const PULL_DISTANCE: f64 = 0.7 * CHEST_TRAVEL;
+const PULL_DISTANCE: f64 = 0.28;
 /// Displacement by which the grasped cube is raised, in m.
 const RAISE: Vector3<f64> = Vector3::new(0.0, -0.1, 0.4);
 /// Heights of the cube above the handle in m: while it is carried, and at release, with the hand still above
-/// the drawer's front.
-const OVER_HANDLE: [f64; 2] = [0.25, 0.045];
+/// the drawer's walls.
+const OVER_HANDLE: [f64; 2] = [0.25, 0.085];
 /// Candidate displacements of the grasp from the benchmark's, towards the robot and up, in m. The later ones
 /// are for cubes that are out of reach.
 const GRASP_OFFSETS: [[f64; 2]; 3] = [[0.0, 0.0], [0.025, 0.015], [0.03, 0.025]];
@@ -91,7 +95,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let (cube, drawer) = (scene.body("cube"), scene.body("drawer").pose);
     let out = drawer.rotation * Vector3::x();
     let into =
-        drawer.translation.vector + out * (PULL_DISTANCE - BEHIND_HANDLE) - cube.pose.translation.vector;
+        drawer.translation.vector + out * (PULL_DISTANCE - RELEASE_BEHIND) - cube.pose.translation.vector;
     let waypoints = |tcp: &Isometry3<f64>| {
         let [carried, release] = OVER_HANDLE.map(|z| grasp::translated(tcp, &(into + Vector3::z() * z)));
         // Farther away than in the benchmark: the joint-space path there sags and must pass over the cube.

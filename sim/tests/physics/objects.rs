@@ -49,6 +49,7 @@ const OBJECTS: &[Object] = &[
     object(TaskId::PlugCharger, "charger", 0.0291, [0.056, 0.03, 0.024], 0.012),
     object(TaskId::ScoopBanana, "dustpan", 0.386, [0.202, 0.1762, 0.0613], 0.0311),
     object(TaskId::PlaceCubeInDrawer, "cube", 0.343, [0.07, 0.07, 0.07], 0.035),
+    object(TaskId::PlaceCubeInDrawer, "drawer", 5.91, [0.483, 0.4443, 0.256], 0.2536),
     object(TaskId::CookItemInPan, "pan", 0.0534, [0.3458, 0.2158, 0.0307], -0.0018),
     object(TaskId::DualArmCubeHandover, "cube", 0.064, [0.04, 0.04, 0.04], 0.845),
     object(TaskId::DualArmBottleHandover, "bottle", 0.774, [0.2525, 0.0704, 0.0704], 0.865),
@@ -99,4 +100,15 @@ fn objects_equal_the_originals() {
         }
     }
     assert!(errors.is_empty(), "\n{}", errors.join("\n"));
+}
+
+#[test]
+fn chest_handle_is_where_the_originals_is() {
+    let task = TaskId::PlaceCubeInDrawer;
+    let scene = (task.task().nominal)().draw(episode_seed(0, task.name(), 0));
+    let [chest, drawer] = ["cabinet", "drawer"].map(|name| scene.body(name).pose);
+    let expected = chest.translation.vector + Vector3::new(-0.006, 0.2962, 0.2536);
+    let handle = drawer.translation.vector;
+    assert!((handle - expected).norm() < 1e-3, "at {handle}, the original's is at {expected}");
+    assert!((drawer.rotation * Vector3::x() - Vector3::y()).norm() < 1e-6, "the front faces +y");
 }

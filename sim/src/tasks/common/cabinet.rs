@@ -238,28 +238,3 @@ pub(in crate::tasks) fn drawer_over_door(yaw: Range) -> Vec<BodySpec> {
         cabinet.door("door", [PLINTH[0], DOOR_TOP_Z], [DOOR_HANDLE.y, DOOR_HANDLE.z]),
     ]
 }
-
-/// Travel of each drawer of [`chest_of_drawers`], in m.
-pub(in crate::tasks) const CHEST_TRAVEL: f64 = 0.36;
-
-/// Creates the bodies of the cabinet in PlaceCubeInDrawer, which faces y. The middle one of its three drawers
-/// is to be opened.
-pub(in crate::tasks) fn chest_of_drawers() -> Vec<BodySpec> {
-    /// Distance of the handles in front of the origin, in m. The benchmark's value appears to be 0.346, but
-    /// with that the fingers would start inside the nearest cabinets.
-    const HANDLE_DISTANCE: f64 = 0.25;
-    let chest = Cabinet {
-        front_x: HANDLE_STANDOFF - HANDLE_DISTANCE,
-        depth: 0.45,
-        half_width: 0.2,
-        height: 0.428,
-        carcass_paint: AppearanceSpec::textured(Texture::Wood, srgb([140, 97, 64])),
-        front_paint: OFF_WHITE,
-    };
-    vec![
-        chest.carcass(&[]).with_yaw(Range::fixed(-FRAC_PI_2)),
-        chest.drawer("lower drawer", 0.115, 0.083, CHEST_TRAVEL),
-        chest.drawer("drawer", 0.251, 0.052, CHEST_TRAVEL),
-        chest.drawer("upper drawer", 0.355, 0.052, CHEST_TRAVEL),
-    ]
-}

@@ -7,6 +7,7 @@ pub(super) mod bookcase;
 pub(super) mod bottle;
 pub(super) mod cabinet;
 pub(super) mod can;
+pub(super) mod chest;
 pub(super) mod cooking;
 pub(super) mod dish;
 pub(super) mod drawer_unit;
