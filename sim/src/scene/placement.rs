@@ -97,8 +97,8 @@ pub enum PlacementSpec {
         /// Rotation about world z, in rad.
         yaw: Range,
     },
-    /// Unrotated, at the y of another body, which must be placed [`OnSurface`](Self::OnSurface), and on its −x
-    /// side.
+    /// Unrotated, at the y of another body, which must be placed [`OnSurface`](Self::OnSurface), and on its
+    /// −x side.
     Beside {
         /// Index of the other body.
         body: usize,

@@ -52,8 +52,8 @@ fn cube_casts_shadow_of_its_height() {
         .map(|i| [i % side, i / side])
         .filter(|pixel| pixel.iter().all(|i| (side * 3 / 8..side * 5 / 8).contains(i)))
         .collect();
-    // The middle shows only the table. The shadow on the table measures 10 cm × 10 cm. At 1.2 m with a 90° field of view a pixel is 1.07 cm
-    // wide.
+    // The middle shows only the table. The shadow on it measures 10 cm × 10 cm. At 1.2 m with a 90° field of
+    // view a pixel is 1.07 cm wide.
     let pixel_m = 2.4 / side as f32;
     let area_m2 = darker.len() as f32 * pixel_m * pixel_m;
     assert!((0.007..0.013).contains(&area_m2), "{area_m2} m²");

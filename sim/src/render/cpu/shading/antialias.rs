@@ -1,8 +1,9 @@
 //! Multisample anti-aliasing (MSAA) with four samples per pixel: every triangle visible in a pixel is
 //! shaded once, at the pixel's centre, and weighted by its fraction of the samples.
 
+use crate::render::cpu::shading::gathered::GatheredSurfaces;
 use crate::render::cpu::shading::surface::MIXED;
-use crate::render::cpu::shading::tiles::{GatheredSurfaces, Shader, TILE_ROW, TileRow, TileSink, store_rgb};
+use crate::render::cpu::shading::tiles::{Shader, TILE_ROW, TileRow, TileSink, store_rgb};
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::isa::Kernel;
 use crate::render::cpu::simd::{

@@ -2,6 +2,7 @@
 
 pub(super) mod antialias;
 pub(super) mod encode;
+pub(super) mod gathered;
 pub(super) mod lighting;
 pub(super) mod rays;
 pub(super) mod sink;

@@ -1,6 +1,7 @@
 //! Deferred shading of pixel tiles: visits each tile of the visibility buffer once and computes its light.
 
 use crate::render::cpu::shading::encode::encode;
+use crate::render::cpu::shading::gathered::GatheredSurfaces;
 use crate::render::cpu::shading::lighting::{Lighting, Reflectance, ViewLights, radiance_roots};
 use crate::render::cpu::shading::rays::{RayTable, ViewRays};
 use crate::render::cpu::shading::surface::{MIXED, SurfaceRecord, UvRecord, VisibleSurfaces, record_index};
@@ -97,31 +98,6 @@ struct FlatSurface {
     sunlit: u16,
     /// The square roots of its radiance without highlights, shadows and texture.
     roots: [f32; 3],
-}
-
-/// Surface attributes of sixteen pixels that show several triangles.
-pub(in crate::render::cpu) struct GatheredSurfaces {
-    /// Normals in the view frame, not normalised.
-    normal: [F32x16; 3],
-    color: [F32x16; 3],
-    /// The square roots of the textures' linear factors.
-    pub(in crate::render::cpu) tint: [F32x16; 3],
-    specular: F32x16,
-    metallic: F32x16,
-    /// Bit i is set if lane i shows a textured surface.
-    pub(in crate::render::cpu) textured: u16,
-}
-
-impl GatheredSurfaces {
-    /// Black, untextured surfaces.
-    pub(in crate::render::cpu) const EMPTY: Self = Self {
-        normal: [F32x16::ZERO; 3],
-        color: [F32x16::ZERO; 3],
-        tint: [F32x16::ZERO; 3],
-        specular: F32x16::ZERO,
-        metallic: F32x16::ZERO,
-        textured: 0,
-    };
 }
 
 /// Record index that belongs to no triangle.
