@@ -7,7 +7,7 @@ use crate::source::{Source, assert_none, files_below, relative, root, rust_sourc
 /// Maximum size of a file in bytes, unless it is listed below.
 const MAX_BYTES: u64 = 256 * 1024;
 /// Larger files, each with the reason for it.
-const LARGE_FILES: [(&str, &str); 9] = [
+const LARGE_FILES: [(&str, &str); 10] = [
     ("checkpoints/act-small/single/model.safetensors", "weights of the bundled policy"),
     ("checkpoints/act-small/bimanual/model.safetensors", "weights of the bundled policy"),
     ("policy-host/tests/data/act-tiny/single/model.safetensors", "test checkpoint"),
@@ -15,6 +15,7 @@ const LARGE_FILES: [(&str, &str); 9] = [
     ("policy-host/tests/data/lerobot/", "test checkpoints in LeRobot's layouts, with reference outputs"),
     ("policy-host/tests/data/clip-tiny/", "test text encoder with reference outputs"),
     ("docs/images/first-light.gif", "the README's animation"),
+    ("docs/images/experts.jpg", "three images of each of 18 tasks"),
     ("docs/images/gallery.png", "one image of each of the 28 tasks"),
     ("docs/images/perturbations.png", "one row of images per perturbation"),
 ];

@@ -229,7 +229,7 @@ const EXPECTED_RANGES: [(TaskId, &str, [[f64; 2]; 2]); 31] = {
         (T::OpenDrawer, "cabinet", [[0.125, 0.275], [-0.075, 0.075]]),
         (T::OpenCabinet, "cabinet", [[0.125, 0.275], [-0.075, 0.075]]),
         (T::PlaceCubeInDrawer, "cube", [[-0.15, 0.15], [0.35, 0.65]]),
-        (T::PlaceCubeInDrawer, "cabinet", [[-0.15, 0.15], [-0.65, -0.35]]),
+        (T::PlaceCubeInDrawer, "cabinet", [[-0.15, 0.15], [-0.65, -0.4]]),
         (T::CookItemInPan, "apple", [[-0.24, 0.0], [-0.32, -0.08]]),
         (T::CookItemInPan, "pan", [[-0.075, 0.005], [-0.075, 0.075]]),
         (T::DualArmBottleHandover, "bottle", [[0.15, 0.45], [-0.35, -0.05]]),
