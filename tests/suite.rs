@@ -7,7 +7,7 @@ use sim::expert::Expert;
 use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::predicate::first_unmet;
-use sim::scene::{Motion, Range, Scene};
+use sim::scene::{Body, Motion, Range, Scene};
 use sim::stream::{self, Stream};
 use sim::{Perturbation, Profile, TaskId};
 
@@ -78,12 +78,14 @@ impl<'a> Rollout<'a> {
         (0..self.scene.bodies.len()).map(|body| self.world.body_pose(body)).collect()
     }
 
-    /// Returns the largest displacement of any body since `before`, in m.
-    fn max_displacement(&self, before: &[Isometry3<f32>]) -> f32 {
-        let moved = |(pose, before): (&Isometry3<f32>, &Isometry3<f32>)| {
-            (pose.translation.vector - before.translation.vector).norm()
+    /// Returns the largest displacement of any body since `before`, in m, and the body's name.
+    fn max_displacement(&self, before: &[Isometry3<f32>]) -> (f32, &'static str) {
+        let poses = self.poses();
+        let moved = |(body, (pose, before)): (&Body, (&Isometry3<f32>, &Isometry3<f32>))| {
+            ((pose.translation.vector - before.translation.vector).norm(), body.name)
         };
-        self.poses().iter().zip(before).map(moved).fold(0.0, f32::max)
+        let moved = self.scene.bodies.iter().zip(poses.iter().zip(before)).map(moved);
+        moved.max_by(|a, b| a.0.total_cmp(&b.0)).expect("a scene has bodies")
     }
 }
 
@@ -102,17 +104,20 @@ fn idle_episode_settles_and_never_succeeds() {
                 rollout.hold();
                 assert!(!rollout.succeeds(), "{cell} {episode_idx}: idle succeeds at {step}");
                 if step == STEPS_PER_SECOND {
-                    let settled = rollout.max_displacement(&rested);
+                    let (settled, body) = rollout.max_displacement(&rested);
                     // The plate in the rack tips until it leans on a divider, the pen's cap onto its clip.
                     let falls = scene.bodies.iter().any(|body| body.drop_m > 0.0)
                         || matches!(task, TaskId::PickDishFromRack | TaskId::DualArmPenCap);
                     let limit = if falls { 0.1 } else { 5e-4 };
-                    assert!(settled < limit, "{cell} {episode_idx}: settles by {settled} m");
+                    assert!(settled < limit, "{cell} {episode_idx}: {body} settles by {settled} m");
                     rested = rollout.poses();
                 } else if step > STEPS_PER_SECOND && step <= 2 * STEPS_PER_SECOND {
-                    let (moved, overlap) =
-                        (rollout.max_displacement(&rested), rollout.world.max_penetration());
-                    assert!(moved < 1e-3, "{cell} {episode_idx}: moved {moved} m by step {step}");
+                    let (moved, body) = rollout.max_displacement(&rested);
+                    let overlap = rollout.world.max_penetration();
+                    // A tomato of other proportions rolls in its pot.
+                    let limit =
+                        if body == "tomato" && perturbation != Perturbation::None { 5e-3 } else { 1e-3 };
+                    assert!(moved < limit, "{cell} {episode_idx}: {body} moved {moved} m by step {step}");
                     assert!(overlap < 1e-3, "{cell} {episode_idx}: overlaps by {overlap} m");
                 }
             }

@@ -28,7 +28,11 @@ impl Perturbation {
                 vary_texture(appearances_of(&mut spec, Role::ManipulationObject), weight);
             }
             Self::RoTexture => vary_texture(appearances_of(&mut spec, Role::ReceiverObject), weight),
-            Self::TableColor => vary_color(spec.table.appearances_mut(), weight),
+            Self::TableColor => {
+                // The benchmark replaces the mesh of the table, which it cannot recolour.
+                spec.table.as_block = true;
+                vary_color(spec.table.appearances_mut(), weight);
+            }
             Self::TableTexture => vary_texture(spec.table.appearances_mut(), weight),
             Self::BackgroundColor => vary_color([&mut spec.background.walls], weight),
             Self::BackgroundTexture => vary_texture([&mut spec.background.walls], weight),

@@ -122,6 +122,8 @@ pub struct Table {
     pub legs: Appearance,
     /// Appearance of the lower table's top, if there are two tables.
     pub lower_top: Option<Appearance>,
+    /// If `true`, the table that stands on the floor is drawn as the block that it collides as.
+    pub as_block: bool,
 }
 
 /// Floor and walls.

@@ -287,6 +287,8 @@ pub struct TableSpec {
     pub legs: AppearanceSpec,
     /// Appearance of the lower table's top, if there are two tables.
     pub lower_top: Option<AppearanceSpec>,
+    /// If `true`, the table that stands on the floor is drawn as the block that it collides as.
+    pub as_block: bool,
 }
 
 impl TableSpec {

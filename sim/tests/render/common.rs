@@ -42,6 +42,7 @@ pub(crate) fn empty_room(eye: [f64; 3], target: [f64; 3]) -> Scene {
             frame: paint([0.6; 3]),
             legs: paint([0.6; 3]),
             lower_top: None,
+            as_block: false,
         },
         background: Background { floor: paint([0.4; 3]), walls: None },
         lights: Lights { ambient: [1.0; 3], directional: Vec::new(), shadows: false },

@@ -76,6 +76,11 @@ pub(in crate::render) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
 fn push_bench(bench: &Bench, top: &Appearance, table: &Table, instances: &mut Vec<Instance>) {
     let [top, frame, legs] = [*top, table.frame, table.legs].map(Material::from);
     let Bench { centre: [x, y], half: [hx, hy], top_z, foot_z, thickness } = *bench;
+    if table.as_block && foot_z == FLOOR_Z {
+        let half = [hx, hy, (top_z - foot_z) / 2.0];
+        instances.push(block(Fixture::Table, [x, y, f32::midpoint(top_z, foot_z)], half, top));
+        return;
+    }
     let under_z = top_z - thickness;
     let mut push = |centre, half, material| instances.push(block(Fixture::Table, centre, half, material));
     let (leg_x, leg_y) = (hx - LEG_INSET, hy - LEG_INSET);

@@ -25,6 +25,7 @@ pub(super) fn table(spec: &TableSpec, episode_seed: u64) -> Table {
         frame: draw(spec.frame, "frame", "table/color"),
         legs: draw(spec.legs, "legs", "table/color"),
         lower_top: spec.lower_top.map(|appearance| draw(appearance, "under", "table/color")),
+        as_block: spec.as_block,
     }
 }
 

@@ -297,6 +297,7 @@ fn table(kind: TableKind) -> TableSpec {
         frame: grey,
         legs: grey,
         lower_top: is_bimanual.then_some(cedar),
+        as_block: false,
     }
 }
 
