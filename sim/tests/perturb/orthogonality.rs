@@ -40,6 +40,7 @@ fn restore(perturbation: Perturbation, spec: &mut SceneSpec, from: &SceneSpec) {
         Perturbation::MoTexture => appearances(spec, Role::ManipulationObject, texture),
         Perturbation::RoTexture => appearances(spec, Role::ReceiverObject, texture),
         Perturbation::TableColor => {
+            spec.table.as_block = false;
             spec.table.appearances_mut().for_each(|appearance| color(&mut appearance.variation));
         }
         Perturbation::TableTexture => {
