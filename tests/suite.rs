@@ -105,8 +105,8 @@ fn idle_episode_settles_and_never_succeeds() {
                 assert!(!rollout.succeeds(), "{cell} {episode_idx}: idle succeeds at {step}");
                 if step == STEPS_PER_SECOND {
                     let (settled, body) = rollout.max_displacement(&rested);
-                    // The plate in the rack tips until it leans on a divider, the pen's cap onto its clip; the
-                    // stove pushes a larger pan aside.
+                    // The plate in the rack tips until it leans on a divider, the pen's cap onto its clip;
+                    // the stove pushes a larger pan aside.
                     let falls = scene.bodies.iter().any(|body| body.drop_m > 0.0)
                         || matches!(task, TaskId::PickDishFromRack | TaskId::DualArmPenCap)
                         || body == "pan" && perturbation != Perturbation::None;
