@@ -14,8 +14,24 @@ use support::{FinishedRun, Row, act_tiny, finish, hypogeum, rows, run, shared_me
 /// Serialises the tests, so that leftovers in /dev/shm can be attributed to one of them.
 static SERIAL: Mutex<()> = Mutex::new(());
 
-fn serial() -> MutexGuard<'static, ()> {
-    SERIAL.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+/// The exclusive right to run, and the segments that were in /dev/shm when it was obtained.
+struct Turn {
+    before: Vec<String>,
+    _guard: MutexGuard<'static, ()>,
+}
+
+impl Turn {
+    fn begin() -> Self {
+        let guard = SERIAL.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        Self { before: shared_memory(), _guard: guard }
+    }
+
+    /// Returns the segments created since the turn began. Other runs on this machine may have left some before.
+    fn leftovers(&self) -> Vec<String> {
+        let mut names = shared_memory();
+        names.retain(|name| !self.before.contains(name));
+        names
+    }
 }
 
 /// Tasks of both morphologies; more of them would only take longer.
@@ -88,7 +104,7 @@ fn kill_child(parent: Pid, word: &str) {
 
 #[test]
 fn killed_children_and_resume_change_no_row() {
-    let _guard = serial();
+    let turn = Turn::begin();
     let dir = tempfile::tempdir().unwrap();
     let expected = uninterrupted_rows(dir.path());
     let db = dir.path().join("killed.db");
@@ -104,12 +120,12 @@ fn killed_children_and_resume_change_no_row() {
     let FinishedRun { stderr, .. } = finish(start(dir.path(), "killed.db")).expect_code(0);
     assert!(n_kept >= 36, "kept {n_kept} rows: {}", interrupted.stderr);
     assert_eq!(rows(&db), expected, "{stderr}");
-    assert_eq!(shared_memory(), Vec::<String>::new());
+    assert_eq!(turn.leftovers(), Vec::<String>::new());
 }
 
 #[test]
 fn killed_orchestrator_leaves_a_resumable_file() {
-    let _guard = serial();
+    let turn = Turn::begin();
     let dir = tempfile::tempdir().unwrap();
     let expected = uninterrupted_rows(dir.path());
     let db = dir.path().join("orphaned.db");
@@ -119,12 +135,12 @@ fn killed_orchestrator_leaves_a_resumable_file() {
     let _ = finish(child);
     let _ = finish(start(dir.path(), "orphaned.db")).expect_code(0);
     assert_eq!(rows(&db), expected);
-    assert_eq!(shared_memory(), Vec::<String>::new(), "the next run should remove stale segments");
+    assert_eq!(turn.leftovers(), Vec::<String>::new(), "the next run should remove stale segments");
 }
 
 #[test]
 fn finished_run_repeats_only_the_report() {
-    let _guard = serial();
+    let turn = Turn::begin();
     let dir = tempfile::tempdir().unwrap();
     let args = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "2", "--db", "r.db"];
     let _ = run(dir.path(), &args).expect_code(0);
@@ -132,5 +148,5 @@ fn finished_run_repeats_only_the_report() {
     let again = run(dir.path(), &args).expect_code(0);
     assert_eq!(rows(&dir.path().join("r.db")), before);
     assert!(again.stdout.contains("RaiseCube"), "the table should be printed again: {}", again.stdout);
-    assert_eq!(shared_memory(), Vec::<String>::new());
+    assert_eq!(turn.leftovers(), Vec::<String>::new());
 }
