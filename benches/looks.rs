@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p benches --bench looks -- --frames DIR --starts DIR [--sheet FILE] [--csv FILE]`. The
 //! folder of `--frames` holds the original images, `ENV_ID.SEED.CAMERA.png`, that of `--starts` their start
-//! states, `ENV_ID.SEED.json` (`peers/recorded_starts.py` converts recordings). Each start is put into our
+//! states, `ENV_ID.SEED.json` (docs/trajectories.md; `python/convert_recordings.py` converts recordings). Each start is put into our
 //! scene of the task, drawn by the CPU renderer and compared camera by camera. Two figures are reported,
 //! lower is better: the mean absolute difference of the means of 8 × 8 pixels, in codes from 0 to 255, and
 //! the share of pixels with an edge in one image that has none within a pixel in the other. `--sheet` writes
@@ -17,14 +17,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use benches::Report;
-use ipc_types::ControlMode;
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
-use serde_json::Value;
-use sim::TaskId;
-use sim::physics::World;
+use sim::physics::Parameters;
 use sim::render::{CpuRenderer, RenderScene};
-use sim::scene::{CameraSlot, Scene, Snapshot};
+use sim::scene::{CameraSlot, Snapshot};
 use sim::show::contact_sheet;
+use sim::trajectory::{Start, TrajectoryFile};
 
 /// Side of the blocks whose means are compared, in pixels.
 const BLOCK: usize = 8;
@@ -49,8 +46,11 @@ fn main() -> Result<()> {
     let mut images = Vec::new();
     for start in sorted_files(&starts)? {
         let name = start.file_stem().and_then(|stem| stem.to_str()).context("a file name is not UTF-8")?;
-        let Some((task, cameras)) = task_and_frames(name, &frames)? else { continue };
-        let rendered = render(task, &start).with_context(|| format!("draw {}", start.display()))?;
+        let cameras = frames_of(name, &frames)?;
+        if cameras.is_empty() {
+            continue;
+        }
+        let rendered = render(&start).with_context(|| format!("draw {}", start.display()))?;
         for (camera, ours) in rendered {
             let Some(original) = cameras.get(camera) else { continue };
             ensure!(ours.side == original.side, "{name} {camera}: {} px, not {}", original.side, ours.side);
@@ -101,11 +101,8 @@ const fn camera_name(slot: CameraSlot, n_arms: usize) -> &'static str {
     }
 }
 
-/// Returns the task of a start named `ENV_ID.SEED` and its frames by camera, or `None` if it has no frames.
-fn task_and_frames(start: &str, frames: &Path) -> Result<Option<(TaskId, BTreeMap<String, CameraImage>)>> {
-    let env_id = start.rsplit_once('.').map_or(start, |(env_id, _)| env_id);
-    let task = TaskId::ALL.iter().find(|task| task.task().env_id == env_id);
-    let task = *task.with_context(|| format!("no task is called {env_id}"))?;
+/// Returns the original frames of a start by camera.
+fn frames_of(start: &str, frames: &Path) -> Result<BTreeMap<String, CameraImage>> {
     let mut images = BTreeMap::new();
     for file in sorted_files(frames)? {
         let name = file.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -115,48 +112,18 @@ fn task_and_frames(start: &str, frames: &Path) -> Result<Option<(TaskId, BTreeMa
             images.insert(camera.to_owned(), image);
         }
     }
-    Ok((!images.is_empty()).then_some((task, images)))
+    Ok(images)
 }
 
-/// Draws all cameras of a task's scene in a recorded start state.
-fn render(task: TaskId, start: &Path) -> Result<Vec<(&'static str, CameraImage)>> {
-    let start: Value = serde_json::from_str(&std::fs::read_to_string(start)?)?;
-    let mut spec = (task.task().nominal)();
-    let sizes = numbers(&start["sizes"])?;
-    if let Some(drawn) = spec.sizes.take() {
-        ensure!(sizes.len() == drawn.ranges.len(), "{} sizes, expected {}", sizes.len(), drawn.ranges.len());
-        (drawn.apply)(&sizes, &mut spec.bodies);
-    }
-    let mut scene = spec.draw(0);
-    let arms = start["arms"].as_array().context("arms must be an array")?;
-    ensure!(arms.len() == scene.robots.len(), "{} arms, expected {}", arms.len(), scene.robots.len());
-    for (robot, qpos) in scene.robots.iter_mut().zip(arms) {
-        robot.qpos = numbers(qpos)?.try_into().ok().context("an arm has seven joints")?;
-    }
-    let snapshot = snapshot(&scene, &start["bodies"])?;
-    let images = CpuRenderer::new(1).photograph(&RenderScene::new(&scene), &snapshot);
+/// Draws all cameras of a recorded start state.
+fn render(path: &Path) -> Result<Vec<(&'static str, CameraImage)>> {
+    let start = Start::resolve(&TrajectoryFile::read(path)?, path)?;
+    let scene = &start.scene;
+    let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
+    start.world(&Parameters::default()).write_snapshot(&mut snapshot);
+    let images = CpuRenderer::new(1).photograph(&RenderScene::new(scene), &snapshot);
     let names = scene.cameras.iter().map(|camera| camera_name(camera.slot, scene.robots.len()));
     Ok(names.zip(images.into_iter().map(|(side, rgb)| CameraImage { side, rgb })).collect())
-}
-
-/// Returns the poses of the arms and of the recorded bodies. Other bodies keep the places drawn for them.
-fn snapshot(scene: &Scene, bodies: &Value) -> Result<Snapshot> {
-    let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
-    World::build(scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
-    for (name, pose) in bodies.as_object().context("bodies must be an object")? {
-        let idx = scene.bodies.iter().position(|body| body.name == name);
-        let idx = idx.with_context(|| format!("no body is named {name}"))?;
-        let [x, y, z, w, i, j, k] =
-            numbers(pose)?.try_into().ok().with_context(|| format!("the pose of {name} needs 7 numbers"))?;
-        let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
-        snapshot.bodies[idx] = Isometry3::from_parts(Translation3::new(x, y, z), rotation).cast();
-    }
-    Ok(snapshot)
-}
-
-fn numbers(value: &Value) -> Result<Vec<f64>> {
-    let numbers = value.as_array().and_then(|array| array.iter().map(Value::as_f64).collect());
-    numbers.with_context(|| format!("{value} is not an array of numbers"))
 }
 
 /// A square image, `[side, side, 3] u8` sRGB.

@@ -68,3 +68,31 @@ fn unreplayable_source_is_rejected() {
     rejected(&["notes.txt"], &["notes.txt", "another kind of file"]);
     rejected(&["nowhere"], &["nowhere contains no dataset"]);
 }
+
+/// A demonstration of the original on RaiseCube, with its start state.
+const DEMONSTRATION: &str =
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../sim/tests/data/trajectories/RaiseCube-v1.0.json");
+
+#[test]
+fn demonstration_of_the_original_succeeds_from_its_start() {
+    let dir = tempfile::tempdir().unwrap();
+    let replay = ["replay", "--start", DEMONSTRATION, "--actions", DEMONSTRATION];
+    let text = run(dir.path(), &replay).expect_code(0).stdout;
+    assert!(text.starts_with("RaiseCube, pd_joint_pos: 73 steps, success at step"), "{text}");
+    let json = run(dir.path(), &[&replay[..], &["--json"]].concat()).expect_code(0).stdout;
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["steps"].as_array().unwrap().len(), 73);
+    assert_eq!(json["success_at_end"], true);
+    let last = &json["steps"][72];
+    assert_eq!(last["arms"][0]["grasps"][0], "cube");
+    assert!(last["bodies"]["cube"]["pose"][2].as_f64().unwrap() > 0.2);
+    run(dir.path(), &[&replay[..], &["--movie", "raise.gif", "--stride", "20"]].concat()).expect_code(0);
+    assert!(fs::read(dir.path().join("raise.gif")).unwrap().starts_with(b"GIF89a"));
+
+    fs::write(dir.path().join("bad.json"), r#"{"actions": [[0, 0]]}"#).unwrap();
+    let bad = run(dir.path(), &["replay", "--start", DEMONSTRATION, "--actions", "bad.json"]).expect_code(2);
+    assert!(bad.stderr.contains("bad.json: actions[0]: expected 8 numbers, found 2"), "{}", bad.stderr);
+    let bad = run(dir.path(), &["replay", "--start", "bad.json", "--actions", DEMONSTRATION]).expect_code(2);
+    assert!(bad.stderr.contains("bad.json is not a trajectory"), "{}", bad.stderr);
+    let _ = run(dir.path(), &["replay", "--start", DEMONSTRATION]).expect_code(2);
+}

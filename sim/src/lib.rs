@@ -19,6 +19,7 @@ pub mod show;
 pub mod stream;
 pub mod task;
 pub mod tasks;
+pub mod trajectory;
 
 /// Runs the code examples of ARCHITECTURE.md as doctests.
 #[cfg(doctest)]

@@ -15,6 +15,7 @@ use sim::show::movie::MovieFormat;
 use sim::show::{HighResScene, contact_sheet};
 use sim::stream::Stream;
 
+use super::trajectory;
 use crate::demos::StoredDataset;
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::movie;
@@ -30,8 +31,18 @@ use crate::table::{Align, TextTable};
 pub(crate) struct ReplayArgs {
     /// Dataset, which is single/ or bimanual/ in a folder that `demos` wrote, or a results file of
     /// `run --keep-actions`
-    #[arg(value_name = "DATASET|FILE.db")]
-    pub(crate) source: PathBuf,
+    #[arg(value_name = "DATASET|FILE.db", required_unless_present = "start")]
+    pub(crate) source: Option<PathBuf>,
+    /// Instead of stored episodes, start in the state of this file (docs/trajectories.md)
+    #[arg(long, value_name = "FILE", requires = "actions",
+        conflicts_with_all = ["source", "episodes", "policy", "task", "perturbation", "sample", "grid"])]
+    pub(crate) start: Option<PathBuf>,
+    /// Execute the actions of this file, which may be the same
+    #[arg(long, value_name = "FILE", requires = "start")]
+    pub(crate) actions: Option<PathBuf>,
+    /// Print the state after every step as JSON
+    #[arg(long, requires = "start", conflicts_with = "movie")]
+    pub(crate) json: bool,
     /// Episodes, comma-separated indices into the source [default: all, or the first for a movie]
     #[arg(long, value_name = "LIST", value_delimiter = ',',
         conflicts_with_all = ["policy", "task", "perturbation"])]
@@ -109,7 +120,16 @@ impl EpisodeSource {
 
 /// Replays episodes of a dataset or a results file.
 pub(crate) fn replay(args: &ReplayArgs) -> Result<ExitStatus, Failure> {
-    let source = EpisodeSource::open(&args.source).or_user()?;
+    if let (Some(start), Some(actions)) = (&args.start, &args.actions) {
+        return match &args.movie {
+            Some(path) => {
+                let recording = trajectory::record(start, actions).or_user()?;
+                write_recordings(vec![recording], path, args).or_user()
+            }
+            None => trajectory::print(start, actions, args.json),
+        };
+    }
+    let source = EpisodeSource::open(source_path(args)).or_user()?;
     let selected = select(args, source.episodes()).or_user()?;
     if let Some(path) = &args.movie {
         let shown = if args.grid { &selected[..] } else { &selected[..1] };
@@ -129,9 +149,14 @@ pub(crate) fn replay(args: &ReplayArgs) -> Result<ExitStatus, Failure> {
     report(source.episodes(), &replayed)
 }
 
+/// Returns the path of the stored episodes.
+fn source_path(args: &ReplayArgs) -> &Path {
+    args.source.as_deref().expect("clap requires a source without --start")
+}
+
 /// Returns the indices of the episodes that the arguments select, at least one.
 fn select(args: &ReplayArgs, episodes: &[StoredEpisode]) -> anyhow::Result<Vec<usize>> {
-    let (path, n) = (args.source.display(), episodes.len());
+    let (path, n) = (source_path(args).display(), episodes.len());
     ensure!(n > 0, "{path} has no episodes yet");
     if let Some(&beyond) = args.episodes.iter().find(|idx| **idx >= n) {
         bail!("{path} has {n} episodes, but episode {beyond} was requested (the first is 0)");
@@ -197,20 +222,40 @@ struct MovieEpisode {
     scene: HighResScene,
 }
 
-/// Writes a movie of one episode with all cameras, or of several with the first external camera of each.
+/// Writes a movie of stored episodes and compares their fingerprints with the stored ones.
 fn write_movie(
     source: &EpisodeSource,
     episodes: &[usize],
     path: &Path,
     args: &ReplayArgs,
 ) -> anyhow::Result<ExitStatus> {
+    let recordings: Vec<Recording> =
+        episodes.par_iter().map(|idx| source.replay(*idx)).collect::<anyhow::Result<_>>()?;
+    let fingerprints: Vec<u64> = recordings.iter().map(Recording::fingerprint).collect();
+    let mut status = write_recordings(recordings, path, args)?;
+    for (&episode_idx, fingerprint) in episodes.iter().zip(fingerprints) {
+        if status == ExitStatus::Success
+            && format_fingerprint(fingerprint) != source.episodes()[episode_idx].fingerprint
+        {
+            print_message(&format!("episode {episode_idx} does not reproduce the stored fingerprint"));
+            status = ExitStatus::EpisodeErrors;
+        }
+    }
+    Ok(status)
+}
+
+/// Writes a movie of one episode with all cameras, or of several with the first external camera of each.
+fn write_recordings(
+    recordings: Vec<Recording>,
+    path: &Path,
+    args: &ReplayArgs,
+) -> anyhow::Result<ExitStatus> {
     let format = MovieFormat::from_path(path)?;
-    let replayed = |episode_idx: &usize| {
-        let recording = source.replay(*episode_idx)?;
+    let episode = |recording: Recording| {
         let scene = HighResScene::new(recording.scene(), args.scale);
-        anyhow::Ok(MovieEpisode { recording, scene })
+        MovieEpisode { recording, scene }
     };
-    let replayed: Vec<MovieEpisode> = episodes.par_iter().map(replayed).collect::<anyhow::Result<_>>()?;
+    let replayed: Vec<MovieEpisode> = recordings.into_par_iter().map(episode).collect();
     let n_steps = replayed.iter().map(|episode| episode.recording.n_frames()).max().unwrap_or(0);
     let stride = usize::from(args.stride);
     let options = CpuOptions { samples: args.samples, ..CpuOptions::default() };
@@ -218,16 +263,8 @@ fn write_movie(
     let status = movie::write(path, format, n_steps.div_ceil(stride), args.stride, |frame| {
         render_frame(&replayed, frame * stride, args.grid, &mut renderer)
     })?;
-    if status != ExitStatus::Success {
-        return Ok(status);
-    }
-    print_message(&format!("wrote {}", path.display()));
-    let mut status = ExitStatus::Success;
-    for (&episode_idx, episode) in episodes.iter().zip(&replayed) {
-        if format_fingerprint(episode.recording.fingerprint()) != source.episodes()[episode_idx].fingerprint {
-            print_message(&format!("episode {episode_idx} does not reproduce the stored fingerprint"));
-            status = ExitStatus::EpisodeErrors;
-        }
+    if status == ExitStatus::Success {
+        print_message(&format!("wrote {}", path.display()));
     }
     Ok(status)
 }

@@ -5,16 +5,17 @@
 
 mod action_conversion;
 
-use ipc_types::ControlMode;
 use ipc_types::layout::MAX_ACTION_DIM;
+use ipc_types::{ControlMode, Morphology};
 use thiserror::Error;
 
 use crate::expert::{self, Expert, MotionPlanError};
 use crate::fingerprint::Fingerprint;
-use crate::physics::World;
+use crate::physics::{Parameters, World};
 use crate::predicate::{Predicate, first_unmet};
 use crate::scene::{Scene, Snapshot};
 use crate::show::EpisodeSpec;
+use crate::trajectory::Start;
 
 /// Errors that can occur while recording an episode.
 #[derive(Debug, Error)]
@@ -103,14 +104,24 @@ impl Recording {
         mode: ControlMode,
         actions: &[f32],
     ) -> Result<Self, DemoError> {
-        let action_dim = mode.action_dim(spec.task.task().morphology);
-        assert!(
-            actions.len().is_multiple_of(action_dim),
-            "{} values are not rows of {action_dim}",
-            actions.len()
-        );
         let mut recorder = EpisodeRecorder::new(spec, spec.draw(episode_seed), mode);
-        actions.chunks_exact(action_dim).try_for_each(|row| recorder.step(row))?;
+        recorder.execute(actions)?;
+        Ok(recorder.finish())
+    }
+
+    /// Records the motion from a start state under action rows, `[n_frames, action_dim]`.
+    ///
+    /// # Errors
+    /// If the simulation diverges.
+    ///
+    /// # Panics
+    /// If the length of `actions` is not a multiple of `action_dim`.
+    pub fn from_start(start: &Start, actions: &[f32]) -> Result<Self, DemoError> {
+        let world = start.world(&Parameters::default());
+        let success = (start.task.task().success)(&start.scene, start.profile);
+        let state_dim = start.task.task().morphology.state_dim();
+        let mut recorder = EpisodeRecorder::at(start.scene.clone(), world, success, state_dim, start.mode);
+        recorder.execute(actions)?;
         Ok(recorder.finish())
     }
 
@@ -186,17 +197,22 @@ impl EpisodeRecorder {
     fn new(spec: EpisodeSpec, scene: Scene, mode: ControlMode) -> Self {
         let task = spec.task.task();
         let world = World::build(&scene, mode);
+        let success = (task.success)(&scene, spec.profile);
+        Self::at(scene, world, success, task.morphology.state_dim(), mode)
+    }
+
+    fn at(scene: Scene, world: World, success: Vec<Predicate>, state_dim: usize, mode: ControlMode) -> Self {
         let mut fingerprint = Fingerprint::default();
         world.hash_state(&mut fingerprint);
         Self {
-            success: (task.success)(&scene, spec.profile),
+            success,
             recording: Recording {
                 scene,
                 mode,
                 actions: Vec::new(),
                 states: Vec::new(),
                 snapshots: Vec::new(),
-                state_dim: task.morphology.state_dim(),
+                state_dim,
                 success_at_end: false,
                 fingerprint: 0,
             },
@@ -211,6 +227,18 @@ impl EpisodeRecorder {
 
     fn has_succeeded(&self) -> bool {
         first_unmet(&self.success, &self.world).is_none()
+    }
+
+    fn execute(&mut self, actions: &[f32]) -> Result<(), DemoError> {
+        let n_arms = self.recording.scene.robots.len();
+        let morphology = if n_arms == 1 { Morphology::Single } else { Morphology::Bimanual };
+        let action_dim = self.recording.mode.action_dim(morphology);
+        assert!(
+            actions.len().is_multiple_of(action_dim),
+            "{} values are not rows of {action_dim}",
+            actions.len()
+        );
+        actions.chunks_exact(action_dim).try_for_each(|row| self.step(row))
     }
 
     fn step(&mut self, row: &[f32]) -> Result<(), DemoError> {

@@ -6,27 +6,41 @@
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Vector3};
 use rapier3d::dynamics::{
-    JointAxesMask, MassProperties, Multibody, MultibodyIndex, RigidBodyBuilder, RigidBodyHandle,
+    MassProperties, Multibody, MultibodyDofCoupling, MultibodyIndex, RigidBodyBuilder, RigidBodyHandle,
 };
-use rapier3d::geometry::{ColliderHandle, NarrowPhase};
-use rapier3d::math::Vector;
-use rapier3d::pipeline::PhysicsWorld;
+use rapier3d::geometry::{ColliderHandle, Group, InteractionGroups, NarrowPhase};
+use rapier3d::pipeline::{ActiveHooks, PhysicsWorld};
 
-use super::bodies::collider;
+use super::bodies::{HAND, LINK, collider, collision_groups};
 use super::convert::{from_pose, from_vector, to_matrix, to_pose, to_vector};
+use super::hooks::{ARM_PREDICTION_M, FINGER};
 use super::joint::{coordinate_idx, single_dof_joint};
+use super::{ArmState, Parameters};
 use crate::robot::control::{Drive, FINGER_DRIVE, Targets, arm_drive, targets};
+use crate::robot::dynamics::{self, JointMatrix, LinkInertias};
 use crate::robot::kinematics::Joints;
 use crate::robot::panda::{
-    CollisionShape, FINGER_OPEN, Inertia, LOWER, N_DOFS, N_JOINTS, UPPER, finger_in_link7, finger_inertia,
-    finger_shapes, hand_in_link7, joint_origin, link_inertia, link_shapes, tcp_in_link7,
+    CollisionShape, FINGER_OPEN, Inertia, N_DOFS, N_JOINTS, finger_in_link7, finger_inertia, finger_shapes,
+    hand_in_link7, hand_shapes, joint_origin, link_inertia, link_shapes, tcp_in_link7,
 };
 use crate::scene::{ArmLinks, JointKind, Link, N_LINKS, Robot};
 
-/// Friction coefficient of the fingers.
-const FINGER_FRICTION: f32 = 2.0;
-/// Friction coefficient of all other links.
+/// Friction coefficient of links and hand.
 const LINK_FRICTION: f32 = 0.3;
+/// Collision groups of the links, and of hand and fingers.
+const LINK_GROUPS: InteractionGroups = collision_groups(LINK, Group::ALL);
+const HAND_GROUPS: InteractionGroups = collision_groups(HAND, Group::ALL);
+/// Makes both fingers move alike, as in the original.
+const FINGER_COUPLING: MultibodyDofCoupling = MultibodyDofCoupling {
+    link1: N_JOINTS + 1,
+    dof1: 0,
+    axis1: 0,
+    link2: N_JOINTS + 2,
+    dof2: 0,
+    axis2: 0,
+    coeff: 1.0,
+    offset: 0.0,
+};
 /// Minimum force on each finger for a grasp, in N.
 const MIN_GRASP_FORCE_N: f32 = 0.5;
 /// Cosine of the maximum angle, 85°, between that force and the finger's opening direction.
@@ -40,8 +54,11 @@ pub(super) struct Arm {
     fingers: [Vec<ColliderHandle>; 2],
     drive: Drive,
     targets: Targets,
-    /// Effective inertia of each joint (see [`Self::effective_inertia`]) as of the last command.
-    inertia: [f64; N_DOFS],
+    inertias: LinkInertias,
+    /// The next physics step if the arm touches nothing.
+    prediction: Prediction,
+    /// Added to the joint velocities after a physics step.
+    velocity_correction: Joints,
     hand_in_link7: Isometry3<f32>,
     tcp_in_link7: Isometry3<f32>,
 }
@@ -52,27 +69,29 @@ impl Arm {
         world: &mut PhysicsWorld,
         robot: &Robot,
         mode: ControlMode,
-        wrist_camera: bool,
+        parameters: &Parameters,
     ) -> Self {
         let mut builder = ArmBuilder { world, links: Vec::with_capacity(N_DOFS + 1) };
         let base = builder.world.insert_body(RigidBodyBuilder::fixed().pose(to_pose(&robot.base)));
         builder.links.push(base);
-        builder.add_shapes(base, &link_shapes(0), LINK_FRICTION);
+        builder.add_shapes(base, &link_shapes(0), LINK_FRICTION, LINK_GROUPS);
         for joint in 0..N_JOINTS {
             let axis = Vector3::z();
-            let child = builder.add_link(
-                builder.links[joint],
-                &link_inertia(joint, wrist_camera),
-                &joint_origin(joint),
-                &axis,
-            );
-            builder.add_shapes(child, &link_shapes(joint + 1), LINK_FRICTION);
+            let child =
+                builder.add_link(builder.links[joint], &link_inertia(joint), &joint_origin(joint), &axis);
+            builder.add_shapes(child, &link_shapes(joint + 1), LINK_FRICTION, LINK_GROUPS);
         }
+        let wrist = builder.links[N_JOINTS];
+        builder.add_shapes(wrist, &hand_shapes(), LINK_FRICTION, HAND_GROUPS);
         let fingers = [1.0, -1.0].map(|side| {
             let axis = Vector3::y() * side;
-            let wrist = builder.links[N_JOINTS];
             let finger = builder.add_link(wrist, &finger_inertia(), &finger_in_link7(), &axis);
-            builder.add_shapes(finger, &finger_shapes(side), FINGER_FRICTION)
+            let handles =
+                builder.add_shapes(finger, &finger_shapes(side), parameters.finger_friction, HAND_GROUPS);
+            for handle in &handles {
+                builder.world.colliders[*handle].user_data = FINGER;
+            }
+            handles
         });
         let links: [RigidBodyHandle; N_DOFS + 1] =
             builder.links.try_into().unwrap_or_else(|_| unreachable!("a base, seven links and two fingers"));
@@ -84,7 +103,9 @@ impl Arm {
             fingers,
             drive: arm_drive(mode),
             targets: Targets { joints: Joints::from(robot.qpos), finger: FINGER_OPEN },
-            inertia: [1.0; N_DOFS],
+            inertias: LinkInertias::default(),
+            prediction: Prediction::default(),
+            velocity_correction: Joints::zeros(),
             hand_in_link7: hand_in_link7().cast(),
             tcp_in_link7: tcp_in_link7().cast(),
         };
@@ -102,6 +123,7 @@ impl Arm {
         let multibody =
             world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
         multibody.set_self_contacts_enabled(false);
+        multibody.add_dof_coupling(FINGER_COUPLING);
         multibody.forward_kinematics(bodies, true);
         assert_eq!(multibody.ndofs(), N_DOFS, "a fixed base has no degree of freedom");
         multibody
@@ -111,6 +133,23 @@ impl Arm {
             .apply_displacements(&core::array::from_fn::<_, N_DOFS, _>(|dof| self.target_of(dof) as f32));
         multibody.forward_kinematics(bodies, false);
         multibody.update_rigid_bodies(bodies, true);
+    }
+
+    /// Sets positions and velocities of all joints. The targets become the positions.
+    pub(super) fn set_state(&mut self, world: &mut PhysicsWorld, state: &ArmState) {
+        let now = self.qpos(world);
+        let bodies = &mut world.bodies;
+        let multibody =
+            world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+        multibody
+            .apply_displacements(&core::array::from_fn::<_, N_DOFS, _>(|dof| state.qpos[dof] - now[dof]));
+        multibody.generalized_velocity_mut().copy_from_slice(&state.qvel);
+        multibody.forward_kinematics(bodies, false);
+        multibody.update_rigid_bodies(bodies, true);
+        self.targets = Targets {
+            joints: Joints::from_fn(|joint, _| f64::from(state.qpos[joint])),
+            finger: f64::from(state.qpos[N_JOINTS]),
+        };
     }
 
     fn drive_of(&self, dof: usize) -> Drive {
@@ -125,72 +164,101 @@ impl Arm {
     pub(super) fn command(&mut self, world: &PhysicsWorld, mode: ControlMode, row: &[f32]) {
         let qpos = self.qpos(world);
         self.targets = targets(mode, row, &Joints::from_fn(|joint, _| f64::from(qpos[joint])));
-        self.inertia = self.effective_inertia(world);
     }
 
-    /// Sets the springs for the next physics step. Returns `true` if a joint may reach a joint limit within
-    /// the step.
-    ///
-    /// rapier's springs have no force limit, so the rest position of a spring is moved towards the joint
-    /// until the force is within the drive's limit. The limit applies to the mean force over the step: while
-    /// a joint accelerates, the force of an implicit spring falls over one step to about 1 / (1 + x) of its
-    /// initial value, with x = dt (damping + stiffness · dt) / inertia.
-    pub(super) fn drive(&self, world: &mut PhysicsWorld) -> bool {
-        let (qpos, qvel) = (self.qpos(world), self.qvel(world));
+    /// Predicts the next physics step for the case that the arm touches nothing.
+    pub(super) fn predict(&mut self, world: &PhysicsWorld) {
+        let (qpos, qvel) = (self.qpos(world).map(f64::from), self.qvel(world).map(f64::from));
         let dt = f64::from(world.integration_parameters.dt);
+        let start =
+            [Joints::from_column_slice(&qpos[..N_JOINTS]), Joints::from_column_slice(&qvel[..N_JOINTS])];
+        let inertia = self.inertias.matrix(&start[0]);
+        // The matrix is positive definite unless the simulation has diverged, which ends the episode.
+        let Some(inverse) = inertia.cholesky().map(|factor| factor.inverse()) else { return };
+        let [mut q, mut v] = start;
+        dynamics::advance(&mut q, &mut v, &self.targets.joints, self.drive, &inverse, dt);
+        let fingers = [N_JOINTS, N_JOINTS + 1].map(|dof| {
+            let (mut q, mut v) = (qpos[dof], qvel[dof]);
+            dynamics::advance_finger(&mut q, &mut v, self.targets.finger, FINGER_DRIVE, dt);
+            (qpos[dof], qvel[dof], q)
+        });
+        self.prediction = Prediction { start, end: [q, v], inertia, fingers };
+    }
+
+    /// Sets the springs for the next physics step of `n_substeps` implicit substeps.
+    ///
+    /// rapier's springs and dampers are implicit, so that they yield to contacts as the drives do, but one or
+    /// two implicit substeps move the arm less than the drives would. The rest positions of the springs are
+    /// chosen such that an arm that touches nothing moves exactly as predicted. With the inertia matrix M,
+    /// substep h, stiffness k and damping d, a substep maps the velocity v to A⁻¹ (M v + h k (rest − q)),
+    /// where A = M + h d + h² k. All these matrices commute.
+    pub(super) fn drive(&mut self, world: &mut PhysicsWorld, n_substeps: usize) {
+        let dt = f64::from(world.integration_parameters.dt);
+        let h = dt / n_substeps as f64;
+        let Prediction { start: [q, v], end: [q_end, v_end], inertia, fingers } = &self.prediction;
+        let Drive { stiffness: k, damping: d, .. } = self.drive;
+        let shifted = |factor: f64, shift: f64| inertia * factor + JointMatrix::identity() * shift;
+        let mean = (q_end - q) / h;
+        let a = shifted(1.0, h * d + h * h * k);
+        let (rest, last_v) = if n_substeps == 1 {
+            (q + (a * mean - inertia * v) / (h * k), mean)
+        } else {
+            let c = shifted(2.0, h * d);
+            let sum = shifted(3.0, 2.0 * h * d + h * h * k);
+            let solve = |matrix: JointMatrix, rhs: Joints| {
+                matrix
+                    .cholesky()
+                    .expect("a sum of positive definite matrices is positive definite")
+                    .solve(&rhs)
+            };
+            let pull = solve(sum, a * (a * mean) - c * (inertia * v));
+            (q + pull / (h * k), mean - solve(a, inertia * v + pull))
+        };
+        self.velocity_correction = v_end - last_v;
+        let finger_mass = finger_inertia().mass;
+        let finger_rest = fingers.map(|(q, v, end)| {
+            let Drive { stiffness: k, damping: d, .. } = FINGER_DRIVE;
+            let (mean, a) = ((end - q) / h, finger_mass + h * d + h * h * k);
+            let pull = if n_substeps == 1 {
+                a * mean - finger_mass * v
+            } else {
+                let c = 2.0 * finger_mass + h * d;
+                (a * a * mean - c * finger_mass * v) / (c + a)
+            };
+            q + pull / (h * k)
+        });
         let multibody =
             world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
-        let mut any_at_limit = false;
         for dof in 0..N_DOFS {
-            let Drive { stiffness, damping, limit } = self.drive_of(dof);
-            let (q, v) = (f64::from(qpos[dof]), f64::from(qvel[dof]));
-            let resistance = dt * (damping + stiffness * dt);
-            let limit = limit * (1.0 + 0.5 * resistance / self.inertia[dof]);
-            let force = (stiffness * (self.target_of(dof) - q) - damping * v).clamp(-limit, limit);
-            let rest = q + (force + damping * v) / stiffness;
+            let stiffness = if dof < N_JOINTS { k } else { FINGER_DRIVE.stiffness };
+            let rest = if dof < N_JOINTS { rest[dof] } else { finger_rest[dof - N_JOINTS] };
             let joint = &mut multibody.link_mut(dof + 1).expect("one link per joint").joint;
             joint.set_spring(coordinate_idx(kind(dof)), stiffness as f32, rest as f32);
-            // A limit that the joint cannot reach within this step would add a constraint without effect.
-            let predicted_v = v + dt * (force - stiffness * dt * v) / (self.inertia[dof] + resistance);
-            let [lo, hi] = range(dof);
-            let predicted_q = [q, q + 2.0 * dt * v, q + 2.0 * dt * predicted_v];
-            let at_limit = predicted_q.iter().any(|q| *q < lo || *q > hi);
-            joint.data.limit_axes = if at_limit { !joint.data.locked_axes } else { JointAxesMask::empty() };
-            any_at_limit |= at_limit;
         }
-        any_at_limit
     }
 
-    /// Returns `true` if the bounding box of a moving link overlapped that of any collider outside the arm in
-    /// the last step.
+    /// Completes a physics step. The implicit substeps end at their mean velocity, the drives at another one.
+    pub(super) fn correct_velocity(&self, world: &mut PhysicsWorld) {
+        let multibody =
+            world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+        let mut velocity = multibody.generalized_velocity_mut();
+        for joint in 0..N_JOINTS {
+            velocity[joint] += self.velocity_correction[joint] as f32;
+        }
+    }
+
+    /// Returns `true` if a moving link was about to touch anything outside the arm in the last step.
     pub(super) fn is_near_others(&self, world: &PhysicsWorld) -> bool {
         let is_own = |handle: ColliderHandle| {
             let body = world.colliders[handle].parent();
             body.is_some_and(|body| self.links.contains(&body))
         };
         let moving = self.links[1..].iter().flat_map(|link| world.bodies[*link].colliders());
-        moving
-            .flat_map(|handle| world.narrow_phase.contact_pairs_with(*handle))
-            .any(|pair| !is_own(pair.collider1) || !is_own(pair.collider2))
-    }
-
-    /// Returns the inertia that each joint accelerates, i.e. of its own link and all links after it: kg·m²
-    /// for arm joints, kg for fingers.
-    fn effective_inertia(&self, world: &PhysicsWorld) -> [f64; N_DOFS] {
-        let multibody = self.multibody(world);
-        let mut inertia = [0.0; N_DOFS];
-        for (link, handle) in self.links.iter().enumerate().skip(1) {
-            let properties = world.bodies[*handle].mass_properties();
-            let (mass, rotational) = (properties.effective_mass().x, properties.effective_angular_inertia());
-            let jacobian = multibody.body_jacobian(link);
-            for (dof, inertia) in inertia.iter_mut().enumerate() {
-                let column = jacobian.column(dof);
-                let linear = Vector::new(column[0], column[1], column[2]);
-                let angular = Vector::new(column[3], column[4], column[5]);
-                *inertia += f64::from(mass * linear.length_squared() + angular.dot(rotational * angular));
-            }
-        }
-        inertia
+        moving.flat_map(|handle| world.narrow_phase.contact_pairs_with(*handle)).any(|pair| {
+            let nearest = || pair.find_deepest_contact().map(|(_, contact)| contact.dist);
+            !(is_own(pair.collider1) && is_own(pair.collider2))
+                && nearest().is_some_and(|distance| distance < ARM_PREDICTION_M)
+        })
     }
 
     /// Returns the positions of joints 1 to 7 (rad) and of the fingers (m).
@@ -261,14 +329,22 @@ impl Arm {
     }
 }
 
+/// A physics step of an arm that touches nothing.
+#[derive(Default)]
+struct Prediction {
+    /// Joint positions (rad) and velocities (rad/s) before the step.
+    start: [Joints; 2],
+    /// Joint positions and velocities after the step.
+    end: [Joints; 2],
+    /// Inertia matrix, in kg·m².
+    inertia: JointMatrix,
+    /// Position (m) and velocity (m/s) of each finger before the step, and its position after it.
+    fingers: [(f64, f64, f64); 2],
+}
+
 /// Returns the joint type of a degree of freedom: arm joints are revolute, fingers prismatic.
 const fn kind(dof: usize) -> JointKind {
     if dof < N_JOINTS { JointKind::Hinge } else { JointKind::Slide }
-}
-
-/// Returns the minimum and maximum position of a joint (rad) or finger (m).
-const fn range(dof: usize) -> [f64; 2] {
-    if dof < N_JOINTS { [LOWER[dof], UPPER[dof]] } else { [0.0, FINGER_OPEN] }
 }
 
 /// Inserts links into a world and records their handles.
@@ -296,7 +372,7 @@ impl ArmBuilder<'_> {
             RigidBodyBuilder::dynamic().gravity_scale(0.0).can_sleep(false).additional_mass_properties(mass);
         let link = self.world.insert_body(link);
         let dof = self.links.len() - 1;
-        let joint = single_dof_joint(kind(dof), origin, axis, range(dof));
+        let joint = single_dof_joint(kind(dof), origin, axis, None);
         self.world.multibody_joints.insert(parent, link, joint, true).expect("the links form a tree");
         self.links.push(link);
         link
@@ -307,9 +383,12 @@ impl ArmBuilder<'_> {
         link: RigidBodyHandle,
         shapes: &[CollisionShape],
         friction: f32,
+        groups: InteractionGroups,
     ) -> Vec<ColliderHandle> {
         let add = |(shape, pose): &CollisionShape| {
-            self.world.insert_collider(collider(shape, pose).density(0.0).friction(friction), Some(link))
+            let collider = collider(shape, pose).density(0.0).friction(friction).collision_groups(groups);
+            let hooks = ActiveHooks::MODIFY_SOLVER_CONTACTS;
+            self.world.insert_collider(collider.active_hooks(hooks), Some(link))
         };
         shapes.iter().map(add).collect()
     }

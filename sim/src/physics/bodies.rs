@@ -6,7 +6,8 @@ use rapier3d::geometry::{ColliderBuilder, Group, InteractionGroups, InteractionT
 use rapier3d::math::{Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 
-use super::convert::to_pose;
+use super::BodyState;
+use super::convert::{from_pose, from_vector, to_pose, to_vector};
 use super::hull::Hull;
 use super::joint::{coordinate_idx, single_dof_joint};
 use crate::scene::{Body, JointKind, JointSpec, Mass, Motion, Primitive, TableKind};
@@ -24,6 +25,9 @@ const WALL_HEIGHT: f64 = 2.0;
 /// Collision groups of fixed and of jointed bodies, which do not collide with each other.
 const FIXED: Group = Group::GROUP_1;
 const JOINTED: Group = Group::GROUP_2;
+/// Collision groups of the arms' links, and of their hands and fingers.
+pub(super) const LINK: Group = Group::GROUP_3;
+pub(super) const HAND: Group = Group::GROUP_4;
 
 /// Builds a collider of a shape at a pose in its parent's frame.
 pub(super) fn collider(shape: &Primitive, pose: &Isometry3<f64>) -> ColliderBuilder {
@@ -93,14 +97,15 @@ fn mass_properties(kg: f64, centre: [f64; 3], inertia: [f64; 3]) -> MassProperti
 }
 
 /// Collision groups of a collider that belongs to `memberships` and collides with members of `filter`.
-fn collision_groups(memberships: Group, filter: Group) -> InteractionGroups {
+pub(super) const fn collision_groups(memberships: Group, filter: Group) -> InteractionGroups {
     InteractionGroups::new(memberships, filter, InteractionTestMode::And)
 }
 
 /// Attaches a body to its start pose by a multibody with one joint, because joints between free bodies sag.
 fn attach(world: &mut PhysicsWorld, body: RigidBodyHandle, joint: &JointSpec, start: &Isometry3<f64>) {
     let anchor = world.insert_body(RigidBodyBuilder::fixed().pose(to_pose(start)));
-    let guide = single_dof_joint(joint.kind, &Isometry3::identity(), &joint.axis.into(), [0.0, joint.upper]);
+    let guide =
+        single_dof_joint(joint.kind, &Isometry3::identity(), &joint.axis.into(), Some([0.0, joint.upper]));
     world.multibody_joints.insert(anchor, body, guide, true).expect("an anchor and a body form a tree");
     let link = *world.multibody_joints.rigid_body_link(body).expect("the body was just attached");
     let bodies = &mut world.bodies;
@@ -122,28 +127,72 @@ pub(super) fn joint_position(world: &PhysicsWorld, body: RigidBodyHandle, kind: 
     multibody.link(link.id).expect("a link of its multibody").joint().coords()[coordinate_idx(kind)]
 }
 
+/// Sets pose and velocity of a body without a joint.
+pub(super) fn set_state(world: &mut PhysicsWorld, body: RigidBodyHandle, state: &BodyState) {
+    let body = &mut world.bodies[body];
+    body.set_position(to_pose(&state.pose.cast()), true);
+    if body.is_dynamic() {
+        body.set_linvel(to_vector(&state.linear_velocity.cast()), true);
+        body.set_angvel(to_vector(&state.angular_velocity.cast()), true);
+    }
+}
+
+/// Moves a body on a joint to the position nearest to a pose, and sets its velocity along the joint.
+pub(super) fn set_joint_state(
+    world: &mut PhysicsWorld,
+    body: RigidBodyHandle,
+    kind: JointKind,
+    state: &BodyState,
+) {
+    let link = *world.multibody_joints.rigid_body_link(body).expect("a jointed body is in a multibody");
+    let now = from_pose(world.bodies[body].position());
+    let multibody =
+        world.multibody_joints.get_multibody_mut(link.multibody).expect("a link's multibody exists");
+    let joint = &multibody.link(link.id).expect("a link of its multibody").joint().data;
+    let axis = from_vector(joint.local_frame2.rotation * Vector::X);
+    let (displacement, velocity) = match kind {
+        JointKind::Slide => {
+            let axis = now.rotation * axis;
+            let moved = state.pose.translation.vector - now.translation.vector;
+            (moved.dot(&axis), state.linear_velocity.dot(&axis))
+        }
+        JointKind::Hinge => {
+            let turned = (now.rotation.inverse() * state.pose.rotation).into_inner();
+            let angle = 2.0 * libm::atan2f(turned.imag().dot(&axis), turned.w);
+            let turn = core::f32::consts::TAU;
+            (angle - turn * libm::roundf(angle / turn), state.angular_velocity.dot(&(now.rotation * axis)))
+        }
+    };
+    multibody.apply_displacements(&[displacement]);
+    multibody.generalized_velocity_mut()[0] = velocity;
+    let bodies = &mut world.bodies;
+    multibody.forward_kinematics(bodies, false);
+    multibody.update_rigid_bodies(bodies, true);
+}
+
 /// Adds the floor, the table and the four walls of the room (docs/benchmark.md, "Scenes and objects").
 ///
 /// The walls exist even where no background perturbation shows them: appearance never affects a trajectory.
 pub(super) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
-    let mut block = |half: [f64; 3], centre: [f64; 3]| {
+    let mut block = |half: [f64; 3], centre: [f64; 3], filter: Group| {
         let pose = Isometry3::from(Translation3::from(centre));
         let collider_builder = collider(&Primitive::Box { half }, &pose).friction(GROUND_FRICTION);
-        world.insert_collider(collider_builder.collision_groups(collision_groups(FIXED, !JOINTED)), None);
+        world.insert_collider(collider_builder.collision_groups(collision_groups(FIXED, filter)), None);
     };
     for sign in [-1.0, 1.0] {
         let [half, z] = [WALL_HEIGHT / 2.0, FLOOR_Z + WALL_HEIGHT / 2.0];
-        block([0.05, 1.5, half], [sign * WALL_DISTANCE, 0.0, z]);
-        block([1.5, 0.05, half], [0.0, sign * WALL_DISTANCE, z]);
+        block([0.05, 1.5, half], [sign * WALL_DISTANCE, 0.0, z], !JOINTED);
+        block([1.5, 0.05, half], [0.0, sign * WALL_DISTANCE, z], !JOINTED);
     }
-    block([5.0, 5.0, 0.5], [0.0, 0.0, FLOOR_Z - 0.5]);
+    block([5.0, 5.0, 0.5], [0.0, 0.0, FLOOR_Z - 0.5], !JOINTED);
     let [x, y] = match table {
         TableKind::SingleArmTurned => [1.209, 0.6045],
         TableKind::SingleArm | TableKind::Bimanual => [0.6045, 1.209],
     };
-    block([x, y, -FLOOR_Z / 2.0], [-0.12, 0.0, FLOOR_Z / 2.0]);
+    block([x, y, -FLOOR_Z / 2.0], [-0.12, 0.0, FLOOR_Z / 2.0], !JOINTED);
     if table == TableKind::Bimanual {
-        block([0.6, 0.8, 0.025], [0.0, 0.0, 0.8]);
+        // Hands and fingers reach through this plate, as in the original.
+        block([0.6, 0.8, 0.025], [0.0, 0.0, 0.8], !(JOINTED | HAND));
     }
 }
 

@@ -6,11 +6,15 @@
 mod arm;
 mod bodies;
 mod convert;
+mod hooks;
 mod hull;
 mod joint;
-mod solver;
+mod parameters;
+mod state;
 mod world;
 
+pub use parameters::Parameters;
+pub use state::{ArmState, BodyState, WorldState};
 pub use world::World;
 
 /// Control steps per second of simulated time.

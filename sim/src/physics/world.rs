@@ -8,7 +8,8 @@ use rapier3d::pipeline::PhysicsWorld;
 
 use super::arm::Arm;
 use super::convert::{from_pose, from_vector};
-use super::{SUBSTEPS, bodies, solver};
+use super::hooks::ArmContacts;
+use super::{Parameters, SUBSTEPS, WorldState, bodies};
 use crate::fingerprint::Fingerprint;
 use crate::robot::panda::{N_DOFS, N_JOINTS};
 use crate::scene::{JointKind, Motion, Scene, Snapshot};
@@ -23,27 +24,55 @@ pub struct World {
     bodies: Vec<RigidBodyHandle>,
     joints: Vec<Option<JointKind>>,
     mode: ControlMode,
+    parameters: Parameters,
 }
 
 impl World {
     /// Builds the world of a scene in its start state. The arms' targets are their start positions.
     #[must_use]
     pub fn build(scene: &Scene, mode: ControlMode) -> Self {
+        Self::with_parameters(scene, mode, &Parameters::default())
+    }
+
+    /// Builds the world as [`Self::build`] does, with other parameters than the default.
+    ///
+    /// # Panics
+    /// If the number of substeps is neither 1 nor 2.
+    #[must_use]
+    pub fn with_parameters(scene: &Scene, mode: ControlMode, parameters: &Parameters) -> Self {
+        assert!(matches!(parameters.substeps, 1 | 2), "a physics step has one or two substeps");
         let mut rapier = PhysicsWorld {
             gravity: Vector::new(0.0, 0.0, GRAVITY),
-            integration_parameters: solver::parameters(),
+            integration_parameters: parameters.integration(),
             ..PhysicsWorld::default()
         };
         bodies::add_ground(&mut rapier, scene.table.kind);
         let bodies = scene.bodies.iter().map(|body| bodies::add_body(&mut rapier, body)).collect();
-        let wrist_camera = scene.robots.len() == 1;
-        let arms =
-            scene.robots.iter().map(|robot| Arm::add(&mut rapier, robot, mode, wrist_camera)).collect();
+        let arms = scene.robots.iter().map(|robot| Arm::add(&mut rapier, robot, mode, parameters)).collect();
         let joints = scene.bodies.iter().map(|body| match body.motion {
             Motion::Jointed(joint) => Some(joint.kind),
             Motion::Dynamic | Motion::Fixed | Motion::VisualOnly => None,
         });
-        Self { rapier, arms, bodies, joints: joints.collect(), mode }
+        Self { rapier, arms, bodies, joints: joints.collect(), mode, parameters: parameters.clone() }
+    }
+
+    /// Sets the state. The targets of the arms become their positions. A body on a joint is moved along the
+    /// joint to the position nearest to its pose, and only the part of its velocity along the joint counts.
+    ///
+    /// # Panics
+    /// If the state has another number of arms or bodies.
+    pub fn set_state(&mut self, state: &WorldState) {
+        let n = (state.arms.len(), state.bodies.len());
+        assert_eq!(n, (self.arms.len(), self.bodies.len()), "the state belongs to another scene");
+        for (arm, state) in self.arms.iter_mut().zip(&state.arms) {
+            arm.set_state(&mut self.rapier, state);
+        }
+        for ((&body, joint), state) in self.bodies.iter().zip(&self.joints).zip(&state.bodies) {
+            match *joint {
+                Some(kind) => bodies::set_joint_state(&mut self.rapier, body, kind, state),
+                None => bodies::set_state(&mut self.rapier, body, state),
+            }
+        }
     }
 
     /// Executes one control step of 0.05 s. `action` is one row, `[action_dim]` f32: the parts of all arms,
@@ -55,7 +84,11 @@ impl World {
         self.command(action);
         for _ in 0..SUBSTEPS {
             self.drive();
-            self.rapier.step();
+            self.rapier
+                .step_with_events(&ArmContacts { finger_stiffness: self.parameters.finger_stiffness }, &());
+            for arm in &self.arms {
+                arm.correct_velocity(&mut self.rapier);
+            }
         }
     }
 
@@ -73,13 +106,15 @@ impl World {
 
     /// Sets the arms' springs and the number of solver substeps for the next physics step.
     fn drive(&mut self) {
-        let mut needs_substeps = false;
-        for arm in &self.arms {
-            let at_limit = arm.drive(&mut self.rapier);
-            needs_substeps |= at_limit || arm.is_near_others(&self.rapier);
+        for arm in &mut self.arms {
+            arm.predict(&self.rapier);
         }
-        self.rapier.integration_parameters.num_solver_iterations =
-            if needs_substeps { solver::CONTACT_SUBSTEPS } else { solver::FREE_SUBSTEPS };
+        let needs_substeps = self.arms.iter().any(|arm| arm.is_near_others(&self.rapier));
+        let n_substeps = if needs_substeps { self.parameters.substeps } else { 1 };
+        self.rapier.integration_parameters.num_solver_iterations = n_substeps;
+        for arm in &mut self.arms {
+            arm.drive(&mut self.rapier, n_substeps);
+        }
     }
 
     /// Returns the mass of a body in kg, 0 if it is fixed.
@@ -95,6 +130,12 @@ impl World {
     #[must_use]
     pub fn n_arms(&self) -> usize {
         self.arms.len()
+    }
+
+    /// Returns the number of bodies of the scene.
+    #[must_use]
+    pub fn n_bodies(&self) -> usize {
+        self.bodies.len()
     }
 
     /// Returns the world pose of a body's frame (not of its centre of mass).

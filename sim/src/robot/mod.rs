@@ -5,6 +5,7 @@
 //! not depend on the system's libm.
 
 pub mod control;
+pub mod dynamics;
 pub mod ik;
 pub mod kinematics;
 pub mod panda;

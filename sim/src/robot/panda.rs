@@ -81,7 +81,8 @@ impl Inertia {
     }
 
     /// Expresses the inertia in another frame, in which its own frame has `pose`.
-    fn transformed(self, pose: &Isometry3<f64>) -> Self {
+    #[must_use]
+    pub fn transformed(self, pose: &Isometry3<f64>) -> Self {
         let rotation = pose.rotation.to_rotation_matrix();
         Self {
             mass: self.mass,
@@ -91,7 +92,8 @@ impl Inertia {
     }
 
     /// Returns the inertia of both parts as one rigid body (parallel axis theorem).
-    fn combined(self, other: Self) -> Self {
+    #[must_use]
+    pub fn combined(self, other: Self) -> Self {
         let mass = self.mass + other.mass;
         let com = (self.com * self.mass + other.com * other.mass) / mass;
         let about = |part: Self| {
@@ -102,14 +104,13 @@ impl Inertia {
     }
 }
 
-/// Returns the inertia of link 1 to 7 (`link` 0 to 6). Link 7 includes the hand and, on a single arm, the
-/// wrist camera.
+/// Returns the inertia of link 1 to 7 (`link` 0 to 6). Link 7 includes the hand and the wrist camera.
 ///
 /// Masses are those of the benchmark; centres of mass and inertias were identified by Gaz et al., "Dynamic
 /// Identification of the Franka Emika Panda Robot With Retrieval of Feasible Parameters" (RA-L 2019), as
 /// published with the robot model.
 #[must_use]
-pub fn link_inertia(link: usize, wrist_camera: bool) -> Inertia {
+pub fn link_inertia(link: usize) -> Inertia {
     match link {
         0 => Inertia::new(
             4.971,
@@ -158,7 +159,7 @@ pub fn link_inertia(link: usize, wrist_camera: bool) -> Inertia {
             let wrist = flange.combined(hand.transformed(&hand_in_link7()));
             // The camera is modelled as a small box at the camera centre.
             let camera = Inertia::new(0.564, [0.0465, -0.02, 0.036], [0.0002; 3], [0.0; 3]);
-            if wrist_camera { wrist.combined(camera.transformed(&hand_in_link7())) } else { wrist }
+            wrist.combined(camera.transformed(&hand_in_link7()))
         }
     }
 }
@@ -172,8 +173,8 @@ pub fn finger_inertia() -> Inertia {
 /// A collision shape and its pose in a link frame.
 pub type CollisionShape = (Primitive, Isometry3<f64>);
 
-/// Returns the collision shapes of link 0 to 7; link 7 includes the hand. They are capsules and boxes fitted
-/// to the bounds of the benchmark's convex hulls.
+/// Returns the collision shapes of link 0 to 7, without the hand. They are capsules and boxes fitted to the
+/// bounds of the benchmark's convex hulls.
 #[must_use]
 pub fn link_shapes(link: usize) -> Vec<CollisionShape> {
     match link {
@@ -203,13 +204,24 @@ pub fn link_shapes(link: usize) -> Vec<CollisionShape> {
             capsule_between([0.088, 0.0, 0.0], [0.088, 0.033, 0.0], 0.05),
         ],
         _ => {
-            let hand = hand_in_link7();
+            let flange = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_4);
+            let centre = flange * Vector3::new(0.0214, 0.0, 0.0794);
             vec![
-                box_at([0.044, 0.044, 0.0275], &(hand * Translation3::new(0.0, 0.0, -0.0275))),
-                box_at([0.0315, 0.102, 0.046], &(hand * Translation3::new(0.0, 0.0, 0.02))),
+                box_at([0.044, 0.044, 0.0275], &(hand_in_link7() * Translation3::new(0.0, 0.0, -0.0275))),
+                box_at([0.0653, 0.0283, 0.0274], &Isometry3::from_parts(centre.into(), flange)),
             ]
         }
     }
+}
+
+/// Returns the collision shapes of the hand and the wrist camera in the frame of link 7.
+#[must_use]
+pub fn hand_shapes() -> [CollisionShape; 2] {
+    let shape = |half, [x, y, z]: [f64; 3]| box_at(half, &(hand_in_link7() * Translation3::new(x, y, z)));
+    [
+        shape([0.0315, 0.102, 0.046], [0.0, 0.0, 0.02]),
+        shape([0.0115, 0.0495, 0.010025], [0.0465, 0.0, 0.0235]),
+    ]
 }
 
 /// Returns the collision shapes of a finger in its frame: the pad, and the three boxes that support it.

@@ -55,7 +55,8 @@ fn distractors_stay_at_rest_without_initial_contact() {
             for step in 0..20 {
                 world.step(&row);
                 if step == 0 {
-                    assert!(world.max_penetration() < 1e-3, "{}: {}", task.name(), world.max_penetration());
+                    // The wrist camera may touch the chest of PlaceCubeInDrawer at the start.
+                    assert!(world.max_penetration() < 2e-3, "{}: {}", task.name(), world.max_penetration());
                 }
             }
             for (pose, before) in poses(&world).iter().zip(&start) {

@@ -2,6 +2,7 @@
 
 use core::f64::consts::FRAC_PI_2;
 
+use sim::physics::WorldState;
 use sim::scene::{Body, JointKind, JointSpec, Motion, Scene};
 
 use super::common::{after, bodies_only, brick};
@@ -78,4 +79,26 @@ fn overlap_is_reported_as_penetration() {
     let bricks = [0.05, 0.14].map(|z| brick("brick", Motion::Dynamic, [0.05; 3], [0.0, 0.0, z]));
     let overlap = after(&bodies_only(bricks.to_vec()), 1).max_penetration();
     assert!((0.002..0.011).contains(&overlap), "placed 10 mm deep, found {overlap} m after a step");
+}
+
+#[test]
+fn set_state_moves_a_body_along_its_joint() {
+    let (axis, upper) = ([0.0, 1.0, 0.0], FRAC_PI_2);
+    let hinge = JointSpec { kind: JointKind::Hinge, axis, upper, damping: 1.0, friction: 0.0 };
+    let mut door = brick("door", Motion::Jointed(hinge), [0.05; 3], [0.0, 0.0, 1.0]);
+    door.parts[0].pose.translation.x = 0.2;
+    for body in [door, sinking(0.0)] {
+        let scene = bodies_only(vec![body]);
+        let moving = after(&scene, 4);
+        let mut world = after(&scene, 0);
+        world.set_state(&WorldState::of(&moving));
+        let (position, expected) = (world.joint_position(0), moving.joint_position(0));
+        assert!(expected > 0.01 && (position - expected).abs() < 1e-5, "at {position}, not {expected}");
+        world.step(&[]);
+        let continued = after(&scene, 5).joint_position(0);
+        let reached = world.joint_position(0);
+        // The velocity that rapier reports for a body on a joint is that of the physics step before.
+        let tolerance = 0.05 * (continued - expected);
+        assert!((reached - continued).abs() < tolerance, "from {expected} to {reached}, not to {continued}");
+    }
 }

@@ -1,0 +1,216 @@
+//! Agreement of our physics with another simulator's: the same start states and actions, side by side.
+//!
+//! `cargo bench -p benches --bench agreement -- --trajectories DIR [--each yes] [--csv FILE]`. Every JSON file
+//! of the folder is a trajectory with a recorded motion (docs/trajectories.md; `python/convert_recordings.py`
+//! converts recordings). Its actions are executed from its start, and compared with what was recorded:
+//! success under either profile, the number of steps by which the first success comes later, distances of
+//! the TCPs, of the arm joints and of the fingers over all steps, and of the bodies at the end. Files are
+//! grouped by name, without the part after the last dot of the stem; `--each yes` lists them one by one.
+
+#![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use benches::{Report, median};
+use rayon::prelude::*;
+use sim::Profile;
+use sim::physics::Parameters;
+use sim::trajectory::{RecordedFile, Replay, Start, TrajectoryFile, read_actions};
+
+fn main() -> Result<()> {
+    let (mut folder, mut each) = (None, false);
+    let mut parameters = Parameters::default();
+    let mut report = Report::with_options(
+        "agreement",
+        "--trajectories DIR, --set NAME=VALUE, --each yes, ",
+        |flag, value| {
+            match flag {
+                "--trajectories" => folder = Some(PathBuf::from(value)),
+                "--set" => parameters = with(&parameters, value)?,
+                "--each" => each = value == "yes",
+                _ => return Ok(false),
+            }
+            Ok(true)
+        },
+    )?;
+    let folder = folder.context("--trajectories DIR is required")?;
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(&folder).with_context(|| format!("read {}", folder.display()))? {
+        files.push(entry?.path());
+    }
+    files.retain(|path| path.extension().is_some_and(|extension| extension == "json"));
+    files.sort();
+    ensure!(!files.is_empty(), "{} has no trajectories", folder.display());
+    let compared: Vec<Comparison> =
+        files.par_iter().map(|path| Comparison::of(path, &parameters)).collect::<Result<_>>()?;
+
+    let mut groups: BTreeMap<&str, Vec<&Comparison>> = BTreeMap::new();
+    for comparison in &compared {
+        let name = &comparison.name;
+        let group = if each { name } else { name.rsplit_once('.').map_or(&**name, |(group, _)| group) };
+        groups.entry(group).or_default().push(comparison);
+    }
+    println!(
+        "{:36} {:>7} {:>7} {:>9} {:>15} {:>15} {:>15} {:>17}",
+        "", "strict", "paper", "steps", "TCP mm", "joints mrad", "fingers mm", "bodies at end mm"
+    );
+    for (group, members) in &groups {
+        print_row(group, members);
+        for (figure, value, unit) in figures(members) {
+            report.add(&format!("{group}/{figure}"), value, unit, "");
+        }
+    }
+    print_row("all", &compared.iter().collect::<Vec<_>>());
+    report.finish()
+}
+
+/// Returns the parameters with one of them changed, by `NAME=VALUE` in JSON.
+fn with(parameters: &Parameters, assignment: &str) -> Result<Parameters> {
+    let (name, value) = assignment.split_once('=').context("--set needs NAME=VALUE")?;
+    let mut fields = serde_json::to_value(parameters)?;
+    fields[name] = serde_json::from_str(value).with_context(|| format!("{value} is not a number"))?;
+    serde_json::from_value(fields).with_context(|| format!("cannot set {name}"))
+}
+
+/// Our motion against the recorded one.
+struct Comparison {
+    name: String,
+    /// Steps of the first success, ours under each profile and the recorded one.
+    ours: [Option<u32>; 2],
+    recorded: Option<u32>,
+    /// Distances after each step and arm (or after each step, arm and joint), in m or rad.
+    tcp: Vec<f64>,
+    joints: Vec<f64>,
+    fingers: Vec<f64>,
+    /// Distance of each movable body at the end, in m.
+    bodies: Vec<f64>,
+}
+
+impl Comparison {
+    fn of(path: &Path, parameters: &Parameters) -> Result<Self> {
+        let name = path.file_stem().and_then(|stem| stem.to_str()).context("a file name is not UTF-8")?;
+        let mut file = TrajectoryFile::read(path)?;
+        let recorded = file.recorded.take();
+        let recorded = recorded.with_context(|| format!("{} has no recorded motion", path.display()))?;
+        let [strict, paper] = [Profile::Strict, Profile::Paper].map(|profile| {
+            file.profile = profile;
+            Start::resolve(&file, path)
+        });
+        let (strict, paper) = (strict?, paper?);
+        let actions = read_actions(path, strict.action_dim())?;
+        let n_steps = actions.len() / strict.action_dim();
+        ensure!(
+            recorded.tcp.len() == n_steps && recorded.qpos.len() == n_steps,
+            "{}: {n_steps} actions, but {} recorded steps",
+            path.display(),
+            recorded.qpos.len()
+        );
+        let mut result = Self {
+            name: name.to_owned(),
+            ours: [None, first_success(&paper, &actions, parameters)],
+            recorded: recorded.first_success_step,
+            tcp: Vec::new(),
+            joints: Vec::new(),
+            fingers: Vec::new(),
+            bodies: Vec::new(),
+        };
+        result.step_through(&strict, &actions, &recorded, parameters);
+        Ok(result)
+    }
+
+    fn step_through(
+        &mut self,
+        start: &Start,
+        actions: &[f32],
+        recorded: &RecordedFile,
+        parameters: &Parameters,
+    ) {
+        let mut replay = Replay::new(start, parameters);
+        for (i, row) in actions.chunks_exact(start.action_dim()).enumerate() {
+            replay.step(row);
+            if self.ours[0].is_none() && replay.unmet().is_none() {
+                self.ours[0] = Some(i as u32 + 1);
+            }
+            let world = replay.world();
+            for (arm, (tcp, qpos)) in recorded.tcp[i].iter().zip(&recorded.qpos[i]).enumerate() {
+                let position = world.tcp_pose(arm).translation.vector.cast::<f64>();
+                self.tcp.push((position - nalgebra::Vector3::from(*tcp)).norm());
+                let difference = |dof: usize| (f64::from(world.qpos(arm)[dof]) - qpos[dof]).abs();
+                self.joints.extend((0..7).map(difference));
+                self.fingers.extend((7..9).map(difference));
+            }
+        }
+        for (idx, body) in start.scene.bodies.iter().enumerate() {
+            if let Some([x, y, z, ..]) = recorded.bodies_at_end.get(body.name)
+                && body.motion.can_move()
+            {
+                let position = replay.world().body_pose(idx).translation.vector.cast::<f64>();
+                self.bodies.push((position - nalgebra::Vector3::new(*x, *y, *z)).norm());
+            }
+        }
+    }
+}
+
+fn first_success(start: &Start, actions: &[f32], parameters: &Parameters) -> Option<u32> {
+    let mut replay = Replay::new(start, parameters);
+    let mut steps = (1..).zip(actions.chunks_exact(start.action_dim()));
+    steps.find_map(|(step, row)| {
+        replay.step(row);
+        replay.unmet().is_none().then_some(step)
+    })
+}
+
+/// Returns the figures of a group of trajectories: name, value, unit.
+fn figures(members: &[&Comparison]) -> Vec<(&'static str, f64, &'static str)> {
+    let successes = |profile: usize| members.iter().filter(|it| it.ours[profile].is_some()).count() as f64;
+    let all = |values: fn(&Comparison) -> &[f64]| -> Vec<f64> {
+        members.iter().flat_map(|it| values(it).iter().map(|value| 1e3 * value)).collect()
+    };
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let max = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
+    let (tcp, joints, fingers) = (all(|it| &it.tcp), all(|it| &it.joints), all(|it| &it.fingers));
+    let mut result = vec![
+        ("n", members.len() as f64, "trajectories"),
+        ("success_strict", successes(0), "trajectories"),
+        ("success_paper", successes(1), "trajectories"),
+        ("tcp_mean", mean(&tcp), "mm"),
+        ("tcp_max", max(&tcp), "mm"),
+        ("joints_mean", mean(&joints), "mrad"),
+        ("joints_max", max(&joints), "mrad"),
+        ("fingers_mean", mean(&fingers), "mm"),
+        ("fingers_max", max(&fingers), "mm"),
+    ];
+    let mut bodies = all(|it| &it.bodies);
+    if !bodies.is_empty() {
+        result.push(("bodies_median", median(&mut bodies), "mm"));
+        result.push(("bodies_max", max(&bodies), "mm"));
+    }
+    result
+}
+
+fn print_row(name: &str, members: &[&Comparison]) {
+    let figures: BTreeMap<&str, f64> = figures(members).into_iter().map(|it| (it.0, it.1)).collect();
+    let later = members.iter().filter_map(|it| Some(i64::from(it.ours[0]?) - i64::from(it.recorded?)));
+    let later: Vec<i64> = later.collect();
+    let steps = match (later.iter().min(), later.iter().max()) {
+        (Some(min), Some(max)) if min == max => format!("{min:+}"),
+        (Some(min), Some(max)) => format!("{min:+}..{max:+}"),
+        _ => "–".to_owned(),
+    };
+    let pair = |figure: &str, digits: usize| {
+        let of = |kind: &str| figures.get(&*format!("{figure}_{kind}")).copied();
+        let first = of("mean").or_else(|| of("median"));
+        first.zip(of("max")).map_or("–".to_owned(), |(a, b)| format!("{a:.digits$} / {b:.digits$}"))
+    };
+    println!(
+        "{name:36} {:>7} {:>7} {steps:>9} {:>15} {:>15} {:>15} {:>17}",
+        format!("{}/{}", figures["success_strict"], figures["n"]),
+        format!("{}/{}", figures["success_paper"], figures["n"]),
+        pair("tcp", 2),
+        pair("joints", 2),
+        pair("fingers", 2),
+        pair("bodies", 1),
+    );
+}

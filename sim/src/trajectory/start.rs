@@ -1,0 +1,171 @@
+//! Start states: a trajectory file resolved against the task it names.
+
+use std::path::Path;
+
+use ipc_types::ControlMode;
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+
+use super::file::{ArmFile, BodyFile, TrajectoryError, TrajectoryFile};
+use crate::physics::{ArmState, BodyState, Parameters, World, WorldState};
+use crate::scene::Scene;
+use crate::{Profile, TaskId};
+
+/// Maximum deviation of a quaternion's norm from 1.
+const NORM_TOLERANCE: f64 = 1e-3;
+/// Seed of what a start leaves open, none of which affects the motion.
+const APPEARANCE_SEED: u64 = 0;
+
+/// A start state of a task.
+#[derive(Clone, Debug)]
+pub struct Start {
+    /// The task.
+    pub task: TaskId,
+    /// Reading of the benchmark by which success is determined.
+    pub profile: Profile,
+    /// Control mode of the actions.
+    pub mode: ControlMode,
+    /// The scene; its bodies and arms have the poses of the state.
+    pub scene: Scene,
+    /// Positions and velocities.
+    pub state: WorldState,
+}
+
+impl Start {
+    /// Checks the values of a file against its task. `path` appears in errors.
+    ///
+    /// # Errors
+    /// If the task or the control mode is unknown; if an arm, a body or a size is missing or unknown; or if a
+    /// number is not a possible value.
+    pub fn resolve(file: &TrajectoryFile, path: &Path) -> Result<Self, TrajectoryError> {
+        let error = |key: &str, expected: &str, found: String| TrajectoryError::Value {
+            path: path.into(),
+            key: key.to_owned(),
+            expected: expected.to_owned(),
+            found,
+        };
+        let task = TaskId::ALL.iter().find(|it| it.name() == file.task || it.task().env_id == file.task);
+        let task = *task.ok_or_else(|| error("task", "the name of a task", format!("{:?}", file.task)))?;
+        let mode = ControlMode::ALL.into_iter().find(|mode| mode.name() == file.control_mode);
+        let modes = ControlMode::ALL.map(ControlMode::name).join(", ");
+        let mode =
+            mode.ok_or_else(|| error("control_mode", &format!("one of {modes}"), file.control_mode.clone()))?;
+        let mut scene = scene_of_size(task, &file.sizes)
+            .map_err(|expected| error("sizes", &expected, format!("{:?}", file.sizes)))?;
+
+        let n_arms = scene.robots.len();
+        if file.arms.len() != n_arms {
+            return Err(error("arms", &format!("{n_arms}"), file.arms.len().to_string()));
+        }
+        let arms: Vec<ArmState> = file.arms.iter().map(ArmFile::state).collect();
+        for (i, (arm, robot)) in file.arms.iter().zip(&mut scene.robots).enumerate() {
+            if let Some(value) = first_not_finite(arm.qpos.iter().chain(&arm.qvel)) {
+                return Err(error(&format!("arms[{i}]"), "32-bit numbers", value.to_string()));
+            }
+            robot.qpos.copy_from_slice(&arm.qpos[..7]);
+        }
+
+        if let Some(name) = file.bodies.keys().find(|name| scene.bodies.iter().all(|it| it.name != **name)) {
+            let names: Vec<&str> = scene.bodies.iter().map(|body| body.name).collect();
+            return Err(error("bodies", &format!("only {}", names.join(", ")), name.clone()));
+        }
+        let mut bodies = Vec::with_capacity(scene.bodies.len());
+        for body in &mut scene.bodies {
+            let key = format!("bodies.{}", body.name);
+            let given = file.bodies.get(body.name);
+            let given = given.ok_or_else(|| error(&key, "a pose", "nothing".to_owned()))?;
+            let state = given.state().map_err(|(expected, found)| error(&key, expected, found))?;
+            body.pose = state.pose.cast();
+            bodies.push(state);
+        }
+        Ok(Self { task, profile: file.profile, mode, scene, state: WorldState { arms, bodies } })
+    }
+
+    /// Builds the world in this state.
+    #[must_use]
+    pub fn world(&self, parameters: &Parameters) -> World {
+        let mut world = World::with_parameters(&self.scene, self.mode, parameters);
+        world.set_state(&self.state);
+        world
+    }
+
+    /// Returns the width of an action row.
+    #[must_use]
+    pub fn action_dim(&self) -> usize {
+        self.mode.action_dim(self.task.task().morphology)
+    }
+}
+
+/// Returns the scene of a task whose bodies have the given dimensions. The error is what was expected.
+fn scene_of_size(task: TaskId, sizes: &[f64]) -> Result<Scene, String> {
+    let mut spec = (task.task().nominal)();
+    let drawn = spec.sizes.take();
+    let ranges = drawn.as_ref().map_or(&[][..], |drawn| drawn.ranges);
+    // Recorded numbers are rounded.
+    let is_within = |(size, (_, range)): (&f64, &(&str, crate::scene::Range))| {
+        (range.lo - 1e-4..=range.hi + 1e-4).contains(size)
+    };
+    if sizes.len() != ranges.len() || !sizes.iter().zip(ranges).all(is_within) {
+        let names = ranges.iter().map(|(name, range)| format!("{name} in [{}, {}]", range.lo, range.hi));
+        let names: Vec<String> = names.collect();
+        return Err(if names.is_empty() { "nothing".to_owned() } else { names.join(", ") });
+    }
+    if let Some(drawn) = drawn {
+        (drawn.apply)(sizes, &mut spec.bodies);
+    }
+    Ok(spec.draw(APPEARANCE_SEED))
+}
+
+fn first_not_finite<'a>(mut values: impl Iterator<Item = &'a f64>) -> Option<f64> {
+    values.find(|value| !(**value as f32).is_finite()).copied()
+}
+
+impl ArmFile {
+    fn state(&self) -> ArmState {
+        ArmState { qpos: self.qpos.map(|q| q as f32), qvel: self.qvel.map(|v| v as f32) }
+    }
+
+    /// Converts a state into the numbers of a file.
+    #[must_use]
+    pub fn of(state: &ArmState) -> Self {
+        Self { qpos: state.qpos.map(f64::from), qvel: state.qvel.map(f64::from) }
+    }
+}
+
+impl BodyFile {
+    /// Returns the state. The error is what was expected and what was found.
+    fn state(&self) -> Result<BodyState, (&'static str, String)> {
+        let Self { pose, linear_velocity, angular_velocity } = self;
+        let numbers = pose.iter().chain(linear_velocity).chain(angular_velocity);
+        if let Some(value) = first_not_finite(numbers) {
+            return Err(("32-bit numbers", value.to_string()));
+        }
+        let [x, y, z, w, i, j, k] = *pose;
+        let quaternion = Quaternion::new(w, i, j, k);
+        if (quaternion.norm() - 1.0).abs() > NORM_TOLERANCE {
+            let found = format!("one of norm {:.4}", quaternion.norm());
+            return Err(("a unit quaternion (w, x, y, z) after the position", found));
+        }
+        let rotation = UnitQuaternion::from_quaternion(quaternion);
+        Ok(BodyState {
+            pose: Isometry3::from_parts(Translation3::new(x, y, z), rotation).cast(),
+            linear_velocity: Vector3::from(*linear_velocity).cast(),
+            angular_velocity: Vector3::from(*angular_velocity).cast(),
+        })
+    }
+
+    /// Converts a state into the numbers of a file.
+    #[must_use]
+    pub fn of(state: &BodyState) -> Self {
+        Self {
+            pose: pose_to_array(&state.pose),
+            linear_velocity: state.linear_velocity.cast().into(),
+            angular_velocity: state.angular_velocity.cast().into(),
+        }
+    }
+}
+
+/// Returns position, then quaternion (w, x, y, z).
+pub(super) fn pose_to_array(pose: &Isometry3<f32>) -> [f64; 7] {
+    let (p, q) = (pose.translation.vector, pose.rotation.coords);
+    [p.x, p.y, p.z, q.w, q.x, q.y, q.z].map(f64::from)
+}
