@@ -1,11 +1,12 @@
 //! Agreement of our physics with another simulator's: the same start states and actions, side by side.
 //!
-//! `cargo bench -p benches --bench agreement -- --trajectories DIR [--each yes] [--csv FILE]`. Every JSON file
-//! of the folder is a trajectory with a recorded motion (docs/trajectories.md; `python/convert_recordings.py`
-//! converts recordings). Its actions are executed from its start, and compared with what was recorded:
-//! success under either profile, the number of steps by which the first success comes later, distances of
-//! the TCPs, of the arm joints and of the fingers over all steps, and of the bodies at the end. Files are
-//! grouped by name, without the part after the last dot of the stem; `--each yes` lists them one by one.
+//! `cargo bench -p benches --bench agreement -- --trajectories DIR [--each yes] [--csv FILE]`. Every JSON
+//! file of the folder is a trajectory with a recorded motion (docs/trajectories.md;
+//! `python/convert_recordings.py` converts recordings). Its actions are executed from its start, and
+//! compared with what was recorded: success under either profile, the number of steps by which the first
+//! success comes later, distances of the TCPs, of the arm joints and of the fingers over all steps, and
+//! of the bodies at the end. Files are grouped by name, without the part after the last dot of the stem;
+//! `--each yes` lists them one by one.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -43,10 +44,10 @@ fn main() -> Result<()> {
     files.retain(|path| path.extension().is_some_and(|extension| extension == "json"));
     files.sort();
     ensure!(!files.is_empty(), "{} has no trajectories", folder.display());
-    let compared: Vec<Comparison> =
-        files.par_iter().map(|path| Comparison::of(path, &parameters)).collect::<Result<_>>()?;
+    let compared: Vec<ReplayDeviation> =
+        files.par_iter().map(|path| ReplayDeviation::of(path, &parameters)).collect::<Result<_>>()?;
 
-    let mut groups: BTreeMap<&str, Vec<&Comparison>> = BTreeMap::new();
+    let mut groups: BTreeMap<&str, Vec<&ReplayDeviation>> = BTreeMap::new();
     for comparison in &compared {
         let name = &comparison.name;
         let group = if each { name } else { name.rsplit_once('.').map_or(&**name, |(group, _)| group) };
@@ -75,7 +76,7 @@ fn with(parameters: &Parameters, assignment: &str) -> Result<Parameters> {
 }
 
 /// Our motion against the recorded one.
-struct Comparison {
+struct ReplayDeviation {
     name: String,
     /// Steps of the first success, ours under each profile and the recorded one.
     ours: [Option<u32>; 2],
@@ -88,7 +89,7 @@ struct Comparison {
     bodies: Vec<f64>,
 }
 
-impl Comparison {
+impl ReplayDeviation {
     fn of(path: &Path, parameters: &Parameters) -> Result<Self> {
         let name = path.file_stem().and_then(|stem| stem.to_str()).context("a file name is not UTF-8")?;
         let mut file = TrajectoryFile::read(path)?;
@@ -163,9 +164,9 @@ fn first_success(start: &Start, actions: &[f32], parameters: &Parameters) -> Opt
 }
 
 /// Returns the figures of a group of trajectories: name, value, unit.
-fn figures(members: &[&Comparison]) -> Vec<(&'static str, f64, &'static str)> {
+fn figures(members: &[&ReplayDeviation]) -> Vec<(&'static str, f64, &'static str)> {
     let successes = |profile: usize| members.iter().filter(|it| it.ours[profile].is_some()).count() as f64;
-    let all = |values: fn(&Comparison) -> &[f64]| -> Vec<f64> {
+    let all = |values: fn(&ReplayDeviation) -> &[f64]| -> Vec<f64> {
         members.iter().flat_map(|it| values(it).iter().map(|value| 1e3 * value)).collect()
     };
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
@@ -190,7 +191,7 @@ fn figures(members: &[&Comparison]) -> Vec<(&'static str, f64, &'static str)> {
     result
 }
 
-fn print_row(name: &str, members: &[&Comparison]) {
+fn print_row(name: &str, members: &[&ReplayDeviation]) {
     let figures: BTreeMap<&str, f64> = figures(members).into_iter().map(|it| (it.0, it.1)).collect();
     let later = members.iter().filter_map(|it| Some(i64::from(it.ours[0]?) - i64::from(it.recorded?)));
     let later: Vec<i64> = later.collect();

@@ -1,12 +1,12 @@
 //! Likeness of our camera images to those of the original simulator, at the same start states.
 //!
 //! `cargo bench -p benches --bench looks -- --frames DIR --starts DIR [--sheet FILE] [--csv FILE]`. The
-//! folder of `--frames` holds the original images, `ENV_ID.SEED.CAMERA.png`, that of `--starts` their start
-//! states, `ENV_ID.SEED.json` (docs/trajectories.md; `python/convert_recordings.py` converts recordings). Each start is put into our
-//! scene of the task, drawn by the CPU renderer and compared camera by camera. Two figures are reported,
-//! lower is better: the mean absolute difference of the means of 8 × 8 pixels, in codes from 0 to 255, and
-//! the share of pixels with an edge in one image that has none within a pixel in the other. `--sheet` writes
-//! ours | original, a row per camera.
+//! folder of `--frames` holds the original images, `ENV_ID.SEED.CAMERA.png`, that of `--starts` their
+//! start states, `ENV_ID.SEED.json` (docs/trajectories.md; `python/convert_recordings.py` converts
+//! recordings). Each start is put into our scene of the task, drawn by the CPU renderer and compared
+//! camera by camera. Two figures are reported, lower is better: the mean absolute difference of the means
+//! of 8 × 8 pixels, in codes from 0 to 255, and the share of pixels with an edge in one image that has
+//! none within a pixel in the other. `--sheet` writes ours | original, a row per camera.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 

@@ -26,7 +26,8 @@ impl Turn {
         Self { before: shared_memory(), _guard: guard }
     }
 
-    /// Returns the segments created since the turn began. Other runs on this machine may have left some before.
+    /// Returns the segments created since the turn began. Other runs on this machine may have left some
+    /// before.
     fn leftovers(&self) -> Vec<String> {
         let mut names = shared_memory();
         names.retain(|name| !self.before.contains(name));

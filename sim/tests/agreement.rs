@@ -120,7 +120,7 @@ fn wrong_values_are_named_with_their_key() {
 }
 
 #[test]
-fn a_state_read_and_set_again_is_the_same() {
+fn state_read_and_set_again_is_the_same() {
     for path in recordings().iter().step_by(5) {
         let file = TrajectoryFile::read(path).unwrap();
         let start = Start::resolve(&file, path).unwrap();

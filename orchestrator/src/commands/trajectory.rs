@@ -13,9 +13,9 @@ use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::output::print_out;
 use crate::table::{Align, TextTable};
 
-/// Outcome of a trajectory, as printed with `--json`.
+/// Result of a trajectory, as printed with `--json`.
 #[derive(Serialize)]
-struct Outcome {
+struct ReplaySummary {
     task: &'static str,
     control_mode: &'static str,
     profile: Profile,
@@ -50,7 +50,7 @@ fn read(start: &Path, actions: &Path) -> anyhow::Result<(Start, Vec<f32>)> {
     Ok((start, actions))
 }
 
-fn execute(start: &Start, actions: &[f32]) -> anyhow::Result<Outcome> {
+fn execute(start: &Start, actions: &[f32]) -> anyhow::Result<ReplaySummary> {
     let mut replay = Replay::new(start, &Parameters::default());
     let mut steps = Vec::with_capacity(actions.len() / start.action_dim());
     for row in actions.chunks_exact(start.action_dim()) {
@@ -59,7 +59,7 @@ fn execute(start: &Start, actions: &[f32]) -> anyhow::Result<Outcome> {
         steps.push(replay.record());
     }
     let succeeded = |step: &Step| step.unmet.is_none();
-    Ok(Outcome {
+    Ok(ReplaySummary {
         task: start.task.name(),
         control_mode: start.mode.name(),
         profile: start.profile,
@@ -70,9 +70,9 @@ fn execute(start: &Start, actions: &[f32]) -> anyhow::Result<Outcome> {
 }
 
 /// Returns the outcome in words and a table of the bodies that can move.
-fn summary(start: &Start, outcome: &Outcome) -> String {
+fn summary(start: &Start, outcome: &ReplaySummary) -> String {
     use Align::{Left, Right};
-    let Outcome { task, control_mode, first_success_step, steps, .. } = outcome;
+    let ReplaySummary { task, control_mode, first_success_step, steps, .. } = outcome;
     let success =
         first_success_step.map_or("no success".to_owned(), |step| format!("success at step {step}"));
     let last = steps.last().expect("there is at least one action");

@@ -98,8 +98,8 @@ const HALF_OPENING: f64 = 0.015;
 const ON_STOVE: [f64; 3] = [-0.008, -0.077, STOVE_BOXES[1][1][2]];
 /// Maximum distance of the apple from the middle of the pan as a fraction of the free distance.
 const OFF_CENTRE: f64 = 0.85;
-/// Maximum half-width of the apple between the fingertips, in m; the open fingers leave 1 mm more on each side. A
-/// larger apple is grasped above its middle.
+/// Maximum half-width of the apple between the fingertips, in m; the open fingers leave 1 mm more on each
+/// side. A larger apple is grasped above its middle.
 const APPLE_HALF_WIDTH: f64 = 0.039;
 /// Height above their resting positions at which pan and apple are released, in m.
 const RELEASE_HEIGHT: f64 = 0.002;

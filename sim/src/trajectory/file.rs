@@ -36,9 +36,9 @@ pub enum TrajectoryError {
         path: PathBuf,
         /// Key whose value is wrong.
         key: String,
-        /// What it should be.
+        /// Expected value or type.
         expected: String,
-        /// What it is.
+        /// Found value or type.
         found: String,
     },
 }
