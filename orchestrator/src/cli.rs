@@ -9,12 +9,16 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::commands::checkpoint::CheckpointArgs;
 use crate::commands::child::ChildArgs;
+use crate::commands::compare::CompareArgs;
 use crate::commands::completions::CompletionsArgs;
 use crate::commands::demos::DemosArgs;
+use crate::commands::doctor::DoctorArgs;
 use crate::commands::replay::ReplayArgs;
+use crate::commands::report::ReportArgs;
 use crate::commands::run::RunArgs;
 use crate::commands::show::ShowArgs;
 use crate::commands::tasks::TasksArgs;
+use crate::commands::verify::VerifyArgs;
 use crate::sweep::file;
 
 /// Evaluates robot policies over the tasks and perturbations of COLOSSEUM V2.
@@ -30,6 +34,8 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Evaluate policies; the same command again resumes an interrupted run
     Run(RunArgs),
+    /// Compare two policies on matched episodes, or a policy with itself under perturbations
+    Compare(CompareArgs),
     /// List the task suite
     Tasks(TasksArgs),
     /// Render the camera images at the start of episodes or along one, as a contact sheet or a movie
@@ -38,6 +44,12 @@ pub(crate) enum Command {
     Demos(DemosArgs),
     /// Replay stored episodes and check that they are reproduced bit for bit
     Replay(ReplayArgs),
+    /// Write a page with figures, comparisons and warnings, and the results as data
+    Report(ReportArgs),
+    /// Check whether this machine is ready: shared memory, CPU, Vulkan, left-overs, Python
+    Doctor(DoctorArgs),
+    /// Run episodes of a results file again and compare every column
+    Verify(VerifyArgs),
     /// Write a randomly initialised ACT checkpoint, for measuring speed
     Checkpoint(CheckpointArgs),
     /// Print a completion script for a shell
@@ -130,7 +142,7 @@ mod tests {
     fn file_errors_name_file_line_and_key() {
         let error = |text| parse(text, "").unwrap_err();
         insta::assert_snapshot!(error("\nepsiodes = 3\n"), @"the sweep file sweep.toml, line 2: unknown key `epsiodes`; did you mean episodes?");
-        insta::assert_snapshot!(error("json = true\n"), @"the sweep file sweep.toml, line 1: unknown key `json`; expected one of policies, tasks, perturbations, episodes, db, seed, profile, strength, mode, execute, control_mode, language, renderer, samples, envs, threads, keep_actions");
+        insta::assert_snapshot!(error("json = true\n"), @"the sweep file sweep.toml, line 1: unknown key `json`; expected one of policies, tasks, perturbations, episodes, db, until_decided, margin, alpha, seed, profile, strength, mode, execute, latency, control_mode, language, renderer, samples, envs, threads, keep_actions");
         insta::assert_snapshot!(error("episodes = \"many\"\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found `many`, expected a whole number");
         insta::assert_snapshot!(error("episodes = 0\n"), @"the sweep file sweep.toml, line 1, key `episodes`: 0 is not in 1..=1000000");
         insta::assert_snapshot!(error("episodes = [1, 2]\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found [1, 2], expected one string or number");

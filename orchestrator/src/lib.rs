@@ -9,23 +9,33 @@
 //! `cli` (arguments) → `plan` (resolved run) → `jobs` (episodes to run) → `fleet` (children) → `results`
 //! (SQLite) → `report`.
 
+mod analysis;
 mod cli;
 mod commands;
 mod demos;
+mod evaluation_args;
+mod execution;
 mod exit;
+mod export;
 mod fleet;
 mod interrupt;
 mod jobs;
+mod live;
 mod machine;
 mod movie;
 mod names;
 mod output;
+mod page;
+mod parquet_table;
 mod plan;
+mod playback;
 mod policy;
 mod progress;
 mod report;
 mod results;
 mod selection;
+pub mod statistics;
+mod stopping;
 mod stored_episode;
 mod sweep;
 mod table;
@@ -35,7 +45,10 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use crate::cli::{Cli, Command};
-use crate::commands::{checkpoint, child, completions, demos as demos_command, replay, run, show, tasks};
+use crate::commands::{
+    checkpoint, child, compare, completions, demos as demos_command, doctor, replay,
+    report as report_command, run, show, tasks, verify,
+};
 use crate::exit::{ExitStatus, Failure};
 use crate::output::print_message;
 
@@ -70,10 +83,14 @@ pub fn main() -> ExitCode {
 fn run_command(command: &Command, started: Instant) -> Result<ExitStatus, Failure> {
     match command {
         Command::Run(args) => run::run(args, started),
+        Command::Compare(args) => compare::compare(args),
         Command::Tasks(args) => tasks::tasks(args),
         Command::Show(args) => show::show(args),
         Command::Demos(args) => demos_command::demos(args),
         Command::Replay(args) => replay::replay(args),
+        Command::Report(args) => report_command::report(args),
+        Command::Doctor(args) => doctor::doctor(args),
+        Command::Verify(args) => verify::verify(args),
         Command::Checkpoint(args) => checkpoint::checkpoint(args),
         Command::Completions(args) => completions::completions(args),
         Command::Sim(args) => child::sim(args),

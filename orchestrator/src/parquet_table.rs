@@ -1,4 +1,4 @@
-//! Parquet columns in the layout of pyarrow, which LeRobot and other readers of its datasets expect.
+//! Parquet tables in the layout of pyarrow, which LeRobot and other readers expect.
 
 use std::fs::File;
 use std::path::Path;
@@ -13,11 +13,11 @@ use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{Type, TypePtr};
 
 /// The name and the cells of a column.
-pub(super) type Column = (String, Cells);
+pub(crate) type Column = (String, Cells);
 
 /// The cells of one column.
 #[derive(Debug)]
-pub(super) enum Cells {
+pub(crate) enum Cells {
     Int(Vec<i64>),
     Float(Vec<f32>),
     Text(Vec<String>),
@@ -38,14 +38,14 @@ pub(super) enum Cells {
 }
 
 /// A Parquet file being written.
-pub(super) struct ParquetTable(SerializedFileWriter<File>);
+pub(crate) struct ParquetTable(SerializedFileWriter<File>);
 
 impl ParquetTable {
     /// Creates a file with the schema of the columns `like` and a key-value pair of metadata.
     ///
     /// # Errors
     /// If the file cannot be created.
-    pub(super) fn create(
+    pub(crate) fn create(
         path: &Path,
         like: &[Column],
         metadata: Option<(&str, String)>,
@@ -66,7 +66,7 @@ impl ParquetTable {
     ///
     /// # Errors
     /// If they cannot be written.
-    pub(super) fn push(&mut self, columns: Vec<Column>) -> anyhow::Result<()> {
+    pub(crate) fn push(&mut self, columns: Vec<Column>) -> anyhow::Result<()> {
         let mut group = self.0.next_row_group()?;
         for (_, cells) in columns {
             cells.write(&mut group)?;
@@ -79,7 +79,7 @@ impl ParquetTable {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(super) fn finish(mut self) -> anyhow::Result<()> {
+    pub(crate) fn finish(mut self) -> anyhow::Result<()> {
         self.0.finish()?;
         self.0.inner().sync_all()?;
         Ok(())

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use ipc_types::run_config::QueryMode;
+use ipc_types::run_config::{QueryMode, ResultOptions};
 use ipc_types::{ControlMode, Morphology, RunConfig};
 use sim::perturb::{Composition, Sentences, SentencesError};
 use sim::{Perturbation, TaskId};
@@ -10,6 +10,8 @@ use thiserror::Error;
 
 use crate::policy::NamedPolicy;
 use crate::selection::{PerturbationSelector, TaskSelector};
+use crate::statistics::Levels;
+use crate::stopping::StoppingRule;
 use crate::sweep::SweepArgs;
 
 /// A resolved run.
@@ -25,6 +27,8 @@ pub(crate) struct RunPlan {
     pub(crate) config: RunConfig,
     /// Path of the results file.
     pub(crate) db: PathBuf,
+    /// The comparison that ends cells early.
+    pub(crate) stopping: Option<StoppingRule>,
 }
 
 /// A task under a perturbation.
@@ -52,6 +56,10 @@ pub(crate) enum PlanError {
         "--execute is {found}, but ensemble mode queries at every step: omit --execute or use --mode chunk"
     )]
     EnsembleExecute { found: u32 },
+    #[error("--latency is {found} ms, but {reason}")]
+    Latency { found: u32, reason: &'static str },
+    #[error("--until-decided needs two policies of the run, separated by a comma; found `{found}`")]
+    UntilDecided { found: String },
     #[error("failed to read --language")]
     Sentences(#[from] SentencesError),
 }
@@ -62,12 +70,13 @@ impl RunPlan {
     /// # Errors
     /// If arguments contradict each other or a named perturbation does not apply to a task.
     pub(crate) fn new(args: &SweepArgs) -> Result<Self, PlanError> {
-        let SweepArgs { policies, tasks, perturbations, episodes, db, config } = args;
+        let SweepArgs { policies, tasks, perturbations, episodes, db, config, .. } = args;
         check_policies(policies)?;
         let options = &config.results;
         if options.mode == QueryMode::Ensemble && options.execute != 1 {
             return Err(PlanError::EnsembleExecute { found: options.execute });
         }
+        check_latency(options)?;
         let conditions = conditions(&TaskSelector::select(tasks), perturbations)?;
         if let Some(file) = &options.language {
             let sentences = Sentences::read(file)?;
@@ -79,6 +88,7 @@ impl RunPlan {
             episodes: *episodes,
             config: config.clone(),
             db: db.clone(),
+            stopping: stopping_rule(args)?,
         })
     }
 
@@ -122,6 +132,37 @@ impl Condition {
     /// Returns the conditions of `task` under every single perturbation that applies to it.
     pub(crate) fn all_of(task: TaskId) -> impl Iterator<Item = Self> {
         Perturbation::ALL.iter().filter_map(move |&perturbation| Self::new(task, perturbation.into()).ok())
+    }
+}
+
+/// Checks that latency is defined for the other options.
+fn check_latency(options: &ResultOptions) -> Result<(), PlanError> {
+    let refused = |reason| Err(PlanError::Latency { found: options.latency, reason });
+    match (options.latency, options.mode, options.control_mode) {
+        (0, _, _) => Ok(()),
+        (_, QueryMode::Ensemble, _) => {
+            refused("ensemble mode averages predictions for the present step: use --mode chunk")
+        }
+        (_, _, ControlMode::EePose) => {
+            refused("pd_ee_pose has no action that holds the start pose: use another --control-mode")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Returns the rule of `--until-decided`, whose two policies must be different ones of the run.
+fn stopping_rule(args: &SweepArgs) -> Result<Option<StoppingRule>, PlanError> {
+    let names = &args.until_decided;
+    if names.is_empty() {
+        return Ok(None);
+    }
+    let is_known = |name: &String| args.policies.iter().any(|policy| policy.name == *name);
+    match names.as_slice() {
+        [a, b] if a != b && is_known(a) && is_known(b) => {
+            let levels = Levels { alpha: args.alpha, margin: args.margin };
+            Ok(Some(StoppingRule { policies: [a.clone(), b.clone()], levels }))
+        }
+        _ => Err(PlanError::UntilDecided { found: names.join(",") }),
     }
 }
 
@@ -273,6 +314,11 @@ mod tests {
     "#);
         insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"error: invalid value '0' for '--envs <N>': 0 is not in 1..=4096");
         insta::assert_snapshot!(wrong("--policy idle --execute 64"), @"error: invalid value '64' for '--execute <M>': 64 is not in 1..=63");
+        insta::assert_snapshot!(wrong("--policy idle --mode ensemble --latency 80"), @"--latency is 80 ms, but ensemble mode averages predictions for the present step: use --mode chunk");
+        insta::assert_snapshot!(wrong("--policy idle --control-mode pd_ee_pose --latency 80"), @"--latency is 80 ms, but pd_ee_pose has no action that holds the start pose: use another --control-mode");
+        insta::assert_snapshot!(wrong("--policy idle --until-decided idle"), @"--until-decided needs two policies of the run, separated by a comma; found `idle`");
+        insta::assert_snapshot!(wrong("--policy idle --policy random --until-decided idle,act"), @"--until-decided needs two policies of the run, separated by a comma; found `idle,act`");
+        insta::assert_snapshot!(wrong("--policy idle --alpha 0.6"), @"error: invalid value '0.6' for '--alpha <P>': expected a number between 0 and 0.5, for example 0.05");
         insta::assert_snapshot!(wrong("--policy idle --mode ensemble --execute 30"), @"--execute is 30, but ensemble mode queries at every step: omit --execute or use --mode chunk");
     }
 }

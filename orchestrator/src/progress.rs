@@ -9,17 +9,25 @@ use sim::serve::protocol::Counters;
 use crate::output::print_message;
 
 /// Interval between lines if stderr is not a terminal.
-const LINE_INTERVAL: Duration = Duration::from_secs(5);
+const LINE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// The progress display of a long operation.
 #[derive(Debug)]
 pub(crate) enum Progress {
-    /// A bar on a terminal.
-    Bar(ProgressBar),
+    /// A bar on a terminal, with the status below it.
+    Bar(BarState),
     /// Occasional lines on stderr.
     Lines(Lines),
     /// Only logged lines.
     Silent,
+}
+
+/// The state of a bar.
+#[derive(Debug)]
+pub(crate) struct BarState {
+    bar: ProgressBar,
+    speed: String,
+    status: String,
 }
 
 /// The state behind progress lines.
@@ -34,6 +42,7 @@ pub(crate) struct Lines {
     started: Instant,
     printed: Instant,
     speed: String,
+    status: String,
 }
 
 impl Progress {
@@ -62,18 +71,26 @@ impl Progress {
             (true, _, _) | (_, false, true) => Self::Silent,
             (false, true, _) => {
                 let bar = ProgressBar::new(n).with_position(done);
-                let template = format!("{{bar:32}} {{pos}}/{{len}} {unit} {{msg}}, {{eta}} left");
+                let template = format!("{{bar:32}} {{pos}}/{{len}} {unit}, {{per_sec}}{{msg}}");
                 bar.set_style(
                     ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar()),
                 );
                 bar.enable_steady_tick(Duration::from_millis(500));
                 bar.reset_eta();
-                Self::Bar(bar)
+                Self::Bar(BarState { bar, speed: String::new(), status: String::new() })
             }
             (false, false, false) => {
                 let now = Instant::now();
-                let speed = String::new();
-                Self::Lines(Lines { unit, n, done, done_before: done, started: now, printed: now, speed })
+                Self::Lines(Lines {
+                    unit,
+                    n,
+                    done,
+                    done_before: done,
+                    started: now,
+                    printed: now,
+                    speed: String::new(),
+                    status: String::new(),
+                })
             }
         }
     }
@@ -81,7 +98,10 @@ impl Progress {
     /// Counts one finished item.
     pub(crate) fn tick(&mut self) {
         match self {
-            Self::Bar(bar) => bar.inc(1),
+            Self::Bar(bar) => {
+                bar.bar.inc(1);
+                bar.show();
+            }
             Self::Lines(lines) => {
                 lines.done += 1;
                 lines.print_if_due();
@@ -90,11 +110,23 @@ impl Progress {
         }
     }
 
+    /// Reduces the number of items that will be done.
+    pub(crate) fn skip(&mut self, n_items: u64) {
+        match self {
+            Self::Bar(bar) => bar.bar.dec_length(n_items),
+            Self::Lines(lines) => lines.n = lines.n.saturating_sub(n_items),
+            Self::Silent => {}
+        }
+    }
+
     /// Updates the displayed speed.
     pub(crate) fn counters(&mut self, counters: &Counters) {
         let speed = || format!(", {:.0} env-steps/s", counters.env_steps as f64 / counters.wall_s.max(1e-9));
         match self {
-            Self::Bar(bar) if counters.env_steps > 0 => bar.set_message(speed()),
+            Self::Bar(bar) if counters.env_steps > 0 => {
+                bar.speed = speed();
+                bar.show();
+            }
             Self::Lines(lines) if counters.env_steps > 0 => {
                 lines.speed = speed();
                 lines.print_if_due();
@@ -103,10 +135,19 @@ impl Progress {
         }
     }
 
+    /// Updates what is shown of the results so far, one line per part.
+    pub(crate) fn status(&mut self, parts: &[String]) {
+        match self {
+            Self::Bar(bar) => bar.status = parts.iter().map(|part| format!("\n  {part}")).collect(),
+            Self::Lines(lines) => lines.status = parts.iter().map(|part| format!("; {part}")).collect(),
+            Self::Silent => {}
+        }
+    }
+
     /// Prints a line that remains visible.
     pub(crate) fn log(&self, line: &str) {
         match self {
-            Self::Bar(bar) => bar.suspend(|| print_message(line)),
+            Self::Bar(bar) => bar.bar.suspend(|| print_message(line)),
             Self::Lines(_) | Self::Silent => print_message(line),
         }
     }
@@ -114,8 +155,15 @@ impl Progress {
     /// Removes the bar.
     pub(crate) fn finish(&self) {
         if let Self::Bar(bar) = self {
-            bar.finish_and_clear();
+            bar.bar.finish_and_clear();
         }
+    }
+}
+
+impl BarState {
+    fn show(&self) {
+        let left = format_seconds(self.bar.eta().as_secs_f64());
+        self.bar.set_message(format!("{}, {left} left{}", self.speed, self.status));
     }
 }
 
@@ -128,14 +176,26 @@ impl Lines {
     }
 
     fn line(&self, elapsed: Duration) -> String {
-        let left = match self.done - self.done_before {
-            0 => "unknown time".to_owned(),
+        let (left, rate) = match self.done - self.done_before {
+            0 => ("unknown time".to_owned(), String::new()),
             n => {
-                let seconds = elapsed.as_secs_f64() / n as f64 * (self.n - self.done) as f64;
-                format!("{seconds:.0} s")
+                let per_second = n as f64 / elapsed.as_secs_f64();
+                let left = self.n.saturating_sub(self.done) as f64 / per_second;
+                (format_seconds(left), format!(", {per_second:.1} {}/s", self.unit))
             }
         };
-        format!("{}/{} {}{}, {left} left", self.done, self.n, self.unit, self.speed)
+        let Self { done, n, unit, speed, status, .. } = self;
+        format!("{done}/{n} {unit}{rate}{speed}, {left} left{status}")
+    }
+}
+
+/// Formats a duration with one unit, or two where one would be coarse.
+fn format_seconds(seconds: f64) -> String {
+    let whole = seconds.ceil() as u64;
+    match whole {
+        0..120 => format!("{whole} s"),
+        120..7200 => format!("{} min", whole.div_ceil(60)),
+        _ => format!("{} h {} min", whole / 3600, whole % 3600 / 60),
     }
 }
 
@@ -146,11 +206,18 @@ mod tests {
     #[test]
     fn line_shows_count_speed_and_time_left() {
         let now = Instant::now();
-        let speed = ", 512 env-steps/s".to_owned();
-        let mut lines =
-            Lines { unit: "episodes", n: 60, done: 20, done_before: 20, started: now, printed: now, speed };
-        insta::assert_snapshot!(lines.line(Duration::from_secs(3)), @"20/60 episodes, 512 env-steps/s, unknown time left");
+        let mut lines = Lines {
+            unit: "episodes",
+            n: 60,
+            done: 20,
+            done_before: 20,
+            started: now,
+            printed: now,
+            speed: ", 512 env-steps/s".to_owned(),
+            status: "; act 80.0 %".to_owned(),
+        };
+        insta::assert_snapshot!(lines.line(Duration::from_secs(3)), @"20/60 episodes, 512 env-steps/s, unknown time left; act 80.0 %");
         lines.done = 30;
-        insta::assert_snapshot!(lines.line(Duration::from_secs(5)), @"30/60 episodes, 512 env-steps/s, 15 s left");
+        insta::assert_snapshot!(lines.line(Duration::from_secs(5)), @"30/60 episodes, 2.0 episodes/s, 512 env-steps/s, 15 s left; act 80.0 %");
     }
 }

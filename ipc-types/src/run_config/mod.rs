@@ -54,6 +54,11 @@ pub struct ResultOptions {
     #[arg(long, value_name = "M", value_parser = value_parser!(u32).range(1..=MAX_HORIZON as i64),
         default_value_t = 30, default_value_if("mode", "ensemble", "1"))]
     pub execute: u32,
+    /// Milliseconds of simulated time between a query and the effect of its answer. Meanwhile the
+    /// previous chunk goes on, or the arms hold their last target
+    #[arg(long, value_name = "MS", value_parser = value_parser!(u32).range(..=10_000), default_value_t = 0)]
+    #[serde(default)]
+    pub latency: u32,
     /// Control mode of single-arm policies; bimanual policies always use pd_joint_pos
     #[arg(long, value_enum, ignore_case = true, default_value_t = ControlMode::EeDeltaPose)]
     #[serde(with = "control_mode_name")]
@@ -89,6 +94,17 @@ pub struct ResourceOptions {
     #[arg(long)]
     pub keep_actions: bool,
 }
+
+impl ResultOptions {
+    /// Returns the latency in control steps of 50 ms, rounded up.
+    #[must_use]
+    pub const fn latency_steps(&self) -> u32 {
+        self.latency.div_ceil(CONTROL_STEP_MS)
+    }
+}
+
+/// Duration of a control step (20 Hz), in ms.
+const CONTROL_STEP_MS: u32 = 50;
 
 impl Default for RunConfig {
     /// Returns the configuration of a command line without options.

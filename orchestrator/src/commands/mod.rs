@@ -5,10 +5,14 @@
 
 pub(crate) mod checkpoint;
 pub(crate) mod child;
+pub(crate) mod compare;
 pub(crate) mod completions;
 pub(crate) mod demos;
+pub(crate) mod doctor;
 pub(crate) mod replay;
+pub(crate) mod report;
 pub(crate) mod run;
 pub(crate) mod show;
 pub(crate) mod tasks;
 mod trajectory;
+pub(crate) mod verify;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{bail, ensure};
 use clap::Args;
 use ipc_types::run_config::Samples;
 use rayon::prelude::*;
@@ -16,12 +16,11 @@ use sim::show::{HighResScene, contact_sheet};
 use sim::stream::Stream;
 
 use super::trajectory;
-use crate::demos::StoredDataset;
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::movie;
 use crate::output::{print_message, print_out};
+use crate::playback::{EpisodeSource, MovieEpisode};
 use crate::progress::Progress;
-use crate::results::RecordedEpisodes;
 use crate::selection::{PERTURBATION_PARSER, TASK_PARSER};
 use crate::stored_episode::{StoredEpisode, format_fingerprint};
 use crate::table::{Align, TextTable};
@@ -35,7 +34,7 @@ pub(crate) struct ReplayArgs {
     pub(crate) source: Option<PathBuf>,
     /// Instead of stored episodes, start in the state of this file (docs/trajectories.md)
     #[arg(long, value_name = "FILE", requires = "actions",
-        conflicts_with_all = ["source", "episodes", "policy", "task", "perturbation", "sample", "grid"])]
+        conflicts_with_all = ["source", "episodes", "policy", "task", "perturbation", "index", "sample", "grid"])]
     pub(crate) start: Option<PathBuf>,
     /// Execute the actions of this file, which may be the same
     #[arg(long, value_name = "FILE", requires = "start")]
@@ -56,6 +55,9 @@ pub(crate) struct ReplayArgs {
     /// Only episodes under this perturbation, or under these joined by +
     #[arg(long, value_name = "NAME", value_parser = PERTURBATION_PARSER, hide_possible_values = true)]
     pub(crate) perturbation: Option<Composition>,
+    /// Only the episode with this index under the suite seed, as in the column `episode` of results
+    #[arg(long, value_name = "N", conflicts_with = "episodes")]
+    pub(crate) index: Option<u32>,
     /// Replay a random sample of this many of them
     #[arg(long, value_name = "N", conflicts_with_all = ["episodes", "movie"])]
     pub(crate) sample: Option<usize>,
@@ -82,40 +84,6 @@ pub(crate) struct ReplayArgs {
     /// Show no progress
     #[arg(long)]
     pub(crate) quiet: bool,
-}
-
-/// A store of episodes.
-enum EpisodeSource {
-    Dataset(StoredDataset),
-    Results(RecordedEpisodes),
-}
-
-impl EpisodeSource {
-    fn open(path: &Path) -> anyhow::Result<Self> {
-        if path.is_file() {
-            RecordedEpisodes::open(path).map(Self::Results)
-        } else {
-            StoredDataset::open(path).map(Self::Dataset)
-        }
-    }
-
-    fn episodes(&self) -> &[StoredEpisode] {
-        match self {
-            Self::Dataset(dataset) => dataset.episodes(),
-            Self::Results(results) => results.episodes(),
-        }
-    }
-
-    /// Executes the stored actions of an episode again.
-    fn replay(&self, episode_idx: usize) -> anyhow::Result<Recording> {
-        let StoredEpisode { subject, seed, mode, .. } = self.episodes()[episode_idx];
-        let actions = match self {
-            Self::Dataset(dataset) => dataset.actions(episode_idx),
-            Self::Results(results) => results.actions(episode_idx),
-        }?;
-        Recording::replay(subject, seed, mode, &actions)
-            .with_context(|| format!("failed to replay episode {episode_idx}"))
-    }
 }
 
 /// Replays episodes of a dataset or a results file.
@@ -168,11 +136,12 @@ fn select(args: &ReplayArgs, episodes: &[StoredEpisode]) -> anyhow::Result<Vec<u
         args.policy.as_ref().is_none_or(|name| *name == episode.policy)
             && args.task.is_none_or(|task| task == episode.subject.task)
             && args.perturbation.is_none_or(|perturbation| perturbation == episode.subject.perturbation)
+            && args.index.is_none_or(|index| index == episode.index)
     };
     let mut selected: Vec<usize> = (0..n).filter(|&idx| matches(&episodes[idx])).collect();
     ensure!(
         !selected.is_empty(),
-        "none of the {n} episodes in {path} has that policy, task and perturbation"
+        "none of the {n} episodes in {path} has that policy, task, perturbation and index"
     );
     if let Some(sample) = args.sample {
         let mut stream = Stream::new(args.seed, "replay");
@@ -214,12 +183,6 @@ fn report(episodes: &[StoredEpisode], replayed: &[(usize, u64)]) -> Result<ExitS
     print_out(&table.to_string())?;
     print_message(&format!("{n_same} of {} episodes reproduce the stored fingerprint", replayed.len()));
     Ok(if n_same == replayed.len() { ExitStatus::Success } else { ExitStatus::EpisodeErrors })
-}
-
-/// An episode that has been replayed, and how to render it.
-struct MovieEpisode {
-    recording: Recording,
-    scene: HighResScene,
 }
 
 /// Writes a movie of stored episodes and compares their fingerprints with the stored ones.

@@ -1,34 +1,26 @@
 //! `hypogeum run`: evaluates policies, stores the results and reports them.
 
-use std::hash::{BuildHasher, RandomState};
+use std::cell::{Cell, RefCell};
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::Context;
 use clap::Args;
-use ipc_types::layout::block_pages;
-use ipc_types::link::LaneSpec;
-use policy_host::PolicySpec;
 use serde_json::{Value, json};
-use sim::serve::protocol::{Driver, Lane};
+use sim::serve::protocol::Outcome;
 
+use crate::execution::{execute, identities};
 use crate::exit::{ExitStatus, Failure, OrUser};
-use crate::fleet::{self, Fleet, FleetConfig, FleetEvent, PolicyLane, RunStatus, Totals};
-use crate::interrupt;
-use crate::jobs::{Job, drivers, jobs};
+use crate::fleet::{FleetEvent, RunStatus, Totals};
+use crate::jobs::{Job, jobs};
+use crate::live::RunningSuccess;
 use crate::machine::Machine;
 use crate::output::{print_message, print_out};
 use crate::plan::RunPlan;
-use crate::policy::{Identity, NamedPolicy};
 use crate::progress::Progress;
-use crate::report::{self, Cell, Fps};
-use crate::results::{EpisodeKey, Manifest, Results};
+use crate::report::{self, Fps};
+use crate::results::{EpisodeKey, Manifest, Results, STOPPING};
+use crate::stopping::{SequentialCell, Stopping};
 use crate::sweep::SweepArgs;
-
-/// Observation batches that may be unanswered on a lane, so that stepping and inference overlap.
-const IN_FLIGHT: u32 = 2;
-/// Mount point of shared memory.
-const SHM: &str = "/dev/shm";
 
 /// Arguments of `run`.
 #[derive(Debug, Args)]
@@ -67,23 +59,38 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         plan.n_episodes()
     ));
 
-    let mut progress = Progress::of_run(plan.n_episodes(), n_done, args.quiet, args.json);
+    let stopping = plan.stopping.as_ref().map(|rule| Stopping::new(rule, &plan, &results)).transpose()?;
+    if let Some(rule) = &plan.stopping {
+        results.note(STOPPING, &json!(rule))?;
+    }
+    let mut live = Live {
+        progress: Progress::of_run(plan.n_episodes(), n_done, args.quiet, args.json),
+        success: RunningSuccess::new(&plan, &results)?,
+        stopping: &RefCell::new(stopping),
+        n_skipped: &Cell::new(0),
+    };
+    let (stopping, n_skipped) = (live.stopping, live.n_skipped);
+    let is_wanted = |job: &Job| {
+        let wanted = stopping.borrow().as_ref().is_none_or(|stopping| stopping.is_wanted(job));
+        n_skipped.set(n_skipped.get() + u64::from(!wanted));
+        wanted
+    };
     let earlier_renderer = if plan.needs_images() { results.renderer()? } else { None };
-    let outcome = run_fleet(&plan, todo, earlier_renderer, |event| {
+    let outcome = execute(&plan, todo, earlier_renderer, &is_wanted, |event| {
         match event {
             FleetEvent::EpisodeFinished(job, outcome) => {
                 results.record(key(job), job.seed, outcome)?;
-                progress.tick();
+                live.on_finished(job, outcome);
             }
-            FleetEvent::Counters(counters) => progress.counters(counters),
-            FleetEvent::Log(line) => progress.log(line),
+            FleetEvent::Counters(counters) => live.progress.counters(counters),
+            FleetEvent::Log(line) => live.progress.log(line),
             // Results do not depend on the renderer if no policy reads images.
             FleetEvent::RendererReady(identity) if plan.needs_images() => results.set_renderer(identity)?,
             FleetEvent::RendererReady(_) => {}
         }
         Ok(())
     });
-    progress.finish();
+    live.progress.finish();
     let resume_hint =
         || format!("{}: finished episodes are stored; run the same command to resume", plan.db.display());
     let (status, totals) = outcome.inspect_err(|_| print_message(&resume_hint()))?;
@@ -95,94 +102,66 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         print_message(&format!("interrupted; {}", resume_hint()));
         return Ok(ExitStatus::Interrupted);
     }
-    let cells = report::cells(&plan, &results)?;
     let fps = Fps::new(&totals, started.elapsed(), machine.n_cores);
-    if args.json {
-        let mut run = json!(manifest);
-        run["environment"] = environment;
-        print_out(&format!("{:#}\n", report::json(&run, &cells, &fps)))?;
+    let conclusions = stopping.borrow().as_ref().map_or_else(Vec::new, Stopping::conclusions);
+    let mut run = json!(manifest);
+    run["environment"] = environment;
+    print_results(&plan, &results, &conclusions, &fps, args.json.then_some(&run))
+}
+
+/// Prints the results of the whole plan: as JSON with the description `run`, or for people without one.
+fn print_results(
+    plan: &RunPlan,
+    results: &Results,
+    conclusions: &[SequentialCell],
+    fps: &Fps,
+    run: Option<&Value>,
+) -> Result<ExitStatus, Failure> {
+    let cells = report::cells(plan, results)?;
+    if let Some(run) = run {
+        let mut report = report::json(run, &cells, fps);
+        if let Some(rule) = &plan.stopping {
+            report["stopping"] = report::stopping::json(rule, conclusions);
+        }
+        print_out(&format!("{report:#}\n"))?;
     } else {
-        print_report(&plan, &cells, &fps)?;
+        print_report(plan, &cells, conclusions, fps)?;
     }
     let errored = cells.iter().any(|cell| cell.sums.errors > 0);
     Ok(if errored { ExitStatus::EpisodeErrors } else { ExitStatus::Success })
 }
 
-fn print_report(plan: &RunPlan, cells: &[Cell], fps: &Fps) -> std::io::Result<()> {
-    let (table, lines) = (report::table(plan, cells), fps.lines());
+/// Display of a run in progress, and the comparison that may end its cells.
+struct Live<'a> {
+    progress: Progress,
+    success: RunningSuccess,
+    stopping: &'a RefCell<Option<Stopping>>,
+    /// Jobs that were dropped since the display was updated.
+    n_skipped: &'a Cell<u64>,
+}
+
+impl Live<'_> {
+    fn on_finished(&mut self, job: &Job, outcome: &Outcome) {
+        let success = outcome.error.is_none().then_some(outcome.success_once);
+        self.success.add(job.policy_idx, success);
+        if let Some(stopping) = self.stopping.borrow_mut().as_mut() {
+            stopping.on_finished(job, success);
+        }
+        self.progress.skip(self.n_skipped.take());
+        self.progress.status(&self.success.parts(self.stopping.borrow().as_ref()));
+        self.progress.tick();
+    }
+}
+
+fn print_report(
+    plan: &RunPlan,
+    cells: &[report::Cell],
+    conclusions: &[SequentialCell],
+    fps: &Fps,
+) -> std::io::Result<()> {
+    let (table, lines) = (report::table(plan, cells, conclusions), fps.lines());
     let gap = if lines.is_empty() { "" } else { "\n" };
     print_out(&format!("{table}{gap}{lines}"))
-}
-
-/// Returns the identity of each policy. Also checks that each can be loaded, before anything is started.
-fn identities(plan: &RunPlan) -> Result<Vec<Identity>, Failure> {
-    let robots: Vec<_> =
-        plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
-    let identity = |policy: &NamedPolicy| {
-        policy_host::check(&policy.spec, &robots)
-            .map_err(anyhow::Error::new)
-            .and_then(|()| policy.identity().map_err(Into::into))
-            .with_context(|| format!("policy `{}`", policy.name))
-            .or_user()
-    };
-    plan.policies.iter().map(identity).collect()
-}
-
-/// Runs `todo` in a fleet of child processes. Starts none if there is nothing to do.
-fn run_fleet(
-    plan: &RunPlan,
-    todo: Vec<Job>,
-    earlier_renderer: Option<String>,
-    mut sink: impl FnMut(FleetEvent<'_>) -> anyhow::Result<()>,
-) -> Result<(RunStatus, Totals), Failure> {
-    if todo.is_empty() {
-        return Ok((RunStatus::Complete, Totals::default()));
-    }
-    let program = std::env::current_exe().context("failed to find the executable of this process")?;
-    let fleet = Fleet::new(fleet_config(plan, program, earlier_renderer));
-    let stopper = fleet.stopper();
-    let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
-    fleet.run(todo, &mut sink).map_err(|error| {
-        let is_user_error = error.is_user_error();
-        let error = anyhow::Error::from(error);
-        if is_user_error { Failure::User(error) } else { Failure::Bug(error) }
-    })
-}
-
-fn fleet_config(plan: &RunPlan, program: PathBuf, earlier_renderer: Option<String>) -> FleetConfig {
-    FleetConfig {
-        program,
-        base: fleet::base(),
-        shm: PathBuf::from(SHM),
-        // The keys of a `RandomState` are random numbers from the operating system.
-        run_id: RandomState::new().hash_one(std::process::id()),
-        run: plan.config.clone(),
-        earlier_renderer,
-        lanes: lanes(plan),
-        morphologies: plan.morphologies(),
-        limits: fleet::Limits::default(),
-    }
-}
-
-/// Returns the policies that run outside the sim. A batch holds half of the envs, so that the others step
-/// meanwhile.
-fn lanes(plan: &RunPlan) -> Vec<PolicyLane> {
-    let policy = |(policy, driver): (&NamedPolicy, Driver)| {
-        let Driver::Lane(lane) = driver else { return None };
-        let images = policy.spec.needs_images();
-        let max_pages =
-            plan.morphologies().into_iter().map(|morphology| block_pages(morphology, images)).max();
-        let spec = LaneSpec {
-            lane,
-            policy: policy.name.clone(),
-            max_envs: plan.config.resources.envs.div_ceil(2),
-            block_pages: max_pages.unwrap_or(1) as u32,
-            in_flight: IN_FLIGHT,
-        };
-        let foreign = matches!(policy.spec, PolicySpec::Attach(_));
-        Some(PolicyLane { spec: policy.spec.clone(), lane: Lane { spec, images, foreign } })
-    };
-    plan.policies.iter().zip(drivers(plan)).filter_map(policy).collect()
 }
 
 /// Returns the facts that timings depend on and results do not.

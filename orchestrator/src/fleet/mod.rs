@@ -10,6 +10,7 @@ mod error;
 mod folder;
 mod member;
 mod process;
+mod queue;
 mod supervisor;
 mod totals;
 
@@ -26,6 +27,7 @@ pub(crate) use self::error::FleetError;
 pub(crate) use self::folder::base;
 use self::member::MemberRole;
 use self::process::ChildOutput;
+use self::queue::JobQueue;
 use self::supervisor::Supervisor;
 #[cfg(test)]
 pub(crate) use self::totals::HostWork;
@@ -104,6 +106,9 @@ pub(crate) enum FleetEvent<'a> {
 /// The receiver of a fleet's events. An error ends the run.
 pub(crate) type Sink<'a> = dyn FnMut(FleetEvent<'_>) -> anyhow::Result<()> + 'a;
 
+/// Returns `true` if a job is still to be run when its turn comes. Others are dropped without an event.
+pub(crate) type IsWanted<'a> = dyn Fn(&Job) -> bool + 'a;
+
 /// The end of a run without an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RunStatus {
@@ -154,12 +159,18 @@ impl Fleet {
         Stopper(self.events.clone())
     }
 
-    /// Runs `jobs`. When this returns, no child is alive and the run's shared memory is removed.
+    /// Runs those of `jobs` that are wanted when their turn comes. When this returns, no child is alive
+    /// and the run's shared memory is removed.
     ///
     /// # Errors
     /// If there is not enough shared memory, a child fails repeatedly, a lane fails, or the sink returns an
     /// error. Episodes that finished before have gone to the sink.
-    pub(crate) fn run(self, jobs: Vec<Job>, sink: &mut Sink<'_>) -> Result<(RunStatus, Totals), FleetError> {
+    pub(crate) fn run(
+        self,
+        jobs: Vec<Job>,
+        is_wanted: &IsWanted<'_>,
+        sink: &mut Sink<'_>,
+    ) -> Result<(RunStatus, Totals), FleetError> {
         let config = &self.config;
         folder::prepare(&config.base)?;
         let n_removed = Domain::remove_stale(&config.base);
@@ -171,7 +182,8 @@ impl Fleet {
         check_budget(&specs, &config.shm)?;
         let domain = Domain::new(&config.base, config.run_id);
         let lease = domain.lease()?;
-        let mut supervisor = Supervisor::new(config, &domain, self.events, self.inbox, jobs, sink);
+        let channel = (self.events, self.inbox);
+        let mut supervisor = Supervisor::new(config, &domain, channel, JobQueue::new(jobs, is_wanted), sink);
         let status = supervisor.run();
         let shutdown = supervisor.shut_down();
         let totals = supervisor.into_totals();

@@ -1,7 +1,7 @@
 //! The supervisor's loop: handles one event after another until all episodes are finished or the run has to
 //! end.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
@@ -14,6 +14,7 @@ use super::clock::RunningClock;
 use super::error::FleetError;
 use super::member::{Member, MemberRole};
 use super::process::{ChildOutput, ChildProcess};
+use super::queue::JobQueue;
 use super::totals::{HostWork, Totals};
 use super::{FleetConfig, FleetEvent, RunStatus, Sink, SupervisorEvent, folder};
 use crate::jobs::Job;
@@ -32,7 +33,7 @@ pub(super) struct Supervisor<'a> {
     sim: Member,
     /// By lane; the member of a foreign host stays vacant.
     hosts: Vec<Member>,
-    pending: VecDeque<Job>,
+    pending: JobQueue<'a>,
     /// Jobs assigned to the sim, by assignment id.
     outstanding: BTreeMap<u64, Job>,
     next_id: u64,
@@ -44,9 +45,8 @@ impl<'a> Supervisor<'a> {
     pub(super) fn new(
         config: &'a FleetConfig,
         domain: &'a Domain,
-        events: Sender<SupervisorEvent>,
-        inbox: Receiver<SupervisorEvent>,
-        jobs: Vec<Job>,
+        (events, inbox): (Sender<SupervisorEvent>, Receiver<SupervisorEvent>),
+        pending: JobQueue<'a>,
         sink: &'a mut Sink<'a>,
     ) -> Self {
         let n_lanes = config.lanes.len();
@@ -58,7 +58,7 @@ impl<'a> Supervisor<'a> {
             clock: RunningClock::new(),
             sim: Member::default(),
             hosts: std::iter::repeat_with(Member::default).take(n_lanes).collect(),
-            pending: jobs.into(),
+            pending,
             outstanding: BTreeMap::new(),
             next_id: 0,
             totals: Totals::new(n_lanes, config.earlier_renderer.clone()),
@@ -251,7 +251,7 @@ impl<'a> Supervisor<'a> {
     fn assign_jobs(&mut self) {
         let max_outstanding = JOBS_PER_ENV * self.config.run.resources.envs as usize;
         while self.sim.is_up() && self.outstanding.len() < max_outstanding {
-            let Some(job) = self.pending.pop_front() else { return };
+            let Some(job) = self.pending.next() else { return };
             let id = self.next_id;
             self.next_id += 1;
             self.outstanding.insert(id, job);

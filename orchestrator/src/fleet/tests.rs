@@ -69,7 +69,7 @@ impl TestFleet {
         let fleet = Fleet::new(self.config.clone());
         let stopper = fleet.stopper();
         let (mut finished, mut log) = (Vec::new(), Vec::new());
-        let result = fleet.run(jobs, &mut |event| {
+        let result = fleet.run(jobs, &|_| true, &mut |event| {
             match event {
                 FleetEvent::EpisodeFinished(job, _) => finished.push(job.seed),
                 FleetEvent::Counters(_) | FleetEvent::RendererReady(_) => {}

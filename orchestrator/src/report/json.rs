@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 
-use super::changes::{Effect, effects};
-use super::{Cell, Fps};
+use super::{Cell, Fps, effects};
+use crate::analysis::Effect;
 
 /// Makes the object with the keys `run` (the manifest), `cells`, `changes`, `fps` and `ledger`.
 pub(crate) fn json(run: &Value, cells: &[Cell], fps: &Fps) -> Value {

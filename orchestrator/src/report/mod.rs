@@ -3,15 +3,20 @@
 mod changes;
 mod fps;
 mod json;
-mod wilson;
+pub(crate) mod stopping;
 
 pub(crate) use self::fps::Fps;
 pub(crate) use self::json::json;
-use self::wilson::wilson95;
+use crate::analysis::{CellRate, Effect};
 use crate::plan::{Condition, RunPlan};
 use crate::policy::NamedPolicy;
 use crate::results::{CellSums, Results, StoreError};
+use crate::statistics::wilson_interval;
+use crate::stopping::SequentialCell;
 use crate::table::{Align, TextTable};
+
+/// 97.5 % quantile of the standard normal distribution.
+const Z95: f64 = 1.959_963_984_540_054;
 
 /// The results of one policy under one condition.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,7 +61,15 @@ impl Cell {
 
     /// Returns the 95 % Wilson score interval of `success_once`; `None` without episodes.
     pub(crate) fn wilson95(&self) -> Option<[f64; 2]> {
-        wilson95(self.sums.success_once, self.sums.n)
+        wilson_interval(self.sums.success_once, self.sums.n, Z95)
+    }
+
+    /// Returns the confidence sequence of `success_once` if the cell may have ended early: Wilson's interval
+    /// holds for a fixed number of episodes only.
+    fn sequence_interval(&self, plan: &RunPlan, conclusions: &[SequentialCell]) -> Option<[f64; 2]> {
+        let side = plan.stopping.as_ref()?.policies.iter().position(|name| *name == self.policy)?;
+        let conclusion = conclusions.iter().find(|conclusion| conclusion.condition == self.condition)?;
+        Some(conclusion.rates[side])
     }
 
     fn per_episode(&self, sum: u64) -> Option<f64> {
@@ -64,8 +77,16 @@ impl Cell {
     }
 }
 
-/// Formats the results as text tables.
-pub(crate) fn table(plan: &RunPlan, cells: &[Cell]) -> String {
+/// Returns the effects of the perturbations on each policy.
+fn effects(cells: &[Cell]) -> Vec<Effect> {
+    fn rate(cell: &Cell) -> CellRate<'_> {
+        CellRate { policy: &cell.policy, condition: cell.condition, success: cell.success_once() }
+    }
+    crate::analysis::effects(&cells.iter().map(rate).collect::<Vec<_>>())
+}
+
+/// Formats the results as text tables. `conclusions` are those of a comparison that ended cells early.
+pub(crate) fn table(plan: &RunPlan, cells: &[Cell], conclusions: &[SequentialCell]) -> String {
     use Align::{Left, Right};
     let columns = [
         ("policy", Left),
@@ -89,13 +110,20 @@ pub(crate) fn table(plan: &RunPlan, cells: &[Cell]) -> String {
             cell.condition.perturbation.name(),
             cell.sums.n.to_string(),
             or_dash(cell.success_once().map(percent)),
-            or_dash(cell.wilson95().map(interval)),
+            or_dash(cell.sequence_interval(plan, conclusions).or_else(|| cell.wilson95()).map(interval)),
             or_dash(cell.success_at_end().map(percent)),
             or_dash(cell.mean_steps().map(|steps| format!("{steps:.1}"))),
             cell.sums.errors.to_string(),
         ]);
     }
-    let mut text = table.to_string() + &changes::table(&changes::effects(cells));
+    let mut text = table.to_string() + &changes::table(&effects(cells));
+    if let Some(rule) = &plan.stopping {
+        let [a, b] = &rule.policies;
+        text += &format!(
+            "{a}, {b}: intervals are confidence sequences, because cells end when they are decided\n"
+        );
+        text += &stopping::table(rule, conclusions);
+    }
     for policy in plan.policies.iter().filter(|policy| policy.runs_in_sim()) {
         text += &format!(
             "{}: the scripted expert, which reads privileged state; a ceiling, not a policy\n",

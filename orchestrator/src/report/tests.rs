@@ -27,7 +27,7 @@ fn cells() -> Vec<Cell> {
 
 #[test]
 fn table_aligns_and_explains_the_expert() {
-    insta::assert_snapshot!(table(&plan(), &cells()), @r"
+    insta::assert_snapshot!(table(&plan(), &cells(), &[]), @r"
     policy  task       perturbation   n  success_once   95 % interval  success_at_end  mean_steps  errors
     idle    RaiseCube  MO-Color       0             –               –               –           –       0
     expert  RaiseCube  MO-Color      10       100.0 %  72.2 – 100.0 %          90.0 %        74.1       1

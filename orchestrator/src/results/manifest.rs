@@ -17,7 +17,7 @@ use crate::plan::RunPlan;
 use crate::policy::Identity;
 
 /// Prefix of the keys under which identities of policies are stored.
-const POLICY: &str = "policy/";
+pub(super) const POLICY: &str = "policy/";
 
 /// Returns the key of a policy's identity.
 pub(super) fn policy_key(name: &str) -> String {
@@ -26,6 +26,9 @@ pub(super) fn policy_key(name: &str) -> String {
 
 /// Key of the renderer's identity, which is known only once a sim is ready.
 pub(super) const RENDERER: &str = "renderer";
+
+/// Key of the rule that ended cells early, if any run with the file had one.
+pub(crate) const STOPPING: &str = "stopping";
 
 /// The configuration that all results of a run depend on.
 #[derive(Clone, Debug, PartialEq, Serialize)]

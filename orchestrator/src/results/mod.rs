@@ -7,6 +7,7 @@
 mod manifest;
 mod open;
 mod recorded;
+mod rows;
 mod schema;
 
 use std::collections::BTreeSet;
@@ -17,9 +18,10 @@ use rusqlite::{Connection, params};
 use sim::serve::protocol::Outcome;
 use thiserror::Error;
 
-pub(crate) use self::manifest::Manifest;
+pub(crate) use self::manifest::{Manifest, STOPPING};
 pub(crate) use self::open::ResultsFileError;
 pub(crate) use self::recorded::RecordedEpisodes;
+pub(crate) use self::rows::{EpisodeRow, ResultsFile};
 use crate::plan::Condition;
 use crate::stored_episode::format_fingerprint;
 
@@ -182,6 +184,28 @@ impl Results {
             })
         };
         read().map_err(|source| self.failed("read", source))
+    }
+
+    /// Returns the episodes of a policy: condition, index, and success after any step, `None` if the episode
+    /// could not be run.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub(crate) fn successes(&self, policy: &str) -> Result<Vec<(Condition, u32, Option<bool>)>, StoreError> {
+        let read = || {
+            let mut statement = self.connection.prepare(schema::SUCCESSES)?;
+            let rows = statement.query_map([policy], |row| {
+                let (task, perturbation): (String, String) = (row.get(0)?, row.get(1)?);
+                Ok((task, perturbation, row.get(2)?, row.get(3)?))
+            })?;
+            rows.collect::<Result<Vec<_>, _>>()
+        };
+        let rows = read().map_err(|source| self.failed("read", source))?;
+        // Names that this version does not know belong to no condition of a run.
+        let parsed = rows.into_iter().filter_map(|(task, perturbation, episode, success)| {
+            Some((rows::parse_condition(&task, &perturbation).ok()?, episode, success))
+        });
+        Ok(parsed.collect())
     }
 
     fn failed(&self, action: &'static str, source: rusqlite::Error) -> StoreError {

@@ -68,3 +68,20 @@ pub(super) const SUMS: &str = "
         coalesce(sum(steps) FILTER (WHERE error IS NULL), 0),
         count(error)
     FROM episodes WHERE policy = ?1 AND task = ?2 AND perturbation = ?3 AND episode < ?4";
+
+/// Selects all entries of the manifest.
+pub(super) const MANIFEST: &str = "SELECT key, value FROM manifest ORDER BY key";
+
+/// Counts the episodes.
+pub(super) const COUNT: &str = "SELECT count(*) FROM episodes";
+
+/// Selects all episodes, without their actions.
+pub(super) const ROWS: &str = "
+    SELECT policy, task, perturbation, episode, seed, steps, success_once, success_at_end, first_success_step,
+        failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s, actions IS NOT NULL
+    FROM episodes ORDER BY policy, task, perturbation, episode";
+
+/// Selects the episodes of a policy with their success, NULL if they could not be run.
+pub(super) const SUCCESSES: &str = "
+    SELECT task, perturbation, episode, CASE WHEN error IS NULL THEN success_once END
+    FROM episodes WHERE policy = ?1 ORDER BY task, perturbation, episode";

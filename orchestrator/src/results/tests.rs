@@ -93,7 +93,7 @@ fn columns_and_manifest_keys_are_stable() {
     let manifest: String = reader
         .query_row("SELECT group_concat(key || ' = ' || value, '; ') FROM manifest", [], |row| row.get(0))
         .unwrap();
-    insta::assert_snapshot!(manifest, @r#"control_mode = "pd_ee_delta_pose"; execute = 30; language = null; mode = "chunk"; policy/idle = {"checkpoint":null,"spec":"idle"}; profile = "strict"; seed = 0; strength = 1.0; version = "0.1.0""#);
+    insta::assert_snapshot!(manifest, @r#"control_mode = "pd_ee_delta_pose"; execute = 30; language = null; latency = 0; mode = "chunk"; policy/idle = {"checkpoint":null,"spec":"idle"}; profile = "strict"; seed = 0; strength = 1.0; version = "0.1.0""#);
 }
 
 #[test]
@@ -113,6 +113,7 @@ fn resume_adds_rows_but_rejects_other_options() {
     insta::assert_snapshot!(refused("--profile paper"), @r#"failed to resume the results file a.db: profile is "strict" in the file, but "paper" in this command; use the same value, or another file with --db"#);
     insta::assert_snapshot!(refused("--mode ensemble"), @r#"failed to resume the results file a.db: execute is 30 in the file, but 1 in this command, and mode is "chunk" in the file, but "ensemble" in this command; use the same value, or another file with --db"#);
     insta::assert_snapshot!(refused("--execute 8"), @"failed to resume the results file a.db: execute is 30 in the file, but 8 in this command; use the same value, or another file with --db");
+    insta::assert_snapshot!(refused("--latency 100"), @"failed to resume the results file a.db: latency is 0 in the file, but 100 in this command; use the same value, or another file with --db");
     insta::assert_snapshot!(refused("--control-mode pd_joint_pos"), @r#"failed to resume the results file a.db: control_mode is "pd_ee_delta_pose" in the file, but "pd_joint_pos" in this command; use the same value, or another file with --db"#);
     insta::assert_snapshot!(refusal(&path, &manifest("--policy idle=random")), @"failed to resume the results file a.db: policy `idle` is idle in the file, but random in this command; use the same value, or another file with --db");
     let newer = Manifest { version: "9.9.9".to_owned(), ..manifest("--policy idle") };

@@ -33,8 +33,35 @@ pub(crate) struct SweepArgs {
     /// Results file to create or resume
     #[arg(long, value_name = "FILE", default_value = "hypogeum.db")]
     pub(crate) db: PathBuf,
+    /// End every cell as soon as the comparison of these two policies is decided in it; --episodes is
+    /// then the most per cell
+    #[arg(long, value_name = "A,B", value_delimiter = ',')]
+    pub(crate) until_decided: Vec<String>,
+    /// Smallest difference of success rates that matters to --until-decided
+    #[arg(long, value_name = "M", value_parser = parse_margin, default_value_t = DEFAULT_MARGIN)]
+    pub(crate) margin: f64,
+    /// Probability of a false decision of --until-decided
+    #[arg(long, value_name = "P", value_parser = parse_level, default_value_t = DEFAULT_LEVEL)]
+    pub(crate) alpha: f64,
     #[command(flatten)]
     pub(crate) config: RunConfig,
+}
+
+/// Smallest difference of success rates that matters, by default.
+pub(crate) const DEFAULT_MARGIN: f64 = 0.05;
+/// Probability of a false verdict, by default.
+pub(crate) const DEFAULT_LEVEL: f64 = 0.05;
+
+/// Parses a difference of success rates.
+pub(crate) fn parse_margin(typed: &str) -> Result<f64, String> {
+    let margin = typed.parse::<f64>().ok().filter(|number| *number > 0.0 && *number < 1.0);
+    margin.ok_or_else(|| "expected a number between 0 and 1, for example 0.05".to_owned())
+}
+
+/// Parses a level. An interval at 1 − 2 alpha must exist.
+pub(crate) fn parse_level(typed: &str) -> Result<f64, String> {
+    let level = typed.parse::<f64>().ok().filter(|number| *number > 0.0 && *number < 0.5);
+    level.ok_or_else(|| "expected a number between 0 and 0.5, for example 0.05".to_owned())
 }
 
 #[cfg(test)]

@@ -2,11 +2,12 @@
 
 use std::time::Instant;
 
-use ipc_types::layout::{MAX_ACTION_DIM, MAX_HORIZON};
+use ipc_types::layout::MAX_ACTION_DIM;
 use ipc_types::run_config::ResultOptions;
 use ipc_types::{ActionBlock, ControlMode, EnvRecord, FrameError, Morphology, RunConfig, error_chain};
 use thiserror::Error;
 
+use super::chunk::ChunkBuffer;
 use super::lane::InvalidAnswerError;
 use super::protocol::{Assignment, Driver, EpisodeLedger, Outcome};
 use crate::expert::{self, Expert, write_hold_action};
@@ -30,9 +31,8 @@ pub(super) fn control_mode(options: &ResultOptions, morphology: Morphology, driv
 
 /// The source of an episode's action rows.
 enum ActionSource {
-    /// The latest action chunk of a policy, `[n_rows, action_dim]` with `next` as the index of the next row
-    /// to execute.
-    Chunk { rows: Box<[f32; MAX_HORIZON * MAX_ACTION_DIM]>, n_rows: usize, next: usize },
+    /// The action chunks of a policy.
+    Chunk(ChunkBuffer),
     /// The scripted expert; `None` if it found no plan, in which case the robot holds its pose.
     Expert(Option<Box<Expert>>),
 }
@@ -108,11 +108,9 @@ impl RunningEpisode {
         let action_dim = mode.action_dim(task.morphology);
         let world = World::build(&scene, mode);
         let action_source = match assignment.driver {
-            Driver::Lane(_) => ActionSource::Chunk {
-                rows: Box::new([0.0; MAX_HORIZON * MAX_ACTION_DIM]),
-                n_rows: 0,
-                next: 0,
-            },
+            Driver::Lane(_) => {
+                ActionSource::Chunk(ChunkBuffer::new(mode, action_dim, options.latency_steps()))
+            }
             Driver::Expert => ActionSource::Expert(plan(&assignment, &scene)),
         };
         let success = (task.success)(&scene, options.profile);
@@ -149,14 +147,20 @@ impl RunningEpisode {
     }
 
     pub(super) fn status(&self) -> Status {
-        if self.steps >= self.task.max_steps || self.error.is_some() {
-            return Status::Done;
-        }
+        let is_over = self.steps >= self.task.max_steps || self.error.is_some();
         match &self.action_source {
+            // The slot is free once the answer in flight has been received.
+            _ if is_over => {
+                if self.queried_at.is_some() {
+                    Status::Queried
+                } else {
+                    Status::Done
+                }
+            }
             ActionSource::Expert(_) => Status::Acting,
-            ActionSource::Chunk { n_rows, next, .. } if next < n_rows => Status::Acting,
-            ActionSource::Chunk { .. } if self.queried_at.is_some() => Status::Queried,
-            ActionSource::Chunk { .. } => Status::Ready,
+            ActionSource::Chunk(chunk) if chunk.has_row() => Status::Acting,
+            ActionSource::Chunk(_) if self.queried_at.is_some() => Status::Queried,
+            ActionSource::Chunk(_) => Status::Ready,
         }
     }
 
@@ -169,17 +173,26 @@ impl RunningEpisode {
         while self.steps - before < max_rows && self.status() == Status::Acting {
             self.next_row(row);
             self.step(row);
+            self.skip_useless_query();
         }
         self.ledger.physics_s += start.elapsed().as_secs_f64();
         self.steps - before
     }
 
+    /// Goes on to the end without a query whose answer would come too late.
+    fn skip_useless_query(&mut self) {
+        let steps_left = self.task.max_steps.saturating_sub(self.steps);
+        if self.status() == Status::Ready
+            && let ActionSource::Chunk(chunk) = &mut self.action_source
+            && !chunk.is_query_useful(steps_left)
+        {
+            chunk.coast(steps_left);
+        }
+    }
+
     fn next_row(&mut self, row: &mut [f32]) {
         match &mut self.action_source {
-            ActionSource::Chunk { rows, next, .. } => {
-                row.copy_from_slice(&rows[*next * row.len()..][..row.len()]);
-                *next += 1;
-            }
+            ActionSource::Chunk(chunk) => chunk.next_row(&self.world, row),
             ActionSource::Expert(Some(expert)) => expert.act(&self.world, row),
             ActionSource::Expert(None) => write_hold_action(&self.world, row),
         }
@@ -230,21 +243,23 @@ impl RunningEpisode {
     pub(super) fn mark_queried(&mut self, now: Instant) {
         self.queried_at = Some(now);
         self.queries += 1;
-    }
-
-    /// Copies the rows to execute, at most `execute`, from an answer that [`Self::check_answer`] has
-    /// accepted.
-    pub(super) fn accept(&mut self, answer: &ActionBlock, execute: u32, now: Instant) {
-        self.ledger.policy_s += self.queried_at.take().map_or(0.0, |sent| (now - sent).as_secs_f64());
-        if let ActionSource::Chunk { rows, n_rows, next } = &mut self.action_source {
-            (*n_rows, *next) = (answer.n_rows.min(execute) as usize, 0);
-            let len = *n_rows * self.action_dim;
-            rows[..len].copy_from_slice(&answer.rows[..len]);
+        if let ActionSource::Chunk(chunk) = &mut self.action_source {
+            chunk.on_query();
         }
     }
 
-    /// Ends the episode with an error.
+    /// Takes the rows of an answer that [`Self::check_answer`] has accepted; at most `execute` of them are
+    /// executed before the next query.
+    pub(super) fn accept(&mut self, answer: &ActionBlock, execute: u32, now: Instant) {
+        self.ledger.policy_s += self.queried_at.take().map_or(0.0, |sent| (now - sent).as_secs_f64());
+        if let ActionSource::Chunk(chunk) = &mut self.action_source {
+            chunk.receive(&answer.rows, answer.n_rows as usize, execute as usize);
+        }
+    }
+
+    /// Ends the episode with an error in the answer that has just been received.
     pub(super) fn fail(&mut self, error: EpisodeError) {
+        self.queried_at = None;
         self.error = Some(error);
     }
 

@@ -3,6 +3,7 @@
 //! The clock is read only for the ledger and for bounded waits; no episode depends on it.
 
 mod batch;
+mod chunk;
 mod episode;
 mod lane;
 pub mod protocol;

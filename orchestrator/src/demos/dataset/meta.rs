@@ -7,10 +7,10 @@ use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
 use ipc_types::{ControlMode, Morphology};
 use serde_json::{Map, Value, json};
 
-use super::column::{Cells, Column, ParquetTable};
 use super::journal::{EpisodeRecord, Journal};
 use super::stats::{FeatureStats, QUANTILES};
 use super::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE, camera_feature, instructions};
+use crate::parquet_table::{Cells, Column, ParquetTable};
 
 /// Maximum number of data files per folder.
 const CHUNK_FILES: usize = 1000;

@@ -5,7 +5,6 @@
 //! lists it; an unfinished file is written again, so that an interrupted dataset ends up with the same bytes
 //! as an uninterrupted one. All other files in `meta/` are derived from that journal.
 
-mod column;
 mod journal;
 mod meta;
 mod read;
@@ -18,9 +17,9 @@ use anyhow::Context;
 use ipc_types::Morphology;
 use policy_host::text::hashed_embedding;
 
-use self::column::{Cells, Column, ParquetTable};
 use self::journal::Journal;
 use self::stats::{FeatureStats, Histogram};
+use crate::parquet_table::{Cells, Column, ParquetTable};
 use crate::stored_episode::format_fingerprint;
 
 pub(crate) use self::journal::DatasetSettings;

@@ -1,0 +1,103 @@
+//! Success rates of cells: one policy under one condition.
+
+use serde::Serialize;
+
+use super::comparison::serialize_condition;
+use super::evaluation::{EvaluatedPolicy, Evaluation};
+use super::matching::Metric;
+use crate::plan::Condition;
+use crate::statistics::wilson_interval;
+
+/// Successes among trials.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub(crate) struct Rate {
+    pub(crate) successes: u32,
+    pub(crate) n: u32,
+}
+
+/// The results of one policy under one condition.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct CellSummary {
+    pub(crate) policy: String,
+    #[serde(flatten, serialize_with = "serialize_condition")]
+    pub(crate) condition: Condition,
+    /// Successes by the metric of the analysis.
+    #[serde(flatten)]
+    pub(crate) rate: Rate,
+    /// Successes after any step and after the last step.
+    pub(crate) success_once: u32,
+    pub(crate) success_at_end: u32,
+    /// Control steps of all episodes.
+    pub(crate) steps: u64,
+    /// Episodes that could not be run; not in `n`.
+    pub(crate) errors: u32,
+    /// Control steps until the first success, of the episodes that succeed, ascending.
+    #[serde(skip)]
+    pub(crate) first_success_steps: Vec<u32>,
+    /// Failed episodes by the first predicate that did not hold at the end.
+    pub(crate) failed_predicates: std::collections::BTreeMap<String, u32>,
+    /// Seconds of physics, rendering, policy and waiting over all episodes.
+    #[serde(skip)]
+    pub(crate) times_s: [f64; 4],
+}
+
+impl Rate {
+    /// Returns the fraction of successes; `None` without trials.
+    pub(crate) fn fraction(self) -> Option<f64> {
+        (self.n > 0).then(|| f64::from(self.successes) / f64::from(self.n))
+    }
+
+    /// Returns Wilson's interval for the normal quantile `z`; `None` without trials.
+    pub(crate) fn interval(self, z: f64) -> Option<[f64; 2]> {
+        wilson_interval(self.successes, self.n, z)
+    }
+}
+
+impl CellSummary {
+    /// Returns the cells of a policy in the order of the suite.
+    pub(crate) fn of_policy(evaluation: &Evaluation, policy: &EvaluatedPolicy, metric: Metric) -> Vec<Self> {
+        let cell = |(condition, rows): (Condition, &[super::evaluation::RowIdx])| {
+            let mut cell = Self {
+                policy: policy.name.clone(),
+                condition,
+                rate: Rate::default(),
+                success_once: 0,
+                success_at_end: 0,
+                steps: 0,
+                errors: 0,
+                first_success_steps: Vec::new(),
+                failed_predicates: std::collections::BTreeMap::new(),
+                times_s: [0.0; 4],
+            };
+            for &idx in rows {
+                cell.add(evaluation, idx, metric);
+            }
+            cell.first_success_steps.sort_unstable();
+            cell
+        };
+        evaluation.conditions(policy).into_iter().map(cell).collect()
+    }
+
+    fn add(&mut self, evaluation: &Evaluation, idx: super::evaluation::RowIdx, metric: Metric) {
+        let row = evaluation.row(idx);
+        if row.error.is_some() {
+            self.errors += 1;
+            return;
+        }
+        let success = metric.of(row);
+        self.rate.n += 1;
+        self.rate.successes += u32::from(success);
+        self.success_once += u32::from(row.success_once);
+        self.success_at_end += u32::from(row.success_at_end);
+        self.steps += u64::from(row.steps);
+        self.first_success_steps.extend(row.first_success_step);
+        if !success {
+            let file = &evaluation.files[idx.file_idx as usize];
+            let name = row.failed_predicate.map_or("none at the end", |text| file.text(text));
+            *self.failed_predicates.entry(name.to_owned()).or_default() += 1;
+        }
+        for (sum, seconds) in self.times_s.iter_mut().zip(row.times_s) {
+            *sum += f64::from(seconds);
+        }
+    }
+}

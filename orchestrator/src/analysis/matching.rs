@@ -1,0 +1,156 @@
+//! Matching of episodes that share their start: those of two policies, or of one policy under two
+//! perturbations.
+
+use clap::ValueEnum;
+use serde::Serialize;
+use sim::perturb::Composition;
+
+use super::evaluation::{EvaluatedPolicy, Evaluation, RowIdx};
+use crate::plan::Condition;
+use crate::results::EpisodeRow;
+use crate::statistics::{PairedSequence, Pairs};
+
+/// The success of an episode that is compared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub(crate) enum Metric {
+    /// Success after any step
+    #[default]
+    SuccessOnce,
+    /// Success after the last step
+    SuccessAtEnd,
+}
+
+/// One side of a comparison.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Side<'a> {
+    pub(crate) policy: &'a EvaluatedPolicy,
+    /// The perturbation of this side in every cell; `None` for the cell's own.
+    pub(crate) perturbation: Option<Composition>,
+}
+
+/// The matched episodes of a cell.
+#[derive(Clone, Debug)]
+pub(crate) struct MatchedCell {
+    pub(crate) condition: Condition,
+    /// Episodes with a result on both sides, in index order.
+    pub(crate) episodes: Vec<MatchedEpisode>,
+    /// Matched episodes with an error on either side, which are left out.
+    pub(crate) n_errors: u32,
+    /// Episodes that only one side has.
+    pub(crate) n_unmatched: u32,
+}
+
+/// An episode with its rows on both sides.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MatchedEpisode {
+    /// Index of the episode under the suite seed.
+    pub(crate) episode: u32,
+    pub(crate) rows: [RowIdx; 2],
+    /// Success of A and of B.
+    pub(crate) success: [bool; 2],
+}
+
+impl Metric {
+    pub(crate) fn of(self, row: &EpisodeRow) -> bool {
+        match self {
+            Self::SuccessOnce => row.success_once,
+            Self::SuccessAtEnd => row.success_at_end,
+        }
+    }
+
+    /// Returns the column name of the results file.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::SuccessOnce => "success_once",
+            Self::SuccessAtEnd => "success_at_end",
+        }
+    }
+}
+
+impl MatchedCell {
+    /// Counts the pairs by their outcomes.
+    pub(crate) fn pairs(&self) -> Pairs {
+        let mut pairs = Pairs::default();
+        self.episodes.iter().for_each(|episode| pairs.add(episode.success[0], episode.success[1]));
+        pairs
+    }
+
+    /// Returns the pairs in index order up to the first episode that is missing on either side. Early
+    /// stopping leaves later ones by chance of timing.
+    pub(crate) fn sequence(&self, alpha: f64) -> PairedSequence {
+        let mut sequence = PairedSequence::new(alpha);
+        // Episodes with an error leave gaps that are not missing; without any, indices are consecutive.
+        let episodes = self.episodes.iter().enumerate();
+        let is_next = |(idx, episode): &(usize, &MatchedEpisode)| {
+            episode.episode as usize <= idx + self.n_errors as usize
+        };
+        for (_, MatchedEpisode { success: [a, b], .. }) in episodes.take_while(is_next) {
+            sequence.push(*a, *b);
+        }
+        sequence
+    }
+
+    /// Returns `a − b` by episode index, for resampling.
+    pub(crate) fn differences(&self) -> Vec<Option<i8>> {
+        let n = self.episodes.last().map_or(0, |last| last.episode as usize + 1);
+        let mut differences = vec![None; n];
+        for MatchedEpisode { episode, success: [a, b], .. } in &self.episodes {
+            differences[*episode as usize] = Some(i8::from(*a) - i8::from(*b));
+        }
+        differences
+    }
+}
+
+/// Matches the episodes of A with those of B in every cell that A has and B can stand against. A cell in
+/// which both sides are the same condition of the same policy is left out.
+pub(crate) fn match_cells(
+    evaluation: &Evaluation,
+    [a, b]: [Side<'_>; 2],
+    metric: Metric,
+) -> Vec<MatchedCell> {
+    let theirs = evaluation.conditions(b.policy);
+    let cells = evaluation.conditions(a.policy).into_iter().filter_map(|(condition, ours)| {
+        let perturbation = b.perturbation.unwrap_or(condition.perturbation);
+        let other = Condition { task: condition.task, perturbation };
+        if other == condition && a.policy.name == b.policy.name {
+            return None;
+        }
+        let (_, theirs) = theirs.iter().find(|(condition, _)| *condition == other)?;
+        Some(match_cell(evaluation, condition, [ours, theirs], metric))
+    });
+    cells.collect()
+}
+
+fn match_cell(
+    evaluation: &Evaluation,
+    condition: Condition,
+    [ours, theirs]: [&[RowIdx]; 2],
+    metric: Metric,
+) -> MatchedCell {
+    let mut cell = MatchedCell { condition, episodes: Vec::new(), n_errors: 0, n_unmatched: 0 };
+    let (mut left, mut right) = (ours.iter().peekable(), theirs.iter().peekable());
+    while let (Some(&&a_idx), Some(&&b_idx)) = (left.peek(), right.peek()) {
+        let [a, b] = [a_idx, b_idx].map(|idx| evaluation.row(idx));
+        if a.episode != b.episode {
+            cell.n_unmatched += 1;
+            let behind = if a.episode < b.episode { &mut left } else { &mut right };
+            behind.next();
+            continue;
+        }
+        left.next();
+        right.next();
+        if a.error.is_some() || b.error.is_some() {
+            cell.n_errors += 1;
+        } else {
+            cell.episodes.push(MatchedEpisode {
+                episode: a.episode,
+                rows: [a_idx, b_idx],
+                success: [metric.of(a), metric.of(b)],
+            });
+        }
+    }
+    cell.n_unmatched += (left.count() + right.count()) as u32;
+    cell
+}

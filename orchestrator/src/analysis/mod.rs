@@ -1,0 +1,22 @@
+//! Conclusions from results files: merged evaluations, comparisons of matched episodes, and their verdicts.
+//!
+//! It reads the rows of one or several files, refuses to mix what must not be mixed, and computes; it
+//! prints and writes nothing. `docs/conclusions.md` defines every quantity.
+
+mod cells;
+mod comparison;
+mod effects;
+mod evaluation;
+mod flips;
+mod groups;
+mod matching;
+
+pub(crate) use self::cells::{CellSummary, Rate};
+pub(crate) use self::comparison::{ComparedCell, Comparison, ComparisonKind, ComparisonOptions, TestKind};
+pub(crate) use self::effects::{CellRate, Effect, effects, modality_change};
+pub(crate) use self::evaluation::{EvaluatedPolicy, Evaluation, RowIdx, read_files};
+pub(crate) use self::flips::{Flip, FlipSide};
+pub(crate) use self::matching::Metric;
+
+#[cfg(test)]
+mod tests;

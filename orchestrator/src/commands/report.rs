@@ -1,0 +1,121 @@
+//! `hypogeum report`: a page with figures, comparisons and warnings, and the results as data.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+use clap::Args;
+
+use crate::analysis::Flip;
+use crate::evaluation_args::EvaluationArgs;
+use crate::exit::{ExitStatus, Failure, OrUser};
+use crate::export::{ExportFormat, export, write_file};
+use crate::output::print_message;
+use crate::page::{self, ExternalData, FpsTable, HardwareTable, Movie, PageOptions, ReportContent};
+use crate::playback::write_flip_movie;
+
+/// Arguments of `report`.
+#[derive(Args, Debug)]
+pub(crate) struct ReportArgs {
+    #[command(flatten)]
+    pub(crate) evaluation: EvaluationArgs,
+    /// Folder to write: index.html, data.json, and files of --format
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// Pair of policies to compare, the first as A (repeatable) [default: all pairs of up to four policies]
+    #[arg(long = "compare", value_name = "A,B", value_parser = parse_pair)]
+    pub(crate) pairs: Vec<[String; 2]>,
+    /// Title of the page
+    #[arg(long, default_value = "COLOSSEUM V2 evaluation")]
+    pub(crate) title: String,
+    /// Success rates on hardware: a CSV file with the columns task, perturbation and success_percent
+    #[arg(long, value_name = "FILE.csv")]
+    pub(crate) hardware: Option<PathBuf>,
+    /// Frames per second: a CSV file with the columns batch_size and frames_per_second
+    #[arg(long, value_name = "FILE.csv")]
+    pub(crate) fps: Option<PathBuf>,
+    /// Number of flips to show as movies, both sides next to each other; needs `run --keep-actions`
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) movies: usize,
+    /// Further formats of the results, comma-separated
+    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',')]
+    pub(crate) format: Vec<ExportFormat>,
+}
+
+/// Writes the page and the data.
+pub(crate) fn report(args: &ReportArgs) -> Result<ExitStatus, Failure> {
+    let evaluation = args.evaluation.read()?;
+    let external = ExternalData {
+        hardware: args.hardware.as_deref().map(HardwareTable::read).transpose().or_user()?,
+        fps: args.fps.as_deref().map(FpsTable::read).transpose().or_user()?,
+    };
+    let options = PageOptions {
+        title: args.title.clone(),
+        metric: args.evaluation.metric,
+        levels: args.evaluation.levels(),
+        pairs: args.pairs.clone(),
+    };
+    let report = ReportContent::new(&evaluation, &options, external).or_user()?;
+    // Nothing is written before everything has been computed.
+    std::fs::create_dir_all(&args.output)
+        .with_context(|| format!("failed to create the folder {}", args.output.display()))
+        .or_user()?;
+    let movies = movies(&report, args).or_user()?;
+    let html = page::html(&report, &movies)?;
+    let data = serde_json::to_vec(&report)?;
+    write_file(&args.output.join("data.json"), &data).or_user()?;
+    for format in &args.format {
+        export(&evaluation, args.evaluation.metric, *format, &args.output).or_user()?;
+    }
+    // The page is written last: where it is, everything else is.
+    let page = write_file(&args.output.join("index.html"), html.as_bytes()).or_user()?;
+    for warning in &report.warnings {
+        print_message(&format!("warning: {warning}"));
+    }
+    print_message(&format!("wrote {}", page.display()));
+    Ok(ExitStatus::Success)
+}
+
+/// Writes movies of the first flips of each comparison whose both sides can be replayed.
+fn movies(report: &ReportContent, args: &ReportArgs) -> anyhow::Result<Vec<Movie>> {
+    if args.movies == 0 {
+        return Ok(Vec::new());
+    }
+    let can_replay = |flip: &&Flip| flip.sides.iter().all(|side| side.has_actions);
+    let flips: Vec<&Flip> =
+        report.comparisons.iter().flat_map(|comparison| comparison.flips.iter().filter(can_replay)).collect();
+    ensure!(
+        !flips.is_empty(),
+        "--movies needs flips with stored actions on both sides: evaluate with `run --keep-actions`"
+    );
+    // Spread over all flips, so that not all are of one cell.
+    let n = args.movies.min(flips.len());
+    let chosen = (0..n).map(|idx| flips[idx * flips.len() / n]);
+    chosen.enumerate().map(|(idx, flip)| movie(flip, idx, &args.output)).collect()
+}
+
+fn movie(flip: &Flip, idx: usize, folder: &Path) -> anyhow::Result<Movie> {
+    let file = format!("flip-{idx}.gif");
+    write_flip_movie(flip, &folder.join(&file))?;
+    let [a, b] = [&flip.sides[0], &flip.sides[1]];
+    let result = |side: usize| if flip.a_succeeds == (side == 0) { "succeeds" } else { "fails" };
+    let of = |side: &crate::analysis::FlipSide| {
+        format!("{} under {}", side.policy, side.condition.perturbation.name())
+    };
+    let caption = format!(
+        "{}, episode {}: {} {} (left), {} {} (right)",
+        a.condition.task.name(),
+        flip.episode,
+        of(a),
+        result(0),
+        of(b),
+        result(1)
+    );
+    Ok(Movie { file, caption })
+}
+
+fn parse_pair(typed: &str) -> Result<[String; 2], String> {
+    match typed.split_once(',') {
+        Some((a, b)) if !a.is_empty() && !b.is_empty() && a != b => Ok([a.to_owned(), b.to_owned()]),
+        _ => Err("expected two different policies, separated by a comma".to_owned()),
+    }
+}

@@ -1,0 +1,380 @@
+//! `hypogeum verify`: runs episodes of somebody's results again and compares every column.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+
+use anyhow::{Context, anyhow, ensure};
+use clap::Args;
+use ipc_types::RunConfig;
+use ipc_types::run_config::{ImageOptions, LanguageFile, RendererChoice, ResultOptions, Samples};
+use policy_host::PolicySpec;
+use serde_json::{Value, json};
+use sim::serve::protocol::Outcome;
+use sim::stream::{Stream, episode_seed};
+
+use crate::execution::{execute, identities};
+use crate::exit::{ExitStatus, Failure, OrUser};
+use crate::fleet::{FleetEvent, RunStatus};
+use crate::jobs::{Job, drivers};
+use crate::output::{print_message, print_out};
+use crate::plan::{Condition, RunPlan};
+use crate::policy::{Identity, NamedPolicy};
+use crate::progress::Progress;
+use crate::results::{EpisodeRow, ResultsFile};
+use crate::stored_episode::format_fingerprint;
+use crate::table::{Align, TextTable};
+
+/// Arguments of `verify`.
+#[derive(Args, Debug)]
+pub(crate) struct VerifyArgs {
+    /// Results file of `run`
+    #[arg(value_name = "RESULTS.db")]
+    pub(crate) file: PathBuf,
+    /// Run a random sample of this many episodes [default: all]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) sample: Option<u32>,
+    /// Seed of the sample
+    #[arg(long, value_name = "S", default_value_t = 0, requires = "sample")]
+    pub(crate) seed: u64,
+    /// Place of a policy's checkpoint, if it is not where it was (repeatable)
+    #[arg(long = "checkpoint", value_name = "NAME=PATH", value_parser = parse_checkpoint)]
+    pub(crate) checkpoints: Vec<(String, PathBuf)>,
+    /// The paraphrases with which the results were made, if not the built-in ones
+    #[arg(long, value_name = "FILE")]
+    pub(crate) language: Option<LanguageFile>,
+    /// Episodes in progress at a time
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096), default_value_t = 16)]
+    pub(crate) envs: u32,
+    /// Worker threads of the sim and of each policy host; by default one per core
+    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub(crate) threads: Option<u32>,
+    /// Print one JSON object instead of a table
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Show no progress
+    #[arg(long)]
+    pub(crate) quiet: bool,
+}
+
+/// A column that differs between a row and its repetition.
+struct Difference<'a> {
+    row: &'a EpisodeRow,
+    column: &'static str,
+    stored: String,
+    found: String,
+}
+
+/// Episodes that cannot be run again, with the reason, by policy.
+type Unverifiable = BTreeMap<String, (String, usize)>;
+
+/// Runs a sample of the episodes again and compares them with their rows.
+pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
+    let file = ResultsFile::read(&args.file).or_user()?;
+    let config = config(&file, args).or_user()?;
+    let mut unverifiable = Unverifiable::new();
+    let policies = available_policies(&file, args, &mut unverifiable);
+    let rows = select(&file, args, &policies, &mut unverifiable);
+    let plan = plan(&file, &config, policies, &rows);
+    // Checks that the checkpoints can be loaded.
+    let _identities = identities(&plan)?;
+    let outcomes = run(&plan, &file, &rows, args)?;
+    let Some(outcomes) = outcomes else { return Ok(ExitStatus::Interrupted) };
+    let differences: Vec<Difference<'_>> = rows
+        .iter()
+        .zip(&outcomes)
+        .flat_map(|(row, outcome)| differences(&file, row, outcome, config.results.seed))
+        .collect();
+    let n_differing = count_rows(&differences);
+    if args.json {
+        print_out(&format!("{:#}\n", json_report(&file, rows.len(), &differences, &unverifiable)))?;
+    } else {
+        print_out(&text_report(&file, &differences, &unverifiable))?;
+    }
+    print_message(&format!("{} of {} episodes agree in every column", rows.len() - n_differing, rows.len()));
+    let all_agree = n_differing == 0 && unverifiable.is_empty() && !rows.is_empty();
+    Ok(if all_agree { ExitStatus::Success } else { ExitStatus::EpisodeErrors })
+}
+
+/// Restores the configuration from the manifest.
+fn config(file: &ResultsFile, args: &VerifyArgs) -> anyhow::Result<RunConfig> {
+    let path = file.path.display();
+    let version = file.manifest.get("version").and_then(Value::as_str).unwrap_or("unknown");
+    let ours = env!("CARGO_PKG_VERSION");
+    ensure!(
+        version == ours,
+        "{path} was made by version {version} of the simulator and this is {ours}, whose episodes may differ; verify it \
+         with version {version}"
+    );
+    let mut config = RunConfig::default();
+    let Value::Object(mut options) = json!(config.results) else {
+        unreachable!("a struct becomes an object")
+    };
+    for (key, value) in &mut options {
+        if let Some(stored) = file.manifest.get(key).filter(|_| key != "language") {
+            *value = stored.clone();
+        }
+    }
+    config.results = serde_json::from_value::<ResultOptions>(Value::Object(options))
+        .with_context(|| format!("{path}: its manifest has an option with an invalid value"))?;
+    let stored_language = file.manifest.get("language").and_then(Value::as_str);
+    let given = json!(args.language);
+    match (stored_language, given.get("fingerprint").and_then(Value::as_str)) {
+        (None, None) => {}
+        (Some(stored), Some(given)) if stored == given => config.results.language.clone_from(&args.language),
+        (Some(stored), Some(given)) => {
+            return Err(anyhow!("--language has content {given}, but {path} was made with content {stored}"));
+        }
+        (Some(stored), None) => {
+            return Err(anyhow!(
+                "{path} was made with the paraphrases of a file; name it with --language (content {stored})"
+            ));
+        }
+        (None, Some(_)) => {
+            return Err(anyhow!("{path} was made with the built-in paraphrases; omit --language"));
+        }
+    }
+    if let Some(identity) = file.manifest.get("renderer").and_then(Value::as_str) {
+        config.rendering = image_options(identity);
+    }
+    config.resources.envs = args.envs;
+    config.resources.threads = args.threads.unwrap_or(config.resources.threads);
+    Ok(config)
+}
+
+/// Returns the options that lead to a renderer with this identity, if the machine has one.
+fn image_options(identity: &str) -> ImageOptions {
+    let samples = if identity.ends_with("with 4 samples per pixel") { Samples::Four } else { Samples::One };
+    let renderer = if identity.starts_with("cpu") { RendererChoice::Cpu } else { RendererChoice::Gpu };
+    ImageOptions { renderer, samples }
+}
+
+/// Returns the policies that can be run again, and notes the others.
+fn available_policies(
+    file: &ResultsFile,
+    args: &VerifyArgs,
+    unverifiable: &mut Unverifiable,
+) -> Vec<NamedPolicy> {
+    let mut available = Vec::new();
+    for (name, stored) in &file.policies {
+        match available_policy(name, stored, args) {
+            Ok(policy) => available.push(policy),
+            Err(reason) => {
+                unverifiable.insert(name.clone(), (format!("{reason:#}"), 0));
+            }
+        }
+    }
+    available
+}
+
+fn available_policy(name: &str, stored: &Identity, args: &VerifyArgs) -> anyhow::Result<NamedPolicy> {
+    let elsewhere = args.checkpoints.iter().find(|(policy, _)| policy == name).map(|(_, path)| path.clone());
+    let spec = match (stored.spec.parse::<PolicySpec>()?, elsewhere) {
+        (PolicySpec::Attach(host), _) => {
+            return Err(anyhow!("it ran in a foreign host, `{host}`, whose code is not known"));
+        }
+        (PolicySpec::Act(_), Some(path)) => PolicySpec::Act(path),
+        (PolicySpec::ActInt8(_), Some(path)) => PolicySpec::ActInt8(path),
+        (spec, _) => spec,
+    };
+    let policy = NamedPolicy { name: name.to_owned(), spec };
+    let found =
+        policy.identity().with_context(|| format!("name its checkpoint with --checkpoint {name}=PATH"))?;
+    ensure!(found.matches(stored), "it was {stored}, but the checkpoint there now is {found}");
+    Ok(policy)
+}
+
+/// Chooses the rows to run again, in the order of the file. Rows of other policies are counted.
+fn select<'a>(
+    file: &'a ResultsFile,
+    args: &VerifyArgs,
+    policies: &[NamedPolicy],
+    unverifiable: &mut Unverifiable,
+) -> Vec<&'a EpisodeRow> {
+    let mut rows: Vec<&EpisodeRow> = file.rows.iter().collect();
+    if let Some(n) = args.sample {
+        let mut stream = Stream::new(args.seed, "verify");
+        let n_drawn = (n as usize).min(rows.len());
+        // The drawn rows move to the front.
+        for idx in 0..n_drawn {
+            let left = rows.len() - idx;
+            rows.swap(idx, idx + (stream.unit() * left as f64) as usize);
+        }
+        rows.truncate(n_drawn);
+        rows.sort_by_key(|row| (row.policy, row.condition.task, row.condition.perturbation, row.episode));
+    }
+    rows.retain(|row| {
+        let name = file.policy(row);
+        if let Some(error) = row.error {
+            let reason = format!("they ended with an error, for example: {}", file.text(error));
+            unverifiable.entry(format!("errors of {name}")).or_insert((reason, 0)).1 += 1;
+            return false;
+        }
+        if let Some((_, n)) = unverifiable.get_mut(name) {
+            *n += 1;
+        }
+        policies.iter().any(|policy| policy.name == name)
+    });
+    unverifiable.retain(|_, (_, n)| *n > 0);
+    rows
+}
+
+/// Makes a plan that has the policies and conditions of the rows.
+fn plan(file: &ResultsFile, config: &RunConfig, policies: Vec<NamedPolicy>, rows: &[&EpisodeRow]) -> RunPlan {
+    let mut conditions: Vec<Condition> = rows.iter().map(|row| row.condition).collect();
+    conditions.sort_by_key(|condition| (condition.task, condition.perturbation));
+    conditions.dedup();
+    let is_used = |policy: &NamedPolicy| rows.iter().any(|row| file.policy(row) == policy.name);
+    RunPlan {
+        policies: policies.into_iter().filter(is_used).collect(),
+        conditions,
+        episodes: rows.len() as u32,
+        config: config.clone(),
+        db: file.path.clone(),
+        stopping: None,
+    }
+}
+
+/// Runs the episodes of the rows. Returns their outcomes in the same order; `None` if the user interrupted.
+fn run(
+    plan: &RunPlan,
+    file: &ResultsFile,
+    rows: &[&EpisodeRow],
+    args: &VerifyArgs,
+) -> Result<Option<Vec<Outcome>>, Failure> {
+    let drivers = drivers(plan);
+    let job = |row: &&EpisodeRow| {
+        let policy_idx = plan.policies.iter().position(|policy| policy.name == file.policy(row))?;
+        let (driver, EpisodeRow { condition, episode, seed, .. }) = (drivers[policy_idx], **row);
+        Some(Job { policy_idx, condition, episode, seed, driver })
+    };
+    let jobs: Vec<Job> = rows.iter().filter_map(job).collect();
+    let renderer = file.manifest.get("renderer").and_then(Value::as_str).map(str::to_owned);
+    let renderer = renderer.filter(|_| plan.needs_images());
+    let key = |job: &Job| (job.policy_idx, job.condition, job.episode);
+    let positions: HashMap<_, usize> = jobs.iter().enumerate().map(|(idx, job)| (key(job), idx)).collect();
+    let mut outcomes: Vec<Option<Outcome>> = jobs.iter().map(|_| None).collect();
+    let mut progress = Progress::of_replays(jobs.len() as u64, args.quiet);
+    let status = execute(plan, jobs, renderer, &|_| true, |event| {
+        match event {
+            FleetEvent::EpisodeFinished(job, outcome) => {
+                if let Some(&idx) = positions.get(&key(job)) {
+                    outcomes[idx] = Some(outcome.clone());
+                }
+                progress.tick();
+            }
+            FleetEvent::Counters(counters) => progress.counters(counters),
+            FleetEvent::Log(line) => progress.log(line),
+            FleetEvent::RendererReady(_) => {}
+        }
+        Ok(())
+    });
+    progress.finish();
+    let (status, _totals) = status?;
+    if status == RunStatus::Stopped {
+        print_message("interrupted; nothing was changed");
+        return Ok(None);
+    }
+    let outcomes = outcomes.into_iter().collect::<Option<Vec<_>>>();
+    outcomes.map(Some).ok_or_else(|| Failure::Bug(anyhow!("an episode ended without an outcome")))
+}
+
+/// Compares a row with its repetition. Times are left out: they are never the same.
+fn differences<'a>(
+    file: &ResultsFile,
+    row: &'a EpisodeRow,
+    outcome: &Outcome,
+    suite_seed: u64,
+) -> Vec<Difference<'a>> {
+    let optional = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
+    let seed = episode_seed(suite_seed, row.condition.task.name(), row.episode);
+    let stored_fingerprint = row.fingerprint.map(format_fingerprint);
+    let columns = [
+        ("seed", row.seed.to_string(), seed.to_string()),
+        ("steps", row.steps.to_string(), outcome.steps.to_string()),
+        ("success_once", row.success_once.to_string(), outcome.success_once.to_string()),
+        ("success_at_end", row.success_at_end.to_string(), outcome.success_at_end.to_string()),
+        (
+            "first_success_step",
+            optional(row.first_success_step.map(|step| step.to_string())),
+            optional(outcome.first_success_step.map(|step| step.to_string())),
+        ),
+        (
+            "failed_predicate",
+            optional(row.failed_predicate.map(|idx| file.text(idx).to_owned())),
+            optional(outcome.failed_predicate.clone()),
+        ),
+        ("fingerprint", optional(stored_fingerprint), format_fingerprint(outcome.fingerprint)),
+        ("error", "none".to_owned(), optional(outcome.error.clone())),
+    ];
+    let differs = |(_, stored, found): &(_, String, String)| stored != found;
+    columns
+        .into_iter()
+        .filter(differs)
+        .map(|(column, stored, found)| Difference { row, column, stored, found })
+        .collect()
+}
+
+/// Counts the rows with a difference. Differences of one row follow each other.
+fn count_rows(differences: &[Difference<'_>]) -> usize {
+    differences.chunk_by(|a, b| std::ptr::eq(a.row, b.row)).count()
+}
+
+fn text_report(file: &ResultsFile, differences: &[Difference<'_>], unverifiable: &Unverifiable) -> String {
+    use Align::{Left, Right};
+    let mut text = String::new();
+    if !differences.is_empty() {
+        let columns = ["policy", "task", "perturbation"].map(|name| (name, Left));
+        let more = [("episode", Right), ("column", Left), ("stored", Left), ("run again", Left)];
+        let mut table = TextTable::new(&[&columns[..], &more[..]].concat());
+        for Difference { row, column, stored, found } in differences {
+            table.row(vec![
+                file.policy(row).to_owned(),
+                row.condition.task.name().to_owned(),
+                row.condition.perturbation.name(),
+                row.episode.to_string(),
+                (*column).to_owned(),
+                stored.clone(),
+                found.clone(),
+            ]);
+        }
+        text += &table.to_string();
+    }
+    for (name, (reason, n)) in unverifiable {
+        text += &format!("not verified: {n} episodes of {name}: {reason}\n");
+    }
+    text
+}
+
+fn json_report(
+    file: &ResultsFile,
+    n_run: usize,
+    differences: &[Difference<'_>],
+    unverifiable: &Unverifiable,
+) -> Value {
+    let difference = |Difference { row, column, stored, found }: &Difference<'_>| {
+        json!({
+            "policy": file.policy(row),
+            "task": row.condition.task.name(),
+            "perturbation": row.condition.perturbation.name(),
+            "episode": row.episode,
+            "column": column,
+            "stored": stored,
+            "found": found,
+        })
+    };
+    let not_verified =
+        |(name, (reason, n)): (&String, &(String, usize))| json!({ "what": name, "n": n, "reason": reason });
+    json!({
+        "run": n_run,
+        "agree": n_run - count_rows(differences),
+        "differences": differences.iter().map(difference).collect::<Vec<_>>(),
+        "not_verified": unverifiable.iter().map(not_verified).collect::<Vec<_>>(),
+    })
+}
+
+fn parse_checkpoint(typed: &str) -> Result<(String, PathBuf), String> {
+    match typed.split_once('=') {
+        Some((name, path)) if !name.is_empty() && !path.is_empty() => Ok((name.to_owned(), path.into())),
+        _ => Err("expected NAME=PATH".to_owned()),
+    }
+}

@@ -1,0 +1,95 @@
+//! Execution of episodes: checks that every policy can be loaded, and runs a fleet for the episodes of a
+//! plan.
+
+use std::hash::{BuildHasher, RandomState};
+use std::path::PathBuf;
+
+use anyhow::Context;
+use ipc_types::layout::block_pages;
+use ipc_types::link::LaneSpec;
+use policy_host::PolicySpec;
+use sim::serve::protocol::{Driver, Lane};
+
+use crate::exit::{Failure, OrUser};
+use crate::fleet::{self, Fleet, FleetConfig, FleetEvent, IsWanted, PolicyLane, RunStatus, Totals};
+use crate::interrupt;
+use crate::jobs::{Job, drivers};
+use crate::plan::RunPlan;
+use crate::policy::{Identity, NamedPolicy};
+
+/// Observation batches that may be unanswered on a lane, so that stepping and inference overlap.
+const IN_FLIGHT: u32 = 2;
+/// Mount point of shared memory.
+const SHM: &str = "/dev/shm";
+
+/// Returns the identity of each policy. Also checks that each can be loaded, before anything is started.
+pub(crate) fn identities(plan: &RunPlan) -> Result<Vec<Identity>, Failure> {
+    let robots: Vec<_> =
+        plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
+    let identity = |policy: &NamedPolicy| {
+        policy_host::check(&policy.spec, &robots)
+            .map_err(anyhow::Error::new)
+            .and_then(|()| policy.identity().map_err(Into::into))
+            .with_context(|| format!("policy `{}`", policy.name))
+            .or_user()
+    };
+    plan.policies.iter().map(identity).collect()
+}
+
+/// Runs `todo` in a fleet of child processes. Starts none if there is nothing to do.
+pub(crate) fn execute(
+    plan: &RunPlan,
+    todo: Vec<Job>,
+    earlier_renderer: Option<String>,
+    is_wanted: &IsWanted<'_>,
+    mut sink: impl FnMut(FleetEvent<'_>) -> anyhow::Result<()>,
+) -> Result<(RunStatus, Totals), Failure> {
+    if todo.is_empty() {
+        return Ok((RunStatus::Complete, Totals::default()));
+    }
+    let program = std::env::current_exe().context("failed to find the executable of this process")?;
+    let fleet = Fleet::new(fleet_config(plan, program, earlier_renderer));
+    let stopper = fleet.stopper();
+    let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
+    fleet.run(todo, is_wanted, &mut sink).map_err(|error| {
+        let is_user_error = error.is_user_error();
+        let error = anyhow::Error::from(error);
+        if is_user_error { Failure::User(error) } else { Failure::Bug(error) }
+    })
+}
+
+fn fleet_config(plan: &RunPlan, program: PathBuf, earlier_renderer: Option<String>) -> FleetConfig {
+    FleetConfig {
+        program,
+        base: fleet::base(),
+        shm: PathBuf::from(SHM),
+        // The keys of a `RandomState` are random numbers from the operating system.
+        run_id: RandomState::new().hash_one(std::process::id()),
+        run: plan.config.clone(),
+        earlier_renderer,
+        lanes: lanes(plan),
+        morphologies: plan.morphologies(),
+        limits: fleet::Limits::default(),
+    }
+}
+
+/// Returns the policies that run outside the sim. A batch holds half of the envs, so that the others step
+/// meanwhile.
+fn lanes(plan: &RunPlan) -> Vec<PolicyLane> {
+    let policy = |(policy, driver): (&NamedPolicy, Driver)| {
+        let Driver::Lane(lane) = driver else { return None };
+        let images = policy.spec.needs_images();
+        let max_pages =
+            plan.morphologies().into_iter().map(|morphology| block_pages(morphology, images)).max();
+        let spec = LaneSpec {
+            lane,
+            policy: policy.name.clone(),
+            max_envs: plan.config.resources.envs.div_ceil(2),
+            block_pages: max_pages.unwrap_or(1) as u32,
+            in_flight: IN_FLIGHT,
+        };
+        let foreign = matches!(policy.spec, PolicySpec::Attach(_));
+        Some(PolicyLane { spec: policy.spec.clone(), lane: Lane { spec, images, foreign } })
+    };
+    plan.policies.iter().zip(drivers(plan)).filter_map(policy).collect()
+}

@@ -1,0 +1,85 @@
+//! Results as data for other programs: the original's CSV, Parquet, JSON, and the result files of LeRobot and
+//! vla-eval.
+
+mod csv;
+mod episodes;
+mod lerobot;
+
+mod vla_eval;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use clap::ValueEnum;
+use serde_json::Value;
+
+use crate::analysis::{CellSummary, EvaluatedPolicy, Evaluation, Metric};
+
+/// A format of exported results.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "kebab-case")]
+pub(crate) enum ExportFormat {
+    /// One row per cell, in the columns of the original's result files
+    Csv,
+    /// One row per episode
+    Parquet,
+    /// One object with all cells
+    Json,
+    /// One `eval_info.json` per policy, as LeRobot writes it
+    Lerobot,
+    /// One result file per policy, as vla-eval writes it
+    VlaEval,
+}
+
+/// Writes the results in one format into `folder` and returns the files.
+///
+/// # Errors
+/// If a file cannot be written.
+pub(crate) fn export(
+    evaluation: &Evaluation,
+    metric: Metric,
+    format: ExportFormat,
+    folder: &Path,
+) -> anyhow::Result<Vec<PathBuf>> {
+    let per_policy = |name: fn(&str) -> String, make: &dyn Fn(&EvaluatedPolicy) -> Value| {
+        let write = |policy: &EvaluatedPolicy| write_json(&folder.join(name(&policy.name)), &make(policy));
+        evaluation.policies.iter().map(write).collect::<anyhow::Result<Vec<PathBuf>>>()
+    };
+    match format {
+        ExportFormat::Csv => csv::write(evaluation, metric, folder),
+        ExportFormat::Parquet => {
+            let path = folder.join("episodes.parquet");
+            episodes::write(evaluation, &path)?;
+            Ok(vec![path])
+        }
+        ExportFormat::Json => {
+            let cells: Vec<CellSummary> = evaluation
+                .policies
+                .iter()
+                .flat_map(|policy| CellSummary::of_policy(evaluation, policy, metric))
+                .collect();
+            let manifest = &evaluation.files[0].manifest;
+            let all = serde_json::json!({ "run": manifest, "metric": metric, "cells": cells });
+            Ok(vec![write_json(&folder.join("cells.json"), &all)?])
+        }
+        ExportFormat::Lerobot => per_policy(|policy| format!("{policy}.eval_info.json"), &|policy| {
+            lerobot::eval_info(evaluation, policy, metric)
+        }),
+        ExportFormat::VlaEval => per_policy(|policy| format!("{policy}.vla-eval.json"), &|policy| {
+            vla_eval::benchmark_result(evaluation, policy, metric)
+        }),
+    }
+}
+
+/// Writes a file under a temporary name first, so that no half-written file ever has the final name.
+pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> anyhow::Result<PathBuf> {
+    let partial = path.with_extension("partial");
+    std::fs::write(&partial, bytes)
+        .and_then(|()| std::fs::rename(&partial, path))
+        .with_context(|| format!("failed to write {}", path.display()))?;
+    Ok(path.to_owned())
+}
+
+fn write_json(path: &Path, value: &Value) -> anyhow::Result<PathBuf> {
+    write_file(path, format!("{value:#}\n").as_bytes())
+}

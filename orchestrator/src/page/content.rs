@@ -1,0 +1,248 @@
+//! The numbers of a report.
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+use sim::Perturbation;
+use sim::perturb::Modality;
+
+use super::external::ExternalData;
+use super::warnings::warnings;
+use crate::analysis::{
+    CellRate, CellSummary, Comparison, ComparisonOptions, Effect, Evaluation, Metric, Rate, effects,
+    modality_change,
+};
+use crate::plan::Condition;
+use crate::statistics::Levels;
+
+/// Choices of the user.
+#[derive(Clone, Debug)]
+pub(crate) struct PageOptions {
+    pub(crate) title: String,
+    pub(crate) metric: Metric,
+    pub(crate) levels: Levels,
+    /// Pairs of policies to compare; empty for all pairs of at most [`MAX_COMPARED`] policies.
+    pub(crate) pairs: Vec<[String; 2]>,
+}
+
+impl PageOptions {
+    fn comparison(&self) -> ComparisonOptions {
+        ComparisonOptions { metric: self.metric, levels: self.levels, max_flips: MAX_FLIPS }
+    }
+}
+
+/// Number of flips per comparison that the page and the data have.
+const MAX_FLIPS: usize = 200;
+/// Number of policies up to which all pairs are compared without being asked for.
+const MAX_COMPARED: usize = 4;
+
+/// Everything that the page shows, and `data.json` contains.
+#[derive(Debug, Serialize)]
+pub(crate) struct ReportContent {
+    pub(crate) title: String,
+    pub(crate) metric: Metric,
+    pub(crate) levels: Levels,
+    /// The options that results depend on.
+    pub(crate) options: Map<String, Value>,
+    /// The machine and the circumstances of the first file's latest run.
+    pub(crate) environment: Value,
+    pub(crate) files: Vec<FileSummary>,
+    pub(crate) policies: Vec<PolicySummary>,
+    pub(crate) warnings: Vec<String>,
+    pub(crate) cells: Vec<CellSummary>,
+    /// Changes under perturbations as in the benchmark's figures.
+    #[serde(serialize_with = "serialize_effects")]
+    pub(crate) effects: Vec<Effect>,
+    pub(crate) comparisons: Vec<Comparison>,
+    /// Each policy under its perturbations, against its own unperturbed twins.
+    pub(crate) perturbations: Vec<Comparison>,
+    #[serde(skip)]
+    pub(crate) external: ExternalData,
+}
+
+/// A results file of the report.
+#[derive(Debug, Serialize)]
+pub(crate) struct FileSummary {
+    pub(crate) path: String,
+    pub(crate) n_episodes: usize,
+}
+
+/// A policy of the report.
+#[derive(Debug, Serialize)]
+pub(crate) struct PolicySummary {
+    pub(crate) name: String,
+    pub(crate) spec: String,
+    pub(crate) checkpoint: Option<String>,
+    pub(crate) role: PolicyRole,
+    /// Over all unperturbed episodes.
+    pub(crate) unperturbed: Rate,
+    pub(crate) unperturbed_interval: Option<[f64; 2]>,
+    /// Over all episodes.
+    pub(crate) all: Rate,
+    pub(crate) errors: u32,
+    /// Mean changes over the perturbations of language, vision and action.
+    pub(crate) changes: [Option<f64>; 3],
+}
+
+/// Purpose of a policy in an evaluation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum PolicyRole {
+    /// The idle policy.
+    Floor,
+    /// The scripted expert.
+    Ceiling,
+    /// A policy under test.
+    Policy,
+}
+
+/// The modalities in the order of the paper's figures.
+pub(super) const MODALITIES: [Modality; 3] = [Modality::Language, Modality::Vision, Modality::Action];
+
+impl ReportContent {
+    /// Computes the report.
+    ///
+    /// # Errors
+    /// If two policies of a requested pair cannot be compared.
+    pub(crate) fn new(
+        evaluation: &Evaluation,
+        options: &PageOptions,
+        external: ExternalData,
+    ) -> anyhow::Result<Self> {
+        let (metric, levels) = (options.metric, options.levels);
+        let of_policy = |policy| CellSummary::of_policy(evaluation, policy, metric);
+        let cells: Vec<CellSummary> = evaluation.policies.iter().flat_map(of_policy).collect();
+        let effects = effects_of(&cells);
+        let policies = summaries(evaluation, &cells, &effects, levels);
+        let comparisons = comparisons(evaluation, &policies, options)?;
+        let perturbations = policies
+            .iter()
+            .filter(|policy| policy.role == PolicyRole::Policy)
+            .filter_map(|policy| {
+                let options = options.comparison();
+                // A policy without both kinds of cells has nothing to show.
+                Comparison::of_perturbations(evaluation, &policy.name, Perturbation::None.into(), options)
+                    .ok()
+            })
+            .collect();
+        let manifest = &evaluation.files[0].manifest;
+        let mut report = Self {
+            title: options.title.clone(),
+            metric,
+            levels,
+            options: manifest.iter().filter(|(key, _)| *key != "environment").map(owned).collect(),
+            environment: manifest.get("environment").cloned().unwrap_or(Value::Null),
+            files: evaluation
+                .files
+                .iter()
+                .map(|file| FileSummary {
+                    path: file.path.display().to_string(),
+                    n_episodes: file.rows.len(),
+                })
+                .collect(),
+            warnings: Vec::new(),
+            policies,
+            cells,
+            effects,
+            comparisons,
+            perturbations,
+            external,
+        };
+        report.warnings = warnings(&report, evaluation);
+        Ok(report)
+    }
+
+    /// Returns the cells of a policy.
+    pub(super) fn cells_of<'a>(&'a self, policy: &'a str) -> impl Iterator<Item = &'a CellSummary> {
+        self.cells.iter().filter(move |cell| cell.policy == policy)
+    }
+
+    /// Returns the position of a policy, which determines its colour.
+    pub(super) fn policy_idx(&self, name: &str) -> usize {
+        self.policies.iter().position(|policy| policy.name == name).unwrap_or(0)
+    }
+}
+
+fn owned((key, value): (&String, &Value)) -> (String, Value) {
+    (key.clone(), value.clone())
+}
+
+pub(super) fn effects_of(cells: &[CellSummary]) -> Vec<Effect> {
+    let rate = |cell: &CellSummary| (cell.policy.clone(), cell.condition, cell.rate.fraction());
+    let owned: Vec<(String, Condition, Option<f64>)> = cells.iter().map(rate).collect();
+    let rates: Vec<CellRate<'_>> = owned
+        .iter()
+        .map(|(policy, condition, success)| CellRate { policy, condition: *condition, success: *success })
+        .collect();
+    effects(&rates)
+}
+
+fn summaries(
+    evaluation: &Evaluation,
+    cells: &[CellSummary],
+    effects: &[Effect],
+    levels: Levels,
+) -> Vec<PolicySummary> {
+    let sum = |cells: &[&CellSummary]| {
+        let total = cells.iter().fold([0, 0], |[s, n], cell| [s + cell.rate.successes, n + cell.rate.n]);
+        Rate { successes: total[0], n: total[1] }
+    };
+    let summary = |policy: &crate::analysis::EvaluatedPolicy| {
+        let own: Vec<&CellSummary> = cells.iter().filter(|cell| cell.policy == policy.name).collect();
+        let is_unperturbed = |cell: &&CellSummary| cell.condition.perturbation == Perturbation::None.into();
+        let unperturbed = sum(&own.iter().copied().filter(is_unperturbed).collect::<Vec<_>>());
+        PolicySummary {
+            name: policy.name.clone(),
+            spec: policy.identity.spec.clone(),
+            checkpoint: policy.identity.checkpoint.clone(),
+            role: match policy.identity.spec.as_str() {
+                "idle" => PolicyRole::Floor,
+                "expert" => PolicyRole::Ceiling,
+                _ => PolicyRole::Policy,
+            },
+            unperturbed_interval: unperturbed.interval(levels.z()),
+            unperturbed,
+            all: sum(&own),
+            errors: own.iter().map(|cell| cell.errors).sum(),
+            changes: MODALITIES.map(|modality| modality_change(effects, &policy.name, modality)),
+        }
+    };
+    let mut summaries: Vec<PolicySummary> = evaluation.policies.iter().map(summary).collect();
+    // Policies under test first, then the ceiling and the floor.
+    summaries.sort_by_key(|policy| (policy.role != PolicyRole::Policy, policy.role == PolicyRole::Floor));
+    summaries
+}
+
+fn comparisons(
+    evaluation: &Evaluation,
+    policies: &[PolicySummary],
+    options: &PageOptions,
+) -> anyhow::Result<Vec<Comparison>> {
+    let compare = |[a, b]: [&str; 2]| Comparison::of_policies(evaluation, [a, b], options.comparison());
+    if !options.pairs.is_empty() {
+        let pairs = options.pairs.iter();
+        return Ok(pairs.map(|[a, b]| compare([a, b])).collect::<Result<_, _>>()?);
+    }
+    let names: Vec<&str> = policies
+        .iter()
+        .filter(|policy| policy.role == PolicyRole::Policy)
+        .map(|policy| policy.name.as_str())
+        .take(MAX_COMPARED)
+        .collect();
+    let pairs = names.iter().enumerate().flat_map(|(idx, a)| names[idx + 1..].iter().map(move |b| [*a, *b]));
+    // Policies that share no episode are not compared unless they were named.
+    Ok(pairs.filter_map(|pair| compare(pair).ok()).collect())
+}
+
+fn serialize_effects<S: serde::Serializer>(effects: &[Effect], serializer: S) -> Result<S::Ok, S::Error> {
+    let effect = |effect: &Effect| {
+        serde_json::json!({
+            "policy": effect.policy,
+            "perturbation": effect.perturbation.name(),
+            "success": effect.success_once,
+            "n_tasks": effect.n_tasks,
+            "change": effect.change,
+            "relative_change": effect.relative_change,
+        })
+    };
+    serializer.collect_seq(effects.iter().map(effect))
+}

@@ -1,0 +1,93 @@
+//! Heat map of success by task and perturbation, one per policy, as an HTML table.
+
+use serde::Serialize;
+use sim::TaskId;
+use sim::perturb::Composition;
+
+use super::content::{PolicyRole, ReportContent};
+use crate::analysis::CellSummary;
+
+/// The table of one policy.
+#[derive(Debug, Serialize)]
+pub(super) struct HeatMap {
+    policy: String,
+    columns: Vec<String>,
+    rows: Vec<HeatRow>,
+}
+
+#[derive(Debug, Serialize)]
+struct HeatRow {
+    task: &'static str,
+    /// `None` where a perturbation does not apply or was not run.
+    cells: Vec<Option<HeatCell>>,
+}
+
+#[derive(Debug, Serialize)]
+struct HeatCell {
+    /// Percent without decimals.
+    text: String,
+    /// Details shown on hover.
+    title: String,
+    background: String,
+    color: &'static str,
+}
+
+/// Returns the heat maps of the policies under test and of others with perturbed cells.
+pub(super) fn heat_maps(report: &ReportContent) -> Vec<HeatMap> {
+    let map = |name: &str| {
+        let cells: Vec<&CellSummary> = report.cells_of(name).collect();
+        let mut perturbations: Vec<Composition> =
+            cells.iter().map(|cell| cell.condition.perturbation).collect();
+        perturbations.sort_unstable();
+        perturbations.dedup();
+        let mut tasks: Vec<TaskId> = cells.iter().map(|cell| cell.condition.task).collect();
+        tasks.dedup();
+        let row = |task: &TaskId| HeatRow {
+            task: task.name(),
+            cells: perturbations
+                .iter()
+                .map(|perturbation| {
+                    let is_here = |cell: &&&CellSummary| {
+                        cell.condition.task == *task && cell.condition.perturbation == *perturbation
+                    };
+                    cells.iter().find(is_here).and_then(|cell| heat_cell(cell, report.levels.z()))
+                })
+                .collect(),
+        };
+        HeatMap {
+            policy: name.to_owned(),
+            columns: perturbations.iter().map(|perturbation| perturbation.name()).collect(),
+            rows: tasks.iter().map(row).collect(),
+        }
+    };
+    let maps = report.policies.iter().map(|policy| (policy.role, map(&policy.name)));
+    maps.filter(|(role, map)| *role == PolicyRole::Policy || map.columns.len() > 1)
+        .map(|(_, map)| map)
+        .collect()
+}
+
+fn heat_cell(cell: &CellSummary, z: f64) -> Option<HeatCell> {
+    let (fraction, [low, high]) = (cell.rate.fraction()?, cell.rate.interval(z)?);
+    let errors = if cell.errors > 0 { format!(", {} errors", cell.errors) } else { String::new() };
+    Some(HeatCell {
+        text: format!("{:.0}", 100.0 * fraction),
+        title: format!(
+            "{} {}: {} of {} = {:.1} % ({:.1} – {:.1}){errors}",
+            cell.condition.task.name(),
+            cell.condition.perturbation.name(),
+            cell.rate.successes,
+            cell.rate.n,
+            100.0 * fraction,
+            100.0 * low,
+            100.0 * high,
+        ),
+        background: background(fraction),
+        color: if fraction > 0.55 { "#fff" } else { "#222831" },
+    })
+}
+
+/// Returns a colour between white and dark blue, which also works in grey.
+fn background(fraction: f64) -> String {
+    let mix = |low: f64, high: f64| (low + (high - low) * fraction).round() as u8;
+    format!("#{:02x}{:02x}{:02x}", mix(247.0, 8.0), mix(250.0, 69.0), mix(253.0, 127.0))
+}

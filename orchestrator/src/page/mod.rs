@@ -1,0 +1,92 @@
+//! The page of `hypogeum report`: one self-contained HTML file with figures and tables, and the same as data.
+//!
+//! It turns an evaluation into numbers (`content`), draws them (`figures`) and fills the template. It
+//! needs no network, and JavaScript only for sorting, filtering and highlighting.
+
+mod canvas;
+mod content;
+mod drawings;
+mod external;
+mod figures;
+mod heat_map;
+mod tables;
+mod warnings;
+
+use anyhow::Context;
+use minijinja::Environment;
+use serde::Serialize;
+
+use self::canvas::Figure;
+pub(crate) use self::content::{PageOptions, ReportContent};
+pub(crate) use self::external::{ExternalData, FpsTable, HardwareTable};
+use crate::statistics::Levels;
+
+const TEMPLATE: &str = include_str!("template.html");
+const CSS: &str = include_str!("style.css");
+const SCRIPT: &str = include_str!("script.js");
+
+/// A picture file beside the page.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Movie {
+    /// File name, relative to the page.
+    pub(crate) file: String,
+    pub(crate) caption: String,
+}
+
+/// The variables of the template.
+#[derive(Serialize)]
+struct PageContext<'a> {
+    style: &'a str,
+    script: &'a str,
+    title: &'a str,
+    metric: &'static str,
+    levels: Levels,
+    warnings: &'a [String],
+    policies: &'a [content::PolicySummary],
+    files: &'a [content::FileSummary],
+    heat_maps: Vec<heat_map::HeatMap>,
+    figures: Vec<Figure>,
+    movies: &'a [Movie],
+    comparisons: Vec<tables::ComparisonTable>,
+    /// Options and circumstances of the run.
+    run: Vec<(&'a str, String)>,
+}
+
+/// Fills the template.
+///
+/// # Errors
+/// If a figure cannot be drawn.
+pub(crate) fn html(report: &ReportContent, movies: &[Movie]) -> anyhow::Result<String> {
+    let mut environment = Environment::new();
+    environment.add_template("page.html", TEMPLATE).context("the template is invalid")?;
+    let template = environment.get_template("page.html")?;
+    let context = PageContext {
+        style: CSS,
+        script: SCRIPT,
+        title: &report.title,
+        metric: report.metric.name(),
+        levels: report.levels,
+        warnings: &report.warnings,
+        policies: &report.policies,
+        files: &report.files,
+        heat_maps: heat_map::heat_maps(report),
+        figures: drawings::figures(report)?,
+        movies,
+        comparisons: tables::comparison_tables(report),
+        run: run(report),
+    };
+    let context = minijinja::Value::from(minijinja::value::Serde(&context));
+    template.render(context).context("failed to fill the template")
+}
+
+/// Returns the options and the circumstances of the run as texts.
+fn run(report: &ReportContent) -> Vec<(&str, String)> {
+    let text = |value: &serde_json::Value| match value {
+        serde_json::Value::String(text) => text.clone(),
+        serde_json::Value::Null => "–".to_owned(),
+        other => other.to_string(),
+    };
+    let circumstances = report.environment.as_object();
+    let all = report.options.iter().chain(circumstances.into_iter().flatten());
+    all.map(|(key, value)| (key.as_str(), text(value))).collect()
+}

@@ -1,0 +1,177 @@
+//! Reading of whole results files: the manifest and one compact row per episode.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use rusqlite::Connection;
+use serde_json::{Map, Value};
+use sim::TaskId;
+use sim::perturb::Composition;
+
+use super::{manifest, open, schema};
+use crate::plan::Condition;
+use crate::policy::Identity;
+use crate::selection::{parse_perturbation, parse_task};
+
+/// Index of a string in [`ResultsFile::texts`].
+pub(crate) type TextIdx = u32;
+
+/// A results file in memory, without recorded actions.
+#[derive(Debug)]
+pub(crate) struct ResultsFile {
+    pub(crate) path: PathBuf,
+    /// Everything in the manifest except the policies, by key.
+    pub(crate) manifest: Map<String, Value>,
+    /// Policies by name.
+    pub(crate) policies: BTreeMap<String, Identity>,
+    /// Rows, sorted by policy, task name, perturbation name and episode.
+    pub(crate) rows: Vec<EpisodeRow>,
+    /// Names of policies, failed predicates and error messages, each once.
+    pub(crate) texts: Vec<String>,
+    /// `true` if a run is writing to the file at this moment.
+    pub(crate) in_use: bool,
+}
+
+/// One finished episode.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct EpisodeRow {
+    /// Name of the policy.
+    pub(crate) policy: TextIdx,
+    pub(crate) condition: Condition,
+    /// Index of the episode under the suite seed.
+    pub(crate) episode: u32,
+    pub(crate) seed: u64,
+    pub(crate) steps: u32,
+    pub(crate) success_once: bool,
+    pub(crate) success_at_end: bool,
+    pub(crate) first_success_step: Option<u32>,
+    /// First predicate that did not hold at the end.
+    pub(crate) failed_predicate: Option<TextIdx>,
+    /// `None` if the stored text is not a fingerprint.
+    pub(crate) fingerprint: Option<u64>,
+    /// The reason why the episode could not be run.
+    pub(crate) error: Option<TextIdx>,
+    /// Seconds of physics, rendering, policy and waiting.
+    pub(crate) times_s: [f32; 4],
+    /// `true` if the executed actions are stored.
+    pub(crate) has_actions: bool,
+}
+
+impl ResultsFile {
+    /// Reads the file at `path`. Another process may be writing to it: then the rows are those of one moment.
+    ///
+    /// # Errors
+    /// If it is not a results file of this version or a row is invalid.
+    pub(crate) fn read(path: &Path) -> anyhow::Result<Self> {
+        // Descriptors are closed before SQLite opens the file, because closing one drops SQLite's locks.
+        let in_use = matches!(File::open(path).map(|file| file.try_lock_shared()), Ok(Err(_)));
+        let connection = open::open_read_only(path)?;
+        let read = || {
+            let snapshot = connection.unchecked_transaction()?;
+            let (manifest, policies) = read_manifest(&snapshot)?;
+            let mut texts = Texts::default();
+            let rows = read_rows(&snapshot, &mut texts)?;
+            anyhow::Ok(Self { path: path.to_owned(), manifest, policies, rows, texts: texts.texts, in_use })
+        };
+        read().with_context(|| format!("failed to read the results file {}", path.display()))
+    }
+
+    /// Returns the name of a row's policy.
+    pub(crate) fn policy(&self, row: &EpisodeRow) -> &str {
+        &self.texts[row.policy as usize]
+    }
+
+    /// Returns the text of an index.
+    pub(crate) fn text(&self, idx: TextIdx) -> &str {
+        &self.texts[idx as usize]
+    }
+}
+
+/// Distinct strings by index.
+#[derive(Default)]
+struct Texts {
+    texts: Vec<String>,
+    indices: BTreeMap<String, TextIdx>,
+}
+
+impl Texts {
+    fn index(&mut self, text: &str) -> TextIdx {
+        if let Some(&idx) = self.indices.get(text) {
+            return idx;
+        }
+        let idx = self.texts.len() as TextIdx;
+        self.texts.push(text.to_owned());
+        self.indices.insert(text.to_owned(), idx);
+        idx
+    }
+}
+
+fn read_manifest(
+    connection: &Connection,
+) -> anyhow::Result<(Map<String, Value>, BTreeMap<String, Identity>)> {
+    let mut statement = connection.prepare(schema::MANIFEST)?;
+    let mut entries = statement.query([])?;
+    let (mut manifest, mut policies) = (Map::new(), BTreeMap::new());
+    while let Some(entry) = entries.next()? {
+        let (key, text): (String, String) = (entry.get(0)?, entry.get(1)?);
+        let invalid = || format!("its manifest has no valid {key}");
+        if let Some(name) = key.strip_prefix(manifest::POLICY) {
+            policies.insert(name.to_owned(), serde_json::from_str(&text).with_context(invalid)?);
+        } else {
+            let value = serde_json::from_str(&text).with_context(invalid)?;
+            manifest.insert(key, value);
+        }
+    }
+    Ok((manifest, policies))
+}
+
+fn read_rows(connection: &Connection, texts: &mut Texts) -> anyhow::Result<Vec<EpisodeRow>> {
+    let n_rows: i64 = connection.query_row(schema::COUNT, [], |row| row.get(0))?;
+    let mut statement = connection.prepare(schema::ROWS)?;
+    let mut found = statement.query([])?;
+    let mut rows = Vec::with_capacity(usize::try_from(n_rows)?);
+    // Rows are sorted by condition, so the names of one condition are parsed once.
+    let mut names: (String, String) = Default::default();
+    let mut condition: Option<Condition> = None;
+    while let Some(row) = found.next()? {
+        let text = |idx: usize| row.get_ref(idx)?.as_str().map_err(anyhow::Error::from);
+        let (task, perturbation) = (text(1)?, text(2)?);
+        let condition = match condition {
+            Some(condition) if names.0 == task && names.1 == perturbation => condition,
+            _ => {
+                names = (task.to_owned(), perturbation.to_owned());
+                *condition.insert(parse_condition(task, perturbation)?)
+            }
+        };
+        let optional = |idx: usize| row.get_ref(idx)?.as_str_or_null().map_err(anyhow::Error::from);
+        let time = |idx: usize| row.get::<_, f64>(idx).map(|seconds| seconds as f32);
+        rows.push(EpisodeRow {
+            policy: texts.index(text(0)?),
+            condition,
+            episode: row.get(3)?,
+            // Episode seeds are below 2⁶³.
+            seed: row.get::<_, i64>(4)?.cast_unsigned(),
+            steps: row.get(5)?,
+            success_once: row.get(6)?,
+            success_at_end: row.get(7)?,
+            first_success_step: row.get(8)?,
+            failed_predicate: optional(9)?.map(|name| texts.index(name)),
+            fingerprint: u64::from_str_radix(text(10)?, 16).ok(),
+            error: optional(11)?.map(|message| texts.index(message)),
+            times_s: [time(12)?, time(13)?, time(14)?, time(15)?],
+            has_actions: row.get(16)?,
+        });
+    }
+    if rows.is_empty() {
+        bail!("it has no episodes");
+    }
+    Ok(rows)
+}
+
+pub(super) fn parse_condition(task: &str, perturbation: &str) -> anyhow::Result<Condition> {
+    let task: TaskId = parse_task(task)?;
+    let perturbation: Composition = parse_perturbation(perturbation)?;
+    Ok(Condition { task, perturbation })
+}

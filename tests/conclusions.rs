@@ -1,0 +1,276 @@
+//! Conclusions from results: comparing, reporting, verifying, stopping early, and charged latency.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::path::Path;
+
+use serde_json::Value;
+use support::{FinishedRun, act_tiny, rows, run};
+
+/// Evaluates the expert and the idle policy on two tasks, four episodes each, into `r.db`.
+fn evaluate(dir: &Path, extra: &[&str]) {
+    let mut args = vec!["run", "--policy", "expert", "--policy", "idle", "--tasks", "RaiseCube,OpenDrawer"];
+    args.extend(["--perturbations", "None,Light-Color", "--episodes", "4", "--keep-actions", "--db", "r.db"]);
+    args.extend(extra);
+    let _ = run(dir, &args).expect_code(0);
+}
+
+fn json(run: &FinishedRun) -> Value {
+    serde_json::from_str(&run.stdout).unwrap()
+}
+
+fn sql(db: &Path, statement: &str) {
+    rusqlite::Connection::open(db).unwrap().execute_batch(statement).unwrap();
+}
+
+/// Asserts that a command fails with exit code 2 and one line that contains `parts`, and returns the line.
+#[track_caller]
+fn refuses(dir: &Path, args: &[&str], parts: &[&str]) {
+    let refused = run(dir, args).expect_code(2);
+    let message = refused.stderr.trim_end();
+    assert_eq!(message.lines().count(), 1, "{message}");
+    for part in parts {
+        assert!(message.contains(part), "{message} should contain {part}");
+    }
+}
+
+#[test]
+fn compare_finds_the_better_policy() {
+    let dir = tempfile::tempdir().unwrap();
+    evaluate(dir.path(), &[]);
+    let compared = run(dir.path(), &["compare", "r.db", "--a", "expert", "--b", "idle", "--json"]);
+    let compared = json(&compared.expect_code(0));
+    let cells = compared["cells"].as_array().unwrap();
+    assert_eq!(cells.len(), 4);
+    for cell in cells {
+        assert_eq!(
+            (&cell["n"], &cell["successes"][0], &cell["successes"][1]),
+            (&4.into(), &4.into(), &0.into())
+        );
+        assert_eq!(cell["p"], 0.0625);
+    }
+    assert_eq!(compared["groups"][0]["mean"], 1.0);
+    assert_eq!(compared["flips"].as_array().unwrap().len(), 16);
+    let text = run(dir.path(), &["compare", "r.db", "--a", "expert", "--b", "idle", "--flips", "1"]);
+    let text = text.expect_code(0).stdout;
+    // The command that it prints shows the failing episode.
+    let command = text.lines().find(|line| line.contains("hypogeum replay")).unwrap();
+    let words: Vec<&str> = command.split("hypogeum ").nth(1).unwrap().split_whitespace().collect();
+    let _ = run(dir.path(), &words).expect_code(0);
+    assert!(dir.path().join("flip.gif").exists());
+    let own = json(&run(dir.path(), &["compare", "r.db", "--policy", "expert", "--json"]).expect_code(0));
+    assert_eq!((own["cells"].as_array().unwrap().len(), &own["groups"][0]["mean"]), (2, &0.0.into()));
+}
+
+#[test]
+fn files_are_compared_only_if_results_agree() {
+    let dir = tempfile::tempdir().unwrap();
+    evaluate(dir.path(), &[]);
+    let other = ["run", "--policy", "more=random", "--tasks", "RaiseCube", "--episodes", "2"];
+    let _ = run(dir.path(), &[&other[..], &["--db", "same.db"]].concat()).expect_code(0);
+    let _ = run(dir.path(), &[&other[..], &["--db", "rows.db", "--execute", "7"]].concat()).expect_code(0);
+    let _ = run(dir.path(), &[&other[..], &["--db", "seed.db", "--seed", "3"]].concat()).expect_code(0);
+    let pair = ["--a", "more", "--b", "idle", "--json"];
+    let compare =
+        |files: &[&'static str], extra: &[&'static str]| [&["compare"], files, &pair[..], extra].concat();
+    let compared = json(&run(dir.path(), &compare(&["r.db", "same.db"], &[])).expect_code(0));
+    assert_eq!(compared["cells"][0]["n"], 2);
+    assert_eq!(compared["cells"][0]["n_unmatched"], 2);
+    refuses(
+        dir.path(),
+        &compare(&["r.db", "rows.db"], &[]),
+        &["execute is 30", "7 in the second", "--across execute"],
+    );
+    let _ = run(dir.path(), &compare(&["r.db", "rows.db"], &["--across", "execute"])).expect_code(0);
+    refuses(dir.path(), &compare(&["r.db", "seed.db"], &[]), &["seed is 0", "3 in the second"]);
+    refuses(
+        dir.path(),
+        &compare(&["r.db"], &["--across", "version"]),
+        &["--across version", "expected one of"],
+    );
+}
+
+#[test]
+fn unusable_results_give_one_clear_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path();
+    evaluate(path, &[]);
+    std::fs::write(path.join("text.db"), "not a database, but long enough to be one").unwrap();
+    std::fs::copy(path.join("r.db"), path.join("old.db")).unwrap();
+    sql(&path.join("old.db"), "PRAGMA user_version = 1");
+    std::fs::copy(path.join("r.db"), path.join("empty.db")).unwrap();
+    sql(&path.join("empty.db"), "DELETE FROM episodes");
+    std::fs::copy(path.join("r.db"), path.join("apart.db")).unwrap();
+    sql(&path.join("apart.db"), "DELETE FROM episodes WHERE (policy = 'idle') = (task = 'RaiseCube')");
+    std::fs::write(path.join("hardware.csv"), "task,percent\nRaiseCube,10\n").unwrap();
+    let pair = ["--a", "expert", "--b", "idle"];
+    let compare = |file: &'static str| [&["compare", file], &pair[..]].concat();
+    refuses(path, &compare("absent.db"), &["absent.db"]);
+    refuses(path, &compare("text.db"), &["text.db", "another kind of file"]);
+    refuses(path, &compare("old.db"), &["old.db", "version 1"]);
+    refuses(path, &compare("empty.db"), &["empty.db", "has no episodes"]);
+    refuses(path, &compare("apart.db"), &["expert and idle have no episode in common"]);
+    refuses(path, &["compare", "r.db", "--a", "expert", "--b", "act"], &["no policy `act`", "expert, idle"]);
+    refuses(path, &["compare", "r.db", "--a", "idle", "--b", "idle"], &["cannot be compared with itself"]);
+    let report = ["report", "r.db", "-o", "out", "--hardware", "hardware.csv"];
+    refuses(path, &report, &["hardware.csv", "task,percent", "success_percent"]);
+    assert!(!path.join("out").exists(), "nothing is written");
+}
+
+#[test]
+fn report_is_complete_and_needs_no_network() {
+    let dir = tempfile::tempdir().unwrap();
+    let act = format!("act=act:{}", act_tiny());
+    evaluate(dir.path(), &["--policy", &act, "--policy", "random"]);
+    std::fs::write(
+        dir.path().join("hardware.csv"),
+        "task,perturbation,success_percent\nRaiseCube,None,50\nOpenDrawer,None,80\n",
+    )
+    .unwrap();
+    std::fs::write(dir.path().join("fps.csv"), "batch_size,frames_per_second\n1,20\n10,150\n").unwrap();
+    let args = ["report", "r.db", "-o", "out", "--hardware", "hardware.csv", "--fps", "fps.csv"];
+    let formats = ["--format", "csv,parquet,json,lerobot,vla-eval"];
+    let report = run(dir.path(), &[&args[..], &formats[..]].concat()).expect_code(0);
+    assert!(report.stderr.contains("fewer than 50 episodes"), "{}", report.stderr);
+    let out = dir.path().join("out");
+    let page = std::fs::read_to_string(out.join("index.html")).unwrap();
+    for id in [
+        "changes",
+        "perturbations",
+        "waterfall-single-arm",
+        "categories",
+        "time-to-success",
+        "failed-predicates",
+        "time",
+        "hardware",
+        "fps",
+        "forest-0",
+    ] {
+        assert!(page.contains(&format!("id=\"figure-{id}\"")), "the page should have the figure {id}");
+    }
+    for outside in ["src=\"http", "href=\"http", "url(http", "@import"] {
+        assert!(!page.contains(outside), "the page should not use {outside}");
+    }
+    assert_eq!(page.lines().find(|line| line.contains("\"NaN") || line.contains(">NaN")), None);
+    let data: Value = serde_json::from_slice(&std::fs::read(out.join("data.json")).unwrap()).unwrap();
+    assert_eq!(data["cells"].as_array().unwrap().len(), 16);
+    let lerobot: Value =
+        serde_json::from_slice(&std::fs::read(out.join("expert.eval_info.json")).unwrap()).unwrap();
+    assert_eq!(
+        (&lerobot["overall"]["pc_success"], &lerobot["overall"]["n_episodes"]),
+        (&100.0.into(), &16.into())
+    );
+    let vla: Value = serde_json::from_slice(&std::fs::read(out.join("idle.vla-eval.json")).unwrap()).unwrap();
+    assert_eq!((&vla["mean_success"], &vla["tasks"][0]["num_episodes"]), (&0.0.into(), &4.into()));
+    let csv = std::fs::read_to_string(out.join("expert.single_arm.csv")).unwrap();
+    assert!(csv.contains(",none,RaiseCube-v1,pd_joint_pos,False,4,92,,4,100.00\n"), "{csv}");
+    assert!(out.join("episodes.parquet").metadata().unwrap().len() > 1000);
+}
+
+#[test]
+fn verify_finds_every_changed_column() {
+    let dir = tempfile::tempdir().unwrap();
+    let db = dir.path().join("r.db");
+    let act = format!("act=act:{}", act_tiny());
+    evaluate(dir.path(), &["--policy", &act, "--envs", "3"]);
+    let verify = ["verify", "r.db", "--json", "--quiet", "--threads", "1", "--envs", "7"];
+    let verified = json(&run(dir.path(), &verify).expect_code(0));
+    assert_eq!((&verified["run"], &verified["agree"]), (&48.into(), &48.into()));
+    sql(
+        &db,
+        "UPDATE episodes SET fingerprint = '0' || substr(fingerprint, 2, 14) || 'f'
+            WHERE policy = 'act' AND task = 'RaiseCube' AND perturbation = 'None' AND episode = 2;
+         UPDATE episodes SET success_once = 1
+            WHERE policy = 'idle' AND task = 'OpenDrawer' AND perturbation = 'None' AND episode = 1;",
+    );
+    let verified = json(&run(dir.path(), &verify).expect_code(1));
+    let found: Vec<String> = verified["differences"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|it| {
+            format!("{} {} {}", it["policy"].as_str().unwrap(), it["episode"], it["column"].as_str().unwrap())
+        })
+        .collect();
+    assert_eq!(found, ["act 2 fingerprint", "idle 1 success_once"]);
+    assert_eq!(verified["agree"], 46);
+    // A checkpoint that is not there any more is a reason, not an error.
+    sql(&db, "UPDATE manifest SET value = json_set(value, '$.spec', 'act:gone') WHERE key = 'policy/act'");
+    let verified = json(&run(dir.path(), &["verify", "r.db", "--json", "--quiet"]).expect_code(1));
+    assert_eq!((&verified["run"], &verified["not_verified"][0]["n"]), (&32.into(), &16.into()));
+    assert!(verified["not_verified"][0]["reason"].as_str().unwrap().contains("--checkpoint act=PATH"));
+}
+
+#[test]
+fn decided_cells_end_without_changing_a_row() {
+    let dir = tempfile::tempdir().unwrap();
+    let base = [
+        "run",
+        "--policy",
+        "expert",
+        "--policy",
+        "idle",
+        "--tasks",
+        "RaiseCube,OpenDrawer",
+        "--episodes",
+        "40",
+    ];
+    let until = ["--until-decided", "expert,idle", "--json", "--quiet"];
+    let stopped = run(dir.path(), &[&base[..], &until[..], &["--db", "s.db"]].concat()).expect_code(0);
+    let _ = run(dir.path(), &[&base[..], &["--db", "f.db", "--envs", "5"]].concat()).expect_code(0);
+    let (some, all) = (rows(&dir.path().join("s.db")), rows(&dir.path().join("f.db")));
+    assert_eq!(all.len(), 160);
+    assert!(some.len() < 140, "{} rows", some.len());
+    assert!(some.iter().all(|row| all.contains(row)), "rows are those of a full sweep");
+    for cell in json(&stopped)["stopping"]["cells"].as_array().unwrap() {
+        assert_eq!(cell["verdict"]["decision"], "a_better", "{cell}");
+    }
+    let compared = run(dir.path(), &["compare", "s.db", "--a", "expert", "--b", "idle", "--json"]);
+    let compared = json(&compared.expect_code(0));
+    assert_eq!(
+        (&compared["tests"], &compared["cells"][0]["verdict"]["decision"]),
+        (&"sequential".into(), &"a_better".into())
+    );
+}
+
+#[test]
+fn late_rows_are_independent_of_envs_and_threads() {
+    let with = |extra: &[&str]| {
+        let dir = tempfile::tempdir().unwrap();
+        let act = format!("act=act:{}", act_tiny());
+        let mut args =
+            vec!["run", "--policy", "random", "--policy", &act, "--tasks", "RaiseCube,DualArmLiftTray"];
+        args.extend(["--episodes", "3", "--execute", "4", "--db", "r.db"]);
+        args.extend(extra);
+        let _ = run(dir.path(), &args).expect_code(0);
+        rows(&dir.path().join("r.db"))
+    };
+    let late = with(&["--latency", "180", "--envs", "1"]);
+    assert_eq!(late.len(), 12);
+    assert_eq!(
+        late,
+        with(&["--latency", "151", "--envs", "5", "--threads", "1"]),
+        "both are four control steps"
+    );
+    assert_ne!(late, with(&["--latency", "250", "--envs", "5"]));
+    let immediate = with(&[]);
+    let differs = late.iter().zip(&immediate).filter(|(late, immediate)| late[10] != immediate[10]).count();
+    assert_eq!(differs, 12, "every trajectory depends on latency");
+    // Longer than the episode: the robot never hears an answer.
+    let _ = with(&["--latency", "10000"]);
+}
+
+#[test]
+fn doctor_reproduces_the_reference_episode() {
+    let dir = tempfile::tempdir().unwrap();
+    let report = json(&run(dir.path(), &["doctor", "--json"]).expect_code(0));
+    let status = |name: &str| {
+        let checks = report["checks"].as_array().unwrap();
+        checks.iter().find(|check| check["name"] == name).unwrap()["status"].clone()
+    };
+    assert_eq!((status("episode fingerprint"), status("image checksum")), ("ok".into(), "ok".into()));
+    assert_eq!(
+        run(dir.path(), &["doctor", "--python", "/absent"]).expect_code(0).stdout.matches("/absent").count(),
+        1
+    );
+}
