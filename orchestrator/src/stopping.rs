@@ -77,7 +77,8 @@ impl Stopping {
         let mut stopping = Self::of_conditions(rule, plan.conditions.iter().copied(), rule.positions(plan));
         for (side, name) in rule.policies.iter().enumerate() {
             for (condition, episode, success) in results.successes(name)? {
-                if episode < plan.episodes {
+                // Episodes with an error are run again.
+                if episode < plan.episodes && success.is_some() {
                     stopping.add(side, condition, episode, success);
                 }
             }

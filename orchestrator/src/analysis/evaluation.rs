@@ -127,17 +127,10 @@ impl Evaluation {
     }
 
     /// Returns the rows of a policy by condition, in the order of the suite and of episode indices.
-    pub(crate) fn conditions(&self, policy: &EvaluatedPolicy) -> Vec<(Condition, &[RowIdx])> {
-        // Owned slices of `policy.rows` would not outlive this function; the policy is found again in `self`.
-        let Some(policy) = self.policies.iter().find(|own| own.name == policy.name) else {
-            return Vec::new();
-        };
+    pub(crate) fn conditions<'a>(&'a self, policy: &'a EvaluatedPolicy) -> Vec<(Condition, &'a [RowIdx])> {
         let condition = |idx: &RowIdx| self.row(*idx).condition;
-        policy
-            .rows
-            .chunk_by(|a, b| condition(a) == condition(b))
-            .map(|rows| (condition(&rows[0]), rows))
-            .collect()
+        let cells = policy.rows.chunk_by(|a, b| condition(a) == condition(b));
+        cells.map(|rows| (condition(&rows[0]), rows)).collect()
     }
 
     /// Returns the value of a manifest entry of the first file.
