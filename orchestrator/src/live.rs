@@ -2,11 +2,8 @@
 
 use crate::plan::RunPlan;
 use crate::results::{Results, StoreError};
-use crate::statistics::wilson_interval;
+use crate::statistics::{Z95, wilson_interval};
 use crate::stopping::Stopping;
-
-/// 97.5 % quantile of the standard normal distribution.
-const Z95: f64 = 1.959_963_984_540_054;
 
 /// Successes so far, by policy.
 #[derive(Debug)]

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use ipc_types::run_config::{QueryMode, ResultOptions};
 use ipc_types::{ControlMode, Morphology, RunConfig};
+use serde::ser::{Serialize, SerializeMap, Serializer};
 use sim::perturb::{Composition, Sentences, SentencesError};
 use sim::{Perturbation, TaskId};
 use thiserror::Error;
@@ -114,6 +115,16 @@ impl RunPlan {
     /// Returns the number of episodes of the whole plan.
     pub(crate) fn n_episodes(&self) -> u64 {
         self.policies.len() as u64 * self.conditions.len() as u64 * u64::from(self.episodes)
+    }
+}
+
+impl Serialize for Condition {
+    /// Serializes the names of the task and the perturbation.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(2))?;
+        map.serialize_entry("task", self.task.name())?;
+        map.serialize_entry("perturbation", &self.perturbation.name())?;
+        map.end()
     }
 }
 

@@ -51,3 +51,18 @@ impl fmt::Display for TextTable {
         Ok(())
     }
 }
+
+/// Formats a difference of rates in percentage points.
+pub(crate) fn points(difference: f64) -> String {
+    format!("{:+.1} pp", 100.0 * difference)
+}
+
+/// Formats an interval of a difference of rates in percentage points.
+pub(crate) fn interval([low, high]: [f64; 2]) -> String {
+    format!("{:+.1} … {:+.1}", 100.0 * low, 100.0 * high)
+}
+
+/// Formats a p-value.
+pub(crate) fn p_value(p: f64) -> String {
+    if p < 0.0001 { "< 0.0001".to_owned() } else { format!("{p:.4}") }
+}

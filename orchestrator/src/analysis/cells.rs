@@ -2,7 +2,6 @@
 
 use serde::Serialize;
 
-use super::comparison::serialize_condition;
 use super::evaluation::{EvaluatedPolicy, Evaluation};
 use super::matching::Metric;
 use crate::plan::Condition;
@@ -19,7 +18,7 @@ pub(crate) struct Rate {
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct CellSummary {
     pub(crate) policy: String,
-    #[serde(flatten, serialize_with = "serialize_condition")]
+    #[serde(flatten)]
     pub(crate) condition: Condition,
     /// Successes by the metric of the analysis.
     #[serde(flatten)]

@@ -73,7 +73,7 @@ pub(crate) struct Comparison {
 /// One cell of a comparison.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct ComparedCell {
-    #[serde(flatten, serialize_with = "serialize_condition")]
+    #[serde(flatten)]
     pub(crate) condition: Condition,
     /// Number of pairs.
     pub(crate) n: u32,
@@ -309,16 +309,4 @@ fn judge(estimate: &Estimate, levels: Levels) -> Verdict {
         Decision::Undecided
     };
     Verdict { decision, more_episodes: None }
-}
-
-/// Serializes a condition as the names of its task and perturbation.
-pub(super) fn serialize_condition<S: serde::Serializer>(
-    condition: &Condition,
-    serializer: S,
-) -> Result<S::Ok, S::Error> {
-    use serde::ser::SerializeMap;
-    let mut map = serializer.serialize_map(Some(2))?;
-    map.serialize_entry("task", condition.task.name())?;
-    map.serialize_entry("perturbation", &condition.perturbation.name())?;
-    map.end()
 }

@@ -163,7 +163,8 @@ impl Evaluation {
             let row = self.row(*idx);
             (row.condition.task, row.condition.perturbation, row.episode)
         };
-        rows.sort_by_key(key);
+        // Of two rows of the same episode, one without an error comes first and is kept.
+        rows.sort_by_key(|idx| (key(idx), self.row(*idx).error.is_some()));
         for pair in rows.windows(2).filter(|pair| key(&pair[0]) == key(&pair[1])) {
             let [first, second] = [self.row(pair[0]), self.row(pair[1])];
             let differs =
@@ -178,8 +179,6 @@ impl Evaluation {
                 });
             }
         }
-        // Of two rows of the same episode, one without an error is kept.
-        rows.sort_by_key(|idx| (key(idx), self.row(*idx).error.is_some()));
         rows.dedup_by_key(|idx| key(idx));
         self.policies[policy_idx].rows = rows;
         Ok(())

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::comparison::serialize_condition;
 use super::evaluation::Evaluation;
 use super::matching::{MatchedCell, MatchedEpisode};
 use crate::plan::Condition;
@@ -13,7 +12,7 @@ use crate::plan::Condition;
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Flip {
     /// The cell, with the condition of side A.
-    #[serde(flatten, serialize_with = "serialize_condition")]
+    #[serde(flatten)]
     pub(crate) condition: Condition,
     /// Index of the episode under the suite seed.
     pub(crate) episode: u32,
@@ -32,7 +31,7 @@ pub(crate) struct FlipSide {
     pub(crate) file: PathBuf,
     /// Name of the policy.
     pub(crate) policy: String,
-    #[serde(flatten, serialize_with = "serialize_condition")]
+    #[serde(flatten)]
     pub(crate) condition: Condition,
     /// Control step of the first success.
     pub(crate) first_success_step: Option<u32>,

@@ -40,6 +40,8 @@ pub(crate) struct MatchedCell {
     pub(crate) n_errors: u32,
     /// Episodes that only one side has.
     pub(crate) n_unmatched: u32,
+    /// First index that is missing on either side. Episodes with an error are not missing.
+    first_missing: u32,
 }
 
 /// An episode with its rows on both sides.
@@ -81,12 +83,8 @@ impl MatchedCell {
     /// stopping leaves later ones by chance of timing.
     pub(crate) fn sequence(&self, alpha: f64) -> PairedSequence {
         let mut sequence = PairedSequence::new(alpha);
-        // Episodes with an error leave gaps that are not missing; without any, indices are consecutive.
-        let episodes = self.episodes.iter().enumerate();
-        let is_next = |(idx, episode): &(usize, &MatchedEpisode)| {
-            episode.episode as usize <= idx + self.n_errors as usize
-        };
-        for (_, MatchedEpisode { success: [a, b], .. }) in episodes.take_while(is_next) {
+        let leading = self.episodes.iter().take_while(|episode| episode.episode < self.first_missing);
+        for MatchedEpisode { success: [a, b], .. } in leading {
             sequence.push(*a, *b);
         }
         sequence
@@ -129,7 +127,8 @@ fn match_cell(
     [ours, theirs]: [&[RowIdx]; 2],
     metric: Metric,
 ) -> MatchedCell {
-    let mut cell = MatchedCell { condition, episodes: Vec::new(), n_errors: 0, n_unmatched: 0 };
+    let mut cell =
+        MatchedCell { condition, episodes: Vec::new(), n_errors: 0, n_unmatched: 0, first_missing: 0 };
     let (mut left, mut right) = (ours.iter().peekable(), theirs.iter().peekable());
     while let (Some(&&a_idx), Some(&&b_idx)) = (left.peek(), right.peek()) {
         let [a, b] = [a_idx, b_idx].map(|idx| evaluation.row(idx));
@@ -141,6 +140,7 @@ fn match_cell(
         }
         left.next();
         right.next();
+        cell.first_missing += u32::from(a.episode == cell.first_missing);
         if a.error.is_some() || b.error.is_some() {
             cell.n_errors += 1;
         } else {

@@ -12,7 +12,7 @@ use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::output::print_out;
 use crate::selection::PERTURBATION_PARSER;
 use crate::statistics::{Estimate, IntervalMethod};
-use crate::table::{Align, TextTable};
+use crate::table::{Align, TextTable, interval, p_value, points};
 
 /// Arguments of `compare`.
 #[derive(Args, Debug)]
@@ -184,17 +184,4 @@ fn flip_lines(comparison: &Comparison) -> String {
         );
     }
     text
-}
-
-/// Formats a difference in percentage points.
-fn points(difference: f64) -> String {
-    format!("{:+.1} pp", 100.0 * difference)
-}
-
-fn interval([low, high]: [f64; 2]) -> String {
-    format!("{:+.1} … {:+.1}", 100.0 * low, 100.0 * high)
-}
-
-fn p_value(p: f64) -> String {
-    if p < 0.0001 { "< 0.0001".to_owned() } else { format!("{p:.4}") }
 }

@@ -22,7 +22,7 @@ use crate::machine::Machine;
 use crate::output::print_out;
 
 /// Shared memory below which runs with many envs do not start, in bytes. A lane of 16 envs with images needs
-/// about 15 MB.
+/// about 10 MB.
 const COMFORTABLE_SHM: u64 = 256 << 20;
 /// Fingerprint of the reference episode: the expert on RaiseCube, unperturbed, suite seed 0, episode 0.
 const EPISODE_FINGERPRINT: u64 = 0x66bf_5339_79c1_3fd7;

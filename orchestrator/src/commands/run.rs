@@ -63,13 +63,13 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     if let Some(rule) = &plan.stopping {
         results.note(STOPPING, &json!(rule))?;
     }
+    let (stopping, n_skipped) = (RefCell::new(stopping), Cell::new(0));
     let mut live = Live {
         progress: Progress::of_run(plan.n_episodes(), n_done, args.quiet, args.json),
         success: RunningSuccess::new(&plan, &results)?,
-        stopping: &RefCell::new(stopping),
-        n_skipped: &Cell::new(0),
+        stopping: &stopping,
+        n_skipped: &n_skipped,
     };
-    let (stopping, n_skipped) = (live.stopping, live.n_skipped);
     let is_wanted = |job: &Job| {
         let wanted = stopping.borrow().as_ref().is_none_or(|stopping| stopping.is_wanted(job));
         n_skipped.set(n_skipped.get() + u64::from(!wanted));

@@ -62,5 +62,7 @@ fn row(evaluation: &Evaluation, policy: &EvaluatedPolicy, cell: &CellSummary) ->
         format!("{percent:.2}"),
     ];
     // A path may contain a comma; no other field can.
-    fields.map(|field| if field.contains(',') { format!("\"{field}\"") } else { field }).join(",")
+    fields
+        .map(|field| if field.contains(',') { format!("\"{}\"", field.replace('"', "\"\"")) } else { field })
+        .join(",")
 }

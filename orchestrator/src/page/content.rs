@@ -11,7 +11,6 @@ use crate::analysis::{
     CellRate, CellSummary, Comparison, ComparisonOptions, Effect, Evaluation, Metric, Rate, effects,
     modality_change,
 };
-use crate::plan::Condition;
 use crate::statistics::Levels;
 
 /// Choices of the user.
@@ -166,14 +165,11 @@ fn owned((key, value): (&String, &Value)) -> (String, Value) {
     (key.clone(), value.clone())
 }
 
-pub(super) fn effects_of(cells: &[CellSummary]) -> Vec<Effect> {
-    let rate = |cell: &CellSummary| (cell.policy.clone(), cell.condition, cell.rate.fraction());
-    let owned: Vec<(String, Condition, Option<f64>)> = cells.iter().map(rate).collect();
-    let rates: Vec<CellRate<'_>> = owned
-        .iter()
-        .map(|(policy, condition, success)| CellRate { policy, condition: *condition, success: *success })
-        .collect();
-    effects(&rates)
+fn effects_of(cells: &[CellSummary]) -> Vec<Effect> {
+    fn rate(cell: &CellSummary) -> CellRate<'_> {
+        CellRate { policy: &cell.policy, condition: cell.condition, success: cell.rate.fraction() }
+    }
+    effects(&cells.iter().map(rate).collect::<Vec<_>>())
 }
 
 fn summaries(

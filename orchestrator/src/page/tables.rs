@@ -41,7 +41,7 @@ struct FlipRow {
 }
 
 /// Flips listed on the page.
-const MAX_FLIPS: usize = 50;
+const MAX_LISTED_FLIPS: usize = 50;
 
 /// Returns the comparisons as tables.
 pub(super) fn comparison_tables(report: &ReportContent) -> Vec<ComparisonTable> {
@@ -93,6 +93,6 @@ fn comparison_table(comparison: &Comparison) -> ComparisonTable {
         rows: rows.collect(),
         groups: groups.collect(),
         n_flips: comparison.n_flips,
-        flips: comparison.flips.iter().take(MAX_FLIPS).map(flip).collect(),
+        flips: comparison.flips.iter().take(MAX_LISTED_FLIPS).map(flip).collect(),
     }
 }

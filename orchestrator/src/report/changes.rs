@@ -38,3 +38,13 @@ pub(super) fn table(effects: &[Effect]) -> String {
     }
     format!("\n{table}")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::table;
+
+    #[test]
+    fn table_is_empty_without_effects() {
+        assert_eq!(table(&[]), "");
+    }
+}

@@ -11,12 +11,9 @@ use crate::analysis::{CellRate, Effect};
 use crate::plan::{Condition, RunPlan};
 use crate::policy::NamedPolicy;
 use crate::results::{CellSums, Results, StoreError};
-use crate::statistics::wilson_interval;
+use crate::statistics::{Z95, wilson_interval};
 use crate::stopping::SequentialCell;
 use crate::table::{Align, TextTable};
-
-/// 97.5 % quantile of the standard normal distribution.
-const Z95: f64 = 1.959_963_984_540_054;
 
 /// The results of one policy under one condition.
 #[derive(Clone, Debug, PartialEq)]

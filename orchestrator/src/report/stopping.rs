@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::statistics::Decision;
 use crate::stopping::{SequentialCell, StoppingRule};
-use crate::table::{Align, TextTable};
+use crate::table::{Align, TextTable, interval, p_value, points};
 
 /// Formats the conclusions for people.
 pub(crate) fn table(rule: &StoppingRule, cells: &[SequentialCell]) -> String {
@@ -24,18 +24,15 @@ pub(crate) fn table(rule: &StoppingRule, cells: &[SequentialCell]) -> String {
     ]);
     for cell in cells {
         let pairs = cell.sequence.pairs();
-        let [low, high] = cell.sequence.interval();
         table.row(vec![
             cell.condition.task.name().to_owned(),
             cell.condition.perturbation.name(),
             pairs.n().to_string(),
             pairs.only_a.to_string(),
             pairs.only_b.to_string(),
-            pairs
-                .difference()
-                .map_or_else(|| "–".to_owned(), |difference| format!("{:+.1} pp", 100.0 * difference)),
-            format!("{:+.1} … {:+.1}", 100.0 * low, 100.0 * high),
-            if cell.adjusted_p < 0.0001 { "< 0.0001".to_owned() } else { format!("{:.4}", cell.adjusted_p) },
+            pairs.difference().map_or_else(|| "–".to_owned(), points),
+            interval(cell.sequence.interval()),
+            p_value(cell.adjusted_p),
             cell.verdict.text([a, b], rule.levels.margin),
         ]);
     }

@@ -13,7 +13,7 @@ mod wilson;
 
 pub use self::bootstrap::{BootstrapCell, Estimate, IntervalMethod, cluster_bootstrap};
 pub use self::holm::holm;
-pub use self::normal::{cdf, quantile};
+pub use self::normal::{Z95, cdf, quantile};
 pub use self::paired::{Pairs, mcnemar_mid_p, newcombe_interval, tango_interval};
 pub use self::sequential::{ConfidenceSequence, PairedSequence, discordance_ln_e};
 pub use self::verdict::{Decision, Levels, Verdict, more_episodes, sequential_decision};

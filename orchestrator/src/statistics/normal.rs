@@ -1,5 +1,8 @@
 //! The standard normal distribution.
 
+/// Quantile at 0.975, of two-sided intervals at 95 %.
+pub const Z95: f64 = 1.959_963_984_540_054;
+
 /// Returns the probability that a standard normal variable is at most `x`.
 #[must_use]
 pub fn cdf(x: f64) -> f64 {

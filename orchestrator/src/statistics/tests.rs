@@ -2,8 +2,6 @@
 
 use super::*;
 
-const Z95: f64 = 1.959_963_984_540_054;
-
 fn pairs([both, only_a, only_b, neither]: [u32; 4]) -> Pairs {
     Pairs { both, only_a, only_b, neither }
 }
@@ -35,6 +33,8 @@ fn wilson_bounds_solve_the_score_equation() {
         assert!(found[0] <= observed && observed <= found[1]);
     }
     assert_eq!(wilson_interval(0, 0, Z95), None);
+    let rounded = |successes| wilson_interval(successes, 10, Z95).unwrap().map(|p| (p * 1e4).round() / 1e4);
+    assert_eq!([rounded(0), rounded(5), rounded(10)], [[0.0, 0.2775], [0.2366, 0.7634], [0.7225, 1.0]]);
     assert_close(wilson_interval(81, 263, Z95).unwrap(), [0.255_288_519_9, 0.366_209_577_0], 1e-9);
 }
 

@@ -82,8 +82,10 @@ impl ChunkBuffer {
     /// Takes a received chunk, `[n_rows, action_dim]`, of which `n_execute` rows are executed before the next
     /// query.
     pub(super) fn receive(&mut self, rows: &[f32], n_rows: usize, n_execute: usize) {
-        let len = n_rows * self.action_dim;
         let n_execute = n_execute.min(n_rows);
+        // Without latency no other row is ever executed.
+        let n_rows = if self.latency_steps == 0 { n_execute } else { n_rows };
+        let len = n_rows * self.action_dim;
         match &mut self.spare {
             Some(spare) if self.delay_left > 0 => {
                 spare[..len].copy_from_slice(&rows[..len]);
