@@ -68,6 +68,16 @@ fn bad_checkpoint_is_rejected_before_the_run_starts() {
     fs::remove_file(&weights).unwrap();
     assert_rejected(dir.path(), &args, &["model.safetensors"]);
     assert_rejected(dir.path(), &["run", "--policy", "a=act:nowhere", "--tasks", "RaiseCube"], &["nowhere"]);
+
+    let checkpoint = ["checkpoint", "-o", "pi05", "--kind", "pi05", "--size", "tiny"];
+    let _ = run(dir.path(), &checkpoint).expect_code(0);
+    let args = ["run", "--policy", "a=pi05:pi05", "--tasks", "RaiseCube", "--episodes", "1"];
+    let bimanual = ["run", "--policy", "a=pi05:pi05", "--tasks", "DualArmPushBox", "--episodes", "1"];
+    assert_rejected(dir.path(), &bimanual, &["single", "bimanual"]);
+    fs::remove_file(dir.path().join("pi05/tokenizer.model")).unwrap();
+    assert_rejected(dir.path(), &args, &["tokenizer.model", "PaliGemma"]);
+    let options = ["run", "--policy", "a=pi05:pi05?steps=none", "--tasks", "RaiseCube"];
+    assert_rejected(dir.path(), &options, &["?steps=N", "none"]);
 }
 
 #[test]

@@ -125,6 +125,34 @@ fn killed_children_and_resume_change_no_row() {
 }
 
 #[test]
+fn killed_host_of_two_networks_changes_no_row() {
+    let turn = Turn::begin();
+    let dir = tempfile::tempdir().unwrap();
+    let checkpoint = ["checkpoint", "-o", "pi05", "--kind", "pi05", "--size", "tiny"];
+    let _ = run(dir.path(), &checkpoint).expect_code(0);
+    let act = format!("act=act:{}", act_tiny());
+    let start = |db| {
+        let mut args = vec!["run", "--policy", &act, "--policy", "vla=pi05:pi05"];
+        args.extend(["--tasks", "RaiseCube,StackCube", "--perturbations", "None,Language-Paraphrase"]);
+        args.extend(["--episodes", "4", "--envs", "6", "--threads", "2", "--db", db]);
+        hypogeum(dir.path(), &args).spawn().unwrap()
+    };
+    let _ = finish(start("reference.db")).expect_code(0);
+    let db = dir.path().join("killed.db");
+    let mut child = start("killed.db");
+    for n in [4, 12] {
+        assert!(wait_for_rows(&mut child, &db, n), "the run ended before a host could be killed");
+        kill_child(pid_of(&child), "policy-host");
+    }
+    let FinishedRun { stderr, .. } = finish(child).expect_code(0);
+    let found = rows(&db);
+    assert_eq!(found.len(), 2 * 2 * 2 * 4);
+    assert_eq!(found, rows(&dir.path().join("reference.db")), "{stderr}");
+    assert!(stderr.contains("state unpadded in the prompt"), "{stderr}");
+    assert_eq!(turn.leftovers(), Vec::<String>::new());
+}
+
+#[test]
 fn killed_orchestrator_leaves_a_resumable_file() {
     let turn = Turn::begin();
     let dir = tempfile::tempdir().unwrap();

@@ -53,6 +53,25 @@ fn ensemble_rows_are_independent_of_envs_and_threads() {
 }
 
 #[test]
+fn pi05_rows_are_independent_of_envs_and_threads() {
+    let dir = tempfile::tempdir().unwrap();
+    let checkpoint = ["checkpoint", "-o", "pi05", "--kind", "pi05", "--size", "tiny"];
+    let _ = run(dir.path(), &checkpoint).expect_code(0);
+    let with = |db: &str, extra: &[&str]| {
+        let mut args = vec!["run", "--policy", "a=pi05:pi05?steps=4", "--policy", "b=pi05-int8:pi05"];
+        args.extend(["--tasks", "RaiseCube", "--perturbations", "None,Language-Random", "--episodes", "4"]);
+        args.extend(["--db", db]);
+        args.extend(extra);
+        let _ = run(dir.path(), &args).expect_code(0);
+        rows(&dir.path().join(db))
+    };
+    let alone = with("1.db", &["--envs", "1"]);
+    assert_eq!(alone.len(), 2 * 2 * 4);
+    assert_eq!(alone, with("2.db", &["--envs", "5", "--threads", "1"]));
+    assert_eq!(alone, with("3.db", &["--envs", "16", "--threads", "2"]));
+}
+
+#[test]
 fn different_seeds_give_different_trajectories() {
     let fingerprints = |seed| {
         let dir = tempfile::tempdir().unwrap();

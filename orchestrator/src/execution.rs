@@ -19,6 +19,8 @@ use crate::policy::{Identity, NamedPolicy};
 
 /// Observation batches that may be unanswered on a lane, so that stepping and inference overlap.
 const IN_FLIGHT: u32 = 2;
+/// Seconds that π0.5 may take for a batch: on a CPU, a query at full size takes up to half a minute.
+const PI05_ANSWER_TIMEOUT_S: u32 = 3600;
 /// Mount point of shared memory.
 const SHM: &str = "/dev/shm";
 
@@ -89,7 +91,12 @@ fn lanes(plan: &RunPlan) -> Vec<PolicyLane> {
             in_flight: IN_FLIGHT,
         };
         let foreign = matches!(policy.spec, PolicySpec::Attach(_));
-        Some(PolicyLane { spec: policy.spec.clone(), lane: Lane { spec, images, foreign } })
+        let answer_timeout_s = match policy.spec {
+            PolicySpec::Pi05(_) | PolicySpec::Pi05Int8(_) => PI05_ANSWER_TIMEOUT_S,
+            _ => Lane::ANSWER_TIMEOUT_S,
+        };
+        let lane = Lane { spec, images, foreign, answer_timeout_s };
+        Some(PolicyLane { spec: policy.spec.clone(), lane })
     };
     plan.policies.iter().zip(drivers(plan)).filter_map(policy).collect()
 }

@@ -1,5 +1,6 @@
 //! The policies of a run: their names in the results, their specs and their identities.
 
+use std::ffi::OsStr;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -92,9 +93,9 @@ impl NamedPolicy {
     /// # Errors
     /// If the checkpoint cannot be read.
     pub(crate) fn identity(&self) -> Result<Identity, HashError> {
-        let checkpoint = match &self.spec {
-            PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => None,
-            PolicySpec::Act(path) | PolicySpec::ActInt8(path) => Some(format!("{:016x}", hash(path)?)),
+        let checkpoint = match self.spec.checkpoint() {
+            Some(folder) => Some(format!("{:016x}", hash(folder)?)),
+            None => None,
         };
         Ok(Identity { spec: self.spec.to_string(), checkpoint })
     }
@@ -103,9 +104,13 @@ impl NamedPolicy {
 impl Identity {
     /// Returns `true` if both are the same policy. Checkpoints are compared by content, not by path.
     pub(crate) fn matches(&self, other: &Self) -> bool {
-        let kind = |identity: &Self| identity.spec.split(':').next().map(str::to_owned);
+        // Everything but the path: the kind and its options.
+        let rest = |identity: &Self| {
+            let spec = identity.spec.parse::<PolicySpec>().ok()?;
+            Some(spec.with_checkpoint(Path::new("")))
+        };
         match (&self.checkpoint, &other.checkpoint) {
-            (Some(ours), Some(theirs)) => ours == theirs && kind(self) == kind(other),
+            (Some(ours), Some(theirs)) => ours == theirs && rest(self) == rest(other),
             (None, None) => self.spec == other.spec,
             _ => false,
         }
@@ -132,8 +137,8 @@ fn unknown_kind(text: &str) -> UnknownName {
     UnknownName::new("policy", text, &known)
 }
 
-/// Returns the xxh3-64 hash of all files that a loader may read below `folder`: the JSON and safetensors
-/// files, sorted by name, with their names and lengths.
+/// Returns the xxh3-64 hash of all files that a loader may read below `folder`: JSON files, safetensors files
+/// and vocabularies, sorted by name, with their names and lengths.
 fn hash(folder: &Path) -> Result<u64, HashError> {
     let mut files = Vec::new();
     collect(folder, MAX_DEPTH, &mut files)?;
@@ -162,7 +167,7 @@ fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), 
     for entry in std::fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
         let read =
-            path.extension().is_some_and(|extension| extension == "json" || extension == "safetensors");
+            ["json", "safetensors", "model"].iter().any(|kind| path.extension() == Some(OsStr::new(kind)));
         if path.is_dir() {
             if depth > 0 {
                 collect(&path, depth - 1, files)?;

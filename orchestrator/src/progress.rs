@@ -66,6 +66,11 @@ impl Progress {
         Self::of("episodes", n, 0, quiet, false)
     }
 
+    /// Shows the progress of a file of this many MiB.
+    pub(crate) fn of_mebibytes(n: u64) -> Self {
+        Self::of("MiB", n, 0, false, false)
+    }
+
     fn of(unit: &'static str, n: u64, done: u64, quiet: bool, json: bool) -> Self {
         match (quiet, io::stderr().is_terminal(), json) {
             (true, _, _) | (_, false, true) => Self::Silent,
@@ -97,13 +102,18 @@ impl Progress {
 
     /// Counts one finished item.
     pub(crate) fn tick(&mut self) {
+        self.advance(1);
+    }
+
+    /// Counts finished items.
+    pub(crate) fn advance(&mut self, n_items: u64) {
         match self {
             Self::Bar(bar) => {
-                bar.bar.inc(1);
+                bar.bar.inc(n_items);
                 bar.show();
             }
             Self::Lines(lines) => {
-                lines.done += 1;
+                lines.done += n_items;
                 lines.print_if_due();
             }
             Self::Silent => {}

@@ -8,7 +8,7 @@
 
 use ipc_types::{Morphology, ObservationView};
 
-use crate::policy::{ActionChunk, Policy, PolicyError};
+use crate::policy::{ActionChunk, Policy, PolicyError, Stopwatch};
 
 /// Upper bound on slot indices. It limits memory and is far above the number of slots of a sim.
 const MAX_SLOTS: u32 = 4096;
@@ -78,6 +78,10 @@ impl Policy for Ensemble {
             history.mean(horizon, weights, chunk.reset(1, action_dim));
         }
         Ok(())
+    }
+
+    fn note(&self, _execute: u32, stopwatch: Stopwatch<'_>) -> Option<String> {
+        self.inner.note(1, stopwatch)
     }
 }
 

@@ -10,6 +10,7 @@ pub mod generated;
 pub mod idle;
 pub mod load;
 pub mod nn;
+pub mod pi05;
 pub mod policy;
 pub mod random;
 pub mod robot_state;

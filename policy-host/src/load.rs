@@ -8,9 +8,10 @@ use crate::act::{self, ActLoadError, ActPolicy};
 use crate::ensemble::Ensemble;
 use crate::idle::IdlePolicy;
 use crate::nn::Precision;
+use crate::pi05::{self, Pi05LoadError, Pi05Policy};
 use crate::policy::Policy;
 use crate::random::RandomPolicy;
-use crate::spec::PolicySpec;
+use crate::spec::{Pi05Source, PolicySpec};
 
 /// Errors that can occur while loading a policy or checking it against a run.
 #[derive(Debug, Error)]
@@ -20,6 +21,8 @@ pub enum LoadError {
     NotHosted { spec: PolicySpec },
     #[error(transparent)]
     Act(#[from] ActLoadError),
+    #[error(transparent)]
+    Pi05(#[from] Pi05LoadError),
 }
 
 /// Loads a policy that uses up to `n_threads` threads of the rayon pool in which it is called.
@@ -32,6 +35,8 @@ pub fn load(spec: &PolicySpec, n_threads: usize, mode: QueryMode) -> Result<Box<
         PolicySpec::Random => Box::new(RandomPolicy),
         PolicySpec::Act(folder) => Box::new(ActPolicy::load(folder, Precision::F32, n_threads)?),
         PolicySpec::ActInt8(folder) => Box::new(ActPolicy::load(folder, Precision::Int8, n_threads)?),
+        PolicySpec::Pi05(source) => Box::new(load_pi05(source, Precision::F32)?),
+        PolicySpec::Pi05Int8(source) => Box::new(load_pi05(source, Precision::Int8)?),
         PolicySpec::Expert | PolicySpec::Attach(_) => {
             return Err(LoadError::NotHosted { spec: spec.clone() });
         }
@@ -51,5 +56,11 @@ pub fn check(spec: &PolicySpec, robots: &[(Morphology, ControlMode)]) -> Result<
     match spec {
         PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => Ok(()),
         PolicySpec::Act(folder) | PolicySpec::ActInt8(folder) => Ok(act::check(folder, robots)?),
+        PolicySpec::Pi05(source) => Ok(pi05::check(&source.folder, Precision::F32, robots)?),
+        PolicySpec::Pi05Int8(source) => Ok(pi05::check(&source.folder, Precision::Int8, robots)?),
     }
+}
+
+fn load_pi05(source: &Pi05Source, precision: Precision) -> Result<Pi05Policy, Pi05LoadError> {
+    Pi05Policy::load(&source.folder, precision, source.n_steps.map(|steps| steps.get() as usize))
 }

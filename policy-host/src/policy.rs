@@ -17,6 +17,9 @@ pub struct ActionChunk {
     action_dim: usize,
 }
 
+/// Runs a function and returns the time that it takes, in s.
+pub type Stopwatch<'a> = &'a dyn Fn(&mut dyn FnMut()) -> f64;
+
 /// Maps observations to action chunks. The chunk for an env depends only on that env's record, images and
 /// history.
 pub trait Policy: Send {
@@ -34,6 +37,12 @@ pub trait Policy: Send {
         observation: &ObservationView<'_>,
         answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError>;
+
+    /// Returns what a user should know before a run in which `execute` rows of each chunk are executed, as a
+    /// sentence. May use the current rayon pool.
+    fn note(&self, _execute: u32, _stopwatch: Stopwatch<'_>) -> Option<String> {
+        None
+    }
 
     /// Returns the decay `m` of the temporal ensemble's weights for this robot ([`crate::ensemble`]).
     fn ensemble_decay(&self, _morphology: Morphology) -> f64 {
@@ -59,6 +68,8 @@ pub enum PolicyError {
         "the query index of slot {slot} is {found}, expected {expected}, or 0 at the start of an episode"
     )]
     QueryGap { slot: u32, expected: u32, found: u32 },
+    #[error("the instruction cannot be split into tokens: {reason}")]
+    Instruction { reason: String },
     #[error("slot index {slot} is out of range, expected less than {limit}")]
     Slot { slot: u32, limit: u32 },
 }

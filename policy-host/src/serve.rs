@@ -53,6 +53,11 @@ pub enum HostEvent {
         /// Time that loading the policy took, in ms.
         load_ms: f64,
     },
+    /// Something that the user should know.
+    Note {
+        /// A sentence.
+        message: String,
+    },
     /// Cumulative work, sent at most once per second and once at the end.
     Ledger {
         /// Number of env queries answered.
@@ -128,6 +133,14 @@ pub fn serve_with(
         let lane = HostLane::open(&node, &config.lane, OPEN_TIMEOUT)?;
         let chunks = vec![ActionChunk::default(); config.lane.max_envs.max(1) as usize];
         let mut host = Host { config, lane, policy, chunks, output, ledger: WorkCounter::new() };
+        let stopwatch = |work: &mut dyn FnMut()| {
+            let started = Instant::now();
+            work();
+            started.elapsed().as_secs_f64()
+        };
+        if let Some(message) = host.policy.note(host.config.run.results.execute, &stopwatch) {
+            host.report(&HostEvent::Note { message })?;
+        }
         host.report(&HostEvent::Ready { load_ms })?;
         host.run(&closed)
     })

@@ -7,12 +7,13 @@ use crate::source::{Source, assert_none, files_below, relative, root, rust_sourc
 /// Maximum size of a file in bytes, unless it is listed below.
 const MAX_BYTES: u64 = 256 * 1024;
 /// Larger files, each with the reason for it.
-const LARGE_FILES: [(&str, &str); 12] = [
+const LARGE_FILES: [(&str, &str); 13] = [
     ("checkpoints/act-small/single/model.safetensors", "weights of the bundled policy"),
     ("checkpoints/act-small/bimanual/model.safetensors", "weights of the bundled policy"),
     ("policy-host/tests/data/act-tiny/single/model.safetensors", "test checkpoint"),
     ("policy-host/tests/data/act-tiny/bimanual/model.safetensors", "test checkpoint"),
     ("policy-host/tests/data/lerobot/", "test checkpoints in LeRobot's layouts, with reference outputs"),
+    ("policy-host/tests/data/pi05/", "test checkpoints of a narrow network, with reference outputs"),
     ("policy-host/tests/data/clip-tiny/", "test text encoder with reference outputs"),
     ("docs/example-report/index.html", "a self-contained report with all its figures"),
     ("docs/example-report/flip-1.gif", "a movie of the example report"),

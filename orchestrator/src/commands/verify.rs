@@ -172,8 +172,7 @@ fn available_policy(name: &str, stored: &Identity, args: &VerifyArgs) -> anyhow:
         (PolicySpec::Attach(host), _) => {
             return Err(anyhow!("it ran in a foreign host, `{host}`, whose code is not known"));
         }
-        (PolicySpec::Act(_), Some(path)) => PolicySpec::Act(path),
-        (PolicySpec::ActInt8(_), Some(path)) => PolicySpec::ActInt8(path),
+        (spec, Some(path)) => spec.with_checkpoint(&path),
         (spec, _) => spec,
     };
     let policy = NamedPolicy { name: name.to_owned(), spec };

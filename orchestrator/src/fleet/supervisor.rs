@@ -208,6 +208,10 @@ impl<'a> Supervisor<'a> {
                 self.send_to_sim(&SimCommand::HostUp { lane });
                 Ok(())
             }
+            HostEvent::Note { message } => {
+                let line = format!("{}: {message}", self.name(MemberRole::Host(lane)));
+                self.log(&line)
+            }
             HostEvent::Ledger { queries, batches, busy_s } => {
                 self.totals.on_host_work(lane, HostWork { queries, batches, busy_s });
                 Ok(())

@@ -39,7 +39,10 @@ impl TestFleet {
         std::fs::write(folder.path().join("script"), script).unwrap();
         let lane = LaneSpec { lane: 0, policy: "p".to_owned(), max_envs: 1, block_pages: 1, in_flight: 1 };
         let foreign = matches!(spec, PolicySpec::Attach(_));
-        let policy = PolicyLane { spec: spec.clone(), lane: Lane { spec: lane, images: false, foreign } };
+        let policy = PolicyLane {
+            spec: spec.clone(),
+            lane: Lane { spec: lane, images: false, foreign, answer_timeout_s: Lane::ANSWER_TIMEOUT_S },
+        };
         let config = FleetConfig {
             program,
             base: folder.path().join("base"),

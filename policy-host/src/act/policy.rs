@@ -17,7 +17,7 @@ use super::architecture::ImageSize;
 use super::image::Image;
 use super::instruction::TokenCache;
 use super::model::{ActInput, ActModel, ActScratch};
-use crate::checkpoint::{Checkpoint, CheckpointError, ObservationMapping};
+use crate::checkpoint::{self, Checkpoint, CheckpointError, ObservationMapping};
 use crate::nn::Precision;
 use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError};
 use crate::text::TextEncoder;
@@ -293,11 +293,6 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Returns the checkpoint folders in `folder`: `folder` itself, or its subfolders `single` and `bimanual`.
 fn checkpoint_folders(folder: &Path) -> Result<Vec<PathBuf>, ActLoadError> {
-    let has_config = |folder: &PathBuf| folder.join(CONFIG_FILE).is_file();
-    if has_config(&folder.to_owned()) {
-        return Ok(vec![folder.to_owned()]);
-    }
-    let inner = Morphology::ALL.map(|morphology| folder.join(morphology.name()));
-    let found: Vec<_> = inner.into_iter().filter(has_config).collect();
+    let found = checkpoint::checkpoint_folders(folder, |folder| folder.join(CONFIG_FILE).is_file());
     if found.is_empty() { Err(ActLoadError::NoCheckpoint { folder: folder.to_owned() }) } else { Ok(found) }
 }

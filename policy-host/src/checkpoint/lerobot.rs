@@ -59,10 +59,10 @@ struct LeRobotConfig {
 }
 
 #[derive(Debug, Deserialize)]
-struct FeatureShape {
+pub(super) struct FeatureShape {
     #[serde(rename = "type")]
-    kind: FeatureKind,
-    shape: Vec<usize>,
+    pub(super) kind: FeatureKind,
+    pub(super) shape: Vec<usize>,
 }
 
 /// A boolean that some LeRobot versions write as a number.

@@ -16,6 +16,9 @@
 //! }
 //! ```
 //!
+//! A π0.5 checkpoint has further keys: `vision_heads`; `prompt_state`, which is `unpadded` or `padded`; and,
+//! in openpi's format, `chunk_size`. Its cameras may be mapped to `none`.
+//!
 //! Without it, `observation.images.X` maps to the camera `X` or `X_camera`; `observation.state` maps to the
 //! full state, to `qpos`, or to `qpos` and `qvel`, whichever has its dimension; robot and control mode follow
 //! from the dimension of an action.
@@ -28,12 +31,15 @@ use ipc_types::{ControlMode, Morphology};
 use serde::Deserialize;
 
 use super::{CheckpointError, parse};
+use crate::pi05::prompt::PromptState;
 use crate::text::LanguageConfig;
 
 /// File name of the mapping in a checkpoint folder.
 pub const MAPPING_FILE: &str = "hypogeum.json";
 /// Name of the instruction embedding in a mapping.
 const LANGUAGE: &str = "language";
+/// Source of a π0.5 camera that the robot does not have.
+pub(super) const NO_CAMERA: &str = "none";
 
 /// The mapping from a robot's observation to a network's input, and the meaning of its actions.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -57,6 +63,12 @@ pub(super) struct Sidecar {
     pub(super) control_mode: Option<ControlMode>,
     pub(super) mapping: BTreeMap<String, FeatureSource>,
     pub(super) language: Option<LanguageConfig>,
+    /// π0.5: heads of the vision tower, if they are not SigLIP So400m's.
+    pub(super) vision_heads: Option<usize>,
+    /// π0.5: state numbers in the prompt.
+    pub(super) prompt_state: PromptState,
+    /// π0.5 in openpi's format: rows of an action chunk.
+    pub(super) chunk_size: Option<usize>,
 }
 
 /// Source of a feature: a camera, `language`, or parts of the state.
@@ -97,6 +109,28 @@ impl Sidecar {
     }
 }
 
+impl Sidecar {
+    /// Returns `true` if a camera of the network has no counterpart and is left out of its input.
+    pub(super) fn leaves_out(&self, input: &InputFeature) -> bool {
+        let own = input.name.strip_prefix("observation.images.").unwrap_or(&input.name);
+        match self.mapping.get(&input.name) {
+            Some(FeatureSource::One(name)) => name == NO_CAMERA,
+            Some(FeatureSource::Parts(_)) => false,
+            // LeRobot's own name for cameras that a configuration adds.
+            None => own.starts_with("empty_camera_"),
+        }
+    }
+}
+
+impl Sidecar {
+    /// Returns the width of parts of the state of a robot, or `None` if one of them is unknown.
+    pub(super) fn width_of(&self, source: &FeatureSource) -> Option<usize> {
+        let parts = self.morphology?.state_parts();
+        let width = |name: &String| parts.iter().find(|(part, _)| part == name).map(|(_, width)| *width);
+        source.names().iter().map(width).sum()
+    }
+}
+
 impl FeatureSource {
     fn names(&self) -> &[String] {
         match self {
@@ -119,7 +153,9 @@ pub(super) fn map_features(
     let (morphology, control_mode) = robot(action_dim, sidecar)?;
     let with_both_sides = |problem: String| format!("{problem}; {}", both_sides(inputs, morphology));
     let known = |name: &String| inputs.iter().any(|input| input.name == *name);
-    if let Some(name) = sidecar.mapping.keys().find(|name| !known(name)) {
+    let is_left_out = |source: &FeatureSource| source.names() == [NO_CAMERA];
+    let unknown = sidecar.mapping.iter().find(|(name, source)| !known(name) && !is_left_out(source));
+    if let Some((name, _)) = unknown {
         return Err(with_both_sides(format!("{MAPPING_FILE} maps `{name}`, which is not an input")));
     }
     let mut mapping = ObservationMapping { morphology, control_mode, cameras: Vec::new(), state: Vec::new() };

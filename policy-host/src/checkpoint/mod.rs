@@ -1,4 +1,5 @@
-//! ACT checkpoint folders in two formats, the benchmark's and LeRobot's, and their common description.
+//! Checkpoint folders: ACT's in two formats, the benchmark's and LeRobot's, with their common description,
+//! and π0.5's ([`pi05`]).
 //!
 //! A folder contains `config.json`, whose `type` selects the format, and `model.safetensors`; LeRobot's
 //! folders also contain the pre- and postprocessor. Every tensor is checked by name, dtype and shape before
@@ -7,11 +8,13 @@
 pub mod colosseum;
 pub mod lerobot;
 pub mod mapping;
+pub mod pi05;
 
 mod processor;
 
 use std::path::{Path, PathBuf};
 
+use ipc_types::Morphology;
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -19,6 +22,7 @@ pub use self::mapping::ObservationMapping;
 use crate::act::architecture::{Architecture, InvalidHyperparameter};
 use crate::act::normalise::Normalisation;
 use crate::act::tensors::tensor_specs;
+use crate::pi05::prompt::TokenizerError;
 use crate::text::{EncoderError, LanguageConfig, TextEncoder};
 use crate::weights::{CONFIG_FILE, MODEL_FILE, StateDict, TensorFile, WeightsError};
 
@@ -30,18 +34,27 @@ pub enum CheckpointError {
     Read { path: PathBuf, source: std::io::Error },
     #[error("{} is not a valid configuration", path.display())]
     Json { path: PathBuf, source: serde_json::Error },
-    #[error("{}: `type` is `{found}`, expected `act_colosseum` or LeRobot's `act`", path.display())]
-    Format { path: PathBuf, found: String },
+    #[error("{}: `type` is `{found}`, expected {expected}", path.display())]
+    Format { path: PathBuf, found: String, expected: &'static str },
     #[error("{}: `{key}` is {found}, expected {expected}", path.display())]
     Value { path: PathBuf, key: String, found: String, expected: String },
     #[error("{}: {reason}", path.display())]
     Mapping { path: PathBuf, reason: String },
     #[error("{}: tensor `{tensor}` ({found}) is not part of the network in {CONFIG_FILE}", path.display())]
     UnexpectedTensor { path: PathBuf, tensor: String, found: String },
+    #[error("{}: tensor `{tensor}` contains values that are not finite", path.display())]
+    NotFinite { path: PathBuf, tensor: String },
+    #[error(
+        "the weights in {} take {needed_mib} MiB of memory, only {available_mib} MiB are available",
+        path.display()
+    )]
+    Memory { path: PathBuf, needed_mib: u64, available_mib: u64 },
     #[error(transparent)]
     Weights(#[from] WeightsError),
     #[error(transparent)]
     Encoder(#[from] EncoderError),
+    #[error(transparent)]
+    Tokenizer(#[from] TokenizerError),
 }
 
 /// A checkpoint whose configuration and weights header have been checked against each other.
@@ -99,7 +112,10 @@ impl Checkpoint {
         let description = match format.as_str() {
             "act_colosseum" => colosseum::describe(&path, &text, &mut tensors),
             "act" => lerobot::describe(folder, &text, &mut tensors),
-            _ => Err(CheckpointError::Format { path: path.clone(), found: format }),
+            _ => {
+                let expected = "`act_colosseum` or LeRobot's `act`";
+                Err(CheckpointError::Format { path: path.clone(), found: format, expected })
+            }
         }?;
         description.architecture.check().map_err(|InvalidHyperparameter { name, found, expected }| {
             CheckpointError::Value { path, key: name.to_owned(), found: found.to_string(), expected }
@@ -207,4 +223,14 @@ impl TensorNames {
 
 fn parse<'a, T: Deserialize<'a>>(path: &Path, text: &'a [u8]) -> Result<T, CheckpointError> {
     serde_json::from_slice(text).map_err(|source| CheckpointError::Json { path: path.to_owned(), source })
+}
+
+/// Returns the checkpoint folders in `folder`: `folder` itself, or its subfolders `single` and `bimanual`.
+/// `is_checkpoint` recognises one.
+pub(crate) fn checkpoint_folders(folder: &Path, is_checkpoint: impl Fn(&Path) -> bool) -> Vec<PathBuf> {
+    if is_checkpoint(folder) {
+        return vec![folder.to_owned()];
+    }
+    let inner = Morphology::ALL.into_iter().map(|morphology| folder.join(morphology.name()));
+    inner.filter(|folder| is_checkpoint(folder)).collect()
 }

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use super::mapping::FeatureKind;
 use super::{CheckpointError, parse};
 use crate::act::normalise::ShiftScale;
+use crate::pi05::scaling::Scaling;
 use crate::weights::TensorFile;
 
 /// File name of the preprocessor, written since LeRobot 0.4.
@@ -17,6 +18,14 @@ const POSTPROCESSOR: &str = "policy_postprocessor.json";
 /// Processor steps with no effect here: images and states are batched, on the CPU and correctly named
 /// already.
 const NO_OP_STEPS: [&str; 3] = ["rename_observations_processor", "to_batch_processor", "device_processor"];
+/// Further steps of π0.5. The policy itself writes and splits the prompt, and its loader rejects relative
+/// actions.
+const PI05_STEPS: [&str; 4] = [
+    "relative_actions_processor",
+    "pi05_prepare_state_tokenizer_processor_step",
+    "tokenizer_processor",
+    "absolute_actions_processor",
+];
 /// Preprocessor step that normalises inputs.
 const NORMALISER: &str = "normalizer_processor";
 /// Postprocessor step that restores actions.
@@ -90,8 +99,8 @@ impl<'a> Statistics<'a> {
     ) -> Result<Self, CheckpointError> {
         let (inputs, outputs) = if folder.join(PREPROCESSOR).is_file() {
             (
-                ProcessorStatistics::read(folder, PREPROCESSOR, NORMALISER)?,
-                ProcessorStatistics::read(folder, POSTPROCESSOR, UNNORMALISER)?,
+                ProcessorStatistics::read(folder, PREPROCESSOR, NORMALISER, &[])?,
+                ProcessorStatistics::read(folder, POSTPROCESSOR, UNNORMALISER, &[])?,
             )
         } else {
             let older = || ProcessorStatistics { modes: modes.clone(), epsilon: DEFAULT_EPSILON, file: None };
@@ -128,8 +137,8 @@ impl<'a> Statistics<'a> {
 }
 
 impl ProcessorStatistics {
-    /// Reads a processor file. Unknown steps are errors.
-    fn read(folder: &Path, file: &str, normaliser: &str) -> Result<Self, CheckpointError> {
+    /// Reads a processor file. Steps other than the normaliser, [`NO_OP_STEPS`] and `others` are errors.
+    fn read(folder: &Path, file: &str, normaliser: &str, others: &[&str]) -> Result<Self, CheckpointError> {
         let path = folder.join(file);
         let text =
             std::fs::read(&path).map_err(|source| CheckpointError::Read { path: path.clone(), source })?;
@@ -141,12 +150,15 @@ impl ProcessorStatistics {
                 let state = step.state_file.map(|state| TensorFile::open(&folder.join(state))).transpose()?;
                 let epsilon = step.config.eps.unwrap_or(DEFAULT_EPSILON);
                 found = Self { modes: step.config.norm_map, epsilon, file: state };
-            } else if !NO_OP_STEPS.contains(&name.as_str()) {
+            } else if !NO_OP_STEPS.contains(&name.as_str()) && !others.contains(&name.as_str()) {
                 return Err(CheckpointError::Value {
                     path,
                     key: format!("steps[{idx}]"),
                     found: format!("`{name}`"),
-                    expected: format!("`{normaliser}` or one of {}", NO_OP_STEPS.join(", ")),
+                    expected: format!(
+                        "`{normaliser}` or one of {}",
+                        [&NO_OP_STEPS, others].concat().join(", ")
+                    ),
                 });
             }
         }
@@ -165,6 +177,31 @@ impl ProcessorStatistics {
             FeatureKind::Action => "ACTION",
         };
         self.modes.get(name).copied().unwrap_or(NormalisationMode::Identity)
+    }
+
+    /// Returns the scaling of a feature with `dim` entries, from the processor's own file.
+    fn scaling(&mut self, kind: FeatureKind, name: &str, dim: usize) -> Result<Scaling, CheckpointError> {
+        let (mode, epsilon) = (self.mode(kind), self.epsilon);
+        let prefix = format!("{name}.");
+        let file =
+            self.file.as_mut().filter(|file| file.names().iter().any(|name| name.starts_with(&prefix)));
+        let Some(file) = file else { return Ok(Scaling::Identity) };
+        let mut source = StatisticsSource { file, prefix };
+        let mut range = |low: &str, high: &str| -> Result<Scaling, CheckpointError> {
+            let (low, high) = (source.read(low, dim)?, source.read(high, dim)?);
+            let width = |(low, high): (&f32, f32)| if high == *low { epsilon } else { high - low };
+            Ok(Scaling::Range { width: low.iter().zip(high).map(width).collect(), low })
+        };
+        match mode {
+            NormalisationMode::Identity => Ok(Scaling::Identity),
+            NormalisationMode::MinMax => range("min", "max"),
+            NormalisationMode::Quantiles => range("q01", "q99"),
+            NormalisationMode::Quantile10 => range("q10", "q90"),
+            NormalisationMode::MeanStd => {
+                let (mean, std) = (source.read("mean", dim)?, source.read("std", dim)?);
+                Ok(Scaling::MeanStd { mean, std, epsilon })
+            }
+        }
     }
 
     /// Returns the location of a feature's statistics, or `None` if the processor leaves the feature
@@ -189,6 +226,23 @@ impl ProcessorStatistics {
             }
         }
     }
+}
+
+/// Reads the scaling of a π0.5 checkpoint's state and actions from its processor files.
+///
+/// # Errors
+/// If a file or statistic is missing or invalid.
+pub(super) fn pi05_scaling(
+    folder: &Path,
+    (state, state_dim): (&str, usize),
+    (action, action_dim): (&str, usize),
+) -> Result<(Scaling, Scaling), CheckpointError> {
+    let mut inputs = ProcessorStatistics::read(folder, PREPROCESSOR, NORMALISER, &PI05_STEPS)?;
+    let mut outputs = ProcessorStatistics::read(folder, POSTPROCESSOR, UNNORMALISER, &PI05_STEPS)?;
+    Ok((
+        inputs.scaling(FeatureKind::State, state, state_dim)?,
+        outputs.scaling(FeatureKind::Action, action, action_dim)?,
+    ))
 }
 
 /// Computes the shift and scale of `dim` entries. `scale_of` maps a standard deviation to its scale.

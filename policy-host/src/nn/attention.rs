@@ -87,7 +87,72 @@ impl Qkv<'_> {
     }
 }
 
+/// One head of an attention whose keys and values may be shared by several heads: queries, keys and values
+/// are rows of a common width, apart by a stride.
+#[derive(Clone, Copy, Debug)]
+pub struct AttentionHead<'a> {
+    /// Queries `[n_queries, width]`.
+    pub queries: &'a [f32],
+    /// Distance between the first entries of two queries.
+    pub query_stride: usize,
+    /// Keys `[n_keys, width]`.
+    pub keys: &'a [f32],
+    /// Values `[n_keys, width]`.
+    pub values: &'a [f32],
+    /// Distance between the first entries of two keys, and of two values.
+    pub key_stride: usize,
+    /// Number of keys, which is also the number of values.
+    pub n_keys: usize,
+    /// Width of the head.
+    pub width: usize,
+}
+
+impl AttentionHead<'_> {
+    /// Queries whose scores are computed together, so that they stay in the cache.
+    const BLOCK: usize = 128;
+
+    /// Returns the length of the working memory for this number of keys.
+    #[must_use]
+    pub fn scores_len(n_keys: usize) -> usize {
+        Self::BLOCK * n_keys
+    }
+
+    /// Computes `out [n_queries, width] = softmax(scale · queries · keysᵀ) · values`. `scores` is working
+    /// memory of at least [`scores_len`](Self::scores_len).
+    ///
+    /// # Panics
+    /// If the lengths do not match.
+    pub fn attend(&self, scale: f32, out: &mut [f32], scores: &mut [f32]) {
+        let &Self { queries, query_stride, keys, values, key_stride, n_keys, width } = self;
+        for (block, out) in out.chunks_mut(Self::BLOCK * width).enumerate() {
+            let n_queries = out.len() / width;
+            let scores = &mut scores[..n_queries * n_keys];
+            matmul(
+                view_mut(scores, n_queries, n_keys, n_keys),
+                Accum::Replace,
+                view(&queries[block * Self::BLOCK * query_stride..], n_queries, width, query_stride),
+                view(keys, n_keys, width, key_stride).transpose(),
+            );
+            scaled_softmax_rows(scores, n_keys, scale);
+            matmul(
+                view_mut(out, n_queries, width, width),
+                Accum::Replace,
+                view(scores, n_queries, n_keys, n_keys),
+                view(values, n_keys, width, key_stride),
+            );
+        }
+    }
+}
+
 multiversion! {
+    /// Multiplies `x [t, n]` by `scale` and applies [`softmax`] to every row.
+    fn scaled_softmax_rows(x: &mut [f32], n: usize, scale: f32) {
+        for row in x.chunks_exact_mut(n) {
+            row.iter_mut().for_each(|x| *x *= scale);
+            softmax(row);
+        }
+    }
+
     /// Applies [`softmax`] to every row of `x [t, n]`.
     fn softmax_rows(x: &mut [f32], n: usize) {
         for row in x.chunks_exact_mut(n) {

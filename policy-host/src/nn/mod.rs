@@ -2,7 +2,9 @@
 //!
 //! Every kernel computes each value by a fixed sequence of operations, independent of how many rows, images
 //! or samples are computed together. Kernels start no threads, and they allocate nothing after construction:
-//! the caller passes their working memory. See `README.md` for the design and its measurements.
+//! the caller passes their working memory. The exception is [`projection`], for networks whose weights fill
+//! gigabytes: it shares the columns of a product among the threads of the current rayon pool. See `README.md`
+//! for the design and its measurements.
 //!
 //! Letters in shapes: `t` rows (tokens), `d` model width, `n` images, `c` channels, `h` and `w` height and
 //! width; `[m, k] · [k, n]` in matrix products.
@@ -16,9 +18,14 @@ pub mod matmul;
 pub mod norm;
 pub mod packed;
 pub mod pool;
+pub mod projection;
+pub mod rotary;
 
 mod isa;
 mod quantised;
+mod shared;
+mod stored;
+mod tile;
 mod winograd;
 
 /// Numeric precision of a layer's weights and products.

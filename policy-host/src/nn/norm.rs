@@ -1,4 +1,4 @@
-//! Layer normalisation.
+//! Normalisation of rows: layer normalisation, and RMS normalisation with fixed or given scales.
 
 use super::isa::multiversion;
 
@@ -13,6 +13,8 @@ pub struct LayerNorm {
     weight: Vec<f32>,
     /// Offset of each entry, `[d]`.
     bias: Vec<f32>,
+    /// Term added to the variance.
+    epsilon: f32,
 }
 
 impl LayerNorm {
@@ -22,25 +24,44 @@ impl LayerNorm {
     /// Creates the layer from `weight [d]` and `bias [d]`.
     #[must_use]
     pub fn new(weight: &[f32], bias: &[f32]) -> Self {
+        Self::with_epsilon(weight, bias, Self::EPSILON)
+    }
+
+    /// Like [`new`](Self::new), with another term added to the variance.
+    #[must_use]
+    pub fn with_epsilon(weight: &[f32], bias: &[f32], epsilon: f32) -> Self {
         assert_eq!(weight.len(), bias.len(), "weight and bias");
-        Self { weight: weight.to_vec(), bias: bias.to_vec() }
+        Self { weight: weight.to_vec(), bias: bias.to_vec(), epsilon }
     }
 
     /// Normalises every row of `x [t, d]` in place.
     pub fn forward(&self, x: &mut [f32]) {
-        normalise_rows(x, &self.weight, &self.bias);
+        normalise_rows(x, &self.weight, &self.bias, self.epsilon);
     }
 }
 
 multiversion! {
-    fn normalise_rows(x: &mut [f32], weight: &[f32], bias: &[f32]) {
+    fn normalise_rows(x: &mut [f32], weight: &[f32], bias: &[f32], epsilon: f32) {
         let width = weight.len() as f32;
         for row in x.chunks_exact_mut(weight.len()) {
             let mean = sum(row, |x| x) / width;
             let variance = sum(row, |x| (x - mean) * (x - mean)) / width;
-            let inverse = 1.0 / (variance + LayerNorm::EPSILON).sqrt();
+            let inverse = 1.0 / (variance + epsilon).sqrt();
             for ((x, weight), bias) in row.iter_mut().zip(weight).zip(bias) {
                 *x = (*x - mean) * inverse * weight + bias;
+            }
+        }
+    }
+
+    /// Computes `out [t, d] = x / rms(x) · scale + shift` for every row of `x [t, d]`, where `rms` is the
+    /// root of the mean square plus `epsilon`.
+    pub fn rms_rows(x: &[f32], scale: &[f32], shift: &[f32], epsilon: f32, out: &mut [f32]) {
+        let width = scale.len();
+        for (row, out) in x.chunks_exact(width).zip(out.chunks_exact_mut(width)) {
+            let mean_square = sum(row, |x| x * x) / width as f32;
+            let inverse = 1.0 / (mean_square + epsilon).sqrt();
+            for (((out, x), scale), shift) in out.iter_mut().zip(row).zip(scale).zip(shift) {
+                *out = x * inverse * scale + shift;
             }
         }
     }

@@ -4,7 +4,10 @@
 //! dynamically, with one scale per row or image. Integer sums are exact, so every processor gives the same
 //! bits. AVX-512 VNNI computes 64 products per instruction; without it, this path is slower than f32.
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
 
 #[cfg(target_arch = "x86_64")]
 use super::isa::Avx512Vnni;
@@ -54,6 +57,14 @@ pub(super) struct Segments {
     pub(super) stride: usize,
 }
 
+/// Rows of quantised inputs.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct QuantisedRows<'a> {
+    pub(super) values: &'a [u8],
+    pub(super) segments: Segments,
+    pub(super) n_rows: usize,
+}
+
 impl QuantisedWeights {
     /// Quantises and packs row-major weights `[k, n]`.
     ///
@@ -65,24 +76,44 @@ impl QuantisedWeights {
 
     fn with_isa(weights: &[f32], k: usize, n: usize, isa: Int8Isa) -> Self {
         assert_eq!(weights.len(), k * n, "weights [{k}, {n}]");
+        let column = |col: usize, out: &mut [f32]| {
+            out.iter_mut().zip(weights.iter().skip(col).step_by(n)).for_each(|(out, x)| *out = *x);
+        };
+        Self { isa, ..Self::from_columns(k, n, column) }
+    }
+
+    /// Quantises and packs weights `[k, n]`, of which `column(col, [k])` writes a column. The threads of the
+    /// current rayon pool share the panels.
+    ///
+    /// # Panics
+    /// If `k` is not a multiple of [`QUAD`].
+    pub(super) fn from_columns(k: usize, n: usize, column: impl Fn(usize, &mut [f32]) + Sync) -> Self {
         assert!(k.is_multiple_of(QUAD), "k = {k} must be a multiple of {QUAD}");
         let mut panels = vec![AlignedI8x64::zeroed(); n.div_ceil(NR) * k];
-        let packed: &mut [i8] = bytemuck::cast_slice_mut(&mut panels);
-        let (mut scales, mut zero_point_corrections) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        for col in 0..n {
-            let column = || weights.iter().skip(col).step_by(n);
-            let scale = column().fold(0.0, |max: f32, x| max.max(x.abs())) / SIGNED_MAX;
-            let panel = &mut packed[col / NR * k * NR..][..k * NR];
-            let mut sum = 0;
-            for (idx, x) in column().enumerate() {
-                let quantised = if scale > 0.0 { (x / scale).round() as i8 } else { 0 };
-                panel[(idx / QUAD * NR + col % NR) * QUAD + idx % QUAD] = quantised;
-                sum += i32::from(quantised);
+        let (mut scales, mut zero_point_corrections) = (vec![0.0; n], vec![0; n]);
+        let jobs = panels.par_chunks_exact_mut(k).zip(scales.par_chunks_mut(NR));
+        let jobs = jobs.zip(zero_point_corrections.par_chunks_mut(NR)).enumerate();
+        jobs.for_each(|(panel_idx, ((panel, scales), corrections))| {
+            let panel: &mut [i8] = bytemuck::cast_slice_mut(panel);
+            let mut values = vec![0.0; k];
+            for (col, (scale, correction)) in scales.iter_mut().zip(corrections).enumerate() {
+                column(panel_idx * NR + col, &mut values);
+                *scale = values.iter().fold(0.0, |max: f32, x| max.max(x.abs())) / SIGNED_MAX;
+                let mut sum = 0;
+                for (idx, x) in values.iter().enumerate() {
+                    let quantised = if *scale > 0.0 { (x / *scale).round() as i8 } else { 0 };
+                    panel[(idx / QUAD * NR + col) * QUAD + idx % QUAD] = quantised;
+                    sum += i32::from(quantised);
+                }
+                *correction = i32::from(ZERO_POINT) * sum;
             }
-            scales.push(scale);
-            zero_point_corrections.push(i32::from(ZERO_POINT) * sum);
-        }
-        Self { panels, k, n, scales, zero_point_corrections, isa }
+        });
+        Self { panels, k, n, scales, zero_point_corrections, isa: Int8Isa::best() }
+    }
+
+    /// Returns the number of panels of up to [`NR`] columns.
+    pub(super) fn n_panels(&self) -> usize {
+        self.n.div_ceil(NR)
     }
 
     /// Returns the number of rows `k` of the weights.
@@ -118,16 +149,32 @@ impl QuantisedWeights {
         start: impl Fn(usize) -> usize,
         emit: impl FnMut(usize, usize, &[i32]),
     ) {
+        let rows = QuantisedRows { values: inputs, segments, n_rows };
+        self.matmul_panels(0..self.n_panels(), rows, start, emit);
+    }
+
+    /// Like [`matmul`](Self::matmul), for the columns of these panels.
+    ///
+    /// # Panics
+    /// See [`matmul`](Self::matmul).
+    pub(super) fn matmul_panels(
+        &self,
+        panels: Range<usize>,
+        rows: QuantisedRows<'_>,
+        start: impl Fn(usize) -> usize,
+        emit: impl FnMut(usize, usize, &[i32]),
+    ) {
+        let segments = rows.segments;
         assert_eq!(segments.count * segments.len, self.k, "{segments:?}");
         assert!(segments.len.is_multiple_of(QUAD), "{segments:?}");
         match self.isa {
             Int8Isa::Portable => {
-                self.matmul_tiled(inputs, segments, n_rows, start, emit, &MICRO_KERNELS_PORTABLE);
+                self.matmul_tiled(panels, rows, start, emit, &MICRO_KERNELS_PORTABLE);
             }
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the token proves AVX-512F and VNNI.
             Int8Isa::Vnni(token) => unsafe {
-                self.matmul_vnni(token, inputs, segments, n_rows, start, emit);
+                self.matmul_vnni(token, panels, rows, start, emit);
             },
         }
     }
@@ -137,29 +184,29 @@ impl QuantisedWeights {
     fn matmul_vnni(
         &self,
         token: Avx512Vnni,
-        inputs: &[u8],
-        segments: Segments,
-        n_rows: usize,
+        panels: Range<usize>,
+        rows: QuantisedRows<'_>,
         start: impl Fn(usize) -> usize,
         emit: impl FnMut(usize, usize, &[i32]),
     ) {
-        self.matmul_tiled(inputs, segments, n_rows, start, emit, &micro_kernels_vnni(token));
+        self.matmul_tiled(panels, rows, start, emit, &micro_kernels_vnni(token));
     }
 
     #[inline(always)]
     fn matmul_tiled(
         &self,
-        inputs: &[u8],
-        segments: Segments,
-        n_rows: usize,
+        panels: Range<usize>,
+        rows: QuantisedRows<'_>,
         start: impl Fn(usize) -> usize,
         mut emit: impl FnMut(usize, usize, &[i32]),
         micro_kernels: &[Int8MicroKernel; MR],
     ) {
+        let QuantisedRows { values: inputs, segments, n_rows } = rows;
         let row_extent = (segments.count - 1) * segments.stride + segments.len;
         let packed: &[i8] = bytemuck::cast_slice(&self.panels);
         let mut sums = [0; MR * NR];
-        for (panel_idx, panel) in packed.chunks_exact(self.k * NR).enumerate() {
+        for panel_idx in panels {
+            let panel = &packed[panel_idx * self.k * NR..][..self.k * NR];
             let first = panel_idx * NR;
             let n_cols = NR.min(self.n - first);
             for row in (0..n_rows).step_by(MR) {

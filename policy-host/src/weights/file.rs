@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use half::{bf16, f16};
@@ -90,28 +91,33 @@ impl TensorFile {
         }
     }
 
+    /// Returns dtype and shape of a tensor, and the bytes of the file that contain its values.
+    ///
+    /// # Errors
+    /// If the tensor is missing or has no float dtype.
+    pub(super) fn locate(&self, name: &str) -> Result<(Dtype, &[usize], Range<usize>), WeightsError> {
+        let (path, tensor) = (self.path.clone(), name.to_owned());
+        let Some(&TensorInfo { dtype, ref shape, data_offsets: (start, end) }) = self.header.info(name)
+        else {
+            return Err(WeightsError::Missing { path, tensor, expected: "a float tensor".to_owned() });
+        };
+        if !is_float(dtype) {
+            let (expected, found) = (describe(Dtype::F32, shape), describe(dtype, shape));
+            return Err(WeightsError::Mismatch { path, tensor, expected, found });
+        }
+        let first = self.data_start as usize;
+        Ok((dtype, shape, first + start..first + end))
+    }
+
     /// Reads the values of a tensor, row-major, and converts them to f32.
     ///
     /// # Errors
     /// If the tensor is missing, has no float dtype, or cannot be read.
     pub fn read(&mut self, name: &str) -> Result<Vec<f32>, WeightsError> {
-        let Some(&TensorInfo { dtype, ref shape, data_offsets: (start, end) }) = self.header.info(name)
-        else {
-            let (path, tensor) = (self.path.clone(), name.to_owned());
-            return Err(WeightsError::Missing { path, tensor, expected: "a float tensor".to_owned() });
-        };
-        if !is_float(dtype) {
-            let (path, tensor, found) = (self.path.clone(), name.to_owned(), describe(dtype, shape));
-            return Err(WeightsError::Mismatch {
-                path,
-                tensor,
-                expected: describe(Dtype::F32, shape),
-                found,
-            });
-        }
-        let mut bytes = vec![0; end - start];
+        let (dtype, _, range) = self.locate(name)?;
+        let mut bytes = vec![0; range.len()];
         let read = |source| WeightsError::Read { path: self.path.clone(), source };
-        self.file.seek(SeekFrom::Start(self.data_start + start as u64)).map_err(read)?;
+        self.file.seek(SeekFrom::Start(range.start as u64)).map_err(read)?;
         self.file.read_exact(&mut bytes).map_err(read)?;
         let half_words = || bytes.as_chunks::<2>().0.iter().copied();
         Ok(match dtype {

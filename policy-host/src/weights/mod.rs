@@ -1,9 +1,10 @@
-//! Weight files: the safetensors reader, its errors, and the in-memory state dict.
+//! Weight files: the safetensors reader, memory-mapped tensors, the errors, and the in-memory state dict.
 //!
 //! [`checkpoint`](crate::checkpoint) and [`text`](crate::text) both build on this module; it depends on
 //! neither.
 
 mod file;
+mod mapped;
 mod state_dict;
 
 use std::path::PathBuf;
@@ -11,6 +12,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 
 pub use self::file::TensorFile;
+pub use self::mapped::{FloatType, INDEX_FILE, StoredTensor, TensorFolder};
 pub use self::state_dict::StateDict;
 
 /// File name of the configuration in a checkpoint folder.
@@ -33,6 +35,10 @@ pub struct TensorSpec {
 pub enum WeightsError {
     #[error("failed to read {}", path.display())]
     Read { path: PathBuf, source: std::io::Error },
+    #[error("{} is not a valid list of shards", path.display())]
+    Index { path: PathBuf, source: serde_json::Error },
+    #[error("{}: `{}` is not the name of a file in the same folder", path.display(), shard.display())]
+    ShardPath { path: PathBuf, shard: PathBuf },
     #[error("{} is not a safetensors file: {reason}", path.display())]
     Header { path: PathBuf, reason: String },
     #[error(

@@ -9,6 +9,7 @@ mod ensemble;
 mod independence;
 mod lerobot;
 mod parity;
+mod pi05;
 mod serve;
 mod weightless;
 

@@ -57,7 +57,7 @@ impl HostFixture {
         loop {
             match self.event() {
                 HostEvent::Failed { message } => return message,
-                HostEvent::Ledger { .. } => {}
+                HostEvent::Ledger { .. } | HostEvent::Note { .. } => {}
                 HostEvent::Ready { .. } => panic!("ready twice"),
             }
         }

@@ -9,8 +9,6 @@ use thiserror::Error;
 
 use super::protocol::Lane;
 
-/// Time after which a host that has not answered is considered hung.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(120);
 /// Longest wait for a foreign host to connect or to reconnect.
 const FOREIGN_HOST_TIMEOUT: Duration = Duration::from_secs(600);
 /// Interval between liveness checks of a foreign host.
@@ -204,8 +202,9 @@ impl LaneState {
     /// # Errors
     /// If a timeout has expired.
     pub(super) fn check_host(&mut self, now: Instant) -> Result<bool, LaneError> {
-        if self.in_flight.iter().any(|batch| now - batch.sent > ANSWER_TIMEOUT) {
-            return Err(LaneError::AnswerTimeout { policy: self.policy(), timeout: ANSWER_TIMEOUT });
+        let timeout = Duration::from_secs(self.config.answer_timeout_s.into());
+        if self.in_flight.iter().any(|batch| now - batch.sent > timeout) {
+            return Err(LaneError::AnswerTimeout { policy: self.policy(), timeout });
         }
         if !self.config.foreign || now - self.last_host_check < FOREIGN_CHECK_INTERVAL {
             return Ok(false);

@@ -33,6 +33,13 @@ pub struct Lane {
     /// `true` if the host was not started by the orchestrator, so that the sim itself has to check that it is
     /// alive.
     pub foreign: bool,
+    /// Seconds after which an unanswered query counts as lost.
+    pub answer_timeout_s: u32,
+}
+
+impl Lane {
+    /// Timeout for answers of most policies.
+    pub const ANSWER_TIMEOUT_S: u32 = 120;
 }
 
 /// The source of an episode's actions.

@@ -67,7 +67,12 @@ fn loop_round_allocates_nothing_of_its_own() {
     (run.resources.envs, run.resources.threads) = (N_ENVS, 1);
     (run.results.control_mode, run.results.execute) = (mode, N_ROWS);
     run.rendering.renderer = RendererChoice::Cpu;
-    let lanes = vec![Lane { spec: spec.clone(), images: true, foreign: false }];
+    let lanes = vec![Lane {
+        spec: spec.clone(),
+        images: true,
+        foreign: false,
+        answer_timeout_s: Lane::ANSWER_TIMEOUT_S,
+    }];
     let config = SimConfig { domain: domain.clone(), run_id: RUN, lanes, run };
     let (_commands, receiver) = sync_channel(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
@@ -118,7 +123,7 @@ fn unanswered_query_times_out_naming_the_policy() {
     {
         let node = LinkNode::new(&domain, "sim").unwrap();
         let link = SimLink::create(&node, 1).unwrap();
-        let config = Lane { spec: spec.clone(), images: false, foreign: false };
+        let config = Lane { spec: spec.clone(), images: false, foreign: false, answer_timeout_s: 120 };
         let mut lane = LaneState::create(&node, RUN, config).unwrap();
         let _host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();

@@ -15,6 +15,8 @@
 //! Seed 0 uses the streams unchanged, so that other implementations can reproduce it; another seed shifts
 //! every stream.
 
+mod pi05;
+
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -30,6 +32,8 @@ use crate::generated::{fnv1a64, splitmix64, sym};
 use crate::nn::Precision;
 use crate::text::TextEncoder;
 use crate::weights::{CONFIG_FILE, MODEL_FILE, StateDict, TensorSpec};
+
+pub use self::pi05::{pi05_bytes, write_pi05_checkpoint};
 
 /// Errors that can occur while writing a checkpoint.
 #[derive(Debug, Error)]
@@ -109,6 +113,13 @@ pub fn write_checkpoint(folder: &Path, config: &ActConfig, seed: u64) -> Result<
 /// Returns the generated values of a tensor, row-major.
 #[must_use]
 pub fn tensor(spec: &TensorSpec, seed: u64) -> Vec<f32> {
+    let rule = element(spec, seed, false);
+    (0..spec.shape.iter().product()).map(rule).collect()
+}
+
+/// Returns the rule for the elements of a tensor. Scales are centred at 0 instead of 1 if the network adds
+/// one to them.
+fn element(spec: &TensorSpec, seed: u64, adds_one: bool) -> impl Fn(usize) -> f32 + Sync + use<> {
     let shift = if seed == 0 { 0 } else { splitmix64(seed) };
     let stream = fnv1a64(&spec.name) ^ shift;
     let fan_in: usize = spec.shape[1..].iter().product();
@@ -120,12 +131,11 @@ pub fn tensor(spec: &TensorSpec, seed: u64) -> Vec<f32> {
     } else if spec.shape.len() == 2 && spec.name.contains("embed") {
         (0.0, 1.0)
     } else if one_axis && spec.name.ends_with("weight") {
-        (1.0, 0.1)
+        (if adds_one { 0.0 } else { 1.0 }, 0.1)
     } else if one_axis {
         (0.0, 0.05)
     } else {
         (0.0, (3.0 / fan_in as f32).sqrt())
     };
-    let len: usize = spec.shape.iter().product();
-    (0..len).map(|idx| centre + sym(stream, idx, bound)).collect()
+    move |idx| centre + sym(stream, idx, bound)
 }

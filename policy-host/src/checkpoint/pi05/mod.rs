@@ -1,0 +1,238 @@
+//! π0.5 checkpoint folders, as written by LeRobot's `save_pretrained` and by openpi's PyTorch trainer.
+//!
+//! LeRobot's contain `config.json`, weights in one file or in shards, and the pre- and postprocessor.
+//! openpi's contain weights under names without `model.`, and `assets/…/norm_stats.json`; its robot and
+//! cameras are described in `hypogeum.json`. Both need `tokenizer.model`, PaliGemma's SentencePiece model.
+
+mod config;
+mod openpi;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::mapping::{InputFeature, MAPPING_FILE, ObservationMapping, Sidecar, map_features};
+use super::{CheckpointError, parse};
+use crate::nn::Precision;
+use crate::pi05::architecture::{DEFAULT_VISION_HEADS, Pi05Architecture, Pi05Names};
+use crate::pi05::model::{Pi05Model, Pi05Options};
+use crate::pi05::prompt::{PromptState, Prompter};
+use crate::pi05::scaling::Scaling;
+use crate::weights::{CONFIG_FILE, INDEX_FILE, MODEL_FILE, TensorFolder};
+
+/// Name of the action feature.
+const ACTION: &str = "action";
+/// Name of the state feature.
+const STATE: &str = "observation.state";
+
+/// A checkpoint whose configuration and weights headers have been checked against each other.
+#[derive(Debug)]
+pub struct Pi05Checkpoint {
+    folder: PathBuf,
+    tensors: TensorFolder,
+    names: Pi05Names,
+    description: Pi05Description,
+}
+
+/// Contents of a folder's configuration, independent of its format.
+#[derive(Clone, Debug)]
+pub struct Pi05Description {
+    /// Sizes of the network.
+    pub architecture: Pi05Architecture,
+    /// Mapping from the robot's observation to the network's input. Cameras are in the network's order,
+    /// without those that the robot does not have.
+    pub mapping: ObservationMapping,
+    /// Scaling of the robot's state.
+    pub state: Scaling,
+    /// Scaling of the robot's actions, applied in reverse.
+    pub action: Scaling,
+    /// Number of entries of the robot's action.
+    pub action_dim: usize,
+    /// State numbers in the prompt.
+    pub prompt_state: PromptState,
+    /// Number of entries to which the state is padded, if it is.
+    pub max_state_dim: usize,
+    /// Maximum number of tokens of a prompt.
+    pub max_tokens: usize,
+    /// Number of Euler steps from noise to actions, unless the user chooses another.
+    pub n_steps: usize,
+    /// Shortest and longest period of the time embedding.
+    pub periods: (f64, f64),
+}
+
+/// The key that tells the formats apart.
+#[derive(Debug, Deserialize)]
+struct FormatTag {
+    #[serde(rename = "type")]
+    format: Option<String>,
+}
+
+/// Returns `true` if the folder itself contains the weights of a checkpoint.
+pub(crate) fn is_pi05_folder(folder: &Path) -> bool {
+    [CONFIG_FILE, MODEL_FILE, INDEX_FILE].iter().any(|name| folder.join(name).is_file())
+}
+
+impl Pi05Checkpoint {
+    /// Reads the configuration in `folder` and the headers of its weights, and checks one against the other.
+    ///
+    /// # Errors
+    /// The first mismatch found, with file, tensor, actual and expected value.
+    pub fn open(folder: &Path) -> Result<Self, CheckpointError> {
+        let path = folder.join(CONFIG_FILE);
+        let text = match std::fs::read(&path) {
+            Ok(text) => Some(text),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
+            Err(source) => return Err(CheckpointError::Read { path, source }),
+        };
+        let format = match &text {
+            Some(text) => parse::<FormatTag>(&path, text)?.format,
+            None => None,
+        };
+        if let Some(found) = format.as_ref().filter(|format| *format != "pi05") {
+            return Err(CheckpointError::Format { path, found: found.clone(), expected: "`pi05`" });
+        }
+        let tensors = TensorFolder::open(folder)?;
+        let names = Pi05Names::of(&tensors);
+        let sidecar = Sidecar::read(folder)?;
+        let description = match (&text, format) {
+            (Some(text), Some(_)) => Folder { folder, tensors: &tensors, names: &names, sidecar: &sidecar }
+                .lerobot(parse(&path, text)?),
+            (text, _) => {
+                let config = text.as_ref().map(|text| parse(&path, text)).transpose()?.unwrap_or_default();
+                Folder { folder, tensors: &tensors, names: &names, sidecar: &sidecar }.openpi(&config)
+            }
+        }?;
+        let checkpoint = Self { folder: folder.to_owned(), tensors, names, description };
+        checkpoint.check_tensors()?;
+        Ok(checkpoint)
+    }
+
+    /// Returns the contents of the configuration.
+    #[must_use]
+    pub fn description(&self) -> &Pi05Description {
+        &self.description
+    }
+
+    /// Returns the folder.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Returns the weights.
+    #[must_use]
+    pub fn tensors(&self) -> &TensorFolder {
+        &self.tensors
+    }
+
+    /// Loads the vocabulary.
+    ///
+    /// # Errors
+    /// If the file is absent or damaged, or does not fit the embedding.
+    pub fn prompter(&self) -> Result<Prompter, CheckpointError> {
+        let Pi05Description { architecture, max_tokens, .. } = &self.description;
+        Ok(Prompter::load(&self.folder, architecture.vocabulary, *max_tokens)?)
+    }
+
+    /// Checks that the weights fit into the memory that is available.
+    ///
+    /// # Errors
+    /// If they do not.
+    pub fn check_memory(&self, precision: Precision) -> Result<(), CheckpointError> {
+        let Some(available) = available_memory() else { return Ok(()) };
+        let bytes = |(size, name): (usize, &str)| {
+            let stored = self.tensors.tensor(name).map_or(4, |tensor| tensor.float_type().size());
+            size as u64 * if precision == Precision::Int8 { 1 } else { stored as u64 }
+        };
+        let specs = self.description.architecture.tensor_specs(&self.names);
+        let sizes = specs.iter().map(|spec| (spec.shape.iter().product::<usize>(), spec.name.as_str()));
+        let needed: u64 = sizes.map(bytes).sum();
+        if needed <= available {
+            return Ok(());
+        }
+        let (needed_mib, available_mib) = (needed >> 20, available >> 20);
+        Err(CheckpointError::Memory { path: self.folder.clone(), needed_mib, available_mib })
+    }
+
+    /// Builds the network, after checking that all weights are finite. The threads of the current rayon pool
+    /// share the work.
+    ///
+    /// # Errors
+    /// If a value is not finite.
+    pub fn load(&self, precision: Precision, n_steps: usize) -> Result<Pi05Model, CheckpointError> {
+        for spec in self.description.architecture.tensor_specs(&self.names) {
+            if !self.tensors.tensor(&spec.name)?.is_finite() {
+                let path = self.tensors.path_of(&spec.name).to_owned();
+                return Err(CheckpointError::NotFinite { path, tensor: spec.name });
+            }
+        }
+        let Pi05Description { architecture, ref mapping, max_tokens, periods, .. } = self.description;
+        let max_prefix = mapping.cameras.len() * architecture.vision.n_patches + max_tokens;
+        let options = Pi05Options { precision, n_steps, periods, max_prefix };
+        Ok(Pi05Model::load(&self.tensors, &self.names, architecture, options)?)
+    }
+
+    fn check_tensors(&self) -> Result<(), CheckpointError> {
+        let mut known = std::collections::BTreeSet::new();
+        for spec in self.description.architecture.tensor_specs(&self.names) {
+            self.tensors.check(&spec.name, &spec.shape)?;
+            known.insert(spec.name);
+        }
+        let unexpected =
+            self.tensors.names().find(|name| !known.contains(*name) && !self.names.is_unused(name));
+        unexpected.map_or(Ok(()), |tensor| {
+            let found = self.tensors.describe(tensor).unwrap_or_default();
+            let path = self.tensors.path_of(tensor).to_owned();
+            Err(CheckpointError::UnexpectedTensor { path, tensor: tensor.to_owned(), found })
+        })
+    }
+}
+
+/// The parts of a checkpoint folder that are read before its configuration.
+struct Folder<'a> {
+    folder: &'a Path,
+    tensors: &'a TensorFolder,
+    names: &'a Pi05Names,
+    sidecar: &'a Sidecar,
+}
+
+impl Folder<'_> {
+    fn value(&self, key: &str, found: impl fmt::Display, expected: impl fmt::Display) -> CheckpointError {
+        CheckpointError::Value {
+            path: self.folder.join(CONFIG_FILE),
+            key: key.to_owned(),
+            found: found.to_string(),
+            expected: expected.to_string(),
+        }
+    }
+
+    fn architecture(&self, horizon: usize) -> Result<Pi05Architecture, CheckpointError> {
+        let n_heads = self.sidecar.vision_heads.unwrap_or(DEFAULT_VISION_HEADS);
+        let architecture = Pi05Architecture::of(self.tensors, self.names, n_heads, horizon)?;
+        match architecture.invalid() {
+            None => Ok(architecture),
+            Some((key, found, expected)) => Err(self.value(key, found, expected)),
+        }
+    }
+
+    /// Maps the robot's observation to the network's features, cameras in their order.
+    fn mapping(
+        &self,
+        features: Vec<InputFeature>,
+        action_dim: usize,
+    ) -> Result<ObservationMapping, CheckpointError> {
+        let path = self.folder.join(MAPPING_FILE);
+        let present: Vec<_> =
+            features.into_iter().filter(|feature| !self.sidecar.leaves_out(feature)).collect();
+        map_features(&present, action_dim, self.sidecar)
+            .map_err(|reason| CheckpointError::Mapping { path, reason })
+    }
+}
+
+/// Returns the memory that the kernel estimates to be available without swapping, in bytes.
+fn available_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10)
+}

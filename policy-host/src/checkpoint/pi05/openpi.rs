@@ -1,0 +1,156 @@
+//! openpi's layout of a π0.5 checkpoint.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::config::Pi05Config;
+use super::{CheckpointError, Folder, Pi05Description, STATE};
+use crate::checkpoint::mapping::{FeatureKind, InputFeature, MAPPING_FILE};
+use crate::checkpoint::parse;
+use crate::pi05::scaling::Scaling;
+
+/// Cameras of openpi's networks, in their order.
+const OPENPI_CAMERAS: [&str; 3] = ["base_0_rgb", "left_wrist_0_rgb", "right_wrist_0_rgb"];
+/// Term that openpi adds to the width of a range.
+const OPENPI_EPSILON: f32 = 1e-6;
+/// Depth to which the folder of openpi's statistics may be nested under `assets`.
+const MAX_ASSET_DEPTH: usize = 4;
+
+/// The keys of openpi's `config.json`, which only its converter writes.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct OpenpiConfig {
+    action_horizon: Option<usize>,
+}
+
+/// Contents of openpi's statistics.
+#[derive(Debug, Deserialize)]
+struct OpenpiStatistics {
+    norm_stats: BTreeMap<String, OpenpiRange>,
+}
+
+#[derive(Debug, Deserialize)]
+struct OpenpiRange {
+    q01: Vec<f32>,
+    q99: Vec<f32>,
+}
+
+impl Folder<'_> {
+    pub(super) fn openpi(&self, config: &OpenpiConfig) -> Result<Pi05Description, CheckpointError> {
+        let defaults = Pi05Config::default();
+        let horizon =
+            config.action_horizon.or(self.sidecar.chunk_size).ok_or_else(|| CheckpointError::Value {
+                path: self.folder.join(MAPPING_FILE),
+                key: "chunk_size".to_owned(),
+                found: "no value".to_owned(),
+                expected: "the number of rows of an action chunk, which openpi's checkpoint does not contain"
+                    .to_owned(),
+            })?;
+        let architecture = self.architecture(horizon)?;
+        let side = architecture.image_side();
+        let statistics = self.openpi_statistics()?;
+        let (state, action) = (&statistics["state"], &statistics["actions"]);
+        let robot = (self.sidecar.morphology, self.sidecar.control_mode);
+        let action_dim = match robot {
+            (Some(morphology), Some(mode)) => mode.action_dim(morphology),
+            _ => action.q01.len(),
+        };
+        let image = |name: &&str| InputFeature {
+            name: (*name).to_owned(),
+            shape: vec![3, side, side],
+            kind: FeatureKind::Visual,
+        };
+        let mut features: Vec<_> = OPENPI_CAMERAS.iter().map(image).collect();
+        let state_dim = match self.sidecar.mapping.get(STATE) {
+            // The statistics may be padded; the mapping determines the width.
+            Some(source) => self.sidecar.width_of(source).unwrap_or(state.q01.len()),
+            None => state.q01.len(),
+        };
+        features.push(InputFeature {
+            name: STATE.to_owned(),
+            shape: vec![state_dim],
+            kind: FeatureKind::State,
+        });
+        let mapping = self.mapping(features, action_dim)?;
+        for (key, range, dim) in [("state", state, state_dim), ("actions", action, action_dim)] {
+            if range.q01.len() < dim {
+                let found = format!("statistics of {} entries", range.q01.len());
+                return Err(self.value(key, found, format!("at least {dim}, as the robot has")));
+            }
+        }
+        Ok(Pi05Description {
+            architecture,
+            mapping,
+            state: state.scaling(state_dim),
+            action: action.scaling(action_dim),
+            action_dim,
+            prompt_state: self.sidecar.prompt_state,
+            max_state_dim: defaults.max_state_dim,
+            max_tokens: defaults.tokenizer_max_length,
+            n_steps: defaults.num_inference_steps,
+            periods: (defaults.min_period, defaults.max_period),
+        })
+    }
+
+    /// Reads the only statistics under `assets`.
+    fn openpi_statistics(&self) -> Result<BTreeMap<String, OpenpiRange>, CheckpointError> {
+        let assets = self.folder.join("assets");
+        let mut found = Vec::new();
+        find_statistics(&assets, MAX_ASSET_DEPTH, &mut found);
+        let [path] = &found[..] else {
+            return Err(CheckpointError::Value {
+                path: assets,
+                key: "norm_stats.json".to_owned(),
+                found: format!("{} files", found.len()),
+                expected: "exactly one, openpi's statistics".to_owned(),
+            });
+        };
+        let text =
+            std::fs::read(path).map_err(|source| CheckpointError::Read { path: path.clone(), source })?;
+        let OpenpiStatistics { norm_stats } = parse(path, &text)?;
+        for key in ["state", "actions"] {
+            let invalid = |found: String, expected: &str| CheckpointError::Value {
+                path: path.clone(),
+                key: key.to_owned(),
+                found,
+                expected: expected.to_owned(),
+            };
+            let Some(range) = norm_stats.get(key) else {
+                return Err(invalid("no entry".to_owned(), "q01 and q99"));
+            };
+            let (low, high) = (range.q01.len(), range.q99.len());
+            if low != high || range.q01.iter().chain(&range.q99).any(|x| !x.is_finite()) {
+                return Err(invalid(
+                    format!("{low} and {high} entries"),
+                    "q01 and q99 of equal length, finite",
+                ));
+            }
+        }
+        Ok(norm_stats)
+    }
+}
+
+impl OpenpiRange {
+    /// Returns the scaling of the first `dim` entries.
+    fn scaling(&self, dim: usize) -> Scaling {
+        let ranges = self.q01.iter().zip(&self.q99).take(dim);
+        Scaling::Range {
+            low: ranges.clone().map(|(low, _)| *low).collect(),
+            width: ranges.map(|(low, high)| high - low + OPENPI_EPSILON).collect(),
+        }
+    }
+}
+
+/// Collects the paths of openpi's statistics under a folder.
+fn find_statistics(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for path in entries.flatten().map(|entry| entry.path()) {
+        if path.is_dir() && depth > 0 {
+            find_statistics(&path, depth - 1, found);
+        } else if path.file_name().is_some_and(|name| name == "norm_stats.json") && path.is_file() {
+            found.push(path);
+        }
+    }
+}

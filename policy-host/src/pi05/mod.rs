@@ -1,0 +1,20 @@
+//! π0.5, a vision-language-action model (Physical Intelligence: π0.5: a vision-language-action model with
+//! open-world generalization, 2025): the network in [`model`], the policy around it in [`Pi05Policy`].
+
+pub mod architecture;
+pub mod image;
+pub mod model;
+pub mod prompt;
+pub mod scaling;
+
+mod attention;
+mod expert;
+mod flop;
+mod gemma;
+mod policy;
+mod rows;
+mod sampler;
+mod siglip;
+mod weights;
+
+pub use policy::{Pi05LoadError, Pi05Policy, check};

@@ -1,0 +1,286 @@
+//! The π0.5 policy: maps observations to the network's input, and its output to actions.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use ipc_types::{ControlMode, Morphology, ObservationView};
+use rayon::prelude::*;
+use thiserror::Error;
+use xxhash_rust::xxh3::xxh3_64;
+
+use super::image::resize_with_pad;
+use super::model::{Pi05Input, Pi05Model, SampleTokens};
+use super::prompt::{PromptState, Prompter, TokenizerError, prompt};
+use super::sampler::draw_noise;
+use crate::act::architecture::ImageSize;
+use crate::checkpoint::pi05::{Pi05Checkpoint, Pi05Description, is_pi05_folder};
+use crate::checkpoint::{CheckpointError, checkpoint_folders};
+use crate::nn::Precision;
+use crate::policy::{ActionChunk, Policy, PolicyError, Stopwatch};
+
+/// Samples that are computed together, and read the weights once. It bounds the memory of a batch.
+const SAMPLES_PER_BATCH: usize = 8;
+/// Tokens of a typical prompt, for an estimate of the time that a query takes.
+const TYPICAL_PROMPT: usize = 60;
+/// Operations of a query from which on the time that it takes is announced.
+const MIN_ANNOUNCED_FLOP: u64 = 100_000_000_000;
+
+/// π0.5 with one network per morphology in its checkpoint folder.
+#[derive(Debug)]
+pub struct Pi05Policy {
+    networks: Vec<Pi05Network>,
+    precision: Precision,
+}
+
+/// The network for one morphology.
+#[derive(Debug)]
+struct Pi05Network {
+    model: Pi05Model,
+    prompter: Prompter,
+    description: Pi05Description,
+    /// Number of Euler steps from noise to actions.
+    n_steps: usize,
+}
+
+/// The distinct images of a batch, found by content: an image that several envs see is encoded once.
+#[derive(Debug, Default)]
+struct DistinctImages<'a> {
+    images: Vec<(&'a [u8], usize)>,
+    by_hash: HashMap<u64, Vec<usize>>,
+}
+
+/// Errors that can occur while loading π0.5 checkpoints or checking them against a run.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the messages describe the fields")]
+pub enum Pi05LoadError {
+    #[error(
+        "no checkpoint in {}: neither the folder nor its subfolders `single` and `bimanual` contain a \
+         configuration or weights",
+        folder.display()
+    )]
+    NoCheckpoint { folder: PathBuf },
+    #[error(transparent)]
+    Checkpoint(Box<CheckpointError>),
+    #[error("checkpoint {} is for {found}, the run has {expected} tasks", folder.display())]
+    Morphology { folder: PathBuf, found: String, expected: &'static str },
+    #[error("checkpoint {} drives the {robot} robot in {found}, the run in {expected}", folder.display())]
+    ControlMode { folder: PathBuf, robot: &'static str, found: &'static str, expected: &'static str },
+    #[error("both subfolders of {} contain a checkpoint for {morphology}", folder.display())]
+    DuplicateMorphology { folder: PathBuf, morphology: &'static str },
+}
+
+impl From<CheckpointError> for Pi05LoadError {
+    fn from(error: CheckpointError) -> Self {
+        Self::Checkpoint(Box::new(error))
+    }
+}
+
+/// Checks the configuration, the weights headers and the vocabulary of a checkpoint against the robots of a
+/// run and their control modes, and the size of the weights against the memory that is available. Loads no
+/// weights.
+///
+/// # Errors
+/// The first mismatch found.
+pub fn check(
+    folder: &Path,
+    precision: Precision,
+    robots: &[(Morphology, ControlMode)],
+) -> Result<(), Pi05LoadError> {
+    let mut found = Vec::new();
+    for checkpoint in open(folder)? {
+        let mapping = &checkpoint.description().mapping;
+        found.push((mapping.morphology, mapping.control_mode));
+        checkpoint.prompter()?;
+        checkpoint.check_memory(precision)?;
+    }
+    for &(morphology, control_mode) in robots {
+        let Some((_, own)) = found.iter().find(|(robot, _)| *robot == morphology) else {
+            let found: Vec<_> = found.iter().map(|(robot, _)| robot.name()).collect();
+            let (folder, found) = (folder.to_owned(), found.join(", "));
+            return Err(Pi05LoadError::Morphology { folder, found, expected: morphology.name() });
+        };
+        let (expected, found) = (control_mode.name(), own.name());
+        if expected != found {
+            let (folder, robot) = (folder.to_owned(), morphology.name());
+            return Err(Pi05LoadError::ControlMode { folder, robot, expected, found });
+        }
+    }
+    Ok(())
+}
+
+fn open(folder: &Path) -> Result<Vec<Pi05Checkpoint>, Pi05LoadError> {
+    let folders = checkpoint_folders(folder, is_pi05_folder);
+    if folders.is_empty() {
+        return Err(Pi05LoadError::NoCheckpoint { folder: folder.to_owned() });
+    }
+    Ok(folders.iter().map(|folder| Pi05Checkpoint::open(folder)).collect::<Result<_, _>>()?)
+}
+
+impl Pi05Policy {
+    /// Loads the checkpoint in `folder`. `n_steps` is the number of Euler steps from noise to actions; the
+    /// checkpoint's own by default.
+    ///
+    /// # Errors
+    /// The first file or tensor that is missing, unexpected or damaged.
+    pub fn load(folder: &Path, precision: Precision, n_steps: Option<usize>) -> Result<Self, Pi05LoadError> {
+        let mut networks: Vec<Pi05Network> = Vec::new();
+        for checkpoint in open(folder)? {
+            let description = checkpoint.description().clone();
+            let morphology = description.mapping.morphology;
+            if networks.iter().any(|network| network.description.mapping.morphology == morphology) {
+                let morphology = morphology.name();
+                return Err(Pi05LoadError::DuplicateMorphology { folder: folder.to_owned(), morphology });
+            }
+            let prompter = checkpoint.prompter()?;
+            checkpoint.check_memory(precision)?;
+            let n_steps = n_steps.unwrap_or(description.n_steps);
+            let model = checkpoint.load(precision, n_steps)?;
+            networks.push(Pi05Network { model, prompter, description, n_steps });
+        }
+        Ok(Self { networks, precision })
+    }
+}
+
+impl Policy for Pi05Policy {
+    fn act(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionChunk],
+    ) -> Result<(), PolicyError> {
+        assert_eq!(answer.len(), observation.n_envs(), "one chunk per env");
+        let morphology = observation.morphology();
+        let network =
+            self.networks.iter().find(|network| network.description.mapping.morphology == morphology);
+        let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
+        network.check(observation)?;
+        for (batch, answer) in answer.chunks_mut(SAMPLES_PER_BATCH).enumerate() {
+            network.run(observation, batch * SAMPLES_PER_BATCH, answer)?;
+        }
+        Ok(())
+    }
+
+    fn note(&self, execute: u32, stopwatch: Stopwatch<'_>) -> Option<String> {
+        let notes = self.networks.iter().map(|network| network.note(self.precision, execute, stopwatch));
+        Some(notes.collect::<Vec<_>>().join("; "))
+    }
+}
+
+impl Pi05Network {
+    /// Returns what the network is and, if a query takes long, how long.
+    fn note(&self, precision: Precision, execute: u32, stopwatch: Stopwatch<'_>) -> String {
+        let Pi05Description { architecture, mapping, prompt_state, .. } = &self.description;
+        let n_steps = self.n_steps;
+        let n_weights = architecture.n_weights();
+        let weights = match precision {
+            Precision::F32 => "weights as stored",
+            Precision::Int8 => "8-bit weights",
+        };
+        let convention = match prompt_state {
+            PromptState::Unpadded => "unpadded",
+            PromptState::Padded => "padded",
+        };
+        let mut text = format!(
+            "π0.5 for {} tasks, {:.1} million {weights}, {n_steps} denoising steps, state {convention} in the prompt",
+            mapping.morphology.name(),
+            n_weights as f64 / 1e6,
+        );
+        let flop = architecture.flop_per_query(mapping.cameras.len(), TYPICAL_PROMPT, n_steps);
+        if flop >= MIN_ANNOUNCED_FLOP {
+            let mut sample_flop = 0;
+            let seconds = stopwatch(&mut || sample_flop = self.model.compute_sample());
+            let per_query = flop as f64 / sample_flop as f64 * seconds;
+            let per_hundred = per_query * 100.0 / f64::from(execute.clamp(1, architecture.horizon as u32));
+            text += &format!(
+                "; a query takes about {per_query:.0} s on this machine, 100 control steps about {per_hundred:.0} s"
+            );
+        }
+        text
+    }
+
+    fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
+        let mapping = &self.description.mapping;
+        if !mapping.cameras.is_empty() && !observation.has_images() {
+            return Err(PolicyError::NoImages);
+        }
+        if observation.control_mode() != mapping.control_mode {
+            let (expected, found) = (mapping.control_mode.name(), observation.control_mode().name());
+            return Err(PolicyError::ControlMode { expected, found });
+        }
+        (0..observation.n_envs()).try_for_each(|env_idx| {
+            let (expected, found) = (mapping.morphology.state_dim(), observation.env(env_idx).state.len());
+            if expected == found { Ok(()) } else { Err(PolicyError::StateDim { env_idx, expected, found }) }
+        })
+    }
+
+    /// Computes the chunks of the envs starting at `first_env`, one per element of `answer`.
+    fn run(
+        &self,
+        observation: &ObservationView<'_>,
+        first_env: usize,
+        answer: &mut [ActionChunk],
+    ) -> Result<(), PolicyError> {
+        let architecture = self.model.architecture();
+        let mut distinct = DistinctImages::default();
+        let mut samples = Vec::with_capacity(answer.len());
+        let mut actions = vec![0.0; answer.len() * architecture.horizon * architecture.action_width];
+        let noise = actions.chunks_exact_mut(architecture.horizon * architecture.action_width);
+        for (env_idx, noise) in (first_env..).zip(noise) {
+            let env = observation.env(env_idx);
+            let images =
+                self.description.mapping.cameras.iter().map(|&camera| distinct.add(env.image(camera)));
+            let (images, prompt) = (images.collect(), self.prompt(env.instruction, env.state)?);
+            samples.push(SampleTokens { images, prompt });
+            draw_noise(env.record.policy_seed, env.record.query, noise);
+        }
+        let images = distinct.resize(architecture.image_side());
+        self.model.sample(Pi05Input { images: &images, samples: &samples }, &mut actions, None);
+        let Pi05Description { action, action_dim, .. } = &self.description;
+        let chunks = actions.chunks_exact(architecture.horizon * architecture.action_width);
+        for (chunk, answer) in chunks.zip(answer) {
+            let rows = answer.reset(architecture.horizon, *action_dim).chunks_exact_mut(*action_dim);
+            for (row, padded) in rows.zip(chunk.chunks_exact(architecture.action_width)) {
+                row.copy_from_slice(&padded[..*action_dim]);
+                action.restore(row);
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the tokens of the prompt for an instruction and the robot's state.
+    fn prompt(&self, instruction: &str, state: &[f32]) -> Result<Vec<u32>, PolicyError> {
+        let Pi05Description { mapping, state: scaling, prompt_state, max_state_dim, .. } = &self.description;
+        let mut own: Vec<f32> = mapping.state.iter().flat_map(|part| &state[part.clone()]).copied().collect();
+        scaling.normalise(&mut own);
+        if *prompt_state == PromptState::Padded {
+            own.resize(*max_state_dim, 0.0);
+        }
+        self.prompter
+            .tokens(&prompt(instruction, &own))
+            .map_err(|error: TokenizerError| PolicyError::Instruction { reason: error.to_string() })
+    }
+}
+
+impl<'a> DistinctImages<'a> {
+    /// Returns the index of an image, adding it if no image with the same content is there yet.
+    fn add(&mut self, (pixels, side): (&'a [u8], usize)) -> usize {
+        let same_hash = self.by_hash.entry(xxh3_64(pixels)).or_default();
+        if let Some(&idx) = same_hash.iter().find(|&&idx| self.images[idx] == (pixels, side)) {
+            return idx;
+        }
+        same_hash.push(self.images.len());
+        self.images.push((pixels, side));
+        self.images.len() - 1
+    }
+
+    /// Returns the images as the network's input, `[n, 3, side, side]`.
+    fn resize(&self, side: usize) -> Vec<f32> {
+        let image_len = 3 * side * side;
+        let mut planes = vec![0.0; self.images.len() * image_len];
+        let jobs = planes.par_chunks_exact_mut(image_len).zip(&self.images);
+        jobs.for_each(|(planes, &(pixels, own_side))| {
+            let size = ImageSize { height: own_side, width: own_side };
+            resize_with_pad(pixels, size, side, planes);
+        });
+        planes
+    }
+}

@@ -1,0 +1,150 @@
+//! The text that π0.5 reads: the instruction and the discretised state, as numbers of PaliGemma's vocabulary.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use sentencepiece_rs::SentencePieceProcessor;
+use serde::Deserialize;
+use thiserror::Error;
+
+/// File name of the SentencePiece model in a checkpoint folder.
+pub const TOKENIZER_FILE: &str = "tokenizer.model";
+/// Bins into which an entry of the state is discretised, over [−1, 1].
+const N_BINS: usize = 256;
+/// Number of the token that starts a text.
+const START: u32 = 2;
+/// Maximum size of a SentencePiece model; PaliGemma's has 4 MB.
+const MAX_TOKENIZER_BYTES: u64 = 64 << 20;
+
+/// State numbers in the prompt.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PromptState {
+    /// One number per entry of the robot's state, as in LeRobot 0.5 and later.
+    #[default]
+    Unpadded,
+    /// One number per entry of the network's state, which is padded with zeros to `max_state_dim`, as in
+    /// LeRobot before 0.5.
+    Padded,
+}
+
+/// Errors that can occur while loading the vocabulary.
+#[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the messages describe the fields")]
+pub enum TokenizerError {
+    #[error(
+        "{} is missing: the checkpoint needs PaliGemma's SentencePiece model, which LeRobot and openpi load from \
+         elsewhere; copy it there under this name",
+        path.display()
+    )]
+    Absent { path: PathBuf },
+    #[error("failed to read {}", path.display())]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("{} has {found} bytes, expected a SentencePiece model of at most {limit}", path.display())]
+    Size { path: PathBuf, found: u64, limit: u64 },
+    #[error("{} is not a SentencePiece model: {reason}", path.display())]
+    Invalid { path: PathBuf, reason: String },
+    #[error("{} has {found} pieces, the network's embedding has {expected} entries", path.display())]
+    Vocabulary { path: PathBuf, found: usize, expected: usize },
+}
+
+/// Writes prompts and splits them into tokens.
+#[derive(Debug)]
+pub struct Prompter {
+    tokenizer: SentencePieceProcessor,
+    max_tokens: usize,
+}
+
+impl Prompter {
+    /// Loads the vocabulary in a checkpoint folder, for an embedding with `vocabulary` entries and prompts of
+    /// up to `max_tokens` tokens.
+    ///
+    /// # Errors
+    /// If the file is absent or damaged, or does not fit the embedding.
+    pub fn load(folder: &Path, vocabulary: usize, max_tokens: usize) -> Result<Self, TokenizerError> {
+        let path = folder.join(TOKENIZER_FILE);
+        let read = |source| TokenizerError::Read { path: path.clone(), source };
+        if !path.is_file() {
+            return Err(TokenizerError::Absent { path });
+        }
+        let found = std::fs::metadata(&path).map_err(read)?.len();
+        if found > MAX_TOKENIZER_BYTES {
+            return Err(TokenizerError::Size { path, found, limit: MAX_TOKENIZER_BYTES });
+        }
+        let bytes = std::fs::read(&path).map_err(read)?;
+        let invalid = |reason: String| TokenizerError::Invalid { path: path.clone(), reason };
+        let tokenizer = SentencePieceProcessor::from_serialized_model(&bytes)
+            .map_err(|error| invalid(error.to_string()))?;
+        let found = tokenizer.model().pieces().len();
+        if found > vocabulary {
+            return Err(TokenizerError::Vocabulary { path, found, expected: vocabulary });
+        }
+        match tokenizer.bos_id() {
+            Some(start) if start == START as usize => Ok(Self { tokenizer, max_tokens }),
+            start => Err(invalid(format!("the token that starts a text is {start:?}, expected {START}"))),
+        }
+    }
+
+    /// Returns the tokens of a prompt, starting with the one that starts a text, without padding.
+    ///
+    /// # Errors
+    /// If the tokenizer fails on this text, which a valid model does not.
+    pub fn tokens(&self, prompt: &str) -> Result<Vec<u32>, TokenizerError> {
+        let ids = self.tokenizer.encode_to_ids(prompt).map_err(|error| TokenizerError::Invalid {
+            path: PathBuf::from(TOKENIZER_FILE),
+            reason: error.to_string(),
+        })?;
+        let ids = ids.into_iter().map(|id| id as u32);
+        Ok(std::iter::once(START).chain(ids).take(self.max_tokens).collect())
+    }
+}
+
+/// Returns the prompt for an instruction and a normalised state.
+#[must_use]
+pub fn prompt(instruction: &str, state: &[f32]) -> String {
+    let instruction = instruction.trim().replace(['_', '\n'], " ");
+    let mut text = format!("Task: {instruction}, State: ");
+    for (idx, &x) in state.iter().enumerate() {
+        let separator = if idx == 0 { "" } else { " " };
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{separator}{}", bin(x));
+    }
+    text.push_str(";\nAction: ");
+    text
+}
+
+/// Returns the bin of a normalised value: −1 below −1, and the last bin from its lower edge on.
+fn bin(x: f32) -> i64 {
+    let last = N_BINS as i64 - 1;
+    // The edges are exact in binary, so that a product finds the bin.
+    let position = (f64::from(x) + 1.0) * (N_BINS as f64 / 2.0);
+    if position.is_nan() { last } else { (position.floor() as i64).clamp(-1, last) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_fall_into_bins_of_equal_width() {
+        let cases = [
+            (-1.5, -1),
+            (-1.000_001, -1),
+            (-1.0, 0),
+            (-0.992_187_5, 1),
+            (-0.992_19, 0),
+            (0.0, 128),
+            (0.999, 255),
+            (1.0, 255),
+            (3.0, 255),
+        ];
+        for (x, expected) in cases {
+            assert_eq!(bin(x), expected, "{x}");
+        }
+    }
+
+    #[test]
+    fn prompt_cleans_the_instruction() {
+        assert_eq!(prompt(" lift_the\ncube ", &[0.0, -2.0]), "Task: lift the cube, State: 128 -1;\nAction: ");
+    }
+}

@@ -1,0 +1,113 @@
+//! Errors of π0.5 checkpoints: each names the file, the tensor or key, and what was expected.
+
+use std::path::Path;
+
+use ipc_types::error_chain;
+use policy_host::{PolicySpec, QueryMode, load};
+use safetensors::tensor::TensorView;
+use tempfile::TempDir;
+
+use super::{Rewritten, copy_of, rewrite};
+use crate::assert_contains;
+
+/// Returns the error of loading a folder.
+fn error_of(folder: &Path) -> String {
+    let spec: PolicySpec = format!("pi05:{}", folder.display()).parse().unwrap();
+    let error = load(&spec, 1, QueryMode::Chunk).err().expect("an error");
+    error_chain(&error)
+}
+
+/// Copies `robot`, changes its weights and returns the error.
+fn error_with(change: impl Fn(&str, &TensorView<'_>) -> Option<Rewritten>) -> String {
+    let folder = copy_of("robot");
+    let path = folder.path().join("model.safetensors");
+    rewrite(&path.clone(), &folder.path().join("changed"), change);
+    std::fs::rename(folder.path().join("changed"), path).unwrap();
+    error_of(folder.path())
+}
+
+#[test]
+fn damaged_weights_are_named() {
+    let unchanged =
+        |name: &str, view: &TensorView<'_>| (name.to_owned(), view.shape().to_vec(), view.data().to_vec());
+    let gate = "model.paligemma_with_expert.gemma_expert.model.layers.1.mlp.gate_proj.weight";
+    let error = error_with(|name, view| (name != gate).then(|| unchanged(name, view)));
+    assert_contains(&error, &[gate, "is missing", "[32, 16]"]);
+
+    let error = error_with(|name, view| {
+        let (name, mut shape, bytes) = unchanged(name, view);
+        if name == gate {
+            shape.reverse();
+        }
+        Some((name, shape, bytes))
+    });
+    assert_contains(&error, &[gate, "F32 [16, 32]", "F32 [32, 16]"]);
+
+    let error = error_with(|name, view| {
+        let (name, shape, mut bytes) = unchanged(name, view);
+        if name == gate {
+            bytes[40..44].copy_from_slice(&f32::NAN.to_le_bytes());
+        }
+        Some((name, shape, bytes))
+    });
+    assert_contains(&error, &[gate, "not finite"]);
+
+    // A tensor of π0 in place of one that nothing reads.
+    let error = error_with(|name, view| {
+        let is_unused = name == "model.paligemma_with_expert.gemma_expert.lm_head.weight";
+        Some(unchanged(if is_unused { "model.state_proj.weight" } else { name }, view))
+    });
+    assert_contains(&error, &["model.state_proj.weight", "not part of the network"]);
+}
+
+#[test]
+fn damaged_shards_are_named() {
+    let folder = copy_of("bf16");
+    let shard = folder.path().join("model-00002-of-00002.safetensors");
+    let bytes = std::fs::read(&shard).unwrap();
+    std::fs::write(&shard, &bytes[..bytes.len() - 100]).unwrap();
+    assert_contains(&error_of(folder.path()), &["model-00002-of-00002.safetensors", "truncated"]);
+    std::fs::remove_file(&shard).unwrap();
+    assert_contains(&error_of(folder.path()), &["model-00002-of-00002.safetensors", "failed to read"]);
+    std::fs::write(folder.path().join("model.safetensors.index.json"), r#"{"weight_map": {"a": "../b"}}"#)
+        .unwrap();
+    assert_contains(&error_of(folder.path()), &["model.safetensors.index.json", "../b", "same folder"]);
+}
+
+#[test]
+fn unfit_vocabularies_are_named() {
+    let folder = copy_of("robot");
+    let path = folder.path().join("tokenizer.model");
+    let bytes = std::fs::read(&path).unwrap();
+    for len in [0, 1, 7, 100, bytes.len() / 2, bytes.len() - 1] {
+        std::fs::write(&path, &bytes[..len]).unwrap();
+        assert_contains(&error_of(folder.path()), &["tokenizer.model"]);
+    }
+    std::fs::remove_file(&path).unwrap();
+    assert_contains(&error_of(folder.path()), &["tokenizer.model", "is missing", "PaliGemma"]);
+}
+
+#[test]
+fn unsupported_configurations_are_named() {
+    let cases = [
+        (r#""type": "pi05""#, r#""type": "pi0""#, &["`pi0`", "`pi05`"][..]),
+        (r#""n_obs_steps": 1"#, r#""n_obs_steps": 2"#, &["n_obs_steps", "2"]),
+        (r#""use_relative_actions": false"#, r#""use_relative_actions": true"#, &["use_relative_actions"]),
+        (r#""max_action_dim": 32"#, r#""max_action_dim": 24"#, &["max_action_dim", "24", "32"]),
+        (r#""num_inference_steps": 10"#, r#""num_inference_steps": 0"#, &["num_inference_steps"]),
+        (r#""chunk_size": 10"#, r#""chunk_size": 0"#, &["chunk_size"]),
+    ];
+    for (from, to, expected) in cases {
+        let folder = copy_of("robot");
+        let path = folder.path().join("config.json");
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains(from), "{from}");
+        std::fs::write(&path, text.replace(from, to)).unwrap();
+        assert_contains(&error_of(folder.path()), expected);
+    }
+    let folder = copy_of("robot");
+    std::fs::write(folder.path().join("hypogeum.json"), r#"{"vision_heads": 5}"#).unwrap();
+    assert_contains(&error_of(folder.path()), &["vision_heads", "5", "24"]);
+    let empty = TempDir::new().unwrap();
+    assert_contains(&error_of(empty.path()), &["no checkpoint in", "single"]);
+}
