@@ -57,15 +57,12 @@ impl ActionExpert {
         let root = |module: &'static str| move |tensor: &str| names.root(&format!("{module}.{tensor}"));
         let (time_in, time_out) =
             (source.exact_linear(root("time_mlp_in"))?, source.exact_linear(root("time_mlp_out"))?);
-        let mut conditions = vec![0.0; times.len() * sizes.width];
-        {
-            let mut inner = time_embedding(times, sizes.width, periods);
-            time_in.forward(&inner, &mut conditions);
-            silu(&mut conditions);
-            time_out.forward(&conditions, &mut inner);
-            silu(&mut inner);
-            conditions = inner;
-        }
+        let mut conditions = time_embedding(times, sizes.width, periods);
+        let mut hidden = vec![0.0; conditions.len()];
+        time_in.forward(&conditions, &mut hidden);
+        silu(&mut hidden);
+        time_out.forward(&hidden, &mut conditions);
+        silu(&mut conditions);
         let mut by_norm = Vec::with_capacity(2 * sizes.depth + 1);
         for layer in 0..sizes.depth {
             for norm in ["input_layernorm", "post_attention_layernorm"] {

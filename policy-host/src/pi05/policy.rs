@@ -284,3 +284,18 @@ impl<'a> DistinctImages<'a> {
         planes
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_images_are_encoded_once() {
+        let (first, second) = (vec![1_u8; 12], vec![2_u8; 12]);
+        let copy = first.clone();
+        let mut distinct = DistinctImages::default();
+        let found = [&first, &second, &copy, &first].map(|pixels| distinct.add((pixels, 2)));
+        assert_eq!(found, [0, 1, 0, 0]);
+        assert_eq!(distinct.resize(2).len(), 2 * 3 * 4);
+    }
+}
