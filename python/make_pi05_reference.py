@@ -154,7 +154,9 @@ def outputs(policy, processors, inputs, texts, noise):
         tokens=tokens.int(),
         token_mask=mask,
         pixels=torch.stack([image[0].float() for image in images[:n_images]]),
-        image_embeddings=torch.stack([network.paligemma_with_expert.embed_image(x[:1])[0].float() for x in images[:n_images]]),
+        image_embeddings=torch.stack(
+            [network.paligemma_with_expert.embed_image(x[:1])[0].float() for x in images[:n_images]]
+        ),
         prefix=prefix[0][prefix_mask[0]].float(),
         noise=noise,
         velocity_0=velocities[0],
@@ -180,7 +182,7 @@ def save_io(folder, inputs, results, texts):
 
 
 def write(folder, config, seed, sidecar, generated=None, texts=TEXTS[:2], left_out=(), padded=False):
-    """Write one case and return its policy, processors, inputs, noise and tokenizer. Generated inputs are not stored."""
+    """Write one case and return its policy, processors, inputs, noise and tokenizer. Generated inputs are left out."""
     random = torch.Generator().manual_seed(seed)
     tokenizer = train_tokenizer()
     with narrow(WIDTHS):

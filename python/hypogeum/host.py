@@ -48,7 +48,8 @@ def serve(
         fn: Policy function. It receives an `Observation` and returns one action chunk per env: either
             `[n_envs, n_rows, action_dim]` or a list of `[n_rows, action_dim]`, as numpy arrays or torch tensors of any
             float dtype. The simulator executes the first `execute` rows of a chunk; after a shorter chunk the next
-            query comes sooner.
+            query comes sooner. If it has a method `on_attach`, that is called with each run's `EndpointDescriptor`
+            before the first observation.
         name: NAME of `attach:NAME`.
         base: Folder that contains the runs, if not the default.
         timeout_s: Maximum wait for the run in seconds; None waits indefinitely.
@@ -76,6 +77,8 @@ def serve(
             with Lane(endpoint) as lane:
                 log.info("serving %s, attached as %r", endpoint.root, name)
                 statistics.runs += 1
+                if hasattr(fn, "on_attach"):
+                    fn.on_attach(endpoint)
                 ensembling = endpoint.mode == "ensemble" and ensemble_coeff is not None
                 policy = TemporalEnsemble(fn, ensemble_coeff) if ensembling else fn
                 _Host(lane, policy, on_error == "raise", statistics).run()

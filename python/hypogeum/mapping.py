@@ -7,6 +7,9 @@ Feature names and shapes determine the mapping as far as possible. `hypogeum.jso
      "mapping": {"observation.images.front": "external1_camera", "observation.state": ["qpos", "tcp_pose"],
                  "observation.environment_state": "language"},
      "language": {"encoder": "hashed", "dim": 512}}
+
+For π0.5 it may also contain `prompt_state`, "unpadded" or "padded", and `vision_heads`; for policies that mask missing
+cameras, a camera may be mapped to "none". `chunk_size` belongs to openpi's layout, which only the built-in π0.5 reads.
 """
 
 import json
@@ -20,6 +23,10 @@ FILE = "hypogeum.json"
 IMAGES, STATE = "observation.images.", "observation.state"
 # Name of the instruction's embedding in a mapping.
 LANGUAGE = "language"
+# Source of a camera that the robot does not have.
+NO_CAMERA = "none"
+KEYS = {"morphology", "control_mode", "mapping", "language", "prompt_state", "vision_heads", "chunk_size"}
+PROMPT_STATES = ("unpadded", "padded")
 ENCODERS = ("hashed",)
 # Substring of the names of features that LeRobot fills in itself if they are missing.
 EMPTY_CAMERA = ".empty_camera_"
@@ -68,19 +75,28 @@ def read_settings(folder):
         settings = json.loads(path.read_text())
     except ValueError as error:
         raise MappingError(f"{path} is not valid JSON: {error}") from error
-    unknown = set(settings) - {"morphology", "control_mode", "mapping", "language"}
+    if not isinstance(settings, dict):
+        raise MappingError(f"{path} contains {type(settings).__name__}, expected an object")
+    unknown = set(settings) - KEYS
     if unknown:
         raise MappingError(f"{path} has unknown keys {sorted(unknown)}")
+    prompt_state = settings.get("prompt_state", PROMPT_STATES[0])
+    if prompt_state not in PROMPT_STATES:
+        raise MappingError(f"{path}: `prompt_state` is {prompt_state!r}, expected {' or '.join(PROMPT_STATES)}")
+    n_heads = settings.get("vision_heads", 1)
+    if type(n_heads) is not int or n_heads < 1:
+        raise MappingError(f"{path}: `vision_heads` is {n_heads!r}, expected a positive integer")
     return settings
 
 
-def make_mapping(features, action_dim, settings):
+def make_mapping(features, action_dim, settings, masks_cameras=False):
     """Determine the `Mapping` of a checkpoint.
 
     Args:
         features: Input `Feature`s by name.
         action_dim: Width of the checkpoint's action rows.
         settings: Contents of `hypogeum.json`.
+        masks_cameras: Whether the policy masks cameras that are missing in its input.
 
     Raises:
         MappingError: A feature has no source, or the actions match no control mode. Lists every problem.
@@ -96,7 +112,10 @@ def make_mapping(features, action_dim, settings):
         if source is None and EMPTY_CAMERA in name:
             continue
         try:
-            if feature.kind == "VISUAL":
+            if feature.kind == "VISUAL" and source == NO_CAMERA:
+                if not masks_cameras:
+                    raise ValueError(f'it cannot be mapped to "{NO_CAMERA}": this policy needs all its cameras')
+            elif feature.kind == "VISUAL":
                 images[name] = image_source(name, feature, source, morphology)
             elif feature.kind == "STATE":
                 states[name] = state_source(name, feature, source, morphology)
@@ -106,6 +125,8 @@ def make_mapping(features, action_dim, settings):
                 raise ValueError(f'it can only be mapped to "{LANGUAGE}"')
         except ValueError as problem:
             problems.append(f"{name}: {problem}")
+    if masks_cameras and not images:
+        problems.append("all cameras are missing, at least one is needed")
     if problems:
         raise MappingError(describe(problems, features, morphology))
     return Mapping(morphology, control_mode, images, states, languages)

@@ -48,16 +48,16 @@ def load(policy_class, folder, config):
     widths = widths_of(folder)
     with nullcontext() if widths == standard_widths(config) else narrow(widths):
         policy = policy_class(config)
-    tensors = {}
+    missing, unexpected = set(policy.state_dict()), []
     for path in weight_files(folder):
-        tensors |= load_file(path)
-    tensors = policy._fix_pytorch_state_dict_keys(tensors, config)
-    tensors = {f"model.{name.removeprefix('model.')}": tensor for name, tensor in tensors.items()}
-    try:
-        missing, unexpected = policy.load_state_dict(tensors, strict=False)
-    except RuntimeError as error:
-        raise MappingError(f"{folder}: {error}") from error
-    missing = [name for name in missing if not name.endswith(UNUSED)]
+        tensors = policy._fix_pytorch_state_dict_keys(load_file(path), config)
+        tensors = {f"model.{name.removeprefix('model.')}": tensor for name, tensor in tensors.items()}
+        try:
+            unexpected += policy.load_state_dict(tensors, strict=False).unexpected_keys
+        except RuntimeError as error:
+            raise MappingError(f"{path}: {error}") from error
+        missing -= tensors.keys()
+    missing = sorted(name for name in missing if not name.endswith(UNUSED))
     if missing or unexpected:
         found = [f"lacks {', '.join(missing[:5])}"] if missing else []
         found += [f"has unexpected tensors {', '.join(unexpected[:5])}"] if unexpected else []
@@ -109,7 +109,8 @@ def widths_of(folder):
         vision = vision_widths(shapes, read_settings(folder).get("vision_heads", VISION["num_attention_heads"]))
         embedding = shapes.get("paligemma.model.language_model.embed_tokens.weight")
         vocabulary = (embedding or shapes["paligemma.lm_head.weight"])[0]
-        prefix, expert = gemma_widths(shapes, "paligemma.model.language_model"), gemma_widths(shapes, "gemma_expert.model")
+        prefix = gemma_widths(shapes, "paligemma.model.language_model")
+        expert = gemma_widths(shapes, "gemma_expert.model")
     except KeyError as error:
         raise MappingError(f"the checkpoint in {folder} has no tensor {error.args[0]}") from error
     return Widths(vision, prefix, expert, vocabulary)

@@ -109,6 +109,36 @@ def test_inconsistent_settings_are_rejected(action_dim, settings, words):
     assert words in str(error.value)
 
 
+def test_missing_camera_is_left_out_if_the_policy_masks_it():
+    settings = {"mapping": {"observation.images.external1": "none"}}
+    found = make_mapping(features(), 7, settings, masks_cameras=True)
+    assert list(found.images) == ["observation.images.hand_camera"]
+    with pytest.raises(
+        MappingError, match='external1: it cannot be mapped to "none": this policy needs all its cameras'
+    ):
+        make_mapping(features(), 7, settings)
+    settings["mapping"]["observation.images.hand_camera"] = "none"
+    with pytest.raises(MappingError, match="all cameras are missing"):
+        make_mapping(features(), 7, settings, masks_cameras=True)
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ('{"prompt_state": "padding"}', "`prompt_state` is 'padding', expected unpadded or padded"),
+        ('{"vision_heads": 0}', "`vision_heads` is 0, expected a positive integer"),
+        ('{"vision_heads": true}', "`vision_heads` is True, expected a positive integer"),
+        ("[]", "contains list, expected an object"),
+        ("{", "is not valid JSON"),
+    ],
+)
+def test_invalid_setting_is_named(tmp_path, text, words):
+    (tmp_path / "hypogeum.json").write_text(text)
+    with pytest.raises(MappingError) as error:
+        read_settings(tmp_path)
+    assert words in str(error.value)
+
+
 def test_settings_file_is_optional_and_rejects_unknown_keys(tmp_path):
     assert read_settings(tmp_path) == {}
     (tmp_path / "hypogeum.json").write_text(json.dumps({"morphology": "single"}))

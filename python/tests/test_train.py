@@ -63,7 +63,7 @@ def test_training_learns_and_resumes_after_interruption(demos, tmp_path):
     policy = LeRobotPolicy(uninterrupted)
     inputs = policy.policy.config.input_features
     batch = {name: torch.zeros(1, *feature.shape) for name, feature in inputs.items()}
-    chunk = policy.infer(batch | {"task": [""]})
+    chunk = policy.infer([policy.preprocess(batch | {"task": [""]})], [(0, 0)])
     assert chunk.shape == (1, 30, 7) and np.isfinite(chunk).all() and chunk.std() > 0
 
 

@@ -1,0 +1,47 @@
+"""Command line of `python -m hypogeum.lerobot`."""
+
+import argparse
+import logging
+import sys
+from pathlib import Path
+
+import torch
+
+from ..ensemble import DEFAULT_COEFF
+from ..host import serve
+from ..mapping import MappingError
+from . import __doc__ as description
+from .policy import LeRobotPolicy
+
+
+def main(argv=None):
+    parser = argparse.ArgumentParser(prog="python -m hypogeum.lerobot", description=description.split("\n")[0])
+    parser.add_argument("name", help="NAME of `hypogeum run --policy ...=attach:NAME`")
+    parser.add_argument("checkpoint", type=Path, help="checkpoint folder saved by LeRobot")
+    parser.add_argument("--device", default="cpu", help="torch device (default: cpu)")
+    batch = "compute all envs as one batch: faster, above all on a GPU, but rounding may depend on the batch size"
+    parser.add_argument("--batch", action="store_true", help=batch)
+    parser.add_argument("--batched", action="store_true", dest="batch", help=argparse.SUPPRESS)
+    parser.add_argument("--threads", type=int, help="number of torch threads")
+    parser.add_argument("--forever", action="store_true", help="serve the next run when one ends")
+    parser.add_argument("--base", type=Path, help="folder that contains the runs")
+    parser.add_argument("--timeout", type=float, metavar="S", help="exit if no run appears within S seconds")
+    args = parser.parse_args(argv)
+    # LeRobot's dependencies configure logging when they are imported.
+    logging.basicConfig(level=logging.INFO, format="%(message)s", force=True)
+    if args.threads:
+        torch.set_num_threads(args.threads)
+    try:
+        policy = LeRobotPolicy(args.checkpoint, args.device, args.batch)
+        configured = getattr(policy.config, "temporal_ensemble_coeff", None)
+        coeff = DEFAULT_COEFF if configured is None else configured
+        options = dict(base=args.base, timeout_s=args.timeout, forever=args.forever)
+        print(serve(policy, args.name, ensemble_coeff=coeff, **options))
+    except (MappingError, TimeoutError) as error:
+        sys.exit(f"error: {error}")
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()
