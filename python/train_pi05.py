@@ -1,0 +1,584 @@
+#!/usr/bin/env python3
+"""Train a small π0.5 on demonstrations from `hypogeum demos`, from random weights and on a CPU.
+
+    hypogeum demos -o demos --tasks RaiseCube,OpenDrawer
+    train_pi05.py demos/single -o pi05-mine --binary target/release/hypogeum
+    hypogeum run --policy pi05=pi05:pi05-mine --tasks RaiseCube,OpenDrawer --episodes 200 --execute 15
+
+The network is LeRobot's own π0.5 with small widths: a SigLIP vision tower, a Gemma that reads images and prompt, and
+an action expert that attends to it. `flow_loss` computes the loss of LeRobot's forward pass, but draws several noises
+per observation and reads images and prompt only once for all of them. Four things help a small network on few data:
+
+- *Auxiliary prediction.* From the prompt's last token, a linear head predicts the action chunk and later states. It
+  shapes the prefix, as the discrete action tokens do in π0.5's own training, and is not part of the checkpoint.
+- *Numbers that start as a curve.* The embeddings of the state numbers 0 to 255 are smooth in the number at first.
+- *Paraphrases.* Instructions are drawn from the task's own sentence and three quarters of its paraphrases. The last
+  quarter is held out.
+- *Foreign instructions.* A fraction of the examples shows a scene with the instruction of a task that cannot be done
+  in it. Their target is to hold still. These examples are not demonstrations: they make the policy read.
+
+Needs LeRobot 0.6 (`pip install './python[lerobot]' 'lerobot[pi,dataset]'`). After an interruption, the same command
+resumes from the last checkpoint. The output folder is a LeRobot checkpoint of the averaged weights in bfloat16, with
+its tokenizer; its sub-folder `training` holds what only training needs: images, optimiser state and log.
+"""
+
+import argparse
+import io
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import sentencepiece
+import torch
+import torch.nn.functional as F
+from safetensors.torch import load_file, save_file
+from torch import nn
+
+from hypogeum.images import to_network
+from hypogeum.pi05 import UNUSED, Widths, narrow, processors_of
+from hypogeum.robot import state_slice
+from hypogeum.tokenizer import Tokenizer
+from lerobot.configs.types import FeatureType, PolicyFeature
+from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.policies.pi05.configuration_pi05 import PI05Config
+from lerobot.policies.pi05.modeling_pi05 import PI05Policy
+from transformers.models.gemma.modeling_gemma import apply_rotary_pos_emb
+
+STATE, ACTION, IMAGES = "observation.state", "action", "observation.images."
+PARAPHRASES = Path(__file__).parent.parent / "sim/src/tasks/paraphrases"
+# LeRobot's forward pass requires eight query heads.
+N_HEADS = 8
+PATCH = 14
+N_BINS = 256
+BOS = 2
+# Number of tokens after which a prompt is cut off, and to which prompts are padded in training.
+MAX_TOKENS, PADDED_TOKENS = 96, 48
+# Inputs per morphology: cameras and parts of the state.
+CAMERAS = {
+    "single": {"external1": "external1_camera", "hand": "hand_camera"},
+    "bimanual": {"external2": "external2_camera", "panda1_hand": "panda1_hand_camera", "panda2_hand": "panda2_hand_camera"},
+}
+STATE_PARTS = {"single": ["qpos", "tcp_pose"], "bimanual": ["qpos"]}
+# Instructions that another task's scene permits, so that they are never foreign in it.
+POSSIBLE = {"StackCube": {"RaiseCube"}, "PlaceCubeInDrawer": {"OpenDrawer"}}
+# Number of frames at an episode's start from which half of the foreign examples are drawn.
+N_START_FRAMES = 20
+# Frames ahead at which the auxiliary head predicts the state; the last one is the episode's end.
+LATER = (15, 40, 10_000)
+AUXILIARY_WEIGHT = 0.5
+# Lower bound on the width of a range to which actions are scaled.
+MIN_RANGE = 0.02
+WARM_UP_STEPS = 200
+# Fraction of all steps over which the learning rate decays to zero.
+COOL_DOWN = 0.3
+# Arguments that must not change when training resumes.
+FIXED = (
+    "tasks", "stride", "side", "vision", "vision_layers", "vision_heads", "vision_mlp", "prefix", "prefix_mlp",
+    "expert", "expert_mlp", "layers", "head_dim", "chunk", "vocabulary",
+)  # fmt: skip
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("dataset", type=Path, help="dataset of one morphology, for example demos/single")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="checkpoint folder")
+    parser.add_argument("--binary", required=True, metavar="HYPOGEUM", help="binary that lists and evaluates tasks")
+    parser.add_argument("--tasks", help="comma-separated tasks with optional weights, as in RaiseCube=2,OpenDrawer")
+    parser.add_argument("--steps", type=int, default=10_000, help="total updates; may be changed when resuming")
+    parser.add_argument("--batch-size", type=int, default=32, help="observations per update")
+    parser.add_argument("--draws", type=int, default=4, help="noises per observation")
+    parser.add_argument("--lr", type=float, default=6e-4)
+    parser.add_argument("--foreign", type=float, default=0.15, help="fraction of examples with a foreign instruction")
+    parser.add_argument("--stride", type=int, default=3, help="use every nth frame as an observation")
+    parser.add_argument("--side", type=int, default=84, help="side of the images, a multiple of 14")
+    parser.add_argument("--vision", type=int, default=128, help="width of the vision tower")
+    parser.add_argument("--vision-layers", type=int, default=4)
+    parser.add_argument("--vision-heads", type=int, default=4)
+    parser.add_argument("--vision-mlp", type=int, default=384)
+    parser.add_argument("--prefix", type=int, default=192, help="width of the Gemma that reads images and prompt")
+    parser.add_argument("--prefix-mlp", type=int, default=384)
+    parser.add_argument("--expert", type=int, default=128, help="width of the action expert")
+    parser.add_argument("--expert-mlp", type=int, default=384)
+    parser.add_argument("--layers", type=int, default=4, help="layers of prefix and expert")
+    parser.add_argument("--head-dim", type=int, default=32)
+    parser.add_argument("--vocabulary", type=int, default=1024, help="number of tokens")
+    parser.add_argument("--chunk", type=int, default=16, help="rows of an action chunk")
+    parser.add_argument("--ema", type=float, default=0.999, help="decay of the averaged weights, per step")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--compile", action="store_true", help="compile the loss, which takes a minute or two")
+    parser.add_argument("--save-every", type=int, default=1000, help="steps between checkpoints")
+    parser.add_argument("--evaluate", action="store_true", help="evaluate every checkpoint in closed loop")
+    parser.add_argument("--episodes", type=int, default=20, help="episodes per task in an evaluation")
+    parser.add_argument("--execute", type=int, default=15, help="rows of a chunk to execute in an evaluation")
+    parser.add_argument("--evaluation-seed", type=int, default=7, help="use another seed for reported results")
+    return parser.parse_args()
+
+
+# Text
+
+
+def read_instructions(binary, morphology):
+    """Return {task: sentences} for all tasks of a morphology; the task's own sentence is the first.
+
+    The last quarter of the paraphrases is left out.
+    """
+    tasks = json.loads(subprocess.run([binary, "tasks", "--json"], check=True, capture_output=True).stdout)["tasks"]
+    instructions = {}
+    for task in tasks:
+        if task["morphology"] == morphology:
+            name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", task["task"]).lower()
+            paraphrases = (PARAPHRASES / f"{name}.txt").read_text().splitlines()
+            instructions[task["task"]] = [task["instruction"], *paraphrases[: len(paraphrases) * 3 // 4]]
+    return instructions
+
+
+def prompt(instruction, bins):
+    """Return LeRobot's prompt for an instruction and the bins of a normalised state."""
+    return f"Task: {instruction}, State: {' '.join(map(str, bins))};\nAction: "
+
+
+def train_tokenizer(instructions, vocabulary):
+    """Return a SentencePiece model with Gemma's conventions, except that each state number is one token."""
+    random = np.random.default_rng(0)
+    sentences = [sentence for texts in instructions.values() for sentence in texts]
+    corpus = [prompt(sentence, random.permutation(N_BINS)) for sentence in sentences]
+    model = io.BytesIO()
+    sentencepiece.SentencePieceTrainer.train(
+        sentence_iterator=iter(corpus), model_writer=model, model_type="bpe", vocab_size=vocabulary,
+        byte_fallback=True, add_dummy_prefix=False, remove_extra_whitespaces=False, split_digits=False,
+        normalization_rule_name="identity", character_coverage=1.0, user_defined_symbols=["\n", ";", ","], num_threads=1,
+        pad_id=0, eos_id=1, bos_id=BOS, unk_id=3, bos_piece="<bos>", eos_piece="<eos>", minloglevel=2,
+        hard_vocab_limit=False, max_sentence_length=100_000,
+    )  # fmt: skip
+    tokenizer = sentencepiece.SentencePieceProcessor(model_proto=model.getvalue())
+    split = [n for n in range(N_BINS) if len(tokenizer.encode(f" {n}")) != 1]
+    if split:
+        sys.exit(f"the tokenizer splits the numbers {split}; increase --vocabulary")
+    return model.getvalue()
+
+
+# Data
+
+
+class Demonstrations:
+    """Frames of the selected tasks: vectors in memory, images memory-mapped in the network's input size.
+
+    Args:
+        root: Folder of the dataset.
+        weights: {task: weight in a batch}, or None for all tasks with equal weights.
+        args: Command line arguments.
+        cache: Folder for the decoded images.
+    """
+
+    def __init__(self, root, weights, args, cache):
+        path = root / "meta/hypogeum.json"
+        if not path.exists():
+            sys.exit(f"{path} does not exist: expected a dataset of `hypogeum demos`, such as demos/single")
+        self.settings = json.loads(path.read_text())
+        self.morphology = self.settings["morphology"]
+        rows = [row for line in (root / "meta/hypogeum.jsonl").read_text().splitlines() for row in json.loads(line)]
+        weights = weights or {row["task"]: 1.0 for row in rows}
+        unknown = weights.keys() - {row["task"] for row in rows}
+        if unknown:
+            sys.exit(f"{root} has no episodes of {', '.join(sorted(unknown))}")
+        self.weights = dict(sorted(weights.items()))
+        self.tasks, self.chunk, self.stride = list(self.weights), args.chunk, args.stride
+        episodes = [idx for idx, row in enumerate(rows) if row["task"] in self.weights]
+        lengths = np.array([rows[idx]["n_frames"] for idx in episodes])
+        self.ends = np.repeat(np.cumsum(lengths), lengths)
+        self.starts = np.repeat(np.cumsum(lengths) - lengths, lengths)
+        self.n_frames = int(lengths.sum())
+        task_of = np.repeat([self.tasks.index(rows[idx]["task"]) for idx in episodes], lengths)
+        self.observed = np.flatnonzero((np.arange(self.n_frames) - self.starts) % self.stride == 0)
+        self.cameras = [f"{IMAGES}{name}" for name in CAMERAS[self.morphology]]
+        images, vectors = cache / f"images-{args.side}.npy", cache / "vectors.safetensors"
+        if not (images.exists() and vectors.exists()):
+            dataset = LeRobotDataset(f"hypogeum/{root.name}", root=root, episodes=episodes)
+            self.fill(dataset, images, vectors, args.side)
+        # Images by observed frame and camera, `[n, n_cameras, side, side, 3] u8`.
+        self.images = np.load(images, mmap_mode="r")
+        loaded = load_file(vectors)
+        if len(self.images) != len(self.observed) or len(loaded[STATE]) != self.n_frames:
+            sys.exit(f"{cache} was made from another dataset or other tasks; remove it")
+        self.states, self.actions = loaded[STATE], loaded[ACTION]
+        # Indices into the observed frames, by task: all, and those at the start of an episode.
+        observed_task, age = task_of[self.observed], self.observed - self.starts[self.observed]
+        self.by_task = [np.flatnonzero(observed_task == idx) for idx in range(len(self.tasks))]
+        self.at_start = [
+            np.flatnonzero((observed_task == idx) & (age < N_START_FRAMES)) for idx in range(len(self.tasks))
+        ]
+
+    def fill(self, dataset, images, vectors, side):
+        """Decode every observed image once. The vectors are written last and mark the cache as complete."""
+        vectors.unlink(missing_ok=True)
+        parts = [state_slice(self.morphology, part) for part in STATE_PARTS[self.morphology]]
+        columns = dataset.hf_dataset.with_format("numpy", columns=[STATE, ACTION])[:]
+        states = np.concatenate([np.asarray(columns[STATE])[:, part] for part in parts], axis=1)
+        shape = (len(self.observed), len(self.cameras), side, side, 3)
+        array = np.lib.format.open_memmap(images, "w+", np.uint8, shape)
+        frames, start = dataset.hf_dataset.with_format(None).select_columns(self.cameras), time.monotonic()
+        for idx, frame_idx in enumerate(self.observed):
+            frame = frames[int(frame_idx)]
+            for camera_idx, camera in enumerate(self.cameras):
+                pixels = to_network(np.asarray(frame[camera])[None], side, side)
+                array[idx, camera_idx] = (pixels[0] * 255).round().permute(1, 2, 0).numpy()
+            if idx % 2000 == 0:
+                print(f"decoded {idx} of {len(self.observed)} frames, {time.monotonic() - start:.0f} s", flush=True)
+        array.flush()
+        tensors = {STATE: states, ACTION: np.asarray(columns[ACTION])}
+        save_file({name: torch.from_numpy(np.ascontiguousarray(x, np.float32)) for name, x in tensors.items()}, vectors)
+
+    def stats(self):
+        """Return the ranges that become [-1, 1]: a little more than all states, and quantiles of the actions."""
+        low, high = self.states.amin(0), self.states.amax(0)
+        margin = 0.03 * (high - low) + 1e-3
+        stats = {STATE: {"q01": low - margin, "q99": high + margin}}
+        q01, q99 = (torch.quantile(self.actions[:: max(1, self.n_frames // 100_000)], q, dim=0) for q in (0.01, 0.99))
+        extra = ((MIN_RANGE - (q99 - q01)) / 2).clamp_min(0)
+        return stats | {ACTION: {"q01": q01 - extra, "q99": q99 + extra}}
+
+    def hold_still(self, frames):
+        """Return the actions that keep the robot where it is in these frames, `[n, action_dim] f32`."""
+        rows = self.actions[frames].clone()
+        if self.settings["control_mode"].endswith("joint_pos"):
+            positions, n_arms = self.states[frames], 2 if self.morphology == "bimanual" else 1
+            per_arm = rows.shape[1] // n_arms
+            for arm in range(n_arms):
+                # `qpos` of two arms is interleaved; the last two of an arm's nine positions are the fingers'.
+                rows[:, arm * per_arm : arm * per_arm + 7] = positions[:, arm : 7 * n_arms : n_arms]
+        else:
+            rows[:, :6] = 0
+        return rows
+
+    def batch(self, step, args, instructions):
+        """Return the batch of a training step, a function of the arguments alone."""
+        random = np.random.default_rng([args.seed, step])
+        weights = np.array(list(self.weights.values()))
+        tasks = random.choice(len(self.tasks), args.batch_size, p=weights / weights.sum())
+        foreign = random.random(args.batch_size) < args.foreign
+        observed, texts = [], []
+        for task_idx, is_foreign in zip(tasks, foreign):
+            pool, name = self.by_task[task_idx], self.tasks[task_idx]
+            if is_foreign:
+                if random.random() < 0.5:
+                    pool = self.at_start[task_idx]
+                name = random.choice(sorted(instructions.keys() - {name} - POSSIBLE.get(name, set())))
+            observed.append(random.choice(pool))
+            sentences = instructions[name]
+            texts.append(sentences[0 if random.random() < 0.4 else random.integers(len(sentences))])
+        frames = self.observed[observed]
+        last = self.ends[frames][:, None] - 1
+        actions = self.actions[np.minimum(frames[:, None] + np.arange(self.chunk), last)]
+        later = self.states[np.minimum(frames[:, None] + np.array(LATER), last)]
+        states, foreign = self.states[frames], torch.from_numpy(foreign)[:, None, None]
+        images = torch.from_numpy(self.images[observed]).permute(1, 0, 4, 2, 3)
+        return {
+            "images": images,
+            "texts": texts,
+            STATE: states,
+            ACTION: torch.where(foreign, self.hold_still(frames)[:, None], actions),
+            "later": torch.where(foreign, states[:, None], later),
+        }
+
+
+# Network
+
+
+def make_config(args, cameras, state_dim, action_dim):
+    """Return LeRobot's configuration. The action is not padded, so that the expert sees no noise that it ignores."""
+    images = {name: PolicyFeature(FeatureType.VISUAL, (3, args.side, args.side)) for name in cameras}
+    return PI05Config(
+        input_features={**images, STATE: PolicyFeature(FeatureType.STATE, (state_dim,))},
+        output_features={ACTION: PolicyFeature(FeatureType.ACTION, (action_dim,))},
+        image_resolution=(args.side, args.side),
+        chunk_size=args.chunk, n_action_steps=min(args.execute, args.chunk), max_state_dim=state_dim,
+        max_action_dim=action_dim, tokenizer_max_length=MAX_TOKENS, device="cpu", push_to_hub=False,
+    )  # fmt: skip
+
+
+def widths_of(args):
+    """Return the sizes of the network."""
+    vision = {
+        "hidden_size": args.vision, "num_hidden_layers": args.vision_layers,
+        "num_attention_heads": args.vision_heads, "intermediate_size": args.vision_mlp,
+    }  # fmt: skip
+    heads = {"depth": args.layers, "num_heads": N_HEADS, "head_dim": args.head_dim}
+    prefix = {"width": args.prefix, "mlp_dim": args.prefix_mlp, **heads}
+    expert = {"width": args.expert, "mlp_dim": args.expert_mlp, **heads}
+    return Widths(vision, prefix, expert, args.vocabulary)
+
+
+def make_policy(args, config, tokenizer):
+    """Return a randomly initialised `PI05Policy`."""
+    with narrow(widths_of(args)):
+        policy = PI05Policy(config)
+    prefix = policy.model.paligemma_with_expert.paligemma.model
+    with torch.no_grad():
+        for name, parameter in policy.named_parameters():
+            if name.endswith("layernorm.dense.bias") or name.endswith("norm.dense.bias"):
+                # Scale and shift start neutral, gates open.
+                parameter.copy_(torch.tensor([0.0, 0.0, 1.0]).repeat_interleave(len(parameter) // 3))
+        embedding = prefix.language_model.embed_tokens.weight
+        embedding.normal_(std=args.prefix**-0.5)
+        numbers = [tokenizer.encode(f" {n}")[-1] for n in range(N_BINS)]
+        embedding[numbers] = curve(N_BINS, args.prefix) * args.prefix**-0.5
+        positions = prefix.vision_tower.vision_model.embeddings.position_embedding.weight
+        positions.copy_(grid(args.side // PATCH, args.vision) * 0.5)
+    return policy
+
+
+def curve(n, width):
+    """Return `n` points of unit variance on a smooth random curve, `[n, width] f32`."""
+    frequencies = torch.tensor([0.25, 0.5, 1, 2, 4, 8, 16])
+    phases = 2 * math.pi * frequencies * torch.arange(n)[:, None] / n
+    waves = torch.cat([phases.sin(), phases.cos()], dim=1)
+    points = waves @ torch.randn(waves.shape[1], width) * len(frequencies) ** -0.5
+    return points + 0.1 * torch.randn(n, width)
+
+
+def grid(side, width):
+    """Return sines and cosines of a patch's row and column, `[side², width] f32`."""
+    frequencies = math.pi * 2 ** torch.linspace(-1, 2.5, width // 4)
+    place = (torch.arange(side) + 0.5)[:, None] / side * frequencies
+    waves = torch.cat([place.sin(), place.cos()], dim=1)
+    rows, columns = waves[:, None].expand(-1, side, -1), waves[None].expand(side, -1, -1)
+    return torch.cat([rows, columns], dim=2).reshape(side * side, -1)
+
+
+def scaled(values, stats):
+    """Scale values to [-1, 1] as LeRobot does by quantiles."""
+    return (values - stats["q01"]) / (stats["q99"] - stats["q01"]) * 2 - 1
+
+
+def tokenize(tokenizer, texts, states):
+    """Return the tokens of prompts and their mask, `[n, n_tokens]`."""
+    bins = np.digitize(states.numpy(), np.linspace(-1, 1, N_BINS + 1)[:-1]) - 1
+    prompts = [prompt(text, row) for text, row in zip(texts, bins)]
+    batch = tokenizer(prompts, max_length=PADDED_TOKENS)
+    return batch["input_ids"], batch["attention_mask"].bool()
+
+
+def heads(projection, x, head_dim):
+    """Project `[n, length, width]` to heads, `[n, n_heads, length, head_dim]`."""
+    return projection(x).unflatten(-1, (-1, head_dim)).transpose(1, 2)
+
+
+def attend(q, k, v, mask=None):
+    """Attend from all query heads to one key and value head; return `[n, length, n_heads · head_dim]`.
+
+    The heads become one long sequence, because they share keys and values.
+    """
+    n, n_heads, length, head_dim = q.shape
+    out = F.scaled_dot_product_attention(q.reshape(n, 1, n_heads * length, head_dim), k, v, attn_mask=mask)
+    return out.view(n, n_heads, length, head_dim).transpose(1, 2).flatten(2)
+
+
+def flow_loss(network, images, tokens, mask, actions, noise, t):
+    """Compute the flow-matching loss with several draws of noise and time per observation.
+
+    Args:
+        network: LeRobot's `PI05Pytorch`.
+        images: `[n_cameras, n, 3, side, side] f32` in [-1, 1].
+        tokens: `[n, n_tokens] i64`.
+        mask: `[n, n_tokens] bool`, False in padding.
+        actions: Scaled chunks, `[n, chunk, action_dim] f32`.
+        noise: `[n, draws, chunk, action_dim] f32`.
+        t: Times, `[n, draws] f32`, where 1 is noise and 0 is the actions.
+
+    Returns:
+        Squared errors `[n, draws, chunk, action_dim]`, and the normalised last hidden state of the prompt's last token,
+        `[n, width]`.
+    """
+    both = network.paligemma_with_expert
+    gemma, expert = both.paligemma.model.language_model, both.gemma_expert.model
+    n_cameras, n = images.shape[:2]
+    patches = both.embed_image(images.flatten(0, 1)).unflatten(0, (n_cameras, n)).transpose(0, 1).flatten(1, 2)
+    prefix = torch.cat([patches, both.embed_language_tokens(tokens)], dim=1)
+    valid = torch.cat([mask.new_ones(patches.shape[:2]), mask], dim=1)
+    n_valid = valid.sum(1)
+    place = valid.cumsum(1) - 1
+
+    draws = noise.shape[1]
+    noisy = t[..., None, None] * noise + (1 - t[..., None, None]) * actions[:, None]
+    suffix, _, _, condition = network.embed_suffix(noisy.flatten(0, 1), t.flatten())
+
+    cos, sin = gemma.rotary_emb(prefix, place)
+    chunk = actions.shape[1]
+    cos_s, sin_s = gemma.rotary_emb(suffix, n_valid[:, None] + torch.arange(chunk))
+    cos_s, sin_s = (x.repeat_interleave(draws, 0) for x in (cos_s, sin_s))
+    mask_p = valid[:, None, None]
+    mask_s = F.pad(mask_p, (0, chunk), value=True).repeat_interleave(draws, 0)
+    last = n_valid - 1
+
+    for layer_p, layer_s in zip(gemma.layers, expert.layers, strict=True):
+        head_dim, is_last = layer_p.self_attn.head_dim, layer_p is gemma.layers[-1]
+        x, _ = layer_p.input_layernorm(prefix)
+        q, k, v = (heads(getattr(layer_p.self_attn, f"{name}_proj"), x, head_dim) for name in "qkv")
+        q, k = apply_rotary_pos_emb(q, k, cos, sin)
+        y, gate = layer_s.input_layernorm(suffix, condition)
+        q_s, k_s, v_s = (heads(getattr(layer_s.self_attn, f"{name}_proj"), y, head_dim) for name in "qkv")
+        q_s, k_s = apply_rotary_pos_emb(q_s, k_s, cos_s, sin_s)
+        if is_last:
+            # Of the last layer's output, only the last token is read.
+            q = q[torch.arange(n), :, last][:, :, None]
+            prefix = prefix[torch.arange(n), last][:, None]
+        prefix = prefix + layer_p.self_attn.o_proj(attend(q, k, v, mask_p))
+        prefix = prefix + layer_p.mlp(layer_p.post_attention_layernorm(prefix)[0])
+        keys, values = (
+            torch.cat([a.repeat_interleave(draws, 0), b], dim=2) for a, b in ((k, k_s), (v, v_s))
+        )
+        suffix = suffix + layer_s.self_attn.o_proj(attend(q_s, keys, values, mask_s)) * gate
+        y, gate = layer_s.post_attention_layernorm(suffix, condition)
+        suffix = suffix + layer_s.mlp(y) * gate
+    velocity = network.action_out_proj(expert.norm(suffix, condition)[0])
+    target = noise - actions[:, None]
+    return (velocity.view_as(target) - target).square(), gemma.norm(prefix[:, 0])[0]
+
+
+# Training
+
+
+def learning_rate(step, args):
+    """Return the learning rate of a step: warm-up, constant, then linear decay to zero."""
+    return args.lr * min((step + 1) / WARM_UP_STEPS, (args.steps - step) / (COOL_DOWN * args.steps), 1)
+
+
+@torch.no_grad()
+def update_average(averaged, policy, done, decay):
+    """Move the averaged weights towards the current ones; early steps count more."""
+    weight = 1 - min(decay, (1 + done) / (10 + done))
+    torch._foreach_lerp_(list(averaged.parameters()), list(policy.parameters()), weight)
+
+
+def export(policy, processors, tokenizer, args, morphology):
+    """Save a LeRobot checkpoint in bfloat16, with the tokenizer and what LeRobot's files do not say."""
+    args.output.mkdir(parents=True, exist_ok=True)
+    policy.config.save_pretrained(args.output)
+    tensors = {name: x.bfloat16().contiguous() for name, x in policy.state_dict().items() if not name.endswith(UNUSED)}
+    save_file(tensors, args.output / "new.safetensors")
+    (args.output / "new.safetensors").replace(args.output / "model.safetensors")
+    for processor in processors:
+        processor.save_pretrained(args.output)
+    (args.output / "tokenizer.model").write_bytes(tokenizer)
+    mapping = {f"{IMAGES}{name}": camera for name, camera in CAMERAS[morphology].items()}
+    sidecar = {"vision_heads": args.vision_heads, "mapping": {**mapping, STATE: STATE_PARTS[morphology]}}
+    (args.output / "hypogeum.json").write_text(json.dumps(sidecar, indent=2) + "\n")
+
+
+def evaluate(args, tasks):
+    """Evaluate the exported checkpoint in closed loop and return {task: success_once}."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [
+            args.binary, "run", "--policy", f"pi05=pi05:{args.output}", "--tasks", ",".join(tasks), "--json", "--quiet",
+            "--episodes", str(args.episodes), "--seed", str(args.evaluation_seed), "--db", f"{folder}/results.db",
+            "--threads", str(args.threads), "--execute", str(args.execute),
+        ]  # fmt: skip
+        done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode != 0:
+        sys.exit(f"{' '.join(command)}\n{done.stderr}")
+    return {cell["task"]: cell["success_once"] for cell in json.loads(done.stdout)["cells"]}
+
+
+def parse_weights(text):
+    """Parse `RaiseCube=2,OpenDrawer` to {task: weight}."""
+    pairs = (item.partition("=") for item in text.split(",")) if text else ()
+    return {name: float(weight or 1) for name, _, weight in pairs}
+
+
+def main():
+    args = arguments()
+    torch.set_num_threads(args.threads)
+    torch.manual_seed(args.seed)
+    folder = args.output / "training"
+    folder.mkdir(parents=True, exist_ok=True)
+    data = Demonstrations(args.dataset, parse_weights(args.tasks), args, folder)
+    instructions = read_instructions(args.binary, data.morphology)
+    model_path = args.output / "tokenizer.model"
+    model = model_path.read_bytes() if model_path.exists() else train_tokenizer(instructions, args.vocabulary)
+    tokenizer, stats = Tokenizer.from_sentencepiece(model), data.stats()
+    config = make_config(args, data.cameras, data.states.shape[1], data.actions.shape[1])
+    policy, averaged = (make_policy(args, config, tokenizer) for _ in range(2))
+    averaged.load_state_dict(policy.state_dict())
+    processors = processors_of(config, stats, tokenizer)
+    n_chunk = args.chunk * data.actions.shape[1]
+    auxiliary = nn.Linear(args.prefix, n_chunk + len(LATER) * data.states.shape[1])
+    trained = [p for name, p in policy.named_parameters() if not name.endswith(UNUSED)]
+    parameters = trained + list(auxiliary.parameters())
+    optimiser = torch.optim.AdamW(parameters, lr=args.lr, weight_decay=1e-2, betas=(0.9, 0.95))
+    parts = {"policy": policy, "averaged": averaged, "auxiliary": auxiliary, "optimiser": optimiser}
+    state, first = folder / "state.pt", 0
+    fixed = {name: getattr(args, name) for name in FIXED} | {"tasks": data.tasks}
+    if state.exists():
+        saved = torch.load(state, weights_only=True)
+        for name, value in fixed.items():
+            if saved["fixed"].get(name) != value:
+                sys.exit(f"{state} was made with {name} {saved['fixed'].get(name)}, not {value}; use another --output")
+        for name, part in parts.items():
+            part.load_state_dict(saved[name])
+        first = saved["step"]
+        print(f"resuming after step {first}")
+    n_parameters = sum(parameter.numel() for parameter in trained)
+    print(f"{', '.join(data.tasks)}: {data.n_frames} frames, {n_parameters / 1e6:.2f} M parameters", flush=True)
+
+    policy.train()
+    loss_of = torch.compile(flow_loss) if args.compile else flow_loss
+    losses, start = [], time.monotonic()
+    for step in range(first, args.steps):
+        for group in optimiser.param_groups:
+            group["lr"] = learning_rate(step, args)
+        torch.manual_seed(args.seed + step)
+        batch = data.batch(step, args, instructions)
+        states, actions = scaled(batch[STATE], stats[STATE]), scaled(batch[ACTION], stats[ACTION])
+        later = scaled(batch["later"], stats[STATE])
+        tokens, mask = tokenize(tokenizer, batch["texts"], states)
+        images = batch["images"].float() / 127.5 - 1
+        noise = torch.randn(args.batch_size, args.draws, *actions.shape[1:])
+        t = policy.model.sample_time(args.batch_size * args.draws, "cpu").view(args.batch_size, -1)
+        errors, summary = loss_of(policy.model, images, tokens, mask, actions, noise, t)
+        predicted = auxiliary(summary)
+        targets = torch.cat([actions.flatten(1), later.flatten(1)], dim=1)
+        flow, guess = errors.mean(), F.smooth_l1_loss(predicted, targets, beta=0.1)
+        optimiser.zero_grad()
+        (flow + AUXILIARY_WEIGHT * guess).backward()
+        torch.nn.utils.clip_grad_norm_(parameters, 1)
+        optimiser.step()
+        update_average(averaged, policy, step, args.ema)
+        losses.append((flow.item(), guess.item()))
+        if not math.isfinite(sum(losses[-1])):
+            sys.exit(f"the loss of step {step} is {losses[-1]}; lower --lr and resume from the last checkpoint")
+        done = step + 1
+        if done % 50 == 0:
+            rate = (done - first) * args.batch_size / (time.monotonic() - start)
+            flow, guess = np.mean(losses[-50:], axis=0)
+            print(f"step {done} of {args.steps}: flow {flow:.4f}, auxiliary {guess:.4f}, {rate:.1f} samples/s", flush=True)
+        if done % args.save_every == 0 or done == args.steps:
+            export(averaged, processors, model, args, data.morphology)
+            flow, guess = np.mean(losses, axis=0)
+            row = {"step": done, "flow": float(flow), "auxiliary": float(guess)}
+            row["seconds"] = round(time.monotonic() - start, 1)
+            if args.evaluate:
+                row["success_once"] = evaluate(args, data.tasks)
+            losses.clear()
+            with open(folder / "log.jsonl", "a") as log:
+                log.write(json.dumps(row) + "\n")
+            print(json.dumps(row), flush=True)
+            # Saved last: after an interruption, unfinished work since the previous checkpoint is repeated.
+            saved = {name: part.state_dict() for name, part in parts.items()} | {"step": done, "fixed": fixed}
+            torch.save(saved, folder / "new.pt")
+            (folder / "new.pt").replace(state)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit("\ninterrupted; the same command resumes from the last checkpoint")
