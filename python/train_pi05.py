@@ -64,7 +64,9 @@ MAX_TOKENS, PADDED_TOKENS = 96, 48
 # Inputs per morphology: cameras and parts of the state.
 CAMERAS = {
     "single": {"external1": "external1_camera", "hand": "hand_camera"},
-    "bimanual": {"external2": "external2_camera", "panda1_hand": "panda1_hand_camera", "panda2_hand": "panda2_hand_camera"},
+    "bimanual": {
+        "external2": "external2_camera", "panda1_hand": "panda1_hand_camera", "panda2_hand": "panda2_hand_camera"
+    },
 }
 STATE_PARTS = {"single": ["qpos", "tcp_pose"], "bimanual": ["qpos"]}
 # Instructions that another task's scene permits, so that they are never foreign in it.
@@ -76,6 +78,8 @@ LATER = (15, 40, 10_000)
 AUXILIARY_WEIGHT = 0.5
 # Lower bound on the width of a range to which actions are scaled.
 MIN_RANGE = 0.02
+# Upper bound on a scaled action entry.
+MAX_SCALED = 3.0
 WARM_UP_STEPS = 200
 # Fraction of all steps over which the learning rate decays to zero.
 COOL_DOWN = 0.3
@@ -155,8 +159,8 @@ def train_tokenizer(instructions, vocabulary):
     sentencepiece.SentencePieceTrainer.train(
         sentence_iterator=iter(corpus), model_writer=model, model_type="bpe", vocab_size=vocabulary,
         byte_fallback=True, add_dummy_prefix=False, remove_extra_whitespaces=False, split_digits=False,
-        normalization_rule_name="identity", character_coverage=1.0, user_defined_symbols=["\n", ";", ","], num_threads=1,
-        pad_id=0, eos_id=1, bos_id=BOS, unk_id=3, bos_piece="<bos>", eos_piece="<eos>", minloglevel=2,
+        normalization_rule_name="identity", character_coverage=1.0, user_defined_symbols=["\n", ";", ","],
+        num_threads=1, pad_id=0, eos_id=1, bos_id=BOS, unk_id=3, bos_piece="<bos>", eos_piece="<eos>", minloglevel=2,
         hard_vocab_limit=False, max_sentence_length=100_000,
     )  # fmt: skip
     tokenizer = sentencepiece.SentencePieceProcessor(model_proto=model.getvalue())
@@ -235,16 +239,19 @@ class Demonstrations:
                 print(f"decoded {idx} of {len(self.observed)} frames, {time.monotonic() - start:.0f} s", flush=True)
         array.flush()
         tensors = {STATE: states, ACTION: np.asarray(columns[ACTION])}
-        save_file({name: torch.from_numpy(np.ascontiguousarray(x, np.float32)) for name, x in tensors.items()}, vectors)
+        tensors = {name: torch.from_numpy(np.ascontiguousarray(x, np.float32)) for name, x in tensors.items()}
+        save_file(tensors, vectors)
 
     def stats(self):
-        """Return the ranges that become [-1, 1]: a little more than all states, and quantiles of the actions."""
+        """Return the ranges that become [-1, 1]: a little more than all states, and most of the actions."""
         low, high = self.states.amin(0), self.states.amax(0)
         margin = 0.03 * (high - low) + 1e-3
         stats = {STATE: {"q01": low - margin, "q99": high + margin}}
         q01, q99 = (torch.quantile(self.actions[:: max(1, self.n_frames // 100_000)], q, dim=0) for q in (0.01, 0.99))
-        extra = ((MIN_RANGE - (q99 - q01)) / 2).clamp_min(0)
-        return stats | {ACTION: {"q01": q01 - extra, "q99": q99 + extra}}
+        # Rare large rotations would otherwise dominate the squared error.
+        centre, half = (q01 + q99) / 2, ((q99 - q01) / 2).clamp_min(MIN_RANGE / 2)
+        half = torch.maximum(half, (self.actions - centre).abs().amax(0) / MAX_SCALED)
+        return stats | {ACTION: {"q01": centre - half, "q99": centre + half}}
 
     def hold_still(self, frames):
         """Return the actions that keep the robot where it is in these frames, `[n, action_dim] f32`."""
@@ -559,7 +566,8 @@ def main():
         if done % 50 == 0:
             rate = (done - first) * args.batch_size / (time.monotonic() - start)
             flow, guess = np.mean(losses[-50:], axis=0)
-            print(f"step {done} of {args.steps}: flow {flow:.4f}, auxiliary {guess:.4f}, {rate:.1f} samples/s", flush=True)
+            progress = f"step {done} of {args.steps}: flow {flow:.4f}, auxiliary {guess:.4f}"
+            print(f"{progress}, {rate:.1f} samples/s", flush=True)
         if done % args.save_every == 0 or done == args.steps:
             export(averaged, processors, model, args, data.morphology)
             flow, guess = np.mean(losses, axis=0)
