@@ -54,7 +54,7 @@ pub enum PolicySpecError {
 }
 
 /// Maximum number of Euler steps.
-const MAX_STEPS: u32 = 1000;
+pub(crate) const MAX_STEPS: u32 = 1000;
 
 /// A kind of policy: its name and the parser of its argument.
 struct PolicyKind {

@@ -158,7 +158,16 @@ impl Pi05Architecture {
         let Self { vision, prefix, expert, horizon, .. } = self;
         let side = vision.n_patches.isqrt();
         let found = |found: usize| found.to_string();
+        let gemma = |sizes: &GemmaSizes| [sizes.width, sizes.hidden, sizes.n_heads, sizes.head_width];
+        let sizes = [&gemma(prefix)[..], &gemma(expert), &[vision.width, vision.hidden, vision.n_patches]];
+        let smallest = sizes.concat().into_iter().chain([self.vocabulary, self.action_width]).min();
         [
+            (
+                smallest == Some(0),
+                "smallest width of the network",
+                "0".to_owned(),
+                "at least 1 for every axis of every tensor".to_owned(),
+            ),
             (
                 side * side != vision.n_patches,
                 "number of patches",

@@ -171,6 +171,9 @@ impl TensorFolder {
             std::fs::read(&index).map_err(|source| WeightsError::Read { path: index.clone(), source })?;
         let ShardIndex { weight_map } = serde_json::from_slice(&text)
             .map_err(|source| WeightsError::Index { path: index.clone(), source })?;
+        if weight_map.is_empty() {
+            return Err(WeightsError::EmptyIndex { path: index });
+        }
         let (mut shards, mut names): (Vec<Shard>, Vec<PathBuf>) = (Vec::new(), Vec::new());
         let mut shard_of = BTreeMap::new();
         for (tensor, file) in weight_map {

@@ -37,6 +37,8 @@ pub enum WeightsError {
     Read { path: PathBuf, source: std::io::Error },
     #[error("{} is not a valid list of shards", path.display())]
     Index { path: PathBuf, source: serde_json::Error },
+    #[error("{} lists no tensor", path.display())]
+    EmptyIndex { path: PathBuf },
     #[error("{}: `{}` is not the name of a file in the same folder", path.display(), shard.display())]
     ShardPath { path: PathBuf, shard: PathBuf },
     #[error("{} is not a safetensors file: {reason}", path.display())]

@@ -9,6 +9,12 @@ use super::{ACTION, CheckpointError, Folder, Pi05Description};
 use crate::checkpoint::lerobot::FeatureShape;
 use crate::checkpoint::mapping::{FeatureKind, InputFeature};
 use crate::checkpoint::processor::pi05_scaling;
+use crate::spec::MAX_STEPS;
+
+/// Upper bound on the rows of a chunk and on the entries of a state.
+pub(super) const MAX_ROWS: usize = 1024;
+/// Upper bound on the tokens of a prompt.
+const MAX_PROMPT: usize = 4096;
 
 /// The keys of LeRobot's `config.json` that inference depends on. All others are ignored.
 #[derive(Debug, Deserialize)]
@@ -73,16 +79,36 @@ impl<'de> Deserialize<'de> for Features {
     }
 }
 
+impl Pi05Config {
+    /// Returns the first option that is not supported or out of range, as key, actual and expected value.
+    fn unsupported(&self) -> Option<(&'static str, String, String)> {
+        let counts = [
+            ("chunk_size", self.chunk_size, MAX_ROWS),
+            ("max_state_dim", self.max_state_dim, MAX_ROWS),
+            ("num_inference_steps", self.num_inference_steps, MAX_STEPS as usize),
+            ("tokenizer_max_length", self.tokenizer_max_length, MAX_PROMPT),
+        ];
+        let outside = counts.into_iter().find(|(_, found, limit)| !(1..=*limit).contains(found));
+        if let Some((key, found, limit)) = outside {
+            return Some((key, found.to_string(), format!("1 to {limit}")));
+        }
+        let (min, max) = (self.min_period, self.max_period);
+        if !(min > 0.0 && max >= min && max.is_finite()) {
+            let expected = "positive numbers, the shorter one first".to_owned();
+            return Some(("min_period, max_period", format!("{min}, {max}"), expected));
+        }
+        if self.n_obs_steps != 1 {
+            return Some(("n_obs_steps", self.n_obs_steps.to_string(), "1".to_owned()));
+        }
+        let relative = ("use_relative_actions", "true".to_owned(), "false".to_owned());
+        self.use_relative_actions.then_some(relative)
+    }
+}
+
 impl Folder<'_> {
     pub(super) fn lerobot(&self, config: Pi05Config) -> Result<Pi05Description, CheckpointError> {
-        for (differs, key, found, expected) in [
-            (config.n_obs_steps != 1, "n_obs_steps", config.n_obs_steps.to_string(), "1"),
-            (config.use_relative_actions, "use_relative_actions", "true".to_owned(), "false"),
-            (config.num_inference_steps == 0, "num_inference_steps", "0".to_owned(), "at least 1"),
-        ] {
-            if differs {
-                return Err(self.value(key, found, expected));
-            }
+        if let Some((key, found, expected)) = config.unsupported() {
+            return Err(self.value(key, found, expected));
         }
         let architecture = self.architecture(config.chunk_size)?;
         let side = architecture.image_side();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::config::Pi05Config;
+use super::config::{MAX_ROWS, Pi05Config};
 use super::{CheckpointError, Folder, Pi05Description, STATE};
 use crate::checkpoint::mapping::{FeatureKind, InputFeature, MAPPING_FILE};
 use crate::checkpoint::parse;
@@ -48,6 +48,9 @@ impl Folder<'_> {
                 expected: "the number of rows of an action chunk, which openpi's checkpoint does not contain"
                     .to_owned(),
             })?;
+        if horizon > MAX_ROWS {
+            return Err(self.value("chunk_size", horizon, format!("1 to {MAX_ROWS}")));
+        }
         let architecture = self.architecture(horizon)?;
         let side = architecture.image_side();
         let statistics = self.openpi_statistics()?;
@@ -74,6 +77,10 @@ impl Folder<'_> {
             kind: FeatureKind::State,
         });
         let mapping = self.mapping(features, action_dim)?;
+        if action_dim > architecture.action_width {
+            let found = format!("{action_dim} entries");
+            return Err(self.value("actions", found, format!("at most {}", architecture.action_width)));
+        }
         for (key, range, dim) in [("state", state, state_dim), ("actions", action, action_dim)] {
             if range.q01.len() < dim {
                 let found = format!("statistics of {} entries", range.q01.len());

@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
-use ipc_types::error_chain;
-use policy_host::{PolicySpec, QueryMode, load};
+use ipc_types::{Morphology, error_chain};
+use policy_host::{ActionChunk, PolicySpec, QueryMode, load};
 use safetensors::tensor::TensorView;
 use tempfile::TempDir;
 
 use super::{Rewritten, copy_of, rewrite};
 use crate::assert_contains;
+use crate::batch::ObservationBatch;
 
 /// Returns the error of loading a folder.
 fn error_of(folder: &Path) -> String {
@@ -72,6 +73,8 @@ fn damaged_shards_are_named() {
     std::fs::write(folder.path().join("model.safetensors.index.json"), r#"{"weight_map": {"a": "../b"}}"#)
         .unwrap();
     assert_contains(&error_of(folder.path()), &["model.safetensors.index.json", "../b", "same folder"]);
+    std::fs::write(folder.path().join("model.safetensors.index.json"), r#"{"weight_map": {}}"#).unwrap();
+    assert_contains(&error_of(folder.path()), &["model.safetensors.index.json", "no tensor"]);
 }
 
 #[test]
@@ -87,6 +90,51 @@ fn unfit_vocabularies_are_named() {
     assert_contains(&error_of(folder.path()), &["tokenizer.model", "is missing", "PaliGemma"]);
 }
 
+/// Whatever the files of a checkpoint contain, loading it ends with a policy that answers, or an error.
+#[test]
+fn mutated_files_never_panic() {
+    const FILES: [&str; 7] = [
+        "config.json",
+        "hypogeum.json",
+        "tokenizer.model",
+        "model.safetensors.index.json",
+        "model-00001-of-00002.safetensors",
+        "policy_preprocessor.json",
+        "policy_preprocessor_step_3_normalizer_processor.safetensors",
+    ];
+    const N_MUTATIONS: usize = 50;
+    let folder = copy_of("bf16");
+    let spec: PolicySpec = format!("pi05:{}", folder.path().display()).parse().unwrap();
+    let mut n_errors = 0;
+    for name in FILES {
+        let path = folder.path().join(name);
+        let whole = std::fs::read(&path).unwrap();
+        let stream = policy_host::generated::fnv1a64(name);
+        let draw = |idx: usize, limit: usize| {
+            (policy_host::generated::unit(stream, idx) * limit as f32) as usize % limit
+        };
+        for mutation in 0..N_MUTATIONS {
+            let mut bytes = whole.clone();
+            // The header of a weights file is at its start.
+            let range = bytes.len().min(8192);
+            for change in 0..1 + mutation % 3 {
+                let at = draw(16 * mutation + 2 * change, range);
+                bytes[at] = draw(16 * mutation + 2 * change + 1, 256) as u8;
+            }
+            std::fs::write(&path, bytes).unwrap();
+            let Ok(mut policy) = load(&spec, 1, QueryMode::Chunk) else {
+                n_errors += 1;
+                continue;
+            };
+            let batch = ObservationBatch::of(Morphology::Single, &[0]);
+            let _ = policy.act(&batch.view(), &mut [ActionChunk::default()]);
+        }
+        std::fs::write(&path, whole).unwrap();
+    }
+    assert!(load(&spec, 1, QueryMode::Chunk).is_ok());
+    assert!(n_errors > FILES.len() * N_MUTATIONS / 4, "only {n_errors} mutations were noticed");
+}
+
 #[test]
 fn unsupported_configurations_are_named() {
     let cases = [
@@ -96,6 +144,10 @@ fn unsupported_configurations_are_named() {
         (r#""max_action_dim": 32"#, r#""max_action_dim": 24"#, &["max_action_dim", "24", "32"]),
         (r#""num_inference_steps": 10"#, r#""num_inference_steps": 0"#, &["num_inference_steps"]),
         (r#""chunk_size": 10"#, r#""chunk_size": 0"#, &["chunk_size"]),
+        (r#""chunk_size": 10"#, r#""chunk_size": 1000000000000"#, &["chunk_size", "1 to 1024"]),
+        (r#""num_inference_steps": 10"#, r#""num_inference_steps": 100000000"#, &["num_inference_steps"]),
+        (r#""tokenizer_max_length": 160"#, r#""tokenizer_max_length": 0"#, &["tokenizer_max_length"]),
+        (r#""min_period": 0.004"#, r#""min_period": -1.0"#, &["min_period", "-1"]),
     ];
     for (from, to, expected) in cases {
         let folder = copy_of("robot");
