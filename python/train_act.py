@@ -17,9 +17,7 @@ import functools
 import json
 import math
 import os
-import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -32,6 +30,7 @@ from torchvision.ops.misc import FrozenBatchNorm2d
 
 from hypogeum.backbone import resnet18_of
 from hypogeum.images import to_network
+from hypogeum.training import success_rates
 from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -234,16 +233,10 @@ def export(policy, processors, folder):
 
 def evaluate(args, tasks):
     """Evaluate the exported checkpoint in closed loop and return {task: success_once}."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [
-            args.evaluate, "run", "--policy", f"act=act:{args.output}", "--tasks", ",".join(tasks), "--json", "--quiet",
-            "--episodes", str(args.episodes), "--seed", str(args.evaluation_seed), "--db", f"{folder}/results.db",
-            "--threads", str(args.threads), "--execute", str(args.chunk),
-        ]  # fmt: skip
-        done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode != 0:
-        sys.exit(f"{' '.join(command)}\n{done.stderr}")
-    return {cell["task"]: cell["success_once"] for cell in json.loads(done.stdout)["cells"]}
+    return success_rates(
+        args.evaluate, f"act:{args.output}", tasks, episodes=args.episodes, seed=args.evaluation_seed,
+        threads=args.threads, execute=args.chunk,
+    )  # fmt: skip
 
 
 def main():

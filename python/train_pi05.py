@@ -30,7 +30,6 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -45,6 +44,7 @@ from hypogeum.images import to_network
 from hypogeum.pi05 import UNUSED, Widths, narrow, processors_of
 from hypogeum.robot import state_slice
 from hypogeum.tokenizer import Tokenizer
+from hypogeum.training import success_rates
 from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -483,16 +483,10 @@ def export(policy, processors, tokenizer, args, morphology):
 
 def evaluate(args, tasks):
     """Evaluate the exported checkpoint in closed loop and return {task: success_once}."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [
-            args.binary, "run", "--policy", f"pi05=pi05:{args.output}", "--tasks", ",".join(tasks), "--json", "--quiet",
-            "--episodes", str(args.episodes), "--seed", str(args.evaluation_seed), "--db", f"{folder}/results.db",
-            "--threads", str(args.threads), "--execute", str(args.execute),
-        ]  # fmt: skip
-        done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode != 0:
-        sys.exit(f"{' '.join(command)}\n{done.stderr}")
-    return {cell["task"]: cell["success_once"] for cell in json.loads(done.stdout)["cells"]}
+    return success_rates(
+        args.binary, f"pi05:{args.output}", tasks, episodes=args.episodes, seed=args.evaluation_seed,
+        threads=args.threads, execute=args.execute,
+    )  # fmt: skip
 
 
 def parse_weights(text):

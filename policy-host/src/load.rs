@@ -4,11 +4,12 @@ use ipc_types::{ControlMode, Morphology};
 use thiserror::Error;
 
 use crate::QueryMode;
-use crate::act::{self, ActLoadError, ActPolicy};
+use crate::act::{self, ActPolicy};
+use crate::checkpoint::CheckpointFolderError;
 use crate::ensemble::Ensemble;
 use crate::idle::IdlePolicy;
 use crate::nn::Precision;
-use crate::pi05::{self, Pi05LoadError, Pi05Policy};
+use crate::pi05::{self, Pi05Policy};
 use crate::policy::Policy;
 use crate::random::RandomPolicy;
 use crate::spec::{Pi05Source, PolicySpec};
@@ -20,9 +21,7 @@ pub enum LoadError {
     #[error("policy `{spec}` does not run in a policy host")]
     NotHosted { spec: PolicySpec },
     #[error(transparent)]
-    Act(#[from] ActLoadError),
-    #[error(transparent)]
-    Pi05(#[from] Pi05LoadError),
+    Folder(#[from] CheckpointFolderError),
 }
 
 /// Loads a policy that uses up to `n_threads` threads of the rayon pool in which it is called.
@@ -61,6 +60,6 @@ pub fn check(spec: &PolicySpec, robots: &[(Morphology, ControlMode)]) -> Result<
     }
 }
 
-fn load_pi05(source: &Pi05Source, precision: Precision) -> Result<Pi05Policy, Pi05LoadError> {
+fn load_pi05(source: &Pi05Source, precision: Precision) -> Result<Pi05Policy, CheckpointFolderError> {
     Pi05Policy::load(&source.folder, precision, source.n_steps.map(|steps| steps.get() as usize))
 }

@@ -11,13 +11,14 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use rayon::prelude::*;
-use thiserror::Error;
 
 use super::architecture::ImageSize;
 use super::image::Image;
 use super::instruction::TokenCache;
 use super::model::{ActInput, ActModel, ActScratch};
-use crate::checkpoint::{self, Checkpoint, CheckpointError, ObservationMapping};
+use crate::checkpoint::{
+    Checkpoint, CheckpointFolderError, ObservationMapping, check_robots, checkpoint_folders,
+};
 use crate::nn::Precision;
 use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError};
 use crate::text::TextEncoder;
@@ -62,57 +63,20 @@ struct Worker {
     state: Vec<f32>,
 }
 
-/// Errors that can occur while loading ACT checkpoints or checking them against a run.
-#[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the messages describe the fields")]
-pub enum ActLoadError {
-    #[error(
-        "no checkpoint in {}: neither the folder nor its subfolders `single` and `bimanual` contain {CONFIG_FILE}",
-        folder.display()
-    )]
-    NoCheckpoint { folder: PathBuf },
-    #[error(transparent)]
-    Checkpoint(Box<CheckpointError>),
-    #[error("checkpoint {} is for {found}, the run has {expected} tasks", folder.display())]
-    Morphology { folder: PathBuf, found: String, expected: &'static str },
-    #[error("checkpoint {} drives the {robot} robot in {found}, the run in {expected}", folder.display())]
-    ControlMode { folder: PathBuf, robot: &'static str, found: &'static str, expected: &'static str },
-    #[error("both subfolders of {} contain a checkpoint for {morphology}", folder.display())]
-    DuplicateMorphology { folder: PathBuf, morphology: &'static str },
-}
-
-impl From<CheckpointError> for ActLoadError {
-    fn from(error: CheckpointError) -> Self {
-        Self::Checkpoint(Box::new(error))
-    }
-}
-
 /// Checks the configuration and the weights header of a checkpoint against the robots of a run and their
 /// control modes, without loading the weights.
 ///
 /// # Errors
 /// The first mismatch found.
-pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), ActLoadError> {
+pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), CheckpointFolderError> {
     let mut found = Vec::new();
-    for inner in checkpoint_folders(folder)? {
+    for inner in folders(folder)? {
         let checkpoint = Checkpoint::open(&inner)?;
         let mapping = checkpoint.mapping()?;
         found.push((mapping.morphology, mapping.control_mode));
         checkpoint.check_text_encoder()?;
     }
-    for &(morphology, control_mode) in robots {
-        let Some((_, own)) = found.iter().find(|(robot, _)| *robot == morphology) else {
-            let found: Vec<_> = found.iter().map(|(robot, _)| robot.name()).collect();
-            let (folder, found) = (folder.to_owned(), found.join(", "));
-            return Err(ActLoadError::Morphology { folder, found, expected: morphology.name() });
-        };
-        let (expected, found) = (control_mode.name(), own.name());
-        if expected != found {
-            let (folder, robot) = (folder.to_owned(), morphology.name());
-            return Err(ActLoadError::ControlMode { folder, robot, expected, found });
-        }
-    }
-    Ok(())
+    check_robots(folder, &found, robots)
 }
 
 impl ActPolicy {
@@ -120,14 +84,18 @@ impl ActPolicy {
     ///
     /// # Errors
     /// The first file or tensor that is missing, unexpected or damaged.
-    pub fn load(folder: &Path, precision: Precision, n_threads: usize) -> Result<Self, ActLoadError> {
+    pub fn load(
+        folder: &Path,
+        precision: Precision,
+        n_threads: usize,
+    ) -> Result<Self, CheckpointFolderError> {
         let mut networks = Vec::new();
-        for inner in checkpoint_folders(folder)? {
+        for inner in folders(folder)? {
             let mut checkpoint = Checkpoint::open(&inner)?;
             let (mapping, encoder) = (checkpoint.mapping()?.clone(), checkpoint.text_encoder()?);
             if networks.iter().any(|network: &Network| network.mapping.morphology == mapping.morphology) {
                 let name = mapping.morphology.name();
-                return Err(ActLoadError::DuplicateMorphology {
+                return Err(CheckpointFolderError::DuplicateMorphology {
                     folder: folder.to_owned(),
                     morphology: name,
                 });
@@ -292,7 +260,6 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// Returns the checkpoint folders in `folder`: `folder` itself, or its subfolders `single` and `bimanual`.
-fn checkpoint_folders(folder: &Path) -> Result<Vec<PathBuf>, ActLoadError> {
-    let found = checkpoint::checkpoint_folders(folder, |folder| folder.join(CONFIG_FILE).is_file());
-    if found.is_empty() { Err(ActLoadError::NoCheckpoint { folder: folder.to_owned() }) } else { Ok(found) }
+fn folders(folder: &Path) -> Result<Vec<PathBuf>, CheckpointFolderError> {
+    checkpoint_folders(folder, CONFIG_FILE, |folder| folder.join(CONFIG_FILE).is_file())
 }

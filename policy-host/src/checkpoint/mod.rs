@@ -10,14 +10,16 @@ pub mod lerobot;
 pub mod mapping;
 pub mod pi05;
 
+mod folder;
 mod processor;
 
 use std::path::{Path, PathBuf};
 
-use ipc_types::Morphology;
 use serde::Deserialize;
 use thiserror::Error;
 
+pub use self::folder::CheckpointFolderError;
+pub(crate) use self::folder::{check_robots, checkpoint_folders};
 pub use self::mapping::ObservationMapping;
 use crate::act::architecture::{Architecture, InvalidHyperparameter};
 use crate::act::normalise::Normalisation;
@@ -223,14 +225,4 @@ impl TensorNames {
 
 fn parse<'a, T: Deserialize<'a>>(path: &Path, text: &'a [u8]) -> Result<T, CheckpointError> {
     serde_json::from_slice(text).map_err(|source| CheckpointError::Json { path: path.to_owned(), source })
-}
-
-/// Returns the checkpoint folders in `folder`: `folder` itself, or its subfolders `single` and `bimanual`.
-/// `is_checkpoint` recognises one.
-pub(crate) fn checkpoint_folders(folder: &Path, is_checkpoint: impl Fn(&Path) -> bool) -> Vec<PathBuf> {
-    if is_checkpoint(folder) {
-        return vec![folder.to_owned()];
-    }
-    let inner = Morphology::ALL.into_iter().map(|morphology| folder.join(morphology.name()));
-    inner.filter(|folder| is_checkpoint(folder)).collect()
 }

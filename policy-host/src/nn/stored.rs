@@ -1,8 +1,9 @@
 //! GEMM with weights that stay where they are stored, typically in a memory-mapped file.
 //!
 //! `packed` keeps a second copy of all weights; a network of billions of parameters has no room for it. Here
-//! a panel is converted to f32 and transposed block by block, just before the rows of the input pass over it.
-//! With 50 rows or more this costs little, and the products are the same chains of fused multiply-adds.
+//! each block of a panel is converted to f32 and transposed just before it is multiplied with all rows of the
+//! input. With 50 rows or more this costs little, and the products are the same chains of fused
+//! multiply-adds.
 
 use std::array;
 

@@ -17,4 +17,4 @@ mod sampler;
 mod siglip;
 mod weights;
 
-pub use policy::{Pi05LoadError, Pi05Policy, check};
+pub use policy::{Pi05Policy, check};

@@ -1,11 +1,10 @@
 //! The π0.5 policy: maps observations to the network's input, and its output to actions.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use rayon::prelude::*;
-use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::image::resize_with_pad;
@@ -14,7 +13,7 @@ use super::prompt::{PromptState, Prompter, TokenizerError, prompt};
 use super::sampler::draw_noise;
 use crate::act::architecture::ImageSize;
 use crate::checkpoint::pi05::{Pi05Checkpoint, Pi05Description, is_pi05_folder};
-use crate::checkpoint::{CheckpointError, checkpoint_folders};
+use crate::checkpoint::{CheckpointFolderError, check_robots, checkpoint_folders};
 use crate::nn::Precision;
 use crate::policy::{ActionChunk, Policy, PolicyError, Stopwatch};
 
@@ -49,32 +48,6 @@ struct DistinctImages<'a> {
     by_hash: HashMap<u64, Vec<usize>>,
 }
 
-/// Errors that can occur while loading π0.5 checkpoints or checking them against a run.
-#[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the messages describe the fields")]
-pub enum Pi05LoadError {
-    #[error(
-        "no checkpoint in {}: neither the folder nor its subfolders `single` and `bimanual` contain a \
-         configuration or weights",
-        folder.display()
-    )]
-    NoCheckpoint { folder: PathBuf },
-    #[error(transparent)]
-    Checkpoint(Box<CheckpointError>),
-    #[error("checkpoint {} is for {found}, the run has {expected} tasks", folder.display())]
-    Morphology { folder: PathBuf, found: String, expected: &'static str },
-    #[error("checkpoint {} drives the {robot} robot in {found}, the run in {expected}", folder.display())]
-    ControlMode { folder: PathBuf, robot: &'static str, found: &'static str, expected: &'static str },
-    #[error("both subfolders of {} contain a checkpoint for {morphology}", folder.display())]
-    DuplicateMorphology { folder: PathBuf, morphology: &'static str },
-}
-
-impl From<CheckpointError> for Pi05LoadError {
-    fn from(error: CheckpointError) -> Self {
-        Self::Checkpoint(Box::new(error))
-    }
-}
-
 /// Checks the configuration, the weights headers and the vocabulary of a checkpoint against the robots of a
 /// run and their control modes, and the size of the weights against the memory that is available. Loads no
 /// weights.
@@ -85,7 +58,7 @@ pub fn check(
     folder: &Path,
     precision: Precision,
     robots: &[(Morphology, ControlMode)],
-) -> Result<(), Pi05LoadError> {
+) -> Result<(), CheckpointFolderError> {
     let mut found = Vec::new();
     for checkpoint in open(folder)? {
         let mapping = &checkpoint.description().mapping;
@@ -93,26 +66,11 @@ pub fn check(
         checkpoint.prompter()?;
         checkpoint.check_memory(precision)?;
     }
-    for &(morphology, control_mode) in robots {
-        let Some((_, own)) = found.iter().find(|(robot, _)| *robot == morphology) else {
-            let found: Vec<_> = found.iter().map(|(robot, _)| robot.name()).collect();
-            let (folder, found) = (folder.to_owned(), found.join(", "));
-            return Err(Pi05LoadError::Morphology { folder, found, expected: morphology.name() });
-        };
-        let (expected, found) = (control_mode.name(), own.name());
-        if expected != found {
-            let (folder, robot) = (folder.to_owned(), morphology.name());
-            return Err(Pi05LoadError::ControlMode { folder, robot, expected, found });
-        }
-    }
-    Ok(())
+    check_robots(folder, &found, robots)
 }
 
-fn open(folder: &Path) -> Result<Vec<Pi05Checkpoint>, Pi05LoadError> {
-    let folders = checkpoint_folders(folder, is_pi05_folder);
-    if folders.is_empty() {
-        return Err(Pi05LoadError::NoCheckpoint { folder: folder.to_owned() });
-    }
+fn open(folder: &Path) -> Result<Vec<Pi05Checkpoint>, CheckpointFolderError> {
+    let folders = checkpoint_folders(folder, "a configuration or weights", is_pi05_folder)?;
     Ok(folders.iter().map(|folder| Pi05Checkpoint::open(folder)).collect::<Result<_, _>>()?)
 }
 
@@ -122,14 +80,21 @@ impl Pi05Policy {
     ///
     /// # Errors
     /// The first file or tensor that is missing, unexpected or damaged.
-    pub fn load(folder: &Path, precision: Precision, n_steps: Option<usize>) -> Result<Self, Pi05LoadError> {
+    pub fn load(
+        folder: &Path,
+        precision: Precision,
+        n_steps: Option<usize>,
+    ) -> Result<Self, CheckpointFolderError> {
         let mut networks: Vec<Pi05Network> = Vec::new();
         for checkpoint in open(folder)? {
             let description = checkpoint.description().clone();
             let morphology = description.mapping.morphology;
             if networks.iter().any(|network| network.description.mapping.morphology == morphology) {
                 let morphology = morphology.name();
-                return Err(Pi05LoadError::DuplicateMorphology { folder: folder.to_owned(), morphology });
+                return Err(CheckpointFolderError::DuplicateMorphology {
+                    folder: folder.to_owned(),
+                    morphology,
+                });
             }
             let prompter = checkpoint.prompter()?;
             checkpoint.check_memory(precision)?;
