@@ -14,13 +14,13 @@ use sim::trajectory::{Replay, Start, TrajectoryFile, read_actions};
 const EXPECTED: [(&str, usize, f64); 17] = [
     ("DualArmLiftPot-v1", 3, 0.6),
     ("DualArmLiftTray-v1", 3, 0.9),
-    ("DualArmPenCap-v1", 2, 2.5),
+    ("DualArmPenCap-v1", 3, 2.5),
     ("DualArmPickCube-v1", 3, 0.3),
     ("DualArmPourPot-v1", 3, 3.0),
     ("DualArmPushBox-v1", 3, 0.7),
-    // Cubes dropped from 8 cm: how they land hangs on fractions of a millimetre.
+    // Cubes dropped from 8 cm land differently (docs/differences.md).
     ("DualArmStack3Cube-v1", 0, 0.6),
-    ("DualArmStackCube-v1", 1, 0.2),
+    ("DualArmStackCube-v1", 3, 0.2),
     ("DualArmThreading-v1", 3, 0.5),
     ("LiftPegUprightColosseumV2-v1", 3, 0.3),
     ("PegInsertionSideColosseumV2-v1", 3, 0.4),

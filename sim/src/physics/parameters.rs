@@ -9,7 +9,8 @@ use super::{CONTROL_HZ, SUBSTEPS};
 const LENGTH_UNIT_M: f32 = 0.1;
 
 /// Parameters of contacts. The benchmark `agreement` measures how well any other choice reproduces recorded
-/// motions of the original; every run uses the default.
+/// motions of the original; every run uses the default. It was chosen over 300 starts near those of 50
+/// recordings, because single outcomes hang on fractions of a millimetre.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
@@ -43,12 +44,12 @@ impl Default for Parameters {
             finger_friction: 1.2,
             finger_stiffness: 0.25,
             contact_hz: 120.0,
-            static_contact_hz: 240.0,
+            static_contact_hz: 80.0,
             contact_damping: 10.0,
             prediction_m: 0.015,
             substeps: 2,
-            iterations: 8,
-            relaxations: 2,
+            iterations: 3,
+            relaxations: 6,
         }
     }
 }
