@@ -1,7 +1,7 @@
 //! Agreement of our physics with another simulator's: the same start states and actions, side by side.
 //!
-//! `cargo bench -p benches --bench agreement -- --trajectories DIR [--each yes] [--shifted N] [--csv FILE]`. Every JSON
-//! file of the folder is a trajectory with a recorded motion (docs/trajectories.md;
+//! `cargo bench -p benches --bench agreement -- --trajectories DIR [--each yes] [--shifted N] [--csv FILE]`.
+//! Every JSON file of the folder is a trajectory with a recorded motion (docs/trajectories.md;
 //! `python/convert_recordings.py` converts recordings). Its actions are executed from its start, and
 //! compared with what was recorded: success under either profile, the number of steps by which the first
 //! success comes later, distances of the TCPs, of the arm joints and of the fingers over all steps, and

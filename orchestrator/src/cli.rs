@@ -13,6 +13,7 @@ use crate::commands::compare::CompareArgs;
 use crate::commands::completions::CompletionsArgs;
 use crate::commands::demos::DemosArgs;
 use crate::commands::doctor::DoctorArgs;
+use crate::commands::fps::FpsArgs;
 use crate::commands::replay::ReplayArgs;
 use crate::commands::report::ReportArgs;
 use crate::commands::run::RunArgs;
@@ -50,6 +51,8 @@ pub(crate) enum Command {
     Doctor(DoctorArgs),
     /// Run episodes of a results file again and compare every column
     Verify(VerifyArgs),
+    /// Measure speed over the number of envs, and where the time goes; the same command again resumes
+    Fps(FpsArgs),
     /// Write a randomly initialised ACT checkpoint, for measuring speed
     Checkpoint(CheckpointArgs),
     /// Print a completion script for a shell

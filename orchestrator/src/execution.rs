@@ -11,7 +11,9 @@ use policy_host::PolicySpec;
 use sim::serve::protocol::{Driver, Lane};
 
 use crate::exit::{Failure, OrUser};
-use crate::fleet::{self, Fleet, FleetConfig, FleetEvent, IsWanted, PolicyLane, RunStatus, Totals};
+use crate::fleet::{
+    self, Fleet, FleetConfig, FleetError, FleetEvent, IsWanted, PolicyLane, RunStatus, Totals,
+};
 use crate::interrupt;
 use crate::jobs::{Job, drivers};
 use crate::plan::RunPlan;
@@ -22,7 +24,7 @@ const IN_FLIGHT: u32 = 2;
 /// Seconds that π0.5 may take for a batch: on a CPU, a query at full size takes up to half a minute.
 const PI05_ANSWER_TIMEOUT_S: u32 = 3600;
 /// Mount point of shared memory.
-const SHM: &str = "/dev/shm";
+pub(crate) const SHM: &str = "/dev/shm";
 
 /// Returns the identity of each policy. Also checks that each can be loaded, before anything is started.
 pub(crate) fn identities(plan: &RunPlan) -> Result<Vec<Identity>, Failure> {
@@ -49,15 +51,23 @@ pub(crate) fn execute(
     if todo.is_empty() {
         return Ok((RunStatus::Complete, Totals::default()));
     }
-    let program = std::env::current_exe().context("failed to find the executable of this process")?;
-    let fleet = Fleet::new(fleet_config(plan, program, earlier_renderer));
+    let fleet = fleet(plan, earlier_renderer)?;
     let stopper = fleet.stopper();
     let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
-    fleet.run(todo, is_wanted, &mut sink).map_err(|error| {
-        let is_user_error = error.is_user_error();
-        let error = anyhow::Error::from(error);
-        if is_user_error { Failure::User(error) } else { Failure::Bug(error) }
-    })
+    fleet.run(todo, is_wanted, &mut sink).map_err(as_failure)
+}
+
+/// Makes the fleet of a plan. Starts nothing.
+pub(crate) fn fleet(plan: &RunPlan, earlier_renderer: Option<String>) -> Result<Fleet, Failure> {
+    let program = std::env::current_exe().context("failed to find the executable of this process")?;
+    Ok(Fleet::new(fleet_config(plan, program, earlier_renderer)))
+}
+
+/// Classifies an error of a fleet by who can fix it.
+pub(crate) fn as_failure(error: FleetError) -> Failure {
+    let is_user_error = error.is_user_error();
+    let error = anyhow::Error::from(error);
+    if is_user_error { Failure::User(error) } else { Failure::Bug(error) }
 }
 
 fn fleet_config(plan: &RunPlan, program: PathBuf, earlier_renderer: Option<String>) -> FleetConfig {
@@ -77,7 +87,7 @@ fn fleet_config(plan: &RunPlan, program: PathBuf, earlier_renderer: Option<Strin
 
 /// Returns the policies that run outside the sim. A batch holds half of the envs, so that the others step
 /// meanwhile.
-fn lanes(plan: &RunPlan) -> Vec<PolicyLane> {
+pub(crate) fn lanes(plan: &RunPlan) -> Vec<PolicyLane> {
     let policy = |(policy, driver): (&NamedPolicy, Driver)| {
         let Driver::Lane(lane) = driver else { return None };
         let images = policy.spec.needs_images();

@@ -34,6 +34,7 @@ mod progress;
 mod report;
 mod results;
 mod selection;
+mod speed;
 pub mod statistics;
 mod stopping;
 mod stored_episode;
@@ -46,7 +47,7 @@ use std::time::Instant;
 
 use crate::cli::{Cli, Command};
 use crate::commands::{
-    checkpoint, child, compare, completions, demos as demos_command, doctor, replay,
+    checkpoint, child, compare, completions, demos as demos_command, doctor, fps, replay,
     report as report_command, run, show, tasks, verify,
 };
 use crate::exit::{ExitStatus, Failure};
@@ -91,6 +92,7 @@ fn run_command(command: &Command, started: Instant) -> Result<ExitStatus, Failur
         Command::Report(args) => report_command::report(args),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Verify(args) => verify::verify(args),
+        Command::Fps(args) => fps::fps(args),
         Command::Checkpoint(args) => checkpoint::checkpoint(args),
         Command::Completions(args) => completions::completions(args),
         Command::Sim(args) => child::sim(args),

@@ -323,7 +323,7 @@ mod tests {
     error: invalid value 'pd_joint' for '--control-mode <CONTROL_MODE>'
       [possible values: pd_ee_delta_pose, pd_joint_pos, pd_ee_pose]
     "#);
-        insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"error: invalid value '0' for '--envs <N>': 0 is not in 1..=4096");
+        insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"error: invalid value '0' for '--envs <N>': 0 is not in 1..=8192");
         insta::assert_snapshot!(wrong("--policy idle --execute 64"), @"error: invalid value '64' for '--execute <M>': 64 is not in 1..=63");
         insta::assert_snapshot!(wrong("--policy idle --mode ensemble --latency 80"), @"--latency is 80 ms, but ensemble mode averages predictions for the present step: use --mode chunk");
         insta::assert_snapshot!(wrong("--policy idle --control-mode pd_ee_pose --latency 80"), @"--latency is 80 ms, but pd_ee_pose has no action that holds the start pose: use another --control-mode");

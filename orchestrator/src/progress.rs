@@ -66,6 +66,11 @@ impl Progress {
         Self::of("episodes", n, 0, quiet, false)
     }
 
+    /// Shows the progress of a measurement with `n` points, of which earlier commands measured `done`.
+    pub(crate) fn of_points(n: u64, done: u64, quiet: bool, json: bool) -> Self {
+        Self::of("points", n, done, quiet, json)
+    }
+
     /// Shows the progress of a file of this many MiB.
     pub(crate) fn of_mebibytes(n: u64) -> Self {
         Self::of("MiB", n, 0, false, false)

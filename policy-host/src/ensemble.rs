@@ -6,12 +6,13 @@
 //! largest weight (Zhao et al., Learning fine-grained bimanual manipulation with low-cost hardware, 2023,
 //! section 4).
 
+use ipc_types::run_config::MAX_ENVS;
 use ipc_types::{Morphology, ObservationView};
 
 use crate::policy::{ActionChunk, Policy, PolicyError, Stopwatch};
 
-/// Upper bound on slot indices. It limits memory and is far above the number of slots of a sim.
-const MAX_SLOTS: u32 = 4096;
+/// Upper bound on slot indices, which limits memory.
+const MAX_SLOTS: u32 = MAX_ENVS;
 
 /// A policy that ensembles the chunks of another one. Its chunks have one row.
 pub struct Ensemble {

@@ -66,6 +66,8 @@ pub enum HostEvent {
         batches: u64,
         /// Core-seconds spent in the policy.
         busy_s: f64,
+        /// Core-seconds of the whole process since its first query.
+        cpu_s: f64,
     },
     /// A message could not be answered. The host continues.
     Failed {
@@ -197,7 +199,7 @@ impl<W: Write> Host<W> {
         let mut loan = self.lane.loan(n_envs as usize)?;
         let start = ProcessTime::now();
         let outcome = self.act(header, &message, loan.blocks_mut());
-        self.ledger.add(n_envs, start.elapsed().as_secs_f64());
+        self.ledger.add(n_envs, start);
         let mut status = 0;
         if let Err(error) = outcome {
             status = 1;
@@ -248,19 +250,30 @@ struct WorkCounter {
     queries: u64,
     batches: u64,
     busy_s: f64,
+    /// Start of the first query.
+    first_query: Option<ProcessTime>,
     reported: Instant,
     reported_batches: u64,
 }
 
 impl WorkCounter {
     fn new() -> Self {
-        Self { queries: 0, batches: 0, busy_s: 0.0, reported: Instant::now(), reported_batches: 0 }
+        Self {
+            queries: 0,
+            batches: 0,
+            busy_s: 0.0,
+            first_query: None,
+            reported: Instant::now(),
+            reported_batches: 0,
+        }
     }
 
-    fn add(&mut self, queries: u32, busy_s: f64) {
+    /// Counts a batch whose answer took from `start` until now.
+    fn add(&mut self, queries: u32, start: ProcessTime) {
         self.queries += u64::from(queries);
         self.batches += 1;
-        self.busy_s += busy_s;
+        self.busy_s += start.elapsed().as_secs_f64();
+        self.first_query.get_or_insert(start);
     }
 
     /// Returns an event if there is new work and the last report is at least [`LEDGER_PERIOD`] ago.
@@ -274,6 +287,7 @@ impl WorkCounter {
     }
 
     fn event(&self) -> HostEvent {
-        HostEvent::Ledger { queries: self.queries, batches: self.batches, busy_s: self.busy_s }
+        let cpu_s = self.first_query.map_or(0.0, |start| start.elapsed().as_secs_f64());
+        HostEvent::Ledger { queries: self.queries, batches: self.batches, busy_s: self.busy_s, cpu_s }
     }
 }

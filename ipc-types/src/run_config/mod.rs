@@ -20,6 +20,9 @@ pub use self::strength::{Strength, StrengthError};
 use crate::ControlMode;
 use crate::layout::MAX_HORIZON;
 
+/// Largest number of episodes in progress at a time.
+pub const MAX_ENVS: u32 = 8192;
+
 /// All options of a run that reach its processes, grouped by what they may influence.
 #[derive(Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunConfig {
@@ -85,7 +88,7 @@ pub struct ImageOptions {
 #[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResourceOptions {
     /// Episodes in progress at a time
-    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=4096), default_value_t = 16)]
+    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=i64::from(MAX_ENVS)), default_value_t = 16)]
     pub envs: u32,
     /// Worker threads of the sim and of each policy host; by default one per core
     #[arg(long, value_name = "T", value_parser = value_parser!(u32).range(1..=1024), default_value_t = n_cores())]

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context, anyhow, ensure};
 use clap::Args;
 use ipc_types::RunConfig;
-use ipc_types::run_config::{ImageOptions, LanguageFile, RendererChoice, ResultOptions, Samples};
+use ipc_types::run_config::{ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions, Samples};
 use policy_host::PolicySpec;
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
@@ -43,7 +43,7 @@ pub(crate) struct VerifyArgs {
     #[arg(long, value_name = "FILE")]
     pub(crate) language: Option<LanguageFile>,
     /// Episodes in progress at a time
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096), default_value_t = 16)]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_ENVS)), default_value_t = 16)]
     pub(crate) envs: u32,
     /// Worker threads of the sim and of each policy host; by default one per core
     #[arg(long, value_name = "T", value_parser = clap::value_parser!(u32).range(1..=1024))]

@@ -82,6 +82,16 @@ impl ChildProcess {
         Ok(Self { child, commands: Some(commands) })
     }
 
+    /// Returns the child's resident memory in bytes without shared memory, where the system tells it.
+    pub(super) fn memory_bytes(&self) -> Option<u64> {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
+        let kibibytes = |key: &str| {
+            let line = status.lines().find_map(|line| line.strip_prefix(key))?;
+            line.split_whitespace().next()?.parse::<u64>().ok()
+        };
+        Some((kibibytes("RssAnon:")? + kibibytes("RssFile:")?) << 10)
+    }
+
     /// Queues a line for the child's stdin. If the child has exited, the line is dropped.
     pub(super) fn send(&self, line: String) {
         if let Some(commands) = &self.commands {

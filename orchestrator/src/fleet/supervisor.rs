@@ -183,11 +183,19 @@ impl<'a> Supervisor<'a> {
             SimEvent::Finished(outcome) => self.on_episode_finished(&outcome),
             SimEvent::Progress(counters) => {
                 self.totals.on_sim_counters(counters);
+                self.measure_memory();
                 (self.sink)(FleetEvent::Counters(&self.totals.sim())).map_err(FleetError::Sink)
             }
             SimEvent::RendererFailed { message } => Err(FleetError::Renderer(message)),
             SimEvent::LaneFailed { lane, message } => self.on_lane_failed(lane, message),
         }
+    }
+
+    fn measure_memory(&mut self) {
+        let roles = self.roles();
+        let own = |role: MemberRole| self.member(role).process().and_then(|process| process.memory_bytes());
+        let sum = roles.into_iter().filter_map(own).sum();
+        self.totals.memory_bytes = self.totals.memory_bytes.max(sum);
     }
 
     /// Checks that all sims of a run, and earlier runs with the same results file, render the same bits.
@@ -212,8 +220,8 @@ impl<'a> Supervisor<'a> {
                 let line = format!("{}: {message}", self.name(MemberRole::Host(lane)));
                 self.log(&line)
             }
-            HostEvent::Ledger { queries, batches, busy_s } => {
-                self.totals.on_host_work(lane, HostWork { queries, batches, busy_s });
+            HostEvent::Ledger { queries, batches, busy_s, cpu_s } => {
+                self.totals.on_host_work(lane, HostWork { queries, batches, busy_s, cpu_s });
                 Ok(())
             }
             HostEvent::Failed { message } => {

@@ -17,6 +17,8 @@ pub(crate) struct Totals {
     pub(crate) renderer_identity: Option<String>,
     /// Bytes of shared memory in use, known once a sim is ready.
     pub(crate) shm_bytes: u64,
+    /// Largest sum of the children's own memory that was seen, in bytes; shared memory is not part of it.
+    pub(crate) memory_bytes: u64,
     /// Number of children that were restarted.
     pub(crate) restarts: u32,
 }
@@ -30,6 +32,8 @@ pub(crate) struct HostWork {
     pub(crate) batches: u64,
     /// Core-seconds of inference.
     pub(crate) busy_s: f64,
+    /// Core-seconds of the whole processes since their first queries.
+    pub(crate) cpu_s: f64,
 }
 
 impl Totals {
@@ -40,12 +44,24 @@ impl Totals {
 
     /// Returns the sum over all sims.
     pub(crate) fn sim(&self) -> Counters {
-        add(self.past, self.current)
+        add(&self.past, &self.current)
     }
 
-    /// Returns the sum over all policy hosts.
+    /// Returns the sum over all policy hosts, for the queries whose answers the sim received. A run that is
+    /// stopped does not wait for the others; their share of the core-seconds is estimated by their number.
     pub(crate) fn hosts(&self) -> HostWork {
-        self.hosts.iter().flatten().copied().fold(HostWork::default(), HostWork::add)
+        let all = self.hosts.iter().flatten().copied().fold(HostWork::default(), HostWork::add);
+        let received = self.past.latencies.count() + self.current.latencies.count();
+        if received >= all.queries {
+            return all;
+        }
+        let fraction = received as f64 / all.queries as f64;
+        HostWork {
+            queries: received,
+            batches: all.batches,
+            busy_s: all.busy_s * fraction,
+            cpu_s: all.cpu_s * fraction,
+        }
     }
 
     /// Updates the counters of the current sim.
@@ -59,7 +75,7 @@ impl Totals {
     }
 
     pub(super) fn on_sim_exit(&mut self) {
-        self.past = add(self.past, std::mem::take(&mut self.current));
+        self.past = add(&self.past, &std::mem::take(&mut self.current));
         self.restarts += 1;
     }
 
@@ -76,11 +92,14 @@ impl HostWork {
             queries: self.queries + other.queries,
             batches: self.batches + other.batches,
             busy_s: self.busy_s + other.busy_s,
+            cpu_s: self.cpu_s + other.cpu_s,
         }
     }
 }
 
-fn add(a: Counters, b: Counters) -> Counters {
+fn add(a: &Counters, b: &Counters) -> Counters {
+    let mut latencies = a.latencies.clone();
+    latencies.add(&b.latencies);
     Counters {
         env_steps: a.env_steps + b.env_steps,
         images: a.images + b.images,
@@ -89,12 +108,30 @@ fn add(a: Counters, b: Counters) -> Counters {
         physics_s: a.physics_s + b.physics_s,
         render_s: a.render_s + b.render_s,
         idle_s: a.idle_s + b.idle_s,
+        cpu_s: a.cpu_s + b.cpu_s,
+        latencies,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Counters of a sim that received `n` answers.
+    fn answered(n: u64) -> Counters {
+        let mut counters = Counters::default();
+        counters.latencies.record(std::time::Duration::from_millis(1), n);
+        counters
+    }
+
+    #[test]
+    fn work_for_lost_answers_does_not_count() {
+        let mut totals = Totals::new(1, None);
+        totals.on_sim_counters(answered(3));
+        totals.on_host_work(0, HostWork { queries: 4, batches: 1, busy_s: 2.0, cpu_s: 4.0 });
+        let work = totals.hosts();
+        assert_eq!((work.queries, work.busy_s, work.cpu_s), (3, 1.5, 3.0));
+    }
 
     #[test]
     fn exited_children_are_counted_once() {
@@ -106,6 +143,7 @@ mod tests {
         totals.on_sim_counters(steps(2));
         assert_eq!(totals.sim().env_steps, 9);
         let work = |queries| HostWork { queries, ..HostWork::default() };
+        totals.on_sim_counters(answered(7));
         totals.on_host_work(0, work(3));
         totals.on_host_exit(0);
         totals.on_host_work(0, work(4));

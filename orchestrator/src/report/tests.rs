@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use sim::serve::protocol::Counters;
+use sim::serve::protocol::{Counters, Latencies};
 use sim::{Perturbation, TaskId};
 
 use super::*;
@@ -97,6 +97,8 @@ fn json_keys_are_stable() {
 #[test]
 fn speed_and_bound_follow_their_definitions() {
     let mut totals = Totals::new(1, None);
+    let mut latencies = Latencies::default();
+    latencies.record(Duration::from_millis(5), 100);
     totals.on_sim_counters(Counters {
         env_steps: 3000,
         images: 300,
@@ -105,9 +107,11 @@ fn speed_and_bound_follow_their_definitions() {
         physics_s: 0.6,
         render_s: 0.4,
         idle_s: 0.1,
+        latencies,
+        ..Counters::default()
     });
     // Batches of 5 on 2 threads: both are busy all the time.
-    totals.on_host_work(0, HostWork { queries: 100, batches: 20, busy_s: 2.0 });
+    totals.on_host_work(0, HostWork { queries: 100, batches: 20, busy_s: 2.0, cpu_s: 2.1 });
     let fps = Fps::new(&totals, Duration::from_secs(4), 2);
     assert_eq!((fps.env_steps_per_s, fps.process_env_steps_per_s), (Some(1500.0), 750.0));
     assert_eq!((fps.images_per_s, fps.queries_per_s), (Some(150.0), Some(50.0)));

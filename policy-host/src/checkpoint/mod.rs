@@ -226,3 +226,11 @@ impl TensorNames {
 fn parse<'a, T: Deserialize<'a>>(path: &Path, text: &'a [u8]) -> Result<T, CheckpointError> {
     serde_json::from_slice(text).map_err(|source| CheckpointError::Json { path: path.to_owned(), source })
 }
+
+/// Returns the memory that the kernel estimates to be available without swapping, in bytes.
+#[must_use]
+pub fn available_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10)
+}

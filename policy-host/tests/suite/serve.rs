@@ -135,5 +135,5 @@ fn host_survives_bad_messages_and_exits_with_input() {
 fn idle_host_exits_when_input_closes() {
     let mut fixture = HostFixture::new(PolicySpec::Idle, 1);
     assert!(matches!(fixture.event(), HostEvent::Ready { .. }));
-    assert_eq!(fixture.end(), [HostEvent::Ledger { queries: 0, batches: 0, busy_s: 0.0 }]);
+    assert_eq!(fixture.end(), [HostEvent::Ledger { queries: 0, batches: 0, busy_s: 0.0, cpu_s: 0.0 }]);
 }

@@ -7,7 +7,7 @@ use ipc_types::link::{ActionMessage, LinkError, LinkNode, SimLane};
 use ipc_types::{ActionView, ControlMode, FrameError, Morphology, ObservationHeader, SCHEMA_HASH};
 use thiserror::Error;
 
-use super::protocol::Lane;
+use super::protocol::{Lane, Latencies};
 
 /// Longest wait for a foreign host to connect or to reconnect.
 const FOREIGN_HOST_TIMEOUT: Duration = Duration::from_secs(600);
@@ -155,19 +155,22 @@ impl LaneState {
         self.spare.append(&mut self.in_flight);
     }
 
-    /// Receives the next answer and calls `accept` with slot, answer and env index for every env of its
-    /// batch. Answers of an earlier epoch are dropped. Returns `true` if a message was received.
+    /// Receives the next answer, adds its latency at the time `now`, and calls `accept` with slot, answer and
+    /// env index for every env of its batch. Answers of an earlier epoch are dropped. Returns `true` if a
+    /// message was received.
     ///
     /// # Errors
     /// If the message is not a valid answer to a batch in flight, or the link fails.
     pub(super) fn receive(
         &mut self,
+        latencies: &mut Latencies,
+        now: Instant,
         accept: impl FnMut(u32, &ActionView<'_>, usize) -> Result<(), InvalidAnswerError>,
     ) -> Result<bool, LaneError> {
         let received = self.link.receive();
         let received = received.map_err(|source| LaneError::Link { policy: self.policy(), source })?;
         let Some(message) = received else { return Ok(false) };
-        let accepted = self.handle_answer(&message, accept);
+        let accepted = self.handle_answer(&message, latencies, now, accept);
         accepted.map_err(|source| LaneError::Answer { policy: self.policy(), source })?;
         Ok(true)
     }
@@ -175,6 +178,8 @@ impl LaneState {
     fn handle_answer(
         &mut self,
         message: &ActionMessage,
+        latencies: &mut Latencies,
+        now: Instant,
         mut accept: impl FnMut(u32, &ActionView<'_>, usize) -> Result<(), InvalidAnswerError>,
     ) -> Result<(), InvalidAnswerError> {
         let view = ActionView::new(*message.header(), message.pages())?;
@@ -192,6 +197,7 @@ impl LaneState {
         for (env_idx, slot) in batch.slots.iter().enumerate() {
             accept(*slot, &view, env_idx)?;
         }
+        latencies.record(now - batch.sent, u64::from(header.n_envs));
         self.spare.push(batch);
         Ok(())
     }

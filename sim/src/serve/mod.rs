@@ -6,6 +6,7 @@ mod batch;
 mod chunk;
 mod episode;
 mod lane;
+mod latencies;
 pub mod protocol;
 mod slots;
 #[cfg(test)]
@@ -119,7 +120,7 @@ struct Server {
     run: RunConfig,
     counters: Counters,
     /// Start of the measured window (see [`Counters::wall_s`]).
-    first_work: Option<Instant>,
+    first_work: Option<(Instant, ProcessTime)>,
     /// Idle seconds since the last control step. They count once another control step extends the window over
     /// them.
     pending_idle_s: f64,
@@ -195,13 +196,13 @@ impl Server {
             }
             if self.last_progress.elapsed() >= PROGRESS_INTERVAL {
                 self.last_progress = Instant::now();
-                emit(&SimEvent::Progress(self.counters))?;
+                emit(&SimEvent::Progress(self.counters.clone()))?;
             }
         }
     }
 
     fn send_final_progress(&self) -> Result<(), SimError> {
-        emit(&SimEvent::Progress(self.counters))?;
+        emit(&SimEvent::Progress(self.counters.clone()))?;
         Ok(())
     }
 
@@ -224,10 +225,11 @@ impl Server {
         let (start, cpu_start) = (Instant::now(), ProcessTime::now());
         let env_steps = self.slots.advance();
         self.counters.physics_s += cpu_start.elapsed().as_secs_f64();
-        let first_work = *self.first_work.get_or_insert(start);
+        let (first_work, first_cpu) = *self.first_work.get_or_insert((start, cpu_start));
         if env_steps > 0 {
             self.counters.env_steps += env_steps;
             self.counters.wall_s = first_work.elapsed().as_secs_f64();
+            self.counters.cpu_s = first_cpu.elapsed().as_secs_f64();
             self.counters.idle_s += std::mem::take(&mut self.pending_idle_s);
         }
         let mut written = Ok(());
@@ -245,7 +247,11 @@ impl Server {
         let lane = &mut self.lanes[lane_idx];
         let execute = self.run.results.execute;
         let slots = &mut self.slots;
-        while lane.receive(|slot, view, env_idx| accept(slots, slot, view, env_idx, execute, now))? {}
+        let latencies = &mut self.counters.latencies;
+        while lane
+            .receive(latencies, now, |slot, view, env_idx| accept(slots, slot, view, env_idx, execute, now))?
+        {
+        }
         if lane.check_host(now)? {
             self.lose_host(lane_idx as u32);
         }

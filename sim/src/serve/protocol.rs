@@ -7,6 +7,7 @@ use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec};
 use serde::{Deserialize, Serialize};
 
+pub use super::latencies::Latencies;
 use crate::perturb::Composition;
 use crate::tasks::TaskId;
 
@@ -158,7 +159,7 @@ pub struct EpisodeLedger {
 }
 
 /// Totals of a sim process.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Counters {
     /// Control steps executed, in finished and unfinished episodes.
     pub env_steps: u64,
@@ -175,4 +176,8 @@ pub struct Counters {
     pub render_s: f64,
     /// Wall seconds within the measured window in which the sim had nothing to do.
     pub idle_s: f64,
+    /// Core-seconds of the whole process within the measured window.
+    pub cpu_s: f64,
+    /// Times between sending queries and receiving their answers.
+    pub latencies: Latencies,
 }

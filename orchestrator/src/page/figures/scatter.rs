@@ -2,13 +2,20 @@
 
 use plotters::prelude::*;
 
-use crate::page::canvas::svg;
+use crate::page::canvas::{color, svg};
 
 /// Points of one series, in percent.
 pub(crate) struct Scatter {
     pub(crate) name: String,
     pub(crate) points: Vec<(f64, f64)>,
     pub(crate) color: RGBColor,
+}
+
+/// Frames per second of one series over the number of environments.
+#[derive(Clone, Debug)]
+pub(crate) struct FpsSeries {
+    pub(crate) name: String,
+    pub(crate) points: Vec<(f64, f64)>,
 }
 
 /// Slope, offset and coefficient of determination of a least-squares line.
@@ -49,6 +56,12 @@ pub(crate) fn regression(series: &[Scatter]) -> anyhow::Result<(String, Option<F
         Ok(())
     })?;
     Ok((text, line))
+}
+
+/// Draws frames per second of several series, each in its own colour.
+pub(crate) fn fps_svg(series: Vec<FpsSeries>) -> anyhow::Result<String> {
+    let colored = |(idx, FpsSeries { name, points })| Scatter { name, points, color: color(idx) };
+    fps_curve(&series.into_iter().enumerate().map(colored).collect::<Vec<_>>())
 }
 
 /// Draws frames per second (y) against the number of environments (x), both logarithmic.

@@ -140,7 +140,7 @@ impl Pi05Checkpoint {
     /// # Errors
     /// If they do not.
     pub fn check_memory(&self, precision: Precision) -> Result<(), CheckpointError> {
-        let Some(available) = available_memory() else { return Ok(()) };
+        let Some(available) = super::available_memory() else { return Ok(()) };
         let bytes = |(size, name): (usize, &str)| {
             let stored = self.tensors.tensor(name).map_or(4, |tensor| tensor.float_type().size());
             size as u64 * if precision == Precision::Int8 { 1 } else { stored as u64 }
@@ -228,11 +228,4 @@ impl Folder<'_> {
         map_features(&present, action_dim, self.sidecar)
             .map_err(|reason| CheckpointError::Mapping { path, reason })
     }
-}
-
-/// Returns the memory that the kernel estimates to be available without swapping, in bytes.
-fn available_memory() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10)
 }

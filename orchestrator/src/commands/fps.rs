@@ -1,0 +1,187 @@
+//! `hypogeum fps`: speed over the number of envs.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::{Args, value_parser};
+use ipc_types::layout::MAX_HORIZON;
+use ipc_types::run_config::{ImageOptions, MAX_ENVS, QueryMode};
+use ipc_types::{Morphology, RunConfig};
+use policy_host::checkpoint::colosseum::ActConfig;
+use policy_host::{PolicySpec, synthetic};
+use serde_json::{Value, json};
+use sim::TaskId;
+
+use crate::execution::identities;
+use crate::exit::{ExitStatus, Failure, OrUser};
+use crate::interrupt;
+use crate::machine::Machine;
+use crate::output::{print_message, print_out};
+use crate::policy::NamedPolicy;
+use crate::progress::Progress;
+use crate::selection::TASK_PARSER;
+use crate::speed::{
+    Omission, PlannedPoint, PointStore, SpeedPlan, SpeedSettings, StopControl, measure, table, write_files,
+};
+
+/// Arguments of `fps`.
+#[derive(Debug, Args)]
+pub(crate) struct FpsArgs {
+    /// Policy to measure (repeatable), as in `run` [default: idle, which costs nothing, and ACT of full
+    /// size with random weights]
+    #[arg(long = "policy", value_name = "NAME=SPEC")]
+    pub(crate) policies: Vec<NamedPolicy>,
+    /// Uses of action chunks, comma-separated: a query per 30 control steps, or at every step
+    #[arg(
+        long = "mode",
+        value_enum,
+        ignore_case = true,
+        value_name = "LIST",
+        value_delimiter = ',',
+        default_value = "chunk,ensemble"
+    )]
+    pub(crate) modes: Vec<QueryMode>,
+    /// Numbers of episodes in progress at a time, comma-separated
+    #[arg(long, value_name = "LIST", value_delimiter = ',',
+        value_parser = value_parser!(u32).range(1..=i64::from(MAX_ENVS)),
+        default_value = "1,2,4,8,16,32,64,128,256,512,1024,2048,4096,5000")]
+    pub(crate) envs: Vec<u32>,
+    /// Task whose episodes are run
+    #[arg(long, value_name = "NAME", value_parser = TASK_PARSER, hide_possible_values = true,
+        default_value = "RaiseCube")]
+    pub(crate) task: TaskId,
+    /// Least time of evaluation per point, in seconds
+    #[arg(long, value_name = "S", value_parser = value_parser!(u32).range(1..=3600), default_value_t = 10)]
+    pub(crate) seconds: u32,
+    /// Rows of each action chunk to execute before the next query; always 1 in ensemble mode
+    #[arg(long, value_name = "M", value_parser = value_parser!(u32).range(1..=MAX_HORIZON as i64),
+        default_value_t = 30)]
+    pub(crate) execute: u32,
+    /// Worker threads of the sim and of each policy host [default: one per core]
+    #[arg(long, value_name = "T", value_parser = value_parser!(u32).range(1..=1024))]
+    pub(crate) threads: Option<u32>,
+    #[command(flatten)]
+    pub(crate) rendering: ImageOptions,
+    /// Folder for the results: fps.json, fps.svg, one CSV file per policy and mode; the same command again
+    /// resumes
+    #[arg(short, long, value_name = "DIR", default_value = "fps")]
+    pub(crate) output: PathBuf,
+    /// Print one JSON object instead of a table
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Show no progress
+    #[arg(long)]
+    pub(crate) quiet: bool,
+}
+
+/// Measures all points that the output folder does not have yet.
+pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
+    let machine = Machine::detect();
+    let plan = speed_plan(args)?;
+    let (points, mut omissions) = plan.points();
+    omissions.iter().for_each(print_omission);
+    let settings = settings(args, &plan, &points, &machine)?;
+    let mut store = PointStore::open(&args.output, &settings).or_user()?;
+    let stop = StopControl::default();
+    let _watch = {
+        let stop = stop.clone();
+        interrupt::watch(move || stop.request()).context("failed to install signal handlers")?
+    };
+    let is_done = |store: &PointStore, point: &PlannedPoint| {
+        store.points.iter().any(|done| done.series == point.series && done.envs == point.envs)
+    };
+    let n_done = points.iter().filter(|point| is_done(&store, point)).count() as u64;
+    let mut progress = Progress::of_points(points.len() as u64, n_done, args.quiet, args.json);
+    for point in points.iter().filter(|point| !is_done(&store, point)).collect::<Vec<_>>() {
+        let previous = store.points.iter().rfind(|done| done.series == point.series);
+        if let Some(reason) = previous.and_then(|previous| plan.too_slow(point.envs, previous)) {
+            let omission = Omission { series: point.series.clone(), envs: point.envs, reason };
+            progress.log(&omission.to_string());
+            progress.skip(1);
+            omissions.push(omission);
+            continue;
+        }
+        progress.status(&[format!("{}, {} envs", point.series.name(), point.envs)]);
+        let Some(measured) = measure(&plan, point, machine.n_cores, &mut progress, &stop)? else {
+            progress.finish();
+            let folder = args.output.display();
+            print_message(&format!("interrupted; {folder}: run the same command to resume"));
+            return Ok(ExitStatus::Interrupted);
+        };
+        store.add(measured).context("failed to store a point").or_user()?;
+        progress.tick();
+    }
+    progress.finish();
+    write_files(&args.output, &settings, &store.points, &omissions).or_user()?;
+    if args.json {
+        let all = std::fs::read_to_string(args.output.join("fps.json")).context("failed to read fps.json")?;
+        print_out(&all)?;
+    } else {
+        print_out(&table(&store.points))?;
+        print_message(&format!("wrote {}", args.output.join("fps.{json,svg}").display()));
+    }
+    let errors = store.points.iter().any(|point| point.errors > 0);
+    Ok(if errors { ExitStatus::EpisodeErrors } else { ExitStatus::Success })
+}
+
+fn print_omission(omission: &Omission) {
+    print_message(&omission.to_string());
+}
+
+fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
+    let mut config = RunConfig { rendering: args.rendering, ..RunConfig::default() };
+    config.results.execute = args.execute;
+    if let Some(threads) = args.threads {
+        config.resources.threads = threads;
+    }
+    let mut envs = args.envs.clone();
+    envs.sort_unstable();
+    envs.dedup();
+    let policies = if args.policies.is_empty() { default_policies(args)? } else { args.policies.clone() };
+    let mut modes = args.modes.clone();
+    modes.dedup();
+    Ok(SpeedPlan { policies, modes, envs, task: args.task, seconds: args.seconds, config })
+}
+
+/// Returns the idle policy, and ACT with random weights in a sub-folder of the output.
+fn default_policies(args: &FpsArgs) -> Result<Vec<NamedPolicy>, Failure> {
+    let folder = args.output.join("act-random");
+    for morphology in Morphology::ALL {
+        let network = folder.join(morphology.name());
+        if !network.exists() {
+            synthetic::write_checkpoint(&network, &ActConfig::full_size(morphology), 0).or_user()?;
+        }
+    }
+    let idle = NamedPolicy { name: "idle".to_owned(), spec: PolicySpec::Idle };
+    let act = NamedPolicy { name: "act".to_owned(), spec: PolicySpec::Act(folder) };
+    Ok(vec![idle, act])
+}
+
+/// Returns what all points have in common. Also checks that the policies can be loaded.
+fn settings(
+    args: &FpsArgs,
+    plan: &SpeedPlan,
+    points: &[PlannedPoint],
+    machine: &Machine,
+) -> Result<SpeedSettings, Failure> {
+    let mut policies = serde_json::Map::new();
+    for policy in &plan.policies {
+        if let Some(point) = points.iter().find(|point| point.series.policy == policy.name) {
+            policies.insert(policy.name.clone(), json!(identities(&point.plan)?[0]));
+        }
+    }
+    let rendering = &plan.config.rendering;
+    Ok(SpeedSettings {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        task: plan.task.name().to_owned(),
+        seconds: args.seconds,
+        policies: Value::Object(policies),
+        options: json!({
+            "execute": args.execute,
+            "threads": plan.config.resources.threads,
+            "renderer": rendering.renderer,
+            "samples": rendering.samples,
+        }),
+        machine: json!(machine),
+    })
+}
