@@ -1,40 +1,65 @@
-//! The bundled checkpoint `checkpoints/act-small`: its size and its success on two tasks.
+//! The bundled checkpoints: their sizes, their success on two tasks, and whether they read their instruction.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::fs;
 use std::path::Path;
 
+use serde_json::Value;
 use support::run;
 
-const CHECKPOINT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints/act-small");
-/// One task per morphology on which the checkpoint nearly always succeeds.
+const ACT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints/act-small");
+const PI05: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints/pi05-small");
+/// One task per morphology on which act-small nearly always succeeds, and pi05-small mostly.
 const TASKS: &str = "PickDishFromRack,DualArmPushBox";
-const EPISODES: &str = "5";
 
 fn bytes_below(folder: &Path) -> u64 {
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     entries.map(|path| if path.is_dir() { bytes_below(&path) } else { path.metadata().unwrap().len() }).sum()
 }
 
-#[test]
-fn bundled_checkpoint_is_small() {
-    let bytes = bytes_below(Path::new(CHECKPOINT));
-    assert!((1 << 20..30_000_000).contains(&bytes), "{bytes} bytes");
+/// Evaluates policies on `TASKS`. Returns (policy, perturbation, `success_once`) of every cell.
+fn success(options: &[&str]) -> Vec<(String, String, f64)> {
+    let dir = tempfile::tempdir().unwrap();
+    let finished = run(dir.path(), &[&["run", "--tasks", TASKS, "--json"], options].concat()).expect_code(0);
+    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
+    let text = |value: &Value| value.as_str().unwrap().to_owned();
+    let cells = report["cells"].as_array().unwrap().iter();
+    cells
+        .map(|cell| {
+            (text(&cell["policy"]), text(&cell["perturbation"]), cell["success_once"].as_f64().unwrap())
+        })
+        .collect()
 }
 
 #[test]
-fn bundled_checkpoint_succeeds_where_idle_fails() {
-    let dir = tempfile::tempdir().unwrap();
-    let act = format!("act=act:{CHECKPOINT}");
-    let policies = ["run", "--policy", "idle", "--policy", &act, "--tasks", TASKS, "--episodes", EPISODES];
-    let finished = run(dir.path(), &[&policies[..], &["--execute", "15", "--json"]].concat()).expect_code(0);
-    let report: serde_json::Value = serde_json::from_str(&finished.stdout).unwrap();
-    let cells = report["cells"].as_array().unwrap();
+fn bundled_checkpoints_are_small() {
+    for checkpoint in [ACT, PI05] {
+        let bytes = bytes_below(Path::new(checkpoint));
+        assert!((1 << 20..15_000_000).contains(&bytes), "{checkpoint}: {bytes} bytes");
+    }
+}
+
+#[test]
+fn act_succeeds_where_idle_fails() {
+    let act = format!("act=act:{ACT}");
+    let cells = success(&["--policy", "idle", "--policy", &act, "--episodes", "5", "--execute", "15"]);
     assert_eq!(cells.len(), 4);
-    for cell in cells {
-        let success = cell["success_once"].as_f64().unwrap();
-        let expected = if cell["policy"] == "act" { success >= 0.6 } else { success == 0.0 };
-        assert!(expected, "{cell}");
+    for (policy, _, success) in cells {
+        let expected = if policy == "act" { success >= 0.6 } else { success == 0.0 };
+        assert!(expected, "{policy} {success}");
+    }
+}
+
+#[test]
+fn pi05_succeeds_only_with_its_instruction() {
+    let pi05 = format!("pi05=pi05:{PI05}");
+    let perturbations = "None,Language-Other-Task";
+    let options = ["--policy", &pi05, "--perturbations", perturbations, "--episodes", "6", "--execute", "15"];
+    let cells = success(&options);
+    assert_eq!(cells.len(), 4);
+    for (_, perturbation, success) in cells {
+        let expected = if perturbation == "None" { success >= 0.3 } else { success == 0.0 };
+        assert!(expected, "{perturbation} {success}");
     }
 }

@@ -53,7 +53,7 @@ pub(crate) enum Command {
     Verify(VerifyArgs),
     /// Measure speed over the number of envs, and where the time goes; the same command again resumes
     Fps(FpsArgs),
-    /// Write a randomly initialised ACT checkpoint, for measuring speed
+    /// Write a checkpoint with random weights, for measuring speed
     Checkpoint(CheckpointArgs),
     /// Print a completion script for a shell
     Completions(CompletionsArgs),

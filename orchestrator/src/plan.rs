@@ -178,7 +178,7 @@ fn stopping_rule(args: &SweepArgs) -> Result<Option<StoppingRule>, PlanError> {
 }
 
 /// Checks that there is a policy and that no two have the same name.
-fn check_policies(policies: &[NamedPolicy]) -> Result<(), PlanError> {
+pub(crate) fn check_policies(policies: &[NamedPolicy]) -> Result<(), PlanError> {
     if policies.is_empty() {
         return Err(PlanError::NoPolicy);
     }

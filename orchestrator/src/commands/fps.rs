@@ -17,6 +17,7 @@ use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::interrupt;
 use crate::machine::Machine;
 use crate::output::{print_message, print_out};
+use crate::plan::check_policies;
 use crate::policy::NamedPolicy;
 use crate::progress::Progress;
 use crate::selection::TASK_PARSER;
@@ -104,6 +105,7 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
         progress.status(&[format!("{}, {} envs", point.series.name(), point.envs)]);
         let Some(measured) = measure(&plan, point, machine.n_cores, &mut progress, &stop)? else {
             progress.finish();
+            write_files(&args.output, &settings, &store.points, &omissions).or_user()?;
             let folder = args.output.display();
             print_message(&format!("interrupted; {folder}: run the same command to resume"));
             return Ok(ExitStatus::Interrupted);
@@ -138,19 +140,27 @@ fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
     envs.sort_unstable();
     envs.dedup();
     let policies = if args.policies.is_empty() { default_policies(args)? } else { args.policies.clone() };
-    let mut modes = args.modes.clone();
-    modes.dedup();
+    check_policies(&policies).or_user()?;
+    let mut modes = Vec::new();
+    for &mode in &args.modes {
+        if !modes.contains(&mode) {
+            modes.push(mode);
+        }
+    }
     Ok(SpeedPlan { policies, modes, envs, task: args.task, seconds: args.seconds, config })
 }
 
 /// Returns the idle policy, and ACT with random weights in a sub-folder of the output.
 fn default_policies(args: &FpsArgs) -> Result<Vec<NamedPolicy>, Failure> {
     let folder = args.output.join("act-random");
-    for morphology in Morphology::ALL {
-        let network = folder.join(morphology.name());
-        if !network.exists() {
+    if !folder.exists() {
+        let partial = args.output.join("act-random.partial");
+        for morphology in Morphology::ALL {
+            let network = partial.join(morphology.name());
             synthetic::write_checkpoint(&network, &ActConfig::full_size(morphology), 0).or_user()?;
         }
+        let failed = || format!("failed to rename {}", partial.display());
+        std::fs::rename(&partial, &folder).with_context(failed).or_user()?;
     }
     let idle = NamedPolicy { name: "idle".to_owned(), spec: PolicySpec::Idle };
     let act = NamedPolicy { name: "act".to_owned(), spec: PolicySpec::Act(folder) };

@@ -13,8 +13,8 @@ use crate::selection::{PerturbationSelector, TaskSelector};
 /// The options of a run that a sweep file can state as well. Paths are relative to the current folder.
 #[derive(Args, Clone, Debug, PartialEq)]
 pub(crate) struct SweepArgs {
-    /// Policy and its name in the results (repeatable); SPEC is idle, random, expert, act:PATH, act-int8:PATH
-    /// or attach:NAME
+    /// Policy and its name in the results (repeatable); SPEC is idle, random, expert, act:PATH,
+    /// act-int8:PATH, pi05:PATH, pi05-int8:PATH or attach:NAME
     #[arg(long = "policy", value_name = "NAME=SPEC")]
     pub(crate) policies: Vec<NamedPolicy>,
     /// Tasks, comma-separated: names, all, single or bimanual [default: all]

@@ -79,9 +79,14 @@ pub(crate) fn fps_curve(series: &[Scatter]) -> anyhow::Result<String> {
             .margin(8)
             .x_label_area_size(42)
             .y_label_area_size(62)
-            .build_cartesian_2d((1.0..max_x * 1.1).log_scale(), (min_y / 1.2..max_y * 1.2).log_scale())?;
+            .build_cartesian_2d(
+                (1.0..max_x * 1.1).log_scale().base(2.0),
+                (min_y / 1.2..max_y * 1.2).log_scale(),
+            )?;
         let mut mesh = chart.configure_mesh();
         mesh.light_line_style(TRANSPARENT).x_desc("environments").y_desc("frames per second");
+        let whole: &dyn Fn(&f64) -> String = &|value| format!("{value:.0}");
+        mesh.x_label_formatter(whole).y_label_formatter(whole);
         mesh.draw()?;
         for one in series {
             chart.draw_series(LineSeries::new(one.points.iter().copied(), one.color.stroke_width(2)))?;
