@@ -11,7 +11,7 @@ use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
 /// Number of episodes per task, of which at least one must succeed.
-const TRIES: u32 = 4;
+const TRIES: u32 = 12;
 
 fn subject(task: TaskId) -> EpisodeSpec {
     let perturbation = Composition::from(Perturbation::None);
