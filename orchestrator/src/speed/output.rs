@@ -47,11 +47,9 @@ pub(crate) fn table(points: &[SpeedPoint]) -> String {
         let micro = |seconds: f64| format!("{:.0}", 1e6 * seconds);
         let milli = |seconds: Option<f64>| seconds.map_or("–".to_owned(), |s| format!("{:.1}", 1e3 * s));
         let parts = point.core_s_per_step;
-        let name = point.series.name();
-        let mode = name.rsplit('-').next().unwrap_or_default().to_owned();
         table.row(vec![
             point.series.policy.clone(),
-            mode,
+            point.series.mode_name().to_owned(),
             point.envs.to_string(),
             format!("{:.1}", point.env_steps_per_s),
             format!("{:.1}", point.paper_fps),

@@ -127,11 +127,15 @@ impl SpeedPoint {
 impl Series {
     /// Returns policy and mode, as used in file names.
     pub(crate) fn name(&self) -> String {
-        let mode = match self.mode {
+        format!("{}-{}", self.policy, self.mode_name())
+    }
+
+    /// Returns the mode as on the command line.
+    pub(super) fn mode_name(&self) -> &'static str {
+        match self.mode {
             QueryMode::Chunk => "chunk",
             QueryMode::Ensemble => "ensemble",
-        };
-        format!("{}-{mode}", self.policy)
+        }
     }
 }
 
