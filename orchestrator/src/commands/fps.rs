@@ -32,7 +32,7 @@ pub(crate) struct FpsArgs {
     /// size with random weights]
     #[arg(long = "policy", value_name = "NAME=SPEC")]
     pub(crate) policies: Vec<NamedPolicy>,
-    /// Uses of action chunks, comma-separated: a query per 30 control steps, or at every step
+    /// Query modes, comma-separated: chunk queries once per --execute control steps, ensemble at every step
     #[arg(
         long = "mode",
         value_enum,
