@@ -1,7 +1,5 @@
-//! Shared code of the benchmarks: command-line parsing, CSV reports, peer processes to compare with, and the
-//! processor's peak arithmetic throughput.
+//! Shared code of the benchmarks: command-line parsing, CSV reports, and peer processes to compare with.
 
-mod fma;
 mod peer;
 
 use std::fmt::Write as _;
@@ -9,7 +7,6 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
-pub use fma::peak_gflop_per_s;
 pub use peer::Peer;
 
 /// Measurements of one benchmark. CSV columns: bench, case, value, unit, note.

@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use benches::{Peer, Report, median, peak_gflop_per_s};
+use benches::{Peer, Report, median};
 use policy_host::checkpoint::pi05::Pi05Checkpoint;
 use policy_host::generated::{fnv1a64, sym};
 use policy_host::nn::Precision;

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use benches::{Peer, Report, median, peak_gflop_per_s};
+use benches::{Peer, Report, median};
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::block_pages;
@@ -28,6 +28,7 @@ use policy_host::generated::{fnv1a64, unit};
 use policy_host::nn::Precision;
 use policy_host::nn::matmul::{Accum, matmul, view, view_mut};
 use policy_host::nn::packed::PackedWeights;
+use policy_host::nn::peak::peak_gflop_per_s;
 use policy_host::{ActionChunk, Policy, synthetic};
 
 /// Minimum measuring time per case.

@@ -22,7 +22,7 @@ fn rows_are_independent_of_envs_and_threads() {
     let alone = run(&["--envs", "1"]);
     assert_eq!(alone.len(), 3 * sim::TaskId::ALL.len() * 2);
     assert_eq!(alone, run(&["--envs", "7", "--threads", "1"]));
-    assert_eq!(alone, run(&["--envs", "32", "--threads", "2"]));
+    assert_eq!(alone, run(&[]), "envs and threads are chosen during the run");
 }
 
 #[test]

@@ -11,6 +11,7 @@ pub mod layout;
 pub mod link;
 pub mod morphology;
 pub mod run_config;
+pub mod trace;
 
 pub use error_chain::error_chain;
 pub use frame::{ActionHeader, ActionView, FrameError, ObservationHeader, ObservationView};

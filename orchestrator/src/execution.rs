@@ -10,6 +10,7 @@ use ipc_types::link::LaneSpec;
 use policy_host::PolicySpec;
 use sim::serve::protocol::{Driver, Lane};
 
+use crate::capacity::Capacity;
 use crate::exit::{Failure, OrUser};
 use crate::fleet::{
     self, Fleet, FleetConfig, FleetError, FleetEvent, IsWanted, PolicyLane, RunStatus, Totals,
@@ -51,16 +52,20 @@ pub(crate) fn execute(
     if todo.is_empty() {
         return Ok((RunStatus::Complete, Totals::default()));
     }
-    let fleet = fleet(plan, earlier_renderer)?;
+    let fleet = fleet(plan, todo.len(), earlier_renderer)?;
     let stopper = fleet.stopper();
     let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
     fleet.run(todo, is_wanted, &mut sink).map_err(as_failure)
 }
 
-/// Makes the fleet of a plan. Starts nothing.
-pub(crate) fn fleet(plan: &RunPlan, earlier_renderer: Option<String>) -> Result<Fleet, Failure> {
+/// Makes the fleet for `n_jobs` episodes of a plan. Starts nothing.
+pub(crate) fn fleet(
+    plan: &RunPlan,
+    n_jobs: usize,
+    earlier_renderer: Option<String>,
+) -> Result<Fleet, Failure> {
     let program = std::env::current_exe().context("failed to find the executable of this process")?;
-    Ok(Fleet::new(fleet_config(plan, program, earlier_renderer)))
+    Ok(Fleet::new(fleet_config(plan, Capacity::new(plan, n_jobs), program, earlier_renderer)))
 }
 
 /// Classifies an error of a fleet by who can fix it.
@@ -70,7 +75,12 @@ pub(crate) fn as_failure(error: FleetError) -> Failure {
     if is_user_error { Failure::User(error) } else { Failure::Bug(error) }
 }
 
-fn fleet_config(plan: &RunPlan, program: PathBuf, earlier_renderer: Option<String>) -> FleetConfig {
+fn fleet_config(
+    plan: &RunPlan,
+    capacity: Capacity,
+    program: PathBuf,
+    earlier_renderer: Option<String>,
+) -> FleetConfig {
     FleetConfig {
         program,
         base: fleet::base(),
@@ -79,15 +89,15 @@ fn fleet_config(plan: &RunPlan, program: PathBuf, earlier_renderer: Option<Strin
         run_id: RandomState::new().hash_one(std::process::id()),
         run: plan.config.clone(),
         earlier_renderer,
-        lanes: lanes(plan),
+        lanes: lanes(plan, capacity.batch),
+        capacity,
         morphologies: plan.morphologies(),
         limits: fleet::Limits::default(),
     }
 }
 
-/// Returns the policies that run outside the sim. A batch holds half of the envs, so that the others step
-/// meanwhile.
-pub(crate) fn lanes(plan: &RunPlan) -> Vec<PolicyLane> {
+/// Returns the policies that run outside the sim, with up to `batch` envs in a message.
+pub(crate) fn lanes(plan: &RunPlan, batch: u32) -> Vec<PolicyLane> {
     let policy = |(policy, driver): (&NamedPolicy, Driver)| {
         let Driver::Lane(lane) = driver else { return None };
         let images = policy.spec.needs_images();
@@ -96,7 +106,7 @@ pub(crate) fn lanes(plan: &RunPlan) -> Vec<PolicyLane> {
         let spec = LaneSpec {
             lane,
             policy: policy.name.clone(),
-            max_envs: plan.config.resources.envs.div_ceil(2),
+            max_envs: batch,
             block_pages: max_pages.unwrap_or(1) as u32,
             in_flight: IN_FLIGHT,
         };

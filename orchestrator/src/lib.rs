@@ -10,6 +10,7 @@
 //! (SQLite) → `report`.
 
 mod analysis;
+mod capacity;
 mod cli;
 mod commands;
 mod demos;
@@ -40,6 +41,7 @@ mod stopping;
 mod stored_episode;
 mod sweep;
 mod table;
+mod trace_file;
 
 use std::ffi::OsString;
 use std::process::ExitCode;

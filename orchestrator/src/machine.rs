@@ -2,6 +2,7 @@
 
 use std::thread::available_parallelism;
 
+use policy_host::nn::peak::peak_gflop_per_s;
 use serde::Serialize;
 
 /// The facts about a machine that timings depend on.
@@ -25,6 +26,24 @@ impl Machine {
             n_cores: available_parallelism().map_or(1, |n| n.get().try_into().unwrap_or(u32::MAX)),
             os: format!("{} {} {}", part(name.sysname()), part(name.release()), part(name.machine())),
         }
+    }
+}
+
+/// The cores of a machine, and what they could compute.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Cores {
+    /// Number of cores this process may use.
+    pub(crate) count: u32,
+    /// Peak of a core in f32 while all are busy, on registers only, in GFLOP/s; `None` if not measured.
+    pub(crate) peak_gflop: Option<f64>,
+}
+
+impl Cores {
+    /// Counts the cores, and measures their peak if that is wanted (0.07 s).
+    pub(crate) fn measure(machine: &Machine, with_peak: bool) -> Self {
+        let count = machine.n_cores;
+        let peak = || peak_gflop_per_s(count as usize) / f64::from(count);
+        Self { count, peak_gflop: with_peak.then(peak) }
     }
 }
 

@@ -210,6 +210,8 @@ fn conditions(tasks: &[TaskId], selectors: &[PerturbationSelector]) -> Result<Ve
 
 #[cfg(test)]
 mod tests {
+    use ipc_types::run_config::Amount;
+
     use super::*;
 
     /// Resolves the arguments of `run`. An error is returned as its text, a clap error without the usage.
@@ -233,8 +235,8 @@ mod tests {
         assert!(plan.conditions.iter().all(|condition| condition.perturbation == Perturbation::None.into()));
         assert_eq!((plan.episodes, plan.config), (10, RunConfig::default()));
         let RunConfig { results, resources, .. } = RunConfig::default();
-        assert_eq!((results.seed, resources.envs), (0, 16));
-        assert_eq!(resources.threads as usize, std::thread::available_parallelism().unwrap().get());
+        assert_eq!((results.seed, resources.envs, resources.threads), (0, Amount::Auto, Amount::Auto));
+        assert_eq!(resources.n_threads() as usize, std::thread::available_parallelism().unwrap().get());
         assert_eq!((results.mode, results.execute), (QueryMode::Chunk, 30));
         assert_eq!(plan.db, PathBuf::from("hypogeum.db"));
     }
@@ -323,7 +325,7 @@ mod tests {
     error: invalid value 'pd_joint' for '--control-mode <CONTROL_MODE>'
       [possible values: pd_ee_delta_pose, pd_joint_pos, pd_ee_pose]
     "#);
-        insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"error: invalid value '0' for '--envs <N>': 0 is not in 1..=8192");
+        insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"error: invalid value '0' for '--envs <N>': expected auto or a number from 1 to 8192");
         insta::assert_snapshot!(wrong("--policy idle --execute 64"), @"error: invalid value '64' for '--execute <M>': 64 is not in 1..=63");
         insta::assert_snapshot!(wrong("--policy idle --mode ensemble --latency 80"), @"--latency is 80 ms, but ensemble mode averages predictions for the present step: use --mode chunk");
         insta::assert_snapshot!(wrong("--policy idle --control-mode pd_ee_pose --latency 80"), @"--latency is 80 ms, but pd_ee_pose has no action that holds the start pose: use another --control-mode");

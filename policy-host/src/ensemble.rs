@@ -84,6 +84,10 @@ impl Policy for Ensemble {
     fn note(&self, _execute: u32, stopwatch: Stopwatch<'_>) -> Option<String> {
         self.inner.note(1, stopwatch)
     }
+
+    fn flop_per_query(&self, morphology: Morphology) -> u64 {
+        self.inner.flop_per_query(morphology)
+    }
 }
 
 impl ChunkHistory {

@@ -24,18 +24,24 @@ pub enum LoadError {
     Folder(#[from] CheckpointFolderError),
 }
 
-/// Loads a policy that uses up to `n_threads` threads of the rayon pool in which it is called.
+/// Loads a policy for these robots, of whose networks only those are read. It uses up to `n_threads` threads
+/// of the rayon pool in which it is called.
 ///
 /// # Errors
 /// If the policy does not run in a policy host, or its checkpoint cannot be loaded.
-pub fn load(spec: &PolicySpec, n_threads: usize, mode: QueryMode) -> Result<Box<dyn Policy>, LoadError> {
+pub fn load(
+    spec: &PolicySpec,
+    n_threads: usize,
+    mode: QueryMode,
+    robots: &[Morphology],
+) -> Result<Box<dyn Policy>, LoadError> {
     let policy: Box<dyn Policy> = match spec {
         PolicySpec::Idle => Box::new(IdlePolicy),
         PolicySpec::Random => Box::new(RandomPolicy),
-        PolicySpec::Act(folder) => Box::new(ActPolicy::load(folder, Precision::F32, n_threads)?),
-        PolicySpec::ActInt8(folder) => Box::new(ActPolicy::load(folder, Precision::Int8, n_threads)?),
-        PolicySpec::Pi05(source) => Box::new(load_pi05(source, Precision::F32)?),
-        PolicySpec::Pi05Int8(source) => Box::new(load_pi05(source, Precision::Int8)?),
+        PolicySpec::Act(folder) => Box::new(ActPolicy::load(folder, Precision::F32, n_threads, robots)?),
+        PolicySpec::ActInt8(folder) => Box::new(ActPolicy::load(folder, Precision::Int8, n_threads, robots)?),
+        PolicySpec::Pi05(source) => Box::new(load_pi05(source, Precision::F32, robots)?),
+        PolicySpec::Pi05Int8(source) => Box::new(load_pi05(source, Precision::Int8, robots)?),
         PolicySpec::Expert | PolicySpec::Attach(_) => {
             return Err(LoadError::NotHosted { spec: spec.clone() });
         }
@@ -60,6 +66,11 @@ pub fn check(spec: &PolicySpec, robots: &[(Morphology, ControlMode)]) -> Result<
     }
 }
 
-fn load_pi05(source: &Pi05Source, precision: Precision) -> Result<Pi05Policy, CheckpointFolderError> {
-    Pi05Policy::load(&source.folder, precision, source.n_steps.map(|steps| steps.get() as usize))
+fn load_pi05(
+    source: &Pi05Source,
+    precision: Precision,
+    robots: &[Morphology],
+) -> Result<Pi05Policy, CheckpointFolderError> {
+    let n_steps = source.n_steps.map(|steps| steps.get() as usize);
+    Pi05Policy::load(&source.folder, precision, n_steps, robots)
 }

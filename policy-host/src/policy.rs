@@ -44,6 +44,12 @@ pub trait Policy: Send {
         None
     }
 
+    /// Returns the floating-point operations of a query for this robot, counted in matrix products and
+    /// convolutions; 0 if the policy is no network.
+    fn flop_per_query(&self, _morphology: Morphology) -> u64 {
+        0
+    }
+
     /// Returns the decay `m` of the temporal ensemble's weights for this robot ([`crate::ensemble`]).
     fn ensemble_decay(&self, _morphology: Morphology) -> f64 {
         DEFAULT_ENSEMBLE_DECAY

@@ -11,8 +11,10 @@ use std::time::{Duration, Instant};
 use bytemuck::Zeroable;
 use cpu_time::ProcessTime;
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkError, LinkNode, ObservationMessage};
+use ipc_types::trace::{self, Activity, Span};
 use ipc_types::{
-    ActionBlock, ActionHeader, FrameError, ObservationHeader, ObservationView, RunConfig, SCHEMA_HASH,
+    ActionBlock, ActionHeader, FrameError, Morphology, ObservationHeader, ObservationView, RunConfig,
+    SCHEMA_HASH,
 };
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -28,7 +30,7 @@ const SPIN_TIME: Duration = Duration::from_micros(50);
 /// Maximum time to block, after which standard input is checked.
 const WAIT_TIMEOUT: Duration = Duration::from_millis(100);
 /// Minimum time between two ledger events.
-const LEDGER_PERIOD: Duration = Duration::from_secs(1);
+const LEDGER_PERIOD: Duration = Duration::from_millis(100);
 
 /// Configuration of a host, passed by its parent at start.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,6 +43,8 @@ pub struct HostConfig {
     pub lane: LaneSpec,
     /// Policy to load.
     pub spec: PolicySpec,
+    /// Robots of the run's tasks.
+    pub morphologies: Vec<Morphology>,
     /// Options of the run.
     pub run: RunConfig,
 }
@@ -58,7 +62,7 @@ pub enum HostEvent {
         /// A sentence.
         message: String,
     },
-    /// Cumulative work, sent at most once per second and once at the end.
+    /// Cumulative work, sent at most ten times a second and once at the end.
     Ledger {
         /// Number of env queries answered.
         queries: u64,
@@ -68,7 +72,11 @@ pub enum HostEvent {
         busy_s: f64,
         /// Core-seconds of the whole process since its first query.
         cpu_s: f64,
+        /// Floating-point operations of the answered queries ([`Policy::flop_per_query`]).
+        flop: u64,
     },
+    /// What the threads have done since the last such event, if they are traced.
+    Spans(Vec<Span>),
     /// A message could not be answered. The host continues.
     Failed {
         /// Error with its causes.
@@ -123,9 +131,12 @@ pub fn serve_with(
     output: impl Write + Send,
 ) -> Result<(), ServeError> {
     let closed = watch(input)?;
-    let threads = config.run.resources.threads as usize;
+    if config.run.resources.trace.is_some() {
+        trace::enable();
+    }
+    let threads = config.run.resources.n_threads() as usize;
     let started = Instant::now();
-    let policy = load(&config.spec, threads, config.run.results.mode)?;
+    let policy = load(&config.spec, threads, config.run.results.mode, &config.morphologies)?;
     let load_ms = started.elapsed().as_secs_f64() * 1e3;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|source| ServeError::Threads { threads, source })?;
@@ -181,13 +192,17 @@ impl<W: Write> Host<W> {
             } else if last_message.elapsed() < SPIN_TIME {
                 std::hint::spin_loop();
             } else {
+                let waiting = trace::span(Activity::Wait);
                 self.lane.wait(WAIT_TIMEOUT)?;
+                waiting.finish(0);
                 last_message = Instant::now();
             }
             if let Some(event) = self.ledger.due() {
                 self.report(&event)?;
+                self.report_spans()?;
             }
         }
+        self.report_spans()?;
         let event = self.ledger.event();
         self.report(&event)
     }
@@ -198,8 +213,13 @@ impl<W: Write> Host<W> {
         let n_envs = header.n_envs.clamp(1, max_envs);
         let mut loan = self.lane.loan(n_envs as usize)?;
         let start = ProcessTime::now();
+        let inferring = trace::span(Activity::Infer);
         let outcome = self.act(header, &message, loan.blocks_mut());
+        inferring.finish(n_envs.into());
         self.ledger.add(n_envs, start);
+        if outcome.is_ok() {
+            self.ledger.flop += u64::from(n_envs) * self.flop_per_query(header.morphology);
+        }
         let mut status = 0;
         if let Err(error) = outcome {
             status = 1;
@@ -239,6 +259,15 @@ impl<W: Write> Host<W> {
         Ok(())
     }
 
+    fn flop_per_query(&self, morphology: u32) -> u64 {
+        Morphology::from_code(morphology).map_or(0, |morphology| self.policy.flop_per_query(morphology))
+    }
+
+    fn report_spans(&mut self) -> Result<(), ServeError> {
+        let spans = trace::take();
+        if spans.is_empty() { Ok(()) } else { self.report(&HostEvent::Spans(spans)) }
+    }
+
     fn report(&mut self, event: &HostEvent) -> Result<(), ServeError> {
         let line = serde_json::to_string(event).map_err(|error| ServeError::Report(error.into()))?;
         writeln!(self.output, "{line}").and_then(|()| self.output.flush()).map_err(ServeError::Report)
@@ -250,6 +279,7 @@ struct WorkCounter {
     queries: u64,
     batches: u64,
     busy_s: f64,
+    flop: u64,
     /// Start of the first query.
     first_query: Option<ProcessTime>,
     reported: Instant,
@@ -262,6 +292,7 @@ impl WorkCounter {
             queries: 0,
             batches: 0,
             busy_s: 0.0,
+            flop: 0,
             first_query: None,
             reported: Instant::now(),
             reported_batches: 0,
@@ -288,6 +319,7 @@ impl WorkCounter {
 
     fn event(&self) -> HostEvent {
         let cpu_s = self.first_query.map_or(0.0, |start| start.elapsed().as_secs_f64());
-        HostEvent::Ledger { queries: self.queries, batches: self.batches, busy_s: self.busy_s, cpu_s }
+        let Self { queries, batches, busy_s, flop, .. } = *self;
+        HostEvent::Ledger { queries, batches, busy_s, cpu_s, flop }
     }
 }

@@ -20,7 +20,7 @@ use crate::counting::allocations;
 fn query_allocates_nothing_after_warm_up() {
     let folder: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests/data/act-tiny"].iter().collect();
     for (mode, n_threads) in [(QueryMode::Chunk, 1), (QueryMode::Chunk, 2), (QueryMode::Ensemble, 2)] {
-        let mut policy = load(&PolicySpec::Act(folder.clone()), n_threads, mode).unwrap();
+        let mut policy = load(&PolicySpec::Act(folder.clone()), n_threads, mode, &Morphology::ALL).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
         let batches = [
             ObservationBatch::of(Morphology::Single, &[0]),

@@ -5,15 +5,18 @@
 //! the manifest of a results file. To add an option, add a field, and read it where it takes effect. The doc
 //! comment of the field is its help text.
 
+mod amount;
 mod choices;
 mod language_file;
 mod strength;
 
+use std::path::PathBuf;
 use std::thread::available_parallelism;
 
 use clap::{Args, Command, FromArgMatches, value_parser};
 use serde::{Deserialize, Serialize};
 
+pub use self::amount::{Amount, AmountError};
 pub use self::choices::{Profile, QueryMode, RendererChoice, Samples};
 pub use self::language_file::{LanguageFile, LanguageFileError};
 pub use self::strength::{Strength, StrengthError};
@@ -22,6 +25,8 @@ use crate::layout::MAX_HORIZON;
 
 /// Largest number of episodes in progress at a time.
 pub const MAX_ENVS: u32 = 8192;
+/// Largest number of worker threads of a process.
+pub const MAX_THREADS: u32 = 1024;
 
 /// All options of a run that reach its processes, grouped by what they may influence.
 #[derive(Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,17 +90,21 @@ pub struct ImageOptions {
 }
 
 /// Options that never change a result, only the resources a run needs and the detail it records.
-#[derive(Args, Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResourceOptions {
-    /// Episodes in progress at a time
-    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..=i64::from(MAX_ENVS)), default_value_t = 16)]
-    pub envs: u32,
-    /// Worker threads of the sim and of each policy host; by default one per core
-    #[arg(long, value_name = "T", value_parser = value_parser!(u32).range(1..=1024), default_value_t = n_cores())]
-    pub threads: u32,
+    /// Episodes in progress at a time: a number, or auto to choose it from costs measured during the run
+    #[arg(long, value_name = "N", value_parser = Amount::parser(MAX_ENVS), default_value = "auto")]
+    pub envs: Amount,
+    /// Worker threads of the sim and of each policy host: a number, or auto for one per core
+    #[arg(long, value_name = "T", value_parser = Amount::parser(MAX_THREADS), default_value = "auto")]
+    pub threads: Amount,
     /// Record every executed action in the results file, for `replay`
     #[arg(long)]
     pub keep_actions: bool,
+    /// Record what all threads do and when, in a file that ui.perfetto.dev opens
+    #[arg(long, value_name = "FILE.json")]
+    #[serde(default)]
+    pub trace: Option<PathBuf>,
 }
 
 impl ResultOptions {
@@ -103,6 +112,14 @@ impl ResultOptions {
     #[must_use]
     pub const fn latency_steps(&self) -> u32 {
         self.latency.div_ceil(CONTROL_STEP_MS)
+    }
+}
+
+impl ResourceOptions {
+    /// Returns the number of worker threads of a process. Asking the system takes tens of microseconds.
+    #[must_use]
+    pub fn n_threads(&self) -> u32 {
+        self.threads.or_else(n_cores)
     }
 }
 
@@ -119,7 +136,8 @@ impl Default for RunConfig {
 }
 
 /// Returns the number of cores this process may use.
-fn n_cores() -> u32 {
+#[must_use]
+pub fn n_cores() -> u32 {
     available_parallelism().map_or(1, |n| n.get().try_into().unwrap_or(u32::MAX))
 }
 

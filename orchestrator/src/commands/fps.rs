@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::{Args, value_parser};
 use ipc_types::layout::MAX_HORIZON;
-use ipc_types::run_config::{ImageOptions, MAX_ENVS, QueryMode};
+use ipc_types::run_config::{Amount, ImageOptions, MAX_ENVS, QueryMode};
 use ipc_types::{Morphology, RunConfig};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::{PolicySpec, synthetic};
@@ -15,7 +15,7 @@ use sim::TaskId;
 use crate::execution::identities;
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::interrupt;
-use crate::machine::Machine;
+use crate::machine::{Cores, Machine};
 use crate::output::{print_message, print_out};
 use crate::plan::check_policies;
 use crate::policy::NamedPolicy;
@@ -82,6 +82,8 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
     let (points, mut omissions) = plan.points();
     omissions.iter().for_each(print_omission);
     let settings = settings(args, &plan, &points, &machine)?;
+    let has_network = plan.policies.iter().any(|policy| policy.spec.checkpoint().is_some());
+    let cores = Cores::measure(&machine, has_network);
     let mut store = PointStore::open(&args.output, &settings).or_user()?;
     let stop = StopControl::default();
     let _watch = {
@@ -103,7 +105,7 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
             continue;
         }
         progress.status(&[format!("{}, {} envs", point.series.name(), point.envs)]);
-        let Some(measured) = measure(&plan, point, machine.n_cores, &mut progress, &stop)? else {
+        let Some(measured) = measure(&plan, point, cores, &mut progress, &stop)? else {
             progress.finish();
             write_files(&args.output, &settings, &store.points, &omissions).or_user()?;
             let folder = args.output.display();
@@ -134,7 +136,7 @@ fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
     let mut config = RunConfig { rendering: args.rendering, ..RunConfig::default() };
     config.results.execute = args.execute;
     if let Some(threads) = args.threads {
-        config.resources.threads = threads;
+        config.resources.threads = Amount::Fixed(threads);
     }
     let mut envs = args.envs.clone();
     envs.sort_unstable();
@@ -188,7 +190,7 @@ fn settings(
         policies: Value::Object(policies),
         options: json!({
             "execute": args.execute,
-            "threads": plan.config.resources.threads,
+            "threads": plan.config.resources.n_threads(),
             "renderer": rendering.renderer,
             "samples": rendering.samples,
         }),

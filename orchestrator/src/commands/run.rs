@@ -1,10 +1,11 @@
 //! `hypogeum run`: evaluates policies, stores the results and reports them.
 
 use std::cell::{Cell, RefCell};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
+use ipc_types::trace::{self, Activity, Span};
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
 
@@ -13,7 +14,7 @@ use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::fleet::{FleetEvent, RunStatus, Totals};
 use crate::jobs::{Job, jobs};
 use crate::live::RunningSuccess;
-use crate::machine::Machine;
+use crate::machine::{Cores, Machine};
 use crate::output::{print_message, print_out};
 use crate::plan::RunPlan;
 use crate::progress::Progress;
@@ -21,6 +22,7 @@ use crate::report::{self, Fps};
 use crate::results::{EpisodeKey, Manifest, Results, STOPPING};
 use crate::stopping::{SequentialCell, Stopping};
 use crate::sweep::SweepArgs;
+use crate::trace_file::TraceFile;
 
 /// Arguments of `run`.
 #[derive(Debug, Args)]
@@ -69,6 +71,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         success: RunningSuccess::new(&plan, &results)?,
         stopping: &stopping,
         n_skipped: &n_skipped,
+        trace: open_trace(plan.config.resources.trace.as_deref()).or_user()?,
     };
     let is_wanted = |job: &Job| {
         let wanted = stopping.borrow().as_ref().is_none_or(|stopping| stopping.is_wanted(job));
@@ -79,10 +82,13 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let outcome = execute(&plan, todo, earlier_renderer, &is_wanted, |event| {
         match event {
             FleetEvent::EpisodeFinished(job, outcome) => {
+                let storing = trace::span(Activity::Store);
                 results.record(key(job), job.seed, outcome)?;
+                storing.finish(1);
                 live.on_finished(job, outcome);
             }
             FleetEvent::Counters(counters) => live.progress.counters(counters),
+            FleetEvent::Spans(process, spans) => live.on_spans(process, spans)?,
             FleetEvent::Log(line) => live.progress.log(line),
             // Results do not depend on the renderer if no policy reads images.
             FleetEvent::RendererReady(identity) if plan.needs_images() => results.set_renderer(identity)?,
@@ -91,6 +97,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         Ok(())
     });
     live.progress.finish();
+    live.trace.map_or(Ok(()), TraceFile::finish).or_user()?;
     let resume_hint =
         || format!("{}: finished episodes are stored; run the same command to resume", plan.db.display());
     let (status, totals) = outcome.inspect_err(|_| print_message(&resume_hint()))?;
@@ -102,7 +109,8 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         print_message(&format!("interrupted; {}", resume_hint()));
         return Ok(ExitStatus::Interrupted);
     }
-    let fps = Fps::new(&totals, started.elapsed(), machine.n_cores);
+    let elapsed = started.elapsed();
+    let fps = Fps::new(&totals, elapsed, Cores::measure(&machine, totals.hosts().flop > 0));
     let conclusions = stopping.borrow().as_ref().map_or_else(Vec::new, Stopping::conclusions);
     let mut run = json!(manifest);
     run["environment"] = environment;
@@ -138,6 +146,7 @@ struct Live<'a> {
     stopping: &'a RefCell<Option<Stopping>>,
     /// Jobs that were dropped since the display was updated.
     n_skipped: &'a Cell<u64>,
+    trace: Option<TraceFile>,
 }
 
 impl Live<'_> {
@@ -151,6 +160,21 @@ impl Live<'_> {
         self.progress.status(&self.success.parts(self.stopping.borrow().as_ref()));
         self.progress.tick();
     }
+
+    fn on_spans(&mut self, process: &str, spans: &[Span]) -> anyhow::Result<()> {
+        let Some(file) = &mut self.trace else { return Ok(()) };
+        file.add(process, spans)?;
+        file.add("orchestrator", &trace::take())
+    }
+}
+
+/// Creates the trace file, if there is to be one, and starts recording in this process.
+fn open_trace(path: Option<&Path>) -> anyhow::Result<Option<TraceFile>> {
+    let file = path.map(TraceFile::create).transpose()?;
+    if file.is_some() {
+        trace::enable();
+    }
+    Ok(file)
 }
 
 fn print_report(
@@ -168,7 +192,8 @@ fn print_report(
 fn environment(plan: &RunPlan, machine: &Machine, totals: &Totals) -> Value {
     json!({
         "envs": plan.config.resources.envs,
-        "threads": plan.config.resources.threads,
+        "env_choice": totals.choice,
+        "threads": plan.config.resources.n_threads(),
         "renderer": plan.config.rendering.renderer,
         "adapter": totals.renderer,
         "shm_bytes": totals.shm_bytes,

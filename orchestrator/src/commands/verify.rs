@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use anyhow::{Context, anyhow, ensure};
 use clap::Args;
 use ipc_types::RunConfig;
-use ipc_types::run_config::{ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions, Samples};
+use ipc_types::run_config::{
+    Amount, ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions, Samples,
+};
 use policy_host::PolicySpec;
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
@@ -136,8 +138,8 @@ fn config(file: &ResultsFile, args: &VerifyArgs) -> anyhow::Result<RunConfig> {
     if let Some(identity) = file.manifest.get("renderer").and_then(Value::as_str) {
         config.rendering = image_options(identity);
     }
-    config.resources.envs = args.envs;
-    config.resources.threads = args.threads.unwrap_or(config.resources.threads);
+    config.resources.envs = Amount::Fixed(args.envs);
+    config.resources.threads = args.threads.map_or(config.resources.threads, Amount::Fixed);
     Ok(config)
 }
 
@@ -263,7 +265,7 @@ fn run(
             }
             FleetEvent::Counters(counters) => progress.counters(counters),
             FleetEvent::Log(line) => progress.log(line),
-            FleetEvent::RendererReady(_) => {}
+            FleetEvent::RendererReady(_) | FleetEvent::Spans(..) => {}
         }
         Ok(())
     });

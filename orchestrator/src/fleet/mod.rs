@@ -13,12 +13,14 @@ mod process;
 mod queue;
 mod supervisor;
 mod totals;
+mod tuner;
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use ipc_types::link::{Domain, check_budget};
+use ipc_types::trace::Span;
 use ipc_types::{Morphology, RunConfig};
 use policy_host::PolicySpec;
 use sim::serve::protocol::{Counters, Lane, Outcome};
@@ -32,6 +34,8 @@ use self::supervisor::Supervisor;
 #[cfg(test)]
 pub(crate) use self::totals::HostWork;
 pub(crate) use self::totals::Totals;
+pub(crate) use self::tuner::{EnvChoice, EnvTrial};
+use crate::capacity::Capacity;
 use crate::jobs::Job;
 
 /// The configuration of a fleet.
@@ -49,6 +53,8 @@ pub(crate) struct FleetConfig {
     pub(crate) run: RunConfig,
     /// Identity of the renderer of earlier results, which this run must match.
     pub(crate) earlier_renderer: Option<String>,
+    /// Numbers of envs.
+    pub(crate) capacity: Capacity,
     /// Policies outside the sim, by lane.
     pub(crate) lanes: Vec<PolicyLane>,
     /// Morphologies of the tasks.
@@ -70,7 +76,7 @@ pub(crate) struct Limits {
     pub(crate) sim_start: Duration,
     /// Time for a policy host to get ready, which includes loading its checkpoint.
     pub(crate) host_start: Duration,
-    /// Time without output after which a sim counts as hung. A sim reports every second.
+    /// Time without output after which a sim counts as hung. A sim reports ten times a second.
     pub(crate) silence: Duration,
     /// Time for a child to exit after a request, before it is killed.
     pub(crate) shutdown: Duration,
@@ -95,10 +101,12 @@ impl Default for Limits {
 pub(crate) enum FleetEvent<'a> {
     /// An episode is finished.
     EpisodeFinished(&'a Job, &'a Outcome),
-    /// Totals of all sims so far, about once a second.
+    /// Totals of all sims so far, about ten times a second.
     Counters(&'a Counters),
     /// A sim is ready; its renderer has this identity.
     RendererReady(&'a str),
+    /// What the threads of a child have done, by the child's name.
+    Spans(&'a str, &'a [Span]),
     /// A line for the user.
     Log(&'a str),
 }

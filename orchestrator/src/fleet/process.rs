@@ -92,6 +92,18 @@ impl ChildProcess {
         Some((kibibytes("RssAnon:")? + kibibytes("RssFile:")?) << 10)
     }
 
+    /// Returns the core-seconds that the child has used, where the system tells it. The resolution is a tick
+    /// of the kernel, 10 ms.
+    pub(super) fn cpu_s(&self) -> Option<f64> {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.child.id())).ok()?;
+        // The name of the program comes second, in parentheses, and may contain spaces.
+        let (_, after_name) = stat.rsplit_once(')')?;
+        let mut fields = after_name.split_whitespace().skip(11);
+        let mut ticks = || fields.next()?.parse::<u64>().ok();
+        let (user, system) = (ticks()?, ticks()?);
+        Some((user + system) as f64 / rustix::param::clock_ticks_per_second() as f64)
+    }
+
     /// Queues a line for the child's stdin. If the child has exited, the line is dropped.
     pub(super) fn send(&self, line: String) {
         if let Some(commands) = &self.commands {

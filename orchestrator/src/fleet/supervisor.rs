@@ -6,6 +6,8 @@ use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
 use ipc_types::link::Domain;
+use ipc_types::run_config::n_cores;
+use ipc_types::trace::Span;
 use policy_host::PolicySpec;
 use policy_host::serve::{HostConfig, HostEvent};
 use sim::serve::protocol::{Driver, Outcome, SimCommand, SimConfig, SimEvent};
@@ -16,6 +18,7 @@ use super::member::{Member, MemberRole};
 use super::process::{ChildOutput, ChildProcess};
 use super::queue::JobQueue;
 use super::totals::{HostWork, Totals};
+use super::tuner::{EnvTuner, WorkSample};
 use super::{FleetConfig, FleetEvent, RunStatus, Sink, SupervisorEvent, folder};
 use crate::jobs::Job;
 
@@ -37,6 +40,8 @@ pub(super) struct Supervisor<'a> {
     /// Jobs assigned to the sim, by assignment id.
     outstanding: BTreeMap<u64, Job>,
     next_id: u64,
+    /// Chooses the number of envs, unless the user fixed it.
+    tuner: Option<EnvTuner>,
     totals: Totals,
     sink: &'a mut Sink<'a>,
 }
@@ -49,7 +54,7 @@ impl<'a> Supervisor<'a> {
         pending: JobQueue<'a>,
         sink: &'a mut Sink<'a>,
     ) -> Self {
-        let n_lanes = config.lanes.len();
+        let (n_lanes, capacity) = (config.lanes.len(), config.capacity);
         Self {
             config,
             domain,
@@ -61,6 +66,7 @@ impl<'a> Supervisor<'a> {
             pending,
             outstanding: BTreeMap::new(),
             next_id: 0,
+            tuner: capacity.tunes.then(|| EnvTuner::new(capacity.envs, capacity.max_envs, n_cores())),
             totals: Totals::new(n_lanes, config.earlier_renderer.clone()),
             sink,
         }
@@ -115,7 +121,8 @@ impl<'a> Supervisor<'a> {
         result
     }
 
-    pub(super) fn into_totals(self) -> Totals {
+    pub(super) fn into_totals(mut self) -> Totals {
+        self.totals.choice = self.tuner.map(|tuner| tuner.choice().clone());
         self.totals
     }
 
@@ -142,6 +149,9 @@ impl<'a> Supervisor<'a> {
             })?;
         let now = self.clock.now();
         self.member(role).on_spawn(process, now);
+        if let Some(tuner) = &mut self.tuner {
+            tuner.interrupt();
+        }
         Ok(())
     }
 
@@ -184,11 +194,18 @@ impl<'a> Supervisor<'a> {
             SimEvent::Progress(counters) => {
                 self.totals.on_sim_counters(counters);
                 self.measure_memory();
+                self.tune();
                 (self.sink)(FleetEvent::Counters(&self.totals.sim())).map_err(FleetError::Sink)
             }
+            SimEvent::Spans(spans) => self.report_spans(MemberRole::Sim, &spans),
             SimEvent::RendererFailed { message } => Err(FleetError::Renderer(message)),
             SimEvent::LaneFailed { lane, message } => self.on_lane_failed(lane, message),
         }
+    }
+
+    fn report_spans(&mut self, role: MemberRole, spans: &[Span]) -> Result<(), FleetError> {
+        let name = self.name(role);
+        (self.sink)(FleetEvent::Spans(&name, spans)).map_err(FleetError::Sink)
     }
 
     fn measure_memory(&mut self) {
@@ -196,6 +213,35 @@ impl<'a> Supervisor<'a> {
         let own = |role: MemberRole| self.member(role).process().and_then(|process| process.memory_bytes());
         let sum = roles.into_iter().filter_map(own).sum();
         self.totals.memory_bytes = self.totals.memory_bytes.max(sum);
+    }
+
+    /// Returns the number of episodes in progress at a time.
+    fn envs(&self) -> u32 {
+        self.tuner.as_ref().map_or(self.config.capacity.envs, |tuner| tuner.choice().envs)
+    }
+
+    /// Adjusts the number of envs to the costs so far, as long as there are episodes that wait for one.
+    fn tune(&mut self) {
+        if self.tuner.is_none() || self.pending.is_empty() {
+            return;
+        }
+        let roles = self.roles();
+        let own = |role: MemberRole| self.member(role).process().and_then(|process| process.cpu_s());
+        let cpu_s = roles.into_iter().filter_map(own).sum();
+        let sim = self.totals.sim();
+        let sample = WorkSample {
+            now: self.clock.now(),
+            cpu_s,
+            sim_cpu_s: sim.cpu_s,
+            env_steps: sim.env_steps,
+            queries: sim.queries,
+            physics_s: sim.physics_s,
+            render_s: sim.render_s,
+            hosts: self.totals.lanes(),
+        };
+        if let Some(count) = self.tuner.as_mut().and_then(|tuner| tuner.on_work(sample)) {
+            self.send_to_sim(&SimCommand::Envs { count });
+        }
     }
 
     /// Checks that all sims of a run, and earlier runs with the same results file, render the same bits.
@@ -220,10 +266,11 @@ impl<'a> Supervisor<'a> {
                 let line = format!("{}: {message}", self.name(MemberRole::Host(lane)));
                 self.log(&line)
             }
-            HostEvent::Ledger { queries, batches, busy_s, cpu_s } => {
-                self.totals.on_host_work(lane, HostWork { queries, batches, busy_s, cpu_s });
+            HostEvent::Ledger { queries, batches, busy_s, cpu_s, flop } => {
+                self.totals.on_host_work(lane, HostWork { queries, batches, busy_s, cpu_s, flop });
                 Ok(())
             }
+            HostEvent::Spans(spans) => self.report_spans(MemberRole::Host(lane), &spans),
             HostEvent::Failed { message } => {
                 let line = format!("{} failed to answer: {message}", self.name(MemberRole::Host(lane)));
                 self.log(&line)
@@ -261,7 +308,7 @@ impl<'a> Supervisor<'a> {
     }
 
     fn assign_jobs(&mut self) {
-        let max_outstanding = JOBS_PER_ENV * self.config.run.resources.envs as usize;
+        let max_outstanding = JOBS_PER_ENV * self.envs() as usize;
         while self.sim.is_up() && self.outstanding.len() < max_outstanding {
             let Some(job) = self.pending.next() else { return };
             let id = self.next_id;
@@ -357,6 +404,8 @@ impl<'a> Supervisor<'a> {
         SimConfig {
             domain: self.domain.clone(),
             run_id: config.run_id,
+            max_envs: config.capacity.max_envs,
+            envs: self.envs(),
             lanes: config.lanes.iter().map(|policy| policy.lane.clone()).collect(),
             run: config.run.clone(),
         }
@@ -370,6 +419,7 @@ impl<'a> Supervisor<'a> {
             run_id: config.run_id,
             lane: policy.lane.spec.clone(),
             spec: policy.spec.clone(),
+            morphologies: config.morphologies.clone(),
             run: config.run.clone(),
         }
     }

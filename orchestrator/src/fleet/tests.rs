@@ -48,8 +48,9 @@ impl TestFleet {
             base: folder.path().join("base"),
             shm: "/dev/shm".into(),
             run_id: std::hash::BuildHasher::hash_one(&std::hash::RandomState::new(), 0),
-            run: SweepArgs::parse("--envs 2 --threads 1").unwrap().config,
+            run: SweepArgs::parse("--threads 1").unwrap().config,
             earlier_renderer: None,
+            capacity: Capacity { envs: 2, max_envs: 2, batch: 1, tunes: false },
             lanes: if *spec == PolicySpec::Expert { Vec::new() } else { vec![policy] },
             morphologies: vec![Morphology::Single],
             limits: Limits {
@@ -75,7 +76,7 @@ impl TestFleet {
         let result = fleet.run(jobs, &|_| true, &mut |event| {
             match event {
                 FleetEvent::EpisodeFinished(job, _) => finished.push(job.seed),
-                FleetEvent::Counters(_) | FleetEvent::RendererReady(_) => {}
+                FleetEvent::Counters(_) | FleetEvent::RendererReady(_) | FleetEvent::Spans(..) => {}
                 FleetEvent::Log(line) => {
                     watch(line, &stopper);
                     log.push(line.to_owned());

@@ -2,6 +2,8 @@
 
 use sim::serve::protocol::Counters;
 
+use super::tuner::EnvChoice;
+
 /// Sums over all children, including those that have exited.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Totals {
@@ -19,6 +21,8 @@ pub(crate) struct Totals {
     pub(crate) shm_bytes: u64,
     /// Largest sum of the children's own memory that was seen, in bytes; shared memory is not part of it.
     pub(crate) memory_bytes: u64,
+    /// The number of envs and how it was chosen; `None` if the user fixed it.
+    pub(crate) choice: Option<EnvChoice>,
     /// Number of children that were restarted.
     pub(crate) restarts: u32,
 }
@@ -34,6 +38,8 @@ pub(crate) struct HostWork {
     pub(crate) busy_s: f64,
     /// Core-seconds of the whole processes since their first queries.
     pub(crate) cpu_s: f64,
+    /// Floating-point operations of inference.
+    pub(crate) flop: u64,
 }
 
 impl Totals {
@@ -61,7 +67,13 @@ impl Totals {
             batches: all.batches,
             busy_s: all.busy_s * fraction,
             cpu_s: all.cpu_s * fraction,
+            flop: (all.flop as f64 * fraction) as u64,
         }
+    }
+
+    /// Returns the work of each lane's hosts so far, answers that were not received included.
+    pub(super) fn lanes(&self) -> Vec<HostWork> {
+        self.hosts.iter().map(|[past, current]| past.add(*current)).collect()
     }
 
     /// Updates the counters of the current sim.
@@ -93,6 +105,7 @@ impl HostWork {
             batches: self.batches + other.batches,
             busy_s: self.busy_s + other.busy_s,
             cpu_s: self.cpu_s + other.cpu_s,
+            flop: self.flop + other.flop,
         }
     }
 }
@@ -128,9 +141,9 @@ mod tests {
     fn work_for_lost_answers_does_not_count() {
         let mut totals = Totals::new(1, None);
         totals.on_sim_counters(answered(3));
-        totals.on_host_work(0, HostWork { queries: 4, batches: 1, busy_s: 2.0, cpu_s: 4.0 });
+        totals.on_host_work(0, HostWork { queries: 4, batches: 1, busy_s: 2.0, cpu_s: 4.0, flop: 8 });
         let work = totals.hosts();
-        assert_eq!((work.queries, work.busy_s, work.cpu_s), (3, 1.5, 3.0));
+        assert_eq!((work.queries, work.busy_s, work.cpu_s, work.flop), (3, 1.5, 3.0, 6));
     }
 
     #[test]

@@ -7,7 +7,8 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::fleet::Totals;
+use crate::fleet::{EnvChoice, EnvTrial, Totals};
+use crate::machine::Cores;
 
 /// The definition of `env_steps_per_s`, as printed in the JSON report.
 const DEFINITION: &str = "control steps of finished and unfinished episodes / wall seconds from the first work (building the \
@@ -34,6 +35,11 @@ pub(crate) struct Fps {
     pub(crate) queries_per_s: Option<f64>,
     /// The speed that the measured costs allow.
     pub(crate) bound: Option<Bound>,
+    /// Speed of inference; `None` without networks, or if the peak was not measured.
+    pub(crate) inference: Option<InferenceSpeed>,
+    /// The number of envs and how it was chosen; `None` if the user fixed it.
+    #[serde(skip)]
+    pub(crate) choice: Option<EnvChoice>,
     /// Core-seconds by stage.
     #[serde(skip)]
     pub(crate) ledger: Ledger,
@@ -58,7 +64,19 @@ pub(crate) struct Bound {
     pub(crate) reached: f64,
 }
 
-/// Core-seconds of a run by stage.
+/// Arithmetic of the policy hosts, compared with what the cores could do.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct InferenceSpeed {
+    /// GFLOP/s per core while it infers, by the operation count of the direct algorithms.
+    pub(crate) gflop_per_core_s: f64,
+    /// Peak of a core in f32, on registers only.
+    pub(crate) peak_gflop_per_core_s: f64,
+    /// Fraction of the peak. Above 1 is possible: 8-bit integers and Winograd convolutions need fewer or
+    /// cheaper operations.
+    pub(crate) fraction: f64,
+}
+
+/// Core-seconds of a run by stage. They add up to the number of cores times the measured wall time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Ledger {
     /// Building worlds and stepping physics.
@@ -67,21 +85,36 @@ pub(crate) struct Ledger {
     pub(crate) render_s: f64,
     /// Inference in the policy hosts.
     pub(crate) policy_s: f64,
-    /// Wall seconds in which the sim had nothing to do.
+    /// Everything else in sim and policy hosts: assembling batches, shared memory, polling.
+    pub(crate) transport_s: f64,
+    /// Idle cores, and processes other than sim and policy hosts; foreign hosts are such.
+    pub(crate) unused_s: f64,
+    /// Wall seconds in which the sim had nothing to do; no part of the sum.
     pub(crate) wait_s: f64,
 }
 
 impl Fps {
-    /// Computes the figures from a fleet's totals, for a process that has run for `process` on `n_cores`
-    /// cores.
-    pub(crate) fn new(totals: &Totals, process: Duration, n_cores: u32) -> Self {
+    /// Computes the figures from a fleet's totals, for a process that has run for `process` on `cores`.
+    pub(crate) fn new(totals: &Totals, process: Duration, cores: Cores) -> Self {
         let (sim, hosts) = (totals.sim(), totals.hosts());
         let rate = |count: u64| (sim.wall_s > 0.0).then(|| count as f64 / sim.wall_s);
+        let cpu_s = sim.cpu_s + hosts.cpu_s;
+        let accounted = sim.physics_s + sim.render_s + hosts.busy_s;
         let ledger = Ledger {
             physics_s: sim.physics_s,
             render_s: sim.render_s,
             policy_s: hosts.busy_s,
+            transport_s: (cpu_s - accounted).max(0.0),
+            unused_s: (f64::from(cores.count) * sim.wall_s - cpu_s.max(accounted)).max(0.0),
             wait_s: sim.idle_s,
+        };
+        let inference = |peak_gflop_per_core_s| {
+            let gflop_per_core_s = 1e-9 * hosts.flop as f64 / hosts.busy_s;
+            InferenceSpeed {
+                gflop_per_core_s,
+                peak_gflop_per_core_s,
+                fraction: gflop_per_core_s / peak_gflop_per_core_s,
+            }
         };
         let process_wall_s = process.as_secs_f64();
         Self {
@@ -93,7 +126,9 @@ impl Fps {
             process_env_steps_per_s: sim.env_steps as f64 / process_wall_s,
             images_per_s: rate(sim.images),
             queries_per_s: rate(sim.queries),
-            bound: Bound::new(totals, &ledger, n_cores),
+            bound: Bound::new(totals, &ledger, cores.count),
+            inference: cores.peak_gflop.filter(|_| hosts.flop > 0).map(inference),
+            choice: totals.choice.clone(),
             ledger,
         }
     }
@@ -101,13 +136,13 @@ impl Fps {
     /// Returns the lines printed under the results table; empty for a run without a control step.
     pub(crate) fn lines(&self) -> String {
         let Some(env_steps_per_s) = self.env_steps_per_s else { return String::new() };
-        let Ledger { physics_s, render_s, policy_s, wait_s } = self.ledger;
+        let Ledger { physics_s, render_s, policy_s, transport_s, unused_s, wait_s } = self.ledger;
         let mut text = format!(
             "env_steps_per_s  {env_steps_per_s:.1} ({} control steps in {:.2} s, from the first work to the last step)\n\
              whole process    {:.1} env-steps/s ({:.2} s, start-up included)\n\
              per second       {:.1} images, {:.1} queries\n\
-             core-seconds     physics {physics_s:.2}, render {render_s:.2}, policy {policy_s:.2}; sim idle for \
-             {wait_s:.2} s\n",
+             core-seconds     physics {physics_s:.2}, render {render_s:.2}, policy {policy_s:.2}, transport {transport_s:.2}, \
+             unused {unused_s:.2}; sim idle for {wait_s:.2} s\n",
             self.env_steps,
             self.wall_s,
             self.process_env_steps_per_s,
@@ -129,8 +164,34 @@ impl Fps {
                 100.0 * bound.reached,
             );
         }
+        if let Some(speed) = self.inference {
+            text += &format!(
+                "inference        {:.1} GFLOP/s per core, {:.0} % of the {:.1} that a core reaches in f32 on registers only\n",
+                speed.gflop_per_core_s,
+                100.0 * speed.fraction,
+                speed.peak_gflop_per_core_s,
+            );
+        }
+        if let Some(choice) = &self.choice {
+            text += &choice_line(choice);
+        }
         text
     }
+}
+
+/// Returns the line that tells the number of envs and why it was chosen.
+fn choice_line(choice: &EnvChoice) -> String {
+    let EnvChoice { envs, max_envs, trials } = choice;
+    let trial = |trial: &EnvTrial| {
+        let EnvTrial { envs, predicted, utilisation } = trial;
+        format!("{envs} ({predicted:.0}, cores {:.0} % used)", 100.0 * utilisation)
+    };
+    let trials: Vec<_> = trials.iter().map(trial).collect();
+    let why = match trials.as_slice() {
+        [] => "the run was too short to try others".to_owned(),
+        trials => format!("expected env-steps/s: {}", trials.join(", ")),
+    };
+    format!("envs             {envs}, chosen from at most {max_envs}; {why}\n")
 }
 
 impl Bound {

@@ -6,8 +6,11 @@ use sim::serve::protocol::{Counters, Latencies};
 use sim::{Perturbation, TaskId};
 
 use super::*;
-use crate::fleet::{HostWork, Totals};
+use crate::fleet::{EnvChoice, EnvTrial, HostWork, Totals};
+use crate::machine::Cores;
 use crate::sweep::SweepArgs;
+
+const CORES: Cores = Cores { count: 2, peak_gflop: Some(100.0) };
 
 fn plan() -> RunPlan {
     RunPlan::new(&SweepArgs::parse("--policy idle --policy expert").unwrap()).unwrap()
@@ -37,7 +40,7 @@ fn table_aligns_and_explains_the_expert() {
 
 #[test]
 fn json_keys_are_stable() {
-    let fps = Fps::new(&Totals::default(), Duration::from_secs(2), 2);
+    let fps = Fps::new(&Totals::default(), Duration::from_secs(2), CORES);
     assert_eq!(fps.lines(), "");
     let object = json(&serde_json::json!({ "seed": 0 }), &cells(), &fps);
     insta::assert_snapshot!(format!("{object:#}"), @r#"
@@ -76,6 +79,7 @@ fn json_keys_are_stable() {
         "env_steps": 0,
         "env_steps_per_s": null,
         "images_per_s": null,
+        "inference": null,
         "process_env_steps_per_s": 0.0,
         "process_wall_s": 2.0,
         "queries_per_s": null,
@@ -85,6 +89,8 @@ fn json_keys_are_stable() {
         "physics_s": 0.0,
         "policy_s": 0.0,
         "render_s": 0.0,
+        "transport_s": 0.0,
+        "unused_s": 0.0,
         "wait_s": 0.0
       },
       "run": {
@@ -107,12 +113,18 @@ fn speed_and_bound_follow_their_definitions() {
         physics_s: 0.6,
         render_s: 0.4,
         idle_s: 0.1,
+        cpu_s: 1.2,
         latencies,
-        ..Counters::default()
     });
     // Batches of 5 on 2 threads: both are busy all the time.
-    totals.on_host_work(0, HostWork { queries: 100, batches: 20, busy_s: 2.0, cpu_s: 2.1 });
-    let fps = Fps::new(&totals, Duration::from_secs(4), 2);
+    totals.on_host_work(
+        0,
+        HostWork { queries: 100, batches: 20, busy_s: 2.0, cpu_s: 2.1, flop: 150_000_000_000 },
+    );
+    let trial = |envs, predicted, utilisation| EnvTrial { envs, predicted, utilisation };
+    let trials = vec![trial(16, 1400.0, 0.8), trial(32, 1410.0, 0.81)];
+    totals.choice = Some(EnvChoice { envs: 16, max_envs: 256, trials });
+    let fps = Fps::new(&totals, Duration::from_secs(4), CORES);
     assert_eq!((fps.env_steps_per_s, fps.process_env_steps_per_s), (Some(1500.0), 750.0));
     assert_eq!((fps.images_per_s, fps.queries_per_s), (Some(150.0), Some(50.0)));
     let bound = fps.bound.unwrap();
@@ -125,7 +137,9 @@ fn speed_and_bound_follow_their_definitions() {
     env_steps_per_s  1500.0 (3000 control steps in 2.00 s, from the first work to the last step)
     whole process    750.0 env-steps/s (4.00 s, start-up included)
     per second       150.0 images, 50.0 queries
-    core-seconds     physics 0.60, render 0.40, policy 2.00; sim idle for 0.10 s
+    core-seconds     physics 0.60, render 0.40, policy 2.00, transport 0.30, unused 0.70; sim idle for 0.10 s
     bound            2000.0 env-steps/s = c / (s + (r + w) / k) with c = 2 cores, s = 0.200 ms, r = 4.000 ms, w = 20.000 ms, k = 30.0; 75 % reached
+    inference        75.0 GFLOP/s per core, 75 % of the 100.0 that a core reaches in f32 on registers only
+    envs             16, chosen from at most 256; expected env-steps/s: 16 (1400, cores 80 % used), 32 (1410, cores 81 % used)
     ");
 }

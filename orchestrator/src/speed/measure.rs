@@ -11,6 +11,7 @@ use crate::execution::{as_failure, fleet};
 use crate::exit::{Failure, OrUser};
 use crate::fleet::{FleetEvent, Stopper};
 use crate::jobs::{Job, jobs};
+use crate::machine::Cores;
 use crate::progress::Progress;
 
 /// Stops the current fleet at the user's request, and tells that there was one.
@@ -47,18 +48,18 @@ impl StopControl {
 pub(crate) fn measure(
     plan: &SpeedPlan,
     point: &PlannedPoint,
-    n_cores: u32,
+    cores: Cores,
     progress: &mut Progress,
     stop: &StopControl,
 ) -> Result<Option<SpeedPoint>, Failure> {
     let started = Instant::now();
-    let fleet = fleet(&point.plan, None)?;
+    let todo: Vec<Job> = jobs(&point.plan).collect();
+    let fleet = fleet(&point.plan, todo.len(), None)?;
     let stopper = fleet.stopper();
     stop.watch(Some(stopper.clone()));
     if stop.is_requested() {
         return Ok(None);
     }
-    let todo: Vec<Job> = jobs(&point.plan).collect();
     let (mut is_stopped, mut errors) = (false, 0);
     let mut sink = |event: FleetEvent<'_>| {
         match event {
@@ -72,7 +73,7 @@ pub(crate) fn measure(
             }
             FleetEvent::EpisodeFinished(_, outcome) => errors += u64::from(outcome.error.is_some()),
             FleetEvent::Log(line) => progress.log(line),
-            FleetEvent::RendererReady(_) => {}
+            FleetEvent::RendererReady(_) | FleetEvent::Spans(..) => {}
         }
         Ok(())
     };
@@ -83,7 +84,7 @@ pub(crate) fn measure(
         return Ok(None);
     }
     let (series, envs) = (point.series.clone(), point.envs);
-    let measured = SpeedPoint::new(series, envs, &totals, started.elapsed(), n_cores, errors);
+    let measured = SpeedPoint::new(series, envs, &totals, started.elapsed(), cores, errors);
     let no_step = || {
         anyhow!(
             "{}, {envs} envs: no control step; {errors} episodes ended with an error",

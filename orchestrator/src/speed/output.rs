@@ -36,6 +36,7 @@ pub(crate) fn table(points: &[SpeedPoint]) -> String {
         "shm MiB",
         "bound",
         "reached",
+        "peak",
     ];
     let columns: Vec<_> = columns
         .iter()
@@ -66,6 +67,7 @@ pub(crate) fn table(points: &[SpeedPoint]) -> String {
             (point.shm_bytes >> 20).to_string(),
             format!("{:.0}", point.bound_env_steps_per_s),
             format!("{:.0} %", 100.0 * point.reached),
+            point.peak_fraction.map_or("–".to_owned(), |fraction| format!("{:.0} %", 100.0 * fraction)),
         ]);
     }
     format!("{table}physics to unused: core-microseconds per control step\n")

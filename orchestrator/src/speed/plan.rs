@@ -4,17 +4,16 @@ use std::path::PathBuf;
 
 use ipc_types::RunConfig;
 use ipc_types::link::check_budget;
-use ipc_types::run_config::QueryMode;
+use ipc_types::run_config::{Amount, QueryMode};
 use policy_host::checkpoint::available_memory;
 use sim::{Perturbation, TaskId};
 
 use super::point::{Series, SpeedPoint};
+use crate::capacity::{Capacity, ENV_BYTES};
 use crate::execution::{SHM, lanes};
 use crate::plan::{Condition, RunPlan};
 use crate::policy::NamedPolicy;
 
-/// Memory of an env in bytes, a little more than measured: without and with images.
-const ENV_BYTES: [u64; 2] = [160 << 10, 900 << 10];
 /// Least number of control steps of every env in a point.
 const MIN_STEPS: f64 = 2.0;
 /// Longest time for these, as a multiple of the time per point.
@@ -82,7 +81,7 @@ impl SpeedPlan {
         if mode == QueryMode::Ensemble {
             config.results.execute = 1;
         }
-        config.resources.envs = envs;
+        config.resources.envs = Amount::Fixed(envs);
         RunPlan {
             policies: vec![policy.clone()],
             conditions: vec![Condition { task: self.task, perturbation: Perturbation::None.into() }],
@@ -110,13 +109,13 @@ impl SpeedPlan {
 
 /// Returns why a point does not fit into memory.
 fn too_large(plan: &RunPlan, available: Option<u64>) -> Option<String> {
-    let specs: Vec<_> = lanes(plan).into_iter().map(|policy| policy.lane.spec).collect();
+    let capacity = Capacity::new(plan, usize::MAX);
+    let specs: Vec<_> = lanes(plan, capacity.batch).into_iter().map(|policy| policy.lane.spec).collect();
     let shm = match check_budget(&specs, SHM.as_ref()) {
         Ok(bytes) => bytes,
         Err(error) => return Some(error.to_string()),
     };
-    let envs = u64::from(plan.config.resources.envs);
-    let needed = envs * ENV_BYTES[usize::from(plan.needs_images())] + shm;
+    let needed = u64::from(capacity.max_envs) * ENV_BYTES[usize::from(plan.needs_images())] + shm;
     available.filter(|available| needed > *available).map(|available| {
         format!(
             "its envs need about {} MiB, and {} MiB of memory are available",
@@ -150,10 +149,10 @@ mod tests {
             (config.results.mode, config.results.execute, config.resources.envs)
         });
         let expected = [
-            (QueryMode::Chunk, 30, 1),
-            (QueryMode::Chunk, 30, 64),
-            (QueryMode::Ensemble, 1, 1),
-            (QueryMode::Ensemble, 1, 64),
+            (QueryMode::Chunk, 30, Amount::Fixed(1)),
+            (QueryMode::Chunk, 30, Amount::Fixed(64)),
+            (QueryMode::Ensemble, 1, Amount::Fixed(1)),
+            (QueryMode::Ensemble, 1, Amount::Fixed(64)),
         ];
         assert_eq!(options.collect::<Vec<_>>(), expected);
     }

@@ -6,6 +6,7 @@ use ipc_types::run_config::QueryMode;
 use serde::{Deserialize, Serialize};
 
 use crate::fleet::Totals;
+use crate::machine::Cores;
 use crate::report::Fps;
 
 /// Control steps of an episode in the paper's experiment.
@@ -52,6 +53,8 @@ pub(crate) struct SpeedPoint {
     pub(crate) bound_env_steps_per_s: f64,
     /// Fraction of the bound that was reached.
     pub(crate) reached: f64,
+    /// Fraction of the register peak in f32 that inference reaches on its cores; `None` without a network.
+    pub(crate) peak_fraction: Option<f64>,
     /// Number of episodes that ended with an error.
     pub(crate) errors: u64,
 }
@@ -72,25 +75,23 @@ pub(crate) struct CoreSeconds {
 }
 
 impl SpeedPoint {
-    /// Computes the figures from the totals of a fleet that lived for `process` on `n_cores` cores; `None`
-    /// without a control step.
+    /// Computes the figures from the totals of a fleet that lived for `process` on `cores`; `None` without a
+    /// control step.
     pub(crate) fn new(
         series: Series,
         envs: u32,
         totals: &Totals,
         process: Duration,
-        n_cores: u32,
+        cores: Cores,
         errors: u64,
     ) -> Option<Self> {
-        let fps = Fps::new(totals, process, n_cores);
-        let (sim, hosts) = (totals.sim(), totals.hosts());
+        let fps = Fps::new(totals, process, cores);
+        let sim = totals.sim();
         let (rate, bound) = (fps.env_steps_per_s?, fps.bound?);
         let overhead_s = (fps.process_wall_s - fps.wall_s).max(0.0);
         let batch = f64::from(envs) * PAPER_STEPS;
         let n = fps.env_steps as f64;
         let ledger = fps.ledger;
-        let cpu_s = sim.cpu_s + hosts.cpu_s;
-        let accounted = ledger.physics_s + ledger.render_s + ledger.policy_s;
         Some(Self {
             series,
             envs,
@@ -107,13 +108,14 @@ impl SpeedPoint {
                 physics: ledger.physics_s / n,
                 render: ledger.render_s / n,
                 policy: ledger.policy_s / n,
-                transport: (cpu_s - accounted).max(0.0) / n,
-                unused: (f64::from(n_cores) * fps.wall_s - cpu_s).max(0.0) / n,
+                transport: ledger.transport_s / n,
+                unused: ledger.unused_s / n,
             },
             memory_bytes: totals.memory_bytes,
             shm_bytes: totals.shm_bytes,
             bound_env_steps_per_s: bound.env_steps_per_s,
             reached: bound.reached,
+            peak_fraction: fps.inference.map(|speed| speed.fraction),
             errors,
         })
     }
@@ -146,6 +148,8 @@ mod tests {
     use super::*;
     use crate::fleet::HostWork;
 
+    const CORES: Cores = Cores { count: 2, peak_gflop: Some(100.0) };
+
     #[test]
     fn parts_add_up_to_all_cores() {
         let mut totals = Totals::new(1, None);
@@ -162,9 +166,12 @@ mod tests {
             latencies,
             ..Counters::default()
         });
-        totals.on_host_work(0, HostWork { queries: 100, batches: 20, busy_s: 1.5, cpu_s: 1.6 });
+        totals.on_host_work(
+            0,
+            HostWork { queries: 100, batches: 20, busy_s: 1.5, cpu_s: 1.6, flop: 75_000_000_000 },
+        );
         let series = Series { policy: "act".to_owned(), mode: QueryMode::Chunk };
-        let point = SpeedPoint::new(series, 10, &totals, Duration::from_secs(3), 2, 0).unwrap();
+        let point = SpeedPoint::new(series, 10, &totals, Duration::from_secs(3), CORES, 0).unwrap();
         let parts = point.core_s_per_step;
         let sum = parts.physics + parts.render + parts.policy + parts.transport + parts.unused;
         assert!((sum - 2.0 / point.env_steps_per_s).abs() < 1e-12, "{parts:?}");
@@ -172,6 +179,7 @@ mod tests {
             (parts.transport - 0.3e-3).abs() < 1e-12 && (parts.unused - 1.2e-3).abs() < 1e-12,
             "{parts:?}"
         );
+        assert!((point.peak_fraction.unwrap() - 0.5).abs() < 1e-12, "{:?}", point.peak_fraction);
         // 10 episodes of 200 steps at 500 steps/s take 4 s, and start and end another second.
         assert!((point.paper_elapsed_s() - 5.0).abs() < 1e-9);
         assert!((point.paper_fps - 400.0).abs() < 1e-9);
@@ -180,6 +188,6 @@ mod tests {
     #[test]
     fn run_without_a_step_has_no_figures() {
         let series = Series { policy: "act".to_owned(), mode: QueryMode::Chunk };
-        assert_eq!(SpeedPoint::new(series, 1, &Totals::default(), Duration::from_secs(1), 2, 0), None);
+        assert_eq!(SpeedPoint::new(series, 1, &Totals::default(), Duration::from_secs(1), CORES, 0), None);
     }
 }

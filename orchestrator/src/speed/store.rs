@@ -154,7 +154,8 @@ mod tests {
             ..Counters::default()
         });
         let series = Series { policy: "idle".to_owned(), mode: QueryMode::Chunk };
-        SpeedPoint::new(series, envs, &totals, Duration::from_secs(2), 2, 0).unwrap()
+        let cores = crate::machine::Cores { count: 2, peak_gflop: None };
+        SpeedPoint::new(series, envs, &totals, Duration::from_secs(2), cores, 0).unwrap()
     }
 
     #[test]

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
+use ipc_types::trace::{self, Activity};
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use rayon::prelude::*;
 
@@ -80,7 +81,7 @@ pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), 
 }
 
 impl ActPolicy {
-    /// Loads the checkpoint in `folder` for up to `n_threads` threads.
+    /// Loads the networks for `robots` in `folder`, for up to `n_threads` threads.
     ///
     /// # Errors
     /// The first file or tensor that is missing, unexpected or damaged.
@@ -88,11 +89,16 @@ impl ActPolicy {
         folder: &Path,
         precision: Precision,
         n_threads: usize,
+        robots: &[Morphology],
     ) -> Result<Self, CheckpointFolderError> {
         let mut networks = Vec::new();
         for inner in folders(folder)? {
             let mut checkpoint = Checkpoint::open(&inner)?;
-            let (mapping, encoder) = (checkpoint.mapping()?.clone(), checkpoint.text_encoder()?);
+            let mapping = checkpoint.mapping()?.clone();
+            if !robots.contains(&mapping.morphology) {
+                continue;
+            }
+            let encoder = checkpoint.text_encoder()?;
             if networks.iter().any(|network: &Network| network.mapping.morphology == mapping.morphology) {
                 let name = mapping.morphology.name();
                 return Err(CheckpointFolderError::DuplicateMorphology {
@@ -120,6 +126,10 @@ impl ActPolicy {
     ) -> Self {
         Self { networks: vec![Network::new(model, mapping, encoder, n_threads)] }
     }
+
+    fn network(&self, morphology: Morphology) -> Option<&Network> {
+        self.networks.iter().find(|network| network.mapping.morphology == morphology)
+    }
 }
 
 impl Policy for ActPolicy {
@@ -137,9 +147,12 @@ impl Policy for ActPolicy {
         Ok(())
     }
 
+    fn flop_per_query(&self, morphology: Morphology) -> u64 {
+        self.network(morphology).map_or(0, |network| network.model.architecture().flop_per_query())
+    }
+
     fn ensemble_decay(&self, morphology: Morphology) -> f64 {
-        let network = self.networks.iter().find(|network| network.mapping.morphology == morphology);
-        network.and_then(|network| network.ensemble_decay).unwrap_or(DEFAULT_ENSEMBLE_DECAY)
+        self.network(morphology).and_then(|network| network.ensemble_decay).unwrap_or(DEFAULT_ENSEMBLE_DECAY)
     }
 }
 
@@ -201,7 +214,10 @@ impl Network {
         let jobs = Mutex::new(jobs);
         workers.par_iter_mut().with_max_len(1).for_each(|worker| {
             while let Some((first_env, chunks)) = next_job(&jobs) {
+                let sharing = trace::span(Activity::Share);
+                let n = chunks.len() as u64;
                 worker.run(model, mapping, tokens, (observation, first_env), chunks);
+                sharing.finish(n);
             }
         });
         for (first_env, chunks) in (n_apart..).zip(together.chunks_mut(1)) {

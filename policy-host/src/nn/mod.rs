@@ -3,7 +3,8 @@
 //! Every kernel computes each value by a fixed sequence of operations, independent of how many rows, images
 //! or samples are computed together. Kernels start no threads, and they allocate nothing after construction:
 //! the caller passes their working memory. The exception is [`projection`], for networks whose weights fill
-//! gigabytes: it shares the columns of a product among the threads of the current rayon pool. See `README.md`
+//! gigabytes: it shares the columns of a product among the threads of the current rayon pool. [`peak`] is no
+//! kernel, but the yardstick for them. See `README.md`
 //! for the design and its measurements.
 //!
 //! Letters in shapes: `t` rows (tokens), `d` model width, `n` images, `c` channels, `h` and `w` height and
@@ -17,6 +18,7 @@ pub mod linear;
 pub mod matmul;
 pub mod norm;
 pub mod packed;
+pub mod peak;
 pub mod pool;
 pub mod projection;
 pub mod rotary;

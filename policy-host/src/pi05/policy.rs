@@ -75,7 +75,7 @@ fn open(folder: &Path) -> Result<Vec<Pi05Checkpoint>, CheckpointFolderError> {
 }
 
 impl Pi05Policy {
-    /// Loads the checkpoint in `folder`. `n_steps` is the number of Euler steps from noise to actions; the
+    /// Loads the networks for `robots` in `folder`. `n_steps` is the number of Euler steps from noise to actions; the
     /// checkpoint's own by default.
     ///
     /// # Errors
@@ -84,11 +84,15 @@ impl Pi05Policy {
         folder: &Path,
         precision: Precision,
         n_steps: Option<usize>,
+        robots: &[Morphology],
     ) -> Result<Self, CheckpointFolderError> {
         let mut networks: Vec<Pi05Network> = Vec::new();
         for checkpoint in open(folder)? {
             let description = checkpoint.description().clone();
             let morphology = description.mapping.morphology;
+            if !robots.contains(&morphology) {
+                continue;
+            }
             if networks.iter().any(|network| network.description.mapping.morphology == morphology) {
                 let morphology = morphology.name();
                 return Err(CheckpointFolderError::DuplicateMorphology {
@@ -104,6 +108,10 @@ impl Pi05Policy {
         }
         Ok(Self { networks, precision })
     }
+
+    fn network(&self, morphology: Morphology) -> Option<&Pi05Network> {
+        self.networks.iter().find(|network| network.description.mapping.morphology == morphology)
+    }
 }
 
 impl Policy for Pi05Policy {
@@ -114,14 +122,17 @@ impl Policy for Pi05Policy {
     ) -> Result<(), PolicyError> {
         assert_eq!(answer.len(), observation.n_envs(), "one chunk per env");
         let morphology = observation.morphology();
-        let network =
-            self.networks.iter().find(|network| network.description.mapping.morphology == morphology);
+        let network = self.network(morphology);
         let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
         network.check(observation)?;
         for (batch, answer) in answer.chunks_mut(SAMPLES_PER_BATCH).enumerate() {
             network.run(observation, batch * SAMPLES_PER_BATCH, answer)?;
         }
         Ok(())
+    }
+
+    fn flop_per_query(&self, morphology: Morphology) -> u64 {
+        self.network(morphology).map_or(0, Pi05Network::flop_per_query)
     }
 
     fn note(&self, execute: u32, stopwatch: Stopwatch<'_>) -> Option<String> {
@@ -131,9 +142,16 @@ impl Policy for Pi05Policy {
 }
 
 impl Pi05Network {
+    /// Returns the floating-point operations of a query with a prompt of typical length.
+    fn flop_per_query(&self) -> u64 {
+        let Pi05Description { architecture, mapping, .. } = &self.description;
+        architecture.flop_per_query(mapping.cameras.len(), TYPICAL_PROMPT, self.n_steps)
+    }
+
     /// Returns what the network is and, if a query takes long, how long.
     fn note(&self, precision: Precision, execute: u32, stopwatch: Stopwatch<'_>) -> String {
         let Pi05Description { architecture, mapping, prompt_state, .. } = &self.description;
+        let flop = self.flop_per_query();
         let n_steps = self.n_steps;
         let n_weights = architecture.n_weights();
         let weights = match precision {
@@ -149,7 +167,6 @@ impl Pi05Network {
             mapping.morphology.name(),
             n_weights as f64 / 1e6,
         );
-        let flop = architecture.flop_per_query(mapping.cameras.len(), TYPICAL_PROMPT, n_steps);
         if flop >= MIN_ANNOUNCED_FLOP {
             let mut sample_flop = 0;
             let seconds = stopwatch(&mut || sample_flop = self.model.compute_sample());

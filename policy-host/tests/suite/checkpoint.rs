@@ -32,7 +32,7 @@ fn spec(folder: &Path) -> PolicySpec {
 /// Returns the error of `check` and `load`, which must be the same.
 fn rejection(folder: &Path) -> String {
     let checked = error_chain(&check(&spec(folder), &[SINGLE]).unwrap_err());
-    let loaded = error_chain(&load(&spec(folder), 1, QueryMode::Chunk).err().unwrap());
+    let loaded = error_chain(&load(&spec(folder), 1, QueryMode::Chunk, &Morphology::ALL).err().unwrap());
     assert_eq!(checked, loaded, "check and load must agree");
     checked
 }
@@ -71,14 +71,14 @@ fn checkpoint_loads_with_and_without_unused_tensors() {
     let folder = checkpoint();
     check(&spec(folder.path()), &[SINGLE]).unwrap();
     let before = ObservationBatch::of(Morphology::Single, &[0])
-        .answer(&mut *load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap());
+        .answer(&mut *load(&spec(folder.path()), 1, QueryMode::Chunk, &Morphology::ALL).unwrap());
     edit_tensors(folder.path(), |list| {
         list.push(("cls_embed.weight".to_owned(), Dtype::F32, vec![1, 64], vec![0; 256]));
         list.push(("latent_proj.bias".to_owned(), Dtype::F32, vec![64], vec![0; 256]));
         list.push(("backbones.0.0.body.bn1.num_batches_tracked".to_owned(), Dtype::I64, vec![], vec![0; 8]));
     });
     let after = ObservationBatch::of(Morphology::Single, &[0])
-        .answer(&mut *load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap());
+        .answer(&mut *load(&spec(folder.path()), 1, QueryMode::Chunk, &Morphology::ALL).unwrap());
     assert_eq!(before[0].rows, after[0].rows);
 }
 
@@ -199,7 +199,7 @@ fn checkpoint_for_another_robot_is_rejected() {
 #[test]
 fn observation_that_mismatches_the_checkpoint_is_rejected() {
     let folder = checkpoint();
-    let mut policy = load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap();
+    let mut policy = load(&spec(folder.path()), 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
     let mut rejected = |batch: &ObservationBatch| -> PolicyError {
         policy.act(&batch.view(), &mut [ActionChunk::default()]).unwrap_err()
     };
@@ -223,7 +223,7 @@ fn non_finite_network_output_reaches_the_answer() {
         let tensor = list.iter_mut().find(|(name, ..)| name == "action_head.bias").unwrap();
         tensor.3[..4].copy_from_slice(&f32::NAN.to_le_bytes());
     });
-    let mut policy = load(&spec(folder.path()), 1, QueryMode::Chunk).unwrap();
+    let mut policy = load(&spec(folder.path()), 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
     let mut answer = [ActionChunk::default()];
     policy.act(&ObservationBatch::of(Morphology::Single, &[0]).view(), &mut answer).unwrap();
     let mut rows = answer[0].rows().chunks_exact(7);

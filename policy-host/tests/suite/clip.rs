@@ -131,7 +131,7 @@ fn spec(folder: &TempDir) -> PolicySpec {
 #[track_caller]
 fn assert_rejected(folder: &TempDir, parts: &[&str]) {
     let checked = error_chain(&check(&spec(folder), &ROBOTS).unwrap_err());
-    let loaded = error_chain(&load(&spec(folder), 1, QueryMode::Chunk).err().unwrap());
+    let loaded = error_chain(&load(&spec(folder), 1, QueryMode::Chunk, &Morphology::ALL).err().unwrap());
     assert_eq!(checked, loaded, "check and load must agree");
     for part in parts {
         assert!(checked.contains(part), "`{checked}` does not contain `{part}`");
@@ -172,12 +172,12 @@ fn checkpoint_loads_only_the_encoder_it_names() {
     let fingerprint = encoder(&hugging_face(MIN_TOWER)).fingerprint();
     let folder = checkpoint(fingerprint.0, |_| {});
     check(&spec(&folder), &ROBOTS).unwrap();
-    let mut policy = load(&spec(&folder), 1, QueryMode::Chunk).unwrap();
+    let mut policy = load(&spec(&folder), 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
     let answer = ObservationBatch::of(Morphology::Single, &[0]).answer(&mut *policy);
 
     let other = checkpoint(fingerprint.0 ^ 1, |_| {});
     check(&spec(&other), &ROBOTS).unwrap();
-    let error = load(&spec(&other), 1, QueryMode::Chunk).err().unwrap().to_string();
+    let error = load(&spec(&other), 1, QueryMode::Chunk, &Morphology::ALL).err().unwrap().to_string();
     let (path, expected) =
         (other.path().join("clip/model.safetensors"), WeightsFingerprint(fingerprint.0 ^ 1).to_string());
     for part in [path.to_str().unwrap(), "config.json", &fingerprint.to_string(), &expected] {
@@ -188,7 +188,7 @@ fn checkpoint_loads_only_the_encoder_it_names() {
     let text = fs::read_to_string(&config).unwrap();
     assert!(text.contains(r#""encoder": "clip-vit-b-32""#), "{text}");
     fs::write(&config, text.replace(&expected, &fingerprint.to_string())).unwrap();
-    let mut policy = load(&spec(&other), 1, QueryMode::Chunk).unwrap();
+    let mut policy = load(&spec(&other), 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
     assert_eq!(ObservationBatch::of(Morphology::Single, &[0]).answer(&mut *policy)[0].rows, answer[0].rows);
     fs::write(&config, text.replace(&expected, "12345")).unwrap();
     assert_rejected(&other, &["config.json", "fingerprint `12345`", "16 hexadecimal digits"]);

@@ -9,7 +9,7 @@ use crate::{data, rows};
 /// Loads the policy in f32 and with 8-bit integers.
 fn policies(n_threads: usize) -> [Box<dyn Policy>; 2] {
     [PolicySpec::Act(data("act-tiny")), PolicySpec::ActInt8(data("act-tiny"))]
-        .map(|spec| load(&spec, n_threads, QueryMode::Chunk).unwrap())
+        .map(|spec| load(&spec, n_threads, QueryMode::Chunk, &Morphology::ALL).unwrap())
 }
 
 /// The simulator rejects non-finite values per env.

@@ -35,7 +35,7 @@ fn assert_parity(policy: &mut dyn policy_host::Policy, morphology: Morphology, r
 #[test]
 fn tiny_checkpoints_agree_with_pytorch() {
     let spec = policy_host::PolicySpec::Act(data("act-tiny"));
-    let mut policy = load(&spec, 1, QueryMode::Chunk).unwrap();
+    let mut policy = load(&spec, 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
     for morphology in Morphology::ALL {
         assert_parity(
             &mut *policy,

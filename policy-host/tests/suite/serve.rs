@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec, LinkNode, SimLane, SimLink};
+use ipc_types::run_config::Amount;
 use ipc_types::{ActionView, Morphology, ObservationHeader};
 use policy_host::serve::{HostConfig, HostEvent, ServeError, serve_with};
 use policy_host::{PolicySpec, QueryMode};
@@ -38,8 +39,15 @@ impl HostFixture {
         let (input, stdin) = io::pipe().unwrap();
         let (events, output) = io::pipe().unwrap();
         let mut run = RunConfig::default();
-        run.resources.threads = 1;
-        let config = HostConfig { domain: domain.clone(), run_id: RUN, lane, spec, run };
+        run.resources.threads = Amount::Fixed(1);
+        let config = HostConfig {
+            domain: domain.clone(),
+            run_id: RUN,
+            lane,
+            spec,
+            morphologies: Morphology::ALL.to_vec(),
+            run,
+        };
         // Real hosts receive their configuration as JSON.
         let config = serde_json::from_str(&serde_json::to_string(&config).unwrap()).unwrap();
         let host = std::thread::spawn(move || serve_with(config, input, output));
@@ -57,7 +65,7 @@ impl HostFixture {
         loop {
             match self.event() {
                 HostEvent::Failed { message } => return message,
-                HostEvent::Ledger { .. } | HostEvent::Note { .. } => {}
+                HostEvent::Ledger { .. } | HostEvent::Note { .. } | HostEvent::Spans(_) => {}
                 HostEvent::Ready { .. } => panic!("ready twice"),
             }
         }
@@ -103,7 +111,8 @@ fn host_survives_bad_messages_and_exits_with_input() {
     let answer = fixture.receive();
     assert_eq!((answer.header().run, answer.header().sequence, answer.header().epoch), (RUN, 5, 3));
     assert_eq!(answer.header().status, 0);
-    let mut policy = policy_host::load(&PolicySpec::Act(data("act-tiny")), 1, QueryMode::Chunk).unwrap();
+    let mut policy =
+        policy_host::load(&PolicySpec::Act(data("act-tiny")), 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
     let view = ActionView::new(*answer.header(), answer.pages()).unwrap();
     for (block, expected) in view.blocks().iter().zip(batch.answer(&mut *policy)) {
         assert_eq!((block.slot, rows(block)), (expected.slot, rows(&expected)));
@@ -135,5 +144,8 @@ fn host_survives_bad_messages_and_exits_with_input() {
 fn idle_host_exits_when_input_closes() {
     let mut fixture = HostFixture::new(PolicySpec::Idle, 1);
     assert!(matches!(fixture.event(), HostEvent::Ready { .. }));
-    assert_eq!(fixture.end(), [HostEvent::Ledger { queries: 0, batches: 0, busy_s: 0.0, cpu_s: 0.0 }]);
+    assert_eq!(
+        fixture.end(),
+        [HostEvent::Ledger { queries: 0, batches: 0, busy_s: 0.0, cpu_s: 0.0, flop: 0 }]
+    );
 }

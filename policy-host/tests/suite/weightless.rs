@@ -7,7 +7,7 @@ use crate::batch::ObservationBatch;
 use crate::rows;
 
 fn policy(name: &str) -> Box<dyn Policy> {
-    load(&name.parse().unwrap(), 1, QueryMode::Chunk).unwrap()
+    load(&name.parse().unwrap(), 1, QueryMode::Chunk, &Morphology::ALL).unwrap()
 }
 
 /// Creates the observation of one env that requests `execute` rows. Joint `j` of arm `a` is at `j + a/10`
@@ -95,6 +95,6 @@ fn unsupported_requests_are_rejected() {
         let error = policy(name).act(&absolute.view(), &mut [ActionChunk::default()]).unwrap_err();
         assert!(matches!(error, PolicyError::Unsupported { control_mode: "pd_ee_pose", .. }), "{error}");
     }
-    let error = load(&PolicySpec::Expert, 1, QueryMode::Chunk).err().unwrap().to_string();
+    let error = load(&PolicySpec::Expert, 1, QueryMode::Chunk, &Morphology::ALL).err().unwrap().to_string();
     assert_eq!(error, "policy `expert` does not run in a policy host");
 }

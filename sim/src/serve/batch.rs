@@ -4,6 +4,7 @@ use cpu_time::ProcessTime;
 use ipc_types::Morphology;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
+use ipc_types::trace::{self, Activity};
 
 use super::slots::Slots;
 use crate::render::{RenderError, Renderer, View};
@@ -67,7 +68,9 @@ impl BatchWriter {
         let start = ProcessTime::now();
         let images = views.len();
         if images > 0 {
+            let rendering = trace::span(Activity::Render);
             self.renderer.render(&mut views)?;
+            rendering.finish(images as u64);
         }
         let core_s = start.elapsed().as_secs_f64();
         self.views = recycle(views);

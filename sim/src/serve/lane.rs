@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use ipc_types::layout::block_pages;
 use ipc_types::link::{ActionMessage, LinkError, LinkNode, SimLane};
+use ipc_types::trace::{self, Activity};
 use ipc_types::{ActionView, ControlMode, FrameError, Morphology, ObservationHeader, SCHEMA_HASH};
 use thiserror::Error;
 
@@ -51,6 +52,8 @@ pub(super) enum InvalidAnswerError {
 struct InFlightBatch {
     sequence: u64,
     sent: Instant,
+    /// The same on the clock of the trace.
+    sent_ns: Option<u64>,
     slots: Vec<u32>,
 }
 
@@ -85,7 +88,12 @@ impl LaneState {
             sequence: 0,
             in_flight: Vec::with_capacity(depth),
             spare: (0..depth)
-                .map(|_| InFlightBatch { sequence: 0, sent: now, slots: Vec::with_capacity(max_envs) })
+                .map(|_| InFlightBatch {
+                    sequence: 0,
+                    sent: now,
+                    sent_ns: None,
+                    slots: Vec::with_capacity(max_envs),
+                })
                 .collect(),
             last_host_check: now,
             host_absent_since: config.foreign.then_some(now),
@@ -122,6 +130,7 @@ impl LaneState {
         self.sequence += 1;
         batch.sequence = self.sequence;
         batch.sent = now;
+        batch.sent_ns = trace::now();
         batch.slots.clear();
         batch.slots.extend_from_slice(slots);
         self.in_flight.push(batch);
@@ -197,6 +206,7 @@ impl LaneState {
         for (env_idx, slot) in batch.slots.iter().enumerate() {
             accept(*slot, &view, env_idx)?;
         }
+        trace::record(Activity::InFlight, batch.sent_ns, u64::from(header.n_envs));
         latencies.record(now - batch.sent, u64::from(header.n_envs));
         self.spare.push(batch);
         Ok(())

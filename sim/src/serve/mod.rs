@@ -18,6 +18,7 @@ use std::time::{Duration, Instant};
 
 use cpu_time::ProcessTime;
 use ipc_types::link::{LinkError, LinkNode, SimLink};
+use ipc_types::trace::{self, Activity};
 use ipc_types::{ActionView, FrameError, RunConfig, error_chain};
 use thiserror::Error;
 
@@ -25,7 +26,7 @@ use self::batch::BatchWriter;
 use self::episode::{EpisodeError, control_mode};
 use self::lane::{InvalidAnswerError, LaneError, LaneState};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
-use self::slots::Slots;
+use self::slots::{LaneTally, Slots};
 use crate::perturb::{Sentences, SentencesError};
 use crate::render::{self, OpenRendererError, RenderError};
 
@@ -33,8 +34,8 @@ use crate::render::{self, OpenRendererError, RenderError};
 const SPIN_TIME: Duration = Duration::from_micros(50);
 /// Longest single wait. After it, commands, lanes and slots are checked again.
 const MAX_WAIT: Duration = Duration::from_millis(50);
-/// Interval between two progress events.
-const PROGRESS_INTERVAL: Duration = Duration::from_secs(1);
+/// Interval between two progress events, from which the orchestrator also chooses the number of envs.
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 /// Capacity of the queue between the stdin reader and the loop. A full queue blocks the reader.
 const COMMAND_QUEUE: usize = 1024;
 
@@ -72,7 +73,10 @@ enum ServeLaneError {
 /// # Errors
 /// If the sim cannot be set up, its renderer fails, or its stdout is closed.
 pub fn serve(config: &SimConfig) -> Result<(), SimError> {
-    let threads = config.run.resources.threads;
+    if config.run.resources.trace.is_some() {
+        trace::enable();
+    }
+    let threads = config.run.resources.n_threads();
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads as usize)
         .build()
@@ -118,6 +122,8 @@ struct Server {
     slots: Slots,
     writer: BatchWriter,
     run: RunConfig,
+    /// Worker threads of the sim and of each host.
+    n_threads: usize,
     counters: Counters,
     /// Start of the measured window (see [`Counters::wall_s`]).
     first_work: Option<(Instant, ProcessTime)>,
@@ -145,7 +151,7 @@ impl Server {
         let language = &config.run.results.language;
         let sentences = language.as_ref().map(Sentences::read).transpose()?;
         let rendering = &config.run.rendering;
-        let n_threads = config.run.resources.threads as usize;
+        let n_threads = config.run.resources.n_threads() as usize;
         let renderer = render::open(rendering.renderer, rendering.samples, n_threads)?;
         let max_envs = config.lanes.iter().map(|lane| lane.spec.max_envs as usize).max().unwrap_or(0);
         let shm_bytes = config.lanes.iter().map(|lane| lane.spec.shm_bytes()).sum();
@@ -154,9 +160,10 @@ impl Server {
             commands,
             link,
             lanes,
-            slots: Slots::new(config.run.clone(), sentences, &config.lanes),
+            slots: Slots::new(config, sentences),
             writer: BatchWriter::new(renderer, max_envs),
             run: config.run.clone(),
+            n_threads,
             counters: Counters::default(),
             first_work: None,
             pending_idle_s: 0.0,
@@ -173,7 +180,7 @@ impl Server {
                 match self.commands.try_recv() {
                     Ok(command) => self.handle_command(&command),
                     Err(TryRecvError::Empty) => break,
-                    Err(TryRecvError::Disconnected) => return self.send_final_progress(),
+                    Err(TryRecvError::Disconnected) => return self.send_progress(),
                 }
             }
             self.slots.refill();
@@ -192,16 +199,20 @@ impl Server {
                 self.idle_since = None;
                 self.step()?;
             } else if !self.idle()? {
-                return self.send_final_progress();
+                return self.send_progress();
             }
             if self.last_progress.elapsed() >= PROGRESS_INTERVAL {
                 self.last_progress = Instant::now();
-                emit(&SimEvent::Progress(self.counters.clone()))?;
+                self.send_progress()?;
             }
         }
     }
 
-    fn send_final_progress(&self) -> Result<(), SimError> {
+    fn send_progress(&self) -> Result<(), SimError> {
+        let spans = trace::take();
+        if !spans.is_empty() {
+            emit(&SimEvent::Spans(spans))?;
+        }
         emit(&SimEvent::Progress(self.counters.clone()))?;
         Ok(())
     }
@@ -209,6 +220,7 @@ impl Server {
     fn handle_command(&mut self, command: &SimCommand) {
         match command {
             SimCommand::Run(assignment) => self.slots.push(*assignment),
+            SimCommand::Envs { count } => self.slots.set_limit(*count),
             SimCommand::HostUp { lane } => self.lanes[*lane as usize].host_up(),
             SimCommand::HostDown { lane } => self.lose_host(*lane),
         }
@@ -259,13 +271,15 @@ impl Server {
         Ok(())
     }
 
-    /// Sends one batch of ready slots that share a morphology. Returns `false` if there are none, or the lane
-    /// cannot send.
+    /// Sends one batch of ready slots that share a morphology. Returns `false` if there is none to send now
+    /// ([`batch_size`]), or the lane cannot send.
     fn send(&mut self, lane_idx: usize) -> Result<bool, ServeLaneError> {
         let lane = &mut self.lanes[lane_idx];
         if !lane.can_send() {
             return Ok(false);
         }
+        let (tally, max_envs) = (self.slots.tally(lane_idx as u32), lane.config.spec.max_envs as usize);
+        let Some(n_envs) = batch_size(tally, max_envs, self.n_threads) else { return Ok(false) };
         let Some(morphology) =
             self.slots.ready(lane_idx as u32).next().map(|(_, episode)| episode.morphology())
         else {
@@ -274,12 +288,14 @@ impl Server {
         self.batch.clear();
         let ready =
             self.slots.ready(lane_idx as u32).filter(|(_, episode)| episode.morphology() == morphology);
-        self.batch.extend(ready.map(|(slot, _)| slot).take(lane.config.spec.max_envs as usize));
+        self.batch.extend(ready.map(|(slot, _)| slot).take(n_envs));
         let as_lane_error = |policy: &str, source| LaneError::Link { policy: policy.to_owned(), source };
         let n_pages = self.batch.len() * lane.block_pages(morphology);
         let mut loan = lane.link.loan(n_pages).map_err(|e| as_lane_error(&lane.config.spec.policy, e))?;
         let execute = self.run.results.execute;
+        let observing = trace::span(Activity::Observe);
         let cost = self.writer.write(&mut self.slots, &self.batch, execute, morphology, loan.pages_mut())?;
+        observing.finish(self.batch.len() as u64);
         self.counters.images += cost.images;
         self.counters.render_s += cost.core_s;
         self.counters.queries += self.batch.len() as u64;
@@ -303,6 +319,7 @@ impl Server {
     /// Waits for an answer or a command when there is nothing to step. Returns `false` once stdin has closed.
     fn idle(&mut self) -> Result<bool, SimError> {
         let start = Instant::now();
+        let waiting = trace::now();
         let alive = if self.lanes.iter().any(LaneState::awaits_answer) {
             if self.idle_since.get_or_insert(start).elapsed() < SPIN_TIME {
                 std::hint::spin_loop();
@@ -320,10 +337,30 @@ impl Server {
                 Err(RecvTimeoutError::Disconnected) => false,
             }
         };
+        trace::record(Activity::Wait, waiting, 0);
         if self.first_work.is_some() {
             self.pending_idle_s += start.elapsed().as_secs_f64();
         }
         Ok(alive)
+    }
+}
+
+/// Returns the number of envs in a lane's next batch; `None` if it is better to wait.
+///
+/// A query costs less in a large batch, and least if the host's threads divide the batch evenly. So a batch
+/// waits until half of the lane's envs are ready, while the host has the other half, and takes no more, so that
+/// stepping and inference overlap; and the remainder of the division waits for the next batch. It waits only for envs that are acting: they get ready without an answer.
+fn batch_size(tally: LaneTally, max_envs: usize, n_threads: usize) -> Option<usize> {
+    let LaneTally { n_used, n_ready, n_acting } = tally;
+    let whole = |n: usize| if n > n_threads { n - n % n_threads } else { n };
+    let half = n_used.div_ceil(2);
+    let limit = n_ready.min(max_envs).min(half.next_multiple_of(n_threads));
+    if n_ready == 0 {
+        None
+    } else if n_acting == 0 {
+        Some(limit)
+    } else {
+        (n_ready >= whole(half.min(max_envs))).then(|| whole(limit))
     }
 }
 

@@ -5,6 +5,7 @@
 
 use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec};
+use ipc_types::trace::Span;
 use serde::{Deserialize, Serialize};
 
 pub use super::latencies::Latencies;
@@ -18,6 +19,10 @@ pub struct SimConfig {
     pub domain: Domain,
     /// Random number that identifies the run in every header.
     pub run_id: u64,
+    /// Largest number of episodes in progress at a time.
+    pub max_envs: u32,
+    /// Number of episodes in progress at a time, until [`SimCommand::Envs`] changes it.
+    pub envs: u32,
     /// One lane per policy that runs outside the sim.
     pub lanes: Vec<Lane>,
     /// Options of the run.
@@ -74,6 +79,12 @@ pub struct Assignment {
 pub enum SimCommand {
     /// Queues an episode.
     Run(Assignment),
+    /// Changes the number of episodes in progress at a time, up to [`SimConfig::max_envs`]. If there are more,
+    /// none is started until enough of them have finished.
+    Envs {
+        /// The new number.
+        count: u32,
+    },
     /// Announces that the lane's policy host is connected and accepts queries.
     HostUp {
         /// Index of the lane.
@@ -102,8 +113,10 @@ pub enum SimEvent {
     },
     /// An episode has finished.
     Finished(Box<Outcome>),
-    /// Totals since the process started, sent about once a second and before it exits.
+    /// Totals since the process started, sent about ten times a second and before it exits.
     Progress(Counters),
+    /// What the threads have done since the last such event, if they are traced.
+    Spans(Vec<Span>),
     /// The renderer could not be opened or has failed, and the sim exits. It does not fall back to another
     /// renderer, whose images could differ in single bits.
     RendererFailed {

@@ -2,6 +2,7 @@
 
 use bytemuck::Zeroable;
 use ipc_types::link::{Domain, HostLane, LaneSpec};
+use ipc_types::run_config::Amount;
 use ipc_types::{ActionBlock, ActionHeader, ControlMode, ObservationView};
 
 use super::protocol::{Assignment, Driver, Lane};
@@ -64,7 +65,8 @@ fn loop_round_allocates_nothing_of_its_own() {
         in_flight: 2,
     };
     let mut run = RunConfig::default();
-    (run.resources.envs, run.resources.threads) = (N_ENVS, 1);
+    // As many threads as envs, so that one batch holds them all.
+    run.resources.threads = Amount::Fixed(N_ENVS);
     (run.results.control_mode, run.results.execute) = (mode, N_ROWS);
     run.rendering.renderer = RendererChoice::Cpu;
     let lanes = vec![Lane {
@@ -73,7 +75,8 @@ fn loop_round_allocates_nothing_of_its_own() {
         foreign: false,
         answer_timeout_s: Lane::ANSWER_TIMEOUT_S,
     }];
-    let config = SimConfig { domain: domain.clone(), run_id: RUN, lanes, run };
+    let config =
+        SimConfig { domain: domain.clone(), run_id: RUN, max_envs: N_ENVS, envs: N_ENVS, lanes, run };
     let (_commands, receiver) = sync_channel(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     pool.install(|| {
@@ -113,6 +116,24 @@ fn loop_round_allocates_nothing_of_its_own() {
         assert_eq!(server.counters.images, (WARM_UP + ROUNDS + 1) * 3 * u64::from(N_ENVS));
     });
     domain.remove().unwrap();
+}
+
+#[test]
+fn batches_wait_for_acting_envs_only() {
+    let size = |n_used, n_ready, n_acting| batch_size(LaneTally { n_used, n_ready, n_acting }, 32, 2);
+    assert_eq!(size(16, 0, 16), None);
+    assert_eq!(size(16, 1, 15), None, "more get ready soon");
+    assert_eq!(size(16, 1, 0), Some(1), "the others wait for the host");
+    assert_eq!(size(16, 8, 8), Some(8));
+    assert_eq!(size(16, 9, 7), Some(8), "the ninth would occupy both threads alone");
+    assert_eq!((size(16, 7, 0), size(16, 16, 0)), (Some(7), Some(8)));
+    assert_eq!(size(10, 4, 6), Some(4), "the even part of half of the envs");
+    assert_eq!(size(10, 10, 0), Some(6));
+    assert_eq!(size(1, 1, 0), Some(1));
+    assert_eq!(size(3, 1, 2), None);
+    assert_eq!(size(200, 31, 169), None);
+    assert_eq!(size(200, 33, 167), Some(32));
+    assert_eq!(size(200, 200, 0), Some(32));
 }
 
 #[test]

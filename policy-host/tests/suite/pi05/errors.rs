@@ -14,7 +14,7 @@ use crate::batch::ObservationBatch;
 /// Returns the error of loading a folder.
 fn error_of(folder: &Path) -> String {
     let spec: PolicySpec = format!("pi05:{}", folder.display()).parse().unwrap();
-    let error = load(&spec, 1, QueryMode::Chunk).err().expect("an error");
+    let error = load(&spec, 1, QueryMode::Chunk, &Morphology::ALL).err().expect("an error");
     error_chain(&error)
 }
 
@@ -122,7 +122,7 @@ fn mutated_files_never_panic() {
                 bytes[at] = draw(16 * mutation + 2 * change + 1, 256) as u8;
             }
             std::fs::write(&path, bytes).unwrap();
-            let Ok(mut policy) = load(&spec, 1, QueryMode::Chunk) else {
+            let Ok(mut policy) = load(&spec, 1, QueryMode::Chunk, &Morphology::ALL) else {
                 n_errors += 1;
                 continue;
             };
@@ -131,7 +131,7 @@ fn mutated_files_never_panic() {
         }
         std::fs::write(&path, whole).unwrap();
     }
-    assert!(load(&spec, 1, QueryMode::Chunk).is_ok());
+    assert!(load(&spec, 1, QueryMode::Chunk, &Morphology::ALL).is_ok());
     assert!(n_errors > FILES.len() * N_MUTATIONS / 4, "only {n_errors} mutations were noticed");
 }
 

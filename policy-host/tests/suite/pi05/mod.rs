@@ -273,7 +273,7 @@ fn steps_and_seed_change_the_actions() {
     let folder = data("pi05/robot");
     let answer = |spec: &str, query: u32| {
         let spec: PolicySpec = spec.parse().unwrap();
-        let mut policy = load(&spec, 1, QueryMode::Chunk).unwrap();
+        let mut policy = load(&spec, 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
         let mut batch = ObservationBatch::of(Morphology::Single, &[0]);
         let record: &mut ipc_types::EnvRecord = bytemuck::cast_mut(&mut batch.pages[0]);
         record.query = query;
@@ -291,7 +291,7 @@ fn actions_do_not_depend_on_batch_or_threads() {
         |block: &ipc_types::ActionBlock| crate::rows(block).iter().map(|x| x.to_bits()).collect::<Vec<_>>();
     for kind in ["pi05", "pi05-int8"] {
         let spec: PolicySpec = format!("{kind}:{}", data("pi05/robot").display()).parse().unwrap();
-        let mut policy = load(&spec, 1, QueryMode::Chunk).unwrap();
+        let mut policy = load(&spec, 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
         let mut answer = |envs: &[u32]| ObservationBatch::of(Morphology::Single, envs).answer(&mut *policy);
         let alone: Vec<_> = (0..20).map(|env| bits(&answer(&[env])[0])).collect();
         assert_ne!(alone[0], alone[1], "different observations must give different actions");

@@ -1,0 +1,103 @@
+//! The numbers of envs that a run may use: what the user fixed, or what cores, memory and episodes admit.
+
+use ipc_types::link::check_budget;
+use ipc_types::run_config::{Amount, n_cores};
+use policy_host::PolicySpec;
+use policy_host::checkpoint::available_memory;
+
+use crate::execution::{SHM, lanes};
+use crate::plan::RunPlan;
+
+/// Memory of an env in bytes, a little more than measured: without and with images.
+pub(crate) const ENV_BYTES: [u64; 2] = [160 << 10, 900 << 10];
+/// Envs per core: at the start, at most, and at most in a batch.
+const FIRST_ENVS: u32 = 16;
+const MAX_ENVS: u32 = 128;
+const MAX_BATCH: u32 = 16;
+/// Largest numbers of envs at the start and later, on machines with many cores.
+const LIMITS: [u32; 2] = [128, 4096];
+
+/// The numbers of envs of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Capacity {
+    /// At the start.
+    pub(crate) envs: u32,
+    /// At most.
+    pub(crate) max_envs: u32,
+    /// At most in one batch.
+    pub(crate) batch: u32,
+    /// `true` if the number is chosen while the run goes on.
+    pub(crate) tunes: bool,
+}
+
+impl Capacity {
+    /// Returns the numbers for a run of `n_jobs` episodes.
+    pub(crate) fn new(plan: &RunPlan, n_jobs: usize) -> Self {
+        match plan.config.resources.envs {
+            // A batch holds half of the envs, so that the others step meanwhile.
+            Amount::Fixed(envs) => Self { envs, max_envs: envs, batch: envs.div_ceil(2), tunes: false },
+            Amount::Auto => Self::auto(plan, n_jobs.try_into().unwrap_or(u32::MAX), n_cores()),
+        }
+    }
+
+    fn auto(plan: &RunPlan, n_jobs: u32, n_cores: u32) -> Self {
+        let env_bytes = ENV_BYTES[usize::from(plan.needs_images())];
+        let by_memory = available_memory().map_or(u64::MAX, |available| available / 2 / env_bytes);
+        let by_memory = u32::try_from(by_memory).unwrap_or(u32::MAX);
+        let by_cores = n_cores.saturating_mul(MAX_ENVS).min(LIMITS[1]);
+        let max_envs = by_cores.min(by_memory).min(n_jobs).max(1);
+        // A foreign host may leave the cores idle while it answers, so that half of the envs have to step
+        // meanwhile.
+        let foreign = plan.policies.iter().any(|policy| matches!(policy.spec, PolicySpec::Attach(_)));
+        let whole = if foreign { max_envs.div_ceil(2) } else { max_envs };
+        let mut batch = whole.min(n_cores.saturating_mul(MAX_BATCH));
+        while batch > 1 && !fits(plan, batch) {
+            batch /= 2;
+        }
+        Self {
+            envs: n_cores.saturating_mul(FIRST_ENVS).min(LIMITS[0]).min(max_envs),
+            max_envs,
+            batch,
+            tunes: true,
+        }
+    }
+}
+
+/// Returns `true` if lanes with batches of this size leave half of the shared memory free. A failure to tell
+/// counts as yes, because the start of the fleet checks again and reports it.
+fn fits(plan: &RunPlan, batch: u32) -> bool {
+    let twice = |lane: crate::fleet::PolicyLane| [lane.lane.spec.clone(), lane.lane.spec];
+    let specs: Vec<_> = lanes(plan, batch).into_iter().flat_map(twice).collect();
+    !matches!(check_budget(&specs, SHM.as_ref()), Err(ipc_types::link::BudgetError::TooSmall { .. }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::SweepArgs;
+
+    fn capacity(arguments: &str, n_jobs: u32, n_cores: u32) -> Capacity {
+        Capacity::auto(&RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap(), n_jobs, n_cores)
+    }
+
+    #[test]
+    fn cores_and_episodes_limit_envs() {
+        let of = |n_jobs, n_cores| {
+            let Capacity { envs, max_envs, batch, tunes } = capacity("--policy idle", n_jobs, n_cores);
+            assert!(tunes);
+            (envs, max_envs, batch)
+        };
+        assert_eq!(of(10, 2), (10, 10, 10));
+        assert_eq!(of(1000, 2), (32, 256, 32));
+        assert_eq!(of(1, 64), (1, 1, 1));
+        assert_eq!(of(100_000, 64), (128, 4096, 1024));
+        assert_eq!(capacity("--policy a=attach:a", 10, 2).batch, 5);
+    }
+
+    #[test]
+    fn fixed_number_is_kept() {
+        let plan = RunPlan::new(&SweepArgs::parse("--policy idle --envs 300").unwrap()).unwrap();
+        let expected = Capacity { envs: 300, max_envs: 300, batch: 150, tunes: false };
+        assert_eq!(Capacity::new(&plan, 10), expected);
+    }
+}
