@@ -1,11 +1,13 @@
 //! The number of envs that `run` chooses by itself, against the best of a grid of fixed numbers.
 //!
-//! `cargo bench -p benches --bench autotune -- [--peer PYTHON] [--rounds N] [--only NAMES] [--csv FILE]`. Each
-//! workload runs with `--envs auto` and with every number of the grid in turn, for several rounds. Machines
-//! drift by a fifth within a minute, so `env_steps_per_s` (docs/measuring.md) is scaled by the register peak
-//! measured just before and after the run, relative to the median peak of the workload's runs. Figures are
-//! medians over the rounds. All runs of a workload must store the same rows. With `--peer`, a Python interpreter with
-//! numpy, workloads with a foreign host are measured, too. Takes about six minutes per round on two cores.
+//! `cargo bench -p benches --bench autotune -- [--peer PYTHON] [--rounds N] [--only NAMES] [--csv FILE]`
+//!
+//! Each workload runs with `--envs auto` and with every number of the grid in turn, for several rounds.
+//! Machines drift by a fifth within a minute, so `env_steps_per_s` (docs/measuring.md) is scaled by the
+//! register peak measured just before and after the run, relative to the median peak of the workload's runs.
+//! Figures are medians over the rounds. All runs of a workload must store the same rows. With `--peer`, a
+//! Python interpreter with numpy, workloads with a foreign host are measured, too. Takes about six minutes
+//! per round on two cores.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -94,7 +96,7 @@ fn main() -> Result<()> {
     let full = folder.path().join("full");
     let checkpoint = Command::new(HYPOGEUM).args(["checkpoint", "-o"]).arg(&full).output()?;
     ensure!(checkpoint.status.success(), "{}", String::from_utf8_lossy(&checkpoint.stderr));
-    let bench = Bench { folder: folder.path(), full: &full, python: peer.as_deref(), n_rounds };
+    let bench = GridBench { folder: folder.path(), full: &full, python: peer.as_deref(), n_rounds };
     let is_selected = |workload: &&Workload| {
         (workload.host.is_none() || peer.is_some())
             && only.as_ref().is_none_or(|only| only.split(',').any(|name| name == workload.name))
@@ -105,7 +107,7 @@ fn main() -> Result<()> {
     report.finish()
 }
 
-struct Bench<'a> {
+struct GridBench<'a> {
     folder: &'a Path,
     full: &'a Path,
     python: Option<&'a Path>,
@@ -122,7 +124,7 @@ struct TunedRun {
     rows: Vec<String>,
 }
 
-impl Bench<'_> {
+impl GridBench<'_> {
     fn measure(&self, workload: &Workload, report: &mut Report) -> Result<()> {
         let mut runs: Vec<Vec<TunedRun>> = (0..=GRID.len()).map(|_| Vec::new()).collect();
         let (mut chosen, mut rows) = (Vec::new(), None);

@@ -18,6 +18,7 @@ use benches::{Peer, Report, median};
 use policy_host::checkpoint::pi05::Pi05Checkpoint;
 use policy_host::generated::{fnv1a64, sym};
 use policy_host::nn::Precision;
+use policy_host::nn::peak::peak_gflop_per_s;
 use policy_host::pi05::model::{Pi05Input, Pi05Model, SampleTokens};
 
 /// Tokens of the prompt.

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 const MAX_WAITING: usize = 1 << 20;
 
 static ENABLED: AtomicBool = AtomicBool::new(false);
-static SPANS: Mutex<Vec<Span>> = Mutex::new(Vec::new());
+static SPANS: Mutex<Vec<TraceSpan>> = Mutex::new(Vec::new());
 static N_THREADS: AtomicU32 = AtomicU32::new(0);
 
 thread_local! {
@@ -48,7 +48,7 @@ pub enum Activity {
 
 /// An activity of a thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Span {
+pub struct TraceSpan {
     /// The kind of work.
     pub activity: Activity,
     /// Number of the thread within its process.
@@ -96,14 +96,14 @@ pub fn record(activity: Activity, start_ns: Option<u64>, n: u64) {
         let (thread, duration_ns) = (THREAD.with(|thread| *thread), end_ns.saturating_sub(start_ns));
         let mut spans = SPANS.lock().unwrap_or_else(PoisonError::into_inner);
         if spans.len() < MAX_WAITING {
-            spans.push(Span { activity, thread, start_ns, duration_ns, n });
+            spans.push(TraceSpan { activity, thread, start_ns, duration_ns, n });
         }
     }
 }
 
 /// Returns the spans recorded since the last call.
 #[must_use]
-pub fn take() -> Vec<Span> {
+pub fn take() -> Vec<TraceSpan> {
     std::mem::take(&mut *SPANS.lock().unwrap_or_else(PoisonError::into_inner))
 }
 

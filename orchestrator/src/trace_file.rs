@@ -10,7 +10,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use ipc_types::trace::{Activity, Span};
+use ipc_types::trace::{Activity, TraceSpan};
 use serde_json::{Value, json};
 
 /// A trace file that is being written.
@@ -47,7 +47,7 @@ impl TraceFile {
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub(crate) fn add(&mut self, process: &str, spans: &[Span]) -> anyhow::Result<()> {
+    pub(crate) fn add(&mut self, process: &str, spans: &[TraceSpan]) -> anyhow::Result<()> {
         let Some(first) = spans.iter().map(|span| span.start_ns).min() else { return Ok(()) };
         let origin_ns = *self.origin_ns.get_or_insert(first);
         let next = self.processes.len() + 1;
@@ -58,7 +58,7 @@ impl TraceFile {
             )?;
         }
         for span in spans {
-            let Span { activity, thread, start_ns, duration_ns, n } = *span;
+            let TraceSpan { activity, thread, start_ns, duration_ns, n } = *span;
             // Children record from their start, and a process may report before another that started earlier.
             let start_us = (start_ns as f64 - origin_ns as f64) / 1e3;
             let duration_us = duration_ns as f64 / 1e3;
@@ -112,7 +112,7 @@ mod tests {
         let path = folder.path().join("trace.json");
         let mut trace = TraceFile::create(&path).unwrap();
         let span =
-            |activity, start_ns, duration_ns, n| Span { activity, thread: 2, start_ns, duration_ns, n };
+            |activity, start_ns, duration_ns, n| TraceSpan { activity, thread: 2, start_ns, duration_ns, n };
         trace
             .add("sim", &[span(Activity::Step, 5_000, 2_000, 5), span(Activity::InFlight, 6_000, 9_000, 8)])
             .unwrap();

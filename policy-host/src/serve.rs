@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use bytemuck::Zeroable;
 use cpu_time::ProcessTime;
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkError, LinkNode, ObservationMessage};
-use ipc_types::trace::{self, Activity, Span};
+use ipc_types::trace::{self, Activity, TraceSpan};
 use ipc_types::{
     ActionBlock, ActionHeader, FrameError, Morphology, ObservationHeader, ObservationView, RunConfig,
     SCHEMA_HASH,
@@ -75,8 +75,8 @@ pub enum HostEvent {
         /// Floating-point operations of the answered queries ([`Policy::flop_per_query`]).
         flop: u64,
     },
-    /// What the threads have done since the last such event, if they are traced.
-    Spans(Vec<Span>),
+    /// Activities of the threads since the last such event, if they are traced.
+    Spans(Vec<TraceSpan>),
     /// A message could not be answered. The host continues.
     Failed {
         /// Error with its causes.

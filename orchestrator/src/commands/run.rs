@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use ipc_types::trace::{self, Activity, Span};
+use ipc_types::trace::{self, Activity, TraceSpan};
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
 
@@ -161,7 +161,7 @@ impl Live<'_> {
         self.progress.tick();
     }
 
-    fn on_spans(&mut self, process: &str, spans: &[Span]) -> anyhow::Result<()> {
+    fn on_spans(&mut self, process: &str, spans: &[TraceSpan]) -> anyhow::Result<()> {
         let Some(file) = &mut self.trace else { return Ok(()) };
         file.add(process, spans)?;
         file.add("orchestrator", &trace::take())

@@ -20,10 +20,11 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use ipc_types::link::{Domain, check_budget};
-use ipc_types::trace::Span;
+use ipc_types::trace::TraceSpan;
 use ipc_types::{Morphology, RunConfig};
 use policy_host::PolicySpec;
-use sim::serve::protocol::{Counters, Lane, Outcome};
+use policy_host::serve::HostConfig;
+use sim::serve::protocol::{Counters, Lane, Outcome, SimConfig};
 
 pub(crate) use self::error::FleetError;
 pub(crate) use self::folder::base;
@@ -60,6 +61,33 @@ pub(crate) struct FleetConfig {
     /// Morphologies of the tasks.
     pub(crate) morphologies: Vec<Morphology>,
     pub(crate) limits: Limits,
+}
+
+impl FleetConfig {
+    /// Returns the configuration of a sim that starts with `envs` envs.
+    fn sim(&self, domain: &Domain, envs: u32) -> SimConfig {
+        SimConfig {
+            domain: domain.clone(),
+            run_id: self.run_id,
+            max_envs: self.capacity.max_envs,
+            envs,
+            lanes: self.lanes.iter().map(|policy| policy.lane.clone()).collect(),
+            run: self.run.clone(),
+        }
+    }
+
+    /// Returns the configuration of a lane's host.
+    fn host(&self, domain: &Domain, lane: u32) -> HostConfig {
+        let policy = &self.lanes[lane as usize];
+        HostConfig {
+            domain: domain.clone(),
+            run_id: self.run_id,
+            lane: policy.lane.spec.clone(),
+            spec: policy.spec.clone(),
+            morphologies: self.morphologies.clone(),
+            run: self.run.clone(),
+        }
+    }
 }
 
 /// A policy outside the sim and its lane.
@@ -105,8 +133,8 @@ pub(crate) enum FleetEvent<'a> {
     Counters(&'a Counters),
     /// A sim is ready; its renderer has this identity.
     RendererReady(&'a str),
-    /// What the threads of a child have done, by the child's name.
-    Spans(&'a str, &'a [Span]),
+    /// Activities of the threads of a child, by the child's name.
+    Spans(&'a str, &'a [TraceSpan]),
     /// A line for the user.
     Log(&'a str),
 }

@@ -7,10 +7,10 @@ use std::time::Duration;
 
 use ipc_types::link::Domain;
 use ipc_types::run_config::n_cores;
-use ipc_types::trace::Span;
+use ipc_types::trace::TraceSpan;
 use policy_host::PolicySpec;
-use policy_host::serve::{HostConfig, HostEvent};
-use sim::serve::protocol::{Driver, Outcome, SimCommand, SimConfig, SimEvent};
+use policy_host::serve::HostEvent;
+use sim::serve::protocol::{Driver, Outcome, SimCommand, SimEvent};
 
 use super::clock::RunningClock;
 use super::error::FleetError;
@@ -134,8 +134,8 @@ impl<'a> Supervisor<'a> {
 
     fn start(&mut self, role: MemberRole) -> Result<(), FleetError> {
         let (subcommand, config) = match role {
-            MemberRole::Sim => ("sim", serde_json::json!(self.sim_config())),
-            MemberRole::Host(lane) => ("policy-host", serde_json::json!(self.host_config(lane))),
+            MemberRole::Sim => ("sim", serde_json::json!(self.config.sim(self.domain, self.envs()))),
+            MemberRole::Host(lane) => ("policy-host", serde_json::json!(self.config.host(self.domain, lane))),
         };
         let events = self.events.clone();
         let on_output = move |output| {
@@ -203,7 +203,7 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    fn report_spans(&mut self, role: MemberRole, spans: &[Span]) -> Result<(), FleetError> {
+    fn report_spans(&mut self, role: MemberRole, spans: &[TraceSpan]) -> Result<(), FleetError> {
         let name = self.name(role);
         (self.sink)(FleetEvent::Spans(&name, spans)).map_err(FleetError::Sink)
     }
@@ -228,17 +228,7 @@ impl<'a> Supervisor<'a> {
         let roles = self.roles();
         let own = |role: MemberRole| self.member(role).process().and_then(|process| process.cpu_s());
         let cpu_s = roles.into_iter().filter_map(own).sum();
-        let sim = self.totals.sim();
-        let sample = WorkSample {
-            now: self.clock.now(),
-            cpu_s,
-            sim_cpu_s: sim.cpu_s,
-            env_steps: sim.env_steps,
-            queries: sim.queries,
-            physics_s: sim.physics_s,
-            render_s: sim.render_s,
-            hosts: self.totals.lanes(),
-        };
+        let sample = WorkSample::new(self.clock.now(), cpu_s, &self.totals);
         if let Some(count) = self.tuner.as_mut().and_then(|tuner| tuner.on_work(sample)) {
             self.send_to_sim(&SimCommand::Envs { count });
         }
@@ -397,31 +387,6 @@ impl<'a> Supervisor<'a> {
             }
         }
         Ok(())
-    }
-
-    fn sim_config(&self) -> SimConfig {
-        let config = self.config;
-        SimConfig {
-            domain: self.domain.clone(),
-            run_id: config.run_id,
-            max_envs: config.capacity.max_envs,
-            envs: self.envs(),
-            lanes: config.lanes.iter().map(|policy| policy.lane.clone()).collect(),
-            run: config.run.clone(),
-        }
-    }
-
-    fn host_config(&self, lane: u32) -> HostConfig {
-        let config = self.config;
-        let policy = &config.lanes[lane as usize];
-        HostConfig {
-            domain: self.domain.clone(),
-            run_id: config.run_id,
-            lane: policy.lane.spec.clone(),
-            spec: policy.spec.clone(),
-            morphologies: config.morphologies.clone(),
-            run: config.run.clone(),
-        }
     }
 
     /// Sends a command to the sim if it is ready. Otherwise it learns the state when it becomes ready.

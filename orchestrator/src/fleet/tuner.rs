@@ -1,16 +1,16 @@
 //! The choice of the number of envs, from costs measured while the run goes on.
 //!
-//! More envs make larger batches, which cost less per query, and hide the time that a host takes to answer; but
-//! they delay the first results, need memory, and make an interruption lose more. So the tuner starts with few
-//! and tries more as long as that pays. From the costs during a trial it predicts the speed of the run with
-//! that number of envs:
+//! More envs make larger batches, which cost less per query, and hide the time that a host takes to answer;
+//! but they delay the first results, need memory, and make an interruption lose more. So the tuner starts
+//! with few and tries more as long as that pays. From the costs during a trial it predicts the speed of the
+//! run with that number of envs:
 //!
 //! cores · u / (s + (r + w) / k + t)
 //!
-//! with the fraction u of core time that the children used, the core-seconds r of rendering and w of inference
-//! per query and t of everything else per control step, all during the trial, and with the core-seconds s of
-//! physics per control step and the control steps k per query of the whole run: episodes differ in these by
-//! task, not by the number of envs.
+//! with the fraction u of core time that the children used, the core-seconds r of rendering and w of
+//! inference per query and t of everything else per control step, all during the trial, and with the
+//! core-seconds s of physics per control step and the control steps k per query of the whole run: episodes
+//! differ in these by task, not by the number of envs.
 //!
 //! The number influences no result, only the order of the work.
 
@@ -18,7 +18,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::totals::HostWork;
+use super::totals::{HostWork, Totals};
 
 /// Time after a change of the number before the next trial begins, and the shortest trial.
 const SETTLING: Duration = Duration::from_millis(100);
@@ -51,7 +51,24 @@ pub(super) struct WorkSample {
     pub(super) hosts: Vec<HostWork>,
 }
 
-/// What a number of envs cost.
+impl WorkSample {
+    /// Makes the sample of a moment `now` at which the children have used `cpu_s` core-seconds.
+    pub(super) fn new(now: Duration, cpu_s: f64, totals: &Totals) -> Self {
+        let sim = totals.sim();
+        Self {
+            now,
+            cpu_s,
+            sim_cpu_s: sim.cpu_s,
+            env_steps: sim.env_steps,
+            queries: sim.queries,
+            physics_s: sim.physics_s,
+            render_s: sim.render_s,
+            hosts: totals.lanes(),
+        }
+    }
+}
+
+/// Speed with a number of envs, predicted from its costs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct EnvTrial {
     pub(crate) envs: u32,

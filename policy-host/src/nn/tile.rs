@@ -13,6 +13,11 @@ pub(super) const MR: usize = 6;
 /// Length of a block along `k`, so that a panel's block stays in the cache while all rows are computed.
 pub(super) const KC: usize = 256;
 
+/// Steps along `k` by which the AVX-512 kernels prefetch the weights. A panel's block is larger than the L1
+/// cache, and its lines arrive late without a hint: that made products 10 to 20 % slower.
+#[cfg(target_arch = "x86_64")]
+const PREFETCH_STEPS: usize = 8;
+
 /// GEMM micro-kernel: `out [height, NR] = (out if adds, else 0) + x [height, kc] · weights [kc, NR]`, with
 /// rows `stride` apart in `x` and `out_stride` apart in `out`.
 ///
@@ -50,9 +55,9 @@ pub(super) const fn micro_kernels_256(_: V3) -> [MicroKernel; MR] {
 }
 
 /// Defines a micro-kernel. `$lanes` is the number of lanes of a register, `$across` the number of registers
-/// per row.
+/// per row, `$prefetches` whether the kernel prefetches the weights.
 macro_rules! micro_kernel {
-    ($name:ident, $features:literal, $lanes:literal, $across:literal, $zero:ident, $load:ident, $all:ident, $fma:ident, $store:ident) => {
+    ($name:ident, $features:literal, $lanes:literal, $across:literal, $prefetches:literal, $zero:ident, $load:ident, $all:ident, $fma:ident, $store:ident) => {
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = $features)]
         unsafe fn $name<const HEIGHT: usize>(
@@ -63,7 +68,7 @@ macro_rules! micro_kernel {
             out_stride: usize,
             adds: bool,
         ) {
-            use core::arch::x86_64::{$all, $fma, $load, $store, $zero};
+            use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch, $all, $fma, $load, $store, $zero};
             let x = x.as_ptr();
             for first in (0..NR).step_by($across * $lanes) {
                 // SAFETY: the caller guarantees `HEIGHT` rows of `kc` values in `x` and of `NR` values in
@@ -82,6 +87,10 @@ macro_rules! micro_kernel {
                         let mut line = [$zero(); $across];
                         for (col, weights) in line.iter_mut().enumerate() {
                             *weights = $load(from.as_ptr().add(first + col * $lanes));
+                            if $prefetches {
+                                let ahead = PREFETCH_STEPS * NR + first + col * $lanes;
+                                _mm_prefetch::<_MM_HINT_T0>(from.as_ptr().wrapping_add(ahead).cast());
+                            }
                         }
                         for (row, sums) in sums.iter_mut().enumerate() {
                             let x = $all(*x.add(row * stride + step));
@@ -102,7 +111,7 @@ macro_rules! micro_kernel {
 }
 
 #[rustfmt::skip]
-micro_kernel!(micro_kernel_512, "avx512f", 16, 4, _mm512_setzero_ps, _mm512_loadu_ps, _mm512_set1_ps, _mm512_fmadd_ps, _mm512_storeu_ps);
+micro_kernel!(micro_kernel_512, "avx512f", 16, 4, true, _mm512_setzero_ps, _mm512_loadu_ps, _mm512_set1_ps, _mm512_fmadd_ps, _mm512_storeu_ps);
 // With six rows, the accumulators take 12 of AVX2's 16 registers.
 #[rustfmt::skip]
-micro_kernel!(micro_kernel_256, "avx2,fma", 8, 2, _mm256_setzero_ps, _mm256_loadu_ps, _mm256_set1_ps, _mm256_fmadd_ps, _mm256_storeu_ps);
+micro_kernel!(micro_kernel_256, "avx2,fma", 8, 2, false, _mm256_setzero_ps, _mm256_loadu_ps, _mm256_set1_ps, _mm256_fmadd_ps, _mm256_storeu_ps);

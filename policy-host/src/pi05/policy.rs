@@ -75,8 +75,8 @@ fn open(folder: &Path) -> Result<Vec<Pi05Checkpoint>, CheckpointFolderError> {
 }
 
 impl Pi05Policy {
-    /// Loads the networks for `robots` in `folder`. `n_steps` is the number of Euler steps from noise to actions; the
-    /// checkpoint's own by default.
+    /// Loads the networks for `robots` in `folder`. `n_steps` is the number of Euler steps from noise to
+    /// actions; the checkpoint's own by default.
     ///
     /// # Errors
     /// The first file or tensor that is missing, unexpected or damaged.

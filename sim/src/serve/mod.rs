@@ -348,8 +348,9 @@ impl Server {
 /// Returns the number of envs in a lane's next batch; `None` if it is better to wait.
 ///
 /// A query costs less in a large batch, and least if the host's threads divide the batch evenly. So a batch
-/// waits until half of the lane's envs are ready, while the host has the other half, and takes no more, so that
-/// stepping and inference overlap; and the remainder of the division waits for the next batch. It waits only for envs that are acting: they get ready without an answer.
+/// waits until half of the lane's envs are ready, while the host has the other half. It takes no more than
+/// half, so that stepping and inference overlap, and leaves the remainder of the division to the next batch.
+/// It waits only for envs that are acting: they get ready without an answer.
 fn batch_size(tally: LaneTally, max_envs: usize, n_threads: usize) -> Option<usize> {
     let LaneTally { n_used, n_ready, n_acting } = tally;
     let whole = |n: usize| if n > n_threads { n - n % n_threads } else { n };

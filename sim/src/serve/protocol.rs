@@ -5,7 +5,7 @@
 
 use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec};
-use ipc_types::trace::Span;
+use ipc_types::trace::TraceSpan;
 use serde::{Deserialize, Serialize};
 
 pub use super::latencies::Latencies;
@@ -79,8 +79,8 @@ pub struct Assignment {
 pub enum SimCommand {
     /// Queues an episode.
     Run(Assignment),
-    /// Changes the number of episodes in progress at a time, up to [`SimConfig::max_envs`]. If there are more,
-    /// none is started until enough of them have finished.
+    /// Changes the number of episodes in progress at a time, up to [`SimConfig::max_envs`]. If there are
+    /// more, none is started until enough of them have finished.
     Envs {
         /// The new number.
         count: u32,
@@ -115,8 +115,8 @@ pub enum SimEvent {
     Finished(Box<Outcome>),
     /// Totals since the process started, sent about ten times a second and before it exits.
     Progress(Counters),
-    /// What the threads have done since the last such event, if they are traced.
-    Spans(Vec<Span>),
+    /// Activities of the threads since the last such event, if they are traced.
+    Spans(Vec<TraceSpan>),
     /// The renderer could not be opened or has failed, and the sim exits. It does not fall back to another
     /// renderer, whose images could differ in single bits.
     RendererFailed {
