@@ -1,4 +1,4 @@
-//! `hypogeum fps`: the measurement of speed over the number of environments.
+//! Measurement of speed: `hypogeum fps`, and the ledger and the trace of `run`.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use support::{act_tiny, run};
+use support::{act_tiny, rows, run};
 
 /// Measures act in both modes with 1 and 3 envs.
 fn measure(dir: &Path, extra: &[&str]) -> Value {
@@ -63,4 +63,58 @@ fn other_settings_need_another_folder() {
     }
     let unloadable = ["fps", "--policy", "act:nowhere", "--envs", "1", "-o", "other"];
     assert!(run(dir.path(), &unloadable).expect_code(2).stderr.contains("nowhere"));
+}
+
+/// Runs act in five episodes of RaiseCube with further arguments. Returns the report.
+fn evaluate(dir: &Path, db: &str, extra: &[&str]) -> Value {
+    let act = format!("act=act:{}", act_tiny());
+    let mut args = vec!["run", "--policy", &act, "--tasks", "RaiseCube", "--episodes", "5", "--json"];
+    args.extend(["--db", db]);
+    args.extend(extra);
+    serde_json::from_str(&run(dir, &args).expect_code(0).stdout).unwrap()
+}
+
+#[test]
+fn ledger_adds_up_to_all_cores() {
+    let dir = tempfile::tempdir().unwrap();
+    let report = evaluate(dir.path(), "r.db", &[]);
+    let n_cores = report["run"]["environment"]["machine"]["n_cores"].as_f64().unwrap();
+    let part = |name: &str| report["ledger"][name].as_f64().unwrap();
+    let parts = ["physics_s", "render_s", "policy_s", "transport_s", "unused_s"];
+    let sum: f64 = parts.into_iter().map(part).sum();
+    let all = n_cores * report["fps"]["wall_s"].as_f64().unwrap();
+    assert!((sum / all - 1.0).abs() < 0.03, "{sum} of {all} core-seconds: {:#}", report["ledger"]);
+    assert!(parts[..3].iter().all(|name| part(name) > 0.0), "{:#}", report["ledger"]);
+    let inference = &report["fps"]["inference"];
+    let number = |key: &str| inference[key].as_f64().unwrap_or_else(|| panic!("{key} of {inference}"));
+    let fraction = number("gflop_per_core_s") / number("peak_gflop_per_core_s");
+    assert!(fraction > 0.0 && (fraction - number("fraction")).abs() < 1e-9, "{inference}");
+    // The episodes are too few to choose a number of envs from.
+    assert_eq!(report["run"]["environment"]["env_choice"]["envs"], 5);
+}
+
+#[test]
+fn trace_shows_all_processes_and_changes_no_row() {
+    let dir = tempfile::tempdir().unwrap();
+    let report = evaluate(dir.path(), "traced.db", &["--trace", "trace.json"]);
+    let trace = fs::read_to_string(dir.path().join("trace.json")).unwrap();
+    let events: Vec<Value> = serde_json::from_str(&trace).unwrap();
+    let of = |name: &str| events.iter().filter(|event| event["name"] == name).collect::<Vec<_>>();
+    let processes: Vec<_> = of("process_name").iter().map(|event| event["args"]["name"].clone()).collect();
+    for process in ["sim", "host of `act`", "orchestrator"] {
+        assert!(processes.iter().any(|name| name == process), "{process} in {processes:?}");
+    }
+    let n = |name: &str| of(name).iter().map(|event| event["args"]["n"].as_u64().unwrap()).sum::<u64>();
+    assert_eq!(n("step"), report["fps"]["env_steps"].as_u64().unwrap());
+    assert_eq!((n("build"), n("store")), (5, 5));
+    // Each batch is observed, in flight (with a start and an end) and inferred.
+    assert_eq!((n("observe"), n("in_flight")), (n("infer"), 2 * n("infer")));
+    assert_eq!(n("render"), 3 * n("infer"), "one image per camera");
+    assert!(of("infer").iter().all(|event| event["dur"].as_f64().unwrap() > 0.0));
+    let _ = evaluate(dir.path(), "plain.db", &["--envs", "2"]);
+    assert_eq!(rows(&dir.path().join("traced.db")), rows(&dir.path().join("plain.db")));
+    let act = format!("act=act:{}", act_tiny());
+    let args = ["run", "--policy", &act, "--tasks", "RaiseCube", "--trace", "nowhere/trace.json"];
+    let refused = run(dir.path(), &args).expect_code(2);
+    assert!(refused.stderr.contains("nowhere/trace.json"), "{}", refused.stderr);
 }
