@@ -1,21 +1,23 @@
 //! The numbers of envs that a run may use: what the user fixed, or what cores, memory and episodes admit.
 
-use ipc_types::link::check_budget;
+use ipc_types::link::{BudgetError, check_budget};
 use ipc_types::run_config::{Amount, n_cores};
 use policy_host::PolicySpec;
 use policy_host::checkpoint::available_memory;
 
 use crate::execution::{SHM, lanes};
+use crate::fleet::PolicyLane;
 use crate::plan::RunPlan;
 
 /// Memory of an env in bytes, a little more than measured: without and with images.
 pub(crate) const ENV_BYTES: [u64; 2] = [160 << 10, 900 << 10];
-/// Envs per core: at the start, at most, and at most in a batch.
-const FIRST_ENVS: u32 = 16;
-const MAX_ENVS: u32 = 128;
-const MAX_BATCH: u32 = 16;
-/// Largest numbers of envs at the start and later, on machines with many cores.
-const LIMITS: [u32; 2] = [128, 4096];
+/// Envs per core at the start, at most, and at most in a batch.
+const FIRST_PER_CORE: u32 = 16;
+const MAX_PER_CORE: u32 = 128;
+const BATCH_PER_CORE: u32 = 16;
+/// Largest numbers of envs at the start and later, for machines with many cores.
+const FIRST_LIMIT: u32 = 128;
+const LIMIT: u32 = 4096;
 
 /// The numbers of envs of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,18 +46,18 @@ impl Capacity {
         let env_bytes = ENV_BYTES[usize::from(plan.needs_images())];
         let by_memory = available_memory().map_or(u64::MAX, |available| available / 2 / env_bytes);
         let by_memory = u32::try_from(by_memory).unwrap_or(u32::MAX);
-        let by_cores = n_cores.saturating_mul(MAX_ENVS).min(LIMITS[1]);
+        let by_cores = n_cores.saturating_mul(MAX_PER_CORE).min(LIMIT);
         let max_envs = by_cores.min(by_memory).min(n_jobs).max(1);
         // A foreign host may leave the cores idle while it answers, so that half of the envs have to step
         // meanwhile.
         let foreign = plan.policies.iter().any(|policy| matches!(policy.spec, PolicySpec::Attach(_)));
         let whole = if foreign { max_envs.div_ceil(2) } else { max_envs };
-        let mut batch = whole.min(n_cores.saturating_mul(MAX_BATCH));
+        let mut batch = whole.min(n_cores.saturating_mul(BATCH_PER_CORE));
         while batch > 1 && !fits(plan, batch) {
             batch /= 2;
         }
         Self {
-            envs: n_cores.saturating_mul(FIRST_ENVS).min(LIMITS[0]).min(max_envs),
+            envs: n_cores.saturating_mul(FIRST_PER_CORE).min(FIRST_LIMIT).min(max_envs),
             max_envs,
             batch,
             tunes: true,
@@ -66,9 +68,9 @@ impl Capacity {
 /// Returns `true` if lanes with batches of this size leave half of the shared memory free. A failure to tell
 /// counts as yes, because the start of the fleet checks again and reports it.
 fn fits(plan: &RunPlan, batch: u32) -> bool {
-    let twice = |lane: crate::fleet::PolicyLane| [lane.lane.spec.clone(), lane.lane.spec];
+    let twice = |lane: PolicyLane| [lane.lane.spec.clone(), lane.lane.spec];
     let specs: Vec<_> = lanes(plan, batch).into_iter().flat_map(twice).collect();
-    !matches!(check_budget(&specs, SHM.as_ref()), Err(ipc_types::link::BudgetError::TooSmall { .. }))
+    !matches!(check_budget(&specs, SHM.as_ref()), Err(BudgetError::TooSmall { .. }))
 }
 
 #[cfg(test)]

@@ -1,7 +1,6 @@
 //! The machine that a run is executed on, as results name it.
 
-use std::thread::available_parallelism;
-
+use ipc_types::run_config::n_cores;
 use policy_host::nn::peak::peak_gflop_per_s;
 use serde::Serialize;
 
@@ -23,7 +22,7 @@ impl Machine {
         let part = |text: &std::ffi::CStr| text.to_string_lossy().into_owned();
         Self {
             cpu: cpu_model().unwrap_or_else(|| "unknown".to_owned()),
-            n_cores: available_parallelism().map_or(1, |n| n.get().try_into().unwrap_or(u32::MAX)),
+            n_cores: n_cores(),
             os: format!("{} {} {}", part(name.sysname()), part(name.release()), part(name.machine())),
         }
     }

@@ -2,6 +2,7 @@
 //! end.
 
 use std::collections::BTreeMap;
+use std::iter::Sum;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
@@ -209,10 +210,14 @@ impl<'a> Supervisor<'a> {
     }
 
     fn measure_memory(&mut self) {
-        let roles = self.roles();
-        let own = |role: MemberRole| self.member(role).process().and_then(|process| process.memory_bytes());
-        let sum = roles.into_iter().filter_map(own).sum();
+        let sum = self.sum_over_children(ChildProcess::memory_bytes);
         self.totals.memory_bytes = self.totals.memory_bytes.max(sum);
+    }
+
+    /// Sums what the system tells about the children that are alive.
+    fn sum_over_children<T: Sum>(&mut self, of: impl Fn(&ChildProcess) -> Option<T>) -> T {
+        let roles = self.roles();
+        roles.into_iter().filter_map(|role| self.member(role).process().and_then(|child| of(child))).sum()
     }
 
     /// Returns the number of episodes in progress at a time.
@@ -225,9 +230,7 @@ impl<'a> Supervisor<'a> {
         if self.tuner.is_none() || self.pending.is_empty() {
             return;
         }
-        let roles = self.roles();
-        let own = |role: MemberRole| self.member(role).process().and_then(|process| process.cpu_s());
-        let cpu_s = roles.into_iter().filter_map(own).sum();
+        let cpu_s = self.sum_over_children(ChildProcess::cpu_s);
         let sample = WorkSample::new(self.clock.now(), cpu_s, &self.totals);
         if let Some(count) = self.tuner.as_mut().and_then(|tuner| tuner.on_work(sample)) {
             self.send_to_sim(&SimCommand::Envs { count });

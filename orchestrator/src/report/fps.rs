@@ -186,10 +186,14 @@ fn choice_line(choice: &EnvChoice) -> String {
         let EnvTrial { envs, predicted, utilisation } = trial;
         format!("{envs} ({predicted:.0}, cores {:.0} % used)", 100.0 * utilisation)
     };
-    let trials: Vec<_> = trials.iter().map(trial).collect();
-    let why = match trials.as_slice() {
+    let listed: Vec<_> = trials.iter().map(trial).collect();
+    let why = match listed.as_slice() {
         [] => "the run was too short to try others".to_owned(),
-        trials => format!("expected env-steps/s: {}", trials.join(", ")),
+        listed => {
+            let is_open = trials.iter().all(|trial| trial.envs != *envs);
+            let open = if is_open { format!("; {envs} not measured to the end") } else { String::new() };
+            format!("expected env-steps/s: {}{open}", listed.join(", "))
+        }
     };
     format!("envs             {envs}, chosen from at most {max_envs}; {why}\n")
 }
