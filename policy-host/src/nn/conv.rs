@@ -1,7 +1,7 @@
 //! 2-D convolutions of feature maps, with the following batch normalisation folded into the weights.
 //!
 //! 3×3 kernels with stride 1 use `winograd`. Others are GEMMs: wide output rows read their
-//! windows in place, one kernel row at a time; narrow rows go through im2col, a block of pixels at a time.
+//! windows in place; narrow rows go through im2col, a block of pixels at a time.
 //! Every sum is the same chain of additions either way. With 8-bit weights all windows are read in place.
 
 use std::ops::Range;
@@ -152,6 +152,16 @@ impl Conv2d {
         Self { weights, bias, geometry, c_in, c_out }
     }
 
+    /// Returns the size of the weights in memory, in the form that the algorithm needs.
+    #[must_use]
+    pub fn weight_bytes(&self) -> usize {
+        match &self.weights {
+            ConvWeights::Winograd(winograd) => winograd.size_bytes(),
+            ConvWeights::Gemm(weights) => weights.size_bytes(),
+            ConvWeights::Int8(weights) => weights.size_bytes(),
+        }
+    }
+
     /// Returns the granularity, in output rows, at which work should be divided between threads.
     #[must_use]
     pub fn row_granularity(&self) -> usize {
@@ -279,15 +289,20 @@ impl Conv2d {
         row: usize,
         sums: &mut [f32],
     ) {
-        let segment = self.geometry.kernel_size * self.c_in;
         let inset = shape.padding - self.geometry.padding;
-        for kernel_row in 0..self.geometry.kernel_size {
-            let first = ((row * self.geometry.stride + inset + kernel_row) * shape.padded_width() + inset)
-                * self.c_in;
-            let accum = if kernel_row == 0 { Accum::Replace } else { Accum::Add };
-            let k_range = kernel_row * segment..(kernel_row + 1) * segment;
-            weights.matmul_rows(k_range, &image[first..], self.geometry.stride * self.c_in, sums, accum);
-        }
+        let first = ((row * self.geometry.stride + inset) * shape.padded_width() + inset) * self.c_in;
+        weights.matmul_segments(
+            &image[first..],
+            self.geometry.stride * self.c_in,
+            self.window_rows(shape),
+            sums,
+        );
+    }
+
+    /// Returns the rows of a window in an input of this shape, as segments.
+    fn window_rows(&self, shape: FeatureMapShape) -> Segments {
+        let side = self.geometry.kernel_size;
+        Segments { count: side, len: side * self.c_in, stride: shape.padded_width() * self.c_in }
     }
 
     /// Copies the window of an output pixel to `patch [kernel_size² · c_in]` (im2col).
@@ -332,9 +347,7 @@ impl Conv2d {
                 scale: scales[image_idx],
             }));
         }
-        let side = self.geometry.kernel_size;
-        let segments =
-            Segments { count: side, len: side * self.c_in, stride: shape.padded_width() * self.c_in };
+        let segments = self.window_rows(shape);
         let start = |idx: usize| pixels[idx].start;
         weights.matmul(quantised, segments, pixels.len(), start, |idx, first, sums| {
             let OutputPixel { out, scale, .. } = pixels[idx];

@@ -65,6 +65,15 @@ impl Linear {
         Self { weights, bias: bias.to_vec() }
     }
 
+    /// Returns the size of the weights in memory.
+    #[must_use]
+    pub fn weight_bytes(&self) -> usize {
+        match &self.weights {
+            LinearWeights::F32(weights) => weights.size_bytes(),
+            LinearWeights::Int8(weights) => weights.size_bytes(),
+        }
+    }
+
     /// Returns the number of input features.
     #[must_use]
     pub fn in_features(&self) -> usize {

@@ -15,6 +15,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::isa::FloatIsa;
 use super::matmul::Accum;
+use super::quantised::Segments;
 use super::tile::NR;
 #[cfg(target_arch = "x86_64")]
 use super::tile::{KC, MR, MicroKernel, micro_kernels_256, micro_kernels_512};
@@ -63,6 +64,12 @@ impl PackedWeights {
     #[must_use]
     pub fn k(&self) -> usize {
         self.k
+    }
+
+    /// Returns the size of the packed weights in memory.
+    #[must_use]
+    pub fn size_bytes(&self) -> usize {
+        size_of_val(&*self.panels)
     }
 
     /// Returns the number of columns `n` of the weights.
@@ -118,6 +125,37 @@ impl PackedWeights {
         }
     }
 
+    /// Computes `out [m, n] = x [m, k] · weights`, where each row of `x` consists of `segments`, which
+    /// together have `k` values. Rows of `x` start `stride` values apart and may overlap. The sums have the
+    /// same bits as those of [`matmul`](Self::matmul) with the segments copied together.
+    ///
+    /// # Panics
+    /// If the segments do not have `k` values, `out` is not a whole number of rows, or the last row of `x`
+    /// would end outside the slice.
+    pub(super) fn matmul_segments(&self, x: &[f32], stride: usize, segments: Segments, out: &mut [f32]) {
+        assert_eq!(segments.count * segments.len, self.k, "{segments:?}");
+        let n_rows = out.len() / self.n;
+        assert_eq!(out.len(), n_rows * self.n, "rows of {} values", self.n);
+        #[cfg(target_arch = "x86_64")]
+        if self.k <= KC && n_rows > 0 {
+            let extent = (segments.count - 1) * segments.stride + segments.len;
+            assert!((n_rows - 1) * stride + extent <= x.len(), "{n_rows} rows of {segments:?}");
+            let micro_kernels = match self.isa {
+                FloatIsa::Portable => None,
+                FloatIsa::Fma256(token) => Some(micro_kernels_256(token)),
+                FloatIsa::Fma512(token) => Some(micro_kernels_512(token)),
+            };
+            if let Some(micro_kernels) = micro_kernels {
+                return self.matmul_block(0..self.k, x, (stride, segments), out, false, &micro_kernels);
+            }
+        }
+        for idx in 0..segments.count {
+            let accum = if idx == 0 { Accum::Replace } else { Accum::Add };
+            let k_range = idx * segments.len..(idx + 1) * segments.len;
+            self.matmul_rows(k_range, &x[idx * segments.stride..], stride, out, accum);
+        }
+    }
+
     /// Iterates over the panels with the index of their first column.
     fn panels(&self) -> impl Iterator<Item = (usize, &[f32])> {
         let values: &[f32] = bytemuck::cast_slice(&self.panels);
@@ -160,32 +198,50 @@ impl PackedWeights {
         accum: Accum,
         micro_kernels: &[MicroKernel; MR],
     ) {
-        let n_rows = out.len() / self.n;
         for k_start in (0..k_range.len()).step_by(KC) {
             let kc = KC.min(k_range.len() - k_start);
             let adds = k_start > 0 || accum == Accum::Add;
-            for (first, panel) in self.panels() {
-                let weights = &panel[(k_range.start + k_start) * NR..][..kc * NR];
-                let n_cols = NR.min(self.n - first);
-                for row in (0..n_rows).step_by(MR) {
-                    let height = MR.min(n_rows - row);
-                    let x = &x[row * stride + k_start..][..(height - 1) * stride + kc];
-                    let out = &mut out[row * self.n + first..][..(height - 1) * self.n + n_cols];
-                    let micro_kernel = micro_kernels[height - 1];
-                    if n_cols == NR {
-                        // SAFETY: the slices cover the micro-tile of `height` rows, and `micro_kernels` was
-                        // selected with the token of its instruction set.
-                        unsafe { micro_kernel(x, stride, weights, out.as_mut_ptr(), self.n, adds) };
-                    } else {
-                        let mut full = [0.0; MR * NR];
-                        let rows = full.chunks_exact_mut(NR).zip(out.chunks(self.n));
-                        rows.for_each(|(full, out)| full[..n_cols].copy_from_slice(&out[..n_cols]));
-                        let rows = &mut full[..height * NR];
-                        // SAFETY: as above; `rows` is `height` full rows of the micro-tile.
-                        unsafe { micro_kernel(x, stride, weights, rows.as_mut_ptr(), NR, adds) };
-                        let rows = full.chunks_exact(NR).zip(out.chunks_mut(self.n));
-                        rows.for_each(|(full, out)| out[..n_cols].copy_from_slice(&full[..n_cols]));
-                    }
+            let block = k_range.start + k_start..k_range.start + k_start + kc;
+            let segments = Segments { count: 1, len: kc, stride: 0 };
+            self.matmul_block(block, &x[k_start..], (stride, segments), out, adds, micro_kernels);
+        }
+    }
+
+    /// Multiplies with the rows `block` of the weights, at most [`KC`] of them.
+    #[cfg(target_arch = "x86_64")]
+    fn matmul_block(
+        &self,
+        block: Range<usize>,
+        x: &[f32],
+        (stride, segments): (usize, Segments),
+        out: &mut [f32],
+        adds: bool,
+        micro_kernels: &[MicroKernel; MR],
+    ) {
+        let n_rows = out.len() / self.n;
+        let extent = (segments.count - 1) * segments.stride + segments.len;
+        let segment = (segments.len, segments.stride);
+        for (first, panel) in self.panels() {
+            let weights = &panel[block.start * NR..block.end * NR];
+            let n_cols = NR.min(self.n - first);
+            for row in (0..n_rows).step_by(MR) {
+                let height = MR.min(n_rows - row);
+                let x = &x[row * stride..][..(height - 1) * stride + extent];
+                let out = &mut out[row * self.n + first..][..(height - 1) * self.n + n_cols];
+                let micro_kernel = micro_kernels[height - 1];
+                if n_cols == NR {
+                    // SAFETY: the slices cover the micro-tile of `height` rows, and `micro_kernels` was
+                    // selected with the token of its instruction set.
+                    unsafe { micro_kernel(x, stride, segment, weights, out.as_mut_ptr(), self.n, adds) };
+                } else {
+                    let mut full = [0.0; MR * NR];
+                    let rows = full.chunks_exact_mut(NR).zip(out.chunks(self.n));
+                    rows.for_each(|(full, out)| full[..n_cols].copy_from_slice(&out[..n_cols]));
+                    let rows = &mut full[..height * NR];
+                    // SAFETY: as above; `rows` is `height` full rows of the micro-tile.
+                    unsafe { micro_kernel(x, stride, segment, weights, rows.as_mut_ptr(), NR, adds) };
+                    let rows = full.chunks_exact(NR).zip(out.chunks_mut(self.n));
+                    rows.for_each(|(full, out)| out[..n_cols].copy_from_slice(&full[..n_cols]));
                 }
             }
         }
@@ -237,6 +293,32 @@ mod tests {
                         assert!(found == expected, "{isa:?} {shape:?} {accum:?} stride {stride}");
                     }
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn segments_give_the_bits_of_copied_rows() {
+        for (n_rows, n, segments) in [
+            (7, 64, Segments { count: 7, len: 21, stride: 90 }),
+            (13, 70, Segments { count: 3, len: 8, stride: 70 }),
+            (5, 16, Segments { count: 3, len: 200, stride: 250 }),
+        ] {
+            let (k, stride) = (segments.count * segments.len, 6);
+            let x = pseudo_random((n_rows - 1) * stride + segments.count * segments.stride, 1);
+            let weights = pseudo_random(k * n, 2);
+            let rows: Vec<f32> = (0..n_rows * segments.count)
+                .flat_map(|idx| {
+                    let (row, segment) = (idx / segments.count, idx % segments.count);
+                    x[row * stride + segment * segments.stride..][..segments.len].to_vec()
+                })
+                .collect();
+            for isa in FloatIsa::available() {
+                let packed = PackedWeights::with_isa(&weights, k, n, isa);
+                let [mut found, mut expected] = [vec![f32::NAN; n_rows * n], vec![0.0; n_rows * n]];
+                packed.matmul_segments(&x, stride, segments, &mut found);
+                packed.matmul(&rows, k, &mut expected, Accum::Replace);
+                assert!(found == expected, "{isa:?} {segments:?}");
             }
         }
     }

@@ -121,6 +121,11 @@ impl QuantisedWeights {
         self.k
     }
 
+    /// Returns the size of the packed weights in memory.
+    pub(super) fn size_bytes(&self) -> usize {
+        size_of_val(&*self.panels)
+    }
+
     /// Returns the number of columns `n` of the weights.
     pub(super) fn n(&self) -> usize {
         self.n

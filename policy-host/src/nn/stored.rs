@@ -167,7 +167,7 @@ impl StoredWeights {
             if n_cols == NR {
                 // SAFETY: `at` has checked the rows of `out`, and `micro_kernels` was selected with the token
                 // of its instruction set.
-                unsafe { micro_kernel(x, kc, weights, out, self.n, adds) };
+                unsafe { micro_kernel(x, kc, (kc, 0), weights, out, self.n, adds) };
                 continue;
             }
             let mut full = [0.0; MR * NR];
@@ -176,7 +176,7 @@ impl StoredWeights {
                 for (idx, full) in full.chunks_exact_mut(NR).take(height).enumerate() {
                     full[..n_cols].copy_from_slice(std::slice::from_raw_parts(out.add(idx * self.n), n_cols));
                 }
-                micro_kernel(x, kc, weights, full.as_mut_ptr(), NR, adds);
+                micro_kernel(x, kc, (kc, 0), weights, full.as_mut_ptr(), NR, adds);
                 for (idx, full) in full.chunks_exact(NR).take(height).enumerate() {
                     std::slice::from_raw_parts_mut(out.add(idx * self.n), n_cols)
                         .copy_from_slice(&full[..n_cols]);

@@ -19,14 +19,22 @@ pub(super) const KC: usize = 256;
 const PREFETCH_STEPS: usize = 8;
 
 /// GEMM micro-kernel: `out [height, NR] = (out if adds, else 0) + x [height, kc] · weights [kc, NR]`, with
-/// rows `stride` apart in `x` and `out_stride` apart in `out`.
+/// rows `stride` apart in `x` and `out_stride` apart in `out`. A row of `x` consists of equal segments of
+/// `segment.0` values each, `segment.1` apart.
 ///
 /// # Safety
 /// The processor must support the kernel's instruction set, the slices must cover all of these values, and
 /// nothing else may access the rows of `out` meanwhile.
 #[cfg(target_arch = "x86_64")]
-pub(super) type MicroKernel =
-    unsafe fn(x: &[f32], stride: usize, weights: &[f32], out: *mut f32, out_stride: usize, adds: bool);
+pub(super) type MicroKernel = unsafe fn(
+    &[f32],
+    stride: usize,
+    segment: (usize, usize),
+    &[f32],
+    *mut f32,
+    out_stride: usize,
+    adds: bool,
+);
 
 /// Returns the AVX-512 micro-kernels for 1 to [`MR`] rows. The token proves the instruction set.
 #[cfg(target_arch = "x86_64")]
@@ -63,6 +71,7 @@ macro_rules! micro_kernel {
         unsafe fn $name<const HEIGHT: usize>(
             x: &[f32],
             stride: usize,
+            (segment_len, segment_stride): (usize, usize),
             weights: &[f32],
             out: *mut f32,
             out_stride: usize,
@@ -83,19 +92,22 @@ macro_rules! micro_kernel {
                             }
                         }
                     }
-                    for (step, from) in weights.chunks_exact(NR).enumerate() {
-                        let mut line = [$zero(); $across];
-                        for (col, weights) in line.iter_mut().enumerate() {
-                            *weights = $load(from.as_ptr().add(first + col * $lanes));
-                            if $prefetches {
-                                let ahead = PREFETCH_STEPS * NR + first + col * $lanes;
-                                _mm_prefetch::<_MM_HINT_T0>(from.as_ptr().wrapping_add(ahead).cast());
+                    for (segment, weights) in weights.chunks_exact(segment_len * NR).enumerate() {
+                        let x = x.add(segment * segment_stride);
+                        for (step, from) in weights.chunks_exact(NR).enumerate() {
+                            let mut line = [$zero(); $across];
+                            for (col, weights) in line.iter_mut().enumerate() {
+                                *weights = $load(from.as_ptr().add(first + col * $lanes));
+                                if $prefetches {
+                                    let ahead = PREFETCH_STEPS * NR + first + col * $lanes;
+                                    _mm_prefetch::<_MM_HINT_T0>(from.as_ptr().wrapping_add(ahead).cast());
+                                }
                             }
-                        }
-                        for (row, sums) in sums.iter_mut().enumerate() {
-                            let x = $all(*x.add(row * stride + step));
-                            for (sum, weights) in sums.iter_mut().zip(line) {
-                                *sum = $fma(x, weights, *sum);
+                            for (row, sums) in sums.iter_mut().enumerate() {
+                                let x = $all(*x.add(row * stride + step));
+                                for (sum, weights) in sums.iter_mut().zip(line) {
+                                    *sum = $fma(x, weights, *sum);
+                                }
                             }
                         }
                     }
