@@ -3,8 +3,12 @@
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
+
+/// Time after a response in which the peer's worker threads may still spin in expectation of more work.
+const COOL_DOWN: Duration = Duration::from_millis(100);
 
 /// A Python script in `peers/`. A request is a line on its standard input; the response is a line on its
 /// standard output with the elapsed time in s. Dropping the value kills the process.
@@ -39,13 +43,14 @@ impl Peer {
         Ok(peer)
     }
 
-    /// Sends a request and returns the elapsed time in s that the peer reports.
+    /// Sends a request and returns the elapsed time in s that the peer reports, once the peer is idle again.
     ///
     /// # Errors
     /// If the peer has exited, or responds with anything other than a number.
     pub fn request(&mut self, request: &str) -> Result<f64> {
         writeln!(self.requests, "{request}")?;
         let response = self.read_line()?;
+        std::thread::sleep(COOL_DOWN);
         response.parse().with_context(|| format!("the peer must respond with a time in s, found {response}"))
     }
 

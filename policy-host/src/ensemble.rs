@@ -85,8 +85,8 @@ impl Policy for Ensemble {
         self.inner.note(1, stopwatch)
     }
 
-    fn flop_per_query(&self, morphology: Morphology) -> u64 {
-        self.inner.flop_per_query(morphology)
+    fn flop_per_query(&self, morphology: Morphology, execute: u32) -> u64 {
+        self.inner.flop_per_query(morphology, execute)
     }
 }
 

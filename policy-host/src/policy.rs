@@ -44,9 +44,9 @@ pub trait Policy: Send {
         None
     }
 
-    /// Returns the floating-point operations of a query for this robot, counted in matrix products and
-    /// convolutions; 0 if the policy is no network.
-    fn flop_per_query(&self, _morphology: Morphology) -> u64 {
+    /// Returns the floating-point operations of a query for this robot of whose answer `execute` rows are
+    /// executed, counted in matrix products and convolutions; 0 if the policy is no network.
+    fn flop_per_query(&self, _morphology: Morphology, _execute: u32) -> u64 {
         0
     }
 

@@ -260,7 +260,9 @@ impl<W: Write> Host<W> {
     }
 
     fn flop_per_query(&self, morphology: u32) -> u64 {
-        Morphology::from_code(morphology).map_or(0, |morphology| self.policy.flop_per_query(morphology))
+        let execute = self.config.run.results.execute;
+        Morphology::from_code(morphology)
+            .map_or(0, |morphology| self.policy.flop_per_query(morphology, execute))
     }
 
     fn report_spans(&mut self) -> Result<(), ServeError> {

@@ -23,7 +23,7 @@ fn query_allocates_nothing_after_warm_up() {
         let mut policy = load(&PolicySpec::Act(folder.clone()), n_threads, mode, &Morphology::ALL).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
         let batches = [
-            ObservationBatch::of(Morphology::Single, &[0]),
+            ObservationBatch::of(Morphology::Single, &[0]).executing(2),
             ObservationBatch::of(Morphology::Single, &[1, 2, 3]),
         ];
         assert_eq!(batches[1].answer(&mut *policy).len(), 3);

@@ -5,10 +5,10 @@
 use super::architecture::{Architecture, ImageSize, ResNet};
 
 impl Architecture {
-    /// Returns the floating-point operations of one query whose instruction token is cached. Layers that do
-    /// not affect the output and precomputed terms are excluded.
+    /// Returns the floating-point operations of one query for the first `n_rows` rows of a chunk, whose
+    /// instruction token is cached. Work that does not affect these rows and precomputed terms are excluded.
     #[must_use]
-    pub fn flop_per_query(&self) -> u64 {
+    pub fn flop_per_query(&self, n_rows: usize) -> u64 {
         let product = |rows: usize, inner: usize, cols: usize| 2 * (rows * inner * cols) as u64;
         let (width, inner) = (self.hidden_dim, self.dim_feedforward);
         let (tokens, queries) = (self.max_tokens(), self.horizon);
@@ -17,16 +17,17 @@ impl Architecture {
         let attention = |rows, keys| 2 * product(rows, width, keys);
         let encoder_layer =
             4 * product(tokens, width, width) + attention(tokens, tokens) + feed_forward(tokens);
-        let cross = 2 * product(tokens, width, width)
-            + attention(queries, tokens)
-            + product(queries, width, width)
-            + feed_forward(queries);
+        let cross = 2 * product(tokens, width, width) + attention(queries, tokens);
+        let tail = |rows| product(rows, width, width) + feed_forward(rows);
         // The first layer's self-attention and cross-attention queries are constant and precomputed.
         let self_attention = 5 * product(queries, width, width) + attention(queries, queries);
-        let decoder = self.dec_layers as u64 * cross + (self.dec_layers as u64 - 1) * self_attention;
+        let all_rows = self.dec_layers as u64 - 1;
+        let decoder = self.dec_layers as u64 * cross
+            + all_rows * (self_attention + tail(queries))
+            + tail(n_rows.min(queries));
         let projections = product(self.n_image_tokens(), self.backbone.n_features(), width)
             + product(1, self.state_dim.unwrap_or(0), width)
-            + product(queries, width, self.action_dim);
+            + product(n_rows.min(queries), width, self.action_dim);
         let backbones: u64 = self.cameras.iter().map(|&size| backbone_flop(self.backbone, size)).sum();
         backbones + projections + self.enc_layers as u64 * encoder_layer + decoder
     }

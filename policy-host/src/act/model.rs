@@ -198,7 +198,8 @@ impl ActModel {
     }
 
     /// Computes the action chunk `actions [horizon, action_dim]`, in the units of the environment, from the
-    /// image features of sample `sample_idx` ([`encode_images`](Self::encode_images)) and `input`.
+    /// image features of sample `sample_idx` ([`encode_images`](Self::encode_images)) and `input`. With
+    /// fewer rows, `actions` are the first rows of the same chunk, for less work.
     ///
     /// # Panics
     /// If a slice has the wrong length.

@@ -35,10 +35,20 @@ pub const IMAGE_SIZES: [ImageSize; 2] = [
 /// read once for all of them.
 const MAX_SAMPLES_PER_JOB: usize = 4;
 
+/// The rows of its chunks that a policy computes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChunkRows {
+    /// Those that the sim will execute, as the record of each env says.
+    Executed,
+    /// All, for a temporal ensemble.
+    All,
+}
+
 /// ACT with one network per morphology in its checkpoint folder.
 #[derive(Debug)]
 pub struct ActPolicy {
     networks: Vec<Network>,
+    rows: ChunkRows,
 }
 
 /// The network for one morphology, with the working memory of its threads.
@@ -80,6 +90,16 @@ pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), 
     check_robots(folder, &found, robots)
 }
 
+impl ChunkRows {
+    /// Returns the number of rows to compute of a chunk of `horizon` rows of which `execute` will be executed.
+    fn count(self, execute: u32, horizon: usize) -> usize {
+        match self {
+            Self::Executed => horizon.min(execute as usize),
+            Self::All => horizon,
+        }
+    }
+}
+
 impl ActPolicy {
     /// Loads the networks for `robots` in `folder`, for up to `n_threads` threads.
     ///
@@ -90,6 +110,7 @@ impl ActPolicy {
         precision: Precision,
         n_threads: usize,
         robots: &[Morphology],
+        rows: ChunkRows,
     ) -> Result<Self, CheckpointFolderError> {
         let mut networks = Vec::new();
         for inner in folders(folder)? {
@@ -113,10 +134,10 @@ impl ActPolicy {
             let ensemble_decay = checkpoint.ensemble_decay();
             networks.push(Network { ensemble_decay, ..Network::new(model, mapping, encoder, n_threads) });
         }
-        Ok(Self { networks })
+        Ok(Self { networks, rows })
     }
 
-    /// Creates a policy with a single network.
+    /// Creates a policy with a single network, which computes whole chunks.
     #[must_use]
     pub fn new(
         model: ActModel,
@@ -124,7 +145,7 @@ impl ActPolicy {
         encoder: Option<TextEncoder>,
         n_threads: usize,
     ) -> Self {
-        Self { networks: vec![Network::new(model, mapping, encoder, n_threads)] }
+        Self { networks: vec![Network::new(model, mapping, encoder, n_threads)], rows: ChunkRows::All }
     }
 
     fn network(&self, morphology: Morphology) -> Option<&Network> {
@@ -143,12 +164,15 @@ impl Policy for ActPolicy {
         let network = self.networks.iter_mut().find(|network| network.mapping.morphology == morphology);
         let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
         network.check(observation)?;
-        network.run(observation, answer);
+        network.run(observation, self.rows, answer);
         Ok(())
     }
 
-    fn flop_per_query(&self, morphology: Morphology) -> u64 {
-        self.network(morphology).map_or(0, |network| network.model.architecture().flop_per_query())
+    fn flop_per_query(&self, morphology: Morphology, execute: u32) -> u64 {
+        self.network(morphology).map_or(0, |network| {
+            let architecture = network.model.architecture();
+            architecture.flop_per_query(self.rows.count(execute, architecture.horizon))
+        })
     }
 
     fn ensemble_decay(&self, morphology: Morphology) -> f64 {
@@ -198,7 +222,7 @@ impl Network {
     /// Runs all samples. As many as divide evenly among the threads run one thread per sample, in jobs of up
     /// to [`MAX_SAMPLES_PER_JOB`] that keep every thread busy; all threads together then compute each of the
     /// rest.
-    fn run(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionChunk]) {
+    fn run(&mut self, observation: &ObservationView<'_>, rows: ChunkRows, answer: &mut [ActionChunk]) {
         let Self { model, mapping, tokens, workers, team, .. } = self;
         let n_threads = workers.len();
         let n_apart = answer.len() - answer.len() % n_threads;
@@ -216,12 +240,12 @@ impl Network {
             while let Some((first_env, chunks)) = next_job(&jobs) {
                 let sharing = trace::span(Activity::Share);
                 let n = chunks.len() as u64;
-                worker.run(model, mapping, tokens, (observation, first_env), chunks);
+                worker.run((model, mapping, tokens), (observation, first_env), rows, chunks);
                 sharing.finish(n);
             }
         });
         for (first_env, chunks) in (n_apart..).zip(together.chunks_mut(1)) {
-            team.run(model, mapping, tokens, (observation, first_env), chunks);
+            team.run((model, mapping, tokens), (observation, first_env), rows, chunks);
         }
     }
 }
@@ -230,10 +254,9 @@ impl Worker {
     /// Computes the chunks of the envs starting at `first_env`, one per element of `chunks`.
     fn run(
         &mut self,
-        model: &ActModel,
-        mapping: &ObservationMapping,
-        tokens: &Mutex<TokenCache>,
+        (model, mapping, tokens): (&ActModel, &ObservationMapping, &Mutex<TokenCache>),
         (observation, first_env): (&ObservationView<'_>, usize),
+        rows: ChunkRows,
         chunks: &mut [ActionChunk],
     ) {
         let image = |sample: usize, camera: usize| {
@@ -258,7 +281,8 @@ impl Worker {
             }
             let input = ActInput { state: &self.state, instruction_token: has_token.then_some(&self.token) };
             let architecture = model.architecture();
-            let rows = chunk.reset(architecture.horizon, architecture.action_dim);
+            let n_rows = rows.count(env.record.execute, architecture.horizon);
+            let rows = chunk.reset(n_rows, architecture.action_dim);
             model.forward(sample, input, &mut self.scratch, rows);
         }
     }

@@ -154,16 +154,21 @@ impl LayerTail {
         Self { attention_norm, feed_forward, feed_forward_norm }
     }
 
-    /// Applies the output projection to `scratch.attended`, adds it to `x`, and applies the feed-forward
-    /// network in place.
-    fn forward(&self, attention: &MultiheadAttention, x: &mut [f32], scratch: &mut TransformerScratch) {
+    /// Applies the output projection to the first rows of `scratch.attended`, which has `n_attended` rows,
+    /// adds it to `x`, and applies the feed-forward network in place.
+    fn forward(
+        &self,
+        attention: &MultiheadAttention,
+        n_attended: usize,
+        x: &mut [f32],
+        scratch: &mut TransformerScratch,
+    ) {
         let TransformerScratch { n_members, attended, hidden, .. } = scratch;
         let (width, inner) = (attention.out.in_features(), self.feed_forward.linear1.out_features());
-        let n_rows = x.len() / width;
-        let rows = team::rows_per_member(n_rows, *n_members);
+        let rows = team::rows_per_member(x.len() / width, *n_members);
         let bands = x.par_chunks_mut(rows * width).zip(hidden.par_chunks_mut(rows * inner));
         bands.enumerate().for_each(|(member, (x, hidden))| {
-            attention.forward_add_out(attended, n_rows, member * rows, x);
+            attention.forward_add_out(attended, n_attended, member * rows, x);
             self.attention_norm.forward(x);
             self.feed_forward.forward_add(x, hidden);
             self.feed_forward_norm.forward(x);
@@ -205,7 +210,7 @@ impl EncoderLayer {
         let n_tokens = x.len() / width;
         project_qkv(&self.attention, x, positions, scratch);
         self.attention.attend(n_tokens, n_tokens, scratch);
-        self.tail.forward(&self.attention, x, scratch);
+        self.tail.forward(&self.attention, n_tokens, x, scratch);
     }
 }
 
@@ -288,11 +293,11 @@ impl DecoderLayer {
         self.cross_attn.query.forward(positioned, &mut scratch.queries[..x.len()]);
     }
 
-    /// Applies cross-attention and the feed-forward network to `x [q, d]` in place. The queries are in
-    /// `scratch`.
+    /// Applies cross-attention and the feed-forward network in place to the first `n_rows` rows of
+    /// `x [q, d]`. The queries are in `scratch`.
     fn attend_to_memory(
         &self,
-        x: &mut [f32],
+        (x, n_rows): (&mut [f32], usize),
         memory: &[f32],
         positions: &[f32],
         scratch: &mut TransformerScratch,
@@ -301,7 +306,7 @@ impl DecoderLayer {
         let (n_queries, n_tokens) = (x.len() / width, memory.len() / width);
         project_kv(&self.cross_attn, memory, positions, scratch);
         self.cross_attn.attend(n_queries, n_tokens, scratch);
-        self.tail.forward(&self.cross_attn, x, scratch);
+        self.tail.forward(&self.cross_attn, n_queries, &mut x[..n_rows * width], scratch);
     }
 }
 
@@ -349,8 +354,9 @@ impl Decoder {
         }
     }
 
-    /// Computes `actions [q, action_dim]` from the encoded tokens `memory [t, d]` and their position
-    /// embeddings.
+    /// Computes the first rows of the action chunk, `actions [≤ q, action_dim]`, from the encoded tokens
+    /// `memory [t, d]` and their position embeddings. The work after the last attention is done for these
+    /// rows only; their bits do not depend on how many they are.
     pub(super) fn forward(
         &self,
         memory: &[f32],
@@ -361,14 +367,19 @@ impl Decoder {
         let mut x = std::mem::take(&mut scratch.decoded);
         x.copy_from_slice(&self.target);
         scratch.queries[..x.len()].copy_from_slice(&self.queries);
+        let width = self.action_head.in_features();
+        let n_actions = actions.len() / self.action_head.out_features();
         for (idx, layer) in self.layers.iter().enumerate() {
             if idx > 0 {
                 layer.attend_to_target(&mut x, &self.query_positions, scratch);
             }
-            layer.attend_to_memory(&mut x, memory, positions, scratch);
+            let is_last = idx + 1 == self.layers.len();
+            let n_rows = if is_last { n_actions } else { x.len() / width };
+            layer.attend_to_memory((&mut x, n_rows), memory, positions, scratch);
         }
-        self.norm.forward(&mut x);
-        self.action_head.forward(&x, actions);
+        let decoded = &mut x[..n_actions * width];
+        self.norm.forward(decoded);
+        self.action_head.forward(decoded, actions);
         scratch.decoded = x;
     }
 }

@@ -131,7 +131,7 @@ impl Policy for Pi05Policy {
         Ok(())
     }
 
-    fn flop_per_query(&self, morphology: Morphology) -> u64 {
+    fn flop_per_query(&self, morphology: Morphology, _execute: u32) -> u64 {
         self.network(morphology).map_or(0, Pi05Network::flop_per_query)
     }
 

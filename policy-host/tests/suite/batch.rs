@@ -4,7 +4,7 @@
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_SIDE, block_pages};
-use ipc_types::{ActionBlock, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
+use ipc_types::{ActionBlock, EnvRecord, Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HASH};
 use policy_host::generated::{fnv1a64, sym, unit};
 use policy_host::{ActionChunk, Policy};
 
@@ -39,6 +39,15 @@ impl ObservationBatch {
             ..ObservationHeader::zeroed()
         };
         Self { header, pages }
+    }
+
+    /// Asks for this number of rows of every chunk in place of 30.
+    pub(crate) fn executing(mut self, n_rows: u32) -> Self {
+        for block in self.pages.chunks_exact_mut(self.header.block_pages as usize) {
+            let record: &mut EnvRecord = bytemuck::cast_mut(&mut block[0]);
+            record.execute = n_rows;
+        }
+        self
     }
 
     pub(crate) fn view(&self) -> ObservationView<'_> {

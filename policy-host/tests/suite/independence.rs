@@ -66,3 +66,23 @@ fn actions_do_not_depend_on_batch_or_threads() {
         }
     }
 }
+
+/// Only the rows that the sim will execute are computed. They are the first rows of the whole chunk.
+#[test]
+fn executed_rows_do_not_depend_on_their_number() {
+    for morphology in Morphology::ALL {
+        for envs in [&[0][..], &[0, 1], &[0, 1, 2, 3, 4]] {
+            for mut policy in policies(2) {
+                let whole = ObservationBatch::of(morphology, envs).answer(&mut *policy);
+                for n_rows in [1, 2, 5] {
+                    let few = ObservationBatch::of(morphology, envs).executing(n_rows).answer(&mut *policy);
+                    for (few, whole) in few.iter().zip(&whole) {
+                        assert!(n_rows < whole.n_rows, "the whole chunk has {} rows", whole.n_rows);
+                        assert_eq!(few.n_rows, n_rows);
+                        assert_eq!(bits(rows(few)), bits(&rows(whole)[..rows(few).len()]));
+                    }
+                }
+            }
+        }
+    }
+}

@@ -6,13 +6,18 @@
 //! algorithm; Winograd convolutions perform fewer. It is compared with the peak on registers only, measured
 //! before and after. The full-size network is also measured with int8 weights, along with the error of its
 //! actions. The matrix products that occur in ACT follow, with the plain library kernel and with pre-packed
-//! weights in alternation. All figures are medians of several rounds after warm-up. Takes about a minute.
+//! weights in alternation, and the layers of the full-size network one by one (`layers.rs`). All figures are
+//! medians of several rounds after warm-up. Takes about two minutes.
 //!
 //! With `--peer`, ONNX Runtime and PyTorch run the same queries in alternation with ours
 //! (`peers/act_inference.py`, started with the given Python interpreter), and nothing else is measured:
-//! medians, and the median of the ratios per round.
+//! medians, and the median of the ratios per round. On either side, the second of two successive batches
+//! counts. Our int8 network is compared with ONNX Runtime in f32 and with the network that ONNX Runtime has
+//! quantised itself.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
+
+mod layers;
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -52,6 +57,7 @@ fn main() -> Result<()> {
         Some(python) => against_peers(python, options.n_threads, &mut report)?,
         None => {
             queries(options.n_threads, &mut report)?;
+            layers::layers(options.n_threads, &mut report)?;
             products(options.n_threads, &mut report);
         }
     }
@@ -77,7 +83,7 @@ fn queries(n_threads: usize, report: &mut Report) -> Result<()> {
         let mut f32_actions = Vec::new();
         for (name, size, precision) in cases {
             let config = size(morphology);
-            let gflop = config.architecture().flop_per_query() as f64 / 1e9;
+            let gflop = config.architecture().flop_per_query(config.architecture().horizon) as f64 / 1e9;
             let started = Instant::now();
             let mut policy = synthetic::policy(&config, 0, precision, n_threads);
             let build_s = started.elapsed().as_secs_f64();
@@ -141,32 +147,49 @@ fn difference(exact: &[f32], quantised: &[f32]) -> (f64, f64) {
     (max_abs, (squares / n / variance).sqrt())
 }
 
-/// Compares full-size single-arm ACT with each engine of the peer, in alternation.
+/// Compares full-size single-arm ACT with engines of the peer, in alternation.
 fn against_peers(python: &Path, n_threads: usize, report: &mut Report) -> Result<()> {
-    const ENGINES: [&str; 2] = ["onnxruntime", "torch"];
+    const CASES: [(&str, Precision, [&str; 2]); 2] = [
+        ("f32", Precision::F32, ["onnxruntime", "torch"]),
+        ("int8", Precision::Int8, ["onnxruntime", "onnxruntime-int8"]),
+    ];
     let config = ActConfig::full_size(Morphology::Single);
-    let gflop = config.architecture().flop_per_query() as f64 / 1e9;
+    let gflop = config.architecture().flop_per_query(config.architecture().horizon) as f64 / 1e9;
     let folder = tempfile::tempdir().context("create a temporary directory")?;
     synthetic::write_checkpoint(folder.path(), &config, 0)?;
     let path = folder.path().to_str().context("the temporary directory's path is not UTF-8")?;
     let mut peer = Peer::start(python, "act_inference.py", &[path, &n_threads.to_string()])?;
     println!("{}", peer.name);
-    let mut policy = synthetic::policy(&config, 0, Precision::F32, n_threads);
+    for (name, precision, engines) in CASES {
+        let mut policy = synthetic::policy(&config, 0, precision, n_threads);
+        against_engines(name, (&mut policy, gflop), (&mut peer, engines), n_threads, report)?;
+    }
+    Ok(())
+}
+
+/// Compares a policy, which takes `gflop` per query, with engines of the peer.
+fn against_engines(
+    name: &str,
+    (policy, gflop): (&mut dyn Policy, f64),
+    (peer, engines): (&mut Peer, [&str; 2]),
+    n_threads: usize,
+    report: &mut Report,
+) -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
     let note = format!("{n_threads} threads");
     for n_envs in [1, 8] {
         let mut batch = Batch::new(Morphology::Single, n_envs);
-        let mut query = || pool.install(|| batch.run(&mut policy));
-        query()?;
-        for engine in ENGINES {
-            peer.request(&format!("{engine} {n_envs}"))?;
-        }
+        // As in a run, queries follow each other: the first of two brings threads and caches up.
+        let mut query = || {
+            pool.install(|| batch.run(policy))?;
+            pool.install(|| batch.run(policy))
+        };
         let (mut ours, mut theirs, mut ratios) =
             (Vec::new(), [const { Vec::new() }; 2], [const { Vec::new() }; 2]);
         let mut peaks = Vec::new();
         for _ in 0..PEER_ROUNDS {
             peaks.push(peak_gflop_per_s(n_threads));
-            for (idx, engine) in ENGINES.into_iter().enumerate() {
+            for (idx, engine) in engines.into_iter().enumerate() {
                 // Time ours before and after the peer, so that drift of the machine affects both sides
                 // equally.
                 let before = query()?;
@@ -181,14 +204,14 @@ fn against_peers(python: &Path, n_threads: usize, report: &mut Report) -> Result
         let (own_ms, peak) = (ms(median(&mut ours)), median(&mut peaks));
         let rate = gflop / own_ms * 1e3;
         println!(
-            "batch {n_envs}: {own_ms:.1} ms per query, {rate:.0} GFLOP/s, {:.0} % of the register peak of {peak:.0}",
+            "{name}, batch {n_envs}: {own_ms:.1} ms per query, {rate:.0} GFLOP/s, {:.0} % of the register peak of {peak:.0}",
             100.0 * rate / peak
         );
-        let case = format!("peers_batch{n_envs}");
+        let case = format!("peers_{name}_batch{n_envs}");
         report.add(&case, own_ms, "ms_per_query", &note);
         report.add(&case, rate, "gflop_per_s", &note);
         report.add(&format!("{case}/fma_peak"), peak, "gflop_per_s", &note);
-        for ((engine, theirs), ratios) in ENGINES.into_iter().zip(&mut theirs).zip(&mut ratios) {
+        for ((engine, theirs), ratios) in engines.into_iter().zip(&mut theirs).zip(&mut ratios) {
             let (peer_ms, ratio) = (ms(median(theirs)), median(ratios));
             println!("  {engine}: {peer_ms:.1} ms per query; ours is {ratio:.2} times as fast");
             report.add(&format!("{case}/{engine}"), peer_ms, "ms_per_query", &note);
