@@ -233,6 +233,17 @@ fn decided_cells_end_without_changing_a_row() {
     );
 }
 
+/// Returns the bytes of the executed rows of every episode in a results file.
+fn executed_actions(db: &Path) -> Vec<Vec<Vec<u8>>> {
+    let connection = rusqlite::Connection::open(db).unwrap();
+    let mut statement = connection.prepare("SELECT steps, actions FROM episodes").unwrap();
+    let episodes = statement.query_map([], |row| Ok((row.get::<_, u32>(0)?, row.get::<_, Vec<u8>>(1)?)));
+    let rows = |(steps, actions): (u32, Vec<u8>)| {
+        actions.chunks_exact(actions.len() / steps as usize).map(<[u8]>::to_vec).collect()
+    };
+    episodes.unwrap().map(|episode| rows(episode.unwrap())).collect()
+}
+
 #[test]
 fn late_rows_are_independent_of_envs_and_threads() {
     let with = |extra: &[&str]| {
@@ -256,6 +267,16 @@ fn late_rows_are_independent_of_envs_and_threads() {
     let immediate = with(&[]);
     let differs = late.iter().zip(&immediate).filter(|(late, immediate)| late[10] != immediate[10]).count();
     assert_eq!(differs, 12, "every trajectory depends on latency");
+    let dir = tempfile::tempdir().unwrap();
+    let act = format!("act=act:{}", act_tiny());
+    let args = ["run", "--policy", &act, "--tasks", "RaiseCube", "--episodes", "2", "--execute", "4"];
+    let _ = run(dir.path(), &[&args[..], &["--latency", "180", "--keep-actions", "--db", "r.db"]].concat())
+        .expect_code(0);
+    // The robot holds still until the first chunk takes effect. Later the chunk has more rows than four.
+    for actions in executed_actions(&dir.path().join("r.db")) {
+        assert!(actions[..4].windows(2).all(|rows| rows[0] == rows[1]));
+        assert!(actions[4..].windows(2).all(|rows| rows[0] != rows[1]), "no row is held");
+    }
     // Longer than the episode: the robot never hears an answer.
     let _ = with(&["--latency", "10000"]);
 }

@@ -34,7 +34,8 @@ struct ChunkHistory {
 impl Ensemble {
     /// Wraps `inner`, whose chunks must have the same number of rows throughout an episode.
     #[must_use]
-    pub fn new(inner: Box<dyn Policy>) -> Self {
+    pub fn new(mut inner: Box<dyn Policy>) -> Self {
+        inner.compute_whole_chunks();
         Self { inner, histories: Vec::new(), weights: Default::default() }
     }
 

@@ -4,7 +4,7 @@ use ipc_types::{ControlMode, Morphology};
 use thiserror::Error;
 
 use crate::QueryMode;
-use crate::act::{self, ActPolicy, ChunkRows};
+use crate::act::{self, ActPolicy};
 use crate::checkpoint::CheckpointFolderError;
 use crate::ensemble::Ensemble;
 use crate::idle::IdlePolicy;
@@ -35,19 +35,11 @@ pub fn load(
     mode: QueryMode,
     robots: &[Morphology],
 ) -> Result<Box<dyn Policy>, LoadError> {
-    let rows = match mode {
-        QueryMode::Chunk => ChunkRows::Executed,
-        QueryMode::Ensemble => ChunkRows::All,
-    };
     let policy: Box<dyn Policy> = match spec {
         PolicySpec::Idle => Box::new(IdlePolicy),
         PolicySpec::Random => Box::new(RandomPolicy),
-        PolicySpec::Act(folder) => {
-            Box::new(ActPolicy::load(folder, Precision::F32, n_threads, robots, rows)?)
-        }
-        PolicySpec::ActInt8(folder) => {
-            Box::new(ActPolicy::load(folder, Precision::Int8, n_threads, robots, rows)?)
-        }
+        PolicySpec::Act(folder) => Box::new(ActPolicy::load(folder, Precision::F32, n_threads, robots)?),
+        PolicySpec::ActInt8(folder) => Box::new(ActPolicy::load(folder, Precision::Int8, n_threads, robots)?),
         PolicySpec::Pi05(source) => Box::new(load_pi05(source, Precision::F32, robots)?),
         PolicySpec::Pi05Int8(source) => Box::new(load_pi05(source, Precision::Int8, robots)?),
         PolicySpec::Expert | PolicySpec::Attach(_) => {

@@ -38,6 +38,10 @@ pub trait Policy: Send {
         answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError>;
 
+    /// Asks for all rows of every chunk from now on. Otherwise a policy may leave out those that the sim will
+    /// not execute.
+    fn compute_whole_chunks(&mut self) {}
+
     /// Returns what a user should know before a run in which `execute` rows of each chunk are executed, as a
     /// sentence. May use the current rayon pool.
     fn note(&self, _execute: u32, _stopwatch: Stopwatch<'_>) -> Option<String> {

@@ -15,4 +15,4 @@ mod position;
 mod team;
 mod transformer;
 
-pub use policy::{ActPolicy, ChunkRows, IMAGE_SIZES, check};
+pub use policy::{ActPolicy, IMAGE_SIZES, check};

@@ -37,10 +37,10 @@ const MAX_SAMPLES_PER_JOB: usize = 4;
 
 /// The rows of its chunks that a policy computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ChunkRows {
+enum ChunkRows {
     /// Those that the sim will execute, as the record of each env says.
     Executed,
-    /// All, for a temporal ensemble.
+    /// All of them.
     All,
 }
 
@@ -110,7 +110,6 @@ impl ActPolicy {
         precision: Precision,
         n_threads: usize,
         robots: &[Morphology],
-        rows: ChunkRows,
     ) -> Result<Self, CheckpointFolderError> {
         let mut networks = Vec::new();
         for inner in folders(folder)? {
@@ -134,7 +133,7 @@ impl ActPolicy {
             let ensemble_decay = checkpoint.ensemble_decay();
             networks.push(Network { ensemble_decay, ..Network::new(model, mapping, encoder, n_threads) });
         }
-        Ok(Self { networks, rows })
+        Ok(Self { networks, rows: ChunkRows::Executed })
     }
 
     /// Creates a policy with a single network, which computes whole chunks.
@@ -166,6 +165,10 @@ impl Policy for ActPolicy {
         network.check(observation)?;
         network.run(observation, self.rows, answer);
         Ok(())
+    }
+
+    fn compute_whole_chunks(&mut self) {
+        self.rows = ChunkRows::All;
     }
 
     fn flop_per_query(&self, morphology: Morphology, execute: u32) -> u64 {

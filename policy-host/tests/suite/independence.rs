@@ -67,7 +67,8 @@ fn actions_do_not_depend_on_batch_or_threads() {
     }
 }
 
-/// Only the rows that the sim will execute are computed. They are the first rows of the whole chunk.
+/// Only the rows that the sim will execute are computed, unless all are asked for. They are the first rows of
+/// the whole chunk.
 #[test]
 fn executed_rows_do_not_depend_on_their_number() {
     for morphology in Morphology::ALL {
@@ -81,6 +82,11 @@ fn executed_rows_do_not_depend_on_their_number() {
                         assert_eq!(few.n_rows, n_rows);
                         assert_eq!(bits(rows(few)), bits(&rows(whole)[..rows(few).len()]));
                     }
+                }
+                policy.compute_whole_chunks();
+                let all = ObservationBatch::of(morphology, envs).executing(1).answer(&mut *policy);
+                for (all, whole) in all.iter().zip(&whole) {
+                    assert_eq!(bits(rows(all)), bits(rows(whole)));
                 }
             }
         }
