@@ -39,7 +39,7 @@ const WORKLOADS: [Workload; 10] = [
     Workload { name: "state", args: "--policy idle --episodes 15", host: None },
     Workload {
         name: "images",
-        args: "--policy a=attach:NAME --tasks RaiseCube,StackCube --episodes 60 --execute 1",
+        args: "--policy a=attach:NAME --tasks RaiseCube,StackCube --episodes 150 --execute 1",
         host: Some(["0", "0"]),
     },
     Workload {
@@ -74,7 +74,7 @@ const WORKLOADS: [Workload; 10] = [
     },
     Workload {
         name: "slow_host",
-        args: "--policy a=attach:NAME --tasks RaiseCube,StackCube,OpenDrawer --episodes 160",
+        args: "--policy a=attach:NAME --tasks RaiseCube,StackCube,OpenDrawer --episodes 400",
         host: Some(["0.05", "0.002"]),
     },
     Workload { name: "one_cell", args: "--policy act=act:SMALL --tasks RaiseCube --episodes 10", host: None },

@@ -11,10 +11,13 @@ use crate::plan::RunPlan;
 
 /// Memory of an env in bytes, a little more than measured: without and with images.
 pub(crate) const ENV_BYTES: [u64; 2] = [160 << 10, 900 << 10];
-/// Envs per core at the start, at most, and at most in a batch.
+/// Envs per core at the start, at most, and at most in a batch of a host on these cores.
 const FIRST_PER_CORE: u32 = 16;
 const MAX_PER_CORE: u32 = 128;
 const BATCH_PER_CORE: u32 = 16;
+/// Largest batch with a fixed number of envs, or for a foreign host. Larger ones would cost no less per query, but keep their envs
+/// waiting and take shared memory: a batch of 2,500 took ACT of full size a minute on two cores.
+const BATCH_LIMIT: u32 = 256;
 /// Largest numbers of envs at the start and later, for machines with many cores.
 const FIRST_LIMIT: u32 = 128;
 const LIMIT: u32 = 4096;
@@ -36,8 +39,10 @@ impl Capacity {
     /// Returns the numbers for a run of `n_jobs` episodes.
     pub(crate) fn new(plan: &RunPlan, n_jobs: usize) -> Self {
         match plan.config.resources.envs {
-            // A batch holds half of the envs, so that the others step meanwhile.
-            Amount::Fixed(envs) => Self { envs, max_envs: envs, batch: envs.div_ceil(2), tunes: false },
+            // A batch holds at most half of the envs, so that the others step meanwhile.
+            Amount::Fixed(envs) => {
+                Self { envs, max_envs: envs, batch: envs.div_ceil(2).min(BATCH_LIMIT), tunes: false }
+            }
             Amount::Auto => Self::auto(plan, n_jobs.try_into().unwrap_or(u32::MAX), n_cores()),
         }
     }
@@ -49,10 +54,13 @@ impl Capacity {
         let by_cores = n_cores.saturating_mul(MAX_PER_CORE).min(LIMIT);
         let max_envs = by_cores.min(by_memory).min(n_jobs).max(1);
         // A foreign host may leave the cores idle while it answers, so that half of the envs have to step
-        // meanwhile.
+        // meanwhile, and it may cost much per batch.
         let foreign = plan.policies.iter().any(|policy| matches!(policy.spec, PolicySpec::Attach(_)));
-        let whole = if foreign { max_envs.div_ceil(2) } else { max_envs };
-        let mut batch = whole.min(n_cores.saturating_mul(BATCH_PER_CORE));
+        let mut batch = if foreign {
+            max_envs.div_ceil(2).min(BATCH_LIMIT)
+        } else {
+            max_envs.min(n_cores.saturating_mul(BATCH_PER_CORE))
+        };
         while batch > 1 && !fits(plan, batch) {
             batch /= 2;
         }
@@ -93,13 +101,17 @@ mod tests {
         assert_eq!(of(1000, 2), (32, 256, 32));
         assert_eq!(of(1, 64), (1, 1, 1));
         assert_eq!(of(100_000, 64), (128, 4096, 1024));
-        assert_eq!(capacity("--policy a=attach:a", 10, 2).batch, 5);
+        let foreign = |n_jobs, n_cores| capacity("--policy a=attach:a", n_jobs, n_cores).batch;
+        assert_eq!((foreign(10, 2), foreign(1000, 2), foreign(100_000, 64)), (5, 128, 256));
     }
 
     #[test]
     fn fixed_number_is_kept() {
-        let plan = RunPlan::new(&SweepArgs::parse("--policy idle --envs 300").unwrap()).unwrap();
-        let expected = Capacity { envs: 300, max_envs: 300, batch: 150, tunes: false };
-        assert_eq!(Capacity::new(&plan, 10), expected);
+        for (envs, batch) in [(1, 1), (300, 150), (5000, 256)] {
+            let arguments = format!("--policy idle --envs {envs}");
+            let plan = RunPlan::new(&SweepArgs::parse(&arguments).unwrap()).unwrap();
+            let expected = Capacity { envs, max_envs: envs, batch, tunes: false };
+            assert_eq!(Capacity::new(&plan, 10), expected);
+        }
     }
 }
