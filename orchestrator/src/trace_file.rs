@@ -23,6 +23,7 @@ pub(crate) struct TraceFile {
     /// Start of the first span, which is time 0.
     origin_ns: Option<u64>,
     n_in_flight: u64,
+    is_empty: bool,
 }
 
 impl TraceFile {
@@ -38,8 +39,9 @@ impl TraceFile {
             processes: HashMap::new(),
             origin_ns: None,
             n_in_flight: 0,
+            is_empty: true,
         };
-        trace.write("[\n")?;
+        trace.write("[")?;
         Ok(trace)
     }
 
@@ -87,12 +89,14 @@ impl TraceFile {
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn finish(mut self) -> anyhow::Result<()> {
-        self.write("{}]\n")?;
+        self.write("\n]\n")?;
         self.file.flush().with_context(|| format!("failed to write {}", self.path.display()))
     }
 
     fn write_event(&mut self, event: &Value) -> anyhow::Result<()> {
-        self.write(&format!("{event},\n"))
+        let separator = if self.is_empty { "\n" } else { ",\n" };
+        self.is_empty = false;
+        self.write(&format!("{separator}{event}"))
     }
 
     fn write(&mut self, text: &str) -> anyhow::Result<()> {
@@ -120,6 +124,8 @@ mod tests {
         trace.add("sim", &[]).unwrap();
         trace.finish().unwrap();
         let events: Vec<Value> = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        // Viewers refuse events without a phase.
+        assert!(events.iter().all(|event| event["ph"].is_string()), "{events:?}");
         let of =
             |name: &str| -> Vec<&Value> { events.iter().filter(|event| event["name"] == name).collect() };
         assert_eq!(of("process_name").len(), 2);
