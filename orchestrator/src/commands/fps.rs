@@ -97,7 +97,7 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
     let mut progress = Progress::of_points(points.len() as u64, n_done, args.quiet, args.json);
     for point in points.iter().filter(|point| !is_done(&store, point)).collect::<Vec<_>>() {
         let previous = store.points.iter().rfind(|done| done.series == point.series);
-        if let Some(reason) = previous.and_then(|previous| plan.too_slow(point.envs, previous)) {
+        if let Some(reason) = previous.and_then(|previous| plan.too_slow(point, previous)) {
             let omission = Omission { series: point.series.clone(), envs: point.envs, reason };
             progress.log(&omission.to_string());
             progress.skip(1);

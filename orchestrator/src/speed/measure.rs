@@ -66,7 +66,7 @@ pub(crate) fn measure(
             FleetEvent::Counters(counters) => {
                 progress.counters(counters);
                 // A second stop would kill the children before they report their last steps.
-                if !is_stopped && plan.is_enough(point.envs, counters.env_steps, counters.wall_s) {
+                if !is_stopped && plan.is_enough(point, counters.env_steps, counters.wall_s) {
                     is_stopped = true;
                     stopper.stop();
                 }

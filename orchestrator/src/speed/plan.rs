@@ -14,8 +14,9 @@ use crate::execution::{SHM, lanes};
 use crate::plan::{Condition, RunPlan};
 use crate::policy::NamedPolicy;
 
-/// Least number of control steps of every env in a point.
-const MIN_STEPS: f64 = 2.0;
+/// Least number of queries of every env in a point, each with the control steps that follow it. The first
+/// ones alone would say little: they all come at once.
+const MIN_QUERIES: u32 = 2;
 /// Longest time for these, as a multiple of the time per point.
 const MAX_TIMES: f64 = 20.0;
 
@@ -39,6 +40,13 @@ pub(crate) struct PlannedPoint {
     pub(crate) series: Series,
     pub(crate) envs: u32,
     pub(crate) plan: RunPlan,
+}
+
+impl PlannedPoint {
+    /// Returns the least number of control steps, all envs together.
+    fn min_steps(&self) -> u64 {
+        u64::from(self.envs) * u64::from(MIN_QUERIES * self.plan.config.results.execute)
+    }
 }
 
 /// A point that is left out.
@@ -94,16 +102,16 @@ impl SpeedPlan {
     }
 
     /// Returns why a point would take too long, judged by the series' previous point.
-    pub(crate) fn too_slow(&self, envs: u32, previous: &SpeedPoint) -> Option<String> {
-        let seconds = MIN_STEPS * f64::from(envs) / previous.env_steps_per_s;
+    pub(crate) fn too_slow(&self, point: &PlannedPoint, previous: &SpeedPoint) -> Option<String> {
+        let seconds = point.min_steps() as f64 / previous.env_steps_per_s;
         (seconds > MAX_TIMES * f64::from(self.seconds)).then(|| {
-            format!("{MIN_STEPS} steps of every env would take {seconds:.0} s; use a larger --seconds")
+            format!("{MIN_QUERIES} queries of every env would take {seconds:.0} s; use a larger --seconds")
         })
     }
 
     /// Returns `true` once a point has been measured for long enough.
-    pub(super) fn is_enough(&self, envs: u32, env_steps: u64, wall_s: f64) -> bool {
-        wall_s >= f64::from(self.seconds) && env_steps as f64 >= MIN_STEPS * f64::from(envs)
+    pub(super) fn is_enough(&self, point: &PlannedPoint, env_steps: u64, wall_s: f64) -> bool {
+        wall_s >= f64::from(self.seconds) && env_steps >= point.min_steps()
     }
 }
 
@@ -166,10 +174,13 @@ mod tests {
     }
 
     #[test]
-    fn points_need_time_and_two_steps_per_env() {
+    fn points_need_time_and_two_queries_per_env() {
         let plan = plan();
-        assert!(!plan.is_enough(64, 1000, 9.0));
-        assert!(!plan.is_enough(64, 127, 11.0));
-        assert!(plan.is_enough(64, 128, 11.0));
+        let (points, _) = plan.points();
+        for (point, min_steps) in [(&points[1], 64 * 60), (&points[3], 64 * 2)] {
+            assert!(!plan.is_enough(point, 100_000, 9.0));
+            assert!(!plan.is_enough(point, min_steps - 1, 11.0));
+            assert!(plan.is_enough(point, min_steps, 11.0));
+        }
     }
 }
