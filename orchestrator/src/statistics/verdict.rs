@@ -76,6 +76,7 @@ impl Verdict {
             (Decision::ABetter, _) => format!("{} better", names[0]),
             (Decision::BBetter, _) => format!("{} better", names[1]),
             (Decision::Equivalent, _) => format!("no difference larger than {:.1} pp", 100.0 * margin),
+            (Decision::Undecided, Some(1)) => "undecided: about 1 more episode".to_owned(),
             (Decision::Undecided, Some(more)) => format!("undecided: about {more} more episodes"),
             (Decision::Undecided, None) => "undecided".to_owned(),
         }
