@@ -59,11 +59,22 @@ fn pid_of(child: &Child) -> Pid {
     Pid::from_child(child)
 }
 
+/// Returns the process ids of the children of `parent`.
+fn children(parent: Pid) -> Vec<String> {
+    let path = format!("/proc/{0}/task/{0}/children", parent.as_raw_nonzero());
+    let children = std::fs::read_to_string(path).unwrap_or_default();
+    children.split_whitespace().map(str::to_owned).collect()
+}
+
+/// Returns `true` if this process has not exited. A zombie has.
+fn is_alive(pid: &str) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with(['Z', 'X']))
+}
+
 /// Returns the child process of `parent` whose command line contains the argument `word`.
 fn find_child(parent: Pid, word: &str) -> Option<Pid> {
-    let path = format!("/proc/{0}/task/{0}/children", parent.as_raw_nonzero());
-    let children = std::fs::read_to_string(path).ok()?;
-    children.split_whitespace().find_map(|pid| {
+    children(parent).iter().find_map(|pid| {
         let line = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
         let has_word = line.split(|byte| *byte == 0).any(|arg| arg == word.as_bytes());
         has_word.then(|| Pid::from_raw(pid.parse().ok()?)).flatten()
@@ -165,6 +176,26 @@ fn killed_orchestrator_leaves_a_resumable_file() {
     let _ = finish(start(dir.path(), "orphaned.db")).expect_code(0);
     assert_eq!(rows(&db), expected);
     assert_eq!(turn.leftovers(), Vec::<String>::new(), "the next run should remove stale segments");
+}
+
+/// The children of a killed orchestrator exit by themselves, whatever they are doing, and the last of them
+/// removes the run's shared memory.
+#[test]
+fn killed_orchestrator_leaves_no_process() {
+    let turn = Turn::begin();
+    let dir = tempfile::tempdir().unwrap();
+    for delay_ms in [2, 5, 10, 20, 40, 80, 160, 320, 640] {
+        let mut child = start(dir.path(), &format!("{delay_ms}.db"));
+        std::thread::sleep(Duration::from_millis(delay_ms));
+        let orphans = children(pid_of(&child));
+        child.kill().unwrap();
+        let _ = finish(child);
+        let deadline = Instant::now() + Duration::from_secs(30);
+        while orphans.iter().any(|pid| is_alive(pid)) || !turn.leftovers().is_empty() {
+            assert!(Instant::now() < deadline, "{delay_ms} ms: {orphans:?} or {:?} stay", turn.leftovers());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
 }
 
 #[test]

@@ -7,7 +7,9 @@
 
 mod error_chain;
 pub mod frame;
+pub mod input;
 pub mod layout;
+mod lifeline;
 pub mod link;
 pub mod morphology;
 pub mod run_config;
@@ -16,5 +18,6 @@ pub mod trace;
 pub use error_chain::error_chain;
 pub use frame::{ActionHeader, ActionView, FrameError, ObservationHeader, ObservationView};
 pub use layout::{ActionBlock, EXTERNAL_SIDE, EnvRecord, HAND_SIDE, Page, SCHEMA_HASH};
+pub use lifeline::Lifeline;
 pub use morphology::{ControlMode, Morphology};
 pub use run_config::RunConfig;

@@ -18,7 +18,9 @@ pub(crate) struct SignalWatch(Handle);
 pub(crate) fn watch(stop: impl Fn() + Send + 'static) -> io::Result<SignalWatch> {
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
     let watch = SignalWatch(signals.handle());
-    thread::spawn(move || signals.forever().for_each(|_| stop()));
+    thread::Builder::new()
+        .name("signals".to_owned())
+        .spawn(move || signals.forever().for_each(|_| stop()))?;
     Ok(watch)
 }
 

@@ -1,11 +1,11 @@
 //! The policies of a run: their names in the results, their specs and their identities.
 
 use std::ffi::OsStr;
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use ipc_types::input;
 use policy_host::{PolicySpec, PolicySpecError};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -147,7 +147,7 @@ fn hash(folder: &Path) -> Result<u64, HashError> {
     let mut buffer = vec![0; CHUNK];
     for path in files {
         let failed = |source| HashError { path: path.clone(), source };
-        let mut file = File::open(&path).map_err(failed)?;
+        let mut file = input::open(&path).map_err(failed)?;
         let name = path.strip_prefix(folder).unwrap_or(&path).as_os_str().as_encoded_bytes();
         hash.update(&(name.len() as u64).to_le_bytes());
         hash.update(name);

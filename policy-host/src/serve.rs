@@ -13,8 +13,8 @@ use cpu_time::ProcessTime;
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkError, LinkNode, ObservationMessage};
 use ipc_types::trace::{self, Activity, TraceSpan};
 use ipc_types::{
-    ActionBlock, ActionHeader, FrameError, Morphology, ObservationHeader, ObservationView, RunConfig,
-    SCHEMA_HASH,
+    ActionBlock, ActionHeader, FrameError, Lifeline, Morphology, ObservationHeader, ObservationView,
+    RunConfig, SCHEMA_HASH,
 };
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -118,7 +118,7 @@ enum QueryError {
 /// # Errors
 /// If the policy cannot be loaded, the link fails, or the parent no longer reads.
 pub fn serve(config: HostConfig) -> Result<(), ServeError> {
-    serve_with(config, io::stdin(), io::stdout())
+    serve_with(config, Lifeline(io::stdin()), io::stdout())
 }
 
 /// Like [`serve`], with arbitrary streams.
@@ -147,7 +147,11 @@ pub fn serve_with(
     // The loop itself runs in the pool, so that a query needs no hand-over between threads.
     pool.install(move || {
         let node = LinkNode::new(&config.domain, "policy-host")?;
-        let lane = HostLane::open(&node, &config.lane, OPEN_TIMEOUT)?;
+        let is_wanted = || !closed.load(Ordering::Relaxed);
+        let lane = match HostLane::open_while(&node, &config.lane, OPEN_TIMEOUT, &is_wanted) {
+            Err(_) if !is_wanted() => return Ok(()),
+            opened => opened?,
+        };
         let chunks = vec![ActionChunk::default(); config.lane.max_envs.max(1) as usize];
         let mut host = Host { config, lane, policy, chunks, output, ledger: WorkCounter::new() };
         let stopwatch = |work: &mut dyn FnMut()| {

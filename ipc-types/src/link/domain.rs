@@ -7,7 +7,8 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::{Duration, Instant, SystemTime};
 
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeState, NodeView};
@@ -31,6 +32,11 @@ const MAX_SOCKET_PATH_BYTES: usize = 107;
 const SOCKET_NAME_BYTES: usize = 1 + 34 + 6;
 /// Maximum wait for another process that is already cleaning up the same exited node.
 const CLEANUP_TIMEOUT: Duration = Duration::from_secs(2);
+/// Maximum time to free the resources of exited processes or to list those that are alive.
+const LISTING_TIMEOUT: Duration = Duration::from_secs(5);
+/// Age from which a segment without size counts as left by a process that was killed while creating it. A
+/// live process sizes it within microseconds.
+const EMPTY_AGE: Duration = Duration::from_millis(100);
 
 /// Namespace of one run in shared memory. Every process of the run receives it from its parent.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -60,11 +66,21 @@ impl Domain {
     }
 
     /// Frees the resources of processes that have exited without cleaning up: service connections, borrowed
-    /// messages and segments. Wakes their peers. Returns the number of such processes.
+    /// messages and segments. Wakes their peers. Returns the number of such processes, or `None` if it took
+    /// too long (five seconds); what is left is removed with the domain.
     ///
     /// A parent calls this after it has waited for a child. Otherwise the next process that joins the domain
     /// does it.
-    pub fn reap(&self) -> usize {
+    pub fn reap(&self) -> Option<usize> {
+        if !self.empty_segments().is_empty() {
+            std::thread::sleep(EMPTY_AGE);
+            self.remove_empty_segments();
+        }
+        let domain = self.clone();
+        self.within(LISTING_TIMEOUT, move || domain.reap_now())
+    }
+
+    fn reap_now(&self) -> usize {
         let Ok(config) = self.config() else { return 0 };
         let mut n_cleaned = 0;
         // A folder that cannot be listed contains nothing to free.
@@ -139,12 +155,19 @@ impl Domain {
         Self { prefix: format!("hyp_{uid}_{tag}_"), root: base.join(tag) }
     }
 
-    fn remove_if_unused(&self) -> bool {
+    /// Removes the domain if none of its processes is alive. Returns `true` if it did.
+    pub fn remove_if_unused(&self) -> bool {
         let Some(_lease) = DomainLease::try_acquire_exclusive(&self.root) else { return false };
         !self.has_live_node() && self.remove().is_ok()
     }
 
+    /// Returns `true` if a process of the domain is alive, or if that cannot be found out.
     fn has_live_node(&self) -> bool {
+        let domain = self.clone();
+        self.within(LISTING_TIMEOUT, move || domain.lists_live_node()).unwrap_or(true)
+    }
+
+    fn lists_live_node(&self) -> bool {
         let Ok(config) = self.config() else { return false };
         let mut found = false;
         let listed = Node::<Ipc>::list(&config, |state| {
@@ -152,6 +175,46 @@ impl Domain {
             if found { CallbackProgression::Stop } else { CallbackProgression::Continue }
         });
         found || listed.is_err()
+    }
+
+    /// Does `work` on another thread, because iceoryx2 waits without a limit for the size of a segment whose
+    /// creator was killed before it gave it one. Such segments are removed meanwhile, which ends the wait.
+    /// Returns `None` if the work takes longer than `timeout` nevertheless; its thread is left behind.
+    fn within<T: Send + 'static>(
+        &self,
+        timeout: Duration,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Option<T> {
+        let (done, result) = channel();
+        let started = Instant::now();
+        let thread = std::thread::Builder::new().name("reap".to_owned());
+        // Nobody receives the result of work that took too long.
+        thread.spawn(move || drop(done.send(work()))).ok()?;
+        loop {
+            match result.recv_timeout(EMPTY_AGE / 2) {
+                Ok(value) => return Some(value),
+                Err(RecvTimeoutError::Timeout) if started.elapsed() < timeout => self.remove_empty_segments(),
+                Err(_) => return None,
+            }
+        }
+    }
+
+    /// Removes the segments that a killed process has left without a size.
+    fn remove_empty_segments(&self) {
+        let is_left = |created: &SystemTime| created.elapsed().is_ok_and(|age| age >= EMPTY_AGE);
+        for (path, _) in self.empty_segments().into_iter().filter(|(_, created)| is_left(created)) {
+            // Another process may have removed it.
+            let _ = std::fs::remove_file(path);
+        }
+    }
+
+    /// Lists the domain's segments without a size, with the times at which they were created.
+    fn empty_segments(&self) -> Vec<(PathBuf, SystemTime)> {
+        let created = |path: PathBuf| {
+            let data = std::fs::symlink_metadata(&path).ok().filter(|data| data.len() == 0)?;
+            Some((path, data.modified().ok()?))
+        };
+        self.segments().unwrap_or_default().into_iter().filter_map(created).collect()
     }
 
     /// Lists the domain's files in shared memory.

@@ -42,12 +42,30 @@ impl HostLane {
     /// If the timeout expires, the sim was built with a different schema or started with different sizes,
     /// shared memory has no room for the actions, or iceoryx2 fails.
     pub fn open(node: &LinkNode, spec: &LaneSpec, timeout: Duration) -> Result<Self, LinkError> {
-        budget::check_bytes(spec.host_bytes(), Path::new(SHM))?;
-        Self::open_with(node, timeout, &Agreement { schema_hash: SCHEMA_HASH, spec })
+        Self::open_while(node, spec, timeout, &|| true)
     }
 
-    fn open_with(node: &LinkNode, timeout: Duration, agreement: &Agreement<'_>) -> Result<Self, LinkError> {
-        retry(node, timeout, || Self::try_open(node, agreement))
+    /// Like [`open`](Self::open), and gives up as soon as `is_wanted` returns `false`.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open); also if it is no longer wanted.
+    pub fn open_while(
+        node: &LinkNode,
+        spec: &LaneSpec,
+        timeout: Duration,
+        is_wanted: &dyn Fn() -> bool,
+    ) -> Result<Self, LinkError> {
+        budget::check_bytes(spec.host_bytes(), Path::new(SHM))?;
+        Self::open_with(node, timeout, is_wanted, &Agreement { schema_hash: SCHEMA_HASH, spec })
+    }
+
+    fn open_with(
+        node: &LinkNode,
+        timeout: Duration,
+        is_wanted: &dyn Fn() -> bool,
+        agreement: &Agreement<'_>,
+    ) -> Result<Self, LinkError> {
+        retry(node, timeout, is_wanted, || Self::try_open(node, agreement))
     }
 
     fn try_open(node: &LinkNode, agreement: &Agreement<'_>) -> Result<Self, AttemptError> {
@@ -188,7 +206,8 @@ mod tests {
         let _sim = (SimLink::create(&node, 1).unwrap(), SimLane::create(&node, 1, &spec()).unwrap());
         let (mut spec, mut schema_hash) = (spec(), SCHEMA_HASH);
         change(&mut spec, &mut schema_hash);
-        let opened = HostLane::open_with(&node, Duration::ZERO, &Agreement { schema_hash, spec: &spec });
+        let opened =
+            HostLane::open_with(&node, Duration::ZERO, &|| true, &Agreement { schema_hash, spec: &spec });
         domain.remove().unwrap();
         opened
     }

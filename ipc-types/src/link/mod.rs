@@ -21,6 +21,7 @@ mod error;
 mod host;
 mod lane_spec;
 mod lease;
+mod management;
 mod node;
 mod prefault;
 mod receiver;

@@ -7,6 +7,7 @@ use iceoryx2::prelude::{NodeName, SignalHandlingMode};
 use super::domain::Domain;
 use super::error::LinkError;
 use super::lease::DomainLease;
+use super::management;
 use super::type_names::Ipc;
 
 /// A process's membership in a domain, from which its lanes are opened. Joining also cleans up after exited
@@ -31,6 +32,7 @@ impl LinkNode {
         let node_name = NodeName::new(name)
             .map_err(|error| LinkError::NodeName { name: name.into(), reason: format!("{error:?}") })?;
         let lease = domain.lease()?;
+        management::create(domain)?;
         let node = NodeBuilder::new()
             .name(&node_name)
             .config(&config)

@@ -21,11 +21,12 @@ impl From<LinkError> for AttemptError {
     }
 }
 
-/// Repeats `attempt` until it succeeds, fails permanently, or `timeout` has passed. Cleans up after exited
-/// peers between attempts.
+/// Repeats `attempt` until it succeeds, fails permanently, `timeout` has passed, or nobody wants it any more.
+/// Cleans up after exited peers between attempts.
 pub(super) fn retry<T>(
     node: &LinkNode,
     timeout: Duration,
+    is_wanted: &dyn Fn() -> bool,
     mut attempt: impl FnMut() -> Result<T, AttemptError>,
 ) -> Result<T, LinkError> {
     let start = Instant::now();
@@ -33,7 +34,9 @@ pub(super) fn retry<T>(
         match attempt() {
             Ok(value) => return Ok(value),
             Err(AttemptError::Permanent(error)) => return Err(error),
-            Err(AttemptError::Transient(error)) if start.elapsed() >= timeout => return Err(error),
+            Err(AttemptError::Transient(error)) if start.elapsed() >= timeout || !is_wanted() => {
+                return Err(error);
+            }
             Err(AttemptError::Transient(_)) => {
                 if matches!(node.inner().try_cleanup_dead_nodes().cleanups, 0) {
                     std::thread::sleep(RETRY_INTERVAL);

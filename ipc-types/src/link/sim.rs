@@ -36,7 +36,7 @@ impl SimLink {
     /// # Errors
     /// If another running sim holds it, or iceoryx2 fails.
     pub fn create(node: &LinkNode, n_lanes: u32) -> Result<Self, LinkError> {
-        retry(node, TAKEOVER_TIMEOUT, || {
+        retry(node, TAKEOVER_TIMEOUT, &|| true, || {
             let event = wake::create(node, SIM_WAKE, n_lanes as usize)?;
             Ok(Self { listener: wake::create_listener(&event, SIM_WAKE)? })
         })
@@ -73,7 +73,7 @@ impl SimLane {
     /// the lane, the attached host was started with different sizes, or iceoryx2 fails.
     pub fn create(node: &LinkNode, run: u64, spec: &LaneSpec) -> Result<Self, LinkError> {
         budget::check_bytes(spec.shm_bytes(), Path::new(SHM))?;
-        retry(node, TAKEOVER_TIMEOUT, || {
+        retry(node, TAKEOVER_TIMEOUT, &|| true, || {
             Self::try_create(node, run, &Agreement { schema_hash: SCHEMA_HASH, spec })
         })
     }

@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 use xxhash_rust::xxh3::xxh3_64;
 
+use crate::input;
+
 /// Maximum size of the file in bytes; the benchmark's has 29,599.
 const MAX_BYTES: usize = 1 << 20;
 
@@ -63,8 +65,7 @@ impl LanguageFile {
 }
 
 fn read(path: &Path) -> Result<(Vec<u8>, String), LanguageFileError> {
-    let bytes =
-        std::fs::read(path).map_err(|source| LanguageFileError::Read { path: path.into(), source })?;
+    let bytes = input::read(path).map_err(|source| LanguageFileError::Read { path: path.into(), source })?;
     if bytes.len() > MAX_BYTES {
         return Err(LanguageFileError::TooLarge { path: path.into(), found: bytes.len() });
     }

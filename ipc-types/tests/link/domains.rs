@@ -1,5 +1,6 @@
 //! Isolation of concurrent runs, and removal of stale domains.
 
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::Duration;
 
@@ -67,4 +68,64 @@ fn node_rejects_root_too_long_for_sockets() {
     let error = LinkNode::new(&Domain::new(&deep, 1), "test").unwrap_err();
     assert!(matches!(error, LinkError::Domain { .. }), "{error}");
     assert!(!deep.exists());
+}
+
+/// A process that is killed between creating a segment and giving it a size stalls every process that opens
+/// it, because iceoryx2 waits for the size without a limit.
+#[test]
+fn empty_segments_neither_stall_nor_stay() {
+    let scratch = Scratch::new();
+    let mut sim = scratch.spawn("roles::sim_that_gets_killed");
+    let host = open_host(&scratch.node(), &small_lane(1));
+    await_ready(&scratch.domain.root);
+    sim.kill();
+    drop(host);
+    for path in scratch.segments() {
+        std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(0).unwrap();
+    }
+    let (done, reaped) = std::sync::mpsc::channel();
+    let domain = scratch.domain.clone();
+    std::thread::spawn(move || done.send(domain.reap()));
+    let reaped = reaped.recv_timeout(Duration::from_secs(60)).expect("reaping ends");
+    assert!(reaped.is_some(), "reaping took too long");
+    // The next processes of the domain work as usual.
+    let node = scratch.node();
+    let sim = create_sim(&node, &small_lane(1));
+    let host = open_host(&node, &small_lane(1));
+    drop((sim, host, node));
+    scratch.finish();
+}
+
+#[test]
+fn segments_are_closed_to_other_users() {
+    let scratch = Scratch::new();
+    let node = scratch.node();
+    let sim = create_sim(&node, &small_lane(1));
+    let host = open_host(&node, &small_lane(1));
+    let segments = scratch.segments();
+    assert!(segments.iter().any(|path| path.to_string_lossy().contains("global_mgmt")), "{segments:?}");
+    for path in segments {
+        let mode = std::fs::metadata(&path).unwrap().permissions().mode();
+        assert_eq!(mode & 0o077, 0, "{}: {mode:o}", path.display());
+    }
+    let mode = std::fs::metadata(&scratch.domain.root).unwrap().permissions().mode();
+    assert_eq!(mode & 0o077, 0, "{mode:o}");
+    drop((sim, host, node));
+    scratch.finish();
+}
+
+#[test]
+fn unwanted_host_stops_waiting() {
+    let scratch = Scratch::new();
+    let node = scratch.node();
+    let n_asked = std::cell::Cell::new(0);
+    let is_wanted = || {
+        n_asked.set(n_asked.get() + 1);
+        n_asked.get() < 3
+    };
+    let opened = HostLane::open_while(&node, &small_lane(1), Duration::from_secs(600), &is_wanted);
+    assert!(matches!(opened, Err(LinkError::Absent { .. })));
+    assert_eq!(n_asked.get(), 3);
+    drop(node);
+    scratch.finish();
 }

@@ -2,7 +2,10 @@
 
 use anyhow::Context;
 use clap::Args;
+use ipc_types::link::Domain;
+use policy_host::serve::HostConfig;
 use serde::de::DeserializeOwned;
+use sim::serve::protocol::SimConfig;
 
 use crate::exit::{ExitStatus, Failure, OrUser};
 
@@ -16,14 +19,21 @@ pub(crate) struct ChildArgs {
 
 /// Serves episodes until stdin closes.
 pub(crate) fn sim(args: &ChildArgs) -> Result<ExitStatus, Failure> {
-    sim::serve::serve(&parse_config(args)?)?;
-    Ok(ExitStatus::Success)
+    let config: SimConfig = parse_config(args)?;
+    leave(&config.domain, sim::serve::serve(&config))
 }
 
 /// Answers queries until stdin closes.
 pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
-    policy_host::serve::serve(parse_config(args)?)?;
-    Ok(ExitStatus::Success)
+    let config: HostConfig = parse_config(args)?;
+    let domain = config.domain.clone();
+    leave(&domain, policy_host::serve::serve(config))
+}
+
+/// Ends a child that has served. If its parent was killed, the last child removes the run's shared memory.
+fn leave<E: Into<Failure>>(domain: &Domain, served: Result<(), E>) -> Result<ExitStatus, Failure> {
+    domain.remove_if_unused();
+    served.map(|()| ExitStatus::Success).map_err(Into::into)
 }
 
 fn parse_config<T: DeserializeOwned>(args: &ChildArgs) -> Result<T, Failure> {

@@ -58,7 +58,10 @@ impl ChildProcess {
             unreachable!("all three are piped")
         };
         let (commands, queue) = channel::<String>();
-        thread::spawn(move || {
+        // Dropped, and the child killed, if a thread cannot be started.
+        let process = Self { child, commands: Some(commands) };
+        let thread = |name: &str| thread::Builder::new().name(name.to_owned());
+        thread("commands").spawn(move || {
             // A write fails only if the child has exited, which its stdout shows. Dropping the queue closes
             // stdin.
             for line in queue {
@@ -66,20 +69,20 @@ impl ChildProcess {
                     return;
                 }
             }
-        });
+        })?;
         let (log_ends, log_ended) = channel::<()>();
         let on_log = on_output.clone();
-        thread::spawn(move || {
+        thread("log").spawn(move || {
             each_line(stderr, |line| on_log(ChildOutput::Log(line)));
             drop(log_ends);
-        });
-        thread::spawn(move || {
+        })?;
+        thread("events").spawn(move || {
             each_line(stdout, |line| on_output(ChildOutput::Event(line)));
             // Nothing is ever sent: this returns when the thread above ends, or after the timeout.
             let _ = log_ended.recv_timeout(STDERR_TIMEOUT);
             on_output(ChildOutput::Closed);
-        });
-        Ok(Self { child, commands: Some(commands) })
+        })?;
+        Ok(process)
     }
 
     /// Returns the child's resident memory in bytes without shared memory, where the system tells it.

@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use ipc_types::input;
 use sim::TaskId;
 use sim::perturb::Composition;
 use thiserror::Error;
@@ -95,7 +96,7 @@ fn read_table<T>(
         let problem = format!("the file has {size} bytes, expected at most {MAX_BYTES}");
         return Err(TableError::Row { path: path.into(), line: 1, problem });
     }
-    let text = std::fs::read_to_string(path).map_err(read)?;
+    let text = input::read_to_string(path).map_err(read)?;
     let header = text.lines().next().unwrap_or_default();
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     let position = |column: &&str| names.iter().position(|name| name == column);

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use clap::error::{ContextKind, ContextValue};
 use clap::{Arg, ArgAction, Args, Command};
+use ipc_types::input;
 use thiserror::Error;
 use toml::{Spanned, Value};
 
@@ -41,7 +42,7 @@ pub(crate) fn flags(
     is_overridden: impl Fn(&str) -> bool,
 ) -> Result<Vec<OsString>, SweepFileError> {
     let text =
-        std::fs::read_to_string(path).map_err(|source| SweepFileError::Read { path: path.into(), source })?;
+        input::read_to_string(path).map_err(|source| SweepFileError::Read { path: path.into(), source })?;
     let table: BTreeMap<String, Spanned<Value>> = toml::from_str(&text)
         .map_err(|source| SweepFileError::Parse { path: path.into(), source: Box::new(source) })?;
     let mut entries: Vec<_> = table.into_iter().collect();

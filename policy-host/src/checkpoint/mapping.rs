@@ -27,7 +27,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use ipc_types::{ControlMode, Morphology};
+use ipc_types::{ControlMode, Morphology, input};
 use serde::Deserialize;
 
 use super::{CheckpointError, parse};
@@ -101,7 +101,7 @@ impl Sidecar {
     /// Reads the mapping file in `folder`, or returns the default if there is none.
     pub(super) fn read(folder: &Path) -> Result<Self, CheckpointError> {
         let path = folder.join(MAPPING_FILE);
-        match std::fs::read(&path) {
+        match input::read(&path) {
             Ok(text) => parse(&path, &text),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Self::default()),
             Err(source) => Err(CheckpointError::Read { path, source }),

@@ -15,6 +15,7 @@ mod processor;
 
 use std::path::{Path, PathBuf};
 
+use ipc_types::input;
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -108,7 +109,7 @@ impl Checkpoint {
     pub fn open(folder: &Path) -> Result<Self, CheckpointError> {
         let path = folder.join(CONFIG_FILE);
         let text =
-            std::fs::read(&path).map_err(|source| CheckpointError::Read { path: path.clone(), source })?;
+            input::read(&path).map_err(|source| CheckpointError::Read { path: path.clone(), source })?;
         let TypeTag { format } = parse(&path, &text)?;
         let mut tensors = None;
         let description = match format.as_str() {

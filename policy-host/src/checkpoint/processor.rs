@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use ipc_types::input;
 use serde::Deserialize;
 
 use super::mapping::FeatureKind;
@@ -141,7 +142,7 @@ impl ProcessorStatistics {
     fn read(folder: &Path, file: &str, normaliser: &str, others: &[&str]) -> Result<Self, CheckpointError> {
         let path = folder.join(file);
         let text =
-            std::fs::read(&path).map_err(|source| CheckpointError::Read { path: path.clone(), source })?;
+            input::read(&path).map_err(|source| CheckpointError::Read { path: path.clone(), source })?;
         let processor: Processor = parse(&path, &text)?;
         let mut found = Self { modes: BTreeMap::new(), epsilon: DEFAULT_EPSILON, file: None };
         for (idx, step) in processor.steps.into_iter().enumerate() {

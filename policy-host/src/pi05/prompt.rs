@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
+use ipc_types::input;
 use sentencepiece_rs::SentencePieceProcessor;
 use serde::Deserialize;
 use thiserror::Error;
@@ -71,7 +72,7 @@ impl Prompter {
         if found > MAX_TOKENIZER_BYTES {
             return Err(TokenizerError::Size { path, found, limit: MAX_TOKENIZER_BYTES });
         }
-        let bytes = std::fs::read(&path).map_err(read)?;
+        let bytes = input::read(&path).map_err(read)?;
         let invalid = |reason: String| TokenizerError::Invalid { path: path.clone(), reason };
         let tokenizer = SentencePieceProcessor::from_serialized_model(&bytes)
             .map_err(|error| invalid(error.to_string()))?;

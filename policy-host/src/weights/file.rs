@@ -6,6 +6,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use half::{bf16, f16};
+use ipc_types::input;
 use safetensors::Dtype;
 use safetensors::tensor::{Metadata, TensorInfo};
 
@@ -33,7 +34,7 @@ impl TensorFile {
     pub fn open(path: &Path) -> Result<Self, WeightsError> {
         let path = path.to_owned();
         let read = |source| WeightsError::Read { path: path.clone(), source };
-        let mut file = File::open(&path).map_err(read)?;
+        let mut file = input::open(&path).map_err(read)?;
         let found = file.metadata().map_err(read)?.len();
         let (header, data_start) = read_header(&mut file, &path, found)?;
         let expected = data_start + header.data_len() as u64;

@@ -1,12 +1,12 @@
 //! Tensors in memory-mapped safetensors files: read where they lie, never copied as a whole.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use half::{bf16, f16};
+use ipc_types::input;
 use memmap2::Mmap;
 use rayon::prelude::*;
 use safetensors::Dtype;
@@ -168,7 +168,7 @@ impl TensorFolder {
             return Ok(Self { shards: vec![shard], shard_of });
         }
         let text =
-            std::fs::read(&index).map_err(|source| WeightsError::Read { path: index.clone(), source })?;
+            input::read(&index).map_err(|source| WeightsError::Read { path: index.clone(), source })?;
         let ShardIndex { weight_map } = serde_json::from_slice(&text)
             .map_err(|source| WeightsError::Index { path: index.clone(), source })?;
         if weight_map.is_empty() {
@@ -249,7 +249,7 @@ impl Shard {
     fn open(path: &Path) -> Result<Self, WeightsError> {
         let read = |source| WeightsError::Read { path: path.to_owned(), source };
         let file = TensorFile::open(path)?;
-        let handle = File::open(path).map_err(read)?;
+        let handle = input::open(path).map_err(read)?;
         // SAFETY: the map is read-only, and values are converted from bytes, of which every pattern is valid.
         // A process that truncates the file while a policy runs ends that policy's host, which the
         // orchestrator reports; checkpoints are not modified while they are in use.

@@ -12,14 +12,14 @@ mod slots;
 #[cfg(test)]
 mod tests;
 
-use std::io::{BufRead, Write};
+use std::io::{self, BufRead, BufReader, Write};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
 
 use cpu_time::ProcessTime;
 use ipc_types::link::{LinkError, LinkNode, SimLink};
 use ipc_types::trace::{self, Activity};
-use ipc_types::{ActionView, FrameError, RunConfig, error_chain};
+use ipc_types::{ActionView, FrameError, Lifeline, RunConfig, error_chain};
 use thiserror::Error;
 
 use self::batch::BatchWriter;
@@ -45,10 +45,12 @@ const COMMAND_QUEUE: usize = 1024;
 pub enum SimError {
     #[error("failed to start {threads} worker threads")]
     Threads { threads: u32, source: rayon::ThreadPoolBuildError },
+    #[error("failed to start the thread that reads standard input")]
+    Stdin(#[source] io::Error),
     #[error("failed to set up shared memory")]
     Link(#[from] LinkError),
     #[error("failed to write an event to stdout")]
-    Output(#[from] std::io::Error),
+    Output(#[from] io::Error),
     #[error("failed to read --language")]
     Sentences(#[from] SentencesError),
     #[error("failed to open a renderer")]
@@ -81,7 +83,7 @@ pub fn serve(config: &SimConfig) -> Result<(), SimError> {
         .num_threads(threads as usize)
         .build()
         .map_err(|source| SimError::Threads { threads, source })?;
-    let commands = read_commands();
+    let commands = read_commands().map_err(SimError::Stdin)?;
     let served = pool.install(|| Server::new(config, commands)?.run());
     if let Err(error @ (SimError::OpenRenderer(_) | SimError::Render(_))) = &served {
         emit(&SimEvent::RendererFailed { message: error_chain(error) })?;
@@ -96,10 +98,11 @@ fn log(message: core::fmt::Arguments<'_>) {
 }
 
 /// Spawns a thread that parses stdin line by line. The channel closes with stdin.
-fn read_commands() -> Receiver<SimCommand> {
+fn read_commands() -> io::Result<Receiver<SimCommand>> {
     let (sender, receiver) = sync_channel(COMMAND_QUEUE);
-    std::thread::spawn(move || {
-        for line in std::io::stdin().lock().lines() {
+    let thread = std::thread::Builder::new().name("stdin".to_owned());
+    thread.spawn(move || {
+        for line in BufReader::new(Lifeline(io::stdin())).lines() {
             let Ok(line) = line else { return };
             match serde_json::from_str(&line) {
                 Ok(command) => {
@@ -110,8 +113,8 @@ fn read_commands() -> Receiver<SimCommand> {
                 Err(error) => log(format_args!("ignored a malformed command: {error}")),
             }
         }
-    });
-    receiver
+    })?;
+    Ok(receiver)
 }
 
 /// The state of the sim's main loop.
@@ -392,8 +395,8 @@ fn accept(
 }
 
 /// Writes an event to stdout as one JSON line.
-fn emit(event: &SimEvent) -> Result<(), std::io::Error> {
-    let mut out = std::io::stdout().lock();
+fn emit(event: &SimEvent) -> Result<(), io::Error> {
+    let mut out = io::stdout().lock();
     serde_json::to_writer(&mut out, event)?;
     out.write_all(b"\n")?;
     out.flush()

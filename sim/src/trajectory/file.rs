@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use ipc_types::input;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -153,7 +154,7 @@ pub fn read_actions(path: &Path, action_dim: usize) -> Result<Vec<f32>, Trajecto
 }
 
 fn read_json<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<T, TrajectoryError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| TrajectoryError::Read { path: path.into(), source })?;
+    let text =
+        input::read_to_string(path).map_err(|source| TrajectoryError::Read { path: path.into(), source })?;
     serde_json::from_str(&text).map_err(|source| TrajectoryError::Format { path: path.into(), source })
 }

@@ -10,6 +10,7 @@ mod openpi;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use ipc_types::input;
 use serde::Deserialize;
 
 use super::mapping::{InputFeature, MAPPING_FILE, ObservationMapping, Sidecar, map_features};
@@ -80,7 +81,7 @@ impl Pi05Checkpoint {
     /// The first mismatch found, with file, tensor, actual and expected value.
     pub fn open(folder: &Path) -> Result<Self, CheckpointError> {
         let path = folder.join(CONFIG_FILE);
-        let text = match std::fs::read(&path) {
+        let text = match input::read(&path) {
             Ok(text) => Some(text),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
             Err(source) => return Err(CheckpointError::Read { path, source }),

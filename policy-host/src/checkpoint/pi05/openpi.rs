@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use ipc_types::input;
 use serde::Deserialize;
 
 use super::config::{MAX_ROWS, Pi05Config};
@@ -115,7 +116,7 @@ impl Folder<'_> {
             });
         };
         let text =
-            std::fs::read(path).map_err(|source| CheckpointError::Read { path: path.clone(), source })?;
+            input::read(path).map_err(|source| CheckpointError::Read { path: path.clone(), source })?;
         let OpenpiStatistics { norm_stats } = parse(path, &text)?;
         for key in ["state", "actions"] {
             let invalid = |found: String, expected: &str| CheckpointError::Value {
