@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use ipc_types::layout::block_pages;
 use ipc_types::link::{ActionMessage, LinkError, LinkNode, SimLane};
 use ipc_types::trace::{self, Activity};
-use ipc_types::{ActionView, ControlMode, FrameError, Morphology, ObservationHeader, SCHEMA_HASH};
+use ipc_types::{ActionView, ControlMode, FrameError, Morphology, ObservationHeader, Page, SCHEMA_HASH};
 use thiserror::Error;
 
 use super::protocol::{Lane, Latencies};
@@ -68,6 +68,8 @@ pub(super) struct LaneState {
     in_flight: Vec<InFlightBatch>,
     /// Unused batches, whose allocations are reused.
     spare: Vec<InFlightBatch>,
+    /// The pages of the current answer, copied once: the host can still write to its own memory.
+    answer: Vec<Page>,
     last_host_check: Instant,
     host_absent_since: Option<Instant>,
     /// Identity of the foreign host that receives the queries.
@@ -95,6 +97,7 @@ impl LaneState {
                     slots: Vec::with_capacity(max_envs),
                 })
                 .collect(),
+            answer: Vec::with_capacity(max_envs),
             last_host_check: now,
             host_absent_since: config.foreign.then_some(now),
             host_id: None,
@@ -191,7 +194,10 @@ impl LaneState {
         now: Instant,
         mut accept: impl FnMut(u32, &ActionView<'_>, usize) -> Result<(), InvalidAnswerError>,
     ) -> Result<(), InvalidAnswerError> {
-        let view = ActionView::new(*message.header(), message.pages())?;
+        let header = *message.header();
+        self.answer.clear();
+        self.answer.extend_from_slice(message.pages());
+        let view = ActionView::new(header, &self.answer)?;
         let header = view.header();
         if header.run != self.run_id || header.epoch != self.epoch {
             return Ok(());

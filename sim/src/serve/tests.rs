@@ -157,3 +157,66 @@ fn unanswered_query_times_out_naming_the_policy() {
     }
     domain.remove().unwrap();
 }
+
+/// A host can change its message after it has sent it. What has been checked is what is used.
+#[test]
+fn answer_that_changes_later_is_used_as_checked() {
+    const SENT: f32 = 0.5;
+    let base = tempfile::Builder::new().prefix("hyp").tempdir_in("/tmp").unwrap();
+    let domain = Domain::new(base.path(), u64::from(std::process::id()) << 16);
+    let spec = LaneSpec { lane: 0, policy: "odd".into(), max_envs: 2, block_pages: 1, in_flight: 1 };
+    let change = || {
+        let entries = std::fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().path());
+        let mut n_changed = 0;
+        for path in entries.filter(|path| {
+            let name = path.file_name().unwrap().to_string_lossy().into_owned();
+            name.starts_with(&domain.prefix) && name.ends_with(".data")
+        }) {
+            let bytes = std::fs::read(&path).unwrap();
+            let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+            for at in (0..bytes.len() - 3).filter(|&at| bytes[at..at + 4] == SENT.to_le_bytes()) {
+                std::os::unix::fs::FileExt::write_all_at(&file, &f32::NAN.to_le_bytes(), at as u64).unwrap();
+                n_changed += 1;
+            }
+        }
+        n_changed
+    };
+    {
+        let node = LinkNode::new(&domain, "sim").unwrap();
+        let link = SimLink::create(&node, 1).unwrap();
+        let config = Lane { spec: spec.clone(), images: false, foreign: false, answer_timeout_s: 120 };
+        let mut lane = LaneState::create(&node, RUN, config).unwrap();
+        let mut host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
+        lane.host_up();
+        let now = Instant::now();
+        let morphology = TaskId::RaiseCube.task().morphology;
+        let query = lane.dispatch(&[0, 1], morphology, ControlMode::EeDeltaPose, now);
+        let mut loan = host.loan(2).unwrap();
+        for block in loan.blocks_mut() {
+            *block = ActionBlock { n_rows: 1, action_dim: 7, ..ActionBlock::zeroed() };
+            block.rows[..7].fill(SENT);
+        }
+        loan.send(ActionHeader {
+            schema_hash: ipc_types::SCHEMA_HASH,
+            run: RUN,
+            sequence: query.sequence,
+            epoch: query.epoch,
+            n_envs: 2,
+            ..ActionHeader::default()
+        })
+        .unwrap();
+        link.wait(Duration::from_secs(5)).unwrap();
+        let mut n_changed = 0;
+        let received = lane.receive(&mut protocol::Latencies::default(), now, |_, view, env_idx| {
+            if env_idx == 0 {
+                n_changed = change();
+            }
+            assert_eq!(view.blocks()[env_idx].rows[..7], [SENT; 7]);
+            Ok(())
+        });
+        assert!(received.unwrap());
+        assert!(n_changed >= 14, "{n_changed} changes: the host's memory has the values of two envs");
+        drop(host);
+    }
+    domain.remove().unwrap();
+}
