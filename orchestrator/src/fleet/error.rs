@@ -7,6 +7,7 @@ use ipc_types::link::{BudgetError, LinkError};
 use thiserror::Error;
 
 use super::member::ChildExit;
+use crate::results::StoreError;
 
 /// Errors that can end a fleet before its work is complete. Finished episodes are stored.
 #[derive(Debug, Error)]
@@ -61,7 +62,9 @@ impl FleetError {
             | Self::Lane(_)
             | Self::Renderer(_)
             | Self::RendererChanged { .. } => true,
-            Self::Spawn { .. } | Self::StartUp { .. } | Self::TooManyFailures { .. } | Self::Sink(_) => false,
+            // A full disk, a deleted file, a lock.
+            Self::Sink(error) => error.is::<StoreError>(),
+            Self::Spawn { .. } | Self::StartUp { .. } | Self::TooManyFailures { .. } => false,
         }
     }
 }

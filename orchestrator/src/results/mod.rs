@@ -12,6 +12,7 @@ mod schema;
 
 use std::collections::BTreeSet;
 use std::fs::File;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, params};
@@ -32,7 +33,7 @@ pub(crate) struct Results {
     path: PathBuf,
     // Excludes a second writer until the connection is closed. SQLite's own POSIX locks are lost when any
     // descriptor of the file is closed, so this descriptor must outlive the connection.
-    _lock: File,
+    lock: File,
 }
 
 /// The primary key of an episode.
@@ -66,11 +67,14 @@ pub(crate) struct CellSums {
 
 /// An error that occurred while reading or writing an open results file.
 #[derive(Debug, Error)]
-#[error("failed to {action} {}", path.display())]
-pub(crate) struct StoreError {
-    action: &'static str,
-    path: PathBuf,
-    source: rusqlite::Error,
+pub(crate) enum StoreError {
+    #[error("failed to {action} the results file {}; run the same command to resume", path.display())]
+    Sqlite { action: &'static str, path: PathBuf, source: rusqlite::Error },
+    #[error(
+        "failed to write to the results file {}: it was deleted or replaced during the run; run the same command again",
+        path.display()
+    )]
+    Gone { path: PathBuf },
 }
 
 impl Results {
@@ -82,7 +86,7 @@ impl Results {
     pub(crate) fn open(path: &Path, manifest: &Manifest) -> Result<Self, ResultsFileError> {
         let (connection, lock) = open::open(path)?;
         manifest::reconcile(&connection, path, manifest)?;
-        Ok(Self { connection, path: path.into(), _lock: lock })
+        Ok(Self { connection, path: path.into(), lock })
     }
 
     /// Stores a note that results do not depend on, replacing an earlier one with the same key.
@@ -112,13 +116,16 @@ impl Results {
     /// Stores an episode. Once this returns, the row survives a crash of the process.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If it cannot be written, or the file is no longer in its place.
     pub(crate) fn record(
         &mut self,
         key: EpisodeKey<'_>,
         seed: u64,
         outcome: &Outcome,
     ) -> Result<(), StoreError> {
+        if !self.is_in_place() {
+            return Err(StoreError::Gone { path: self.path.clone() });
+        }
         let Condition { task, perturbation } = key.condition;
         let ledger = &outcome.ledger;
         let stored = self.connection.prepare_cached(schema::RECORD).and_then(|mut statement| {
@@ -209,7 +216,21 @@ impl Results {
     }
 
     fn failed(&self, action: &'static str, source: rusqlite::Error) -> StoreError {
-        StoreError { action, path: self.path.clone(), source }
+        StoreError::Sqlite { action, path: self.path.clone(), source }
+    }
+
+    /// Returns `true` if the file at this path is still the one that is open.
+    fn is_in_place(&self) -> bool {
+        match (self.lock.metadata(), std::fs::metadata(&self.path)) {
+            (Ok(open), Ok(named)) => (open.dev(), open.ino()) == (named.dev(), named.ino()),
+            _ => false,
+        }
+    }
+}
+
+impl Drop for Results {
+    fn drop(&mut self) {
+        open::close(&self.connection);
     }
 }
 

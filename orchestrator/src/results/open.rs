@@ -33,6 +33,11 @@ pub(crate) enum ResultsFileError {
     Version { path: PathBuf, found: i64 },
     #[error("failed to use the results file {}", path.display())]
     Sqlite { path: PathBuf, source: rusqlite::Error },
+    #[error(
+        "failed to use the results file {}: it is damaged ({finding}); use a copy of it, or choose another file with --db",
+        path.display()
+    )]
+    Damaged { path: PathBuf, finding: String },
     #[error("failed to resume the results file {}: its manifest has no valid {key}", path.display())]
     Manifest { path: PathBuf, key: String },
     #[error(transparent)]
@@ -45,7 +50,7 @@ pub(super) fn open(path: &Path) -> Result<(Connection, File), ResultsFileError> 
     let is_new =
         lock.metadata().map_err(|source| ResultsFileError::Io { path: path.into(), source })?.len() == 0;
     let sqlite = |source| not_used(path, source);
-    let connection = connect(path, is_new).map_err(sqlite)?;
+    let connection = connect(&file_name(path)?, is_new).map_err(sqlite)?;
     check(&connection, path)?;
     connection.pragma_update(None, "journal_mode", "WAL").map_err(sqlite)?;
     // In write-ahead mode a crash of the process loses no transaction; only a crash of the machine can.
@@ -56,13 +61,28 @@ pub(super) fn open(path: &Path) -> Result<(Connection, File), ResultsFileError> 
 /// Opens an existing results file for reading. Another process may be writing to it.
 pub(super) fn open_read_only(path: &Path) -> Result<Connection, ResultsFileError> {
     let sqlite = |source| not_used(path, source);
-    let connection = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY).map_err(sqlite)?;
+    let file = file_name(path)?;
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(file, flags).map_err(sqlite)?;
     connection.busy_timeout(BUSY_TIMEOUT).map_err(sqlite)?;
     check(&connection, path)?;
     Ok(connection)
 }
 
-/// Checks that this is a results file of the current version.
+/// Ends the write-ahead mode, so that the file can be read without the right to write next to it. If
+/// somebody is reading it now, it stays in that mode.
+pub(super) fn close(connection: &Connection) {
+    let _ = connection.busy_timeout(Duration::ZERO);
+    let _ = connection.pragma_update(None, "journal_mode", "DELETE");
+}
+
+/// Returns a name by which SQLite opens just this file. It takes `:memory:` and names that start with `file:`
+/// for something else, but no absolute path.
+fn file_name(path: &Path) -> Result<PathBuf, ResultsFileError> {
+    std::path::absolute(path).map_err(|source| ResultsFileError::Io { path: path.into(), source })
+}
+
+/// Checks that this is an undamaged results file of the current version.
 fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     let pragma = |name| {
         connection
@@ -73,14 +93,21 @@ fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
         return Err(ResultsFileError::Foreign { path: path.into() });
     }
     match pragma("user_version")? {
-        VERSION => Ok(()),
-        found => Err(ResultsFileError::Version { path: path.into(), found }),
+        VERSION => {}
+        found => return Err(ResultsFileError::Version { path: path.into(), found }),
     }
+    let finding: String = connection
+        .query_row("PRAGMA integrity_check(1)", [], |row| row.get(0))
+        .map_err(|source| not_used(path, source))?;
+    if finding == "ok" { Ok(()) } else { Err(ResultsFileError::Damaged { path: path.into(), finding }) }
 }
 
 fn not_used(path: &Path, source: rusqlite::Error) -> ResultsFileError {
     match source.sqlite_error_code() {
         Some(ErrorCode::NotADatabase) => ResultsFileError::Foreign { path: path.into() },
+        Some(ErrorCode::DatabaseCorrupt) => {
+            ResultsFileError::Damaged { path: path.into(), finding: source.to_string() }
+        }
         _ => ResultsFileError::Sqlite { path: path.into(), source },
     }
 }
@@ -102,7 +129,9 @@ fn lock(path: &Path) -> Result<File, ResultsFileError> {
 /// Connects to the file. A new one gets its tables, application id and version in one transaction; an
 /// existing one is not written.
 fn connect(path: &Path, is_new: bool) -> Result<Connection, rusqlite::Error> {
-    let connection = Connection::open(path)?;
+    let flags =
+        OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(path, flags)?;
     connection.busy_timeout(BUSY_TIMEOUT)?;
     if is_new {
         connection.execute_batch(&format!(

@@ -7,6 +7,7 @@ use sim::serve::protocol::{EpisodeLedger, Outcome};
 use sim::{Perturbation, TaskId};
 
 use super::*;
+use crate::fleet::FleetError;
 use crate::sweep::SweepArgs;
 
 const CONDITION: Condition =
@@ -204,4 +205,90 @@ fn other_files_are_refused_and_unchanged() {
     insta::assert_snapshot!(refusal(&path("held.db"), &idle), @"failed to use the results file held.db: another run is writing to it");
     drop(held);
     Results::open(&path("held.db"), &idle).unwrap();
+}
+
+#[test]
+fn names_with_a_meaning_for_sqlite_are_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let idle = manifest("--policy idle");
+    for name in [":memory:", "file:a.db?mode=memory", "file::memory:"] {
+        let path = folder.path().join(name);
+        add_row(&path, &idle);
+        assert!(path.is_file(), "{name}");
+        assert_eq!(ResultsFile::read(&path).unwrap().rows.len(), 1, "{name}");
+    }
+}
+
+#[test]
+fn finished_file_needs_no_other_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    add_row(&path, &manifest("--policy idle"));
+    let names: Vec<_> = folder.path().read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(names, ["a.db"]);
+    // Bytes 18 and 19 of a SQLite file are 2 in write-ahead mode.
+    assert_eq!(std::fs::read(&path).unwrap()[18..20], [1, 1]);
+}
+
+#[test]
+fn deleted_and_replaced_files_are_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    let idle = manifest("--policy idle");
+    for replaces in [false, true] {
+        let mut results = Results::open(&path, &idle).unwrap();
+        results.record(key(0), 7, &outcome(true, None)).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        if replaces {
+            std::fs::write(&path, "").unwrap();
+        }
+        let error = results.record(key(1), 8, &outcome(true, None)).unwrap_err();
+        assert!(matches!(error, StoreError::Gone { .. }), "{error}");
+    }
+}
+
+#[test]
+fn damaged_files_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    let idle = manifest("--policy idle");
+    let mut results = Results::open(&path, &idle).unwrap();
+    (0..400).for_each(|episode| results.record(key(episode), 7, &outcome(true, None)).unwrap());
+    drop(results);
+    let whole = std::fs::read(&path).unwrap();
+    let mut n_refused = 0;
+    for offset in (4096..whole.len()).step_by(509) {
+        let mut damaged = whole.clone();
+        damaged[offset..offset + 8].fill(0xff);
+        std::fs::write(&path, &damaged).unwrap();
+        let is_whole = Connection::open(&path)
+            .and_then(|connection| {
+                connection.query_row("PRAGMA integrity_check", [], |row| Ok(row.get::<_, String>(0)? == "ok"))
+            })
+            .unwrap_or(false);
+        let [written, read] = [
+            Results::open(&path, &idle).map(drop).map_err(|error| error.to_string()),
+            ResultsFile::read(&path).map(drop).map_err(|error| error.to_string()),
+        ];
+        if !is_whole {
+            n_refused += 1;
+            assert!(written.unwrap_err().contains("damaged"), "{offset}");
+            assert!(read.unwrap_err().contains("damaged"), "{offset}");
+        }
+    }
+    assert!(n_refused > 5, "{n_refused} damaged files");
+}
+
+#[test]
+fn full_disk_is_for_the_user_to_mend() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    let mut results = Results::open(&path, &manifest("--policy idle")).unwrap();
+    // A limit of SQLite's own gives the error of a full disk.
+    results.connection.pragma_update(None, "max_page_count", 8).unwrap();
+    let stored = (0..10_000).try_for_each(|episode| results.record(key(episode), 7, &outcome(true, None)));
+    let error = anyhow::Error::from(stored.unwrap_err());
+    let message = format!("{error:#}").replace(&format!("{}/", folder.path().display()), "");
+    insta::assert_snapshot!(message, @"failed to write to the results file a.db; run the same command to resume: database or disk is full: Error code 13: database or disk is full");
+    assert!(FleetError::Sink(error).is_user_error());
 }
