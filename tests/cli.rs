@@ -97,10 +97,10 @@ fn checkpoint_requires_its_own_control_mode() {
 #[test]
 fn insufficient_shared_memory_is_rejected_before_allocation() {
     let dir = tempfile::tempdir().unwrap();
-    // At the maximum number of envs each policy that needs images takes 2 GB: enough policies to exceed any
-    // /dev/shm.
+    // With the largest batches, each policy that needs images takes more than 250 MB: enough policies to exceed
+    // any /dev/shm.
     let free = rustix::fs::statvfs("/dev/shm").unwrap();
-    let n_policies = free.f_blocks * free.f_frsize / 2_000_000_000 + 1;
+    let n_policies = free.f_blocks * free.f_frsize / 250_000_000 + 1;
     let policies: Vec<String> = (0..n_policies).map(|i| format!("a{i}=act:{}", act_tiny())).collect();
     let mut args = vec!["run", "--tasks", "RaiseCube", "--episodes", "1", "--envs", "4096"];
     policies.iter().for_each(|policy| args.extend(["--policy", policy]));
