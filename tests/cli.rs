@@ -97,8 +97,8 @@ fn checkpoint_requires_its_own_control_mode() {
 #[test]
 fn insufficient_shared_memory_is_rejected_before_allocation() {
     let dir = tempfile::tempdir().unwrap();
-    // With the largest batches, each policy that needs images takes more than 250 MB: enough policies to exceed
-    // any /dev/shm.
+    // With the largest batches, each policy that needs images takes more than 250 MB: enough policies to
+    // exceed any /dev/shm.
     let free = rustix::fs::statvfs("/dev/shm").unwrap();
     let n_policies = free.f_blocks * free.f_frsize / 250_000_000 + 1;
     let policies: Vec<String> = (0..n_policies).map(|i| format!("a{i}=act:{}", act_tiny())).collect();

@@ -1,4 +1,4 @@
-//! Where the time of a query of full-size single-arm ACT goes, layer by layer.
+//! The time of a query of full-size single-arm ACT, layer by layer.
 //!
 //! Every layer is measured alone, on all threads at once, with the number of images or tokens that it has in
 //! a batch of eight queries. The threads share its weights. Consecutive passes use the weights of different

@@ -91,7 +91,8 @@ pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), 
 }
 
 impl ChunkRows {
-    /// Returns the number of rows to compute of a chunk of `horizon` rows of which `execute` will be executed.
+    /// Returns the number of rows to compute of a chunk of `horizon` rows, of which `execute` will be
+    /// executed.
     fn count(self, execute: u32, horizon: usize) -> usize {
         match self {
             Self::Executed => horizon.min(execute as usize),
