@@ -15,9 +15,9 @@ pub(crate) const ENV_BYTES: [u64; 2] = [160 << 10, 900 << 10];
 const FIRST_PER_CORE: u32 = 16;
 const MAX_PER_CORE: u32 = 128;
 const BATCH_PER_CORE: u32 = 16;
-/// Largest batch with a fixed number of envs, or for a foreign host. Larger ones would cost no less per query,
-/// but keep their envs waiting and take shared memory: a batch of 2,500 took ACT of full size a minute on two
-/// cores.
+/// Largest batch with a fixed number of envs, or for a foreign host. Larger ones would cost no less per
+/// query, but keep their envs waiting and take shared memory: a batch of 2,500 took ACT of full size a minute
+/// on two cores.
 const BATCH_LIMIT: u32 = 256;
 /// Largest numbers of envs at the start and later, for machines with many cores.
 const FIRST_LIMIT: u32 = 128;
