@@ -4,8 +4,8 @@ Usage: `act_inference.py CHECKPOINT_DIR N_THREADS`. Loads the checkpoint into th
 `python/make_act_checkpoint.py` and exports it to ONNX. A request is a line `ENGINE BATCH_SIZE` on standard input, where ENGINE is
 `torch`, `onnxruntime` or `onnxruntime-int8`; the response is a line with the elapsed time in s of the second of two batches.
 
-Both engines start from bytes, `[n, n_cameras, 3, 224, 224] u8`. Scaling and normalisation are part of the measured time; upsampling
-the hand camera images is not, although our implementation does that too. Both compute only the decoder layer that reaches the
+All engines start from bytes, `[n, n_cameras, 3, 224, 224] u8`. Scaling and normalisation are part of the measured time; upsampling
+the hand camera images is not, although our implementation does that too. All compute only the decoder layer that reaches the
 output. `onnxruntime-int8` is the same network after ONNX Runtime's static quantisation (8-bit weights per channel, 8-bit activations
 calibrated on the inputs that are timed). Requirements: `python -m pip install numpy safetensors torch onnx onnxruntime`.
 """

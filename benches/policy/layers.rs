@@ -1,12 +1,11 @@
 //! The time of a query of full-size single-arm ACT, layer by layer.
 //!
 //! Every layer is measured alone, on all threads at once, with the number of images or tokens that it has in
-//! a batch of eight queries. The threads share its weights. Consecutive passes use the weights of different
-//! copies of the layer, 64 MB together, so that they come from where they come from in a real query. A line
-//! gives the core time per query, the rate of operations, counted for the direct algorithm, as a fraction of
-//! the register peak, and the rate at which all threads read weights in the form in which they are stored.
-//! What the sum lacks of a whole query is attention between tokens, normalisations, pooling and the
-//! preparation of images.
+//! a batch of eight queries. The threads share its weights. Successive passes use different copies of the
+//! layer, 64 MB of weights or 64 copies, so that large weights are as cold as in a query. Each line gives the
+//! core time per query, its share of the query, the rate of operations (counted for the direct algorithm) and
+//! its fraction of the register peak, and the rate at which all threads read weights as they are stored. The
+//! layers do not include attention between tokens, normalisations, pooling and the preparation of images.
 
 use std::sync::Barrier;
 use std::time::{Duration, Instant};
@@ -165,7 +164,7 @@ fn kinds() -> Vec<LayerKind> {
     ]
 }
 
-/// A layer with its working memory of one thread.
+/// A layer of either kind.
 enum Layer {
     Conv(Conv2d),
     Linear(Linear),
@@ -188,7 +187,7 @@ impl Layer {
 }
 
 impl LayerShape {
-    /// Floating-point operations for one image or one sample, by the direct algorithm.
+    /// Returns the floating-point operations for one image or one sample, by the direct algorithm.
     fn flop(self) -> f64 {
         let macs = match self {
             Self::Conv { c_in, c_out, geometry, side, .. } => {
@@ -200,7 +199,7 @@ impl LayerShape {
         2.0 * macs as f64
     }
 
-    /// Number of weights.
+    /// Returns the number of weights.
     fn n_weights(self) -> usize {
         match self {
             Self::Conv { c_in, c_out, geometry, .. } => geometry.kernel_size.pow(2) * c_in * c_out,
@@ -208,7 +207,7 @@ impl LayerShape {
         }
     }
 
-    /// Images or samples per pass.
+    /// Returns the number of images or samples per pass.
     fn per_pass(self) -> usize {
         match self {
             Self::Conv { images, .. } => images,
@@ -222,7 +221,7 @@ impl LayerShape {
             Self::Conv { c_in, c_out, geometry, .. } => {
                 let [ones, zeros] = [vec![1.0; c_out], vec![0.0; c_out]];
                 let norm = FrozenBatchNorm2d { weight: &ones, bias: &zeros, mean: &zeros, variance: &ones };
-                // As in the network, whose images are signed.
+                // As in the network: 8-bit convolutions need inputs that are not negative.
                 let precision = if c_in == 3 { Precision::F32 } else { precision };
                 Layer::Conv(Conv2d::with_batch_norm(&weight, norm, geometry, precision))
             }

@@ -179,7 +179,7 @@ fn against_engines(
     let note = format!("{n_threads} threads");
     for n_envs in [1, 8] {
         let mut batch = Batch::new(Morphology::Single, n_envs);
-        // As in a run, queries follow each other: the first of two brings threads and caches up.
+        // In a run, queries follow each other. So the first of two wakes the threads and fills the caches.
         let mut query = || {
             pool.install(|| batch.run(policy))?;
             pool.install(|| batch.run(policy))

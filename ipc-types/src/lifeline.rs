@@ -8,8 +8,8 @@ const GRACE: Duration = Duration::from_secs(4);
 /// Exit code of a process that did not end by itself in that time.
 const EXIT_CODE: i32 = 3;
 
-/// The standard input of a child process, whose end asks it to exit. The process is terminated four seconds
-/// later if it is still there: whatever it waits for, nobody waits for it.
+/// The standard input of a child process, whose end asks it to exit. If the process is still running four
+/// seconds later, it is terminated, because nobody needs its work any more.
 #[derive(Debug)]
 pub struct Lifeline<R>(pub R);
 
@@ -18,18 +18,19 @@ impl<R: Read> Read for Lifeline<R> {
         let read = self.0.read(buffer);
         // An error ends the input, too.
         if !buffer.is_empty() && !matches!(read, Ok(1..)) && !is_interrupted(&read) {
-            let ended = std::thread::Builder::new().name("lifeline".to_owned()).spawn(|| {
-                std::thread::sleep(GRACE);
-                std::process::exit(EXIT_CODE);
-            });
+            let thread = std::thread::Builder::new().name("lifeline".to_owned());
             // Without another thread, this one has to wait.
-            if ended.is_err() {
-                std::thread::sleep(GRACE);
-                std::process::exit(EXIT_CODE);
+            if thread.spawn(terminate).is_err() {
+                terminate();
             }
         }
         read
     }
+}
+
+fn terminate() {
+    std::thread::sleep(GRACE);
+    std::process::exit(EXIT_CODE);
 }
 
 fn is_interrupted(read: &io::Result<usize>) -> bool {

@@ -15,9 +15,9 @@ pub(crate) const ENV_BYTES: [u64; 2] = [160 << 10, 900 << 10];
 const FIRST_PER_CORE: u32 = 16;
 const MAX_PER_CORE: u32 = 128;
 const BATCH_PER_CORE: u32 = 16;
-/// Largest batch with a fixed number of envs, or for a foreign host. Larger ones would cost no less per
-/// query, but keep their envs waiting and take shared memory: a batch of 2,500 took ACT of full size a minute
-/// on two cores.
+/// Largest batch with a fixed number of envs, or for a foreign host, unless there are many cores. Larger ones
+/// would cost no less per query, but keep their envs waiting and take shared memory: ACT of full size took a
+/// minute for a batch of 2,500 on two cores.
 const BATCH_LIMIT: u32 = 256;
 /// Largest numbers of envs at the start and later, for machines with many cores.
 const FIRST_LIMIT: u32 = 128;
@@ -40,9 +40,8 @@ impl Capacity {
     /// Returns the numbers for a run of `n_jobs` episodes.
     pub(crate) fn new(plan: &RunPlan, n_jobs: usize) -> Self {
         match plan.config.resources.envs {
-            // A batch holds at most half of the envs, so that the others step meanwhile.
             Amount::Fixed(envs) => {
-                Self { envs, max_envs: envs, batch: envs.div_ceil(2).min(BATCH_LIMIT), tunes: false }
+                Self { envs, max_envs: envs, batch: half_batch(envs, n_cores()), tunes: false }
             }
             Amount::Auto => Self::auto(plan, n_jobs.try_into().unwrap_or(u32::MAX), n_cores()),
         }
@@ -54,11 +53,10 @@ impl Capacity {
         let by_memory = u32::try_from(by_memory).unwrap_or(u32::MAX);
         let by_cores = n_cores.saturating_mul(MAX_PER_CORE).min(LIMIT);
         let max_envs = by_cores.min(by_memory).min(n_jobs).max(1);
-        // A foreign host may leave the cores idle while it answers, so that half of the envs have to step
-        // meanwhile, and it may cost much per batch.
+        // A foreign host may leave the cores idle while it answers, and cost much per batch.
         let foreign = plan.policies.iter().any(|policy| matches!(policy.spec, PolicySpec::Attach(_)));
         let mut batch = if foreign {
-            max_envs.div_ceil(2).min(BATCH_LIMIT)
+            half_batch(max_envs, n_cores)
         } else {
             max_envs.min(n_cores.saturating_mul(BATCH_PER_CORE))
         };
@@ -72,6 +70,11 @@ impl Capacity {
             tunes: true,
         }
     }
+}
+
+/// Returns the largest batch that leaves half of the envs to step meanwhile.
+fn half_batch(envs: u32, n_cores: u32) -> u32 {
+    envs.div_ceil(2).min(n_cores.saturating_mul(BATCH_PER_CORE).max(BATCH_LIMIT))
 }
 
 /// Returns `true` if lanes with batches of this size leave half of the shared memory free. A failure to tell
@@ -103,16 +106,14 @@ mod tests {
         assert_eq!(of(1, 64), (1, 1, 1));
         assert_eq!(of(100_000, 64), (128, 4096, 1024));
         let foreign = |n_jobs, n_cores| capacity("--policy a=attach:a", n_jobs, n_cores).batch;
-        assert_eq!((foreign(10, 2), foreign(1000, 2), foreign(100_000, 64)), (5, 128, 256));
+        assert_eq!((foreign(10, 2), foreign(1000, 2), foreign(100_000, 64)), (5, 128, 1024));
     }
 
     #[test]
     fn fixed_number_is_kept() {
-        for (envs, batch) in [(1, 1), (300, 150), (5000, 256)] {
-            let arguments = format!("--policy idle --envs {envs}");
-            let plan = RunPlan::new(&SweepArgs::parse(&arguments).unwrap()).unwrap();
-            let expected = Capacity { envs, max_envs: envs, batch, tunes: false };
-            assert_eq!(Capacity::new(&plan, 10), expected);
-        }
+        let plan = RunPlan::new(&SweepArgs::parse("--policy idle --envs 300").unwrap()).unwrap();
+        let expected = Capacity { envs: 300, max_envs: 300, batch: 150, tunes: false };
+        assert_eq!(Capacity::new(&plan, 10), expected);
+        assert_eq!([half_batch(1, 2), half_batch(5000, 2), half_batch(5000, 64)], [1, 256, 1024]);
     }
 }

@@ -23,7 +23,8 @@ pub(crate) struct TraceFile {
     /// Start of the first span, which is time 0.
     origin_ns: Option<u64>,
     n_in_flight: u64,
-    is_empty: bool,
+    /// Text before the next event.
+    separator: &'static str,
 }
 
 impl TraceFile {
@@ -39,7 +40,7 @@ impl TraceFile {
             processes: HashMap::new(),
             origin_ns: None,
             n_in_flight: 0,
-            is_empty: true,
+            separator: "\n",
         };
         trace.write("[")?;
         Ok(trace)
@@ -94,8 +95,7 @@ impl TraceFile {
     }
 
     fn write_event(&mut self, event: &Value) -> anyhow::Result<()> {
-        let separator = if self.is_empty { "\n" } else { ",\n" };
-        self.is_empty = false;
+        let separator = std::mem::replace(&mut self.separator, ",\n");
         self.write(&format!("{separator}{event}"))
     }
 

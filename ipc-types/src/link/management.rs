@@ -1,11 +1,11 @@
 //! The segment in which iceoryx2 counts the nodes of a domain.
 //!
-//! iceoryx2 would create it in steps, each of which a kill can interrupt, and let every user write to it;
-//! whoever does so stalls all processes of the domain. So it is created beforehand, complete, and for this
-//! user alone.
+//! iceoryx2 creates it in several steps, any of which a kill can interrupt, and gives every user write
+//! access, with which anybody could stall all processes of the domain. Therefore it is created beforehand,
+//! with its final content and for this user only.
 
 use std::fs::OpenOptions;
-use std::io::{self, Write};
+use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -39,9 +39,8 @@ pub(super) fn create(domain: &Domain) -> Result<(), LinkError> {
     // What is left under the other name is removed with the domain.
     let _ = std::fs::remove_file(&part);
     match created {
-        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
-            Err(LinkError::Io { action: "create", path, source: error })
-        }
+        // Another process may have created it meanwhile.
+        Err(source) if !path.exists() => Err(LinkError::Io { action: "create", path, source }),
         _ => Ok(()),
     }
 }

@@ -21,8 +21,8 @@ impl From<LinkError> for AttemptError {
     }
 }
 
-/// Repeats `attempt` until it succeeds, fails permanently, `timeout` has passed, or nobody wants it any more.
-/// Cleans up after exited peers between attempts.
+/// Repeats `attempt` until it succeeds, fails permanently, `timeout` has passed, or `is_wanted` returns
+/// `false`. Cleans up after exited peers between attempts.
 pub(super) fn retry<T>(
     node: &LinkNode,
     timeout: Duration,

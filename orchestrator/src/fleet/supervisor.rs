@@ -326,7 +326,11 @@ impl<'a> Supervisor<'a> {
     fn restart(&mut self, role: MemberRole) -> Result<(), FleetError> {
         let limits = self.config.limits;
         let Some(exit) = self.member(role).reap(limits.shutdown) else { return Ok(()) };
-        let _n_cleaned = self.domain.reap();
+        if self.domain.reap().is_none() {
+            let line =
+                format!("gave up freeing the shared memory of {}, which took too long", self.name(role));
+            self.log(&line)?;
+        }
         let member = self.member(role);
         let (failures, log) = (member.failures(), member.log_tail());
         let name = self.name(role);

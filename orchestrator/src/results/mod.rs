@@ -68,8 +68,13 @@ pub(crate) struct CellSums {
 /// An error that occurred while reading or writing an open results file.
 #[derive(Debug, Error)]
 pub(crate) enum StoreError {
-    #[error("failed to {action} the results file {}; run the same command to resume", path.display())]
-    Sqlite { action: &'static str, path: PathBuf, source: rusqlite::Error },
+    #[error("failed to read the results file {}", path.display())]
+    Read { path: PathBuf, source: rusqlite::Error },
+    #[error(
+        "failed to write to the results file {}: {cause}; finished episodes are stored, and the same command resumes",
+        path.display()
+    )]
+    Write { path: PathBuf, cause: String },
     #[error(
         "failed to write to the results file {}: it was deleted or replaced during the run; run the same command again",
         path.display()
@@ -94,7 +99,7 @@ impl Results {
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn note(&self, key: &str, value: &serde_json::Value) -> Result<(), StoreError> {
-        manifest::put(&self.connection, key, value).map_err(|source| self.failed("write to", source))
+        manifest::put(&self.connection, key, value).map_err(|error| self.not_written(error))
     }
 
     /// Returns the identity of the renderer whose images the rows of the file depend on.
@@ -102,7 +107,7 @@ impl Results {
     /// # Errors
     /// If it cannot be read.
     pub(crate) fn renderer(&self) -> Result<Option<String>, StoreError> {
-        manifest::renderer(&self.connection).map_err(|source| self.failed("read", source))
+        manifest::renderer(&self.connection).map_err(|error| self.not_read(error))
     }
 
     /// Stores the identity of the renderer for future rows.
@@ -150,7 +155,7 @@ impl Results {
                 outcome.actions.as_ref().map(|actions| to_bytes(actions)),
             ])
         });
-        stored.map(|_| ()).map_err(|source| self.failed("write to", source))
+        stored.map(|_| ()).map_err(|error| self.not_written(error))
     }
 
     /// Returns the episodes that finished without an error.
@@ -164,7 +169,7 @@ impl Results {
                 statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?)))?;
             keys.collect::<Result<_, _>>().map(FinishedEpisodes)
         };
-        read().map_err(|source| self.failed("read", source))
+        read().map_err(|error| self.not_read(error))
     }
 
     /// Returns sums over the first `n_episodes` episodes of a policy under a condition.
@@ -190,7 +195,7 @@ impl Results {
                 })
             })
         };
-        read().map_err(|source| self.failed("read", source))
+        read().map_err(|error| self.not_read(error))
     }
 
     /// Returns the episodes of a policy: condition, index, and success after any step, `None` if the episode
@@ -207,7 +212,7 @@ impl Results {
             })?;
             rows.collect::<Result<Vec<_>, _>>()
         };
-        let rows = read().map_err(|source| self.failed("read", source))?;
+        let rows = read().map_err(|error| self.not_read(error))?;
         // Names that this version does not know belong to no condition of a run.
         let parsed = rows.into_iter().filter_map(|(task, perturbation, episode, success)| {
             Some((rows::parse_condition(&task, &perturbation).ok()?, episode, success))
@@ -215,8 +220,17 @@ impl Results {
         Ok(parsed.collect())
     }
 
-    fn failed(&self, action: &'static str, source: rusqlite::Error) -> StoreError {
-        StoreError::Sqlite { action, path: self.path.clone(), source }
+    fn not_read(&self, source: rusqlite::Error) -> StoreError {
+        StoreError::Read { path: self.path.clone(), source }
+    }
+
+    fn not_written(&self, error: rusqlite::Error) -> StoreError {
+        let cause = match error {
+            // SQLite's sentence. The whole error repeats it.
+            rusqlite::Error::SqliteFailure(_, Some(sentence)) => sentence,
+            error => error.to_string(),
+        };
+        StoreError::Write { path: self.path.clone(), cause }
     }
 
     /// Returns `true` if the file at this path is still the one that is open.

@@ -289,6 +289,6 @@ fn full_disk_is_for_the_user_to_mend() {
     let stored = (0..10_000).try_for_each(|episode| results.record(key(episode), 7, &outcome(true, None)));
     let error = anyhow::Error::from(stored.unwrap_err());
     let message = format!("{error:#}").replace(&format!("{}/", folder.path().display()), "");
-    insta::assert_snapshot!(message, @"failed to write to the results file a.db; run the same command to resume: database or disk is full: Error code 13: database or disk is full");
+    insta::assert_snapshot!(message, @"failed to write to the results file a.db: database or disk is full; finished episodes are stored, and the same command resumes");
     assert!(FleetError::Sink(error).is_user_error());
 }

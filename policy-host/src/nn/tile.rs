@@ -27,11 +27,11 @@ const PREFETCH_STEPS: usize = 8;
 /// nothing else may access the rows of `out` meanwhile.
 #[cfg(target_arch = "x86_64")]
 pub(super) type MicroKernel = unsafe fn(
-    &[f32],
+    x: &[f32],
     stride: usize,
     segment: (usize, usize),
-    &[f32],
-    *mut f32,
+    weights: &[f32],
+    out: *mut f32,
     out_stride: usize,
     adds: bool,
 );

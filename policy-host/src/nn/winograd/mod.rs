@@ -4,8 +4,8 @@
 //!
 //! An input tile is the receptive field of a square of output pixels. Tiles and kernels are transformed; in
 //! the transform domain the convolution is one matrix product over the channels per tile element, and the
-//! output transform yields the sums of the square. Layers with many channels have large kernels and small
-//! maps, where F(2×2, 3×3) is the faster of the two.
+//! output transform yields the sums of the square. F(2×2, 3×3) is for layers with more channels than those of
+//! a ResNet-18 of the usual width: its transformed kernels are less than half as large.
 
 mod transforms;
 
@@ -28,9 +28,9 @@ const BLOCK_LEN: usize = 1 << 17;
 const MIN_TILES_F4: usize = 48;
 /// Minimum number of F(2×2) tiles in a block. Their kernels have more channels, so a block needs more tiles.
 const MIN_TILES_F2: usize = 48;
-/// Maximum `c_in · c_out` for F(4×4). Beyond it, its 36 kernel matrices are too much to read for the few
-/// tiles of a map. With F(4×4) in the last stage of ResNet-18, 512 · 512, queries of full-size ACT take 1 to
-/// 5 % less time than with F(2×2) in batches of eight, and 5 to 12 % less alone, on a Zen 5.
+/// Maximum `c_in · c_out` for F(4×4), that of the last stage of ResNet-18. With F(4×4) in this stage,
+/// queries of full-size ACT take 1 to 5 % less time than with F(2×2) in batches of eight, and 5 to 12 % less
+/// alone, on a Zen 5. Wider layers were not measured.
 const F4_MAX_CHANNEL_PRODUCT: usize = 512 * 512;
 
 /// Unused values after each tile element, one cache line. Without them the elements would be a power of two
