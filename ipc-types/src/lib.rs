@@ -12,6 +12,7 @@ pub mod layout;
 mod lifeline;
 pub mod link;
 pub mod morphology;
+mod os_error;
 pub mod run_config;
 pub mod trace;
 
@@ -20,4 +21,5 @@ pub use frame::{ActionHeader, ActionView, FrameError, ObservationHeader, Observa
 pub use layout::{ActionBlock, EXTERNAL_SIDE, EnvRecord, HAND_SIDE, Page, SCHEMA_HASH};
 pub use lifeline::Lifeline;
 pub use morphology::{ControlMode, Morphology};
+pub use os_error::cure;
 pub use run_config::RunConfig;

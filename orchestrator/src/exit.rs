@@ -1,7 +1,14 @@
 //! Exit codes: the ways in which a command ends.
 
+use std::error::Error;
 use std::fmt;
 use std::process::ExitCode;
+
+use ipc_types::link::LinkError;
+use ipc_types::{cure, error_chain};
+
+use crate::output::OutputError;
+use crate::results::StoreError;
 
 /// The end of a command that did its work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,18 +53,30 @@ impl Failure {
 }
 
 impl fmt::Display for Failure {
-    /// Writes the error followed by its chain of sources. No error message of the project repeats its source.
+    /// Writes the error, its causes, and advice if the operating system has refused something.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (Self::User(error) | Self::Bug(error)) = self;
-        f.write_str(format!("{error:#}").trim_end())
+        f.write_str(error_chain(error.as_ref()).trim_end())?;
+        cure(error.as_ref()).map_or(Ok(()), |cure| write!(f, "; {cure}"))
     }
 }
 
-/// Classifies an error as a bug. [`OrUser::or_user`] classifies it as the user's.
+/// Classifies an error by its causes. [`OrUser::or_user`] classifies any error as the user's.
 impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
-        Self::Bug(error.into())
+        let error = error.into();
+        if is_user_error(&error) { Self::User(error) } else { Self::Bug(error) }
     }
+}
+
+/// Returns `true` if the user can mend what is wrong with a file or the machine.
+pub(crate) fn is_user_error(error: &anyhow::Error) -> bool {
+    let is_cause = |cause: &(dyn Error + 'static)| {
+        cause.is::<StoreError>()
+            || cause.is::<OutputError>()
+            || cause.downcast_ref::<LinkError>().is_some_and(LinkError::is_user_error)
+    };
+    cure(error.as_ref()).is_some() || error.chain().any(is_cause)
 }
 
 /// Classification of a result's error as one that the user can fix.
@@ -84,5 +103,16 @@ mod tests {
         assert_eq!(Failure::User(error).to_string(), "policy `p`: failed to read x: no such file");
         let error = anyhow!("no such file").context("failed to read x");
         assert_eq!(Failure::Bug(error).to_string(), "failed to read x: no such file");
+    }
+
+    #[test]
+    fn refusal_by_the_system_is_a_user_error() {
+        let refused = |errno: rustix::io::Errno| {
+            Failure::from(anyhow::Error::from(std::io::Error::from(errno)).context("failed to start"))
+        };
+        let Failure::User(_) = refused(rustix::io::Errno::MFILE) else { panic!("a limit is no bug") };
+        let text = refused(rustix::io::Errno::MFILE).to_string();
+        assert!(text.ends_with("(os error 24); raise the limit of open files: `ulimit -n 1024`"), "{text}");
+        let Failure::Bug(_) = refused(rustix::io::Errno::PIPE) else { panic!("nobody reads") };
     }
 }

@@ -47,13 +47,15 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 use std::time::Instant;
 
+use anyhow::Context;
+
 use crate::cli::{Cli, Command};
 use crate::commands::{
     checkpoint, child, compare, completions, demos as demos_command, doctor, fps, replay,
     report as report_command, run, show, tasks, verify,
 };
 use crate::exit::{ExitStatus, Failure};
-use crate::output::print_message;
+use crate::output::{OutputError, print_message};
 
 /// Runs the program on the arguments of this process.
 ///
@@ -65,12 +67,12 @@ pub fn main() -> ExitCode {
     let result = match Cli::parse_with_sweep_file(&words) {
         Ok(cli) => run_command(&cli.command, started),
         Err(error) => match error.downcast::<clap::Error>() {
-            Ok(error) => {
-                // clap also returns help and version texts as errors. If printing fails, nothing can report
-                // it.
-                let _ = error.print();
-                return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS };
-            }
+            // clap also returns help and version texts as errors.
+            Ok(error) => match error.print() {
+                Err(refused) if !error.use_stderr() => Err(OutputError::from(refused).into()),
+                // If stderr cannot be written, nothing can report it.
+                _ => return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS },
+            },
             Err(error) => Err(Failure::User(error)),
         },
     };
@@ -84,6 +86,12 @@ pub fn main() -> ExitCode {
 }
 
 fn run_command(command: &Command, started: Instant) -> Result<ExitStatus, Failure> {
+    use Command as C;
+    let works_here =
+        matches!(command, C::Compare(_) | C::Show(_) | C::Replay(_) | C::Report(_) | C::Doctor(_) | C::Fps(_));
+    if works_here {
+        start_threads()?;
+    }
     match command {
         Command::Run(args) => run::run(args, started),
         Command::Compare(args) => compare::compare(args),
@@ -100,4 +108,10 @@ fn run_command(command: &Command, started: Instant) -> Result<ExitStatus, Failur
         Command::Sim(args) => child::sim(args),
         Command::PolicyHost(args) => child::policy_host(args),
     }
+}
+
+/// Starts the threads of commands that work in this process. Otherwise they start when they are first needed,
+/// with a panic if the system refuses.
+fn start_threads() -> Result<(), Failure> {
+    Ok(rayon::ThreadPoolBuilder::new().build_global().context("failed to start threads")?)
 }

@@ -1,7 +1,7 @@
 //! The machine that a run is executed on, as results name it.
 
 use ipc_types::run_config::n_cores;
-use policy_host::nn::peak::peak_gflop_per_s;
+use policy_host::nn::peak::try_peak_gflop_per_s;
 use serde::Serialize;
 
 /// The facts about a machine that timings depend on.
@@ -41,8 +41,9 @@ impl Cores {
     /// Counts the cores, and measures their peak if that is wanted (0.07 s).
     pub(crate) fn measure(machine: &Machine, with_peak: bool) -> Self {
         let count = machine.n_cores;
-        let peak = || peak_gflop_per_s(count as usize) / f64::from(count);
-        Self { count, peak_gflop: with_peak.then(peak) }
+        let peak = || try_peak_gflop_per_s(count as usize).ok();
+        let peak = if with_peak { peak() } else { None };
+        Self { count, peak_gflop: peak.map(|peak| peak / f64::from(count)) }
     }
 }
 

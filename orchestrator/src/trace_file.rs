@@ -2,11 +2,12 @@
 //! which Perfetto (ui.perfetto.dev) and chrome://tracing open.
 //!
 //! The file is an array of events, one per line, that grows while the run goes on. The format allows the
-//! closing bracket to be missing, so the trace of an interrupted run is readable as well.
+//! closing bracket to be missing, so the trace of an interrupted run is readable as well. If the file cannot
+//! be written any more, the run goes on without it and reports that in the end.
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -25,6 +26,8 @@ pub(crate) struct TraceFile {
     n_in_flight: u64,
     /// Text before the next event.
     separator: &'static str,
+    /// The first error; nothing is written after it.
+    failure: Option<io::Error>,
 }
 
 impl TraceFile {
@@ -41,24 +44,22 @@ impl TraceFile {
             origin_ns: None,
             n_in_flight: 0,
             separator: "\n",
+            failure: None,
         };
-        trace.write("[")?;
+        trace.write("[");
         Ok(trace)
     }
 
     /// Appends spans of a process.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub(crate) fn add(&mut self, process: &str, spans: &[TraceSpan]) -> anyhow::Result<()> {
-        let Some(first) = spans.iter().map(|span| span.start_ns).min() else { return Ok(()) };
+    pub(crate) fn add(&mut self, process: &str, spans: &[TraceSpan]) {
+        let Some(first) = spans.iter().map(|span| span.start_ns).min() else { return };
         let origin_ns = *self.origin_ns.get_or_insert(first);
         let next = self.processes.len() + 1;
         let pid = *self.processes.entry(process.to_owned()).or_insert(next);
         if pid == next {
             self.write_event(
                 &json!({ "name": "process_name", "ph": "M", "pid": pid, "args": { "name": process } }),
-            )?;
+            );
         }
         for span in spans {
             let TraceSpan { activity, thread, start_ns, duration_ns, n } = *span;
@@ -73,36 +74,38 @@ impl TraceFile {
                 event["cat"] = json!("batch");
                 event["id"] = json!(self.n_in_flight);
                 event["ph"] = json!("b");
-                self.write_event(&event)?;
+                self.write_event(&event);
                 event["ph"] = json!("e");
                 event["ts"] = json!(start_us + duration_us);
             } else {
                 event["ph"] = json!("X");
                 event["dur"] = json!(duration_us);
             }
-            self.write_event(&event)?;
+            self.write_event(&event);
         }
-        Ok(())
     }
 
     /// Ends the file.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If it could not be written as a whole.
     pub(crate) fn finish(mut self) -> anyhow::Result<()> {
-        self.write("\n]\n")?;
-        self.file.flush().with_context(|| format!("failed to write {}", self.path.display()))
+        self.write("\n]\n");
+        let written = self.failure.map_or_else(|| self.file.flush(), Err);
+        written.with_context(|| {
+            format!("failed to write the trace {}; the results are complete", self.path.display())
+        })
     }
 
-    fn write_event(&mut self, event: &Value) -> anyhow::Result<()> {
+    fn write_event(&mut self, event: &Value) {
         let separator = std::mem::replace(&mut self.separator, ",\n");
-        self.write(&format!("{separator}{event}"))
+        self.write(&format!("{separator}{event}"));
     }
 
-    fn write(&mut self, text: &str) -> anyhow::Result<()> {
-        self.file
-            .write_all(text.as_bytes())
-            .with_context(|| format!("failed to write {}", self.path.display()))
+    fn write(&mut self, text: &str) {
+        if self.failure.is_none() {
+            self.failure = self.file.write_all(text.as_bytes()).err();
+        }
     }
 }
 
@@ -118,10 +121,9 @@ mod tests {
         let span =
             |activity, start_ns, duration_ns, n| TraceSpan { activity, thread: 2, start_ns, duration_ns, n };
         trace
-            .add("sim", &[span(Activity::Step, 5_000, 2_000, 5), span(Activity::InFlight, 6_000, 9_000, 8)])
-            .unwrap();
-        trace.add("host of `act`", &[span(Activity::Infer, 7_000, 6_500, 8)]).unwrap();
-        trace.add("sim", &[]).unwrap();
+            .add("sim", &[span(Activity::Step, 5_000, 2_000, 5), span(Activity::InFlight, 6_000, 9_000, 8)]);
+        trace.add("host of `act`", &[span(Activity::Infer, 7_000, 6_500, 8)]);
+        trace.add("sim", &[]);
         trace.finish().unwrap();
         let events: Vec<Value> = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
         // Viewers refuse events without a phase.

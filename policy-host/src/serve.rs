@@ -135,15 +135,16 @@ pub fn serve_with(
         trace::enable();
     }
     let threads = config.run.resources.n_threads() as usize;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = pool.map_err(|source| ServeError::Threads { threads, source })?;
     let started = Instant::now();
-    let mut policy = load(&config.spec, threads, config.run.results.mode, &config.morphologies)?;
+    let mut policy =
+        pool.install(|| load(&config.spec, threads, config.run.results.mode, &config.morphologies))?;
     if config.run.results.latency_steps() > 0 {
         // The robot goes on with the rows after those to execute until the next chunk takes effect.
         policy.compute_whole_chunks();
     }
     let load_ms = started.elapsed().as_secs_f64() * 1e3;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|source| ServeError::Threads { threads, source })?;
     // The loop itself runs in the pool, so that a query needs no hand-over between threads.
     pool.install(move || {
         let node = LinkNode::new(&config.domain, "policy-host")?;

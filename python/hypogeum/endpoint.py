@@ -58,7 +58,7 @@ class EndpointDescriptor:
 def base_folder():
     """Return the folder that contains the runs of this user."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    if runtime and Path(runtime).is_dir():
+    if runtime and Path(runtime).is_absolute() and Path(runtime).is_dir():
         return Path(runtime) / "hypogeum"
     return Path(f"/tmp/hypogeum_{os.getuid()}")
 

@@ -5,7 +5,9 @@
 //! them, the end of the run removes the whole domain, and the start of the next run removes domains whose
 //! processes have all exited.
 
+use std::fs::DirEntry;
 use std::io;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant, SystemTime};
@@ -16,8 +18,10 @@ use iceoryx2::prelude::{CallbackProgression, FileName, Path as IoxPath, Semantic
 use serde::{Deserialize, Serialize};
 
 use super::error::LinkError;
+use super::lane_spec::LaneSpec;
 use super::lease::DomainLease;
 use super::type_names::Ipc;
+use super::{budget, management};
 
 /// Mount point of POSIX shared memory on Linux.
 pub(super) const SHM: &str = "/dev/shm";
@@ -63,6 +67,22 @@ impl Domain {
     /// If the root cannot be created or locked.
     pub fn lease(&self) -> Result<DomainLease, LinkError> {
         DomainLease::acquire(&self.root)
+    }
+
+    /// Prepares the domain for its first process, on behalf of a parent whose run has `lanes`, and leases it:
+    /// checks names, rights and the free memory of `shm`, the tmpfs that backs shared memory, so that a child
+    /// fails only for what happens afterwards.
+    ///
+    /// # Errors
+    /// If the names are too long, there is too little room, or the files cannot be created.
+    pub fn create(&self, lanes: &[LaneSpec], shm: &Path) -> Result<DomainLease, LinkError> {
+        self.config()?;
+        let lease = self.lease()?;
+        budget::check_places(lanes, shm, &self.root)?;
+        // Other users learn the prefix with the first child's arguments. From then on the only segment with a
+        // predictable name must be there.
+        management::create(self)?;
+        Ok(lease)
     }
 
     /// Frees the resources of processes that have exited without cleaning up: service connections, borrowed
@@ -124,7 +144,7 @@ impl Domain {
     /// progress is never touched: its own processes hold a lease, and foreign hosts are registered as nodes.
     pub fn remove_stale(base: &Path) -> usize {
         let Ok(entries) = std::fs::read_dir(base) else { return 0 };
-        let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
+        let names = entries.flatten().filter(is_mine).filter_map(|entry| entry.file_name().into_string().ok());
         names.filter(|name| is_tag(name)).filter(|name| Self::tagged(base, name).remove_if_unused()).count()
     }
 
@@ -140,7 +160,8 @@ impl Domain {
         if root.len() > max_length {
             let length = root.len();
             return Err(invalid(format!(
-                "its socket paths would be too long: the root has {length} bytes, expected at most {max_length}"
+                "its socket paths would be too long: the root has {length} bytes, expected at most {max_length}; set \
+                 XDG_RUNTIME_DIR to a folder with a shorter path"
             )));
         }
         let mut config = Config::default();
@@ -217,13 +238,21 @@ impl Domain {
         self.segments().unwrap_or_default().into_iter().filter_map(created).collect()
     }
 
-    /// Lists the domain's files in shared memory.
+    /// Lists the domain's files in shared memory. Those of other users, who can create files with any name,
+    /// are none of ours.
     pub(super) fn segments(&self) -> Result<Vec<PathBuf>, LinkError> {
         let failed = |source| LinkError::Io { action: "list", path: SHM.into(), source };
-        let ours = |name: &std::ffi::OsStr| name.as_encoded_bytes().starts_with(self.prefix.as_bytes());
+        let ours = |entry: &DirEntry| {
+            entry.file_name().as_encoded_bytes().starts_with(self.prefix.as_bytes()) && is_mine(entry)
+        };
         let entries = std::fs::read_dir(SHM).map_err(failed)?;
-        Ok(entries.flatten().filter(|entry| ours(&entry.file_name())).map(|entry| entry.path()).collect())
+        Ok(entries.flatten().filter(ours).map(|entry| entry.path()).collect())
     }
+}
+
+/// Returns `true` if this user owns the file. A symbolic link counts itself.
+fn is_mine(entry: &DirEntry) -> bool {
+    entry.metadata().is_ok_and(|metadata| metadata.uid() == rustix::process::getuid().as_raw())
 }
 
 fn is_tag(name: &str) -> bool {

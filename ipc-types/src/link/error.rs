@@ -8,6 +8,7 @@ use iceoryx2::port::{LoanError, ReceiveError, SendError};
 use thiserror::Error;
 
 use super::budget::BudgetError;
+use super::shortage::Shortage;
 
 /// Errors that can occur while joining a domain, setting up a lane, or exchanging messages.
 ///
@@ -49,6 +50,15 @@ pub enum LinkError {
     Types { service: String },
     #[error("failed to set up service {service}: {reason}")]
     Service { service: String, reason: String },
+    #[error("failed to create {}; /dev/shm must be a tmpfs in which this user can create files (mode 1777)", path.display())]
+    SharedMemory { path: PathBuf, source: std::io::Error },
+    #[error("failed to set up the link ({failure})")]
+    Shortage { failure: String, source: Shortage },
+    #[error(
+        "failed to use the segment {}: it belongs to user {owner}, who can read and change it; run the same command again",
+        path.display()
+    )]
+    Foreign { path: PathBuf, owner: u32 },
     #[error("failed to loan {pages} pages: a message of this lane has 1 to {max_pages} pages")]
     LoanSize { pages: usize, max_pages: usize },
     #[error("failed to loan {pages} pages")]
@@ -65,4 +75,21 @@ pub enum LinkError {
     Oversized { pages: u64, max_pages: usize },
     #[error("failed to wait for the peer")]
     Wait(#[source] ListenerWaitError),
+}
+
+impl LinkError {
+    /// Returns `true` if the user can mend the cause, so that another attempt is of no use before.
+    #[must_use]
+    pub fn is_user_error(&self) -> bool {
+        match self {
+            Self::Domain { .. }
+            | Self::Budget(_)
+            | Self::Reserve { .. }
+            | Self::SharedMemory { .. }
+            | Self::Shortage { .. }
+            | Self::Foreign { .. } => true,
+            Self::Io { source, .. } | Self::Populate { source, .. } => crate::cure(source).is_some(),
+            _ => false,
+        }
+    }
 }

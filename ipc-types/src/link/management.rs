@@ -4,11 +4,13 @@
 //! access, with which anybody could stall all processes of the domain. Therefore it is created beforehand,
 //! with its final content and for this user only.
 
-use std::fs::OpenOptions;
-use std::io::Write;
-use std::os::unix::fs::OpenOptionsExt;
+use std::fs::File;
+use std::io::{self, Write};
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
-use std::sync::atomic::{AtomicU32, Ordering};
+
+use rustix::fs::{AtFlags, CWD, Mode, OFlags};
 
 use super::domain::{Domain, SHM};
 use super::error::LinkError;
@@ -21,26 +23,26 @@ const CONTENT: [u64; 2] = [10 << 16, 0];
 
 /// Creates the segment of a domain, unless it exists.
 pub(super) fn create(domain: &Domain) -> Result<(), LinkError> {
-    static NEXT: AtomicU32 = AtomicU32::new(0);
     let path = Path::new(SHM).join(format!("{}{NAME}", domain.prefix));
-    if path.exists() {
-        return Ok(());
+    let failed = |source| LinkError::SharedMemory { path: path.clone(), source };
+    if !path.exists() {
+        match create_at(&path) {
+            // Another process has created it meanwhile.
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            created => created.map_err(failed)?,
+        }
     }
-    let number = NEXT.fetch_add(1, Ordering::Relaxed);
-    let part = Path::new(SHM).join(format!("{}{}_{number}.part", domain.prefix, std::process::id()));
-    let created = OpenOptions::new()
-        .write(true)
-        .create_new(true)
-        .mode(0o600)
-        .open(&part)
-        .and_then(|mut file| file.write_all(bytemuck::bytes_of(&CONTENT)))
-        // The segment appears under its name complete or not at all.
-        .and_then(|()| std::fs::hard_link(&part, &path));
-    // What is left under the other name is removed with the domain.
-    let _ = std::fs::remove_file(&part);
-    match created {
-        // Another process may have created it meanwhile.
-        Err(source) if !path.exists() => Err(LinkError::Io { action: "create", path, source }),
-        _ => Ok(()),
-    }
+    // Anybody can create a file of this name who has learned the prefix.
+    let owner = std::fs::symlink_metadata(&path).map_err(failed)?.uid();
+    if owner == rustix::process::getuid().as_raw() { Ok(()) } else { Err(LinkError::Foreign { path, owner }) }
+}
+
+/// Creates the segment without a name and links it to `path`, so that it appears complete or not at all, and
+/// nobody can learn the prefix before.
+fn create_at(path: &Path) -> io::Result<()> {
+    let (access, mode) = (OFlags::TMPFILE | OFlags::WRONLY | OFlags::CLOEXEC, Mode::RUSR | Mode::WUSR);
+    let mut file = File::from(rustix::fs::open(SHM, access, mode)?);
+    file.write_all(bytemuck::bytes_of(&CONTENT))?;
+    let unnamed = format!("/proc/self/fd/{}", file.as_raw_fd());
+    Ok(rustix::fs::linkat(CWD, unnamed, CWD, path, AtFlags::SYMLINK_FOLLOW)?)
 }

@@ -8,6 +8,7 @@ use super::domain::Domain;
 use super::error::LinkError;
 use super::lease::DomainLease;
 use super::management;
+use super::shortage::Shortage;
 use super::type_names::Ipc;
 
 /// A process's membership in a domain, from which its lanes are opened. Joining also cleans up after exited
@@ -38,7 +39,12 @@ impl LinkNode {
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Ipc>()
-            .map_err(|source| LinkError::Node { name: name.into(), source })?;
+            .map_err(|source| match Shortage::find() {
+                Some(shortage) => {
+                    LinkError::Shortage { failure: format!("node {name}: {source:?}"), source: shortage }
+                }
+                None => LinkError::Node { name: name.into(), source },
+            })?;
         Ok(Self { node, domain: domain.clone(), _lease: lease })
     }
 

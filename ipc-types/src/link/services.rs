@@ -17,6 +17,7 @@ use super::error::LinkError;
 use super::lane_spec::LaneSpec;
 use super::node::LinkNode;
 use super::retry::AttemptError;
+use super::shortage::Shortage;
 use super::type_names::Ipc;
 use crate::layout::Page;
 
@@ -187,7 +188,10 @@ pub(super) fn occupied(service: &str, reason: &dyn core::fmt::Debug) -> LinkErro
 
 /// Returns the error for an iceoryx2 failure without a [`LinkError`] variant of its own.
 pub(super) fn service_error(service: &str, reason: &dyn core::fmt::Debug) -> LinkError {
-    LinkError::Service { service: service.into(), reason: format!("{reason:?}") }
+    match Shortage::find() {
+        Some(source) => LinkError::Shortage { failure: format!("service {service}: {reason:?}"), source },
+        None => LinkError::Service { service: service.into(), reason: format!("{reason:?}") },
+    }
 }
 
 fn attribute_key(service: &str, field: &str) -> Result<AttributeKey, LinkError> {

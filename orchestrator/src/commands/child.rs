@@ -3,8 +3,9 @@
 use anyhow::Context;
 use clap::Args;
 use ipc_types::link::Domain;
-use policy_host::serve::HostConfig;
+use policy_host::serve::{HostConfig, ServeError};
 use serde::de::DeserializeOwned;
+use sim::serve::SimError;
 use sim::serve::protocol::SimConfig;
 
 use crate::exit::{ExitStatus, Failure, OrUser};
@@ -20,20 +21,31 @@ pub(crate) struct ChildArgs {
 /// Serves episodes until stdin closes.
 pub(crate) fn sim(args: &ChildArgs) -> Result<ExitStatus, Failure> {
     let config: SimConfig = parse_config(args)?;
-    leave(&config.domain, sim::serve::serve(&config))
+    let served = sim::serve::serve(&config).map_err(|error| match error {
+        SimError::Sentences(_) => Failure::User(error.into()),
+        error => error.into(),
+    });
+    leave(&config.domain, served)
 }
 
 /// Answers queries until stdin closes.
 pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
     let config: HostConfig = parse_config(args)?;
     let domain = config.domain.clone();
-    leave(&domain, policy_host::serve::serve(config))
+    let served = policy_host::serve::serve(config).map_err(|error| match error {
+        ServeError::Load(_) => Failure::User(error.into()),
+        ServeError::Link(error) => error.into(),
+        error => error.into(),
+    });
+    leave(&domain, served)
 }
 
 /// Ends a child that has served. If its parent was killed, the last child removes the run's shared memory.
-fn leave<E: Into<Failure>>(domain: &Domain, served: Result<(), E>) -> Result<ExitStatus, Failure> {
+///
+/// Exit code 2 tells the parent that the user can mend the error, so that another attempt is of no use.
+fn leave(domain: &Domain, served: Result<(), Failure>) -> Result<ExitStatus, Failure> {
     domain.remove_if_unused();
-    served.map(|()| ExitStatus::Success).map_err(Into::into)
+    served.map(|()| ExitStatus::Success)
 }
 
 fn parse_config<T: DeserializeOwned>(args: &ChildArgs) -> Result<T, Failure> {

@@ -1,5 +1,6 @@
 //! `hypogeum doctor`: checks whether this machine is ready for runs, and says what to do where it is not.
 
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -152,7 +153,6 @@ fn run_folder() -> Check {
     let Ok(metadata) = std::fs::symlink_metadata(&base) else {
         return Check::ok(NAME, format!("{path}, which the first run creates"));
     };
-    use std::os::unix::fs::MetadataExt;
     let (owner, mode) = (metadata.uid(), metadata.mode() & 0o777);
     if owner != rustix::process::getuid().as_raw() || !metadata.is_dir() {
         let advice = "remove it, or set XDG_RUNTIME_DIR to a folder of your own";
@@ -170,8 +170,9 @@ fn left_overs() -> Check {
     let uid = rustix::process::getuid().as_raw();
     let prefix = format!("hyp_{uid}_");
     let entries = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
-    let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
-    let sizes: Vec<u64> = ours.filter_map(|entry| Some(entry.metadata().ok()?.len())).collect();
+    let named = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
+    let ours = named.filter_map(|entry| entry.metadata().ok()).filter(|metadata| metadata.uid() == uid);
+    let sizes: Vec<u64> = ours.map(|metadata| metadata.len()).collect();
     let runs = std::fs::read_dir(fleet::base()).into_iter().flatten().flatten().count();
     if sizes.is_empty() && runs == 0 {
         return Check::ok(NAME, "none");

@@ -15,7 +15,7 @@ use crate::fleet::{FleetEvent, RunStatus, Totals};
 use crate::jobs::{Job, jobs};
 use crate::live::RunningSuccess;
 use crate::machine::{Cores, Machine};
-use crate::output::{print_message, print_out};
+use crate::output::{OutputError, print_message, print_out};
 use crate::plan::RunPlan;
 use crate::progress::Progress;
 use crate::report::{self, Fps};
@@ -71,6 +71,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         success: RunningSuccess::new(&plan, &results)?,
         stopping: &stopping,
         n_skipped: &n_skipped,
+        n_finished: 0,
         trace: open_trace(plan.config.resources.trace.as_deref()).or_user()?,
     };
     let is_wanted = |job: &Job| {
@@ -88,7 +89,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
                 live.on_finished(job, outcome);
             }
             FleetEvent::Counters(counters) => live.progress.counters(counters),
-            FleetEvent::Spans(process, spans) => live.on_spans(process, spans)?,
+            FleetEvent::Spans(process, spans) => live.on_spans(process, spans),
             FleetEvent::Log(line) => live.progress.log(line),
             // Results do not depend on the renderer if no policy reads images.
             FleetEvent::RendererReady(identity) if plan.needs_images() => results.set_renderer(identity)?,
@@ -97,10 +98,15 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         Ok(())
     });
     live.progress.finish();
-    live.trace.map_or(Ok(()), TraceFile::finish).or_user()?;
+    let traced = live.trace.map_or(Ok(()), TraceFile::finish);
     let resume_hint =
         || format!("{}: finished episodes are stored; run the same command to resume", plan.db.display());
-    let (status, totals) = outcome.inspect_err(|_| print_message(&resume_hint()))?;
+    let has_stored = n_done + live.n_finished > 0;
+    let (status, totals) = outcome.inspect_err(|_| {
+        if has_stored {
+            print_message(&resume_hint());
+        }
+    })?;
     let environment = environment(&plan, &machine, &totals);
     if n_done < plan.n_episodes() {
         results.note("environment", &environment)?;
@@ -114,7 +120,9 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let conclusions = stopping.borrow().as_ref().map_or_else(Vec::new, Stopping::conclusions);
     let mut run = json!(manifest);
     run["environment"] = environment;
-    print_results(&plan, &results, &conclusions, &fps, args.json.then_some(&run))
+    let status = print_results(&plan, &results, &conclusions, &fps, args.json.then_some(&run))?;
+    traced.or_user()?;
+    Ok(status)
 }
 
 /// Prints the results of the whole plan: as JSON with the description `run`, or for people without one.
@@ -146,11 +154,14 @@ struct Live<'a> {
     stopping: &'a RefCell<Option<Stopping>>,
     /// Jobs that were dropped since the display was updated.
     n_skipped: &'a Cell<u64>,
+    /// Episodes stored by this run.
+    n_finished: u64,
     trace: Option<TraceFile>,
 }
 
 impl Live<'_> {
     fn on_finished(&mut self, job: &Job, outcome: &Outcome) {
+        self.n_finished += 1;
         let success = outcome.error.is_none().then_some(outcome.success_once);
         self.success.add(job.policy_idx, success);
         if let Some(stopping) = self.stopping.borrow_mut().as_mut() {
@@ -161,10 +172,11 @@ impl Live<'_> {
         self.progress.tick();
     }
 
-    fn on_spans(&mut self, process: &str, spans: &[TraceSpan]) -> anyhow::Result<()> {
-        let Some(file) = &mut self.trace else { return Ok(()) };
-        file.add(process, spans)?;
-        file.add("orchestrator", &trace::take())
+    fn on_spans(&mut self, process: &str, spans: &[TraceSpan]) {
+        if let Some(file) = &mut self.trace {
+            file.add(process, spans);
+            file.add("orchestrator", &trace::take());
+        }
     }
 }
 
@@ -182,7 +194,7 @@ fn print_report(
     cells: &[report::Cell],
     conclusions: &[SequentialCell],
     fps: &Fps,
-) -> std::io::Result<()> {
+) -> Result<(), OutputError> {
     let (table, lines) = (report::table(plan, cells, conclusions), fps.lines());
     let gap = if lines.is_empty() { "" } else { "\n" };
     print_out(&format!("{table}{gap}{lines}"))

@@ -3,25 +3,31 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use ipc_types::link::{BudgetError, LinkError};
+use ipc_types::cure;
+use ipc_types::link::{LinkError, Shortage};
 use thiserror::Error;
 
+use super::limits::LimitError;
 use super::member::ChildExit;
-use crate::results::StoreError;
+use crate::exit;
 
 /// Errors that can end a fleet before its work is complete. Finished episodes are stored.
 #[derive(Debug, Error)]
 pub(crate) enum FleetError {
-    #[error("failed to use {} for shared memory; set XDG_RUNTIME_DIR to a folder that you own", path.display())]
+    #[error("failed to use the folder {} for runs; set XDG_RUNTIME_DIR to a folder of your own", path.display())]
     Base { path: PathBuf, source: BaseError },
     #[error(transparent)]
     Link(#[from] LinkError),
-    #[error(transparent)]
-    Budget(#[from] BudgetError),
     #[error("failed to write the lane description of {name} to {}", path.display())]
     Attach { name: String, path: PathBuf, source: std::io::Error },
     #[error("failed to start {name} ({})", program.display())]
     Spawn { name: String, program: PathBuf, source: std::io::Error },
+    #[error("{name} failed: {message}")]
+    Child { name: String, message: String },
+    #[error("{name} {exit}")]
+    Memory { name: String, exit: ChildExit, source: Shortage },
+    #[error(transparent)]
+    Limit(#[from] LimitError),
     #[error("{name} was not ready after {} s{log}", timeout.as_secs(), log = log_tail(log))]
     StartUp { name: String, timeout: Duration, log: Vec<String> },
     #[error(
@@ -49,6 +55,10 @@ pub(crate) enum BaseError {
     Io(#[from] std::io::Error),
     #[error("it belongs to user {owner}")]
     ForeignOwner { owner: u32 },
+    #[error("it is {found}; remove it")]
+    NotAFolder { found: &'static str },
+    #[error("everybody may replace it, because {} has mode {mode:o}; take the write permission of others away", parent.display())]
+    OpenParent { parent: PathBuf, mode: u32 },
 }
 
 impl FleetError {
@@ -57,14 +67,18 @@ impl FleetError {
         match self {
             Self::Base { .. }
             | Self::Link(_)
-            | Self::Budget(_)
             | Self::Attach { .. }
             | Self::Lane(_)
+            | Self::Child { .. }
+            | Self::Memory { .. }
+            | Self::Limit(_)
             | Self::Renderer(_)
             | Self::RendererChanged { .. } => true,
             // A full disk, a deleted file, a lock.
-            Self::Sink(error) => error.is::<StoreError>(),
-            Self::Spawn { .. } | Self::StartUp { .. } | Self::TooManyFailures { .. } => false,
+            Self::Sink(error) => exit::is_user_error(error),
+            // A limit of processes, files or memory.
+            Self::Spawn { source, .. } => cure(source).is_some(),
+            Self::StartUp { .. } | Self::TooManyFailures { .. } => false,
         }
     }
 }

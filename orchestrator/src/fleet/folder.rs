@@ -1,7 +1,7 @@
 //! Files of a run outside shared memory: the base folder of a user's runs, and the descriptions for foreign
 //! hosts.
 
-use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ipc_types::link::{Domain, LaneSpec};
@@ -11,31 +11,61 @@ use serde::Serialize;
 
 use super::error::{BaseError, FleetError};
 
+/// Permission bits of everybody but the owner.
+const OTHERS: u32 = 0o077;
+/// Permission of everybody to add and remove files.
+const WRITABLE_BY_ALL: u32 = 0o002;
+/// Bit of a folder in which only the owner of a file may remove it, such as `/tmp` (inode(7)).
+const STICKY: u32 = 0o1000;
+
 /// Returns the folder under which all runs of this user live: `$XDG_RUNTIME_DIR/hypogeum`, or
-/// `/tmp/hypogeum_<uid>` if that is not set.
+/// `/tmp/hypogeum_<uid>` if that variable names no folder by an absolute path, as its specification demands.
 pub(crate) fn base() -> PathBuf {
-    let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
-    runtime.map_or_else(
+    let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
+    runtime.filter(|path| path.is_absolute() && path.is_dir()).map_or_else(
         || PathBuf::from(format!("/tmp/hypogeum_{}", rustix::process::getuid().as_raw())),
         |path| path.join("hypogeum"),
     )
 }
 
-/// Creates the base folder if needed. Since anybody can create it in `/tmp`, a folder of another user is
-/// refused.
+/// Creates the base folder if needed, and takes all permissions of other users away, who could otherwise
+/// replace the files of a run. Since anybody can create it in `/tmp`, a folder of another user is refused, and
+/// so is a symbolic link.
 pub(super) fn prepare(base: &Path) -> Result<(), FleetError> {
-    let failed = |source: BaseError| FleetError::Base { path: base.into(), source };
-    std::fs::DirBuilder::new()
-        .recursive(true)
-        .mode(0o700)
-        .create(base)
-        .map_err(|error| failed(error.into()))?;
-    let owner = std::fs::symlink_metadata(base).map_err(|error| failed(error.into()))?.uid();
-    if owner == rustix::process::getuid().as_raw() {
-        Ok(())
-    } else {
-        Err(failed(BaseError::ForeignOwner { owner }))
+    prepare_base(base).map_err(|source| FleetError::Base { path: base.into(), source })
+}
+
+fn prepare_base(base: &Path) -> Result<(), BaseError> {
+    check_parents(base)?;
+    let created = std::fs::DirBuilder::new().recursive(true).mode(0o700).create(base);
+    let found = std::fs::symlink_metadata(base).map_err(|missing| created.err().unwrap_or(missing))?;
+    if found.is_symlink() {
+        return Err(BaseError::NotAFolder { found: "a symbolic link" });
     }
+    if !found.is_dir() {
+        return Err(BaseError::NotAFolder { found: "no folder" });
+    }
+    if found.uid() != rustix::process::getuid().as_raw() {
+        return Err(BaseError::ForeignOwner { owner: found.uid() });
+    }
+    // Nobody else can replace the folder after this check: it is this user's, and its parents are closed.
+    if found.mode() & OTHERS != 0 {
+        std::fs::set_permissions(base, std::fs::Permissions::from_mode(0o700))?;
+    }
+    Ok(())
+}
+
+/// Checks that no other user can replace a folder above `base`.
+fn check_parents(base: &Path) -> Result<(), BaseError> {
+    for parent in base.ancestors().skip(1) {
+        // A parent that does not exist yet is created for this user only.
+        let Ok(metadata) = std::fs::metadata(parent) else { continue };
+        let mode = metadata.mode() & 0o7777;
+        if mode & WRITABLE_BY_ALL != 0 && mode & STICKY == 0 {
+            return Err(BaseError::OpenParent { parent: parent.into(), mode });
+        }
+    }
+    Ok(())
 }
 
 /// The description of a lane for a foreign host.

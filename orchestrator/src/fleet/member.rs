@@ -6,10 +6,16 @@ use std::os::unix::process::ExitStatusExt;
 use std::process;
 use std::time::Duration;
 
+use rustix::process::Signal;
+
 use super::process::ChildProcess;
 
 /// Number of log lines that an error shows.
 const LOG_LINES: usize = 8;
+/// Exit code of a child for an error that the user can mend.
+const USER_ERROR: i32 = 2;
+/// Start of a child's last message.
+const ERROR_PREFIX: &str = "error: ";
 
 /// The role of a child process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +52,13 @@ pub(crate) enum ChildExit {
     Exited(process::ExitStatus),
     /// Waiting for it failed.
     Unknown(std::io::Error),
+}
+
+impl ChildExit {
+    /// Returns `true` if the kernel could not give the child memory for a page of a file (SIGBUS).
+    pub(super) fn lacked_memory(&self) -> bool {
+        matches!(self, Self::Exited(status) if status.signal() == Some(Signal::BUS.as_raw()))
+    }
 }
 
 impl fmt::Display for ChildExit {
@@ -106,6 +119,16 @@ impl Member {
         let process = self.take()?;
         self.failures += 1;
         Some(process.wait(timeout).map_or_else(ChildExit::Unknown, ChildExit::Exited))
+    }
+
+    /// Returns the error of a child that has exited because of something the user can mend. Its log ends with
+    /// it.
+    pub(super) fn user_error(&self, exit: &ChildExit) -> Option<String> {
+        let ChildExit::Exited(status) = exit else { return None };
+        let start = self.log.iter().rposition(|line| line.starts_with(ERROR_PREFIX))?;
+        let lines: Vec<&str> = self.log.iter().skip(start).map(String::as_str).collect();
+        let message = lines.join("\n");
+        (status.code() == Some(USER_ERROR)).then(|| message[ERROR_PREFIX.len()..].to_owned())
     }
 
     /// Returns the number of failures since the last finished episode.

@@ -8,6 +8,7 @@
 mod clock;
 mod error;
 mod folder;
+mod limits;
 mod member;
 mod process;
 mod queue;
@@ -19,7 +20,7 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
-use ipc_types::link::{Domain, check_budget};
+use ipc_types::link::Domain;
 use ipc_types::trace::TraceSpan;
 use ipc_types::{Morphology, RunConfig};
 use policy_host::PolicySpec;
@@ -208,16 +209,22 @@ impl Fleet {
         sink: &mut Sink<'_>,
     ) -> Result<(RunStatus, Totals), FleetError> {
         let config = &self.config;
+        let specs: Vec<_> = config.lanes.iter().map(|policy| policy.lane.spec.clone()).collect();
+        limits::ensure(&specs, config.run.resources.n_threads())?;
         folder::prepare(&config.base)?;
         let n_removed = Domain::remove_stale(&config.base);
         if n_removed > 0 {
             let line = format!("removed the shared memory of {n_removed} crashed runs");
             sink(FleetEvent::Log(&line)).map_err(FleetError::Sink)?;
         }
-        let specs: Vec<_> = config.lanes.iter().map(|policy| policy.lane.spec.clone()).collect();
-        check_budget(&specs, &config.shm)?;
         let domain = Domain::new(&config.base, config.run_id);
-        let lease = domain.lease()?;
+        let lease = match domain.create(&specs, &config.shm) {
+            Ok(lease) => lease,
+            Err(error) => {
+                domain.remove_if_unused();
+                return Err(error.into());
+            }
+        };
         let channel = (self.events, self.inbox);
         let mut supervisor = Supervisor::new(config, &domain, channel, JobQueue::new(jobs, is_wanted), sink);
         let status = supervisor.run();

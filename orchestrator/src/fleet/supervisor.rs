@@ -6,7 +6,7 @@ use std::iter::Sum;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use ipc_types::link::Domain;
+use ipc_types::link::{Domain, Shortage};
 use ipc_types::run_config::n_cores;
 use ipc_types::trace::TraceSpan;
 use policy_host::PolicySpec;
@@ -332,8 +332,14 @@ impl<'a> Supervisor<'a> {
             self.log(&line)?;
         }
         let member = self.member(role);
-        let (failures, log) = (member.failures(), member.log_tail());
+        let (failures, log, message) = (member.failures(), member.log_tail(), member.user_error(&exit));
         let name = self.name(role);
+        if let Some(message) = message {
+            return Err(FleetError::Child { name, message });
+        }
+        if let Some(source) = exit.lacked_memory().then(Shortage::find).flatten() {
+            return Err(FleetError::Memory { name, exit, source });
+        }
         if failures >= limits.failures {
             return Err(FleetError::TooManyFailures { name, failures, exit, log });
         }

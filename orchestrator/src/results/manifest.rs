@@ -12,7 +12,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use thiserror::Error;
 
-use super::open::ResultsFileError;
+use super::open::{self, ResultsFileError};
 use crate::plan::RunPlan;
 use crate::policy::Identity;
 
@@ -86,7 +86,7 @@ pub(super) fn reconcile(
     path: &Path,
     manifest: &Manifest,
 ) -> Result<(), ResultsFileError> {
-    let sqlite = |source| ResultsFileError::Sqlite { path: path.into(), source };
+    let sqlite = |error| open::not_used(path, error);
     let invalid = |key: &str| ResultsFileError::Manifest { path: path.into(), key: key.to_owned() };
     let difference = |field: &str, found: &dyn Display, requested: &dyn Display| {
         let [found, requested] = [found, requested].map(|value| match value.to_string() {

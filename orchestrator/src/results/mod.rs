@@ -225,11 +225,7 @@ impl Results {
     }
 
     fn not_written(&self, error: rusqlite::Error) -> StoreError {
-        let cause = match error {
-            // SQLite's sentence. The whole error repeats it.
-            rusqlite::Error::SqliteFailure(_, Some(sentence)) => sentence,
-            error => error.to_string(),
-        };
+        let cause = open::cause(&self.path, error);
         StoreError::Write { path: self.path.clone(), cause }
     }
 

@@ -13,12 +13,18 @@ use super::schema::{APPLICATION_ID, CREATE, VERSION};
 
 /// Maximum wait for a reader that locks the file.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
+/// Free bytes below which a file system counts as full: SQLite's own files need more.
+const FULL: u64 = 128 << 10;
 
 /// Errors that can occur while opening a results file.
 #[derive(Debug, Error)]
 pub(crate) enum ResultsFileError {
     #[error("failed to open the results file {}: it is a folder; choose a file with --db", path.display())]
     Folder { path: PathBuf },
+    #[error("failed to open the results file {}: it is not a regular file; choose another with --db", path.display())]
+    Special { path: PathBuf },
+    #[error("failed to open the results file {}: there is no folder {}; create it", path.display(), folder.display())]
+    NoFolder { path: PathBuf, folder: PathBuf },
     #[error("failed to open the results file {}", path.display())]
     Io { path: PathBuf, source: io::Error },
     #[error("failed to use the results file {}: another run is writing to it", path.display())]
@@ -31,8 +37,8 @@ pub(crate) enum ResultsFileError {
         path.display()
     )]
     Version { path: PathBuf, found: i64 },
-    #[error("failed to use the results file {}", path.display())]
-    Sqlite { path: PathBuf, source: rusqlite::Error },
+    #[error("failed to use the results file {}: {cause}; choose another with --db", path.display())]
+    Sqlite { path: PathBuf, cause: String },
     #[error(
         "failed to use the results file {}: it is damaged ({finding}); use a copy of it, or choose another file with --db",
         path.display()
@@ -102,13 +108,31 @@ fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     if finding == "ok" { Ok(()) } else { Err(ResultsFileError::Damaged { path: path.into(), finding }) }
 }
 
-fn not_used(path: &Path, source: rusqlite::Error) -> ResultsFileError {
+pub(super) fn not_used(path: &Path, source: rusqlite::Error) -> ResultsFileError {
     match source.sqlite_error_code() {
         Some(ErrorCode::NotADatabase) => ResultsFileError::Foreign { path: path.into() },
         Some(ErrorCode::DatabaseCorrupt) => {
             ResultsFileError::Damaged { path: path.into(), finding: source.to_string() }
         }
-        _ => ResultsFileError::Sqlite { path: path.into(), source },
+        _ => ResultsFileError::Sqlite { path: path.into(), cause: cause(path, source) },
+    }
+}
+
+/// Returns SQLite's sentence about an error, which the whole error repeats. For an error of reading or writing,
+/// adds that the file system is full, if it is, because SQLite often does not say so.
+pub(super) fn cause(path: &Path, error: rusqlite::Error) -> String {
+    let failed = matches!(
+        error.sqlite_error_code(),
+        Some(ErrorCode::SystemIoFailure | ErrorCode::DiskFull | ErrorCode::CannotOpen)
+    );
+    let sentence = match error {
+        rusqlite::Error::SqliteFailure(_, Some(sentence)) => sentence,
+        error => error.to_string(),
+    };
+    let stat = if failed { rustix::fs::statvfs(path).ok() } else { None };
+    match stat.map(|stat| stat.f_bavail.saturating_mul(stat.f_frsize)) {
+        Some(free) if free < FULL => format!("{sentence} (its file system has only {} KiB free)", free >> 10),
+        _ => sentence,
     }
 }
 
@@ -116,7 +140,15 @@ fn lock(path: &Path) -> Result<File, ResultsFileError> {
     if path.is_dir() {
         return Err(ResultsFileError::Folder { path: path.into() });
     }
-    let io = |source| ResultsFileError::Io { path: path.into(), source };
+    let io = |source: io::Error| match path.parent() {
+        Some(folder) if source.kind() == io::ErrorKind::NotFound && folder != "" => {
+            ResultsFileError::NoFolder { path: path.into(), folder: folder.into() }
+        }
+        _ => ResultsFileError::Io { path: path.into(), source },
+    };
+    if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
+        return Err(ResultsFileError::Special { path: path.into() });
+    }
     let file =
         OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(io)?;
     match file.try_lock() {

@@ -1,0 +1,48 @@
+//! Errors of the operating system that a user can mend, and the advice for each.
+
+use std::error::Error;
+use std::io;
+
+use rustix::io::Errno;
+
+/// Advice by error number (errno(3)).
+const CURES: [(Errno, &str); 8] = [
+    (Errno::MFILE, "raise the limit of open files: `ulimit -n 1024`"),
+    (Errno::NFILE, "close other programs: the whole system has too many files open"),
+    (Errno::AGAIN, "raise the limit of processes and threads (`ulimit -u`), or use fewer --threads"),
+    (Errno::NOMEM, "free memory, or lift the limit of address space: `ulimit -v unlimited`"),
+    (Errno::NOSPC, "free space or inodes of that file system (`df -h`, `df -i`), or enlarge it"),
+    (Errno::DQUOT, "free some of your disk quota"),
+    (Errno::ROFS, "choose another folder, or mount the file system for writing"),
+    (Errno::ACCESS, "change its permissions, or choose another place"),
+];
+
+/// Returns what the user can do about the operating system's error among `error` and its causes. Returns
+/// `None` if there is none, or none that a user can mend.
+#[must_use]
+pub fn cure(error: &(dyn Error + 'static)) -> Option<&'static str> {
+    let mut errors = std::iter::successors(Some(error), |error| (*error).source());
+    errors.find_map(|error| {
+        let number = error.downcast_ref::<io::Error>()?.raw_os_error()?;
+        CURES.iter().find(|(errno, _)| errno.raw_os_error() == number).map(|(_, cure)| *cure)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::LinkError;
+
+    #[test]
+    fn cure_is_found_below_other_errors() {
+        let link = |errno: Errno| LinkError::Io {
+            action: "create",
+            path: "/dev/shm/x".into(),
+            source: errno.into(),
+        };
+        assert!(cure(&link(Errno::NOSPC)).unwrap().contains("inodes"));
+        assert!(cure(&link(Errno::MFILE)).unwrap().contains("ulimit -n"));
+        assert_eq!(cure(&link(Errno::PIPE)), None);
+        assert_eq!(cure(&io::Error::other("on fire")), None);
+    }
+}
