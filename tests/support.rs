@@ -39,7 +39,8 @@ pub fn act_tiny() -> String {
 }
 
 /// Returns the path of the binary that cargo built next to the running test.
-fn program() -> PathBuf {
+#[must_use]
+pub fn program() -> PathBuf {
     let test = std::env::current_exe().unwrap();
     test.parent().and_then(Path::parent).unwrap().join("hypogeum-under-test")
 }
@@ -51,6 +52,36 @@ pub fn hypogeum(dir: &Path, args: &[&str]) -> Command {
     command.args(args).current_dir(dir).env("XDG_RUNTIME_DIR", dir);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
+}
+
+/// Returns a command that runs the program after `script` in a shell, for example with a limit, like
+/// [`hypogeum`]. The script ends with `"$@"`, which is the program with its arguments.
+#[must_use]
+pub fn hypogeum_after(dir: &Path, script: &str, args: &[&str]) -> Command {
+    let mut command = Command::new("sh");
+    command.args(["-c", script, "sh"]).arg(program()).args(args);
+    command.current_dir(dir).env("XDG_RUNTIME_DIR", dir);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+/// Returns `true` if the test may go on, which needs `what`. Otherwise says that it is skipped, or fails if the
+/// environment variable `HYPOGEUM_REQUIRE_ROOT_TESTS` demands it.
+#[must_use]
+#[expect(clippy::print_stderr, reason = "the output of a test")]
+pub fn is_possible(possible: bool, what: &str) -> bool {
+    let required = std::env::var_os("HYPOGEUM_REQUIRE_ROOT_TESTS").is_some_and(|value| value == "1");
+    assert!(possible || !required, "HYPOGEUM_REQUIRE_ROOT_TESTS is set, but this test needs {what}");
+    if !possible {
+        eprintln!("skipped: this test needs {what}");
+    }
+    possible
+}
+
+/// Returns `true` if this is root.
+#[must_use]
+pub fn is_root() -> bool {
+    rustix::process::geteuid().is_root()
 }
 
 /// Runs the program to completion, killing it at the deadline.

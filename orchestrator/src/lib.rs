@@ -87,8 +87,10 @@ pub fn main() -> ExitCode {
 
 fn run_command(command: &Command, started: Instant) -> Result<ExitStatus, Failure> {
     use Command as C;
-    let works_here =
-        matches!(command, C::Compare(_) | C::Show(_) | C::Replay(_) | C::Report(_) | C::Doctor(_) | C::Fps(_));
+    let works_here = matches!(
+        command,
+        C::Compare(_) | C::Show(_) | C::Replay(_) | C::Report(_) | C::Doctor(_) | C::Fps(_)
+    );
     if works_here {
         start_threads()?;
     }

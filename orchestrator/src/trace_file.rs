@@ -120,8 +120,7 @@ mod tests {
         let mut trace = TraceFile::create(&path).unwrap();
         let span =
             |activity, start_ns, duration_ns, n| TraceSpan { activity, thread: 2, start_ns, duration_ns, n };
-        trace
-            .add("sim", &[span(Activity::Step, 5_000, 2_000, 5), span(Activity::InFlight, 6_000, 9_000, 8)]);
+        trace.add("sim", &[span(Activity::Step, 5_000, 2_000, 5), span(Activity::InFlight, 6_000, 9_000, 8)]);
         trace.add("host of `act`", &[span(Activity::Infer, 7_000, 6_500, 8)]);
         trace.add("sim", &[]);
         trace.finish().unwrap();

@@ -144,7 +144,8 @@ impl Domain {
     /// progress is never touched: its own processes hold a lease, and foreign hosts are registered as nodes.
     pub fn remove_stale(base: &Path) -> usize {
         let Ok(entries) = std::fs::read_dir(base) else { return 0 };
-        let names = entries.flatten().filter(is_mine).filter_map(|entry| entry.file_name().into_string().ok());
+        let names =
+            entries.flatten().filter(is_mine).filter_map(|entry| entry.file_name().into_string().ok());
         names.filter(|name| is_tag(name)).filter(|name| Self::tagged(base, name).remove_if_unused()).count()
     }
 

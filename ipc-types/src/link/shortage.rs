@@ -23,7 +23,9 @@ const BYTES: u64 = 64 << 10;
 pub enum Shortage {
     #[error("the process may open no more than {limit} files; raise that limit: `ulimit -n 1024`")]
     Descriptors { limit: u64 },
-    #[error("the file system {SHM} has no inodes left (`df -i`); remove files, or mount it with more of them")]
+    #[error(
+        "the file system {SHM} has no inodes left (`df -i`); remove files, or mount it with more of them"
+    )]
     Inodes,
     #[error("the file system {SHM} is full, {available} bytes are free; free some of it, or enlarge it")]
     Bytes { available: u64 },

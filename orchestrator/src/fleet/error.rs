@@ -25,7 +25,7 @@ pub(crate) enum FleetError {
     #[error("{name} failed: {message}")]
     Child { name: String, message: String },
     #[error("{name} {exit}")]
-    Memory { name: String, exit: ChildExit, source: Shortage },
+    Shortage { name: String, exit: ChildExit, source: Shortage },
     #[error(transparent)]
     Limit(#[from] LimitError),
     #[error("{name} was not ready after {} s{log}", timeout.as_secs(), log = log_tail(log))]
@@ -70,7 +70,7 @@ impl FleetError {
             | Self::Attach { .. }
             | Self::Lane(_)
             | Self::Child { .. }
-            | Self::Memory { .. }
+            | Self::Shortage { .. }
             | Self::Limit(_)
             | Self::Renderer(_)
             | Self::RendererChanged { .. } => true,

@@ -337,10 +337,11 @@ impl<'a> Supervisor<'a> {
         if let Some(message) = message {
             return Err(FleetError::Child { name, message });
         }
-        if let Some(source) = exit.lacked_memory().then(Shortage::find).flatten() {
-            return Err(FleetError::Memory { name, exit, source });
+        let fails_often = failures >= limits.failures;
+        if let Some(source) = (fails_often || exit.lacked_memory()).then(Shortage::find).flatten() {
+            return Err(FleetError::Shortage { name, exit, source });
         }
-        if failures >= limits.failures {
+        if fails_often {
             return Err(FleetError::TooManyFailures { name, failures, exit, log });
         }
         match role {

@@ -23,8 +23,8 @@ pub(crate) enum ResultsFileError {
     Folder { path: PathBuf },
     #[error("failed to open the results file {}: it is not a regular file; choose another with --db", path.display())]
     Special { path: PathBuf },
-    #[error("failed to open the results file {}: there is no folder {}; create it", path.display(), folder.display())]
-    NoFolder { path: PathBuf, folder: PathBuf },
+    #[error("failed to open the results file {}: its folder does not exist; create it", path.display())]
+    NoFolder { path: PathBuf },
     #[error("failed to open the results file {}", path.display())]
     Io { path: PathBuf, source: io::Error },
     #[error("failed to use the results file {}: another run is writing to it", path.display())]
@@ -140,10 +140,8 @@ fn lock(path: &Path) -> Result<File, ResultsFileError> {
     if path.is_dir() {
         return Err(ResultsFileError::Folder { path: path.into() });
     }
-    let io = |source: io::Error| match path.parent() {
-        Some(folder) if source.kind() == io::ErrorKind::NotFound && folder != "" => {
-            ResultsFileError::NoFolder { path: path.into(), folder: folder.into() }
-        }
+    let io = |source: io::Error| match source.kind() {
+        io::ErrorKind::NotFound => ResultsFileError::NoFolder { path: path.into() },
         _ => ResultsFileError::Io { path: path.into(), source },
     };
     if std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {

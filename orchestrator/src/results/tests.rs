@@ -199,7 +199,7 @@ fn other_files_are_refused_and_unchanged() {
 
     std::fs::create_dir(path("folder")).unwrap();
     insta::assert_snapshot!(refusal(&path("folder"), &idle), @"failed to open the results file folder: it is a folder; choose a file with --db");
-    insta::assert_snapshot!(refusal(&path("absent/a.db"), &idle), @"failed to open the results file a.db: No such file or directory (os error 2)");
+    insta::assert_snapshot!(refusal(&path("absent/a.db"), &idle), @"failed to open the results file a.db: its folder does not exist; create it");
 
     let held = Results::open(&path("held.db"), &idle).unwrap();
     insta::assert_snapshot!(refusal(&path("held.db"), &idle), @"failed to use the results file held.db: another run is writing to it");
@@ -291,4 +291,25 @@ fn full_disk_is_for_the_user_to_mend() {
     let message = format!("{error:#}").replace(&format!("{}/", folder.path().display()), "");
     insta::assert_snapshot!(message, @"failed to write to the results file a.db: database or disk is full; finished episodes are stored, and the same command resumes");
     assert!(FleetError::Sink(error).is_user_error());
+}
+
+#[test]
+fn lock_by_another_process_keeps_finished_episodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    let idle = manifest("--policy idle");
+    let mut results = Results::open(&path, &idle).unwrap();
+    results.record(key(0), 7, &outcome(true, None)).unwrap();
+    let other = Connection::open(&path).unwrap();
+    other.execute_batch("BEGIN IMMEDIATE").unwrap();
+    // SQLite waits for five seconds.
+    let error = anyhow::Error::from(results.record(key(1), 8, &outcome(true, None)).unwrap_err());
+    let message = format!("{error:#}").replace(&format!("{}/", folder.path().display()), "");
+    insta::assert_snapshot!(message, @"failed to write to the results file a.db: database is locked; finished episodes are stored, and the same command resumes");
+    assert!(FleetError::Sink(error).is_user_error());
+    drop(results);
+    drop(other);
+    let mut again = Results::open(&path, &idle).unwrap();
+    assert!(again.finished().unwrap().contains(key(0)));
+    again.record(key(1), 8, &outcome(true, None)).unwrap();
 }
