@@ -192,7 +192,8 @@ fn stop(mut attacker: Child, dir: &Path) -> String {
 #[ignore = "a role of second_user_cannot_disturb_a_run"]
 fn attacker() {
     let dir = PathBuf::from(std::env::var_os(FOLDER).unwrap());
-    let mut attacker = Attacker { dir, recorded: BTreeSet::new(), prefixes: BTreeSet::new(), n_planted: 0 };
+    let [recorded, prefixes, joined] = [const { BTreeSet::new() }; 3];
+    let mut attacker = Attacker { dir, recorded, prefixes, joined, n_planted: 0 };
     attacker.record("started");
     loop {
         attacker.watch_processes();
@@ -206,6 +207,8 @@ struct Attacker {
     recorded: BTreeSet<String>,
     /// Prefixes of runs.
     prefixes: BTreeSet<String>,
+    /// Those that it has tried to join as a policy host.
+    joined: BTreeSet<String>,
     n_planted: u32,
 }
 
@@ -226,8 +229,8 @@ impl Attacker {
                 continue;
             };
             self.record("arguments were read");
-            let is_new = self.plant(prefix);
-            if is_new && role == "policy-host" {
+            self.plant(prefix);
+            if role == "policy-host" && self.joined.insert(prefix.to_owned()) {
                 let mut command = as_user(self.dir.join("program"), ATTACKER, &self.dir);
                 let refused = finish(command.args([role, "--config", config]).spawn().unwrap());
                 let is_refused = refused.status.code() == Some(2) && refused.stderr.contains("denied");
@@ -278,10 +281,10 @@ impl Attacker {
         let _ = symlink("/dev/zero", format!("/dev/shm/{prefix}{}.connection", self.n_planted));
     }
 
-    /// Creates all kinds of files with a prefix. Returns `true` if the prefix is new.
-    fn plant(&mut self, prefix: &str) -> bool {
+    /// Creates all kinds of files with a prefix, unless it is known.
+    fn plant(&mut self, prefix: &str) {
         if !self.prefixes.insert(prefix.to_owned()) {
-            return false;
+            return;
         }
         let path = |name: &str| PathBuf::from(format!("/dev/shm/{prefix}{name}"));
         let file = |name: &str, mode: u32, size: u64| {
@@ -307,7 +310,6 @@ impl Attacker {
         let _ = rustix::fs::mknodat(rustix::fs::CWD, path("g.data"), fifo, 0o666.into(), 0);
         let _ = symlink("/etc/passwd", path("h.data"));
         let _ = fs::create_dir(path("i.data")).and_then(|()| fs::write(path("i.data").join("x"), ""));
-        true
     }
 
     /// Tries the folder of the runs: its files, its locks and its sockets.

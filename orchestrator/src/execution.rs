@@ -1,6 +1,7 @@
 //! Execution of episodes: checks that every policy can be loaded, and runs a fleet for the episodes of a
 //! plan.
 
+use std::collections::HashSet;
 use std::hash::{BuildHasher, RandomState};
 use std::path::PathBuf;
 
@@ -17,13 +18,15 @@ use crate::fleet::{
 };
 use crate::interrupt;
 use crate::jobs::{Job, drivers};
-use crate::plan::RunPlan;
+use crate::plan::{Condition, RunPlan};
 use crate::policy::{Identity, NamedPolicy};
 
 /// Observation batches that may be unanswered on a lane, so that stepping and inference overlap.
 const IN_FLIGHT: u32 = 2;
 /// Seconds that π0.5 may take for a batch: on a CPU, a query at full size takes up to half a minute.
 const PI05_ANSWER_TIMEOUT_S: u32 = 3600;
+/// Number of times that a run goes on under other names because of another user's files.
+const MAX_MOVES: usize = 3;
 /// Mount point of shared memory.
 pub(crate) const SHM: &str = "/dev/shm";
 
@@ -42,20 +45,43 @@ pub(crate) fn identities(plan: &RunPlan) -> Result<Vec<Identity>, Failure> {
 }
 
 /// Runs `todo` in a fleet of child processes. Starts none if there is nothing to do.
+///
+/// If a child crashes while another user's files stall the cleaning up, the unfinished episodes go on in a new
+/// fleet, whose names that user cannot know in advance.
 pub(crate) fn execute(
     plan: &RunPlan,
-    todo: Vec<Job>,
+    mut todo: Vec<Job>,
     earlier_renderer: Option<String>,
     is_wanted: &IsWanted<'_>,
     mut sink: impl FnMut(FleetEvent<'_>) -> anyhow::Result<()>,
 ) -> Result<(RunStatus, Totals), Failure> {
-    if todo.is_empty() {
-        return Ok((RunStatus::Complete, Totals::default()));
+    let key = |job: &Job| {
+        let Condition { task, perturbation } = job.condition;
+        (job.policy_idx, task.name(), perturbation.name(), job.episode)
+    };
+    let mut n_moves = 0;
+    while !todo.is_empty() {
+        let mut finished = Vec::new();
+        let fleet = fleet(plan, todo.len(), earlier_renderer.clone())?;
+        let stopper = fleet.stopper();
+        let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
+        let result = fleet.run(todo.clone(), is_wanted, &mut |event| {
+            if let FleetEvent::EpisodeFinished(job, _) = event {
+                finished.push(*job);
+            }
+            sink(event)
+        });
+        match result {
+            Err(error @ FleetError::Intruder { .. }) if n_moves < MAX_MOVES => {
+                n_moves += 1;
+                sink(FleetEvent::Log(&format!("{error}; going on under other names")))?;
+                let finished: HashSet<_> = finished.iter().map(key).collect();
+                todo.retain(|job| !finished.contains(&key(job)));
+            }
+            result => return result.map_err(as_failure),
+        }
     }
-    let fleet = fleet(plan, todo.len(), earlier_renderer)?;
-    let stopper = fleet.stopper();
-    let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
-    fleet.run(todo, is_wanted, &mut sink).map_err(as_failure)
+    Ok((RunStatus::Complete, Totals::default()))
 }
 
 /// Makes the fleet for `n_jobs` episodes of a plan. Starts nothing.

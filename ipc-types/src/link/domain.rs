@@ -100,6 +100,14 @@ impl Domain {
         self.within(LISTING_TIMEOUT, move || domain.reap_now())
     }
 
+    /// Returns a user who has put files with this domain's prefix into shared memory. iceoryx2 takes them for
+    /// the domain's own when it cleans up, where they can stall it.
+    #[must_use]
+    pub fn intruder(&self) -> Option<u32> {
+        let mut foreign = std::fs::read_dir(SHM).ok()?.flatten().filter(|entry| self.has_prefix(entry));
+        foreign.find_map(|entry| if is_mine(&entry) { None } else { Some(entry.metadata().ok()?.uid()) })
+    }
+
     fn reap_now(&self) -> usize {
         let Ok(config) = self.config() else { return 0 };
         let mut n_cleaned = 0;
@@ -123,7 +131,10 @@ impl Domain {
     /// # Errors
     /// If a file cannot be removed. The other files are removed nevertheless.
     pub fn remove(&self) -> Result<(), LinkError> {
-        self.reap();
+        // All files are removed anyway.
+        if self.intruder().is_none() {
+            self.reap();
+        }
         let segments = self.segments().and_then(|paths| {
             let removed = paths.into_iter().map(|path| allow_missing(&path, std::fs::remove_file(&path)));
             removed.fold(Ok(()), Result::and)
@@ -239,13 +250,15 @@ impl Domain {
         self.segments().unwrap_or_default().into_iter().filter_map(created).collect()
     }
 
+    fn has_prefix(&self, entry: &DirEntry) -> bool {
+        entry.file_name().as_encoded_bytes().starts_with(self.prefix.as_bytes())
+    }
+
     /// Lists the domain's files in shared memory. Those of other users, who can create files with any name,
     /// are none of ours.
     pub(super) fn segments(&self) -> Result<Vec<PathBuf>, LinkError> {
         let failed = |source| LinkError::Io { action: "list", path: SHM.into(), source };
-        let ours = |entry: &DirEntry| {
-            entry.file_name().as_encoded_bytes().starts_with(self.prefix.as_bytes()) && is_mine(entry)
-        };
+        let ours = |entry: &DirEntry| self.has_prefix(entry) && is_mine(entry);
         let entries = std::fs::read_dir(SHM).map_err(failed)?;
         Ok(entries.flatten().filter(ours).map(|entry| entry.path()).collect())
     }

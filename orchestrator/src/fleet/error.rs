@@ -26,6 +26,11 @@ pub(crate) enum FleetError {
     Child { name: String, message: String },
     #[error("{name} {exit}")]
     Shortage { name: String, exit: ChildExit, source: Shortage },
+    #[error(
+        "{name} {exit}, and user {user} has put files with the names of this run into /dev/shm, which stall the \
+         cleaning up"
+    )]
+    Intruder { name: String, exit: ChildExit, user: u32 },
     #[error(transparent)]
     Limit(#[from] LimitError),
     #[error("{name} was not ready after {} s{log}", timeout.as_secs(), log = log_tail(log))]
@@ -71,6 +76,7 @@ impl FleetError {
             | Self::Lane(_)
             | Self::Child { .. }
             | Self::Shortage { .. }
+            | Self::Intruder { .. }
             | Self::Limit(_)
             | Self::Renderer(_)
             | Self::RendererChanged { .. } => true,

@@ -326,6 +326,9 @@ impl<'a> Supervisor<'a> {
     fn restart(&mut self, role: MemberRole) -> Result<(), FleetError> {
         let limits = self.config.limits;
         let Some(exit) = self.member(role).reap(limits.shutdown) else { return Ok(()) };
+        if let Some(user) = self.domain.intruder() {
+            return Err(FleetError::Intruder { name: self.name(role), exit, user });
+        }
         if self.domain.reap().is_none() {
             let line =
                 format!("gave up freeing the shared memory of {}, which took too long", self.name(role));
