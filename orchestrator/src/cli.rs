@@ -155,13 +155,7 @@ mod tests {
         insta::assert_snapshot!(error("strength = 2\n"), @"the sweep file sweep.toml, line 1, key `strength`: strength is 2, expected a number above 0 and at most 1 (the benchmark's strength)");
         insta::assert_snapshot!(error("renderer = \"gpi\"\n"), @"the sweep file sweep.toml, line 1, key `renderer`: unknown value `gpi`; did you mean gpu?");
         insta::assert_snapshot!(error("samples = 3\n"), @"the sweep file sweep.toml, line 1, key `samples`: unknown value `3`; expected one of 1, 4");
-        insta::assert_snapshot!(error("tasks = \n"), @r"
-        failed to parse the sweep file sweep.toml: TOML parse error at line 1, column 9
-          |
-        1 | tasks = 
-          |         ^
-        string values must be quoted, expected literal string
-        ");
+        insta::assert_snapshot!(error("seed = 1\ntasks = \n"), @"the sweep file sweep.toml, line 2: it is not TOML: string values must be quoted, expected literal string");
         let absent = file::flags(std::path::Path::new("absent.toml"), |_| false).unwrap_err();
         insta::assert_snapshot!(format!("{:#}", anyhow::Error::from(absent)), @"failed to read the sweep file absent.toml: No such file or directory (os error 2)");
     }

@@ -56,7 +56,7 @@ impl fmt::Display for Failure {
     /// Writes the error, its causes, and advice if the operating system has refused something.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (Self::User(error) | Self::Bug(error)) = self;
-        f.write_str(error_chain(error.as_ref()).trim_end())?;
+        f.write_str(&error_chain(error.as_ref()))?;
         cure(error.as_ref()).map_or(Ok(()), |cure| write!(f, "; {cure}"))
     }
 }
@@ -96,6 +96,12 @@ mod tests {
     use anyhow::anyhow;
 
     use super::*;
+
+    #[test]
+    fn failure_is_one_line() {
+        let failure = Failure::User(anyhow!("found `\u{1b}[2J`").context("line 1\nof x"));
+        assert_eq!(failure.to_string(), r"line 1\nof x: found `\u{1b}[2J`");
+    }
 
     #[test]
     fn failure_shows_each_source_once() {

@@ -19,6 +19,8 @@ mod execution;
 mod exit;
 mod export;
 mod fleet;
+#[doc(hidden)]
+pub mod fuzzing;
 mod interrupt;
 mod jobs;
 mod live;

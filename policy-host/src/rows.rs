@@ -24,11 +24,11 @@ pub(crate) fn fill_rows(
         }
         let robot = RobotState::new(env.state, morphology);
         let rows = chunk.reset(env.record.execute as usize, action_dim);
-        for (row, step) in rows.chunks_exact_mut(action_dim).zip(env.record.step..) {
+        for (row, offset) in rows.chunks_exact_mut(action_dim).zip(0..) {
             if !robot.write_hold(control_mode, row) {
                 return Err(PolicyError::Unsupported { policy, control_mode: control_mode.name() });
             }
-            modify(env.record, step, row);
+            modify(env.record, env.record.step.wrapping_add(offset), row);
         }
     }
     Ok(())

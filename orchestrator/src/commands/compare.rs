@@ -61,7 +61,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// Formats a comparison for people.
-fn text(comparison: &Comparison) -> String {
+pub(crate) fn text(comparison: &Comparison) -> String {
     let [a, b] = comparison.sides.names();
     let levels = comparison.levels;
     let n_cells = comparison.cells.len();

@@ -47,13 +47,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let plan = RunPlan::new(&args.sweep).or_user()?;
     let manifest = Manifest::new(&plan, identities(&plan)?);
     let mut results = Results::open(&plan.db, &manifest).or_user()?;
-    let finished = results.finished()?;
-    let key = |job: &Job| EpisodeKey {
-        policy: &plan.policies[job.policy_idx].name,
-        condition: job.condition,
-        episode: job.episode,
-    };
-    let todo: Vec<Job> = jobs(&plan).filter(|job| !finished.contains(key(job))).collect();
+    let todo = unfinished(&plan, &results)?;
     let n_done = plan.n_episodes() - todo.len() as u64;
     print_message(&format!(
         "results: {} ({n_done} of {} episodes done)",
@@ -61,14 +55,15 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         plan.n_episodes()
     ));
 
-    let stopping = plan.stopping.as_ref().map(|rule| Stopping::new(rule, &plan, &results)).transpose()?;
+    let stopping =
+        plan.stopping.as_ref().map(|rule| Stopping::new(rule, &plan, &results)).transpose().or_user()?;
     if let Some(rule) = &plan.stopping {
         results.note(STOPPING, &json!(rule))?;
     }
     let (stopping, n_skipped) = (RefCell::new(stopping), Cell::new(0));
     let mut live = Live {
         progress: Progress::of_run(plan.n_episodes(), n_done, args.quiet, args.json),
-        success: RunningSuccess::new(&plan, &results)?,
+        success: RunningSuccess::new(&plan, &results).or_user()?,
         stopping: &stopping,
         n_skipped: &n_skipped,
         n_finished: 0,
@@ -79,12 +74,12 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         n_skipped.set(n_skipped.get() + u64::from(!wanted));
         wanted
     };
-    let earlier_renderer = if plan.needs_images() { results.renderer()? } else { None };
+    let earlier_renderer = if plan.needs_images() { results.renderer().or_user()? } else { None };
     let outcome = execute(&plan, todo, earlier_renderer, &is_wanted, |event| {
         match event {
             FleetEvent::EpisodeFinished(job, outcome) => {
                 let storing = trace::span(Activity::Store);
-                results.record(key(job), job.seed, outcome)?;
+                results.record(key(&plan, job), job.seed, outcome)?;
                 storing.finish(1);
                 live.on_finished(job, outcome);
             }
@@ -125,6 +120,16 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     Ok(status)
 }
 
+/// Returns the episodes of the plan that the results file does not have yet.
+pub(crate) fn unfinished(plan: &RunPlan, results: &Results) -> Result<Vec<Job>, Failure> {
+    let finished = results.finished().or_user()?;
+    Ok(jobs(plan).filter(|job| !finished.contains(key(plan, job))).collect())
+}
+
+fn key<'a>(plan: &'a RunPlan, job: &Job) -> EpisodeKey<'a> {
+    EpisodeKey { policy: &plan.policies[job.policy_idx].name, condition: job.condition, episode: job.episode }
+}
+
 /// Prints the results of the whole plan: as JSON with the description `run`, or for people without one.
 fn print_results(
     plan: &RunPlan,
@@ -133,7 +138,7 @@ fn print_results(
     fps: &Fps,
     run: Option<&Value>,
 ) -> Result<ExitStatus, Failure> {
-    let cells = report::cells(plan, results)?;
+    let cells = report::cells(plan, results).or_user()?;
     if let Some(run) = run {
         let mut report = report::json(run, &cells, fps);
         if let Some(rule) = &plan.stopping {

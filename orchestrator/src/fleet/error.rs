@@ -93,6 +93,6 @@ fn log_tail(log: &[String]) -> String {
     if log.is_empty() {
         " (its log is empty)".to_owned()
     } else {
-        format!("; the end of its log:\n  {}", log.join("\n  "))
+        format!("; the end of its log: {}", log.join(" | "))
     }
 }

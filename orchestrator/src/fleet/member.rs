@@ -127,7 +127,7 @@ impl Member {
         let ChildExit::Exited(status) = exit else { return None };
         let start = self.log.iter().rposition(|line| line.starts_with(ERROR_PREFIX))?;
         let lines: Vec<&str> = self.log.iter().skip(start).map(String::as_str).collect();
-        let message = lines.join("\n");
+        let message = lines.join(" | ");
         (status.code() == Some(USER_ERROR)).then(|| message[ERROR_PREFIX.len()..].to_owned())
     }
 

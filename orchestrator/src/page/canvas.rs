@@ -144,8 +144,16 @@ impl Axis {
     /// Returns up to about eight round values.
     fn ticks(&self) -> Vec<f64> {
         let [low, high] = self.values;
-        let step = [1.0, 2.0, 5.0, 10.0, 20.0, 25.0, 50.0, 100.0];
-        let step = step.into_iter().find(|step| (high - low) / step <= 8.0).unwrap_or(200.0);
+        let steps = [1.0, 2.0, 5.0, 10.0, 20.0, 25.0, 50.0, 100.0];
+        let fits = |step: &f64| (high - low) / step <= 8.0;
+        let step = steps.into_iter().find(fits).unwrap_or_else(|| {
+            // 200, 500, 1000 and so on; the largest range takes about a thousand of them.
+            let larger = [2.0, 2.5, 2.0].into_iter().cycle().scan(100.0, |step, factor| {
+                *step *= factor;
+                Some(*step)
+            });
+            larger.take(1000).find(fits).unwrap_or(f64::INFINITY)
+        });
         let first = (low / step).ceil() as i64;
         let last = (high / step).floor() as i64;
         (first..=last).map(|k| k as f64 * step).collect()
@@ -154,4 +162,20 @@ impl Axis {
 
 fn pixel([x, y]: [f64; 2]) -> (i32, i32) {
     (x.round() as i32, y.round() as i32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Found by fuzzing: a long axis had a tick every 200 units.
+    #[test]
+    fn axis_has_at_most_nine_ticks() {
+        let ticks = |high| Axis { values: [0.0, high], pixels: [0.0, 1.0] }.ticks();
+        assert_eq!(ticks(100.0), [0.0, 20.0, 40.0, 60.0, 80.0, 100.0]);
+        assert_eq!(ticks(1700.0), [0.0, 500.0, 1000.0, 1500.0]);
+        for high in [1e-9, 7e4, 1e12, 1e300, f64::MAX, f64::INFINITY] {
+            assert!(ticks(high).len() <= 9, "{high}");
+        }
+    }
 }

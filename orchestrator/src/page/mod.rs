@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use self::canvas::Figure;
 pub(crate) use self::content::{PageOptions, ReportContent};
-pub(crate) use self::external::{ExternalData, FpsTable, HardwareTable};
+pub(crate) use self::external::{ExternalData, FpsTable, HardwareTable, TableError};
 pub(crate) use self::figures::{FpsSeries, fps_svg};
 use crate::statistics::Levels;
 

@@ -105,7 +105,12 @@ fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     let finding: String = connection
         .query_row("PRAGMA integrity_check(1)", [], |row| row.get(0))
         .map_err(|source| not_used(path, source))?;
-    if finding == "ok" { Ok(()) } else { Err(ResultsFileError::Damaged { path: path.into(), finding }) }
+    if finding == "ok" {
+        return Ok(());
+    }
+    // A line that names the database comes first.
+    let finding = finding.lines().last().unwrap_or_default().to_owned();
+    Err(ResultsFileError::Damaged { path: path.into(), finding })
 }
 
 pub(super) fn not_used(path: &Path, source: rusqlite::Error) -> ResultsFileError {

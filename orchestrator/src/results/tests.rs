@@ -7,6 +7,8 @@ use sim::serve::protocol::{EpisodeLedger, Outcome};
 use sim::{Perturbation, TaskId};
 
 use super::*;
+use crate::commands::run;
+use crate::exit::Failure;
 use crate::fleet::FleetError;
 use crate::sweep::SweepArgs;
 
@@ -272,11 +274,26 @@ fn damaged_files_are_refused() {
         ];
         if !is_whole {
             n_refused += 1;
-            assert!(written.unwrap_err().contains("damaged"), "{offset}");
-            assert!(read.unwrap_err().contains("damaged"), "{offset}");
+            for message in [written.unwrap_err(), read.unwrap_err()] {
+                assert!(message.contains("damaged") && !message.contains('\n'), "{offset}: {message}");
+            }
         }
     }
     assert!(n_refused > 5, "{n_refused} damaged files");
+}
+
+/// Found by fuzzing: such values were reported as a bug of the program.
+#[test]
+fn impossible_values_are_for_the_user_to_mend() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.db");
+    let args = SweepArgs::parse("--policy idle").unwrap();
+    add_row(&path, &manifest("--policy idle"));
+    Connection::open(&path).unwrap().execute("UPDATE episodes SET episode = -1", []).unwrap();
+    let results = Results::open(&path, &manifest("--policy idle")).unwrap();
+    let plan = crate::plan::RunPlan::new(&args).unwrap();
+    let Err(Failure::User(error)) = run::unfinished(&plan, &results) else { panic!("for the user to mend") };
+    assert!(format!("{error:#}").contains("a.db"), "{error:#}");
 }
 
 #[test]

@@ -24,8 +24,8 @@ use crate::names::UnknownName;
 pub(crate) enum SweepFileError {
     #[error("failed to read the sweep file {}", path.display())]
     Read { path: PathBuf, source: std::io::Error },
-    #[error("failed to parse the sweep file {}", path.display())]
-    Parse { path: PathBuf, source: Box<toml::de::Error> },
+    #[error("the sweep file {}, line {line}: it is not TOML: {reason}", path.display())]
+    Parse { path: PathBuf, line: usize, reason: String },
     #[error("the sweep file {}, line {line}", path.display())]
     UnknownKey { path: PathBuf, line: usize, source: UnknownName },
     #[error("the sweep file {}, line {line}, key `{key}`: {reason}", path.display())]
@@ -43,15 +43,19 @@ pub(crate) fn flags(
 ) -> Result<Vec<OsString>, SweepFileError> {
     let text =
         input::read_to_string(path).map_err(|source| SweepFileError::Read { path: path.into(), source })?;
-    let table: BTreeMap<String, Spanned<Value>> = toml::from_str(&text)
-        .map_err(|source| SweepFileError::Parse { path: path.into(), source: Box::new(source) })?;
+    let table: BTreeMap<String, Spanned<Value>> =
+        toml::from_str(&text).map_err(|error: toml::de::Error| SweepFileError::Parse {
+            path: path.into(),
+            line: line_at(&text, error.span().map_or(0, |span| span.start)),
+            reason: error.message().to_owned(),
+        })?;
     let mut entries: Vec<_> = table.into_iter().collect();
     // In the order of the file, so that the first error is reported.
     entries.sort_by_key(|(_, value)| value.span().start);
     let command = SweepArgs::augment_args(Command::new("sweep").no_binary_name(true));
     let mut flags = Vec::new();
     for (key, value) in entries {
-        let line = text[..value.span().start].matches('\n').count() + 1;
+        let line = line_at(&text, value.span().start);
         let Some(arg) = command.get_arguments().find(|arg| arg.get_id() == key.as_str()) else {
             let known: Vec<&str> = command.get_arguments().map(|arg| arg.get_id().as_str()).collect();
             let source = UnknownName::new("key", &key, &known);
@@ -65,6 +69,11 @@ pub(crate) fn flags(
         }
     }
     Ok(flags)
+}
+
+/// Returns the number of the line that contains the byte at `offset`, from 1.
+fn line_at(text: &str, offset: usize) -> usize {
+    text.bytes().take(offset).filter(|byte| *byte == b'\n').count() + 1
 }
 
 /// Translates the value of one key.

@@ -47,6 +47,15 @@ fn idle_reads_each_arm_from_interleaved_state() {
     }
 }
 
+/// Found by fuzzing: a peer may send any step.
+#[test]
+fn last_step_number_is_answered() {
+    for name in ["idle", "random"] {
+        let answer = batch(Morphology::Single, 0.02, u32::MAX, 3).answer(&mut *policy(name));
+        assert_eq!(answer[0].n_rows, 3, "{name}");
+    }
+}
+
 #[test]
 fn random_depends_on_episode_not_on_chunking() {
     let all = batch(Morphology::Single, 0.02, 10, 6).answer(&mut *policy("random"));

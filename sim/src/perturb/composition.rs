@@ -25,6 +25,8 @@ pub struct Composition {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the messages describe the variants")]
 pub enum CompositionError {
+    #[error("a combination of perturbations names none; the unperturbed condition is `None`")]
+    Empty,
     #[error("{name} cannot be combined with other perturbations")]
     NotComposable { name: &'static str },
     #[error("{first} and {second} cannot be combined: an episode has a single instruction")]
@@ -35,9 +37,12 @@ impl Composition {
     /// Combines perturbations; their order and repetitions do not matter.
     ///
     /// # Errors
-    /// If two of them cannot be combined.
+    /// If there is none, or two of them cannot be combined.
     pub fn new(perturbations: &[Perturbation]) -> Result<Self, CompositionError> {
         let bits = perturbations.iter().fold(0, |bits, perturbation| bits | bit(*perturbation));
+        if bits == 0 {
+            return Err(CompositionError::Empty);
+        }
         let all = Self { bits };
         let must_be_single = |p: &Perturbation| matches!(p.modality(), None | Some(Modality::Mixed));
         if let Some(not_composable) = all.iter().find(must_be_single).filter(|_| all.iter().count() > 1) {
@@ -125,5 +130,18 @@ impl From<Composition> for Vec<Perturbation> {
 impl fmt::Debug for Composition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Found by fuzzing: a list without perturbations was accepted in JSON.
+    #[test]
+    fn composition_is_never_empty() {
+        assert_eq!(Composition::new(&[]), Err(CompositionError::Empty));
+        let error = serde_json::from_str::<Composition>("[]").unwrap_err().to_string();
+        assert!(error.contains("names none"), "{error}");
     }
 }

@@ -1,0 +1,242 @@
+//! Entry points of the fuzz targets (`tests/harness`): reading of sweeps, results files and tables without
+//! starting a run. They are public for the package `tests` only; nothing else may call them.
+//!
+//! Each returns the error that a user would read, and panics where the program would report a bug.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::Path;
+
+use serde_json::Value;
+use sim::perturb::Composition;
+use sim::serve::protocol::{EpisodeLedger, Outcome};
+use sim::stream::episode_seed;
+use sim::{Perturbation, TaskId};
+
+use crate::analysis::{Comparison, ComparisonOptions, Evaluation, Metric, read_files};
+use crate::cli::{Cli, Command};
+use crate::commands::{compare, run};
+use crate::evaluation_args::EvaluationArgs;
+use crate::exit::{Failure, OrUser};
+use crate::export::{ExportFormat, export};
+use crate::page::{self, ExternalData, FpsTable, HardwareTable, PageOptions, ReportContent};
+use crate::plan::RunPlan;
+use crate::policy::Identity;
+use crate::report;
+use crate::results::{EpisodeKey, Manifest, RecordedEpisodes, Results};
+use crate::selection::{PerturbationSelector, TaskSelector};
+use crate::statistics::Levels;
+use crate::stopping::Stopping;
+use crate::sweep::{DEFAULT_LEVEL, DEFAULT_MARGIN, SweepArgs};
+
+/// A run whose arguments were accepted.
+#[derive(Debug, PartialEq, Eq)]
+pub struct ResolvedRun {
+    /// The plan in debug format.
+    pub plan: String,
+    /// A sweep file that stands for the same plan.
+    pub sweep: String,
+}
+
+/// Resolves the command line of `hypogeum run`, program name included.
+///
+/// # Errors
+/// The message; of clap's, which add a hint, the first line.
+///
+/// # Panics
+/// If the words are another command.
+pub fn resolve_run(words: &[OsString]) -> Result<ResolvedRun, String> {
+    let cli = Cli::parse_with_sweep_file(words).map_err(|error| match error.downcast::<clap::Error>() {
+        Ok(error) => error.to_string().lines().next().unwrap_or_default().to_owned(),
+        Err(error) => Failure::User(error).to_string(),
+    })?;
+    let Command::Run(args) = cli.command else { panic!("the command is `run`") };
+    let plan = RunPlan::new(&args.sweep).or_user().map_err(|failure| failure.to_string())?;
+    // The arguments are part of the plan in which they result.
+    Ok(ResolvedRun { plan: format!("{plan:?}\n{:?}", args.sweep), sweep: sweep_file(&args.sweep) })
+}
+
+/// Writes arguments as a sweep file. Every value is a string, as on the command line.
+fn sweep_file(args: &SweepArgs) -> String {
+    let SweepArgs { policies, tasks, perturbations, episodes, db, until_decided, margin, alpha, config } =
+        args;
+    let text = |text: &dyn std::fmt::Display| toml::Value::String(text.to_string());
+    let list = |texts: Vec<String>| toml::Value::Array(texts.into_iter().map(toml::Value::String).collect());
+    let task = |selector: &TaskSelector| match selector {
+        TaskSelector::All => "all".to_owned(),
+        TaskSelector::Morphology(morphology) => morphology.name().to_owned(),
+        TaskSelector::Task(task) => task.name().to_owned(),
+    };
+    let perturbation = |selector: &PerturbationSelector| match selector {
+        PerturbationSelector::Applicable => "all".to_owned(),
+        PerturbationSelector::Named(composition) => composition.name(),
+    };
+    let policies = policies.iter().map(|policy| format!("{}={}", policy.name, policy.spec)).collect();
+    let mut table = toml::Table::from_iter([
+        ("policies".to_owned(), list(policies)),
+        ("tasks".to_owned(), list(tasks.iter().map(task).collect())),
+        ("perturbations".to_owned(), list(perturbations.iter().map(perturbation).collect())),
+        ("episodes".to_owned(), text(episodes)),
+        ("db".to_owned(), text(&db.display())),
+        ("until_decided".to_owned(), list(until_decided.clone())),
+        ("margin".to_owned(), text(margin)),
+        ("alpha".to_owned(), text(alpha)),
+    ]);
+    let Value::Object(groups) = serde_json::json!(config) else { unreachable!("a struct becomes an object") };
+    for (key, value) in groups.into_iter().filter_map(|(_, group)| group.as_object().cloned()).flatten() {
+        let value = match value {
+            Value::Null => continue,
+            Value::Bool(is_set) => toml::Value::Boolean(is_set),
+            Value::String(text) => toml::Value::String(text),
+            // A file of paraphrases.
+            Value::Object(file) => text(&file["path"].as_str().unwrap_or_default()),
+            other => text(&other),
+        };
+        table.insert(key, value);
+    }
+    table.to_string()
+}
+
+/// Reads a results file in every way that commands do: merges, compares, reports, exports into the folder
+/// `output`, loads recorded actions, and resumes. Returns the number of its episodes.
+///
+/// # Errors
+/// The message that a user reads.
+///
+/// # Panics
+/// If an error is not one that the user can fix.
+pub fn read_results(path: &Path, output: &Path) -> Result<usize, String> {
+    let message = |failure: Failure| match failure {
+        Failure::User(_) => failure.to_string(),
+        Failure::Bug(_) => panic!("reported as a bug: {failure}"),
+    };
+    let n_episodes = conclude(path, output).map_err(message)?;
+    if let Ok(recorded) = RecordedEpisodes::open(path) {
+        for idx in 0..recorded.episodes().len() {
+            let actions = recorded.actions(idx);
+            assert!(actions.is_err() || !recorded.episodes()[idx].name().is_empty());
+        }
+    }
+    resume(path).map_err(message)?;
+    Ok(n_episodes)
+}
+
+fn conclude(path: &Path, output: &Path) -> Result<usize, Failure> {
+    let metric = Metric::default();
+    let levels = Levels { alpha: DEFAULT_LEVEL, margin: DEFAULT_MARGIN };
+    let files = vec![path.to_owned()];
+    let args = EvaluationArgs { files, across: vec![], metric, margin: levels.margin, alpha: levels.alpha };
+    let evaluation = Evaluation::new(read_files(&args.files).or_user()?, &args.across).or_user()?;
+    let options = ComparisonOptions { metric, levels, max_flips: usize::MAX };
+    for first in &evaluation.policies {
+        let mut comparisons =
+            vec![Comparison::of_perturbations(&evaluation, &first.name, Perturbation::None.into(), options)];
+        for second in &evaluation.policies {
+            comparisons.push(Comparison::of_policies(&evaluation, [&first.name, &second.name], options));
+        }
+        for comparison in comparisons.iter().flatten() {
+            let json = serde_json::to_string(comparison)?;
+            assert!(!compare::text(comparison).is_empty() && !json.is_empty());
+        }
+    }
+    let options = PageOptions { title: "results".to_owned(), metric, levels, pairs: Vec::new() };
+    let report = ReportContent::new(&evaluation, &options, ExternalData::default()).or_user()?;
+    let html = page::html(&report, &[])?;
+    let data = serde_json::to_vec(&report)?;
+    assert!(html.contains("</html>") && !data.is_empty(), "the page is complete");
+    let formats = [
+        ExportFormat::Csv,
+        ExportFormat::Parquet,
+        ExportFormat::Json,
+        ExportFormat::Lerobot,
+        ExportFormat::VlaEval,
+    ];
+    for format in formats {
+        for path in export(&evaluation, metric, format, output).or_user()? {
+            assert_eq!(path.parent(), Some(output), "exports stay in their folder");
+        }
+    }
+    Ok(evaluation.files.iter().map(|file| file.rows.len()).sum())
+}
+
+/// Makes the decisions of a run that continues the file, and its report.
+fn resume(path: &Path) -> Result<(), Failure> {
+    let (plan, manifest) = sample_run();
+    let results = Results::open(path, &manifest).or_user()?;
+    let todo = run::unfinished(&plan, &results)?;
+    assert!(todo.len() as u64 <= plan.n_episodes());
+    let stopping = Stopping::new(plan.stopping.as_ref().expect("the plan has a rule"), &plan, &results);
+    let conclusions = stopping.or_user()?.conclusions();
+    crate::live::RunningSuccess::new(&plan, &results).or_user()?.parts(None);
+    results.renderer().or_user()?;
+    let table = report::table(&plan, &report::cells(&plan, &results).or_user()?, &conclusions);
+    assert!(!table.is_empty());
+    Ok(())
+}
+
+/// Writes the results file that the fuzz target mutates: three policies under several conditions, some
+/// episodes with errors or recorded actions.
+///
+/// # Panics
+/// If it cannot be written.
+pub fn write_results(path: &Path) {
+    let (plan, manifest) = sample_run();
+    let mut results = Results::open(path, &manifest).expect("the file is new");
+    results.note("environment", &serde_json::json!({ "machine": { "cores": 2 } })).expect("it is writable");
+    results.set_renderer("cpu").expect("it is writable");
+    for (policy_idx, policy) in plan.policies.iter().enumerate() {
+        for (cell_idx, &condition) in plan.conditions.iter().enumerate() {
+            for episode in 0..plan.episodes {
+                let seed = episode_seed(0, condition.task.name(), episode);
+                let success = (episode as usize * 7 + cell_idx * 3) % 5 < policy_idx * 2;
+                let outcome = outcome(success, episode + cell_idx as u32);
+                let key = EpisodeKey { policy: &policy.name, condition, episode };
+                results.record(key, seed, &outcome).expect("it is writable");
+            }
+        }
+    }
+}
+
+/// Returns the run to which the sample of [`write_results`] belongs.
+fn sample_run() -> (RunPlan, Manifest) {
+    let words = "hypogeum run --policy floor=idle --policy random --policy expert --until-decided floor,expert \
+        --tasks RaiseCube,StackCube --perturbations None,MO-Color,Camera-Pose+MO-Color --episodes 8";
+    let words: Vec<OsString> = words.split_whitespace().map(OsString::from).collect();
+    let cli = Cli::parse_with_sweep_file(&words).expect("the arguments are valid");
+    let Command::Run(args) = cli.command else { unreachable!("the command is `run`") };
+    let plan = RunPlan::new(&args.sweep).expect("the arguments are valid");
+    let identity = |spec: String| Identity { spec, checkpoint: None };
+    let identities = plan.policies.iter().map(|policy| identity(policy.spec.to_string())).collect();
+    let manifest = Manifest::new(&plan, identities);
+    (plan, manifest)
+}
+
+fn outcome(success: bool, number: u32) -> Outcome {
+    let steps = 20 + number;
+    Outcome {
+        id: 0,
+        steps,
+        success_once: success,
+        success_at_end: success && number.is_multiple_of(2),
+        first_success_step: success.then_some(steps / 2),
+        failed_predicate: (!success).then(|| "above".to_owned()),
+        fingerprint: u64::from(number) << 40,
+        actions: number.is_multiple_of(4).then(|| vec![0x3f80_0000; steps as usize * 7]),
+        ledger: EpisodeLedger { physics_s: 0.1, render_s: 0.2, policy_s: 0.3, wait_s: 0.4 },
+        error: (number == 6).then(|| "the physics state is not finite".to_owned()),
+    }
+}
+
+/// Reads a table of success rates on hardware and one of frames per second. Returns the numbers of rows.
+///
+/// # Errors
+/// The message that a user reads.
+pub fn read_tables(hardware: &Path, fps: &Path) -> Result<[usize; 2], String> {
+    let message = |error: page::TableError| Failure::User(error.into()).to_string();
+    let hardware = HardwareTable::read(hardware).map_err(message)?;
+    let fps = FpsTable::read(fps).map_err(message)?;
+    let by_condition: BTreeMap<(TaskId, Composition), f64> =
+        hardware.rows.iter().map(|row| ((row.task, row.perturbation), row.success_percent)).collect();
+    assert!(by_condition.values().all(|percent| (0.0..=100.0).contains(percent)));
+    Ok([hardware.rows.len(), fps.points.len()])
+}

@@ -1,0 +1,68 @@
+//! Fuzz targets: everything that the program reads from outside, each as a function of arbitrary bytes.
+//!
+//! The bytes are not the input itself but the edits that turn a valid input into a damaged one ([`edits`]),
+//! so that most inputs get past the first parser. `tests/fuzz.rs` runs the targets with random bytes on
+//! stable Rust, and `fuzz/` with the bytes of libFuzzer.
+//!
+//! No input may cause a panic, an endless loop or an allocation beyond its own size. An error is one line
+//! that names the file; an accepted input passes a second check. A target panics otherwise.
+
+pub mod checkpoint;
+pub mod edits;
+pub mod frame;
+pub mod language;
+pub mod protocol;
+pub mod results;
+pub mod sweep;
+pub mod tables;
+pub mod tokenizer;
+pub mod trajectory;
+
+use std::path::{Path, PathBuf};
+
+/// A fuzz target.
+#[derive(Clone, Copy, Debug)]
+pub struct FuzzTarget {
+    /// Name of its file in this folder and in `fuzz/fuzz_targets`.
+    pub name: &'static str,
+    /// Runs one case.
+    pub run: fn(&[u8]),
+    /// Number of cases that take a few seconds on one core.
+    pub n_cases: u32,
+}
+
+/// All targets.
+pub const TARGETS: [FuzzTarget; 9] = [
+    FuzzTarget { name: "checkpoint", run: checkpoint::run, n_cases: 600 },
+    FuzzTarget { name: "frame", run: frame::run, n_cases: 6000 },
+    FuzzTarget { name: "language", run: language::run, n_cases: 6000 },
+    FuzzTarget { name: "protocol", run: protocol::run, n_cases: 20_000 },
+    FuzzTarget { name: "results", run: results::run, n_cases: 300 },
+    FuzzTarget { name: "sweep", run: sweep::run, n_cases: 2000 },
+    FuzzTarget { name: "tables", run: tables::run, n_cases: 6000 },
+    FuzzTarget { name: "tokenizer", run: tokenizer::run, n_cases: 2000 },
+    FuzzTarget { name: "trajectory", run: trajectory::run, n_cases: 600 },
+];
+
+/// Maximum length of an error message in bytes, beyond what it quotes from the input.
+const MAX_MESSAGE_BYTES: usize = 4096;
+
+/// Asserts that an error is one clear line that names a file or folder.
+#[track_caller]
+fn assert_clear(message: &str, path: &Path) {
+    let name = path.file_name().unwrap().to_str().unwrap();
+    assert!(message.contains(name), "the message does not name {name}: {message}");
+    assert_one_line(message);
+}
+
+/// Asserts that an error is one line of bounded length that a terminal shows as it is.
+#[track_caller]
+fn assert_one_line(message: &str) {
+    assert!(!message.is_empty() && !message.contains(char::is_control), "not one line: {message:?}");
+    assert!(message.len() <= MAX_MESSAGE_BYTES, "{} bytes: {message}", message.len());
+}
+
+/// Returns a path below the repository's root.
+fn repository(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join(path)
+}
