@@ -188,6 +188,12 @@ impl Domain {
         Self { prefix: format!("hyp_{uid}_{tag}_"), root: base.join(tag) }
     }
 
+    /// Returns `true` if a process holds the lease of this run.
+    #[must_use]
+    pub fn is_in_use(&self) -> bool {
+        self.root.is_dir() && DomainLease::try_acquire_exclusive(&self.root).is_none()
+    }
+
     /// Removes the domain if none of its processes is alive. Returns `true` if it did.
     pub fn remove_if_unused(&self) -> bool {
         let Some(_lease) = DomainLease::try_acquire_exclusive(&self.root) else { return false };

@@ -1,10 +1,9 @@
 //! Errors of a fleet.
 
 use std::path::PathBuf;
-use std::time::Duration;
 
-use ipc_types::cure;
 use ipc_types::link::{LinkError, Shortage};
+use ipc_types::{cure, error_chain};
 use thiserror::Error;
 
 use super::limits::LimitError;
@@ -20,6 +19,12 @@ pub(crate) enum FleetError {
     Link(#[from] LinkError),
     #[error("failed to write the lane description of {name} to {}", path.display())]
     Attach { name: String, path: PathBuf, source: std::io::Error },
+    #[error(
+        "another run already waits for a foreign host named `{name}` (its lane is in {}); end that run, or choose \
+         another name after `attach:`",
+        path.display()
+    )]
+    NameTaken { name: String, path: PathBuf },
     #[error("failed to start {name} ({})", program.display())]
     Spawn { name: String, program: PathBuf, source: std::io::Error },
     #[error("{name} failed: {message}")]
@@ -33,12 +38,7 @@ pub(crate) enum FleetError {
     Intruder { name: String, exit: ChildExit, user: u32 },
     #[error(transparent)]
     Limit(#[from] LimitError),
-    #[error("{name} was not ready after {} s{log}", timeout.as_secs(), log = log_tail(log))]
-    StartUp { name: String, timeout: Duration, log: Vec<String> },
-    #[error(
-        "{name} failed {failures} times without finishing an episode; the last time it {exit}{log}",
-        log = log_tail(log)
-    )]
+    #[error("{}{}", self.summary(), log_tail(log))]
     TooManyFailures { name: String, failures: u32, exit: ChildExit, log: Vec<String> },
     #[error("{0}")]
     Lane(String),
@@ -67,12 +67,23 @@ pub(crate) enum BaseError {
 }
 
 impl FleetError {
+    /// Returns the error without the log of the child.
+    pub(crate) fn summary(&self) -> String {
+        match self {
+            Self::TooManyFailures { name, failures, exit, .. } => format!(
+                "{name} failed {failures} times without finishing an episode; the last time it {exit}"
+            ),
+            other => error_chain(other),
+        }
+    }
+
     /// Returns `true` if the user can fix the error.
     pub(crate) fn is_user_error(&self) -> bool {
         match self {
             Self::Base { .. }
             | Self::Link(_)
             | Self::Attach { .. }
+            | Self::NameTaken { .. }
             | Self::Lane(_)
             | Self::Child { .. }
             | Self::Shortage { .. }
@@ -84,7 +95,7 @@ impl FleetError {
             Self::Sink(error) => exit::is_user_error(error),
             // A limit of processes, files or memory.
             Self::Spawn { source, .. } => cure(source).is_some(),
-            Self::StartUp { .. } | Self::TooManyFailures { .. } => false,
+            Self::TooManyFailures { .. } => false,
         }
     }
 }

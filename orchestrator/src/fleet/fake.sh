@@ -44,16 +44,25 @@ while read -r line; do
     echo "$line" >>"$here/received"
     case "$line" in
     '{"host_up"'*)
-        [ "$behaviour" = fail ] && echo '{"lane_failed":{"lane":0,"message":"policy `p` has not answered"}}'
+        # Ten foreign hosts come and go.
+        [ "$behaviour" = desert ] && for _ in 1 2 3 4 5 6 7 8 9 10; do echo '{"host_lost":{"lane":0}}'; done
+        [ "$behaviour" = fail ] && for _ in 1 2 3; do echo '{"lane_failed":{"lane":0,"message":"policy `p` has not answered","is_final":false}}'; done
         ;;
     '{"run"'*)
         n=$((n + 1))
         case "$behaviour" in
         "die "*) [ "$n" -gt "${behaviour#die }" ] && kill -9 $$ ;;
         hang) exec sleep 60 ;;
-        idle | fail) continue ;;
+        idle) continue ;;
+        # No policy but the expert gets its episodes finished.
+        fail | desert | expert) [ "${line#*'"expert"'}" = "$line" ] && continue ;;
+        deaf) [ "$n" -le 2 ] && continue ;;
         esac
         finish "$line"
+        if [ "$behaviour" = deaf ] && [ "$n" = 12 ]; then
+            echo '{"waiting":{"held":[],"hosts":[]}}'
+            echo '{"waiting":{"held":[],"hosts":[]}}'
+        fi
         ;;
     esac
 done

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use ipc_types::link::{Domain, LaneSpec};
 use ipc_types::run_config::{QueryMode, ResultOptions};
 use ipc_types::{Morphology, SCHEMA_HASH};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::error::{BaseError, FleetError};
 
@@ -109,5 +109,24 @@ pub(super) fn write_lane_description(
         .and_then(|()| std::fs::write(&part, format!("{:#}\n", serde_json::json!(description))))
         .and_then(|()| std::fs::rename(&part, &path))
         .map_err(|source| FleetError::Attach { name: name.to_owned(), path: path.clone(), source })?;
-    Ok(path)
+    // Checked after writing, so that of two runs that start at the same time at least one is told.
+    match other_description(&domain.root, name) {
+        Some(path) => Err(FleetError::NameTaken { name: name.to_owned(), path }),
+        None => Ok(path),
+    }
+}
+
+/// Returns the description of a lane with this name that belongs to another run in progress. A host that
+/// attaches by name could not tell the two apart.
+fn other_description(root: &Path, name: &str) -> Option<PathBuf> {
+    #[derive(Deserialize)]
+    struct OtherLane {
+        domain: Domain,
+    }
+    let runs = std::fs::read_dir(root.parent()?).ok()?;
+    let paths = runs.flatten().map(|run| run.path()).filter(|path| path != root);
+    paths.map(|path| path.join("attach").join(format!("{name}.json"))).find(|path| {
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        serde_json::from_str(&text).is_ok_and(|other: OtherLane| other.domain.is_in_use())
+    })
 }

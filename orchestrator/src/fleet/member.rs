@@ -30,8 +30,10 @@ pub(super) enum MemberRole {
 #[derive(Debug, Default)]
 pub(super) struct Member {
     state: MemberState,
-    /// Number of exits since this member last took part in a finished episode.
-    failures: u32,
+    /// Times of its failures since this member last took part in a finished episode.
+    failures: VecDeque<Duration>,
+    /// Times at which a foreign host has left since then.
+    departures: VecDeque<Duration>,
     log: VecDeque<String>,
 }
 
@@ -96,6 +98,13 @@ impl Member {
         }
     }
 
+    /// Starts the timeouts of this child anew.
+    pub(super) fn restart_clock(&mut self, now: Duration) {
+        if let MemberState::Starting(_, since) | MemberState::Up(_, since) = &mut self.state {
+            *since = now;
+        }
+    }
+
     /// Records a line of the child's log.
     pub(super) fn on_log(&mut self, line: &str) {
         if self.log.len() == LOG_LINES {
@@ -109,15 +118,25 @@ impl Member {
         self.log.iter().cloned().collect()
     }
 
-    /// Resets the failure count after a finished episode.
+    /// Forgets all failures after a finished episode.
     pub(super) fn reset_failures(&mut self) {
-        self.failures = 0;
+        self.failures.clear();
+        self.departures.clear();
     }
 
-    /// Removes the exiting child and waits for it. Counts as a failure.
+    /// Records a failure. Returns the number of failures within the last `window`.
+    pub(super) fn add_failure(&mut self, now: Duration, window: Duration) -> u32 {
+        add_within(&mut self.failures, now, window)
+    }
+
+    /// Records that a foreign host has left. Returns how many have left within the last `window`.
+    pub(super) fn add_departure(&mut self, now: Duration, window: Duration) -> u32 {
+        add_within(&mut self.departures, now, window)
+    }
+
+    /// Removes the exiting child and waits for it.
     pub(super) fn reap(&mut self, timeout: Duration) -> Option<ChildExit> {
         let process = self.take()?;
-        self.failures += 1;
         Some(process.wait(timeout).map_or_else(ChildExit::Unknown, ChildExit::Exited))
     }
 
@@ -129,11 +148,6 @@ impl Member {
         let lines: Vec<&str> = self.log.iter().skip(start).map(String::as_str).collect();
         let message = lines.join(" | ");
         (status.code() == Some(USER_ERROR)).then(|| message[ERROR_PREFIX.len()..].to_owned())
-    }
-
-    /// Returns the number of failures since the last finished episode.
-    pub(super) fn failures(&self) -> u32 {
-        self.failures
     }
 
     /// Returns `true` if the child is ready to work.
@@ -170,4 +184,11 @@ impl Member {
             MemberState::Starting(process, _) | MemberState::Up(process, _) => Some(process),
         }
     }
+}
+
+/// Adds a time and drops those that are older than `window`. Returns their number.
+fn add_within(times: &mut VecDeque<Duration>, now: Duration, window: Duration) -> u32 {
+    times.retain(|time| now.saturating_sub(*time) <= window);
+    times.push_back(now);
+    times.len() as u32
 }

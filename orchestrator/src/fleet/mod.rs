@@ -109,8 +109,10 @@ pub(crate) struct Limits {
     pub(crate) silence: Duration,
     /// Time for a child to exit after a request, before it is killed.
     pub(crate) shutdown: Duration,
-    /// Number of failures of one child without a finished episode in between that end the run.
+    /// Number of failures of one child without a finished episode in between after which it is given up.
     pub(crate) failures: u32,
+    /// The same for foreign hosts that leave.
+    pub(crate) departures: u32,
 }
 
 impl Default for Limits {
@@ -121,6 +123,7 @@ impl Default for Limits {
             silence: Duration::from_secs(60),
             shutdown: Duration::from_secs(5),
             failures: 3,
+            departures: 10,
         }
     }
 }

@@ -1,6 +1,8 @@
 //! The supervisor's loop: handles one event after another until all episodes are finished or the run has to
 //! end.
 
+mod policies;
+
 use std::collections::BTreeMap;
 use std::iter::Sum;
 use std::sync::mpsc::{Receiver, Sender};
@@ -9,10 +11,10 @@ use std::time::Duration;
 use ipc_types::link::{Domain, Shortage};
 use ipc_types::run_config::n_cores;
 use ipc_types::trace::TraceSpan;
-use policy_host::PolicySpec;
 use policy_host::serve::HostEvent;
 use sim::serve::protocol::{Driver, Outcome, SimCommand, SimEvent};
 
+use self::policies::Unconfirmed;
 use super::clock::RunningClock;
 use super::error::FleetError;
 use super::member::{Member, MemberRole};
@@ -20,13 +22,11 @@ use super::process::{ChildOutput, ChildProcess};
 use super::queue::JobQueue;
 use super::totals::{HostWork, Totals};
 use super::tuner::{EnvTuner, WorkSample};
-use super::{FleetConfig, FleetEvent, RunStatus, Sink, SupervisorEvent, folder};
+use super::{FleetConfig, FleetEvent, RunStatus, Sink, SupervisorEvent};
 use crate::jobs::Job;
 
 /// Maximum wait for an event before timeouts are checked.
 const TICK: Duration = Duration::from_millis(200);
-/// Episodes assigned to the sim per env, ahead of time, so that an env never waits for the orchestrator.
-const JOBS_PER_ENV: usize = 2;
 
 pub(super) struct Supervisor<'a> {
     config: &'a FleetConfig,
@@ -41,6 +41,10 @@ pub(super) struct Supervisor<'a> {
     /// Jobs assigned to the sim, by assignment id.
     outstanding: BTreeMap<u64, Job>,
     next_id: u64,
+    /// Commands that the sim's last report lacked. What the next one lacks, too, is sent again.
+    unconfirmed: Unconfirmed,
+    /// By lane: `true` once its policy has failed too often.
+    given_up: Vec<bool>,
     /// Chooses the number of envs, unless the user fixed it.
     tuner: Option<EnvTuner>,
     totals: Totals,
@@ -67,6 +71,8 @@ impl<'a> Supervisor<'a> {
             pending,
             outstanding: BTreeMap::new(),
             next_id: 0,
+            unconfirmed: Unconfirmed::default(),
+            given_up: vec![false; n_lanes],
             tuner: capacity.tunes.then(|| EnvTuner::new(capacity.envs, capacity.max_envs, n_cores())),
             totals: Totals::new(n_lanes, config.earlier_renderer.clone()),
             sink,
@@ -200,7 +206,12 @@ impl<'a> Supervisor<'a> {
             }
             SimEvent::Spans(spans) => self.report_spans(MemberRole::Sim, &spans),
             SimEvent::RendererFailed { message } => Err(FleetError::Renderer(message)),
-            SimEvent::LaneFailed { lane, message } => self.on_lane_failed(lane, message),
+            SimEvent::LaneFailed { lane, message, is_final } => self.on_lane_failed(lane, message, is_final),
+            SimEvent::HostLost { lane } => self.on_host_lost(lane),
+            SimEvent::Waiting { held, hosts } => {
+                self.on_waiting(&held, &hosts);
+                Ok(())
+            }
         }
     }
 
@@ -271,39 +282,9 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    /// Handles a host that does not answer or answers incorrectly. A host of this fleet is killed, and
-    /// restarted when its exit arrives. The failure of a foreign host ends the run.
-    fn on_lane_failed(&mut self, lane: u32, message: String) -> Result<(), FleetError> {
-        if self.config.lanes[lane as usize].lane.foreign {
-            return Err(FleetError::Lane(message));
-        }
-        let host = self.member(MemberRole::Host(lane));
-        host.on_log(&message);
-        if host.is_up()
-            && let Some(process) = host.process()
-        {
-            process.kill();
-        }
-        self.log(&format!("{message}; killed its host"))
-    }
-
-    /// Sends a sim that has just become ready the connected hosts and the unfinished episodes.
-    fn send_state_to_sim(&mut self) {
-        for (lane, policy) in (0..).zip(&self.config.lanes) {
-            if policy.lane.foreign || self.hosts[lane as usize].is_up() {
-                self.send_to_sim(&SimCommand::HostUp { lane });
-            }
-        }
-        let unfinished: Vec<_> = self.outstanding.iter().map(|(&id, job)| job.assignment(id)).collect();
-        for assignment in unfinished {
-            self.send_to_sim(&SimCommand::Run(assignment));
-        }
-    }
-
     fn assign_jobs(&mut self) {
-        let max_outstanding = JOBS_PER_ENV * self.envs() as usize;
-        while self.sim.is_up() && self.outstanding.len() < max_outstanding {
-            let Some(job) = self.pending.next() else { return };
+        while self.sim.is_up() {
+            let Some(job) = self.pending.next(self.envs() as usize) else { return };
             let id = self.next_id;
             self.next_id += 1;
             self.outstanding.insert(id, job);
@@ -315,6 +296,7 @@ impl<'a> Supervisor<'a> {
         let Some(job) = self.outstanding.remove(&outcome.id) else {
             return self.log(&format!("ignored a second outcome of episode {}", outcome.id));
         };
+        self.pending.on_finished(job.driver);
         self.sim.reset_failures();
         if let Driver::Lane(lane) = job.driver {
             self.hosts[lane as usize].reset_failures();
@@ -324,8 +306,10 @@ impl<'a> Supervisor<'a> {
 
     /// Reaps a child, cleans up its shared memory and restarts it, unless it has failed too often.
     fn restart(&mut self, role: MemberRole) -> Result<(), FleetError> {
-        let limits = self.config.limits;
-        let Some(exit) = self.member(role).reap(limits.shutdown) else { return Ok(()) };
+        let (limits, window, now) = (self.config.limits, self.failure_window(role), self.clock.now());
+        let member = self.member(role);
+        let Some(exit) = member.reap(limits.shutdown) else { return Ok(()) };
+        let fails_often = member.add_failure(now, window) >= limits.failures;
         if let Some(user) = self.domain.intruder() {
             return Err(FleetError::Intruder { name: self.name(role), exit, user });
         }
@@ -334,28 +318,33 @@ impl<'a> Supervisor<'a> {
                 format!("gave up freeing the shared memory of {}, which took too long", self.name(role));
             self.log(&line)?;
         }
-        let member = self.member(role);
-        let (failures, log, message) = (member.failures(), member.log_tail(), member.user_error(&exit));
-        let name = self.name(role);
-        if let Some(message) = message {
-            return Err(FleetError::Child { name, message });
-        }
-        let fails_often = failures >= limits.failures;
-        if let Some(source) = (fails_often || exit.lacked_memory()).then(Shortage::find).flatten() {
-            return Err(FleetError::Shortage { name, exit, source });
-        }
-        if fails_often {
-            return Err(FleetError::TooManyFailures { name, failures, exit, log });
-        }
         match role {
             MemberRole::Sim => self.totals.on_sim_exit(),
             MemberRole::Host(lane) => {
                 self.totals.on_host_exit(lane);
                 self.send_to_sim(&SimCommand::HostDown { lane });
+                if self.given_up[lane as usize] {
+                    return Ok(());
+                }
             }
         }
-        self.log(&format!("{name} {exit}; restarting it"))?;
-        self.start(role)
+        let name = self.name(role);
+        if let Some(source) = (fails_often || exit.lacked_memory()).then(Shortage::find).flatten() {
+            return Err(FleetError::Shortage { name, exit, source });
+        }
+        let (log, message) = (self.member(role).log_tail(), self.member(role).user_error(&exit));
+        let error = match message {
+            Some(message) => FleetError::Child { name, message },
+            None if fails_often => FleetError::TooManyFailures { name, failures: limits.failures, exit, log },
+            None => {
+                self.log(&format!("{name} {exit}; restarting it"))?;
+                return self.start(role);
+            }
+        };
+        match role {
+            MemberRole::Sim => Err(error),
+            MemberRole::Host(lane) => self.give_up(lane, error),
+        }
     }
 
     /// Waits for a child that was asked to exit. Its exit status does not matter.
@@ -366,44 +355,35 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    /// Kills a hung sim, and fails if a child does not get ready in time. Hung hosts are detected by the sim,
-    /// which knows the unanswered queries.
+    /// Kills a hung sim, and a child that does not get ready in time. Hung hosts are detected by the sim, which
+    /// knows the unanswered queries.
     fn check_timeouts(&mut self) -> Result<(), FleetError> {
         let (now, limits) = (self.clock.now(), self.config.limits);
         for role in self.roles() {
             let timeout = if role == MemberRole::Sim { limits.sim_start } else { limits.host_start };
-            let member = self.member(role);
-            if member.starting_for(now).is_some_and(|time| time > timeout) {
-                let log = member.log_tail();
-                return Err(FleetError::StartUp { name: self.name(role), timeout, log });
+            if self.member(role).starting_for(now).is_some_and(|time| time > timeout) {
+                let line =
+                    format!("{} was not ready after {} s; killed it", self.name(role), timeout.as_secs());
+                self.kill(role, &line)?;
             }
         }
         if self.sim.silent_for(now).is_some_and(|time| time > limits.silence) {
-            self.sim.on_output(now);
-            if let Some(process) = self.sim.process() {
-                process.kill();
-            }
             let line = format!("the sim wrote nothing for {} s; killed it", limits.silence.as_secs());
-            self.sim.on_log(&line);
-            return self.log(&line);
+            self.kill(MemberRole::Sim, &line)?;
         }
         Ok(())
     }
 
-    fn describe_foreign_lanes(&mut self) -> Result<(), FleetError> {
-        let FleetConfig { lanes, morphologies, run_id, run, .. } = self.config;
-        for policy in lanes {
-            if let PolicySpec::Attach(name) = &policy.spec {
-                let (lane, options) = (&policy.lane, &run.results);
-                let path =
-                    folder::write_lane_description(self.domain, *run_id, name, lane, morphologies, options)?;
-                let policy = &lane.spec.policy;
-                let line =
-                    format!("policy `{policy}` waits for a foreign host; its lane is in {}", path.display());
-                self.log(&line)?;
-            }
+    /// Kills a child for the reason in `line`. Its exit arrives as usual.
+    fn kill(&mut self, role: MemberRole, line: &str) -> Result<(), FleetError> {
+        let now = self.clock.now();
+        let member = self.member(role);
+        member.restart_clock(now);
+        member.on_log(line);
+        if let Some(process) = member.process() {
+            process.kill();
         }
-        Ok(())
+        self.log(line)
     }
 
     /// Sends a command to the sim if it is ready. Otherwise it learns the state when it becomes ready.

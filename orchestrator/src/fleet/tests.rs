@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use ipc_types::link::LaneSpec;
 
+use super::member::Member;
 use super::*;
 use crate::jobs::jobs;
 use crate::plan::RunPlan;
@@ -27,6 +28,8 @@ struct RunRecord {
     result: Result<(RunStatus, Totals), FleetError>,
     /// Seeds of the finished episodes, in order.
     finished: Vec<u64>,
+    /// Errors of the other recorded episodes.
+    errors: Vec<String>,
     log: Vec<String>,
 }
 
@@ -59,22 +62,31 @@ impl TestFleet {
                 silence: BOUND,
                 shutdown: Duration::from_secs(2),
                 failures: 3,
+                departures: 10,
             },
         };
         Self { folder, config }
     }
 
     /// Runs a few episodes. `watch` receives the log lines and may stop the fleet.
-    fn run(&self, mut watch: impl FnMut(&str, &Stopper)) -> RunRecord {
-        let started = Instant::now();
+    fn run(&self, watch: impl FnMut(&str, &Stopper)) -> RunRecord {
         let policy = if self.config.lanes.is_empty() { "expert" } else { "p=idle" };
-        let arguments = format!("--policy {policy} --tasks RaiseCube --episodes {N_JOBS}");
+        self.run_policies(policy, watch)
+    }
+
+    /// Runs a few episodes of each of these policies.
+    fn run_policies(&self, policies: &str, mut watch: impl FnMut(&str, &Stopper)) -> RunRecord {
+        let started = Instant::now();
+        let arguments = format!("--policy {policies} --tasks RaiseCube --episodes {N_JOBS}");
         let jobs: Vec<Job> = jobs(&RunPlan::new(&SweepArgs::parse(&arguments).unwrap()).unwrap()).collect();
         let fleet = Fleet::new(self.config.clone());
         let stopper = fleet.stopper();
-        let (mut finished, mut log) = (Vec::new(), Vec::new());
+        let (mut finished, mut errors, mut log) = (Vec::new(), Vec::new(), Vec::new());
         let result = fleet.run(jobs, &|_| true, &mut |event| {
             match event {
+                FleetEvent::EpisodeFinished(_, Outcome { error: Some(error), .. }) => {
+                    errors.push(error.clone());
+                }
                 FleetEvent::EpisodeFinished(job, _) => finished.push(job.seed),
                 FleetEvent::Counters(_) | FleetEvent::RendererReady(_) | FleetEvent::Spans(..) => {}
                 FleetEvent::Log(line) => {
@@ -86,7 +98,7 @@ impl TestFleet {
         });
         assert!(started.elapsed() < BOUND);
         assert_eq!(std::fs::read_dir(&self.config.base).unwrap().count(), 0, "the domain is removed");
-        RunRecord { result, finished, log }
+        RunRecord { result, finished, errors, log }
     }
 
     /// Returns how often a child was spawned.
@@ -155,19 +167,13 @@ fn exited_host_is_restarted_and_announced() {
 fn run_ends_when_child_keeps_failing() {
     let fleet = TestFleet::new("policy-host * crash\nsim * idle", &PolicySpec::Idle);
     let run = fleet.run(|_, _| ());
-    insta::assert_snapshot!(run.error(), @r"
-    host of `p` failed 3 times without finishing an episode; the last time it exited with code 7; the end of its log:
-      crash
-    ");
+    insta::assert_snapshot!(run.error(), @"host of `p` failed 3 times without finishing an episode; the last time it exited with code 7; the end of its log: crash");
     assert!(!run.result.unwrap_err().is_user_error());
     assert_eq!(fleet.spawns("policy-host"), 3);
 
     let fleet = TestFleet::new("sim * die 0", &PolicySpec::Expert);
     let run = fleet.run(|_, _| ());
-    insta::assert_snapshot!(run.error(), @r"
-    sim failed 3 times without finishing an episode; the last time it was killed by signal 9; the end of its log:
-      die 0
-    ");
+    insta::assert_snapshot!(run.error(), @"sim failed 3 times without finishing an episode; the last time it was killed by signal 9; the end of its log: die 0");
     assert_eq!((fleet.spawns("sim"), run.finished.len()), (3, 0));
 }
 
@@ -185,10 +191,7 @@ fn run_ends_when_child_never_gets_ready() {
     let mut fleet = TestFleet::new("sim * mute", &PolicySpec::Expert);
     fleet.config.limits.sim_start = Duration::from_millis(500);
     let run = fleet.run(|_, _| ());
-    insta::assert_snapshot!(run.error(), @r"
-    sim was not ready after 0 s; the end of its log:
-      mute
-    ");
+    insta::assert_snapshot!(run.error(), @"sim failed 3 times without finishing an episode; the last time it was killed by signal 9; the end of its log: mute | sim was not ready after 0 s; killed it");
 }
 
 #[test]
@@ -206,6 +209,60 @@ fn failed_lane_restarts_own_host_only() {
     insta::assert_snapshot!(run.error(), @"policy `p` has not answered");
     assert!(run.result.unwrap_err().is_user_error());
     assert_eq!((fleet.spawns("sim"), fleet.received("{\"host_up\"")), (1, 1));
+    assert_eq!(run.log.iter().filter(|line| line.ends_with("has not answered; trying again")).count(), 2);
+}
+
+#[test]
+fn given_up_policy_costs_only_its_episodes() {
+    let failing = [
+        ("policy-host * crash\nsim * expert", PolicySpec::Idle, "its host exits"),
+        ("sim * fail", PolicySpec::Attach("other".to_owned()), "its foreign host does not answer"),
+        ("sim * desert", PolicySpec::Attach("other".to_owned()), "its foreign hosts leave"),
+    ];
+    for (script, spec, what) in failing {
+        let fleet = TestFleet::new(script, &spec);
+        let run = fleet.run_policies("p=idle --policy expert", |_, _| ());
+        assert_eq!(run.result.unwrap().0, RunStatus::Complete, "{what}: {:?}", run.log);
+        assert_eq!((run.finished.len(), run.errors.len()), (N_JOBS, N_JOBS), "{what}: {:?}", run.log);
+        assert!(run.errors.iter().all(|error| error.starts_with("the policy was given up: ")), "{what}");
+        assert!(run.log.iter().any(|line| line.contains("gave up policy `p`")), "{what}: {:?}", run.log);
+        assert_eq!(fleet.received("{\"give_up\""), 1, "{what}");
+    }
+}
+
+/// The sim ignores its first two commands for episodes, as if they had been lost.
+#[test]
+fn lost_commands_are_sent_again() {
+    let fleet = TestFleet::new("sim 0 deaf", &PolicySpec::Expert);
+    let run = fleet.run(|_, _| ());
+    assert!(run.is_complete(), "{:?} {:?}", run.result, run.log);
+    assert_eq!((fleet.spawns("sim"), fleet.received("{\"run\"")), (1, N_JOBS + 2));
+}
+
+#[test]
+fn taken_attach_name_is_refused() {
+    let first = TestFleet::new("sim * idle", &PolicySpec::Attach("other".to_owned()));
+    let mut second = TestFleet::new("", &PolicySpec::Attach("other".to_owned()));
+    second.config.base.clone_from(&first.config.base);
+    let mut refused = None;
+    let run = first.run(|line, stopper| {
+        if line.contains("its lane is in") {
+            let fleet = Fleet::new(second.config.clone());
+            let error = fleet.run(Vec::new(), &|_| true, &mut |_| Ok(())).unwrap_err();
+            refused = Some((error.is_user_error(), error.to_string()));
+            stopper.stop();
+        }
+    });
+    assert_eq!(run.result.unwrap().0, RunStatus::Stopped);
+    let (is_user_error, message) = refused.unwrap();
+    assert!(is_user_error && message.contains("another run already waits for a foreign host named `other`"));
+}
+
+#[test]
+fn failures_count_within_a_window_only() {
+    let (mut member, window) = (Member::default(), Duration::from_secs(100));
+    let mut add = |seconds| member.add_failure(Duration::from_secs(seconds), window);
+    assert_eq!([add(0), add(60), add(120), add(130), add(1000)], [1, 2, 2, 3, 1]);
 }
 
 #[test]

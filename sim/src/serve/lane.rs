@@ -19,8 +19,7 @@ const FOREIGN_CHECK_INTERVAL: Duration = Duration::from_millis(500);
 /// answer to a sim that was killed is not mistaken for an answer to its successor.
 const EPOCH_STRIDE: u32 = 0x9E37_79B1;
 
-/// Errors that can occur while serving a lane. They end the run with this policy; other lanes are not
-/// affected.
+/// Errors that can occur while serving a lane. Other lanes are not affected.
 #[derive(Debug, Error)]
 pub(super) enum LaneError {
     #[error("policy `{policy}` sent an invalid answer")]
@@ -74,6 +73,14 @@ pub(super) struct LaneState {
     host_absent_since: Option<Instant>,
     /// Identity of the foreign host that receives the queries.
     host_id: Option<u128>,
+    given_up: bool,
+}
+
+impl LaneError {
+    /// Returns `true` if no further attempt is worth its time.
+    pub(super) fn is_final(&self) -> bool {
+        matches!(self, Self::NoHost { .. })
+    }
 }
 
 impl LaneState {
@@ -101,6 +108,7 @@ impl LaneState {
             last_host_check: now,
             host_absent_since: config.foreign.then_some(now),
             host_id: None,
+            given_up: false,
             config,
         })
     }
@@ -108,6 +116,22 @@ impl LaneState {
     /// Returns `true` if another batch may be sent.
     pub(super) fn can_send(&self) -> bool {
         self.host_connected && !self.spare.is_empty()
+    }
+
+    /// Returns `true` if a host is connected.
+    pub(super) fn is_connected(&self) -> bool {
+        self.host_connected
+    }
+
+    /// Returns `true` if the lane is no longer served.
+    pub(super) fn is_given_up(&self) -> bool {
+        self.given_up
+    }
+
+    /// Stops serving the lane.
+    pub(super) fn give_up(&mut self) {
+        self.host_down();
+        self.given_up = true;
     }
 
     /// Returns `true` if a batch is in flight.
@@ -242,6 +266,7 @@ impl LaneState {
         self.host_id = None;
         let absent_since = *self.host_absent_since.get_or_insert(now);
         if now - absent_since > FOREIGN_HOST_TIMEOUT {
+            self.host_absent_since = None;
             return Err(LaneError::NoHost { policy: self.policy(), timeout: FOREIGN_HOST_TIMEOUT });
         }
         Ok(was_connected)

@@ -36,6 +36,8 @@ const SPIN_TIME: Duration = Duration::from_micros(50);
 const MAX_WAIT: Duration = Duration::from_millis(50);
 /// Interval between two progress events, from which the orchestrator also chooses the number of envs.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
+/// Time without a control step after which, and interval at which, the sim reports what it waits for.
+const WAITING_INTERVAL: Duration = Duration::from_secs(1);
 /// Capacity of the queue between the stdin reader and the loop. A full queue blocks the reader.
 const COMMAND_QUEUE: usize = 1024;
 
@@ -68,6 +70,9 @@ enum ServeLaneError {
     /// No lane can be served any more.
     #[error(transparent)]
     Renderer(#[from] RenderError),
+    /// The same.
+    #[error(transparent)]
+    Output(#[from] io::Error),
 }
 
 /// Runs a sim until its stdin closes. It reads [`SimCommand`]s from stdin and writes [`SimEvent`]s to stdout.
@@ -136,6 +141,8 @@ struct Server {
     /// Time at which the loop last ran out of work.
     idle_since: Option<Instant>,
     last_progress: Instant,
+    /// Time of the last step, or of the last [`SimEvent::Waiting`].
+    last_work: Instant,
     /// Slots of the batch that is being assembled.
     batch: Vec<u32>,
     // Declared last so that the ports above are dropped before their node.
@@ -172,6 +179,7 @@ impl Server {
             pending_idle_s: 0.0,
             idle_since: None,
             last_progress: Instant::now(),
+            last_work: Instant::now(),
             batch: Vec::with_capacity(max_envs),
             _node: node,
         })
@@ -186,20 +194,23 @@ impl Server {
                     Err(TryRecvError::Disconnected) => return self.send_progress(),
                 }
             }
-            self.slots.refill();
-            for lane_idx in 0..self.lanes.len() {
-                match self.serve_lane(lane_idx) {
+            let lanes = &self.lanes;
+            self.slots.refill(|lane| lanes[lane].is_connected());
+            for lane in 0..self.lanes.len() as u32 {
+                match self.serve_lane(lane as usize) {
                     Ok(()) => {}
                     Err(ServeLaneError::Renderer(error)) => return Err(SimError::Render(error)),
+                    Err(ServeLaneError::Output(error)) => return Err(SimError::Output(error)),
                     Err(ServeLaneError::Lane(error)) => {
-                        self.lanes[lane_idx].host_down();
-                        let message = error_chain(&error);
-                        emit(&SimEvent::LaneFailed { lane: lane_idx as u32, message })?;
+                        self.drop_host(lane);
+                        let (message, is_final) = (error_chain(&error), error.is_final());
+                        emit(&SimEvent::LaneFailed { lane, message, is_final })?;
                     }
                 }
             }
             if self.slots.has_work() {
                 self.idle_since = None;
+                self.last_work = Instant::now();
                 self.step()?;
             } else if !self.idle()? {
                 return self.send_progress();
@@ -207,6 +218,11 @@ impl Server {
             if self.last_progress.elapsed() >= PROGRESS_INTERVAL {
                 self.last_progress = Instant::now();
                 self.send_progress()?;
+            }
+            if self.last_work.elapsed() >= WAITING_INTERVAL {
+                self.last_work = Instant::now();
+                let hosts = self.lanes.iter().map(LaneState::is_connected).collect();
+                emit(&SimEvent::Waiting { held: self.slots.held(), hosts })?;
             }
         }
     }
@@ -224,15 +240,43 @@ impl Server {
         match command {
             SimCommand::Run(assignment) => self.slots.push(*assignment),
             SimCommand::Envs { count } => self.slots.set_limit(*count),
-            SimCommand::HostUp { lane } => self.lanes[*lane as usize].host_up(),
-            SimCommand::HostDown { lane } => self.lose_host(*lane),
+            SimCommand::HostUp { lane } => {
+                // The command that announced the loss of the previous host may itself be lost.
+                if self.lanes[*lane as usize].is_connected() {
+                    self.drop_host(*lane);
+                }
+                self.lanes[*lane as usize].host_up();
+            }
+            SimCommand::HostDown { lane } => self.drop_host(*lane),
+            SimCommand::GiveUp { lane } => {
+                self.lanes[*lane as usize].give_up();
+                self.slots.give_up(*lane);
+            }
         }
     }
 
-    /// Drops what is in flight to a lane's host and restarts its episodes.
-    fn lose_host(&mut self, lane: u32) {
+    /// Drops what is in flight to a lane's host and restarts its episodes. Answers that it has sent before
+    /// still count.
+    fn drop_host(&mut self, lane: u32) {
+        let now = Instant::now();
+        // An invalid answer of a host that is gone is not worth an error: its episodes restart anyway.
+        while self.receive(lane as usize, now).is_ok_and(|received| received) {}
         self.lanes[lane as usize].host_down();
         self.slots.restart(lane);
+    }
+
+    /// Reports that a foreign host has left, and restarts its episodes.
+    fn lose_foreign_host(&mut self, lane: u32) -> io::Result<()> {
+        self.drop_host(lane);
+        emit(&SimEvent::HostLost { lane })
+    }
+
+    /// Receives the next answer of a lane. Returns `false` if there is none.
+    fn receive(&mut self, lane_idx: usize, now: Instant) -> Result<bool, LaneError> {
+        let (slots, execute) = (&mut self.slots, self.run.results.execute);
+        self.lanes[lane_idx].receive(&mut self.counters.latencies, now, |slot, view, env_idx| {
+            accept(slots, slot, view, env_idx, execute, now)
+        })
     }
 
     /// Builds and steps episodes, and reports the finished ones.
@@ -258,17 +302,13 @@ impl Server {
 
     /// Receives the answers of a lane, then sends all batches that are due.
     fn serve_lane(&mut self, lane_idx: usize) -> Result<(), ServeLaneError> {
-        let now = Instant::now();
-        let lane = &mut self.lanes[lane_idx];
-        let execute = self.run.results.execute;
-        let slots = &mut self.slots;
-        let latencies = &mut self.counters.latencies;
-        while lane
-            .receive(latencies, now, |slot, view, env_idx| accept(slots, slot, view, env_idx, execute, now))?
-        {
+        if self.lanes[lane_idx].is_given_up() {
+            return Ok(());
         }
-        if lane.check_host(now)? {
-            self.lose_host(lane_idx as u32);
+        let now = Instant::now();
+        while self.receive(lane_idx, now)? {}
+        if self.lanes[lane_idx].check_host(now)? {
+            self.lose_foreign_host(lane_idx as u32)?;
         }
         while self.send(lane_idx)? {}
         Ok(())
@@ -311,7 +351,7 @@ impl Server {
         match loan.send(header) {
             // The host disconnected since the last check. The episodes restart with the next host.
             Err(LinkError::NoPeer) if lane.config.foreign => {
-                self.lose_host(lane_idx as u32);
+                self.lose_foreign_host(lane_idx as u32)?;
                 Ok(false)
             }
             Err(source) => Err(as_lane_error(&lane.config.spec.policy, source).into()),

@@ -96,6 +96,11 @@ pub enum SimCommand {
         /// Index of the lane.
         lane: u32,
     },
+    /// Drops all episodes of the lane's policy, which has failed too often. None will follow.
+    GiveUp {
+        /// Index of the lane.
+        lane: u32,
+    },
 }
 
 /// An event on the sim's stdout, one JSON line each.
@@ -123,12 +128,28 @@ pub enum SimEvent {
         /// The error in one sentence.
         message: String,
     },
-    /// A lane has failed; the run cannot continue with it.
+    /// A policy has failed to answer, or answered incorrectly. Its host gets no queries until
+    /// [`SimCommand::HostUp`]; a foreign host gets them again at once.
     LaneFailed {
         /// Index of the lane.
         lane: u32,
         /// The error in one sentence.
         message: String,
+        /// `true` if no further attempt is worth its time.
+        is_final: bool,
+    },
+    /// A foreign host has left. Its unfinished episodes restart with the next one.
+    HostLost {
+        /// Index of the lane.
+        lane: u32,
+    },
+    /// The sim has had nothing to do for a second, and holds only these episodes. The orchestrator
+    /// compares this with what it has sent, so that a lost message costs time but no episode.
+    Waiting {
+        /// [`Assignment::id`] of all unfinished episodes, in ascending order.
+        held: Vec<u64>,
+        /// By lane: `true` if its policy host is connected.
+        hosts: Vec<bool>,
     },
 }
 

@@ -1,6 +1,6 @@
 //! The slots: episodes that run side by side. A slot is refilled as soon as its episode is done.
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use ipc_types::RunConfig;
@@ -25,6 +25,16 @@ pub(super) enum Slot {
     Running(Box<RunningEpisode>),
 }
 
+impl Slot {
+    fn assignment(&self) -> Option<Assignment> {
+        match self {
+            Self::Empty => None,
+            Self::Assigned(assignment) => Some(*assignment),
+            Self::Running(episode) => Some(episode.assignment),
+        }
+    }
+}
+
 /// Numbers of slots that a lane uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct LaneTally {
@@ -36,12 +46,17 @@ pub(super) struct LaneTally {
     pub(super) n_acting: usize,
 }
 
-/// All slots, and the queue of episodes without a slot.
+/// All slots, and the queues of episodes without a slot.
 pub(super) struct Slots {
     slots: Vec<Slot>,
     /// Number of slots that may be in use.
     limit: u32,
-    queue: VecDeque<Assignment>,
+    /// By driver: the lanes in order, then the expert.
+    queues: Vec<VecDeque<Assignment>>,
+    /// Number of slots that each driver uses, in the order of the queues; counted by [`Self::refill`].
+    n_used: Vec<usize>,
+    /// Ids of all episodes in queues and slots.
+    held: HashSet<u64>,
     run: RunConfig,
     /// Paraphrases that replace the built-in ones.
     sentences: Option<Sentences>,
@@ -55,7 +70,9 @@ impl Slots {
         Self {
             slots: (0..config.max_envs).map(|_| Slot::Empty).collect(),
             limit: config.envs,
-            queue: VecDeque::new(),
+            queues: vec![VecDeque::new(); config.lanes.len() + 1],
+            n_used: vec![0; config.lanes.len() + 1],
+            held: HashSet::new(),
             run: config.run.clone(),
             sentences,
             images: config.lanes.iter().map(|lane| lane.images).collect(),
@@ -67,32 +84,103 @@ impl Slots {
         self.limit = limit;
     }
 
-    /// Queues an episode.
+    /// Queues an episode, unless it is queued or in a slot already.
     pub(super) fn push(&mut self, assignment: Assignment) {
-        self.queue.push_back(assignment);
+        if self.held.insert(assignment.id) {
+            let driver = self.driver_idx(assignment.driver);
+            self.queues[driver].push_back(assignment);
+        }
     }
 
-    /// Assigns queued episodes to empty slots, first in, first out.
-    pub(super) fn refill(&mut self) {
-        if self.queue.is_empty() {
+    /// Returns the ids of all episodes in queues and slots, in ascending order.
+    pub(super) fn held(&self) -> Vec<u64> {
+        let mut held: Vec<u64> = self.held.iter().copied().collect();
+        held.sort_unstable();
+        held
+    }
+
+    /// Returns the index of a driver's queue.
+    fn driver_idx(&self, driver: Driver) -> usize {
+        match driver {
+            Driver::Lane(lane) => lane as usize,
+            Driver::Expert => self.queues.len() - 1,
+        }
+    }
+
+    /// Assigns queued episodes to empty slots. The next slot goes to the driver with the fewest, so that a slow
+    /// policy does not starve the others. A lane for which `is_connected` is false comes last, and gives a
+    /// slot back to a driver that has none.
+    pub(super) fn refill(&mut self, is_connected: impl Fn(usize) -> bool) {
+        if self.queues.iter().all(VecDeque::is_empty) {
             return;
         }
-        let n_used = self.slots.iter().filter(|slot| !matches!(slot, Slot::Empty)).count();
-        let room = (self.limit as usize).saturating_sub(n_used);
+        let expert = self.queues.len() - 1;
+        let can_act = |driver: usize| driver == expert || is_connected(driver);
+        self.n_used.fill(0);
+        for slot in &self.slots {
+            if let Some(assignment) = slot.assignment() {
+                let driver = self.driver_idx(assignment.driver);
+                self.n_used[driver] += 1;
+            }
+        }
+        let room = (self.limit as usize).saturating_sub(self.n_used.iter().sum());
         for slot in self.slots.iter_mut().filter(|slot| matches!(slot, Slot::Empty)).take(room) {
-            let Some(assignment) = self.queue.pop_front() else { return };
-            *slot = Slot::Assigned(assignment);
+            let waiting = (0..self.queues.len()).filter(|&driver| !self.queues[driver].is_empty());
+            let next = waiting.min_by_key(|&driver| (!can_act(driver), self.n_used[driver]));
+            let Some(driver) = next else { return };
+            *slot = self.queues[driver].pop_front().map_or(Slot::Empty, Slot::Assigned);
+            self.n_used[driver] += 1;
+        }
+        for driver in 0..self.queues.len() {
+            if can_act(driver) && self.n_used[driver] == 0 && !self.queues[driver].is_empty() {
+                self.displace(driver, &can_act);
+            }
         }
     }
 
-    /// Restarts all running episodes of a lane's policy from their beginning.
-    pub(super) fn restart(&mut self, lane: u32) {
-        for slot in &mut self.slots {
-            if let Slot::Running(episode) = slot
-                && episode.assignment.driver == Driver::Lane(lane)
-            {
-                *slot = Slot::Assigned(episode.assignment);
+    /// Gives a slot of a driver that cannot act to `driver`, if there is one.
+    fn displace(&mut self, driver: usize, can_act: impl Fn(usize) -> bool) {
+        for idx in (0..self.slots.len()).rev() {
+            let Some(loser) = self.slots[idx].assignment() else { continue };
+            let from = self.driver_idx(loser.driver);
+            if can_act(from) {
+                continue;
             }
+            if let Some(winner) = self.queues[driver].pop_front() {
+                self.slots[idx] = Slot::Assigned(winner);
+                self.queues[from].push_front(loser);
+            }
+            return;
+        }
+    }
+
+    /// Puts the unfinished episodes of a lane's policy back into its queue. They will start from their
+    /// beginning.
+    pub(super) fn restart(&mut self, lane: u32) {
+        for slot in self.slots.iter_mut().rev() {
+            let is_done = matches!(slot, Slot::Running(episode) if episode.status() == Status::Done);
+            if let Some(assignment) = slot.assignment()
+                && assignment.driver == Driver::Lane(lane)
+                && !is_done
+            {
+                self.queues[lane as usize].push_front(assignment);
+                *slot = Slot::Empty;
+            }
+        }
+    }
+
+    /// Forgets all episodes of a lane's policy.
+    pub(super) fn give_up(&mut self, lane: u32) {
+        for slot in &mut self.slots {
+            if let Some(assignment) = slot.assignment()
+                && assignment.driver == Driver::Lane(lane)
+            {
+                self.held.remove(&assignment.id);
+                *slot = Slot::Empty;
+            }
+        }
+        for assignment in self.queues[lane as usize].drain(..) {
+            self.held.remove(&assignment.id);
         }
     }
 
@@ -196,6 +284,7 @@ impl Slots {
             if let Slot::Running(episode) = slot
                 && episode.status() == Status::Done
             {
+                self.held.remove(&episode.assignment.id);
                 report(episode.outcome());
                 *slot = Slot::Empty;
             }

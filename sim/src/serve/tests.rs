@@ -1,9 +1,12 @@
 //! Tests that drive the parts of the sim's loop by hand, against a host in the same process.
 
+use std::hash::RandomState;
+use std::path::Path;
+
 use bytemuck::Zeroable;
 use ipc_types::link::{Domain, HostLane, LaneSpec};
 use ipc_types::run_config::Amount;
-use ipc_types::{ActionBlock, ActionHeader, ControlMode, ObservationView};
+use ipc_types::{ActionBlock, ActionHeader, ControlMode, Morphology, ObservationView};
 
 use super::protocol::{Assignment, Driver, Lane};
 use super::*;
@@ -16,6 +19,8 @@ const RUN: u64 = 7;
 const N_ENVS: u32 = 3;
 /// Rows of each answer; the slots execute them in one call.
 const N_ROWS: u32 = 5;
+const MODE: ControlMode = ControlMode::EeDeltaPose;
+const MORPHOLOGY: Morphology = Morphology::Single;
 /// Rounds before counting starts, by which all buffers have reached their final size, and counted rounds.
 const WARM_UP: u64 = 4;
 const ROUNDS: u64 = 10;
@@ -50,48 +55,54 @@ fn assignment(id: u64) -> Assignment {
     Assignment { id, driver: Driver::Lane(0), task, perturbation, seed }
 }
 
-/// Covers receiving, stepping, rendering and sending. Allocations of a physics step are rapier's: a separate
-/// world that executes the same actions makes as many.
-#[test]
-fn loop_round_allocates_nothing_of_its_own() {
+/// Calls `test` with a sim of one lane with images and its connected host.
+fn with_server(test: impl FnOnce(&mut Server, HostLane) + Send) {
     let base = tempfile::Builder::new().prefix("hyp").tempdir_in("/tmp").unwrap();
-    let domain = Domain::new(base.path(), u64::from(std::process::id()));
-    let (mode, morphology) = (ControlMode::EeDeltaPose, TaskId::RaiseCube.task().morphology);
+    let domain = Domain::new(base.path(), std::hash::BuildHasher::hash_one(&RandomState::new(), 0));
     let spec = LaneSpec {
         lane: 0,
         policy: "test".to_owned(),
         max_envs: N_ENVS,
-        block_pages: ipc_types::layout::block_pages(morphology, true) as u32,
+        block_pages: ipc_types::layout::block_pages(MORPHOLOGY, true) as u32,
         in_flight: 2,
     };
-    let mut run = RunConfig::default();
-    // As many threads as envs, so that one batch holds them all.
-    run.resources.threads = Amount::Fixed(N_ENVS);
-    (run.results.control_mode, run.results.execute) = (mode, N_ROWS);
-    run.rendering.renderer = RendererChoice::Cpu;
-    let lanes = vec![Lane {
-        spec: spec.clone(),
-        images: true,
-        foreign: false,
-        answer_timeout_s: Lane::ANSWER_TIMEOUT_S,
-    }];
-    let config =
-        SimConfig { domain: domain.clone(), run_id: RUN, max_envs: N_ENVS, envs: N_ENVS, lanes, run };
+    let config = config(&domain, vec![spec.clone()]);
     let (_commands, receiver) = sync_channel(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     pool.install(|| {
         let mut server = Server::new(&config, receiver).unwrap();
         let node = LinkNode::new(&domain, "test-host").unwrap();
-        let mut host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
+        let host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         server.handle_command(&SimCommand::HostUp { lane: 0 });
+        test(&mut server, host);
+    });
+    domain.remove().unwrap();
+}
+
+fn config(domain: &Domain, specs: Vec<LaneSpec>) -> SimConfig {
+    let mut run = RunConfig::default();
+    // As many threads as envs, so that one batch holds them all.
+    run.resources.threads = Amount::Fixed(N_ENVS);
+    (run.results.control_mode, run.results.execute) = (MODE, N_ROWS);
+    run.rendering.renderer = RendererChoice::Cpu;
+    let lane = |spec| Lane { spec, images: true, foreign: false, answer_timeout_s: Lane::ANSWER_TIMEOUT_S };
+    let lanes = specs.into_iter().map(lane).collect();
+    SimConfig { domain: domain.clone(), run_id: RUN, max_envs: N_ENVS, envs: N_ENVS, lanes, run }
+}
+
+/// Covers receiving, stepping, rendering and sending. Allocations of a physics step are rapier's: a separate
+/// world that executes the same actions makes as many.
+#[test]
+fn loop_round_allocates_nothing_of_its_own() {
+    with_server(|server, mut host| {
         let mut twins: Vec<World> = (0..u64::from(N_ENVS))
             .map(|id| {
                 server.handle_command(&SimCommand::Run(assignment(id)));
                 let nominal = (TaskId::RaiseCube.task().nominal)();
-                World::build(&nominal.draw(assignment(id).seed), mode)
+                World::build(&nominal.draw(assignment(id).seed), MODE)
             })
             .collect();
-        server.slots.refill();
+        server.slots.refill(|_| true);
         assert_eq!(server.slots.advance(), 0, "the first call only builds the worlds");
         server.serve_lane(0).unwrap();
         let row = [0.1; 7];
@@ -115,7 +126,87 @@ fn loop_round_allocates_nothing_of_its_own() {
         }
         assert_eq!(server.counters.images, (WARM_UP + ROUNDS + 1) * 3 * u64::from(N_ENVS));
     });
-    domain.remove().unwrap();
+}
+
+/// A host that cannot answer says so and leaves. If the loss is noticed before the answer is read, or before
+/// the episodes are reported, they must not start again.
+#[test]
+fn answers_sent_before_leaving_count() {
+    for is_read_first in [false, true] {
+        with_server(|server, mut host| {
+            for id in 0..u64::from(N_ENVS) {
+                server.handle_command(&SimCommand::Run(assignment(id)));
+            }
+            server.slots.refill(|_| true);
+            server.slots.advance();
+            server.serve_lane(0).unwrap();
+            host.wait(Duration::from_secs(5)).unwrap();
+            let query = *host.receive().unwrap().expect("the batch was just sent").header();
+            let header = ActionHeader {
+                schema_hash: ipc_types::SCHEMA_HASH,
+                run: query.run,
+                sequence: query.sequence,
+                epoch: query.epoch,
+                n_envs: query.n_envs,
+                status: 1,
+                ..ActionHeader::default()
+            };
+            host.loan(query.n_envs as usize).unwrap().send(header).unwrap();
+            drop(host);
+            if is_read_first {
+                assert!(server.receive(0, Instant::now()).unwrap());
+            }
+            server.handle_command(&SimCommand::HostDown { lane: 0 });
+            let mut errors = Vec::new();
+            server.slots.take_finished(|outcome| errors.extend(outcome.error));
+            assert_eq!(errors, ["the policy host could not answer; see its log"; N_ENVS as usize]);
+            assert!(server.slots.held().is_empty());
+        });
+    }
+}
+
+/// Slots of two lanes and the expert, with ten queued episodes of each.
+fn crowded_slots(limit: u32) -> Slots {
+    let spec = |lane| LaneSpec { lane, policy: "p".into(), max_envs: 1, block_pages: 1, in_flight: 1 };
+    let mut config = config(&Domain::new(Path::new("/tmp"), 0), vec![spec(0), spec(1)]);
+    (config.max_envs, config.envs) = (6, limit);
+    let mut slots = Slots::new(&config, None);
+    for (n, driver) in [Driver::Lane(0), Driver::Lane(1), Driver::Expert].into_iter().enumerate() {
+        for id in 0..10 {
+            slots.push(Assignment { driver, ..assignment(n as u64 * 10 + id) });
+        }
+    }
+    slots
+}
+
+#[test]
+fn drivers_share_slots_equally() {
+    let n_used = |slots: &Slots| [0, 1].map(|lane| slots.tally(lane).n_used);
+    let mut slots = crowded_slots(6);
+    slots.refill(|_| true);
+    assert_eq!(n_used(&slots), [2, 2]);
+    slots.give_up(0);
+    slots.refill(|_| true);
+    assert_eq!(n_used(&slots), [0, 3], "the expert has the other three");
+    assert_eq!(slots.held(), (10..30).collect::<Vec<_>>());
+}
+
+#[test]
+fn lane_without_host_starves_nobody() {
+    let mut slots = crowded_slots(6);
+    slots.refill(|lane| lane == 1);
+    assert_eq!((slots.tally(0).n_used, slots.tally(1).n_used), (0, 3));
+
+    let mut slots = crowded_slots(1);
+    slots.give_up(1);
+    slots.refill(|_| true);
+    assert_eq!(slots.tally(0).n_used, 1, "it was connected when the slot was empty");
+    slots.refill(|_| false);
+    assert_eq!(slots.tally(0).n_used, 0, "the expert has the slot now");
+    assert_eq!(slots.held().len(), 20);
+    slots.restart(0);
+    slots.push(assignment(0));
+    assert_eq!(slots.held().len(), 20, "episode 0 is there already");
 }
 
 #[test]
