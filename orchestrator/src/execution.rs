@@ -51,7 +51,7 @@ pub(crate) fn identities(plan: &RunPlan) -> Result<Vec<Identity>, Failure> {
 pub(crate) fn execute(
     plan: &RunPlan,
     mut todo: Vec<Job>,
-    earlier_renderer: Option<String>,
+    earlier_renderer: Option<&str>,
     is_wanted: &IsWanted<'_>,
     mut sink: impl FnMut(FleetEvent<'_>) -> anyhow::Result<()>,
 ) -> Result<(RunStatus, Totals), Failure> {
@@ -62,7 +62,7 @@ pub(crate) fn execute(
     let mut n_moves = 0;
     while !todo.is_empty() {
         let mut finished = Vec::new();
-        let fleet = fleet(plan, todo.len(), earlier_renderer.clone())?;
+        let fleet = fleet(plan, todo.len(), earlier_renderer.map(str::to_owned))?;
         let stopper = fleet.stopper();
         let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
         let result = fleet.run(todo.clone(), is_wanted, &mut |event| {

@@ -34,11 +34,12 @@ print(hypogeum.serve(fn, "mine", timeout_s=30, on_error={on_error!r}))
 class Run:
     """A run with one foreign policy host, in a temporary folder whose path is short enough for sockets."""
 
-    def __init__(self, episodes=3):
+    def __init__(self, episodes=3, policies=()):
         self.dir = Path(tempfile.mkdtemp(prefix="hyp"))
         self.children = []
         self.env = {**os.environ, "XDG_RUNTIME_DIR": str(self.dir)}
         args = ["run", "--policy", "p=attach:mine", "--tasks", "RaiseCube", "--episodes", str(episodes), "--db", "r.db"]
+        args += [word for policy in policies for word in ("--policy", policy)]
         self.process = self.start([HYPOGEUM, *args])
 
     def start(self, command):
@@ -130,12 +131,29 @@ def test_lane_is_free_after_host_raises(run):
     first = run.host("if calls == 2: raise KeyError('camera')", on_error="raise")
     code, _, err = finish(first)
     assert code == 1 and "KeyError: 'camera'" in err
-    # The episodes of the first host's last message end with an error; the second host serves any others.
+    # The episodes of the first host's last message end with an error, however soon the simulator notices that
+    # the host is gone; the second host serves any others.
     run.host()
     assert finish(run.process)[0] == 1
     errors = run.errors()
     assert len(errors) == 3 and any(errors)
     assert all(error is None or "could not answer" in error for error in errors), errors
+
+
+def test_hosts_that_keep_leaving_cost_only_their_episodes():
+    run = Run(policies=["expert"])
+    try:
+        while run.process.poll() is None:
+            finish(run.host("if calls == 2: os.kill(os.getpid(), signal.SIGKILL)"))
+        code, _, err = finish(run.process)
+        assert code == 1 and "gave up policy `p`" in err, err
+        errors = run.errors()
+        assert sorted(error is None for error in errors) == [False] * 3 + [True] * 3
+        assert {error for error in errors if error} == {
+            "the policy was given up: 10 hosts of policy `p` left without finishing an episode"
+        }
+    finally:
+        run.close()
 
 
 def test_restarted_sim_reconnects_to_its_host(run):

@@ -55,11 +55,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         plan.n_episodes()
     ));
 
-    let stopping =
-        plan.stopping.as_ref().map(|rule| Stopping::new(rule, &plan, &results)).transpose().or_user()?;
-    if let Some(rule) = &plan.stopping {
-        results.note(STOPPING, &json!(rule))?;
-    }
+    let stopping = start_stopping(&plan, &mut results)?;
     let (stopping, n_skipped) = (RefCell::new(stopping), Cell::new(0));
     let mut live = Live {
         progress: Progress::of_run(plan.n_episodes(), n_done, args.quiet, args.json),
@@ -75,7 +71,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         wanted
     };
     let earlier_renderer = if plan.needs_images() { results.renderer().or_user()? } else { None };
-    let outcome = execute(&plan, todo, earlier_renderer, &is_wanted, |event| {
+    let outcome = execute(&plan, todo, earlier_renderer.as_deref(), &is_wanted, |event| {
         match event {
             FleetEvent::EpisodeFinished(job, outcome) => {
                 let storing = trace::span(Activity::Store);
@@ -118,6 +114,14 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let status = print_results(&plan, &results, &conclusions, &fps, args.json.then_some(&run))?;
     traced.or_user()?;
     Ok(status)
+}
+
+/// Notes the plan's rule for early stopping, if it has one, and applies it to the episodes so far.
+fn start_stopping(plan: &RunPlan, results: &mut Results) -> Result<Option<Stopping>, Failure> {
+    let Some(rule) = &plan.stopping else { return Ok(None) };
+    let stopping = Stopping::new(rule, plan, results).or_user()?;
+    results.note(STOPPING, &json!(rule))?;
+    Ok(Some(stopping))
 }
 
 /// Returns the episodes of the plan that the results file does not have yet.

@@ -133,7 +133,7 @@ impl Slots {
         }
         for driver in 0..self.queues.len() {
             if can_act(driver) && self.n_used[driver] == 0 && !self.queues[driver].is_empty() {
-                self.displace(driver, &can_act);
+                self.displace(driver, can_act);
             }
         }
     }
