@@ -1,6 +1,6 @@
-//! Troubles with the machine: limits, full or read-only file systems, folders without rights. Each ends in exit
-//! code 2 and one message with the cause and the cure (docs/troubleshooting.md), loses no results and leaves
-//! nothing behind.
+//! Troubles with the machine: limits, full or read-only file systems, folders without rights. Each ends in
+//! exit code 2 and one message with the cause and the cure (docs/troubleshooting.md), loses no results and
+//! leaves nothing behind.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -28,8 +28,8 @@ fn run_after(dir: &Path, script: &str) -> Command {
     hypogeum_after(dir, script, &args.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
-/// Runs `command` and asserts that it ends soon with exit code 2 and one error, which contains `words`, and that
-/// no run folder is left.
+/// Runs `command` and asserts that it ends soon with exit code 2 and one error, which contains `words`, and
+/// that no run folder is left.
 #[track_caller]
 fn assert_refused(dir: &Path, mut command: Command, words: &[&str]) -> FinishedRun {
     let started = Instant::now();
@@ -187,7 +187,8 @@ fn run_folder_is_closed_or_refused() {
     assert_refused(dir.path(), run_after(dir.path(), &script), &words);
 }
 
-/// Returns a command that makes the short run in a mount namespace of its own, after a shell script of mounts.
+/// Returns a command that makes the short run in a mount namespace of its own, after a shell script of
+/// mounts.
 fn run_with_mounts(dir: &Path, script: &str) -> Command {
     let inner = run_after(dir, script);
     let mut command = Command::new("unshare");

@@ -67,8 +67,8 @@ pub fn hypogeum_after(dir: &Path, script: &str, args: &[&str]) -> Command {
     command
 }
 
-/// Returns `true` if the test may go on, which needs `what`. Otherwise says that it is skipped, or fails if the
-/// environment variable `HYPOGEUM_REQUIRE_ROOT_TESTS` demands it.
+/// Returns `true` if the test may go on, which needs `what`. Otherwise says that it is skipped, or fails if
+/// the environment variable `HYPOGEUM_REQUIRE_ROOT_TESTS` demands it.
 #[must_use]
 #[expect(clippy::print_stderr, reason = "the output of a test")]
 pub fn is_possible(possible: bool, what: &str) -> bool {

@@ -46,8 +46,8 @@ pub(crate) fn identities(plan: &RunPlan) -> Result<Vec<Identity>, Failure> {
 
 /// Runs `todo` in a fleet of child processes. Starts none if there is nothing to do.
 ///
-/// If a child crashes while another user's files stall the cleaning up, the unfinished episodes go on in a new
-/// fleet, whose names that user cannot know in advance.
+/// If a child crashes while another user's files stall the cleaning up, the unfinished episodes go on in a
+/// new fleet, whose names that user cannot know in advance.
 pub(crate) fn execute(
     plan: &RunPlan,
     mut todo: Vec<Job>,

@@ -35,7 +35,8 @@ pub enum BudgetError {
     Folder { path: PathBuf, needed: u64, available: u64 },
 }
 
-/// Files and folders that a run needs in each of its two places, apart from those of its lanes, with a margin.
+/// Files and folders that a run needs in each of its two places, apart from those of its lanes, with a
+/// margin.
 const FILES: u64 = 32;
 /// Files that a lane needs in each place: 9 segments, or 24 files of services and ports.
 const FILES_PER_LANE: u64 = 24;

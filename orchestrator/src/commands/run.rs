@@ -49,12 +49,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let mut results = Results::open(&plan.db, &manifest).or_user()?;
     let todo = unfinished(&plan, &results)?;
     let n_done = plan.n_episodes() - todo.len() as u64;
-    print_message(&format!(
-        "results: {} ({n_done} of {} episodes done)",
-        plan.db.display(),
-        plan.n_episodes()
-    ));
-
+    print_done(&plan, n_done);
     let stopping = start_stopping(&plan, &mut results)?;
     let (stopping, n_skipped) = (RefCell::new(stopping), Cell::new(0));
     let mut live = Live {
@@ -90,20 +85,16 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     });
     live.progress.finish();
     let traced = live.trace.map_or(Ok(()), TraceFile::finish);
-    let resume_hint =
-        || format!("{}: finished episodes are stored; run the same command to resume", plan.db.display());
-    let has_stored = n_done + live.n_finished > 0;
-    let (status, totals) = outcome.inspect_err(|_| {
-        if has_stored {
-            print_message(&resume_hint());
-        }
-    })?;
+    if outcome.is_err() && n_done + live.n_finished > 0 {
+        print_message(&resume_hint(&plan));
+    }
+    let (status, totals) = outcome?;
     let environment = environment(&plan, &machine, &totals);
     if n_done < plan.n_episodes() {
         results.note("environment", &environment)?;
     }
     if status == RunStatus::Stopped {
-        print_message(&format!("interrupted; {}", resume_hint()));
+        print_message(&format!("interrupted; {}", resume_hint(&plan)));
         return Ok(ExitStatus::Interrupted);
     }
     let elapsed = started.elapsed();
@@ -132,6 +123,15 @@ pub(crate) fn unfinished(plan: &RunPlan, results: &Results) -> Result<Vec<Job>, 
 
 fn key<'a>(plan: &'a RunPlan, job: &Job) -> EpisodeKey<'a> {
     EpisodeKey { policy: &plan.policies[job.policy_idx].name, condition: job.condition, episode: job.episode }
+}
+
+fn print_done(plan: &RunPlan, n_done: u64) {
+    let (db, n_episodes) = (plan.db.display(), plan.n_episodes());
+    print_message(&format!("results: {db} ({n_done} of {n_episodes} episodes done)"));
+}
+
+fn resume_hint(plan: &RunPlan) -> String {
+    format!("{}: finished episodes are stored; run the same command to resume", plan.db.display())
 }
 
 /// Prints the results of the whole plan: as JSON with the description `run`, or for people without one.

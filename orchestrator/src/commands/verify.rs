@@ -249,7 +249,7 @@ fn run(
         Some(Job { policy_idx, condition, episode, seed, driver })
     };
     let jobs: Vec<Job> = rows.iter().filter_map(job).collect();
-    let renderer = file.manifest.get("renderer").and_then(Value::as_str).map(str::to_owned);
+    let renderer = file.manifest.get("renderer").and_then(Value::as_str);
     let renderer = renderer.filter(|_| plan.needs_images());
     let key = |job: &Job| (job.policy_idx, job.condition, job.episode);
     let positions: HashMap<_, usize> = jobs.iter().enumerate().map(|(idx, job)| (key(job), idx)).collect();

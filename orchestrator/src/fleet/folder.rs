@@ -29,8 +29,8 @@ pub(crate) fn base() -> PathBuf {
 }
 
 /// Creates the base folder if needed, and takes all permissions of other users away, who could otherwise
-/// replace the files of a run. Since anybody can create it in `/tmp`, a folder of another user is refused, and
-/// so is a symbolic link.
+/// replace the files of a run. Since anybody can create it in `/tmp`, a folder of another user is refused,
+/// and so is a symbolic link.
 pub(super) fn prepare(base: &Path) -> Result<(), FleetError> {
     prepare_base(base).map_err(|source| FleetError::Base { path: base.into(), source })
 }

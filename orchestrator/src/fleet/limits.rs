@@ -1,5 +1,5 @@
-//! Limits of the process (getrlimit(2)) that a fleet needs to start, checked and raised before its first child,
-//! which inherits them.
+//! Limits of the process (getrlimit(2)) that a fleet needs to start, checked and raised before its first
+//! child, which inherits them.
 
 use ipc_types::link::LaneSpec;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
@@ -28,8 +28,8 @@ pub(crate) enum LimitError {
     AddressSpace { needed: u64, limit: u64 },
 }
 
-/// Checks that the limits suffice for a run with `lanes` and `n_threads` threads per process. Raises the limit
-/// of open files if that is allowed.
+/// Checks that the limits suffice for a run with `lanes` and `n_threads` threads per process. Raises the
+/// limit of open files if that is allowed.
 pub(super) fn ensure(lanes: &[LaneSpec], n_threads: u32) -> Result<(), LimitError> {
     let needed = FILES + FILES_PER_LANE * lanes.len() as u64;
     let files = getrlimit(Resource::Nofile);

@@ -123,8 +123,8 @@ pub(super) fn not_used(path: &Path, source: rusqlite::Error) -> ResultsFileError
     }
 }
 
-/// Returns SQLite's sentence about an error, which the whole error repeats. For an error of reading or writing,
-/// adds that the file system is full, if it is, because SQLite often does not say so.
+/// Returns SQLite's sentence about an error, which the whole error repeats. For an error of reading or
+/// writing, adds that the file system is full, if it is, because SQLite often does not say so.
 pub(super) fn cause(path: &Path, error: rusqlite::Error) -> String {
     let failed = matches!(
         error.sqlite_error_code(),
