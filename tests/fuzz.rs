@@ -6,6 +6,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::abort;
@@ -73,22 +74,19 @@ fn fuzz(name: &str) {
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let target = TARGETS.iter().find(|target| target.name == name).unwrap();
     if let Some(path) = std::env::var_os("HYPOGEUM_FUZZ_CASE") {
-        return (target.run)(&std::fs::read(path).unwrap());
+        run_case(target, &std::fs::read(path).unwrap());
+        return;
     }
-    // A valid input is accepted.
-    run_case(target, &[]);
+    assert!(run_case(target, &[]), "a valid input is accepted");
+    let n_accepted = Cell::new(0_u32);
     let (seed, factor) = (number("HYPOGEUM_FUZZ_SEED", 1), number("HYPOGEUM_FUZZ_FACTOR", 1));
-    let config = Config {
-        cases: target.n_cases.saturating_mul(u32::try_from(factor).unwrap()),
-        max_shrink_iters: 300,
-        failure_persistence: None,
-        ..Config::default()
-    };
+    let cases = target.n_cases.saturating_mul(u32::try_from(factor).unwrap());
+    let config = Config { cases, max_shrink_iters: 300, failure_persistence: None, ..Config::default() };
     let rng_seed: Vec<u8> = seed.to_le_bytes().repeat(4);
     let mut runner = TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &rng_seed));
     let found = runner.run(&vec(any::<u8>(), 0..MAX_CASE_BYTES), |case| {
         LARGEST.store(0, Ordering::Relaxed);
-        run_case(target, &case);
+        n_accepted.set(n_accepted.get() + u32::from(run_case(target, &case)));
         let largest = LARGEST.load(Ordering::Relaxed);
         if largest <= MAX_ALLOCATION {
             Ok(())
@@ -97,7 +95,10 @@ fn fuzz(name: &str) {
         }
     });
     match found {
-        Ok(()) => {}
+        Ok(()) => {
+            let share = f64::from(n_accepted.get()) / f64::from(cases);
+            assert!((0.02..0.98).contains(&share), "{share} of the inputs are accepted");
+        }
         Err(TestError::Abort(reason)) => panic!("{reason}"),
         Err(TestError::Fail(reason, case)) => {
             let path = case_file(name);
@@ -112,8 +113,8 @@ fn case_file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("fuzz-{name}.case"))
 }
 
-/// Runs a case. If it takes too long, the process aborts.
-fn run_case(target: &FuzzTarget, case: &[u8]) {
+/// Runs a case and returns `true` if its input is accepted. If it takes too long, the process aborts.
+fn run_case(target: &FuzzTarget, case: &[u8]) -> bool {
     let path = case_file(target.name);
     std::fs::write(&path, case).unwrap();
     let (ends, ended) = channel::<()>();
@@ -127,9 +128,7 @@ fn run_case(target: &FuzzTarget, case: &[u8]) {
     let result = std::panic::catch_unwind(|| (target.run)(case));
     drop(ends);
     watch.join().unwrap();
-    if let Err(panic) = result {
-        std::panic::resume_unwind(panic);
-    }
+    result.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 #[test]
@@ -175,6 +174,19 @@ fn damaged_tokenizers_are_refused() {
 #[test]
 fn damaged_trajectories_are_refused() {
     fuzz("trajectory");
+}
+
+/// Found by fuzzing: resampling took time and memory in proportion to the largest episode index.
+#[test]
+fn episode_indices_may_be_huge() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("results.db");
+    orchestrator::fuzzing::write_results(&path);
+    let sql = "UPDATE episodes SET episode = 4294967295 - episode";
+    rusqlite::Connection::open(&path).unwrap().execute(sql, []).unwrap();
+    LARGEST.store(0, Ordering::Relaxed);
+    assert_eq!(orchestrator::fuzzing::read_results(&path, folder.path()), Ok(144));
+    assert!(LARGEST.load(Ordering::Relaxed) < MAX_ALLOCATION);
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use arbitrary::Unstructured;
 use serde_json::{Map, Value, json};
 
-/// Maximum number of edits of one input.
-const MAX_EDITS: usize = 6;
+/// Maximum number of edits of the bytes of one input. Few leave it close to a valid one.
+const MAX_EDITS: usize = 4;
 /// Numbers at the limits of the types that a parser may use, and texts that look like numbers.
 const NUMBERS: [&str; 20] = [
     "0",
@@ -97,9 +97,9 @@ impl<'a> Edits<'a> {
         self.0.is_empty()
     }
 
-    /// Edits bytes up to six times, until the choices are used up.
+    /// Edits bytes up to four times, until the choices are used up.
     pub fn bytes(&mut self, bytes: &mut Vec<u8>) {
-        for _ in 0..MAX_EDITS {
+        for _ in 0..self.below(MAX_EDITS + 1) {
             if self.is_empty() {
                 return;
             }

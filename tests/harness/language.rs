@@ -6,8 +6,8 @@ use ipc_types::run_config::LanguageFile;
 use sim::perturb::{Composition, Sentences, Strength};
 use sim::{Perturbation, Profile, TaskId};
 
-use super::assert_clear;
 use super::edits::Edits;
+use super::refused;
 
 /// Files in the ways in which YAML can be written.
 const FILES: [&str; 3] = [
@@ -20,12 +20,12 @@ const FILES: [&str; 3] = [
 ///
 /// # Panics
 /// If an error is unclear, or the instruction does not fit into a message.
-pub fn run(data: &[u8]) {
+pub fn run(data: &[u8]) -> bool {
     let mut edits = Edits::new(data);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sentences.yaml");
     let mut text = edits.word(&FILES).as_bytes().to_vec();
-    if edits.below(8) == 0 {
+    if edits.below(8) == 1 {
         nest(&mut edits, &mut text);
     }
     edits.bytes(&mut text);
@@ -34,16 +34,17 @@ pub fn run(data: &[u8]) {
     let task = TaskId::RaiseCube.task();
     let sentences = match Sentences::read(&file) {
         Ok(sentences) => sentences,
-        Err(error) => return assert_clear(&error_chain(&error), &path),
+        Err(error) => return refused(&error_chain(&error), &path),
     };
     if let Err(error) = sentences.require(task) {
-        return assert_clear(&error_chain(&error), &path);
+        return refused(&error_chain(&error), &path);
     }
     let composition = Composition::from(Perturbation::LanguageParaphrase);
     let mut spec = composition.spec(task, Profile::Strict, Strength::FULL);
     sentences.replace(task, &mut spec);
     let instruction = spec.draw(edits.number()).instruction;
     assert!((1..=INSTRUCTION_BYTES).contains(&instruction.len()), "{instruction:?}");
+    true
 }
 
 /// Nests a value, or repeats an alias of an alias.

@@ -5,21 +5,21 @@ use policy_host::serve::{HostConfig, HostEvent};
 use serde_json::{Value, json};
 use sim::serve::protocol::{SimCommand, SimConfig, SimEvent};
 
-use super::assert_one_line;
 use super::edits::Edits;
+use super::refused_in_one_line;
 
 /// A message, and the function that reads it.
-type Message = (fn(&[u8]), Value);
+type Message = (fn(&[u8]) -> bool, Value);
 
 /// Reads a message, writes it, and reads it again.
 ///
 /// # Panics
 /// If an error is unclear, or what was read second differs.
-pub fn run(data: &[u8]) {
+pub fn run(data: &[u8]) -> bool {
     let mut edits = Edits::new(data);
     let messages = messages();
     let (read, message) = edits.pick(&messages);
-    read(&edits.json(message.to_string().as_bytes()));
+    read(&edits.json(message.to_string().as_bytes()))
 }
 
 fn messages() -> Vec<Message> {
@@ -65,21 +65,23 @@ fn messages() -> Vec<Message> {
     ]
 }
 
-fn sim_config(text: &[u8]) {
-    if let Some(SimConfig { run, .. }) = read::<SimConfig>(text) {
-        let strength = run.results.strength.get();
-        assert!(strength > 0.0 && strength <= 1.0);
-    }
+fn sim_config(text: &[u8]) -> bool {
+    let Some(SimConfig { run, .. }) = read(text) else { return false };
+    let strength = run.results.strength.get();
+    assert!(strength > 0.0 && strength <= 1.0);
+    true
 }
 
-fn sim_command(text: &[u8]) {
-    if let Some(SimCommand::Run(assignment)) = read::<SimCommand>(text) {
+fn sim_command(text: &[u8]) -> bool {
+    let Some(command) = read(text) else { return false };
+    if let SimCommand::Run(assignment) = command {
         assert!(assignment.perturbation.iter().next().is_some(), "a composition is not empty");
     }
+    true
 }
 
-fn round_trip<T: serde::Serialize + serde::de::DeserializeOwned>(text: &[u8]) {
-    read::<T>(text);
+fn round_trip<T: serde::Serialize + serde::de::DeserializeOwned>(text: &[u8]) -> bool {
+    read::<T>(text).is_some()
 }
 
 /// Returns the message if the text is one.
@@ -93,7 +95,7 @@ fn read<T: serde::Serialize + serde::de::DeserializeOwned>(text: &[u8]) -> Optio
             Some(message)
         }
         Err(error) => {
-            assert_one_line(&error_chain(&error));
+            refused_in_one_line(&error_chain(&error));
             None
         }
     }

@@ -6,7 +6,7 @@ use ipc_types::error_chain;
 use policy_host::pi05::prompt::{Prompter, TOKENIZER_FILE, prompt};
 
 use super::edits::Edits;
-use super::{assert_clear, repository};
+use super::{refused, repository};
 
 static MODEL: LazyLock<Vec<u8>> = LazyLock::new(|| {
     std::fs::read(repository("policy-host/tests/data/pi05/robot").join(TOKENIZER_FILE)).unwrap()
@@ -19,7 +19,7 @@ const MAX_TOKENS: usize = 200;
 ///
 /// # Panics
 /// If an error is unclear, or a token is not in the vocabulary.
-pub fn run(data: &[u8]) {
+pub fn run(data: &[u8]) -> bool {
     let mut edits = Edits::new(data);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(TOKENIZER_FILE);
@@ -29,13 +29,14 @@ pub fn run(data: &[u8]) {
     std::fs::write(&path, model).unwrap();
     let prompter = match Prompter::load(folder.path(), VOCABULARY, MAX_TOKENS) {
         Ok(prompter) => prompter,
-        Err(error) => return assert_clear(&error_chain(&error), &path),
+        Err(error) => return refused(&error_chain(&error), &path),
     };
     match prompter.tokens(&prompt(&instruction, &[0.5, f32::NAN, -3.0])) {
         Ok(tokens) => {
             assert!((1..=MAX_TOKENS).contains(&tokens.len()));
             assert!(tokens.iter().all(|token| (*token as usize) < VOCABULARY), "{tokens:?}");
+            true
         }
-        Err(error) => assert_clear(&error_chain(&error), &path),
+        Err(error) => refused(&error_chain(&error), &path),
     }
 }

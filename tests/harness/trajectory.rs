@@ -7,7 +7,7 @@ use sim::physics::Parameters;
 use sim::trajectory::{Replay, Start, TrajectoryFile, read_actions};
 
 use super::edits::Edits;
-use super::{assert_clear, repository};
+use super::{refused, repository};
 
 /// Recorded trajectories of one arm and of two, cut to a few steps.
 static FILES: LazyLock<Vec<Vec<u8>>> = LazyLock::new(|| {
@@ -32,7 +32,7 @@ fn short(path: &str) -> Vec<u8> {
 ///
 /// # Panics
 /// If an error is unclear, or the file that was read differs from itself written and read again.
-pub fn run(data: &[u8]) {
+pub fn run(data: &[u8]) -> bool {
     let mut edits = Edits::new(data);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("start.json");
@@ -41,24 +41,25 @@ pub fn run(data: &[u8]) {
     std::fs::write(&path, text).unwrap();
     let file = match TrajectoryFile::read(&path) {
         Ok(file) => file,
-        Err(error) => return assert_clear(&error_chain(&error), &path),
+        Err(error) => return refused(&error_chain(&error), &path),
     };
     let again = serde_json::from_str::<TrajectoryFile>(&serde_json::to_string(&file).unwrap()).unwrap();
     assert_eq!(again, file);
     let start = match Start::resolve(&file, &path) {
         Ok(start) => start,
-        Err(error) => return assert_clear(&error_chain(&error), &path),
+        Err(error) => return refused(&error_chain(&error), &path),
     };
     let actions = match read_actions(&path, start.action_dim()) {
         Ok(actions) => actions,
-        Err(error) => return assert_clear(&error_chain(&error), &path),
+        Err(error) => return refused(&error_chain(&error), &path),
     };
     let mut replay = Replay::new(&start, &Parameters::default());
     for row in actions.chunks_exact(start.action_dim()).take(N_STEPS) {
         replay.step(row);
         if !replay.world().is_finite() {
-            return;
+            break;
         }
         let _ = replay.record();
     }
+    true
 }

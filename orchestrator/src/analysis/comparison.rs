@@ -1,6 +1,9 @@
 //! A comparison of two sides on matched episodes: every cell, groups of cells, and verdicts.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use serde::Serialize;
+use sim::TaskId;
 use sim::perturb::Composition;
 use thiserror::Error;
 
@@ -279,10 +282,18 @@ fn compared_groups(cells: &[&MatchedCell], groups: &[Group], levels: Levels) -> 
     };
     let groups: Vec<(&Group, Vec<usize>)> = groups.iter().map(|group| (group, members(group))).collect();
     let indices: Vec<Vec<usize>> = groups.iter().map(|(_, members)| members.clone()).collect();
-    let resampled: Vec<BootstrapCell> = cells
-        .iter()
-        .map(|cell| BootstrapCell { task_idx: cell.condition.task as usize, differences: cell.differences() })
-        .collect();
+    // Only indices that a task's cells have: a file may contain any number as an index.
+    let mut indices_of: BTreeMap<TaskId, BTreeSet<u32>> = BTreeMap::new();
+    for cell in cells {
+        indices_of.entry(cell.condition.task).or_default().extend(cell.indices());
+    }
+    let indices_of: BTreeMap<TaskId, Vec<u32>> =
+        indices_of.into_iter().map(|(task, indices)| (task, indices.into_iter().collect())).collect();
+    let resampled = |cell: &&MatchedCell| BootstrapCell {
+        task_idx: cell.condition.task as usize,
+        differences: cell.differences(&indices_of[&cell.condition.task]),
+    };
+    let resampled: Vec<BootstrapCell> = cells.iter().map(resampled).collect();
     let estimates = cluster_bootstrap(&resampled, &indices, levels.alpha);
     let group = |((group, members), estimate): ((&Group, Vec<usize>), Option<Estimate>)| {
         let estimate = estimate?;

@@ -90,14 +90,19 @@ impl MatchedCell {
         sequence
     }
 
-    /// Returns `a − b` by episode index, for resampling.
-    pub(crate) fn differences(&self) -> Vec<Option<i8>> {
-        let n = self.episodes.last().map_or(0, |last| last.episode as usize + 1);
-        let mut differences = vec![None; n];
-        for MatchedEpisode { episode, success: [a, b], .. } in &self.episodes {
-            differences[*episode as usize] = Some(i8::from(*a) - i8::from(*b));
-        }
-        differences
+    /// Returns the indices of the pairs, ascending.
+    pub(crate) fn indices(&self) -> impl Iterator<Item = u32> {
+        self.episodes.iter().map(|pair| pair.episode)
+    }
+
+    /// Returns `a − b` for each of the ascending episode `indices`, for resampling.
+    pub(crate) fn differences(&self, indices: &[u32]) -> Vec<Option<i8>> {
+        let mut pairs = self.episodes.iter().peekable();
+        let difference = |idx: &u32| {
+            let MatchedEpisode { success: [a, b], .. } = pairs.next_if(|pair| pair.episode == *idx)?;
+            Some(i8::from(*a) - i8::from(*b))
+        };
+        indices.iter().map(difference).collect()
     }
 }
 
