@@ -1,4 +1,4 @@
-//! Fuzzing on stable Rust: each target of `harness` with random bytes from a fixed seed, about a minute in all.
+//! Fuzzing on stable Rust: each target of `harness` with random bytes from a fixed seed, in about a minute.
 //!
 //! `HYPOGEUM_FUZZ_SEED=N` chooses other bytes, `HYPOGEUM_FUZZ_FACTOR=N` runs N times as many cases, and
 //! `HYPOGEUM_FUZZ_CASE=FILE` runs only the bytes in a file. CONTRIBUTING.md says more.

@@ -25,6 +25,8 @@ use super::{budget, management};
 
 /// Mount point of POSIX shared memory on Linux.
 pub(super) const SHM: &str = "/dev/shm";
+/// Folder of iceoryx2's descriptions of services, below the root.
+const SERVICES: &str = "services";
 /// Hexadecimal digits of the run number in names: the low 48 bits, because a socket's path is limited to 107
 /// bytes.
 const TAG_DIGITS: usize = 12;
@@ -38,8 +40,8 @@ const SOCKET_NAME_BYTES: usize = 1 + 34 + 6;
 const CLEANUP_TIMEOUT: Duration = Duration::from_secs(2);
 /// Maximum time to free the resources of exited processes or to list those that are alive.
 const LISTING_TIMEOUT: Duration = Duration::from_secs(5);
-/// Age from which a segment without size counts as left by a process that was killed while creating it. A
-/// live process sizes it within microseconds.
+/// Age from which a half-made file counts as left by a process that was killed while creating it. A live
+/// process completes it within microseconds.
 const EMPTY_AGE: Duration = Duration::from_millis(100);
 
 /// Namespace of one run in shared memory. Every process of the run receives it from its parent.
@@ -92,9 +94,9 @@ impl Domain {
     /// A parent calls this after it has waited for a child. Otherwise the next process that joins the domain
     /// does it.
     pub fn reap(&self) -> Option<usize> {
-        if !self.empty_segments().is_empty() {
+        if !self.half_made_files().is_empty() {
             std::thread::sleep(EMPTY_AGE);
-            self.remove_empty_segments();
+            self.remove_half_made_files();
         }
         let domain = self.clone();
         self.within(LISTING_TIMEOUT, move || domain.reap_now())
@@ -232,28 +234,37 @@ impl Domain {
         loop {
             match result.recv_timeout(EMPTY_AGE / 2) {
                 Ok(value) => return Some(value),
-                Err(RecvTimeoutError::Timeout) if started.elapsed() < timeout => self.remove_empty_segments(),
+                Err(RecvTimeoutError::Timeout) if started.elapsed() < timeout => {
+                    self.remove_half_made_files();
+                }
                 Err(_) => return None,
             }
         }
     }
 
-    /// Removes the segments that a killed process has left without a size.
-    fn remove_empty_segments(&self) {
+    /// Removes the files that a killed process has left half made.
+    fn remove_half_made_files(&self) {
         let is_left = |created: &SystemTime| created.elapsed().is_ok_and(|age| age >= EMPTY_AGE);
-        for (path, _) in self.empty_segments().into_iter().filter(|(_, created)| is_left(created)) {
+        for (path, _) in self.half_made_files().into_iter().filter(|(_, created)| is_left(created)) {
             // Another process may have removed it.
             let _ = std::fs::remove_file(path);
         }
     }
 
-    /// Lists the domain's segments without a size, with the times at which they were created.
-    fn empty_segments(&self) -> Vec<(PathBuf, SystemTime)> {
-        let created = |path: PathBuf| {
+    /// Lists the domain's segments without a size and its descriptions of services that are still writable,
+    /// with the times at which they were created. iceoryx2 takes the write permission away once a description
+    /// is complete, and waits for that for ever.
+    fn half_made_files(&self) -> Vec<(PathBuf, SystemTime)> {
+        let segments = self.segments().unwrap_or_default().into_iter().filter_map(|path| {
             let data = std::fs::symlink_metadata(&path).ok().filter(|data| data.len() == 0)?;
             Some((path, data.modified().ok()?))
-        };
-        self.segments().unwrap_or_default().into_iter().filter_map(created).collect()
+        });
+        let services = std::fs::read_dir(self.root.join(SERVICES)).into_iter().flatten().flatten();
+        let descriptions = services.filter_map(|entry| {
+            let data = entry.metadata().ok().filter(|data| data.is_file() && data.mode() & 0o200 != 0)?;
+            Some((entry.path(), data.modified().ok()?))
+        });
+        segments.chain(descriptions).collect()
     }
 
     fn has_prefix(&self, entry: &DirEntry) -> bool {

@@ -96,6 +96,32 @@ fn empty_segments_neither_stall_nor_stay() {
     scratch.finish();
 }
 
+/// A sim that is killed between creating and completing the description of a service leaves it writable.
+#[test]
+fn half_made_services_are_created_anew() {
+    let scratch = Scratch::new();
+    let mut sim = scratch.spawn("roles::sim_that_gets_killed");
+    let host = open_host(&scratch.node(), &small_lane(1));
+    await_ready(&scratch.domain.root);
+    let services = std::fs::read_dir(scratch.domain.root.join("services")).unwrap();
+    let paths: Vec<_> = services.map(|service| service.unwrap().path()).collect();
+    assert!(!paths.is_empty());
+    sim.kill();
+    drop(host);
+    for path in paths {
+        // What iceoryx2 has cleaned up is half made again.
+        let _ = std::fs::remove_file(&path);
+        std::fs::write(&path, b"{").unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).unwrap();
+    }
+    assert!(scratch.domain.reap().is_some(), "reaping took too long");
+    let node = scratch.node();
+    let sim = create_sim(&node, &small_lane(1));
+    let host = open_host(&node, &small_lane(1));
+    drop((sim, host, node));
+    scratch.finish();
+}
+
 #[test]
 fn segments_are_closed_to_other_users() {
     let scratch = Scratch::new();

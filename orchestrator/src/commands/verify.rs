@@ -255,7 +255,7 @@ fn run(
     let positions: HashMap<_, usize> = jobs.iter().enumerate().map(|(idx, job)| (key(job), idx)).collect();
     let mut outcomes: Vec<Option<Outcome>> = jobs.iter().map(|_| None).collect();
     let mut progress = Progress::of_replays(jobs.len() as u64, args.quiet);
-    let status = execute(plan, jobs, renderer.as_deref(), &|_| true, |event| {
+    let status = execute(plan, jobs, renderer, &|_| true, |event| {
         match event {
             FleetEvent::EpisodeFinished(job, outcome) => {
                 if let Some(&idx) = positions.get(&key(job)) {

@@ -355,8 +355,8 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    /// Kills a hung sim, and a child that does not get ready in time. Hung hosts are detected by the sim, which
-    /// knows the unanswered queries.
+    /// Kills a hung sim, and a child that does not get ready in time. Hung hosts are detected by the sim,
+    /// which knows the unanswered queries.
     fn check_timeouts(&mut self) -> Result<(), FleetError> {
         let (now, limits) = (self.clock.now(), self.config.limits);
         for role in self.roles() {

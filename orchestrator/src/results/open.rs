@@ -53,10 +53,8 @@ pub(crate) enum ResultsFileError {
 /// Opens or creates a results file in write-ahead mode, and locks it against a second writer.
 pub(super) fn open(path: &Path) -> Result<(Connection, File), ResultsFileError> {
     let lock = lock(path)?;
-    let is_new =
-        lock.metadata().map_err(|source| ResultsFileError::Io { path: path.into(), source })?.len() == 0;
     let sqlite = |source| not_used(path, source);
-    let connection = connect(&file_name(path)?, is_new).map_err(sqlite)?;
+    let connection = connect(&file_name(path)?).map_err(sqlite)?;
     check(&connection, path)?;
     connection.pragma_update(None, "journal_mode", "WAL").map_err(sqlite)?;
     // In write-ahead mode a crash of the process loses no transaction; only a crash of the machine can.
@@ -162,13 +160,15 @@ fn lock(path: &Path) -> Result<File, ResultsFileError> {
 }
 
 /// Connects to the file. A new one gets its tables, application id and version in one transaction; an
-/// existing one is not written.
-fn connect(path: &Path, is_new: bool) -> Result<Connection, rusqlite::Error> {
+/// existing one is not written. A file whose creation was cut off counts as new: SQLite empties it when it is
+/// first read.
+fn connect(path: &Path) -> Result<Connection, rusqlite::Error> {
     let flags =
         OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags)?;
     connection.busy_timeout(BUSY_TIMEOUT)?;
-    if is_new {
+    let n_pages: i64 = connection.pragma_query_value(None, "page_count", |row| row.get(0))?;
+    if n_pages == 0 {
         connection.execute_batch(&format!(
             "BEGIN; {CREATE} PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {VERSION}; COMMIT;"
         ))?;

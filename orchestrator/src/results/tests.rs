@@ -330,3 +330,26 @@ fn lock_by_another_process_keeps_finished_episodes() {
     assert!(again.finished().unwrap().contains(key(0)));
     again.record(key(1), 8, &outcome(true, None)).unwrap();
 }
+
+/// The journal of a transaction that was cut off says to which size the file is cut back: none.
+#[test]
+fn file_of_killed_creation_is_new() {
+    const PAGE: u32 = 4096;
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("r.db");
+    let plan = manifest("--policy idle");
+    drop(Results::open(&path, &plan).unwrap());
+    let mut half = std::fs::read(&path).unwrap();
+    half.truncate(PAGE as usize);
+    // The header of an SQLite database: bytes 68 to 71 are the application id, still to be written.
+    half[68..72].fill(0);
+    std::fs::write(&path, half).unwrap();
+    // https://www.sqlite.org/fileformat.html#the_rollback_journal
+    let mut journal = vec![0xd9, 0xd5, 0x05, 0xf9, 0x20, 0xa1, 0x63, 0xd7];
+    let (records, nonce, pages, sector) = (0_u32, 1_u32, 0_u32, 512_u32);
+    journal.extend([records, nonce, pages, sector, PAGE].iter().flat_map(|field| field.to_be_bytes()));
+    journal.resize(sector as usize, 0);
+    std::fs::write(dir.path().join("r.db-journal"), journal).unwrap();
+    let results = Results::open(&path, &plan).unwrap();
+    assert!(!results.finished().unwrap().contains(key(0)));
+}

@@ -107,9 +107,9 @@ impl Slots {
         }
     }
 
-    /// Assigns queued episodes to empty slots. The next slot goes to the driver with the fewest, so that a slow
-    /// policy does not starve the others. A lane for which `is_connected` is false comes last, and gives a
-    /// slot back to a driver that has none.
+    /// Assigns queued episodes to empty slots. The next slot goes to the driver with the fewest, so that a
+    /// slow policy does not starve the others. A lane for which `is_connected` is false comes last, and gives
+    /// a slot back to a driver that has none.
     pub(super) fn refill(&mut self, is_connected: impl Fn(usize) -> bool) {
         if self.queues.iter().all(VecDeque::is_empty) {
             return;
