@@ -177,7 +177,9 @@ fn serve_until_exit(
     while child.try_wait().unwrap().is_none() {
         if Instant::now() > deadline {
             child.kill().unwrap();
-            panic!("the run did not end within 60 s");
+            let mut text = String::new();
+            std::io::Read::read_to_string(&mut child.stderr.take().unwrap(), &mut text).unwrap();
+            panic!("the run did not end within 60 s: {text}");
         }
         match lane.receive().unwrap() {
             Some(message) => answer(lane, &message, run, &corrupt),

@@ -124,5 +124,6 @@ fn is_data_of_a_folder(path: &str) -> bool {
 /// Returns `true` for files that runs leave in the working folder and git ignores.
 fn is_output(path: &str) -> bool {
     let of_fuzzing = ["fuzz/corpus/", "fuzz/artifacts/", "fuzz/coverage/"];
-    of_fuzzing.iter().any(|folder| path.starts_with(folder)) || [".db", ".db-wal", ".db-shm", ".pending-snap"].iter().any(|ending| path.ends_with(ending))
+    of_fuzzing.iter().any(|folder| path.starts_with(folder))
+        || [".db", ".db-wal", ".db-shm", ".pending-snap"].iter().any(|ending| path.ends_with(ending))
 }

@@ -230,16 +230,19 @@ impl LaneState {
             return Err(InvalidAnswerError::UnknownBatch { sequence: header.sequence });
         };
         let batch = self.in_flight.swap_remove(at);
-        if batch.slots.len() != header.n_envs as usize {
-            return Err(InvalidAnswerError::EnvCount { found: header.n_envs, expected: batch.slots.len() });
+        let accepted = if batch.slots.len() == header.n_envs as usize {
+            let mut envs = batch.slots.iter().enumerate();
+            envs.try_for_each(|(env_idx, slot)| accept(*slot, &view, env_idx))
+        } else {
+            Err(InvalidAnswerError::EnvCount { found: header.n_envs, expected: batch.slots.len() })
+        };
+        if accepted.is_ok() {
+            trace::record(Activity::InFlight, batch.sent_ns, u64::from(header.n_envs));
+            latencies.record(now - batch.sent, u64::from(header.n_envs));
         }
-        for (env_idx, slot) in batch.slots.iter().enumerate() {
-            accept(*slot, &view, env_idx)?;
-        }
-        trace::record(Activity::InFlight, batch.sent_ns, u64::from(header.n_envs));
-        latencies.record(now - batch.sent, u64::from(header.n_envs));
+        // Also after an invalid answer, or the lane could never send as many again.
         self.spare.push(batch);
-        Ok(())
+        accepted
     }
 
     /// Checks for overdue answers and, for a foreign host, that it is alive. Returns `true` if the host was
