@@ -13,6 +13,10 @@ use super::schema::{APPLICATION_ID, CREATE, VERSION};
 
 /// Maximum wait for a reader that locks the file.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
+/// Attempts to lock the file, and the time between two. A child inherits the lock of a writer that has just
+/// closed the file, until it executes its program.
+const LOCK_ATTEMPTS: u32 = 25;
+const LOCK_INTERVAL: Duration = Duration::from_millis(20);
 /// Free bytes below which a file system counts as full: SQLite's own files need more.
 const FULL: u64 = 128 << 10;
 
@@ -152,11 +156,14 @@ fn lock(path: &Path) -> Result<File, ResultsFileError> {
     }
     let file =
         OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(io)?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(ResultsFileError::InUse { path: path.into() }),
-        Err(TryLockError::Error(source)) => Err(io(source)),
+    for _ in 0..LOCK_ATTEMPTS {
+        match file.try_lock() {
+            Ok(()) => return Ok(file),
+            Err(TryLockError::WouldBlock) => std::thread::sleep(LOCK_INTERVAL),
+            Err(TryLockError::Error(source)) => return Err(io(source)),
+        }
     }
+    Err(ResultsFileError::InUse { path: path.into() })
 }
 
 /// Connects to the file. A new one gets its tables, application id and version in one transaction; an
