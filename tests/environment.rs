@@ -1,4 +1,4 @@
-//! Troubles with the machine: limits, full or read-only file systems, folders without rights. Each ends in
+//! Problems with the machine: limits, full or read-only file systems, folders without rights. Each ends in
 //! exit code 2 and one message with the cause and the cure (docs/troubleshooting.md), loses no results and
 //! leaves nothing behind.
 

@@ -189,6 +189,17 @@ fn episode_indices_may_be_huge() {
     assert!(LARGEST.load(Ordering::Relaxed) < MAX_ALLOCATION);
 }
 
+/// Found by fuzzing: a curve far beyond its axis made the drawing of the page overflow.
+#[test]
+fn first_success_may_be_beyond_the_horizon() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("results.db");
+    orchestrator::fuzzing::write_results(&path);
+    let sql = "UPDATE episodes SET first_success_step = 4294967295";
+    rusqlite::Connection::open(&path).unwrap().execute(sql, []).unwrap();
+    assert_eq!(orchestrator::fuzzing::read_results(&path, folder.path()), Ok(144));
+}
+
 #[test]
 fn every_target_is_known_to_cargo_fuzz() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz");

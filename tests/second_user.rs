@@ -1,5 +1,5 @@
 //! A second user on the same machine: another user's process watches a run and tries to read it, to change
-//! it, to take names that it will need, and to stall its cleaning up. The run's rows must not change.
+//! it, to take names that it will need, and to stall its cleanup. The run's rows must not change.
 //!
 //! The scenario has its own mount namespace with a `/dev/shm` of its own, so that what the attacker leaves
 //! there disturbs nobody else. It needs root, because it acts as two users.

@@ -1,4 +1,4 @@
-//! Errors of the operating system that a user can mend, and the advice for each.
+//! Errors of the operating system that a user can fix, and the advice for each.
 
 use std::error::Error;
 use std::io;
@@ -18,7 +18,7 @@ const CURES: [(Errno, &str); 8] = [
 ];
 
 /// Returns what the user can do about the operating system's error among `error` and its causes. Returns
-/// `None` if there is none, or none that a user can mend.
+/// `None` if there is none, or none that a user can fix.
 #[must_use]
 pub fn cure(error: &(dyn Error + 'static)) -> Option<&'static str> {
     let mut errors = std::iter::successors(Some(error), |error| (*error).source());

@@ -46,7 +46,7 @@ pub(crate) fn identities(plan: &RunPlan) -> Result<Vec<Identity>, Failure> {
 
 /// Runs `todo` in a fleet of child processes. Starts none if there is nothing to do.
 ///
-/// If a child crashes while another user's files stall the cleaning up, the unfinished episodes go on in a
+/// If a child crashes while another user's files stall the cleanup, the unfinished episodes continue in a
 /// new fleet, whose names that user cannot know in advance.
 pub(crate) fn execute(
     plan: &RunPlan,
@@ -74,7 +74,7 @@ pub(crate) fn execute(
         match result {
             Err(error @ FleetError::Intruder { .. }) if n_moves < MAX_MOVES => {
                 n_moves += 1;
-                sink(FleetEvent::Log(&format!("{error}; going on under other names")))?;
+                sink(FleetEvent::Log(&format!("{error}; continuing under other names")))?;
                 let finished: HashSet<_> = finished.iter().map(key).collect();
                 todo.retain(|job| !finished.contains(&key(job)));
             }

@@ -69,7 +69,7 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
     }
 }
 
-/// Returns `true` if the user can mend what is wrong with a file or the machine.
+/// Returns `true` if the user can fix what is wrong with a file or the machine.
 pub(crate) fn is_user_error(error: &anyhow::Error) -> bool {
     let is_cause = |cause: &(dyn Error + 'static)| {
         cause.is::<StoreError>()

@@ -3,15 +3,13 @@
 //!
 //! Each returns the error that a user would read, and panics where the program would report a bug.
 
-use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::Path;
 
 use serde_json::Value;
-use sim::perturb::Composition;
+use sim::Perturbation;
 use sim::serve::protocol::{EpisodeLedger, Outcome};
 use sim::stream::episode_seed;
-use sim::{Perturbation, TaskId};
 
 use crate::analysis::{Comparison, ComparisonOptions, Evaluation, Metric, read_files};
 use crate::cli::{Cli, Command};
@@ -139,11 +137,7 @@ fn conclude(path: &Path, output: &Path) -> Result<usize, Failure> {
             assert!(!compare::text(comparison).is_empty() && !json.is_empty());
         }
     }
-    let options = PageOptions { title: "results".to_owned(), metric, levels, pairs: Vec::new() };
-    let report = ReportContent::new(&evaluation, &options, ExternalData::default()).or_user()?;
-    let html = page::html(&report, &[])?;
-    let data = serde_json::to_vec(&report)?;
-    assert!(html.contains("</html>") && !data.is_empty(), "the page is complete");
+    draw_page(&evaluation, ExternalData::default())?;
     let formats = [
         ExportFormat::Csv,
         ExportFormat::Parquet,
@@ -157,6 +151,17 @@ fn conclude(path: &Path, output: &Path) -> Result<usize, Failure> {
         }
     }
     Ok(evaluation.files.iter().map(|file| file.rows.len()).sum())
+}
+
+fn draw_page(evaluation: &Evaluation, external: ExternalData) -> Result<(), Failure> {
+    let levels = Levels { alpha: DEFAULT_LEVEL, margin: DEFAULT_MARGIN };
+    let title = "results".to_owned();
+    let options = PageOptions { title, metric: Metric::default(), levels, pairs: Vec::new() };
+    let report = ReportContent::new(evaluation, &options, external).or_user()?;
+    let html = page::html(&report, &[])?;
+    let data = serde_json::to_vec(&report)?;
+    assert!(html.contains("</html>") && !data.is_empty(), "the page is complete");
+    Ok(())
 }
 
 /// Makes the decisions of a run that continues the file, and its report.
@@ -227,16 +232,22 @@ fn outcome(success: bool, number: u32) -> Outcome {
     }
 }
 
-/// Reads a table of success rates on hardware and one of frames per second. Returns the numbers of rows.
+/// Reads a table of success rates on hardware and one of frames per second, and draws them beside the results
+/// of a valid file.
 ///
 /// # Errors
 /// The message that a user reads.
-pub fn read_tables(hardware: &Path, fps: &Path) -> Result<[usize; 2], String> {
+///
+/// # Panics
+/// If the page cannot be drawn.
+pub fn read_tables(results: &Path, hardware: &Path, fps: &Path) -> Result<(), String> {
     let message = |error: page::TableError| Failure::User(error.into()).to_string();
     let hardware = HardwareTable::read(hardware).map_err(message)?;
     let fps = FpsTable::read(fps).map_err(message)?;
-    let by_condition: BTreeMap<(TaskId, Composition), f64> =
-        hardware.rows.iter().map(|row| ((row.task, row.perturbation), row.success_percent)).collect();
-    assert!(by_condition.values().all(|percent| (0.0..=100.0).contains(percent)));
-    Ok([hardware.rows.len(), fps.points.len()])
+    assert!(hardware.rows.iter().all(|row| (0.0..=100.0).contains(&row.success_percent)));
+    let files = read_files(&[results.to_owned()]).expect("the results are valid");
+    let evaluation = Evaluation::new(files, &[]).expect("the results are valid");
+    let external = ExternalData { hardware: Some(hardware), fps: Some(fps) };
+    draw_page(&evaluation, external).unwrap_or_else(|failure| panic!("{failure}"));
+    Ok(())
 }

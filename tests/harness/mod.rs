@@ -27,21 +27,21 @@ pub struct FuzzTarget {
     pub name: &'static str,
     /// Runs one case and returns `true` if its input is accepted.
     pub run: fn(&[u8]) -> bool,
-    /// Number of cases that take a few seconds on one core.
+    /// Number of cases of the stable test, which take a few seconds on one core.
     pub n_cases: u32,
 }
 
 /// All targets.
 pub const TARGETS: [FuzzTarget; 9] = [
-    FuzzTarget { name: "checkpoint", run: checkpoint::run, n_cases: 1500 },
-    FuzzTarget { name: "frame", run: frame::run, n_cases: 6000 },
-    FuzzTarget { name: "language", run: language::run, n_cases: 4000 },
-    FuzzTarget { name: "protocol", run: protocol::run, n_cases: 6000 },
-    FuzzTarget { name: "results", run: results::run, n_cases: 300 },
-    FuzzTarget { name: "sweep", run: sweep::run, n_cases: 3000 },
-    FuzzTarget { name: "tables", run: tables::run, n_cases: 2000 },
-    FuzzTarget { name: "tokenizer", run: tokenizer::run, n_cases: 2000 },
-    FuzzTarget { name: "trajectory", run: trajectory::run, n_cases: 600 },
+    FuzzTarget { name: "checkpoint", run: checkpoint::run, n_cases: 3000 },
+    FuzzTarget { name: "frame", run: frame::run, n_cases: 15_000 },
+    FuzzTarget { name: "language", run: language::run, n_cases: 10_000 },
+    FuzzTarget { name: "protocol", run: protocol::run, n_cases: 12_000 },
+    FuzzTarget { name: "results", run: results::run, n_cases: 400 },
+    FuzzTarget { name: "sweep", run: sweep::run, n_cases: 7500 },
+    FuzzTarget { name: "tables", run: tables::run, n_cases: 1000 },
+    FuzzTarget { name: "tokenizer", run: tokenizer::run, n_cases: 5000 },
+    FuzzTarget { name: "trajectory", run: trajectory::run, n_cases: 2000 },
 ];
 
 /// Maximum length of an error message in bytes, beyond what it quotes from the input.

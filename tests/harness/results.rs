@@ -10,7 +10,8 @@ use rusqlite::{Connection, params};
 use super::edits::Edits;
 use super::refused;
 
-static SAMPLE: LazyLock<Vec<u8>> = LazyLock::new(|| {
+/// A valid results file.
+pub(super) static SAMPLE: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sample.db");
     write_results(&path);

@@ -4,12 +4,13 @@ use orchestrator::fuzzing::read_tables;
 
 use super::edits::Edits;
 use super::refused;
+use super::results::SAMPLE;
 
 const HARDWARE: &str =
     "task,perturbation,success_percent\nRaiseCube,None,50\nStackCube,MO-Color+Camera-Pose,0.5\n";
 const FPS: &str = "batch_size,frames_per_second,note\n1,100.5,\n1024,2e5,x\n";
 
-/// Reads two tables.
+/// Reads two tables, and draws them.
 ///
 /// # Panics
 /// If an error is unclear.
@@ -24,8 +25,10 @@ pub fn run(data: &[u8]) -> bool {
         }
         std::fs::write(path, text).unwrap();
     }
-    match read_tables(&paths[0], &paths[1]) {
-        Ok(_) => true,
+    let results = folder.path().join("results.db");
+    std::fs::write(&results, &*SAMPLE).unwrap();
+    match read_tables(&results, &paths[0], &paths[1]) {
+        Ok(()) => true,
         Err(message) => {
             let path = if message.contains("hardware.csv") { &paths[0] } else { &paths[1] };
             refused(&message, path)

@@ -253,7 +253,7 @@ impl Domain {
 
     /// Lists the domain's segments without a size and its descriptions of services that are still writable,
     /// with the times at which they were created. iceoryx2 takes the write permission away once a description
-    /// is complete, and waits for that for ever.
+    /// is complete, and waits for that without a limit.
     fn half_made_files(&self) -> Vec<(PathBuf, SystemTime)> {
         let segments = self.segments().unwrap_or_default().into_iter().filter_map(|path| {
             let data = std::fs::symlink_metadata(&path).ok().filter(|data| data.len() == 0)?;

@@ -78,7 +78,7 @@ pub enum LinkError {
 }
 
 impl LinkError {
-    /// Returns `true` if the user can mend the cause, so that another attempt is of no use before.
+    /// Returns `true` if the user has to fix the cause before another attempt can succeed.
     #[must_use]
     pub fn is_user_error(&self) -> bool {
         match self {

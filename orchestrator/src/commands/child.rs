@@ -34,6 +34,7 @@ pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
     let domain = config.domain.clone();
     let served = policy_host::serve::serve(config).map_err(|error| match error {
         ServeError::Load(_) => Failure::User(error.into()),
+        // The variant is transparent, so that its own type would not be found among the causes.
         ServeError::Link(error) => error.into(),
         error => error.into(),
     });
@@ -42,7 +43,7 @@ pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
 
 /// Ends a child that has served. If its parent was killed, the last child removes the run's shared memory.
 ///
-/// Exit code 2 tells the parent that the user can mend the error, so that another attempt is of no use.
+/// Exit code 2 tells the parent that the user can fix the error, so that another attempt is of no use.
 fn leave(domain: &Domain, served: Result<(), Failure>) -> Result<ExitStatus, Failure> {
     domain.remove_if_unused();
     served.map(|()| ExitStatus::Success)

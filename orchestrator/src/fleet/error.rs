@@ -33,7 +33,7 @@ pub(crate) enum FleetError {
     Shortage { name: String, exit: ChildExit, source: Shortage },
     #[error(
         "{name} {exit}, and user {user} has put files with the names of this run into /dev/shm, which stall the \
-         cleaning up"
+         cleanup"
     )]
     Intruder { name: String, exit: ChildExit, user: u32 },
     #[error(transparent)]

@@ -12,7 +12,7 @@ use super::process::ChildProcess;
 
 /// Number of log lines that an error shows.
 const LOG_LINES: usize = 8;
-/// Exit code of a child for an error that the user can mend.
+/// Exit code of a child for an error that the user can fix.
 const USER_ERROR: i32 = 2;
 /// Start of a child's last message.
 const ERROR_PREFIX: &str = "error: ";
@@ -140,7 +140,7 @@ impl Member {
         Some(process.wait(timeout).map_or_else(ChildExit::Unknown, ChildExit::Exited))
     }
 
-    /// Returns the error of a child that has exited because of something the user can mend. Its log ends with
+    /// Returns the error of a child that has exited because of something the user can fix. Its log ends with
     /// it.
     pub(super) fn user_error(&self, exit: &ChildExit) -> Option<String> {
         let ChildExit::Exited(status) = exit else { return None };

@@ -274,7 +274,9 @@ fn time_to_success(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
         let (mut times, mut n_episodes) = (Vec::new(), 0);
         for cell in unperturbed {
             let horizon = f64::from(cell.condition.task.task().max_steps);
-            times.extend(cell.first_success_steps.iter().map(|step| f64::from(*step) / horizon));
+            // A results file may contain any number.
+            let time = |step: &u32| (f64::from(*step) / horizon).min(1.0);
+            times.extend(cell.first_success_steps.iter().map(time));
             n_episodes += cell.rate.n;
         }
         times.sort_by(f64::total_cmp);

@@ -284,7 +284,7 @@ fn damaged_files_are_refused() {
 
 /// Found by fuzzing: such values were reported as a bug of the program.
 #[test]
-fn impossible_values_are_for_the_user_to_mend() {
+fn impossible_values_are_for_the_user_to_fix() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
     let args = SweepArgs::parse("--policy idle").unwrap();
@@ -292,12 +292,12 @@ fn impossible_values_are_for_the_user_to_mend() {
     Connection::open(&path).unwrap().execute("UPDATE episodes SET episode = -1", []).unwrap();
     let results = Results::open(&path, &manifest("--policy idle")).unwrap();
     let plan = crate::plan::RunPlan::new(&args).unwrap();
-    let Err(Failure::User(error)) = run::unfinished(&plan, &results) else { panic!("for the user to mend") };
+    let Err(Failure::User(error)) = run::unfinished(&plan, &results) else { panic!("for the user to fix") };
     assert!(format!("{error:#}").contains("a.db"), "{error:#}");
 }
 
 #[test]
-fn full_disk_is_for_the_user_to_mend() {
+fn full_disk_is_for_the_user_to_fix() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.db");
     let mut results = Results::open(&path, &manifest("--policy idle")).unwrap();
