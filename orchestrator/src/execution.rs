@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use ipc_types::layout::block_pages;
-use ipc_types::link::LaneSpec;
+use ipc_types::link::{Domain, LaneSpec};
 use policy_host::PolicySpec;
 use sim::serve::protocol::{Driver, Lane};
 
@@ -59,6 +59,10 @@ pub(crate) fn execute(
         let Condition { task, perturbation } = job.condition;
         (job.policy_idx, task.name(), perturbation.name(), job.episode)
     };
+    if todo.is_empty() {
+        // No fleet starts, which would remove what crashed runs have left.
+        Domain::remove_stale(&fleet::base());
+    }
     let mut n_moves = 0;
     while !todo.is_empty() {
         let mut finished = Vec::new();

@@ -141,16 +141,26 @@ impl Domain {
             let removed = paths.into_iter().map(|path| allow_missing(&path, std::fs::remove_file(&path)));
             removed.fold(Ok(()), Result::and)
         });
-        // Only a folder that contains our lock file is removed together with its contents.
-        let root = if DomainLease::exists(&self.root) {
-            allow_missing(&self.root, std::fs::remove_dir_all(&self.root))
-        } else {
-            match std::fs::remove_dir(&self.root) {
-                Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => Ok(()),
-                result => allow_missing(&self.root, result),
-            }
+        // Only a folder that contains our lock file is removed together with its contents. The lock goes last:
+        // if this process is killed on the way, the next can go on.
+        let contents = if DomainLease::exists(&self.root) { self.remove_contents() } else { Ok(()) };
+        let root = match std::fs::remove_dir(&self.root) {
+            Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => contents,
+            result => contents.and(allow_missing(&self.root, result)),
         };
         segments.and(root)
+    }
+
+    /// Removes everything in the root, the lock last.
+    fn remove_contents(&self) -> Result<(), LinkError> {
+        let entries = std::fs::read_dir(&self.root).into_iter().flatten().flatten();
+        let removed = entries.filter(|entry| !DomainLease::is_lock(&entry.file_name())).map(|entry| {
+            let path = entry.path();
+            let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
+            let remove = if is_folder { std::fs::remove_dir_all } else { std::fs::remove_file };
+            allow_missing(&path, remove(&path))
+        });
+        removed.fold(Ok(()), Result::and).and_then(|()| DomainLease::remove(&self.root))
     }
 
     /// Removes the domains under `base` whose processes have all exited and returns their number. A run in
@@ -198,6 +208,11 @@ impl Domain {
 
     /// Removes the domain if none of its processes is alive. Returns `true` if it did.
     pub fn remove_if_unused(&self) -> bool {
+        if !DomainLease::exists(&self.root) {
+            // Empty, it is what a process has left that was killed right after creating or before removing it.
+            // One that is creating it now creates it again.
+            return std::fs::remove_dir(&self.root).is_ok();
+        }
         let Some(_lease) = DomainLease::try_acquire_exclusive(&self.root) else { return false };
         !self.has_live_node() && self.remove().is_ok()
     }

@@ -4,6 +4,7 @@
 //! until the process exits; the kernel releases it however the process ends. [`super::Domain::remove_stale`]
 //! takes the lock exclusively, so it cannot remove the domain of a run that is just starting.
 
+use std::ffi::OsStr;
 use std::fs::{DirBuilder, File, OpenOptions, TryLockError};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
@@ -46,6 +47,21 @@ impl DomainLease {
             Ok(()) => is_current(&lock, root).then_some(Self { _lock: lock }),
             Err(TryLockError::WouldBlock | TryLockError::Error(_)) => None,
         }
+    }
+
+    /// Removes the lock file of a domain.
+    pub(super) fn remove(root: &Path) -> Result<(), LinkError> {
+        match std::fs::remove_file(lock_path(root)) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(LinkError::Io { action: "remove", path: lock_path(root), source: error })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Returns `true` if this is the name of a domain's lock file.
+    pub(super) fn is_lock(name: &OsStr) -> bool {
+        name == LOCK_NAME
     }
 
     /// Returns `true` if `root` contains the lock file of a domain.

@@ -62,6 +62,19 @@ fn remove_stale_spares_domains_in_use() {
     assert_eq!(Domain::remove_stale(&starting.base.path().join("nowhere")), 0);
 }
 
+/// What a process leaves that is killed after it has created the root, or before it removes it.
+#[test]
+fn remove_stale_removes_empty_roots() {
+    let scratch = Scratch::new();
+    std::fs::create_dir(&scratch.domain.root).unwrap();
+    assert_eq!(Domain::remove_stale(scratch.base.path()), 1);
+    scratch.assert_removed();
+    let lease = scratch.domain.lease().unwrap();
+    assert_eq!(Domain::remove_stale(scratch.base.path()), 0, "a process holds the lease");
+    drop(lease);
+    scratch.finish();
+}
+
 #[test]
 fn node_rejects_root_too_long_for_sockets() {
     let deep = Path::new("/tmp").join("x".repeat(60));
