@@ -141,8 +141,8 @@ impl Domain {
             let removed = paths.into_iter().map(|path| allow_missing(&path, std::fs::remove_file(&path)));
             removed.fold(Ok(()), Result::and)
         });
-        // Only a folder that contains our lock file is removed together with its contents. The lock goes last:
-        // if this process is killed on the way, the next can go on.
+        // Only a folder that contains our lock file is removed together with its contents. The lock goes
+        // last, so that the next process can go on if this one is killed.
         let contents = if DomainLease::exists(&self.root) { self.remove_contents() } else { Ok(()) };
         let root = match std::fs::remove_dir(&self.root) {
             Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => contents,
@@ -209,8 +209,8 @@ impl Domain {
     /// Removes the domain if none of its processes is alive. Returns `true` if it did.
     pub fn remove_if_unused(&self) -> bool {
         if !DomainLease::exists(&self.root) {
-            // Empty, it is what a process has left that was killed right after creating or before removing it.
-            // One that is creating it now creates it again.
+            // An empty folder was left by a process that was killed just after creating it, or just before
+            // removing it. A process that is creating it now will create it again.
             return std::fs::remove_dir(&self.root).is_ok();
         }
         let Some(_lease) = DomainLease::try_acquire_exclusive(&self.root) else { return false };

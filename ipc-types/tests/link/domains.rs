@@ -62,7 +62,7 @@ fn remove_stale_spares_domains_in_use() {
     assert_eq!(Domain::remove_stale(&starting.base.path().join("nowhere")), 0);
 }
 
-/// What a process leaves that is killed after it has created the root, or before it removes it.
+/// A process leaves an empty root if it is killed after creating it, or before removing it.
 #[test]
 fn remove_stale_removes_empty_roots() {
     let scratch = Scratch::new();
