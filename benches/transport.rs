@@ -327,7 +327,7 @@ fn header(sequence: u64, n_envs: usize) -> ObservationHeader {
         morphology: MORPHOLOGY.code(),
         control_mode: MORPHOLOGY.default_control_mode().code(),
         images: 1,
-        reserved: [0; 2],
+        ..Default::default()
     }
 }
 

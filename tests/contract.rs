@@ -122,8 +122,8 @@ struct LaneDescriptor {
 
 /// Starts a run with one attached policy and opens its lane the way a third-party host would.
 fn attach(dir: &Path) -> (Child, LaneDescriptor, LinkNode, HostLane) {
-    let args =
-        ["run", "--policy", "guest=attach:guest", "--tasks", "RaiseCube", "--episodes", "2", "--db", "r.db"];
+    let mut args = vec!["run", "--policy", "guest=attach:guest", "--tasks", "RaiseCube", "--episodes", "2"];
+    args.extend(["--check-frames", "--db", "r.db"]);
     let child = hypogeum(dir, &args).spawn().unwrap();
     let deadline = Instant::now() + Duration::from_secs(30);
     let descriptor: LaneDescriptor = loop {

@@ -42,7 +42,7 @@ fn arguments(db: &str) -> Vec<String> {
     let act = format!("act=act:{}", act_tiny());
     let words = ["run", "--policy", "expert", "--policy", "random", "--policy", &act, "--tasks", TASKS];
     let more = ["--perturbations", "none", "--episodes", "6", "--envs", "6", "--threads", "2", "--db", db];
-    words.iter().chain(&more).map(|word| (*word).to_owned()).collect()
+    words.iter().chain(&more).chain(&["--check-frames"]).map(|word| (*word).to_owned()).collect()
 }
 
 fn start(dir: &Path, db: &str) -> Child {

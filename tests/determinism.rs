@@ -10,7 +10,7 @@ fn run_with(tasks: &str, perturbations: &str, extra: &[&str]) -> Vec<Row> {
     let act = format!("act=act:{}", act_tiny());
     let mut args = vec!["run", "--policy", "expert", "--policy", "random", "--policy", &act];
     args.extend(["--tasks", tasks, "--perturbations", perturbations]);
-    args.extend(["--episodes", "1", "--seed", "7", "--db", "r.db"]);
+    args.extend(["--episodes", "1", "--seed", "7", "--check-frames", "--db", "r.db"]);
     args.extend(extra);
     let _ = run(dir.path(), &args).expect_code(0);
     rows(&dir.path().join("r.db"))

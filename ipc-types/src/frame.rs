@@ -6,6 +6,7 @@
 use bytemuck::{Pod, Zeroable};
 use thiserror::Error;
 
+use crate::checksum::checksum;
 use crate::layout::{
     ActionBlock, EXTERNAL_BYTES, EXTERNAL_OFFSET, EXTERNAL_SIDE, EnvRecord, HAND_BYTES, HAND_OFFSET,
     HAND_SIDE, INSTRUCTION_BYTES, MAX_ACTION_DIM, MAX_HORIZON, Page, SCHEMA_HASH, block_pages,
@@ -35,8 +36,12 @@ pub struct ObservationHeader {
     pub control_mode: u32,
     /// 1 if the blocks contain images, otherwise 0.
     pub images: u32,
+    /// 1 if `checksum` is set, otherwise 0. The answer then has a checksum, too.
+    pub has_checksum: u32,
+    /// CRC-32 (as in zlib) of this header, with 0 in place of the checksum, and the pages.
+    pub checksum: u32,
     /// Reserved for future fields; always zero.
-    pub reserved: [u64; 2],
+    pub reserved: u64,
 }
 
 /// Header of an action message, stored separately from its pages (one [`ActionBlock`] each).
@@ -53,10 +58,52 @@ pub struct ActionHeader {
     pub epoch: u32,
     /// Number of envs: those of the observation, in the same order.
     pub n_envs: u32,
-    /// 0 on success. Any other value means that the policy failed; the host's log contains the reason.
+    /// 0 on success. [`Self::DAMAGED`] means that the observation did not match its checksum, any other value
+    /// that the policy failed; the host's log contains the reason.
     pub status: u32,
+    /// 1 if `checksum` is set, otherwise 0.
+    pub has_checksum: u32,
+    /// CRC-32 (as in zlib) of this header, with 0 in place of the checksum, and the pages.
+    pub checksum: u32,
     /// Reserved for future fields; always zero.
-    pub reserved: [u32; 7],
+    pub reserved: [u32; 5],
+}
+
+impl ObservationHeader {
+    /// Returns this header with the checksum of itself and `pages`.
+    #[must_use]
+    pub fn with_checksum(self, pages: &[Page]) -> Self {
+        let header = Self { has_checksum: 1, checksum: 0, ..self };
+        Self { checksum: checksum(&header, pages), ..header }
+    }
+
+    /// Checks that this header and `pages` are as they were sent.
+    ///
+    /// # Errors
+    /// If the checksum is missing or differs.
+    pub fn check_checksum(&self, pages: &[Page]) -> Result<(), FrameError> {
+        compare_checksums(self.checksum, self.with_checksum(pages).checksum, self.has_checksum)
+    }
+}
+
+impl ActionHeader {
+    /// [`Self::status`] of the answer to an observation that does not match its checksum.
+    pub const DAMAGED: u32 = 2;
+
+    /// Returns this header with the checksum of itself and `pages`.
+    #[must_use]
+    pub fn with_checksum(self, pages: &[Page]) -> Self {
+        let header = Self { has_checksum: 1, checksum: 0, ..self };
+        Self { checksum: checksum(&header, pages), ..header }
+    }
+
+    /// Checks that this header and `pages` are as they were sent.
+    ///
+    /// # Errors
+    /// If the checksum is missing or differs.
+    pub fn check_checksum(&self, pages: &[Page]) -> Result<(), FrameError> {
+        compare_checksums(self.checksum, self.with_checksum(pages).checksum, self.has_checksum)
+    }
 }
 
 const _: () = {
@@ -64,6 +111,7 @@ const _: () = {
     assert!(size_of::<ObservationHeader>() == 64 && size_of::<ActionHeader>() == 64);
     assert!(offset_of!(ObservationHeader, epoch) == 24 && offset_of!(ObservationHeader, images) == 44);
     assert!(offset_of!(ActionHeader, n_envs) == 28 && offset_of!(ActionHeader, status) == 32);
+    assert!(offset_of!(ObservationHeader, checksum) == 52 && offset_of!(ActionHeader, checksum) == 40);
 };
 
 /// Errors that can occur while validating a message.
@@ -84,6 +132,8 @@ pub enum FrameError {
     Zero { env_idx: usize, field: &'static str },
     #[error("env {env_idx}: the instruction is not valid UTF-8")]
     Instruction { env_idx: usize },
+    #[error("the message is damaged: its checksum is {found:#010x}, but its bytes give {expected:#010x}")]
+    Checksum { expected: u32, found: u32 },
     #[error("env {env_idx}: action row {row}, entry {entry} is not finite")]
     NotFinite { env_idx: usize, row: usize, entry: usize },
 }
@@ -324,6 +374,18 @@ impl<'a> EnvBlockMut<'a> {
         let (external, rest) = rest.split_at_mut(if images { 2 * EXTERNAL_BYTES } else { 0 });
         let hand_bytes = if images { morphology.n_hand_cameras() * HAND_BYTES } else { 0 };
         Self { record: bytemuck::cast_mut(&mut first[0]), external, hand: &mut rest[..hand_bytes] }
+    }
+}
+
+/// Compares the `found` checksum of a message with that of its bytes.
+fn compare_checksums(found: u32, expected: u32, has_checksum: u32) -> Result<(), FrameError> {
+    if has_checksum != 1 {
+        let (field, found) = ("has_checksum", u64::from(has_checksum));
+        Err(FrameError::Header { field, expected: "1", found })
+    } else if found != expected {
+        Err(FrameError::Checksum { expected, found })
+    } else {
+        Ok(())
     }
 }
 

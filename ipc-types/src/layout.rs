@@ -104,11 +104,11 @@ pub const fn block_pages(morphology: Morphology, images: bool) -> usize {
 }
 
 /// Description of the layout in one line, with the type and offset of every field. Input of [`SCHEMA_HASH`].
-pub const SCHEMA: &str = "hypogeum link v1; page 4096; \
-    obs header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, block_pages u32@32, morphology u32@36, control_mode u32@40, images u32@44, reserved 16@48} 64; \
+pub const SCHEMA: &str = "hypogeum link v2; page 4096; \
+    obs header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, block_pages u32@32, morphology u32@36, control_mode u32@40, images u32@44, has_checksum u32@48, checksum u32@52, reserved 8@56} 64; \
     env record {slot u32@0, query u32@4, step u32@8, state_dim u32@12, instruction_len u32@16, execute u32@20, policy_seed u64@24, reserved 32@32, state f32[64]@64, instruction u8[1024]@320, zero@1344} 4096; \
     external u8[2,224,224,3]@4096; hand u8[n_arms,128,128,3]@305152; \
-    act header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, status u32@32, reserved 28@36} 64; \
+    act header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, status u32@32, has_checksum u32@36, checksum u32@40, reserved 20@44} 64; \
     action block {slot u32@0, query u32@4, n_rows u32@8, action_dim u32@12, reserved 48@16, rows f32[63*16]@64} 4096; \
     single: state 25, cameras 2+1; bimanual: state 64, cameras 2+2; \
     control modes 0 pd_ee_delta_pose 7, 1 pd_joint_pos 8, 2 pd_ee_pose 7 per arm";
@@ -158,7 +158,8 @@ mod tests {
         let observation_header = struct_fields!(ObservationHeader:
             schema_hash as "schema u64", run as "run u64", sequence as "sequence u64", epoch as "epoch u32",
             n_envs as "n_envs u32", block_pages as "block_pages u32", morphology as "morphology u32",
-            control_mode as "control_mode u32", images as "images u32", reserved as "reserved 16");
+            control_mode as "control_mode u32", images as "images u32",
+            has_checksum as "has_checksum u32", checksum as "checksum u32", reserved as "reserved 8");
         assert_eq!(schema_fields("obs header"), observation_header);
         let record = struct_fields!(EnvRecord:
             slot as "slot u32", query as "query u32", step as "step u32", state_dim as "state_dim u32",
@@ -168,7 +169,8 @@ mod tests {
         assert_eq!(schema_fields("env record"), record);
         let action_header = struct_fields!(ActionHeader:
             schema_hash as "schema u64", run as "run u64", sequence as "sequence u64", epoch as "epoch u32",
-            n_envs as "n_envs u32", status as "status u32", reserved as "reserved 28");
+            n_envs as "n_envs u32", status as "status u32", has_checksum as "has_checksum u32",
+            checksum as "checksum u32", reserved as "reserved 20");
         assert_eq!(schema_fields("act header"), action_header);
         let block = struct_fields!(ActionBlock:
             slot as "slot u32", query as "query u32", n_rows as "n_rows u32", action_dim as "action_dim u32",
@@ -179,7 +181,7 @@ mod tests {
     /// A change of this value breaks every existing foreign host.
     #[test]
     fn schema_hash_is_unchanged() {
-        assert_eq!(SCHEMA_HASH, 0xb047_67c4_8ca9_5306, "found {SCHEMA_HASH:#018x}");
+        assert_eq!(SCHEMA_HASH, 0x1195_f493_710c_e9c8, "found {SCHEMA_HASH:#018x}");
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! This crate depends on no other crate of the workspace: a foreign policy host (Python, C++) needs only
 //! what is here.
 
+mod checksum;
 mod error_chain;
 pub mod frame;
 pub mod input;

@@ -22,7 +22,7 @@ fn observation(morphology: Morphology, images: bool, n_envs: u32) -> (Observatio
         morphology: morphology.code(),
         control_mode: morphology.default_control_mode().code(),
         images: u32::from(images),
-        reserved: [0; 2],
+        ..ObservationHeader::default()
     };
     let mut pages = vec![Page::zeroed(); n_envs as usize * block_pages];
     for (env_idx, block) in pages.chunks_exact_mut(block_pages).enumerate() {
@@ -193,4 +193,40 @@ fn failed_status_yields_no_blocks() {
 fn env_block_of_wrong_size_panics() {
     let mut pages = vec![Page::zeroed(); block_pages(Morphology::Single, true)];
     let _ = EnvBlockMut::new(Morphology::Bimanual, &mut pages);
+}
+
+#[test]
+fn checksum_covers_every_byte_of_a_message() {
+    let (header, mut pages) = observation(Morphology::Single, false, 1);
+    let checked = header.with_checksum(&pages);
+    assert_eq!(checked.check_checksum(&pages), Ok(()));
+    for byte in 0..size_of::<ObservationHeader>() {
+        let mut changed = checked;
+        bytemuck::bytes_of_mut(&mut changed)[byte] ^= 0x10;
+        assert!(changed.check_checksum(&pages).is_err(), "byte {byte} of the header");
+    }
+    for byte in 0..size_of::<Page>() {
+        pages[0].0[byte] ^= 0x10;
+        let error = checked.check_checksum(&pages).unwrap_err();
+        assert!(matches!(error, FrameError::Checksum { .. }), "byte {byte}: {error}");
+        pages[0].0[byte] ^= 0x10;
+    }
+    let error = header.check_checksum(&pages).unwrap_err();
+    assert!(error.to_string().contains("has_checksum"), "{error}");
+}
+
+/// The Python package has the same test with the same number, computed by zlib.
+#[test]
+fn checksum_is_that_of_zlib() {
+    let header = ObservationHeader {
+        schema_hash: 1,
+        run: 2,
+        sequence: 3,
+        epoch: 4,
+        n_envs: 1,
+        block_pages: 1,
+        ..ObservationHeader::default()
+    };
+    let page = Page(std::array::from_fn(|i| i as u8));
+    assert_eq!(header.with_checksum(&[page]).checksum, 0x95C9_7948);
 }

@@ -169,10 +169,11 @@ fn messages(out: &mut String) {
     let observation = fields!(ObservationHeader:
         schema_hash as "c_uint64", run as "c_uint64", sequence as "c_uint64", epoch as "c_uint32",
         n_envs as "c_uint32", block_pages as "c_uint32", morphology as "c_uint32", control_mode as "c_uint32",
-        images as "c_uint32", reserved as "c_uint64 * 2");
+        images as "c_uint32", has_checksum as "c_uint32", checksum as "c_uint32", reserved as "c_uint64");
     let action = fields!(ActionHeader:
         schema_hash as "c_uint64", run as "c_uint64", sequence as "c_uint64", epoch as "c_uint32",
-        n_envs as "c_uint32", status as "c_uint32", reserved as "c_uint32 * 7");
+        n_envs as "c_uint32", status as "c_uint32", has_checksum as "c_uint32", checksum as "c_uint32",
+        reserved as "c_uint32 * 5");
     let page = vec![("bytes", "c_uint8 * PAGE_BYTES", offset_of!(Page, 0))];
     structure::<Page>(out, "Page", "Page of shared memory, the element of every message.", &page);
     structure::<ObservationHeader>(
@@ -184,7 +185,7 @@ fn messages(out: &mut String) {
     structure::<ActionHeader>(
         out,
         "ActionHeader",
-        "Header of an action message. A status other than 0 means that the policy failed.",
+        "Header of an action message. Status 0 is success, 2 a damaged observation, any other a failed policy.",
         &action,
     );
 }

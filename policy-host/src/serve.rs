@@ -109,8 +109,16 @@ enum QueryError {
     Run { expected: u64, found: u64 },
     #[error("the observation has {found} envs, the lane allows {limit}")]
     Envs { found: u32, limit: u32 },
+    #[error("the observation was overwritten in shared memory")]
+    Damaged(#[source] FrameError),
     #[error(transparent)]
     Policy(#[from] PolicyError),
+}
+
+impl QueryError {
+    fn is_damage(&self) -> bool {
+        matches!(self, Self::Damaged(_))
+    }
 }
 
 /// Serves a lane, with events on standard output, and returns when standard input is closed.
@@ -224,6 +232,8 @@ impl<W: Write> Host<W> {
         let start = ProcessTime::now();
         let inferring = trace::span(Activity::Infer);
         let outcome = self.act(header, &message, loan.blocks_mut());
+        // After the policy has read it: then the answer is to what was sent, or there is none.
+        let outcome = self.check_frame(header, &message).and(outcome);
         inferring.finish(n_envs.into());
         self.ledger.add(n_envs, start);
         if outcome.is_ok() {
@@ -231,14 +241,16 @@ impl<W: Write> Host<W> {
         }
         let mut status = 0;
         if let Err(error) = outcome {
-            status = 1;
+            status = if error.is_damage() { ActionHeader::DAMAGED } else { 1 };
             loan.blocks_mut().fill(ActionBlock { n_rows: 1, action_dim: 1, ..ActionBlock::zeroed() });
             self.report(&HostEvent::Failed { message: ipc_types::error_chain(&error) })?;
         }
         drop(message);
         let ObservationHeader { run, sequence, epoch, .. } = header;
-        let answer =
-            ActionHeader { schema_hash: SCHEMA_HASH, run, sequence, epoch, n_envs, status, reserved: [0; 7] };
+        let schema_hash = SCHEMA_HASH;
+        let answer = ActionHeader { schema_hash, run, sequence, epoch, n_envs, status, ..Zeroable::zeroed() };
+        let checks = self.config.run.resources.check_frames;
+        let answer = if checks { loan.with_checksum(answer) } else { answer };
         match loan.send(answer) {
             // The sim has exited since it sent the observation; its replacement will send a new one.
             Err(LinkError::NoPeer) => Ok(()),
@@ -264,6 +276,13 @@ impl<W: Write> Host<W> {
         self.policy.act(&view, chunks)?;
         for (env_idx, (chunk, block)) in chunks.iter().zip(blocks).enumerate() {
             chunk.write(view.env(env_idx).record, block);
+        }
+        Ok(())
+    }
+
+    fn check_frame(&self, header: ObservationHeader, message: &ObservationMessage) -> Result<(), QueryError> {
+        if self.config.run.resources.check_frames {
+            header.check_checksum(message.pages()).map_err(QueryError::Damaged)?;
         }
         Ok(())
     }

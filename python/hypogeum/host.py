@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .checksum import DamagedError, check_checksum
 from .chunk import AnswerError, as_rows, to_numpy
 from .ensemble import DEFAULT_COEFF, TemporalEnsemble
 from .endpoint import wait_for_endpoint
@@ -15,6 +16,9 @@ from .observation import FrameError, Observation
 
 # Time to poll for a message before sleeping: longer than a fast simulator needs to send the next one.
 SPIN_S = 50e-6
+# Status of an answer for which the policy produced no valid actions, or whose observation was damaged.
+STATUS_FAILED = 1
+STATUS_DAMAGED = 2
 # Maximum sleep before the host checks whether the run is still alive.
 SLEEP_S = 0.1
 
@@ -122,17 +126,23 @@ class _Host:
         except BaseException:
             message.release()
             raise
+        # After the policy has read it: then the answer is to what was sent, or there is none.
+        try:
+            check_checksum(message.header, message.pages)
+        except DamagedError as error:
+            failure = error
         self.statistics.busy_s += time.process_time() - start
         self.statistics.batches += 1
         self.statistics.queries += message.header.n_envs
         if failure is None:
             self.lane.reply(message, 0, fill)
         else:
+            damaged = isinstance(failure, DamagedError)
             self.statistics.failed += 1
-            self.lane.reply(message, 1, fill_placeholder)
-            if self.raise_errors:
+            self.lane.reply(message, STATUS_DAMAGED if damaged else STATUS_FAILED, fill_placeholder)
+            if self.raise_errors and not damaged:
                 raise failure
-            self.report(failure)
+            self.report(failure, "run again" if damaged else "end with an error")
         # Drop our own references to the observation, so that the check below sees only the policy function's.
         failure = fill = None
         if pages() is not None and not self.warned:
@@ -159,12 +169,13 @@ class _Host:
 
         return fill
 
-    def report(self, failure):
+    def report(self, failure, consequence):
         expected = isinstance(failure, (AnswerError, FrameError))
         log.error(
-            "failed to answer an observation: %s: %s; the episodes in it end with an error",
+            "failed to answer an observation: %s: %s; the episodes in it %s",
             type(failure).__name__,
             failure,
+            consequence,
             exc_info=None if expected else failure,
         )
 

@@ -15,16 +15,17 @@ import numpy as np
 
 # Description of the layout in one line. Both sides check its hash.
 SCHEMA = (
-    "hypogeum link v1; "
+    "hypogeum link v2; "
     "page 4096; "
     "obs header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, block_pages u32@32, "
-    "morphology u32@36, control_mode u32@40, images u32@44, reserved 16@48} 64; "
+    "morphology u32@36, control_mode u32@40, images u32@44, has_checksum u32@48, checksum u32@52, "
+    "reserved 8@56} 64; "
     "env record {slot u32@0, query u32@4, step u32@8, state_dim u32@12, instruction_len u32@16, execute u32@20, "
     "policy_seed u64@24, reserved 32@32, state f32[64]@64, instruction u8[1024]@320, zero@1344} 4096; "
     "external u8[2,224,224,3]@4096; "
     "hand u8[n_arms,128,128,3]@305152; "
     "act header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, status u32@32, "
-    "reserved 28@36} 64; "
+    "has_checksum u32@36, checksum u32@40, reserved 20@44} 64; "
     "action block {slot u32@0, query u32@4, n_rows u32@8, action_dim u32@12, reserved 48@16, "
     "rows f32[63*16]@64} 4096; "
     "single: state 25, cameras 2+1; "
@@ -32,7 +33,7 @@ SCHEMA = (
     "control modes 0 pd_ee_delta_pose 7, 1 pd_joint_pos 8, 2 pd_ee_pose 7 per arm"
 )
 # xxh3-64 of `SCHEMA`.
-SCHEMA_HASH = 0xb04767c48ca95306
+SCHEMA_HASH = 0x1195f493710ce9c8
 
 PAGE_BYTES = 4096  # Size of a page, the element of every message.
 EXTERNAL_SIDE = 224  # Side of an external image in pixels.
@@ -109,7 +110,9 @@ class ObservationHeader(ctypes.Structure):
         ("morphology", c_uint32),  # at 36
         ("control_mode", c_uint32),  # at 40
         ("images", c_uint32),  # at 44
-        ("reserved", c_uint64 * 2),  # at 48
+        ("has_checksum", c_uint32),  # at 48
+        ("checksum", c_uint32),  # at 52
+        ("reserved", c_uint64),  # at 56
     ]
 
     @staticmethod
@@ -118,7 +121,7 @@ class ObservationHeader(ctypes.Structure):
 
 
 class ActionHeader(ctypes.Structure):
-    """Header of an action message. A status other than 0 means that the policy failed. 64 bytes."""
+    """Header of an action message. Status 0 is success, 2 a damaged observation, any other a failed policy. 64 bytes."""
 
     _fields_ = [
         ("schema_hash", c_uint64),  # at 0
@@ -127,7 +130,9 @@ class ActionHeader(ctypes.Structure):
         ("epoch", c_uint32),  # at 24
         ("n_envs", c_uint32),  # at 28
         ("status", c_uint32),  # at 32
-        ("reserved", c_uint32 * 7),  # at 36
+        ("has_checksum", c_uint32),  # at 36
+        ("checksum", c_uint32),  # at 40
+        ("reserved", c_uint32 * 5),  # at 44
     ]
 
     @staticmethod

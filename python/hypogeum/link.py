@@ -13,6 +13,7 @@ from pathlib import Path
 import iceoryx2 as iox
 import numpy as np
 
+from .checksum import checksum
 from .endpoint import LOCK_NAME
 from .layout import ACTION_BLOCK, PAGE_BYTES, SCHEMA_HASH, ActionHeader, ObservationHeader, Page
 from .segment import Segment, SegmentGone
@@ -144,7 +145,7 @@ class Lane:
 
         Args:
             message: The `Message` to answer.
-            status: 0, or 1 if the policy failed.
+            status: 0 on success, 1 if the policy failed, 2 if the observation was damaged.
             fill: Function that writes the answer into zeroed blocks, `[n_envs] ACTION_BLOCK`.
         """
         n_envs = min(max(message.header.n_envs, 1), self.endpoint.max_envs)
@@ -154,6 +155,9 @@ class Lane:
         fill(np.frombuffer((ctypes.c_uint8 * n_bytes).from_address(loan.payload_ptr), ACTION_BLOCK))
         query = message.header
         header = ActionHeader(SCHEMA_HASH, query.run, query.sequence, query.epoch, n_envs, status)
+        if query.has_checksum:
+            header.has_checksum = 1
+            header.checksum = checksum(header, (ctypes.c_uint8 * n_bytes).from_address(loan.payload_ptr))
         ctypes.memmove(loan.user_header_ptr, ctypes.addressof(header), ctypes.sizeof(header))
         message.release()
         try:

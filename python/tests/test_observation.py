@@ -5,7 +5,9 @@ import pytest
 from messages import message, observation
 
 from hypogeum import AnswerError, FrameError, Observation
+from hypogeum.checksum import DamagedError, check_checksum, checksum
 from hypogeum.host import as_chunks
+from hypogeum.layout import ObservationHeader
 
 
 def test_arrays_share_memory_with_the_message():
@@ -65,6 +67,26 @@ def test_invalid_record_field_is_named(field, value):
 def test_invalid_utf8_instruction_is_rejected():
     with pytest.raises(FrameError, match="env 0: the instruction is not valid UTF-8"):
         observation(records=({"instruction": np.full(1024, 0xFF)},))
+
+
+def test_changed_bytes_do_not_match_the_checksum():
+    header, pages = message(n_envs=1)
+    check_checksum(header, pages)
+    header.has_checksum = 1
+    header.checksum = checksum(header, pages)
+    check_checksum(header, pages)
+    pages[-1] ^= 1
+    with pytest.raises(DamagedError, match="checksum"):
+        check_checksum(header, pages)
+    pages[-1] ^= 1
+    header.sequence += 1
+    with pytest.raises(DamagedError):
+        check_checksum(header, pages)
+
+
+def test_checksum_is_that_of_the_simulator():
+    header = ObservationHeader(1, 2, 3, 4, 1, 1, 0, 0, 0, has_checksum=1)
+    assert checksum(header, np.arange(4096, dtype=np.uint32).astype(np.uint8)) == 0x95C97948
 
 
 def test_chunks_of_any_float_dtype_are_converted():

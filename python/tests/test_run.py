@@ -18,9 +18,17 @@ pytestmark = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM is not set to the
 # A run of a few episodes takes a second or two.
 LIMIT_S = 30
 HOST = """
-import os, signal, sys, time
+import glob, os, signal, sys, time
 import numpy as np, hypogeum
 calls = 0
+def overwrite(observation):
+    state = observation[0].state.tobytes()
+    for path in glob.glob("/dev/shm/hyp_*.data"):
+        with open(path, "r+b") as segment:
+            at = segment.read().find(state)
+            if at >= 0:
+                segment.seek(at)
+                segment.write(bytes(len(state)))
 def fn(observation):
     global calls
     calls += 1
@@ -39,6 +47,7 @@ class Run:
         self.children = []
         self.env = {**os.environ, "XDG_RUNTIME_DIR": str(self.dir)}
         args = ["run", "--policy", "p=attach:mine", "--tasks", "RaiseCube", "--episodes", str(episodes), "--db", "r.db"]
+        args.append("--check-frames")
         args += [word for policy in policies for word in ("--policy", policy)]
         self.process = self.start([HYPOGEUM, *args])
 
@@ -117,6 +126,15 @@ def test_invalid_answer_ends_episodes_with_error(run, body, words):
     assert len(run.errors()) == 3 and all(run.errors())
     code, _, err = finish(host)
     assert code == 0 and words in err
+
+
+def test_episodes_of_overwritten_observation_run_again(run):
+    host = run.host("if calls == 2: overwrite(observation)")
+    code, _, err = finish(run.process)
+    assert code == 0 and "overwritten in shared memory" in err
+    assert run.errors() == [None] * 3
+    code, out, err = finish(host)
+    assert code == 0 and "failed=1" in out and "the episodes in it run again" in err
 
 
 def test_killed_host_can_be_replaced(run):

@@ -179,6 +179,12 @@ impl ActionLoan {
         bytemuck::cast_slice_mut(self.0.pages_mut())
     }
 
+    /// Returns `header` with the checksum of itself and the blocks as they are now.
+    #[must_use]
+    pub fn with_checksum(&mut self, header: ActionHeader) -> ActionHeader {
+        header.with_checksum(self.0.pages_mut())
+    }
+
     /// Sends the message to the sim and wakes it. The header is sent unchecked; the sim checks it against the
     /// pages.
     ///

@@ -101,6 +101,10 @@ pub struct ResourceOptions {
     /// Record every executed action in the results file, for `replay`
     #[arg(long)]
     pub keep_actions: bool,
+    /// Verify a checksum of every message in shared memory, and repeat the episodes of a damaged one
+    #[arg(long)]
+    #[serde(default)]
+    pub check_frames: bool,
     /// Record what all threads do and when, in a file that ui.perfetto.dev opens
     #[arg(long, value_name = "FILE.json")]
     #[serde(default)]

@@ -144,7 +144,7 @@ pub(crate) fn observation_header(sequence: u64, n_envs: u32) -> ObservationHeade
         morphology: Morphology::Single.code(),
         control_mode: Morphology::Single.default_control_mode().code(),
         images: 0,
-        reserved: [0; 2],
+        ..ObservationHeader::default()
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec, LinkNode, SimLane, SimLink};
 use ipc_types::run_config::Amount;
-use ipc_types::{ActionView, Morphology, ObservationHeader};
+use ipc_types::{ActionHeader, ActionView, Morphology, ObservationHeader};
 use policy_host::serve::{HostConfig, HostEvent, ServeError, serve_with};
 use policy_host::{PolicySpec, QueryMode};
 
@@ -30,6 +30,10 @@ struct HostFixture {
 
 impl HostFixture {
     fn new(spec: PolicySpec, id: u64) -> Self {
+        Self::with(spec, id, false)
+    }
+
+    fn with(spec: PolicySpec, id: u64, check_frames: bool) -> Self {
         let base = tempfile::tempdir_in("/tmp").unwrap();
         let domain = Domain::new(base.path(), 0x9057_0000_0000 + u64::from(std::process::id()) * 64 + id);
         let lane = LaneSpec { lane: 0, policy: "p".into(), max_envs: 2, block_pages: 87, in_flight: 2 };
@@ -40,6 +44,7 @@ impl HostFixture {
         let (events, output) = io::pipe().unwrap();
         let mut run = RunConfig::default();
         run.resources.threads = Amount::Fixed(1);
+        run.resources.check_frames = check_frames;
         let config = HostConfig {
             domain: domain.clone(),
             run_id: RUN,
@@ -138,6 +143,40 @@ fn host_survives_bad_messages_and_exits_with_input() {
     let events = fixture.end();
     let last = events.last().unwrap();
     assert!(matches!(last, HostEvent::Ledger { batches: 6, busy_s, .. } if *busy_s > 0.0), "{last:?}");
+}
+
+#[test]
+fn overwritten_observations_are_refused() {
+    let mut fixture = HostFixture::with(PolicySpec::Act(data("act-tiny")), 2, true);
+    assert!(matches!(fixture.event(), HostEvent::Ready { .. }));
+    let mut batch = ObservationBatch::of(Morphology::Single, &[0, 1]);
+    let header = ObservationHeader { run: RUN, sequence: 5, epoch: 3, ..batch.header };
+    let checked = header.with_checksum(&batch.pages);
+
+    fixture.send(&batch, checked);
+    let answer = fixture.receive();
+    assert_eq!(answer.header().status, 0);
+    answer.header().check_checksum(answer.pages()).unwrap();
+    drop(answer);
+
+    // A pixel, then the length of an instruction, which makes the record itself invalid.
+    for (page, byte) in [(80, 17), (0, 18)] {
+        batch.pages[page].0[byte] ^= 0x55;
+        fixture.send(&batch, checked);
+        assert_eq!(fixture.receive().header().status, ActionHeader::DAMAGED);
+        let failure = fixture.failure();
+        assert!(
+            failure.contains("overwritten in shared memory") && failure.contains("checksum"),
+            "{failure}"
+        );
+        batch.pages[page].0[byte] ^= 0x55;
+    }
+
+    fixture.send(&batch, header);
+    assert_eq!(fixture.receive().header().status, ActionHeader::DAMAGED, "it has no checksum");
+    fixture.send(&batch, checked);
+    assert_eq!(fixture.receive().header().status, 0);
+    drop(fixture.end());
 }
 
 #[test]

@@ -52,7 +52,6 @@ impl BatchWriter {
         for (slot, block) in batch.iter().zip(pages.chunks_exact_mut(block_pages)) {
             let episode = slots.episode(*slot).expect("a ready slot runs an episode");
             let block = EnvBlockMut::new(morphology, block);
-            episode.write_record(*slot, execute, block.record);
             let Some(scene) = &episode.view else { continue };
             let images = block
                 .external
@@ -74,8 +73,10 @@ impl BatchWriter {
         }
         let core_s = start.elapsed().as_secs_f64();
         self.views = recycle(views);
-        for slot in batch {
+        // Records come last: a checksum covers what is written from here on, and rendering takes its time.
+        for (slot, block) in batch.iter().zip(pages.chunks_exact_mut(block_pages)) {
             let episode = slots.episode_mut(*slot).expect("a ready slot runs an episode");
+            episode.write_record(*slot, execute, EnvBlockMut::new(morphology, block).record);
             episode.add_render_time(core_s / batch.len() as f64);
         }
         Ok(RenderCost { images: images as u64, core_s })

@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 use ipc_types::layout::block_pages;
 use ipc_types::link::{ActionMessage, LinkError, LinkNode, SimLane};
 use ipc_types::trace::{self, Activity};
-use ipc_types::{ActionView, ControlMode, FrameError, Morphology, ObservationHeader, Page, SCHEMA_HASH};
+use ipc_types::{
+    ActionHeader, ActionView, ControlMode, FrameError, Morphology, ObservationHeader, Page, SCHEMA_HASH,
+};
 use thiserror::Error;
 
 use super::protocol::{Lane, Latencies};
@@ -37,6 +39,8 @@ pub(super) enum LaneError {
 pub(super) enum InvalidAnswerError {
     #[error(transparent)]
     Frame(#[from] FrameError),
+    #[error("its host found an observation that was overwritten in shared memory")]
+    Damaged,
     #[error("batch {sequence} is not in flight")]
     UnknownBatch { sequence: u64 },
     #[error("the answer holds {found} envs, expected {expected}")]
@@ -61,6 +65,8 @@ pub(super) struct LaneState {
     pub(super) config: Lane,
     pub(super) link: SimLane,
     run_id: u64,
+    /// `true` if messages have checksums.
+    check_frames: bool,
     host_connected: bool,
     epoch: u32,
     sequence: u64,
@@ -85,13 +91,19 @@ impl LaneError {
 
 impl LaneState {
     /// Creates the lane's shared memory and populates it.
-    pub(super) fn create(node: &LinkNode, run_id: u64, config: Lane) -> Result<Self, LinkError> {
+    pub(super) fn create(
+        node: &LinkNode,
+        run_id: u64,
+        check_frames: bool,
+        config: Lane,
+    ) -> Result<Self, LinkError> {
         let link = SimLane::create(node, run_id, &config.spec)?;
         let (depth, max_envs) = (config.spec.in_flight as usize, config.spec.max_envs as usize);
         let now = Instant::now();
         Ok(Self {
             link,
             run_id,
+            check_frames,
             host_connected: false,
             epoch: std::process::id().wrapping_mul(EPOCH_STRIDE),
             sequence: 0,
@@ -144,13 +156,14 @@ impl LaneState {
         block_pages(morphology, self.config.images)
     }
 
-    /// Records a batch as in flight and returns its header. The caller fills in the observations and sends
-    /// them.
+    /// Records a batch as in flight and returns its header. The caller sends it with the observations in
+    /// `pages`.
     pub(super) fn dispatch(
         &mut self,
         slots: &[u32],
         morphology: Morphology,
         mode: ControlMode,
+        pages: &[Page],
         now: Instant,
     ) -> ObservationHeader {
         let mut batch = self.spare.pop().expect("dispatch requires can_send");
@@ -161,7 +174,7 @@ impl LaneState {
         batch.slots.clear();
         batch.slots.extend_from_slice(slots);
         self.in_flight.push(batch);
-        ObservationHeader {
+        let header = ObservationHeader {
             schema_hash: SCHEMA_HASH,
             run: self.run_id,
             sequence: self.sequence,
@@ -171,8 +184,9 @@ impl LaneState {
             morphology: morphology.code(),
             control_mode: mode.code(),
             images: u32::from(self.config.images),
-            reserved: [0; 2],
-        }
+            ..Default::default()
+        };
+        if self.check_frames { header.with_checksum(pages) } else { header }
     }
 
     /// Marks the host as connected: batches may be sent.
@@ -221,6 +235,10 @@ impl LaneState {
         let header = *message.header();
         self.answer.clear();
         self.answer.extend_from_slice(message.pages());
+        // A foreign host need not support checksums.
+        if self.check_frames && (header.has_checksum == 1 || !self.config.foreign) {
+            header.check_checksum(&self.answer)?;
+        }
         let view = ActionView::new(header, &self.answer)?;
         let header = view.header();
         if header.run != self.run_id || header.epoch != self.epoch {
@@ -230,7 +248,9 @@ impl LaneState {
             return Err(InvalidAnswerError::UnknownBatch { sequence: header.sequence });
         };
         let batch = self.in_flight.swap_remove(at);
-        let accepted = if batch.slots.len() == header.n_envs as usize {
+        let accepted = if header.status == ActionHeader::DAMAGED {
+            Err(InvalidAnswerError::Damaged)
+        } else if batch.slots.len() == header.n_envs as usize {
             let mut envs = batch.slots.iter().enumerate();
             envs.try_for_each(|(env_idx, slot)| accept(*slot, &view, env_idx))
         } else {

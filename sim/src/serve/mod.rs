@@ -156,7 +156,10 @@ impl Server {
         let lanes = config
             .lanes
             .iter()
-            .map(|lane| LaneState::create(&node, config.run_id, lane.clone()))
+            .map(|lane| {
+                let check_frames = config.run.resources.check_frames;
+                LaneState::create(&node, config.run_id, check_frames, lane.clone())
+            })
             .collect::<Result<Vec<_>, _>>()?;
         let language = &config.run.results.language;
         let sentences = language.as_ref().map(Sentences::read).transpose()?;
@@ -347,7 +350,7 @@ impl Server {
         for slot in &self.batch {
             self.slots.episode_mut(*slot).expect("a ready slot runs an episode").mark_queried(now);
         }
-        let header = lane.dispatch(&self.batch, morphology, mode, now);
+        let header = lane.dispatch(&self.batch, morphology, mode, loan.pages_mut(), now);
         match loan.send(header) {
             // The host disconnected since the last check. The episodes restart with the next host.
             Err(LinkError::NoPeer) if lane.config.foreign => {

@@ -6,7 +6,9 @@ use std::path::Path;
 use bytemuck::Zeroable;
 use ipc_types::link::{Domain, HostLane, LaneSpec};
 use ipc_types::run_config::Amount;
-use ipc_types::{ActionBlock, ActionHeader, ControlMode, Morphology, ObservationView};
+use ipc_types::{
+    ActionBlock, ActionHeader, ControlMode, Morphology, ObservationHeader, ObservationView, Page,
+};
 
 use super::protocol::{Assignment, Driver, Lane};
 use super::*;
@@ -45,8 +47,7 @@ fn answer(host: &mut HostLane, action_dim: usize) {
     }
     let (n_envs, schema_hash) = (header.n_envs, ipc_types::SCHEMA_HASH);
     let (run, sequence, epoch) = (header.run, header.sequence, header.epoch);
-    loan.send(ActionHeader { schema_hash, run, sequence, epoch, n_envs, status: 0, reserved: [0; 7] })
-        .unwrap();
+    loan.send(ActionHeader { schema_hash, run, sequence, epoch, n_envs, ..Default::default() }).unwrap();
 }
 
 fn assignment(id: u64) -> Assignment {
@@ -236,11 +237,11 @@ fn unanswered_query_times_out_naming_the_policy() {
         let node = LinkNode::new(&domain, "sim").unwrap();
         let link = SimLink::create(&node, 1).unwrap();
         let config = Lane { spec: spec.clone(), images: false, foreign: false, answer_timeout_s: 120 };
-        let mut lane = LaneState::create(&node, RUN, config).unwrap();
+        let mut lane = LaneState::create(&node, RUN, false, config).unwrap();
         let _host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();
         let sent = Instant::now();
-        lane.dispatch(&[0], TaskId::RaiseCube.task().morphology, ControlMode::EeDeltaPose, sent);
+        lane.dispatch(&[0], MORPHOLOGY, MODE, &[], sent);
         assert!(!lane.check_host(sent + Duration::from_secs(119)).unwrap());
         let error = lane.check_host(sent + Duration::from_secs(121)).unwrap_err().to_string();
         assert_eq!(error, "policy `slow` has not answered for 120 s");
@@ -276,12 +277,12 @@ fn answer_that_changes_later_is_used_as_checked() {
         let node = LinkNode::new(&domain, "sim").unwrap();
         let link = SimLink::create(&node, 1).unwrap();
         let config = Lane { spec: spec.clone(), images: false, foreign: false, answer_timeout_s: 120 };
-        let mut lane = LaneState::create(&node, RUN, config).unwrap();
+        let mut lane = LaneState::create(&node, RUN, false, config).unwrap();
         let mut host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();
         let now = Instant::now();
         let morphology = TaskId::RaiseCube.task().morphology;
-        let query = lane.dispatch(&[0, 1], morphology, ControlMode::EeDeltaPose, now);
+        let query = lane.dispatch(&[0, 1], morphology, ControlMode::EeDeltaPose, &[], now);
         let mut loan = host.loan(2).unwrap();
         for block in loan.blocks_mut() {
             *block = ActionBlock { n_rows: 1, action_dim: 7, ..ActionBlock::zeroed() };
@@ -310,4 +311,69 @@ fn answer_that_changes_later_is_used_as_checked() {
         drop(host);
     }
     domain.remove().unwrap();
+}
+
+/// A host of the run has to send checksums, a foreign one may.
+#[test]
+fn overwritten_answer_fails_its_lane() {
+    type Corrupt = fn(&mut ActionHeader, &mut [Page]);
+    let cases: [(bool, Corrupt, Option<&str>); 6] = [
+        (false, |header, pages| *header = header.with_checksum(pages), None),
+        (true, |header, pages| *header = header.with_checksum(pages), None),
+        (true, |_, _| (), None),
+        (false, |_, _| (), Some("`has_checksum` is 0")),
+        (true, overwrite, Some("the message is damaged")),
+        (false, refuse, Some("found an observation that was overwritten")),
+    ];
+    for (foreign, corrupt, expected) in cases {
+        let answered = answer_of_changed_message(foreign, corrupt);
+        let found = answered.as_ref().err().map(|error| error_chain(error));
+        match expected {
+            None => assert_eq!(found, None),
+            Some(words) => assert!(found.as_ref().is_some_and(|text| text.contains(words)), "{found:?}"),
+        }
+    }
+}
+
+fn overwrite(header: &mut ActionHeader, pages: &mut [Page]) {
+    *header = header.with_checksum(pages);
+    pages[1].0[64] ^= 1;
+}
+
+fn refuse(header: &mut ActionHeader, pages: &mut [Page]) {
+    *header = ActionHeader { status: ActionHeader::DAMAGED, ..*header }.with_checksum(pages);
+}
+
+/// Sends a batch with a checksum, answers it after `corrupt` has changed the answer, and receives that.
+fn answer_of_changed_message(
+    foreign: bool,
+    corrupt: fn(&mut ActionHeader, &mut [Page]),
+) -> Result<bool, LaneError> {
+    let base = tempfile::tempdir_in("/tmp").unwrap();
+    let domain = Domain::new(base.path(), std::hash::BuildHasher::hash_one(&RandomState::new(), 0));
+    let spec = LaneSpec { lane: 0, policy: "test".to_owned(), max_envs: 2, block_pages: 1, in_flight: 1 };
+    let answered = {
+        let node = LinkNode::new(&domain, "sim").unwrap();
+        let link = SimLink::create(&node, 1).unwrap();
+        let config = Lane { spec: spec.clone(), images: false, foreign, answer_timeout_s: 120 };
+        let mut lane = LaneState::create(&node, RUN, true, config).unwrap();
+        let mut host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
+        lane.host_up();
+        let (now, pages) = (Instant::now(), [Page::zeroed(); 2]);
+        let query = lane.dispatch(&[0, 1], MORPHOLOGY, MODE, &pages, now);
+        query.check_checksum(&pages).unwrap();
+        let mut loan = host.loan(2).unwrap();
+        loan.blocks_mut().fill(ActionBlock { n_rows: 1, action_dim: 7, ..ActionBlock::zeroed() });
+        let ObservationHeader { schema_hash, run, sequence, epoch, n_envs, .. } = query;
+        let mut header =
+            ActionHeader { schema_hash, run, sequence, epoch, n_envs, ..ActionHeader::default() };
+        corrupt(&mut header, bytemuck::cast_slice_mut(loan.blocks_mut()));
+        loan.send(header).unwrap();
+        link.wait(Duration::from_secs(5)).unwrap();
+        let answered = lane.receive(&mut protocol::Latencies::default(), now, |_, _, _| Ok(()));
+        drop(host);
+        answered
+    };
+    domain.remove().unwrap();
+    answered
 }
