@@ -119,6 +119,7 @@ fn fleet_config(
         run_id: RandomState::new().hash_one(std::process::id()),
         run: plan.config.clone(),
         earlier_renderer,
+        paired: plan.stopping.is_some(),
         lanes: lanes(plan, capacity.batch),
         capacity,
         morphologies: plan.morphologies(),

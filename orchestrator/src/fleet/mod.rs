@@ -55,6 +55,8 @@ pub(crate) struct FleetConfig {
     pub(crate) run: RunConfig,
     /// Identity of the renderer of earlier results, which this run must match.
     pub(crate) earlier_renderer: Option<String>,
+    /// `true` if an episode is of use only together with its twins of the other policies.
+    pub(crate) paired: bool,
     /// Numbers of envs.
     pub(crate) capacity: Capacity,
     /// Policies outside the sim, by lane.
@@ -229,7 +231,8 @@ impl Fleet {
             }
         };
         let channel = (self.events, self.inbox);
-        let mut supervisor = Supervisor::new(config, &domain, channel, JobQueue::new(jobs, is_wanted), sink);
+        let queue = JobQueue::new(jobs, config.paired, is_wanted);
+        let mut supervisor = Supervisor::new(config, &domain, channel, queue, sink);
         let status = supervisor.run();
         let shutdown = supervisor.shut_down();
         let totals = supervisor.into_totals();

@@ -11,6 +11,8 @@ use crate::jobs::Job;
 /// finish its episodes holds nobody else up.
 pub(super) struct JobQueue<'a> {
     drivers: Vec<DriverQueue>,
+    /// `true` if no driver may get far ahead of another that still has jobs.
+    in_step: bool,
     is_wanted: &'a IsWanted<'a>,
 }
 
@@ -30,7 +32,7 @@ impl DriverQueue {
 }
 
 impl<'a> JobQueue<'a> {
-    pub(super) fn new(jobs: Vec<Job>, is_wanted: &'a IsWanted<'a>) -> Self {
+    pub(super) fn new(jobs: Vec<Job>, in_step: bool, is_wanted: &'a IsWanted<'a>) -> Self {
         let mut drivers: Vec<DriverQueue> = Vec::new();
         for (position, job) in jobs.into_iter().enumerate() {
             let known = drivers.iter().position(|queue| queue.driver == job.driver);
@@ -41,24 +43,31 @@ impl<'a> JobQueue<'a> {
             });
             drivers[idx].pending.push_back((position, job));
         }
-        Self { drivers, is_wanted }
+        Self { drivers, in_step, is_wanted }
     }
 
     /// Takes the next job that is wanted now, in the order of the plan. Skips the drivers that have work for
-    /// all `envs` envs, and their share of as many ahead of time.
+    /// all `envs` envs and their share of as many ahead of time, and those that are too far ahead of another.
     pub(super) fn next(&mut self, envs: usize) -> Option<Job> {
         let n_active = self.drivers.iter().filter(|queue| queue.is_active()).count();
         let limit = envs + envs.div_ceil(n_active.max(1));
         loop {
+            let end = if self.in_step { self.first()? + 2 * limit * self.drivers.len() } else { usize::MAX };
             let open = self.drivers.iter_mut().filter(|queue| queue.n_outstanding < limit);
-            let queue =
-                open.filter(|queue| !queue.pending.is_empty()).min_by_key(|queue| queue.pending[0].0)?;
+            let queue = open
+                .filter(|queue| queue.pending.front().is_some_and(|(position, _)| *position < end))
+                .min_by_key(|queue| queue.pending[0].0)?;
             let (_, job) = queue.pending.pop_front()?;
             if (self.is_wanted)(&job) {
                 queue.n_outstanding += 1;
                 return Some(job);
             }
         }
+    }
+
+    /// Returns the position of the first job in the plan that is left.
+    fn first(&self) -> Option<usize> {
+        self.drivers.iter().filter_map(|queue| queue.pending.front()).map(|(position, _)| *position).min()
     }
 
     /// Records that a job has finished.
@@ -83,5 +92,36 @@ impl<'a> JobQueue<'a> {
     /// Returns `true` if no job is left, wanted or not.
     pub(super) fn is_empty(&self) -> bool {
         self.drivers.iter().all(|queue| queue.pending.is_empty())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jobs::jobs;
+    use crate::plan::RunPlan;
+    use crate::sweep::SweepArgs;
+
+    /// Finishes every job of one driver at once and none of the other. Returns the number of the former.
+    fn n_of_faster(in_step: bool) -> usize {
+        let arguments = "--policy idle --policy random --tasks RaiseCube --episodes 200";
+        let plan = RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap();
+        let mut queue = JobQueue::new(jobs(&plan).collect(), in_step, &|_| true);
+        let mut n_finished = 0;
+        while let Some(job) = queue.next(10) {
+            if job.driver == Driver::Lane(0) {
+                queue.on_finished(job.driver);
+                n_finished += 1;
+            }
+        }
+        n_finished
+    }
+
+    #[test]
+    fn faster_driver_waits_only_in_step() {
+        assert_eq!(n_of_faster(false), 200);
+        // The slower one has taken 15 jobs, and the next is at position 31: the other gets those before
+        // position 31 + 2 · 15 · 2.
+        assert_eq!(n_of_faster(true), 46);
     }
 }

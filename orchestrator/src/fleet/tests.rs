@@ -53,6 +53,7 @@ impl TestFleet {
             run_id: std::hash::BuildHasher::hash_one(&std::hash::RandomState::new(), 0),
             run: SweepArgs::parse("--threads 1").unwrap().config,
             earlier_renderer: None,
+            paired: false,
             capacity: Capacity { envs: 2, max_envs: 2, batch: 1, tunes: false },
             lanes: if *spec == PolicySpec::Expert { Vec::new() } else { vec![policy] },
             morphologies: vec![Morphology::Single],
