@@ -5,11 +5,14 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ipc_types::link::{Domain, LaneSpec};
-use ipc_types::run_config::{QueryMode, ResultOptions};
+use ipc_types::run_config::QueryMode;
 use ipc_types::{Morphology, SCHEMA_HASH};
+use policy_host::PolicySpec;
 use serde::{Deserialize, Serialize};
+use sim::serve::protocol::Lane;
 
 use super::error::{BaseError, FleetError};
+use super::{FleetConfig, FleetEvent, PolicyLane, Sink};
 
 /// Permission bits of everybody but the owner.
 const OTHERS: u32 = 0o077;
@@ -82,24 +85,40 @@ struct LaneDescription<'a> {
     mode: QueryMode,
 }
 
-/// Writes the description of a lane to `<root>/attach/<name>.json` and returns that path.
-pub(super) fn write_lane_description(
+/// Writes the descriptions of all lanes with a foreign host, and reports their paths.
+pub(super) fn describe_foreign_lanes(
+    config: &FleetConfig,
     domain: &Domain,
-    run_id: u64,
+    sink: &mut Sink<'_>,
+) -> Result<(), FleetError> {
+    for PolicyLane { spec, lane } in &config.lanes {
+        if let PolicySpec::Attach(name) = spec {
+            let path = write_lane_description(config, domain, name, lane)?;
+            let policy = &lane.spec.policy;
+            let line =
+                format!("policy `{policy}` waits for a foreign host; its lane is in {}", path.display());
+            sink(FleetEvent::Log(&line)).map_err(FleetError::Sink)?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes the description of a lane to `<root>/attach/<name>.json` and returns that path.
+fn write_lane_description(
+    config: &FleetConfig,
+    domain: &Domain,
     name: &str,
-    lane: &sim::serve::protocol::Lane,
-    morphologies: &[Morphology],
-    options: &ResultOptions,
+    lane: &Lane,
 ) -> Result<PathBuf, FleetError> {
     let description = LaneDescription {
         domain,
-        run: run_id,
+        run: config.run_id,
         lane: &lane.spec,
         schema_hash: format!("{SCHEMA_HASH:#018x}"),
-        morphologies,
+        morphologies: &config.morphologies,
         images: lane.images,
-        execute: options.execute,
-        mode: options.mode,
+        execute: config.run.results.execute,
+        mode: config.run.results.mode,
     };
     let folder = domain.root.join("attach");
     let path = folder.join(format!("{name}.json"));

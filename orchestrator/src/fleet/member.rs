@@ -1,4 +1,4 @@
-//! A member of the fleet: a role, the child process that currently fills it, and its failures so far.
+//! A member of the fleet: a role, the state of the child that currently fills it, and its failures so far.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -8,8 +8,6 @@ use std::time::Duration;
 
 use rustix::process::Signal;
 
-use super::process::ChildProcess;
-
 /// Number of log lines that an error shows.
 const LOG_LINES: usize = 8;
 /// Exit code of a child for an error that the user can fix.
@@ -18,7 +16,7 @@ const USER_ERROR: i32 = 2;
 const ERROR_PREFIX: &str = "error: ";
 
 /// The role of a child process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum MemberRole {
     /// The only sim.
     Sim,
@@ -37,14 +35,14 @@ pub(super) struct Member {
     log: VecDeque<String>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 enum MemberState {
     #[default]
     Vacant,
     /// A child that is starting, and the time of its spawn.
-    Starting(ChildProcess, Duration),
+    Starting(Duration),
     /// A child that is ready, and the time of its last output.
-    Up(ChildProcess, Duration),
+    Up(Duration),
 }
 
 /// The end of a child process.
@@ -78,29 +76,28 @@ impl fmt::Display for ChildExit {
 
 impl Member {
     /// Records that a child was spawned.
-    pub(super) fn on_spawn(&mut self, process: ChildProcess, now: Duration) {
-        self.state = MemberState::Starting(process, now);
+    pub(super) fn on_spawn(&mut self, now: Duration) {
+        self.state = MemberState::Starting(now);
         self.log.clear();
     }
 
     /// Records that the child is ready.
     pub(super) fn on_ready(&mut self, now: Duration) {
-        self.state = match std::mem::take(&mut self.state) {
-            MemberState::Starting(process, _) | MemberState::Up(process, _) => MemberState::Up(process, now),
-            MemberState::Vacant => MemberState::Vacant,
-        };
+        if !self.is_vacant() {
+            self.state = MemberState::Up(now);
+        }
     }
 
     /// Records that the child wrote something.
     pub(super) fn on_output(&mut self, now: Duration) {
-        if let MemberState::Up(_, last_output) = &mut self.state {
+        if let MemberState::Up(last_output) = &mut self.state {
             *last_output = now;
         }
     }
 
     /// Starts the timeouts of this child anew.
     pub(super) fn restart_clock(&mut self, now: Duration) {
-        if let MemberState::Starting(_, since) | MemberState::Up(_, since) = &mut self.state {
+        if let MemberState::Starting(since) | MemberState::Up(since) = &mut self.state {
             *since = now;
         }
     }
@@ -134,10 +131,9 @@ impl Member {
         add_within(&mut self.departures, now, window)
     }
 
-    /// Removes the exiting child and waits for it.
-    pub(super) fn reap(&mut self, timeout: Duration) -> Option<ChildExit> {
-        let process = self.take()?;
-        Some(process.wait(timeout).map_or_else(ChildExit::Unknown, ChildExit::Exited))
+    /// Records that the child was waited for.
+    pub(super) fn on_exit(&mut self) {
+        self.state = MemberState::Vacant;
     }
 
     /// Returns the error of a child that has exited because of something the user can fix. Its log ends with
@@ -162,27 +158,12 @@ impl Member {
 
     /// Returns the time since the spawn of a child that is not ready yet.
     pub(super) fn starting_for(&self, now: Duration) -> Option<Duration> {
-        if let MemberState::Starting(_, since) = self.state { Some(now - since) } else { None }
+        if let MemberState::Starting(since) = self.state { Some(now - since) } else { None }
     }
 
     /// Returns the time since the last output of a ready child.
     pub(super) fn silent_for(&self, now: Duration) -> Option<Duration> {
-        if let MemberState::Up(_, last_output) = self.state { Some(now - last_output) } else { None }
-    }
-
-    pub(super) fn process(&mut self) -> Option<&mut ChildProcess> {
-        match &mut self.state {
-            MemberState::Vacant => None,
-            MemberState::Starting(process, _) | MemberState::Up(process, _) => Some(process),
-        }
-    }
-
-    /// Removes the child.
-    pub(super) fn take(&mut self) -> Option<ChildProcess> {
-        match std::mem::take(&mut self.state) {
-            MemberState::Vacant => None,
-            MemberState::Starting(process, _) | MemberState::Up(process, _) => Some(process),
-        }
+        if let MemberState::Up(last_output) = self.state { Some(now - last_output) } else { None }
     }
 }
 

@@ -5,12 +5,14 @@
 //! results files or terminals: everything it reports goes to a sink. There is one event enum and one loop
 //! ([`supervisor`]), and every wait in that loop is bounded.
 
+mod children;
 mod clock;
 mod error;
 mod folder;
 mod limits;
 mod member;
 mod process;
+mod processes;
 mod queue;
 mod supervisor;
 mod totals;
@@ -31,6 +33,7 @@ pub(crate) use self::error::FleetError;
 pub(crate) use self::folder::base;
 use self::member::MemberRole;
 use self::process::ChildOutput;
+use self::processes::Processes;
 use self::queue::JobQueue;
 use self::supervisor::Supervisor;
 #[cfg(test)]
@@ -230,20 +233,18 @@ impl Fleet {
                 return Err(error.into());
             }
         };
-        let channel = (self.events, self.inbox);
-        let queue = JobQueue::new(jobs, config.paired, is_wanted);
-        let mut supervisor = Supervisor::new(config, &domain, channel, queue, sink);
-        let status = supervisor.run();
-        let shutdown = supervisor.shut_down();
-        let totals = supervisor.into_totals();
+        let ran = folder::describe_foreign_lanes(config, &domain, sink).and_then(|()| {
+            let mut children = Processes::new(&config.program, &domain, (self.events, self.inbox));
+            let pending = JobQueue::new(jobs, config.paired, is_wanted);
+            Supervisor::new(config, &domain, &mut children, pending, sink).run()
+        });
         let removed = domain.remove();
         drop(lease);
         // Children of a killed run may still have been exiting when this run started.
         Domain::remove_stale(&config.base);
-        let status = status?;
-        shutdown?;
+        let ran = ran?;
         removed?;
-        Ok((status, totals))
+        Ok(ran)
     }
 }
 

@@ -5,20 +5,18 @@ mod policies;
 
 use std::collections::BTreeMap;
 use std::iter::Sum;
-use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use ipc_types::link::{Domain, Shortage};
-use ipc_types::run_config::n_cores;
+use ipc_types::link::Domain;
 use ipc_types::trace::TraceSpan;
 use policy_host::serve::HostEvent;
 use sim::serve::protocol::{Driver, Outcome, SimCommand, SimEvent};
 
 use self::policies::Unconfirmed;
-use super::clock::RunningClock;
+use super::children::Children;
 use super::error::FleetError;
 use super::member::{Member, MemberRole};
-use super::process::{ChildOutput, ChildProcess};
+use super::process::ChildOutput;
 use super::queue::JobQueue;
 use super::totals::{HostWork, Totals};
 use super::tuner::{EnvTuner, WorkSample};
@@ -31,9 +29,7 @@ const TICK: Duration = Duration::from_millis(200);
 pub(super) struct Supervisor<'a> {
     config: &'a FleetConfig,
     domain: &'a Domain,
-    events: Sender<SupervisorEvent>,
-    inbox: Receiver<SupervisorEvent>,
-    clock: RunningClock,
+    children: &'a mut dyn Children,
     sim: Member,
     /// By lane; the member of a foreign host stays vacant.
     hosts: Vec<Member>,
@@ -55,17 +51,15 @@ impl<'a> Supervisor<'a> {
     pub(super) fn new(
         config: &'a FleetConfig,
         domain: &'a Domain,
-        (events, inbox): (Sender<SupervisorEvent>, Receiver<SupervisorEvent>),
+        children: &'a mut dyn Children,
         pending: JobQueue<'a>,
         sink: &'a mut Sink<'a>,
     ) -> Self {
-        let (n_lanes, capacity) = (config.lanes.len(), config.capacity);
+        let (n_lanes, capacity, n_cores) = (config.lanes.len(), config.capacity, children.n_cores());
         Self {
             config,
             domain,
-            events,
-            inbox,
-            clock: RunningClock::new(),
+            children,
             sim: Member::default(),
             hosts: std::iter::repeat_with(Member::default).take(n_lanes).collect(),
             pending,
@@ -73,22 +67,31 @@ impl<'a> Supervisor<'a> {
             next_id: 0,
             unconfirmed: Unconfirmed::default(),
             given_up: vec![false; n_lanes],
-            tuner: capacity.tunes.then(|| EnvTuner::new(capacity.envs, capacity.max_envs, n_cores())),
+            tuner: capacity.tunes.then(|| EnvTuner::new(capacity.envs, capacity.max_envs, n_cores)),
             totals: Totals::new(n_lanes, config.earlier_renderer.clone()),
             sink,
         }
     }
 
-    /// Starts the children and runs until all episodes are finished or a stop is requested.
-    pub(super) fn run(&mut self) -> Result<RunStatus, FleetError> {
-        self.describe_foreign_lanes()?;
+    /// Starts the children, runs until all episodes are finished or a stop is requested, and ends the
+    /// children.
+    pub(super) fn run(mut self) -> Result<(RunStatus, Totals), FleetError> {
+        let status = self.run_episodes();
+        let shutdown = self.shut_down();
+        self.totals.choice = self.tuner.map(|tuner| tuner.choice().clone());
+        let status = status?;
+        shutdown?;
+        Ok((status, self.totals))
+    }
+
+    fn run_episodes(&mut self) -> Result<RunStatus, FleetError> {
         self.start(MemberRole::Sim)?;
         for lane in self.hosted_lanes() {
             self.start(MemberRole::Host(lane))?;
         }
         while !(self.pending.is_empty() && self.outstanding.is_empty()) {
             self.assign_jobs();
-            match self.next_event() {
+            match self.children.next_event(TICK) {
                 Some(SupervisorEvent::Child(role, output)) => self.on_output(role, output)?,
                 Some(SupervisorEvent::Stop) => return Ok(RunStatus::Stopped),
                 None => {}
@@ -100,17 +103,17 @@ impl<'a> Supervisor<'a> {
 
     /// Asks all children to exit and kills those that do not in time, or all of them if another stop is
     /// requested. Episodes that finish meanwhile count.
-    pub(super) fn shut_down(&mut self) -> Result<(), FleetError> {
+    fn shut_down(&mut self) -> Result<(), FleetError> {
         let mut result = Ok(());
         for role in self.roles() {
-            if let Some(process) = self.member(role).process() {
-                process.close();
-            }
+            self.children.close(role);
         }
-        self.clock.update();
-        let deadline = self.clock.now() + self.config.limits.shutdown;
-        while self.clock.now() < deadline && self.roles().iter().any(|&role| !self.member(role).is_vacant()) {
-            match self.next_event() {
+        self.children.update_clock();
+        let deadline = self.children.now() + self.config.limits.shutdown;
+        while self.children.now() < deadline
+            && self.roles().iter().any(|&role| !self.member(role).is_vacant())
+        {
+            match self.children.next_event(TICK) {
                 Some(SupervisorEvent::Child(role, ChildOutput::Closed)) => self.wait_for_exit(role),
                 Some(SupervisorEvent::Child(role, output)) if result.is_ok() => {
                     result = self.on_output(role, output);
@@ -120,42 +123,24 @@ impl<'a> Supervisor<'a> {
             }
         }
         for role in self.roles() {
-            if let Some(process) = self.member(role).process() {
-                process.kill();
-            }
+            self.children.kill(role);
             self.wait_for_exit(role);
         }
         result
     }
 
-    pub(super) fn into_totals(mut self) -> Totals {
-        self.totals.choice = self.tuner.map(|tuner| tuner.choice().clone());
-        self.totals
-    }
-
-    fn next_event(&mut self) -> Option<SupervisorEvent> {
-        let event = self.inbox.recv_timeout(TICK).ok();
-        self.clock.update();
-        event
-    }
-
     fn start(&mut self, role: MemberRole) -> Result<(), FleetError> {
-        let (subcommand, config) = match role {
-            MemberRole::Sim => ("sim", serde_json::json!(self.config.sim(self.domain, self.envs()))),
-            MemberRole::Host(lane) => ("policy-host", serde_json::json!(self.config.host(self.domain, lane))),
+        let config = match role {
+            MemberRole::Sim => serde_json::json!(self.config.sim(self.domain, self.envs())),
+            MemberRole::Host(lane) => serde_json::json!(self.config.host(self.domain, lane)),
         };
-        let events = self.events.clone();
-        let on_output = move |output| {
-            // Sending fails only if the loop has ended, which then also ends the children.
-            let _ = events.send(SupervisorEvent::Child(role, output));
-        };
-        let program = &self.config.program;
-        let process =
-            ChildProcess::spawn(program, subcommand, &config.to_string(), on_output).map_err(|source| {
-                FleetError::Spawn { name: self.name(role), program: program.clone(), source }
-            })?;
-        let now = self.clock.now();
-        self.member(role).on_spawn(process, now);
+        self.children.spawn(role, &config.to_string()).map_err(|source| FleetError::Spawn {
+            name: self.name(role),
+            program: self.config.program.clone(),
+            source,
+        })?;
+        let now = self.children.now();
+        self.member(role).on_spawn(now);
         if let Some(tuner) = &mut self.tuner {
             tuner.interrupt();
         }
@@ -163,7 +148,7 @@ impl<'a> Supervisor<'a> {
     }
 
     fn on_output(&mut self, role: MemberRole, output: ChildOutput) -> Result<(), FleetError> {
-        let now = self.clock.now();
+        let now = self.children.now();
         self.member(role).on_output(now);
         match output {
             ChildOutput::Closed => self.restart(role),
@@ -193,7 +178,7 @@ impl<'a> Supervisor<'a> {
                 self.totals.shm_bytes = shm_bytes;
                 self.totals.renderer = Some(renderer);
                 self.check_renderer(identity)?;
-                self.sim.on_ready(self.clock.now());
+                self.sim.on_ready(self.children.now());
                 self.send_state_to_sim();
                 Ok(())
             }
@@ -221,14 +206,13 @@ impl<'a> Supervisor<'a> {
     }
 
     fn measure_memory(&mut self) {
-        let sum = self.sum_over_children(ChildProcess::memory_bytes);
+        let sum = self.sum_over_children(|children, role| children.memory_bytes(role));
         self.totals.memory_bytes = self.totals.memory_bytes.max(sum);
     }
 
     /// Sums what the system tells about the children that are alive.
-    fn sum_over_children<T: Sum>(&mut self, of: impl Fn(&ChildProcess) -> Option<T>) -> T {
-        let roles = self.roles();
-        roles.into_iter().filter_map(|role| self.member(role).process().and_then(|child| of(child))).sum()
+    fn sum_over_children<T: Sum>(&self, of: impl Fn(&dyn Children, MemberRole) -> Option<T>) -> T {
+        self.roles().into_iter().filter_map(|role| of(self.children, role)).sum()
     }
 
     /// Returns the number of episodes in progress at a time.
@@ -241,8 +225,8 @@ impl<'a> Supervisor<'a> {
         if self.tuner.is_none() || self.pending.is_empty() {
             return;
         }
-        let cpu_s = self.sum_over_children(ChildProcess::cpu_s);
-        let sample = WorkSample::new(self.clock.now(), cpu_s, &self.totals);
+        let cpu_s = self.sum_over_children(|children, role| children.cpu_s(role));
+        let sample = WorkSample::new(self.children.now(), cpu_s, &self.totals);
         if let Some(count) = self.tuner.as_mut().and_then(|tuner| tuner.on_work(sample)) {
             self.send_to_sim(&SimCommand::Envs { count });
         }
@@ -261,7 +245,7 @@ impl<'a> Supervisor<'a> {
     fn on_host_event(&mut self, lane: u32, event: HostEvent) -> Result<(), FleetError> {
         match event {
             HostEvent::Ready { .. } => {
-                let now = self.clock.now();
+                let now = self.children.now();
                 self.member(MemberRole::Host(lane)).on_ready(now);
                 self.send_to_sim(&SimCommand::HostUp { lane });
                 Ok(())
@@ -306,14 +290,15 @@ impl<'a> Supervisor<'a> {
 
     /// Reaps a child, cleans up its shared memory and restarts it, unless it has failed too often.
     fn restart(&mut self, role: MemberRole) -> Result<(), FleetError> {
-        let (limits, window, now) = (self.config.limits, self.failure_window(role), self.clock.now());
+        let (limits, window, now) = (self.config.limits, self.failure_window(role), self.children.now());
+        let Some(exit) = self.children.wait(role, limits.shutdown) else { return Ok(()) };
         let member = self.member(role);
-        let Some(exit) = member.reap(limits.shutdown) else { return Ok(()) };
+        member.on_exit();
         let fails_often = member.add_failure(now, window) >= limits.failures;
-        if let Some(user) = self.domain.intruder() {
+        if let Some(user) = self.children.intruder() {
             return Err(FleetError::Intruder { name: self.name(role), exit, user });
         }
-        if self.domain.reap().is_none() {
+        if self.children.free_memory().is_none() {
             let line =
                 format!("gave up freeing the shared memory of {}, which took too long", self.name(role));
             self.log(&line)?;
@@ -329,7 +314,9 @@ impl<'a> Supervisor<'a> {
             }
         }
         let name = self.name(role);
-        if let Some(source) = (fails_often || exit.lacked_memory()).then(Shortage::find).flatten() {
+        if let Some(source) =
+            (fails_often || exit.lacked_memory()).then(|| self.children.shortage()).flatten()
+        {
             return Err(FleetError::Shortage { name, exit, source });
         }
         let (log, message) = (self.member(role).log_tail(), self.member(role).user_error(&exit));
@@ -349,16 +336,14 @@ impl<'a> Supervisor<'a> {
 
     /// Waits for a child that was asked to exit. Its exit status does not matter.
     fn wait_for_exit(&mut self, role: MemberRole) {
-        let timeout = self.config.limits.shutdown;
-        if let Some(process) = self.member(role).take() {
-            let _ = process.wait(timeout);
-        }
+        let _ = self.children.wait(role, self.config.limits.shutdown);
+        self.member(role).on_exit();
     }
 
     /// Kills a hung sim, and a child that does not get ready in time. Hung hosts are detected by the sim,
     /// which knows the unanswered queries.
     fn check_timeouts(&mut self) -> Result<(), FleetError> {
-        let (now, limits) = (self.clock.now(), self.config.limits);
+        let (now, limits) = (self.children.now(), self.config.limits);
         for role in self.roles() {
             let timeout = if role == MemberRole::Sim { limits.sim_start } else { limits.host_start };
             if self.member(role).starting_for(now).is_some_and(|time| time > timeout) {
@@ -376,22 +361,18 @@ impl<'a> Supervisor<'a> {
 
     /// Kills a child for the reason in `line`. Its exit arrives as usual.
     fn kill(&mut self, role: MemberRole, line: &str) -> Result<(), FleetError> {
-        let now = self.clock.now();
+        let now = self.children.now();
         let member = self.member(role);
         member.restart_clock(now);
         member.on_log(line);
-        if let Some(process) = member.process() {
-            process.kill();
-        }
+        self.children.kill(role);
         self.log(line)
     }
 
     /// Sends a command to the sim if it is ready. Otherwise it learns the state when it becomes ready.
     fn send_to_sim(&mut self, command: &SimCommand) {
-        if self.sim.is_up()
-            && let Some(process) = self.sim.process()
-        {
-            process.send(serde_json::json!(command).to_string());
+        if self.sim.is_up() {
+            self.children.send(MemberRole::Sim, serde_json::json!(command).to_string());
         }
     }
 

@@ -4,12 +4,11 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use policy_host::PolicySpec;
 use sim::serve::protocol::{Driver, EpisodeLedger, Lane, Outcome, SimCommand};
 
+use super::super::FleetEvent;
 use super::super::error::FleetError;
 use super::super::member::MemberRole;
-use super::super::{FleetConfig, FleetEvent, folder};
 use super::Supervisor;
 use crate::jobs::Job;
 
@@ -36,7 +35,7 @@ impl Supervisor<'_> {
         }
         let role = MemberRole::Host(lane);
         if self.is_foreign(lane) {
-            let (now, window) = (self.clock.now(), self.failure_window(role));
+            let (now, window) = (self.children.now(), self.failure_window(role));
             let failures = self.member(role).add_failure(now, window);
             if is_final || failures >= self.config.limits.failures {
                 return self.give_up(lane, FleetError::Lane(message));
@@ -45,10 +44,8 @@ impl Supervisor<'_> {
         }
         let host = self.member(role);
         host.on_log(&message);
-        if host.is_up()
-            && let Some(process) = host.process()
-        {
-            process.kill();
+        if host.is_up() {
+            self.children.kill(role);
         }
         self.log(&format!("{message}; killed its host"))
     }
@@ -56,7 +53,7 @@ impl Supervisor<'_> {
     /// Handles a foreign host that has left with unfinished episodes.
     pub(super) fn on_host_lost(&mut self, lane: u32) -> Result<(), FleetError> {
         let (role, limit) = (MemberRole::Host(lane), self.config.limits.departures);
-        let (now, window) = (self.clock.now(), self.failure_window(role));
+        let (now, window) = (self.children.now(), self.failure_window(role));
         let departures = self.member(role).add_departure(now, window);
         let policy = &self.config.lanes[lane as usize].lane.spec.policy;
         let line = format!("a host of policy `{policy}` left");
@@ -78,9 +75,7 @@ impl Supervisor<'_> {
             return Err(error);
         }
         self.given_up[lane as usize] = true;
-        if let Some(process) = self.member(MemberRole::Host(lane)).process() {
-            process.kill();
-        }
+        self.children.kill(MemberRole::Host(lane));
         self.send_to_sim(&SimCommand::GiveUp { lane });
         let driver = Driver::Lane(lane);
         let ids: Vec<u64> =
@@ -147,22 +142,6 @@ impl Supervisor<'_> {
             }
         };
         longest * limits.failures
-    }
-
-    pub(super) fn describe_foreign_lanes(&mut self) -> Result<(), FleetError> {
-        let FleetConfig { lanes, morphologies, run_id, run, .. } = self.config;
-        for policy in lanes {
-            if let PolicySpec::Attach(name) = &policy.spec {
-                let (lane, options) = (&policy.lane, &run.results);
-                let path =
-                    folder::write_lane_description(self.domain, *run_id, name, lane, morphologies, options)?;
-                let policy = &lane.spec.policy;
-                let line =
-                    format!("policy `{policy}` waits for a foreign host; its lane is in {}", path.display());
-                self.log(&line)?;
-            }
-        }
-        Ok(())
     }
 
     fn is_foreign(&self, lane: u32) -> bool {

@@ -1,0 +1,60 @@
+//! The interface between the supervisor and the world: child processes, their messages, shared memory that
+//! they leave behind, and time.
+//!
+//! The supervisor does nothing but through this trait and its sink, so that a simulated world can replace the
+//! real one.
+
+use std::io;
+use std::time::Duration;
+
+use ipc_types::link::Shortage;
+
+use super::SupervisorEvent;
+use super::member::{ChildExit, MemberRole};
+
+/// The children of a run, at most one per role, and the rest of the supervisor's world. Requests to a role
+/// without a child have no effect.
+pub(super) trait Children {
+    /// Starts a child with a configuration in JSON. The role has no child.
+    fn spawn(&mut self, role: MemberRole, config: &str) -> io::Result<()>;
+
+    /// Queues a line for the child's stdin.
+    fn send(&mut self, role: MemberRole, line: String);
+
+    /// Asks the child to exit by closing its stdin after all queued lines.
+    fn close(&mut self, role: MemberRole);
+
+    /// Kills the child. Its exit arrives as an event, as usual.
+    fn kill(&mut self, role: MemberRole);
+
+    /// Waits for the child to exit and removes it from its role. Kills it after `timeout`. Returns `None` if
+    /// there is no child.
+    fn wait(&mut self, role: MemberRole, timeout: Duration) -> Option<ChildExit>;
+
+    /// Returns the child's resident memory in bytes without shared memory, where the system tells it.
+    fn memory_bytes(&self, role: MemberRole) -> Option<u64>;
+
+    /// Returns the core-seconds that the child has used, where the system tells it.
+    fn cpu_s(&self, role: MemberRole) -> Option<f64>;
+
+    /// Waits for the next event, at most for `timeout`, and advances the clock.
+    fn next_event(&mut self, timeout: Duration) -> Option<SupervisorEvent>;
+
+    /// Advances the clock.
+    fn update_clock(&mut self);
+
+    /// Returns the time for which this process has run, as of the last advance of the clock.
+    fn now(&self) -> Duration;
+
+    /// Frees the shared memory of children that have exited. Returns `None` if that took too long.
+    fn free_memory(&mut self) -> Option<usize>;
+
+    /// Returns another user who has put files with the names of this run into shared memory.
+    fn intruder(&self) -> Option<u32>;
+
+    /// Returns the resource that this process lacks now, if any.
+    fn shortage(&self) -> Option<Shortage>;
+
+    /// Returns the number of cores.
+    fn n_cores(&self) -> u32;
+}
