@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 /// Maximum time between two updates that counts as running.
-const MAX_TICK: Duration = Duration::from_secs(2);
+pub(super) const MAX_TICK: Duration = Duration::from_secs(2);
 
 /// The time during which this process has run.
 #[derive(Debug)]

@@ -249,4 +249,6 @@ impl Fleet {
 }
 
 #[cfg(test)]
+mod faults;
+#[cfg(test)]
 mod tests;

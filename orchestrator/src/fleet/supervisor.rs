@@ -308,9 +308,6 @@ impl<'a> Supervisor<'a> {
             MemberRole::Host(lane) => {
                 self.totals.on_host_exit(lane);
                 self.send_to_sim(&SimCommand::HostDown { lane });
-                if self.given_up[lane as usize] {
-                    return Ok(());
-                }
             }
         }
         let name = self.name(role);

@@ -75,7 +75,6 @@ impl Supervisor<'_> {
             return Err(error);
         }
         self.given_up[lane as usize] = true;
-        self.children.kill(MemberRole::Host(lane));
         self.send_to_sim(&SimCommand::GiveUp { lane });
         let driver = Driver::Lane(lane);
         let ids: Vec<u64> =
