@@ -66,7 +66,7 @@ fn supervise<'s>(
     let domain = Domain::new(&config.base, config.run_id);
     let mut world = FakeWorld::new(scenario, history);
     let is_wanted = |job: &_| scenario.is_wanted(job);
-    let pending = JobQueue::new(scenario.jobs.clone(), &is_wanted);
+    let pending = JobQueue::new(scenario.jobs.clone(), config.paired, &is_wanted);
     let mut sink = |event: FleetEvent<'_>| history.borrow_mut().on_report(&event);
     let result = Supervisor::new(config, &domain, &mut world, pending, &mut sink).run();
     assert!(world.children.is_empty(), "nobody has waited for a child");

@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 
 use sim::serve::protocol::{Driver, SimCommand};
 
+use super::super::FleetConfig;
 use super::super::member::MemberRole;
 use super::history::{Meaning, RunHistory};
 
@@ -92,6 +93,28 @@ impl RunHistory<'_> {
         for driver in self.drivers() {
             self.check_supply(driver, n_active.max(1) as u32);
         }
+        self.check_lead();
+    }
+
+    /// Checks that no driver is far ahead of another, if they have to stay together.
+    fn check_lead(&self) {
+        let FleetConfig { paired, capacity, .. } = self.scenario.config;
+        let limit = 2 * 2 * capacity.max_envs as usize * self.drivers().len();
+        if let (true, Some(first)) = (paired, self.first_unassigned()) {
+            let is_close = |job: &usize| *job < first + limit;
+            assert!(self.assigned.values().all(is_close), "a policy is far ahead of another");
+        }
+    }
+
+    /// Returns the first wanted job that the sim was not told of.
+    fn first_unassigned(&self) -> Option<usize> {
+        self.drivers().into_iter().filter_map(|driver| self.unassigned(driver).next()).min()
+    }
+
+    /// Returns the wanted jobs of a driver that the sim was not told of.
+    fn unassigned(&self, driver: Driver) -> impl Iterator<Item = usize> {
+        let is_assigned = |job: &usize| self.assigned.values().any(|assigned| assigned == job);
+        self.open_jobs(driver).filter(move |job| !is_assigned(job))
     }
 
     /// Returns the wanted jobs of a driver without a recorded outcome.
@@ -107,13 +130,15 @@ impl RunHistory<'_> {
         let is_given_up = matches!(driver, Driver::Lane(lane) if self.given_up.contains(&lane));
         assert!(n_open == 0 || !is_given_up, "an episode of a given-up policy has no outcome");
         let capacity = self.scenario.config.capacity;
-        let is_assigned = |job: &usize| self.assigned.values().any(|assigned| assigned == job);
-        let n_assigned = self.open_jobs(driver).filter(is_assigned).count();
+        let n_assigned = n_open - self.unassigned(driver).count();
+        let first = self.unassigned(driver).next();
+        let may_wait = self.scenario.config.paired && first != self.first_unassigned();
         // Unwanted jobs make a driver active until their turn comes.
         let is_exact = !capacity.tunes && self.scenario.unwanted.is_empty();
         let n_ahead = if is_exact { capacity.envs.div_ceil(n_active) } else { 0 };
         let enough = n_open.min((capacity.envs + n_ahead) as usize);
-        assert!(n_assigned >= enough || !self.is_up(MemberRole::Sim), "the sim has too few episodes");
+        let has_enough = n_assigned >= enough || may_wait || !self.is_up(MemberRole::Sim);
+        assert!(has_enough, "the sim has too few episodes");
         assert!(n_assigned <= 2 * capacity.max_envs as usize, "the sim has too many episodes");
     }
 

@@ -233,6 +233,7 @@ fn config(seed: u64, drivers: &[DriverChoice], draw: &mut FaultInjector) -> Flee
         shm: "shm".into(),
         run_id: seed,
         run: RUN.clone(),
+        paired: draw.chance(0.2),
         earlier_renderer: draw.chance(0.3).then(|| RENDERER.to_owned()),
         capacity: Capacity { envs, max_envs: if tunes { 4 * envs } else { envs }, batch: envs, tunes },
         lanes,
