@@ -80,6 +80,8 @@ pub enum PolicyError {
     QueryGap { slot: u32, expected: u32, found: u32 },
     #[error("the instruction cannot be split into tokens: {reason}")]
     Instruction { reason: String },
+    #[error("{message}")]
+    Device { message: String },
     #[error("slot index {slot} is out of range, expected less than {limit}")]
     Slot { slot: u32, limit: u32 },
 }

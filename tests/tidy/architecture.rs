@@ -49,7 +49,7 @@ fn each_engine_is_used_by_one_module() {
     let iceoryx_users = ["ipc-types/src/link/", "ipc-types/tests/", "benches/transport"];
     only_in("iceoryx2", &iceoryx_users, "the link is its only user");
     only_in("rapier3d", &["sim/src/physics/", "sim/src/robot/"], "physics engine");
-    only_in("wgpu", &["sim/src/render/"], "graphics API");
+    only_in("wgpu", &["sim/src/render/", "policy-host/src/nn/gpu/"], "graphics API");
     only_in("faer", &["policy-host/src/nn/"], "matrix products");
     let parquet_users = ["orchestrator/src/demos/dataset/", "orchestrator/src/parquet_table.rs"];
     only_in("parquet::", &parquet_users, "the only reader and writer of Parquet files");

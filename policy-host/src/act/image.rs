@@ -53,6 +53,28 @@ impl Preprocessor {
         Self { size, values, resizers }
     }
 
+    /// Returns the normalised value of each byte, per channel.
+    #[cfg(feature = "gpu")]
+    pub(super) fn values(&self) -> &[[f32; 256]] {
+        &self.values
+    }
+
+    /// Returns the filters with which images of size `from` are resized, the rows' before the columns'.
+    /// Each takes as many words as the second result says: first source pixel, number of weights, weights.
+    /// Returns `None` for images of the output's size.
+    #[cfg(feature = "gpu")]
+    pub(super) fn filters(&self, from: ImageSize) -> Option<(Vec<u32>, usize)> {
+        let resizer = self.resizers.iter().find(|resizer| resizer.from == from)?;
+        let filters = || resizer.vertical.iter().chain(&resizer.horizontal);
+        let n_words = 2 + filters().map(|taps| taps.weights.len()).max()?;
+        let words = filters().flat_map(|taps| {
+            let head = [taps.first as u32, taps.weights.len() as u32];
+            let weights = taps.weights.iter().map(|weight| weight.to_bits());
+            head.into_iter().chain(weights).chain(std::iter::repeat(0)).take(n_words)
+        });
+        Some((words.collect(), n_words))
+    }
+
     /// Returns the shape of the output.
     pub(super) fn shape(&self) -> FeatureMapShape {
         FeatureMapShape {

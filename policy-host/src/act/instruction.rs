@@ -1,7 +1,7 @@
 //! Cache of instruction tokens: each distinct instruction is encoded once.
 
 use super::architecture::TokenProjection;
-use super::model::ActModel;
+use super::leading::LeadingTokens;
 use crate::text::TextEncoder;
 
 /// Maximum number of cached instructions. The oldest entry is evicted first.
@@ -25,8 +25,8 @@ impl TokenCache {
     /// Returns the token of an instruction. Returns `None` if the network has no instruction input, or if the
     /// instruction is empty and the benchmark's network omits the token (docs/benchmark.md, "Policies and
     /// evaluation").
-    pub(super) fn get(&mut self, instruction: &str, model: &ActModel) -> Option<&[f32]> {
-        let input = model.architecture().instruction?;
+    pub(super) fn get(&mut self, instruction: &str, leading: &LeadingTokens) -> Option<&[f32]> {
+        let input = leading.instruction_input()?;
         if instruction.is_empty() && input.projection == TokenProjection::Mlp {
             return None;
         }
@@ -35,7 +35,7 @@ impl TokenCache {
             Some(idx) => idx,
             None => {
                 let embedding = self.encoder.as_ref()?.encode(instruction);
-                self.insert((instruction.to_owned(), model.instruction_token(&embedding)?))
+                self.insert((instruction.to_owned(), leading.instruction_token(&embedding)?))
             }
         };
         Some(&self.entries[idx].1)

@@ -9,10 +9,16 @@ pub mod tensors;
 
 mod backbone;
 mod flop;
+#[cfg(feature = "gpu")]
+mod gpu;
+mod inputs;
 mod instruction;
+mod leading;
 mod policy;
 mod position;
 mod team;
 mod transformer;
 
+#[cfg(feature = "gpu")]
+pub use gpu::{GpuActPolicy, LoadGpuError};
 pub use policy::{ActPolicy, IMAGE_SIZES, check};

@@ -7,15 +7,15 @@ use rayon::prelude::*;
 use super::architecture::{Architecture, ImageSize, TokenProjection};
 use super::backbone::{Backbone, BackboneScratch};
 use super::image::Image;
+use super::leading::LeadingTokens;
 use super::normalise::Normalisation;
 use super::position::sine_encoding;
 use super::team;
-use super::transformer::{Decoder, EncoderLayer, TransformerScratch, layer_norm, linear};
+use super::transformer::{Decoder, EncoderLayer, TransformerScratch, linear};
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::nn::Precision;
 use crate::nn::conv::ConvScratch;
-use crate::nn::linear::{Linear, relu};
-use crate::nn::norm::LayerNorm;
+use crate::nn::linear::Linear;
 use crate::weights::StateDict;
 
 /// An ACT network. It is immutable and shared by all threads.
@@ -25,24 +25,13 @@ pub struct ActModel {
     normalisation: Normalisation,
     /// Backbone and projection of its features, or `None` for a network without images.
     vision: Option<(Backbone, Linear)>,
-    state_projection: Option<Linear>,
-    instruction_projection: Option<InstructionProjection>,
-    /// Token `[d]` of a zero latent.
-    latent_token: Vec<f32>,
+    leading: LeadingTokens,
     /// Position embeddings `[max t, d]` of all tokens, instruction included.
     positions: Vec<f32>,
     /// Position embeddings `[max t − 1, d]` without the instruction token.
     positions_without_instruction: Vec<f32>,
     encoder: Vec<EncoderLayer>,
     decoder: Decoder,
-}
-
-/// TokenProjection of an instruction embedding to its token.
-#[derive(Debug)]
-struct InstructionProjection {
-    /// Hidden layers, each `Linear`, `ReLU`, `LayerNorm`.
-    inner: Vec<(Linear, LayerNorm)>,
-    out: Linear,
 }
 
 /// Working memory for a group of samples and the team of threads that computes them.
@@ -94,18 +83,6 @@ impl ActModel {
         precision: Precision,
         sizes: &[ImageSize],
     ) -> Self {
-        let linear_f32 = |name: &str| linear(state_dict, Precision::F32, name);
-        let instruction_projection = architecture.instruction.map(|input| match input.projection {
-            TokenProjection::Linear => {
-                InstructionProjection { inner: Vec::new(), out: linear_f32("input_proj_env_state") }
-            }
-            TokenProjection::Mlp => InstructionProjection {
-                inner: [("lang_proj.0", "lang_proj.2"), ("lang_proj.3", "lang_proj.5")]
-                    .map(|(dense, norm)| (linear_f32(dense), layer_norm(state_dict, norm)))
-                    .into(),
-                out: linear_f32("lang_proj.6"),
-            },
-        });
         let vision = (!architecture.cameras.is_empty()).then(|| {
             let backbone = Backbone::new(&architecture, &normalisation, state_dict, precision, sizes);
             (backbone, linear(state_dict, precision, "input_proj"))
@@ -117,9 +94,7 @@ impl ActModel {
         let [positions, positions_without_instruction] = positions(&architecture, state_dict);
         Self {
             vision,
-            state_projection: architecture.state_dim.map(|_| linear_f32("input_proj_robot_state")),
-            instruction_projection,
-            latent_token: state_dict.get("latent_out_proj.bias").to_vec(),
+            leading: LeadingTokens::new(&architecture, &normalisation, state_dict),
             positions,
             positions_without_instruction,
             encoder: encoder.collect(),
@@ -127,6 +102,11 @@ impl ActModel {
             architecture,
             normalisation,
         }
+    }
+
+    /// Returns the projections to the tokens before those of the images.
+    pub(super) fn leading(&self) -> &LeadingTokens {
+        &self.leading
     }
 
     /// Returns the architecture.
@@ -161,21 +141,7 @@ impl ActModel {
     /// If the embedding has a different dimension.
     #[must_use]
     pub fn instruction_token(&self, embedding: &[f32]) -> Option<Vec<f32>> {
-        let projection = self.instruction_projection.as_ref()?;
-        let mut x = embedding.to_vec();
-        if let Some(norm) = &self.normalisation.instruction {
-            norm.normalise(&mut x);
-        }
-        for (dense, norm) in &projection.inner {
-            let mut y = vec![0.0; dense.out_features()];
-            dense.forward(&x, &mut y);
-            relu(&mut y);
-            norm.forward(&mut y);
-            x = y;
-        }
-        let mut token = vec![0.0; projection.out.out_features()];
-        projection.out.forward(&x, &mut token);
-        Some(token)
+        self.leading.instruction_token(embedding)
     }
 
     /// Computes the features of the images `image(sample_idx, camera)` of `n_samples` samples, for later
@@ -216,19 +182,8 @@ impl ActModel {
             if instruction.is_empty() { &self.positions_without_instruction } else { &self.positions };
         let tokens = &mut scratch.tokens[..positions.len()];
 
-        let (latent, rest) = tokens.split_at_mut(width);
-        latent.copy_from_slice(&self.latent_token);
-        let (state_token, rest) =
-            rest.split_at_mut(self.state_projection.as_ref().map_or(0, Linear::out_features));
-        if let Some(projection) = &self.state_projection {
-            scratch.state.copy_from_slice(input.state);
-            if let Some(norm) = &self.normalisation.state {
-                norm.normalise(&mut scratch.state);
-            }
-            projection.forward(&scratch.state, state_token);
-        }
-        let (instruction_token, image_tokens) = rest.split_at_mut(instruction.len());
-        instruction_token.copy_from_slice(instruction);
+        scratch.state.copy_from_slice(input.state);
+        let image_tokens = self.leading.write(&mut scratch.state, instruction, tokens);
         if let Some((_, projection)) = &self.vision {
             let len = image_tokens.len() / width * projection.in_features();
             let rows = team::rows_per_member(image_tokens.len() / width, scratch.members.len());
@@ -252,7 +207,7 @@ impl ActModel {
 /// Returns the position embeddings of all tokens, and of all but the instruction token: learned ones, zero
 /// for an instruction token without a learned one, and the sinusoidal encoding for image tokens, equal for
 /// cameras of one size.
-fn positions(architecture: &Architecture, state_dict: &StateDict) -> [Vec<f32>; 2] {
+pub(super) fn positions(architecture: &Architecture, state_dict: &StateDict) -> [Vec<f32>; 2] {
     let width = architecture.hidden_dim;
     let learned = state_dict.get("additional_pos_embed.weight");
     let images: Vec<f32> =

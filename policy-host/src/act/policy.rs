@@ -37,7 +37,7 @@ const MAX_SAMPLES_PER_JOB: usize = 4;
 
 /// The rows of its chunks that a policy computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum ChunkRows {
+pub(super) enum ChunkRows {
     /// Those that the sim will execute, as the record of each env says.
     Executed,
     /// All of them.
@@ -93,7 +93,7 @@ pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), 
 impl ChunkRows {
     /// Returns the number of rows to compute of a chunk of `horizon` rows, of which `execute` will be
     /// executed.
-    fn count(self, execute: u32, horizon: usize) -> usize {
+    pub(super) fn count(self, execute: u32, horizon: usize) -> usize {
         match self {
             Self::Executed => horizon.min(execute as usize),
             Self::All => horizon,
@@ -163,7 +163,7 @@ impl Policy for ActPolicy {
         let morphology = observation.morphology();
         let network = self.networks.iter_mut().find(|network| network.mapping.morphology == morphology);
         let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
-        network.check(observation)?;
+        network.mapping.check(observation)?;
         network.run(observation, self.rows, answer);
         Ok(())
     }
@@ -206,21 +206,6 @@ impl Network {
             tokens: Mutex::new(TokenCache::new(encoder)),
             model,
         }
-    }
-
-    fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
-        let ObservationMapping { morphology, control_mode, cameras, .. } = &self.mapping;
-        if !cameras.is_empty() && !observation.has_images() {
-            return Err(PolicyError::NoImages);
-        }
-        if observation.control_mode() != *control_mode {
-            let (expected, found) = (control_mode.name(), observation.control_mode().name());
-            return Err(PolicyError::ControlMode { expected, found });
-        }
-        (0..observation.n_envs()).try_for_each(|env_idx| {
-            let (expected, found) = (morphology.state_dim(), observation.env(env_idx).state.len());
-            if expected == found { Ok(()) } else { Err(PolicyError::StateDim { env_idx, expected, found }) }
-        })
     }
 
     /// Runs all samples. As many as divide evenly among the threads run one thread per sample, in jobs of up
@@ -270,19 +255,14 @@ impl Worker {
         model.encode_images(chunks.len(), image, &mut self.scratch);
         for (sample, chunk) in chunks.iter_mut().enumerate() {
             let env = observation.env(first_env + sample);
-            let has_token = match lock(tokens).get(env.instruction, model) {
+            let has_token = match lock(tokens).get(env.instruction, model.leading()) {
                 Some(token) => {
                     self.token.copy_from_slice(token);
                     true
                 }
                 None => false,
             };
-            let mut rest = &mut self.state[..];
-            for part in &mapping.state {
-                let (own, others) = rest.split_at_mut(part.len());
-                own.copy_from_slice(&env.state[part.clone()]);
-                rest = others;
-            }
+            mapping.gather_state(env.state, &mut self.state);
             let input = ActInput { state: &self.state, instruction_token: has_token.then_some(&self.token) };
             let architecture = model.architecture();
             let n_rows = rows.count(env.record.execute, architecture.horizon);
@@ -304,6 +284,6 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// Returns the checkpoint folders in `folder`: `folder` itself, or its subfolders `single` and `bimanual`.
-fn folders(folder: &Path) -> Result<Vec<PathBuf>, CheckpointFolderError> {
+pub(super) fn folders(folder: &Path) -> Result<Vec<PathBuf>, CheckpointFolderError> {
     checkpoint_folders(folder, CONFIG_FILE, |folder| folder.join(CONFIG_FILE).is_file())
 }

@@ -55,6 +55,33 @@ pub struct FrozenBatchNorm2d<'a> {
 impl FrozenBatchNorm2d<'_> {
     /// Term added to the variance, as in torchvision's FrozenBatchNorm2d and the benchmark's copy of it.
     pub const EPSILON: f32 = 1e-5;
+
+    /// Folds the normalisation into the convolution before it, with
+    /// `weight [c_out, c_in, kernel_size, kernel_size]` and no bias. Returns GEMM weights
+    /// `[kernel_size² · c_in, c_out]` and a bias `[c_out]`.
+    ///
+    /// # Panics
+    /// If the lengths do not match.
+    #[must_use]
+    pub fn fold_into(&self, weight: &[f32], geometry: ConvGeometry) -> (Vec<f32>, Vec<f32>) {
+        let c_out = self.weight.len();
+        let area = geometry.kernel_size * geometry.kernel_size;
+        let c_in = weight.len() / (c_out * area);
+        assert_eq!(weight.len(), c_out * c_in * area, "weight [{c_out}, {c_in}, {area}]");
+        let mut matrix = vec![0.0; weight.len()];
+        let mut bias = vec![0.0; c_out];
+        for out_idx in 0..c_out {
+            let scale = self.weight[out_idx] / (self.variance[out_idx] + Self::EPSILON).sqrt();
+            bias[out_idx] = self.bias[out_idx] - self.mean[out_idx] * scale;
+            for in_idx in 0..c_in {
+                for tap in 0..area {
+                    let x = weight[(out_idx * c_in + in_idx) * area + tap];
+                    matrix[(tap * c_in + in_idx) * c_out + out_idx] = x * scale;
+                }
+            }
+        }
+        (matrix, bias)
+    }
 }
 
 /// Operation that writes the sums of a convolution, bias included, to the output.
@@ -125,22 +152,10 @@ impl Conv2d {
         geometry: ConvGeometry,
         precision: Precision,
     ) -> Self {
-        let c_out = norm.weight.len();
+        let (matrix, bias) = norm.fold_into(weight, geometry);
         let area = geometry.kernel_size * geometry.kernel_size;
-        let c_in = weight.len() / (c_out * area);
-        assert_eq!(weight.len(), c_out * c_in * area, "weight [{c_out}, {c_in}, {area}]");
-        let mut matrix = vec![0.0; weight.len()];
-        let mut bias = vec![0.0; c_out];
-        for out_idx in 0..c_out {
-            let scale = norm.weight[out_idx] / (norm.variance[out_idx] + FrozenBatchNorm2d::EPSILON).sqrt();
-            bias[out_idx] = norm.bias[out_idx] - norm.mean[out_idx] * scale;
-            for in_idx in 0..c_in {
-                for tap in 0..area {
-                    let x = weight[(out_idx * c_in + in_idx) * area + tap];
-                    matrix[(tap * c_in + in_idx) * c_out + out_idx] = x * scale;
-                }
-            }
-        }
+        let c_out = bias.len();
+        let c_in = matrix.len() / (c_out * area);
         let whole_lanes = c_in.is_multiple_of(LANES) && c_out.is_multiple_of(LANES);
         let weights = if precision == Precision::Int8 && c_in.is_multiple_of(QUAD) {
             ConvWeights::Int8(QuantisedWeights::new(&matrix, area * c_in, c_out))

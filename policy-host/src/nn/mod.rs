@@ -14,6 +14,8 @@ pub mod attention;
 pub mod conv;
 pub mod feature_map;
 pub mod gelu;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod linear;
 pub mod matmul;
 pub mod norm;

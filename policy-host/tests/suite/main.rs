@@ -6,6 +6,10 @@ mod batch;
 mod checkpoint;
 mod clip;
 mod ensemble;
+#[cfg(feature = "gpu")]
+mod gpu;
+#[cfg(feature = "gpu")]
+mod gpu_kernels;
 mod independence;
 mod lerobot;
 mod parity;

@@ -23,7 +23,7 @@ fn expected_actions(file: &str) -> Vec<f32> {
     actions.data().as_chunks::<4>().0.iter().map(|&x| f32::from_le_bytes(x)).collect()
 }
 
-fn assert_parity(policy: &mut dyn policy_host::Policy, morphology: Morphology, reference: &str) {
+pub(crate) fn assert_parity(policy: &mut dyn policy_host::Policy, morphology: Morphology, reference: &str) {
     let answer = ObservationBatch::of(morphology, &[0, 1]).answer(policy);
     let actions: Vec<f32> = answer.iter().flat_map(rows).copied().collect();
     let expected = expected_actions(reference);

@@ -1,0 +1,187 @@
+//! Selection and opening of an adapter, its error state, and waiting with a timeout.
+
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use thiserror::Error;
+
+/// Timeout after which a device that has not finished a batch counts as failed.
+const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
+/// Largest buffer that a kernel addresses, in bytes: indices are 32-bit.
+const MAX_BINDING: u64 = 1 << 31;
+
+/// Kind of Vulkan adapter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeviceKind {
+    /// A physical or virtual GPU.
+    Hardware,
+    /// A software driver that runs on the CPU, for tests: Mesa's lavapipe.
+    Software,
+}
+
+/// Errors of a device.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the messages describe the fields")]
+pub enum GpuError {
+    #[error("found no {wanted} for the policy: {found}")]
+    NoAdapter { wanted: &'static str, found: String },
+    #[error("failed to compute on {name}: {message}")]
+    Device { name: String, message: String },
+}
+
+/// An open device and its queue.
+pub struct GpuDevice {
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
+    name: String,
+    max_binding: u64,
+    first_error: DeviceFault,
+}
+
+/// The first error that a device callback or a wait has reported. Later errors are ignored.
+#[derive(Clone, Default)]
+struct DeviceFault(Arc<Mutex<Option<String>>>);
+
+impl DeviceKind {
+    const fn description(self) -> &'static str {
+        match self {
+            Self::Hardware => "GPU",
+            Self::Software => "software Vulkan driver",
+        }
+    }
+
+    const fn matches(self, device_type: wgpu::DeviceType) -> bool {
+        use wgpu::DeviceType::{DiscreteGpu, IntegratedGpu, VirtualGpu};
+        let is_hardware = matches!(device_type, DiscreteGpu | IntegratedGpu | VirtualGpu);
+        is_hardware == matches!(self, Self::Hardware)
+    }
+}
+
+impl GpuDevice {
+    /// Opens the first adapter of a kind, discrete GPUs before integrated ones.
+    ///
+    /// # Errors
+    /// If there is none, which lists what was found, or the driver rejects the request.
+    pub fn open(kind: DeviceKind) -> Result<Self, GpuError> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: wgpu::Backends::VULKAN,
+            flags: wgpu::InstanceFlags::empty(),
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
+        let mut adapters = poll_ready(instance.enumerate_adapters(wgpu::Backends::VULKAN));
+        adapters.sort_by_key(|adapter| adapter.get_info().device_type != wgpu::DeviceType::DiscreteGpu);
+        let mut found = Vec::new();
+        for adapter in adapters {
+            let info = adapter.get_info();
+            let name = format!("{} ({})", info.name, [info.driver, info.driver_info].join(" ").trim());
+            if kind.matches(info.device_type) {
+                return Self::open_adapter(&adapter, name);
+            }
+            found.push(format!("{name} is not a {}", kind.description()));
+        }
+        if found.is_empty() {
+            found.push("there is no Vulkan driver".to_owned());
+        }
+        Err(GpuError::NoAdapter { wanted: kind.description(), found: found.join("; ") })
+    }
+
+    fn open_adapter(adapter: &wgpu::Adapter, name: String) -> Result<Self, GpuError> {
+        let available = adapter.limits();
+        let max_binding =
+            available.max_storage_buffer_binding_size.min(available.max_buffer_size).min(MAX_BINDING);
+        let required_limits = wgpu::Limits {
+            max_storage_buffer_binding_size: max_binding,
+            max_buffer_size: max_binding,
+            ..wgpu::Limits::defaults()
+        };
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("hypogeum policy"),
+            required_limits,
+            ..wgpu::DeviceDescriptor::default()
+        };
+        let (device, queue) = poll_ready(adapter.request_device(&descriptor))
+            .map_err(|error| GpuError::Device { name: name.clone(), message: error.to_string() })?;
+        let first_error = DeviceFault::default();
+        let (on_lost, on_error) = (first_error.clone(), first_error.clone());
+        device.set_device_lost_callback(move |reason, message| {
+            on_lost.set(format!("the device was lost ({reason:?}): {message}"));
+        });
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.set(error.to_string())));
+        Ok(Self { device, queue, name, max_binding, first_error })
+    }
+
+    /// Returns the name of the adapter and its driver. Results computed on devices of different names may
+    /// differ in single bits.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Returns the size of the largest buffer that a kernel can use, in bytes.
+    #[must_use]
+    pub fn max_binding(&self) -> u64 {
+        self.max_binding
+    }
+
+    /// Checks the error state.
+    ///
+    /// # Errors
+    /// The first error since the device was opened.
+    pub fn check(&self) -> Result<(), GpuError> {
+        match self.first_error.get() {
+            Some(message) => Err(GpuError::Device { name: self.name.clone(), message }),
+            None => Ok(()),
+        }
+    }
+
+    /// Marks the device as failed for good.
+    pub(super) fn fail(&self, message: &str) {
+        self.first_error.set(message.to_owned());
+    }
+
+    /// Waits until a submission has completed and its callbacks have run.
+    ///
+    /// # Errors
+    /// If the device fails, or does not complete within a minute.
+    pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
+        let poll_type =
+            wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_TIMEOUT) };
+        // wgpu panics if the driver reports a lost device during a wait.
+        match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll_type))) {
+            Ok(Ok(_)) => {}
+            Ok(Err(wgpu::PollError::Timeout)) => self.fail("the device did not respond within a minute"),
+            Ok(Err(wgpu::PollError::WrongSubmissionIndex(..))) => {
+                self.fail("the device was lost and accepts no more work");
+            }
+            Err(_) => self.fail("the device was lost while computing"),
+        }
+        self.check()
+    }
+}
+
+impl std::fmt::Debug for GpuDevice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("GpuDevice").field("name", &self.name).finish_non_exhaustive()
+    }
+}
+
+impl DeviceFault {
+    fn get(&self) -> Option<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set(&self, message: String) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(message);
+    }
+}
+
+/// Returns the result of a future that is ready immediately, as all futures of wgpu are outside of a browser.
+fn poll_ready<T>(future: impl Future<Output = T>) -> T {
+    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(result) => result,
+        Poll::Pending => unreachable!("native wgpu futures are ready immediately"),
+    }
+}

@@ -1,0 +1,18 @@
+//! Neural network kernels for GPUs, on wgpu and Vulkan.
+//!
+//! Every kernel computes each value by a fixed sequence of operations: one tile size for all batches, sums in
+//! the order of their terms, reductions as trees of fixed shape. So the bits of a sample do not depend on its
+//! batch. They may differ between devices and drivers, which may or may not fuse products and sums.
+//!
+//! [`device`] opens an adapter, [`buffer`] owns device memory, [`kernel`] compiles the WGSL sources, [`ops`]
+//! has one constructor per layer, and [`readback`] brings results back.
+
+pub mod buffer;
+pub mod device;
+pub mod kernel;
+pub mod ops;
+pub mod readback;
+
+pub use self::buffer::DeviceBuffer;
+pub use self::device::{DeviceKind, GpuDevice, GpuError};
+pub use self::kernel::{Dispatch, KernelCache};

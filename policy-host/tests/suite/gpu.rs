@@ -1,0 +1,69 @@
+//! ACT on a software Vulkan driver: the same outputs as PyTorch's, and the same bits in every batch.
+//!
+//! Without such a driver the tests print a message and pass, unless the environment variable
+//! `HYPOGEUM_REQUIRE_VULKAN` is 1.
+
+use ipc_types::Morphology;
+use policy_host::act::{GpuActPolicy, LoadGpuError};
+use policy_host::nn::gpu::{DeviceKind, GpuError};
+
+use crate::batch::ObservationBatch;
+use crate::parity::assert_parity;
+use crate::{data, rows};
+
+/// Loads the tiny checkpoint on a software driver, if there is one.
+#[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
+fn policy() -> Option<GpuActPolicy> {
+    match GpuActPolicy::load(&data("act-tiny"), DeviceKind::Software, &Morphology::ALL) {
+        Ok(policy) => Some(policy),
+        Err(LoadGpuError::Device(error @ GpuError::NoAdapter { .. })) => {
+            let required = std::env::var_os("HYPOGEUM_REQUIRE_VULKAN").is_some_and(|value| value == "1");
+            assert!(!required, "HYPOGEUM_REQUIRE_VULKAN is set, but {error}");
+            eprintln!("skipped: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+fn bits(rows: &[f32]) -> Vec<u32> {
+    rows.iter().map(|x| x.to_bits()).collect()
+}
+
+#[test]
+fn device_agrees_with_pytorch() {
+    let Some(mut policy) = policy() else { return };
+    for morphology in Morphology::ALL {
+        let reference = format!("act-tiny/{}/reference.safetensors", morphology.name());
+        assert_parity(&mut policy, morphology, &reference);
+    }
+}
+
+/// The batch of 33 exceeds what the device computes at a time.
+#[test]
+fn actions_on_device_are_independent_of_batch() {
+    let Some(mut policy) = policy() else { return };
+    let many: Vec<u32> = (0..33).rev().collect();
+    let answer = |envs: &[u32], policy: &mut GpuActPolicy| -> Vec<Vec<u32>> {
+        let blocks = ObservationBatch::of(Morphology::Single, envs).answer(policy);
+        blocks.iter().map(|block| bits(rows(block))).collect()
+    };
+    let all = answer(&many, &mut policy);
+    assert_ne!(all[0], all[2], "other observations, other actions");
+    for envs in [&many[9..17], &[31], &[0]] {
+        for (env, bits) in envs.iter().zip(answer(envs, &mut policy)) {
+            assert_eq!(bits, all[32 - *env as usize], "env {env} of {envs:?}");
+        }
+    }
+}
+
+#[test]
+fn fewer_executed_rows_are_the_first_ones() {
+    let Some(mut policy) = policy() else { return };
+    let batch = |n_rows| ObservationBatch::of(Morphology::Single, &[1, 2]).executing(n_rows);
+    let (whole, few) = (batch(30).answer(&mut policy), batch(4).answer(&mut policy));
+    for (whole, few) in whole.iter().zip(&few) {
+        assert_eq!((whole.n_rows, few.n_rows), (30, 4));
+        assert_eq!(bits(rows(few)), bits(&rows(whole)[..rows(few).len()]));
+    }
+}
