@@ -6,9 +6,10 @@ use std::hash::{BuildHasher, RandomState};
 use std::path::PathBuf;
 
 use anyhow::Context;
+use ipc_types::RunConfig;
 use ipc_types::layout::block_pages;
 use ipc_types::link::{Domain, LaneSpec};
-use policy_host::PolicySpec;
+use policy_host::{PolicySpec, device};
 use sim::serve::protocol::{Driver, Lane};
 
 use crate::capacity::Capacity;
@@ -30,14 +31,27 @@ const MAX_MOVES: usize = 3;
 /// Mount point of shared memory.
 pub(crate) const SHM: &str = "/dev/shm";
 
-/// Returns the identity of each policy. Also checks that each can be loaded, before anything is started.
-pub(crate) fn identities(plan: &RunPlan) -> Result<Vec<Identity>, Failure> {
+/// Finds the device on which the policies of a run compute, and puts it into the configuration in place of
+/// `auto`. Returns its identity, unless it is the CPU.
+pub(crate) fn find_device(
+    policies: &[NamedPolicy],
+    config: &mut RunConfig,
+) -> Result<Option<String>, Failure> {
+    let specs: Vec<_> = policies.iter().map(|policy| &policy.spec).collect();
+    let found = device::find(&specs, config.inference.policy_device).or_user()?;
+    config.inference.policy_device = found.choice;
+    Ok(found.identity)
+}
+
+/// Returns the identity of each policy on a device. Also checks that each can be loaded, before anything is
+/// started.
+pub(crate) fn identities(plan: &RunPlan, device: Option<&str>) -> Result<Vec<Identity>, Failure> {
     let robots: Vec<_> =
         plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
     let identity = |policy: &NamedPolicy| {
         policy_host::check(&policy.spec, &robots)
             .map_err(anyhow::Error::new)
-            .and_then(|()| policy.identity().map_err(Into::into))
+            .and_then(|()| policy.identity(device).map_err(Into::into))
             .with_context(|| format!("policy `{}`", policy.name))
             .or_user()
     };

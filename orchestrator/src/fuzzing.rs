@@ -210,7 +210,7 @@ fn sample_run() -> (RunPlan, Manifest) {
     let cli = Cli::parse_with_sweep_file(&words).expect("the arguments are valid");
     let Command::Run(args) = cli.command else { unreachable!("the command is `run`") };
     let plan = RunPlan::new(&args.sweep).expect("the arguments are valid");
-    let identity = |spec: String| Identity { spec, checkpoint: None };
+    let identity = |spec: String| Identity { spec, checkpoint: None, device: None };
     let identities = plan.policies.iter().map(|policy| identity(policy.spec.to_string())).collect();
     let manifest = Manifest::new(&plan, identities);
     (plan, manifest)

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use ipc_types::input;
+use policy_host::device::supports_gpu;
 use policy_host::{PolicySpec, PolicySpecError};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -36,6 +37,9 @@ pub(crate) struct Identity {
     pub(crate) spec: String,
     /// Hash of the checkpoint's files, 16 hexadecimal digits, if the policy has a checkpoint.
     pub(crate) checkpoint: Option<String>,
+    /// Device on which it computes ([`policy_host::device`]), if that is not the CPU.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) device: Option<String>,
 }
 
 /// Errors that can occur while parsing a policy.
@@ -88,16 +92,17 @@ impl NamedPolicy {
         self.spec == PolicySpec::Expert
     }
 
-    /// Returns the identity of the policy. Reads all files of its checkpoint.
+    /// Returns the identity of the policy on the device of a run. Reads all files of its checkpoint.
     ///
     /// # Errors
     /// If the checkpoint cannot be read.
-    pub(crate) fn identity(&self) -> Result<Identity, HashError> {
+    pub(crate) fn identity(&self, device: Option<&str>) -> Result<Identity, HashError> {
         let checkpoint = match self.spec.checkpoint() {
             Some(folder) => Some(format!("{:016x}", hash(folder)?)),
             None => None,
         };
-        Ok(Identity { spec: self.spec.to_string(), checkpoint })
+        let device = device.filter(|_| supports_gpu(&self.spec)).map(str::to_owned);
+        Ok(Identity { spec: self.spec.to_string(), checkpoint, device })
     }
 }
 
@@ -109,8 +114,9 @@ impl Identity {
             let spec = identity.spec.parse::<PolicySpec>().ok()?;
             Some(spec.with_checkpoint(Path::new("")))
         };
+        let same_device = self.device == other.device;
         match (&self.checkpoint, &other.checkpoint) {
-            (Some(ours), Some(theirs)) => ours == theirs && rest(self) == rest(other),
+            (Some(ours), Some(theirs)) => ours == theirs && rest(self) == rest(other) && same_device,
             (None, None) => self.spec == other.spec,
             _ => false,
         }
@@ -120,9 +126,10 @@ impl Identity {
 impl std::fmt::Display for Identity {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match &self.checkpoint {
-            Some(checkpoint) => write!(f, "{} (checkpoint {checkpoint})", self.spec),
-            None => f.write_str(&self.spec),
+            Some(checkpoint) => write!(f, "{} (checkpoint {checkpoint})", self.spec)?,
+            None => f.write_str(&self.spec)?,
         }
+        self.device.as_ref().map_or(Ok(()), |device| write!(f, " on {device}"))
     }
 }
 
@@ -207,12 +214,12 @@ mod tests {
             std::fs::write(sub.join("model.safetensors"), weights).unwrap();
             std::fs::write(sub.join("notes.md"), name).unwrap();
             let spec = PolicySpec::Act(folder.path().join(name));
-            NamedPolicy { name: "mine".to_owned(), spec }.identity().unwrap()
+            NamedPolicy { name: "mine".to_owned(), spec }.identity(None).unwrap()
         };
         let (first, moved, trained) = (write("first", b"w1"), write("moved", b"w1"), write("trained", b"w2"));
         assert!(first.matches(&moved));
         assert!(!first.matches(&trained));
-        let idle = "idle".parse::<NamedPolicy>().unwrap().identity().unwrap();
+        let idle = "idle".parse::<NamedPolicy>().unwrap().identity(None).unwrap();
         assert!(idle.matches(&idle) && !idle.matches(&first));
     }
 }

@@ -5,6 +5,7 @@
 
 pub mod act;
 pub mod checkpoint;
+pub mod device;
 pub mod ensemble;
 pub mod generated;
 pub mod idle;
@@ -23,6 +24,6 @@ pub mod weights;
 mod rows;
 
 pub use ipc_types::run_config::QueryMode;
-pub use load::{LoadError, check, load};
+pub use load::{LoadError, check, load, load_on};
 pub use policy::{ActionChunk, Policy, PolicyError};
 pub use spec::{PolicySpec, PolicySpecError};

@@ -1,11 +1,15 @@
 //! Construction of a [`Policy`] from a [`PolicySpec`]: the only module that lists the implementors.
 
+use std::path::Path;
+
+use ipc_types::run_config::DeviceChoice;
 use ipc_types::{ControlMode, Morphology};
 use thiserror::Error;
 
 use crate::QueryMode;
 use crate::act::{self, ActPolicy};
 use crate::checkpoint::CheckpointFolderError;
+use crate::device::DeviceError;
 use crate::ensemble::Ensemble;
 use crate::idle::IdlePolicy;
 use crate::nn::Precision;
@@ -22,10 +26,11 @@ pub enum LoadError {
     NotHosted { spec: PolicySpec },
     #[error(transparent)]
     Folder(#[from] CheckpointFolderError),
+    #[error(transparent)]
+    Device(#[from] DeviceError),
 }
 
-/// Loads a policy for these robots, of whose networks only those are read. It uses up to `n_threads` threads
-/// of the rayon pool in which it is called.
+/// Like [`load_on`], on the CPU.
 ///
 /// # Errors
 /// If the policy does not run in a policy host, or its checkpoint cannot be loaded.
@@ -35,10 +40,31 @@ pub fn load(
     mode: QueryMode,
     robots: &[Morphology],
 ) -> Result<Box<dyn Policy>, LoadError> {
+    load_on(spec, DeviceChoice::Cpu, n_threads, mode, robots)
+}
+
+/// Loads a policy for these robots, of whose networks only those are read. It uses up to `n_threads` threads
+/// of the rayon pool in which it is called. Policies that support no GPU compute on the CPU; so do the others
+/// with [`DeviceChoice::Auto`], which [`device::find`](crate::device::find) resolves.
+///
+/// # Errors
+/// If the policy does not run in a policy host, its checkpoint cannot be loaded, or the device not opened.
+pub fn load_on(
+    spec: &PolicySpec,
+    device: DeviceChoice,
+    n_threads: usize,
+    mode: QueryMode,
+    robots: &[Morphology],
+) -> Result<Box<dyn Policy>, LoadError> {
     let policy: Box<dyn Policy> = match spec {
         PolicySpec::Idle => Box::new(IdlePolicy),
         PolicySpec::Random => Box::new(RandomPolicy),
-        PolicySpec::Act(folder) => Box::new(ActPolicy::load(folder, Precision::F32, n_threads, robots)?),
+        PolicySpec::Act(folder) => match device {
+            DeviceChoice::Auto | DeviceChoice::Cpu => {
+                Box::new(ActPolicy::load(folder, Precision::F32, n_threads, robots)?)
+            }
+            DeviceChoice::Gpu | DeviceChoice::Software => load_act_on_gpu(folder, device, robots)?,
+        },
         PolicySpec::ActInt8(folder) => Box::new(ActPolicy::load(folder, Precision::Int8, n_threads, robots)?),
         PolicySpec::Pi05(source) => Box::new(load_pi05(source, Precision::F32, robots)?),
         PolicySpec::Pi05Int8(source) => Box::new(load_pi05(source, Precision::Int8, robots)?),
@@ -64,6 +90,27 @@ pub fn check(spec: &PolicySpec, robots: &[(Morphology, ControlMode)]) -> Result<
         PolicySpec::Pi05(source) => Ok(pi05::check(&source.folder, Precision::F32, robots)?),
         PolicySpec::Pi05Int8(source) => Ok(pi05::check(&source.folder, Precision::Int8, robots)?),
     }
+}
+
+#[cfg(feature = "gpu")]
+fn load_act_on_gpu(
+    folder: &Path,
+    device: DeviceChoice,
+    robots: &[Morphology],
+) -> Result<Box<dyn Policy>, LoadError> {
+    use crate::act::{GpuActPolicy, LoadGpuError};
+    use crate::nn::gpu::DeviceKind;
+    let kind = if device == DeviceChoice::Software { DeviceKind::Software } else { DeviceKind::Hardware };
+    match GpuActPolicy::load(folder, kind, robots) {
+        Ok(policy) => Ok(Box::new(policy)),
+        Err(LoadGpuError::Folder(error)) => Err(error.into()),
+        Err(LoadGpuError::Device(error)) => Err(DeviceError::Unusable { reason: error.to_string() }.into()),
+    }
+}
+
+#[cfg(not(feature = "gpu"))]
+fn load_act_on_gpu(_: &Path, _: DeviceChoice, _: &[Morphology]) -> Result<Box<dyn Policy>, LoadError> {
+    Err(DeviceError::NotBuilt.into())
 }
 
 fn load_pi05(

@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::PolicySpec;
-use crate::load::{LoadError, load};
+use crate::load::{LoadError, load_on};
 use crate::policy::{ActionChunk, Policy, PolicyError};
 
 /// Maximum time for the sim to create the lane.
@@ -96,6 +96,8 @@ pub enum ServeError {
     Threads { threads: usize, source: rayon::ThreadPoolBuildError },
     #[error("failed to start the thread that reads standard input")]
     Watch(#[source] io::Error),
+    #[error("{0}")]
+    Device(String),
     #[error("failed to write an event to the parent")]
     Report(#[source] io::Error),
 }
@@ -146,8 +148,8 @@ pub fn serve_with(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|source| ServeError::Threads { threads, source })?;
     let started = Instant::now();
-    let mut policy =
-        pool.install(|| load(&config.spec, threads, config.run.results.mode, &config.morphologies))?;
+    let (device, mode) = (config.run.inference.policy_device, config.run.results.mode);
+    let mut policy = pool.install(|| load_on(&config.spec, device, threads, mode, &config.morphologies))?;
     if config.run.results.latency_steps() > 0 {
         // The robot goes on with the rows after those to execute until the next chunk takes effect.
         policy.compute_whole_chunks();
@@ -238,6 +240,10 @@ impl<W: Write> Host<W> {
         self.ledger.add(n_envs, start);
         if outcome.is_ok() {
             self.ledger.flop += u64::from(n_envs) * self.flop_per_query(header.morphology);
+        }
+        if let Err(QueryError::Policy(PolicyError::Device { message })) = outcome {
+            // The device will not answer the next query either. Without an answer, the episodes run again.
+            return Err(ServeError::Device(message));
         }
         let mut status = 0;
         if let Err(error) = outcome {

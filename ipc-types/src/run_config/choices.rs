@@ -47,6 +47,22 @@ pub enum RendererChoice {
     Software,
 }
 
+/// The device on which policies compute.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+#[value(rename_all = "lower")]
+pub enum DeviceChoice {
+    /// A GPU if one is usable and the policy supports it, otherwise the CPU
+    #[default]
+    Auto,
+    /// The CPU
+    Cpu,
+    /// A GPU, through Vulkan: for `act` only
+    Gpu,
+    /// The GPU kernels on a software Vulkan driver, for tests
+    Software,
+}
+
 /// The number of samples per pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 pub enum Samples {

@@ -17,7 +17,7 @@ use clap::{Args, Command, FromArgMatches, value_parser};
 use serde::{Deserialize, Serialize};
 
 pub use self::amount::{Amount, AmountError};
-pub use self::choices::{Profile, QueryMode, RendererChoice, Samples};
+pub use self::choices::{DeviceChoice, Profile, QueryMode, RendererChoice, Samples};
 pub use self::language_file::{LanguageFile, LanguageFileError};
 pub use self::strength::{Strength, StrengthError};
 use crate::ControlMode;
@@ -37,6 +37,10 @@ pub struct RunConfig {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would show it as help text")]
     pub rendering: ImageOptions,
+    #[command(flatten)]
+    #[serde(default)]
+    #[expect(missing_docs, reason = "clap would show it as help text")]
+    pub inference: InferenceOptions,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would show it as help text")]
     pub resources: ResourceOptions,
@@ -87,6 +91,15 @@ pub struct ImageOptions {
     /// Samples per pixel
     #[arg(long, value_enum, default_value_t = Samples::One)]
     pub samples: Samples,
+}
+
+/// Options that change single bits of actions. A results file stores the device that results from them, as a
+/// part of the identity of each policy that uses it.
+#[derive(Args, Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct InferenceOptions {
+    /// Device on which policies compute
+    #[arg(long, value_enum, ignore_case = true, default_value_t = DeviceChoice::Auto)]
+    pub policy_device: DeviceChoice,
 }
 
 /// Options that never change a result, only the resources a run needs and the detail it records.
@@ -200,6 +213,7 @@ mod tests {
         check::<Profile>();
         check::<QueryMode>();
         check::<RendererChoice>();
+        check::<DeviceChoice>();
         check::<Samples>();
         for mode in ControlMode::value_variants() {
             assert_eq!(mode.to_possible_value().unwrap().get_name(), mode.name());

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::{Args, value_parser};
 use ipc_types::layout::MAX_HORIZON;
-use ipc_types::run_config::{Amount, ImageOptions, MAX_ENVS, QueryMode};
+use ipc_types::run_config::{Amount, ImageOptions, InferenceOptions, MAX_ENVS, QueryMode};
 use ipc_types::{Morphology, RunConfig};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::{PolicySpec, synthetic};
 use serde_json::{Value, json};
 use sim::TaskId;
 
-use crate::execution::identities;
+use crate::execution::{find_device, identities};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::interrupt;
 use crate::machine::{Cores, Machine};
@@ -63,6 +63,8 @@ pub(crate) struct FpsArgs {
     pub(crate) threads: Option<u32>,
     #[command(flatten)]
     pub(crate) rendering: ImageOptions,
+    #[command(flatten)]
+    pub(crate) inference: InferenceOptions,
     /// Folder for the results: fps.json, fps.svg, one CSV file per policy and mode; the same command again
     /// resumes
     #[arg(short, long, value_name = "DIR", default_value = "fps")]
@@ -133,7 +135,8 @@ fn print_omission(omission: &Omission) {
 }
 
 fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
-    let mut config = RunConfig { rendering: args.rendering, ..RunConfig::default() };
+    let (rendering, inference) = (args.rendering, args.inference);
+    let mut config = RunConfig { rendering, inference, ..RunConfig::default() };
     config.results.execute = args.execute;
     if let Some(threads) = args.threads {
         config.resources.threads = Amount::Fixed(threads);
@@ -149,7 +152,8 @@ fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
             modes.push(mode);
         }
     }
-    Ok(SpeedPlan { policies, modes, envs, task: args.task, seconds: args.seconds, config })
+    let device = find_device(&policies, &mut config)?;
+    Ok(SpeedPlan { policies, modes, envs, task: args.task, seconds: args.seconds, config, device })
 }
 
 /// Returns the idle policy, and ACT with random weights in a sub-folder of the output.
@@ -179,7 +183,7 @@ fn settings(
     let mut policies = serde_json::Map::new();
     for policy in &plan.policies {
         if let Some(point) = points.iter().find(|point| point.series.policy == policy.name) {
-            policies.insert(policy.name.clone(), json!(identities(&point.plan)?[0]));
+            policies.insert(policy.name.clone(), json!(identities(&point.plan, plan.device.as_deref())?[0]));
         }
     }
     let rendering = &plan.config.rendering;
@@ -191,6 +195,7 @@ fn settings(
         options: json!({
             "execute": args.execute,
             "threads": plan.config.resources.n_threads(),
+            "policy_device": plan.config.inference.policy_device,
             "renderer": rendering.renderer,
             "samples": rendering.samples,
         }),

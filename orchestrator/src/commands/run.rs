@@ -9,7 +9,7 @@ use ipc_types::trace::{self, Activity, TraceSpan};
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
 
-use crate::execution::{execute, identities};
+use crate::execution::{execute, find_device, identities};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::fleet::{FleetEvent, RunStatus, Totals};
 use crate::jobs::{Job, jobs};
@@ -44,8 +44,9 @@ pub(crate) struct RunArgs {
 /// Runs the episodes that the results file does not have yet, and reports the results of the whole plan.
 pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failure> {
     let machine = Machine::detect();
-    let plan = RunPlan::new(&args.sweep).or_user()?;
-    let manifest = Manifest::new(&plan, identities(&plan)?);
+    let mut plan = RunPlan::new(&args.sweep).or_user()?;
+    let device = find_device(&plan.policies, &mut plan.config)?;
+    let manifest = Manifest::new(&plan, identities(&plan, device.as_deref())?);
     let mut results = Results::open(&plan.db, &manifest).or_user()?;
     let todo = unfinished(&plan, &results)?;
     let n_done = plan.n_episodes() - todo.len() as u64;

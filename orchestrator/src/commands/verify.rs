@@ -7,9 +7,9 @@ use anyhow::{Context, anyhow, ensure};
 use clap::Args;
 use ipc_types::RunConfig;
 use ipc_types::run_config::{
-    Amount, ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions, Samples,
+    Amount, DeviceChoice, ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions, Samples,
 };
-use policy_host::PolicySpec;
+use policy_host::{PolicySpec, device};
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
 use sim::stream::{Stream, episode_seed};
@@ -72,13 +72,14 @@ type Unverifiable = BTreeMap<String, (String, usize)>;
 /// Runs a sample of the episodes again and compares them with their rows.
 pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
     let file = ResultsFile::read(&args.file).or_user()?;
-    let config = config(&file, args).or_user()?;
+    let mut config = config(&file, args).or_user()?;
     let mut unverifiable = Unverifiable::new();
-    let policies = available_policies(&file, args, &mut unverifiable);
+    let mut policies = available_policies(&file, args, &mut unverifiable);
+    config.inference.policy_device = choose_device(&file, &mut policies, &mut unverifiable);
     let rows = select(&file, args, &policies, &mut unverifiable);
     let plan = plan(&file, &config, policies, &rows);
     // Checks that the checkpoints can be loaded.
-    let _identities = identities(&plan)?;
+    let _identities = identities(&plan, None)?;
     let outcomes = run(&plan, &file, &rows, args)?;
     let Some(outcomes) = outcomes else { return Ok(ExitStatus::Interrupted) };
     let differences: Vec<Difference<'_>> = rows
@@ -168,6 +169,29 @@ fn available_policies(
     available
 }
 
+/// Returns the device of the first policy that may have computed on a GPU. Drops those of other devices,
+/// which take another run.
+fn choose_device(
+    file: &ResultsFile,
+    policies: &mut Vec<NamedPolicy>,
+    unverifiable: &mut Unverifiable,
+) -> DeviceChoice {
+    let choice = |policy: &NamedPolicy| {
+        let stored = file.policies.get(&policy.name).filter(|_| device::supports_gpu(&policy.spec))?;
+        Some(device::choice_of(stored.device.as_deref()))
+    };
+    let chosen = policies.iter().find_map(choice).unwrap_or(DeviceChoice::Cpu);
+    policies.retain(|policy| {
+        let is_same = choice(policy).is_none_or(|choice| choice == chosen);
+        if !is_same {
+            let reason = "it computed on another device than the policies before it".to_owned();
+            unverifiable.insert(policy.name.clone(), (reason, 0));
+        }
+        is_same
+    });
+    chosen
+}
+
 fn available_policy(name: &str, stored: &Identity, args: &VerifyArgs) -> anyhow::Result<NamedPolicy> {
     let elsewhere = args.checkpoints.iter().find(|(policy, _)| policy == name).map(|(_, path)| path.clone());
     let spec = match (stored.spec.parse::<PolicySpec>()?, elsewhere) {
@@ -178,9 +202,11 @@ fn available_policy(name: &str, stored: &Identity, args: &VerifyArgs) -> anyhow:
         (spec, _) => spec,
     };
     let policy = NamedPolicy { name: name.to_owned(), spec };
-    let found =
-        policy.identity().with_context(|| format!("name its checkpoint with --checkpoint {name}=PATH"))?;
-    ensure!(found.matches(stored), "it was {stored}, but the checkpoint there now is {found}");
+    let found = device::find(&[&policy.spec], device::choice_of(stored.device.as_deref()))?;
+    let found = policy
+        .identity(found.identity.as_deref())
+        .with_context(|| format!("name its checkpoint with --checkpoint {name}=PATH"))?;
+    ensure!(found.matches(stored), "it was {stored}, but now it would be {found}");
     Ok(policy)
 }
 

@@ -17,7 +17,7 @@ const CONDITION: Condition =
 
 fn manifest(arguments: &str) -> Manifest {
     let plan = crate::plan::RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap();
-    let identities = plan.policies.iter().map(|policy| policy.identity().unwrap()).collect();
+    let identities = plan.policies.iter().map(|policy| policy.identity(None).unwrap()).collect();
     Manifest::new(&plan, identities)
 }
 

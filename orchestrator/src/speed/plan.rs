@@ -32,6 +32,8 @@ pub(crate) struct SpeedPlan {
     pub(crate) seconds: u32,
     /// Options of all points; `mode`, `execute` and `envs` are those of the point.
     pub(crate) config: RunConfig,
+    /// Identity of the device on which the policies compute, unless it is the CPU.
+    pub(crate) device: Option<String>,
 }
 
 /// A point to measure.
@@ -145,6 +147,7 @@ mod tests {
             task: TaskId::RaiseCube,
             seconds: 10,
             config: RunConfig::default(),
+            device: None,
         }
     }
 

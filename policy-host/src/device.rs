@@ -1,0 +1,122 @@
+//! The device on which the policies of a run compute.
+
+use ipc_types::run_config::DeviceChoice;
+use thiserror::Error;
+
+use crate::spec::PolicySpec;
+
+/// A device that has been found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FoundDevice {
+    /// The choice that opens it; never [`DeviceChoice::Auto`].
+    pub choice: DeviceChoice,
+    /// Kind, adapter and driver. Actions of devices that differ in this may differ in single bits. `None` for
+    /// the CPU, whose bits are the same everywhere.
+    pub identity: Option<String>,
+}
+
+/// Errors that can occur while looking for a device.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the messages describe the fields")]
+pub enum DeviceError {
+    #[error("policy `{spec}` computes on the CPU only; use --policy-device cpu or auto")]
+    Unsupported { spec: PolicySpec },
+    #[error("{reason}; use --policy-device cpu or auto, or install a driver")]
+    Unusable { reason: String },
+    #[error(
+        "this program was built without policies on a GPU; build it with `--features gpu`, or use --policy-device cpu or auto"
+    )]
+    NotBuilt,
+}
+
+impl FoundDevice {
+    const CPU: Self = Self { choice: DeviceChoice::Cpu, identity: None };
+}
+
+/// Returns `true` if this policy can compute on a GPU.
+#[must_use]
+pub fn supports_gpu(spec: &PolicySpec) -> bool {
+    matches!(spec, PolicySpec::Act(_))
+}
+
+/// Finds the device for these policies. `Auto` selects the CPU if no policy can use a GPU, or none is usable.
+///
+/// # Errors
+/// If `choice` requires a GPU or a software driver that cannot be opened, or a network of another kind.
+pub fn find(specs: &[&PolicySpec], choice: DeviceChoice) -> Result<FoundDevice, DeviceError> {
+    let is_cpu_only = |spec: &&&PolicySpec| {
+        matches!(spec, PolicySpec::ActInt8(_) | PolicySpec::Pi05(_) | PolicySpec::Pi05Int8(_))
+    };
+    match choice {
+        DeviceChoice::Cpu => return Ok(FoundDevice::CPU),
+        DeviceChoice::Auto => {}
+        DeviceChoice::Gpu | DeviceChoice::Software => {
+            if let Some(spec) = specs.iter().find(is_cpu_only) {
+                return Err(DeviceError::Unsupported { spec: (*spec).clone() });
+            }
+        }
+    }
+    if !specs.iter().any(|spec| supports_gpu(spec)) {
+        return Ok(FoundDevice::CPU);
+    }
+    match (open(choice), choice) {
+        (Err(_), DeviceChoice::Auto) => Ok(FoundDevice::CPU),
+        (found, _) => found,
+    }
+}
+
+/// Opens a device and closes it again.
+#[cfg(feature = "gpu")]
+fn open(choice: DeviceChoice) -> Result<FoundDevice, DeviceError> {
+    use crate::nn::gpu::{DeviceKind, GpuDevice};
+    let (kind, choice, prefix) = match choice {
+        DeviceChoice::Software => (DeviceKind::Software, choice, SOFTWARE),
+        _ => (DeviceKind::Hardware, DeviceChoice::Gpu, "gpu: "),
+    };
+    let gpu = GpuDevice::open(kind).map_err(|error| DeviceError::Unusable { reason: error.to_string() })?;
+    Ok(FoundDevice { choice, identity: Some(format!("{prefix}{}", gpu.name())) })
+}
+
+#[cfg(not(feature = "gpu"))]
+fn open(_: DeviceChoice) -> Result<FoundDevice, DeviceError> {
+    Err(DeviceError::NotBuilt)
+}
+
+/// Start of the identity of a software driver.
+const SOFTWARE: &str = "software: ";
+
+/// Returns the choice that opens a device with this identity.
+#[must_use]
+pub fn choice_of(identity: Option<&str>) -> DeviceChoice {
+    match identity {
+        None => DeviceChoice::Cpu,
+        Some(identity) if identity.starts_with(SOFTWARE) => DeviceChoice::Software,
+        Some(_) => DeviceChoice::Gpu,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(specs: &[&str], choice: DeviceChoice) -> Result<FoundDevice, DeviceError> {
+        let specs: Vec<PolicySpec> = specs.iter().map(|spec| spec.parse().unwrap()).collect();
+        find(&specs.iter().collect::<Vec<_>>(), choice)
+    }
+
+    #[test]
+    fn policies_without_networks_use_the_cpu() {
+        for choice in [DeviceChoice::Auto, DeviceChoice::Cpu, DeviceChoice::Gpu, DeviceChoice::Software] {
+            assert_eq!(found(&["idle", "expert", "attach:x"], choice), Ok(FoundDevice::CPU));
+        }
+        assert_eq!(found(&["act:x", "pi05:y"], DeviceChoice::Cpu), Ok(FoundDevice::CPU));
+    }
+
+    #[test]
+    fn networks_for_the_cpu_are_named() {
+        for spec in ["act-int8:x", "pi05:x", "pi05-int8:x"] {
+            let error = found(&["act:y", spec], DeviceChoice::Software).unwrap_err().to_string();
+            assert!(error.contains(spec) && error.contains("--policy-device cpu"), "{error}");
+        }
+    }
+}

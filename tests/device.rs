@@ -1,0 +1,60 @@
+//! Policies on a GPU, here a software Vulkan driver: rows do not depend on the batch, and a results file
+//! never mixes devices.
+//!
+//! Without such a driver the test prints a message and passes, unless the environment variable
+//! `HYPOGEUM_REQUIRE_VULKAN` is 1.
+
+use std::path::Path;
+
+use support::{FinishedRun, act_tiny, rows, run};
+
+const TASKS: &str = "RaiseCube,DualArmLiftTray";
+
+fn evaluate(dir: &Path, db: &str, extra: &[&str]) -> FinishedRun {
+    let act = format!("act=act:{}", act_tiny());
+    let mut args =
+        vec!["run", "--policy", &act, "--policy", "idle", "--tasks", TASKS, "--perturbations", "None"];
+    args.extend(["--episodes", "2", "--renderer", "cpu", "--check-frames", "--db", db]);
+    args.extend(extra);
+    run(dir, &args)
+}
+
+#[test]
+#[expect(clippy::print_stderr, reason = "a skipped test prints the reason")]
+fn rows_on_a_device_are_its_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let software = ["--policy-device", "software"];
+    let first = evaluate(dir.path(), "1.db", &[&software[..], &["--envs", "1"]].concat());
+    if first.stderr.contains("no software Vulkan driver") {
+        let required = std::env::var_os("HYPOGEUM_REQUIRE_VULKAN").is_some_and(|value| value == "1");
+        assert!(!required, "HYPOGEUM_REQUIRE_VULKAN is set, but {}", first.stderr);
+        eprintln!("skipped: {}", first.stderr);
+        return;
+    }
+    let _ = first.expect_code(0);
+    let alone = rows(&dir.path().join("1.db"));
+    assert_eq!(alone.len(), 2 * 2 * 2);
+    let _ = evaluate(dir.path(), "4.db", &[&software[..], &["--envs", "4"]].concat()).expect_code(0);
+    assert_eq!(rows(&dir.path().join("4.db")), alone);
+
+    // The file knows its device, and verification returns to it.
+    let refused = evaluate(dir.path(), "4.db", &["--policy-device", "cpu"]).expect_code(2);
+    assert!(refused.stderr.contains(" on software: "), "{}", refused.stderr);
+    let verified = run(dir.path(), &["verify", "4.db"]).expect_code(0);
+    assert!(verified.stderr.contains("8 of 8 episodes agree"), "{}", verified.stderr);
+    let cpu = evaluate(dir.path(), "cpu.db", &["--policy-device", "cpu"]).expect_code(0);
+    assert!(!cpu.stderr.contains("software"), "{}", cpu.stderr);
+    let refused = evaluate(dir.path(), "cpu.db", &software);
+    assert!(refused.expect_code(2).stderr.contains(" on software: "));
+}
+
+#[test]
+fn policies_without_gpu_kernels_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let int8 = format!("act-int8:{}", act_tiny());
+    let args = ["run", "--policy", &int8, "--tasks", "RaiseCube", "--policy-device", "software"];
+    let refused = run(dir.path(), &args).expect_code(2);
+    for words in [&int8, "computes on the CPU only", "--policy-device cpu"] {
+        assert!(refused.stderr.contains(words), "{}", refused.stderr);
+    }
+}
