@@ -21,7 +21,7 @@ fn evaluate(dir: &Path, db: &str, extra: &[&str]) -> FinishedRun {
 
 #[test]
 #[expect(clippy::print_stderr, reason = "a skipped test prints the reason")]
-fn rows_on_a_device_are_its_own() {
+fn results_depend_on_device_but_not_batch() {
     let dir = tempfile::tempdir().unwrap();
     let software = ["--policy-device", "software"];
     let first = evaluate(dir.path(), "1.db", &[&software[..], &["--envs", "1"]].concat());

@@ -69,42 +69,35 @@ pub struct ActionHeader {
     pub reserved: [u32; 5],
 }
 
-impl ObservationHeader {
-    /// Returns this header with the checksum of itself and `pages`.
-    #[must_use]
-    pub fn with_checksum(self, pages: &[Page]) -> Self {
-        let header = Self { has_checksum: 1, checksum: 0, ..self };
-        Self { checksum: checksum(&header, pages), ..header }
-    }
-
-    /// Checks that this header and `pages` are as they were sent.
-    ///
-    /// # Errors
-    /// If the checksum is missing or differs.
-    pub fn check_checksum(&self, pages: &[Page]) -> Result<(), FrameError> {
-        compare_checksums(self.checksum, self.with_checksum(pages).checksum, self.has_checksum)
-    }
-}
-
 impl ActionHeader {
     /// [`Self::status`] of the answer to an observation that does not match its checksum.
     pub const DAMAGED: u32 = 2;
-
-    /// Returns this header with the checksum of itself and `pages`.
-    #[must_use]
-    pub fn with_checksum(self, pages: &[Page]) -> Self {
-        let header = Self { has_checksum: 1, checksum: 0, ..self };
-        Self { checksum: checksum(&header, pages), ..header }
-    }
-
-    /// Checks that this header and `pages` are as they were sent.
-    ///
-    /// # Errors
-    /// If the checksum is missing or differs.
-    pub fn check_checksum(&self, pages: &[Page]) -> Result<(), FrameError> {
-        compare_checksums(self.checksum, self.with_checksum(pages).checksum, self.has_checksum)
-    }
 }
+
+/// Implements the checksum of a header type, which has the fields `has_checksum` and `checksum`.
+macro_rules! impl_checksum {
+    ($header:ty) => {
+        impl $header {
+            /// Returns this header with the checksum of itself and `pages`.
+            #[must_use]
+            pub fn with_checksum(self, pages: &[Page]) -> Self {
+                let header = Self { has_checksum: 1, checksum: 0, ..self };
+                Self { checksum: checksum(&header, pages), ..header }
+            }
+
+            /// Checks that this header and `pages` are as they were sent.
+            ///
+            /// # Errors
+            /// If the checksum is missing or differs.
+            pub fn check_checksum(&self, pages: &[Page]) -> Result<(), FrameError> {
+                compare_checksums(self.checksum, self.with_checksum(pages).checksum, self.has_checksum)
+            }
+        }
+    };
+}
+
+impl_checksum!(ObservationHeader);
+impl_checksum!(ActionHeader);
 
 const _: () = {
     use core::mem::{offset_of, size_of};

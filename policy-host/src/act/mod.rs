@@ -16,6 +16,7 @@ mod instruction;
 mod leading;
 mod policy;
 mod position;
+mod stored;
 mod team;
 mod transformer;
 

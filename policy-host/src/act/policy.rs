@@ -5,7 +5,7 @@
 //! another by all threads together. Either way every value results from the same operations in the same
 //! order.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
@@ -17,13 +17,11 @@ use super::architecture::ImageSize;
 use super::image::Image;
 use super::instruction::TokenCache;
 use super::model::{ActInput, ActModel, ActScratch};
-use crate::checkpoint::{
-    Checkpoint, CheckpointFolderError, ObservationMapping, check_robots, checkpoint_folders,
-};
+use super::stored::{StoredNetwork, folders, load_networks};
+use crate::checkpoint::{Checkpoint, CheckpointFolderError, ObservationMapping, check_robots};
 use crate::nn::Precision;
 use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError};
 use crate::text::TextEncoder;
-use crate::weights::CONFIG_FILE;
 
 /// Image sizes that occur in an observation.
 pub const IMAGE_SIZES: [ImageSize; 2] = [
@@ -112,28 +110,12 @@ impl ActPolicy {
         n_threads: usize,
         robots: &[Morphology],
     ) -> Result<Self, CheckpointFolderError> {
-        let mut networks = Vec::new();
-        for inner in folders(folder)? {
-            let mut checkpoint = Checkpoint::open(&inner)?;
-            let mapping = checkpoint.mapping()?.clone();
-            if !robots.contains(&mapping.morphology) {
-                continue;
-            }
-            let encoder = checkpoint.text_encoder()?;
-            if networks.iter().any(|network: &Network| network.mapping.morphology == mapping.morphology) {
-                let name = mapping.morphology.name();
-                return Err(CheckpointFolderError::DuplicateMorphology {
-                    folder: folder.to_owned(),
-                    morphology: name,
-                });
-            }
-            let state_dict = checkpoint.state_dict()?;
-            let (architecture, normalisation) =
-                (checkpoint.architecture().clone(), checkpoint.normalisation().clone());
+        let networks = load_networks(folder, robots, |stored| {
+            let StoredNetwork { architecture, normalisation, state_dict, .. } = stored;
             let model = ActModel::new(architecture, normalisation, &state_dict, precision, &IMAGE_SIZES);
-            let ensemble_decay = checkpoint.ensemble_decay();
-            networks.push(Network { ensemble_decay, ..Network::new(model, mapping, encoder, n_threads) });
-        }
+            let network = Network::new(model, stored.mapping, stored.encoder, n_threads);
+            Ok::<_, CheckpointFolderError>(Network { ensemble_decay: stored.ensemble_decay, ..network })
+        })?;
         Ok(Self { networks, rows: ChunkRows::Executed })
     }
 
@@ -281,9 +263,4 @@ fn next_job<J>(jobs: &Mutex<impl Iterator<Item = J>>) -> Option<J> {
 /// consistent.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Returns the checkpoint folders in `folder`: `folder` itself, or its subfolders `single` and `bimanual`.
-pub(super) fn folders(folder: &Path) -> Result<Vec<PathBuf>, CheckpointFolderError> {
-    checkpoint_folders(folder, CONFIG_FILE, |folder| folder.join(CONFIG_FILE).is_file())
 }

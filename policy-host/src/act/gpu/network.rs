@@ -1,19 +1,17 @@
 //! A network on a device: its buffers and steps, and the computation of a batch.
 
 use super::layers::StepList;
-use super::transformer::TooManyTokens;
 use super::{backbone, camera_size};
 use crate::act::architecture::Architecture;
 use crate::act::leading::LeadingTokens;
 use crate::act::model::positions;
-use crate::act::normalise::{Normalisation, ShiftScale};
-use crate::checkpoint::ObservationMapping;
+use crate::act::normalise::ShiftScale;
+use crate::act::stored::StoredNetwork;
 use crate::nn::gpu::ops::{DeviceMaps, OpBuilder, ProductEpilogue};
 use crate::nn::gpu::readback::{BatchReadback, NetworkStep};
 use crate::nn::gpu::{DeviceBuffer, GpuDevice, GpuError, KernelCache};
-use crate::weights::StateDict;
 
-/// Largest number of samples in a batch. More of them fill no GPU better.
+/// Largest number of samples that are computed at a time. Not yet tuned on a GPU.
 const MAX_SAMPLES: usize = 32;
 
 /// An ACT network on a device.
@@ -32,16 +30,13 @@ pub(super) struct GpuNetwork {
     readback: BatchReadback,
     steps: Vec<NetworkStep>,
     capacity: usize,
-    n_leading: usize,
-}
-
-/// Inputs of a sample apart from its images.
-#[derive(Clone, Debug)]
-pub(super) struct SampleInputs {
-    /// Tokens before those of the images, `[n_leading, d]`; zeros for an instruction that is absent.
-    pub(super) tokens: Vec<f32>,
-    /// `true` if the sample has all of them.
-    pub(super) is_complete: bool,
+    /// Words of a sample in `first_tokens`.
+    n_leading_words: usize,
+    /// Inputs of the current batch, to be uploaded to `first_tokens` and `present`.
+    tokens: Vec<f32>,
+    is_present: Vec<u32>,
+    /// Chunk `[horizon, action_dim]` of the current sample.
+    chunk: Vec<f32>,
 }
 
 impl GpuNetwork {
@@ -49,13 +44,8 @@ impl GpuNetwork {
     ///
     /// # Errors
     /// If the device cannot hold a single sample, or fails.
-    pub(super) fn new(
-        gpu: &GpuDevice,
-        architecture: &Architecture,
-        normalisation: &Normalisation,
-        state_dict: &StateDict,
-        mapping: &ObservationMapping,
-    ) -> Result<Self, GpuError> {
+    pub(super) fn new(gpu: &GpuDevice, stored: &StoredNetwork) -> Result<Self, GpuError> {
+        let StoredNetwork { architecture, normalisation, state_dict, mapping, .. } = stored;
         let n_tokens = architecture.max_tokens();
         let (width, horizon) = (architecture.hidden_dim, architecture.horizon);
         let n_leading = n_tokens - architecture.n_image_tokens();
@@ -72,9 +62,7 @@ impl GpuNetwork {
         let query_positions = list.tensor("query_embed.weight");
         let [positions, _] = positions(architecture, state_dict);
         let positions = DeviceBuffer::of(gpu, "positions", &positions);
-        let too_many = |TooManyTokens(n)| device_error(gpu, &format!("{n} tokens are too many for it"));
-
-        let constant = list.constant_target(&target, &query_positions, &memory).map_err(too_many)??;
+        let constant = list.constant_target(&target, &query_positions, &memory)?;
         list.steps.push(NetworkStep::Copy {
             from: (first_tokens.clone(), n_leading * width),
             to: (tokens.buffer.clone(), n_tokens * width),
@@ -83,16 +71,16 @@ impl GpuNetwork {
         let cameras = list.backbone(normalisation, mapping, n_leading, &tokens);
         for layer in 0..architecture.enc_layers {
             let name = format!("transformer.encoder.layers.{layer}");
-            list.encoder_layer(&name, &tokens, &positions, &memory).map_err(too_many)?;
+            list.encoder_layer(&name, &tokens, &positions, &memory)?;
         }
         // The encoder has used the same memory.
         list.steps.extend(constant);
         for layer in 0..architecture.dec_layers {
             let name = format!("transformer.decoder.layers.{layer}");
             if layer > 0 {
-                list.attend_to_target(&name, &target, &query_positions, &memory).map_err(too_many)?;
+                list.attend_to_target(&name, &target, &query_positions, &memory)?;
             }
-            list.attend_to_memory(&name, &target, (&tokens, &positions), &memory).map_err(too_many)?;
+            list.attend_to_memory(&name, &target, (&tokens, &positions), &memory)?;
         }
         list.layer_norm("transformer.decoder.norm", &target);
         let actions = list.rows("actions", horizon, architecture.action_dim);
@@ -100,6 +88,10 @@ impl GpuNetwork {
         list.linear(&head, (&target, None), &actions, ProductEpilogue::Store);
         gpu.check()?;
         let steps = list.steps;
+        let capacity = steps.iter().map(NetworkStep::max_samples).fold(capacity, usize::min);
+        if capacity == 0 {
+            return Err(gpu.error("a sample needs more workgroups than it allows"));
+        }
         Ok(Self {
             architecture: architecture.clone(),
             leading: LeadingTokens::new(architecture, normalisation, state_dict),
@@ -115,7 +107,10 @@ impl GpuNetwork {
             readback: BatchReadback::new(gpu, capacity * horizon * architecture.action_dim),
             steps,
             capacity,
-            n_leading,
+            n_leading_words: n_leading * width,
+            tokens: vec![0.0; capacity * n_leading * width],
+            is_present: vec![0; capacity],
+            chunk: vec![0.0; horizon * architecture.action_dim],
             batch,
         })
     }
@@ -125,48 +120,46 @@ impl GpuNetwork {
         self.capacity
     }
 
-    /// Returns the inputs of a sample. `state` is normalised in place; `instruction` is empty or a token.
-    pub(super) fn inputs(&self, state: &mut [f32], instruction: &[f32]) -> SampleInputs {
-        let mut tokens = vec![0.0; self.n_leading * self.architecture.hidden_dim];
-        self.leading.write(state, instruction, &mut tokens);
+    /// Sets the inputs of a sample of the next batch. `state` is normalised in place; `instruction` is empty
+    /// or a token.
+    pub(super) fn set_inputs(&mut self, sample: usize, state: &mut [f32], instruction: &[f32]) {
+        let tokens = &mut self.tokens[sample * self.n_leading_words..][..self.n_leading_words];
+        // The token of an absent instruction is zero, and attention ignores it.
+        self.leading.write(state, instruction, tokens).fill(0.0);
         let is_complete = self.architecture.instruction.is_none() || !instruction.is_empty();
-        SampleInputs { tokens, is_complete }
+        self.is_present[sample] = u32::from(is_complete);
     }
 
-    /// Computes the chunks of a batch and passes each, `[horizon, action_dim]` in the units of the
-    /// environment, to `accept`. `image(sample, camera)` returns bytes `[h, w, 3]`.
+    /// Computes the chunks of a batch, whose inputs were set, and passes each, `[horizon, action_dim]` in the
+    /// units of the environment, to `accept`. `image(sample, camera)` returns bytes `[h, w, 3]`.
     ///
     /// # Errors
     /// If the device fails.
     pub(super) fn forward<'a>(
-        &self,
+        &mut self,
         gpu: &GpuDevice,
-        inputs: &[SampleInputs],
+        n_samples: usize,
         image: impl Fn(usize, usize) -> &'a [u8],
-        mut accept: impl FnMut(usize, &mut [f32]),
+        mut accept: impl FnMut(usize, &[f32]),
     ) -> Result<(), GpuError> {
-        let n_samples = inputs.len();
         self.batch.write(gpu, 0, &[n_samples as u32]);
         for (camera, (buffer, n_words)) in self.cameras.iter().enumerate() {
             for sample in 0..n_samples {
                 buffer.write(gpu, (sample * n_words * 4) as u64, image(sample, camera));
             }
         }
-        let tokens: Vec<f32> = inputs.iter().flat_map(|inputs| &inputs.tokens).copied().collect();
-        self.first_tokens.write(gpu, 0, &tokens);
-        let present: Vec<u32> = inputs.iter().map(|inputs| u32::from(inputs.is_complete)).collect();
-        self.present.write(gpu, 0, &present);
-        let chunk_len = self.architecture.horizon * self.architecture.action_dim;
-        let result = (&self.actions, n_samples * chunk_len);
+        self.first_tokens.write(gpu, 0, &self.tokens[..n_samples * self.n_leading_words]);
+        self.present.write(gpu, 0, &self.is_present[..n_samples]);
+        let (chunk, action) = (&mut self.chunk, &self.action);
+        let result = (&self.actions, n_samples * chunk.len());
         let pending = self.readback.submit(gpu, &self.steps, n_samples, result);
         self.readback.collect(gpu, &pending, |actions| {
-            let mut chunk = vec![0.0; chunk_len];
-            for (sample, actions) in actions.chunks_exact(chunk_len).enumerate() {
+            for (sample, actions) in actions.chunks_exact(chunk.len()).enumerate() {
                 chunk.copy_from_slice(actions);
-                if let Some(norm) = &self.action {
-                    norm.restore(&mut chunk);
+                if let Some(norm) = action {
+                    norm.restore(chunk);
                 }
-                accept(sample, &mut chunk);
+                accept(sample, chunk);
             }
         })
     }
@@ -183,14 +176,10 @@ fn capacity(gpu: &GpuDevice, architecture: &Architecture) -> Result<usize, GpuEr
     });
     let n_bytes = groups.fold(transformer, usize::max) as u64 * 4;
     match (gpu.max_binding() / n_bytes).min(MAX_SAMPLES as u64) {
-        0 => Err(device_error(
-            gpu,
-            &format!("a sample needs a buffer of {n_bytes} bytes, but it allows {} bytes", gpu.max_binding()),
-        )),
+        0 => {
+            let limit = gpu.max_binding();
+            Err(gpu.error(&format!("a sample needs a buffer of {n_bytes} bytes, but it allows {limit}")))
+        }
         capacity => Ok(capacity as usize),
     }
-}
-
-fn device_error(gpu: &GpuDevice, message: &str) -> GpuError {
-    GpuError::Device { name: gpu.name().to_owned(), message: message.to_owned() }
 }

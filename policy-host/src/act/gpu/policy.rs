@@ -6,8 +6,9 @@ use ipc_types::{Morphology, ObservationView};
 
 use super::network::GpuNetwork;
 use crate::act::instruction::TokenCache;
-use crate::act::policy::{ChunkRows, folders};
-use crate::checkpoint::{Checkpoint, CheckpointFolderError, ObservationMapping};
+use crate::act::policy::ChunkRows;
+use crate::act::stored::{StoredNetwork, load_networks};
+use crate::checkpoint::{CheckpointFolderError, ObservationMapping};
 use crate::nn::gpu::{DeviceKind, GpuDevice, GpuError};
 use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError};
 
@@ -25,6 +26,8 @@ struct DeviceNetwork {
     mapping: ObservationMapping,
     ensemble_decay: Option<f64>,
     tokens: TokenCache,
+    /// Network state input `[state_dim]` of the current sample.
+    state: Vec<f32>,
 }
 
 /// Errors that can occur while loading a policy onto a device.
@@ -44,35 +47,13 @@ impl GpuActPolicy {
     /// The first file or tensor that is missing, unexpected or damaged, or the failure of the device.
     pub fn load(folder: &Path, kind: DeviceKind, robots: &[Morphology]) -> Result<Self, LoadGpuError> {
         let gpu = GpuDevice::open(kind)?;
-        let mut networks: Vec<DeviceNetwork> = Vec::new();
-        for inner in folders(folder)? {
-            let mut checkpoint = Checkpoint::open(&inner).map_err(CheckpointFolderError::from)?;
-            let mapping = checkpoint.mapping().map_err(CheckpointFolderError::from)?.clone();
-            if !robots.contains(&mapping.morphology) {
-                continue;
-            }
-            let encoder = checkpoint.text_encoder().map_err(CheckpointFolderError::from)?;
-            if networks.iter().any(|network| network.mapping.morphology == mapping.morphology) {
-                let morphology = mapping.morphology.name();
-                let folder = folder.to_owned();
-                return Err(CheckpointFolderError::DuplicateMorphology { folder, morphology }.into());
-            }
-            let state_dict = checkpoint.state_dict().map_err(CheckpointFolderError::from)?;
-            let (architecture, normalisation) = (checkpoint.architecture(), checkpoint.normalisation());
-            networks.push(DeviceNetwork {
-                gpu: GpuNetwork::new(&gpu, architecture, normalisation, &state_dict, &mapping)?,
-                ensemble_decay: checkpoint.ensemble_decay(),
-                tokens: TokenCache::new(encoder),
-                mapping,
-            });
-        }
+        let networks = load_networks(folder, robots, |stored| {
+            let network = GpuNetwork::new(&gpu, &stored)?;
+            let StoredNetwork { mapping, encoder, ensemble_decay, architecture, .. } = stored;
+            let (tokens, state) = (TokenCache::new(encoder), vec![0.0; architecture.state_dim.unwrap_or(0)]);
+            Ok::<_, LoadGpuError>(DeviceNetwork { gpu: network, mapping, ensemble_decay, tokens, state })
+        })?;
         Ok(Self { networks, rows: ChunkRows::Executed, gpu })
-    }
-
-    /// Returns the name of the device and its driver.
-    #[must_use]
-    pub fn device_name(&self) -> &str {
-        self.gpu.name()
     }
 
     fn network(&self, morphology: Morphology) -> Option<&DeviceNetwork> {
@@ -125,21 +106,18 @@ impl DeviceNetwork {
         rows: ChunkRows,
         chunks: &mut [ActionChunk],
     ) -> Result<(), GpuError> {
-        let Self { gpu: network, mapping, tokens, .. } = self;
-        let mut state = vec![0.0; network.architecture.state_dim.unwrap_or(0)];
-        let envs = (first_env..first_env + chunks.len()).map(|env_idx| observation.env(env_idx));
-        let inputs: Vec<_> = envs
-            .map(|env| {
-                mapping.gather_state(env.state, &mut state);
-                let instruction = tokens.get(env.instruction, &network.leading);
-                network.inputs(&mut state, instruction.unwrap_or_default())
-            })
-            .collect();
+        let Self { gpu: network, mapping, tokens, state, .. } = self;
+        for sample in 0..chunks.len() {
+            let env = observation.env(first_env + sample);
+            mapping.gather_state(env.state, state);
+            let instruction = tokens.get(env.instruction, &network.leading);
+            network.set_inputs(sample, state, instruction.unwrap_or_default());
+        }
         let image = |sample: usize, camera: usize| {
             observation.env(first_env + sample).image(mapping.cameras[camera]).0
         };
         let action_dim = network.architecture.action_dim;
-        network.forward(gpu, &inputs, image, |sample, actions| {
+        network.forward(gpu, chunks.len(), image, |sample, actions| {
             let execute = observation.env(first_env + sample).record.execute;
             let n_rows = rows.count(execute, actions.len() / action_dim);
             chunks[sample].reset(n_rows, action_dim).copy_from_slice(&actions[..n_rows * action_dim]);

@@ -5,13 +5,10 @@ use crate::nn::gpu::ops::{AttentionShape, DeviceWeights, ProductEpilogue};
 use crate::nn::gpu::readback::{NetworkStep, run};
 use crate::nn::gpu::{DeviceBuffer, GpuError};
 
-/// The projections of an attention. The query projection includes the scale `1 / √head_width`.
-struct AttentionWeights {
-    query: DeviceWeights,
-    key: DeviceWeights,
-    value: DeviceWeights,
-    out: DeviceWeights,
-}
+/// Blocks of PyTorch's stacked input projection of an attention.
+const QUERY: usize = 0;
+const KEY: usize = 1;
+const VALUE: usize = 2;
 
 /// Working memory of the layers, for the larger of memory and target.
 pub(super) struct LayerMemory {
@@ -24,10 +21,6 @@ pub(super) struct LayerMemory {
     pub(super) present: DeviceBuffer,
     optional_key: Option<usize>,
 }
-
-/// Error: the scores of a query exceed the memory of a workgroup.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct TooManyTokens(pub(super) usize);
 
 impl StepList<'_> {
     /// Allocates the working memory for up to `n_rows` rows per sample.
@@ -52,10 +45,10 @@ impl StepList<'_> {
         x: &TokenRows,
         positions: &DeviceBuffer,
         memory: &LayerMemory,
-    ) -> Result<(), TooManyTokens> {
-        let attention = self.attention_weights(&format!("{name}.self_attn"));
+    ) -> Result<(), GpuError> {
+        let attention = format!("{name}.self_attn");
         self.project_queries(&attention, x, positions, memory);
-        self.attend(&attention, x, (x, Some(positions)), memory.optional_key, memory)?;
+        self.attend(&attention, x, (x, positions), memory.optional_key, memory)?;
         self.layer_norm(&format!("{name}.norm1"), x);
         self.feed_forward(name, x, memory);
         self.layer_norm(&format!("{name}.norm2"), x);
@@ -70,13 +63,12 @@ impl StepList<'_> {
         x: &TokenRows,
         query_positions: &DeviceBuffer,
         memory: &LayerMemory,
-    ) -> Result<(), TooManyTokens> {
-        let attention = self.attention_weights(&format!("{name}.self_attn"));
+    ) -> Result<(), GpuError> {
+        let attention = format!("{name}.self_attn");
         self.project_queries(&attention, x, query_positions, memory);
-        self.attend(&attention, x, (x, Some(query_positions)), None, memory)?;
+        self.attend(&attention, x, (x, query_positions), None, memory)?;
         self.layer_norm(&format!("{name}.norm1"), x);
-        let cross = self.attention_weights(&format!("{name}.multihead_attn"));
-        self.project_queries(&cross, x, query_positions, memory);
+        self.project_queries(&format!("{name}.multihead_attn"), x, query_positions, memory);
         Ok(())
     }
 
@@ -88,9 +80,9 @@ impl StepList<'_> {
         x: &TokenRows,
         (tokens, positions): (&TokenRows, &DeviceBuffer),
         memory: &LayerMemory,
-    ) -> Result<(), TooManyTokens> {
-        let cross = self.attention_weights(&format!("{name}.multihead_attn"));
-        self.attend(&cross, x, (tokens, Some(positions)), memory.optional_key, memory)?;
+    ) -> Result<(), GpuError> {
+        let attention = format!("{name}.multihead_attn");
+        self.attend(&attention, x, (tokens, positions), memory.optional_key, memory)?;
         self.layer_norm(&format!("{name}.norm2"), x);
         self.feed_forward(name, x, memory);
         self.layer_norm(&format!("{name}.norm3"), x);
@@ -98,75 +90,69 @@ impl StepList<'_> {
     }
 
     /// Computes the target after the first decoder layer's self-attention, and the queries of its
-    /// cross-attention, which are the same for every input. Replaces the steps so far, which must be none,
-    /// by copies of both to each sample.
+    /// cross-attention, which are the same for every input. Returns the steps that copy both to each sample.
     pub(super) fn constant_target(
         &mut self,
         x: &TokenRows,
         query_positions: &DeviceBuffer,
         memory: &LayerMemory,
-    ) -> Result<Result<Vec<NetworkStep>, GpuError>, TooManyTokens> {
+    ) -> Result<[NetworkStep; 2], GpuError> {
         let earlier = std::mem::take(&mut self.steps);
         self.attend_to_target("transformer.decoder.layers.0", x, query_positions, memory)?;
+        let mut steps = std::mem::replace(&mut self.steps, earlier);
         let n_words = x.n_rows * self.architecture.hidden_dim;
         let constant = |label: &str| DeviceBuffer::zeroed(self.ops.gpu, label, n_words);
         let (target, queries) = (constant("target"), constant("first queries"));
-        let copy = |from: &DeviceBuffer, to: &DeviceBuffer, stride: usize| NetworkStep::Copy {
+        let copy = |from: &DeviceBuffer, to: &DeviceBuffer| NetworkStep::Copy {
             from: (from.clone(), 0),
-            to: (to.clone(), stride),
+            to: (to.clone(), n_words),
             n_words,
         };
-        self.steps.push(copy(&x.buffer, &target, 0));
-        self.steps.push(copy(&memory.queries, &queries, 0));
+        steps.extend([copy(&x.buffer, &target), copy(&memory.queries, &queries)]);
         self.ops.batch.write(self.ops.gpu, 0, &[1_u32]);
-        let computed = run(self.ops.gpu, &self.steps, 1);
-        self.steps = earlier;
-        let copies = vec![copy(&target, &x.buffer, n_words), copy(&queries, &memory.queries, n_words)];
-        Ok(computed.map(|()| copies))
+        run(self.ops.gpu, &steps, 1)?;
+        Ok([copy(&target, &x.buffer), copy(&queries, &memory.queries)])
     }
 
-    fn attention_weights(&self, name: &str) -> AttentionWeights {
+    /// Uploads one block of the input projection of the attention `name`. That of the queries includes the
+    /// scale `1 / √head_width`.
+    fn projection(&self, name: &str, block: usize) -> DeviceWeights {
         let width = self.architecture.hidden_dim;
-        let projection = |block: usize, factor: f32| {
-            let scaled = |tensor: &str, len: usize| -> Vec<f32> {
-                let values = self.state_dict.get(&format!("{name}.in_proj_{tensor}"));
-                values[block * len..(block + 1) * len].iter().map(|x| x * factor).collect()
-            };
-            DeviceWeights::transposed(self.ops.gpu, &scaled("weight", width * width), &scaled("bias", width))
+        let head_width = width / self.architecture.n_heads;
+        let factor = if block == QUERY { 1.0 / (head_width as f32).sqrt() } else { 1.0 };
+        let scaled = |tensor: &str, len: usize| -> Vec<f32> {
+            let values = self.state_dict.get(&format!("{name}.in_proj_{tensor}"));
+            values[block * len..(block + 1) * len].iter().map(|x| x * factor).collect()
         };
-        let scale = 1.0 / ((width / self.architecture.n_heads) as f32).sqrt();
-        AttentionWeights {
-            query: projection(0, scale),
-            key: projection(1, 1.0),
-            value: projection(2, 1.0),
-            out: self.weights(&format!("{name}.out_proj")),
-        }
+        DeviceWeights::transposed(self.ops.gpu, &scaled("weight", width * width), &scaled("bias", width))
     }
 
     fn project_queries(
         &mut self,
-        attention: &AttentionWeights,
+        attention: &str,
         x: &TokenRows,
         positions: &DeviceBuffer,
         memory: &LayerMemory,
     ) {
+        let layer = self.projection(attention, QUERY);
         let queries = TokenRows { buffer: memory.queries.clone(), n_rows: x.n_rows };
-        self.linear(&attention.query, (x, Some(positions)), &queries, ProductEpilogue::Store);
+        self.linear(&layer, (x, Some(positions)), &queries, ProductEpilogue::Store);
     }
 
     /// Adds `x += out(attention(queries, keys, values))` with keys and values from `source`.
     fn attend(
         &mut self,
-        attention: &AttentionWeights,
+        attention: &str,
         x: &TokenRows,
-        (source, positions): (&TokenRows, Option<&DeviceBuffer>),
+        (source, positions): (&TokenRows, &DeviceBuffer),
         optional_key: Option<usize>,
         memory: &LayerMemory,
-    ) -> Result<(), TooManyTokens> {
+    ) -> Result<(), GpuError> {
         let of = |buffer: &DeviceBuffer, n_rows: usize| TokenRows { buffer: buffer.clone(), n_rows };
         let (keys, values) = (of(&memory.keys, source.n_rows), of(&memory.values, source.n_rows));
-        self.linear(&attention.key, (source, positions), &keys, ProductEpilogue::Store);
-        self.linear(&attention.value, (source, None), &values, ProductEpilogue::Store);
+        let (key, value) = (self.projection(attention, KEY), self.projection(attention, VALUE));
+        self.linear(&key, (source, Some(positions)), &keys, ProductEpilogue::Store);
+        self.linear(&value, (source, None), &values, ProductEpilogue::Store);
         let shape = AttentionShape {
             n_queries: x.n_rows,
             n_keys: source.n_rows,
@@ -176,9 +162,12 @@ impl StepList<'_> {
         };
         let inputs = [&memory.queries, &keys.buffer, &values.buffer];
         let step = self.ops.attention(shape, inputs, &memory.present, &memory.attended);
-        self.push(step.ok_or(TooManyTokens(source.n_rows))?);
+        let too_many = || self.ops.gpu.error(&format!("{} tokens are too many for it", source.n_rows));
+        let step = step.ok_or_else(too_many)?;
+        self.push(step);
         let attended = of(&memory.attended, x.n_rows);
-        self.linear(&attention.out, (&attended, None), x, ProductEpilogue::Add);
+        let out = self.weights(&format!("{attention}.out_proj"));
+        self.linear(&out, (&attended, None), x, ProductEpilogue::Add);
         Ok(())
     }
 

@@ -131,10 +131,13 @@ impl GpuDevice {
     /// # Errors
     /// The first error since the device was opened.
     pub fn check(&self) -> Result<(), GpuError> {
-        match self.first_error.get() {
-            Some(message) => Err(GpuError::Device { name: self.name.clone(), message }),
-            None => Ok(()),
-        }
+        self.first_error.get().map_or(Ok(()), |message| Err(self.error(&message)))
+    }
+
+    /// Returns the error of a device that cannot do what is asked of it.
+    #[must_use]
+    pub fn error(&self, message: &str) -> GpuError {
+        GpuError::Device { name: self.name.clone(), message: message.to_owned() }
     }
 
     /// Marks the device as failed for good.

@@ -6,7 +6,7 @@ use super::buffer::DeviceBuffer;
 use super::device::GpuDevice;
 
 /// Workgroups along one axis that every device accepts.
-pub const MAX_GROUPS: usize = 65_535;
+const MAX_GROUPS: usize = 65_535;
 
 /// A WGSL source with the values of its overrides.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]

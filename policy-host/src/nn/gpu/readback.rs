@@ -36,6 +36,17 @@ pub struct SubmittedBatch {
     n_bytes: u64,
 }
 
+impl NetworkStep {
+    /// Returns the largest number of samples that the step can take at a time.
+    #[must_use]
+    pub fn max_samples(&self) -> usize {
+        match self {
+            Self::Run(dispatch) => dispatch.max_samples(),
+            Self::Copy { .. } => usize::MAX,
+        }
+    }
+}
+
 impl BatchReadback {
     /// Allocates a buffer for `n_words` words.
     #[must_use]

@@ -34,6 +34,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         let difference = x[start + i] - mean;
         squares += difference * difference;
     }
+    // `LayerNorm::EPSILON` is added to the variance.
     let inverse = 1.0 / sqrt(total(thread, squares) / f32(WIDTH) + 1e-5);
     for (var i = thread; i < WIDTH; i += 64u) {
         x[start + i] = (x[start + i] - mean) * inverse * weight[i] + bias[i];
