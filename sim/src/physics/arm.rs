@@ -41,6 +41,9 @@ const FINGER_COUPLING: MultibodyDofCoupling = MultibodyDofCoupling {
     coeff: 1.0,
     offset: 0.0,
 };
+/// Maximum speed of a joint after a physics step, in rad/s or m/s: the default of PhysX, which the original
+/// does not change.
+const MAX_JOINT_SPEED: f32 = 100.0;
 /// Minimum force on each finger for a grasp, in N.
 const MIN_GRASP_FORCE_N: f32 = 0.5;
 /// Cosine of the maximum angle, 85°, between that force and the finger's opening direction.
@@ -238,12 +241,17 @@ impl Arm {
     }
 
     /// Completes a physics step. The implicit substeps end at their mean velocity, the drives at another one.
+    /// No joint stays faster than [`MAX_JOINT_SPEED`]: rapier integrates Coriolis forces explicitly, which
+    /// diverges from there on.
     pub(super) fn correct_velocity(&self, world: &mut PhysicsWorld) {
         let multibody =
             world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
         let mut velocity = multibody.generalized_velocity_mut();
         for joint in 0..N_JOINTS {
             velocity[joint] += self.velocity_correction[joint] as f32;
+        }
+        for dof in 0..N_DOFS {
+            velocity[dof] = velocity[dof].clamp(-MAX_JOINT_SPEED, MAX_JOINT_SPEED);
         }
     }
 

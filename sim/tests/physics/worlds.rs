@@ -5,7 +5,7 @@ use nalgebra::Translation3;
 use rayon::prelude::*;
 use sim::expert::{Move, grasp};
 use sim::fingerprint::Fingerprint;
-use sim::physics::World;
+use sim::physics::{World, WorldState};
 use sim::scene::{Link, Motion, Primitive, Snapshot};
 use sim::{Perturbation, TaskId};
 
@@ -161,4 +161,21 @@ fn snapshot_contains_every_body_and_link() {
             }
         }
     }
+}
+
+#[test]
+fn whirling_arms_slow_down() {
+    // The random policy once reached this state of ScoopBanana, and infinity six control steps later.
+    let scene = common::draw(TaskId::ScoopBanana, Perturbation::None, 28);
+    let mut world = World::build(&scene, ControlMode::EeDeltaPose);
+    let mut state = WorldState::of(&world);
+    state.arms[0].qpos = [-2.21, 2.0, -2.17, -1.02, 1.47, 3.76, 0.23, 0.016, 0.037];
+    state.arms[0].qvel = [53.4, 45.2, -30.1, -101.8, -24.3, 60.2, -1.8, 24.5, -9.0];
+    world.set_state(&state);
+    let fastest = |world: &World| world.qvel(0).into_iter().map(f32::abs).fold(0.0, f32::max);
+    for _ in 0..100 {
+        world.step(&[0.0; 7]);
+        assert!(fastest(&world) <= 100.0, "a joint moves at {} rad/s", fastest(&world));
+    }
+    assert!(world.is_finite() && fastest(&world) < 5.0, "still at {} rad/s", fastest(&world));
 }
