@@ -9,7 +9,7 @@
 use ipc_types::run_config::MAX_ENVS;
 use ipc_types::{Morphology, ObservationView};
 
-use crate::policy::{ActionChunk, Policy, PolicyError, Stopwatch};
+use crate::policy::{ActionChunk, Policy, PolicyError, PolicyPipeline, Stopwatch};
 
 /// Upper bound on slot indices, which limits memory.
 const MAX_SLOTS: u32 = MAX_ENVS;
@@ -53,16 +53,9 @@ impl Ensemble {
         }
         Ok(())
     }
-}
 
-impl Policy for Ensemble {
-    fn act(
-        &mut self,
-        observation: &ObservationView<'_>,
-        answer: &mut [ActionChunk],
-    ) -> Result<(), PolicyError> {
-        self.check(observation)?;
-        self.inner.act(observation, answer)?;
+    /// Adds the chunks of a batch to the histories and replaces each by the mean of all predictions.
+    fn combine(&mut self, observation: &ObservationView<'_>, answer: &mut [ActionChunk]) {
         let morphology = observation.morphology();
         let decay = self.inner.ensemble_decay(morphology);
         let weights = &mut self.weights[morphology.code() as usize];
@@ -79,7 +72,54 @@ impl Policy for Ensemble {
             weights.extend((weights.len()..horizon).map(|idx| libm::exp(-decay * idx as f64)));
             history.mean(horizon, weights, chunk.reset(1, action_dim));
         }
+    }
+
+    /// Returns the pipeline of the ensembled policy.
+    fn device(&mut self) -> &mut dyn PolicyPipeline {
+        self.inner.pipeline().expect("an ensemble has a pipeline only if its policy has one")
+    }
+}
+
+impl PolicyPipeline for Ensemble {
+    fn submit(&mut self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
+        // A slot is in one batch at a time, so that its history is complete here.
+        self.check(observation)?;
+        self.device().submit(observation)
+    }
+
+    fn is_ready(&mut self) -> bool {
+        self.device().is_ready()
+    }
+
+    fn collect(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionChunk],
+    ) -> Result<(), PolicyError> {
+        self.device().collect(observation, answer)?;
+        self.combine(observation, answer);
         Ok(())
+    }
+
+    fn discard(&mut self) -> Result<(), PolicyError> {
+        self.device().discard()
+    }
+}
+
+impl Policy for Ensemble {
+    fn act(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionChunk],
+    ) -> Result<(), PolicyError> {
+        self.check(observation)?;
+        self.inner.act(observation, answer)?;
+        self.combine(observation, answer);
+        Ok(())
+    }
+
+    fn pipeline(&mut self) -> Option<&mut dyn PolicyPipeline> {
+        if self.inner.pipeline().is_some() { Some(self) } else { None }
     }
 
     fn note(&self, _execute: u32, stopwatch: Stopwatch<'_>) -> Option<String> {

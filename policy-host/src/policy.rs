@@ -38,6 +38,11 @@ pub trait Policy: Send {
         answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError>;
 
+    /// Returns the policy's pipeline if it computes on a device, where several batches can be in flight.
+    fn pipeline(&mut self) -> Option<&mut dyn PolicyPipeline> {
+        None
+    }
+
     /// Asks for all rows of every chunk from now on. Otherwise a policy may leave out those that the sim will
     /// not execute.
     fn compute_whole_chunks(&mut self) {}
@@ -58,6 +63,41 @@ pub trait Policy: Send {
     fn ensemble_decay(&self, _morphology: Morphology) -> f64 {
         DEFAULT_ENSEMBLE_DECAY
     }
+}
+
+/// [`Policy::act`] in two parts, between which a device computes and the host prepares the next batch. Batches
+/// are collected or discarded in the order in which they were submitted.
+pub trait PolicyPipeline {
+    /// Copies what the policy needs of an observation and starts computing its chunks.
+    ///
+    /// # Errors
+    /// Those of [`Policy::act`]. Then no batch was submitted.
+    fn submit(&mut self, observation: &ObservationView<'_>) -> Result<(), PolicyError>;
+
+    /// Returns `true` if the oldest batch is complete or has failed, so that nothing waits for it.
+    fn is_ready(&mut self) -> bool;
+
+    /// Waits for the oldest batch and writes one chunk into `answer` for each env of its observation.
+    ///
+    /// # Errors
+    /// If the device fails.
+    ///
+    /// # Panics
+    /// If no batch was submitted, or the length of `answer` is not the number of envs in the observation.
+    fn collect(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionChunk],
+    ) -> Result<(), PolicyError>;
+
+    /// Waits for the oldest batch and drops its chunks.
+    ///
+    /// # Errors
+    /// If the device fails.
+    ///
+    /// # Panics
+    /// If no batch was submitted.
+    fn discard(&mut self) -> Result<(), PolicyError>;
 }
 
 /// Errors that can occur while a policy acts on an observation.
@@ -84,6 +124,13 @@ pub enum PolicyError {
     Device { message: String },
     #[error("slot index {slot} is out of range, expected less than {limit}")]
     Slot { slot: u32, limit: u32 },
+}
+
+#[cfg(feature = "gpu")]
+impl From<crate::nn::gpu::GpuError> for PolicyError {
+    fn from(error: crate::nn::gpu::GpuError) -> Self {
+        Self::Device { message: error.to_string() }
+    }
 }
 
 impl ActionChunk {

@@ -3,6 +3,10 @@
 //! It owns the host end of the lane, the policy and the thread pool. It never starts or stops another
 //! process. The parent detects that a sim has exited; the sim that replaces it connects to the same host.
 
+mod pending;
+mod work_counter;
+
+use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,24 +17,28 @@ use cpu_time::ProcessTime;
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkError, LinkNode, ObservationMessage};
 use ipc_types::trace::{self, Activity, TraceSpan};
 use ipc_types::{
-    ActionBlock, ActionHeader, FrameError, Lifeline, Morphology, ObservationHeader, ObservationView,
-    RunConfig, SCHEMA_HASH,
+    ActionBlock, ActionHeader, Lifeline, Morphology, ObservationHeader, ObservationView, RunConfig,
+    SCHEMA_HASH,
 };
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use self::pending::{PendingAnswer, QueryError};
+use self::work_counter::WorkCounter;
 use crate::PolicySpec;
 use crate::load::{LoadError, load_on};
-use crate::policy::{ActionChunk, Policy, PolicyError};
+use crate::policy::{ActionChunk, Policy, PolicyError, PolicyPipeline};
 
 /// Maximum time for the sim to create the lane.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(60);
 /// Time to poll for a message before blocking, longer than a fast sim needs for its next message.
 const SPIN_TIME: Duration = Duration::from_micros(50);
+/// Batches of a device's policy in flight: one is computed, one prepared.
+const MAX_DEPTH: u32 = 2;
 /// Maximum time to block, after which standard input is checked.
 const WAIT_TIMEOUT: Duration = Duration::from_millis(100);
-/// Minimum time between two ledger events.
-const LEDGER_PERIOD: Duration = Duration::from_millis(100);
+/// Time between two looks at a batch that a device computes and at the messages that wait meanwhile.
+const DEVICE_POLL_TIME: Duration = Duration::from_micros(50);
 
 /// Configuration of a host, passed by its parent at start.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -102,27 +110,6 @@ pub enum ServeError {
     Report(#[source] io::Error),
 }
 
-/// Errors that can occur while answering an observation.
-#[derive(Debug, Error)]
-enum QueryError {
-    #[error(transparent)]
-    Frame(#[from] FrameError),
-    #[error("the observation belongs to run {found:#x}, this host serves run {expected:#x}")]
-    Run { expected: u64, found: u64 },
-    #[error("the observation has {found} envs, the lane allows {limit}")]
-    Envs { found: u32, limit: u32 },
-    #[error("the observation was overwritten in shared memory")]
-    Damaged(#[source] FrameError),
-    #[error(transparent)]
-    Policy(#[from] PolicyError),
-}
-
-impl QueryError {
-    fn is_damage(&self) -> bool {
-        matches!(self, Self::Damaged(_))
-    }
-}
-
 /// Serves a lane, with events on standard output, and returns when standard input is closed.
 ///
 /// # Errors
@@ -164,7 +151,17 @@ pub fn serve_with(
             opened => opened?,
         };
         let chunks = vec![ActionChunk::default(); config.lane.max_envs.max(1) as usize];
-        let mut host = Host { config, lane, policy, chunks, output, ledger: WorkCounter::new() };
+        let depth = if policy.pipeline().is_some() { config.lane.in_flight.clamp(1, MAX_DEPTH) } else { 1 };
+        let mut host = Host {
+            config,
+            lane,
+            policy,
+            depth: depth as usize,
+            pending: VecDeque::new(),
+            chunks,
+            output,
+            ledger: WorkCounter::new(),
+        };
         let stopwatch = |work: &mut dyn FnMut()| {
             let started = Instant::now();
             work();
@@ -195,6 +192,10 @@ struct Host<W> {
     config: HostConfig,
     lane: HostLane,
     policy: Box<dyn Policy>,
+    /// Number of observations that are held at a time.
+    depth: usize,
+    /// Observations without an answer, oldest first.
+    pending: VecDeque<PendingAnswer>,
     /// Chunks of the current answer, allocated for the largest batch.
     chunks: Vec<ActionChunk>,
     output: W,
@@ -205,9 +206,16 @@ impl<W: Write> Host<W> {
     fn run(&mut self, closed: &AtomicBool) -> Result<(), ServeError> {
         let mut last_message = Instant::now();
         while !closed.load(Ordering::Relaxed) {
-            if let Some(message) = self.lane.receive()? {
-                self.answer(message)?;
+            if self.pending.len() < self.depth
+                && let Some(message) = self.lane.receive()?
+            {
+                self.begin(message)?;
                 last_message = Instant::now();
+            } else if self.is_answer_due() {
+                self.answer()?;
+                last_message = Instant::now();
+            } else if !self.pending.is_empty() {
+                std::thread::sleep(DEVICE_POLL_TIME);
             } else if last_message.elapsed() < SPIN_TIME {
                 std::hint::spin_loop();
             } else {
@@ -226,18 +234,42 @@ impl<W: Write> Host<W> {
         self.report(&event)
     }
 
-    fn answer(&mut self, message: ObservationMessage) -> Result<(), ServeError> {
-        let header = *message.header();
-        let max_envs = self.config.lane.max_envs.max(1);
-        let n_envs = header.n_envs.clamp(1, max_envs);
+    /// Starts computing the answer to a message, if the policy has a pipeline.
+    fn begin(&mut self, message: ObservationMessage) -> Result<(), ServeError> {
+        let mut pending = PendingAnswer { header: *message.header(), message, submitted: Ok(()) };
+        if let Some(pipeline) = self.policy.pipeline() {
+            let start = ProcessTime::now();
+            let inferring = trace::span(Activity::Infer);
+            let submit = |view: ObservationView<'_>| pipeline.submit(&view).map_err(QueryError::from);
+            pending.submitted = pending.view(&self.config).and_then(submit);
+            inferring.finish(0);
+            self.ledger.add_time(start);
+        }
+        self.pending.push_back(pending);
+        Ok(())
+    }
+
+    /// Returns `true` if nothing waits for the oldest answer.
+    fn is_answer_due(&mut self) -> bool {
+        self.pending.front().is_some_and(|pending| {
+            pending.submitted.is_err() || self.policy.pipeline().is_none_or(PolicyPipeline::is_ready)
+        })
+    }
+
+    /// Answers the oldest observation.
+    fn answer(&mut self) -> Result<(), ServeError> {
+        let Some(mut pending) = self.pending.pop_front() else { return Ok(()) };
+        let header = pending.header;
+        let n_envs = header.n_envs.clamp(1, self.config.lane.max_envs.max(1));
         let mut loan = self.lane.loan(n_envs as usize)?;
         let start = ProcessTime::now();
         let inferring = trace::span(Activity::Infer);
-        let outcome = self.act(header, &message, loan.blocks_mut());
+        let outcome = self.act(&mut pending, loan.blocks_mut());
         // After the policy has read it: then the answer is to what was sent, or there is none.
-        let outcome = self.check_frame(header, &message).and(outcome);
+        let outcome = self.check_frame(header, &pending.message).and(outcome);
         inferring.finish(n_envs.into());
-        self.ledger.add(n_envs, start);
+        self.ledger.add_time(start);
+        self.ledger.add_batch(n_envs);
         if outcome.is_ok() {
             self.ledger.flop += u64::from(n_envs) * self.flop_per_query(header.morphology);
         }
@@ -251,7 +283,7 @@ impl<W: Write> Host<W> {
             loan.blocks_mut().fill(ActionBlock { n_rows: 1, action_dim: 1, ..ActionBlock::zeroed() });
             self.report(&HostEvent::Failed { message: ipc_types::error_chain(&error) })?;
         }
-        drop(message);
+        drop(pending);
         let ObservationHeader { run, sequence, epoch, .. } = header;
         let schema_hash = SCHEMA_HASH;
         let answer = ActionHeader { schema_hash, run, sequence, epoch, n_envs, status, ..Zeroable::zeroed() };
@@ -264,22 +296,26 @@ impl<W: Write> Host<W> {
         }
     }
 
-    fn act(
-        &mut self,
-        header: ObservationHeader,
-        message: &ObservationMessage,
-        blocks: &mut [ActionBlock],
-    ) -> Result<(), QueryError> {
-        let view = ObservationView::new(header, message.pages())?;
-        let (expected, found) = (self.config.run_id, header.run);
-        if expected != found {
-            return Err(QueryError::Run { expected, found });
-        }
-        if blocks.len() != view.n_envs() {
-            return Err(QueryError::Envs { found: header.n_envs, limit: self.config.lane.max_envs });
-        }
+    fn act(&mut self, pending: &mut PendingAnswer, blocks: &mut [ActionBlock]) -> Result<(), QueryError> {
+        std::mem::replace(&mut pending.submitted, Ok(()))?;
+        let view = pending.view(&self.config);
         let chunks = &mut self.chunks[..blocks.len()];
-        self.policy.act(&view, chunks)?;
+        let view = match (self.policy.pipeline(), view) {
+            (None, view) => {
+                let view = view?;
+                self.policy.act(&view, chunks)?;
+                view
+            }
+            (Some(pipeline), Ok(view)) => {
+                pipeline.collect(&view, chunks)?;
+                view
+            }
+            (Some(pipeline), Err(error)) => {
+                // It was overwritten since.
+                pipeline.discard()?;
+                return Err(error);
+            }
+        };
         for (env_idx, (chunk, block)) in chunks.iter().zip(blocks).enumerate() {
             chunk.write(view.env(env_idx).record, block);
         }
@@ -307,55 +343,5 @@ impl<W: Write> Host<W> {
     fn report(&mut self, event: &HostEvent) -> Result<(), ServeError> {
         let line = serde_json::to_string(event).map_err(|error| ServeError::Report(error.into()))?;
         writeln!(self.output, "{line}").and_then(|()| self.output.flush()).map_err(ServeError::Report)
-    }
-}
-
-/// Cumulative work of the host, and the time of the last report.
-struct WorkCounter {
-    queries: u64,
-    batches: u64,
-    busy_s: f64,
-    flop: u64,
-    /// Start of the first query.
-    first_query: Option<ProcessTime>,
-    reported: Instant,
-    reported_batches: u64,
-}
-
-impl WorkCounter {
-    fn new() -> Self {
-        Self {
-            queries: 0,
-            batches: 0,
-            busy_s: 0.0,
-            flop: 0,
-            first_query: None,
-            reported: Instant::now(),
-            reported_batches: 0,
-        }
-    }
-
-    /// Counts a batch whose answer took from `start` until now.
-    fn add(&mut self, queries: u32, start: ProcessTime) {
-        self.queries += u64::from(queries);
-        self.batches += 1;
-        self.busy_s += start.elapsed().as_secs_f64();
-        self.first_query.get_or_insert(start);
-    }
-
-    /// Returns an event if there is new work and the last report is at least [`LEDGER_PERIOD`] ago.
-    fn due(&mut self) -> Option<HostEvent> {
-        let news = self.batches > self.reported_batches && self.reported.elapsed() >= LEDGER_PERIOD;
-        news.then(|| {
-            self.reported = Instant::now();
-            self.reported_batches = self.batches;
-            self.event()
-        })
-    }
-
-    fn event(&self) -> HostEvent {
-        let cpu_s = self.first_query.map_or(0.0, |start| start.elapsed().as_secs_f64());
-        let Self { queries, batches, busy_s, flop, .. } = *self;
-        HostEvent::Ledger { queries, batches, busy_s, cpu_s, flop }
     }
 }

@@ -5,7 +5,9 @@
 
 use ipc_types::Morphology;
 use policy_host::act::{GpuActPolicy, LoadGpuError};
+use policy_host::ensemble::Ensemble;
 use policy_host::nn::gpu::{DeviceKind, GpuError};
+use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
 
 use crate::batch::ObservationBatch;
 use crate::parity::assert_parity;
@@ -13,7 +15,7 @@ use crate::{data, rows};
 
 /// Loads the tiny checkpoint on a software driver, if there is one.
 #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
-fn policy() -> Option<GpuActPolicy> {
+pub(crate) fn policy() -> Option<GpuActPolicy> {
     match GpuActPolicy::load(&data("act-tiny"), DeviceKind::Software, &Morphology::ALL) {
         Ok(policy) => Some(policy),
         Err(LoadGpuError::Device(error @ GpuError::NoAdapter { .. })) => {
@@ -66,4 +68,33 @@ fn fewer_executed_rows_are_the_first_ones() {
         assert_eq!((whole.n_rows, few.n_rows), (30, 4));
         assert_eq!(bits(rows(few)), bits(&rows(whole)[..rows(few).len()]));
     }
+}
+
+#[test]
+fn batches_in_flight_are_answered_in_order() {
+    let Some(policy) = policy() else { return };
+    let chunks = |n: usize| vec![ActionChunk::default(); n];
+    let batches = [&[0, 1, 2][..], &[3], &[4, 5]].map(|envs| ObservationBatch::of(Morphology::Single, envs));
+    let mut policy = Ensemble::new(Box::new(policy));
+    let expected = batches.each_ref().map(|batch| {
+        let mut answer = chunks(batch.view().n_envs());
+        policy.act(&batch.view(), &mut answer).unwrap();
+        answer
+    });
+    let pipeline: &mut dyn PolicyPipeline = policy.pipeline().expect("the device computes in the background");
+    for batch in &batches {
+        pipeline.submit(&batch.view()).unwrap();
+    }
+    for (index, (batch, expected)) in batches.iter().zip(&expected).enumerate() {
+        if index == 1 {
+            pipeline.discard().unwrap();
+            continue;
+        }
+        let mut answer = chunks(expected.len());
+        pipeline.collect(&batch.view(), &mut answer).unwrap();
+        for (found, expected) in answer.iter().zip(expected) {
+            assert_eq!(bits(found.rows()), bits(expected.rows()), "batch {index}");
+        }
+    }
+    assert!(pipeline.is_ready(), "nothing waits for a batch that is not there");
 }

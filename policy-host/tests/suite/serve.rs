@@ -30,10 +30,10 @@ struct HostFixture {
 
 impl HostFixture {
     fn new(spec: PolicySpec, id: u64) -> Self {
-        Self::with(spec, id, false)
+        Self::with(spec, id, |_| ())
     }
 
-    fn with(spec: PolicySpec, id: u64, check_frames: bool) -> Self {
+    fn with(spec: PolicySpec, id: u64, change: impl FnOnce(&mut RunConfig)) -> Self {
         let base = tempfile::tempdir_in("/tmp").unwrap();
         let domain = Domain::new(base.path(), 0x9057_0000_0000 + u64::from(std::process::id()) * 64 + id);
         let lane = LaneSpec { lane: 0, policy: "p".into(), max_envs: 2, block_pages: 87, in_flight: 2 };
@@ -44,7 +44,7 @@ impl HostFixture {
         let (events, output) = io::pipe().unwrap();
         let mut run = RunConfig::default();
         run.resources.threads = Amount::Fixed(1);
-        run.resources.check_frames = check_frames;
+        change(&mut run);
         let config = HostConfig {
             domain: domain.clone(),
             run_id: RUN,
@@ -147,7 +147,8 @@ fn host_survives_bad_messages_and_exits_with_input() {
 
 #[test]
 fn overwritten_observations_are_refused() {
-    let mut fixture = HostFixture::with(PolicySpec::Act(data("act-tiny")), 2, true);
+    let mut fixture =
+        HostFixture::with(PolicySpec::Act(data("act-tiny")), 2, |run| run.resources.check_frames = true);
     assert!(matches!(fixture.event(), HostEvent::Ready { .. }));
     let mut batch = ObservationBatch::of(Morphology::Single, &[0, 1]);
     let header = ObservationHeader { run: RUN, sequence: 5, epoch: 3, ..batch.header };
@@ -187,4 +188,49 @@ fn idle_host_exits_when_input_closes() {
         fixture.end(),
         [HostEvent::Ledger { queries: 0, batches: 0, busy_s: 0.0, cpu_s: 0.0, flop: 0 }]
     );
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+fn device_holds_two_observations() {
+    use ipc_types::run_config::DeviceChoice;
+    if crate::gpu::policy().is_none() {
+        return;
+    }
+    let mut fixture = HostFixture::with(PolicySpec::Act(data("act-tiny")), 3, |run| {
+        run.inference.policy_device = DeviceChoice::Software;
+        run.resources.check_frames = true;
+    });
+    assert!(matches!(fixture.event(), HostEvent::Ready { .. }));
+    let batch = ObservationBatch::of(Morphology::Single, &[0, 1]);
+    let header = ObservationHeader { run: RUN, epoch: 3, ..batch.header };
+    let numbered = |sequence| ObservationHeader { sequence, ..header }.with_checksum(&batch.pages);
+    for round in 0..2 {
+        // The second is invalid, or its checksum is: the device computes the first and the third all the same.
+        let bad = [
+            ObservationHeader { run: 1, sequence: 1, ..header }.with_checksum(&batch.pages),
+            ObservationHeader { sequence: 1, ..header },
+        ];
+        fixture.send(&batch, numbered(0));
+        fixture.send(&batch, bad[round % 2]);
+        let first = fixture.receive();
+        assert_eq!((first.header().sequence, first.header().status), (0, 0));
+        let rows_of_first: Vec<f32> =
+            rows(&ActionView::new(*first.header(), first.pages()).unwrap().blocks()[1]).to_vec();
+        drop(first);
+        fixture.send(&batch, numbered(2));
+        let expected = [1, ActionHeader::DAMAGED][round % 2];
+        let second = fixture.receive();
+        assert_eq!((second.header().sequence, second.header().status), (1, expected));
+        drop(second);
+        let third = fixture.receive();
+        assert_eq!((third.header().sequence, third.header().status), (2, 0));
+        assert_eq!(
+            rows(&ActionView::new(*third.header(), third.pages()).unwrap().blocks()[1]),
+            rows_of_first
+        );
+    }
+    let events = fixture.end();
+    let last = events.last().unwrap();
+    assert!(matches!(last, HostEvent::Ledger { batches: 6, .. }), "{last:?}");
 }

@@ -8,7 +8,8 @@ use crate::act::model::positions;
 use crate::act::normalise::ShiftScale;
 use crate::act::stored::StoredNetwork;
 use crate::nn::gpu::ops::{DeviceMaps, OpBuilder, ProductEpilogue};
-use crate::nn::gpu::readback::{BatchReadback, NetworkStep};
+use crate::nn::gpu::readback::NetworkStep;
+use crate::nn::gpu::transfer::{BatchInFlight, BatchInput, BatchQueue};
 use crate::nn::gpu::{DeviceBuffer, GpuDevice, GpuError, KernelCache};
 
 /// Largest number of samples that are computed at a time. Not yet tuned on a GPU.
@@ -20,19 +21,14 @@ pub(super) struct GpuNetwork {
     pub(super) architecture: Architecture,
     pub(super) leading: LeadingTokens,
     action: Option<ShiftScale>,
-    batch: DeviceBuffer,
-    /// Bytes of each camera's images, and words per image.
-    cameras: Vec<(DeviceBuffer, usize)>,
-    /// Tokens before those of the images, `[n, n_leading, d]`.
-    first_tokens: DeviceBuffer,
-    present: DeviceBuffer,
-    actions: DeviceBuffer,
-    readback: BatchReadback,
+    queue: BatchQueue,
+    n_cameras: usize,
     steps: Vec<NetworkStep>,
     capacity: usize,
     /// Words of a sample in `first_tokens`.
     n_leading_words: usize,
-    /// Inputs of the current batch, to be uploaded to `first_tokens` and `present`.
+    /// Tokens before those of the images `[n, n_leading, d]`, and whether there is an instruction, of the next
+    /// batch.
     tokens: Vec<f32>,
     is_present: Vec<u32>,
     /// Chunk `[horizon, action_dim]` of the current sample.
@@ -92,26 +88,24 @@ impl GpuNetwork {
         if capacity == 0 {
             return Err(gpu.error("a sample needs more workgroups than it allows"));
         }
+        let image_words =
+            mapping.cameras.iter().map(|camera| (camera_size(*camera).n_pixels() * 3).div_ceil(4));
+        let images = cameras.into_iter().zip(image_words);
+        let others = [(first_tokens, n_leading * width), (memory.present, 1)];
+        let inputs = images.chain(others).map(|(target, n_words)| BatchInput { target, n_words }).collect();
+        let result = BatchInput { target: actions.buffer, n_words: horizon * architecture.action_dim };
         Ok(Self {
             architecture: architecture.clone(),
             leading: LeadingTokens::new(architecture, normalisation, state_dict),
             action: normalisation.action.clone(),
-            cameras: cameras
-                .into_iter()
-                .zip(&mapping.cameras)
-                .map(|(bytes, camera)| (bytes, (camera_size(*camera).n_pixels() * 3).div_ceil(4)))
-                .collect(),
-            first_tokens,
-            present: memory.present,
-            actions: actions.buffer,
-            readback: BatchReadback::new(gpu, capacity * horizon * architecture.action_dim),
+            queue: BatchQueue::new(inputs, batch, result, capacity),
+            n_cameras: mapping.cameras.len(),
             steps,
             capacity,
             n_leading_words: n_leading * width,
             tokens: vec![0.0; capacity * n_leading * width],
             is_present: vec![0; capacity],
             chunk: vec![0.0; horizon * architecture.action_dim],
-            batch,
         })
     }
 
@@ -130,30 +124,38 @@ impl GpuNetwork {
         self.is_present[sample] = u32::from(is_complete);
     }
 
-    /// Computes the chunks of a batch, whose inputs were set, and passes each, `[horizon, action_dim]` in the
-    /// units of the environment, to `accept`. `image(sample, camera)` returns bytes `[h, w, 3]`.
+    /// Submits a batch whose inputs were set. `image(sample, camera)` returns bytes `[h, w, 3]`.
     ///
     /// # Errors
     /// If the device fails.
-    pub(super) fn forward<'a>(
+    pub(super) fn submit<'a>(
         &mut self,
         gpu: &GpuDevice,
         n_samples: usize,
-        image: impl Fn(usize, usize) -> &'a [u8],
+        image: impl Fn(usize, usize) -> &'a [u8] + Sync,
+    ) -> Result<BatchInFlight, GpuError> {
+        let Self { queue, steps, n_cameras, n_leading_words, tokens, is_present, .. } = self;
+        let bytes = |input: usize, sample: usize| match input.checked_sub(*n_cameras) {
+            None => image(sample, input),
+            Some(0) => bytemuck::cast_slice(&tokens[sample * *n_leading_words..][..*n_leading_words]),
+            Some(_) => bytemuck::bytes_of(&is_present[sample]),
+        };
+        queue.submit(gpu, steps, n_samples, &bytes)
+    }
+
+    /// Waits for a batch and passes each chunk, `[horizon, action_dim]` in the units of the environment, to
+    /// `accept`.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub(super) fn collect(
+        &mut self,
+        gpu: &GpuDevice,
+        batch: BatchInFlight,
         mut accept: impl FnMut(usize, &[f32]),
     ) -> Result<(), GpuError> {
-        self.batch.write(gpu, 0, &[n_samples as u32]);
-        for (camera, (buffer, n_words)) in self.cameras.iter().enumerate() {
-            for sample in 0..n_samples {
-                buffer.write(gpu, (sample * n_words * 4) as u64, image(sample, camera));
-            }
-        }
-        self.first_tokens.write(gpu, 0, &self.tokens[..n_samples * self.n_leading_words]);
-        self.present.write(gpu, 0, &self.is_present[..n_samples]);
         let (chunk, action) = (&mut self.chunk, &self.action);
-        let result = (&self.actions, n_samples * chunk.len());
-        let pending = self.readback.submit(gpu, &self.steps, n_samples, result);
-        self.readback.collect(gpu, &pending, |actions| {
+        self.queue.collect(gpu, batch, |actions| {
             for (sample, actions) in actions.chunks_exact(chunk.len()).enumerate() {
                 chunk.copy_from_slice(actions);
                 if let Some(norm) = action {

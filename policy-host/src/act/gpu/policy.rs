@@ -1,5 +1,6 @@
 //! The [`Policy`] that runs ACT networks on a GPU.
 
+use std::collections::VecDeque;
 use std::path::Path;
 
 use ipc_types::{Morphology, ObservationView};
@@ -9,15 +10,26 @@ use crate::act::instruction::TokenCache;
 use crate::act::policy::ChunkRows;
 use crate::act::stored::{StoredNetwork, load_networks};
 use crate::checkpoint::{CheckpointFolderError, ObservationMapping};
+use crate::nn::gpu::transfer::BatchInFlight;
 use crate::nn::gpu::{DeviceKind, GpuDevice, GpuError};
-use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError};
+use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError, PolicyPipeline};
 
 /// ACT on a device, with one network per morphology.
 #[derive(Debug)]
 pub struct GpuActPolicy {
     networks: Vec<DeviceNetwork>,
     rows: ChunkRows,
+    /// Submitted observations, oldest first.
+    submitted: VecDeque<SubmittedObservation>,
     gpu: GpuDevice,
+}
+
+/// An observation in parts that the device can compute at a time.
+#[derive(Debug)]
+struct SubmittedObservation {
+    /// Index of the network.
+    network: usize,
+    parts: Vec<BatchInFlight>,
 }
 
 #[derive(Debug)]
@@ -53,7 +65,7 @@ impl GpuActPolicy {
             let (tokens, state) = (TokenCache::new(encoder), vec![0.0; architecture.state_dim.unwrap_or(0)]);
             Ok::<_, LoadGpuError>(DeviceNetwork { gpu: network, mapping, ensemble_decay, tokens, state })
         })?;
-        Ok(Self { networks, rows: ChunkRows::Executed, gpu })
+        Ok(Self { networks, rows: ChunkRows::Executed, submitted: VecDeque::new(), gpu })
     }
 
     fn network(&self, morphology: Morphology) -> Option<&DeviceNetwork> {
@@ -67,18 +79,12 @@ impl Policy for GpuActPolicy {
         observation: &ObservationView<'_>,
         answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError> {
-        assert_eq!(answer.len(), observation.n_envs(), "one chunk per env");
-        let morphology = observation.morphology();
-        let network = self.networks.iter_mut().find(|network| network.mapping.morphology == morphology);
-        let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
-        network.mapping.check(observation)?;
-        let capacity = network.gpu.capacity();
-        for (first_env, chunks) in (0..).step_by(capacity).zip(answer.chunks_mut(capacity)) {
-            network
-                .run(&self.gpu, (observation, first_env), self.rows, chunks)
-                .map_err(|error| PolicyError::Device { message: error.to_string() })?;
-        }
-        Ok(())
+        self.submit(observation)?;
+        self.collect(observation, answer)
+    }
+
+    fn pipeline(&mut self) -> Option<&mut dyn PolicyPipeline> {
+        Some(self)
     }
 
     fn compute_whole_chunks(&mut self) {
@@ -97,30 +103,80 @@ impl Policy for GpuActPolicy {
     }
 }
 
+impl PolicyPipeline for GpuActPolicy {
+    fn submit(&mut self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
+        let morphology = observation.morphology();
+        let index = self.networks.iter().position(|network| network.mapping.morphology == morphology);
+        let index = index.ok_or(PolicyError::Morphology { found: morphology.name() })?;
+        let network = &mut self.networks[index];
+        network.mapping.check(observation)?;
+        let (n_envs, capacity) = (observation.n_envs(), network.gpu.capacity());
+        let parts = (0..n_envs).step_by(capacity).map(|first_env| {
+            let n_samples = capacity.min(n_envs - first_env);
+            network.submit(&self.gpu, observation, first_env, n_samples)
+        });
+        let parts = parts.collect::<Result<_, GpuError>>()?;
+        self.submitted.push_back(SubmittedObservation { network: index, parts });
+        Ok(())
+    }
+
+    fn is_ready(&mut self) -> bool {
+        let last = self.submitted.front_mut().and_then(|observation| observation.parts.last_mut());
+        last.is_none_or(|part| part.is_ready(&self.gpu))
+    }
+
+    fn collect(
+        &mut self,
+        observation: &ObservationView<'_>,
+        answer: &mut [ActionChunk],
+    ) -> Result<(), PolicyError> {
+        assert_eq!(answer.len(), observation.n_envs(), "one chunk per env");
+        let SubmittedObservation { network, parts } =
+            self.submitted.pop_front().expect("a batch was submitted");
+        let network = &mut self.networks[network].gpu;
+        let (capacity, action_dim) = (network.capacity(), network.architecture.action_dim);
+        for ((part, chunks), first_env) in
+            parts.into_iter().zip(answer.chunks_mut(capacity)).zip((0..).step_by(capacity))
+        {
+            let accept = |sample: usize, actions: &[f32]| {
+                let execute = observation.env(first_env + sample).record.execute;
+                let n_rows = self.rows.count(execute, actions.len() / action_dim);
+                chunks[sample].reset(n_rows, action_dim).copy_from_slice(&actions[..n_rows * action_dim]);
+            };
+            network.collect(&self.gpu, part, accept)?;
+        }
+        Ok(())
+    }
+
+    fn discard(&mut self) -> Result<(), PolicyError> {
+        let SubmittedObservation { network, parts } =
+            self.submitted.pop_front().expect("a batch was submitted");
+        let network = &mut self.networks[network].gpu;
+        for part in parts {
+            network.collect(&self.gpu, part, |_, _| ())?;
+        }
+        Ok(())
+    }
+}
+
 impl DeviceNetwork {
-    /// Computes the chunks of the envs starting at `first_env`, one per element of `chunks`.
-    fn run(
+    /// Submits the envs starting at `first_env`.
+    fn submit(
         &mut self,
         gpu: &GpuDevice,
-        (observation, first_env): (&ObservationView<'_>, usize),
-        rows: ChunkRows,
-        chunks: &mut [ActionChunk],
-    ) -> Result<(), GpuError> {
+        observation: &ObservationView<'_>,
+        first_env: usize,
+        n_samples: usize,
+    ) -> Result<BatchInFlight, GpuError> {
         let Self { gpu: network, mapping, tokens, state, .. } = self;
-        for sample in 0..chunks.len() {
+        for sample in 0..n_samples {
             let env = observation.env(first_env + sample);
             mapping.gather_state(env.state, state);
             let instruction = tokens.get(env.instruction, &network.leading);
             network.set_inputs(sample, state, instruction.unwrap_or_default());
         }
-        let image = |sample: usize, camera: usize| {
+        network.submit(gpu, n_samples, |sample, camera| {
             observation.env(first_env + sample).image(mapping.cameras[camera]).0
-        };
-        let action_dim = network.architecture.action_dim;
-        network.forward(gpu, chunks.len(), image, |sample, actions| {
-            let execute = observation.env(first_env + sample).record.execute;
-            let n_rows = rows.count(execute, actions.len() / action_dim);
-            chunks[sample].reset(n_rows, action_dim).copy_from_slice(&actions[..n_rows * action_dim]);
         })
     }
 }

@@ -145,6 +145,13 @@ impl GpuDevice {
         self.first_error.set(message.to_owned());
     }
 
+    /// Runs the callbacks of what has completed.
+    pub(super) fn poll(&self) {
+        if catch_unwind(AssertUnwindSafe(|| self.device.poll(wgpu::PollType::Poll))).is_err() {
+            self.fail("the device was lost while computing");
+        }
+    }
+
     /// Waits until a submission has completed and its callbacks have run.
     ///
     /// # Errors

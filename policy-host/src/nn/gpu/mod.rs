@@ -5,13 +5,14 @@
 //! batch. They may differ between devices and drivers, which may or may not fuse products and sums.
 //!
 //! [`device`] opens an adapter, [`buffer`] owns device memory, [`kernel`] compiles the WGSL sources, [`ops`]
-//! has one constructor per layer, and [`readback`] brings results back.
+//! has one constructor per layer, [`readback`] runs steps, and [`transfer`] has the batches in flight.
 
 pub mod buffer;
 pub mod device;
 pub mod kernel;
 pub mod ops;
 pub mod readback;
+pub mod transfer;
 
 pub use self::buffer::DeviceBuffer;
 pub use self::device::{DeviceKind, GpuDevice, GpuError};

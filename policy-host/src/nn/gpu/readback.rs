@@ -70,7 +70,8 @@ impl BatchReadback {
         (result, n_words): (&DeviceBuffer, usize),
     ) -> SubmittedBatch {
         let n_bytes = n_words as u64 * 4;
-        let mut encoder = encode(gpu, steps, n_samples);
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encode(&mut encoder, steps, n_samples);
         encoder.copy_buffer_to_buffer(&result.0, 0, &self.buffer, 0, Some(n_bytes));
         let submission = gpu.queue.submit([encoder.finish()]);
         let (sender, mapped) = sync_channel(1);
@@ -110,12 +111,13 @@ impl BatchReadback {
 /// # Errors
 /// If the device fails.
 pub fn run(gpu: &GpuDevice, steps: &[NetworkStep], n_samples: usize) -> Result<(), GpuError> {
-    let submission = gpu.queue.submit([encode(gpu, steps, n_samples).finish()]);
+    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    encode(&mut encoder, steps, n_samples);
+    let submission = gpu.queue.submit([encoder.finish()]);
     gpu.wait(submission)
 }
 
-fn encode(gpu: &GpuDevice, steps: &[NetworkStep], n_samples: usize) -> wgpu::CommandEncoder {
-    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+pub(super) fn encode(encoder: &mut wgpu::CommandEncoder, steps: &[NetworkStep], n_samples: usize) {
     for run in steps.chunk_by(|a, b| matches!((a, b), (NetworkStep::Run(_), NetworkStep::Run(_)))) {
         if let NetworkStep::Copy { from, to, n_words } = &run[0] {
             for sample in 0..n_samples {
@@ -132,5 +134,4 @@ fn encode(gpu: &GpuDevice, steps: &[NetworkStep], n_samples: usize) -> wgpu::Com
             }
         }
     }
-    encoder
 }

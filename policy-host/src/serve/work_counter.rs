@@ -1,0 +1,64 @@
+//! Cumulative work of the host, for its ledger events.
+
+use std::time::{Duration, Instant};
+
+use cpu_time::ProcessTime;
+
+use super::HostEvent;
+
+/// Minimum time between two ledger events.
+const LEDGER_PERIOD: Duration = Duration::from_millis(100);
+
+/// Cumulative work of the host, and the time of the last report.
+pub(super) struct WorkCounter {
+    queries: u64,
+    batches: u64,
+    busy_s: f64,
+    pub(super) flop: u64,
+    /// Start of the first query.
+    first_query: Option<ProcessTime>,
+    reported: Instant,
+    reported_batches: u64,
+}
+
+impl WorkCounter {
+    pub(super) fn new() -> Self {
+        Self {
+            queries: 0,
+            batches: 0,
+            busy_s: 0.0,
+            flop: 0,
+            first_query: None,
+            reported: Instant::now(),
+            reported_batches: 0,
+        }
+    }
+
+    /// Counts an answered batch.
+    pub(super) fn add_batch(&mut self, queries: u32) {
+        self.queries += u64::from(queries);
+        self.batches += 1;
+    }
+
+    /// Counts the time in the policy from `start` until now.
+    pub(super) fn add_time(&mut self, start: ProcessTime) {
+        self.busy_s += start.elapsed().as_secs_f64();
+        self.first_query.get_or_insert(start);
+    }
+
+    /// Returns an event if there is new work and the last report is at least [`LEDGER_PERIOD`] ago.
+    pub(super) fn due(&mut self) -> Option<HostEvent> {
+        let news = self.batches > self.reported_batches && self.reported.elapsed() >= LEDGER_PERIOD;
+        news.then(|| {
+            self.reported = Instant::now();
+            self.reported_batches = self.batches;
+            self.event()
+        })
+    }
+
+    pub(super) fn event(&self) -> HostEvent {
+        let cpu_s = self.first_query.map_or(0.0, |start| start.elapsed().as_secs_f64());
+        let Self { queries, batches, busy_s, flop, .. } = *self;
+        HostEvent::Ledger { queries, batches, busy_s, cpu_s, flop }
+    }
+}
