@@ -3,20 +3,30 @@
 //! Without such a driver the tests print a message and pass, unless the environment variable
 //! `HYPOGEUM_REQUIRE_VULKAN` is 1.
 
+use std::path::Path;
+
 use ipc_types::Morphology;
 use policy_host::act::{GpuActPolicy, LoadGpuError};
+use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::ensemble::Ensemble;
 use policy_host::nn::gpu::{DeviceKind, GpuError};
 use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
 
+use policy_host::synthetic::write_checkpoint;
+
 use crate::batch::ObservationBatch;
+use crate::lerobot::assert_actions_agree;
 use crate::parity::assert_parity;
 use crate::{data, rows};
 
 /// Loads the tiny checkpoint on a software driver, if there is one.
-#[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
 pub(crate) fn policy() -> Option<GpuActPolicy> {
-    match GpuActPolicy::load(&data("act-tiny"), DeviceKind::Software, &Morphology::ALL) {
+    load(&data("act-tiny"), &Morphology::ALL)
+}
+
+#[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
+fn load(folder: &Path, robots: &[Morphology]) -> Option<GpuActPolicy> {
+    match GpuActPolicy::load(folder, device_kind(), robots) {
         Ok(policy) => Some(policy),
         Err(LoadGpuError::Device(error @ GpuError::NoAdapter { .. })) => {
             let required = std::env::var_os("HYPOGEUM_REQUIRE_VULKAN").is_some_and(|value| value == "1");
@@ -25,6 +35,14 @@ pub(crate) fn policy() -> Option<GpuActPolicy> {
             None
         }
         Err(error) => panic!("{error}"),
+    }
+}
+
+/// Returns the kind of device that tests open: a software driver, unless `HYPOGEUM_TEST_DEVICE` is `gpu`.
+pub(crate) fn device_kind() -> DeviceKind {
+    match std::env::var("HYPOGEUM_TEST_DEVICE").as_deref() {
+        Ok("gpu") => DeviceKind::Hardware,
+        _ => DeviceKind::Software,
     }
 }
 
@@ -39,6 +57,22 @@ fn device_agrees_with_pytorch() {
         let reference = format!("act-tiny/{}/reference.safetensors", morphology.name());
         assert_parity(&mut policy, morphology, &reference);
     }
+}
+
+#[test]
+fn full_size_networks_on_device_agree_with_pytorch() {
+    for morphology in Morphology::ALL {
+        let folder = tempfile::tempdir().unwrap();
+        write_checkpoint(folder.path(), &ActConfig::full_size(morphology), 0).unwrap();
+        let Some(mut policy) = load(folder.path(), &[morphology]) else { return };
+        assert_parity(&mut policy, morphology, &format!("act-full-{}.safetensors", morphology.name()));
+    }
+}
+
+#[test]
+fn device_agrees_with_lerobot() {
+    let Some(mut policy) = load(&data("lerobot/robot"), &Morphology::ALL) else { return };
+    assert_actions_agree(&mut policy);
 }
 
 /// The batch of 33 exceeds what the device computes at a time.

@@ -109,7 +109,12 @@ fn networks_agree_with_lerobot() {
 fn policy_agrees_with_lerobot_end_to_end() {
     let mut policy =
         load(&PolicySpec::Act(data("lerobot/robot")), 2, QueryMode::Chunk, &Morphology::ALL).unwrap();
-    let answer = ObservationBatch::of(Morphology::Single, &[0, 1]).executing(63).answer(&mut *policy);
+    assert_actions_agree(&mut *policy);
+}
+
+/// Compares the actions of the case `robot` with the recorded ones.
+pub(crate) fn assert_actions_agree(policy: &mut dyn Policy) {
+    let answer = ObservationBatch::of(Morphology::Single, &[0, 1]).executing(63).answer(policy);
     let (actions, shape) = ReferenceIo::of("robot").values("actions");
     assert_eq!(shape, [2, 70, 7]);
     for (block, actions) in answer.iter().zip(actions.chunks_exact(70 * 7)) {
