@@ -1,7 +1,8 @@
 //! Inference cost of ACT at full size and at a tiny size, with generated weights and images, for several
 //! batch sizes.
 //!
-//! `cargo bench -p benches --bench policy -- [--threads N] [--peer PYTHON] [--csv FILE]`. A query is one env
+//! `cargo bench -p benches --bench policy -- [--threads N] [--peer PYTHON]
+//! [--device gpu|software] [--csv FILE]`. A query is one env
 //! of a batch. `gflop_per_s` is based on `Architecture::flop_per_query`, the operation count of the direct
 //! algorithm; Winograd convolutions perform fewer. It is compared with the peak on registers only, measured
 //! before and after. The full-size network is also measured with int8 weights, along with the error of its
@@ -13,10 +14,11 @@
 //! (`peers/act_inference.py`, started with the given Python interpreter), and nothing else is measured:
 //! medians, and the median of the ratios per round. On either side, the second of two successive batches
 //! counts. Our int8 network is compared with ONNX Runtime in f32 and with the network that ONNX Runtime has
-//! quantised itself.
+//! quantised itself. With `--device`, only queries on a GPU are measured (`device.rs`).
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
+mod device;
 mod layers;
 
 use std::path::{Path, PathBuf};
@@ -31,6 +33,7 @@ use ipc_types::{Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HAS
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::generated::{fnv1a64, unit};
 use policy_host::nn::Precision;
+use policy_host::nn::gpu::DeviceKind;
 use policy_host::nn::matmul::{Accum, matmul, view, view_mut};
 use policy_host::nn::packed::PackedWeights;
 use policy_host::nn::peak::peak_gflop_per_s;
@@ -44,18 +47,22 @@ const MIN_ROUNDS: usize = 3;
 const PEER_ROUNDS: usize = 9;
 
 fn main() -> Result<()> {
-    let mut options = PolicyOptions { n_threads: std::thread::available_parallelism()?.get(), peer: None };
-    let mut report = Report::with_options("policy", "--threads N, --peer PYTHON, ", |option, value| {
+    let mut options =
+        PolicyOptions { n_threads: std::thread::available_parallelism()?.get(), peer: None, device: None };
+    let usage = "--threads N, --peer PYTHON, --device D, ";
+    let mut report = Report::with_options("policy", usage, |option, value| {
         match option {
             "--threads" => options.n_threads = value.parse().context("--threads needs a number")?,
             "--peer" => options.peer = Some(value.into()),
+            "--device" => options.device = Some(device::parse(value)?),
             _ => return Ok(false),
         }
         Ok(true)
     })?;
-    match &options.peer {
-        Some(python) => against_peers(python, options.n_threads, &mut report)?,
-        None => {
+    match (&options.peer, options.device) {
+        (_, Some(kind)) => device::measure(kind, &mut report)?,
+        (Some(python), None) => against_peers(python, options.n_threads, &mut report)?,
+        (None, None) => {
             queries(options.n_threads, &mut report)?;
             layers::layers(options.n_threads, &mut report)?;
             products(options.n_threads, &mut report);
@@ -67,6 +74,7 @@ fn main() -> Result<()> {
 struct PolicyOptions {
     n_threads: usize,
     peer: Option<PathBuf>,
+    device: Option<DeviceKind>,
 }
 
 fn queries(n_threads: usize, report: &mut Report) -> Result<()> {

@@ -83,7 +83,9 @@ impl Check {
 pub(crate) fn doctor(args: &DoctorArgs) -> Result<ExitStatus, Failure> {
     let mut checks = vec![shared_memory(), run_folder(), left_overs(), cpu()];
     checks.extend(reference_episode());
-    checks.extend([vulkan(), python(&args.python)]);
+    checks.push(vulkan());
+    checks.extend(adapters());
+    checks.push(python(&args.python));
     if args.json {
         let machine = Machine::detect();
         let version = env!("CARGO_PKG_VERSION");
@@ -265,6 +267,18 @@ fn vulkan() -> Check {
             Check::new(NAME, CheckStatus::Warning, ipc_types::error_chain(&error), advice)
         }
     }
+}
+
+/// Lists the adapters on which policies can compute.
+#[cfg(feature = "gpu")]
+fn adapters() -> Vec<Check> {
+    let adapters = policy_host::nn::gpu::adapters::adapters();
+    adapters.into_iter().map(|adapter| Check::ok("adapter", adapter.to_string())).collect()
+}
+
+#[cfg(not(feature = "gpu"))]
+fn adapters() -> Vec<Check> {
+    Vec::new()
 }
 
 fn python(program: &str) -> Check {

@@ -8,6 +8,8 @@ use std::time::Duration;
 
 use thiserror::Error;
 
+use super::adapters;
+
 /// Timeout after which a device that has not finished a batch counts as failed.
 const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
 /// Largest buffer that a kernel addresses, in bytes: indices are 32-bit.
@@ -26,8 +28,8 @@ pub enum DeviceKind {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the messages describe the fields")]
 pub enum GpuError {
-    #[error("found no {wanted} for the policy: {found}")]
-    NoAdapter { wanted: &'static str, found: String },
+    #[error("found no {wanted} of index {index} for the policy: {found}")]
+    NoAdapter { wanted: &'static str, index: usize, found: String },
     #[error("failed to compute on {name}: {message}")]
     Device { name: String, message: String },
 }
@@ -53,7 +55,7 @@ impl DeviceKind {
         }
     }
 
-    const fn matches(self, device_type: wgpu::DeviceType) -> bool {
+    pub(super) const fn matches(self, device_type: wgpu::DeviceType) -> bool {
         use wgpu::DeviceType::{DiscreteGpu, IntegratedGpu, VirtualGpu};
         let is_hardware = matches!(device_type, DiscreteGpu | IntegratedGpu | VirtualGpu);
         is_hardware == matches!(self, Self::Hardware)
@@ -64,28 +66,33 @@ impl GpuDevice {
     /// Opens the first adapter of a kind, discrete GPUs before integrated ones.
     ///
     /// # Errors
-    /// If there is none, which lists what was found, or the driver rejects the request.
+    /// See [`Self::open_numbered`].
     pub fn open(kind: DeviceKind) -> Result<Self, GpuError> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-            backends: wgpu::Backends::VULKAN,
-            flags: wgpu::InstanceFlags::empty(),
-            ..wgpu::InstanceDescriptor::new_without_display_handle()
-        });
-        let mut adapters = poll_ready(instance.enumerate_adapters(wgpu::Backends::VULKAN));
-        adapters.sort_by_key(|adapter| adapter.get_info().device_type != wgpu::DeviceType::DiscreteGpu);
-        let mut found = Vec::new();
-        for adapter in adapters {
+        Self::open_numbered(kind, 0)
+    }
+
+    /// Opens an adapter by its index among those of its kind, in the order of [`adapters::adapters`].
+    ///
+    /// # Errors
+    /// If there is none, which lists what was found, or the driver rejects the request.
+    pub fn open_numbered(kind: DeviceKind, index: usize) -> Result<Self, GpuError> {
+        let (mut found, mut n_before) = (Vec::new(), 0);
+        for adapter in adapters::enumerate() {
             let info = adapter.get_info();
-            let name = format!("{} ({})", info.name, [info.driver, info.driver_info].join(" ").trim());
-            if kind.matches(info.device_type) {
+            let name = adapters::name(&info);
+            if !kind.matches(info.device_type) {
+                found.push(format!("{name} is not a {}", kind.description()));
+            } else if n_before == index {
                 return Self::open_adapter(&adapter, name);
+            } else {
+                found.push(format!("{name} has index {n_before}"));
+                n_before += 1;
             }
-            found.push(format!("{name} is not a {}", kind.description()));
         }
         if found.is_empty() {
             found.push("there is no Vulkan driver".to_owned());
         }
-        Err(GpuError::NoAdapter { wanted: kind.description(), found: found.join("; ") })
+        Err(GpuError::NoAdapter { wanted: kind.description(), index, found: found.join("; ") })
     }
 
     fn open_adapter(adapter: &wgpu::Adapter, name: String) -> Result<Self, GpuError> {
@@ -189,7 +196,7 @@ impl DeviceFault {
 }
 
 /// Returns the result of a future that is ready immediately, as all futures of wgpu are outside of a browser.
-fn poll_ready<T>(future: impl Future<Output = T>) -> T {
+pub(super) fn poll_ready<T>(future: impl Future<Output = T>) -> T {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(result) => result,
         Poll::Pending => unreachable!("native wgpu futures are ready immediately"),

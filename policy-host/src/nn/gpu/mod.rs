@@ -4,9 +4,11 @@
 //! the order of their terms, reductions as trees of fixed shape. So the bits of a sample do not depend on its
 //! batch. They may differ between devices and drivers, which may or may not fuse products and sums.
 //!
-//! [`device`] opens an adapter, [`buffer`] owns device memory, [`kernel`] compiles the WGSL sources, [`ops`]
-//! has one constructor per layer, [`readback`] runs steps, and [`transfer`] has the batches in flight.
+//! [`adapters`] lists what there is, [`device`] opens one, [`buffer`] owns device memory, [`kernel`] compiles
+//! the WGSL sources, [`ops`] has one constructor per layer, [`readback`] runs steps, and [`transfer`] has the
+//! batches in flight.
 
+pub mod adapters;
 pub mod buffer;
 pub mod device;
 pub mod kernel;

@@ -1,0 +1,93 @@
+//! Whole queries of ACT on a GPU, or on a software Vulkan driver.
+//!
+//! Batches follow each other as in a run: while the device computes one, the host uploads the next. On a
+//! software driver the network is tiny, which shows that the benchmark works, and nothing else.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use benches::{Report, median};
+use ipc_types::{Morphology, ObservationView};
+use policy_host::act::GpuActPolicy;
+use policy_host::checkpoint::colosseum::ActConfig;
+use policy_host::nn::gpu::{DeviceKind, GpuDevice};
+use policy_host::{Policy, synthetic};
+
+use super::Batch;
+
+/// Envs of a batch.
+const BATCHES: [usize; 4] = [1, 8, 32, 128];
+/// Largest batch on a software driver.
+const MAX_SOFTWARE_BATCH: usize = 8;
+/// Batches in flight, as in a policy host.
+const DEPTH: usize = 2;
+/// Rounds of a measurement, of which the median counts.
+const ROUNDS: usize = 5;
+/// Queries of a round on a GPU.
+const ROUND_QUERIES: usize = 1024;
+
+/// Parses the kind of device.
+pub(super) fn parse(name: &str) -> Result<DeviceKind> {
+    match name {
+        "gpu" => Ok(DeviceKind::Hardware),
+        "software" => Ok(DeviceKind::Software),
+        _ => bail!("--device is {name}, expected gpu or software"),
+    }
+}
+
+/// Measures queries of both robots.
+pub(super) fn measure(kind: DeviceKind, report: &mut Report) -> Result<()> {
+    // Commas would split the CSV field.
+    let note = GpuDevice::open(kind)?.name().replace(',', ";");
+    println!("{note}");
+    for morphology in Morphology::ALL {
+        let (size, config) = match kind {
+            DeviceKind::Hardware => ("full", ActConfig::full_size(morphology)),
+            DeviceKind::Software => ("tiny", ActConfig::tiny(morphology)),
+        };
+        let architecture = config.architecture();
+        let gflop = architecture.flop_per_query(architecture.horizon) as f64 / 1e9;
+        let folder = tempfile::tempdir().context("create a temporary folder")?;
+        synthetic::write_checkpoint(folder.path(), &config, 0)?;
+        let started = Instant::now();
+        let mut policy = GpuActPolicy::load(folder.path(), kind, &[morphology])?;
+        let (robot, load_s) = (morphology.name(), started.elapsed().as_secs_f64());
+        println!("{size} {robot}: {gflop:.2} GFLOP per query, loaded in {load_s:.1} s");
+        report.add(&format!("act_{size}_{robot}_load"), load_s, "s", &note);
+        let largest = if kind == DeviceKind::Software { MAX_SOFTWARE_BATCH } else { usize::MAX };
+        for n_envs in BATCHES.into_iter().filter(|n_envs| *n_envs <= largest) {
+            let n_batches = match kind {
+                DeviceKind::Hardware => (ROUND_QUERIES / n_envs).max(2 * DEPTH),
+                DeviceKind::Software => 2 * DEPTH,
+            };
+            let mut batch = Batch::new(morphology, n_envs);
+            stream(&mut policy, &mut batch, DEPTH)?;
+            let rates = (0..ROUNDS).map(|_| {
+                let seconds = stream(&mut policy, &mut batch, n_batches)?;
+                Ok((n_batches * n_envs) as f64 / seconds)
+            });
+            let rate = median(&mut rates.collect::<Result<Vec<_>>>()?);
+            println!("  batch {n_envs:3}: {rate:8.1} queries/s, {:8.1} GFLOP/s", rate * gflop);
+            let case = format!("act_{size}_{robot}_batch{n_envs}");
+            report.add(&case, rate, "queries_per_s", &note);
+            report.add(&case, rate * gflop, "gflop_per_s", &note);
+        }
+    }
+    Ok(())
+}
+
+/// Answers the same batch a number of times, with [`DEPTH`] of them in flight, and returns the time in s.
+fn stream(policy: &mut GpuActPolicy, batch: &mut Batch, n_batches: usize) -> Result<f64> {
+    let view = ObservationView::new(batch.header, &batch.pages)?;
+    let pipeline = policy.pipeline().context("the policy has no pipeline")?;
+    let started = Instant::now();
+    for index in 0..n_batches + DEPTH {
+        if index >= DEPTH {
+            pipeline.collect(&view, &mut batch.chunks)?;
+        }
+        if index < n_batches {
+            pipeline.submit(&view)?;
+        }
+    }
+    Ok(started.elapsed().as_secs_f64())
+}
