@@ -14,7 +14,10 @@ fn evaluate(dir: &Path, db: &str, extra: &[&str]) -> FinishedRun {
     let act = format!("act=act:{}", act_tiny());
     let mut args =
         vec!["run", "--policy", &act, "--policy", "idle", "--tasks", TASKS, "--perturbations", "None"];
-    args.extend(["--episodes", "2", "--renderer", "cpu", "--check-frames", "--db", db]);
+    args.extend(["--episodes", "2", "--check-frames", "--db", db]);
+    if !extra.contains(&"--renderer") {
+        args.extend(["--renderer", "cpu"]);
+    }
     args.extend(extra);
     run(dir, &args)
 }
@@ -57,4 +60,22 @@ fn policies_without_gpu_kernels_are_named() {
     for words in [&int8, "computes on the CPU only", "--policy-device cpu"] {
         assert!(refused.stderr.contains(words), "{}", refused.stderr);
     }
+}
+
+#[test]
+fn missing_devices_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    for (option, wanted) in
+        [("--policy-device", "software Vulkan driver 9"), ("--renderer", "software driver 9")]
+    {
+        let refused = evaluate(dir.path(), "missing.db", &[option, "software", "--gpu", "9"]);
+        assert!(refused.stderr.contains(&format!("found no {wanted}")), "{option}: {}", refused.stderr);
+        let _ = refused.expect_code(2);
+    }
+    let refused = evaluate(dir.path(), "missing.db", &["--gpu", "9"]).expect_code(2);
+    assert!(
+        refused.stderr.contains("found no GPU 9"),
+        "an explicit number is not ignored: {}",
+        refused.stderr
+    );
 }

@@ -50,7 +50,7 @@ pub(super) fn measure(kind: DeviceKind, report: &mut Report) -> Result<()> {
         let folder = tempfile::tempdir().context("create a temporary folder")?;
         synthetic::write_checkpoint(folder.path(), &config, 0)?;
         let started = Instant::now();
-        let mut policy = GpuActPolicy::load(folder.path(), kind, &[morphology])?;
+        let mut policy = GpuActPolicy::load(GpuDevice::open(kind)?, folder.path(), &[morphology])?;
         let (robot, load_s) = (morphology.name(), started.elapsed().as_secs_f64());
         println!("{size} {robot}: {gflop:.2} GFLOP per query, loaded in {load_s:.1} s");
         report.add(&format!("act_{size}_{robot}_load"), load_s, "s", &note);

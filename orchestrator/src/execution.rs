@@ -38,7 +38,7 @@ pub(crate) fn find_device(
     config: &mut RunConfig,
 ) -> Result<Option<String>, Failure> {
     let specs: Vec<_> = policies.iter().map(|policy| &policy.spec).collect();
-    let found = device::find(&specs, config.inference.policy_device).or_user()?;
+    let found = device::find(&specs, (&*config).into()).or_user()?;
     config.inference.policy_device = found.choice;
     Ok(found.identity)
 }

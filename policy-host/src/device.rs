@@ -1,9 +1,31 @@
 //! The device on which the policies of a run compute.
 
+use ipc_types::RunConfig;
 use ipc_types::run_config::DeviceChoice;
 use thiserror::Error;
 
 use crate::spec::PolicySpec;
+
+/// What a user asks for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DeviceRequest {
+    /// Kind of device.
+    pub choice: DeviceChoice,
+    /// Index among the GPUs, or the software drivers; the first by default.
+    pub index: Option<u32>,
+}
+
+impl From<DeviceChoice> for DeviceRequest {
+    fn from(choice: DeviceChoice) -> Self {
+        Self { choice, index: None }
+    }
+}
+
+impl From<&RunConfig> for DeviceRequest {
+    fn from(config: &RunConfig) -> Self {
+        Self { choice: config.inference.policy_device, index: config.resources.gpu }
+    }
+}
 
 /// A device that has been found.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,6 +51,19 @@ pub enum DeviceError {
     NotBuilt,
 }
 
+#[cfg(feature = "gpu")]
+impl DeviceRequest {
+    /// Returns kind and index of the adapter to open.
+    pub(crate) fn adapter(self) -> (crate::nn::gpu::DeviceKind, usize) {
+        use crate::nn::gpu::DeviceKind;
+        let kind = match self.choice {
+            DeviceChoice::Software => DeviceKind::Software,
+            _ => DeviceKind::Hardware,
+        };
+        (kind, self.index.unwrap_or(0) as usize)
+    }
+}
+
 impl FoundDevice {
     const CPU: Self = Self { choice: DeviceChoice::Cpu, identity: None };
 }
@@ -39,15 +74,16 @@ pub fn supports_gpu(spec: &PolicySpec) -> bool {
     matches!(spec, PolicySpec::Act(_))
 }
 
-/// Finds the device for these policies. `Auto` selects the CPU if no policy can use a GPU, or none is usable.
+/// Finds the device for these policies. `Auto` selects the CPU if no policy can use a GPU, or none is usable
+/// and none was asked for by its index.
 ///
 /// # Errors
 /// If `choice` requires a GPU or a software driver that cannot be opened, or a network of another kind.
-pub fn find(specs: &[&PolicySpec], choice: DeviceChoice) -> Result<FoundDevice, DeviceError> {
+pub fn find(specs: &[&PolicySpec], request: DeviceRequest) -> Result<FoundDevice, DeviceError> {
     let is_cpu_only = |spec: &&&PolicySpec| {
         matches!(spec, PolicySpec::ActInt8(_) | PolicySpec::Pi05(_) | PolicySpec::Pi05Int8(_))
     };
-    match choice {
+    match request.choice {
         DeviceChoice::Cpu => return Ok(FoundDevice::CPU),
         DeviceChoice::Auto => {}
         DeviceChoice::Gpu | DeviceChoice::Software => {
@@ -59,40 +95,57 @@ pub fn find(specs: &[&PolicySpec], choice: DeviceChoice) -> Result<FoundDevice, 
     if !specs.iter().any(|spec| supports_gpu(spec)) {
         return Ok(FoundDevice::CPU);
     }
-    match (open(choice), choice) {
-        (Err(_), DeviceChoice::Auto) => Ok(FoundDevice::CPU),
+    match (open(request), request) {
+        (Err(_), DeviceRequest { choice: DeviceChoice::Auto, index: None }) => Ok(FoundDevice::CPU),
         (found, _) => found,
     }
 }
 
 /// Opens a device and closes it again.
 #[cfg(feature = "gpu")]
-fn open(choice: DeviceChoice) -> Result<FoundDevice, DeviceError> {
+fn open(request: DeviceRequest) -> Result<FoundDevice, DeviceError> {
     use crate::nn::gpu::{DeviceKind, GpuDevice};
-    let (kind, choice, prefix) = match choice {
-        DeviceChoice::Software => (DeviceKind::Software, choice, SOFTWARE),
-        _ => (DeviceKind::Hardware, DeviceChoice::Gpu, "gpu: "),
+    let (kind, index) = request.adapter();
+    let (choice, prefix) = match kind {
+        DeviceKind::Software => (DeviceChoice::Software, SOFTWARE),
+        DeviceKind::Hardware => (DeviceChoice::Gpu, "gpu: "),
     };
-    let gpu = GpuDevice::open(kind).map_err(|error| DeviceError::Unusable { reason: error.to_string() })?;
+    let gpu = GpuDevice::open_numbered(kind, index)
+        .map_err(|error| DeviceError::Unusable { reason: error.to_string() })?;
     Ok(FoundDevice { choice, identity: Some(format!("{prefix}{}", gpu.name())) })
 }
 
 #[cfg(not(feature = "gpu"))]
-fn open(_: DeviceChoice) -> Result<FoundDevice, DeviceError> {
+fn open(_: DeviceRequest) -> Result<FoundDevice, DeviceError> {
     Err(DeviceError::NotBuilt)
 }
 
 /// Start of the identity of a software driver.
 const SOFTWARE: &str = "software: ";
 
-/// Returns the choice that opens a device with this identity.
+/// Returns the request that opens a device with this identity, if this machine has it.
 #[must_use]
-pub fn choice_of(identity: Option<&str>) -> DeviceChoice {
-    match identity {
+pub fn request_of(identity: Option<&str>) -> DeviceRequest {
+    let choice = match identity {
         None => DeviceChoice::Cpu,
         Some(identity) if identity.starts_with(SOFTWARE) => DeviceChoice::Software,
         Some(_) => DeviceChoice::Gpu,
-    }
+    };
+    DeviceRequest { choice, index: identity.and_then(index_of) }
+}
+
+/// Returns the index of the adapter with this identity among those of its kind.
+#[cfg(feature = "gpu")]
+fn index_of(identity: &str) -> Option<u32> {
+    let adapters = crate::nn::gpu::adapters::adapters();
+    let same =
+        adapters.iter().find(|adapter| identity.split_once(": ").is_some_and(|it| it.1 == adapter.name));
+    same.and_then(|adapter| adapter.number).map(|(_, index)| index as u32)
+}
+
+#[cfg(not(feature = "gpu"))]
+fn index_of(_: &str) -> Option<u32> {
+    None
 }
 
 #[cfg(test)]
@@ -101,7 +154,7 @@ mod tests {
 
     fn found(specs: &[&str], choice: DeviceChoice) -> Result<FoundDevice, DeviceError> {
         let specs: Vec<PolicySpec> = specs.iter().map(|spec| spec.parse().unwrap()).collect();
-        find(&specs.iter().collect::<Vec<_>>(), choice)
+        find(&specs.iter().collect::<Vec<_>>(), choice.into())
     }
 
     #[test]

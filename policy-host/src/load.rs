@@ -9,7 +9,7 @@ use thiserror::Error;
 use crate::QueryMode;
 use crate::act::{self, ActPolicy};
 use crate::checkpoint::CheckpointFolderError;
-use crate::device::DeviceError;
+use crate::device::{DeviceError, DeviceRequest};
 use crate::ensemble::Ensemble;
 use crate::idle::IdlePolicy;
 use crate::nn::Precision;
@@ -40,7 +40,7 @@ pub fn load(
     mode: QueryMode,
     robots: &[Morphology],
 ) -> Result<Box<dyn Policy>, LoadError> {
-    load_on(spec, DeviceChoice::Cpu, n_threads, mode, robots)
+    load_on(spec, DeviceChoice::Cpu.into(), n_threads, mode, robots)
 }
 
 /// Loads a policy for these robots, of whose networks only those are read. It uses up to `n_threads` threads
@@ -51,7 +51,7 @@ pub fn load(
 /// If the policy does not run in a policy host, its checkpoint cannot be loaded, or the device not opened.
 pub fn load_on(
     spec: &PolicySpec,
-    device: DeviceChoice,
+    device: DeviceRequest,
     n_threads: usize,
     mode: QueryMode,
     robots: &[Morphology],
@@ -59,7 +59,7 @@ pub fn load_on(
     let policy: Box<dyn Policy> = match spec {
         PolicySpec::Idle => Box::new(IdlePolicy),
         PolicySpec::Random => Box::new(RandomPolicy),
-        PolicySpec::Act(folder) => match device {
+        PolicySpec::Act(folder) => match device.choice {
             DeviceChoice::Auto | DeviceChoice::Cpu => {
                 Box::new(ActPolicy::load(folder, Precision::F32, n_threads, robots)?)
             }
@@ -95,13 +95,14 @@ pub fn check(spec: &PolicySpec, robots: &[(Morphology, ControlMode)]) -> Result<
 #[cfg(feature = "gpu")]
 fn load_act_on_gpu(
     folder: &Path,
-    device: DeviceChoice,
+    device: DeviceRequest,
     robots: &[Morphology],
 ) -> Result<Box<dyn Policy>, LoadError> {
     use crate::act::{GpuActPolicy, LoadGpuError};
-    use crate::nn::gpu::DeviceKind;
-    let kind = if device == DeviceChoice::Software { DeviceKind::Software } else { DeviceKind::Hardware };
-    match GpuActPolicy::load(folder, kind, robots) {
+    use crate::nn::gpu::GpuDevice;
+    let (kind, index) = device.adapter();
+    let gpu = GpuDevice::open_numbered(kind, index).map_err(LoadGpuError::Device);
+    match gpu.and_then(|gpu| GpuActPolicy::load(gpu, folder, robots)) {
         Ok(policy) => Ok(Box::new(policy)),
         Err(LoadGpuError::Folder(error)) => Err(error.into()),
         Err(LoadGpuError::Device(error)) => Err(DeviceError::Unusable { reason: error.to_string() }.into()),
@@ -109,7 +110,7 @@ fn load_act_on_gpu(
 }
 
 #[cfg(not(feature = "gpu"))]
-fn load_act_on_gpu(_: &Path, _: DeviceChoice, _: &[Morphology]) -> Result<Box<dyn Policy>, LoadError> {
+fn load_act_on_gpu(_: &Path, _: DeviceRequest, _: &[Morphology]) -> Result<Box<dyn Policy>, LoadError> {
     Err(DeviceError::NotBuilt.into())
 }
 

@@ -135,7 +135,7 @@ pub fn serve_with(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|source| ServeError::Threads { threads, source })?;
     let started = Instant::now();
-    let (device, mode) = (config.run.inference.policy_device, config.run.results.mode);
+    let (device, mode) = ((&config.run).into(), config.run.results.mode);
     let mut policy = pool.install(|| load_on(&config.spec, device, threads, mode, &config.morphologies))?;
     if config.run.results.latency_steps() > 0 {
         // The robot goes on with the rows after those to execute until the next chunk takes effect.

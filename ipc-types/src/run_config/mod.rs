@@ -111,6 +111,10 @@ pub struct ResourceOptions {
     /// Worker threads of the sim and of each policy host: a number, or auto for one per core
     #[arg(long, value_name = "T", value_parser = Amount::parser(MAX_THREADS), default_value = "auto")]
     pub threads: Amount,
+    /// GPU to use for rendering and for policies: its number, as `hypogeum doctor` lists them [default: 0]
+    #[arg(long, value_name = "N")]
+    #[serde(default)]
+    pub gpu: Option<u32>,
     /// Record every executed action in the results file, for `replay`
     #[arg(long)]
     pub keep_actions: bool,

@@ -256,7 +256,7 @@ fn reference_hashes() -> (u64, u64) {
 
 fn vulkan() -> Check {
     const NAME: &str = "Vulkan";
-    match sim::render::open(RendererChoice::Gpu, Samples::One, 1) {
+    match sim::render::open(RendererChoice::Gpu, None, Samples::One, 1) {
         Ok(renderer) => Check::ok(NAME, renderer.name()),
         Err(OpenRendererError::NotBuilt) => {
             Check::ok(NAME, "this program was built without the GPU renderer; runs render on the CPU")

@@ -9,7 +9,8 @@ use ipc_types::RunConfig;
 use ipc_types::run_config::{
     Amount, DeviceChoice, ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions, Samples,
 };
-use policy_host::{PolicySpec, device};
+use policy_host::PolicySpec;
+use policy_host::device::{self, DeviceRequest};
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
 use sim::stream::{Stream, episode_seed};
@@ -75,7 +76,8 @@ pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
     let mut config = config(&file, args).or_user()?;
     let mut unverifiable = Unverifiable::new();
     let mut policies = available_policies(&file, args, &mut unverifiable);
-    config.inference.policy_device = choose_device(&file, &mut policies, &mut unverifiable);
+    let device = choose_device(&file, &mut policies, &mut unverifiable);
+    (config.inference.policy_device, config.resources.gpu) = (device.choice, device.index);
     let rows = select(&file, args, &policies, &mut unverifiable);
     let plan = plan(&file, &config, policies, &rows);
     // Checks that the checkpoints can be loaded.
@@ -175,14 +177,14 @@ fn choose_device(
     file: &ResultsFile,
     policies: &mut Vec<NamedPolicy>,
     unverifiable: &mut Unverifiable,
-) -> DeviceChoice {
-    let choice = |policy: &NamedPolicy| {
+) -> DeviceRequest {
+    let request = |policy: &NamedPolicy| {
         let stored = file.policies.get(&policy.name).filter(|_| device::supports_gpu(&policy.spec))?;
-        Some(device::choice_of(stored.device.as_deref()))
+        Some(device::request_of(stored.device.as_deref()))
     };
-    let chosen = policies.iter().find_map(choice).unwrap_or(DeviceChoice::Cpu);
+    let chosen = policies.iter().find_map(request).unwrap_or(DeviceChoice::Cpu.into());
     policies.retain(|policy| {
-        let is_same = choice(policy).is_none_or(|choice| choice == chosen);
+        let is_same = request(policy).is_none_or(|request| request == chosen);
         if !is_same {
             let reason = "it computed on another device than the policies before it".to_owned();
             unverifiable.insert(policy.name.clone(), (reason, 0));
@@ -202,7 +204,7 @@ fn available_policy(name: &str, stored: &Identity, args: &VerifyArgs) -> anyhow:
         (spec, _) => spec,
     };
     let policy = NamedPolicy { name: name.to_owned(), spec };
-    let found = device::find(&[&policy.spec], device::choice_of(stored.device.as_deref()))?;
+    let found = device::find(&[&policy.spec], device::request_of(stored.device.as_deref()))?;
     let found = policy
         .identity(found.identity.as_deref())
         .with_context(|| format!("name its checkpoint with --checkpoint {name}=PATH"))?;

@@ -9,7 +9,7 @@ use ipc_types::Morphology;
 use policy_host::act::{GpuActPolicy, LoadGpuError};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::ensemble::Ensemble;
-use policy_host::nn::gpu::{DeviceKind, GpuError};
+use policy_host::nn::gpu::{DeviceKind, GpuDevice, GpuError};
 use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
 
 use policy_host::synthetic::write_checkpoint;
@@ -26,7 +26,8 @@ pub(crate) fn policy() -> Option<GpuActPolicy> {
 
 #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
 fn load(folder: &Path, robots: &[Morphology]) -> Option<GpuActPolicy> {
-    match GpuActPolicy::load(folder, device_kind(), robots) {
+    let gpu = GpuDevice::open(device_kind()).map_err(LoadGpuError::Device);
+    match gpu.and_then(|gpu| GpuActPolicy::load(gpu, folder, robots)) {
         Ok(policy) => Some(policy),
         Err(LoadGpuError::Device(error @ GpuError::NoAdapter { .. })) => {
             let required = std::env::var_os("HYPOGEUM_REQUIRE_VULKAN").is_some_and(|value| value == "1");

@@ -13,7 +13,7 @@ pub enum OpenRendererError {
     #[error(
         "found no {wanted} that can render through Vulkan: {found}; use --renderer cpu or auto, or install a driver"
     )]
-    NoAdapter { wanted: &'static str, found: String },
+    NoAdapter { wanted: String, found: String },
     #[error("failed to open {name}: {message}")]
     Device { name: String, message: String },
     #[error(
@@ -22,8 +22,8 @@ pub enum OpenRendererError {
     NotBuilt,
 }
 
-/// Opens a renderer for use in a rayon pool of `threads` threads. `Auto` falls back to the CPU if no GPU can
-/// render.
+/// Opens a renderer for use in a rayon pool of `threads` threads. `gpu` is an index among the adapters of the
+/// kind. `Auto` falls back to the CPU if no GPU can render and none was asked for by its index.
 ///
 /// # Errors
 /// If `choice` requires a GPU or a software driver and none can render, or if the feature `gpu` is off.
@@ -32,6 +32,7 @@ pub enum OpenRendererError {
 /// If `threads` is 0.
 pub fn open(
     choice: RendererChoice,
+    gpu: Option<u32>,
     samples: Samples,
     threads: usize,
 ) -> Result<Box<dyn Renderer>, OpenRendererError> {
@@ -39,21 +40,28 @@ pub fn open(
         || Box::new(CpuRenderer::with_options(threads, CpuOptions { samples, ..CpuOptions::default() }));
     Ok(match choice {
         RendererChoice::Cpu => cpu(),
-        RendererChoice::Auto => open_gpu(choice, samples).unwrap_or_else(|_| cpu()),
-        RendererChoice::Gpu | RendererChoice::Software => open_gpu(choice, samples)?,
+        RendererChoice::Auto if gpu.is_none() => open_gpu(choice, None, samples).unwrap_or_else(|_| cpu()),
+        RendererChoice::Auto | RendererChoice::Gpu | RendererChoice::Software => {
+            open_gpu(choice, gpu, samples)?
+        }
     })
 }
 
 #[cfg(feature = "gpu")]
-fn open_gpu(choice: RendererChoice, samples: Samples) -> Result<Box<dyn Renderer>, OpenRendererError> {
+fn open_gpu(
+    choice: RendererChoice,
+    gpu: Option<u32>,
+    samples: Samples,
+) -> Result<Box<dyn Renderer>, OpenRendererError> {
     let kind = match choice {
         RendererChoice::Software => AdapterKind::Software,
         _ => AdapterKind::Hardware,
     };
-    Ok(Box::new(GpuRenderer::open(kind, &GpuOptions { samples, ..GpuOptions::default() })?))
+    let index = gpu.map(|index| index as usize);
+    Ok(Box::new(GpuRenderer::open(kind, &GpuOptions { samples, index, ..GpuOptions::default() })?))
 }
 
 #[cfg(not(feature = "gpu"))]
-fn open_gpu(_: RendererChoice, _: Samples) -> Result<Box<dyn Renderer>, OpenRendererError> {
+fn open_gpu(_: RendererChoice, _: Option<u32>, _: Samples) -> Result<Box<dyn Renderer>, OpenRendererError> {
     Err(OpenRendererError::NotBuilt)
 }

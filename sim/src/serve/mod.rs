@@ -164,7 +164,8 @@ impl Server {
         let sentences = language.as_ref().map(Sentences::read).transpose()?;
         let rendering = &config.run.rendering;
         let n_threads = config.run.resources.n_threads() as usize;
-        let renderer = render::open(rendering.renderer, rendering.samples, n_threads)?;
+        let gpu = config.run.resources.gpu;
+        let renderer = render::open(rendering.renderer, gpu, rendering.samples, n_threads)?;
         let max_envs = config.lanes.iter().map(|lane| lane.spec.max_envs as usize).max().unwrap_or(0);
         let shm_bytes = config.lanes.iter().map(|lane| lane.spec.shm_bytes()).sum();
         emit(&SimEvent::Ready { shm_bytes, renderer: renderer.name(), identity: renderer.identity() })?;

@@ -11,10 +11,10 @@ use sim::{Perturbation, Profile, TaskId};
 
 pub(crate) const VISIBILITIES: [VisibilityMethod; 2] = [VisibilityMethod::Raster, VisibilityMethod::Compute];
 
-/// Opens a renderer on a software driver. Returns `None` if there is no driver and none is required.
+/// Opens a renderer. Returns `None` if there is no driver and none is required.
 pub(crate) fn renderer(visibility: VisibilityMethod, samples: Samples) -> Option<GpuRenderer> {
-    let options = GpuOptions { visibility: Some(visibility), samples };
-    match GpuRenderer::open(AdapterKind::Software, &options) {
+    let options = GpuOptions { visibility: Some(visibility), samples, ..GpuOptions::default() };
+    match GpuRenderer::open(adapter_kind(), &options) {
         Ok(renderer) => Some(renderer),
         Err(error) => {
             let required = std::env::var("HYPOGEUM_REQUIRE_VULKAN").is_ok_and(|value| value == "1");
@@ -22,6 +22,14 @@ pub(crate) fn renderer(visibility: VisibilityMethod, samples: Samples) -> Option
             eprintln!("skipped: {error} (on Debian: apt-get install mesa-vulkan-drivers libvulkan1)");
             None
         }
+    }
+}
+
+/// Returns the kind of adapter that tests open: a software driver, unless `HYPOGEUM_TEST_DEVICE` is `gpu`.
+pub(crate) fn adapter_kind() -> AdapterKind {
+    match std::env::var("HYPOGEUM_TEST_DEVICE").as_deref() {
+        Ok("gpu") => AdapterKind::Hardware,
+        _ => AdapterKind::Software,
     }
 }
 

@@ -27,9 +27,9 @@ fn four_samples_change_only_edges() {
 
 #[test]
 fn auto_opens_an_available_renderer() {
-    let name = open(RendererChoice::Auto, Samples::One, 1).unwrap().name();
+    let name = open(RendererChoice::Auto, None, Samples::One, 1).unwrap().name();
     assert!(name.starts_with("cpu") || name.starts_with("gpu"), "{name}");
-    assert!(open(RendererChoice::Cpu, Samples::One, 1).unwrap().name().starts_with("cpu"));
+    assert!(open(RendererChoice::Cpu, None, Samples::One, 1).unwrap().name().starts_with("cpu"));
 }
 
 #[test]

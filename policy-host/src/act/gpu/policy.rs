@@ -11,7 +11,7 @@ use crate::act::policy::ChunkRows;
 use crate::act::stored::{StoredNetwork, load_networks};
 use crate::checkpoint::{CheckpointFolderError, ObservationMapping};
 use crate::nn::gpu::transfer::BatchInFlight;
-use crate::nn::gpu::{DeviceKind, GpuDevice, GpuError};
+use crate::nn::gpu::{GpuDevice, GpuError};
 use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError, PolicyPipeline};
 
 /// ACT on a device, with one network per morphology.
@@ -53,12 +53,11 @@ pub enum LoadGpuError {
 }
 
 impl GpuActPolicy {
-    /// Loads the networks for `robots` in `folder` onto the first adapter of a kind.
+    /// Loads the networks for `robots` in `folder` onto a device.
     ///
     /// # Errors
     /// The first file or tensor that is missing, unexpected or damaged, or the failure of the device.
-    pub fn load(folder: &Path, kind: DeviceKind, robots: &[Morphology]) -> Result<Self, LoadGpuError> {
-        let gpu = GpuDevice::open(kind)?;
+    pub fn load(gpu: GpuDevice, folder: &Path, robots: &[Morphology]) -> Result<Self, LoadGpuError> {
         let networks = load_networks(folder, robots, |stored| {
             let network = GpuNetwork::new(&gpu, &stored)?;
             let StoredNetwork { mapping, encoder, ensemble_decay, architecture, .. } = stored;

@@ -28,8 +28,8 @@ pub enum DeviceKind {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the messages describe the fields")]
 pub enum GpuError {
-    #[error("found no {wanted} of index {index} for the policy: {found}")]
-    NoAdapter { wanted: &'static str, index: usize, found: String },
+    #[error("found no {wanted} for the policy: {found}")]
+    NoAdapter { wanted: String, found: String },
     #[error("failed to compute on {name}: {message}")]
     Device { name: String, message: String },
 }
@@ -92,7 +92,11 @@ impl GpuDevice {
         if found.is_empty() {
             found.push("there is no Vulkan driver".to_owned());
         }
-        Err(GpuError::NoAdapter { wanted: kind.description(), index, found: found.join("; ") })
+        let wanted = match index {
+            0 => kind.description().to_owned(),
+            _ => format!("{} {index}", kind.description()),
+        };
+        Err(GpuError::NoAdapter { wanted, found: found.join("; ") })
     }
 
     fn open_adapter(adapter: &wgpu::Adapter, name: String) -> Result<Self, GpuError> {

@@ -248,3 +248,52 @@ fn report(
         let _ = sender.send(result);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nn::gpu::DeviceKind;
+
+    /// Returns a queue whose network copies its inputs of three words to the result.
+    fn queue(gpu: &GpuDevice) -> (BatchQueue, Vec<NetworkStep>) {
+        let [target, result] = ["in", "out"].map(|label| DeviceBuffer::zeroed(gpu, label, 12));
+        let copy = NetworkStep::Copy { from: (target.clone(), 3), to: (result.clone(), 3), n_words: 3 };
+        let [input, result] = [target, result].map(|target| BatchInput { target, n_words: 3 });
+        (BatchQueue::new(vec![input], DeviceBuffer::batch(gpu), result, 4), vec![copy])
+    }
+
+    #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
+    fn device() -> Option<GpuDevice> {
+        GpuDevice::open(DeviceKind::Software).map_err(|error| eprintln!("skipped: {error}")).ok()
+    }
+
+    #[test]
+    fn memory_of_batches_is_reused() {
+        let Some(gpu) = device() else { return };
+        let (mut queue, steps) = queue(&gpu);
+        let values: Vec<[f32; 3]> = (0_u8..8).map(|idx| [f32::from(idx), 0.5, -1.0]).collect();
+        for n_samples in [1, 4, 3] {
+            let first = queue.submit(&gpu, &steps, n_samples, &|_, idx| bytemuck::bytes_of(&values[idx]));
+            let second =
+                queue.submit(&gpu, &steps, n_samples, &|_, idx| bytemuck::bytes_of(&values[idx + 4]));
+            for (batch, from) in [(first.unwrap(), 0), (second.unwrap(), 4)] {
+                let expected = values[from..from + n_samples].as_flattened();
+                queue.collect(&gpu, batch, |found| assert_eq!(found, expected)).unwrap();
+            }
+        }
+        assert_eq!(queue.idle.len(), 2, "two batches were in flight at most");
+    }
+
+    #[test]
+    fn lost_device_fails_its_batches() {
+        let Some(gpu) = device() else { return };
+        let (mut queue, steps) = queue(&gpu);
+        let submit = |queue: &mut BatchQueue| queue.submit(&gpu, &steps, 4, &|_, _| &[1; 12]);
+        let mut batch = submit(&mut queue).unwrap();
+        gpu.device.destroy();
+        assert!(submit(&mut queue).is_err(), "a lost device accepts nothing");
+        assert!(batch.is_ready(&gpu), "nobody waits for a lost device");
+        let error = queue.collect(&gpu, batch, |_| ()).unwrap_err().to_string();
+        assert!(error.contains(gpu.name()), "{error}");
+    }
+}

@@ -24,17 +24,17 @@ pub(super) struct SelectedAdapter {
     pub(super) name: String,
 }
 
-/// Selects the first adapter of a kind that meets all requirements.
+/// Selects an adapter by kind and index.
 ///
 /// # Errors
-/// If there is none. The error lists the adapters found and the capabilities that each lacks.
+/// If there is none, or it does not meet all requirements. The error lists the adapters found and the capabilities that each lacks.
 pub(super) fn select(kind: AdapterKind, options: &GpuOptions) -> Result<SelectedAdapter, OpenRendererError> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,
         flags: wgpu::InstanceFlags::empty(),
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     });
-    let mut rejections = Vec::new();
+    let (mut rejections, mut n_before) = (Vec::new(), 0);
     let mut adapters = poll_ready(instance.enumerate_adapters(wgpu::Backends::VULKAN));
     // Prefer discrete GPUs over integrated ones.
     adapters.sort_by_key(|adapter| adapter.get_info().device_type != wgpu::DeviceType::DiscreteGpu);
@@ -43,6 +43,11 @@ pub(super) fn select(kind: AdapterKind, options: &GpuOptions) -> Result<Selected
         let name = format!("{} ({})", info.name, [info.driver, info.driver_info].join(" ").trim());
         if kind_of(info.device_type) != kind {
             rejections.push(format!("{name} is not a {}", kind.description()));
+            continue;
+        }
+        n_before += 1;
+        if options.index.is_some_and(|index| index != n_before - 1) {
+            rejections.push(format!("{name} has index {}", n_before - 1));
             continue;
         }
         let visibility = options.visibility.unwrap_or_else(|| preferred_visibility(&adapter, &info.name));
@@ -55,7 +60,9 @@ pub(super) fn select(kind: AdapterKind, options: &GpuOptions) -> Result<Selected
     if rejections.is_empty() {
         rejections.push("there is no Vulkan driver".to_owned());
     }
-    Err(OpenRendererError::NoAdapter { wanted: kind.description(), found: rejections.join("; ") })
+    let index = options.index.map(|index| format!(" {index}")).unwrap_or_default();
+    let wanted = format!("{}{index}", kind.description());
+    Err(OpenRendererError::NoAdapter { wanted, found: rejections.join("; ") })
 }
 
 /// Returns the features and limits that a visibility method requires.

@@ -56,6 +56,9 @@ pub struct GpuOptions {
     pub visibility: Option<VisibilityMethod>,
     /// Samples per pixel, for anti-aliasing.
     pub samples: Samples,
+    /// Index among the adapters of the kind, discrete GPUs before integrated ones; `None` selects the first
+    /// that can render.
+    pub index: Option<usize>,
 }
 
 /// Breakdown of the time spent in a call of [`Renderer::render`], in s.
@@ -80,10 +83,10 @@ pub struct GpuRenderer {
 }
 
 impl GpuRenderer {
-    /// Opens the first suitable adapter of a kind.
+    /// Opens an adapter of a kind.
     ///
     /// # Errors
-    /// If there is none, or if it cannot be opened.
+    /// If there is none of this index, if it cannot render, or if it cannot be opened.
     pub fn open(kind: AdapterKind, options: &GpuOptions) -> Result<Self, OpenRendererError> {
         let selected = adapter::select(kind, options)?;
         let visibility = selected.visibility;
