@@ -61,6 +61,9 @@ pub(crate) struct FpsArgs {
     /// Worker threads of the sim and of each policy host [default: one per core]
     #[arg(long, value_name = "T", value_parser = value_parser!(u32).range(1..=1024))]
     pub(crate) threads: Option<u32>,
+    /// GPU to use for rendering and for policies: its number, as `hypogeum doctor` lists them [default: 0]
+    #[arg(long, value_name = "N")]
+    pub(crate) gpu: Option<u32>,
     #[command(flatten)]
     pub(crate) rendering: ImageOptions,
     #[command(flatten)]
@@ -138,6 +141,7 @@ fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
     let (rendering, inference) = (args.rendering, args.inference);
     let mut config = RunConfig { rendering, inference, ..RunConfig::default() };
     config.results.execute = args.execute;
+    config.resources.gpu = args.gpu;
     if let Some(threads) = args.threads {
         config.resources.threads = Amount::Fixed(threads);
     }

@@ -12,6 +12,9 @@
 //! core-seconds s of physics per control step and the control steps k per query of the whole run: episodes
 //! differ in these by task, not by the number of envs.
 //!
+//! What a GPU computes costs no core time, but while the children wait for it, u falls: the prediction is then
+//! the speed that the GPU permits, which grows until its batches are full, and no longer.
+//!
 //! While every env proceeds briskly, the first results are not delayed by more envs, and the tuner tries more
 //! even without a predicted gain. In larger batches the same code works longer on the same data, which makes
 //! physics cheaper, but hardly shows in a short trial. With 256 envs instead of 32, a sweep over all tasks
@@ -246,11 +249,14 @@ mod tests {
     use super::*;
 
     /// A machine of 2 cores whose costs follow a formula: an env-step takes 0.2 ms; a query takes `fixed_s`
-    /// per batch of half of the envs, and `own_s` per env; the host sleeps for `sleep_s` per batch.
+    /// per batch of half of the envs, and `own_s` per env; the host sleeps for `sleep_s` per batch. A GPU, if
+    /// there is one, takes `gpu_s` per query, but as long as for `gpu_width` queries for less of them.
     struct FakeMachine {
         fixed_s: f64,
         own_s: f64,
         sleep_s: f64,
+        gpu_s: f64,
+        gpu_width: f64,
         steps: f64,
         sample: WorkSample,
     }
@@ -260,7 +266,7 @@ mod tests {
     impl FakeMachine {
         fn new(fixed_s: f64, own_s: f64, sleep_s: f64) -> Self {
             let sample = WorkSample { hosts: vec![HostWork::default()], ..WorkSample::default() };
-            Self { fixed_s, own_s, sleep_s, steps: 0.0, sample }
+            Self { fixed_s, own_s, sleep_s, gpu_s: 0.0, gpu_width: 1.0, steps: 0.0, sample }
         }
 
         /// Control steps per second with this number of envs, and core-seconds per control step.
@@ -268,7 +274,8 @@ mod tests {
             let batch = f64::from(envs) / 2.0;
             let cost_s = 2e-4 + (self.fixed_s / batch + self.own_s) / STEPS_PER_QUERY;
             let wall_s = cost_s / 2.0 + self.sleep_s / batch / STEPS_PER_QUERY;
-            (1.0 / wall_s, cost_s)
+            let gpu_s = self.gpu_s * self.gpu_width.max(batch) / batch / STEPS_PER_QUERY;
+            (1.0 / wall_s.max(gpu_s), cost_s)
         }
 
         fn run(&mut self, envs: u32, wall: Duration) {
@@ -327,6 +334,15 @@ mod tests {
     fn waiting_for_slow_host_asks_for_many_more() {
         let numbers = FakeMachine::new(0.0, 1e-4, 0.2).tuned(Duration::from_secs(15));
         assert_eq!(numbers, [16, 64, 256]);
+    }
+
+    #[test]
+    fn envs_fill_batches_of_gpu_but_no_more() {
+        let gpu = |gpu_s, gpu_width| FakeMachine { gpu_s, gpu_width, ..FakeMachine::new(0.0, 1e-4, 0.0) };
+        let numbers = gpu(0.2, 32.0).tuned(Duration::from_secs(30));
+        assert_eq!(numbers, [16, 64, 256, 64], "batches of 32 are full with 64 envs, two of them in flight");
+        let numbers = gpu(0.2, 1.0).tuned(Duration::from_secs(30));
+        assert_eq!(numbers, [16, 64, 16], "they are full with any number");
     }
 
     #[test]

@@ -17,13 +17,15 @@ mod pi05;
 mod serve;
 mod weightless;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use ipc_types::ActionBlock;
 
 /// Returns the path of a file or folder of the committed test data.
 fn data(name: &str) -> PathBuf {
-    [env!("CARGO_MANIFEST_DIR"), "tests/data", name].iter().collect()
+    // Packed tests run where the sources are not.
+    let package = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
+    Path::new(&package).join("tests/data").join(name)
 }
 
 /// Returns the rows `[n_rows, action_dim]` of an action block.
