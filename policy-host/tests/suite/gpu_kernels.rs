@@ -8,16 +8,16 @@ use policy_host::nn::gpu::ops::{
 use policy_host::nn::gpu::readback::{BatchReadback, NetworkStep};
 use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, Dispatch, GpuDevice, KernelCache};
 
-const N_SAMPLES: usize = 3;
+pub(crate) const N_SAMPLES: usize = 3;
 const TOLERANCE: f64 = 1e-5;
 
 /// Returns `len` values in [-1, 1), the same for the same name.
-fn values(name: &str, len: usize) -> Vec<f32> {
+pub(crate) fn values(name: &str, len: usize) -> Vec<f32> {
     (0..len).map(|idx| sym(fnv1a64(name), idx, 1.0)).collect()
 }
 
 /// Builds a dispatch with `build`, runs it on `out`, and compares the result.
-fn check(
+pub(crate) fn check(
     what: &str,
     (out, expected): (&[f32], &[f64]),
     build: impl FnOnce(&mut OpBuilder<'_>, &DeviceBuffer) -> Dispatch,
@@ -38,6 +38,11 @@ fn check(
             }
         })
         .unwrap();
+}
+
+/// Returns GELU in the form with tanh.
+pub(crate) fn gelu(x: f64) -> f64 {
+    0.5 * x * (1.0 + libm::tanh((2.0 / std::f64::consts::PI).sqrt() * (x + 0.044_715 * x.powi(3))))
 }
 
 #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
@@ -66,6 +71,8 @@ fn linear_layers_agree_with_f64() {
         (Some(&positions), ProductEpilogue::Relu),
         (Some(&positions), ProductEpilogue::Add),
         (None, ProductEpilogue::AddRelu),
+        (None, ProductEpilogue::Gelu),
+        (None, ProductEpilogue::Multiply),
     ] {
         let out = values("out", N_SAMPLES * to.of * n);
         let mut expected: Vec<f64> = out.iter().map(|x| f64::from(*x)).collect();
@@ -83,6 +90,8 @@ fn linear_layers_agree_with_f64() {
                 ProductEpilogue::Relu => sum.max(0.0),
                 ProductEpilogue::Add => *out + sum,
                 ProductEpilogue::AddRelu => (*out + sum).max(0.0),
+                ProductEpilogue::Gelu => gelu(sum),
+                ProductEpilogue::Multiply => *out * sum,
             };
         }
         check(&format!("{epilogue:?}"), (&out, &expected), |ops, out| {

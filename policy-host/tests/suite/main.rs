@@ -10,6 +10,8 @@ mod ensemble;
 mod gpu;
 #[cfg(feature = "gpu")]
 mod gpu_kernels;
+#[cfg(feature = "gpu")]
+mod gpu_sequences;
 mod independence;
 mod lerobot;
 mod parity;

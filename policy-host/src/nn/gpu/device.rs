@@ -145,6 +145,14 @@ impl GpuDevice {
         self.first_error.get().map_or(Ok(()), |message| Err(self.error(&message)))
     }
 
+    /// Waits until all uploads so far have completed, which frees the host memory that they passed through.
+    ///
+    /// # Errors
+    /// If the device fails, for example because it is out of memory.
+    pub fn finish_uploads(&self) -> Result<(), GpuError> {
+        self.wait(self.queue.submit([]))
+    }
+
     /// Returns the error of a device that cannot do what is asked of it.
     #[must_use]
     pub fn error(&self, message: &str) -> GpuError {

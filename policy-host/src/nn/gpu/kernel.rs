@@ -13,7 +13,7 @@ const MAX_GROUPS: usize = 65_535;
 pub(super) struct KernelSource {
     pub(super) name: &'static str,
     /// Concatenated in this order.
-    pub(super) parts: &'static [&'static str],
+    pub(super) parts: Vec<&'static str>,
     pub(super) constants: Vec<(&'static str, u32)>,
 }
 

@@ -4,9 +4,9 @@
 //! the order of their terms, reductions as trees of fixed shape. So the bits of a sample do not depend on its
 //! batch. They may differ between devices and drivers, which may or may not fuse products and sums.
 //!
-//! [`adapters`] lists what there is, [`device`] opens one, [`buffer`] owns device memory, [`kernel`] compiles
-//! the WGSL sources, [`ops`] has one constructor per layer, [`readback`] runs steps, and [`transfer`] has the
-//! batches in flight.
+//! [`adapters`] lists what there is, [`device`] opens one, [`buffer`] owns device memory, [`weights`] the
+//! matrices in it, [`kernel`] compiles the WGSL sources, [`ops`] and [`sequences`] have one constructor per
+//! layer, [`readback`] runs steps, and [`transfer`] has the batches in flight.
 
 pub mod adapters;
 pub mod buffer;
@@ -14,7 +14,9 @@ pub mod device;
 pub mod kernel;
 pub mod ops;
 pub mod readback;
+pub mod sequences;
 pub mod transfer;
+pub mod weights;
 
 pub use self::buffer::DeviceBuffer;
 pub use self::device::{DeviceKind, GpuDevice, GpuError};

@@ -5,12 +5,13 @@
 use super::buffer::DeviceBuffer;
 use super::device::GpuDevice;
 use super::kernel::{Dispatch, KernelCache, KernelSource};
+pub use super::weights::DeviceWeights;
 use crate::nn::conv::ConvGeometry;
 
 /// Side of the tile of a product.
 const TILE: usize = 64;
 /// Threads of a workgroup of element-wise kernels.
-const THREADS: usize = 256;
+pub(super) const THREADS: usize = 256;
 /// Words of workgroup memory that every device has.
 const WORKGROUP_WORDS: usize = 4096;
 /// Threads of a workgroup of the attention kernel, each with a partial result per query.
@@ -18,8 +19,9 @@ const ATTENTION_THREADS: usize = 64;
 /// Largest number of queries that share a workgroup.
 const MAX_QUERIES: usize = 8;
 
-const BATCH: &str = include_str!("wgsl/batch.wgsl");
-const PRODUCT: &str = include_str!("wgsl/product.wgsl");
+pub(super) const BATCH: &str = include_str!("wgsl/batch.wgsl");
+/// Sum over a workgroup of 64 threads.
+pub(super) const TOTAL: &str = include_str!("wgsl/total.wgsl");
 
 /// The device, the compiled kernels, and the uniform buffer with the number of samples of a batch.
 #[derive(Debug)]
@@ -43,7 +45,14 @@ pub enum ProductEpilogue {
     Add,
     /// `out = max(out + sum, 0)`.
     AddRelu,
+    /// `out = gelu(sum)`, in the form with tanh.
+    Gelu,
+    /// `out *= sum`.
+    Multiply,
 }
+
+/// Code of the epilogue `out += gate · sum`, which takes the gate in place of the bias.
+const GATED: usize = 6;
 
 /// The rows of a sample in a buffer that a product reads or writes: `count` of its `of` rows, from `first`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,15 +61,6 @@ pub struct SampleRows {
     pub first: usize,
     /// Number of rows of a sample in the buffer.
     pub of: usize,
-}
-
-/// Weights `[k, n]` and bias `[n]` of a product.
-#[derive(Clone, Debug)]
-pub struct DeviceWeights {
-    weights: DeviceBuffer,
-    bias: DeviceBuffer,
-    k: usize,
-    n: usize,
 }
 
 /// Feature maps of a sample: `[images, height, width, channels]`.
@@ -104,28 +104,6 @@ pub struct ImageSource<'a> {
     pub filters: Option<(&'a DeviceBuffer, usize)>,
     /// Index of the image among those of a sample in the target.
     pub image: usize,
-}
-
-impl DeviceWeights {
-    /// Uploads weights `[k, n]`.
-    ///
-    /// # Panics
-    /// If the lengths do not match.
-    #[must_use]
-    pub fn new(gpu: &GpuDevice, weights: &[f32], bias: &[f32]) -> Self {
-        let (k, n) = (weights.len() / bias.len(), bias.len());
-        assert_eq!(weights.len(), k * n, "weights [{k}, {n}]");
-        let [weights, bias] = [weights, bias].map(|values| DeviceBuffer::of(gpu, "weights", values));
-        Self { weights, bias, k, n }
-    }
-
-    /// Uploads PyTorch's weights `[n, k]`.
-    #[must_use]
-    pub fn transposed(gpu: &GpuDevice, weights: &[f32], bias: &[f32]) -> Self {
-        let k = weights.len() / bias.len();
-        let by_input = (0..k).flat_map(|i| weights.iter().skip(i).step_by(k).copied());
-        Self::new(gpu, &by_input.collect::<Vec<_>>(), bias)
-    }
 }
 
 impl SampleRows {
@@ -174,15 +152,32 @@ impl OpBuilder<'_> {
         (out, to): (&DeviceBuffer, SampleRows),
         epilogue: ProductEpilogue,
     ) -> Dispatch {
-        let parts: &'static [&'static str] = if positions.is_some() {
-            &[BATCH, include_str!("wgsl/positioned_rows.wgsl"), PRODUCT]
+        let rows = if positions.is_some() {
+            include_str!("wgsl/positioned_rows.wgsl")
         } else {
-            &[BATCH, include_str!("wgsl/rows.wgsl"), PRODUCT]
+            include_str!("wgsl/rows.wgsl")
         };
         let left = [("A_ROWS", from.of), ("A_FIRST", from.first)];
-        let source = product("linear", parts, layer, n_rows, &left, to, epilogue);
+        let source = product(("linear", rows), layer, n_rows, &left, to, code(epilogue));
         let mut buffers = vec![self.batch, a, &layer.weights, &layer.bias, out];
         buffers.extend(positions);
+        self.kernels.dispatch(self.gpu, source, &buffers, (n_rows, TILE), columns(layer))
+    }
+
+    /// Returns a linear layer without bias for all `n_rows` rows of each sample, which adds its products,
+    /// multiplied by `gate [n]`, to `out`.
+    pub fn gated_linear(
+        &mut self,
+        layer: &DeviceWeights,
+        n_rows: usize,
+        a: &DeviceBuffer,
+        gate: &DeviceBuffer,
+        out: &DeviceBuffer,
+    ) -> Dispatch {
+        let left = [("A_ROWS", n_rows), ("A_FIRST", 0)];
+        let rows = ("gated_linear", include_str!("wgsl/rows.wgsl"));
+        let source = product(rows, layer, n_rows, &left, SampleRows::all(n_rows), GATED);
+        let buffers = [self.batch, a, &layer.weights, gate, out];
         self.kernels.dispatch(self.gpu, source, &buffers, (n_rows, TILE), columns(layer))
     }
 
@@ -207,8 +202,8 @@ impl OpBuilder<'_> {
             ("PADDING", geometry.padding),
         ];
         let n_rows = output.n_pixels();
-        let parts = &[BATCH, include_str!("wgsl/windows.wgsl"), PRODUCT];
-        let source = product("convolution", parts, layer, n_rows, &left, SampleRows::all(n_rows), epilogue);
+        let windows = ("convolution", include_str!("wgsl/windows.wgsl"));
+        let source = product(windows, layer, n_rows, &left, SampleRows::all(n_rows), code(epilogue));
         let buffers = [self.batch, a, &layer.weights, &layer.bias, out];
         self.kernels.dispatch(self.gpu, source, &buffers, (n_rows, TILE), columns(layer))
     }
@@ -220,7 +215,7 @@ impl OpBuilder<'_> {
         (n_rows, width): (usize, usize),
         x: &DeviceBuffer,
     ) -> Dispatch {
-        let parts = &[BATCH, include_str!("wgsl/layer_norm.wgsl")];
+        let parts = &[TOTAL, include_str!("wgsl/layer_norm.wgsl")];
         let source = kernel("layer_norm", parts, &[("WIDTH", width)]);
         // The kernel needs no guard against further rows: a workgroup takes one.
         self.kernels.dispatch(self.gpu, source, &[weight, bias, x], (n_rows, 1), [1, 1])
@@ -286,24 +281,31 @@ impl OpBuilder<'_> {
     }
 }
 
+/// Returns the source of a product with the left factor of the WGSL source `rows`.
 fn product(
-    name: &'static str,
-    parts: &'static [&'static str],
+    (name, rows): (&'static str, &'static str),
     layer: &DeviceWeights,
     n_rows: usize,
     left: &[(&'static str, usize)],
     to: SampleRows,
-    epilogue: ProductEpilogue,
+    epilogue: usize,
 ) -> KernelSource {
-    let epilogue = match epilogue {
+    let right = [("K", layer.k), ("N", layer.n)];
+    let out = [("ROWS", n_rows), ("OUT_ROWS", to.of), ("OUT_FIRST", to.first), ("EPILOGUE", epilogue)];
+    let (weights, format) = layer.layout.source();
+    let parts = [BATCH, rows, weights, include_str!("wgsl/product.wgsl")];
+    kernel(name, &parts, &[&right[..], left, &out, format].concat())
+}
+
+const fn code(epilogue: ProductEpilogue) -> usize {
+    match epilogue {
         ProductEpilogue::Store => 0,
         ProductEpilogue::Relu => 1,
         ProductEpilogue::Add => 2,
         ProductEpilogue::AddRelu => 3,
-    };
-    let right = [("K", layer.k), ("N", layer.n)];
-    let out = [("ROWS", n_rows), ("OUT_ROWS", to.of), ("OUT_FIRST", to.first), ("EPILOGUE", epilogue)];
-    kernel(name, parts, &[&right[..], left, &out].concat())
+        ProductEpilogue::Gelu => 4,
+        ProductEpilogue::Multiply => 5,
+    }
 }
 
 /// Returns the workgroups along the columns of a product.
@@ -311,11 +313,11 @@ fn columns(layer: &DeviceWeights) -> [u32; 2] {
     [layer.n.div_ceil(TILE) as u32, 1]
 }
 
-fn kernel(
+pub(super) fn kernel(
     name: &'static str,
-    parts: &'static [&'static str],
+    parts: &[&'static str],
     constants: &[(&'static str, usize)],
 ) -> KernelSource {
     let constants = constants.iter().map(|(name, value)| (*name, *value as u32)).collect();
-    KernelSource { name, parts, constants }
+    KernelSource { name, parts: parts.to_vec(), constants }
 }

@@ -1,0 +1,142 @@
+// Attention of sequences of different lengths: out = softmax(queries · keysᵀ / √HEAD) · values. The keys of a
+// sample are rows of `prefix`, then its SUFFIX rows of `suffix`; their values lie in the same rows. They pass in
+// blocks of 32, first those of the prefix, with a running maximum and sum of the exponentials (Milakov and
+// Gimelshein, Online normalizer calculation for softmax, 2018). So no block depends on another sample.
+override HEAD: u32;
+// Heads of a row of queries that share keys: each is a query of its own. 1 if every head has its own keys.
+override GROUP: u32;
+// Words from one query to the next, and from one row of keys to the next.
+override QUERY_STRIDE: u32;
+override KEY_STRIDE: u32;
+// Words from a row's first key to its first value, and from one head's keys to the next one's.
+override VALUES: u32;
+override KEY_STEP: u32;
+// Blocks of 32 queries of the longest sequence.
+override BLOCKS: u32;
+override SUFFIX: u32;
+
+// Rows of a sample in the buffers of the queries and of the prefix.
+struct Span { first_query: u32, n_queries: u32, first_key: u32, n_keys: u32 }
+@group(0) @binding(0) var<storage, read> queries: array<f32>;
+@group(0) @binding(1) var<storage, read> prefix: array<f32>;
+@group(0) @binding(2) var<storage, read> suffix: array<f32>;
+@group(0) @binding(3) var<storage, read> spans: array<Span>;
+@group(0) @binding(4) var<storage, read_write> out: array<f32>;
+
+// Blocks of 32 queries and 32 keys with 32 of their terms, and 32 × 32 weights, in rows of 33 words.
+var<workgroup> query_tile: array<f32, 1056>;
+var<workgroup> key_tile: array<f32, 1056>;
+var<workgroup> weights: array<f32, 1056>;
+// Partial results of the eight threads of each query.
+var<workgroup> partial: array<f32, 256>;
+// Factor of each query's earlier sums, and the sum of its weights.
+var<workgroup> factors: array<f32, 32>;
+var<workgroup> totals: array<f32, 32>;
+
+fn stored(is_prefix: bool, at: u32) -> f32 {
+    if (is_prefix) {
+        return prefix[at];
+    }
+    return suffix[at];
+}
+
+@compute @workgroup_size(256)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    let sample = group.x / BLOCKS;
+    let span = spans[sample];
+    let n_queries = span.n_queries * GROUP;
+    let first = group.x % BLOCKS * 32u;
+    if (first >= n_queries) {
+        return;
+    }
+    let query_start = span.first_query * GROUP * QUERY_STRIDE + group.y * HEAD;
+    // A thread computes four scores of one query, and the sums of columns x, x + 32 and so on for the four
+    // queries from 4 y.
+    let query = thread / 8u;
+    let lane = thread % 8u;
+    let x = thread % 32u;
+    let y = thread / 32u;
+    var sums: array<vec4<f32>, 8>;
+    var largest = -1e30;
+    var weight_sum = 0.0;
+    let prefix_blocks = (span.n_keys + 31u) / 32u;
+    let blocks = prefix_blocks + (SUFFIX + 31u) / 32u;
+    for (var block = 0u; block < blocks; block++) {
+        let is_prefix = block < prefix_blocks;
+        var first_key = block * 32u;
+        var n_keys = span.n_keys;
+        var first_row = span.first_key;
+        if (!is_prefix) {
+            first_key -= prefix_blocks * 32u;
+            n_keys = SUFFIX;
+            first_row = sample * SUFFIX;
+        }
+        let key_start = first_row * KEY_STRIDE + group.y * KEY_STEP;
+        var scores = vec4(0.0);
+        for (var i0 = 0u; i0 < HEAD; i0 += 32u) {
+            for (var row = y; row < 32u; row += 8u) {
+                var values = vec2(0.0);
+                if (i0 + x < HEAD) {
+                    let at = query_start + min(first + row, n_queries - 1u) * QUERY_STRIDE + i0 + x;
+                    let key = min(first_key + row, n_keys - 1u);
+                    values = vec2(queries[at], stored(is_prefix, key_start + key * KEY_STRIDE + i0 + x));
+                }
+                query_tile[row * 33u + x] = values.x;
+                key_tile[row * 33u + x] = values.y;
+            }
+            workgroupBarrier();
+            for (var i = 0u; i < 32u; i++) {
+                let k = lane * 33u + i;
+                let keys = vec4(key_tile[k], key_tile[k + 264u], key_tile[k + 528u], key_tile[k + 792u]);
+                scores = fma(vec4(query_tile[query * 33u + i]), keys, scores);
+            }
+            workgroupBarrier();
+        }
+        scores /= sqrt(f32(HEAD));
+        // Keys of this thread: lane, lane + 8, lane + 16, lane + 24.
+        let is_key = vec4(lane, lane + 8u, lane + 16u, lane + 24u) + first_key < vec4(n_keys);
+        scores = select(vec4(-1e30), scores, is_key);
+        partial[thread] = max(max(scores.x, scores.y), max(scores.z, scores.w));
+        workgroupBarrier();
+        let earlier = largest;
+        for (var i = 0u; i < 8u; i++) {
+            largest = max(largest, partial[query * 8u + i]);
+        }
+        workgroupBarrier();
+        let exponentials = select(vec4(0.0), exp(scores - largest), is_key);
+        for (var i = 0u; i < 4u; i++) {
+            weights[query * 33u + lane + 8u * i] = exponentials[i];
+        }
+        partial[thread] = exponentials.x + exponentials.y + exponentials.z + exponentials.w;
+        let factor = exp(earlier - largest);
+        factors[query] = factor;
+        workgroupBarrier();
+        weight_sum *= factor;
+        for (var i = 0u; i < 8u; i++) {
+            weight_sum += partial[query * 8u + i];
+        }
+        let q = 4u * y;
+        let scale = vec4(factors[q], factors[q + 1u], factors[q + 2u], factors[q + 3u]);
+        for (var column = 0u; column < (HEAD + 31u) / 32u; column++) {
+            sums[column] *= scale;
+        }
+        for (var key = 0u; key < min(32u, n_keys - first_key); key++) {
+            let w = q * 33u + key;
+            let weight = vec4(weights[w], weights[w + 33u], weights[w + 66u], weights[w + 99u]);
+            let row = key_start + (first_key + key) * KEY_STRIDE + VALUES;
+            for (var column = 0u; column < (HEAD + 31u) / 32u; column++) {
+                let value = stored(is_prefix, row + min(column * 32u + x, HEAD - 1u));
+                sums[column] = fma(weight, vec4(value), sums[column]);
+            }
+        }
+        workgroupBarrier();
+    }
+    totals[query] = weight_sum;
+    workgroupBarrier();
+    for (var i = 0u; i < 4u && first + 4u * y + i < n_queries; i++) {
+        let start = query_start + (first + 4u * y + i) * QUERY_STRIDE;
+        for (var column = 0u; column * 32u + x < HEAD; column++) {
+            out[start + column * 32u + x] = sums[column][i] / totals[4u * y + i];
+        }
+    }
+}
