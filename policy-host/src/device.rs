@@ -71,7 +71,7 @@ impl FoundDevice {
 /// Returns `true` if this policy can compute on a GPU.
 #[must_use]
 pub fn supports_gpu(spec: &PolicySpec) -> bool {
-    matches!(spec, PolicySpec::Act(_))
+    matches!(spec, PolicySpec::Act(_) | PolicySpec::Pi05(_))
 }
 
 /// Finds the device for these policies. `Auto` selects the CPU if no policy can use a GPU, or none is usable
@@ -80,9 +80,7 @@ pub fn supports_gpu(spec: &PolicySpec) -> bool {
 /// # Errors
 /// If `choice` requires a GPU or a software driver that cannot be opened, or a network of another kind.
 pub fn find(specs: &[&PolicySpec], request: DeviceRequest) -> Result<FoundDevice, DeviceError> {
-    let is_cpu_only = |spec: &&&PolicySpec| {
-        matches!(spec, PolicySpec::ActInt8(_) | PolicySpec::Pi05(_) | PolicySpec::Pi05Int8(_))
-    };
+    let is_cpu_only = |spec: &&&PolicySpec| matches!(spec, PolicySpec::ActInt8(_) | PolicySpec::Pi05Int8(_));
     match request.choice {
         DeviceChoice::Cpu => return Ok(FoundDevice::CPU),
         DeviceChoice::Auto => {}
@@ -167,7 +165,7 @@ mod tests {
 
     #[test]
     fn networks_for_the_cpu_are_named() {
-        for spec in ["act-int8:x", "pi05:x", "pi05-int8:x"] {
+        for spec in ["act-int8:x", "pi05-int8:x"] {
             let error = found(&["act:y", spec], DeviceChoice::Software).unwrap_err().to_string();
             assert!(error.contains(spec) && error.contains("--policy-device cpu"), "{error}");
         }

@@ -66,7 +66,10 @@ pub fn load_on(
             DeviceChoice::Gpu | DeviceChoice::Software => load_act_on_gpu(folder, device, robots)?,
         },
         PolicySpec::ActInt8(folder) => Box::new(ActPolicy::load(folder, Precision::Int8, n_threads, robots)?),
-        PolicySpec::Pi05(source) => Box::new(load_pi05(source, Precision::F32, robots)?),
+        PolicySpec::Pi05(source) => match device.choice {
+            DeviceChoice::Auto | DeviceChoice::Cpu => Box::new(load_pi05(source, Precision::F32, robots)?),
+            DeviceChoice::Gpu | DeviceChoice::Software => load_pi05_on_gpu(source, device, robots)?,
+        },
         PolicySpec::Pi05Int8(source) => Box::new(load_pi05(source, Precision::Int8, robots)?),
         PolicySpec::Expert | PolicySpec::Attach(_) => {
             return Err(LoadError::NotHosted { spec: spec.clone() });
@@ -98,19 +101,46 @@ fn load_act_on_gpu(
     device: DeviceRequest,
     robots: &[Morphology],
 ) -> Result<Box<dyn Policy>, LoadError> {
-    use crate::act::{GpuActPolicy, LoadGpuError};
-    use crate::nn::gpu::GpuDevice;
+    Ok(Box::new(act::GpuActPolicy::load(open(device)?, folder, robots)?))
+}
+
+#[cfg(feature = "gpu")]
+fn load_pi05_on_gpu(
+    source: &Pi05Source,
+    device: DeviceRequest,
+    robots: &[Morphology],
+) -> Result<Box<dyn Policy>, LoadError> {
+    let n_steps = source.n_steps.map(|steps| steps.get() as usize);
+    Ok(Box::new(Pi05Policy::load_on_gpu(open(device)?, &source.folder, n_steps, robots)?))
+}
+
+#[cfg(feature = "gpu")]
+fn open(device: DeviceRequest) -> Result<crate::nn::gpu::GpuDevice, act::LoadGpuError> {
     let (kind, index) = device.adapter();
-    let gpu = GpuDevice::open_numbered(kind, index).map_err(LoadGpuError::Device);
-    match gpu.and_then(|gpu| GpuActPolicy::load(gpu, folder, robots)) {
-        Ok(policy) => Ok(Box::new(policy)),
-        Err(LoadGpuError::Folder(error)) => Err(error.into()),
-        Err(LoadGpuError::Device(error)) => Err(DeviceError::Unusable { reason: error.to_string() }.into()),
+    Ok(crate::nn::gpu::GpuDevice::open_numbered(kind, index)?)
+}
+
+#[cfg(feature = "gpu")]
+impl From<act::LoadGpuError> for LoadError {
+    fn from(error: act::LoadGpuError) -> Self {
+        match error {
+            act::LoadGpuError::Folder(error) => error.into(),
+            act::LoadGpuError::Device(error) => DeviceError::Unusable { reason: error.to_string() }.into(),
+        }
     }
 }
 
 #[cfg(not(feature = "gpu"))]
 fn load_act_on_gpu(_: &Path, _: DeviceRequest, _: &[Morphology]) -> Result<Box<dyn Policy>, LoadError> {
+    Err(DeviceError::NotBuilt.into())
+}
+
+#[cfg(not(feature = "gpu"))]
+fn load_pi05_on_gpu(
+    _: &Pi05Source,
+    _: DeviceRequest,
+    _: &[Morphology],
+) -> Result<Box<dyn Policy>, LoadError> {
     Err(DeviceError::NotBuilt.into())
 }
 

@@ -36,6 +36,12 @@ impl Rotary {
         }
     }
 
+    /// Returns cosine and sine of every angle, `[positions, head_width / 2]`.
+    #[must_use]
+    pub fn angles(&self) -> Vec<[f32; 2]> {
+        self.cosines.iter().zip(&self.sines).map(|(cos, sin)| [*cos, *sin]).collect()
+    }
+
     /// Turns every head of `row [heads, head_width]`, a query or key at `position`, in place. Entry `i` of
     /// the first half of a head and entry `i` of the second half are the two coordinates of a point.
     ///

@@ -37,11 +37,11 @@ pub(super) struct ActionExpert {
 /// An adaptive normalisation at one time: `x / rms(x) · scale + shift`, and a factor for what is computed
 /// from it. Each is `[width]`.
 #[derive(Clone, Debug)]
-struct Modulation {
+pub(super) struct Modulation {
     /// One plus the network's scale.
-    scale: Vec<f32>,
-    shift: Vec<f32>,
-    gate: Vec<f32>,
+    pub(super) scale: Vec<f32>,
+    pub(super) shift: Vec<f32>,
+    pub(super) gate: Vec<f32>,
 }
 
 impl ActionExpert {
@@ -55,25 +55,6 @@ impl ActionExpert {
         let names = source.names;
         let sizes = architecture.expert;
         let root = |module: &'static str| move |tensor: &str| names.root(&format!("{module}.{tensor}"));
-        let (time_in, time_out) =
-            (source.exact_linear(root("time_mlp_in"))?, source.exact_linear(root("time_mlp_out"))?);
-        let mut conditions = time_embedding(times, sizes.width, periods);
-        let mut hidden = vec![0.0; conditions.len()];
-        time_in.forward(&conditions, &mut hidden);
-        silu(&mut hidden);
-        time_out.forward(&hidden, &mut conditions);
-        silu(&mut conditions);
-        let mut by_norm = Vec::with_capacity(2 * sizes.depth + 1);
-        for layer in 0..sizes.depth {
-            for norm in ["input_layernorm", "post_attention_layernorm"] {
-                let name =
-                    |tensor: &str| names.layer(LayerStack::Expert, layer, &format!("{norm}.dense.{tensor}"));
-                by_norm.push(modulate(&source.exact_linear(name)?, &conditions, sizes.width));
-            }
-        }
-        let last = source.exact_linear(|tensor| names.expert_norm(tensor))?;
-        by_norm.push(modulate(&last, &conditions, sizes.width));
-        let at_time = |time: usize| by_norm.iter().map(|norm| norm[time].clone()).collect();
         Ok(Self {
             sizes,
             horizon: architecture.horizon,
@@ -83,7 +64,7 @@ impl ActionExpert {
             layers: (0..sizes.depth)
                 .map(|layer| GemmaLayer::load(source, LayerStack::Expert, layer))
                 .collect::<Result<_, _>>()?,
-            modulations: (0..times.len()).map(at_time).collect(),
+            modulations: modulations(source, sizes, times, periods)?,
         })
     }
 
@@ -149,6 +130,37 @@ impl Modulation {
             x.iter_mut().zip(y).zip(&self.gate).for_each(|((x, y), gate)| *x += y * gate);
         });
     }
+}
+
+/// Computes the normalisations at `times`: two per layer, and the last one.
+pub(super) fn modulations(
+    source: LayerSource<'_>,
+    sizes: GemmaSizes,
+    times: &[f32],
+    periods: TimePeriods,
+) -> Result<Vec<Vec<Modulation>>, WeightsError> {
+    let names = source.names;
+    let root = |module: &'static str| move |tensor: &str| names.root(&format!("{module}.{tensor}"));
+    let (time_in, time_out) =
+        (source.exact_linear(root("time_mlp_in"))?, source.exact_linear(root("time_mlp_out"))?);
+    let mut conditions = time_embedding(times, sizes.width, periods);
+    let mut hidden = vec![0.0; conditions.len()];
+    time_in.forward(&conditions, &mut hidden);
+    silu(&mut hidden);
+    time_out.forward(&hidden, &mut conditions);
+    silu(&mut conditions);
+    let mut by_norm = Vec::with_capacity(2 * sizes.depth + 1);
+    for layer in 0..sizes.depth {
+        for norm in ["input_layernorm", "post_attention_layernorm"] {
+            let name =
+                |tensor: &str| names.layer(LayerStack::Expert, layer, &format!("{norm}.dense.{tensor}"));
+            by_norm.push(modulate(&source.exact_linear(name)?, &conditions, sizes.width));
+        }
+    }
+    let last = source.exact_linear(|tensor| names.expert_norm(tensor))?;
+    by_norm.push(modulate(&last, &conditions, sizes.width));
+    let at_time = |time: usize| by_norm.iter().map(|norm| norm[time].clone()).collect();
+    Ok((0..times.len()).map(at_time).collect())
 }
 
 /// Returns the normalisation at each of the times whose conditions `[times, width]` are given.

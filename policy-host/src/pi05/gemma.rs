@@ -125,9 +125,7 @@ impl LanguageModel {
 
     /// Writes the embedding of a token, multiplied by √width, to `row [width]`.
     pub(super) fn embed(&self, token: u32, row: &mut [f32]) {
-        self.embedding.read(token as usize * row.len(), row);
-        let scale = (row.len() as f32).sqrt();
-        row.iter_mut().for_each(|x| *x *= scale);
+        embed(&self.embedding, token, row);
     }
 
     /// Computes the first layer's MLP with as many rows as an image has tokens, and returns the number of
@@ -249,6 +247,13 @@ impl KeyValueCache {
         let (keys, values) = &self.layers[layer];
         AttentionInput { queries, keys, values, n_heads, head_width, shares_keys: true }
     }
+}
+
+/// Writes a row of a token embedding, multiplied by √width, to `row [width]`.
+pub(super) fn embed(embedding: &StoredTensor, token: u32, row: &mut [f32]) {
+    embedding.read(token as usize * row.len(), row);
+    let scale = (row.len() as f32).sqrt();
+    row.iter_mut().for_each(|x| *x *= scale);
 }
 
 /// Returns `x / rms(x) · scale` for every row of `x`.

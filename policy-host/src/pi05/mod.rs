@@ -11,10 +11,14 @@ mod attention;
 mod expert;
 mod flop;
 mod gemma;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod policy;
 mod rows;
 mod sampler;
 mod siglip;
 mod weights;
 
+#[cfg(feature = "gpu")]
+pub use gpu::GpuPi05Network;
 pub use policy::{Pi05Policy, check};

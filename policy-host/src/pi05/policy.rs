@@ -2,19 +2,27 @@
 
 use std::collections::HashMap;
 use std::path::Path;
+#[cfg(feature = "gpu")]
+use std::sync::Arc;
 
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use rayon::prelude::*;
 use xxhash_rust::xxh3::xxh3_64;
 
+#[cfg(feature = "gpu")]
+use super::gpu::GpuPi05Network;
 use super::image::resize_with_pad;
 use super::model::{Pi05Input, Pi05Model, SampleTokens};
 use super::prompt::{PromptState, Prompter, TokenizerError, prompt};
 use super::sampler::draw_noise;
+#[cfg(feature = "gpu")]
+use crate::act::LoadGpuError;
 use crate::act::architecture::ImageSize;
 use crate::checkpoint::pi05::{Pi05Checkpoint, Pi05Description, is_pi05_folder};
 use crate::checkpoint::{CheckpointFolderError, check_robots, checkpoint_folders};
 use crate::nn::Precision;
+#[cfg(feature = "gpu")]
+use crate::nn::gpu::GpuDevice;
 use crate::policy::{ActionChunk, Policy, PolicyError, Stopwatch};
 
 /// Samples that are computed together, and read the weights once. It bounds the memory of a batch.
@@ -24,7 +32,7 @@ const TYPICAL_PROMPT: usize = 60;
 /// Operations of a query from which on the time that it takes is announced.
 const MIN_ANNOUNCED_FLOP: u64 = 100_000_000_000;
 
-/// π0.5 with one network per morphology in its checkpoint folder.
+/// π0.5 with one network per morphology in its checkpoint folder, on the CPU or on a GPU.
 #[derive(Debug)]
 pub struct Pi05Policy {
     networks: Vec<Pi05Network>,
@@ -34,11 +42,19 @@ pub struct Pi05Policy {
 /// The network for one morphology.
 #[derive(Debug)]
 struct Pi05Network {
-    model: Pi05Model,
+    engine: Pi05Engine,
     prompter: Prompter,
     description: Pi05Description,
     /// Number of Euler steps from noise to actions.
     n_steps: usize,
+}
+
+/// The network on its device.
+#[derive(Debug)]
+enum Pi05Engine {
+    Cpu(Box<Pi05Model>),
+    #[cfg(feature = "gpu")]
+    Gpu(Box<GpuPi05Network>),
 }
 
 /// The distinct images of a batch, found by content: an image that several envs see is encoded once.
@@ -74,6 +90,32 @@ fn open(folder: &Path) -> Result<Vec<Pi05Checkpoint>, CheckpointFolderError> {
     Ok(folders.iter().map(|folder| Pi05Checkpoint::open(folder)).collect::<Result<_, _>>()?)
 }
 
+/// Opens the checkpoints in a folder for these robots and loads each with `load(checkpoint, n_steps)`.
+fn load_networks<E: From<CheckpointFolderError>>(
+    folder: &Path,
+    n_steps: Option<usize>,
+    robots: &[Morphology],
+    load: impl Fn(&Pi05Checkpoint, usize) -> Result<Pi05Engine, E>,
+) -> Result<Vec<Pi05Network>, E> {
+    let mut networks: Vec<Pi05Network> = Vec::new();
+    for checkpoint in open(folder)? {
+        let description = checkpoint.description().clone();
+        let morphology = description.mapping.morphology;
+        if !robots.contains(&morphology) {
+            continue;
+        }
+        if networks.iter().any(|network| network.description.mapping.morphology == morphology) {
+            let (folder, morphology) = (folder.to_owned(), morphology.name());
+            return Err(CheckpointFolderError::DuplicateMorphology { folder, morphology }.into());
+        }
+        let prompter = checkpoint.prompter().map_err(CheckpointFolderError::from)?;
+        let n_steps = n_steps.unwrap_or(description.n_steps);
+        let engine = load(&checkpoint, n_steps)?;
+        networks.push(Pi05Network { engine, prompter, description, n_steps });
+    }
+    Ok(networks)
+}
+
 impl Pi05Policy {
     /// Loads the networks for `robots` in `folder`. `n_steps` is the number of Euler steps from noise to
     /// actions; the checkpoint's own by default.
@@ -86,26 +128,30 @@ impl Pi05Policy {
         n_steps: Option<usize>,
         robots: &[Morphology],
     ) -> Result<Self, CheckpointFolderError> {
-        let mut networks: Vec<Pi05Network> = Vec::new();
-        for checkpoint in open(folder)? {
-            let description = checkpoint.description().clone();
-            let morphology = description.mapping.morphology;
-            if !robots.contains(&morphology) {
-                continue;
-            }
-            if networks.iter().any(|network| network.description.mapping.morphology == morphology) {
-                let morphology = morphology.name();
-                return Err(CheckpointFolderError::DuplicateMorphology {
-                    folder: folder.to_owned(),
-                    morphology,
-                });
-            }
-            let prompter = checkpoint.prompter()?;
+        let networks = load_networks(folder, n_steps, robots, |checkpoint, n_steps| {
             checkpoint.check_memory(precision)?;
-            let n_steps = n_steps.unwrap_or(description.n_steps);
             let model = checkpoint.load(precision, n_steps)?;
-            networks.push(Pi05Network { model, prompter, description, n_steps });
-        }
+            Ok::<_, CheckpointFolderError>(Pi05Engine::Cpu(Box::new(model)))
+        })?;
+        Ok(Self { networks, precision })
+    }
+
+    /// Like [`load`](Self::load), onto a device, with weights as stored.
+    ///
+    /// # Errors
+    /// The first file or tensor that is missing, unexpected or damaged, or the failure of the device.
+    #[cfg(feature = "gpu")]
+    pub fn load_on_gpu(
+        gpu: GpuDevice,
+        folder: &Path,
+        n_steps: Option<usize>,
+        robots: &[Morphology],
+    ) -> Result<Self, LoadGpuError> {
+        let (gpu, precision) = (Arc::new(gpu), Precision::F32);
+        let networks = load_networks(folder, n_steps, robots, |checkpoint, n_steps| {
+            let network = checkpoint.load_on_gpu(&gpu, n_steps)?;
+            Ok::<_, LoadGpuError>(Pi05Engine::Gpu(Box::new(network)))
+        })?;
         Ok(Self { networks, precision })
     }
 
@@ -125,8 +171,9 @@ impl Policy for Pi05Policy {
         let network = self.network(morphology);
         let network = network.ok_or(PolicyError::Morphology { found: morphology.name() })?;
         network.check(observation)?;
-        for (batch, answer) in answer.chunks_mut(SAMPLES_PER_BATCH).enumerate() {
-            network.run(observation, batch * SAMPLES_PER_BATCH, answer)?;
+        let capacity = network.engine.capacity();
+        for (first_env, answer) in (0..).step_by(capacity).zip(answer.chunks_mut(capacity)) {
+            network.run(observation, first_env, answer)?;
         }
         Ok(())
     }
@@ -138,6 +185,39 @@ impl Policy for Pi05Policy {
     fn note(&self, execute: u32, stopwatch: Stopwatch<'_>) -> Option<String> {
         let notes = self.networks.iter().map(|network| network.note(self.precision, execute, stopwatch));
         Some(notes.collect::<Vec<_>>().join("; "))
+    }
+}
+
+impl Pi05Engine {
+    /// Returns the largest number of samples that are computed together.
+    fn capacity(&self) -> usize {
+        match self {
+            Self::Cpu(_) => SAMPLES_PER_BATCH,
+            #[cfg(feature = "gpu")]
+            Self::Gpu(network) => network.capacity(),
+        }
+    }
+
+    /// Computes a part of a layer, to be timed, and returns the number of floating-point operations; 0 on a
+    /// device that is not timed.
+    fn compute_sample(&self) -> u64 {
+        match self {
+            Self::Cpu(model) => model.compute_sample(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => 0,
+        }
+    }
+
+    /// Denoises `actions [n, horizon, action_width]` in place.
+    fn sample(&self, input: Pi05Input<'_>, actions: &mut [f32]) -> Result<(), PolicyError> {
+        match self {
+            Self::Cpu(model) => model.sample(input, actions, None),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(network) => network
+                .sample(input, actions)
+                .map_err(|error| PolicyError::Device { message: error.to_string() })?,
+        }
+        Ok(())
     }
 }
 
@@ -169,7 +249,10 @@ impl Pi05Network {
         );
         if flop >= MIN_ANNOUNCED_FLOP {
             let mut sample_flop = 0;
-            let seconds = stopwatch(&mut || sample_flop = self.model.compute_sample());
+            let seconds = stopwatch(&mut || sample_flop = self.engine.compute_sample());
+            if sample_flop == 0 {
+                return text;
+            }
             let per_query = flop as f64 / sample_flop as f64 * seconds;
             let per_hundred = per_query * 100.0 / f64::from(execute.clamp(1, architecture.horizon as u32));
             text += &format!(
@@ -201,7 +284,7 @@ impl Pi05Network {
         first_env: usize,
         answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError> {
-        let architecture = self.model.architecture();
+        let architecture = &self.description.architecture;
         let mut distinct = DistinctImages::default();
         let mut samples = Vec::with_capacity(answer.len());
         let mut actions = vec![0.0; answer.len() * architecture.horizon * architecture.action_width];
@@ -215,7 +298,7 @@ impl Pi05Network {
             draw_noise(env.record.policy_seed, env.record.query, noise);
         }
         let images = distinct.resize(architecture.image_side());
-        self.model.sample(Pi05Input { images: &images, samples: &samples }, &mut actions, None);
+        self.engine.sample(Pi05Input { images: &images, samples: &samples }, &mut actions)?;
         let Pi05Description { action, action_dim, .. } = &self.description;
         let chunks = actions.chunks_exact(architecture.horizon * architecture.action_width);
         for (chunk, answer) in chunks.zip(answer) {

@@ -13,7 +13,7 @@ use crate::nn::projection::Projection;
 use crate::weights::WeightsError;
 
 /// Values of a patch: three channels of its pixels.
-const PATCH_VALUES: usize = 3 * PATCH_SIDE * PATCH_SIDE;
+pub(super) const PATCH_VALUES: usize = 3 * PATCH_SIDE * PATCH_SIDE;
 
 /// The vision tower and the projector.
 #[derive(Debug)]
@@ -133,7 +133,7 @@ impl VisionTower {
 }
 
 /// Copies the patches of images `[n, 3, side, side]` into rows `[n · p, 3 · PATCH_SIDE²]`.
-fn unfold(images: &[f32], n_across: usize) -> Vec<f32> {
+pub(super) fn unfold(images: &[f32], n_across: usize) -> Vec<f32> {
     let side = n_across * PATCH_SIDE;
     let mut patches = vec![0.0; images.len()];
     patches.par_chunks_exact_mut(PATCH_VALUES).enumerate().for_each(|(patch, out)| {

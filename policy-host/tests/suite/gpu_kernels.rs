@@ -46,7 +46,7 @@ pub(crate) fn gelu(x: f64) -> f64 {
 }
 
 #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
-fn device() -> Option<GpuDevice> {
+pub(crate) fn device() -> Option<GpuDevice> {
     match GpuDevice::open(DeviceKind::Software) {
         Ok(gpu) => Some(gpu),
         Err(error) => {

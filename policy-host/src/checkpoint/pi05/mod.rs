@@ -9,13 +9,23 @@ mod openpi;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
+#[cfg(feature = "gpu")]
+use std::sync::Arc;
 
 use ipc_types::input;
 use serde::Deserialize;
 
+#[cfg(feature = "gpu")]
+use super::CheckpointFolderError;
 use super::mapping::{InputFeature, MAPPING_FILE, ObservationMapping, Sidecar, map_features};
 use super::{CheckpointError, parse};
+#[cfg(feature = "gpu")]
+use crate::act::LoadGpuError;
 use crate::nn::Precision;
+#[cfg(feature = "gpu")]
+use crate::nn::gpu::GpuDevice;
+#[cfg(feature = "gpu")]
+use crate::pi05::GpuPi05Network;
 use crate::pi05::architecture::{DEFAULT_VISION_HEADS, Pi05Architecture, Pi05Names};
 use crate::pi05::model::{Pi05Model, Pi05Options};
 use crate::pi05::prompt::{PromptState, Prompter};
@@ -162,16 +172,39 @@ impl Pi05Checkpoint {
     /// # Errors
     /// If a value is not finite.
     pub fn load(&self, precision: Precision, n_steps: usize) -> Result<Pi05Model, CheckpointError> {
+        self.check_values()?;
+        let options = self.options(precision, n_steps);
+        Ok(Pi05Model::load(&self.tensors, &self.names, self.description.architecture, options)?)
+    }
+
+    /// Like [`load`](Self::load), onto a device, with the weights as stored.
+    ///
+    /// # Errors
+    /// If a value is not finite, or the device cannot hold the network, or fails.
+    #[cfg(feature = "gpu")]
+    pub fn load_on_gpu(&self, gpu: &Arc<GpuDevice>, n_steps: usize) -> Result<GpuPi05Network, LoadGpuError> {
+        self.check_values().map_err(CheckpointFolderError::from)?;
+        let Pi05Description { architecture, mapping, .. } = &self.description;
+        let options = self.options(Precision::F32, n_steps);
+        let tensors = (&self.tensors, &self.names);
+        GpuPi05Network::load(gpu, tensors, *architecture, options, mapping.cameras.len())
+    }
+
+    fn options(&self, precision: Precision, n_steps: usize) -> Pi05Options {
+        let Pi05Description { architecture, mapping, max_tokens, periods, .. } = &self.description;
+        let max_prefix = mapping.cameras.len() * architecture.vision.n_patches + max_tokens;
+        Pi05Options { precision, n_steps, periods: *periods, max_prefix }
+    }
+
+    /// Checks that all weights are finite.
+    fn check_values(&self) -> Result<(), CheckpointError> {
         for spec in self.description.architecture.tensor_specs(&self.names) {
             if !self.tensors.tensor(&spec.name)?.is_finite() {
                 let path = self.tensors.path_of(&spec.name).to_owned();
                 return Err(CheckpointError::NotFinite { path, tensor: spec.name });
             }
         }
-        let Pi05Description { architecture, ref mapping, max_tokens, periods, .. } = self.description;
-        let max_prefix = mapping.cameras.len() * architecture.vision.n_patches + max_tokens;
-        let options = Pi05Options { precision, n_steps, periods, max_prefix };
-        Ok(Pi05Model::load(&self.tensors, &self.names, architecture, options)?)
+        Ok(())
     }
 
     fn check_tensors(&self) -> Result<(), CheckpointError> {

@@ -117,6 +117,15 @@ pub fn run(gpu: &GpuDevice, steps: &[NetworkStep], n_samples: usize) -> Result<(
     gpu.wait(submission)
 }
 
+/// Submits runs of steps, each for its own number of units of the batch, without a result. Does not wait.
+pub fn submit_runs<'a>(gpu: &GpuDevice, runs: impl IntoIterator<Item = (usize, &'a [NetworkStep])>) {
+    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    for (n_units, steps) in runs {
+        encode(&mut encoder, steps, n_units);
+    }
+    gpu.queue.submit([encoder.finish()]);
+}
+
 pub(super) fn encode(encoder: &mut wgpu::CommandEncoder, steps: &[NetworkStep], n_samples: usize) {
     for run in steps.chunk_by(|a, b| matches!((a, b), (NetworkStep::Run(_), NetworkStep::Run(_)))) {
         if let NetworkStep::Copy { from, to, n_words } = &run[0] {

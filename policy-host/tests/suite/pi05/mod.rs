@@ -1,12 +1,14 @@
 //! π0.5 checkpoints against LeRobot's own outputs, recorded by `python/make_pi05_reference.py`.
 
 mod errors;
+#[cfg(feature = "gpu")]
+mod gpu;
 
 use std::path::{Path, PathBuf};
 
 use ipc_types::Morphology;
 use policy_host::act::architecture::ImageSize;
-use policy_host::checkpoint::pi05::Pi05Checkpoint;
+use policy_host::checkpoint::pi05::{Pi05Checkpoint, Pi05Description};
 use policy_host::nn::Precision;
 use policy_host::pi05::image::resize_with_pad;
 use policy_host::pi05::model::{Pi05Input, Pi05Trace, SampleTokens};
@@ -143,20 +145,27 @@ struct StageResults {
     actions: Vec<f32>,
 }
 
-/// Runs the network on samples `range` of a case, as one batch.
-fn run(
+/// Inputs of the network, and what describes its outputs.
+struct PreparedBatch {
+    description: Pi05Description,
+    pixels: Vec<f32>,
+    samples: Vec<SampleTokens>,
+    /// Noise `[n, horizon, action_width]`.
+    noise: Vec<f32>,
+}
+
+/// Prepares samples `range` of a case.
+fn prepare(
+    checkpoint: &Pi05Checkpoint,
     case: &Case,
     cameras: Option<&[&str]>,
-    precision: Precision,
     range: std::ops::Range<usize>,
-) -> StageResults {
-    let checkpoint = Pi05Checkpoint::open(&case.folder).unwrap();
+) -> PreparedBatch {
     let (description, prompter) = (checkpoint.description(), checkpoint.prompter().unwrap());
-    let model = checkpoint.load(precision, description.n_steps).unwrap();
-    let side = model.architecture().image_side();
+    let side = description.architecture.image_side();
     let inputs = match cameras {
         Some(cameras) => recorded_inputs(case, cameras),
-        None => generated_inputs(&checkpoint, case.instructions.len()),
+        None => generated_inputs(checkpoint, case.instructions.len()),
     };
     let (mut pixels, mut samples) = (Vec::new(), Vec::new());
     for sample in range.clone() {
@@ -177,17 +186,41 @@ fn run(
     }
     let noise = case.values("noise");
     let len = noise.len() / case.instructions.len();
-    let mut padded = noise[range.start * len..range.end * len].to_vec();
-    let mut trace = Pi05Trace::default();
-    model.sample(Pi05Input { images: &pixels, samples: &samples }, &mut padded, Some(&mut trace));
-    let mut actions = Vec::new();
-    for row in padded.chunks_exact(model.architecture().action_width) {
-        let mut row = row[..description.action_dim].to_vec();
-        description.action.restore(&mut row);
-        actions.extend(row);
+    let noise = noise[range.start * len..range.end * len].to_vec();
+    PreparedBatch { description: description.clone(), pixels, samples, noise }
+}
+
+impl PreparedBatch {
+    /// Returns the robot's actions for the network's.
+    fn actions(&self, padded: &[f32]) -> Vec<f32> {
+        let Pi05Description { architecture, action, action_dim, .. } = &self.description;
+        let mut actions = Vec::new();
+        for row in padded.chunks_exact(architecture.action_width) {
+            let mut row = row[..*action_dim].to_vec();
+            action.restore(&mut row);
+            actions.extend(row);
+        }
+        actions
     }
-    let tokens = samples.into_iter().map(|sample| sample.prompt).collect();
-    StageResults { tokens, pixels, trace, padded, actions }
+}
+
+/// Runs the network on samples `range` of a case, as one batch.
+fn run(
+    case: &Case,
+    cameras: Option<&[&str]>,
+    precision: Precision,
+    range: std::ops::Range<usize>,
+) -> StageResults {
+    let checkpoint = Pi05Checkpoint::open(&case.folder).unwrap();
+    let model = checkpoint.load(precision, checkpoint.description().n_steps).unwrap();
+    let batch = prepare(&checkpoint, case, cameras, range);
+    let mut padded = batch.noise.clone();
+    let mut trace = Pi05Trace::default();
+    let input = Pi05Input { images: &batch.pixels, samples: &batch.samples };
+    model.sample(input, &mut padded, Some(&mut trace));
+    let actions = batch.actions(&padded);
+    let tokens = batch.samples.into_iter().map(|sample| sample.prompt).collect();
+    StageResults { tokens, pixels: batch.pixels, trace, padded, actions }
 }
 
 /// Compares every stage of a case with the recording.

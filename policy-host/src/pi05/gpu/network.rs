@@ -1,0 +1,228 @@
+//! A network on a device: its buffers and steps, and the computation of a batch.
+
+use std::sync::Arc;
+
+use super::expert::ExpertInput;
+use super::gemma::StackBuffers;
+use super::runs::{BatchUnit, RunBuilder, StepRun, UnitCounts, unreadable};
+use super::{gemma, vision};
+use crate::act::LoadGpuError;
+use crate::nn::gpu::readback::{BatchReadback, NetworkStep, submit_runs};
+use crate::nn::gpu::sequences::SequenceSpan;
+use crate::nn::gpu::{DeviceBuffer, GpuDevice, GpuError};
+use crate::nn::rotary::Rotary;
+use crate::pi05::architecture::{Pi05Architecture, Pi05Names};
+use crate::pi05::expert::{TimePeriods, modulations};
+use crate::pi05::gemma::embed;
+use crate::pi05::model::{Pi05Input, Pi05Options};
+use crate::pi05::sampler::times;
+use crate::pi05::siglip::unfold;
+use crate::pi05::weights::LayerSource;
+use crate::weights::{StoredTensor, TensorFolder};
+
+/// Largest number of samples that are computed at a time. Not yet tuned on a GPU.
+const MAX_SAMPLES: usize = 8;
+
+/// A π0.5 network on a device.
+#[derive(Debug)]
+pub struct GpuPi05Network {
+    gpu: Arc<GpuDevice>,
+    architecture: Pi05Architecture,
+    /// Token embedding `[vocabulary, width]`, which stays in the file.
+    embedding: StoredTensor,
+    /// Uniform buffers of the numbers of images, rows and samples.
+    batches: [DeviceBuffer; 3],
+    patches: DeviceBuffer,
+    /// Embeddings of all prompts' tokens `[tokens, width]`.
+    text: DeviceBuffer,
+    /// Source of every row of the prefixes.
+    index: DeviceBuffer,
+    prefix: StackBuffers,
+    expert: StackBuffers,
+    actions: DeviceBuffer,
+    readback: BatchReadback,
+    runs: Vec<StepRun>,
+    /// Largest batch in samples.
+    capacity: usize,
+}
+
+/// Rows of a batch as the kernels read them.
+#[derive(Default)]
+struct BatchRows {
+    text: Vec<f32>,
+    index: Vec<u32>,
+    prefix_positions: Vec<u32>,
+    expert_positions: Vec<u32>,
+    prefix_spans: Vec<SequenceSpan>,
+    expert_spans: Vec<SequenceSpan>,
+}
+
+impl GpuPi05Network {
+    /// Uploads all weights and prepares all steps, for samples of `n_images` images.
+    ///
+    /// # Errors
+    /// If a tensor cannot be read, or the device cannot hold the network and a single sample, or fails.
+    pub fn load(
+        gpu: &Arc<GpuDevice>,
+        (tensors, names): (&TensorFolder, &Pi05Names),
+        architecture: Pi05Architecture,
+        options: Pi05Options,
+        n_images: usize,
+    ) -> Result<Self, LoadGpuError> {
+        let source = LayerSource { tensors, names, precision: options.precision };
+        let Pi05Architecture { vision, prefix, expert, horizon, action_width, .. } = architecture;
+        let samples = capacity(gpu, &architecture, (n_images, options.max_prefix))?;
+        let counts = UnitCounts { images: samples * n_images, rows: samples * options.max_prefix, samples };
+        let batches = [(); 3].map(|()| DeviceBuffer::batch(gpu));
+        let mut build = RunBuilder::new(gpu, source, &batches, counts);
+
+        let images = build.vision(vision, prefix.width)?;
+        let prefix = build.stack_buffers(prefix, BatchUnit::Row, 1);
+        let max_prompt = options.max_prefix - n_images * vision.n_patches;
+        let text = build.buffer("text", BatchUnit::Sample, max_prompt * prefix.sizes.width);
+        let index = build.buffer("index", BatchUnit::Row, 1);
+        build.count(BatchUnit::Row);
+        let step = build.ops.gather(prefix.sizes.width, [&images.tokens, &text], &index, &prefix.x);
+        build.push(step);
+        let rotary = Rotary::new(prefix.sizes.head_width, options.max_prefix + horizon);
+        let angles = build.constant("angles", rotary.angles().as_flattened());
+        let cache = build.prefix(&prefix, options.max_prefix, &angles)?;
+        let (min, max) = options.periods;
+        let modulations = modulations(source, expert, &times(options.n_steps), TimePeriods { min, max });
+        let expert = build.stack_buffers(expert, BatchUnit::Sample, horizon);
+        let actions = build.buffer("actions", BatchUnit::Sample, horizon * action_width);
+        let input = ExpertInput {
+            actions: &actions,
+            action_width,
+            cache: &cache,
+            angles: &angles,
+            modulations: &modulations.map_err(unreadable)?,
+        };
+        build.expert(&expert, &input)?;
+        gpu.finish_uploads()?;
+        let runs = build.runs;
+        let per_sample = UnitCounts { images: n_images, rows: options.max_prefix, samples: 1 };
+        let capacity = runs.iter().map(|run| run.max_samples(per_sample)).fold(samples, usize::min);
+        if capacity == 0 {
+            return Err(gpu.error("a sample needs more workgroups than it allows").into());
+        }
+        Ok(Self {
+            embedding: source.tensor(&names.embedding()).map_err(unreadable)?,
+            gpu: Arc::clone(gpu),
+            architecture,
+            batches,
+            patches: images.patches,
+            text,
+            index,
+            prefix,
+            expert,
+            readback: BatchReadback::new(gpu, samples * horizon * action_width),
+            actions,
+            runs,
+            capacity,
+        })
+    }
+
+    /// Returns the largest number of samples of [`sample`](Self::sample).
+    #[must_use]
+    pub fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    /// Denoises `actions [n, horizon, action_width]` in place, one chunk per sample. They hold the noise at
+    /// first.
+    ///
+    /// # Errors
+    /// If the device fails.
+    ///
+    /// # Panics
+    /// If the lengths do not match, or there are more samples than the capacity.
+    pub fn sample(&self, input: Pi05Input<'_>, actions: &mut [f32]) -> Result<(), GpuError> {
+        let Pi05Architecture { vision, horizon, action_width, .. } = self.architecture;
+        let samples = input.samples.len();
+        assert_eq!(actions.len(), samples * horizon * action_width, "noise of every sample");
+        assert!(samples <= self.capacity, "{samples} samples, expected at most {}", self.capacity);
+        let gpu = &self.gpu;
+        let patches = unfold(input.images, vision.n_patches.isqrt());
+        let rows = self.rows(&input);
+        let image_len = 3 * self.architecture.image_side().pow(2);
+        let counts = UnitCounts { images: input.images.len() / image_len, rows: rows.index.len(), samples };
+        for (buffer, count) in self.batches.iter().zip([counts.images, counts.rows, counts.samples]) {
+            buffer.write(gpu, 0, &[count as u32]);
+        }
+        self.patches.write(gpu, 0, &patches);
+        self.text.write(gpu, 0, &rows.text);
+        self.index.write(gpu, 0, &rows.index);
+        self.prefix.positions.write(gpu, 0, &rows.prefix_positions);
+        self.prefix.spans.write(gpu, 0, &rows.prefix_spans);
+        self.expert.positions.write(gpu, 0, &rows.expert_positions);
+        self.expert.spans.write(gpu, 0, &rows.expert_spans);
+        self.actions.write(gpu, 0, actions);
+        let [earlier @ .., euler_steps] = &self.runs[..] else { unreachable!("a network has steps") };
+        let counted = earlier.iter().map(|run| (counts.of(run.unit), &run.steps[..]));
+        submit_runs(gpu, counted.filter(|(count, _)| *count > 0));
+        let pending = self.readback.submit(gpu, &euler_steps.steps, samples, (&self.actions, actions.len()));
+        self.readback.collect(gpu, &pending, |found| actions.copy_from_slice(found))
+    }
+
+    /// Lays out the prefixes of a batch: the tokens of each sample's images, then its prompt.
+    fn rows(&self, input: &Pi05Input<'_>) -> BatchRows {
+        let Pi05Architecture { vision, prefix, horizon, .. } = self.architecture;
+        let (horizon, mut rows) = (horizon as u32, BatchRows::default());
+        let mut n_tokens = 0;
+        for (sample, tokens) in (0..).zip(input.samples) {
+            let first = rows.index.len() as u32;
+            for &image in &tokens.images {
+                // An even index selects a row of the images, an odd one a row of the text.
+                let first = image * vision.n_patches;
+                rows.index.extend((first..first + vision.n_patches).map(|row| 2 * row as u32));
+            }
+            for &token in &tokens.prompt {
+                rows.index.push(2 * n_tokens + 1);
+                n_tokens += 1;
+                let start = rows.text.len();
+                rows.text.resize(start + prefix.width, 0.0);
+                embed(&self.embedding, token, &mut rows.text[start..]);
+            }
+            let length = rows.index.len() as u32 - first;
+            rows.prefix_positions.extend(0..length);
+            rows.expert_positions.extend(length..length + horizon);
+            let keys =
+                SequenceSpan { first_query: first, n_queries: length, first_key: first, n_keys: length };
+            rows.prefix_spans.push(keys);
+            let queries = SequenceSpan { first_query: sample * horizon, n_queries: horizon, ..keys };
+            rows.expert_spans.push(queries);
+        }
+        rows
+    }
+}
+
+impl StepRun {
+    /// Returns the number of samples that the run can take at a time, with `units` for each.
+    fn max_samples(&self, units: UnitCounts) -> usize {
+        let n_units = self.steps.iter().map(NetworkStep::max_samples).fold(usize::MAX, usize::min);
+        n_units.checked_div(units.of(self.unit)).unwrap_or(usize::MAX)
+    }
+}
+
+/// Returns the number of samples for which every buffer fits the device.
+fn capacity(
+    gpu: &GpuDevice,
+    architecture: &Pi05Architecture,
+    (n_images, max_prefix): (usize, usize),
+) -> Result<usize, GpuError> {
+    let Pi05Architecture { vision, prefix, expert, horizon, action_width, .. } = *architecture;
+    let n_words = [
+        n_images * vision::max_words(vision, prefix.width),
+        max_prefix * gemma::max_words(prefix),
+        horizon * gemma::max_words(expert).max(action_width),
+    ];
+    let n_bytes = n_words.into_iter().fold(0, usize::max) as u64 * 4;
+    match (gpu.max_binding() / n_bytes).min(MAX_SAMPLES as u64) {
+        0 => {
+            let limit = gpu.max_binding();
+            Err(gpu.error(&format!("a sample needs a buffer of {n_bytes} bytes, but it allows {limit}")))
+        }
+        capacity => Ok(capacity as usize),
+    }
+}

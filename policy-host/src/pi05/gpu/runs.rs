@@ -1,0 +1,140 @@
+//! Construction of a network's steps: runs of steps that count the same unit, and weights by name.
+
+use crate::act::LoadGpuError;
+use crate::checkpoint::CheckpointError;
+use crate::nn::gpu::ops::{DeviceWeights, OpBuilder, ProductEpilogue, SampleRows};
+use crate::nn::gpu::readback::NetworkStep;
+use crate::nn::gpu::{DeviceBuffer, Dispatch, GpuDevice, KernelCache};
+use crate::pi05::weights::LayerSource;
+use crate::weights::WeightsError;
+
+/// Unit of a batch that the kernels of a run count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum BatchUnit {
+    /// A distinct image.
+    Image,
+    /// A row of a prefix.
+    Row,
+    /// A sample.
+    Sample,
+}
+
+/// Number of units of a batch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct UnitCounts {
+    pub(super) images: usize,
+    pub(super) rows: usize,
+    pub(super) samples: usize,
+}
+
+/// Successive steps that count the same unit.
+#[derive(Debug)]
+pub(super) struct StepRun {
+    pub(super) unit: BatchUnit,
+    pub(super) steps: Vec<NetworkStep>,
+}
+
+/// A network under construction.
+pub(super) struct RunBuilder<'a> {
+    pub(super) ops: OpBuilder<'a>,
+    pub(super) source: LayerSource<'a>,
+    /// Uniform buffers of the numbers of images, rows and samples.
+    batches: &'a [DeviceBuffer; 3],
+    /// Largest batch.
+    pub(super) capacity: UnitCounts,
+    pub(super) runs: Vec<StepRun>,
+}
+
+impl UnitCounts {
+    pub(super) fn of(self, unit: BatchUnit) -> usize {
+        match unit {
+            BatchUnit::Image => self.images,
+            BatchUnit::Row => self.rows,
+            BatchUnit::Sample => self.samples,
+        }
+    }
+}
+
+impl<'a> RunBuilder<'a> {
+    pub(super) fn new(
+        gpu: &'a GpuDevice,
+        source: LayerSource<'a>,
+        batches: &'a [DeviceBuffer; 3],
+        capacity: UnitCounts,
+    ) -> Self {
+        let ops = OpBuilder { gpu, kernels: KernelCache::default(), batch: &batches[0] };
+        Self { ops, source, batches, capacity, runs: Vec::new() }
+    }
+
+    /// Starts a run whose steps count this unit.
+    pub(super) fn count(&mut self, unit: BatchUnit) {
+        self.ops.batch = &self.batches[unit as usize];
+        self.runs.push(StepRun { unit, steps: Vec::new() });
+    }
+
+    pub(super) fn push(&mut self, dispatch: Dispatch) {
+        self.push_step(NetworkStep::Run(dispatch));
+    }
+
+    pub(super) fn push_step(&mut self, step: NetworkStep) {
+        self.runs.last_mut().expect("a run has been started").steps.push(step);
+    }
+
+    /// Allocates a buffer with this number of words per unit.
+    pub(super) fn buffer(&self, label: &str, unit: BatchUnit, words_per_unit: usize) -> DeviceBuffer {
+        DeviceBuffer::zeroed(self.ops.gpu, label, words_per_unit * self.capacity.of(unit))
+    }
+
+    /// Uploads values.
+    pub(super) fn constant(&self, label: &str, values: &[f32]) -> DeviceBuffer {
+        DeviceBuffer::of(self.ops.gpu, label, values)
+    }
+
+    /// Uploads the matrices of these names, one after the other.
+    pub(super) fn matrix(&self, names: &[String]) -> Result<DeviceWeights, LoadGpuError> {
+        self.stored(names, &[])
+    }
+
+    /// Uploads linear layers with the same input, one after the other, from the tensors that `name` returns
+    /// for each layer, and `weight` or `bias`.
+    pub(super) fn linear(
+        &self,
+        layers: &[&str],
+        name: impl Fn(&str, &str) -> String,
+    ) -> Result<DeviceWeights, LoadGpuError> {
+        let mut bias = Vec::new();
+        for layer in layers {
+            bias.extend(self.vector(&name(layer, "bias"))?);
+        }
+        let names: Vec<String> = layers.iter().map(|layer| name(layer, "weight")).collect();
+        self.stored(&names, &bias)
+    }
+
+    /// Reads a vector.
+    pub(super) fn vector(&self, name: &str) -> Result<Vec<f32>, LoadGpuError> {
+        self.source.vector(name).map_err(unreadable)
+    }
+
+    fn stored(&self, names: &[String], bias: &[f32]) -> Result<DeviceWeights, LoadGpuError> {
+        let tensors = names.iter().map(|name| self.source.tensor(name)).collect::<Result<Vec<_>, _>>();
+        Ok(DeviceWeights::stored(self.ops.gpu, &tensors.map_err(unreadable)?, bias)?)
+    }
+
+    /// Adds a linear layer for all `n_rows` rows of each unit.
+    pub(super) fn multiply(
+        &mut self,
+        layer: &DeviceWeights,
+        n_rows: usize,
+        (a, out): (&DeviceBuffer, &DeviceBuffer),
+        epilogue: ProductEpilogue,
+    ) {
+        let rows = SampleRows::all(n_rows);
+        let step = self.ops.linear(layer, n_rows, (a, rows, None), (out, rows), epilogue);
+        self.push(step);
+    }
+}
+
+/// Returns the error of a checkpoint whose tensors cannot be read.
+pub(super) fn unreadable(error: WeightsError) -> LoadGpuError {
+    LoadGpuError::Folder(CheckpointError::from(error).into())
+}
