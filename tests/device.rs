@@ -51,6 +51,32 @@ fn results_depend_on_device_but_not_batch() {
     assert!(refused.expect_code(2).stderr.contains(" on software: "));
 }
 
+/// π0.5's prompts differ in length from sample to sample.
+#[test]
+#[expect(clippy::print_stderr, reason = "a skipped test prints the reason")]
+fn pi05_on_device_does_not_depend_on_batch() {
+    const PI05: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../policy-host/tests/data/pi05/robot");
+    let dir = tempfile::tempdir().unwrap();
+    let evaluate = |db: &str, envs: &str| {
+        let policy = format!("pi05=pi05:{PI05}?steps=2");
+        let args = ["run", "--policy", &policy, "--tasks", "RaiseCube", "--perturbations", "None"];
+        let options = ["--policy-device", "software", "--episodes", "4", "--execute", "10"];
+        run(dir.path(), &[&args[..], &options, &["--renderer", "cpu", "--db", db, "--envs", envs]].concat())
+    };
+    let first = evaluate("1.db", "1");
+    if first.stderr.contains("no software Vulkan driver") {
+        let required = std::env::var_os("HYPOGEUM_REQUIRE_VULKAN").is_some_and(|value| value == "1");
+        assert!(!required, "HYPOGEUM_REQUIRE_VULKAN is set, but {}", first.stderr);
+        eprintln!("skipped: {}", first.stderr);
+        return;
+    }
+    let _ = first.expect_code(0);
+    let alone = rows(&dir.path().join("1.db"));
+    assert_eq!(alone.len(), 4);
+    let _ = evaluate("4.db", "4").expect_code(0);
+    assert_eq!(rows(&dir.path().join("4.db")), alone);
+}
+
 #[test]
 fn policies_without_gpu_kernels_are_named() {
     let dir = tempfile::tempdir().unwrap();

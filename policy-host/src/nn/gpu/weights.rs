@@ -56,6 +56,19 @@ impl DeviceWeights {
         Self::new(gpu, &by_input.collect::<Vec<_>>(), bias)
     }
 
+    /// Uploads weights `[n, k]` as the bits of bf16 values, with a bias of zeros.
+    ///
+    /// # Panics
+    /// If `k` is odd or does not divide the number of values.
+    #[must_use]
+    pub fn bf16(gpu: &GpuDevice, k: usize, bits: &[u16]) -> Self {
+        let n = bits.len() / k;
+        assert!(k.is_multiple_of(2) && bits.len() == n * k, "weights [{n}, {k}]");
+        let weights = DeviceBuffer::of(gpu, "weights", bits);
+        let bias = DeviceBuffer::zeroed(gpu, "bias", n);
+        Self { weights, bias, k, n, layout: WeightLayout::Stored(FloatType::Bf16) }
+    }
+
     /// Uploads stored weights, the rows `[n, k]` of all tensors one after the other; axes after the first are
     /// the input. They keep their type, but for 16-bit weights with an odd `k`, or of several types, which
     /// become f32. `bias [n]` is empty for a layer without one.

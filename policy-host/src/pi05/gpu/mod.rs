@@ -1,7 +1,7 @@
 //! π0.5 on a GPU: the same network as [`super::model`], as runs of steps that are encoded for each batch.
 //!
-//! The vision tower counts distinct images, the language model the rows of all prefixes, which follow each other
-//! without padding, and attention and the action expert count samples.
+//! The vision tower counts distinct images, the language model the rows of all prefixes, which follow each
+//! other without padding, and attention and the action expert count samples.
 
 mod expert;
 mod gemma;

@@ -1,5 +1,5 @@
-// Normalisation of rows of WIDTH values into another buffer: out = (x - mean) / √(variance + ε) · scale + shift
-// with a scale and a shift [WIDTH]. A workgroup takes a row.
+// Normalisation of rows of WIDTH values into another buffer, with a scale and a shift [WIDTH]:
+// out = (x - mean) / √(variance + ε) · scale + shift. A workgroup takes a row.
 override WIDTH: u32;
 // 1 for layer normalisation. 0 for RMS normalisation, which takes the mean as 0.
 override CENTRES: u32;

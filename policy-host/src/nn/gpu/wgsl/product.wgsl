@@ -1,5 +1,5 @@
-// Product of the left factor [n_samples · ROWS, K] and the right factor [K, N]. A workgroup computes a tile of
-// 64 × 64 values, a thread 4 × 4. Every value is one chain of fused multiply-adds over k, in order.
+// Product of the left factor [n_samples · ROWS, K] and the right factor [K, N]. A workgroup computes a tile
+// of 64 × 64 values, a thread 4 × 4. Every value is one chain of fused multiply-adds over k, in order.
 override N: u32;
 // Row i of a sample goes to row OUT_FIRST + i of its OUT_ROWS rows.
 override OUT_ROWS: u32;

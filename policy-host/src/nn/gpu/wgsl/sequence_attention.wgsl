@@ -1,7 +1,7 @@
 // Attention of sequences of different lengths: out = softmax(queries · keysᵀ / √HEAD) · values. The keys of a
-// sample are rows of `prefix`, then its SUFFIX rows of `suffix`; their values lie in the same rows. They pass in
-// blocks of 32, first those of the prefix, with a running maximum and sum of the exponentials (Milakov and
-// Gimelshein, Online normalizer calculation for softmax, 2018). So no block depends on another sample.
+// sample are rows of `prefix`, then its SUFFIX rows of `suffix`; their values lie in the same rows. They pass
+// in blocks of 32, first those of the prefix, with a running maximum and sum of the exponentials (Milakov and
+// Gimelshein, Online normalizer calculation for softmax, 2018). No block depends on another sample.
 override HEAD: u32;
 // Heads of a row of queries that share keys: each is a query of its own. 1 if every head has its own keys.
 override GROUP: u32;

@@ -5,9 +5,12 @@
 //! afterwards, the time of a query with three images and a prompt of 60 tokens, alone and in a batch of four,
 //! and the operations per second, relative to the peak on registers. With `--peer`, LeRobot's own network
 //! answers the same queries in turn with ours (`peers/pi05_inference.py`, started with the given Python
-//! interpreter).
+//! interpreter). With `--device gpu|software`, the queries go to a GPU (`gpu.rs`) instead, and the checkpoint
+//! may be left out.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
+
+mod gpu;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,7 +21,9 @@ use benches::{Peer, Report, median};
 use policy_host::checkpoint::pi05::Pi05Checkpoint;
 use policy_host::generated::{fnv1a64, sym};
 use policy_host::nn::Precision;
+use policy_host::nn::gpu::DeviceKind;
 use policy_host::nn::peak::peak_gflop_per_s;
+use policy_host::pi05::architecture::Pi05Architecture;
 use policy_host::pi05::model::{Pi05Input, Pi05Model, SampleTokens};
 
 /// Tokens of the prompt.
@@ -35,19 +40,28 @@ fn main() -> Result<()> {
         n_threads: std::thread::available_parallelism()?.get(),
         checkpoint: None,
         peer: None,
+        device: None,
     };
-    let mut report =
-        Report::with_options("pi05", "--checkpoint DIR, --threads N, --peer PYTHON, ", |option, value| {
+    let mut report = Report::with_options(
+        "pi05",
+        "--checkpoint DIR, --threads N, --peer PYTHON, --device D, ",
+        |option, value| {
             match option {
+                "--device" => options.device = Some(gpu::parse(value)?),
                 "--threads" => options.n_threads = value.parse().context("--threads needs a number")?,
                 "--checkpoint" => options.checkpoint = Some(value.into()),
                 "--peer" => options.peer = Some(value.into()),
                 _ => return Ok(false),
             }
             Ok(true)
-        })?;
-    let folder = options.checkpoint.as_deref().context("--checkpoint DIR is missing")?;
+        },
+    )?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.n_threads).build()?;
+    if let Some(device) = options.device {
+        pool.install(|| gpu::measure(device, options.checkpoint.as_deref(), &mut report))?;
+        return report.finish();
+    }
+    let folder = options.checkpoint.as_deref().context("--checkpoint DIR is missing")?;
     let note = format!("{} threads", options.n_threads);
     let mut peer = match &options.peer {
         Some(python) => {
@@ -69,6 +83,7 @@ struct Pi05BenchOptions {
     n_threads: usize,
     checkpoint: Option<PathBuf>,
     peer: Option<PathBuf>,
+    device: Option<DeviceKind>,
 }
 
 struct LoadedNetwork {
@@ -130,7 +145,11 @@ fn measure(
     for (n_samples, rounds) in BATCHES {
         let (mut ours, mut theirs, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..rounds {
-            ours.push(query(network, n_samples) / n_samples as f64);
+            let sample = |input: Pi05Input<'_>, actions: &mut [f32]| {
+                network.model.sample(input, actions, None);
+                Ok(())
+            };
+            ours.push(query(&architecture, n_samples, sample)? / n_samples as f64);
             if let Some(peer) = peer.as_deref_mut().filter(|_| n_samples == 1) {
                 let seconds = peer.request(&format!("{N_IMAGES} {N_PROMPT} {}", network.n_steps))?;
                 theirs.push(seconds);
@@ -158,9 +177,12 @@ fn measure(
     Ok(())
 }
 
-/// Answers a query with distinct images and returns the time in s.
-fn query(network: &LoadedNetwork, n_samples: usize) -> f64 {
-    let architecture = network.model.architecture();
+/// Answers a batch of queries with distinct images by `sample`, and returns the time in s.
+fn query(
+    architecture: &Pi05Architecture,
+    n_samples: usize,
+    sample: impl FnOnce(Pi05Input<'_>, &mut [f32]) -> Result<()>,
+) -> Result<f64> {
     let side = architecture.image_side();
     let values = |name: &str, n: usize| -> Vec<f32> {
         let stream = fnv1a64(name);
@@ -175,8 +197,8 @@ fn query(network: &LoadedNetwork, n_samples: usize) -> f64 {
         .collect();
     let mut actions = values("noise", n_samples * architecture.horizon * architecture.action_width);
     let started = Instant::now();
-    network.model.sample(Pi05Input { images: &images, samples: &samples }, &mut actions, None);
-    started.elapsed().as_secs_f64()
+    sample(Pi05Input { images: &images, samples: &samples }, &mut actions)?;
+    Ok(started.elapsed().as_secs_f64())
 }
 
 /// Returns the resident memory of this process in MiB: its own, and pages of files.

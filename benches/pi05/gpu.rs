@@ -1,0 +1,128 @@
+//! π0.5 and the product kernel on a GPU, or on a software Vulkan driver.
+//!
+//! Measures the product kernel at the shapes of π0.5's language model and of ACT's transformer, then whole
+//! queries of a network with generated weights in bf16: full-size on a GPU, tiny on a software driver, unless
+//! `--checkpoint` names one. The time includes uploads and read-back.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use benches::{Report, median};
+use ipc_types::Morphology;
+use policy_host::checkpoint::pi05::Pi05Checkpoint;
+use policy_host::generated::{fnv1a64, sym};
+use policy_host::nn::gpu::ops::{DeviceWeights, OpBuilder, ProductEpilogue, SampleRows};
+use policy_host::nn::gpu::readback::{NetworkStep, run};
+use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, KernelCache};
+use policy_host::pi05::architecture::Pi05Architecture;
+use policy_host::synthetic::write_pi05_checkpoint;
+
+use super::{N_IMAGES, N_PROMPT, query};
+
+/// Shapes of products: rows, inner dimension and columns. Those of an MLP of π0.5's language model for one
+/// sample, of one of its action expert for eight, and of ACT's transformer for eight.
+const PRODUCTS: [(usize, usize, usize); 5] =
+    [(968, 2048, 16_384), (968, 16_384, 2048), (400, 1024, 4096), (1200, 512, 512), (1200, 512, 3200)];
+/// Operations of a measurement of the product kernel, on a GPU and in software.
+const PRODUCT_FLOP: [f64; 2] = [2e12, 2e10];
+/// Samples of a batch.
+const BATCHES: [usize; 2] = [1, 8];
+/// Rounds of a measurement, of which the median counts.
+const ROUNDS: usize = 5;
+
+/// Parses the kind of device.
+pub(super) fn parse(name: &str) -> Result<DeviceKind> {
+    match name {
+        "gpu" => Ok(DeviceKind::Hardware),
+        "software" => Ok(DeviceKind::Software),
+        _ => bail!("--device is {name}, expected gpu or software"),
+    }
+}
+
+/// Measures products and whole queries.
+pub(super) fn measure(kind: DeviceKind, checkpoint: Option<&Path>, report: &mut Report) -> Result<()> {
+    let gpu = Arc::new(GpuDevice::open(kind)?);
+    println!("{}", gpu.name());
+    // Commas would split the CSV field.
+    let note = gpu.name().replace(',', ";");
+    products(&gpu, &note, PRODUCT_FLOP[usize::from(kind == DeviceKind::Software)], report)?;
+    if let Some(folder) = checkpoint {
+        return queries(&gpu, &note, folder, report);
+    }
+    let architecture = match kind {
+        DeviceKind::Hardware => Pi05Architecture::FULL,
+        DeviceKind::Software => Pi05Architecture::TINY,
+    };
+    let folder = tempfile::tempdir().context("create a temporary folder")?;
+    write_pi05_checkpoint(folder.path(), &architecture, Morphology::Single, 0, |_| {})?;
+    queries(&gpu, &note, folder.path(), report)
+}
+
+/// Measures the product kernel with weights in f32 and in bf16.
+fn products(gpu: &GpuDevice, note: &str, min_flop: f64, report: &mut Report) -> Result<()> {
+    let batch = DeviceBuffer::batch(gpu);
+    batch.write(gpu, 0, &[1_u32]);
+    let values = |name: &str, len: usize| -> Vec<f32> {
+        let stream = fnv1a64(name);
+        (0..len).map(|idx| sym(stream, idx, 1.0)).collect()
+    };
+    for (n_rows, k, n) in PRODUCTS {
+        let (a, weights) = (values("a", n_rows * k), values("weights", k * n));
+        let bits: Vec<u16> = weights.iter().map(|x| (x.to_bits() >> 16) as u16).collect();
+        let (a, out) = (DeviceBuffer::of(gpu, "a", &a), DeviceBuffer::zeroed(gpu, "out", n_rows * n));
+        let layers = [
+            ("f32", DeviceWeights::new(gpu, &weights, &vec![0.0; n])),
+            ("bf16", DeviceWeights::bf16(gpu, k, &bits)),
+        ];
+        gpu.finish_uploads()?;
+        for (name, layer) in layers {
+            let mut ops = OpBuilder { gpu, kernels: KernelCache::default(), batch: &batch };
+            let flop = 2.0 * (n_rows * k * n) as f64;
+            let rows = SampleRows::all(n_rows);
+            let mut product =
+                || ops.linear(&layer, n_rows, (&a, rows, None), (&out, rows), ProductEpilogue::Store);
+            let count = (min_flop / flop).ceil() as usize;
+            let steps: Vec<_> = (0..count).map(|_| NetworkStep::Run(product())).collect();
+            run(gpu, &steps[..1], 1)?;
+            let mut rates = Vec::new();
+            for _ in 0..ROUNDS {
+                let started = Instant::now();
+                run(gpu, &steps, 1)?;
+                rates.push(flop * count as f64 / started.elapsed().as_secs_f64() / 1e12);
+            }
+            let rate = median(&mut rates);
+            println!("product {n_rows} x {k} x {n}, weights in {name}: {rate:.3} TFLOP/s");
+            report.add(&format!("product_{n_rows}x{k}x{n}_{name}"), rate, "tflop_per_s", note);
+        }
+    }
+    Ok(())
+}
+
+/// Measures whole queries.
+fn queries(gpu: &Arc<GpuDevice>, note: &str, folder: &Path, report: &mut Report) -> Result<()> {
+    let started = Instant::now();
+    let checkpoint = Pi05Checkpoint::open(folder)?;
+    let n_steps = checkpoint.description().n_steps;
+    let network = checkpoint.load_on_gpu(gpu, n_steps)?;
+    let load_s = started.elapsed().as_secs_f64();
+    println!("loaded in {load_s:.1} s, up to {} samples at a time", network.capacity());
+    report.add("load", load_s, "s", note);
+    let architecture = checkpoint.description().architecture;
+    let gflop = architecture.flop_per_query(N_IMAGES, N_PROMPT, n_steps) as f64 / 1e9;
+    for n_samples in BATCHES.into_iter().filter(|n_samples| *n_samples <= network.capacity()) {
+        let mut batch =
+            || query(&architecture, n_samples, |input, actions| Ok(network.sample(input, actions)?));
+        batch()?;
+        let mut seconds = (0..ROUNDS).map(|_| batch()).collect::<Result<Vec<_>>>()?;
+        let rate = n_samples as f64 / median(&mut seconds);
+        println!(
+            "batch {n_samples}: {rate:.3} queries/s of {gflop:.1} GFLOP, {:.3} TFLOP/s",
+            rate * gflop / 1e3
+        );
+        report.add(&format!("batch{n_samples}"), rate, "queries_per_s", note);
+        report.add(&format!("batch{n_samples}"), rate * gflop / 1e3, "tflop_per_s", note);
+    }
+    Ok(())
+}
