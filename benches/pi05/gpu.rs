@@ -1,8 +1,9 @@
 //! π0.5 and the product kernel on a GPU, or on a software Vulkan driver.
 //!
-//! Measures the product kernel at the shapes of π0.5's language model and of ACT's transformer, then whole
-//! queries of a network with generated weights in bf16: full-size on a GPU, tiny on a software driver, unless
-//! `--checkpoint` names one. The time includes uploads and read-back.
+//! Measures the product kernel at the shapes of π0.5's language model and of ACT's transformer, of which a
+//! software driver leaves out the large ones. Then come whole queries of a network with generated weights in
+//! bf16, full-size on a GPU and tiny on a software driver, unless `--checkpoint` names one. Their time
+//! includes uploads and read-back.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -25,8 +26,10 @@ use super::{N_IMAGES, N_PROMPT, query};
 /// sample, of one of its action expert for eight, and of ACT's transformer for eight.
 const PRODUCTS: [(usize, usize, usize); 5] =
     [(968, 2048, 16_384), (968, 16_384, 2048), (400, 1024, 4096), (1200, 512, 512), (1200, 512, 3200)];
-/// Operations of a measurement of the product kernel, on a GPU and in software.
-const PRODUCT_FLOP: [f64; 2] = [2e12, 2e10];
+/// Operations of a round of a product on a GPU.
+const ROUND_FLOP: f64 = 2e12;
+/// Operations of the largest product that a software driver computes in a few seconds.
+const SOFTWARE_FLOP: f64 = 5e9;
 /// Samples of a batch.
 const BATCHES: [usize; 2] = [1, 8];
 /// Rounds of a measurement, of which the median counts.
@@ -47,7 +50,7 @@ pub(super) fn measure(kind: DeviceKind, checkpoint: Option<&Path>, report: &mut 
     println!("{}", gpu.name());
     // Commas would split the CSV field.
     let note = gpu.name().replace(',', ";");
-    products(&gpu, &note, PRODUCT_FLOP[usize::from(kind == DeviceKind::Software)], report)?;
+    products(&gpu, &note, kind, report)?;
     if let Some(folder) = checkpoint {
         return queries(&gpu, &note, folder, report);
     }
@@ -61,14 +64,19 @@ pub(super) fn measure(kind: DeviceKind, checkpoint: Option<&Path>, report: &mut 
 }
 
 /// Measures the product kernel with weights in f32 and in bf16.
-fn products(gpu: &GpuDevice, note: &str, min_flop: f64, report: &mut Report) -> Result<()> {
+fn products(gpu: &GpuDevice, note: &str, kind: DeviceKind, report: &mut Report) -> Result<()> {
     let batch = DeviceBuffer::batch(gpu);
     batch.write(gpu, 0, &[1_u32]);
     let values = |name: &str, len: usize| -> Vec<f32> {
         let stream = fnv1a64(name);
         (0..len).map(|idx| sym(stream, idx, 1.0)).collect()
     };
-    for (n_rows, k, n) in PRODUCTS {
+    let (round_flop, limit) = match kind {
+        DeviceKind::Hardware => (ROUND_FLOP, f64::INFINITY),
+        DeviceKind::Software => (0.0, SOFTWARE_FLOP),
+    };
+    let flop_of = |(n_rows, k, n): (usize, usize, usize)| 2.0 * (n_rows * k * n) as f64;
+    for (n_rows, k, n) in PRODUCTS.into_iter().filter(|shape| flop_of(*shape) <= limit) {
         let (a, weights) = (values("a", n_rows * k), values("weights", k * n));
         let bits: Vec<u16> = weights.iter().map(|x| (x.to_bits() >> 16) as u16).collect();
         let (a, out) = (DeviceBuffer::of(gpu, "a", &a), DeviceBuffer::zeroed(gpu, "out", n_rows * n));
@@ -79,22 +87,22 @@ fn products(gpu: &GpuDevice, note: &str, min_flop: f64, report: &mut Report) -> 
         gpu.finish_uploads()?;
         for (name, layer) in layers {
             let mut ops = OpBuilder { gpu, kernels: KernelCache::default(), batch: &batch };
-            let flop = 2.0 * (n_rows * k * n) as f64;
+            let flop = flop_of((n_rows, k, n));
             let rows = SampleRows::all(n_rows);
             let mut product =
                 || ops.linear(&layer, n_rows, (&a, rows, None), (&out, rows), ProductEpilogue::Store);
-            let count = (min_flop / flop).ceil() as usize;
+            let count = (round_flop / flop).ceil().max(1.0) as usize;
             let steps: Vec<_> = (0..count).map(|_| NetworkStep::Run(product())).collect();
             run(gpu, &steps[..1], 1)?;
             let mut rates = Vec::new();
             for _ in 0..ROUNDS {
                 let started = Instant::now();
                 run(gpu, &steps, 1)?;
-                rates.push(flop * count as f64 / started.elapsed().as_secs_f64() / 1e12);
+                rates.push(flop * count as f64 / started.elapsed().as_secs_f64() / 1e9);
             }
             let rate = median(&mut rates);
-            println!("product {n_rows} x {k} x {n}, weights in {name}: {rate:.3} TFLOP/s");
-            report.add(&format!("product_{n_rows}x{k}x{n}_{name}"), rate, "tflop_per_s", note);
+            println!("product {n_rows} x {k} x {n}, weights in {name}: {rate:.1} GFLOP/s");
+            report.add(&format!("product_{n_rows}x{k}x{n}_{name}"), rate, "gflop_per_s", note);
         }
     }
     Ok(())
@@ -112,17 +120,13 @@ fn queries(gpu: &Arc<GpuDevice>, note: &str, folder: &Path, report: &mut Report)
     let architecture = checkpoint.description().architecture;
     let gflop = architecture.flop_per_query(N_IMAGES, N_PROMPT, n_steps) as f64 / 1e9;
     for n_samples in BATCHES.into_iter().filter(|n_samples| *n_samples <= network.capacity()) {
-        let mut batch =
-            || query(&architecture, n_samples, |input, actions| Ok(network.sample(input, actions)?));
+        let batch = || query(&architecture, n_samples, |input, actions| Ok(network.sample(input, actions)?));
         batch()?;
         let mut seconds = (0..ROUNDS).map(|_| batch()).collect::<Result<Vec<_>>>()?;
         let rate = n_samples as f64 / median(&mut seconds);
-        println!(
-            "batch {n_samples}: {rate:.3} queries/s of {gflop:.1} GFLOP, {:.3} TFLOP/s",
-            rate * gflop / 1e3
-        );
+        println!("batch {n_samples}: {rate:.3} queries/s of {gflop:.2} GFLOP, {:.2} GFLOP/s", rate * gflop);
         report.add(&format!("batch{n_samples}"), rate, "queries_per_s", note);
-        report.add(&format!("batch{n_samples}"), rate * gflop / 1e3, "tflop_per_s", note);
+        report.add(&format!("batch{n_samples}"), rate * gflop, "gflop_per_s", note);
     }
     Ok(())
 }

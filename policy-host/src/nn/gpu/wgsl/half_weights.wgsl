@@ -4,21 +4,27 @@ override IS_BF16: u32;
 @group(0) @binding(2) var<storage, read> weights: array<u32>;
 
 fn load_right(thread: u32, k0: u32, first_col: u32) {
-    // A thread loads two k of columns c and c + 32.
-    let row = 2u * (thread % 8u);
-    for (var i = 0u; i < 2u; i++) {
-        let c = thread / 8u + 32u * i;
-        var values = vec2(0.0);
-        if (k0 + row < K && first_col + c < N) {
-            let word = weights[((first_col + c) * K + k0 + row) / 2u];
-            if (IS_BF16 == 1u) {
-                values = vec2(bitcast<f32>(word << 16u), bitcast<f32>(word & 0xffff0000u));
-            } else {
-                values = unpack2x16float(word);
-            }
+    // Half of the threads load two k of four columns each.
+    if (thread >= 128u) {
+        return;
+    }
+    let k = k0 + 2u * (thread % 8u);
+    let col = first_col + 4u * (thread / 8u);
+    var words = vec4(0u);
+    if (k < K) {
+        for (var i = 0u; i < 4u && col + i < N; i++) {
+            words[i] = weights[((col + i) * K + k) / 2u];
         }
-        right_tile[row * PITCH + c] = values.x;
-        right_tile[(row + 1u) * PITCH + c] = values.y;
+    }
+    let at = 2u * (thread % 8u) * PITCH + thread / 8u;
+    if (IS_BF16 == 1u) {
+        right_tile[at] = bitcast<vec4<f32>>(words << vec4(16u));
+        right_tile[at + PITCH] = bitcast<vec4<f32>>(words & vec4(0xffff0000u));
+    } else {
+        let first = vec4(unpack2x16float(words.x), unpack2x16float(words.y));
+        let last = vec4(unpack2x16float(words.z), unpack2x16float(words.w));
+        right_tile[at] = vec4(first.xz, last.xz);
+        right_tile[at + PITCH] = vec4(first.yw, last.yw);
     }
 }
 

@@ -11,12 +11,12 @@ override EPILOGUE: u32;
 @group(0) @binding(3) var<storage, read> bias: array<f32>;
 @group(0) @binding(4) var<storage, read_write> out: array<f32>;
 
-// Words from one k to the next in a tile. More than 64, so that threads that store several k of one row or
-// column use different banks.
-const PITCH = 68u;
-// Terms [16, 64] of both factors.
-var<workgroup> left_tile: array<f32, 1088>;
-var<workgroup> right_tile: array<f32, 1088>;
+// Vectors from one k to the next in a tile. More than 16, so that threads that store several k of the same
+// rows or columns use different banks.
+const PITCH = 17u;
+// Terms [16, 64] of both factors, four rows or columns in a vector.
+var<workgroup> left_tile: array<vec4<f32>, 272>;
+var<workgroup> right_tile: array<vec4<f32>, 272>;
 
 // Returns x · σ(2√(2/π)·(x + 0.044715 x³)), the GELU in its form with tanh.
 fn gelu(x: f32) -> f32 {
@@ -29,35 +29,35 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let n_rows = batch.n_samples * ROWS;
     let first_row = group.x * 64u;
     let first_col = group.y * 64u;
-    // A thread loads one k of rows m, m + 16, m + 32, m + 48.
+    // A thread loads one k of four rows.
     let load_k = thread % 16u;
     let load_m = thread / 16u;
     var places: array<Place, 4>;
     for (var i = 0u; i < 4u; i++) {
-        places[i] = place(min(first_row + load_m + 16u * i, n_rows - 1u));
+        places[i] = place(min(first_row + 4u * load_m + i, n_rows - 1u));
     }
     let x = thread % 16u;
     let y = thread / 16u;
     var sums: array<vec4<f32>, 4>;
     for (var k0 = 0u; k0 < K; k0 += 16u) {
-        for (var i = 0u; i < 4u; i++) {
-            let k = k0 + load_k;
-            var value = 0.0;
-            if (k < K) {
-                value = left(places[i], k);
-            }
-            left_tile[load_k * PITCH + load_m + 16u * i] = value;
+        let load = k0 + load_k;
+        var terms = vec4(0.0);
+        if (load < K) {
+            terms.x = left(places[0], load);
+            terms.y = left(places[1], load);
+            terms.z = left(places[2], load);
+            terms.w = left(places[3], load);
         }
+        left_tile[load_k * PITCH + load_m] = terms;
         load_right(thread, k0, first_col);
         workgroupBarrier();
         for (var k = 0u; k < 16u; k++) {
-            let r = k * PITCH + 4u * x;
-            let right = vec4(right_tile[r], right_tile[r + 1u], right_tile[r + 2u], right_tile[r + 3u]);
-            let l = k * PITCH + 4u * y;
-            sums[0] = fma(vec4(left_tile[l]), right, sums[0]);
-            sums[1] = fma(vec4(left_tile[l + 1u]), right, sums[1]);
-            sums[2] = fma(vec4(left_tile[l + 2u]), right, sums[2]);
-            sums[3] = fma(vec4(left_tile[l + 3u]), right, sums[3]);
+            let right = right_tile[k * PITCH + x];
+            let rows = left_tile[k * PITCH + y];
+            sums[0] = fma(vec4(rows.x), right, sums[0]);
+            sums[1] = fma(vec4(rows.y), right, sums[1]);
+            sums[2] = fma(vec4(rows.z), right, sums[2]);
+            sums[3] = fma(vec4(rows.w), right, sums[3]);
         }
         workgroupBarrier();
     }

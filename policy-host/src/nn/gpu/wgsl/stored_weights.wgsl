@@ -2,15 +2,15 @@
 @group(0) @binding(2) var<storage, read> weights: array<f32>;
 
 fn load_right(thread: u32, k0: u32, first_col: u32) {
-    // A thread loads one k of columns c, c + 16, c + 32, c + 48.
-    let row = thread % 16u;
-    for (var i = 0u; i < 4u; i++) {
-        let c = thread / 16u + 16u * i;
-        var value = 0.0;
-        if (k0 + row < K && first_col + c < N) {
-            value = weights[(first_col + c) * K + k0 + row];
+    // A thread loads one k of four columns.
+    let k = k0 + thread % 16u;
+    let col = first_col + 4u * (thread / 16u);
+    var terms = vec4(0.0);
+    if (k < K) {
+        for (var i = 0u; i < 4u && col + i < N; i++) {
+            terms[i] = weights[(col + i) * K + k];
         }
-        right_tile[row * PITCH + c] = value;
     }
+    right_tile[thread % 16u * PITCH + thread / 16u] = terms;
 }
 

@@ -2,15 +2,15 @@
 @group(0) @binding(2) var<storage, read> weights: array<f32>;
 
 fn load_right(thread: u32, k0: u32, first_col: u32) {
-    // A thread loads one column of four k.
-    let col = first_col + thread % 64u;
-    for (var i = 0u; i < 4u; i++) {
-        let row = thread / 64u + 4u * i;
-        var value = 0.0;
-        if (k0 + row < K && col < N) {
-            value = weights[(k0 + row) * N + col];
+    // A thread loads four columns of one k.
+    let k = k0 + thread / 16u;
+    let col = first_col + 4u * (thread % 16u);
+    var terms = vec4(0.0);
+    if (k < K) {
+        for (var i = 0u; i < 4u && col + i < N; i++) {
+            terms[i] = weights[k * N + col + i];
         }
-        right_tile[row * PITCH + thread % 64u] = value;
     }
+    right_tile[thread / 16u * PITCH + thread % 16u] = terms;
 }
 
