@@ -7,7 +7,7 @@ use policy_host::nn::gpu::sequences::{RotaryRows, RowNorm, SequenceInput, Sequen
 use policy_host::weights::{MODEL_FILE, StoredTensor, TensorFolder};
 use safetensors::tensor::{Dtype, TensorView};
 
-use crate::gpu_kernels::{N_SAMPLES, check, gelu, values};
+use crate::gpu_kernels::{N_SAMPLES, check, device, gelu, values};
 
 /// Writes matrices `[n, k]` of one type to a file and returns them with their rounded values `[Σ n, k]`.
 fn stored(dtype: Dtype, k: usize, rows: &[usize]) -> (Vec<StoredTensor>, Vec<f64>) {
@@ -72,6 +72,24 @@ fn stored_weights_agree_with_f64() {
             ops.gated_linear(&layer, n_rows, &a, &gate, out)
         });
     }
+}
+
+/// The file is as long as its header says, but has no contents.
+#[test]
+fn matrix_beyond_the_device_is_refused() {
+    let Some(gpu) = device() else { return };
+    let (n, k) = (gpu.max_binding() / 4096 + 1, 1024_u64);
+    let n_bytes = n * k * 4;
+    let header = format!(r#"{{"0":{{"dtype":"F32","shape":[{n},{k}],"data_offsets":[0,{n_bytes}]}}}}"#);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(MODEL_FILE);
+    std::fs::write(&path, [&(header.len() as u64).to_le_bytes()[..], header.as_bytes()].concat()).unwrap();
+    let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+    file.set_len(8 + header.len() as u64 + n_bytes).unwrap();
+    let tensor = TensorFolder::open(folder.path()).unwrap().tensor("0").unwrap();
+    let error = DeviceWeights::stored(&gpu, &[tensor], &[]).unwrap_err().to_string();
+    let limit = gpu.max_binding().to_string();
+    crate::assert_contains(&error, &[&format!("[{n}, {k}] of f32"), &n_bytes.to_string(), &limit]);
 }
 
 #[test]

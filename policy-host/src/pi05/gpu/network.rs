@@ -70,6 +70,24 @@ impl GpuPi05Network {
         n_images: usize,
     ) -> Result<Self, LoadGpuError> {
         let source = LayerSource { tensors, names, precision: options.precision };
+        Self::build(gpu, source, architecture, options, n_images).map_err(|error| match error {
+            // Vulkan does not tell in advance how much memory is free.
+            LoadGpuError::Device(GpuError::Device { name, message }) => {
+                let n_mib = uploaded_bytes(source, &architecture) >> 20;
+                let message = format!("{message}; the network uploads {n_mib} MiB of weights");
+                GpuError::Device { name, message }.into()
+            }
+            other => other,
+        })
+    }
+
+    fn build(
+        gpu: &Arc<GpuDevice>,
+        source: LayerSource<'_>,
+        architecture: Pi05Architecture,
+        options: Pi05Options,
+        n_images: usize,
+    ) -> Result<Self, LoadGpuError> {
         let Pi05Architecture { vision, prefix, expert, horizon, action_width, .. } = architecture;
         let samples = capacity(gpu, &architecture, (n_images, options.max_prefix))?;
         let counts = UnitCounts { images: samples * n_images, rows: samples * options.max_prefix, samples };
@@ -107,7 +125,7 @@ impl GpuPi05Network {
             return Err(gpu.error("a sample needs more workgroups than it allows").into());
         }
         Ok(Self {
-            embedding: source.tensor(&names.embedding()).map_err(unreadable)?,
+            embedding: source.tensor(&source.names.embedding()).map_err(unreadable)?,
             gpu: Arc::clone(gpu),
             architecture,
             batches,
@@ -203,6 +221,15 @@ impl StepRun {
         let n_units = self.steps.iter().map(NetworkStep::max_samples).fold(usize::MAX, usize::min);
         n_units.checked_div(units.of(self.unit)).unwrap_or(usize::MAX)
     }
+}
+
+/// Returns the size of all weights but the token embedding, which stays in the file.
+fn uploaded_bytes(source: LayerSource<'_>, architecture: &Pi05Architecture) -> u64 {
+    let embedding = source.names.embedding();
+    let specs = architecture.tensor_specs(source.names);
+    let uploaded = specs.iter().filter(|spec| spec.name != embedding);
+    let n_bytes = |name: &str| source.tensor(name).map_or(0, |tensor| tensor.bytes().len() as u64);
+    uploaded.map(|spec| n_bytes(&spec.name)).sum()
 }
 
 /// Returns the number of samples for which every buffer fits the device.
