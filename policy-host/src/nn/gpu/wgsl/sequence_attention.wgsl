@@ -23,9 +23,10 @@ struct Span { first_query: u32, n_queries: u32, first_key: u32, n_keys: u32 }
 @group(0) @binding(3) var<storage, read> spans: array<Span>;
 @group(0) @binding(4) var<storage, read_write> out: array<f32>;
 
-// Blocks of 32 queries and 32 keys with 32 of their terms, and 32 × 32 weights, in rows of 33 words.
-var<workgroup> query_tile: array<f32, 1056>;
-var<workgroup> key_tile: array<f32, 1056>;
+// Blocks of 32 queries and 32 keys with 32 of their terms, in rows of nine vectors, and 32 × 32 weights, in
+// rows of 33 words.
+var<workgroup> query_tile: array<vec4<f32>, 288>;
+var<workgroup> key_tile: array<vec4<f32>, 288>;
 var<workgroup> weights: array<f32, 1056>;
 // Partial results of the eight threads of each query.
 var<workgroup> partial: array<f32, 256>;
@@ -74,21 +75,29 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         let key_start = first_row * KEY_STRIDE + group.y * KEY_STEP;
         var scores = vec4(0.0);
         for (var i0 = 0u; i0 < HEAD; i0 += 32u) {
-            for (var row = y; row < 32u; row += 8u) {
-                var values = vec2(0.0);
-                if (i0 + x < HEAD) {
-                    let at = query_start + min(first + row, n_queries - 1u) * QUERY_STRIDE + i0 + x;
-                    let key = min(first_key + row, n_keys - 1u);
-                    values = vec2(queries[at], stored(is_prefix, key_start + key * KEY_STRIDE + i0 + x));
-                }
-                query_tile[row * 33u + x] = values.x;
-                key_tile[row * 33u + x] = values.y;
+            // A thread loads four terms of one query and one key.
+            let i = i0 + 4u * lane;
+            let query_at = query_start + min(first + query, n_queries - 1u) * QUERY_STRIDE + i;
+            let key_at = key_start + min(first_key + query, n_keys - 1u) * KEY_STRIDE + i;
+            var query_terms = vec4(0.0);
+            var key_terms = vec4(0.0);
+            for (var j = 0u; j < 4u && i + j < HEAD; j++) {
+                query_terms[j] = queries[query_at + j];
+                key_terms[j] = stored(is_prefix, key_at + j);
             }
+            query_tile[query * 9u + lane] = query_terms;
+            key_tile[query * 9u + lane] = key_terms;
             workgroupBarrier();
-            for (var i = 0u; i < 32u; i++) {
-                let k = lane * 33u + i;
-                let keys = vec4(key_tile[k], key_tile[k + 264u], key_tile[k + 528u], key_tile[k + 792u]);
-                scores = fma(vec4(query_tile[query * 33u + i]), keys, scores);
+            for (var j = 0u; j < 8u; j++) {
+                let q = query_tile[query * 9u + j];
+                let at = lane * 9u + j;
+                // Columns are keys; after the transposition, columns are terms.
+                let keys = mat4x4(key_tile[at], key_tile[at + 72u], key_tile[at + 144u], key_tile[at + 216u]);
+                let terms = transpose(keys);
+                scores = fma(vec4(q.x), terms[0], scores);
+                scores = fma(vec4(q.y), terms[1], scores);
+                scores = fma(vec4(q.z), terms[2], scores);
+                scores = fma(vec4(q.w), terms[3], scores);
             }
             workgroupBarrier();
         }
