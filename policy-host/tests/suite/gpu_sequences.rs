@@ -157,13 +157,8 @@ fn rotation_gathering_and_sum_agree_with_f64() {
     let expected: Vec<f64> = x.iter().zip(&y).map(|(x, y)| f64::from(*x) - 0.1 * f64::from(*y)).collect();
     check("sum", (&x, &expected), |ops, out| {
         let y = DeviceBuffer::of(ops.gpu, "y", &y);
-        ops.add_scaled(-0.1, y_len(&x), &y, out)
+        ops.add_scaled(-0.1, x.len() / N_SAMPLES, &y, out)
     });
-}
-
-/// Returns the number of values of a sample.
-fn y_len(all: &[f32]) -> usize {
-    all.len() / N_SAMPLES
 }
 
 /// Lengths of the sequences, around whole blocks of keys.

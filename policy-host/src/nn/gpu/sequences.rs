@@ -126,7 +126,7 @@ impl OpBuilder<'_> {
         }
         let width = n_heads * head_width;
         // Heads that share their keys are further queries of one head.
-        let (group, query_stride, key_width, key_step, n_columns) = if shares_keys {
+        let (group, query_stride, key_width, key_step, key_heads) = if shares_keys {
             (n_heads, head_width, head_width, 0, 1)
         } else {
             (1, width, width, head_width, n_heads)
@@ -145,7 +145,7 @@ impl OpBuilder<'_> {
         let source =
             kernel("sequence_attention", &[include_str!("wgsl/sequence_attention.wgsl")], &constants);
         let buffers = [input.queries, input.prefix, input.suffix, input.spans, out];
-        Some(self.kernels.dispatch(self.gpu, source, &buffers, (n_blocks, 1), [n_columns as u32, 1]))
+        Some(self.kernels.dispatch(self.gpu, source, &buffers, (n_blocks, 1), [key_heads as u32, 1]))
     }
 
     /// Returns the gathering of rows `[width]` from two tables, one row per unit of the batch: row `i` is row

@@ -5,7 +5,7 @@ use crate::act::LoadGpuError;
 use crate::nn::gpu::DeviceBuffer;
 use crate::nn::gpu::ops::ProductEpilogue;
 use crate::nn::gpu::readback::NetworkStep;
-use crate::nn::gpu::sequences::{RowNorm, SequenceInput, SequenceShape, SequenceSpan};
+use crate::nn::gpu::sequences::{MAX_HEAD_WIDTH, RowNorm, SequenceInput, SequenceShape, SequenceSpan};
 use crate::pi05::architecture::{LayerStack, VisionSizes};
 use crate::pi05::siglip::PATCH_VALUES;
 use crate::pi05::weights::EPSILON;
@@ -146,7 +146,11 @@ impl RunBuilder<'_> {
         out: &DeviceBuffer,
     ) -> Result<(), LoadGpuError> {
         let step = self.ops.sequence_attention(shape, input, out);
-        let too_wide = || self.ops.gpu.error(&format!("heads of width {} are too wide", shape.head_width));
+        let width = shape.head_width;
+        let too_wide = || {
+            let expected = format!("expected at most {MAX_HEAD_WIDTH}");
+            self.ops.gpu.error(&format!("the width of an attention head is {width}, {expected}"))
+        };
         let step = step.ok_or_else(too_wide)?;
         self.push(step);
         Ok(())
