@@ -236,9 +236,11 @@ fn measure_gpu(
     let case = format!("{}/all/envs{n_envs}", task.name());
     let Timings { submit_s, wait_s, readback_s } = renderer.timings();
     let [submit_ms, wait_ms, readback_ms] = [submit_s, wait_s, readback_s].map(|s| s * 1e3);
+    let host_us = (submit_s + readback_s) * 1e6 / n_envs as f64;
     println!(
-        "{case:40} {rate:8.0} env_frames_per_s; last call: submit {submit_ms:.2} ms, wait {wait_ms:.2} ms, readback {readback_ms:.2} ms"
+        "{case:40} {rate:8.0} env_frames_per_s; last call: submit {submit_ms:.2} ms, wait {wait_ms:.2} ms, readback {readback_ms:.2} ms; host {host_us:.1} us per env_frame"
     );
+    table.add(&format!("{case}/host"), host_us, "us_per_env_frame", "submit and readback of the last call");
     table.add(&case, rate, "env_frames_per_s", &note);
     for (phase, ms) in [("submit", submit_ms), ("wait", wait_ms), ("readback", readback_ms)] {
         table.add(&format!("{case}/{phase}"), ms, "ms", "of the last call");

@@ -1,13 +1,19 @@
-//! Meshes and textures on the device. They are uploaded on first use and stay resident until the meshes
-//! exceed a memory limit.
+//! Meshes and textures on the device. They are uploaded on first use and stay resident. Meshes that recent
+//! chunks have not shown are removed when they take up most of the memory.
+
+use std::collections::HashMap;
 
 use super::device::Gpu;
 use super::growable_buffer::GrowableBuffer;
 use super::records::{MAX_TRIANGLES, VertexRecord, padded};
 use crate::render::mesh::{Mesh, ProjectionAxis};
-use crate::render::scene::{Instance, MeshKey};
+use crate::render::scene::{Instance, MeshKey, RenderScene};
 use crate::render::texture::mip_chain;
 use crate::scene::Texture;
+
+/// Number of vertices above which unused meshes are looked for: bodies of random size have meshes of their
+/// own.
+const MIN_EVICTION_VERTICES: usize = 1 << 21;
 
 /// Location of a mesh in the device buffers.
 #[derive(Clone, Copy, Debug)]
@@ -22,20 +28,31 @@ pub(super) struct MeshRange {
     pub(super) n_triangles: u32,
 }
 
+/// A resident mesh.
+struct ResidentMesh {
+    range: MeshRange,
+    first_vertex: u32,
+    n_vertices: u32,
+    /// Number of the last batch that showed the mesh.
+    last_batch: u64,
+}
+
 /// All meshes and textures used so far, with host copies of their buffers.
 pub(super) struct Assets {
-    meshes: Vec<MeshRange>,
-    textures: Vec<Texture>,
+    meshes: HashMap<MeshKey, ResidentMesh>,
+    textures: HashMap<Texture, u32>,
     vertices: Vec<VertexRecord>,
     /// Three vertex indices and the texture projection axis per triangle.
     triangles: Vec<[u32; 4]>,
     /// Three vertex indices per triangle, as the index buffer.
     indices: Vec<[u32; 3]>,
     texels: Vec<u32>,
-    /// `true` if meshes were added since the last upload.
-    meshes_dirty: bool,
-    /// `true` if textures were added since the last upload.
-    textures_dirty: bool,
+    /// Lengths of `vertices`, `triangles` and `texels` at the last upload.
+    n_uploaded: [usize; 3],
+    /// Number of the current batch.
+    batch: u64,
+    /// Number of vertices above which [`Self::begin_batch`] removes unused meshes.
+    max_vertices: usize,
     pub(super) vertex_buffer: GrowableBuffer,
     pub(super) triangle_buffer: GrowableBuffer,
     pub(super) index_buffer: GrowableBuffer,
@@ -48,14 +65,15 @@ impl Assets {
         let buffer = |label, usage| GrowableBuffer::new(gpu, label, usage);
         let none = wgpu::BufferUsages::empty();
         Self {
-            meshes: Vec::new(),
-            textures: Vec::new(),
+            meshes: HashMap::new(),
+            textures: HashMap::new(),
             vertices: Vec::new(),
             triangles: Vec::new(),
             indices: Vec::new(),
             texels: Vec::new(),
-            meshes_dirty: false,
-            textures_dirty: false,
+            n_uploaded: [0; 3],
+            batch: 0,
+            max_vertices: MIN_EVICTION_VERTICES,
             vertex_buffer: buffer("vertices", none),
             triangle_buffer: buffer("triangles", none),
             index_buffer: buffer("indices", wgpu::BufferUsages::INDEX),
@@ -63,46 +81,82 @@ impl Assets {
         }
     }
 
-    /// Returns the location of an instance's mesh, adding the mesh if it is new.
-    pub(super) fn mesh(&mut self, instance: &Instance) -> MeshRange {
-        let key = instance.mesh.key();
-        let known = self.meshes.iter().find(|range| range.key == key).copied();
-        known.unwrap_or_else(|| self.add_mesh(key, instance.mesh()))
+    /// Adds the meshes and textures of a scene that are new, and marks all of its meshes as used.
+    pub(super) fn add_scene(&mut self, scene: &RenderScene) {
+        for instance in &scene.instances {
+            let key = instance.mesh.key();
+            if !self.meshes.contains_key(&key) {
+                let mesh = self.add_mesh(key, instance.mesh());
+                self.meshes.insert(key, mesh);
+            }
+            if let Some(mesh) = self.meshes.get_mut(&key) {
+                mesh.last_batch = self.batch;
+            }
+            if let Some(texture) = instance.material.texture
+                && !self.textures.contains_key(&texture)
+            {
+                self.textures.insert(texture, self.textures.len() as u32);
+                self.texels.extend_from_slice(&mip_chain(texture).texels);
+            }
+        }
     }
 
-    /// Returns the device index of a texture, adding the texture if it is new.
-    pub(super) fn texture(&mut self, texture: Texture) -> u32 {
-        let known = self.textures.iter().position(|other| *other == texture);
-        known.unwrap_or_else(|| self.add_texture(texture)) as u32
+    /// Returns the location of an instance's mesh.
+    ///
+    /// # Panics
+    /// If its scene was not added.
+    pub(super) fn mesh(&self, instance: &Instance) -> MeshRange {
+        self.meshes[&instance.mesh.key()].range
     }
 
-    /// Removes all meshes if they exceed a memory limit: bodies of random size have meshes of their own. Must
-    /// only be called between batches, because it invalidates all mesh ranges.
-    pub(super) fn evict_if_full(&mut self) {
-        const MAX_VERTICES: usize = 1 << 21;
-        if self.vertices.len() > MAX_VERTICES {
+    /// Returns the device index of a texture.
+    ///
+    /// # Panics
+    /// If no scene with this texture was added.
+    pub(super) fn texture(&self, texture: Texture) -> u32 {
+        self.textures[&texture]
+    }
+
+    /// Begins a batch. If there are too many vertices, removes the meshes that the last batch has not shown.
+    /// The next removal is due when the number has doubled, so that a batch whose own meshes exceed the
+    /// limit does not upload them every time. Invalidates all mesh ranges.
+    pub(super) fn begin_batch(&mut self) {
+        if self.vertices.len() > self.max_vertices {
+            let last_batch = self.batch;
+            self.meshes.retain(|_, mesh| mesh.last_batch == last_batch);
+            self.compact();
+            self.max_vertices = MIN_EVICTION_VERTICES.max(2 * self.vertices.len());
+        }
+        self.batch += 1;
+    }
+
+    /// Removes all meshes if they take up half of the largest buffer that the device supports, so that the
+    /// next chunk finds room. Invalidates all mesh ranges.
+    pub(super) fn evict_if_full(&mut self, gpu: &Gpu) {
+        let n_bytes = size_of_val(&self.vertices[..]).max(size_of_val(&self.triangles[..])) as u64;
+        if n_bytes > gpu.max_buffer_bytes / 2 {
             self.meshes.clear();
-            self.vertices.clear();
-            self.triangles.clear();
-            self.indices.clear();
+            self.compact();
         }
     }
 
     /// Uploads new meshes and textures. Returns `true` if a buffer was reallocated.
     pub(super) fn upload(&mut self, gpu: &Gpu) -> bool {
         let mut reallocated = false;
-        if core::mem::take(&mut self.meshes_dirty) {
-            reallocated |= self.vertex_buffer.write(gpu, &self.vertices);
-            reallocated |= self.triangle_buffer.write(gpu, &self.triangles);
-            reallocated |= self.index_buffer.write(gpu, &self.indices);
+        let [n_vertices, n_triangles, n_texels] = self.n_uploaded;
+        if n_vertices < self.vertices.len() {
+            reallocated |= self.vertex_buffer.append(gpu, &self.vertices, n_vertices);
+            reallocated |= self.triangle_buffer.append(gpu, &self.triangles, n_triangles);
+            reallocated |= self.index_buffer.append(gpu, &self.indices, n_triangles);
         }
-        if core::mem::take(&mut self.textures_dirty) {
-            reallocated |= self.texel_buffer.write(gpu, &self.texels);
+        if n_texels < self.texels.len() {
+            reallocated |= self.texel_buffer.append(gpu, &self.texels, n_texels);
         }
+        self.n_uploaded = [self.vertices.len(), self.triangles.len(), self.texels.len()];
         reallocated
     }
 
-    fn add_mesh(&mut self, key: MeshKey, mesh: &Mesh) -> MeshRange {
+    fn add_mesh(&mut self, key: MeshKey, mesh: &Mesh) -> ResidentMesh {
         assert!(mesh.triangles.len() <= MAX_TRIANGLES, "{key:?} has {} triangles", mesh.triangles.len());
         let (first_vertex, first_triangle) = (self.vertices.len() as u32, self.triangles.len() as u32);
         self.vertices.extend((0..mesh.n_vertices() as u32).map(|i| VertexRecord {
@@ -120,16 +174,31 @@ impl Assets {
             self.indices.push([a, b, c]);
         }
         let n_triangles = mesh.triangles.len() as u32;
-        let range = MeshRange { key, mesh_idx: self.meshes.len(), first_triangle, n_triangles };
-        self.meshes.push(range);
-        self.meshes_dirty = true;
-        range
+        ResidentMesh {
+            range: MeshRange { key, mesh_idx: self.meshes.len(), first_triangle, n_triangles },
+            first_vertex,
+            n_vertices: mesh.n_vertices() as u32,
+            last_batch: self.batch,
+        }
     }
 
-    fn add_texture(&mut self, texture: Texture) -> usize {
-        self.textures.push(texture);
-        self.texels.extend_from_slice(&mip_chain(texture).texels);
-        self.textures_dirty = true;
-        self.textures.len() - 1
+    /// Moves the remaining meshes to the start of the buffers. They are uploaded again.
+    fn compact(&mut self) {
+        let (vertices, triangles) =
+            (core::mem::take(&mut self.vertices), core::mem::take(&mut self.triangles));
+        self.indices.clear();
+        for (mesh_idx, mesh) in self.meshes.values_mut().enumerate() {
+            let MeshRange { first_triangle, n_triangles, .. } = mesh.range;
+            let (old_first, new_first) = (mesh.first_vertex, self.vertices.len() as u32);
+            mesh.range.mesh_idx = mesh_idx;
+            (mesh.range.first_triangle, mesh.first_vertex) = (self.triangles.len() as u32, new_first);
+            self.vertices.extend_from_slice(&vertices[old_first as usize..][..mesh.n_vertices as usize]);
+            for &[a, b, c, axis] in &triangles[first_triangle as usize..][..n_triangles as usize] {
+                let corners = [a, b, c].map(|i| i - old_first + new_first);
+                self.triangles.push([corners[0], corners[1], corners[2], axis]);
+                self.indices.push(corners);
+            }
+        }
+        [self.n_uploaded[0], self.n_uploaded[1]] = [0; 2];
     }
 }

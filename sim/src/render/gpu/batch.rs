@@ -1,6 +1,8 @@
 //! Host-side preparation of a chunk of views: device records and draw lists.
 
-use super::assets::Assets;
+use rayon::prelude::*;
+
+use super::assets::{Assets, MeshRange};
 use super::draw_list::DrawList;
 use super::records::{
     InstanceRecord, MAX_INSTANCES, NONE, SunRecord, TRIANGLE_BITS, ViewRecord, padded, rows,
@@ -30,6 +32,17 @@ pub(super) struct ViewBatch {
     pub(super) n_shadow_pixels: u32,
     /// Largest side of an image in px.
     pub(super) max_side: u32,
+    /// Index of the view whose env each shadow map belongs to.
+    map_views: Vec<usize>,
+    /// Images, followed by shadow maps, before they are combined.
+    prepared: Vec<PreparedView>,
+}
+
+/// Records of one view. Any thread may prepare it.
+struct PreparedView {
+    record: ViewRecord,
+    instances: Vec<InstanceRecord>,
+    meshes: Vec<MeshRange>,
 }
 
 impl ViewBatch {
@@ -44,84 +57,130 @@ impl ViewBatch {
             n_pixels: 0,
             n_shadow_pixels: 0,
             max_side: 0,
+            map_views: Vec::new(),
+            prepared: Vec::new(),
         }
     }
 
-    /// Replaces the contents of the batch by `views`.
+    /// Replaces the contents of the batch by `views`. Views are prepared in parallel, on the current rayon
+    /// pool, and combined in their order.
     pub(super) fn fill(&mut self, views: &[View<'_>], assets: &mut Assets) {
+        self.clear();
+        self.n_images = views.len() as u32;
+        for (i, view) in views.iter().enumerate() {
+            // The images of an env are consecutive and share a shadow map.
+            if i == 0 || !view.is_same_env(&views[i - 1]) {
+                assets.add_scene(view.scene);
+                if view.scene.shadow_centre.is_some() {
+                    self.map_views.push(i);
+                }
+            }
+        }
+        let n = views.len() + self.map_views.len();
+        if self.prepared.len() < n {
+            self.prepared.resize_with(n, PreparedView::new);
+        }
+        let (images, maps) = self.prepared[..n].split_at_mut(views.len());
+        let assets = &*assets;
+        images.par_iter_mut().zip(views).for_each(|(prepared, view)| prepared.image(view, assets));
+        maps.par_iter_mut().zip(&self.map_views).for_each(|(prepared, i)| {
+            prepared.shadow_map(&views[*i], assets);
+        });
+        for idx in 0..n {
+            self.append(idx);
+        }
+        self.link_shadow_maps(views);
+    }
+
+    fn clear(&mut self) {
         self.views.clear();
         self.instances.clear();
         self.images.clear();
         self.shadow_maps.clear();
+        self.map_views.clear();
         (self.n_pixels, self.n_shadow_pixels, self.max_side) = (0, 0, 0);
-        self.n_images = views.len() as u32;
-        for view in views {
-            self.add_image(view, assets);
-        }
-        // The images of an env are consecutive and share a shadow map.
-        let mut map = NONE;
-        for (i, view) in views.iter().enumerate() {
-            let shares = i > 0 && view.is_same_env(&views[i - 1]);
-            if !shares {
-                map = self.add_map(view, assets);
-            }
-            self.views[i].shadow_map = map;
-        }
     }
 
-    fn add_image(&mut self, view: &View<'_>, assets: &mut Assets) {
+    /// Appends a prepared view.
+    fn append(&mut self, idx: usize) {
+        let PreparedView { record, instances, meshes } = &self.prepared[idx];
+        let (view, first_instance) = (idx as u32, self.instances.len() as u32);
+        let n_pixels = record.side * record.side;
+        let (first_pixel, layer, draw_list) = if view < self.n_images {
+            self.max_side = self.max_side.max(record.side);
+            self.n_pixels += n_pixels;
+            (self.n_pixels - n_pixels, view, &mut self.images)
+        } else {
+            self.n_shadow_pixels += n_pixels;
+            (self.n_shadow_pixels - n_pixels, view - self.n_images, &mut self.shadow_maps)
+        };
+        self.views.push(ViewRecord { first_pixel, layer, first_instance, ..*record });
+        self.instances.extend(instances.iter().map(|instance| InstanceRecord { view, ..*instance }));
+        for (instance, mesh) in (first_instance..).zip(meshes) {
+            draw_list.add(*mesh, instance);
+        }
+        draw_list.end_view();
+    }
+
+    /// Points each image at the shadow map of its env.
+    fn link_shadow_maps(&mut self, views: &[View<'_>]) {
+        let mut maps = (self.n_images..).zip(&self.map_views).peekable();
+        let mut current = NONE;
+        for (i, view) in views.iter().enumerate() {
+            if let Some((map, _)) = maps.next_if(|(_, first)| **first == i) {
+                current = map;
+            }
+            let has_map = view.scene.shadow_centre.is_some();
+            self.views[i].shadow_map = if has_map { current } else { NONE };
+        }
+    }
+}
+
+impl PreparedView {
+    fn new() -> Self {
+        Self { record: bytemuck::Zeroable::zeroed(), instances: Vec::new(), meshes: Vec::new() }
+    }
+
+    /// Replaces the contents by an image of the instances that its camera may see.
+    fn image(&mut self, view: &View<'_>, assets: &Assets) {
         let camera = &view.scene.cameras[view.camera_idx];
         let view_from_world = camera.view_from_world(view.snapshot);
-        let view_idx = self.views.len() as u32;
-        let record = ViewRecord {
-            first_pixel: self.n_pixels,
-            layer: view_idx,
-            first_instance: self.instances.len() as u32,
-            ..image_record(view, camera, &view_from_world)
-        };
-        self.views.push(record);
-        self.n_pixels += record.side * record.side;
-        self.max_side = self.max_side.max(record.side);
+        self.begin(image_record(view, camera, &view_from_world));
         for instance in &view.scene.instances {
             let view_from_mesh = view_from_world.compose(&instance.world_from_mesh(view.snapshot));
             let mesh = instance.mesh();
             if camera.may_intersect_sphere(&view_from_mesh, mesh.centre, mesh.radius) {
-                let first = record.first_instance;
-                let record =
-                    instance_record(instance, &view_from_mesh, view_idx, first, self.instances.len(), assets);
-                self.images.add(assets.mesh(instance), self.instances.len() as u32);
-                self.instances.push(record);
+                self.add(instance, &view_from_mesh, assets);
             }
         }
-        self.images.end_view();
     }
 
-    /// Adds the shadow map of a view's env. Returns its view index, or [`NONE`] if the scene has no shadows.
-    fn add_map(&mut self, view: &View<'_>, assets: &mut Assets) -> u32 {
-        let Some(centre) = view.scene.shadow_centre else { return NONE };
-        let map_from_world = map_from_world(view.scene.suns[0].towards, centre);
-        let view_idx = self.views.len() as u32;
-        let first_instance = self.instances.len() as u32;
-        self.views.push(ViewRecord {
+    /// Replaces the contents by the shadow map of a view's env.
+    fn shadow_map(&mut self, view: &View<'_>, assets: &Assets) {
+        self.begin(ViewRecord {
             side: SHADOW_MAP_SIDE,
-            first_pixel: self.n_shadow_pixels,
-            layer: view_idx - self.n_images,
             half_px: SHADOW_MAP_SIDE as f32 / 2.0,
-            first_instance,
             shadow_map: NONE,
             ..bytemuck::Zeroable::zeroed()
         });
-        self.n_shadow_pixels += SHADOW_MAP_SIDE * SHADOW_MAP_SIDE;
+        let Some(centre) = view.scene.shadow_centre else { return };
+        let map_from_world = map_from_world(view.scene.suns[0].towards, centre);
         for instance in view.scene.instances.iter().filter(|instance| instance.casts_shadow()) {
             let map_from_mesh = map_from_world.compose(&instance.world_from_mesh(view.snapshot));
-            let instance_idx = self.instances.len();
-            let record =
-                instance_record(instance, &map_from_mesh, view_idx, first_instance, instance_idx, assets);
-            self.instances.push(record);
-            self.shadow_maps.add(assets.mesh(instance), instance_idx as u32);
+            self.add(instance, &map_from_mesh, assets);
         }
-        self.shadow_maps.end_view();
-        view_idx
+    }
+
+    fn begin(&mut self, record: ViewRecord) {
+        self.record = record;
+        self.instances.clear();
+        self.meshes.clear();
+    }
+
+    fn add(&mut self, instance: &Instance, view_from_mesh: &Affine3, assets: &Assets) {
+        let mesh = assets.mesh(instance);
+        self.instances.push(instance_record(instance, view_from_mesh, mesh, self.instances.len(), assets));
+        self.meshes.push(mesh);
     }
 }
 
@@ -147,17 +206,15 @@ fn image_record(view: &View<'_>, camera: &PinholeCamera, view_from_world: &Affin
     }
 }
 
+/// Returns the record of an instance, but for the index of its view.
 fn instance_record(
     instance: &Instance,
     view_from_mesh: &Affine3,
-    view: u32,
-    first_instance: u32,
-    instance_idx: usize,
-    assets: &mut Assets,
+    mesh: MeshRange,
+    idx_in_view: usize,
+    assets: &Assets,
 ) -> InstanceRecord {
-    let mesh = assets.mesh(instance);
-    let idx_in_view = instance_idx as u32 - first_instance;
-    assert!((idx_in_view as usize) < MAX_INSTANCES, "a view has at most {MAX_INSTANCES} instances");
+    assert!(idx_in_view < MAX_INSTANCES, "a view has at most {MAX_INSTANCES} instances");
     let material = &instance.material;
     let tile_m = material.texture.map_or(1.0, |texture| mip_chain(texture).tile_m);
     InstanceRecord {
@@ -166,10 +223,10 @@ fn instance_record(
         specular: material.specular,
         tiles: instance.scale.map(|scale| scale * (1.0 / tile_m)),
         texture: material.texture.map_or(NONE, |texture| assets.texture(texture)),
-        view,
+        view: 0,
         first_triangle: mesh.first_triangle,
         n_triangles: mesh.n_triangles,
-        first_id: idx_in_view << TRIANGLE_BITS,
+        first_id: (idx_in_view as u32) << TRIANGLE_BITS,
         metallic: material.metallic,
         padding: [0; 3],
     }

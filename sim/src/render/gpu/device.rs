@@ -18,6 +18,8 @@ pub(super) struct Gpu {
     pub(super) queue: wgpu::Queue,
     /// Name of the adapter and its driver, for messages.
     pub(super) name: String,
+    /// Maximum size of a storage buffer that is bound as a whole.
+    pub(super) max_buffer_bytes: u64,
     first_error: FirstError,
 }
 
@@ -31,7 +33,11 @@ impl Gpu {
     /// # Errors
     /// If the driver rejects the request.
     pub(super) fn open(selected: SelectedAdapter) -> Result<Self, OpenRendererError> {
-        let (required_features, required_limits) = adapter::required(selected.visibility);
+        let (required_features, mut required_limits) = adapter::required(selected.visibility);
+        let available = selected.adapter.limits();
+        let max_buffer_bytes = available.max_storage_buffer_binding_size.min(available.max_buffer_size);
+        required_limits.max_storage_buffer_binding_size = available.max_storage_buffer_binding_size;
+        required_limits.max_buffer_size = available.max_buffer_size;
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("hypogeum"),
             required_features,
@@ -47,7 +53,7 @@ impl Gpu {
             on_lost.set(format!("the device was lost ({reason:?}): {message}"));
         });
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.set(error.to_string())));
-        Ok(Self { device, queue, name: selected.name, first_error })
+        Ok(Self { device, queue, name: selected.name, max_buffer_bytes, first_error })
     }
 
     /// Checks the error state.

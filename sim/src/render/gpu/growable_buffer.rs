@@ -5,8 +5,8 @@ use super::device::Gpu;
 /// Minimum size of a buffer in bytes, because bindings must not be empty.
 const MIN_BYTES: u64 = 256;
 
-/// A storage buffer that is replaced by one of a larger power-of-two size when it is too small. Growing
-/// discards the contents.
+/// A storage buffer that is replaced by a larger one when it is too small. Sizes are powers of two, within the
+/// device's limit. Growing discards the contents.
 pub(super) struct GrowableBuffer {
     label: &'static str,
     usage: wgpu::BufferUsages,
@@ -25,7 +25,8 @@ impl GrowableBuffer {
         if n_bytes <= self.buffer.size() {
             return false;
         }
-        self.buffer = create(gpu, self.label, self.usage, n_bytes.next_power_of_two());
+        let size = n_bytes.next_power_of_two().min(gpu.max_buffer_bytes).max(n_bytes);
+        self.buffer = create(gpu, self.label, self.usage, size);
         true
     }
 
@@ -34,6 +35,16 @@ impl GrowableBuffer {
         let bytes = bytemuck::cast_slice(items);
         let reallocated = self.reserve(gpu, bytes.len() as u64);
         gpu.queue.write_buffer(&self.buffer, 0, bytes);
+        reallocated
+    }
+
+    /// Writes all `items`, of which the first `n_written` are already in the buffer unless it has to be
+    /// reallocated. Returns `true` if it was.
+    pub(super) fn append<T: bytemuck::NoUninit>(&mut self, gpu: &Gpu, items: &[T], n_written: usize) -> bool {
+        let reallocated = self.reserve(gpu, size_of_val(items) as u64);
+        let first = if reallocated { 0 } else { n_written };
+        let offset = (first * size_of::<T>()) as u64;
+        gpu.queue.write_buffer(&self.buffer, offset, bytemuck::cast_slice(&items[first..]));
         reallocated
     }
 }

@@ -1,8 +1,9 @@
 //! GPU renderer on wgpu and Vulkan. A visibility pass finds the triangle of each pixel, a compute kernel
 //! shades it, and the packed bytes are copied into the observation. `SHADING.md` defines the image.
 //!
-//! Views are rendered in chunks: while the device renders one, the CPU prepares the next. An image depends
-//! only on its view and the device, not on the other views.
+//! Views are rendered in chunks: while the device renders one, the CPU prepares the next. Preparation and the
+//! copy of the images run on the current rayon pool. An image depends only on its view and the device, not on
+//! the other views.
 
 mod adapter;
 mod assets;
@@ -153,6 +154,7 @@ impl Renderer for GpuRenderer {
         views.iter().for_each(View::check);
         self.timings = Timings::default();
         self.gpu.check()?;
+        self.pipeline.begin_batch();
         let (mut from, mut previous) = (0, None);
         for chunk_idx in 0.. {
             let chunk = chunk(views, from);

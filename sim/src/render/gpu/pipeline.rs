@@ -61,6 +61,11 @@ impl ImagePipeline {
         }
     }
 
+    /// Begins a call of the renderer, which consists of several chunks.
+    pub(super) fn begin_batch(&mut self) {
+        self.shared.assets.begin_batch();
+    }
+
     /// Uploads views and encodes the commands that render them. The images are stored consecutively in the
     /// returned buffer.
     pub(super) fn encode(
@@ -70,7 +75,7 @@ impl ImagePipeline {
         encoder: &mut wgpu::CommandEncoder,
     ) -> &wgpu::Buffer {
         let Self { shared, batch, visibility, shading } = self;
-        shared.assets.evict_if_full();
+        shared.assets.evict_if_full(gpu);
         batch.fill(views, &mut shared.assets);
         let mut stale = shared.assets.upload(gpu);
         stale |= visibility.reserve(gpu, batch);

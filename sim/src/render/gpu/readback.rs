@@ -2,6 +2,8 @@
 
 use std::sync::mpsc::{Receiver, sync_channel};
 
+use rayon::prelude::*;
+
 use super::device::Gpu;
 use crate::render::{RenderError, View};
 
@@ -11,6 +13,8 @@ pub(super) struct Readback {
     buffer: Option<wgpu::Buffer>,
     /// The submission that has not been collected yet.
     pending: Option<Pending>,
+    /// Start of each image in the buffer.
+    offsets: Vec<usize>,
 }
 
 struct Pending {
@@ -53,7 +57,7 @@ impl Readback {
         gpu.check()
     }
 
-    /// Copies the images of the completed submission into its views.
+    /// Copies the images of the completed submission into its views, on the current rayon pool.
     ///
     /// # Errors
     /// If the buffer cannot be read.
@@ -61,12 +65,16 @@ impl Readback {
         let (Some(pending), Some(buffer)) = (self.pending.take(), &self.buffer) else { return Ok(()) };
         match buffer.get_mapped_range(..pending.n_bytes) {
             Ok(bytes) => {
-                let mut bytes = &bytes[..];
-                for view in views {
-                    let (image, rest) = bytes.split_at(view.out.len());
-                    view.out.copy_from_slice(image);
-                    bytes = rest;
-                }
+                self.offsets.clear();
+                let mut end = 0;
+                self.offsets.extend(views.iter().map(|view| {
+                    end += view.out.len();
+                    end - view.out.len()
+                }));
+                let bytes = &bytes[..];
+                views.par_iter_mut().zip(&self.offsets).for_each(|(view, offset)| {
+                    view.out.copy_from_slice(&bytes[*offset..][..view.out.len()]);
+                });
             }
             Err(error) => gpu.fail(error.to_string()),
         }

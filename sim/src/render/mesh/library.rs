@@ -5,7 +5,7 @@ use super::generate::unit_solids;
 use super::sdf::panda;
 
 /// Identifier of a library mesh.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(in crate::render) enum MeshId {
     /// The square |x|, |y| ≤ 1 at z = 0, facing +z.
     Quad,

@@ -45,7 +45,7 @@ pub(in crate::render) enum MeshSource {
 }
 
 /// Identity of a mesh. Meshes with the same contents have the same key, in every process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(in crate::render) enum MeshKey {
     /// A mesh of the library.
     Library(MeshId),
