@@ -5,8 +5,8 @@ use super::device::Gpu;
 /// Minimum size of a buffer in bytes, because bindings must not be empty.
 const MIN_BYTES: u64 = 256;
 
-/// A storage buffer that is replaced by a larger one when it is too small. Sizes are powers of two, within the
-/// device's limit. Growing discards the contents.
+/// A storage buffer that is replaced by a larger one when it is too small. Sizes are powers of two, within
+/// the device's limit. Growing discards the contents.
 pub(super) struct GrowableBuffer {
     label: &'static str,
     usage: wgpu::BufferUsages,
