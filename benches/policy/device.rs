@@ -18,10 +18,10 @@ use super::Batch;
 /// Envs of a batch.
 const BATCHES: [usize; 4] = [1, 8, 32, 128];
 /// Largest batch on a software driver.
-const MAX_SOFTWARE_BATCH: usize = 8;
+const MAX_SOFTWARE_BATCH: usize = 1;
 /// Batches in flight, as in a policy host.
 const DEPTH: usize = 2;
-/// Rounds of a measurement, of which the median counts.
+/// Rounds of a measurement on a GPU, of which the median counts.
 const ROUNDS: usize = 5;
 /// Queries of a round on a GPU.
 const ROUND_QUERIES: usize = 1024;
@@ -62,7 +62,8 @@ pub(super) fn measure(kind: DeviceKind, report: &mut Report) -> Result<()> {
             };
             let mut batch = Batch::new(morphology, n_envs);
             stream(&mut policy, &mut batch, DEPTH)?;
-            let rates = (0..ROUNDS).map(|_| {
+            let n_rounds = if kind == DeviceKind::Hardware { ROUNDS } else { 1 };
+            let rates = (0..n_rounds).map(|_| {
                 let seconds = stream(&mut policy, &mut batch, n_batches)?;
                 Ok((n_batches * n_envs) as f64 / seconds)
             });

@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use crate::spec::PolicySpec;
 
-/// What a user asks for.
+/// A request for a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceRequest {
     /// Kind of device.
@@ -129,7 +129,8 @@ pub fn request_of(identity: Option<&str>) -> DeviceRequest {
         Some(identity) if identity.starts_with(SOFTWARE) => DeviceChoice::Software,
         Some(_) => DeviceChoice::Gpu,
     };
-    DeviceRequest { choice, index: identity.and_then(index_of) }
+    // The first adapter is the default, for which the renderer may fall back to the CPU.
+    DeviceRequest { choice, index: identity.and_then(index_of).filter(|index| *index > 0) }
 }
 
 /// Returns the index of the adapter with this identity among those of its kind.

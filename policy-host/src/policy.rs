@@ -65,8 +65,8 @@ pub trait Policy: Send {
     }
 }
 
-/// [`Policy::act`] in two parts, between which a device computes and the host prepares the next batch. Batches
-/// are collected or discarded in the order in which they were submitted.
+/// [`Policy::act`] in two parts, between which a device computes and the host prepares the next batch.
+/// Batches are collected or discarded in the order in which they were submitted.
 pub trait PolicyPipeline {
     /// Copies what the policy needs of an observation and starts computing its chunks.
     ///

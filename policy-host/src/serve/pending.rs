@@ -11,7 +11,7 @@ use crate::policy::PolicyError;
 pub(super) struct PendingAnswer {
     pub(super) header: ObservationHeader,
     pub(super) message: ObservationMessage,
-    /// Whether the policy's pipeline has accepted it; `Ok` if it has none.
+    /// Outcome of its submission to the policy's pipeline; `Ok` if it has none.
     pub(super) submitted: Result<(), QueryError>,
 }
 

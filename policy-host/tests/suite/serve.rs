@@ -206,7 +206,7 @@ fn device_holds_two_observations() {
     let header = ObservationHeader { run: RUN, epoch: 3, ..batch.header };
     let numbered = |sequence| ObservationHeader { sequence, ..header }.with_checksum(&batch.pages);
     for round in 0..2 {
-        // The second is invalid, or its checksum is: the device computes the first and the third all the same.
+        // The second is invalid, or its checksum is: the device computes the others all the same.
         let bad = [
             ObservationHeader { run: 1, sequence: 1, ..header }.with_checksum(&batch.pages),
             ObservationHeader { sequence: 1, ..header },

@@ -27,8 +27,8 @@ pub(super) struct GpuNetwork {
     capacity: usize,
     /// Words of a sample in `first_tokens`.
     n_leading_words: usize,
-    /// Tokens before those of the images `[n, n_leading, d]`, and whether there is an instruction, of the next
-    /// batch.
+    /// Inputs of the next batch: tokens before those of the images `[n, n_leading, d]`, and 1 for samples
+    /// with an instruction.
     tokens: Vec<f32>,
     is_present: Vec<u32>,
     /// Chunk `[horizon, action_dim]` of the current sample.

@@ -27,7 +27,8 @@ pub(super) struct SelectedAdapter {
 /// Selects an adapter by kind and index.
 ///
 /// # Errors
-/// If there is none, or it does not meet all requirements. The error lists the adapters found and the capabilities that each lacks.
+/// If there is none, or it does not meet all requirements. The error lists the adapters found and the
+/// capabilities that each lacks.
 pub(super) fn select(kind: AdapterKind, options: &GpuOptions) -> Result<SelectedAdapter, OpenRendererError> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,

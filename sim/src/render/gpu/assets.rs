@@ -51,8 +51,9 @@ pub(super) struct Assets {
     n_uploaded: [usize; 3],
     /// Number of the current batch.
     batch: u64,
-    /// Number of vertices above which [`Self::begin_batch`] removes unused meshes.
+    /// Number of vertices above which [`Self::begin_batch`] removes unused meshes, and the least such number.
     max_vertices: usize,
+    pub(super) min_eviction_vertices: usize,
     pub(super) vertex_buffer: GrowableBuffer,
     pub(super) triangle_buffer: GrowableBuffer,
     pub(super) index_buffer: GrowableBuffer,
@@ -73,7 +74,8 @@ impl Assets {
             texels: Vec::new(),
             n_uploaded: [0; 3],
             batch: 0,
-            max_vertices: MIN_EVICTION_VERTICES,
+            max_vertices: 0,
+            min_eviction_vertices: MIN_EVICTION_VERTICES,
             vertex_buffer: buffer("vertices", none),
             triangle_buffer: buffer("triangles", none),
             index_buffer: buffer("indices", wgpu::BufferUsages::INDEX),
@@ -101,6 +103,12 @@ impl Assets {
         }
     }
 
+    /// Returns the number of vertices of all resident meshes.
+    #[cfg(test)]
+    pub(super) fn n_vertices(&self) -> usize {
+        self.vertices.len()
+    }
+
     /// Returns the location of an instance's mesh.
     ///
     /// # Panics
@@ -121,11 +129,11 @@ impl Assets {
     /// The next removal is due when the number has doubled, so that a batch whose own meshes exceed the
     /// limit does not upload them every time. Invalidates all mesh ranges.
     pub(super) fn begin_batch(&mut self) {
-        if self.vertices.len() > self.max_vertices {
+        if self.vertices.len() > self.max_vertices.max(self.min_eviction_vertices) {
             let last_batch = self.batch;
             self.meshes.retain(|_, mesh| mesh.last_batch == last_batch);
             self.compact();
-            self.max_vertices = MIN_EVICTION_VERTICES.max(2 * self.vertices.len());
+            self.max_vertices = 2 * self.vertices.len();
         }
         self.batch += 1;
     }

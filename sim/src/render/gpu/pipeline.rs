@@ -20,7 +20,7 @@ pub(super) struct SharedBuffers {
 
 /// The visibility and shading passes, with the batch that is being prepared.
 pub(super) struct ImagePipeline {
-    shared: SharedBuffers,
+    pub(super) shared: SharedBuffers,
     batch: ViewBatch,
     visibility: VisibilityPass,
     shading: ShadingPass,
