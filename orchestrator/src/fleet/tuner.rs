@@ -339,9 +339,9 @@ mod tests {
     #[test]
     fn envs_fill_batches_of_gpu_but_no_more() {
         let gpu = |gpu_s, gpu_width| FakeMachine { gpu_s, gpu_width, ..FakeMachine::new(0.0, 1e-4, 0.0) };
-        let numbers = gpu(0.2, 32.0).tuned(Duration::from_secs(30));
+        let numbers = gpu(0.03, 32.0).tuned(Duration::from_secs(45));
         assert_eq!(numbers, [16, 64, 256, 64], "batches of 32 are full with 64 envs, two of them in flight");
-        let numbers = gpu(0.2, 1.0).tuned(Duration::from_secs(30));
+        let numbers = gpu(0.1, 1.0).tuned(Duration::from_secs(30));
         assert_eq!(numbers, [16, 64, 16], "they are full with any number");
     }
 
