@@ -41,8 +41,7 @@ const FINGER_COUPLING: MultibodyDofCoupling = MultibodyDofCoupling {
     coeff: 1.0,
     offset: 0.0,
 };
-/// Maximum speed of a joint after a physics step, in rad/s or m/s: the default of PhysX, which the original
-/// does not change.
+/// Maximum speed of a joint after a physics step, in rad/s or m/s: the default of PhysX.
 const MAX_JOINT_SPEED: f32 = 100.0;
 /// Minimum force on each finger for a grasp, in N.
 const MIN_GRASP_FORCE_N: f32 = 0.5;
