@@ -40,10 +40,14 @@ fn results_depend_on_device_but_not_batch() {
     let _ = evaluate(dir.path(), "4.db", &[&software[..], &["--envs", "4"]].concat()).expect_code(0);
     assert_eq!(rows(&dir.path().join("4.db")), alone);
 
-    // The file knows its device, and verification returns to it.
+    // A file knows its device and its renderer, and verification returns to both.
     let refused = evaluate(dir.path(), "4.db", &["--policy-device", "cpu"]).expect_code(2);
     assert!(refused.stderr.contains(" on software: "), "{}", refused.stderr);
     let verified = run(dir.path(), &["verify", "4.db"]).expect_code(0);
+    assert!(verified.stderr.contains("8 of 8 episodes agree"), "{}", verified.stderr);
+    let drawn = ["--renderer", "software", "--policy-device", "cpu"];
+    let _ = evaluate(dir.path(), "drawn.db", &drawn).expect_code(0);
+    let verified = run(dir.path(), &["verify", "drawn.db"]).expect_code(0);
     assert!(verified.stderr.contains("8 of 8 episodes agree"), "{}", verified.stderr);
     let cpu = evaluate(dir.path(), "cpu.db", &["--policy-device", "cpu"]).expect_code(0);
     assert!(!cpu.stderr.contains("software"), "{}", cpu.stderr);

@@ -139,17 +139,24 @@ fn config(file: &ResultsFile, args: &VerifyArgs) -> anyhow::Result<RunConfig> {
         }
     }
     if let Some(identity) = file.manifest.get("renderer").and_then(Value::as_str) {
-        config.rendering = image_options(identity);
+        let choice =
+            file.manifest.get("environment").and_then(|environment| environment["renderer"].as_str());
+        config.rendering = image_options(identity, choice);
     }
     config.resources.envs = Amount::Fixed(args.envs);
     config.resources.threads = args.threads.map_or(config.resources.threads, Amount::Fixed);
     Ok(config)
 }
 
-/// Returns the options that lead to a renderer with this identity, if the machine has one.
-fn image_options(identity: &str) -> ImageOptions {
+/// Returns the options that lead to a renderer with this identity, which was opened by `choice`, if the
+/// machine has one.
+fn image_options(identity: &str, choice: Option<&str>) -> ImageOptions {
     let samples = if identity.ends_with("with 4 samples per pixel") { Samples::Four } else { Samples::One };
-    let renderer = if identity.starts_with("cpu") { RendererChoice::Cpu } else { RendererChoice::Gpu };
+    let renderer = match choice {
+        _ if identity.starts_with("cpu") => RendererChoice::Cpu,
+        Some("software") => RendererChoice::Software,
+        _ => RendererChoice::Gpu,
+    };
     ImageOptions { renderer, samples }
 }
 
