@@ -22,16 +22,24 @@ fn evaluate(dir: &Path, db: &str, extra: &[&str]) -> FinishedRun {
     run(dir, &args)
 }
 
-#[test]
+/// Returns `true` if a run has found no software driver, and none is required.
 #[expect(clippy::print_stderr, reason = "a skipped test prints the reason")]
+fn is_without_driver(run: &FinishedRun) -> bool {
+    let is_without = run.stderr.contains("no software Vulkan driver");
+    if is_without {
+        let required = std::env::var_os("HYPOGEUM_REQUIRE_VULKAN").is_some_and(|value| value == "1");
+        assert!(!required, "HYPOGEUM_REQUIRE_VULKAN is set, but {}", run.stderr);
+        eprintln!("skipped: {}", run.stderr);
+    }
+    is_without
+}
+
+#[test]
 fn results_depend_on_device_but_not_batch() {
     let dir = tempfile::tempdir().unwrap();
     let software = ["--policy-device", "software"];
     let first = evaluate(dir.path(), "1.db", &[&software[..], &["--envs", "1"]].concat());
-    if first.stderr.contains("no software Vulkan driver") {
-        let required = std::env::var_os("HYPOGEUM_REQUIRE_VULKAN").is_some_and(|value| value == "1");
-        assert!(!required, "HYPOGEUM_REQUIRE_VULKAN is set, but {}", first.stderr);
-        eprintln!("skipped: {}", first.stderr);
+    if is_without_driver(&first) {
         return;
     }
     let _ = first.expect_code(0);
@@ -57,7 +65,6 @@ fn results_depend_on_device_but_not_batch() {
 
 /// π0.5's prompts differ in length from sample to sample.
 #[test]
-#[expect(clippy::print_stderr, reason = "a skipped test prints the reason")]
 fn pi05_on_device_does_not_depend_on_batch() {
     const PI05: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../policy-host/tests/data/pi05/robot");
     let dir = tempfile::tempdir().unwrap();
@@ -68,10 +75,7 @@ fn pi05_on_device_does_not_depend_on_batch() {
         run(dir.path(), &[&args[..], &options, &["--renderer", "cpu", "--db", db, "--envs", envs]].concat())
     };
     let first = evaluate("1.db", "1");
-    if first.stderr.contains("no software Vulkan driver") {
-        let required = std::env::var_os("HYPOGEUM_REQUIRE_VULKAN").is_some_and(|value| value == "1");
-        assert!(!required, "HYPOGEUM_REQUIRE_VULKAN is set, but {}", first.stderr);
-        eprintln!("skipped: {}", first.stderr);
+    if is_without_driver(&first) {
         return;
     }
     let _ = first.expect_code(0);

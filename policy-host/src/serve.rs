@@ -209,7 +209,7 @@ impl<W: Write> Host<W> {
             if self.pending.len() < self.depth
                 && let Some(message) = self.lane.receive()?
             {
-                self.begin(message)?;
+                self.begin(message);
                 last_message = Instant::now();
             } else if self.is_answer_due() {
                 self.answer()?;
@@ -235,7 +235,7 @@ impl<W: Write> Host<W> {
     }
 
     /// Starts computing the answer to a message, if the policy has a pipeline.
-    fn begin(&mut self, message: ObservationMessage) -> Result<(), ServeError> {
+    fn begin(&mut self, message: ObservationMessage) {
         let mut pending = PendingAnswer { header: *message.header(), message, submitted: Ok(()) };
         if let Some(pipeline) = self.policy.pipeline() {
             let start = ProcessTime::now();
@@ -246,7 +246,6 @@ impl<W: Write> Host<W> {
             self.ledger.add_time(start);
         }
         self.pending.push_back(pending);
-        Ok(())
     }
 
     /// Returns `true` if nothing waits for the oldest answer.

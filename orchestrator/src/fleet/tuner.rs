@@ -12,8 +12,8 @@
 //! core-seconds s of physics per control step and the control steps k per query of the whole run: episodes
 //! differ in these by task, not by the number of envs.
 //!
-//! What a GPU computes costs no core time, but while the children wait for it, u falls: the prediction is
-//! then the speed that the GPU permits, which grows until its batches are full, and no longer.
+//! The work of a GPU takes no core time, but u falls while the children wait for it. The prediction is then
+//! the speed that the GPU permits, which grows only until its batches are full.
 //!
 //! While every env proceeds briskly, the first results are not delayed by more envs, and the tuner tries more
 //! even without a predicted gain. In larger batches the same code works longer on the same data, which makes

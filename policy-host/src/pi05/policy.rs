@@ -213,9 +213,7 @@ impl Pi05Engine {
         match self {
             Self::Cpu(model) => model.sample(input, actions, None),
             #[cfg(feature = "gpu")]
-            Self::Gpu(network) => network
-                .sample(input, actions)
-                .map_err(|error| PolicyError::Device { message: error.to_string() })?,
+            Self::Gpu(network) => network.sample(input, actions)?,
         }
         Ok(())
     }
