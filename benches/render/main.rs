@@ -231,6 +231,11 @@ fn measure_gpu(
     let options = GpuOptions { visibility, ..GpuOptions::default() };
     let mut renderer = GpuRenderer::open(kind, &options)?;
     let note = format!("{} triangles; {}", envs[0].scene.n_triangles(), renderer.name().replace(',', ""));
+    println!(
+        "chunks of up to {} envs, {} MiB of device memory",
+        renderer.max_chunk_envs(),
+        renderer.max_chunk_bytes() >> 20
+    );
     let n_envs = envs.len();
     let rate = best_rate(&mut renderer, envs)? * n_envs as f64;
     let case = format!("{}/all/envs{n_envs}", task.name());

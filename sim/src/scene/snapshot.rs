@@ -43,4 +43,10 @@ impl Snapshot {
             arms: vec![[Isometry3::identity(); N_LINKS]; n_arms],
         }
     }
+
+    /// Returns the number of poses.
+    #[must_use]
+    pub fn n_poses(&self) -> usize {
+        self.bodies.len() + self.arms.len() * N_LINKS
+    }
 }

@@ -69,7 +69,7 @@ pub(super) fn select(kind: AdapterKind, options: &GpuOptions) -> Result<Selected
 /// Returns the features and limits that a visibility method requires.
 pub(super) fn required(visibility: VisibilityMethod) -> (wgpu::Features, wgpu::Limits) {
     let features = match visibility {
-        VisibilityMethod::Raster => wgpu::Features::PRIMITIVE_INDEX,
+        VisibilityMethod::Raster => wgpu::Features::PRIMITIVE_INDEX | wgpu::Features::INDIRECT_FIRST_INSTANCE,
         VisibilityMethod::Compute => {
             wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX
         }

@@ -1,7 +1,7 @@
-//! Meshes and textures on the device. They are uploaded on first use and stay resident. Meshes that recent
-//! chunks have not shown are removed when they take up most of the memory.
+//! Meshes and textures on the device. They are uploaded on first use and stay resident. Meshes of scenes that
+//! no longer exist are removed when there are many.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::device::Gpu;
 use super::growable_buffer::GrowableBuffer;
@@ -18,10 +18,6 @@ const MIN_EVICTION_VERTICES: usize = 1 << 21;
 /// Location of a mesh in the device buffers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MeshRange {
-    /// Identifies the mesh.
-    pub(super) key: MeshKey,
-    /// Index of the mesh, in order of first use.
-    pub(super) mesh_idx: usize,
     /// Index of its first triangle.
     pub(super) first_triangle: u32,
     /// Number of triangles.
@@ -33,8 +29,6 @@ struct ResidentMesh {
     range: MeshRange,
     first_vertex: u32,
     n_vertices: u32,
-    /// Number of the last batch that showed the mesh.
-    last_batch: u64,
 }
 
 /// All meshes and textures used so far, with host copies of their buffers.
@@ -49,9 +43,9 @@ pub(super) struct Assets {
     texels: Vec<u32>,
     /// Lengths of `vertices`, `triangles` and `texels` at the last upload.
     n_uploaded: [usize; 3],
-    /// Number of the current batch.
-    batch: u64,
-    /// Number of vertices above which [`Self::begin_batch`] removes unused meshes, and the least such number.
+    /// Number of times that meshes have moved.
+    generation: u64,
+    /// Number of vertices above which there are many meshes, and the least such number.
     max_vertices: usize,
     pub(super) min_eviction_vertices: usize,
     pub(super) vertex_buffer: GrowableBuffer,
@@ -73,7 +67,7 @@ impl Assets {
             indices: Vec::new(),
             texels: Vec::new(),
             n_uploaded: [0; 3],
-            batch: 0,
+            generation: 0,
             max_vertices: 0,
             min_eviction_vertices: MIN_EVICTION_VERTICES,
             vertex_buffer: buffer("vertices", none),
@@ -83,16 +77,13 @@ impl Assets {
         }
     }
 
-    /// Adds the meshes and textures of a scene that are new, and marks all of its meshes as used.
+    /// Adds the meshes and textures of a scene that are new.
     pub(super) fn add_scene(&mut self, scene: &RenderScene) {
         for instance in &scene.instances {
             let key = instance.mesh.key();
             if !self.meshes.contains_key(&key) {
-                let mesh = self.add_mesh(key, instance.mesh());
+                let mesh = self.add_mesh(instance.mesh());
                 self.meshes.insert(key, mesh);
-            }
-            if let Some(mesh) = self.meshes.get_mut(&key) {
-                mesh.last_batch = self.batch;
             }
             if let Some(texture) = instance.material.texture
                 && !self.textures.contains_key(&texture)
@@ -125,21 +116,29 @@ impl Assets {
         self.textures[&texture]
     }
 
-    /// Begins a batch. If there are too many vertices, removes the meshes that the last batch has not shown.
-    /// The next removal is due when the number has doubled, so that a batch whose own meshes exceed the
-    /// limit does not upload them every time. Invalidates all mesh ranges.
-    pub(super) fn begin_batch(&mut self) {
-        if self.vertices.len() > self.max_vertices.max(self.min_eviction_vertices) {
-            let last_batch = self.batch;
-            self.meshes.retain(|_, mesh| mesh.last_batch == last_batch);
+    /// Returns the number of times that meshes have moved, which invalidates their locations.
+    pub(super) fn generation(&self) -> u64 {
+        self.generation
+    }
+
+    /// Returns `true` if there are so many meshes that unused ones should be removed.
+    pub(super) fn has_many_meshes(&self) -> bool {
+        self.vertices.len() > self.max_vertices.max(self.min_eviction_vertices)
+    }
+
+    /// Removes all meshes that are not `used`. The next removal is due when the number of vertices has
+    /// doubled, so that many scenes with meshes of their own do not cause one in every batch.
+    pub(super) fn retain(&mut self, used: &HashSet<MeshKey>) {
+        let n_before = self.meshes.len();
+        self.meshes.retain(|key, _| used.contains(key));
+        if self.meshes.len() < n_before {
             self.compact();
-            self.max_vertices = 2 * self.vertices.len();
         }
-        self.batch += 1;
+        self.max_vertices = 2 * self.vertices.len();
     }
 
     /// Removes all meshes if they take up half of the largest buffer that the device supports, so that the
-    /// next chunk finds room. Invalidates all mesh ranges.
+    /// next chunk finds room.
     pub(super) fn evict_if_full(&mut self, gpu: &Gpu) {
         let n_bytes = size_of_val(&self.vertices[..]).max(size_of_val(&self.triangles[..])) as u64;
         if n_bytes > gpu.max_buffer_bytes / 2 {
@@ -164,8 +163,8 @@ impl Assets {
         reallocated
     }
 
-    fn add_mesh(&mut self, key: MeshKey, mesh: &Mesh) -> ResidentMesh {
-        assert!(mesh.triangles.len() <= MAX_TRIANGLES, "{key:?} has {} triangles", mesh.triangles.len());
+    fn add_mesh(&mut self, mesh: &Mesh) -> ResidentMesh {
+        assert!(mesh.triangles.len() <= MAX_TRIANGLES, "a mesh has {} triangles", mesh.triangles.len());
         let (first_vertex, first_triangle) = (self.vertices.len() as u32, self.triangles.len() as u32);
         self.vertices.extend((0..mesh.n_vertices() as u32).map(|i| VertexRecord {
             position: padded(mesh.position(i)),
@@ -183,10 +182,9 @@ impl Assets {
         }
         let n_triangles = mesh.triangles.len() as u32;
         ResidentMesh {
-            range: MeshRange { key, mesh_idx: self.meshes.len(), first_triangle, n_triangles },
+            range: MeshRange { first_triangle, n_triangles },
             first_vertex,
             n_vertices: mesh.n_vertices() as u32,
-            last_batch: self.batch,
         }
     }
 
@@ -195,10 +193,9 @@ impl Assets {
         let (vertices, triangles) =
             (core::mem::take(&mut self.vertices), core::mem::take(&mut self.triangles));
         self.indices.clear();
-        for (mesh_idx, mesh) in self.meshes.values_mut().enumerate() {
-            let MeshRange { first_triangle, n_triangles, .. } = mesh.range;
+        for mesh in self.meshes.values_mut() {
+            let MeshRange { first_triangle, n_triangles } = mesh.range;
             let (old_first, new_first) = (mesh.first_vertex, self.vertices.len() as u32);
-            mesh.range.mesh_idx = mesh_idx;
             (mesh.range.first_triangle, mesh.first_vertex) = (self.triangles.len() as u32, new_first);
             self.vertices.extend_from_slice(&vertices[old_first as usize..][..mesh.n_vertices as usize]);
             for &[a, b, c, axis] in &triangles[first_triangle as usize..][..n_triangles as usize] {
@@ -208,5 +205,6 @@ impl Assets {
             }
         }
         [self.n_uploaded[0], self.n_uploaded[1]] = [0; 2];
+        self.generation += 1;
     }
 }

@@ -1,191 +1,144 @@
-//! Host-side preparation of a chunk of views: device records and draw lists.
+//! Host-side preparation of a chunk of views: one record per view, and the poses of their envs. The device
+//! derives the rest from the resident scenes.
 
-use rayon::prelude::*;
-
-use super::assets::{Assets, MeshRange};
-use super::draw_list::DrawList;
-use super::records::{
-    InstanceRecord, MAX_INSTANCES, NONE, SunRecord, TRIANGLE_BITS, ViewRecord, padded, rows,
-};
+use super::assets::Assets;
+use super::chunk::ChunkSize;
+use super::records::{NONE, PoseRecord, SunRecord, ViewRecord, padded, rows};
+use super::scenes::{ResidentScenes, SceneRange, push_poses};
 use super::shadow::map_from_world;
 use crate::render::View;
-use crate::render::math::affine::Affine3;
-use crate::render::scene::Instance;
-use crate::render::scene::camera::PinholeCamera;
+use crate::render::math::affine::Vec3;
 use crate::render::shading::SHADOW_MAP_SIDE;
-use crate::render::texture::mip_chain;
 
-/// Records and draw lists of a chunk of views. The allocations are reused from chunk to chunk.
+/// Records of a chunk of views. The allocations are reused from chunk to chunk.
+#[derive(Default)]
 pub(super) struct ViewBatch {
     /// Views of the images, followed by those of the shadow maps.
     pub(super) views: Vec<ViewRecord>,
-    pub(super) instances: Vec<InstanceRecord>,
-    /// Draw list of the images.
-    pub(super) images: DrawList,
-    /// Draw list of the shadow maps.
-    pub(super) shadow_maps: DrawList,
+    /// Poses of all envs.
+    pub(super) poses: Vec<PoseRecord>,
+    /// Size of the chunk.
+    pub(super) size: ChunkSize,
     /// Number of views that are images.
     pub(super) n_images: u32,
-    /// Total number of pixels of all images.
-    pub(super) n_pixels: u32,
-    /// Total number of texels of all shadow maps.
-    pub(super) n_shadow_pixels: u32,
     /// Largest side of an image in px.
     pub(super) max_side: u32,
-    /// Index of the view whose env each shadow map belongs to.
-    map_views: Vec<usize>,
-    /// Images, followed by shadow maps, before they are combined.
-    prepared: Vec<PreparedView>,
+    /// Shadow maps of the envs, in their order.
+    maps: Vec<ViewRecord>,
 }
 
-/// Records of one view. Any thread may prepare it.
-struct PreparedView {
-    record: ViewRecord,
-    instances: Vec<InstanceRecord>,
-    meshes: Vec<MeshRange>,
+/// The env whose images are being added.
+#[derive(Clone, Copy)]
+struct CurrentEnv {
+    scene: SceneRange,
+    first_pose: u32,
+    /// Index of its shadow map among all, if it has one.
+    map: Option<u32>,
 }
 
 impl ViewBatch {
-    /// Creates an empty batch.
-    pub(super) fn new() -> Self {
-        Self {
-            views: Vec::new(),
-            instances: Vec::new(),
-            images: DrawList::default(),
-            shadow_maps: DrawList::default(),
-            n_images: 0,
-            n_pixels: 0,
-            n_shadow_pixels: 0,
-            max_side: 0,
-            map_views: Vec::new(),
-            prepared: Vec::new(),
-        }
-    }
-
-    /// Replaces the contents of the batch by `views`. Views are prepared in parallel, on the current rayon
-    /// pool, and combined in their order.
-    pub(super) fn fill(&mut self, views: &[View<'_>], assets: &mut Assets) {
+    /// Replaces the contents of the batch by the first views, as many as the limit permits but at least one.
+    /// Returns their number.
+    pub(super) fn fill(
+        &mut self,
+        views: &[View<'_>],
+        limit: ChunkSize,
+        scenes: &mut ResidentScenes,
+        assets: &mut Assets,
+    ) -> usize {
         self.clear();
-        self.n_images = views.len() as u32;
+        let mut current = None;
         for (i, view) in views.iter().enumerate() {
-            // The images of an env are consecutive and share a shadow map.
-            if i == 0 || !view.is_same_env(&views[i - 1]) {
-                assets.add_scene(view.scene);
-                if view.scene.shadow_centre.is_some() {
-                    self.map_views.push(i);
-                }
+            // The images of an env are consecutive and share poses and a shadow map.
+            let env = current.filter(|_| view.is_same_env(&views[i - 1]));
+            let scene = env.map_or_else(|| scenes.locate(view.scene, assets), |env: CurrentEnv| env.scene);
+            let size = self.size.plus(size_of_view(view, scene, env.is_none()));
+            if i > 0 && !size.fits(limit) {
+                break;
             }
+            let env = env.unwrap_or_else(|| self.begin_env(view, scene));
+            self.push_image(view, env);
+            self.size = size;
+            current = Some(env);
         }
-        let n = views.len() + self.map_views.len();
-        if self.prepared.len() < n {
-            self.prepared.resize_with(n, PreparedView::new);
-        }
-        let (images, maps) = self.prepared[..n].split_at_mut(views.len());
-        let assets = &*assets;
-        images.par_iter_mut().zip(views).for_each(|(prepared, view)| prepared.image(view, assets));
-        maps.par_iter_mut().zip(&self.map_views).for_each(|(prepared, i)| {
-            prepared.shadow_map(&views[*i], assets);
-        });
-        for idx in 0..n {
-            self.append(idx);
-        }
-        self.link_shadow_maps(views);
+        self.append_shadow_maps();
+        self.n_images as usize
     }
 
     fn clear(&mut self) {
         self.views.clear();
-        self.instances.clear();
-        self.images.clear();
-        self.shadow_maps.clear();
-        self.map_views.clear();
-        (self.n_pixels, self.n_shadow_pixels, self.max_side) = (0, 0, 0);
+        self.poses.clear();
+        self.maps.clear();
+        self.size = ChunkSize::default();
+        (self.n_images, self.max_side) = (0, 0);
     }
 
-    /// Appends a prepared view.
-    fn append(&mut self, idx: usize) {
-        let PreparedView { record, instances, meshes } = &self.prepared[idx];
-        let (view, first_instance) = (idx as u32, self.instances.len() as u32);
-        let n_pixels = record.side * record.side;
-        let (first_pixel, layer, draw_list) = if view < self.n_images {
-            self.max_side = self.max_side.max(record.side);
-            self.n_pixels += n_pixels;
-            (self.n_pixels - n_pixels, view, &mut self.images)
-        } else {
-            self.n_shadow_pixels += n_pixels;
-            (self.n_shadow_pixels - n_pixels, view - self.n_images, &mut self.shadow_maps)
-        };
-        self.views.push(ViewRecord { first_pixel, layer, first_instance, ..*record });
-        self.instances.extend(instances.iter().map(|instance| InstanceRecord { view, ..*instance }));
-        for (instance, mesh) in (first_instance..).zip(meshes) {
-            draw_list.add(*mesh, instance);
-        }
-        draw_list.end_view();
-    }
-
-    /// Points each image at the shadow map of its env.
-    fn link_shadow_maps(&mut self, views: &[View<'_>]) {
-        let mut maps = (self.n_images..).zip(&self.map_views).peekable();
-        let mut current = NONE;
-        for (i, view) in views.iter().enumerate() {
-            if let Some((map, _)) = maps.next_if(|(_, first)| **first == i) {
-                current = map;
-            }
-            let has_map = view.scene.shadow_centre.is_some();
-            self.views[i].shadow_map = if has_map { current } else { NONE };
-        }
-    }
-}
-
-impl PreparedView {
-    fn new() -> Self {
-        Self { record: bytemuck::Zeroable::zeroed(), instances: Vec::new(), meshes: Vec::new() }
-    }
-
-    /// Replaces the contents by an image of the instances that its camera may see.
-    fn image(&mut self, view: &View<'_>, assets: &Assets) {
-        let camera = &view.scene.cameras[view.camera_idx];
-        let view_from_world = camera.view_from_world(view.snapshot);
-        self.begin(image_record(view, camera, &view_from_world));
-        for instance in &view.scene.instances {
-            let view_from_mesh = view_from_world.compose(&instance.world_from_mesh(view.snapshot));
-            let mesh = instance.mesh();
-            if camera.may_intersect_sphere(&view_from_mesh, mesh.centre, mesh.radius) {
-                self.add(instance, &view_from_mesh, assets);
-            }
-        }
-    }
-
-    /// Replaces the contents by the shadow map of a view's env.
-    fn shadow_map(&mut self, view: &View<'_>, assets: &Assets) {
-        self.begin(ViewRecord {
-            side: SHADOW_MAP_SIDE,
-            half_px: SHADOW_MAP_SIDE as f32 / 2.0,
-            shadow_map: NONE,
-            ..bytemuck::Zeroable::zeroed()
+    /// Adds the poses of a view's env, and its shadow map if it has one.
+    fn begin_env(&mut self, view: &View<'_>, scene: SceneRange) -> CurrentEnv {
+        let first_pose = self.poses.len() as u32;
+        push_poses(view.snapshot, &mut self.poses);
+        let map = view.scene.shadow_centre.map(|centre| {
+            let record = shadow_map_record(view.scene.suns[0].towards, centre);
+            self.maps.push(ViewRecord { first_pose, ..in_scene(record, scene) });
+            self.maps.len() as u32 - 1
         });
-        let Some(centre) = view.scene.shadow_centre else { return };
-        let map_from_world = map_from_world(view.scene.suns[0].towards, centre);
-        for instance in view.scene.instances.iter().filter(|instance| instance.casts_shadow()) {
-            let map_from_mesh = map_from_world.compose(&instance.world_from_mesh(view.snapshot));
-            self.add(instance, &map_from_mesh, assets);
+        CurrentEnv { scene, first_pose, map }
+    }
+
+    fn push_image(&mut self, view: &View<'_>, env: CurrentEnv) {
+        let record = ViewRecord {
+            first_pixel: self.size.pixels as u32,
+            first_instance: self.views.last().map_or(0, end_of_instances),
+            layer: self.n_images,
+            // Index among the shadow maps, until their place among all views is known.
+            shadow_map: env.map.unwrap_or(NONE),
+            first_pose: env.first_pose,
+            ..in_scene(image_record(view), env.scene)
+        };
+        self.max_side = self.max_side.max(record.side);
+        self.n_images += 1;
+        self.views.push(record);
+    }
+
+    fn append_shadow_maps(&mut self) {
+        let n_images = self.n_images;
+        for view in self.views.iter_mut().filter(|view| view.shadow_map != NONE) {
+            view.shadow_map += n_images;
         }
-    }
-
-    fn begin(&mut self, record: ViewRecord) {
-        self.record = record;
-        self.instances.clear();
-        self.meshes.clear();
-    }
-
-    fn add(&mut self, instance: &Instance, view_from_mesh: &Affine3, assets: &Assets) {
-        let mesh = assets.mesh(instance);
-        self.instances.push(instance_record(instance, view_from_mesh, mesh, self.instances.len(), assets));
-        self.meshes.push(mesh);
+        for (layer, map) in (0..).zip(&self.maps) {
+            let first_instance = self.views.last().map_or(0, end_of_instances);
+            let first_pixel = layer * SHADOW_MAP_SIDE.pow(2);
+            self.views.push(ViewRecord { first_pixel, layer, first_instance, ..*map });
+        }
     }
 }
 
-fn image_record(view: &View<'_>, camera: &PinholeCamera, view_from_world: &Affine3) -> ViewRecord {
-    let scene = view.scene;
+fn end_of_instances(view: &ViewRecord) -> u32 {
+    view.first_instance + view.n_instances
+}
+
+/// Returns what a view takes up, together with the poses and the shadow map of its env if it is `new`.
+fn size_of_view(view: &View<'_>, scene: SceneRange, is_new_env: bool) -> ChunkSize {
+    let (n_instances, n_blocks) = (u64::from(scene.n_instances), u64::from(scene.n_blocks));
+    let n_maps = u64::from(is_new_env && view.scene.shadow_centre.is_some());
+    ChunkSize {
+        images: 1,
+        pixels: (view.out.len() / 3) as u64,
+        shadow_maps: n_maps,
+        instances: (1 + n_maps) * n_instances,
+        image_blocks: n_blocks,
+        map_blocks: n_maps * n_blocks,
+        poses: if is_new_env { view.snapshot.n_poses() as u64 } else { 0 },
+    }
+}
+
+fn in_scene(record: ViewRecord, scene: SceneRange) -> ViewRecord {
+    ViewRecord { first_scene_instance: scene.first, n_instances: scene.n_instances, ..record }
+}
+
+fn image_record(view: &View<'_>) -> ViewRecord {
+    let (scene, camera) = (view.scene, &view.scene.cameras[view.camera_idx]);
+    let view_from_world = camera.view_from_world(view.snapshot);
     let sun = |i: usize| SunRecord {
         towards: padded(view_from_world.transform_vector(scene.suns[i].towards)),
         color: padded(scene.suns[i].color),
@@ -193,12 +146,17 @@ fn image_record(view: &View<'_>, camera: &PinholeCamera, view_from_world: &Affin
     let shadow_from_view = scene.shadow_centre.map_or([[0.0; 4]; 3], |centre| {
         rows(&map_from_world(scene.suns[0].towards, centre).compose(&view_from_world.rigid_inverse()))
     });
+    let half_px = camera.side as f32 / 2.0;
+    let [near_m, far_m] = camera.clip_m;
     ViewRecord {
         focal_px: camera.focal_px,
-        half_px: camera.side as f32 / 2.0,
-        near_m: camera.clip_m[0],
-        inverse_far: 1.0 / camera.clip_m[1],
+        half_px,
+        near_m,
+        inverse_far: 1.0 / far_m,
         side: camera.side as u32,
+        far_m,
+        sphere_margin: camera.sphere_margin(half_px / camera.focal_px),
+        view_from_world: rows(&view_from_world),
         ambient: padded(scene.ambient),
         suns: [sun(0), sun(1)],
         shadow_from_view,
@@ -206,28 +164,13 @@ fn image_record(view: &View<'_>, camera: &PinholeCamera, view_from_world: &Affin
     }
 }
 
-/// Returns the record of an instance, but for the index of its view.
-fn instance_record(
-    instance: &Instance,
-    view_from_mesh: &Affine3,
-    mesh: MeshRange,
-    idx_in_view: usize,
-    assets: &Assets,
-) -> InstanceRecord {
-    assert!(idx_in_view < MAX_INSTANCES, "a view has at most {MAX_INSTANCES} instances");
-    let material = &instance.material;
-    let tile_m = material.texture.map_or(1.0, |texture| mip_chain(texture).tile_m);
-    InstanceRecord {
-        view_from_mesh: rows(view_from_mesh),
-        color: material.color,
-        specular: material.specular,
-        tiles: instance.scale.map(|scale| scale * (1.0 / tile_m)),
-        texture: material.texture.map_or(NONE, |texture| assets.texture(texture)),
-        view: 0,
-        first_triangle: mesh.first_triangle,
-        n_triangles: mesh.n_triangles,
-        first_id: (idx_in_view as u32) << TRIANGLE_BITS,
-        metallic: material.metallic,
-        padding: [0; 3],
+fn shadow_map_record(towards: Vec3, centre: Vec3) -> ViewRecord {
+    ViewRecord {
+        side: SHADOW_MAP_SIDE,
+        half_px: SHADOW_MAP_SIDE as f32 / 2.0,
+        shadow_map: NONE,
+        is_shadow_map: 1,
+        view_from_world: rows(&map_from_world(towards, centre)),
+        ..bytemuck::Zeroable::zeroed()
     }
 }

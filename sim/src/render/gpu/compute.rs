@@ -2,29 +2,26 @@
 //! the largest height per shadow map texel.
 
 use super::adapter::AdapterKind;
-use super::batch::ViewBatch;
 use super::bindings::{self, BindingKind};
+use super::chunk::{ChunkBytes, ChunkLimits};
 use super::device::Gpu;
-use super::draw_list::DrawList;
 use super::growable_buffer::GrowableBuffer;
 use super::pipeline::SharedBuffers;
-use super::records::NONE;
 
-/// Capacity of the list of large triangles, which whole workgroups rasterise. Triangles beyond it are
-/// rasterised by single threads.
-const MAX_LARGE: u64 = 1 << 16;
-/// Workgroups along the first axis of a dispatch, within the limit that every device guarantees.
-const MAX_GROUPS_X: usize = 32_768;
+/// Workgroups that share all blocks, and those that share all large triangles.
+#[derive(Clone, Copy)]
+struct GroupCounts {
+    small: u32,
+    large: u32,
+}
 
 /// Kernels and buffers of the pass.
 pub(super) struct ComputeVisibility {
     images: ComputeTarget,
     maps: ComputeTarget,
-    /// Count and list of large triangles.
+    /// Count and list of large triangles, which whole workgroups rasterise.
     large_triangles: GrowableBuffer,
-    /// Workgroups that share the large triangles.
-    n_groups: u32,
-    samples_per_axis: u32,
+    counts: GroupCounts,
 }
 
 /// Pipelines and buffers for one kind of view: images or shadow maps.
@@ -32,10 +29,10 @@ pub(super) struct ComputeTarget {
     layout: wgpu::BindGroupLayout,
     rasterise_small: wgpu::ComputePipeline,
     rasterise_large: wgpu::ComputePipeline,
+    /// Count and list of blocks of triangles, written by the placement pass.
     blocks: GrowableBuffer,
-    padded_blocks: Vec<[u32; 2]>,
     /// Result per sample or texel.
-    pub(super) visibility: GrowableBuffer,
+    visibility: GrowableBuffer,
     /// Bytes of `visibility` in use.
     n_bytes: u64,
     group: Option<wgpu::BindGroup>,
@@ -43,20 +40,21 @@ pub(super) struct ComputeTarget {
 
 impl ComputeVisibility {
     /// Creates the kernels for `samples_per_axis` samples per pixel along each axis.
-    pub(super) fn new(gpu: &Gpu, samples_per_axis: u32, kind: AdapterKind) -> Self {
-        let large = GrowableBuffer::new(gpu, "large triangles", wgpu::BufferUsages::empty());
-        let mut this = Self {
-            images: ComputeTarget::new(gpu, include_str!("wgsl/camera_target.wgsl"), samples_per_axis),
-            maps: ComputeTarget::new(gpu, include_str!("wgsl/shadow_map_target.wgsl"), 1),
-            large_triangles: large,
-            n_groups: match kind {
-                AdapterKind::Hardware => 2048,
-                AdapterKind::Software => 32,
+    pub(super) fn new(gpu: &Gpu, samples_per_axis: u32, kind: AdapterKind, limits: &ChunkLimits) -> Self {
+        let ChunkBytes { blocks: [image_blocks, map_blocks], visibility: [samples, texels], .. } =
+            limits.bytes;
+        let image_source = include_str!("wgsl/camera_target.wgsl");
+        let map_source = include_str!("wgsl/shadow_map_target.wgsl");
+        Self {
+            images: ComputeTarget::new(gpu, image_source, samples_per_axis, [image_blocks, samples]),
+            maps: ComputeTarget::new(gpu, map_source, 1, [map_blocks, texels]),
+            large_triangles: GrowableBuffer::new(gpu, "large triangles", wgpu::BufferUsages::empty())
+                .with_full_size(limits.bytes.large_triangles),
+            counts: match kind {
+                AdapterKind::Hardware => GroupCounts { small: 8192, large: 2048 },
+                AdapterKind::Software => GroupCounts { small: 64, large: 32 },
             },
-            samples_per_axis,
-        };
-        this.large_triangles.reserve(gpu, MAX_LARGE * 8);
-        this
+        }
     }
 
     /// Returns the inputs of the shading pass: samples of images and texels of shadow maps.
@@ -64,25 +62,33 @@ impl ComputeVisibility {
         [&self.images.visibility, &self.maps.visibility]
     }
 
-    /// Reserves space for a batch. Returns `true` if a buffer was reallocated.
-    pub(super) fn reserve(&mut self, gpu: &Gpu, batch: &ViewBatch) -> bool {
-        let samples = u64::from(batch.n_pixels) * u64::from(self.samples_per_axis * self.samples_per_axis);
-        (self.images.n_bytes, self.maps.n_bytes) = (samples * 8, u64::from(batch.n_shadow_pixels) * 4);
-        let reallocated = self.images.visibility.reserve(gpu, self.images.n_bytes);
-        self.maps.visibility.reserve(gpu, self.maps.n_bytes) || reallocated
+    /// Returns the outputs of the placement pass: blocks of images and of shadow maps.
+    pub(super) fn lists(&self) -> [&GrowableBuffer; 2] {
+        [&self.images.blocks, &self.maps.blocks]
     }
 
-    /// Uploads the draw lists. `stale` is `true` if shared buffers were reallocated and bind groups must be
-    /// recreated.
-    pub(super) fn upload(
-        &mut self,
-        gpu: &Gpu,
-        [images, maps]: [&DrawList; 2],
-        shared: &SharedBuffers,
-        stale: bool,
-    ) {
-        self.images.upload(gpu, images, shared, &self.large_triangles, stale);
-        self.maps.upload(gpu, maps, shared, &self.large_triangles, stale);
+    /// Reserves space for a chunk. Returns `true` if a buffer was reallocated.
+    pub(super) fn reserve(&mut self, gpu: &Gpu, bytes: &ChunkBytes) -> bool {
+        let mut reallocated = self.large_triangles.reserve(gpu, bytes.large_triangles);
+        for (i, target) in [&mut self.images, &mut self.maps].into_iter().enumerate() {
+            target.n_bytes = bytes.visibility[i];
+            reallocated |= target.blocks.reserve(gpu, bytes.blocks[i]);
+            reallocated |= target.visibility.reserve(gpu, bytes.visibility[i]);
+        }
+        reallocated
+    }
+
+    /// Recreates the bind groups if a buffer was reallocated.
+    pub(super) fn prepare(&mut self, gpu: &Gpu, shared: &SharedBuffers, stale: bool) {
+        self.images.prepare(gpu, shared, &self.large_triangles, stale);
+        self.maps.prepare(gpu, shared, &self.large_triangles, stale);
+    }
+
+    /// Encodes the removal of all blocks, which precedes the placement pass.
+    pub(super) fn clear_lists(&self, encoder: &mut wgpu::CommandEncoder) {
+        for target in [&self.images, &self.maps] {
+            encoder.clear_buffer(&target.blocks.buffer, 0, Some(4));
+        }
     }
 
     /// Encodes the images, followed by the shadow maps if there are any.
@@ -91,14 +97,22 @@ impl ComputeVisibility {
             if target.n_bytes > 0 {
                 // Reset the count of large triangles.
                 encoder.clear_buffer(&self.large_triangles.buffer, 0, Some(4));
-                target.encode(encoder, self.n_groups);
+                target.encode(encoder, self.counts);
             }
         }
+    }
+
+    /// Returns the memory of all buffers in bytes.
+    pub(super) fn n_bytes(&self) -> u64 {
+        let targets = [&self.images, &self.maps];
+        let buffers = targets.into_iter().flat_map(|target| [&target.blocks, &target.visibility]);
+        buffers.chain([&self.large_triangles]).map(|buffer| buffer.buffer.size()).sum()
     }
 }
 
 impl ComputeTarget {
-    fn new(gpu: &Gpu, target_source: &str, samples_per_axis: u32) -> Self {
+    /// Creates the kernels. The sizes are those of `blocks` and `visibility` in the largest chunk.
+    fn new(gpu: &Gpu, target_source: &str, samples_per_axis: u32, [blocks, visibility]: [u64; 2]) -> Self {
         let sources = [include_str!("wgsl/records.wgsl"), include_str!("wgsl/compute.wgsl"), target_source];
         let module = bindings::module(gpu, "compute", &sources);
         let kinds = [
@@ -112,33 +126,21 @@ impl ComputeTarget {
         ];
         let layout = bindings::layout(gpu, wgpu::ShaderStages::COMPUTE, &kinds);
         let pipeline = |entry| bindings::compute_pipeline(gpu, &layout, &module, entry, samples_per_axis);
+        let buffer =
+            |label, size| GrowableBuffer::new(gpu, label, wgpu::BufferUsages::empty()).with_full_size(size);
         Self {
             rasterise_small: pipeline("rasterise_small"),
             rasterise_large: pipeline("rasterise_large"),
-            blocks: GrowableBuffer::new(gpu, "blocks", wgpu::BufferUsages::empty()),
-            padded_blocks: Vec::new(),
-            visibility: GrowableBuffer::new(gpu, "visibility", wgpu::BufferUsages::empty()),
+            blocks: buffer("blocks", blocks),
+            visibility: buffer("visibility", visibility),
             n_bytes: 0,
             group: None,
             layout,
         }
     }
 
-    fn upload(
-        &mut self,
-        gpu: &Gpu,
-        draw_list: &DrawList,
-        shared: &SharedBuffers,
-        large: &GrowableBuffer,
-        stale: bool,
-    ) {
-        // Pad to the size of the dispatch, so that every workgroup reads a valid entry.
-        self.padded_blocks.clear();
-        self.padded_blocks.extend_from_slice(&draw_list.blocks);
-        let [columns, rows] = grid(draw_list.blocks.len());
-        self.padded_blocks.resize((columns * rows) as usize, [NONE; 2]);
-        let stale = self.blocks.write(gpu, &self.padded_blocks) || stale || self.group.is_none();
-        if stale {
+    fn prepare(&mut self, gpu: &Gpu, shared: &SharedBuffers, large: &GrowableBuffer, stale: bool) {
+        if stale || self.group.is_none() {
             let assets = &shared.assets;
             let buffers = [
                 &shared.views,
@@ -154,19 +156,13 @@ impl ComputeTarget {
         }
     }
 
-    fn encode(&self, encoder: &mut wgpu::CommandEncoder, n_groups: u32) {
+    fn encode(&self, encoder: &mut wgpu::CommandEncoder, counts: GroupCounts) {
         encoder.clear_buffer(&self.visibility.buffer, 0, Some(self.n_bytes));
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_bind_group(0, self.group.as_ref().expect("upload() precedes encode()"), &[]);
-        let [columns, rows] = grid(self.padded_blocks.len());
+        pass.set_bind_group(0, self.group.as_ref().expect("prepare() precedes encode()"), &[]);
         pass.set_pipeline(&self.rasterise_small);
-        pass.dispatch_workgroups(columns, rows, 1);
+        pass.dispatch_workgroups(counts.small, 1, 1);
         pass.set_pipeline(&self.rasterise_large);
-        pass.dispatch_workgroups(n_groups, 1, 1);
+        pass.dispatch_workgroups(counts.large, 1, 1);
     }
-}
-
-/// Returns the columns and rows of a dispatch of at least `n` workgroups.
-fn grid(n: usize) -> [u32; 2] {
-    [n.min(MAX_GROUPS_X) as u32, n.div_ceil(MAX_GROUPS_X) as u32]
 }

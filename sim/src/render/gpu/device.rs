@@ -20,6 +20,8 @@ pub(super) struct Gpu {
     pub(super) name: String,
     /// Maximum size of a storage buffer that is bound as a whole.
     pub(super) max_buffer_bytes: u64,
+    /// Maximum number of layers of a texture.
+    pub(super) max_texture_layers: u32,
     first_error: FirstError,
 }
 
@@ -38,6 +40,7 @@ impl Gpu {
         let max_buffer_bytes = available.max_storage_buffer_binding_size.min(available.max_buffer_size);
         required_limits.max_storage_buffer_binding_size = available.max_storage_buffer_binding_size;
         required_limits.max_buffer_size = available.max_buffer_size;
+        required_limits.max_texture_array_layers = available.max_texture_array_layers;
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("hypogeum"),
             required_features,
@@ -53,7 +56,8 @@ impl Gpu {
             on_lost.set(format!("the device was lost ({reason:?}): {message}"));
         });
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.set(error.to_string())));
-        Ok(Self { device, queue, name: selected.name, max_buffer_bytes, first_error })
+        let max_texture_layers = available.max_texture_array_layers;
+        Ok(Self { device, queue, name: selected.name, max_buffer_bytes, max_texture_layers, first_error })
     }
 
     /// Checks the error state.

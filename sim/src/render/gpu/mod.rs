@@ -1,27 +1,29 @@
 //! GPU renderer on wgpu and Vulkan. A visibility pass finds the triangle of each pixel, a compute kernel
 //! shades it, and the packed bytes are copied into the observation. `SHADING.md` defines the image.
 //!
-//! Views are rendered in chunks: while the device renders one, the CPU prepares the next. Preparation and the
-//! copy of the images run on the current rayon pool. An image depends only on its view and the device, not on
-//! the other views.
+//! What stays constant within an episode is resident on the device, which derives the visible instances of
+//! every view from the poses. Views are rendered in chunks: while the device renders one, the current rayon
+//! pool copies the images of the other. An image depends only on its view and the device, not on the other
+//! views.
 
 mod adapter;
 mod assets;
 mod batch;
 mod bindings;
+mod chunk;
 mod compute;
 mod device;
-mod draw_list;
 mod growable_buffer;
 mod pipeline;
+mod placement;
 mod raster;
 mod readback;
 mod records;
+mod scenes;
 mod shading;
 mod shadow;
 mod texture_layers;
 
-use core::ops::Range;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 use std::time::Instant;
@@ -33,13 +35,6 @@ use super::{RenderError, Renderer, Samples, View, name_with_samples};
 use device::Gpu;
 use pipeline::ImagePipeline;
 use readback::Readback;
-
-/// Maximum number of pixels per chunk: 32 envs with two external cameras and one hand camera. From 64 envs
-/// per dispatch on, Mesa's lavapipe takes ten times as long per env; far fewer envs saturate a GPU.
-const CHUNK_PX: usize = 32 * (2 * 224 * 224 + 128 * 128);
-
-/// Maximum number of views per chunk, within the number of texture layers that every device supports.
-const CHUNK_VIEWS: usize = 128;
 
 /// Method of finding the visible triangle of each pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,9 +93,10 @@ impl GpuRenderer {
             name: gpu.name.clone(),
             message: error.to_string(),
         })?;
+        let readback = || Readback::new(pipeline.limits.bytes.images);
         Ok(Self {
+            readbacks: [readback(), readback()],
             pipeline,
-            readbacks: Default::default(),
             timings: Timings::default(),
             visibility,
             samples: options.samples,
@@ -114,15 +110,36 @@ impl GpuRenderer {
         self.timings
     }
 
-    fn submit(&mut self, views: &[View<'_>], chunk_idx: usize) -> Result<(), RenderError> {
+    /// Returns the device memory in bytes that chunks of views take at most, whatever the batch. Meshes,
+    /// textures and scenes add to it.
+    #[must_use]
+    pub fn max_chunk_bytes(&self) -> u64 {
+        self.pipeline.limits.total_bytes
+    }
+
+    /// Returns the number of single-arm or bimanual envs that are rendered at a time at most.
+    #[must_use]
+    pub fn max_chunk_envs(&self) -> usize {
+        self.pipeline.limits.n_envs as usize
+    }
+
+    /// Returns the device memory in bytes that chunks of views take now.
+    #[must_use]
+    pub fn chunk_bytes(&self) -> u64 {
+        self.pipeline.chunk_bytes() + self.readbacks.iter().map(Readback::n_bytes).sum::<u64>()
+    }
+
+    /// Submits the next chunk of `views`. Returns the number of its views.
+    fn submit(&mut self, views: &[View<'_>], chunk_idx: usize) -> Result<usize, RenderError> {
         let start = Instant::now();
         let descriptor = wgpu::CommandEncoderDescriptor::default();
         let mut encoder = self.gpu.device.create_command_encoder(&descriptor);
-        let images = self.pipeline.encode(&self.gpu, views, &mut encoder);
-        let n_bytes = views.iter().map(|view| view.out.len() as u64).sum();
+        let (n, images) = self.pipeline.encode(&self.gpu, views, &mut encoder);
+        let n_bytes = views[..n].iter().map(|view| view.out.len() as u64).sum();
         self.readbacks[chunk_idx % 2].submit(&self.gpu, encoder, images, n_bytes);
         self.timings.submit_s += start.elapsed().as_secs_f64();
-        self.gpu.check()
+        self.gpu.check()?;
+        Ok(n)
     }
 
     fn collect(&mut self, views: &mut [View<'_>], chunk_idx: usize) -> Result<(), RenderError> {
@@ -154,20 +171,17 @@ impl Renderer for GpuRenderer {
         views.iter().for_each(View::check);
         self.timings = Timings::default();
         self.gpu.check()?;
-        self.pipeline.begin_batch();
+        self.pipeline.begin_batch(views);
         let (mut from, mut previous) = (0, None);
         for chunk_idx in 0.. {
-            let chunk = chunk(views, from);
-            if !chunk.is_empty() {
-                self.submit(&views[chunk.clone()], chunk_idx)?;
-            }
-            if let Some(previous) = previous.replace(chunk.clone()) {
+            let n = if from < views.len() { self.submit(&views[from..], chunk_idx)? } else { 0 };
+            if let Some(previous) = previous.replace(from..from + n) {
                 self.collect(&mut views[previous], chunk_idx - 1)?;
             }
-            if chunk.is_empty() {
+            if n == 0 {
                 break;
             }
-            from = chunk.end;
+            from += n;
         }
         Ok(())
     }
@@ -179,18 +193,6 @@ const fn samples_per_axis(samples: Samples) -> u32 {
         Samples::One => 1,
         Samples::Four => 2,
     }
-}
-
-/// Returns the range of views, starting at `from`, that form the next chunk. It is empty only if no views are
-/// left.
-fn chunk(views: &[View<'_>], from: usize) -> Range<usize> {
-    let mut n_px = 0;
-    let fits = |view: &&View<'_>| {
-        n_px += view.out.len() / 3;
-        n_px <= CHUNK_PX
-    };
-    let n = views[from..].iter().take(CHUNK_VIEWS).take_while(fits).count();
-    from..(from + n.max(1)).min(views.len())
 }
 
 /// Returns the result of a future that is ready immediately, as all futures of wgpu are outside of a browser.

@@ -3,27 +3,38 @@
 use super::adapter::AdapterKind;
 use super::assets::Assets;
 use super::batch::ViewBatch;
+use super::chunk::{ChunkLimits, ChunkSize};
 use super::compute::ComputeVisibility;
 use super::device::Gpu;
 use super::growable_buffer::GrowableBuffer;
+use super::placement::PlacementPass;
 use super::raster::RasterVisibility;
+use super::scenes::ResidentScenes;
 use super::shading::{ShadingPass, VisibilityResult};
 use super::{GpuOptions, VisibilityMethod, samples_per_axis};
 use crate::render::View;
 
-/// Buffers that all passes read.
+/// Buffers that several passes use.
 pub(super) struct SharedBuffers {
     pub(super) views: GrowableBuffer,
+    pub(super) poses: GrowableBuffer,
+    /// Instances of all views, written by the placement pass.
     pub(super) instances: GrowableBuffer,
+    pub(super) scenes: ResidentScenes,
     pub(super) assets: Assets,
 }
 
-/// The visibility and shading passes, with the batch that is being prepared.
+/// All passes, with the chunk that is being prepared.
 pub(super) struct ImagePipeline {
     pub(super) shared: SharedBuffers,
+    pub(super) limits: ChunkLimits,
+    /// Limit for the chunks of the current batch.
+    limit: ChunkSize,
     batch: ViewBatch,
+    placement: PlacementPass,
     visibility: VisibilityPass,
     shading: ShadingPass,
+    samples_per_axis: u32,
 }
 
 /// The visibility pass, by method.
@@ -41,60 +52,97 @@ impl ImagePipeline {
         options: &GpuOptions,
     ) -> Self {
         let samples_per_axis = samples_per_axis(options.samples);
+        let limits = ChunkLimits::new(gpu, kind, visibility, samples_per_axis);
         let pass = match visibility {
-            VisibilityMethod::Raster => VisibilityPass::Raster(RasterVisibility::new(gpu, samples_per_axis)),
+            VisibilityMethod::Raster => {
+                VisibilityPass::Raster(RasterVisibility::new(gpu, samples_per_axis, &limits))
+            }
             VisibilityMethod::Compute => {
-                VisibilityPass::Compute(ComputeVisibility::new(gpu, samples_per_axis, kind))
+                VisibilityPass::Compute(ComputeVisibility::new(gpu, samples_per_axis, kind, &limits))
             }
         };
-        let none = wgpu::BufferUsages::empty();
+        let buffer = |label, full_size| {
+            GrowableBuffer::new(gpu, label, wgpu::BufferUsages::empty()).with_full_size(full_size)
+        };
         let shared = SharedBuffers {
-            views: GrowableBuffer::new(gpu, "views", none),
-            instances: GrowableBuffer::new(gpu, "instances", none),
+            views: buffer("views", limits.bytes.views),
+            poses: buffer("poses", limits.bytes.poses),
+            instances: buffer("instances", limits.bytes.instances),
+            scenes: ResidentScenes::new(gpu),
             assets: Assets::new(gpu),
         };
         Self {
-            shading: ShadingPass::new(gpu, &pass.result(), samples_per_axis),
+            shading: ShadingPass::new(gpu, &pass.result(), samples_per_axis, limits.bytes.images),
+            placement: PlacementPass::new(gpu, visibility),
             shared,
-            batch: ViewBatch::new(),
+            limit: limits.largest,
+            limits,
+            batch: ViewBatch::default(),
             visibility: pass,
+            samples_per_axis,
         }
     }
 
-    /// Begins a call of the renderer, which consists of several chunks.
-    pub(super) fn begin_batch(&mut self) {
-        self.shared.assets.begin_batch();
+    /// Begins a batch, which consists of several chunks.
+    pub(super) fn begin_batch(&mut self, views: &[View<'_>]) {
+        let SharedBuffers { scenes, assets, .. } = &mut self.shared;
+        if assets.has_many_meshes() {
+            scenes.remove_dropped();
+            assets.retain(&scenes.meshes());
+        }
+        self.limit = self.limits.for_batch(views.iter().map(|view| view.out.len() as u64 / 3).sum());
     }
 
-    /// Uploads views and encodes the commands that render them. The images are stored consecutively in the
-    /// returned buffer.
+    /// Uploads the next chunk of `views` and encodes the commands that render it. Returns the number of its
+    /// views and the buffer in which their images are stored consecutively.
     pub(super) fn encode(
         &mut self,
         gpu: &Gpu,
         views: &[View<'_>],
         encoder: &mut wgpu::CommandEncoder,
-    ) -> &wgpu::Buffer {
-        let Self { shared, batch, visibility, shading } = self;
+    ) -> (usize, &wgpu::Buffer) {
+        let Self { shared, batch, placement, visibility, shading, .. } = self;
         shared.assets.evict_if_full(gpu);
-        batch.fill(views, &mut shared.assets);
+        let n = batch.fill(views, self.limit, &mut shared.scenes, &mut shared.assets);
+        let bytes = batch.size.bytes(self.samples_per_axis);
         let mut stale = shared.assets.upload(gpu);
-        stale |= visibility.reserve(gpu, batch);
+        stale |= shared.scenes.upload(gpu);
         stale |= shared.views.write(gpu, &batch.views);
-        stale |= shared.instances.write(gpu, &batch.instances);
-        shading.prepare(gpu, u64::from(batch.n_pixels) * 3, &visibility.result(), shared, stale);
-        let draw_lists = [&batch.images, &batch.shadow_maps];
+        stale |= shared.poses.write(gpu, &batch.poses);
+        stale |= shared.instances.reserve(gpu, bytes.instances);
+        stale |= match visibility {
+            VisibilityPass::Raster(raster) => raster.reserve(gpu, batch, &bytes),
+            VisibilityPass::Compute(compute) => compute.reserve(gpu, &bytes),
+        };
+        shading.prepare(gpu, bytes.images, &visibility.result(), shared, stale);
         match visibility {
             VisibilityPass::Raster(raster) => {
-                raster.upload(gpu, draw_lists, shared, stale);
+                raster.prepare(gpu, shared, stale);
+                placement.prepare(gpu, shared, &[raster.draws()], stale);
+                placement.encode(encoder, batch.views.len() as u32);
                 raster.encode(encoder, batch, shared);
             }
             VisibilityPass::Compute(compute) => {
-                compute.upload(gpu, draw_lists, shared, stale);
+                compute.prepare(gpu, shared, stale);
+                placement.prepare(gpu, shared, &compute.lists(), stale);
+                compute.clear_lists(encoder);
+                placement.encode(encoder, batch.views.len() as u32);
                 compute.encode(encoder);
             }
         }
         shading.encode(encoder, batch.n_images, batch.max_side);
-        &shading.images.buffer
+        (n, &shading.images.buffer)
+    }
+
+    /// Returns the memory of all buffers and textures whose size depends on the chunk, in bytes.
+    pub(super) fn chunk_bytes(&self) -> u64 {
+        let Self { shared, shading, .. } = self;
+        let buffers = [&shared.views, &shared.poses, &shared.instances, &shading.images];
+        let of_method = match &self.visibility {
+            VisibilityPass::Raster(raster) => raster.n_bytes(),
+            VisibilityPass::Compute(compute) => compute.n_bytes(),
+        };
+        buffers.map(|buffer| buffer.buffer.size()).iter().sum::<u64>() + of_method
     }
 }
 
@@ -103,14 +151,6 @@ impl VisibilityPass {
         match self {
             Self::Raster(raster) => VisibilityResult::Textures(raster.result()),
             Self::Compute(compute) => VisibilityResult::Buffers(compute.result()),
-        }
-    }
-
-    /// Reserves space for a batch. Returns `true` if a buffer or texture was reallocated.
-    fn reserve(&mut self, gpu: &Gpu, batch: &ViewBatch) -> bool {
-        match self {
-            Self::Raster(raster) => raster.reserve(gpu, batch),
-            Self::Compute(compute) => compute.reserve(gpu, batch),
         }
     }
 }

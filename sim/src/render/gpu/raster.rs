@@ -3,11 +3,11 @@
 
 use super::batch::ViewBatch;
 use super::bindings::{self, BindingKind};
+use super::chunk::{ChunkBytes, ChunkLimits, DRAW_BYTES};
 use super::device::Gpu;
-use super::draw_list::{DrawCall, DrawList};
 use super::growable_buffer::GrowableBuffer;
 use super::pipeline::SharedBuffers;
-use super::records::NONE;
+use super::records::{NONE, ViewRecord};
 use super::texture_layers::TextureLayers;
 use crate::render::shading::SHADOW_MAP_SIDE;
 
@@ -22,20 +22,19 @@ pub(super) struct RasterVisibility {
     ids: TextureLayers,
     depths: TextureLayers,
     heights: TextureLayers,
-    /// Instance indices of the draw calls, for images and for shadow maps.
-    instance_indices: [GrowableBuffer; 2],
-    groups: Option<[wgpu::BindGroup; 2]>,
+    /// One draw call per instance, written by the placement pass.
+    draws: GrowableBuffer,
+    group: Option<wgpu::BindGroup>,
     samples_per_axis: u32,
 }
 
 impl RasterVisibility {
     /// Creates the pipelines for `samples_per_axis` samples per pixel along each axis.
-    pub(super) fn new(gpu: &Gpu, samples_per_axis: u32) -> Self {
+    pub(super) fn new(gpu: &Gpu, samples_per_axis: u32, limits: &ChunkLimits) -> Self {
         // WGSL requires `enable` directives at the start of the source.
         let sources = [include_str!("wgsl/raster.wgsl"), include_str!("wgsl/records.wgsl")];
         let module = bindings::module(gpu, "raster", &sources);
-        let layout = bindings::layout(gpu, wgpu::ShaderStages::VERTEX, &[BindingKind::ReadBuffer; 4]);
-        let index_buffer = |label| GrowableBuffer::new(gpu, label, wgpu::BufferUsages::empty());
+        let layout = bindings::layout(gpu, wgpu::ShaderStages::VERTEX, &[BindingKind::ReadBuffer; 3]);
         Self {
             id_pipeline: pipeline(gpu, &layout, &module, &RasterTarget::IDS),
             height_pipeline: pipeline(gpu, &layout, &module, &RasterTarget::HEIGHTS),
@@ -43,8 +42,9 @@ impl RasterVisibility {
             ids: TextureLayers::new(gpu, ID_FORMAT),
             depths: TextureLayers::new(gpu, DEPTH_FORMAT),
             heights: TextureLayers::new(gpu, DEPTH_FORMAT),
-            instance_indices: [index_buffer("image instances"), index_buffer("shadow map instances")],
-            groups: None,
+            draws: GrowableBuffer::new(gpu, "draws", wgpu::BufferUsages::INDIRECT)
+                .with_full_size(limits.bytes.draws),
+            group: None,
             samples_per_axis,
         }
     }
@@ -54,8 +54,13 @@ impl RasterVisibility {
         [&self.ids.all, &self.heights.all]
     }
 
-    /// Reserves space for a batch. Returns `true` if a texture was reallocated.
-    pub(super) fn reserve(&mut self, gpu: &Gpu, batch: &ViewBatch) -> bool {
+    /// Returns the output of the placement pass.
+    pub(super) fn draws(&self) -> &GrowableBuffer {
+        &self.draws
+    }
+
+    /// Reserves space for a chunk. Returns `true` if a texture or buffer was reallocated.
+    pub(super) fn reserve(&mut self, gpu: &Gpu, batch: &ViewBatch, bytes: &ChunkBytes) -> bool {
         let (side, n_maps) =
             (batch.max_side * self.samples_per_axis, batch.views.len() as u32 - batch.n_images);
         let mut reallocated = self.ids.reserve(gpu, side, batch.n_images);
@@ -63,27 +68,15 @@ impl RasterVisibility {
         if n_maps > 0 {
             reallocated |= self.heights.reserve(gpu, SHADOW_MAP_SIDE, n_maps);
         }
-        reallocated
+        self.draws.reserve(gpu, bytes.draws) || reallocated
     }
 
-    /// Uploads the draw lists. `stale` is `true` if shared buffers were reallocated and bind groups must be
-    /// recreated.
-    pub(super) fn upload(
-        &mut self,
-        gpu: &Gpu,
-        draw_lists: [&DrawList; 2],
-        shared: &SharedBuffers,
-        stale: bool,
-    ) {
-        let mut stale = stale || self.groups.is_none();
-        for (buffer, draw_list) in self.instance_indices.iter_mut().zip(draw_lists) {
-            stale |= buffer.write(gpu, &draw_list.instance_indices);
-        }
-        if stale {
-            self.groups = Some(self.instance_indices.each_ref().map(|indices| {
-                let buffers = [&shared.views, &shared.instances, &shared.assets.vertex_buffer, indices];
-                bindings::group(gpu, &self.layout, &buffers.map(|buffer| buffer.buffer.as_entire_binding()))
-            }));
+    /// Recreates the bind group if a buffer was reallocated.
+    pub(super) fn prepare(&mut self, gpu: &Gpu, shared: &SharedBuffers, stale: bool) {
+        if stale || self.group.is_none() {
+            let buffers = [&shared.views, &shared.instances, &shared.assets.vertex_buffer];
+            let resources = buffers.map(|buffer| buffer.buffer.as_entire_binding());
+            self.group = Some(bindings::group(gpu, &self.layout, &resources));
         }
     }
 
@@ -94,22 +87,30 @@ impl RasterVisibility {
         batch: &ViewBatch,
         shared: &SharedBuffers,
     ) {
-        let [image_group, map_group] = self.groups.as_ref().expect("upload() precedes encode()");
-        let index_buffer = &shared.assets.index_buffer.buffer;
-        for (i, calls) in batch.images.views().enumerate() {
-            let mut pass = begin(encoder, Some(&self.ids.each[i]), &self.depths.each[i]);
-            let side = (batch.views[i].side * self.samples_per_axis) as f32;
-            pass.set_viewport(0.0, 0.0, side, side, 0.0, 1.0);
-            pass.set_pipeline(&self.id_pipeline);
-            pass.set_bind_group(0, image_group, &[]);
-            draw(&mut pass, calls, index_buffer);
+        for view in &batch.views {
+            let layer = view.layer as usize;
+            let mut pass = if view.is_shadow_map == 0 {
+                let mut pass = begin(encoder, Some(&self.ids.each[layer]), &self.depths.each[layer]);
+                let side = (view.side * self.samples_per_axis) as f32;
+                pass.set_viewport(0.0, 0.0, side, side, 0.0, 1.0);
+                pass.set_pipeline(&self.id_pipeline);
+                pass
+            } else {
+                let mut pass = begin(encoder, None, &self.heights.each[layer]);
+                pass.set_pipeline(&self.height_pipeline);
+                pass
+            };
+            pass.set_bind_group(0, self.group.as_ref().expect("prepare() precedes encode()"), &[]);
+            pass.set_index_buffer(shared.assets.index_buffer.buffer.slice(..), wgpu::IndexFormat::Uint32);
+            let ViewRecord { first_instance, n_instances, .. } = *view;
+            let offset = u64::from(first_instance) * DRAW_BYTES;
+            pass.multi_draw_indexed_indirect(&self.draws.buffer, offset, n_instances);
         }
-        for (i, calls) in batch.shadow_maps.views().enumerate() {
-            let mut pass = begin(encoder, None, &self.heights.each[i]);
-            pass.set_pipeline(&self.height_pipeline);
-            pass.set_bind_group(0, map_group, &[]);
-            draw(&mut pass, calls, index_buffer);
-        }
+    }
+
+    /// Returns the memory of all buffers and textures in bytes.
+    pub(super) fn n_bytes(&self) -> u64 {
+        self.ids.n_bytes() + self.depths.n_bytes() + self.heights.n_bytes() + self.draws.buffer.size()
     }
 }
 
@@ -148,7 +149,7 @@ fn pipeline(
         depth_stencil: Some(wgpu::DepthStencilState {
             format: DEPTH_FORMAT,
             depth_write_enabled: Some(true),
-            // Among equal depths the first one wins, which within a mesh is the one with the smallest id.
+            // Among equal depths the first one wins, which is the one with the smallest id.
             depth_compare: Some(wgpu::CompareFunction::Greater),
             stencil: wgpu::StencilState::default(),
             bias: wgpu::DepthBiasState::default(),
@@ -194,12 +195,4 @@ fn begin<'a>(
         }),
         ..wgpu::RenderPassDescriptor::default()
     })
-}
-
-fn draw(pass: &mut wgpu::RenderPass<'_>, calls: &[DrawCall], index_buffer: &wgpu::Buffer) {
-    pass.set_index_buffer(index_buffer.slice(..), wgpu::IndexFormat::Uint32);
-    for DrawCall { mesh, instances } in calls {
-        let first = mesh.first_triangle * 3;
-        pass.draw_indexed(first..first + mesh.n_triangles * 3, 0, instances.clone());
-    }
 }

@@ -8,9 +8,10 @@ use super::device::Gpu;
 use crate::render::{RenderError, View};
 
 /// A CPU-readable buffer. Two of them alternate between chunks.
-#[derive(Default)]
 pub(super) struct Readback {
     buffer: Option<wgpu::Buffer>,
+    /// Size of the images of the largest chunk in bytes.
+    full_size: u64,
     /// The submission that has not been collected yet.
     pending: Option<Pending>,
     /// Start of each image in the buffer.
@@ -24,6 +25,16 @@ struct Pending {
 }
 
 impl Readback {
+    /// Creates a readback without a buffer. The images of the largest chunk have `full_size` bytes.
+    pub(super) fn new(full_size: u64) -> Self {
+        Self { buffer: None, full_size, pending: None, offsets: Vec::new() }
+    }
+
+    /// Returns the size of the buffer in bytes.
+    pub(super) fn n_bytes(&self) -> u64 {
+        self.buffer.as_ref().map_or(0, wgpu::Buffer::size)
+    }
+
     /// Submits commands that render `n_bytes` of images into `images`, followed by their copy to the readback
     /// buffer.
     pub(super) fn submit(
@@ -87,7 +98,7 @@ impl Readback {
         let buffer = large_enough.unwrap_or_else(|| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("readback"),
-                size: n_bytes.next_power_of_two(),
+                size: n_bytes.next_power_of_two().min(self.full_size).max(n_bytes),
                 usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
                 mapped_at_creation: false,
             })

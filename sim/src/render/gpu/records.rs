@@ -49,8 +49,23 @@ pub(super) struct ViewRecord {
     pub(super) first_instance: u32,
     /// Index of the shadow map's record, or [`NONE`].
     pub(super) shadow_map: u32,
+    /// Index of the scene's first instance among those of all resident scenes.
+    pub(super) first_scene_instance: u32,
+    /// Number of instances of the scene.
+    pub(super) n_instances: u32,
+    /// Index of the env's first pose.
+    pub(super) first_pose: u32,
+    /// Depth of the far clipping plane in m.
+    pub(super) far_m: f32,
+    /// Distance in m, per metre of radius, by which the centre of a sphere may lie outside an edge of the
+    /// image while the sphere is still visible.
+    pub(super) sphere_margin: f32,
+    /// 1 for a shadow map, 0 for an image.
+    pub(super) is_shadow_map: u32,
     /// Padding to 16 bytes.
-    pub(super) padding: [u32; 3],
+    pub(super) padding: u32,
+    /// Rows of the transform from the world to the view frame, or to shadow map texels and height.
+    pub(super) view_from_world: [[f32; 4]; 3],
     /// Ambient light, linear RGB.
     pub(super) ambient: [f32; 4],
     /// Directional lights; unused ones are black.
@@ -59,12 +74,12 @@ pub(super) struct ViewRecord {
     pub(super) shadow_from_view: [[f32; 4]; 3],
 }
 
-/// A mesh instance in a view.
+/// A mesh instance of a scene: what stays constant within an episode.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct InstanceRecord {
-    /// Rows of the transform from the mesh frame to the view frame, or to shadow map texels and height.
-    pub(super) view_from_mesh: [[f32; 4]; 3],
+pub(super) struct SceneInstanceRecord {
+    /// Rows of the transform from the mesh frame to the frame that the instance is attached to.
+    pub(super) anchor_from_mesh: [[f32; 4]; 3],
     /// Reflectance, linear RGB.
     pub(super) color: [f32; 3],
     /// Specular reflectance in white; 0 for a metal.
@@ -73,19 +88,29 @@ pub(super) struct InstanceRecord {
     pub(super) tiles: [f32; 3],
     /// Device index of the texture, or [`NONE`].
     pub(super) texture: u32,
-    /// Index of the view's record.
-    pub(super) view: u32,
+    /// Centre of the bounding sphere in the mesh frame.
+    pub(super) centre: [f32; 3],
+    /// Radius of the bounding sphere in the mesh frame.
+    pub(super) radius: f32,
+    /// Index of the frame's pose among those of the env, or [`NONE`] for the world.
+    pub(super) pose: u32,
     /// Device index of the mesh's first triangle.
     pub(super) first_triangle: u32,
     /// Number of triangles of the mesh.
     pub(super) n_triangles: u32,
-    /// Id of the first triangle.
-    pub(super) first_id: u32,
     /// 1 for a metal, 0 for anything else.
     pub(super) metallic: f32,
+    /// 1 if the instance casts a shadow, 0 if it does not.
+    pub(super) casts_shadow: u32,
     /// Padding to 16 bytes.
     pub(super) padding: [u32; 3],
 }
+
+/// The pose of a body or a link: rows of the transform from its frame to the world.
+pub(super) type PoseRecord = [[f32; 4]; 3];
+
+/// Size in bytes of a mesh instance in a view, which the device writes.
+pub(super) const INSTANCE_BYTES: u64 = 112;
 
 /// A mesh vertex.
 #[repr(C)]
@@ -97,7 +122,7 @@ pub(super) struct VertexRecord {
     pub(super) normal: [f32; 4],
 }
 
-const _: () = assert!(size_of::<ViewRecord>() == 176 && size_of::<InstanceRecord>() == 112);
+const _: () = assert!(size_of::<ViewRecord>() == 240 && size_of::<SceneInstanceRecord>() == 128);
 const _: () = assert!(size_of::<VertexRecord>() == 32 && N_SUNS == 2);
 
 /// Converts a transform to the rows of a 3 × 4 matrix, with the translation in the last column.

@@ -30,8 +30,14 @@ pub(super) struct ShadingPass {
 }
 
 impl ShadingPass {
-    /// Creates the kernel for `samples_per_axis` samples per pixel along each axis.
-    pub(super) fn new(gpu: &Gpu, visibility: &VisibilityResult<'_>, samples_per_axis: u32) -> Self {
+    /// Creates the kernel for `samples_per_axis` samples per pixel along each axis. The images of the largest
+    /// chunk have `full_size` bytes.
+    pub(super) fn new(
+        gpu: &Gpu,
+        visibility: &VisibilityResult<'_>,
+        samples_per_axis: u32,
+        full_size: u64,
+    ) -> Self {
         let (visibility_source, [ids, heights]) = match visibility {
             VisibilityResult::Textures(_) => (
                 include_str!("wgsl/visibility_textures.wgsl"),
@@ -65,7 +71,8 @@ impl ShadingPass {
         Self {
             pipeline: bindings::compute_pipeline(gpu, &layout, &module, "shade_tile", samples_per_axis),
             layout,
-            images: GrowableBuffer::new(gpu, "images", wgpu::BufferUsages::COPY_SRC),
+            images: GrowableBuffer::new(gpu, "images", wgpu::BufferUsages::COPY_SRC)
+                .with_full_size(full_size),
             group: None,
         }
     }

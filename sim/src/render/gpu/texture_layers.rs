@@ -34,6 +34,11 @@ impl TextureLayers {
         true
     }
 
+    /// Returns the memory of all layers in bytes. A texel has four.
+    pub(super) fn n_bytes(&self) -> u64 {
+        u64::from(self.side).pow(2) * self.each.len() as u64 * 4
+    }
+
     fn with(gpu: &Gpu, format: wgpu::TextureFormat, side: u32, n: u32) -> Self {
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: None,

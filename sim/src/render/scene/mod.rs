@@ -114,6 +114,9 @@ pub struct RenderScene {
     pub(in crate::render) shadow_centre: Option<Vec3>,
     /// Data that a renderer derives from the scene.
     pub(in crate::render) attachment: Attachment,
+    /// Tells a GPU renderer whether the scene that it has uploaded still exists.
+    #[cfg(feature = "gpu")]
+    pub(in crate::render) liveness: Arc<()>,
     n_triangles: usize,
     n_bodies: usize,
     n_arms: usize,
@@ -168,6 +171,8 @@ impl RenderScene {
             shadow_centre: shadow_centre(scene),
             cameras,
             attachment: Attachment::default(),
+            #[cfg(feature = "gpu")]
+            liveness: Arc::new(()),
             n_static,
             n_triangles: instances.iter().map(|instance| instance.mesh().triangles.len()).sum(),
             n_bodies: scene.bodies.len(),
@@ -195,6 +200,12 @@ impl RenderScene {
     #[must_use]
     pub fn n_triangles(&self) -> usize {
         self.n_triangles
+    }
+
+    /// Returns the number of bodies.
+    #[cfg(feature = "gpu")]
+    pub(in crate::render) fn n_bodies(&self) -> usize {
+        self.n_bodies
     }
 
     /// Returns the number of triangle ids, padding of partial clusters included.

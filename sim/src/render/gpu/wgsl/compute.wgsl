@@ -6,9 +6,16 @@
 @group(0) @binding(2) var<storage, read> vertices: array<Vertex>;
 // Three vertex indices and the texture projection axis per triangle.
 @group(0) @binding(3) var<storage, read> triangles: array<vec4u>;
-// Instance and first triangle of each block of up to 64 triangles.
-@group(0) @binding(4) var<storage, read> blocks: array<vec2u>;
+@group(0) @binding(4) var<storage, read> list: BlockList;
 @group(0) @binding(5) var<storage, read_write> large: LargeTriangles;
+
+// Blocks of up to 64 triangles, written by placement_blocks.wgsl.
+struct BlockList {
+    n: u32,
+    padding: u32,
+    // Instance index and first triangle.
+    blocks: array<vec2u>,
+}
 
 // Triangles that rasterise_large processes.
 struct LargeTriangles {
@@ -155,23 +162,25 @@ fn triangle_points(instance: Instance, triangle: u32) -> array<vec3f, 3> {
         transform_point(instance.view_from_mesh, vertices[indices.z].position.xyz));
 }
 
-// One thread per triangle. Appends triangles that are large or need clipping to the list of large triangles.
+// One workgroup per block, one thread per triangle. Appends triangles that are large or need clipping to the
+// list of large triangles.
 @compute @workgroup_size(64)
 fn rasterise_small(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) n_groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let block_idx = group.y * n_groups.x + group.x;
-    if block_idx >= arrayLength(&blocks) || blocks[block_idx].x == NONE {
-        return;
+    for (var i = group.x; i < list.n; i += n_groups.x) {
+        let block = list.blocks[i];
+        let instance = instances[block.x];
+        let triangle = block.y + lane;
+        if triangle < instance.n_triangles {
+            rasterise_if_small(instance, block.x, triangle);
+        }
     }
-    let block = blocks[block_idx];
-    let instance = instances[block.x];
-    let triangle = block.y + lane;
-    if triangle >= instance.n_triangles {
-        return;
-    }
+}
+
+fn rasterise_if_small(instance: Instance, instance_idx: u32, triangle: u32) {
     let view = views[instance.view];
     let points = triangle_points(instance, triangle);
     if (outcode(view, points[0]) & outcode(view, points[1]) & outcode(view, points[2])) != 0u {
@@ -192,7 +201,7 @@ fn rasterise_small(
     }
     let list_idx = atomicAdd(&large.n, 1u);
     if list_idx < arrayLength(&large.triangles) {
-        large.triangles[list_idx] = vec2u(block.x, triangle);
+        large.triangles[list_idx] = vec2u(instance_idx, triangle);
     } else {
         clip_and_rasterise(view, instance.first_id + triangle, points, vec2i(0), 1);
     }

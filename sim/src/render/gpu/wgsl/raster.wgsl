@@ -6,8 +6,6 @@ enable primitive_index;
 @group(0) @binding(0) var<storage, read> views: array<View>;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var<storage, read> vertices: array<Vertex>;
-// Indices into instances, grouped by mesh.
-@group(0) @binding(3) var<storage, read> instance_indices: array<u32>;
 
 struct VertexOutput {
     @builtin(position) position: vec4f,
@@ -22,7 +20,7 @@ fn to_clip_space(view: View, px: vec2f, depth: f32, w: f32, first_id: u32) -> Ve
 
 @vertex
 fn camera_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) i: u32) -> VertexOutput {
-    let instance = instances[instance_indices[i]];
+    let instance = instances[i];
     let view = views[instance.view];
     let p = transform_point(instance.view_from_mesh, vertices[vertex].position.xyz);
     var px = view.half_px * p.z + view.focal_px * p.xy;
@@ -35,7 +33,7 @@ fn camera_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) i:
 
 @vertex
 fn shadow_map_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) i: u32) -> VertexOutput {
-    let instance = instances[instance_indices[i]];
+    let instance = instances[i];
     let p = transform_point(instance.view_from_mesh, vertices[vertex].position.xyz);
     return to_clip_space(views[instance.view], snap_to_grid(p.xy), p.z, 1.0, 0u);
 }

@@ -29,15 +29,26 @@ struct View {
     first_instance: u32,
     // View index of the shadow map, or NONE.
     shadow_map: u32,
-    padding_0: u32,
-    padding_1: u32,
-    padding_2: u32,
+    first_scene_instance: u32,
+    // Number of instances of the scene.
+    n_instances: u32,
+    first_pose: u32,
+    far_m: f32,
+    // Distance, per unit of radius, by which the centre of a sphere may lie outside an edge of the image
+    // while the sphere is still visible.
+    sphere_margin: f32,
+    // 1 for a shadow map, 0 for an image.
+    is_shadow_map: u32,
+    padding: u32,
+    // Rows of the transform from the world to the view frame, or to shadow map texels and height.
+    view_from_world: array<vec4f, 3>,
     ambient: vec4f,
     suns: array<Sun, 2>,
     // Rows of the transform from the view frame to shadow map texels and height.
     shadow_from_view: array<vec4f, 3>,
 }
 
+// A mesh instance in a view.
 struct Instance {
     // Rows of the transform from the mesh frame to the view frame, or to shadow map texels and height.
     view_from_mesh: array<vec4f, 3>,
