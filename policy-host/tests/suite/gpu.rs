@@ -6,10 +6,10 @@
 use std::path::Path;
 
 use ipc_types::Morphology;
-use policy_host::act::{GpuActPolicy, LoadGpuError};
+use policy_host::act::GpuActPolicy;
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::ensemble::Ensemble;
-use policy_host::nn::gpu::{DeviceKind, GpuDevice, GpuError};
+use policy_host::nn::gpu::{DeviceKind, GpuDevice, GpuError, ProductMethod};
 use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
 
 use policy_host::synthetic::write_checkpoint;
@@ -24,26 +24,33 @@ pub(crate) fn policy() -> Option<GpuActPolicy> {
     load(&data("act-tiny"), &Morphology::ALL)
 }
 
-#[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
 fn load(folder: &Path, robots: &[Morphology]) -> Option<GpuActPolicy> {
-    let gpu = GpuDevice::open(device_kind()).map_err(LoadGpuError::Device);
-    match gpu.and_then(|gpu| GpuActPolicy::load(gpu, folder, robots)) {
-        Ok(policy) => Some(policy),
-        Err(LoadGpuError::Device(error @ GpuError::NoAdapter { .. })) => {
-            let required = std::env::var_os("HYPOGEUM_REQUIRE_VULKAN").is_some_and(|value| value == "1");
+    Some(GpuActPolicy::load(device()?, folder, robots).unwrap())
+}
+
+/// Opens the device of the tests: a software driver, unless the environment variable `HYPOGEUM_TEST_DEVICE` is
+/// `gpu`. Products are chains, unless `HYPOGEUM_TEST_PRODUCTS` is `matrices`. Returns `None` if there is no
+/// such device and none is required.
+#[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
+pub(crate) fn device() -> Option<GpuDevice> {
+    let is = |name: &str, value: &str| std::env::var(name).is_ok_and(|found| found == value);
+    let kind = match is("HYPOGEUM_TEST_DEVICE", "gpu") {
+        true => DeviceKind::Hardware,
+        false => DeviceKind::Software,
+    };
+    let products = match is("HYPOGEUM_TEST_PRODUCTS", "matrices") {
+        true => ProductMethod::SplitMatrices,
+        false => ProductMethod::Chains,
+    };
+    match GpuDevice::open_with(kind, 0, products) {
+        Ok(gpu) => Some(gpu),
+        Err(error @ (GpuError::NoAdapter { .. } | GpuError::NoMatrices { .. })) => {
+            let required = is("HYPOGEUM_REQUIRE_VULKAN", "1") && matches!(error, GpuError::NoAdapter { .. });
             assert!(!required, "HYPOGEUM_REQUIRE_VULKAN is set, but {error}");
             eprintln!("skipped: {error}");
             None
         }
         Err(error) => panic!("{error}"),
-    }
-}
-
-/// Returns the kind of device that tests open: a software driver, unless `HYPOGEUM_TEST_DEVICE` is `gpu`.
-pub(crate) fn device_kind() -> DeviceKind {
-    match std::env::var("HYPOGEUM_TEST_DEVICE").as_deref() {
-        Ok("gpu") => DeviceKind::Hardware,
-        _ => DeviceKind::Software,
     }
 }
 

@@ -6,7 +6,9 @@ use policy_host::nn::gpu::ops::{
     AttentionShape, DeviceMaps, DeviceWeights, OpBuilder, ProductEpilogue, SampleRows,
 };
 use policy_host::nn::gpu::readback::{BatchReadback, NetworkStep};
-use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, Dispatch, GpuDevice, KernelCache};
+use policy_host::nn::gpu::{DeviceBuffer, Dispatch, KernelCache};
+
+use crate::gpu::device;
 
 pub(crate) const N_SAMPLES: usize = 3;
 const TOLERANCE: f64 = 1e-5;
@@ -22,7 +24,19 @@ pub(crate) fn check(
     (out, expected): (&[f32], &[f64]),
     build: impl FnOnce(&mut OpBuilder<'_>, &DeviceBuffer) -> Dispatch,
 ) {
-    let Some(gpu) = device() else { return };
+    let Some(found) = compute(out, build) else { return };
+    assert_eq!(found.len(), expected.len());
+    for (idx, (x, y)) in found.iter().zip(expected).enumerate() {
+        assert!((f64::from(*x) - y).abs() < TOLERANCE, "{what}, value {idx}: {x}, expected {y}");
+    }
+}
+
+/// Builds a dispatch with `build`, runs it on `out`, and returns the result, unless there is no device.
+fn compute(
+    out: &[f32],
+    build: impl FnOnce(&mut OpBuilder<'_>, &DeviceBuffer) -> Dispatch,
+) -> Option<Vec<f32>> {
+    let gpu = device()?;
     let batch = DeviceBuffer::batch(&gpu);
     batch.write(&gpu, 0, &[N_SAMPLES as u32]);
     let buffer = DeviceBuffer::of(&gpu, "out", out);
@@ -30,32 +44,14 @@ pub(crate) fn check(
     let steps = [NetworkStep::Run(build(&mut ops, &buffer))];
     let readback = BatchReadback::new(&gpu, out.len());
     let pending = readback.submit(&gpu, &steps, N_SAMPLES, (&buffer, out.len()));
-    readback
-        .collect(&gpu, &pending, |found| {
-            assert_eq!(found.len(), expected.len());
-            for (idx, (x, y)) in found.iter().zip(expected).enumerate() {
-                assert!((f64::from(*x) - y).abs() < TOLERANCE, "{what}, value {idx}: {x}, expected {y}");
-            }
-        })
-        .unwrap();
+    let mut found = Vec::new();
+    readback.collect(&gpu, &pending, |values| found.extend_from_slice(values)).unwrap();
+    Some(found)
 }
 
 /// Returns GELU in the form with tanh.
 pub(crate) fn gelu(x: f64) -> f64 {
     0.5 * x * (1.0 + libm::tanh((2.0 / std::f64::consts::PI).sqrt() * (x + 0.044_715 * x.powi(3))))
-}
-
-#[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
-pub(crate) fn device() -> Option<GpuDevice> {
-    match GpuDevice::open(DeviceKind::Software) {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            let required = std::env::var_os("HYPOGEUM_REQUIRE_VULKAN").is_some_and(|value| value == "1");
-            assert!(!required, "HYPOGEUM_REQUIRE_VULKAN is set, but {error}");
-            eprintln!("skipped: {error}");
-            None
-        }
-    }
 }
 
 #[test]
@@ -101,6 +97,35 @@ fn linear_layers_agree_with_f64() {
             ops.linear(&layer, n_rows, (&a, from, positions.as_ref()), (out, to), epilogue)
         });
     }
+}
+
+/// Terms of 16 bits would give errors ten times as large as permitted.
+#[test]
+fn long_sums_are_as_accurate_as_f32() {
+    let (n_rows, k, n) = (23, 2048, 70);
+    let magnitude = |idx: usize| [1e-3, 0.1, 1.0, 30.0][idx % 4];
+    let inputs = values("a", N_SAMPLES * n_rows * k).into_iter().enumerate();
+    let a: Vec<f32> = inputs.map(|(idx, x)| x * magnitude(idx)).collect();
+    let (weights, bias) = (values("w", k * n), vec![0.0; n]);
+    let term =
+        |row: usize, col: usize, at: usize| f64::from(a[row * k + at]) * f64::from(weights[at * n + col]);
+    let cells = || (0..N_SAMPLES * n_rows).flat_map(|row| (0..n).map(move |col| (row, col)));
+    let sum = |f: fn(f64) -> f64| -> Vec<f64> {
+        cells().map(|(row, col)| (0..k).map(|at| f(term(row, col, at))).sum()).collect()
+    };
+    let (expected, sizes) = (sum(|x| x), sum(f64::abs));
+    let Some(found) = compute(&vec![0.0; expected.len()], |ops, out| {
+        let layer = DeviceWeights::new(ops.gpu, &weights, &bias);
+        let a = DeviceBuffer::of(ops.gpu, "a", &a);
+        let rows = SampleRows::all(n_rows);
+        ops.linear(&layer, n_rows, (&a, rows, None), (out, rows), ProductEpilogue::Store)
+    }) else {
+        return;
+    };
+    let errors =
+        found.iter().zip(&expected).zip(&sizes).map(|((x, y), size)| (f64::from(*x) - y).abs() / size);
+    let largest = errors.fold(0.0, f64::max);
+    assert!(largest < 6e-7, "relative to the sum of sizes, the largest error is {largest:.1e}");
 }
 
 #[test]

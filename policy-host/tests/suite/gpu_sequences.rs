@@ -7,7 +7,8 @@ use policy_host::nn::gpu::sequences::{RotaryRows, RowNorm, SequenceInput, Sequen
 use policy_host::weights::{MODEL_FILE, StoredTensor, TensorFolder};
 use safetensors::tensor::{Dtype, TensorView};
 
-use crate::gpu_kernels::{N_SAMPLES, check, device, gelu, values};
+use crate::gpu::device;
+use crate::gpu_kernels::{N_SAMPLES, check, gelu, values};
 
 /// Writes matrices `[n, k]` of one type to a file and returns them with their rounded values `[Σ n, k]`.
 fn stored(dtype: Dtype, k: usize, rows: &[usize]) -> (Vec<StoredTensor>, Vec<f64>) {

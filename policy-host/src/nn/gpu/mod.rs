@@ -12,6 +12,7 @@ pub mod adapters;
 pub mod buffer;
 pub mod device;
 pub mod kernel;
+mod matrices;
 pub mod ops;
 pub mod readback;
 pub mod sequences;
@@ -19,5 +20,5 @@ pub mod transfer;
 pub mod weights;
 
 pub use self::buffer::DeviceBuffer;
-pub use self::device::{DeviceKind, GpuDevice, GpuError};
+pub use self::device::{DeviceKind, GpuDevice, GpuError, ProductMethod};
 pub use self::kernel::{Dispatch, KernelCache};

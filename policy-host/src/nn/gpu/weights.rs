@@ -33,6 +33,15 @@ impl WeightLayout {
             Self::Stored(FloatType::Bf16) => (include_str!("wgsl/half_weights.wgsl"), &[("IS_BF16", 1)]),
         }
     }
+
+    /// Returns the WGSL source that loads the weights into a tile of vectors.
+    pub(super) const fn tile_source(self) -> &'static str {
+        match self {
+            Self::ByInput => include_str!("wgsl/weights_tile.wgsl"),
+            Self::Stored(FloatType::F32) => include_str!("wgsl/stored_weights_tile.wgsl"),
+            Self::Stored(FloatType::F16 | FloatType::Bf16) => include_str!("wgsl/half_weights_tile.wgsl"),
+        }
+    }
 }
 
 impl DeviceWeights {

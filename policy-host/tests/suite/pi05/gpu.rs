@@ -6,7 +6,7 @@ use ipc_types::run_config::DeviceChoice;
 use policy_host::load_on;
 
 use super::*;
-use crate::gpu_kernels::device;
+use crate::gpu::device;
 
 /// Cases whose checkpoint is in their own folder, and the cameras with recorded images.
 const CASES: [(&str, Option<&[&str]>); 4] = [
