@@ -3,8 +3,11 @@
 //! Measures the product kernel at the shapes of π0.5's language model and of ACT's transformer, of which a
 //! software driver leaves out the large ones. Then come whole queries of a network with generated weights in
 //! bf16, full-size on a GPU and tiny on a software driver, unless `--checkpoint` names one. Their time
-//! includes uploads and read-back.
+//! includes uploads and read-back: of each batch alone, then of batches that follow each other as in a run,
+//! so that the host uploads the next one while the device computes.
 
+use std::collections::VecDeque;
+use std::hint::black_box;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -15,12 +18,13 @@ use ipc_types::Morphology;
 use policy_host::checkpoint::pi05::Pi05Checkpoint;
 use policy_host::generated::{fnv1a64, sym};
 use policy_host::nn::gpu::ops::{DeviceWeights, OpBuilder, ProductEpilogue, SampleRows};
-use policy_host::nn::gpu::readback::{NetworkStep, run};
+use policy_host::nn::gpu::steps::{NetworkStep, run};
 use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, KernelCache};
+use policy_host::pi05::GpuPi05Network;
 use policy_host::pi05::architecture::Pi05Architecture;
 use policy_host::synthetic::write_pi05_checkpoint;
 
-use super::{N_IMAGES, N_PROMPT, query};
+use super::{N_IMAGES, N_PROMPT, QueryBatch};
 
 /// Shapes of products: rows, inner dimension and columns. Those of an MLP of π0.5's language model for one
 /// sample, of one of its action expert for eight, and of ACT's transformer for eight.
@@ -32,6 +36,10 @@ const ROUND_FLOP: f64 = 2e12;
 const SOFTWARE_FLOP: f64 = 5e9;
 /// Samples of a batch.
 const BATCHES: [usize; 2] = [1, 8];
+/// Batches in flight: one, and as many as in a policy host, each with the end of its name in the report.
+const DEPTHS: [(usize, &str); 2] = [(1, ""), (2, "_in_flight")];
+/// Batches of a round that follow each other.
+const ROUND_BATCHES: usize = 4;
 /// Rounds of a measurement, of which the median counts.
 const ROUNDS: usize = 5;
 
@@ -113,20 +121,46 @@ fn queries(gpu: &Arc<GpuDevice>, note: &str, folder: &Path, report: &mut Report)
     let started = Instant::now();
     let checkpoint = Pi05Checkpoint::open(folder)?;
     let n_steps = checkpoint.description().n_steps;
-    let network = checkpoint.load_on_gpu(gpu, n_steps)?;
+    let mut network = checkpoint.load_on_gpu(gpu, n_steps)?;
     let load_s = started.elapsed().as_secs_f64();
-    println!("loaded in {load_s:.1} s, up to {} samples at a time", network.capacity());
+    let capacity = network.capacity();
+    println!("loaded in {load_s:.1} s, up to {capacity} samples at a time");
     report.add("load", load_s, "s", note);
     let architecture = checkpoint.description().architecture;
     let gflop = architecture.flop_per_query(N_IMAGES, N_PROMPT, n_steps) as f64 / 1e9;
-    for n_samples in BATCHES.into_iter().filter(|n_samples| *n_samples <= network.capacity()) {
-        let batch = || query(&architecture, n_samples, |input, actions| Ok(network.sample(input, actions)?));
-        batch()?;
-        let mut seconds = (0..ROUNDS).map(|_| batch()).collect::<Result<Vec<_>>>()?;
-        let rate = n_samples as f64 / median(&mut seconds);
-        println!("batch {n_samples}: {rate:.3} queries/s of {gflop:.2} GFLOP, {:.2} GFLOP/s", rate * gflop);
-        report.add(&format!("batch{n_samples}"), rate, "queries_per_s", note);
-        report.add(&format!("batch{n_samples}"), rate * gflop, "gflop_per_s", note);
+    for n_samples in BATCHES.into_iter().filter(|n_samples| *n_samples <= capacity) {
+        let batch = QueryBatch::new(&architecture, n_samples);
+        stream(&mut network, &batch, 1)?;
+        for (depth, name) in DEPTHS {
+            let mut seconds =
+                (0..ROUNDS).map(|_| stream(&mut network, &batch, depth)).collect::<Result<Vec<_>>>()?;
+            let rate = (ROUND_BATCHES * n_samples) as f64 / median(&mut seconds);
+            println!(
+                "batch {n_samples}, {depth} in flight: {rate:.3} queries/s of {gflop:.2} GFLOP, {:.2} GFLOP/s",
+                rate * gflop
+            );
+            report.add(&format!("batch{n_samples}{name}"), rate, "queries_per_s", note);
+            report.add(&format!("batch{n_samples}{name}"), rate * gflop, "gflop_per_s", note);
+        }
     }
     Ok(())
+}
+
+/// Answers the same batch [`ROUND_BATCHES`] times, with `depth` of them in flight, and returns the time in s.
+fn stream(network: &mut GpuPi05Network, batch: &QueryBatch, depth: usize) -> Result<f64> {
+    let mut in_flight = VecDeque::new();
+    let started = Instant::now();
+    for index in 0..ROUND_BATCHES + depth {
+        if index >= depth
+            && let Some(oldest) = in_flight.pop_front()
+        {
+            network.collect(oldest, |actions| {
+                black_box(actions);
+            })?;
+        }
+        if index < ROUND_BATCHES {
+            in_flight.push_back(network.submit(batch.input(), &batch.noise)?);
+        }
+    }
+    Ok(started.elapsed().as_secs_f64())
 }

@@ -144,12 +144,12 @@ fn measure(
     let peak = peak_gflop_per_s(n_threads);
     for (n_samples, rounds) in BATCHES {
         let (mut ours, mut theirs, mut ratios) = (Vec::new(), Vec::new(), Vec::new());
+        let batch = QueryBatch::new(&architecture, n_samples);
         for _ in 0..rounds {
-            let sample = |input: Pi05Input<'_>, actions: &mut [f32]| {
-                network.model.sample(input, actions, None);
-                Ok(())
-            };
-            ours.push(query(&architecture, n_samples, sample)? / n_samples as f64);
+            let mut actions = batch.noise.clone();
+            let started = Instant::now();
+            network.model.sample(batch.input(), &mut actions, None);
+            ours.push(started.elapsed().as_secs_f64() / n_samples as f64);
             if let Some(peer) = peer.as_deref_mut().filter(|_| n_samples == 1) {
                 let seconds = peer.request(&format!("{N_IMAGES} {N_PROMPT} {}", network.n_steps))?;
                 theirs.push(seconds);
@@ -177,28 +177,34 @@ fn measure(
     Ok(())
 }
 
-/// Answers a batch of queries with distinct images by `sample`, and returns the time in s.
-fn query(
-    architecture: &Pi05Architecture,
-    n_samples: usize,
-    sample: impl FnOnce(Pi05Input<'_>, &mut [f32]) -> Result<()>,
-) -> Result<f64> {
-    let side = architecture.image_side();
-    let values = |name: &str, n: usize| -> Vec<f32> {
-        let stream = fnv1a64(name);
-        (0..n).map(|idx| sym(stream, idx, 1.0)).collect()
-    };
-    let images = values("images", n_samples * N_IMAGES * 3 * side * side);
-    let samples: Vec<_> = (0..n_samples)
-        .map(|sample| SampleTokens {
-            images: (sample * N_IMAGES..(sample + 1) * N_IMAGES).collect(),
+/// A batch of queries with distinct images.
+struct QueryBatch {
+    images: Vec<f32>,
+    samples: Vec<SampleTokens>,
+    noise: Vec<f32>,
+}
+
+impl QueryBatch {
+    fn new(architecture: &Pi05Architecture, n_samples: usize) -> Self {
+        let side = architecture.image_side();
+        let values = |name: &str, n: usize| -> Vec<f32> {
+            let stream = fnv1a64(name);
+            (0..n).map(|idx| sym(stream, idx, 1.0)).collect()
+        };
+        let sample = |idx: usize| SampleTokens {
+            images: (idx * N_IMAGES..(idx + 1) * N_IMAGES).collect(),
             prompt: (4..4 + N_PROMPT as u32).collect(),
-        })
-        .collect();
-    let mut actions = values("noise", n_samples * architecture.horizon * architecture.action_width);
-    let started = Instant::now();
-    sample(Pi05Input { images: &images, samples: &samples }, &mut actions)?;
-    Ok(started.elapsed().as_secs_f64())
+        };
+        Self {
+            images: values("images", n_samples * N_IMAGES * 3 * side * side),
+            samples: (0..n_samples).map(sample).collect(),
+            noise: values("noise", n_samples * architecture.horizon * architecture.action_width),
+        }
+    }
+
+    fn input(&self) -> Pi05Input<'_> {
+        Pi05Input { images: &self.images, samples: &self.samples }
+    }
 }
 
 /// Returns the resident memory of this process in MiB: its own, and pages of files.

@@ -21,6 +21,8 @@ pub mod synthetic;
 pub mod text;
 pub mod weights;
 
+#[cfg(feature = "gpu")]
+mod in_flight;
 mod rows;
 
 pub use ipc_types::run_config::QueryMode;

@@ -111,7 +111,7 @@ fn load_pi05_on_gpu(
     robots: &[Morphology],
 ) -> Result<Box<dyn Policy>, LoadError> {
     let n_steps = source.n_steps.map(|steps| steps.get() as usize);
-    Ok(Box::new(Pi05Policy::load_on_gpu(open(device)?, &source.folder, n_steps, robots)?))
+    Ok(Box::new(pi05::GpuPi05Policy::load(open(device)?, &source.folder, n_steps, robots)?))
 }
 
 #[cfg(feature = "gpu")]

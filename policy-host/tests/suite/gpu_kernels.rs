@@ -5,7 +5,8 @@ use policy_host::nn::conv::ConvGeometry;
 use policy_host::nn::gpu::ops::{
     AttentionShape, DeviceMaps, DeviceWeights, OpBuilder, ProductEpilogue, SampleRows,
 };
-use policy_host::nn::gpu::readback::{BatchReadback, NetworkStep};
+use policy_host::nn::gpu::steps::{NetworkStep, StepRun};
+use policy_host::nn::gpu::transfer::{BatchArray, BatchQueue, UnitCounter};
 use policy_host::nn::gpu::{DeviceBuffer, Dispatch, KernelCache};
 
 use crate::gpu::device;
@@ -37,15 +38,17 @@ fn compute(
     build: impl FnOnce(&mut OpBuilder<'_>, &DeviceBuffer) -> Dispatch,
 ) -> Option<Vec<f32>> {
     let gpu = device()?;
-    let batch = DeviceBuffer::batch(&gpu);
-    batch.write(&gpu, 0, &[N_SAMPLES as u32]);
+    let samples = UnitCounter { count: DeviceBuffer::batch(&gpu), capacity: N_SAMPLES };
+    // The length of the result need not be a multiple of the number of samples.
+    let whole = UnitCounter { count: DeviceBuffer::batch(&gpu), capacity: 1 };
     let buffer = DeviceBuffer::of(&gpu, "out", out);
-    let mut ops = OpBuilder { gpu: &gpu, kernels: KernelCache::default(), batch: &batch };
-    let steps = [NetworkStep::Run(build(&mut ops, &buffer))];
-    let readback = BatchReadback::new(&gpu, out.len());
-    let pending = readback.submit(&gpu, &steps, N_SAMPLES, (&buffer, out.len()));
+    let mut ops = OpBuilder { gpu: &gpu, kernels: KernelCache::default(), batch: &samples.count };
+    let run = StepRun { unit: 0, steps: vec![NetworkStep::Run(build(&mut ops, &buffer))] };
+    let result = BatchArray { buffer, unit: 1, n_words: out.len() };
+    let mut queue = BatchQueue::new([samples, whole], Vec::new(), vec![run], result);
+    let batch = queue.submit(&gpu, [N_SAMPLES, 1], &|_, _| &[]).unwrap();
     let mut found = Vec::new();
-    readback.collect(&gpu, &pending, |values| found.extend_from_slice(values)).unwrap();
+    queue.collect(&gpu, batch, |values| found.extend_from_slice(values)).unwrap();
     Some(found)
 }
 

@@ -2,7 +2,7 @@
 
 use crate::act::architecture::Architecture;
 use crate::nn::gpu::ops::{DeviceWeights, OpBuilder, ProductEpilogue, SampleRows};
-use crate::nn::gpu::readback::NetworkStep;
+use crate::nn::gpu::steps::NetworkStep;
 use crate::nn::gpu::{DeviceBuffer, Dispatch};
 use crate::weights::StateDict;
 

@@ -8,8 +8,8 @@ use crate::act::model::positions;
 use crate::act::normalise::ShiftScale;
 use crate::act::stored::StoredNetwork;
 use crate::nn::gpu::ops::{DeviceMaps, OpBuilder, ProductEpilogue};
-use crate::nn::gpu::readback::NetworkStep;
-use crate::nn::gpu::transfer::{BatchInFlight, BatchInput, BatchQueue};
+use crate::nn::gpu::steps::{NetworkStep, StepRun};
+use crate::nn::gpu::transfer::{BatchArray, BatchInFlight, BatchQueue, UnitCounter};
 use crate::nn::gpu::{DeviceBuffer, GpuDevice, GpuError, KernelCache};
 
 /// Largest number of samples that are computed at a time. Not yet tuned on a GPU.
@@ -21,9 +21,9 @@ pub(super) struct GpuNetwork {
     pub(super) architecture: Architecture,
     pub(super) leading: LeadingTokens,
     action: Option<ShiftScale>,
-    queue: BatchQueue,
+    /// Counts samples.
+    queue: BatchQueue<1>,
     n_cameras: usize,
-    steps: Vec<NetworkStep>,
     capacity: usize,
     /// Words of a sample in `first_tokens`.
     n_leading_words: usize,
@@ -83,8 +83,8 @@ impl GpuNetwork {
         let head = list.weights("action_head");
         list.linear(&head, (&target, None), &actions, ProductEpilogue::Store);
         gpu.check()?;
-        let steps = list.steps;
-        let capacity = steps.iter().map(NetworkStep::max_samples).fold(capacity, usize::min);
+        let run = StepRun { unit: 0, steps: list.steps };
+        let capacity = capacity.min(run.max_units());
         if capacity == 0 {
             return Err(gpu.error("a sample needs more workgroups than it allows"));
         }
@@ -92,15 +92,16 @@ impl GpuNetwork {
             mapping.cameras.iter().map(|camera| (camera_size(*camera).n_pixels() * 3).div_ceil(4));
         let images = cameras.into_iter().zip(image_words);
         let others = [(first_tokens, n_leading * width), (memory.present, 1)];
-        let inputs = images.chain(others).map(|(target, n_words)| BatchInput { target, n_words }).collect();
-        let result = BatchInput { target: actions.buffer, n_words: horizon * architecture.action_dim };
+        let array = |(buffer, n_words)| BatchArray { buffer, unit: 0, n_words };
+        let inputs = images.chain(others).map(array).collect();
+        let result = array((actions.buffer, horizon * architecture.action_dim));
+        let samples = UnitCounter { count: batch, capacity };
         Ok(Self {
             architecture: architecture.clone(),
             leading: LeadingTokens::new(architecture, normalisation, state_dict),
             action: normalisation.action.clone(),
-            queue: BatchQueue::new(inputs, batch, result, capacity),
+            queue: BatchQueue::new([samples], inputs, vec![run], result),
             n_cameras: mapping.cameras.len(),
-            steps,
             capacity,
             n_leading_words: n_leading * width,
             tokens: vec![0.0; capacity * n_leading * width],
@@ -134,13 +135,13 @@ impl GpuNetwork {
         n_samples: usize,
         image: impl Fn(usize, usize) -> &'a [u8] + Sync,
     ) -> Result<BatchInFlight, GpuError> {
-        let Self { queue, steps, n_cameras, n_leading_words, tokens, is_present, .. } = self;
+        let Self { queue, n_cameras, n_leading_words, tokens, is_present, .. } = self;
         let bytes = |input: usize, sample: usize| match input.checked_sub(*n_cameras) {
             None => image(sample, input),
             Some(0) => bytemuck::cast_slice(&tokens[sample * *n_leading_words..][..*n_leading_words]),
             Some(_) => bytemuck::bytes_of(&is_present[sample]),
         };
-        queue.submit(gpu, steps, n_samples, &bytes)
+        queue.submit(gpu, [n_samples], &bytes)
     }
 
     /// Waits for a batch and passes each chunk, `[horizon, action_dim]` in the units of the environment, to

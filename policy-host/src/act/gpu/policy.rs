@@ -1,6 +1,5 @@
 //! The [`Policy`] that runs ACT networks on a GPU.
 
-use std::collections::VecDeque;
 use std::path::Path;
 
 use ipc_types::{Morphology, ObservationView};
@@ -10,6 +9,7 @@ use crate::act::instruction::TokenCache;
 use crate::act::policy::ChunkRows;
 use crate::act::stored::{StoredNetwork, load_networks};
 use crate::checkpoint::{CheckpointFolderError, ObservationMapping};
+use crate::in_flight::{ObservationInFlight, ObservationsInFlight};
 use crate::nn::gpu::transfer::BatchInFlight;
 use crate::nn::gpu::{GpuDevice, GpuError};
 use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError, PolicyPipeline};
@@ -19,17 +19,8 @@ use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError, Po
 pub struct GpuActPolicy {
     networks: Vec<DeviceNetwork>,
     rows: ChunkRows,
-    /// Submitted observations, oldest first.
-    submitted: VecDeque<SubmittedObservation>,
+    in_flight: ObservationsInFlight,
     gpu: GpuDevice,
-}
-
-/// An observation in parts that the device can compute at a time.
-#[derive(Debug)]
-struct SubmittedObservation {
-    /// Index of the network.
-    network: usize,
-    parts: Vec<BatchInFlight>,
 }
 
 #[derive(Debug)]
@@ -64,7 +55,7 @@ impl GpuActPolicy {
             let (tokens, state) = (TokenCache::new(encoder), vec![0.0; architecture.state_dim.unwrap_or(0)]);
             Ok::<_, LoadGpuError>(DeviceNetwork { gpu: network, mapping, ensemble_decay, tokens, state })
         })?;
-        Ok(Self { networks, rows: ChunkRows::Executed, submitted: VecDeque::new(), gpu })
+        Ok(Self { networks, rows: ChunkRows::Executed, in_flight: ObservationsInFlight::default(), gpu })
     }
 
     fn network(&self, morphology: Morphology) -> Option<&DeviceNetwork> {
@@ -115,13 +106,12 @@ impl PolicyPipeline for GpuActPolicy {
             network.submit(&self.gpu, observation, first_env, n_samples)
         });
         let parts = parts.collect::<Result<_, GpuError>>()?;
-        self.submitted.push_back(SubmittedObservation { network: index, parts });
+        self.in_flight.push(ObservationInFlight { network: index, parts });
         Ok(())
     }
 
     fn is_ready(&mut self) -> bool {
-        let last = self.submitted.front_mut().and_then(|observation| observation.parts.last_mut());
-        last.is_none_or(|part| part.is_ready(&self.gpu))
+        self.in_flight.is_ready(&self.gpu)
     }
 
     fn collect(
@@ -130,8 +120,7 @@ impl PolicyPipeline for GpuActPolicy {
         answer: &mut [ActionChunk],
     ) -> Result<(), PolicyError> {
         assert_eq!(answer.len(), observation.n_envs(), "one chunk per env");
-        let SubmittedObservation { network, parts } =
-            self.submitted.pop_front().expect("a batch was submitted");
+        let ObservationInFlight { network, parts } = self.in_flight.pop();
         let network = &mut self.networks[network].gpu;
         let (capacity, action_dim) = (network.capacity(), network.architecture.action_dim);
         for ((part, chunks), first_env) in
@@ -148,8 +137,7 @@ impl PolicyPipeline for GpuActPolicy {
     }
 
     fn discard(&mut self) -> Result<(), PolicyError> {
-        let SubmittedObservation { network, parts } =
-            self.submitted.pop_front().expect("a batch was submitted");
+        let ObservationInFlight { network, parts } = self.in_flight.pop();
         let network = &mut self.networks[network].gpu;
         for part in parts {
             network.collect(&self.gpu, part, |_, _| ())?;

@@ -2,7 +2,7 @@
 
 use super::layers::{StepList, TokenRows};
 use crate::nn::gpu::ops::{AttentionShape, DeviceWeights, ProductEpilogue};
-use crate::nn::gpu::readback::{NetworkStep, run};
+use crate::nn::gpu::steps::{NetworkStep, run};
 use crate::nn::gpu::{DeviceBuffer, GpuError};
 
 /// Blocks of PyTorch's stacked input projection of an attention.

@@ -27,7 +27,7 @@ impl DeviceBuffer {
         buffer
     }
 
-    /// Allocates the uniform buffer of the number of samples in a batch.
+    /// Allocates the uniform buffer of the number of units in a batch.
     #[must_use]
     pub fn batch(gpu: &GpuDevice) -> Self {
         let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;

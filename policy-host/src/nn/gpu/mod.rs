@@ -6,7 +6,7 @@
 //!
 //! [`adapters`] lists what there is, [`device`] opens one, [`buffer`] owns device memory, [`weights`] the
 //! matrices in it, [`kernel`] compiles the WGSL sources, [`ops`] and [`sequences`] have one constructor per
-//! layer, [`readback`] runs steps, and [`transfer`] has the batches in flight.
+//! layer, [`steps`] encodes them, and [`transfer`] has the batches in flight.
 
 pub mod adapters;
 pub mod buffer;
@@ -14,8 +14,8 @@ pub mod device;
 pub mod kernel;
 mod matrices;
 pub mod ops;
-pub mod readback;
 pub mod sequences;
+pub mod steps;
 pub mod transfer;
 pub mod weights;
 

@@ -1,4 +1,5 @@
-//! Batches in flight: inputs on their way to the device, results on their way back.
+//! Batches in flight: inputs on their way to the device, results on their way back. Every network computes
+//! through a [`BatchQueue`].
 //!
 //! Inputs are written once, into host-visible memory, from which the device copies them before the first step
 //! of their batch. Each batch in flight has such memory of its own, which is reused after it.
@@ -9,29 +10,39 @@ use rayon::prelude::*;
 
 use super::buffer::DeviceBuffer;
 use super::device::{GpuDevice, GpuError};
-use super::readback::{NetworkStep, encode};
+use super::steps::{StepRun, encode};
 
 /// Alignment of mapped ranges in bytes.
 const ALIGNMENT: u64 = wgpu::MAP_ALIGNMENT;
-/// Bytes before the inputs, for the number of samples.
-const HEADER_BYTES: u64 = 16;
 
-/// An input of a network.
+/// Counter of one kind of unit in a batch: samples, for example, or rows of sequences.
 #[derive(Clone, Debug)]
-pub struct BatchInput {
-    /// Memory of all samples.
-    pub target: DeviceBuffer,
-    /// Words of a sample.
+pub struct UnitCounter {
+    /// Uniform buffer of the number of units in a batch.
+    pub count: DeviceBuffer,
+    /// Largest number of units in a batch.
+    pub capacity: usize,
+}
+
+/// Input or result of a network: an array with the same number of words for each unit of one kind.
+#[derive(Clone, Debug)]
+pub struct BatchArray {
+    /// Memory of all units, without gaps.
+    pub buffer: DeviceBuffer,
+    /// Index of the unit among the queue's counters.
+    pub unit: usize,
+    /// Words of a unit.
     pub n_words: usize,
 }
 
-/// The way of a network's batches to the device and back.
+/// The way of a network's batches to the device, through its steps, and back. A batch has a number of units
+/// of each of `UNITS` kinds.
 #[derive(Debug)]
-pub struct BatchQueue {
-    inputs: Vec<BatchInput>,
-    n_samples: DeviceBuffer,
-    result: BatchInput,
-    capacity: usize,
+pub struct BatchQueue<const UNITS: usize> {
+    counters: [UnitCounter; UNITS],
+    inputs: Vec<BatchArray>,
+    runs: Vec<StepRun>,
+    result: BatchArray,
     /// Memory that no batch uses.
     idle: Vec<TransferBuffers>,
 }
@@ -52,62 +63,75 @@ pub struct BatchInFlight {
     /// Completed mappings of the two buffers.
     mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
     n_mapped: usize,
-    n_samples: usize,
+    /// Bytes of the result.
+    n_bytes: u64,
 }
 
-impl BatchQueue {
-    /// Prepares batches of up to `capacity` samples with these inputs. `n_samples` is the uniform buffer of
-    /// their number, `result` what is read back.
+impl<const UNITS: usize> BatchQueue<UNITS> {
+    /// Prepares batches with these inputs, which pass through all `runs` in their order. `result` is what is
+    /// read back.
+    ///
+    /// # Panics
+    /// If a run cannot take all units of a batch.
     #[must_use]
     pub fn new(
-        inputs: Vec<BatchInput>,
-        n_samples: DeviceBuffer,
-        result: BatchInput,
-        capacity: usize,
+        counters: [UnitCounter; UNITS],
+        inputs: Vec<BatchArray>,
+        runs: Vec<StepRun>,
+        result: BatchArray,
     ) -> Self {
-        Self { inputs, n_samples, result, capacity, idle: Vec::new() }
+        for run in &runs {
+            let (capacity, limit) = (counters[run.unit].capacity, run.max_units());
+            assert!(capacity <= limit, "{capacity} of unit {}, but its steps take {limit}", run.unit);
+        }
+        Self { counters, inputs, runs, result, idle: Vec::new() }
     }
 
-    /// Returns the host-visible memory of a batch in flight, in bytes.
-    #[must_use]
-    pub fn n_bytes(&self) -> u64 {
-        self.upload_bytes() + self.result_bytes(self.capacity)
-    }
-
-    /// Uploads a batch and submits its steps. `bytes(input, sample)` returns what is written at the start of
-    /// the sample's memory. The threads of the current rayon pool share the copying.
+    /// Uploads a batch and submits its steps. `counts` are the numbers of its units, and `bytes(input, unit)`
+    /// returns a unit's part of an input. The threads of the current rayon pool share the copying.
     ///
     /// # Errors
     /// If the device fails.
     ///
     /// # Panics
-    /// If there are more samples than the capacity, or more bytes than a sample's memory holds.
+    /// If the batch has more units than the capacity or no result, or a unit's part of an input does not have
+    /// the size of its memory, rounded up to whole words.
     pub fn submit<'b>(
         &mut self,
         gpu: &GpuDevice,
-        steps: &[NetworkStep],
-        n_samples: usize,
+        counts: [usize; UNITS],
         bytes: &(dyn Fn(usize, usize) -> &'b [u8] + Sync),
     ) -> Result<BatchInFlight, GpuError> {
-        assert!((1..=self.capacity).contains(&n_samples), "{n_samples} samples, at most {}", self.capacity);
+        for (counter, count) in self.counters.iter().zip(counts) {
+            assert!(
+                count <= counter.capacity,
+                "a batch of {counts:?} units, at most {:?}",
+                self.capacities()
+            );
+        }
+        assert!(counts[self.result.unit] > 0, "a batch of {counts:?} units has no result");
         let buffers = self.idle.pop().unwrap_or_else(|| self.allocate(gpu));
-        self.write(gpu, &buffers.upload, n_samples, bytes)?;
+        self.write(gpu, &buffers.upload, counts, bytes)?;
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let (upload, download) = (&buffers.upload, &buffers.download);
-        encoder.copy_buffer_to_buffer(upload, 0, &self.n_samples.0, 0, Some(4));
-        for (input, offset) in self.inputs.iter().zip(self.offsets()) {
-            let n_bytes = (n_samples * input.n_words * 4) as u64;
-            encoder.copy_buffer_to_buffer(upload, offset, &input.target.0, 0, Some(n_bytes));
+        for (counter, offset) in self.counters.iter().zip((0..).step_by(4)) {
+            encoder.copy_buffer_to_buffer(upload, offset, &counter.count.0, 0, Some(4));
         }
-        encode(&mut encoder, steps, n_samples);
-        let n_bytes = self.result_bytes(n_samples);
-        encoder.copy_buffer_to_buffer(&self.result.target.0, 0, download, 0, Some(n_bytes));
+        for (input, offset) in self.inputs.iter().zip(self.offsets()) {
+            let n_bytes = input.n_bytes(counts);
+            encoder.copy_buffer_to_buffer(upload, offset, &input.buffer.0, 0, Some(n_bytes));
+        }
+        for run in self.runs.iter().filter(|run| counts[run.unit] > 0) {
+            encode(&mut encoder, &run.steps, counts[run.unit]);
+        }
+        let n_bytes = self.result.n_bytes(counts);
+        encoder.copy_buffer_to_buffer(&self.result.buffer.0, 0, download, 0, Some(n_bytes));
         let submission = gpu.queue.submit([encoder.finish()]);
         let (sender, mapped) = channel();
         upload.map_async(wgpu::MapMode::Write, .., report(&sender));
         download.map_async(wgpu::MapMode::Read, ..n_bytes, report(&sender));
         gpu.check()?;
-        Ok(BatchInFlight { submission, buffers, mapped, n_mapped: 0, n_samples })
+        Ok(BatchInFlight { submission, buffers, mapped, n_mapped: 0, n_bytes })
     }
 
     /// Waits for a batch, passes its result to `read`, and takes back its memory.
@@ -126,7 +150,7 @@ impl BatchQueue {
         }
         gpu.check()?;
         let download = &batch.buffers.download;
-        match download.get_mapped_range(..self.result_bytes(batch.n_samples)) {
+        match download.get_mapped_range(..batch.n_bytes) {
             Ok(bytes) => read(bytemuck::cast_slice(&bytes)),
             Err(error) => gpu.fail(&error.to_string()),
         }
@@ -136,75 +160,47 @@ impl BatchQueue {
         Ok(())
     }
 
-    /// Writes the inputs of a batch into mapped memory.
+    /// Writes the counts and inputs of a batch into mapped memory.
     fn write<'b>(
         &self,
         gpu: &GpuDevice,
         upload: &wgpu::Buffer,
-        n_samples: usize,
+        counts: [usize; UNITS],
         bytes: &(dyn Fn(usize, usize) -> &'b [u8] + Sync),
     ) -> Result<(), GpuError> {
-        let put = |offset: u64, n_bytes: u64, bytes: &[u8]| match upload
-            .get_mapped_range_mut(offset..offset + n_bytes.next_multiple_of(4))
-        {
-            Ok(mut mapped) => mapped.slice(..bytes.len()).copy_from_slice(bytes),
-            Err(error) => gpu.fail(&error.to_string()),
-        };
-        put(0, HEADER_BYTES, &(n_samples as u32).to_le_bytes());
+        let header = counts.map(|count| (count as u32).to_le_bytes());
+        write_parts(gpu, upload, (0, 4), UNITS, &|unit| &header[unit]);
         for ((index, input), offset) in self.inputs.iter().enumerate().zip(self.offsets()) {
-            let stride = (input.n_words * 4) as u64;
-            let put_sample = |sample: usize| {
-                let bytes = bytes(index, sample);
-                assert!(bytes.len() as u64 <= stride, "{} bytes, at most {stride}", bytes.len());
-                put(offset + sample as u64 * stride, bytes.len() as u64, bytes);
+            let (stride, count) = (input.n_words as u64 * 4, counts[input.unit]);
+            let part = |unit: usize| {
+                let (bytes, n_words) = (bytes(index, unit), input.n_words);
+                assert_eq!(bytes.len().div_ceil(4), n_words, "words of a unit of input {index}");
+                bytes
             };
             if stride.is_multiple_of(ALIGNMENT) {
-                (0..n_samples).into_par_iter().for_each(put_sample);
-            } else {
-                self.put_unaligned(gpu, upload, (offset, stride), n_samples, &|sample| bytes(index, sample));
+                (0..count).into_par_iter().for_each(|unit| {
+                    let offset = offset + unit as u64 * stride;
+                    write_parts(gpu, upload, (offset, stride), 1, &|_| part(unit));
+                });
+            } else if count > 0 {
+                write_parts(gpu, upload, (offset, stride), count, &part);
             }
         }
         upload.unmap();
         gpu.check()
     }
 
-    /// Writes an input whose samples do not begin at mappable offsets.
-    fn put_unaligned<'b>(
-        &self,
-        gpu: &GpuDevice,
-        upload: &wgpu::Buffer,
-        (offset, stride): (u64, u64),
-        n_samples: usize,
-        bytes: &dyn Fn(usize) -> &'b [u8],
-    ) {
-        match upload.get_mapped_range_mut(offset..offset + stride * n_samples as u64) {
-            Ok(mut mapped) => {
-                for sample in 0..n_samples {
-                    let (bytes, first) = (bytes(sample), sample * stride as usize);
-                    mapped.slice(first..first + bytes.len()).copy_from_slice(bytes);
-                }
-            }
-            Err(error) => gpu.fail(&error.to_string()),
-        }
-    }
-
-    /// Returns the offset of each input in the upload memory.
+    /// Returns the offset of each input in the upload memory, whose size follows. The counts come first.
     fn offsets(&self) -> impl Iterator<Item = u64> {
-        self.inputs.iter().scan(HEADER_BYTES, |next, input| {
-            let offset = *next;
-            *next += ((self.capacity * input.n_words * 4) as u64).next_multiple_of(ALIGNMENT);
-            Some(offset)
+        let inputs = self.inputs.iter().map(|input| input.n_bytes(self.capacities()));
+        std::iter::once(UNITS as u64 * 4).chain(inputs).scan(0, |end, n_bytes| {
+            *end += n_bytes.next_multiple_of(ALIGNMENT);
+            Some(*end)
         })
     }
 
-    fn upload_bytes(&self) -> u64 {
-        let input_bytes = |input: &BatchInput| (self.capacity * input.n_words * 4) as u64;
-        let inputs = self.inputs.iter().map(|input| input_bytes(input).next_multiple_of(ALIGNMENT));
-        HEADER_BYTES + inputs.sum::<u64>()
-    }
-
-    fn result_bytes(&self, n_samples: usize) -> u64 {
-        (n_samples * self.result.n_words * 4) as u64
+    fn capacities(&self) -> [usize; UNITS] {
+        self.counters.each_ref().map(|counter| counter.capacity)
     }
 
     fn allocate(&self, gpu: &GpuDevice) -> TransferBuffers {
@@ -213,15 +209,19 @@ impl BatchQueue {
             gpu.device.create_buffer(&descriptor)
         };
         let [from, to] = [wgpu::BufferUsages::COPY_SRC, wgpu::BufferUsages::COPY_DST];
+        let upload_bytes = self.offsets().fold(0, u64::max);
+        let download_bytes = self.result.n_bytes(self.capacities());
         TransferBuffers {
-            upload: create("upload", self.upload_bytes(), from | wgpu::BufferUsages::MAP_WRITE, true),
-            download: create(
-                "download",
-                self.result_bytes(self.capacity),
-                to | wgpu::BufferUsages::MAP_READ,
-                false,
-            ),
+            upload: create("upload", upload_bytes, from | wgpu::BufferUsages::MAP_WRITE, true),
+            download: create("download", download_bytes, to | wgpu::BufferUsages::MAP_READ, false),
         }
+    }
+}
+
+impl BatchArray {
+    /// Returns the size of the array in a batch with these numbers of units.
+    fn n_bytes<const UNITS: usize>(&self, counts: [usize; UNITS]) -> u64 {
+        (counts[self.unit] * self.n_words * 4) as u64
     }
 }
 
@@ -235,6 +235,25 @@ impl BatchInFlight {
     fn is_mapped(&mut self) -> bool {
         self.n_mapped += self.mapped.try_iter().filter(Result::is_ok).count();
         self.n_mapped == 2
+    }
+}
+
+/// Writes successive parts of `stride` bytes, from `offset` on, into mapped memory.
+fn write_parts<'b>(
+    gpu: &GpuDevice,
+    upload: &wgpu::Buffer,
+    (offset, stride): (u64, u64),
+    count: usize,
+    part: &dyn Fn(usize) -> &'b [u8],
+) {
+    match upload.get_mapped_range_mut(offset..offset + stride * count as u64) {
+        Ok(mut mapped) => {
+            for unit in 0..count {
+                let (bytes, first) = (part(unit), unit * stride as usize);
+                mapped.slice(first..first + bytes.len()).copy_from_slice(bytes);
+            }
+        }
+        Err(error) => gpu.fail(&error.to_string()),
     }
 }
 
@@ -252,14 +271,48 @@ fn report(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nn::gpu::DeviceKind;
+    use crate::nn::gpu::ops::OpBuilder;
+    use crate::nn::gpu::steps::NetworkStep;
+    use crate::nn::gpu::{DeviceKind, KernelCache};
+
+    /// Largest numbers of units. A batch has the last one once.
+    const UNIT_CAPACITIES: [usize; 3] = [3, 5, 1];
+    const WHOLE: usize = 2;
+    /// Words of the other two: one keeps the alignment of mapped ranges, the other does not.
+    const UNIT_WORDS: [usize; 2] = [4, 3];
 
     /// Returns a queue whose network copies its inputs of three words to the result.
-    fn queue(gpu: &GpuDevice) -> (BatchQueue, Vec<NetworkStep>) {
-        let [target, result] = ["in", "out"].map(|label| DeviceBuffer::zeroed(gpu, label, 12));
-        let copy = NetworkStep::Copy { from: (target.clone(), 3), to: (result.clone(), 3), n_words: 3 };
-        let [input, result] = [target, result].map(|target| BatchInput { target, n_words: 3 });
-        (BatchQueue::new(vec![input], DeviceBuffer::batch(gpu), result, 4), vec![copy])
+    fn queue(gpu: &GpuDevice) -> BatchQueue<1> {
+        let [input, result] = ["in", "out"].map(|label| {
+            let buffer = DeviceBuffer::zeroed(gpu, label, 12);
+            BatchArray { buffer, unit: 0, n_words: 3 }
+        });
+        let [from, to] = [&input, &result].map(|array| (array.buffer.clone(), array.n_words));
+        let copy = NetworkStep::Copy { from, to, n_words: 3 };
+        let samples = UnitCounter { count: DeviceBuffer::batch(gpu), capacity: 4 };
+        BatchQueue::new([samples], vec![input], vec![StepRun { unit: 0, steps: vec![copy] }], result)
+    }
+
+    /// Returns a queue with an input for each of two kinds of units. Its network adds each input to an array
+    /// of ones, of which that of `unit` is the result, whole.
+    fn queue_of_two_units(gpu: &GpuDevice, unit: usize) -> BatchQueue<3> {
+        let counters =
+            UNIT_CAPACITIES.map(|capacity| UnitCounter { count: DeviceBuffer::batch(gpu), capacity });
+        let (mut inputs, mut runs, mut sums) = (Vec::new(), Vec::new(), Vec::new());
+        for (unit, n_words) in UNIT_WORDS.into_iter().enumerate() {
+            let len = UNIT_CAPACITIES[unit] * n_words;
+            let ones = DeviceBuffer::of(gpu, "ones", &vec![1.0_f32; len]);
+            let [input, sum] = ["input", "sum"].map(|label| DeviceBuffer::zeroed(gpu, label, len));
+            let reset = NetworkStep::Copy { from: (ones, 0), to: (sum.clone(), 0), n_words: len };
+            runs.push(StepRun { unit: WHOLE, steps: vec![reset] });
+            let batch = &counters[unit].count;
+            let mut ops = OpBuilder { gpu, kernels: KernelCache::default(), batch };
+            let add = NetworkStep::Run(ops.add_scaled(1.0, n_words, &input, &sum));
+            runs.push(StepRun { unit, steps: vec![add] });
+            inputs.push(BatchArray { buffer: input, unit, n_words });
+            sums.push(BatchArray { buffer: sum, unit: WHOLE, n_words: len });
+        }
+        BatchQueue::new(counters, inputs, runs, sums.swap_remove(unit))
     }
 
     #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
@@ -270,12 +323,11 @@ mod tests {
     #[test]
     fn memory_of_batches_is_reused() {
         let Some(gpu) = device() else { return };
-        let (mut queue, steps) = queue(&gpu);
+        let mut queue = queue(&gpu);
         let values: Vec<[f32; 3]> = (0_u8..8).map(|idx| [f32::from(idx), 0.5, -1.0]).collect();
         for n_samples in [1, 4, 3] {
-            let first = queue.submit(&gpu, &steps, n_samples, &|_, idx| bytemuck::bytes_of(&values[idx]));
-            let second =
-                queue.submit(&gpu, &steps, n_samples, &|_, idx| bytemuck::bytes_of(&values[idx + 4]));
+            let first = queue.submit(&gpu, [n_samples], &|_, idx| bytemuck::bytes_of(&values[idx]));
+            let second = queue.submit(&gpu, [n_samples], &|_, idx| bytemuck::bytes_of(&values[idx + 4]));
             for (batch, from) in [(first.unwrap(), 0), (second.unwrap(), 4)] {
                 let expected = values[from..from + n_samples].as_flattened();
                 queue.collect(&gpu, batch, |found| assert_eq!(found, expected)).unwrap();
@@ -285,10 +337,55 @@ mod tests {
     }
 
     #[test]
+    fn every_unit_has_its_own_count() {
+        let Some(gpu) = device() else { return };
+        let values: Vec<f32> = (0_u8..64).map(f32::from).collect();
+        for unit in [0, 1] {
+            let mut queue = queue_of_two_units(&gpu, unit);
+            let first = |batch: usize, input: usize| 20 * batch + 10 * input;
+            for pair in [[[1, 2, 1], [3, 5, 1]], [[2, 0, 1], [0, 4, 1]], [[3, 1, 1], [0, 0, 1]]] {
+                let mut submit = |batch: usize| {
+                    let bytes = |input: usize, unit: usize| {
+                        let start = first(batch, input) + unit * UNIT_WORDS[input];
+                        bytemuck::cast_slice(&values[start..start + UNIT_WORDS[input]])
+                    };
+                    queue.submit(&gpu, pair[batch], &bytes).unwrap()
+                };
+                let batches = [submit(0), submit(1)];
+                for (index, (batch, counts)) in batches.into_iter().zip(pair).enumerate() {
+                    let mut expected = vec![1.0; UNIT_CAPACITIES[unit] * UNIT_WORDS[unit]];
+                    let counted = expected.iter_mut().take(counts[unit] * UNIT_WORDS[unit]);
+                    counted.zip(&values[first(index, unit)..]).for_each(|(sum, x)| *sum += x);
+                    queue.collect(&gpu, batch, |found| assert_eq!(found, expected, "{counts:?}")).unwrap();
+                }
+            }
+            assert_eq!(queue.idle.len(), 2, "two batches were in flight at most");
+        }
+    }
+
+    #[test]
+    fn queue_refuses_what_does_not_fit() {
+        let Some(gpu) = device() else { return };
+        let mut queue = queue(&gpu);
+        let cases = [
+            (5, &[1; 12][..], "a batch of [5] units, at most [4]"),
+            (0, &[1; 12], "a batch of [0] units has no result"),
+            (1, &[1; 8], "words of a unit of input 0"),
+            (1, &[1; 13], "words of a unit of input 0"),
+        ];
+        for (n_samples, bytes, expected) in cases {
+            let submit = || queue.submit(&gpu, [n_samples], &|_, _| bytes).is_ok();
+            let panic = std::panic::catch_unwind(std::panic::AssertUnwindSafe(submit)).unwrap_err();
+            let message = panic.downcast_ref::<String>().unwrap();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+
+    #[test]
     fn lost_device_fails_its_batches() {
         let Some(gpu) = device() else { return };
-        let (mut queue, steps) = queue(&gpu);
-        let submit = |queue: &mut BatchQueue| queue.submit(&gpu, &steps, 4, &|_, _| &[1; 12]);
+        let mut queue = queue(&gpu);
+        let submit = |queue: &mut BatchQueue<1>| queue.submit(&gpu, [4], &|_, _| &[1; 12]);
         let mut batch = submit(&mut queue).unwrap();
         gpu.device.destroy();
         assert!(submit(&mut queue).is_err(), "a lost device accepts nothing");

@@ -6,7 +6,9 @@
 mod expert;
 mod gemma;
 mod network;
+mod policy;
 mod runs;
 mod vision;
 
 pub use network::GpuPi05Network;
+pub use policy::GpuPi05Policy;

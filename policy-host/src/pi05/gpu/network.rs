@@ -2,13 +2,15 @@
 
 use std::sync::Arc;
 
+use bytemuck::cast_slice;
+
 use super::expert::ExpertInput;
-use super::gemma::StackBuffers;
-use super::runs::{BatchUnit, RunBuilder, StepRun, UnitCounts, unreadable};
+use super::runs::{BatchUnit, N_UNITS, RunBuilder, UnitCounts, unreadable};
 use super::{gemma, vision};
 use crate::act::LoadGpuError;
-use crate::nn::gpu::readback::{BatchReadback, NetworkStep, submit_runs};
 use crate::nn::gpu::sequences::SequenceSpan;
+use crate::nn::gpu::steps::StepRun;
+use crate::nn::gpu::transfer::{BatchArray, BatchInFlight, BatchQueue, UnitCounter};
 use crate::nn::gpu::{DeviceBuffer, GpuDevice, GpuError};
 use crate::nn::rotary::Rotary;
 use crate::pi05::architecture::{Pi05Architecture, Pi05Names};
@@ -16,7 +18,7 @@ use crate::pi05::expert::{TimePeriods, modulations};
 use crate::pi05::gemma::embed;
 use crate::pi05::model::{Pi05Input, Pi05Options};
 use crate::pi05::sampler::times;
-use crate::pi05::siglip::unfold;
+use crate::pi05::siglip::{PATCH_VALUES, unfold};
 use crate::pi05::weights::LayerSource;
 use crate::weights::{StoredTensor, TensorFolder};
 
@@ -30,18 +32,8 @@ pub struct GpuPi05Network {
     architecture: Pi05Architecture,
     /// Token embedding `[vocabulary, width]`, which stays in the file.
     embedding: StoredTensor,
-    /// Uniform buffers of the numbers of images, rows and samples.
-    batches: [DeviceBuffer; 3],
-    patches: DeviceBuffer,
-    /// Embeddings of all prompts' tokens `[tokens, width]`.
-    text: DeviceBuffer,
-    /// Source of every row of the prefixes.
-    index: DeviceBuffer,
-    prefix: StackBuffers,
-    expert: StackBuffers,
-    actions: DeviceBuffer,
-    readback: BatchReadback,
-    runs: Vec<StepRun>,
+    /// Counts each [`BatchUnit`].
+    queue: BatchQueue<N_UNITS>,
     /// Largest batch in samples.
     capacity: usize,
 }
@@ -49,7 +41,9 @@ pub struct GpuPi05Network {
 /// Rows of a batch as the kernels read them.
 #[derive(Default)]
 struct BatchRows {
+    /// Embeddings of all prompts' tokens `[tokens, width]`.
     text: Vec<f32>,
+    /// Source of every row of the prefixes.
     index: Vec<u32>,
     prefix_positions: Vec<u32>,
     expert_positions: Vec<u32>,
@@ -90,17 +84,19 @@ impl GpuPi05Network {
     ) -> Result<Self, LoadGpuError> {
         let Pi05Architecture { vision, prefix, expert, horizon, action_width, .. } = architecture;
         let samples = capacity(gpu, &architecture, (n_images, options.max_prefix))?;
-        let counts = UnitCounts { images: samples * n_images, rows: samples * options.max_prefix, samples };
-        let batches = [(); 3].map(|()| DeviceBuffer::batch(gpu));
-        let mut build = RunBuilder::new(gpu, source, &batches, counts);
+        let max_prompt = options.max_prefix - n_images * vision.n_patches;
+        let per_sample =
+            UnitCounts { images: n_images, tokens: max_prompt, rows: options.max_prefix, samples: 1 };
+        let counts = [(); N_UNITS].map(|()| DeviceBuffer::batch(gpu));
+        let mut build = RunBuilder::new(gpu, source, &counts, per_sample.times(samples));
 
         let images = build.vision(vision, prefix.width)?;
         let prefix = build.stack_buffers(prefix, BatchUnit::Row, 1);
-        let max_prompt = options.max_prefix - n_images * vision.n_patches;
-        let text = build.buffer("text", BatchUnit::Sample, max_prompt * prefix.sizes.width);
+        let width = prefix.sizes.width;
+        let text = build.buffer("text", BatchUnit::Token, width);
         let index = build.buffer("index", BatchUnit::Row, 1);
         build.count(BatchUnit::Row);
-        let step = build.ops.gather(prefix.sizes.width, [&images.tokens, &text], &index, &prefix.x);
+        let step = build.ops.gather(width, [&images.tokens, &text], &index, &prefix.x);
         build.push(step);
         let rotary = Rotary::new(prefix.sizes.head_width, options.max_prefix + horizon);
         let angles = build.constant("angles", rotary.angles().as_flattened());
@@ -119,32 +115,86 @@ impl GpuPi05Network {
         build.expert(&expert, &input)?;
         gpu.finish_uploads()?;
         let runs = build.runs;
-        let per_sample = UnitCounts { images: n_images, rows: options.max_prefix, samples: 1 };
-        let capacity = runs.iter().map(|run| run.max_samples(per_sample)).fold(samples, usize::min);
+        let capacity = runs.iter().map(|run| max_samples(run, per_sample)).fold(samples, usize::min);
         if capacity == 0 {
             return Err(gpu.error("a sample needs more workgroups than it allows").into());
         }
+        let capacities = per_sample.times(capacity).by_unit();
+        let counters = std::array::from_fn(|unit| UnitCounter {
+            count: counts[unit].clone(),
+            capacity: capacities[unit],
+        });
+        let array = |(buffer, unit, n_words)| BatchArray { buffer, unit: unit as usize, n_words };
+        // The order of the arrays in `submit`.
+        let inputs = [
+            (images.patches, BatchUnit::Image, vision.n_patches * PATCH_VALUES),
+            (text, BatchUnit::Token, width),
+            (index, BatchUnit::Row, 1),
+            (prefix.positions, BatchUnit::Row, 1),
+            (prefix.spans, BatchUnit::Sample, 4),
+            (expert.positions, BatchUnit::Sample, horizon),
+            (expert.spans, BatchUnit::Sample, 4),
+            (actions.clone(), BatchUnit::Sample, horizon * action_width),
+        ];
+        let result = (actions, BatchUnit::Sample, horizon * action_width);
         Ok(Self {
             embedding: source.tensor(&source.names.embedding()).map_err(unreadable)?,
             gpu: Arc::clone(gpu),
             architecture,
-            batches,
-            patches: images.patches,
-            text,
-            index,
-            prefix,
-            expert,
-            readback: BatchReadback::new(gpu, samples * horizon * action_width),
-            actions,
-            runs,
+            queue: BatchQueue::new(counters, inputs.map(array).into(), runs, array(result)),
             capacity,
         })
     }
 
-    /// Returns the largest number of samples of [`sample`](Self::sample).
+    /// Returns the largest number of samples of [`submit`](Self::submit).
     #[must_use]
     pub fn capacity(&self) -> usize {
         self.capacity
+    }
+
+    /// Uploads a batch and submits it. `noise [n, horizon, action_width]` is where the action chunks start.
+    ///
+    /// # Errors
+    /// If the device fails.
+    ///
+    /// # Panics
+    /// If the lengths do not match, or there is no sample or more than the capacity.
+    pub fn submit(&mut self, input: Pi05Input<'_>, noise: &[f32]) -> Result<BatchInFlight, GpuError> {
+        let Pi05Architecture { vision, prefix, horizon, action_width, .. } = self.architecture;
+        let samples = input.samples.len();
+        assert_eq!(noise.len(), samples * horizon * action_width, "noise of every sample");
+        let patches = unfold(input.images, vision.n_patches.isqrt());
+        let rows = self.rows(&input);
+        let counts = UnitCounts {
+            images: patches.len() / (vision.n_patches * PATCH_VALUES),
+            tokens: rows.text.len() / prefix.width,
+            rows: rows.index.len(),
+            samples,
+        };
+        let arrays: [(&[u8], usize); _] = [
+            (cast_slice(&patches), counts.images),
+            (cast_slice(&rows.text), counts.tokens),
+            (cast_slice(&rows.index), counts.rows),
+            (cast_slice(&rows.prefix_positions), counts.rows),
+            (cast_slice(&rows.prefix_spans), samples),
+            (cast_slice(&rows.expert_positions), samples),
+            (cast_slice(&rows.expert_spans), samples),
+            (cast_slice(noise), samples),
+        ];
+        let bytes = |input: usize, unit: usize| {
+            let (array, n_units) = arrays[input];
+            let n_bytes = array.len() / n_units;
+            &array[unit * n_bytes..][..n_bytes]
+        };
+        self.queue.submit(&self.gpu, counts.by_unit(), &bytes)
+    }
+
+    /// Waits for a batch and passes its action chunks `[n, horizon, action_width]` to `read`.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn collect(&mut self, batch: BatchInFlight, read: impl FnOnce(&[f32])) -> Result<(), GpuError> {
+        self.queue.collect(&self.gpu, batch, read)
     }
 
     /// Denoises `actions [n, horizon, action_width]` in place, one chunk per sample. They hold the noise at
@@ -154,33 +204,10 @@ impl GpuPi05Network {
     /// If the device fails.
     ///
     /// # Panics
-    /// If the lengths do not match, or there are more samples than the capacity.
-    pub fn sample(&self, input: Pi05Input<'_>, actions: &mut [f32]) -> Result<(), GpuError> {
-        let Pi05Architecture { vision, horizon, action_width, .. } = self.architecture;
-        let samples = input.samples.len();
-        assert_eq!(actions.len(), samples * horizon * action_width, "noise of every sample");
-        assert!(samples <= self.capacity, "{samples} samples, expected at most {}", self.capacity);
-        let gpu = &self.gpu;
-        let patches = unfold(input.images, vision.n_patches.isqrt());
-        let rows = self.rows(&input);
-        let image_len = 3 * self.architecture.image_side().pow(2);
-        let counts = UnitCounts { images: input.images.len() / image_len, rows: rows.index.len(), samples };
-        for (buffer, count) in self.batches.iter().zip([counts.images, counts.rows, counts.samples]) {
-            buffer.write(gpu, 0, &[count as u32]);
-        }
-        self.patches.write(gpu, 0, &patches);
-        self.text.write(gpu, 0, &rows.text);
-        self.index.write(gpu, 0, &rows.index);
-        self.prefix.positions.write(gpu, 0, &rows.prefix_positions);
-        self.prefix.spans.write(gpu, 0, &rows.prefix_spans);
-        self.expert.positions.write(gpu, 0, &rows.expert_positions);
-        self.expert.spans.write(gpu, 0, &rows.expert_spans);
-        self.actions.write(gpu, 0, actions);
-        let [earlier @ .., euler_steps] = &self.runs[..] else { unreachable!("a network has steps") };
-        let counted = earlier.iter().map(|run| (counts.of(run.unit), &run.steps[..]));
-        submit_runs(gpu, counted.filter(|(count, _)| *count > 0));
-        let pending = self.readback.submit(gpu, &euler_steps.steps, samples, (&self.actions, actions.len()));
-        self.readback.collect(gpu, &pending, |found| actions.copy_from_slice(found))
+    /// Like [`submit`](Self::submit).
+    pub fn sample(&mut self, input: Pi05Input<'_>, actions: &mut [f32]) -> Result<(), GpuError> {
+        let batch = self.submit(input, actions)?;
+        self.collect(batch, |found| actions.copy_from_slice(found))
     }
 
     /// Lays out the prefixes of a batch: the tokens of each sample's images, then its prompt.
@@ -215,12 +242,9 @@ impl GpuPi05Network {
     }
 }
 
-impl StepRun {
-    /// Returns the number of samples that the run can take at a time, with `units` for each.
-    fn max_samples(&self, units: UnitCounts) -> usize {
-        let n_units = self.steps.iter().map(NetworkStep::max_samples).fold(usize::MAX, usize::min);
-        n_units.checked_div(units.of(self.unit)).unwrap_or(usize::MAX)
-    }
+/// Returns the number of samples that a run can take at a time.
+fn max_samples(run: &StepRun, per_sample: UnitCounts) -> usize {
+    run.max_units().checked_div(per_sample.by_unit()[run.unit]).unwrap_or(usize::MAX)
 }
 
 /// Returns the size of all weights but the token embedding, which stays in the file.

@@ -3,16 +3,21 @@
 use crate::act::LoadGpuError;
 use crate::checkpoint::CheckpointError;
 use crate::nn::gpu::ops::{DeviceWeights, OpBuilder, ProductEpilogue, SampleRows};
-use crate::nn::gpu::readback::NetworkStep;
+use crate::nn::gpu::steps::{NetworkStep, StepRun};
 use crate::nn::gpu::{DeviceBuffer, Dispatch, GpuDevice, KernelCache};
 use crate::pi05::weights::LayerSource;
 use crate::weights::WeightsError;
 
-/// Unit of a batch that the kernels of a run count.
+/// Number of kinds of [`BatchUnit`].
+pub(super) const N_UNITS: usize = BatchUnit::Sample as usize + 1;
+
+/// Unit of a batch, of which the kernels of a run count one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum BatchUnit {
     /// A distinct image.
     Image,
+    /// A token of a prompt.
+    Token,
     /// A row of a prefix.
     Row,
     /// A sample.
@@ -23,35 +28,32 @@ pub(super) enum BatchUnit {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct UnitCounts {
     pub(super) images: usize,
+    pub(super) tokens: usize,
     pub(super) rows: usize,
     pub(super) samples: usize,
-}
-
-/// Successive steps that count the same unit.
-#[derive(Debug)]
-pub(super) struct StepRun {
-    pub(super) unit: BatchUnit,
-    pub(super) steps: Vec<NetworkStep>,
 }
 
 /// A network under construction.
 pub(super) struct RunBuilder<'a> {
     pub(super) ops: OpBuilder<'a>,
     pub(super) source: LayerSource<'a>,
-    /// Uniform buffers of the numbers of images, rows and samples.
-    batches: &'a [DeviceBuffer; 3],
+    /// Uniform buffer of the number of each [`BatchUnit`].
+    counts: &'a [DeviceBuffer; N_UNITS],
     /// Largest batch.
     pub(super) capacity: UnitCounts,
     pub(super) runs: Vec<StepRun>,
 }
 
 impl UnitCounts {
-    pub(super) fn of(self, unit: BatchUnit) -> usize {
-        match unit {
-            BatchUnit::Image => self.images,
-            BatchUnit::Row => self.rows,
-            BatchUnit::Sample => self.samples,
-        }
+    /// Returns the numbers in the order of [`BatchUnit`].
+    pub(super) fn by_unit(self) -> [usize; N_UNITS] {
+        [self.images, self.tokens, self.rows, self.samples]
+    }
+
+    /// Returns the numbers for `n` such batches together.
+    pub(super) fn times(self, n: usize) -> Self {
+        let Self { images, tokens, rows, samples } = self;
+        Self { images: n * images, tokens: n * tokens, rows: n * rows, samples: n * samples }
     }
 }
 
@@ -59,17 +61,17 @@ impl<'a> RunBuilder<'a> {
     pub(super) fn new(
         gpu: &'a GpuDevice,
         source: LayerSource<'a>,
-        batches: &'a [DeviceBuffer; 3],
+        counts: &'a [DeviceBuffer; N_UNITS],
         capacity: UnitCounts,
     ) -> Self {
-        let ops = OpBuilder { gpu, kernels: KernelCache::default(), batch: &batches[0] };
-        Self { ops, source, batches, capacity, runs: Vec::new() }
+        let ops = OpBuilder { gpu, kernels: KernelCache::default(), batch: &counts[0] };
+        Self { ops, source, counts, capacity, runs: Vec::new() }
     }
 
     /// Starts a run whose steps count this unit.
     pub(super) fn count(&mut self, unit: BatchUnit) {
-        self.ops.batch = &self.batches[unit as usize];
-        self.runs.push(StepRun { unit, steps: Vec::new() });
+        self.ops.batch = &self.counts[unit as usize];
+        self.runs.push(StepRun { unit: unit as usize, steps: Vec::new() });
     }
 
     pub(super) fn push(&mut self, dispatch: Dispatch) {
@@ -82,7 +84,7 @@ impl<'a> RunBuilder<'a> {
 
     /// Allocates a buffer with this number of words per unit.
     pub(super) fn buffer(&self, label: &str, unit: BatchUnit, words_per_unit: usize) -> DeviceBuffer {
-        DeviceBuffer::zeroed(self.ops.gpu, label, words_per_unit * self.capacity.of(unit))
+        DeviceBuffer::zeroed(self.ops.gpu, label, words_per_unit * self.capacity.by_unit()[unit as usize])
     }
 
     /// Uploads values.
