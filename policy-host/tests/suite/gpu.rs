@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use ipc_types::Morphology;
+use ipc_types::run_config::DeviceChoice;
 use policy_host::act::GpuActPolicy;
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::ensemble::Ensemble;
@@ -33,10 +34,9 @@ fn load(folder: &Path, robots: &[Morphology]) -> Option<GpuActPolicy> {
 /// such device and none is required.
 #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
 pub(crate) fn device() -> Option<GpuDevice> {
-    let is = |name: &str, value: &str| std::env::var(name).is_ok_and(|found| found == value);
-    let kind = match is("HYPOGEUM_TEST_DEVICE", "gpu") {
-        true => DeviceKind::Hardware,
-        false => DeviceKind::Software,
+    let kind = match device_choice() {
+        DeviceChoice::Gpu => DeviceKind::Hardware,
+        _ => DeviceKind::Software,
     };
     let products = match is("HYPOGEUM_TEST_PRODUCTS", "matrices") {
         true => ProductMethod::SplitMatrices,
@@ -52,6 +52,15 @@ pub(crate) fn device() -> Option<GpuDevice> {
         }
         Err(error) => panic!("{error}"),
     }
+}
+
+/// Returns the choice of [`device`].
+pub(crate) fn device_choice() -> DeviceChoice {
+    if is("HYPOGEUM_TEST_DEVICE", "gpu") { DeviceChoice::Gpu } else { DeviceChoice::Software }
+}
+
+fn is(name: &str, value: &str) -> bool {
+    std::env::var(name).is_ok_and(|found| found == value)
 }
 
 fn bits(rows: &[f32]) -> Vec<u32> {

@@ -3,12 +3,11 @@
 use std::sync::Arc;
 
 use ipc_types::EnvRecord;
-use ipc_types::run_config::DeviceChoice;
 use policy_host::load_on;
 use policy_host::policy::{ActionChunk, Policy, PolicyError, PolicyPipeline};
 
 use super::*;
-use crate::gpu::device;
+use crate::gpu::{device, device_choice};
 
 /// Cases whose checkpoint is in their own folder, and the cameras with recorded images.
 const CASES: [(&str, Option<&[&str]>); 4] = [
@@ -18,12 +17,12 @@ const CASES: [(&str, Option<&[&str]>); 4] = [
     ("bf16", None),
 ];
 
-/// Loads a policy on a software driver, if there is one.
+/// Loads a policy on the device of the tests, if there is one.
 fn policy() -> Option<Box<dyn Policy>> {
     device()?;
     let spec: PolicySpec = format!("pi05:{}", data("pi05/robot").display()).parse().unwrap();
     let robots = [Morphology::Single];
-    Some(load_on(&spec, DeviceChoice::Software.into(), 1, QueryMode::Chunk, &robots).unwrap())
+    Some(load_on(&spec, device_choice().into(), 1, QueryMode::Chunk, &robots).unwrap())
 }
 
 /// Returns observations whose prompts have two lengths. Those of 19 envs exceed what the device computes at a
@@ -157,6 +156,6 @@ fn refused_batch_leaves_later_answers_unchanged() {
 #[test]
 fn weights_in_eight_bits_use_the_cpu() {
     let spec: PolicySpec = format!("pi05-int8:{}", data("pi05/robot").display()).parse().unwrap();
-    let error = policy_host::device::find(&[&spec], DeviceChoice::Software.into()).unwrap_err().to_string();
+    let error = policy_host::device::find(&[&spec], device_choice().into()).unwrap_err().to_string();
     crate::assert_contains(&error, &["pi05-int8:", "computes on the CPU only", "--policy-device cpu"]);
 }
