@@ -1,5 +1,6 @@
 //! Shared code of the benchmarks: command-line parsing, CSV reports, and peer processes to compare with.
 
+mod device;
 mod peer;
 
 use std::fmt::Write as _;
@@ -7,6 +8,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
+pub use device::{BenchDevice, DEVICE_USAGE};
 pub use peer::Peer;
 
 /// Measurements of one benchmark. CSV columns: bench, case, value, unit, note.

@@ -12,8 +12,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail};
-use benches::{Report, median};
+use anyhow::{Context, Result};
+use benches::{BenchDevice, Report, median};
 use ipc_types::Morphology;
 use policy_host::checkpoint::pi05::Pi05Checkpoint;
 use policy_host::generated::{fnv1a64, sym};
@@ -43,46 +43,32 @@ const ROUND_BATCHES: usize = 4;
 /// Rounds of a measurement, of which the median counts.
 const ROUNDS: usize = 5;
 
-/// Parses the kind of device.
-pub(super) fn parse(name: &str) -> Result<DeviceKind> {
-    match name {
-        "gpu" => Ok(DeviceKind::Hardware),
-        "software" => Ok(DeviceKind::Software),
-        _ => bail!("--device is {name}, expected gpu or software"),
-    }
-}
-
 /// Measures products and whole queries.
-pub(super) fn measure(kind: DeviceKind, checkpoint: Option<&Path>, report: &mut Report) -> Result<()> {
-    let gpu = Arc::new(GpuDevice::open(kind)?);
+pub(super) fn measure(device: BenchDevice, checkpoint: Option<&Path>, report: &mut Report) -> Result<()> {
+    let Some(gpu) = device.open()?.map(Arc::new) else { return Ok(()) };
     println!("{}", gpu.name());
     // Commas would split the CSV field.
     let note = gpu.name().replace(',', ";");
-    products(&gpu, &note, kind, report)?;
+    let is_software = device.kind == Some(DeviceKind::Software);
+    products(&gpu, &note, is_software, report)?;
     if let Some(folder) = checkpoint {
         return queries(&gpu, &note, folder, report);
     }
-    let architecture = match kind {
-        DeviceKind::Hardware => Pi05Architecture::FULL,
-        DeviceKind::Software => Pi05Architecture::TINY,
-    };
+    let architecture = if is_software { Pi05Architecture::TINY } else { Pi05Architecture::FULL };
     let folder = tempfile::tempdir().context("create a temporary folder")?;
     write_pi05_checkpoint(folder.path(), &architecture, Morphology::Single, 0, |_| {})?;
     queries(&gpu, &note, folder.path(), report)
 }
 
 /// Measures the product kernel with weights in f32 and in bf16.
-fn products(gpu: &GpuDevice, note: &str, kind: DeviceKind, report: &mut Report) -> Result<()> {
+fn products(gpu: &GpuDevice, note: &str, is_software: bool, report: &mut Report) -> Result<()> {
     let batch = DeviceBuffer::batch(gpu);
     batch.write(gpu, 0, &[1_u32]);
     let values = |name: &str, len: usize| -> Vec<f32> {
         let stream = fnv1a64(name);
         (0..len).map(|idx| sym(stream, idx, 1.0)).collect()
     };
-    let (round_flop, limit) = match kind {
-        DeviceKind::Hardware => (ROUND_FLOP, f64::INFINITY),
-        DeviceKind::Software => (0.0, SOFTWARE_FLOP),
-    };
+    let (round_flop, limit) = if is_software { (0.0, SOFTWARE_FLOP) } else { (ROUND_FLOP, f64::INFINITY) };
     let flop_of = |(n_rows, k, n): (usize, usize, usize)| 2.0 * (n_rows * k * n) as f64;
     for (n_rows, k, n) in PRODUCTS.into_iter().filter(|shape| flop_of(*shape) <= limit) {
         let (a, weights) = (values("a", n_rows * k), values("weights", k * n));

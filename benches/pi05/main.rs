@@ -6,7 +6,7 @@
 //! and the operations per second, relative to the peak on registers. With `--peer`, LeRobot's own network
 //! answers the same queries in turn with ours (`peers/pi05_inference.py`, started with the given Python
 //! interpreter). With `--device gpu|software`, the queries go to a GPU (`gpu.rs`) instead, and the checkpoint
-//! may be left out.
+//! may be left out; `--products matrices` computes products on cooperative matrices.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -17,11 +17,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use benches::{Peer, Report, median};
+use benches::{BenchDevice, DEVICE_USAGE, Peer, Report, median};
 use policy_host::checkpoint::pi05::Pi05Checkpoint;
 use policy_host::generated::{fnv1a64, sym};
 use policy_host::nn::Precision;
-use policy_host::nn::gpu::DeviceKind;
 use policy_host::nn::peak::peak_gflop_per_s;
 use policy_host::pi05::architecture::Pi05Architecture;
 use policy_host::pi05::model::{Pi05Input, Pi05Model, SampleTokens};
@@ -40,25 +39,24 @@ fn main() -> Result<()> {
         n_threads: std::thread::available_parallelism()?.get(),
         checkpoint: None,
         peer: None,
-        device: None,
+        device: BenchDevice::default(),
     };
     let mut report = Report::with_options(
         "pi05",
-        "--checkpoint DIR, --threads N, --peer PYTHON, --device D, ",
+        &format!("--checkpoint DIR, --threads N, --peer PYTHON, {DEVICE_USAGE}"),
         |option, value| {
             match option {
-                "--device" => options.device = Some(gpu::parse(value)?),
                 "--threads" => options.n_threads = value.parse().context("--threads needs a number")?,
                 "--checkpoint" => options.checkpoint = Some(value.into()),
                 "--peer" => options.peer = Some(value.into()),
-                _ => return Ok(false),
+                _ => return options.device.parse(option, value),
             }
             Ok(true)
         },
     )?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.n_threads).build()?;
-    if let Some(device) = options.device {
-        pool.install(|| gpu::measure(device, options.checkpoint.as_deref(), &mut report))?;
+    if options.device.kind.is_some() {
+        pool.install(|| gpu::measure(options.device, options.checkpoint.as_deref(), &mut report))?;
         return report.finish();
     }
     let folder = options.checkpoint.as_deref().context("--checkpoint DIR is missing")?;
@@ -83,7 +81,7 @@ struct Pi05BenchOptions {
     n_threads: usize,
     checkpoint: Option<PathBuf>,
     peer: Option<PathBuf>,
-    device: Option<DeviceKind>,
+    device: BenchDevice,
 }
 
 struct LoadedNetwork {

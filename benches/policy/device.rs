@@ -5,12 +5,12 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail};
-use benches::{Report, median};
+use anyhow::{Context, Result};
+use benches::{BenchDevice, Report, median};
 use ipc_types::{Morphology, ObservationView};
 use policy_host::act::GpuActPolicy;
 use policy_host::checkpoint::colosseum::ActConfig;
-use policy_host::nn::gpu::{DeviceKind, GpuDevice};
+use policy_host::nn::gpu::DeviceKind;
 use policy_host::{Policy, synthetic};
 
 use super::Batch;
@@ -26,43 +26,34 @@ const ROUNDS: usize = 5;
 /// Queries of a round on a GPU.
 const ROUND_QUERIES: usize = 1024;
 
-/// Parses the kind of device.
-pub(super) fn parse(name: &str) -> Result<DeviceKind> {
-    match name {
-        "gpu" => Ok(DeviceKind::Hardware),
-        "software" => Ok(DeviceKind::Software),
-        _ => bail!("--device is {name}, expected gpu or software"),
-    }
-}
-
 /// Measures queries of both robots.
-pub(super) fn measure(kind: DeviceKind, report: &mut Report) -> Result<()> {
+pub(super) fn measure(device: BenchDevice, report: &mut Report) -> Result<()> {
+    let Some(gpu) = device.open()? else { return Ok(()) };
     // Commas would split the CSV field.
-    let note = GpuDevice::open(kind)?.name().replace(',', ";");
+    let note = gpu.name().replace(',', ";");
     println!("{note}");
+    let is_software = device.kind == Some(DeviceKind::Software);
     for morphology in Morphology::ALL {
-        let (size, config) = match kind {
-            DeviceKind::Hardware => ("full", ActConfig::full_size(morphology)),
-            DeviceKind::Software => ("tiny", ActConfig::tiny(morphology)),
+        let (size, config) = match is_software {
+            false => ("full", ActConfig::full_size(morphology)),
+            true => ("tiny", ActConfig::tiny(morphology)),
         };
         let architecture = config.architecture();
         let gflop = architecture.flop_per_query(architecture.horizon) as f64 / 1e9;
         let folder = tempfile::tempdir().context("create a temporary folder")?;
         synthetic::write_checkpoint(folder.path(), &config, 0)?;
         let started = Instant::now();
-        let mut policy = GpuActPolicy::load(GpuDevice::open(kind)?, folder.path(), &[morphology])?;
+        let Some(gpu) = device.open()? else { return Ok(()) };
+        let mut policy = GpuActPolicy::load(gpu, folder.path(), &[morphology])?;
         let (robot, load_s) = (morphology.name(), started.elapsed().as_secs_f64());
         println!("{size} {robot}: {gflop:.2} GFLOP per query, loaded in {load_s:.1} s");
         report.add(&format!("act_{size}_{robot}_load"), load_s, "s", &note);
-        let largest = if kind == DeviceKind::Software { MAX_SOFTWARE_BATCH } else { usize::MAX };
+        let largest = if is_software { MAX_SOFTWARE_BATCH } else { usize::MAX };
         for n_envs in BATCHES.into_iter().filter(|n_envs| *n_envs <= largest) {
-            let n_batches = match kind {
-                DeviceKind::Hardware => (ROUND_QUERIES / n_envs).max(2 * DEPTH),
-                DeviceKind::Software => 2 * DEPTH,
-            };
+            let n_batches = if is_software { 2 * DEPTH } else { (ROUND_QUERIES / n_envs).max(2 * DEPTH) };
             let mut batch = Batch::new(morphology, n_envs);
             stream(&mut policy, &mut batch, DEPTH)?;
-            let n_rounds = if kind == DeviceKind::Hardware { ROUNDS } else { 1 };
+            let n_rounds = if is_software { 1 } else { ROUNDS };
             let rates = (0..n_rounds).map(|_| {
                 let seconds = stream(&mut policy, &mut batch, n_batches)?;
                 Ok((n_batches * n_envs) as f64 / seconds)

@@ -1,20 +1,21 @@
 //! Inference cost of ACT at full size and at a tiny size, with generated weights and images, for several
 //! batch sizes.
 //!
-//! `cargo bench -p benches --bench policy -- [--threads N] [--peer PYTHON]
-//! [--device gpu|software] [--csv FILE]`. A query is one env
-//! of a batch. `gflop_per_s` is based on `Architecture::flop_per_query`, the operation count of the direct
-//! algorithm; Winograd convolutions perform fewer. It is compared with the peak on registers only, measured
-//! before and after. The full-size network is also measured with int8 weights, along with the error of its
-//! actions. The matrix products that occur in ACT follow, with the plain library kernel and with pre-packed
-//! weights in alternation, and the layers of the full-size network one by one (`layers.rs`). All figures are
-//! medians of several rounds after warm-up. Takes about two minutes.
+//! `cargo bench -p benches --bench policy -- [--threads N] [--peer PYTHON] [--device gpu|software]
+//! [--products chains|matrices] [--csv FILE]`. A query is one env of a batch. `gflop_per_s` is based on
+//! `Architecture::flop_per_query`, the operation count of the direct algorithm; Winograd convolutions perform
+//! fewer. It is compared with the peak on registers only, measured before and after. The full-size network is
+//! also measured with int8 weights, along with the error of its actions. The matrix products that occur in
+//! ACT follow, with the plain library kernel and with pre-packed weights in alternation, and the layers of
+//! the full-size network one by one (`layers.rs`). All figures are medians of several rounds after warm-up.
+//! Takes about two minutes.
 //!
 //! With `--peer`, ONNX Runtime and PyTorch run the same queries in alternation with ours
 //! (`peers/act_inference.py`, started with the given Python interpreter), and nothing else is measured:
 //! medians, and the median of the ratios per round. On either side, the second of two successive batches
 //! counts. Our int8 network is compared with ONNX Runtime in f32 and with the network that ONNX Runtime has
-//! quantised itself. With `--device`, only queries on a GPU are measured (`device.rs`).
+//! quantised itself. With `--device`, only queries on a GPU are measured
+//! (`device.rs`), with products as chains of multiply-adds or on cooperative matrices.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -25,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use benches::{Peer, Report, median};
+use benches::{BenchDevice, DEVICE_USAGE, Peer, Report, median};
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::block_pages;
@@ -33,7 +34,6 @@ use ipc_types::{Morphology, ObservationHeader, ObservationView, Page, SCHEMA_HAS
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::generated::{fnv1a64, unit};
 use policy_host::nn::Precision;
-use policy_host::nn::gpu::DeviceKind;
 use policy_host::nn::matmul::{Accum, matmul, view, view_mut};
 use policy_host::nn::packed::PackedWeights;
 use policy_host::nn::peak::peak_gflop_per_s;
@@ -47,20 +47,19 @@ const MIN_ROUNDS: usize = 3;
 const PEER_ROUNDS: usize = 9;
 
 fn main() -> Result<()> {
-    let mut options =
-        PolicyOptions { n_threads: std::thread::available_parallelism()?.get(), peer: None, device: None };
-    let usage = "--threads N, --peer PYTHON, --device D, ";
-    let mut report = Report::with_options("policy", usage, |option, value| {
+    let n_threads = std::thread::available_parallelism()?.get();
+    let mut options = PolicyOptions { n_threads, peer: None, device: BenchDevice::default() };
+    let usage = format!("--threads N, --peer PYTHON, {DEVICE_USAGE}");
+    let mut report = Report::with_options("policy", &usage, |option, value| {
         match option {
             "--threads" => options.n_threads = value.parse().context("--threads needs a number")?,
             "--peer" => options.peer = Some(value.into()),
-            "--device" => options.device = Some(device::parse(value)?),
-            _ => return Ok(false),
+            _ => return options.device.parse(option, value),
         }
         Ok(true)
     })?;
-    match (&options.peer, options.device) {
-        (_, Some(kind)) => device::measure(kind, &mut report)?,
+    match (&options.peer, options.device.kind) {
+        (_, Some(_)) => device::measure(options.device, &mut report)?,
         (Some(python), None) => against_peers(python, options.n_threads, &mut report)?,
         (None, None) => {
             queries(options.n_threads, &mut report)?;
@@ -74,7 +73,7 @@ fn main() -> Result<()> {
 struct PolicyOptions {
     n_threads: usize,
     peer: Option<PathBuf>,
-    device: Option<DeviceKind>,
+    device: BenchDevice,
 }
 
 fn queries(n_threads: usize, report: &mut Report) -> Result<()> {

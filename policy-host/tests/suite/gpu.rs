@@ -29,9 +29,9 @@ fn load(folder: &Path, robots: &[Morphology]) -> Option<GpuActPolicy> {
     Some(GpuActPolicy::load(device()?, folder, robots).unwrap())
 }
 
-/// Opens the device of the tests: a software driver, unless the environment variable `HYPOGEUM_TEST_DEVICE` is
-/// `gpu`. Products are chains, unless `HYPOGEUM_TEST_PRODUCTS` is `matrices`. Returns `None` if there is no
-/// such device and none is required.
+/// Opens the device of the tests: a software driver, unless the environment variable `HYPOGEUM_TEST_DEVICE`
+/// is `gpu`. Products are chains, unless `HYPOGEUM_TEST_PRODUCTS` is `matrices`. Returns `None` if there is
+/// no such device and none is required.
 #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
 pub(crate) fn device() -> Option<GpuDevice> {
     let kind = match device_choice() {

@@ -1,12 +1,12 @@
 // Product of the left factor [n_samples · ROWS, K] and the right factor [K, N] on cooperative matrices of
-// 16-bit floats, with the accuracy of f32: H. Ootomo and R. Yokota, "Recovering single precision accuracy from
-// Tensor Cores while surpassing the FP32 theoretical peak performance" (2022). A term is split into
-// high + low / 2048. Products of two high parts are added up in f32, outside of the matrix units, which may
-// round towards zero; products of a high and a low part are added up inside. Those of two low parts are
-// below the rounding error.
+// 16-bit floats, with the accuracy of f32: H. Ootomo and R. Yokota, "Recovering single precision accuracy
+// from Tensor Cores while surpassing the FP32 theoretical peak performance" (2022). Terms are split into
+// high + low / 2048 and must be smaller than 65,504. Products of two high parts are added up in f32, outside
+// of the matrix units, which may round towards zero; products of a high and a low part are added up inside.
+// Those of two low parts are below the rounding error.
 //
-// A workgroup computes a tile of 64 × 64 values, a subgroup 2 × 2 matrices. Every value is a sum over k in one
-// order, which depends on the shape of the matrices alone.
+// A workgroup computes a tile of 64 × 64 values, a subgroup 2 × 2 matrices. Every value is a sum over k in
+// one order, which depends on the shape of the matrices alone.
 
 // Terms from one row of a factor's tile to the next: a multiple of 16 bytes, as matrices require, and such
 // that rows start in different banks.
