@@ -42,7 +42,9 @@ fn results_depend_on_device_but_not_batch() {
     if is_without_driver(&first) {
         return;
     }
-    let _ = first.expect_code(0);
+    let first = first.expect_code(0);
+    let line = first.stdout.lines().find(|line| line.starts_with("device "));
+    assert!(line.is_some_and(|line| line.contains(" policies ")), "{}", first.stdout);
     let alone = rows(&dir.path().join("1.db"));
     assert_eq!(alone.len(), 2 * 2 * 2);
     let _ = evaluate(dir.path(), "4.db", &[&software[..], &["--envs", "4"]].concat()).expect_code(0);
@@ -54,7 +56,8 @@ fn results_depend_on_device_but_not_batch() {
     let verified = run(dir.path(), &["verify", "4.db"]).expect_code(0);
     assert!(verified.stderr.contains("8 of 8 episodes agree"), "{}", verified.stderr);
     let drawn = ["--renderer", "software", "--policy-device", "cpu"];
-    let _ = evaluate(dir.path(), "drawn.db", &drawn).expect_code(0);
+    let drawn = evaluate(dir.path(), "drawn.db", &drawn).expect_code(0);
+    assert!(drawn.stdout.contains("\ndevice           rendering "), "{}", drawn.stdout);
     let verified = run(dir.path(), &["verify", "drawn.db"]).expect_code(0);
     assert!(verified.stderr.contains("8 of 8 episodes agree"), "{}", verified.stderr);
     let cpu = evaluate(dir.path(), "cpu.db", &["--policy-device", "cpu"]).expect_code(0);

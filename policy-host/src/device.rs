@@ -45,6 +45,8 @@ pub enum DeviceError {
     Unsupported { spec: PolicySpec },
     #[error("{reason}; use --policy-device cpu or auto, or install a driver")]
     Unusable { reason: String },
+    #[error("{reason}; use --policy-device cpu")]
+    Failed { reason: String },
     #[error(
         "this program was built without policies on a GPU; build it with `--features gpu`, or use --policy-device cpu or auto"
     )]

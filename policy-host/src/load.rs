@@ -123,8 +123,12 @@ fn open(device: DeviceRequest) -> Result<crate::nn::gpu::GpuDevice, act::LoadGpu
 #[cfg(feature = "gpu")]
 impl From<act::LoadGpuError> for LoadError {
     fn from(error: act::LoadGpuError) -> Self {
+        use crate::nn::gpu::GpuError;
         match error {
             act::LoadGpuError::Folder(error) => error.into(),
+            act::LoadGpuError::Device(error @ GpuError::Device { .. }) => {
+                DeviceError::Failed { reason: error.to_string() }.into()
+            }
             act::LoadGpuError::Device(error) => DeviceError::Unusable { reason: error.to_string() }.into(),
         }
     }

@@ -76,10 +76,12 @@ pub enum HostEvent {
         queries: u64,
         /// Number of observation messages answered.
         batches: u64,
-        /// Core-seconds spent in the policy.
+        /// Core-seconds spent in the policy. With a device, those of the whole process while it has a batch.
         busy_s: f64,
         /// Core-seconds of the whole process since its first query.
         cpu_s: f64,
+        /// Wall seconds in which the policy's device had a batch; 0 without one.
+        device_s: f64,
         /// Floating-point operations of the answered queries ([`Policy::flop_per_query`]).
         flop: u64,
     },
@@ -238,12 +240,14 @@ impl<W: Write> Host<W> {
     fn begin(&mut self, message: ObservationMessage) {
         let mut pending = PendingAnswer { header: *message.header(), message, submitted: Ok(()) };
         if let Some(pipeline) = self.policy.pipeline() {
-            let start = ProcessTime::now();
+            let start = (ProcessTime::now(), Instant::now());
             let inferring = trace::span(Activity::Infer);
             let submit = |view: ObservationView<'_>| pipeline.submit(&view).map_err(QueryError::from);
             pending.submitted = pending.view(&self.config).and_then(submit);
             inferring.finish(0);
-            self.ledger.add_time(start);
+            if pending.submitted.is_ok() {
+                self.ledger.device_has_batch(start);
+            }
         }
         self.pending.push_back(pending);
     }
@@ -267,7 +271,11 @@ impl<W: Write> Host<W> {
         // After the policy has read it: then the answer is to what was sent, or there is none.
         let outcome = self.check_frame(header, &pending.message).and(outcome);
         inferring.finish(n_envs.into());
-        self.ledger.add_time(start);
+        if self.policy.pipeline().is_none() {
+            self.ledger.add_time(start);
+        } else if self.pending.iter().all(|pending| pending.submitted.is_err()) {
+            self.ledger.device_is_idle();
+        }
         self.ledger.add_batch(n_envs);
         if outcome.is_ok() {
             self.ledger.flop += u64::from(n_envs) * self.flop_per_query(header.morphology);

@@ -43,10 +43,11 @@ fn messages() -> Vec<Message> {
     });
     let progress = json!({
         "env_steps": 5, "images": 6, "queries": 7, "wall_s": 0.5, "physics_s": 0.1, "render_s": 0.1,
-        "idle_s": 0.0, "cpu_s": 1.0, "latencies": { "counts": [0, 1, 2] }
+        "device_s": 0.0, "idle_s": 0.0, "cpu_s": 1.0, "latencies": { "counts": [0, 1, 2] }
     });
     let span = json!({ "activity": "step", "thread": 1, "start_ns": 10, "duration_ns": 5, "n": 1 });
-    let host_ledger = json!({ "queries": 1, "batches": 1, "busy_s": 0.5, "cpu_s": 0.5, "flop": 9 });
+    let host_ledger =
+        json!({ "queries": 1, "batches": 1, "busy_s": 0.5, "cpu_s": 0.5, "device_s": 0.0, "flop": 9 });
     let ready = json!({ "shm_bytes": 1, "renderer": "cpu", "identity": "cpu" });
     vec![
         (sim_config, sim),

@@ -66,4 +66,4 @@ while read -r line; do
         ;;
     esac
 done
-echo '{"progress":{"env_steps":'"$((9 * n))"',"images":0,"queries":0,"wall_s":1.0,"physics_s":0.0,"render_s":0.0,"idle_s":0.0,"cpu_s":0.0,"latencies":{"counts":[]}}}'
+echo '{"progress":{"env_steps":'"$((9 * n))"',"images":0,"queries":0,"wall_s":1.0,"physics_s":0.0,"render_s":0.0,"device_s":0,"idle_s":0.0,"cpu_s":0.0,"latencies":{"counts":[]}}}'

@@ -254,8 +254,9 @@ impl<'a> Supervisor<'a> {
                 let line = format!("{}: {message}", self.name(MemberRole::Host(lane)));
                 self.log(&line)
             }
-            HostEvent::Ledger { queries, batches, busy_s, cpu_s, flop } => {
-                self.totals.on_host_work(lane, HostWork { queries, batches, busy_s, cpu_s, flop });
+            HostEvent::Ledger { queries, batches, busy_s, cpu_s, device_s, flop } => {
+                let work = HostWork { queries, batches, busy_s, cpu_s, device_s, flop };
+                self.totals.on_host_work(lane, work);
                 Ok(())
             }
             HostEvent::Spans(spans) => self.report_spans(MemberRole::Host(lane), &spans),

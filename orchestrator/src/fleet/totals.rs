@@ -38,6 +38,8 @@ pub(crate) struct HostWork {
     pub(crate) busy_s: f64,
     /// Core-seconds of the whole processes since their first queries.
     pub(crate) cpu_s: f64,
+    /// Wall seconds in which a device had a batch; over several lanes, those of the busiest.
+    pub(crate) device_s: f64,
     /// Floating-point operations of inference.
     pub(crate) flop: u64,
 }
@@ -56,7 +58,10 @@ impl Totals {
     /// Returns the sum over all policy hosts, for the queries whose answers the sim received. A run that is
     /// stopped does not wait for the others; their share of the core-seconds is estimated by their number.
     pub(crate) fn hosts(&self) -> HostWork {
-        let all = self.hosts.iter().flatten().copied().fold(HostWork::default(), HostWork::add);
+        let lanes = self.lanes();
+        let device_s = lanes.iter().map(|work| work.device_s).fold(0.0, f64::max);
+        let all = lanes.into_iter().fold(HostWork::default(), HostWork::add);
+        let all = HostWork { device_s, ..all };
         let received = self.past.latencies.count() + self.current.latencies.count();
         if received >= all.queries {
             return all;
@@ -67,6 +72,7 @@ impl Totals {
             batches: all.batches,
             busy_s: all.busy_s * fraction,
             cpu_s: all.cpu_s * fraction,
+            device_s: all.device_s * fraction,
             flop: (all.flop as f64 * fraction) as u64,
         }
     }
@@ -105,6 +111,7 @@ impl HostWork {
             batches: self.batches + other.batches,
             busy_s: self.busy_s + other.busy_s,
             cpu_s: self.cpu_s + other.cpu_s,
+            device_s: self.device_s + other.device_s,
             flop: self.flop + other.flop,
         }
     }
@@ -120,6 +127,7 @@ fn add(a: &Counters, b: &Counters) -> Counters {
         wall_s: a.wall_s + b.wall_s,
         physics_s: a.physics_s + b.physics_s,
         render_s: a.render_s + b.render_s,
+        device_s: a.device_s + b.device_s,
         idle_s: a.idle_s + b.idle_s,
         cpu_s: a.cpu_s + b.cpu_s,
         latencies,
@@ -141,9 +149,12 @@ mod tests {
     fn work_for_lost_answers_does_not_count() {
         let mut totals = Totals::new(1, None);
         totals.on_sim_counters(answered(3));
-        totals.on_host_work(0, HostWork { queries: 4, batches: 1, busy_s: 2.0, cpu_s: 4.0, flop: 8 });
+        totals.on_host_work(
+            0,
+            HostWork { queries: 4, batches: 1, busy_s: 2.0, cpu_s: 4.0, device_s: 1.0, flop: 8 },
+        );
         let work = totals.hosts();
-        assert_eq!((work.queries, work.busy_s, work.cpu_s, work.flop), (3, 1.5, 3.0, 6));
+        assert_eq!((work.queries, work.busy_s, work.cpu_s, work.device_s, work.flop), (3, 1.5, 3.0, 0.75, 6));
     }
 
     #[test]

@@ -35,8 +35,10 @@ pub(crate) struct Fps {
     pub(crate) queries_per_s: Option<f64>,
     /// The speed that the measured costs allow.
     pub(crate) bound: Option<Bound>,
-    /// Speed of inference; `None` without networks, or if the peak was not measured.
+    /// Speed of inference on the CPU; `None` without networks, or if the peak was not measured.
     pub(crate) inference: Option<InferenceSpeed>,
+    /// Use of a GPU, or of a software driver.
+    pub(crate) device: Option<DeviceUse>,
     /// The number of envs and how it was chosen; `None` if the user fixed it.
     #[serde(skip)]
     pub(crate) choice: Option<EnvChoice>,
@@ -45,7 +47,8 @@ pub(crate) struct Fps {
     pub(crate) ledger: Ledger,
 }
 
-/// The speed at which all cores would do nothing but step, render and infer: c / (s + (r + w) / k).
+/// The speed at which all cores would do nothing but step, render and infer, c / (s + (r + w) / k), or at
+/// which the device would never be idle, k / d, if that is less.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Bound {
     /// c: number of cores.
@@ -56,6 +59,9 @@ pub(crate) struct Bound {
     pub(crate) render_s: f64,
     /// w: core-seconds of inference per query of one env.
     pub(crate) query_s: f64,
+    /// d: wall seconds of the device per query of one env, of rendering or of the policy, whichever takes
+    /// longer: the two may overlap. `None` without a device.
+    pub(crate) device_s: Option<f64>,
     /// k: control steps per query; `None` without queries.
     pub(crate) steps_per_query: Option<f64>,
     /// The bound itself, in control steps per second.
@@ -76,6 +82,17 @@ pub(crate) struct InferenceSpeed {
     pub(crate) fraction: f64,
 }
 
+/// Use of a device in the measured window.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct DeviceUse {
+    /// Wall seconds of rendering on it.
+    pub(crate) render_s: f64,
+    /// Wall seconds in which it had a batch of a policy; with several policies, that of the busiest.
+    pub(crate) policy_s: f64,
+    /// GFLOP/s of the networks in that time, by the operation count of the direct algorithms.
+    pub(crate) gflop_per_s: Option<f64>,
+}
+
 /// Core-seconds of a run by stage. They add up to the number of cores times the measured wall time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Ledger {
@@ -83,7 +100,7 @@ pub(crate) struct Ledger {
     pub(crate) physics_s: f64,
     /// Rendering of observations.
     pub(crate) render_s: f64,
-    /// Inference in the policy hosts.
+    /// Inference in the policy hosts; with a device, all their work while it has a batch.
     pub(crate) policy_s: f64,
     /// Everything else in sim and policy hosts: assembling batches, shared memory, polling.
     pub(crate) transport_s: f64,
@@ -127,7 +144,8 @@ impl Fps {
             images_per_s: rate(sim.images),
             queries_per_s: rate(sim.queries),
             bound: Bound::new(totals, &ledger, cores.count),
-            inference: cores.peak_gflop.filter(|_| hosts.flop > 0).map(inference),
+            inference: cores.peak_gflop.filter(|_| hosts.flop > 0 && hosts.device_s == 0.0).map(inference),
+            device: DeviceUse::new(totals),
             choice: totals.choice.clone(),
             ledger,
         }
@@ -153,8 +171,12 @@ impl Fps {
         if let Some(bound) = self.bound {
             let ms = |seconds: f64| format!("{:.3} ms", 1e3 * seconds);
             let k = bound.steps_per_query.map_or_else(|| "∞".to_owned(), |k| format!("{k:.1}"));
+            let (formula, device) = match bound.device_s {
+                Some(seconds) => ("min(c / (s + (r + w) / k), k / d)", format!("d = {}, ", ms(seconds))),
+                None => ("c / (s + (r + w) / k)", String::new()),
+            };
             text += &format!(
-                "bound            {:.1} env-steps/s = c / (s + (r + w) / k) with c = {} cores, s = {}, r = {}, w = {}, \
+                "bound            {:.1} env-steps/s = {formula} with c = {} cores, s = {}, r = {}, w = {}, {device}\
                  k = {k}; {:.0} % reached\n",
                 bound.env_steps_per_s,
                 bound.n_cores,
@@ -171,6 +193,9 @@ impl Fps {
                 100.0 * speed.fraction,
                 speed.peak_gflop_per_core_s,
             );
+        }
+        if let Some(device) = self.device {
+            text += &device.line(self.wall_s);
         }
         if let Some(choice) = &self.choice {
             text += &choice_line(choice);
@@ -198,6 +223,29 @@ fn choice_line(choice: &EnvChoice) -> String {
     format!("envs             {envs}, chosen from at most {max_envs}; {why}\n")
 }
 
+impl DeviceUse {
+    fn new(totals: &Totals) -> Option<Self> {
+        let (sim, hosts) = (totals.sim(), totals.hosts());
+        (sim.device_s > 0.0 || hosts.device_s > 0.0).then(|| Self {
+            render_s: sim.device_s,
+            policy_s: hosts.device_s,
+            gflop_per_s: (hosts.device_s > 0.0 && hosts.flop > 0)
+                .then(|| 1e-9 * hosts.flop as f64 / hosts.device_s),
+        })
+    }
+
+    /// Returns the line of the report on a run of `wall_s`.
+    fn line(self, wall_s: f64) -> String {
+        let Self { render_s, policy_s, gflop_per_s } = self;
+        let part = |what: &str, seconds: f64| {
+            (seconds > 0.0).then(|| format!("{what} {seconds:.2} s ({:.0} %)", 100.0 * seconds / wall_s))
+        };
+        let speed = gflop_per_s.map(|speed| format!("at {speed:.1} GFLOP/s"));
+        let parts = [part("rendering", render_s), part("policies", policy_s), speed];
+        format!("device           {}\n", parts.into_iter().flatten().collect::<Vec<_>>().join(", "))
+    }
+}
+
 impl Bound {
     fn new(totals: &Totals, ledger: &Ledger, n_cores: u32) -> Option<Self> {
         let sim = totals.sim();
@@ -205,12 +253,15 @@ impl Bound {
         let busy_s = ledger.physics_s + ledger.render_s + ledger.policy_s;
         // (r + w) / k per control step equals all core-seconds of rendering and inference over all control
         // steps.
-        let bound = f64::from(n_cores) * sim.env_steps as f64 / busy_s;
+        let device_s = DeviceUse::new(totals).map(|device| device.render_s.max(device.policy_s));
+        let on_cores = f64::from(n_cores) * sim.env_steps as f64 / busy_s;
+        let bound = device_s.map_or(on_cores, |seconds| on_cores.min(sim.env_steps as f64 / seconds));
         (busy_s > 0.0 && sim.wall_s > 0.0).then(|| Self {
             n_cores,
             step_s: per(ledger.physics_s, sim.env_steps),
             render_s: per(ledger.render_s, sim.queries),
             query_s: per(ledger.policy_s, sim.queries),
+            device_s: device_s.map(|seconds| per(seconds, sim.queries)),
             steps_per_query: (sim.queries > 0).then(|| sim.env_steps as f64 / sim.queries as f64),
             env_steps_per_s: bound,
             reached: sim.env_steps as f64 / sim.wall_s / bound,

@@ -76,6 +76,7 @@ fn json_keys_are_stable() {
       "fps": {
         "bound": null,
         "definition": "control steps of finished and unfinished episodes / wall seconds from the first work (building the first world) to the last control step, over all envs, policy inference included",
+        "device": null,
         "env_steps": 0,
         "env_steps_per_s": null,
         "images_per_s": null,
@@ -112,6 +113,7 @@ fn speed_and_bound_follow_their_definitions() {
         wall_s: 2.0,
         physics_s: 0.6,
         render_s: 0.4,
+        device_s: 0.0,
         idle_s: 0.1,
         cpu_s: 1.2,
         latencies,
@@ -119,7 +121,7 @@ fn speed_and_bound_follow_their_definitions() {
     // Batches of 5 on 2 threads: both are busy all the time.
     totals.on_host_work(
         0,
-        HostWork { queries: 100, batches: 20, busy_s: 2.0, cpu_s: 2.1, flop: 150_000_000_000 },
+        HostWork { queries: 100, batches: 20, busy_s: 2.0, cpu_s: 2.1, device_s: 0.0, flop: 150_000_000_000 },
     );
     let trial = |envs, predicted, utilisation| EnvTrial { envs, predicted, utilisation };
     let trials = vec![trial(16, 1400.0, 0.8), trial(32, 1410.0, 0.81)];
@@ -142,4 +144,47 @@ fn speed_and_bound_follow_their_definitions() {
     inference        75.0 GFLOP/s per core, 75 % of the 100.0 that a core reaches in f32 on registers only
     envs             16, chosen from at most 256; expected env-steps/s: 16 (1400, cores 80 % used), 32 (1410, cores 81 % used)
     ");
+}
+
+#[test]
+fn bound_of_device_is_its_own() {
+    let counters = |env_steps, queries, latencies| Counters {
+        env_steps,
+        queries,
+        wall_s: 2.0,
+        physics_s: 0.6,
+        render_s: 0.1,
+        device_s: 0.5,
+        cpu_s: 1.2,
+        latencies,
+        ..Counters::default()
+    };
+    let mut totals = Totals::new(2, None);
+    let mut latencies = Latencies::default();
+    latencies.record(Duration::from_millis(5), 100);
+    totals.on_sim_counters(counters(3000, 100, latencies));
+    let work =
+        HostWork { queries: 50, batches: 10, busy_s: 0.1, cpu_s: 0.2, device_s: 1.6, flop: 400_000_000_000 };
+    totals.on_host_work(0, work);
+    totals.on_host_work(1, HostWork { device_s: 0.9, ..work });
+    let fps = Fps::new(&totals, Duration::from_secs(4), CORES);
+    // The busiest lane counts: 3000 steps in 1.6 s of the device, 6,667 by the cores.
+    let bound = fps.bound.unwrap();
+    assert!((bound.env_steps_per_s - 3000.0 / 1.6).abs() < 1e-9, "{bound:?}");
+    assert_eq!((bound.device_s, fps.inference), (Some(0.016), None));
+    insta::assert_snapshot!(fps.lines(), @r"
+    env_steps_per_s  1500.0 (3000 control steps in 2.00 s, from the first work to the last step)
+    whole process    750.0 env-steps/s (4.00 s, start-up included)
+    per second       0.0 images, 50.0 queries
+    core-seconds     physics 0.60, render 0.10, policy 0.20, transport 0.70, unused 2.40; sim idle for 0.00 s
+    bound            1875.0 env-steps/s = min(c / (s + (r + w) / k), k / d) with c = 2 cores, s = 0.200 ms, r = 1.000 ms, w = 2.000 ms, d = 16.000 ms, k = 30.0; 80 % reached
+    device           rendering 0.50 s (25 %), policies 1.60 s (80 %), at 500.0 GFLOP/s
+    ");
+    // A device that waits for the cores does not bound them.
+    let fast = |lane| HostWork { device_s: 0.1 * f64::from(lane), ..work };
+    totals.on_host_work(0, fast(0));
+    totals.on_host_work(1, fast(1));
+    totals.on_sim_counters(Counters { device_s: 0.0, ..totals.sim() });
+    let bound = Fps::new(&totals, Duration::from_secs(4), CORES).bound.unwrap();
+    assert!((bound.env_steps_per_s - 2.0 * 3000.0 / (0.6 + 0.1 + 0.2)).abs() < 1e-9, "{bound:?}");
 }

@@ -37,6 +37,7 @@ pub(crate) fn table(points: &[SpeedPoint]) -> String {
         "bound",
         "reached",
         "peak",
+        "device",
     ];
     let columns: Vec<_> = columns
         .iter()
@@ -47,6 +48,8 @@ pub(crate) fn table(points: &[SpeedPoint]) -> String {
     for point in points {
         let micro = |seconds: f64| format!("{:.0}", 1e6 * seconds);
         let milli = |seconds: Option<f64>| seconds.map_or("–".to_owned(), |s| format!("{:.1}", 1e3 * s));
+        let percent =
+            |fraction: Option<f64>| fraction.map_or("–".to_owned(), |f| format!("{:.0} %", 100.0 * f));
         let parts = point.core_s_per_step;
         table.row(vec![
             point.series.policy.clone(),
@@ -67,7 +70,8 @@ pub(crate) fn table(points: &[SpeedPoint]) -> String {
             (point.shm_bytes >> 20).to_string(),
             format!("{:.0}", point.bound_env_steps_per_s),
             format!("{:.0} %", 100.0 * point.reached),
-            point.peak_fraction.map_or("–".to_owned(), |fraction| format!("{:.0} %", 100.0 * fraction)),
+            percent(point.peak_fraction),
+            percent(point.device_fraction),
         ]);
     }
     format!("{table}physics to unused: core-microseconds per control step\n")

@@ -53,8 +53,13 @@ pub(crate) struct SpeedPoint {
     pub(crate) bound_env_steps_per_s: f64,
     /// Fraction of the bound that was reached.
     pub(crate) reached: f64,
-    /// Fraction of the register peak in f32 that inference reaches on its cores; `None` without a network.
+    /// Fraction of the register peak in f32 that inference reaches on its cores; `None` without a network
+    /// there.
     pub(crate) peak_fraction: Option<f64>,
+    /// Fraction of `wall_s` in which a device rendered or had a batch of the policy, whichever was longer;
+    /// `None` without a device.
+    #[serde(default)]
+    pub(crate) device_fraction: Option<f64>,
     /// Number of episodes that ended with an error.
     pub(crate) errors: u64,
 }
@@ -116,6 +121,7 @@ impl SpeedPoint {
             bound_env_steps_per_s: bound.env_steps_per_s,
             reached: bound.reached,
             peak_fraction: fps.inference.map(|speed| speed.fraction),
+            device_fraction: fps.device.map(|device| device.render_s.max(device.policy_s) / fps.wall_s),
             errors,
         })
     }
@@ -168,7 +174,14 @@ mod tests {
         });
         totals.on_host_work(
             0,
-            HostWork { queries: 100, batches: 20, busy_s: 1.5, cpu_s: 1.6, flop: 75_000_000_000 },
+            HostWork {
+                queries: 100,
+                batches: 20,
+                busy_s: 1.5,
+                cpu_s: 1.6,
+                device_s: 0.0,
+                flop: 75_000_000_000,
+            },
         );
         let series = Series { policy: "act".to_owned(), mode: QueryMode::Chunk };
         let point = SpeedPoint::new(series, 10, &totals, Duration::from_secs(3), CORES, 0).unwrap();

@@ -14,7 +14,10 @@ pub(super) struct WorkCounter {
     queries: u64,
     batches: u64,
     busy_s: f64,
+    device_s: f64,
     pub(super) flop: u64,
+    /// Start of the time since which a device has had a batch.
+    device_since: Option<(ProcessTime, Instant)>,
     /// Start of the first query.
     first_query: Option<ProcessTime>,
     reported: Instant,
@@ -27,7 +30,9 @@ impl WorkCounter {
             queries: 0,
             batches: 0,
             busy_s: 0.0,
+            device_s: 0.0,
             flop: 0,
+            device_since: None,
             first_query: None,
             reported: Instant::now(),
             reported_batches: 0,
@@ -46,6 +51,20 @@ impl WorkCounter {
         self.first_query.get_or_insert(start);
     }
 
+    /// Counts the time from `start` until now as time of a device, unless it is counted already.
+    pub(super) fn device_has_batch(&mut self, start: (ProcessTime, Instant)) {
+        self.device_since.get_or_insert(start);
+    }
+
+    /// Counts the time until now as time of a device, which has no batch any more. All work of this process
+    /// meanwhile was for the policy.
+    pub(super) fn device_is_idle(&mut self) {
+        if let Some((cpu, wall)) = self.device_since.take() {
+            self.add_time(cpu);
+            self.device_s += wall.elapsed().as_secs_f64();
+        }
+    }
+
     /// Returns an event if there is new work and the last report is at least [`LEDGER_PERIOD`] ago.
     pub(super) fn due(&mut self) -> Option<HostEvent> {
         let news = self.batches > self.reported_batches && self.reported.elapsed() >= LEDGER_PERIOD;
@@ -58,7 +77,11 @@ impl WorkCounter {
 
     pub(super) fn event(&self) -> HostEvent {
         let cpu_s = self.first_query.map_or(0.0, |start| start.elapsed().as_secs_f64());
-        let Self { queries, batches, busy_s, flop, .. } = *self;
-        HostEvent::Ledger { queries, batches, busy_s, cpu_s, flop }
+        let Self { queries, batches, mut busy_s, mut device_s, flop, .. } = *self;
+        if let Some((cpu, wall)) = &self.device_since {
+            busy_s += cpu.elapsed().as_secs_f64();
+            device_s += wall.elapsed().as_secs_f64();
+        }
+        HostEvent::Ledger { queries, batches, busy_s, cpu_s, device_s, flop }
     }
 }

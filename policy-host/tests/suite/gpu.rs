@@ -10,7 +10,7 @@ use ipc_types::run_config::DeviceChoice;
 use policy_host::act::GpuActPolicy;
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::ensemble::Ensemble;
-use policy_host::nn::gpu::{DeviceKind, GpuDevice, GpuError, ProductMethod};
+use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, GpuError, ProductMethod};
 use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
 
 use policy_host::synthetic::write_checkpoint;
@@ -148,4 +148,43 @@ fn batches_in_flight_are_answered_in_order() {
         }
     }
     assert!(pipeline.is_ready(), "nothing waits for a batch that is not there");
+}
+
+/// Runs [`allocate_beyond_the_limit`] in a process of its own, whose address space is limited.
+#[test]
+fn device_out_of_memory_is_an_error() {
+    if GpuDevice::open(DeviceKind::Software).is_err() {
+        return;
+    }
+    let mut child = std::process::Command::new(std::env::current_exe().unwrap());
+    child.args(["--exact", "gpu::allocate_beyond_the_limit", "--ignored", "--nocapture"]);
+    let output = child.output().unwrap();
+    let text =
+        [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
+    assert!(output.status.success() && text.contains("1 passed"), "{}: {text}", output.status);
+}
+
+#[test]
+#[ignore = "limits its process; another test runs it"]
+fn allocate_beyond_the_limit() {
+    const MIB: usize = 1 << 20;
+    let gpu = GpuDevice::open(DeviceKind::Software).unwrap();
+    gpu.finish_uploads().unwrap();
+    let n_pages: u64 =
+        std::fs::read_to_string("/proc/self/statm").unwrap().split(' ').next().unwrap().parse().unwrap();
+    let limit = n_pages * rustix::param::page_size() as u64 + 256 * MIB as u64;
+    let limit = rustix::process::Rlimit { current: Some(limit), maximum: Some(limit) };
+    rustix::process::setrlimit(rustix::process::Resource::As, limit).unwrap();
+    let mut buffers = Vec::new();
+    let error = loop {
+        assert!(buffers.len() < 20, "no error after {} MiB", 32 * buffers.len());
+        buffers.push(DeviceBuffer::zeroed(&gpu, "buffer", 8 * MIB));
+        if let Err(error) = gpu.finish_uploads() {
+            break error.to_string();
+        }
+    };
+    assert!(error.contains("out of memory; this process holds "), "{error}");
+    // The device stays failed.
+    drop(buffers);
+    assert_eq!(gpu.finish_uploads().unwrap_err().to_string().split(';').next(), error.split(';').next());
 }

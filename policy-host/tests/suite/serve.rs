@@ -186,7 +186,7 @@ fn idle_host_exits_when_input_closes() {
     assert!(matches!(fixture.event(), HostEvent::Ready { .. }));
     assert_eq!(
         fixture.end(),
-        [HostEvent::Ledger { queries: 0, batches: 0, busy_s: 0.0, cpu_s: 0.0, flop: 0 }]
+        [HostEvent::Ledger { queries: 0, batches: 0, busy_s: 0.0, cpu_s: 0.0, device_s: 0.0, flop: 0 }]
     );
 }
 
@@ -197,6 +197,7 @@ fn device_holds_two_observations() {
     if crate::gpu::policy().is_none() {
         return;
     }
+    let started = Instant::now();
     let mut fixture = HostFixture::with(PolicySpec::Act(data("act-tiny")), 3, |run| {
         run.inference.policy_device = DeviceChoice::Software;
         run.resources.check_frames = true;
@@ -232,5 +233,7 @@ fn device_holds_two_observations() {
     }
     let events = fixture.end();
     let last = events.last().unwrap();
-    assert!(matches!(last, HostEvent::Ledger { batches: 6, .. }), "{last:?}");
+    let HostEvent::Ledger { batches: 6, busy_s, device_s, .. } = *last else { panic!("{last:?}") };
+    let elapsed_s = started.elapsed().as_secs_f64();
+    assert!(busy_s > 0.0 && device_s > 0.0 && device_s < elapsed_s, "{last:?} in {elapsed_s} s");
 }

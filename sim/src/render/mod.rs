@@ -58,6 +58,11 @@ pub trait Renderer: Send {
     /// bytes.
     fn identity(&self) -> String;
 
+    /// Returns `true` if a GPU, or a software driver, renders.
+    fn is_on_device(&self) -> bool {
+        false
+    }
+
     /// Renders every view into its `out`, on the current rayon pool or on a device.
     ///
     /// # Errors

@@ -1,5 +1,7 @@
 //! Writes a batch of observations into a loaned message: one record per env, and images rendered in place.
 
+use std::time::Instant;
+
 use cpu_time::ProcessTime;
 use ipc_types::Morphology;
 use ipc_types::frame::EnvBlockMut;
@@ -16,6 +18,8 @@ pub(super) struct RenderCost {
     pub(super) images: u64,
     /// Core-seconds spent rendering.
     pub(super) core_s: f64,
+    /// Wall seconds of rendering on a device; 0 on the CPU.
+    pub(super) device_s: f64,
 }
 
 /// Fills batches. It keeps its allocations from one batch to the next.
@@ -64,14 +68,16 @@ impl BatchWriter {
                 out,
             }));
         }
-        let start = ProcessTime::now();
+        let (start, cpu_start) = (Instant::now(), ProcessTime::now());
         let images = views.len();
         if images > 0 {
             let rendering = trace::span(Activity::Render);
             self.renderer.render(&mut views)?;
             rendering.finish(images as u64);
         }
-        let core_s = start.elapsed().as_secs_f64();
+        let core_s = cpu_start.elapsed().as_secs_f64();
+        let is_on_device = images > 0 && self.renderer.is_on_device();
+        let device_s = if is_on_device { start.elapsed().as_secs_f64() } else { 0.0 };
         self.views = recycle(views);
         // Records come last: a checksum covers what is written from here on, and rendering takes its time.
         for (slot, block) in batch.iter().zip(pages.chunks_exact_mut(block_pages)) {
@@ -79,7 +85,7 @@ impl BatchWriter {
             episode.write_record(*slot, execute, EnvBlockMut::new(morphology, block).record);
             episode.add_render_time(core_s / batch.len() as f64);
         }
-        Ok(RenderCost { images: images as u64, core_s })
+        Ok(RenderCost { images: images as u64, core_s, device_s })
     }
 }
 

@@ -344,6 +344,7 @@ impl Server {
         observing.finish(self.batch.len() as u64);
         self.counters.images += cost.images;
         self.counters.render_s += cost.core_s;
+        self.counters.device_s += cost.device_s;
         self.counters.queries += self.batch.len() as u64;
         let now = Instant::now();
         let mode = control_mode(&self.run.results, morphology, protocol::Driver::Lane(lane_idx as u32));

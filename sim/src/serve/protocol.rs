@@ -208,6 +208,8 @@ pub struct Counters {
     pub physics_s: f64,
     /// Core-seconds of rendering.
     pub render_s: f64,
+    /// Wall seconds of rendering on a device; 0 on the CPU.
+    pub device_s: f64,
     /// Wall seconds within the measured window in which the sim had nothing to do.
     pub idle_s: f64,
     /// Core-seconds of the whole process within the measured window.

@@ -108,6 +108,7 @@ impl FakeHost {
                 batches: self.queries,
                 busy_s,
                 cpu_s: busy_s,
+                device_s: 0.0,
                 flop: self.queries,
             }
         })

@@ -15,6 +15,9 @@ const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
 /// Largest buffer that a kernel addresses, in bytes: indices are 32-bit.
 const MAX_BINDING: u64 = 1 << 31;
 
+/// Message of a device that cannot allocate a buffer.
+const OUT_OF_MEMORY: &str = "out of memory";
+
 /// Kind of Vulkan adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeviceKind {
@@ -159,7 +162,12 @@ impl GpuDevice {
         device.set_device_lost_callback(move |reason, message| {
             on_lost.set(format!("the device was lost ({reason:?}): {message}"));
         });
-        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.set(error.to_string())));
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            on_error.set(match error {
+                wgpu::Error::OutOfMemory { .. } => OUT_OF_MEMORY.to_owned(),
+                other => other.to_string(),
+            });
+        }));
         Ok(Self { device, queue, name, max_binding, matrix_side, first_error })
     }
 
@@ -186,7 +194,15 @@ impl GpuDevice {
     /// # Errors
     /// The first error since the device was opened.
     pub fn check(&self) -> Result<(), GpuError> {
-        self.first_error.get().map_or(Ok(()), |message| Err(self.error(&message)))
+        let Some(message) = self.first_error.get() else { return Ok(()) };
+        let report = (message == OUT_OF_MEMORY).then(|| self.device.generate_allocator_report()).flatten();
+        Err(match report {
+            Some(report) => {
+                let n_mib = report.total_allocated_bytes >> 20;
+                self.error(&format!("{message}; this process holds {n_mib} MiB of it"))
+            }
+            None => self.error(&message),
+        })
     }
 
     /// Waits until all uploads so far have completed, which frees the host memory that they passed through.

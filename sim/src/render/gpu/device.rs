@@ -12,6 +12,9 @@ use crate::render::open::OpenRendererError;
 /// Timeout after which a device that has not finished a chunk counts as failed.
 const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
 
+/// Message of a device that cannot allocate a buffer or texture.
+const OUT_OF_MEMORY: &str = "out of memory";
+
 /// A device and its queue.
 pub(super) struct Gpu {
     pub(super) device: wgpu::Device,
@@ -55,7 +58,12 @@ impl Gpu {
         device.set_device_lost_callback(move |reason, message| {
             on_lost.set(format!("the device was lost ({reason:?}): {message}"));
         });
-        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.set(error.to_string())));
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            on_error.set(match error {
+                wgpu::Error::OutOfMemory { .. } => OUT_OF_MEMORY.to_owned(),
+                other => other.to_string(),
+            });
+        }));
         let max_texture_layers = available.max_texture_array_layers;
         Ok(Self { device, queue, name: selected.name, max_buffer_bytes, max_texture_layers, first_error })
     }
@@ -65,10 +73,13 @@ impl Gpu {
     /// # Errors
     /// The first error since the device was opened.
     pub(super) fn check(&self) -> Result<(), RenderError> {
-        match self.first_error.get() {
-            Some(message) => Err(RenderError::Device { name: self.name.clone(), message }),
-            None => Ok(()),
+        let Some(mut message) = self.first_error.get() else { return Ok(()) };
+        if message == OUT_OF_MEMORY
+            && let Some(report) = self.device.generate_allocator_report()
+        {
+            message += &format!("; this process holds {} MiB of it", report.total_allocated_bytes >> 20);
         }
+        Err(RenderError::Device { name: self.name.clone(), message })
     }
 
     /// Marks the device as failed permanently.

@@ -167,6 +167,10 @@ impl Renderer for GpuRenderer {
         self.name()
     }
 
+    fn is_on_device(&self) -> bool {
+        true
+    }
+
     fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError> {
         views.iter().for_each(View::check);
         self.timings = Timings::default();
