@@ -239,6 +239,19 @@ mod tests {
     use crate::{Perturbation, Profile, TaskId};
 
     #[test]
+    fn large_batches_are_split() {
+        let largest = ChunkSize::of_envs(300);
+        let bytes = largest.bytes(1);
+        let limits = ChunkLimits { n_envs: 300, largest, bytes, total_bytes: 0 };
+        let envs_of = |n_envs: u64| {
+            let limit = limits.for_batch(n_envs * ChunkSize::ENV.pixels);
+            assert_eq!(ChunkSize { pixels: largest.pixels, ..limit }, largest);
+            limit.pixels as f64 / ChunkSize::ENV.pixels as f64
+        };
+        assert_eq!([1, 32, 128, 800, 5000].map(envs_of), [32.0, 32.0, 32.0, 200.0, 300.0]);
+    }
+
+    #[test]
     fn env_size_covers_every_task() {
         for task in TaskId::ALL {
             let nominal = (task.task().nominal)();

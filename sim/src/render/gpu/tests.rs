@@ -157,6 +157,8 @@ fn render_beyond_the_limit() {
     let mut renderer = GpuRenderer::open(AdapterKind::Software, &options).unwrap();
     let envs: Vec<TestEnv> = (0..32).map(|episode| TestEnv::new(TaskId::RaiseCube, 2 * episode)).collect();
     render_all(&mut renderer, &envs[..1]);
+    // Threads that have just been started allocate, too.
+    rayon::broadcast(|_| ());
     let n_pages: u64 =
         std::fs::read_to_string("/proc/self/statm").unwrap().split(' ').next().unwrap().parse().unwrap();
     // The images alone have 11 MB, and a chunk more than 80 MB of the device.
