@@ -76,7 +76,8 @@ pub enum HostEvent {
         queries: u64,
         /// Number of observation messages answered.
         batches: u64,
-        /// Core-seconds spent in the policy. With a device, those of the whole process while it has a batch.
+        /// Core-seconds spent in the policy. With a device, those of the whole process while the
+        /// device has a batch.
         busy_s: f64,
         /// Core-seconds of the whole process since its first query.
         cpu_s: f64,

@@ -87,7 +87,7 @@ pub(crate) struct InferenceSpeed {
 pub(crate) struct DeviceUse {
     /// Wall seconds of rendering on it.
     pub(crate) render_s: f64,
-    /// Wall seconds in which it had a batch of a policy; with several policies, that of the busiest.
+    /// Wall seconds in which it had a batch of a policy; with several policies, those of the busiest.
     pub(crate) policy_s: f64,
     /// GFLOP/s of the networks in that time, by the operation count of the direct algorithms.
     pub(crate) gflop_per_s: Option<f64>,
@@ -133,6 +133,7 @@ impl Fps {
                 fraction: gflop_per_core_s / peak_gflop_per_core_s,
             }
         };
+        let device = DeviceUse::new(totals);
         let process_wall_s = process.as_secs_f64();
         Self {
             env_steps: sim.env_steps,
@@ -143,9 +144,9 @@ impl Fps {
             process_env_steps_per_s: sim.env_steps as f64 / process_wall_s,
             images_per_s: rate(sim.images),
             queries_per_s: rate(sim.queries),
-            bound: Bound::new(totals, &ledger, cores.count),
+            bound: Bound::new(totals, &ledger, device, cores.count),
             inference: cores.peak_gflop.filter(|_| hosts.flop > 0 && hosts.device_s == 0.0).map(inference),
-            device: DeviceUse::new(totals),
+            device,
             choice: totals.choice.clone(),
             ledger,
         }
@@ -234,6 +235,11 @@ impl DeviceUse {
         })
     }
 
+    /// Returns the longer of the two times, which may overlap.
+    pub(crate) fn longest_s(self) -> f64 {
+        self.render_s.max(self.policy_s)
+    }
+
     /// Returns the line of the report on a run of `wall_s`.
     fn line(self, wall_s: f64) -> String {
         let Self { render_s, policy_s, gflop_per_s } = self;
@@ -247,13 +253,13 @@ impl DeviceUse {
 }
 
 impl Bound {
-    fn new(totals: &Totals, ledger: &Ledger, n_cores: u32) -> Option<Self> {
+    fn new(totals: &Totals, ledger: &Ledger, device: Option<DeviceUse>, n_cores: u32) -> Option<Self> {
         let sim = totals.sim();
         let per = |seconds: f64, count: u64| if count == 0 { 0.0 } else { seconds / count as f64 };
         let busy_s = ledger.physics_s + ledger.render_s + ledger.policy_s;
         // (r + w) / k per control step equals all core-seconds of rendering and inference over all control
         // steps.
-        let device_s = DeviceUse::new(totals).map(|device| device.render_s.max(device.policy_s));
+        let device_s = device.map(DeviceUse::longest_s);
         let on_cores = f64::from(n_cores) * sim.env_steps as f64 / busy_s;
         let bound = device_s.map_or(on_cores, |seconds| on_cores.min(sim.env_steps as f64 / seconds));
         (busy_s > 0.0 && sim.wall_s > 0.0).then(|| Self {

@@ -58,7 +58,6 @@ pub(crate) struct SpeedPoint {
     pub(crate) peak_fraction: Option<f64>,
     /// Fraction of `wall_s` in which a device rendered or had a batch of the policy, whichever was longer;
     /// `None` without a device.
-    #[serde(default)]
     pub(crate) device_fraction: Option<f64>,
     /// Number of episodes that ended with an error.
     pub(crate) errors: u64,
@@ -121,7 +120,7 @@ impl SpeedPoint {
             bound_env_steps_per_s: bound.env_steps_per_s,
             reached: bound.reached,
             peak_fraction: fps.inference.map(|speed| speed.fraction),
-            device_fraction: fps.device.map(|device| device.render_s.max(device.policy_s) / fps.wall_s),
+            device_fraction: fps.device.map(|device| device.longest_s() / fps.wall_s),
             errors,
         })
     }

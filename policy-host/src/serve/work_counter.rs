@@ -51,13 +51,13 @@ impl WorkCounter {
         self.first_query.get_or_insert(start);
     }
 
-    /// Counts the time from `start` until now as time of a device, unless it is counted already.
+    /// Starts counting the time of a device, from `start` on, unless it is being counted already.
     pub(super) fn device_has_batch(&mut self, start: (ProcessTime, Instant)) {
         self.device_since.get_or_insert(start);
     }
 
-    /// Counts the time until now as time of a device, which has no batch any more. All work of this process
-    /// meanwhile was for the policy.
+    /// Stops counting the time of a device, which has no batch left. Everything that this process did in that
+    /// time was for the policy.
     pub(super) fn device_is_idle(&mut self) {
         if let Some((cpu, wall)) = self.device_since.take() {
             self.add_time(cpu);

@@ -117,7 +117,8 @@ fn end_of_instances(view: &ViewRecord) -> u32 {
     view.first_instance + view.n_instances
 }
 
-/// Returns what a view takes up, together with the poses and the shadow map of its env if it is `new`.
+/// Returns what a view takes up, together with the poses and the shadow map of its env if no
+/// earlier view has them.
 fn size_of_view(view: &View<'_>, scene: SceneRange, is_new_env: bool) -> ChunkSize {
     let (n_instances, n_blocks) = (u64::from(scene.n_instances), u64::from(scene.n_blocks));
     let n_maps = u64::from(is_new_env && view.scene.shadow_centre.is_some());

@@ -1,17 +1,18 @@
 //! Chunks of views: how many are rendered at a time, and the device memory that they take.
 
+use bytemuck::{Pod, Zeroable};
 use ipc_types::{EXTERNAL_SIDE, HAND_SIDE};
 
 use super::VisibilityMethod;
 use super::adapter::AdapterKind;
 use super::device::Gpu;
 use super::records::{INSTANCE_BYTES, PoseRecord, ViewRecord};
+use super::texture_layers::LAYER_STEP;
 use crate::render::shading::SHADOW_MAP_SIDE;
 
-/// Device memory that a chunk may take on a GPU. Two hundred envs and more keep the largest GPU busy, and the
-/// memory is left to the policies.
+/// Device memory that a chunk may take on a GPU; the rest is left to the policies. Not yet tuned on a GPU.
 const MAX_CHUNK_BYTES: u64 = 1 << 30;
-/// Number of envs that saturate a GPU: smaller batches are not split.
+/// Number of envs of a batch that is not split. Not yet tuned on a GPU.
 const MIN_CHUNK_ENVS: u64 = 32;
 /// Number of chunks into which larger batches are split at least, so that the device renders one while the
 /// host copies another.
@@ -36,8 +37,12 @@ const LIST_HEADER_BYTES: u64 = 8;
 /// the same result.
 const LARGE_PER_VIEW: u64 = 512;
 
+/// Number of counts in a [`ChunkSize`].
+const N_COUNTS: usize = size_of::<ChunkSize>() / size_of::<u64>();
+
 /// Upper bounds of what a chunk of views takes up.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub(super) struct ChunkSize {
     /// Number of images.
     pub(super) images: u64,
@@ -105,6 +110,8 @@ impl ChunkLimits {
             wanted.min(gpu.max_buffer_bytes / largest_buffer).min(MAX_VIEWS / ChunkSize::ENV.n_views());
         if visibility == VisibilityMethod::Raster {
             n = n.min(u64::from(gpu.max_texture_layers) / ChunkSize::ENV.images);
+            // The number of layers grows in steps.
+            n -= n % u64::from(LAYER_STEP);
         }
         let n_envs = n.max(1);
         let largest = ChunkSize::of_envs(n_envs);
@@ -133,29 +140,13 @@ impl ChunkSize {
 
     /// Returns the sum of two sizes.
     pub(super) fn plus(self, other: Self) -> Self {
-        Self {
-            images: self.images + other.images,
-            pixels: self.pixels + other.pixels,
-            shadow_maps: self.shadow_maps + other.shadow_maps,
-            instances: self.instances + other.instances,
-            image_blocks: self.image_blocks + other.image_blocks,
-            map_blocks: self.map_blocks + other.map_blocks,
-            poses: self.poses + other.poses,
-        }
+        let (size, other) = (self.counts(), other.counts());
+        bytemuck::cast(core::array::from_fn::<_, N_COUNTS, _>(|i| size[i] + other[i]))
     }
 
     /// Returns `true` if nothing exceeds the limit.
     pub(super) fn fits(self, limit: Self) -> bool {
-        let pairs = [
-            (self.images, limit.images),
-            (self.pixels, limit.pixels),
-            (self.shadow_maps, limit.shadow_maps),
-            (self.instances, limit.instances),
-            (self.image_blocks, limit.image_blocks),
-            (self.map_blocks, limit.map_blocks),
-            (self.poses, limit.poses),
-        ];
-        pairs.into_iter().all(|(size, limit)| size <= limit)
+        self.counts().iter().zip(limit.counts()).all(|(size, limit)| *size <= limit)
     }
 
     /// Returns the sizes of the buffers, for `samples_per_axis` samples per pixel along each axis.
@@ -185,17 +176,12 @@ impl ChunkSize {
         self.images + self.shadow_maps
     }
 
-    const fn of_envs(n: u64) -> Self {
-        let Self { images, pixels, shadow_maps, instances, image_blocks, map_blocks, poses } = Self::ENV;
-        Self {
-            images: images * n,
-            pixels: pixels * n,
-            shadow_maps: shadow_maps * n,
-            instances: instances * n,
-            image_blocks: image_blocks * n,
-            map_blocks: map_blocks * n,
-            poses: poses * n,
-        }
+    fn of_envs(n: u64) -> Self {
+        bytemuck::cast(Self::ENV.counts().map(|count| count * n))
+    }
+
+    fn counts(self) -> [u64; N_COUNTS] {
+        bytemuck::cast(self)
     }
 }
 

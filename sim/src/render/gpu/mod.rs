@@ -1,10 +1,10 @@
 //! GPU renderer on wgpu and Vulkan. A visibility pass finds the triangle of each pixel, a compute kernel
 //! shades it, and the packed bytes are copied into the observation. `SHADING.md` defines the image.
 //!
-//! What stays constant within an episode is resident on the device, which derives the visible instances of
-//! every view from the poses. Views are rendered in chunks: while the device renders one, the current rayon
-//! pool copies the images of the other. An image depends only on its view and the device, not on the other
-//! views.
+//! Scenes stay on the device for as long as their episodes last, and the device derives the visible instances
+//! of every view from the poses. Views are rendered in chunks: while the device renders one, the current
+//! rayon pool copies the images of the other. An image depends only on its view and the device, not on the
+//! other views.
 
 mod adapter;
 mod assets;
@@ -117,7 +117,7 @@ impl GpuRenderer {
         self.pipeline.limits.total_bytes
     }
 
-    /// Returns the number of single-arm or bimanual envs that are rendered at a time at most.
+    /// Returns the largest number of envs that are rendered at a time.
     #[must_use]
     pub fn max_chunk_envs(&self) -> usize {
         self.pipeline.limits.n_envs as usize

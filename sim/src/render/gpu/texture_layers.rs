@@ -3,7 +3,7 @@
 use super::device::Gpu;
 
 /// Granularity at which the number of layers grows.
-const LAYER_STEP: u32 = 16;
+pub(super) const LAYER_STEP: u32 = 16;
 
 /// A growable array texture with square layers. Every view starts at the top left pixel of its layer, so that
 /// the rounding of the rasteriser does not depend on the layer.
