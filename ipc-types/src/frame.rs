@@ -8,8 +8,8 @@ use thiserror::Error;
 
 use crate::checksum::checksum;
 use crate::layout::{
-    ActionBlock, EXTERNAL_BYTES, EXTERNAL_OFFSET, EXTERNAL_SIDE, EnvRecord, HAND_BYTES, HAND_OFFSET,
-    HAND_SIDE, INSTRUCTION_BYTES, MAX_ACTION_DIM, MAX_HORIZON, Page, SCHEMA_HASH, block_pages,
+    ACTION_PAGES, ActionBlock, EXTERNAL_BYTES, EXTERNAL_OFFSET, EXTERNAL_SIDE, EnvRecord, HAND_BYTES,
+    HAND_OFFSET, HAND_SIDE, INSTRUCTION_BYTES, MAX_ACTION_DIM, MAX_HORIZON, Page, SCHEMA_HASH, block_pages,
 };
 use crate::morphology::{ControlMode, Morphology};
 
@@ -298,8 +298,9 @@ impl<'a> ActionView<'a> {
     /// Names the first invalid field.
     pub fn new(header: ActionHeader, pages: &'a [Page]) -> Result<Self, FrameError> {
         check_schema(header.schema_hash)?;
-        if pages.len() != header.n_envs as usize {
-            return Err(FrameError::Length { expected: u64::from(header.n_envs), found: pages.len() as u64 });
+        let expected = u64::from(header.n_envs) * ACTION_PAGES as u64;
+        if pages.len() as u64 != expected {
+            return Err(FrameError::Length { expected, found: pages.len() as u64 });
         }
         if header.status != 0 {
             return Ok(Self { header, blocks: &[] });

@@ -8,8 +8,8 @@
 //! | 4096 | external images | `[2, 224, 224, 3] u8`, sRGB, row-major, top row first |
 //! | 305152 | hand images | `[n_arms, 128, 128, 3] u8` |
 //!
-//! Without images, a block consists of the record's page alone. An action message is one [`ActionBlock`] page
-//! per env.
+//! Without images, a block consists of the record's page alone. An action message is one [`ActionBlock`] of
+//! [`ACTION_PAGES`] pages per env.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -35,9 +35,11 @@ pub const INSTRUCTION_BYTES: usize = 1024;
 pub const MAX_STATE_DIM: usize = 64;
 /// Maximum width of an action row.
 pub const MAX_ACTION_DIM: usize = 16;
-/// Maximum number of rows in an action chunk. A chunk of that many rows of [`MAX_ACTION_DIM`] and its 64-byte
-/// head fill exactly one page.
-pub const MAX_HORIZON: usize = 63;
+/// Maximum number of rows in an answer. That many rows of [`MAX_ACTION_DIM`] and their 64-byte head fill
+/// exactly [`ACTION_PAGES`] pages.
+pub const MAX_HORIZON: usize = 127;
+/// Pages of an [`ActionBlock`].
+pub const ACTION_PAGES: usize = 2;
 
 /// A page of shared memory. Messages are arrays of pages, so that every block starts on a page boundary.
 #[derive(Clone, Copy, Debug)]
@@ -79,7 +81,7 @@ pub struct EnvRecord {
     pub padding: [u8; 2752],
 }
 
-/// Answer for one env: an action chunk in one page.
+/// Answer for one env: an action chunk in [`ACTION_PAGES`] pages.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub struct ActionBlock {
@@ -104,12 +106,12 @@ pub const fn block_pages(morphology: Morphology, images: bool) -> usize {
 }
 
 /// Description of the layout in one line, with the type and offset of every field. Input of [`SCHEMA_HASH`].
-pub const SCHEMA: &str = "hypogeum link v2; page 4096; \
+pub const SCHEMA: &str = "hypogeum link v3; page 4096; \
     obs header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, block_pages u32@32, morphology u32@36, control_mode u32@40, images u32@44, has_checksum u32@48, checksum u32@52, reserved 8@56} 64; \
     env record {slot u32@0, query u32@4, step u32@8, state_dim u32@12, instruction_len u32@16, execute u32@20, policy_seed u64@24, reserved 32@32, state f32[64]@64, instruction u8[1024]@320, zero@1344} 4096; \
     external u8[2,224,224,3]@4096; hand u8[n_arms,128,128,3]@305152; \
     act header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, status u32@32, has_checksum u32@36, checksum u32@40, reserved 20@44} 64; \
-    action block {slot u32@0, query u32@4, n_rows u32@8, action_dim u32@12, reserved 48@16, rows f32[63*16]@64} 4096; \
+    action block {slot u32@0, query u32@4, n_rows u32@8, action_dim u32@12, reserved 48@16, rows f32[127*16]@64} 8192; \
     single: state 25, cameras 2+1; bimanual: state 64, cameras 2+2; \
     control modes 0 pd_ee_delta_pose 7, 1 pd_joint_pos 8, 2 pd_ee_pose 7 per arm";
 
@@ -125,7 +127,7 @@ const _: () = {
     assert!(offset_of!(EnvRecord, state) == 64);
     assert!(offset_of!(EnvRecord, instruction) == 320);
     assert!(offset_of!(EnvRecord, padding) == 1344);
-    assert!(size_of::<ActionBlock>() == PAGE_BYTES);
+    assert!(size_of::<ActionBlock>() == ACTION_PAGES * PAGE_BYTES);
     assert!(offset_of!(ActionBlock, rows) == 64);
     assert!(EXTERNAL_OFFSET == 4096 && EXTERNAL_BYTES == 150_528);
     assert!(HAND_OFFSET == 305_152 && HAND_BYTES == 49_152);
@@ -174,14 +176,14 @@ mod tests {
         assert_eq!(schema_fields("act header"), action_header);
         let block = struct_fields!(ActionBlock:
             slot as "slot u32", query as "query u32", n_rows as "n_rows u32", action_dim as "action_dim u32",
-            reserved as "reserved 48", rows as "rows f32[63*16]");
+            reserved as "reserved 48", rows as "rows f32[127*16]");
         assert_eq!(schema_fields("action block"), block);
     }
 
     /// A change of this value breaks every existing foreign host.
     #[test]
     fn schema_hash_is_unchanged() {
-        assert_eq!(SCHEMA_HASH, 0x1195_f493_710c_e9c8, "found {SCHEMA_HASH:#018x}");
+        assert_eq!(SCHEMA_HASH, 0xc3c4_e400_528b_9d0a, "found {SCHEMA_HASH:#018x}");
     }
 
     #[test]

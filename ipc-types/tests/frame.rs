@@ -2,7 +2,7 @@
 
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
-use ipc_types::layout::block_pages;
+use ipc_types::layout::{ACTION_PAGES, MAX_HORIZON, block_pages};
 use ipc_types::{
     ActionBlock, ActionHeader, ActionView, EnvRecord, FrameError, Morphology, ObservationHeader,
     ObservationView, Page, SCHEMA_HASH,
@@ -49,7 +49,7 @@ fn action(n_envs: usize) -> (ActionHeader, Vec<Page>) {
         n_envs: n_envs as u32,
         ..ActionHeader::default()
     };
-    let mut pages = vec![Page::zeroed(); n_envs];
+    let mut pages = vec![Page::zeroed(); n_envs * ACTION_PAGES];
     for block in bytemuck::cast_slice_mut::<Page, ActionBlock>(&mut pages) {
         (block.n_rows, block.action_dim) = (30, 7);
     }
@@ -125,12 +125,12 @@ fn inconsistent_record_is_rejected() {
         ("instruction longer than its field", |r| r.instruction_len = 1025),
         ("maximum instruction length", |r| r.instruction_len = u32::MAX),
         ("zero rows to execute", |r| r.execute = 0),
-        ("more rows to execute than a chunk holds", |r| r.execute = 64),
+        ("more rows to execute than a chunk holds", |r| r.execute = MAX_HORIZON as u32 + 1),
         ("truncated UTF-8 sequence", |r| (r.instruction_len, r.instruction[0]) = (1, 0xc3)),
     ];
     for (name, corrupt) in cases {
         let (header, mut pages) = observation(Morphology::Single, false, 2);
-        corrupt(bytemuck::cast_mut(&mut pages[1]));
+        corrupt(&mut bytemuck::cast_slice_mut(&mut pages)[1]);
         let Err(error) = ObservationView::new(header, &pages) else { panic!("{name} was accepted") };
         assert!(error.to_string().starts_with("env 1"), "{name}: {error}");
     }
@@ -150,7 +150,7 @@ fn inconsistent_action_message_is_rejected() {
     type Case = (&'static str, fn(&mut ActionBlock));
     let cases: [Case; 6] = [
         ("zero rows", |b| b.n_rows = 0),
-        ("one row too many", |b| b.n_rows = 64),
+        ("one row too many", |b| b.n_rows = MAX_HORIZON as u32 + 1),
         ("maximum row count", |b| b.n_rows = u32::MAX),
         ("zero row width", |b| b.action_dim = 0),
         ("row width beyond the limit", |b| b.action_dim = 17),
@@ -167,12 +167,12 @@ fn inconsistent_action_message_is_rejected() {
 #[test]
 fn check_finite_reports_only_the_affected_env() {
     let (header, mut pages) = action(2);
-    let block: &mut ActionBlock = bytemuck::cast_mut(&mut pages[1]);
+    let block = &mut bytemuck::cast_slice_mut::<Page, ActionBlock>(&mut pages)[1];
     // Values beyond the last row are ignored.
     block.rows[7 * 30] = f32::NAN;
     assert_eq!(ActionView::new(header, &pages).unwrap().check_finite(1), Ok(()));
     for number in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        bytemuck::cast_mut::<Page, ActionBlock>(&mut pages[1]).rows[7 * 30 - 1] = number;
+        bytemuck::cast_slice_mut::<Page, ActionBlock>(&mut pages)[1].rows[7 * 30 - 1] = number;
         let view = ActionView::new(header, &pages).unwrap();
         assert_eq!(view.check_finite(0), Ok(()));
         assert_eq!(view.check_finite(1), Err(FrameError::NotFinite { env_idx: 1, row: 29, entry: 6 }));

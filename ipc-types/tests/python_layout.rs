@@ -50,7 +50,7 @@ Generated from ipc-types. To update it, run `HYPOGEUM_BLESS=1 cargo test -p ipc-
 
 An observation message consists of `n_envs` blocks of whole pages, one per env. A block holds an `ENV_RECORD` (one page)
 and, if the lane has images, the external images `[2, 224, 224, 3] u8` and the hand images `[n_arms, 128, 128, 3] u8`.
-An action message consists of one `ACTION_BLOCK` (one page) per env.
+An action message consists of one `ACTION_BLOCK` (two pages) per env.
 """
 
 import ctypes

@@ -89,6 +89,8 @@ impl Cli {
 mod tests {
     use std::ffi::OsStr;
 
+    use ipc_types::run_config::Execution;
+
     use super::*;
     use crate::sweep::SweepArgs;
 
@@ -135,17 +137,17 @@ mod tests {
 
     #[test]
     fn execute_default_follows_the_merged_mode() {
-        let execute = |text, arguments| parse(text, arguments).unwrap().config.results.execute;
-        assert_eq!(execute("mode = \"ensemble\"", ""), 1);
-        assert_eq!(execute("mode = \"ensemble\"", "--mode chunk"), 30);
-        assert_eq!(execute("execute = 7", ""), 7);
+        let execute = |text, arguments| parse(text, arguments).unwrap().config.query.without_checkpoint();
+        assert_eq!(execute("mode = \"ensemble\"", ""), Execution::ENSEMBLE);
+        assert_eq!(execute("mode = \"ensemble\"", "--mode chunk"), Execution::chunk(30));
+        assert_eq!(execute("execute = 7", ""), Execution::chunk(7));
     }
 
     #[test]
     fn file_errors_name_file_line_and_key() {
         let error = |text| parse(text, "").unwrap_err();
         insta::assert_snapshot!(error("\nepsiodes = 3\n"), @"the sweep file sweep.toml, line 2: unknown key `epsiodes`; did you mean episodes?");
-        insta::assert_snapshot!(error("json = true\n"), @"the sweep file sweep.toml, line 1: unknown key `json`; expected one of policies, tasks, perturbations, episodes, db, until_decided, margin, alpha, seed, profile, strength, mode, execute, latency, control_mode, language, renderer, samples, policy_device, envs, threads, gpu, keep_actions, check_frames, trace");
+        insta::assert_snapshot!(error("json = true\n"), @"the sweep file sweep.toml, line 1: unknown key `json`; expected one of policies, tasks, perturbations, episodes, db, until_decided, margin, alpha, seed, profile, strength, latency, control_mode, language, mode, execute, renderer, samples, policy_device, envs, threads, gpu, keep_actions, check_frames, trace");
         insta::assert_snapshot!(error("episodes = \"many\"\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found `many`, expected a whole number");
         insta::assert_snapshot!(error("episodes = 0\n"), @"the sweep file sweep.toml, line 1, key `episodes`: 0 is not in 1..=1000000");
         insta::assert_snapshot!(error("episodes = [1, 2]\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found [1, 2], expected one string or number");

@@ -9,7 +9,8 @@ use anyhow::Context;
 use ipc_types::RunConfig;
 use ipc_types::layout::block_pages;
 use ipc_types::link::{Domain, LaneSpec};
-use policy_host::{PolicySpec, device};
+use ipc_types::run_config::Execution;
+use policy_host::{PolicyCheck, PolicySpec, device};
 use sim::serve::protocol::{Driver, Lane};
 
 use crate::capacity::Capacity;
@@ -19,7 +20,7 @@ use crate::fleet::{
 };
 use crate::interrupt;
 use crate::jobs::{Job, drivers};
-use crate::plan::{Condition, RunPlan};
+use crate::plan::{Condition, RunPlan, check_latency};
 use crate::policy::{Identity, NamedPolicy};
 
 /// Observation batches that may be unanswered on a lane, so that stepping and inference overlap.
@@ -43,19 +44,34 @@ pub(crate) fn find_device(
     Ok(found.identity)
 }
 
-/// Returns the identity of each policy on a device. Also checks that each can be loaded, before anything is
-/// started.
-pub(crate) fn identities(plan: &RunPlan, device: Option<&str>) -> Result<Vec<Identity>, Failure> {
+/// Resolves what the policies' checkpoints decide, and returns the identity of each policy on a device. Also
+/// checks that each can be loaded, before anything is started.
+pub(crate) fn resolve(plan: &mut RunPlan, device: Option<&str>) -> Result<Vec<Identity>, Failure> {
     let robots: Vec<_> =
         plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
-    let identity = |policy: &NamedPolicy| {
-        policy_host::check(&policy.spec, &robots)
-            .map_err(anyhow::Error::new)
-            .and_then(|()| policy.identity(device).map_err(Into::into))
-            .with_context(|| format!("policy `{}`", policy.name))
-            .or_user()
+    let (query, latency) = (plan.config.query, plan.config.results.latency);
+    let resolve = |policy: &mut NamedPolicy, execution: &mut Execution| -> anyhow::Result<Identity> {
+        let located = policy.located()?;
+        let PolicyCheck { execution: own, mut notes } = policy_host::check(&located.spec, &robots, query)?;
+        *execution = own.unwrap_or(*execution);
+        check_latency(latency, *execution)?;
+        let folders = [policy, &located].map(|policy| policy.spec.checkpoint());
+        if let [Some(typed), Some(folder)] = folders
+            && std::fs::canonicalize(typed).ok().as_deref() != Some(folder)
+        {
+            notes.insert(0, format!("reads {}", folder.display()));
+        }
+        let identity = located.identity(device, *execution)?;
+        let identity = Identity { spec: policy.spec.to_string(), notes, ..identity };
+        *policy = located;
+        Ok(identity)
     };
-    plan.policies.iter().map(identity).collect()
+    let policies = plan.policies.iter_mut().zip(&mut plan.executions);
+    let identities = policies.map(|(policy, execution)| {
+        let name = policy.name.clone();
+        resolve(policy, execution).with_context(|| format!("policy `{name}`")).or_user()
+    });
+    identities.collect()
 }
 
 /// Runs `todo` in a fleet of child processes. Starts none if there is nothing to do.
@@ -143,7 +159,7 @@ fn fleet_config(
 
 /// Returns the policies that run outside the sim, with up to `batch` envs in a message.
 pub(crate) fn lanes(plan: &RunPlan, batch: u32) -> Vec<PolicyLane> {
-    let policy = |(policy, driver): (&NamedPolicy, Driver)| {
+    let policy = |((policy, driver), &execution): ((&NamedPolicy, Driver), &Execution)| {
         let Driver::Lane(lane) = driver else { return None };
         let images = policy.spec.needs_images();
         let max_pages =
@@ -160,8 +176,8 @@ pub(crate) fn lanes(plan: &RunPlan, batch: u32) -> Vec<PolicyLane> {
             PolicySpec::Pi05(_) | PolicySpec::Pi05Int8(_) => PI05_ANSWER_TIMEOUT_S,
             _ => Lane::ANSWER_TIMEOUT_S,
         };
-        let lane = Lane { spec, images, foreign, answer_timeout_s };
-        Some(PolicyLane { spec: policy.spec.clone(), lane })
+        let lane = Lane { spec, images, foreign, answer_timeout_s, execute: execution.execute };
+        Some(PolicyLane { spec: policy.spec.clone(), execution, lane })
     };
-    plan.policies.iter().zip(drivers(plan)).filter_map(policy).collect()
+    plan.policies.iter().zip(drivers(plan)).zip(&plan.executions).filter_map(policy).collect()
 }

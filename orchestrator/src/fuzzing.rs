@@ -6,6 +6,7 @@
 use std::ffi::OsString;
 use std::path::Path;
 
+use ipc_types::run_config::Execution;
 use serde_json::Value;
 use sim::Perturbation;
 use sim::serve::protocol::{EpisodeLedger, Outcome};
@@ -210,7 +211,13 @@ fn sample_run() -> (RunPlan, Manifest) {
     let cli = Cli::parse_with_sweep_file(&words).expect("the arguments are valid");
     let Command::Run(args) = cli.command else { unreachable!("the command is `run`") };
     let plan = RunPlan::new(&args.sweep).expect("the arguments are valid");
-    let identity = |spec: String| Identity { spec, checkpoint: None, device: None };
+    let identity = |spec: String| Identity {
+        spec,
+        checkpoint: None,
+        device: None,
+        execution: Some(Execution::chunk(30)),
+        notes: Vec::new(),
+    };
     let identities = plan.policies.iter().map(|policy| identity(policy.spec.to_string())).collect();
     let manifest = Manifest::new(&plan, identities);
     (plan, manifest)

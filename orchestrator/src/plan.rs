@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use ipc_types::run_config::{QueryMode, ResultOptions};
+use ipc_types::run_config::{Execution, QueryMode, ResultOptions};
 use ipc_types::{ControlMode, Morphology, RunConfig};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use sim::perturb::{Composition, Sentences, SentencesError};
@@ -20,6 +20,8 @@ use crate::sweep::SweepArgs;
 pub(crate) struct RunPlan {
     /// Policies, in the order given.
     pub(crate) policies: Vec<NamedPolicy>,
+    /// The use of each policy's chunks, as far as the options say it: checkpoints may decide otherwise.
+    pub(crate) executions: Vec<Execution>,
     /// Conditions, in the order of the suite.
     pub(crate) conditions: Vec<Condition>,
     /// Episodes of each policy under each condition.
@@ -73,11 +75,12 @@ impl RunPlan {
     pub(crate) fn new(args: &SweepArgs) -> Result<Self, PlanError> {
         let SweepArgs { policies, tasks, perturbations, episodes, db, config, .. } = args;
         check_policies(policies)?;
-        let options = &config.results;
-        if options.mode == QueryMode::Ensemble && options.execute != 1 {
-            return Err(PlanError::EnsembleExecute { found: options.execute });
+        let (options, query) = (&config.results, config.query);
+        if let (Some(QueryMode::Ensemble), Some(found @ 2..)) = (query.mode, query.execute) {
+            return Err(PlanError::EnsembleExecute { found });
         }
-        check_latency(options)?;
+        check_latency(options.latency, query.without_checkpoint())?;
+        check_start_pose(options)?;
         let conditions = conditions(&TaskSelector::select(tasks), perturbations)?;
         if let Some(file) = &options.language {
             let sentences = Sentences::read(file)?;
@@ -85,6 +88,7 @@ impl RunPlan {
         }
         Ok(Self {
             policies: policies.clone(),
+            executions: vec![query.without_checkpoint(); policies.len()],
             conditions,
             episodes: *episodes,
             config: config.clone(),
@@ -146,17 +150,20 @@ impl Condition {
     }
 }
 
-/// Checks that latency is defined for the other options.
-fn check_latency(options: &ResultOptions) -> Result<(), PlanError> {
-    let refused = |reason| Err(PlanError::Latency { found: options.latency, reason });
-    match (options.latency, options.mode, options.control_mode) {
-        (0, _, _) => Ok(()),
-        (_, QueryMode::Ensemble, _) => {
-            refused("ensemble mode averages predictions for the present step: use --mode chunk")
-        }
-        (_, _, ControlMode::EePose) => {
-            refused("pd_ee_pose has no action that holds the start pose: use another --control-mode")
-        }
+/// Checks that latency is defined for the use of a policy's chunks.
+pub(crate) fn check_latency(latency: u32, execution: Execution) -> Result<(), PlanError> {
+    let reason = "ensemble mode averages predictions for the present step: use --mode chunk";
+    match (latency, execution.mode) {
+        (0, _) | (_, QueryMode::Chunk) => Ok(()),
+        (found, QueryMode::Ensemble) => Err(PlanError::Latency { found, reason }),
+    }
+}
+
+/// Checks that the arms can hold their start pose until the first action takes effect.
+fn check_start_pose(options: &ResultOptions) -> Result<(), PlanError> {
+    let reason = "pd_ee_pose has no action that holds the start pose: use another --control-mode";
+    match (options.latency, options.control_mode) {
+        (found @ 1.., ControlMode::EePose) => Err(PlanError::Latency { found, reason }),
         _ => Ok(()),
     }
 }
@@ -237,7 +244,7 @@ mod tests {
         let RunConfig { results, resources, .. } = RunConfig::default();
         assert_eq!((results.seed, resources.envs, resources.threads), (0, Amount::Auto, Amount::Auto));
         assert_eq!(resources.n_threads() as usize, std::thread::available_parallelism().unwrap().get());
-        assert_eq!((results.mode, results.execute), (QueryMode::Chunk, 30));
+        assert_eq!(plan.executions, [Execution::chunk(30)]);
         assert_eq!(plan.db, PathBuf::from("hypogeum.db"));
     }
 
@@ -290,8 +297,8 @@ mod tests {
 
     #[test]
     fn ensemble_mode_executes_one_row() {
-        assert_eq!(plan("--policy idle --mode ensemble").unwrap().config.results.execute, 1);
-        assert_eq!(plan("--policy idle --execute 7").unwrap().config.results.execute, 7);
+        assert_eq!(plan("--policy idle --mode ensemble").unwrap().executions, [Execution::ENSEMBLE]);
+        assert_eq!(plan("--policy idle --execute 7").unwrap().executions, [Execution::chunk(7)]);
     }
 
     #[test]
@@ -326,7 +333,7 @@ mod tests {
       [possible values: pd_ee_delta_pose, pd_joint_pos, pd_ee_pose]
     "#);
         insta::assert_snapshot!(wrong("--policy idle --envs 0"), @"error: invalid value '0' for '--envs <N>': expected auto or a number from 1 to 8192");
-        insta::assert_snapshot!(wrong("--policy idle --execute 64"), @"error: invalid value '64' for '--execute <M>': 64 is not in 1..=63");
+        insta::assert_snapshot!(wrong("--policy idle --execute 128"), @"error: invalid value '128' for '--execute <M>': 128 is not in 1..=127");
         insta::assert_snapshot!(wrong("--policy idle --mode ensemble --latency 80"), @"--latency is 80 ms, but ensemble mode averages predictions for the present step: use --mode chunk");
         insta::assert_snapshot!(wrong("--policy idle --control-mode pd_ee_pose --latency 80"), @"--latency is 80 ms, but pd_ee_pose has no action that holds the start pose: use another --control-mode");
         insta::assert_snapshot!(wrong("--policy idle --until-decided idle"), @"--until-decided needs two policies of the run, separated by a comma; found `idle`");

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use ipc_types::input;
+use ipc_types::run_config::{Execution, QueryMode};
+use policy_host::checkpoint::{CheckpointFolderError, resolve};
 use policy_host::device::supports_gpu;
 use policy_host::{PolicySpec, PolicySpecError};
 use serde::{Deserialize, Serialize};
@@ -40,6 +42,13 @@ pub(crate) struct Identity {
     /// Device on which it computes ([`policy_host::device`]), if that is not the CPU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) device: Option<String>,
+    /// Use of its chunks; `None` for the expert, which has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) execution: Option<Execution>,
+    /// What a reader of the results should know about settings of the checkpoint. Results do not depend on
+    /// it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) notes: Vec<String>,
 }
 
 /// Errors that can occur while parsing a policy.
@@ -92,17 +101,29 @@ impl NamedPolicy {
         self.spec == PolicySpec::Expert
     }
 
-    /// Returns the identity of the policy on the device of a run. Reads all files of its checkpoint.
+    /// Returns the policy with the folder that the user means by the path of its checkpoint.
+    ///
+    /// # Errors
+    /// If there is no checkpoint.
+    pub(crate) fn located(&self) -> Result<Self, CheckpointFolderError> {
+        let Some(typed) = self.spec.checkpoint() else { return Ok(self.clone()) };
+        let folder = resolve(&expand_home(typed))?;
+        Ok(Self { name: self.name.clone(), spec: self.spec.clone().with_checkpoint(&folder) })
+    }
+
+    /// Returns the identity of the policy on the device of a run, without notes. Reads all files of its
+    /// checkpoint.
     ///
     /// # Errors
     /// If the checkpoint cannot be read.
-    pub(crate) fn identity(&self, device: Option<&str>) -> Result<Identity, HashError> {
+    pub(crate) fn identity(&self, device: Option<&str>, execution: Execution) -> Result<Identity, HashError> {
         let checkpoint = match self.spec.checkpoint() {
             Some(folder) => Some(format!("{:016x}", hash(folder)?)),
             None => None,
         };
         let device = device.filter(|_| supports_gpu(&self.spec)).map(str::to_owned);
-        Ok(Identity { spec: self.spec.to_string(), checkpoint, device })
+        let execution = (!self.runs_in_sim()).then_some(execution);
+        Ok(Identity { spec: self.spec.to_string(), checkpoint, device, execution, notes: Vec::new() })
     }
 }
 
@@ -115,6 +136,9 @@ impl Identity {
             Some(spec.with_checkpoint(Path::new("")))
         };
         let same_device = self.device == other.device;
+        if self.execution != other.execution {
+            return false;
+        }
         match (&self.checkpoint, &other.checkpoint) {
             (Some(ours), Some(theirs)) => ours == theirs && rest(self) == rest(other) && same_device,
             (None, None) => self.spec == other.spec,
@@ -129,7 +153,20 @@ impl std::fmt::Display for Identity {
             Some(checkpoint) => write!(f, "{} (checkpoint {checkpoint})", self.spec)?,
             None => f.write_str(&self.spec)?,
         }
+        match self.execution {
+            None => {}
+            Some(Execution { mode: QueryMode::Chunk, execute }) => write!(f, ", {execute} rows per query")?,
+            Some(Execution { mode: QueryMode::Ensemble, .. }) => f.write_str(", ensemble mode")?,
+        }
         self.device.as_ref().map_or(Ok(()), |device| write!(f, " on {device}"))
+    }
+}
+
+/// Replaces a leading `~` by the home folder, which a shell does not do after a colon.
+fn expand_home(typed: &Path) -> PathBuf {
+    match (typed.strip_prefix("~"), std::env::home_dir()) {
+        (Ok(rest), Some(home)) => home.join(rest),
+        _ => typed.to_owned(),
     }
 }
 
@@ -214,12 +251,12 @@ mod tests {
             std::fs::write(sub.join("model.safetensors"), weights).unwrap();
             std::fs::write(sub.join("notes.md"), name).unwrap();
             let spec = PolicySpec::Act(folder.path().join(name));
-            NamedPolicy { name: "mine".to_owned(), spec }.identity(None).unwrap()
+            NamedPolicy { name: "mine".to_owned(), spec }.identity(None, Execution::chunk(30)).unwrap()
         };
         let (first, moved, trained) = (write("first", b"w1"), write("moved", b"w1"), write("trained", b"w2"));
         assert!(first.matches(&moved));
         assert!(!first.matches(&trained));
-        let idle = "idle".parse::<NamedPolicy>().unwrap().identity(None).unwrap();
+        let idle = "idle".parse::<NamedPolicy>().unwrap().identity(None, Execution::chunk(30)).unwrap();
         assert!(idle.matches(&idle) && !idle.matches(&first));
     }
 }

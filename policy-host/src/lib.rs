@@ -7,6 +7,7 @@ pub mod act;
 pub mod checkpoint;
 pub mod device;
 pub mod ensemble;
+pub mod execution;
 pub mod generated;
 pub mod idle;
 pub mod load;
@@ -26,6 +27,6 @@ mod in_flight;
 mod rows;
 
 pub use ipc_types::run_config::QueryMode;
-pub use load::{LoadError, check, load, load_on};
+pub use load::{LoadError, PolicyCheck, check, load, load_on};
 pub use policy::{ActionChunk, Policy, PolicyError};
 pub use spec::{PolicySpec, PolicySpecError};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use ipc_types::run_config::DeviceChoice;
+use ipc_types::run_config::{DeviceChoice, Execution, QueryOptions};
 use ipc_types::{ControlMode, Morphology};
 use thiserror::Error;
 
@@ -81,17 +81,32 @@ pub fn load_on(
     })
 }
 
+/// What is known of a policy before it is loaded.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PolicyCheck {
+    /// Use of its chunks, if the policy has a checkpoint.
+    pub execution: Option<Execution>,
+    /// What the user should know about settings of the checkpoint, one sentence each.
+    pub notes: Vec<String>,
+}
+
 /// Checks that a policy can drive these robots in these control modes, without loading it. For a checkpoint,
-/// this reads the configuration and the header of the weights file.
+/// this reads the configuration and the header of the weights file, and resolves the use of its chunks.
 ///
 /// # Errors
 /// The first mismatch found.
-pub fn check(spec: &PolicySpec, robots: &[(Morphology, ControlMode)]) -> Result<(), LoadError> {
+pub fn check(
+    spec: &PolicySpec,
+    robots: &[(Morphology, ControlMode)],
+    requested: QueryOptions,
+) -> Result<PolicyCheck, LoadError> {
     match spec {
-        PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => Ok(()),
-        PolicySpec::Act(folder) | PolicySpec::ActInt8(folder) => Ok(act::check(folder, robots)?),
-        PolicySpec::Pi05(source) => Ok(pi05::check(&source.folder, Precision::F32, robots)?),
-        PolicySpec::Pi05Int8(source) => Ok(pi05::check(&source.folder, Precision::Int8, robots)?),
+        PolicySpec::Idle | PolicySpec::Random | PolicySpec::Expert | PolicySpec::Attach(_) => {
+            Ok(PolicyCheck::default())
+        }
+        PolicySpec::Act(folder) | PolicySpec::ActInt8(folder) => Ok(act::check(folder, robots, requested)?),
+        PolicySpec::Pi05(source) => Ok(pi05::check(&source.folder, Precision::F32, robots, requested)?),
+        PolicySpec::Pi05Int8(source) => Ok(pi05::check(&source.folder, Precision::Int8, robots, requested)?),
     }
 }
 

@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 use bytemuck::Zeroable;
 use cpu_time::ProcessTime;
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkError, LinkNode, ObservationMessage};
+use ipc_types::run_config::Execution;
 use ipc_types::trace::{self, Activity, TraceSpan};
 use ipc_types::{
     ActionBlock, ActionHeader, Lifeline, Morphology, ObservationHeader, ObservationView, RunConfig,
@@ -53,6 +54,8 @@ pub struct HostConfig {
     pub spec: PolicySpec,
     /// Robots of the run's tasks.
     pub morphologies: Vec<Morphology>,
+    /// Use of the policy's chunks.
+    pub execution: Execution,
     /// Options of the run.
     pub run: RunConfig,
 }
@@ -138,7 +141,7 @@ pub fn serve_with(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|source| ServeError::Threads { threads, source })?;
     let started = Instant::now();
-    let (device, mode) = ((&config.run).into(), config.run.results.mode);
+    let (device, mode) = ((&config.run).into(), config.execution.mode);
     let mut policy = pool.install(|| load_on(&config.spec, device, threads, mode, &config.morphologies))?;
     if config.run.results.latency_steps() > 0 {
         // The robot goes on with the rows after those to execute until the next chunk takes effect.
@@ -170,7 +173,7 @@ pub fn serve_with(
             work();
             started.elapsed().as_secs_f64()
         };
-        if let Some(message) = host.policy.note(host.config.run.results.execute, &stopwatch) {
+        if let Some(message) = host.policy.note(host.config.execution.execute, &stopwatch) {
             host.report(&HostEvent::Note { message })?;
         }
         host.report(&HostEvent::Ready { load_ms })?;
@@ -338,7 +341,7 @@ impl<W: Write> Host<W> {
     }
 
     fn flop_per_query(&self, morphology: u32) -> u64 {
-        let execute = self.config.run.results.execute;
+        let execute = self.config.execution.execute;
         Morphology::from_code(morphology)
             .map_or(0, |morphology| self.policy.flop_per_query(morphology, execute))
     }

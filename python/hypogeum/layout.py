@@ -4,7 +4,7 @@ Generated from ipc-types. To update it, run `HYPOGEUM_BLESS=1 cargo test -p ipc-
 
 An observation message consists of `n_envs` blocks of whole pages, one per env. A block holds an `ENV_RECORD` (one page)
 and, if the lane has images, the external images `[2, 224, 224, 3] u8` and the hand images `[n_arms, 128, 128, 3] u8`.
-An action message consists of one `ACTION_BLOCK` (one page) per env.
+An action message consists of one `ACTION_BLOCK` (two pages) per env.
 """
 
 import ctypes
@@ -15,7 +15,7 @@ import numpy as np
 
 # Description of the layout in one line. Both sides check its hash.
 SCHEMA = (
-    "hypogeum link v2; "
+    "hypogeum link v3; "
     "page 4096; "
     "obs header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, block_pages u32@32, "
     "morphology u32@36, control_mode u32@40, images u32@44, has_checksum u32@48, checksum u32@52, "
@@ -27,13 +27,13 @@ SCHEMA = (
     "act header {schema u64@0, run u64@8, sequence u64@16, epoch u32@24, n_envs u32@28, status u32@32, "
     "has_checksum u32@36, checksum u32@40, reserved 20@44} 64; "
     "action block {slot u32@0, query u32@4, n_rows u32@8, action_dim u32@12, reserved 48@16, "
-    "rows f32[63*16]@64} 4096; "
+    "rows f32[127*16]@64} 8192; "
     "single: state 25, cameras 2+1; "
     "bimanual: state 64, cameras 2+2; "
     "control modes 0 pd_ee_delta_pose 7, 1 pd_joint_pos 8, 2 pd_ee_pose 7 per arm"
 )
 # xxh3-64 of `SCHEMA`.
-SCHEMA_HASH = 0x1195f493710ce9c8
+SCHEMA_HASH = 0xc3c4e400528b9d0a
 
 PAGE_BYTES = 4096  # Size of a page, the element of every message.
 EXTERNAL_SIDE = 224  # Side of an external image in pixels.
@@ -43,7 +43,7 @@ HAND_OFFSET = 305152  # Byte offset of the first hand image in an env's block.
 INSTRUCTION_BYTES = 1024  # Maximum length of an instruction in UTF-8 bytes.
 MAX_STATE_DIM = 64  # Maximum width of a state vector.
 MAX_ACTION_DIM = 16  # Maximum width of an action row.
-MAX_HORIZON = 63  # Maximum number of rows in an action chunk.
+MAX_HORIZON = 127  # Maximum number of rows in an action chunk.
 
 
 class Morphology(NamedTuple):
@@ -156,5 +156,5 @@ ACTION_BLOCK = np.dtype({
     "names": ["slot", "query", "n_rows", "action_dim", "rows"],
     "formats": ["<u4", "<u4", "<u4", "<u4", ("<f4", MAX_HORIZON * MAX_ACTION_DIM)],
     "offsets": [0, 4, 8, 12, 64],
-    "itemsize": 4096,
+    "itemsize": 8192,
 })

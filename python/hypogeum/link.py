@@ -149,8 +149,8 @@ class Lane:
             fill: Function that writes the answer into zeroed blocks, `[n_envs] ACTION_BLOCK`.
         """
         n_envs = min(max(message.header.n_envs, 1), self.endpoint.max_envs)
-        loan = self._loan(n_envs)
-        n_bytes = n_envs * PAGE_BYTES
+        n_bytes = n_envs * ACTION_BLOCK.itemsize
+        loan = self._loan(n_bytes // PAGE_BYTES)
         ctypes.memset(loan.payload_ptr, 0, n_bytes)
         fill(np.frombuffer((ctypes.c_uint8 * n_bytes).from_address(loan.payload_ptr), ACTION_BLOCK))
         query = message.header
@@ -194,7 +194,7 @@ class Lane:
         self._notifier = attempt(SIM_WAKE, notifier.create)
         publisher = (
             actions.publisher_builder()
-            .initial_max_slice_len(self.endpoint.max_envs)
+            .initial_max_slice_len(self.endpoint.max_envs * ACTION_BLOCK.itemsize // PAGE_BYTES)
             .allocation_strategy(iox.AllocationStrategy.Static)
             .max_loaned_samples(1)
             # The simulator's queue has room for all queries in flight: only an exited one's can be full.
@@ -271,7 +271,7 @@ class Lane:
                 return self._actions.loan_slice_uninit(n_pages)
             except iox.LoanError as error:
                 if "OutOfMemory" not in str(error) or time.monotonic() - start > LOAN_TIMEOUT_S:
-                    raise LinkError(f"failed to loan memory for {n_pages} answers: {error}") from error
+                    raise LinkError(f"failed to loan {n_pages} pages for an answer: {error}") from error
                 # Reclaims the messages that an exited simulator held.
                 self._actions.update_connections()
                 time.sleep(RETRY_INTERVAL_S)

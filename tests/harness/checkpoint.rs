@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
+use ipc_types::run_config::QueryOptions;
 use ipc_types::{ControlMode, Morphology, ObservationView, error_chain};
 use policy_host::{ActionChunk, PolicySpec, QueryMode, check, load};
 use serde_json::Value;
@@ -98,7 +99,9 @@ pub fn run(data: &[u8]) -> bool {
     }
     let steps = if sample.kind == "pi05" { "?steps=1" } else { "" };
     let spec: PolicySpec = format!("{kind}:{}{steps}", folder.display()).parse().unwrap();
-    if let Err(error) = check(&spec, &[(Morphology::Single, ControlMode::EeDeltaPose)]) {
+    if let Err(error) =
+        check(&spec, &[(Morphology::Single, ControlMode::EeDeltaPose)], QueryOptions::default())
+    {
         assert!(!refused(&error_chain(&error), &folder));
     }
     match load(&spec, 1, QueryMode::Chunk, &Morphology::ALL) {

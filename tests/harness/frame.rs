@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use bytemuck::Zeroable;
 use ipc_types::frame::EnvBlockMut;
-use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, block_pages};
+use ipc_types::layout::{ACTION_PAGES, EXTERNAL_BYTES, HAND_BYTES, block_pages};
 use ipc_types::{
     ActionBlock, ActionHeader, ActionView, ControlMode, EnvRecord, Morphology, ObservationHeader,
     ObservationView, Page, SCHEMA_HASH,
@@ -46,7 +46,7 @@ fn action(edits: &mut Edits<'_>) -> bool {
         status: edits.below(2) as u32,
         ..ActionHeader::default()
     };
-    let mut pages = vec![Page::zeroed(); n_envs];
+    let mut pages = vec![Page::zeroed(); n_envs * ACTION_PAGES];
     for block in bytemuck::cast_slice_mut::<Page, ActionBlock>(&mut pages) {
         (block.n_rows, block.action_dim) = (30, 7);
     }

@@ -42,7 +42,7 @@ const ARGUMENTS: [&str; 6] = [
     "--policy=a=pi05:b?steps=3\n--tasks=single,StackCube",
     "--perturbations\nAll,Light-Color+Table-Color\n--episodes=3",
     "--until-decided\na,idle\n--margin=0.1",
-    "--seed\n18446744073709551615\n--strength=0.25\n--execute\n63",
+    "--seed\n18446744073709551615\n--strength=0.25\n--execute\n127",
     "--envs=8192\n--threads\n1\n--latency=10000\n--control-mode\npd_ee_pose",
 ];
 

@@ -19,7 +19,7 @@ use super::services::{self, Agreement, MessageService, lane_service};
 use super::type_names::Ipc;
 use super::wake::{self, SIM_WAKE, WakeListener};
 use crate::frame::{ActionHeader, ObservationHeader};
-use crate::layout::{ActionBlock, Page, SCHEMA_HASH};
+use crate::layout::{ACTION_PAGES, ActionBlock, Page, SCHEMA_HASH};
 
 /// The policy host's end of a lane.
 #[derive(Debug)]
@@ -111,13 +111,13 @@ impl HostLane {
         Ok(self.observations.receive()?.map(ObservationMessage))
     }
 
-    /// Loans memory for the actions of `n_envs` envs, one page each.
+    /// Loans memory for the actions of `n_envs` envs, one [`ActionBlock`] each.
     ///
     /// # Errors
     /// If `n_envs` is 0 or exceeds `max_envs`, more than `in_flight + 1` messages are on loan, or the sim has
     /// released no memory for a second.
     pub fn loan(&mut self, n_envs: usize) -> Result<ActionLoan, LinkError> {
-        self.actions.loan(n_envs).map(ActionLoan)
+        self.actions.loan(n_envs * ACTION_PAGES).map(ActionLoan)
     }
 
     /// Waits until the sim notifies this host, a signal arrives, or `timeout` has passed. Returns at once if

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::layout::PAGE_BYTES;
+use crate::layout::{ACTION_PAGES, PAGE_BYTES};
 
 /// Upper bound on the memory of a lane's queues, port lists and event states. Measured: 50 KiB with 2
 /// messages in flight.
@@ -43,7 +43,7 @@ impl LaneSpec {
 
     /// Returns the maximum number of pages in an action message.
     pub(super) fn action_pages(&self) -> usize {
-        self.max_envs as usize
+        self.max_envs as usize * ACTION_PAGES
     }
 
     /// Returns the number of observation buffers: one per unanswered message plus the one being written. A

@@ -8,6 +8,7 @@
 mod amount;
 mod choices;
 mod language_file;
+mod query;
 mod strength;
 
 use std::path::PathBuf;
@@ -19,9 +20,9 @@ use serde::{Deserialize, Serialize};
 pub use self::amount::{Amount, AmountError};
 pub use self::choices::{DeviceChoice, Profile, QueryMode, RendererChoice, Samples};
 pub use self::language_file::{LanguageFile, LanguageFileError};
+pub use self::query::{Execution, QueryOptions};
 pub use self::strength::{Strength, StrengthError};
 use crate::ControlMode;
-use crate::layout::MAX_HORIZON;
 
 /// Largest number of episodes in progress at a time.
 pub const MAX_ENVS: u32 = 8192;
@@ -34,6 +35,10 @@ pub struct RunConfig {
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would show it as help text")]
     pub results: ResultOptions,
+    #[command(flatten)]
+    #[serde(default)]
+    #[expect(missing_docs, reason = "clap would show it as help text")]
+    pub query: QueryOptions,
     #[command(flatten)]
     #[expect(missing_docs, reason = "clap would show it as help text")]
     pub rendering: ImageOptions,
@@ -59,13 +64,6 @@ pub struct ResultOptions {
     /// Strength of the perturbations, above 0 and at most 1, which is the benchmark's
     #[arg(long, value_name = "X", default_value_t = Strength::FULL)]
     pub strength: Strength,
-    /// Use of the action chunks that a policy predicts
-    #[arg(long, value_enum, ignore_case = true, default_value_t = QueryMode::Chunk)]
-    pub mode: QueryMode,
-    /// Rows of each action chunk to execute before the next query; always 1 in ensemble mode
-    #[arg(long, value_name = "M", value_parser = value_parser!(u32).range(1..=MAX_HORIZON as i64),
-        default_value_t = 30, default_value_if("mode", "ensemble", "1"))]
-    pub execute: u32,
     /// Milliseconds of simulated time between a query and the effect of its answer. Meanwhile the
     /// previous chunk goes on, or the arms hold their last target
     #[arg(long, value_name = "MS", value_parser = value_parser!(u32).range(..=10_000), default_value_t = 0)]
@@ -194,16 +192,15 @@ mod tests {
     }
 
     #[test]
-    fn execute_defaults_to_one_in_ensemble_mode() {
-        let execute = |words: &[&str]| {
+    fn query_options_default_to_one_row_in_ensemble_mode() {
+        let execution = |words: &[&str]| {
             let command = RunConfig::augment_args(Command::new("run").no_binary_name(true));
             let matches = command.try_get_matches_from(words).unwrap();
-            RunConfig::from_arg_matches(&matches).unwrap().results.execute
+            RunConfig::from_arg_matches(&matches).unwrap().query.without_checkpoint()
         };
-        assert_eq!(execute(&[]), 30);
-        assert_eq!(execute(&["--mode", "ensemble"]), 1);
-        assert_eq!(execute(&["--mode", "ensemble", "--execute", "7"]), 7);
-        assert_eq!(execute(&["--execute", "7"]), 7);
+        assert_eq!(execution(&[]), Execution::chunk(30));
+        assert_eq!(execution(&["--mode", "ensemble"]), Execution::ENSEMBLE);
+        assert_eq!(execution(&["--execute", "7"]), Execution::chunk(7));
     }
 
     #[test]

@@ -12,7 +12,7 @@ use policy_host::{PolicySpec, synthetic};
 use serde_json::{Value, json};
 use sim::TaskId;
 
-use crate::execution::{find_device, identities};
+use crate::execution::{find_device, resolve};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::interrupt;
 use crate::machine::{Cores, Machine};
@@ -140,7 +140,7 @@ fn print_omission(omission: &Omission) {
 fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
     let (rendering, inference) = (args.rendering, args.inference);
     let mut config = RunConfig { rendering, inference, ..RunConfig::default() };
-    config.results.execute = args.execute;
+    config.query.execute = Some(args.execute);
     config.resources.gpu = args.gpu;
     if let Some(threads) = args.threads {
         config.resources.threads = Amount::Fixed(threads);
@@ -187,7 +187,10 @@ fn settings(
     let mut policies = serde_json::Map::new();
     for policy in &plan.policies {
         if let Some(point) = points.iter().find(|point| point.series.policy == policy.name) {
-            policies.insert(policy.name.clone(), json!(identities(&point.plan, plan.device.as_deref())?[0]));
+            policies.insert(
+                policy.name.clone(),
+                json!(resolve(&mut point.plan.clone(), plan.device.as_deref())?[0]),
+            );
         }
     }
     let rendering = &plan.config.rendering;

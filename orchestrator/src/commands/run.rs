@@ -9,7 +9,7 @@ use ipc_types::trace::{self, Activity, TraceSpan};
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
 
-use crate::execution::{execute, find_device, identities};
+use crate::execution::{execute, find_device, resolve};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::fleet::{FleetEvent, RunStatus, Totals};
 use crate::jobs::{Job, jobs};
@@ -46,7 +46,9 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let machine = Machine::detect();
     let mut plan = RunPlan::new(&args.sweep).or_user()?;
     let device = find_device(&plan.policies, &mut plan.config)?;
-    let manifest = Manifest::new(&plan, identities(&plan, device.as_deref())?);
+    let identities = resolve(&mut plan, device.as_deref())?;
+    let manifest = Manifest::new(&plan, identities);
+    print_notes(&manifest);
     let mut results = Results::open(&plan.db, &manifest).or_user()?;
     let todo = unfinished(&plan, &results)?;
     let n_done = plan.n_episodes() - todo.len() as u64;
@@ -124,6 +126,12 @@ pub(crate) fn unfinished(plan: &RunPlan, results: &Results) -> Result<Vec<Job>, 
 
 fn key<'a>(plan: &'a RunPlan, job: &Job) -> EpisodeKey<'a> {
     EpisodeKey { policy: &plan.policies[job.policy_idx].name, condition: job.condition, episode: job.episode }
+}
+
+fn print_notes(manifest: &Manifest) {
+    for (name, identity) in &manifest.policies {
+        identity.notes.iter().for_each(|note| print_message(&format!("policy `{name}`: {note}")));
+    }
 }
 
 fn print_done(plan: &RunPlan, n_done: u64) {

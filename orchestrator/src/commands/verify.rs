@@ -7,7 +7,8 @@ use anyhow::{Context, anyhow, ensure};
 use clap::Args;
 use ipc_types::RunConfig;
 use ipc_types::run_config::{
-    Amount, DeviceChoice, ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions, Samples,
+    Amount, DeviceChoice, Execution, ImageOptions, LanguageFile, MAX_ENVS, RendererChoice, ResultOptions,
+    Samples,
 };
 use policy_host::PolicySpec;
 use policy_host::device::{self, DeviceRequest};
@@ -15,7 +16,7 @@ use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
 use sim::stream::{Stream, episode_seed};
 
-use crate::execution::{execute, identities};
+use crate::execution::{execute, resolve};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::fleet::{FleetEvent, RunStatus};
 use crate::jobs::{Job, drivers};
@@ -79,9 +80,11 @@ pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
     let device = choose_device(&file, &mut policies, &mut unverifiable);
     (config.inference.policy_device, config.resources.gpu) = (device.choice, device.index);
     let rows = select(&file, args, &policies, &mut unverifiable);
-    let plan = plan(&file, &config, policies, &rows);
-    // Checks that the checkpoints can be loaded.
-    let _identities = identities(&plan, None)?;
+    let mut plan = plan(&file, &config, policies, &rows);
+    let stored = plan.executions.clone();
+    // Checks that the checkpoints can be loaded. Their chunks are used as in the file.
+    let _identities = resolve(&mut plan, None)?;
+    plan.executions = stored;
     let outcomes = run(&plan, &file, &rows, args)?;
     let Some(outcomes) = outcomes else { return Ok(ExitStatus::Interrupted) };
     let differences: Vec<Difference<'_>> = rows
@@ -212,8 +215,10 @@ fn available_policy(name: &str, stored: &Identity, args: &VerifyArgs) -> anyhow:
     };
     let policy = NamedPolicy { name: name.to_owned(), spec };
     let found = device::find(&[&policy.spec], device::request_of(stored.device.as_deref()))?;
-    let found = policy
-        .identity(found.identity.as_deref())
+    let located =
+        policy.located().with_context(|| format!("name its checkpoint with --checkpoint {name}=PATH"))?;
+    let found = located
+        .identity(found.identity.as_deref(), stored.execution.unwrap_or(Execution::ENSEMBLE))
         .with_context(|| format!("name its checkpoint with --checkpoint {name}=PATH"))?;
     ensure!(found.matches(stored), "it was {stored}, but now it would be {found}");
     Ok(policy)
@@ -260,8 +265,11 @@ fn plan(file: &ResultsFile, config: &RunConfig, policies: Vec<NamedPolicy>, rows
     conditions.sort_by_key(|condition| (condition.task, condition.perturbation));
     conditions.dedup();
     let is_used = |policy: &NamedPolicy| rows.iter().any(|row| file.policy(row) == policy.name);
+    let policies: Vec<_> = policies.into_iter().filter(is_used).collect();
+    let execution = |policy: &NamedPolicy| file.policies[&policy.name].execution;
     RunPlan {
-        policies: policies.into_iter().filter(is_used).collect(),
+        executions: policies.iter().map(|policy| execution(policy).unwrap_or(Execution::ENSEMBLE)).collect(),
+        policies,
         conditions,
         episodes: rows.len() as u32,
         config: config.clone(),

@@ -5,11 +5,10 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ipc_types::link::{Domain, LaneSpec};
-use ipc_types::run_config::QueryMode;
+use ipc_types::run_config::{QueryMode, QueryOptions};
 use ipc_types::{Morphology, SCHEMA_HASH};
 use policy_host::PolicySpec;
 use serde::{Deserialize, Serialize};
-use sim::serve::protocol::Lane;
 
 use super::error::{BaseError, FleetError};
 use super::{FleetConfig, FleetEvent, PolicyLane, Sink};
@@ -83,6 +82,8 @@ struct LaneDescription<'a> {
     images: bool,
     execute: u32,
     mode: QueryMode,
+    /// What the user asked for: a host that was trained for something else can say so.
+    requested: QueryOptions,
 }
 
 /// Writes the descriptions of all lanes with a foreign host, and reports their paths.
@@ -91,10 +92,10 @@ pub(super) fn describe_foreign_lanes(
     domain: &Domain,
     sink: &mut Sink<'_>,
 ) -> Result<(), FleetError> {
-    for PolicyLane { spec, lane } in &config.lanes {
-        if let PolicySpec::Attach(name) = spec {
-            let path = write_lane_description(config, domain, name, lane)?;
-            let policy = &lane.spec.policy;
+    for policy in &config.lanes {
+        if let PolicySpec::Attach(name) = &policy.spec {
+            let path = write_lane_description(config, domain, name, policy)?;
+            let policy = &policy.lane.spec.policy;
             let line =
                 format!("policy `{policy}` waits for a foreign host; its lane is in {}", path.display());
             sink(FleetEvent::Log(&line)).map_err(FleetError::Sink)?;
@@ -108,7 +109,7 @@ fn write_lane_description(
     config: &FleetConfig,
     domain: &Domain,
     name: &str,
-    lane: &Lane,
+    PolicyLane { lane, execution, .. }: &PolicyLane,
 ) -> Result<PathBuf, FleetError> {
     let description = LaneDescription {
         domain,
@@ -117,8 +118,9 @@ fn write_lane_description(
         schema_hash: format!("{SCHEMA_HASH:#018x}"),
         morphologies: &config.morphologies,
         images: lane.images,
-        execute: config.run.results.execute,
-        mode: config.run.results.mode,
+        execute: execution.execute,
+        mode: execution.mode,
+        requested: config.run.query,
     };
     let folder = domain.root.join("attach");
     let path = folder.join(format!("{name}.json"));

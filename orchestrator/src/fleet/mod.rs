@@ -23,6 +23,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use ipc_types::link::Domain;
+use ipc_types::run_config::Execution;
 use ipc_types::trace::TraceSpan;
 use ipc_types::{Morphology, RunConfig};
 use policy_host::PolicySpec;
@@ -91,6 +92,7 @@ impl FleetConfig {
             lane: policy.lane.spec.clone(),
             spec: policy.spec.clone(),
             morphologies: self.morphologies.clone(),
+            execution: policy.execution,
             run: self.run.clone(),
         }
     }
@@ -100,6 +102,7 @@ impl FleetConfig {
 #[derive(Clone, Debug)]
 pub(crate) struct PolicyLane {
     pub(crate) spec: PolicySpec,
+    pub(crate) execution: Execution,
     pub(crate) lane: Lane,
 }
 

@@ -44,7 +44,14 @@ impl TestFleet {
         let foreign = matches!(spec, PolicySpec::Attach(_));
         let policy = PolicyLane {
             spec: spec.clone(),
-            lane: Lane { spec: lane, images: false, foreign, answer_timeout_s: Lane::ANSWER_TIMEOUT_S },
+            execution: Execution::chunk(1),
+            lane: Lane {
+                spec: lane,
+                images: false,
+                foreign,
+                answer_timeout_s: Lane::ANSWER_TIMEOUT_S,
+                execute: 1,
+            },
         };
         let config = FleetConfig {
             program,

@@ -6,7 +6,8 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use ipc_types::RunConfig;
-use ipc_types::run_config::ResultOptions;
+use ipc_types::run_config::{Execution, ResultOptions};
+use policy_host::PolicySpec;
 use rusqlite::{Connection, OptionalExtension, params};
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -23,6 +24,9 @@ pub(super) const POLICY: &str = "policy/";
 pub(super) fn policy_key(name: &str) -> String {
     format!("{POLICY}{name}")
 }
+
+/// Keys under which older files store one execution for all policies.
+pub(super) const SHARED_EXECUTION: [&str; 2] = ["mode", "execute"];
 
 /// Key of the renderer's identity, which is known only once a sim is ready.
 pub(super) const RENDERER: &str = "renderer";
@@ -121,6 +125,7 @@ pub(super) fn reconcile(
         if in_use {
             let found = get(&transaction, &key).map_err(sqlite)?.ok_or_else(|| invalid(&key))?;
             let found: Identity = serde_json::from_str(&found).map_err(|_| invalid(&key))?;
+            let found = with_shared_execution(found, |key| get(&transaction, key).ok().flatten());
             if !found.matches(requested) {
                 differences.push(difference(&format!("policy `{name}`"), &found, requested));
             }
@@ -133,6 +138,19 @@ pub(super) fn reconcile(
     } else {
         Err(ManifestMismatch { path: path.into(), differences }.into())
     }
+}
+
+/// Completes the identity of a policy in a file that was written before each policy had its own execution.
+/// `entry` returns the JSON text of an entry.
+pub(super) fn with_shared_execution(identity: Identity, entry: impl Fn(&str) -> Option<String>) -> Identity {
+    if identity.execution.is_some() || identity.spec.parse() == Ok(PolicySpec::Expert) {
+        return identity;
+    }
+    let read = || {
+        let mode = serde_json::from_str(&entry(SHARED_EXECUTION[0])?).ok()?;
+        Some(Execution { mode, execute: serde_json::from_str(&entry(SHARED_EXECUTION[1])?).ok()? })
+    };
+    Identity { execution: read(), ..identity }
 }
 
 /// Returns the identity of the renderer whose images the rows of the file depend on, if there are rows.

@@ -113,7 +113,7 @@ fn read_manifest(
 ) -> anyhow::Result<(Map<String, Value>, BTreeMap<String, Identity>)> {
     let mut statement = connection.prepare(schema::MANIFEST)?;
     let mut entries = statement.query([])?;
-    let (mut manifest, mut policies) = (Map::new(), BTreeMap::new());
+    let (mut manifest, mut policies) = (Map::new(), BTreeMap::<String, Identity>::new());
     while let Some(entry) = entries.next()? {
         let (key, text): (String, String) = (entry.get(0)?, entry.get(1)?);
         let invalid = || format!("its manifest has no valid {key}");
@@ -123,6 +123,14 @@ fn read_manifest(
             let value = serde_json::from_str(&text).with_context(invalid)?;
             manifest.insert(key, value);
         }
+    }
+    let shared = manifest::SHARED_EXECUTION.map(|key| (key, manifest.remove(key)));
+    let entry = |key: &str| {
+        let value = shared.iter().find(|(name, _)| *name == key).and_then(|(_, value)| value.as_ref());
+        value.map(Value::to_string)
+    };
+    for identity in policies.values_mut() {
+        *identity = manifest::with_shared_execution(identity.clone(), entry);
     }
     Ok((manifest, policies))
 }

@@ -17,7 +17,9 @@ const CONDITION: Condition =
 
 fn manifest(arguments: &str) -> Manifest {
     let plan = crate::plan::RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap();
-    let identities = plan.policies.iter().map(|policy| policy.identity(None).unwrap()).collect();
+    let executions = plan.policies.iter().zip(&plan.executions);
+    let identities =
+        executions.map(|(policy, execution)| policy.identity(None, *execution).unwrap()).collect();
     Manifest::new(&plan, identities)
 }
 
@@ -96,7 +98,7 @@ fn columns_and_manifest_keys_are_stable() {
     let manifest: String = reader
         .query_row("SELECT group_concat(key || ' = ' || value, '; ') FROM manifest", [], |row| row.get(0))
         .unwrap();
-    insta::assert_snapshot!(manifest, @r#"control_mode = "pd_ee_delta_pose"; execute = 30; language = null; latency = 0; mode = "chunk"; policy/idle = {"checkpoint":null,"spec":"idle"}; profile = "strict"; seed = 0; strength = 1.0; version = "0.1.0""#);
+    insta::assert_snapshot!(manifest, @r#"control_mode = "pd_ee_delta_pose"; language = null; latency = 0; policy/idle = {"checkpoint":null,"execution":{"execute":30,"mode":"chunk"},"spec":"idle"}; profile = "strict"; seed = 0; strength = 1.0; version = "0.1.0""#);
 }
 
 #[test]
@@ -114,11 +116,11 @@ fn resume_adds_rows_but_rejects_other_options() {
     let refused = |options: &str| refusal(&path, &manifest(&format!("--policy idle {options}")));
     insta::assert_snapshot!(refused("--seed 1"), @"failed to resume the results file a.db: seed is 0 in the file, but 1 in this command; use the same value, or another file with --db");
     insta::assert_snapshot!(refused("--profile paper"), @r#"failed to resume the results file a.db: profile is "strict" in the file, but "paper" in this command; use the same value, or another file with --db"#);
-    insta::assert_snapshot!(refused("--mode ensemble"), @r#"failed to resume the results file a.db: execute is 30 in the file, but 1 in this command, and mode is "chunk" in the file, but "ensemble" in this command; use the same value, or another file with --db"#);
-    insta::assert_snapshot!(refused("--execute 8"), @"failed to resume the results file a.db: execute is 30 in the file, but 8 in this command; use the same value, or another file with --db");
+    insta::assert_snapshot!(refused("--mode ensemble"), @"failed to resume the results file a.db: policy `idle` is idle, 30 rows per query in the file, but idle, ensemble mode in this command; use the same value, or another file with --db");
+    insta::assert_snapshot!(refused("--execute 8"), @"failed to resume the results file a.db: policy `idle` is idle, 30 rows per query in the file, but idle, 8 rows per query in this command; use the same value, or another file with --db");
     insta::assert_snapshot!(refused("--latency 100"), @"failed to resume the results file a.db: latency is 0 in the file, but 100 in this command; use the same value, or another file with --db");
     insta::assert_snapshot!(refused("--control-mode pd_joint_pos"), @r#"failed to resume the results file a.db: control_mode is "pd_ee_delta_pose" in the file, but "pd_joint_pos" in this command; use the same value, or another file with --db"#);
-    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle=random")), @"failed to resume the results file a.db: policy `idle` is idle in the file, but random in this command; use the same value, or another file with --db");
+    insta::assert_snapshot!(refusal(&path, &manifest("--policy idle=random")), @"failed to resume the results file a.db: policy `idle` is idle, 30 rows per query in the file, but random, 30 rows per query in this command; use the same value, or another file with --db");
     let newer = Manifest { version: "9.9.9".to_owned(), ..manifest("--policy idle") };
     assert!(refusal(&path, &newer).contains("version is \""));
     assert!(Results::open(&path, &manifest("--policy idle")).unwrap().finished().unwrap().contains(key(0)));

@@ -47,7 +47,7 @@ pub(crate) struct PlannedPoint {
 impl PlannedPoint {
     /// Returns the least number of control steps, all envs together.
     fn min_steps(&self) -> u64 {
-        u64::from(self.envs) * u64::from(MIN_QUERIES * self.plan.config.results.execute)
+        u64::from(self.envs) * u64::from(MIN_QUERIES * self.plan.executions[0].execute)
     }
 }
 
@@ -87,13 +87,12 @@ impl SpeedPlan {
 
     fn run_plan(&self, policy: &NamedPolicy, mode: QueryMode, envs: u32) -> RunPlan {
         let mut config = self.config.clone();
-        config.results.mode = mode;
-        if mode == QueryMode::Ensemble {
-            config.results.execute = 1;
-        }
+        config.query.mode = Some(mode);
+        config.query.execute = config.query.execute.filter(|_| mode == QueryMode::Chunk);
         config.resources.envs = Amount::Fixed(envs);
         RunPlan {
             policies: vec![policy.clone()],
+            executions: vec![config.query.without_checkpoint()],
             conditions: vec![Condition { task: self.task, perturbation: Perturbation::None.into() }],
             // More than any machine finishes in the time of a point.
             episodes: envs + 2000 * self.seconds,
@@ -137,6 +136,8 @@ fn too_large(plan: &RunPlan, available: Option<u64>) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use ipc_types::run_config::Execution;
+
     use super::*;
 
     fn plan() -> SpeedPlan {
@@ -157,13 +158,13 @@ mod tests {
         assert_eq!(omissions, []);
         let options = points.iter().map(|point| {
             let config = &point.plan.config;
-            (config.results.mode, config.results.execute, config.resources.envs)
+            (point.plan.executions[0], config.resources.envs)
         });
         let expected = [
-            (QueryMode::Chunk, 30, Amount::Fixed(1)),
-            (QueryMode::Chunk, 30, Amount::Fixed(64)),
-            (QueryMode::Ensemble, 1, Amount::Fixed(1)),
-            (QueryMode::Ensemble, 1, Amount::Fixed(64)),
+            (Execution::chunk(30), Amount::Fixed(1)),
+            (Execution::chunk(30), Amount::Fixed(64)),
+            (Execution::ENSEMBLE, Amount::Fixed(1)),
+            (Execution::ENSEMBLE, Amount::Fixed(64)),
         ];
         assert_eq!(options.collect::<Vec<_>>(), expected);
     }

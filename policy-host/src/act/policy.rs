@@ -9,6 +9,7 @@ use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
+use ipc_types::run_config::QueryOptions;
 use ipc_types::trace::{self, Activity};
 use ipc_types::{ControlMode, Morphology, ObservationView};
 use rayon::prelude::*;
@@ -18,7 +19,10 @@ use super::image::Image;
 use super::instruction::TokenCache;
 use super::model::{ActInput, ActModel, ActScratch};
 use super::stored::{StoredNetwork, folders, load_networks};
-use crate::checkpoint::{Checkpoint, CheckpointFolderError, ObservationMapping, check_robots};
+use crate::checkpoint::{
+    Checkpoint, CheckpointFolderError, NetworkCheck, ObservationMapping, check_networks,
+};
+use crate::load::PolicyCheck;
 use crate::nn::Precision;
 use crate::policy::{ActionChunk, DEFAULT_ENSEMBLE_DECAY, Policy, PolicyError};
 use crate::text::TextEncoder;
@@ -73,19 +77,24 @@ struct Worker {
 }
 
 /// Checks the configuration and the weights header of a checkpoint against the robots of a run and their
-/// control modes, without loading the weights.
+/// control modes, without loading the weights, and resolves how its chunks are executed.
 ///
 /// # Errors
 /// The first mismatch found.
-pub fn check(folder: &Path, robots: &[(Morphology, ControlMode)]) -> Result<(), CheckpointFolderError> {
-    let mut found = Vec::new();
+pub fn check(
+    folder: &Path,
+    robots: &[(Morphology, ControlMode)],
+    requested: QueryOptions,
+) -> Result<PolicyCheck, CheckpointFolderError> {
+    let mut networks = Vec::new();
     for inner in folders(folder)? {
         let checkpoint = Checkpoint::open(&inner)?;
-        let mapping = checkpoint.mapping()?;
-        found.push((mapping.morphology, mapping.control_mode));
+        let &ObservationMapping { morphology, control_mode, .. } = checkpoint.mapping()?;
         checkpoint.check_text_encoder()?;
+        let (chunk, notes) = (checkpoint.chunk_settings(), checkpoint.notes().to_vec());
+        networks.push(NetworkCheck { morphology, control_mode, chunk, notes });
     }
-    check_robots(folder, &found, robots)
+    check_networks(folder, networks, robots, requested)
 }
 
 impl ChunkRows {

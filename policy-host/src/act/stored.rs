@@ -64,6 +64,6 @@ fn read(folder: &Path, robots: &[Morphology]) -> Result<Option<StoredNetwork>, C
         state_dict,
         mapping,
         encoder,
-        ensemble_decay: checkpoint.ensemble_decay(),
+        ensemble_decay: checkpoint.chunk_settings().ensemble_decay,
     }))
 }

@@ -7,9 +7,11 @@ use ipc_types::layout::{MAX_ACTION_DIM, MAX_STATE_DIM};
 use ipc_types::{ControlMode, Morphology};
 use serde::{Deserialize, Serialize};
 
+use super::mapping::MAPPING_FILE;
 use super::{CheckpointError, Description, ObservationMapping, TensorNames, parse};
 use crate::act::architecture::{Architecture, ImageSize, InstructionInput, ResNet, TokenProjection};
 use crate::act::normalise::{Normalisation, ShiftScale};
+use crate::execution::ChunkSettings;
 use crate::text::LanguageConfig;
 use crate::weights::{MODEL_FILE, TensorFile};
 
@@ -220,6 +222,15 @@ pub(super) fn describe(
         expected,
     })?;
     let tensors = tensors.insert(TensorFile::open(&path.with_file_name(MODEL_FILE))?);
+    let sidecar = path.with_file_name(MAPPING_FILE);
+    if sidecar.exists() {
+        return Err(CheckpointError::Value {
+            path: sidecar,
+            key: "mapping".to_owned(),
+            found: "a mapping file".to_owned(),
+            expected: "none: the benchmark's own format describes its inputs in config.json".to_owned(),
+        });
+    }
     let mut normalisation = config.raw_normalisation();
     if STATISTICS.iter().any(|name| tensors.contains(name)) {
         let [state, action] = [(0, config.state_dim), (2, config.action_dim)].map(|(first, width)| {
@@ -240,8 +251,9 @@ pub(super) fn describe(
         normalisation,
         names: TensorNames { prefixes: &[], unused },
         mapping: config.mapping(),
+        chunk: ChunkSettings { horizon: config.num_queries, execute: None, ensemble_decay: None },
         language: config.language,
-        ensemble_decay: None,
+        notes: Vec::new(),
     })
 }
 

@@ -7,12 +7,16 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use super::mapping::{FeatureKind, InputFeature, Sidecar, map_features};
-use super::processor::{NormalisationMode, Statistics};
-use super::{CheckpointError, Description, TensorNames, parse};
+use super::mapping::{FeatureKind, InputFeature, Sidecar, map_features, refuse_if, rename};
+use super::processor::{Modes, NormalisationMode, PREPROCESSOR, Processors};
+use super::settings::Settings;
+use super::statistics::{ACTION, Normaliser};
+use super::{CheckpointError, Description, TensorNames};
 use crate::act::architecture::{Architecture, ImageSize, InstructionInput, ResNet, TokenProjection};
 use crate::act::normalise::Normalisation;
-use crate::weights::{CONFIG_FILE, MODEL_FILE, TensorFile};
+use crate::execution::ChunkSettings;
+use crate::text::LanguageConfig;
+use crate::weights::{MODEL_FILE, TensorFile};
 
 /// Pairs of the benchmark's and LeRobot's tensor name prefixes.
 const PREFIXES: [(&str, &str); 9] = [
@@ -34,90 +38,127 @@ const UNUSED: [&str; 5] = [
     "normalize_targets.",
     "unnormalize_outputs.",
 ];
-/// Name of the action feature.
-const ACTION: &str = "action";
+/// Settings that have no influence on actions: those of training, of the hub, and of tensors that inference
+/// does not read.
+const WITHOUT_INFLUENCE: [&str; 17] = [
+    "device",
+    "push_to_hub",
+    "repo_id",
+    "private",
+    "tags",
+    "license",
+    "pretrained_path",
+    "pretrained_revision",
+    "pretrained_backbone_weights",
+    "use_vae",
+    "latent_dim",
+    "n_vae_encoder_layers",
+    "dropout",
+    "kl_weight",
+    "optimizer_lr",
+    "optimizer_weight_decay",
+    "optimizer_lr_backbone",
+];
 
-/// The keys of `config.json` that inference depends on. All others are ignored.
-#[derive(Debug, Deserialize)]
+/// The settings of `config.json` that a network depends on, with LeRobot's defaults.
+#[derive(Debug)]
 struct LeRobotConfig {
     input_features: BTreeMap<String, FeatureShape>,
-    output_features: BTreeMap<String, FeatureShape>,
-    normalization_mapping: BTreeMap<String, NormalisationMode>,
-    #[serde(default = "one")]
-    n_obs_steps: usize,
-    chunk_size: usize,
-    vision_backbone: String,
-    replace_final_stride_with_dilation: Flag,
-    pre_norm: bool,
+    action_dim: usize,
+    modes: Modes,
+    chunk: ChunkSettings,
+    backbone: ResNet,
     dim_model: usize,
     n_heads: usize,
     dim_feedforward: usize,
-    feedforward_activation: String,
     n_encoder_layers: usize,
     n_decoder_layers: usize,
-    temporal_ensemble_coeff: Option<f64>,
 }
 
 #[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct FeatureShape {
     #[serde(rename = "type")]
     pub(super) kind: FeatureKind,
     pub(super) shape: Vec<usize>,
 }
 
-/// A boolean that some LeRobot versions write as a number.
-#[derive(Debug, Deserialize)]
-#[serde(untagged)]
-enum Flag {
-    Bool(bool),
-    Number(u8),
-}
-
-const fn one() -> usize {
-    1
-}
-
-impl Flag {
-    fn is_set(&self) -> bool {
-        match *self {
-            Self::Bool(set) => set,
-            Self::Number(number) => number != 0,
-        }
-    }
-}
-
 impl LeRobotConfig {
-    /// Returns the first option that this implementation does not support, as key, actual value and expected
-    /// value.
-    fn unsupported(&self) -> Option<(&'static str, String, &'static str)> {
-        let backbones = "resnet18 or resnet34";
-        [
-            (self.n_obs_steps != 1, "n_obs_steps", self.n_obs_steps.to_string(), "1"),
-            (self.backbone().is_none(), "vision_backbone", format!("`{}`", self.vision_backbone), backbones),
-            (
-                self.replace_final_stride_with_dilation.is_set(),
-                "replace_final_stride_with_dilation",
-                "true".to_owned(),
-                "false",
-            ),
-            (self.pre_norm, "pre_norm", "true".to_owned(), "false"),
-            (
-                self.feedforward_activation != "relu",
-                "feedforward_activation",
-                format!("`{}`", self.feedforward_activation),
-                "relu",
-            ),
-        ]
-        .into_iter()
-        .find_map(|(differs, key, found, expected)| differs.then_some((key, found, expected)))
-    }
-
-    fn backbone(&self) -> Option<ResNet> {
-        match self.vision_backbone.as_str() {
-            "resnet18" => Some(ResNet::RESNET_18),
-            "resnet34" => Some(ResNet::RESNET_34),
-            _ => None,
+    /// Reads LeRobot's `ACTConfig`. Settings that are not supported are refused by name.
+    fn read(settings: &mut Settings, notes: &mut Vec<String>) -> Result<Self, CheckpointError> {
+        read_base(settings, notes)?;
+        settings.discard(&WITHOUT_INFLUENCE);
+        settings.refuse_switch("replace_final_stride_with_dilation", "false")?;
+        settings.refuse_switch("pre_norm", "false")?;
+        let activation = settings.take_or("feedforward_activation", "relu".to_owned())?;
+        if activation != "relu" {
+            return Err(settings.value("feedforward_activation", format!("`{activation}`"), "relu"));
         }
+        let backbone = settings.take_or("vision_backbone", "resnet18".to_owned())?;
+        let backbone = match backbone.as_str() {
+            "resnet18" => ResNet::RESNET_18,
+            "resnet34" => ResNet::RESNET_34,
+            found => {
+                return Err(settings.value("vision_backbone", format!("`{found}`"), "resnet18 or resnet34"));
+            }
+        };
+        let normalised =
+            || ["VISUAL", "STATE", "ACTION"].map(|kind| (kind.to_owned(), NormalisationMode::MeanStd));
+        Ok(Self {
+            chunk: read_chunk(settings, 100)?,
+            input_features: settings.require("input_features", "the inputs of the network by name")?,
+            action_dim: read_action_dim(settings)?,
+            modes: settings.take_or("normalization_mapping", Modes::from(normalised()))?,
+            backbone,
+            dim_model: settings.take_or("dim_model", 512)?,
+            n_heads: settings.take_or("n_heads", 8)?,
+            dim_feedforward: settings.take_or("dim_feedforward", 3200)?,
+            n_encoder_layers: settings.take_or("n_encoder_layers", 4)?,
+            n_decoder_layers: settings.take_or("n_decoder_layers", 1)?,
+        })
+    }
+}
+
+/// Reads the settings that LeRobot's policies have in common and that could change actions.
+pub(super) fn read_base(settings: &mut Settings, notes: &mut Vec<String>) -> Result<(), CheckpointError> {
+    let n_obs_steps = settings.take_or("n_obs_steps", 1)?;
+    if n_obs_steps != 1 {
+        return Err(settings.value("n_obs_steps", n_obs_steps, "1"));
+    }
+    settings.refuse_switch("use_peft", "false: merge the adapter into its base model")?;
+    if settings.take("use_amp")? == Some(true) {
+        notes.push("computes in f32, although `use_amp` asks LeRobot for mixed precision".to_owned());
+    }
+    Ok(())
+}
+
+/// Reads the size of a chunk and its use. `default` is LeRobot's default of both numbers of rows.
+pub(super) fn read_chunk(settings: &mut Settings, default: usize) -> Result<ChunkSettings, CheckpointError> {
+    let horizon = settings.take_or("chunk_size", default)?;
+    let execute = settings.take_or("n_action_steps", default)?;
+    if execute == 0 || execute > horizon {
+        return Err(settings.value(
+            "n_action_steps",
+            execute,
+            format!("1 to `chunk_size`, which is {horizon}"),
+        ));
+    }
+    let ensemble_decay = settings.take::<f64>("temporal_ensemble_coeff")?;
+    if ensemble_decay.is_some() && execute > 1 {
+        let expected = "1, because `temporal_ensemble_coeff` queries at every step";
+        return Err(settings.value("n_action_steps", execute, expected));
+    }
+    Ok(ChunkSettings { horizon, execute: Some(execute), ensemble_decay })
+}
+
+/// Reads the number of entries of an action.
+fn read_action_dim(settings: &mut Settings) -> Result<usize, CheckpointError> {
+    let outputs: BTreeMap<String, FeatureShape> =
+        settings.require("output_features", "the feature `action`")?;
+    let action = outputs.get(ACTION).map(|action| &action.shape[..]);
+    match action {
+        Some(&[dim]) => Ok(dim),
+        found => Err(settings.value("output_features.action", format!("{found:?}"), "a shape [dim]")),
     }
 }
 
@@ -125,62 +166,85 @@ impl LeRobotConfig {
 /// and stores it in `tensors`.
 pub(super) fn describe(
     folder: &Path,
-    text: &[u8],
+    mut settings: Settings,
     tensors: &mut Option<TensorFile>,
 ) -> Result<Description, CheckpointError> {
-    let path = folder.join(CONFIG_FILE);
-    let config: LeRobotConfig = parse(&path, text)?;
-    let value = |key: &str, found: String, expected: &str| CheckpointError::Value {
-        path: path.clone(),
-        key: key.to_owned(),
-        found,
-        expected: expected.to_owned(),
-    };
-    if let Some((key, found, expected)) = config.unsupported() {
-        return Err(value(key, found, expected));
-    }
-    let action = config.output_features.get(ACTION);
-    let action_dim = match action.map(|action| &action.shape[..]) {
-        Some(&[dim]) => dim,
-        found => return Err(value("output_features.action", format!("{found:?}"), "a shape [dim]")),
-    };
-    let inputs = inputs(&config).map_err(|(name, shape)| {
-        value(
-            &format!("input_features.{name}"),
-            format!("{shape:?}"),
-            "[dim], or [3, height, width] for an image",
-        )
+    let mut notes = Vec::new();
+    let mut sidecar = Sidecar::read(folder)?;
+    sidecar.refuse_pi05_keys(folder)?;
+    let config = LeRobotConfig::read(&mut settings, &mut notes)?;
+    let mut inputs = inputs(&config).map_err(|(name, shape)| {
+        let key = format!("input_features.{name}");
+        settings.value(&key, format!("{shape:?}"), "[dim], or [3, height, width] for an image")
     })?;
     let of_kind = |kind: FeatureKind| inputs.iter().filter(move |input| input.kind == kind);
     for kind in [FeatureKind::State, FeatureKind::Env] {
         if of_kind(kind).count() > 1 {
-            return Err(value(
-                "input_features",
-                format!("{} features of type {kind:?}", of_kind(kind).count()),
-                "at most one",
-            ));
+            let found = format!("{} features of type {kind:?}", of_kind(kind).count());
+            return Err(settings.value("input_features", found, "at most one"));
         }
     }
+    let processors = Processors::of_act(folder, &sidecar.ignore, &mut notes)?;
+    if let Some(processors) = &processors {
+        rename(&mut inputs, &processors.renames, &folder.join(PREPROCESSOR))?;
+    }
+    settings.finish(&sidecar.ignore, &mut notes)?;
+    sidecar.ignore.finish(folder)?;
     let tensors = tensors.insert(TensorFile::open(&folder.join(MODEL_FILE))?);
-    let mut architecture = architecture(&config, &inputs, action_dim);
+    let mut architecture = architecture(&config, &inputs);
     // The backbone name determines the depth, its first tensor the width.
     if let Some(&[width, ..]) = tensors.shape("model.backbone.conv1.weight") {
         architecture.backbone.width = width;
     }
-    let statistics = Statistics::find(folder, &config.normalization_mapping, tensors)?;
-    let normalisation = normalisation(statistics, &inputs, action_dim)?;
-    let sidecar = Sidecar::read(folder)?;
+    let [mut before, after] = Normaliser::of_act(folder, processors, &config.modes, tensors)?;
+    let kinds: Vec<_> = inputs.iter().map(|input| input.kind).collect();
+    before.note_differences(&config.modes, &kinds, &mut notes);
+    after.note_differences(&config.modes, &[FeatureKind::Action], &mut notes);
+    find_encoder(folder, &inputs, &mut before, &mut sidecar, &mut notes)?;
+    if let Some(InputFeature { name, .. }) = inputs.iter().find(|input| !input.is_square()) {
+        notes.push(format!(
+            "gets the benchmark's square images, stretched to the shape of `{name}` and of every other camera"
+        ));
+    }
     Ok(Description {
         architecture,
-        normalisation,
+        normalisation: normalisation(before, after, &inputs, config.action_dim)?,
         names: TensorNames { prefixes: &PREFIXES, unused: UNUSED.map(str::to_owned).into() },
-        mapping: map_features(&inputs, action_dim, &sidecar),
+        mapping: map_features(&inputs, config.action_dim, &sidecar),
         language: sidecar.language,
-        ensemble_decay: config.temporal_ensemble_coeff,
+        chunk: config.chunk,
+        notes,
     })
 }
 
-fn architecture(config: &LeRobotConfig, inputs: &[InputFeature], action_dim: usize) -> Architecture {
+/// Takes the encoder of the environment state from the statistics, where `hypogeum demos` records it, unless
+/// the mapping file names one.
+fn find_encoder(
+    folder: &Path,
+    inputs: &[InputFeature],
+    statistics: &mut Normaliser,
+    sidecar: &mut Sidecar,
+    notes: &mut Vec<String>,
+) -> Result<(), CheckpointError> {
+    let Some(input) = inputs.iter().find(|input| input.kind == FeatureKind::Env) else {
+        return refuse_if(
+            sidecar.language.is_some(),
+            folder,
+            "language",
+            "a network with an environment state",
+        );
+    };
+    if sidecar.language.is_none() && statistics.records_hashed_embedding(&input.name)? {
+        sidecar.language = Some(LanguageConfig::Hashed { dim: input.shape[0] });
+        notes.push(format!(
+            "`{}` is the hashed embedding of the instruction, as its training data recorded",
+            input.name
+        ));
+    }
+    Ok(())
+}
+
+fn architecture(config: &LeRobotConfig, inputs: &[InputFeature]) -> Architecture {
     let of_kind = |kind: FeatureKind| inputs.iter().filter(move |input| input.kind == kind);
     let dim = |kind: FeatureKind| of_kind(kind).next().map(|input| input.shape[0]);
     let size = |input: &InputFeature| ImageSize { height: input.shape[1], width: input.shape[2] };
@@ -189,26 +253,27 @@ fn architecture(config: &LeRobotConfig, inputs: &[InputFeature], action_dim: usi
         state_dim: dim(FeatureKind::State),
         instruction: dim(FeatureKind::Env)
             .map(|dim| InstructionInput { dim, projection: TokenProjection::Linear }),
-        action_dim,
-        horizon: config.chunk_size,
+        action_dim: config.action_dim,
+        horizon: config.chunk.horizon,
         hidden_dim: config.dim_model,
         dim_feedforward: config.dim_feedforward,
         n_heads: config.n_heads,
         enc_layers: config.n_encoder_layers,
         dec_layers: config.n_decoder_layers,
-        backbone: config.backbone().unwrap_or(ResNet::RESNET_18),
+        backbone: config.backbone,
     }
 }
 
 fn normalisation(
-    mut statistics: Statistics<'_>,
+    mut before: Normaliser,
+    mut after: Normaliser,
     inputs: &[InputFeature],
     action_dim: usize,
 ) -> Result<Normalisation, CheckpointError> {
     let mut normalisation = Normalisation::default();
     for input in inputs {
         let dim = if input.kind == FeatureKind::Visual { 3 } else { input.shape[0] };
-        let shift_scale = statistics.input(&input.name, input.kind, dim)?;
+        let shift_scale = before.input(&input.name, input.kind, dim)?;
         match input.kind {
             FeatureKind::Visual => normalisation.images.push(shift_scale),
             FeatureKind::State => normalisation.state = shift_scale,
@@ -216,7 +281,7 @@ fn normalisation(
             FeatureKind::Action => {}
         }
     }
-    normalisation.action = statistics.action(ACTION, action_dim)?;
+    normalisation.action = after.action(action_dim)?;
     Ok(normalisation)
 }
 
@@ -232,7 +297,7 @@ fn inputs(config: &LeRobotConfig) -> Result<Vec<InputFeature>, (String, Vec<usiz
         if !fits {
             return Err((name.clone(), shape.clone()));
         }
-        inputs.push(InputFeature { name: name.clone(), shape: shape.clone(), kind: *kind });
+        inputs.push(InputFeature::new(name.clone(), shape.clone(), *kind));
     }
     inputs.sort_by_key(|input| input.kind);
     Ok(inputs)

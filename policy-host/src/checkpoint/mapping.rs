@@ -16,10 +16,13 @@
 //! }
 //! ```
 //!
+//! A part of the state may be followed by a slice, for example `qpos[0:8]`. `ignore` lists unknown settings of
+//! the checkpoint that the user accepts to be ignored.
+//!
 //! A π0.5 checkpoint has further keys: `vision_heads`; `prompt_state`, which is `unpadded` or `padded`; and,
 //! in openpi's format, `chunk_size`. Its cameras may be mapped to `none`.
 //!
-//! Without it, `observation.images.X` maps to the camera `X` or `X_camera`; `observation.state` maps to the
+//! Without it, `observation.images.X` (or the name that the checkpoint's preprocessor renames to it) maps to the camera `X` or `X_camera`; `observation.state` maps to the
 //! full state, to `qpos`, or to `qpos` and `qvel`, whichever has its dimension; robot and control mode follow
 //! from the dimension of an action.
 
@@ -30,6 +33,7 @@ use std::path::Path;
 use ipc_types::{ControlMode, Morphology, input};
 use serde::Deserialize;
 
+use super::settings::IgnoreList;
 use super::{CheckpointError, parse};
 use crate::pi05::prompt::PromptState;
 use crate::text::LanguageConfig;
@@ -66,9 +70,16 @@ pub(super) struct Sidecar {
     /// π0.5: heads of the vision tower, if they are not SigLIP So400m's.
     pub(super) vision_heads: Option<usize>,
     /// π0.5: state numbers in the prompt.
-    pub(super) prompt_state: PromptState,
+    pub(super) prompt_state: Option<PromptState>,
     /// π0.5 in openpi's format: rows of an action chunk.
     pub(super) chunk_size: Option<usize>,
+    /// Unknown settings that are ignored.
+    #[serde(deserialize_with = "ignore_list")]
+    pub(super) ignore: IgnoreList,
+}
+
+fn ignore_list<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<IgnoreList, D::Error> {
+    Vec::deserialize(deserializer).map(IgnoreList::new)
 }
 
 /// Source of a feature: a camera, `language`, or parts of the state.
@@ -85,6 +96,50 @@ pub(super) struct InputFeature {
     pub(super) name: String,
     pub(super) shape: Vec<usize>,
     pub(super) kind: FeatureKind,
+    /// Name of the environment's feature that the preprocessor renames to it; its own name without one.
+    source: String,
+}
+
+impl InputFeature {
+    pub(super) fn new(name: String, shape: Vec<usize>, kind: FeatureKind) -> Self {
+        Self { source: name.clone(), name, shape, kind }
+    }
+
+    /// Returns `false` for a camera whose images are not square.
+    pub(super) fn is_square(&self) -> bool {
+        self.kind != FeatureKind::Visual || !matches!(self.shape[..], [_, height, width] if height != width)
+    }
+}
+
+/// Applies the names of a preprocessor, new ones by old ones, to the inputs.
+///
+/// # Errors
+/// If an input has several sources, or none because its own name is given to another.
+pub(super) fn rename(
+    inputs: &mut [InputFeature],
+    renames: &BTreeMap<String, String>,
+    path: &Path,
+) -> Result<(), CheckpointError> {
+    for input in inputs {
+        let sources: Vec<&String> =
+            renames.iter().filter(|(_, new)| **new == input.name).map(|(old, _)| old).collect();
+        let found = match (&sources[..], renames.get(&input.name)) {
+            ([source], _) => {
+                input.source = (*source).clone();
+                continue;
+            }
+            ([], None) => continue,
+            ([], Some(new)) => format!("`{}` is renamed to `{new}` and nothing to it", input.name),
+            (several, _) => format!("{} names for `{}`", several.len(), input.name),
+        };
+        return Err(CheckpointError::Value {
+            path: path.to_owned(),
+            key: "rename_map".to_owned(),
+            found,
+            expected: "one source of every input".to_owned(),
+        });
+    }
+    Ok(())
 }
 
 /// Kind of a feature, under LeRobot's names.
@@ -110,6 +165,16 @@ impl Sidecar {
 }
 
 impl Sidecar {
+    /// Refuses the keys that only π0.5 has.
+    pub(super) fn refuse_pi05_keys(&self, folder: &Path) -> Result<(), CheckpointError> {
+        let keys = [
+            ("vision_heads", self.vision_heads.is_some()),
+            ("prompt_state", self.prompt_state.is_some()),
+            ("chunk_size", self.chunk_size.is_some()),
+        ];
+        keys.into_iter().try_for_each(|(key, is_set)| refuse_if(is_set, folder, key, "π0.5 only"))
+    }
+
     /// Returns `true` if a camera of the network has no counterpart and is left out of its input.
     pub(super) fn leaves_out(&self, input: &InputFeature) -> bool {
         let own = input.name.strip_prefix("observation.images.").unwrap_or(&input.name);
@@ -126,9 +191,26 @@ impl Sidecar {
     /// Returns the width of parts of the state of a robot, or `None` if one of them is unknown.
     pub(super) fn width_of(&self, source: &FeatureSource) -> Option<usize> {
         let parts = self.morphology?.state_parts();
-        let width = |name: &String| parts.iter().find(|(part, _)| part == name).map(|(_, width)| *width);
-        source.names().iter().map(width).sum()
+        source.names().iter().map(|part| state_range(part, parts).ok().map(|range| range.len())).sum()
     }
+}
+
+/// Refuses a key of the mapping file that would have no effect.
+pub(super) fn refuse_if(
+    is_set: bool,
+    folder: &Path,
+    key: &str,
+    applies_to: &str,
+) -> Result<(), CheckpointError> {
+    if !is_set {
+        return Ok(());
+    }
+    Err(CheckpointError::Value {
+        path: folder.join(MAPPING_FILE),
+        key: key.to_owned(),
+        found: "set".to_owned(),
+        expected: format!("no such key: it applies to {applies_to}"),
+    })
 }
 
 impl FeatureSource {
@@ -205,8 +287,14 @@ fn camera(
     };
     match source {
         None => {
-            let own = input.name.strip_prefix("observation.images.").unwrap_or(&input.name);
-            position(own).ok_or_else(|| format!("no camera matches `{}`", input.name))
+            let own = input.source.strip_prefix("observation.images.").unwrap_or(&input.source);
+            position(own).ok_or_else(|| match input.source == input.name {
+                true => format!("no camera matches `{}`", input.name),
+                false => format!(
+                    "no camera matches `{}`, which the preprocessor's `rename_map` renames to `{}`",
+                    input.source, input.name
+                ),
+            })
         }
         Some(FeatureSource::One(name)) => position(name)
             .ok_or_else(|| format!("`{}` is mapped to `{name}`, which is not a camera", input.name)),
@@ -225,15 +313,9 @@ fn state(
         return Err(format!("`{}` is {:?}, expected [dim]", input.name, input.shape));
     };
     let parts = morphology.state_parts();
-    let range = |part: &str| -> Result<Range<usize>, String> {
-        let mut start = 0;
-        for (name, width) in parts {
-            if *name == part {
-                return Ok(start..start + width);
-            }
-            start += width;
-        }
-        Err(format!("`{}` is mapped to `{part}`, which is not part of the state", input.name))
+    let range = |part: &str| {
+        state_range(part, parts)
+            .map_err(|problem| format!("`{}` is mapped to `{part}`, {problem}", input.name))
     };
     let ranges = match source {
         Some(source) => source.names().iter().map(|name| range(name)).collect::<Result<Vec<_>, _>>()?,
@@ -250,6 +332,28 @@ fn state(
     } else {
         Err(format!("`{}` has {dim} entries and no mapping", input.name))
     }
+}
+
+/// Returns the entries of the state that a part such as `qpos` or `qpos[0:8]` names, or what is wrong with it.
+fn state_range(part: &str, parts: &[(&str, usize)]) -> Result<Range<usize>, String> {
+    let (name, slice) = match part.split_once('[') {
+        Some((name, rest)) => (name, rest.strip_suffix(']').and_then(|slice| slice.split_once(':'))),
+        None => (part, Some(("0", ""))),
+    };
+    let mut first = 0;
+    for (known, width) in parts {
+        if *known == name {
+            let bound =
+                |text: &str| if text.is_empty() && name == part { Some(*width) } else { text.parse().ok() };
+            let bounds = slice.and_then(|(start, stop)| Some((bound(start)?, bound(stop)?)));
+            return match bounds {
+                Some((start, stop)) if start < stop && stop <= *width => Ok(first + start..first + stop),
+                _ => Err(format!("which is no slice of its {width} entries, such as `{name}[0:{width}]`")),
+            };
+        }
+        first += width;
+    }
+    Err("which is not part of the state".to_owned())
 }
 
 fn language(

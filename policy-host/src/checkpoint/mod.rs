@@ -12,6 +12,8 @@ pub mod pi05;
 
 mod folder;
 mod processor;
+mod settings;
+mod statistics;
 
 use std::path::{Path, PathBuf};
 
@@ -19,12 +21,15 @@ use ipc_types::input;
 use serde::Deserialize;
 use thiserror::Error;
 
-pub use self::folder::CheckpointFolderError;
-pub(crate) use self::folder::{check_robots, checkpoint_folders};
+pub use self::folder::{CheckpointFolderError, resolve};
+pub(crate) use self::folder::{NetworkCheck, check_networks, checkpoint_folders};
+use self::mapping::MAPPING_FILE;
 pub use self::mapping::ObservationMapping;
+use self::settings::Settings;
 use crate::act::architecture::{Architecture, InvalidHyperparameter};
 use crate::act::normalise::Normalisation;
 use crate::act::tensors::tensor_specs;
+use crate::execution::ChunkSettings;
 use crate::pi05::prompt::TokenizerError;
 use crate::text::{EncoderError, LanguageConfig, TextEncoder};
 use crate::weights::{CONFIG_FILE, MODEL_FILE, StateDict, TensorFile, WeightsError};
@@ -37,8 +42,20 @@ pub enum CheckpointError {
     Read { path: PathBuf, source: std::io::Error },
     #[error("{} is not a valid configuration", path.display())]
     Json { path: PathBuf, source: serde_json::Error },
-    #[error("{}: `type` is `{found}`, expected {expected}", path.display())]
-    Format { path: PathBuf, found: String, expected: &'static str },
+    #[error("{}: `type` is `{found}`, expected {expected}: {hint}", path.display())]
+    Format { path: PathBuf, found: String, expected: &'static str, hint: &'static str },
+    #[error(
+        "{}: unknown setting `{setting}` ({found}), which may change actions: serve the checkpoint with \
+         `python -m hypogeum.lerobot`, whose LeRobot may know it, or list it under `ignore` in {MAPPING_FILE} beside it",
+        path.display()
+    )]
+    UnknownSetting { path: PathBuf, setting: String, found: String },
+    #[error(
+        "{}: statistics of `{feature}` are missing, which {mode} normalisation needs ({needed}); found {found}. If the \
+         network was trained without, set its mode to IDENTITY",
+        path.display()
+    )]
+    Statistics { path: PathBuf, feature: String, mode: &'static str, needed: String, found: String },
     #[error("{}: `{key}` is {found}, expected {expected}", path.display())]
     Value { path: PathBuf, key: String, found: String, expected: String },
     #[error("{}: {reason}", path.display())]
@@ -77,8 +94,10 @@ struct Description {
     /// Mapping from the robot's observation to the network's input, or the reason why there is none.
     mapping: Result<ObservationMapping, String>,
     language: Option<LanguageConfig>,
-    /// Decay of the temporal ensemble's weights, if the folder specifies one.
-    ensemble_decay: Option<f64>,
+    /// Use of its chunks.
+    chunk: ChunkSettings,
+    /// What the user should know about its settings, one sentence each.
+    notes: Vec<String>,
 }
 
 /// Tensor naming of a checkpoint format, relative to the benchmark's names.
@@ -90,15 +109,20 @@ struct TensorNames {
     unused: Vec<String>,
 }
 
-/// The one key that every configuration has.
-#[derive(Deserialize)]
-struct TypeTag {
-    #[serde(rename = "type")]
-    format: String,
-}
-
 /// Suffix of the batch counters of PyTorch's BatchNorm, which are accepted with any dtype and ignored.
 const IGNORED_SUFFIX: &str = ".num_batches_tracked";
+
+impl CheckpointError {
+    /// Returns the error that a configuration has another type, with what to do about it.
+    fn format(path: PathBuf, found: &str, expected: &'static str) -> Self {
+        let hint = match found {
+            "act" | "act_colosseum" => "evaluate it with act:PATH",
+            "pi05" => "evaluate it with pi05:PATH",
+            _ => "serve it with `python -m hypogeum.lerobot NAME PATH` and evaluate attach:NAME",
+        };
+        Self::Format { path, found: found.to_owned(), expected, hint }
+    }
+}
 
 impl Checkpoint {
     /// Reads the configuration in `folder` and the header of its weights file, and checks one against the
@@ -110,15 +134,14 @@ impl Checkpoint {
         let path = folder.join(CONFIG_FILE);
         let text =
             input::read(&path).map_err(|source| CheckpointError::Read { path: path.clone(), source })?;
-        let TypeTag { format } = parse(&path, &text)?;
+        let mut settings = Settings::parse(&path, &text)?;
+        let expected = "`act_colosseum` or LeRobot's `act`";
+        let format: String = settings.require("type", expected)?;
         let mut tensors = None;
         let description = match format.as_str() {
             "act_colosseum" => colosseum::describe(&path, &text, &mut tensors),
-            "act" => lerobot::describe(folder, &text, &mut tensors),
-            _ => {
-                let expected = "`act_colosseum` or LeRobot's `act`";
-                Err(CheckpointError::Format { path: path.clone(), found: format, expected })
-            }
+            "act" => lerobot::describe(folder, settings, &mut tensors),
+            _ => Err(CheckpointError::format(path.clone(), &format, expected)),
         }?;
         description.architecture.check().map_err(|InvalidHyperparameter { name, found, expected }| {
             CheckpointError::Value { path, key: name.to_owned(), found: found.to_string(), expected }
@@ -155,10 +178,16 @@ impl Checkpoint {
         })
     }
 
-    /// Returns the decay of the temporal ensemble's weights, if the checkpoint specifies one.
+    /// Returns what the checkpoint says about the use of its chunks.
     #[must_use]
-    pub fn ensemble_decay(&self) -> Option<f64> {
-        self.description.ensemble_decay
+    pub fn chunk_settings(&self) -> ChunkSettings {
+        self.description.chunk
+    }
+
+    /// Returns what the user should know about its settings, one sentence each.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.description.notes
     }
 
     /// Checks the files of the language encoder without loading them.

@@ -1,38 +1,29 @@
-//! LeRobot's normalisation statistics, in the locations that its versions use.
+//! LeRobot's pre- and postprocessor: the steps before and after the network, in the order in which they run.
+//!
+//! Every step and every key of its configuration is read, has no influence, or is refused by name.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
-use ipc_types::input;
 use serde::Deserialize;
 
+use super::CheckpointError;
+use super::lerobot::FeatureShape;
 use super::mapping::FeatureKind;
-use super::{CheckpointError, parse};
-use crate::act::normalise::ShiftScale;
-use crate::pi05::scaling::Scaling;
+use super::settings::{IgnoreList, Settings};
+use super::statistics::{Normaliser, StatisticsFile};
 use crate::weights::TensorFile;
 
 /// File name of the preprocessor, written since LeRobot 0.4.
-const PREPROCESSOR: &str = "policy_preprocessor.json";
+pub(super) const PREPROCESSOR: &str = "policy_preprocessor.json";
 /// File name of the postprocessor, written since LeRobot 0.4.
-const POSTPROCESSOR: &str = "policy_postprocessor.json";
-/// Processor steps with no effect here: images and states are batched, on the CPU and correctly named
-/// already.
-const NO_OP_STEPS: [&str; 3] = ["rename_observations_processor", "to_batch_processor", "device_processor"];
-/// Further steps of π0.5. The policy itself writes and splits the prompt, and its loader rejects relative
-/// actions.
-const PI05_STEPS: [&str; 4] = [
-    "relative_actions_processor",
-    "pi05_prepare_state_tokenizer_processor_step",
-    "tokenizer_processor",
-    "absolute_actions_processor",
-];
-/// Preprocessor step that normalises inputs.
-const NORMALISER: &str = "normalizer_processor";
-/// Postprocessor step that restores actions.
-const UNNORMALISER: &str = "unnormalizer_processor";
+pub(super) const POSTPROCESSOR: &str = "policy_postprocessor.json";
 /// Default of LeRobot's `eps`, which it adds to a standard deviation and substitutes for a zero range.
-const DEFAULT_EPSILON: f32 = 1e-8;
+pub(super) const DEFAULT_EPSILON: f32 = 1e-8;
+/// Data types to which a processor may cast, because tensors have them here.
+const FLOAT_TYPES: [&str; 2] = ["float32", "float"];
+/// Key under which LeRobot's pipelines pass the instruction.
+const TASK: &str = "task";
 
 /// Normalisation of one kind of feature, under LeRobot's names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -45,252 +36,322 @@ pub(super) enum NormalisationMode {
     Quantile10,
 }
 
-/// Contents of a processor file.
-#[derive(Debug, Deserialize)]
-struct Processor {
-    steps: Vec<ProcessorStep>,
+/// Normalisation by kind of feature.
+pub(super) type Modes = BTreeMap<String, NormalisationMode>;
+
+/// A kind of step, by its registered name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum StepKind {
+    Rename,
+    Batch,
+    Device,
+    Relative,
+    Normalise,
+    Prompt,
+    Tokenize,
+    Unnormalise,
+    Absolute,
 }
 
-#[derive(Debug, Deserialize)]
-struct ProcessorStep {
-    registry_name: Option<String>,
-    #[serde(default)]
-    config: StepConfig,
+/// The steps that a file may have, in the order in which they must come. Those that change no value may be
+/// anywhere.
+type Allowed = &'static [StepKind];
+
+const PREPROCESSOR_STEPS: Allowed =
+    &[StepKind::Rename, StepKind::Normalise, StepKind::Batch, StepKind::Device];
+const POSTPROCESSOR_STEPS: Allowed = &[StepKind::Unnormalise, StepKind::Batch, StepKind::Device];
+const PI05_PREPROCESSOR_STEPS: Allowed = &[
+    StepKind::Rename,
+    StepKind::Normalise,
+    StepKind::Prompt,
+    StepKind::Tokenize,
+    StepKind::Relative,
+    StepKind::Batch,
+    StepKind::Device,
+];
+const PI05_POSTPROCESSOR_STEPS: Allowed =
+    &[StepKind::Unnormalise, StepKind::Absolute, StepKind::Batch, StepKind::Device];
+
+/// Settings of the step that splits a prompt into tokens.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct TokenizerSettings {
+    /// Name or subfolder of the vocabulary.
+    pub(super) name: Option<String>,
+    /// Maximum number of tokens, if longer prompts are cut off.
+    pub(super) max_tokens: Option<usize>,
+}
+
+/// Contents of both files.
+#[derive(Debug)]
+pub(super) struct Processors {
+    /// New names of the environment's features by their own names.
+    pub(super) renames: BTreeMap<String, String>,
+    pub(super) inputs: Option<Normaliser>,
+    pub(super) outputs: Option<Normaliser>,
+    /// Only π0.5 has this step.
+    pub(super) tokenizer: Option<TokenizerSettings>,
+    /// Number of entries to which π0.5's step pads the state in the prompt, in versions that do.
+    pub(super) max_state_dim: Option<usize>,
+}
+
+/// One step of a file.
+struct Step {
+    kind: StepKind,
+    /// Key of the step in messages, for example `steps[3]`.
+    key: String,
+    config: Settings,
     state_file: Option<String>,
 }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-struct StepConfig {
-    eps: Option<f32>,
-    norm_map: BTreeMap<String, NormalisationMode>,
+/// A processor file.
+struct ProcessorFile<'a> {
+    folder: &'a Path,
+    path: PathBuf,
+    ignore: &'a IgnoreList,
+    notes: &'a mut Vec<String>,
 }
 
-/// Location of a feature's statistics.
-struct StatisticsSource<'a> {
-    file: &'a mut TensorFile,
-    /// Prefix of the tensor names: `<feature>.` in a processor's own file; `<direction>.buffer_<feature>.`,
-    /// with dots replaced by underscores, among the weights of an older checkpoint.
-    prefix: String,
+impl StepKind {
+    const ALL: [Self; 9] = [
+        Self::Rename,
+        Self::Batch,
+        Self::Device,
+        Self::Relative,
+        Self::Normalise,
+        Self::Prompt,
+        Self::Tokenize,
+        Self::Unnormalise,
+        Self::Absolute,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Rename => "rename_observations_processor",
+            Self::Batch => "to_batch_processor",
+            Self::Device => "device_processor",
+            Self::Relative => "relative_actions_processor",
+            Self::Normalise => "normalizer_processor",
+            Self::Prompt => "pi05_prepare_state_tokenizer_processor_step",
+            Self::Tokenize => "tokenizer_processor",
+            Self::Unnormalise => "unnormalizer_processor",
+            Self::Absolute => "absolute_actions_processor",
+        }
+    }
+
+    /// Returns `true` for a step that changes no value, as far as it is supported.
+    fn is_free(self) -> bool {
+        matches!(self, Self::Batch | Self::Device | Self::Relative | Self::Absolute)
+    }
 }
 
-/// Statistics of one direction: network inputs, or actions back to the robot.
-struct ProcessorStatistics {
-    modes: BTreeMap<String, NormalisationMode>,
-    epsilon: f32,
-    /// The processor's state file, or `None` if the statistics are among the weights or nothing is
-    /// normalised.
-    file: Option<TensorFile>,
-}
-
-/// All statistics of a checkpoint.
-pub(super) struct Statistics<'a> {
-    inputs: ProcessorStatistics,
-    outputs: ProcessorStatistics,
-    weights: &'a mut TensorFile,
-}
-
-impl<'a> Statistics<'a> {
-    /// Locates the statistics: in `folder`, or among the `weights` of an older checkpoint, whose
-    /// configuration specifies the `modes`.
-    pub(super) fn find(
+impl Processors {
+    /// Reads ACT's files in `folder`, or returns `None` if there is no preprocessor.
+    pub(super) fn of_act(
         folder: &Path,
-        modes: &BTreeMap<String, NormalisationMode>,
-        weights: &'a mut TensorFile,
+        ignore: &IgnoreList,
+        notes: &mut Vec<String>,
+    ) -> Result<Option<Self>, CheckpointError> {
+        if !folder.join(PREPROCESSOR).is_file() && !folder.join(POSTPROCESSOR).is_file() {
+            return Ok(None);
+        }
+        Self::read(folder, [PREPROCESSOR_STEPS, POSTPROCESSOR_STEPS], ignore, notes).map(Some)
+    }
+
+    /// Reads π0.5's files in `folder`.
+    pub(super) fn of_pi05(
+        folder: &Path,
+        ignore: &IgnoreList,
+        notes: &mut Vec<String>,
     ) -> Result<Self, CheckpointError> {
-        let (inputs, outputs) = if folder.join(PREPROCESSOR).is_file() {
-            (
-                ProcessorStatistics::read(folder, PREPROCESSOR, NORMALISER, &[])?,
-                ProcessorStatistics::read(folder, POSTPROCESSOR, UNNORMALISER, &[])?,
-            )
-        } else {
-            let older = || ProcessorStatistics { modes: modes.clone(), epsilon: DEFAULT_EPSILON, file: None };
-            (older(), older())
+        Self::read(folder, [PI05_PREPROCESSOR_STEPS, PI05_POSTPROCESSOR_STEPS], ignore, notes)
+    }
+
+    fn read(
+        folder: &Path,
+        [before, after]: [Allowed; 2],
+        ignore: &IgnoreList,
+        notes: &mut Vec<String>,
+    ) -> Result<Self, CheckpointError> {
+        let mut processors = Self {
+            renames: BTreeMap::new(),
+            inputs: None,
+            outputs: None,
+            tokenizer: None,
+            max_state_dim: None,
         };
-        Ok(Self { inputs, outputs, weights })
-    }
-
-    /// Returns the normalisation of an input with `dim` entries (channels for an image).
-    pub(super) fn input(
-        &mut self,
-        name: &str,
-        kind: FeatureKind,
-        dim: usize,
-    ) -> Result<Option<ShiftScale>, CheckpointError> {
-        let mode = self.inputs.mode(kind);
-        let epsilon = self.inputs.epsilon;
-        let source = self.inputs.source(self.weights, "normalize_inputs", name);
-        shift_scale(source, mode, dim, epsilon, |std| std + epsilon)
-    }
-
-    /// Returns the normalisation of actions, which the policy applies in reverse.
-    pub(super) fn action(&mut self, name: &str, dim: usize) -> Result<Option<ShiftScale>, CheckpointError> {
-        let mode = self.outputs.mode(FeatureKind::Action);
-        let epsilon = self.outputs.epsilon;
-        shift_scale(
-            self.outputs.source(self.weights, "unnormalize_outputs", name),
-            mode,
-            dim,
-            epsilon,
-            |std| std,
-        )
+        for (name, allowed) in [(PREPROCESSOR, before), (POSTPROCESSOR, after)] {
+            let mut file = ProcessorFile { folder, path: folder.join(name), ignore, notes };
+            for step in file.steps(allowed)? {
+                file.apply(step, &mut processors)?;
+            }
+        }
+        Ok(processors)
     }
 }
 
-impl ProcessorStatistics {
-    /// Reads a processor file. Steps other than the normaliser, [`NO_OP_STEPS`] and `others` are errors.
-    fn read(folder: &Path, file: &str, normaliser: &str, others: &[&str]) -> Result<Self, CheckpointError> {
-        let path = folder.join(file);
-        let text =
-            input::read(&path).map_err(|source| CheckpointError::Read { path: path.clone(), source })?;
-        let processor: Processor = parse(&path, &text)?;
-        let mut found = Self { modes: BTreeMap::new(), epsilon: DEFAULT_EPSILON, file: None };
-        for (idx, step) in processor.steps.into_iter().enumerate() {
-            let name = step.registry_name.unwrap_or_else(|| "an unregistered class".to_owned());
-            if name == normaliser {
-                let state = step.state_file.map(|state| TensorFile::open(&folder.join(state))).transpose()?;
-                let epsilon = step.config.eps.unwrap_or(DEFAULT_EPSILON);
-                found = Self { modes: step.config.norm_map, epsilon, file: state };
-            } else if !NO_OP_STEPS.contains(&name.as_str()) && !others.contains(&name.as_str()) {
-                return Err(CheckpointError::Value {
-                    path,
-                    key: format!("steps[{idx}]"),
-                    found: format!("`{name}`"),
-                    expected: format!(
-                        "`{normaliser}` or one of {}",
-                        [&NO_OP_STEPS, others].concat().join(", ")
-                    ),
-                });
+impl ProcessorFile<'_> {
+    /// Reads the steps and checks their order.
+    fn steps(&mut self, allowed: Allowed) -> Result<Vec<Step>, CheckpointError> {
+        let mut file = Settings::read(&self.path)?;
+        file.discard(&["name"]);
+        let mut steps: Vec<Step> = Vec::new();
+        for (idx, entry) in file.objects("steps")?.into_iter().enumerate() {
+            let step = self.step(format!("steps[{idx}]"), entry, allowed)?;
+            let rank = |kind: StepKind| allowed.iter().position(|allowed| *allowed == kind);
+            let earlier = steps.iter().filter(|earlier| !earlier.kind.is_free() && !step.kind.is_free());
+            if let Some(earlier) = earlier.max_by_key(|earlier| rank(earlier.kind))
+                && rank(earlier.kind) >= rank(step.kind)
+            {
+                let found = format!("`{}` after `{}`", step.kind.name(), earlier.kind.name());
+                let order: Vec<_> =
+                    allowed.iter().filter(|kind| !kind.is_free()).map(|kind| kind.name()).collect();
+                let expected = format!("each at most once, in the order {}", order.join(", "));
+                return Err(file.value(&step.key, found, expected));
             }
+            steps.push(step);
         }
-        // A processor without statistics leaves every feature unchanged.
-        if found.file.is_none() {
-            found.modes.clear();
-        }
-        Ok(found)
+        file.finish(self.ignore, self.notes)?;
+        Ok(steps)
     }
 
-    fn mode(&self, kind: FeatureKind) -> NormalisationMode {
-        let name = match kind {
-            FeatureKind::Visual => "VISUAL",
-            FeatureKind::State => "STATE",
-            FeatureKind::Env => "ENV",
-            FeatureKind::Action => "ACTION",
+    fn step(&mut self, key: String, mut entry: Settings, allowed: Allowed) -> Result<Step, CheckpointError> {
+        let class: Option<String> = entry.take("class")?;
+        let name: Option<String> = entry.take("registry_name")?;
+        let name = name.or(class).unwrap_or_default();
+        let known = allowed.iter().copied().find(|kind| kind.name() == name);
+        let Some(kind) = known else {
+            let names: Vec<_> =
+                StepKind::ALL.iter().filter(|kind| allowed.contains(kind)).map(|kind| kind.name()).collect();
+            let expected = format!(
+                "one of {}. Serve the checkpoint with `python -m hypogeum.lerobot`, which runs LeRobot's own steps",
+                names.join(", ")
+            );
+            return Err(CheckpointError::Value {
+                path: self.path.clone(),
+                key,
+                found: format!("`{name}`"),
+                expected,
+            });
         };
-        self.modes.get(name).copied().unwrap_or(NormalisationMode::Identity)
+        let scope = format!("{}.", kind.name());
+        let empty = || Settings::parse(&self.path, b"{}");
+        let config = entry.object("config", &scope)?.map_or_else(empty, Ok)?;
+        let state_file = entry.take("state_file")?;
+        // Files that the configuration names as well.
+        entry.discard(&["artifacts"]);
+        entry.finish(self.ignore, self.notes)?;
+        Ok(Step { kind, key, config, state_file })
     }
 
-    /// Returns the scaling of a feature with `dim` entries, from the processor's own file.
-    fn scaling(&mut self, kind: FeatureKind, name: &str, dim: usize) -> Result<Scaling, CheckpointError> {
-        let (mode, epsilon) = (self.mode(kind), self.epsilon);
-        let prefix = format!("{name}.");
-        let file =
-            self.file.as_mut().filter(|file| file.names().iter().any(|name| name.starts_with(&prefix)));
-        let Some(file) = file else { return Ok(Scaling::Identity) };
-        let mut source = StatisticsSource { file, prefix };
-        let mut range = |low: &str, high: &str| -> Result<Scaling, CheckpointError> {
-            let (low, high) = (source.read(low, dim)?, source.read(high, dim)?);
-            let width = |(low, high): (&f32, f32)| if high == *low { epsilon } else { high - low };
-            Ok(Scaling::Range { width: low.iter().zip(high).map(width).collect(), low })
+    /// Reads the configuration of a step.
+    fn apply(&mut self, step: Step, processors: &mut Processors) -> Result<(), CheckpointError> {
+        let Step { kind, key: _, mut config, state_file } = step;
+        match kind {
+            StepKind::Batch => {}
+            StepKind::Rename => processors.renames = config.take_or("rename_map", BTreeMap::new())?,
+            StepKind::Device => {
+                let found: Option<String> = config.take("float_dtype")?;
+                if let Some(found) = found.filter(|found| !FLOAT_TYPES.contains(&found.as_str())) {
+                    let expected = "float32, in which networks compute here";
+                    return Err(config.value("float_dtype", format!("`{found}`"), expected));
+                }
+                config.discard(&["device"]);
+            }
+            StepKind::Relative | StepKind::Absolute => {
+                config.refuse_switch(
+                    "enabled",
+                    "false: relative actions are not supported; serve the checkpoint with `python -m hypogeum.lerobot`",
+                )?;
+                config.discard(&["exclude_joints", "action_names"]);
+            }
+            StepKind::Normalise => {
+                processors.inputs = Some(self.normaliser(kind, &mut config, state_file)?);
+            }
+            StepKind::Unnormalise => {
+                processors.outputs = Some(self.normaliser(kind, &mut config, state_file)?);
+            }
+            StepKind::Prompt => {
+                processors.max_state_dim = config.take("max_state_dim")?;
+                expect_task(&mut config)?;
+                if config.take("include_state_in_prompt")? == Some(false) {
+                    let expected = "true: a prompt without the state is not supported";
+                    return Err(config.value("include_state_in_prompt", "false", expected));
+                }
+            }
+            StepKind::Tokenize => processors.tokenizer = Some(tokenizer(&mut config)?),
+        }
+        config.finish(self.ignore, self.notes)
+    }
+
+    fn normaliser(
+        &self,
+        kind: StepKind,
+        config: &mut Settings,
+        state_file: Option<String>,
+    ) -> Result<Normaliser, CheckpointError> {
+        let features: BTreeMap<String, FeatureShape> = config.take_or("features", BTreeMap::new())?;
+        let file = match state_file {
+            Some(name) => StatisticsFile::Own(TensorFile::open(&self.folder.join(name))?),
+            None => StatisticsFile::Absent,
         };
-        match mode {
-            NormalisationMode::Identity => Ok(Scaling::Identity),
-            NormalisationMode::MinMax => range("min", "max"),
-            NormalisationMode::Quantiles => range("q01", "q99"),
-            NormalisationMode::Quantile10 => range("q10", "q90"),
-            NormalisationMode::MeanStd => {
-                let (mean, std) = (source.read("mean", dim)?, source.read("std", dim)?);
-                Ok(Scaling::MeanStd { mean, std, epsilon })
-            }
-        }
-    }
-
-    /// Returns the location of a feature's statistics, or `None` if the processor leaves the feature
-    /// unchanged.
-    fn source<'a>(
-        &'a mut self,
-        weights: &'a mut TensorFile,
-        direction: &str,
-        feature: &str,
-    ) -> Option<StatisticsSource<'a>> {
-        match &mut self.file {
-            Some(file) => {
-                let prefix = format!("{feature}.");
-                file.names()
-                    .iter()
-                    .any(|name| name.starts_with(&prefix))
-                    .then_some(StatisticsSource { file, prefix })
-            }
-            None => {
-                let prefix = format!("{direction}.buffer_{}.", feature.replace('.', "_"));
-                Some(StatisticsSource { file: weights, prefix })
-            }
-        }
+        Ok(Normaliser {
+            path: self.path.clone(),
+            step: kind.name(),
+            modes: config.take_or("norm_map", Modes::new())?,
+            kinds: Some(features.into_iter().map(|(name, feature)| (name, feature.kind)).collect()),
+            only: config.take::<BTreeSet<String>>("normalize_observation_keys")?,
+            epsilon: config.take_or("eps", DEFAULT_EPSILON)?,
+            file,
+        })
     }
 }
 
-/// Reads the scaling of a π0.5 checkpoint's state and actions from its processor files.
-///
-/// # Errors
-/// If a file or statistic is missing or invalid.
-pub(super) fn pi05_scaling(
-    folder: &Path,
-    (state, state_dim): (&str, usize),
-    (action, action_dim): (&str, usize),
-) -> Result<(Scaling, Scaling), CheckpointError> {
-    let mut inputs = ProcessorStatistics::read(folder, PREPROCESSOR, NORMALISER, &PI05_STEPS)?;
-    let mut outputs = ProcessorStatistics::read(folder, POSTPROCESSOR, UNNORMALISER, &PI05_STEPS)?;
-    Ok((
-        inputs.scaling(FeatureKind::State, state, state_dim)?,
-        outputs.scaling(FeatureKind::Action, action, action_dim)?,
-    ))
+/// Reads the configuration of the step that splits prompts into tokens. Padding is masked, so that its side
+/// and its length do not matter.
+fn tokenizer(config: &mut Settings) -> Result<TokenizerSettings, CheckpointError> {
+    /// Default of LeRobot's `max_length`.
+    const MAX_LENGTH: usize = 512;
+    expect_task(config)?;
+    config.discard(&["padding", "padding_side"]);
+    let name = config.take("tokenizer_name")?;
+    let max_length = config.take_or("max_length", MAX_LENGTH)?;
+    if max_length == 0 {
+        return Err(config.value("max_length", 0, "at least 1"));
+    }
+    let truncates = config.take_or("truncation", true)?;
+    Ok(TokenizerSettings { name, max_tokens: truncates.then_some(max_length) })
 }
 
-/// Computes the shift and scale of `dim` entries. `scale_of` maps a standard deviation to its scale.
-fn shift_scale(
-    source: Option<StatisticsSource<'_>>,
-    mode: NormalisationMode,
-    dim: usize,
-    epsilon: f32,
-    scale_of: impl Fn(f32) -> f32,
-) -> Result<Option<ShiftScale>, CheckpointError> {
-    let Some(mut source) = source else { return Ok(None) };
-    let mut between = |low: &str, high: &str| {
-        let (low, high) = (source.read(low, dim)?, source.read(high, dim)?);
-        let half_range = |low: f32, high: f32| if high == low { 0.5 * epsilon } else { 0.5 * (high - low) };
-        let scale: Vec<f32> = low.iter().zip(&high).map(|(&low, &high)| half_range(low, high)).collect();
-        let shift = low.iter().zip(&scale).map(|(low, half)| low + half).collect();
-        Ok(Some(ShiftScale { shift, scale }))
-    };
-    match mode {
-        NormalisationMode::Identity => Ok(None),
-        NormalisationMode::MinMax => between("min", "max"),
-        NormalisationMode::Quantiles => between("q01", "q99"),
-        NormalisationMode::Quantile10 => between("q10", "q90"),
-        NormalisationMode::MeanStd => {
-            let shift = source.read("mean", dim)?;
-            let scale = source.read("std", dim)?.into_iter().map(scale_of).collect();
-            Ok(Some(ShiftScale { shift, scale }))
-        }
+fn expect_task(config: &mut Settings) -> Result<(), CheckpointError> {
+    match config.take::<String>("task_key")? {
+        Some(found) if found != TASK => Err(config.value(
+            "task_key",
+            format!("`{found}`"),
+            format!("`{TASK}`, the episode's instruction"),
+        )),
+        _ => Ok(()),
     }
 }
 
-impl StatisticsSource<'_> {
-    /// Reads one statistic of shape `[dim]`, or `[dim, 1, 1]` for the channels of an image.
-    fn read(&mut self, statistic: &str, dim: usize) -> Result<Vec<f32>, CheckpointError> {
-        let name = format!("{}{statistic}", self.prefix);
-        let per_channel = self.file.shape(&name) == Some(&[dim, 1, 1]);
-        let shape: &[usize] = if per_channel { &[dim, 1, 1] } else { &[dim] };
-        self.file.check(&name, shape)?;
-        let values = self.file.read(&name)?;
-        match values.iter().find(|x| !x.is_finite()) {
-            None => Ok(values),
-            Some(x) => Err(CheckpointError::Value {
-                path: self.file.path().to_owned(),
-                key: name,
-                found: x.to_string(),
-                expected: "a finite value; the checkpoint was saved without dataset statistics".to_owned(),
-            }),
+/// Returns LeRobot's name of a kind of feature.
+pub(super) fn kind_name(kind: FeatureKind) -> &'static str {
+    match kind {
+        FeatureKind::Visual => "VISUAL",
+        FeatureKind::State => "STATE",
+        FeatureKind::Env => "ENV",
+        FeatureKind::Action => "ACTION",
+    }
+}
+
+impl NormalisationMode {
+    /// Returns LeRobot's name.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Identity => "IDENTITY",
+            Self::MeanStd => "MEAN_STD",
+            Self::MinMax => "MIN_MAX",
+            Self::Quantiles => "QUANTILES",
+            Self::Quantile10 => "QUANTILE10",
         }
     }
 }

@@ -2,12 +2,16 @@
 
 use std::path::Path;
 
+use ipc_types::run_config::QueryOptions;
 use ipc_types::{ControlMode, Morphology, ObservationView};
 
 use super::model::Pi05Model;
 use super::processor::Pi05Processor;
-use crate::checkpoint::pi05::{Pi05Checkpoint, is_pi05_folder};
-use crate::checkpoint::{CheckpointFolderError, check_robots, checkpoint_folders};
+use crate::checkpoint::pi05::{Pi05Checkpoint, Pi05Description, is_pi05_folder};
+use crate::checkpoint::{
+    CheckpointFolderError, NetworkCheck, ObservationMapping, check_networks, checkpoint_folders,
+};
+use crate::load::PolicyCheck;
 use crate::nn::Precision;
 use crate::policy::{ActionChunk, Policy, PolicyError, Stopwatch};
 
@@ -32,7 +36,7 @@ pub(super) struct Pi05Network<M> {
 
 /// Checks the configuration, the weights headers and the vocabulary of a checkpoint against the robots of a
 /// run and their control modes, and the size of the weights against the memory that is available. Loads no
-/// weights.
+/// weights. Also resolves how chunks are executed.
 ///
 /// # Errors
 /// The first mismatch found.
@@ -40,15 +44,18 @@ pub fn check(
     folder: &Path,
     precision: Precision,
     robots: &[(Morphology, ControlMode)],
-) -> Result<(), CheckpointFolderError> {
-    let mut found = Vec::new();
+    requested: QueryOptions,
+) -> Result<PolicyCheck, CheckpointFolderError> {
+    let mut networks = Vec::new();
     for checkpoint in open(folder)? {
-        let mapping = &checkpoint.description().mapping;
-        found.push((mapping.morphology, mapping.control_mode));
+        let Pi05Description { mapping, chunk, notes, .. } = checkpoint.description();
+        let (&chunk, notes) = (chunk, notes.clone());
+        let &ObservationMapping { morphology, control_mode, .. } = mapping;
+        networks.push(NetworkCheck { morphology, control_mode, chunk, notes });
         checkpoint.prompter()?;
         checkpoint.check_memory(precision)?;
     }
-    check_robots(folder, &found, robots)
+    check_networks(folder, networks, robots, requested)
 }
 
 fn open(folder: &Path) -> Result<Vec<Pi05Checkpoint>, CheckpointFolderError> {

@@ -7,6 +7,12 @@
 
 use crate::generated::{fnv1a64, sym};
 
+/// Name of the statistic of a feature by which a dataset records that the feature is this embedding.
+/// LeRobot copies it into the checkpoints that are trained on the dataset.
+pub const STATISTIC: &str = "hashed";
+/// Value of that statistic: the version of the encoder.
+pub const VERSION: f32 = 1.0;
+
 /// Returns the embedding `[dim] f32`, of expected norm 1: the sum of a pseudo-random vector for each word and
 /// each pair of adjacent words, divided by the square root of their number. Words are runs of ASCII letters
 /// and digits, in lower case; all other characters are separators. An instruction without words maps to the

@@ -1,5 +1,6 @@
 //! Reader of safetensors files. The header is validated when the file is opened; values are converted to f32.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
@@ -15,12 +16,17 @@ use super::WeightsError;
 /// Maximum header length. An ACT checkpoint has about 400 tensors with 100 header bytes each.
 const MAX_HEADER_BYTES: u64 = 16 << 20;
 
-/// An open safetensors file with a valid header.
+/// Parts of names that PyTorch's wrappers add: `torch.compile` and data parallel training.
+const WRAPPERS: [&str; 2] = ["_orig_mod", "module"];
+
+/// An open safetensors file with a valid header. Prefixes of PyTorch's wrappers are left out of all names.
 #[derive(Debug)]
 pub struct TensorFile {
     path: PathBuf,
     file: File,
     header: Metadata,
+    /// Stored names by names without the prefixes of [`WRAPPERS`].
+    stored: BTreeMap<String, String>,
     /// Byte offset of the first tensor.
     data_start: u64,
 }
@@ -41,7 +47,14 @@ impl TensorFile {
         if expected != found {
             return Err(WeightsError::Length { path, expected, found });
         }
-        Ok(Self { path, file, header, data_start })
+        let mut stored = BTreeMap::new();
+        for name in header.tensors().into_keys() {
+            if let Some(other) = stored.insert(unwrapped(&name), name.clone()) {
+                let reason = format!("`{other}` and `{name}` are the same tensor");
+                return Err(WeightsError::Header { path, reason });
+            }
+        }
+        Ok(Self { path, file, header, stored, data_start })
     }
 
     /// Returns the path of the file.
@@ -53,27 +66,29 @@ impl TensorFile {
     /// Returns the names of all tensors, sorted.
     #[must_use]
     pub fn names(&self) -> Vec<String> {
-        let mut names: Vec<String> = self.header.tensors().into_keys().collect();
-        names.sort();
-        names
+        self.stored.keys().cloned().collect()
     }
 
     /// Returns the dtype and shape of a tensor as text, for example `F32 [512, 25]`.
     #[must_use]
     pub fn describe(&self, name: &str) -> Option<String> {
-        self.header.info(name).map(|info| describe(info.dtype, &info.shape))
+        self.info(name).map(|info| describe(info.dtype, &info.shape))
     }
 
     /// Returns `true` if the file contains a tensor with this name.
     #[must_use]
     pub fn contains(&self, name: &str) -> bool {
-        self.header.info(name).is_some()
+        self.info(name).is_some()
     }
 
     /// Returns the shape of a tensor, or `None` if the file does not contain it.
     #[must_use]
     pub fn shape(&self, name: &str) -> Option<&[usize]> {
-        self.header.info(name).map(|info| &info.shape[..])
+        self.info(name).map(|info| &info.shape[..])
+    }
+
+    fn info(&self, name: &str) -> Option<&TensorInfo> {
+        self.header.info(self.stored.get(name)?)
     }
 
     /// Checks that a tensor exists with this shape and a 32- or 16-bit float dtype.
@@ -82,7 +97,7 @@ impl TensorFile {
     /// If the tensor is missing or differs.
     pub fn check(&self, name: &str, shape: &[usize]) -> Result<(), WeightsError> {
         let (path, tensor, expected) = (self.path.clone(), name.to_owned(), describe(Dtype::F32, shape));
-        match self.header.info(name) {
+        match self.info(name) {
             Some(info) if is_float(info.dtype) && info.shape == shape => Ok(()),
             Some(info) => {
                 let found = describe(info.dtype, &info.shape);
@@ -98,8 +113,7 @@ impl TensorFile {
     /// If the tensor is missing or has no float dtype.
     pub(super) fn locate(&self, name: &str) -> Result<(Dtype, &[usize], Range<usize>), WeightsError> {
         let (path, tensor) = (self.path.clone(), name.to_owned());
-        let Some(&TensorInfo { dtype, ref shape, data_offsets: (start, end) }) = self.header.info(name)
-        else {
+        let Some(&TensorInfo { dtype, ref shape, data_offsets: (start, end) }) = self.info(name) else {
             return Err(WeightsError::Missing { path, tensor, expected: "a float tensor".to_owned() });
         };
         if !is_float(dtype) {
@@ -127,6 +141,12 @@ impl TensorFile {
             _ => bytes.as_chunks::<4>().0.iter().map(|&x| f32::from_le_bytes(x)).collect(),
         })
     }
+}
+
+/// Returns the name of a tensor without the parts that wrappers add.
+pub(super) fn unwrapped(name: &str) -> String {
+    let parts: Vec<&str> = name.split('.').filter(|part| !WRAPPERS.contains(part)).collect();
+    parts.join(".")
 }
 
 fn is_float(dtype: Dtype) -> bool {

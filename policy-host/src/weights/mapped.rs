@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use safetensors::Dtype;
 use serde::Deserialize;
 
+use super::file::unwrapped;
 use super::{MODEL_FILE, TensorFile, WeightsError};
 
 /// File name of the list of shards in a checkpoint folder.
@@ -177,6 +178,7 @@ impl TensorFolder {
         let (mut shards, mut names): (Vec<Shard>, Vec<PathBuf>) = (Vec::new(), Vec::new());
         let mut shard_of = BTreeMap::new();
         for (tensor, file) in weight_map {
+            let tensor = unwrapped(&tensor);
             if file.components().count() != 1 {
                 return Err(WeightsError::ShardPath { path: index, shard: file });
             }

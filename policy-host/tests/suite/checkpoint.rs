@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use ipc_types::run_config::QueryOptions;
 use ipc_types::{ControlMode, Morphology, error_chain};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::synthetic::write_checkpoint;
@@ -31,7 +32,7 @@ fn spec(folder: &Path) -> PolicySpec {
 
 /// Returns the error of `check` and `load`, which must be the same.
 fn rejection(folder: &Path) -> String {
-    let checked = error_chain(&check(&spec(folder), &[SINGLE]).unwrap_err());
+    let checked = error_chain(&check(&spec(folder), &[SINGLE], QueryOptions::default()).unwrap_err());
     let loaded = error_chain(&load(&spec(folder), 1, QueryMode::Chunk, &Morphology::ALL).err().unwrap());
     assert_eq!(checked, loaded, "check and load must agree");
     checked
@@ -69,7 +70,7 @@ fn edit_config(folder: &Path, from: &str, to: &str) {
 #[test]
 fn checkpoint_loads_with_and_without_unused_tensors() {
     let folder = checkpoint();
-    check(&spec(folder.path()), &[SINGLE]).unwrap();
+    check(&spec(folder.path()), &[SINGLE], QueryOptions::default()).unwrap();
     let before = ObservationBatch::of(Morphology::Single, &[0])
         .answer(&mut *load(&spec(folder.path()), 1, QueryMode::Chunk, &Morphology::ALL).unwrap());
     edit_tensors(folder.path(), |list| {
@@ -181,18 +182,19 @@ fn invalid_configuration_errors_name_the_key() {
 #[test]
 fn checkpoint_for_another_robot_is_rejected() {
     let folder = checkpoint();
-    let error = check(&spec(folder.path()), &BOTH).unwrap_err().to_string();
+    let error = check(&spec(folder.path()), &BOTH, QueryOptions::default()).unwrap_err().to_string();
     assert_contains(&error, &["is for single", "run has bimanual tasks"]);
-    check(&spec(&data("act-tiny")), &BOTH).unwrap();
+    check(&spec(&data("act-tiny")), &BOTH, QueryOptions::default()).unwrap();
 
     let config = ActConfig { control_mode: ControlMode::EePose, ..ActConfig::tiny(Morphology::Single) };
     write_checkpoint(folder.path(), &config, 0).unwrap();
-    let error = check(&spec(folder.path()), &[SINGLE]).unwrap_err().to_string();
+    let error = check(&spec(folder.path()), &[SINGLE], QueryOptions::default()).unwrap_err().to_string();
     assert_contains(&error, &["single robot in pd_ee_pose", "run in pd_ee_delta_pose"]);
-    check(&spec(folder.path()), &[(Morphology::Single, ControlMode::EePose)]).unwrap();
+    check(&spec(folder.path()), &[(Morphology::Single, ControlMode::EePose)], QueryOptions::default())
+        .unwrap();
 
     let empty = tempfile::tempdir().unwrap();
-    let error = check(&spec(empty.path()), &[SINGLE]).unwrap_err().to_string();
+    let error = check(&spec(empty.path()), &[SINGLE], QueryOptions::default()).unwrap_err().to_string();
     assert_contains(&error, &["no checkpoint in", "`single` and `bimanual`", "config.json"]);
 }
 

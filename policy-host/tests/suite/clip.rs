@@ -4,6 +4,7 @@
 use std::fs;
 use std::path::Path;
 
+use ipc_types::run_config::QueryOptions;
 use ipc_types::{ControlMode, Morphology, error_chain};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::synthetic::{tensor, write_checkpoint};
@@ -130,7 +131,7 @@ fn spec(folder: &TempDir) -> PolicySpec {
 /// Asserts that `check` and `load` return the same error and that it contains `parts`.
 #[track_caller]
 fn assert_rejected(folder: &TempDir, parts: &[&str]) {
-    let checked = error_chain(&check(&spec(folder), &ROBOTS).unwrap_err());
+    let checked = error_chain(&check(&spec(folder), &ROBOTS, QueryOptions::default()).unwrap_err());
     let loaded = error_chain(&load(&spec(folder), 1, QueryMode::Chunk, &Morphology::ALL).err().unwrap());
     assert_eq!(checked, loaded, "check and load must agree");
     for part in parts {
@@ -171,12 +172,12 @@ fn embeddings_agree_with_pytorch_in_both_formats() {
 fn checkpoint_loads_only_the_encoder_it_names() {
     let fingerprint = encoder(&hugging_face(MIN_TOWER)).fingerprint();
     let folder = checkpoint(fingerprint.0, |_| {});
-    check(&spec(&folder), &ROBOTS).unwrap();
+    check(&spec(&folder), &ROBOTS, QueryOptions::default()).unwrap();
     let mut policy = load(&spec(&folder), 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
     let answer = ObservationBatch::of(Morphology::Single, &[0]).answer(&mut *policy);
 
     let other = checkpoint(fingerprint.0 ^ 1, |_| {});
-    check(&spec(&other), &ROBOTS).unwrap();
+    check(&spec(&other), &ROBOTS, QueryOptions::default()).unwrap();
     let error = load(&spec(&other), 1, QueryMode::Chunk, &Morphology::ALL).err().unwrap().to_string();
     let (path, expected) =
         (other.path().join("clip/model.safetensors"), WeightsFingerprint(fingerprint.0 ^ 1).to_string());

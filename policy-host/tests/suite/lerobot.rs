@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use ipc_types::run_config::QueryOptions;
 use ipc_types::{ControlMode, Morphology, ObservationView, error_chain};
 use policy_host::act::architecture::ImageSize;
 use policy_host::act::image::Image;
@@ -160,7 +161,7 @@ fn temporal_ensembling_agrees_with_lerobot() {
     let (actions, _) = recording.values("episode_actions");
     let [n_steps, horizon, action_dim] = shape[..] else { panic!("{shape:?}") };
     assert!(n_steps > horizon, "the episode must outlast the horizon");
-    let decay = Checkpoint::open(&data("lerobot/robot")).unwrap().ensemble_decay().unwrap();
+    let decay = Checkpoint::open(&data("lerobot/robot")).unwrap().chunk_settings().ensemble_decay.unwrap();
     let mut policy = Ensemble::new(Box::new(RecordedPolicy { chunks, horizon, action_dim, decay }));
     for (step, expected) in actions.chunks_exact(action_dim).enumerate() {
         let mut batch = ObservationBatch::of(Morphology::Single, &[0]);
@@ -190,7 +191,10 @@ fn edit(path: &Path, from: &str, to: &str) {
 /// Returns the error of `check`, with its causes.
 fn rejection(folder: &Path) -> String {
     let spec = PolicySpec::Act(folder.to_owned());
-    error_chain(&check(&spec, &[(Morphology::Single, ControlMode::EeDeltaPose)]).unwrap_err())
+    error_chain(
+        &check(&spec, &[(Morphology::Single, ControlMode::EeDeltaPose)], QueryOptions::default())
+            .unwrap_err(),
+    )
 }
 
 #[test]
@@ -205,7 +209,19 @@ fn unsupported_option_errors_list_supported_values() {
         ("config.json", "\"resnet18\"", "\"resnet50\"", &["`vision_backbone` is `resnet50`", "resnet34"]),
         ("config.json", "\"relu\"", "\"gelu\"", &["`feedforward_activation` is `gelu`, expected relu"]),
         ("config.json", "\"type\": \"act\"", "\"type\": \"diffusion\"", &["`type` is `diffusion`"]),
-        ("config.json", "\"chunk_size\": 70,", "", &["config.json", "missing field `chunk_size`"]),
+        ("config.json", "\"chunk_size\": 70,", "", &["model.safetensors", "[100, 32]"]),
+        (
+            "config.json",
+            "\"n_action_steps\": 1,",
+            "\"n_action_steps\": 71,",
+            &["`n_action_steps` is 71", "which is 70"],
+        ),
+        (
+            "config.json",
+            "\"pre_norm\"",
+            "\"pre_norms\"",
+            &["unknown setting `pre_norms` (false)", "`ignore`"],
+        ),
         ("config.json", "\"MEAN_STD\"", "\"MEDIAN\"", &["config.json", "unknown variant `MEDIAN`"]),
         (
             "policy_preprocessor.json",
@@ -256,7 +272,11 @@ fn unmapped_feature_errors_list_both_sides() {
     ] {
         let folder = copy("robot");
         if !config.0.is_empty() {
-            edit(&folder.path().join("config.json"), config.0, config.1);
+            for file in ["config.json", "policy_preprocessor.json"] {
+                edit(&folder.path().join(file), config.0, config.1);
+            }
+            let preprocessor = folder.path().join("policy_preprocessor.json");
+            edit(&preprocessor, "\"VISUAL\": \"MEAN_STD\"", "\"VISUAL\": \"IDENTITY\"");
         }
         if !mapping.is_empty() {
             edit(&folder.path().join("hypogeum.json"), "\"language\"", &format!("{mapping}, \"language\""));
@@ -293,5 +313,8 @@ fn older_checkpoint_without_statistics_is_rejected() {
         std::fs::remove_file(folder.path().join(file)).unwrap();
     }
     let error = Checkpoint::open(folder.path()).unwrap_err().to_string();
-    assert_contains(&error, &["`normalize_inputs.buffer_observation_state.min` is missing"]);
+    assert_contains(
+        &error,
+        &["statistics of `observation.state` are missing", "neither policy_preprocessor.json nor"],
+    );
 }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use ipc_types::RunConfig;
 use ipc_types::link::{Domain, LaneSpec, LinkNode, SimLane, SimLink};
 use ipc_types::run_config::Amount;
+use ipc_types::run_config::Execution;
 use ipc_types::{ActionHeader, ActionView, Morphology, ObservationHeader};
 use policy_host::serve::{HostConfig, HostEvent, ServeError, serve_with};
 use policy_host::{PolicySpec, QueryMode};
@@ -51,6 +52,7 @@ impl HostFixture {
             lane,
             spec,
             morphologies: Morphology::ALL.to_vec(),
+            execution: Execution::chunk(30),
             run,
         };
         // Real hosts receive their configuration as JSON.

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use ipc_types::layout::block_pages;
+use ipc_types::layout::{ACTION_PAGES, block_pages};
 use ipc_types::link::{ActionMessage, LinkError, LinkNode, SimLane};
 use ipc_types::trace::{self, Activity};
 use ipc_types::{
@@ -116,7 +116,7 @@ impl LaneState {
                     slots: Vec::with_capacity(max_envs),
                 })
                 .collect(),
-            answer: Vec::with_capacity(max_envs),
+            answer: Vec::with_capacity(max_envs * ACTION_PAGES),
             last_host_check: now,
             host_absent_since: config.foreign.then_some(now),
             host_id: None,

@@ -276,7 +276,7 @@ impl Server {
 
     /// Receives the next answer of a lane. Returns `false` if there is none.
     fn receive(&mut self, lane_idx: usize, now: Instant) -> Result<bool, LaneError> {
-        let (slots, execute) = (&mut self.slots, self.run.results.execute);
+        let (slots, execute) = (&mut self.slots, self.lanes[lane_idx].config.execute);
         self.lanes[lane_idx].receive(&mut self.counters.latencies, now, |slot, view, env_idx| {
             accept(slots, slot, view, env_idx, execute, now)
         })
@@ -338,7 +338,7 @@ impl Server {
         let as_lane_error = |policy: &str, source| LaneError::Link { policy: policy.to_owned(), source };
         let n_pages = self.batch.len() * lane.block_pages(morphology);
         let mut loan = lane.link.loan(n_pages).map_err(|e| as_lane_error(&lane.config.spec.policy, e))?;
-        let execute = self.run.results.execute;
+        let execute = lane.config.execute;
         let observing = trace::span(Activity::Observe);
         let cost = self.writer.write(&mut self.slots, &self.batch, execute, morphology, loan.pages_mut())?;
         observing.finish(self.batch.len() as u64);

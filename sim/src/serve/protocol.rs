@@ -41,6 +41,8 @@ pub struct Lane {
     pub foreign: bool,
     /// Seconds after which an unanswered query counts as lost.
     pub answer_timeout_s: u32,
+    /// Rows of each answer that are executed before the next query.
+    pub execute: u32,
 }
 
 impl Lane {

@@ -84,9 +84,10 @@ fn config(domain: &Domain, specs: Vec<LaneSpec>) -> SimConfig {
     let mut run = RunConfig::default();
     // As many threads as envs, so that one batch holds them all.
     run.resources.threads = Amount::Fixed(N_ENVS);
-    (run.results.control_mode, run.results.execute) = (MODE, N_ROWS);
+    run.results.control_mode = MODE;
     run.rendering.renderer = RendererChoice::Cpu;
-    let lane = |spec| Lane { spec, images: true, foreign: false, answer_timeout_s: Lane::ANSWER_TIMEOUT_S };
+    let answer_timeout_s = Lane::ANSWER_TIMEOUT_S;
+    let lane = |spec| Lane { spec, images: true, foreign: false, answer_timeout_s, execute: N_ROWS };
     let lanes = specs.into_iter().map(lane).collect();
     SimConfig { domain: domain.clone(), run_id: RUN, max_envs: N_ENVS, envs: N_ENVS, lanes, run }
 }

@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use ipc_types::link::LaneSpec;
+use ipc_types::run_config::Execution;
 use ipc_types::{Morphology, RunConfig};
 use policy_host::PolicySpec;
 use sim::Perturbation;
@@ -223,9 +224,10 @@ fn config(seed: u64, drivers: &[DriverChoice], draw: &mut FaultInjector) -> Flee
         let Driver::Lane(lane) = driver else { continue };
         let spec =
             LaneSpec { lane, policy: format!("p{lane}"), max_envs: envs, block_pages: 1, in_flight: 2 };
-        let lane = Lane { spec, images: false, foreign, answer_timeout_s: draw.number(1, 3) as u32 };
+        let answer_timeout_s = draw.number(1, 3) as u32;
+        let lane = Lane { spec, images: false, foreign, answer_timeout_s, execute: 1 };
         let spec = if foreign { PolicySpec::Attach("other".to_owned()) } else { PolicySpec::Idle };
-        lanes.push(PolicyLane { spec, lane });
+        lanes.push(PolicyLane { spec, execution: Execution::chunk(1), lane });
     }
     FleetConfig {
         program: "fake".into(),

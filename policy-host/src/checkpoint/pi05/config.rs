@@ -1,116 +1,169 @@
 //! LeRobot's configuration of a π0.5 checkpoint.
 
-use std::fmt;
+use std::path::PathBuf;
 
-use serde::de::{MapAccess, Visitor};
-use serde::{Deserialize, Deserializer};
-
-use super::{ACTION, CheckpointError, Folder, Pi05Description};
-use crate::checkpoint::lerobot::FeatureShape;
-use crate::checkpoint::mapping::{FeatureKind, InputFeature};
-use crate::checkpoint::processor::pi05_scaling;
+use super::{CheckpointError, Folder, Pi05Description};
+use crate::checkpoint::lerobot::{FeatureShape, read_base, read_chunk};
+use crate::checkpoint::mapping::{FeatureKind, InputFeature, refuse_if, rename};
+use crate::checkpoint::processor::{
+    Modes, NormalisationMode, POSTPROCESSOR, PREPROCESSOR, Processors, TokenizerSettings,
+};
+use crate::checkpoint::settings::{Features, Settings};
+use crate::checkpoint::statistics::{ACTION, Normaliser};
+use crate::execution::ChunkSettings;
 use crate::spec::MAX_STEPS;
 
 /// Upper bound on the rows of a chunk and on the entries of a state.
 pub(super) const MAX_ROWS: usize = 1024;
 /// Upper bound on the tokens of a prompt.
 const MAX_PROMPT: usize = 4096;
+/// Prefix of LeRobot's names for cameras that a configuration adds.
+const EMPTY_CAMERA: &str = "observation.images.empty_camera_";
+/// LeRobot's name of PaliGemma's vocabulary.
+const PALIGEMMA: &str = "google/paligemma-3b-pt-224";
+/// Name of the state feature.
+const STATE: &str = "observation.state";
+/// Settings that have no influence on actions: those of training, of the hub and of compilation, those that
+/// the tensors determine, and those of options that are refused.
+const WITHOUT_INFLUENCE: [&str; 33] = [
+    "device",
+    "push_to_hub",
+    "repo_id",
+    "private",
+    "tags",
+    "license",
+    "pretrained_path",
+    "pretrained_revision",
+    "paligemma_variant",
+    "action_expert_variant",
+    "time_sampling_beta_alpha",
+    "time_sampling_beta_beta",
+    "time_sampling_scale",
+    "time_sampling_offset",
+    "relative_exclude_joints",
+    "action_feature_names",
+    "rtc_training_max_delay",
+    "memory_frames",
+    "memory_stride",
+    "memory_temporal_attention_every",
+    "gradient_checkpointing",
+    "compile_model",
+    "compile_mode",
+    "freeze_vision_encoder",
+    "train_expert_only",
+    "optimizer_lr",
+    "optimizer_betas",
+    "optimizer_eps",
+    "optimizer_weight_decay",
+    "optimizer_grad_clip_norm",
+    "scheduler_warmup_steps",
+    "scheduler_decay_steps",
+    "scheduler_decay_lr",
+];
 
-/// The keys of LeRobot's `config.json` that inference depends on. All others are ignored.
-#[derive(Debug, Deserialize)]
-#[serde(default)]
+/// The settings of LeRobot's `PI05Config` that inference depends on, with its defaults.
+#[derive(Debug)]
 pub(super) struct Pi05Config {
-    input_features: Features,
-    output_features: Features,
-    n_obs_steps: usize,
-    chunk_size: usize,
+    input_features: Features<FeatureShape>,
+    output_features: Features<FeatureShape>,
+    modes: Modes,
+    chunk: ChunkSettings,
     pub(super) max_state_dim: usize,
     max_action_dim: usize,
     pub(super) num_inference_steps: usize,
     pub(super) min_period: f64,
     pub(super) max_period: f64,
     image_resolution: (usize, usize),
+    empty_cameras: usize,
     pub(super) tokenizer_max_length: usize,
-    use_relative_actions: bool,
-}
-
-/// Features in the order of the file, which is the order of the cameras in the prefix.
-#[derive(Debug, Default)]
-struct Features(Vec<(String, FeatureShape)>);
-
-impl Default for Pi05Config {
-    fn default() -> Self {
-        Self {
-            input_features: Features::default(),
-            output_features: Features::default(),
-            n_obs_steps: 1,
-            chunk_size: 50,
-            max_state_dim: 32,
-            max_action_dim: 32,
-            num_inference_steps: 10,
-            min_period: 4e-3,
-            max_period: 4.0,
-            image_resolution: (224, 224),
-            tokenizer_max_length: 200,
-            use_relative_actions: false,
-        }
-    }
-}
-
-impl<'de> Deserialize<'de> for Features {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct InOrder;
-        impl<'de> Visitor<'de> for InOrder {
-            type Value = Features;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a map of features")
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Features, A::Error> {
-                let mut features = Vec::new();
-                while let Some(entry) = map.next_entry()? {
-                    features.push(entry);
-                }
-                Ok(Features(features))
-            }
-        }
-        deserializer.deserialize_map(InOrder)
-    }
 }
 
 impl Pi05Config {
-    /// Returns the first option that is not supported or out of range, as key, actual and expected value.
-    fn unsupported(&self) -> Option<(&'static str, String, String)> {
+    /// Reads the settings. Those that are not supported or out of range are refused by name.
+    pub(super) fn read(settings: &mut Settings, notes: &mut Vec<String>) -> Result<Self, CheckpointError> {
+        read_base(settings, notes)?;
+        settings.discard(&WITHOUT_INFLUENCE);
+        let otherwise = "false; serve the checkpoint with `python -m hypogeum.lerobot`";
+        settings.refuse_switch("use_relative_actions", otherwise)?;
+        settings.refuse_switch("use_visual_memory", "false: a memory of earlier images is not supported")?;
+        settings.refuse_switch(
+            "use_proprioceptive_memory",
+            "false: a memory of earlier states is not supported",
+        )?;
+        read_real_time_chunking(settings)?;
+        if let Some(found) = settings.take::<String>("dtype")?.filter(|dtype| dtype != "float32") {
+            notes.push(format!("computes in f32 from weights as stored, although `dtype` is {found}"));
+        }
+        let modes = [
+            ("VISUAL", NormalisationMode::Identity),
+            ("STATE", NormalisationMode::Quantiles),
+            ("ACTION", NormalisationMode::Quantiles),
+        ];
+        let modes = Modes::from(modes.map(|(kind, mode)| (kind.to_owned(), mode)));
+        let config = Self {
+            chunk: read_chunk(settings, 50)?,
+            input_features: settings.take_or("input_features", Features::default())?,
+            output_features: settings.take_or("output_features", Features::default())?,
+            modes: settings.take_or("normalization_mapping", modes)?,
+            max_state_dim: settings.take_or("max_state_dim", 32)?,
+            max_action_dim: settings.take_or("max_action_dim", 32)?,
+            num_inference_steps: settings.take_or("num_inference_steps", 10)?,
+            min_period: settings.take_or("min_period", 4e-3)?,
+            max_period: settings.take_or("max_period", 4.0)?,
+            image_resolution: settings.take_or("image_resolution", (224, 224))?,
+            empty_cameras: settings.take_or("empty_cameras", 0)?,
+            tokenizer_max_length: settings.take_or("tokenizer_max_length", 200)?,
+        };
         let counts = [
-            ("chunk_size", self.chunk_size, MAX_ROWS),
-            ("max_state_dim", self.max_state_dim, MAX_ROWS),
-            ("num_inference_steps", self.num_inference_steps, MAX_STEPS as usize),
-            ("tokenizer_max_length", self.tokenizer_max_length, MAX_PROMPT),
+            ("chunk_size", config.chunk.horizon, MAX_ROWS),
+            ("max_state_dim", config.max_state_dim, MAX_ROWS),
+            ("num_inference_steps", config.num_inference_steps, MAX_STEPS as usize),
+            ("tokenizer_max_length", config.tokenizer_max_length, MAX_PROMPT),
         ];
         let outside = counts.into_iter().find(|(_, found, limit)| !(1..=*limit).contains(found));
         if let Some((key, found, limit)) = outside {
-            return Some((key, found.to_string(), format!("1 to {limit}")));
+            return Err(settings.value(key, found, format!("1 to {limit}")));
         }
-        let (min, max) = (self.min_period, self.max_period);
+        let (min, max) = (config.min_period, config.max_period);
         if !(min > 0.0 && max >= min && max.is_finite()) {
-            let expected = "positive numbers, the shorter one first".to_owned();
-            return Some(("min_period, max_period", format!("{min}, {max}"), expected));
+            let expected = "positive numbers, the shorter one first";
+            return Err(settings.value("min_period, max_period", format!("{min}, {max}"), expected));
         }
-        if self.n_obs_steps != 1 {
-            return Some(("n_obs_steps", self.n_obs_steps.to_string(), "1".to_owned()));
+        Ok(config)
+    }
+
+    /// Adds the features that LeRobot adds when it loads a configuration.
+    fn add_implied_features(&mut self) {
+        let (height, width) = self.image_resolution;
+        for idx in 0..self.empty_cameras {
+            let camera = FeatureShape { kind: FeatureKind::Visual, shape: vec![3, height, width] };
+            self.input_features.add(format!("{EMPTY_CAMERA}{idx}"), camera);
         }
-        let relative = ("use_relative_actions", "true".to_owned(), "false".to_owned());
-        self.use_relative_actions.then_some(relative)
+        let state = FeatureShape { kind: FeatureKind::State, shape: vec![self.max_state_dim] };
+        self.input_features.add(STATE.to_owned(), state);
+        let action = FeatureShape { kind: FeatureKind::Action, shape: vec![self.max_action_dim] };
+        self.output_features.add(ACTION.to_owned(), action);
     }
 }
 
+/// Refuses real-time chunking, unless it is switched off.
+fn read_real_time_chunking(settings: &mut Settings) -> Result<(), CheckpointError> {
+    let Some(mut options) = settings.object("rtc_config", "rtc_config.")? else { return Ok(()) };
+    if options.take("enabled")? == Some(false) {
+        return Ok(());
+    }
+    Err(settings.value("rtc_config", "set", "null: real-time chunking is not supported"))
+}
+
 impl Folder<'_> {
-    pub(super) fn lerobot(&self, config: Pi05Config) -> Result<Pi05Description, CheckpointError> {
-        if let Some((key, found, expected)) = config.unsupported() {
-            return Err(self.value(key, found, expected));
-        }
-        let architecture = self.architecture(config.chunk_size)?;
+    pub(super) fn lerobot(&self, mut settings: Settings) -> Result<Pi05Description, CheckpointError> {
+        let ignore = &self.sidecar.ignore;
+        refuse_if(self.sidecar.chunk_size.is_some(), self.folder, "chunk_size", "openpi's checkpoints only")?;
+        let mut notes = Vec::new();
+        let mut config = Pi05Config::read(&mut settings, &mut notes)?;
+        settings.finish(ignore, &mut notes)?;
+        config.add_implied_features();
+        let architecture = self.architecture(config.chunk.horizon)?;
         let side = architecture.image_side();
         if config.image_resolution != (side, side) {
             let found = format!("{:?}", config.image_resolution);
@@ -128,43 +181,100 @@ impl Folder<'_> {
                 format!("{width}, as in the weights"),
             ));
         }
-        let action = config.output_features.0.iter().find(|(name, _)| name == ACTION);
-        let action_dim = match action.map(|(_, feature)| &feature.shape[..]) {
+        let action = config.output_features.get(ACTION);
+        let action_dim = match action.map(|feature| &feature.shape[..]) {
             Some(&[dim]) if (1..=width).contains(&dim) => dim,
             found => {
                 let expected = format!("a shape [dim] of at most {width}");
                 return Err(self.value("output_features.action", format!("{found:?}"), expected));
             }
         };
-        let features = self.features(config.input_features, config.max_state_dim)?;
+        let mut features = self.features(config.input_features, config.max_state_dim, &mut notes)?;
+        let processors = Processors::of_pi05(self.folder, ignore, &mut notes)?;
+        ignore.finish(self.folder)?;
+        rename(&mut features, &processors.renames, &self.folder.join(PREPROCESSOR))?;
         let state = features.iter().find(|feature| feature.kind == FeatureKind::State);
         let Some((state, state_dim)) = state.map(|state| (state.name.clone(), state.shape[0])) else {
             return Err(self.value("input_features", "no state", "a feature of type STATE"));
         };
-        let mapping = self.mapping(features, action_dim)?;
-        let (state, action) = pi05_scaling(self.folder, (&state, state_dim), (ACTION, action_dim))?;
+        if features.iter().any(|input| !input.is_square()) {
+            notes.push("gets the benchmark's square images, although it was trained on others".to_owned());
+        }
+        let inputs = processors.inputs;
+        let missing = |file| Normaliser::missing_step(self.folder, file, &config.modes);
+        let mut inputs = inputs.unwrap_or_else(|| missing(PREPROCESSOR));
+        let mut outputs = processors.outputs.unwrap_or_else(|| missing(POSTPROCESSOR));
+        let kinds: Vec<_> = features.iter().map(|feature| feature.kind).collect();
+        inputs.note_differences(&config.modes, &kinds, &mut notes);
+        outputs.note_differences(&config.modes, &[FeatureKind::Action], &mut notes);
+        for camera in features.iter().filter(|feature| feature.kind == FeatureKind::Visual) {
+            let mode = inputs.mode(&camera.name, camera.kind)?;
+            if mode != NormalisationMode::Identity {
+                let found = format!("{} for `{}`", mode.name(), camera.name);
+                let expected = "IDENTITY, the only normalisation of π0.5's images that is supported; serve the checkpoint \
+                                with `python -m hypogeum.lerobot`";
+                return Err(self.value("normalization_mapping.VISUAL", found, expected));
+            }
+        }
+        let (tokenizer_folder, max_tokens) =
+            self.tokenizer(processors.tokenizer, config.tokenizer_max_length, &mut notes)?;
         Ok(Pi05Description {
             architecture,
-            mapping,
-            state,
-            action,
+            mapping: self.mapping(features, action_dim)?,
+            state: inputs.scaling(&state, FeatureKind::State, state_dim)?,
+            action: outputs.scaling(ACTION, FeatureKind::Action, action_dim)?,
             action_dim,
-            prompt_state: self.sidecar.prompt_state,
-            max_state_dim: config.max_state_dim,
-            max_tokens: config.tokenizer_max_length,
+            prompt_state: self.sidecar.prompt_state.unwrap_or_default(),
+            max_state_dim: processors.max_state_dim.unwrap_or(config.max_state_dim),
+            tokenizer_folder,
+            max_tokens,
             n_steps: config.num_inference_steps,
             periods: (config.min_period, config.max_period),
+            chunk: config.chunk,
+            notes,
         })
     }
 
-    /// Returns the input features in their order.
-    fn features(&self, inputs: Features, max_state_dim: usize) -> Result<Vec<InputFeature>, CheckpointError> {
+    /// Returns the folder of the vocabulary and the maximum number of tokens. Those of the preprocessor's step
+    /// win over the configuration.
+    fn tokenizer(
+        &self,
+        step: Option<TokenizerSettings>,
+        max_length: usize,
+        notes: &mut Vec<String>,
+    ) -> Result<(PathBuf, usize), CheckpointError> {
+        let here = self.folder.to_owned();
+        let Some(TokenizerSettings { name, max_tokens }) = step else { return Ok((here, max_length)) };
+        let folder = name.as_ref().map(|name| self.folder.join(name)).filter(|folder| folder.is_dir());
+        if let Some(name) = name.filter(|name| name != PALIGEMMA && folder.is_none()) {
+            notes.push(format!("reads the vocabulary in its folder, and was trained with `{name}`"));
+        }
+        let max_tokens = max_tokens.unwrap_or(MAX_PROMPT);
+        if max_tokens > MAX_PROMPT {
+            let found = max_tokens.to_string();
+            return Err(self.value("tokenizer_processor.max_length", found, format!("1 to {MAX_PROMPT}")));
+        }
+        Ok((folder.unwrap_or(here), max_tokens))
+    }
+
+    /// Returns the input features in their order. An environment state is left out, which LeRobot's network
+    /// does not read either.
+    fn features(
+        &self,
+        inputs: Features<FeatureShape>,
+        max_state_dim: usize,
+        notes: &mut Vec<String>,
+    ) -> Result<Vec<InputFeature>, CheckpointError> {
         let mut features = Vec::new();
         for (name, FeatureShape { kind, shape }) in inputs.0 {
             let fits = match kind {
                 FeatureKind::Visual => matches!(shape[..], [3, _, _]),
                 FeatureKind::State => matches!(shape[..], [dim] if dim <= max_state_dim),
-                FeatureKind::Env | FeatureKind::Action => false,
+                FeatureKind::Env => {
+                    notes.push(format!("does not read `{name}`, like LeRobot's π0.5"));
+                    continue;
+                }
+                FeatureKind::Action => false,
             };
             if !fits {
                 let expected =
@@ -175,7 +285,7 @@ impl Folder<'_> {
                     expected,
                 ));
             }
-            features.push(InputFeature { name, shape, kind });
+            features.push(InputFeature::new(name, shape, kind));
         }
         Ok(features)
     }

@@ -13,14 +13,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use ipc_types::input;
-use serde::Deserialize;
 
+use super::CheckpointError;
 #[cfg(feature = "gpu")]
 use super::CheckpointFolderError;
-use super::mapping::{InputFeature, MAPPING_FILE, ObservationMapping, Sidecar, map_features};
-use super::{CheckpointError, parse};
+use super::mapping::{InputFeature, MAPPING_FILE, ObservationMapping, Sidecar, map_features, refuse_if};
+use super::settings::Settings;
 #[cfg(feature = "gpu")]
 use crate::act::LoadGpuError;
+use crate::execution::ChunkSettings;
 use crate::nn::Precision;
 #[cfg(feature = "gpu")]
 use crate::nn::gpu::GpuDevice;
@@ -31,11 +32,6 @@ use crate::pi05::model::{Pi05Model, Pi05Options};
 use crate::pi05::prompt::{PromptState, Prompter};
 use crate::pi05::scaling::Scaling;
 use crate::weights::{CONFIG_FILE, INDEX_FILE, MODEL_FILE, TensorFolder};
-
-/// Name of the action feature.
-const ACTION: &str = "action";
-/// Name of the state feature.
-const STATE: &str = "observation.state";
 
 /// A checkpoint whose configuration and weights headers have been checked against each other.
 #[derive(Debug)]
@@ -64,19 +60,18 @@ pub struct Pi05Description {
     pub prompt_state: PromptState,
     /// Number of entries to which the state is padded, if it is.
     pub max_state_dim: usize,
-    /// Maximum number of tokens of a prompt.
+    /// Folder of the vocabulary.
+    pub tokenizer_folder: PathBuf,
+    /// Maximum number of tokens of a prompt; a longer one is cut off, as in LeRobot.
     pub max_tokens: usize,
     /// Number of Euler steps from noise to actions, unless the user chooses another.
     pub n_steps: usize,
     /// Shortest and longest period of the time embedding.
     pub periods: (f64, f64),
-}
-
-/// The key that tells the formats apart.
-#[derive(Debug, Deserialize)]
-struct FormatTag {
-    #[serde(rename = "type")]
-    format: Option<String>,
+    /// Use of its chunks.
+    pub chunk: ChunkSettings,
+    /// What the user should know about its settings, one sentence each.
+    pub notes: Vec<String>,
 }
 
 /// Returns `true` if the folder itself contains the weights of a checkpoint.
@@ -91,28 +86,23 @@ impl Pi05Checkpoint {
     /// The first mismatch found, with file, tensor, actual and expected value.
     pub fn open(folder: &Path) -> Result<Self, CheckpointError> {
         let path = folder.join(CONFIG_FILE);
-        let text = match input::read(&path) {
-            Ok(text) => Some(text),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
+        let mut settings = match input::read(&path) {
+            Ok(text) => Settings::parse(&path, &text)?,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Settings::parse(&path, b"{}")?,
             Err(source) => return Err(CheckpointError::Read { path, source }),
         };
-        let format = match &text {
-            Some(text) => parse::<FormatTag>(&path, text)?.format,
-            None => None,
-        };
+        let format: Option<String> = settings.take("type")?;
         if let Some(found) = format.as_ref().filter(|format| *format != "pi05") {
-            return Err(CheckpointError::Format { path, found: found.clone(), expected: "`pi05`" });
+            return Err(CheckpointError::format(path, found, "`pi05`"));
         }
         let tensors = TensorFolder::open(folder)?;
         let names = Pi05Names::of(&tensors);
         let sidecar = Sidecar::read(folder)?;
-        let description = match (&text, format) {
-            (Some(text), Some(_)) => Folder { folder, tensors: &tensors, names: &names, sidecar: &sidecar }
-                .lerobot(parse(&path, text)?),
-            (text, _) => {
-                let config = text.as_ref().map(|text| parse(&path, text)).transpose()?.unwrap_or_default();
-                Folder { folder, tensors: &tensors, names: &names, sidecar: &sidecar }.openpi(&config)
-            }
+        refuse_if(sidecar.language.is_some(), folder, "language", "ACT: π0.5 reads the instruction itself")?;
+        let parts = Folder { folder, tensors: &tensors, names: &names, sidecar: &sidecar };
+        let description = match format {
+            Some(_) => parts.lerobot(settings),
+            None => parts.openpi(settings),
         }?;
         let checkpoint = Self { folder: folder.to_owned(), tensors, names, description };
         checkpoint.check_tensors()?;
@@ -142,8 +132,8 @@ impl Pi05Checkpoint {
     /// # Errors
     /// If the file is absent or damaged, or does not fit the embedding.
     pub fn prompter(&self) -> Result<Prompter, CheckpointError> {
-        let Pi05Description { architecture, max_tokens, .. } = &self.description;
-        Ok(Prompter::load(&self.folder, architecture.vocabulary, *max_tokens)?)
+        let Pi05Description { architecture, max_tokens, tokenizer_folder, .. } = &self.description;
+        Ok(Prompter::load(tokenizer_folder, architecture.vocabulary, *max_tokens)?)
     }
 
     /// Checks that the weights fit into the memory that is available.

@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 use ipc_types::input;
 use serde::Deserialize;
 
-use super::config::{MAX_ROWS, Pi05Config};
-use super::{CheckpointError, Folder, Pi05Description, STATE};
+use super::config::MAX_ROWS;
+use super::{CheckpointError, Folder, Pi05Description};
 use crate::checkpoint::mapping::{FeatureKind, InputFeature, MAPPING_FILE};
 use crate::checkpoint::parse;
+use crate::checkpoint::settings::Settings;
+use crate::execution::ChunkSettings;
 use crate::pi05::scaling::Scaling;
 
 /// Cameras of openpi's networks, in their order.
@@ -19,12 +21,17 @@ const OPENPI_EPSILON: f32 = 1e-6;
 /// Depth to which the folder of openpi's statistics may be nested under `assets`.
 const MAX_ASSET_DEPTH: usize = 4;
 
-/// The keys of openpi's `config.json`, which only its converter writes.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct OpenpiConfig {
-    action_horizon: Option<usize>,
-}
+/// Settings of openpi's `config.json`, which only its converter writes, that the tensors determine, or that
+/// have no influence on actions.
+const WITHOUT_INFLUENCE: [&str; 5] =
+    ["action_dim", "paligemma_variant", "action_expert_variant", "pytorch_compile_mode", "dtype"];
+/// openpi's defaults: the length of a prompt, and what LeRobot took over from it.
+const MAX_TOKENS: usize = 200;
+const MAX_STATE_DIM: usize = 32;
+const N_STEPS: usize = 10;
+const PERIODS: (f64, f64) = (4e-3, 4.0);
+/// Name of the state feature in a mapping.
+const STATE: &str = "observation.state";
 
 /// Contents of openpi's statistics.
 #[derive(Debug, Deserialize)]
@@ -34,21 +41,41 @@ struct OpenpiStatistics {
 
 #[derive(Debug, Deserialize)]
 struct OpenpiRange {
+    #[serde(default, deserialize_with = "quantiles")]
     q01: Vec<f32>,
+    #[serde(default, deserialize_with = "quantiles")]
     q99: Vec<f32>,
 }
 
+/// Reads quantiles, which openpi stores as `null` if they were not computed.
+fn quantiles<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Vec<f32>, D::Error> {
+    Option::deserialize(deserializer).map(Option::unwrap_or_default)
+}
+
 impl Folder<'_> {
-    pub(super) fn openpi(&self, config: &OpenpiConfig) -> Result<Pi05Description, CheckpointError> {
-        let defaults = Pi05Config::default();
-        let horizon =
-            config.action_horizon.or(self.sidecar.chunk_size).ok_or_else(|| CheckpointError::Value {
-                path: self.folder.join(MAPPING_FILE),
-                key: "chunk_size".to_owned(),
-                found: "no value".to_owned(),
-                expected: "the number of rows of an action chunk, which openpi's checkpoint does not contain"
-                    .to_owned(),
-            })?;
+    pub(super) fn openpi(&self, mut settings: Settings) -> Result<Pi05Description, CheckpointError> {
+        let ignore = &self.sidecar.ignore;
+        let mut notes = Vec::new();
+        let action_horizon = settings.take("action_horizon")?;
+        let max_tokens = settings.take_or("max_token_len", MAX_TOKENS)?;
+        for (key, needed) in [("pi05", true), ("discrete_state_input", true)] {
+            if let Some(found) = settings.take::<bool>(key)?.filter(|found| *found != needed) {
+                return Err(settings.value(key, found, format!("{needed}, as π0.5 has it")));
+            }
+        }
+        if let Some(found) = settings.take::<String>("precision")?.filter(|found| found != "float32") {
+            notes.push(format!("computes in f32 from weights as stored, although `precision` is {found}"));
+        }
+        settings.discard(&WITHOUT_INFLUENCE);
+        settings.finish(ignore, &mut notes)?;
+        ignore.finish(self.folder)?;
+        let horizon = action_horizon.or(self.sidecar.chunk_size).ok_or_else(|| CheckpointError::Value {
+            path: self.folder.join(MAPPING_FILE),
+            key: "chunk_size".to_owned(),
+            found: "no value".to_owned(),
+            expected: "the number of rows of an action chunk, which openpi's checkpoint does not contain"
+                .to_owned(),
+        })?;
         if horizon > MAX_ROWS {
             return Err(self.value("chunk_size", horizon, format!("1 to {MAX_ROWS}")));
         }
@@ -61,22 +88,15 @@ impl Folder<'_> {
             (Some(morphology), Some(mode)) => mode.action_dim(morphology),
             _ => action.q01.len(),
         };
-        let image = |name: &&str| InputFeature {
-            name: (*name).to_owned(),
-            shape: vec![3, side, side],
-            kind: FeatureKind::Visual,
-        };
+        let image =
+            |name: &&str| InputFeature::new((*name).to_owned(), vec![3, side, side], FeatureKind::Visual);
         let mut features: Vec<_> = OPENPI_CAMERAS.iter().map(image).collect();
         let state_dim = match self.sidecar.mapping.get(STATE) {
             // The statistics may be padded; the mapping determines the width.
             Some(source) => self.sidecar.width_of(source).unwrap_or(state.q01.len()),
             None => state.q01.len(),
         };
-        features.push(InputFeature {
-            name: STATE.to_owned(),
-            shape: vec![state_dim],
-            kind: FeatureKind::State,
-        });
+        features.push(InputFeature::new(STATE.to_owned(), vec![state_dim], FeatureKind::State));
         let mapping = self.mapping(features, action_dim)?;
         if action_dim > architecture.action_width {
             let found = format!("{action_dim} entries");
@@ -94,11 +114,14 @@ impl Folder<'_> {
             state: state.scaling(state_dim),
             action: action.scaling(action_dim),
             action_dim,
-            prompt_state: self.sidecar.prompt_state,
-            max_state_dim: defaults.max_state_dim,
-            max_tokens: defaults.tokenizer_max_length,
-            n_steps: defaults.num_inference_steps,
-            periods: (defaults.min_period, defaults.max_period),
+            prompt_state: self.sidecar.prompt_state.unwrap_or_default(),
+            max_state_dim: MAX_STATE_DIM,
+            tokenizer_folder: self.folder.to_owned(),
+            max_tokens,
+            n_steps: N_STEPS,
+            periods: PERIODS,
+            chunk: ChunkSettings { horizon, execute: None, ensemble_decay: None },
+            notes,
         })
     }
 
@@ -128,6 +151,11 @@ impl Folder<'_> {
             let Some(range) = norm_stats.get(key) else {
                 return Err(invalid("no entry".to_owned(), "q01 and q99"));
             };
+            if range.q01.is_empty() && range.q99.is_empty() {
+                let expected = "q01 and q99, by which π0.5 normalises: compute the statistics with openpi's \
+                                compute_norm_stats.py for a configuration of π0.5";
+                return Err(invalid("no quantiles".to_owned(), expected));
+            }
             let (low, high) = (range.q01.len(), range.q99.len());
             if low != high || range.q01.iter().chain(&range.q99).any(|x| !x.is_finite()) {
                 return Err(invalid(
