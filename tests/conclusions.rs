@@ -68,6 +68,7 @@ fn files_are_compared_only_if_results_agree() {
     evaluate(dir.path(), &[]);
     let other = ["run", "--policy", "more=random", "--tasks", "RaiseCube", "--episodes", "2"];
     let _ = run(dir.path(), &[&other[..], &["--db", "same.db"]].concat()).expect_code(0);
+    let _ = run(dir.path(), &[&other[..], &["--db", "late.db", "--latency", "100"]].concat()).expect_code(0);
     let _ = run(dir.path(), &[&other[..], &["--db", "rows.db", "--execute", "7"]].concat()).expect_code(0);
     let _ = run(dir.path(), &[&other[..], &["--db", "seed.db", "--seed", "3"]].concat()).expect_code(0);
     let pair = ["--a", "more", "--b", "idle", "--json"];
@@ -78,10 +79,17 @@ fn files_are_compared_only_if_results_agree() {
     assert_eq!(compared["cells"][0]["n_unmatched"], 2);
     refuses(
         dir.path(),
-        &compare(&["r.db", "rows.db"], &[]),
-        &["execute is 30", "7 in the second", "--across execute"],
+        &compare(&["r.db", "late.db"], &[]),
+        &["latency is 0", "100 in the second", "--across latency"],
     );
-    let _ = run(dir.path(), &compare(&["r.db", "rows.db"], &["--across", "execute"])).expect_code(0);
+    let _ = run(dir.path(), &compare(&["r.db", "late.db"], &["--across", "latency"])).expect_code(0);
+    // Rows per query belong to a policy: two policies may differ in them, one policy may not.
+    let _ = run(dir.path(), &compare(&["r.db", "rows.db"], &[])).expect_code(0);
+    refuses(
+        dir.path(),
+        &compare(&["same.db", "rows.db"], &[]),
+        &["policy `more` is random, 30 rows per query", "7 rows per query", "another name"],
+    );
     refuses(dir.path(), &compare(&["r.db", "seed.db"], &[]), &["seed is 0", "3 in the second"]);
     refuses(
         dir.path(),

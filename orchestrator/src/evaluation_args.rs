@@ -16,7 +16,7 @@ pub(crate) struct EvaluationArgs {
     /// Results files of `run`
     #[arg(value_name = "RESULTS.db", required = true)]
     pub(crate) files: Vec<PathBuf>,
-    /// Option that may differ between the files although results depend on it, such as `execute`
+    /// Option that may differ between the files although results depend on it, such as `latency`
     /// (repeatable)
     #[arg(long, value_name = "KEY")]
     pub(crate) across: Vec<String>,

@@ -50,11 +50,13 @@ pub(crate) fn resolve(plan: &mut RunPlan, device: Option<&str>) -> Result<Vec<Id
     let robots: Vec<_> =
         plan.morphologies().into_iter().map(|robot| (robot, plan.control_mode_of(robot))).collect();
     let (query, latency) = (plan.config.query, plan.config.results.latency);
+    let instructions = plan.instructions().or_user()?;
     let resolve = |policy: &mut NamedPolicy, execution: &mut Execution| -> anyhow::Result<Identity> {
         let located = policy.located()?;
         let PolicyCheck { execution: own, mut notes } = policy_host::check(&located.spec, &robots, query)?;
         *execution = own.unwrap_or(*execution);
         check_latency(latency, *execution)?;
+        notes.extend(policy_host::long_prompts(&located.spec, &instructions)?);
         let folders = [policy, &located].map(|policy| policy.spec.checkpoint());
         if let [Some(typed), Some(folder)] = folders
             && std::fs::canonicalize(typed).ok().as_deref() != Some(folder)

@@ -1,5 +1,6 @@
 //! The resolved plan of a run: policies, conditions and options, complete and checked.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use ipc_types::run_config::{Execution, QueryMode, ResultOptions};
@@ -103,6 +104,27 @@ impl RunPlan {
             self.conditions.iter().any(|condition| condition.task.task().morphology == *morphology)
         };
         Morphology::ALL.into_iter().filter(used).collect()
+    }
+
+    /// Returns the instructions that episodes may have, each once with its robot; random ones are not among
+    /// them.
+    ///
+    /// # Errors
+    /// If the file of `--language` cannot be read.
+    pub(crate) fn instructions(&self) -> Result<Vec<(Morphology, String)>, SentencesError> {
+        let ResultOptions { profile, strength, ref language, .. } = self.config.results;
+        let own = language.as_ref().map(Sentences::read).transpose()?;
+        let mut instructions = BTreeSet::new();
+        for Condition { task, perturbation } in &self.conditions {
+            let task = task.task();
+            let mut spec = perturbation.spec(task, profile, strength);
+            if let Some(own) = &own {
+                own.replace(task, &mut spec);
+            }
+            let sentences = spec.instruction.sentences();
+            instructions.extend(sentences.into_iter().map(|text| (task.morphology, text.to_owned())));
+        }
+        Ok(instructions.into_iter().collect())
     }
 
     /// Returns the control mode of policies with this morphology. Two arms always use absolute joint

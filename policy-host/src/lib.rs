@@ -27,6 +27,6 @@ mod in_flight;
 mod rows;
 
 pub use ipc_types::run_config::QueryMode;
-pub use load::{LoadError, PolicyCheck, check, load, load_on};
+pub use load::{LoadError, PolicyCheck, check, load, load_on, long_prompts};
 pub use policy::{ActionChunk, Policy, PolicyError};
 pub use spec::{PolicySpec, PolicySpecError};

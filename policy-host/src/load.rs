@@ -110,6 +110,22 @@ pub fn check(
     }
 }
 
+/// Returns sentences about instructions, each with its robot, that a policy does not read to their end.
+///
+/// # Errors
+/// If its checkpoint cannot be read.
+pub fn long_prompts(
+    spec: &PolicySpec,
+    instructions: &[(Morphology, String)],
+) -> Result<Vec<String>, LoadError> {
+    match spec {
+        PolicySpec::Pi05(source) | PolicySpec::Pi05Int8(source) => {
+            Ok(pi05::long_prompts(&source.folder, instructions)?)
+        }
+        _ => Ok(Vec::new()),
+    }
+}
+
 #[cfg(feature = "gpu")]
 fn load_act_on_gpu(
     folder: &Path,

@@ -23,4 +23,4 @@ mod weights;
 
 #[cfg(feature = "gpu")]
 pub use gpu::{GpuPi05Network, GpuPi05Policy};
-pub use policy::{Pi05Policy, check};
+pub use policy::{Pi05Policy, check, long_prompts};

@@ -7,9 +7,10 @@ use ipc_types::{ControlMode, Morphology, ObservationView};
 
 use super::model::Pi05Model;
 use super::processor::Pi05Processor;
+use super::prompt::prompt;
 use crate::checkpoint::pi05::{Pi05Checkpoint, Pi05Description, is_pi05_folder};
 use crate::checkpoint::{
-    CheckpointFolderError, NetworkCheck, ObservationMapping, check_networks, checkpoint_folders,
+    CheckpointError, CheckpointFolderError, NetworkCheck, ObservationMapping, check_networks, checkpoint_folders,
 };
 use crate::load::PolicyCheck;
 use crate::nn::Precision;
@@ -56,6 +57,37 @@ pub fn check(
         checkpoint.check_memory(precision)?;
     }
     check_networks(folder, networks, robots, requested)
+}
+
+/// Returns a sentence if some of these instructions, each with its robot, give prompts that are longer than a
+/// network reads.
+///
+/// # Errors
+/// If the checkpoint or its vocabulary cannot be read.
+pub fn long_prompts(
+    folder: &Path,
+    instructions: &[(Morphology, String)],
+) -> Result<Vec<String>, CheckpointFolderError> {
+    let mut notes = Vec::new();
+    for checkpoint in open(folder)? {
+        let description = checkpoint.description();
+        let prompter = checkpoint.prompter()?;
+        // Every number of the state has as many digits as any.
+        let state = vec![0.0; description.n_prompt_numbers()];
+        let own = instructions.iter().filter(|(robot, _)| *robot == description.mapping.morphology);
+        let lengths = own.map(|(_, text)| Ok(prompter.n_tokens(&prompt(text, &state)).map(|n| (n, text))?));
+        let lengths = lengths.collect::<Result<Vec<_>, CheckpointError>>()?;
+        let max = description.max_tokens;
+        let n_long = lengths.iter().filter(|(n, _)| *n > max).count();
+        if let Some((n, text)) = lengths.iter().max().filter(|_| n_long > 0) {
+            notes.push(format!(
+                "{n_long} of {} instructions give prompts of up to {n} tokens, of which the network reads {max}: the end, with \
+                 the state and `Action:`, is cut off, as in LeRobot. The longest is `{text}`",
+                lengths.len()
+            ));
+        }
+    }
+    Ok(notes)
 }
 
 fn open(folder: &Path) -> Result<Vec<Pi05Checkpoint>, CheckpointFolderError> {

@@ -34,6 +34,20 @@ impl InstructionSpec {
         Self { training, replacement: None }
     }
 
+    /// Returns the sentences that may be drawn, without random ones.
+    #[must_use]
+    pub fn sentences(&self) -> Vec<&str> {
+        let mut sentences = vec![self.training];
+        match &self.replacement {
+            Some((InstructionSource::OneOf(others), _)) => sentences.extend(others),
+            Some((InstructionSource::Paraphrase(others), _)) => {
+                sentences.extend(others.iter().map(String::as_str));
+            }
+            Some((InstructionSource::RandomWords, _)) | None => {}
+        }
+        sentences
+    }
+
     /// Draws the instruction of one episode.
     pub(super) fn draw(&self, episode_seed: u64) -> String {
         let chance = || Stream::new(episode_seed, "instruction/chance").unit();

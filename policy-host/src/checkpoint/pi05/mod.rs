@@ -74,6 +74,17 @@ pub struct Pi05Description {
     pub notes: Vec<String>,
 }
 
+impl Pi05Description {
+    /// Returns the number of state numbers in a prompt.
+    #[must_use]
+    pub fn n_prompt_numbers(&self) -> usize {
+        match self.prompt_state {
+            PromptState::Unpadded => self.mapping.state.iter().map(ExactSizeIterator::len).sum(),
+            PromptState::Padded => self.max_state_dim,
+        }
+    }
+}
+
 /// Returns `true` if the folder itself contains the weights of a checkpoint.
 pub(crate) fn is_pi05_folder(folder: &Path) -> bool {
     [CONFIG_FILE, MODEL_FILE, INDEX_FILE].iter().any(|name| folder.join(name).is_file())

@@ -3,6 +3,7 @@
 mod errors;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod vocabulary;
 
 use std::path::{Path, PathBuf};
 
