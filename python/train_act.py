@@ -5,10 +5,10 @@
     train_act.py demos/single -o raise-cube --evaluate target/release/hypogeum
     hypogeum run --policy act=act:raise-cube --tasks RaiseCube --episodes 200
 
-Needs LeRobot 0.6 (`pip install './python[lerobot]' 'lerobot[dataset]'`). Uses a GPU if there is one. After an
-interruption, the same command resumes from the last checkpoint. The output folder is a LeRobot checkpoint of the
-averaged weights in half precision; its sub-folder `training` holds what only training needs: images, optimiser state
-and log.
+Needs Python 3.12 and LeRobot 0.6 (`pip install './python[lerobot]' 'lerobot[dataset]'`). Uses a GPU if there is one.
+After an interruption, the same command resumes from the last checkpoint. The output folder is a LeRobot checkpoint of
+the averaged weights in half precision; its sub-folder `training` holds what only training needs: images, optimiser
+state and log.
 """
 
 import argparse
@@ -21,22 +21,26 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-import torch
-import torch.nn.functional as F
-from safetensors.torch import load_file, save_file
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
-from torchvision.ops.misc import FrozenBatchNorm2d
+from hypogeum.requirements import explained
 
-from hypogeum.backbone import resnet18_of
-from hypogeum.images import to_network
-from hypogeum.training import success_rates
-from lerobot.configs.types import FeatureType, PolicyFeature
-from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
-from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.policies.act.configuration_act import ACTConfig
-from lerobot.policies.act.modeling_act import ACTPolicy
-from lerobot.policies.act.processor_act import make_act_pre_post_processors
+INSTALL = "pip install './python[lerobot]' 'lerobot[dataset]'"
+with explained(INSTALL):
+    import numpy as np
+    import torch
+    import torch.nn.functional as F
+    from safetensors.torch import load_file, save_file
+    from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+    from torchvision.ops.misc import FrozenBatchNorm2d
+
+    from hypogeum.backbone import resnet18_of
+    from hypogeum.images import to_network
+    from hypogeum.training import success_rates
+    from lerobot.configs.types import FeatureType, PolicyFeature
+    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+    from lerobot.policies.act.configuration_act import ACTConfig
+    from lerobot.policies.act.modeling_act import ACTPolicy
+    from lerobot.policies.act.processor_act import make_act_pre_post_processors
 
 STATE, INSTRUCTION, ACTION = "observation.state", "observation.environment_state", "action"
 # Lower bound on the standard deviations by which vectors are divided, as in the benchmark's own training.
@@ -312,6 +316,7 @@ def main():
 
 if __name__ == "__main__":
     try:
-        main()
+        with explained(INSTALL):
+            main()
     except KeyboardInterrupt:
         sys.exit("\ninterrupted; the same command resumes from the last checkpoint")

@@ -17,9 +17,9 @@ per observation and reads images and prompt only once for all of them. Four thin
 - *Foreign instructions.* A fraction of the examples shows a scene with the instruction of a task that cannot be done
   in it. Their target is to hold still. These examples are not demonstrations: they make the policy read.
 
-Needs LeRobot 0.6 (`pip install './python[lerobot]' 'lerobot[pi,dataset]'`). After an interruption, the same command
-resumes from the last checkpoint. The output folder is a LeRobot checkpoint of the averaged weights in bfloat16, with
-its tokenizer; its sub-folder `training` holds what only training needs: images, optimiser state and log.
+Needs Python 3.12 and LeRobot 0.6 (`pip install './python[pi]' 'lerobot[dataset]'`). After an interruption, the same
+command resumes from the last checkpoint. The output folder is a LeRobot checkpoint of the averaged weights in bfloat16,
+with its tokenizer; its sub-folder `training` holds what only training needs: images, optimiser state and log.
 """
 
 import argparse
@@ -33,24 +33,28 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-import sentencepiece
-import torch
-import torch.nn.functional as F
-from safetensors.torch import load_file, save_file
-from torch import nn
+from hypogeum.requirements import explained
 
-from hypogeum.images import to_network
-from hypogeum.pi05 import UNUSED, Widths, narrow, processors_of
-from hypogeum.robot import state_slice
-from hypogeum.tokenizer import Tokenizer
-from hypogeum.training import success_rates
-from lerobot.configs.types import FeatureType, PolicyFeature
-from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
-from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.policies.pi05.configuration_pi05 import PI05Config
-from lerobot.policies.pi05.modeling_pi05 import PI05Policy
-from transformers.models.gemma.modeling_gemma import apply_rotary_pos_emb
+INSTALL = "pip install './python[pi]' 'lerobot[dataset]'"
+with explained(INSTALL):
+    import numpy as np
+    import sentencepiece
+    import torch
+    import torch.nn.functional as F
+    from safetensors.torch import load_file, save_file
+    from torch import nn
+
+    from hypogeum.images import to_network
+    from hypogeum.pi05 import UNUSED, Widths, narrow, processors_of
+    from hypogeum.robot import state_slice
+    from hypogeum.tokenizer import Tokenizer
+    from hypogeum.training import success_rates
+    from lerobot.configs.types import FeatureType, PolicyFeature
+    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+    from lerobot.policies.pi05.configuration_pi05 import PI05Config
+    from lerobot.policies.pi05.modeling_pi05 import PI05Policy
+    from transformers.models.gemma.modeling_gemma import apply_rotary_pos_emb
 
 STATE, ACTION, IMAGES = "observation.state", "action", "observation.images."
 PARAPHRASES = Path(__file__).parent.parent / "sim/src/tasks/paraphrases"
@@ -581,6 +585,7 @@ def main():
 
 if __name__ == "__main__":
     try:
-        main()
+        with explained(INSTALL):
+            main()
     except KeyboardInterrupt:
         sys.exit("\ninterrupted; the same command resumes from the last checkpoint")

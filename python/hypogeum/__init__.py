@@ -1,15 +1,21 @@
 """Serve a robot policy from Python to a Hypogeum run, reading observations directly from shared memory."""
 
-from .ensemble import TemporalEnsemble
-from .host import AnswerError, Statistics, serve
-from .observation import EnvObservation, FrameError, Observation
+import importlib
 
-__all__ = [
-    "AnswerError",
-    "EnvObservation",
-    "FrameError",
-    "Observation",
-    "Statistics",
-    "TemporalEnsemble",
-    "serve",
-]
+# Module of each name, imported when the name is first used: `hypogeum.requirements` must work without numpy.
+_MODULES = {
+    "AnswerError": "chunk",
+    "EnvObservation": "observation",
+    "FrameError": "observation",
+    "Observation": "observation",
+    "Statistics": "host",
+    "TemporalEnsemble": "ensemble",
+    "serve": "host",
+}
+__all__ = list(_MODULES)
+
+
+def __getattr__(name):
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)

@@ -5,16 +5,13 @@ import logging
 import sys
 from pathlib import Path
 
-import torch
-
-from ..ensemble import DEFAULT_COEFF
-from ..host import serve
-from ..mapping import MappingError
+from ..requirements import explained
 from . import __doc__ as description
-from .policy import LeRobotPolicy
+
+INSTALL = "pip install './python[lerobot]'"
 
 
-def main(argv=None):
+def arguments(argv):
     parser = argparse.ArgumentParser(prog="python -m hypogeum.lerobot", description=description.split("\n")[0])
     parser.add_argument("name", help="NAME of `hypogeum run --policy ...=attach:NAME`")
     parser.add_argument("checkpoint", type=Path, help="checkpoint folder saved by LeRobot")
@@ -26,7 +23,24 @@ def main(argv=None):
     parser.add_argument("--forever", action="store_true", help="serve the next run when one ends")
     parser.add_argument("--base", type=Path, help="folder that contains the runs")
     parser.add_argument("--timeout", type=float, metavar="S", help="exit if no run appears within S seconds")
-    args = parser.parse_args(argv)
+    return parser.parse_args(argv)
+
+
+def main(argv=None):
+    args = arguments(argv)
+    with explained(INSTALL):
+        serve_checkpoint(args)
+
+
+def serve_checkpoint(args):
+    """Serve a checkpoint as the command line says; exits with the reason if that is impossible."""
+    import torch
+
+    from ..ensemble import DEFAULT_COEFF
+    from ..host import serve
+    from ..mapping import MappingError
+    from .policy import LeRobotPolicy
+
     # LeRobot's dependencies configure logging when they are imported.
     logging.basicConfig(level=logging.INFO, format="%(message)s", force=True)
     if args.threads:
