@@ -8,6 +8,8 @@ import torchvision
 from torch import nn
 from torchvision.models.resnet import BasicBlock, ResNet
 
+from .weights import plain_name
+
 # Number of channels in the first stage of torchvision's ResNet-18.
 FULL_WIDTH = 64
 STEM = "model.backbone.conv1.weight"
@@ -51,4 +53,5 @@ def width_of(folder):
     """Return the width of the ResNet in a checkpoint's `model.safetensors`, or `FULL_WIDTH` if it has none."""
     with open(Path(folder) / "model.safetensors", "rb") as file:
         header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
-    return header[STEM]["shape"][0] if STEM in header else FULL_WIDTH
+    stem = next((name for name in header if plain_name(name) == STEM), None)
+    return header[stem]["shape"][0] if stem else FULL_WIDTH

@@ -12,13 +12,16 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from .execution import Requested
+from .layout import SCHEMA_HASH
+
 # Lock file in a run's folder.
 LOCK_NAME = "claim.lock"
 POLL_INTERVAL_S = 0.05
 
 
 class EndpointError(Exception):
-    """An endpoint descriptor that cannot be parsed."""
+    """An endpoint descriptor that cannot be parsed, or that belongs to another version of the program."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +44,15 @@ class EndpointDescriptor:
     """Pages of one env in an observation message, the largest number if morphologies differ."""
     in_flight: int
     """Maximum number of unanswered observations."""
-    schema_hash: int
     morphologies: tuple
     """Names of the morphologies of the run's tasks."""
     images: bool
     execute: int
-    """Rows of an action chunk that the simulator will execute."""
+    """Rows of an action chunk that the simulator will execute at most."""
     mode: str
     """`chunk`, or `ensemble` if the policy is queried at every control step and its predictions are averaged."""
+    requested: Requested
+    """What the user asked for, of which `mode` and `execute` follow."""
 
     def run_is_alive(self):
         """Return whether any process of the run is alive."""
@@ -114,6 +118,9 @@ def parse(path, text):
     """Parse an endpoint descriptor from `text`, the contents of the file `path`."""
     try:
         fields = json.loads(text)
+        schema_hash = int(fields["schema_hash"], 16)
+        if schema_hash != SCHEMA_HASH:
+            raise EndpointError(schema_message(schema_hash))
         domain, lane = fields["domain"], fields["lane"]
         return EndpointDescriptor(
             path=path,
@@ -121,14 +128,22 @@ def parse(path, text):
             prefix=domain["prefix"],
             run=fields["run"],
             **{field: lane[field] for field in ("lane", "policy", "max_envs", "block_pages", "in_flight")},
-            schema_hash=int(fields["schema_hash"], 16),
             morphologies=tuple(fields["morphologies"]),
             images=fields["images"],
             execute=fields["execute"],
             mode=fields["mode"],
+            requested=Requested(**fields["requested"]),
         )
     except (ValueError, KeyError, TypeError) as error:
         raise EndpointError(f"{path} is not an endpoint descriptor that this package can read: {error!r}") from error
+
+
+def schema_message(found):
+    """Return the error message for a run with link schema `found`."""
+    return (
+        f"the run uses link schema {found:#018x}, this package uses {SCHEMA_HASH:#018x}; "
+        "install the package version that matches the hypogeum binary"
+    )
 
 
 def is_locked(root):

@@ -11,6 +11,7 @@ from .checksum import DamagedError, check_checksum
 from .chunk import AnswerError, as_rows, to_numpy
 from .ensemble import DEFAULT_COEFF, TemporalEnsemble
 from .endpoint import wait_for_endpoint
+from .execution import ENSEMBLE, RunRefused
 from .layout import MAX_HORIZON
 from .observation import FrameError, Observation
 
@@ -53,7 +54,7 @@ def serve(
             `[n_envs, n_rows, action_dim]` or a list of `[n_rows, action_dim]`, as numpy arrays or torch tensors of any
             float dtype. The simulator executes the first `execute` rows of a chunk; after a shorter chunk the next
             query comes sooner. If it has a method `on_attach`, that is called with each run's `EndpointDescriptor`
-            before the first observation.
+            before the host attaches, and may raise `RunRefused`.
         name: NAME of `attach:NAME`.
         base: Folder that contains the runs, if not the default.
         timeout_s: Maximum wait for the run in seconds; None waits indefinitely.
@@ -67,6 +68,7 @@ def serve(
 
     Raises:
         TimeoutError: No run appeared within `timeout_s`.
+        RunRefused: `fn.on_attach` refused the run. With `forever`, this is logged instead.
     """
     # Imported here so that the rest of the package works without iceoryx2.
     from .link import Lane, RunEnded
@@ -78,16 +80,20 @@ def serve(
         endpoint = wait_for_endpoint(name, base, timeout_s, served)
         served.add(endpoint.path)
         try:
+            if hasattr(fn, "on_attach"):
+                fn.on_attach(endpoint)
             with Lane(endpoint) as lane:
                 log.info("serving %s, attached as %r", endpoint.root, name)
                 statistics.runs += 1
-                if hasattr(fn, "on_attach"):
-                    fn.on_attach(endpoint)
-                ensembling = endpoint.mode == "ensemble" and ensemble_coeff is not None
+                ensembling = endpoint.mode == ENSEMBLE and ensemble_coeff is not None
                 policy = TemporalEnsemble(fn, ensemble_coeff) if ensembling else fn
                 _Host(lane, policy, on_error == "raise", statistics).run()
         except RunEnded:
             continue
+        except RunRefused as refusal:
+            if not forever:
+                raise
+            log.error("refused the run in %s: %s", endpoint.root, refusal)
         if not forever:
             return statistics
 

@@ -14,12 +14,14 @@ import iceoryx2 as iox
 import numpy as np
 
 from .checksum import checksum
-from .endpoint import LOCK_NAME
+from .endpoint import LOCK_NAME, schema_message
 from .layout import ACTION_BLOCK, PAGE_BYTES, SCHEMA_HASH, ActionHeader, ObservationHeader, Page
 from .segment import Segment, SegmentGone
 
 SHM = Path("/dev/shm")
 IPC = iox.ServiceType.Ipc
+# Pages of an env's answer.
+ACTION_PAGES = ACTION_BLOCK.itemsize // PAGE_BYTES
 # Event that wakes the simulator, shared by all its lanes, and the only event id in use.
 SIM_WAKE = "hyp/sim/wake"
 WAKE_EVENT = 0
@@ -86,8 +88,6 @@ class Lane:
         """
         self.endpoint = endpoint
         self._segment = None
-        if endpoint.schema_hash != SCHEMA_HASH:
-            raise LinkError(schema_message(endpoint.schema_hash))
         # Everything iceoryx2 logs is either raised as well or expected when a run ends while we are attached.
         iox.set_log_level_from_env_or(iox.LogLevel.Fatal)
         try:
@@ -149,8 +149,8 @@ class Lane:
             fill: Function that writes the answer into zeroed blocks, `[n_envs] ACTION_BLOCK`.
         """
         n_envs = min(max(message.header.n_envs, 1), self.endpoint.max_envs)
+        loan = self._loan(n_envs * ACTION_PAGES)
         n_bytes = n_envs * ACTION_BLOCK.itemsize
-        loan = self._loan(n_bytes // PAGE_BYTES)
         ctypes.memset(loan.payload_ptr, 0, n_bytes)
         fill(np.frombuffer((ctypes.c_uint8 * n_bytes).from_address(loan.payload_ptr), ACTION_BLOCK))
         query = message.header
@@ -194,7 +194,7 @@ class Lane:
         self._notifier = attempt(SIM_WAKE, notifier.create)
         publisher = (
             actions.publisher_builder()
-            .initial_max_slice_len(self.endpoint.max_envs * ACTION_BLOCK.itemsize // PAGE_BYTES)
+            .initial_max_slice_len(self.endpoint.max_envs * ACTION_PAGES)
             .allocation_strategy(iox.AllocationStrategy.Static)
             .max_loaned_samples(1)
             # The simulator's queue has room for all queries in flight: only an exited one's can be full.
@@ -271,7 +271,7 @@ class Lane:
                 return self._actions.loan_slice_uninit(n_pages)
             except iox.LoanError as error:
                 if "OutOfMemory" not in str(error) or time.monotonic() - start > LOAN_TIMEOUT_S:
-                    raise LinkError(f"failed to loan {n_pages} pages for an answer: {error}") from error
+                    raise LinkError(f"failed to loan memory for {n_pages} answers: {error}") from error
                 # Reclaims the messages that an exited simulator held.
                 self._actions.update_connections()
                 time.sleep(RETRY_INTERVAL_S)
@@ -326,11 +326,3 @@ def attempt(service, action):
         if "IncompatibleTypes" in reason:
             reason = "its message types differ in name or size from those of this package"
         raise LinkError(f"failed to attach to service {service}: {reason}") from error
-
-
-def schema_message(found):
-    """Return the error message for a run with link schema `found`."""
-    return (
-        f"the run uses link schema {found:#018x}, this package uses {SCHEMA_HASH:#018x}; "
-        "install the package version that matches the hypogeum binary"
-    )

@@ -1,13 +1,15 @@
 """Mapping from the benchmark's cameras and state parts to the input features of a checkpoint.
 
-Feature names and shapes determine the mapping as far as possible. `hypogeum.json` next to the checkpoint's
-`config.json` overrides or completes it. All its keys are optional:
+Feature names and shapes determine the mapping as far as possible, with the names in the environment that the
+checkpoint's `rename_map` gives. `hypogeum.json` next to the checkpoint's `config.json` overrides or completes it. All
+its keys are optional:
 
     {"morphology": "single", "control_mode": "pd_ee_delta_pose",
      "mapping": {"observation.images.front": "external1_camera", "observation.state": ["qpos", "tcp_pose"],
                  "observation.environment_state": "language"},
      "language": {"encoder": "hashed", "dim": 512}}
 
+A part of the state may be followed by a slice, as in `"qpos[0:8]"`. `ignore` lists keys of `config.json` to leave out.
 For π0.5 it may also contain `prompt_state`, "unpadded" or "padded", and `vision_heads`; for policies that mask missing
 cameras, a camera may be mapped to "none". `chunk_size` belongs to openpi's layout, which only the built-in π0.5 reads.
 """
@@ -25,7 +27,7 @@ IMAGES, STATE = "observation.images.", "observation.state"
 LANGUAGE = "language"
 # Source of a camera that the robot does not have.
 NO_CAMERA = "none"
-KEYS = {"morphology", "control_mode", "mapping", "language", "prompt_state", "vision_heads", "chunk_size"}
+KEYS = {"morphology", "control_mode", "mapping", "language", "prompt_state", "vision_heads", "chunk_size", "ignore"}
 PROMPT_STATES = ("unpadded", "padded")
 ENCODERS = ("hashed",)
 # Substring of the names of features that LeRobot fills in itself if they are missing.
@@ -65,6 +67,10 @@ class Mapping:
     languages: dict
     """Width of the instruction's embedding by feature."""
 
+    def inputs(self):
+        """Return the names of the features that have a source."""
+        return {*self.images, *self.states, *self.languages}
+
 
 def read_settings(folder):
     """Read `hypogeum.json` from a checkpoint's folder; return an empty dict if there is none."""
@@ -86,10 +92,15 @@ def read_settings(folder):
     n_heads = settings.get("vision_heads", 1)
     if type(n_heads) is not int or n_heads < 1:
         raise MappingError(f"{path}: `vision_heads` is {n_heads!r}, expected a positive integer")
+    if not isinstance(settings.get("mapping", {}), dict):
+        raise MappingError(f"{path}: `mapping` is {settings['mapping']!r}, expected an object")
+    ignored = settings.get("ignore", [])
+    if not isinstance(ignored, list) or not all(isinstance(key, str) for key in ignored):
+        raise MappingError(f"{path}: `ignore` is {ignored!r}, expected a list of keys")
     return settings
 
 
-def make_mapping(features, action_dim, settings, masks_cameras=False):
+def make_mapping(features, action_dim, settings, masks_cameras=False, rename_map=None, hashed=()):
     """Determine the `Mapping` of a checkpoint.
 
     Args:
@@ -97,6 +108,8 @@ def make_mapping(features, action_dim, settings, masks_cameras=False):
         action_dim: Width of the checkpoint's action rows.
         settings: Contents of `hypogeum.json`.
         masks_cameras: Whether the policy masks cameras that are missing in its input.
+        rename_map: Names of features by their names in the environment, as saved in the checkpoint.
+        hashed: Names of features that the checkpoint records as hashed embeddings of the instruction.
 
     Raises:
         MappingError: A feature has no source, or the actions match no control mode. Lists every problem.
@@ -107,24 +120,31 @@ def make_mapping(features, action_dim, settings, masks_cameras=False):
     sources = settings.get("mapping", {})
     for name in sources.keys() - features.keys():
         problems.append(f"{name}: {FILE} maps it, but the checkpoint has no such feature")
+    if "language" in settings and all(feature.kind != "ENV" for feature in features.values()):
+        problems.append(f"`language` in {FILE}: this policy reads no embedding of the instruction")
     for name, feature in features.items():
         source = sources.get(name)
         if source is None and EMPTY_CAMERA in name:
             continue
+        originals = [] if source is not None else [old for old, new in (rename_map or {}).items() if new == name]
+        original = originals[0] if originals else name
         try:
+            if len(originals) > 1:
+                raise ValueError("expected a single source")
             if feature.kind == "VISUAL" and source == NO_CAMERA:
                 if not masks_cameras:
                     raise ValueError(f'it cannot be mapped to "{NO_CAMERA}": this policy needs all its cameras')
             elif feature.kind == "VISUAL":
-                images[name] = image_source(name, feature, source, morphology)
+                images[name] = image_source(original, feature, source, morphology)
             elif feature.kind == "STATE":
-                states[name] = state_source(name, feature, source, morphology)
+                states[name] = state_source(original, feature, source, morphology)
             elif feature.kind == "ENV" and source in (None, LANGUAGE):
-                languages[name] = language_width(feature, settings)
+                languages[name] = language_width(feature, settings, name in hashed)
             else:
                 raise ValueError(f'it can only be mapped to "{LANGUAGE}"')
         except ValueError as problem:
-            problems.append(f"{name}: {problem}")
+            renamed = f"rename_map takes it from {' and from '.join(originals)}: " if originals else ""
+            problems.append(f"{name}: {renamed}{problem}")
     if masks_cameras and not images:
         problems.append("all cameras are missing, at least one is needed")
     if problems:
@@ -183,9 +203,11 @@ def state_source(name, feature, source, morphology):
     return slices
 
 
-def language_width(feature, settings):
-    """Return the embedding width for an ENV feature."""
+def language_width(feature, settings, is_hashed):
+    """Return the embedding width for an ENV feature; `is_hashed` if the checkpoint records the encoder."""
     language = settings.get("language")
+    if language is None and is_hashed:
+        return feature.shape[0]
     if not isinstance(language, dict) or language.get("encoder") not in ENCODERS:
         needed = {"language": {"encoder": ENCODERS[0], "dim": feature.shape[0]}}
         raise ValueError(f'"language" needs {json.dumps(needed)} in {FILE}')

@@ -13,9 +13,9 @@ from lerobot.policies.factory import make_pre_post_processors
 from lerobot.policies.pi0 import modeling_pi0
 from lerobot.policies.pi05 import modeling_pi05, processor_pi05
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import load_file
 
 from .mapping import FILE, MappingError, read_settings
+from .weights import load_tensors, plain_name, report
 
 WEIGHTS, INDEX = "model.safetensors", "model.safetensors.index.json"
 STATE, OBSERVATION = "observation.state", "observation"
@@ -50,18 +50,14 @@ def load(policy_class, folder, config):
         policy = policy_class(config)
     missing, unexpected = set(policy.state_dict()), []
     for path in weight_files(folder):
-        tensors = policy._fix_pytorch_state_dict_keys(load_file(path), config)
+        tensors = policy._fix_pytorch_state_dict_keys(load_tensors(path), config)
         tensors = {f"model.{name.removeprefix('model.')}": tensor for name, tensor in tensors.items()}
         try:
             unexpected += policy.load_state_dict(tensors, strict=False).unexpected_keys
         except RuntimeError as error:
             raise MappingError(f"{path}: {error}") from error
         missing -= tensors.keys()
-    missing = sorted(name for name in missing if not name.endswith(UNUSED))
-    if missing or unexpected:
-        found = [f"lacks {', '.join(missing[:5])}"] if missing else []
-        found += [f"has unexpected tensors {', '.join(unexpected[:5])}"] if unexpected else []
-        raise MappingError(f"the checkpoint in {folder} {' and '.join(found)}")
+    report(folder, sorted(name for name in missing if not name.endswith(UNUSED)), unexpected)
     return policy.eval()
 
 
@@ -102,7 +98,8 @@ def widths_of(folder):
         try:
             with safe_open(path, "pt") as file:
                 for name in file.keys():
-                    shapes[name.removeprefix("model.").removeprefix(_JOINT)] = file.get_slice(name).get_shape()
+                    plain = plain_name(name).removeprefix("model.").removeprefix(_JOINT)
+                    shapes[plain] = file.get_slice(name).get_shape()
         except SafetensorError as error:
             raise MappingError(f"{path} is not a safetensors file: {error}") from error
     try:
@@ -206,8 +203,13 @@ class PaddedPrompt(processor_pi05.Pi05PrepareStateTokenizerProcessorStep):
 
 def pad_prompt(preprocess, max_state_dim):
     """Replace the prompt step of a preprocessor by `PaddedPrompt`."""
-    is_prompt = lambda step: isinstance(step, processor_pi05.Pi05PrepareStateTokenizerProcessorStep)  # noqa: E731
-    preprocess.steps = [PaddedPrompt(max_state_dim) if is_prompt(step) else step for step in preprocess.steps]
+
+    def padded(step):
+        if not isinstance(step, processor_pi05.Pi05PrepareStateTokenizerProcessorStep):
+            return step
+        return PaddedPrompt(**(vars(step) | {"max_state_dim": max_state_dim}))
+
+    preprocess.steps = [padded(step) for step in preprocess.steps]
 
 
 def processors_of(config, stats, tokenizer):

@@ -5,6 +5,8 @@ import json
 import make_pi05_reference as reference
 import torch
 from lerobot.configs.types import FeatureType, PolicyFeature
+from lerobot.policies.act.configuration_act import ACTConfig
+from lerobot.policies.act.modeling_act import ACTPolicy
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
 from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy
 from lerobot.policies.factory import make_pre_post_processors
@@ -24,6 +26,7 @@ from transformers import (
 )
 
 from hypogeum import tokenizer
+from hypogeum.backbone import resnet18_of
 from hypogeum.pi05 import narrow
 
 STATE, ACTION, HAND = "observation.state", "action", "observation.images.hand"
@@ -150,6 +153,21 @@ def diffusion(folder, **others):
     torch.manual_seed(3)
     policy = DiffusionPolicy(config)
     random = torch.Generator().manual_seed(3)
+    return save(folder, policy, make_pre_post_processors(config, dataset_stats=statistics(config, random)))
+
+
+def act(folder, inputs=None, **others):
+    """Write an ACT that is not one of `KINDS`, with more `inputs` if given."""
+    options = dict(
+        chunk_size=N_ROWS, n_action_steps=N_ROWS // 2, dim_model=16, n_heads=2, dim_feedforward=32, n_encoder_layers=1,
+        use_vae=False, pretrained_backbone_weights=None, device="cpu",
+    )  # fmt: skip
+    given = features(64)
+    config = ACTConfig(**(given | {"input_features": given["input_features"] | (inputs or {})}), **(options | others))
+    torch.manual_seed(4)
+    with resnet18_of(8):
+        policy = ACTPolicy(config)
+    random = torch.Generator().manual_seed(4)
     return save(folder, policy, make_pre_post_processors(config, dataset_stats=statistics(config, random)))
 
 

@@ -1,9 +1,18 @@
 """Synthetic observation messages."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from hypogeum import Observation
+from hypogeum.execution import Requested
 from hypogeum.layout import ENV_RECORD, MORPHOLOGIES, PAGE_BYTES, SCHEMA_HASH, ObservationHeader
+
+
+def attached(mode=None, execute=None):
+    """Return the description of a run with these options, of which the rest has defaults."""
+    rows = 1 if mode == "ensemble" else execute or 30
+    return SimpleNamespace(mode=mode or "chunk", execute=rows, requested=Requested(mode, execute))
 
 
 def message(n_envs=2, morphology="single", images=True, control_mode=0, records=()):

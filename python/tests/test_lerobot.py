@@ -11,7 +11,6 @@ import sys
 import tempfile
 import weakref
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,10 +26,11 @@ import lerobot_checkpoints as checkpoints  # noqa: E402
 import make_pi05_reference as reference  # noqa: E402
 from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy  # noqa: E402
 from lerobot.policies.factory import make_pre_post_processors  # noqa: E402
-from messages import message  # noqa: E402
+from messages import attached, message  # noqa: E402
 from safetensors.torch import load_file, save_file  # noqa: E402
 
 from hypogeum import Observation  # noqa: E402
+from hypogeum.execution import RunRefused  # noqa: E402
 from hypogeum.history import HistoryError  # noqa: E402
 from hypogeum.layout import MORPHOLOGIES, PAGE_BYTES  # noqa: E402
 from hypogeum.lerobot import LeRobotPolicy, sampling  # noqa: E402
@@ -56,12 +56,12 @@ def folders(tmp_path_factory):
     return folder
 
 
-def observe(contents, queries=None, seeds=None, execute=4):
+def observe(contents, queries=None, seeds=None, execute=4, steps=None):
     """Return an observation of one env per number in `contents`, on which images and states depend."""
     queries, seeds = queries or [0] * len(contents), seeds or contents
     records = [
-        dict(slot=idx, query=query, execute=execute, policy_seed=seed)
-        for idx, (query, seed) in enumerate(zip(queries, seeds))
+        dict(slot=idx, query=query, execute=execute, policy_seed=seed, step=step)
+        for idx, (query, seed, step) in enumerate(zip(queries, seeds, steps or queries))
     ]
     header, pages = message(n_envs=len(contents), records=records)
     for idx, content in enumerate(contents):
@@ -109,7 +109,7 @@ def test_pi05_equals_lerobots_recorded_chunks(name, tmp_path, monkeypatch):
 def test_diffusion_queried_every_step_equals_lerobots_loop(tmp_path, scheduler, batch):
     folder = checkpoints.diffusion(tmp_path / "diffusion", noise_scheduler_type=scheduler)
     policy = LeRobotPolicy(folder, batch=batch)
-    policy.on_attach(SimpleNamespace(mode="chunk", execute=1))
+    policy.on_attach(attached(execute=1))
     # The second env starts a new episode at step 6.
     messages = [
         observe([step, 100 + step], [step, step - 6 if step >= 6 else step], seeds=[1, 2], execute=1)
@@ -130,9 +130,13 @@ def test_diffusion_queried_every_step_equals_lerobots_loop(tmp_path, scheduler, 
 
 def test_diffusion_queried_rarely_receives_queried_observations(folders, caplog):
     policy = LeRobotPolicy(folders("diffusion"))
-    with caplog.at_level(logging.WARNING, "hypogeum"):
-        policy.on_attach(SimpleNamespace(mode="chunk", execute=4))
-    assert "only every 4 control steps" in caplog.text and "--execute 1" in caplog.text
+    with pytest.raises(
+        RunRefused, match="n_obs_steps is 3, .* only every 30 control steps; add --execute 1 to the run"
+    ):
+        policy.on_attach(attached())
+    with caplog.at_level(logging.INFO, "hypogeum"):
+        policy.on_attach(attached(execute=4))
+    assert "executes 4 of 4 rows per query" in caplog.text and "3 observations, which are that far apart" in caplog.text
     chunks = [policy(observe([content], [query]))[0] for query, content in enumerate([1, 2, 3, 4])]
     assert [len(chunk) for chunk in chunks] == [4] * 4
     fed = [step[STATE] for step in policy.memory.observations(0)]
@@ -141,7 +145,7 @@ def test_diffusion_queried_rarely_receives_queried_observations(folders, caplog)
     with pytest.raises(HistoryError, match="slot 0: query is 9, expected 4, or 0 for a new episode"):
         policy(observe([1], [9]))
     # In ensemble mode every query needs a whole chunk.
-    policy.on_attach(SimpleNamespace(mode="ensemble", execute=1))
+    policy.on_attach(attached(mode="ensemble"))
     assert [len(policy(observe([1], [query]))[0]) for query in range(3)] == [4] * 3
 
 
@@ -284,10 +288,10 @@ class TestRun:
     def test_policies_of_every_kind_are_served(self, folders, play, kind):
         _, log = play("attach:mine", folders(kind), 4, "--batch")
         assert "failed=0" in log and "keep copies" not in log
-        assert ("--execute 1" in log) == (kind == "diffusion")
+        assert ("which are that far apart" in log) == (kind == "diffusion")
         if kind == "diffusion":
             _, log = play("attach:mine", folders(kind), 1)
-            assert "failed=0" in log and "--execute 1" not in log
+            assert "failed=0" in log and "observes every control step" in log
 
     def test_pi05_equals_the_built_in_one(self, play):
         checkpoint = CASES / "robot"

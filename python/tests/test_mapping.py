@@ -71,6 +71,56 @@ def test_short_names_and_env_feature_are_mapped():
         make_mapping(given, 7, {"mapping": {"observation.environment_state": ["qpos"]}})
 
 
+def test_slices_of_the_state_are_mapped():
+    settings = {"mapping": {"observation.state": ["qpos[0:8]", "tcp_pose", "qvel[8:9]"]}}
+    found = make_mapping(features(state=Feature("STATE", (16,))), 7, settings)
+    assert found.states["observation.state"] == [slice(0, 8), slice(18, 25), slice(17, 18)]
+
+
+def test_rename_map_gives_sources_unless_settings_do():
+    given = {name: EXTERNAL for name in ("observation.images.base", "observation.images.wrist")}
+    given["observation.state"] = Feature("STATE", (9,))
+    saved = {
+        "observation.images.external1": "observation.images.base",
+        "observation.images.hand": "observation.images.wrist",
+    }
+    found = make_mapping(given, 7, {}, rename_map=saved)
+    assert found.images["observation.images.base"] == ("external1_camera", 224, 224)
+    assert found.images["observation.images.wrist"] == ("hand_camera", 224, 224)
+    settings = {"mapping": {"observation.images.wrist": "external2_camera"}}
+    found = make_mapping(given, 7, settings, rename_map=saved | {"observation.images.up": "observation.images.wrist"})
+    assert found.images["observation.images.wrist"][0] == "external2_camera"
+
+
+def test_swapped_cameras_are_swapped():
+    swap = ["observation.images.external1", "observation.images.hand_camera"]
+    found = make_mapping(features(), 7, {}, rename_map=dict(zip(swap, swap[::-1])))
+    assert [found.images[name] for name in swap] == [("hand_camera", 224, 224), ("external1_camera", 128, 128)]
+
+
+def test_rename_map_without_source_lists_both_sides():
+    saved = {"observation.images.front": "observation.images.external1", "observation.effort": "observation.state"}
+    saved |= {"observation.images.external2": "observation.images.hand_camera", "x": "observation.images.hand_camera"}
+    with pytest.raises(MappingError) as error:
+        make_mapping(features(), 7, {}, rename_map=saved)
+    for words in (
+        "external1: rename_map takes it from observation.images.front: there is no camera 'front' or 'front_camera'",
+        "observation.state: rename_map takes it from observation.effort: map it to a list of state parts",
+        "hand_camera: rename_map takes it from observation.images.external2 and from x",
+        "cameras of the single robot: external1_camera",
+        "observation.images.external1 VISUAL",
+    ):
+        assert words in str(error.value)
+
+
+def test_recorded_encoder_needs_no_settings():
+    name = "observation.environment_state"
+    given = features(environment_state=Feature("ENV", (64,)))
+    assert make_mapping(given, 7, {}, hashed={name}).languages == {name: 64}
+    with pytest.raises(MappingError, match="`language.dim` is 32, the feature has width 64"):
+        make_mapping(given, 7, {"language": {"encoder": "hashed", "dim": 32}}, hashed={name})
+
+
 def test_error_lists_problems_and_available_sources():
     given = {
         **features(state=Feature("STATE", (14,)), environment_state=Feature("ENV", (64,))),
@@ -97,6 +147,16 @@ def test_error_lists_problems_and_available_sources():
         (7, {"morphology": "bimanual"}, "control mode 'pd_ee_delta_pose' of a bimanual robot"),
         (8, {"control_mode": "pd_ee_pose"}, "control mode 'pd_ee_pose' of a single robot"),
         (7, {"mapping": {"observation.state": ["qpos", "ee1_pose"]}}, "has no part 'ee1_pose'"),
+        (7, {"mapping": {"observation.state": ["ee1_pose[0:3]"]}}, "has no part 'ee1_pose'"),
+        (7, {"mapping": {"observation.state": ["qpos[0:10]"]}}, "'qpos[0:10]' needs bounds 0 <= start < stop <= 9"),
+        (7, {"mapping": {"observation.state": ["qpos[3:3]"]}}, "'qpos[3:3]' needs bounds 0 <= start < stop <= 9"),
+        (7, {"mapping": {"observation.state": ["qpos[:8]"]}}, "'qpos[:8]' is neither a part of the state nor a slice"),
+        (7, {"mapping": {"observation.state": ["qpos[-1:8]"]}}, "'qpos[-1:8]' is neither a part of the state nor a"),
+        (
+            7,
+            {"language": {"encoder": "hashed", "dim": 8}},
+            "`language` in hypogeum.json: this policy reads no embedding",
+        ),
         (7, {"mapping": {"observation.state": ["qpos"]}}, "qpos has width 9, the feature has 25"),
         (7, {"mapping": {"observation.images.external1": "front"}}, "there is no camera 'front'"),
         (7, {"mapping": {"observation.state": "language"}}, "has no part 'language'"),
@@ -127,6 +187,8 @@ def test_missing_camera_is_left_out_if_the_policy_masks_it():
     [
         ('{"prompt_state": "padding"}', "`prompt_state` is 'padding', expected unpadded or padded"),
         ('{"vision_heads": 0}', "`vision_heads` is 0, expected a positive integer"),
+        ('{"ignore": "dropout"}', "`ignore` is 'dropout', expected a list of keys"),
+        ('{"mapping": ["qpos"]}', "`mapping` is ['qpos'], expected an object"),
         ('{"vision_heads": true}', "`vision_heads` is True, expected a positive integer"),
         ("[]", "contains list, expected an object"),
         ("{", "is not valid JSON"),

@@ -30,7 +30,7 @@ def run(tmp_path, command, *arguments, failure="ModuleNotFoundError(\"No module 
 
 def test_help_of_the_host_needs_no_torch(tmp_path):
     done = run(tmp_path, "host", "--help")
-    assert done.returncode == 0 and "checkpoint folder saved by LeRobot" in done.stdout and done.stderr == ""
+    assert done.returncode == 0 and "checkpoint saved by LeRobot" in done.stdout and done.stderr == ""
     done = run(tmp_path, "host", "mine", "folder", "--devise", "cpu")
     assert done.returncode == 2 and "unrecognized arguments: --devise cpu" in done.stderr
 
@@ -39,7 +39,12 @@ def test_help_of_the_host_needs_no_torch(tmp_path):
 def test_missing_package_is_one_sentence(tmp_path, command):
     done = run(tmp_path, command, "mine", "folder")
     assert done.returncode == 1 and done.stderr.count("\n") == 1, done.stderr
-    for words in ("error: No module named 'torch'", "pip install", "[lerobot]" if command != "pi05" else "[pi]", "3.12"):
+    for words in (
+        "error: No module named 'torch'",
+        "pip install",
+        "[lerobot]" if command != "pi05" else "[pi]",
+        "3.12",
+    ):
         assert words in done.stderr
 
 

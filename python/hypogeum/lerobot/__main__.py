@@ -14,7 +14,7 @@ INSTALL = "pip install './python[lerobot]'"
 def arguments(argv):
     parser = argparse.ArgumentParser(prog="python -m hypogeum.lerobot", description=description.split("\n")[0])
     parser.add_argument("name", help="NAME of `hypogeum run --policy ...=attach:NAME`")
-    parser.add_argument("checkpoint", type=Path, help="checkpoint folder saved by LeRobot")
+    parser.add_argument("checkpoint", help="checkpoint saved by LeRobot, or a folder of lerobot-train for its last one")
     parser.add_argument("--device", default="cpu", help="torch device (default: cpu)")
     batch = "compute all envs as one batch: faster, above all on a GPU, but rounding may depend on the batch size"
     parser.add_argument("--batch", action="store_true", help=batch)
@@ -36,8 +36,11 @@ def serve_checkpoint(args):
     """Serve a checkpoint as the command line says; exits with the reason if that is impossible."""
     import torch
 
+    from ..endpoint import EndpointError
     from ..ensemble import DEFAULT_COEFF
+    from ..execution import RunRefused
     from ..host import serve
+    from ..link import LinkError
     from ..mapping import MappingError
     from .policy import LeRobotPolicy
 
@@ -51,7 +54,7 @@ def serve_checkpoint(args):
         coeff = DEFAULT_COEFF if configured is None else configured
         options = dict(base=args.base, timeout_s=args.timeout, forever=args.forever)
         print(serve(policy, args.name, ensemble_coeff=coeff, **options))
-    except (MappingError, TimeoutError) as error:
+    except (EndpointError, LinkError, MappingError, RunRefused, TimeoutError) as error:
         sys.exit(f"error: {error}")
     except KeyboardInterrupt:
         sys.exit(130)

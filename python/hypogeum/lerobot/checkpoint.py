@@ -1,85 +1,143 @@
-"""Loading of LeRobot's checkpoints: configuration, policy, and pre- and post-processor."""
+"""Loading of LeRobot's checkpoints: configuration and policy."""
 
 import json
 import logging
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
 
 import torch
 from lerobot.configs.policies import PreTrainedConfig
-from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from lerobot.policies.factory import get_policy_class
+from lerobot.policies.pretrained import PreTrainedPolicy
 
 from ..backbone import resnet18_of, width_of
-from ..mapping import PROMPT_STATES, MappingError
-from ..tokenizer import JSON, SENTENCEPIECE, read_tokenizer
+from ..folder import ADAPTER, CONFIG, JAX, WEIGHTS, resolve_checkpoint
+from ..mapping import FILE, MappingError
+from ..requirements import explain
+from ..weights import load_complete
 
-CONFIG, WEIGHTS, PREPROCESSOR = "config.json", "model.safetensors", "policy_preprocessor.json"
-# LeRobot's name of the processor step that tokenises instructions.
-TOKENIZER = "tokenizer_processor"
 # Policies whose network `hypogeum.pi05` builds.
 GEMMA = ("pi0", "pi05")
+# Extra of the package lerobot that a policy type needs, if it is not called like the type.
+EXTRAS = {"pi0": "pi", "pi05": "pi", "pi0_fast": "pi", "wall_x": "wallx"}
+BUILT_IN = "serve it with the built-in policy instead: hypogeum run --policy NAME=pi05:"
 
 log = logging.getLogger("hypogeum")
 
 
-def read_config(folder, device):
-    """Return LeRobot's configuration of the checkpoint in `folder`, for a torch device."""
-    if not (folder / CONFIG).is_file():
-        raise MappingError(f"{folder} has no {CONFIG}; expected a folder that LeRobot names pretrained_model")
+def read_config(folder, device, ignored=()):
+    """Return LeRobot's configuration of the checkpoint in `folder`.
+
+    Args:
+        folder: Checkpoint folder.
+        device: Torch device.
+        ignored: Keys of `config.json` to leave out.
+
+    Raises:
+        MappingError: The configuration is missing or invalid, or the device cannot be used.
+    """
+    contents = read_json(folder)
+    for key in ignored:
+        if key not in contents:
+            raise MappingError(f"`ignore` in {folder / FILE} names {key!r}, which {CONFIG} does not have")
+        log.warning("%s of %s is ignored, as %s says: %s", key, CONFIG, FILE, json.dumps(contents.pop(key)))
     try:
         torch.empty(0, device=device)
     # Torch raises other exceptions for a device that it was not built for.
     except Exception as error:
         raise MappingError(f"device {device!r} cannot be used: {error}") from error
     try:
-        config = PreTrainedConfig.from_pretrained(folder)
+        config = parse_config(contents) if ignored else PreTrainedConfig.from_pretrained(folder)
     except Exception as error:
         raise MappingError(f"LeRobot cannot read {folder / CONFIG}: {error}") from error
+    adapt_config(config, folder, device, contents.get("device"))
+    return config
+
+
+def read_json(folder):
+    """Return the contents of `config.json`, which a checkpoint of LeRobot has."""
+    if (folder / JAX).is_file():
+        raise MappingError(
+            f"{folder} is a JAX checkpoint of openpi (it has {JAX}); convert it with openpi's own "
+            f"examples/convert_jax_model_to_pytorch.py, then {BUILT_IN}CONVERTED"
+        )
+    is_openpi = (folder / WEIGHTS).is_file() and (folder / "assets").is_dir()
+    if not (folder / CONFIG).is_file() and not is_openpi:
+        raise MappingError(f"{folder} has no {CONFIG}; expected a folder that LeRobot names pretrained_model")
+    try:
+        contents = {} if not (folder / CONFIG).is_file() else json.loads((folder / CONFIG).read_text())
+    except ValueError as error:
+        raise MappingError(f"{folder / CONFIG} is not valid JSON: {error}") from error
+    if not isinstance(contents, dict):
+        raise MappingError(f"{folder / CONFIG} contains {type(contents).__name__}, expected an object")
+    if "type" not in contents and is_openpi:
+        raise MappingError(f"{folder} is a checkpoint of openpi and not of LeRobot; {BUILT_IN}{folder}")
+    return contents
+
+
+def parse_config(contents):
+    """Return LeRobot's configuration with these contents of `config.json`."""
+    with tempfile.TemporaryDirectory() as copy:
+        (Path(copy) / CONFIG).write_text(json.dumps(contents))
+        return PreTrainedConfig.from_pretrained(copy)
+
+
+def adapt_config(config, folder, device, saved_device):
+    """Set what depends on this host, and announce every setting that is not as saved."""
+    if saved_device not in (None, device):
+        log.info("computes on %s; the checkpoint names %s", device, saved_device)
     config.device = device
     # The first query must be answered within two minutes, and compilation may take longer.
-    if getattr(config, "compile_model", False):
-        config.compile_model = False
+    for name in ("compile_model", "compile_action_infer"):
+        if getattr(config, name, False):
+            log.info("%s of the checkpoint is not used: its network is not compiled", name)
+            setattr(config, name, False)
+    if config.use_amp:
+        log.info("computes under autocast (use_amp of the checkpoint)")
+    rtc = getattr(config, "rtc_config", None)
+    if getattr(rtc, "enabled", False):
+        log.warning(
+            "rtc_config of the checkpoint is not used: every chunk is computed on its own, from one observation"
+        )
+        config.rtc_config = None
+    if getattr(config, "per_episode_seed", False):
+        log.info("per_episode_seed of the checkpoint is not used: noise depends on the run's own seeds and the query")
+        config.per_episode_seed = False
     # SmolVLA's vision-language model and vocabulary may be named by a folder in the checkpoint.
     vlm = getattr(config, "vlm_model_name", None)
     if vlm and (folder / vlm).is_dir():
         config.vlm_model_name = str(folder / vlm)
-    return config
 
 
-def load(folder, config, settings):
-    """Load the checkpoint in `folder`.
-
-    Args:
-        folder: Checkpoint folder.
-        config: LeRobot's configuration.
-        settings: Contents of `hypogeum.json`.
-
-    Returns:
-        LeRobot's policy, its preprocessor and its postprocessor.
-
-    Raises:
-        MappingError: A file is missing or invalid.
-    """
-    if config.type != "pi05" and "prompt_state" in settings:
-        raise MappingError(f"`prompt_state` applies to type 'pi05', the checkpoint has type {config.type!r}")
+def weights_folder(folder):
+    """Return the folder with the network's weights: `folder`, or that of the base if it contains a LoRA adapter."""
+    if not (folder / ADAPTER).is_file():
+        return folder
+    base = json.loads((folder / ADAPTER).read_text()).get("base_model_name_or_path")
     try:
-        policy = load_policy(folder, config)
-        processors = load_processors(folder, config)
-    except MappingError:
-        raise
-    # LeRobot and its dependencies raise many types of exceptions; their messages say what is wrong.
-    except Exception as error:
-        raise MappingError(f"LeRobot cannot load {folder}: {error}") from error
-    if config.type == "pi05":
-        from .. import pi05
-
-        convention = settings.get("prompt_state", PROMPT_STATES[0])
-        log.info("π0.5 with the state %s in the prompt", convention)
-        if convention == "padded":
-            pi05.pad_prompt(processors[0], config.max_state_dim)
-    return policy, *processors
+        return resolve_checkpoint(base or "the base")
+    except MappingError as error:
+        raise MappingError(
+            f"{folder} contains a LoRA adapter of {base}: {error}; then set base_model_name_or_path in "
+            f"{folder / ADAPTER} to its folder"
+        ) from error
 
 
 def load_policy(folder, config):
-    """Return LeRobot's policy with the weights in `folder`, in evaluation mode."""
+    """Return LeRobot's policy with the weights in `folder`, in evaluation mode.
+
+    Raises:
+        MappingError: A file or package is missing, or a file is invalid.
+    """
+    with explained_loading(folder, config.type):
+        weights = weights_folder(folder)
+        policy = load_weights(weights, config)
+        return policy if weights == folder else merge_adapter(policy, folder, weights)
+
+
+def load_weights(folder, config):
+    """Return LeRobot's policy with the weights in `folder`, which contains no adapter."""
     policy_class = get_policy_class(config.type)
     if config.type in GEMMA:
         from .. import pi05
@@ -89,7 +147,9 @@ def load_policy(folder, config):
         raise MappingError(f"{folder} has no {WEIGHTS}")
     with resnet18_of(width_of(folder)):
         try:
-            return policy_class.from_pretrained(folder, config=config)
+            if not loads_as_usual(policy_class):
+                return policy_class.from_pretrained(folder, config=config)
+            policy = policy_class(config)
         except OSError as error:
             vlm = getattr(config, "vlm_model_name", None)
             if vlm is None:
@@ -100,47 +160,34 @@ def load_policy(folder, config):
                 f"configuration, processor and tokenizer files to {folder / 'vlm'} and set `vlm_model_name` in "
                 f'{CONFIG} to "vlm"'
             ) from error
+    load_complete(policy, folder / WEIGHTS)
+    return policy.to(config.device).eval()
 
 
-def load_processors(folder, config):
-    """Return LeRobot's pre- and post-processor with the statistics in `folder`."""
-    if not (folder / PREPROCESSOR).is_file():
-        raise MappingError(f"{folder} has no {PREPROCESSOR}; convert the checkpoint with LeRobot's migration script")
-    overrides = {"device_processor": {"device": config.device}}
-    steps = json.loads((folder / PREPROCESSOR).read_text())["steps"]
-    for step in steps:
-        if step.get("registry_name") == TOKENIZER:
-            name = step["config"].get("tokenizer_name")
-            overrides[TOKENIZER] = {"tokenizer": load_tokenizer(folder, config, name)}
-    return make_pre_post_processors(config, pretrained_path=str(folder), preprocessor_overrides=overrides)
+def loads_as_usual(policy_class):
+    """Return whether a class reads `model.safetensors` as LeRobot's base class does."""
+    owner = {name: cls for cls in reversed(policy_class.__mro__) for name in vars(cls)}
+    return all(owner.get(name) is PreTrainedPolicy for name in ("from_pretrained", "_load_as_safetensor"))
 
 
-def load_tokenizer(folder, config, name):
-    """Return the vocabulary in the checkpoint's folder or, if there is none, the one that LeRobot names."""
-    tokenizer = read_tokenizer(folder)
-    if tokenizer is None:
-        return download_tokenizer(folder, getattr(config, "vlm_model_name", name) or name)
-    if config.type in GEMMA:
-        from .. import pi05
+def merge_adapter(policy, folder, base):
+    """Return a policy with the LoRA adapter in `folder` added to its weights."""
+    from peft import PeftModel
 
-        n_entries = pi05.widths_of(folder).vocabulary
-        if tokenizer.size > n_entries:
-            raise MappingError(
-                f"the vocabulary in {folder} has {tokenizer.size} tokens, the network's embedding has {n_entries} "
-                "entries; copy the tokenizer with which it was trained into the folder"
-            )
-    return tokenizer
+    log.info("adds the LoRA adapter in %s to the weights in %s", folder, base)
+    return PeftModel.from_pretrained(policy, folder).merge_and_unload().eval()
 
 
-def download_tokenizer(folder, name):
-    """Return the tokenizer called `name`, a folder or a repository on the hub."""
-    from transformers import AutoTokenizer
-
+@contextmanager
+def explained_loading(folder, kind):
+    """Turn an exception of LeRobot or its dependencies into a `MappingError` about the checkpoint in `folder`."""
     try:
-        return AutoTokenizer.from_pretrained(name)
+        yield
+    except MappingError:
+        raise
+    except ImportError as error:
+        extra = "peft" if error.name == "peft" else EXTRAS.get(kind, kind)
+        raise MappingError(explain(error, f"pip install 'lerobot[{extra}]'")) from error
+    # They raise many types of exceptions; their messages say what is wrong.
     except Exception as error:
-        reason = str(error).split("\n", maxsplit=1)[0]
-        raise MappingError(
-            f"{folder} has neither {SENTENCEPIECE} nor {JSON}, and the vocabulary {name!r} that LeRobot uses cannot be "
-            f"downloaded: {reason}; copy its {SENTENCEPIECE} or {JSON} into the folder"
-        ) from error
+        raise MappingError(f"LeRobot cannot load {folder}: {error}") from error

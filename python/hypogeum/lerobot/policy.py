@@ -1,18 +1,23 @@
 """LeRobot's policies as policy functions."""
 
 import logging
-from pathlib import Path
+from contextlib import nullcontext
 
 import numpy as np
 import torch
 from lerobot.processor import ProcessorStep
 
+from ..execution import CHUNK
+from ..folder import resolve_checkpoint
 from ..history import EpisodeMemory
 from ..images import to_network
 from ..language import hashed_embedding
-from ..mapping import Feature, MappingError, make_mapping, read_settings
-from .checkpoint import load, read_config
-from .sampling import BATCHABLE, FLOW, conditions_on_history, sample
+from ..mapping import MappingError, make_mapping, read_settings
+from .checkpoint import load_policy, read_config
+from .kinds import BATCHABLE, FLOW, HISTORY, check_memory
+from .processors import Processors
+from .sampling import sample
+from .settings import announce_differences, check_settings, chunk_settings, pad_prompt, plan_execution, read_features
 
 log = logging.getLogger("hypogeum")
 
@@ -33,44 +38,52 @@ class LeRobotPolicy:
     """
 
     def __init__(self, folder, device="cpu", batch=False):
-        folder = Path(folder)
-        config = self.config = read_config(folder, device)
+        folder = resolve_checkpoint(folder)
+        settings = read_settings(folder)
+        config = self.config = read_config(folder, device, settings.get("ignore", ()))
+        check_settings(settings, config.type)
+        check_memory(config)
         if batch and config.type not in BATCHABLE:
             raise MappingError(f"a policy of type {config.type!r} cannot be batched, expected {', '.join(BATCHABLE)}")
-        features = {
-            name: Feature(feature.type.value, tuple(feature.shape)) for name, feature in config.input_features.items()
-        }
-        settings = read_settings(folder)
-        self.mapping = make_mapping(features, config.action_feature.shape[0], settings, config.type in FLOW)
-        self.policy, self.preprocess, self.postprocess = load(folder, config, settings)
+        processors = Processors(folder, config)
+        self.mapping = make_mapping(
+            read_features(config), config.action_feature.shape[0], settings, config.type in FLOW,
+            processors.take_rename_map(), processors.hashed_features(),
+        )  # fmt: skip
+        processors.check_statistics(config, self.mapping.inputs())
+        if config.type == "pi05":
+            pad_prompt(processors.preprocess, config, settings)
+        self.policy = load_policy(folder, config)
+        self.preprocess, self.postprocess = processors.preprocess, processors.postprocess
         self.device = torch.device(device)
         self.is_batched = batch
         # The other policies need images in the size of their features.
         self.resizes_images = config.type in FLOW and getattr(config, "resize_imgs_with_padding", True) is not None
         # Other policies may write to their inputs, which would kill the process, or need them on the CPU.
         self.reads_in_place = config.type in BATCHABLE and not getattr(config, "adapt_to_pi_aloha", False)
-        self.memory = EpisodeMemory(config.n_obs_steps) if conditions_on_history(self.policy) else None
+        self.memory = EpisodeMemory(config.n_obs_steps) if config.type in HISTORY else None
         self.executes_plans = False
+        self.n_rows = None
+        announce_differences(self)
 
     def on_attach(self, run):
         """Prepare for a run; `serve` calls this with the run's `EndpointDescriptor`.
 
         A policy that conditions on several observations behaves as in LeRobot's own loop if the run queries it at every
         control step: it observes every step, and computes a chunk whenever the last one has been executed.
+
+        Raises:
+            RunRefused: The run would execute the policy otherwise than its checkpoint says, although nobody asked for
+                that.
         """
+        settings = chunk_settings(self.config)
         if self.memory is None:
-            return
-        self.memory = EpisodeMemory(self.config.n_obs_steps)
-        self.executes_plans = run.mode == "chunk" and run.execute == 1
-        if run.execute > 1 and self.config.n_obs_steps > 1:
-            log.warning(
-                "%s conditions on %d successive observations, but this run queries it only every %d control steps, so "
-                "it receives observations that far apart; add --execute 1 to the run to provide those of every step, "
-                "as in LeRobot's own loop",
-                self.config.type,
-                self.config.n_obs_steps,
-                run.execute,
-            )
+            self.n_rows, note = settings.resolve(run)
+        else:
+            self.memory = EpisodeMemory(self.config.n_obs_steps)
+            self.executes_plans = run.mode == CHUNK and run.execute == 1
+            self.n_rows, note = plan_execution(settings, run, self.config.n_obs_steps)
+        log.info("%s %s", self.config.type, note)
 
     def __call__(self, observation):
         self.check(observation)
@@ -99,13 +112,19 @@ class LeRobotPolicy:
             selection: Slice of its envs.
         """
         envs = list(observation)[selection]
+        amp = torch.autocast(self.device.type) if self.config.use_amp else nullcontext()
         try:
-            batch = self.preprocess(self.batch(observation, selection))
-            if self.memory is None:
-                return list(self.infer([batch], [seed(env) for env in envs]))
-            return self.follow(batch, envs)
+            with amp:
+                return self.compute(observation, selection, envs)
         finally:
             release(self.preprocess.steps)
+
+    def compute(self, observation, selection, envs):
+        """Return the action chunks for `envs`, those that `selection` selects, see `answer`."""
+        batch = self.preprocess(self.batch(observation, selection))
+        if self.memory is None:
+            return list(self.infer([batch], [seed(env) for env in envs]))
+        return self.follow(batch, envs)
 
     def follow(self, batch, envs):
         """Remember a preprocessed batch of observations and return the action chunks for its envs."""
@@ -145,7 +164,7 @@ class LeRobotPolicy:
             history: Preprocessed batches of observations, oldest first; see `sample`.
             seeds: (policy seed, query) per env.
         """
-        chunk = sample(self.policy, history, seeds)
+        chunk = sample(self.policy, history, seeds)[:, : self.n_rows]
         # Postprocess row by row, as LeRobot does with each selected action.
         rows = [self.postprocess(chunk[:, idx]) for idx in range(chunk.shape[1])]
         return torch.stack(rows, dim=1).float().cpu().numpy()

@@ -8,13 +8,10 @@ import torch
 from lerobot.policies.utils import populate_queues
 
 from ..generated import draw_noise
+from .kinds import FLOW, HISTORY
 
 # LeRobot's names of the queues of actions and of images.
 ACTION, IMAGES = "action", "observation.images"
-# Policies that turn a given noise into actions by flow matching.
-FLOW = ("pi0", "pi05", "smolvla")
-# Policies whose noise is drawn for each env on its own, so that envs may be computed as one batch.
-BATCHABLE = ("act", "diffusion", *FLOW)
 
 
 def sample(policy, history, seeds):
@@ -33,14 +30,9 @@ def sample(policy, history, seeds):
         with drawing_from(policy.diffusion, seeds):
             return play(policy, history)
     torch.manual_seed(noise_seed(*seeds[0]))
-    if conditions_on_history(policy):
+    if config.type in HISTORY:
         return play(policy, history)
     return policy.predict_action_chunk(history[-1])
-
-
-def conditions_on_history(policy):
-    """Return whether a policy reads observations from queues that LeRobot fills at every control step."""
-    return any(name != ACTION for name in getattr(policy, "_queues", None) or {})
 
 
 def play(policy, history):

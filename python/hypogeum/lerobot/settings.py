@@ -1,0 +1,95 @@
+"""Settings of a checkpoint that this host honours in its own way, refuses or announces."""
+
+import logging
+
+from lerobot.processor import AbsoluteActionsProcessorStep
+
+from ..execution import ENSEMBLE, ChunkSettings, Execution, Requested, RunRefused
+from ..mapping import FILE, PROMPT_STATES, Feature, MappingError
+from .kinds import READS_ENVIRONMENT_STATE, SHORT_CHUNKS
+
+# Keys of `hypogeum.json` that apply to some policy types only.
+APPLY_TO = {"prompt_state": ("pi05",), "vision_heads": ("pi0", "pi05")}
+ENVIRONMENT_STATE = "ENV"
+
+log = logging.getLogger("hypogeum")
+
+
+def check_settings(settings, kind):
+    """Raise `MappingError` for a key of `hypogeum.json` that does not apply to the policy's type."""
+    for key, kinds in APPLY_TO.items():
+        if key in settings and kind not in kinds:
+            expected = " or ".join(map(repr, kinds))
+            raise MappingError(f"`{key}` in {FILE} applies to type {expected}, the checkpoint has type {kind!r}")
+    if "chunk_size" in settings:
+        raise MappingError(f"`chunk_size` in {FILE} belongs to openpi's layout, which only the built-in π0.5 reads")
+
+
+def read_features(config):
+    """Return the input `Feature`s that the policy reads, by name."""
+    features = {}
+    for name, feature in config.input_features.items():
+        kind = feature.type.value
+        if kind == ENVIRONMENT_STATE and config.type not in READS_ENVIRONMENT_STATE:
+            log.info("%s is left out: policies of type %r do not read it", name, config.type)
+            continue
+        features[name] = Feature(kind, tuple(feature.shape))
+    return features
+
+
+def pad_prompt(preprocess, config, settings):
+    """Write π0.5's prompt by the convention that `hypogeum.json` names, and say which one that is."""
+    from .. import pi05
+
+    convention = settings.get("prompt_state", PROMPT_STATES[0])
+    log.info("π0.5 with the state %s in the prompt", convention)
+    if convention == "padded":
+        pi05.pad_prompt(preprocess, config.max_state_dim)
+
+
+def announce_differences(policy):
+    """Log what a `LeRobotPolicy` receives or does otherwise than in training or in LeRobot's own loop."""
+    for name, (camera, height, width) in policy.mapping.images.items():
+        if height != width:
+            way = "resized with bars by the policy" if policy.resizes_images else f"stretched to {width} x {height}"
+            log.warning("%s had %d x %d pixels in training; %s is square and %s", name, width, height, camera, way)
+    if any(isinstance(step, AbsoluteActionsProcessorStep) and step.enabled for step in policy.postprocess.steps):
+        log.info(
+            "relative actions are added to the state of their query, as in training; lerobot-eval adds them to the "
+            "state of the control step in which they are executed"
+        )
+
+
+def chunk_settings(config):
+    """Return the `ChunkSettings` of LeRobot's configuration."""
+    # VQ-BeT executes whole chunks.
+    n_action_steps = getattr(config, "n_action_steps", None) or getattr(config, "action_chunk_size", None)
+    horizon = n_action_steps if config.type in SHORT_CHUNKS else getattr(config, "chunk_size", None)
+    return ChunkSettings(n_action_steps, getattr(config, "temporal_ensemble_coeff", None), horizon)
+
+
+def plan_execution(settings, run, n_obs_steps):
+    """Return the `Execution` of a policy that conditions on the last observations.
+
+    Args:
+        settings: Its `ChunkSettings`.
+        run: The run's `EndpointDescriptor`.
+        n_obs_steps: Number of observations.
+
+    Raises:
+        RunRefused: The run's defaults are not what the checkpoint says.
+    """
+    if n_obs_steps > 1 and run.requested == Requested():
+        raise RunRefused(
+            f"the checkpoint's n_obs_steps is {n_obs_steps}, but this run sends an observation only every "
+            f"{run.execute} control steps; add --execute 1 to the run to provide those of every step, as in LeRobot's "
+            "own loop, or another number of rows to condition on observations that far apart"
+        )
+    if run.mode != ENSEMBLE and run.execute == 1:
+        rows = settings.n_action_steps
+        return Execution(None, f"observes every control step and executes {rows} rows of each chunk (n_action_steps)")
+    execution = settings.resolve(run)
+    if n_obs_steps > 1 and run.execute > 1:
+        apart = f"; it conditions on {n_obs_steps} observations, which are that far apart here, not successive"
+        return execution._replace(note=execution.note + apart)
+    return execution

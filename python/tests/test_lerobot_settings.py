@@ -1,0 +1,408 @@
+"""Settings of LeRobot's checkpoints: honoured as in LeRobot's own loop, refused, or announced.
+
+Needs what `test_lerobot` needs, and for one of the tests peft.
+"""
+
+import json
+import logging
+import os
+import shutil
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("HF_HUB_OFFLINE", "1")
+torch = pytest.importorskip("torch")
+pytest.importorskip("sentencepiece")
+pytest.importorskip("diffusers")
+pytest.importorskip("lerobot.policies.pi05.modeling_pi05", exc_type=ImportError)
+
+import lerobot_checkpoints as checkpoints  # noqa: E402
+from lerobot.configs.policies import PreTrainedConfig  # noqa: E402
+from lerobot.configs.types import FeatureType, PolicyFeature  # noqa: E402
+from lerobot.policies.act.modeling_act import ACTPolicy  # noqa: E402
+from lerobot.policies.factory import make_pre_post_processors  # noqa: E402
+from messages import attached  # noqa: E402
+from safetensors.torch import load_file, save_file  # noqa: E402
+from test_lerobot import observe  # noqa: E402
+
+from hypogeum import TemporalEnsemble  # noqa: E402
+from hypogeum.backbone import resnet18_of, width_of  # noqa: E402
+from hypogeum.execution import RunRefused  # noqa: E402
+from hypogeum.images import to_network  # noqa: E402
+from hypogeum.language import hashed_embedding  # noqa: E402
+from hypogeum.lerobot import LeRobotPolicy, kinds  # noqa: E402
+from hypogeum.mapping import MappingError  # noqa: E402
+
+EXTERNAL, HAND, STATE = "observation.images.external1", checkpoints.HAND, checkpoints.STATE
+ENVIRONMENT = "observation.environment_state"
+CAMERAS = {EXTERNAL: "external1_camera", HAND: "hand_camera"}
+PRE, POST = "policy_preprocessor", "policy_postprocessor"
+N_STEPS = 11
+
+
+@pytest.fixture(scope="session")
+def act(tmp_path_factory):
+    torch.set_num_threads(1)
+    return checkpoints.act(tmp_path_factory.mktemp("checkpoints") / "act")
+
+
+@pytest.fixture
+def copy(act, tmp_path):
+    return shutil.copytree(act, tmp_path / "checkpoint")
+
+
+def rewrite(path, change):
+    contents = json.loads(path.read_text())
+    change(contents)
+    path.write_text(json.dumps(contents))
+
+
+def configure(folder, **values):
+    rewrite(folder / "config.json", lambda contents: contents.update(values))
+
+
+def configure_step(folder, processor, name, change):
+    """Change the entry of a processor's step."""
+
+    def apply(contents):
+        change(next(step for step in contents["steps"] if step["registry_name"] == name))
+
+    rewrite(folder / f"{processor}.json", apply)
+
+
+def lerobots_rows(folder):
+    """Return the rows that LeRobot's own loop executes for observations 0, 1, … of an episode."""
+    with resnet18_of(width_of(folder)):
+        policy = ACTPolicy.from_pretrained(folder)
+    preprocess, postprocess = make_pre_post_processors(policy.config, pretrained_path=str(folder))
+    policy.reset()
+    rows = []
+    for step in range(N_STEPS):
+        sent = observe([step])
+        batch = {name: to_network(sent.cameras[camera], 64, 64) for name, camera in CAMERAS.items()}
+        batch |= {STATE: torch.from_numpy(sent.states.copy()), "task": sent.instructions}
+        with torch.inference_mode(), torch.autocast("cpu") if policy.config.use_amp else nullcontext():
+            rows.append(postprocess(policy.select_action(preprocess(batch)))[0].float().numpy())
+    return np.array(rows)
+
+
+def executed_rows(folder, run):
+    """Return the rows that a run executes for the same observations, querying a host when its last answer ends."""
+    policy = LeRobotPolicy(folder)
+    policy.on_attach(run)
+    coeff = policy.config.temporal_ensemble_coeff
+    fn = TemporalEnsemble(policy, coeff) if run.mode == "ensemble" else policy
+    rows, query = [], 0
+    while len(rows) < N_STEPS:
+        found = observe([len(rows)], [query], execute=run.execute, steps=[len(rows)])
+        rows.extend(fn(found)[0][: run.execute])
+        query += 1
+    return np.array(rows[:N_STEPS])
+
+
+def swap_cameras(folder):
+    swap = {EXTERNAL: HAND, HAND: EXTERNAL}
+    configure_step(folder, PRE, "rename_observations_processor", lambda step: step["config"].update(rename_map=swap))
+
+
+EXECUTED = {
+    "all rows of a chunk": (lambda folder: configure(folder, n_action_steps=8), {}),
+    "half of a chunk": (lambda folder: None, {}),
+    "a single row": (lambda folder: configure(folder, n_action_steps=1), {}),
+    "ensemble": (
+        lambda folder: configure(folder, n_action_steps=1, temporal_ensemble_coeff=0.3), dict(mode="ensemble"),
+    ),
+    "swapped cameras": (swap_cameras, {}),
+    "mixed precision": (lambda folder: configure(folder, use_amp=True), {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", EXECUTED)
+def test_executed_rows_equal_those_of_lerobots_loop(copy, case):
+    change, options = EXECUTED[case]
+    before = lerobots_rows(copy)
+    change(copy)
+    expected = lerobots_rows(copy)
+    assert np.abs(executed_rows(copy, attached(**options)) - expected).max() < 1e-5
+    assert case == "half of a chunk" or np.abs(expected - before).max() > 1e-4
+
+
+def test_differing_execution_is_refused_or_announced(copy, caplog):
+    configure(copy, n_action_steps=1, temporal_ensemble_coeff=0.3)
+    with pytest.raises(RunRefused, match="temporal_ensemble_coeff is 0.3, .* add --mode ensemble to the run"):
+        LeRobotPolicy(copy).on_attach(attached())
+    with caplog.at_level(logging.INFO, "hypogeum"):
+        policy = LeRobotPolicy(copy)
+        policy.on_attach(attached(execute=5))
+    assert len(policy(observe([1]))[0]) == 8
+    assert (
+        "act executes 5 of 8 rows per query (--execute; its own temporal_ensemble_coeff of 0.3 is not used)"
+        in caplog.text
+    )
+
+
+def test_complete_rename_map_is_the_mapping(copy):
+    expected = executed_rows(copy, attached())
+    base, wrist = "observation.images.base", "observation.images.wrist"
+    names = {EXTERNAL: base, HAND: wrist}
+
+    def rename(features):
+        return {names.get(name, name): feature for name, feature in features.items()}
+
+    rewrite(copy / "config.json", lambda contents: contents.update(input_features=rename(contents["input_features"])))
+    for processor, name in ((PRE, "normalizer_processor"), (POST, "unnormalizer_processor")):
+        configure_step(
+            copy, processor, name, lambda step: step["config"].update(features=rename(step["config"]["features"]))
+        )
+        for path in copy.glob(f"{processor}_step_*"):
+            tensors = load_file(path)
+            for old, new in names.items():
+                tensors = {key.replace(old, new): tensor for key, tensor in tensors.items()}
+            save_file(tensors, path)
+    with pytest.raises(MappingError, match="there is no camera 'base' or 'base_camera'"):
+        LeRobotPolicy(copy)
+    configure_step(copy, PRE, "rename_observations_processor", lambda step: step["config"].update(rename_map=names))
+    assert (executed_rows(copy, attached()) == expected).all()
+
+
+def state_of(folder, processor):
+    (path,) = folder.glob(f"{processor}_step_*normalizer_processor.safetensors")
+    return path
+
+
+def change_statistics(processor, change):
+    def apply(folder):
+        path = state_of(folder, processor)
+        save_file(change(load_file(path)), path)
+
+    return apply
+
+
+def without_step(processor, name):
+    def remove(contents):
+        contents["steps"] = [step for step in contents["steps"] if step["registry_name"] != name]
+
+    return lambda folder: rewrite(folder / f"{processor}.json", remove)
+
+
+def without_state_file(processor, name):
+    return lambda folder: configure_step(folder, processor, name, lambda step: step.pop("state_file"))
+
+
+STATISTICS = {
+    "no state file": (
+        without_state_file(PRE, "normalizer_processor"),
+        ("(normalizer_processor, without a state_file) of policy_preprocessor.json", "external1.mean"),
+    ),
+    "no state file of actions": (
+        without_state_file(POST, "unnormalizer_processor"),
+        ("(unnormalizer_processor, without a state_file) of policy_postprocessor.json", "statistics found are none"),
+    ),
+    "empty": (change_statistics(POST, lambda found: {}), ("needs action.mean", "unnormalizer_processor.safetensors)")),
+    "prefix": (
+        change_statistics(POST, lambda found: {f"so100.{name}": tensor for name, tensor in found.items()}),
+        ("needs action.mean", "so100.action.max"),
+    ),
+    "other mode": (
+        lambda folder: configure_step(
+            folder, POST, "unnormalizer_processor",
+            lambda step: step["config"]["norm_map"].update(ACTION="QUANTILES"),
+        ),
+        ("normalised by QUANTILES, which needs action.q01; the statistics found are action.max, action.mean",),
+    ),
+    "width": (
+        change_statistics(PRE, lambda found: found | {f"{STATE}.mean": torch.zeros(9)}),
+        ("observation.state.mean has shape [9], the feature has [25]",),
+    ),
+    "not finite": (
+        change_statistics(PRE, lambda found: found | {f"{STATE}.std": torch.full((25,), torch.inf)}),
+        ("observation.state.std is not finite: inf",),
+    ),
+    "no step": (
+        without_step(PRE, "normalizer_processor"),
+        ("policy_preprocessor.json has no step that normalises observation.images.external1",),
+    ),
+    "no step for actions": (
+        without_step(POST, "unnormalizer_processor"), ("policy_postprocessor.json has no step that normalises action",)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", STATISTICS)
+def test_missing_normalisation_is_refused_by_name(copy, case):
+    change, words = STATISTICS[case]
+    change(copy)
+    with pytest.raises(MappingError) as error:
+        LeRobotPolicy(copy)
+    assert all(word in str(error.value) for word in words)
+
+
+def test_missing_processor_is_not_blamed_on_weights(copy):
+    (copy / "model.safetensors").unlink()
+    (copy / f"{POST}.json").unlink()
+    with pytest.raises(MappingError, match="has no policy_postprocessor.json"):
+        LeRobotPolicy(copy)
+
+
+def test_every_type_of_lerobot_is_classified():
+    known = {*kinds.CURRENT, *kinds.HISTORY, *kinds.REFUSED}
+    registered = set(PreTrainedConfig.get_known_choices())
+    assert known <= registered and registered - known <= {"rtc"}, registered ^ known
+
+
+@pytest.mark.parametrize(
+    "config, words",
+    [
+        (dict(type="lingbot_va"), "type 'lingbot_va' cannot be served: its cache of earlier frames"),
+        (dict(type="tdmpc"), "type 'tdmpc' cannot be served: each of its plans starts from the previous one"),
+        (dict(type="novelty"), "type 'novelty' cannot be served: it is unknown whether they remember anything"),
+        (dict(type="pi05", use_visual_memory=True), "use_visual_memory of the checkpoint cannot be served"),
+        (dict(type="act", observation_delta_indices=[-1, 0]), "observation_delta_indices of the checkpoint cannot be"),
+    ],
+)
+def test_policy_with_a_memory_is_refused(config, words):
+    with pytest.raises(MappingError) as error:
+        kinds.check_memory(SimpleNamespace(**config))
+    assert words in str(error.value)
+    kinds.check_memory(SimpleNamespace(type="diffusion", observation_delta_indices=[-1, 0]))
+
+
+def jax(folder):
+    (folder / "params").mkdir()
+    (folder / "params/_METADATA").touch()
+
+
+def openpi(folder):
+    (folder / "assets").mkdir()
+    configure(folder)
+    rewrite(folder / "config.json", lambda contents: contents.pop("type"))
+
+
+def adapter(folder):
+    (folder / "adapter_config.json").write_text('{"base_model_name_or_path": "somebody/base"}')
+
+
+def setting(**values):
+    return lambda folder: (folder / "hypogeum.json").write_text(json.dumps(values))
+
+
+FOREIGN = {
+    "jax": (jax, "convert it with openpi's own examples/convert_jax_model_to_pytorch.py"),
+    "openpi": (openpi, "is a checkpoint of openpi and not of LeRobot; serve it with the built-in policy"),
+    "adapter": (adapter, "hf download somebody/base --local-dir base; then set base_model_name_or_path in"),
+    "unknown key": (lambda folder: configure(folder, novelty=3), "novelty"),
+    "ignore": (setting(ignore=["novelty"]), "names 'novelty', which config.json does not have"),
+    "prompt": (
+        setting(prompt_state="padded"),
+        "`prompt_state` in hypogeum.json applies to type 'pi05', the checkpoint",
+    ),
+    "heads": (setting(vision_heads=4), "`vision_heads` in hypogeum.json applies to type 'pi0' or 'pi05'"),
+    "chunk": (setting(chunk_size=4), "`chunk_size` in hypogeum.json belongs to openpi's layout"),
+    "language": (setting(language={"encoder": "hashed", "dim": 8}), "this policy reads no embedding"),
+}
+
+
+@pytest.mark.parametrize("case", FOREIGN)
+def test_error_names_the_next_step(copy, case):
+    change, words = FOREIGN[case]
+    change(copy)
+    with pytest.raises(MappingError) as error:
+        LeRobotPolicy(copy)
+    assert words in str(error.value)
+
+
+def test_ignored_key_is_announced(copy, caplog):
+    expected = executed_rows(copy, attached())
+    configure(copy, novelty=3)
+    setting(ignore=["novelty"])(copy)
+    with caplog.at_level(logging.INFO, "hypogeum"):
+        assert (executed_rows(copy, attached()) == expected).all()
+    assert "novelty of config.json is ignored, as hypogeum.json says: 3" in caplog.text
+
+
+def test_settings_that_are_not_used_are_announced(tmp_path, caplog):
+    folder = checkpoints.diffusion(tmp_path / "diffusion", compile_model=True)
+    configure(folder, device="cuda")
+    with caplog.at_level(logging.INFO, "hypogeum"):
+        LeRobotPolicy(folder)
+    assert "computes on cpu; the checkpoint names cuda" in caplog.text
+    assert "compile_model of the checkpoint is not used" in caplog.text
+
+
+@pytest.mark.parametrize("wrapped", ["module.model.", "model._orig_mod.", "module._orig_mod.model."])
+def test_wrapped_names_of_tensors_are_read(copy, wrapped):
+    expected = executed_rows(copy, attached())
+    path = copy / "model.safetensors"
+    save_file({name.replace("model.", wrapped, 1): tensor for name, tensor in load_file(path).items()}, path)
+    assert (executed_rows(copy, attached()) == expected).all()
+
+
+def test_network_is_never_partly_random(copy):
+    path = copy / "model.safetensors"
+    tensors = load_file(path)
+    save_file({name: tensor for name, tensor in tensors.items() if name != "model.action_head.weight"}, path)
+    with pytest.raises(MappingError, match="lacks model.action_head.weight$"):
+        LeRobotPolicy(copy)
+    save_file(tensors | {"model.extra": torch.zeros(1)}, path)
+    with pytest.raises(MappingError, match="has unexpected tensors model.extra$"):
+        LeRobotPolicy(copy)
+
+
+def test_images_of_another_aspect_are_announced(tmp_path, caplog):
+    wide = {"observation.images.external2": PolicyFeature(FeatureType.VISUAL, (3, 48, 64))}
+    with caplog.at_level(logging.INFO, "hypogeum"):
+        LeRobotPolicy(checkpoints.act(tmp_path / "act", wide))
+    assert (
+        "external2 had 64 x 48 pixels in training; external2_camera is square and stretched to 64 x 48" in caplog.text
+    )
+
+
+def test_recorded_encoder_needs_no_hypogeum_json(tmp_path):
+    folder = checkpoints.act(tmp_path / "act", {ENVIRONMENT: PolicyFeature(FeatureType.ENV, (32,))})
+    with pytest.raises(MappingError, match='"language" needs'):
+        LeRobotPolicy(folder)
+    change_statistics(PRE, lambda found: found | {f"{ENVIRONMENT}.hashed": torch.ones(1)})(folder)
+    policy = LeRobotPolicy(folder)
+    batch = policy.preprocess(policy.batch(observe([1]), slice(0, 1)))
+    assert np.array_equal(batch[ENVIRONMENT][0].numpy(), hashed_embedding("lift", 32))
+
+
+def test_pi05_ignores_environment_state(tmp_path, caplog):
+    folder = checkpoints.pi05(tmp_path / "pi05")
+    expected = LeRobotPolicy(folder)(observe([1]))[0]
+    env = {ENVIRONMENT: {"type": "ENV", "shape": [32]}}
+    rewrite(folder / "config.json", lambda contents: contents["input_features"].update(env))
+    with caplog.at_level(logging.INFO, "hypogeum"):
+        found = LeRobotPolicy(folder)(observe([1]))[0]
+    assert (found == expected).all() and f"{ENVIRONMENT} is left out" in caplog.text
+
+
+def test_cut_prompt_is_announced(tmp_path, caplog):
+    folder = checkpoints.pi05(tmp_path / "pi05")
+    configure_step(folder, PRE, "tokenizer_processor", lambda step: step["config"].update(max_length=5))
+    with caplog.at_level(logging.INFO, "hypogeum"):
+        policy = LeRobotPolicy(folder)
+        policy(observe([1]))
+        policy(observe([2]))
+    assert caplog.text.count("prompts are cut off at 5 tokens (max_length of the tokenizer step)") == 1
+
+
+def test_adapter_is_merged_into_its_base(act, copy):
+    peft = pytest.importorskip("peft")
+    base = LeRobotPolicy(act)
+    adapted = peft.get_peft_model(
+        LeRobotPolicy(act).policy, peft.LoraConfig(r=2, target_modules=r".*linear1", init_lora_weights=False)
+    )
+    (copy / "model.safetensors").unlink()
+    adapted.save_pretrained(copy)
+    rewrite(copy / "adapter_config.json", lambda contents: contents.update(base_model_name_or_path=str(act)))
+    found = LeRobotPolicy(copy)
+    sent = observe([1])
+    batch = found.preprocess(found.batch(sent, slice(0, 1)))
+    with torch.inference_mode():
+        expected = adapted.base_model.model.predict_action_chunk(dict(batch))
+        assert (found.policy.predict_action_chunk(dict(batch)) - expected).abs().max() < 1e-5
+        assert (base.policy.predict_action_chunk(dict(batch)) - expected).abs().max() > 1e-3
