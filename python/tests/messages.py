@@ -9,10 +9,16 @@ from hypogeum.execution import Requested
 from hypogeum.layout import ENV_RECORD, MORPHOLOGIES, PAGE_BYTES, SCHEMA_HASH, ObservationHeader
 
 
-def attached(mode=None, execute=None):
+def attached(mode=None, execute=None, morphologies=("single",), images=True):
     """Return the description of a run with these options, of which the rest has defaults."""
     rows = 1 if mode == "ensemble" else execute or 30
-    return SimpleNamespace(mode=mode or "chunk", execute=rows, requested=Requested(mode, execute))
+    return SimpleNamespace(
+        mode=mode or "chunk",
+        execute=rows,
+        requested=Requested(mode, execute),
+        morphologies=morphologies,
+        images=images,
+    )
 
 
 def message(n_envs=2, morphology="single", images=True, control_mode=0, records=()):

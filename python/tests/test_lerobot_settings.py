@@ -24,11 +24,11 @@ from lerobot.configs.policies import PreTrainedConfig  # noqa: E402
 from lerobot.configs.types import FeatureType, PolicyFeature  # noqa: E402
 from lerobot.policies.act.modeling_act import ACTPolicy  # noqa: E402
 from lerobot.policies.factory import make_pre_post_processors  # noqa: E402
-from messages import attached  # noqa: E402
+from messages import attached, message  # noqa: E402
 from safetensors.torch import load_file, save_file  # noqa: E402
 from test_lerobot import observe  # noqa: E402
 
-from hypogeum import TemporalEnsemble  # noqa: E402
+from hypogeum import Observation, TemporalEnsemble  # noqa: E402
 from hypogeum.backbone import resnet18_of, width_of  # noqa: E402
 from hypogeum.execution import RunRefused  # noqa: E402
 from hypogeum.images import to_network  # noqa: E402
@@ -142,6 +142,18 @@ def test_differing_execution_is_refused_or_announced(copy, caplog):
         "act executes 5 of 8 rows per query (--execute; its own temporal_ensemble_coeff of 0.3 is not used)"
         in caplog.text
     )
+
+
+def test_run_for_another_robot_is_refused(act):
+    policy = LeRobotPolicy(act)
+    for run, words in (
+        (attached(morphologies=("bimanual",)), "is for a single robot, the run has no task for one; choose --tasks"),
+        (attached(images=False), "needs images, but the run renders none"),
+    ):
+        with pytest.raises(RunRefused, match=words):
+            policy.on_attach(run)
+    with pytest.raises(MappingError, match="add --control-mode pd_ee_delta_pose to the run"):
+        policy(Observation(*message(control_mode=1)))
 
 
 def test_complete_rename_map_is_the_mapping(copy):
@@ -281,6 +293,12 @@ def openpi(folder):
     rewrite(folder / "config.json", lambda contents: contents.pop("type"))
 
 
+def both_robots(folder):
+    for name in ("single", "bimanual"):
+        (folder / name).mkdir()
+        shutil.copy(folder / "config.json", folder / name)
+
+
 def adapter(folder):
     (folder / "adapter_config.json").write_text('{"base_model_name_or_path": "somebody/base"}')
 
@@ -292,9 +310,9 @@ def setting(**values):
 FOREIGN = {
     "jax": (jax, "convert it with openpi's own examples/convert_jax_model_to_pytorch.py"),
     "openpi": (openpi, "is a checkpoint of openpi and not of LeRobot; serve it with the built-in policy"),
+    "both robots": (both_robots, "has a checkpoint for each morphology; serve"),
     "adapter": (adapter, "hf download somebody/base --local-dir base; then set base_model_name_or_path in"),
     "unknown key": (lambda folder: configure(folder, novelty=3), "novelty"),
-    "ignore": (setting(ignore=["novelty"]), "names 'novelty', which config.json does not have"),
     "prompt": (
         setting(prompt_state="padded"),
         "`prompt_state` in hypogeum.json applies to type 'pi05', the checkpoint",
@@ -317,10 +335,11 @@ def test_error_names_the_next_step(copy, case):
 def test_ignored_key_is_announced(copy, caplog):
     expected = executed_rows(copy, attached())
     configure(copy, novelty=3)
-    setting(ignore=["novelty"])(copy)
+    setting(ignore=["novelty", "typo"])(copy)
     with caplog.at_level(logging.INFO, "hypogeum"):
         assert (executed_rows(copy, attached()) == expected).all()
     assert "novelty of config.json is ignored, as hypogeum.json says: 3" in caplog.text
+    assert "typo in `ignore` of hypogeum.json has no effect" in caplog.text
 
 
 def test_settings_that_are_not_used_are_announced(tmp_path, caplog):

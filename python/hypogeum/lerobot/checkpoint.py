@@ -39,9 +39,10 @@ def read_config(folder, device, ignored=()):
     """
     contents = read_json(folder)
     for key in ignored:
-        if key not in contents:
-            raise MappingError(f"`ignore` in {folder / FILE} names {key!r}, which {CONFIG} does not have")
-        log.warning("%s of %s is ignored, as %s says: %s", key, CONFIG, FILE, json.dumps(contents.pop(key)))
+        if key in contents:
+            log.warning("%s of %s is ignored, as %s says: %s", key, CONFIG, FILE, json.dumps(contents.pop(key)))
+        else:
+            log.warning("%s in `ignore` of %s has no effect: %s has no such key", key, FILE, CONFIG)
     try:
         torch.empty(0, device=device)
     # Torch raises other exceptions for a device that it was not built for.
@@ -63,6 +64,8 @@ def read_json(folder):
             f"examples/convert_jax_model_to_pytorch.py, then {BUILT_IN}CONVERTED"
         )
     is_openpi = (folder / WEIGHTS).is_file() and (folder / "assets").is_dir()
+    if (folder / "single" / CONFIG).is_file() and (folder / "bimanual" / CONFIG).is_file():
+        raise MappingError(f"{folder} has a checkpoint for each morphology; serve {folder / 'single'} or the other one")
     if not (folder / CONFIG).is_file() and not is_openpi:
         raise MappingError(f"{folder} has no {CONFIG}; expected a folder that LeRobot names pretrained_model")
     try:
@@ -116,10 +119,12 @@ def weights_folder(folder):
         return folder
     base = json.loads((folder / ADAPTER).read_text()).get("base_model_name_or_path")
     try:
-        return resolve_checkpoint(base or "the base")
+        if base is None:
+            raise MappingError("find out which one that is and download it")
+        return resolve_checkpoint(base)
     except MappingError as error:
         raise MappingError(
-            f"{folder} contains a LoRA adapter of {base}: {error}; then set base_model_name_or_path in "
+            f"{folder} contains a LoRA adapter of {base or 'an unnamed base'}: {error}; then set base_model_name_or_path in "
             f"{folder / ADAPTER} to its folder"
         ) from error
 

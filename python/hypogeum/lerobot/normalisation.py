@@ -9,6 +9,8 @@ import numpy as np
 from ..mapping import MappingError
 
 IDENTITY = "IDENTITY"
+# Kind of the one feature that LeRobot normalises without looking for it in a step's features.
+ACTION = "ACTION"
 # Statistics that each of LeRobot's modes needs.
 STATISTICS = {
     "MEAN_STD": ("mean", "std"),
@@ -44,7 +46,8 @@ def check_step(where, step, name, kind, shape, configured):
     """Raise `MappingError` if a step lacks what it needs to normalise a feature, see `check_statistics`."""
     modes = {of.value: mode.value for of, mode in step.norm_map.items()}
     feature = step.features.get(name)
-    kind = feature.type.value if feature is not None else kind
+    if feature is not None and kind != ACTION:
+        kind = feature.type.value
     mode = modes.get(kind)
     selected = getattr(step, "normalize_observation_keys", None)
     if mode == IDENTITY or mode is None and configured == IDENTITY or selected is not None and name not in selected:
@@ -55,7 +58,7 @@ def check_step(where, step, name, kind, shape, configured):
         )
     if mode not in STATISTICS:
         raise MappingError(f"{where}: mode {mode} of {kind} is unknown, expected {', '.join(STATISTICS)} or {IDENTITY}")
-    if feature is None and kind != "ACTION":
+    if feature is None and kind != ACTION:
         raise MappingError(
             f"{where}: features lacks {name}, so that it would not be normalised ({mode}); "
             f"it has {listed(sorted(step.features))}"

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from lerobot.processor import ProcessorStep
 
-from ..execution import CHUNK
+from ..execution import CHUNK, RunRefused
 from ..folder import resolve_checkpoint
 from ..history import EpisodeMemory
 from ..images import to_network
@@ -76,6 +76,13 @@ class LeRobotPolicy:
             RunRefused: The run would execute the policy otherwise than its checkpoint says, although nobody asked for
                 that.
         """
+        mapping = self.mapping
+        if mapping.morphology not in run.morphologies:
+            raise RunRefused(
+                f"the checkpoint is for a {mapping.morphology} robot, the run has no task for one; choose --tasks"
+            )
+        if mapping.images and not run.images:
+            raise RunRefused("the checkpoint needs images, but the run renders none")
         settings = chunk_settings(self.config)
         if self.memory is None:
             self.n_rows, note = settings.resolve(run)
@@ -96,9 +103,10 @@ class LeRobotPolicy:
         mapping = self.mapping
         found, expected = (observation.morphology, observation.control_mode), (mapping.morphology, mapping.control_mode)
         if found != expected:
+            advice = "choose --tasks" if found[0] != expected[0] else f"add --control-mode {expected[1]} to the run"
             raise MappingError(
                 f"the run uses morphology {found[0]} with control mode {found[1]}, the checkpoint expects "
-                f"{expected[0]} with {expected[1]}; choose --tasks and --control-mode accordingly"
+                f"{expected[0]} with {expected[1]}; {advice}"
             )
         if observation.external is None and mapping.images:
             raise MappingError("the checkpoint needs images, but the run renders none")

@@ -2,7 +2,7 @@
 
 import logging
 
-from lerobot.processor import AbsoluteActionsProcessorStep
+from lerobot import processor
 
 from ..execution import ENSEMBLE, ChunkSettings, Execution, Requested, RunRefused
 from ..mapping import FILE, PROMPT_STATES, Feature, MappingError
@@ -53,7 +53,9 @@ def announce_differences(policy):
         if height != width:
             way = "resized with bars by the policy" if policy.resizes_images else f"stretched to {width} x {height}"
             log.warning("%s had %d x %d pixels in training; %s is square and %s", name, width, height, camera, way)
-    if any(isinstance(step, AbsoluteActionsProcessorStep) and step.enabled for step in policy.postprocess.steps):
+    # LeRobot has this step since 0.5.1.
+    absolute = getattr(processor, "AbsoluteActionsProcessorStep", ())
+    if any(isinstance(step, absolute) and step.enabled for step in policy.postprocess.steps):
         log.info(
             "relative actions are added to the state of their query, as in training; lerobot-eval adds them to the "
             "state of the control step in which they are executed"
