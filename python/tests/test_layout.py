@@ -27,7 +27,8 @@ def test_records_match_schema():
         fields, size = schema_fields(name)
         found = [(field, dtype.fields[field][1]) for field in dtype.names]
         assert found == [(field, offset) for field, offset in fields if field not in ("reserved", "zero")]
-        assert dtype.itemsize == size == layout.PAGE_BYTES == ctypes.sizeof(layout.Page)
+        assert dtype.itemsize == size and size % layout.PAGE_BYTES == 0
+    assert layout.ENV_RECORD.itemsize == layout.PAGE_BYTES == ctypes.sizeof(layout.Page)
 
 
 def test_cameras_and_state_parts_match_morphologies():

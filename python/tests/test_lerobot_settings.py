@@ -312,7 +312,15 @@ FOREIGN = {
     "openpi": (openpi, "is a checkpoint of openpi and not of LeRobot; serve it with the built-in policy"),
     "both robots": (both_robots, "has a checkpoint for each morphology; serve"),
     "adapter": (adapter, "hf download somebody/base --local-dir base; then set base_model_name_or_path in"),
-    "unknown key": (lambda folder: configure(folder, novelty=3), "novelty"),
+    "unknown key": (lambda folder: configure(folder, novelty=3), "`novelty` are not valid for ACTConfig; use a newer"),
+    "unknown step": (
+        lambda folder: configure_step(
+            folder, PRE, "to_batch_processor", lambda step: step.update(registry_name="novelty")
+        ),
+        "novelty",
+    ),
+    "lost state": (lambda folder: state_of(folder, PRE).unlink(), "normalizer_processor.safetensors"),
+    "no action": (lambda folder: configure(folder, output_features={}), "has no output feature 'action'"),
     "prompt": (
         setting(prompt_state="padded"),
         "`prompt_state` in hypogeum.json applies to type 'pi05', the checkpoint",
@@ -375,7 +383,7 @@ def test_images_of_another_aspect_are_announced(tmp_path, caplog):
     with caplog.at_level(logging.INFO, "hypogeum"):
         LeRobotPolicy(checkpoints.act(tmp_path / "act", wide))
     assert (
-        "external2 had 64 x 48 pixels in training; external2_camera is square and stretched to 64 x 48" in caplog.text
+        "external2 had 64 x 48 pixels in training; external2_camera is square and stretched to that size" in caplog.text
     )
 
 

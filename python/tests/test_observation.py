@@ -7,7 +7,7 @@ from messages import message, observation
 from hypogeum import AnswerError, FrameError, Observation
 from hypogeum.checksum import DamagedError, check_checksum, checksum
 from hypogeum.host import as_chunks
-from hypogeum.layout import ObservationHeader
+from hypogeum.layout import MAX_HORIZON, ObservationHeader
 
 
 def test_arrays_share_memory_with_the_message():
@@ -55,7 +55,7 @@ def test_invalid_header_field_is_named(field, value, words):
     assert all(word in str(error.value) for word in words)
 
 
-INVALID_FIELDS = [("state_dim", 24), ("instruction_len", 1025), ("execute", 0), ("execute", 128)]
+INVALID_FIELDS = [("state_dim", 24), ("instruction_len", 1025), ("execute", 0), ("execute", MAX_HORIZON + 1)]
 
 
 @pytest.mark.parametrize("field, value", INVALID_FIELDS)
@@ -94,14 +94,14 @@ def test_chunks_of_any_float_dtype_are_converted():
     for dtype in (np.float16, np.float32, np.float64):
         chunks = as_chunks(np.ones((2, 30, 7), dtype), found)
         assert [chunk.shape for chunk in chunks] == [(30, 7)] * 2 and chunks[0].dtype == np.float32
-    chunks = as_chunks([np.ones((3, 7)), np.ones((127, 7))], found)
-    assert [len(chunk) for chunk in chunks] == [3, 127]
+    chunks = as_chunks([np.ones((3, 7)), np.ones((MAX_HORIZON, 7))], found)
+    assert [len(chunk) for chunk in chunks] == [3, MAX_HORIZON]
     torch = pytest.importorskip("torch")
     assert as_chunks(torch.ones(2, 4, 7, dtype=torch.bfloat16), found)[1].shape == (4, 7)
 
 
 def test_oversized_chunk_is_truncated_to_executed_rows():
-    assert [len(chunk) for chunk in as_chunks(np.ones((2, 64, 7)), observation())] == [30, 30]
+    assert [len(chunk) for chunk in as_chunks(np.ones((2, MAX_HORIZON + 1, 7)), observation())] == [30, 30]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import json
 import logging
 import tempfile
+import textwrap
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from ..weights import load_complete
 GEMMA = ("pi0", "pi05")
 # Extra of the package lerobot that a policy type needs, if it is not called like the type.
 EXTRAS = {"pi0": "pi", "pi05": "pi", "pi0_fast": "pi", "wall_x": "wallx"}
+# Maximum length of the reasons of LeRobot and its dependencies, some of which list everything that they know.
+MAX_REASON = 400
 BUILT_IN = "serve it with the built-in policy instead: hypogeum run --policy NAME=pi05:"
 
 log = logging.getLogger("hypogeum")
@@ -51,7 +54,11 @@ def read_config(folder, device, ignored=()):
     try:
         config = parse_config(contents) if ignored else PreTrainedConfig.from_pretrained(folder)
     except Exception as error:
-        raise MappingError(f"LeRobot cannot read {folder / CONFIG}: {error}") from error
+        advice = f"; use a newer LeRobot, or name them in `ignore` of {FILE} to leave them out"
+        is_unknown = "are not valid for" in str(error)
+        raise MappingError(f"LeRobot cannot read {folder / CONFIG}: {error}{advice * is_unknown}") from error
+    if config.action_feature is None:
+        raise MappingError(f"{folder / CONFIG} has no output feature 'action'")
     adapt_config(config, folder, device, contents.get("device"))
     return config
 
@@ -190,9 +197,10 @@ def explained_loading(folder, kind):
         yield
     except MappingError:
         raise
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         extra = "peft" if error.name == "peft" else EXTRAS.get(kind, kind)
         raise MappingError(explain(error, f"pip install 'lerobot[{extra}]'")) from error
     # They raise many types of exceptions; their messages say what is wrong.
     except Exception as error:
-        raise MappingError(f"LeRobot cannot load {folder}: {error}") from error
+        reason = textwrap.shorten(str(error), MAX_REASON, placeholder=" …")
+        raise MappingError(f"LeRobot cannot load {folder}: {reason}") from error

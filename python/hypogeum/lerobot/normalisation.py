@@ -36,7 +36,7 @@ def check_statistics(where, steps, features, configured):
         if not steps and mode != IDENTITY:
             raise MappingError(
                 f"{where} has no step that normalises {name}, but normalization_mapping in config.json says {mode} for "
-                f"{kind}; save the processor again with the dataset's statistics, or set the mode to {IDENTITY}"
+                f"{kind}; save the processor again with the statistics of the dataset on which it was trained"
             )
         for label, step in steps:
             check_step(f"{label} of {where}", step, name, kind, shape, mode)

@@ -28,7 +28,7 @@ def check_settings(settings, kind):
 def read_features(config):
     """Return the input `Feature`s that the policy reads, by name."""
     features = {}
-    for name, feature in config.input_features.items():
+    for name, feature in (config.input_features or {}).items():
         kind = feature.type.value
         if kind == ENVIRONMENT_STATE and config.type not in READS_ENVIRONMENT_STATE:
             log.info("%s is left out: policies of type %r do not read it", name, config.type)
@@ -49,10 +49,11 @@ def pad_prompt(preprocess, config, settings):
 
 def announce_differences(policy):
     """Log what a `LeRobotPolicy` receives or does otherwise than in training or in LeRobot's own loop."""
+    ways = ("is square and stretched to that size", "is square, so that it has no bars")
     for name, (camera, height, width) in policy.mapping.images.items():
         if height != width:
-            way = "resized with bars by the policy" if policy.resizes_images else f"stretched to {width} x {height}"
-            log.warning("%s had %d x %d pixels in training; %s is square and %s", name, width, height, camera, way)
+            way = ways[policy.resizes_images]
+            log.warning("%s had %d x %d pixels in training; %s %s", name, width, height, camera, way)
     # LeRobot has this step since 0.5.1.
     absolute = getattr(processor, "AbsoluteActionsProcessorStep", ())
     if any(isinstance(step, absolute) and step.enabled for step in policy.postprocess.steps):
