@@ -35,9 +35,11 @@ def resnet18(width, norm_layer=nn.BatchNorm2d):
 def resnet18_of(width):
     """Replace `torchvision.models.resnet18` by a ResNet-18 of this width within the context."""
 
-    def make(weights=None, norm_layer=nn.BatchNorm2d, **_):
+    def make(weights=None, norm_layer=nn.BatchNorm2d, replace_stride_with_dilation=()):
         if weights is not None:
             raise ValueError(f"there are no pretrained weights for a ResNet-18 of width {width}")
+        if any(replace_stride_with_dilation):
+            raise ValueError("replace_final_stride_with_dilation is true, but a ResNet-18 has no dilated convolutions")
         return resnet18(width, norm_layer)
 
     original = torchvision.models.resnet18

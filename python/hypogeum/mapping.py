@@ -187,6 +187,8 @@ def image_source(name, feature, source, morphology):
 
 def state_source(name, feature, source, morphology):
     """Return the slices of the state vector for a STATE feature."""
+    if len(feature.shape) != 1:
+        raise ValueError(f"its shape is {list(feature.shape)}, expected [width]")
     width, state_dim = feature.shape[0], MORPHOLOGIES[morphology].state_dim
     parts = dict(STATE_PARTS[morphology])
     if source is None and name == STATE:

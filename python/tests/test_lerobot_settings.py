@@ -319,6 +319,10 @@ FOREIGN = {
         ),
         "novelty",
     ),
+    "dilation": (
+        lambda folder: configure(folder, replace_final_stride_with_dilation=True),
+        "replace_final_stride_with_dilation is true, but a ResNet-18 has no",
+    ),
     "lost state": (lambda folder: state_of(folder, PRE).unlink(), "normalizer_processor.safetensors"),
     "no action": (lambda folder: configure(folder, output_features={}), "has no output feature 'action'"),
     "prompt": (
@@ -364,6 +368,13 @@ def test_wrapped_names_of_tensors_are_read(copy, wrapped):
     expected = executed_rows(copy, attached())
     path = copy / "model.safetensors"
     save_file({name.replace("model.", wrapped, 1): tensor for name, tensor in load_file(path).items()}, path)
+    assert (executed_rows(copy, attached()) == expected).all()
+
+
+def test_weights_before_training_are_not_downloaded(copy, monkeypatch):
+    expected = executed_rows(copy, attached())
+    configure(copy, pretrained_backbone_weights="ResNet18_Weights.IMAGENET1K_V1")
+    monkeypatch.setattr("torchvision.models._api.load_state_dict_from_url", None)
     assert (executed_rows(copy, attached()) == expected).all()
 
 

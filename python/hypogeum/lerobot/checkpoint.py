@@ -161,6 +161,9 @@ def load_weights(folder, config):
         try:
             if not loads_as_usual(policy_class):
                 return policy_class.from_pretrained(folder, config=config)
+            # The checkpoint has all weights, so that those with which training began need not be downloaded.
+            if getattr(config, "pretrained_backbone_weights", None):
+                config.pretrained_backbone_weights = None
             policy = policy_class(config)
         except OSError as error:
             vlm = getattr(config, "vlm_model_name", None)
