@@ -1,11 +1,13 @@
 """Execution of a checkpoint's chunks in a run, and descriptors of runs."""
 
 import json
+import sys
+from types import SimpleNamespace
 
 import pytest
 from messages import attached
 
-from hypogeum import endpoint
+from hypogeum import endpoint, host
 from hypogeum.execution import ChunkSettings, Requested, RunRefused
 from hypogeum.layout import MAX_HORIZON, SCHEMA_HASH
 
@@ -55,6 +57,28 @@ def test_unrequested_difference_is_refused_by_name(settings, options, words):
     with pytest.raises(RunRefused) as error:
         settings.resolve(attached(**options))
     assert all(word in str(error.value) for word in words) and "\n" not in str(error.value)
+
+
+class Choosy:
+    """Policy that refuses every run but one."""
+
+    def on_attach(self, run):
+        if run.path != "accepted":
+            raise RunRefused(f"not {run.path}")
+
+
+@pytest.mark.parametrize("forever", [False, True])
+def test_refused_run_is_left_alone(monkeypatch, caplog, forever):
+    runs = iter([SimpleNamespace(path=path, root=path, mode="chunk") for path in ("refused", "accepted")])
+
+    def attach(run):
+        raise InterruptedError(run.path)
+
+    monkeypatch.setitem(sys.modules, "hypogeum.link", SimpleNamespace(Lane=attach, RunEnded=TimeoutError))
+    monkeypatch.setattr(host, "wait_for_endpoint", lambda *_: next(runs))
+    with pytest.raises(InterruptedError if forever else RunRefused, match="accepted" if forever else "not refused"):
+        host.serve(Choosy(), forever=forever)
+    assert ("refused the run in refused: not refused" in caplog.text) == forever
 
 
 def descriptor(**changes):

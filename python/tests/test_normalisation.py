@@ -58,7 +58,7 @@ def test_complete_statistics_are_accepted(found):
     [
         (
             step(stats={f"{STATE}.std": None}),
-            ("normalised by MEAN_STD", f"needs {STATE}.std", f"found are {HAND}.mean"),
+            ("normalised by MEAN_STD", f"needs {STATE}.std", f"found are {STATE}.mean, {HAND}.mean"),
         ),
         (step(CONFIGURED | {"STATE": "QUANTILES"}), (f"needs {STATE}.q01", f"{STATE}.mean, {STATE}.std")),
         (step(stats={f"so100.{STATE}.mean": [0] * 4, f"{STATE}.mean": None}), (f"so100.{STATE}.mean",)),
@@ -80,6 +80,14 @@ def test_missing_step_is_named_unless_identity():
     with pytest.raises(MappingError, match="pre.json has no step that normalises .*state.* says MEAN_STD for STATE"):
         check()
     check(configured=dict.fromkeys(CONFIGURED, "IDENTITY"))
+
+
+def test_similar_statistics_are_listed_first():
+    found = step(
+        stats={f"a.{name}": [0] for name in "abcdefghijklmnop"} | {f"{STATE}.mean": None, f"z.{STATE}.mean": [0]}
+    )
+    with pytest.raises(MappingError, match=f"found are z.{STATE}.mean, {STATE}.std, a.a, .* and 8 more"):
+        check(found)
 
 
 def test_statistics_of_no_feature_are_listed_as_none():

@@ -67,10 +67,11 @@ def check_step(where, step, name, kind, shape, configured):
     for statistic in STATISTICS[mode]:
         value = found.get(name, {}).get(statistic)
         if value is None:
+            needed = f"{name}.{statistic}"
             keys = [f"{feature}.{statistic}" for feature, values in found.items() for statistic in values]
+            keys.sort(key=lambda key: (not key.endswith(needed), name not in key, key))
             raise MappingError(
-                f"{where}: {name} is normalised by {mode}, which needs {name}.{statistic}; "
-                f"the statistics found are {listed(sorted(keys))}"
+                f"{where}: {name} is normalised by {mode}, which needs {needed}; the statistics found are {listed(keys)}"
             )
         check_values(f"{where}: {name}.{statistic}", value, shape if feature is None else tuple(feature.shape))
 
