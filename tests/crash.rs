@@ -8,8 +8,11 @@ use std::process::Child;
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-use rustix::process::{Pid, Signal, kill_process};
-use support::{FinishedRun, Row, act_tiny, finish, hypogeum, rows, run, shared_memory};
+use rustix::process::{Signal, kill_process};
+use support::{
+    FinishedRun, Row, act_tiny, children, finish, hypogeum, kill_child, n_rows, pid_of, rows, run,
+    shared_memory, wait_for_rows,
+};
 
 /// Serialises the tests, so that leftovers in /dev/shm can be attributed to one of them.
 static SERIAL: Mutex<()> = Mutex::new(());
@@ -55,63 +58,10 @@ fn uninterrupted_rows(dir: &Path) -> Vec<Row> {
     rows(&dir.join("reference.db"))
 }
 
-fn pid_of(child: &Child) -> Pid {
-    Pid::from_child(child)
-}
-
-/// Returns the process ids of the children of `parent`.
-fn children(parent: Pid) -> Vec<String> {
-    let path = format!("/proc/{0}/task/{0}/children", parent.as_raw_nonzero());
-    let children = std::fs::read_to_string(path).unwrap_or_default();
-    children.split_whitespace().map(str::to_owned).collect()
-}
-
 /// Returns `true` if this process has not exited. A zombie has.
 fn is_alive(pid: &str) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with(['Z', 'X']))
-}
-
-/// Returns the child process of `parent` whose command line contains the argument `word`.
-fn find_child(parent: Pid, word: &str) -> Option<Pid> {
-    children(parent).iter().find_map(|pid| {
-        let line = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
-        let has_word = line.split(|byte| *byte == 0).any(|arg| arg == word.as_bytes());
-        has_word.then(|| Pid::from_raw(pid.parse().ok()?)).flatten()
-    })
-}
-
-/// Returns the number of finished episodes in a results file, 0 if it cannot be read yet.
-fn n_rows(db: &Path) -> usize {
-    let Ok(connection) = rusqlite::Connection::open(db) else { return 0 };
-    connection.query_row("SELECT count(*) FROM episodes", [], |row| row.get::<_, i64>(0)).unwrap_or(0)
-        as usize
-}
-
-/// Waits until the run has at least `n` rows. Returns `false` if it exits first.
-fn wait_for_rows(child: &mut Child, db: &Path, n: usize) -> bool {
-    let deadline = Instant::now() + Duration::from_secs(120);
-    while n_rows(db) < n {
-        if child.try_wait().unwrap().is_some() {
-            return false;
-        }
-        assert!(Instant::now() < deadline, "no {n} rows within two minutes");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    true
-}
-
-/// Waits for the child process with this subcommand to appear and kills it.
-fn kill_child(parent: Pid, word: &str) {
-    let deadline = Instant::now() + Duration::from_secs(60);
-    loop {
-        if let Some(pid) = find_child(parent, word) {
-            kill_process(pid, Signal::KILL).unwrap();
-            return;
-        }
-        assert!(Instant::now() < deadline, "the run has no `{word}` child");
-        std::thread::sleep(Duration::from_millis(5));
-    }
 }
 
 #[test]

@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+use rustix::process::{Pid, Signal, kill_process};
+
 /// Time limit of each run, after which it is killed.
 const DEADLINE: Duration = Duration::from_secs(240);
 
@@ -131,6 +133,70 @@ pub fn rows(db: &Path) -> Vec<Row> {
     let mut statement = connection.prepare(sql).unwrap();
     let row = |row: &rusqlite::Row<'_>| (0..12).map(|i| Ok(format!("{:?}", row.get_ref(i)?))).collect();
     statement.query_map([], row).unwrap().collect::<Result<_, _>>().unwrap()
+}
+
+/// Returns the process id of a child.
+#[must_use]
+pub fn pid_of(child: &Child) -> Pid {
+    Pid::from_child(child)
+}
+
+/// Returns the process ids of the children of `parent`.
+#[must_use]
+pub fn children(parent: Pid) -> Vec<String> {
+    let path = format!("/proc/{0}/task/{0}/children", parent.as_raw_nonzero());
+    let children = std::fs::read_to_string(path).unwrap_or_default();
+    children.split_whitespace().map(str::to_owned).collect()
+}
+
+/// Returns the child process of `parent` whose command line contains the argument `word`.
+fn find_child(parent: Pid, word: &str) -> Option<Pid> {
+    children(parent).iter().find_map(|pid| {
+        let line = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+        let has_word = line.split(|byte| *byte == 0).any(|arg| arg == word.as_bytes());
+        has_word.then(|| Pid::from_raw(pid.parse().ok()?)).flatten()
+    })
+}
+
+/// Returns the number of finished episodes in a results file, 0 if it cannot be read yet.
+#[must_use]
+pub fn n_rows(db: &Path) -> usize {
+    let Ok(connection) = rusqlite::Connection::open(db) else { return 0 };
+    connection.query_row("SELECT count(*) FROM episodes", [], |row| row.get::<_, i64>(0)).unwrap_or(0)
+        as usize
+}
+
+/// Waits until the run has at least `n` rows. Returns `false` if it exits first.
+///
+/// # Panics
+/// If it takes too long.
+#[must_use]
+pub fn wait_for_rows(child: &mut Child, db: &Path, n: usize) -> bool {
+    let deadline = Instant::now() + Duration::from_secs(120);
+    while n_rows(db) < n {
+        if child.try_wait().unwrap().is_some() {
+            return false;
+        }
+        assert!(Instant::now() < deadline, "no {n} rows within two minutes");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    true
+}
+
+/// Waits for the child process with this subcommand to appear and kills it.
+///
+/// # Panics
+/// If there is none.
+pub fn kill_child(parent: Pid, word: &str) {
+    let deadline = Instant::now() + Duration::from_secs(60);
+    loop {
+        if let Some(pid) = find_child(parent, word) {
+            kill_process(pid, Signal::KILL).unwrap();
+            return;
+        }
+        assert!(Instant::now() < deadline, "the run has no `{word}` child");
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 /// Returns the errors recorded in a results file, ordered by episode.

@@ -82,6 +82,7 @@ pub(crate) fn resolve(plan: &mut RunPlan, device: Option<&str>) -> Result<Vec<Id
 /// new fleet, whose names that user cannot know in advance.
 pub(crate) fn execute(
     plan: &RunPlan,
+    identities: &[Identity],
     mut todo: Vec<Job>,
     earlier_renderer: Option<&str>,
     is_wanted: &IsWanted<'_>,
@@ -98,7 +99,7 @@ pub(crate) fn execute(
     let mut n_moves = 0;
     while !todo.is_empty() {
         let mut finished = Vec::new();
-        let fleet = fleet(plan, todo.len(), earlier_renderer.map(str::to_owned))?;
+        let fleet = fleet(plan, identities, todo.len(), earlier_renderer.map(str::to_owned))?;
         let stopper = fleet.stopper();
         let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
         let result = fleet.run(todo.clone(), is_wanted, &mut |event| {
@@ -120,14 +121,20 @@ pub(crate) fn execute(
     Ok((RunStatus::Complete, Totals::default()))
 }
 
-/// Makes the fleet for `n_jobs` episodes of a plan. Starts nothing.
+/// Makes the fleet for `n_jobs` episodes of a plan, whose policies have these identities. Starts nothing.
 pub(crate) fn fleet(
     plan: &RunPlan,
+    identities: &[Identity],
     n_jobs: usize,
     earlier_renderer: Option<String>,
 ) -> Result<Fleet, Failure> {
     let program = std::env::current_exe().context("failed to find the executable of this process")?;
-    Ok(Fleet::new(fleet_config(plan, Capacity::new(plan, n_jobs), program, earlier_renderer)))
+    let mut config = fleet_config(plan, Capacity::new(plan, n_jobs), program, earlier_renderer);
+    for policy in &mut config.lanes {
+        let position = plan.policies.iter().position(|named| named.name == policy.lane.spec.policy);
+        policy.checkpoint = position.and_then(|idx| identities[idx].checkpoint.clone());
+    }
+    Ok(Fleet::new(config))
 }
 
 /// Classifies an error of a fleet by who can fix it.
@@ -159,7 +166,8 @@ fn fleet_config(
     }
 }
 
-/// Returns the policies that run outside the sim, with up to `batch` envs in a message.
+/// Returns the policies that run outside the sim, with up to `batch` envs in a message. Their checkpoints are
+/// not read.
 pub(crate) fn lanes(plan: &RunPlan, batch: u32) -> Vec<PolicyLane> {
     let policy = |((policy, driver), &execution): ((&NamedPolicy, Driver), &Execution)| {
         let Driver::Lane(lane) = driver else { return None };
@@ -179,7 +187,7 @@ pub(crate) fn lanes(plan: &RunPlan, batch: u32) -> Vec<PolicyLane> {
             _ => Lane::ANSWER_TIMEOUT_S,
         };
         let lane = Lane { spec, images, foreign, answer_timeout_s, execute: execution.execute };
-        Some(PolicyLane { spec: policy.spec.clone(), execution, lane })
+        Some(PolicyLane { spec: policy.spec.clone(), execution, checkpoint: None, lane })
     };
     plan.policies.iter().zip(drivers(plan)).zip(&plan.executions).filter_map(policy).collect()
 }

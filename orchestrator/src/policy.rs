@@ -1,27 +1,20 @@
 //! The policies of a run: their names in the results, their specs and their identities.
 
-use std::ffi::OsStr;
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::str::FromStr;
 
-use ipc_types::input;
 use ipc_types::run_config::{Execution, QueryMode};
 use policy_host::checkpoint::{CheckpointFolderError, resolve};
+use policy_host::content::{CheckpointContent, ReadContentError};
 use policy_host::device::supports_gpu;
 use policy_host::{PolicySpec, PolicySpecError};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-use xxhash_rust::xxh3::Xxh3Default;
 
 use crate::names::UnknownName;
 
 /// Maximum length of a policy name.
 const MAX_NAME: usize = 64;
-/// Maximum depth of folders below a checkpoint that are hashed.
-const MAX_DEPTH: usize = 4;
-/// Bytes per read.
-const CHUNK: usize = 1 << 20;
 
 /// A policy with the name that the user chose.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,7 +30,7 @@ pub(crate) struct NamedPolicy {
 pub(crate) struct Identity {
     /// The spec, as on the command line.
     pub(crate) spec: String,
-    /// Hash of the checkpoint's files, 16 hexadecimal digits, if the policy has a checkpoint.
+    /// Hash of the checkpoint's content, if the policy has a checkpoint.
     pub(crate) checkpoint: Option<String>,
     /// Device on which it computes ([`policy_host::device`]), if that is not the CPU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -60,14 +53,6 @@ pub(crate) enum PolicyArgError {
     Unknown(#[from] UnknownName),
     #[error(transparent)]
     Spec(#[from] PolicySpecError),
-}
-
-/// An error that occurred while hashing a checkpoint.
-#[derive(Debug, Error)]
-#[error("failed to read the checkpoint file {}", path.display())]
-pub(crate) struct HashError {
-    path: PathBuf,
-    source: std::io::Error,
 }
 
 impl FromStr for NamedPolicy {
@@ -116,11 +101,13 @@ impl NamedPolicy {
     ///
     /// # Errors
     /// If the checkpoint cannot be read.
-    pub(crate) fn identity(&self, device: Option<&str>, execution: Execution) -> Result<Identity, HashError> {
-        let checkpoint = match self.spec.checkpoint() {
-            Some(folder) => Some(format!("{:016x}", hash(folder)?)),
-            None => None,
-        };
+    pub(crate) fn identity(
+        &self,
+        device: Option<&str>,
+        execution: Execution,
+    ) -> Result<Identity, ReadContentError> {
+        let content = self.spec.checkpoint().map(CheckpointContent::read).transpose()?;
+        let checkpoint = content.map(|content| content.hash());
         let device = device.filter(|_| supports_gpu(&self.spec)).map(str::to_owned);
         let execution = (!self.runs_in_sim()).then_some(execution);
         Ok(Identity { spec: self.spec.to_string(), checkpoint, device, execution, notes: Vec::new() })
@@ -179,48 +166,6 @@ fn unknown_kind(text: &str) -> UnknownName {
     let forms: Vec<String> = PolicySpec::forms().collect();
     let known: Vec<&str> = forms.iter().map(String::as_str).collect();
     UnknownName::new("policy", text, &known)
-}
-
-/// Returns the xxh3-64 hash of all files that a loader may read below `folder`: JSON files, safetensors files
-/// and vocabularies, sorted by name, with their names and lengths.
-fn hash(folder: &Path) -> Result<u64, HashError> {
-    let mut files = Vec::new();
-    collect(folder, MAX_DEPTH, &mut files)?;
-    files.sort();
-    let mut hash = Xxh3Default::new();
-    let mut buffer = vec![0; CHUNK];
-    for path in files {
-        let failed = |source| HashError { path: path.clone(), source };
-        let mut file = input::open(&path).map_err(failed)?;
-        let name = path.strip_prefix(folder).unwrap_or(&path).as_os_str().as_encoded_bytes();
-        hash.update(&(name.len() as u64).to_le_bytes());
-        hash.update(name);
-        hash.update(&file.metadata().map_err(failed)?.len().to_le_bytes());
-        loop {
-            match file.read(&mut buffer).map_err(failed)? {
-                0 => break,
-                n => hash.update(&buffer[..n]),
-            }
-        }
-    }
-    Ok(hash.digest())
-}
-
-fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), HashError> {
-    let failed = |source| HashError { path: folder.into(), source };
-    for entry in std::fs::read_dir(folder).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        let read =
-            ["json", "safetensors", "model"].iter().any(|kind| path.extension() == Some(OsStr::new(kind)));
-        if path.is_dir() {
-            if depth > 0 {
-                collect(&path, depth - 1, files)?;
-            }
-        } else if read {
-            files.push(path);
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 
 pub mod act;
 pub mod checkpoint;
+pub mod content;
 pub mod device;
 pub mod ensemble;
 pub mod execution;

@@ -3,6 +3,7 @@
 //! It owns the host end of the lane, the policy and the thread pool. It never starts or stops another
 //! process. The parent detects that a sim has exited; the sim that replaces it connects to the same host.
 
+mod guard;
 mod pending;
 mod work_counter;
 
@@ -24,6 +25,8 @@ use ipc_types::{
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+pub use self::guard::CheckpointChangedError;
+use self::guard::CheckpointGuard;
 use self::pending::{PendingAnswer, QueryError};
 use self::work_counter::WorkCounter;
 use crate::PolicySpec;
@@ -52,6 +55,9 @@ pub struct HostConfig {
     pub lane: LaneSpec,
     /// Policy to load.
     pub spec: PolicySpec,
+    /// Hash of the checkpoint at the start of the run ([`crate::content`]), if the policy has one. The host
+    /// answers with no other content.
+    pub checkpoint: Option<String>,
     /// Robots of the run's tasks.
     pub morphologies: Vec<Morphology>,
     /// Use of the policy's chunks.
@@ -105,6 +111,8 @@ pub enum ServeError {
     #[error(transparent)]
     Load(#[from] LoadError),
     #[error(transparent)]
+    Changed(#[from] CheckpointChangedError),
+    #[error(transparent)]
     Link(#[from] LinkError),
     #[error("failed to start {threads} threads")]
     Threads { threads: usize, source: rayon::ThreadPoolBuildError },
@@ -142,7 +150,11 @@ pub fn serve_with(
     let pool = pool.map_err(|source| ServeError::Threads { threads, source })?;
     let started = Instant::now();
     let (device, mode) = ((&config.run).into(), config.execution.mode);
-    let mut policy = pool.install(|| load_on(&config.spec, device, threads, mode, &config.morphologies))?;
+    let guard = CheckpointGuard::new(&config)?;
+    let loaded = pool.install(|| load_on(&config.spec, device, threads, mode, &config.morphologies));
+    // First, since files that change meanwhile may also be the reason why they cannot be loaded.
+    guard.as_ref().map_or(Ok(()), CheckpointGuard::check_loaded)?;
+    let mut policy = loaded?;
     if config.run.results.latency_steps() > 0 {
         // The robot goes on with the rows after those to execute until the next chunk takes effect.
         policy.compute_whole_chunks();
@@ -162,6 +174,7 @@ pub fn serve_with(
             config,
             lane,
             policy,
+            guard,
             depth: depth as usize,
             pending: VecDeque::new(),
             chunks,
@@ -198,6 +211,7 @@ struct Host<W> {
     config: HostConfig,
     lane: HostLane,
     policy: Box<dyn Policy>,
+    guard: Option<CheckpointGuard>,
     /// Number of observations that are held at a time.
     depth: usize,
     /// Observations without an answer, oldest first.
@@ -274,6 +288,8 @@ impl<W: Write> Host<W> {
         let outcome = self.act(&mut pending, loan.blocks_mut());
         // After the policy has read it: then the answer is to what was sent, or there is none.
         let outcome = self.check_frame(header, &pending.message).and(outcome);
+        // Likewise: what has not changed by now had not when the policy read it.
+        self.guard.as_ref().map_or(Ok(()), CheckpointGuard::check_mapped)?;
         inferring.finish(n_envs.into());
         if self.policy.pipeline().is_none() {
             self.ledger.add_time(start);

@@ -33,7 +33,7 @@ pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
     let config: HostConfig = parse_config(args)?;
     let domain = config.domain.clone();
     let served = policy_host::serve::serve(config).map_err(|error| match error {
-        ServeError::Load(_) => Failure::User(error.into()),
+        ServeError::Load(_) | ServeError::Changed(_) => Failure::User(error.into()),
         // The variant is transparent, so that its own type would not be found among the causes.
         ServeError::Link(error) => error.into(),
         error => error.into(),

@@ -1,5 +1,6 @@
 //! `hypogeum fps`: speed over the number of envs.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use anyhow::Context;
@@ -9,7 +10,7 @@ use ipc_types::run_config::{Amount, ImageOptions, InferenceOptions, MAX_ENVS, Qu
 use ipc_types::{Morphology, RunConfig};
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::{PolicySpec, synthetic};
-use serde_json::{Value, json};
+use serde_json::json;
 use sim::TaskId;
 
 use crate::execution::{find_device, resolve};
@@ -18,7 +19,7 @@ use crate::interrupt;
 use crate::machine::{Cores, Machine};
 use crate::output::{print_message, print_out};
 use crate::plan::check_policies;
-use crate::policy::NamedPolicy;
+use crate::policy::{Identity, NamedPolicy};
 use crate::progress::Progress;
 use crate::selection::TASK_PARSER;
 use crate::speed::{
@@ -86,7 +87,8 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
     let plan = speed_plan(args)?;
     let (points, mut omissions) = plan.points();
     omissions.iter().for_each(print_omission);
-    let settings = settings(args, &plan, &points, &machine)?;
+    let identities = policy_identities(&plan, &points)?;
+    let settings = settings(args, &plan, &identities, &machine);
     let has_network = plan.policies.iter().any(|policy| policy.spec.checkpoint().is_some());
     let cores = Cores::measure(&machine, has_network);
     let mut store = PointStore::open(&args.output, &settings).or_user()?;
@@ -110,7 +112,8 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
             continue;
         }
         progress.status(&[format!("{}, {} envs", point.series.name(), point.envs)]);
-        let Some(measured) = measure(&plan, point, cores, &mut progress, &stop)? else {
+        let identity = &identities[&point.series.policy];
+        let Some(measured) = measure(&plan, point, identity, cores, &mut progress, &stop)? else {
             progress.finish();
             write_files(&args.output, &settings, &store.points, &omissions).or_user()?;
             let folder = args.output.display();
@@ -177,28 +180,34 @@ fn default_policies(args: &FpsArgs) -> Result<Vec<NamedPolicy>, Failure> {
     Ok(vec![idle, act])
 }
 
-/// Returns what all points have in common. Also checks that the policies can be loaded.
+/// Returns the identities of the policies that have points, by name. Also checks that they can be loaded.
+fn policy_identities(
+    plan: &SpeedPlan,
+    points: &[PlannedPoint],
+) -> Result<BTreeMap<String, Identity>, Failure> {
+    let mut found = BTreeMap::new();
+    for policy in &plan.policies {
+        if let Some(point) = points.iter().find(|point| point.series.policy == policy.name) {
+            let identity = identities(&point.plan, plan.device.as_deref())?.remove(0);
+            found.insert(policy.name.clone(), identity);
+        }
+    }
+    Ok(found)
+}
+
+/// Returns what all points have in common.
 fn settings(
     args: &FpsArgs,
     plan: &SpeedPlan,
-    points: &[PlannedPoint],
+    identities: &BTreeMap<String, Identity>,
     machine: &Machine,
-) -> Result<SpeedSettings, Failure> {
-    let mut policies = serde_json::Map::new();
-    for policy in &plan.policies {
-        if let Some(point) = points.iter().find(|point| point.series.policy == policy.name) {
-            policies.insert(
-                policy.name.clone(),
-                json!(resolve(&mut point.plan.clone(), plan.device.as_deref())?[0]),
-            );
-        }
-    }
+) -> SpeedSettings {
     let rendering = &plan.config.rendering;
-    Ok(SpeedSettings {
+    SpeedSettings {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         task: plan.task.name().to_owned(),
         seconds: args.seconds,
-        policies: Value::Object(policies),
+        policies: json!(identities),
         options: json!({
             "execute": args.execute,
             "threads": plan.config.resources.n_threads(),
@@ -207,5 +216,5 @@ fn settings(
             "samples": rendering.samples,
         }),
         machine: json!(machine),
-    })
+    }
 }

@@ -47,7 +47,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let mut plan = RunPlan::new(&args.sweep).or_user()?;
     let device = find_device(&plan.policies, &mut plan.config)?;
     let identities = resolve(&mut plan, device.as_deref())?;
-    let manifest = Manifest::new(&plan, identities);
+    let manifest = Manifest::new(&plan, identities.clone());
     print_notes(&manifest);
     let mut results = Results::open(&plan.db, &manifest).or_user()?;
     let todo = unfinished(&plan, &results)?;
@@ -69,7 +69,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         wanted
     };
     let earlier_renderer = if plan.needs_images() { results.renderer().or_user()? } else { None };
-    let outcome = execute(&plan, todo, earlier_renderer.as_deref(), &is_wanted, |event| {
+    let outcome = execute(&plan, &identities, todo, earlier_renderer.as_deref(), &is_wanted, |event| {
         match event {
             FleetEvent::EpisodeFinished(job, outcome) => {
                 let storing = trace::span(Activity::Store);

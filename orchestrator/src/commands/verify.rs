@@ -83,9 +83,9 @@ pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
     let mut plan = plan(&file, &config, policies, &rows);
     let stored = plan.executions.clone();
     // Checks that the checkpoints can be loaded. Their chunks are used as in the file.
-    let _identities = resolve(&mut plan, None)?;
+    let identities = resolve(&mut plan, None)?;
     plan.executions = stored;
-    let outcomes = run(&plan, &file, &rows, args)?;
+    let outcomes = run(&plan, &identities, &file, &rows, args)?;
     let Some(outcomes) = outcomes else { return Ok(ExitStatus::Interrupted) };
     let differences: Vec<Difference<'_>> = rows
         .iter()
@@ -281,6 +281,7 @@ fn plan(file: &ResultsFile, config: &RunConfig, policies: Vec<NamedPolicy>, rows
 /// Runs the episodes of the rows. Returns their outcomes in the same order; `None` if the user interrupted.
 fn run(
     plan: &RunPlan,
+    identities: &[Identity],
     file: &ResultsFile,
     rows: &[&EpisodeRow],
     args: &VerifyArgs,
@@ -298,7 +299,7 @@ fn run(
     let positions: HashMap<_, usize> = jobs.iter().enumerate().map(|(idx, job)| (key(job), idx)).collect();
     let mut outcomes: Vec<Option<Outcome>> = jobs.iter().map(|_| None).collect();
     let mut progress = Progress::of_replays(jobs.len() as u64, args.quiet);
-    let status = execute(plan, jobs, renderer, &|_| true, |event| {
+    let status = execute(plan, identities, jobs, renderer, &|_| true, |event| {
         match event {
             FleetEvent::EpisodeFinished(job, outcome) => {
                 if let Some(&idx) = positions.get(&key(job)) {

@@ -91,6 +91,7 @@ impl FleetConfig {
             run_id: self.run_id,
             lane: policy.lane.spec.clone(),
             spec: policy.spec.clone(),
+            checkpoint: policy.checkpoint.clone(),
             morphologies: self.morphologies.clone(),
             execution: policy.execution,
             run: self.run.clone(),
@@ -103,6 +104,8 @@ impl FleetConfig {
 pub(crate) struct PolicyLane {
     pub(crate) spec: PolicySpec,
     pub(crate) execution: Execution,
+    /// Hash of its checkpoint at the start of the run.
+    pub(crate) checkpoint: Option<String>,
     pub(crate) lane: Lane,
 }
 

@@ -45,6 +45,7 @@ impl TestFleet {
         let policy = PolicyLane {
             spec: spec.clone(),
             execution: Execution::chunk(1),
+            checkpoint: None,
             lane: Lane {
                 spec: lane,
                 images: false,

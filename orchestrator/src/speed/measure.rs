@@ -12,6 +12,7 @@ use crate::exit::{Failure, OrUser};
 use crate::fleet::{FleetEvent, Stopper};
 use crate::jobs::{Job, jobs};
 use crate::machine::Cores;
+use crate::policy::Identity;
 use crate::progress::Progress;
 
 /// Stops the current fleet at the user's request, and tells that there was one.
@@ -48,13 +49,14 @@ impl StopControl {
 pub(crate) fn measure(
     plan: &SpeedPlan,
     point: &PlannedPoint,
+    identity: &Identity,
     cores: Cores,
     progress: &mut Progress,
     stop: &StopControl,
 ) -> Result<Option<SpeedPoint>, Failure> {
     let started = Instant::now();
     let todo: Vec<Job> = jobs(&point.plan).collect();
-    let fleet = fleet(&point.plan, todo.len(), None)?;
+    let fleet = fleet(&point.plan, std::slice::from_ref(identity), todo.len(), None)?;
     let stopper = fleet.stopper();
     stop.watch(Some(stopper.clone()));
     if stop.is_requested() {

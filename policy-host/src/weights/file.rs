@@ -1,6 +1,7 @@
 //! Reader of safetensors files. The header is validated when the file is opened; values are converted to f32.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
@@ -13,6 +14,8 @@ use safetensors::tensor::{Metadata, TensorInfo};
 
 use super::WeightsError;
 
+/// Extension of safetensors files. Others are not part of a checkpoint's content ([`crate::content`]).
+pub(crate) const EXTENSION: &str = "safetensors";
 /// Maximum header length. An ACT checkpoint has about 400 tensors with 100 header bytes each.
 const MAX_HEADER_BYTES: u64 = 16 << 20;
 
@@ -39,6 +42,9 @@ impl TensorFile {
     /// implies.
     pub fn open(path: &Path) -> Result<Self, WeightsError> {
         let path = path.to_owned();
+        if path.extension() != Some(OsStr::new(EXTENSION)) {
+            return Err(WeightsError::Name { path });
+        }
         let read = |source| WeightsError::Read { path: path.clone(), source };
         let mut file = input::open(&path).map_err(read)?;
         let found = file.metadata().map_err(read)?.len();

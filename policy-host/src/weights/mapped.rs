@@ -253,8 +253,8 @@ impl Shard {
         let file = TensorFile::open(path)?;
         let handle = input::open(path).map_err(read)?;
         // SAFETY: the map is read-only, and values are converted from bytes, of which every pattern is valid.
-        // A process that truncates the file while a policy runs ends that policy's host, which the
-        // orchestrator reports; checkpoints are not modified while they are in use.
+        // A process that truncates the file while a policy runs ends that policy's host; whoever modifies it
+        // otherwise, the host notices before it answers ([`crate::content`]).
         let map = unsafe { Mmap::map(&handle) }.map_err(read)?;
         Ok(Self { file, map: Arc::new(map) })
     }

@@ -11,6 +11,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+pub(crate) use self::file::EXTENSION;
 pub use self::file::TensorFile;
 pub use self::mapped::{FloatType, INDEX_FILE, StoredTensor, TensorFolder};
 pub use self::state_dict::StateDict;
@@ -41,6 +42,8 @@ pub enum WeightsError {
     EmptyIndex { path: PathBuf },
     #[error("{}: `{}` is not the name of a file in the same folder", path.display(), shard.display())]
     ShardPath { path: PathBuf, shard: PathBuf },
+    #[error("{} is not named `*.safetensors`, as files with tensors are", path.display())]
+    Name { path: PathBuf },
     #[error("{} is not a safetensors file: {reason}", path.display())]
     Header { path: PathBuf, reason: String },
     #[error(

@@ -51,6 +51,7 @@ impl HostFixture {
             run_id: RUN,
             lane,
             spec,
+            checkpoint: None,
             morphologies: Morphology::ALL.to_vec(),
             execution: Execution::chunk(30),
             run,

@@ -227,7 +227,7 @@ fn config(seed: u64, drivers: &[DriverChoice], draw: &mut FaultInjector) -> Flee
         let answer_timeout_s = draw.number(1, 3) as u32;
         let lane = Lane { spec, images: false, foreign, answer_timeout_s, execute: 1 };
         let spec = if foreign { PolicySpec::Attach("other".to_owned()) } else { PolicySpec::Idle };
-        lanes.push(PolicyLane { spec, execution: Execution::chunk(1), lane });
+        lanes.push(PolicyLane { spec, execution: Execution::chunk(1), checkpoint: None, lane });
     }
     FleetConfig {
         program: "fake".into(),

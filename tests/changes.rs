@@ -1,0 +1,81 @@
+//! Files that change during a run: no row depends on what was there at the start and on what is there later.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::process::Child;
+
+use support::{Row, act_tiny, finish, hypogeum, kill_child, pid_of, rows, run, wait_for_rows};
+
+const TASKS: &str = "RaiseCube,StackCube";
+const N_ROWS: usize = 2 * 12;
+
+/// Copies a checkpoint folder for one robot into `dir`, and returns the path of its weights.
+fn copy_checkpoint(from: &str, dir: &Path) -> PathBuf {
+    std::fs::create_dir(dir).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        std::fs::copy(&path, dir.join(path.file_name().unwrap())).unwrap();
+    }
+    dir.join("model.safetensors")
+}
+
+fn start(dir: &Path, policy: &str, db: &str) -> Child {
+    let args = ["run", "--policy", policy, "--tasks", TASKS, "--perturbations", "none", "--episodes", "12"];
+    hypogeum(dir, &[&args[..], &["--envs", "3", "--threads", "1", "--db", db]].concat()).spawn().unwrap()
+}
+
+/// Overwrites the second half of a weights file, which holds only numbers, with zeros.
+fn overwrite(path: &Path) {
+    let file = std::fs::OpenOptions::new().write(true).open(path).unwrap();
+    let size = file.metadata().unwrap().len();
+    file.write_all_at(&vec![0; (size / 2) as usize], size - size / 2).unwrap();
+}
+
+/// Asserts that the run ends because `checkpoint` has changed, and that all its rows are among `expected`.
+fn assert_ends(run: Child, db: &Path, checkpoint: &Path, expected: &[Row]) {
+    let stderr = finish(run).expect_code(2).stderr;
+    let checkpoint = checkpoint.file_name().unwrap().to_str().unwrap();
+    for words in [checkpoint, "has changed during the run: its content hash was", "at the start and is"] {
+        assert!(stderr.contains(words), "{words}: {stderr}");
+    }
+    let found = rows(db);
+    assert!(found.len() < N_ROWS, "the checkpoint changed too late");
+    for row in found {
+        assert!(expected.contains(&row), "{row:?}");
+    }
+}
+
+#[test]
+fn restarted_host_refuses_another_checkpoint() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("act");
+    let weights = copy_checkpoint(&format!("{}/single", act_tiny()), &folder);
+    let start = |db| start(dir.path(), "act=act:act", db);
+    let _ = finish(start("reference.db")).expect_code(0);
+    let db = dir.path().join("changed.db");
+    let mut child = start("changed.db");
+    assert!(wait_for_rows(&mut child, &db, 4), "the run ended before its checkpoint could change");
+    let new = dir.path().join("new.safetensors");
+    std::fs::copy(&weights, &new).unwrap();
+    overwrite(&new);
+    std::fs::rename(&new, &weights).unwrap();
+    kill_child(pid_of(&child), "policy-host");
+    assert_ends(child, &db, &folder, &rows(&dir.path().join("reference.db")));
+}
+
+#[test]
+fn weights_overwritten_in_place_end_the_run() {
+    const PI05: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints/pi05-small/single");
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("pi05");
+    let weights = copy_checkpoint(PI05, &folder);
+    let start = |db| start(dir.path(), "vla=pi05:pi05?steps=1", db);
+    let _ = finish(start("reference.db")).expect_code(0);
+    let db = dir.path().join("changed.db");
+    let mut child = start("changed.db");
+    assert!(wait_for_rows(&mut child, &db, 4), "the run ended before its checkpoint could change");
+    overwrite(&weights);
+    assert_ends(child, &db, &folder, &rows(&dir.path().join("reference.db")));
+}
