@@ -4,9 +4,12 @@
 
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::process::Child;
+use std::process::{Child, Command};
 
-use support::{Row, act_tiny, finish, hypogeum, kill_child, pid_of, rows, run, wait_for_rows};
+use support::{
+    Row, act_tiny, find_child, finish, hypogeum, hypogeum_at, kill_child, pid_of, program, rows,
+    wait_for_rows,
+};
 
 const TASKS: &str = "RaiseCube,StackCube";
 const N_ROWS: usize = 2 * 12;
@@ -21,9 +24,14 @@ fn copy_checkpoint(from: &str, dir: &Path) -> PathBuf {
     dir.join("model.safetensors")
 }
 
+fn arguments<'a>(policy: &'a str, db: &'a str) -> Vec<&'a str> {
+    let mut args = vec!["run", "--policy", policy, "--tasks", TASKS, "--perturbations", "none"];
+    args.extend(["--episodes", "12", "--envs", "3", "--threads", "1", "--db", db]);
+    args
+}
+
 fn start(dir: &Path, policy: &str, db: &str) -> Child {
-    let args = ["run", "--policy", policy, "--tasks", TASKS, "--perturbations", "none", "--episodes", "12"];
-    hypogeum(dir, &[&args[..], &["--envs", "3", "--threads", "1", "--db", db]].concat()).spawn().unwrap()
+    hypogeum(dir, &arguments(policy, db)).spawn().unwrap()
 }
 
 /// Overwrites the second half of a weights file, which holds only numbers, with zeros.
@@ -78,4 +86,34 @@ fn weights_overwritten_in_place_end_the_run() {
     assert!(wait_for_rows(&mut child, &db, 4), "the run ended before its checkpoint could change");
     overwrite(&weights);
     assert_ends(child, &db, &folder, &rows(&dir.path().join("reference.db")));
+}
+
+/// As after a rebuild during a run.
+#[test]
+fn replaced_program_goes_on_as_before() {
+    let dir = tempfile::tempdir().unwrap();
+    let act = format!("act=act:{}", act_tiny());
+    let _ = finish(start(dir.path(), &act, "reference.db")).expect_code(0);
+    let copy = dir.path().join("copy");
+    // By another process: this one may be starting a child, which would hold the file open for writing.
+    assert!(Command::new("cp").arg(program()).arg(&copy).status().unwrap().success());
+    let db = dir.path().join("replaced.db");
+    let mut child = hypogeum_at(&copy, dir.path(), &arguments(&act, "replaced.db")).spawn().unwrap();
+    let wait = |child: &mut Child, n| {
+        assert!(wait_for_rows(child, &db, n), "the run ended before a child could be killed");
+    };
+    wait(&mut child, 4);
+    std::fs::write(dir.path().join("new"), "not a program").unwrap();
+    std::fs::rename(dir.path().join("new"), &copy).unwrap();
+    kill_child(pid_of(&child), "policy-host");
+    wait(&mut child, 8);
+    std::fs::remove_file(&copy).unwrap();
+    kill_child(pid_of(&child), "sim");
+    wait(&mut child, 12);
+    let sim = find_child(pid_of(&child), "sim").unwrap();
+    let name = std::fs::read_to_string(format!("/proc/{}/comm", sim.as_raw_nonzero())).unwrap();
+    assert_eq!(name.trim_end(), "hypogeum-sim");
+    let stderr = finish(child).expect_code(0).stderr;
+    assert_eq!(stderr.matches("restarting it").count(), 2, "{stderr}");
+    assert_eq!(rows(&db), rows(&dir.path().join("reference.db")));
 }

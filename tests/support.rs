@@ -52,7 +52,13 @@ pub fn program() -> PathBuf {
 /// Returns a command that runs the program with `dir` as its working and runtime folder.
 #[must_use]
 pub fn hypogeum(dir: &Path, args: &[&str]) -> Command {
-    let mut command = Command::new(program());
+    hypogeum_at(&program(), dir, args)
+}
+
+/// Like [`hypogeum`], with a copy of the program.
+#[must_use]
+pub fn hypogeum_at(program: &Path, dir: &Path, args: &[&str]) -> Command {
+    let mut command = Command::new(program);
     command.args(args).current_dir(dir).env("XDG_RUNTIME_DIR", dir);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
@@ -150,7 +156,8 @@ pub fn children(parent: Pid) -> Vec<String> {
 }
 
 /// Returns the child process of `parent` whose command line contains the argument `word`.
-fn find_child(parent: Pid, word: &str) -> Option<Pid> {
+#[must_use]
+pub fn find_child(parent: Pid, word: &str) -> Option<Pid> {
     children(parent).iter().find_map(|pid| {
         let line = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
         let has_word = line.split(|byte| *byte == 0).any(|arg| arg == word.as_bytes());

@@ -29,6 +29,8 @@ const IN_FLIGHT: u32 = 2;
 const PI05_ANSWER_TIMEOUT_S: u32 = 3600;
 /// Number of times that a run goes on under other names because of another user's files.
 const MAX_MOVES: usize = 3;
+/// The file that this process executes, even if another has taken its path since, as after a rebuild.
+const THIS_PROGRAM: &str = "/proc/self/exe";
 /// Mount point of shared memory.
 pub(crate) const SHM: &str = "/dev/shm";
 
@@ -128,8 +130,7 @@ pub(crate) fn fleet(
     n_jobs: usize,
     earlier_renderer: Option<String>,
 ) -> Result<Fleet, Failure> {
-    let program = std::env::current_exe().context("failed to find the executable of this process")?;
-    let mut config = fleet_config(plan, Capacity::new(plan, n_jobs), program, earlier_renderer);
+    let mut config = fleet_config(plan, Capacity::new(plan, n_jobs), earlier_renderer);
     for policy in &mut config.lanes {
         let position = plan.policies.iter().position(|named| named.name == policy.lane.spec.policy);
         policy.checkpoint = position.and_then(|idx| identities[idx].checkpoint.clone());
@@ -144,14 +145,9 @@ pub(crate) fn as_failure(error: FleetError) -> Failure {
     if is_user_error { Failure::User(error) } else { Failure::Bug(error) }
 }
 
-fn fleet_config(
-    plan: &RunPlan,
-    capacity: Capacity,
-    program: PathBuf,
-    earlier_renderer: Option<String>,
-) -> FleetConfig {
+fn fleet_config(plan: &RunPlan, capacity: Capacity, earlier_renderer: Option<String>) -> FleetConfig {
     FleetConfig {
-        program,
+        program: PathBuf::from(THIS_PROGRAM),
         base: fleet::base(),
         shm: PathBuf::from(SHM),
         // The keys of a `RandomState` are random numbers from the operating system.

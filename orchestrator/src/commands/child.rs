@@ -20,6 +20,7 @@ pub(crate) struct ChildArgs {
 
 /// Serves episodes until stdin closes.
 pub(crate) fn sim(args: &ChildArgs) -> Result<ExitStatus, Failure> {
+    rename_process("hypogeum-sim");
     let config: SimConfig = parse_config(args)?;
     let served = sim::serve::serve(&config).map_err(|error| match error {
         SimError::Sentences(_) => Failure::User(error.into()),
@@ -30,6 +31,7 @@ pub(crate) fn sim(args: &ChildArgs) -> Result<ExitStatus, Failure> {
 
 /// Answers queries until stdin closes.
 pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
+    rename_process("hypogeum-host");
     let config: HostConfig = parse_config(args)?;
     let domain = config.domain.clone();
     let served = policy_host::serve::serve(config).map_err(|error| match error {
@@ -39,6 +41,12 @@ pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
         error => error.into(),
     });
     leave(&domain, served)
+}
+
+/// Sets the name that `top` and `ps` show, at most 15 bytes. The kernel's is that of the link to the program.
+fn rename_process(name: &str) {
+    // A cosmetic matter, which no child fails for.
+    let _ = std::fs::write("/proc/self/comm", name);
 }
 
 /// Ends a child that has served. If its parent was killed, the last child removes the run's shared memory.

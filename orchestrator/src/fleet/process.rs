@@ -42,7 +42,10 @@ impl ChildProcess {
         config: &str,
         on_output: impl Fn(ChildOutput) + Clone + Send + 'static,
     ) -> io::Result<Self> {
+        // Its name in process lists is that of this process: the program may be a link of the kernel.
+        let name = std::env::args_os().next().unwrap_or_else(|| program.into());
         let mut child = Command::new(program)
+            .arg0(name)
             .args([subcommand, "--config", config])
             // Otherwise Mesa's device selection looks for a desktop and writes errors to stderr if there is
             // none.
