@@ -3,6 +3,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use std::cell::Cell;
 use std::path::Path;
 use std::process::Child;
 use std::time::{Duration, Instant};
@@ -122,8 +123,14 @@ struct LaneDescriptor {
 
 /// Starts a run with one attached policy and opens its lane the way a third-party host would.
 fn attach(dir: &Path) -> (Child, LaneDescriptor, LinkNode, HostLane) {
+    attach_with(dir, &[])
+}
+
+/// Like [`attach`], with more arguments.
+fn attach_with(dir: &Path, more: &[&str]) -> (Child, LaneDescriptor, LinkNode, HostLane) {
     let mut args = vec!["run", "--policy", "guest=attach:guest", "--tasks", "RaiseCube", "--episodes", "2"];
     args.extend(["--check-frames", "--db", "r.db"]);
+    args.extend(more);
     let child = hypogeum(dir, &args).spawn().unwrap();
     let deadline = Instant::now() + Duration::from_secs(30);
     let descriptor: LaneDescriptor = loop {
@@ -195,6 +202,26 @@ fn foreign_host_serves_every_episode() {
     serve_until_exit(&mut child, &mut lane, descriptor.run, |_, _| ());
     let _ = finish(child).expect_code(0);
     assert_eq!(rows(&dir.path().join("r.db")).len(), 2);
+}
+
+#[test]
+fn time_of_attached_host_bounds_the_speed() {
+    const SLEEP: Duration = Duration::from_millis(40);
+    let dir = tempfile::tempdir().unwrap();
+    // With one env, the sim has nothing to do while the host has the query.
+    let (mut child, descriptor, _node, mut lane) = attach_with(dir.path(), &["--envs", "1", "--json"]);
+    let slept = Cell::new(Duration::ZERO);
+    serve_until_exit(&mut child, &mut lane, descriptor.run, |_, _| {
+        std::thread::sleep(SLEEP);
+        slept.set(slept.get() + SLEEP);
+    });
+    let report = finish(child).expect_code(0).stdout;
+    let fps = &serde_json::from_str::<serde_json::Value>(&report).unwrap()["fps"];
+    assert_eq!(fps["attached"][0]["policy"], "guest");
+    let queried_s = fps["attached"][0]["queried_s"].as_f64().unwrap();
+    assert!(queried_s >= slept.get().as_secs_f64() && slept.get() >= 4 * SLEEP, "{slept:?}: {fps}");
+    let steps = fps["env_steps"].as_f64().unwrap();
+    assert!(fps["bound"]["env_steps_per_s"].as_f64().unwrap() <= 1.000_001 * steps / queried_s, "{fps}");
 }
 
 #[test]

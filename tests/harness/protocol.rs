@@ -31,7 +31,8 @@ fn messages() -> Vec<Message> {
         "domain": domain, "run_id": u64::MAX, "max_envs": 8, "envs": 4, "lanes": [lane], "run": run
     });
     let host = json!({
-        "domain": domain, "run_id": 7, "lane": spec, "spec": { "Act": "a" }, "morphologies": ["single"], "run": run
+        "domain": domain, "run_id": 7, "lane": spec, "spec": { "Act": "a" }, "checkpoint": "00ab",
+        "morphologies": ["single"], "run": run
     });
     let assignment = json!({
         "id": 3, "driver": { "lane": 0 }, "task": "RaiseCube", "perturbation": ["MO-Color"], "seed": 9
@@ -43,7 +44,7 @@ fn messages() -> Vec<Message> {
     });
     let progress = json!({
         "env_steps": 5, "images": 6, "queries": 7, "wall_s": 0.5, "physics_s": 0.1, "render_s": 0.1,
-        "device_s": 0.0, "idle_s": 0.0, "cpu_s": 1.0, "latencies": { "counts": [0, 1, 2] }
+        "device_s": 0.0, "idle_s": 0.0, "cpu_s": 1.0, "foreign_s": [0.5], "latencies": { "counts": [0, 1, 2] }
     });
     let span = json!({ "activity": "step", "thread": 1, "start_ns": 10, "duration_ns": 5, "n": 1 });
     let host_ledger =

@@ -20,7 +20,7 @@ use super::process::ChildOutput;
 use super::queue::JobQueue;
 use super::totals::{HostWork, Totals};
 use super::tuner::{EnvTuner, WorkSample};
-use super::{FleetConfig, FleetEvent, RunStatus, Sink, SupervisorEvent};
+use super::{FleetConfig, FleetEvent, PolicyLane, RunStatus, Sink, SupervisorEvent};
 use crate::jobs::Job;
 
 /// Maximum wait for an event before timeouts are checked.
@@ -56,6 +56,9 @@ impl<'a> Supervisor<'a> {
         sink: &'a mut Sink<'a>,
     ) -> Self {
         let (n_lanes, capacity, n_cores) = (config.lanes.len(), config.capacity, children.n_cores());
+        let mut totals = Totals::new(n_lanes, config.earlier_renderer.clone());
+        let foreign = |policy: &PolicyLane| policy.lane.foreign.then(|| policy.lane.spec.policy.clone());
+        totals.foreign = config.lanes.iter().map(foreign).collect();
         Self {
             config,
             domain,
@@ -68,7 +71,7 @@ impl<'a> Supervisor<'a> {
             unconfirmed: Unconfirmed::default(),
             given_up: vec![false; n_lanes],
             tuner: capacity.tunes.then(|| EnvTuner::new(capacity.envs, capacity.max_envs, n_cores)),
-            totals: Totals::new(n_lanes, config.earlier_renderer.clone()),
+            totals,
             sink,
         }
     }

@@ -13,6 +13,8 @@ pub(crate) struct Totals {
     current: Counters,
     /// Per lane: the sum over hosts that have exited, and the current host.
     hosts: Vec<[HostWork; 2]>,
+    /// By lane: the name of the policy if its host is a foreign one.
+    pub(crate) foreign: Vec<Option<String>>,
     /// Name of the renderer, known once a sim is ready.
     pub(crate) renderer: Option<String>,
     /// Identity of that renderer, or of the one that rendered earlier results.
@@ -77,6 +79,12 @@ impl Totals {
         }
     }
 
+    /// Returns the policies with foreign hosts, and the seconds in which these had an unanswered query.
+    pub(crate) fn foreign_hosts(&self) -> Vec<(String, f64)> {
+        let names = self.foreign.iter().cloned().zip(self.sim().foreign_s);
+        names.filter_map(|(name, seconds)| Some((name?, seconds))).collect()
+    }
+
     /// Returns the work of each lane's hosts so far, answers that were not received included.
     pub(super) fn lanes(&self) -> Vec<HostWork> {
         self.hosts.iter().map(|[past, current]| past.add(*current)).collect()
@@ -120,6 +128,9 @@ impl HostWork {
 fn add(a: &Counters, b: &Counters) -> Counters {
     let mut latencies = a.latencies.clone();
     latencies.add(&b.latencies);
+    let at = |seconds: &[f64], lane: usize| seconds.get(lane).copied().unwrap_or(0.0);
+    let n_lanes = a.foreign_s.len().max(b.foreign_s.len());
+    let foreign_s = (0..n_lanes).map(|lane| at(&a.foreign_s, lane) + at(&b.foreign_s, lane)).collect();
     Counters {
         env_steps: a.env_steps + b.env_steps,
         images: a.images + b.images,
@@ -130,6 +141,7 @@ fn add(a: &Counters, b: &Counters) -> Counters {
         device_s: a.device_s + b.device_s,
         idle_s: a.idle_s + b.idle_s,
         cpu_s: a.cpu_s + b.cpu_s,
+        foreign_s,
         latencies,
     }
 }
@@ -155,6 +167,18 @@ mod tests {
         );
         let work = totals.hosts();
         assert_eq!((work.queries, work.busy_s, work.cpu_s, work.device_s, work.flop), (3, 1.5, 3.0, 0.75, 6));
+    }
+
+    #[test]
+    fn time_of_foreign_hosts_adds_up_over_sims() {
+        let mut totals = Totals::new(2, None);
+        totals.foreign = vec![None, Some("mine".to_owned())];
+        let counters = |seconds| Counters { foreign_s: vec![0.0, seconds], ..Counters::default() };
+        totals.on_sim_counters(counters(0.5));
+        totals.on_sim_exit();
+        assert_eq!(totals.foreign_hosts(), [("mine".to_owned(), 0.5)]);
+        totals.on_sim_counters(counters(0.25));
+        assert_eq!(totals.foreign_hosts(), [("mine".to_owned(), 0.75)]);
     }
 
     #[test]

@@ -39,6 +39,8 @@ pub(crate) struct Fps {
     pub(crate) inference: Option<InferenceSpeed>,
     /// Use of a GPU, or of a software driver.
     pub(crate) device: Option<DeviceUse>,
+    /// Use of attached hosts.
+    pub(crate) attached: Vec<AttachedUse>,
     /// The number of envs and how it was chosen; `None` if the user fixed it.
     #[serde(skip)]
     pub(crate) choice: Option<EnvChoice>,
@@ -48,7 +50,7 @@ pub(crate) struct Fps {
 }
 
 /// The speed at which all cores would do nothing but step, render and infer, c / (s + (r + w) / k), or at
-/// which the device would never be idle, k / d, if that is less.
+/// which a device or an attached host would never be idle, k / d, if that is less.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Bound {
     /// c: number of cores.
@@ -59,8 +61,8 @@ pub(crate) struct Bound {
     pub(crate) render_s: f64,
     /// w: core-seconds of inference per query of one env.
     pub(crate) query_s: f64,
-    /// d: wall seconds of the device per query of one env, of rendering or of the policy, whichever takes
-    /// longer: the two may overlap. `None` without a device.
+    /// d: wall seconds per query of one env of the device, for rendering or the policy, or of an attached
+    /// host, whichever takes longest: they may overlap. `None` without any of them.
     pub(crate) device_s: Option<f64>,
     /// k: control steps per query; `None` without queries.
     pub(crate) steps_per_query: Option<f64>,
@@ -91,6 +93,15 @@ pub(crate) struct DeviceUse {
     pub(crate) policy_s: f64,
     /// GFLOP/s of the networks in that time, by the operation count of the direct algorithms.
     pub(crate) gflop_per_s: Option<f64>,
+}
+
+/// Use of an attached host in the measured window.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct AttachedUse {
+    /// Name of its policy.
+    pub(crate) policy: String,
+    /// Wall seconds in which it had an unanswered query.
+    pub(crate) queried_s: f64,
 }
 
 /// Core-seconds of a run by stage. They add up to the number of cores times the measured wall time.
@@ -134,6 +145,8 @@ impl Fps {
             }
         };
         let device = DeviceUse::new(totals);
+        let used = |(policy, queried_s)| AttachedUse { policy, queried_s };
+        let attached: Vec<AttachedUse> = totals.foreign_hosts().into_iter().map(used).collect();
         let process_wall_s = process.as_secs_f64();
         Self {
             env_steps: sim.env_steps,
@@ -144,12 +157,18 @@ impl Fps {
             process_env_steps_per_s: sim.env_steps as f64 / process_wall_s,
             images_per_s: rate(sim.images),
             queries_per_s: rate(sim.queries),
-            bound: Bound::new(totals, &ledger, device, cores.count),
+            bound: Bound::new(totals, &ledger, busiest_s(device, &attached), cores.count),
             inference: cores.peak_gflop.filter(|_| hosts.flop > 0 && hosts.device_s == 0.0).map(inference),
             device,
+            attached,
             choice: totals.choice.clone(),
             ledger,
         }
+    }
+
+    /// Returns the time of the device or attached host that was busy for longest.
+    pub(crate) fn busiest_s(&self) -> Option<f64> {
+        busiest_s(self.device, &self.attached)
     }
 
     /// Returns the lines printed under the results table; empty for a run without a control step.
@@ -198,11 +217,29 @@ impl Fps {
         if let Some(device) = self.device {
             text += &device.line(self.wall_s);
         }
+        if !self.attached.is_empty() {
+            text += &attached_line(&self.attached, self.wall_s);
+        }
         if let Some(choice) = &self.choice {
             text += &choice_line(choice);
         }
         text
     }
+}
+
+/// Returns the line on attached hosts in a run of `wall_s`.
+fn attached_line(attached: &[AttachedUse], wall_s: f64) -> String {
+    let host = |AttachedUse { policy, queried_s }: &AttachedUse| {
+        format!("{policy} {queried_s:.2} s ({:.0} %)", 100.0 * queried_s / wall_s)
+    };
+    let hosts: Vec<_> = attached.iter().map(host).collect();
+    format!("attached hosts   {} with queries\n", hosts.join(", "))
+}
+
+/// Returns the longest of the times of a device, for rendering and for policies, and of the attached hosts.
+fn busiest_s(device: Option<DeviceUse>, attached: &[AttachedUse]) -> Option<f64> {
+    let device = device.map(|device| device.render_s.max(device.policy_s));
+    device.into_iter().chain(attached.iter().map(|host| host.queried_s)).reduce(f64::max)
 }
 
 /// Returns the line that tells the number of envs and why it was chosen.
@@ -235,11 +272,6 @@ impl DeviceUse {
         })
     }
 
-    /// Returns the longer of the two times, which may overlap.
-    pub(crate) fn longest_s(self) -> f64 {
-        self.render_s.max(self.policy_s)
-    }
-
     /// Returns the line of the report on a run of `wall_s`.
     fn line(self, wall_s: f64) -> String {
         let Self { render_s, policy_s, gflop_per_s } = self;
@@ -253,13 +285,12 @@ impl DeviceUse {
 }
 
 impl Bound {
-    fn new(totals: &Totals, ledger: &Ledger, device: Option<DeviceUse>, n_cores: u32) -> Option<Self> {
+    fn new(totals: &Totals, ledger: &Ledger, device_s: Option<f64>, n_cores: u32) -> Option<Self> {
         let sim = totals.sim();
         let per = |seconds: f64, count: u64| if count == 0 { 0.0 } else { seconds / count as f64 };
         let busy_s = ledger.physics_s + ledger.render_s + ledger.policy_s;
         // (r + w) / k per control step equals all core-seconds of rendering and inference over all control
         // steps.
-        let device_s = device.map(DeviceUse::longest_s);
         let on_cores = f64::from(n_cores) * sim.env_steps as f64 / busy_s;
         let bound = device_s.map_or(on_cores, |seconds| on_cores.min(sim.env_steps as f64 / seconds));
         (busy_s > 0.0 && sim.wall_s > 0.0).then(|| Self {

@@ -116,6 +116,7 @@ fn speed_and_bound_follow_their_definitions() {
         device_s: 0.0,
         idle_s: 0.1,
         cpu_s: 1.2,
+        foreign_s: Vec::new(),
         latencies,
     });
     // Batches of 5 on 2 threads: both are busy all the time.
@@ -187,4 +188,26 @@ fn bound_of_device_is_its_own() {
     totals.on_sim_counters(Counters { device_s: 0.0, ..totals.sim() });
     let bound = Fps::new(&totals, Duration::from_secs(4), CORES).bound.unwrap();
     assert!((bound.env_steps_per_s - 2.0 * 3000.0 / (0.6 + 0.1 + 0.2)).abs() < 1e-9, "{bound:?}");
+}
+
+#[test]
+fn bound_of_attached_host_is_its_own() {
+    let mut totals = Totals::new(3, None);
+    totals.foreign = vec![Some("mine".to_owned()), None, Some("other".to_owned())];
+    totals.on_sim_counters(Counters {
+        env_steps: 3000,
+        queries: 100,
+        wall_s: 2.0,
+        physics_s: 0.6,
+        cpu_s: 0.6,
+        foreign_s: vec![1.8, 0.0, 0.4],
+        ..Counters::default()
+    });
+    let fps = Fps::new(&totals, Duration::from_secs(4), CORES);
+    let bound = fps.bound.unwrap();
+    assert!((bound.env_steps_per_s - 3000.0 / 1.8).abs() < 1e-9, "{bound:?}");
+    assert!((bound.reached - 0.9).abs() < 1e-9, "{bound:?}");
+    let lines = fps.lines();
+    let line = lines.lines().find(|line| line.starts_with("attached"));
+    assert_eq!(line, Some("attached hosts   mine 1.80 s (90 %), other 0.40 s (20 %) with queries"));
 }

@@ -56,8 +56,8 @@ pub(crate) struct SpeedPoint {
     /// Fraction of the register peak in f32 that inference reaches on its cores; `None` without a network
     /// there.
     pub(crate) peak_fraction: Option<f64>,
-    /// Fraction of `wall_s` in which a device rendered or had a batch of the policy, whichever was longer;
-    /// `None` without a device.
+    /// Fraction of `wall_s` in which a device rendered or had a batch of the policy, or an attached host a
+    /// query, whichever was longest; `None` without any of them.
     pub(crate) device_fraction: Option<f64>,
     /// Number of episodes that ended with an error.
     pub(crate) errors: u64,
@@ -120,7 +120,7 @@ impl SpeedPoint {
             bound_env_steps_per_s: bound.env_steps_per_s,
             reached: bound.reached,
             peak_fraction: fps.inference.map(|speed| speed.fraction),
-            device_fraction: fps.device.map(|device| device.longest_s() / fps.wall_s),
+            device_fraction: fps.busiest_s().map(|seconds| seconds / fps.wall_s),
             errors,
         })
     }

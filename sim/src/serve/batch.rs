@@ -1,4 +1,5 @@
-//! Writes a batch of observations into a loaned message: one record per env, and images rendered in place.
+//! Batches of observations: their size, and their assembly in a loaned message, one record per env, with
+//! images rendered in place.
 
 use std::time::Instant;
 
@@ -8,7 +9,7 @@ use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
 use ipc_types::trace::{self, Activity};
 
-use super::slots::Slots;
+use super::slots::{LaneTally, Slots};
 use crate::render::{RenderError, Renderer, View};
 
 /// The cost of rendering one batch.
@@ -93,4 +94,24 @@ impl BatchWriter {
 fn recycle<'a>(mut views: Vec<View<'_>>) -> Vec<View<'a>> {
     views.clear();
     views.into_iter().map(|_| unreachable!("the vector was cleared")).collect()
+}
+
+/// Returns the number of envs in a lane's next batch; `None` if it is better to wait.
+///
+/// A query costs less in a large batch, and least if the host's threads divide the batch evenly. So a batch
+/// waits until half of the lane's envs are ready, while the host has the other half. It takes no more than
+/// half, so that stepping and inference overlap, and leaves the remainder of the division to the next batch.
+/// It waits only for envs that are acting: they get ready without an answer.
+pub(super) fn batch_size(tally: LaneTally, max_envs: usize, n_threads: usize) -> Option<usize> {
+    let LaneTally { n_used, n_ready, n_acting } = tally;
+    let whole = |n: usize| if n > n_threads { n - n % n_threads } else { n };
+    let half = n_used.div_ceil(2);
+    let limit = n_ready.min(max_envs).min(half.next_multiple_of(n_threads));
+    if n_ready == 0 {
+        None
+    } else if n_acting == 0 {
+        Some(limit)
+    } else {
+        (n_ready >= whole(half.min(max_envs))).then(|| whole(limit))
+    }
 }

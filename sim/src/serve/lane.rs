@@ -79,6 +79,9 @@ pub(super) struct LaneState {
     host_absent_since: Option<Instant>,
     /// Identity of the foreign host that receives the queries.
     host_id: Option<u128>,
+    /// Time in which a foreign host had an unanswered query, up to `queried_until`.
+    queried: Duration,
+    queried_until: Instant,
     given_up: bool,
 }
 
@@ -120,6 +123,8 @@ impl LaneState {
             last_host_check: now,
             host_absent_since: config.foreign.then_some(now),
             host_id: None,
+            queried: Duration::ZERO,
+            queried_until: now,
             given_up: false,
             config,
         })
@@ -151,6 +156,21 @@ impl LaneState {
         !self.in_flight.is_empty()
     }
 
+    /// Counts the time up to `now`, at which a batch in flight has no answer yet.
+    pub(super) fn count_queried(&mut self, now: Instant) {
+        if self.config.foreign && self.awaits_answer() {
+            self.queried += now.saturating_duration_since(self.queried_until);
+            self.queried_until = now;
+        }
+    }
+
+    /// Returns the seconds in which a foreign host had an unanswered query ([`Counters::foreign_s`]).
+    ///
+    /// [`Counters::foreign_s`]: super::protocol::Counters::foreign_s
+    pub(super) fn queried_s(&self) -> f64 {
+        self.queried.as_secs_f64()
+    }
+
     /// Returns the number of pages of one env of this morphology.
     pub(super) fn block_pages(&self, morphology: Morphology) -> usize {
         block_pages(morphology, self.config.images)
@@ -167,6 +187,9 @@ impl LaneState {
         now: Instant,
     ) -> ObservationHeader {
         let mut batch = self.spare.pop().expect("dispatch requires can_send");
+        if self.in_flight.is_empty() {
+            self.queried_until = now;
+        }
         self.sequence += 1;
         batch.sequence = self.sequence;
         batch.sent = now;

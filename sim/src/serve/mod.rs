@@ -22,11 +22,11 @@ use ipc_types::trace::{self, Activity};
 use ipc_types::{ActionView, FrameError, Lifeline, RunConfig, error_chain};
 use thiserror::Error;
 
-use self::batch::BatchWriter;
+use self::batch::{BatchWriter, batch_size};
 use self::episode::{EpisodeError, control_mode};
 use self::lane::{InvalidAnswerError, LaneError, LaneState};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
-use self::slots::{LaneTally, Slots};
+use self::slots::Slots;
 use crate::perturb::{Sentences, SentencesError};
 use crate::render::{self, OpenRendererError, RenderError};
 
@@ -177,7 +177,7 @@ impl Server {
             writer: BatchWriter::new(renderer, max_envs),
             run: config.run.clone(),
             n_threads,
-            counters: Counters::default(),
+            counters: Counters { foreign_s: vec![0.0; config.lanes.len()], ..Counters::default() },
             first_work: None,
             pending_idle_s: 0.0,
             idle_since: None,
@@ -293,6 +293,9 @@ impl Server {
             self.counters.wall_s = first_work.elapsed().as_secs_f64();
             self.counters.cpu_s = first_cpu.elapsed().as_secs_f64();
             self.counters.idle_s += std::mem::take(&mut self.pending_idle_s);
+            for (seconds, lane) in self.counters.foreign_s.iter_mut().zip(&self.lanes) {
+                *seconds = lane.queried_s();
+            }
         }
         let mut written = Ok(());
         self.slots.take_finished(|outcome| {
@@ -309,7 +312,12 @@ impl Server {
             return Ok(());
         }
         let now = Instant::now();
+        if self.idle_since.is_some() {
+            // An answer has just ended the wait. Otherwise it may have come at any time since the last look.
+            self.lanes[lane_idx].count_queried(now);
+        }
         while self.receive(lane_idx, now)? {}
+        self.lanes[lane_idx].count_queried(now);
         if self.lanes[lane_idx].check_host(now)? {
             self.lose_foreign_host(lane_idx as u32)?;
         }
@@ -389,26 +397,6 @@ impl Server {
             self.pending_idle_s += start.elapsed().as_secs_f64();
         }
         Ok(alive)
-    }
-}
-
-/// Returns the number of envs in a lane's next batch; `None` if it is better to wait.
-///
-/// A query costs less in a large batch, and least if the host's threads divide the batch evenly. So a batch
-/// waits until half of the lane's envs are ready, while the host has the other half. It takes no more than
-/// half, so that stepping and inference overlap, and leaves the remainder of the division to the next batch.
-/// It waits only for envs that are acting: they get ready without an answer.
-fn batch_size(tally: LaneTally, max_envs: usize, n_threads: usize) -> Option<usize> {
-    let LaneTally { n_used, n_ready, n_acting } = tally;
-    let whole = |n: usize| if n > n_threads { n - n % n_threads } else { n };
-    let half = n_used.div_ceil(2);
-    let limit = n_ready.min(max_envs).min(half.next_multiple_of(n_threads));
-    if n_ready == 0 {
-        None
-    } else if n_acting == 0 {
-        Some(limit)
-    } else {
-        (n_ready >= whole(half.min(max_envs))).then(|| whole(limit))
     }
 }
 

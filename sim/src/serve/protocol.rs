@@ -216,6 +216,10 @@ pub struct Counters {
     pub idle_s: f64,
     /// Core-seconds of the whole process within the measured window.
     pub cpu_s: f64,
+    /// By lane: wall seconds within the measured window in which a foreign host had an unanswered query. An
+    /// answer that arrives while the sim works counts from the sim's last look before; 0 for other hosts.
+    #[serde(default)]
+    pub foreign_s: Vec<f64>,
     /// Times between sending queries and receiving their answers.
     pub latencies: Latencies,
 }

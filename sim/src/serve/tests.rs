@@ -11,6 +11,7 @@ use ipc_types::{
 };
 
 use super::protocol::{Assignment, Driver, Lane};
+use super::slots::LaneTally;
 use super::*;
 use crate::counting::allocations;
 use crate::physics::World;
