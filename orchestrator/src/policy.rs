@@ -1,6 +1,6 @@
 //! The policies of a run: their names in the results, their specs and their identities.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use ipc_types::run_config::{Execution, QueryMode};

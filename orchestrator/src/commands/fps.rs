@@ -188,7 +188,7 @@ fn policy_identities(
     let mut found = BTreeMap::new();
     for policy in &plan.policies {
         if let Some(point) = points.iter().find(|point| point.series.policy == policy.name) {
-            let identity = identities(&point.plan, plan.device.as_deref())?.remove(0);
+            let identity = resolve(&mut point.plan.clone(), plan.device.as_deref())?.remove(0);
             found.insert(policy.name.clone(), identity);
         }
     }

@@ -10,7 +10,8 @@ use super::processor::Pi05Processor;
 use super::prompt::prompt;
 use crate::checkpoint::pi05::{Pi05Checkpoint, Pi05Description, is_pi05_folder};
 use crate::checkpoint::{
-    CheckpointError, CheckpointFolderError, NetworkCheck, ObservationMapping, check_networks, checkpoint_folders,
+    CheckpointError, CheckpointFolderError, NetworkCheck, ObservationMapping, check_networks,
+    checkpoint_folders,
 };
 use crate::load::PolicyCheck;
 use crate::nn::Precision;
