@@ -13,7 +13,9 @@ HYPOGEUM = os.environ.get("HYPOGEUM")
 pytestmark = pytest.mark.skipif(not HYPOGEUM, reason="HYPOGEUM is not set to the binary")
 lerobot_dataset = pytest.importorskip("lerobot.datasets.lerobot_dataset", exc_type=ImportError)
 
-LIMIT_S = 120
+LIMIT_S = 300
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+STATE, INSTRUCTION = "observation.state", "observation.environment_state"
 CASES = [("single", "RaiseCube,OpenDrawer", 25, 7, 3), ("bimanual", "DualArmDrawerOpen", 64, 16, 4)]
 
 
@@ -38,8 +40,8 @@ def test_lerobot_reads_dataset_with_equal_statistics(demos, morphology, tasks, s
     frames = [dataset[idx] for idx in range(len(dataset))]
     assert [int(frame["index"]) for frame in frames] == list(range(dataset.num_frames))
     for frame in (frames[0], frames[-1]):
-        assert frame["observation.state"].shape == (state_dim,) and frame["action"].shape == (action_dim,)
-        assert frame["observation.environment_state"].shape == (64,)
+        assert frame[STATE].shape == (state_dim,) and frame["action"].shape == (action_dim,)
+        assert frame[INSTRUCTION].shape == (64,)
         for camera in cameras:
             height, width, _ = dataset.features[camera]["shape"]
             assert frame[camera].shape == (3, height, width) and 0.01 < float(frame[camera].mean()) < 0.99
@@ -50,7 +52,7 @@ def test_lerobot_reads_dataset_with_equal_statistics(demos, morphology, tasks, s
         episode_frames = frames[episode["dataset_from_index"] : episode["dataset_to_index"]]
         assert len(episode_frames) == episode["length"]
         assert {int(frame["episode_index"]) for frame in episode_frames} == {episode["episode_index"]}
-        names = ("observation.state", "action")
+        names = (STATE, INSTRUCTION, "action")
         numbers = {name: np.stack([frame[name].numpy() for frame in episode_frames]) for name in names}
         episodes.append(compute_episode_stats(numbers, {name: dataset.features[name] for name in names}))
     for name, theirs in aggregate_stats(episodes).items():
@@ -58,9 +60,17 @@ def test_lerobot_reads_dataset_with_equal_statistics(demos, morphology, tasks, s
         numbers = np.stack([frame[name].numpy() for frame in frames]).astype(np.float64)
         np.testing.assert_allclose(ours["mean"], numbers.mean(0), rtol=0, atol=1e-9, err_msg=name)
         np.testing.assert_allclose(ours["std"], numbers.std(0), rtol=0, atol=1e-9, err_msg=name)
+        for quantile, q in QUANTILES.items():
+            np.testing.assert_allclose(ours[quantile], np.quantile(numbers, q, axis=0), rtol=0, atol=1e-12)
+        # Interpolation leaves at most one more frame on either side.
+        assert ((numbers < ours["q01"]) | (numbers > ours["q99"])).mean() <= 0.02 + 2 / len(numbers), name
         # LeRobot derives quantiles from histograms, and deviations from differences of large numbers.
         for statistic, tolerance in {"min": 0, "max": 0, "mean": 1e-5, "std": 1e-3, "count": 0}.items():
             np.testing.assert_allclose(ours[statistic], theirs[statistic], rtol=1e-4, atol=tolerance, err_msg=name)
     for camera in cameras:
-        means = np.mean([frame[camera].numpy().mean((1, 2)) for frame in frames], axis=0)
-        np.testing.assert_allclose(np.ravel(dataset.meta.stats[camera]["mean"]), means, atol=0.01)
+        pixels = np.stack([frame[camera].numpy() for frame in frames])
+        np.testing.assert_allclose(np.ravel(dataset.meta.stats[camera]["mean"]), pixels.mean((0, 2, 3)), atol=0.01)
+        for quantile, q in QUANTILES.items():
+            # JPEG changes single pixels.
+            expected = np.quantile(pixels, q, axis=(0, 2, 3))
+            np.testing.assert_allclose(np.ravel(dataset.meta.stats[camera][quantile]), expected, atol=0.02)

@@ -96,6 +96,11 @@ impl DemoPlan {
             folder.display(),
             (frames - frames_before) as f64 / seconds
         ));
+        if datasets.iter().any(|(dataset, _)| dataset.has_mean_quantiles()) {
+            print_message(
+                "quantiles of images are means over episodes, some of which an earlier version recorded",
+            );
+        }
         if stopped.load(Ordering::Relaxed) {
             print_message("interrupted; run the same command to resume");
             return Ok(ExitStatus::Interrupted);

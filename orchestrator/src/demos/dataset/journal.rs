@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use sim::Profile;
 use sim::perturb::{Composition, Strength};
 
-use super::stats::FeatureStats;
+use super::stats::{FeatureStats, Histogram};
 use crate::demos::image::ImageFormat;
 
 pub(super) const SETTINGS: &str = "meta/hypogeum.json";
@@ -45,6 +45,9 @@ pub(in crate::demos) struct EpisodeRecord {
     pub(in crate::demos) fingerprint: String,
     /// Statistics by feature.
     pub(super) stats: BTreeMap<String, FeatureStats>,
+    /// Histograms of image channels by feature. Journals of earlier versions have none.
+    #[serde(default)]
+    pub(super) histograms: BTreeMap<String, [Histogram; 3]>,
 }
 
 /// The journal of finished data files.

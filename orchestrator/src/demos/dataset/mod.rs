@@ -71,7 +71,7 @@ pub(super) struct DatasetEpisode {
 }
 
 /// The images of one camera.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct CameraImages {
     /// Encoded images, one per frame.
     files: Vec<Vec<u8>>,
@@ -163,6 +163,11 @@ impl DatasetWriter {
         meta::write(&self.folder, &self.journal)
     }
 
+    /// Returns whether image quantiles are means over episodes, because some episodes have no histograms.
+    pub(super) fn has_mean_quantiles(&self) -> bool {
+        self.journal.episodes().any(|episode| episode.histograms.is_empty())
+    }
+
     /// Returns the index of an instruction. LeRobot's tasks are distinct instructions.
     fn task_idx(&self, instruction: &str) -> usize {
         let known = instructions(self.episodes());
@@ -201,7 +206,7 @@ fn columns(
         (LANGUAGE, LANGUAGE_DIM, embedding.repeat(n_frames)),
         (ACTION, action_dim, episode.actions),
     ];
-    let mut stats = BTreeMap::new();
+    let (mut stats, mut counted) = (BTreeMap::new(), BTreeMap::new());
     let mut columns: Vec<Column> = Vec::new();
     for (name, width, numbers) in numbers {
         stats.insert(name.to_owned(), FeatureStats::of_values(&numbers, width));
@@ -210,6 +215,7 @@ fn columns(
     for (camera, CameraImages { files, histograms }) in morphology.camera_names().iter().zip(episode.images) {
         let name = camera_feature(camera);
         stats.insert(name.clone(), FeatureStats::of_images(&histograms, n_frames as u64));
+        counted.insert(name.clone(), histograms);
         columns.push((name, Cells::Image(files)));
     }
     let timestamps: Vec<f32> = (0..n_frames).map(|frame| frame as f32 / FPS as f32).collect();
@@ -234,6 +240,126 @@ fn columns(
         n_frames: n_frames as u64,
         fingerprint: format_fingerprint(episode.fingerprint),
         stats,
+        histograms: counted,
     };
     (columns, record)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use ipc_types::ControlMode;
+    use serde_json::Value;
+    use sim::Perturbation;
+    use sim::Profile;
+    use sim::perturb::Strength;
+
+    use super::*;
+    use crate::demos::ImageFormat;
+
+    /// Frames per episode. Of their sum, every stored quantile is the value of one frame.
+    const LENGTHS: [usize; 2] = [60, 141];
+    const N_FRAMES: usize = LENGTHS[0] + LENGTHS[1];
+
+    fn open(folder: &Path) -> DatasetWriter {
+        let settings = DatasetSettings {
+            morphology: Morphology::Single,
+            control_mode: ControlMode::EeDeltaPose,
+            perturbation: Perturbation::None.into(),
+            strength: Strength::FULL,
+            profile: Profile::Strict,
+            seed: 1,
+            images: ImageFormat::Jpeg,
+        };
+        DatasetWriter::open(folder, settings).unwrap()
+    }
+
+    /// Returns an episode whose numbers and images of one pixel have the values `first..` in reverse order.
+    fn episode(index: usize) -> DatasetEpisode {
+        let first: usize = LENGTHS[..index].iter().sum();
+        let values: Vec<u8> = (first..first + LENGTHS[index]).rev().map(|value| value as u8).collect();
+        let rows = |width: usize| values.iter().flat_map(|&value| vec![f32::from(value); width]).collect();
+        let mut images = CameraImages::default();
+        values.iter().for_each(|&value| images.push(&[value; 3], vec![value]));
+        let n_cameras = Morphology::Single.camera_names().len();
+        DatasetEpisode {
+            task: "RaiseCube".to_owned(),
+            instruction: "raise the cube".to_owned(),
+            index: index as u32,
+            fingerprint: 0,
+            actions: rows(7),
+            states: rows(Morphology::Single.state_dim()),
+            images: vec![images; n_cameras],
+        }
+    }
+
+    fn record(dataset: &mut DatasetWriter, index: usize) {
+        dataset.push(episode(index)).unwrap();
+        dataset.close_file().unwrap();
+    }
+
+    fn stats(folder: &Path) -> Value {
+        serde_json::from_slice(&fs::read(folder.join("meta/stats.json")).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn quantiles_are_those_of_all_frames() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut dataset = open(dir.path());
+        (0..LENGTHS.len()).for_each(|index| record(&mut dataset, index));
+        dataset.write_meta().unwrap();
+        assert!(!dataset.has_mean_quantiles());
+        let stats = stats(dir.path());
+        for (name, frame) in [("q01", 2.0), ("q10", 20.0), ("q50", 100.0), ("q90", 180.0), ("q99", 198.0)] {
+            for feature in [STATE, ACTION] {
+                let found = stats[feature][name].as_array().unwrap();
+                assert!(found.iter().all(|value| *value == frame), "{feature} {name}: {found:?}");
+            }
+            assert_eq!(stats["index"][name][0], frame);
+            assert_eq!(stats["observation.images.hand"][name][2][0][0], frame / 255.0, "{name}");
+        }
+        assert_eq!(stats[ACTION]["count"][0], N_FRAMES);
+    }
+
+    #[test]
+    fn statistics_are_equal_when_episodes_are_appended() {
+        let dir = tempfile::tempdir().unwrap();
+        let [whole, appended] = ["whole", "appended"].map(|name| dir.path().join(name));
+        let mut dataset = open(&whole);
+        for index in 0..LENGTHS.len() {
+            record(&mut dataset, index);
+            let mut dataset = open(&appended);
+            record(&mut dataset, index);
+            dataset.write_meta().unwrap();
+        }
+        dataset.write_meta().unwrap();
+        let text = |folder: &Path| fs::read_to_string(folder.join("meta/stats.json")).unwrap();
+        assert_eq!(text(&whole), text(&appended));
+    }
+
+    #[test]
+    fn older_journal_is_continued_without_histograms() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut dataset = open(dir.path());
+        record(&mut dataset, 0);
+        drop(dataset);
+        let journal = dir.path().join("meta/hypogeum.jsonl");
+        let mut episodes: Value = serde_json::from_slice(&fs::read(&journal).unwrap()).unwrap();
+        episodes[0].as_object_mut().unwrap().remove("histograms").unwrap();
+        fs::write(&journal, format!("{episodes}\n")).unwrap();
+
+        let mut dataset = open(dir.path());
+        record(&mut dataset, 1);
+        dataset.write_meta().unwrap();
+        assert!(dataset.has_mean_quantiles());
+        let stats = stats(dir.path());
+        assert_eq!(stats[STATE]["q01"][0], 2.0);
+        let camera = &stats["observation.images.hand"];
+        assert_eq!(
+            (&camera["min"][0][0][0], &camera["max"][0][0][0]),
+            (&0.0.into(), &(200.0 / 255.0).into())
+        );
+        assert!(camera["q01"][0][0][0].as_f64().unwrap() > 2.0 / 255.0);
+    }
 }

@@ -1,5 +1,5 @@
-//! Statistics of features, per episode and aggregated, by LeRobot's definitions: a quantile over several
-//! episodes is the mean of their quantiles, weighted by frames.
+//! Statistics of features, of one episode or of a whole dataset, by LeRobot's definitions. Those of a dataset
+//! are computed over all its frames: a mean of the episodes' quantiles, as LeRobot forms it, is no quantile.
 
 use serde::{Deserialize, Serialize};
 
@@ -49,7 +49,8 @@ impl FeatureStats {
         Self::from_columns(histograms.iter().map(Histogram::stats), n_frames)
     }
 
-    /// Aggregates the statistics of several episodes.
+    /// Aggregates the statistics of several episodes whose frames are not at hand. Quantiles are the means of
+    /// the episodes' quantiles, weighted by frames.
     ///
     /// # Panics
     /// If `episodes` is empty or mixes features.
@@ -97,12 +98,29 @@ struct ComponentStats {
 }
 
 /// The number of pixels per value of a colour channel.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(into = "Vec<u64>", try_from = "Vec<u64>")]
 pub(super) struct Histogram([u64; LEVELS]);
 
 impl Default for Histogram {
     fn default() -> Self {
         Self([0; LEVELS])
+    }
+}
+
+impl From<Histogram> for Vec<u64> {
+    fn from(histogram: Histogram) -> Self {
+        histogram.0.into()
+    }
+}
+
+impl TryFrom<Vec<u64>> for Histogram {
+    type Error = String;
+
+    fn try_from(counts: Vec<u64>) -> Result<Self, String> {
+        let expected =
+            |counts: Vec<u64>| format!("a histogram has {} values, expected {LEVELS}", counts.len());
+        counts.try_into().map(Self).map_err(expected)
     }
 }
 
@@ -114,6 +132,13 @@ impl Histogram {
                 .iter_mut()
                 .zip(pixel)
                 .for_each(|(histogram, &level)| histogram.0[usize::from(level)] += 1);
+        }
+    }
+
+    /// Adds the pixels of other images.
+    pub(super) fn add(histograms: &mut [Self; 3], others: &[Self; 3]) {
+        for (histogram, other) in histograms.iter_mut().zip(others) {
+            histogram.0.iter_mut().zip(&other.0).for_each(|(n, more)| *n += more);
         }
     }
 
