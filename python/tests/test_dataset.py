@@ -3,8 +3,10 @@
 Set HYPOGEUM to the binary, and install lerobot[dataset].
 """
 
+import json
 import os
 import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -74,3 +76,32 @@ def test_lerobot_reads_dataset_with_equal_statistics(demos, morphology, tasks, s
             # JPEG changes single pixels.
             expected = np.quantile(pixels, q, axis=(0, 2, 3))
             np.testing.assert_allclose(np.ravel(dataset.meta.stats[camera][quantile]), expected, atol=0.02)
+
+
+def test_lerobot_train_names_the_encoder(demos, tmp_path):
+    """Train with LeRobot's own command, as docs/demonstrations.md shows it, and read what it writes."""
+    from safetensors.numpy import load_file
+
+    from lerobot.datasets.compute_stats import aggregate_stats
+    from lerobot.datasets.dataset_metadata import LeRobotDatasetMetadata
+
+    meta = LeRobotDatasetMetadata("hypogeum/single", root=demos / "single")
+    assert meta.features[INSTRUCTION]["info"] == {"encoder": "hashed", "version": 1}
+    aggregated = aggregate_stats([meta.stats])[INSTRUCTION]
+    np.testing.assert_allclose(aggregated["q99"], meta.stats[INSTRUCTION]["q99"])
+
+    small = {
+        "dim_model": 32, "n_heads": 2, "dim_feedforward": 32, "n_encoder_layers": 1, "n_vae_encoder_layers": 1,
+        "chunk_size": 20, "n_action_steps": 20, "pretrained_backbone_weights": "null",
+    }  # fmt: skip
+    command = [
+        sys.executable, "-m", "lerobot.scripts.lerobot_train", "--dataset.repo_id=mine/single",
+        f"--dataset.root={demos / 'single'}", "--policy.type=act", "--policy.device=cpu", "--policy.push_to_hub=false",
+        *(f"--policy.{name}={value}" for name, value in small.items()),
+        "--batch_size=2", "--steps=2", "--num_workers=0", f"--output_dir={tmp_path / 'act'}",
+    ]  # fmt: skip
+    subprocess.run(command, check=True, timeout=LIMIT_S, env=os.environ | {"HF_HUB_OFFLINE": "1"})
+    checkpoint = tmp_path / "act/checkpoints/last/pretrained_model"
+    steps = json.loads((checkpoint / "policy_preprocessor.json").read_text())["steps"]
+    [state] = [step["state_file"] for step in steps if step["registry_name"] == "normalizer_processor"]
+    assert load_file(checkpoint / state)[f"{INSTRUCTION}.hashed"].tolist() == [1.0]

@@ -291,7 +291,12 @@ impl ProcessorFile<'_> {
     ) -> Result<Normaliser, CheckpointError> {
         let features: BTreeMap<String, FeatureShape> = config.take_or("features", BTreeMap::new())?;
         let file = match state_file {
-            Some(name) => StatisticsFile::Own(TensorFile::open(&self.folder.join(name))?),
+            Some(name) if Path::new(&name).components().count() == 1 => {
+                StatisticsFile::Own(TensorFile::open(&self.folder.join(name))?)
+            }
+            Some(name) => {
+                return Err(config.value("state_file", format!("`{name}`"), "the name of a file in the folder"));
+            }
             None => StatisticsFile::Absent,
         };
         Ok(Normaliser {

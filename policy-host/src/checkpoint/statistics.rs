@@ -104,7 +104,7 @@ impl Normaliser {
             return Ok(false);
         }
         match file.read(&name)?[..] {
-            [hashed::VERSION] => Ok(true),
+            [version] if version == f32::from(hashed::VERSION) => Ok(true),
             ref found => Err(CheckpointError::Value {
                 path: file.path().to_owned(),
                 key: name,

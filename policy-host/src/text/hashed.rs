@@ -7,11 +7,12 @@
 
 use crate::generated::{fnv1a64, sym};
 
-/// Name of the statistic of a feature by which a dataset records that the feature is this embedding.
-/// LeRobot copies it into the checkpoints that are trained on the dataset.
+/// Version of the embedding, to be increased when the embedding of any instruction changes.
+pub const VERSION: u8 = 1;
+/// Name of the statistic of an embedding's feature whose value, of shape `[1]`, is the encoder's [`VERSION`].
+/// LeRobot copies every statistic of a dataset into the normaliser's state of a checkpoint, so that a network
+/// trained by `lerobot-train` names its encoder there, as the tensor `observation.environment_state.hashed`.
 pub const STATISTIC: &str = "hashed";
-/// Value of that statistic: the version of the encoder.
-pub const VERSION: f32 = 1.0;
 
 /// Returns the embedding `[dim] f32`, of expected norm 1: the sum of a pseudo-random vector for each word and
 /// each pair of adjacent words, divided by the square root of their number. Words are runs of ASCII letters

@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::{Context, ensure};
 use ipc_types::layout::{EXTERNAL_SIDE, HAND_SIDE};
 use ipc_types::{ControlMode, Morphology};
+use policy_host::text::hashed;
 use serde_json::{Map, Value, json};
 
 use super::journal::{EpisodeRecord, Journal};
@@ -93,7 +94,9 @@ fn features(morphology: Morphology, mode: ControlMode) -> Value {
         .flat_map(|(part, width)| (0..*width).map(move |idx| format!("{part}.{idx}")));
     let mut features = Map::new();
     features.insert(STATE.into(), vector(morphology.state_dim(), state.collect()));
-    features.insert(LANGUAGE.into(), vector(LANGUAGE_DIM, Value::Null));
+    let mut language = vector(LANGUAGE_DIM, Value::Null);
+    language["info"] = json!({"encoder": hashed::STATISTIC, "version": hashed::VERSION});
+    features.insert(LANGUAGE.into(), language);
     features.insert(ACTION.into(), vector(mode.action_dim(morphology), action_names(morphology, mode)));
     for (idx, camera) in morphology.camera_names().iter().enumerate() {
         let side = if idx < morphology.n_external_cameras() { EXTERNAL_SIDE } else { HAND_SIDE };
@@ -180,6 +183,9 @@ fn stats(folder: &Path, journal: &Journal) -> anyhow::Result<Value> {
         let mut lists: Map<String, Value> =
             lists(&over).map(|(name, numbers)| (name.to_owned(), nested(numbers))).collect();
         lists.insert("count".to_owned(), json!([over.count]));
+        if feature == LANGUAGE {
+            lists.insert(hashed::STATISTIC.to_owned(), json!([f64::from(hashed::VERSION)]));
+        }
         by_feature.insert(feature.clone(), Value::Object(lists));
     }
     Ok(Value::Object(by_feature))

@@ -250,6 +250,7 @@ mod tests {
     use std::fs;
 
     use ipc_types::ControlMode;
+    use policy_host::text::hashed;
     use serde_json::Value;
     use sim::Perturbation;
     use sim::Profile;
@@ -319,6 +320,7 @@ mod tests {
             assert_eq!(stats["index"][name][0], frame);
             assert_eq!(stats["observation.images.hand"][name][2][0][0], frame / 255.0, "{name}");
         }
+        assert_eq!(stats[LANGUAGE][hashed::STATISTIC], serde_json::json!([1.0]));
         assert_eq!(stats[ACTION]["count"][0], N_FRAMES);
     }
 
