@@ -153,6 +153,7 @@ fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
     envs.dedup();
     let policies = if args.policies.is_empty() { default_policies(args)? } else { args.policies.clone() };
     check_policies(&policies).or_user()?;
+    let policies = policies.iter().map(NamedPolicy::located).collect::<Result<Vec<_>, _>>().or_user()?;
     let mut modes = Vec::new();
     for &mode in &args.modes {
         if !modes.contains(&mode) {

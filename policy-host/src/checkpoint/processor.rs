@@ -295,7 +295,11 @@ impl ProcessorFile<'_> {
                 StatisticsFile::Own(TensorFile::open(&self.folder.join(name))?)
             }
             Some(name) => {
-                return Err(config.value("state_file", format!("`{name}`"), "the name of a file in the folder"));
+                return Err(config.value(
+                    "state_file",
+                    format!("`{name}`"),
+                    "the name of a file in the folder",
+                ));
             }
             None => StatisticsFile::Absent,
         };
