@@ -1,6 +1,25 @@
+import shutil
 import sys
 from pathlib import Path
+
+import pytest
 
 HERE = Path(__file__).parent
 # Make the test helpers and the scripts next to the package importable.
 sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+
+@pytest.fixture(scope="session")
+def act(tmp_path_factory):
+    """Folder of a tiny ACT. Needs LeRobot."""
+    import lerobot_checkpoints
+    import torch
+
+    torch.set_num_threads(1)
+    return lerobot_checkpoints.act(tmp_path_factory.mktemp("checkpoints") / "act")
+
+
+@pytest.fixture
+def copy(act, tmp_path):
+    """Folder of a tiny ACT that a test may change. Needs LeRobot."""
+    return shutil.copytree(act, tmp_path / "checkpoint")

@@ -2,7 +2,6 @@
 
 import json
 
-import make_pi05_reference as reference
 import torch
 from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.policies.act.configuration_act import ACTConfig
@@ -15,7 +14,7 @@ from lerobot.policies.pi0.configuration_pi0 import PI0Config
 from lerobot.policies.pi0.modeling_pi0 import PI0Policy
 from lerobot.policies.smolvla.configuration_smolvla import SmolVLAConfig
 from lerobot.policies.smolvla.modeling_smolvla import SmolVLAPolicy
-from make_act_checkpoint import INSTRUCTIONS
+from safetensors.torch import load_file, save_file
 from tokenizers import Tokenizer, models, pre_tokenizers, trainers
 from transformers import (
     PreTrainedTokenizerFast,
@@ -25,9 +24,11 @@ from transformers import (
     SmolVLMVideoProcessor,
 )
 
+import make_pi05_reference as reference
 from hypogeum import tokenizer
 from hypogeum.backbone import resnet18_of
 from hypogeum.pi05 import narrow
+from make_act_checkpoint import INSTRUCTIONS
 
 STATE, ACTION, HAND = "observation.state", "action", "observation.images.hand"
 N_ROWS, ACTION_DIM = 8, 7
@@ -172,3 +173,39 @@ def act(folder, inputs=None, **others):
 
 
 KINDS = {"pi05": pi05, "pi0": pi0, "smolvla": smolvla, "diffusion": diffusion}
+
+
+def rewrite(path, change):
+    contents = json.loads(path.read_text())
+    change(contents)
+    path.write_text(json.dumps(contents))
+
+
+def configure(folder, **values):
+    rewrite(folder / "config.json", lambda contents: contents.update(values))
+
+
+def configure_step(folder, processor, name, change):
+    """Change the entry of a processor's step."""
+
+    def apply(contents):
+        change(next(step for step in contents["steps"] if step["registry_name"] == name))
+
+    rewrite(folder / f"{processor}.json", apply)
+
+
+def state_of(folder, processor):
+    (path,) = folder.glob(f"{processor}_step_*normalizer_processor.safetensors")
+    return path
+
+
+def change_statistics(processor, change):
+    def apply(folder):
+        path = state_of(folder, processor)
+        save_file(change(load_file(path)), path)
+
+    return apply
+
+
+def setting(**values):
+    return lambda folder: (folder / "hypogeum.json").write_text(json.dumps(values))

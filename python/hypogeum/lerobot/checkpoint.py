@@ -131,8 +131,8 @@ def weights_folder(folder):
         return resolve_checkpoint(base)
     except MappingError as error:
         raise MappingError(
-            f"{folder} contains a LoRA adapter of {base or 'an unnamed base'}: {error}; then set base_model_name_or_path in "
-            f"{folder / ADAPTER} to its folder"
+            f"{folder} contains a LoRA adapter of {base or 'an unnamed base'}: {error}; then set "
+            f"base_model_name_or_path in {folder / ADAPTER} to its folder"
         ) from error
 
 

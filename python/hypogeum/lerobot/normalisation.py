@@ -71,7 +71,8 @@ def check_step(where, step, name, kind, shape, configured):
             keys = [f"{feature}.{statistic}" for feature, values in found.items() for statistic in values]
             keys.sort(key=lambda key: (not key.endswith(needed), name not in key, key))
             raise MappingError(
-                f"{where}: {name} is normalised by {mode}, which needs {needed}; the statistics found are {listed(keys)}"
+                f"{where}: {name} is normalised by {mode}, which needs {needed}; "
+                f"the statistics found are {listed(keys)}"
             )
         check_values(f"{where}: {name}.{statistic}", value, shape if feature is None else tuple(feature.shape))
 
