@@ -45,7 +45,8 @@ impl Preprocessor {
     pub(super) fn new(size: ImageSize, normalisation: Option<&ShiftScale>, sizes: &[ImageSize]) -> Self {
         let value = |channel: usize, byte: usize| {
             let x = byte as f32 / 255.0;
-            normalisation.map_or(x, |norm| (x - norm.shift[channel]) / norm.scale[channel])
+            normalisation
+                .map_or(x, |norm| (x - norm.shift[channel]) / norm.scale[channel] + norm.offset[channel])
         };
         let values = (0..3).map(|channel| std::array::from_fn(|byte| value(channel, byte))).collect();
         let others = sizes.iter().filter(|&&other| other != size);

@@ -1,12 +1,15 @@
 //! Normalisation of network inputs, and its inverse for actions.
 
-/// Element-wise normalisation `(x − shift) / scale`.
+/// Element-wise normalisation `(x − shift) / scale + offset`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShiftScale {
     /// Shift `[n]`, for example the mean.
     pub shift: Vec<f32>,
     /// Scale `[n]`, for example the standard deviation. Never zero.
     pub scale: Vec<f32>,
+    /// Offset `[n]`: zero, but −1 for an entry whose statistics leave it no range. Next to its shift, the
+    /// scale of such an entry vanishes in rounding.
+    pub offset: Vec<f32>,
 }
 
 /// Normalisation of all inputs and outputs of a network. `None` means identity.
@@ -23,26 +26,39 @@ pub struct Normalisation {
 }
 
 impl ShiftScale {
+    /// Returns the normalisation `(x − shift) / scale`.
+    #[must_use]
+    pub fn new(shift: Vec<f32>, scale: Vec<f32>) -> Self {
+        let offset = vec![0.0; shift.len()];
+        Self { shift, scale, offset }
+    }
+
     /// Returns ImageNet's channel means and standard deviations, as torchvision defines them.
     #[must_use]
     pub fn image_net() -> Self {
-        Self { shift: vec![0.485, 0.456, 0.406], scale: vec![0.229, 0.224, 0.225] }
+        Self::new(vec![0.485, 0.456, 0.406], vec![0.229, 0.224, 0.225])
     }
 
     /// Normalises `x [n]` in place.
     pub fn normalise(&self, x: &mut [f32]) {
         assert_eq!(x.len(), self.shift.len(), "entries to normalise");
-        for ((x, shift), scale) in x.iter_mut().zip(&self.shift).zip(&self.scale) {
-            *x = (*x - shift) / scale;
+        for (x, (shift, scale, offset)) in x.iter_mut().zip(self.entries()) {
+            *x = (*x - shift) / scale + offset;
         }
     }
 
     /// Applies the inverse to every row of `x [t, n]` in place.
     pub fn restore(&self, x: &mut [f32]) {
         for row in x.chunks_exact_mut(self.shift.len()) {
-            for ((x, shift), scale) in row.iter_mut().zip(&self.shift).zip(&self.scale) {
-                *x = *x * scale + shift;
+            for (x, (shift, scale, offset)) in row.iter_mut().zip(self.entries()) {
+                *x = (*x - offset) * scale + shift;
             }
         }
+    }
+
+    /// Returns the shift, scale and offset of each entry.
+    fn entries(&self) -> impl Iterator<Item = (f32, f32, f32)> {
+        let pairs = self.shift.iter().zip(&self.scale).zip(&self.offset);
+        pairs.map(|((&shift, &scale), &offset)| (shift, scale, offset))
     }
 }

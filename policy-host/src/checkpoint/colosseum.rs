@@ -240,7 +240,7 @@ pub(super) fn describe(
             };
             let shift = read(STATISTICS[first])?;
             let scale = read(STATISTICS[first + 1])?.into_iter().map(|std| std.max(MIN_STD)).collect();
-            Ok::<_, CheckpointError>(ShiftScale { shift, scale })
+            Ok::<_, CheckpointError>(ShiftScale::new(shift, scale))
         });
         (normalisation.state, normalisation.action) = (Some(state?), Some(action?));
     }

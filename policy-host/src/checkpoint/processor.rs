@@ -22,6 +22,8 @@ pub(super) const POSTPROCESSOR: &str = "policy_postprocessor.json";
 pub(super) const DEFAULT_EPSILON: f32 = 1e-8;
 /// Data types to which a processor may cast, because tensors have them here.
 const FLOAT_TYPES: [&str; 2] = ["float32", "float"];
+/// LeRobot's kinds of features.
+const KINDS: [&str; 6] = ["STATE", "VISUAL", "ENV", "ACTION", "REWARD", "LANGUAGE"];
 /// Key under which LeRobot's pipelines pass the instruction.
 const TASK: &str = "task";
 
@@ -138,6 +140,11 @@ impl StepKind {
         }
     }
 
+    /// Returns `true` for a step without which a network has no input.
+    fn is_required(self) -> bool {
+        matches!(self, Self::Prompt | Self::Tokenize)
+    }
+
     /// Returns `true` for a step that changes no value, as far as it is supported.
     fn is_free(self) -> bool {
         matches!(self, Self::Batch | Self::Device | Self::Relative | Self::Absolute)
@@ -209,6 +216,11 @@ impl ProcessorFile<'_> {
                 return Err(file.value(&step.key, found, expected));
             }
             steps.push(step);
+        }
+        let is_absent = |kind: &&StepKind| kind.is_required() && steps.iter().all(|step| step.kind != **kind);
+        if let Some(absent) = allowed.iter().find(is_absent) {
+            let found = format!("a list without `{}`", absent.name());
+            return Err(file.value("steps", found, "the steps that write π0.5's prompt"));
         }
         file.finish(self.ignore, self.notes)?;
         Ok(steps)
@@ -289,7 +301,15 @@ impl ProcessorFile<'_> {
         config: &mut Settings,
         state_file: Option<String>,
     ) -> Result<Normaliser, CheckpointError> {
-        let features: BTreeMap<String, FeatureShape> = config.take_or("features", BTreeMap::new())?;
+        let features: BTreeMap<String, FeatureShape> = config.require("features", "the features by name")?;
+        let modes: Modes = config.require("norm_map", "a mode for each kind of feature")?;
+        if let Some(unknown) = modes.keys().find(|kind| !KINDS.contains(&kind.as_str())) {
+            return Err(config.value(
+                "norm_map",
+                format!("`{unknown}`"),
+                format!("one of {}", KINDS.join(", ")),
+            ));
+        }
         let file = match state_file {
             Some(name) if Path::new(&name).components().count() == 1 => {
                 StatisticsFile::Own(TensorFile::open(&self.folder.join(name))?)
@@ -306,7 +326,7 @@ impl ProcessorFile<'_> {
         Ok(Normaliser {
             path: self.path.clone(),
             step: kind.name(),
-            modes: config.take_or("norm_map", Modes::new())?,
+            modes,
             kinds: Some(features.into_iter().map(|(name, feature)| (name, feature.kind)).collect()),
             only: config.take::<BTreeSet<String>>("normalize_observation_keys")?,
             epsilon: config.take_or("eps", DEFAULT_EPSILON)?,

@@ -190,7 +190,7 @@ impl Normaliser {
             return Err(missing(
                 file_path(&self.file, &self.path),
                 format!("`{absent}`"),
-                listed(tensor_names(&self.file).into_iter().filter(is_statistic)),
+                listed(tensor_names(&self.file).into_iter().filter(is_statistic), name),
             ));
         }
         let [first, second] = names;
@@ -261,15 +261,14 @@ impl Statistics {
     /// Returns the shift and the scale. `scale_of` maps a standard deviation to its scale.
     fn shift_scale(self, epsilon: f32, scale_of: impl Fn(f32) -> f32) -> ShiftScale {
         match self {
-            Self::MeanStd(mean, std) => {
-                ShiftScale { shift: mean, scale: std.into_iter().map(scale_of).collect() }
-            }
+            Self::MeanStd(mean, std) => ShiftScale::new(mean, std.into_iter().map(scale_of).collect()),
             Self::Range(low, high) => {
-                let half_range =
-                    |low: f32, high: f32| if high == low { 0.5 * epsilon } else { 0.5 * (high - low) };
-                let scale: Vec<f32> =
-                    low.iter().zip(&high).map(|(&low, &high)| half_range(low, high)).collect();
-                ShiftScale { shift: low.iter().zip(&scale).map(|(low, half)| low + half).collect(), scale }
+                let entry = |(&low, &high): (&f32, &f32)| {
+                    let half = 0.5 * (high - low);
+                    if half == 0.0 { (low, (0.5 * epsilon, -1.0)) } else { (low + half, (half, 0.0)) }
+                };
+                let (shift, (scale, offset)) = low.iter().zip(&high).map(entry).unzip();
+                ShiftScale { shift, scale, offset }
             }
         }
     }
@@ -289,9 +288,10 @@ fn file_path<'a>(file: &'a StatisticsFile, otherwise: &'a Path) -> &'a Path {
     }
 }
 
-/// Returns the first names of a list as text.
-fn listed(names: impl Iterator<Item = String>) -> String {
-    let names: Vec<_> = names.collect();
+/// Returns the first names of a list as text, those that contain the name of a feature before the others.
+fn listed(names: impl Iterator<Item = String>, feature: &str) -> String {
+    let mut names: Vec<_> = names.collect();
+    names.sort_by_key(|name| !name.contains(feature));
     let shown = names[..names.len().min(MAX_LISTED)].join(", ");
     match names.len() {
         0 => "no statistics".to_owned(),

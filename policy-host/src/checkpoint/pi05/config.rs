@@ -8,7 +8,7 @@ use crate::checkpoint::mapping::{FeatureKind, InputFeature, refuse_if, rename};
 use crate::checkpoint::processor::{
     Modes, NormalisationMode, POSTPROCESSOR, PREPROCESSOR, Processors, TokenizerSettings,
 };
-use crate::checkpoint::settings::{Features, Settings};
+use crate::checkpoint::settings::{Features, IgnoreList, Settings};
 use crate::checkpoint::statistics::{ACTION, Normaliser};
 use crate::execution::ChunkSettings;
 use crate::spec::MAX_STEPS;
@@ -23,6 +23,9 @@ const EMPTY_CAMERA: &str = "observation.images.empty_camera_";
 const PALIGEMMA: &str = "google/paligemma-3b-pt-224";
 /// Name of the state feature.
 const STATE: &str = "observation.state";
+/// Options of real-time chunking, which have no influence while it is switched off.
+const RTC_OPTIONS: [&str; 5] =
+    ["prefix_attention_schedule", "max_guidance_weight", "execution_horizon", "debug", "debug_maxlen"];
 /// Settings that have no influence on actions: those of training, of the hub and of compilation, those that
 /// the tensors determine, and those of options that are refused.
 const WITHOUT_INFLUENCE: [&str; 33] = [
@@ -80,7 +83,11 @@ pub(super) struct Pi05Config {
 
 impl Pi05Config {
     /// Reads the settings. Those that are not supported or out of range are refused by name.
-    pub(super) fn read(settings: &mut Settings, notes: &mut Vec<String>) -> Result<Self, CheckpointError> {
+    pub(super) fn read(
+        settings: &mut Settings,
+        ignore: &IgnoreList,
+        notes: &mut Vec<String>,
+    ) -> Result<Self, CheckpointError> {
         read_base(settings, notes)?;
         settings.discard(&WITHOUT_INFLUENCE);
         let otherwise = "false; serve the checkpoint with `python -m hypogeum.lerobot`";
@@ -90,7 +97,7 @@ impl Pi05Config {
             "use_proprioceptive_memory",
             "false: a memory of earlier states is not supported",
         )?;
-        read_real_time_chunking(settings)?;
+        read_real_time_chunking(settings, ignore, notes)?;
         if let Some(found) = settings.take::<String>("dtype")?.filter(|dtype| dtype != "float32") {
             notes.push(format!("computes in f32 from weights as stored, although `dtype` is {found}"));
         }
@@ -147,10 +154,15 @@ impl Pi05Config {
 }
 
 /// Refuses real-time chunking, unless it is switched off.
-fn read_real_time_chunking(settings: &mut Settings) -> Result<(), CheckpointError> {
+fn read_real_time_chunking(
+    settings: &mut Settings,
+    ignore: &IgnoreList,
+    notes: &mut Vec<String>,
+) -> Result<(), CheckpointError> {
     let Some(mut options) = settings.object("rtc_config", "rtc_config.")? else { return Ok(()) };
     if options.take("enabled")? == Some(false) {
-        return Ok(());
+        options.discard(&RTC_OPTIONS);
+        return options.finish(ignore, notes);
     }
     Err(settings.value("rtc_config", "set", "null: real-time chunking is not supported"))
 }
@@ -160,7 +172,7 @@ impl Folder<'_> {
         let ignore = &self.sidecar.ignore;
         refuse_if(self.sidecar.chunk_size.is_some(), self.folder, "chunk_size", "openpi's checkpoints only")?;
         let mut notes = Vec::new();
-        let mut config = Pi05Config::read(&mut settings, &mut notes)?;
+        let mut config = Pi05Config::read(&mut settings, ignore, &mut notes)?;
         settings.finish(ignore, &mut notes)?;
         config.add_implied_features();
         let architecture = self.architecture(config.chunk.horizon)?;
