@@ -17,6 +17,7 @@ mod lerobot;
 mod parity;
 mod pi05;
 mod serve;
+mod variants;
 mod weightless;
 
 use std::path::{Path, PathBuf};
