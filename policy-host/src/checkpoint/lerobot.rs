@@ -177,6 +177,9 @@ pub(super) fn describe(
         let key = format!("input_features.{name}");
         settings.value(&key, format!("{shape:?}"), "[dim], or [3, height, width] for an image")
     })?;
+    if inputs.is_empty() {
+        return Err(settings.value("input_features", "empty", "at least one input"));
+    }
     let of_kind = |kind: FeatureKind| inputs.iter().filter(move |input| input.kind == kind);
     for kind in [FeatureKind::State, FeatureKind::Env] {
         if of_kind(kind).count() > 1 {

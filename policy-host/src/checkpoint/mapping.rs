@@ -22,9 +22,9 @@
 //! A π0.5 checkpoint has further keys: `vision_heads`; `prompt_state`, which is `unpadded` or `padded`; and,
 //! in openpi's format, `chunk_size`. Its cameras may be mapped to `none`.
 //!
-//! Without it, `observation.images.X` (or the name that the checkpoint's preprocessor renames to it) maps to the camera `X` or `X_camera`; `observation.state` maps to the
-//! full state, to `qpos`, or to `qpos` and `qvel`, whichever has its dimension; robot and control mode follow
-//! from the dimension of an action.
+//! Without it, `observation.images.X`, or the name that the checkpoint's preprocessor renames to it, maps to
+//! the camera `X` or `X_camera`; `observation.state` maps to the full state, to `qpos`, or to `qpos` and
+//! `qvel`, whichever has its dimension; robot and control mode follow from the dimension of an action.
 
 use std::collections::BTreeMap;
 use std::ops::Range;

@@ -56,7 +56,7 @@ pub enum TokenizerError {
 /// A vocabulary in one of its two formats.
 #[derive(Debug)]
 enum Vocabulary {
-    SentencePiece(SentencePieceProcessor),
+    SentencePiece(Box<SentencePieceProcessor>),
     Json(Box<Tokenizer>),
 }
 
@@ -134,7 +134,7 @@ impl Vocabulary {
         let tokenizer =
             SentencePieceProcessor::from_serialized_model(bytes).map_err(|error| error.to_string())?;
         match tokenizer.bos_id() {
-            Some(start) if start == START as usize => Ok(Self::SentencePiece(tokenizer)),
+            Some(start) if start == START as usize => Ok(Self::SentencePiece(Box::new(tokenizer))),
             start => Err(format!("the token that starts a text is {start:?}, expected {START}")),
         }
     }

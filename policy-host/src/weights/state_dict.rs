@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 /// Tensors by name, each stored row-major as f32, like PyTorch's `state_dict`.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct StateDict {
     tensors: BTreeMap<String, Vec<f32>>,
 }

@@ -304,6 +304,12 @@ fn mapping_can_swap_cameras_and_select_state_parts() {
     edit(&folder.path().join("hypogeum.json"), "\"language\"", swap);
     let mapping = Checkpoint::open(folder.path()).unwrap().mapping().unwrap().clone();
     assert_eq!((mapping.cameras, mapping.state), (vec![1, 0, 2], vec![9..18, 0..9, 18..25]));
+    let json = folder.path().join("hypogeum.json");
+    edit(&json, "\"qvel\", \"qpos\"", "\"qvel[1:9]\", \"qpos[0:9]\", \"qvel[0:1]\"");
+    let mapping = Checkpoint::open(folder.path()).unwrap().mapping().unwrap().clone();
+    assert_eq!(mapping.state, [10..18, 0..9, 9..10, 18..25]);
+    edit(&json, "qvel[1:9]", "qvel[1:10]");
+    assert_contains(&rejection(folder.path()), &["`qvel[1:10]`", "no slice of its 9 entries"]);
 }
 
 #[test]

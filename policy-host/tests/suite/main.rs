@@ -6,6 +6,7 @@ mod batch;
 mod checkpoint;
 mod clip;
 mod ensemble;
+mod folders;
 #[cfg(feature = "gpu")]
 mod gpu;
 #[cfg(feature = "gpu")]

@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use super::{CheckpointError, Folder, Pi05Description};
 use crate::checkpoint::lerobot::{FeatureShape, read_base, read_chunk};
-use crate::checkpoint::mapping::{FeatureKind, InputFeature, refuse_if, rename};
+use crate::checkpoint::mapping::{FeatureKind, InputFeature, MAPPING_FILE, refuse_if, rename};
 use crate::checkpoint::processor::{
     Modes, NormalisationMode, POSTPROCESSOR, PREPROCESSOR, Processors, TokenizerSettings,
 };
 use crate::checkpoint::settings::{Features, IgnoreList, Settings};
 use crate::checkpoint::statistics::{ACTION, Normaliser};
 use crate::execution::ChunkSettings;
+use crate::pi05::architecture::Pi05Architecture;
 use crate::spec::MAX_STEPS;
 
 /// Upper bound on the rows of a chunk and on the entries of a state.
@@ -98,8 +99,12 @@ impl Pi05Config {
             "false: a memory of earlier states is not supported",
         )?;
         read_real_time_chunking(settings, ignore, notes)?;
-        if let Some(found) = settings.take::<String>("dtype")?.filter(|dtype| dtype != "float32") {
-            notes.push(format!("computes in f32 from weights as stored, although `dtype` is {found}"));
+        match settings.take_or("dtype", "float32".to_owned())?.as_str() {
+            "float32" => {}
+            "bfloat16" => {
+                notes.push("computes in f32 from weights as stored, although `dtype` is bfloat16".to_owned());
+            }
+            found => return Err(settings.value("dtype", format!("`{found}`"), "float32 or bfloat16")),
         }
         let modes = [
             ("VISUAL", NormalisationMode::Identity),
@@ -176,31 +181,7 @@ impl Folder<'_> {
         settings.finish(ignore, &mut notes)?;
         config.add_implied_features();
         let architecture = self.architecture(config.chunk.horizon)?;
-        let side = architecture.image_side();
-        if config.image_resolution != (side, side) {
-            let found = format!("{:?}", config.image_resolution);
-            return Err(self.value(
-                "image_resolution",
-                found,
-                format!("({side}, {side}), as in the weights"),
-            ));
-        }
-        let width = architecture.action_width;
-        if config.max_action_dim != width {
-            return Err(self.value(
-                "max_action_dim",
-                config.max_action_dim,
-                format!("{width}, as in the weights"),
-            ));
-        }
-        let action = config.output_features.get(ACTION);
-        let action_dim = match action.map(|feature| &feature.shape[..]) {
-            Some(&[dim]) if (1..=width).contains(&dim) => dim,
-            found => {
-                let expected = format!("a shape [dim] of at most {width}");
-                return Err(self.value("output_features.action", format!("{found:?}"), expected));
-            }
-        };
+        let action_dim = self.action_dim(&config, &architecture)?;
         let mut features = self.features(config.input_features, config.max_state_dim, &mut notes)?;
         let processors = Processors::of_pi05(self.folder, ignore, &mut notes)?;
         ignore.finish(self.folder)?;
@@ -211,6 +192,12 @@ impl Folder<'_> {
         };
         if features.iter().any(|input| !input.is_square()) {
             notes.push("gets the benchmark's square images, although it was trained on others".to_owned());
+        }
+        if self.sidecar.prompt_state.is_none() {
+            notes.push(format!(
+                "writes one number per entry of the state into the prompt, as LeRobot does since 0.5: for an older checkpoint, \
+                 set `prompt_state` to \"padded\" in {MAPPING_FILE}"
+            ));
         }
         let inputs = processors.inputs;
         let missing = |file| Normaliser::missing_step(self.folder, file, &config.modes);
@@ -245,6 +232,40 @@ impl Folder<'_> {
             chunk: config.chunk,
             notes,
         })
+    }
+
+    /// Checks the sizes in the configuration against those of the weights, and returns the number of entries of
+    /// an action.
+    fn action_dim(
+        &self,
+        config: &Pi05Config,
+        architecture: &Pi05Architecture,
+    ) -> Result<usize, CheckpointError> {
+        let side = architecture.image_side();
+        if config.image_resolution != (side, side) {
+            let found = format!("{:?}", config.image_resolution);
+            return Err(self.value(
+                "image_resolution",
+                found,
+                format!("({side}, {side}), as in the weights"),
+            ));
+        }
+        let width = architecture.action_width;
+        if config.max_action_dim != width {
+            return Err(self.value(
+                "max_action_dim",
+                config.max_action_dim,
+                format!("{width}, as in the weights"),
+            ));
+        }
+        let action = config.output_features.get(ACTION);
+        match action.map(|feature| &feature.shape[..]) {
+            Some(&[dim]) if (1..=width).contains(&dim) => Ok(dim),
+            found => {
+                let expected = format!("a shape [dim] of at most {width}");
+                Err(self.value("output_features.action", format!("{found:?}"), expected))
+            }
+        }
     }
 
     /// Returns the folder of the vocabulary and the maximum number of tokens. Those of the preprocessor's step

@@ -152,6 +152,7 @@ fn copy(from: &Path, to: &Path) {
 }
 
 #[test]
+#[expect(clippy::print_stdout, reason = "the counts are shown with --nocapture")]
 fn variants_are_honoured_refused_or_announced() {
     let variants = &recording().variants.variants;
     let complaints: Vec<_> = variants.iter().filter_map(CheckpointVariant::complaint).collect();
