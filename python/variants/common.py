@@ -43,7 +43,7 @@ def shared_config(base):
             verdict=announced("unknown_key"),
             own=[set_value(CONFIG, ["unknown_key"], 1), set_value(SIDECAR, ["ignore"], ["unknown_key"])],
         ),
-        config(base, "input_features", {}, refused(dict(act="`input_features` is empty", pi05="observation.state")[base])),
+        config(base, "input_features", {}, refused(dict(act="is empty", pi05="observation.state")[base])),
         config(base, "output_features", {}, refused(dict(act="output_features", pi05="actions have 32 entries")[base])),
         Variant(
             base,

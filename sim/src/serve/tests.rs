@@ -238,7 +238,13 @@ fn unanswered_query_times_out_naming_the_policy() {
     {
         let node = LinkNode::new(&domain, "sim").unwrap();
         let link = SimLink::create(&node, 1).unwrap();
-        let config = Lane { spec: spec.clone(), images: false, foreign: false, answer_timeout_s: 120 };
+        let config = Lane {
+            spec: spec.clone(),
+            images: false,
+            foreign: false,
+            answer_timeout_s: 120,
+            execute: N_ROWS,
+        };
         let mut lane = LaneState::create(&node, RUN, false, config).unwrap();
         let _host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();
@@ -278,7 +284,13 @@ fn answer_that_changes_later_is_used_as_checked() {
     {
         let node = LinkNode::new(&domain, "sim").unwrap();
         let link = SimLink::create(&node, 1).unwrap();
-        let config = Lane { spec: spec.clone(), images: false, foreign: false, answer_timeout_s: 120 };
+        let config = Lane {
+            spec: spec.clone(),
+            images: false,
+            foreign: false,
+            answer_timeout_s: 120,
+            execute: N_ROWS,
+        };
         let mut lane = LaneState::create(&node, RUN, false, config).unwrap();
         let mut host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();
@@ -357,7 +369,8 @@ fn answer_of_changed_message(
     let answered = {
         let node = LinkNode::new(&domain, "sim").unwrap();
         let link = SimLink::create(&node, 1).unwrap();
-        let config = Lane { spec: spec.clone(), images: false, foreign, answer_timeout_s: 120 };
+        let config =
+            Lane { spec: spec.clone(), images: false, foreign, answer_timeout_s: 120, execute: N_ROWS };
         let mut lane = LaneState::create(&node, RUN, true, config).unwrap();
         let mut host = HostLane::open(&node, &spec, Duration::from_secs(5)).unwrap();
         lane.host_up();
