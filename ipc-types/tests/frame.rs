@@ -158,7 +158,7 @@ fn inconsistent_action_message_is_rejected() {
     ];
     for (name, corrupt) in cases {
         let (header, mut pages) = action(2);
-        corrupt(bytemuck::cast_mut(&mut pages[1]));
+        corrupt(&mut bytemuck::cast_slice_mut(&mut pages)[1]);
         let Err(error) = ActionView::new(header, &pages) else { panic!("{name} was accepted") };
         assert!(error.to_string().starts_with("env 1"), "{name}: {error}");
     }

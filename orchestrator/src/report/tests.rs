@@ -74,6 +74,7 @@ fn json_keys_are_stable() {
       ],
       "changes": [],
       "fps": {
+        "attached": [],
         "bound": null,
         "definition": "control steps of finished and unfinished episodes / wall seconds from the first work (building the first world) to the last control step, over all envs, policy inference included",
         "device": null,

@@ -36,7 +36,7 @@ fn prompts_that_are_cut_off_are_counted() {
     let instruction = |text: &str| (Morphology::Single, text.to_owned());
     let short = [instruction("raise the cube"), (Morphology::Bimanual, "x".repeat(500))];
     assert_eq!(long_prompts(&spec, &short).unwrap(), [""; 0]);
-    let long = [instruction("raise the cube"), instruction(&"lift the red cube ".repeat(17))];
+    let long = [instruction("raise the cube"), instruction(&"x".repeat(300))];
     let notes = long_prompts(&spec, &long).unwrap();
     assert_eq!(notes.len(), 1);
     assert!(notes[0].starts_with("1 of 2 instructions") && notes[0].contains("reads 160"), "{notes:?}");
