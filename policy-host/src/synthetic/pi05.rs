@@ -75,6 +75,9 @@ pub fn pi05_bytes(architecture: &Pi05Architecture) -> u64 {
     architecture.tensor_specs(&Pi05Names::LEROBOT).iter().map(n_bytes).sum::<usize>() as u64
 }
 
+/// Tokens of a prompt, LeRobot's default.
+const MAX_TOKENS: usize = 200;
+
 /// Returns the names and contents of the JSON files.
 fn configuration(architecture: &Pi05Architecture, morphology: Morphology) -> [(&'static str, Value); 4] {
     let side = architecture.image_side();
@@ -92,16 +95,25 @@ fn configuration(architecture: &Pi05Architecture, morphology: Morphology) -> [(&
         );
     }
     inputs.insert("observation.state".to_owned(), json!({"type": "STATE", "shape": [state_dim]}));
-    let step = |name: &str| json!({"registry_name": name, "config": {}});
+    let outputs = json!({"action": {"type": "ACTION", "shape": [control_mode.action_dim(morphology)]}});
+    let modes = json!({"VISUAL": "IDENTITY", "STATE": "IDENTITY", "ACTION": "IDENTITY"});
+    let step = |name: &str, config: Value| json!({"registry_name": name, "config": config});
+    let normaliser =
+        |name: &str, features: Value| step(name, json!({"features": features, "norm_map": modes}));
+    let before = [
+        normaliser("normalizer_processor", json!(inputs)),
+        step("pi05_prepare_state_tokenizer_processor_step", json!({})),
+        step("tokenizer_processor", json!({"max_length": MAX_TOKENS})),
+    ];
+    let after = [normaliser("unnormalizer_processor", outputs.clone())];
     [
         (
             CONFIG_FILE,
             json!({
                 "type": "pi05",
                 "input_features": inputs,
-                "output_features":
-                    {"action": {"type": "ACTION", "shape": [control_mode.action_dim(morphology)]}},
-                "normalization_mapping": {"VISUAL": "IDENTITY", "STATE": "IDENTITY", "ACTION": "IDENTITY"},
+                "output_features": outputs,
+                "normalization_mapping": modes,
                 "chunk_size": architecture.horizon,
                 "n_action_steps": architecture.horizon,
                 "max_action_dim": architecture.action_width,
@@ -109,14 +121,8 @@ fn configuration(architecture: &Pi05Architecture, morphology: Morphology) -> [(&
                 "dtype": "bfloat16",
             }),
         ),
-        (
-            "policy_preprocessor.json",
-            json!({"name": "policy_preprocessor", "steps": [step("normalizer_processor")]}),
-        ),
-        (
-            "policy_postprocessor.json",
-            json!({"name": "policy_postprocessor", "steps": [step("unnormalizer_processor")]}),
-        ),
+        ("policy_preprocessor.json", json!({"name": "policy_preprocessor", "steps": before})),
+        ("policy_postprocessor.json", json!({"name": "policy_postprocessor", "steps": after})),
         (
             MAPPING_FILE,
             json!({
