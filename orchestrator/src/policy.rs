@@ -38,8 +38,7 @@ pub(crate) struct Identity {
     /// Use of its chunks; `None` for the expert, which has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) execution: Option<Execution>,
-    /// What a reader of the results should know about settings of the checkpoint. Results do not depend on
-    /// it.
+    /// Sentences about settings of the checkpoint, for readers of the results, which do not depend on them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) notes: Vec<String>,
 }

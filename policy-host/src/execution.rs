@@ -1,4 +1,4 @@
-//! How a checkpoint's chunks are executed: as the user says, or else as the checkpoint does.
+//! Execution of a checkpoint's chunks: as the user says, or else as the checkpoint does.
 
 use ipc_types::layout::MAX_HORIZON;
 use ipc_types::run_config::{Execution, QueryMode, QueryOptions};
@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use crate::policy::DEFAULT_ENSEMBLE_DECAY;
 
-/// What a checkpoint says about the use of its chunks.
+/// A checkpoint's own settings for the use of its chunks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChunkSettings {
     /// Rows of a chunk.

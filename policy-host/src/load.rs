@@ -81,12 +81,12 @@ pub fn load_on(
     })
 }
 
-/// What is known of a policy before it is loaded.
+/// Facts about a policy that are known before it is loaded.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PolicyCheck {
     /// Use of its chunks, if the policy has a checkpoint.
     pub execution: Option<Execution>,
-    /// What the user should know about settings of the checkpoint, one sentence each.
+    /// Sentences for the user about settings of the checkpoint.
     pub notes: Vec<String>,
 }
 

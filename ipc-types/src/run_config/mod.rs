@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn query_options_default_to_one_row_in_ensemble_mode() {
+    fn ensemble_mode_defaults_to_one_row() {
         let execution = |words: &[&str]| {
             let command = RunConfig::augment_args(Command::new("run").no_binary_name(true));
             let matches = command.try_get_matches_from(words).unwrap();

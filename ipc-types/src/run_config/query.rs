@@ -19,7 +19,7 @@ pub struct QueryOptions {
     pub execute: Option<u32>,
 }
 
-/// How a policy is queried.
+/// The use of a policy's chunks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Execution {

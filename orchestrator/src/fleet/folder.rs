@@ -82,7 +82,7 @@ struct LaneDescription<'a> {
     images: bool,
     execute: u32,
     mode: QueryMode,
-    /// What the user asked for: a host that was trained for something else can say so.
+    /// The user's request: a host that was trained for something else can say so.
     requested: QueryOptions,
 }
 

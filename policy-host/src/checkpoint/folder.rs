@@ -87,8 +87,8 @@ impl From<CheckpointError> for CheckpointFolderError {
     }
 }
 
-/// Returns the folder that a user means by a path: the checkpoint itself, or the last one of a training run of
-/// LeRobot. Symbolic links are resolved, so that a link that moves later changes nothing.
+/// Returns the folder that a user means by a path: the checkpoint itself, or the last one of a training run
+/// of LeRobot. Symbolic links are resolved, so that a link that moves later changes nothing.
 ///
 /// # Errors
 /// If there is nothing, or something else that can be recognised.
@@ -183,7 +183,7 @@ pub(crate) fn checkpoint_folders(
     Ok(found)
 }
 
-/// What the checkpoint for one robot says before it is loaded.
+/// Contents of the checkpoint for one robot that matter before it is loaded.
 #[derive(Debug)]
 pub(crate) struct NetworkCheck {
     pub(crate) morphology: Morphology,

@@ -16,8 +16,8 @@
 //! }
 //! ```
 //!
-//! A part of the state may be followed by a slice, for example `qpos[0:8]`. `ignore` lists unknown settings of
-//! the checkpoint that the user accepts to be ignored.
+//! A part of the state may be followed by a slice, for example `qpos[0:8]`. `ignore` lists unknown settings
+//! of the checkpoint that the user accepts to be ignored.
 //!
 //! A π0.5 checkpoint has further keys: `vision_heads`; `prompt_state`, which is `unpadded` or `padded`; and,
 //! in openpi's format, `chunk_size`. Its cameras may be mapped to `none`.
@@ -334,7 +334,7 @@ fn state(
     }
 }
 
-/// Returns the entries of the state that a part such as `qpos` or `qpos[0:8]` names, or what is wrong with it.
+/// Returns the entries of the state that a part such as `qpos[0:8]` names, or what is wrong with it.
 fn state_range(part: &str, parts: &[(&str, usize)]) -> Result<Range<usize>, String> {
     let (name, slice) = match part.split_once('[') {
         Some((name, rest)) => (name, rest.strip_suffix(']').and_then(|slice| slice.split_once(':'))),

@@ -96,7 +96,7 @@ struct Description {
     language: Option<LanguageConfig>,
     /// Use of its chunks.
     chunk: ChunkSettings,
-    /// What the user should know about its settings, one sentence each.
+    /// Sentences for the user about its settings.
     notes: Vec<String>,
 }
 

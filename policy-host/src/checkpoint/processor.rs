@@ -97,7 +97,7 @@ pub(super) struct Processors {
 }
 
 /// One step of a file.
-struct Step {
+struct ProcessorStep {
     kind: StepKind,
     /// Key of the step in messages, for example `steps[3]`.
     key: String,
@@ -198,10 +198,10 @@ impl Processors {
 
 impl ProcessorFile<'_> {
     /// Reads the steps and checks their order.
-    fn steps(&mut self, allowed: Allowed) -> Result<Vec<Step>, CheckpointError> {
+    fn steps(&mut self, allowed: Allowed) -> Result<Vec<ProcessorStep>, CheckpointError> {
         let mut file = Settings::read(&self.path)?;
         file.discard(&["name"]);
-        let mut steps: Vec<Step> = Vec::new();
+        let mut steps: Vec<ProcessorStep> = Vec::new();
         for (idx, entry) in file.objects("steps")?.into_iter().enumerate() {
             let step = self.step(format!("steps[{idx}]"), entry, allowed)?;
             let rank = |kind: StepKind| allowed.iter().position(|allowed| *allowed == kind);
@@ -226,7 +226,12 @@ impl ProcessorFile<'_> {
         Ok(steps)
     }
 
-    fn step(&mut self, key: String, mut entry: Settings, allowed: Allowed) -> Result<Step, CheckpointError> {
+    fn step(
+        &mut self,
+        key: String,
+        mut entry: Settings,
+        allowed: Allowed,
+    ) -> Result<ProcessorStep, CheckpointError> {
         let class: Option<String> = entry.take("class")?;
         let name: Option<String> = entry.take("registry_name")?;
         let name = name.or(class).unwrap_or_default();
@@ -252,12 +257,12 @@ impl ProcessorFile<'_> {
         // Files that the configuration names as well.
         entry.discard(&["artifacts"]);
         entry.finish(self.ignore, self.notes)?;
-        Ok(Step { kind, key, config, state_file })
+        Ok(ProcessorStep { kind, key, config, state_file })
     }
 
     /// Reads the configuration of a step.
-    fn apply(&mut self, step: Step, processors: &mut Processors) -> Result<(), CheckpointError> {
-        let Step { kind, key: _, mut config, state_file } = step;
+    fn apply(&mut self, step: ProcessorStep, processors: &mut Processors) -> Result<(), CheckpointError> {
+        let ProcessorStep { kind, key: _, mut config, state_file } = step;
         match kind {
             StepKind::Batch => {}
             StepKind::Rename => processors.renames = config.take_or("rename_map", BTreeMap::new())?,

@@ -23,7 +23,7 @@ const MAX_SHOWN: usize = 60;
 #[derive(Debug)]
 pub(super) struct Settings {
     path: PathBuf,
-    /// Name of the object in front of its keys: empty for a file's own, or for example `tokenizer_processor.`.
+    /// Name of the object in front of its keys: empty, or for example `tokenizer_processor.`.
     scope: String,
     entries: Vec<(String, Box<RawValue>)>,
 }

@@ -55,8 +55,8 @@ enum Statistics {
 }
 
 impl Normaliser {
-    /// Returns the normalisations of inputs and of actions. Without processors they are those of `modes`, with
-    /// statistics among the `weights`.
+    /// Returns the normalisations of inputs and of actions. Without processors they are those of `modes`,
+    /// with statistics among the `weights`.
     pub(super) fn of_act(
         folder: &Path,
         processors: Option<Processors>,

@@ -11,7 +11,7 @@ use tokenizers::Tokenizer;
 
 /// File name of the SentencePiece model in a checkpoint folder.
 pub const TOKENIZER_FILE: &str = "tokenizer.model";
-/// File name of the same vocabulary in Hugging Face's format, which is read if there is no SentencePiece model.
+/// File name of the vocabulary in Hugging Face's format, read if there is no SentencePiece model.
 pub const TOKENIZER_JSON: &str = "tokenizer.json";
 /// Bins into which an entry of the state is discretised, over [−1, 1].
 const N_BINS: usize = 256;

@@ -1,4 +1,4 @@
-//! What a user may name as a checkpoint: a folder, a training run, or something else that is recognised.
+//! Paths that a user may name as a checkpoint: folders, training runs, and others that are recognised.
 
 use std::path::Path;
 

@@ -234,8 +234,8 @@ impl Folder<'_> {
         })
     }
 
-    /// Checks the sizes in the configuration against those of the weights, and returns the number of entries of
-    /// an action.
+    /// Checks the sizes in the configuration against those of the weights, and returns the number of entries
+    /// of an action.
     fn action_dim(
         &self,
         config: &Pi05Config,
@@ -268,8 +268,8 @@ impl Folder<'_> {
         }
     }
 
-    /// Returns the folder of the vocabulary and the maximum number of tokens. Those of the preprocessor's step
-    /// win over the configuration.
+    /// Returns the folder of the vocabulary and the maximum number of tokens. Those of the preprocessor's
+    /// step win over the configuration.
     fn tokenizer(
         &self,
         step: Option<TokenizerSettings>,

@@ -70,7 +70,7 @@ pub struct Pi05Description {
     pub periods: (f64, f64),
     /// Use of its chunks.
     pub chunk: ChunkSettings,
-    /// What the user should know about its settings, one sentence each.
+    /// Sentences for the user about its settings.
     pub notes: Vec<String>,
 }
 
