@@ -26,13 +26,14 @@ fn messages() -> Vec<Message> {
     let domain = json!({ "prefix": "hyp_0_1_", "root": "/tmp/1" });
     let spec = json!({ "lane": 0, "policy": "a", "max_envs": 8, "block_pages": 87, "in_flight": 2 });
     let run = json!(ipc_types::RunConfig::default());
-    let lane = json!({ "spec": spec, "images": true, "foreign": false, "answer_timeout_s": 120 });
+    let lane =
+        json!({ "spec": spec, "images": true, "foreign": false, "answer_timeout_s": 120, "execute": 30 });
     let sim = json!({
         "domain": domain, "run_id": u64::MAX, "max_envs": 8, "envs": 4, "lanes": [lane], "run": run
     });
     let host = json!({
         "domain": domain, "run_id": 7, "lane": spec, "spec": { "Act": "a" }, "checkpoint": "00ab",
-        "morphologies": ["single"], "run": run
+        "morphologies": ["single"], "execution": { "mode": "chunk", "execute": 30 }, "run": run
     });
     let assignment = json!({
         "id": 3, "driver": { "lane": 0 }, "task": "RaiseCube", "perturbation": ["MO-Color"], "seed": 9

@@ -11,7 +11,7 @@ use thiserror::Error;
 use super::{adapters, matrices};
 
 /// Timeout after which a device that has not finished a batch counts as failed.
-const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
+const WAIT_TIMEOUT: Duration = Duration::from_secs(300);
 /// Largest buffer that a kernel addresses, in bytes: indices are 32-bit.
 const MAX_BINDING: u64 = 1 << 31;
 
@@ -234,14 +234,14 @@ impl GpuDevice {
     /// Waits until a submission has completed and its callbacks have run.
     ///
     /// # Errors
-    /// If the device fails, or does not complete within a minute.
+    /// If the device fails, or does not complete within five minutes.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
         let poll_type =
             wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_TIMEOUT) };
         // wgpu panics if the driver reports a lost device during a wait.
         match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll_type))) {
             Ok(Ok(_)) => {}
-            Ok(Err(wgpu::PollError::Timeout)) => self.fail("the device did not respond within a minute"),
+            Ok(Err(wgpu::PollError::Timeout)) => self.fail("the device did not respond within five minutes"),
             Ok(Err(wgpu::PollError::WrongSubmissionIndex(..))) => {
                 self.fail("the device was lost and accepts no more work");
             }
