@@ -162,7 +162,12 @@ def test_hosts_that_keep_leaving_cost_only_their_episodes():
     run = Run(policies=["expert"])
     try:
         while run.process.poll() is None:
-            finish(run.host("if calls == 2: os.kill(os.getpid(), signal.SIGKILL)"))
+            host = run.host("if calls == 2: os.kill(os.getpid(), signal.SIGKILL)")
+            # A host that comes as the run ends would wait for another one.
+            while host.poll() is None and run.process.poll() is None:
+                time.sleep(0.05)
+            host.kill()
+            host.communicate()
         code, _, err = finish(run.process)
         assert code == 1 and "gave up policy `p`" in err, err
         errors = run.errors()
