@@ -1,5 +1,7 @@
 //! The two hidden commands that `run` executes as its child processes.
 
+use std::io::Write;
+
 use anyhow::Context;
 use clap::Args;
 use ipc_types::link::Domain;
@@ -46,7 +48,8 @@ pub(crate) fn policy_host(args: &ChildArgs) -> Result<ExitStatus, Failure> {
 /// Sets the name that `top` and `ps` show, at most 15 bytes. The kernel's is that of the link to the program.
 fn rename_process(name: &str) {
     // A cosmetic matter, which no child fails for.
-    let _ = std::fs::write("/proc/self/comm", name);
+    let file = std::fs::OpenOptions::new().write(true).open("/proc/self/comm");
+    let _ = file.and_then(|mut file| file.write_all(name.as_bytes()));
 }
 
 /// Ends a child that has served. If its parent was killed, the last child removes the run's shared memory.
