@@ -38,9 +38,8 @@ const UNUSED: [&str; 5] = [
     "normalize_targets.",
     "unnormalize_outputs.",
 ];
-/// Settings that have no influence on actions: those of training, of the hub, and of tensors that inference
-/// does not read.
-const WITHOUT_INFLUENCE: [&str; 17] = [
+/// Settings of all policies that have no influence on actions.
+const BASE_WITHOUT_INFLUENCE: [&str; 8] = [
     "device",
     "push_to_hub",
     "repo_id",
@@ -49,6 +48,10 @@ const WITHOUT_INFLUENCE: [&str; 17] = [
     "license",
     "pretrained_path",
     "pretrained_revision",
+];
+/// Settings of ACT that have no influence on actions: those of training, and of tensors that inference does
+/// not read.
+const WITHOUT_INFLUENCE: [&str; 9] = [
     "pretrained_backbone_weights",
     "use_vae",
     "latent_dim",
@@ -121,6 +124,7 @@ impl LeRobotConfig {
 
 /// Reads the settings that LeRobot's policies have in common and that could change actions.
 pub(super) fn read_base(settings: &mut Settings, notes: &mut Vec<String>) -> Result<(), CheckpointError> {
+    settings.discard(&BASE_WITHOUT_INFLUENCE);
     let n_obs_steps = settings.take_or("n_obs_steps", 1)?;
     if n_obs_steps != 1 {
         return Err(settings.value("n_obs_steps", n_obs_steps, "1"));

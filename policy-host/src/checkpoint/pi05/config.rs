@@ -27,17 +27,9 @@ const STATE: &str = "observation.state";
 /// Options of real-time chunking, which have no influence while it is switched off.
 const RTC_OPTIONS: [&str; 5] =
     ["prefix_attention_schedule", "max_guidance_weight", "execution_horizon", "debug", "debug_maxlen"];
-/// Settings that have no influence on actions: those of training, of the hub and of compilation, those that
-/// the tensors determine, and those of options that are refused.
-const WITHOUT_INFLUENCE: [&str; 33] = [
-    "device",
-    "push_to_hub",
-    "repo_id",
-    "private",
-    "tags",
-    "license",
-    "pretrained_path",
-    "pretrained_revision",
+/// Settings of π0.5 that have no influence on actions: those of training and of compilation, those that the
+/// tensors determine, and those of options that are refused.
+const WITHOUT_INFLUENCE: [&str; 25] = [
     "paligemma_variant",
     "action_expert_variant",
     "time_sampling_beta_alpha",
