@@ -3,8 +3,8 @@
 //! `cargo bench -p benches --bench agreement -- --trajectories DIR [--each yes] [--shifted N] [--csv FILE]`.
 //! Every JSON file of the folder is a trajectory with a recorded motion (docs/trajectories.md;
 //! `python/convert_recordings.py` converts recordings). Its actions are executed from its start, and
-//! compared with what was recorded: success under either profile, the number of steps by which the first
-//! success comes later, distances of the TCPs, of the arm joints and of the fingers over all steps, and
+//! compared with what was recorded: success under either profile, at any time and at the end (of those that
+//! were recorded to succeed at the end), the number of steps by which the first success comes later, distances of the TCPs, of the arm joints and of the fingers over all steps, and
 //! of the bodies at the end. Files are grouped by name, without the part after the last dot of the stem;
 //! `--each yes` lists them one by one. `--shifted N` also executes every trajectory from N starts whose
 //! bodies are moved by up to 0.3 mm: where single outcomes hang on fractions of a millimetre, the share of
@@ -63,8 +63,19 @@ fn main() -> Result<()> {
         groups.entry(group).or_default().push(comparison);
     }
     println!(
-        "{:36} {:>7} {:>7} {:>8} {:>9} {:>15} {:>15} {:>15} {:>17}",
-        "", "strict", "paper", "shifted", "steps", "TCP mm", "joints mrad", "fingers mm", "bodies at end mm"
+        "{:36} {:>7} {:>7} {:>7} {:>7} {:>8} {:>8} {:>9} {:>15} {:>15} {:>15} {:>17}",
+        "",
+        "strict",
+        "at end",
+        "paper",
+        "at end",
+        "shifted",
+        "at end",
+        "steps",
+        "TCP mm",
+        "joints mrad",
+        "fingers mm",
+        "bodies at end mm"
     );
     for (group, members) in &groups {
         print_row(group, members, n_shifted);
@@ -87,17 +98,33 @@ fn with(parameters: &Parameters, assignment: &str) -> Result<Parameters> {
 /// Our motion against the recorded one.
 struct ReplayDeviation {
     name: String,
-    /// Steps of the first success, ours under each profile and the recorded one.
-    ours: [Option<u32>; 2],
-    recorded: Option<u32>,
+    /// Success of ours under each profile, and as recorded.
+    ours: [Outcome; 2],
+    recorded: Outcome,
     /// Distances after each step and arm (or after each step, arm and joint), in m or rad.
     tcp: Vec<f64>,
     joints: Vec<f64>,
     fingers: Vec<f64>,
     /// Distance of each movable body at the end, in m.
     bodies: Vec<f64>,
-    /// Number of shifted starts from which the actions succeed.
-    shifted: u32,
+    /// Successes from shifted starts.
+    shifted: Vec<Outcome>,
+}
+
+/// Success of one motion.
+#[derive(Clone, Copy, Default)]
+struct Outcome {
+    first_success_step: Option<u32>,
+    at_end: bool,
+}
+
+impl Outcome {
+    fn add(&mut self, step: u32, succeeds: bool) {
+        self.at_end = succeeds;
+        if succeeds {
+            self.first_success_step.get_or_insert(step);
+        }
+    }
 }
 
 impl ReplayDeviation {
@@ -121,19 +148,22 @@ impl ReplayDeviation {
         );
         let mut result = Self {
             name: name.to_owned(),
-            ours: [None, first_success(&paper, &actions, parameters)],
-            recorded: recorded.first_success_step,
+            ours: [Outcome::default(), outcome(&paper, &actions, parameters)],
+            recorded: Outcome {
+                first_success_step: recorded.first_success_step,
+                at_end: recorded.success_at_end.unwrap_or(true),
+            },
             tcp: Vec::new(),
             joints: Vec::new(),
             fingers: Vec::new(),
             bodies: Vec::new(),
-            shifted: 0,
+            shifted: Vec::new(),
         };
         result.step_through(&strict, &actions, &recorded, parameters);
         file.profile = Profile::Strict;
         for idx in 0..n_shifted {
             let start = Start::resolve(&shifted(&file, &result.name, idx), path)?;
-            result.shifted += u32::from(first_success(&start, &actions, parameters).is_some());
+            result.shifted.push(outcome(&start, &actions, parameters));
         }
         Ok(result)
     }
@@ -148,9 +178,7 @@ impl ReplayDeviation {
         let mut replay = Replay::new(start, parameters);
         for (i, row) in actions.chunks_exact(start.action_dim()).enumerate() {
             replay.step(row);
-            if self.ours[0].is_none() && replay.unmet().is_none() {
-                self.ours[0] = Some(i as u32 + 1);
-            }
+            self.ours[0].add(i as u32 + 1, replay.unmet().is_none());
             let world = replay.world();
             for (arm, (tcp, qpos)) in recorded.tcp[i].iter().zip(&recorded.qpos[i]).enumerate() {
                 let position = world.tcp_pose(arm).translation.vector.cast::<f64>();
@@ -182,29 +210,39 @@ fn shifted(file: &TrajectoryFile, name: &str, idx: u64) -> TrajectoryFile {
     file
 }
 
-fn first_success(start: &Start, actions: &[f32], parameters: &Parameters) -> Option<u32> {
+fn outcome(start: &Start, actions: &[f32], parameters: &Parameters) -> Outcome {
     let mut replay = Replay::new(start, parameters);
-    let mut steps = (1..).zip(actions.chunks_exact(start.action_dim()));
-    steps.find_map(|(step, row)| {
+    let mut outcome = Outcome::default();
+    for (step, row) in (1..).zip(actions.chunks_exact(start.action_dim())) {
         replay.step(row);
-        replay.unmet().is_none().then_some(step)
-    })
+        outcome.add(step, replay.unmet().is_none());
+    }
+    outcome
 }
 
 /// Returns the figures of a group of trajectories: name, value, unit.
 fn figures(members: &[&ReplayDeviation]) -> Vec<(&'static str, f64, &'static str)> {
-    let successes = |profile: usize| members.iter().filter(|it| it.ours[profile].is_some()).count() as f64;
+    let once: fn(&Outcome) -> bool = |outcome| outcome.first_success_step.is_some();
+    let end_in_success = || members.iter().filter(|it| it.recorded.at_end);
+    let successes = |profile: usize| members.iter().filter(|it| once(&it.ours[profile])).count() as f64;
+    let at_end = |profile: usize| end_in_success().filter(|it| it.ours[profile].at_end).count() as f64;
     let all = |values: fn(&ReplayDeviation) -> &[f64]| -> Vec<f64> {
         members.iter().flat_map(|it| values(it).iter().map(|value| 1e3 * value)).collect()
     };
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let max = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
     let (tcp, joints, fingers) = (all(|it| &it.tcp), all(|it| &it.joints), all(|it| &it.fingers));
+    let shifted = members.iter().flat_map(|it| &it.shifted).filter(|it| once(it)).count() as f64;
+    let shifted_at_end = end_in_success().flat_map(|it| &it.shifted).filter(|it| it.at_end).count() as f64;
     let mut result = vec![
         ("n", members.len() as f64, "trajectories"),
+        ("n_at_end", end_in_success().count() as f64, "trajectories"),
         ("success_strict", successes(0), "trajectories"),
+        ("success_strict_at_end", at_end(0), "trajectories"),
         ("success_paper", successes(1), "trajectories"),
-        ("success_shifted", members.iter().map(|it| f64::from(it.shifted)).sum(), "trajectories"),
+        ("success_paper_at_end", at_end(1), "trajectories"),
+        ("success_shifted", shifted, "trajectories"),
+        ("success_shifted_at_end", shifted_at_end, "trajectories"),
         ("tcp_mean", mean(&tcp), "mm"),
         ("tcp_max", max(&tcp), "mm"),
         ("joints_mean", mean(&joints), "mrad"),
@@ -222,7 +260,9 @@ fn figures(members: &[&ReplayDeviation]) -> Vec<(&'static str, f64, &'static str
 
 fn print_row(name: &str, members: &[&ReplayDeviation], n_shifted: u64) {
     let figures: BTreeMap<&str, f64> = figures(members).into_iter().map(|it| (it.0, it.1)).collect();
-    let later = members.iter().filter_map(|it| Some(i64::from(it.ours[0]?) - i64::from(it.recorded?)));
+    let later = members.iter().filter_map(|it| {
+        Some(i64::from(it.ours[0].first_success_step?) - i64::from(it.recorded.first_success_step?))
+    });
     let later: Vec<i64> = later.collect();
     let steps = match (later.iter().min(), later.iter().max()) {
         (Some(min), Some(max)) if min == max => format!("{min:+}"),
@@ -234,14 +274,20 @@ fn print_row(name: &str, members: &[&ReplayDeviation], n_shifted: u64) {
         let first = of("mean").or_else(|| of("median"));
         first.zip(of("max")).map_or("–".to_owned(), |(a, b)| format!("{a:.digits$} / {b:.digits$}"))
     };
+    let count = |figure: &str, of: f64| match of {
+        0.0 => "–".to_owned(),
+        _ => format!("{}/{of}", figures[figure]),
+    };
+    let n = figures["n"];
+    let n_shifted = n_shifted as f64;
     println!(
-        "{name:36} {:>7} {:>7} {:>8} {steps:>9} {:>15} {:>15} {:>15} {:>17}",
-        format!("{}/{}", figures["success_strict"], figures["n"]),
-        format!("{}/{}", figures["success_paper"], figures["n"]),
-        match n_shifted {
-            0 => "–".to_owned(),
-            n => format!("{}/{}", figures["success_shifted"], figures["n"] * n as f64),
-        },
+        "{name:36} {:>7} {:>7} {:>7} {:>7} {:>8} {:>8} {steps:>9} {:>15} {:>15} {:>15} {:>17}",
+        count("success_strict", n),
+        count("success_strict_at_end", figures["n_at_end"]),
+        count("success_paper", n),
+        count("success_paper_at_end", figures["n_at_end"]),
+        count("success_shifted", n * n_shifted),
+        count("success_shifted_at_end", figures["n_at_end"] * n_shifted),
         pair("tcp", 2),
         pair("joints", 2),
         pair("fingers", 2),

@@ -1,6 +1,6 @@
 //! Cost of a control step: the world of each task, idle and driven by its expert, on one thread and on two.
 //!
-//! `cargo bench -p benches --bench physics -- [--csv FILE]`. A control step consists of five physics steps,
+//! `cargo bench -p benches --bench physics -- [--csv FILE]`. A control step consists of five or ten physics steps,
 //! the controller and the success predicates. World construction and planning are reported separately. Worlds
 //! are distributed evenly over the threads; the fastest of several rounds after warm-up is reported. Takes a
 //! few minutes.
@@ -14,7 +14,7 @@ use benches::Report;
 use ipc_types::ControlMode;
 use rayon::prelude::*;
 use sim::expert::{Expert, Move};
-use sim::physics::{SUBSTEPS, World};
+use sim::physics::{CONTROL_HZ, World};
 use sim::predicate::{Predicate, first_unmet};
 use sim::scene::Scene;
 use sim::stream::episode_seed;
@@ -45,7 +45,7 @@ fn main() -> Result<()> {
             for n_threads in [1, 2] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
                 let control = best_rate(&pool, task, driver == "expert");
-                let physics = control * SUBSTEPS as f64;
+                let physics = control * f64::from((task.task().nominal)().physics_hz) / CONTROL_HZ;
                 if n_threads == 1 {
                     single_thread_rate = control;
                 }

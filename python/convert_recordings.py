@@ -117,6 +117,7 @@ def convert(path, source):
         "recorded": {
             "source": source,
             "first_success_step": int(succeeded[0]) + 1 if len(succeeded) else None,
+            "success_at_end": bool(recording["success"][-1]),
             "qpos": rounded(joints["qpos"][1:], 5),
             "tcp": rounded(recording["tcp"][1:, :, :3].tolist(), 5),
             "bodies_at_end": ends,
@@ -149,6 +150,7 @@ def convert_arm(path, source):
                 "recorded": {
                     "source": f"{source}, {path.name}",
                     "first_success_step": None,
+                    "success_at_end": False,
                     "qpos": [[row] for row in rounded(part["Q"][1:], 6)],
                     "tcp": [[row[:3]] for row in rounded(part["T"][1:], 6)],
                     "bodies_at_end": {},

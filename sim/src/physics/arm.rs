@@ -6,7 +6,8 @@
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Vector3};
 use rapier3d::dynamics::{
-    MassProperties, Multibody, MultibodyDofCoupling, MultibodyIndex, RigidBodyBuilder, RigidBodyHandle,
+    MassProperties, Multibody, MultibodyDofCoupling, MultibodyIndex, MultibodyJointSet, RigidBodyBuilder,
+    RigidBodyHandle,
 };
 use rapier3d::geometry::{ColliderHandle, Group, InteractionGroups, NarrowPhase};
 use rapier3d::pipeline::{ActiveHooks, PhysicsWorld};
@@ -14,14 +15,14 @@ use rapier3d::pipeline::{ActiveHooks, PhysicsWorld};
 use super::bodies::{HAND, LINK, collider, collision_groups};
 use super::convert::{from_pose, from_vector, to_matrix, to_pose, to_vector};
 use super::hooks::{ARM_PREDICTION_M, FINGER};
-use super::joint::{coordinate_idx, single_dof_joint};
+use super::joint::{axis, coordinate_idx, single_dof_joint};
 use super::{ArmState, Parameters};
 use crate::robot::control::{Drive, FINGER_DRIVE, Targets, arm_drive, targets};
 use crate::robot::dynamics::{self, JointMatrix, LinkInertias};
 use crate::robot::kinematics::Joints;
 use crate::robot::panda::{
-    CollisionShape, FINGER_OPEN, Inertia, N_DOFS, N_JOINTS, finger_in_link7, finger_inertia, finger_shapes,
-    hand_in_link7, hand_shapes, joint_origin, link_inertia, link_shapes, tcp_in_link7,
+    CollisionShape, FINGER_OPEN, Inertia, LOWER, N_DOFS, N_JOINTS, UPPER, finger_in_link7, finger_inertia,
+    finger_shapes, hand_in_link7, hand_shapes, joint_origin, link_inertia, link_shapes, tcp_in_link7,
 };
 use crate::scene::{ArmLinks, JointKind, Link, N_LINKS, Robot};
 
@@ -43,6 +44,12 @@ const FINGER_COUPLING: MultibodyDofCoupling = MultibodyDofCoupling {
 };
 /// Maximum speed of a joint after a physics step, in rad/s or m/s: the default of PhysX.
 const MAX_JOINT_SPEED: f32 = 100.0;
+/// Distance from a joint limit within which the limit is part of the solver's problem, in rad and m: farther
+/// than a joint moves in a physics step.
+const NEAR_LIMIT: [f64; 2] = [0.1, 0.01];
+/// Distance inside a joint limit at which rapier's constraint begins to act, in rad or m. A joint that is
+/// exactly at its limit must be held there.
+const LIMIT_MARGIN: f64 = 1e-6;
 /// Minimum force on each finger for a grasp, in N.
 const MIN_GRASP_FORCE_N: f32 = 0.5;
 /// Cosine of the maximum angle, 85°, between that force and the finger's opening direction.
@@ -122,8 +129,7 @@ impl Arm {
         for link in self.links {
             bodies[link].recompute_mass_properties_from_colliders(&world.colliders);
         }
-        let multibody =
-            world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+        let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
         multibody.set_self_contacts_enabled(false);
         multibody.add_dof_coupling(FINGER_COUPLING);
         multibody.forward_kinematics(bodies, true);
@@ -141,8 +147,7 @@ impl Arm {
     pub(super) fn set_state(&mut self, world: &mut PhysicsWorld, state: &ArmState) {
         let now = self.qpos(world);
         let bodies = &mut world.bodies;
-        let multibody =
-            world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+        let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
         multibody
             .apply_displacements(&core::array::from_fn::<_, N_DOFS, _>(|dof| state.qpos[dof] - now[dof]));
         multibody.generalized_velocity_mut().copy_from_slice(&state.qvel);
@@ -152,6 +157,23 @@ impl Arm {
             joints: Joints::from_fn(|joint, _| f64::from(state.qpos[joint])),
             finger: f64::from(state.qpos[N_JOINTS]),
         };
+    }
+
+    /// Makes the limits of the joints that are near theirs part of the next physics step, or those of none.
+    pub(super) fn limit_joints(&self, world: &mut PhysicsWorld, limits_matter: bool) {
+        let qpos = self.qpos(world);
+        let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
+        for (dof, q) in qpos.into_iter().map(f64::from).enumerate() {
+            let [min, max] = limits_of(dof);
+            let near = NEAR_LIMIT[usize::from(dof >= N_JOINTS)];
+            let joint = &mut multibody.link_mut(dof + 1).expect("one link per joint").joint.data;
+            let axis = axis(kind(dof));
+            if limits_matter && (q < min + near || q > max - near) {
+                joint.set_limits(axis, [(min + LIMIT_MARGIN) as f32, (max - LIMIT_MARGIN) as f32]);
+            } else {
+                joint.limit_axes.remove(axis.into());
+            }
+        }
     }
 
     fn drive_of(&self, dof: usize) -> Drive {
@@ -229,8 +251,7 @@ impl Arm {
             };
             q + pull / (h * k)
         });
-        let multibody =
-            world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+        let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
         for dof in 0..N_DOFS {
             let stiffness = if dof < N_JOINTS { k } else { FINGER_DRIVE.stiffness };
             let rest = if dof < N_JOINTS { rest[dof] } else { finger_rest[dof - N_JOINTS] };
@@ -241,16 +262,26 @@ impl Arm {
 
     /// Completes a physics step. The implicit substeps end at their mean velocity, the drives at another one.
     /// No joint stays faster than [`MAX_JOINT_SPEED`]: rapier integrates Coriolis forces explicitly, which
-    /// diverges from there on.
-    pub(super) fn correct_velocity(&self, world: &mut PhysicsWorld) {
-        let multibody =
-            world.multibody_joints.get_multibody_mut(self.multibody).expect("the arm stays in its world");
+    /// diverges from there on. No joint stays beyond its limit: what rapier's iterations leave of a violation,
+    /// and a step in which a contact pushes a joint into its limit, is corrected here.
+    pub(super) fn finish_step(&self, world: &mut PhysicsWorld) {
+        let qpos = self.qpos(world);
+        let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
         let mut velocity = multibody.generalized_velocity_mut();
-        for joint in 0..N_JOINTS {
-            velocity[joint] += self.velocity_correction[joint] as f32;
-        }
+        let mut excess = [0.0; N_DOFS];
         for dof in 0..N_DOFS {
-            velocity[dof] = velocity[dof].clamp(-MAX_JOINT_SPEED, MAX_JOINT_SPEED);
+            let correction = if dof < N_JOINTS { self.velocity_correction[dof] as f32 } else { 0.0 };
+            let [min, max] = limits_of(dof).map(|limit| limit as f32);
+            excess[dof] = qpos[dof].clamp(min, max) - qpos[dof];
+            let [lowest, highest] =
+                [excess[dof] <= 0.0, excess[dof] >= 0.0].map(|may| f32::from(u8::from(may)));
+            velocity[dof] =
+                (velocity[dof] + correction).clamp(-MAX_JOINT_SPEED * lowest, MAX_JOINT_SPEED * highest);
+        }
+        if excess.iter().any(|excess| excess.abs() > LIMIT_MARGIN as f32) {
+            multibody.apply_displacements(&excess);
+            multibody.forward_kinematics(&world.bodies, false);
+            multibody.update_rigid_bodies(&mut world.bodies, true);
         }
     }
 
@@ -347,6 +378,15 @@ struct Prediction {
     inertia: JointMatrix,
     /// Position (m) and velocity (m/s) of each finger before the step, and its position after it.
     fingers: [(f64, f64, f64); 2],
+}
+
+/// Returns the minimum and maximum position of a joint, in rad or m.
+const fn limits_of(dof: usize) -> [f64; 2] {
+    if dof < N_JOINTS { [LOWER[dof], UPPER[dof]] } else { [0.0, FINGER_OPEN] }
+}
+
+fn multibody_mut(joints: &mut MultibodyJointSet, index: MultibodyIndex) -> &mut Multibody {
+    joints.get_multibody_mut(index).expect("the arm stays in its world")
 }
 
 /// Returns the joint type of a degree of freedom: arm joints are revolute, fingers prismatic.

@@ -19,5 +19,3 @@ pub use world::World;
 
 /// Control steps per second of simulated time.
 pub const CONTROL_HZ: f64 = 20.0;
-/// Physics steps per control step.
-pub const SUBSTEPS: usize = 5;

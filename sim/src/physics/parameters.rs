@@ -3,8 +3,6 @@
 use rapier3d::dynamics::{FrictionModel, IntegrationParameters, SpringCoefficients};
 use serde::{Deserialize, Serialize};
 
-use super::{CONTROL_HZ, SUBSTEPS};
-
 /// Unit of length to which rapier's tolerances refer, in m: objects measure centimetres, not metres.
 const LENGTH_UNIT_M: f32 = 0.1;
 
@@ -17,6 +15,13 @@ pub struct Parameters {
     /// Friction coefficient of the fingers. The original has 2.0, but the two anchors of its friction patches
     /// resist less to turning than the four contact points of a face here.
     pub finger_friction: f32,
+    /// Normal force of a finger's contact up to which its friction is that of a weak grip, in N. From 1.5
+    /// times this force on it is [`Self::finger_friction`].
+    pub weak_grip_n: f32,
+    /// Friction coefficient of a finger in a weak grip: at rest, and what is added per rad/s by which the body
+    /// spins under it. The original lets a weakly held body turn slowly, whereas under Coulomb friction it
+    /// either sticks or swings.
+    pub weak_grip_friction: [f32; 2],
     /// Stiffness of finger contacts, relative to other contacts. It is below 1 because the original's fingers
     /// sink into what they squeeze: they stop at 18.3 mm on a cube of 40 mm.
     pub finger_stiffness: f32,
@@ -42,6 +47,8 @@ impl Default for Parameters {
     fn default() -> Self {
         Self {
             finger_friction: 1.2,
+            weak_grip_n: 8.0,
+            weak_grip_friction: [0.45, 1.5],
             finger_stiffness: 0.25,
             contact_hz: 120.0,
             static_contact_hz: 80.0,
@@ -55,12 +62,12 @@ impl Default for Parameters {
 }
 
 impl Parameters {
-    /// Returns rapier's parameters for physics steps of 0.01 s.
-    pub(super) fn integration(&self) -> IntegrationParameters {
+    /// Returns rapier's parameters for `physics_hz` steps per second.
+    pub(super) fn integration(&self, physics_hz: u32) -> IntegrationParameters {
         let contact =
             |natural_frequency| SpringCoefficients { natural_frequency, damping_ratio: self.contact_damping };
         IntegrationParameters {
-            dt: (1.0 / (CONTROL_HZ * SUBSTEPS as f64)) as f32,
+            dt: 1.0 / physics_hz as f32,
             num_solver_iterations: self.substeps,
             num_internal_pgs_iterations: self.iterations,
             num_internal_stabilization_iterations: self.relaxations,

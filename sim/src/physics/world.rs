@@ -9,7 +9,7 @@ use rapier3d::pipeline::PhysicsWorld;
 use super::arm::Arm;
 use super::convert::{from_pose, from_vector};
 use super::hooks::ArmContacts;
-use super::{Parameters, SUBSTEPS, WorldState, bodies};
+use super::{CONTROL_HZ, Parameters, WorldState, bodies};
 use crate::fingerprint::Fingerprint;
 use crate::robot::panda::{N_DOFS, N_JOINTS};
 use crate::scene::{JointKind, Motion, Scene, Snapshot};
@@ -25,6 +25,8 @@ pub struct World {
     joints: Vec<Option<JointKind>>,
     mode: ControlMode,
     parameters: Parameters,
+    /// Physics steps per control step.
+    steps_per_control: u32,
 }
 
 impl World {
@@ -43,7 +45,7 @@ impl World {
         assert!(matches!(parameters.substeps, 1 | 2), "a physics step has one or two substeps");
         let mut rapier = PhysicsWorld {
             gravity: Vector::new(0.0, 0.0, GRAVITY),
-            integration_parameters: parameters.integration(),
+            integration_parameters: parameters.integration(scene.physics_hz),
             ..PhysicsWorld::default()
         };
         bodies::add_ground(&mut rapier, scene.table.kind);
@@ -53,7 +55,15 @@ impl World {
             Motion::Jointed(joint) => Some(joint.kind),
             Motion::Dynamic | Motion::Fixed | Motion::VisualOnly => None,
         });
-        Self { rapier, arms, bodies, joints: joints.collect(), mode, parameters: parameters.clone() }
+        Self {
+            rapier,
+            arms,
+            bodies,
+            joints: joints.collect(),
+            mode,
+            parameters: parameters.clone(),
+            steps_per_control: scene.physics_hz / CONTROL_HZ as u32,
+        }
     }
 
     /// Sets the state. The targets of the arms become their positions. A body on a joint is moved along the
@@ -82,12 +92,12 @@ impl World {
     /// If the row has another length.
     pub fn step(&mut self, action: &[f32]) {
         self.command(action);
-        for _ in 0..SUBSTEPS {
+        for _ in 0..self.steps_per_control {
             self.drive();
-            self.rapier
-                .step_with_events(&ArmContacts { finger_stiffness: self.parameters.finger_stiffness }, &());
+            let dt = self.rapier.integration_parameters.dt;
+            self.rapier.step_with_events(&ArmContacts { parameters: &self.parameters, dt }, &());
             for arm in &self.arms {
-                arm.correct_velocity(&mut self.rapier);
+                arm.finish_step(&mut self.rapier);
             }
         }
     }
@@ -114,6 +124,7 @@ impl World {
         self.rapier.integration_parameters.num_solver_iterations = n_substeps;
         for arm in &mut self.arms {
             arm.drive(&mut self.rapier, n_substeps);
+            arm.limit_joints(&mut self.rapier, needs_substeps);
         }
     }
 

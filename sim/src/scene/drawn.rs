@@ -175,6 +175,8 @@ pub struct Camera {
 pub struct Scene {
     /// Bodies in the spec's order, followed by the distractor objects.
     pub bodies: Vec<Body>,
+    /// Physics steps per second of simulated time, a multiple of the control rate of 20 Hz.
+    pub physics_hz: u32,
     /// One or two arms.
     pub robots: Vec<Robot>,
     /// Table geometry and appearance.

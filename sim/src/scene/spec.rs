@@ -399,6 +399,8 @@ pub struct SceneSpec {
     pub min_start_gap_m: Option<f64>,
     /// Sampled body dimensions, if any.
     pub sizes: Option<SizesSpec>,
+    /// Physics steps per second of simulated time, a multiple of the control rate of 20 Hz.
+    pub physics_hz: u32,
     /// One or two arms.
     pub robots: Vec<RobotSpec>,
     /// Table geometry and appearance.

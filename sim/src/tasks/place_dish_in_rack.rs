@@ -40,7 +40,8 @@ fn nominal() -> SceneSpec {
         ExternalCameras { external1: [[0.2, -0.15, 0.5], target], external2: [[0.1, 0.5, 0.4], target] };
     let plate = plate.with_yaw(Range::new(0.0, TAU)).with_origin_z(0.02445);
     let bodies = vec![plate, dish::rack(1, DIVIDERS_Y)];
-    single_arm(dish::QPOS, 0.0, &cameras, regions, bodies, TASK.instruction)
+    let scene = single_arm(dish::QPOS, 0.0, &cameras, regions, bodies, TASK.instruction);
+    SceneSpec { physics_hz: 200, ..scene }
 }
 
 /// Requires the plate to stand on edge in the rack, at rest and released.

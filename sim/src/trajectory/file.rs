@@ -103,6 +103,9 @@ pub struct RecordedFile {
     pub source: String,
     /// Number of the first step after which the task had succeeded, from 1; `null` if it never had.
     pub first_success_step: Option<u32>,
+    /// `true` if the task had succeeded after the last step, `None` if that was not recorded.
+    #[serde(default)]
+    pub success_at_end: Option<bool>,
     /// Joint positions of each arm after each step, `[n_steps, n_arms, 9]`, in rad and m.
     pub qpos: Vec<Vec<[f64; N_DOFS]>>,
     /// Position of each arm's TCP after each step, `[n_steps, n_arms, 3]`, in m.

@@ -6,6 +6,7 @@ mod control;
 mod demos;
 mod joints;
 mod kinematics;
+mod limits;
 mod objects;
 mod plans;
 mod predicates;

@@ -54,6 +54,7 @@ impl SceneSpec {
         let robots: Vec<Robot> = robots.map(|(arm, spec)| draw_robot(arm, spec, episode_seed)).collect();
         bodies.extend(distractors::draw(&self.distractors, &bodies, &robots, &self.cameras, episode_seed));
         Scene {
+            physics_hz: self.physics_hz,
             bodies,
             robots,
             table: appearance::table(&self.table, episode_seed),

@@ -260,6 +260,7 @@ fn workspace(
         regions,
         min_start_gap_m: None,
         sizes: None,
+        physics_hz: 100,
         robots,
         table: table(kind),
         background: BackgroundSpec {
