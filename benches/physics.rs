@@ -95,7 +95,7 @@ impl PhysicsEnv {
 }
 
 fn draw(task: TaskId, episode_idx: u32) -> Scene {
-    (task.task().nominal)().draw(episode_seed(0, task.name(), episode_idx))
+    (task.task().nominal)(Profile::Strict).draw(episode_seed(0, task.name(), episode_idx))
 }
 
 /// Returns the control steps per second of all threads together, in the fastest round.

@@ -186,7 +186,7 @@ fn show_draws_a_row_per_applicable_perturbation() {
     let dir = tempfile::tempdir().unwrap();
     let args = ["show", "RaiseCube", "--perturbation", "all", "-o", "x.png"];
     let stdout = run(dir.path(), &args).expect_code(0).stdout;
-    let nominal = (sim::TaskId::RaiseCube.task().nominal)();
+    let nominal = (sim::TaskId::RaiseCube.task().nominal)(sim::Profile::Strict);
     let names = sim::Perturbation::ALL.iter().filter(|p| p.applies_to(&nominal).is_ok()).map(|p| p.name());
     let rows: Vec<&str> = stdout.lines().skip(1).map(|line| line.split("  ").next().unwrap()).collect();
     assert_eq!(rows, names.collect::<Vec<_>>());

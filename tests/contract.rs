@@ -13,10 +13,10 @@ use ipc_types::frame::EnvBlockMut;
 use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, SCHEMA_HASH, block_pages};
 use ipc_types::link::{Domain, HostLane, LaneSpec, LinkNode, ObservationMessage, SimLane, SimLink};
 use ipc_types::{ActionBlock, ActionHeader, ControlMode, Morphology, ObservationHeader, ObservationView};
-use sim::TaskId;
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::Snapshot;
+use sim::{Profile, TaskId};
 use support::{errors, finish, hypogeum, rows};
 
 const RUN: u64 = 11;
@@ -34,7 +34,7 @@ fn receive(lane: &mut HostLane) -> ObservationMessage {
 
 /// Renders every camera of a task's scene into the slices of `out`.
 fn render(task: TaskId, out: &mut dyn Iterator<Item = &mut [u8]>) {
-    let scene = (task.task().nominal)().draw(5);
+    let scene = (task.task().nominal)(Profile::Strict).draw(5);
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
     let view = RenderScene::new(&scene);

@@ -24,7 +24,8 @@ const fn max_joint_speed(mode: ControlMode) -> f32 {
 const STEPS_PER_SECOND: u32 = 20;
 
 fn cells_of(perturbations: &[Perturbation]) -> Vec<(TaskId, Perturbation)> {
-    let applies = |task: TaskId, p: Perturbation| p.applies_to(&(task.task().nominal)()).is_ok();
+    let applies =
+        |task: TaskId, p: Perturbation| p.applies_to(&(task.task().nominal)(Profile::Strict)).is_ok();
     let pairs = TaskId::ALL.iter().flat_map(|task| perturbations.iter().map(|p| (*task, *p)));
     pairs.filter(|(task, p)| applies(*task, *p)).collect()
 }
@@ -37,7 +38,11 @@ fn cells() -> Vec<(TaskId, Perturbation)> {
 }
 
 fn draw(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Scene {
-    let spec = Composition::from(perturbation).spec(task.task(), Profile::Strict, Strength::FULL);
+    draw_under(Profile::Strict, task, perturbation, episode_idx)
+}
+
+fn draw_under(profile: Profile, task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Scene {
+    let spec = Composition::from(perturbation).spec(task.task(), profile, Strength::FULL);
     spec.draw(stream::episode_seed(0, task.name(), episode_idx))
 }
 
@@ -220,15 +225,19 @@ fn expert_mostly_succeeds_under_spatial_perturbations() {
 
 #[test]
 fn every_cell_builds_a_valid_world() {
-    for (task, perturbation) in cells_of(Perturbation::ALL) {
-        let scene = draw(task, perturbation, 1);
+    let cells = cells_of(Perturbation::ALL);
+    let both = cells.iter().flat_map(|cell| [Profile::Strict, Profile::Paper].map(|profile| (profile, cell)));
+    for (profile, &(task, perturbation)) in both {
+        let scene = draw_under(profile, task, perturbation, 1);
         let morphology = task.task().morphology;
         assert_eq!(scene.robots.len(), morphology.n_arms());
         let n_cameras = morphology.n_external_cameras() + morphology.n_hand_cameras();
         assert_eq!(scene.cameras.len(), n_cameras, "{task:?}");
         assert!(scene.instruction.len() <= ipc_types::layout::INSTRUCTION_BYTES);
-        assert_eq!(scene, draw(task, perturbation, 1), "the scene should be a function of its seed");
-        assert!(World::build(&scene, ControlMode::JointPos).is_finite(), "{task:?} {perturbation:?}");
+        let again = draw_under(profile, task, perturbation, 1);
+        assert_eq!(scene, again, "the scene should be a function of its seed");
+        let world = World::build(&scene, ControlMode::JointPos);
+        assert!(world.is_finite(), "{task:?} {perturbation:?} {profile:?}");
     }
 }
 

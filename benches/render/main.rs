@@ -18,13 +18,13 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use benches::{Peer, Report, median};
 use ipc_types::ControlMode;
-use sim::TaskId;
 use sim::physics::World;
 use sim::render::export::ExportedPoses;
 use sim::render::gpu::{AdapterKind, GpuOptions, Timings, VisibilityMethod};
 use sim::render::{CpuOptions, CpuRenderer, GpuRenderer, RenderScene, Renderer, Samples, View};
 use sim::scene::Snapshot;
 use sim::stream::episode_seed;
+use sim::{Profile, TaskId};
 
 /// Time per case; a round that has started is finished.
 const CASE_TIME: Duration = Duration::from_millis(700);
@@ -266,7 +266,8 @@ impl RenderEnv {
     }
 
     fn new(task: TaskId, episode_idx: u32, shadows: bool) -> Self {
-        let mut scene = (task.task().nominal)().draw(episode_seed(0, task.name(), episode_idx));
+        let mut scene =
+            (task.task().nominal)(Profile::Strict).draw(episode_seed(0, task.name(), episode_idx));
         scene.lights.shadows |= shadows;
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);

@@ -7,7 +7,7 @@ use ipc_types::run_config::{Execution, QueryMode, ResultOptions};
 use ipc_types::{ControlMode, Morphology, RunConfig};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use sim::perturb::{Composition, Sentences, SentencesError};
-use sim::{Perturbation, TaskId};
+use sim::{Perturbation, Profile, TaskId};
 use thiserror::Error;
 
 use crate::policy::NamedPolicy;
@@ -160,7 +160,7 @@ impl Condition {
     /// # Errors
     /// If the perturbation does not apply to the task.
     pub(crate) fn new(task: TaskId, perturbation: Composition) -> Result<Self, PlanError> {
-        perturbation.applies_to(&(task.task().nominal)()).map_err(|(part, error)| {
+        perturbation.applies_to(&(task.task().nominal)(Profile::Strict)).map_err(|(part, error)| {
             PlanError::NotApplicable { task: task.name(), perturbation: part.name(), reason: error.reason }
         })?;
         Ok(Self { task, perturbation })
@@ -283,11 +283,13 @@ mod tests {
     #[test]
     fn all_selects_perturbations_that_apply() {
         for condition in plan("--policy idle --perturbations all").unwrap().conditions {
-            let nominal = (condition.task.task().nominal)();
+            let nominal = (condition.task.task().nominal)(Profile::Strict);
             assert_eq!(condition.perturbation.applies_to(&nominal), Ok(()));
         }
         let pairs = TaskId::ALL.iter().flat_map(|task| Perturbation::ALL.iter().map(move |p| (task, p)));
-        let applies = |(task, p): &(&TaskId, &Perturbation)| p.applies_to(&(task.task().nominal)()).is_ok();
+        let applies = |(task, p): &(&TaskId, &Perturbation)| {
+            p.applies_to(&(task.task().nominal)(Profile::Strict)).is_ok()
+        };
         assert_eq!(conditions_of("--policy idle --perturbations all").len(), pairs.filter(applies).count());
     }
 
@@ -297,7 +299,7 @@ mod tests {
         for (task, perturbation) in pairs {
             let typed =
                 format!("--policy idle --tasks {} --perturbations {}", task.name(), perturbation.name());
-            match (plan(&typed), perturbation.applies_to(&(task.task().nominal)())) {
+            match (plan(&typed), perturbation.applies_to(&(task.task().nominal)(Profile::Strict))) {
                 (Ok(plan), Ok(())) => {
                     assert_eq!(plan.conditions, [Condition { task, perturbation: perturbation.into() }]);
                 }

@@ -120,6 +120,13 @@ pub enum Predicate {
         /// `true` if the sign of the axis is ignored, so that the angle is at most π/2.
         either_way: bool,
     },
+    /// The third of the body's intrinsic XYZ Euler angles is within bounds, whatever its sign.
+    ThirdEulerAngle {
+        /// Index of the body.
+        body: usize,
+        /// Minimum and maximum of the angle's absolute value, in rad.
+        angle_rad: [f64; 2],
+    },
     /// The body is close to a pose.
     At {
         /// Index of the body.
@@ -195,6 +202,7 @@ impl Predicate {
             Self::Offset { .. } => "offset",
             Self::Opened { .. } => "opened",
             Self::Aligned { .. } => "aligned",
+            Self::ThirdEulerAngle { .. } => "euler",
             Self::At { .. } => "at",
             Self::On { .. } => "on",
             Self::AtRest { .. } => "still",
@@ -227,6 +235,10 @@ impl Predicate {
                 let cosine = axis.dot(&Vector3::from(with));
                 let cosine = if either_way { cosine.abs() } else { cosine };
                 (libm::cos(max)..=libm::cos(min)).contains(&cosine.clamp(-1.0, 1.0))
+            }
+            Self::ThirdEulerAngle { body, angle_rad: [min, max] } => {
+                let rotation = world.body_pose(body).rotation.cast::<f64>().to_rotation_matrix();
+                (min..=max).contains(&libm::atan2(-rotation[(0, 1)], rotation[(0, 0)]).abs())
             }
             Self::At {
                 body,

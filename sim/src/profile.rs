@@ -15,6 +15,15 @@ pub trait ProfileRules {
     /// them from the air wherever they fall, even onto the manipulated object or the hand.
     fn distractor_placement(self) -> DistractorPlacement;
 
+    /// Returns `true` if bodies start clear of one another and of the arms, and at rest where a drop could end
+    /// on another body. The released code draws every body from the whole of its region, so that bodies may
+    /// start inside others.
+    fn separates_starts(self) -> bool;
+
+    /// Returns `true` if Pose-Randomization widens every range that is a single value. In the released code,
+    /// rounding excludes two of them: the cabinet's y in OpenCabinet, and the pan's region in CookItemInPan.
+    fn widens_all_points(self) -> bool;
+
     /// Returns `true` if a body that has to rise by some height also succeeds by sinking as far, as in the
     /// released code.
     fn counts_sinking(self) -> bool;
@@ -22,6 +31,10 @@ pub trait ProfileRules {
     /// Returns `true` if the head of an inserted peg must be inside the box. In the released code any
     /// position behind the entry of the hole succeeds, if it is in line with the hole.
     fn bounds_insertion(self) -> bool;
+
+    /// Returns `true` if a peg is upright by its third Euler angle alone, as in the released code: it may lean
+    /// to the side, up to the limit on its height. Otherwise its axis must be vertical.
+    fn judges_third_euler_angle(self) -> bool;
 
     /// Returns `true` if a rotated arrow has to point away from the world's x axis, as in the released code,
     /// whose Euler angle jumps there. Otherwise its rotation is measured from its own start.
@@ -60,12 +73,24 @@ impl ProfileRules for Profile {
         }
     }
 
+    fn separates_starts(self) -> bool {
+        matches!(self, Self::Strict)
+    }
+
+    fn widens_all_points(self) -> bool {
+        matches!(self, Self::Strict)
+    }
+
     fn counts_sinking(self) -> bool {
         matches!(self, Self::Paper)
     }
 
     fn bounds_insertion(self) -> bool {
         matches!(self, Self::Strict)
+    }
+
+    fn judges_third_euler_angle(self) -> bool {
+        matches!(self, Self::Paper)
     }
 
     fn judges_absolute_yaw(self) -> bool {

@@ -59,7 +59,7 @@ pub struct Task {
     /// Paraphrases of the instruction, one per line.
     pub paraphrases: &'static str,
     /// Returns the unperturbed scene distribution.
-    pub nominal: fn() -> SceneSpec,
+    pub nominal: fn(Profile) -> SceneSpec,
     /// Returns the success predicates for a sampled scene; success requires all of them after the same
     /// control step.
     pub success: fn(&Scene, Profile) -> Vec<Predicate>,

@@ -5,10 +5,10 @@
 mod counting;
 
 use ipc_types::ControlMode;
-use sim::TaskId;
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
 use sim::scene::Snapshot;
+use sim::{Profile, TaskId};
 
 use crate::counting::allocations;
 
@@ -16,7 +16,7 @@ use crate::counting::allocations;
 fn rendering_allocates_nothing_after_warm_up() {
     let mut envs = Vec::new();
     for &task in TaskId::ALL {
-        let scene = (task.task().nominal)().draw(7);
+        let scene = (task.task().nominal)(Profile::Strict).draw(7);
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);
         envs.push((RenderScene::new(&scene), snapshot));

@@ -3,7 +3,7 @@
 use clap::Args;
 use serde_json::{Value, json};
 use sim::scene::{Role, SceneSpec};
-use sim::{Perturbation, TaskId};
+use sim::{Perturbation, Profile, TaskId};
 
 use crate::exit::{ExitStatus, Failure};
 use crate::output::print_out;
@@ -45,7 +45,7 @@ fn table() -> String {
     let mut table = TextTable::new(&columns);
     for id in TaskId::ALL {
         let task = id.task();
-        let nominal = (task.nominal)();
+        let nominal = (task.nominal)(Profile::Strict);
         let named = |role| match bodies_with_role(&nominal, role).collect::<Vec<_>>() {
             names if names.is_empty() => "–".to_owned(),
             names => names.join(", "),
@@ -71,7 +71,8 @@ fn bodies_with_role(nominal: &SceneSpec, role: Role) -> impl Iterator<Item = &'s
 /// Formats a table with one column per perturbation that does not apply to every task. Numbers refer to the
 /// reasons listed below it. The perturbations that apply everywhere are listed last.
 fn matrix() -> String {
-    let nominals: Vec<SceneSpec> = TaskId::ALL.iter().map(|id| (id.task().nominal)()).collect();
+    let nominals: Vec<SceneSpec> =
+        TaskId::ALL.iter().map(|id| (id.task().nominal)(Profile::Strict)).collect();
     let (everywhere, somewhere): (Vec<Perturbation>, Vec<Perturbation>) = Perturbation::ALL
         .iter()
         .partition(|perturbation| nominals.iter().all(|nominal| perturbation.applies_to(nominal).is_ok()));
@@ -107,7 +108,7 @@ fn matrix() -> String {
 fn suite_json() -> Value {
     let tasks = TaskId::ALL.iter().map(|id| {
         let task = id.task();
-        let nominal = (task.nominal)();
+        let nominal = (task.nominal)(Profile::Strict);
         let applies = Perturbation::ALL.iter().map(|perturbation| {
             let reason = perturbation.applies_to(&nominal).err().map(|error| error.reason);
             json!({ "perturbation": perturbation.name(), "applies": reason.is_none(), "reason": reason })

@@ -98,7 +98,7 @@ impl Composition {
     /// Returns the task's scene distribution under the composition.
     #[must_use]
     pub fn spec(self, task: &Task, profile: Profile, strength: Strength) -> SceneSpec {
-        let nominal = (task.nominal)();
+        let nominal = (task.nominal)(profile);
         self.iter().fold(nominal, |spec, perturbation| perturbation.apply(spec, task, profile, strength))
     }
 }

@@ -279,13 +279,13 @@ fn pose_to_array(pose: &Isometry3<f32>) -> [f32; 7] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::TaskId;
     use crate::counting::allocations;
+    use crate::{Profile, TaskId};
 
     #[test]
     fn only_rapier_allocates_in_a_step() {
         for task in TaskId::ALL {
-            let spec = (task.task().nominal)();
+            let spec = (task.task().nominal)(Profile::Strict);
             for mode in [ControlMode::EeDeltaPose, ControlMode::EePose, ControlMode::JointPos] {
                 let mut world = World::build(&spec.draw(3), mode);
                 let row = vec![0.1; mode.action_dim(task.task().morphology)];

@@ -102,8 +102,10 @@ pub enum PlacementSpec {
     Beside {
         /// Index of the other body.
         body: usize,
-        /// World x of the body's origin, in m. It is less if the bodies would overlap otherwise.
+        /// World x of the body's origin, in m. It is less if the gap would be too small otherwise.
         x_m: f64,
+        /// Minimum gap between the bounding boxes of the two bodies, in m. `None` accepts overlaps.
+        min_gap_m: Option<f64>,
         /// World z of the surface, in m.
         surface_z_m: f64,
         /// World z of the body's origin at the start, in m; the body drops onto the surface.

@@ -16,7 +16,7 @@ use super::*;
 use crate::counting::allocations;
 use crate::physics::World;
 use crate::render::RendererChoice;
-use crate::{Perturbation, TaskId};
+use crate::{Perturbation, Profile, TaskId};
 
 const RUN: u64 = 7;
 const N_ENVS: u32 = 3;
@@ -101,7 +101,7 @@ fn loop_round_allocates_nothing_of_its_own() {
         let mut twins: Vec<World> = (0..u64::from(N_ENVS))
             .map(|id| {
                 server.handle_command(&SimCommand::Run(assignment(id)));
-                let nominal = (TaskId::RaiseCube.task().nominal)();
+                let nominal = (TaskId::RaiseCube.task().nominal)(Profile::Strict);
                 World::build(&nominal.draw(assignment(id).seed), MODE)
             })
             .collect();

@@ -41,22 +41,27 @@ const GAP_TO_STOVE: f64 = -0.0515;
 /// origin, in m. It is at the root of the handle.
 const ASSUMED_MIDDLE: [f64; 2] = [-0.07, 0.41];
 
-fn nominal() -> SceneSpec {
+fn nominal(profile: Profile) -> SceneSpec {
     let at = |name, x, y| region(name, Range::fixed(x), Range::fixed(y));
     let pan_region = at("pan", 0.0, 0.0);
     // Further towards +x, the pan would start inside the stove.
-    let widened = pan_region.widened.map(|widened| WidenedRanges { x: Range::new(-0.075, 0.005), ..widened });
+    let clear = |widened| WidenedRanges { x: Range::new(-0.075, 0.005), ..widened };
+    let widened = pan_region.widened.filter(|_| profile.widens_all_points()).map(clear);
+    let min_gap_m = profile.separates_starts().then_some(GAP_TO_STOVE);
     let apple_region = region("apple", Range::new(-0.2, -0.04), Range::new(-0.28, -0.12));
     let regions = vec![
         at("stove", 0.15, 0.15).not_widened(),
         // Prevents the apple from starting inside the stove's corner when the region is widened.
-        RegionSpec { min_gap_m: Some(GAP_TO_STOVE), ..apple_region },
+        RegionSpec { min_gap_m, ..apple_region },
         RegionSpec { widened, ..pan_region },
     ];
     let bodies = vec![pan(2).with_yaw(Range::fixed(FRAC_PI_2)), fruit::apple(1, SINGLE_TABLE_Z), stove(0)];
     let cameras =
         ExternalCameras { external1: [[0.35, -0.3, 0.4], [0.0; 3]], external2: [[0.35, 0.3, 0.4], [0.0; 3]] };
-    single_arm(QPOS, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
+    let mut scene = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction);
+    // The released code has no reference here.
+    scene.distractors.drop_m.1 = None;
+    scene
 }
 
 /// Requires the pan on the stove and the apple in the pan, both at rest and released.

@@ -34,7 +34,7 @@ const QPOS: [[f64; 7]; 2] = [
     [1.0996, -0.9656, 0.2030, -2.2706, -2.0752, 3.4606, -0.1640],
 ];
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let target = [-0.2, 0.0, 1.03];
     let cameras =
         ExternalCameras { external1: [[0.75, 0.0, 1.33], target], external2: [[-0.5, 0.0, 1.33], target] };

@@ -27,7 +27,7 @@ pub(super) const TASK: Task = Task {
 /// Half-extent of the cube, in m.
 const HALF: f64 = 0.02;
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let cube = common::cube("cube", HALF, BLUE, 0, BIMANUAL_TABLE_Z).with_origin_z(0.85);
     let cameras = ExternalCameras {
         external1: [[0.75, 0.0, 1.33], [-0.2, 0.0, 1.03]],

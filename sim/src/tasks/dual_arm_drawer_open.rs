@@ -32,7 +32,7 @@ const QPOS: [[f64; 7]; 2] = [
 /// Drawers that the first and the second arm pull.
 const PULLED_DRAWERS: [&str; 2] = [DRAWERS[0], DRAWERS[2]];
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     bimanual(QPOS, 0.0, &CAMERAS, vec![placement_region()], bodies(), TASK.instruction)
 }
 

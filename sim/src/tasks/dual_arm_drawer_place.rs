@@ -34,7 +34,7 @@ const QPOS: [[f64; 7]; 2] =
 /// Drawer that the second arm opens.
 const OPENED_DRAWER: &str = DRAWERS[1];
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let cube = BodySpec {
         scaled_by: ScaledBy::Nothing("the released code leaves it as it is"),
         ..common::cube("cube", HALF, BLUE, 1, BIMANUAL_TABLE_Z)

@@ -26,7 +26,7 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let tray = tray::tray(0).with_origin_z(0.86).with_yaw(Range::symmetric(FRAC_PI_8));
     let around_origin = region("tray", Range::symmetric(0.1), Range::symmetric(0.1));
     bimanual([QPOS_B; 2], 0.0, &LIFT_CAMERAS, vec![around_origin], vec![tray], TASK.instruction)

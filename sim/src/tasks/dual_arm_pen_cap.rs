@@ -25,7 +25,7 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let regions = vec![
         region("cap", Range::new(-0.4, -0.1), Range::new(-0.4, -0.1)),
         region("pen", Range::new(-0.1, 0.2), Range::new(-0.1, 0.2)),

@@ -31,7 +31,7 @@ const INF: f64 = f64::INFINITY;
 const TRAY_Z: f64 = 0.85;
 const TOMATO_Z: f64 = 0.9;
 
-fn nominal() -> SceneSpec {
+fn nominal(profile: Profile) -> SceneSpec {
     let tomato = BodySpec {
         // Colour and texture perturbations leave the tomato alone, although MO-Size scales it.
         role: Role::Fixture,
@@ -40,10 +40,11 @@ fn nominal() -> SceneSpec {
     };
     let tray = BodySpec {
         role: Role::ReceiverObject,
-        // The benchmark lets a large pot or one close to the tray start inside the tray.
+        // In the released code, a large pot or one close to the tray starts inside the tray.
         placement: PlacementSpec::Beside {
             body: 0,
             x_m: -0.2,
+            min_gap_m: profile.separates_starts().then_some(0.002),
             surface_z_m: BIMANUAL_TABLE_Z,
             origin_z_m: TRAY_Z,
         },

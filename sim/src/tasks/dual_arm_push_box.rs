@@ -36,7 +36,7 @@ const PATCH_Z: f64 = 0.831;
 const QPOS: [[f64; 7]; 2] =
     [[0.84, 0.154, -0.27, -2.496, 0.086, 2.642, -0.288], [2.307, 0.17, 0.273, -2.473, -0.096, 2.633, 1.875]];
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let target_box = movable(
         "box",
         vec![box_part(HALF, [0.0; 3], AppearanceSpec::plain([0.0, 0.5, 0.0]))],

@@ -24,7 +24,7 @@ pub(super) const TASK: Task = Task {
     expert,
 };
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let regions = vec![
         region("red cube", Range::new(-0.05, 0.15), Range::new(-0.2, -0.1)),
         region("green cube", Range::new(-0.05, 0.05), Range::new(0.1, 0.2)),

@@ -25,7 +25,7 @@ pub(super) const TASK: Task = Task {
 
 const CUBES: [&str; 3] = ["red cube", "green cube", "blue cube"];
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let near_first_arm = Range::new(-0.2, -0.1);
     let regions = vec![
         region("red cube", Range::new(0.0, 0.2), near_first_arm),

@@ -34,7 +34,7 @@ const QPOS: [[f64; 7]; 2] = [
     [-1.094, -0.935, -2.296, -2.236, -2.214, 1.062, -1.205],
 ];
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let regions = vec![
         region("needle", Range::new(-0.35, -0.25), Range::symmetric(0.05)),
         region("tripod", Range::new(0.15, 0.25), Range::symmetric(0.05)),

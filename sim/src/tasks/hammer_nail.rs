@@ -32,10 +32,12 @@ pub(super) const TASK: Task = Task {
 const BLOCK_HALF: [f64; 3] = [0.03, 0.015, 0.06];
 /// Height of the hole above the block's centre, in m.
 const HOLE_Z: f64 = 0.04;
+/// Index of the nail among the bodies.
+const NAIL: usize = 2;
 /// Half-width of the hole, in m.
 const HOLE_HALF_WIDTH: f64 = 0.003;
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let [half_x, half_y, half_z] = BLOCK_HALF;
     let slab = |x: [f64; 2], z: [f64; 2]| {
         let half = [(x[1] - x[0]) / 2.0, half_y, (z[1] - z[0]) / 2.0];
@@ -66,6 +68,8 @@ fn nominal() -> SceneSpec {
     let cameras =
         ExternalCameras { external1: [[0.5, 0.5, 0.3], target], external2: [[0.75, 0.0, 0.5], target] };
     let mut scene = single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction);
+    // In the released code, the nail's height is the reference, not the hammer's.
+    scene.distractors.drop_m.1 = Some(NAIL);
     for camera in &mut scene.cameras[..2] {
         (camera.fov_y_rad, camera.clip_m[1]) = (FRAC_PI_3, 10.0);
     }

@@ -31,7 +31,7 @@ pub(super) const TASK: Task = Task {
 /// Half-length and half-width of the peg, in m.
 const HALF: [f64; 2] = [0.12, 0.025];
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let [half_length, half_width] = HALF;
     let half = |side: f64, color: [u8; 3]| {
         let shape = Primitive::Box { half: [half_length / 2.0, half_width, half_width] };
@@ -47,18 +47,26 @@ fn nominal() -> SceneSpec {
     single_arm(QPOS_D, QPOS_NOISE_RAD, &cameras, vec![around_origin], vec![peg], TASK.instruction)
 }
 
+/// Largest deviation of an upright peg from the vertical, in rad.
+const LEAN: f64 = 0.08;
+
 /// Requires the peg to be upright, with its centre at half its length above the table.
 fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     let body = scene.body_idx("peg");
     let middle_z = HALF[0] * if profile.scales_thresholds() { scene.bodies[body].scale.x } else { 1.0 };
-    vec![
+    let upright = if profile.judges_third_euler_angle() {
+        Predicate::ThirdEulerAngle { body, angle_rad: [FRAC_PI_2 - LEAN, FRAC_PI_2 + LEAN] }
+    } else {
         Predicate::Aligned {
             body,
             axis: [1.0, 0.0, 0.0],
             with: [0.0, 0.0, 1.0],
-            angle_rad: [0.0, 0.08],
+            angle_rad: [0.0, LEAN],
             either_way: true,
-        },
+        }
+    };
+    vec![
+        upright,
         Predicate::inside_box(
             body,
             [f64::NEG_INFINITY, f64::NEG_INFINITY, middle_z - 0.005],

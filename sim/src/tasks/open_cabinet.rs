@@ -9,8 +9,8 @@ use super::common::cabinet::{DOOR_HANDLE, ORIGIN_Z, drawer_over_door};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
-use crate::scene::{DistractorsSpec, Range, Scene, SceneSpec, TableKind};
+use crate::profile::{Profile, ProfileRules};
+use crate::scene::{DistractorsSpec, Range, RegionSpec, Scene, SceneSpec, TableKind, WidenedRanges};
 use crate::task::{Category, Task};
 
 pub(super) const TASK: Task = Task {
@@ -29,11 +29,14 @@ pub(super) const TASK: Task = Task {
 /// Initial joint positions in rad: the hand in front of the handle, the fingers on either side of it.
 const QPOS: [f64; 7] = [-2.5733, -0.6890, 1.9453, -2.5164, -2.7048, 1.5930, 1.5252];
 
-fn nominal() -> SceneSpec {
+fn nominal(profile: Profile) -> SceneSpec {
     let target = [0.0, 0.0, 0.35];
     let cameras =
         ExternalCameras { external1: [[-0.4, -0.5, 0.6], target], external2: [[-0.2, -0.15, 0.8], target] };
     let placement = region("cabinet", Range::fixed(0.2), Range::fixed(0.0));
+    let x_only = |widened| WidenedRanges { y: placement.y, ..widened };
+    let widened = placement.widened.map(|all| if profile.widens_all_points() { all } else { x_only(all) });
+    let placement = RegionSpec { widened, ..placement };
     let bodies = drawer_over_door(Range::fixed(0.0));
     let mut spec = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, vec![placement], bodies, TASK.instruction);
     spec.table.kind = TableKind::SingleArmTurned;

@@ -28,7 +28,7 @@ pub(super) const TASK: Task = Task {
 /// Initial joint positions in rad: the hand in front of the cabinet, the fingers above and below the handle.
 const QPOS: [f64; 7] = [-0.1360, -1.2611, 0.2409, -2.9000, 2.5729, 3.0260, 0.0299];
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let bodies = drawer_over_door(Range::new(0.0, FRAC_PI_8));
     let target = [-0.2, 0.0, 0.5];
     let cameras =

@@ -43,7 +43,7 @@ const SIZES: SizesSpec = SizesSpec {
 /// Clearance between the peg and the hole on each side, in m.
 const CLEARANCE: f64 = 0.006;
 
-fn nominal() -> SceneSpec {
+fn nominal(profile: Profile) -> SceneSpec {
     let parts = |colors: &[[u8; 3]]| {
         colors.iter().map(|color| box_part([0.0; 3], [0.0; 3], AppearanceSpec::plain(srgb(*color)))).collect()
     };
@@ -55,10 +55,11 @@ fn nominal() -> SceneSpec {
     let yaws = [Range::new(FRAC_PI_6, 5.0 * FRAC_PI_6), Range::new(3.0 * FRAC_PI_8, 5.0 * FRAC_PI_8)];
     let mut bodies = vec![peg.with_yaw(yaws[0]), target.with_yaw(yaws[1])];
     set_sizes(&[0.105, 0.02, 0.0, 0.0], &mut bodies);
+    // In the released code, a long peg may start inside the box.
+    let min_gap_m = profile.separates_starts().then_some(0.0);
     let regions = vec![
         region("peg", Range::symmetric(0.1), Range::new(-0.3, 0.0)),
-        // The released code lets a long peg start inside the box.
-        RegionSpec { min_gap_m: Some(0.0), ..region("box", Range::symmetric(0.05), Range::new(0.2, 0.4)) },
+        RegionSpec { min_gap_m, ..region("box", Range::symmetric(0.05), Range::new(0.2, 0.4)) },
     ];
     let centre = [0.0, 0.0, 0.1];
     let cameras =

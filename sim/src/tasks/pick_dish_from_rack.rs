@@ -31,7 +31,7 @@ const START_Z: f64 = 0.0403;
 /// Index of the rack among the bodies.
 const RACK: usize = 1;
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let plate = BodySpec {
         placement: PlacementSpec::RelativeTo { body: RACK, pose: dish::upright_pose(0.0, START_Z) },
         ..dish::plate()

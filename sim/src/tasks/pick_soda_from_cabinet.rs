@@ -42,7 +42,7 @@ const SHELVES_Z: [f64; 3] = [0.021, 0.311, 0.601];
 /// World z of the can's centre at the start, in m: it drops 15 mm onto the middle shelf.
 const CAN_Z: f64 = 0.405;
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let can = BodySpec {
         visuals: can::visuals(),
         mass: can::MASS,

@@ -8,7 +8,7 @@ use super::common::chest::{TRAVEL, chest_of_drawers};
 use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
-use crate::profile::Profile;
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
@@ -31,7 +31,7 @@ const HALF: f64 = 0.035;
 /// handle.
 const QPOS: [f64; 7] = [1.1328, 1.1025, -1.1891, -1.8933, -0.6512, 2.0777, -1.7973];
 
-fn nominal() -> SceneSpec {
+fn nominal(profile: Profile) -> SceneSpec {
     // A fixture rather than a manipulation object: the benchmark refuses to recolour this task's cube, and
     // scaling it has no effect there.
     let cube = BodySpec {
@@ -45,11 +45,15 @@ fn nominal() -> SceneSpec {
     let cameras =
         ExternalCameras { external1: [[0.3, 0.1, 0.6], target], external2: [[-0.2, 0.0, 0.8], target] };
     let cabinet = region("cabinet", Range::symmetric(0.1), Range::new(-0.6, -0.4));
-    // Further towards the arm, the gripper would start inside the drawer's front.
-    let widened = cabinet.widened.map(|widened| WidenedRanges { y: Range::new(-0.65, -0.4), ..widened });
+    // Further towards the arm, the gripper starts inside the drawer's front.
+    let clear = |all| WidenedRanges { y: Range::new(-0.65, -0.4), ..all };
+    let widened = cabinet.widened.map(|all| if profile.separates_starts() { clear(all) } else { all });
     let regions =
         vec![RegionSpec { widened, ..cabinet }, region("cube", Range::symmetric(0.1), Range::new(0.4, 0.6))];
-    single_arm(QPOS, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction)
+    let mut scene = single_arm(QPOS, QPOS_NOISE_RAD, &cameras, regions, bodies, TASK.instruction);
+    // The cube is the reference, although it is no manipulation object.
+    scene.distractors.drop_m.1 = Some(scene.body_idx("cube"));
+    scene
 }
 
 /// Requires the drawer to be open by three tenths of its travel and the cube to be near its middle, at rest

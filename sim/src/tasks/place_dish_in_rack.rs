@@ -29,7 +29,7 @@ pub(super) const TASK: Task = Task {
 /// y of the dividers relative to the rack's centre, in m. The plate goes between the inner two.
 const DIVIDERS_Y: [f64; 4] = [-0.1053, -0.0466, 0.0150, 0.0748];
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let plate = BodySpec { damping: [5.0, 8.0], ..dish::plate() };
     let regions = vec![
         region("plate", Range::new(-0.4, -0.2), Range::new(-0.3, -0.1)),

@@ -70,7 +70,7 @@ fn receptacle() -> BodySpec {
     }
 }
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let regions = vec![
         region("charger", Range::new(-0.1, -0.026), Range::symmetric(0.2)),
         region("receptacle", Range::new(0.01, 0.1), Range::symmetric(0.1)).not_widened(),

@@ -27,7 +27,7 @@ pub(super) const TASK: Task = Task {
 /// Half-extent of the cube, in m.
 const HALF: f64 = 0.02;
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let cube = common::cube("cube", HALF, BLUE, 0, SINGLE_TABLE_Z);
     let target = [-0.1, 0.0, 0.1];
     let cameras =

@@ -29,7 +29,7 @@ pub(super) const TASK: Task = Task {
 /// Initial joint positions, in rad.
 const QPOS: [f64; 7] = [0.0, 0.0, -0.04, -2.21, 0.0, 2.28, 0.66];
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     let target = [-0.3, -0.2, 0.0];
     let cameras =
         ExternalCameras { external1: [[0.2, 0.0, 0.4], target], external2: [[0.0, 0.3, 0.4], target] };

@@ -8,7 +8,7 @@ use super::common::{
 };
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
-use crate::profile::Profile;
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{AppearanceSpec, BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
@@ -29,16 +29,23 @@ pub(super) const TASK: Task = Task {
 const WALL_HALF: [f64; 3] = [0.02, 0.2, 0.1];
 /// Distance of the wall beyond the banana, in m.
 const WALL_DISTANCE: f64 = 0.15;
+/// World z of the banana's origin at the start where it drops onto the table, in m.
+const DROPPED_BANANA_Z: f64 = 0.045;
 /// Depth by which the wall extends into the table, in m: the height of its origin varies with the scale of
 /// the banana.
 const FOUNDATION: f64 = 0.02;
 
-fn nominal() -> SceneSpec {
-    let banana = BodySpec { role: Role::ReceiverObject, ..tools::banana(1) };
+fn nominal(profile: Profile) -> SceneSpec {
+    let mut banana = BodySpec { role: Role::ReceiverObject, ..tools::banana(1) };
+    let mut banana_z = tools::BANANA_RADIUS;
+    if !profile.separates_starts() {
+        banana_z = DROPPED_BANANA_Z;
+        banana = banana.with_origin_z(banana_z);
+    }
     let [half_x, half_y, half_z] = WALL_HALF;
     let slab = box_part(
         [half_x, half_y, half_z + FOUNDATION / 2.0],
-        [WALL_DISTANCE, 0.0, half_z - tools::BANANA_RADIUS - FOUNDATION / 2.0],
+        [WALL_DISTANCE, 0.0, half_z - banana_z - FOUNDATION / 2.0],
         AppearanceSpec::plain(rgb([201, 204, 182])),
     );
     // The wall's origin is the banana's, so that its distance does not scale with the banana.
@@ -52,7 +59,7 @@ fn nominal() -> SceneSpec {
         region("dustpan", Range::new(-0.3, -0.1), Range::new(-0.3, -0.1)),
         // The regions overlap: the banana's position is resampled until it is next to the dustpan and not
         // inside it. The circles about both may overlap a little; what is in them cannot.
-        RegionSpec { min_gap_m: Some(-0.02), ..around_banana },
+        RegionSpec { min_gap_m: profile.separates_starts().then_some(-0.02), ..around_banana },
     ];
     let target = [0.0, 0.0, 0.1];
     let cameras =

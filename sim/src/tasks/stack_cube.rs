@@ -30,7 +30,7 @@ const HALF: f64 = 0.02;
 /// Half-diagonal of a cube's face in m, as rounded in the released code.
 const HALF_DIAGONAL: f64 = 0.0283;
 
-fn nominal() -> SceneSpec {
+fn nominal(_profile: Profile) -> SceneSpec {
     // As in the released code, only MO-Size affects the green cube: it scales both.
     let cube = |name, role, color| BodySpec {
         role,

@@ -49,7 +49,7 @@ impl Start {
         let modes = ControlMode::ALL.map(ControlMode::name).join(", ");
         let mode =
             mode.ok_or_else(|| error("control_mode", &format!("one of {modes}"), file.control_mode.clone()))?;
-        let mut scene = scene_of_size(task, &file.sizes)
+        let mut scene = scene_of_size(task, file.profile, &file.sizes)
             .map_err(|expected| error("sizes", &expected, format!("{:?}", file.sizes)))?;
 
         let n_arms = scene.robots.len();
@@ -96,8 +96,8 @@ impl Start {
 }
 
 /// Returns the scene of a task whose bodies have the given dimensions. The error is what was expected.
-fn scene_of_size(task: TaskId, sizes: &[f64]) -> Result<Scene, String> {
-    let mut spec = (task.task().nominal)();
+fn scene_of_size(task: TaskId, profile: Profile, sizes: &[f64]) -> Result<Scene, String> {
+    let mut spec = (task.task().nominal)(profile);
     let drawn = spec.sizes.take();
     let ranges = drawn.as_ref().map_or(&[][..], |drawn| drawn.ranges);
     // Recorded numbers are rounded.

@@ -79,7 +79,7 @@ pub(crate) enum PerturbationSet {
 pub(crate) fn test_scenes(set: PerturbationSet, shadows: bool) -> Vec<TestScene> {
     let mut scenes = Vec::new();
     for (task_idx, &task) in TaskId::ALL.iter().enumerate() {
-        let nominal = (task.task().nominal)();
+        let nominal = (task.task().nominal)(Profile::Strict);
         let applies: Vec<Perturbation> =
             Perturbation::ALL.iter().copied().filter(|p| p.applies_to(&nominal).is_ok()).collect();
         let chosen = match set {

@@ -12,7 +12,7 @@ pub(crate) fn perturbed(task: TaskId, perturbation: Perturbation) -> SceneSpec {
 
 /// Returns a task's unperturbed scene distribution.
 pub(crate) fn nominal(task: TaskId) -> SceneSpec {
-    (task.task().nominal)()
+    (task.task().nominal)(Profile::Strict)
 }
 
 /// Iterates over the single perturbations: all but `None` and `All`.

@@ -199,8 +199,12 @@ fn only_external_cameras_have_pose_errors() {
 #[test]
 fn paper_profile_raises_cameras_by_three_centimetres() {
     let task = TaskId::RaiseCube.task();
-    let spec =
-        Perturbation::CameraPose.apply((task.nominal)(), task, Profile::Paper, sim::perturb::Strength::FULL);
+    let spec = Perturbation::CameraPose.apply(
+        (task.nominal)(Profile::Strict),
+        task,
+        Profile::Paper,
+        sim::perturb::Strength::FULL,
+    );
     for seed in seeds(TaskId::RaiseCube, 100) {
         let scene = spec.draw(seed);
         assert!(scene.cameras[..2].iter().all(|camera| camera.pose_error.translation.z == 0.03));

@@ -8,5 +8,6 @@ mod distractors;
 mod distributions;
 mod language;
 mod orthogonality;
+mod profiles;
 mod strength;
 mod twins;

@@ -9,7 +9,7 @@ use sim::robot::kinematics::{Joints, displacement, tcp, tcp_and_jacobian};
 use sim::robot::panda::{LOWER, UPPER};
 use sim::scene::Range;
 use sim::stream::Stream;
-use sim::{Perturbation, TaskId};
+use sim::{Perturbation, Profile, TaskId};
 
 use super::common;
 
@@ -21,7 +21,7 @@ fn random_joints(stream: &mut Stream) -> Joints {
 #[test]
 fn default_pose_places_tcp_above_the_table() {
     let mut scene = common::draw(TaskId::RaiseCube, Perturbation::None, 0);
-    scene.robots[0].qpos = (TaskId::RaiseCube.task().nominal)().robots[0].qpos;
+    scene.robots[0].qpos = (TaskId::RaiseCube.task().nominal)(Profile::Strict).robots[0].qpos;
     let tcp = start_tcp(&scene, 0);
     assert!((tcp.translation.vector - Vector3::new(0.0, 0.0, 0.1698)).norm() < 2e-4, "{tcp}");
     assert!((tcp.rotation * Vector3::z() + Vector3::z()).norm() < 1e-9, "it points down: {tcp}");

@@ -3,9 +3,9 @@
 
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Vector3};
-use sim::TaskId;
 use sim::physics::World;
 use sim::stream::episode_seed;
+use sim::{Profile, TaskId};
 
 /// Greatest relative error of a mass.
 const MASS_TOLERANCE: f64 = 0.05;
@@ -69,7 +69,7 @@ fn objects_equal_the_originals() {
     let mut errors = Vec::new();
     for object in OBJECTS {
         let task = object.task.task();
-        let scene = (task.nominal)().draw(episode_seed(0, object.task.name(), 0));
+        let scene = (task.nominal)(Profile::Strict).draw(episode_seed(0, object.task.name(), 0));
         let idx = scene.body_idx(object.body);
         let mut world = World::build(&scene, ControlMode::JointPos);
         let mut row = vec![0.0; ControlMode::JointPos.action_dim(task.morphology)];
@@ -105,7 +105,7 @@ fn objects_equal_the_originals() {
 #[test]
 fn chest_handle_is_where_the_originals_is() {
     let task = TaskId::PlaceCubeInDrawer;
-    let scene = (task.task().nominal)().draw(episode_seed(0, task.name(), 0));
+    let scene = (task.task().nominal)(Profile::Strict).draw(episode_seed(0, task.name(), 0));
     let [chest, drawer] = ["cabinet", "drawer"].map(|name| scene.body(name).pose);
     let expected = chest.translation.vector + Vector3::new(-0.006, 0.2962, 0.2536);
     let handle = drawer.translation.vector;

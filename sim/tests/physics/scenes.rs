@@ -1,13 +1,13 @@
 //! Sampling of scenes: sizes, and placement in regions and relative to other bodies.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use sim::TaskId;
 use sim::scene::{BodySpec, PlacementSpec, Primitive, Range, Scene, SceneSpec, SizesSpec};
+use sim::{Profile, TaskId};
 
 const LENGTH: Range = Range::new(0.05, 0.1);
 
 fn raise_cube() -> SceneSpec {
-    (TaskId::RaiseCube.task().nominal)()
+    (TaskId::RaiseCube.task().nominal)(Profile::Strict)
 }
 
 /// Replaces the cube by a bar of the sampled length.

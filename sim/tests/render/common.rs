@@ -17,7 +17,7 @@ pub(crate) const RED: [f64; 3] = [1.0, 0.0, 0.0];
 
 /// Returns the first scene of a task, with its initial snapshot.
 pub(crate) fn first_scene(task: TaskId) -> (Scene, Snapshot) {
-    let spec = (task.task().nominal)();
+    let spec = (task.task().nominal)(Profile::Strict);
     let scene = spec.draw(episode_seed(0, task.name(), 0));
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);

@@ -6,7 +6,7 @@ use sim::physics::World;
 use sim::render::{CpuOptions, CpuRenderer, RenderScene, Samples, View};
 use sim::scene::{Link, Scene, Snapshot};
 use sim::stream::episode_seed;
-use sim::{Perturbation, TaskId};
+use sim::{Perturbation, Profile, TaskId};
 
 use crate::common::{first_scene, perturbed};
 
@@ -84,7 +84,7 @@ fn layers_change_no_byte_while_bodies_move() {
 /// Returns scenes of a task under every applicable perturbation: two episodes, and the first of them again
 /// with shadows.
 fn perturbed_scenes(task: TaskId) -> Vec<(Scene, Snapshot)> {
-    let nominal = (task.task().nominal)();
+    let nominal = (task.task().nominal)(Profile::Strict);
     let mut all = Vec::new();
     for &perturbation in Perturbation::ALL.iter().filter(|p| p.applies_to(&nominal).is_ok()) {
         for (episode, shadows) in [(0, false), (1, false), (0, true)] {

@@ -240,14 +240,14 @@ mod tests {
     use ipc_types::ControlMode;
 
     use super::{CpuOptions, CpuRenderer, Isa};
-    use crate::TaskId;
     use crate::physics::World;
     use crate::render::{RenderScene, Samples, View};
     use crate::scene::{Scene, Snapshot, Texture};
+    use crate::{Profile, TaskId};
 
     /// Draws a task's scene and puts a texture on every part; `shadows` enables shadow casting.
     fn textured_scene(task: TaskId, seed: u64, shadows: bool) -> Scene {
-        let mut scene = (task.task().nominal)().draw(seed);
+        let mut scene = (task.task().nominal)(Profile::Strict).draw(seed);
         scene.lights.shadows = shadows;
         let parts = scene.bodies.iter_mut().flat_map(|body| &mut body.parts);
         for (i, part) in parts.enumerate() {

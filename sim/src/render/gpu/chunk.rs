@@ -240,7 +240,7 @@ mod tests {
     #[test]
     fn env_size_covers_every_task() {
         for task in TaskId::ALL {
-            let nominal = (task.task().nominal)();
+            let nominal = (task.task().nominal)(Profile::Strict);
             let applies = |p: &Perturbation| p.applies_to(&nominal).is_ok();
             for perturbation in Perturbation::ALL.iter().copied().filter(applies) {
                 let spec = Composition::from(perturbation).spec(task.task(), Profile::Strict, Strength::FULL);

@@ -4,11 +4,11 @@ use ipc_types::ControlMode;
 
 use super::chunk::ChunkSize;
 use super::{AdapterKind, GpuOptions, GpuRenderer, VisibilityMethod};
-use crate::TaskId;
 use crate::physics::World;
 use crate::render::{RenderScene, Renderer, View};
 use crate::scene::Snapshot;
 use crate::stream::episode_seed;
+use crate::{Profile, TaskId};
 
 /// An env in its initial state.
 struct TestEnv {
@@ -18,7 +18,7 @@ struct TestEnv {
 
 impl TestEnv {
     fn new(task: TaskId, episode: u32) -> Self {
-        let mut scene = (task.task().nominal)().draw(episode_seed(0, task.name(), episode));
+        let mut scene = (task.task().nominal)(Profile::Strict).draw(episode_seed(0, task.name(), episode));
         scene.lights.shadows = episode.is_multiple_of(2);
         let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
         World::build(&scene, ControlMode::JointPos).write_snapshot(&mut snapshot);

@@ -7,13 +7,13 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{Distractor, DistractorKind};
-use crate::TaskId;
 use crate::physics::World;
 use crate::scene::{
     Aabb, BodySpec, Mass, Motion, PartSpec, PlacementSpec, Primitive, Range, Role, ScaledBy, VisualShape,
     VisualSpec,
 };
 use crate::stream::Stream;
+use crate::{Profile, TaskId};
 
 /// Objects tested per kind.
 const SEEDS: u64 = 4;
@@ -34,7 +34,7 @@ fn make(kind: &DistractorKind, seed: u64) -> Distractor {
 /// Returns how far an object placed on a table at a random yaw translates (m) and rotates (rad) within two
 /// seconds.
 fn drift(kind: &'static DistractorKind, seed: u64) -> [f64; 2] {
-    let mut spec = (TaskId::RaiseCube.task().nominal)();
+    let mut spec = (TaskId::RaiseCube.task().nominal)(Profile::Strict);
     let Distractor { parts, visuals, density, friction, damping } = make(kind, seed);
     let cube = spec.bodies.remove(0);
     let placement = PlacementSpec::OnSurface {

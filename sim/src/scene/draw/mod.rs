@@ -39,8 +39,9 @@ impl SceneSpec {
         for (idx, spec) in specs.iter().enumerate() {
             match &spec.placement {
                 PlacementSpec::OnSurface { .. } => {}
-                PlacementSpec::Beside { body, x_m, surface_z_m, origin_z_m } => {
-                    place_beside(idx, *body, *x_m, [*surface_z_m, *origin_z_m], &mut bodies);
+                PlacementSpec::Beside { body, x_m, min_gap_m, surface_z_m, origin_z_m } => {
+                    let heights = [*surface_z_m, *origin_z_m];
+                    place_beside(idx, *body, *x_m, *min_gap_m, heights, &mut bodies);
                 }
                 PlacementSpec::Over { body, origin_z_m, surface_z_m } => {
                     place_over(idx, *body, *origin_z_m, *surface_z_m, &mut bodies);
@@ -254,15 +255,21 @@ fn place_region(
 
 /// Sets the pose of body `idx` beside body `neighbour`. `heights` are those of the surface and of the origin
 /// at the start, in m. See [`PlacementSpec::Beside`].
-fn place_beside(idx: usize, neighbour: usize, x_m: f64, heights: [f64; 2], bodies: &mut [Body]) {
-    /// Minimum gap between the bounding boxes of the two bodies, in m.
-    const MIN_GAP_M: f64 = 0.002;
+fn place_beside(
+    idx: usize,
+    neighbour: usize,
+    x_m: f64,
+    min_gap_m: Option<f64>,
+    heights: [f64; 2],
+    bodies: &mut [Body],
+) {
     let [surface_z, origin_z] = heights;
     let own = bodies[idx].aabb(&Isometry3::identity());
     let neighbour = &bodies[neighbour];
-    let clear_x = neighbour.aabb(&neighbour.pose).min.x - MIN_GAP_M - own.max.x;
+    let clear_x = |gap_m| neighbour.aabb(&neighbour.pose).min.x - gap_m - own.max.x;
+    let x_m = min_gap_m.map_or(x_m, |gap_m| x_m.min(clear_x(gap_m)));
     let resting_z = surface_z - own.min.z;
-    let at = Translation3::new(x_m.min(clear_x), neighbour.pose.translation.y, origin_z.max(resting_z));
+    let at = Translation3::new(x_m, neighbour.pose.translation.y, origin_z.max(resting_z));
     bodies[idx].drop_m = at.z - resting_z;
     bodies[idx].pose = Isometry3::from_parts(at, UnitQuaternion::identity());
 }

@@ -256,11 +256,11 @@ mod tests {
     use ipc_types::ControlMode;
 
     use super::StaticLayer;
-    use crate::TaskId;
     use crate::physics::World;
     use crate::render::cpu::cache::scene_cache::SceneCache;
     use crate::render::{CpuRenderer, RenderScene};
     use crate::scene::{CameraMount, Scene, Snapshot};
+    use crate::{Profile, TaskId};
 
     /// Renders a scene and returns it with the layer of its first camera.
     fn layer(renderer: &mut CpuRenderer, scene: &Scene) -> (RenderScene, Arc<StaticLayer>) {
@@ -276,7 +276,7 @@ mod tests {
     fn cached_layers_survive_arm_motion() {
         let mut renderer = CpuRenderer::new(1);
         for &task in TaskId::ALL {
-            let mut scene = (task.task().nominal)().draw(1);
+            let mut scene = (task.task().nominal)(Profile::Strict).draw(1);
             scene.lights.shadows = true;
             let mut world = World::build(&scene, ControlMode::EeDeltaPose);
             let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
@@ -304,7 +304,7 @@ mod tests {
     #[test]
     fn scenes_share_layer_only_if_static_parts_match() {
         let mut renderer = CpuRenderer::new(1);
-        let draw = |seed| (TaskId::RaiseCube.task().nominal)().draw(seed);
+        let draw = |seed| (TaskId::RaiseCube.task().nominal)(Profile::Strict).draw(seed);
         let (_scene, first) = layer(&mut renderer, &draw(1));
         assert!(Arc::ptr_eq(&first, &layer(&mut renderer, &draw(2)).1));
         type Change = (&'static str, fn(&mut Scene));

@@ -217,7 +217,6 @@ impl LightBounds {
 #[cfg(test)]
 mod tests {
     use super::{MaxHeightPyramid, RayTable, SIDE, STEPS_PER_M, Shadow, TEXELS_PER_M, Tile4x4};
-    use crate::TaskId;
     use crate::render::cpu::shading::rays::ComputeRayTable;
     use crate::render::cpu::shadow::{CELL, CELLS};
     use crate::render::cpu::simd::isa::Isa;
@@ -226,6 +225,7 @@ mod tests {
     use crate::render::math::affine::{Affine3, dot, normalised, scaled};
     use crate::render::scene::camera::PinholeCamera;
     use crate::stream::Stream;
+    use crate::{Profile, TaskId};
 
     type MaskX16 = <Portable as Simd>::M;
     type F32Lanes = <Portable as Simd>::F;
@@ -258,7 +258,7 @@ mod tests {
     #[test]
     fn fully_lit_tiles_are_lit_at_every_pixel() {
         let mut stream = Stream::new(3, "sunlight");
-        let scene = (TaskId::RaiseCube.task().nominal)().draw(1);
+        let scene = (TaskId::RaiseCube.task().nominal)(Profile::Strict).draw(1);
         let (camera, mut rays) = (PinholeCamera::new(&scene.cameras[0]), RayTable::new());
         Isa::Portable.run(ComputeRayTable { rays: &mut rays, camera: &camera });
         let per_row = camera.side >> Tile4x4::WIDTH_BITS;
