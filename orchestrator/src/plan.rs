@@ -85,7 +85,8 @@ impl RunPlan {
         let conditions = conditions(&TaskSelector::select(tasks), perturbations)?;
         if let Some(file) = &options.language {
             let sentences = Sentences::read(file)?;
-            conditions.iter().try_for_each(|condition| sentences.require(condition.task.task()))?;
+            let require = |condition: &Condition| sentences.require(condition.task.task(), options.profile);
+            conditions.iter().try_for_each(require)?;
         }
         Ok(Self {
             policies: policies.clone(),
@@ -119,7 +120,7 @@ impl RunPlan {
             let task = task.task();
             let mut spec = perturbation.spec(task, profile, strength);
             if let Some(own) = &own {
-                own.replace(task, &mut spec);
+                own.replace(task, profile, &mut spec);
             }
             let sentences = spec.instruction.sentences();
             instructions.extend(sentences.into_iter().map(|text| (task.morphology, text.to_owned())));

@@ -24,6 +24,10 @@ pub trait ProfileRules {
     /// rounding excludes two of them: the cabinet's y in OpenCabinet, and the pan's region in CookItemInPan.
     fn widens_all_points(self) -> bool;
 
+    /// Returns `true` if a draw of Language-Paraphrase may be the training sentence, which most lists of the
+    /// original contain.
+    fn repeats_training_sentence(self) -> bool;
+
     /// Returns `true` if a body that has to rise by some height also succeeds by sinking as far, as in the
     /// released code.
     fn counts_sinking(self) -> bool;
@@ -79,6 +83,10 @@ impl ProfileRules for Profile {
 
     fn widens_all_points(self) -> bool {
         matches!(self, Self::Strict)
+    }
+
+    fn repeats_training_sentence(self) -> bool {
+        matches!(self, Self::Paper)
     }
 
     fn counts_sinking(self) -> bool {

@@ -8,6 +8,7 @@ use ipc_types::run_config::{LanguageFile, LanguageFileError};
 use saphyr::{LoadableYamlNode, Yaml};
 use thiserror::Error;
 
+use crate::profile::{Profile, ProfileRules};
 use crate::scene::{InstructionSource, SceneSpec};
 use crate::task::Task;
 
@@ -35,6 +36,11 @@ pub enum SentencesError {
         path.display()
     )]
     NotSentence { path: PathBuf, env_id: String, n: usize, found: String },
+    #[error(
+        "{}: all sentences of `{env_id}` are the training sentence; add others, or use --profile paper",
+        path.display()
+    )]
+    NoParaphrase { path: PathBuf, env_id: &'static str },
     #[error("{} has no sentences for `{env_id}`; its keys are {keys}", path.display())]
     Missing { path: PathBuf, env_id: &'static str, keys: String },
 }
@@ -80,10 +86,15 @@ impl Sentences {
     /// Checks that there are sentences for a task.
     ///
     /// # Errors
-    /// If there are none, with the env ids that have some.
-    pub fn require(&self, task: &Task) -> Result<(), SentencesError> {
+    /// If there are none, with the env ids that have some, or if all are the training sentence, which the
+    /// profile may not repeat.
+    pub fn require(&self, task: &Task, profile: Profile) -> Result<(), SentencesError> {
         if self.by_env_id.contains_key(task.env_id) {
-            return Ok(());
+            return if self.paraphrases(task, profile).next().is_some() {
+                Ok(())
+            } else {
+                Err(SentencesError::NoParaphrase { path: self.path.clone(), env_id: task.env_id })
+            };
         }
         let keys = self.by_env_id.keys().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ");
         Err(SentencesError::Missing { path: self.path.clone(), env_id: task.env_id, keys })
@@ -93,10 +104,17 @@ impl Sentences {
     ///
     /// # Panics
     /// If it uses them and there are no sentences for the task; see [`Self::require`].
-    pub fn replace(&self, task: &Task, spec: &mut SceneSpec) {
+    pub fn replace(&self, task: &Task, profile: Profile, spec: &mut SceneSpec) {
         if let Some((source @ InstructionSource::Paraphrase(_), _)) = &mut spec.instruction.replacement {
-            *source = InstructionSource::Paraphrase(self.by_env_id[task.env_id].clone());
+            *source = InstructionSource::Paraphrase(self.paraphrases(task, profile).cloned().collect());
         }
+    }
+
+    /// Iterates over the sentences of a task that may replace its training sentence.
+    fn paraphrases(&self, task: &Task, profile: Profile) -> impl Iterator<Item = &String> {
+        let is_allowed =
+            move |text: &&String| profile.repeats_training_sentence() || *text != task.instruction;
+        self.by_env_id[task.env_id].iter().filter(is_allowed)
     }
 }
 
@@ -114,11 +132,12 @@ fn kind(value: &Yaml<'_>) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
     use std::path::Path;
 
     use super::*;
     use crate::perturb::{Composition, Strength};
-    use crate::{Perturbation, Profile, TaskId};
+    use crate::{Perturbation, TaskId};
 
     fn read(text: &str) -> Result<Sentences, String> {
         let folder = tempfile::tempdir().unwrap();
@@ -135,18 +154,38 @@ mod tests {
     fn sentences_of_a_file_replace_paraphrases_only() {
         let task = TaskId::RaiseCube.task();
         let sentences = read(&format!("{}:\n- hoist the block\n- 'lift it: now'\n", task.env_id)).unwrap();
-        sentences.require(task).unwrap();
-        let instruction = |perturbation: Perturbation, seed| {
-            let composition = Composition::from(perturbation);
-            let mut spec = composition.spec(task, Profile::Strict, Strength::FULL);
-            sentences.replace(task, &mut spec);
-            spec.draw(seed).instruction
-        };
-        let drawn: std::collections::BTreeSet<String> =
+        let instruction = |perturbation, seed| draw(&sentences, Profile::Strict, perturbation, seed);
+        let drawn: BTreeSet<String> =
             (0..20).map(|seed| instruction(Perturbation::LanguageParaphrase, seed)).collect();
         assert_eq!(drawn.into_iter().collect::<Vec<_>>(), ["hoist the block", "lift it: now"]);
         assert_eq!(instruction(Perturbation::None, 0), task.instruction);
         assert_eq!(instruction(Perturbation::LanguageNone, 0), "");
+    }
+
+    /// Draws an instruction of RaiseCube.
+    fn draw(sentences: &Sentences, profile: Profile, perturbation: Perturbation, seed: u64) -> String {
+        let task = TaskId::RaiseCube.task();
+        sentences.require(task, profile).unwrap();
+        let mut spec = Composition::from(perturbation).spec(task, profile, Strength::FULL);
+        sentences.replace(task, profile, &mut spec);
+        spec.draw(seed).instruction
+    }
+
+    #[test]
+    fn only_paper_profile_draws_the_training_sentence() {
+        let task = TaskId::RaiseCube.task();
+        let own = task.instruction;
+        let sentences = read(&format!("{}:\n- {own}\n- hoist the block\n", task.env_id)).unwrap();
+        let drawn = |profile| -> BTreeSet<String> {
+            let paraphrase = Perturbation::LanguageParaphrase;
+            (0..20).map(|seed| draw(&sentences, profile, paraphrase, seed)).collect()
+        };
+        assert_eq!(drawn(Profile::Strict), BTreeSet::from(["hoist the block".to_owned()]));
+        assert_eq!(drawn(Profile::Paper), ["hoist the block", own].map(str::to_owned).into());
+        let nothing_else = read(&format!("{}: [{own}]\n", task.env_id)).unwrap();
+        assert!(nothing_else.require(task, Profile::Paper).is_ok());
+        let error = nothing_else.require(task, Profile::Strict).unwrap_err().to_string();
+        assert!(error.contains("all sentences of `RaiseCube-v1` are the training sentence"), "{error}");
     }
 
     #[test]
@@ -160,7 +199,8 @@ mod tests {
         let long = "x".repeat(INSTRUCTION_BYTES + 1);
         assert!(refused(&format!("a: [{long}]\n")).contains("sentence 1 of `a` is"));
         assert!(refused("a: [b\n").contains("is not valid YAML: "));
-        let missing = read("a: [x]\nb: [y]\n").unwrap().require(TaskId::RaiseCube.task()).unwrap_err();
+        let missing =
+            read("a: [x]\nb: [y]\n").unwrap().require(TaskId::RaiseCube.task(), Profile::Strict).unwrap_err();
         assert!(missing.to_string().ends_with("its keys are `a`, `b`"), "{missing}");
         let absent = LanguageFile::open(Path::new("/nonexistent/sentences.yaml")).unwrap_err();
         assert!(ipc_types::error_chain(&absent).contains("failed to read /nonexistent/sentences.yaml: "));

@@ -101,7 +101,7 @@ impl RunningEpisode {
         let options = &run.results;
         let mut spec = assignment.perturbation.spec(task, options.profile, options.strength);
         if let Some(sentences) = sentences {
-            sentences.replace(task, &mut spec);
+            sentences.replace(task, options.profile, &mut spec);
         }
         let scene = spec.draw(assignment.seed);
         let mode = control_mode(options, task.morphology, assignment.driver);
