@@ -28,22 +28,24 @@ impl Machine {
     }
 }
 
-/// The cores of a machine, and what they could compute.
+/// The cores of a machine, what they could compute, and how many a process of the fleet uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cores {
     /// Number of cores this process may use.
     pub(crate) count: u32,
+    /// Number of worker threads of the sim and of each policy host.
+    pub(crate) n_threads: u32,
     /// Peak of a core in f32 while all are busy, on registers only, in GFLOP/s; `None` if not measured.
     pub(crate) peak_gflop: Option<f64>,
 }
 
 impl Cores {
     /// Counts the cores, and measures their peak if that is wanted (0.07 s).
-    pub(crate) fn measure(machine: &Machine, with_peak: bool) -> Self {
+    pub(crate) fn measure(machine: &Machine, n_threads: u32, with_peak: bool) -> Self {
         let count = machine.n_cores;
         let peak = || try_peak_gflop_per_s(count as usize).ok();
         let peak = if with_peak { peak() } else { None };
-        Self { count, peak_gflop: peak.map(|peak| peak / f64::from(count)) }
+        Self { count, n_threads, peak_gflop: peak.map(|peak| peak / f64::from(count)) }
     }
 }
 

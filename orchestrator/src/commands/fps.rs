@@ -90,7 +90,7 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
     let identities = policy_identities(&plan, &points)?;
     let settings = settings(args, &plan, &identities, &machine);
     let has_network = plan.policies.iter().any(|policy| policy.spec.checkpoint().is_some());
-    let cores = Cores::measure(&machine, has_network);
+    let cores = Cores::measure(&machine, plan.config.resources.n_threads(), has_network);
     let mut store = PointStore::open(&args.output, &settings).or_user()?;
     let stop = StopControl::default();
     let _watch = {

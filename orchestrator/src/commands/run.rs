@@ -101,7 +101,8 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         return Ok(ExitStatus::Interrupted);
     }
     let elapsed = started.elapsed();
-    let fps = Fps::new(&totals, elapsed, Cores::measure(&machine, totals.hosts().flop > 0));
+    let n_threads = plan.config.resources.n_threads();
+    let fps = Fps::new(&totals, elapsed, Cores::measure(&machine, n_threads, totals.hosts().flop > 0));
     let conclusions = stopping.borrow().as_ref().map_or_else(Vec::new, Stopping::conclusions);
     let mut run = json!(manifest);
     run["environment"] = environment;

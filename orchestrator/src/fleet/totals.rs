@@ -79,6 +79,12 @@ impl Totals {
         }
     }
 
+    /// Returns the core-seconds of inference of the busiest policy host, answers that were not received
+    /// included.
+    pub(crate) fn busiest_host_s(&self) -> f64 {
+        self.lanes().iter().map(|work| work.busy_s).fold(0.0, f64::max)
+    }
+
     /// Returns the policies with foreign hosts, and the seconds in which these had an unanswered query.
     pub(crate) fn foreign_hosts(&self) -> Vec<(String, f64)> {
         let names = self.foreign.iter().cloned().zip(self.sim().foreign_s);

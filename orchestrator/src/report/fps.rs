@@ -49,12 +49,15 @@ pub(crate) struct Fps {
     pub(crate) ledger: Ledger,
 }
 
-/// The speed at which all cores would do nothing but step, render and infer, c / (s + (r + w) / k), or at
-/// which a device or an attached host would never be idle, k / d, if that is less.
+/// The speed at which all cores would do nothing but step, render and infer, c / (s + (r + w) / k), or, if
+/// that is less, at which the threads of the busiest process would do nothing else, t / p, or at which a
+/// device or an attached host would never be idle, k / d.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Bound {
     /// c: number of cores.
     pub(crate) n_cores: u32,
+    /// The threads of the busiest process, if a process has fewer threads than there are cores.
+    pub(crate) busiest_process: Option<BusiestProcess>,
     /// s: core-seconds per control step of one env.
     pub(crate) step_s: f64,
     /// r: core-seconds of rendering per query of one env.
@@ -70,6 +73,15 @@ pub(crate) struct Bound {
     pub(crate) env_steps_per_s: f64,
     /// Fraction of the bound that the run reached.
     pub(crate) reached: f64,
+}
+
+/// The sim or the policy host that needs most of its threads' time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct BusiestProcess {
+    /// t: number of its threads.
+    pub(crate) n_threads: u32,
+    /// p: core-seconds of stepping and rendering, or of inference, per control step of one env.
+    pub(crate) step_s: f64,
 }
 
 /// Arithmetic of the policy hosts, compared with what the cores could do.
@@ -157,7 +169,7 @@ impl Fps {
             process_env_steps_per_s: sim.env_steps as f64 / process_wall_s,
             images_per_s: rate(sim.images),
             queries_per_s: rate(sim.queries),
-            bound: Bound::new(totals, &ledger, busiest_s(device, &attached), cores.count),
+            bound: Bound::new(totals, &ledger, busiest_s(device, &attached), cores),
             inference: cores.peak_gflop.filter(|_| hosts.flop > 0 && hosts.device_s == 0.0).map(inference),
             device,
             attached,
@@ -189,22 +201,7 @@ impl Fps {
             self.queries_per_s.unwrap_or(0.0),
         );
         if let Some(bound) = self.bound {
-            let ms = |seconds: f64| format!("{:.3} ms", 1e3 * seconds);
-            let k = bound.steps_per_query.map_or_else(|| "∞".to_owned(), |k| format!("{k:.1}"));
-            let (formula, device) = match bound.device_s {
-                Some(seconds) => ("min(c / (s + (r + w) / k), k / d)", format!("d = {}, ", ms(seconds))),
-                None => ("c / (s + (r + w) / k)", String::new()),
-            };
-            text += &format!(
-                "bound            {:.1} env-steps/s = {formula} with c = {} cores, s = {}, r = {}, w = {}, {device}\
-                 k = {k}; {:.0} % reached\n",
-                bound.env_steps_per_s,
-                bound.n_cores,
-                ms(bound.step_s),
-                ms(bound.render_s),
-                ms(bound.query_s),
-                100.0 * bound.reached,
-            );
+            text += &bound.line();
         }
         if let Some(speed) = self.inference {
             text += &format!(
@@ -285,16 +282,23 @@ impl DeviceUse {
 }
 
 impl Bound {
-    fn new(totals: &Totals, ledger: &Ledger, device_s: Option<f64>, n_cores: u32) -> Option<Self> {
+    fn new(totals: &Totals, ledger: &Ledger, device_s: Option<f64>, cores: Cores) -> Option<Self> {
         let sim = totals.sim();
         let per = |seconds: f64, count: u64| if count == 0 { 0.0 } else { seconds / count as f64 };
         let busy_s = ledger.physics_s + ledger.render_s + ledger.policy_s;
         // (r + w) / k per control step equals all core-seconds of rendering and inference over all control
         // steps.
-        let on_cores = f64::from(n_cores) * sim.env_steps as f64 / busy_s;
-        let bound = device_s.map_or(on_cores, |seconds| on_cores.min(sim.env_steps as f64 / seconds));
+        let on_cores = f64::from(cores.count) * sim.env_steps as f64 / busy_s;
+        let busiest_process = (cores.n_threads < cores.count).then(|| BusiestProcess {
+            n_threads: cores.n_threads,
+            step_s: per((ledger.physics_s + ledger.render_s).max(totals.busiest_host_s()), sim.env_steps),
+        });
+        let on_threads = busiest_process.map(|busiest| f64::from(busiest.n_threads) / busiest.step_s);
+        let on_device = device_s.map(|seconds| sim.env_steps as f64 / seconds);
+        let bound = on_threads.into_iter().chain(on_device).fold(on_cores, f64::min);
         (busy_s > 0.0 && sim.wall_s > 0.0).then(|| Self {
-            n_cores,
+            n_cores: cores.count,
+            busiest_process,
             step_s: per(ledger.physics_s, sim.env_steps),
             render_s: per(ledger.render_s, sim.queries),
             query_s: per(ledger.policy_s, sim.queries),
@@ -303,5 +307,35 @@ impl Bound {
             env_steps_per_s: bound,
             reached: sim.env_steps as f64 / sim.wall_s / bound,
         })
+    }
+
+    /// Returns the line of the report.
+    fn line(self) -> String {
+        let ms = |seconds: f64| format!("{:.3} ms", 1e3 * seconds);
+        let mut terms = vec!["c / (s + (r + w) / k)"];
+        let (mut threads, mut device) = (String::new(), String::new());
+        if let Some(BusiestProcess { n_threads, step_s }) = self.busiest_process {
+            terms.push("t / p");
+            threads = format!("t = {n_threads} per process, p = {}, ", ms(step_s));
+        }
+        if let Some(seconds) = self.device_s {
+            terms.push("k / d");
+            device = format!("d = {}, ", ms(seconds));
+        }
+        let formula = match terms.as_slice() {
+            [term] => (*term).to_owned(),
+            terms => format!("min({})", terms.join(", ")),
+        };
+        let k = self.steps_per_query.map_or_else(|| "∞".to_owned(), |k| format!("{k:.1}"));
+        format!(
+            "bound            {:.1} env-steps/s = {formula} with c = {} cores, {threads}s = {}, r = {}, w = {}, {device}\
+             k = {k}; {:.0} % reached\n",
+            self.env_steps_per_s,
+            self.n_cores,
+            ms(self.step_s),
+            ms(self.render_s),
+            ms(self.query_s),
+            100.0 * self.reached,
+        )
     }
 }

@@ -10,7 +10,7 @@ use crate::fleet::{EnvChoice, EnvTrial, HostWork, Totals};
 use crate::machine::Cores;
 use crate::sweep::SweepArgs;
 
-const CORES: Cores = Cores { count: 2, peak_gflop: Some(100.0) };
+const CORES: Cores = Cores { count: 2, n_threads: 2, peak_gflop: Some(100.0) };
 
 fn plan() -> RunPlan {
     RunPlan::new(&SweepArgs::parse("--policy idle --policy expert").unwrap()).unwrap()
@@ -189,6 +189,37 @@ fn bound_of_device_is_its_own() {
     totals.on_sim_counters(Counters { device_s: 0.0, ..totals.sim() });
     let bound = Fps::new(&totals, Duration::from_secs(4), CORES).bound.unwrap();
     assert!((bound.env_steps_per_s - 2.0 * 3000.0 / (0.6 + 0.1 + 0.2)).abs() < 1e-9, "{bound:?}");
+}
+
+/// Two cores are of no use to a sim with one thread and a host that hardly works.
+#[test]
+fn bound_of_few_threads_is_their_own() {
+    let mut totals = Totals::new(1, None);
+    let mut latencies = Latencies::default();
+    latencies.record(Duration::from_millis(5), 100);
+    totals.on_sim_counters(Counters {
+        env_steps: 3000,
+        queries: 100,
+        wall_s: 2.0,
+        physics_s: 1.2,
+        render_s: 0.6,
+        cpu_s: 1.9,
+        latencies,
+        ..Counters::default()
+    });
+    let work = HostWork { queries: 100, batches: 20, busy_s: 0.1, cpu_s: 0.1, device_s: 0.0, flop: 0 };
+    totals.on_host_work(0, work);
+    let one_thread = Cores { n_threads: 1, ..CORES };
+    let bound = |totals: &Totals| Fps::new(totals, Duration::from_secs(4), one_thread).bound.unwrap();
+    assert!((bound(&totals).env_steps_per_s - 3000.0 / 1.8).abs() < 1e-9, "{:?}", bound(&totals));
+    let lines = Fps::new(&totals, Duration::from_secs(4), one_thread).lines();
+    let line = lines.lines().find(|line| line.starts_with("bound"));
+    insta::assert_snapshot!(line.unwrap(), @"bound            1666.7 env-steps/s = min(c / (s + (r + w) / k), t / p) with c = 2 cores, t = 1 per process, p = 0.600 ms, s = 0.400 ms, r = 6.000 ms, w = 1.000 ms, k = 30.0; 90 % reached");
+    // A host may be the busier one, and both together may occupy all cores.
+    totals.on_host_work(0, HostWork { busy_s: 2.4, ..work });
+    assert!((bound(&totals).env_steps_per_s - 3000.0 / 2.4).abs() < 1e-9, "{:?}", bound(&totals));
+    totals.on_host_work(0, HostWork { busy_s: 1.8, ..work });
+    assert!((bound(&totals).env_steps_per_s - 3000.0 / 1.8).abs() < 1e-9, "{:?}", bound(&totals));
 }
 
 #[test]

@@ -153,7 +153,7 @@ mod tests {
     use super::*;
     use crate::fleet::HostWork;
 
-    const CORES: Cores = Cores { count: 2, peak_gflop: Some(100.0) };
+    const CORES: Cores = Cores { count: 2, n_threads: 2, peak_gflop: Some(100.0) };
 
     #[test]
     fn parts_add_up_to_all_cores() {

@@ -154,7 +154,7 @@ mod tests {
             ..Counters::default()
         });
         let series = Series { policy: "idle".to_owned(), mode: QueryMode::Chunk };
-        let cores = crate::machine::Cores { count: 2, peak_gflop: None };
+        let cores = crate::machine::Cores { count: 2, n_threads: 2, peak_gflop: None };
         SpeedPoint::new(series, envs, &totals, Duration::from_secs(2), cores, 0).unwrap()
     }
 
