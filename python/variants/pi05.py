@@ -253,8 +253,8 @@ def execution():
         Variant(
             "pi05",
             "config.json temporal_ensemble_coeff",
-            "0.01",
-            [set_value(CONFIG, ["temporal_ensemble_coeff"], 0.01)],
+            "0.01, n_action_steps 1",
+            [set_value(CONFIG, ["temporal_ensemble_coeff"], 0.01), set_value(CONFIG, ["n_action_steps"], 1)],
             verdict=refused("temporal_ensemble_coeff"),
         ),
     ]

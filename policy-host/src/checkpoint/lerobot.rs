@@ -107,8 +107,9 @@ impl LeRobotConfig {
         };
         let normalised =
             || ["VISUAL", "STATE", "ACTION"].map(|kind| (kind.to_owned(), NormalisationMode::MeanStd));
+        let chunk = read_chunk(settings, 100)?;
         Ok(Self {
-            chunk: read_chunk(settings, 100)?,
+            chunk: read_ensemble(settings, chunk)?,
             input_features: settings.require("input_features", "the inputs of the network by name")?,
             action_dim: read_action_dim(settings)?,
             modes: settings.take_or("normalization_mapping", Modes::from(normalised()))?,
@@ -147,12 +148,17 @@ pub(super) fn read_chunk(settings: &mut Settings, default: usize) -> Result<Chun
             format!("1 to `chunk_size`, which is {horizon}"),
         ));
     }
+    Ok(ChunkSettings { horizon, execute: Some(execute), ensemble_decay: None })
+}
+
+/// Reads the weight of averaged predictions, which only ACT has.
+fn read_ensemble(settings: &mut Settings, chunk: ChunkSettings) -> Result<ChunkSettings, CheckpointError> {
     let ensemble_decay = settings.take::<f64>("temporal_ensemble_coeff")?;
-    if ensemble_decay.is_some() && execute > 1 {
+    if let (Some(_), Some(execute @ 2..)) = (ensemble_decay, chunk.execute) {
         let expected = "1, because `temporal_ensemble_coeff` queries at every step";
         return Err(settings.value("n_action_steps", execute, expected));
     }
-    Ok(ChunkSettings { horizon, execute: Some(execute), ensemble_decay })
+    Ok(ChunkSettings { ensemble_decay, ..chunk })
 }
 
 /// Reads the number of entries of an action.
