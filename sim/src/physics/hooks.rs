@@ -24,10 +24,17 @@ impl ArmContacts<'_> {
     /// Returns the friction coefficient of a finger that presses with a normal force (N) on a body that spins
     /// under it about the normal (rad/s).
     fn friction(&self, force: f32, spin: f32) -> f32 {
-        let Parameters { finger_friction, weak_grip_n, weak_grip_friction: [at_rest, per_spin], .. } =
-            self.parameters;
+        let Parameters {
+            finger_friction: strong,
+            weak_grip_n,
+            weak_grip_friction: [offset, per_spin],
+            stick_spin,
+            ..
+        } = self.parameters;
         let weakness = (3.0 - 2.0 * force / weak_grip_n).clamp(0.0, 1.0);
-        finger_friction + weakness * (at_rest + per_spin * spin - finger_friction)
+        let slipping = offset + per_spin * spin.max(*stick_spin);
+        let weak = strong + (slipping - strong) * (spin / stick_spin).min(1.0);
+        strong + weakness * (weak - strong)
     }
 }
 

@@ -18,10 +18,12 @@ pub struct Parameters {
     /// Normal force of a finger's contact up to which its friction is that of a weak grip, in N. From 1.5
     /// times this force on it is [`Self::finger_friction`].
     pub weak_grip_n: f32,
-    /// Friction coefficient of a finger in a weak grip: at rest, and what is added per rad/s by which the body
-    /// spins under it. The original lets a weakly held body turn slowly, whereas under Coulomb friction it
+    /// Friction coefficient of a finger in a weak grip under which a body spins: its value at 0 rad/s, and the
+    /// increase per rad/s. The original lets a weakly held body turn slowly, whereas under Coulomb friction it
     /// either sticks or swings.
     pub weak_grip_friction: [f32; 2],
+    /// Spin below which the coefficient of a weak grip returns to [`Self::finger_friction`], in rad/s.
+    pub stick_spin: f32,
     /// Stiffness of finger contacts, relative to other contacts. It is below 1 because the original's fingers
     /// sink into what they squeeze: they stop at 18.3 mm on a cube of 40 mm.
     pub finger_stiffness: f32,
@@ -48,7 +50,8 @@ impl Default for Parameters {
         Self {
             finger_friction: 1.2,
             weak_grip_n: 8.0,
-            weak_grip_friction: [0.45, 1.5],
+            weak_grip_friction: [0.2, 1.8],
+            stick_spin: 0.25,
             finger_stiffness: 0.25,
             contact_hz: 120.0,
             static_contact_hz: 80.0,
