@@ -3,7 +3,7 @@
 use core::f64::consts::{FRAC_PI_2, PI};
 
 use ipc_types::ControlMode;
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::predicate::first_unmet;
@@ -19,7 +19,7 @@ fn spec(task: TaskId, profile: Profile, perturbation: Perturbation) -> SceneSpec
 #[test]
 fn applicability_does_not_depend_on_the_profile() {
     for task in TaskId::ALL {
-        let nominals = [Profile::Strict, Profile::Paper].map(|profile| (task.task().nominal)(profile));
+        let nominals = [Profile::Strict, Profile::Paper].map(task.task().nominal);
         for perturbation in Perturbation::ALL {
             let [strict, paper] = nominals.each_ref().map(|nominal| perturbation.applies_to(nominal));
             assert_eq!(strict, paper, "{} {}", task.name(), perturbation.name());
@@ -107,15 +107,13 @@ fn distractors_drop_from_the_released_height() {
     }
 }
 
-/// Poses of the peg on its end, leaning by an angle (rad) about a world axis.
-fn peg_counts(profile: Profile, axis: Vector3<f64>, lean: f64) -> bool {
+/// Returns `true` if a peg counts that stands on its end and leans by an angle (rad) about a world axis.
+fn peg_counts(profile: Profile, axis: UnitVector3<f64>, lean: f64) -> bool {
     let task = TaskId::LiftPegUpright.task();
     let mut scene = (task.nominal)(profile).draw(0);
     let peg = scene.body_idx("peg");
-    let about = |axis: Vector3<f64>, angle| {
-        UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_normalize(axis), angle)
-    };
-    let upright = about(Vector3::y(), -FRAC_PI_2) * scene.bodies[peg].pose.rotation;
+    let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+    let upright = about(Vector3::y_axis(), -FRAC_PI_2) * scene.bodies[peg].pose.rotation;
     let mut pose = Isometry3::from_parts(Translation3::identity(), about(axis, lean) * upright);
     pose.translation.z = -scene.bodies[peg].aabb(&pose).min.z;
     scene.bodies[peg].pose = pose;
@@ -127,17 +125,17 @@ fn peg_counts(profile: Profile, axis: Vector3<f64>, lean: f64) -> bool {
 fn leaning_peg_counts_by_its_third_euler_angle() {
     let cases = [
         // Axis and angle of the lean, and whether `strict` and `paper` count it.
-        (Vector3::x(), 0.0, [true, true]),
-        (Vector3::x(), 0.07, [true, true]),
-        (Vector3::x(), 25.0_f64.to_radians(), [false, true]),
-        (Vector3::x(), 35.0_f64.to_radians(), [false, false]),
-        (Vector3::y(), 0.07, [true, true]),
-        (Vector3::y(), 25.0_f64.to_radians(), [false, false]),
-        (Vector3::x(), PI, [true, true]),
+        (Vector3::x_axis(), 0.0, [true, true]),
+        (Vector3::x_axis(), 0.07, [true, true]),
+        (Vector3::x_axis(), 25.0_f64.to_radians(), [false, true]),
+        (Vector3::x_axis(), 35.0_f64.to_radians(), [false, false]),
+        (Vector3::y_axis(), 0.07, [true, true]),
+        (Vector3::y_axis(), 25.0_f64.to_radians(), [false, false]),
+        (Vector3::x_axis(), PI, [true, true]),
     ];
     for (axis, lean, expected) in cases {
         let counted = [Profile::Strict, Profile::Paper].map(|profile| peg_counts(profile, axis, lean));
-        assert_eq!(counted, expected, "leaning by {lean} rad about {axis}");
+        assert_eq!(counted, expected, "leaning by {lean} rad about {axis:?}");
     }
 }
 
