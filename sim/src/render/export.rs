@@ -151,15 +151,15 @@ fn exported_instance(instance: &Instance) -> ExportedInstance {
     }
 }
 
-/// Exports the finest mip level of a texture.
+/// Exports a texture without its padding.
 fn exported_texture(texture: crate::scene::Texture) -> ExportedTexture {
-    let (pattern, side) = (texture::mip_chain(texture), texture::SIDE);
-    let rows = pattern.texels.chunks_exact(texture::pitch(0)).take(side);
+    let (image, side) = (texture::image(texture), texture::SIDE);
+    let rows = image.texels.chunks_exact(texture::PITCH).take(side);
     let rgb = rows.flat_map(|row| &row[..side]).flat_map(|texel| {
         let [r, g, b, _] = texel.to_le_bytes();
         [r, g, b]
     });
-    ExportedTexture { side, tile_m: pattern.tile_m, rgb: rgb.collect() }
+    ExportedTexture { side, tile_m: image.tile_m, rgb: rgb.collect() }
 }
 
 /// Converts a rigid transform to a position and a quaternion (w, x, y, z).

@@ -39,7 +39,7 @@ fn factor_one_is_identical_and_three_samples_centres() {
         let large = HighResScene::new(&scene, 3).photograph(&mut renderer, &snapshot);
         for ((side, image), (large_side, large)) in base.iter().zip(&large) {
             assert_eq!(*large_side, 3 * side);
-            // Textures use a finer mip level and edges may round differently.
+            // Edges may round differently.
             let differs = |[x, y]: [usize; 2]| {
                 let (base, enlarged) = ((y * side + x) * 3, ((3 * y + 1) * large_side + 3 * x + 1) * 3);
                 (0..3).any(|k| image[base + k].abs_diff(large[enlarged + k]) > 24)

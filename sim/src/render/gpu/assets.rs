@@ -8,7 +8,7 @@ use super::growable_buffer::GrowableBuffer;
 use super::records::{MAX_TRIANGLES, VertexRecord, padded};
 use crate::render::mesh::{Mesh, ProjectionAxis};
 use crate::render::scene::{Instance, MeshKey, RenderScene};
-use crate::render::texture::mip_chain;
+use crate::render::texture::image;
 use crate::scene::Texture;
 
 /// Number of vertices above which unused meshes are looked for: bodies of random size have meshes of their
@@ -89,7 +89,7 @@ impl Assets {
                 && !self.textures.contains_key(&texture)
             {
                 self.textures.insert(texture, self.textures.len() as u32);
-                self.texels.extend_from_slice(&mip_chain(texture).texels);
+                self.texels.extend_from_slice(&image(texture).texels);
             }
         }
     }

@@ -10,7 +10,7 @@ use super::records::{MAX_INSTANCES, NONE, SceneInstanceRecord, rows};
 use crate::render::RenderScene;
 use crate::render::math::affine::Affine3;
 use crate::render::scene::{Anchor, Instance, MeshKey};
-use crate::render::texture::mip_chain;
+use crate::render::texture::image;
 use crate::scene::{N_LINKS, Snapshot};
 
 /// Number of triangles that one workgroup of the compute kernels takes at a time.
@@ -165,7 +165,7 @@ fn pose_idx(scene: &RenderScene, anchor: Anchor) -> u32 {
 
 fn scene_instance(scene: &RenderScene, instance: &Instance, assets: &Assets) -> SceneInstanceRecord {
     let (material, location) = (&instance.material, assets.mesh(instance));
-    let tile_m = material.texture.map_or(1.0, |texture| mip_chain(texture).tile_m);
+    let tile_m = material.texture.map_or(1.0, |texture| image(texture).tile_m);
     SceneInstanceRecord {
         anchor_from_mesh: rows(&Affine3::from_pose_and_scale(&instance.pose, instance.scale)),
         color: material.color,

@@ -71,7 +71,7 @@ fn smoothed((node, t): LatticeCoord) -> LatticeCoord {
     (node, t * t * (3.0 - 2.0 * t))
 }
 
-/// Resolution at which a sum of noises is sampled: that of the finest mip level.
+/// Resolution at which a sum of noises is sampled: that of a texture.
 const RESOLUTION: i32 = super::SIDE as i32;
 
 /// Fractional Brownian motion: a weighted sum of noises, precomputed on a lattice with the resolution of a

@@ -1,20 +1,18 @@
 //! Properties that hold for every texture.
 
-use super::{MipChain, N_LEVELS, N_TEXELS, SIDE, level_offset, mip_chain, pitch};
+use super::{PITCH, SIDE, image};
 use crate::scene::Texture::{self, *};
 
 const GRADIENTS: [Texture; 4] = [Sunset, Ocean, Glow, Rainbow];
 
-/// Returns the linear factors of a texel.
-fn factors(pattern: &MipChain, level: usize, x: usize, y: usize) -> [f64; 3] {
-    let [r, g, b, alpha] = pattern.texels[level_offset(level) + y * pitch(level) + x].to_le_bytes();
-    assert_eq!(alpha, 255);
-    [r, g, b].map(|code| (f64::from(code) / 255.0) * (f64::from(code) / 255.0))
-}
-
-/// Returns the factors of level 0 in row-major order.
-fn finest(texture: Texture) -> Vec<[f64; 3]> {
-    (0..SIDE * SIDE).map(|i| factors(mip_chain(texture), 0, i % SIDE, i / SIDE)).collect()
+/// Returns the linear factors of the texels of a tile, in row-major order.
+fn factors(texture: Texture) -> Vec<[f64; 3]> {
+    let linear = |i: usize| {
+        let [r, g, b, alpha] = image(texture).texels[i / SIDE * PITCH + i % SIDE].to_le_bytes();
+        assert_eq!(alpha, 255);
+        [r, g, b].map(|code| (f64::from(code) / 255.0) * (f64::from(code) / 255.0))
+    };
+    (0..SIDE * SIDE).map(linear).collect()
 }
 
 fn difference(a: [f64; 3], b: [f64; 3]) -> f64 {
@@ -29,23 +27,18 @@ fn mean(values: &[[f64; 3]]) -> [f64; 3] {
 fn table_is_large_with_plausible_tile_sizes() {
     assert!(Texture::PERTURBATION.len() >= 55 && !Texture::PERTURBATION.contains(&Maple));
     for texture in Texture::PERTURBATION {
-        assert!((0.15..=1.2).contains(&mip_chain(*texture).tile_m), "{texture:?}");
+        assert!((0.15..=1.2).contains(&image(*texture).tile_m), "{texture:?}");
     }
 }
 
 #[test]
 fn padding_repeats_rows_and_columns() {
     for texture in Texture::ALL {
-        let texels = &mip_chain(*texture).texels;
-        assert_eq!(texels.len(), N_TEXELS);
-        for level in 0..N_LEVELS {
-            let (side, pitch) = (SIDE >> level, pitch(level));
-            let texels = &texels[level_offset(level)..level_offset(level + 1)];
-            assert!(pitch >= side + 8 && texels.len() == pitch * pitch, "level {level}");
-            for (i, texel) in texels.iter().enumerate() {
-                let (x, y) = (i % pitch % side, i / pitch % side);
-                assert_eq!(*texel, texels[y * pitch + x], "{texture:?}, level {level}, texel {i}");
-            }
+        let texels = &image(*texture).texels;
+        assert_eq!(texels.len(), PITCH * PITCH);
+        for (i, texel) in texels.iter().enumerate() {
+            let (x, y) = (i % PITCH % SIDE, i / PITCH % SIDE);
+            assert_eq!(*texel, texels[y * PITCH + x], "{texture:?}, texel {i}");
         }
     }
 }
@@ -53,7 +46,7 @@ fn padding_repeats_rows_and_columns() {
 #[test]
 fn textures_tile_seamlessly() {
     for texture in Texture::ALL {
-        let texels = finest(*texture);
+        let texels = factors(*texture);
         // Mean difference between neighbouring texels i and i + 1 across the tile, indexed by i.
         let jumps = |texel: &dyn Fn(usize, usize) -> [f64; 3]| -> Vec<f64> {
             let jump = |i: usize, k: usize| difference(texel(i, k), texel((i + 1) % SIDE, k));
@@ -70,17 +63,9 @@ fn textures_tile_seamlessly() {
 }
 
 #[test]
-fn coarsest_level_is_mean() {
-    for texture in Texture::ALL {
-        let far = difference(factors(mip_chain(*texture), N_LEVELS - 1, 0, 0), mean(&finest(*texture)));
-        assert!(far < 0.005, "{texture:?}: differs from the mean by {far}");
-    }
-}
-
-#[test]
 fn textures_have_contrast() {
     for texture in Texture::PERTURBATION.iter().filter(|texture| !GRADIENTS.contains(texture)) {
-        let texels = finest(*texture);
+        let texels = factors(*texture);
         let middle = mean(&texels);
         let squares = texels.iter().map(|texel| difference(*texel, middle).powi(2)).sum::<f64>();
         let deviation = (squares / texels.len() as f64).sqrt() / middle.iter().sum::<f64>() * 3.0;
@@ -90,11 +75,16 @@ fn textures_have_contrast() {
 
 #[test]
 fn textures_differ_pairwise() {
-    // Comparing one coarse level keeps the quadratic number of pairs cheap.
-    let level = 3;
-    let side = SIDE >> level;
+    // Comparing the means of blocks keeps the quadratic number of pairs cheap.
+    const BLOCK: usize = 8;
     let coarse = |texture: &Texture| -> Vec<[f64; 3]> {
-        (0..side * side).map(|i| factors(mip_chain(*texture), level, i % side, i / side)).collect()
+        let side = SIDE / BLOCK;
+        let mut means = vec![[0.0; 3]; side * side];
+        for (i, texel) in factors(*texture).into_iter().enumerate() {
+            let block = &mut means[i / SIDE / BLOCK * side + i % SIDE / BLOCK];
+            *block = core::array::from_fn(|c| block[c] + texel[c] / (BLOCK * BLOCK) as f64);
+        }
+        means
     };
     let all: Vec<_> = Texture::ALL.iter().map(coarse).collect();
     for (i, a) in all.iter().enumerate() {
@@ -119,7 +109,7 @@ fn mean_brightness_matches_photographs() {
     };
     let means: Vec<_> = Texture::PERTURBATION
         .iter()
-        .map(|texture| mean(&finest(*texture).into_iter().map(|rgb| rgb.map(encoded)).collect::<Vec<_>>()))
+        .map(|texture| mean(&factors(*texture).into_iter().map(|rgb| rgb.map(encoded)).collect::<Vec<_>>()))
         .collect();
     let found = mean(&means);
     let expected = [149.0, 134.0, 123.0];

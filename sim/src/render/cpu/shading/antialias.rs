@@ -110,7 +110,7 @@ impl<K: TileSink> Kernel for ShadeSamples<'_, K> {
                 let (ids, depths) = (&samples.ids[0][..n], &samples.depths[0][..n]);
                 self.shader.shade::<S>(&samples.uniform_ids[..n], ids, depths, &mut tile_row);
                 let mixed = weight_first_samples::<S>(&samples, &tile_row, &mut light, &mut fragments);
-                self.accumulate::<S>(&fragments, &mut tile_row, &mut light);
+                self.accumulate::<S>(&fragments, &tile_row, &mut light);
                 for i in SetBits(mixed) {
                     tile_row.set_roots::<S>(i, each!(c in 3 => S::F::load(&light[i][c]).sqrt()));
                 }
@@ -144,7 +144,7 @@ impl<K: TileSink> ShadeSamples<'_, K> {
     fn accumulate<S: Simd>(
         &self,
         fragments: &Fragments,
-        tile_row: &mut TileRow,
+        tile_row: &TileRow,
         light: &mut [[F32x16; 3]; TILE_ROW],
     ) {
         let mut gathered = GatheredSurfaces::EMPTY;
@@ -164,9 +164,7 @@ impl<K: TileSink> ShadeSamples<'_, K> {
             let ray = self.shader.rays.for_pixels::<S>([column.to_f32(), row.to_f32()], depth);
             self.shader.gather::<S>(&ids, &ray, &mut gathered);
             if gathered.textured != 0 {
-                let mut tiles = I32x16::ZERO;
-                tile.store(&mut tiles);
-                let tint = self.shader.gather_tint::<S>(&ids, &tiles, &ray, gathered.textured, tile_row);
+                let tint = self.shader.gather_tint::<S>(&ids, &ray, gathered.textured);
                 store_rgb::<S>(tint, &mut gathered.tint);
             }
             let roots = self.shader.shade_mixed::<S>(&gathered, &ray);

@@ -17,7 +17,7 @@ use crate::render::math::affine::Affine3;
 use crate::render::mesh::TriangleRecord;
 use crate::render::scene::camera::PinholeCamera;
 use crate::render::scene::{Instance, RenderScene};
-use crate::render::texture::mip_chain;
+use crate::render::texture;
 
 /// Layout of a surface record: lane indices of the values of a visible triangle that every pixel needs.
 pub(in crate::render::cpu) struct SurfaceRecord;
@@ -292,7 +292,7 @@ impl<S: Simd> InstanceSetup<S> {
             view_from_normal: TransformX16::new(&normals),
             tiles_per_step: match material.texture {
                 Some(texture) => {
-                    let per_tile = 1.0 / mip_chain(texture).tile_m;
+                    let per_tile = 1.0 / texture::image(texture).tile_m;
                     Some(each!(k in 3 => S::F::splat(instance.scale[k] * per_tile * steps[k])))
                 }
                 None => None,

@@ -5,7 +5,7 @@ use crate::render::cpu::shading::gathered::GatheredSurfaces;
 use crate::render::cpu::shading::lighting::{Lighting, Reflectance, ViewLights, radiance_roots};
 use crate::render::cpu::shading::rays::{RayTable, ViewRays};
 use crate::render::cpu::shading::surface::{MIXED, SurfaceRecord, UvRecord, VisibleSurfaces, record_index};
-use crate::render::cpu::shading::texture::{MipLevel, MipLevels, TextureSample, Uv};
+use crate::render::cpu::shading::texture::{TextureSample, Uv};
 use crate::render::cpu::shadow::Shadow;
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::isa::Kernel;
@@ -14,7 +14,7 @@ use crate::render::cpu::simd::{
 };
 use crate::render::cpu::visibility::raster::{NO_ID, Visibility};
 use crate::render::cpu::visibility::tile::{Tile4x4, TileLayout};
-use crate::render::texture::{MipChain, mip_chain};
+use crate::render::texture::{self, TextureImage};
 use crate::scene::Texture;
 
 /// The inputs of the shading of one image.
@@ -80,8 +80,6 @@ pub(in crate::render::cpu) struct TileRow {
     gathered: [GatheredSurfaces; TILE_ROW],
     /// The square roots of the radiance per tile, linear RGB.
     roots: [[F32x16; 3]; TILE_ROW],
-    /// Record index of the last textured triangle, and its mip level at the centre of each tile.
-    levels: (usize, MipLevels),
     /// The last flat triangle that was shaded.
     flat: FlatSurface,
 }
@@ -116,7 +114,6 @@ impl TileRow {
             samples: [const { TextureSample::NONE }; TILE_ROW],
             gathered: [const { GatheredSurfaces::EMPTY }; TILE_ROW],
             roots: [[F32x16::ZERO; 3]; TILE_ROW],
-            levels: (NO_TRIANGLE, MipLevels::NONE),
             flat: FlatSurface {
                 triangle: NO_TRIANGLE,
                 lighting: Lighting::DARK,
@@ -168,7 +165,7 @@ impl TileRow {
     /// Moves to `n` other tiles and invalidates all cached results.
     pub(in crate::render::cpu) fn move_to(&mut self, column: usize, row: usize, n: usize) {
         (self.column, self.row, self.n) = (column, row, n);
-        (self.levels.0, self.flat.triangle) = (NO_TRIANGLE, NO_TRIANGLE);
+        self.flat.triangle = NO_TRIANGLE;
     }
 }
 
@@ -188,8 +185,7 @@ impl Shader<'_> {
             let triangle = record_index(tile_ids[tile]);
             if self.texture(triangle) >= 0 {
                 let ray = self.rays.tile::<S>(tile_row.column + tile, tile_row.row);
-                let level = self.level::<S>(triangle, tile, tile_row);
-                tile_row.samples[tile].locate::<S>(&self.uv::<S>(triangle, &ray), level);
+                tile_row.samples[tile].locate::<S>(&self.uv::<S>(triangle, &ray));
             }
         }
         for tile in SetBits(tile_row.uniform) {
@@ -197,7 +193,7 @@ impl Shader<'_> {
             let tint = if self.texture(triangle) < 0 {
                 [S::F::splat(1.0); 3]
             } else {
-                tile_row.samples[tile].read::<S>(self.mip_chain(triangle))
+                tile_row.samples[tile].read::<S>(self.texture_image(triangle))
             };
             let roots = self.shade_uniform::<S>(triangle, tint, depths, tile, tile_row);
             store_rgb::<S>(roots, &mut tile_row.roots[tile]);
@@ -209,9 +205,7 @@ impl Shader<'_> {
         for tile in SetBits(tile_row.mixed) {
             if tile_row.gathered[tile].textured != 0 {
                 let ray = self.rays.tile::<S>(tile_row.column + tile, tile_row.row);
-                let same = I32x16([tile as i32; N_LANES]);
-                let textured = tile_row.gathered[tile].textured;
-                let tint = self.gather_tint::<S>(&ids[tile], &same, &ray, textured, tile_row);
+                let tint = self.gather_tint::<S>(&ids[tile], &ray, tile_row.gathered[tile].textured);
                 store_rgb::<S>(tint, &mut tile_row.gathered[tile].tint);
             }
         }
@@ -222,19 +216,6 @@ impl Shader<'_> {
         }
     }
 
-    /// Returns the mip level of a triangle's texture in one tile.
-    #[inline(always)]
-    fn level<S: Simd>(&self, triangle: usize, tile: usize, tile_row: &mut TileRow) -> MipLevel {
-        let (cached, levels) = &mut tile_row.levels;
-        if *cached != triangle {
-            *cached = triangle;
-            let centre = S::F::splat(1.5);
-            let pixel = RayTable::pixels_of_tile_row::<S>([tile_row.column, tile_row.row], 0);
-            levels.set::<S>(self.footprint::<S>(triangle, each!(k in 2 => pixel[k] + centre)));
-        }
-        levels.get(tile)
-    }
-
     /// Returns the texture index of a visible triangle, -1 for none.
     #[inline(always)]
     fn texture(&self, triangle: usize) -> i32 {
@@ -243,8 +224,8 @@ impl Shader<'_> {
 
     /// Returns the texture of a triangle that has one.
     #[inline(always)]
-    fn mip_chain(&self, triangle: usize) -> &'static MipChain {
-        mip_chain(Texture::ALL[self.texture(triangle) as usize])
+    fn texture_image(&self, triangle: usize) -> &'static TextureImage {
+        texture::image(Texture::ALL[self.texture(triangle) as usize])
     }
 
     /// Returns the square roots of the radiance of a uniform tile.
@@ -325,29 +306,24 @@ impl Shader<'_> {
         gathered.textured = records[SurfaceRecord::TEXTURE].bitcast_i32().gt(S::I::splat(-1)).to_bits();
     }
 
-    /// Returns the square roots of the texture factors of sixteen pixels, given the tile of the row in
-    /// which each one lies. Loops over the pairs of tile and textured triangle, of which there are usually
-    /// few.
+    /// Returns the square roots of the texture factors of sixteen pixels. Loops over the textured triangles,
+    /// of which there are usually few.
     #[inline(always)]
     pub(in crate::render::cpu) fn gather_tint<S: Simd>(
         &self,
         ids: &I32x16,
-        tiles: &I32x16,
         ray: &ViewRays<S>,
         mut textured: u16,
-        tile_row: &mut TileRow,
     ) -> [S::F; 3] {
-        let (all_ids, all_tiles) = (S::I::load(ids), S::I::load(tiles));
+        let all_ids = S::I::load(ids);
+        let mut sample = TextureSample::NONE;
         let mut tint = [S::F::splat(1.0); 3];
         while textured != 0 {
-            let lane = textured.trailing_zeros() as usize;
-            let (id, tile) = (ids.0[lane], tiles.0[lane]);
+            let id = ids.0[textured.trailing_zeros() as usize];
             let triangle = record_index(id);
-            let level = self.level::<S>(triangle, tile as usize, tile_row);
-            let sample = &mut tile_row.samples[tile as usize];
-            sample.locate::<S>(&self.uv::<S>(triangle, ray), level);
-            let factors = sample.read::<S>(self.mip_chain(triangle));
-            let same = all_ids.eq(S::I::splat(id)) & all_tiles.eq(S::I::splat(tile));
+            sample.locate::<S>(&self.uv::<S>(triangle, ray));
+            let factors = sample.read::<S>(self.texture_image(triangle));
+            let same = all_ids.eq(S::I::splat(id));
             tint = each!(c in 3 => factors[c].select_or(same, tint[c]));
             textured &= !same.to_bits();
         }
@@ -387,24 +363,6 @@ impl Shader<'_> {
         let uv_record = &self.surfaces.uv_records[triangle].0;
         let per_n = S::F::splat(1.0) / eval_plane::<S, f32>(uv_record, UvRecord::N, ray.pixel);
         each!(k in 2 => eval_plane::<S, f32>(uv_record, [UvRecord::U, UvRecord::V][k], ray.pixel) * per_n)
-    }
-
-    /// Returns the footprints of pixels on a triangle: the larger squared length, in texture tiles², of a
-    /// step of one pixel to the right or down.
-    #[inline(always)]
-    fn footprint<S: Simd>(&self, triangle: usize, pixel: [S::F; 2]) -> S::F {
-        let uv_record = &self.surfaces.uv_records[triangle].0;
-        let per_n = S::F::splat(1.0) / eval_plane::<S, f32>(uv_record, UvRecord::N, pixel);
-        let u = eval_plane::<S, f32>(uv_record, UvRecord::U, pixel) * per_n;
-        let v = eval_plane::<S, f32>(uv_record, UvRecord::V, pixel) * per_n;
-        // d(U/n) = (dU − (U/n) dn) / n.
-        let [right, down] = each!(k in 2 => {
-            let dn = S::F::splat(-uv_record[UvRecord::N + k + 1]);
-            let du = u.mul_add(dn, S::F::splat(uv_record[UvRecord::U + k + 1])) * per_n;
-            let dv = v.mul_add(dn, S::F::splat(uv_record[UvRecord::V + k + 1])) * per_n;
-            du.mul_add(du, dv * dv)
-        });
-        right.max(down)
     }
 }
 

@@ -15,30 +15,14 @@ fn snap_vertex(view: View, p: vec3f) -> vec3f {
     return vec3f((px - view.half_px) * (p.z / view.focal_px), p.z);
 }
 
-// Intersection of a ray with the plane of a triangle: the point p + a e + b f, for the vertices p, p + e and
-// p + f.
-struct Hit {
-    // Barycentric coordinates (a, b).
-    ab: vec2f,
-    // Derivatives of (a, b) per pixel to the right and down.
-    right: vec2f,
-    down: vec2f,
-}
-
-// Möller and Trumbore, "Fast, minimum storage ray/triangle intersection" (1997).
-fn intersect(view: View, p: vec3f, e: vec3f, f: vec3f, px: vec2f) -> Hit {
+// Returns the barycentric coordinates (a, b) of the intersection of a ray with the plane of a triangle: the
+// point p + a e + b f, for the vertices p, p + e and p + f (Möller and Trumbore, "Fast, minimum storage
+// ray/triangle intersection", 1997).
+fn intersect(view: View, p: vec3f, e: vec3f, f: vec3f, px: vec2f) -> vec2f {
     let ray = ray_through(view, px);
-    let along_a = cross(p, f);
-    let along_b = cross(e, p);
-    let along_n = cross(f, e);
-    let n = dot(ray, along_n);
+    let n = dot(ray, cross(f, e));
     let inverse_n = select(1.0 / n, 0.0, n == 0.0);
-    let ab = vec2f(dot(ray, along_a), dot(ray, along_b)) * inverse_n;
-    // d(a/n) = (da − (a/n) dn) / n.
-    let per_px = inverse_n / view.focal_px;
-    let right = (vec2f(along_a.x, along_b.x) - ab * along_n.x) * per_px;
-    let down = (vec2f(along_a.y, along_b.y) - ab * along_n.y) * per_px;
-    return Hit(ab, right, down);
+    return vec2f(dot(ray, cross(p, f)), dot(ray, cross(e, p))) * inverse_n;
 }
 
 // Returns the cofactor matrix of the linear part, which transforms normals up to a positive factor.

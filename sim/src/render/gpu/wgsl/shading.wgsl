@@ -11,8 +11,6 @@
 
 // Side of the pixel tile that a workgroup shades.
 const TILE: u32 = 8u;
-// Side of the pixel block that shares one mip level per triangle, chosen at the block's centre.
-const BLOCK: u32 = 4u;
 
 // sRGB codes of the workgroup's pixels.
 var<workgroup> tile_rgb: array<u32, 64>;
@@ -92,7 +90,7 @@ fn shade_triangle(view: View, id: u32, at: vec2u) -> vec3f {
     let f = snap_vertex(view, transform_point(instance.view_from_mesh, v2.position.xyz)) - p;
     let px = vec2f(at) + 0.5;
     // With several samples per pixel, the pixel's centre may lie outside of the triangle.
-    let ab = clamp(intersect(view, p, e, f, px).ab, vec2f(0.0), vec2f(1.0));
+    let ab = clamp(intersect(view, p, e, f, px), vec2f(0.0), vec2f(1.0));
     let point = p + ab.x * e + ab.y * f;
     if point.z * view.inverse_far >= 1.0 {
         return vec3f(0.0);
@@ -105,23 +103,18 @@ fn shade_triangle(view: View, id: u32, at: vec2u) -> vec3f {
     var color = instance.color_specular.rgb;
     if instance.texture != NONE {
         let points = array<vec3f, 3>(v0.position.xyz, v1.position.xyz, v2.position.xyz);
-        let middle = vec2f(at / BLOCK * BLOCK) + 0.5 * f32(BLOCK);
-        color *= texture_factor(instance, corners.w, points, ab, intersect(view, p, e, f, middle));
+        color *= texture_factor(instance, corners.w, points, ab);
     }
     let light = illuminate(view, color, instance.color_specular.w, instance.metallic, point, normal, -normalize(ray_through(view, px)));
     return clamp(light, vec3f(0.0), vec3f(1.0));
 }
 
-// Samples the instance's texture at ab, with the mip level determined by the derivatives of a hit. Returns
-// linear RGB factors.
-fn texture_factor(instance: Instance, axis: u32, points: array<vec3f, 3>, ab: vec2f, hit: Hit) -> vec3f {
+// Samples the instance's texture at ab. Returns linear RGB factors.
+fn texture_factor(instance: Instance, axis: u32, points: array<vec3f, 3>, ab: vec2f) -> vec3f {
     let t = project_along(axis, points[0] * instance.tiles);
     let e = project_along(axis, points[1] * instance.tiles) - t;
     let f = project_along(axis, points[2] * instance.tiles) - t;
-    let right = hit.right.x * e + hit.right.y * f;
-    let down = hit.down.x * e + hit.down.y * f;
-    let footprint = max(dot(right, right), dot(down, down)) * f32(TILE_SIDE * TILE_SIDE);
-    return sample_texture(instance.texture, t + ab.x * e + ab.y * f, footprint);
+    return sample_texture(instance.texture, t + ab.x * e + ab.y * f);
 }
 
 // Drops the coordinate along the texture projection axis.
