@@ -116,9 +116,7 @@ pub struct Table {
     pub kind: TableKind,
     /// Appearance of the work surface.
     pub top: Appearance,
-    /// Appearance of the frame below each top.
-    pub frame: Appearance,
-    /// Appearance of the legs.
+    /// Appearance of the legs and of the frame below each top.
     pub legs: Appearance,
     /// Appearance of the lower table's top, if there are two tables.
     pub lower_top: Option<Appearance>,

@@ -59,6 +59,8 @@ pub enum ScaleAxes {
 /// Render parts of a body: the units that colour and texture perturbations change independently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RenderParts {
+    /// The shapes of one nominal appearance are one, like the benchmark's shapes that share a material.
+    PerAppearance,
     /// Every part or visual is one.
     PerShape,
     /// The whole body is one, like the benchmark's bodies with a single mesh.
@@ -281,9 +283,7 @@ pub struct TableSpec {
     pub kind: TableKind,
     /// Appearance of the work surface.
     pub top: AppearanceSpec,
-    /// Appearance of the frame below each top.
-    pub frame: AppearanceSpec,
-    /// Appearance of the legs.
+    /// Appearance of the legs and of the frame below each top.
     pub legs: AppearanceSpec,
     /// Appearance of the lower table's top, if there are two tables.
     pub lower_top: Option<AppearanceSpec>,
@@ -294,7 +294,7 @@ pub struct TableSpec {
 impl TableSpec {
     /// Iterates over the appearances of all parts of the table.
     pub fn appearances_mut(&mut self) -> impl Iterator<Item = &mut AppearanceSpec> {
-        [&mut self.top, &mut self.frame, &mut self.legs].into_iter().chain(&mut self.lower_top)
+        [&mut self.top, &mut self.legs].into_iter().chain(&mut self.lower_top)
     }
 }
 

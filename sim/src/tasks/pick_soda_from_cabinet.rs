@@ -12,7 +12,7 @@ use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
 use crate::robot::control;
 use crate::scene::{
-    AppearanceSpec, BodySpec, PlacementSpec, Range, Role, ScaledBy, Scene, SceneSpec, Texture,
+    AppearanceSpec, BodySpec, PlacementSpec, Range, RenderParts, Role, ScaledBy, Scene, SceneSpec, Texture,
 };
 use crate::task::{Category, Task};
 
@@ -45,6 +45,7 @@ const CAN_Z: f64 = 0.405;
 fn nominal(_profile: Profile) -> SceneSpec {
     let can = BodySpec {
         visuals: can::visuals(),
+        render_parts: RenderParts::Single,
         mass: can::MASS,
         scaled_by: ScaledBy::Nothing("the benchmark keeps its size"),
         ..movable("can", can::parts(), 1, SHELVES_Z[1] + SHELF_HALF[2])

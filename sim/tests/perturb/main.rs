@@ -9,5 +9,6 @@ mod distributions;
 mod language;
 mod orthogonality;
 mod profiles;
+mod render_parts;
 mod strength;
 mod twins;

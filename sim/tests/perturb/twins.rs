@@ -47,7 +47,7 @@ fn physical(mut scene: Scene) -> Scene {
     }
     let Scene { bodies, robots, table, .. } = scene;
     let kind = table.kind;
-    let table = Table { kind, top: blank, frame: blank, legs: blank, lower_top: None, as_block: false };
+    let table = Table { kind, top: blank, legs: blank, lower_top: None, as_block: false };
     let background = Background { floor: blank, walls: None };
     let lights = Lights { ambient: [0.0; 3], directional: Vec::new(), shadows: false };
     Scene { bodies, robots, table, background, lights, cameras: Vec::new(), instruction: String::new() }

@@ -39,7 +39,6 @@ pub(crate) fn empty_room(eye: [f64; 3], target: [f64; 3]) -> Scene {
         table: Table {
             kind: TableKind::SingleArm,
             top: paint([0.6; 3]),
-            frame: paint([0.6; 3]),
             legs: paint([0.6; 3]),
             lower_top: None,
             as_block: false,

@@ -74,7 +74,7 @@ pub(in crate::render) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
 }
 
 fn push_bench(bench: &Bench, top: &Appearance, table: &Table, instances: &mut Vec<Instance>) {
-    let [top, frame, legs] = [*top, table.frame, table.legs].map(Material::from);
+    let [top, legs] = [*top, table.legs].map(Material::from);
     let Bench { centre: [x, y], half: [hx, hy], top_z, foot_z, thickness } = *bench;
     if table.as_block && foot_z == FLOOR_Z {
         let half = [hx, hy, (top_z - foot_z) / 2.0];
@@ -82,15 +82,15 @@ fn push_bench(bench: &Bench, top: &Appearance, table: &Table, instances: &mut Ve
         return;
     }
     let under_z = top_z - thickness;
-    let mut push = |centre, half, material| instances.push(block(Fixture::Table, centre, half, material));
+    let mut push = |centre, half| instances.push(block(Fixture::Table, centre, half, legs));
     let (leg_x, leg_y) = (hx - LEG_INSET, hy - LEG_INSET);
     let (rail, rail_z) = (FRAME_HEIGHT / 2.0, under_z - FRAME_HEIGHT / 2.0);
     for side in [-1.0, 1.0] {
-        push([x + side * leg_x, y, rail_z], [LEG_HALF / 2.0, leg_y - LEG_HALF, rail], frame);
-        push([x, y + side * leg_y, rail_z], [leg_x - LEG_HALF, LEG_HALF / 2.0, rail], frame);
+        push([x + side * leg_x, y, rail_z], [LEG_HALF / 2.0, leg_y - LEG_HALF, rail]);
+        push([x, y + side * leg_y, rail_z], [leg_x - LEG_HALF, LEG_HALF / 2.0, rail]);
         for end in [-1.0, 1.0] {
             let foot = [x + side * leg_x, y + end * leg_y, f32::midpoint(under_z, foot_z)];
-            push(foot, [LEG_HALF, LEG_HALF, (under_z - foot_z) / 2.0], legs);
+            push(foot, [LEG_HALF, LEG_HALF, (under_z - foot_z) / 2.0]);
         }
     }
     let top_half = [hx, hy, thickness / 2.0];

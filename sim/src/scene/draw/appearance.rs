@@ -22,7 +22,6 @@ pub(super) fn table(spec: &TableSpec, episode_seed: u64) -> Table {
     Table {
         kind: spec.kind,
         top: draw(spec.top, "top", top_color),
-        frame: draw(spec.frame, "frame", "table/color"),
         legs: draw(spec.legs, "legs", "table/color"),
         lower_top: spec.lower_top.map(|appearance| draw(appearance, "under", "table/color")),
         as_block: spec.as_block,

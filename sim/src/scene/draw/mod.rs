@@ -139,46 +139,48 @@ struct Painter<'a> {
 }
 
 impl Painter<'_> {
-    /// Draws the appearance of the `idx`-th shape of its kind, "part" or "visual". Shapes of a single render
-    /// part share one random stream.
-    fn draw(&self, appearance: AppearanceSpec, kind: &str, idx: usize) -> Appearance {
-        let idx = match self.render_parts {
-            RenderParts::PerShape => idx,
-            RenderParts::Single => 0,
+    /// Draws the appearances of all shapes of a kind, "part" or "visual". The random stream of a render part is
+    /// named after its first shape.
+    fn draw(&self, appearances: &[AppearanceSpec], kind: &str) -> Vec<Appearance> {
+        let draw = |(idx, appearance): (usize, &AppearanceSpec)| {
+            let first = match self.render_parts {
+                RenderParts::PerAppearance => appearances.iter().position(|other| other == appearance),
+                RenderParts::PerShape => Some(idx),
+                RenderParts::Single => Some(0),
+            };
+            let name = format!("{}/{kind}{}", self.name, first.unwrap_or(idx));
+            appearance::draw(*appearance, self.episode_seed, &name)
         };
-        appearance::draw(appearance, self.episode_seed, &format!("{}/{kind}{idx}", self.name))
+        appearances.iter().enumerate().map(draw).collect()
     }
 }
 
 /// Scales the parts of a body and draws their appearances.
 fn draw_parts(painter: &Painter<'_>, parts: &[PartSpec], scale: &Vector3<f64>) -> Vec<Part> {
-    let draw = |(i, part): (usize, &PartSpec)| {
+    let appearances: Vec<_> = parts.iter().map(|part| part.appearance).collect();
+    let draw = |(part, appearance): (&PartSpec, Appearance)| {
         let (shape, pose) = part.shape.stretched(&part.pose, scale);
-        Part { shape, pose, appearance: painter.draw(part.appearance, "part", i) }
+        Part { shape, pose, appearance }
     };
-    parts.iter().enumerate().map(draw).collect()
+    parts.iter().zip(painter.draw(&appearances, "part")).map(draw).collect()
 }
 
 /// Scales the visuals of a body and draws their appearances.
 fn draw_visuals(painter: &Painter<'_>, visuals: &[VisualSpec], scale: &Vector3<f64>) -> Vec<Visual> {
-    let draw = |(i, visual): (usize, &VisualSpec)| {
+    let appearances: Vec<_> = visuals.iter().map(|visual| visual.appearance).collect();
+    let draw = |(visual, appearance): (&VisualSpec, Appearance)| {
         let (shape, stretch) = if scale.x == scale.y && scale.x == scale.z {
             (visual.shape.scaled(scale.x), [1.0; 3])
         } else {
             let along = factors_along(&visual.pose.rotation, scale);
             (
                 visual.shape.clone(),
-                along.unwrap_or_else(|| panic!("visual {i} of {} is oblique", painter.name)).into(),
+                along.unwrap_or_else(|| panic!("a visual of {} is oblique", painter.name)).into(),
             )
         };
-        Visual {
-            shape,
-            stretch,
-            pose: scale_translation(&visual.pose, scale),
-            appearance: painter.draw(visual.appearance, "visual", i),
-        }
+        Visual { shape, stretch, pose: scale_translation(&visual.pose, scale), appearance }
     };
-    visuals.iter().enumerate().map(draw).collect()
+    visuals.iter().zip(painter.draw(&appearances, "visual")).map(draw).collect()
 }
 
 /// Scales the travel of a slide joint with its body. The range of a hinge joint does not depend on the scale.

@@ -7,7 +7,8 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{movable, srgb};
 use crate::scene::{
-    APPLE_PROFILE, AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, ScaleAxes, VisualShape, VisualSpec,
+    APPLE_PROFILE, AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, RenderParts, ScaleAxes, VisualShape,
+    VisualSpec,
 };
 
 /// Radius of the apple, in m: half the mean of its width and height.
@@ -100,6 +101,7 @@ pub(in crate::tasks) fn apple(region: usize, surface_z_m: f64) -> BodySpec {
             VisualSpec::at(VisualShape::Lathe { profile }, [0.0; 3], skin),
             VisualSpec::at(stem(), [0.0, 0.0, 0.9 * APPLE_RADIUS], AppearanceSpec::plain(srgb([84, 58, 34]))),
         ],
+        render_parts: RenderParts::Single,
         ..movable("apple", parts, region, surface_z_m).with_origin_z(surface_z_m + APPLE_RADIUS)
     }
 }

@@ -129,7 +129,7 @@ pub fn movable(name: &'static str, parts: Vec<PartSpec>, region: usize, surface_
         motion: Motion::Dynamic,
         parts,
         visuals: Vec::new(),
-        render_parts: RenderParts::PerShape,
+        render_parts: RenderParts::PerAppearance,
         scaled_by: ScaledBy::MoSize,
         scale: Range::fixed(1.0),
         scale_axes: ScaleAxes::Together,
@@ -217,7 +217,8 @@ pub fn goal_disc(region: usize) -> BodySpec {
             AppearanceSpec::plain(color),
         )
     };
-    goal_marker(region, (0..5).map(ring).collect())
+    let rings = (0..5).map(ring).collect();
+    BodySpec { render_parts: RenderParts::PerShape, ..goal_marker(region, rings) }
 }
 
 fn workspace(
@@ -295,7 +296,6 @@ fn table(kind: TableKind) -> TableSpec {
     TableSpec {
         kind,
         top: if is_bimanual { maple } else { cedar },
-        frame: grey,
         legs: grey,
         lower_top: is_bimanual.then_some(cedar),
         as_block: false,

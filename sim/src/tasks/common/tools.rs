@@ -70,6 +70,7 @@ pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
             },
             VisualSpec::at(claw, [0.0; 3], steel),
         ],
+        render_parts: RenderParts::Single,
         mass: Mass::Density(2000.0),
         friction: HAMMER_FRICTION,
         damping: [10.0, 12.0],
