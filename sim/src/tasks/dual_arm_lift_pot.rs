@@ -26,7 +26,7 @@ pub(super) const TASK: Task = Task {
 };
 
 fn nominal(_profile: Profile) -> SceneSpec {
-    let pot = pot::pot(0).with_yaw(Range::symmetric(FRAC_PI_8));
+    let pot = pot::pot(0, pot::UNPAINTED).with_yaw(Range::symmetric(FRAC_PI_8));
     let around_origin = region("pot", Range::symmetric(0.1), Range::symmetric(0.1));
     bimanual(pot::QPOS, 0.0, &LIFT_CAMERAS, vec![around_origin], vec![pot], TASK.instruction)
 }

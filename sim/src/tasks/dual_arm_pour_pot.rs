@@ -51,7 +51,7 @@ fn nominal(profile: Profile) -> SceneSpec {
         ..tray::tray(0)
     };
     let regions = vec![region("pot", Range::fixed(0.1), Range::symmetric(0.1))];
-    bimanual(pot::QPOS, 0.0, &LIFT_CAMERAS, regions, vec![pot::pot(0), tomato, tray], TASK.instruction)
+    bimanual(pot::QPOS, 0.0, &LIFT_CAMERAS, regions, vec![pot::pot(0, pot::PAINTED), tomato, tray], TASK.instruction)
 }
 
 /// Requires the tomato's origin to be near the tray's along the world's axes and 5 to 75 mm above the table.

@@ -151,7 +151,7 @@ impl RenderScene {
                 body::push(body_idx, body, &mut own_meshes, &mut instances);
             }
             for arm in 0..scene.robots.len() {
-                robot::push(arm, moves, scene.robots.len() == 2, &mut instances);
+                robot::push(arm, scene.robots.len(), moves, &mut instances);
             }
             if !moves {
                 n_static = instances.len();

@@ -14,6 +14,8 @@ use crate::scene::Link;
 const WHITE: Vec3 = [0.902, 0.922, 0.929];
 /// Black plastic and rubber, linear RGB.
 const BLACK: Vec3 = [0.05; 3];
+/// Aluminium of the wrist camera of a single arm, linear RGB.
+const GREY: Vec3 = [0.5; 3];
 
 /// The links with a housing, the one farthest from the base first.
 const LINKS: [Link; 8] =
@@ -40,10 +42,9 @@ const FINGER: [FingerBox; 5] = [
     finger_box([0.0, 4.5, 45.0], [8.8, 4.5, 9.0], false, true),
 ];
 
-/// Appends the moving links of one arm if `moves`, or else its static base. The wrist cameras of two arms
-/// have a body; the benchmark shows none on a single arm.
-pub(in crate::render) fn push(arm: usize, moves: bool, camera_body: bool, instances: &mut Vec<Instance>) {
-    let [white, black] = [WHITE, BLACK].map(Material::plain);
+/// Appends the moving links of one of `n_arms` arms if `moves`, or else its static base.
+pub(in crate::render) fn push(arm: usize, n_arms: usize, moves: bool, instances: &mut Vec<Instance>) {
+    let [white, black, grey] = [WHITE, BLACK, GREY].map(Material::plain);
     let mut push = |link: Link, mesh, pose, scale, material| {
         let (mesh, anchor) = (MeshSource::Library(mesh), Anchor::Link { arm, link: link as usize });
         if moves == (link != Link::Link0) {
@@ -61,16 +62,17 @@ pub(in crate::render) fn push(arm: usize, moves: bool, camera_body: bool, instan
         }
     }
     push(Link::Hand, MeshId::Hand, Isometry3::identity(), [1.0; 3], white);
-    if camera_body {
-        let pose = Isometry3::translation(0.0465, 0.0, 0.0235);
-        push(Link::Hand, MeshId::Box, pose, [0.0115, 0.0495, 0.01], white);
-    }
+    let camera = Isometry3::translation(0.0465, 0.0, 0.0235);
+    push(Link::Hand, MeshId::Box, camera, [0.0115, 0.0495, 0.01], if n_arms == 1 { grey } else { white });
     let along_y = |x, y, z| {
         let rotation = UnitQuaternion::new_unchecked(Quaternion::new(FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0, 0.0));
         Isometry3::from_parts(Translation3::new(x, y, z), rotation)
     };
-    // The plug of the hand's cable, and the white dot on the cap of joint 7.
+    // The plug of the hand's cable, the cable in two straight pieces, and the white dot on the cap of joint 7.
     push(Link::Hand, MeshId::Cylinder, along_y(0.0, -0.068, -0.02), [0.0057, 0.0057, 0.022], black);
+    push(Link::Hand, MeshId::Cylinder, along_y(0.0, -0.096, -0.018), [0.002, 0.002, 0.0075], black);
+    let down = Isometry3::translation(0.0, -0.1015, -0.001);
+    push(Link::Hand, MeshId::Cylinder, down, [0.002, 0.002, 0.019], black);
     push(Link::Link6, MeshId::Cylinder, along_y(0.088, 0.082, 0.0), [0.0055, 0.0055, 0.0015], white);
     for link in LINKS {
         let idx = link as usize;

@@ -130,60 +130,46 @@ pub(in crate::tasks) fn rack(region: usize, dividers_y: [f64; 4]) -> BodySpec {
     let [half_x, half_y] = DIVIDER_HALF;
     // Half-height and centre z of the outer and of the inner dividers.
     let upright = |i: usize| if i == 0 || i == 3 { [0.06265, -0.0011] } else { [0.06145, -0.0023] };
-    let dividers = dividers_y.into_iter().enumerate().map(|(i, y)| (y, upright(i)));
-    let parts = dividers
-        .clone()
-        .map(|(y, [half_z, z])| box_part([half_x, half_y, half_z], [0.0, y, z], white))
-        .chain([box_part(FLOOR_HALF, FLOOR_CENTRE, white)]);
-    let pegs = dividers.flat_map(|(y, [half_z, z])| peg_visuals(y, z + half_z, white));
-    BodySpec {
-        visuals: pegs.chain(frame_visuals(white)).collect(),
-        ..fixed("rack", parts.collect(), region, RACK_Z + UNDERSIDE_Z, "the released code keeps its size")
-    }
-}
-
-/// Distance of a row of pegs from the middle of the rack at the foot and at the tip, in m.
-const PEG_X: [f64; 2] = [0.0795, 0.086];
-/// Radius of a peg, in m.
-const PEG_RADIUS: f64 = 0.006;
-/// Half-width of a rail of the frame, in m.
-const RAIL_HALF_WIDTH: f64 = 0.01;
-/// Distance of a crossbar of the frame from the middle of the rack, in m.
-const CROSSBAR_Y: f64 = 0.105;
-
-/// Creates the visuals of a divider: two pegs that lean outwards.
-fn peg_visuals(y: f64, top_z: f64, appearance: AppearanceSpec) -> [VisualSpec; 2] {
-    let [x0, y0, z0] = FLOOR_CENTRE;
-    let max_y = FLOOR_HALF[1] - RAIL_HALF_WIDTH;
-    let y = y.clamp(y0 - max_y, y0 + max_y);
-    [-1.0, 1.0].map(|side| {
-        let [foot, tip] = PEG_X.map(|x| x0 + side * x);
-        rod(PEG_RADIUS, [foot, y, z0], [tip, y, top_z - PEG_RADIUS], appearance)
-    })
-}
-
-/// Creates the visuals of the rack's frame: two rails and two crossbars.
-fn frame_visuals(appearance: AppearanceSpec) -> [VisualSpec; 4] {
-    let ([x, y, z], [_, half_y, half_z]) = (FLOOR_CENTRE, FLOOR_HALF);
-    let bar = |half, position| {
-        let shape = VisualShape::Primitive(Primitive::Box { half });
-        VisualSpec::at(shape, position, appearance)
+    let divider = |(i, y)| {
+        let [half_z, z] = upright(i);
+        box_part([half_x, half_y, half_z], [0.0, y, z], white)
     };
-    let rail = |side: f64| bar([RAIL_HALF_WIDTH, half_y, half_z], [x + side * PEG_X[0], y, z]);
-    let crossbar = |side: f64| bar([PEG_X[0], half_z, half_z], [x, y + side * CROSSBAR_Y, z]);
-    [rail(-1.0), rail(1.0), crossbar(-1.0), crossbar(1.0)]
+    let dividers = dividers_y.into_iter().enumerate().map(divider);
+    let parts = dividers.chain([box_part(FLOOR_HALF, FLOOR_CENTRE, white)]).collect();
+    BodySpec {
+        visuals: rack_visuals(white),
+        ..fixed("rack", parts, region, RACK_Z + UNDERSIDE_Z, "the released code keeps its size")
+    }
 }
 
-/// Creates a capsule between two points; `to` must not lie vertically below `from`.
-fn rod(radius: f64, from: [f64; 3], to: [f64; 3], appearance: AppearanceSpec) -> VisualSpec {
-    let [from, to] = [from, to].map(Vector3::from);
-    let half_height = (to - from).norm() / 2.0;
-    let along = UnitQuaternion::rotation_between(&Vector3::z(), &(to - from)).expect("no rod points down");
-    VisualSpec {
-        shape: VisualShape::Primitive(Primitive::Capsule { radius, half_height }),
-        pose: Isometry3::from_parts(((from + to) / 2.0).into(), along),
-        appearance,
-    }
+/// Distance of a row of pegs, and of the rail on which it stands, from the middle of the rack, in m.
+const PEG_X: f64 = 0.0752;
+/// The y of the pegs of a row, in m.
+const PEG_Y: [f64; 4] = [-0.0992, -0.0392, 0.0222, 0.0822];
+/// Radius of a peg, in m.
+const PEG_RADIUS: f64 = 0.0075;
+/// Height of the tips of the pegs, in m.
+const PEG_TIP_Z: f64 = 0.0638;
+/// Half-extents of a rail of the frame, in m.
+const RAIL_HALF: [f64; 3] = [0.0155, 0.1259, 0.0113];
+/// Half-extents of a crossbar of the frame, in m.
+const CROSSBAR_HALF: [f64; 3] = [0.06, 0.009, 0.0075];
+/// The y of the crossbars, in m.
+const CROSSBAR_Y: [f64; 2] = [-0.102, 0.082];
+
+/// Creates the visuals of the rack: a frame of two rails and two crossbars, and a row of pegs on each rail.
+fn rack_visuals(appearance: AppearanceSpec) -> Vec<VisualSpec> {
+    let visual = |shape, position| VisualSpec::at(VisualShape::Primitive(shape), position, appearance);
+    let bar = |half: [f64; 3], x, y| visual(Primitive::Box { half }, [x, y, UNDERSIDE_Z + half[2]]);
+    let half_height = (PEG_TIP_Z - UNDERSIDE_Z) / 2.0 - PEG_RADIUS;
+    let peg = |x, y| {
+        let capsule = Primitive::Capsule { radius: PEG_RADIUS, half_height };
+        visual(capsule, [x, y, f64::midpoint(PEG_TIP_Z, UNDERSIDE_Z)])
+    };
+    let rows = [-PEG_X, PEG_X].into_iter();
+    let rails = rows.clone().map(|x| bar(RAIL_HALF, x, 0.0));
+    let pegs = rows.flat_map(|x| PEG_Y.map(|y| peg(x, y)));
+    rails.chain(CROSSBAR_Y.map(|y| bar(CROSSBAR_HALF, 0.0, y))).chain(pegs).collect()
 }
 
 /// Returns the pose of the plate in the rack's frame when it stands upright, open towards −y, with its centre

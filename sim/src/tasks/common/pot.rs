@@ -42,19 +42,25 @@ const STEM_X: [f64; 2] = [0.022, 0.039];
 /// Radius of the rods from which the visual handles are made, in m.
 const ROD_RADIUS: f64 = 0.005;
 
+/// Appearance of the pot where it is painted.
+pub(in crate::tasks) const PAINTED: AppearanceSpec =
+    AppearanceSpec { specular: 0.5, ..AppearanceSpec::plain(rgb([129, 133, 137])) };
+/// Appearance of the pot elsewhere: that of a mesh without a material, which the format declares a white metal.
+pub(in crate::tasks) const UNPAINTED: AppearanceSpec = AppearanceSpec::metal([1.0; 3]);
+
 /// Creates the pot on the bimanual table, a straight cylinder with two handles on its y axis. Its frame has z
 /// up along the pot's axis, whereas the benchmark's has y up: y and z here are its x and y. Mass, centre and
 /// moments of inertia are those of the benchmark's collision shapes, whose walls are 16 mm thick, unlike the
 /// visible ones.
-pub(in crate::tasks) fn pot(region: usize) -> BodySpec {
-    let steel = AppearanceSpec { specular: 0.5, ..AppearanceSpec::plain(rgb([129, 133, 137])) };
+pub(in crate::tasks) fn pot(region: usize, appearance: AppearanceSpec) -> BodySpec {
     let floor = Primitive::Cylinder { radius: BASE_RADIUS, half_height: (FLOOR_Z - BASE_Z) / 2.0 };
-    let floor = PartSpec::at(floor, [0.0, 0.0, f64::midpoint(BASE_Z, FLOOR_Z)], steel);
+    let floor = PartSpec::at(floor, [0.0, 0.0, f64::midpoint(BASE_Z, FLOOR_Z)], appearance);
     let sides = [-1.0, 1.0];
-    let handles = sides.into_iter().flat_map(|side| handle(side, steel));
-    let mut visuals = vec![VisualSpec::at(VisualShape::Lathe { profile: PROFILE.to_vec() }, [0.0; 3], steel)];
-    visuals.extend(sides.into_iter().flat_map(|side| visible_handle(side, steel)));
-    let parts = (0..N_WALLS).map(|i| wall(i, steel)).chain([floor]).chain(handles).collect();
+    let handles = sides.into_iter().flat_map(|side| handle(side, appearance));
+    let mut visuals =
+        vec![VisualSpec::at(VisualShape::Lathe { profile: PROFILE.to_vec() }, [0.0; 3], appearance)];
+    visuals.extend(sides.into_iter().flat_map(|side| visible_handle(side, appearance)));
+    let parts = (0..N_WALLS).map(|i| wall(i, appearance)).chain([floor]).chain(handles).collect();
     let body = BodySpec {
         visuals,
         render_parts: RenderParts::Single,

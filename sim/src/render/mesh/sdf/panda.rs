@@ -202,8 +202,8 @@ fn flange() -> Housing {
 pub(in crate::render::mesh) fn hand() -> Mesh {
     let body = TaperedBox {
         centre: [0.0, 0.0, 0.029],
-        half: [0.0275, 0.101, 0.037],
-        upper_half_x: 0.0172,
+        half: [0.0235, 0.101, 0.037],
+        upper_half_x: 0.0187,
         round: 0.012,
     };
     let flange = cylinder([0.0, 0.0, -0.002], [0.0, 0.0, 0.008], 0.0315, 0.003);
