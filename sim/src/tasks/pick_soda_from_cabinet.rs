@@ -81,7 +81,12 @@ fn panels() -> BodySpec {
         panel([0.01, 0.29, 0.272], [0.49, -0.12, 0.3096]),
     ];
     let placement = PlacementSpec::RelativeTo { body: 0, pose: Isometry3::identity() };
-    BodySpec { placement, ..fixed("panels", parts, 0, SINGLE_TABLE_Z, "the benchmark keeps its size") }
+    let render_parts = RenderParts::PerShape;
+    BodySpec {
+        placement,
+        render_parts,
+        ..fixed("panels", parts, 0, SINGLE_TABLE_Z, "the benchmark keeps its size")
+    }
 }
 
 /// Requires the can to be low and in front of the cabinet.

@@ -29,7 +29,7 @@ pub(super) fn get(texture: Texture) -> (f32, TextureFn) {
 const TABLE: [Entry; Texture::ALL.len()] = [
     (FloorGrid, 1.0, geometric::floor_grid),
     (Cedar, 0.6, wood::cedar),
-    (Maple, 1.2, wood::maple),
+    (Maple, 0.8, wood::maple),
     (Wood, 1.2, wood::planks),
     (Barnwood, 0.6, wood::barnwood),
     (Parquet, 0.4, wood::parquet),

@@ -62,7 +62,7 @@ pub(super) fn planks() -> TextureFn {
 pub(super) fn cedar() -> TextureFn {
     let bow = Fbm::new(8, [11, 2], 3, 0.4);
     let (streaks, flecks) = (Noise::new(10, [200, 3]), Noise::new(11, [256, 64]));
-    let palette = hex([0xA86441, 0xD37C4E, 0xED9561]);
+    let palette = hex([0xAC6641, 0xD87F4F, 0xF39862]);
     Box::new(move |u, v| {
         let phase = fract(44.0 * u + 3.6 * bow.at(u, v));
         let ring = smooth_step(0.18, 0.42, phase) - smooth_step(0.76, 1.0, phase);
@@ -71,13 +71,15 @@ pub(super) fn cedar() -> TextureFn {
     })
 }
 
-/// Pale veneer with a faint figure along v.
+/// Pale veneer with a faint figure along v and flecks.
 pub(super) fn maple() -> TextureFn {
-    let (grain, patches) = (Grain::new(12), Fbm::new(16, [6, 2], 3, 0.5));
-    let palette = hex([0xECC78F, 0xF8DAA3, 0xFEE4B5]);
+    let (grain, patches) = (Grain::new(12), Fbm::new(16, [4, 2], 3, 0.5));
+    let flecks = Noise::new(19, [256, 192]);
+    let palette = hex([0xEDC48A, 0xF9D79D, 0xFFE2AF]);
     Box::new(move |u, v| {
-        let (ring, fibre) = grain.at(u, v, 12.0);
-        ramp(&palette, 0.34 + 0.08 * ring + 0.5 * (fibre - 0.5) + 0.5 * (patches.at(u, v) - 0.5))
+        let (ring, fibre) = grain.at(u, v, 8.0);
+        let figure = 0.5 * (fibre - 0.5) + 0.5 * (patches.at(u, v) - 0.5);
+        ramp(&palette, 0.34 + 0.08 * ring + figure + 0.8 * (flecks.at(u, v) - 0.5))
     })
 }
 
