@@ -45,7 +45,8 @@ fn main() -> Result<()> {
             for n_threads in [1, 2] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
                 let control = best_rate(&pool, task, driver == "expert");
-                let physics = control * f64::from((task.task().nominal)().physics_hz) / CONTROL_HZ;
+                let physics =
+                    control * f64::from((task.task().nominal)(Profile::Strict).physics_hz) / CONTROL_HZ;
                 if n_threads == 1 {
                     single_thread_rate = control;
                 }
