@@ -7,7 +7,8 @@ use crate::source::{Source, assert_none, files_below, relative, root, rust_sourc
 /// Maximum size of a file in bytes, unless it is listed below.
 const MAX_BYTES: u64 = 256 * 1024;
 /// Larger files, each with the reason for it.
-const LARGE_FILES: [(&str, &str); 15] = [
+const LARGE_FILES: [(&str, &str); 16] = [
+    ("checkpoints/act-original/single/model.safetensors", "weights of a policy trained in the original"),
     ("checkpoints/act-small/single/model.safetensors", "weights of the bundled policy"),
     ("checkpoints/act-small/bimanual/model.safetensors", "weights of the bundled policy"),
     ("checkpoints/pi05-small/single/model.safetensors", "weights of the bundled policy"),
