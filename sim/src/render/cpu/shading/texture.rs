@@ -80,7 +80,8 @@ fn gather_texels<S: Simd>(image: &TextureImage, points: [S::I; 2], min: [i32; 2]
     const MASK: i32 = SIDE as i32 - 1;
     let splat = S::I::splat;
     let [x, y] = each!(k in 2 => points[k].shr_arithmetic::<FRACTION_BITS>());
-    let corner = each!(k in 2 => (min[k] - HALF) >> FRACTION_BITS);
+    // Lanes that show another triangle may hold any point.
+    let corner = each!(k in 2 => min[k].wrapping_sub(HALF) >> FRACTION_BITS);
     let [left, top] = each!(k in 2 => (corner[k] & MASK) as usize);
     let within = [x - splat(corner[0]), y - splat(corner[1])];
     if let Some(texels) = S::gather_window(&image.texels, top * PITCH + left, PITCH, within) {

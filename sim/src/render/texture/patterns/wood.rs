@@ -79,7 +79,7 @@ pub(super) fn maple() -> TextureFn {
     Box::new(move |u, v| {
         let (ring, fibre) = grain.at(u, v, 8.0);
         let figure = 0.5 * (fibre - 0.5) + 0.5 * (patches.at(u, v) - 0.5);
-        ramp(&palette, 0.34 + 0.08 * ring + figure + 0.8 * (flecks.at(u, v) - 0.5))
+        ramp(&palette, 0.34 + 0.08 * ring + figure + 0.6 * (flecks.at(u, v) - 0.5))
     })
 }
 
