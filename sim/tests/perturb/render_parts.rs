@@ -6,7 +6,8 @@ use sim::{Perturbation, TaskId};
 
 use crate::common::{applies, perturbed, seeds};
 
-/// Numbers of independent parts of all manipulated and of all receiver objects; 0 where they are not recoloured.
+/// Numbers of independent parts of all manipulated and of all receiver objects; 0 where the task refuses to
+/// recolour them.
 const N_PARTS: [(TaskId, [usize; 2]); TaskId::ALL.len()] = [
     (TaskId::RaiseCube, [1, 0]),
     // The three panels of the cabinet.

@@ -68,7 +68,7 @@ pub(in crate::render) fn push(arm: usize, n_arms: usize, moves: bool, instances:
         let rotation = UnitQuaternion::new_unchecked(Quaternion::new(FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0, 0.0));
         Isometry3::from_parts(Translation3::new(x, y, z), rotation)
     };
-    // The plug of the hand's cable, the cable in two straight pieces, and the white dot on the cap of joint 7.
+    // The plug of the hand's cable, the cable in two pieces, and the white dot on the cap of joint 7.
     push(Link::Hand, MeshId::Cylinder, along_y(0.0, -0.068, -0.02), [0.0057, 0.0057, 0.022], black);
     push(Link::Hand, MeshId::Cylinder, along_y(0.0, -0.096, -0.018), [0.002, 0.002, 0.0075], black);
     let down = Isometry3::translation(0.0, -0.1015, -0.001);

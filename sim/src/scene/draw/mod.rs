@@ -139,8 +139,8 @@ struct Painter<'a> {
 }
 
 impl Painter<'_> {
-    /// Draws the appearances of all shapes of a kind, "part" or "visual". The random stream of a render part is
-    /// named after its first shape.
+    /// Draws the appearances of all shapes of a kind, "part" or "visual". The random stream of a render part
+    /// is named after its first shape.
     fn draw(&self, appearances: &[AppearanceSpec], kind: &str) -> Vec<Appearance> {
         let draw = |(idx, appearance): (usize, &AppearanceSpec)| {
             let first = match self.render_parts {

@@ -45,7 +45,8 @@ const ROD_RADIUS: f64 = 0.005;
 /// Appearance of the pot where it is painted.
 pub(in crate::tasks) const PAINTED: AppearanceSpec =
     AppearanceSpec { specular: 0.5, ..AppearanceSpec::plain(rgb([129, 133, 137])) };
-/// Appearance of the pot elsewhere: that of a mesh without a material, which the format declares a white metal.
+/// Appearance of the pot elsewhere: that of a mesh without a material, which the benchmark's renderer takes
+/// for a white metal.
 pub(in crate::tasks) const UNPAINTED: AppearanceSpec = AppearanceSpec::metal([1.0; 3]);
 
 /// Creates the pot on the bimanual table, a straight cylinder with two handles on its y axis. Its frame has z

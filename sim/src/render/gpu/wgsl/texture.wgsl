@@ -1,7 +1,7 @@
 // Repeating square textures, filtered in integer arithmetic.
 
-// Texels of all textures. Rows and columns are extended by eight repeated texels. Red, green and blue from the
-// lowest byte up, each the square root of a linear factor.
+// Texels of all textures. Rows and columns are extended by eight repeated texels. Red, green and blue from
+// the lowest byte up, each the square root of a linear factor.
 @group(0) @binding(4) var<storage, read> texels: array<u32>;
 
 // Side of a tile in texels.
