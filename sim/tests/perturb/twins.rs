@@ -45,12 +45,21 @@ fn physical(mut scene: Scene) -> Scene {
         body.parts.iter_mut().for_each(|part| part.appearance = blank);
         body.visuals.clear();
     }
-    let Scene { bodies, robots, table, .. } = scene;
+    let Scene { bodies, physics_hz, robots, table, .. } = scene;
     let kind = table.kind;
     let table = Table { kind, top: blank, legs: blank, lower_top: None, as_block: false };
     let background = Background { floor: blank, walls: None };
     let lights = Lights { ambient: [0.0; 3], directional: Vec::new(), shadows: false };
-    Scene { bodies, robots, table, background, lights, cameras: Vec::new(), instruction: String::new() }
+    Scene {
+        bodies,
+        physics_hz,
+        robots,
+        table,
+        background,
+        lights,
+        cameras: Vec::new(),
+        instruction: String::new(),
+    }
 }
 
 #[test]
