@@ -32,16 +32,17 @@ pub fn run(data: &[u8]) -> bool {
     std::fs::write(&path, text).unwrap();
     let file = LanguageFile::open(&path).unwrap();
     let task = TaskId::RaiseCube.task();
+    let profile = if edits.below(2) == 0 { Profile::Strict } else { Profile::Paper };
     let sentences = match Sentences::read(&file) {
         Ok(sentences) => sentences,
         Err(error) => return refused(&error_chain(&error), &path),
     };
-    if let Err(error) = sentences.require(task) {
+    if let Err(error) = sentences.require(task, profile) {
         return refused(&error_chain(&error), &path);
     }
     let composition = Composition::from(Perturbation::LanguageParaphrase);
-    let mut spec = composition.spec(task, Profile::Strict, Strength::FULL);
-    sentences.replace(task, &mut spec);
+    let mut spec = composition.spec(task, profile, Strength::FULL);
+    sentences.replace(task, profile, &mut spec);
     let instruction = spec.draw(edits.number()).instruction;
     assert!((1..=INSTRUCTION_BYTES).contains(&instruction.len()), "{instruction:?}");
     true
