@@ -65,6 +65,12 @@ pub fn top_down(body: &Body, preferred: &Vector3<f64>, closing_now: &Vector3<f64
     pose(&position, &down, &closing)
 }
 
+/// Returns the grasp with its TCP at the origin of the body.
+#[must_use]
+pub fn at_origin(body: &Body, tcp: &Isometry3<f64>) -> Isometry3<f64> {
+    Isometry3::from_parts(body.pose.translation, tcp.rotation)
+}
+
 /// Tilts a TCP pose about its closing axis by an angle, so that the hand leans towards the arm's base while
 /// the pads stay flat on the object. Such a pose extends the reach, because the wrist need not be above the
 /// TCP.

@@ -6,10 +6,13 @@
 
 pub mod grasp;
 mod plan;
+mod screw;
+mod spline;
 mod timing;
+mod topp;
 
 use ipc_types::ControlMode;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use thiserror::Error;
 
 use crate::physics::World;
@@ -39,8 +42,17 @@ pub fn both_arms([first, second]: [Isometry3<f64>; 2]) -> Vec<TcpGoal> {
 /// command.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Move {
-    /// Moves TCPs along straight lines with uniform rotation. All arms start and arrive together.
+    /// Moves TCPs along straight lines with uniform rotation. All arms start and arrive together. A single arm
+    /// moves along a screw instead, as the original's planner integrates it: it ends up to a centimetre away
+    /// from its goal.
     Straight(Vec<TcpGoal>),
+    /// Like `Straight`, for a single arm that holds a body.
+    Carry {
+        /// Pose of the body before it was grasped.
+        from: Isometry3<f64>,
+        /// Pose of the body at the end of the move.
+        to: Isometry3<f64>,
+    },
     /// Moves TCPs along straight lines through a sequence of waypoints without stopping. Every waypoint has
     /// the same arms.
     Waypoints(Vec<Vec<TcpGoal>>),
@@ -56,6 +68,24 @@ pub enum Move {
         command: f32,
         /// Number of control steps.
         steps: u32,
+    },
+    /// Repeats the last `Straight`, `Carry` or `Correct` move with a goal that is displaced by the distance from
+    /// the held body to its pose `to`.
+    Correct {
+        /// Pose of the body before it was grasped.
+        from: Isometry3<f64>,
+        /// Intended pose of the body.
+        to: Isometry3<f64>,
+    },
+    /// Like `Straight`, for a single arm, relative to where its TCP is.
+    Shift {
+        /// Displacement in the world frame, in m.
+        by: Vector3<f64>,
+    },
+    /// Sets the limits of all later moves.
+    Limit {
+        /// Maximum speed in rad/s and maximum acceleration in rad/s² of every joint.
+        per_joint: f64,
     },
     /// Holds everything for some control steps.
     Hold {
@@ -77,6 +107,12 @@ impl Move {
         Self::Grip { arms: arms.to_vec(), command: -1.0, steps }
     }
 
+    /// Closes the gripper of a single arm with a third less force, so that it stops when the fingers touch.
+    #[must_use]
+    pub fn close_gently(steps: u32) -> Self {
+        Self::Grip { arms: vec![0], command: -0.6, steps }
+    }
+
     /// Opens grippers fully.
     #[must_use]
     pub fn open(arms: &[usize], steps: u32) -> Self {
@@ -87,6 +123,10 @@ impl Move {
     const fn name(&self) -> &'static str {
         match self {
             Self::Straight(_) => "straight",
+            Self::Carry { .. } => "carry",
+            Self::Correct { .. } => "correct",
+            Self::Shift { .. } => "shift",
+            Self::Limit { .. } => "limit",
             Self::Waypoints(_) => "waypoints",
             Self::Joint(_) => "joint",
             Self::Grip { .. } => "grip",

@@ -1,11 +1,14 @@
 //! The motion planner, which converts moves into action rows.
 
-use ipc_types::Morphology;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Translation3, Vector3};
 
+use super::spline::Spline;
 use super::timing::{MotionLimits, time_parametrise};
-use super::{MotionPlanError, Move, TcpGoal};
-use crate::physics::CONTROL_HZ;
+use super::topp::time_optimal;
+use super::{CONTROL_MODE, MotionPlanError, Move, TcpGoal, screw};
+use crate::physics::{CONTROL_HZ, SUBSTEPS};
+use crate::robot::control::{Drive, arm_drive};
+use crate::robot::dynamics::{self, LinkInertias};
 use crate::robot::ik;
 use crate::robot::kinematics::{self, Joints};
 use crate::scene::Scene;
@@ -31,13 +34,22 @@ impl Configuration {
 
 /// Plans all moves and returns their action rows, `[n_steps, 8 · n_arms]` f32.
 pub(super) fn plan(scene: &Scene, moves: &[Move]) -> Result<Vec<f32>, MotionPlanError> {
+    let config = Configuration(scene.robots.iter().map(|robot| Joints::from(robot.qpos)).collect());
+    let arm = (config.0.len() == 1).then(|| FreeArm::at(config.0[0]));
+    let start = scene.robots[0].base * kinematics::tcp(&config.0[0]);
     let mut planner = Planner {
         scene,
-        config: Configuration(scene.robots.iter().map(|robot| Joints::from(robot.qpos)).collect()),
+        gripped: start,
+        goal: start,
+        limits: if arm.is_some() { [SINGLE_LIMITS; 2] } else { BIMANUAL_LIMITS },
+        arm,
+        config,
         grippers: vec![1.0; scene.robots.len()],
         rows: Vec::new(),
     };
-    planner.hold(1);
+    if planner.arm.is_none() {
+        planner.hold(1);
+    }
     for (move_idx, mv) in moves.iter().enumerate() {
         planner.add(mv).map_err(|Unreachable { arm, tcp, t }| MotionPlanError {
             move_idx,
@@ -50,6 +62,42 @@ pub(super) fn plan(scene: &Scene, moves: &[Move]) -> Result<Vec<f32>, MotionPlan
     Ok(planner.rows)
 }
 
+/// Limits of the motions of a single arm.
+const SINGLE_LIMITS: MotionLimits = MotionLimits { speed: 0.9, acceleration: 0.9 };
+/// Limits of straight and joint-space motions of two arms. The benchmark plans the former with a time step of
+/// 0.1 s and executes them with 0.05 s, which doubles the speed and quadruples the acceleration.
+const BIMANUAL_LIMITS: [MotionLimits; 2] =
+    [MotionLimits { speed: 1.62, acceleration: 3.24 }, MotionLimits { speed: 0.81, acceleration: 0.81 }];
+
+/// Motion of an arm that touches nothing, from which the planner knows where each of its moves starts: the
+/// original plans from the measured joint positions, which lag behind their targets.
+struct FreeArm {
+    inertias: LinkInertias,
+    drive: Drive,
+    q: Joints,
+    v: Joints,
+}
+
+impl FreeArm {
+    fn at(q: Joints) -> Self {
+        Self { inertias: LinkInertias::default(), drive: arm_drive(CONTROL_MODE), q, v: Joints::zeros() }
+    }
+
+    /// Advances by one control step towards the targets.
+    fn step(&mut self, targets: &Joints) {
+        let inverse_inertia = self
+            .inertias
+            .matrix(&self.q)
+            .cholesky()
+            .expect("an inertia matrix is positive definite")
+            .inverse();
+        for _ in 0..SUBSTEPS {
+            let dt = 1.0 / (CONTROL_HZ * SUBSTEPS as f64);
+            dynamics::advance(&mut self.q, &mut self.v, targets, self.drive, &inverse_inertia, dt);
+        }
+    }
+}
+
 /// A pose without a joint-space solution.
 struct Unreachable {
     arm: usize,
@@ -60,25 +108,42 @@ struct Unreachable {
 /// State of the planner: the configuration and gripper commands after the rows planned so far.
 struct Planner<'a> {
     scene: &'a Scene,
+    /// Prediction of a single arm's motion.
+    arm: Option<FreeArm>,
     config: Configuration,
+    /// Limits of straight and joint-space motions.
+    limits: [MotionLimits; 2],
+    /// TCP pose of the first arm after its gripper has moved.
+    gripped: Isometry3<f64>,
+    /// Goal of a single arm's last screw motion.
+    goal: Isometry3<f64>,
     grippers: Vec<f32>,
     rows: Vec<f32>,
 }
 
 impl Planner<'_> {
     fn add(&mut self, mv: &Move) -> Result<(), Unreachable> {
+        if let Some(arm) = &self.arm {
+            self.config.0[0] = arm.q;
+        }
         match mv {
-            Move::Straight(goals) => {
-                let path = self.line(vec![self.config.clone()], goals)?;
-                self.follow(&path, self.straight_limits());
+            Move::Limit { per_joint } => {
+                self.limits = [MotionLimits { speed: *per_joint, acceleration: *per_joint }; 2];
             }
-            Move::Waypoints(waypoints) => {
-                let mut path = vec![self.config.clone()];
-                for goals in waypoints {
-                    path = self.line(path, goals)?;
-                }
-                self.follow(&path, self.straight_limits());
+            Move::Straight(goals) => match (&self.arm, goals.as_slice()) {
+                (Some(_), [goal]) => self.screw(&goal.tcp)?,
+                _ => self.follow_line(core::slice::from_ref(goals))?,
+            },
+            Move::Carry { from, to } => self.screw(&(to * self.held(from).inverse() * self.gripped))?,
+            Move::Correct { from, to } => {
+                let body = self.tcp(&self.config, 0) * self.gripped.inverse() * self.held(from);
+                self.screw(&(to * body.inverse() * self.goal))?;
             }
+            Move::Shift { by } => {
+                let tcp = self.tcp(&self.config, 0);
+                self.screw(&(Translation3::from(*by) * tcp))?;
+            }
+            Move::Waypoints(waypoints) => self.follow_line(waypoints)?,
             Move::Joint(goals) => {
                 let mut goal = self.config.clone();
                 for TcpGoal { arm, tcp } in goals {
@@ -89,16 +154,48 @@ impl Planner<'_> {
                         t: 1.0,
                     })?;
                 }
-                self.follow(&[self.config.clone(), goal], self.joint_limits());
+                self.follow(&[self.config.clone(), goal], self.limits[1]);
             }
             Move::Grip { arms, command, steps } => {
                 for arm in arms {
                     self.grippers[*arm] = *command;
                 }
                 self.hold(*steps);
+                let end = self.arm.as_ref().map_or(self.config.0[0], |arm| arm.q);
+                self.gripped = self.scene.robots[0].base * kinematics::tcp(&end);
             }
             Move::Hold { steps } => self.hold(*steps),
         }
+        Ok(())
+    }
+
+    /// Moves a single arm along a screw, or along a straight line if the screw is out of reach.
+    fn screw(&mut self, tcp: &Isometry3<f64>) -> Result<(), Unreachable> {
+        self.goal = *tcp;
+        let target = self.scene.robots[0].base.inverse() * tcp;
+        match screw::path(&target, &self.config.0[0]) {
+            Some(path) => {
+                let path: Vec<_> = path.into_iter().map(|joints| Configuration(vec![joints])).collect();
+                self.follow(&path, self.limits[0]);
+                Ok(())
+            }
+            None => self.follow_line(&[vec![TcpGoal { arm: 0, tcp: *tcp }]]),
+        }
+    }
+
+    /// Returns the pose of a body, `from` before it was gripped, after the fingers have closed on its middle.
+    fn held(&self, from: &Isometry3<f64>) -> Isometry3<f64> {
+        let closing = self.gripped.rotation * Vector3::y();
+        let offset = closing.dot(&(from.translation.vector - self.gripped.translation.vector));
+        Translation3::from(closing * -offset) * from
+    }
+
+    fn follow_line(&mut self, waypoints: &[Vec<TcpGoal>]) -> Result<(), Unreachable> {
+        let mut path = vec![self.config.clone()];
+        for goals in waypoints {
+            path = self.line(path, goals)?;
+        }
+        self.follow(&path, self.limits[0]);
         Ok(())
     }
 
@@ -132,7 +229,15 @@ impl Planner<'_> {
     }
 
     fn follow(&mut self, path: &[Configuration], limits: MotionLimits) {
-        for config in time_parametrise(path, limits, 1.0 / CONTROL_HZ) {
+        let dt = 1.0 / CONTROL_HZ;
+        let samples = if self.arm.is_some() {
+            let spline = Spline::through(path.iter().map(|config| config.0[0]).collect());
+            let samples = time_optimal(&spline, limits, dt);
+            samples.into_iter().map(|joints| Configuration(vec![joints])).collect()
+        } else {
+            time_parametrise(path, limits, dt)
+        };
+        for config in samples {
             self.config = config;
             self.push_row();
         }
@@ -145,30 +250,12 @@ impl Planner<'_> {
     }
 
     fn push_row(&mut self) {
+        if let Some(arm) = &mut self.arm {
+            arm.step(&self.config.0[0]);
+        }
         for (joints, gripper) in self.config.0.iter().zip(&self.grippers) {
             self.rows.extend(joints.iter().map(|q| *q as f32));
             self.rows.push(*gripper);
-        }
-    }
-
-    fn morphology(&self) -> Morphology {
-        if self.scene.robots.len() == 1 { Morphology::Single } else { Morphology::Bimanual }
-    }
-
-    /// Returns the limits for straight moves. The benchmark plans those of two arms with a time step of 0.1 s
-    /// and executes them with
-    /// 0.05 s, which doubles the speed and quadruples the acceleration.
-    fn straight_limits(&self) -> MotionLimits {
-        match self.morphology() {
-            Morphology::Single => MotionLimits { speed: 0.9, acceleration: 0.9 },
-            Morphology::Bimanual => MotionLimits { speed: 1.62, acceleration: 3.24 },
-        }
-    }
-
-    fn joint_limits(&self) -> MotionLimits {
-        match self.morphology() {
-            Morphology::Single => MotionLimits { speed: 0.9, acceleration: 0.9 },
-            Morphology::Bimanual => MotionLimits { speed: 0.81, acceleration: 0.81 },
         }
     }
 }
