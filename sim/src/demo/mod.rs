@@ -53,8 +53,8 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Records an expert episode in the given control mode. The episode ends when the plan has been executed
-    /// and the task has succeeded, or at the step limit.
+    /// Records an expert episode in the given control mode. The episode ends with the plan, which goes on after
+    /// the first success, or at the step limit.
     ///
     /// # Errors
     /// If the expert has no plan, the simulation diverges, or plans cannot be converted to the control mode.
@@ -67,23 +67,19 @@ impl Recording {
         let mut recorder = EpisodeRecorder::new(spec, scene, mode);
         let mut planned = [0.0; MAX_ACTION_DIM];
         let planned = &mut planned[..expert::CONTROL_MODE.action_dim(task.morphology)];
-        let mut plan_steps = 0;
-        while recorder.n_steps() < task.max_steps
-            && (plan_steps < expert.n_steps() || !recorder.has_succeeded())
-        {
+        for _ in 0..expert.n_steps() {
             expert.act(&recorder.world, planned);
-            plan_steps += 1;
-            let mut repeats = 0;
-            loop {
+            let mut reaches_target = true;
+            for _ in 0..action_conversion::MAX_REPEATS {
+                if recorder.n_steps() == task.max_steps {
+                    return Ok(recorder.finish());
+                }
                 let mut row = [0.0; MAX_ACTION_DIM];
                 let row = &mut row[..mode.action_dim(task.morphology)];
-                let reaches_target = convert(planned, &recorder.world, row);
+                // Like the original, repeats a row that was clamped even if the next action is not.
+                reaches_target &= convert(planned, &recorder.world, row);
                 recorder.step(row)?;
-                repeats += 1;
-                if reaches_target
-                    || repeats == action_conversion::MAX_REPEATS
-                    || recorder.n_steps() == task.max_steps
-                {
+                if reaches_target {
                     break;
                 }
             }
