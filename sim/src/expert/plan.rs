@@ -6,7 +6,7 @@ use super::spline::Spline;
 use super::timing::{MotionLimits, time_parametrise};
 use super::topp::time_optimal;
 use super::{CONTROL_MODE, MotionPlanError, Move, TcpGoal, screw};
-use crate::physics::{CONTROL_HZ, SUBSTEPS};
+use crate::physics::CONTROL_HZ;
 use crate::robot::control::{Drive, arm_drive};
 use crate::robot::dynamics::{self, LinkInertias};
 use crate::robot::ik;
@@ -35,7 +35,7 @@ impl Configuration {
 /// Plans all moves and returns their action rows, `[n_steps, 8 · n_arms]` f32.
 pub(super) fn plan(scene: &Scene, moves: &[Move]) -> Result<Vec<f32>, MotionPlanError> {
     let config = Configuration(scene.robots.iter().map(|robot| Joints::from(robot.qpos)).collect());
-    let arm = (config.0.len() == 1).then(|| FreeArm::at(config.0[0]));
+    let arm = (config.0.len() == 1).then(|| FreeArm::at(config.0[0], scene.physics_hz));
     let start = scene.robots[0].base * kinematics::tcp(&config.0[0]);
     let mut planner = Planner {
         scene,
@@ -72,6 +72,7 @@ const BIMANUAL_LIMITS: [MotionLimits; 2] =
 /// Motion of an arm that touches nothing, from which the planner knows where each of its moves starts: the
 /// original plans from the measured joint positions, which lag behind their targets.
 struct FreeArm {
+    physics_hz: u32,
     inertias: LinkInertias,
     drive: Drive,
     q: Joints,
@@ -79,8 +80,14 @@ struct FreeArm {
 }
 
 impl FreeArm {
-    fn at(q: Joints) -> Self {
-        Self { inertias: LinkInertias::default(), drive: arm_drive(CONTROL_MODE), q, v: Joints::zeros() }
+    fn at(q: Joints, physics_hz: u32) -> Self {
+        Self {
+            physics_hz,
+            inertias: LinkInertias::default(),
+            drive: arm_drive(CONTROL_MODE),
+            q,
+            v: Joints::zeros(),
+        }
     }
 
     /// Advances by one control step towards the targets.
@@ -91,8 +98,8 @@ impl FreeArm {
             .cholesky()
             .expect("an inertia matrix is positive definite")
             .inverse();
-        for _ in 0..SUBSTEPS {
-            let dt = 1.0 / (CONTROL_HZ * SUBSTEPS as f64);
+        for _ in 0..self.physics_hz / CONTROL_HZ as u32 {
+            let dt = 1.0 / f64::from(self.physics_hz);
             dynamics::advance(&mut self.q, &mut self.v, targets, self.drive, &inverse_inertia, dt);
         }
     }

@@ -109,6 +109,9 @@ const APPLE_HALF_WIDTH: f64 = 0.039;
 /// Height above their resting positions at which pan and apple are released, in m.
 const RELEASE_HEIGHT: f64 = 0.002;
 
+/// Control steps for which the arm holds still at the end.
+const SETTLING_STEPS: u32 = 120;
+
 /// Plans to grasp the pan by its rim on the side of the robot, put it on the stove, and put the apple into
 /// it.
 fn expert(scene: &Scene) -> Vec<Move> {
@@ -136,5 +139,6 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let above_middle = libm::sqrt((radius.powi(2) - APPLE_HALF_WIDTH.powi(2)).max(0.0)) + TIP_BEYOND_TCP;
     let place = from + Vector3::z() * above_middle;
     moves.extend(carry(scene, &grasp::pose(&place, &-Vector3::z(), &closing), &to_pan));
+    moves.extend([Move::open(&[0], 6), Move::Hold { steps: SETTLING_STEPS }]);
     moves
 }

@@ -9,7 +9,7 @@ use super::common::tools::{self, HAMMER_FACE, HAMMER_HALF_THICKNESS, NAIL_HALF_L
 use super::common::{
     ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, fixed, region, single_arm,
 };
-use crate::expert::{Move, first_feasible, grasp};
+use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{AppearanceSpec, BodySpec, Range, Scene, SceneSpec};
@@ -58,7 +58,7 @@ fn nominal(_profile: Profile) -> SceneSpec {
     let nail = tools::nail(2, SINGLE_TABLE_Z + half_z + HOLE_Z - NAIL_HEAD_RADIUS);
     // The x and y axes of the block's frame are −y and x of the benchmark's.
     let block = BodySpec { friction: tools::NAIL_FRICTION, ..pierced_block };
-    let bodies = vec![tools::hammer(0).with_yaw(Range::new(-FRAC_PI_2, 0.0)), block, nail];
+    let bodies = vec![tools::hammer(0).with_yaw(Range::new(0.0, FRAC_PI_2)), block, nail];
     let regions = vec![
         region("hammer", Range::new(-0.13, -0.07), Range::new(0.32, 0.38)),
         region("block", Range::fixed(0.15), Range::fixed(0.10)).not_widened(),
@@ -121,15 +121,15 @@ fn strike(scene: &Scene, closing: &Vector3<f64>) -> Vec<Move> {
     };
     let along_x = Isometry3::from_parts(raised.translation, in_front(0.0).rotation);
     let stroke = DRIVEN_Y - FOLLOW_THROUGH - nail.pose.translation.y;
+    let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
     vec![
         Move::open(&[0], 6),
-        Move::straight(0, grasp::retreated(&tcp, 0.08)),
+        joint(grasp::retreated(&tcp, 0.08)),
         Move::straight(0, tcp),
         Move::close(&[0], 6),
-        Move::straight(0, raised),
-        Move::straight(0, along_x),
-        Move::straight(0, grasp::translated(&in_front(STROKE_START), &(Vector3::z() * CARRY_HEIGHT))),
-        Move::straight(0, in_front(STROKE_START)),
+        joint(raised),
+        joint(along_x),
+        joint(in_front(STROKE_START)),
         Move::straight(0, in_front(stroke)),
         Move::straight(0, in_front(STROKE_START)),
         Move::open(&[0], 6),

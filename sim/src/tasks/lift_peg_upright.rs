@@ -1,9 +1,9 @@
 //! LiftPegUpright: grasp a lying peg by its end and stand it upright. See docs/benchmark.md, "Tasks".
 
-use core::f64::consts::FRAC_PI_2;
+use core::f64::consts::{FRAC_PI_2, PI};
 
 use ipc_types::Morphology;
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::common::{
     ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, movable, region, rgb, single_arm,
@@ -11,7 +11,6 @@ use super::common::{
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
-use crate::robot::control;
 use crate::scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
@@ -76,47 +75,41 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 }
 
 /// Distance of the grasp from the peg's centre, in m at scale 1.
-const GRASP_OFFSET: f64 = 0.085;
-/// Depth by which the fingers squeeze, in m at scale 1: little enough that the peg swings down between them
-/// without slipping.
-const SQUEEZE: f64 = 0.0075;
-/// Angle by which the peg stops short of hanging vertically, in rad.
-const LAG: f64 = 0.12;
-/// Candidate lean angles of the hand, in rad: the far end of some pegs is out of reach from straight above.
-const LEANS: [f64; 4] = [0.0, 0.2, 0.4, 0.6];
+const GRASP_OFFSET: f64 = 0.1;
+/// Height by which the peg is lifted, in m at scale 1. It swings down between the fingers.
+const LIFT: f64 = 0.3;
+/// Height by which the hanging peg is lowered onto the table, in m at scale 1.
+const LOWER: f64 = 0.1;
+/// Angle by which the hand leans while it lowers the peg, in rad.
+const TILT: f64 = PI / 5.0;
+/// Candidate angles by which the hand leans from the start, in rad: the far end of some pegs is out of reach
+/// from straight above.
+const START_LEANS: [f64; 4] = [0.0, 0.2, 0.4, 0.6];
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    first_feasible(scene, TASK.max_steps, LEANS.iter().map(|lean| stand_up(scene, *lean)))
+    let (peg, closing) = (scene.body("peg"), grasp::start_closing(scene, 0));
+    let tcp = grasp::top_down(peg, &closing, &closing);
+    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
+    let ends =
+        [tcp, tcp * half_turn].map(|tcp| tcp * Translation3::new(GRASP_OFFSET * peg.scale.x, 0.0, 0.0));
+    let options = START_LEANS.iter().flat_map(|lean| ends.map(|tcp| (tcp, *lean)));
+    let grasps = options.map(|(tcp, lean)| grasp::tilted_toward_base(scene, 0, &tcp, lean));
+    first_feasible(scene, TASK.max_steps, grasps.map(|tcp| stand_up(&tcp, peg.scale.x)))
 }
 
-/// Plans to grasp the peg with a hand that leans back by `lean` rad, let it swing down and place it on its
-/// end.
-fn stand_up(scene: &Scene, lean: f64) -> Vec<Move> {
-    let peg = scene.body("peg");
-    let [half_length, half_width] = HALF.map(|half| half * peg.scale.x);
-    let closing = grasp::start_closing(scene, 0);
-    // Grasp the end that is farther from the robot, so that the hand swings up and away from its base.
-    let grasp_offset = GRASP_OFFSET * peg.scale.x;
-    let upright =
-        grasp::translated(&grasp::top_down(peg, &closing, &closing), &(Vector3::x() * grasp_offset));
-    let tcp = grasp::tilted_toward_base(scene, 0, &upright, lean);
-    let standing = |above_m: f64, angle: f64| -> Isometry3<f64> {
-        let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -angle);
-        let centre = peg.pose.translation.vector;
-        let position = Vector3::new(centre.x, centre.y, half_length + grasp_offset + above_m);
-        Isometry3::from_parts(position.into(), turn * tcp.rotation)
-    };
-    // The torque of the peg's weight grows with the fourth power of its scale.
-    let squeeze = SQUEEZE * (peg.scale.x * peg.scale.x) * (peg.scale.x * peg.scale.x);
-    let command = control::gripper_command(half_width - squeeze) as f32;
+/// Plans to grasp the peg by its end, lift it so that it swings down, and set it down on its other end.
+fn stand_up(tcp: &Isometry3<f64>, scale: f64) -> Vec<Move> {
+    let raised = |tcp: &Isometry3<f64>, by_m: f64| grasp::translated(tcp, &(Vector3::z() * by_m * scale));
+    let lifted = raised(tcp, LIFT);
+    let leaning = lifted * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), TILT);
     vec![
-        Move::straight(0, grasp::retreated(&tcp, 0.05)),
-        Move::straight(0, tcp),
-        Move::Grip { arms: vec![0], command, steps: 6 },
-        Move::straight(0, standing(0.06, 0.0)),
-        Move::straight(0, standing(0.06, LAG)),
-        Move::straight(0, standing(0.001, LAG)),
+        Move::Limit { per_joint: 0.75 },
+        Move::straight(0, grasp::retreated(tcp, 0.05)),
+        Move::straight(0, *tcp),
+        Move::close_gently(6),
+        Move::straight(0, lifted),
+        Move::straight(0, leaning),
+        Move::straight(0, raised(&leaning, -LOWER)),
         Move::open(&[0], 6),
-        Move::straight(0, grasp::retreated(&standing(0.001, LAG), 0.08)),
     ]
 }

@@ -64,6 +64,8 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
 
 /// Number of short straight moves that follow the handle's arc about the hinge.
 const N_ARC_MOVES: u32 = 30;
+/// Distance of the hand behind the handle while it opens the door, in m.
+const PULL_BACK: f64 = 0.02;
 /// Angle by which the door is opened, in rad.
 const OPENING_ANGLE: f64 = 0.9 * FRAC_PI_2;
 
@@ -80,8 +82,9 @@ fn expert(scene: &Scene) -> Vec<Move> {
     };
     let mut moves =
         vec![Move::open(&[0], 6), Move::straight(0, tcp), Move::close(&[0], 4), Move::Hold { steps: 10 }];
+    let pulled = |angle: f64| grasp::retreated(&opened_by(angle), PULL_BACK);
     let angles = (1..=N_ARC_MOVES).map(|i| OPENING_ANGLE * f64::from(i) / f64::from(N_ARC_MOVES));
-    moves.extend(angles.map(|angle| Move::straight(0, opened_by(angle))));
-    moves.extend([Move::open(&[0], 6), Move::straight(0, grasp::retreated(&opened_by(OPENING_ANGLE), 0.05))]);
+    moves.extend(angles.map(|angle| Move::straight(0, pulled(angle))));
+    moves.extend([Move::open(&[0], 6), Move::straight(0, grasp::retreated(&pulled(OPENING_ANGLE), 0.05))]);
     moves
 }

@@ -3,10 +3,11 @@
 use core::f64::consts::FRAC_PI_8;
 
 use ipc_types::Morphology;
+use nalgebra::Vector3;
 
-use super::common::cabinet::{DRAWER_TRAVEL, ORIGIN_Z, drawer_grasp, drawer_over_door, pull_open};
+use super::common::cabinet::{DRAWER_TRAVEL, ORIGIN_Z, drawer_grasp, drawer_over_door};
 use super::common::{ExternalCameras, QPOS_NOISE_RAD, region, single_arm};
-use crate::expert::Move;
+use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec, TableKind};
@@ -53,5 +54,15 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
 const PULL_DISTANCE: f64 = 0.2;
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    pull_open(scene, drawer_grasp(scene), PULL_DISTANCE)
+    let tcp = drawer_grasp(scene);
+    let out = scene.body("drawer").pose.rotation * Vector3::x();
+    vec![
+        Move::open(&[0], 6),
+        Move::straight(0, grasp::retreated(&tcp, 0.05)),
+        Move::open(&[0], 6),
+        Move::straight(0, tcp),
+        Move::close(&[0], 6),
+        Move::straight(0, grasp::translated(&tcp, &(out * PULL_DISTANCE))),
+        Move::open(&[0], 6),
+    ]
 }

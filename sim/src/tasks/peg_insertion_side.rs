@@ -10,7 +10,7 @@ use super::common::{
     self, DENSITY, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region,
     single_arm, srgb,
 };
-use crate::expert::{Move, grasp};
+use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
 use crate::scene::{AppearanceSpec, BodySpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
@@ -90,8 +90,12 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     vec![Predicate::Inside { body, point: [length, 0.0, 0.0], of: Some(of), region }]
 }
 
-/// Distance beyond the box's centre to which the head is pushed in m. The hand must stay in front of the box.
-const INSERTION_DEPTH: f64 = 0.01;
+/// Maximum distance beyond the box's middle to which the head is pushed, in m.
+const INSERTION_DEPTH: f64 = 0.05;
+/// Minimum distance of the hand from the box, in m.
+const HAND_GAP: f64 = 0.015;
+/// Number of moves that correct the peg's position in front of the hole.
+const N_CORRECTIONS: usize = 3;
 /// Sag of the arm under a payload, in m/kg: its position drives act as springs, and a plan cannot measure and
 /// correct the error.
 const SAG_PER_KG: f64 = 0.0095;
@@ -103,17 +107,25 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let half = peg.aabb(&Isometry3::identity()).max;
     let (length, mass) = (half.x, DENSITY * 8.0 * half.product());
     let [y, z] = Hole::of(target).centre();
-    let waypoints = |tcp: &Isometry3<f64>| {
-        let head_at = |x: f64| {
-            target.pose * Translation3::new(x - length, y, z + SAG_PER_KG * mass) * peg.pose.inverse() * tcp
-        };
-        [grasp::retreated(tcp, 0.05), *tcp, head_at(-length - 0.01), head_at(INSERTION_DEPTH)]
-    };
     let closing = grasp::start_closing(scene, 0);
-    let to_tail = peg.pose.rotation * -Vector3::x() * f64::max(0.05, length / 2.0 + 0.01);
-    let tcp = grasp::translated(&grasp::top_down(peg, &closing, &closing), &to_tail);
-    let candidates = LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, &tcp, lean));
-    let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
-    let [above, at, before_hole, inserted] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
-    vec![above, at, Move::close(&[0], 6), before_hole, Move::Hold { steps: 15 }, inserted]
+    let tail = f64::max(0.05, length / 2.0 + 0.01);
+    let to_tail = peg.pose.rotation * -Vector3::x() * tail;
+    let upright = grasp::translated(&grasp::top_down(peg, &closing, &closing), &to_tail);
+    let peg_at = |x: f64| target.pose * Translation3::new(x, y, z + SAG_PER_KG * mass);
+    let before_hole = peg_at(-0.01 - length - length);
+    let plans = LEANS.map(|lean| {
+        let tcp = grasp::tilted_toward_base(scene, 0, &upright, lean);
+        let mut moves = vec![
+            Move::Limit { per_joint: 0.75 },
+            Move::straight(0, grasp::retreated(&tcp, 0.05)),
+            Move::straight(0, tcp),
+            Move::close(&[0], 6),
+        ];
+        moves.push(Move::straight(0, before_hole * peg.pose.inverse() * tcp));
+        moves.extend(vec![Move::Correct { from: peg.pose, to: before_hole }; N_CORRECTIONS]);
+        let inserted = peg_at(INSERTION_DEPTH.min(tail - HAND_GAP) - length);
+        moves.push(Move::Carry { from: peg.pose, to: inserted });
+        moves
+    });
+    first_feasible(scene, TASK.max_steps, plans.into_iter())
 }

@@ -71,11 +71,11 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let waypoints = |tcp: &Isometry3<f64>| {
         let mut above = *tcp;
         above.translation.z = start.translation.z;
-        [above, *tcp, grasp::translated(tcp, &(Vector3::z() * LIFT))]
+        [above, *tcp]
     };
     // A quarter turn from the initial orientation.
     let candidates = [-Vector3::y(), Vector3::y()].map(|y| grasp::pose(&position, &-Vector3::z(), &y));
     let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
-    let [above, at, raised] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
-    vec![above, at, Move::close(&[0], 4), raised]
+    let [above, at] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
+    vec![above, at, Move::close(&[0], 4), Move::Shift { by: Vector3::z() * LIFT }]
 }

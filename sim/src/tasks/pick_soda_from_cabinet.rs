@@ -10,7 +10,6 @@ use super::common::{
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
-use crate::robot::control;
 use crate::scene::{
     AppearanceSpec, BodySpec, PlacementSpec, Range, RenderParts, Role, ScaledBy, Scene, SceneSpec, Texture,
 };
@@ -98,8 +97,8 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 
 /// Distance of the pre-grasp pose in front of the can, which is also how far the can is pulled out, in m.
 const PULL_OUT: f64 = 0.3;
-/// Height of the can's centre above the table at which it is released, in m.
-const RELEASE_Z: f64 = can::HALF_HEIGHT + 0.004;
+/// Height of the hand above the table at which the can is released, in m.
+const RELEASE_Z: f64 = 0.1;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let closing = grasp::closest_closing(Vector3::y(), &grasp::start_closing(scene, 0));
@@ -107,12 +106,15 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let at = grasp::pose(&centre, &Vector3::x(), &closing);
     let pre_grasp = grasp::retreated(&at, PULL_OUT);
     let down = grasp::translated(&pre_grasp, &(Vector3::z() * (RELEASE_Z - centre.z)));
+    let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
     vec![
-        Move::Joint(vec![TcpGoal { arm: 0, tcp: pre_grasp }]),
-        Move::straight(0, at),
-        Move::Grip { arms: vec![0], command: control::gripper_command(0.0) as f32, steps: 6 },
-        Move::straight(0, pre_grasp),
+        Move::Limit { per_joint: 0.75 },
+        joint(pre_grasp),
+        joint(at),
+        Move::close_gently(6),
+        joint(pre_grasp),
         Move::straight(0, down),
         Move::open(&[0], 6),
+        Move::straight(0, down),
     ]
 }

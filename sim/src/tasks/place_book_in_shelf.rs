@@ -7,7 +7,6 @@ use super::common::{ExternalCameras, SINGLE_TABLE_Z, book, bookcase, fixed, mova
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
-use crate::robot::control;
 use crate::scene::{BodySpec, Range, RegionSpec, RenderParts, ScaledBy, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
@@ -106,6 +105,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let down = holding(released, UnitQuaternion::identity());
     let within = grasp::translated(&down, &(Vector3::z() * CLEARANCE));
     vec![
+        Move::Limit { per_joint: 0.75 },
         // Approach from above: a hand coming from the side would knock the book over.
         Move::Joint(vec![TcpGoal {
             arm: 0,
@@ -113,7 +113,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
         }]),
         Move::straight(0, pre_grasp),
         Move::straight(0, at),
-        Move::Grip { arms: vec![0], command: control::gripper_command(0.0) as f32, steps: 6 },
+        Move::close_gently(6),
         Move::straight(0, grasp::retreated(&within, STANDOFF)),
         Move::straight(0, within),
         Move::straight(0, down),

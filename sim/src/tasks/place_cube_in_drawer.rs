@@ -3,7 +3,7 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::cabinet::{drawer_grasp, pull_open};
+use super::common::cabinet::drawer_grasp;
 use super::common::chest::{TRAVEL, chest_of_drawers};
 use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, single_arm};
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
@@ -78,8 +78,11 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
 const BEHIND_HANDLE: f64 = 0.12;
 /// Distance behind the handle at which the cube is released, with the hand behind the drawer's front, in m.
 const RELEASE_BEHIND: f64 = 0.14;
+/// Number of moves that pull the drawer, and the distance of each in m: until seven tenths of its travel.
+const N_PULLS: u32 = 7;
+const PULL_STEP: f64 = 0.04;
 /// Distance by which the drawer is pulled, in m.
-const PULL_DISTANCE: f64 = 0.28;
+const PULL_DISTANCE: f64 = PULL_STEP * N_PULLS as f64;
 /// Displacement by which the grasped cube is raised, in m.
 const RAISE: Vector3<f64> = Vector3::new(0.0, -0.1, 0.4);
 /// Heights of the cube above the handle in m: while it is carried, and at release, with the hand still above
@@ -121,9 +124,18 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
     let plans = grasps.map(|(handle, cube)| {
         let [above, at, raised, carried, release] = waypoints(&cube);
-        let mut moves = pull_open(scene, handle, PULL_DISTANCE);
+        let pulled = |by: f64| Move::straight(0, grasp::translated(&handle, &(out * by)));
+        let mut moves = vec![
+            Move::Limit { per_joint: 1.5 },
+            Move::open(&[0], 6),
+            pulled(0.05),
+            pulled(0.0),
+            Move::close(&[0], 6),
+        ];
+        moves.extend((1..=N_PULLS).map(|i| pulled(PULL_STEP * f64::from(i))));
         moves.extend([
-            Move::straight(0, grasp::translated(&grasp::retreated(&handle, 0.05), &(out * PULL_DISTANCE))),
+            Move::open(&[0], 6),
+            pulled(PULL_DISTANCE + 0.1),
             joint(above),
             Move::straight(0, at),
             Move::close(&[0], 6),
@@ -131,7 +143,8 @@ fn expert(scene: &Scene) -> Vec<Move> {
             joint(carried),
             Move::straight(0, release),
             Move::open(&[0], 6),
-            Move::straight(0, carried),
+            Move::straight(0, grasp::translated(&release, &(Vector3::z() * 0.15))),
+            Move::Hold { steps: 5 },
         ]);
         moves
     });

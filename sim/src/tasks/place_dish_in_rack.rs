@@ -1,6 +1,6 @@
 //! PlaceDishInRack: stand a plate in a drying rack. See docs/benchmark.md, "Tasks".
 
-use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
+use core::f64::consts::{FRAC_PI_2, TAU};
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -9,7 +9,6 @@ use super::common::{ExternalCameras, dish, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::robot::control;
 use crate::scene::{BodySpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
@@ -70,52 +69,37 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     ]
 }
 
-/// Height of the plate's centre above the rack's at release, in m: a few millimetres above its rest.
-const RELEASE_Z: f64 = 0.043;
-/// Angle by which the hand leans along the rim when it grasps the plate, in rad. Once the plate is upright,
-/// the hand points obliquely down and stays above the dividers. The more it leans, the more the plate slips
-/// while it is turned.
-const LEAN: f64 = 0.3;
-/// Height of the grasped point of the rim above the level of the plate's centre at release, as an angle about
-/// the plate's axis in rad.
-const GRASP_ELEVATION: f64 = FRAC_PI_4;
-/// Half-opening of the fingers during the approach to the wall, in m: the outer finger must not touch the
-/// table.
-const HALF_OPENING: f64 = 0.015;
+/// Position of the grasp at the plate's far rim relative to its centre in m, with the hand pointing down.
+const GRASP: [f64; 3] = [0.0825, 0.0, 0.0181];
 /// Distance from which the hand approaches the rim in a straight line, in m.
 const APPROACH: f64 = 0.065;
 /// Height by which the plate is lifted, in m.
 const LIFT: f64 = 0.2;
-/// Height above its final position from which the plate is lowered, clear of the dividers, in m.
-const CLEARANCE: f64 = 0.12;
-/// Distance by which the hand retreats, in m.
-const RETREAT: f64 = 0.08;
+/// Position of the hand relative to the rack at which it turns the plate on edge, in m.
+const OVER_RACK: [f64; 3] = [0.0825, -0.02, 0.185];
+/// Displacement by which the plate is lowered into the rack, in m.
+const LOWER: Vector3<f64> = Vector3::new(0.04, -0.02, -0.08);
+/// Displacement by which the hand retreats, in m.
+const RETREAT: Vector3<f64> = Vector3::new(0.0, -0.2, 0.0);
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let (plate, rack) = (scene.body("plate"), scene.body("rack"));
-    // Grasp the plate's far side with the hand leaning away from the rack. The plate ends up open to the
-    // left, and the hand reaches in from there.
-    let azimuth = dish::farthest_azimuth(plate, &Vector3::x());
-    let facing_left = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
-    let slot_y = (DIVIDERS_Y[1] + DIVIDERS_Y[2]) / 2.0;
-    let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI - GRASP_ELEVATION - azimuth);
-    let final_pose = rack.pose * facing_left * dish::upright_pose(-slot_y, RELEASE_Z) * turned;
-    let into_rack = final_pose * plate.resting_pose().inverse();
-    let up = |tcp: &Isometry3<f64>, by_m: f64| grasp::translated(tcp, &(Vector3::z() * by_m));
-    let waypoints = |tcp: &Isometry3<f64>| {
-        let release = into_rack * tcp;
-        let over = up(&release, CLEARANCE);
-        let raised = up(tcp, LIFT);
-        let transported = Isometry3::from_parts(over.translation, raised.rotation);
-        let [above, retreat] = [grasp::retreated(tcp, APPROACH), grasp::retreated(&release, RETREAT)];
-        [above, *tcp, raised, transported, over, release, retreat]
-    };
-    let candidates = dish::rim_grasps(plate, azimuth, -LEAN, &grasp::start_closing(scene, 0));
-    let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
-    let [above, at, raised, transported, over, release, retreat] =
-        waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
-    let narrow =
-        Move::Grip { arms: vec![0], command: control::gripper_command(HALF_OPENING) as f32, steps: 1 };
-    let close = Move::close(&[0], 4);
-    vec![narrow, above, at, close, raised, transported, over, release, Move::open(&[0], 6), retreat]
+    let (plate, rack) = (scene.body("plate").pose, scene.body("rack").pose);
+    let position = plate.translation.vector + Vector3::from(GRASP);
+    let tcp = grasp::pose(&position, &-Vector3::z(), &Vector3::x());
+    let over = rack.translation.vector + Vector3::from(OVER_RACK);
+    let over = Isometry3::from_parts(over.into(), tcp.rotation);
+    let on_edge = over * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2);
+    let lowered = grasp::translated(&on_edge, &LOWER);
+    let to = |tcp| Move::straight(0, tcp);
+    vec![
+        to(grasp::retreated(&tcp, APPROACH)),
+        to(tcp),
+        Move::close(&[0], 4),
+        to(grasp::translated(&tcp, &(Vector3::z() * LIFT))),
+        to(over),
+        to(on_edge),
+        to(lowered),
+        Move::open(&[0], 6),
+        to(grasp::translated(&lowered, &RETREAT)),
+    ]
 }

@@ -1,7 +1,7 @@
 //! PlugCharger: push the two prongs of a charger into the slots of a receptacle. See docs/benchmark.md,
 //! "Tasks".
 
-use core::f64::consts::{FRAC_PI_3, FRAC_PI_8, PI};
+use core::f64::consts::{FRAC_PI_3, FRAC_PI_4, FRAC_PI_8, PI};
 
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -11,7 +11,7 @@ use super::common::{
     self, BLUE, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, movable, region,
     single_arm, srgb,
 };
-use crate::expert::{Move, grasp};
+use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{AppearanceSpec, BodySpec, Range, ScaledBy, Scene, SceneSpec};
@@ -96,25 +96,32 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     vec![Predicate::At { body, position, orientation: [w, x, y, z], tolerance: [0.005, 0.2] }]
 }
 
-/// Lean angle of the hand in rad, to stay clear of the receptacle. The benchmark's 15° are not always enough.
-const LEAN: f64 = FRAC_PI_8;
-/// Distance by which the hand retreats before it rotates in m. It starts above the receptacle's edge.
-const RETREAT: f64 = 0.1;
+/// Candidate lean angles of the hand, in rad. The later ones are for poses that are out of reach.
+const LEANS: [f64; 3] = [PI / 12.0, FRAC_PI_8, FRAC_PI_4];
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let charger = scene.body("charger");
     let centre = (charger.pose * Point3::new(-BASE[0], 0.0, 0.0)).coords;
     let side = grasp::closest_closing(charger.pose.rotation * Vector3::y(), &grasp::start_closing(scene, 0));
-    let candidates = [side, -side].map(|closing| {
-        grasp::tilted_toward_base(scene, 0, &grasp::pose(&centre, &-Vector3::z(), &closing), LEAN)
+    let before = plugged_in(scene) * Translation3::new(-0.05, 0.0, 0.0);
+    let carry = |to| Move::Carry { from: charger.pose, to };
+    let grasps = LEANS.iter().flat_map(|lean| {
+        [side, -side].map(|closing| {
+            let upright = grasp::pose(&centre, &-Vector3::z(), &closing);
+            grasp::tilted_toward_base(scene, 0, &upright, *lean)
+        })
     });
-    let waypoints = |tcp: &Isometry3<f64>| {
-        let retreated = grasp::translated(&grasp::start_tcp(scene, 0), &(-Vector3::x() * RETREAT));
-        let (goal, tcp_in_charger) = (plugged_in(scene), charger.pose.inverse() * tcp);
-        let before_slots = goal * Translation3::new(-0.05, 0.0, 0.0) * tcp_in_charger;
-        [retreated, grasp::retreated(tcp, 0.05), *tcp, before_slots, goal * tcp_in_charger]
-    };
-    let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
-    let [retreated, above, at, before_slots, plugged_in] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
-    vec![retreated, above, at, Move::close(&[0], 6), before_slots, Move::Hold { steps: 5 }, plugged_in]
+    let plans = grasps.map(|tcp| {
+        vec![
+            Move::Limit { per_joint: 0.5 },
+            Move::straight(0, grasp::retreated(&tcp, 0.05)),
+            Move::straight(0, tcp),
+            Move::close(&[0], 6),
+            carry(before),
+            carry(before),
+            Move::Hold { steps: 5 },
+            carry(plugged_in(scene)),
+        ]
+    });
+    first_feasible(scene, TASK.max_steps, plans)
 }

@@ -43,14 +43,16 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     vec![Predicate::Above { body: cube, z_m: rest_z + 0.18 }, Predicate::RobotAtRest { max_qvel: 0.2 }]
 }
 
-/// Height by which the cube is lifted in m, slightly more than success requires.
-const LIFT: f64 = 0.225;
+/// Distance of the first waypoint above the grasp, in m.
+const APPROACH: f64 = 0.05;
+/// Height by which the cube is lifted in m: the benchmark's goal and a margin above that waypoint.
+const LIFT: f64 = APPROACH + 0.2 + 0.025;
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let closing = grasp::start_closing(scene, 0);
-    let tcp = grasp::top_down(scene.body("cube"), &closing, &closing);
+    let (cube, closing) = (scene.body("cube"), grasp::start_closing(scene, 0));
+    let tcp = grasp::at_origin(cube, &grasp::top_down(cube, &closing, &closing));
     vec![
-        Move::straight(0, grasp::retreated(&tcp, 0.05)),
+        Move::straight(0, grasp::retreated(&tcp, APPROACH)),
         Move::straight(0, tcp),
         Move::close(&[0], 6),
         Move::straight(0, grasp::retreated(&tcp, LIFT)),

@@ -105,8 +105,11 @@ fn turn_arrow(scene: &Scene, hold: Hold, turn: f64, closing: &Vector3<f64>) -> V
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
         Isometry3::rotation_wrt_point(rotation, arrow.point([hold.pivot_x, 0.0, 0.0])) * start
     };
-    let mut moves =
-        vec![Move::straight(0, grasp::retreated(&straddling, 0.05)), Move::straight(0, straddling)];
+    let mut moves = vec![
+        Move::Limit { per_joint: 0.75 },
+        Move::straight(0, grasp::retreated(&straddling, 0.05)),
+        Move::straight(0, straddling),
+    ];
     moves.push(if hold.grips { Move::close(&[0], 6) } else { Move::straight(0, start) });
     moves.extend((1..=N_MOVES).map(|i| Move::straight(0, turned(turn * f64::from(i) / f64::from(N_MOVES)))));
     moves

@@ -1,12 +1,14 @@
 //! ScoopBanana: scoop up a banana with a dustpan against a wall. See docs/benchmark.md, "Tasks".
 
+use core::f64::consts::PI;
+
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::common::{
     ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, box_part, fixed, region, rgb, single_arm, tools,
 };
-use crate::expert::{Move, first_feasible, grasp};
+use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
 use crate::scene::{AppearanceSpec, BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
@@ -75,21 +77,19 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     vec![Predicate::On { top, base, xy_m: 0.16968, rise_m: 0.0275, rise_tolerance_m: 0.0275 }]
 }
 
-/// Height at which the dustpan is carried to the banana, in m.
-const CARRY_HEIGHT: f64 = 0.06;
-/// Distance from the banana's centre at which the mouth is set down, in m.
-const STANDOFF: f64 = 0.07;
-/// Distance from the wall at which the mouth stops, in m.
-const WALL_GAP: f64 = 0.012;
+/// Position of the hand relative to the banana at the two ends of the push, along x in m.
+const PUSH_X: [f64; 2] = [-0.07, -0.03];
 /// Candidate tilt angles of the dustpan, in rad. The later ones are for poses in which the arm cannot tilt
 /// further.
-const TILTS: [f64; 3] = [0.7, 0.55, 0.4];
-/// Heights by which the dustpan is raised while it is tilted and afterwards, in m.
-const LIFTS: [f64; 2] = [0.03, 0.18];
+const TILTS: [f64; 3] = [40.0 * PI / 180.0, 0.55, 0.4];
+/// Displacement of the hand while it tilts the dustpan in its own frame, in m.
+const TILT_SHIFT: [f64; 3] = [0.01, 0.0, -0.03];
+/// Height to which the dustpan is raised, in m.
+const LIFT: f64 = 0.18;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let across = scene.body("dustpan").resting_pose().rotation * Vector3::y();
-    let options = TILTS.iter().flat_map(|tilt| [(*tilt, across), (*tilt, -across)]);
+    let options = TILTS.iter().flat_map(|tilt| [(*tilt, -across), (*tilt, across)]);
     first_feasible(scene, TASK.max_steps, options.map(|(tilt, closing)| scoop(scene, &closing, tilt)))
 }
 
@@ -99,31 +99,29 @@ fn scoop(scene: &Scene, closing: &Vector3<f64>, tilt: f64) -> Vec<Move> {
     let (dustpan, banana) = (scene.body("dustpan"), scene.body("banana").pose.translation);
     let grip = dustpan.point(tools::DUSTPAN_GRIP);
     let tcp = grasp::pose(&grip.coords, &-Vector3::z(), closing);
-    let [_, _, grip_z] = tools::DUSTPAN_GRIP;
-    let reach = dustpan.point([tools::DUSTPAN_MOUTH_X, 0.0, grip_z]) - grip;
-    // TCP pose in line with the banana with the mouth at this x, `above_m` above the table.
-    let mouth_at = |x: f64, above_m: f64| {
-        let position = Translation3::new(x - reach.x, banana.y - reach.y, grip.z + above_m);
-        Isometry3::from_parts(position, tcp.rotation)
-    };
-    let raised = |tcp: &Isometry3<f64>, by_m: f64| grasp::translated(tcp, &(Vector3::z() * by_m));
-    let before = banana.x - STANDOFF;
-    let under = mouth_at(banana.x + WALL_DISTANCE - WALL_HALF[0] - WALL_GAP, 0.0);
-    let across = dustpan.resting_pose().rotation * Vector3::y_axis();
-    let back = UnitQuaternion::from_axis_angle(&-across, tilt);
-    let tilted = raised(&Isometry3::from_parts(under.translation, back * under.rotation), LIFTS[0]);
-    let close = || Move::close(&[0], 6);
+    let pushed =
+        |x: f64| Isometry3::from_parts(Translation3::new(banana.x + x, banana.y, grip.z), tcp.rotation);
+    let [before, under] = PUSH_X.map(pushed);
+    // Positive about the closing axis if the hand's x axis points to the mouth.
+    let forward = dustpan.resting_pose().rotation * Vector3::x();
+    let side = (tcp.rotation * Vector3::x()).dot(&forward).signum();
+    let [x, y, z] = TILT_SHIFT;
+    let tilted = under
+        * Translation3::new(side * x, y, z)
+        * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), side * tilt);
+    let lifted =
+        Isometry3::from_parts((under.translation.vector + Vector3::z() * LIFT).into(), tilted.rotation);
     let to = |tcp| Move::straight(0, tcp);
+    let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
     vec![
-        to(grasp::retreated(&tcp, 0.08)),
+        Move::Limit { per_joint: 0.75 },
+        to(grasp::retreated(&tcp, 0.15)),
         to(tcp),
-        close(),
-        to(raised(&tcp, CARRY_HEIGHT)),
-        to(mouth_at(before, CARRY_HEIGHT)),
-        to(mouth_at(before, 0.0)),
+        Move::close(&[0], 6),
+        to(before),
         to(under),
-        close(),
-        to(tilted),
-        to(raised(&tilted, LIFTS[1])),
+        Move::close(&[0], 6),
+        joint(tilted),
+        joint(lifted),
     ]
 }

@@ -3,10 +3,10 @@
 use core::f64::consts::TAU;
 
 use ipc_types::Morphology;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Vector3;
 
 use super::common::{self, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_Z, single_arm};
-use crate::expert::{Move, TcpGoal, first_feasible, grasp};
+use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, Range, RegionSpec, Role, Scene, SceneSpec};
@@ -70,41 +70,33 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 
 /// Candidate lean angles of the hand, in rad: cubes at the far end of the table are out of reach from
 /// straight above.
-const LEANS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
-/// Lean angles that are tried last, in rad.
-const FAR_LEANS: [f64; 2] = [0.95, 1.15];
+const LEANS: [f64; 6] = [0.0, 0.25, 0.5, 0.75, 0.95, 1.15];
+/// Distance between the cubes below which the fingers must descend on the sides of the red cube that face
+/// away from the green one, in m.
+const NEAR: f64 = 0.1;
 /// Control steps by which a plan may exceed the episode, since the red cube comes to rest before the plan
 /// ends.
 const SPARE_STEPS: u32 = 5;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let (red, green) = (scene.body("red cube"), scene.body("green cube"));
-    let to_goal = {
-        let rise = Vector3::z() * HALF * (red.scale.x + green.scale.x);
-        green.pose.translation.vector - red.pose.translation.vector + rise
-    };
-    let waypoints = |tcp: &Isometry3<f64>| {
-        let raised = Vector3::z() * 0.1;
-        [grasp::retreated(tcp, 0.05), *tcp, grasp::translated(tcp, &raised), grasp::translated(tcp, &to_goal)]
-    };
+    let rise = Vector3::z() * HALF * (red.scale.x + green.scale.x);
+    let to_goal = green.pose.translation.vector - red.pose.translation.vector + rise;
     let closing = grasp::start_closing(scene, 0);
-    // Prefer the orientation in which the open fingers descend on the sides away from the green cube.
-    let upright =
-        [Vector3::z().cross(&to_goal), to_goal].map(|preferred| grasp::top_down(red, &preferred, &closing));
-    let leaning = |leans: &'static [f64]| {
-        upright
-            .iter()
-            .flat_map(|tcp| leans.iter().map(|lean| grasp::tilted_toward_base(scene, 0, tcp, *lean)))
-    };
-    let candidates: Vec<Isometry3<f64>> = leaning(&LEANS).chain(leaning(&FAR_LEANS)).collect();
-    let [above, at, raised, on_green] = waypoints(&grasp::first_reachable(scene, 0, &candidates, waypoints));
-    let to = |tcp| Move::straight(0, tcp);
-    let through = |[first, second]: [Isometry3<f64>; 2]| {
-        Move::Waypoints([first, second].map(|tcp| vec![TcpGoal { arm: 0, tcp }]).into())
-    };
-    let (close, open) = (Move::close(&[0], 6), Move::open(&[0], 6));
-    // The longest paths fit into the episode only without stops above the cubes.
-    let with_stops = vec![to(above), to(at), close.clone(), to(raised), to(on_green), open.clone()];
-    let without = vec![through([above, at]), close, through([raised, on_green]), open];
-    first_feasible(scene, TASK.max_steps + SPARE_STEPS, [with_stops, without].into_iter())
+    let preferred = if to_goal.xy().norm() < NEAR { Vector3::z().cross(&to_goal) } else { closing };
+    let upright = [preferred, Vector3::z().cross(&preferred)]
+        .map(|preferred| grasp::top_down(red, &preferred, &closing));
+    let grasps =
+        LEANS.iter().flat_map(|lean| upright.map(|tcp| grasp::tilted_toward_base(scene, 0, &tcp, *lean)));
+    let plans = grasps.map(|tcp| {
+        vec![
+            Move::straight(0, grasp::retreated(&tcp, 0.05)),
+            Move::straight(0, tcp),
+            Move::close(&[0], 6),
+            Move::straight(0, grasp::translated(&tcp, &(Vector3::z() * 0.1))),
+            Move::Carry { from: red.pose, to: grasp::translated(&red.pose, &to_goal) },
+            Move::open(&[0], 6),
+        ]
+    });
+    first_feasible(scene, TASK.max_steps + SPARE_STEPS, plans)
 }

@@ -6,7 +6,7 @@ use core::f64::consts::{FRAC_PI_2, PI};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::{SINGLE_TABLE_Z, box_part, fixed, srgb};
-use crate::expert::{Move, grasp};
+use crate::expert::grasp;
 use crate::scene::{
     AppearanceSpec, BodySpec, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, Primitive, Range, Role,
     Scene, Texture,
@@ -196,21 +196,6 @@ pub(in crate::tasks) fn drawer_grasp(scene: &Scene) -> Isometry3<f64> {
     let handle = scene.body("drawer").pose;
     let closing = grasp::closest_closing(Vector3::z(), &grasp::start_closing(scene, 0));
     grasp::pose(&handle.translation.vector, &-(handle.rotation * Vector3::x()), &closing)
-}
-
-/// Plans to grasp the drawer's handle at `tcp`, pull the drawer open by `by_m` m and release the handle.
-pub(in crate::tasks) fn pull_open(scene: &Scene, tcp: Isometry3<f64>, by_m: f64) -> Vec<Move> {
-    let out = scene.body("drawer").pose.rotation * Vector3::x();
-    // Unlike in the benchmark, the gripper is not opened again in front of the handle: the longest plans
-    // would exceed the episode.
-    vec![
-        Move::open(&[0], 6),
-        Move::straight(0, grasp::retreated(&tcp, 0.05)),
-        Move::straight(0, tcp),
-        Move::close(&[0], 6),
-        Move::straight(0, grasp::translated(&tcp, &(out * by_m))),
-        Move::open(&[0], 6),
-    ]
 }
 
 /// Height of the original cabinet's origin above its foot, in m. The model is not public; this is half the

@@ -5,7 +5,7 @@ use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, TAU};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{SINGLE_TABLE_Z, box_part, movable, srgb};
-use crate::expert::{Move, grasp};
+use crate::expert::{Move, TcpGoal, grasp};
 use crate::scene::{
     AppearanceSpec, BodySpec, Mass, Motion, PartSpec, Primitive, RenderParts, Role, ScaleAxes, ScaledBy,
     Scene, VisualShape, VisualSpec,
@@ -253,6 +253,7 @@ pub(in crate::tasks) fn carry(scene: &Scene, tcp: &Isometry3<f64>, offset: &Vect
     let leaning = |tcp| LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, &tcp, lean));
     let candidates: Vec<_> = [*tcp, tcp * half_turn].into_iter().flat_map(leaning).collect();
     let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
-    let [before, at, raised, over, there, after] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
+    let [before, at, raised, over, there, after] =
+        waypoints(&tcp).map(|tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]));
     vec![before, at, Move::close(&[0], 6), raised, over, there, Move::open(&[0], 6), after]
 }

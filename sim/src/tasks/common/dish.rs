@@ -3,13 +3,10 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{SINGLE_TABLE_Z, box_part, fixed, movable};
-use crate::expert::grasp;
-use crate::scene::{
-    AppearanceSpec, Body, BodySpec, Mass, PartSpec, Primitive, ScaledBy, VisualShape, VisualSpec,
-};
+use crate::scene::{AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, ScaledBy, VisualShape, VisualSpec};
 
 /// Initial joint positions in rad: TCP at world (−0.088, 0.038, 0.318) m, pointing down.
 pub(in crate::tasks) const QPOS: [f64; 7] = [0.0380, -0.0558, 0.0235, -2.1654, 0.0421, 2.1272, -0.7544];
@@ -177,35 +174,4 @@ fn rack_visuals(appearance: AppearanceSpec) -> Vec<VisualSpec> {
 pub(in crate::tasks) fn upright_pose(y: f64, z: f64) -> Isometry3<f64> {
     let upright = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
     Isometry3::from_parts(Translation3::new(0.0, y, z), upright)
-}
-
-/// Distance of the grasp below the top of the rim, along the wall, in m.
-const GRASP_DEPTH: f64 = 0.01;
-
-/// Returns the azimuth about the plate's axis (rad) of the wall segment that lies farthest in a world
-/// direction.
-pub(in crate::tasks) fn farthest_azimuth(plate: &Body, direction: &Vector3<f64>) -> f64 {
-    let towards = |segment: &u32| {
-        let out = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), azimuth(*segment)) * Vector3::x();
-        (plate.pose.rotation * out).dot(direction)
-    };
-    let farthest = (0..N_SEGMENTS).max_by(|a, b| towards(a).total_cmp(&towards(b)));
-    azimuth(farthest.unwrap_or(0))
-}
-
-/// Returns the two TCP poses that grasp the wall of the resting plate at an azimuth. The hand leans along the
-/// rim by `lean_rad` in the direction of increasing azimuth. The first pose is the one whose closing
-/// direction is nearer to `closing_now`.
-pub(in crate::tasks) fn rim_grasps(
-    plate: &Body,
-    azimuth_rad: f64,
-    lean_rad: f64,
-    closing_now: &Vector3<f64>,
-) -> [Isometry3<f64>; 2] {
-    let wall = plate.resting_pose() * wall_pose(azimuth_rad);
-    let position = wall * Point3::new(0.0, 0.0, (WALL_Z[1] - WALL_Z[0]) / 2.0 - GRASP_DEPTH);
-    let approach =
-        wall.rotation * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -lean_rad) * -Vector3::z();
-    let closing = grasp::closest_closing(wall.rotation * Vector3::x(), closing_now);
-    [closing, -closing].map(|closing| grasp::pose(&position.coords, &approach, &closing))
 }
