@@ -1,11 +1,11 @@
 //! DualArmDrawerOpen: each arm pulls open one drawer of the same unit. See docs/benchmark.md, "Tasks".
 
 use ipc_types::Morphology;
-use nalgebra::Isometry3;
 
 use super::common::bimanual;
+use super::common::bimanual_plan::BimanualPlan;
 use super::common::drawer_unit::{CAMERAS, DRAWERS, DrawerPull, TRAVEL, bodies, placement_region};
-use crate::expert::{Move, both_arms, grasp};
+use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Scene, SceneSpec};
@@ -52,16 +52,11 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let drawer = scene.body(PULLED_DRAWERS[arm]);
         DrawerPull::new(scene, arm, drawer, PULL_DISTANCE, &grasp::start_closing(scene, arm))
     });
-    let to = |waypoint: fn(&DrawerPull) -> Isometry3<f64>| {
-        Move::Straight(both_arms(pulls.each_ref().map(waypoint)))
-    };
-    vec![
-        // The benchmark moves in joint space here. Straight lines are used because a joint-space motion may
-        // end where no straight path leads to the bar.
-        to(|pull| pull.pre_grasp),
-        to(|pull| pull.grasp),
-        Move::close(&[0], 6),
-        Move::close(&[1], 6),
-        to(|pull| pull.open),
-    ]
+    BimanualPlan::new(scene)
+        .joint(pulls.each_ref().map(|pull| pull.pre_grasp))
+        .screw(pulls.each_ref().map(|pull| pull.grasp))
+        .close(0, 6)
+        .close(1, 6)
+        .screw(pulls.each_ref().map(|pull| pull.open))
+        .into_moves()
 }

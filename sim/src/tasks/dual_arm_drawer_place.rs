@@ -4,9 +4,10 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
+use super::common::bimanual_plan::BimanualPlan;
 use super::common::drawer_unit::{CAMERAS, CARCASS, DRAWERS, DrawerPull, bodies, placement_region};
 use super::common::{self, BIMANUAL_TABLE_Z, BLUE, bimanual, region};
-use crate::expert::{Move, both_arms, grasp};
+use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{BodySpec, Range, ScaledBy, Scene, SceneSpec};
@@ -84,17 +85,15 @@ fn expert(scene: &Scene) -> Vec<Move> {
     // The opposite of the initial closing direction, at which the last joint is at its limit.
     let pull =
         DrawerPull::new(scene, 1, scene.body(OPENED_DRAWER), PULL_DISTANCE, &-grasp::start_closing(scene, 1));
-    vec![
-        Move::Straight(both_arms([above, pull.pre_grasp])),
-        Move::straight(0, at),
-        Move::close(&[0], 6),
-        // The benchmark grasps cube and bar simultaneously. Here the bar is grasped later, since the hands
-        // would collide below the drawer.
-        Move::Straight(both_arms([waiting, pull.grasp])),
-        Move::close(&[1], 6),
-        Move::straight(1, pull.open),
-        Move::straight(0, release),
-        Move::open(&[0], 6),
-        Move::Straight(both_arms([grasp::retreated(&release, 0.12), pull.grasp])),
-    ]
+    BimanualPlan::new(scene)
+        .screw([above, pull.pre_grasp])
+        .screw([at, pull.grasp])
+        .close(0, 6)
+        .close(1, 6)
+        .screw_one(0, waiting)
+        .screw_one(1, pull.open)
+        .screw_one(0, release)
+        .open(0, 6)
+        .screw_one(1, pull.grasp)
+        .into_moves()
 }

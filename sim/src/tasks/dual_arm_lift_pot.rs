@@ -5,8 +5,9 @@ use core::f64::consts::FRAC_PI_8;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
+use super::common::bimanual_plan::BimanualPlan;
 use super::common::{LIFT_CAMERAS, bimanual, lifted, pot, region};
-use crate::expert::{Move, both_arms, grasp};
+use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -46,10 +47,11 @@ fn expert(scene: &Scene) -> Vec<Move> {
         let candidates = LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &level[arm], lean));
         grasp::first_reachable(scene, arm, &candidates, |tcp| [pot::pre_grasp(tcp), *tcp, raised(tcp)])
     });
-    let mut moves = vec![Move::Joint(both_arms(grasps.each_ref().map(pot::pre_grasp)))];
-    moves.extend(pot::grasp_both(&grasps));
-    // The benchmark moves in joint space here. Straight lines keep the distance between the two hands
-    // constant while they hold the pot.
-    moves.push(Move::Straight(both_arms(grasps.each_ref().map(raised))));
-    moves
+    BimanualPlan::new(scene)
+        .joint(grasps.each_ref().map(pot::pre_grasp))
+        .screw(grasps)
+        .close(0, 10)
+        .close(1, 10)
+        .joint(grasps.each_ref().map(raised))
+        .into_moves()
 }

@@ -5,9 +5,10 @@ use core::f64::consts::FRAC_PI_8;
 use ipc_types::Morphology;
 use nalgebra::Vector3;
 
+use super::common::bimanual_plan::BimanualPlan;
 use super::common::tray;
 use super::common::{LIFT_CAMERAS, QPOS_B, bimanual, lifted, region};
-use crate::expert::{Move, both_arms, grasp};
+use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -45,21 +46,18 @@ const GRASP_DEPTH: f64 = 0.012;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let tray = scene.body("tray");
-    let along = tray.pose.rotation * Vector3::y();
-    let grasps = [0, 1].map(|arm| {
-        let rim = tray.point([0.0, [-tray::RIM_Y, tray::RIM_Y][arm], tray::RIM_Z]);
-        let closing = grasp::closest_closing(along, &grasp::start_closing(scene, arm));
+    // The sign is the benchmark's, for both hands.
+    let closing = -(tray.pose.rotation * Vector3::y());
+    let grasps = [-tray::RIM_Y, tray::RIM_Y].map(|y| {
+        let rim = tray.point([0.0, y, tray::RIM_Z]);
         grasp::pose(&(rim.coords - Vector3::z() * GRASP_DEPTH), &-Vector3::z(), &closing)
     });
-    let backed_off = |distance_m: f64| both_arms(grasps.map(|tcp| grasp::retreated(&tcp, distance_m)));
-    vec![
-        Move::Joint(backed_off(0.1)),
-        Move::Straight(backed_off(0.0)),
-        // The benchmark closes one gripper after the other. They close simultaneously here because the
-        // longest plans would exceed the episode otherwise.
-        Move::close(&[0, 1], 10),
-        // The benchmark moves in joint space here. Straight lines keep the distance between the two hands
-        // constant while they hold the tray.
-        Move::Straight(backed_off(0.2)),
-    ]
+    let backed_off = |distance_m: f64| grasps.map(|tcp| grasp::retreated(&tcp, distance_m));
+    BimanualPlan::new(scene)
+        .joint(backed_off(0.1))
+        .screw(grasps)
+        .close(0, 10)
+        .close(1, 10)
+        .joint(backed_off(0.2))
+        .into_moves()
 }

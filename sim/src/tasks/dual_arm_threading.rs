@@ -6,9 +6,10 @@ use core::f64::consts::FRAC_PI_6;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
+use super::common::bimanual_plan::BimanualPlan;
 use super::common::ring_and_needle::{self, NEEDLE_LENGTH, RING_Z};
 use super::common::{ExternalCameras, bimanual, region};
-use crate::expert::{Move, both_arms, grasp};
+use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
 use crate::scene::{Range, Scene, SceneSpec};
@@ -70,7 +71,7 @@ const POLE_GRASP: Vector3<f64> = Vector3::new(0.0, 0.0, 0.09);
 /// World position at which the ring's centre is held, in m.
 const RING_POSITION: Vector3<f64> = Vector3::new(-0.17, -0.011, 1.26);
 /// Distance of the needle's end in front of the ring's plane before insertion, in m.
-const STANDOFF: f64 = 0.1;
+const STANDOFF: f64 = 0.08;
 /// Distance of the needle's end beyond the ring's plane after insertion, in m.
 const INSERTION_DEPTH: f64 = 0.02;
 
@@ -89,17 +90,17 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let held = Isometry3::from(RING_POSITION - Vector3::z() * RING_Z);
     let pole = tripod * grasp::pose(&POLE_GRASP, &-Vector3::y(), &Vector3::x());
     let up = held * tripod.inverse() * pole;
-    vec![
-        Move::straight(0, grasp::retreated(&at, 0.1)),
-        Move::straight(0, at),
-        Move::close(&[0], 10),
-        Move::straight(0, grasp::retreated(&at, 0.1)),
-        Move::straight(1, grasp::retreated(&pole, 0.15)),
-        Move::straight(1, pole),
-        Move::close(&[1], 10),
-        // The benchmark moves one arm after the other. They move simultaneously here because the longest
-        // plans would exceed the episode otherwise.
-        Move::Straight(both_arms([threading(-STANDOFF), up])),
-        Move::straight(0, threading(INSERTION_DEPTH)),
-    ]
+    let raised = grasp::retreated(&at, 0.1);
+    BimanualPlan::new(scene)
+        .screw_one(0, raised)
+        .screw_one(0, at)
+        .close(0, 10)
+        .screw_one(0, raised)
+        .screw_one(1, grasp::retreated(&pole, 0.15))
+        .screw_one(1, pole)
+        .close(1, 10)
+        .screw_one(0, threading(-STANDOFF))
+        .screw_one(1, up)
+        .screw_one(0, threading(INSERTION_DEPTH))
+        .into_moves()
 }

@@ -2,6 +2,7 @@
 //! and recurring bodies. See docs/benchmark.md, "Scenes and objects" and "Robot and control".
 
 pub(super) mod arrow;
+pub(super) mod bimanual_plan;
 pub(super) mod book;
 pub(super) mod bookcase;
 pub(super) mod bottle;

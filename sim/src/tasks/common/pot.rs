@@ -6,7 +6,7 @@ use core::f64::consts::{FRAC_PI_2, TAU};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb};
-use crate::expert::{Move, both_arms, grasp};
+use crate::expert::grasp;
 use crate::scene::{
     AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, RenderParts, ScaleAxes, Scene, VisualShape,
     VisualSpec,
@@ -157,9 +157,4 @@ pub(in crate::tasks) fn grasps(scene: &Scene) -> [Isometry3<f64>; 2] {
 /// Returns the pre-grasp pose of a grasp pose.
 pub(in crate::tasks) fn pre_grasp(grasp: &Isometry3<f64>) -> Isometry3<f64> {
     grasp::retreated(grasp, APPROACH)
-}
-
-/// Plans to move from the pre-grasp poses to the grasp poses and close both grippers.
-pub(in crate::tasks) fn grasp_both(grasps: &[Isometry3<f64>; 2]) -> [Move; 3] {
-    [Move::Straight(both_arms(*grasps)), Move::close(&[0], 10), Move::close(&[1], 10)]
 }
