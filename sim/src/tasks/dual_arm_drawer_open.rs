@@ -1,11 +1,12 @@
 //! DualArmDrawerOpen: each arm pulls open one drawer of the same unit. See docs/benchmark.md, "Tasks".
 
 use ipc_types::Morphology;
+use nalgebra::Isometry3;
 
 use super::common::bimanual;
 use super::common::bimanual_plan::BimanualPlan;
 use super::common::drawer_unit::{CAMERAS, DRAWERS, DrawerPull, TRAVEL, bodies, placement_region};
-use crate::expert::{Move, grasp};
+use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Scene, SceneSpec};
@@ -44,19 +45,23 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
         .into()
 }
 
+/// Candidate lean angles of the hands in rad: head-on, they would be in each other's way.
+const LEANS: [f64; 5] = [0.2, 0.4, 0.6, 0.8, 0.0];
 /// Distance by which the drawers are pulled in m, short of their stops.
 const PULL_DISTANCE: f64 = 0.18;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let pulls = [0, 1].map(|arm| {
         let drawer = scene.body(PULLED_DRAWERS[arm]);
-        DrawerPull::new(scene, arm, drawer, PULL_DISTANCE, &grasp::start_closing(scene, arm))
+        DrawerPull::new(scene, arm, drawer, PULL_DISTANCE, &grasp::start_closing(scene, arm), LEANS)
     });
-    BimanualPlan::new(scene)
-        .joint(pulls.each_ref().map(|pull| pull.pre_grasp))
-        .screw(pulls.each_ref().map(|pull| pull.grasp))
-        .close(0, 6)
-        .close(1, 6)
-        .screw(pulls.each_ref().map(|pull| pull.open))
-        .into_moves()
+    let at = |pose: fn(&DrawerPull) -> Isometry3<f64>| pulls.each_ref().map(pose);
+    let start = BimanualPlan::new(scene);
+    let pre_grasp = at(|pull| pull.pre_grasp);
+    // A joint-space motion may end where no straight path leads to the bar.
+    let approaches = [start.clone().joint(pre_grasp), start.screw(pre_grasp)];
+    let pull_open = |plan: BimanualPlan| {
+        plan.screw(at(|pull| pull.grasp)).close(0, 6).close(1, 6).screw(at(|pull| pull.open)).into_moves()
+    };
+    first_feasible(scene, TASK.max_steps, approaches.into_iter().map(pull_open))
 }

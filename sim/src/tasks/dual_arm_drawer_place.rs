@@ -63,6 +63,8 @@ const PULL_DISTANCE: f64 = 0.2;
 const RELEASE: [f64; 3] = [-0.2, -0.08, 0.1];
 /// Position farther out, in the same frame, at which the cube waits until the drawer is open, in m.
 const WAITING: [f64; 3] = [-0.3, -0.3, 0.1];
+/// Candidate lean angles of the hand at the bar in rad; a bar far from the arm is out of reach head-on.
+const PULL_LEANS: [f64; 5] = [0.4, 0.6, 0.8, 0.2, 0.0];
 /// Candidate lean angles of the hand above the drawer, in rad.
 const LEANS: [f64; 5] = [0.6, 0.8, 1.0, 0.4, 0.2];
 
@@ -83,8 +85,9 @@ fn expert(scene: &Scene) -> Vec<Move> {
     };
     let [above, at, waiting, release] = waypoints(&grasp::first_reachable(scene, 0, &candidates, waypoints));
     // The opposite of the initial closing direction, at which the last joint is at its limit.
-    let pull =
-        DrawerPull::new(scene, 1, scene.body(OPENED_DRAWER), PULL_DISTANCE, &-grasp::start_closing(scene, 1));
+    let closing = -grasp::start_closing(scene, 1);
+    let drawer = scene.body(OPENED_DRAWER);
+    let pull = DrawerPull::new(scene, 1, drawer, PULL_DISTANCE, &closing, PULL_LEANS);
     BimanualPlan::new(scene)
         .screw([above, pull.pre_grasp])
         .screw([at, pull.grasp])

@@ -69,9 +69,9 @@ const NEEDLE_GRASP: f64 = 0.045;
 /// Grasp position on the pole in the tripod's frame, in m.
 const POLE_GRASP: Vector3<f64> = Vector3::new(0.0, 0.0, 0.09);
 /// World position at which the ring's centre is held, in m.
-const RING_POSITION: Vector3<f64> = Vector3::new(-0.17, -0.011, 1.26);
+const RING_POSITION: Vector3<f64> = Vector3::new(-0.14, -0.011, 1.28);
 /// Distance of the needle's end in front of the ring's plane before insertion, in m.
-const STANDOFF: f64 = 0.08;
+const STANDOFF: f64 = 0.05;
 /// Distance of the needle's end beyond the ring's plane after insertion, in m.
 const INSERTION_DEPTH: f64 = 0.02;
 
@@ -96,7 +96,6 @@ fn expert(scene: &Scene) -> Vec<Move> {
         .screw_one(0, at)
         .close(0, 10)
         .screw_one(0, raised)
-        .screw_one(1, grasp::retreated(&pole, 0.15))
         .screw_one(1, pole)
         .close(1, 10)
         .screw_one(0, threading(-STANDOFF))

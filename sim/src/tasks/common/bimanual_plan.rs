@@ -41,6 +41,12 @@ impl BimanualPlan {
         self.then(Move::Joint(both_arms(tcps)))
     }
 
+    /// Moves both TCPs along straight lines on which they start and arrive together.
+    pub(in crate::tasks) fn meet(mut self, tcps: [Isometry3<f64>; 2]) -> Self {
+        self.tcps = tcps;
+        self.then(Move::Straight(both_arms(tcps)))
+    }
+
     /// Moves one TCP along a screw while the other arm holds its position.
     pub(in crate::tasks) fn screw_one(self, arm: usize, tcp: Isometry3<f64>) -> Self {
         let mut tcps = self.tcps;

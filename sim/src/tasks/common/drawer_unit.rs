@@ -186,9 +186,6 @@ fn along_y(position: [f64; 3]) -> Isometry3<f64> {
     Isometry3::from_parts(position.into(), UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2))
 }
 
-/// Candidate lean angles of the hand, in rad. Each hand approaches from the side of its own arm: head-on, the
-/// hands would be in each other's way, and bars far from the arm's base would be out of reach.
-const LEANS: [f64; 5] = [0.4, 0.6, 0.8, 0.2, 0.0];
 /// Distance in front of the bar at which a hand starts its approach, in m.
 const APPROACH: f64 = 0.3;
 
@@ -204,19 +201,21 @@ pub(in crate::tasks) struct DrawerPull {
 
 impl DrawerPull {
     /// Plans to pull a drawer by `by_m` m, grasping the middle of its bar from above and below. Of the two
-    /// possible closing directions it takes the one nearer to `closing`.
+    /// possible closing directions it takes the one nearer to `closing`, and of the angles in `leans_rad`, by
+    /// which the hand leans to the side of its own arm, the first that is within reach.
     pub(in crate::tasks) fn new(
         scene: &Scene,
         arm: usize,
         drawer: &Body,
         by_m: f64,
         closing: &Vector3<f64>,
+        leans_rad: [f64; 5],
     ) -> Self {
         let out = drawer.pose.rotation * Vector3::x();
         let bar = drawer.pose * Point3::new(BAR_X, 0.0, 0.0);
         let closing = grasp::closest_closing(Vector3::z(), closing);
         let straight = grasp::pose(&bar.coords, &-out, &closing);
-        let candidates = LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &straight, lean));
+        let candidates = leans_rad.map(|lean| grasp::tilted_toward_base(scene, arm, &straight, lean));
         let waypoints = |tcp: &Isometry3<f64>| {
             [grasp::retreated(tcp, APPROACH), *tcp, grasp::translated(tcp, &(out * by_m))]
         };
