@@ -4,10 +4,9 @@
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::common::bimanual_plan::BimanualPlan;
 use super::common::pen_and_cap::{self, CAP_MIDDLE, CAP_OPENING, PEN_TIP};
 use super::common::{ExternalCameras, QPOS_B, bimanual, region};
-use crate::expert::{Move, first_feasible, grasp};
+use crate::expert::{Move, both_arms, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -59,23 +58,27 @@ const PEN_GRASPS: [f64; 3] = [0.05, 0.09, 0.13];
 /// Candidate lean angles of the hand, in rad.
 const LEANS: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, -0.3];
 /// World position at which the pen's tip is held, in m.
-const MEETING: Vector3<f64> = Vector3::new(-0.171, -0.044, 1.0);
+const MEETING: Vector3<f64> = Vector3::new(-0.19, -0.12, 1.0);
 /// Distance between the cap's opening and the pen's tip before insertion, in m.
-const STANDOFF: f64 = 0.24;
+const STANDOFF: f64 = 0.15;
 /// Insertion depth of the tip in m, a little more than the pen fits.
 const INSERTION_DEPTH: f64 = 0.06;
+/// Control steps for which the arms hold still before insertion.
+const SETTLING_STEPS: u32 = 10;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let cap = pen_and_cap::resting_cap(scene.body("cap"));
     let pen = pen_and_cap::resting_pen(scene.body("pen"));
-    // Waypoints that bring the point `from` of a body to `to`.
+    // Waypoints that bring the point `from` of a body to `to`: first along y and z, then along x to the other
+    // body.
     let waypoints = |tcp: &Isometry3<f64>, from: Point3<f64>, to: Vector3<f64>| {
-        [grasp::retreated(tcp, 0.1), *tcp, grasp::translated(tcp, &(to - from.coords))]
+        let offset = to - from.coords;
+        let up = grasp::translated(tcp, &Vector3::new(0.0, offset.y, offset.z));
+        [grasp::retreated(tcp, 0.1), *tcp, up, grasp::translated(tcp, &offset)]
     };
     let (opening, tip) = (cap * CAP_OPENING, pen * PEN_TIP);
     let candidates = |arm: usize, positions: &[Point3<f64>]| -> Vec<Isometry3<f64>> {
-        // The benchmark chooses the sign by the other hand, so that both hands turn by half a turn.
-        let closing = grasp::start_closing(scene, 1 - arm);
+        let closing = grasp::start_closing(scene, arm);
         let down = |position: &Point3<f64>| {
             grasp::pose(&position.coords, &-Vector3::z(), &grasp::closest_closing(Vector3::x(), &closing))
         };
@@ -94,20 +97,22 @@ fn expert(scene: &Scene) -> Vec<Move> {
     // Waypoints that are reachable one by one need not be reachable along the path, and vice versa.
     let others = pen_grasps.iter().flat_map(|pen| cap_grasps.iter().map(|cap| [*cap, *pen]));
     let grasps = core::iter::once(first).chain(others);
-    let plans = grasps.map(|[cap, pen]| cap_pen(scene, [cap_stations(&cap), pen_stations(&pen)]));
+    let plans = grasps.map(|[cap, pen]| cap_pen([cap_stations(&cap), pen_stations(&pen)]));
     first_feasible(scene, TASK.max_steps, plans)
 }
 
 /// Plans to grasp cap and pen, bring both to the meeting point and put the cap on.
-fn cap_pen(scene: &Scene, hands: [[Isometry3<f64>; 3]; 2]) -> Vec<Move> {
-    let at = |waypoint: usize| hands.map(|waypoints| waypoints[waypoint]);
-    let over_tip = grasp::translated(&hands[0][2], &(Vector3::y() * (STANDOFF + INSERTION_DEPTH)));
-    BimanualPlan::new(scene)
-        .joint(at(0))
-        .screw(at(1))
-        .close(0, 10)
-        .close(1, 10)
-        .screw(at(2))
-        .screw_one(0, over_tip)
-        .into_moves()
+fn cap_pen(hands: [[Isometry3<f64>; 4]; 2]) -> Vec<Move> {
+    let both_at = |waypoint: usize| both_arms(hands.map(|waypoints| waypoints[waypoint]));
+    let over_tip = grasp::translated(&hands[0][3], &(Vector3::y() * (STANDOFF + INSERTION_DEPTH)));
+    vec![
+        Move::Joint(both_at(0)),
+        Move::Straight(both_at(1)),
+        Move::close(&[0], 10),
+        Move::close(&[1], 10),
+        Move::Straight(both_at(2)),
+        Move::Straight(both_at(3)),
+        Move::Hold { steps: SETTLING_STEPS },
+        Move::straight(0, over_tip),
+    ]
 }

@@ -6,9 +6,8 @@ use core::f64::consts::PI;
 use ipc_types::Morphology;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::common::bimanual_plan::BimanualPlan;
 use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, fruit, pot, region, tray};
-use crate::expert::{Move, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, PlacementSpec, Range, Role, Scene, SceneSpec};
@@ -70,24 +69,38 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     ]
 }
 
-/// Distance by which the pot is lifted and moved back towards the robots, in m.
-const LIFT: f64 = 0.2;
-/// Tilt angle of the pot, upside down, in rad.
-const TILT: f64 = 2.0 * PI / 2.05;
+/// Height by which the pot is lifted, in m.
+const LIFT: f64 = 0.15;
+/// Distance beyond the tray to which the pot is then moved back towards the robots, in m.
+const OVERSHOOT: f64 = 0.04;
+/// Tilt angle at which the tomato rolls out gently, in rad.
+const POUR_TILT: f64 = 1.5;
+/// Final tilt angle, with the pot upside down, in rad.
+const FINAL_TILT: f64 = 2.0 * PI / 2.05;
+/// Control steps in which the tomato settles in the lifted pot.
+const SETTLING_STEPS: u32 = 15;
+/// Control steps in which the tomato rolls out of the tilted pot.
+const ROLLING_STEPS: u32 = 30;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let grasps = pot::grasps(scene);
-    let lifted = grasps.map(|tcp| grasp::translated(&tcp, &Vector3::new(-LIFT, 0.0, LIFT)));
-    let tilted = [0, 1].map(|arm| {
-        lifted[arm] * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), [TILT, -TILT][arm])
-    });
-    BimanualPlan::new(scene)
-        .joint(grasps.each_ref().map(pot::pre_grasp))
-        .screw(grasps)
-        .close(0, 10)
-        .close(1, 10)
-        .joint(lifted)
-        .screw(tilted)
-        .screw(lifted)
-        .into_moves()
+    let [pot_x, tray_x] = ["pot", "tray"].map(|name| scene.body(name).pose.translation.x);
+    let back = pot_x - tray_x + OVERSHOOT;
+    let carried = |back_m: f64| grasps.map(|tcp| grasp::translated(&tcp, &Vector3::new(-back_m, 0.0, LIFT)));
+    let tilted = |angle: f64| {
+        let turn = |arm: usize| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), [angle, -angle][arm]);
+        Move::Straight(both_arms([0, 1].map(|arm| carried(back)[arm] * turn(arm))))
+    };
+    let mut moves = vec![Move::Joint(both_arms(grasps.each_ref().map(pot::pre_grasp)))];
+    moves.extend([
+        Move::Straight(both_arms(grasps)),
+        Move::close(&[0], 10),
+        Move::close(&[1], 10),
+        Move::Waypoints([carried(0.0), carried(back)].map(both_arms).into()),
+        Move::Hold { steps: SETTLING_STEPS },
+        tilted(POUR_TILT),
+        Move::Hold { steps: ROLLING_STEPS },
+        tilted(FINAL_TILT),
+    ]);
+    moves
 }

@@ -1,15 +1,14 @@
-//! DualArmPushBox: two hands push a box to the goal. See docs/benchmark.md, "Tasks".
+//! DualArmPushBox: two closed grippers push a box to the goal. See docs/benchmark.md, "Tasks".
 
 use core::f64::consts::FRAC_PI_6;
 
 use ipc_types::Morphology;
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
-use super::common::bimanual_plan::BimanualPlan;
 use super::common::{
     BIMANUAL_TABLE_Z, ExternalCameras, bimanual, box_part, goal_marker, movable, region, rgb,
 };
-use crate::expert::{Move, first_feasible, grasp};
+use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{AppearanceSpec, Range, Scene, SceneSpec};
@@ -65,41 +64,51 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
     vec![Predicate::On { top, base, xy_m: 0.06, rise_m: 0.0, rise_tolerance_m: f64::INFINITY }]
 }
 
-/// Distances of the hands behind the rear side of the box before they push, and behind that of a box on the
-/// goal at the end, in m. The fingers are open, and the front ones push.
-const BEHIND: [f64; 2] = [0.075, 0.07];
-/// Distance of a hand from the middle of the box's rear side in m at scale 1.
-const LATERAL: f64 = 0.06;
-/// Candidate lean angles of the hand in rad; the later ones are for boxes that are out of reach.
-const LEANS: [f64; 4] = [0.0, 0.3, 0.6, 0.9];
+/// Candidate distances of a hand from the middle of the box's rear side in m at scale 1; the later ones are
+/// for boxes that are out of reach.
+const LATERAL_OFFSETS: [f64; 3] = [0.06, 0.085, 0.11];
+/// Candidate lean angles of the hand, in rad.
+const LEANS: [f64; 3] = [0.0, 0.3, 0.6];
+/// Half-thickness of closed fingers along their closing direction, in m.
+const FINGER_HALF_THICKNESS: f64 = 0.012;
+/// Distance of the fingers from the box before they push, in m.
+const STANDOFF: f64 = 0.02;
 /// Height of the TCPs above the table, in m.
-const TCP_HEIGHT: f64 = 0.025;
+const TCP_HEIGHT: f64 = 0.03;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let target_box = scene.body("box");
-    let (centre, goal) = (target_box.pose.translation.vector, scene.body("goal").pose.translation.vector);
+    let centre = target_box.pose.translation.vector;
+    let forward = scene.body("goal").pose.translation.vector - centre;
+    let forward = Vector3::new(forward.x, forward.y, 0.0);
     let [hx, _, hz] = HALF.map(|half| half * target_box.scale.x);
-    let down = |position: Vector3<f64>, closing: Vector3<f64>, lean: f64, arm: usize| {
-        grasp::tilted_toward_base(scene, arm, &grasp::pose(&position, &-Vector3::z(), &closing), lean)
-    };
     let (face, side) = (target_box.pose.rotation * Vector3::x(), target_box.pose.rotation * Vector3::y());
-    let plans = LEANS.iter().map(|&lean| {
-        let hands = [0, 1].map(|arm| {
-            let lateral = LATERAL * target_box.scale.x * [-1.0, 1.0][arm];
-            let height = Vector3::z() * (TCP_HEIGHT - hz);
-            let start = grasp::start_closing(scene, arm);
-            let behind = centre + face * (hx + BEHIND[0]) + side * lateral + height;
-            let at_box = down(behind, grasp::closest_closing(face, &start), lean, arm);
-            let x = Vector3::x();
-            let end = Vector3::new(goal.x + hx + BEHIND[1], goal.y + lateral, behind.z);
-            [at_box, down(end, grasp::closest_closing(x, &start), lean, arm)]
-        });
-        let at = |waypoint: usize| hands.map(|waypoints| waypoints[waypoint]);
-        BimanualPlan::new(scene)
-            .joint(at(0).map(|tcp| grasp::retreated(&tcp, 0.1)))
-            .joint(at(0))
-            .screw(at(1))
-            .into_moves()
+    let waypoints = |tcp: &Isometry3<f64>| {
+        let away = grasp::translated(tcp, &(face * STANDOFF));
+        [grasp::translated(&away, &(Vector3::z() * 0.12)), away, grasp::translated(tcp, &forward)]
+    };
+    let hands = [0, 1].map(|arm| {
+        let closing = grasp::closest_closing(face, &grasp::start_closing(scene, arm));
+        let candidates: Vec<_> = LEANS
+            .iter()
+            .flat_map(|lean| {
+                LATERAL_OFFSETS.map(|offset| (offset * [-1.0, 1.0][arm] * target_box.scale.x, *lean))
+            })
+            .map(|(offset, lean)| {
+                let position = centre
+                    + face * (hx + FINGER_HALF_THICKNESS)
+                    + side * offset
+                    + Vector3::z() * (TCP_HEIGHT - hz);
+                grasp::tilted_toward_base(scene, arm, &grasp::pose(&position, &-Vector3::z(), &closing), lean)
+            })
+            .collect();
+        waypoints(&grasp::first_reachable(scene, arm, &candidates, waypoints))
     });
-    first_feasible(scene, TASK.max_steps, plans)
+    let both_at = |waypoint: usize| both_arms(hands.map(|waypoints| waypoints[waypoint]));
+    vec![
+        Move::close(&[0, 1], 4),
+        Move::Joint(both_at(0)),
+        Move::Straight(both_at(1)),
+        Move::Straight(both_at(2)),
+    ]
 }

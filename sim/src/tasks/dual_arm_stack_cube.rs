@@ -3,7 +3,7 @@
 
 use ipc_types::Morphology;
 
-use super::common::stacking::{self, CubeTransfer};
+use super::common::stacking;
 use super::common::{QPOS_B, bimanual, region};
 use crate::expert::Move;
 use crate::predicate::Predicate;
@@ -45,7 +45,5 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 }
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    let transfer = |arm, cube| CubeTransfer::new(scene, arm, scene.body(cube), stacking::RELEASE_HEIGHT);
-    let [first, second] = [transfer(0, "red cube"), transfer(1, "green cube")];
-    stacking::stack_two(scene, &first, &second).open(1, 4).into_moves()
+    stacking::stack_two(scene, scene.body("red cube"), scene.body("green cube"))
 }

@@ -4,7 +4,7 @@ use ipc_types::Morphology;
 
 use super::common::stacking::{self, CubeTransfer};
 use super::common::{QPOS_B, bimanual, region};
-use crate::expert::Move;
+use crate::expert::{Move, TcpGoal};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -50,21 +50,13 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
     ]
 }
 
-/// Heights of the TCP above the goal disc at which the three cubes are released, in m.
-const RELEASE_HEIGHTS: [f64; 3] = [0.05, stacking::RELEASE_HEIGHT, 0.16];
-
 fn expert(scene: &Scene) -> Vec<Move> {
-    let [first, second, third] = [0, 1, 2].map(|i| {
-        let arm = [0, 1, 0][i];
-        CubeTransfer::new(scene, arm, scene.body(CUBES[i]), RELEASE_HEIGHTS[i])
-    });
-    stacking::stack_two(scene, &first, &second)
-        .open(1, 10)
-        .screw_one(1, stacking::parked(1))
-        .screw_one(0, third.above)
-        .screw_one(0, third.grasp)
-        .close(0, 10)
-        .screw_one(0, third.release)
-        .open(0, 10)
-        .into_moves()
+    let [red, green, blue] = CUBES.map(|name| scene.body(name));
+    let third = CubeTransfer::new(scene, 0, blue, 2.0 * stacking::HALF * (red.scale.x + green.scale.x));
+    let mut moves = stacking::stack_two(scene, red, green);
+    moves.push(Move::Straight(vec![TcpGoal { arm: 0, tcp: third.above }, stacking::parked(scene, 1)]));
+    moves.extend([Move::straight(0, third.grasp), Move::close(&[0], 6)]);
+    moves.extend([Move::Straight(vec![third.raised()]), third.carry(None)]);
+    moves.extend(third.place());
+    moves
 }

@@ -5,9 +5,8 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::bimanual_plan::{BimanualPlan, pose};
 use super::{BIMANUAL_TABLE_Z, ExternalCameras, GOAL_RADIUS, goal_disc};
-use crate::expert::grasp;
+use crate::expert::{Move, TcpGoal, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
 use crate::scene::{Body, BodySpec, Range, Scene};
@@ -49,32 +48,41 @@ pub(in crate::tasks) fn on_goal(cube: usize, goal: usize) -> Predicate {
     Predicate::On { top: cube, base: goal, xy_m: GOAL_RADIUS, rise_m: 0.0, rise_tolerance_m: f64::INFINITY }
 }
 
-/// Height of the TCP above the goal disc at which cubes are released, in m. They drop onto the goal or tower.
-pub(in crate::tasks) const RELEASE_HEIGHT: f64 = 0.15;
-/// World poses at which the arms are out of each other's way.
-const PARKED: [([f64; 3], [f64; 4]); 2] = [
-    ([-0.4, -0.254, 1.018], [0.138, 0.694, 0.694, -0.138]),
-    ([-0.4, 0.254, 1.018], [0.138, -0.694, 0.694, 0.138]),
-];
-/// Candidate lean angles of the hand, in rad.
-const LEANS: [f64; 5] = [0.0, 0.2, 0.4, 0.6, 0.8];
-
-/// TCP poses with which an arm carries a cube to the goal.
+/// TCP waypoints with which an arm carries a cube to the goal.
 pub(in crate::tasks) struct CubeTransfer {
+    arm: usize,
     /// Pre-grasp pose above the cube.
     pub(in crate::tasks) above: Isometry3<f64>,
     /// Grasp pose at the cube.
     pub(in crate::tasks) grasp: Isometry3<f64>,
-    /// Pose above the goal at which the cube is released.
-    pub(in crate::tasks) release: Isometry3<f64>,
+    /// Pose above the grasp pose with the cube.
+    raised: Isometry3<f64>,
+    /// Pose above the goal.
+    over_goal: Isometry3<f64>,
+    /// Pose at which the cube is released.
+    release: Isometry3<f64>,
 }
 
+/// Candidate lean angles of the hand, in rad.
+const LEANS: [f64; 5] = [0.0, 0.2, 0.4, 0.6, 0.8];
+/// Clearance at which a cube is carried over other objects, in m.
+const CLEARANCE: f64 = 0.08;
+/// Distance by which an arm holds its cube back while the other arm is at the goal, in m.
+const HOLD_BACK: f64 = 0.2;
+
 impl CubeTransfer {
-    /// Plans the transfer of a cube to the goal, with the TCP at `height_m` above it.
-    pub(in crate::tasks) fn new(scene: &Scene, arm: usize, cube: &Body, height_m: f64) -> Self {
-        let release = scene.body("goal").pose.translation.vector + Vector3::z() * height_m;
+    /// Plans the transfer of a cube to a position where its lower face is `base_m` above the table.
+    pub(in crate::tasks) fn new(scene: &Scene, arm: usize, cube: &Body, base_m: f64) -> Self {
+        let to_goal = {
+            let rise = Vector3::z() * (base_m + 0.002);
+            let offset = scene.body("goal").pose.translation.vector - cube.pose.translation.vector;
+            Vector3::new(offset.x, offset.y, 0.0) + rise
+        };
         let waypoints = |tcp: &Isometry3<f64>| {
-            [grasp::retreated(tcp, 0.1), *tcp, Isometry3::from_parts(release.into(), tcp.rotation)]
+            let up = Vector3::z() * CLEARANCE;
+            let down = grasp::translated(tcp, &to_goal);
+            let raised = grasp::translated(tcp, &(up + Vector3::z() * base_m));
+            [grasp::retreated(tcp, 0.1), *tcp, raised, grasp::translated(&down, &up), down]
         };
         let closing = grasp::start_closing(scene, arm);
         let candidates: Vec<Isometry3<f64>> = [closing, Vector3::z().cross(&closing)]
@@ -83,30 +91,58 @@ impl CubeTransfer {
             .flat_map(|tcp| LEANS.map(|lean| grasp::tilted_toward_base(scene, arm, &tcp, lean)))
             .collect();
         let tcp = grasp::first_reachable(scene, arm, &candidates, waypoints);
-        let [above, grasp, release] = waypoints(&tcp);
-        Self { above, grasp, release }
+        let [above, grasp, raised, over_goal, release] = waypoints(&tcp);
+        Self { arm, above, grasp, raised, over_goal, release }
+    }
+
+    /// Returns the target that raises the grasped cube.
+    pub(in crate::tasks) fn raised(&self) -> TcpGoal {
+        TcpGoal { arm: self.arm, tcp: self.raised }
+    }
+
+    /// Returns the target that holds the grasped cube out of the other arm's way: raised, and nearer to the
+    /// arm's own base.
+    pub(in crate::tasks) fn held_back(&self, scene: &Scene) -> TcpGoal {
+        let home = scene.robots[self.arm].base.translation.vector - self.raised.translation.vector;
+        let back = Vector3::new(home.x, home.y, 0.0).normalize() * HOLD_BACK;
+        TcpGoal { arm: self.arm, tcp: grasp::translated(&self.raised, &back) }
+    }
+
+    /// Plans to carry the raised cube above the goal. `leaving` is the simultaneous target of the other arm,
+    /// if any.
+    pub(in crate::tasks) fn carry(&self, leaving: Option<TcpGoal>) -> Move {
+        Move::Straight(leaving.into_iter().chain([TcpGoal { arm: self.arm, tcp: self.over_goal }]).collect())
+    }
+
+    /// Plans to release the cube on the goal and retreat from it.
+    pub(in crate::tasks) fn place(&self) -> [Move; 3] {
+        let Self { arm, release, .. } = self;
+        [
+            Move::straight(*arm, *release),
+            Move::open(&[*arm], 6),
+            Move::straight(*arm, grasp::retreated(release, CLEARANCE)),
+        ]
     }
 }
 
-/// Plans to grasp two cubes simultaneously, to drop the first on the goal, and to carry the second above it.
-pub(in crate::tasks) fn stack_two(
-    scene: &Scene,
-    first: &CubeTransfer,
-    second: &CubeTransfer,
-) -> BimanualPlan {
-    BimanualPlan::new(scene)
-        .screw([first.above, second.above])
-        .screw([first.grasp, second.grasp])
-        .close(0, 10)
-        .close(1, 10)
-        .screw_one(0, first.release)
-        .open(0, 10)
-        .screw_one(0, parked(0))
-        .screw_one(1, second.release)
+/// Plans the stacking of two cubes: both arms grasp their cubes simultaneously; then the first arm places its
+/// cube on the goal and the second arm places its own on top.
+pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> Vec<Move> {
+    let (first, second) = (
+        CubeTransfer::new(scene, 0, lower, 0.0),
+        CubeTransfer::new(scene, 1, upper, 2.0 * HALF * lower.scale.x),
+    );
+    let to = |tcps| Move::Straight(both_arms(tcps));
+    let mut moves =
+        vec![to([first.above, second.above]), to([first.grasp, second.grasp]), Move::close(&[0, 1], 6)];
+    moves.extend([Move::Straight(vec![first.raised(), second.held_back(scene)]), first.carry(None)]);
+    moves.extend(first.place());
+    moves.push(second.carry(Some(parked(scene, 0))));
+    moves.extend(second.place());
+    moves
 }
 
-/// Returns the pose at which an arm is out of the other's way.
-pub(in crate::tasks) fn parked(arm: usize) -> Isometry3<f64> {
-    let (position, orientation) = PARKED[arm];
-    pose(position, orientation)
+/// Returns the target at which an arm is out of the other's way: its initial TCP pose.
+pub(in crate::tasks) fn parked(scene: &Scene, arm: usize) -> TcpGoal {
+    TcpGoal { arm, tcp: grasp::start_tcp(scene, arm) }
 }
