@@ -101,6 +101,13 @@ impl Move {
         Self::Straight(vec![TcpGoal { arm, tcp }])
     }
 
+    /// Moves one arm's TCP along an exact straight line, for targets that leave no room for the error of a
+    /// screw motion.
+    #[must_use]
+    pub fn line(arm: usize, tcp: Isometry3<f64>) -> Self {
+        Self::Waypoints(vec![vec![TcpGoal { arm, tcp }]])
+    }
+
     /// Closes grippers with maximum force.
     #[must_use]
     pub fn close(arms: &[usize], steps: u32) -> Self {

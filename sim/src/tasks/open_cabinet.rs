@@ -63,7 +63,7 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
 }
 
 /// Number of short straight moves that follow the handle's arc about the hinge.
-const N_ARC_MOVES: u32 = 30;
+const N_ARC_MOVES: u32 = 32;
 /// Distance of the hand behind the handle while it opens the door, in m.
 const PULL_BACK: f64 = 0.02;
 /// Angle by which the door is opened, in rad.

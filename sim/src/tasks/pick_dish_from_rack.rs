@@ -76,6 +76,11 @@ fn expert(scene: &Scene) -> Vec<Move> {
     // A quarter turn from the initial orientation.
     let candidates = [-Vector3::y(), Vector3::y()].map(|y| grasp::pose(&position, &-Vector3::z(), &y));
     let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
-    let [above, at] = waypoints(&tcp).map(|tcp| Move::straight(0, tcp));
-    vec![above, at, Move::close(&[0], 4), Move::Shift { by: Vector3::z() * LIFT }]
+    let [above, at] = waypoints(&tcp);
+    vec![
+        Move::straight(0, above),
+        Move::line(0, at),
+        Move::close(&[0], 4),
+        Move::Shift { by: Vector3::z() * LIFT },
+    ]
 }

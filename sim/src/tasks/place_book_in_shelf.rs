@@ -75,7 +75,7 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
 /// Depth of the book's spine between the fingers, in m.
 const GRASP_DEPTH: f64 = 0.025;
 /// Height above the pre-grasp pose at which the hand arrives, in m.
-const APPROACH_HEIGHT: f64 = 0.12;
+const APPROACH_HEIGHT: f64 = 0.05;
 /// Position (x, y) of the book's centre at release in the bookcase's frame, in m: in the middle between the
 /// wall and the leaning books, as deep as the hand can reach in front of the bookcase.
 const RELEASE: [f64; 2] = [-0.112, -0.052];
@@ -111,8 +111,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
             arm: 0,
             tcp: grasp::translated(&pre_grasp, &(Vector3::z() * APPROACH_HEIGHT)),
         }]),
-        Move::straight(0, pre_grasp),
-        Move::straight(0, at),
+        Move::line(0, at),
         Move::close_gently(6),
         Move::straight(0, grasp::retreated(&within, STANDOFF)),
         Move::straight(0, within),

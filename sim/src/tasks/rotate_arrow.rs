@@ -70,7 +70,7 @@ const HOLDS: [Hold; 6] = [
     Hold { x: 0.05, pivot_x: 0.05, grips: true },
 ];
 /// Total rotation, in rad.
-const TURN: f64 = 2.85;
+const TURN: f64 = 2.95;
 /// Number of moves, each ending in a stop, into which the rotation is split.
 const N_MOVES: u32 = 12;
 /// Half of the gap between the open fingers, in m.

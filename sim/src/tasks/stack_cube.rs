@@ -73,7 +73,7 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 const LEANS: [f64; 6] = [0.0, 0.25, 0.5, 0.75, 0.95, 1.15];
 /// Distance between the cubes below which the fingers must descend on the sides of the red cube that face
 /// away from the green one, in m.
-const NEAR: f64 = 0.1;
+const NEAR: f64 = 0.075;
 /// Control steps by which a plan may exceed the episode, since the red cube comes to rest before the plan
 /// ends.
 const SPARE_STEPS: u32 = 5;

@@ -253,7 +253,17 @@ pub(in crate::tasks) fn carry(scene: &Scene, tcp: &Isometry3<f64>, offset: &Vect
     let leaning = |tcp| LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, &tcp, lean));
     let candidates: Vec<_> = [*tcp, tcp * half_turn].into_iter().flat_map(leaning).collect();
     let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
-    let [before, at, raised, over, there, after] =
-        waypoints(&tcp).map(|tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]));
-    vec![before, at, Move::close(&[0], 6), raised, over, there, Move::open(&[0], 6), after]
+    let [before, at, raised, over, there, after] = waypoints(&tcp);
+    let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
+    let line = |tcp| Move::line(0, tcp);
+    vec![
+        joint(before),
+        line(at),
+        Move::close(&[0], 6),
+        joint(raised),
+        joint(over),
+        line(there),
+        Move::open(&[0], 6),
+        line(after),
+    ]
 }
