@@ -1,6 +1,6 @@
 //! Properties of every task of the suite under every perturbation that applies to it.
 
-use ipc_types::ControlMode;
+use ipc_types::{ControlMode, Morphology};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use rayon::prelude::*;
 use sim::expert::Expert;
@@ -193,6 +193,30 @@ fn run_expert(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Opt
     succeeds.then(|| expert.n_steps())
 }
 
+/// Maximum relative difference between the mean number of steps of nominal plans and of the original's
+/// demonstrations. The duration of a single arm's plan follows from the original's planner.
+const fn max_duration_error(morphology: Morphology) -> f64 {
+    match morphology {
+        Morphology::Single => 0.03,
+        Morphology::Bimanual => 0.35,
+    }
+}
+
+#[test]
+fn nominal_plans_last_as_long_as_demonstrations() {
+    let n_episodes = 60_u32;
+    TaskId::ALL.into_par_iter().for_each(|&task| {
+        let n_steps = |episode_idx: u32| {
+            let scene = draw(task, Perturbation::None, episode_idx);
+            Some(Expert::new(&scene, &(task.task().expert)(&scene)).ok()?.n_steps())
+        };
+        let plans: Vec<usize> = (0..n_episodes).into_par_iter().filter_map(n_steps).collect();
+        let length = plans.iter().sum::<usize>() as f64 / plans.len() as f64 / task.task().demo_steps;
+        let limit = max_duration_error(task.task().morphology);
+        assert!((length - 1.0).abs() < limit, "{}: {length} of the demonstrations' length", task.name());
+    });
+}
+
 #[test]
 fn expert_succeeds_in_about_the_demonstrations_time() {
     let n_episodes = 8_u32;
@@ -244,7 +268,7 @@ fn every_cell_builds_a_valid_world() {
 #[test]
 fn suite_is_complete() {
     let of = |morphology| TaskId::ALL.iter().filter(|id| id.task().morphology == morphology).count();
-    let [single, bimanual] = ipc_types::Morphology::ALL.map(of);
+    let [single, bimanual] = Morphology::ALL.map(of);
     assert_eq!((single, bimanual), (16, 12));
     let mut env_ids: Vec<_> = TaskId::ALL.iter().map(|id| id.task().env_id).collect();
     env_ids.sort_unstable();
@@ -254,9 +278,5 @@ fn suite_is_complete() {
         let of = TaskId::ALL.iter().filter(|id| id.task().morphology == morphology);
         of.map(|id| id.task().max_steps).sum::<u32>()
     };
-    assert_eq!(
-        ipc_types::Morphology::ALL.map(steps),
-        [4327, 2153],
-        "sums of horizons (docs/benchmark.md, \"Tasks\")"
-    );
+    assert_eq!(Morphology::ALL.map(steps), [4327, 2153], "sums of horizons (docs/benchmark.md, \"Tasks\")");
 }
