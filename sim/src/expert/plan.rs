@@ -164,7 +164,7 @@ impl Planner<'_> {
                         t: 1.0,
                     })?;
                 }
-                self.follow(&[self.config.clone(), goal], self.limits[1]);
+                self.follow(&[self.config.clone(), goal], self.limits[1])?;
             }
             Move::Grip { arms, command, steps } => {
                 for arm in arms {
@@ -186,7 +186,7 @@ impl Planner<'_> {
         match screw::path(&target, &self.config.0[0]) {
             Some(path) => {
                 let path: Vec<_> = path.into_iter().map(|joints| Configuration(vec![joints])).collect();
-                self.follow(&path, self.limits[0]);
+                self.follow(&path, self.limits[0])?;
                 Ok(())
             }
             None => self.follow_line(&[vec![TcpGoal { arm: 0, tcp: *tcp }]]),
@@ -205,7 +205,7 @@ impl Planner<'_> {
         for goals in waypoints {
             path = self.line(path, goals)?;
         }
-        self.follow(&path, self.limits[0]);
+        self.follow(&path, self.limits[0])?;
         Ok(())
     }
 
@@ -238,11 +238,13 @@ impl Planner<'_> {
         self.scene.robots[arm].base * kinematics::tcp(&config.0[arm])
     }
 
-    fn follow(&mut self, path: &[Configuration], limits: MotionLimits) {
+    fn follow(&mut self, path: &[Configuration], limits: MotionLimits) -> Result<(), Unreachable> {
         let dt = 1.0 / CONTROL_HZ;
         let samples = if self.arm.is_some() {
             let spline = Spline::through(path.iter().map(|config| config.0[0]).collect());
-            let samples = time_optimal(&spline, limits, dt);
+            let end = &path[path.len() - 1];
+            let unreachable = || Unreachable { arm: 0, tcp: self.tcp(end, 0), t: 1.0 };
+            let samples = time_optimal(&spline, limits, dt).ok_or_else(unreachable)?;
             samples.into_iter().map(|joints| Configuration(vec![joints])).collect()
         } else {
             time_parametrise(path, limits, dt)
@@ -251,6 +253,7 @@ impl Planner<'_> {
             self.config = config;
             self.push_row();
         }
+        Ok(())
     }
 
     fn hold(&mut self, steps: u32) {

@@ -7,16 +7,19 @@ use crate::robot::panda::N_JOINTS;
 
 /// Number of intervals into which [`time_optimal`] divides a path.
 const N_INTERVALS: usize = 128;
+/// Maximum duration of a motion in s, longer than any episode. Near a singularity the speed may tend to zero.
+const MAX_DURATION_S: f64 = 60.0;
 /// Slope below which a joint's acceleration does not depend on the acceleration along the path.
 const MIN_SLOPE: f64 = 1e-9;
 
 /// Samples the fastest motion along a path about once every `dt` seconds. As in the original, the samples
 /// include start and end, and their number is the duration divided by `dt`, rounded down: the motion is
-/// executed slightly faster than it was planned. A motion that takes less than `dt` has no samples.
+/// executed slightly faster than it was planned. A motion that takes less than `dt` has no samples. Returns `None`
+/// for one that takes longer than an episode.
 ///
 /// The speeds follow from reachability analysis: Pham and Pham, "A New Approach to Time-Optimal Path
 /// Parameterization Based on Reachability Analysis" (2018).
-pub(super) fn time_optimal(path: &Spline, limits: MotionLimits, dt: f64) -> Vec<Joints> {
+pub(super) fn time_optimal(path: &Spline, limits: MotionLimits, dt: f64) -> Option<Vec<Joints>> {
     let grid = Grid::new(path, limits);
     let mut max_squares = vec![0.0; N_INTERVALS + 1];
     for i in (0..N_INTERVALS).rev() {
@@ -32,16 +35,19 @@ pub(super) fn time_optimal(path: &Spline, limits: MotionLimits, dt: f64) -> Vec<
         let (time, speed) = knots[i];
         let next_speed = next.sqrt();
         if speed + next_speed <= 0.0 {
-            return Vec::new();
+            return None;
         }
         accelerations.push((next - square) / (2.0 * grid.step));
         knots.push((time + 2.0 * grid.step / (speed + next_speed), next_speed));
         square = next;
     }
     let (duration, _) = knots[N_INTERVALS];
+    if duration > MAX_DURATION_S {
+        return None;
+    }
     let n_samples = (duration / dt) as usize;
     let mut i = 0;
-    (0..n_samples)
+    let samples = (0..n_samples)
         .map(|sample| {
             let time = duration * sample as f64 / (n_samples - 1).max(1) as f64;
             while i + 1 < N_INTERVALS && knots[i + 1].0 <= time {
@@ -51,7 +57,8 @@ pub(super) fn time_optimal(path: &Spline, limits: MotionLimits, dt: f64) -> Vec<
             let t = time - start;
             path.at(i as f64 * grid.step + speed * t + 0.5 * accelerations[i] * t * t)
         })
-        .collect()
+        .collect();
+    Some(samples)
 }
 
 /// A path divided into equal intervals.

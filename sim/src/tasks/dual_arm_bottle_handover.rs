@@ -6,10 +6,9 @@ use core::f64::consts::FRAC_PI_2;
 use ipc_types::Morphology;
 use nalgebra::{Isometry3, Vector3};
 
-use super::common::bimanual_plan::BimanualPlan;
 use super::common::bottle::{self, BOTTLE_RADIUS};
 use super::common::{ExternalCameras, bimanual, region};
-use crate::expert::{Move, first_feasible, grasp};
+use crate::expert::{Move, both_arms, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
@@ -53,12 +52,6 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
 const GRASPS_Y: [[f64; 2]; 3] = [[0.03, -0.005], [0.12, 0.085], [0.19, 0.11]];
 /// World position of the first arm's TCP at the handover, in m.
 const HANDOVER: Vector3<f64> = Vector3::new(-0.333, 0.04, 1.5);
-/// World y of the first and the second TCP before the handover, and of the second after it, in m.
-const BEFORE_Y: [f64; 2] = [-0.1, 0.1];
-const AFTER_Y: f64 = 0.2;
-/// Distance of the pre-grasp behind the bottle, and its position beside and above that, in m.
-const PRE_GRASP_BEHIND: f64 = 0.12;
-const PRE_GRASP_BESIDE: Vector3<f64> = Vector3::new(0.05, 0.0, 0.125);
 
 /// Candidate rotations of the first hand about the bottle in rad, outwards, for bottles that are out of reach
 /// at 0 or too wide there.
@@ -81,34 +74,35 @@ fn expert(scene: &Scene) -> Vec<Move> {
     };
     let mut yaws = YAWS;
     yaws.sort_by(|a, b| half_width(a).total_cmp(&half_width(b)));
+    let waypoints =
+        |tcp: &Isometry3<f64>| [grasp::translated(&grasp::retreated(tcp, 0.1), &(Vector3::z() * 0.15)), *tcp];
     let plans = GRASPS_Y.iter().flat_map(|[first_y, second_y]| {
         let [first, second] =
             [grasp_pose(0, *first_y, &Vector3::y()), grasp_pose(1, *second_y, &-Vector3::y())];
         yaws.map(|yaw| {
             let approach = Vector3::new(libm::sin(yaw), libm::cos(yaw), 0.0);
-            hand_over(scene, &grasp_pose(0, *first_y, &approach), [first, second])
+            hand_over(waypoints(&grasp_pose(0, *first_y, &approach)), [first, second])
         })
     });
     first_feasible(scene, TASK.max_steps, plans)
 }
 
-/// Plans to grasp the bottle at `tcp` and to bring it to the handover. There the hands have the positions
-/// relative to each other that they have in `grasps`.
-fn hand_over(scene: &Scene, tcp: &Isometry3<f64>, grasps: [Isometry3<f64>; 2]) -> Vec<Move> {
+/// Plans to grasp the bottle through two waypoints and to bring it to the handover. There the hands have the
+/// positions relative to each other that they have in `grasps`.
+fn hand_over([pre_grasp, grasp]: [Isometry3<f64>; 2], grasps: [Isometry3<f64>; 2]) -> Vec<Move> {
     let carry = HANDOVER - grasps[0].translation.vector;
-    let pre_grasp = grasp::translated(&grasp::retreated(tcp, PRE_GRASP_BEHIND), &PRE_GRASP_BESIDE);
-    let meeting = grasps.map(|tcp| grasp::translated(&tcp, &carry));
-    let before = [0, 1].map(|arm| grasp::translated(&meeting[arm], &(Vector3::y() * (BEFORE_Y[arm] - HANDOVER.y))));
-    BimanualPlan::new(scene)
-        .screw_one(0, pre_grasp)
-        .screw_one(0, *tcp)
-        .hold(2)
-        .close(0, 4)
-        .joint(before)
-        // The benchmark's arms move at the same speed, and the first to arrive hardly slows the other one.
-        .meet(meeting)
-        .close(1, 5)
-        .open(0, 5)
-        .screw_one(1, grasp::translated(&meeting[1], &(Vector3::y() * (AFTER_Y - HANDOVER.y))))
-        .into_moves()
+    let apart = |distance_m: f64| {
+        both_arms(grasps.map(|tcp| grasp::retreated(&grasp::translated(&tcp, &carry), distance_m)))
+    };
+    vec![
+        Move::straight(0, pre_grasp),
+        Move::straight(0, grasp),
+        Move::Hold { steps: 2 },
+        Move::close(&[0], 4),
+        Move::Joint(apart(0.12)),
+        Move::Straight(apart(0.0)),
+        Move::close(&[1], 5),
+        Move::open(&[0], 5),
+        Move::straight(1, grasp::retreated(&grasp::translated(&grasps[1], &carry), 0.16)),
+    ]
 }

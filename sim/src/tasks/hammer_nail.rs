@@ -94,8 +94,8 @@ const GRASP_DEPTH: f64 = 0.015;
 const CARRY_HEIGHT: f64 = 0.10;
 /// Distance of the hammer's face from the nail's head at the start of the stroke, in m.
 const STROKE_START: f64 = 0.10;
-/// Distance by which the stroke continues beyond the goal, in m.
-const FOLLOW_THROUGH: f64 = 0.010;
+/// Distance beyond the middle of the nail at which the stroke would end if nothing were in the way, in m.
+const FOLLOW_THROUGH: f64 = 0.12;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let across = scene.body("hammer").resting_pose().rotation * Vector3::y();
@@ -120,7 +120,7 @@ fn strike(scene: &Scene, closing: &Vector3<f64>) -> Vec<Move> {
         Isometry3::from(Translation3::from(hammer_at)) * start.inverse() * tcp
     };
     let along_x = Isometry3::from_parts(raised.translation, in_front(0.0).rotation);
-    let stroke = DRIVEN_Y - FOLLOW_THROUGH - nail.pose.translation.y;
+    let stroke = -FOLLOW_THROUGH - NAIL_HALF_LENGTH;
     let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
     vec![
         Move::open(&[0], 6),

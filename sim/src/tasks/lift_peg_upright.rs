@@ -11,6 +11,7 @@ use super::common::{
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
+use crate::robot::control;
 use crate::scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
@@ -101,12 +102,16 @@ fn expert(scene: &Scene) -> Vec<Move> {
 fn stand_up(tcp: &Isometry3<f64>, scale: f64) -> Vec<Move> {
     let raised = |tcp: &Isometry3<f64>, by_m: f64| grasp::translated(tcp, &(Vector3::z() * by_m * scale));
     let lifted = raised(tcp, LIFT);
+    // The friction of the fingers holds the peg at the same angle if their force grows with the torque of its
+    // weight, with the fourth power of its scale. At scale 1, the fingers' target is the closed position.
+    let target = HALF[1] * (scale - scale * scale * scale * scale);
+    let command = control::gripper_command(target).max(-1.0) as f32;
     let leaning = lifted * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), TILT);
     vec![
         Move::Limit { per_joint: 0.75 },
         Move::straight(0, grasp::retreated(tcp, 0.05)),
         Move::straight(0, *tcp),
-        Move::close_gently(6),
+        Move::Grip { arms: vec![0], command, steps: 6 },
         Move::straight(0, lifted),
         Move::straight(0, leaning),
         Move::straight(0, raised(&leaning, -LOWER)),

@@ -72,7 +72,7 @@ const HOLDS: [Hold; 6] = [
 /// Total rotation, in rad.
 const TURN: f64 = 2.95;
 /// Number of moves, each ending in a stop, into which the rotation is split.
-const N_MOVES: u32 = 12;
+const N_MOVES: u32 = 13;
 /// Half of the gap between the open fingers, in m.
 const HALF_GAP: f64 = 0.04;
 /// Clearance of the fingertips above the table, in m.
@@ -107,10 +107,10 @@ fn turn_arrow(scene: &Scene, hold: Hold, turn: f64, closing: &Vector3<f64>) -> V
     };
     let mut moves = vec![
         Move::Limit { per_joint: 0.75 },
-        Move::straight(0, grasp::retreated(&straddling, 0.05)),
-        Move::straight(0, straddling),
+        Move::line(0, grasp::retreated(&straddling, 0.05)),
+        Move::line(0, straddling),
     ];
-    moves.push(if hold.grips { Move::close(&[0], 6) } else { Move::straight(0, start) });
-    moves.extend((1..=N_MOVES).map(|i| Move::straight(0, turned(turn * f64::from(i) / f64::from(N_MOVES)))));
+    moves.push(if hold.grips { Move::close(&[0], 6) } else { Move::line(0, start) });
+    moves.extend((1..=N_MOVES).map(|i| Move::line(0, turned(turn * f64::from(i) / f64::from(N_MOVES)))));
     moves
 }
