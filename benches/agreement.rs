@@ -4,11 +4,12 @@
 //! Every JSON file of the folder is a trajectory with a recorded motion (docs/trajectories.md;
 //! `python/convert_recordings.py` converts recordings). Its actions are executed from its start, and
 //! compared with what was recorded: success under either profile, at any time and at the end (of those that
-//! were recorded to succeed at the end), the number of steps by which the first success comes later, distances of the TCPs, of the arm joints and of the fingers over all steps, and
-//! of the bodies at the end. Files are grouped by name, without the part after the last dot of the stem;
-//! `--each yes` lists them one by one. `--shifted N` also executes every trajectory from N starts whose
-//! bodies are moved by up to 0.3 mm: where single outcomes hang on fractions of a millimetre, the share of
-//! these that succeed says more about the physics.
+//! were recorded to succeed at the end), the number of steps by which the first success comes later,
+//! distances of the TCPs, of the arm joints and of the fingers over all steps, and of the bodies at the
+//! end. Files are grouped by name, without the part after the last dot of the stem; `--each yes` lists
+//! them one by one. `--shifted N` also executes every trajectory from N starts whose bodies are moved by
+//! up to 0.3 mm: where single outcomes hang on fractions of a millimetre, the share of these that succeed
+//! says more about the physics.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 
@@ -99,8 +100,8 @@ fn with(parameters: &Parameters, assignment: &str) -> Result<Parameters> {
 struct ReplayDeviation {
     name: String,
     /// Success of ours under each profile, and as recorded.
-    ours: [Outcome; 2],
-    recorded: Outcome,
+    ours: [ReplayOutcome; 2],
+    recorded: ReplayOutcome,
     /// Distances after each step and arm (or after each step, arm and joint), in m or rad.
     tcp: Vec<f64>,
     joints: Vec<f64>,
@@ -108,17 +109,17 @@ struct ReplayDeviation {
     /// Distance of each movable body at the end, in m.
     bodies: Vec<f64>,
     /// Successes from shifted starts.
-    shifted: Vec<Outcome>,
+    shifted: Vec<ReplayOutcome>,
 }
 
 /// Success of one motion.
 #[derive(Clone, Copy, Default)]
-struct Outcome {
+struct ReplayOutcome {
     first_success_step: Option<u32>,
     at_end: bool,
 }
 
-impl Outcome {
+impl ReplayOutcome {
     fn add(&mut self, step: u32, succeeds: bool) {
         self.at_end = succeeds;
         if succeeds {
@@ -148,8 +149,8 @@ impl ReplayDeviation {
         );
         let mut result = Self {
             name: name.to_owned(),
-            ours: [Outcome::default(), outcome(&paper, &actions, parameters)],
-            recorded: Outcome {
+            ours: [ReplayOutcome::default(), outcome(&paper, &actions, parameters)],
+            recorded: ReplayOutcome {
                 first_success_step: recorded.first_success_step,
                 at_end: recorded.success_at_end.unwrap_or(true),
             },
@@ -210,9 +211,9 @@ fn shifted(file: &TrajectoryFile, name: &str, idx: u64) -> TrajectoryFile {
     file
 }
 
-fn outcome(start: &Start, actions: &[f32], parameters: &Parameters) -> Outcome {
+fn outcome(start: &Start, actions: &[f32], parameters: &Parameters) -> ReplayOutcome {
     let mut replay = Replay::new(start, parameters);
-    let mut outcome = Outcome::default();
+    let mut outcome = ReplayOutcome::default();
     for (step, row) in (1..).zip(actions.chunks_exact(start.action_dim())) {
         replay.step(row);
         outcome.add(step, replay.unmet().is_none());
@@ -222,7 +223,7 @@ fn outcome(start: &Start, actions: &[f32], parameters: &Parameters) -> Outcome {
 
 /// Returns the figures of a group of trajectories: name, value, unit.
 fn figures(members: &[&ReplayDeviation]) -> Vec<(&'static str, f64, &'static str)> {
-    let once: fn(&Outcome) -> bool = |outcome| outcome.first_success_step.is_some();
+    let once: fn(&ReplayOutcome) -> bool = |outcome| outcome.first_success_step.is_some();
     let end_in_success = || members.iter().filter(|it| it.recorded.at_end);
     let successes = |profile: usize| members.iter().filter(|it| once(&it.ours[profile])).count() as f64;
     let at_end = |profile: usize| end_in_success().filter(|it| it.ours[profile].at_end).count() as f64;

@@ -1,9 +1,9 @@
 //! Cost of a control step: the world of each task, idle and driven by its expert, on one thread and on two.
 //!
-//! `cargo bench -p benches --bench physics -- [--csv FILE]`. A control step consists of five or ten physics steps,
-//! the controller and the success predicates. World construction and planning are reported separately. Worlds
-//! are distributed evenly over the threads; the fastest of several rounds after warm-up is reported. Takes a
-//! few minutes.
+//! `cargo bench -p benches --bench physics -- [--csv FILE]`. A control step consists of five or ten
+//! physics steps, the controller and the success predicates. World construction and planning are reported
+//! separately. Worlds are distributed evenly over the threads; the fastest of several rounds after warm-up
+//! is reported. Takes a few minutes.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 

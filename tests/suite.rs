@@ -198,7 +198,7 @@ fn run_expert(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Opt
 const fn max_duration_error(morphology: Morphology) -> f64 {
     match morphology {
         Morphology::Single => 0.06,
-        Morphology::Bimanual => 0.18,
+        Morphology::Bimanual => 0.2,
     }
 }
 

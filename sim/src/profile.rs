@@ -15,9 +15,9 @@ pub trait ProfileRules {
     /// them from the air wherever they fall, even onto the manipulated object or the hand.
     fn distractor_placement(self) -> DistractorPlacement;
 
-    /// Returns `true` if bodies start clear of one another and of the arms, and at rest where a drop could end
-    /// on another body. The released code draws every body from the whole of its region, so that bodies may
-    /// start inside others.
+    /// Returns `true` if bodies start clear of one another and of the arms, and at rest where a drop could
+    /// end on another body. The released code draws every body from the whole of its region, so that
+    /// bodies may start inside others.
     fn separates_starts(self) -> bool;
 
     /// Returns `true` if Pose-Randomization widens every range that is a single value. In the released code,
@@ -36,8 +36,8 @@ pub trait ProfileRules {
     /// position behind the entry of the hole succeeds, if it is in line with the hole.
     fn bounds_insertion(self) -> bool;
 
-    /// Returns `true` if a peg is upright by its third Euler angle alone, as in the released code: it may lean
-    /// to the side, up to the limit on its height. Otherwise its axis must be vertical.
+    /// Returns `true` if a peg is upright by its third Euler angle alone, as in the released code: it may
+    /// lean to the side, up to the limit on its height. Otherwise its axis must be vertical.
     fn judges_third_euler_angle(self) -> bool;
 
     /// Returns `true` if a rotated arrow has to point away from the world's x axis, as in the released code,

@@ -10,8 +10,8 @@ use sim::physics::{BodyState, Parameters, WorldState};
 use sim::trajectory::{Replay, Start, TrajectoryFile, read_actions};
 
 /// Environment, recordings that must succeed at any time and at the end, and the maximum mean distance of the
-/// TCPs in mm. RotateArrow counts as in the released code. All recordings but one of `DualArmStack3Cube` end in
-/// success in the original.
+/// TCPs in mm. RotateArrow counts as in the released code. All recordings but one of `DualArmStack3Cube`
+/// end in success in the original.
 const EXPECTED: [(&str, [usize; 2], f64); 17] = [
     ("DualArmLiftPot-v1", [3, 3], 0.6),
     ("DualArmLiftTray-v1", [3, 3], 0.9),
@@ -41,8 +41,8 @@ fn recordings() -> Vec<PathBuf> {
     files
 }
 
-/// Executes a recording. Returns whether it succeeded at any time and at the end, and the mean distance of the
-/// TCPs in mm.
+/// Executes a recording. Returns whether it succeeded at any time and at the end, and the mean distance of
+/// the TCPs in mm.
 fn execute(path: &Path) -> ([bool; 2], f64) {
     let mut file = TrajectoryFile::read(path).unwrap();
     let recorded = file.recorded.take().unwrap();

@@ -53,8 +53,8 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Records an expert episode in the given control mode. The episode ends with the plan, which goes on after
-    /// the first success, or at the step limit.
+    /// Records an expert episode in the given control mode. The episode ends with the plan, which goes on
+    /// after the first success, or at the step limit.
     ///
     /// # Errors
     /// If the expert has no plan, the simulation diverges, or plans cannot be converted to the control mode.

@@ -42,9 +42,9 @@ pub fn both_arms([first, second]: [Isometry3<f64>; 2]) -> Vec<TcpGoal> {
 /// command.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Move {
-    /// Moves TCPs along straight lines with uniform rotation. All arms start and arrive together. A single arm
-    /// moves along a screw instead, as the original's planner integrates it: it ends up to a centimetre away
-    /// from its goal.
+    /// Moves TCPs along straight lines with uniform rotation. All arms start and arrive together. A single
+    /// arm moves along a screw instead, as the original's planner integrates it: it ends up to a
+    /// centimetre away from its goal.
     Straight(Vec<TcpGoal>),
     /// Like `Straight`, for a single arm that holds a body.
     Carry {
@@ -69,8 +69,8 @@ pub enum Move {
         /// Number of control steps.
         steps: u32,
     },
-    /// Repeats the last `Straight`, `Carry` or `Correct` move with a goal that is displaced by the distance from
-    /// the held body to its pose `to`.
+    /// Repeats the last `Straight`, `Carry` or `Correct` move with a goal that is displaced by the
+    /// distance from the held body to its pose `to`.
     Correct {
         /// Pose of the body before it was grasped.
         from: Isometry3<f64>,

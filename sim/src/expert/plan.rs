@@ -156,7 +156,8 @@ impl Planner<'_> {
                 for TcpGoal { arm, tcp } in goals {
                     let target = self.scene.robots[*arm].base.inverse() * tcp;
                     let from = &self.config.0[*arm];
-                    // Like the original's, a single arm's solution comes from the current positions if possible.
+                    // Like the original's, a single arm's solution comes from the current positions if
+                    // possible.
                     let near = self.arm.as_ref().and_then(|_| ik::iterate(&target, from));
                     goal.0[*arm] = near.or_else(|| ik::solve(&target, from)).ok_or(Unreachable {
                         arm: *arm,

@@ -14,13 +14,13 @@ const MIN_SLOPE: f64 = 1e-9;
 
 /// Samples the fastest motion along a path about once every `dt` seconds. As in the original, the samples
 /// include start and end, and their number is the duration divided by `dt`, rounded down: the motion is
-/// executed slightly faster than it was planned. A motion that takes less than `dt` has no samples. Returns `None`
-/// for one that takes longer than an episode.
+/// executed slightly faster than it was planned. A motion that takes less than `dt` has no samples.
+/// Returns `None` for one that takes longer than an episode.
 ///
 /// The speeds follow from reachability analysis: Pham and Pham, "A New Approach to Time-Optimal Path
 /// Parameterization Based on Reachability Analysis" (2018).
 pub(super) fn time_optimal(path: &Spline, limits: MotionLimits, dt: f64) -> Option<Vec<Joints>> {
-    let grid = Grid::new(path, limits);
+    let grid = PathGrid::new(path, limits);
     let mut max_squares = vec![0.0; N_INTERVALS + 1];
     for i in (0..N_INTERVALS).rev() {
         max_squares[i] = grid.max_square_speed(i, max_squares[i + 1]);
@@ -62,7 +62,7 @@ pub(super) fn time_optimal(path: &Spline, limits: MotionLimits, dt: f64) -> Opti
 }
 
 /// A path divided into equal intervals.
-struct Grid {
+struct PathGrid {
     limits: MotionLimits,
     /// Length of an interval in the path's parameter.
     step: f64,
@@ -71,9 +71,9 @@ struct Grid {
 }
 
 /// A bound on the acceleration along the path and its derivative with respect to the squared speed.
-type Bound = (f64, f64);
+type AccelerationBound = (f64, f64);
 
-impl Grid {
+impl PathGrid {
     fn new(path: &Spline, limits: MotionLimits) -> Self {
         let step = path.end() / N_INTERVALS as f64;
         let derivatives = (0..=N_INTERVALS).map(|i| path.derivatives(i as f64 * step)).collect();
@@ -106,7 +106,7 @@ impl Grid {
 
     /// Returns the lower and upper bound on the acceleration in an interval that starts with a squared speed
     /// and ends with one of at most `next_max`.
-    fn acceleration_bounds(&self, i: usize, square: f64, next_max: f64) -> [Bound; 2] {
+    fn acceleration_bounds(&self, i: usize, square: f64, next_max: f64) -> [AccelerationBound; 2] {
         let twice = 2.0 * self.step;
         let mut lower = (-square / twice, -1.0 / twice);
         let mut upper = ((next_max - square) / twice, -1.0 / twice);

@@ -262,8 +262,8 @@ impl Arm {
 
     /// Completes a physics step. The implicit substeps end at their mean velocity, the drives at another one.
     /// No joint stays faster than [`MAX_JOINT_SPEED`]: rapier integrates Coriolis forces explicitly, which
-    /// diverges from there on. No joint stays beyond its limit: what rapier's iterations leave of a violation,
-    /// and a step in which a contact pushes a joint into its limit, is corrected here.
+    /// diverges from there on. No joint stays beyond its limit: what rapier's iterations leave of a
+    /// violation, and a step in which a contact pushes a joint into its limit, is corrected here.
     pub(super) fn finish_step(&self, world: &mut PhysicsWorld) {
         let qpos = self.qpos(world);
         let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);

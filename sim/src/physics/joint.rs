@@ -7,8 +7,9 @@ use rapier3d::dynamics::{GenericJointBuilder, JointAxesMask, JointAxis};
 use super::convert::to_pose;
 use crate::scene::JointKind;
 
-/// Builds a joint that slides along or rotates about `direction` of the child's frame. `origin` is the pose of the
-/// joint in the parent's frame, `limits` are its minimum and maximum position in m or rad, if it has any.
+/// Builds a joint that slides along or rotates about `direction` of the child's frame. `origin` is the
+/// pose of the joint in the parent's frame, `limits` are its minimum and maximum position in m or rad, if
+/// it has any.
 ///
 /// # Panics
 /// If the direction is −x.

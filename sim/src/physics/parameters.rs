@@ -18,9 +18,9 @@ pub struct Parameters {
     /// Normal force of a finger's contact up to which its friction is that of a weak grip, in N. From 1.5
     /// times this force on it is [`Self::finger_friction`].
     pub weak_grip_n: f32,
-    /// Friction coefficient of a finger in a weak grip under which a body spins: its value at 0 rad/s, and the
-    /// increase per rad/s. The original lets a weakly held body turn slowly, whereas under Coulomb friction it
-    /// either sticks or swings.
+    /// Friction coefficient of a finger in a weak grip under which a body spins: its value at 0 rad/s, and
+    /// the increase per rad/s. The original lets a weakly held body turn slowly, whereas under Coulomb
+    /// friction it either sticks or swings.
     pub weak_grip_friction: [f32; 2],
     /// Spin below which the coefficient of a weak grip returns to [`Self::finger_friction`], in rad/s.
     pub stick_spin: f32,

@@ -106,7 +106,6 @@ fn expert(scene: &Scene) -> Vec<Move> {
 /// Plans to grasp the hammer's handle, turn it to lie along x in front of the nail and strike.
 fn strike(scene: &Scene, closing: &Vector3<f64>) -> Vec<Move> {
     let (hammer, nail) = (scene.body("hammer"), scene.body("nail"));
-    let start = hammer.resting_pose();
     let position = hammer.point([GRASP_X, 0.0, HAMMER_HALF_THICKNESS]) - Vector3::z() * GRASP_DEPTH;
     let tcp = grasp::pose(&position.coords, &-Vector3::z(), closing);
     let height = nail.pose.translation.z + CARRY_HEIGHT - tcp.translation.z;
@@ -117,10 +116,9 @@ fn strike(scene: &Scene, closing: &Vector3<f64>) -> Vec<Move> {
         let [face_x, face_y] = HAMMER_FACE.map(|x| x * hammer.scale.x);
         let nail_head = nail.pose.translation.vector + Vector3::y() * NAIL_HALF_LENGTH;
         let hammer_at = nail_head + Vector3::new(-face_x, distance_m - face_y, 0.0);
-        Isometry3::from(Translation3::from(hammer_at)) * start.inverse() * tcp
+        Isometry3::from(Translation3::from(hammer_at)) * hammer.resting_pose().inverse() * tcp
     };
     let along_x = Isometry3::from_parts(raised.translation, in_front(0.0).rotation);
-    let stroke = -FOLLOW_THROUGH - NAIL_HALF_LENGTH;
     let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
     vec![
         Move::open(&[0], 6),
@@ -130,7 +128,7 @@ fn strike(scene: &Scene, closing: &Vector3<f64>) -> Vec<Move> {
         joint(raised),
         joint(along_x),
         joint(in_front(STROKE_START)),
-        Move::straight(0, in_front(stroke)),
+        Move::straight(0, in_front(-FOLLOW_THROUGH - NAIL_HALF_LENGTH)),
         Move::straight(0, in_front(STROKE_START)),
         Move::open(&[0], 6),
     ]

@@ -16,14 +16,14 @@ const TOLERANCE: [f64; 2] = [5e-4, 1e-4];
 
 /// A motion that pushes joints into their limits.
 #[derive(Clone, Copy, Debug)]
-enum Motion {
+enum PushingMotion {
     /// Random commands.
     Random(ControlMode),
     /// Random commands that press the arm on the table, while the gripper opens and closes.
     Press(ControlMode),
 }
 
-impl Motion {
+impl PushingMotion {
     const ALL: [Self; 4] = [
         Self::Random(ControlMode::JointPos),
         Self::Press(ControlMode::JointPos),
@@ -54,7 +54,7 @@ impl Motion {
 }
 
 /// Returns the largest distance of an arm joint (rad) and of a finger (m) beyond a limit during a motion.
-fn max_excess(task: TaskId, motion: Motion) -> [f64; 2] {
+fn max_excess(task: TaskId, motion: PushingMotion) -> [f64; 2] {
     let scene = common::draw(task, Perturbation::None, 1);
     let mut world = World::build(&scene, motion.mode());
     let mut row = common::zeros(&scene, motion.mode());
@@ -80,8 +80,8 @@ fn max_excess(task: TaskId, motion: Motion) -> [f64; 2] {
 
 #[test]
 fn joints_stay_within_their_limits() {
-    let cases = TaskId::ALL.iter().flat_map(|task| Motion::ALL.map(|motion| (*task, motion)));
-    let cases: Vec<(TaskId, Motion)> = cases
+    let cases = TaskId::ALL.iter().flat_map(|task| PushingMotion::ALL.map(|motion| (*task, motion)));
+    let cases: Vec<(TaskId, PushingMotion)> = cases
         .filter(|(task, motion)| {
             task.task().morphology == Morphology::Single || motion.mode() == ControlMode::JointPos
         })

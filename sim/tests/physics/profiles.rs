@@ -55,7 +55,10 @@ fn scaled_peg_is_judged_by_its_own_length() {
             let scale = scene.bodies[peg].scale.x;
             let upright = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -core::f64::consts::FRAC_PI_2);
             let z = 0.12 * if nominal { 1.0 } else { scale };
-            scene.bodies[peg].pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, z), upright);
+            scene.bodies[peg].pose = Isometry3::from_parts(
+                Translation3::new(0.0, 0.0, z),
+                upright * scene.bodies[peg].pose.rotation,
+            );
         })
     };
     assert_eq!(stand(false), STRICT_ONLY);
