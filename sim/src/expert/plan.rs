@@ -187,8 +187,7 @@ impl Planner<'_> {
         match screw::path(&target, &self.config.0[0]) {
             Some(path) => {
                 let path: Vec<_> = path.into_iter().map(|joints| Configuration(vec![joints])).collect();
-                self.follow(&path, self.limits[0])?;
-                Ok(())
+                self.follow(&path, self.limits[0])
             }
             None => self.follow_line(&[vec![TcpGoal { arm: 0, tcp: *tcp }]]),
         }
@@ -206,8 +205,7 @@ impl Planner<'_> {
         for goals in waypoints {
             path = self.line(path, goals)?;
         }
-        self.follow(&path, self.limits[0])?;
-        Ok(())
+        self.follow(&path, self.limits[0])
     }
 
     /// Extends a path by configurations along straight TCP lines from its end. Each solution starts from the

@@ -80,8 +80,9 @@ fn plan_equals_a_recorded_demonstration() {
         expert.act(&world, &mut row);
         for (_, recorded) in actions.iter().filter(|(at, _)| *at == step) {
             let difference = row.iter().zip(recorded).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-            // The lift starts from joints that lag behind in the grip, which the planner does not predict.
-            assert!(difference < 8e-3, "step {step}: {row:?} instead of {recorded:?}");
+            // After the grip, the lift of this planner differs by up to 6 mrad.
+            let tolerance = if step >= 40 { 8e-3 } else { 2e-3 };
+            assert!(difference < tolerance, "step {step}: {row:?} instead of {recorded:?}");
         }
     }
 }
