@@ -79,6 +79,9 @@ fn success(scene: &Scene, _profile: Profile) -> Vec<Predicate> {
 
 /// Position of the hand relative to the banana at the two ends of the push, along x in m.
 const PUSH_X: [f64; 2] = [-0.07, -0.03];
+/// Position of the hand relative to the banana, along x in m, at which the dustpan's mouth is behind the
+/// banana.
+const BEHIND_X: f64 = -0.22;
 /// Candidate tilt angles of the dustpan, in rad. The later ones are for poses in which the arm cannot tilt
 /// further.
 const TILTS: [f64; 3] = [40.0 * PI / 180.0, 0.55, 0.4];
@@ -113,15 +116,20 @@ fn scoop(scene: &Scene, closing: &Vector3<f64>, tilt: f64) -> Vec<Move> {
         Isometry3::from_parts((under.translation.vector + Vector3::z() * LIFT).into(), tilted.rotation);
     let to = |tcp| Move::straight(0, tcp);
     let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
-    vec![
+    let mut moves = vec![
         Move::Limit { per_joint: 0.75 },
         to(grasp::retreated(&tcp, 0.15)),
         to(tcp),
         Move::close(&[0], 6),
-        to(before),
-        to(under),
-        Move::close(&[0], 6),
-        joint(tilted),
-        joint(lifted),
-    ]
+    ];
+    let offset = dustpan.resting_pose().inverse() * scene.body("banana").resting_pose();
+    // A dustpan beside the banana would push that sideways if it went straight to it.
+    if offset.translation.y.abs() > 1.2 * offset.translation.x {
+        let behind = pushed(BEHIND_X);
+        let back = grip.x.min(behind.translation.x);
+        let beside = Isometry3::from_parts(Translation3::new(back, grip.y, grip.z), tcp.rotation);
+        moves.extend([to(beside), to(behind)]);
+    }
+    moves.extend([to(before), to(under), Move::close(&[0], 6), joint(tilted), joint(lifted)]);
+    moves
 }
