@@ -194,12 +194,10 @@ fn run_expert(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Opt
 }
 
 /// Maximum relative difference between the mean number of steps of nominal plans and of the original's
-/// demonstrations. Some bimanual plans do not follow the original's (docs/differences.md).
-const fn max_duration_error(morphology: Morphology) -> f64 {
-    match morphology {
-        Morphology::Single => 0.06,
-        Morphology::Bimanual => 0.2,
-    }
+/// demonstrations. The means of 60 plans vary by up to 1 %. The original's hands turn by half a turn before they
+/// grasp pen and cap; ours do not (docs/differences.md).
+fn max_duration_error(task: TaskId) -> f64 {
+    if task.name() == "DualArmPenCap" { 0.18 } else { 0.05 }
 }
 
 #[test]
@@ -212,7 +210,7 @@ fn nominal_plans_last_as_long_as_demonstrations() {
         };
         let plans: Vec<usize> = (0..n_episodes).into_par_iter().filter_map(n_steps).collect();
         let length = plans.iter().sum::<usize>() as f64 / plans.len() as f64 / task.task().demo_steps;
-        let limit = max_duration_error(task.task().morphology);
+        let limit = max_duration_error(task);
         assert!((length - 1.0).abs() < limit, "{}: {length} of the demonstrations' length", task.name());
     });
 }

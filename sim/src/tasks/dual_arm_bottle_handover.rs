@@ -99,10 +99,10 @@ fn hand_over([pre_grasp, grasp]: [Isometry3<f64>; 2], grasps: [Isometry3<f64>; 2
         Move::straight(0, grasp),
         Move::Hold { steps: 2 },
         Move::close(&[0], 4),
-        Move::Joint(apart(0.12)),
+        Move::Joint(apart(0.1)),
         Move::Straight(apart(0.0)),
         Move::close(&[1], 5),
         Move::open(&[0], 5),
-        Move::straight(1, grasp::retreated(&grasp::translated(&grasps[1], &carry), 0.16)),
+        Move::straight(1, grasp::retreated(&grasp::translated(&grasps[1], &carry), 0.14)),
     ]
 }

@@ -58,9 +58,9 @@ const PEN_GRASPS: [f64; 3] = [0.05, 0.09, 0.13];
 /// Candidate lean angles of the hand, in rad.
 const LEANS: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, -0.3];
 /// World position at which the pen's tip is held, in m.
-const MEETING: Vector3<f64> = Vector3::new(-0.19, -0.12, 1.0);
+const MEETING: Vector3<f64> = Vector3::new(-0.171, -0.044, 1.0);
 /// Distance between the cap's opening and the pen's tip before insertion, in m.
-const STANDOFF: f64 = 0.15;
+const STANDOFF: f64 = 0.24;
 /// Insertion depth of the tip in m, a little more than the pen fits.
 const INSERTION_DEPTH: f64 = 0.06;
 /// Control steps for which the arms hold still before insertion.

@@ -78,9 +78,9 @@ const POUR_TILT: f64 = 1.5;
 /// Final tilt angle, with the pot upside down, in rad.
 const FINAL_TILT: f64 = 2.0 * PI / 2.05;
 /// Control steps in which the tomato settles in the lifted pot.
-const SETTLING_STEPS: u32 = 15;
+const SETTLING_STEPS: u32 = 19;
 /// Control steps in which the tomato rolls out of the tilted pot.
-const ROLLING_STEPS: u32 = 30;
+const ROLLING_STEPS: u32 = 34;
 
 fn expert(scene: &Scene) -> Vec<Move> {
     let grasps = pot::grasps(scene);

@@ -72,7 +72,7 @@ const LEANS: [f64; 3] = [0.0, 0.3, 0.6];
 /// Half-thickness of closed fingers along their closing direction, in m.
 const FINGER_HALF_THICKNESS: f64 = 0.012;
 /// Distance of the fingers from the box before they push, in m.
-const STANDOFF: f64 = 0.02;
+const STANDOFF: f64 = 0.04;
 /// Height of the TCPs above the table, in m.
 const TCP_HEIGHT: f64 = 0.03;
 
@@ -85,7 +85,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
     let (face, side) = (target_box.pose.rotation * Vector3::x(), target_box.pose.rotation * Vector3::y());
     let waypoints = |tcp: &Isometry3<f64>| {
         let away = grasp::translated(tcp, &(face * STANDOFF));
-        [grasp::translated(&away, &(Vector3::z() * 0.12)), away, grasp::translated(tcp, &forward)]
+        [grasp::translated(&away, &(Vector3::z() * 0.2)), away, grasp::translated(tcp, &forward)]
     };
     let hands = [0, 1].map(|arm| {
         let closing = grasp::closest_closing(face, &grasp::start_closing(scene, arm));

@@ -45,5 +45,5 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 }
 
 fn expert(scene: &Scene) -> Vec<Move> {
-    stacking::stack_two(scene, scene.body("red cube"), scene.body("green cube"))
+    stacking::stack_two(scene, scene.body("red cube"), scene.body("green cube")).0
 }

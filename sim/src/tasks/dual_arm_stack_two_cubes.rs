@@ -53,7 +53,8 @@ fn success(scene: &Scene, profile: Profile) -> Vec<Predicate> {
 fn expert(scene: &Scene) -> Vec<Move> {
     let [red, green, blue] = CUBES.map(|name| scene.body(name));
     let third = CubeTransfer::new(scene, 0, blue, 2.0 * stacking::HALF * (red.scale.x + green.scale.x));
-    let mut moves = stacking::stack_two(scene, red, green);
+    let (mut moves, second) = stacking::stack_two(scene, red, green);
+    moves.push(second.retreat());
     moves.push(Move::Straight(vec![TcpGoal { arm: 0, tcp: third.above }, stacking::parked(scene, 1)]));
     moves.extend([Move::straight(0, third.grasp), Move::close(&[0], 6)]);
     moves.extend([Move::Straight(vec![third.raised()]), third.carry(None)]);

@@ -87,7 +87,7 @@ const PULL_DISTANCE: f64 = PULL_STEP * N_PULLS as f64;
 const RAISE: Vector3<f64> = Vector3::new(0.0, -0.1, 0.4);
 /// Heights of the cube above the handle in m: while it is carried, and at release, with the hand still above
 /// the drawer's walls.
-const OVER_HANDLE: [f64; 2] = [0.25, 0.085];
+const OVER_HANDLE: [f64; 2] = [0.25, 0.075];
 /// Candidate displacements of the grasp from the benchmark's, towards the robot and up, in m. The later ones
 /// are for cubes that are out of reach.
 const GRASP_OFFSETS: [[f64; 2]; 3] = [[0.0, 0.0], [0.025, 0.015], [0.03, 0.025]];
@@ -143,7 +143,7 @@ fn expert(scene: &Scene) -> Vec<Move> {
             joint(carried),
             Move::line(0, release),
             Move::open(&[0], 6),
-            Move::straight(0, grasp::translated(&release, &(Vector3::z() * 0.15))),
+            Move::straight(0, grasp::retreated(&release, 0.24)),
             Move::Hold { steps: 5 },
         ]);
         moves

@@ -232,7 +232,7 @@ const LEANS: [f64; 3] = [0.0, 0.3, 0.6];
 /// Plans to grasp an object with the TCP at `tcp`, carry it by `offset` (m) and release it.
 pub(in crate::tasks) fn carry(scene: &Scene, tcp: &Isometry3<f64>, offset: &Vector3<f64>) -> Vec<Move> {
     /// Distance over which the hand approaches an object and retreats from it, in m.
-    const APPROACH: f64 = 0.1;
+    const APPROACH: f64 = 0.08;
     /// Height at which objects are carried, in m.
     const CARRY_Z: f64 = 0.25;
     let at_height =
@@ -253,17 +253,7 @@ pub(in crate::tasks) fn carry(scene: &Scene, tcp: &Isometry3<f64>, offset: &Vect
     let leaning = |tcp| LEANS.map(|lean| grasp::tilted_toward_base(scene, 0, &tcp, lean));
     let candidates: Vec<_> = [*tcp, tcp * half_turn].into_iter().flat_map(leaning).collect();
     let tcp = grasp::first_reachable(scene, 0, &candidates, waypoints);
-    let [before, at, raised, over, there, after] = waypoints(&tcp);
-    let joint = |tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]);
-    let line = |tcp| Move::line(0, tcp);
-    vec![
-        joint(before),
-        line(at),
-        Move::close(&[0], 6),
-        joint(raised),
-        joint(over),
-        line(there),
-        Move::open(&[0], 6),
-        line(after),
-    ]
+    let [before, at, raised, over, there, after] =
+        waypoints(&tcp).map(|tcp| Move::Joint(vec![TcpGoal { arm: 0, tcp }]));
+    vec![before, at, Move::close(&[0], 6), raised, over, there, Move::open(&[0], 6), after]
 }

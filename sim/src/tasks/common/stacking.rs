@@ -66,9 +66,9 @@ pub(in crate::tasks) struct CubeTransfer {
 /// Candidate lean angles of the hand, in rad.
 const LEANS: [f64; 5] = [0.0, 0.2, 0.4, 0.6, 0.8];
 /// Clearance at which a cube is carried over other objects, in m.
-const CLEARANCE: f64 = 0.08;
+const CLEARANCE: f64 = 0.06;
 /// Distance by which an arm holds its cube back while the other arm is at the goal, in m.
-const HOLD_BACK: f64 = 0.2;
+const HOLD_BACK: f64 = 0.1;
 
 impl CubeTransfer {
     /// Plans the transfer of a cube to a position where its lower face is `base_m` above the table.
@@ -114,20 +114,20 @@ impl CubeTransfer {
         Move::Straight(leaving.into_iter().chain([TcpGoal { arm: self.arm, tcp: self.over_goal }]).collect())
     }
 
-    /// Plans to release the cube on the goal and retreat from it.
-    pub(in crate::tasks) fn place(&self) -> [Move; 3] {
-        let Self { arm, release, .. } = self;
-        [
-            Move::straight(*arm, *release),
-            Move::open(&[*arm], 6),
-            Move::straight(*arm, grasp::retreated(release, CLEARANCE)),
-        ]
+    /// Plans to release the cube on the goal.
+    pub(in crate::tasks) fn place(&self) -> [Move; 2] {
+        [Move::straight(self.arm, self.release), Move::open(&[self.arm], 6)]
+    }
+
+    /// Plans to retreat from the released cube.
+    pub(in crate::tasks) fn retreat(&self) -> Move {
+        Move::straight(self.arm, grasp::retreated(&self.release, CLEARANCE))
     }
 }
 
 /// Plans the stacking of two cubes: both arms grasp their cubes simultaneously; then the first arm places its
-/// cube on the goal and the second arm places its own on top.
-pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> Vec<Move> {
+/// cube on the goal and the second arm places its own on top. Returns the moves and the second transfer.
+pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> (Vec<Move>, CubeTransfer) {
     let (first, second) = (
         CubeTransfer::new(scene, 0, lower, 0.0),
         CubeTransfer::new(scene, 1, upper, 2.0 * HALF * lower.scale.x),
@@ -137,9 +137,9 @@ pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> 
         vec![to([first.above, second.above]), to([first.grasp, second.grasp]), Move::close(&[0, 1], 6)];
     moves.extend([Move::Straight(vec![first.raised(), second.held_back(scene)]), first.carry(None)]);
     moves.extend(first.place());
-    moves.push(second.carry(Some(parked(scene, 0))));
+    moves.extend([first.retreat(), second.carry(Some(parked(scene, 0)))]);
     moves.extend(second.place());
-    moves
+    (moves, second)
 }
 
 /// Returns the target at which an arm is out of the other's way: its initial TCP pose.
