@@ -194,8 +194,8 @@ fn run_expert(task: TaskId, perturbation: Perturbation, episode_idx: u32) -> Opt
 }
 
 /// Maximum relative difference between the mean number of steps of nominal plans and of the original's
-/// demonstrations. The means of 60 plans vary by up to 1 %. The original's hands turn by half a turn before
-/// they grasp pen and cap; ours do not (docs/differences.md).
+/// demonstrations. In DualArmPenCap the original's hands turn by half a turn before they grasp; ours do not
+/// (docs/differences.md).
 fn max_duration_error(task: TaskId) -> f64 {
     if task.name() == "DualArmPenCap" { 0.18 } else { 0.05 }
 }

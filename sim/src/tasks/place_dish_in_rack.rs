@@ -77,8 +77,8 @@ const APPROACH: f64 = 0.065;
 const LIFT: f64 = 0.2;
 /// Position of the hand relative to the rack at which it turns the plate on edge, in m.
 const OVER_RACK: [f64; 3] = [0.0825, -0.02, 0.185];
-/// Displacement by which the plate is lowered into the rack, in m: 2 cm further than in the benchmark's
-/// demonstrations, where a plate that falls into the slot may bounce out of it.
+/// Displacement by which the plate is lowered into the rack, in m. In the benchmark it is
+/// (0.04, −0.02, −0.08); from that height, one plate in ten does not come to rest in the slot here.
 const LOWER: Vector3<f64> = Vector3::new(0.035, -0.02, -0.1);
 /// Displacement by which the hand retreats, in m.
 const RETREAT: Vector3<f64> = Vector3::new(0.0, -0.2, 0.0);

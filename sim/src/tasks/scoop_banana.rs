@@ -123,7 +123,7 @@ fn scoop(scene: &Scene, closing: &Vector3<f64>, tilt: f64) -> Vec<Move> {
         Move::close(&[0], 6),
     ];
     let offset = dustpan.resting_pose().inverse() * scene.body("banana").resting_pose();
-    // A dustpan beside the banana would push that sideways if it went straight to it.
+    // If the dustpan starts beside the banana, a straight path would push the banana away.
     if offset.translation.y.abs() > 1.2 * offset.translation.x {
         let behind = pushed(BEHIND_X);
         let back = grip.x.min(behind.translation.x);
