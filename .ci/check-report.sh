@@ -9,7 +9,7 @@ trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 
 "$hypogeum" run --policy idle --policy random --policy expert --policy other=random --tasks RaiseCube,DualArmLiftTray \
-    --perturbations all --episodes 1 --keep-actions --quiet --db r.db >run.txt
+    --perturbations all --episodes 1 --quiet --db r.db >run.txt
 printf 'task,perturbation,success_percent\nRaiseCube,None,50\nRaiseCube,MO-Color,30\n' >hardware.csv
 printf 'batch_size,frames_per_second\n1,20\n10,150\n' >fps.csv
 "$hypogeum" report r.db -o report --hardware hardware.csv --fps fps.csv 2>report.txt

@@ -10,7 +10,7 @@ use support::{FinishedRun, act_tiny, rows, run};
 /// Evaluates the expert and the idle policy on two tasks, four episodes each, into `r.db`.
 fn evaluate(dir: &Path, extra: &[&str]) {
     let mut args = vec!["run", "--policy", "expert", "--policy", "idle", "--tasks", "RaiseCube,OpenDrawer"];
-    args.extend(["--perturbations", "None,Light-Color", "--episodes", "4", "--keep-actions", "--db", "r.db"]);
+    args.extend(["--perturbations", "None,Light-Color", "--episodes", "4", "--db", "r.db"]);
     args.extend(extra);
     let _ = run(dir, &args).expect_code(0);
 }
@@ -83,18 +83,110 @@ fn files_are_compared_only_if_results_agree() {
         &["latency is 0", "100 in the second", "--across latency"],
     );
     let _ = run(dir.path(), &compare(&["r.db", "late.db"], &["--across", "latency"])).expect_code(0);
-    // Rows per query belong to a policy: two policies may differ in them, one policy may not.
+    // Rows per query belong to a policy: under one name they are two policies.
     let _ = run(dir.path(), &compare(&["r.db", "rows.db"], &[])).expect_code(0);
     refuses(
         dir.path(),
-        &compare(&["same.db", "rows.db"], &[]),
-        &["policy `more` is random, 30 rows per query", "7 rows per query", "another name"],
+        &["compare", "same.db", "rows.db", "--a", "more", "--b", "idle"],
+        &["no policy `more`", "same.db:more, rows.db:more"],
     );
-    refuses(dir.path(), &compare(&["r.db", "seed.db"], &[]), &["seed is 0", "3 in the second"]);
+    let apart = ["compare", "same.db", "rows.db", "--a", "same.db:more", "--b", "rows.db:more", "--json"];
+    assert_eq!(json(&run(dir.path(), &apart).expect_code(0))["cells"][0]["n"], 2);
+    // Nor is one policy the same under other options.
+    let apart = ["compare", "same.db", "late.db", "--across", "latency", "--a", "same.db:more"];
+    let apart = run(dir.path(), &[&apart[..], &["--b", "late.db:more"]].concat()).expect_code(0);
+    assert!(apart.stdout.starts_with("latency: 0 in same.db, 100 in late.db\n"), "{}", apart.stdout);
+    refuses(
+        dir.path(),
+        &compare(&["r.db", "seed.db"], &[]),
+        &["seed is 0", "3 in the second", "--across seed"],
+    );
     refuses(
         dir.path(),
         &compare(&["r.db"], &["--across", "version"]),
         &["--across version", "expected one of"],
+    );
+}
+
+#[test]
+fn seeds_are_pooled_on_request() {
+    let dir = tempfile::tempdir().unwrap();
+    let evaluate = |policies: &[&str], seed: &str, db: &str| {
+        let more = ["--tasks", "RaiseCube", "--episodes", "3", "--seed", seed, "--db", db];
+        let _ = run(dir.path(), &[&["run"], policies, &more].concat()).expect_code(0);
+    };
+    evaluate(&["--policy", "expert", "--policy", "idle"], "0", "a.db");
+    evaluate(&["--policy", "expert"], "1", "b.db");
+    evaluate(&["--policy", "idle"], "1", "c.db");
+    let pooled =
+        ["compare", "a.db", "b.db", "c.db", "--across", "seed", "--a", "expert", "--b", "idle", "--json"];
+    let pooled = json(&run(dir.path(), &pooled).expect_code(0));
+    assert_eq!((&pooled["cells"][0]["n"], &pooled["cells"][0]["successes"][0]), (&6.into(), &6.into()));
+    assert_eq!(pooled["cells"][0]["n_unmatched"], 0);
+    assert_eq!(pooled["groups"][0]["n"], 6);
+}
+
+#[test]
+fn copies_of_a_row_must_agree() {
+    let dir = tempfile::tempdir().unwrap();
+    evaluate(dir.path(), &[]);
+    let copy = |name: &str, statement: &str| {
+        std::fs::copy(dir.path().join("r.db"), dir.path().join(name)).unwrap();
+        sql(&dir.path().join(name), statement);
+    };
+    let pair = ["--a", "expert", "--b", "idle"];
+    copy("same.db", "UPDATE episodes SET physics_s = 9");
+    let _ = run(dir.path(), &[&["compare", "r.db", "same.db"], &pair[..]].concat()).expect_code(0);
+    copy("better.db", "UPDATE episodes SET success_once = 1 WHERE policy = 'idle' AND episode = 2");
+    refuses(
+        dir.path(),
+        &[&["compare", "r.db", "better.db"], &pair[..]].concat(),
+        &["idle's", "episode 2 differs", "better.db in success_once"],
+    );
+    // Another simulator makes other results.
+    copy("code.db", "UPDATE manifest SET value = '\"0123\"' WHERE key = 'code'");
+    let files = [&["compare", "r.db", "code.db"], &pair[..]].concat();
+    refuses(dir.path(), &files, &["code is", "0123", "--across code"]);
+    let resumed = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "4", "--db", "code.db"];
+    refuses(dir.path(), &resumed, &["code is \"0123\" in the file"]);
+    let across =
+        ["compare", "r.db", "code.db", "--across", "code", "--a", "r.db:idle", "--b", "code.db:idle"];
+    let _ = run(dir.path(), &across).expect_code(0);
+}
+
+#[test]
+fn few_episodes_decide_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let args = ["run", "--policy", "expert", "--policy", "idle", "--policy", "random", "--tasks"];
+    let more = ["RaiseCube,OpenDrawer,StackCube", "--episodes", "1", "--db", "r.db"];
+    let _ = run(dir.path(), &[&args[..], &more].concat()).expect_code(0);
+    for pair in [["expert", "idle"], ["idle", "random"]] {
+        let args = ["compare", "r.db", "--a", pair[0], "--b", pair[1], "--json"];
+        let compared = json(&run(dir.path(), &args).expect_code(0));
+        for row in
+            [&compared["groups"], &compared["cells"]].into_iter().flat_map(|rows| rows.as_array().unwrap())
+        {
+            assert_eq!(row["verdict"]["decision"], "undecided", "{row}");
+        }
+    }
+    let compared =
+        run(dir.path(), &["compare", "r.db", "--a", "expert", "--b", "idle"]).expect_code(0).stdout;
+    assert!(compared.contains("Looking again after adding them"), "{compared}");
+    // From these episodes a comparison can be planned.
+    let plan = |extra: &[&str]| run(dir.path(), &[&["plan"], extra].concat());
+    let planned = plan(&["r.db", "--a", "expert", "--b", "idle", "--json"]).expect_code(0);
+    let planned = json(&planned);
+    assert_eq!((&planned["from"]["cells"], &planned["rows"][2]["difference"]), (&3.into(), &0.1.into()));
+    assert!(planned["from"]["episodes_per_s"].as_f64().unwrap() > 0.0, "{planned}");
+    let given = json(&plan(&["--discordance", "0.3", "--difference", "0.1", "--json"]).expect_code(0));
+    assert_eq!(given["rows"][1]["one_cell"]["per_cell"], 244);
+    let many = ["--discordance", "0.3", "--difference", "0.1", "--cells", "28"];
+    let many = plan(&many).expect_code(0).stdout;
+    assert!(many.contains("each of 28 cells"), "{many}");
+    refuses(
+        dir.path(),
+        &["plan", "--discordance", "0.1", "--difference", "0.2"],
+        &["--difference is 0.2", "0.1000"],
     );
 }
 
@@ -171,6 +263,7 @@ fn report_is_complete_and_needs_no_network() {
     let vla: Value = serde_json::from_slice(&std::fs::read(out.join("idle.vla-eval.json")).unwrap()).unwrap();
     assert_eq!((&vla["mean_success"], &vla["tasks"][0]["num_episodes"]), (&0.0.into(), &4.into()));
     let csv = std::fs::read_to_string(out.join("expert.single_arm.csv")).unwrap();
+    assert!(csv.lines().count() == 5, "{csv}");
     assert!(csv.contains(",none,RaiseCube-v1,pd_joint_pos,False,4,92,,4,100.00\n"), "{csv}");
     assert!(out.join("episodes.parquet").metadata().unwrap().len() > 1000);
 }
@@ -207,6 +300,40 @@ fn verify_finds_every_changed_column() {
     let verified = json(&run(dir.path(), &["verify", "r.db", "--json", "--quiet"]).expect_code(1));
     assert_eq!((&verified["run"], &verified["not_verified"][0]["n"]), (&32.into(), &16.into()));
     assert!(verified["not_verified"][0]["reason"].as_str().unwrap().contains("--checkpoint act=PATH"));
+    refuses(dir.path(), &["verify", "r.db", "--checkpoint", "atc=x"], &["`atc`", "act, expert, idle"]);
+}
+
+/// A file from which failures were deleted is not complete.
+#[test]
+fn verify_finds_missing_rows() {
+    let dir = tempfile::tempdir().unwrap();
+    // The checkpoint lies beside the file, and its path is relative.
+    let folder = dir.path().join("results");
+    std::fs::create_dir(&folder).unwrap();
+    std::os::unix::fs::symlink(act_tiny(), folder.join("weights")).unwrap();
+    let args = ["run", "--policy", "act=act:weights", "--policy", "idle", "--tasks", "RaiseCube,OpenDrawer"];
+    let _ = run(&folder, &[&args[..], &["--episodes", "3", "--db", "r.db"]].concat()).expect_code(0);
+    let verify = ["verify", "results/r.db", "--json", "--quiet"];
+    let verified = json(&run(dir.path(), &verify).expect_code(0));
+    assert_eq!((&verified["agree"], &verified["missing"]), (&12.into(), &Value::Array(Vec::new())));
+    sql(
+        &folder.join("r.db"),
+        "DELETE FROM episodes WHERE policy = 'idle' AND (task = 'OpenDrawer' OR episode = 1)",
+    );
+    let verified = json(&run(dir.path(), &verify).expect_code(1));
+    let missing: Vec<String> = verified["missing"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|gap| format!("{} {} {} {}", gap["policy"], gap["condition"]["task"], gap["n"], gap["first"]))
+        .collect();
+    assert_eq!(missing, ["\"idle\" \"RaiseCube\" 1 1", "\"idle\" \"OpenDrawer\" 3 0"]);
+    let text = run(dir.path(), &["verify", "results/r.db", "--quiet"]).expect_code(1).stdout;
+    assert!(text.contains("missing: 1 planned episodes of idle, RaiseCube None, from index 1 on"), "{text}");
+    // Without a plan nobody knows.
+    sql(&folder.join("r.db"), "DELETE FROM manifest WHERE key = 'plans'");
+    let text = run(dir.path(), &["verify", "results/r.db", "--quiet"]).expect_code(1).stdout;
+    assert!(text.contains("does not say which episodes were planned"), "{text}");
 }
 
 #[test]
@@ -224,6 +351,7 @@ fn decided_cells_end_without_changing_a_row() {
         "40",
     ];
     let until = ["--until-decided", "expert,idle", "--json", "--quiet"];
+    let until = [&until[..], &["--margin", "0.1"]].concat();
     let stopped = run(dir.path(), &[&base[..], &until[..], &["--db", "s.db"]].concat()).expect_code(0);
     let _ = run(dir.path(), &[&base[..], &["--db", "f.db", "--envs", "5"]].concat()).expect_code(0);
     let (some, all) = (rows(&dir.path().join("s.db")), rows(&dir.path().join("f.db")));
@@ -239,6 +367,18 @@ fn decided_cells_end_without_changing_a_row() {
         (&compared["tests"], &compared["cells"][0]["verdict"]["decision"]),
         (&"sequential".into(), &"a_better".into())
     );
+    // The rule belongs to the file, no interval contradicts its verdict, and nothing is averaged.
+    assert_eq!(
+        (&compared["levels"]["margin"], &compared["groups"]),
+        (&0.1.into(), &Value::Array(Vec::new()))
+    );
+    assert!(compared["cells"][0]["interval"][0].as_f64().unwrap() >= 0.0);
+    let pair = ["compare", "s.db", "--a", "expert", "--b", "idle"];
+    refuses(dir.path(), &[&pair[..], &["--margin", "0.05"]].concat(), &["s.db", "--margin 0.1 --alpha 0.05"]);
+    let _ = run(dir.path(), &["verify", "s.db", "--quiet", "--sample", "2"]).expect_code(0);
+    let _ = run(dir.path(), &["report", "s.db", "-o", "out"]).expect_code(0);
+    let page = std::fs::read_to_string(dir.path().join("out/index.html")).unwrap();
+    assert!(!page.contains("figure-categories") && !page.contains("figure-time-to-success"));
 }
 
 /// Returns the bytes of the executed rows of every episode in a results file.
@@ -278,8 +418,7 @@ fn late_rows_are_independent_of_envs_and_threads() {
     let dir = tempfile::tempdir().unwrap();
     let act = format!("act=act:{}", act_tiny());
     let args = ["run", "--policy", &act, "--tasks", "RaiseCube", "--episodes", "2", "--execute", "4"];
-    let _ = run(dir.path(), &[&args[..], &["--latency", "180", "--keep-actions", "--db", "r.db"]].concat())
-        .expect_code(0);
+    let _ = run(dir.path(), &[&args[..], &["--latency", "180", "--db", "r.db"]].concat()).expect_code(0);
     // The robot holds still until the first chunk takes effect. Later the chunk has more rows than four.
     for actions in executed_actions(&dir.path().join("r.db")) {
         assert!(actions[..4].windows(2).all(|rows| rows[0] == rows[1]));

@@ -20,7 +20,7 @@ fn evaluate(folder: &Path, db: &str, more: &[&str]) {
 #[test]
 fn recorded_actions_reproduce_their_episodes() {
     let dir = tempfile::tempdir().unwrap();
-    evaluate(dir.path(), "all.db", &["--keep-actions"]);
+    evaluate(dir.path(), "all.db", &[]);
     let all = run(dir.path(), &["replay", "all.db"]).expect_code(0);
     assert!(all.stderr.contains("32 of 32 episodes reproduce"), "{}", all.stderr);
     let some = ["--policy", "act", "--task", "RaiseCube", "--perturbation", "Camera-Pose"];
@@ -54,9 +54,9 @@ fn unreplayable_source_is_rejected() {
         }
     };
     let idle = ["run", "--policy", "idle", "--tasks", "RaiseCube", "--episodes", "1"];
-    run(dir.path(), &[&idle[..], &["--db", "bare.db"]].concat()).expect_code(0);
+    run(dir.path(), &[&idle[..], &["--db", "bare.db", "--keep-actions=false"]].concat()).expect_code(0);
     rejected(&["bare.db"], &["bare.db has no recorded actions", "--keep-actions"]);
-    run(dir.path(), &[&idle[..], &["--db", "kept.db", "--keep-actions"]].concat()).expect_code(0);
+    run(dir.path(), &[&idle[..], &["--db", "kept.db"]].concat()).expect_code(0);
     rejected(&["kept.db", "--episodes", "1"], &["has 1 episodes", "episode 1 was requested"]);
     rejected(&["kept.db", "--policy", "expert"], &["none of the 1 episodes"]);
     rejected(&["kept.db", "--task", "RaiseCub"], &["unknown task", "RaiseCube"]);

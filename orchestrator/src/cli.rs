@@ -14,6 +14,7 @@ use crate::commands::completions::CompletionsArgs;
 use crate::commands::demos::DemosArgs;
 use crate::commands::doctor::DoctorArgs;
 use crate::commands::fps::FpsArgs;
+use crate::commands::plan::PlanArgs;
 use crate::commands::replay::ReplayArgs;
 use crate::commands::report::ReportArgs;
 use crate::commands::run::RunArgs;
@@ -37,6 +38,8 @@ pub(crate) enum Command {
     Run(RunArgs),
     /// Compare two policies on matched episodes, or a policy with itself under perturbations
     Compare(CompareArgs),
+    /// Say how many episodes a comparison needs, and how long they take
+    Plan(PlanArgs),
     /// List the task suite
     Tasks(TasksArgs),
     /// Render the camera images at the start of episodes or along one, as a contact sheet or a movie
@@ -123,15 +126,15 @@ mod tests {
             episodes = 100
             strength = 0.5
             samples = 4
-            keep_actions = true
+            keep_actions = false
             control_mode = "pd_joint_pos"
         "#;
         let typed = "--policy idle --policy mine=act:weights --tasks RaiseCube,StackCube --perturbations all \
-            --episodes 100 --strength 0.5 --samples 4 --keep-actions --control-mode pd_joint_pos";
+            --episodes 100 --strength 0.5 --samples 4 --keep-actions=false --control-mode pd_joint_pos";
         assert_eq!(parse(text, "").unwrap(), parse("", typed).unwrap());
         let both = parse(text, "--episodes 3 --tasks single --policy random --samples 1").unwrap();
         let typed = "--policy random --tasks single --perturbations all --episodes 3 --strength 0.5 --samples 1 \
-            --keep-actions --control-mode pd_joint_pos";
+            --keep-actions=false --control-mode pd_joint_pos";
         assert_eq!(both, parse("", typed).unwrap());
     }
 
@@ -151,7 +154,7 @@ mod tests {
         insta::assert_snapshot!(error("episodes = \"many\"\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found `many`, expected a whole number");
         insta::assert_snapshot!(error("episodes = 0\n"), @"the sweep file sweep.toml, line 1, key `episodes`: 0 is not in 1..=1000000");
         insta::assert_snapshot!(error("episodes = [1, 2]\n"), @"the sweep file sweep.toml, line 1, key `episodes`: found [1, 2], expected one string or number");
-        insta::assert_snapshot!(error("keep_actions = 1\n"), @"the sweep file sweep.toml, line 1, key `keep_actions`: found 1, expected true or false");
+        insta::assert_snapshot!(error("keep_actions = 1\n"), @"the sweep file sweep.toml, line 1, key `keep_actions`: unknown value `1`; expected one of true, false");
         insta::assert_snapshot!(error("tasks = 3\n"), @"the sweep file sweep.toml, line 1, key `tasks`: unknown task `3`; `hypogeum tasks --matrix` lists all names");
         insta::assert_snapshot!(error("tasks = [\n\"RaiseCube\",\n\"RiseCube\"]\n"), @"the sweep file sweep.toml, line 1, key `tasks`: unknown task `RiseCube`; did you mean RaiseCube or StackCube?");
         insta::assert_snapshot!(error("strength = 2\n"), @"the sweep file sweep.toml, line 1, key `strength`: strength is 2, expected a number above 0 and at most 1 (the benchmark's strength)");

@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
+use anyhow::anyhow;
 use clap::Args;
 
 use crate::analysis::{Evaluation, Metric, read_files};
 use crate::exit::{Failure, OrUser};
 use crate::output::print_message;
 use crate::statistics::Levels;
-use crate::sweep::{DEFAULT_LEVEL, DEFAULT_MARGIN, parse_level, parse_margin};
+use crate::sweep::{DEFAULT_LEVELS, parse_level, parse_margin};
 
 /// The results to analyse, and the level of the conclusions.
 #[derive(Args, Clone, Debug)]
@@ -17,18 +18,18 @@ pub(crate) struct EvaluationArgs {
     #[arg(value_name = "RESULTS.db", required = true)]
     pub(crate) files: Vec<PathBuf>,
     /// Option that may differ between the files although results depend on it, such as `latency`
-    /// (repeatable)
+    /// (repeatable); `seed` pools the episodes of several seeds
     #[arg(long, value_name = "KEY")]
     pub(crate) across: Vec<String>,
     /// Success that is compared
     #[arg(long, value_enum, default_value_t)]
     pub(crate) metric: Metric,
-    /// Smallest difference of success rates that matters
-    #[arg(long, value_name = "M", value_parser = parse_margin, default_value_t = DEFAULT_MARGIN)]
-    pub(crate) margin: f64,
-    /// Probability of a false verdict
-    #[arg(long, value_name = "P", value_parser = parse_level, default_value_t = DEFAULT_LEVEL)]
-    pub(crate) alpha: f64,
+    /// Smallest difference of success rates that matters [default: 0.05, or that of --until-decided]
+    #[arg(long, value_name = "M", value_parser = parse_margin)]
+    pub(crate) margin: Option<f64>,
+    /// Probability of a false verdict of either kind in a table [default: 0.05, or that of --until-decided]
+    #[arg(long, value_name = "P", value_parser = parse_level)]
+    pub(crate) alpha: Option<f64>,
 }
 
 impl EvaluationArgs {
@@ -45,7 +46,24 @@ impl EvaluationArgs {
         Evaluation::new(files, &self.across).or_user()
     }
 
-    pub(crate) fn levels(&self) -> Levels {
-        Levels { alpha: self.alpha, margin: self.margin }
+    /// Returns the level and the margin of verdicts: those of the rule that ended cells early, if one did.
+    pub(crate) fn levels(&self, evaluation: &Evaluation) -> Result<Levels, Failure> {
+        let rule =
+            evaluation.files.iter().find_map(|file| Some((&file.path, file.stopping.as_ref()?.levels)));
+        let default = rule.map_or(DEFAULT_LEVELS, |(_, levels)| levels);
+        let levels = Levels {
+            alpha: self.alpha.unwrap_or(default.alpha),
+            margin: self.margin.unwrap_or(default.margin),
+        };
+        if let Some((path, rule)) = rule.filter(|(_, rule)| *rule != levels) {
+            let Levels { alpha, margin } = rule;
+            return Err(anyhow!(
+                "{}: cells ended when they were decided with --margin {margin} --alpha {alpha}; use the same values, or leave \
+                 both out",
+                path.display()
+            ))
+            .or_user();
+        }
+        Ok(levels)
     }
 }

@@ -24,9 +24,8 @@ use crate::policy::Identity;
 use crate::report;
 use crate::results::{EpisodeKey, Manifest, RecordedEpisodes, Results};
 use crate::selection::{PerturbationSelector, TaskSelector};
-use crate::statistics::Levels;
 use crate::stopping::Stopping;
-use crate::sweep::{DEFAULT_LEVEL, DEFAULT_MARGIN, SweepArgs};
+use crate::sweep::{DEFAULT_LEVELS, SweepArgs};
 
 /// A run whose arguments were accepted.
 #[derive(Debug, PartialEq, Eq)]
@@ -122,9 +121,9 @@ pub fn read_results(path: &Path, output: &Path) -> Result<usize, String> {
 
 fn conclude(path: &Path, output: &Path) -> Result<usize, Failure> {
     let metric = Metric::default();
-    let levels = Levels { alpha: DEFAULT_LEVEL, margin: DEFAULT_MARGIN };
+    let levels = DEFAULT_LEVELS;
     let files = vec![path.to_owned()];
-    let args = EvaluationArgs { files, across: vec![], metric, margin: levels.margin, alpha: levels.alpha };
+    let args = EvaluationArgs { files, across: vec![], metric, margin: None, alpha: None };
     let evaluation = Evaluation::new(read_files(&args.files).or_user()?, &args.across).or_user()?;
     let options = ComparisonOptions { metric, levels, max_flips: usize::MAX };
     for first in &evaluation.policies {
@@ -147,7 +146,7 @@ fn conclude(path: &Path, output: &Path) -> Result<usize, Failure> {
         ExportFormat::VlaEval,
     ];
     for format in formats {
-        for path in export(&evaluation, metric, format, output).or_user()? {
+        for path in export(&evaluation, (metric, DEFAULT_LEVELS.alpha), format, output).or_user()? {
             assert_eq!(path.parent(), Some(output), "exports stay in their folder");
         }
     }
@@ -155,7 +154,7 @@ fn conclude(path: &Path, output: &Path) -> Result<usize, Failure> {
 }
 
 fn draw_page(evaluation: &Evaluation, external: ExternalData) -> Result<(), Failure> {
-    let levels = Levels { alpha: DEFAULT_LEVEL, margin: DEFAULT_MARGIN };
+    let levels = DEFAULT_LEVELS;
     let title = "results".to_owned();
     let options = PageOptions { title, metric: Metric::default(), levels, pairs: Vec::new() };
     let report = ReportContent::new(evaluation, &options, external).or_user()?;
@@ -188,7 +187,9 @@ fn resume(path: &Path) -> Result<(), Failure> {
 pub fn write_results(path: &Path) {
     let (plan, manifest) = sample_run();
     let mut results = Results::open(path, &manifest).expect("the file is new");
-    results.note("environment", &serde_json::json!({ "machine": { "cores": 2 } })).expect("it is writable");
+    results
+        .note(crate::results::ENVIRONMENT, &serde_json::json!({ "machine": { "cores": 2 } }))
+        .expect("it is writable");
     results.set_renderer("cpu").expect("it is writable");
     for (policy_idx, policy) in plan.policies.iter().enumerate() {
         for (cell_idx, &condition) in plan.conditions.iter().enumerate() {

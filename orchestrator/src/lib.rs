@@ -10,6 +10,7 @@
 //! (SQLite) → `report`.
 
 mod analysis;
+mod build_identity;
 mod capacity;
 mod cli;
 mod commands;
@@ -53,8 +54,8 @@ use anyhow::Context;
 
 use crate::cli::{Cli, Command};
 use crate::commands::{
-    checkpoint, child, compare, completions, demos as demos_command, doctor, fps, replay,
-    report as report_command, run, show, tasks, verify,
+    checkpoint, child, compare, completions, demos as demos_command, doctor, fps, plan as plan_command,
+    replay, report as report_command, run, show, tasks, verify,
 };
 use crate::exit::{ExitStatus, Failure};
 use crate::output::{OutputError, print_message};
@@ -99,6 +100,7 @@ fn run_command(command: &Command, started: Instant) -> Result<ExitStatus, Failur
     match command {
         Command::Run(args) => run::run(args, started),
         Command::Compare(args) => compare::compare(args),
+        Command::Plan(args) => plan_command::plan(args),
         Command::Tasks(args) => tasks::tasks(args),
         Command::Show(args) => show::show(args),
         Command::Demos(args) => demos_command::demos(args),

@@ -139,6 +139,11 @@ impl RunPlan {
         self.policies.iter().any(|policy| policy.spec.needs_images())
     }
 
+    /// Returns the names of the policies whose cells may end early.
+    pub(crate) fn stopped(&self) -> &[String] {
+        self.stopping.as_ref().map_or(&[], |rule| &rule.policies)
+    }
+
     /// Returns the number of episodes of the whole plan.
     pub(crate) fn n_episodes(&self) -> u64 {
         self.policies.len() as u64 * self.conditions.len() as u64 * u64::from(self.episodes)

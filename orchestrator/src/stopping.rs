@@ -12,7 +12,7 @@ use crate::jobs::Job;
 use crate::plan::{Condition, RunPlan};
 use crate::results::{Results, StoreError};
 use crate::statistics::{
-    ConfidenceSequence, Decision, Levels, PairedSequence, Verdict, holm, sequential_decision,
+    ConfidenceSequence, Decision, Judgement, Levels, PairedSequence, TestedDifference, Verdict, judge,
 };
 
 /// The rule of a run, as the results file stores it.
@@ -96,7 +96,7 @@ impl Stopping {
         let alpha = rule.levels.alpha;
         let cell = |condition| CellState {
             condition,
-            sequence: PairedSequence::new(alpha),
+            sequence: PairedSequence::new(rule.levels),
             rates: [ConfidenceSequence::new(alpha), ConfidenceSequence::new(alpha)],
             waiting: BTreeMap::new(),
             next: 0,
@@ -135,35 +135,34 @@ impl Stopping {
     /// Returns the conclusions, by cell.
     pub(crate) fn conclusions(&self) -> Vec<SequentialCell> {
         let (levels, n_cells) = (self.rule.levels, self.cells.len());
-        let conclude = |(cell, adjusted_p): (&CellState, f64)| SequentialCell {
+        let conclude = |(cell, judged): (&CellState, Judgement)| SequentialCell {
             condition: cell.condition,
             rates: [cell.rates[0].interval(), cell.rates[1].interval()],
-            adjusted_p,
+            adjusted_p: judged.adjusted_p,
             verdict: cell.decision.map_or_else(
                 || Verdict { decision: Decision::Undecided, more_episodes: cell.forecast(n_cells, levels) },
                 |decision| Verdict { decision, more_episodes: None },
             ),
             sequence: cell.sequence.clone(),
         };
-        self.cells.iter().zip(self.adjusted_p()).map(conclude).collect()
+        self.cells.iter().zip(self.judged()).map(conclude).collect()
     }
 
     /// Decides every cell that can be. A decision is final.
     pub(crate) fn decide(&mut self) {
-        let levels = self.rule.levels;
-        let adjusted = self.adjusted_p();
-        for (cell, adjusted_p) in self.cells.iter_mut().zip(adjusted) {
-            if cell.decision.is_none() {
-                cell.decision = sequential_decision(&cell.sequence, adjusted_p, levels);
+        let judged = self.judged();
+        for (cell, judged) in self.cells.iter_mut().zip(judged) {
+            if cell.decision.is_none() && judged.decision != Decision::Undecided {
+                cell.decision = Some(judged.decision);
             }
         }
     }
 
-    /// Returns the levels at which equal rates are rejected so far, adjusted by Holm's method. It applies
-    /// because the inverse of an e-process' supremum is a p-value that holds at every moment.
-    fn adjusted_p(&self) -> Vec<f64> {
-        let p_values: Vec<f64> = self.cells.iter().map(|cell| cell.sequence.p_value()).collect();
-        holm(&p_values)
+    /// Judges all cells together. Holm's method applies because the levels at which a test martingale and a
+    /// confidence sequence reject are p-values that hold at every moment.
+    fn judged(&self) -> Vec<Judgement> {
+        let tested: Vec<TestedDifference> = self.cells.iter().map(|cell| cell.sequence.tested()).collect();
+        judge(&tested, self.rule.levels.alpha)
     }
 }
 
@@ -185,9 +184,8 @@ impl CellState {
 
     /// Estimates the number of further pairs until a decision, with the strictest correction for many cells.
     fn forecast(&self, n_cells: usize, levels: Levels) -> Option<u64> {
-        self.sequence.forecast(|future| {
-            sequential_decision(future, n_cells as f64 * future.p_value(), levels).is_some()
-        })
+        let strictest = levels.alpha / n_cells as f64;
+        self.sequence.forecast(|future| future.p.min(future.equivalence_p) <= strictest)
     }
 }
 

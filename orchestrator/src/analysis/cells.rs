@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-use super::evaluation::{EvaluatedPolicy, Evaluation};
+use super::evaluation::{EvaluatedPolicy, Evaluation, RowIdx};
 use super::matching::Metric;
 use crate::plan::Condition;
-use crate::statistics::wilson_interval;
+use crate::statistics::{ConfidenceSequence, quantile, wilson_interval};
 
 /// Successes among trials.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -23,6 +23,8 @@ pub(crate) struct CellSummary {
     /// Successes by the metric of the analysis.
     #[serde(flatten)]
     pub(crate) rate: Rate,
+    /// Interval of the rate: Wilson's, or the confidence sequence where cells ended when they were decided.
+    pub(crate) interval: Option<[f64; 2]>,
     /// Successes after any step and after the last step.
     pub(crate) success_once: u32,
     pub(crate) success_at_end: u32,
@@ -53,13 +55,21 @@ impl Rate {
 }
 
 impl CellSummary {
-    /// Returns the cells of a policy in the order of the suite.
-    pub(crate) fn of_policy(evaluation: &Evaluation, policy: &EvaluatedPolicy, metric: Metric) -> Vec<Self> {
-        let cell = |(condition, rows): (Condition, &[super::evaluation::RowIdx])| {
+    /// Returns the cells of a policy in the order of the suite, with intervals at `1 − alpha`.
+    pub(crate) fn of_policy(
+        evaluation: &Evaluation,
+        policy: &EvaluatedPolicy,
+        metric: Metric,
+        alpha: f64,
+    ) -> Vec<Self> {
+        let ended_early = evaluation.ended_early(policy).is_some();
+        let z = quantile(1.0 - 0.5 * alpha);
+        let cell = |(condition, rows): (Condition, &[RowIdx])| {
             let mut cell = Self {
                 policy: policy.name.clone(),
                 condition,
                 rate: Rate::default(),
+                interval: None,
                 success_once: 0,
                 success_at_end: 0,
                 steps: 0,
@@ -72,12 +82,17 @@ impl CellSummary {
                 cell.add(evaluation, idx, metric);
             }
             cell.first_success_steps.sort_unstable();
+            cell.interval = if ended_early {
+                Some(confidence_sequence(evaluation, rows, metric, alpha))
+            } else {
+                cell.rate.interval(z)
+            };
             cell
         };
         evaluation.conditions(policy).into_iter().map(cell).collect()
     }
 
-    fn add(&mut self, evaluation: &Evaluation, idx: super::evaluation::RowIdx, metric: Metric) {
+    fn add(&mut self, evaluation: &Evaluation, idx: RowIdx, metric: Metric) {
         let row = evaluation.row(idx);
         if row.error.is_some() {
             self.errors += 1;
@@ -99,4 +114,15 @@ impl CellSummary {
             *sum += f64::from(seconds);
         }
     }
+}
+
+/// Returns the confidence sequence of a success rate over the episodes up to the first missing one. Early
+/// stopping leaves later ones by chance of timing.
+fn confidence_sequence(evaluation: &Evaluation, rows: &[RowIdx], metric: Metric, alpha: f64) -> [f64; 2] {
+    let mut sequence = ConfidenceSequence::new(alpha);
+    let rows = rows.iter().map(|idx| evaluation.row(*idx)).zip(0..);
+    for (row, _) in rows.take_while(|(row, idx)| row.episode == *idx).filter(|(row, _)| row.error.is_none()) {
+        sequence.push(f64::from(metric.of(row)));
+    }
+    sequence.interval()
 }

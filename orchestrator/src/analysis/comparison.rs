@@ -12,10 +12,9 @@ use super::flips::{Flip, flips};
 use super::groups::Group;
 use super::matching::{MatchedCell, Metric, Side, match_cells};
 use crate::plan::Condition;
-use crate::results::STOPPING;
 use crate::statistics::{
-    BootstrapCell, Decision, Estimate, Levels, PairedSequence, Pairs, Verdict, cluster_bootstrap, holm,
-    mcnemar_mid_p, sequential_decision, tango_interval,
+    Decision, DifferenceCell, Judgement, Levels, MeanDifference, PairRates, PairedSequence, Pairs,
+    TestedDifference, Verdict, equivalence_p, judge, mcnemar_mid_p, n_open_tests, tango_interval,
 };
 
 /// The two sides of a comparison.
@@ -91,6 +90,8 @@ pub(crate) struct ComparedCell {
     pub(crate) p: f64,
     /// The same, adjusted by Holm's method for all cells of the comparison.
     pub(crate) adjusted_p: f64,
+    /// p-value of a difference of at least the margin, adjusted in the same way.
+    pub(crate) adjusted_equivalence_p: f64,
     pub(crate) verdict: Verdict,
     /// Matched episodes with an error on either side, which are left out.
     pub(crate) n_errors: u32,
@@ -105,7 +106,10 @@ pub(crate) struct ComparedGroup {
     /// Number of pairs in all cells.
     pub(crate) n: u32,
     #[serde(flatten)]
-    pub(crate) estimate: Estimate,
+    pub(crate) estimate: MeanDifference,
+    /// p-values adjusted by Holm's method for all groups of the comparison.
+    pub(crate) adjusted_p: f64,
+    pub(crate) adjusted_equivalence_p: f64,
     pub(crate) verdict: Verdict,
 }
 
@@ -141,7 +145,8 @@ impl Comparison {
         let cells = match_cells(evaluation, sides, options.metric);
         let groups = Group::OF_POLICIES.to_vec();
         let kind = ComparisonKind::Policies { a: a.to_owned(), b: b.to_owned() };
-        Self::new(evaluation, kind, &cells, &groups, options)
+        let ended_early = sides.iter().any(|side| evaluation.ended_early(side.policy).is_some());
+        Self::new(evaluation, kind, (&cells, ended_early), &groups, options)
     }
 
     /// Compares a policy under each perturbation with its own twins under `against`.
@@ -160,13 +165,14 @@ impl Comparison {
         let conditions: Vec<Condition> = cells.iter().map(|cell| cell.condition).collect();
         let groups = Group::of_perturbations(&conditions);
         let kind = ComparisonKind::Perturbations { policy: policy.to_owned(), against: against.name() };
-        Self::new(evaluation, kind, &cells, &groups, options)
+        let ended_early = evaluation.ended_early(own).is_some();
+        Self::new(evaluation, kind, (&cells, ended_early), &groups, options)
     }
 
     fn new(
         evaluation: &Evaluation,
         sides: ComparisonKind,
-        matched: &[MatchedCell],
+        (matched, ended_early): (&[MatchedCell], bool),
         groups: &[Group],
         options: ComparisonOptions,
     ) -> Result<Self, ComparisonError> {
@@ -176,8 +182,7 @@ impl Comparison {
             let [a, b] = sides.names();
             return Err(ComparisonError::NothingInCommon { a, b });
         }
-        let is_sequential = evaluation.files.iter().any(|file| file.manifest.contains_key(STOPPING));
-        let tests = if is_sequential { TestKind::Sequential } else { TestKind::FixedSample };
+        let tests = if ended_early { TestKind::Sequential } else { TestKind::FixedSample };
         let (cells, groups) = match tests {
             TestKind::FixedSample => {
                 (fixed_sample_cells(&matched, levels), compared_groups(&matched, groups, levels))
@@ -214,64 +219,110 @@ impl ComparisonKind {
         }
     }
 
-    /// Returns the names of both sides in verdicts.
+    /// Returns short names of both sides.
     pub(crate) fn short_names(&self) -> [&str; 2] {
         match self {
             Self::Policies { a, b } => [a, b],
             Self::Perturbations { against, .. } => ["perturbed", against],
         }
     }
+
+    /// Formats a verdict for people. A policy under perturbations gains or loses something.
+    pub(crate) fn verdict(&self, verdict: &Verdict, difference: f64, margin: f64) -> String {
+        let points = 100.0 * difference.abs();
+        match (self, verdict.decision) {
+            (Self::Perturbations { .. }, Decision::ABetter) => format!("gains {points:.1} points"),
+            (Self::Perturbations { .. }, Decision::BBetter) => format!("loses {points:.1} points"),
+            (Self::Perturbations { .. }, Decision::Equivalent) => {
+                format!("changes by less than {:.1} points", 100.0 * margin)
+            }
+            _ => verdict.text(self.short_names(), margin),
+        }
+    }
+
+    /// Formats the numbers of cells by decision for people.
+    pub(crate) fn counts(
+        &self,
+        [a_better, b_better, equivalent, undecided]: [usize; 4],
+        margin: f64,
+    ) -> String {
+        let margin = 100.0 * margin;
+        match self {
+            Self::Policies { a, b } => format!(
+                "{a} better in {a_better}, {b} better in {b_better}, no difference larger than {margin:.1} pp in \
+                 {equivalent}, undecided in {undecided}"
+            ),
+            Self::Perturbations { policy, .. } => format!(
+                "{policy} loses in {b_better}, gains in {a_better}, changes by less than {margin:.1} points in \
+                 {equivalent}, undecided in {undecided}"
+            ),
+        }
+    }
 }
 
 /// Compares cells whose number of episodes was fixed beforehand.
 fn fixed_sample_cells(matched: &[&MatchedCell], levels: Levels) -> Vec<ComparedCell> {
-    let p_values: Vec<f64> = matched.iter().map(|cell| mcnemar_mid_p(&cell.pairs())).collect();
-    let adjusted = holm(&p_values);
-    let cells = matched.iter().zip(p_values.into_iter().zip(adjusted));
-    cells
-        .map(|(cell, p)| {
-            let pairs = cell.pairs();
-            let interval = tango_interval(&pairs, levels.z()).unwrap_or([-1.0, 1.0]);
-            compared(cell, pairs, p, interval, Verdict::new(&pairs, p.1, levels))
-        })
-        .collect()
+    let pairs: Vec<Pairs> = matched.iter().map(|cell| cell.pairs()).collect();
+    let test = |pairs: &Pairs| TestedDifference {
+        difference: pairs.difference().unwrap_or(0.0),
+        p: mcnemar_mid_p(pairs),
+        equivalence_p: equivalence_p(pairs, levels.margin),
+    };
+    let tested: Vec<TestedDifference> = pairs.iter().map(test).collect();
+    let judged = judge(&tested, levels.alpha);
+    let n_tests = n_open_tests(&judged, levels.alpha);
+    let cells = matched.iter().zip(pairs).zip(tested.iter().zip(&judged));
+    let cell = |((cell, pairs), row): ((&&MatchedCell, Pairs), _)| {
+        let interval = tango_interval(&pairs, levels.z()).unwrap_or([-1.0, 1.0]);
+        let rates = PairRates::of_cell(&pairs);
+        let more = || rates.and_then(|rates| more(rates.pairs_needed(levels, n_tests), f64::from(pairs.n())));
+        compared(cell, pairs, row, interval, more)
+    };
+    cells.map(cell).collect()
 }
 
 /// Compares cells that may have ended when they were decided.
 fn sequential_cells(matched: &[&MatchedCell], levels: Levels) -> Vec<ComparedCell> {
-    let sequences: Vec<PairedSequence> = matched.iter().map(|cell| cell.sequence(levels.alpha)).collect();
-    let p_values: Vec<f64> = sequences.iter().map(PairedSequence::p_value).collect();
-    let adjusted = holm(&p_values);
-    let cells = matched.iter().zip(&sequences).zip(p_values.into_iter().zip(adjusted));
+    let sequences: Vec<PairedSequence> = matched.iter().map(|cell| cell.sequence(levels)).collect();
+    let tested: Vec<TestedDifference> = sequences.iter().map(PairedSequence::tested).collect();
+    let judged = judge(&tested, levels.alpha);
+    let cells = matched.iter().zip(&sequences).zip(tested.iter().zip(&judged));
     cells
-        .map(|((cell, sequence), p)| {
-            let decision = sequential_decision(sequence, p.1, levels).unwrap_or(Decision::Undecided);
-            let verdict = Verdict { decision, more_episodes: None };
-            compared(cell, *sequence.pairs(), p, sequence.interval(), verdict)
-        })
+        .map(|((cell, sequence), row)| compared(cell, *sequence.pairs(), row, sequence.interval(), || None))
         .collect()
+}
+
+/// Returns how many pairs are missing.
+fn more(needed: f64, n: f64) -> Option<u64> {
+    needed.is_finite().then(|| (needed - n).ceil().max(1.0) as u64)
 }
 
 fn compared(
     cell: &MatchedCell,
     pairs: Pairs,
-    (p, adjusted_p): (f64, f64),
+    (tested, judged): (&TestedDifference, &Judgement),
     interval: [f64; 2],
-    verdict: Verdict,
+    more_episodes: impl FnOnce() -> Option<u64>,
 ) -> ComparedCell {
     ComparedCell {
         condition: cell.condition,
         n: pairs.n(),
         successes: pairs.successes(),
-        difference: pairs.difference().unwrap_or(0.0),
+        difference: tested.difference,
         interval,
-        p,
-        adjusted_p,
-        verdict,
+        p: tested.p,
+        adjusted_p: judged.adjusted_p,
+        adjusted_equivalence_p: judged.adjusted_equivalence_p,
+        verdict: verdict(judged.decision, more_episodes),
         pairs,
         n_errors: cell.n_errors,
         n_unmatched: cell.n_unmatched,
     }
+}
+
+fn verdict(decision: Decision, more_episodes: impl FnOnce() -> Option<u64>) -> Verdict {
+    let is_undecided = decision == Decision::Undecided;
+    Verdict { decision, more_episodes: if is_undecided { more_episodes() } else { None } }
 }
 
 /// Averages the cells of each group that has any.
@@ -281,43 +332,38 @@ fn compared_groups(cells: &[&MatchedCell], groups: &[Group], levels: Levels) -> 
         cells.map(|(idx, _)| idx).collect::<Vec<_>>()
     };
     let groups: Vec<(&Group, Vec<usize>)> = groups.iter().map(|group| (group, members(group))).collect();
-    let indices: Vec<Vec<usize>> = groups.iter().map(|(_, members)| members.clone()).collect();
-    // Only indices that a task's cells have: a file may contain any number as an index.
-    let mut indices_of: BTreeMap<TaskId, BTreeSet<u32>> = BTreeMap::new();
+    let mut starts_of: BTreeMap<TaskId, BTreeSet<(u64, u32)>> = BTreeMap::new();
     for cell in cells {
-        indices_of.entry(cell.condition.task).or_default().extend(cell.indices());
+        let starts = cell.episodes.iter().map(|pair| pair.start);
+        starts_of.entry(cell.condition.task).or_default().extend(starts);
     }
-    let indices_of: BTreeMap<TaskId, Vec<u32>> =
-        indices_of.into_iter().map(|(task, indices)| (task, indices.into_iter().collect())).collect();
-    let resampled = |cell: &&MatchedCell| BootstrapCell {
+    let starts_of: BTreeMap<TaskId, Vec<(u64, u32)>> =
+        starts_of.into_iter().map(|(task, starts)| (task, starts.into_iter().collect())).collect();
+    let differences = |cell: &&MatchedCell| DifferenceCell {
         task_idx: cell.condition.task as usize,
-        differences: cell.differences(&indices_of[&cell.condition.task]),
+        differences: cell.differences(&starts_of[&cell.condition.task]),
     };
-    let resampled: Vec<BootstrapCell> = cells.iter().map(resampled).collect();
-    let estimates = cluster_bootstrap(&resampled, &indices, levels.alpha);
-    let group = |((group, members), estimate): ((&Group, Vec<usize>), Option<Estimate>)| {
-        let estimate = estimate?;
-        Some(ComparedGroup {
+    let differences: Vec<DifferenceCell> = cells.iter().map(differences).collect();
+    let estimate = |(group, members): (_, Vec<usize>)| {
+        let own: Vec<&DifferenceCell> = members.iter().map(|&idx| &differences[idx]).collect();
+        Some((group, members, MeanDifference::new(&own, levels)?))
+    };
+    let groups: Vec<(&Group, Vec<usize>, MeanDifference)> = groups.into_iter().filter_map(estimate).collect();
+    let tested: Vec<TestedDifference> = groups.iter().map(|(_, _, estimate)| estimate.tested()).collect();
+    let judged = judge(&tested, levels.alpha);
+    let n_tests = n_open_tests(&judged, levels.alpha);
+    let group = |((group, members, estimate), judged): ((&Group, Vec<usize>, MeanDifference), &Judgement)| {
+        let n: u32 = members.iter().map(|&idx| cells[idx].pairs().n()).sum();
+        let per_cell = f64::from(n) / members.len() as f64;
+        let needed = || estimate.rates().pairs_needed(levels, n_tests) / estimate.n_effective * per_cell;
+        ComparedGroup {
             group: group.name().to_owned(),
-            n: members.iter().map(|&idx| cells[idx].pairs().n()).sum(),
-            verdict: judge(&estimate, levels),
+            n,
+            adjusted_p: judged.adjusted_p,
+            adjusted_equivalence_p: judged.adjusted_equivalence_p,
+            verdict: verdict(judged.decision, || more(needed(), per_cell)),
             estimate,
-        })
+        }
     };
-    groups.into_iter().zip(estimates).filter_map(group).collect()
-}
-
-/// Judges a mean by its intervals.
-fn judge(estimate: &Estimate, levels: Levels) -> Verdict {
-    let ([low, high], narrow) = (estimate.interval, estimate.one_sided);
-    let decision = if low > 0.0 {
-        Decision::ABetter
-    } else if high < 0.0 {
-        Decision::BBetter
-    } else if -levels.margin < narrow[0] && narrow[1] < levels.margin {
-        Decision::Equivalent
-    } else {
-        Decision::Undecided
-    };
-    Verdict { decision, more_episodes: None }
+    groups.into_iter().zip(&judged).map(group).collect()
 }

@@ -9,10 +9,11 @@ use thiserror::Error;
 
 use crate::plan::Condition;
 use crate::policy::Identity;
-use crate::results::{EpisodeRow, ResultsFile, STOPPING};
+use crate::results::{ENVIRONMENT, EpisodeRow, PLANS, ResultsFile, STOPPING};
+use crate::stopping::StoppingRule;
 
 /// Manifest entries that describe the circumstances of a run. Results do not depend on them.
-const CIRCUMSTANCES: [&str; 2] = ["environment", STOPPING];
+const CIRCUMSTANCES: [&str; 3] = [ENVIRONMENT, PLANS, STOPPING];
 
 /// A merged evaluation.
 #[derive(Debug)]
@@ -20,11 +21,15 @@ pub(crate) struct Evaluation {
     pub(crate) files: Vec<ResultsFile>,
     /// Policies in the order of the files, and by name within a file.
     pub(crate) policies: Vec<EvaluatedPolicy>,
+    /// Suite seed of each file.
+    seeds: Vec<u64>,
 }
 
 /// A policy of an evaluation.
 #[derive(Clone, Debug)]
 pub(crate) struct EvaluatedPolicy {
+    /// Its name in the files, or `FILE:NAME` where another file has another policy under this name, or the
+    /// same one under other settings.
     pub(crate) name: String,
     pub(crate) identity: Identity,
     /// Positions of the policy's rows in the files, sorted by condition and episode.
@@ -46,18 +51,25 @@ pub(crate) enum EvaluationError {
         files[0].display(), files[1].display(), show(values[0].as_ref()), show(values[1].as_ref()), hint(key)
     )]
     Manifest { files: Box<[PathBuf; 2]>, key: String, values: Box<[Option<Value>; 2]> },
-    #[error(
-        "policy `{name}` is {} in {} but {} in {}; evaluate one of them under another name",
-        identities[0], files[0].display(), identities[1], files[1].display()
-    )]
-    Policy { name: String, files: Box<[PathBuf; 2]>, identities: Box<[Identity; 2]> },
     #[error("{}: policy `{name}` has episodes, but the manifest does not describe it", path.display())]
     UnknownPolicy { name: String, path: PathBuf },
     #[error(
-        "{policy}'s {} {} episode {episode} differs between {} and {}; one of the files is not what it claims to be",
+        "{policy}'s {} {} episode {episode} differs between {} and {} in {column}; one of the files is not what it \
+         claims to be",
         condition.task.name(), condition.perturbation.name(), files[0].display(), files[1].display()
     )]
-    Episode { policy: String, condition: Condition, episode: u32, files: Box<[PathBuf; 2]> },
+    Episode {
+        policy: String,
+        condition: Condition,
+        episode: u32,
+        column: &'static str,
+        files: Box<[PathBuf; 2]>,
+    },
+    #[error(
+        "{} ended cells early (--until-decided), so it cannot be pooled with episodes of another seed; analyse it alone",
+        path.display()
+    )]
+    PooledStopping { path: PathBuf },
     #[error("there is no policy `{name}`; the results have {}", known.join(", "))]
     NoPolicy { name: String, known: Vec<String> },
     #[error("`--across {key}` names no option that results depend on; expected one of {}", known.join(", "))]
@@ -70,7 +82,8 @@ fn show(value: Option<&Value>) -> String {
 
 fn hint(key: &str) -> String {
     match key {
-        "version" | "seed" => String::new(),
+        "version" => String::new(),
+        "seed" => "; to pool the episodes of several seeds, add --across seed".to_owned(),
         key => format!("; if this difference is what you want to compare, add --across {key}"),
     }
 }
@@ -85,29 +98,42 @@ impl Evaluation {
         for file in &files[1..] {
             check_manifests(&files[0], file, across)?;
         }
-        let mut policies: Vec<EvaluatedPolicy> = Vec::new();
-        let mut origins: BTreeMap<String, usize> = BTreeMap::new();
-        for (file_idx, file) in files.iter().enumerate() {
-            for (row_idx, row) in file.rows.iter().enumerate() {
-                let name = file.policy(row);
-                let idx = match origins.get(name) {
-                    Some(&idx) => idx,
-                    None => {
-                        let identity = identity(file, name)?;
-                        policies.push(EvaluatedPolicy { name: name.to_owned(), identity, rows: Vec::new() });
-                        origins.insert(name.to_owned(), policies.len() - 1);
-                        policies.len() - 1
-                    }
-                };
-                policies[idx].rows.push(RowIdx { file_idx: file_idx as u32, row_idx: row_idx as u32 });
-            }
+        let seeds: Vec<u64> = files.iter().map(suite_seed).collect();
+        let stopped = files.iter().find(|file| file.stopping.is_some());
+        if let Some(file) = stopped.filter(|_| seeds.iter().any(|seed| *seed != seeds[0])) {
+            return Err(EvaluationError::PooledStopping { path: file.path.clone() });
         }
-        let mut evaluation = Self { files, policies };
+        let policies = policies(&files)?;
+        let mut evaluation = Self { files, policies, seeds };
         for idx in 0..evaluation.policies.len() {
-            evaluation.check_identities(idx)?;
             evaluation.merge_rows(idx)?;
         }
         Ok(evaluation)
+    }
+
+    /// Returns what an episode's start depends on, besides its task: the suite seed and its index.
+    pub(crate) fn start(&self, idx: RowIdx) -> (u64, u32) {
+        (self.seeds[idx.file_idx as usize], self.row(idx).episode)
+    }
+
+    /// Returns the options that differ between the files, with the value of each file.
+    pub(crate) fn differing_options(&self) -> Vec<(String, Vec<Value>)> {
+        let values = |key: String| {
+            let of_file = |file| option(file, &key).unwrap_or(Value::Null);
+            let values: Vec<Value> = self.files.iter().map(of_file).collect();
+            values.iter().any(|value| *value != values[0]).then_some((key, values))
+        };
+        option_names().into_iter().filter_map(values).collect()
+    }
+
+    /// Returns the rule that ended cells of a policy early, if any did.
+    pub(crate) fn ended_early(&self, policy: &EvaluatedPolicy) -> Option<&StoppingRule> {
+        let mut files = policy.rows.iter().map(|idx| idx.file_idx as usize).collect::<Vec<_>>();
+        files.dedup();
+        // The name without the file.
+        let name = self.files[files[0]].policy(self.row(policy.rows[0]));
+        let mut rules = files.into_iter().filter_map(|idx| self.files[idx].stopping.as_ref());
+        rules.find(|rule| rule.policies.iter().any(|stopped| stopped == name))
     }
 
     /// Returns a row.
@@ -138,44 +164,39 @@ impl Evaluation {
         self.files[0].manifest.get(key)
     }
 
-    fn check_identities(&self, policy_idx: usize) -> Result<(), EvaluationError> {
-        let policy = &self.policies[policy_idx];
-        let mut owners = policy.rows.iter().map(|row| row.file_idx as usize).collect::<Vec<_>>();
-        owners.dedup();
-        for &owner in &owners[1..] {
-            let (first, second) = (&self.files[owners[0]], &self.files[owner]);
-            let found = identity(second, &policy.name)?;
-            if !found.matches(&policy.identity) {
-                return Err(EvaluationError::Policy {
-                    name: policy.name.clone(),
-                    files: Box::new([first.path.clone(), second.path.clone()]),
-                    identities: Box::new([policy.identity.clone(), found]),
-                });
-            }
-        }
-        Ok(())
-    }
-
     /// Sorts the rows of a policy in the order of the suite and drops repetitions of the same episode.
     fn merge_rows(&mut self, policy_idx: usize) -> Result<(), EvaluationError> {
         let mut rows = std::mem::take(&mut self.policies[policy_idx].rows);
         let key = |idx: &RowIdx| {
             let row = self.row(*idx);
-            (row.condition.task, row.condition.perturbation, row.episode)
+            (row.condition.task, row.condition.perturbation, self.start(*idx))
         };
         // Of two rows of the same episode, one without an error comes first and is kept.
         rows.sort_by_key(|idx| (key(idx), self.row(*idx).error.is_some()));
         for pair in rows.windows(2).filter(|pair| key(&pair[0]) == key(&pair[1])) {
             let [first, second] = [self.row(pair[0]), self.row(pair[1])];
-            let differs =
-                first.error.is_none() && second.error.is_none() && first.fingerprint != second.fingerprint;
-            if differs {
-                let path = |idx: &RowIdx| self.files[idx.file_idx as usize].path.clone();
+            if first.error.is_some() || second.error.is_some() {
+                continue;
+            }
+            let file = |idx: &RowIdx| &self.files[idx.file_idx as usize];
+            let failed =
+                |row: &EpisodeRow, idx: &RowIdx| row.failed_predicate.map(|text| file(idx).text(text));
+            let columns = [
+                ("seed", first.seed == second.seed),
+                ("fingerprint", first.fingerprint == second.fingerprint),
+                ("steps", first.steps == second.steps),
+                ("success_once", first.success_once == second.success_once),
+                ("success_at_end", first.success_at_end == second.success_at_end),
+                ("first_success_step", first.first_success_step == second.first_success_step),
+                ("failed_predicate", failed(first, &pair[0]) == failed(second, &pair[1])),
+            ];
+            if let Some((column, _)) = columns.into_iter().find(|(_, is_equal)| !is_equal) {
                 return Err(EvaluationError::Episode {
                     policy: self.policies[policy_idx].name.clone(),
                     condition: first.condition,
                     episode: first.episode,
-                    files: Box::new([path(&pair[0]), path(&pair[1])]),
+                    column,
+                    files: Box::new([file(&pair[0]).path.clone(), file(&pair[1]).path.clone()]),
                 });
             }
         }
@@ -192,6 +213,50 @@ fn identity(file: &ResultsFile, name: &str) -> Result<Identity, EvaluationError>
         .ok_or_else(|| EvaluationError::UnknownPolicy { name: name.to_owned(), path: file.path.clone() })
 }
 
+/// Returns the policies of all files. Rows of one name are one policy if its identity and all options agree,
+/// except the seed; otherwise the policies are told apart by their files.
+fn policies(files: &[ResultsFile]) -> Result<Vec<EvaluatedPolicy>, EvaluationError> {
+    let mut policies: Vec<EvaluatedPolicy> = Vec::new();
+    for (file_idx, file) in files.iter().enumerate() {
+        let mut positions: BTreeMap<&str, usize> = BTreeMap::new();
+        for (row_idx, row) in file.rows.iter().enumerate() {
+            let name = file.policy(row);
+            let idx = match positions.get(name) {
+                Some(&idx) => idx,
+                None => {
+                    let identity = identity(file, name)?;
+                    let is_same = |policy: &EvaluatedPolicy| {
+                        let first = &files[policy.rows[0].file_idx as usize];
+                        policy.name == name
+                            && policy.identity.matches(&identity)
+                            && has_same_options(first, file)
+                    };
+                    let idx = policies.iter().position(is_same).unwrap_or(policies.len());
+                    if idx == policies.len() {
+                        policies.push(EvaluatedPolicy { name: name.to_owned(), identity, rows: Vec::new() });
+                    }
+                    positions.insert(name, idx);
+                    idx
+                }
+            };
+            policies[idx].rows.push(RowIdx { file_idx: file_idx as u32, row_idx: row_idx as u32 });
+        }
+    }
+    let names: Vec<String> = policies.iter().map(|policy| policy.name.clone()).collect();
+    for policy in &mut policies {
+        if names.iter().filter(|name| **name == policy.name).count() > 1 {
+            let path = files[policy.rows[0].file_idx as usize].path.display();
+            policy.name = format!("{path}:{}", policy.name);
+        }
+    }
+    Ok(policies)
+}
+
+fn has_same_options(first: &ResultsFile, second: &ResultsFile) -> bool {
+    let mut keys = option_names().into_iter().filter(|key| key != "seed");
+    keys.all(|key| option(first, &key) == option(second, &key))
+}
+
 /// Returns the options that results depend on, with their defaults.
 fn defaults() -> Map<String, Value> {
     match serde_json::json!(RunConfig::default().results) {
@@ -200,9 +265,24 @@ fn defaults() -> Map<String, Value> {
     }
 }
 
+/// Returns the names of what `--across` may name: options, and the code that results depend on.
+fn option_names() -> Vec<String> {
+    defaults().into_iter().map(|(key, _)| key).chain(["code".to_owned()]).collect()
+}
+
+/// Returns an entry of the manifest. A file that was written before an option existed has the results of its
+/// default.
+fn option(file: &ResultsFile, key: &str) -> Option<Value> {
+    file.manifest.get(key).cloned().or_else(|| defaults().remove(key))
+}
+
+/// Returns the suite seed of a file.
+fn suite_seed(file: &ResultsFile) -> u64 {
+    option(file, "seed").and_then(|seed| seed.as_u64()).unwrap_or(0)
+}
+
 fn check_across(across: &[String]) -> Result<(), EvaluationError> {
-    // Twins share their starts only under one seed, and two versions are two simulators.
-    let known: Vec<String> = defaults().keys().filter(|key| *key != "seed").cloned().collect();
+    let known = option_names();
     match across.iter().find(|key| !known.contains(key)) {
         Some(key) => Err(EvaluationError::Across { key: key.clone(), known }),
         None => Ok(()),
@@ -214,15 +294,12 @@ fn check_manifests(
     second: &ResultsFile,
     across: &[String],
 ) -> Result<(), EvaluationError> {
-    let defaults = defaults();
-    // A file that was written before an option existed has the results of its default.
-    let value = |file: &ResultsFile, key: &str| file.manifest.get(key).or_else(|| defaults.get(key)).cloned();
     let mut keys: Vec<&String> = first.manifest.keys().chain(second.manifest.keys()).collect();
     keys.sort();
     keys.dedup();
     for key in keys.into_iter().filter(|key| !CIRCUMSTANCES.contains(&key.as_str()) && !across.contains(key))
     {
-        let values = Box::new([value(first, key), value(second, key)]);
+        let values = Box::new([option(first, key), option(second, key)]);
         // A file without policies that read images has no renderer.
         let is_free = key == "renderer" && values.contains(&None);
         if values[0] != values[1] && !is_free {

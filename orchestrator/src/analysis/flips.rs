@@ -49,7 +49,7 @@ impl Flip {
 impl FlipSide {
     fn replay_command(&self, episode: u32) -> String {
         if !self.has_actions {
-            return "evaluate with `run --keep-actions` to replay it".to_owned();
+            return "its actions were not kept".to_owned();
         }
         let Condition { task, perturbation } = self.condition;
         format!(
@@ -99,7 +99,7 @@ fn flip(evaluation: &Evaluation, condition: Condition, episode: &MatchedEpisode)
     let file = &evaluation.files[failing.file_idx as usize];
     Flip {
         condition,
-        episode: episode.episode,
+        episode: episode.start.1,
         a_succeeds,
         failed_predicate: evaluation.row(failing).failed_predicate.map(|idx| file.text(idx).to_owned()),
         sides: [side(0), side(1)],

@@ -8,7 +8,7 @@ use sim::perturb::Composition;
 use super::evaluation::{EvaluatedPolicy, Evaluation, RowIdx};
 use crate::plan::Condition;
 use crate::results::EpisodeRow;
-use crate::statistics::{PairedSequence, Pairs};
+use crate::statistics::{Levels, PairedSequence, Pairs};
 
 /// The success of an episode that is compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ValueEnum)]
@@ -34,21 +34,21 @@ pub(crate) struct Side<'a> {
 #[derive(Clone, Debug)]
 pub(crate) struct MatchedCell {
     pub(crate) condition: Condition,
-    /// Episodes with a result on both sides, in index order.
+    /// Episodes with a result on both sides, by seed and index.
     pub(crate) episodes: Vec<MatchedEpisode>,
     /// Matched episodes with an error on either side, which are left out.
     pub(crate) n_errors: u32,
     /// Episodes that only one side has.
     pub(crate) n_unmatched: u32,
-    /// First index that is missing on either side. Episodes with an error are not missing.
+    /// First index that is missing on either side, of a single seed. Episodes with an error are not missing.
     first_missing: u32,
 }
 
 /// An episode with its rows on both sides.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MatchedEpisode {
-    /// Index of the episode under the suite seed.
-    pub(crate) episode: u32,
+    /// Suite seed and index of the episode, which determine its start.
+    pub(crate) start: (u64, u32),
     pub(crate) rows: [RowIdx; 2],
     /// Success of A and of B.
     pub(crate) success: [bool; 2],
@@ -81,28 +81,23 @@ impl MatchedCell {
 
     /// Returns the pairs in index order up to the first episode that is missing on either side. Early
     /// stopping leaves later ones by chance of timing.
-    pub(crate) fn sequence(&self, alpha: f64) -> PairedSequence {
-        let mut sequence = PairedSequence::new(alpha);
-        let leading = self.episodes.iter().take_while(|episode| episode.episode < self.first_missing);
+    pub(crate) fn sequence(&self, levels: Levels) -> PairedSequence {
+        let mut sequence = PairedSequence::new(levels);
+        let leading = self.episodes.iter().take_while(|episode| episode.start.1 < self.first_missing);
         for MatchedEpisode { success: [a, b], .. } in leading {
             sequence.push(*a, *b);
         }
         sequence
     }
 
-    /// Returns the indices of the pairs, ascending.
-    pub(crate) fn indices(&self) -> impl Iterator<Item = u32> {
-        self.episodes.iter().map(|pair| pair.episode)
-    }
-
-    /// Returns `a − b` for each of the ascending episode `indices`, for resampling.
-    pub(crate) fn differences(&self, indices: &[u32]) -> Vec<Option<i8>> {
+    /// Returns `a − b` for each of the ascending `starts`.
+    pub(crate) fn differences(&self, starts: &[(u64, u32)]) -> Vec<Option<i8>> {
         let mut pairs = self.episodes.iter().peekable();
-        let difference = |idx: &u32| {
-            let MatchedEpisode { success: [a, b], .. } = pairs.next_if(|pair| pair.episode == *idx)?;
+        let difference = |start: &(u64, u32)| {
+            let MatchedEpisode { success: [a, b], .. } = pairs.next_if(|pair| pair.start == *start)?;
             Some(i8::from(*a) - i8::from(*b))
         };
-        indices.iter().map(difference).collect()
+        starts.iter().map(difference).collect()
     }
 }
 
@@ -137,9 +132,10 @@ fn match_cell(
     let (mut left, mut right) = (ours.iter().peekable(), theirs.iter().peekable());
     while let (Some(&&a_idx), Some(&&b_idx)) = (left.peek(), right.peek()) {
         let [a, b] = [a_idx, b_idx].map(|idx| evaluation.row(idx));
-        if a.episode != b.episode {
+        let starts = [a_idx, b_idx].map(|idx| evaluation.start(idx));
+        if starts[0] != starts[1] {
             cell.n_unmatched += 1;
-            let behind = if a.episode < b.episode { &mut left } else { &mut right };
+            let behind = if starts[0] < starts[1] { &mut left } else { &mut right };
             behind.next();
             continue;
         }
@@ -150,7 +146,7 @@ fn match_cell(
             cell.n_errors += 1;
         } else {
             cell.episodes.push(MatchedEpisode {
-                episode: a.episode,
+                start: starts[0],
                 rows: [a_idx, b_idx],
                 success: [metric.of(a), metric.of(b)],
             });

@@ -2,16 +2,16 @@
 //! policy loses under perturbations.
 
 use clap::Args;
-use serde_json::json;
+use serde_json::{Value, json};
 use sim::Perturbation;
 use sim::perturb::Composition;
 
-use crate::analysis::{ComparedCell, Comparison, ComparisonKind, ComparisonOptions, TestKind};
+use crate::analysis::{ComparedCell, Comparison, ComparisonKind, ComparisonOptions, Evaluation, TestKind};
 use crate::evaluation_args::EvaluationArgs;
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::output::print_out;
 use crate::selection::PERTURBATION_PARSER;
-use crate::statistics::{Estimate, IntervalMethod};
+use crate::statistics::MeanDifference;
 use crate::table::{Align, TextTable, interval, p_value, points};
 
 /// Arguments of `compare`.
@@ -44,7 +44,7 @@ pub(crate) struct CompareArgs {
 pub(crate) fn compare(args: &CompareArgs) -> Result<ExitStatus, Failure> {
     let evaluation = args.evaluation.read()?;
     let max_flips = if args.json { usize::MAX } else { args.flips };
-    let (metric, levels) = (args.evaluation.metric, args.evaluation.levels());
+    let (metric, levels) = (args.evaluation.metric, args.evaluation.levels(&evaluation)?);
     let options = ComparisonOptions { metric, levels, max_flips };
     let comparison = match (&args.policy, &args.a, &args.b) {
         (Some(policy), _, _) => {
@@ -55,9 +55,24 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<ExitStatus, Failure> {
         (None, _, _) => unreachable!("clap requires --a and --b, or --policy"),
     };
     let comparison = comparison.or_user()?;
-    let text = if args.json { format!("{:#}\n", json!(comparison)) } else { text(&comparison) };
+    let text = if args.json {
+        format!("{:#}\n", json!(comparison))
+    } else {
+        differing_options(&evaluation) + &text(&comparison)
+    };
     print_out(&text)?;
     Ok(ExitStatus::Success)
+}
+
+/// Formats the options in which the files differ, which `--across` allowed.
+fn differing_options(evaluation: &Evaluation) -> String {
+    let line = |(key, values): (String, Vec<Value>)| {
+        let values = evaluation.files.iter().zip(values);
+        let values: Vec<String> =
+            values.map(|(file, value)| format!("{value} in {}", file.path.display())).collect();
+        format!("{key}: {}\n", values.join(", "))
+    };
+    evaluation.differing_options().into_iter().map(line).collect()
 }
 
 /// Formats a comparison for people.
@@ -65,26 +80,32 @@ pub(crate) fn text(comparison: &Comparison) -> String {
     let [a, b] = comparison.sides.names();
     let levels = comparison.levels;
     let n_cells = comparison.cells.len();
-    let [a_better, b_better, equivalent, undecided] = comparison.n_decisions();
-    let [short_a, short_b] = comparison.sides.short_names();
+    let counts = comparison.n_decisions();
+    let undecided = counts[3];
     let title = match comparison.sides {
         ComparisonKind::Policies { .. } => format!("A = {a}, B = {b}"),
         ComparisonKind::Perturbations { .. } => format!("A = {a}, B = {b}, on the same episodes"),
     };
+    let notes = match comparison.tests {
+        TestKind::FixedSample if undecided > 0 => {
+            "more episodes: for a decision with a probability of 80 %, if the rates are as observed. Looking again after adding \
+             them makes false verdicts more frequent; `run --until-decided` may look at any time\n"
+        }
+        TestKind::FixedSample => "",
+        TestKind::Sequential => {
+            "cells ended when they were decided: tests and intervals hold at every moment; a difference that ended its cell \
+             is too large on average. No means over such cells\n"
+        }
+    };
     format!(
-        "{title}; difference = {} of A − B\n\n{}\n{}\n\
-         {n_cells} cells: {short_a} better in {a_better}, {short_b} better in {b_better}, no difference larger than \
-         {:.1} pp in {equivalent}, undecided in {undecided}\n\
-         (level {}, p-values adjusted for {n_cells} cells{}; definitions: docs/conclusions.md)\n{}",
+        "{title}; difference = {} of A − B\n\n{}\n{}\n{n_cells} cells: {}\n\
+         (level {}; within each table, both kinds of verdicts are adjusted by Holm's method; definitions: \
+         docs/conclusions.md)\n{notes}{}",
         comparison.metric.name(),
         cell_table(comparison),
         group_table(comparison),
-        100.0 * levels.margin,
+        comparison.sides.counts(counts, levels.margin),
         levels.alpha,
-        match comparison.tests {
-            TestKind::FixedSample => "",
-            TestKind::Sequential => "; sequential tests, because cells ended when they were decided",
-        },
         flip_lines(comparison),
     )
 }
@@ -120,7 +141,7 @@ fn cell_table(comparison: &Comparison) -> String {
             interval(cell.interval),
             p_value(cell.p),
             p_value(cell.adjusted_p),
-            cell.verdict.text(comparison.sides.short_names(), levels.margin),
+            comparison.sides.verdict(&cell.verdict, cell.difference, levels.margin),
         ]);
     }
     let left_out = |count: fn(&ComparedCell) -> u32, what: &str| {
@@ -144,23 +165,21 @@ fn group_table(comparison: &Comparison) -> String {
         ("pairs", Right),
         ("difference", Right),
         (&confidence, Right),
-        ("method", Left),
+        ("p", Right),
+        ("adjusted", Right),
         ("verdict", Left),
     ]);
     for group in &comparison.groups {
-        let Estimate { mean, interval: bounds, method, n_cells, .. } = group.estimate;
+        let MeanDifference { mean, interval: bounds, p, n_cells, .. } = group.estimate;
         table.row(vec![
             group.group.clone(),
             n_cells.to_string(),
             group.n.to_string(),
             points(mean),
             interval(bounds),
-            match method {
-                IntervalMethod::Percentile => "bootstrap",
-                IntervalMethod::BiasCorrected => "bootstrap, BCa",
-            }
-            .to_owned(),
-            group.verdict.text(comparison.sides.short_names(), comparison.levels.margin),
+            p_value(p),
+            p_value(group.adjusted_p),
+            comparison.sides.verdict(&group.verdict, mean, comparison.levels.margin),
         ]);
     }
     table.to_string()

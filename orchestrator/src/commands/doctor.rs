@@ -17,6 +17,7 @@ use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 use xxhash_rust::xxh3::Xxh3Default;
 
+use crate::build_identity;
 use crate::exit::{ExitStatus, Failure};
 use crate::fleet;
 use crate::machine::Machine;
@@ -88,7 +89,7 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Result<ExitStatus, Failure> {
     checks.push(python(&args.python));
     if args.json {
         let machine = Machine::detect();
-        let version = env!("CARGO_PKG_VERSION");
+        let version = build_identity::VERSION;
         print_out(&format!("{:#}\n", json!({ "version": version, "machine": machine, "checks": checks })))?;
     } else {
         print_out(&checks.iter().map(Check::text).collect::<String>())?;
@@ -292,7 +293,7 @@ fn python(program: &str) -> Check {
         Ok(output) => format!("{program} failed: {}", String::from_utf8_lossy(&output.stderr).trim()),
         Err(error) => format!("{program} cannot be started: {error}"),
     };
-    let version = format!("hypogeum {}", env!("CARGO_PKG_VERSION"));
+    let version = format!("hypogeum {}", build_identity::VERSION);
     if found.contains(&version) {
         return Check::ok(NAME, found);
     }

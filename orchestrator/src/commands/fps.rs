@@ -13,6 +13,7 @@ use policy_host::{PolicySpec, synthetic};
 use serde_json::json;
 use sim::TaskId;
 
+use crate::build_identity;
 use crate::execution::{find_device, resolve};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::interrupt;
@@ -145,6 +146,7 @@ fn speed_plan(args: &FpsArgs) -> Result<SpeedPlan, Failure> {
     let mut config = RunConfig { rendering, inference, ..RunConfig::default() };
     config.query.execute = Some(args.execute);
     config.resources.gpu = args.gpu;
+    config.resources.keep_actions = false;
     if let Some(threads) = args.threads {
         config.resources.threads = Amount::Fixed(threads);
     }
@@ -205,7 +207,7 @@ fn settings(
 ) -> SpeedSettings {
     let rendering = &plan.config.rendering;
     SpeedSettings {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
+        version: format!("{} {}", build_identity::VERSION, build_identity::CODE),
         task: plan.task.name().to_owned(),
         seconds: args.seconds,
         policies: json!(identities),

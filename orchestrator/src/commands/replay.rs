@@ -29,7 +29,7 @@ use crate::table::{Align, TextTable};
 #[derive(Debug, Args)]
 pub(crate) struct ReplayArgs {
     /// Dataset, which is single/ or bimanual/ in a folder that `demos` wrote, or a results file of
-    /// `run --keep-actions`
+    /// `run`
     #[arg(value_name = "DATASET|FILE.db", required_unless_present = "start")]
     pub(crate) source: Option<PathBuf>,
     /// Instead of stored episodes, start in the state of this file (docs/trajectories.md)

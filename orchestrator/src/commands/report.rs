@@ -33,7 +33,7 @@ pub(crate) struct ReportArgs {
     /// Frames per second: a CSV file with the columns batch_size and frames_per_second
     #[arg(long, value_name = "FILE.csv")]
     pub(crate) fps: Option<PathBuf>,
-    /// Number of flips to show as movies, both sides next to each other; needs `run --keep-actions`
+    /// Number of flips to show as movies, both sides next to each other
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) movies: usize,
     /// Further formats of the results, comma-separated
@@ -51,7 +51,7 @@ pub(crate) fn report(args: &ReportArgs) -> Result<ExitStatus, Failure> {
     let options = PageOptions {
         title: args.title.clone(),
         metric: args.evaluation.metric,
-        levels: args.evaluation.levels(),
+        levels: args.evaluation.levels(&evaluation)?,
         pairs: args.pairs.clone(),
     };
     let report = ReportContent::new(&evaluation, &options, external).or_user()?;
@@ -64,7 +64,7 @@ pub(crate) fn report(args: &ReportArgs) -> Result<ExitStatus, Failure> {
     let data = serde_json::to_vec(&report)?;
     write_file(&args.output.join("data.json"), &data).or_user()?;
     for format in &args.format {
-        export(&evaluation, args.evaluation.metric, *format, &args.output).or_user()?;
+        export(&evaluation, (report.metric, report.levels.alpha), *format, &args.output).or_user()?;
     }
     // The page is written last: where it is, everything else is.
     let page = write_file(&args.output.join("index.html"), html.as_bytes()).or_user()?;
@@ -85,7 +85,8 @@ fn movies(report: &ReportContent, args: &ReportArgs) -> anyhow::Result<Vec<Movie
         report.comparisons.iter().flat_map(|comparison| comparison.flips.iter().filter(can_replay)).collect();
     ensure!(
         !flips.is_empty(),
-        "--movies needs flips with stored actions on both sides: evaluate with `run --keep-actions`"
+        "--movies needs flips with stored actions on both sides, but no flip has them: the files were made with \
+         --keep-actions=false, or by an early version"
     );
     // Spread over all flips, so that not all are of one cell.
     let n = args.movies.min(flips.len());

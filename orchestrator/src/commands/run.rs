@@ -9,6 +9,7 @@ use ipc_types::trace::{self, Activity, TraceSpan};
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
 
+use crate::build_identity;
 use crate::execution::{execute, find_device, resolve};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::fleet::{FleetEvent, RunStatus, Totals};
@@ -19,7 +20,7 @@ use crate::output::{OutputError, print_message, print_out};
 use crate::plan::RunPlan;
 use crate::progress::Progress;
 use crate::report::{self, Fps};
-use crate::results::{EpisodeKey, Manifest, Results, STOPPING};
+use crate::results::{ENVIRONMENT, EpisodeKey, Manifest, Results, STOPPING};
 use crate::stopping::{SequentialCell, Stopping};
 use crate::sweep::SweepArgs;
 use crate::trace_file::TraceFile;
@@ -53,7 +54,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let todo = unfinished(&plan, &results)?;
     let n_done = plan.n_episodes() - todo.len() as u64;
     print_done(&plan, n_done);
-    let stopping = start_stopping(&plan, &mut results)?;
+    let (stopping, date) = note_start(&plan, &mut results)?;
     let (stopping, n_skipped) = (RefCell::new(stopping), Cell::new(0));
     let mut live = Live {
         progress: Progress::of_run(plan.n_episodes(), n_done, args.quiet, args.json),
@@ -92,10 +93,14 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         print_message(&resume_hint(&plan));
     }
     let (status, totals) = outcome?;
-    let environment = environment(&plan, &machine, &totals);
-    if n_done < plan.n_episodes() {
-        results.note("environment", &environment)?;
-    }
+    let earlier = results.environment().or_user()?;
+    let environment = if n_done < plan.n_episodes() {
+        let environment = environment(&plan, &machine, &totals, (&earlier, date, started));
+        results.note(ENVIRONMENT, &environment)?;
+        environment
+    } else {
+        earlier
+    };
     if status == RunStatus::Stopped {
         print_message(&format!("interrupted; {}", resume_hint(&plan)));
         return Ok(ExitStatus::Interrupted);
@@ -111,12 +116,15 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     Ok(status)
 }
 
-/// Notes the plan's rule for early stopping, if it has one, and applies it to the episodes so far.
-fn start_stopping(plan: &RunPlan, results: &mut Results) -> Result<Option<Stopping>, Failure> {
-    let Some(rule) = &plan.stopping else { return Ok(None) };
+/// Notes the plan and its rule for early stopping, if it has one, and applies the rule to the episodes so
+/// far. Also returns the date.
+fn note_start(plan: &RunPlan, results: &mut Results) -> Result<(Option<Stopping>, String), Failure> {
+    results.add_plan(plan)?;
+    let date = results.now().or_user()?;
+    let Some(rule) = &plan.stopping else { return Ok((None, date)) };
     let stopping = Stopping::new(rule, plan, results).or_user()?;
     results.note(STOPPING, &json!(rule))?;
-    Ok(Some(stopping))
+    Ok((Some(stopping), date))
 }
 
 /// Returns the episodes of the plan that the results file does not have yet.
@@ -154,7 +162,7 @@ fn print_results(
 ) -> Result<ExitStatus, Failure> {
     let cells = report::cells(plan, results).or_user()?;
     if let Some(run) = run {
-        let mut report = report::json(run, &cells, fps);
+        let mut report = report::json(run, &cells, plan.stopped(), fps);
         if let Some(rule) = &plan.stopping {
             report["stopping"] = report::stopping::json(rule, conclusions);
         }
@@ -219,9 +227,21 @@ fn print_report(
     print_out(&format!("{table}{gap}{lines}"))
 }
 
-/// Returns the facts that timings depend on and results do not.
-fn environment(plan: &RunPlan, machine: &Machine, totals: &Totals) -> Value {
+/// Returns the facts that timings depend on and results do not. `wall_s` is the time of all runs with the
+/// file.
+fn environment(
+    plan: &RunPlan,
+    machine: &Machine,
+    totals: &Totals,
+    (earlier, date, started): (&Value, String, Instant),
+) -> Value {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let earlier_s = earlier["wall_s"].as_f64().unwrap_or(0.0);
     json!({
+        "date": date,
+        "command": format!("hypogeum {}", words.join(" ")),
+        "commit": build_identity::COMMIT,
+        "wall_s": earlier_s + started.elapsed().as_secs_f64(),
         "envs": plan.config.resources.envs,
         "env_choice": totals.choice,
         "threads": plan.config.resources.n_threads(),

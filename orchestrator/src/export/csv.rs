@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 
 use ipc_types::Morphology;
 use serde_json::Value;
+use sim::Perturbation;
+use sim::perturb::Composition;
 
-use super::write_file;
+use super::{file_name, write_file};
 use crate::analysis::{CellSummary, EvaluatedPolicy, Evaluation, Metric};
 
 /// The columns, as `examples/baselines/act_clip` of the original writes them.
@@ -14,10 +16,14 @@ const HEADER: &str = "checkpoint_path,pc_hostname,now,t_final,duration_sec,pertu
     num_eval_episodes,max_episode_steps,message,num_sucessful_episodes,success_percent";
 
 /// Writes the files and returns them.
-pub(super) fn write(evaluation: &Evaluation, metric: Metric, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+pub(super) fn write(
+    evaluation: &Evaluation,
+    (metric, alpha): (Metric, f64),
+    folder: &Path,
+) -> anyhow::Result<Vec<PathBuf>> {
     let mut paths = Vec::new();
     for policy in &evaluation.policies {
-        let cells = CellSummary::of_policy(evaluation, policy, metric);
+        let cells = CellSummary::of_policy(evaluation, policy, metric, alpha);
         for morphology in Morphology::ALL {
             let own = cells.iter().filter(|cell| cell.condition.task.task().morphology == morphology);
             let rows: Vec<String> = own.map(|cell| row(evaluation, policy, cell)).collect();
@@ -26,7 +32,7 @@ pub(super) fn write(evaluation: &Evaluation, metric: Metric, folder: &Path) -> a
                     Morphology::Single => "single_arm",
                     Morphology::Bimanual => "bimanual",
                 };
-                let path = folder.join(format!("{}.{name}.csv", policy.name));
+                let path = folder.join(format!("{}.{name}.csv", file_name(policy)));
                 paths.push(write_file(&path, format!("{HEADER}\n{}\n", rows.join("\n")).as_bytes())?);
             }
         }
@@ -42,8 +48,8 @@ fn row(evaluation: &Evaluation, policy: &EvaluatedPolicy, cell: &CellSummary) ->
     };
     let percent = cell.rate.fraction().map_or(-1.0, |fraction| 100.0 * fraction);
     let duration: f64 = cell.times_s.iter().sum();
-    // The original names perturbations in lower case with underscores. Times of day are not recorded.
-    let perturbation = cell.condition.perturbation.name().to_lowercase().replace('-', "_");
+    // Times of day are not recorded.
+    let perturbation = original_name(cell.condition.perturbation);
     let message = if cell.errors > 0 { format!("{} errors", cell.errors) } else { String::new() };
     let fields = [
         policy.identity.spec.clone(),
@@ -65,4 +71,14 @@ fn row(evaluation: &Evaluation, policy: &EvaluatedPolicy, cell: &CellSummary) ->
     fields
         .map(|field| if field.contains(',') { format!("\"{}\"", field.replace('"', "\"\"")) } else { field })
         .join(",")
+}
+
+/// Returns the name of a perturbation in the original's result files, whose readers drop columns that they do
+/// not know. Compositions and the language perturbations that the original does not have keep ours.
+fn original_name(composition: Composition) -> String {
+    match composition {
+        one if one == Perturbation::DistractorObjects.into() => "distractor_object".to_owned(),
+        one if one == Perturbation::LanguageParaphrase.into() => "language".to_owned(),
+        other => other.name().to_lowercase().replace('-', "_"),
+    }
 }

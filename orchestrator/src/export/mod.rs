@@ -4,7 +4,6 @@
 mod csv;
 mod episodes;
 mod lerobot;
-
 mod vla_eval;
 
 use std::path::{Path, PathBuf};
@@ -37,16 +36,17 @@ pub(crate) enum ExportFormat {
 /// If a file cannot be written.
 pub(crate) fn export(
     evaluation: &Evaluation,
-    metric: Metric,
+    (metric, alpha): (Metric, f64),
     format: ExportFormat,
     folder: &Path,
 ) -> anyhow::Result<Vec<PathBuf>> {
     let per_policy = |name: fn(&str) -> String, make: &dyn Fn(&EvaluatedPolicy) -> Value| {
-        let write = |policy: &EvaluatedPolicy| write_json(&folder.join(name(&policy.name)), &make(policy));
+        let write =
+            |policy: &EvaluatedPolicy| write_json(&folder.join(name(&file_name(policy))), &make(policy));
         evaluation.policies.iter().map(write).collect::<anyhow::Result<Vec<PathBuf>>>()
     };
     match format {
-        ExportFormat::Csv => csv::write(evaluation, metric, folder),
+        ExportFormat::Csv => csv::write(evaluation, (metric, alpha), folder),
         ExportFormat::Parquet => {
             let path = folder.join("episodes.parquet");
             episodes::write(evaluation, &path)?;
@@ -56,7 +56,7 @@ pub(crate) fn export(
             let cells: Vec<CellSummary> = evaluation
                 .policies
                 .iter()
-                .flat_map(|policy| CellSummary::of_policy(evaluation, policy, metric))
+                .flat_map(|policy| CellSummary::of_policy(evaluation, policy, metric, alpha))
                 .collect();
             let manifest = &evaluation.files[0].manifest;
             let all = serde_json::json!({ "run": manifest, "metric": metric, "cells": cells });
@@ -69,6 +69,11 @@ pub(crate) fn export(
             vla_eval::benchmark_result(evaluation, policy, metric)
         }),
     }
+}
+
+/// Returns the name of a policy as part of a file name: it may contain that of a results file.
+fn file_name(policy: &EvaluatedPolicy) -> String {
+    policy.name.replace(['/', ':'], "_")
 }
 
 /// Writes a file under a temporary name first, so that no half-written file ever has the final name.

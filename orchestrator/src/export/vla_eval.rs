@@ -4,6 +4,7 @@
 use serde_json::{Value, json};
 
 use crate::analysis::{EvaluatedPolicy, Evaluation, Metric, RowIdx};
+use crate::build_identity;
 use crate::results::EpisodeRow;
 
 pub(super) fn benchmark_result(evaluation: &Evaluation, policy: &EvaluatedPolicy, metric: Metric) -> Value {
@@ -33,7 +34,7 @@ pub(super) fn benchmark_result(evaluation: &Evaluation, policy: &EvaluatedPolicy
     json!({
         "benchmark": "COLOSSEUM V2",
         "mode": "sync",
-        "harness_version": format!("hypogeum {}", env!("CARGO_PKG_VERSION")),
+        "harness_version": format!("hypogeum {}", build_identity::VERSION),
         "created_at": "",
         "tasks": tasks,
         "config": { "policy": policy.identity, "params": options },

@@ -11,6 +11,7 @@ use crate::analysis::{
     CellRate, CellSummary, Comparison, ComparisonOptions, Effect, Evaluation, Metric, Rate, effects,
     modality_change,
 };
+use crate::results::{ENVIRONMENT, PLANS};
 use crate::statistics::Levels;
 
 /// Choices of the user.
@@ -72,10 +73,12 @@ pub(crate) struct PolicySummary {
     pub(crate) spec: String,
     pub(crate) checkpoint: Option<String>,
     pub(crate) role: PolicyRole,
-    /// Over all unperturbed episodes.
+    /// `true` if its cells ended when a comparison was decided: they differ in size, so nothing is averaged.
+    pub(crate) ended_early: bool,
+    /// Over all unperturbed episodes; without trials if cells ended early.
     pub(crate) unperturbed: Rate,
     pub(crate) unperturbed_interval: Option<[f64; 2]>,
-    /// Over all episodes.
+    /// Over all episodes; without trials if cells ended early.
     pub(crate) all: Rate,
     pub(crate) errors: u32,
     /// Mean changes over the perturbations of language, vision and action.
@@ -108,9 +111,12 @@ impl ReportContent {
         external: ExternalData,
     ) -> anyhow::Result<Self> {
         let (metric, levels) = (options.metric, options.levels);
-        let of_policy = |policy| CellSummary::of_policy(evaluation, policy, metric);
+        let of_policy = |policy| CellSummary::of_policy(evaluation, policy, metric, levels.alpha);
         let cells: Vec<CellSummary> = evaluation.policies.iter().flat_map(of_policy).collect();
-        let effects = effects_of(&cells);
+        let ended_early = |cell: &&CellSummary| {
+            evaluation.policy(&cell.policy).is_ok_and(|policy| evaluation.ended_early(policy).is_some())
+        };
+        let effects = effects_of(cells.iter().filter(|cell| !ended_early(cell)));
         let policies = summaries(evaluation, &cells, &effects, levels);
         let comparisons = comparisons(evaluation, &policies, options)?;
         let perturbations = policies
@@ -128,8 +134,12 @@ impl ReportContent {
             title: options.title.clone(),
             metric,
             levels,
-            options: manifest.iter().filter(|(key, _)| *key != "environment").map(owned).collect(),
-            environment: manifest.get("environment").cloned().unwrap_or(Value::Null),
+            options: manifest
+                .iter()
+                .filter(|(key, _)| ![ENVIRONMENT, PLANS].contains(&key.as_str()))
+                .map(owned)
+                .collect(),
+            environment: manifest.get(ENVIRONMENT).cloned().unwrap_or(Value::Null),
             files: evaluation
                 .files
                 .iter()
@@ -165,11 +175,11 @@ fn owned((key, value): (&String, &Value)) -> (String, Value) {
     (key.clone(), value.clone())
 }
 
-fn effects_of(cells: &[CellSummary]) -> Vec<Effect> {
+fn effects_of<'a>(cells: impl Iterator<Item = &'a CellSummary>) -> Vec<Effect> {
     fn rate(cell: &CellSummary) -> CellRate<'_> {
         CellRate { policy: &cell.policy, condition: cell.condition, success: cell.rate.fraction() }
     }
-    effects(&cells.iter().map(rate).collect::<Vec<_>>())
+    effects(&cells.map(rate).collect::<Vec<_>>())
 }
 
 fn summaries(
@@ -185,7 +195,9 @@ fn summaries(
     let summary = |policy: &crate::analysis::EvaluatedPolicy| {
         let own: Vec<&CellSummary> = cells.iter().filter(|cell| cell.policy == policy.name).collect();
         let is_unperturbed = |cell: &&CellSummary| cell.condition.perturbation == Perturbation::None.into();
-        let unperturbed = sum(&own.iter().copied().filter(is_unperturbed).collect::<Vec<_>>());
+        let ended_early = evaluation.ended_early(policy).is_some();
+        let averaged = if ended_early { &[][..] } else { &own[..] };
+        let unperturbed = sum(&averaged.iter().copied().filter(is_unperturbed).collect::<Vec<_>>());
         PolicySummary {
             name: policy.name.clone(),
             spec: policy.identity.spec.clone(),
@@ -195,9 +207,10 @@ fn summaries(
                 "expert" => PolicyRole::Ceiling,
                 _ => PolicyRole::Policy,
             },
+            ended_early,
             unperturbed_interval: unperturbed.interval(levels.z()),
             unperturbed,
-            all: sum(&own),
+            all: sum(averaged),
             errors: own.iter().map(|cell| cell.errors).sum(),
             changes: MODALITIES.map(|modality| modality_change(effects, &policy.name, modality)),
         }

@@ -14,7 +14,8 @@ use super::figures::{
     Bar, BarGroup, ForestRow, RadarSeries, Scatter, StackRow, StepCurve, bars, forest, fps_curve, radar,
     regression, stacks, success_over_time,
 };
-use crate::analysis::{CellSummary, Comparison, ComparisonKind, Rate};
+use crate::analysis::{CellSummary, Comparison, ComparisonKind};
+use crate::plan::Condition;
 
 /// Cells up to which a forest plot shows each.
 const MAX_FOREST_CELLS: usize = 40;
@@ -53,6 +54,11 @@ fn figure(id: &str, title: &str, caption: &str, svg: String) -> Option<Figure> {
 fn policies_under_test(report: &ReportContent) -> Vec<(RGBColor, &PolicySummary)> {
     let shown = report.policies.iter().filter(|policy| policy.role == PolicyRole::Policy);
     shown.map(|policy| (color(report.policy_idx(&policy.name)), policy)).collect()
+}
+
+/// Returns the policies under test over whose cells means may be taken.
+fn policies_with_means(report: &ReportContent) -> Vec<(RGBColor, &PolicySummary)> {
+    policies_under_test(report).into_iter().filter(|(_, policy)| !policy.ended_early).collect()
 }
 
 fn legend(policies: &[(RGBColor, &PolicySummary)]) -> Vec<(String, RGBColor)> {
@@ -95,7 +101,7 @@ fn morphology_name(morphology: Morphology) -> &'static str {
 
 fn radar_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
     let mut series = Vec::new();
-    for (color, policy) in policies_under_test(report) {
+    for (color, policy) in policies_with_means(report) {
         for morphology in Morphology::ALL {
             let cells = of_morphology(report, &policy.name, morphology);
             let values = MODALITIES.map(|modality| mean_success(&cells, modality));
@@ -118,7 +124,7 @@ fn radar_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
 }
 
 fn change_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
-    let policies = policies_under_test(report);
+    let policies = policies_with_means(report);
     let group = |(idx, name): (usize, &str)| BarGroup {
         label: name.to_owned(),
         bars: policies
@@ -169,8 +175,8 @@ fn perturbation_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>>
         return Ok(None);
     }
     let svg = bars(&groups, &legend(&policies), range_of(&groups), "")?;
-    let caption = "Mean change against the policy's own unperturbed twins in percentage points, over all tasks, with intervals \
-                   from a cluster bootstrap.";
+    let caption = "Mean change against the policy's own unperturbed twins in percentage points, over all tasks, with score \
+                   intervals.";
     Ok(figure("perturbations", "Change by perturbation", caption, svg))
 }
 
@@ -187,20 +193,22 @@ fn range_of(groups: &[BarGroup]) -> [f64; 2] {
     [(low / 10.0).floor() * 10.0, (high / 10.0).ceil() * 10.0]
 }
 
+fn unperturbed_cell<'a>(
+    report: &'a ReportContent,
+    policy: &'a str,
+    task: sim::TaskId,
+) -> Option<&'a CellSummary> {
+    let condition = Condition { task, perturbation: Perturbation::None.into() };
+    report.cells_of(policy).find(|cell| cell.condition == condition)
+}
+
 fn waterfall(report: &ReportContent, morphology: Morphology) -> anyhow::Result<Option<Figure>> {
     let policies = policies_under_test(report);
-    let z = report.levels.z();
     let mut tasks: Vec<(sim::TaskId, f64)> = Vec::new();
-    let unperturbed = |cell: &&CellSummary| cell.condition.perturbation == Perturbation::None.into();
-    let rate_of = |policy: &str, task: sim::TaskId| {
-        report
-            .cells_of(policy)
-            .filter(unperturbed)
-            .find(|cell| cell.condition.task == task)
-            .map(|cell| cell.rate)
-    };
     for task in sim::TaskId::ALL.iter().filter(|task| task.task().morphology == morphology) {
-        let rates = policies.iter().filter_map(|(_, policy)| rate_of(&policy.name, *task)?.fraction());
+        let rates = policies
+            .iter()
+            .filter_map(|(_, policy)| unperturbed_cell(report, &policy.name, *task)?.rate.fraction());
         if let Some(mean) = mean(rates) {
             tasks.push((*task, mean));
         }
@@ -209,9 +217,9 @@ fn waterfall(report: &ReportContent, morphology: Morphology) -> anyhow::Result<O
         return Ok(None);
     }
     tasks.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let bar = |color: RGBColor, rate: Rate| {
-        let interval = rate.interval(z)?.map(|bound| 100.0 * bound);
-        Some(Bar { value: 100.0 * rate.fraction()?, interval: Some(interval), color })
+    let bar = |color: RGBColor, cell: &CellSummary| {
+        let interval = cell.interval?.map(|bound| 100.0 * bound);
+        Some(Bar { value: 100.0 * cell.rate.fraction()?, interval: Some(interval), color })
     };
     let groups: Vec<BarGroup> = tasks
         .iter()
@@ -219,20 +227,19 @@ fn waterfall(report: &ReportContent, morphology: Morphology) -> anyhow::Result<O
             label: task.name().to_owned(),
             bars: policies
                 .iter()
-                .filter_map(|(color, policy)| bar(*color, rate_of(&policy.name, *task)?))
+                .filter_map(|(color, policy)| bar(*color, unperturbed_cell(report, &policy.name, *task)?))
                 .collect(),
         })
         .collect();
     let name = morphology_name(morphology);
     let svg = bars(&groups, &legend(&policies), [0.0, 100.0], "")?;
-    let caption =
-        "Unperturbed success in percent with Wilson intervals, tasks sorted by the mean over policies.";
+    let caption = "Unperturbed success in percent with intervals, tasks sorted by the mean over policies.";
     let id = format!("waterfall-{}", name.replace(' ', "-"));
     Ok(figure(&id, &format!("Unperturbed success, {name}"), caption, svg))
 }
 
 fn category_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
-    let policies = policies_under_test(report);
+    let policies = policies_with_means(report);
     let mut groups: Vec<(Morphology, Category)> = Vec::new();
     for task in sim::TaskId::ALL {
         let key = (task.task().morphology, task.task().category);
@@ -282,12 +289,12 @@ fn time_to_success(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
         times.sort_by(f64::total_cmp);
         StepCurve { name: policy.name.clone(), times, n_episodes, color }
     };
-    let mut shown = policies_under_test(report);
+    let mut shown = policies_with_means(report);
     shown.extend(
         report
             .policies
             .iter()
-            .filter(|policy| policy.role == PolicyRole::Ceiling)
+            .filter(|policy| policy.role == PolicyRole::Ceiling && !policy.ended_early)
             .map(|policy| (INK, policy)),
     );
     let curves: Vec<StepCurve> = shown.into_iter().map(curve).filter(|curve| curve.n_episodes > 0).collect();

@@ -47,10 +47,10 @@ pub(super) fn heat_maps(report: &ReportContent) -> Vec<HeatMap> {
             cells: perturbations
                 .iter()
                 .map(|perturbation| {
-                    let is_here = |cell: &&&CellSummary| {
+                    let is_here = |cell: &&CellSummary| {
                         cell.condition.task == *task && cell.condition.perturbation == *perturbation
                     };
-                    cells.iter().find(is_here).and_then(|cell| heat_cell(cell, report.levels.z()))
+                    cells.iter().copied().find(is_here).and_then(heat_cell)
                 })
                 .collect(),
         };
@@ -66,8 +66,8 @@ pub(super) fn heat_maps(report: &ReportContent) -> Vec<HeatMap> {
         .collect()
 }
 
-fn heat_cell(cell: &CellSummary, z: f64) -> Option<HeatCell> {
-    let (fraction, [low, high]) = (cell.rate.fraction()?, cell.rate.interval(z)?);
+fn heat_cell(cell: &CellSummary) -> Option<HeatCell> {
+    let (fraction, [low, high]) = (cell.rate.fraction()?, cell.interval?);
     let errors = if cell.errors > 0 { format!(", {} errors", cell.errors) } else { String::new() };
     Some(HeatCell {
         text: format!("{:.0}", 100.0 * fraction),

@@ -9,9 +9,7 @@ use crate::analysis::{Comparison, ComparisonKind, Flip};
 #[derive(Debug, Serialize)]
 pub(super) struct ComparisonTable {
     title: String,
-    /// Names of A and B in verdicts.
-    names: [String; 2],
-    counts: [usize; 4],
+    counts: String,
     rows: Vec<ComparisonRow>,
     groups: Vec<ComparisonRow>,
     flips: Vec<FlipRow>,
@@ -27,7 +25,7 @@ struct ComparisonRow {
     only: [u32; 2],
     difference: f64,
     interval: [f64; 2],
-    p: Option<f64>,
+    p: f64,
     verdict: String,
 }
 
@@ -50,7 +48,7 @@ pub(super) fn comparison_tables(report: &ReportContent) -> Vec<ComparisonTable> 
 
 fn comparison_table(comparison: &Comparison) -> ComparisonTable {
     let names = comparison.sides.short_names();
-    let margin = comparison.levels.margin;
+    let (sides, margin) = (&comparison.sides, comparison.levels.margin);
     let percent = |pair: [f64; 2]| pair.map(|bound| 100.0 * bound);
     let rows = comparison.cells.iter().map(|cell| ComparisonRow {
         label: cell.condition.task.name().to_owned(),
@@ -60,8 +58,8 @@ fn comparison_table(comparison: &Comparison) -> ComparisonTable {
         only: [cell.pairs.only_a, cell.pairs.only_b],
         difference: 100.0 * cell.difference,
         interval: percent(cell.interval),
-        p: Some(cell.adjusted_p),
-        verdict: cell.verdict.text(names, margin),
+        p: cell.adjusted_p,
+        verdict: sides.verdict(&cell.verdict, cell.difference, margin),
     });
     let groups = comparison.groups.iter().map(|group| ComparisonRow {
         label: format!("mean: {}", group.group),
@@ -71,8 +69,8 @@ fn comparison_table(comparison: &Comparison) -> ComparisonTable {
         only: [0; 2],
         difference: 100.0 * group.estimate.mean,
         interval: percent(group.estimate.interval),
-        p: None,
-        verdict: group.verdict.text(names, margin),
+        p: group.adjusted_p,
+        verdict: sides.verdict(&group.verdict, group.estimate.mean, margin),
     });
     let flip = |flip: &Flip| FlipRow {
         cell: format!("{} · {}", flip.condition.task.name(), flip.condition.perturbation.name()),
@@ -88,8 +86,7 @@ fn comparison_table(comparison: &Comparison) -> ComparisonTable {
                 format!("{policy} under perturbations (A) against {against} (B)")
             }
         },
-        names: names.map(str::to_owned),
-        counts: comparison.n_decisions(),
+        counts: sides.counts(comparison.n_decisions(), margin),
         rows: rows.collect(),
         groups: groups.collect(),
         n_flips: comparison.n_flips,

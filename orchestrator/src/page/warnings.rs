@@ -4,7 +4,6 @@ use sim::Perturbation;
 
 use super::content::{PolicyRole, ReportContent};
 use crate::analysis::{CellSummary, Evaluation};
-use crate::results::STOPPING;
 
 /// Episodes below which a headline cell is called small.
 const SMALL_N: u32 = 50;
@@ -57,11 +56,11 @@ pub(super) fn warnings(report: &ReportContent, evaluation: &Evaluation) -> Vec<S
             ),
         );
     }
-    let stopped = evaluation.files.iter().any(|file| file.manifest.contains_key(STOPPING));
+    let stopped = evaluation.files.iter().any(|file| file.stopping.is_some());
     warn(
         stopped,
-        "Cells ended as soon as a comparison was decided (--until-decided). Comparisons use sequential tests; the Wilson \
-         intervals of single rates do not account for it."
+        "Cells ended as soon as a comparison was decided (--until-decided). Their tests and intervals hold at every moment, \
+         differences are too large on average, and nothing is averaged over such cells."
             .to_owned(),
     );
     warnings

@@ -36,7 +36,10 @@ pub(super) fn table(effects: &[Effect]) -> String {
             change(effect.relative_change, "%"),
         ]);
     }
-    format!("\n{table}")
+    format!(
+        "\n{table}change: mean of x − none over the tasks with at least 10 % unperturbed success; relative: mean of \
+         (x − none) / none over the same tasks, so its sign can differ\n"
+    )
 }
 
 #[cfg(test)]

@@ -5,9 +5,17 @@ use serde_json::{Value, json};
 use super::{Cell, Fps, effects};
 use crate::analysis::Effect;
 
-/// Makes the object with the keys `run` (the manifest), `cells`, `changes`, `fps` and `ledger`.
-pub(crate) fn json(run: &Value, cells: &[Cell], fps: &Fps) -> Value {
-    let changes: Vec<Value> = effects(cells).iter().map(change).collect();
+/// Makes the object with the keys `run` (the manifest), `cells`, `changes`, `fps` and `ledger`. Cells of the
+/// policies in `stopped` ended early: they have no changes, and their intervals are elsewhere.
+pub(crate) fn json(run: &Value, cells: &[Cell], stopped: &[String], fps: &Fps) -> Value {
+    let changes: Vec<Value> = effects(cells, stopped).iter().map(change).collect();
+    let cell = |one: &Cell| {
+        let mut object = cell(one);
+        if stopped.contains(&one.policy) {
+            object["wilson95"] = Value::Null;
+        }
+        object
+    };
     let cells: Vec<Value> = cells.iter().map(cell).collect();
     json!({ "run": run, "cells": cells, "changes": changes, "fps": fps, "ledger": fps.ledger })
 }

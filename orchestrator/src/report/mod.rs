@@ -74,12 +74,13 @@ impl Cell {
     }
 }
 
-/// Returns the effects of the perturbations on each policy.
-fn effects(cells: &[Cell]) -> Vec<Effect> {
+/// Returns the effects of the perturbations on each policy that is not named in `stopped`.
+fn effects(cells: &[Cell], stopped: &[String]) -> Vec<Effect> {
     fn rate(cell: &Cell) -> CellRate<'_> {
         CellRate { policy: &cell.policy, condition: cell.condition, success: cell.success_once() }
     }
-    crate::analysis::effects(&cells.iter().map(rate).collect::<Vec<_>>())
+    let cells = cells.iter().filter(|cell| !stopped.contains(&cell.policy));
+    crate::analysis::effects(&cells.map(rate).collect::<Vec<_>>())
 }
 
 /// Formats the results as text tables. `conclusions` are those of a comparison that ended cells early.
@@ -113,11 +114,12 @@ pub(crate) fn table(plan: &RunPlan, cells: &[Cell], conclusions: &[SequentialCel
             cell.sums.errors.to_string(),
         ]);
     }
-    let mut text = table.to_string() + &changes::table(&effects(cells));
+    let mut text = table.to_string() + &changes::table(&effects(cells, plan.stopped()));
     if let Some(rule) = &plan.stopping {
         let [a, b] = &rule.policies;
         text += &format!(
-            "{a}, {b}: intervals are confidence sequences, because cells end when they are decided\n"
+            "{a}, {b}: intervals are confidence sequences, because cells end when they are decided; there are no means over \
+             such cells\n"
         );
         text += &stopping::table(rule, conclusions);
     }

@@ -42,7 +42,7 @@ fn table_aligns_and_explains_the_expert() {
 fn json_keys_are_stable() {
     let fps = Fps::new(&Totals::default(), Duration::from_secs(2), CORES);
     assert_eq!(fps.lines(), "");
-    let object = json(&serde_json::json!({ "seed": 0 }), &cells(), &fps);
+    let object = json(&serde_json::json!({ "seed": 0 }), &cells(), &[], &fps);
     insta::assert_snapshot!(format!("{object:#}"), @r#"
     {
       "cells": [

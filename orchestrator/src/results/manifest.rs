@@ -9,12 +9,13 @@ use ipc_types::RunConfig;
 use ipc_types::run_config::{Execution, ResultOptions};
 use policy_host::PolicySpec;
 use rusqlite::{Connection, OptionalExtension, params};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use thiserror::Error;
 
 use super::open::{self, ResultsFileError};
-use crate::plan::RunPlan;
+use crate::build_identity;
+use crate::plan::{Condition, RunPlan};
 use crate::policy::Identity;
 
 /// Prefix of the keys under which identities of policies are stored.
@@ -31,6 +32,12 @@ pub(super) const SHARED_EXECUTION: [&str; 2] = ["mode", "execute"];
 /// Key of the renderer's identity, which is known only once a sim is ready.
 pub(super) const RENDERER: &str = "renderer";
 
+/// Key of the plans of all runs with the file.
+pub(crate) const PLANS: &str = "plans";
+
+/// Key of the circumstances of the latest run.
+pub(crate) const ENVIRONMENT: &str = "environment";
+
 /// Key of the rule that ended cells early, if any run with the file had one.
 pub(crate) const STOPPING: &str = "stopping";
 
@@ -39,6 +46,8 @@ pub(crate) const STOPPING: &str = "stopping";
 pub(crate) struct Manifest {
     /// Version of the program.
     pub(crate) version: String,
+    /// Hash of the code that results depend on.
+    pub(crate) code: String,
     /// Options that change results.
     #[serde(flatten)]
     pub(crate) options: ResultOptions,
@@ -64,7 +73,8 @@ impl Manifest {
     pub(crate) fn new(plan: &RunPlan, identities: Vec<Identity>) -> Self {
         let names = plan.policies.iter().map(|policy| policy.name.clone());
         Self {
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: build_identity::VERSION.to_owned(),
+            code: build_identity::CODE.to_owned(),
             options: plan.config.results.clone(),
             policies: names.zip(identities).collect(),
         }
@@ -103,13 +113,16 @@ pub(super) fn reconcile(
     let transaction = connection.unchecked_transaction().map_err(sqlite)?;
     let has_rows = has_rows(&transaction).map_err(sqlite)?;
     let defaults = entries(&RunConfig::default().results);
-    let version = ("version".to_owned(), Value::from(manifest.version.as_str()));
-    for (key, requested) in std::iter::once(version).chain(entries(&manifest.options)) {
+    let program = [("version", &manifest.version), ("code", &manifest.code)];
+    let program = program.map(|(key, value)| (key.to_owned(), Value::from(value.as_str())));
+    for (key, requested) in program.into_iter().chain(entries(&manifest.options)) {
         let requested = requested.to_string();
         if has_rows {
             // A file that was written before an option existed has the results of its default.
             let default = || defaults.get(&key).map(Value::to_string);
             let found = get(&transaction, &key).map_err(sqlite)?.or_else(default);
+            // Files of the first versions do not say which code made them.
+            let found = found.or_else(|| (key == "code").then(|| Value::Null.to_string()));
             let found = found.ok_or_else(|| invalid(&key))?;
             if found != requested {
                 differences.push(difference(&key, &found, &requested));
@@ -178,4 +191,37 @@ fn put_text(connection: &Connection, key: &str, value: &str) -> Result<(), rusql
 /// Reads an entry as JSON text.
 pub(super) fn get(connection: &Connection, key: &str) -> Result<Option<String>, rusqlite::Error> {
     connection.query_row("SELECT value FROM manifest WHERE key = ?1", [key], |row| row.get(0)).optional()
+}
+
+/// The episodes that a run was to evaluate.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct StoredPlan {
+    /// Names of the policies.
+    pub(crate) policies: Vec<String>,
+    /// Names of tasks and perturbations.
+    pub(crate) conditions: Vec<(String, String)>,
+    /// Episodes of each policy under each condition.
+    pub(crate) episodes: u32,
+}
+
+impl StoredPlan {
+    fn new(plan: &RunPlan) -> Self {
+        let names = |condition: &Condition| (condition.task.name().to_owned(), condition.perturbation.name());
+        Self {
+            policies: plan.policies.iter().map(|policy| policy.name.clone()).collect(),
+            conditions: plan.conditions.iter().map(names).collect(),
+            episodes: plan.episodes,
+        }
+    }
+}
+
+/// Adds a plan to those of the file.
+pub(super) fn add_plan(connection: &Connection, plan: &RunPlan) -> Result<(), rusqlite::Error> {
+    let stored = get(connection, PLANS)?.and_then(|text| serde_json::from_str(&text).ok());
+    let mut plans: Vec<StoredPlan> = stored.unwrap_or_default();
+    let plan = StoredPlan::new(plan);
+    if !plans.contains(&plan) {
+        plans.push(plan);
+    }
+    put(connection, PLANS, &serde_json::json!(plans))
 }

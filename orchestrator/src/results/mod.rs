@@ -4,6 +4,7 @@
 //! configuration that the rows depend on) and the rules of resuming. It never overwrites a row, unless that
 //! row has an error.
 
+mod gaps;
 mod manifest;
 mod open;
 mod recorded;
@@ -19,11 +20,12 @@ use rusqlite::{Connection, params};
 use sim::serve::protocol::Outcome;
 use thiserror::Error;
 
-pub(crate) use self::manifest::{Manifest, STOPPING};
+pub(crate) use self::gaps::{Gap, gaps};
+pub(crate) use self::manifest::{ENVIRONMENT, Manifest, PLANS, STOPPING};
 pub(crate) use self::open::ResultsFileError;
 pub(crate) use self::recorded::RecordedEpisodes;
 pub(crate) use self::rows::{EpisodeRow, ResultsFile};
-use crate::plan::Condition;
+use crate::plan::{Condition, RunPlan};
 use crate::stored_episode::format_fingerprint;
 
 /// An open results file.
@@ -100,6 +102,32 @@ impl Results {
     /// If it cannot be written.
     pub(crate) fn note(&self, key: &str, value: &serde_json::Value) -> Result<(), StoreError> {
         manifest::put(&self.connection, key, value).map_err(|error| self.not_written(error))
+    }
+
+    /// Adds the plan of a run to those of the file, so that missing episodes can be noticed.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(crate) fn add_plan(&self, plan: &RunPlan) -> Result<(), StoreError> {
+        manifest::add_plan(&self.connection, plan).map_err(|error| self.not_written(error))
+    }
+
+    /// Returns the circumstances that earlier runs noted, or null.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub(crate) fn environment(&self) -> Result<serde_json::Value, StoreError> {
+        let text = manifest::get(&self.connection, ENVIRONMENT).map_err(|error| self.not_read(error))?;
+        Ok(text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default())
+    }
+
+    /// Returns the present date and time in UTC, as ISO 8601 writes it.
+    ///
+    /// # Errors
+    /// If the database does not answer.
+    pub(crate) fn now(&self) -> Result<String, StoreError> {
+        let sql = "SELECT strftime('%Y-%m-%dT%H:%M:%SZ', 'now')";
+        self.connection.query_row(sql, [], |row| row.get(0)).map_err(|error| self.not_read(error))
     }
 
     /// Returns the identity of the renderer whose images the rows of the file depend on.

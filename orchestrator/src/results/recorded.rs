@@ -38,7 +38,7 @@ impl RecordedEpisodes {
             .with_context(|| format!("failed to read the results file {}", path.display()))?;
         ensure!(
             !episodes.is_empty(),
-            "{} has no recorded actions: evaluate with `run --keep-actions` to replay",
+            "{} has no recorded actions: it was made with --keep-actions=false, or by an early version",
             path.display()
         );
         Ok(Self { path: path.to_owned(), connection: Mutex::new(connection), episodes })

@@ -14,6 +14,7 @@ use super::{manifest, open, schema};
 use crate::plan::Condition;
 use crate::policy::Identity;
 use crate::selection::{parse_perturbation, parse_task};
+use crate::stopping::StoppingRule;
 
 /// Index of a string in [`ResultsFile::texts`].
 pub(crate) type TextIdx = u32;
@@ -24,6 +25,8 @@ pub(crate) struct ResultsFile {
     pub(crate) path: PathBuf,
     /// Everything in the manifest except the policies, by key.
     pub(crate) manifest: Map<String, Value>,
+    /// The rule that ended cells early, if there was one.
+    pub(crate) stopping: Option<StoppingRule>,
     /// Policies by name.
     pub(crate) policies: BTreeMap<String, Identity>,
     /// Rows, sorted by policy, task name, perturbation name and episode.
@@ -73,7 +76,18 @@ impl ResultsFile {
             let (manifest, policies) = read_manifest(&snapshot)?;
             let mut texts = Texts::default();
             let rows = read_rows(&snapshot, &mut texts)?;
-            anyhow::Ok(Self { path: path.to_owned(), manifest, policies, rows, texts: texts.texts, in_use })
+            let stopping = manifest.get(manifest::STOPPING).cloned().map(serde_json::from_value);
+            anyhow::Ok(Self {
+                path: path.to_owned(),
+                stopping: stopping
+                    .transpose()
+                    .context("its manifest has no valid rule of --until-decided")?,
+                manifest,
+                policies,
+                rows,
+                texts: texts.texts,
+                in_use,
+            })
         };
         read().with_context(|| format!("failed to read the results file {}", path.display()))
     }
@@ -81,6 +95,12 @@ impl ResultsFile {
     /// Returns the name of a row's policy.
     pub(crate) fn policy(&self, row: &EpisodeRow) -> &str {
         &self.texts[row.policy as usize]
+    }
+
+    /// Returns the episodes per second of the runs that made the file; `None` if it does not say.
+    pub(crate) fn episodes_per_s(&self) -> Option<f64> {
+        let wall_s = self.manifest.get(manifest::ENVIRONMENT)?.get("wall_s")?.as_f64()?;
+        (wall_s > 0.0).then(|| self.rows.len() as f64 / wall_s)
     }
 
     /// Returns the text of an index.

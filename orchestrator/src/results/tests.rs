@@ -16,7 +16,7 @@ const CONDITION: Condition =
     Condition { task: TaskId::RaiseCube, perturbation: Composition::single(Perturbation::None) };
 
 fn manifest(arguments: &str) -> Manifest {
-    let plan = crate::plan::RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap();
+    let plan = RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap();
     let executions = plan.policies.iter().zip(&plan.executions);
     let identities =
         executions.map(|(policy, execution)| policy.identity(None, *execution).unwrap()).collect();
@@ -98,7 +98,8 @@ fn columns_and_manifest_keys_are_stable() {
     let manifest: String = reader
         .query_row("SELECT group_concat(key || ' = ' || value, '; ') FROM manifest", [], |row| row.get(0))
         .unwrap();
-    insta::assert_snapshot!(manifest, @r#"control_mode = "pd_ee_delta_pose"; language = null; latency = 0; policy/idle = {"checkpoint":null,"execution":{"execute":30,"mode":"chunk"},"spec":"idle"}; profile = "strict"; seed = 0; strength = 1.0; version = "0.1.0""#);
+    let manifest = manifest.replace(crate::build_identity::CODE, "CODE");
+    insta::assert_snapshot!(manifest, @r#"code = "CODE"; control_mode = "pd_ee_delta_pose"; language = null; latency = 0; policy/idle = {"checkpoint":null,"execution":{"execute":30,"mode":"chunk"},"spec":"idle"}; profile = "strict"; seed = 0; strength = 1.0; version = "0.1.0""#);
 }
 
 #[test]
@@ -293,7 +294,7 @@ fn impossible_values_are_for_the_user_to_fix() {
     add_row(&path, &manifest("--policy idle"));
     Connection::open(&path).unwrap().execute("UPDATE episodes SET episode = -1", []).unwrap();
     let results = Results::open(&path, &manifest("--policy idle")).unwrap();
-    let plan = crate::plan::RunPlan::new(&args).unwrap();
+    let plan = RunPlan::new(&args).unwrap();
     let Err(Failure::User(error)) = run::unfinished(&plan, &results) else { panic!("for the user to fix") };
     assert!(format!("{error:#}").contains("a.db"), "{error:#}");
 }

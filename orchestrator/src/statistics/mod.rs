@@ -3,20 +3,23 @@
 //! Everything here is a pure function of counts, without files, clocks or a global random generator, and
 //! gives the same bits on every machine. `docs/conclusions.md` defines each quantity.
 
-mod bootstrap;
 mod holm;
+mod mean;
 mod normal;
 mod paired;
+mod score;
 mod sequential;
 mod verdict;
 mod wilson;
 
-pub use self::bootstrap::{BootstrapCell, Estimate, IntervalMethod, cluster_bootstrap};
 pub use self::holm::holm;
+pub use self::mean::{DifferenceCell, MeanDifference};
 pub use self::normal::{Z95, cdf, quantile};
-pub use self::paired::{Pairs, mcnemar_mid_p, newcombe_interval, tango_interval};
+pub use self::paired::{Pairs, equivalence_p, mcnemar_mid_p, tango_interval};
 pub use self::sequential::{ConfidenceSequence, PairedSequence, discordance_ln_e};
-pub use self::verdict::{Decision, Levels, Verdict, more_episodes, sequential_decision};
+pub use self::verdict::{
+    Decision, Judgement, Levels, POWER, PairRates, TestedDifference, Verdict, judge, n_open_tests,
+};
 pub use self::wilson::wilson_interval;
 
 #[cfg(test)]

@@ -2,8 +2,7 @@
 
 use serde::Serialize;
 
-use super::normal::bisect;
-use super::wilson::wilson_interval;
+use super::score::ScoreCounts;
 
 /// Counts of matched episodes by the outcomes of A and B.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -54,48 +53,24 @@ impl Pairs {
     }
 }
 
-/// Returns Tango's score interval of the difference (T. Tango, Statistics in Medicine 17:891, 1998) for the
-/// normal quantile `z`; `None` without pairs.
-///
-/// The bounds are the differences δ at which the score statistic
-/// `(n10 − n01 − nδ) / √(n (2 q + δ (1 − δ)))` equals ± z, where q is the maximum-likelihood estimate of the
-/// probability of n01 given δ.
-#[must_use]
-pub fn tango_interval(pairs: &Pairs, z: f64) -> Option<[f64; 2]> {
-    let observed = pairs.difference()?;
-    let score = |delta: f64| {
-        let (n, b, c) = (f64::from(pairs.n()), f64::from(pairs.only_a), f64::from(pairs.only_b));
-        let linear = -b - c + (2.0 * n - b + c) * delta;
-        let constant = -c * delta * (1.0 - delta);
-        let q = ((linear * linear - 8.0 * n * constant).max(0.0).sqrt() - linear) / (4.0 * n);
-        let variance = n * (2.0 * q + delta * (1.0 - delta));
-        // At δ = ±1 the variance is zero, and only an observed difference of ±1 is compatible.
-        (b - c - n * delta) / variance.max(f64::MIN_POSITIVE).sqrt()
-    };
-    Some([bisect(-1.0, observed, |delta| score(delta) > z), bisect(observed, 1.0, |delta| score(delta) > -z)])
+impl From<&Pairs> for ScoreCounts {
+    fn from(pairs: &Pairs) -> Self {
+        Self { n: f64::from(pairs.n()), only_a: f64::from(pairs.only_a), only_b: f64::from(pairs.only_b) }
+    }
 }
 
-/// Returns Newcombe's interval of the difference, method 10 (R. G. Newcombe, Statistics in Medicine
-/// 17:2635, 1998), for the normal quantile `z`; `None` without pairs. It combines Wilson's intervals of
-/// both rates with their correlation, corrected for continuity.
+/// Returns Tango's score interval of the difference (T. Tango, Statistics in Medicine 17:891, 1998) for the
+/// normal quantile `z`; `None` without pairs.
 #[must_use]
-pub fn newcombe_interval(pairs: &Pairs, z: f64) -> Option<[f64; 2]> {
-    let observed = pairs.difference()?;
-    let n = f64::from(pairs.n());
-    let [a, b, c, d] = [pairs.both, pairs.only_a, pairs.only_b, pairs.neither].map(f64::from);
-    let margins = (a + b) * (c + d) * (a + c) * (b + d);
-    let determinant = a * d - b * c;
-    let corrected = if determinant > 0.0 { (determinant - n / 2.0).max(0.0) } else { determinant };
-    let phi = if margins > 0.0 { corrected / margins.sqrt() } else { 0.0 };
-    let [successes_a, successes_b] = pairs.successes();
-    let distances = |successes: u32| {
-        let p = f64::from(successes) / n;
-        let [low, high] = wilson_interval(successes, pairs.n(), z)?;
-        Some([p - low, high - p])
-    };
-    let ([low_a, high_a], [low_b, high_b]) = (distances(successes_a)?, distances(successes_b)?);
-    let combined = |x: f64, y: f64| (x * x - 2.0 * phi * x * y + y * y).max(0.0).sqrt();
-    Some([observed - combined(low_a, high_b), observed + combined(high_a, low_b)])
+pub fn tango_interval(pairs: &Pairs, z: f64) -> Option<[f64; 2]> {
+    (pairs.n() > 0).then(|| ScoreCounts::from(pairs).interval(z, 0.0))
+}
+
+/// Returns the p-value against a difference of at least `margin` in either direction, by two one-sided score
+/// tests with continuity correction; 1 without pairs.
+#[must_use]
+pub fn equivalence_p(pairs: &Pairs, margin: f64) -> f64 {
+    if pairs.n() > 0 { ScoreCounts::from(pairs).equivalence_p(margin) } else { 1.0 }
 }
 
 /// Returns the mid-P value of McNemar's test of equal success rates (M. W. Fagerland, S. Lydersen, P. Laake,

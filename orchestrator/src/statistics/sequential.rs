@@ -2,6 +2,7 @@
 //! sequences of means.
 
 use super::paired::Pairs;
+use super::verdict::{Levels, TestedDifference};
 
 /// Largest fraction of its capital that a bet may risk.
 const MAX_RISK: f64 = 0.5;
@@ -62,6 +63,16 @@ impl ConfidenceSequence {
         self.interval
     }
 
+    /// Returns the level at which the present interval lies above `mean`.
+    fn p_above(&self, mean: f64) -> f64 {
+        (2.0 / self.capital(mean, 1.0)).min(1.0)
+    }
+
+    /// Returns the level at which the present interval lies below `mean`.
+    fn p_below(&self, mean: f64) -> f64 {
+        (2.0 / self.capital(1.0 - mean, -1.0)).min(1.0)
+    }
+
     /// Intersects the interval with the one that all rounds so far imply.
     fn narrow(&mut self) {
         let [low, high] = self.interval;
@@ -88,17 +99,29 @@ impl ConfidenceSequence {
 /// The matched episodes of a cell in index order, and what may be concluded from them at any time.
 #[derive(Clone, Debug)]
 pub struct PairedSequence {
+    levels: Levels,
     pairs: Pairs,
     max_ln_e: f64,
     /// Of `(a − b + 1) / 2`.
     sequence: ConfidenceSequence,
+    /// Smallest levels so far at which differences of at most −margin and of at least margin are excluded.
+    margin_p: [f64; 2],
+    /// Sign of the difference when equal rates were first excluded at alpha.
+    sign: Option<f64>,
 }
 
 impl PairedSequence {
-    /// Starts a sequence without pairs, whose confidence sequence is at `1 − alpha`.
+    /// Starts a sequence without pairs.
     #[must_use]
-    pub fn new(alpha: f64) -> Self {
-        Self { pairs: Pairs::default(), max_ln_e: 0.0, sequence: ConfidenceSequence::new(alpha) }
+    pub fn new(levels: Levels) -> Self {
+        Self {
+            levels,
+            pairs: Pairs::default(),
+            max_ln_e: 0.0,
+            sequence: ConfidenceSequence::new(levels.alpha),
+            margin_p: [1.0; 2],
+            sign: None,
+        }
     }
 
     /// Appends the next pair.
@@ -106,6 +129,14 @@ impl PairedSequence {
         self.pairs.add(a, b);
         self.max_ln_e = self.max_ln_e.max(discordance_ln_e(self.pairs.only_a, self.pairs.discordant()));
         self.sequence.push(0.5 * (f64::from(a) - f64::from(b) + 1.0));
+        let margin = 0.5 * self.levels.margin;
+        let p_values = [self.sequence.p_above(0.5 - margin), self.sequence.p_below(0.5 + margin)];
+        for (smallest, p) in self.margin_p.iter_mut().zip(p_values) {
+            *smallest = smallest.min(p);
+        }
+        if self.sign.is_none() && self.tested().p <= self.levels.alpha {
+            self.sign = self.pairs.difference().map(f64::signum);
+        }
     }
 
     /// Returns the counts of the pairs.
@@ -114,29 +145,40 @@ impl PairedSequence {
         &self.pairs
     }
 
-    /// Returns the smallest level at which equal success rates have been rejected so far, at any time.
+    /// Returns the difference with the smallest levels so far at which equal rates, and a difference of at
+    /// least the margin, are rejected. They hold at every moment.
     #[must_use]
-    pub fn p_value(&self) -> f64 {
-        libm::exp(-self.max_ln_e).min(1.0)
+    pub fn tested(&self) -> TestedDifference {
+        TestedDifference {
+            difference: self.pairs.difference().unwrap_or(0.0),
+            p: libm::exp(-self.max_ln_e).min(1.0),
+            equivalence_p: self.margin_p[0].max(self.margin_p[1]),
+        }
     }
 
     /// Returns the number of further pairs until `is_decided`, if the pairs so far repeat themselves in
     /// the same order; `None` if that takes more than three times as many as there are.
     #[must_use]
-    pub fn forecast(&self, is_decided: impl Fn(&Self) -> bool) -> Option<u64> {
+    pub fn forecast(&self, is_decided: impl Fn(TestedDifference) -> bool) -> Option<u64> {
         let mut future = self.clone();
         let n = self.sequence.rounds.len();
         (0..3 * n).find_map(|idx| {
             let observation = self.sequence.rounds[idx % n].observation;
             future.push(observation > 0.75, observation < 0.25);
-            is_decided(&future).then_some(idx as u64 + 1)
+            is_decided(future.tested()).then_some(idx as u64 + 1)
         })
     }
 
-    /// Returns the confidence sequence of the difference of success rates.
+    /// Returns the interval of the difference of success rates: its confidence sequence, from the moment on
+    /// at which equal rates are rejected without the values beyond zero.
     #[must_use]
     pub fn interval(&self) -> [f64; 2] {
-        self.sequence.interval().map(|mean| 2.0 * mean - 1.0)
+        let [low, high] = self.sequence.interval().map(|mean| 2.0 * mean - 1.0);
+        match self.sign {
+            Some(sign) if sign > 0.0 => [low.max(0.0), high.max(0.0)],
+            Some(_) => [low.min(0.0), high.min(0.0)],
+            None => [low, high],
+        }
     }
 }
 

@@ -9,6 +9,7 @@ use ipc_types::RunConfig;
 
 use crate::policy::NamedPolicy;
 use crate::selection::{PerturbationSelector, TaskSelector};
+use crate::statistics::Levels;
 
 /// The options of a run that a sweep file can state as well. Paths are relative to the current folder.
 #[derive(Args, Clone, Debug, PartialEq)]
@@ -38,19 +39,17 @@ pub(crate) struct SweepArgs {
     #[arg(long, value_name = "A,B", value_delimiter = ',')]
     pub(crate) until_decided: Vec<String>,
     /// Smallest difference of success rates that matters to --until-decided
-    #[arg(long, value_name = "M", value_parser = parse_margin, default_value_t = DEFAULT_MARGIN)]
+    #[arg(long, value_name = "M", value_parser = parse_margin, default_value_t = DEFAULT_LEVELS.margin)]
     pub(crate) margin: f64,
-    /// Probability of a false decision of --until-decided
-    #[arg(long, value_name = "P", value_parser = parse_level, default_value_t = DEFAULT_LEVEL)]
+    /// Probability of a false decision of either kind in any cell of --until-decided
+    #[arg(long, value_name = "P", value_parser = parse_level, default_value_t = DEFAULT_LEVELS.alpha)]
     pub(crate) alpha: f64,
     #[command(flatten)]
     pub(crate) config: RunConfig,
 }
 
-/// Smallest difference of success rates that matters, by default.
-pub(crate) const DEFAULT_MARGIN: f64 = 0.05;
-/// Probability of a false verdict, by default.
-pub(crate) const DEFAULT_LEVEL: f64 = 0.05;
+/// Probability of a false verdict and smallest difference of success rates that matters, by default.
+pub(crate) const DEFAULT_LEVELS: Levels = Levels { alpha: 0.05, margin: 0.05 };
 
 /// Parses a difference of success rates.
 pub(crate) fn parse_margin(typed: &str) -> Result<f64, String> {

@@ -12,6 +12,7 @@ use super::journal::{EpisodeRecord, Journal};
 use super::read::read_values;
 use super::stats::{FeatureStats, Histogram, QUANTILES};
 use super::{ACTION, FPS, LANGUAGE, LANGUAGE_DIM, STATE, camera_feature, instructions};
+use crate::build_identity;
 use crate::parquet_table::{Cells, Column, ParquetTable};
 
 /// Maximum number of data files per folder.
@@ -148,7 +149,7 @@ fn pandas_metadata() -> Value {
         }],
         "columns": [column("task_index", "int64", "int64"), column("task", "unicode", "object")],
         "attributes": {},
-        "creator": {"library": "hypogeum", "version": env!("CARGO_PKG_VERSION")},
+        "creator": {"library": "hypogeum", "version": build_identity::VERSION},
         "pandas_version": "2.0.0",
     })
 }

@@ -1,5 +1,7 @@
 //! `hypogeum verify`: runs episodes of somebody's results again and compares every column.
 
+mod findings;
+
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 
@@ -14,8 +16,10 @@ use policy_host::PolicySpec;
 use policy_host::device::{self, DeviceRequest};
 use serde_json::{Value, json};
 use sim::serve::protocol::Outcome;
-use sim::stream::{Stream, episode_seed};
+use sim::stream::Stream;
 
+use self::findings::{Difference, count_rows, differences, gap_lines, json_report, text_report};
+use crate::build_identity;
 use crate::execution::{execute, resolve};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::fleet::{FleetEvent, RunStatus};
@@ -24,9 +28,7 @@ use crate::output::{print_message, print_out};
 use crate::plan::{Condition, RunPlan};
 use crate::policy::{Identity, NamedPolicy};
 use crate::progress::Progress;
-use crate::results::{EpisodeRow, ResultsFile};
-use crate::stored_episode::format_fingerprint;
-use crate::table::{Align, TextTable};
+use crate::results::{ENVIRONMENT, EpisodeRow, ResultsFile, gaps};
 
 /// Arguments of `verify`.
 #[derive(Args, Debug)]
@@ -60,14 +62,6 @@ pub(crate) struct VerifyArgs {
     pub(crate) quiet: bool,
 }
 
-/// A column that differs between a row and its repetition.
-struct Difference<'a> {
-    row: &'a EpisodeRow,
-    column: &'static str,
-    stored: String,
-    found: String,
-}
-
 /// Episodes that cannot be run again, with the reason, by policy.
 type Unverifiable = BTreeMap<String, (String, usize)>;
 
@@ -75,6 +69,8 @@ type Unverifiable = BTreeMap<String, (String, usize)>;
 pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
     let file = ResultsFile::read(&args.file).or_user()?;
     let mut config = config(&file, args).or_user()?;
+    check_checkpoint_names(&file, args).or_user()?;
+    let gaps = gaps(&file).or_user()?;
     let mut unverifiable = Unverifiable::new();
     let mut policies = available_policies(&file, args, &mut unverifiable);
     let device = choose_device(&file, &mut policies, &mut unverifiable);
@@ -94,12 +90,19 @@ pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
         .collect();
     let n_differing = count_rows(&differences);
     if args.json {
-        print_out(&format!("{:#}\n", json_report(&file, rows.len(), &differences, &unverifiable)))?;
+        let report = json_report(&file, rows.len(), &differences, &unverifiable, gaps.as_deref());
+        print_out(&format!("{report:#}\n"))?;
     } else {
-        print_out(&text_report(&file, &differences, &unverifiable))?;
+        print_out(&(text_report(&file, &differences, &unverifiable) + &gap_lines(gaps.as_deref())))?;
     }
-    print_message(&format!("{} of {} episodes agree in every column", rows.len() - n_differing, rows.len()));
-    let all_agree = n_differing == 0 && unverifiable.is_empty() && !rows.is_empty();
+    if rows.is_empty() {
+        print_message("no episode could be run again");
+    } else {
+        let n_agree = rows.len() - n_differing;
+        print_message(&format!("{n_agree} of {} episodes agree in every column", rows.len()));
+    }
+    let is_complete = gaps.is_some_and(|gaps| gaps.is_empty());
+    let all_agree = n_differing == 0 && unverifiable.is_empty() && !rows.is_empty() && is_complete;
     Ok(if all_agree { ExitStatus::Success } else { ExitStatus::EpisodeErrors })
 }
 
@@ -107,12 +110,23 @@ pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
 fn config(file: &ResultsFile, args: &VerifyArgs) -> anyhow::Result<RunConfig> {
     let path = file.path.display();
     let version = file.manifest.get("version").and_then(Value::as_str).unwrap_or("unknown");
-    let ours = env!("CARGO_PKG_VERSION");
+    let ours = build_identity::VERSION;
     ensure!(
         version == ours,
         "{path} was made by version {version} of the simulator and this is {ours}, whose episodes may differ; verify it \
          with version {version}"
     );
+    let code = file.manifest.get("code").and_then(Value::as_str).unwrap_or("unknown");
+    if code != build_identity::CODE {
+        let commit =
+            file.manifest.get(ENVIRONMENT).and_then(|circumstances| circumstances["commit"].as_str());
+        print_message(&format!(
+            "{path} was made by other code ({code}, commit {}) than this ({}, commit {}): episodes may differ because of that",
+            commit.unwrap_or("unknown"),
+            build_identity::CODE,
+            build_identity::COMMIT
+        ));
+    }
     let mut config = RunConfig::default();
     let Value::Object(mut options) = json!(config.results) else {
         unreachable!("a struct becomes an object")
@@ -142,10 +156,10 @@ fn config(file: &ResultsFile, args: &VerifyArgs) -> anyhow::Result<RunConfig> {
         }
     }
     if let Some(identity) = file.manifest.get("renderer").and_then(Value::as_str) {
-        let choice =
-            file.manifest.get("environment").and_then(|environment| environment["renderer"].as_str());
+        let choice = file.manifest.get(ENVIRONMENT).and_then(|environment| environment["renderer"].as_str());
         config.rendering = image_options(identity, choice);
     }
+    config.resources.keep_actions = false;
     config.resources.envs = Amount::Fixed(args.envs);
     config.resources.threads = args.threads.map_or(config.resources.threads, Amount::Fixed);
     Ok(config)
@@ -163,6 +177,17 @@ fn image_options(identity: &str, choice: Option<&str>) -> ImageOptions {
     ImageOptions { renderer, samples }
 }
 
+/// Checks that `--checkpoint` names policies of the file.
+fn check_checkpoint_names(file: &ResultsFile, args: &VerifyArgs) -> anyhow::Result<()> {
+    let unknown = args.checkpoints.iter().find(|(name, _)| !file.policies.contains_key(name));
+    if let Some((name, _)) = unknown {
+        let known: Vec<&str> = file.policies.keys().map(String::as_str).collect();
+        let (path, known) = (file.path.display(), known.join(", "));
+        return Err(anyhow!("--checkpoint names the policy `{name}`, but {path} has {known}"));
+    }
+    Ok(())
+}
+
 /// Returns the policies that can be run again, and notes the others.
 fn available_policies(
     file: &ResultsFile,
@@ -171,7 +196,7 @@ fn available_policies(
 ) -> Vec<NamedPolicy> {
     let mut available = Vec::new();
     for (name, stored) in &file.policies {
-        match available_policy(name, stored, args) {
+        match available_policy(file, name, stored, args) {
             Ok(policy) => available.push(policy),
             Err(reason) => {
                 unverifiable.insert(name.clone(), (format!("{reason:#}"), 0));
@@ -204,8 +229,14 @@ fn choose_device(
     chosen
 }
 
-fn available_policy(name: &str, stored: &Identity, args: &VerifyArgs) -> anyhow::Result<NamedPolicy> {
-    let elsewhere = args.checkpoints.iter().find(|(policy, _)| policy == name).map(|(_, path)| path.clone());
+fn available_policy(
+    file: &ResultsFile,
+    name: &str,
+    stored: &Identity,
+    args: &VerifyArgs,
+) -> anyhow::Result<NamedPolicy> {
+    let given = args.checkpoints.iter().find(|(policy, _)| policy == name).map(|(_, path)| path.clone());
+    let elsewhere = given.or_else(|| beside(file, stored));
     let spec = match (stored.spec.parse::<PolicySpec>()?, elsewhere) {
         (PolicySpec::Attach(host), _) => {
             return Err(anyhow!("it ran in a foreign host, `{host}`, whose code is not known"));
@@ -222,6 +253,14 @@ fn available_policy(name: &str, stored: &Identity, args: &VerifyArgs) -> anyhow:
         .with_context(|| format!("name its checkpoint with --checkpoint {name}=PATH"))?;
     ensure!(found.matches(stored), "it was {stored}, but now it would be {found}");
     Ok(policy)
+}
+
+/// Returns the place of a checkpoint beside the results file, if its path is relative and leads there only.
+fn beside(file: &ResultsFile, stored: &Identity) -> Option<PathBuf> {
+    let spec = stored.spec.parse::<PolicySpec>().ok()?;
+    let path = spec.checkpoint().filter(|path| path.is_relative() && !path.exists())?;
+    let beside = file.path.parent()?.join(path);
+    beside.exists().then_some(beside)
 }
 
 /// Chooses the rows to run again, in the order of the file. Rows of other policies are counted.
@@ -321,100 +360,6 @@ fn run(
     }
     let outcomes = outcomes.into_iter().collect::<Option<Vec<_>>>();
     outcomes.map(Some).ok_or_else(|| Failure::Bug(anyhow!("an episode ended without an outcome")))
-}
-
-/// Compares a row with its repetition. Times are left out: they are never the same.
-fn differences<'a>(
-    file: &ResultsFile,
-    row: &'a EpisodeRow,
-    outcome: &Outcome,
-    suite_seed: u64,
-) -> Vec<Difference<'a>> {
-    let optional = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
-    let seed = episode_seed(suite_seed, row.condition.task.name(), row.episode);
-    let stored_fingerprint = row.fingerprint.map(format_fingerprint);
-    let columns = [
-        ("seed", row.seed.to_string(), seed.to_string()),
-        ("steps", row.steps.to_string(), outcome.steps.to_string()),
-        ("success_once", row.success_once.to_string(), outcome.success_once.to_string()),
-        ("success_at_end", row.success_at_end.to_string(), outcome.success_at_end.to_string()),
-        (
-            "first_success_step",
-            optional(row.first_success_step.map(|step| step.to_string())),
-            optional(outcome.first_success_step.map(|step| step.to_string())),
-        ),
-        (
-            "failed_predicate",
-            optional(row.failed_predicate.map(|idx| file.text(idx).to_owned())),
-            optional(outcome.failed_predicate.clone()),
-        ),
-        ("fingerprint", optional(stored_fingerprint), format_fingerprint(outcome.fingerprint)),
-        ("error", "none".to_owned(), optional(outcome.error.clone())),
-    ];
-    let differs = |(_, stored, found): &(_, String, String)| stored != found;
-    columns
-        .into_iter()
-        .filter(differs)
-        .map(|(column, stored, found)| Difference { row, column, stored, found })
-        .collect()
-}
-
-/// Counts the rows with a difference. Differences of one row follow each other.
-fn count_rows(differences: &[Difference<'_>]) -> usize {
-    differences.chunk_by(|a, b| std::ptr::eq(a.row, b.row)).count()
-}
-
-fn text_report(file: &ResultsFile, differences: &[Difference<'_>], unverifiable: &Unverifiable) -> String {
-    use Align::{Left, Right};
-    let mut text = String::new();
-    if !differences.is_empty() {
-        let columns = ["policy", "task", "perturbation"].map(|name| (name, Left));
-        let more = [("episode", Right), ("column", Left), ("stored", Left), ("run again", Left)];
-        let mut table = TextTable::new(&[&columns[..], &more[..]].concat());
-        for Difference { row, column, stored, found } in differences {
-            table.row(vec![
-                file.policy(row).to_owned(),
-                row.condition.task.name().to_owned(),
-                row.condition.perturbation.name(),
-                row.episode.to_string(),
-                (*column).to_owned(),
-                stored.clone(),
-                found.clone(),
-            ]);
-        }
-        text += &table.to_string();
-    }
-    for (name, (reason, n)) in unverifiable {
-        text += &format!("not verified: {n} episodes of {name}: {reason}\n");
-    }
-    text
-}
-
-fn json_report(
-    file: &ResultsFile,
-    n_run: usize,
-    differences: &[Difference<'_>],
-    unverifiable: &Unverifiable,
-) -> Value {
-    let difference = |Difference { row, column, stored, found }: &Difference<'_>| {
-        json!({
-            "policy": file.policy(row),
-            "task": row.condition.task.name(),
-            "perturbation": row.condition.perturbation.name(),
-            "episode": row.episode,
-            "column": column,
-            "stored": stored,
-            "found": found,
-        })
-    };
-    let not_verified =
-        |(name, (reason, n)): (&String, &(String, usize))| json!({ "what": name, "n": n, "reason": reason });
-    json!({
-        "run": n_run,
-        "agree": n_run - count_rows(differences),
-        "differences": differences.iter().map(difference).collect::<Vec<_>>(),
-        "not_verified": unverifiable.iter().map(not_verified).collect::<Vec<_>>(),
-    })
 }
 
 fn parse_checkpoint(typed: &str) -> Result<(String, PathBuf), String> {

@@ -1,0 +1,126 @@
+//! Differences averaged over cells.
+//!
+//! The cells of a task share their episodes' starts (twins), so pairs with the same task and episode index
+//! form a cluster. The mean is treated as the difference of as many independent pairs as have its variance:
+//! the number of pairs, divided by the design effect of the clusters (L. Kish, Survey Sampling, 1965), which
+//! starts from that of identical twins and follows the data. Its interval and tests are score-type. So a mean
+//! of few pairs, or of pairs without a discordant one, keeps a width. The tasks are fixed, not sampled.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::normal::quantile;
+use super::score::{CONTINUITY, ScoreCounts};
+use super::verdict::{Levels, PairRates, TestedDifference};
+
+/// Differences of one cell by episode index.
+#[derive(Clone, Debug)]
+pub struct DifferenceCell {
+    /// Index of the cell's task. Cells of one task are a cluster per episode index.
+    pub task_idx: usize,
+    /// `a − b` per episode index of the task: −1, 0 or 1; `None` where the pair is missing.
+    pub differences: Vec<Option<i8>>,
+}
+
+/// The mean difference over the cells of a group.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct MeanDifference {
+    /// Unweighted mean of the cells' differences.
+    pub mean: f64,
+    /// Interval at 1 − alpha.
+    pub interval: [f64; 2],
+    /// p-value of a mean of zero.
+    pub p: f64,
+    /// p-value against a mean of at least the margin in either direction.
+    pub equivalence_p: f64,
+    /// Number of cells.
+    pub n_cells: usize,
+    /// Number of independent pairs with the same variance.
+    pub n_effective: f64,
+    /// Mean share of discordant pairs.
+    pub discordance: f64,
+}
+
+/// The part of a cell in the mean.
+struct Moments {
+    n: f64,
+    /// Shares of pairs in which only A and only B succeeds.
+    only_a: f64,
+    only_b: f64,
+}
+
+impl MeanDifference {
+    /// Averages cells; `None` without cells. Cells without any pair must be left out by the caller.
+    #[must_use]
+    pub fn new(cells: &[&DifferenceCell], levels: Levels) -> Option<Self> {
+        let moments: Vec<Moments> = cells.iter().map(|cell| Moments::new(cell)).collect();
+        let n_cells = cells.len() as f64;
+        let average = |share: fn(&Moments) -> f64| moments.iter().map(share).sum::<f64>() / n_cells;
+        let [only_a, only_b] = [average(|cell| cell.only_a), average(|cell| cell.only_b)];
+        let (mean, discordance) = (only_a - only_b, only_a + only_b);
+        if cells.is_empty() {
+            return None;
+        }
+        // Variances of the sum over cells, of independent pairs per unit of a pair's variance.
+        let independent: f64 = moments.iter().map(|cell| cell.n.recip()).sum();
+        let design_effect = design_effect(cells, &moments, mean, independent * (discordance - mean * mean));
+        let n = n_cells * n_cells / independent / design_effect;
+        let counts = ScoreCounts { n, only_a: n * only_a, only_b: n * only_b };
+        Some(Self {
+            mean,
+            interval: counts.interval(quantile(1.0 - levels.alpha / 2.0), CONTINUITY),
+            p: counts.p_value(),
+            equivalence_p: counts.equivalence_p(levels.margin),
+            n_cells: cells.len(),
+            n_effective: n,
+            discordance,
+        })
+    }
+
+    /// Returns the mean with its tests.
+    #[must_use]
+    pub fn tested(&self) -> TestedDifference {
+        TestedDifference { difference: self.mean, p: self.p, equivalence_p: self.equivalence_p }
+    }
+
+    /// Returns the rates from which numbers of episodes are planned.
+    pub(crate) fn rates(&self) -> PairRates {
+        PairRates::smoothed(self.mean, self.discordance * self.n_effective, self.n_effective)
+    }
+}
+
+impl Moments {
+    fn new(cell: &DifferenceCell) -> Self {
+        let present = || cell.differences.iter().flatten();
+        let n = present().count() as f64;
+        let share = |sign| present().filter(|difference| **difference == sign).count() as f64 / n;
+        Self { n, only_a: share(1), only_b: share(-1) }
+    }
+}
+
+/// Returns the variance of the sum of the cells' differences relative to `independent`, that of independent
+/// pairs, but at least 1. Both get one more cluster, of an average task, whose pairs are all discordant.
+fn design_effect(cells: &[&DifferenceCell], moments: &[Moments], mean: f64, independent: f64) -> f64 {
+    // By task: its residuals per episode index, and the largest variance of one index and of its pairs.
+    let mut tasks: BTreeMap<usize, (Vec<f64>, f64, f64)> = BTreeMap::new();
+    for (cell, Moments { n, only_a, only_b }) in cells.iter().zip(moments) {
+        let (residuals, weight, squares) = tasks.entry(cell.task_idx).or_default();
+        residuals.resize(residuals.len().max(cell.differences.len()), 0.0);
+        // A single pair has no spread of its own.
+        let (center, scale) =
+            if *n > 1.0 { (only_a - only_b, (n * (n - 1.0)).sqrt().recip()) } else { (mean, 1.0) };
+        for (sum, difference) in residuals.iter_mut().zip(&cell.differences) {
+            *sum += difference.map_or(0.0, |difference| scale * (f64::from(difference) - center));
+        }
+        *weight += n.recip();
+        *squares += n.recip().powi(2);
+    }
+    let n_tasks = tasks.len() as f64;
+    let (mut clustered, mut independent) = (0.0, independent);
+    for (residuals, weight, squares) in tasks.values() {
+        clustered += residuals.iter().map(|sum| sum * sum).sum::<f64>() + weight * weight / n_tasks;
+        independent += squares / n_tasks;
+    }
+    (clustered / independent).max(1.0)
+}
