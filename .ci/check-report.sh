@@ -12,9 +12,9 @@ cd "$folder"
     --perturbations all --episodes 1 --quiet --db r.db >run.txt
 printf 'task,perturbation,success_percent\nRaiseCube,None,50\nRaiseCube,MO-Color,30\n' >hardware.csv
 printf 'batch_size,frames_per_second\n1,20\n10,150\n' >fps.csv
-"$hypogeum" report r.db -o report --hardware hardware.csv --fps fps.csv 2>report.txt
+"$hypogeum" report r.db -o report --hardware hardware.csv --fps fps.csv --fps other=fps.csv 2>report.txt
 
-figures="radar changes perturbations waterfall-single-arm waterfall-bimanual categories time-to-success failed-predicates time
+figures="radar waterfall-single-arm waterfall-bimanual categories time-to-success failed-predicates time
     hardware fps forest-0"
 for width in 390 1280; do
     timeout 120 chromium --headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking \

@@ -218,57 +218,6 @@ fn unusable_results_give_one_clear_error() {
 }
 
 #[test]
-fn report_is_complete_and_needs_no_network() {
-    let dir = tempfile::tempdir().unwrap();
-    let act = format!("act=act:{}", act_tiny());
-    evaluate(dir.path(), &["--policy", &act, "--policy", "random"]);
-    std::fs::write(
-        dir.path().join("hardware.csv"),
-        "task,perturbation,success_percent\nRaiseCube,None,50\nOpenDrawer,None,80\n",
-    )
-    .unwrap();
-    std::fs::write(dir.path().join("fps.csv"), "batch_size,frames_per_second\n1,20\n10,150\n").unwrap();
-    let args = ["report", "r.db", "-o", "out", "--hardware", "hardware.csv", "--fps", "fps.csv"];
-    let formats = ["--format", "csv,parquet,json,lerobot,vla-eval"];
-    let report = run(dir.path(), &[&args[..], &formats[..]].concat()).expect_code(0);
-    assert!(report.stderr.contains("fewer than 50 episodes"), "{}", report.stderr);
-    let out = dir.path().join("out");
-    let page = std::fs::read_to_string(out.join("index.html")).unwrap();
-    for id in [
-        "changes",
-        "perturbations",
-        "waterfall-single-arm",
-        "categories",
-        "time-to-success",
-        "failed-predicates",
-        "time",
-        "hardware",
-        "fps",
-        "forest-0",
-    ] {
-        assert!(page.contains(&format!("id=\"figure-{id}\"")), "the page should have the figure {id}");
-    }
-    for outside in ["src=\"http", "href=\"http", "url(http", "@import"] {
-        assert!(!page.contains(outside), "the page should not use {outside}");
-    }
-    assert_eq!(page.lines().find(|line| line.contains("\"NaN") || line.contains(">NaN")), None);
-    let data: Value = serde_json::from_slice(&std::fs::read(out.join("data.json")).unwrap()).unwrap();
-    assert_eq!(data["cells"].as_array().unwrap().len(), 16);
-    let lerobot: Value =
-        serde_json::from_slice(&std::fs::read(out.join("expert.eval_info.json")).unwrap()).unwrap();
-    assert_eq!(
-        (&lerobot["overall"]["pc_success"], &lerobot["overall"]["n_episodes"]),
-        (&100.0.into(), &16.into())
-    );
-    let vla: Value = serde_json::from_slice(&std::fs::read(out.join("idle.vla-eval.json")).unwrap()).unwrap();
-    assert_eq!((&vla["mean_success"], &vla["tasks"][0]["num_episodes"]), (&0.0.into(), &4.into()));
-    let csv = std::fs::read_to_string(out.join("expert.single_arm.csv")).unwrap();
-    assert!(csv.lines().count() == 5, "{csv}");
-    assert!(csv.contains(",none,RaiseCube-v1,pd_joint_pos,False,4,92,,4,100.00\n"), "{csv}");
-    assert!(out.join("episodes.parquet").metadata().unwrap().len() > 1000);
-}
-
-#[test]
 fn verify_finds_every_changed_column() {
     let dir = tempfile::tempdir().unwrap();
     let db = dir.path().join("r.db");

@@ -78,7 +78,8 @@ fn mean_errors(design: Design, point: GridPoint, n: usize, name: &str) -> [usize
     let levels = Levels { alpha: LEVELS.alpha, margin: truth.max(0.01) };
     let sample = |mut random: Stream| {
         let cells = draw_group(&mut random, design, point);
-        let found = MeanDifference::new(&cells.iter().collect::<Vec<_>>(), levels).expect("it has cells");
+        let found = MeanDifference::new(&cells.iter().map(|cell| (1.0, cell)).collect::<Vec<_>>(), levels)
+            .expect("it has cells");
         [
             truth < found.interval[0] || found.interval[1] < truth,
             truth == 0.0 && found.p <= levels.alpha,

@@ -251,11 +251,11 @@ fn outcome(success: bool, number: u32) -> Outcome {
 pub fn read_tables(results: &Path, hardware: &Path, fps: &Path) -> Result<(), String> {
     let message = |error: page::TableError| Failure::User(error.into()).to_string();
     let hardware = HardwareTable::read(hardware).map_err(message)?;
-    let fps = FpsTable::read(fps).map_err(message)?;
+    let fps = vec![FpsTable::read("fps", fps).map_err(message)?];
     assert!(hardware.rows.iter().all(|row| (0.0..=100.0).contains(&row.success_percent)));
     let files = read_files(&[results.to_owned()]).expect("the results are valid");
     let evaluation = Evaluation::new(files, &[]).expect("the results are valid");
-    let external = ExternalData { hardware: Some(hardware), fps: Some(fps) };
+    let external = ExternalData { hardware: Some(hardware), fps };
     draw_page(&evaluation, external).unwrap_or_else(|failure| panic!("{failure}"));
     Ok(())
 }

@@ -7,6 +7,7 @@ use sim::TaskId;
 use sim::perturb::Composition;
 use thiserror::Error;
 
+use super::effects::MIN_SUCCESS;
 use super::evaluation::{Evaluation, EvaluationError};
 use super::flips::{Flip, flips};
 use super::groups::Group;
@@ -143,7 +144,8 @@ impl Comparison {
             return Err(ComparisonError::SamePolicy(a.to_owned()));
         }
         let cells = match_cells(evaluation, sides, options.metric);
-        let groups = Group::OF_POLICIES.to_vec();
+        let conditions: Vec<Condition> = cells.iter().map(|cell| cell.condition).collect();
+        let groups = Group::of_policies(&conditions);
         let kind = ComparisonKind::Policies { a: a.to_owned(), b: b.to_owned() };
         let ended_early = sides.iter().any(|side| evaluation.ended_early(side.policy).is_some());
         Self::new(evaluation, kind, (&cells, ended_early), &groups, options)
@@ -185,7 +187,9 @@ impl Comparison {
         let tests = if ended_early { TestKind::Sequential } else { TestKind::FixedSample };
         let (cells, groups) = match tests {
             TestKind::FixedSample => {
-                (fixed_sample_cells(&matched, levels), compared_groups(&matched, groups, levels))
+                let counts = |cell: &&&MatchedCell| sides.counts_for_means(&cell.pairs());
+                let averaged: Vec<&MatchedCell> = matched.iter().filter(counts).copied().collect();
+                (fixed_sample_cells(&matched, levels), compared_groups(&averaged, groups, levels))
             }
             TestKind::Sequential => (sequential_cells(&matched, levels), Vec::new()),
         };
@@ -209,6 +213,12 @@ impl Comparison {
 }
 
 impl ComparisonKind {
+    /// Returns `true` if a cell counts for means. For what a policy loses, it must have something to lose.
+    fn counts_for_means(&self, pairs: &Pairs) -> bool {
+        let [_, before] = pairs.successes().map(f64::from);
+        matches!(self, Self::Policies { .. }) || before >= MIN_SUCCESS * f64::from(pairs.n())
+    }
+
     /// Returns the names of both sides for people.
     pub(crate) fn names(&self) -> [String; 2] {
         match self {
@@ -327,11 +337,7 @@ fn verdict(decision: Decision, more_episodes: impl FnOnce() -> Option<u64>) -> V
 
 /// Averages the cells of each group that has any.
 fn compared_groups(cells: &[&MatchedCell], groups: &[Group], levels: Levels) -> Vec<ComparedGroup> {
-    let members = |group: &Group| {
-        let cells = cells.iter().enumerate().filter(|(_, cell)| group.contains(&cell.condition));
-        cells.map(|(idx, _)| idx).collect::<Vec<_>>()
-    };
-    let groups: Vec<(&Group, Vec<usize>)> = groups.iter().map(|group| (group, members(group))).collect();
+    let conditions: Vec<Condition> = cells.iter().map(|cell| cell.condition).collect();
     let mut starts_of: BTreeMap<TaskId, BTreeSet<(u64, u32)>> = BTreeMap::new();
     for cell in cells {
         let starts = cell.episodes.iter().map(|pair| pair.start);
@@ -344,20 +350,23 @@ fn compared_groups(cells: &[&MatchedCell], groups: &[Group], levels: Levels) -> 
         differences: cell.differences(&starts_of[&cell.condition.task]),
     };
     let differences: Vec<DifferenceCell> = cells.iter().map(differences).collect();
-    let estimate = |(group, members): (_, Vec<usize>)| {
-        let own: Vec<&DifferenceCell> = members.iter().map(|&idx| &differences[idx]).collect();
-        Some((group, members, MeanDifference::new(&own, levels)?))
+    let estimate = |group: &Group| {
+        let members = group.members(&conditions);
+        let own: Vec<(f64, &DifferenceCell)> =
+            members.iter().map(|&(weight, idx)| (weight, &differences[idx])).collect();
+        Some((group.name(), members, MeanDifference::new(&own, levels)?))
     };
-    let groups: Vec<(&Group, Vec<usize>, MeanDifference)> = groups.into_iter().filter_map(estimate).collect();
+    type Averaged = (String, Vec<(f64, usize)>, MeanDifference);
+    let groups: Vec<Averaged> = groups.iter().filter_map(estimate).collect();
     let tested: Vec<TestedDifference> = groups.iter().map(|(_, _, estimate)| estimate.tested()).collect();
     let judged = judge(&tested, levels.alpha);
     let n_tests = n_open_tests(&judged, levels.alpha);
-    let group = |((group, members, estimate), judged): ((&Group, Vec<usize>, MeanDifference), &Judgement)| {
-        let n: u32 = members.iter().map(|&idx| cells[idx].pairs().n()).sum();
+    let group = |((group, members, estimate), judged): (Averaged, &Judgement)| {
+        let n: u32 = members.iter().map(|&(_, idx)| cells[idx].pairs().n()).sum();
         let per_cell = f64::from(n) / members.len() as f64;
         let needed = || estimate.rates().pairs_needed(levels, n_tests) / estimate.n_effective * per_cell;
         ComparedGroup {
-            group: group.name().to_owned(),
+            group,
             n,
             adjusted_p: judged.adjusted_p,
             adjusted_equivalence_p: judged.adjusted_equivalence_p,

@@ -1,35 +1,41 @@
 //! Groups of cells over which differences are averaged.
 
-use serde::Serialize;
+use std::collections::HashMap;
+
+use ipc_types::Morphology;
 use sim::Perturbation;
 use sim::perturb::{Composition, Modality};
 
+use super::effects::{modality_name, morphology_name};
 use crate::plan::Condition;
 
 /// A group of cells.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Group {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Group {
+    kind: GroupKind,
+    /// `None` for the tasks of both robots.
+    morphology: Option<Morphology>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum GroupKind {
     /// All cells.
     Overall,
-    /// The unperturbed cells.
-    Unperturbed,
-    /// Cells with perturbations of vision only.
-    Vision,
-    /// Cells with perturbations of language only.
-    Language,
-    /// Cells with perturbations of action only.
-    Action,
-    /// Cells under the perturbation All.
-    All,
-    /// Cells under one perturbation, by name.
-    Perturbation(String),
+    /// Cells with perturbations of one modality only.
+    Modality(Modality),
+    /// Cells under one perturbation.
+    Perturbation(Composition),
 }
 
 impl Group {
-    /// The groups of a comparison of two policies.
-    pub(crate) const OF_POLICIES: [Self; 6] =
-        [Self::Overall, Self::Unperturbed, Self::Vision, Self::Language, Self::Action, Self::All];
+    /// Returns the groups of a comparison of two policies.
+    pub(crate) fn of_policies(conditions: &[Condition]) -> Vec<Self> {
+        let overall = Self { kind: GroupKind::Overall, morphology: None };
+        let mut kinds = vec![GroupKind::Perturbation(Perturbation::None.into())];
+        kinds.extend(MODALITIES.map(GroupKind::Modality));
+        kinds.push(GroupKind::Perturbation(Perturbation::All.into()));
+        std::iter::once(overall).chain(per_morphology(conditions, &kinds)).collect()
+    }
 
     /// Returns the groups of a comparison of one policy with its own twins: by perturbation, then by
     /// modality.
@@ -37,34 +43,63 @@ impl Group {
         let mut perturbations: Vec<Composition> = conditions.iter().map(|cell| cell.perturbation).collect();
         perturbations.sort_unstable();
         perturbations.dedup();
-        let single = perturbations.iter().map(|perturbation| Self::Perturbation(perturbation.name()));
-        single.chain([Self::Vision, Self::Language, Self::Action, Self::Overall]).collect()
+        let mut kinds: Vec<GroupKind> = perturbations.into_iter().map(GroupKind::Perturbation).collect();
+        kinds.extend(MODALITIES.map(GroupKind::Modality));
+        per_morphology(conditions, &kinds).collect()
     }
 
-    pub(crate) fn contains(&self, condition: &Condition) -> bool {
+    /// Returns the members with their weights. In a modality, every perturbation has the same weight and,
+    /// in a perturbation, every task, as in the benchmark's figures.
+    pub(crate) fn members(&self, conditions: &[Condition]) -> Vec<(f64, usize)> {
+        let members: Vec<usize> =
+            (0..conditions.len()).filter(|&idx| self.contains(&conditions[idx])).collect();
+        let mut n_tasks: HashMap<Composition, f64> = HashMap::new();
+        for &idx in &members {
+            *n_tasks.entry(conditions[idx].perturbation).or_default() += 1.0;
+        }
+        let weight = |idx: usize| match self.kind {
+            GroupKind::Modality(_) => 1.0 / n_tasks[&conditions[idx].perturbation],
+            GroupKind::Overall | GroupKind::Perturbation(_) => 1.0,
+        };
+        members.into_iter().map(|idx| (weight(idx), idx)).collect()
+    }
+
+    fn contains(&self, condition: &Condition) -> bool {
         let perturbation = condition.perturbation;
-        let all_of = |modality| perturbation.iter().all(|part| part.modality() == Some(modality));
-        match self {
-            Self::Overall => true,
-            Self::Unperturbed => perturbation == Perturbation::None.into(),
-            Self::Vision => all_of(Modality::Vision),
-            Self::Language => all_of(Modality::Language),
-            Self::Action => all_of(Modality::Action),
-            Self::All => perturbation == Perturbation::All.into(),
-            Self::Perturbation(name) => perturbation.name() == *name,
-        }
+        self.morphology.is_none_or(|morphology| condition.task.task().morphology == morphology)
+            && match self.kind {
+                GroupKind::Overall => true,
+                GroupKind::Modality(modality) => {
+                    perturbation.iter().all(|part| part.modality() == Some(modality))
+                }
+                GroupKind::Perturbation(one) => perturbation == one,
+            }
     }
 
-    /// Returns the name for tables.
-    pub(crate) fn name(&self) -> &str {
-        match self {
-            Self::Overall => "overall",
-            Self::Unperturbed => "None",
-            Self::Vision => "vision",
-            Self::Language => "language",
-            Self::Action => "action",
-            Self::All => "All",
-            Self::Perturbation(name) => name,
+    /// Returns the perturbation or modality, and the robot if there is one.
+    pub(crate) fn name(&self) -> String {
+        let kind = match self.kind {
+            GroupKind::Overall => "overall".to_owned(),
+            GroupKind::Modality(modality) => modality_name(modality).to_owned(),
+            GroupKind::Perturbation(perturbation) => perturbation.name(),
+        };
+        match self.morphology {
+            Some(morphology) => format!("{kind}, {}", morphology_name(morphology)),
+            None => kind,
         }
     }
+}
+
+const MODALITIES: [Modality; 3] = [Modality::Vision, Modality::Language, Modality::Action];
+
+/// Returns groups of these kinds for each robot.
+fn per_morphology(conditions: &[Condition], kinds: &[GroupKind]) -> impl Iterator<Item = Group> {
+    let has = |morphology: &Morphology| {
+        conditions.iter().any(|condition| condition.task.task().morphology == *morphology)
+    };
+    let found: Vec<Morphology> = Morphology::ALL.into_iter().filter(has).collect();
+    let groups = found.into_iter().flat_map(move |morphology| {
+        kinds.iter().map(move |kind| Group { kind: *kind, morphology: Some(morphology) })
+    });
+    groups.collect::<Vec<_>>().into_iter()
 }

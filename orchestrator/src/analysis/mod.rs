@@ -12,8 +12,13 @@ mod groups;
 mod matching;
 
 pub(crate) use self::cells::{CellSummary, Rate};
-pub(crate) use self::comparison::{ComparedCell, Comparison, ComparisonKind, ComparisonOptions, TestKind};
-pub(crate) use self::effects::{CellRate, Effect, effects, modality_change};
+pub(crate) use self::comparison::{
+    ComparedCell, ComparedGroup, Comparison, ComparisonKind, ComparisonOptions, TestKind,
+};
+pub(crate) use self::effects::{
+    CellRate, Effect, EmbodimentDifference, ModalityEffect, effects, embodiment_differences, mean,
+    modality_effects, morphology_name,
+};
 pub(crate) use self::evaluation::{EvaluatedPolicy, Evaluation, RowIdx, read_files};
 pub(crate) use self::flips::{Flip, FlipSide};
 pub(crate) use self::matching::Metric;

@@ -30,9 +30,10 @@ pub(crate) struct ReportArgs {
     /// Success rates on hardware: a CSV file with the columns task, perturbation and success_percent
     #[arg(long, value_name = "FILE.csv")]
     pub(crate) hardware: Option<PathBuf>,
-    /// Frames per second: a CSV file with the columns batch_size and frames_per_second
-    #[arg(long, value_name = "FILE.csv")]
-    pub(crate) fps: Option<PathBuf>,
+    /// Frames per second: a CSV file with the columns batch_size and frames_per_second, and a name for the
+    /// curve (repeatable) [default name: that of the file]
+    #[arg(long, value_name = "[NAME=]FILE.csv", value_parser = parse_curve)]
+    pub(crate) fps: Vec<(String, PathBuf)>,
     /// Number of flips to show as movies, both sides next to each other
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) movies: usize,
@@ -46,7 +47,12 @@ pub(crate) fn report(args: &ReportArgs) -> Result<ExitStatus, Failure> {
     let evaluation = args.evaluation.read()?;
     let external = ExternalData {
         hardware: args.hardware.as_deref().map(HardwareTable::read).transpose().or_user()?,
-        fps: args.fps.as_deref().map(FpsTable::read).transpose().or_user()?,
+        fps: args
+            .fps
+            .iter()
+            .map(|(name, path)| FpsTable::read(name, path))
+            .collect::<Result<_, _>>()
+            .or_user()?,
     };
     let options = PageOptions {
         title: args.title.clone(),
@@ -112,6 +118,18 @@ fn movie(flip: &Flip, idx: usize, folder: &Path) -> anyhow::Result<Movie> {
         result(1)
     );
     Ok(Movie { file, caption })
+}
+
+fn parse_curve(typed: &str) -> Result<(String, PathBuf), String> {
+    match typed.split_once('=') {
+        Some((name, path)) if !name.is_empty() && !path.is_empty() => Ok((name.to_owned(), path.into())),
+        Some(_) => Err("expected FILE.csv or NAME=FILE.csv".to_owned()),
+        None => {
+            let path = PathBuf::from(typed);
+            let name = path.file_stem().ok_or("expected the name of a file")?.to_string_lossy().into_owned();
+            Ok((name, path))
+        }
+    }
 }
 
 fn parse_pair(typed: &str) -> Result<[String; 2], String> {

@@ -3,13 +3,13 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 use sim::Perturbation;
-use sim::perturb::Modality;
 
 use super::external::ExternalData;
+use super::hardware::{self, HardwareFit};
 use super::warnings::warnings;
 use crate::analysis::{
-    CellRate, CellSummary, Comparison, ComparisonOptions, Effect, Evaluation, Metric, Rate, effects,
-    modality_change,
+    CellRate, CellSummary, Comparison, ComparisonOptions, Effect, EmbodimentDifference, Evaluation, Metric,
+    ModalityEffect, Rate, effects, embodiment_differences, modality_effects,
 };
 use crate::results::{ENVIRONMENT, PLANS};
 use crate::statistics::Levels;
@@ -49,14 +49,17 @@ pub(crate) struct ReportContent {
     pub(crate) policies: Vec<PolicySummary>,
     pub(crate) warnings: Vec<String>,
     pub(crate) cells: Vec<CellSummary>,
-    /// Changes under perturbations as in the benchmark's figures.
+    /// Changes under perturbations as in the benchmark's figures, and their means.
     #[serde(serialize_with = "serialize_effects")]
     pub(crate) effects: Vec<Effect>,
+    pub(crate) modality_effects: Vec<ModalityEffect>,
+    pub(crate) embodiment_differences: Vec<EmbodimentDifference>,
     pub(crate) comparisons: Vec<Comparison>,
     /// Each policy under its perturbations, against its own unperturbed twins.
     pub(crate) perturbations: Vec<Comparison>,
-    #[serde(skip)]
+    /// Measurements from elsewhere, and how far the hardware's agree.
     pub(crate) external: ExternalData,
+    pub(crate) hardware: Vec<HardwareFit>,
 }
 
 /// A results file of the report.
@@ -81,8 +84,6 @@ pub(crate) struct PolicySummary {
     /// Over all episodes; without trials if cells ended early.
     pub(crate) all: Rate,
     pub(crate) errors: u32,
-    /// Mean changes over the perturbations of language, vision and action.
-    pub(crate) changes: [Option<f64>; 3],
 }
 
 /// Purpose of a policy in an evaluation.
@@ -96,9 +97,6 @@ pub(crate) enum PolicyRole {
     /// A policy under test.
     Policy,
 }
-
-/// The modalities in the order of the paper's figures.
-pub(super) const MODALITIES: [Modality; 3] = [Modality::Language, Modality::Vision, Modality::Action];
 
 impl ReportContent {
     /// Computes the report.
@@ -117,7 +115,7 @@ impl ReportContent {
             evaluation.policy(&cell.policy).is_ok_and(|policy| evaluation.ended_early(policy).is_some())
         };
         let effects = effects_of(cells.iter().filter(|cell| !ended_early(cell)));
-        let policies = summaries(evaluation, &cells, &effects, levels);
+        let policies = summaries(evaluation, &cells, levels);
         let comparisons = comparisons(evaluation, &policies, options)?;
         let perturbations = policies
             .iter()
@@ -151,11 +149,16 @@ impl ReportContent {
             warnings: Vec::new(),
             policies,
             cells,
+            modality_effects: modality_effects(&effects),
+            embodiment_differences: embodiment_differences(&effects),
             effects,
             comparisons,
             perturbations,
             external,
+            hardware: Vec::new(),
         };
+        report.hardware =
+            report.external.hardware.as_ref().map_or_else(Vec::new, |table| hardware::fits(&report, table));
         report.warnings = warnings(&report, evaluation);
         Ok(report)
     }
@@ -163,6 +166,11 @@ impl ReportContent {
     /// Returns the cells of a policy.
     pub(super) fn cells_of<'a>(&'a self, policy: &'a str) -> impl Iterator<Item = &'a CellSummary> {
         self.cells.iter().filter(move |cell| cell.policy == policy)
+    }
+
+    /// Returns the policies under test.
+    pub(super) fn under_test(&self) -> impl Iterator<Item = &PolicySummary> {
+        self.policies.iter().filter(|policy| policy.role == PolicyRole::Policy)
     }
 
     /// Returns the position of a policy, which determines its colour.
@@ -182,12 +190,7 @@ fn effects_of<'a>(cells: impl Iterator<Item = &'a CellSummary>) -> Vec<Effect> {
     effects(&cells.map(rate).collect::<Vec<_>>())
 }
 
-fn summaries(
-    evaluation: &Evaluation,
-    cells: &[CellSummary],
-    effects: &[Effect],
-    levels: Levels,
-) -> Vec<PolicySummary> {
+fn summaries(evaluation: &Evaluation, cells: &[CellSummary], levels: Levels) -> Vec<PolicySummary> {
     let sum = |cells: &[&CellSummary]| {
         let total = cells.iter().fold([0, 0], |[s, n], cell| [s + cell.rate.successes, n + cell.rate.n]);
         Rate { successes: total[0], n: total[1] }
@@ -212,7 +215,6 @@ fn summaries(
             unperturbed,
             all: sum(averaged),
             errors: own.iter().map(|cell| cell.errors).sum(),
-            changes: MODALITIES.map(|modality| modality_change(effects, &policy.name, modality)),
         }
     };
     let mut summaries: Vec<PolicySummary> = evaluation.policies.iter().map(summary).collect();
@@ -246,11 +248,13 @@ fn serialize_effects<S: serde::Serializer>(effects: &[Effect], serializer: S) ->
     let effect = |effect: &Effect| {
         serde_json::json!({
             "policy": effect.policy,
+            "morphology": effect.morphology,
             "perturbation": effect.perturbation.name(),
-            "success": effect.success_once,
+            "success": effect.success,
             "n_tasks": effect.n_tasks,
             "change": effect.change,
             "relative_change": effect.relative_change,
+            "relative_deviation": effect.relative_deviation,
         })
     };
     serializer.collect_seq(effects.iter().map(effect))

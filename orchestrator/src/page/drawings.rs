@@ -9,14 +9,19 @@ use sim::perturb::Modality;
 use sim::task::Category;
 
 use super::canvas::{Figure, INK, color};
-use super::content::{MODALITIES, PolicyRole, PolicySummary, ReportContent};
+use super::content::{PolicyRole, PolicySummary, ReportContent};
 use super::figures::{
-    Bar, BarGroup, ForestRow, RadarSeries, Scatter, StackRow, StepCurve, bars, forest, fps_curve, radar,
-    regression, stacks, success_over_time,
+    Bar, BarGroup, ForestRow, FpsSeries, RadarSeries, Scatter, StackRow, StepCurve, bars, forest, fps_svg,
+    radar, regression, stacks, success_over_time,
 };
-use crate::analysis::{CellSummary, Comparison, ComparisonKind};
+use super::hardware::{FittedLine, HardwareFit};
+use crate::analysis::{
+    CellSummary, ComparedGroup, Comparison, ComparisonKind, ModalityEffect, mean, morphology_name,
+};
 use crate::plan::Condition;
 
+/// The modalities in the order of the paper's radar figure.
+const MODALITIES: [Modality; 3] = [Modality::Language, Modality::Vision, Modality::Action];
 /// Cells up to which a forest plot shows each.
 const MAX_FOREST_CELLS: usize = 40;
 /// Failed predicates that get a colour of their own.
@@ -29,8 +34,8 @@ const MAX_PREDICATES: usize = 8;
 pub(super) fn figures(report: &ReportContent) -> anyhow::Result<Vec<Figure>> {
     let drawn = [
         radar_figure(report)?,
-        change_figure(report)?,
-        perturbation_figure(report)?,
+        change_figure(report, Morphology::Single)?,
+        change_figure(report, Morphology::Bimanual)?,
         waterfall(report, Morphology::Single)?,
         waterfall(report, Morphology::Bimanual)?,
         category_figure(report)?,
@@ -52,8 +57,7 @@ fn figure(id: &str, title: &str, caption: &str, svg: String) -> Option<Figure> {
 }
 
 fn policies_under_test(report: &ReportContent) -> Vec<(RGBColor, &PolicySummary)> {
-    let shown = report.policies.iter().filter(|policy| policy.role == PolicyRole::Policy);
-    shown.map(|policy| (color(report.policy_idx(&policy.name)), policy)).collect()
+    report.under_test().map(|policy| (color(report.policy_idx(&policy.name)), policy)).collect()
 }
 
 /// Returns the policies under test over whose cells means may be taken.
@@ -65,25 +69,6 @@ fn legend(policies: &[(RGBColor, &PolicySummary)]) -> Vec<(String, RGBColor)> {
     policies.iter().map(|(color, policy)| (policy.name.clone(), *color)).collect()
 }
 
-/// Returns the mean over the perturbations of a modality of the mean success over tasks, in percent.
-fn mean_success(cells: &[&CellSummary], modality: Modality) -> Option<f64> {
-    let mut by_perturbation: BTreeMap<Perturbation, Vec<f64>> = BTreeMap::new();
-    for cell in cells {
-        let mut parts = cell.condition.perturbation.iter();
-        if let (Some(part), None, Some(rate)) = (parts.next(), parts.next(), cell.rate.fraction())
-            && part.modality() == Some(modality)
-        {
-            by_perturbation.entry(part).or_default().push(100.0 * rate);
-        }
-    }
-    mean(by_perturbation.values().filter_map(|rates| mean(rates.iter().copied())))
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let (sum, n) = values.fold((0.0, 0), |(sum, n), value| (sum + value, n + 1));
-    (n > 0).then(|| sum / f64::from(n))
-}
-
 fn of_morphology<'a>(
     report: &'a ReportContent,
     policy: &'a str,
@@ -92,27 +77,19 @@ fn of_morphology<'a>(
     report.cells_of(policy).filter(|cell| cell.condition.task.task().morphology == morphology).collect()
 }
 
-fn morphology_name(morphology: Morphology) -> &'static str {
-    match morphology {
-        Morphology::Single => "single arm",
-        Morphology::Bimanual => "bimanual",
-    }
-}
-
 fn radar_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
     let mut series = Vec::new();
-    for (color, policy) in policies_with_means(report) {
-        for morphology in Morphology::ALL {
-            let cells = of_morphology(report, &policy.name, morphology);
-            let values = MODALITIES.map(|modality| mean_success(&cells, modality));
-            if let [Some(language), Some(vision), Some(action)] = values {
-                series.push(RadarSeries {
-                    name: format!("{}, {}", policy.name, morphology_name(morphology)),
-                    values: [language, vision, action],
-                    color,
-                    is_dashed: morphology == Morphology::Bimanual,
-                });
-            }
+    for (color, policy, morphology) in robots(report) {
+        let success = |modality| {
+            modality_effect(report, &policy.name, morphology, modality).map(|effect| 100.0 * effect.success)
+        };
+        if let [Some(language), Some(vision), Some(action)] = MODALITIES.map(success) {
+            series.push(RadarSeries {
+                name: format!("{}, {}", policy.name, morphology_name(morphology)),
+                values: [language, vision, action],
+                color,
+                is_dashed: morphology == Morphology::Bimanual,
+            });
         }
     }
     if series.is_empty() {
@@ -123,61 +100,72 @@ fn radar_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
     Ok(figure("radar", "Success under perturbations", caption, radar(&series)?))
 }
 
-fn change_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
-    let policies = policies_with_means(report);
-    let group = |(idx, name): (usize, &str)| BarGroup {
-        label: name.to_owned(),
-        bars: policies
-            .iter()
-            .filter_map(|(color, policy)| {
-                let value = 100.0 * policy.changes[idx]?;
-                Some(Bar { value, interval: None, color: *color })
-            })
-            .collect(),
-    };
-    let groups: Vec<BarGroup> = ["Language", "Vision", "Action"].into_iter().enumerate().map(group).collect();
-    if groups.iter().all(|group| group.bars.is_empty()) {
-        return Ok(None);
-    }
-    let svg = bars(&groups, &legend(&policies), range_of(&groups), "")?;
-    let caption = "Mean change of success in percentage points, over the perturbations of each kind and the tasks with at \
-                   least 10 % unperturbed success (the paper's averages; a perturbation that was not run counts as 0).";
-    Ok(figure("changes", "Change by kind of perturbation", caption, svg))
-}
-
-fn perturbation_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
-    let policies = policies_under_test(report);
-    let mut perturbations: Vec<String> = Vec::new();
-    for comparison in &report.perturbations {
-        for group in &comparison.groups {
-            if !perturbations.contains(&group.group) {
-                perturbations.push(group.group.clone());
+/// Returns the policies over whose cells means may be taken, with each robot that they moved.
+fn robots(report: &ReportContent) -> Vec<(RGBColor, &PolicySummary, Morphology)> {
+    let mut robots = Vec::new();
+    for (color, policy) in policies_with_means(report) {
+        for morphology in Morphology::ALL {
+            if !of_morphology(report, &policy.name, morphology).is_empty() {
+                robots.push((color, policy, morphology));
             }
         }
     }
-    let bar = |policy: &PolicySummary, color: RGBColor, name: &str| {
+    robots
+}
+
+fn modality_effect<'a>(
+    report: &'a ReportContent,
+    policy: &str,
+    morphology: Morphology,
+    modality: Modality,
+) -> Option<&'a ModalityEffect> {
+    report.modality_effects.iter().find(|effect| {
+        effect.policy == policy && effect.morphology == morphology && effect.modality == modality
+    })
+}
+
+/// Draws the changes of one robot by perturbation and by modality.
+fn change_figure(report: &ReportContent, morphology: Morphology) -> anyhow::Result<Option<Figure>> {
+    let policies = policies_with_means(report);
+    let suffix = format!(", {}", morphology_name(morphology));
+    let groups_of = |policy: &PolicySummary| {
         let comparison = report.perturbations.iter().find(|comparison| match &comparison.sides {
             ComparisonKind::Perturbations { policy: own, .. } => *own == policy.name,
             ComparisonKind::Policies { .. } => false,
-        })?;
-        let group = comparison.groups.iter().find(|group| group.group == name)?;
-        let interval = group.estimate.interval.map(|bound| 100.0 * bound);
-        Some(Bar { value: 100.0 * group.estimate.mean, interval: Some(interval), color })
+        });
+        comparison.map_or(&[][..], |comparison| &comparison.groups)
     };
-    let groups: Vec<BarGroup> = perturbations
+    let mut names: Vec<&str> = Vec::new();
+    for group in policies.iter().flat_map(|(_, policy)| groups_of(policy)) {
+        if let Some(name) = group.group.strip_suffix(&suffix)
+            && !names.contains(&name)
+        {
+            names.push(name);
+        }
+    }
+    let bar = |policy: &PolicySummary, color: RGBColor, name: &str| {
+        let is_named = |group: &&ComparedGroup| group.group.strip_suffix(&suffix) == Some(name);
+        let estimate = &groups_of(policy).iter().find(is_named)?.estimate;
+        let interval = estimate.interval.map(|bound| 100.0 * bound);
+        Some(Bar { value: 100.0 * estimate.mean, interval: Some(interval), color })
+    };
+    let groups: Vec<BarGroup> = names
         .into_iter()
         .map(|name| BarGroup {
-            bars: policies.iter().filter_map(|(color, policy)| bar(policy, *color, &name)).collect(),
-            label: name,
+            bars: policies.iter().filter_map(|(color, policy)| bar(policy, *color, name)).collect(),
+            label: name.to_owned(),
         })
         .collect();
     if groups.is_empty() {
         return Ok(None);
     }
     let svg = bars(&groups, &legend(&policies), range_of(&groups), "")?;
-    let caption = "Mean change against the policy's own unperturbed twins in percentage points, over all tasks, with score \
-                   intervals.";
-    Ok(figure("perturbations", "Change by perturbation", caption, svg))
+    let caption = "Mean change against the policy's own unperturbed twins in percentage points, over the tasks with at least 10 % \
+                   unperturbed success, with intervals; vision, language and action: over their perturbations that were run, each \
+                   with the same weight.";
+    let name = morphology_name(morphology);
+    let id = format!("changes-{}", name.replace(' ', "-"));
+    Ok(figure(&id, &format!("Change under perturbations, {name}"), caption, svg))
 }
 
 /// Returns a range of percentage points around zero that contains all bars.
@@ -357,32 +345,44 @@ fn time_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
 }
 
 fn hardware_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
-    let Some(hardware) = &report.external.hardware else { return Ok(None) };
-    let series = |(color, policy): (RGBColor, &PolicySummary)| {
-        let point = |row: &super::external::HardwareRow| {
-            let cell = report.cells_of(&policy.name).find(|cell| {
-                cell.condition.task == row.task && cell.condition.perturbation == row.perturbation
-            })?;
-            Some((row.success_percent, 100.0 * cell.rate.fraction()?))
-        };
-        Scatter { name: policy.name.clone(), points: hardware.rows.iter().filter_map(point).collect(), color }
+    let series = |fit: &HardwareFit| Scatter {
+        name: fit.policy.clone(),
+        points: fit.points.iter().map(|[hardware, simulation]| (*hardware, *simulation)).collect(),
+        line: fit.line,
+        color: color(report.policy_idx(&fit.policy)),
     };
-    let series: Vec<Scatter> = policies_under_test(report).into_iter().map(series).collect();
-    let (svg, line) = regression(&series)?;
-    let fit = line.map_or_else(
-        || "too few points for a line".to_owned(),
-        |line| format!("sim = {:.2} · hardware {:+.1}, R² = {:.2}", line.slope, line.offset, line.r_squared),
+    let whole: Vec<&HardwareFit> = report.hardware.iter().filter(|fit| fit.task.is_none()).collect();
+    if whole.is_empty() {
+        return Ok(None);
+    }
+    let fitted = |fit: &&HardwareFit| match &fit.line {
+        Some(FittedLine { slope, offset, r_squared }) => format!(
+            "{}: sim = {slope:.2} · hardware {offset:+.1}, R² = {}",
+            fit.policy,
+            r_squared.map_or_else(|| "–".to_owned(), |r| format!("{r:.2}"))
+        ),
+        None => format!("{}: too few points for a line", fit.policy),
+    };
+    let caption = format!(
+        "Each point is a task under a perturbation, with the least-squares line of each policy. {}.",
+        whole.iter().map(fitted).collect::<Vec<_>>().join("; ")
     );
-    let caption =
-        format!("Each point is a task under a perturbation; the line is the least-squares fit: {fit}.");
+    let svg = regression(&whole.into_iter().map(series).collect::<Vec<_>>())?;
     Ok(figure("hardware", "Simulation against hardware", &caption, svg))
 }
 
 fn fps_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
-    let Some(fps) = &report.external.fps else { return Ok(None) };
-    let series = [Scatter { name: "FPS".to_owned(), points: fps.points.clone(), color: color(0) }];
+    let series: Vec<FpsSeries> = report
+        .external
+        .fps
+        .iter()
+        .map(|table| FpsSeries { name: table.name.clone(), points: table.points.clone() })
+        .collect();
+    if series.is_empty() {
+        return Ok(None);
+    }
     let caption = "Frames per second by number of environments, both axes logarithmic.";
-    Ok(figure("fps", "Frames per second", caption, fps_curve(&series)?))
+    Ok(figure("fps", "Frames per second", caption, fps_svg(&series)?))
 }
 
 fn forest_figure(comparison: &Comparison, idx: usize) -> anyhow::Result<Figure> {
@@ -404,15 +404,12 @@ fn forest_figure(comparison: &Comparison, idx: usize) -> anyhow::Result<Figure> 
     if comparison.cells.len() <= MAX_FOREST_CELLS {
         rows.extend(comparison.cells.iter().map(cell));
     }
-    rows.extend(comparison.groups.iter().map(|group| {
-        let [low, high] = group.estimate.interval;
-        ForestRow {
-            label: format!("mean: {}", group.group),
-            difference: 100.0 * group.estimate.mean,
-            interval: percent(group.estimate.interval),
-            color: shade(low > 0.0 || high < 0.0, group.estimate.mean),
-            is_mean: true,
-        }
+    rows.extend(comparison.groups.iter().map(|group| ForestRow {
+        label: format!("mean: {}", group.group),
+        difference: 100.0 * group.estimate.mean,
+        interval: percent(group.estimate.interval),
+        color: shade(group.adjusted_p <= alpha, group.estimate.mean),
+        is_mean: true,
     }));
     let [a, b] = comparison.sides.short_names();
     let svg = forest(&rows, [a, b], 100.0 * comparison.levels.margin)?;

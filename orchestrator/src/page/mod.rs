@@ -8,6 +8,7 @@ mod content;
 mod drawings;
 mod external;
 mod figures;
+mod hardware;
 mod heat_map;
 mod tables;
 mod warnings;

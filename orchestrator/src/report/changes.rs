@@ -3,7 +3,7 @@
 use sim::Perturbation;
 use sim::perturb::Composition;
 
-use crate::analysis::Effect;
+use crate::analysis::{Effect, morphology_name};
 use crate::table::{Align, TextTable};
 
 /// Formats the effects as a table; empty without effects.
@@ -14,6 +14,7 @@ pub(super) fn table(effects: &[Effect]) -> String {
     }
     let columns = [
         ("policy", Left),
+        ("robot", Left),
         ("perturbation", Left),
         ("success_once", Right),
         ("tasks", Right),
@@ -29,8 +30,9 @@ pub(super) fn table(effects: &[Effect]) -> String {
         };
         table.row(vec![
             effect.policy.clone(),
+            morphology_name(effect.morphology).to_owned(),
             effect.perturbation.name(),
-            format!("{:.1} %", 100.0 * effect.success_once),
+            format!("{:.1} %", 100.0 * effect.success),
             effect.n_tasks.to_string(),
             change(effect.change, "pp"),
             change(effect.relative_change, "%"),

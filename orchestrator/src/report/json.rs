@@ -23,8 +23,9 @@ pub(crate) fn json(run: &Value, cells: &[Cell], stopped: &[String], fps: &Fps) -
 fn change(effect: &Effect) -> Value {
     json!({
         "policy": effect.policy,
+        "morphology": effect.morphology,
         "perturbation": effect.perturbation.name(),
-        "success_once": effect.success_once,
+        "success_once": effect.success,
         "n_tasks": effect.n_tasks,
         "change": effect.change,
         "relative_change": effect.relative_change,

@@ -112,7 +112,7 @@ pub(crate) fn write_files(
         name: series.name(),
         points: of(series).iter().map(|point| (f64::from(point.envs), point.env_steps_per_s)).collect(),
     });
-    let svg = fps_svg(curves.collect()).context("failed to draw fps.svg")?;
+    let svg = fps_svg(&curves.collect::<Vec<_>>()).context("failed to draw fps.svg")?;
     write_file(&folder.join("fps.svg"), svg.as_bytes())?;
     Ok(())
 }

@@ -26,7 +26,7 @@ pub struct DifferenceCell {
 /// The mean difference over the cells of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MeanDifference {
-    /// Unweighted mean of the cells' differences.
+    /// Weighted mean of the cells' differences.
     pub mean: f64,
     /// Interval at 1 − alpha.
     pub interval: [f64; 2],
@@ -44,6 +44,8 @@ pub struct MeanDifference {
 
 /// The part of a cell in the mean.
 struct Moments {
+    /// Weight of the cell; the weights of a mean add up to 1.
+    weight: f64,
     n: f64,
     /// Shares of pairs in which only A and only B succeeds.
     only_a: f64,
@@ -51,21 +53,24 @@ struct Moments {
 }
 
 impl MeanDifference {
-    /// Averages cells; `None` without cells. Cells without any pair must be left out by the caller.
+    /// Averages cells with positive weights; `None` without cells. Cells without any pair must be left out by
+    /// the caller.
     #[must_use]
-    pub fn new(cells: &[&DifferenceCell], levels: Levels) -> Option<Self> {
-        let moments: Vec<Moments> = cells.iter().map(|cell| Moments::new(cell)).collect();
-        let n_cells = cells.len() as f64;
-        let average = |share: fn(&Moments) -> f64| moments.iter().map(share).sum::<f64>() / n_cells;
+    pub fn new(cells: &[(f64, &DifferenceCell)], levels: Levels) -> Option<Self> {
+        let total: f64 = cells.iter().map(|(weight, _)| weight).sum();
+        let moments: Vec<Moments> =
+            cells.iter().map(|(weight, cell)| Moments::new(weight / total, cell)).collect();
+        let average =
+            |share: fn(&Moments) -> f64| moments.iter().map(|cell| cell.weight * share(cell)).sum::<f64>();
         let [only_a, only_b] = [average(|cell| cell.only_a), average(|cell| cell.only_b)];
         let (mean, discordance) = (only_a - only_b, only_a + only_b);
         if cells.is_empty() {
             return None;
         }
-        // Variances of the sum over cells, of independent pairs per unit of a pair's variance.
-        let independent: f64 = moments.iter().map(|cell| cell.n.recip()).sum();
+        // Variance of the mean of independent pairs, per unit of a pair's variance.
+        let independent: f64 = moments.iter().map(|cell| cell.weight.powi(2) / cell.n).sum();
         let design_effect = design_effect(cells, &moments, mean, independent * (discordance - mean * mean));
-        let n = n_cells * n_cells / independent / design_effect;
+        let n = 1.0 / (independent * design_effect);
         let counts = ScoreCounts { n, only_a: n * only_a, only_b: n * only_b };
         Some(Self {
             mean,
@@ -91,35 +96,35 @@ impl MeanDifference {
 }
 
 impl Moments {
-    fn new(cell: &DifferenceCell) -> Self {
+    fn new(weight: f64, cell: &DifferenceCell) -> Self {
         let present = || cell.differences.iter().flatten();
         let n = present().count() as f64;
         let share = |sign| present().filter(|difference| **difference == sign).count() as f64 / n;
-        Self { n, only_a: share(1), only_b: share(-1) }
+        Self { weight, n, only_a: share(1), only_b: share(-1) }
     }
 }
 
-/// Returns the variance of the sum of the cells' differences relative to `independent`, that of independent
-/// pairs, but at least 1. Both get one more cluster, of an average task, whose pairs are all discordant.
-fn design_effect(cells: &[&DifferenceCell], moments: &[Moments], mean: f64, independent: f64) -> f64 {
+/// Returns the variance of the mean relative to `independent`, that of independent pairs, but at least 1.
+/// Both get one more cluster, of an average task, whose pairs are all discordant.
+fn design_effect(cells: &[(f64, &DifferenceCell)], moments: &[Moments], mean: f64, independent: f64) -> f64 {
     // By task: its residuals per episode index, and the largest variance of one index and of its pairs.
     let mut tasks: BTreeMap<usize, (Vec<f64>, f64, f64)> = BTreeMap::new();
-    for (cell, Moments { n, only_a, only_b }) in cells.iter().zip(moments) {
-        let (residuals, weight, squares) = tasks.entry(cell.task_idx).or_default();
+    for ((_, cell), Moments { weight, n, only_a, only_b }) in cells.iter().zip(moments) {
+        let (residuals, largest, squares) = tasks.entry(cell.task_idx).or_default();
         residuals.resize(residuals.len().max(cell.differences.len()), 0.0);
         // A single pair has no spread of its own.
         let (center, scale) =
-            if *n > 1.0 { (only_a - only_b, (n * (n - 1.0)).sqrt().recip()) } else { (mean, 1.0) };
+            if *n > 1.0 { (only_a - only_b, weight / (n * (n - 1.0)).sqrt()) } else { (mean, *weight) };
         for (sum, difference) in residuals.iter_mut().zip(&cell.differences) {
             *sum += difference.map_or(0.0, |difference| scale * (f64::from(difference) - center));
         }
-        *weight += n.recip();
-        *squares += n.recip().powi(2);
+        *largest += weight / n;
+        *squares += (weight / n).powi(2);
     }
     let n_tasks = tasks.len() as f64;
     let (mut clustered, mut independent) = (0.0, independent);
-    for (residuals, weight, squares) in tasks.values() {
-        clustered += residuals.iter().map(|sum| sum * sum).sum::<f64>() + weight * weight / n_tasks;
+    for (residuals, largest, squares) in tasks.values() {
+        clustered += residuals.iter().map(|sum| sum * sum).sum::<f64>() + largest * largest / n_tasks;
         independent += squares / n_tasks;
     }
     (clustered / independent).max(1.0)

@@ -152,7 +152,7 @@ fn planned_pairs_follow_connor() {
 const LEVELS: Levels = Levels { alpha: 0.05, margin: 0.05 };
 
 fn mean(cells: &[DifferenceCell]) -> MeanDifference {
-    MeanDifference::new(&cells.iter().collect::<Vec<_>>(), LEVELS).unwrap()
+    MeanDifference::new(&cells.iter().map(|cell| (1.0, cell)).collect::<Vec<_>>(), LEVELS).unwrap()
 }
 
 /// Cells of one task share their episodes, so that averaging them does not shorten the interval.
@@ -199,6 +199,21 @@ fn few_pairs_decide_nothing() {
     assert!(one_sided(1) > 0.3 && one_sided(4) > 0.05 && one_sided(6) < 0.05);
     let equal = mean(&(0..28).map(|task| cell(task, 0, 3)).collect::<Vec<_>>());
     assert!(equal.equivalence_p < 0.05, "84 equal pairs show equivalence: {equal:?}");
+}
+
+/// A weight acts like copies of independent cells on the mean.
+#[test]
+fn weights_belong_to_cells() {
+    let cells = [[1, 0, 0, 0], [-1, -1, 0, 0]];
+    let cells: Vec<DifferenceCell> = cells
+        .iter()
+        .enumerate()
+        .map(|(task_idx, row)| DifferenceCell { task_idx, differences: row.map(Some).to_vec() })
+        .collect();
+    let found = MeanDifference::new(&[(3.0, &cells[0]), (1.0, &cells[1])], LEVELS).unwrap();
+    assert!((found.mean - (0.75 * 0.25 - 0.25 * 0.5)).abs() < 1e-12, "{found:?}");
+    // (9/16 + 1/16) / 4 is the variance of the mean for each unit of a pair's.
+    assert!(found.n_effective <= 4.0 * 16.0 / 10.0 + 1e-9, "{found:?}");
 }
 
 #[test]

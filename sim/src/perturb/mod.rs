@@ -61,7 +61,8 @@ perturbations! {
 }
 
 /// The modality that a perturbation affects.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Modality {
     /// Observation images only.
     Vision,

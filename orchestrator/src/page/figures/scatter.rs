@@ -3,11 +3,13 @@
 use plotters::prelude::*;
 
 use crate::page::canvas::{color, svg};
+use crate::page::hardware::FittedLine;
 
 /// Points of one series, in percent.
 pub(crate) struct Scatter {
     pub(crate) name: String,
     pub(crate) points: Vec<(f64, f64)>,
+    pub(crate) line: Option<FittedLine>,
     pub(crate) color: RGBColor,
 }
 
@@ -18,19 +20,9 @@ pub(crate) struct FpsSeries {
     pub(crate) points: Vec<(f64, f64)>,
 }
 
-/// Slope, offset and coefficient of determination of a least-squares line.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub(crate) struct FittedLine {
-    pub(crate) slope: f64,
-    pub(crate) offset: f64,
-    pub(crate) r_squared: f64,
-}
-
-/// Draws success in simulation (y) against success on hardware (x) with its least-squares line.
-pub(crate) fn regression(series: &[Scatter]) -> anyhow::Result<(String, Option<FittedLine>)> {
-    let points: Vec<(f64, f64)> = series.iter().flat_map(|one| one.points.iter().copied()).collect();
-    let line = least_squares(&points);
-    let text = svg([720, 420], |canvas| {
+/// Draws success in simulation (y) against success on hardware (x) with the lines of the series.
+pub(crate) fn regression(series: &[Scatter]) -> anyhow::Result<String> {
+    svg([720, 420], |canvas| {
         let legend: Vec<(String, RGBColor)> =
             series.iter().map(|one| (one.name.clone(), one.color)).collect();
         canvas.legend(60.0, 14.0, &legend)?;
@@ -48,31 +40,33 @@ pub(crate) fn regression(series: &[Scatter]) -> anyhow::Result<(String, Option<F
         for one in series {
             let dots = one.points.iter().map(|point| Circle::new(*point, 4, one.color.filled()));
             chart.draw_series(dots)?;
-        }
-        if let Some(line) = line {
-            let ends = [0.0, 100.0].map(|x| (x, line.offset + line.slope * x));
-            chart.draw_series(LineSeries::new(ends, BLACK.stroke_width(1)))?;
+            if let Some(line) = one.line {
+                chart.draw_series(LineSeries::new(inside(line), one.color.stroke_width(1)))?;
+            }
         }
         Ok(())
-    })?;
-    Ok((text, line))
+    })
 }
 
-/// Draws frames per second of several series, each in its own colour.
-pub(crate) fn fps_svg(series: Vec<FpsSeries>) -> anyhow::Result<String> {
-    let colored = |(idx, FpsSeries { name, points })| Scatter { name, points, color: color(idx) };
-    fps_curve(&series.into_iter().enumerate().map(colored).collect::<Vec<_>>())
+/// Returns the ends of the part of a line that lies within the axes.
+fn inside(FittedLine { slope, offset, .. }: FittedLine) -> Vec<(f64, f64)> {
+    let at = |x: f64| (x, offset + slope * x);
+    let crossings = [0.0, 100.0].map(|y| (y - offset) / slope).into_iter().filter(|x| x.is_finite());
+    let mut ends: Vec<(f64, f64)> = [0.0, 100.0].into_iter().chain(crossings).map(at).collect();
+    ends.retain(|(x, y)| [x, y].iter().all(|value| (-1e-9..=100.0 + 1e-9).contains(*value)));
+    ends.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ends
 }
 
 /// Draws frames per second (y) against the number of environments (x), both logarithmic.
-pub(crate) fn fps_curve(series: &[Scatter]) -> anyhow::Result<String> {
+pub(crate) fn fps_svg(series: &[FpsSeries]) -> anyhow::Result<String> {
     let all = || series.iter().flat_map(|one| one.points.iter());
     let max_x = all().map(|point| point.0).fold(2.0, f64::max);
     let max_y = all().map(|point| point.1).fold(2.0, f64::max);
     let min_y = all().map(|point| point.1).fold(f64::INFINITY, f64::min).min(max_y / 2.0).max(1e-3);
     svg([720, 360], |canvas| {
         let legend: Vec<(String, RGBColor)> =
-            series.iter().map(|one| (one.name.clone(), one.color)).collect();
+            series.iter().enumerate().map(|(idx, one)| (one.name.clone(), color(idx))).collect();
         canvas.legend(60.0, 14.0, &legend)?;
         let area = canvas.below(28.0);
         let mut chart = ChartBuilder::on(&area)
@@ -88,41 +82,10 @@ pub(crate) fn fps_curve(series: &[Scatter]) -> anyhow::Result<String> {
         let whole: &dyn Fn(&f64) -> String = &|value| format!("{value:.0}");
         mesh.x_label_formatter(whole).y_label_formatter(whole);
         mesh.draw()?;
-        for one in series {
-            chart.draw_series(LineSeries::new(one.points.iter().copied(), one.color.stroke_width(2)))?;
-            chart.draw_series(one.points.iter().map(|point| Circle::new(*point, 3, one.color.filled())))?;
+        for (idx, FpsSeries { points, .. }) in series.iter().enumerate() {
+            chart.draw_series(LineSeries::new(points.iter().copied(), color(idx).stroke_width(2)))?;
+            chart.draw_series(points.iter().map(|point| Circle::new(*point, 3, color(idx).filled())))?;
         }
         Ok(())
     })
-}
-
-/// Returns the line of least squares; `None` without two different x.
-fn least_squares(points: &[(f64, f64)]) -> Option<FittedLine> {
-    let n = points.len() as f64;
-    let mean = |value: fn(&(f64, f64)) -> f64| points.iter().map(value).sum::<f64>() / n;
-    let (mean_x, mean_y) = (mean(|point| point.0), mean(|point| point.1));
-    let sum =
-        |term: fn(f64, f64) -> f64| -> f64 { points.iter().map(|(x, y)| term(x - mean_x, y - mean_y)).sum() };
-    let (xx, xy, yy) = (sum(|x, _| x * x), sum(|x, y| x * y), sum(|_, y| y * y));
-    (xx > 0.0).then(|| {
-        let slope = xy / xx;
-        let r_squared = if yy > 0.0 { xy * xy / (xx * yy) } else { 1.0 };
-        FittedLine { slope, offset: mean_y - slope * mean_x, r_squared }
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// `numpy.polyfit([0, 20, 40, 80], [10, 35, 30, 70], 1)` gives 0.692857 and 12.
-    #[test]
-    fn least_squares_matches_known_line() {
-        let points = [(0.0, 10.0), (20.0, 35.0), (40.0, 30.0), (80.0, 70.0)];
-        let line = least_squares(&points).unwrap();
-        assert!((line.slope - 0.692_857).abs() < 1e-5, "{line:?}");
-        assert!((line.offset - 12.0).abs() < 1e-9, "{line:?}");
-        assert!((line.r_squared - 0.899_092).abs() < 1e-5, "{line:?}");
-        assert_eq!(least_squares(&points[..1]), None);
-    }
 }
