@@ -1,7 +1,5 @@
 //! The page of `hypogeum report`, its data and exports.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use serde_json::Value;
 use support::{act_tiny, run};
 
