@@ -252,6 +252,39 @@ fn verify_finds_every_changed_column() {
     refuses(dir.path(), &["verify", "r.db", "--checkpoint", "atc=x"], &["`atc`", "act, expert, idle"]);
 }
 
+/// A package is verified without its checkpoint elsewhere, and only with that of its results.
+#[test]
+fn package_is_verified_with_one_command() {
+    let dir = tempfile::tempdir().unwrap();
+    let weights = dir.path().join("weights");
+    std::os::unix::fs::symlink(act_tiny(), &weights).unwrap();
+    let args = ["run", "--policy", "act=act:weights", "--policy", "idle", "--tasks", "RaiseCube"];
+    let _ = run(dir.path(), &[&args[..], &["--episodes", "3", "--db", "r.db"]].concat()).expect_code(0);
+    let _ = run(dir.path(), &["pack", "r.db", "-o", "r.zip"]).expect_code(0);
+    refuses(dir.path(), &["pack", "r.db", "-o", "r.zip"], &["r.zip exists"]);
+    let elsewhere = tempfile::tempdir().unwrap();
+    std::fs::copy(dir.path().join("r.zip"), elsewhere.path().join("r.zip")).unwrap();
+    let verified = run(elsewhere.path(), &["verify", "r.zip", "--quiet", "--sample", "4"]).expect_code(0);
+    let message = verified.stderr;
+    assert!(message.contains("4 of 4 episodes agree in every column; with 95 % confidence"), "{message}");
+    assert!(message.contains("at least 47.3 % of all 6"), "{message}");
+    std::fs::remove_file(&weights).unwrap();
+    refuses(dir.path(), &["pack", "r.db", "-o", "s.zip"], &["checkpoint of `act`", "--without-checkpoints"]);
+    assert!(!dir.path().join("s.partial").exists());
+    let bare = ["pack", "r.db", "-o", "s.zip", "--without-checkpoints"];
+    let _ = run(dir.path(), &bare).expect_code(0);
+    let verified = json(&run(elsewhere.path(), &["verify", "r.zip", "--json", "--quiet"]).expect_code(0));
+    assert_eq!(verified["agree"], 6);
+    let bare = dir.path().join("s.zip");
+    let verified = ["verify", bare.to_str().unwrap(), "--json", "--quiet"];
+    let verified = json(&run(elsewhere.path(), &verified).expect_code(1));
+    assert_eq!((&verified["agree"], &verified["not_verified"][0]["n"]), (&3.into(), &3.into()));
+    // Another archive, and one that is cut off.
+    let packed = std::fs::read(dir.path().join("r.zip")).unwrap();
+    std::fs::write(dir.path().join("cut.zip"), &packed[..packed.len() / 2]).unwrap();
+    refuses(dir.path(), &["verify", "cut.zip"], &["failed to unpack cut.zip"]);
+}
+
 /// A file from which failures were deleted is not complete.
 #[test]
 fn verify_finds_missing_rows() {

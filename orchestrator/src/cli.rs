@@ -14,6 +14,7 @@ use crate::commands::completions::CompletionsArgs;
 use crate::commands::demos::DemosArgs;
 use crate::commands::doctor::DoctorArgs;
 use crate::commands::fps::FpsArgs;
+use crate::commands::pack::PackArgs;
 use crate::commands::plan::PlanArgs;
 use crate::commands::replay::ReplayArgs;
 use crate::commands::report::ReportArgs;
@@ -54,6 +55,8 @@ pub(crate) enum Command {
     Doctor(DoctorArgs),
     /// Run episodes of a results file again and compare every column
     Verify(VerifyArgs),
+    /// Put a results file and its checkpoints into one file, which `verify` runs again
+    Pack(PackArgs),
     /// Measure speed over the number of envs, and where the time goes; the same command again resumes
     Fps(FpsArgs),
     /// Write a checkpoint with random weights, for measuring speed

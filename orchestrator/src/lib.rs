@@ -29,6 +29,7 @@ mod machine;
 mod movie;
 mod names;
 mod output;
+mod package;
 mod page;
 mod parquet_table;
 mod plan;
@@ -54,7 +55,7 @@ use anyhow::Context;
 
 use crate::cli::{Cli, Command};
 use crate::commands::{
-    checkpoint, child, compare, completions, demos as demos_command, doctor, fps, plan as plan_command,
+    checkpoint, child, compare, completions, demos as demos_command, doctor, fps, pack, plan as plan_command,
     replay, report as report_command, run, show, tasks, verify,
 };
 use crate::exit::{ExitStatus, Failure};
@@ -109,6 +110,7 @@ fn run_command(command: &Command, started: Instant) -> Result<ExitStatus, Failur
         Command::Doctor(args) => doctor::doctor(args),
         Command::Verify(args) => verify::verify(args),
         Command::Fps(args) => fps::fps(args),
+        Command::Pack(args) => pack::pack(args),
         Command::Checkpoint(args) => checkpoint::checkpoint(args),
         Command::Completions(args) => completions::completions(args),
         Command::Sim(args) => child::sim(args),

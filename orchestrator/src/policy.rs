@@ -114,6 +114,21 @@ impl NamedPolicy {
 }
 
 impl Identity {
+    /// Returns the spec of a policy in a results file. A relative path of a checkpoint that leads nowhere is
+    /// looked for beside the file.
+    ///
+    /// # Errors
+    /// If the spec is invalid.
+    pub(crate) fn spec_beside(&self, results: &Path) -> Result<PolicySpec, <PolicySpec as FromStr>::Err> {
+        let spec: PolicySpec = self.spec.parse()?;
+        let beside = spec.checkpoint().filter(|path| path.is_relative() && !path.exists());
+        let beside = beside.and_then(|path| Some(results.parent()?.join(path))).filter(|path| path.exists());
+        Ok(match beside {
+            Some(path) => spec.with_checkpoint(&path),
+            None => spec,
+        })
+    }
+
     /// Returns `true` if both are the same policy. Checkpoints are compared by content, not by path.
     pub(crate) fn matches(&self, other: &Self) -> bool {
         // Everything but the path: the kind and its options.

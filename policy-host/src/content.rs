@@ -81,6 +81,11 @@ impl CheckpointContent {
         &self.folder
     }
 
+    /// Returns the paths of the files, sorted.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(|(path, _)| path.as_path())
+    }
+
     /// Returns the hash as 16 hexadecimal digits.
     #[must_use]
     pub fn hash(&self) -> String {

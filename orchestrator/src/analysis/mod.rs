@@ -17,7 +17,7 @@ pub(crate) use self::comparison::{
 };
 pub(crate) use self::effects::{
     CellRate, Effect, EmbodimentDifference, ModalityEffect, effects, embodiment_differences, mean,
-    modality_effects, morphology_name,
+    modality_effects, modality_name, morphology_name,
 };
 pub(crate) use self::evaluation::{EvaluatedPolicy, Evaluation, RowIdx, read_files};
 pub(crate) use self::flips::{Flip, FlipSide};

@@ -10,6 +10,7 @@ pub(crate) mod completions;
 pub(crate) mod demos;
 pub(crate) mod doctor;
 pub(crate) mod fps;
+pub(crate) mod pack;
 pub(crate) mod plan;
 pub(crate) mod replay;
 pub(crate) mod report;

@@ -37,6 +37,9 @@ pub(crate) struct RunArgs {
     /// Print one JSON object instead of a table
     #[arg(long)]
     pub(crate) json: bool,
+    /// Also print where the time went: the ledger, the bound, and how the number of envs was chosen
+    #[arg(long)]
+    pub(crate) verbose: bool,
     /// Show no progress
     #[arg(long)]
     pub(crate) quiet: bool,
@@ -111,7 +114,8 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let conclusions = stopping.borrow().as_ref().map_or_else(Vec::new, Stopping::conclusions);
     let mut run = json!(manifest);
     run["environment"] = environment;
-    let status = print_results(&plan, &results, &conclusions, &fps, args.json.then_some(&run))?;
+    let status =
+        print_results(&plan, &results, &conclusions, &fps, (args.verbose, args.json.then_some(&run)))?;
     traced.or_user()?;
     Ok(status)
 }
@@ -152,13 +156,14 @@ fn resume_hint(plan: &RunPlan) -> String {
     format!("{}: finished episodes are stored; run the same command to resume", plan.db.display())
 }
 
-/// Prints the results of the whole plan: as JSON with the description `run`, or for people without one.
+/// Prints the results of the whole plan: as JSON with the description `run`, or for people without one, and
+/// then with all lines on speed if `verbose`.
 fn print_results(
     plan: &RunPlan,
     results: &Results,
     conclusions: &[SequentialCell],
     fps: &Fps,
-    run: Option<&Value>,
+    (verbose, run): (bool, Option<&Value>),
 ) -> Result<ExitStatus, Failure> {
     let cells = report::cells(plan, results).or_user()?;
     if let Some(run) = run {
@@ -168,7 +173,8 @@ fn print_results(
         }
         print_out(&format!("{report:#}\n"))?;
     } else {
-        print_report(plan, &cells, conclusions, fps)?;
+        let speed = if verbose { fps.lines() } else { fps.line() };
+        print_report(plan, &cells, conclusions, &speed)?;
     }
     let errored = cells.iter().any(|cell| cell.sums.errors > 0);
     Ok(if errored { ExitStatus::EpisodeErrors } else { ExitStatus::Success })
@@ -220,11 +226,11 @@ fn print_report(
     plan: &RunPlan,
     cells: &[report::Cell],
     conclusions: &[SequentialCell],
-    fps: &Fps,
+    speed: &str,
 ) -> Result<(), OutputError> {
-    let (table, lines) = (report::table(plan, cells, conclusions), fps.lines());
-    let gap = if lines.is_empty() { "" } else { "\n" };
-    print_out(&format!("{table}{gap}{lines}"))
+    let table = report::table(plan, cells, conclusions);
+    let gap = if speed.is_empty() { "" } else { "\n" };
+    print_out(&format!("{table}{gap}{speed}"))
 }
 
 /// Returns the facts that timings depend on and results do not. `wall_s` is the time of all runs with the

@@ -1,5 +1,6 @@
 //! The numbers of a report.
 
+use ipc_types::run_config::QueryMode;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use sim::Perturbation;
@@ -11,6 +12,7 @@ use crate::analysis::{
     CellRate, CellSummary, Comparison, ComparisonOptions, Effect, EmbodimentDifference, Evaluation, Metric,
     ModalityEffect, Rate, effects, embodiment_differences, modality_effects,
 };
+use crate::policy::Identity;
 use crate::results::{ENVIRONMENT, PLANS};
 use crate::statistics::Levels;
 
@@ -75,6 +77,8 @@ pub(crate) struct PolicySummary {
     pub(crate) name: String,
     pub(crate) spec: String,
     pub(crate) checkpoint: Option<String>,
+    /// The use of its chunks, the device, and notes on its checkpoint.
+    pub(crate) settings: Vec<String>,
     pub(crate) role: PolicyRole,
     /// `true` if its cells ended when a comparison was decided: they differ in size, so nothing is averaged.
     pub(crate) ended_early: bool,
@@ -205,6 +209,7 @@ fn summaries(evaluation: &Evaluation, cells: &[CellSummary], levels: Levels) -> 
             name: policy.name.clone(),
             spec: policy.identity.spec.clone(),
             checkpoint: policy.identity.checkpoint.clone(),
+            settings: settings(&policy.identity),
             role: match policy.identity.spec.as_str() {
                 "idle" => PolicyRole::Floor,
                 "expert" => PolicyRole::Ceiling,
@@ -221,6 +226,15 @@ fn summaries(evaluation: &Evaluation, cells: &[CellSummary], levels: Levels) -> 
     // Policies under test first, then the ceiling and the floor.
     summaries.sort_by_key(|policy| (policy.role != PolicyRole::Policy, policy.role == PolicyRole::Floor));
     summaries
+}
+
+/// Describes how a policy was run.
+fn settings(identity: &Identity) -> Vec<String> {
+    let execution = identity.execution.map(|execution| match execution.mode {
+        QueryMode::Ensemble => "temporal ensembling".to_owned(),
+        QueryMode::Chunk => format!("{} rows per query", execution.execute),
+    });
+    execution.into_iter().chain(identity.device.clone()).chain(identity.notes.iter().cloned()).collect()
 }
 
 fn comparisons(

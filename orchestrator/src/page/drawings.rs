@@ -15,6 +15,7 @@ use super::figures::{
     radar, regression, stacks, success_over_time,
 };
 use super::hardware::{FittedLine, HardwareFit};
+use super::headlines::predicate_words;
 use crate::analysis::{
     CellSummary, ComparedGroup, Comparison, ComparisonKind, ModalityEffect, mean, morphology_name,
 };
@@ -308,7 +309,7 @@ fn failed_predicates(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
         return Ok(None);
     }
     let mut legend: Vec<(String, RGBColor)> =
-        names.iter().enumerate().map(|(idx, name)| ((*name).to_owned(), color(idx))).collect();
+        names.iter().enumerate().map(|(idx, name)| (predicate_words(name).to_owned(), color(idx))).collect();
     legend.push(("others".to_owned(), RGBColor(170, 175, 182)));
     let row = |policy: &PolicySummary| {
         let count = |name: &str| -> u32 {

@@ -4,7 +4,7 @@ use serde::Serialize;
 use sim::TaskId;
 use sim::perturb::Composition;
 
-use super::content::{PolicyRole, ReportContent};
+use super::content::ReportContent;
 use crate::analysis::CellSummary;
 
 /// The table of one policy.
@@ -32,7 +32,7 @@ struct HeatCell {
     color: &'static str,
 }
 
-/// Returns the heat maps of the policies under test and of others with perturbed cells.
+/// Returns the heat maps of the policies under test.
 pub(super) fn heat_maps(report: &ReportContent) -> Vec<HeatMap> {
     let map = |name: &str| {
         let cells: Vec<&CellSummary> = report.cells_of(name).collect();
@@ -60,10 +60,7 @@ pub(super) fn heat_maps(report: &ReportContent) -> Vec<HeatMap> {
             rows: tasks.iter().map(row).collect(),
         }
     };
-    let maps = report.policies.iter().map(|policy| (policy.role, map(&policy.name)));
-    maps.filter(|(role, map)| *role == PolicyRole::Policy || map.columns.len() > 1)
-        .map(|(_, map)| map)
-        .collect()
+    report.under_test().map(|policy| map(&policy.name)).collect()
 }
 
 fn heat_cell(cell: &CellSummary) -> Option<HeatCell> {

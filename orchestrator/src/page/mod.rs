@@ -9,6 +9,7 @@ mod drawings;
 mod external;
 mod figures;
 mod hardware;
+mod headlines;
 mod heat_map;
 mod tables;
 mod warnings;
@@ -21,6 +22,8 @@ use self::canvas::Figure;
 pub(crate) use self::content::{PageOptions, ReportContent};
 pub(crate) use self::external::{ExternalData, FpsTable, HardwareTable, TableError};
 pub(crate) use self::figures::{FpsSeries, fps_svg};
+use self::hardware::HardwareFit;
+use crate::analysis::EmbodimentDifference;
 use crate::statistics::Levels;
 
 const TEMPLATE: &str = include_str!("template.html");
@@ -44,6 +47,15 @@ struct PageContext<'a> {
     metric: &'static str,
     levels: Levels,
     warnings: &'a [String],
+    /// The first screen.
+    circumstances: String,
+    command: Option<&'a str>,
+    sentences: Vec<String>,
+    bounds: Option<String>,
+    averages: Vec<headlines::AverageRow>,
+    modality_names: [&'static str; 3],
+    embodiments: Vec<&'a EmbodimentDifference>,
+    hardware: &'a [HardwareFit],
     policies: &'a [content::PolicySummary],
     files: &'a [content::FileSummary],
     heat_maps: Vec<heat_map::HeatMap>,
@@ -69,6 +81,18 @@ pub(crate) fn html(report: &ReportContent, movies: &[Movie]) -> anyhow::Result<S
         metric: report.metric.name(),
         levels: report.levels,
         warnings: &report.warnings,
+        circumstances: headlines::circumstances(report),
+        command: report.environment.get("command").and_then(serde_json::Value::as_str),
+        sentences: headlines::sentences(report),
+        bounds: headlines::bounds(report),
+        averages: headlines::averages(report),
+        modality_names: headlines::modality_names(),
+        embodiments: report
+            .embodiment_differences
+            .iter()
+            .filter(|one| report.under_test().any(|policy| policy.name == one.policy))
+            .collect(),
+        hardware: &report.hardware,
         policies: &report.policies,
         files: &report.files,
         heat_maps: heat_map::heat_maps(report),

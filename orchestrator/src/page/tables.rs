@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::content::ReportContent;
+use super::headlines::predicate_words;
 use crate::analysis::{Comparison, ComparisonKind, Flip};
 
 /// A table of a comparison, ready for the template.
@@ -76,7 +77,10 @@ fn comparison_table(comparison: &Comparison) -> ComparisonTable {
         cell: format!("{} · {}", flip.condition.task.name(), flip.condition.perturbation.name()),
         episode: flip.episode,
         winner: names[usize::from(!flip.a_succeeds)].to_owned(),
-        failed: flip.failed_predicate.clone().unwrap_or_default(),
+        failed: flip
+            .failed_predicate
+            .as_deref()
+            .map_or_else(String::new, |name| predicate_words(name).to_owned()),
         command: flip.replay_command(),
     };
     ComparisonTable {

@@ -183,7 +183,19 @@ impl Fps {
         busiest_s(self.device, &self.attached)
     }
 
-    /// Returns the lines printed under the results table; empty for a run without a control step.
+    /// Returns the line printed under the results table; empty for a run without a control step.
+    pub(crate) fn line(&self) -> String {
+        let Some(env_steps_per_s) = self.env_steps_per_s else { return String::new() };
+        let reached = self.bound.map_or_else(String::new, |bound| {
+            format!("; {:.0} % of the bound by cores and devices", 100.0 * bound.reached)
+        });
+        format!(
+            "{env_steps_per_s:.1} env-steps/s: {} control steps in {:.2} s{reached} (--verbose: where the time went)\n",
+            self.env_steps, self.wall_s
+        )
+    }
+
+    /// Returns the lines that tell where the time went; empty for a run without a control step.
     pub(crate) fn lines(&self) -> String {
         let Some(env_steps_per_s) = self.env_steps_per_s else { return String::new() };
         let Ledger { physics_s, render_s, policy_s, transport_s, unused_s, wait_s } = self.ledger;

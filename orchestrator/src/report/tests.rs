@@ -41,7 +41,7 @@ fn table_aligns_and_explains_the_expert() {
 #[test]
 fn json_keys_are_stable() {
     let fps = Fps::new(&Totals::default(), Duration::from_secs(2), CORES);
-    assert_eq!(fps.lines(), "");
+    assert_eq!((fps.lines(), fps.line()), (String::new(), String::new()));
     let object = json(&serde_json::json!({ "seed": 0 }), &cells(), &[], &fps);
     insta::assert_snapshot!(format!("{object:#}"), @r#"
     {
@@ -137,6 +137,7 @@ fn speed_and_bound_follow_their_definitions() {
     assert_eq!(bound.steps_per_query, Some(k));
     assert!((bound.env_steps_per_s - 2.0 / (s + (r + w) / k)).abs() < 1e-9);
     assert!((bound.reached - 1500.0 / 2000.0).abs() < 1e-12);
+    insta::assert_snapshot!(fps.line(), @"1500.0 env-steps/s: 3000 control steps in 2.00 s; 75 % of the bound by cores and devices (--verbose: where the time went)");
     insta::assert_snapshot!(fps.lines(), @r"
     env_steps_per_s  1500.0 (3000 control steps in 2.00 s, from the first work to the last step)
     whole process    750.0 env-steps/s (4.00 s, start-up included)

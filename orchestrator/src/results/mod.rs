@@ -22,7 +22,7 @@ use thiserror::Error;
 
 pub(crate) use self::gaps::{Gap, gaps};
 pub(crate) use self::manifest::{ENVIRONMENT, Manifest, PLANS, STOPPING};
-pub(crate) use self::open::ResultsFileError;
+pub(crate) use self::open::{ResultsFileError, copy_snapshot};
 pub(crate) use self::recorded::RecordedEpisodes;
 pub(crate) use self::rows::{EpisodeRow, ResultsFile};
 use crate::plan::{Condition, RunPlan};

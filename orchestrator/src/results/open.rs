@@ -77,6 +77,14 @@ pub(super) fn open_read_only(path: &Path) -> Result<Connection, ResultsFileError
     Ok(connection)
 }
 
+/// Copies the state of a results file at this moment into a new file, without free space.
+pub(crate) fn copy_snapshot(path: &Path, copy: &Path) -> Result<(), ResultsFileError> {
+    let failed = |error| not_used(path, error);
+    let target = file_name(copy)?;
+    open_read_only(path)?.execute("VACUUM INTO ?1", [target.to_string_lossy()]).map_err(failed)?;
+    Ok(())
+}
+
 /// Ends the write-ahead mode, so that the file can be read without the right to write next to it. If
 /// somebody is reading it now, it stays in that mode.
 pub(super) fn close(connection: &Connection) {

@@ -25,16 +25,17 @@ use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::fleet::{FleetEvent, RunStatus};
 use crate::jobs::{Job, drivers};
 use crate::output::{print_message, print_out};
+use crate::package::Package;
 use crate::plan::{Condition, RunPlan};
 use crate::policy::{Identity, NamedPolicy};
 use crate::progress::Progress;
 use crate::results::{ENVIRONMENT, EpisodeRow, ResultsFile, gaps};
 
 /// Arguments of `verify`.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct VerifyArgs {
-    /// Results file of `run`
-    #[arg(value_name = "RESULTS.db")]
+    /// Results file of `run`, or package of `pack`
+    #[arg(value_name = "RESULTS.db|FILE.zip")]
     pub(crate) file: PathBuf,
     /// Run a random sample of this many episodes [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
@@ -67,43 +68,64 @@ type Unverifiable = BTreeMap<String, (String, usize)>;
 
 /// Runs a sample of the episodes again and compares them with their rows.
 pub(crate) fn verify(args: &VerifyArgs) -> Result<ExitStatus, Failure> {
-    let file = ResultsFile::read(&args.file).or_user()?;
-    let mut config = config(&file, args).or_user()?;
-    check_checkpoint_names(&file, args).or_user()?;
-    let gaps = gaps(&file).or_user()?;
+    let Some(package) = Package::unpack(&args.file).or_user()? else {
+        return verify_file(&ResultsFile::read(&args.file).or_user()?, args);
+    };
+    let file = ResultsFile::read(&package.results()).or_user()?;
+    let names = file.policies.keys().filter(|name| args.checkpoints.iter().all(|(given, _)| given != *name));
+    let packed = names.filter_map(|name| Some((name.clone(), package.checkpoint(name)?)));
+    let checkpoints = args.checkpoints.iter().cloned().chain(packed).collect();
+    verify_file(&file, &VerifyArgs { checkpoints, ..args.clone() })
+}
+
+fn verify_file(file: &ResultsFile, args: &VerifyArgs) -> Result<ExitStatus, Failure> {
+    let mut config = config(file, args).or_user()?;
+    check_checkpoint_names(file, args).or_user()?;
+    let gaps = gaps(file).or_user()?;
     let mut unverifiable = Unverifiable::new();
-    let mut policies = available_policies(&file, args, &mut unverifiable);
-    let device = choose_device(&file, &mut policies, &mut unverifiable);
+    let mut policies = available_policies(file, args, &mut unverifiable);
+    let device = choose_device(file, &mut policies, &mut unverifiable);
     (config.inference.policy_device, config.resources.gpu) = (device.choice, device.index);
-    let rows = select(&file, args, &policies, &mut unverifiable);
-    let mut plan = plan(&file, &config, policies, &rows);
+    let rows = select(file, args, &policies, &mut unverifiable);
+    let mut plan = plan(file, &config, policies, &rows);
     let stored = plan.executions.clone();
     // Checks that the checkpoints can be loaded. Their chunks are used as in the file.
     let identities = resolve(&mut plan, None)?;
     plan.executions = stored;
-    let outcomes = run(&plan, &identities, &file, &rows, args)?;
+    let outcomes = run(&plan, &identities, file, &rows, args)?;
     let Some(outcomes) = outcomes else { return Ok(ExitStatus::Interrupted) };
     let differences: Vec<Difference<'_>> = rows
         .iter()
         .zip(&outcomes)
-        .flat_map(|(row, outcome)| differences(&file, row, outcome, config.results.seed))
+        .flat_map(|(row, outcome)| differences(file, row, outcome, config.results.seed))
         .collect();
     let n_differing = count_rows(&differences);
     if args.json {
-        let report = json_report(&file, rows.len(), &differences, &unverifiable, gaps.as_deref());
+        let report = json_report(file, rows.len(), &differences, &unverifiable, gaps.as_deref());
         print_out(&format!("{report:#}\n"))?;
     } else {
-        print_out(&(text_report(&file, &differences, &unverifiable) + &gap_lines(gaps.as_deref())))?;
+        print_out(&(text_report(file, &differences, &unverifiable) + &gap_lines(gaps.as_deref())))?;
     }
     if rows.is_empty() {
         print_message("no episode could be run again");
     } else {
         let n_agree = rows.len() - n_differing;
-        print_message(&format!("{n_agree} of {} episodes agree in every column", rows.len()));
+        print_message(&agreement(n_agree, rows.len(), file.rows.len()));
     }
     let is_complete = gaps.is_some_and(|gaps| gaps.is_empty());
     let all_agree = n_differing == 0 && unverifiable.is_empty() && !rows.is_empty() && is_complete;
     Ok(if all_agree { ExitStatus::Success } else { ExitStatus::EpisodeErrors })
+}
+
+/// Formats how many episodes agree and, of a sample without a difference, what that says about the others.
+fn agreement(n_agree: usize, n_run: usize, n_all: usize) -> String {
+    let mut text = format!("{n_agree} of {n_run} episodes agree in every column");
+    if n_agree == n_run && n_run < n_all {
+        // With this share of rows that reproduce, a sample without a difference has a probability of 5 %.
+        let share = libm::pow(0.05, 1.0 / n_run as f64);
+        text += &format!("; with 95 % confidence, so do at least {:.1} % of all {n_all}", 100.0 * share);
+    }
+    text
 }
 
 /// Restores the configuration from the manifest.
@@ -236,8 +258,7 @@ fn available_policy(
     args: &VerifyArgs,
 ) -> anyhow::Result<NamedPolicy> {
     let given = args.checkpoints.iter().find(|(policy, _)| policy == name).map(|(_, path)| path.clone());
-    let elsewhere = given.or_else(|| beside(file, stored));
-    let spec = match (stored.spec.parse::<PolicySpec>()?, elsewhere) {
+    let spec = match (stored.spec_beside(&file.path)?, given) {
         (PolicySpec::Attach(host), _) => {
             return Err(anyhow!("it ran in a foreign host, `{host}`, whose code is not known"));
         }
@@ -253,14 +274,6 @@ fn available_policy(
         .with_context(|| format!("name its checkpoint with --checkpoint {name}=PATH"))?;
     ensure!(found.matches(stored), "it was {stored}, but now it would be {found}");
     Ok(policy)
-}
-
-/// Returns the place of a checkpoint beside the results file, if its path is relative and leads there only.
-fn beside(file: &ResultsFile, stored: &Identity) -> Option<PathBuf> {
-    let spec = stored.spec.parse::<PolicySpec>().ok()?;
-    let path = spec.checkpoint().filter(|path| path.is_relative() && !path.exists())?;
-    let beside = file.path.parent()?.join(path);
-    beside.exists().then_some(beside)
 }
 
 /// Chooses the rows to run again, in the order of the file. Rows of other policies are counted.

@@ -57,7 +57,7 @@ pub(crate) fn bars(
                 }
                 let text =
                     if range[0] < 0.0 { format!("{:+.1}", bar.value) } else { format!("{:.1}", bar.value) };
-                canvas.text([text_x + 5.0, y + BAR / 2.0], &text, 11.0, Anchor::Start)?;
+                canvas.text([text_x + 5.0, y + BAR / 2.0], &text, 12.0, Anchor::Start)?;
                 y += BAR;
             }
             y += GAP;

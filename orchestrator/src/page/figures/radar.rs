@@ -33,7 +33,7 @@ pub(crate) fn radar(series: &[RadarSeries]) -> anyhow::Result<String> {
         for percent in [25.0, 50.0, 75.0, 100.0] {
             canvas.line(&ring([percent; 3]), GRID, 1)?;
             let [x, y] = corner(0, percent);
-            canvas.text([x + 4.0, y + 8.0], &format!("{percent:.0}"), 11.0, Anchor::Start)?;
+            canvas.text([x + 4.0, y + 8.0], &format!("{percent:.0}"), 12.0, Anchor::Start)?;
         }
         for (axis, name) in AXES.iter().enumerate() {
             canvas.line(&[CENTRE, corner(axis, 100.0)], GRID, 1)?;

@@ -21,7 +21,7 @@ const NOTES: f64 = 150.0;
 
 /// Draws the rows. The legend names the parts; it may take several lines.
 pub(crate) fn stacks(rows: &[StackRow], legend: &[(String, RGBColor)], unit: &str) -> anyhow::Result<String> {
-    let lines: Vec<&[(String, RGBColor)]> = legend.chunks(5).collect();
+    let lines: Vec<&[(String, RGBColor)]> = legend.chunks(2).collect();
     let top = 14.0 + 20.0 * lines.len() as f64;
     let bottom = top + ROW * rows.len() as f64;
     let total = |row: &StackRow| row.parts.iter().sum::<f64>();
@@ -29,7 +29,7 @@ pub(crate) fn stacks(rows: &[StackRow], legend: &[(String, RGBColor)], unit: &st
     svg([WIDTH as u32, (bottom + 30.0) as u32], |canvas| {
         let axis = Axis { values: [0.0, max], pixels: [LABELS, WIDTH - NOTES] };
         for (idx, line) in lines.iter().enumerate() {
-            canvas.legend(LABELS, 14.0 + 20.0 * idx as f64, line)?;
+            canvas.legend(20.0, 14.0 + 20.0 * idx as f64, line)?;
         }
         canvas.grid(&axis, [top, bottom], unit)?;
         for (idx, row) in rows.iter().enumerate() {
@@ -41,7 +41,7 @@ pub(crate) fn stacks(rows: &[StackRow], legend: &[(String, RGBColor)], unit: &st
                 sum += part;
                 canvas.rectangle([from, y + 4.0], [axis.at(sum), y + ROW - 4.0], *color)?;
             }
-            canvas.text([axis.at(sum) + 6.0, y + ROW / 2.0], &row.note, 11.0, Anchor::Start)?;
+            canvas.text([axis.at(sum) + 6.0, y + ROW / 2.0], &row.note, 12.0, Anchor::Start)?;
         }
         Ok(())
     })
