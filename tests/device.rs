@@ -14,7 +14,7 @@ fn evaluate(dir: &Path, db: &str, extra: &[&str]) -> FinishedRun {
     let act = format!("act=act:{}", act_tiny());
     let mut args =
         vec!["run", "--policy", &act, "--policy", "idle", "--tasks", TASKS, "--perturbations", "None"];
-    args.extend(["--episodes", "2", "--check-frames", "--db", db]);
+    args.extend(["--episodes", "2", "--check-frames", "--verbose", "--db", db]);
     if !extra.contains(&"--renderer") {
         args.extend(["--renderer", "cpu"]);
     }
