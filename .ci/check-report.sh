@@ -4,17 +4,18 @@
 set -euo pipefail
 
 hypogeum=$1
+checkpoint=$(realpath "$(dirname "$0")/../checkpoints/act-small")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 
-"$hypogeum" run --policy idle --policy random --policy expert --policy other=random --tasks RaiseCube,DualArmLiftTray \
-    --perturbations all --episodes 1 --quiet --db r.db >run.txt
+"$hypogeum" run --policy idle --policy random --policy expert --policy "act=act:$checkpoint" --tasks RaiseCube,DualArmLiftTray \
+    --perturbations all --episodes 1 --execute 15 --quiet --db r.db >run.txt
 printf 'task,perturbation,success_percent\nRaiseCube,None,50\nRaiseCube,MO-Color,30\n' >hardware.csv
 printf 'batch_size,frames_per_second\n1,20\n10,150\n' >fps.csv
 "$hypogeum" report r.db -o report --hardware hardware.csv --fps fps.csv --fps other=fps.csv 2>report.txt
 
-figures="radar waterfall-single-arm waterfall-bimanual categories time-to-success failed-predicates time
+figures="radar changes-single-arm waterfall-single-arm waterfall-bimanual categories time-to-success failed-predicates time
     hardware fps forest-0"
 for width in 390 1280; do
     timeout 120 chromium --headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking \

@@ -32,10 +32,12 @@ fn main() {
     println!("cargo::rustc-env=HYPOGEUM_COMMIT={}", commit(&workspace));
 }
 
-/// Lists a file, or the files in a folder and below.
+/// Lists a file, or the files in a folder and below, except texts about them.
 fn collect(path: &Path, files: &mut Vec<PathBuf>) {
     if !path.is_dir() {
-        files.push(path.to_owned());
+        if path.extension().is_none_or(|extension| extension != "md") {
+            files.push(path.to_owned());
+        }
         return;
     }
     let entries = std::fs::read_dir(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));

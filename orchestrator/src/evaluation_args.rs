@@ -48,19 +48,20 @@ impl EvaluationArgs {
 
     /// Returns the level and the margin of verdicts: those of the rule that ended cells early, if one did.
     pub(crate) fn levels(&self, evaluation: &Evaluation) -> Result<Levels, Failure> {
-        let rule =
-            evaluation.files.iter().find_map(|file| Some((&file.path, file.stopping.as_ref()?.levels)));
-        let default = rule.map_or(DEFAULT_LEVELS, |(_, levels)| levels);
+        let rules =
+            || evaluation.files.iter().filter_map(|file| Some((&file.path, file.stopping.as_ref()?.levels)));
+        let default = rules().next().map_or(DEFAULT_LEVELS, |(_, levels)| levels);
         let levels = Levels {
             alpha: self.alpha.unwrap_or(default.alpha),
             margin: self.margin.unwrap_or(default.margin),
         };
-        if let Some((path, rule)) = rule.filter(|(_, rule)| *rule != levels) {
+        if let Some((path, rule)) = rules().find(|(_, rule)| *rule != levels) {
             let Levels { alpha, margin } = rule;
             return Err(anyhow!(
-                "{}: cells ended when they were decided with --margin {margin} --alpha {alpha}; use the same values, or leave \
-                 both out",
-                path.display()
+                "{}: cells ended when they were decided with --margin {margin} --alpha {alpha}; this analysis uses --margin {} --alpha {}",
+                path.display(),
+                levels.margin,
+                levels.alpha
             ))
             .or_user();
         }

@@ -33,12 +33,10 @@ pub(crate) struct CellSummary {
     /// Episodes that could not be run; not in `n`.
     pub(crate) errors: u32,
     /// Control steps until the first success, of the episodes that succeed, ascending.
-    #[serde(skip)]
     pub(crate) first_success_steps: Vec<u32>,
     /// Failed episodes by the first predicate that did not hold at the end.
     pub(crate) failed_predicates: std::collections::BTreeMap<String, u32>,
     /// Seconds of physics, rendering, policy and waiting over all episodes.
-    #[serde(skip)]
     pub(crate) times_s: [f64; 4],
 }
 
@@ -62,7 +60,6 @@ impl CellSummary {
         metric: Metric,
         alpha: f64,
     ) -> Vec<Self> {
-        let ended_early = evaluation.ended_early(policy).is_some();
         let z = quantile(1.0 - 0.5 * alpha);
         let cell = |(condition, rows): (Condition, &[RowIdx])| {
             let mut cell = Self {
@@ -82,7 +79,7 @@ impl CellSummary {
                 cell.add(evaluation, idx, metric);
             }
             cell.first_success_steps.sort_unstable();
-            cell.interval = if ended_early {
+            cell.interval = if policy.ended_early {
                 Some(confidence_sequence(evaluation, rows, metric, alpha))
             } else {
                 cell.rate.interval(z)

@@ -147,7 +147,7 @@ impl Comparison {
         let conditions: Vec<Condition> = cells.iter().map(|cell| cell.condition).collect();
         let groups = Group::of_policies(&conditions);
         let kind = ComparisonKind::Policies { a: a.to_owned(), b: b.to_owned() };
-        let ended_early = sides.iter().any(|side| evaluation.ended_early(side.policy).is_some());
+        let ended_early = sides.iter().any(|side| side.policy.ended_early);
         Self::new(evaluation, kind, (&cells, ended_early), &groups, options)
     }
 
@@ -167,8 +167,7 @@ impl Comparison {
         let conditions: Vec<Condition> = cells.iter().map(|cell| cell.condition).collect();
         let groups = Group::of_perturbations(&conditions);
         let kind = ComparisonKind::Perturbations { policy: policy.to_owned(), against: against.name() };
-        let ended_early = evaluation.ended_early(own).is_some();
-        Self::new(evaluation, kind, (&cells, ended_early), &groups, options)
+        Self::new(evaluation, kind, (&cells, own.ended_early), &groups, options)
     }
 
     fn new(

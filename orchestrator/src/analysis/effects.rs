@@ -11,6 +11,9 @@ use crate::plan::Condition;
 /// Minimum unperturbed success rate of a task that counts for the changes.
 pub(crate) const MIN_SUCCESS: f64 = 0.1;
 
+/// The modalities over whose perturbations changes are averaged.
+pub(crate) const MODALITIES: [Modality; 3] = [Modality::Vision, Modality::Language, Modality::Action];
+
 /// The results of a policy under a perturbation, averaged over the tasks of one robot.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Effect {
@@ -145,7 +148,7 @@ fn effect(
 pub(crate) fn modality_effects(effects: &[Effect]) -> Vec<ModalityEffect> {
     let mut found = Vec::new();
     for own in effects.chunk_by(|a, b| (&a.policy, a.morphology) == (&b.policy, b.morphology)) {
-        for modality in [Modality::Vision, Modality::Language, Modality::Action] {
+        for modality in MODALITIES {
             let members: Vec<Composition> = Perturbation::ALL
                 .iter()
                 .filter(|perturbation| perturbation.modality() == Some(modality))

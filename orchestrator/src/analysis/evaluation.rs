@@ -10,7 +10,6 @@ use thiserror::Error;
 use crate::plan::Condition;
 use crate::policy::Identity;
 use crate::results::{ENVIRONMENT, EpisodeRow, PLANS, ResultsFile, STOPPING};
-use crate::stopping::StoppingRule;
 
 /// Manifest entries that describe the circumstances of a run. Results do not depend on them.
 const CIRCUMSTANCES: [&str; 3] = [ENVIRONMENT, PLANS, STOPPING];
@@ -32,6 +31,8 @@ pub(crate) struct EvaluatedPolicy {
     /// same one under other settings.
     pub(crate) name: String,
     pub(crate) identity: Identity,
+    /// `true` if its cells ended when a comparison was decided: they may differ in size.
+    pub(crate) ended_early: bool,
     /// Positions of the policy's rows in the files, sorted by condition and episode.
     rows: Vec<RowIdx>,
 }
@@ -124,16 +125,6 @@ impl Evaluation {
             values.iter().any(|value| *value != values[0]).then_some((key, values))
         };
         option_names().into_iter().filter_map(values).collect()
-    }
-
-    /// Returns the rule that ended cells of a policy early, if any did.
-    pub(crate) fn ended_early(&self, policy: &EvaluatedPolicy) -> Option<&StoppingRule> {
-        let mut files = policy.rows.iter().map(|idx| idx.file_idx as usize).collect::<Vec<_>>();
-        files.dedup();
-        // The name without the file.
-        let name = self.files[files[0]].policy(self.row(policy.rows[0]));
-        let mut rules = files.into_iter().filter_map(|idx| self.files[idx].stopping.as_ref());
-        rules.find(|rule| rule.policies.iter().any(|stopped| stopped == name))
     }
 
     /// Returns a row.
@@ -233,8 +224,14 @@ fn policies(files: &[ResultsFile]) -> Result<Vec<EvaluatedPolicy>, EvaluationErr
                     };
                     let idx = policies.iter().position(is_same).unwrap_or(policies.len());
                     if idx == policies.len() {
-                        policies.push(EvaluatedPolicy { name: name.to_owned(), identity, rows: Vec::new() });
+                        policies.push(EvaluatedPolicy {
+                            name: name.to_owned(),
+                            identity,
+                            ended_early: false,
+                            rows: Vec::new(),
+                        });
                     }
+                    policies[idx].ended_early |= file.may_end_early(name);
                     positions.insert(name, idx);
                     idx
                 }

@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use sim::Perturbation;
 use sim::perturb::{Composition, Modality};
 
-use super::effects::{modality_name, morphology_name};
+use super::effects::{MODALITIES, modality_name, morphology_name};
 use crate::plan::Condition;
 
 /// A group of cells.
@@ -89,8 +89,6 @@ impl Group {
         }
     }
 }
-
-const MODALITIES: [Modality; 3] = [Modality::Vision, Modality::Language, Modality::Action];
 
 /// Returns groups of these kinds for each robot.
 fn per_morphology(conditions: &[Condition], kinds: &[GroupKind]) -> impl Iterator<Item = Group> {

@@ -16,8 +16,8 @@ pub(crate) use self::comparison::{
     ComparedCell, ComparedGroup, Comparison, ComparisonKind, ComparisonOptions, TestKind,
 };
 pub(crate) use self::effects::{
-    CellRate, Effect, EmbodimentDifference, ModalityEffect, effects, embodiment_differences, mean,
-    modality_effects, modality_name, morphology_name,
+    CellRate, Effect, EmbodimentDifference, MODALITIES, ModalityEffect, effects, embodiment_differences,
+    mean, modality_effects, modality_name, morphology_name,
 };
 pub(crate) use self::evaluation::{EvaluatedPolicy, Evaluation, RowIdx, read_files};
 pub(crate) use self::flips::{Flip, FlipSide};

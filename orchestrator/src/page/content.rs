@@ -1,9 +1,11 @@
 //! The numbers of a report.
 
+use ipc_types::Morphology;
 use ipc_types::run_config::QueryMode;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use sim::Perturbation;
+use sim::perturb::Modality;
 
 use super::external::ExternalData;
 use super::hardware::{self, HardwareFit};
@@ -115,9 +117,8 @@ impl ReportContent {
         let (metric, levels) = (options.metric, options.levels);
         let of_policy = |policy| CellSummary::of_policy(evaluation, policy, metric, levels.alpha);
         let cells: Vec<CellSummary> = evaluation.policies.iter().flat_map(of_policy).collect();
-        let ended_early = |cell: &&CellSummary| {
-            evaluation.policy(&cell.policy).is_ok_and(|policy| evaluation.ended_early(policy).is_some())
-        };
+        let ended_early =
+            |cell: &&CellSummary| evaluation.policy(&cell.policy).is_ok_and(|policy| policy.ended_early);
         let effects = effects_of(cells.iter().filter(|cell| !ended_early(cell)));
         let policies = summaries(evaluation, &cells, levels);
         let comparisons = comparisons(evaluation, &policies, options)?;
@@ -177,6 +178,18 @@ impl ReportContent {
         self.policies.iter().filter(|policy| policy.role == PolicyRole::Policy)
     }
 
+    /// Returns the mean of a policy with one robot over the perturbations of a modality.
+    pub(super) fn modality_effect(
+        &self,
+        policy: &str,
+        morphology: Morphology,
+        modality: Modality,
+    ) -> Option<&ModalityEffect> {
+        self.modality_effects.iter().find(|effect| {
+            effect.policy == policy && effect.morphology == morphology && effect.modality == modality
+        })
+    }
+
     /// Returns the position of a policy, which determines its colour.
     pub(super) fn policy_idx(&self, name: &str) -> usize {
         self.policies.iter().position(|policy| policy.name == name).unwrap_or(0)
@@ -202,8 +215,7 @@ fn summaries(evaluation: &Evaluation, cells: &[CellSummary], levels: Levels) -> 
     let summary = |policy: &crate::analysis::EvaluatedPolicy| {
         let own: Vec<&CellSummary> = cells.iter().filter(|cell| cell.policy == policy.name).collect();
         let is_unperturbed = |cell: &&CellSummary| cell.condition.perturbation == Perturbation::None.into();
-        let ended_early = evaluation.ended_early(policy).is_some();
-        let averaged = if ended_early { &[][..] } else { &own[..] };
+        let averaged = if policy.ended_early { &[][..] } else { &own[..] };
         let unperturbed = sum(&averaged.iter().copied().filter(is_unperturbed).collect::<Vec<_>>());
         PolicySummary {
             name: policy.name.clone(),
@@ -215,7 +227,7 @@ fn summaries(evaluation: &Evaluation, cells: &[CellSummary], levels: Levels) -> 
                 "expert" => PolicyRole::Ceiling,
                 _ => PolicyRole::Policy,
             },
-            ended_early,
+            ended_early: policy.ended_early,
             unperturbed_interval: unperturbed.interval(levels.z()),
             unperturbed,
             all: sum(averaged),

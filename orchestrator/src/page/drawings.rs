@@ -16,9 +16,7 @@ use super::figures::{
 };
 use super::hardware::{FittedLine, HardwareFit};
 use super::headlines::predicate_words;
-use crate::analysis::{
-    CellSummary, ComparedGroup, Comparison, ComparisonKind, ModalityEffect, mean, morphology_name,
-};
+use crate::analysis::{CellSummary, ComparedGroup, Comparison, ComparisonKind, mean, morphology_name};
 use crate::plan::Condition;
 
 /// The modalities in the order of the paper's radar figure.
@@ -82,7 +80,7 @@ fn radar_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
     let mut series = Vec::new();
     for (color, policy, morphology) in robots(report) {
         let success = |modality| {
-            modality_effect(report, &policy.name, morphology, modality).map(|effect| 100.0 * effect.success)
+            report.modality_effect(&policy.name, morphology, modality).map(|effect| 100.0 * effect.success)
         };
         if let [Some(language), Some(vision), Some(action)] = MODALITIES.map(success) {
             series.push(RadarSeries {
@@ -112,17 +110,6 @@ fn robots(report: &ReportContent) -> Vec<(RGBColor, &PolicySummary, Morphology)>
         }
     }
     robots
-}
-
-fn modality_effect<'a>(
-    report: &'a ReportContent,
-    policy: &str,
-    morphology: Morphology,
-    modality: Modality,
-) -> Option<&'a ModalityEffect> {
-    report.modality_effects.iter().find(|effect| {
-        effect.policy == policy && effect.morphology == morphology && effect.modality == modality
-    })
 }
 
 /// Draws the changes of one robot by perturbation and by modality.

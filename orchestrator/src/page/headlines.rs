@@ -9,16 +9,18 @@ use sim::perturb::Modality;
 
 use super::content::{PolicyRole, ReportContent};
 use crate::analysis::{
-    ComparedCell, ComparedGroup, Comparison, ComparisonKind, TestKind, modality_name, morphology_name,
+    ComparedCell, ComparedGroup, Comparison, ComparisonKind, MODALITIES, TestKind, modality_name,
+    morphology_name,
 };
 use crate::statistics::{Decision, Levels};
+use crate::table::p_value;
 
 /// The averages of one policy with one robot, in percent and percentage points.
 #[derive(Debug, Serialize)]
 pub(super) struct AverageRow {
     policy: String,
     robot: &'static str,
-    unperturbed: Option<f64>,
+    unperturbed: f64,
     /// Vision, language, action: change, mean relative change, and how many perturbations of how many.
     modalities: Vec<AverageCell>,
     all: Option<f64>,
@@ -51,7 +53,7 @@ fn sentence(comparison: &Comparison) -> Option<String> {
     let overall = comparison.groups.first()?;
     let verdict = overall_verdict([a, b], overall, comparison.levels);
     Some(format!(
-        "{verdict} ({} over {n_cells} cells with {} pairs; {}).{}",
+        "{verdict} ({} over {n_cells} cells with {} pairs; adjusted p {}).{}",
         numbers(overall, comparison.levels),
         overall.n,
         p_value(overall.adjusted_p),
@@ -102,10 +104,6 @@ fn most([a, b]: [&String; 2], comparison: &Comparison) -> String {
     )
 }
 
-fn p_value(p: f64) -> String {
-    if p < 0.0001 { "adjusted p < 0.0001".to_owned() } else { format!("adjusted p = {p:.4}") }
-}
-
 /// Returns the sentence on floor and ceiling; `None` without either.
 pub(super) fn bounds(report: &ReportContent) -> Option<String> {
     let part = |(role, what): (PolicyRole, &str)| {
@@ -133,11 +131,7 @@ pub(super) fn averages(report: &ReportContent) -> Vec<AverageRow> {
             let percent = |value: f64| 100.0 * value;
             let Some(none) = of(Perturbation::None) else { continue };
             let modality = |modality: Modality| {
-                let found = report.modality_effects.iter().find(|effect| {
-                    effect.policy == policy.name
-                        && effect.morphology == morphology
-                        && effect.modality == modality
-                });
+                let found = report.modality_effect(&policy.name, morphology, modality);
                 AverageCell {
                     change: found.and_then(|effect| effect.change).map(percent),
                     relative: found.and_then(|effect| effect.relative_change).map(percent),
@@ -148,7 +142,7 @@ pub(super) fn averages(report: &ReportContent) -> Vec<AverageRow> {
             rows.push(AverageRow {
                 policy: policy.name.clone(),
                 robot: morphology_name(morphology),
-                unperturbed: Some(percent(none.success)),
+                unperturbed: percent(none.success),
                 modalities: MODALITIES.map(modality).into_iter().collect(),
                 all: of(Perturbation::All).and_then(|effect| effect.change).map(percent),
                 n_tasks: none.n_tasks,
@@ -157,8 +151,6 @@ pub(super) fn averages(report: &ReportContent) -> Vec<AverageRow> {
     }
     rows
 }
-
-const MODALITIES: [Modality; 3] = [Modality::Vision, Modality::Language, Modality::Action];
 
 /// Returns the heads of the columns of modalities.
 pub(super) fn modality_names() -> [&'static str; 3] {

@@ -7,7 +7,6 @@ use anyhow::Context;
 use super::manifest::{PLANS, StoredPlan};
 use super::rows::{ResultsFile, parse_condition};
 use crate::plan::Condition;
-use crate::stopping::StoppingRule;
 
 /// Planned episodes of one cell that are missing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,11 +50,10 @@ pub(crate) fn gaps(file: &ResultsFile) -> anyhow::Result<Option<Vec<Gap>>> {
     }
     let gap = |(policy, condition): (&str, Condition)| {
         let found = found.get(&(policy, condition)).map_or(&[][..], Vec::as_slice);
-        let may_end = |rule: &StoppingRule| rule.policies.iter().any(|name| name == policy);
-        let expected = match found.last() {
-            Some(last) if file.stopping.as_ref().is_some_and(may_end) => last + 1,
-            None if file.stopping.as_ref().is_some_and(may_end) => 0,
-            _ => planned[&(policy, condition)],
+        let expected = if file.may_end_early(policy) {
+            found.last().map_or(0, |last| last + 1)
+        } else {
+            planned[&(policy, condition)]
         };
         let n = expected - found.iter().filter(|episode| **episode < expected).count() as u32;
         // Rows are sorted by episode, so the first index that is not at its place is missing.

@@ -125,7 +125,8 @@ pub(super) fn reconcile(
             let found = found.or_else(|| (key == "code").then(|| Value::Null.to_string()));
             let found = found.ok_or_else(|| invalid(&key))?;
             if found != requested {
-                differences.push(difference(&key, &found, &requested));
+                let name = if key == "code" { "the hash of the program's code" } else { &key };
+                differences.push(difference(name, &found, &requested));
             }
         }
         put_text(&transaction, &key, &requested).map_err(sqlite)?;

@@ -97,6 +97,11 @@ impl ResultsFile {
         &self.texts[row.policy as usize]
     }
 
+    /// Returns `true` if a rule may have ended the cells of a policy early.
+    pub(crate) fn may_end_early(&self, policy: &str) -> bool {
+        self.stopping.as_ref().is_some_and(|rule| rule.policies.iter().any(|name| name == policy))
+    }
+
     /// Returns the episodes per second of the runs that made the file; `None` if it does not say.
     pub(crate) fn episodes_per_s(&self) -> Option<f64> {
         let wall_s = self.manifest.get(manifest::ENVIRONMENT)?.get("wall_s")?.as_f64()?;

@@ -46,8 +46,10 @@ pub enum Decision {
 pub struct Verdict {
     /// The kind of the verdict.
     pub decision: Decision,
-    /// Estimated number of further episodes per cell with which a comparison decides with a probability of
-    /// [`POWER`], if undecided and the rates are as observed.
+    /// Estimated number of further episodes per cell, if undecided and the rates are as observed: those with
+    /// which a comparison decides with a probability of [`POWER`], or the forecast of a [`PairedSequence`].
+    ///
+    /// [`PairedSequence`]: super::PairedSequence
     pub more_episodes: Option<u64>,
 }
 
