@@ -80,7 +80,7 @@ impl Package {
         for idx in 0..archive.len() {
             let mut entry = archive.by_index(idx).with_context(failed)?;
             let name = entry.enclosed_name().filter(|_| entry.is_file());
-            let name = name.with_context(|| format!("{}: entry {idx} is no file below it", failed()))?;
+            let name = name.with_context(|| format!("{}: entry {idx} is not a file inside it", failed()))?;
             let target = folder.path().join(&name);
             std::fs::create_dir_all(target.parent().unwrap_or(folder.path())).with_context(failed)?;
             let mut file = File::create_new(&target).with_context(failed)?;
@@ -91,7 +91,7 @@ impl Package {
         let package = Self { folder };
         ensure!(
             package.results().is_file(),
-            "{} contains no {RESULTS}: it is no package of `pack`",
+            "{} contains no {RESULTS}: it was not made by `hypogeum pack`",
             path.display()
         );
         Ok(Some(package))

@@ -88,7 +88,7 @@ pub(crate) fn text(comparison: &Comparison) -> String {
     };
     let notes = match comparison.tests {
         TestKind::FixedSample if undecided > 0 => {
-            "more episodes: for a decision with a probability of 80 %, if the rates are as observed. Looking again after adding \
+            "the number of further episodes is that which decides with a probability of 80 % if the rates are as observed. Looking again after adding \
              them makes false verdicts more frequent; `run --until-decided` may look at any time\n"
         }
         TestKind::FixedSample => "",

@@ -241,7 +241,8 @@ fn environment(
     totals: &Totals,
     (earlier, date, started): (&Value, String, Instant),
 ) -> Value {
-    let words: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<String> =
+        std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     let earlier_s = earlier["wall_s"].as_f64().unwrap_or(0.0);
     json!({
         "date": date,

@@ -46,8 +46,9 @@ fn sentence(comparison: &Comparison) -> Option<String> {
     let n_cells = comparison.cells.len();
     if comparison.tests == TestKind::Sequential {
         return Some(format!(
-            "{a} against {b}, each cell until decided: {a} is better in {a_better} of {n_cells} cells, {b} in {b_better}, no \
-             difference matters in {equivalent}, {undecided} are undecided."
+            "{a} against {b}, each cell until decided: {a} is better in {a_better} of {n_cells} cells and {b} in {b_better}; \
+             {equivalent} show no difference larger than {:.1} points, and {undecided} are undecided.",
+            100.0 * comparison.levels.margin
         ));
     }
     let overall = comparison.groups.first()?;
@@ -110,11 +111,11 @@ pub(super) fn bounds(report: &ReportContent) -> Option<String> {
         let policy = report.policies.iter().find(|policy| policy.role == role)?;
         let rate = policy.unperturbed.fraction()?;
         let (name, n) = (&policy.name, policy.unperturbed.n);
-        Some(format!("{what} ({name}): {:.1} % of {n} unperturbed episodes", 100.0 * rate))
+        Some(format!("the {what} ({name}) succeeds in {:.1} % of {n} unperturbed episodes", 100.0 * rate))
     };
     let parts = [(PolicyRole::Floor, "floor"), (PolicyRole::Ceiling, "ceiling")].into_iter().filter_map(part);
     let parts: Vec<String> = parts.collect();
-    (!parts.is_empty()).then(|| format!("Read every rate between {}.", parts.join(" and ")))
+    (!parts.is_empty()).then(|| format!("For scale: {}.", parts.join(", ")))
 }
 
 /// Returns the paper's averages of the policies under test.

@@ -91,7 +91,7 @@ pub(super) fn text_report(
 /// Formats the episodes that were planned and are not in the file.
 pub(super) fn gap_lines(gaps: Option<&[Gap]>) -> String {
     let Some(gaps) = gaps else {
-        return "the file does not say which episodes were planned, so missing ones cannot be noticed\n"
+        return "the file does not say which episodes were planned, so missing ones cannot be detected\n"
             .to_owned();
     };
     let line = |Gap { policy, condition, n, first }: &Gap| {

@@ -110,17 +110,20 @@ fn verify_file(file: &ResultsFile, args: &VerifyArgs) -> Result<ExitStatus, Fail
         print_message("no episode could be run again");
     } else {
         let n_agree = rows.len() - n_differing;
-        print_message(&agreement(n_agree, rows.len(), file.rows.len()));
+        // Of rows that were left out for another reason than chance, the others say nothing.
+        let n_all = (args.sample.is_some() && unverifiable.is_empty()).then_some(file.rows.len());
+        print_message(&agreement(n_agree, rows.len(), n_all));
     }
     let is_complete = gaps.is_some_and(|gaps| gaps.is_empty());
     let all_agree = n_differing == 0 && unverifiable.is_empty() && !rows.is_empty() && is_complete;
     Ok(if all_agree { ExitStatus::Success } else { ExitStatus::EpisodeErrors })
 }
 
-/// Formats how many episodes agree and, of a sample without a difference, what that says about the others.
-fn agreement(n_agree: usize, n_run: usize, n_all: usize) -> String {
+/// Formats how many episodes agree. If they are a random sample of `n_all` and show no difference, adds what
+/// that says about the others.
+fn agreement(n_agree: usize, n_run: usize, n_all: Option<usize>) -> String {
     let mut text = format!("{n_agree} of {n_run} episodes agree in every column");
-    if n_agree == n_run && n_run < n_all {
+    if let Some(n_all) = n_all.filter(|n_all| n_agree == n_run && n_run < *n_all) {
         // With this share of rows that reproduce, a sample without a difference has a probability of 5 %.
         let share = libm::pow(0.05, 1.0 / n_run as f64);
         text += &format!("; with 95 % confidence, so do at least {:.1} % of all {n_all}", 100.0 * share);
@@ -143,7 +146,8 @@ fn config(file: &ResultsFile, args: &VerifyArgs) -> anyhow::Result<RunConfig> {
         let commit =
             file.manifest.get(ENVIRONMENT).and_then(|circumstances| circumstances["commit"].as_str());
         print_message(&format!(
-            "{path} was made by other code ({code}, commit {}) than this ({}, commit {}): episodes may differ because of that",
+            "{path} was made by a different build (code {code}, commit {}; this one is code {}, commit {}), so its episodes may \
+             differ",
             commit.unwrap_or("unknown"),
             build_identity::CODE,
             build_identity::COMMIT
