@@ -1,17 +1,16 @@
-//! The device of a benchmark: `--device gpu|software` and `--products chains|matrices`.
+//! The device of a benchmark: `--device gpu|software`.
 
 use anyhow::{Context, Result, bail};
-use policy_host::nn::gpu::{DeviceKind, GpuDevice, GpuError, ProductMethod};
+use policy_host::nn::gpu::{DeviceKind, GpuDevice};
 
-/// Usage of the options, for error messages.
-pub const DEVICE_USAGE: &str = "--device gpu|software, --products chains|matrices, ";
+/// Usage of the option, for error messages.
+pub const DEVICE_USAGE: &str = "--device gpu|software, ";
 
-/// Choice of a device and of its products.
+/// Choice of a device.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BenchDevice {
     /// Kind of device, or `None` for the CPU.
     pub kind: Option<DeviceKind>,
-    products: ProductMethod,
 }
 
 impl BenchDevice {
@@ -23,31 +22,17 @@ impl BenchDevice {
         match (option, value) {
             ("--device", "gpu") => self.kind = Some(DeviceKind::Hardware),
             ("--device", "software") => self.kind = Some(DeviceKind::Software),
-            ("--products", "chains") => self.products = ProductMethod::Chains,
-            ("--products", "matrices") => self.products = ProductMethod::SplitMatrices,
-            ("--device" | "--products", _) => {
-                bail!("{option} is {value}, expected {}", DEVICE_USAGE.trim_end_matches(", "))
-            }
+            ("--device", _) => bail!("{option} is {value}, expected {}", DEVICE_USAGE.trim_end_matches(", ")),
             _ => return Ok(false),
         }
         Ok(true)
     }
 
-    /// Opens the device. Returns `None`, and prints why, if it has no matrices for its products, so that
-    /// there is nothing to measure.
+    /// Opens the device.
     ///
     /// # Errors
     /// If no kind was chosen, or there is no such device.
-    #[expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
-    pub fn open(self) -> Result<Option<GpuDevice>> {
-        let kind = self.kind.context("--device is missing")?;
-        match GpuDevice::open_with(kind, 0, self.products) {
-            Ok(gpu) => Ok(Some(gpu)),
-            Err(error @ GpuError::NoMatrices { .. }) => {
-                println!("nothing to measure: {error}");
-                Ok(None)
-            }
-            Err(error) => Err(error.into()),
-        }
+    pub fn open(self) -> Result<GpuDevice> {
+        Ok(GpuDevice::open(self.kind.context("--device is missing")?)?)
     }
 }

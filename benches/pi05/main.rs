@@ -6,7 +6,7 @@
 //! and the operations per second, relative to the peak on registers. With `--peer`, LeRobot's own network
 //! answers the same queries in turn with ours (`peers/pi05_inference.py`, started with the given Python
 //! interpreter). With `--device gpu|software`, the queries go to a GPU (`gpu.rs`) instead, and the checkpoint
-//! may be left out; `--products matrices` computes products on cooperative matrices.
+//! may be left out.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 

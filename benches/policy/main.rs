@@ -2,7 +2,7 @@
 //! batch sizes.
 //!
 //! `cargo bench -p benches --bench policy -- [--threads N] [--peer PYTHON] [--device gpu|software]
-//! [--products chains|matrices] [--csv FILE]`. A query is one env of a batch. `gflop_per_s` is based on
+//! [--csv FILE]`. A query is one env of a batch. `gflop_per_s` is based on
 //! `Architecture::flop_per_query`, the operation count of the direct algorithm; Winograd convolutions perform
 //! fewer. It is compared with the peak on registers only, measured before and after. The full-size network is
 //! also measured with int8 weights, along with the error of its actions. The matrix products that occur in
@@ -15,7 +15,7 @@
 //! medians, and the median of the ratios per round. On either side, the second of two successive batches
 //! counts. Our int8 network is compared with ONNX Runtime in f32 and with the network that ONNX Runtime has
 //! quantised itself. With `--device`, only queries on a GPU are measured
-//! (`device.rs`), with products as chains of multiply-adds or on cooperative matrices.
+//! (`device.rs`).
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports on standard output")]
 

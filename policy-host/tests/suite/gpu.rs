@@ -10,7 +10,7 @@ use ipc_types::run_config::DeviceChoice;
 use policy_host::act::GpuActPolicy;
 use policy_host::checkpoint::colosseum::ActConfig;
 use policy_host::ensemble::Ensemble;
-use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, GpuError, ProductMethod};
+use policy_host::nn::gpu::{DeviceBuffer, DeviceKind, GpuDevice, GpuError};
 use policy_host::policy::{ActionChunk, Policy, PolicyPipeline};
 
 use policy_host::synthetic::write_checkpoint;
@@ -30,23 +30,17 @@ fn load(folder: &Path, robots: &[Morphology]) -> Option<GpuActPolicy> {
 }
 
 /// Opens the device of the tests: a software driver, unless the environment variable `HYPOGEUM_TEST_DEVICE`
-/// is `gpu`. Products are chains, unless `HYPOGEUM_TEST_PRODUCTS` is `matrices`. Returns `None` if there is
-/// no such device and none is required.
+/// is `gpu`. Returns `None` if there is no such device and none is required.
 #[expect(clippy::print_stderr, reason = "skipped tests print the reason")]
 pub(crate) fn device() -> Option<GpuDevice> {
     let kind = match device_choice() {
         DeviceChoice::Gpu => DeviceKind::Hardware,
         _ => DeviceKind::Software,
     };
-    let products = match is("HYPOGEUM_TEST_PRODUCTS", "matrices") {
-        true => ProductMethod::SplitMatrices,
-        false => ProductMethod::Chains,
-    };
-    match GpuDevice::open_with(kind, 0, products) {
+    match GpuDevice::open(kind) {
         Ok(gpu) => Some(gpu),
-        Err(error @ (GpuError::NoAdapter { .. } | GpuError::NoMatrices { .. })) => {
-            let required = is("HYPOGEUM_REQUIRE_VULKAN", "1") && matches!(error, GpuError::NoAdapter { .. });
-            assert!(!required, "HYPOGEUM_REQUIRE_VULKAN is set, but {error}");
+        Err(error @ GpuError::NoAdapter { .. }) => {
+            assert!(!is("HYPOGEUM_REQUIRE_VULKAN", "1"), "HYPOGEUM_REQUIRE_VULKAN is set, but {error}");
             eprintln!("skipped: {error}");
             None
         }

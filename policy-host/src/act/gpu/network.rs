@@ -12,7 +12,7 @@ use crate::nn::gpu::steps::{NetworkStep, StepRun};
 use crate::nn::gpu::transfer::{BatchArray, BatchInFlight, BatchQueue, UnitCounter};
 use crate::nn::gpu::{DeviceBuffer, GpuDevice, GpuError, KernelCache};
 
-/// Largest number of samples that are computed at a time. Not yet tuned on a GPU.
+/// Largest number of samples that are computed at a time.
 const MAX_SAMPLES: usize = 32;
 
 /// An ACT network on a device.

@@ -13,10 +13,6 @@ pub struct AdapterSummary {
     pub number: Option<(DeviceKind, usize)>,
     /// Size of the largest buffer that a kernel can use, in bytes.
     pub max_binding: u64,
-    /// Smallest and largest number of threads of a subgroup.
-    pub subgroups: [u32; 2],
-    /// Shapes of cooperative matrices: rows, columns, inner dimension, and their types.
-    pub cooperative_matrices: Vec<String>,
 }
 
 /// Lists all adapters.
@@ -31,17 +27,10 @@ pub fn adapters() -> Vec<AdapterSummary> {
             *count += 1;
             (kind, *count - 1)
         });
-        let matrices = adapter.cooperative_matrix_properties().into_iter();
         AdapterSummary {
             name: name(&info),
             number,
             max_binding: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
-            subgroups: [info.subgroup_min_size, info.subgroup_max_size],
-            cooperative_matrices: matrices
-                .map(|it| {
-                    format!("{}x{}x{} {:?} to {:?}", it.m_size, it.n_size, it.k_size, it.ab_type, it.cr_type)
-                })
-                .collect(),
         }
     };
     enumerate().into_iter().map(summarise).collect()
@@ -70,12 +59,6 @@ impl fmt::Display for AdapterSummary {
             let kind = if kind == DeviceKind::Hardware { "gpu" } else { "software" };
             write!(f, "{kind} {index}: ")?;
         }
-        let [min, max] = self.subgroups;
-        let mebibytes = self.max_binding >> 20;
-        write!(f, "{}, buffers up to {mebibytes} MiB, subgroups of {min} to {max}", self.name)?;
-        match &self.cooperative_matrices[..] {
-            [] => f.write_str(", no cooperative matrices"),
-            matrices => write!(f, ", cooperative matrices {}", matrices.join(", ")),
-        }
+        write!(f, "{}, buffers up to {} MiB", self.name, self.max_binding >> 20)
     }
 }

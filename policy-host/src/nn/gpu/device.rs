@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use thiserror::Error;
 
-use super::{adapters, matrices};
+use super::adapters;
 
 /// Timeout after which a device that has not finished a batch counts as failed.
 const WAIT_TIMEOUT: Duration = Duration::from_secs(300);
@@ -27,17 +27,6 @@ pub enum DeviceKind {
     Software,
 }
 
-/// Method by which a device computes products. The methods differ in single bits.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum ProductMethod {
-    /// Chains of fused multiply-adds in f32.
-    #[default]
-    Chains,
-    /// Cooperative matrices of 16-bit floats, into which each f32 is split: as accurate, for devices whose
-    /// matrix units are much faster than their f32 units.
-    SplitMatrices,
-}
-
 /// Errors of a device.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the messages describe the fields")]
@@ -46,10 +35,6 @@ pub enum GpuError {
     NoAdapter { wanted: String, found: String },
     #[error("failed to compute on {name}: {message}")]
     Device { name: String, message: String },
-    #[error(
-        "{name} has no cooperative matrices of 16-bit floats with sums in f32, in subgroups of a suitable size"
-    )]
-    NoMatrices { name: String },
 }
 
 /// An open device and its queue.
@@ -58,8 +43,6 @@ pub struct GpuDevice {
     pub(super) queue: wgpu::Queue,
     name: String,
     max_binding: u64,
-    /// Side of the cooperative matrices, unless products are chains.
-    matrix_side: Option<u32>,
     first_error: DeviceFault,
 }
 
@@ -96,14 +79,6 @@ impl GpuDevice {
     /// # Errors
     /// If there is none, which lists what was found, or the driver rejects the request.
     pub fn open_numbered(kind: DeviceKind, index: usize) -> Result<Self, GpuError> {
-        Self::open_with(kind, index, ProductMethod::Chains)
-    }
-
-    /// Opens an adapter that computes products by a method.
-    ///
-    /// # Errors
-    /// Those of [`Self::open_numbered`], and if the adapter has no suitable cooperative matrices.
-    pub fn open_with(kind: DeviceKind, index: usize, products: ProductMethod) -> Result<Self, GpuError> {
         let (mut found, mut n_before) = (Vec::new(), 0);
         for adapter in adapters::enumerate() {
             let info = adapter.get_info();
@@ -111,7 +86,7 @@ impl GpuDevice {
             if !kind.matches(info.device_type) {
                 found.push(format!("{name} is not a {}", kind.description()));
             } else if n_before == index {
-                return Self::open_adapter(&adapter, name, products);
+                return Self::open_adapter(&adapter, name);
             } else {
                 found.push(format!("{name} has index {n_before}"));
                 n_before += 1;
@@ -127,18 +102,7 @@ impl GpuDevice {
         Err(GpuError::NoAdapter { wanted, found: found.join("; ") })
     }
 
-    fn open_adapter(
-        adapter: &wgpu::Adapter,
-        name: String,
-        products: ProductMethod,
-    ) -> Result<Self, GpuError> {
-        let (matrix_side, name) = match products {
-            ProductMethod::Chains => (None, name),
-            ProductMethod::SplitMatrices => match matrices::side(adapter) {
-                Some(side) => (Some(side), format!("{name}, products split into 16-bit matrices")),
-                None => return Err(GpuError::NoMatrices { name }),
-            },
-        };
+    fn open_adapter(adapter: &wgpu::Adapter, name: String) -> Result<Self, GpuError> {
         let available = adapter.limits();
         let max_binding =
             available.max_storage_buffer_binding_size.min(available.max_buffer_size).min(MAX_BINDING);
@@ -150,9 +114,6 @@ impl GpuDevice {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("hypogeum policy"),
             required_limits,
-            required_features: matrix_side.map_or(wgpu::Features::empty(), |_| matrices::FEATURES),
-            experimental_features: matrix_side
-                .map_or_else(wgpu::ExperimentalFeatures::disabled, |_| matrices::experimental_features()),
             ..wgpu::DeviceDescriptor::default()
         };
         let (device, queue) = poll_ready(adapter.request_device(&descriptor))
@@ -168,7 +129,7 @@ impl GpuDevice {
                 other => other.to_string(),
             });
         }));
-        Ok(Self { device, queue, name, max_binding, matrix_side, first_error })
+        Ok(Self { device, queue, name, max_binding, first_error })
     }
 
     /// Returns the name of the adapter and its driver. Results computed on devices of different names may
@@ -182,11 +143,6 @@ impl GpuDevice {
     #[must_use]
     pub fn max_binding(&self) -> u64 {
         self.max_binding
-    }
-
-    /// Returns the side of the cooperative matrices of products, unless those are chains.
-    pub(super) fn matrix_side(&self) -> Option<u32> {
-        self.matrix_side
     }
 
     /// Checks the error state.

@@ -12,7 +12,6 @@ pub mod adapters;
 pub mod buffer;
 pub mod device;
 pub mod kernel;
-mod matrices;
 pub mod ops;
 pub mod sequences;
 pub mod steps;
@@ -20,5 +19,5 @@ pub mod transfer;
 pub mod weights;
 
 pub use self::buffer::DeviceBuffer;
-pub use self::device::{DeviceKind, GpuDevice, GpuError, ProductMethod};
+pub use self::device::{DeviceKind, GpuDevice, GpuError};
 pub use self::kernel::{Dispatch, KernelCache};

@@ -5,7 +5,6 @@
 use super::buffer::DeviceBuffer;
 use super::device::GpuDevice;
 use super::kernel::{Dispatch, KernelCache, KernelSource};
-use super::matrices;
 pub use super::weights::DeviceWeights;
 use crate::nn::conv::ConvGeometry;
 
@@ -159,7 +158,7 @@ impl OpBuilder<'_> {
             include_str!("wgsl/rows.wgsl")
         };
         let left = [("A_ROWS", from.of), ("A_FIRST", from.first)];
-        let source = product(self.gpu, ("linear", rows), layer, n_rows, &left, to, code(epilogue));
+        let source = product(("linear", rows), layer, n_rows, &left, to, code(epilogue));
         let mut buffers = vec![self.batch, a, &layer.weights, &layer.bias, out];
         buffers.extend(positions);
         self.kernels.dispatch(self.gpu, source, &buffers, (n_rows, TILE), columns(layer))
@@ -177,7 +176,7 @@ impl OpBuilder<'_> {
     ) -> Dispatch {
         let left = [("A_ROWS", n_rows), ("A_FIRST", 0)];
         let rows = ("gated_linear", include_str!("wgsl/rows.wgsl"));
-        let source = product(self.gpu, rows, layer, n_rows, &left, SampleRows::all(n_rows), GATED);
+        let source = product(rows, layer, n_rows, &left, SampleRows::all(n_rows), GATED);
         let buffers = [self.batch, a, &layer.weights, gate, out];
         self.kernels.dispatch(self.gpu, source, &buffers, (n_rows, TILE), columns(layer))
     }
@@ -204,8 +203,7 @@ impl OpBuilder<'_> {
         ];
         let n_rows = output.n_pixels();
         let windows = ("convolution", include_str!("wgsl/windows.wgsl"));
-        let source =
-            product(self.gpu, windows, layer, n_rows, &left, SampleRows::all(n_rows), code(epilogue));
+        let source = product(windows, layer, n_rows, &left, SampleRows::all(n_rows), code(epilogue));
         let buffers = [self.batch, a, &layer.weights, &layer.bias, out];
         self.kernels.dispatch(self.gpu, source, &buffers, (n_rows, TILE), columns(layer))
     }
@@ -285,7 +283,6 @@ impl OpBuilder<'_> {
 
 /// Returns the source of a product with the left factor of the WGSL source `rows`.
 fn product(
-    gpu: &GpuDevice,
     (name, rows): (&'static str, &'static str),
     layer: &DeviceWeights,
     n_rows: usize,
@@ -297,15 +294,8 @@ fn product(
     let out = [("ROWS", n_rows), ("OUT_ROWS", to.of), ("OUT_FIRST", to.first), ("EPILOGUE", epilogue)];
     let (weights, format) = layer.layout.source();
     let constants = [&right[..], left, &out, format].concat();
-    let factors = [BATCH, rows, weights, include_str!("wgsl/epilogue.wgsl")];
-    let Some(side) = gpu.matrix_side() else {
-        let product = [layer.layout.tile_source(), include_str!("wgsl/product.wgsl")];
-        return kernel(name, &[&factors[..], &product].concat(), &constants);
-    };
-    // Directives come first.
-    let (enable, matrices) = (include_str!("wgsl/split_enable.wgsl"), matrices::source(side));
-    let parts = [&[enable][..], &factors, &[matrices, include_str!("wgsl/split_product.wgsl")]].concat();
-    kernel(name, &parts, &constants)
+    let product = include_str!("wgsl/product.wgsl");
+    kernel(name, &[BATCH, rows, weights, include_str!("wgsl/epilogue.wgsl"), product], &constants)
 }
 
 const fn code(epilogue: ProductEpilogue) -> usize {

@@ -24,22 +24,13 @@ pub(super) enum WeightLayout {
 }
 
 impl WeightLayout {
-    /// Returns the WGSL source that reads the weights, and its constants.
+    /// Returns the WGSL source that loads the weights, and its constants.
     pub(super) const fn source(self) -> (&'static str, &'static [(&'static str, usize)]) {
         match self {
             Self::ByInput => (include_str!("wgsl/weights.wgsl"), &[]),
             Self::Stored(FloatType::F32) => (include_str!("wgsl/stored_weights.wgsl"), &[]),
             Self::Stored(FloatType::F16) => (include_str!("wgsl/half_weights.wgsl"), &[("IS_BF16", 0)]),
             Self::Stored(FloatType::Bf16) => (include_str!("wgsl/half_weights.wgsl"), &[("IS_BF16", 1)]),
-        }
-    }
-
-    /// Returns the WGSL source that loads the weights into a tile of vectors.
-    pub(super) const fn tile_source(self) -> &'static str {
-        match self {
-            Self::ByInput => include_str!("wgsl/weights_tile.wgsl"),
-            Self::Stored(FloatType::F32) => include_str!("wgsl/stored_weights_tile.wgsl"),
-            Self::Stored(FloatType::F16 | FloatType::Bf16) => include_str!("wgsl/half_weights_tile.wgsl"),
         }
     }
 }

@@ -22,7 +22,7 @@ use crate::pi05::siglip::{PATCH_VALUES, unfold};
 use crate::pi05::weights::LayerSource;
 use crate::weights::{StoredTensor, TensorFolder};
 
-/// Largest number of samples that are computed at a time. Not yet tuned on a GPU.
+/// Largest number of samples that are computed at a time.
 const MAX_SAMPLES: usize = 8;
 
 /// A π0.5 network on a device.

@@ -1,11 +1,16 @@
 // Right factor of a product: weights [K, N].
 @group(0) @binding(2) var<storage, read> weights: array<f32>;
 
-fn right(k: u32, col: u32) -> f32 {
-    return weights[k * N + col];
-}
-
-// Returns the k and the column of a term, such that neighbouring terms are neighbours in memory.
-fn right_place(term: u32) -> vec2<u32> {
-    return vec2(term / 64u, term % 64u);
+// Loads 16 k of 64 columns into the right tile of product.wgsl.
+fn load_right(thread: u32, k0: u32, first_col: u32) {
+    // A thread loads four columns of one k.
+    let k = k0 + thread / 16u;
+    let col = first_col + 4u * (thread % 16u);
+    var terms = vec4(0.0);
+    if (k < K) {
+        for (var i = 0u; i < 4u && col + i < N; i++) {
+            terms[i] = weights[k * N + col + i];
+        }
+    }
+    right_tile[thread / 16u * PITCH + thread % 16u] = terms;
 }
