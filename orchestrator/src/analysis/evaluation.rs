@@ -20,8 +20,9 @@ pub(crate) struct Evaluation {
     pub(crate) files: Vec<ResultsFile>,
     /// Policies in the order of the files, and by name within a file.
     pub(crate) policies: Vec<EvaluatedPolicy>,
-    /// Suite seed of each file.
+    /// Suite seed of each file, and the seconds of all its episodes.
     seeds: Vec<u64>,
+    seconds: Vec<f64>,
 }
 
 /// A policy of an evaluation.
@@ -105,11 +106,21 @@ impl Evaluation {
             return Err(EvaluationError::PooledStopping { path: file.path.clone() });
         }
         let policies = policies(&files)?;
-        let mut evaluation = Self { files, policies, seeds };
+        let seconds = files.iter().map(|file| file.rows.iter().map(EpisodeRow::seconds).sum()).collect();
+        let mut evaluation = Self { files, policies, seeds, seconds };
         for idx in 0..evaluation.policies.len() {
             evaluation.merge_rows(idx)?;
         }
         Ok(evaluation)
+    }
+
+    /// Returns the wall time that went into rows: their share of the wall time of the runs, by the time
+    /// that they took beside the others. `None` if a file does not say how long its runs took.
+    pub(crate) fn wall_s(&self, rows: impl Iterator<Item = RowIdx>) -> Option<f64> {
+        let mut own = vec![0.0; self.files.len()];
+        rows.for_each(|idx| own[idx.file_idx as usize] += self.row(idx).seconds());
+        let files = self.files.iter().zip(&self.seconds).zip(own).filter(|(_, own)| *own > 0.0);
+        files.map(|((file, all), own)| Some(file.wall_s()? * own / all)).sum()
     }
 
     /// Returns what an episode's start depends on, besides its task: the suite seed and its index.

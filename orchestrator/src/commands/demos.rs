@@ -10,6 +10,7 @@ use ipc_types::run_config::{Profile, Strength};
 use ipc_types::{ControlMode, Morphology};
 use sim::perturb::Composition;
 
+use crate::build_identity;
 use crate::demos::{DatasetSettings, DemoPlan, ImageFormat};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::interrupt;
@@ -74,8 +75,16 @@ pub(crate) fn demos(args: &DemosArgs) -> Result<ExitStatus, Failure> {
         Condition::new(task, perturbation).or_user()?;
     }
     let morphology = Morphology::Single;
-    let single_arm =
-        DatasetSettings { morphology, control_mode, perturbation, strength, profile, seed, images };
+    let single_arm = DatasetSettings {
+        code: build_identity::CODE.to_owned(),
+        morphology,
+        control_mode,
+        perturbation,
+        strength,
+        profile,
+        seed,
+        images,
+    };
     let plan = DemoPlan { tasks, episodes: args.episodes, single_arm };
     let n_threads = match args.threads {
         Some(threads) => threads as usize,

@@ -92,11 +92,14 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     });
     live.progress.finish();
     let traced = live.trace.map_or(Ok(()), TraceFile::finish);
+    let earlier = results.environment().or_user()?;
     if outcome.is_err() && n_done + live.n_finished > 0 {
         print_message(&resume_hint(&plan));
+        let mut environment = earlier.clone();
+        environment["wall_s"] = json!(total_wall_s(&earlier, started));
+        results.note(ENVIRONMENT, &environment)?;
     }
     let (status, totals) = outcome?;
-    let earlier = results.environment().or_user()?;
     let environment = if n_done < plan.n_episodes() {
         let environment = environment(&plan, &machine, &totals, (&earlier, date, started));
         results.note(ENVIRONMENT, &environment)?;
@@ -233,8 +236,12 @@ fn print_report(
     print_out(&format!("{table}{gap}{speed}"))
 }
 
-/// Returns the facts that timings depend on and results do not. `wall_s` is the time of all runs with the
-/// file.
+/// Returns the time of all runs with the file in s.
+fn total_wall_s(earlier: &Value, started: Instant) -> f64 {
+    earlier["wall_s"].as_f64().unwrap_or(0.0) + started.elapsed().as_secs_f64()
+}
+
+/// Returns the facts that timings depend on and results do not.
 fn environment(
     plan: &RunPlan,
     machine: &Machine,
@@ -243,12 +250,11 @@ fn environment(
 ) -> Value {
     let words: Vec<String> =
         std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
-    let earlier_s = earlier["wall_s"].as_f64().unwrap_or(0.0);
     json!({
         "date": date,
         "command": format!("hypogeum {}", words.join(" ")),
         "commit": build_identity::COMMIT,
-        "wall_s": earlier_s + started.elapsed().as_secs_f64(),
+        "wall_s": total_wall_s(earlier, started),
         "envs": plan.config.resources.envs,
         "env_choice": totals.choice,
         "threads": plan.config.resources.n_threads(),

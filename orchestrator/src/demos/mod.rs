@@ -49,7 +49,7 @@ struct TaskYield {
 impl DemoPlan {
     fn settings_of(&self, morphology: Morphology) -> DatasetSettings {
         let control_mode = morphology.control_mode(self.single_arm.control_mode);
-        DatasetSettings { morphology, control_mode, ..self.single_arm }
+        DatasetSettings { morphology, control_mode, ..self.single_arm.clone() }
     }
 
     /// Records until each task has enough demonstrations, is given up, or `stopped` is set.
@@ -96,11 +96,6 @@ impl DemoPlan {
             folder.display(),
             (frames - frames_before) as f64 / seconds
         ));
-        if datasets.iter().any(|(dataset, _)| dataset.has_mean_quantiles()) {
-            print_message(
-                "quantiles of images are means over episodes, some of which an earlier version recorded",
-            );
-        }
         if stopped.load(Ordering::Relaxed) {
             print_message("interrupted; run the same command to resume");
             return Ok(ExitStatus::Interrupted);
@@ -161,6 +156,7 @@ impl DemoPlan {
             profile,
             seed,
             images: format,
+            ..
         } = self.settings_of(task.task().morphology);
         let subject = EpisodeSpec { task, perturbation, strength, profile };
         let seed = episode_seed(seed, task.name(), index);

@@ -10,10 +10,25 @@ use sim::perturb::Composition;
 
 use super::{file_name, write_file};
 use crate::analysis::{CellSummary, EvaluatedPolicy, Evaluation, Metric};
+use crate::results::ENVIRONMENT;
 
 /// The columns, as `examples/baselines/act_clip` of the original writes them.
-const HEADER: &str = "checkpoint_path,pc_hostname,now,t_final,duration_sec,perturbation_set,env_id,control_mode,include_depth,\
-    num_eval_episodes,max_episode_steps,message,num_sucessful_episodes,success_percent";
+const HEADER: [&str; 14] = [
+    "checkpoint_path",
+    "pc_hostname",
+    "now",
+    "t_final",
+    "duration_sec",
+    "perturbation_set",
+    "env_id",
+    "control_mode",
+    "include_depth",
+    "num_eval_episodes",
+    "max_episode_steps",
+    "message",
+    "num_sucessful_episodes",
+    "success_percent",
+];
 
 /// Writes the files and returns them.
 pub(super) fn write(
@@ -26,37 +41,41 @@ pub(super) fn write(
         let cells = CellSummary::of_policy(evaluation, policy, metric, alpha);
         for morphology in Morphology::ALL {
             let own = cells.iter().filter(|cell| cell.condition.task.task().morphology == morphology);
-            let rows: Vec<String> = own.map(|cell| row(evaluation, policy, cell)).collect();
-            if !rows.is_empty() {
+            let mut rows = own.map(|cell| row(evaluation, policy, cell)).peekable();
+            if rows.peek().is_some() {
                 let name = match morphology {
                     Morphology::Single => "single_arm",
                     Morphology::Bimanual => "bimanual",
                 };
                 let path = folder.join(format!("{}.{name}.csv", file_name(policy)));
-                paths.push(write_file(&path, format!("{HEADER}\n{}\n", rows.join("\n")).as_bytes())?);
+                let mut writer = csv::Writer::from_writer(Vec::new());
+                writer.write_record(HEADER)?;
+                rows.try_for_each(|row| writer.write_record(row))?;
+                paths.push(write_file(&path, &writer.into_inner()?)?);
             }
         }
     }
     Ok(paths)
 }
 
-fn row(evaluation: &Evaluation, policy: &EvaluatedPolicy, cell: &CellSummary) -> String {
+fn row(evaluation: &Evaluation, policy: &EvaluatedPolicy, cell: &CellSummary) -> [String; 14] {
     let task = cell.condition.task.task();
     let control_mode = match (policy.identity.spec.as_str(), task.morphology) {
         ("expert", _) | (_, Morphology::Bimanual) => "pd_joint_pos",
         _ => evaluation.entry("control_mode").and_then(Value::as_str).unwrap_or("pd_ee_delta_pose"),
     };
     let percent = cell.rate.fraction().map_or(-1.0, |fraction| 100.0 * fraction);
-    let duration: f64 = cell.times_s.iter().sum();
-    // Times of day are not recorded.
+    let rows = evaluation.conditions(policy).into_iter().find(|(condition, _)| *condition == cell.condition);
+    let wall_s = rows.and_then(|(_, rows)| evaluation.wall_s(rows.iter().copied()));
+    let date = evaluation.entry(ENVIRONMENT).and_then(|circumstances| circumstances["date"].as_str());
     let perturbation = original_name(cell.condition.perturbation);
     let message = if cell.errors > 0 { format!("{} errors", cell.errors) } else { String::new() };
-    let fields = [
+    [
         policy.identity.spec.clone(),
         String::new(),
+        date.unwrap_or_default().to_owned(),
         String::new(),
-        String::new(),
-        format!("{duration:.3}"),
+        wall_s.map_or_else(String::new, |wall_s| format!("{wall_s:.3}")),
         perturbation,
         task.env_id.to_owned(),
         control_mode.to_owned(),
@@ -66,11 +85,7 @@ fn row(evaluation: &Evaluation, policy: &EvaluatedPolicy, cell: &CellSummary) ->
         message,
         cell.rate.successes.to_string(),
         format!("{percent:.2}"),
-    ];
-    // A path may contain a comma; no other field can.
-    fields
-        .map(|field| if field.contains(',') { format!("\"{}\"", field.replace('"', "\"\"")) } else { field })
-        .join(",")
+    ]
 }
 
 /// Returns the name of a perturbation in the original's result files, whose readers drop columns that they do

@@ -34,15 +34,13 @@ pub(super) fn eval_info(evaluation: &Evaluation, policy: &EvaluatedPolicy, metri
     let all: Vec<bool> = groups.values().flatten().copied().collect();
     let per_group: Map<String, Value> =
         groups.iter().map(|(name, of)| (name.clone(), aggregate(of))).collect();
-    let seconds: f64 = evaluation
-        .conditions(policy)
-        .iter()
-        .flat_map(|(_, rows)| rows.iter())
-        .map(|idx| evaluation.row(*idx).times_s.iter().map(|part| f64::from(*part)).sum::<f64>())
-        .sum();
+    let conditions = evaluation.conditions(policy);
+    let rows = conditions.iter().flat_map(|(_, rows)| rows.iter().copied());
     let mut overall = aggregate(&all);
-    overall["eval_s"] = json!(seconds);
-    overall["eval_ep_s"] = json!(seconds / all.len().max(1) as f64);
+    if let Some(wall_s) = evaluation.wall_s(rows) {
+        overall["eval_s"] = json!(wall_s);
+        overall["eval_ep_s"] = json!(wall_s / all.len().max(1) as f64);
+    }
     json!({ "per_task": per_task, "per_group": per_group, "overall": overall })
 }
 

@@ -52,7 +52,7 @@ fn episode(evaluation: &Evaluation, idx: RowIdx, metric: Metric) -> Value {
         "episode_id": row.episode,
         "metrics": { "success": row.error.is_none() && metric.of(row) },
         "steps": row.steps,
-        "elapsed_sec": row.times_s.iter().map(|part| f64::from(*part)).sum::<f64>(),
+        "elapsed_sec": row.seconds(),
     });
     if let Some(error) = row.error {
         episode["failure_reason"] = json!("error");

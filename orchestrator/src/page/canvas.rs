@@ -1,25 +1,36 @@
 //! Drawing of figures as SVG text, in pixels from the upper left corner.
 
-use plotters::coord::Shift;
-use plotters::element::DashedPathElement;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use std::fmt::{self, Display, Formatter, Write};
+
+/// A colour of sRGB.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Color(pub(super) u8, pub(super) u8, pub(super) u8);
 
 /// Colours of policies that can also be told apart by people with a colour vision deficiency (M. Okabe,
 /// K. Ito, 2008).
-const PALETTE: [RGBColor; 7] = [
-    RGBColor(0, 114, 178),
-    RGBColor(230, 159, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-    RGBColor(213, 94, 0),
-    RGBColor(120, 120, 60),
+const PALETTE: [Color; 7] = [
+    Color(0, 114, 178),
+    Color(230, 159, 0),
+    Color(0, 158, 115),
+    Color(204, 121, 167),
+    Color(86, 180, 233),
+    Color(213, 94, 0),
+    Color(120, 120, 60),
 ];
 /// Colour of text and axes.
-pub(super) const INK: RGBColor = RGBColor(34, 40, 49);
+pub(super) const INK: Color = Color(34, 40, 49);
 /// Colour of grid lines.
-pub(super) const GRID: RGBColor = RGBColor(221, 225, 230);
+pub(super) const GRID: Color = Color(221, 225, 230);
+/// Size of all text in pixels.
+const TEXT: f64 = 12.5;
+/// Widths of a figure in pixels: on a desktop and on a phone.
+pub(super) const WIDTHS: [f64; 2] = [960.0, 340.0];
+/// Height of a line of a legend.
+const LEGEND_LINE: f64 = 20.0;
+/// Room around a figure.
+pub(super) const MARGIN: f64 = 8.0;
+/// Room to the left of an axis on a phone, for half of its first number.
+pub(super) const NARROW_MARGIN: f64 = 24.0;
 
 /// A figure of the page.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -29,15 +40,20 @@ pub(crate) struct Figure {
     pub(crate) title: String,
     /// Explanation of what is shown.
     pub(crate) caption: String,
-    pub(crate) svg: String,
+    /// The figure in each of [`WIDTHS`].
+    pub(crate) svgs: [String; 2],
 }
 
-/// The drawing area of a figure.
-pub(super) struct Canvas<'a> {
-    area: DrawingArea<SVGBackend<'a>, Shift>,
+/// Entries of a legend: names with their colours.
+pub(super) type FigureLegend = Vec<(String, Color)>;
+
+/// A figure in the making. Its height is that of what was drawn.
+pub(super) struct Canvas {
+    pub(super) width: f64,
+    elements: String,
 }
 
-/// The horizontal side of a text that its position states.
+/// The side of a text that its position states.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Anchor {
     Start,
@@ -45,107 +61,204 @@ pub(super) enum Anchor {
     End,
 }
 
+impl Display for Color {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "#{:02x}{:02x}{:02x}", self.0, self.1, self.2)
+    }
+}
+
 /// Returns the colour of the `idx`-th policy.
-pub(super) fn color(idx: usize) -> RGBColor {
+pub(super) fn color(idx: usize) -> Color {
     PALETTE[idx % PALETTE.len()]
 }
 
-/// Returns the SVG text of what `draw` draws.
-pub(super) fn svg(
-    [width, height]: [u32; 2],
-    draw: impl FnOnce(&Canvas<'_>) -> anyhow::Result<()>,
-) -> anyhow::Result<String> {
-    let mut text = String::new();
-    {
-        let canvas = Canvas { area: SVGBackend::with_string(&mut text, (width, height)).into_drawing_area() };
-        draw(&canvas)?;
-        canvas.area.present()?;
-    }
-    Ok(text)
+/// Returns the figure in both widths. `draw` returns its height.
+pub(super) fn svgs(draw: impl Fn(&mut Canvas) -> f64) -> [String; 2] {
+    WIDTHS.map(|width| svg(width, &draw))
 }
 
-impl<'a> Canvas<'a> {
-    /// Returns the part of the area below `top` pixels, for charts with axes.
-    pub(super) fn below(&self, top: f64) -> DrawingArea<SVGBackend<'a>, Shift> {
-        self.area.clone().split_vertically(top as i32).1
+/// Returns the SVG text of what `draw` draws; `draw` returns the height.
+pub(super) fn svg(width: f64, draw: impl Fn(&mut Canvas) -> f64) -> String {
+    let mut canvas = Canvas { width, elements: String::new() };
+    let height = draw(&mut canvas).ceil();
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
+         font-family=\"sans-serif\" font-size=\"{TEXT}\">{}</svg>",
+        canvas.elements
+    )
+}
+
+/// Returns about how wide a text is.
+pub(super) fn text_width(text: &str) -> f64 {
+    0.56 * TEXT * text.chars().count() as f64
+}
+
+/// Returns the width of a column of texts beside an axis, at most `limit`.
+pub(super) fn column_width<'a>(texts: impl Iterator<Item = &'a str>, limit: f64) -> f64 {
+    (texts.map(text_width).fold(0.0, f64::max) + 2.0 * MARGIN).min(limit)
+}
+
+/// Returns the text, or its beginning if it is wider than `room`.
+fn shortened(text: &str, room: f64) -> String {
+    if text_width(text) <= room {
+        return text.to_owned();
+    }
+    let n_chars = (room / text_width("x")) as usize;
+    text.chars().take(n_chars.saturating_sub(1)).chain(['…']).collect()
+}
+
+impl Canvas {
+    /// Returns `true` on a phone, where labels stand above what they name.
+    pub(super) fn is_narrow(&self) -> bool {
+        self.width < 500.0
     }
 
-    pub(super) fn text(&self, [x, y]: [f64; 2], text: &str, size: f64, anchor: Anchor) -> anyhow::Result<()> {
-        let horizontal = match anchor {
-            Anchor::Start => HPos::Left,
-            Anchor::Middle => HPos::Center,
-            Anchor::End => HPos::Right,
+    fn element(&mut self, element: fmt::Arguments<'_>) {
+        self.elements.write_fmt(element).expect("a string takes any text");
+    }
+
+    /// Writes text whose middle is at `y`, shortened to what the figure has room for.
+    pub(super) fn text(&mut self, [x, y]: [f64; 2], text: &str, anchor: Anchor) {
+        let (anchor, room) = match anchor {
+            Anchor::Start => ("start", self.width - x),
+            Anchor::Middle => ("middle", 2.0 * x.min(self.width - x)),
+            Anchor::End => ("end", x),
         };
-        let style = ("sans-serif", size).into_text_style(&self.area).color(&INK);
-        let style = style.pos(Pos::new(horizontal, VPos::Center));
-        Ok(self.area.draw(&Text::new(text.to_owned(), pixel([x, y]), style))?)
+        let text = shortened(text, room).replace('&', "&amp;").replace('<', "&lt;");
+        let y = y + 0.35 * TEXT;
+        self.element(format_args!(
+            "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" fill=\"{INK}\">{text}</text>"
+        ));
     }
 
-    pub(super) fn line(&self, points: &[[f64; 2]], color: RGBColor, width: u32) -> anyhow::Result<()> {
-        let points: Vec<(i32, i32)> = points.iter().map(|point| pixel(*point)).collect();
-        Ok(self.area.draw(&PathElement::new(points, color.stroke_width(width)))?)
+    /// Draws a line, of dashes if wanted.
+    pub(super) fn line(&mut self, points: &[[f64; 2]], color: Color, width: f64, is_dashed: bool) {
+        let dashes = if is_dashed { " stroke-dasharray=\"6 4\"" } else { "" };
+        let points = Points(points);
+        self.element(format_args!(
+            "<polyline points=\"{points}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\"{dashes}/>"
+        ));
     }
 
-    pub(super) fn dashed_line(&self, points: &[[f64; 2]], color: RGBColor, width: u32) -> anyhow::Result<()> {
-        let points: Vec<(i32, i32)> = points.iter().map(|point| pixel(*point)).collect();
-        let style = color.stroke_width(width);
-        Ok(self.area.draw(&DashedPathElement::new(points, 5, 4, style))?)
+    pub(super) fn polygon(&mut self, points: &[[f64; 2]], color: Color, opacity: f64) {
+        let points = Points(points);
+        self.element(format_args!(
+            "<polygon points=\"{points}\" fill=\"{color}\" fill-opacity=\"{opacity}\"/>"
+        ));
     }
 
-    pub(super) fn polygon(&self, points: &[[f64; 2]], color: RGBColor, opacity: f64) -> anyhow::Result<()> {
-        let points: Vec<(i32, i32)> = points.iter().map(|point| pixel(*point)).collect();
-        Ok(self.area.draw(&Polygon::new(points, color.mix(opacity)))?)
+    pub(super) fn rectangle(&mut self, [left, top]: [f64; 2], [right, bottom]: [f64; 2], color: Color) {
+        let (width, height) = (right - left, bottom - top);
+        self.element(format_args!(
+            "<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{color}\"/>"
+        ));
     }
 
-    pub(super) fn rectangle(&self, from: [f64; 2], to: [f64; 2], color: RGBColor) -> anyhow::Result<()> {
-        Ok(self.area.draw(&Rectangle::new([pixel(from), pixel(to)], color.filled()))?)
+    pub(super) fn dot(&mut self, [x, y]: [f64; 2], radius: f64, color: Color) {
+        self.element(format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{color}\"/>"));
     }
 
-    pub(super) fn dot(&self, at: [f64; 2], radius: u32, color: RGBColor) -> anyhow::Result<()> {
-        Ok(self.area.draw(&Circle::new(pixel(at), radius, color.filled()))?)
-    }
-
-    /// Draws one coloured square and name per entry in a row, starting at `left`.
-    pub(super) fn legend(&self, left: f64, y: f64, entries: &[(String, RGBColor)]) -> anyhow::Result<()> {
-        let mut x = left;
+    /// Draws coloured squares with names, in as many lines as they take, and returns where they end.
+    pub(super) fn legend(&mut self, entries: &[(String, Color)]) -> f64 {
+        let (mut x, mut y) = (MARGIN, MARGIN + LEGEND_LINE / 2.0);
         for (name, color) in entries {
-            self.rectangle([x, y - 5.0], [x + 10.0, y + 5.0], *color)?;
-            self.text([x + 15.0, y], name, 13.0, Anchor::Start)?;
-            x += 32.0 + 7.2 * name.chars().count() as f64;
+            let width = 34.0 + text_width(name);
+            if x > MARGIN && x + width > self.width {
+                (x, y) = (MARGIN, y + LEGEND_LINE);
+            }
+            self.rectangle([x, y - 5.0], [x + 10.0, y + 5.0], *color);
+            self.text([x + 15.0, y], name, Anchor::Start);
+            x += width;
         }
-        Ok(())
+        y + LEGEND_LINE / 2.0 + MARGIN
     }
 
-    /// Draws the vertical grid of a horizontal axis, with its labels below.
-    pub(super) fn grid(&self, axis: &Axis, [top, bottom]: [f64; 2], unit: &str) -> anyhow::Result<()> {
-        for value in axis.ticks() {
-            let x = axis.at(value);
-            self.line(&[[x, top], [x, bottom]], GRID, 1)?;
-            self.text([x, bottom + 12.0], &format!("{value:.0}{unit}"), 12.0, Anchor::Middle)?;
+    /// Draws the vertical grid lines of a horizontal axis, with their values below.
+    pub(super) fn grid(&mut self, axis: &Axis, [top, bottom]: [f64; 2], unit: &str) {
+        for (value, x) in axis.ticks() {
+            self.line(&[[x, top], [x, bottom]], GRID, 1.0, false);
+            self.text([x, bottom + 12.0], &format!("{value}{unit}"), Anchor::Middle);
         }
-        Ok(())
+    }
+
+    /// Draws a grid with both axes and their names, between `top` and `bottom`. Returns the axes.
+    pub(super) fn chart(&mut self, [x, y]: [AxisRange<'_>; 2], [top, bottom]: [f64; 2]) -> [Axis; 2] {
+        let horizontal = Axis { range: x.values, pixels: [60.0, self.width - 20.0], is_log: x.is_log };
+        let vertical = Axis { range: y.values, pixels: [bottom - 44.0, top + 20.0], is_log: y.is_log };
+        let [left, right] = horizontal.pixels;
+        self.grid(&horizontal, [vertical.pixels[1], vertical.pixels[0]], "");
+        for (value, at) in vertical.ticks() {
+            self.line(&[[left, at], [right, at]], GRID, 1.0, false);
+            self.text([left - 6.0, at], &value, Anchor::End);
+        }
+        self.text([0.5 * (left + right), bottom - 12.0], x.name, Anchor::Middle);
+        self.text([MARGIN, top + 4.0], y.name, Anchor::Start);
+        [horizontal, vertical]
     }
 }
 
-/// A horizontal axis: maps values to pixels.
+/// The points of an element.
+struct Points<'a>(&'a [[f64; 2]]);
+
+impl Display for Points<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|[x, y]| write!(f, "{x:.1},{y:.1} "))
+    }
+}
+
+/// The values and the name of an axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct AxisRange<'a> {
+    pub(super) name: &'a str,
+    pub(super) values: [f64; 2],
+    pub(super) is_log: bool,
+}
+
+/// An axis: maps values to pixels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Axis {
-    pub(super) values: [f64; 2],
+    pub(super) range: [f64; 2],
     pub(super) pixels: [f64; 2],
+    pub(super) is_log: bool,
 }
 
 impl Axis {
-    /// Returns the pixel of a value. Values beyond the axis are drawn at its end.
-    pub(super) fn at(&self, value: f64) -> f64 {
-        let ([low, high], [left, right]) = (self.values, self.pixels);
-        left + (right - left) * ((value - low) / (high - low)).clamp(0.0, 1.0)
+    /// Makes a horizontal axis in equal steps.
+    pub(super) fn linear(range: [f64; 2], pixels: [f64; 2]) -> Self {
+        Self { range, pixels, is_log: false }
     }
 
-    /// Returns up to about eight round values.
-    fn ticks(&self) -> Vec<f64> {
-        let [low, high] = self.values;
+    /// Returns the pixel of a value. Values beyond the axis are drawn at its end.
+    pub(super) fn at(&self, value: f64) -> f64 {
+        let scale = |value: f64| if self.is_log { libm::log2(value) } else { value };
+        let [low, high] = self.range.map(scale);
+        let [start, end] = self.pixels;
+        start + (end - start) * ((scale(value) - low) / (high - low)).clamp(0.0, 1.0)
+    }
+
+    /// Returns up to about eight round values as texts, with their pixels.
+    fn ticks(&self) -> Vec<(String, f64)> {
+        let values = if self.is_log { self.log_ticks() } else { self.linear_ticks() };
+        values.into_iter().map(|value| (format!("{value}"), self.at(value))).collect()
+    }
+
+    /// Returns powers of ten and, where they are few, of two.
+    fn log_ticks(&self) -> Vec<f64> {
+        let [low, high] = self.range;
+        let powers = |base: f64| -> Vec<f64> {
+            let first = (libm::log(low) / libm::log(base)).ceil() as i32;
+            let last = (libm::log(high) / libm::log(base)).floor() as i32;
+            (first..=last).map(|power| libm::pow(base, f64::from(power))).collect()
+        };
+        let (tens, twos) = (powers(10.0), powers(2.0));
+        if twos.len() <= 8 || tens.len() < 2 { twos.into_iter().take(9).collect() } else { tens }
+    }
+
+    fn linear_ticks(&self) -> Vec<f64> {
+        let [low, high] = self.range;
+        let room = ((self.pixels[1] - self.pixels[0]).abs() / 40.0).clamp(2.0, 8.0);
         let steps = [1.0, 2.0, 5.0, 10.0, 20.0, 25.0, 50.0, 100.0];
-        let fits = |step: &f64| (high - low) / step <= 8.0;
+        let fits = |step: &f64| (high - low) / step <= room;
         let step = steps.into_iter().find(fits).unwrap_or_else(|| {
             // 200, 500, 1000 and so on; the largest range takes about a thousand of them.
             let larger = [2.0, 2.5, 2.0].into_iter().cycle().scan(100.0, |step, factor| {
@@ -160,10 +273,6 @@ impl Axis {
     }
 }
 
-fn pixel([x, y]: [f64; 2]) -> (i32, i32) {
-    (x.round() as i32, y.round() as i32)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -171,11 +280,23 @@ mod tests {
     /// Found by fuzzing: a long axis had a tick every 200 units.
     #[test]
     fn axis_has_at_most_nine_ticks() {
-        let ticks = |high| Axis { values: [0.0, high], pixels: [0.0, 1.0] }.ticks();
+        let ticks = |high| Axis::linear([0.0, high], [0.0, 1000.0]).linear_ticks();
         assert_eq!(ticks(100.0), [0.0, 20.0, 40.0, 60.0, 80.0, 100.0]);
         assert_eq!(ticks(1700.0), [0.0, 500.0, 1000.0, 1500.0]);
         for high in [1e-9, 7e4, 1e12, 1e300, f64::MAX, f64::INFINITY] {
             assert!(ticks(high).len() <= 9, "{high}");
         }
+        for high in [2.0, 300.0, 1e12] {
+            let axis = Axis { range: [1.0, high], pixels: [0.0, 100.0], is_log: true };
+            assert!((2..=13).contains(&axis.log_ticks().len()), "{high}: {:?}", axis.log_ticks());
+        }
+    }
+
+    #[test]
+    fn names_are_text() {
+        let drawn = svg(100.0, |canvas| canvas.legend(&[("<b>&".to_owned(), INK)]));
+        assert!(drawn.contains(">&lt;b>&amp;</text>"), "{drawn}");
+        let drawn = svg(100.0, |canvas| canvas.legend(&[("x".repeat(100), INK)]));
+        assert!(drawn.contains("xxx…</text>") && !drawn.contains(&"x".repeat(20)), "{drawn}");
     }
 }

@@ -3,21 +3,19 @@
 use std::collections::BTreeMap;
 
 use ipc_types::Morphology;
-use plotters::style::RGBColor;
 use sim::Perturbation;
 use sim::perturb::Modality;
 use sim::task::Category;
 
-use super::canvas::{Figure, INK, color};
+use super::canvas::{Color, Figure, FigureLegend, INK, color};
 use super::content::{PolicyRole, PolicySummary, ReportContent};
 use super::figures::{
-    Bar, BarGroup, ForestRow, FpsSeries, RadarSeries, Scatter, StackRow, StepCurve, bars, forest, fps_svg,
+    Bar, BarGroup, ForestRow, FpsSeries, RadarSeries, Scatter, StackRow, StepCurve, bars, forest, fps_svgs,
     radar, regression, stacks, success_over_time,
 };
 use super::hardware::{FittedLine, HardwareFit};
 use super::headlines::predicate_words;
 use crate::analysis::{CellSummary, ComparedGroup, Comparison, ComparisonKind, mean, morphology_name};
-use crate::plan::Condition;
 
 /// The modalities in the order of the paper's radar figure.
 const MODALITIES: [Modality; 3] = [Modality::Language, Modality::Vision, Modality::Action];
@@ -27,44 +25,39 @@ const MAX_FOREST_CELLS: usize = 40;
 const MAX_PREDICATES: usize = 8;
 
 /// Draws all figures that the results allow.
-///
-/// # Errors
-/// If a figure cannot be drawn.
-pub(super) fn figures(report: &ReportContent) -> anyhow::Result<Vec<Figure>> {
+pub(super) fn figures(report: &ReportContent) -> Vec<Figure> {
     let drawn = [
-        radar_figure(report)?,
-        change_figure(report, Morphology::Single)?,
-        change_figure(report, Morphology::Bimanual)?,
-        waterfall(report, Morphology::Single)?,
-        waterfall(report, Morphology::Bimanual)?,
-        category_figure(report)?,
-        time_to_success(report)?,
-        failed_predicates(report)?,
-        time_figure(report)?,
-        hardware_figure(report)?,
-        fps_figure(report)?,
+        radar_figure(report),
+        change_figure(report, Morphology::Single),
+        change_figure(report, Morphology::Bimanual),
+        waterfall(report, Morphology::Single),
+        waterfall(report, Morphology::Bimanual),
+        category_figure(report),
+        time_to_success(report),
+        failed_predicates(report),
+        time_figure(report),
+        hardware_figure(report),
+        fps_figure(report),
     ];
-    let mut figures: Vec<Figure> = drawn.into_iter().flatten().collect();
-    for (idx, comparison) in report.comparisons.iter().enumerate() {
-        figures.push(forest_figure(comparison, idx)?);
-    }
-    Ok(figures)
+    let forests =
+        report.comparisons.iter().enumerate().map(|(idx, comparison)| forest_figure(comparison, idx));
+    drawn.into_iter().flatten().chain(forests).collect()
 }
 
-fn figure(id: &str, title: &str, caption: &str, svg: String) -> Option<Figure> {
-    Some(Figure { id: id.to_owned(), title: title.to_owned(), caption: caption.to_owned(), svg })
+fn figure(id: &str, title: &str, caption: &str, svgs: [String; 2]) -> Option<Figure> {
+    Some(Figure { id: id.to_owned(), title: title.to_owned(), caption: caption.to_owned(), svgs })
 }
 
-fn policies_under_test(report: &ReportContent) -> Vec<(RGBColor, &PolicySummary)> {
+fn policies_under_test(report: &ReportContent) -> Vec<(Color, &PolicySummary)> {
     report.under_test().map(|policy| (color(report.policy_idx(&policy.name)), policy)).collect()
 }
 
 /// Returns the policies under test over whose cells means may be taken.
-fn policies_with_means(report: &ReportContent) -> Vec<(RGBColor, &PolicySummary)> {
+fn policies_with_means(report: &ReportContent) -> Vec<(Color, &PolicySummary)> {
     policies_under_test(report).into_iter().filter(|(_, policy)| !policy.ended_early).collect()
 }
 
-fn legend(policies: &[(RGBColor, &PolicySummary)]) -> Vec<(String, RGBColor)> {
+fn legend(policies: &[(Color, &PolicySummary)]) -> FigureLegend {
     policies.iter().map(|(color, policy)| (policy.name.clone(), *color)).collect()
 }
 
@@ -76,7 +69,7 @@ fn of_morphology<'a>(
     report.cells_of(policy).filter(|cell| cell.condition.task.task().morphology == morphology).collect()
 }
 
-fn radar_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
+fn radar_figure(report: &ReportContent) -> Option<Figure> {
     let mut series = Vec::new();
     for (color, policy, morphology) in robots(report) {
         let success = |modality| {
@@ -92,15 +85,15 @@ fn radar_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
         }
     }
     if series.is_empty() {
-        return Ok(None);
+        return None;
     }
-    let caption = "Mean success in percent under the perturbations of each kind: the mean over perturbations of the mean over \
-                   all tasks.";
-    Ok(figure("radar", "Success under perturbations", caption, radar(&series)?))
+    let caption = "Mean success in percent under the perturbations of language (L), vision (V) and action (A): the mean over \
+                   perturbations of the mean over all tasks.";
+    figure("radar", "Success under perturbations", caption, radar(&series))
 }
 
 /// Returns the policies over whose cells means may be taken, with each robot that they moved.
-fn robots(report: &ReportContent) -> Vec<(RGBColor, &PolicySummary, Morphology)> {
+fn robots(report: &ReportContent) -> Vec<(Color, &PolicySummary, Morphology)> {
     let mut robots = Vec::new();
     for (color, policy) in policies_with_means(report) {
         for morphology in Morphology::ALL {
@@ -113,7 +106,7 @@ fn robots(report: &ReportContent) -> Vec<(RGBColor, &PolicySummary, Morphology)>
 }
 
 /// Draws the changes of one robot by perturbation and by modality.
-fn change_figure(report: &ReportContent, morphology: Morphology) -> anyhow::Result<Option<Figure>> {
+fn change_figure(report: &ReportContent, morphology: Morphology) -> Option<Figure> {
     let policies = policies_with_means(report);
     let suffix = format!(", {}", morphology_name(morphology));
     let groups_of = |policy: &PolicySummary| {
@@ -131,11 +124,13 @@ fn change_figure(report: &ReportContent, morphology: Morphology) -> anyhow::Resu
             names.push(name);
         }
     }
-    let bar = |policy: &PolicySummary, color: RGBColor, name: &str| {
+    let bar = |policy: &PolicySummary, color: Color, name: &str| {
         let is_named = |group: &&ComparedGroup| group.group.strip_suffix(&suffix) == Some(name);
-        let estimate = &groups_of(policy).iter().find(is_named)?.estimate;
-        let interval = estimate.interval.map(|bound| 100.0 * bound);
-        Some(Bar { value: 100.0 * estimate.mean, interval: Some(interval), color })
+        let group = groups_of(policy).iter().find(is_named)?;
+        let estimate = &group.estimate;
+        let (value, interval) = (100.0 * estimate.mean, estimate.interval.map(|bound| 100.0 * bound));
+        let note = format!("{value:+.1} [{:+.0}, {:+.0}], n {}", interval[0], interval[1], group.n);
+        Some(Bar { value, interval: Some(interval), note, color })
     };
     let groups: Vec<BarGroup> = names
         .into_iter()
@@ -145,15 +140,15 @@ fn change_figure(report: &ReportContent, morphology: Morphology) -> anyhow::Resu
         })
         .collect();
     if groups.is_empty() {
-        return Ok(None);
+        return None;
     }
-    let svg = bars(&groups, &legend(&policies), range_of(&groups), "")?;
+    let svgs = bars(&groups, &legend(&policies), range_of(&groups));
     let caption = "Mean change against the policy's own unperturbed twins in percentage points, over the tasks with at least 10 % \
                    unperturbed success, with intervals; vision, language and action: over their perturbations that were run, each \
                    with the same weight.";
     let name = morphology_name(morphology);
     let id = format!("changes-{}", name.replace(' ', "-"));
-    Ok(figure(&id, &format!("Change under perturbations, {name}"), caption, svg))
+    figure(&id, &format!("Change under perturbations, {name}"), caption, svgs)
 }
 
 /// Returns a range of percentage points around zero that contains all bars.
@@ -169,52 +164,37 @@ fn range_of(groups: &[BarGroup]) -> [f64; 2] {
     [(low / 10.0).floor() * 10.0, (high / 10.0).ceil() * 10.0]
 }
 
-fn unperturbed_cell<'a>(
-    report: &'a ReportContent,
-    policy: &'a str,
-    task: sim::TaskId,
-) -> Option<&'a CellSummary> {
-    let condition = Condition { task, perturbation: Perturbation::None.into() };
-    report.cells_of(policy).find(|cell| cell.condition == condition)
-}
-
-fn waterfall(report: &ReportContent, morphology: Morphology) -> anyhow::Result<Option<Figure>> {
+/// Draws the unperturbed success of each policy in descending order, as the paper does.
+fn waterfall(report: &ReportContent, morphology: Morphology) -> Option<Figure> {
     let policies = policies_under_test(report);
-    let mut tasks: Vec<(sim::TaskId, f64)> = Vec::new();
-    for task in sim::TaskId::ALL.iter().filter(|task| task.task().morphology == morphology) {
-        let rates = policies
-            .iter()
-            .filter_map(|(_, policy)| unperturbed_cell(report, &policy.name, *task)?.rate.fraction());
-        if let Some(mean) = mean(rates) {
-            tasks.push((*task, mean));
-        }
-    }
-    if tasks.is_empty() {
-        return Ok(None);
-    }
-    tasks.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let bar = |color: RGBColor, cell: &CellSummary| {
-        let interval = cell.interval?.map(|bound| 100.0 * bound);
-        Some(Bar { value: 100.0 * cell.rate.fraction()?, interval: Some(interval), color })
+    let of_policy = |(color, policy): &(Color, &PolicySummary)| {
+        let own = of_morphology(report, &policy.name, morphology).into_iter();
+        let own = own.filter(|cell| cell.condition.perturbation == Perturbation::None.into());
+        let color = *color;
+        let bar = move |cell: &CellSummary| {
+            let value = 100.0 * cell.rate.fraction()?;
+            let interval = cell.interval?.map(|bound| 100.0 * bound);
+            let note = format!("{value:.1} [{:.0}, {:.0}], n {}", interval[0], interval[1], cell.rate.n);
+            let bars = vec![Bar { value, interval: Some(interval), note, color }];
+            Some(BarGroup { label: cell.condition.task.name().to_owned(), bars })
+        };
+        let mut groups: Vec<BarGroup> = own.filter_map(bar).collect();
+        groups.sort_by(|a, b| b.bars[0].value.total_cmp(&a.bars[0].value));
+        groups
     };
-    let groups: Vec<BarGroup> = tasks
-        .iter()
-        .map(|(task, _)| BarGroup {
-            label: task.name().to_owned(),
-            bars: policies
-                .iter()
-                .filter_map(|(color, policy)| bar(*color, unperturbed_cell(report, &policy.name, *task)?))
-                .collect(),
-        })
-        .collect();
+    let groups: Vec<BarGroup> = policies.iter().flat_map(of_policy).collect();
+    if groups.is_empty() {
+        return None;
+    }
     let name = morphology_name(morphology);
-    let svg = bars(&groups, &legend(&policies), [0.0, 100.0], "")?;
-    let caption = "Unperturbed success in percent with intervals, tasks sorted by the mean over policies.";
+    let svgs = bars(&groups, &legend(&policies), [0.0, 100.0]);
+    let caption =
+        "Unperturbed success in percent with intervals: each policy's tasks from its best to its worst.";
     let id = format!("waterfall-{}", name.replace(' ', "-"));
-    Ok(figure(&id, &format!("Unperturbed success, {name}"), caption, svg))
+    figure(&id, &format!("Unperturbed success, {name}"), caption, svgs)
 }
 
-fn category_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
+fn category_figure(report: &ReportContent) -> Option<Figure> {
     let policies = policies_with_means(report);
     let mut groups: Vec<(Morphology, Category)> = Vec::new();
     for task in sim::TaskId::ALL {
@@ -229,28 +209,31 @@ fn category_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
             cell.condition.perturbation == Perturbation::None.into()
                 && cell.condition.task.task().category == category
         });
-        mean(own.filter_map(|cell| cell.rate.fraction())).map(|mean| 100.0 * mean)
+        let own: Vec<_> = own.collect();
+        let n: u32 = own.iter().map(|cell| cell.rate.n).sum();
+        mean(own.iter().filter_map(|cell| cell.rate.fraction())).map(|mean| (100.0 * mean, n))
     };
     let group = |key: &(Morphology, Category)| BarGroup {
         label: format!("{}, {}", key.1.name(), morphology_name(key.0)),
         bars: policies
             .iter()
             .filter_map(|(color, policy)| {
-                Some(Bar { value: value(&policy.name, *key)?, interval: None, color: *color })
+                let (value, n) = value(&policy.name, *key)?;
+                Some(Bar { value, interval: None, note: format!("{value:.1}, n {n}"), color: *color })
             })
             .collect(),
     };
     let groups: Vec<BarGroup> = groups.iter().map(group).filter(|group| !group.bars.is_empty()).collect();
     if groups.is_empty() {
-        return Ok(None);
+        return None;
     }
-    let svg = bars(&groups, &legend(&policies), [0.0, 100.0], "")?;
+    let svgs = bars(&groups, &legend(&policies), [0.0, 100.0]);
     let caption = "Unperturbed success in percent, the mean over the tasks of a category that were run.";
-    Ok(figure("categories", "Success by category", caption, svg))
+    figure("categories", "Success by category", caption, svgs)
 }
 
-fn time_to_success(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
-    let curve = |(color, policy): (RGBColor, &PolicySummary)| {
+fn time_to_success(report: &ReportContent) -> Option<Figure> {
+    let curve = |(color, policy): (Color, &PolicySummary)| {
         let unperturbed = report
             .cells_of(&policy.name)
             .filter(|cell| cell.condition.perturbation == Perturbation::None.into());
@@ -275,13 +258,13 @@ fn time_to_success(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
     );
     let curves: Vec<StepCurve> = shown.into_iter().map(curve).filter(|curve| curve.n_episodes > 0).collect();
     if curves.is_empty() {
-        return Ok(None);
+        return None;
     }
     let caption = "Share of all unperturbed episodes that have succeeded by each part of their horizon.";
-    Ok(figure("time-to-success", "Time to success", caption, success_over_time(&curves)?))
+    figure("time-to-success", "Time to success", caption, success_over_time(&curves))
 }
 
-fn failed_predicates(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
+fn failed_predicates(report: &ReportContent) -> Option<Figure> {
     let policies = policies_under_test(report);
     let mut totals: BTreeMap<&str, u32> = BTreeMap::new();
     for (_, policy) in &policies {
@@ -293,11 +276,11 @@ fn failed_predicates(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
     names.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
     let names: Vec<&str> = names.into_iter().take(MAX_PREDICATES).map(|(name, _)| name).collect();
     if names.is_empty() {
-        return Ok(None);
+        return None;
     }
-    let mut legend: Vec<(String, RGBColor)> =
+    let mut legend: FigureLegend =
         names.iter().enumerate().map(|(idx, name)| (predicate_words(name).to_owned(), color(idx))).collect();
-    legend.push(("others".to_owned(), RGBColor(170, 175, 182)));
+    legend.push(("others".to_owned(), Color(170, 175, 182)));
     let row = |policy: &PolicySummary| {
         let count = |name: &str| -> u32 {
             report.cells_of(&policy.name).filter_map(|cell| cell.failed_predicates.get(name)).sum()
@@ -309,12 +292,12 @@ fn failed_predicates(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
     };
     let rows: Vec<StackRow> = policies.iter().map(|(_, policy)| row(policy)).collect();
     let caption = "Failed episodes by the first predicate that did not hold at the end, over all cells.";
-    Ok(figure("failed-predicates", "Where episodes fail", caption, stacks(&rows, &legend, "")?))
+    figure("failed-predicates", "Where episodes fail", caption, stacks(&rows, &legend, ""))
 }
 
-fn time_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
+fn time_figure(report: &ReportContent) -> Option<Figure> {
     let parts = ["physics", "rendering", "policy", "waiting"];
-    let legend: Vec<(String, RGBColor)> =
+    let legend: FigureLegend =
         parts.iter().enumerate().map(|(idx, name)| ((*name).to_owned(), color(idx))).collect();
     let row = |policy: &PolicySummary| {
         let steps: u64 = report.cells_of(&policy.name).map(|cell| cell.steps).sum();
@@ -329,19 +312,19 @@ fn time_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
     let rows: Vec<StackRow> = report.policies.iter().map(row).collect();
     let caption = "Wall milliseconds of an episode per control step while others run beside it: time in physics and rendering, \
                    from query to answer, and waiting for a core or a batch.";
-    Ok(figure("time", "Where the time went", caption, stacks(&rows, &legend, " ms")?))
+    figure("time", "Where the time went", caption, stacks(&rows, &legend, " ms"))
 }
 
-fn hardware_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
+fn hardware_figure(report: &ReportContent) -> Option<Figure> {
     let series = |fit: &HardwareFit| Scatter {
         name: fit.policy.clone(),
-        points: fit.points.iter().map(|[hardware, simulation]| (*hardware, *simulation)).collect(),
+        points: fit.points.clone(),
         line: fit.line,
         color: color(report.policy_idx(&fit.policy)),
     };
     let whole: Vec<&HardwareFit> = report.hardware.iter().filter(|fit| fit.task.is_none()).collect();
     if whole.is_empty() {
-        return Ok(None);
+        return None;
     }
     let fitted = |fit: &&HardwareFit| match &fit.line {
         Some(FittedLine { slope, offset, r_squared }) => format!(
@@ -355,11 +338,11 @@ fn hardware_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
         "Each point is a task under a perturbation, with the least-squares line of each policy. {}.",
         whole.iter().map(fitted).collect::<Vec<_>>().join("; ")
     );
-    let svg = regression(&whole.into_iter().map(series).collect::<Vec<_>>())?;
-    Ok(figure("hardware", "Simulation against hardware", &caption, svg))
+    let svgs = regression(&whole.into_iter().map(series).collect::<Vec<_>>());
+    figure("hardware", "Simulation against hardware", &caption, svgs)
 }
 
-fn fps_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
+fn fps_figure(report: &ReportContent) -> Option<Figure> {
     let series: Vec<FpsSeries> = report
         .external
         .fps
@@ -367,15 +350,15 @@ fn fps_figure(report: &ReportContent) -> anyhow::Result<Option<Figure>> {
         .map(|table| FpsSeries { name: table.name.clone(), points: table.points.clone() })
         .collect();
     if series.is_empty() {
-        return Ok(None);
+        return None;
     }
     let caption = "Frames per second by number of environments, both axes logarithmic.";
-    Ok(figure("fps", "Frames per second", caption, fps_svg(&series)?))
+    figure("fps", "Frames per second", caption, fps_svgs(&series))
 }
 
-fn forest_figure(comparison: &Comparison, idx: usize) -> anyhow::Result<Figure> {
+fn forest_figure(comparison: &Comparison, idx: usize) -> Figure {
     let shade = |is_decided: bool, difference: f64| match (is_decided, difference > 0.0) {
-        (false, _) => RGBColor(120, 128, 138),
+        (false, _) => Color(120, 128, 138),
         (true, true) => color(0),
         (true, false) => color(5),
     };
@@ -385,6 +368,7 @@ fn forest_figure(comparison: &Comparison, idx: usize) -> anyhow::Result<Figure> 
         label: format!("{} · {}", cell.condition.task.name(), cell.condition.perturbation.name()),
         difference: 100.0 * cell.difference,
         interval: percent(cell.interval),
+        n: cell.n,
         color: shade(cell.adjusted_p <= alpha, cell.difference),
         is_mean: false,
     };
@@ -396,17 +380,18 @@ fn forest_figure(comparison: &Comparison, idx: usize) -> anyhow::Result<Figure> 
         label: format!("mean: {}", group.group),
         difference: 100.0 * group.estimate.mean,
         interval: percent(group.estimate.interval),
+        n: group.n,
         color: shade(group.adjusted_p <= alpha, group.estimate.mean),
         is_mean: true,
     }));
     let [a, b] = comparison.sides.short_names();
-    let svg = forest(&rows, [a, b], 100.0 * comparison.levels.margin)?;
-    Ok(Figure {
+    let svgs = forest(&rows, [a, b], 100.0 * comparison.levels.margin);
+    Figure {
         id: format!("forest-{idx}"),
         title: format!("{a} against {b}"),
         caption: "Difference of success in percentage points on matched episodes, with intervals; coloured where decided after \
                   Holm's correction. The margin is shaded."
             .to_owned(),
-        svg,
-    })
+        svgs,
+    }
 }

@@ -11,6 +11,8 @@ use crate::analysis::CellSummary;
 #[derive(Debug, Serialize)]
 pub(super) struct HeatMap {
     policy: String,
+    /// Number of episodes per cell, or its range.
+    episodes: String,
     columns: Vec<String>,
     rows: Vec<HeatRow>,
 }
@@ -26,6 +28,8 @@ struct HeatRow {
 struct HeatCell {
     /// Percent without decimals.
     text: String,
+    /// Its interval.
+    interval: String,
     /// Details shown on hover.
     title: String,
     background: String,
@@ -54,8 +58,14 @@ pub(super) fn heat_maps(report: &ReportContent) -> Vec<HeatMap> {
                 })
                 .collect(),
         };
+        let counts = || cells.iter().map(|cell| cell.rate.n);
+        let episodes = match (counts().min(), counts().max()) {
+            (Some(fewest), Some(most)) if fewest < most => format!("{fewest} to {most}"),
+            (_, most) => most.unwrap_or(0).to_string(),
+        };
         HeatMap {
             policy: name.to_owned(),
+            episodes,
             columns: perturbations.iter().map(|perturbation| perturbation.name()).collect(),
             rows: tasks.iter().map(row).collect(),
         }
@@ -68,6 +78,7 @@ fn heat_cell(cell: &CellSummary) -> Option<HeatCell> {
     let errors = if cell.errors > 0 { format!(", {} errors", cell.errors) } else { String::new() };
     Some(HeatCell {
         text: format!("{:.0}", 100.0 * fraction),
+        interval: format!("{:.0}–{:.0}", 100.0 * low, 100.0 * high),
         title: format!(
             "{} {}: {} of {} = {:.1} % ({:.1} – {:.1}){errors}",
             cell.condition.task.name(),

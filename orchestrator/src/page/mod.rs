@@ -57,6 +57,9 @@ struct PageContext<'a> {
     embodiments: Vec<&'a EmbodimentDifference>,
     hardware: &'a [HardwareFit],
     policies: &'a [content::PolicySummary],
+    /// Confidence of intervals in percent, and margin of equality in points.
+    confidence: String,
+    margin: String,
     files: &'a [content::FileSummary],
     heat_maps: Vec<heat_map::HeatMap>,
     figures: Vec<Figure>,
@@ -69,7 +72,7 @@ struct PageContext<'a> {
 /// Fills the template.
 ///
 /// # Errors
-/// If a figure cannot be drawn.
+/// If the template is invalid.
 pub(crate) fn html(report: &ReportContent, movies: &[Movie]) -> anyhow::Result<String> {
     let mut environment = Environment::new();
     environment.add_template("page.html", TEMPLATE).context("the template is invalid")?;
@@ -80,6 +83,8 @@ pub(crate) fn html(report: &ReportContent, movies: &[Movie]) -> anyhow::Result<S
         title: &report.title,
         metric: report.metric.name(),
         levels: report.levels,
+        confidence: percent(1.0 - report.levels.alpha),
+        margin: percent(report.levels.margin),
         warnings: &report.warnings,
         circumstances: headlines::circumstances(report),
         command: report.environment.get("command").and_then(serde_json::Value::as_str),
@@ -96,13 +101,18 @@ pub(crate) fn html(report: &ReportContent, movies: &[Movie]) -> anyhow::Result<S
         policies: &report.policies,
         files: &report.files,
         heat_maps: heat_map::heat_maps(report),
-        figures: drawings::figures(report)?,
+        figures: drawings::figures(report),
         movies,
         comparisons: tables::comparison_tables(report),
         run: run(report),
     };
     let context = minijinja::Value::from(minijinja::value::Serde(&context));
     template.render(context).context("failed to fill the template")
+}
+
+/// Returns percent with at most one decimal.
+fn percent(fraction: f64) -> String {
+    format!("{}", (1000.0 * fraction).round() / 10.0)
 }
 
 /// Returns the options and the circumstances of the run as texts.

@@ -9,6 +9,12 @@ const valueOf = (row, column) => {
   return Number.isNaN(number) ? text : number;
 };
 
+// On a phone, every row is a block of lines: the head of a column, and its cell.
+for (const table of document.querySelectorAll("table:not(.heat)")) {
+  const heads = [...(table.tHead?.rows[0].cells ?? [])].map((head) => head.textContent);
+  for (const row of table.tBodies[0].rows) heads.forEach((head, column) => (row.cells[column].dataset.head = head));
+}
+
 for (const head of document.querySelectorAll("th[data-sort]")) {
   head.addEventListener("click", () => {
     const body = head.closest("table").tBodies[0];

@@ -4,6 +4,7 @@ use sim::Perturbation;
 
 use super::content::{PolicyRole, ReportContent};
 use crate::analysis::{CellSummary, Evaluation};
+use crate::results::gaps;
 
 /// Episodes below which a headline cell is called small.
 const SMALL_N: u32 = 50;
@@ -20,6 +21,16 @@ pub(super) fn warnings(report: &ReportContent, evaluation: &Evaluation) -> Vec<S
         warn(
             true,
             format!("{}: a run was still writing to it; later episodes are missing", file.path.display()),
+        );
+    }
+    for file in evaluation.files.iter().filter(|file| !file.in_use) {
+        let n_missing: u32 = gaps(file).ok().flatten().unwrap_or_default().iter().map(|gap| gap.n).sum();
+        warn(
+            n_missing > 0,
+            format!(
+                "{}: {n_missing} planned episodes are missing. Resume the run, or see `hypogeum verify`.",
+                file.path.display()
+            ),
         );
     }
     let errors: u32 = report.cells.iter().map(|cell| cell.errors).sum();

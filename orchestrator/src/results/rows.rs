@@ -62,6 +62,13 @@ pub(crate) struct EpisodeRow {
     pub(crate) has_actions: bool,
 }
 
+impl EpisodeRow {
+    /// Returns the seconds that the episode took, beside others.
+    pub(crate) fn seconds(&self) -> f64 {
+        self.times_s.iter().map(|part| f64::from(*part)).sum()
+    }
+}
+
 impl ResultsFile {
     /// Reads the file at `path`. Another process may be writing to it: then the rows are those of one moment.
     ///
@@ -104,8 +111,13 @@ impl ResultsFile {
 
     /// Returns the episodes per second of the runs that made the file; `None` if it does not say.
     pub(crate) fn episodes_per_s(&self) -> Option<f64> {
+        self.wall_s().map(|wall_s| self.rows.len() as f64 / wall_s)
+    }
+
+    /// Returns the wall time of the runs that made the file; `None` if it does not say.
+    pub(crate) fn wall_s(&self) -> Option<f64> {
         let wall_s = self.manifest.get(manifest::ENVIRONMENT)?.get("wall_s")?.as_f64()?;
-        (wall_s > 0.0).then(|| self.rows.len() as f64 / wall_s)
+        (wall_s > 0.0).then_some(wall_s)
     }
 
     /// Returns the text of an index.

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use anyhow::Context;
 use serde_json::json;
 
 use super::plan::Omission;
@@ -12,6 +11,8 @@ use crate::export::write_file;
 use crate::page::{FpsSeries, fps_svg};
 use crate::table::{Align, TextTable};
 
+/// Width of the figure in pixels.
+const FIGURE_WIDTH: f64 = 960.0;
 /// Tasks and episodes per task from which the original extrapolates the time of a whole evaluation.
 const EXTRAPOLATED_EPISODES: f64 = 17.0 * 20.0;
 
@@ -112,7 +113,7 @@ pub(crate) fn write_files(
         name: series.name(),
         points: of(series).iter().map(|point| (f64::from(point.envs), point.env_steps_per_s)).collect(),
     });
-    let svg = fps_svg(&curves.collect::<Vec<_>>()).context("failed to draw fps.svg")?;
+    let svg = fps_svg(&curves.collect::<Vec<_>>(), FIGURE_WIDTH);
     write_file(&folder.join("fps.svg"), svg.as_bytes())?;
     Ok(())
 }

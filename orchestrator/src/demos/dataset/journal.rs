@@ -19,9 +19,12 @@ pub(super) const SETTINGS: &str = "meta/hypogeum.json";
 const JOURNAL: &str = "meta/hypogeum.jsonl";
 
 /// The settings that all episodes of a dataset share.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct DatasetSettings {
+    /// Hash of the code that the episodes depend on. Datasets of earlier versions do not say.
+    #[serde(default)]
+    pub(crate) code: String,
     pub(crate) morphology: Morphology,
     pub(crate) control_mode: ControlMode,
     pub(crate) perturbation: Composition,
@@ -74,7 +77,7 @@ impl Journal {
                 }
                 std::fs::create_dir_all(folder.join("meta"))
                     .with_context(|| format!("failed to create {}", folder.display()))?;
-                std::fs::write(&settings_path, format!("{:#}\n", serde_json::to_value(settings)?))
+                std::fs::write(&settings_path, format!("{:#}\n", serde_json::to_value(&settings)?))
                     .with_context(|| format!("failed to write {}", settings_path.display()))?;
             }
         }

@@ -212,18 +212,14 @@ fn all_values(folder: &Path, journal: &Journal, feature: &str) -> anyhow::Result
     Ok(values)
 }
 
-/// Returns the statistics of a camera. Episodes of earlier versions have no histograms; with one of them, the
-/// quantiles are means.
+/// Returns the statistics of a camera.
 fn image_stats(journal: &Journal, feature: &str) -> FeatureStats {
-    let of_episodes: Vec<&FeatureStats> = journal.episodes().map(|episode| &episode.stats[feature]).collect();
     let mut over = <[Histogram; 3]>::default();
-    for episode in journal.episodes() {
-        let Some(histograms) = episode.histograms.get(feature) else {
-            return FeatureStats::aggregate(&of_episodes);
-        };
-        Histogram::add(&mut over, histograms);
-    }
-    FeatureStats::of_images(&over, of_episodes.iter().map(|stats| stats.count).sum())
+    journal
+        .episodes()
+        .filter_map(|episode| episode.histograms.get(feature))
+        .for_each(|one| Histogram::add(&mut over, one));
+    FeatureStats::of_images(&over, journal.episodes().map(|episode| episode.n_frames).sum())
 }
 
 fn episode_columns(journal: &Journal) -> Vec<Column> {

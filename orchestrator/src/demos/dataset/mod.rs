@@ -163,11 +163,6 @@ impl DatasetWriter {
         meta::write(&self.folder, &self.journal)
     }
 
-    /// Returns whether image quantiles are means over episodes, because some episodes have no histograms.
-    pub(super) fn has_mean_quantiles(&self) -> bool {
-        self.journal.episodes().any(|episode| episode.histograms.is_empty())
-    }
-
     /// Returns the index of an instruction. LeRobot's tasks are distinct instructions.
     fn task_idx(&self, instruction: &str) -> usize {
         let known = instructions(self.episodes());
@@ -265,6 +260,7 @@ mod tests {
 
     fn open(folder: &Path) -> DatasetWriter {
         let settings = DatasetSettings {
+            code: "a".to_owned(),
             morphology: Morphology::Single,
             control_mode: ControlMode::EeDeltaPose,
             perturbation: Perturbation::None.into(),
@@ -310,7 +306,6 @@ mod tests {
         let mut dataset = open(dir.path());
         (0..LENGTHS.len()).for_each(|index| record(&mut dataset, index));
         dataset.write_meta().unwrap();
-        assert!(!dataset.has_mean_quantiles());
         let stats = stats(dir.path());
         for (name, frame) in [("q01", 2.0), ("q10", 20.0), ("q50", 100.0), ("q90", 180.0), ("q99", 198.0)] {
             for feature in [STATE, ACTION] {
@@ -341,27 +336,15 @@ mod tests {
     }
 
     #[test]
-    fn older_journal_is_continued_without_histograms() {
+    fn dataset_of_other_code_is_not_continued() {
         let dir = tempfile::tempdir().unwrap();
         let mut dataset = open(dir.path());
         record(&mut dataset, 0);
+        let settings = dataset.journal.settings().clone();
         drop(dataset);
-        let journal = dir.path().join("meta/hypogeum.jsonl");
-        let mut episodes: Value = serde_json::from_slice(&fs::read(&journal).unwrap()).unwrap();
-        episodes[0].as_object_mut().unwrap().remove("histograms").unwrap();
-        fs::write(&journal, format!("{episodes}\n")).unwrap();
-
-        let mut dataset = open(dir.path());
-        record(&mut dataset, 1);
-        dataset.write_meta().unwrap();
-        assert!(dataset.has_mean_quantiles());
-        let stats = stats(dir.path());
-        assert_eq!(stats[STATE]["q01"][0], 2.0);
-        let camera = &stats["observation.images.hand"];
-        assert_eq!(
-            (&camera["min"][0][0][0], &camera["max"][0][0][0]),
-            (&0.0.into(), &(200.0 / 255.0).into())
-        );
-        assert!(camera["q01"][0][0][0].as_f64().unwrap() > 2.0 / 255.0);
+        let other = DatasetSettings { code: "b".to_owned(), ..settings };
+        let message = DatasetWriter::open(dir.path(), other).err().unwrap().to_string();
+        assert!(message.contains("code is \"a\" in the dataset, but \"b\""), "{message}");
+        assert_eq!(open(dir.path()).episodes().count(), 1);
     }
 }

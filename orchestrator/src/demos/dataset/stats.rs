@@ -49,31 +49,6 @@ impl FeatureStats {
         Self::from_columns(histograms.iter().map(Histogram::stats), n_frames)
     }
 
-    /// Aggregates the statistics of several episodes whose frames are not at hand. Quantiles are the means of
-    /// the episodes' quantiles, weighted by frames.
-    ///
-    /// # Panics
-    /// If `episodes` is empty or mixes features.
-    pub(super) fn aggregate(episodes: &[&Self]) -> Self {
-        let count: u64 = episodes.iter().map(|stats| stats.count).sum();
-        let width = episodes.iter().map(|stats| stats.mean.len()).max().unwrap_or(0);
-        let columns = (0..width).map(|col| {
-            let weighted = |of: &dyn Fn(&Self) -> f64| {
-                episodes.iter().map(|stats| stats.count as f64 * of(stats)).sum::<f64>() / count as f64
-            };
-            let mean = weighted(&|stats| stats.mean[col]);
-            let variance = weighted(&|stats| stats.std[col].powi(2) + (stats.mean[col] - mean).powi(2));
-            ComponentStats {
-                min: episodes.iter().map(|stats| stats.min[col]).fold(f64::INFINITY, f64::min),
-                max: episodes.iter().map(|stats| stats.max[col]).fold(f64::NEG_INFINITY, f64::max),
-                mean,
-                std: variance.sqrt(),
-                quantiles: core::array::from_fn(|q| weighted(&|stats| stats.quantiles[q][col])),
-            }
-        });
-        Self::from_columns(columns, count)
-    }
-
     fn from_columns(columns: impl Iterator<Item = ComponentStats>, count: u64) -> Self {
         let columns: Vec<ComponentStats> = columns.collect();
         let each = |of: &dyn Fn(&ComponentStats) -> f64| columns.iter().map(of).collect();
@@ -184,15 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn aggregated_statistics_equal_those_of_all_frames() {
-        let numbers: Vec<f32> = (0..60).map(|i| ((i * 37 + 11) % 59) as f32 / 7.0).collect();
-        let whole = FeatureStats::of_values(&numbers, 2);
-        let parts = [FeatureStats::of_values(&numbers[..14], 2), FeatureStats::of_values(&numbers[14..], 2)];
-        let over = FeatureStats::aggregate(&parts.each_ref());
-        assert_eq!((over.count, &over.min, &over.max), (30, &whole.min, &whole.max));
-        for (a, b) in [(&over.mean, &whole.mean), (&over.std, &whole.std)] {
-            assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12), "{a:?} {b:?}");
-        }
+    fn quantiles_are_interpolated() {
         assert_eq!(FeatureStats::of_values(&[3.0, 1.0, 2.0], 1).quantiles[2], [2.0]);
         assert_eq!(FeatureStats::of_values(&[0.0, 1.0], 1).quantiles[1], [0.1]);
     }

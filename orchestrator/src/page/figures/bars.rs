@@ -1,8 +1,6 @@
 //! Horizontal bars in groups: success rates or changes, one bar per policy.
 
-use plotters::style::RGBColor;
-
-use crate::page::canvas::{Anchor, Axis, INK, svg};
+use crate::page::canvas::{Anchor, Axis, Color, INK, MARGIN, NARROW_MARGIN, column_width, svgs};
 
 /// A group of bars with a common label.
 pub(crate) struct BarGroup {
@@ -16,53 +14,52 @@ pub(crate) struct Bar {
     pub(crate) value: f64,
     /// Interval around it, drawn as a line.
     pub(crate) interval: Option<[f64; 2]>,
-    pub(crate) color: RGBColor,
+    /// The text beside the bar, which tells value and interval.
+    pub(crate) note: String,
+    pub(crate) color: Color,
 }
 
-/// Width of a figure.
-const WIDTH: f64 = 720.0;
-/// Height of a bar.
-const BAR: f64 = 13.0;
+/// Height of a bar, and of a label above bars.
+const BAR: f64 = 16.0;
 /// Space between groups.
 const GAP: f64 = 8.0;
-/// Width of the labels.
-const LABELS: f64 = 190.0;
 
 /// Draws the groups below each other. `range` is in the unit of the values.
-pub(crate) fn bars(
-    groups: &[BarGroup],
-    legend: &[(String, RGBColor)],
-    range: [f64; 2],
-    unit: &str,
-) -> anyhow::Result<String> {
-    let n_bars: usize = groups.iter().map(|group| group.bars.len()).sum();
-    let top = 34.0;
-    let bottom = top + n_bars as f64 * BAR + groups.len() as f64 * GAP;
-    svg([WIDTH as u32, (bottom + 30.0) as u32], |canvas| {
-        let axis = Axis { values: range, pixels: [LABELS, WIDTH - 60.0] };
-        canvas.legend(LABELS, 14.0, legend)?;
-        canvas.grid(&axis, [top - 4.0, bottom], unit)?;
+pub(crate) fn bars(groups: &[BarGroup], legend: &[(String, Color)], range: [f64; 2]) -> [String; 2] {
+    svgs(|canvas| {
+        let is_narrow = canvas.is_narrow();
+        let labels = groups.iter().map(|group| &*group.label);
+        let labels = if is_narrow { NARROW_MARGIN } else { column_width(labels, 0.35 * canvas.width) };
+        let notes = groups.iter().flat_map(|group| &group.bars).map(|bar| &*bar.note);
+        let notes = column_width(notes, 0.5 * canvas.width);
+        let axis = Axis::linear(range, [labels, canvas.width - notes]);
+        let above = if is_narrow { BAR } else { 0.0 };
+        let top = canvas.legend(legend);
+        let n_bars: usize = groups.iter().map(|group| group.bars.len()).sum();
+        let bottom = top + n_bars as f64 * BAR + groups.len() as f64 * (GAP + above);
+        canvas.grid(&axis, [top - 4.0, bottom], "");
+        let zero = axis.at(0.0);
         let mut y = top;
         for group in groups {
             let height = BAR * group.bars.len() as f64;
-            canvas.text([LABELS - 8.0, y + height / 2.0], &group.label, 13.0, Anchor::End)?;
+            if is_narrow {
+                canvas.text([MARGIN, y + BAR / 2.0], &group.label, Anchor::Start);
+            } else {
+                canvas.text([labels - 8.0, y + height / 2.0], &group.label, Anchor::End);
+            }
+            y += above;
             for bar in &group.bars {
-                let (zero, end) = (axis.at(0.0), axis.at(bar.value));
-                canvas.rectangle([zero.min(end), y + 1.0], [zero.max(end), y + BAR - 1.0], bar.color)?;
-                let mut text_x = zero.max(end);
-                if let Some([low, high]) = bar.interval {
-                    let middle = y + BAR / 2.0;
-                    canvas.line(&[[axis.at(low), middle], [axis.at(high), middle]], INK, 1)?;
-                    text_x = text_x.max(axis.at(high));
+                let (end, middle) = (axis.at(bar.value), y + BAR / 2.0);
+                canvas.rectangle([zero.min(end), y + 1.0], [zero.max(end), y + BAR - 1.0], bar.color);
+                if let Some(interval) = bar.interval {
+                    canvas.line(&interval.map(|bound| [axis.at(bound), middle]), INK, 1.0, false);
                 }
-                let text =
-                    if range[0] < 0.0 { format!("{:+.1}", bar.value) } else { format!("{:.1}", bar.value) };
-                canvas.text([text_x + 5.0, y + BAR / 2.0], &text, 12.0, Anchor::Start)?;
+                canvas.text([canvas.width - notes + MARGIN, middle], &bar.note, Anchor::Start);
                 y += BAR;
             }
             y += GAP;
         }
-        let zero = axis.at(0.0);
-        canvas.line(&[[zero, top - 4.0], [zero, bottom]], INK, 1)
+        canvas.line(&[[zero, top - 4.0], [zero, bottom]], INK, 1.0, false);
+        bottom + 26.0
     })
 }

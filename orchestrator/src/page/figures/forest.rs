@@ -1,48 +1,74 @@
 //! Forest plot: differences with their intervals, one row per cell or group.
 
-use plotters::style::RGBColor;
-
-use crate::page::canvas::{Anchor, Axis, GRID, INK, svg};
+use crate::page::canvas::{Anchor, Axis, Color, GRID, INK, MARGIN, NARROW_MARGIN, column_width, svgs};
 
 /// A row of a forest plot. Numbers are in percentage points.
 pub(crate) struct ForestRow {
     pub(crate) label: String,
     pub(crate) difference: f64,
     pub(crate) interval: [f64; 2],
-    pub(crate) color: RGBColor,
+    /// Number of pairs.
+    pub(crate) n: u32,
+    pub(crate) color: Color,
     /// `true` for a mean over cells, which is drawn thicker.
     pub(crate) is_mean: bool,
 }
 
-const WIDTH: f64 = 720.0;
-const ROW: f64 = 17.0;
-const LABELS: f64 = 270.0;
+const ROW: f64 = 18.0;
 
 /// Draws the rows between `names[1] better` on the left and `names[0] better` on the right. `margin` is
 /// shaded.
-pub(crate) fn forest(rows: &[ForestRow], names: [&str; 2], margin: f64) -> anyhow::Result<String> {
-    let top = 30.0;
-    let bottom = top + rows.len() as f64 * ROW;
+pub(crate) fn forest(rows: &[ForestRow], names: [&str; 2], margin: f64) -> [String; 2] {
     let extent = rows.iter().flat_map(|row| row.interval).map(f64::abs).fold(10.0, f64::max);
     let extent = ((extent / 10.0).ceil() * 10.0).min(100.0);
-    svg([WIDTH as u32, (bottom + 30.0) as u32], |canvas| {
-        let axis = Axis { values: [-extent, extent], pixels: [LABELS, WIDTH - 20.0] };
-        canvas.rectangle([axis.at(-margin), top], [axis.at(margin), bottom], RGBColor(240, 243, 246))?;
-        canvas.grid(&axis, [top, bottom], "")?;
+    svgs(|canvas| {
+        let is_narrow = canvas.is_narrow();
+        let label = |row: &ForestRow| {
+            if is_narrow { format!("{}, n {}", row.label, row.n) } else { row.label.clone() }
+        };
+        let note = |row: &ForestRow| {
+            let ForestRow { difference, interval: [low, high], n, .. } = row;
+            let n = if is_narrow { String::new() } else { format!(", n {n}") };
+            format!("{difference:+.1} [{low:+.1}, {high:+.1}]{n}")
+        };
+        let [label_texts, note_texts]: [Vec<String>; 2] =
+            [rows.iter().map(label).collect(), rows.iter().map(note).collect()];
+        let width = |texts: &[String], limit: f64| {
+            column_width(texts.iter().map(String::as_str), limit * canvas.width)
+        };
+        let labels = if is_narrow { NARROW_MARGIN } else { width(&label_texts, 0.35) };
+        let notes = width(&note_texts, 0.5);
+        let height = if is_narrow { 2.0 * ROW } else { ROW };
+        let axis = Axis::linear([-extent, extent], [labels, canvas.width - notes]);
+        let top = 2.0 * ROW;
+        let bottom = top + rows.len() as f64 * height;
+        canvas.rectangle([axis.at(-margin), top], [axis.at(margin), bottom], Color(240, 243, 246));
+        canvas.grid(&axis, [top, bottom], "");
         let zero = axis.at(0.0);
-        canvas.line(&[[zero, top], [zero, bottom]], INK, 1)?;
-        canvas.text([zero - 8.0, 14.0], &format!("← {} better", names[1]), 13.0, Anchor::End)?;
-        canvas.text([zero + 8.0, 14.0], &format!("{} better →", names[0]), 13.0, Anchor::Start)?;
-        for (idx, row) in rows.iter().enumerate() {
-            let y = top + (idx as f64 + 0.5) * ROW;
-            if row.is_mean && idx > 0 && !rows[idx - 1].is_mean {
-                canvas.line(&[[10.0, y - ROW / 2.0], [WIDTH - 20.0, y - ROW / 2.0]], GRID, 2)?;
-            }
-            canvas.text([LABELS - 8.0, y], &row.label, 12.0, Anchor::End)?;
-            let ends = row.interval.map(|value| [axis.at(value), y]);
-            canvas.line(&ends, row.color, if row.is_mean { 3 } else { 1 })?;
-            canvas.dot([axis.at(row.difference), y], if row.is_mean { 5 } else { 3 }, row.color)?;
+        canvas.line(&[[zero, top], [zero, bottom]], INK, 1.0, false);
+        if is_narrow {
+            canvas.text([MARGIN, 0.5 * ROW], &format!("← {} better", names[1]), Anchor::Start);
+            canvas.text([canvas.width - 8.0, 1.5 * ROW], &format!("{} better →", names[0]), Anchor::End);
+        } else {
+            canvas.text([zero - 8.0, ROW], &format!("← {} better", names[1]), Anchor::End);
+            canvas.text([zero + 8.0, ROW], &format!("{} better →", names[0]), Anchor::Start);
         }
-        Ok(())
+        for (idx, row) in rows.iter().enumerate() {
+            let start = top + idx as f64 * height;
+            let y = start + height - 0.5 * ROW;
+            if row.is_mean && idx > 0 && !rows[idx - 1].is_mean {
+                canvas.line(&[[8.0, start], [canvas.width - 8.0, start]], GRID, 2.0, false);
+            }
+            if is_narrow {
+                canvas.text([MARGIN, start + 0.5 * ROW], &label_texts[idx], Anchor::Start);
+            } else {
+                canvas.text([labels - 8.0, y], &label_texts[idx], Anchor::End);
+            }
+            let ends = row.interval.map(|value| [axis.at(value), y]);
+            canvas.line(&ends, row.color, if row.is_mean { 3.0 } else { 1.5 }, false);
+            canvas.dot([axis.at(row.difference), y], if row.is_mean { 5.0 } else { 3.0 }, row.color);
+            canvas.text([canvas.width - notes + MARGIN, y], &note_texts[idx], Anchor::Start);
+        }
+        bottom + 26.0
     })
 }

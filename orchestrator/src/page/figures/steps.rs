@@ -1,8 +1,6 @@
 //! Success over time: the share of episodes that have succeeded by each part of the horizon.
 
-use plotters::prelude::*;
-
-use crate::page::canvas::svg;
+use crate::page::canvas::{AxisRange, Color, FigureLegend, svgs};
 
 /// The curve of one policy.
 pub(crate) struct StepCurve {
@@ -11,49 +9,41 @@ pub(crate) struct StepCurve {
     pub(crate) times: Vec<f64>,
     /// Number of episodes, including those without success.
     pub(crate) n_episodes: u32,
-    pub(crate) color: RGBColor,
+    pub(crate) color: Color,
 }
 
+/// Height of the chart.
+const HEIGHT: f64 = 340.0;
+
 /// Draws one staircase per policy.
-pub(crate) fn success_over_time(curves: &[StepCurve]) -> anyhow::Result<String> {
-    svg([720, 340], |canvas| {
-        let legend: Vec<(String, RGBColor)> =
-            curves.iter().map(|curve| (curve.name.clone(), curve.color)).collect();
-        canvas.legend(60.0, 14.0, &legend)?;
-        let area = canvas.below(28.0);
-        let mut chart = ChartBuilder::on(&area)
-            .margin(8)
-            .x_label_area_size(42)
-            .y_label_area_size(52)
-            .build_cartesian_2d(0.0..100.0, 0.0..100.0)?;
-        chart
-            .configure_mesh()
-            .light_line_style(TRANSPARENT)
-            .x_desc("control step, % of the horizon")
-            .y_desc("episodes that have succeeded, %")
-            .draw()?;
+pub(crate) fn success_over_time(curves: &[StepCurve]) -> [String; 2] {
+    let name = |curve: &StepCurve| format!("{} ({} of {})", curve.name, curve.times.len(), curve.n_episodes);
+    let legend: FigureLegend = curves.iter().map(|curve| (name(curve), curve.color)).collect();
+    let range = |name| AxisRange { name, values: [0.0, 100.0], is_log: false };
+    svgs(|canvas| {
+        let top = canvas.legend(&legend);
+        let axes = [range("control step, % of the horizon"), range("episodes that have succeeded, %")];
+        let [x, y] = canvas.chart(axes, [top, top + HEIGHT]);
         for curve in curves {
             let n = f64::from(curve.n_episodes.max(1));
-            let mut points = vec![(0.0, 0.0)];
+            let mut points = vec![[0.0, 0.0]];
             for (idx, time) in curve.times.iter().enumerate() {
-                points.push((100.0 * time, 100.0 * idx as f64 / n));
-                points.push((100.0 * time, 100.0 * (idx + 1) as f64 / n));
+                points.push([100.0 * time, 100.0 * idx as f64 / n]);
+                points.push([100.0 * time, 100.0 * (idx + 1) as f64 / n]);
             }
-            points.push((100.0, 100.0 * curve.times.len() as f64 / n));
-            chart.draw_series(LineSeries::new(thinned(points), curve.color.stroke_width(2)))?;
+            points.push([100.0, 100.0 * curve.times.len() as f64 / n]);
+            let points: Vec<[f64; 2]> =
+                thinned(&points).into_iter().map(|point| [x.at(point[0]), y.at(point[1])]).collect();
+            canvas.line(&points, curve.color, 2.0, false);
         }
-        Ok(())
+        top + HEIGHT
     })
 }
 
 /// Keeps at most about a thousand points, the first and the last among them.
-fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+fn thinned(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let step = points.len().div_ceil(1000).max(1);
     let last = points.len() - 1;
-    points
-        .into_iter()
-        .enumerate()
-        .filter(|(idx, _)| idx % step == 0 || *idx == last)
-        .map(|(_, point)| point)
-        .collect()
+    let kept = points.iter().enumerate().filter(|(idx, _)| idx % step == 0 || *idx == last);
+    kept.map(|(_, point)| *point).collect()
 }
