@@ -94,10 +94,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let traced = live.trace.map_or(Ok(()), TraceFile::finish);
     let earlier = results.environment().or_user()?;
     if outcome.is_err() && n_done + live.n_finished > 0 {
-        print_message(&resume_hint(&plan));
-        let mut environment = earlier.clone();
-        environment["wall_s"] = json!(total_wall_s(&earlier, started));
-        results.note(ENVIRONMENT, &environment)?;
+        note_failed_run(&plan, &results, &earlier, started)?;
     }
     let (status, totals) = outcome?;
     let environment = if n_done < plan.n_episodes() {
@@ -132,6 +129,19 @@ fn note_start(plan: &RunPlan, results: &mut Results) -> Result<(Option<Stopping>
     let stopping = Stopping::new(rule, plan, results).or_user()?;
     results.note(STOPPING, &json!(rule))?;
     Ok((Some(stopping), date))
+}
+
+/// Says how to go on after a run that ended in an error, and notes its time.
+fn note_failed_run(
+    plan: &RunPlan,
+    results: &Results,
+    earlier: &Value,
+    started: Instant,
+) -> Result<(), Failure> {
+    print_message(&resume_hint(plan));
+    let mut environment = earlier.clone();
+    environment["wall_s"] = json!(total_wall_s(earlier, started));
+    Ok(results.note(ENVIRONMENT, &environment)?)
 }
 
 /// Returns the episodes of the plan that the results file does not have yet.
