@@ -22,7 +22,8 @@ for width in 390 1280; do
         --disable-component-update --disable-sync --user-data-dir="$folder/profile-$width" --window-size="$width,900" \
         --enable-logging=stderr --dump-dom "file://$folder/report/index.html" >dom.html 2>log.txt
     for figure in $figures; do
-        if ! grep -A6 "id=\"figure-$figure\"" dom.html | grep -q '<svg'; then
+        # Not `grep -q`, which would leave the first grep with a closed pipe.
+        if ! grep -A6 "id=\"figure-$figure\"" dom.html | grep '<svg' >/dev/null; then
             echo "the report has no figure $figure at width $width" >&2
             exit 1
         fi
