@@ -19,7 +19,7 @@ const LARGE_FILES: [(&str, &str); 16] = [
     ("policy-host/tests/data/pi05/", "test checkpoints of a narrow network, with reference outputs"),
     ("policy-host/tests/data/clip-tiny/", "test text encoder with reference outputs"),
     ("docs/example-report/index.html", "a self-contained report with all its figures"),
-    ("docs/example-report/flip-1.gif", "a movie of the example report"),
+    ("docs/example-report/flip-2.gif", "a movie of the example report"),
     ("docs/images/first-light.gif", "the README's animation"),
     ("docs/images/experts.jpg", "three images of each of 18 tasks"),
     ("docs/images/gallery.png", "one image of each of the 28 tasks"),
