@@ -88,8 +88,8 @@ pub(crate) fn text(comparison: &Comparison) -> String {
     };
     let notes = match comparison.tests {
         TestKind::FixedSample if undecided > 0 => {
-            "the number of further episodes is that which decides with a probability of 80 % if the rates are as observed. Looking again after adding \
-             them makes false verdicts more frequent; `run --until-decided` may look at any time\n"
+            "further episodes: as many as decide with a probability of 80 % if the rates are as observed. Looking again after \
+             adding them makes false verdicts more frequent; `run --until-decided` may look at any time\n"
         }
         TestKind::FixedSample => "",
         TestKind::Sequential => {

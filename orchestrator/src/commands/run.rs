@@ -92,11 +92,11 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     });
     live.progress.finish();
     let traced = live.trace.map_or(Ok(()), TraceFile::finish);
-    let earlier = results.environment().or_user()?;
     if outcome.is_err() && n_done + live.n_finished > 0 {
-        note_failed_run(&plan, &results, &earlier, started)?;
+        note_failed_run(&plan, &results, started);
     }
     let (status, totals) = outcome?;
+    let earlier = results.environment().or_user()?;
     let environment = if n_done < plan.n_episodes() {
         let environment = environment(&plan, &machine, &totals, (&earlier, date, started));
         results.note(ENVIRONMENT, &environment)?;
@@ -131,17 +131,15 @@ fn note_start(plan: &RunPlan, results: &mut Results) -> Result<(Option<Stopping>
     Ok((Some(stopping), date))
 }
 
-/// Says how to go on after a run that ended in an error, and notes its time.
-fn note_failed_run(
-    plan: &RunPlan,
-    results: &Results,
-    earlier: &Value,
-    started: Instant,
-) -> Result<(), Failure> {
+/// Says how to go on after a run that ended in an error, and adds its time to that of the earlier ones. If the
+/// time cannot be stored either, the error of the run is still the one to report.
+fn note_failed_run(plan: &RunPlan, results: &Results, started: Instant) {
     print_message(&resume_hint(plan));
-    let mut environment = earlier.clone();
-    environment["wall_s"] = json!(total_wall_s(earlier, started));
-    Ok(results.note(ENVIRONMENT, &environment)?)
+    if let Ok(mut environment @ (Value::Null | Value::Object(_))) = results.environment() {
+        let wall_s = total_wall_s(&environment, started);
+        environment["wall_s"] = json!(wall_s);
+        let _ = results.note(ENVIRONMENT, &environment);
+    }
 }
 
 /// Returns the episodes of the plan that the results file does not have yet.

@@ -9,7 +9,8 @@ use sim::Perturbation;
 use sim::perturb::Composition;
 
 use super::{file_name, write_file};
-use crate::analysis::{CellSummary, EvaluatedPolicy, Evaluation, Metric};
+use crate::analysis::{CellSummary, EvaluatedPolicy, Evaluation, Metric, RowIdx};
+use crate::plan::Condition;
 use crate::results::ENVIRONMENT;
 
 /// The columns, as `examples/baselines/act_clip` of the original writes them.
@@ -38,10 +39,11 @@ pub(super) fn write(
 ) -> anyhow::Result<Vec<PathBuf>> {
     let mut paths = Vec::new();
     for policy in &evaluation.policies {
+        let conditions = evaluation.conditions(policy);
         let cells = CellSummary::of_policy(evaluation, policy, metric, alpha);
         for morphology in Morphology::ALL {
             let own = cells.iter().filter(|cell| cell.condition.task.task().morphology == morphology);
-            let mut rows = own.map(|cell| row(evaluation, policy, cell)).peekable();
+            let mut rows = own.map(|cell| row(evaluation, (policy, &conditions), cell)).peekable();
             if rows.peek().is_some() {
                 let name = match morphology {
                     Morphology::Single => "single_arm",
@@ -58,14 +60,18 @@ pub(super) fn write(
     Ok(paths)
 }
 
-fn row(evaluation: &Evaluation, policy: &EvaluatedPolicy, cell: &CellSummary) -> [String; 14] {
+fn row(
+    evaluation: &Evaluation,
+    (policy, conditions): (&EvaluatedPolicy, &[(Condition, &[RowIdx])]),
+    cell: &CellSummary,
+) -> [String; 14] {
     let task = cell.condition.task.task();
     let control_mode = match (policy.identity.spec.as_str(), task.morphology) {
         ("expert", _) | (_, Morphology::Bimanual) => "pd_joint_pos",
         _ => evaluation.entry("control_mode").and_then(Value::as_str).unwrap_or("pd_ee_delta_pose"),
     };
     let percent = cell.rate.fraction().map_or(-1.0, |fraction| 100.0 * fraction);
-    let rows = evaluation.conditions(policy).into_iter().find(|(condition, _)| *condition == cell.condition);
+    let rows = conditions.iter().find(|(condition, _)| *condition == cell.condition);
     let wall_s = rows.and_then(|(_, rows)| evaluation.wall_s(rows.iter().copied()));
     let date = evaluation.entry(ENVIRONMENT).and_then(|circumstances| circumstances["date"].as_str());
     let perturbation = original_name(cell.condition.perturbation);

@@ -24,7 +24,7 @@ pub(super) const GRID: Color = Color(221, 225, 230);
 /// Size of all text in pixels.
 const TEXT: f64 = 12.5;
 /// Widths of a figure in pixels: on a desktop and on a phone.
-pub(super) const WIDTHS: [f64; 2] = [960.0, 340.0];
+const WIDTHS: [f64; 2] = [960.0, 340.0];
 /// Height of a line of a legend.
 const LEGEND_LINE: f64 = 20.0;
 /// Room around a figure.
@@ -78,7 +78,7 @@ pub(super) fn svgs(draw: impl Fn(&mut Canvas) -> f64) -> [String; 2] {
 }
 
 /// Returns the SVG text of what `draw` draws; `draw` returns the height.
-pub(super) fn svg(width: f64, draw: impl Fn(&mut Canvas) -> f64) -> String {
+fn svg(width: f64, draw: impl Fn(&mut Canvas) -> f64) -> String {
     let mut canvas = Canvas { width, elements: String::new() };
     let height = draw(&mut canvas).ceil();
     format!(

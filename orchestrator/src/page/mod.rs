@@ -21,7 +21,7 @@ use serde::Serialize;
 use self::canvas::Figure;
 pub(crate) use self::content::{PageOptions, ReportContent};
 pub(crate) use self::external::{ExternalData, FpsTable, HardwareTable, TableError};
-pub(crate) use self::figures::{FpsSeries, fps_svg};
+pub(crate) use self::figures::{FpsSeries, fps_svgs};
 use self::hardware::HardwareFit;
 use crate::analysis::EmbodimentDifference;
 use crate::statistics::Levels;

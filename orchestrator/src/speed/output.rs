@@ -8,11 +8,9 @@ use super::plan::Omission;
 use super::point::{PAPER_STEPS, Series, SpeedPoint};
 use super::store::SpeedSettings;
 use crate::export::write_file;
-use crate::page::{FpsSeries, fps_svg};
+use crate::page::{FpsSeries, fps_svgs};
 use crate::table::{Align, TextTable};
 
-/// Width of the figure in pixels.
-const FIGURE_WIDTH: f64 = 960.0;
 /// Tasks and episodes per task from which the original extrapolates the time of a whole evaluation.
 const EXTRAPOLATED_EPISODES: f64 = 17.0 * 20.0;
 
@@ -113,7 +111,7 @@ pub(crate) fn write_files(
         name: series.name(),
         points: of(series).iter().map(|point| (f64::from(point.envs), point.env_steps_per_s)).collect(),
     });
-    let svg = fps_svg(&curves.collect::<Vec<_>>(), FIGURE_WIDTH);
+    let [svg, _] = fps_svgs(&curves.collect::<Vec<_>>());
     write_file(&folder.join("fps.svg"), svg.as_bytes())?;
     Ok(())
 }

@@ -173,6 +173,7 @@ fn check_same_settings(path: &Path, found: &DatasetSettings, wanted: &DatasetSet
     for (name, value) in wanted {
         let found = &found[&name];
         if *found != value {
+            let name = if name == "code" { "the hash of the program's code" } else { &name };
             bail!(
                 "{}: {name} is {found} in the dataset, but {value} in this command; use the same value or another folder",
                 path.display()

@@ -10,7 +10,7 @@ mod steps;
 pub(super) use self::bars::{Bar, BarGroup, bars};
 pub(super) use self::forest::{ForestRow, forest};
 pub(super) use self::radar::{RadarSeries, radar};
-pub(crate) use self::scatter::{FpsSeries, fps_svg, fps_svgs};
+pub(crate) use self::scatter::{FpsSeries, fps_svgs};
 pub(super) use self::scatter::{Scatter, regression};
 pub(super) use self::stacks::{StackRow, stacks};
 pub(super) use self::steps::{StepCurve, success_over_time};

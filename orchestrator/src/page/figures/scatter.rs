@@ -1,6 +1,6 @@
 //! Charts with two numeric axes: simulation against hardware, and frames per second against environments.
 
-use crate::page::canvas::{AxisRange, Color, FigureLegend, color, svg, svgs};
+use crate::page::canvas::{AxisRange, Color, FigureLegend, color, svgs};
 use crate::page::hardware::FittedLine;
 
 /// Points of one series, in percent.
@@ -53,20 +53,15 @@ fn inside(FittedLine { slope, offset, .. }: FittedLine) -> Vec<[f64; 2]> {
     ends
 }
 
-/// Draws frames per second (y) against the number of environments (x), both logarithmic, for the page.
+/// Draws frames per second (y) against the number of environments (x), both logarithmic.
 pub(crate) fn fps_svgs(series: &[FpsSeries]) -> [String; 2] {
-    crate::page::canvas::WIDTHS.map(|width| fps_svg(series, width))
-}
-
-/// Draws the same in one width.
-pub(crate) fn fps_svg(series: &[FpsSeries], width: f64) -> String {
     let all = || series.iter().flat_map(|one| one.points.iter());
     let max_x = all().map(|point| point.0).fold(2.0, f64::max);
     let max_y = all().map(|point| point.1).fold(2.0, f64::max);
     let min_y = all().map(|point| point.1).fold(f64::INFINITY, f64::min).min(max_y / 2.0).max(1e-3);
     let legend: FigureLegend =
         series.iter().enumerate().map(|(idx, one)| (one.name.clone(), color(idx))).collect();
-    svg(width, |canvas| {
+    svgs(|canvas| {
         let top = canvas.legend(&legend);
         let x = AxisRange { name: "environments", values: [1.0, 1.1 * max_x], is_log: true };
         let y = AxisRange { name: "frames per second", values: [min_y / 1.2, 1.2 * max_y], is_log: true };
