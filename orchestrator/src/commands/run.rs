@@ -131,8 +131,8 @@ fn note_start(plan: &RunPlan, results: &mut Results) -> Result<(Option<Stopping>
     Ok((Some(stopping), date))
 }
 
-/// Says how to go on after a run that ended in an error, and adds its time to that of the earlier ones. If the
-/// time cannot be stored either, the error of the run is still the one to report.
+/// Says how to go on after a run that ended in an error, and adds its time to that of the earlier ones. If
+/// the time cannot be stored either, the error of the run is still the one to report.
 fn note_failed_run(plan: &RunPlan, results: &Results, started: Instant) {
     print_message(&resume_hint(plan));
     if let Ok(mut environment @ (Value::Null | Value::Object(_))) = results.environment() {
