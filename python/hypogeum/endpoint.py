@@ -12,12 +12,17 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from .execution import Requested
-from .layout import SCHEMA_HASH
+from .execution import CHUNK, ENSEMBLE, Requested
+from .layout import MAX_HORIZON, MORPHOLOGIES, SCHEMA_HASH
+from .trust import NAME, check_base, is_run, prefix_of, read_own
 
 # Lock file in a run's folder.
 LOCK_NAME = "claim.lock"
 POLL_INTERVAL_S = 0.05
+# Longest descriptor in bytes; the program writes about a thousand.
+MAX_BYTES = 1 << 16
+# Largest numbers of a lane.
+MAX_ENVS, MAX_BLOCK_PAGES, MAX_IN_FLIGHT, MAX_LANES = 1 << 20, 1 << 16, 1 << 10, 1 << 16
 
 
 class EndpointError(Exception):
@@ -81,7 +86,11 @@ def wait_for_endpoint(name, base=None, timeout_s=None, served=()):
 
     Raises:
         TimeoutError: No run offers the endpoint within `timeout_s`.
+        TrustError: Another user could have made the endpoint.
+        EndpointError: A run offers an endpoint that this package cannot use.
     """
+    if not NAME.fullmatch(name):
+        raise EndpointError(f"{name!r} is no name of an endpoint, expected 1 to 64 letters, digits, `.`, `_` or `-`")
     base = Path(base) if base is not None else base_folder()
     deadline = None if timeout_s is None else time.monotonic() + timeout_s
     while True:
@@ -98,19 +107,23 @@ def wait_for_endpoint(name, base=None, timeout_s=None, served=()):
 
 def find_endpoint(name, base, served=()):
     """Return what `wait_for_endpoint` would, or None if there is no such endpoint now."""
+    check_base(base)
     found = []
-    for path in Path(base).glob(f"*/attach/{name}.json"):
+    for root in filter(is_run, Path(base).glob("*")):
+        path = root / "attach" / f"{name}.json"
         try:
-            found.append((path.stat().st_mtime_ns, path))
+            found.append((path.lstat().st_mtime_ns, path))
         except FileNotFoundError:
             continue
     for _, path in sorted(found, reverse=True):
         if path in served or not is_locked(path.parent.parent):
             continue
         try:
-            return parse(path, path.read_text())
+            return parse(path, read_own(path, MAX_BYTES))
         except FileNotFoundError:
             continue
+        except (OSError, ValueError) as error:
+            raise EndpointError(f"{path} is not an endpoint descriptor that this package can read: {error}") from error
     return None
 
 
@@ -121,21 +134,51 @@ def parse(path, text):
         schema_hash = int(fields["schema_hash"], 16)
         if schema_hash != SCHEMA_HASH:
             raise EndpointError(schema_message(schema_hash))
-        domain, lane = fields["domain"], fields["lane"]
+        domain, lane, requested = fields["domain"], fields["lane"], fields["requested"]
+        # Names of files are made from where the descriptor lies, never from what it says.
+        root = path.parent.parent
+        one_of("domain.root", domain["root"], [str(root)])
+        one_of("domain.prefix", domain["prefix"], [prefix_of(root)])
+        if not isinstance(lane["policy"], str) or not NAME.fullmatch(lane["policy"]):
+            raise ValueError(f"lane.policy is {lane['policy']!r}, expected the name of a policy")
         return EndpointDescriptor(
             path=path,
-            root=Path(domain["root"]),
-            prefix=domain["prefix"],
-            run=fields["run"],
-            **{field: lane[field] for field in ("lane", "policy", "max_envs", "block_pages", "in_flight")},
-            morphologies=tuple(fields["morphologies"]),
-            images=fields["images"],
-            execute=fields["execute"],
-            mode=fields["mode"],
-            requested=Requested(**fields["requested"]),
+            root=root,
+            prefix=prefix_of(root),
+            run=number("run", fields["run"], 0, (1 << 64) - 1),
+            lane=number("lane.lane", lane["lane"], 0, MAX_LANES),
+            policy=lane["policy"],
+            max_envs=number("lane.max_envs", lane["max_envs"], 1, MAX_ENVS),
+            block_pages=number("lane.block_pages", lane["block_pages"], 1, MAX_BLOCK_PAGES),
+            in_flight=number("lane.in_flight", lane["in_flight"], 1, MAX_IN_FLIGHT),
+            morphologies=tuple(one_of("morphologies", name, MORPHOLOGIES) for name in fields["morphologies"]),
+            images=one_of("images", fields["images"], [False, True]),
+            execute=number("execute", fields["execute"], 1, MAX_HORIZON),
+            mode=one_of("mode", fields["mode"], [CHUNK, ENSEMBLE]),
+            requested=Requested(
+                one_of("requested.mode", requested.get("mode"), [None, CHUNK, ENSEMBLE]),
+                None if requested.get("execute") is None
+                else number("requested.execute", requested["execute"], 1, MAX_HORIZON),
+            ),
         )
-    except (ValueError, KeyError, TypeError) as error:
-        raise EndpointError(f"{path} is not an endpoint descriptor that this package can read: {error!r}") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise EndpointError(f"{path} is not an endpoint descriptor that this package can read: {reason[:200]}") from error
+
+
+def number(name, found, low, high):
+    """Return a whole number from a descriptor, after checking it."""
+    if type(found) is not int or not low <= found <= high:
+        raise ValueError(f"{name} is {found!r}, expected a whole number from {low} to {high}")
+    return found
+
+
+def one_of(name, found, expected):
+    """Return a value from a descriptor, after checking that it is one of those expected."""
+    for value in expected:
+        if type(found) is type(value) and found == value:
+            return found
+    raise ValueError(f"{name} is {found!r}, expected {' or '.join(map(repr, expected))}")
 
 
 def schema_message(found):
@@ -149,7 +192,7 @@ def schema_message(found):
 def is_locked(root):
     """Return whether any process holds the lock of the run in folder `root`."""
     try:
-        lock = os.open(root / LOCK_NAME, os.O_RDWR | os.O_CLOEXEC)
+        lock = os.open(root / LOCK_NAME, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
     except OSError:
         return False
     try:

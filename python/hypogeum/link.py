@@ -17,6 +17,7 @@ from .checksum import checksum
 from .endpoint import LOCK_NAME, schema_message
 from .layout import ACTION_BLOCK, PAGE_BYTES, SCHEMA_HASH, ActionHeader, ObservationHeader, Page
 from .segment import Segment, SegmentGone
+from .trust import is_run, own_segments
 
 SHM = Path("/dev/shm")
 IPC = iox.ServiceType.Ipc
@@ -248,8 +249,10 @@ class Lane:
     def _reserve(self, publisher_id):
         """Reserve the memory of all answers, so that a full /dev/shm is an error now instead of a SIGBUS later."""
         suffix = f"_{publisher_id}.data"
-        for path in SHM.glob(f"{self.endpoint.prefix}*{suffix}"):
-            file = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        for path in own_segments(SHM, self.endpoint.prefix):
+            if not path.name.endswith(suffix):
+                continue
+            file = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
             try:
                 os.posix_fallocate(file, 0, os.fstat(file).st_size)
             except OSError as error:
@@ -286,11 +289,12 @@ class Lane:
     def _remove_if_stale(self):
         """Remove the files of a run that ended while we were joining or leaving, as its missing lock file shows."""
         root = self.endpoint.root
-        if (root / LOCK_NAME).exists() or root != self.endpoint.path.parent.parent:
+        if (root / LOCK_NAME).exists():
             return
-        for path in SHM.glob(f"{self.endpoint.prefix}*"):
+        for path in own_segments(SHM, self.endpoint.prefix):
             path.unlink(missing_ok=True)
-        shutil.rmtree(root, ignore_errors=True)
+        if is_run(root):
+            shutil.rmtree(root, ignore_errors=True)
 
 
 def join(endpoint):

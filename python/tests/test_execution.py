@@ -1,7 +1,9 @@
 """Execution of a checkpoint's chunks in a run, and descriptors of runs."""
 
 import json
+import os
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -84,13 +86,13 @@ def test_refused_run_is_left_alone(monkeypatch, caplog, forever):
 def descriptor(**changes):
     lane = dict(lane=0, policy="p", max_envs=4, block_pages=87, in_flight=2)
     return dict(
-        domain=dict(root="/tmp/run", prefix="hyp_0_1_"), lane=lane, run=7, schema_hash=f"{SCHEMA_HASH:016x}",
+        domain=dict(root="/runs/0123456789ab", prefix=f"hyp_{os.getuid()}_0123456789ab_"), lane=lane, run=7, schema_hash=f"{SCHEMA_HASH:016x}",
         morphologies=["single"], images=True, execute=30, mode="chunk", requested=dict(mode=None, execute=12),
     ) | changes  # fmt: skip
 
 
-def test_descriptor_tells_what_was_requested(tmp_path):
-    found = endpoint.parse(tmp_path, json.dumps(descriptor()))
+def test_descriptor_tells_what_was_requested():
+    found = endpoint.parse(Path("/runs/0123456789ab/attach/mine.json"), json.dumps(descriptor()))
     assert found.requested == Requested(None, 12) and (found.mode, found.execute) == ("chunk", 30)
 
 

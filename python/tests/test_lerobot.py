@@ -276,7 +276,7 @@ class TestRun:
             with sqlite3.connect(results) as found:
                 rows = found.execute("select error, actions from episodes order by episode").fetchall()
             assert [error for error, _ in rows] == [None, None]
-            return [np.frombuffer(actions, "<f4").reshape(-1, 7) for _, actions in rows], "".join(log)
+            return [np.frombuffer(actions[:-8], "<f4").reshape(-1, 7) for _, actions in rows], "".join(log)
 
         yield play
         for child in children:
