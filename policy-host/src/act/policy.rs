@@ -77,7 +77,7 @@ struct Worker {
 }
 
 /// Checks the configuration and the weights header of a checkpoint against the robots of a run and their
-/// control modes, without loading the weights, and resolves how its chunks are executed.
+/// control modes, without building the networks, and resolves how its chunks are executed.
 ///
 /// # Errors
 /// The first mismatch found.
@@ -88,7 +88,8 @@ pub fn check(
 ) -> Result<PolicyCheck, CheckpointFolderError> {
     let mut networks = Vec::new();
     for inner in folders(folder)? {
-        let checkpoint = Checkpoint::open(&inner)?;
+        let mut checkpoint = Checkpoint::open(&inner)?;
+        checkpoint.check_values()?;
         let &ObservationMapping { morphology, control_mode, .. } = checkpoint.mapping()?;
         checkpoint.check_text_encoder()?;
         let (chunk, notes) = (checkpoint.chunk_settings(), checkpoint.notes().to_vec());

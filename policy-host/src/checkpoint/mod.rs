@@ -62,8 +62,10 @@ pub enum CheckpointError {
     Mapping { path: PathBuf, reason: String },
     #[error("{}: tensor `{tensor}` ({found}) is not part of the network in {CONFIG_FILE}", path.display())]
     UnexpectedTensor { path: PathBuf, tensor: String, found: String },
-    #[error("{}: tensor `{tensor}` contains values that are not finite", path.display())]
+    #[error("{}: tensor `{tensor}` contains values that are not finite; has its training diverged?", path.display())]
     NotFinite { path: PathBuf, tensor: String },
+    #[error("{}: tensor `{tensor}` contains {found}, expected variances of 0 or more", path.display())]
+    NegativeVariance { path: PathBuf, tensor: String, found: f32 },
     #[error(
         "the weights in {} take {needed_mib} MiB of memory, only {available_mib} MiB are available",
         path.display()
@@ -214,12 +216,32 @@ impl Checkpoint {
     /// # Errors
     /// If a tensor cannot be read.
     pub fn state_dict(&mut self) -> Result<StateDict, CheckpointError> {
+        self.check_values()?;
         let mut state_dict = StateDict::default();
         for spec in tensor_specs(&self.description.architecture) {
             let values = self.tensors.read(&self.description.names.stored(&spec.name))?;
             state_dict.insert(spec.name, values);
         }
         Ok(state_dict)
+    }
+
+    /// Checks that all weights are finite, also those that only training uses, and that variances are ones.
+    ///
+    /// # Errors
+    /// The first tensor of which this is not true, or an error of reading.
+    pub fn check_values(&mut self) -> Result<(), CheckpointError> {
+        for tensor in self.tensors.names().into_iter().filter(|name| !name.ends_with(IGNORED_SUFFIX)) {
+            let values = self.tensors.read(&tensor)?;
+            let path = || self.tensors.path().to_owned();
+            if values.iter().any(|x| !x.is_finite()) {
+                return Err(CheckpointError::NotFinite { path: path(), tensor });
+            }
+            let negative = values.into_iter().find(|x| tensor.ends_with("running_var") && *x < 0.0);
+            if let Some(found) = negative {
+                return Err(CheckpointError::NegativeVariance { path: path(), tensor, found });
+            }
+        }
+        Ok(())
     }
 
     fn check_tensors(&self) -> Result<(), CheckpointError> {
@@ -255,12 +277,4 @@ impl TensorNames {
 
 fn parse<'a, T: Deserialize<'a>>(path: &Path, text: &'a [u8]) -> Result<T, CheckpointError> {
     serde_json::from_slice(text).map_err(|source| CheckpointError::Json { path: path.to_owned(), source })
-}
-
-/// Returns the memory that the kernel estimates to be available without swapping, in bytes.
-#[must_use]
-pub fn available_memory() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10)
 }

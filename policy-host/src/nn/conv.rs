@@ -8,6 +8,7 @@ use std::ops::Range;
 
 use super::Precision;
 use super::feature_map::FeatureMapShape;
+use super::linear::rectified;
 use super::matmul::Accum;
 use super::packed::PackedWeights;
 use super::quantised::{QUAD, QuantisedWeights, Segments, quantise_unsigned};
@@ -390,7 +391,7 @@ fn apply_epilogue(sums: impl Iterator<Item = f32>, bias: &[f32], pixel: &mut [f3
     let terms = pixel.iter_mut().zip(sums).zip(bias);
     match epilogue {
         Epilogue::Store => terms.for_each(|((y, x), b)| *y = x + b),
-        Epilogue::Relu => terms.for_each(|((y, x), b)| *y = (x + b).max(0.0)),
-        Epilogue::AddRelu => terms.for_each(|((y, x), b)| *y = (*y + (x + b)).max(0.0)),
+        Epilogue::Relu => terms.for_each(|((y, x), b)| *y = rectified(x + b)),
+        Epilogue::AddRelu => terms.for_each(|((y, x), b)| *y = rectified(*y + (x + b))),
     }
 }

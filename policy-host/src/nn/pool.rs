@@ -34,7 +34,8 @@ pub fn max_pool2d_3x3(
             for kernel_row in 0..3 {
                 let from = corner + kernel_row * row_len;
                 for taps in image[from..from + 3 * channels].chunks_exact(channels) {
-                    pixel.iter_mut().zip(taps).for_each(|(y, &x)| *y = y.max(x));
+                    let larger = |y: f32, x: f32| if x > y || x.is_nan() { x } else { y };
+                    pixel.iter_mut().zip(taps).for_each(|(y, &x)| *y = larger(*y, x));
                 }
             }
         }

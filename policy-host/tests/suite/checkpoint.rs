@@ -121,6 +121,43 @@ fn tensors_of_wrong_shape_or_dtype_are_rejected() {
     );
 }
 
+/// Sets one value of a tensor.
+fn set_value(folder: &Path, name: &str, value: f32) {
+    edit_tensors(folder, |list| {
+        let tensor = list.iter_mut().find(|(found, ..)| found == name).unwrap();
+        tensor.3[..4].copy_from_slice(&value.to_le_bytes());
+    });
+}
+
+#[test]
+fn weights_that_are_no_numbers_are_rejected() {
+    let variance = "backbones.0.0.body.layer2.0.bn1.running_var";
+    for (name, value, message) in [
+        ("action_head.bias", f32::NAN, "not finite"),
+        ("backbones.0.0.body.conv1.weight", f32::INFINITY, "not finite"),
+        ("transformer.encoder.layers.1.linear1.weight", f32::NEG_INFINITY, "not finite"),
+        (variance, f32::NAN, "not finite"),
+        (variance, -0.5, "contains -0.5, expected variances of 0 or more"),
+    ] {
+        let folder = checkpoint();
+        set_value(folder.path(), name, value);
+        let path = folder.path().join("model.safetensors").display().to_string();
+        assert_contains(&rejection(folder.path()), &[&path, &format!("`{name}`"), message]);
+    }
+}
+
+/// A rectifier that takes NaN for 0 would turn the overflow into plausible actions.
+#[test]
+fn overflow_reaches_the_actions() {
+    let folder = checkpoint();
+    set_value(folder.path(), "backbones.0.0.body.bn1.weight", 3e38);
+    for spec in [PolicySpec::Act(folder.path().to_owned()), PolicySpec::ActInt8(folder.path().to_owned())] {
+        let answers = ObservationBatch::of(Morphology::Single, &[0])
+            .answer(&mut *load(&spec, 1, QueryMode::Chunk, &Morphology::ALL).unwrap());
+        assert!(answers[0].rows.iter().any(|x| !x.is_finite()), "{:?}", answers[0].rows);
+    }
+}
+
 #[test]
 fn incomplete_statistics_are_rejected() {
     let folder = checkpoint();
@@ -216,18 +253,4 @@ fn observation_that_mismatches_the_checkpoint_is_rejected() {
     (batch.header.images, batch.header.block_pages) = (0, 1);
     batch.pages.truncate(1);
     assert_eq!(rejected(&batch), PolicyError::NoImages);
-}
-
-#[test]
-fn non_finite_network_output_reaches_the_answer() {
-    let folder = checkpoint();
-    edit_tensors(folder.path(), |list| {
-        let tensor = list.iter_mut().find(|(name, ..)| name == "action_head.bias").unwrap();
-        tensor.3[..4].copy_from_slice(&f32::NAN.to_le_bytes());
-    });
-    let mut policy = load(&spec(folder.path()), 1, QueryMode::Chunk, &Morphology::ALL).unwrap();
-    let mut answer = [ActionChunk::default()];
-    policy.act(&ObservationBatch::of(Morphology::Single, &[0]).view(), &mut answer).unwrap();
-    let mut rows = answer[0].rows().chunks_exact(7);
-    assert!(rows.len() > 0 && rows.all(|row| row[0].is_nan()));
 }

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 #[cfg(feature = "gpu")]
 use std::sync::Arc;
 
+use ipc_types::allotment::available_memory;
 use ipc_types::input;
 
 use super::CheckpointError;
@@ -152,7 +153,7 @@ impl Pi05Checkpoint {
     /// # Errors
     /// If they do not.
     pub fn check_memory(&self, precision: Precision) -> Result<(), CheckpointError> {
-        let Some(available) = super::available_memory() else { return Ok(()) };
+        let Some(available) = available_memory() else { return Ok(()) };
         let bytes = |(size, name): (usize, &str)| {
             let stored = self.tensors.tensor(name).map_or(4, |tensor| tensor.float_type().size());
             size as u64 * if precision == Precision::Int8 { 1 } else { stored as u64 }
@@ -197,12 +198,12 @@ impl Pi05Checkpoint {
         Pi05Options { precision, n_steps, periods: *periods, max_prefix }
     }
 
-    /// Checks that all weights are finite.
+    /// Checks that all weights are finite, also those that only training uses.
     fn check_values(&self) -> Result<(), CheckpointError> {
-        for spec in self.description.architecture.tensor_specs(&self.names) {
-            if !self.tensors.tensor(&spec.name)?.is_finite() {
-                let path = self.tensors.path_of(&spec.name).to_owned();
-                return Err(CheckpointError::NotFinite { path, tensor: spec.name });
+        for name in self.tensors.names() {
+            if !self.tensors.tensor(name)?.is_finite() {
+                let path = self.tensors.path_of(name).to_owned();
+                return Err(CheckpointError::NotFinite { path, tensor: name.to_owned() });
             }
         }
         Ok(())

@@ -16,6 +16,11 @@ fn gelu(x: f32) -> f32 {
     return x * select(1.0, exponential, x < 0.0) / (1.0 + exponential);
 }
 
+// Returns max(x, 0), but NaN for NaN.
+fn rectified(x: f32) -> f32 {
+    return select(x, 0.0, x < 0.0);
+}
+
 // Returns the value to store for a product.
 fn finish(product: f32, bias: f32, at: u32) -> f32 {
     if (EPILOGUE == 6u) {
@@ -23,9 +28,9 @@ fn finish(product: f32, bias: f32, at: u32) -> f32 {
     }
     let sum = product + bias;
     switch EPILOGUE {
-        case 1u: { return max(sum, 0.0); }
+        case 1u: { return rectified(sum); }
         case 2u: { return out[at] + sum; }
-        case 3u: { return max(out[at] + sum, 0.0); }
+        case 3u: { return rectified(out[at] + sum); }
         case 4u: { return gelu(sum); }
         case 5u: { return out[at] * sum; }
         default: { return sum; }

@@ -22,7 +22,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var largest = -3e38;
     for (var i = max(y, 0); i < min(y + 3, i32(HEIGHT)); i++) {
         for (var j = max(x, 0); j < min(x + 3, i32(WIDTH)); j++) {
-            largest = max(largest, a[((image * HEIGHT + u32(i)) * WIDTH + u32(j)) * CHANNELS + channel]);
+            let value = a[((image * HEIGHT + u32(i)) * WIDTH + u32(j)) * CHANNELS + channel];
+            // NaN stays.
+            if (value > largest || value != value) {
+                largest = value;
+            }
         }
     }
     out[id.x] = largest;
