@@ -218,7 +218,11 @@ fn perturbations_compose_and_scale_with_strength() {
         &with("Language-None+Language-Random", &[]),
         &["Language-None", "single instruction"],
     );
-    assert_rejected(dir.path(), &["show", "RaiseCube", "--strength", "2"], &["strength is 2", "at most 1"]);
+    assert_rejected(
+        dir.path(),
+        &["show", "RaiseCube", "--strength", "2"],
+        &["strength is 2", "from 0.001 to 1"],
+    );
 }
 
 #[test]

@@ -69,6 +69,9 @@ pub(crate) enum Command {
     /// Answer a policy's queries (started by `run`)
     #[command(hide = true)]
     PolicyHost(ChildArgs),
+    /// Free the shared memory of exited processes (started by `run`)
+    #[command(hide = true)]
+    Reap(ChildArgs),
 }
 
 impl Cli {
@@ -160,7 +163,7 @@ mod tests {
         insta::assert_snapshot!(error("keep_actions = 1\n"), @"the sweep file sweep.toml, line 1, key `keep_actions`: unknown value `1`; expected one of true, false");
         insta::assert_snapshot!(error("tasks = 3\n"), @"the sweep file sweep.toml, line 1, key `tasks`: unknown task `3`; `hypogeum tasks --matrix` lists all names");
         insta::assert_snapshot!(error("tasks = [\n\"RaiseCube\",\n\"RiseCube\"]\n"), @"the sweep file sweep.toml, line 1, key `tasks`: unknown task `RiseCube`; did you mean RaiseCube or StackCube?");
-        insta::assert_snapshot!(error("strength = 2\n"), @"the sweep file sweep.toml, line 1, key `strength`: strength is 2, expected a number above 0 and at most 1 (the benchmark's strength)");
+        insta::assert_snapshot!(error("strength = 2\n"), @"the sweep file sweep.toml, line 1, key `strength`: strength is 2, expected a number from 0.001 to 1 (the benchmark's strength)");
         insta::assert_snapshot!(error("renderer = \"gpi\"\n"), @"the sweep file sweep.toml, line 1, key `renderer`: unknown value `gpi`; did you mean gpu?");
         insta::assert_snapshot!(error("samples = 3\n"), @"the sweep file sweep.toml, line 1, key `samples`: unknown value `3`; expected one of 1, 4");
         insta::assert_snapshot!(error("seed = 1\ntasks = \n"), @"the sweep file sweep.toml, line 2: it is not TOML: string values must be quoted, expected literal string");

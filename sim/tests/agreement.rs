@@ -104,7 +104,7 @@ fn error_after(edit: impl FnOnce(&mut serde_json::Value)) -> String {
 
 #[test]
 fn wrong_values_are_named_with_their_key() {
-    let cases: [(Edit, &str); 7] = [
+    let cases: [(Edit, &str); 14] = [
         (|json| json["task"] = "RaiseCub".into(), "start.json: task: expected the name of a task"),
         (|json| json["control_mode"] = "pd".into(), "control_mode: expected one of pd_ee_delta_pose"),
         (|json| json["sizes"] = vec![1.0].into(), "sizes: expected nothing, found [1.0]"),
@@ -114,6 +114,31 @@ fn wrong_values_are_named_with_their_key() {
             "bodies: expected only cube, found ball",
         ),
         (|json| json["bodies"]["cube"]["pose"][3] = 2.0.into(), "bodies.cube: expected a unit quaternion"),
+        (
+            |json| json["arms"][0]["qpos"][0] = 23.0.into(),
+            "arms[0].qpos[0]: expected numbers from -2.9973 to 2.9973 rad, found 23 (in degrees?)",
+        ),
+        (|json| json["arms"][0]["qpos"][3] = 1.0.into(), "qpos[3]: expected numbers from -3.1718"),
+        (
+            |json| json["arms"][0]["qpos"][8] = 20.0.into(),
+            "qpos[8]: expected numbers from -0.01 to 0.05 m, found 20 (in millimetres?)",
+        ),
+        (
+            |json| json["arms"][0]["qvel"] = vec![0.0, 1e19, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0].into(),
+            "qvel[1]: expected numbers from -100 to 100 rad/s",
+        ),
+        (
+            |json| json["bodies"]["cube"]["pose"][1] = 50.0.into(),
+            "bodies.cube: expected numbers from -10 to 10 m for the position, found 50 (in millimetres?)",
+        ),
+        (
+            |json| json["bodies"]["cube"]["linear_velocity"] = vec![0.0, 0.0, -1e9].into(),
+            "bodies.cube: expected numbers from -100 to 100 m/s, found -1000000000",
+        ),
+        (
+            |json| json["bodies"]["cube"]["angular_velocity"] = vec![1e4, 0.0, 0.0].into(),
+            "bodies.cube: expected numbers from -1000 to 1000 rad/s, found 10000",
+        ),
         (|json| json["actions"][4] = vec![0.0; 7].into(), "actions[4]: expected 8 numbers, found 7"),
     ];
     for (edit, expected) in cases {

@@ -4,6 +4,7 @@
 //! translated into the flag of that field, so that the command line's parser is the only one and an option
 //! needs no second declaration.
 
+use std::any::TypeId;
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::ffi::OsString;
@@ -13,6 +14,7 @@ use std::path::{Path, PathBuf};
 use clap::error::{ContextKind, ContextValue};
 use clap::{Arg, ArgAction, Args, Command};
 use ipc_types::input;
+use ipc_types::run_config::LanguageFile;
 use thiserror::Error;
 use toml::{Spanned, Value};
 
@@ -79,7 +81,14 @@ fn line_at(text: &str, offset: usize) -> usize {
 /// Translates the value of one key.
 fn flags_of(arg: &Arg, value: &Value) -> Result<Vec<OsString>, String> {
     let flag = format!("--{}", arg.get_long().expect("every option of a sweep has a long flag"));
-    let with_value = |value: &Value| Ok(format!("{flag}={}", scalar(value)?).into());
+    let parsed = arg.get_value_parser().type_id();
+    let is_path = [TypeId::of::<PathBuf>(), TypeId::of::<LanguageFile>()].iter().any(|id| parsed == *id);
+    let with_value = |value: &Value| {
+        if is_path && !value.is_str() {
+            return Err(format!("found {value}, expected the path of a file in quotes"));
+        }
+        Ok(format!("{flag}={}", scalar(value)?).into())
+    };
     match (arg.get_action(), value) {
         (ArgAction::SetTrue, Value::Boolean(true)) => Ok(vec![flag.into()]),
         (ArgAction::SetTrue, Value::Boolean(false)) => Ok(Vec::new()),

@@ -27,6 +27,8 @@ pub struct Composition {
 pub enum CompositionError {
     #[error("a combination of perturbations names none; the unperturbed condition is `None`")]
     Empty,
+    #[error("a combination of perturbations names {name} more than once")]
+    Repeated { name: &'static str },
     #[error("{name} cannot be combined with other perturbations")]
     NotComposable { name: &'static str },
     #[error("{first} and {second} cannot be combined: an episode has a single instruction")]
@@ -34,16 +36,20 @@ pub enum CompositionError {
 }
 
 impl Composition {
-    /// Combines perturbations; their order and repetitions do not matter.
+    /// Combines perturbations; their order does not matter.
     ///
     /// # Errors
-    /// If there is none, or two of them cannot be combined.
+    /// If there is none, one occurs twice, or two of them cannot be combined.
     pub fn new(perturbations: &[Perturbation]) -> Result<Self, CompositionError> {
         let bits = perturbations.iter().fold(0, |bits, perturbation| bits | bit(*perturbation));
         if bits == 0 {
             return Err(CompositionError::Empty);
         }
         let all = Self { bits };
+        let repeated = perturbations.iter().enumerate().find(|(i, it)| perturbations[..*i].contains(it));
+        if let Some((_, repeated)) = repeated {
+            return Err(CompositionError::Repeated { name: repeated.name() });
+        }
         let must_be_single = |p: &Perturbation| matches!(p.modality(), None | Some(Modality::Mixed));
         if let Some(not_composable) = all.iter().find(must_be_single).filter(|_| all.iter().count() > 1) {
             return Err(CompositionError::NotComposable { name: not_composable.name() });

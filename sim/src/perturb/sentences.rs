@@ -32,7 +32,7 @@ pub enum SentencesError {
     #[error("{}: `{env_id}` is {found}, expected a list of sentences", path.display())]
     NotList { path: PathBuf, env_id: String, found: &'static str },
     #[error(
-        "{}: sentence {n} of `{env_id}` is {found}, expected text of 1 to {INSTRUCTION_BYTES} bytes",
+        "{}: sentence {n} of `{env_id}` is {found}, expected text of 1 to {INSTRUCTION_BYTES} bytes, not only of blanks",
         path.display()
     )]
     NotSentence { path: PathBuf, env_id: String, n: usize, found: String },
@@ -69,12 +69,18 @@ impl Sentences {
                 SentencesError::NotList { path: path(), env_id: env_id.to_owned(), found: kind(value) }
             })?;
             let sentence = |(i, value): (usize, &Yaml<'_>)| match value.as_str() {
-                Some(text) if (1..=INSTRUCTION_BYTES).contains(&text.len()) => Ok(text.to_owned()),
+                Some(text) if text.len() <= INSTRUCTION_BYTES && !text.trim().is_empty() => {
+                    Ok(text.to_owned())
+                }
                 other => Err(SentencesError::NotSentence {
                     path: path(),
                     env_id: env_id.to_owned(),
                     n: i + 1,
-                    found: other.map_or_else(|| kind(value).to_owned(), |t| format!("{} bytes", t.len())),
+                    found: match other {
+                        Some(text) if text.trim().is_empty() && !text.is_empty() => "blank".to_owned(),
+                        Some(text) => format!("{} bytes", text.len()),
+                        None => kind(value).to_owned(),
+                    },
                 }),
             };
             let sentences = list.iter().enumerate().map(sentence).collect::<Result<Vec<_>, _>>()?;

@@ -7,11 +7,20 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use super::file::{ArmFile, BodyFile, TrajectoryError, TrajectoryFile};
 use crate::physics::{ArmState, BodyState, Parameters, World, WorldState};
+use crate::robot::panda;
 use crate::scene::Scene;
 use crate::{Profile, TaskId};
 
 /// Maximum deviation of a quaternion's norm from 1.
 const NORM_TOLERANCE: f64 = 1e-3;
+/// Distance in rad (joints) and m (fingers) by which recordings of contacts are beyond their limits.
+const LIMIT_TOLERANCE: [f64; 2] = [0.1, 0.01];
+/// Largest speed of a joint in rad/s and of a body in m/s, ten times and more of what the benchmark reaches.
+const MAX_SPEED: f64 = 100.0;
+/// Largest angular speed of a body in rad/s.
+const MAX_ANGULAR_SPEED: f64 = 1000.0;
+/// Largest distance of a body from the origin along an axis in m. The table is 2.4 m wide.
+const MAX_DISTANCE: f64 = 10.0;
 /// Seed of what a start leaves open, none of which affects the motion.
 const APPEARANCE_SEED: u64 = 0;
 
@@ -58,9 +67,8 @@ impl Start {
         }
         let arms: Vec<ArmState> = file.arms.iter().map(ArmFile::state).collect();
         for (i, (arm, robot)) in file.arms.iter().zip(&mut scene.robots).enumerate() {
-            if let Some(value) = first_not_finite(arm.qpos.iter().chain(&arm.qvel)) {
-                return Err(error(&format!("arms[{i}]"), "32-bit numbers", value.to_string()));
-            }
+            arm.check()
+                .map_err(|(key, expected, found)| error(&format!("arms[{i}].{key}"), &expected, found))?;
             robot.qpos.copy_from_slice(&arm.qpos[..7]);
         }
 
@@ -73,7 +81,7 @@ impl Start {
             let key = format!("bodies.{}", body.name);
             let given = file.bodies.get(body.name);
             let given = given.ok_or_else(|| error(&key, "a pose", "nothing".to_owned()))?;
-            let state = given.state().map_err(|(expected, found)| error(&key, expected, found))?;
+            let state = given.state().map_err(|(expected, found)| error(&key, &expected, found))?;
             body.pose = state.pose.cast();
             bodies.push(state);
         }
@@ -115,11 +123,48 @@ fn scene_of_size(task: TaskId, profile: Profile, sizes: &[f64]) -> Result<Scene,
     Ok(spec.draw(APPEARANCE_SEED))
 }
 
-fn first_not_finite<'a>(mut values: impl Iterator<Item = &'a f64>) -> Option<f64> {
-    values.find(|value| !(**value as f32).is_finite()).copied()
+/// Checks that numbers are in a range. The error is what was expected and what was found; `mistaken` is the
+/// unit, and how many of it the right one has, in which the number would be possible.
+fn check_range(
+    values: &[f64],
+    (low, high): (f64, f64),
+    unit: &str,
+    mistaken: Option<(&str, f64)>,
+) -> Result<(), (String, String)> {
+    let is_possible = |value: f64| (low..=high).contains(&value);
+    let Some(value) = values.iter().copied().find(|value| !is_possible(*value)) else { return Ok(()) };
+    let hint = mistaken.filter(|(_, factor)| is_possible(value / factor));
+    let hint = hint.map_or_else(String::new, |(name, _)| format!(" (in {name}?)"));
+    Err((format!("numbers from {low} to {high} {unit}"), format!("{value}{hint}")))
 }
 
 impl ArmFile {
+    /// Checks that positions and velocities are possible. The error is a key, what was expected and found.
+    fn check(&self) -> Result<(), (String, String, String)> {
+        let keyed = |key: &str, joint: usize, result: Result<(), (String, String)>| {
+            result.map_err(|(expected, found)| (format!("{key}[{joint}]"), expected, found))
+        };
+        let [slack, finger_slack] = LIMIT_TOLERANCE;
+        for (joint, value) in self.qpos.iter().enumerate() {
+            let result = match panda::LOWER.get(joint).zip(panda::UPPER.get(joint)) {
+                Some((low, high)) => {
+                    let degrees = Some(("degrees", 1_f64.to_degrees()));
+                    check_range(&[*value], (low - slack, high + slack), "rad", degrees)
+                }
+                None => {
+                    let range = (-finger_slack, panda::FINGER_OPEN + finger_slack);
+                    check_range(&[*value], range, "m", Some(("millimetres", 1000.0)))
+                }
+            };
+            keyed("qpos", joint, result)?;
+        }
+        for (joint, value) in self.qvel.iter().enumerate() {
+            let unit = if joint < panda::N_JOINTS { "rad/s" } else { "m/s" };
+            keyed("qvel", joint, check_range(&[*value], (-MAX_SPEED, MAX_SPEED), unit, None))?;
+        }
+        Ok(())
+    }
+
     fn state(&self) -> ArmState {
         ArmState { qpos: self.qpos.map(|q| q as f32), qvel: self.qvel.map(|v| v as f32) }
     }
@@ -133,17 +178,17 @@ impl ArmFile {
 
 impl BodyFile {
     /// Returns the state. The error is what was expected and what was found.
-    fn state(&self) -> Result<BodyState, (&'static str, String)> {
+    fn state(&self) -> Result<BodyState, (String, String)> {
         let Self { pose, linear_velocity, angular_velocity } = self;
-        let numbers = pose.iter().chain(linear_velocity).chain(angular_velocity);
-        if let Some(value) = first_not_finite(numbers) {
-            return Err(("32-bit numbers", value.to_string()));
-        }
+        let distances = (-MAX_DISTANCE, MAX_DISTANCE);
+        check_range(&pose[..3], distances, "m for the position", Some(("millimetres", 1000.0)))?;
+        check_range(linear_velocity, (-MAX_SPEED, MAX_SPEED), "m/s", None)?;
+        check_range(angular_velocity, (-MAX_ANGULAR_SPEED, MAX_ANGULAR_SPEED), "rad/s", None)?;
         let [x, y, z, w, i, j, k] = *pose;
         let quaternion = Quaternion::new(w, i, j, k);
-        if (quaternion.norm() - 1.0).abs() > NORM_TOLERANCE {
+        if (quaternion.norm() - 1.0).abs() > NORM_TOLERANCE || quaternion.norm().is_nan() {
             let found = format!("one of norm {:.4}", quaternion.norm());
-            return Err(("a unit quaternion (w, x, y, z) after the position", found));
+            return Err(("a unit quaternion (w, x, y, z) after the position".to_owned(), found));
         }
         let rotation = UnitQuaternion::from_quaternion(quaternion);
         Ok(BodyState {

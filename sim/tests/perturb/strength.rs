@@ -66,17 +66,17 @@ fn discrete_replacements_happen_with_the_strength_as_probability() {
 }
 
 #[test]
-fn vanishing_strength_changes_almost_nothing() {
+fn least_strength_changes_almost_nothing() {
     for &task in TaskId::ALL {
         for perturbation in singles() {
-            let (weak, nominal) = (at(1e-9, task, perturbation), nominal(task));
+            let (weak, nominal) = (at(0.001, task, perturbation), nominal(task));
             let seed = seeds(task, 1).next().unwrap();
             let (weak, twin) = (weak.draw(seed), nominal.draw(seed));
             assert_eq!(weak.instruction, twin.instruction);
             assert_eq!(weak.bodies.len(), twin.bodies.len());
             for (body, twin) in weak.bodies.iter().zip(&twin.bodies) {
                 let apart = (body.pose.translation.vector - twin.pose.translation.vector).norm();
-                assert!(apart < 1e-6, "{} {} {}: {apart} m", task.name(), perturbation.name(), body.name);
+                assert!(apart < 1e-3, "{} {} {}: {apart} m", task.name(), perturbation.name(), body.name);
             }
         }
     }
@@ -88,6 +88,6 @@ fn strength_is_restricted_to_zero_to_one() {
         assert!(Strength::try_from(invalid).is_err(), "{invalid}");
     }
     let message = Strength::try_from(2.0).unwrap_err().to_string();
-    assert_eq!(message, "strength is 2, expected a number above 0 and at most 1 (the benchmark's strength)");
+    assert_eq!(message, "strength is 2, expected a number from 0.001 to 1 (the benchmark's strength)");
     assert_eq!(Strength::try_from(1.0).unwrap(), Strength::FULL);
 }
