@@ -184,6 +184,7 @@ fn episode_indices_may_be_huge() {
     orchestrator::fuzzing::write_results(&path);
     let sql = "UPDATE episodes SET episode = 4294967295 - episode";
     rusqlite::Connection::open(&path).unwrap().execute(sql, []).unwrap();
+    orchestrator::fuzzing::seal_results(&path);
     LARGEST.store(0, Ordering::Relaxed);
     assert_eq!(orchestrator::fuzzing::read_results(&path, folder.path()), Ok(144));
     assert!(LARGEST.load(Ordering::Relaxed) < MAX_ALLOCATION);
@@ -195,8 +196,9 @@ fn first_success_may_be_beyond_the_horizon() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("results.db");
     orchestrator::fuzzing::write_results(&path);
-    let sql = "UPDATE episodes SET first_success_step = 4294967295";
+    let sql = "UPDATE episodes SET first_success_step = 100000";
     rusqlite::Connection::open(&path).unwrap().execute(sql, []).unwrap();
+    orchestrator::fuzzing::seal_results(&path);
     assert_eq!(orchestrator::fuzzing::read_results(&path, folder.path()), Ok(144));
 }
 

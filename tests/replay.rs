@@ -40,6 +40,9 @@ fn recorded_actions_reproduce_their_episodes() {
         .unwrap();
     assert_eq!(changed, 4);
     drop(database);
+    let message = run(dir.path(), &["replay", "all.db"]).expect_code(2).stderr;
+    assert!(message.contains("the checksum of the stored actions of"), "{message}");
+    orchestrator::fuzzing::seal_results(&dir.path().join("all.db"));
     let all = run(dir.path(), &["replay", "all.db"]).expect_code(1);
     assert!(all.stderr.contains("28 of 32 episodes reproduce"), "{}", all.stderr);
 }
@@ -61,7 +64,8 @@ fn unreplayable_source_is_rejected() {
     rejected(&["kept.db", "--policy", "expert"], &["none of the 1 episodes"]);
     rejected(&["kept.db", "--task", "RaiseCub"], &["unknown task", "RaiseCube"]);
     let database = Connection::open(dir.path().join("kept.db")).unwrap();
-    database.execute("UPDATE episodes SET actions = x'00000000'", []).unwrap();
+    database.execute("UPDATE episodes SET actions = zeroblob(12)", []).unwrap();
+    orchestrator::fuzzing::seal_results(&dir.path().join("kept.db"));
     drop(database);
     rejected(&["kept.db"], &["idle's RaiseCube None", "has 1 values", "expected 644"]);
     fs::write(dir.path().join("notes.txt"), "no database").unwrap();

@@ -94,6 +94,7 @@ fn golden_table_gives_the_paper_s_changes() {
     transaction.execute("DELETE FROM manifest WHERE key = 'plans'", []).unwrap();
     transaction.commit().unwrap();
     drop(connection);
+    orchestrator::fuzzing::seal_results(&dir.path().join("r.db"));
     let _ = run(dir.path(), &["report", "r.db", "-o", "out"]).expect_code(0);
     let data: Value =
         serde_json::from_slice(&std::fs::read(dir.path().join("out/data.json")).unwrap()).unwrap();

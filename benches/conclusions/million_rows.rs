@@ -65,7 +65,7 @@ fn write_rows(path: &Path, n_rows: usize) -> anyhow::Result<usize> {
             [&name],
         )?;
         let mut insert = transaction.prepare(
-            "INSERT INTO episodes VALUES (?1, ?2, ?3, ?4, ?5, 150, ?6, ?6, ?7, ?8, ?9, NULL, 0.1, 0.1, 0.1, 0.1, NULL)",
+            "INSERT INTO episodes VALUES (?1, ?2, ?3, ?4, ?5, 150, ?6, ?6, ?7, ?8, ?9, NULL, 0.1, 0.1, 0.1, 0.1, 0, NULL)",
         )?;
         for (task, perturbation) in &cells {
             for episode in 0..per_cell {
@@ -81,6 +81,8 @@ fn write_rows(path: &Path, n_rows: usize) -> anyhow::Result<usize> {
     }
     transaction.commit()?;
     connection.execute_batch("PRAGMA wal_checkpoint(TRUNCATE)")?;
+    drop(connection);
+    orchestrator::fuzzing::seal_results(path);
     Ok(5 * per_cell * cells.len())
 }
 

@@ -14,10 +14,11 @@ use sim::stream::episode_seed;
 
 use crate::analysis::{Comparison, ComparisonOptions, Evaluation, Metric, read_files};
 use crate::cli::{Cli, Command};
-use crate::commands::{compare, run};
+use crate::commands::compare;
 use crate::evaluation_args::EvaluationArgs;
 use crate::exit::{Failure, OrUser};
 use crate::export::{ExportFormat, export};
+use crate::output_files::{OutputFolder, Overwriting};
 use crate::page::{self, ExternalData, FpsTable, HardwareTable, PageOptions, ReportContent};
 use crate::plan::RunPlan;
 use crate::policy::Identity;
@@ -145,8 +146,9 @@ fn conclude(path: &Path, output: &Path) -> Result<usize, Failure> {
         ExportFormat::Lerobot,
         ExportFormat::VlaEval,
     ];
+    let mut folder = OutputFolder::open(output, Overwriting::default()).or_user()?;
     for format in formats {
-        for path in export(&evaluation, (metric, DEFAULT_LEVELS.alpha), format, output).or_user()? {
+        for path in export(&evaluation, (metric, DEFAULT_LEVELS.alpha), format, &mut folder).or_user()? {
             assert_eq!(path.parent(), Some(output), "exports stay in their folder");
         }
     }
@@ -168,8 +170,7 @@ fn draw_page(evaluation: &Evaluation, external: ExternalData) -> Result<(), Fail
 fn resume(path: &Path) -> Result<(), Failure> {
     let (plan, manifest) = sample_run();
     let results = Results::open(path, &manifest).or_user()?;
-    let todo = run::unfinished(&plan, &results)?;
-    assert!(todo.len() as u64 <= plan.n_episodes());
+    assert!(results.finished(&plan)?.len() <= plan.n_episodes());
     let stopping = Stopping::new(plan.stopping.as_ref().expect("the plan has a rule"), &plan, &results);
     let conclusions = stopping.or_user()?.conclusions();
     crate::live::RunningSuccess::new(&plan, &results).or_user()?.parts(None);
@@ -202,6 +203,14 @@ pub fn write_results(path: &Path) {
             }
         }
     }
+}
+
+/// Writes the checksums of a results file anew, after a test has changed rows.
+///
+/// # Panics
+/// If the file cannot be read or written.
+pub fn seal_results(path: &Path) {
+    crate::results::seal(path).expect("the file has the tables of a run");
 }
 
 /// Returns the run to which the sample of [`write_results`] belongs.

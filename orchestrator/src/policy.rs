@@ -171,7 +171,8 @@ fn expand_home(typed: &Path) -> PathBuf {
     }
 }
 
-fn is_plain(name: &str) -> bool {
+/// Returns `true` for a text that can be the name of a policy, which becomes part of file names.
+pub(crate) fn is_plain(name: &str) -> bool {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
     (1..=MAX_NAME).contains(&name.len()) && name.chars().all(allowed) && !name.starts_with('.')
 }

@@ -1,15 +1,16 @@
 //! The original's result files: one row per cell, in its columns and spelling, one file per policy and
 //! morphology, because its readers expect the morphology in the file's name.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use ipc_types::Morphology;
 use serde_json::Value;
 use sim::Perturbation;
 use sim::perturb::Composition;
 
-use super::{file_name, write_file};
+use super::file_name;
 use crate::analysis::{CellSummary, EvaluatedPolicy, Evaluation, Metric, RowIdx};
+use crate::output_files::OutputFolder;
 use crate::plan::Condition;
 use crate::results::ENVIRONMENT;
 
@@ -35,7 +36,7 @@ const HEADER: [&str; 14] = [
 pub(super) fn write(
     evaluation: &Evaluation,
     (metric, alpha): (Metric, f64),
-    folder: &Path,
+    folder: &mut OutputFolder,
 ) -> anyhow::Result<Vec<PathBuf>> {
     let mut paths = Vec::new();
     for policy in &evaluation.policies {
@@ -49,11 +50,11 @@ pub(super) fn write(
                     Morphology::Single => "single_arm",
                     Morphology::Bimanual => "bimanual",
                 };
-                let path = folder.join(format!("{}.{name}.csv", file_name(policy)));
+                let file = format!("{}.{name}.csv", file_name(policy));
                 let mut writer = csv::Writer::from_writer(Vec::new());
                 writer.write_record(HEADER)?;
-                rows.try_for_each(|row| writer.write_record(row))?;
-                paths.push(write_file(&path, &writer.into_inner()?)?);
+                rows.try_for_each(|row| writer.write_record(row.map(plain_text)))?;
+                paths.push(folder.write(&file, &writer.into_inner()?)?);
             }
         }
     }
@@ -92,6 +93,16 @@ fn row(
         cell.rate.successes.to_string(),
         format!("{percent:.2}"),
     ]
+}
+
+/// Returns a field that no spreadsheet takes for a formula.
+fn plain_text(field: String) -> String {
+    let is_number = field.parse::<f64>().is_ok();
+    if !is_number && field.starts_with(['=', '+', '-', '@', '\t', '\r']) {
+        format!("'{field}")
+    } else {
+        field
+    }
 }
 
 /// Returns the name of a perturbation in the original's result files, whose readers drop columns that they do

@@ -5,22 +5,25 @@
 //! row has an error.
 
 mod gaps;
+mod integrity;
 mod manifest;
 mod open;
 mod recorded;
 mod rows;
 mod schema;
 
-use std::collections::BTreeSet;
+use std::collections::{HashMap, HashSet};
 use std::fs::File;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use rusqlite::{Connection, params};
+use rusqlite::types::{Value, ValueRef};
+use rusqlite::{Connection, params, params_from_iter};
 use sim::serve::protocol::Outcome;
 use thiserror::Error;
 
 pub(crate) use self::gaps::{Gap, gaps};
+pub(crate) use self::integrity::seal;
 pub(crate) use self::manifest::{ENVIRONMENT, Manifest, PLANS, STOPPING};
 pub(crate) use self::open::{ResultsFileError, copy_snapshot};
 pub(crate) use self::recorded::RecordedEpisodes;
@@ -48,9 +51,9 @@ pub(crate) struct EpisodeKey<'a> {
     pub(crate) episode: u32,
 }
 
-/// The finished episodes of a results file.
+/// The episodes of a plan that a results file has: indices of policy and condition, and of the episode.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct FinishedEpisodes(BTreeSet<(String, String, String, u32)>);
+pub(crate) struct FinishedEpisodes(HashSet<(u32, u32, u32)>);
 
 /// Sums over the episodes of one policy under one condition.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -82,6 +85,12 @@ pub(crate) enum StoreError {
         path.display()
     )]
     Gone { path: PathBuf },
+    #[error(
+        "{n} finished episodes have vanished from the results file {} during the run: another program has changed it; run \
+         the same command again",
+        path.display()
+    )]
+    Vanished { path: PathBuf, n: u64 },
 }
 
 impl Results {
@@ -161,43 +170,88 @@ impl Results {
         }
         let Condition { task, perturbation } = key.condition;
         let ledger = &outcome.ledger;
-        let stored = self.connection.prepare_cached(schema::RECORD).and_then(|mut statement| {
-            statement.execute(params![
-                key.policy,
-                task.name(),
-                perturbation.name(),
-                key.episode,
-                // Episode seeds are below 2⁶³.
-                seed.cast_signed(),
-                outcome.steps,
-                outcome.success_once,
-                outcome.success_at_end,
-                outcome.first_success_step,
-                outcome.failed_predicate,
-                format_fingerprint(outcome.fingerprint),
-                outcome.error,
-                ledger.physics_s,
-                ledger.render_s,
-                ledger.policy_s,
-                ledger.wait_s,
-                outcome.actions.as_ref().map(|actions| to_bytes(actions)),
-            ])
-        });
+        let mut values: Vec<Value> = vec![
+            key.policy.to_owned().into(),
+            task.name().to_owned().into(),
+            perturbation.name().into(),
+            key.episode.into(),
+            // Episode seeds are below 2⁶³.
+            seed.cast_signed().into(),
+            outcome.steps.into(),
+            outcome.success_once.into(),
+            outcome.success_at_end.into(),
+            outcome.first_success_step.into(),
+            outcome.failed_predicate.clone().into(),
+            format_fingerprint(outcome.fingerprint).into(),
+            outcome.error.clone().into(),
+            ledger.physics_s.into(),
+            ledger.render_s.into(),
+            ledger.policy_s.into(),
+            ledger.wait_s.into(),
+        ];
+        values.push(integrity::checksum(values.iter().map(ValueRef::from)).into());
+        let actions = outcome.actions.as_ref();
+        values.push(actions.map(|actions| integrity::sealed_actions(to_bytes(actions), seed)).into());
+        let stored = self
+            .connection
+            .prepare_cached(schema::RECORD)
+            .and_then(|mut statement| statement.execute(params_from_iter(values)));
         stored.map(|_| ()).map_err(|error| self.not_written(error))
     }
 
-    /// Returns the episodes that finished without an error.
+    /// Returns the episodes of a plan that finished without an error.
     ///
     /// # Errors
     /// If they cannot be read.
-    pub(crate) fn finished(&self) -> Result<FinishedEpisodes, StoreError> {
+    pub(crate) fn finished(&self, plan: &RunPlan) -> Result<FinishedEpisodes, StoreError> {
+        let names = plan.policies.iter().map(|policy| policy.name.as_str());
+        let policies: HashMap<&str, u32> = names.zip(0..).collect();
+        let names = plan.conditions.iter().map(|it| (it.task.name().to_owned(), it.perturbation.name()));
+        let conditions: HashMap<(String, String), u32> = names.zip(0..).collect();
         let read = || {
+            let mut finished = HashSet::new();
             let mut statement = self.connection.prepare(schema::FINISHED)?;
-            let keys =
-                statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?)))?;
-            keys.collect::<Result<_, _>>().map(FinishedEpisodes)
+            let mut rows = statement.query([])?;
+            // Rows are sorted by condition, so the names of one condition are looked up once.
+            let mut names = (String::new(), String::new());
+            let mut condition = None;
+            while let Some(row) = rows.next()? {
+                let (task, perturbation) = (row.get_ref(1)?.as_str()?, row.get_ref(2)?.as_str()?);
+                if (names.0.as_str(), names.1.as_str()) != (task, perturbation) {
+                    names = (task.to_owned(), perturbation.to_owned());
+                    condition = conditions.get(&names);
+                }
+                let episode = row.get(3)?;
+                let policy = policies.get(row.get_ref(0)?.as_str()?);
+                if let (Some(policy), Some(condition)) = (policy, condition)
+                    && episode < plan.episodes
+                {
+                    finished.insert((*policy, *condition, episode));
+                }
+            }
+            Ok(FinishedEpisodes(finished))
         };
         read().map_err(|error| self.not_read(error))
+    }
+
+    /// Returns how many episodes finished without an error.
+    ///
+    /// # Errors
+    /// If they cannot be counted.
+    pub(crate) fn n_finished(&self) -> Result<u64, StoreError> {
+        let count = self.connection.query_row(schema::N_FINISHED, [], |row| row.get::<_, i64>(0));
+        count.map(i64::unsigned_abs).map_err(|error| self.not_read(error))
+    }
+
+    /// Checks that at least `expected` episodes have finished without an error.
+    ///
+    /// # Errors
+    /// If there are fewer, or they cannot be counted.
+    pub(crate) fn check_n_finished(&self, expected: u64) -> Result<(), StoreError> {
+        match expected.saturating_sub(self.n_finished()?) {
+            0 => Ok(()),
+            n => Err(StoreError::Vanished { path: self.path.clone(), n }),
+        }
     }
 
     /// Returns sums over the first `n_episodes` episodes of a policy under a condition.
@@ -279,10 +333,13 @@ fn to_bytes(patterns: &[u32]) -> Vec<u8> {
 
 impl FinishedEpisodes {
     /// Returns `true` if this episode finished without an error.
-    pub(crate) fn contains(&self, key: EpisodeKey<'_>) -> bool {
-        let Condition { task, perturbation } = key.condition;
-        let owned = (key.policy.to_owned(), task.name().to_owned(), perturbation.name(), key.episode);
-        self.0.contains(&owned)
+    pub(crate) fn contains(&self, policy_idx: usize, condition_idx: usize, episode: u32) -> bool {
+        self.0.contains(&(policy_idx as u32, condition_idx as u32, episode))
+    }
+
+    /// Returns the number of episodes.
+    pub(crate) fn len(&self) -> u64 {
+        self.0.len() as u64
     }
 }
 

@@ -1,13 +1,15 @@
 //! Opening of results files, with a specific error for each kind of path that is not one.
 
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rusqlite::{Connection, ErrorCode, OpenFlags};
+use rustix::process::{Resource, getrlimit};
 use thiserror::Error;
 
+use super::integrity;
 use super::manifest::ManifestMismatch;
 use super::schema::{APPLICATION_ID, CREATE, VERSION};
 
@@ -48,6 +50,11 @@ pub(crate) enum ResultsFileError {
         path.display()
     )]
     Damaged { path: PathBuf, finding: String },
+    #[error(
+        "failed to use the results file {}: {finding}; somebody has changed it. Use a copy of the file as the run left it",
+        path.display()
+    )]
+    Changed { path: PathBuf, finding: String },
     #[error("failed to resume the results file {}: its manifest has no valid {key}", path.display())]
     Manifest { path: PathBuf, key: String },
     #[error(transparent)]
@@ -77,6 +84,18 @@ pub(super) fn open_read_only(path: &Path) -> Result<Connection, ResultsFileError
     Ok(connection)
 }
 
+/// Returns `true` for a file in write-ahead mode whose log is not beside it.
+pub(super) fn lacks_wal(path: &Path) -> bool {
+    /// Byte of a SQLite file that is 2 in write-ahead mode.
+    const WRITE_VERSION: usize = 18;
+    let mut header = [0; WRITE_VERSION + 1];
+    let is_ahead = File::open(path).is_ok_and(|mut file| file.read_exact(&mut header).is_ok())
+        && header[WRITE_VERSION] == 2;
+    let mut log = path.as_os_str().to_owned();
+    log.push("-wal");
+    is_ahead && !Path::new(&log).exists()
+}
+
 /// Copies the state of a results file at this moment into a new file, without free space.
 pub(crate) fn copy_snapshot(path: &Path, copy: &Path) -> Result<(), ResultsFileError> {
     let failed = |error| not_used(path, error);
@@ -98,8 +117,10 @@ fn file_name(path: &Path) -> Result<PathBuf, ResultsFileError> {
     std::path::absolute(path).map_err(|source| ResultsFileError::Io { path: path.into(), source })
 }
 
-/// Checks that this is an undamaged results file of the current version.
+/// Checks that this is a results file of the current version, undamaged and unchanged.
 fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
+    // Functions with side effects are for nobody's views, triggers and constraints.
+    connection.pragma_update(None, "trusted_schema", false).map_err(|source| not_used(path, source))?;
     let pragma = |name| {
         connection
             .pragma_query_value(None, name, |row| row.get::<_, i64>(0))
@@ -112,11 +133,12 @@ fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
         VERSION => {}
         found => return Err(ResultsFileError::Version { path: path.into(), found }),
     }
+    integrity::check_schema(connection, path)?;
     let finding: String = connection
         .query_row("PRAGMA integrity_check(1)", [], |row| row.get(0))
         .map_err(|source| not_used(path, source))?;
     if finding == "ok" {
-        return Ok(());
+        return integrity::check_rows(connection, path);
     }
     // A line that names the database comes first.
     let finding = finding.lines().last().unwrap_or_default().to_owned();
@@ -134,20 +156,33 @@ pub(super) fn not_used(path: &Path, source: rusqlite::Error) -> ResultsFileError
 }
 
 /// Returns SQLite's sentence about an error, which the whole error repeats. For an error of reading or
-/// writing, adds that the file system is full, if it is, because SQLite often does not say so.
+/// writing, adds what the system may have refused, because SQLite often does not say so.
 pub(super) fn cause(path: &Path, error: rusqlite::Error) -> String {
+    /// Extended codes of locks that were refused: those of the file and of the shared memory beside it.
+    const LOCKS: [i32; 6] = [2058, 2314, 2570, 3850, 4618, 5130];
     let failed = matches!(
         error.sqlite_error_code(),
         Some(ErrorCode::SystemIoFailure | ErrorCode::DiskFull | ErrorCode::CannotOpen)
     );
+    let is_locked = error.sqlite_error().is_some_and(|error| LOCKS.contains(&error.extended_code));
     let sentence = match error {
         rusqlite::Error::SqliteFailure(_, Some(sentence)) => sentence,
         error => error.to_string(),
     };
-    let stat = if failed { rustix::fs::statvfs(path).ok() } else { None };
-    match stat.map(|stat| stat.f_bavail.saturating_mul(stat.f_frsize)) {
-        Some(free) if free < FULL => format!("{sentence} (its file system has only {} KiB free)", free >> 10),
-        _ => sentence,
+    if !failed {
+        return sentence;
+    }
+    if is_locked {
+        return format!("{sentence} (its file system grants no locks, as some network ones)");
+    }
+    let stat = rustix::fs::statvfs(path).ok();
+    let free = stat.map_or(u64::MAX, |stat| stat.f_bavail.saturating_mul(stat.f_frsize));
+    match getrlimit(Resource::Fsize).current {
+        _ if free < FULL => format!("{sentence} (its file system has only {} KiB free)", free >> 10),
+        Some(limit) => {
+            format!("{sentence} (files may have {limit} bytes: lift that limit, `ulimit -f unlimited`)")
+        }
+        None => sentence,
     }
 }
 

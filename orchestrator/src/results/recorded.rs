@@ -13,7 +13,7 @@ use sim::perturb::{Composition, Strength};
 use sim::show::EpisodeSpec;
 use sim::{Profile, expert};
 
-use super::{manifest, open, schema};
+use super::{integrity, manifest, open, schema};
 use crate::names::pick;
 use crate::policy::Identity;
 use crate::selection::{parse_perturbation, parse_task};
@@ -57,9 +57,16 @@ impl RecordedEpisodes {
         let StoredEpisode { policy, subject, index, .. } = episode;
         let key = params![policy, subject.task.name(), subject.perturbation.name(), index];
         let connection = self.connection.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let bytes: Vec<u8> = connection
+        let sealed: Vec<u8> = connection
             .query_row(schema::ACTIONS, key, |row| row.get(0))
             .with_context(|| format!("failed to read {} in {}", episode.name(), self.path.display()))?;
+        let bytes = integrity::opened_actions(&sealed, episode.seed).with_context(|| {
+            format!(
+                "{}: the checksum of the stored actions of {} does not fit them, so that they have been changed",
+                self.path.display(),
+                episode.name()
+            )
+        })?;
         let (numbers, rest) = bytes.as_chunks::<4>();
         let (found, expected) = (numbers.len(), episode.n_action_values());
         ensure!(

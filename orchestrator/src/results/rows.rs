@@ -4,15 +4,20 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
+use clap::ValueEnum;
+use ipc_types::ControlMode;
+use policy_host::PolicySpec;
 use rusqlite::Connection;
+use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
-use sim::TaskId;
-use sim::perturb::Composition;
+use sim::perturb::{Composition, Strength};
+use sim::{Profile, TaskId};
 
-use super::{manifest, open, schema};
+use super::{gaps, manifest, open, schema};
+use crate::output::print_message;
 use crate::plan::Condition;
-use crate::policy::Identity;
+use crate::policy::{Identity, is_plain};
 use crate::selection::{parse_perturbation, parse_task};
 use crate::stopping::StoppingRule;
 
@@ -76,6 +81,7 @@ impl ResultsFile {
     /// If it is not a results file of this version or a row is invalid.
     pub(crate) fn read(path: &Path) -> anyhow::Result<Self> {
         // Descriptors are closed before SQLite opens the file, because closing one drops SQLite's locks.
+        let lacks_wal = open::lacks_wal(path);
         let in_use = matches!(File::open(path).map(|file| file.try_lock_shared()), Ok(Err(_)));
         let connection = open::open_read_only(path)?;
         let read = || {
@@ -84,7 +90,7 @@ impl ResultsFile {
             let mut texts = Texts::default();
             let rows = read_rows(&snapshot, &mut texts)?;
             let stopping = manifest.get(manifest::STOPPING).cloned().map(serde_json::from_value);
-            anyhow::Ok(Self {
+            let file = Self {
                 path: path.to_owned(),
                 stopping: stopping
                     .transpose()
@@ -94,7 +100,16 @@ impl ResultsFile {
                 rows,
                 texts: texts.texts,
                 in_use,
-            })
+            };
+            if lacks_wal && gaps(&file)?.is_none_or(|gaps| !gaps.is_empty()) {
+                print_message(&format!(
+                    "note: {} was left by a run that was killed, and {}-wal is not beside it: if this is a copy, copy both \
+                     files, otherwise the last episodes are missing",
+                    path.display(),
+                    path.display()
+                ));
+            }
+            anyhow::Ok(file)
         };
         read().with_context(|| format!("failed to read the results file {}", path.display()))
     }
@@ -155,12 +170,22 @@ fn read_manifest(
         let (key, text): (String, String) = (entry.get(0)?, entry.get(1)?);
         let invalid = || format!("its manifest has no valid {key}");
         if let Some(name) = key.strip_prefix(manifest::POLICY) {
-            policies.insert(name.to_owned(), serde_json::from_str(&text).with_context(invalid)?);
+            ensure!(is_plain(name), "its manifest has `{name}` as the name of a policy");
+            let identity: Identity = serde_json::from_str(&text).with_context(invalid)?;
+            identity.spec.parse::<PolicySpec>().with_context(invalid)?;
+            policies.insert(name.to_owned(), identity);
         } else {
             let value = serde_json::from_str(&text).with_context(invalid)?;
             manifest.insert(key, value);
         }
     }
+    check_option::<Profile>(&manifest, "profile")?;
+    check_option::<Strength>(&manifest, "strength")?;
+    check_option::<u64>(&manifest, "seed")?;
+    let control_mode: String = check_option(&manifest, "control_mode")?;
+    let is_known = ControlMode::from_str(&control_mode, false).is_ok();
+    ensure!(is_known, "its manifest has `{control_mode}` as control_mode");
+    check_option::<u32>(&manifest, "latency")?;
     let shared = manifest::SHARED_EXECUTION.map(|key| (key, manifest.remove(key)));
     let entry = |key: &str| {
         let value = shared.iter().find(|(name, _)| *name == key).and_then(|(_, value)| value.as_ref());
@@ -170,6 +195,12 @@ fn read_manifest(
         *identity = manifest::with_shared_execution(identity.clone(), entry);
     }
     Ok((manifest, policies))
+}
+
+/// Checks an option of the runs, on which rows depend.
+fn check_option<T: DeserializeOwned>(manifest: &Map<String, Value>, key: &str) -> anyhow::Result<T> {
+    let value = manifest.get(key).with_context(|| format!("its manifest has no {key}"))?;
+    serde_json::from_value(value.clone()).with_context(|| format!("its manifest has no valid {key}"))
 }
 
 fn read_rows(connection: &Connection, texts: &mut Texts) -> anyhow::Result<Vec<EpisodeRow>> {

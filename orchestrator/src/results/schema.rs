@@ -3,11 +3,11 @@
 /// Application id of results files: "HYPG" in ASCII.
 pub(super) const APPLICATION_ID: i64 = 0x4859_5047;
 /// Version of the tables below.
-pub(super) const VERSION: i64 = 2;
+pub(super) const VERSION: i64 = 3;
 
 /// Creates the tables. Times are in seconds, `seed` is the episode seed, `fingerprint` has 16 hexadecimal
-/// digits, and `actions` are the executed rows `[steps, action_dim]` in little-endian f32, if they were
-/// recorded.
+/// digits, `checksum` is that of the columns before it, and `actions` are the executed rows
+/// `[steps, action_dim]` in little-endian f32 with a checksum of their own, if they were recorded.
 pub(super) const CREATE: &str = "
     CREATE TABLE manifest (
         key   TEXT NOT NULL PRIMARY KEY,
@@ -30,6 +30,7 @@ pub(super) const CREATE: &str = "
         render_s           REAL    NOT NULL,
         policy_s           REAL    NOT NULL,
         wait_s             REAL    NOT NULL,
+        checksum           INTEGER NOT NULL,
         actions            BLOB,
         PRIMARY KEY (policy, task, perturbation, episode)
     ) STRICT, WITHOUT ROWID;
@@ -38,18 +39,45 @@ pub(super) const CREATE: &str = "
 /// Stores an episode. Only a row with an error is replaced.
 pub(super) const RECORD: &str = "
     INSERT INTO episodes (policy, task, perturbation, episode, seed, steps, success_once, success_at_end,
-        first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s, actions)
-    VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17)
+        first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s,
+        checksum, actions)
+    VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18)
     ON CONFLICT DO UPDATE SET seed = excluded.seed, steps = excluded.steps, success_once = excluded.success_once,
         success_at_end = excluded.success_at_end, first_success_step = excluded.first_success_step,
         failed_predicate = excluded.failed_predicate, fingerprint = excluded.fingerprint, error = excluded.error,
         physics_s = excluded.physics_s, render_s = excluded.render_s, policy_s = excluded.policy_s,
-        wait_s = excluded.wait_s, actions = excluded.actions
+        wait_s = excluded.wait_s, checksum = excluded.checksum, actions = excluded.actions
     WHERE episodes.error IS NOT NULL";
 
 /// Selects the keys of episodes without an error.
-pub(super) const FINISHED: &str =
-    "SELECT policy, task, perturbation, episode FROM episodes WHERE error IS NULL";
+pub(super) const FINISHED: &str = "
+    SELECT policy, task, perturbation, episode FROM episodes WHERE error IS NULL
+    ORDER BY policy, task, perturbation, episode";
+
+/// Counts them.
+pub(super) const N_FINISHED: &str = "SELECT count(*) FROM episodes WHERE error IS NULL";
+
+/// Number of columns of which [`CHECKED`] selects the checksum.
+pub(super) const N_CHECKED: usize = 16;
+
+/// Selects all episodes with their checksums.
+pub(super) const CHECKED: &str = "
+    SELECT policy, task, perturbation, episode, seed, steps, success_once, success_at_end,
+        first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s,
+        checksum
+    FROM episodes ORDER BY policy, task, perturbation, episode";
+
+/// Selects all episodes with their actions, to write their checksums anew.
+pub(super) const SEALED: &str = "
+    SELECT policy, task, perturbation, episode, seed, steps, success_once, success_at_end,
+        first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s,
+        actions
+    FROM episodes";
+
+/// Writes checksums.
+pub(super) const SEAL: &str = "
+    UPDATE episodes SET checksum = ?1, actions = ?2
+    WHERE policy = ?3 AND task = ?4 AND perturbation = ?5 AND episode = ?6";
 
 /// Selects the episodes that can be replayed.
 pub(super) const RECORDED: &str = "

@@ -23,7 +23,7 @@ use crate::build_identity;
 use crate::execution::{execute, resolve};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::fleet::{FleetEvent, RunStatus};
-use crate::jobs::{Job, drivers};
+use crate::jobs::{Job, JobList, drivers};
 use crate::output::{print_message, print_out};
 use crate::package::Package;
 use crate::plan::{Condition, RunPlan};
@@ -355,7 +355,7 @@ fn run(
     let positions: HashMap<_, usize> = jobs.iter().enumerate().map(|(idx, job)| (key(job), idx)).collect();
     let mut outcomes: Vec<Option<Outcome>> = jobs.iter().map(|_| None).collect();
     let mut progress = Progress::of_replays(jobs.len() as u64, args.quiet);
-    let status = execute(plan, identities, jobs, renderer, &|_| true, |event| {
+    let status = execute(plan, identities, JobList::of(jobs), renderer, &|_| true, |event| {
         match event {
             FleetEvent::EpisodeFinished(job, outcome) => {
                 if let Some(&idx) = positions.get(&key(job)) {
