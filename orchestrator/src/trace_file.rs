@@ -13,6 +13,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use ipc_types::trace::{Activity, TraceSpan};
 use serde_json::{Value, json};
+use sim::show::MARK;
+
+use crate::output_files::Overwriting;
 
 /// A trace file that is being written.
 #[derive(Debug)]
@@ -31,11 +34,12 @@ pub(crate) struct TraceFile {
 }
 
 impl TraceFile {
-    /// Creates the file, or empties it.
+    /// Creates the file, or empties that of an earlier run.
     ///
     /// # Errors
-    /// If that fails.
+    /// If that fails, or it is another file.
     pub(crate) fn create(path: &Path) -> anyhow::Result<Self> {
+        Overwriting::default().check(path)?;
         let file = File::create(path).with_context(|| format!("failed to create {}", path.display()))?;
         let mut trace = Self {
             path: path.to_owned(),
@@ -47,6 +51,9 @@ impl TraceFile {
             failure: None,
         };
         trace.write("[");
+        trace.write_event(
+            &json!({ "name": "process_labels", "ph": "M", "pid": 0, "args": { "labels": MARK } }),
+        );
         Ok(trace)
     }
 

@@ -10,6 +10,7 @@ use policy_host::synthetic;
 
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::output::print_message;
+use crate::output_files::{OutputFolder, Overwriting};
 use crate::progress::Progress;
 
 /// Arguments of `checkpoint`.
@@ -27,6 +28,8 @@ pub(crate) struct CheckpointArgs {
     /// Robot of a π0.5 network, single or bimanual; an ACT checkpoint has a network for each
     #[arg(long, ignore_case = true, default_value = "single")]
     pub(crate) morphology: MorphologyName,
+    #[command(flatten)]
+    pub(crate) overwriting: Overwriting,
     /// Seed of the weights
     #[arg(long, default_value_t = 0)]
     pub(crate) seed: u64,
@@ -61,6 +64,7 @@ pub(crate) enum MorphologyName {
 
 /// Writes the checkpoint.
 pub(crate) fn checkpoint(args: &CheckpointArgs) -> Result<ExitStatus, Failure> {
+    OutputFolder::claim(&args.output, args.overwriting).or_user()?;
     match args.kind {
         NetworkKind::Act => write_act(args)?,
         NetworkKind::Pi05 => write_pi05(args)?,

@@ -19,6 +19,7 @@ use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::interrupt;
 use crate::machine::{Cores, Machine};
 use crate::output::{print_message, print_out};
+use crate::output_files::{OutputFolder, Overwriting};
 use crate::plan::check_policies;
 use crate::policy::{Identity, NamedPolicy};
 use crate::progress::Progress;
@@ -74,6 +75,8 @@ pub(crate) struct FpsArgs {
     /// resumes
     #[arg(short, long, value_name = "DIR", default_value = "fps")]
     pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) overwriting: Overwriting,
     /// Print one JSON object instead of a table
     #[arg(long)]
     pub(crate) json: bool,
@@ -93,6 +96,7 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
     let has_network = plan.policies.iter().any(|policy| policy.spec.checkpoint().is_some());
     let cores = Cores::measure(&machine, plan.config.resources.n_threads(), has_network);
     let mut store = PointStore::open(&args.output, &settings).or_user()?;
+    let mut output = OutputFolder::open(&args.output, args.overwriting).or_user()?;
     let stop = StopControl::default();
     let _watch = {
         let stop = stop.clone();
@@ -116,7 +120,7 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
         let identity = &identities[&point.series.policy];
         let Some(measured) = measure(&plan, point, identity, cores, &mut progress, &stop)? else {
             progress.finish();
-            write_files(&args.output, &settings, &store.points, &omissions).or_user()?;
+            write_files(&mut output, &settings, &store.points, &omissions).or_user()?;
             let folder = args.output.display();
             print_message(&format!("interrupted; {folder}: run the same command to resume"));
             return Ok(ExitStatus::Interrupted);
@@ -125,7 +129,7 @@ pub(crate) fn fps(args: &FpsArgs) -> Result<ExitStatus, Failure> {
         progress.tick();
     }
     progress.finish();
-    write_files(&args.output, &settings, &store.points, &omissions).or_user()?;
+    write_files(&mut output, &settings, &store.points, &omissions).or_user()?;
     if args.json {
         let all = std::fs::read_to_string(args.output.join("fps.json")).context("failed to read fps.json")?;
         print_out(&all)?;

@@ -2,7 +2,7 @@
 //! command.
 
 use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use clap::Args;
@@ -28,17 +28,11 @@ pub(crate) struct PackArgs {
     pub(crate) without_checkpoints: bool,
 }
 
-/// Writes the package under a temporary name first.
+/// Writes the package.
 pub(crate) fn pack(args: &PackArgs) -> Result<ExitStatus, Failure> {
     let file = ResultsFile::read(&args.file).or_user()?;
     let output = args.output.display();
-    let partial = args.output.with_extension("partial");
-    let packed = write(args, &file, &partial);
-    if packed.is_err() {
-        // The reason why it could not be written is the one to tell.
-        let _ = std::fs::remove_file(&partial);
-    }
-    let n_checkpoints = packed.or_user()?;
+    let n_checkpoints = write(args, &file).or_user()?;
     print_message(&format!(
         "wrote {output}: {} episodes, {n_checkpoints} checkpoints; `hypogeum verify {output}` runs them again",
         file.rows.len(),
@@ -47,7 +41,7 @@ pub(crate) fn pack(args: &PackArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// Returns the number of checkpoints in the package.
-fn write(args: &PackArgs, file: &ResultsFile, partial: &Path) -> anyhow::Result<usize> {
+fn write(args: &PackArgs, file: &ResultsFile) -> anyhow::Result<usize> {
     let output = args.output.display();
     ensure!(!args.output.exists(), "{output} exists; remove it, or choose another name with -o");
     // What is missing is noticed before anything is written.
@@ -59,7 +53,10 @@ fn write(args: &PackArgs, file: &ResultsFile, partial: &Path) -> anyhow::Result<
     let copy = folder.path().join(RESULTS);
     copy_snapshot(&args.file, &copy)?;
     let failed = || format!("failed to write {output}");
-    let mut package = PackageWriter::new(File::create(partial).with_context(failed)?);
+    // No half-written package has the final name, and the next command replaces what a killed one leaves.
+    let mut partial = args.output.clone().into_os_string();
+    partial.push(".part");
+    let mut package = PackageWriter::new(File::create(&partial).with_context(failed)?);
     package.file(RESULTS, &copy).with_context(failed)?;
     for (name, content) in &checkpoints {
         package.checkpoint(name, content).with_context(failed)?;

@@ -19,6 +19,7 @@ use super::trajectory;
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::movie;
 use crate::output::{print_message, print_out};
+use crate::output_files::Overwriting;
 use crate::playback::{EpisodeSource, MovieEpisode};
 use crate::progress::Progress;
 use crate::selection::{PERTURBATION_PARSER, TASK_PARSER};
@@ -81,6 +82,8 @@ pub(crate) struct ReplayArgs {
     #[arg(long, value_name = "N", default_value_t = 1, requires = "movie",
         value_parser = clap::value_parser!(u16).range(1..=20))]
     pub(crate) stride: u16,
+    #[command(flatten)]
+    pub(crate) overwriting: Overwriting,
     /// Show no progress
     #[arg(long)]
     pub(crate) quiet: bool,
@@ -88,6 +91,7 @@ pub(crate) struct ReplayArgs {
 
 /// Replays episodes of a dataset or a results file.
 pub(crate) fn replay(args: &ReplayArgs) -> Result<ExitStatus, Failure> {
+    args.movie.iter().try_for_each(|path| args.overwriting.check(path)).or_user()?;
     if let (Some(start), Some(actions)) = (&args.start, &args.actions) {
         return match &args.movie {
             Some(path) => {

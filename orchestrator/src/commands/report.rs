@@ -1,15 +1,16 @@
 //! `hypogeum report`: a page with figures, comparisons and warnings, and the results as data.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, ensure};
+use anyhow::ensure;
 use clap::Args;
 
 use crate::analysis::Flip;
 use crate::evaluation_args::EvaluationArgs;
 use crate::exit::{ExitStatus, Failure, OrUser};
-use crate::export::{ExportFormat, export, write_file};
+use crate::export::{ExportFormat, export};
 use crate::output::print_message;
+use crate::output_files::{OutputFolder, Overwriting};
 use crate::page::{self, ExternalData, FpsTable, HardwareTable, Movie, PageOptions, ReportContent};
 use crate::playback::write_flip_movie;
 
@@ -40,6 +41,8 @@ pub(crate) struct ReportArgs {
     /// Further formats of the results, comma-separated
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',')]
     pub(crate) format: Vec<ExportFormat>,
+    #[command(flatten)]
+    pub(crate) overwriting: Overwriting,
 }
 
 /// Writes the page and the data.
@@ -62,18 +65,18 @@ pub(crate) fn report(args: &ReportArgs) -> Result<ExitStatus, Failure> {
     };
     let report = ReportContent::new(&evaluation, &options, external).or_user()?;
     // Nothing is written before everything has been computed.
-    std::fs::create_dir_all(&args.output)
-        .with_context(|| format!("failed to create the folder {}", args.output.display()))
-        .or_user()?;
-    let movies = movies(&report, args).or_user()?;
+    let mut output = OutputFolder::open(&args.output, args.overwriting).or_user()?;
+    // Whether the page may be written is known before the movies are drawn.
+    output.path("index.html").or_user()?;
+    let movies = movies(&report, args.movies, &mut output).or_user()?;
     let html = page::html(&report, &movies)?;
     let data = serde_json::to_vec(&report)?;
-    write_file(&args.output.join("data.json"), &data).or_user()?;
+    output.write("data.json", &data).or_user()?;
     for format in &args.format {
-        export(&evaluation, (report.metric, report.levels.alpha), *format, &args.output).or_user()?;
+        export(&evaluation, (report.metric, report.levels.alpha), *format, &mut output).or_user()?;
     }
     // The page is written last: where it is, everything else is.
-    let page = write_file(&args.output.join("index.html"), html.as_bytes()).or_user()?;
+    let page = output.write("index.html", html.as_bytes()).or_user()?;
     for warning in &report.warnings {
         print_message(&format!("warning: {warning}"));
     }
@@ -82,8 +85,8 @@ pub(crate) fn report(args: &ReportArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// Writes movies of the first flips of each comparison whose both sides can be replayed.
-fn movies(report: &ReportContent, args: &ReportArgs) -> anyhow::Result<Vec<Movie>> {
-    if args.movies == 0 {
+fn movies(report: &ReportContent, n: usize, output: &mut OutputFolder) -> anyhow::Result<Vec<Movie>> {
+    if n == 0 {
         return Ok(Vec::new());
     }
     let can_replay = |flip: &&Flip| flip.sides.iter().all(|side| side.has_actions);
@@ -95,14 +98,14 @@ fn movies(report: &ReportContent, args: &ReportArgs) -> anyhow::Result<Vec<Movie
          --keep-actions=false, or by an early version"
     );
     // Spread over all flips, so that not all are of one cell.
-    let n = args.movies.min(flips.len());
+    let n = n.min(flips.len());
     let chosen = (0..n).map(|idx| flips[idx * flips.len() / n]);
-    chosen.enumerate().map(|(idx, flip)| movie(flip, idx, &args.output)).collect()
+    chosen.enumerate().map(|(idx, flip)| movie(flip, idx, output)).collect()
 }
 
-fn movie(flip: &Flip, idx: usize, folder: &Path) -> anyhow::Result<Movie> {
+fn movie(flip: &Flip, idx: usize, output: &mut OutputFolder) -> anyhow::Result<Movie> {
     let file = format!("flip-{idx}.gif");
-    write_flip_movie(flip, &folder.join(&file))?;
+    write_flip_movie(flip, &output.path(&file)?)?;
     let [a, b] = [&flip.sides[0], &flip.sides[1]];
     let result = |side: usize| if flip.a_succeeds == (side == 0) { "succeeds" } else { "fails" };
     let of = |side: &crate::analysis::FlipSide| {

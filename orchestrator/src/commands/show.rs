@@ -16,6 +16,7 @@ use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::movie;
 use crate::names::{NameParser, UnknownName, pick};
 use crate::output::{print_message, print_out};
+use crate::output_files::Overwriting;
 use crate::plan::{Condition, PlanError};
 use crate::selection::{PerturbationSelector, TaskSelector};
 use crate::table::{Align, TextTable};
@@ -29,7 +30,7 @@ pub(crate) struct ShowArgs {
     /// Perturbation, several joined by + that act together, or all: one row for each that applies to the task
     #[arg(long, default_value = "None", value_parser = PerturbationSelector::PARSER, hide_possible_values = true)]
     pub(crate) perturbation: PerturbationSelector,
-    /// Strength of the perturbation, above 0 and at most 1
+    /// Strength of the perturbation, from 0.001 to 1
     #[arg(long, value_name = "X", default_value_t = Strength::FULL)]
     pub(crate) strength: Strength,
     /// Suite seed, as in `run`
@@ -63,6 +64,8 @@ pub(crate) struct ShowArgs {
     /// Contact sheet to write [default: TASK.png]
     #[arg(short, long, value_name = "FILE.png", conflicts_with = "movie")]
     pub(crate) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) overwriting: Overwriting,
 }
 
 const VIEW_PARSER: NameParser<ViewMode, UnknownName> = NameParser {
@@ -95,12 +98,12 @@ pub(crate) fn show(args: &ShowArgs) -> Result<ExitStatus, Failure> {
     };
     let plan = ShowPlan::new(task, args).or_user()?;
     let name = task.name();
-    match &args.movie {
-        Some(path) => write_movie(&plan, path),
-        None => write_sheet(&plan, args.output.as_deref().unwrap_or(&PathBuf::from(format!("{name}.png")))),
-    }
-    .with_context(|| format!("failed to show {name}"))
-    .or_user()
+    let sheet = || args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.png")));
+    let path = args.movie.clone().unwrap_or_else(sheet);
+    args.overwriting.check(&path).or_user()?;
+    if args.movie.is_some() { write_movie(&plan, &path) } else { write_sheet(&plan, &path) }
+        .with_context(|| format!("failed to show {name}"))
+        .or_user()
 }
 
 impl ShowPlan {
@@ -175,6 +178,7 @@ fn write_gallery(args: &ShowArgs) -> anyhow::Result<ExitStatus> {
         images.push(start.with_samples(samples).render_camera(0, 0));
     }
     let path = args.output.as_deref().unwrap_or(Path::new("tasks.png"));
+    args.overwriting.check(path)?;
     contact_sheet::compose(&images, GALLERY_COLUMNS, 1).write_png(path)?;
     print_message(&format!("wrote {}", path.display()));
     Ok(ExitStatus::Success)

@@ -6,13 +6,13 @@ mod episodes;
 mod lerobot;
 mod vla_eval;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::Context;
 use clap::ValueEnum;
 use serde_json::Value;
 
 use crate::analysis::{CellSummary, EvaluatedPolicy, Evaluation, Metric};
+use crate::output_files::OutputFolder;
 
 /// A format of exported results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -38,17 +38,16 @@ pub(crate) fn export(
     evaluation: &Evaluation,
     (metric, alpha): (Metric, f64),
     format: ExportFormat,
-    folder: &Path,
+    folder: &mut OutputFolder,
 ) -> anyhow::Result<Vec<PathBuf>> {
-    let per_policy = |name: fn(&str) -> String, make: &dyn Fn(&EvaluatedPolicy) -> Value| {
-        let write =
-            |policy: &EvaluatedPolicy| write_json(&folder.join(name(&file_name(policy))), &make(policy));
+    let mut per_policy = |name: fn(&str) -> String, make: &dyn Fn(&EvaluatedPolicy) -> Value| {
+        let write = |policy: &EvaluatedPolicy| write_json(folder, &name(&file_name(policy)), &make(policy));
         evaluation.policies.iter().map(write).collect::<anyhow::Result<Vec<PathBuf>>>()
     };
     match format {
         ExportFormat::Csv => csv::write(evaluation, (metric, alpha), folder),
         ExportFormat::Parquet => {
-            let path = folder.join("episodes.parquet");
+            let path = folder.path("episodes.parquet")?;
             episodes::write(evaluation, &path)?;
             Ok(vec![path])
         }
@@ -60,7 +59,7 @@ pub(crate) fn export(
                 .collect();
             let manifest = &evaluation.files[0].manifest;
             let all = serde_json::json!({ "run": manifest, "metric": metric, "cells": cells });
-            Ok(vec![write_json(&folder.join("cells.json"), &all)?])
+            Ok(vec![write_json(folder, "cells.json", &all)?])
         }
         ExportFormat::Lerobot => per_policy(|policy| format!("{policy}.eval_info.json"), &|policy| {
             lerobot::eval_info(evaluation, policy, metric)
@@ -76,15 +75,6 @@ fn file_name(policy: &EvaluatedPolicy) -> String {
     policy.name.replace(['/', ':'], "_")
 }
 
-/// Writes a file under a temporary name first, so that no half-written file ever has the final name.
-pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> anyhow::Result<PathBuf> {
-    let partial = path.with_extension("partial");
-    std::fs::write(&partial, bytes)
-        .and_then(|()| std::fs::rename(&partial, path))
-        .with_context(|| format!("failed to write {}", path.display()))?;
-    Ok(path.to_owned())
-}
-
-fn write_json(path: &Path, value: &Value) -> anyhow::Result<PathBuf> {
-    write_file(path, format!("{value:#}\n").as_bytes())
+fn write_json(folder: &mut OutputFolder, name: &str, value: &Value) -> anyhow::Result<PathBuf> {
+    folder.write(name, format!("{value:#}\n").as_bytes())
 }

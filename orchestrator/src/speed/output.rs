@@ -1,13 +1,11 @@
 //! Points as a table, as JSON, as CSV files with the original's columns, and as a figure.
 
-use std::path::Path;
-
 use serde_json::json;
 
 use super::plan::Omission;
 use super::point::{PAPER_STEPS, Series, SpeedPoint};
 use super::store::SpeedSettings;
-use crate::export::write_file;
+use crate::output_files::OutputFolder;
 use crate::page::{FpsSeries, fps_svgs};
 use crate::table::{Align, TextTable};
 
@@ -81,7 +79,7 @@ pub(crate) fn table(points: &[SpeedPoint]) -> String {
 /// # Errors
 /// If a file cannot be written.
 pub(crate) fn write_files(
-    folder: &Path,
+    folder: &mut OutputFolder,
     settings: &SpeedSettings,
     points: &[SpeedPoint],
     omissions: &[Omission],
@@ -91,7 +89,7 @@ pub(crate) fn write_files(
         .map(|it| json!({ "series": it.series, "envs": it.envs, "reason": it.reason }))
         .collect();
     let all = json!({ "settings": settings, "points": points, "omitted": omitted });
-    write_file(&folder.join("fps.json"), format!("{all:#}\n").as_bytes())?;
+    folder.write("fps.json", format!("{all:#}\n").as_bytes())?;
     let mut series: Vec<&Series> = Vec::new();
     for point in points {
         if !series.contains(&&point.series) {
@@ -104,15 +102,14 @@ pub(crate) fn write_files(
         own
     };
     for series in &series {
-        let path = folder.join(format!("{}.csv", series.name()));
-        write_file(&path, csv(&of(series)).as_bytes())?;
+        folder.write(&format!("{}.csv", series.name()), csv(&of(series)).as_bytes())?;
     }
     let curves = series.iter().map(|series| FpsSeries {
         name: series.name(),
         points: of(series).iter().map(|point| (f64::from(point.envs), point.env_steps_per_s)).collect(),
     });
     let [svg, _] = fps_svgs(&curves.collect::<Vec<_>>());
-    write_file(&folder.join("fps.svg"), svg.as_bytes())?;
+    folder.write("fps.svg", svg.as_bytes())?;
     Ok(())
 }
 

@@ -6,6 +6,8 @@ use std::path::Path;
 
 use thiserror::Error;
 
+use super::MARK;
+
 /// Width of the gap around and between images, in px of the sheet.
 const MARGIN: usize = 4;
 /// Grey level of the margins.
@@ -93,7 +95,8 @@ impl RgbImage {
         let mut encoder = png::Encoder::new(BufWriter::new(file), width as u32, height as u32);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
-        let written = encoder.write_header().and_then(|mut writer| {
+        let marked = encoder.add_text_chunk("Software".to_owned(), MARK.to_owned());
+        let written = marked.and_then(|()| encoder.write_header()).and_then(|mut writer| {
             writer.write_image_data(&self.rgb)?;
             writer.finish()
         });

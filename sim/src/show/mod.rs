@@ -24,6 +24,9 @@ pub use sequence::FrameSequence;
 
 use crate::expert::MotionPlanError;
 
+/// Text in the first bytes of every image and movie, by which the program recognises its own files.
+pub const MARK: &str = "written-by: hypogeum";
+
 /// Errors that can occur while rolling out an episode to show.
 #[derive(Debug, Error)]
 pub enum ShowError {

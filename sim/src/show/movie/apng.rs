@@ -6,6 +6,7 @@ use std::io::BufWriter;
 use png::{BitDepth, BlendOp, ColorType, EncodingError};
 
 use super::STEPS_PER_S;
+use crate::show::MARK;
 use crate::show::contact_sheet::RgbImage;
 
 /// An animated PNG file that is being written.
@@ -27,6 +28,7 @@ impl Apng {
         encoder.set_frame_delay(steps_per_frame, STEPS_PER_S)?;
         encoder.set_blend_op(BlendOp::Over)?;
         encoder.validate_sequence(true);
+        encoder.add_text_chunk("Software".to_owned(), MARK.to_owned())?;
         let mut writer = encoder.write_header()?;
         let opaque: Vec<u8> = first.pixels().flat_map(|[r, g, b]| [r, g, b, u8::MAX]).collect();
         writer.write_image_data(&opaque)?;

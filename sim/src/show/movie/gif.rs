@@ -6,9 +6,10 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 
-use gif::{Encoder, EncodingError, Frame, Repeat};
+use gif::{Encoder, EncodingError, Extension, Frame, Repeat};
 
 use super::STEPS_PER_S;
+use crate::show::MARK;
 use crate::show::contact_sheet::RgbImage;
 
 /// Levels of red, green and blue in the colour cube. Green gets the most because the eye is most sensitive to
@@ -39,6 +40,7 @@ impl Gif {
         let [width, height] = first.size().map(|px| px as u16);
         let mut encoder = Encoder::new(file, width, height, &cube())?;
         encoder.set_repeat(Repeat::Infinite)?;
+        encoder.write_raw_extension(Extension::Comment.into(), &[MARK.as_bytes()])?;
         let delay = 100 * steps_per_frame / STEPS_PER_S;
         encoder.write_frame(&encoded(first, delay, |_| true))?;
         Ok(Self { encoder, delay })
