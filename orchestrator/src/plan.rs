@@ -271,7 +271,7 @@ mod tests {
         assert_eq!((plan.episodes, plan.config), (10, RunConfig::default()));
         let RunConfig { results, resources, .. } = RunConfig::default();
         assert_eq!((results.seed, resources.envs, resources.threads), (0, Amount::Auto, Amount::Auto));
-        assert_eq!(resources.n_threads() as usize, std::thread::available_parallelism().unwrap().get());
+        assert_eq!(resources.n_threads(), ipc_types::allotment::n_cores());
         assert_eq!(plan.executions, [Execution::chunk(30)]);
         assert_eq!(plan.db, PathBuf::from("hypogeum.db"));
     }
@@ -344,8 +344,8 @@ mod tests {
         insta::assert_snapshot!(wrong("--policy idle --perturbations All+MO-Color"), @"error: invalid value 'All+MO-Color' for '--perturbations <LIST>': All cannot be combined with other perturbations");
         insta::assert_snapshot!(wrong("--policy idle --perturbations Language-None+Language-Random"), @"error: invalid value 'Language-None+Language-Random' for '--perturbations <LIST>': Language-None and Language-Random cannot be combined: an episode has a single instruction");
         insta::assert_snapshot!(wrong("--policy idle --tasks OpenDrawer --perturbations Camera-Pose+MO-Size"), @"perturbation MO-Size does not apply to OpenDrawer: the task has no manipulation object; omit one of them, or use --perturbations all for those that apply");
-        insta::assert_snapshot!(wrong("--policy idle --strength 1.5"), @"error: invalid value '1.5' for '--strength <X>': strength is 1.5, expected a number above 0 and at most 1 (the benchmark's strength)");
-        insta::assert_snapshot!(wrong("--policy idle --strength 0"), @"error: invalid value '0' for '--strength <X>': strength is 0, expected a number above 0 and at most 1 (the benchmark's strength)");
+        insta::assert_snapshot!(wrong("--policy idle --strength 1.5"), @"error: invalid value '1.5' for '--strength <X>': strength is 1.5, expected a number from 0.001 to 1 (the benchmark's strength)");
+        insta::assert_snapshot!(wrong("--policy idle --strength 0"), @"error: invalid value '0' for '--strength <X>': strength is 0, expected a number from 0.001 to 1 (the benchmark's strength)");
         insta::assert_snapshot!(wrong("--policy idel"), @"error: invalid value 'idel' for '--policy <NAME=SPEC>': unknown policy `idel`; did you mean idle?");
         insta::assert_snapshot!(wrong("--policy a=act"), @"error: invalid value 'a=act' for '--policy <NAME=SPEC>': policy `act` needs PATH after a colon: act:PATH");
         insta::assert_snapshot!(wrong("--policy a/b=idle"), @"error: invalid value 'a/b=idle' for '--policy <NAME=SPEC>': policy name `a/b` is invalid, expected 1 to 64 letters, digits, `.`, `_` or `-`");

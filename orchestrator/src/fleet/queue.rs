@@ -1,11 +1,11 @@
 //! The episodes that have not been assigned to a sim yet.
 
-use std::collections::VecDeque;
+use std::iter::Peekable;
 
 use sim::serve::protocol::Driver;
 
 use super::IsWanted;
-use crate::jobs::Job;
+use crate::jobs::{DriverJobs, Job, JobList};
 
 /// A queue from which unwanted jobs disappear. Each driver has a limit of its own, so that one that does not
 /// finish its episodes holds nobody else up.
@@ -20,30 +20,39 @@ pub(super) struct JobQueue<'a> {
 struct DriverQueue {
     driver: Driver,
     /// With their positions in the plan.
-    pending: VecDeque<(usize, Job)>,
+    pending: Peekable<DriverJobs>,
+    is_empty: bool,
     /// Number of jobs that were taken and have not finished.
     n_outstanding: usize,
 }
 
 impl DriverQueue {
+    fn new(driver: Driver, jobs: DriverJobs) -> Self {
+        let mut queue = Self { driver, pending: jobs.peekable(), is_empty: false, n_outstanding: 0 };
+        queue.is_empty = queue.pending.peek().is_none();
+        queue
+    }
+
     fn is_active(&self) -> bool {
-        self.n_outstanding > 0 || !self.pending.is_empty()
+        self.n_outstanding > 0 || !self.is_empty
+    }
+
+    /// Returns the position of the first job in the plan.
+    fn first(&mut self) -> Option<u64> {
+        self.pending.peek().map(|(position, _)| *position)
+    }
+
+    fn pop(&mut self) -> Option<Job> {
+        let job = self.pending.next().map(|(_, job)| job);
+        self.is_empty = self.pending.peek().is_none();
+        job
     }
 }
 
 impl<'a> JobQueue<'a> {
-    pub(super) fn new(jobs: Vec<Job>, in_step: bool, is_wanted: &'a IsWanted<'a>) -> Self {
-        let mut drivers: Vec<DriverQueue> = Vec::new();
-        for (position, job) in jobs.into_iter().enumerate() {
-            let known = drivers.iter().position(|queue| queue.driver == job.driver);
-            let idx = known.unwrap_or_else(|| {
-                let pending = VecDeque::new();
-                drivers.push(DriverQueue { driver: job.driver, pending, n_outstanding: 0 });
-                drivers.len() - 1
-            });
-            drivers[idx].pending.push_back((position, job));
-        }
-        Self { drivers, in_step, is_wanted }
+    pub(super) fn new(jobs: &JobList, in_step: bool, is_wanted: &'a IsWanted<'a>) -> Self {
+        let queues = jobs.drivers().map(|driver| DriverQueue::new(driver, jobs.of_driver(driver)));
+        Self { drivers: queues.filter(|queue| !queue.is_empty).collect(), in_step, is_wanted }
     }
 
     /// Takes the next job that is wanted now, in the order of the plan. Skips the drivers that have work for
@@ -52,12 +61,12 @@ impl<'a> JobQueue<'a> {
         let n_active = self.drivers.iter().filter(|queue| queue.is_active()).count();
         let limit = envs + envs.div_ceil(n_active.max(1));
         loop {
-            let end = if self.in_step { self.first()? + 2 * limit * self.drivers.len() } else { usize::MAX };
+            let ahead = (2 * limit * self.drivers.len()) as u64;
+            let end = if self.in_step { self.first()?.saturating_add(ahead) } else { u64::MAX };
             let open = self.drivers.iter_mut().filter(|queue| queue.n_outstanding < limit);
-            let queue = open
-                .filter(|queue| queue.pending.front().is_some_and(|(position, _)| *position < end))
-                .min_by_key(|queue| queue.pending[0].0)?;
-            let (_, job) = queue.pending.pop_front()?;
+            let firsts = open.filter_map(|queue| Some((queue.first().filter(|first| *first < end)?, queue)));
+            let (_, queue) = firsts.min_by_key(|(first, _)| *first)?;
+            let job = queue.pop()?;
             if (self.is_wanted)(&job) {
                 queue.n_outstanding += 1;
                 return Some(job);
@@ -66,8 +75,8 @@ impl<'a> JobQueue<'a> {
     }
 
     /// Returns the position of the first job in the plan that is left.
-    fn first(&self) -> Option<usize> {
-        self.drivers.iter().filter_map(|queue| queue.pending.front()).map(|(position, _)| *position).min()
+    fn first(&mut self) -> Option<u64> {
+        self.drivers.iter_mut().filter_map(DriverQueue::first).min()
     }
 
     /// Records that a job has finished.
@@ -79,9 +88,10 @@ impl<'a> JobQueue<'a> {
 
     /// Takes all jobs of a driver that are wanted now.
     pub(super) fn take_all(&mut self, driver: Driver) -> Vec<Job> {
-        let queue = self.drivers.iter_mut().find(|queue| queue.driver == driver);
-        let jobs = queue.map(|queue| std::mem::take(&mut queue.pending)).unwrap_or_default();
-        jobs.into_iter().map(|(_, job)| job).filter(|job| (self.is_wanted)(job)).collect()
+        let Some(queue) = self.drivers.iter_mut().find(|queue| queue.driver == driver) else {
+            return Vec::new();
+        };
+        std::iter::from_fn(|| queue.pop()).filter(|job| (self.is_wanted)(job)).collect()
     }
 
     /// Returns the number of drivers that have had jobs.
@@ -91,22 +101,23 @@ impl<'a> JobQueue<'a> {
 
     /// Returns `true` if no job is left, wanted or not.
     pub(super) fn is_empty(&self) -> bool {
-        self.drivers.iter().all(|queue| queue.pending.is_empty())
+        self.drivers.iter().all(|queue| queue.is_empty)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::jobs::jobs;
     use crate::plan::RunPlan;
+    use crate::results::FinishedEpisodes;
     use crate::sweep::SweepArgs;
 
     /// Finishes every job of one driver at once and none of the other. Returns the number of the former.
     fn n_of_faster(in_step: bool) -> usize {
         let arguments = "--policy idle --policy random --tasks RaiseCube --episodes 200";
         let plan = RunPlan::new(&SweepArgs::parse(arguments).unwrap()).unwrap();
-        let mut queue = JobQueue::new(jobs(&plan).collect(), in_step, &|_| true);
+        let mut queue =
+            JobQueue::new(&JobList::unfinished(&plan, FinishedEpisodes::default()), in_step, &|_| true);
         let mut n_finished = 0;
         while let Some(job) = queue.next(10) {
             if job.driver == Driver::Lane(0) {

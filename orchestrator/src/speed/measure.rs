@@ -10,10 +10,11 @@ use super::point::SpeedPoint;
 use crate::execution::{as_failure, fleet};
 use crate::exit::{Failure, OrUser};
 use crate::fleet::{FleetEvent, Stopper};
-use crate::jobs::{Job, jobs};
+use crate::jobs::JobList;
 use crate::machine::Cores;
 use crate::policy::Identity;
 use crate::progress::Progress;
+use crate::results::FinishedEpisodes;
 
 /// Stops the current fleet at the user's request, and tells that there was one.
 #[derive(Clone, Debug, Default)]
@@ -55,8 +56,8 @@ pub(crate) fn measure(
     stop: &StopControl,
 ) -> Result<Option<SpeedPoint>, Failure> {
     let started = Instant::now();
-    let todo: Vec<Job> = jobs(&point.plan).collect();
-    let fleet = fleet(&point.plan, std::slice::from_ref(identity), todo.len(), None)?;
+    let todo = JobList::unfinished(&point.plan, FinishedEpisodes::default());
+    let fleet = fleet(&point.plan, std::slice::from_ref(identity), todo.len(), None, false)?;
     let stopper = fleet.stopper();
     stop.watch(Some(stopper.clone()));
     if stop.is_requested() {
@@ -79,7 +80,7 @@ pub(crate) fn measure(
         }
         Ok(())
     };
-    let ended = fleet.run(todo, &|_| true, &mut sink);
+    let ended = fleet.run(&todo, &|_| true, &mut sink);
     stop.watch(None);
     let (_, totals) = ended.map_err(as_failure)?;
     if stop.is_requested() {

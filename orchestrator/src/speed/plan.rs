@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use ipc_types::RunConfig;
+use ipc_types::allotment::available_memory;
 use ipc_types::link::check_budget;
 use ipc_types::run_config::{Amount, QueryMode};
-use policy_host::checkpoint::available_memory;
 use sim::{Perturbation, TaskId};
 
 use super::point::{Series, SpeedPoint};
