@@ -18,12 +18,19 @@ from collections import Counter
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from scenarios import SCENARIOS
 from trials import Bench, Kill, Phase, Trial, pattern
 
 # Trials of a phase that is not reached. Which process makes some files depends on which is faster.
 MAX_TRIES = 3
 # Roles of the processes that are killed at random times. Each group gets a third of the kills.
 ROLES = (("orchestrator",), ("sim",), ("host-act", "host-random"))
+# Processes that are killed together, and the seconds for which they are stopped before: those of any command,
+# and children. HOST is one of a scenario's hosts.
+TOGETHER = (("all", 0.0), ("orchestrator", 0.3), ("all", 0.3))
+TOGETHER_WITH_CHILDREN = (
+    *TOGETHER, ("sim+HOST", 0.0), ("orchestrator+sim", 0.0), ("orchestrator+HOST", 0.0), ("sim", 0.3), ("HOST", 0.3),
+)  # fmt: skip
 # Share of the random kills that hit all processes of a run at once.
 SHARE_OF_ALL = 0.1
 PROGRESS_INTERVAL = 25
@@ -71,6 +78,43 @@ def random_trial(seed: int, number: int, duration_s: float) -> Trial:
     return Trial(f"random {number}", kills)
 
 
+def together_trial(seed: int, number: int, durations_s: dict[str, float]) -> Trial:
+    """Returns a trial with one or two kills of several processes at once. It depends on the arguments only."""
+    rng = random.Random(f"together {seed} {number}")
+    name = list(durations_s)[number % len(durations_s)]
+    kills = []
+    for _ in range(rng.choice([1, 1, 2])):
+        hosts = SCENARIOS[name].hosts
+        role, stop_s = rng.choice(TOGETHER_WITH_CHILDREN if hosts else TOGETHER)
+        role = role.replace("HOST", rng.choice(hosts or ("",)))
+        kills.append(Kill(role, time_s=rng.uniform(0.0, durations_s[name]), stop_s=stop_s))
+    return Trial(f"together {number} ({name})", kills, SCENARIOS[name])
+
+
+def kill_together(bench: Bench, args) -> int:
+    """Runs trials of every scenario in turn. Returns the exit code."""
+    references, durations_s = {}, {}
+    names = args.scenarios.split(",") if args.scenarios else list(SCENARIOS)
+    for name in names:
+        undisturbed = [bench.run(Trial(f"reference of {name}", [], SCENARIOS[name]), None) for _ in range(2)]
+        if any(trial.failures for trial in undisturbed) or undisturbed[0].rows != undisturbed[1].rows:
+            failures = [failure for trial in undisturbed for failure in trial.failures]
+            print(f"undisturbed, {name} failed: " + "\n".join(failures or ["other outcomes"]), file=sys.stderr)
+            return 1
+        references[name], durations_s[name] = undisturbed[0].rows, min(trial.duration_s for trial in undisturbed)
+        print(f"{name}: {durations_s[name]:.2f} s, {len(references[name])} rows", file=sys.stderr)
+    record = Record(args.output)
+    for number in itertools.count():
+        if args.only:
+            number = int(args.only.split()[1])
+        trial = together_trial(args.seed, number, durations_s)
+        record.add(bench.run(trial, references[names[number % len(names)]]))
+        if record.n_kills >= args.kills or len(record.trials) >= 2 * args.kills:
+            break
+    print(record.summary())
+    return int(any(trial.failures for trial in record.trials))
+
+
 class Record:
     """The outcome of all trials so far."""
 
@@ -103,7 +147,7 @@ class Record:
         exit_s = "" if kill.last_exit_s is None else f"{kill.last_exit_s:.3f}"
         failure = trial.failures[0].splitlines()[0] if trial.failures else ""
         phase = kill.phase
-        call = ["random", kill.role, "", "", "", f"{kill.time_s:.3f}", trial.name]
+        call = [kill.kind, kill.role, "", "", "", f"{kill.time_s:.3f}", trial.name]
         if phase is not None:
             call = ["phase", kill.role, phase.nth, phase.function, phase.path, "", ""]
         return [*call, trial.runs, exit_s, len(kill.left_at_once), f"{trial.duration_s:.3f}", failure]
@@ -115,7 +159,7 @@ class Record:
         exits: dict[tuple[str, str], list[float]] = {}
         for trial in self.trials:
             for kill in (kill for kill in trial.kills if kill.landed):
-                key = (kill.role, "phase" if kill.phase is not None else "random")
+                key = (kill.role, kill.kind)
                 counts[key] += 1
                 failed[key] += bool(trial.failures)
                 exits.setdefault(key, []).extend([] if kill.last_exit_s is None else [kill.last_exit_s])
@@ -168,12 +212,18 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="seed of the random kills (default: 0)")
     parser.add_argument("--only", metavar="TRIAL", help='repeat one trial, such as "sim 17" or "random 4"')
     parser.add_argument("--before", action="store_true", help="kill before the call of a phase instead of after it")
+    parser.add_argument(
+        "--together", action="store_true", help="kill several processes at once, during every command that starts some"
+    )
+    parser.add_argument("--scenarios", metavar="LIST", help="the commands of --together (default: all)")
     parser.add_argument("--list", action="store_true", help="list the phases and kill nothing")
     parser.add_argument("--output", type=Path, metavar="FILE.csv", help="file to write, with one line per kill")
     args = parser.parse_args()
 
     bench = Bench(args.hypogeum.resolve())
     try:
+        if args.together:
+            return kill_together(bench, args)
         undisturbed = [bench.run(Trial(f"reference {i}", []), None) for i in range(3)]
         for trial in undisturbed:
             if trial.failures or trial.rows != undisturbed[0].rows:

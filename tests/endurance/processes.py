@@ -14,6 +14,9 @@ PROC = Path("/proc")
 TOKEN = "ENDURANCE_TOKEN"
 # Start of the name of each segment of a run: `hyp_<uid>_<run>_`.
 PREFIX = re.compile(r"hyp_\d+_[0-9a-f]{12}_")
+# Roles by the first argument of a process.
+COMMANDS = ("run", "fps", "report", "verify", "demos")
+ROLES = {command: "orchestrator" for command in COMMANDS} | {"sim": "sim", "reap": "reaper", "-c": "host-python"}
 # Lines of a kernel stack that a description shows per thread.
 STACK_LINES = 6
 
@@ -38,7 +41,7 @@ def role(cmdline: bytes) -> str:
     words = cmdline.decode(errors="replace").split("\0")
     subcommand = words[1] if len(words) > 1 else ""
     policy = re.search(r'"policy":"([^"]*)"', words[3]) if subcommand == "policy-host" and len(words) > 3 else None
-    return f"host-{policy[1]}" if policy else {"run": "orchestrator", "sim": "sim"}.get(subcommand, "")
+    return f"host-{policy[1]}" if policy else ROLES.get(subcommand, "")
 
 
 def started(pid: int) -> str | None:
@@ -55,6 +58,14 @@ def kill(pid: int) -> bool:
         return True
     except ProcessLookupError:
         return False
+
+
+def stop(pid: int):
+    """Stops a process with SIGSTOP, if it exists."""
+    try:
+        os.kill(pid, signal.SIGSTOP)
+    except ProcessLookupError:
+        pass
 
 
 def status(pid: int) -> dict[str, str]:

@@ -60,6 +60,7 @@ static void find_role(void) {
     if (subcommand >= line + n) return;
     if (strcmp(subcommand, "run") == 0) strcpy(role, "orchestrator");
     if (strcmp(subcommand, "sim") == 0) strcpy(role, "sim");
+    if (strcmp(subcommand, "reap") == 0) strcpy(role, "reaper");
     static const char key[] = "\"policy\":\"";
     const char *name = memmem(line, (size_t)n, key, sizeof key - 1);
     if (strcmp(subcommand, "policy-host") == 0 && name) {

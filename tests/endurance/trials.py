@@ -4,36 +4,33 @@ This module runs and checks; kills.py decides which processes are killed and whe
 """
 
 import os
+import random
 import re
 import shutil
+import signal
 import sqlite3
 import subprocess
+import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import processes
+from scenarios import HOST, RUN, Scenario
 
 HERE = Path(__file__).resolve().parent
-CHECKPOINT = HERE.parent.parent / "policy-host" / "tests" / "data" / "act-tiny"
-TASKS = "RaiseCube,DualArmLiftTray"
-N_EPISODES = 24
-# Columns of a results file that do not depend on timing, and the order of its rows.
-COLUMNS = (
-    "policy, task, perturbation, episode, seed, steps, success_once, success_at_end, first_success_step, "
-    "failed_predicate, fingerprint, error"
-)
-KEY = "policy, task, perturbation, episode"
 # Time limit of a run, and of the exit of all children after the orchestrator was killed.
 RUN_TIMEOUT_S = 60.0
 EXIT_TIMEOUT_S = 5.0
 POLL_INTERVAL_S = 0.001
 # Runs of one command: each kill of the orchestrator needs another.
 MAX_ATTEMPTS = 8
-# The orchestrator gives up a child that fails this often without finishing an episode, and says so.
+# The orchestrator gives up a child that fails or is ended this often without a finished episode, and says so.
 FAILURE_LIMIT = 3
-GIVEN_UP = re.compile(r"failed \d+ times without finishing an episode")
+GIVEN_UP = re.compile(r"failed \d+ times without finishing an episode|was ended \d+ times from outside")
+# Longest time between the kills of processes that are killed together.
+TOGETHER_S = 0.001
 # Exit code of a process that SIGKILL has ended, as subprocess reports it.
 KILLED = -9
 # Functions that give a file its name.
@@ -60,16 +57,23 @@ class Kill:
     """A kill that is planned, and what came of it."""
 
     role: str
-    """`orchestrator`, `sim`, `host-NAME`, or `all` of them at once."""
+    """`orchestrator`, `sim`, `host-NAME`, several of them joined by `+`, or `all`."""
     phase: Phase | None = None
     """The call at which it comes, or none if it comes at a random time."""
     time_s: float = 0.0
     """Time since the start of the run at which it comes otherwise."""
+    stop_s: float = 0.0
+    """Time for which the victims are stopped before they are killed."""
     landed: bool = False
     last_exit_s: float | None = None
     """Time from the end of the orchestrator to that of the last child."""
     left_at_once: list[str] = field(default_factory=list)
     """Files that were left when the last child had exited."""
+
+    @property
+    def kind(self) -> str:
+        """`phase`, `together` or `random`."""
+        return "phase" if self.phase else "together" if self.stop_s or "+" in self.role else "random"
 
 
 @dataclass
@@ -78,6 +82,7 @@ class Trial:
 
     name: str
     kills: list[Kill]
+    scenario: Scenario = RUN
     before: bool = False
     runs: int = 0
     duration_s: float = 0.0
@@ -85,6 +90,7 @@ class Trial:
     log: list[list[str]] = field(default_factory=list)
     """Lines of the log of calls: time in ns, role, pid, number, function, path."""
     rows: list[tuple] = field(default_factory=list)
+    """The outcome of the scenario: rows of a results file, or what stands for them."""
 
 
 class Bench:
@@ -99,6 +105,8 @@ class Bench:
         self.shim = self.folder / "syscalls.so"
         flags = ["-std=c11", "-O1", "-Wall", "-shared", "-fPIC"]
         subprocess.run(["cc", *flags, "-o", self.shim, HERE / "syscalls.c", "-ldl"], check=True)
+        self.results = self.folder / "r.db"
+        self.host: subprocess.Popen | None = None
         self.n_trials = 0
         self.known: dict[int, tuple[str, str | None]] = {}
 
@@ -112,9 +120,11 @@ class Bench:
         self.known = {}
         for folder in (self.work, self.tmp):
             folder.mkdir()
+        self._prepare(trial.scenario)
         start = time.monotonic()
         try:
             self._repeat(trial, token)
+            self._end_host()
             trial.duration_s = time.monotonic() - start
             self._check_end(trial, token, reference)
         finally:
@@ -124,6 +134,31 @@ class Bench:
             self._clean(token)
         return trial
 
+    def _prepare(self, scenario: Scenario):
+        """Provides what the command of a scenario reads, made once."""
+        if scenario.before and not self.results.exists():
+            env = {**os.environ, "XDG_RUNTIME_DIR": str(self.folder)}
+            subprocess.run([self.program, *scenario.before], cwd=self.folder, env=env, check=True, capture_output=True)
+        if scenario.before:
+            shutil.copy(self.results, self.work)
+
+    def _serve(self, scenario: Scenario, token: str):
+        """Starts the host in Python of a scenario, unless it is running."""
+        if scenario.has_host and (self.host is None or self.host.poll() is not None):
+            env = {**os.environ, "XDG_RUNTIME_DIR": str(self.folder), processes.TOKEN: token}
+            quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            self.host = subprocess.Popen([sys.executable, "-c", HOST], cwd=self.tmp, env=env, **quiet)
+
+    def _end_host(self):
+        if self.host is not None:
+            self.host.send_signal(signal.SIGINT)
+            try:
+                self.host.wait(EXIT_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                self.host.kill()
+                self.host.wait()
+            self.host = None
+
     def _repeat(self, trial: Trial, token: str):
         due = sorted((kill for kill in trial.kills if kill.phase is None), key=lambda kill: kill.time_s)
         while trial.runs < MAX_ATTEMPTS:
@@ -132,7 +167,7 @@ class Bench:
             if code == 0:
                 return
             said = self.stderr.read_text(errors="replace")
-            given_up = code == 3 and GIVEN_UP.search(said) and n_landed >= FAILURE_LIMIT
+            given_up = code in (2, 3) and GIVEN_UP.search(said) and n_landed >= FAILURE_LIMIT
             # After a failure, the command is repeated all the same, to tell if that helps.
             if code != KILLED and not given_up:
                 trial.failures.append(f"run {trial.runs} ended with exit code {code}")
@@ -144,12 +179,13 @@ class Bench:
         with self.stderr.open("a") as stderr:
             start = time.monotonic()
             process = subprocess.Popen(
-                self._command(), cwd=self.work, env=self._environment(trial, token), stdin=subprocess.DEVNULL,
+                [self.program, *trial.scenario.words], cwd=self.work, env=self._environment(trial, token), stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL, stderr=stderr,
             )  # fmt: skip
         n_landed = 0
         fatal = None
         while process.poll() is None:
+            self._serve(trial.scenario, token)
             elapsed = time.monotonic() - start
             if elapsed > RUN_TIMEOUT_S:
                 self._report_hang(trial, token, f"no end after {RUN_TIMEOUT_S:.0f} s")
@@ -157,10 +193,10 @@ class Bench:
             if due and elapsed >= due[0].time_s and self._strike(due[0], process.pid, token):
                 kill = due.pop(0)
                 kill.time_s = elapsed
-                if kill.role in ("orchestrator", "all"):
+                if {"orchestrator", "all"} & set(kill.role.split("+")):
                     fatal = kill
                     break
-                n_landed += 1
+                n_landed += kill.role.count("+") + 1
             time.sleep(POLL_INTERVAL_S)
         code = process.wait()
         ended = time.monotonic()
@@ -174,18 +210,32 @@ class Bench:
         return code, n_landed
 
     def _strike(self, kill: Kill, orchestrator: int, token: str) -> bool:
-        """Kills the process that a random kill is meant for. Returns `False` if it does not exist now."""
-        victims = [orchestrator]
-        if kill.role != "orchestrator":
-            # A child that does not execute its program yet still looks like its parent.
-            victims = [pid for pid, role in self._alive(token).items() if kill.role in ("all", role)]
-        kill.landed = any([processes.kill(pid) for pid in victims])
+        """Kills the processes that a random kill is meant for. Returns `False` if one of them does not exist now."""
+        wanted = set(kill.role.split("+"))
+        # A child that does not execute its program yet still looks like its parent.
+        alive = {pid: role for pid, role in self._alive(token).items() if role != "orchestrator"} | {
+            orchestrator: "orchestrator"
+        }
+        victims = [pid for pid, role in alive.items() if role in wanted or ("all" in wanted and role != "host-python")]
+        if "all" not in wanted and not wanted <= {alive[pid] for pid in victims}:
+            return False
+        if kill.stop_s > 0.0:
+            for pid in victims:
+                processes.stop(pid)
+            time.sleep(kill.stop_s)
+        for pid in victims:
+            kill.landed |= processes.kill(pid)
+            time.sleep(random.uniform(0.0, TOGETHER_S) / len(victims))
         return kill.landed
 
     def _check_orphans(self, trial: Trial, kill: Kill, token: str, ended: float, earlier: list[str]):
         """Waits for the children of a killed orchestrator to exit, and looks for what they leave."""
-        had_children = bool(self._alive(token))
-        while self._alive(token):
+
+        def children() -> list[int]:
+            return [pid for pid, role in self._alive(token).items() if role != "host-python"]
+
+        had_children = bool(children())
+        while children():
             if time.monotonic() - ended > EXIT_TIMEOUT_S:
                 self._report_hang(trial, token, f"children alive {EXIT_TIMEOUT_S:.0f} s after the orchestrator's end")
                 break
@@ -194,7 +244,8 @@ class Bench:
         kill.left_at_once = self._leftovers()
         # If nobody has survived to clean up, the next run does it.
         new = sorted(set(kill.left_at_once) - set(earlier))
-        if had_children and kill.role != "all" and new:
+        is_alone = kill.role == "orchestrator" and not trial.scenario.has_host
+        if had_children and is_alone and new:
             trial.failures.append(f"the children left {', '.join(new[:4])}")
 
     def _check_end(self, trial: Trial, token: str, reference: list[tuple] | None):
@@ -203,19 +254,17 @@ class Bench:
             trial.failures.append(f"alive after the end: {alive}")
         left = self._leftovers()
         left += [str(path) for path in self.tmp.iterdir()]
-        left += [path.name for path in self.work.iterdir() if path.name != "r.db"]
+        left += [path.name for path in self.work.iterdir() if path.name not in trial.scenario.keeps]
         if left:
             effect = self._later_run(token)
             trial.failures.append(f"left {len(left)} files behind, {effect}: {', '.join(map(pattern, left[:4]))}")
         if trial.failures and trial.runs == MAX_ATTEMPTS:
             return
-        with sqlite3.connect(f"file:{self.work / 'r.db'}?mode=ro", uri=True) as connection:
-            trial.rows = connection.execute(f"SELECT {COLUMNS} FROM episodes ORDER BY {KEY}").fetchall()
-            (damage,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
-        connection.close()
-        if damage != "ok":
-            trial.failures.append(f"the results file is damaged: {damage}")
-        if len(trial.rows) != N_EPISODES or (reference is not None and trial.rows != reference):
+        try:
+            trial.rows = [tuple(map(strip, row)) for row in trial.scenario.outcome(self.work)]
+        except (OSError, ValueError, sqlite3.Error) as error:
+            trial.failures.append(f"no outcome: {error}")
+        if not trial.rows or (reference is not None and trial.rows != reference):
             different = len(set(trial.rows) ^ set(reference or []))
             trial.failures.append(f"{len(trial.rows)} rows, {different} of them differ from the reference")
 
@@ -271,6 +320,7 @@ class Bench:
 
     def _clean(self, token: str):
         """Removes everything that a trial may have left, so that the next one starts afresh."""
+        self._end_host()
         for pid in self._alive(token):
             processes.kill(pid)
         while self._alive(token):
@@ -282,12 +332,6 @@ class Bench:
         for path in (self.log, self.mark, self.stderr):
             path.unlink(missing_ok=True)
 
-    def _command(self) -> list[str]:
-        policies = ["expert", "random", f"act=act:{CHECKPOINT}"]
-        options = [word for policy in policies for word in ("--policy", policy)]
-        options += ["--tasks", TASKS, "--perturbations", "none", "--episodes", "4", "--envs", "4", "--threads", "2"]
-        return [str(self.program), "run", *options, "--renderer", "cpu", "--db", "r.db"]
-
     def _environment(self, trial: Trial, token: str) -> dict[str, str]:
         env = {**os.environ, "XDG_RUNTIME_DIR": str(self.folder), "TMPDIR": str(self.tmp), processes.TOKEN: token}
         env |= {"LD_PRELOAD": str(self.shim), "ENDURANCE_LOG": str(self.log)}
@@ -297,6 +341,11 @@ class Bench:
                 env |= {"ENDURANCE_PATH": kill.phase.path, "ENDURANCE_NTH": str(kill.phase.nth)}
                 env |= {"ENDURANCE_MARK": str(self.mark)} | ({"ENDURANCE_BEFORE": "1"} if trial.before else {})
         return env
+
+
+def strip(value):
+    """Returns a value of an outcome without the name of the temporary folder."""
+    return re.sub(r"^.*/work/", "", value) if isinstance(value, str) else value
 
 
 def pattern(path: str) -> str:
