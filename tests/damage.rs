@@ -84,6 +84,65 @@ fn n_rows(db: &Path) -> usize {
     connection.query_row("SELECT count(*) FROM episodes", [], count).unwrap_or(0) as usize
 }
 
+/// Starts a run of two quick policies.
+fn start_quick(dir: &Path, db: &str) -> Child {
+    let mut args =
+        vec!["run", "--policy", "idle", "--policy", "random", "--tasks", "RaiseCube", "--envs", "8"];
+    args.extend(["--episodes", "60", "--threads", "1", "--db", db]);
+    hypogeum(dir, &args).spawn().unwrap()
+}
+
+/// Returns all files of the run in `dir` in shared memory, and those of its folder that have content.
+fn files(dir: &Path) -> Vec<PathBuf> {
+    let runs: Vec<_> = std::fs::read_dir(dir.join("hypogeum")).into_iter().flatten().flatten().collect();
+    let is_ours = |file: &String| runs.iter().any(|run| file.contains(run.file_name().to_str().unwrap()));
+    let segments = support::shared_memory().into_iter().filter(is_ours);
+    let services =
+        runs.iter().flat_map(|run| std::fs::read_dir(run.path().join("services")).into_iter().flatten());
+    let segments = segments.map(|file| Path::new("/dev/shm").join(file));
+    segments.chain(services.flatten().map(|entry| entry.path())).collect()
+}
+
+/// Does something to the files of a run of two quick policies, kills one of its children, and checks that the
+/// rows are those of an undisturbed run.
+#[track_caller]
+fn check_disturbed(what: &str, victim: &str, disturb: impl Fn(&Path)) {
+    let dir = tempfile::tempdir().unwrap();
+    let _ = finish(start_quick(dir.path(), "reference.db")).expect_code(0);
+    let db = dir.path().join("disturbed.db");
+    let mut child = start_quick(dir.path(), "disturbed.db");
+    assert!(support::wait_for_rows(&mut child, &db, 4), "the run ended too early");
+    files(dir.path()).iter().for_each(|file| disturb(file));
+    support::kill_child(support::pid_of(&child), victim);
+    let finished = finish(child).expect_code(0);
+    assert!(finished.stderr.contains(what), "{victim}: {}", finished.stderr);
+    assert_eq!(rows(&db), rows(&dir.path().join("reference.db")), "{victim}: {}", finished.stderr);
+    assert_eq!(files(dir.path()), Vec::<PathBuf>::new());
+}
+
+#[test]
+fn removed_shared_memory_is_replaced() {
+    for victim in ["policy-host", "sim"] {
+        check_disturbed("RemoveIPC in logind.conf", victim, |file| {
+            let _ = std::fs::remove_file(file);
+        });
+    }
+}
+
+#[test]
+fn overwritten_management_segments_are_replaced() {
+    for victim in ["policy-host", "sim"] {
+        check_disturbed("continuing under other names", victim, |file| {
+            let kind = file.extension().and_then(|kind| kind.to_str()).unwrap_or_default();
+            if ["dynamic", "connection", "event_mgmt"].contains(&kind) {
+                let length = std::fs::metadata(file).unwrap().len();
+                let segment = OpenOptions::new().write(true).open(file).unwrap();
+                segment.write_all_at(&vec![0xff; length as usize], 0).unwrap();
+            }
+        });
+    }
+}
+
 #[test]
 fn overwritten_observations_change_no_row() {
     let dir = tempfile::tempdir().unwrap();

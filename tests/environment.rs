@@ -6,7 +6,7 @@
 
 use std::fs::{self, File, Permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -68,6 +68,98 @@ fn low_limit_of_address_space_is_named() {
         let limit = format!("limit is {kibibytes} KiB");
         assert_refused(dir.path(), limited, &["address space", &limit, "ulimit -v unlimited"]);
     }
+}
+
+#[test]
+fn limits_that_end_a_process_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    // The units are blocks of 512 bytes and core-seconds.
+    let limited = run_after(dir.path(), "ulimit -f 100; exec \"$@\"");
+    assert_refused(dir.path(), limited, &["files of up to", "ulimit -f unlimited"]);
+    let args = ["run", "--policy", "expert", "--tasks", "all", "--episodes", "10", "--db", "large.db"];
+    let limited = hypogeum_after(dir.path(), "ulimit -f 400; exec \"$@\"", &args);
+    assert_refused(dir.path(), limited, &["large.db", "204800 bytes", "ulimit -f unlimited"]);
+    let args = ["run", "--policy", "expert", "--tasks", "all", "--perturbations", "all", "--episodes", "100"];
+    let limited = hypogeum_after(dir.path(), "ulimit -t 3; exec \"$@\"", &args);
+    assert_refused(dir.path(), limited, &["core-seconds", "ulimit -t unlimited", "same command"]);
+    // A small stack is no obstacle: the program asks for its own.
+    let _ = finish(run_after(dir.path(), "ulimit -s 64; exec \"$@\"").spawn().unwrap()).expect_code(0);
+}
+
+#[test]
+fn repeated_kills_from_outside_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let args = ["run", "--policy", "idle", "--tasks", "all", "--episodes", "1000", "--envs", "200"];
+    let mut child = hypogeum(dir.path(), &args).spawn().unwrap();
+    let orchestrator = support::pid_of(&child);
+    let started = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        assert!(started.elapsed() < PROMPT, "the run goes on");
+        if let Some(sim) = support::find_child(orchestrator, "sim") {
+            let _ = rustix::process::kill_process(sim, rustix::process::Signal::KILL);
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let finished = finish(child).expect_code(2);
+    assert!(finished.stderr.contains("times from outside"), "{}", finished.stderr);
+}
+
+/// A control group of version 1 or 2 with limited memory, for processes that enter it by a line of a shell.
+struct MemoryGroup(PathBuf);
+
+impl MemoryGroup {
+    /// Makes a group; `None` without the right to.
+    fn new(mebibytes: u64) -> Option<Self> {
+        let name = format!("hypogeum-test-{}", std::process::id());
+        let roots = [("/sys/fs/cgroup/memory", "memory.limit_in_bytes"), ("/sys/fs/cgroup", "memory.max")];
+        roots.into_iter().find_map(|(root, limit)| {
+            let group = Self(Path::new(root).join(&name));
+            fs::create_dir(&group.0).ok()?;
+            // In version 1, the file must not create the limit: it exists with the controller only.
+            let limit = group.0.join(limit);
+            let set = limit.exists().then(|| fs::write(&limit, (mebibytes << 20).to_string()).ok()).flatten();
+            // Otherwise the kernel would use swap space before it kills.
+            let _ = fs::write(group.0.join("memory.swap.max"), "0");
+            let _ = fs::write(group.0.join("memory.swappiness"), "0");
+            set.map(|()| group)
+        })
+    }
+
+    fn run(&self, dir: &Path, args: &[&str]) -> FinishedRun {
+        let script = format!("echo $$ > {}/cgroup.procs; exec \"$@\"", self.0.display());
+        finish(hypogeum_after(dir, &script, args).spawn().unwrap())
+    }
+}
+
+impl Drop for MemoryGroup {
+    fn drop(&mut self) {
+        // Its last process may still be exiting.
+        for _ in 0..100 {
+            if fs::remove_dir(&self.0).is_ok() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+#[test]
+fn memory_of_the_control_group_is_what_counts() {
+    let group = MemoryGroup::new(90);
+    if !is_possible(group.is_some(), "control groups with a memory controller (root)") {
+        return;
+    }
+    let (group, dir) = (group.unwrap(), tempfile::tempdir().unwrap());
+    let act = format!("act=act:{}/../checkpoints/act-small", env!("CARGO_MANIFEST_DIR"));
+    let args = ["run", "--tasks", "RaiseCube", "--episodes", "128", "--policy"];
+    let fixed = [&args[..], &[&act, "--envs", "128", "--db", "fixed.db"]].concat();
+    let finished = group.run(dir.path(), &fixed).expect_code(2);
+    let words = ["lack of memory", "(90 MiB: /sys/fs/cgroup/", "--envs"];
+    assert!(words.iter().all(|word| finished.stderr.contains(word)), "{}", finished.stderr);
+    let finished = group.run(dir.path(), &[&args[..], &["random"]].concat()).expect_code(0);
+    assert!(!finished.stderr.contains("lack of memory"), "{}", finished.stderr);
+    let finished = group.run(dir.path(), &["doctor", "--json"]).expect_code(0);
+    assert!(finished.stdout.contains("of 90 MiB available within"), "{}", finished.stdout);
 }
 
 #[test]
@@ -286,6 +378,16 @@ fn full_or_closed_file_systems_are_named() {
 }
 
 #[test]
+fn missing_proc_is_named() {
+    if !is_possible(has_namespaces(), "mount namespaces (root, or user namespaces)") {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let hidden = run_with_mounts(dir.path(), "mount -t tmpfs tmpfs /proc && exec \"$@\"");
+    assert_refused(dir.path(), hidden, &["/proc/self/exe", "mount -t proc"]);
+}
+
+#[test]
 fn missing_rights_and_processes_are_named() {
     if !is_possible(is_root(), "root") {
         return;
@@ -302,6 +404,9 @@ fn missing_rights_and_processes_are_named() {
     let closed = format!("mount -t tmpfs -o mode=0755 tmpfs /dev/shm && {own} && {as_user} {args}");
     let words = ["/dev/shm", "Permission denied", "mode 1777"];
     assert_refused(dir.path(), run_with_mounts(dir.path(), &closed), &words);
+    // The umask takes the owner's rights away, which the program restores for its own files.
+    let masked = format!("{own} && umask 777 && {as_user} {args}").replace("own/x.db", "own/masked.db");
+    let _ = finish(run_with_mounts(dir.path(), &masked).spawn().unwrap()).expect_code(0);
     let foreign = format!("{as_user} {args}");
     assert_refused(
         dir.path(),

@@ -150,9 +150,11 @@ pub fn pid_of(child: &Child) -> Pid {
 /// Returns the process ids of the children of `parent`.
 #[must_use]
 pub fn children(parent: Pid) -> Vec<String> {
-    let path = format!("/proc/{0}/task/{0}/children", parent.as_raw_nonzero());
-    let children = std::fs::read_to_string(path).unwrap_or_default();
-    children.split_whitespace().map(str::to_owned).collect()
+    // The kernel lists the children of each thread.
+    let threads = std::fs::read_dir(format!("/proc/{}/task", parent.as_raw_nonzero()));
+    let lists = threads.into_iter().flatten().flatten().map(|thread| thread.path().join("children"));
+    let lists = lists.map(|path| std::fs::read_to_string(path).unwrap_or_default());
+    lists.flat_map(|list| list.split_whitespace().map(str::to_owned).collect::<Vec<_>>()).collect()
 }
 
 /// Returns the child process of `parent` whose command line contains the argument `word`.

@@ -6,7 +6,7 @@ use std::io;
 use rustix::io::Errno;
 
 /// Advice by error number (errno(3)).
-const CURES: [(Errno, &str); 8] = [
+const CURES: [(Errno, &str); 12] = [
     (Errno::MFILE, "raise the limit of open files: `ulimit -n 1024`"),
     (Errno::NFILE, "close other programs: the whole system has too many files open"),
     (Errno::AGAIN, "raise the limit of processes and threads (`ulimit -u`), or use fewer --threads"),
@@ -15,17 +15,42 @@ const CURES: [(Errno, &str); 8] = [
     (Errno::DQUOT, "free some of your disk quota"),
     (Errno::ROFS, "choose another folder, or mount the file system for writing"),
     (Errno::ACCESS, "change its permissions, or choose another place"),
+    (Errno::PERM, "change its permissions, or choose another place"),
+    (Errno::FBIG, "lift the limit of file sizes: `ulimit -f unlimited`"),
+    (Errno::NOLCK, "choose a folder on a local disk: this file system grants no locks, as some network ones"),
+    (Errno::TOOBIG, "raise the limit of the stack, which bounds arguments: `ulimit -s 8192`"),
 ];
+/// Errors that a program's own mistake causes, not the machine or a user.
+const MISTAKES: [Errno; 9] = [
+    Errno::BADF,
+    Errno::FAULT,
+    Errno::INVAL,
+    Errno::PIPE,
+    Errno::CHILD,
+    Errno::SRCH,
+    Errno::NOTTY,
+    Errno::DEADLK,
+    Errno::NOTSOCK,
+];
+
+/// Returns `true` if the operating system has refused something for a reason that lies outside the program.
+#[must_use]
+pub fn is_refusal(error: &(dyn Error + 'static)) -> bool {
+    os_error(error).is_some_and(|number| MISTAKES.iter().all(|errno| errno.raw_os_error() != number))
+}
 
 /// Returns what the user can do about the operating system's error among `error` and its causes. Returns
 /// `None` if there is none, or none that a user can fix.
 #[must_use]
 pub fn cure(error: &(dyn Error + 'static)) -> Option<&'static str> {
+    let number = os_error(error)?;
+    CURES.iter().find(|(errno, _)| errno.raw_os_error() == number).map(|(_, cure)| *cure)
+}
+
+/// Returns the number of the operating system's error among `error` and its causes.
+fn os_error(error: &(dyn Error + 'static)) -> Option<i32> {
     let mut errors = std::iter::successors(Some(error), |error| (*error).source());
-    errors.find_map(|error| {
-        let number = error.downcast_ref::<io::Error>()?.raw_os_error()?;
-        CURES.iter().find(|(errno, _)| errno.raw_os_error() == number).map(|(_, cure)| *cure)
-    })
+    errors.find_map(|error| error.downcast_ref::<io::Error>()?.raw_os_error())
 }
 
 #[cfg(test)]
@@ -43,6 +68,7 @@ mod tests {
         assert!(cure(&link(Errno::NOSPC)).unwrap().contains("inodes"));
         assert!(cure(&link(Errno::MFILE)).unwrap().contains("ulimit -n"));
         assert_eq!(cure(&link(Errno::PIPE)), None);
+        assert!(is_refusal(&link(Errno::NOENT)) && !is_refusal(&link(Errno::PIPE)));
         assert_eq!(cure(&io::Error::other("on fire")), None);
     }
 }

@@ -1,16 +1,19 @@
 //! The numbers of envs that a run may use: what the user fixed, or what cores, memory and episodes admit.
 
-use ipc_types::link::{BudgetError, check_budget};
-use ipc_types::run_config::{Amount, n_cores};
+use ipc_types::allotment::{available_memory, n_cores};
+use ipc_types::link::{BudgetError, LaneSpec, check_budget};
+use ipc_types::run_config::Amount;
 use policy_host::PolicySpec;
-use policy_host::checkpoint::available_memory;
 
 use crate::execution::{SHM, lanes};
-use crate::fleet::PolicyLane;
 use crate::plan::RunPlan;
 
 /// Memory of an env in bytes, a little more than measured: without and with images.
 pub(crate) const ENV_BYTES: [u64; 2] = [160 << 10, 900 << 10];
+/// Parts of the available memory that all envs, and all lanes, may take. Hosts and the orchestrator need the
+/// rest.
+const ENVS_SHARE: u64 = 3;
+const LANES_SHARE: u64 = 6;
 /// Envs per core at the start, at most, and at most in a batch of a host on these cores.
 const FIRST_PER_CORE: u32 = 16;
 const MAX_PER_CORE: u32 = 128;
@@ -49,8 +52,8 @@ impl Capacity {
 
     fn auto(plan: &RunPlan, n_jobs: u32, n_cores: u32) -> Self {
         let env_bytes = ENV_BYTES[usize::from(plan.needs_images())];
-        let by_memory = available_memory().map_or(u64::MAX, |available| available / 2 / env_bytes);
-        let by_memory = u32::try_from(by_memory).unwrap_or(u32::MAX);
+        let available = available_memory().unwrap_or(u64::MAX);
+        let by_memory = u32::try_from(available / ENVS_SHARE / env_bytes).unwrap_or(u32::MAX);
         let by_cores = n_cores.saturating_mul(MAX_PER_CORE).min(LIMIT);
         let max_envs = by_cores.min(by_memory).min(n_jobs).max(1);
         // A foreign host may leave the cores idle while it answers, and cost much per batch.
@@ -60,7 +63,7 @@ impl Capacity {
         } else {
             max_envs.min(n_cores.saturating_mul(BATCH_PER_CORE))
         };
-        while batch > 1 && !fits(plan, batch) {
+        while batch > 1 && !fits(plan, batch, available / LANES_SHARE) {
             batch /= 2;
         }
         Self {
@@ -77,12 +80,14 @@ fn half_batch(envs: u32, n_cores: u32) -> u32 {
     envs.div_ceil(2).min(n_cores.saturating_mul(BATCH_PER_CORE).max(BATCH_LIMIT))
 }
 
-/// Returns `true` if lanes with batches of this size leave half of the shared memory free. A failure to tell
-/// counts as yes, because the start of the fleet checks again and reports it.
-fn fits(plan: &RunPlan, batch: u32) -> bool {
-    let twice = |lane: PolicyLane| [lane.lane.spec.clone(), lane.lane.spec];
-    let specs: Vec<_> = lanes(plan, batch).into_iter().flat_map(twice).collect();
-    !matches!(check_budget(&specs, SHM.as_ref()), Err(BudgetError::TooSmall { .. }))
+/// Returns `true` if lanes with batches of this size need at most this many bytes and leave half of the
+/// shared memory free. A failure to tell counts as yes, because the start of the fleet checks again and
+/// reports it.
+fn fits(plan: &RunPlan, batch: u32, bytes: u64) -> bool {
+    let specs: Vec<_> = lanes(plan, batch).into_iter().map(|lane| lane.lane.spec).collect();
+    let needed: u64 = specs.iter().map(LaneSpec::shm_bytes).sum();
+    let twice = [&specs[..], &specs[..]].concat();
+    needed <= bytes && !matches!(check_budget(&twice, SHM.as_ref()), Err(BudgetError::TooSmall { .. }))
 }
 
 #[cfg(test)]

@@ -19,15 +19,15 @@ use crate::fleet::{
     self, Fleet, FleetConfig, FleetError, FleetEvent, IsWanted, PolicyLane, RunStatus, Totals,
 };
 use crate::interrupt;
-use crate::jobs::{Job, drivers};
-use crate::plan::{Condition, RunPlan, check_latency};
+use crate::jobs::{JobList, drivers};
+use crate::plan::{RunPlan, check_latency};
 use crate::policy::{Identity, NamedPolicy};
 
 /// Observation batches that may be unanswered on a lane, so that stepping and inference overlap.
 const IN_FLIGHT: u32 = 2;
 /// Seconds that π0.5 may take for a batch: on a CPU, a query at full size takes up to half a minute.
 const PI05_ANSWER_TIMEOUT_S: u32 = 3600;
-/// Number of times that a run goes on under other names because of another user's files.
+/// Number of times that a run goes on under other names.
 const MAX_MOVES: usize = 3;
 /// The file that this process executes, even if another has taken its path since, as after a rebuild.
 const THIS_PROGRAM: &str = "/proc/self/exe";
@@ -80,42 +80,39 @@ pub(crate) fn resolve(plan: &mut RunPlan, device: Option<&str>) -> Result<Vec<Id
 
 /// Runs `todo` in a fleet of child processes. Starts none if there is nothing to do.
 ///
-/// If a child crashes while another user's files stall the cleanup, the unfinished episodes continue in a
-/// new fleet, whose names that user cannot know in advance.
+/// If a child crashes while another user's files stall the cleanup, or the shared memory is gone or seems
+/// damaged, the unfinished episodes continue in a new fleet with other names.
 pub(crate) fn execute(
     plan: &RunPlan,
     identities: &[Identity],
-    mut todo: Vec<Job>,
+    mut todo: JobList,
     earlier_renderer: Option<&str>,
     is_wanted: &IsWanted<'_>,
     mut sink: impl FnMut(FleetEvent<'_>) -> anyhow::Result<()>,
 ) -> Result<(RunStatus, Totals), Failure> {
-    let key = |job: &Job| {
-        let Condition { task, perturbation } = job.condition;
-        (job.policy_idx, task.name(), perturbation.name(), job.episode)
-    };
-    if todo.is_empty() {
+    if todo.len() == 0 {
         // No fleet starts, which would remove what crashed runs have left.
         Domain::remove_stale(&fleet::base());
     }
-    let mut n_moves = 0;
-    while !todo.is_empty() {
-        let mut finished = Vec::new();
-        let fleet = fleet(plan, identities, todo.len(), earlier_renderer.map(str::to_owned))?;
+    let (mut n_moves, mut can_move) = (0, true);
+    while todo.len() > 0 {
+        let mut finished = HashSet::new();
+        let fleet = fleet(plan, identities, todo.len(), earlier_renderer.map(str::to_owned), can_move)?;
         let stopper = fleet.stopper();
         let _watch = interrupt::watch(move || stopper.stop()).context("failed to install signal handlers")?;
-        let result = fleet.run(todo.clone(), is_wanted, &mut |event| {
+        let result = fleet.run(&todo, is_wanted, &mut |event| {
             if let FleetEvent::EpisodeFinished(job, _) = event {
-                finished.push(*job);
+                finished.insert(job.key());
             }
             sink(event)
         });
         match result {
-            Err(error @ FleetError::Intruder { .. }) if n_moves < MAX_MOVES => {
+            Err(error) if error.may_go_on_elsewhere() && n_moves < MAX_MOVES => {
                 n_moves += 1;
+                // A child that fails wherever it is started is not the fault of shared memory.
+                can_move = n_moves < MAX_MOVES && !finished.is_empty();
                 sink(FleetEvent::Log(&format!("{error}; continuing under other names")))?;
-                let finished: HashSet<_> = finished.iter().map(key).collect();
-                todo.retain(|job| !finished.contains(&key(job)));
+                todo = todo.without(finished);
             }
             result => return result.map_err(as_failure),
         }
@@ -127,10 +124,12 @@ pub(crate) fn execute(
 pub(crate) fn fleet(
     plan: &RunPlan,
     identities: &[Identity],
-    n_jobs: usize,
+    n_jobs: u64,
     earlier_renderer: Option<String>,
+    can_move: bool,
 ) -> Result<Fleet, Failure> {
-    let mut config = fleet_config(plan, Capacity::new(plan, n_jobs), earlier_renderer);
+    let mut config = fleet_config(plan, Capacity::new(plan, n_jobs as usize), earlier_renderer);
+    config.can_move = can_move;
     for policy in &mut config.lanes {
         let position = plan.policies.iter().position(|named| named.name == policy.lane.spec.policy);
         policy.checkpoint = position.and_then(|idx| identities[idx].checkpoint.clone());
@@ -154,6 +153,7 @@ fn fleet_config(plan: &RunPlan, capacity: Capacity, earlier_renderer: Option<Str
         run_id: RandomState::new().hash_one(std::process::id()),
         run: plan.config.clone(),
         earlier_renderer,
+        can_move: false,
         paired: plan.stopping.is_some(),
         lanes: lanes(plan, capacity.batch),
         capacity,

@@ -5,10 +5,13 @@ use std::fmt;
 use std::process::ExitCode;
 
 use ipc_types::link::LinkError;
-use ipc_types::{cure, error_chain};
+use ipc_types::{cure, error_chain, is_refusal};
 
 use crate::output::OutputError;
 use crate::results::StoreError;
+
+/// Exit code of a child that could not use the run's shared memory, for which it is not to blame.
+pub(crate) const LINK_FAILED: u8 = 4;
 
 /// The end of a command that did its work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +50,7 @@ impl Failure {
     pub(crate) fn exit_code(&self) -> ExitCode {
         ExitCode::from(match self {
             Self::User(_) => 2,
+            Self::Bug(error) if link_error(error).is_some() => LINK_FAILED,
             Self::Bug(_) => 3,
         })
     }
@@ -71,12 +75,17 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 
 /// Returns `true` if the user can fix what is wrong with a file or the machine.
 pub(crate) fn is_user_error(error: &anyhow::Error) -> bool {
-    let is_cause = |cause: &(dyn Error + 'static)| {
-        cause.is::<StoreError>()
-            || cause.is::<OutputError>()
-            || cause.downcast_ref::<LinkError>().is_some_and(LinkError::is_user_error)
-    };
-    cure(error.as_ref()).is_some() || error.chain().any(is_cause)
+    // A missing segment, for example, is not for the user to restore.
+    if let Some(link) = link_error(error) {
+        return link.is_user_error();
+    }
+    let is_cause = |cause: &(dyn Error + 'static)| cause.is::<StoreError>() || cause.is::<OutputError>();
+    is_refusal(error.as_ref()) || error.chain().any(is_cause)
+}
+
+/// Returns the error of shared memory among the causes.
+fn link_error(error: &anyhow::Error) -> Option<&LinkError> {
+    error.chain().find_map(|cause| cause.downcast_ref())
 }
 
 /// Classification of a result's error as one that the user can fix.

@@ -29,6 +29,7 @@ mod machine;
 mod movie;
 mod names;
 mod output;
+mod output_files;
 mod package;
 mod page;
 mod parquet_table;
@@ -43,15 +44,20 @@ mod speed;
 pub mod statistics;
 mod stopping;
 mod stored_episode;
+mod surroundings;
 mod sweep;
 mod table;
 mod trace_file;
 
 use std::ffi::OsString;
+use std::io::{self, Write};
 use std::process::ExitCode;
+use std::thread;
 use std::time::Instant;
 
 use anyhow::Context;
+use ipc_types::allotment::n_cores;
+use ipc_types::{printable, shorten};
 
 use crate::cli::{Cli, Command};
 use crate::commands::{
@@ -61,21 +67,42 @@ use crate::commands::{
 use crate::exit::{ExitStatus, Failure};
 use crate::output::{OutputError, print_message};
 
+/// Stack of the thread that runs a command, in bytes.
+const STACK: usize = 8 << 20;
+
 /// Runs the program on the arguments of this process.
 ///
 /// Exit codes: 0 success, 1 finished with errored episodes, 2 user error, 3 bug, 130 interrupted.
 #[must_use]
 pub fn main() -> ExitCode {
     let started = Instant::now();
+    surroundings::adapt();
+    // The stack of the first thread is as large as the user's limit, that of others as large as they ask for.
+    match thread::Builder::new().stack_size(STACK).spawn(move || parse_and_run(started)) {
+        // A panic has printed its message.
+        Ok(running) => running.join().unwrap_or_else(|_| ExitCode::from(3)),
+        Err(error) => {
+            let failure = Failure::from(anyhow::Error::from(error).context("failed to start a thread"));
+            print_message(&format!("error: {failure}"));
+            failure.exit_code()
+        }
+    }
+}
+
+fn parse_and_run(started: Instant) -> ExitCode {
     let words: Vec<OsString> = std::env::args_os().collect();
     let result = match Cli::parse_with_sweep_file(&words) {
         Ok(cli) => run_command(&cli.command, started),
         Err(error) => match error.downcast::<clap::Error>() {
-            // clap also returns help and version texts as errors.
-            Ok(error) => match error.print() {
-                Err(refused) if !error.use_stderr() => Err(OutputError::from(refused).into()),
+            Ok(error) if error.use_stderr() => {
                 // If stderr cannot be written, nothing can report it.
-                _ => return if error.use_stderr() { ExitCode::from(2) } else { ExitCode::SUCCESS },
+                let _ = write!(io::stderr(), "{}", printable(&shorten(&error.render().to_string())));
+                return ExitCode::from(2);
+            }
+            // clap also returns help and version texts as errors.
+            Ok(text) => match text.print() {
+                Err(refused) => Err(OutputError::from(refused).into()),
+                Ok(()) => Ok(ExitStatus::Success),
             },
             Err(error) => Err(Failure::User(error)),
         },
@@ -115,11 +142,15 @@ fn run_command(command: &Command, started: Instant) -> Result<ExitStatus, Failur
         Command::Completions(args) => completions::completions(args),
         Command::Sim(args) => child::sim(args),
         Command::PolicyHost(args) => child::policy_host(args),
+        Command::Reap(args) => child::reap(args),
     }
 }
 
 /// Starts the threads of commands that work in this process. Otherwise they start when they are first needed,
 /// with a panic if the system refuses.
 fn start_threads() -> Result<(), Failure> {
-    Ok(rayon::ThreadPoolBuilder::new().build_global().context("failed to start threads")?)
+    Ok(rayon::ThreadPoolBuilder::new()
+        .num_threads(n_cores() as usize)
+        .build_global()
+        .context("failed to start threads")?)
 }

@@ -1,6 +1,6 @@
 //! The machine that a run is executed on, as results name it.
 
-use ipc_types::run_config::n_cores;
+use ipc_types::allotment::n_cores;
 use policy_host::nn::peak::try_peak_gflop_per_s;
 use serde::Serialize;
 

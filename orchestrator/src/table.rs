@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use ipc_types::one_line;
+
 /// The alignment of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Align {
@@ -29,7 +31,8 @@ impl TextTable {
     /// If the number of cells differs from the number of columns.
     pub(crate) fn row(&mut self, cells: Vec<String>) {
         assert_eq!(cells.len(), self.aligns.len(), "one cell per column");
-        self.rows.push(cells);
+        // Names and errors may come from a file.
+        self.rows.push(cells.into_iter().map(|cell| one_line(&cell)).collect());
     }
 }
 

@@ -38,7 +38,7 @@ const MAX_SOCKET_PATH_BYTES: usize = 107;
 const SOCKET_NAME_BYTES: usize = 1 + 34 + 6;
 /// Maximum wait for another process that is already cleaning up the same exited node.
 const CLEANUP_TIMEOUT: Duration = Duration::from_secs(2);
-/// Maximum time to free the resources of exited processes or to list those that are alive.
+/// Maximum time to free the resources of exited processes.
 const LISTING_TIMEOUT: Duration = Duration::from_secs(5);
 /// Age from which a half-made file counts as left by a process that was killed while creating it. A live
 /// process completes it within microseconds.
@@ -91,8 +91,8 @@ impl Domain {
     /// messages and segments. Wakes their peers. Returns the number of such processes, or `None` if it took
     /// too long (five seconds); what is left is removed with the domain.
     ///
-    /// A parent calls this after it has waited for a child. Otherwise the next process that joins the domain
-    /// does it.
+    /// A parent has another process do this after it has waited for a child: what is read there was shared
+    /// with the one that crashed and may be damaged. Otherwise the next process that joins does it.
     pub fn reap(&self) -> Option<usize> {
         if !self.half_made_files().is_empty() {
             std::thread::sleep(EMPTY_AGE);
@@ -127,16 +127,12 @@ impl Domain {
         n_cleaned
     }
 
-    /// Removes the domain: reaps exited processes, then deletes the remaining segments in `/dev/shm` and the
-    /// root folder. Processes that are still attached keep their mappings but can no longer reach each other.
+    /// Removes the domain: deletes its segments in `/dev/shm`, whatever they contain, and the root folder.
+    /// Processes that are still attached keep their mappings but can no longer reach each other.
     ///
     /// # Errors
     /// If a file cannot be removed. The other files are removed nevertheless.
     pub fn remove(&self) -> Result<(), LinkError> {
-        // All files are removed anyway.
-        if self.intruder().is_none() {
-            self.reap();
-        }
         let segments = self.segments().and_then(|paths| {
             let removed = paths.into_iter().map(|path| allow_missing(&path, std::fs::remove_file(&path)));
             removed.fold(Ok(()), Result::and)
@@ -163,8 +159,8 @@ impl Domain {
         removed.fold(Ok(()), Result::and).and_then(|()| DomainLease::remove(&self.root))
     }
 
-    /// Removes the domains under `base` whose processes have all exited and returns their number. A run in
-    /// progress is never touched: its own processes hold a lease, and foreign hosts are registered as nodes.
+    /// Removes the domains under `base` whose own processes have all exited and returns their number. A run
+    /// in progress is never touched: its processes hold a lease. A foreign host notices the end of its run.
     pub fn remove_stale(base: &Path) -> usize {
         let Ok(entries) = std::fs::read_dir(base) else { return 0 };
         let names =
@@ -206,7 +202,7 @@ impl Domain {
         self.root.is_dir() && DomainLease::try_acquire_exclusive(&self.root).is_none()
     }
 
-    /// Removes the domain if none of its processes is alive. Returns `true` if it did.
+    /// Removes the domain if none of the run's own processes is alive. Returns `true` if it did.
     pub fn remove_if_unused(&self) -> bool {
         if !DomainLease::exists(&self.root) {
             // An empty folder was left by a process that was killed just after creating it, or just before
@@ -214,23 +210,7 @@ impl Domain {
             return std::fs::remove_dir(&self.root).is_ok();
         }
         let Some(_lease) = DomainLease::try_acquire_exclusive(&self.root) else { return false };
-        !self.has_live_node() && self.remove().is_ok()
-    }
-
-    /// Returns `true` if a process of the domain is alive, or if that cannot be found out.
-    fn has_live_node(&self) -> bool {
-        let domain = self.clone();
-        self.within(LISTING_TIMEOUT, move || domain.lists_live_node()).unwrap_or(true)
-    }
-
-    fn lists_live_node(&self) -> bool {
-        let Ok(config) = self.config() else { return false };
-        let mut found = false;
-        let listed = Node::<Ipc>::list(&config, |state| {
-            found |= matches!(state, NodeState::Alive(_) | NodeState::Inaccessible(_));
-            if found { CallbackProgression::Stop } else { CallbackProgression::Continue }
-        });
-        found || listed.is_err()
+        self.remove().is_ok()
     }
 
     /// Does `work` on another thread, because iceoryx2 waits without a limit for the size of a segment whose
@@ -280,6 +260,18 @@ impl Domain {
             Some((entry.path(), data.modified().ok()?))
         });
         segments.chain(descriptions).collect()
+    }
+
+    /// Lists the files that exist from the moment at which the sim is ready until it has exited, whatever its
+    /// hosts do: its lock, the segment in which nodes are counted, and those in which the services list their
+    /// ports.
+    #[must_use]
+    pub fn lasting_files(&self) -> Vec<PathBuf> {
+        let lasts = |path: &PathBuf| {
+            path.extension().is_some_and(|extension| extension == "dynamic" || extension == "global_mgmt")
+        };
+        let segments = self.segments().unwrap_or_default().into_iter().filter(lasts);
+        segments.chain([DomainLease::path(&self.root)]).collect()
     }
 
     fn has_prefix(&self, entry: &DirEntry) -> bool {

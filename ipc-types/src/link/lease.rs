@@ -51,9 +51,9 @@ impl DomainLease {
 
     /// Removes the lock file of a domain.
     pub(super) fn remove(root: &Path) -> Result<(), LinkError> {
-        match std::fs::remove_file(lock_path(root)) {
+        match std::fs::remove_file(DomainLease::path(root)) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                Err(LinkError::Io { action: "remove", path: lock_path(root), source: error })
+                Err(LinkError::Io { action: "remove", path: DomainLease::path(root), source: error })
             }
             _ => Ok(()),
         }
@@ -66,23 +66,24 @@ impl DomainLease {
 
     /// Returns `true` if `root` contains the lock file of a domain.
     pub(super) fn exists(root: &Path) -> bool {
-        lock_path(root).is_file()
+        Self::path(root).is_file()
+    }
+
+    /// Returns the path of a domain's lock file.
+    pub(super) fn path(root: &Path) -> PathBuf {
+        root.join(LOCK_NAME)
     }
 }
 
 fn open(root: &Path, create: bool) -> io::Result<File> {
-    OpenOptions::new().read(true).write(true).create(create).truncate(false).open(lock_path(root))
+    OpenOptions::new().read(true).write(true).create(create).truncate(false).open(DomainLease::path(root))
 }
 
 /// Returns `true` if the locked file is still the one in the folder. A clean-up may remove it between open
 /// and lock.
 fn is_current(lock: &File, root: &Path) -> bool {
-    match (lock.metadata(), std::fs::metadata(lock_path(root))) {
+    match (lock.metadata(), std::fs::metadata(DomainLease::path(root))) {
         (Ok(held), Ok(named)) => (held.dev(), held.ino()) == (named.dev(), named.ino()),
         _ => false,
     }
-}
-
-fn lock_path(root: &Path) -> PathBuf {
-    root.join(LOCK_NAME)
 }

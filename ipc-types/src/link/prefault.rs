@@ -4,8 +4,9 @@
 //! for 90 MB) and raises SIGBUS if memory runs out. Reserving the pages first turns a lack of memory into an
 //! error; then they are mapped.
 
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::mem::MaybeUninit;
+use std::os::unix::fs::FileExt;
 
 use rustix::fs::FallocateFlags;
 use rustix::io::Errno;
@@ -31,10 +32,20 @@ pub(super) fn reserve(domain: &Domain, publisher_id: u128) -> Result<(), LinkErr
     let failed = |source| LinkError::Io { action: "open", path: path.clone(), source };
     let segment = OpenOptions::new().read(true).write(true).open(&path).map_err(failed)?;
     let needed = segment.metadata().map_err(failed)?.len();
-    rustix::fs::fallocate(&segment, FallocateFlags::empty(), 0, needed).map_err(|errno| LinkError::Reserve {
-        path: path.clone(),
-        needed,
-        source: errno.into(),
+    let reserved = match rustix::fs::fallocate(&segment, FallocateFlags::empty(), 0, needed) {
+        // Some sandboxes and file systems refuse the call.
+        Err(Errno::OPNOTSUPP | Errno::NOSYS | Errno::PERM) => rewrite(&segment, needed),
+        reserved => reserved.map_err(Into::into),
+    };
+    reserved.map_err(|source| LinkError::Reserve { path, needed, source })
+}
+
+/// Reserves a file by writing a byte of every page to where it has been read.
+fn rewrite(file: &File, length: u64) -> std::io::Result<()> {
+    let mut byte = [0];
+    (0..length).step_by(PAGE_BYTES).try_for_each(|offset| {
+        file.read_exact_at(&mut byte, offset)?;
+        file.write_all_at(&byte, offset)
     })
 }
 
@@ -68,4 +79,27 @@ fn touch(page: &mut MaybeUninit<Page>) {
     // SAFETY: the pointer is that of an exclusive reference, and any byte may be written to uninitialised
     // memory.
     unsafe { page.as_mut_ptr().cast::<u8>().write_volatile(0) };
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+    use std::os::unix::fs::MetadataExt;
+
+    use super::*;
+
+    #[test]
+    fn rewriting_reserves_and_changes_nothing() {
+        let mut file = tempfile::tempfile_in(SHM).unwrap();
+        file.write_all(b"content").unwrap();
+        let length = 10 * PAGE_BYTES as u64;
+        file.set_len(length).unwrap();
+        let blocks = |file: &File| file.metadata().unwrap().blocks() * 512;
+        assert!(blocks(&file) < length);
+        rewrite(&file, length).unwrap();
+        assert_eq!(blocks(&file), length);
+        let mut content = [0; 9];
+        file.read_exact_at(&mut content, 0).unwrap();
+        assert_eq!(&content, b"content\0\0");
+    }
 }

@@ -12,7 +12,6 @@ mod query;
 mod strength;
 
 use std::path::PathBuf;
-use std::thread::available_parallelism;
 
 use clap::{Args, Command, FromArgMatches, value_parser};
 use serde::{Deserialize, Serialize};
@@ -23,6 +22,7 @@ pub use self::language_file::{LanguageFile, LanguageFileError};
 pub use self::query::{Execution, QueryOptions};
 pub use self::strength::{Strength, StrengthError};
 use crate::ControlMode;
+use crate::allotment::n_cores;
 
 /// Largest number of episodes in progress at a time.
 pub const MAX_ENVS: u32 = 8192;
@@ -61,7 +61,7 @@ pub struct ResultOptions {
     /// Reading of the benchmark where its paper and its released code disagree
     #[arg(long, value_enum, ignore_case = true, default_value_t = Profile::Strict)]
     pub profile: Profile,
-    /// Strength of the perturbations, above 0 and at most 1, which is the benchmark's
+    /// Strength of the perturbations, from 0.001 to 1, which is the benchmark's
     #[arg(long, value_name = "X", default_value_t = Strength::FULL)]
     pub strength: Strength,
     /// Milliseconds of simulated time between a query and the effect of its answer. Meanwhile the
@@ -154,12 +154,6 @@ impl Default for RunConfig {
         let matches = command.try_get_matches_from([""; 0]).expect("every run option has a default");
         Self::from_arg_matches(&matches).expect("every run option has a default")
     }
-}
-
-/// Returns the number of cores this process may use.
-#[must_use]
-pub fn n_cores() -> u32 {
-    available_parallelism().map_or(1, |n| n.get().try_into().unwrap_or(u32::MAX))
 }
 
 /// Serializes a [`ControlMode`] under its ManiSkill name, as results files have always stored it.

@@ -27,7 +27,8 @@ fn runs_are_isolated_from_each_other() {
 fn remove_stale_spares_domains_in_use() {
     let (stale, live, starting) = (Scratch::new(), Scratch::new(), Scratch::new());
     let mut stale_sim = stale.spawn("roles::sim_that_gets_killed");
-    let host = open_host(&stale.node(), &small_lane(1));
+    let stale_node = stale.node();
+    let host = open_host(&stale_node, &small_lane(1));
     await_ready(&stale.domain.root);
     let mut live_sim = live.spawn("roles::sim_that_gets_killed");
     let live_host = open_host(&live.node(), &small_lane(1));
@@ -42,7 +43,7 @@ fn remove_stale_spares_domains_in_use() {
     assert_eq!(Domain::remove_stale(stale.base.path()), 0, "the sim is still running");
     stale_sim.kill();
     assert_eq!(Domain::remove_stale(stale.base.path()), 0, "the host is still attached");
-    drop(host);
+    drop((host, stale_node));
     assert_eq!(Domain::remove_stale(stale.base.path()), 1);
     stale.assert_removed();
     assert!(stale.base.path().join("0123456789ab/thesis.txt").exists());

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use clap::Args;
+use ipc_types::allotment::n_cores;
 use ipc_types::run_config::{Profile, Strength};
 use ipc_types::{ControlMode, Morphology};
 use sim::perturb::Composition;
@@ -39,7 +40,7 @@ pub(crate) struct DemosArgs {
     #[arg(long, value_name = "NAME", default_value = "None", value_parser = PERTURBATION_PARSER,
         hide_possible_values = true)]
     pub(crate) perturbation: Composition,
-    /// Strength of the perturbation, above 0 and at most 1
+    /// Strength of the perturbation, from 0.001 to 1
     #[arg(long, value_name = "X", default_value_t = Strength::FULL)]
     pub(crate) strength: Strength,
     /// Reading of the benchmark where its paper and its released code disagree
@@ -88,7 +89,7 @@ pub(crate) fn demos(args: &DemosArgs) -> Result<ExitStatus, Failure> {
     let plan = DemoPlan { tasks, episodes: args.episodes, single_arm };
     let n_threads = match args.threads {
         Some(threads) => threads as usize,
-        None => std::thread::available_parallelism().context("failed to count the cores").or_user()?.get(),
+        None => n_cores() as usize,
     };
     let pool =
         rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().context("failed to start threads")?;

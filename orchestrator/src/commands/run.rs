@@ -13,7 +13,7 @@ use crate::build_identity;
 use crate::execution::{execute, find_device, resolve};
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::fleet::{FleetEvent, RunStatus, Totals};
-use crate::jobs::{Job, jobs};
+use crate::jobs::{Job, JobList};
 use crate::live::RunningSuccess;
 use crate::machine::{Cores, Machine};
 use crate::output::{OutputError, print_message, print_out};
@@ -54,8 +54,9 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
     let manifest = Manifest::new(&plan, identities.clone());
     print_notes(&manifest);
     let mut results = Results::open(&plan.db, &manifest).or_user()?;
-    let todo = unfinished(&plan, &results)?;
-    let n_done = plan.n_episodes() - todo.len() as u64;
+    let finished = results.finished(&plan)?;
+    let n_done = finished.len();
+    let todo = JobList::unfinished(&plan, finished);
     print_done(&plan, n_done);
     let (stopping, date) = note_start(&plan, &mut results)?;
     let (stopping, n_skipped) = (RefCell::new(stopping), Cell::new(0));
@@ -65,6 +66,7 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         stopping: &stopping,
         n_skipped: &n_skipped,
         n_finished: 0,
+        n_stored: results.n_finished()?,
         trace: open_trace(plan.config.resources.trace.as_deref()).or_user()?,
     };
     let is_wanted = |job: &Job| {
@@ -91,19 +93,17 @@ pub(crate) fn run(args: &RunArgs, started: Instant) -> Result<ExitStatus, Failur
         Ok(())
     });
     live.progress.finish();
+    results.check_n_finished(live.n_stored)?;
     let traced = live.trace.map_or(Ok(()), TraceFile::finish);
     if outcome.is_err() && n_done + live.n_finished > 0 {
         note_failed_run(&plan, &results, started);
     }
     let (status, totals) = outcome?;
-    let earlier = results.environment().or_user()?;
-    let environment = if n_done < plan.n_episodes() {
-        let environment = environment(&plan, &machine, &totals, (&earlier, date, started));
+    let mut environment = results.environment().or_user()?;
+    if n_done < plan.n_episodes() {
+        environment = self::environment(&plan, &machine, &totals, (&environment, date, started));
         results.note(ENVIRONMENT, &environment)?;
-        environment
-    } else {
-        earlier
-    };
+    }
     if status == RunStatus::Stopped {
         print_message(&format!("interrupted; {}", resume_hint(&plan)));
         return Ok(ExitStatus::Interrupted);
@@ -140,12 +140,6 @@ fn note_failed_run(plan: &RunPlan, results: &Results, started: Instant) {
         environment["wall_s"] = json!(wall_s);
         let _ = results.note(ENVIRONMENT, &environment);
     }
-}
-
-/// Returns the episodes of the plan that the results file does not have yet.
-pub(crate) fn unfinished(plan: &RunPlan, results: &Results) -> Result<Vec<Job>, Failure> {
-    let finished = results.finished().or_user()?;
-    Ok(jobs(plan).filter(|job| !finished.contains(key(plan, job))).collect())
 }
 
 fn key<'a>(plan: &'a RunPlan, job: &Job) -> EpisodeKey<'a> {
@@ -200,6 +194,8 @@ struct Live<'a> {
     n_skipped: &'a Cell<u64>,
     /// Episodes stored by this run.
     n_finished: u64,
+    /// Episodes without an error that the file must have.
+    n_stored: u64,
     trace: Option<TraceFile>,
 }
 
@@ -207,6 +203,7 @@ impl Live<'_> {
     fn on_finished(&mut self, job: &Job, outcome: &Outcome) {
         self.n_finished += 1;
         let success = outcome.error.is_none().then_some(outcome.success_once);
+        self.n_stored += u64::from(success.is_some());
         self.success.add(job.policy_idx, success);
         if let Some(stopping) = self.stopping.borrow_mut().as_mut() {
             stopping.on_finished(job, success);

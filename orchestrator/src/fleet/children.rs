@@ -5,6 +5,7 @@
 //! real one.
 
 use std::io;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use ipc_types::link::Shortage;
@@ -46,14 +47,24 @@ pub(super) trait Children {
     /// Returns the time for which this process has run, as of the last advance of the clock.
     fn now(&self) -> Duration;
 
-    /// Frees the shared memory of children that have exited. Returns `None` if that took too long.
-    fn free_memory(&mut self) -> Option<usize>;
+    /// Frees the shared memory of children that have exited. Returns `false` if that failed or took too long.
+    fn free_memory(&mut self) -> bool;
 
     /// Returns another user who has put files with the names of this run into shared memory.
     fn intruder(&self) -> Option<u32>;
 
     /// Returns the resource that this process lacks now, if any.
     fn shortage(&self) -> Option<Shortage>;
+
+    /// Remembers which files the run needs from now on, because its sim is ready, or that it needs none,
+    /// because that has exited.
+    fn watch_files(&mut self, is_ready: bool);
+
+    /// Returns one of these files that is gone.
+    fn lost_file(&self) -> Option<PathBuf>;
+
+    /// Returns how many processes the kernel has killed for lack of memory, where it tells.
+    fn oom_kills(&self) -> u64;
 
     /// Returns the number of cores.
     fn n_cores(&self) -> u32;

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use ipc_types::allotment::memory_bounds;
 use ipc_types::link::{LinkError, Shortage};
-use ipc_types::{cure, error_chain};
+use ipc_types::{error_chain, is_refusal};
 use thiserror::Error;
 
 use super::limits::LimitError;
@@ -36,6 +37,30 @@ pub(crate) enum FleetError {
          cleanup"
     )]
     Intruder { name: String, exit: ChildExit, user: u32 },
+    #[error(
+        "{} is gone, which this run needs to start a child: somebody has removed it, such as systemd at the end of \
+         a login session (RemoveIPC in logind.conf; `loginctl enable-linger` prevents that) or a program that cleans \
+         /dev/shm",
+        path.display()
+    )]
+    Vanished { path: PathBuf },
+    #[error("{what}; the run's shared memory may be damaged")]
+    Stuck { what: String },
+    #[error(
+        "the kernel has killed {name} {failures} times for lack of memory{}; use a smaller --envs or fewer policies, or \
+         allow more memory",
+        tightest_limit()
+    )]
+    OutOfMemory { name: String, failures: u32 },
+    #[error(
+        "{name} was ended {failures} times from outside; the last time it {exit}: find out who sends that signal"
+    )]
+    Ended { name: String, failures: u32, exit: ChildExit },
+    #[error(
+        "{name} has used all core-seconds that the limit of this shell allows a process; lift it (`ulimit -t unlimited`) \
+         and run the same command again"
+    )]
+    CpuTime { name: String },
     #[error(transparent)]
     Limit(#[from] LimitError),
     #[error("{}{}", self.summary(), log_tail(log))]
@@ -77,6 +102,11 @@ impl FleetError {
         }
     }
 
+    /// Returns `true` if the run may go on in shared memory with other names.
+    pub(crate) fn may_go_on_elsewhere(&self) -> bool {
+        matches!(self, Self::Intruder { .. } | Self::Vanished { .. } | Self::Stuck { .. })
+    }
+
     /// Returns `true` if the user can fix the error.
     pub(crate) fn is_user_error(&self) -> bool {
         match self {
@@ -88,16 +118,26 @@ impl FleetError {
             | Self::Child { .. }
             | Self::Shortage { .. }
             | Self::Intruder { .. }
+            | Self::Vanished { .. }
+            | Self::OutOfMemory { .. }
+            | Self::Ended { .. }
+            | Self::CpuTime { .. }
             | Self::Limit(_)
             | Self::Renderer(_)
             | Self::RendererChanged { .. } => true,
             // A full disk, a deleted file, a lock.
             Self::Sink(error) => exit::is_user_error(error),
             // A limit of processes, files or memory.
-            Self::Spawn { source, .. } => cure(source).is_some(),
-            Self::TooManyFailures { .. } => false,
+            Self::Spawn { source, .. } => is_refusal(source),
+            Self::TooManyFailures { .. } | Self::Stuck { .. } => false,
         }
     }
+}
+
+/// Returns a clause on the limit of memory that is closest.
+pub(super) fn tightest_limit() -> String {
+    let tightest = memory_bounds().into_iter().min_by_key(|bound| bound.remaining);
+    tightest.map_or_else(String::new, |bound| format!(" ({} MiB: {})", bound.limit >> 20, bound.source))
 }
 
 fn log_tail(log: &[String]) -> String {

@@ -4,6 +4,7 @@
 # spawn without a line of its own. Spawns are logged to the file `spawns`, commands to sims to the file `received`.
 here=$(dirname "$0")
 part=$1
+[ "$part" = reap ] && exit 0
 touch "$here/spawns"
 spawn=$(grep -c "^$part" "$here/spawns")
 echo "$part" >>"$here/spawns"

@@ -1,6 +1,8 @@
 //! Limits of the process (getrlimit(2)) that a fleet needs to start, checked and raised before its first
 //! child, which inherits them.
 
+use std::path::{Path, PathBuf};
+
 use ipc_types::link::LaneSpec;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use thiserror::Error;
@@ -26,11 +28,20 @@ pub(crate) enum LimitError {
         needed >> 10, limit >> 10
     )]
     AddressSpace { needed: u64, limit: u64 },
+    #[error(
+        "this run needs files of up to {needed} bytes in shared memory, but the limit is {limit}; lift it: `ulimit -f unlimited`"
+    )]
+    FileSize { needed: u64, limit: u64 },
+    #[error("this run starts its processes from {}, which is missing; mount /proc: `mount -t proc proc /proc`", path.display())]
+    Program { path: PathBuf },
 }
 
-/// Checks that the limits suffice for a run with `lanes` and `n_threads` threads per process. Raises the
-/// limit of open files if that is allowed.
-pub(super) fn ensure(lanes: &[LaneSpec], n_threads: u32) -> Result<(), LimitError> {
+/// Checks that `program` is there and that the limits suffice for a run with `lanes` and `n_threads` threads
+/// per process. Raises the limit of open files if that is allowed.
+pub(super) fn ensure(program: &Path, lanes: &[LaneSpec], n_threads: u32) -> Result<(), LimitError> {
+    if !program.exists() {
+        return Err(LimitError::Program { path: program.into() });
+    }
     let needed = FILES + FILES_PER_LANE * lanes.len() as u64;
     let files = getrlimit(Resource::Nofile);
     if let Some(limit) = files.current.filter(|limit| *limit < needed) {
@@ -38,6 +49,10 @@ pub(super) fn ensure(lanes: &[LaneSpec], n_threads: u32) -> Result<(), LimitErro
         setrlimit(Resource::Nofile, raised).map_err(|_| LimitError::Files { needed, limit })?;
     }
     let lane_bytes: u64 = lanes.iter().map(LaneSpec::shm_bytes).sum();
+    let largest = lanes.iter().map(LaneSpec::shm_bytes).max().unwrap_or(0);
+    if let Some(limit) = getrlimit(Resource::Fsize).current.filter(|limit| *limit < largest) {
+        return Err(LimitError::FileSize { needed: largest, limit });
+    }
     let process_bytes = ADDRESS_SPACE + ADDRESS_SPACE_PER_THREAD * u64::from(n_threads);
     let needed = process_bytes.saturating_add(lane_bytes);
     match getrlimit(Resource::As).current {

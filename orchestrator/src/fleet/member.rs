@@ -8,6 +8,8 @@ use std::time::Duration;
 
 use rustix::process::Signal;
 
+use crate::exit::LINK_FAILED;
+
 /// Number of log lines that an error shows.
 const LOG_LINES: usize = 8;
 /// Exit code of a child for an error that the user can fix.
@@ -33,6 +35,8 @@ pub(super) struct Member {
     /// Times at which a foreign host has left since then.
     departures: VecDeque<Duration>,
     log: VecDeque<String>,
+    /// `true` if the supervisor has killed the child.
+    is_killed: bool,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -50,14 +54,36 @@ enum MemberState {
 pub(crate) enum ChildExit {
     /// It exited with this status.
     Exited(process::ExitStatus),
+    /// The kernel killed it because it had used all core-seconds of its limit.
+    OutOfTime,
     /// Waiting for it failed.
     Unknown(std::io::Error),
 }
 
 impl ChildExit {
+    /// Returns the signal that ended the child.
+    fn signal(&self) -> Option<i32> {
+        if let Self::Exited(status) = self { status.signal() } else { None }
+    }
+
     /// Returns `true` if the kernel could not give the child memory for a page of a file (SIGBUS).
     pub(super) fn lacked_memory(&self) -> bool {
-        matches!(self, Self::Exited(status) if status.signal() == Some(Signal::BUS.as_raw()))
+        self.signal() == Some(Signal::BUS.as_raw())
+    }
+
+    /// Returns `true` if the child was killed (SIGKILL), as the kernel does if memory runs out.
+    pub(super) fn was_killed(&self) -> bool {
+        self.signal() == Some(Signal::KILL.as_raw())
+    }
+
+    /// Returns `true` if the child has used the core-seconds that its limit allows (SIGXCPU, then SIGKILL).
+    pub(super) fn lacked_time(&self) -> bool {
+        matches!(self, Self::OutOfTime) || self.signal() == Some(Signal::XCPU.as_raw())
+    }
+
+    /// Returns `true` if the child could not use the run's shared memory.
+    pub(super) fn lacked_link(&self) -> bool {
+        matches!(self, Self::Exited(status) if status.code() == Some(LINK_FAILED.into()))
     }
 }
 
@@ -69,6 +95,7 @@ impl fmt::Display for ChildExit {
                 (None, Some(signal)) => write!(f, "was killed by signal {signal}"),
                 (None, None) => write!(f, "ended ({status})"),
             },
+            Self::OutOfTime => f.write_str("used all core-seconds of its limit"),
             Self::Unknown(error) => write!(f, "ended with an unknown status ({error})"),
         }
     }
@@ -79,6 +106,7 @@ impl Member {
     pub(super) fn on_spawn(&mut self, now: Duration) {
         self.state = MemberState::Starting(now);
         self.log.clear();
+        self.is_killed = false;
     }
 
     /// Records that the child is ready.
@@ -129,6 +157,18 @@ impl Member {
     /// Records that a foreign host has left. Returns how many have left within the last `window`.
     pub(super) fn add_departure(&mut self, now: Duration, window: Duration) -> u32 {
         add_within(&mut self.departures, now, window)
+    }
+
+    /// Records that the supervisor kills the child.
+    pub(super) fn on_kill(&mut self) {
+        self.is_killed = true;
+    }
+
+    /// Returns `true` if somebody else has ended the child: the kernel for lack of memory, or a signal that a
+    /// user or a batch system sends.
+    pub(super) fn was_ended(&self, exit: &ChildExit) -> bool {
+        const SENT: [Signal; 4] = [Signal::KILL, Signal::TERM, Signal::INT, Signal::HUP];
+        !self.is_killed && exit.signal().is_some_and(|found| SENT.iter().any(|sent| sent.as_raw() == found))
     }
 
     /// Records that the child was waited for.

@@ -42,7 +42,7 @@ pub(crate) use self::totals::HostWork;
 pub(crate) use self::totals::Totals;
 pub(crate) use self::tuner::{EnvChoice, EnvTrial};
 use crate::capacity::Capacity;
-use crate::jobs::Job;
+use crate::jobs::{Job, JobList};
 
 /// The configuration of a fleet.
 #[derive(Clone, Debug)]
@@ -59,6 +59,8 @@ pub(crate) struct FleetConfig {
     pub(crate) run: RunConfig,
     /// Identity of the renderer of earlier results, which this run must match.
     pub(crate) earlier_renderer: Option<String>,
+    /// `true` if the run may go on in another fleet, with other names in shared memory.
+    pub(crate) can_move: bool,
     /// `true` if an episode is of use only together with its twins of the other policies.
     pub(crate) paired: bool,
     /// Numbers of envs.
@@ -118,6 +120,8 @@ pub(crate) struct Limits {
     pub(crate) host_start: Duration,
     /// Time without output after which a sim counts as hung. A sim reports ten times a second.
     pub(crate) silence: Duration,
+    /// Longest wait of a sim for a foreign host.
+    pub(crate) foreign: Duration,
     /// Time for a child to exit after a request, before it is killed.
     pub(crate) shutdown: Duration,
     /// Number of failures of one child without a finished episode in between after which it is given up.
@@ -132,6 +136,7 @@ impl Default for Limits {
             sim_start: Duration::from_secs(60),
             host_start: Duration::from_secs(120),
             silence: Duration::from_secs(60),
+            foreign: Duration::from_secs(Lane::FOREIGN_HOST_TIMEOUT_S.into()),
             shutdown: Duration::from_secs(5),
             failures: 3,
             departures: 10,
@@ -218,13 +223,13 @@ impl Fleet {
     /// error. Episodes that finished before have gone to the sink.
     pub(crate) fn run(
         self,
-        jobs: Vec<Job>,
+        jobs: &JobList,
         is_wanted: &IsWanted<'_>,
         sink: &mut Sink<'_>,
     ) -> Result<(RunStatus, Totals), FleetError> {
         let config = &self.config;
         let specs: Vec<_> = config.lanes.iter().map(|policy| policy.lane.spec.clone()).collect();
-        limits::ensure(&specs, config.run.resources.n_threads())?;
+        limits::ensure(&config.program, &specs, config.run.resources.n_threads())?;
         folder::prepare(&config.base)?;
         let n_removed = Domain::remove_stale(&config.base);
         if n_removed > 0 {

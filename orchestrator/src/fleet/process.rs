@@ -11,8 +11,12 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use ipc_types::link::Domain;
+
 /// Interval at which an exiting child is polled.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
+/// Maximum time to free the memory of exited children, above what the library allows itself.
+const REAP_TIMEOUT: Duration = Duration::from_secs(8);
 /// Maximum wait for the rest of a child's stderr after its stdout has closed.
 const STDERR_TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -148,6 +152,16 @@ impl Drop for ChildProcess {
         // A killed child exits; if waiting for it fails, nothing better can be done.
         let _ = self.child.wait();
     }
+}
+
+/// Frees the shared memory of exited children in a process of its own, which survives neither what a damaged
+/// segment does to it nor a wait without end. Returns `false` if that happens.
+pub(super) fn reap(program: &Path, domain: &Domain) -> bool {
+    let mut command = Command::new(program);
+    command.args(["reap", "--config", &serde_json::json!(domain).to_string()]).process_group(0);
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    let process = command.spawn().map(|child| ChildProcess { child, commands: None });
+    process.and_then(|process| process.wait(REAP_TIMEOUT)).is_ok_and(|status| status.success())
 }
 
 fn each_line(pipe: impl Read, mut on_line: impl FnMut(String)) {

@@ -2,18 +2,22 @@
 
 use std::collections::BTreeMap;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
+use ipc_types::allotment;
 use ipc_types::link::{Domain, Shortage};
-use ipc_types::run_config;
+use rustix::process::{Resource, getrlimit};
 
 use super::SupervisorEvent;
 use super::children::Children;
 use super::clock::RunningClock;
 use super::member::{ChildExit, MemberRole};
-use super::process::ChildProcess;
+use super::process::{self, ChildProcess};
+
+/// Resolution of [`ChildProcess::cpu_s`], with a margin, in s.
+const TICK_S: f64 = 0.1;
 
 /// The child processes of a run. Dropping it kills those that have not been waited for.
 #[derive(Debug)]
@@ -24,6 +28,8 @@ pub(super) struct Processes<'a> {
     inbox: Receiver<SupervisorEvent>,
     clock: RunningClock,
     by_role: BTreeMap<MemberRole, ChildProcess>,
+    /// Files that the run needs.
+    files: Vec<PathBuf>,
 }
 
 impl<'a> Processes<'a> {
@@ -33,7 +39,8 @@ impl<'a> Processes<'a> {
         domain: &'a Domain,
         (events, inbox): (Sender<SupervisorEvent>, Receiver<SupervisorEvent>),
     ) -> Self {
-        Self { program, domain, events, inbox, clock: RunningClock::new(), by_role: BTreeMap::new() }
+        let clock = RunningClock::new();
+        Self { program, domain, events, inbox, clock, by_role: BTreeMap::new(), files: Vec::new() }
     }
 }
 
@@ -73,7 +80,12 @@ impl Children for Processes<'_> {
 
     fn wait(&mut self, role: MemberRole, timeout: Duration) -> Option<ChildExit> {
         let process = self.by_role.remove(&role)?;
-        Some(process.wait(timeout).map_or_else(ChildExit::Unknown, ChildExit::Exited))
+        // The system tells it until the process has been waited for.
+        let cpu_s = process.cpu_s();
+        let exit = process.wait(timeout).map_or_else(ChildExit::Unknown, ChildExit::Exited);
+        let limit = getrlimit(Resource::Cpu).current;
+        let is_over = cpu_s.zip(limit).is_some_and(|(used, limit)| used >= limit as f64 - TICK_S);
+        Some(if exit.was_killed() && is_over { ChildExit::OutOfTime } else { exit })
     }
 
     fn memory_bytes(&self, role: MemberRole) -> Option<u64> {
@@ -98,8 +110,8 @@ impl Children for Processes<'_> {
         self.clock.now()
     }
 
-    fn free_memory(&mut self) -> Option<usize> {
-        self.domain.reap()
+    fn free_memory(&mut self) -> bool {
+        process::reap(self.program, self.domain)
     }
 
     fn intruder(&self) -> Option<u32> {
@@ -110,7 +122,19 @@ impl Children for Processes<'_> {
         Shortage::find()
     }
 
+    fn watch_files(&mut self, is_ready: bool) {
+        self.files = if is_ready { self.domain.lasting_files() } else { Vec::new() };
+    }
+
+    fn lost_file(&self) -> Option<PathBuf> {
+        self.files.iter().find(|path| !path.exists()).cloned()
+    }
+
+    fn oom_kills(&self) -> u64 {
+        allotment::oom_kills()
+    }
+
     fn n_cores(&self) -> u32 {
-        run_config::n_cores()
+        allotment::n_cores()
     }
 }

@@ -1,7 +1,9 @@
 //! The supervisor's loop: handles one event after another until all episodes are finished or the run has to
 //! end.
 
+mod exits;
 mod policies;
+mod timeouts;
 
 use std::collections::BTreeMap;
 use std::iter::Sum;
@@ -13,6 +15,7 @@ use policy_host::serve::HostEvent;
 use sim::serve::protocol::{Driver, Outcome, SimCommand, SimEvent};
 
 use self::policies::Unconfirmed;
+use self::timeouts::WorkWatch;
 use super::children::Children;
 use super::error::FleetError;
 use super::member::{Member, MemberRole};
@@ -44,6 +47,9 @@ pub(super) struct Supervisor<'a> {
     /// Chooses the number of envs, unless the user fixed it.
     tuner: Option<EnvTuner>,
     totals: Totals,
+    progress: WorkWatch,
+    /// Processes that the kernel had killed for lack of memory before, and children that it has killed since.
+    oom_kills: u64,
     sink: &'a mut Sink<'a>,
 }
 
@@ -57,6 +63,7 @@ impl<'a> Supervisor<'a> {
     ) -> Self {
         let (n_lanes, capacity, n_cores) = (config.lanes.len(), config.capacity, children.n_cores());
         let mut totals = Totals::new(n_lanes, config.earlier_renderer.clone());
+        let oom_kills = children.oom_kills();
         let foreign = |policy: &PolicyLane| policy.lane.foreign.then(|| policy.lane.spec.policy.clone());
         totals.foreign = config.lanes.iter().map(foreign).collect();
         Self {
@@ -72,6 +79,8 @@ impl<'a> Supervisor<'a> {
             given_up: vec![false; n_lanes],
             tuner: capacity.tunes.then(|| EnvTuner::new(capacity.envs, capacity.max_envs, n_cores)),
             totals,
+            progress: WorkWatch::default(),
+            oom_kills,
             sink,
         }
     }
@@ -182,6 +191,7 @@ impl<'a> Supervisor<'a> {
                 self.totals.renderer = Some(renderer);
                 self.check_renderer(identity)?;
                 self.sim.on_ready(self.children.now());
+                self.children.watch_files(true);
                 self.send_state_to_sim();
                 Ok(())
             }
@@ -290,84 +300,6 @@ impl<'a> Supervisor<'a> {
             self.hosts[lane as usize].reset_failures();
         }
         (self.sink)(FleetEvent::EpisodeFinished(&job, outcome)).map_err(FleetError::Sink)
-    }
-
-    /// Reaps a child, cleans up its shared memory and restarts it, unless it has failed too often.
-    fn restart(&mut self, role: MemberRole) -> Result<(), FleetError> {
-        let (limits, window, now) = (self.config.limits, self.failure_window(role), self.children.now());
-        let Some(exit) = self.children.wait(role, limits.shutdown) else { return Ok(()) };
-        let member = self.member(role);
-        member.on_exit();
-        let fails_often = member.add_failure(now, window) >= limits.failures;
-        if let Some(user) = self.children.intruder() {
-            return Err(FleetError::Intruder { name: self.name(role), exit, user });
-        }
-        if self.children.free_memory().is_none() {
-            let line =
-                format!("gave up freeing the shared memory of {}, which took too long", self.name(role));
-            self.log(&line)?;
-        }
-        match role {
-            MemberRole::Sim => self.totals.on_sim_exit(),
-            MemberRole::Host(lane) => {
-                self.totals.on_host_exit(lane);
-                self.send_to_sim(&SimCommand::HostDown { lane });
-            }
-        }
-        let name = self.name(role);
-        if let Some(source) =
-            (fails_often || exit.lacked_memory()).then(|| self.children.shortage()).flatten()
-        {
-            return Err(FleetError::Shortage { name, exit, source });
-        }
-        let (log, message) = (self.member(role).log_tail(), self.member(role).user_error(&exit));
-        let error = match message {
-            Some(message) => FleetError::Child { name, message },
-            None if fails_often => FleetError::TooManyFailures { name, failures: limits.failures, exit, log },
-            None => {
-                self.log(&format!("{name} {exit}; restarting it"))?;
-                return self.start(role);
-            }
-        };
-        match role {
-            MemberRole::Sim => Err(error),
-            MemberRole::Host(lane) => self.give_up(lane, error),
-        }
-    }
-
-    /// Waits for a child that was asked to exit. Its exit status does not matter.
-    fn wait_for_exit(&mut self, role: MemberRole) {
-        let _ = self.children.wait(role, self.config.limits.shutdown);
-        self.member(role).on_exit();
-    }
-
-    /// Kills a hung sim, and a child that does not get ready in time. Hung hosts are detected by the sim,
-    /// which knows the unanswered queries.
-    fn check_timeouts(&mut self) -> Result<(), FleetError> {
-        let (now, limits) = (self.children.now(), self.config.limits);
-        for role in self.roles() {
-            let timeout = if role == MemberRole::Sim { limits.sim_start } else { limits.host_start };
-            if self.member(role).starting_for(now).is_some_and(|time| time > timeout) {
-                let line =
-                    format!("{} was not ready after {} s; killed it", self.name(role), timeout.as_secs());
-                self.kill(role, &line)?;
-            }
-        }
-        if self.sim.silent_for(now).is_some_and(|time| time > limits.silence) {
-            let line = format!("the sim wrote nothing for {} s; killed it", limits.silence.as_secs());
-            self.kill(MemberRole::Sim, &line)?;
-        }
-        Ok(())
-    }
-
-    /// Kills a child for the reason in `line`. Its exit arrives as usual.
-    fn kill(&mut self, role: MemberRole, line: &str) -> Result<(), FleetError> {
-        let now = self.children.now();
-        let member = self.member(role);
-        member.restart_clock(now);
-        member.on_log(line);
-        self.children.kill(role);
-        self.log(line)
     }
 
     /// Sends a command to the sim if it is ready. Otherwise it learns the state when it becomes ready.

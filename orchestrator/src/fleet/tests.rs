@@ -9,8 +9,9 @@ use ipc_types::link::LaneSpec;
 
 use super::member::Member;
 use super::*;
-use crate::jobs::jobs;
+use crate::jobs::JobList;
 use crate::plan::RunPlan;
+use crate::results::FinishedEpisodes;
 use crate::sweep::SweepArgs;
 
 /// A time limit far above the duration of these runs.
@@ -61,6 +62,7 @@ impl TestFleet {
             run_id: std::hash::BuildHasher::hash_one(&std::hash::RandomState::new(), 0),
             run: SweepArgs::parse("--threads 1").unwrap().config,
             earlier_renderer: None,
+            can_move: false,
             paired: false,
             capacity: Capacity { envs: 2, max_envs: 2, batch: 1, tunes: false },
             lanes: if *spec == PolicySpec::Expert { Vec::new() } else { vec![policy] },
@@ -69,6 +71,7 @@ impl TestFleet {
                 sim_start: BOUND,
                 host_start: BOUND,
                 silence: BOUND,
+                foreign: BOUND,
                 shutdown: Duration::from_secs(2),
                 failures: 3,
                 departures: 10,
@@ -87,11 +90,12 @@ impl TestFleet {
     fn run_policies(&self, policies: &str, mut watch: impl FnMut(&str, &Stopper)) -> RunRecord {
         let started = Instant::now();
         let arguments = format!("--policy {policies} --tasks RaiseCube --episodes {N_JOBS}");
-        let jobs: Vec<Job> = jobs(&RunPlan::new(&SweepArgs::parse(&arguments).unwrap()).unwrap()).collect();
+        let plan = RunPlan::new(&SweepArgs::parse(&arguments).unwrap()).unwrap();
+        let jobs = JobList::unfinished(&plan, FinishedEpisodes::default());
         let fleet = Fleet::new(self.config.clone());
         let stopper = fleet.stopper();
         let (mut finished, mut errors, mut log) = (Vec::new(), Vec::new(), Vec::new());
-        let result = fleet.run(jobs, &|_| true, &mut |event| {
+        let result = fleet.run(&jobs, &|_| true, &mut |event| {
             match event {
                 FleetEvent::EpisodeFinished(_, Outcome { error: Some(error), .. }) => {
                     errors.push(error.clone());
@@ -182,7 +186,7 @@ fn run_ends_when_child_keeps_failing() {
 
     let fleet = TestFleet::new("sim * die 0", &PolicySpec::Expert);
     let run = fleet.run(|_, _| ());
-    insta::assert_snapshot!(run.error(), @"sim failed 3 times without finishing an episode; the last time it was killed by signal 9; the end of its log: die 0");
+    insta::assert_snapshot!(run.error(), @"sim was ended 3 times from outside; the last time it was killed by signal 9: find out who sends that signal");
     assert_eq!((fleet.spawns("sim"), run.finished.len()), (3, 0));
 }
 
@@ -257,7 +261,7 @@ fn taken_attach_name_is_refused() {
     let run = first.run(|line, stopper| {
         if line.contains("its lane is in") {
             let fleet = Fleet::new(second.config.clone());
-            let error = fleet.run(Vec::new(), &|_| true, &mut |_| Ok(())).unwrap_err();
+            let error = fleet.run(&JobList::of(Vec::new()), &|_| true, &mut |_| Ok(())).unwrap_err();
             refused = Some((error.is_user_error(), error.to_string()));
             stopper.stop();
         }

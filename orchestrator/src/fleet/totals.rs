@@ -57,6 +57,13 @@ impl Totals {
         add(&self.past, &self.current)
     }
 
+    /// Returns the number of control steps and queries of all children, which grows while any of them works.
+    pub(crate) fn work(&self) -> u64 {
+        let answered: u64 = self.lanes().iter().map(|work| work.queries).sum();
+        let Counters { env_steps, queries, .. } = self.sim();
+        env_steps + queries + answered
+    }
+
     /// Returns the sum over all policy hosts, for the queries whose answers the sim received. A run that is
     /// stopped does not wait for the others; their share of the core-seconds is estimated by their number.
     pub(crate) fn hosts(&self) -> HostWork {

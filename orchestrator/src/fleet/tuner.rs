@@ -136,6 +136,12 @@ impl EnvTuner {
         &self.choice
     }
 
+    /// Halves the current number, which was too much for the memory, and does not go beyond it again.
+    pub(super) fn halve(&mut self) {
+        self.choice.envs = (self.choice.envs / 2).max(1);
+        self.choice.max_envs = self.choice.envs;
+    }
+
     /// Starts the current trial again, because a child has exited or started.
     pub(super) fn interrupt(&mut self) {
         if !matches!(self.phase, Phase::Chosen { .. }) {

@@ -13,7 +13,7 @@ use thiserror::Error;
 use super::protocol::{Lane, Latencies};
 
 /// Longest wait for a foreign host to connect or to reconnect.
-const FOREIGN_HOST_TIMEOUT: Duration = Duration::from_secs(600);
+const FOREIGN_HOST_TIMEOUT: Duration = Duration::from_secs(Lane::FOREIGN_HOST_TIMEOUT_S as u64);
 /// Interval between liveness checks of a foreign host.
 const FOREIGN_CHECK_INTERVAL: Duration = Duration::from_millis(500);
 

@@ -48,6 +48,8 @@ pub struct Lane {
 impl Lane {
     /// Timeout for answers of most policies.
     pub const ANSWER_TIMEOUT_S: u32 = 120;
+    /// Longest wait for a foreign host to connect or to reconnect, in seconds.
+    pub const FOREIGN_HOST_TIMEOUT_S: u32 = 600;
 }
 
 /// The source of an episode's actions.

@@ -11,11 +11,12 @@ use super::super::process::ChildOutput;
 use super::child::{FakeChild, FakeProgram, Startup, exit_code, signal};
 use super::history::Meaning;
 use super::scenario::{FaultKind, RENDERER};
-use super::world::{FakeWorld, WorldEvent, host_line, sim_line};
+use super::world::{FakeWorld, SIGKILL, WorldEvent, host_line, sim_line};
 
-/// Ends of a child that crashes: exit codes of a panic and of errors, and SIGSEGV, SIGBUS and SIGKILL.
-const CODES: [i32; 3] = [1, 2, 101];
-const SIGNALS: [i32; 3] = [11, 7, 9];
+/// Ends of a child that crashes: exit codes of errors and of a panic, and SIGSEGV, SIGBUS, SIGKILL and
+/// SIGXCPU.
+const CODES: [i32; 4] = [1, 2, 4, 101];
+const SIGNALS: [i32; 4] = [11, 7, 9, 24];
 const USER_ERROR: i32 = 2;
 
 impl FakeWorld<'_, '_> {
@@ -88,6 +89,16 @@ impl FakeWorld<'_, '_> {
         }
         if role == MemberRole::Sim && self.draw.strikes(FaultKind::RendererFails, now) {
             return self.fail_renderer(child);
+        }
+        if self.draw.strikes(FaultKind::OutOfMemory, now) {
+            self.history.borrow_mut().n_oom_kills += 1;
+            return self.end(role, child, signal(SIGKILL));
+        }
+        if let FakeProgram::Sim(sim) = &mut child.program
+            && self.draw.strikes(FaultKind::Stall, now)
+        {
+            sim.is_stalled = true;
+            self.note(|| "no episode proceeds any more".to_owned());
         }
         if self.draw.strikes(FaultKind::Hang, now) {
             child.is_hung = true;

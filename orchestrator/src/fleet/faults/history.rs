@@ -3,9 +3,10 @@
 //! It sees what the supervisor receives and does, but not its state. A rule that is broken ends the test.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::os::unix::process::ExitStatusExt;
 use std::time::Duration;
 
-use sim::serve::protocol::{Assignment, Driver, Outcome, SimCommand, SimEvent};
+use sim::serve::protocol::{Assignment, Counters, Driver, Outcome, SimCommand, SimEvent};
 
 use super::super::member::MemberRole;
 use super::super::process::ChildOutput;
@@ -18,6 +19,8 @@ use crate::jobs::Job;
 
 /// Number of log lines that a failed test shows.
 const TAIL: usize = 60;
+/// Signal of a process that has used all its core-seconds.
+const SIGXCPU: i32 = 24;
 /// Start of the error of an episode whose policy was given up.
 const GIVEN_UP: &str = "the policy was given up: ";
 
@@ -50,6 +53,7 @@ pub(super) enum EndCause {
     SpawnFailed,
     Intruder,
     Shortage,
+    Vanished,
     RendererFailed,
     RendererChanged,
     Stop,
@@ -92,6 +96,12 @@ pub(super) struct RunHistory<'a> {
     pub(super) n_runs: u32,
     pub(super) n_kills: u32,
     pub(super) n_restarts: u32,
+    /// Control steps and queries of the sim so far, and the time of the supervisor's clock at which it was
+    /// told.
+    work: (u64, u64),
+    work_at: Duration,
+    /// Number of times that the kernel has killed a child for lack of memory.
+    pub(super) n_oom_kills: u32,
     /// `true` while the memory of an exited child has not been freed.
     pub(super) has_garbage: bool,
     /// Virtual time and the supervisor's at which the children were asked to exit.
@@ -133,6 +143,9 @@ impl<'a> RunHistory<'a> {
             n_runs: 0,
             n_kills: 0,
             n_restarts: 0,
+            work: (0, 0),
+            work_at: Duration::ZERO,
+            n_oom_kills: 0,
             has_garbage: false,
             shutdown: None,
             is_impatient: false,
@@ -200,7 +213,8 @@ impl<'a> RunHistory<'a> {
         let (limit, window) = (self.scenario.config.limits.failures, self.window(role));
         let state = self.role(role);
         state.failures.push(clock);
-        if child.has_user_error || n_within(&state.failures, clock, window) >= limit {
+        let is_out_of_time = child.status.and_then(|status| status.signal()) == Some(SIGXCPU);
+        if child.has_user_error || is_out_of_time || n_within(&state.failures, clock, window) >= limit {
             self.failed.insert(role);
         }
     }
@@ -213,6 +227,10 @@ impl<'a> RunHistory<'a> {
         self.causes.insert(EndCause::Intruder);
     }
 
+    pub(super) fn on_lost_file(&mut self) {
+        self.causes.insert(EndCause::Vanished);
+    }
+
     pub(super) fn on_shortage(&mut self) {
         self.causes.insert(EndCause::Shortage);
     }
@@ -222,6 +240,7 @@ impl<'a> RunHistory<'a> {
         self.note(|| format!("{role:?} is killed"));
         self.n_kills += 1;
         let limits = self.scenario.config.limits;
+        let work_at = self.work_at;
         let is_over = self.shutdown.is_some_and(|(_, since)| clock - since >= limits.shutdown);
         let state = self.role(role);
         let timeout = match (role, state.is_up) {
@@ -230,7 +249,8 @@ impl<'a> RunHistory<'a> {
             (MemberRole::Host(_), false) => Some(limits.host_start),
             (MemberRole::Host(_), true) => None,
         };
-        let is_timed_out = timeout.is_some_and(|timeout| clock - state.active > timeout);
+        let is_timed_out = timeout.is_some_and(|timeout| clock - state.active > timeout)
+            || (role == MemberRole::Sim && state.is_up && clock - work_at > limits.silence);
         state.active = clock;
         let lane_failed = |lane| role == MemberRole::Host(lane);
         let has_failed =
@@ -256,6 +276,13 @@ impl<'a> RunHistory<'a> {
         }
         if self.is_up(role) {
             self.role(role).active = clock;
+        }
+        if let ChildOutput::Event(line) = output
+            && let Ok(SimEvent::Progress(Counters { env_steps, queries, .. })) = serde_json::from_str(line)
+            && self.work != (env_steps, queries)
+            && env_steps + queries > 0
+        {
+            (self.work, self.work_at) = ((env_steps, queries), clock);
         }
         match &meaning {
             Meaning::SimReady(_) | Meaning::HostReady => {

@@ -32,6 +32,7 @@ use self::world::FakeWorld;
 use super::queue::JobQueue;
 use super::supervisor::Supervisor;
 use super::{FleetError, FleetEvent, RunStatus};
+use crate::jobs::JobList;
 
 /// Number of seeds.
 const N_SEEDS: u64 = 10_000;
@@ -66,7 +67,7 @@ fn supervise<'s>(
     let domain = Domain::new(&config.base, config.run_id);
     let mut world = FakeWorld::new(scenario, history);
     let is_wanted = |job: &_| scenario.is_wanted(job);
-    let pending = JobQueue::new(scenario.jobs.clone(), config.paired, &is_wanted);
+    let pending = JobQueue::new(&JobList::of(scenario.jobs.clone()), config.paired, &is_wanted);
     let mut sink = |event: FleetEvent<'_>| history.borrow_mut().on_report(&event);
     let result = Supervisor::new(config, &domain, &mut world, pending, &mut sink).run();
     assert!(world.children.is_empty(), "nobody has waited for a child");
@@ -87,6 +88,11 @@ fn kind<T>(result: &Result<(RunStatus, T), FleetError>) -> &'static str {
         Err(FleetError::Spawn { .. }) => "spawn failed",
         Err(FleetError::Intruder { .. }) => "intruder",
         Err(FleetError::Shortage { .. }) => "shortage",
+        Err(FleetError::Vanished { .. }) => "vanished",
+        Err(FleetError::Stuck { .. }) => "stuck",
+        Err(FleetError::OutOfMemory { .. }) => "out of memory",
+        Err(FleetError::Ended { .. }) => "ended",
+        Err(FleetError::CpuTime { .. }) => "out of time",
         Err(FleetError::Renderer(_)) => "renderer failed",
         Err(FleetError::RendererChanged { .. }) => "renderer changed",
         Err(FleetError::Child { .. }) => "user error",
@@ -112,7 +118,7 @@ fn faults_lose_repeat_and_hang_nothing() {
         struck.extend(faults);
     }
     // The faults are neither too rare to matter nor so frequent that nothing completes.
-    assert!(results["complete"] > N_SEEDS / 2 && results.len() == 11, "{results:?}");
+    assert!(results["complete"] > N_SEEDS / 2 && results.len() == 16, "{results:?}");
     assert_eq!(struck.len(), FAULTS.len(), "{struck:?}");
 }
 

@@ -136,7 +136,9 @@ impl RunHistory<'_> {
         // Unwanted jobs make a driver active until their turn comes.
         let is_exact = !capacity.tunes && self.scenario.unwanted.is_empty();
         let n_ahead = if is_exact { capacity.envs.div_ceil(n_active) } else { 0 };
-        let enough = n_open.min((capacity.envs + n_ahead) as usize);
+        // A lack of memory halves the number that the supervisor chooses.
+        let n_halvings = if capacity.tunes { self.n_oom_kills.min(31) } else { 0 };
+        let enough = n_open.min(((capacity.envs >> n_halvings).max(1) + n_ahead) as usize);
         let has_enough = n_assigned >= enough || may_wait || !self.is_up(MemberRole::Sim);
         assert!(has_enough, "the sim has too few episodes");
         assert!(n_assigned <= 2 * capacity.max_envs as usize, "the sim has too many episodes");

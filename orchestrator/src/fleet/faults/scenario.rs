@@ -72,10 +72,16 @@ pub(super) enum FaultKind {
     Intruder,
     /// A resource has run out when a child has exited.
     Shortage,
+    /// A ready sim goes on reporting, but no episode proceeds any more.
+    Stall,
+    /// The kernel kills a ready child for lack of memory.
+    OutOfMemory,
+    /// A file of the run is removed.
+    Vanish,
 }
 
 /// All kinds, each with its probability per opportunity before it is scaled.
-pub(super) const FAULTS: [(FaultKind, f64); 22] = [
+pub(super) const FAULTS: [(FaultKind, f64); 25] = [
     (FaultKind::Mute, 0.1),
     (FaultKind::CrashAtStart, 0.1),
     (FaultKind::UserError, 0.04),
@@ -98,6 +104,9 @@ pub(super) const FAULTS: [(FaultKind, f64); 22] = [
     (FaultKind::Pause, 0.003),
     (FaultKind::Intruder, 0.05),
     (FaultKind::Shortage, 0.1),
+    (FaultKind::Stall, 0.004),
+    (FaultKind::OutOfMemory, 0.008),
+    (FaultKind::Vanish, 0.05),
 ];
 
 /// Everything about a run that its seed determines before it starts.
@@ -117,8 +126,6 @@ pub(super) struct FaultScenario {
     pub(super) disk_full_after: Option<u64>,
     /// Longest duration of an episode that nothing interrupts.
     pub(super) longest_ms: u64,
-    /// Time without a host after which the sim gives up a foreign lane.
-    pub(super) foreign_timeout: Duration,
 }
 
 impl FaultScenario {
@@ -145,7 +152,6 @@ impl FaultScenario {
             stops: (0..n_stops).map(|_| draw.millis(0, 8_000)).collect(),
             disk_full_after: disk_full.then(|| draw.number(0, 150)),
             longest_ms,
-            foreign_timeout: draw.millis(4_000, 12_000),
             chances,
         }
     }
@@ -235,6 +241,7 @@ fn config(seed: u64, drivers: &[DriverChoice], draw: &mut FaultInjector) -> Flee
         shm: "shm".into(),
         run_id: seed,
         run: RUN.clone(),
+        can_move: draw.chance(0.3),
         paired: draw.chance(0.2),
         earlier_renderer: draw.chance(0.3).then(|| RENDERER.to_owned()),
         capacity: Capacity { envs, max_envs: if tunes { 4 * envs } else { envs }, batch: envs, tunes },
@@ -244,6 +251,7 @@ fn config(seed: u64, drivers: &[DriverChoice], draw: &mut FaultInjector) -> Flee
             sim_start: draw.millis(1_000, 3_000),
             host_start: draw.millis(2_000, 6_000),
             silence: draw.millis(500, 3_500),
+            foreign: draw.millis(4_000, 12_000),
             shutdown: draw.millis(500, 1_500),
             failures: draw.number(2, 4) as u32,
             departures: draw.number(2, 5) as u32,

@@ -37,6 +37,8 @@ pub(super) struct FakeSim {
     last_tick: Duration,
     last_progress: Duration,
     last_work: Duration,
+    /// `true` once no episode proceeds any more, which the sim does not notice.
+    pub(super) is_stalled: bool,
 }
 
 struct FakeLane {
@@ -81,12 +83,13 @@ impl FakeSim {
             lanes: config.lanes.iter().map(lane).collect(),
             episodes: BTreeMap::new(),
             limit: config.envs as usize,
-            foreign_timeout: scenario.foreign_timeout,
+            foreign_timeout: scenario.config.limits.foreign,
             longest_ms: scenario.longest_ms,
             counters: Counters::default(),
             last_tick: Duration::ZERO,
             last_progress: Duration::ZERO,
             last_work: Duration::ZERO,
+            is_stalled: false,
         }
     }
 
@@ -136,15 +139,18 @@ impl FakeSim {
         hosts: &[Option<LaneHost>],
         draw: &mut FaultInjector,
     ) -> Vec<SimEvent> {
-        let mut events: Vec<SimEvent> =
-            (0..hosts.len()).filter_map(|lane| self.check_foreign_host(lane, now, hosts[lane])).collect();
-        if self.start_episodes(now, hosts, draw) {
-            self.last_work = now;
+        let mut events = Vec::new();
+        if !self.is_stalled {
+            events
+                .extend((0..hosts.len()).filter_map(|lane| self.check_foreign_host(lane, now, hosts[lane])));
+            if self.start_episodes(now, hosts, draw) {
+                self.last_work = now;
+            }
+            // A suspended sim catches up on nothing.
+            let step = (now - self.last_tick).min(Duration::from_millis(200));
+            events.extend(self.run_episodes(now, step, hosts, draw));
         }
-        // A suspended sim catches up on nothing.
-        let step = (now - self.last_tick).min(Duration::from_millis(200));
         self.last_tick = now;
-        events.extend(self.run_episodes(now, step, hosts, draw));
         if now - self.last_progress >= PROGRESS_INTERVAL {
             self.last_progress = now;
             events.push(self.progress());

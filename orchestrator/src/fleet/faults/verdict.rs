@@ -22,7 +22,13 @@ impl RunHistory<'_> {
                     FleetError::Shortage { .. } => has(EndCause::Shortage),
                     FleetError::Renderer(_) => has(EndCause::RendererFailed),
                     FleetError::RendererChanged { .. } => has(EndCause::RendererChanged),
-                    FleetError::Child { name, .. } | FleetError::TooManyFailures { name, .. } => {
+                    FleetError::Vanished { .. } => has(EndCause::Vanished),
+                    FleetError::Stuck { .. } => self.scenario.config.can_move && !self.scenario.is_quiet(),
+                    FleetError::Child { name, .. }
+                    | FleetError::CpuTime { name }
+                    | FleetError::OutOfMemory { name, .. }
+                    | FleetError::Ended { name, .. }
+                    | FleetError::TooManyFailures { name, .. } => {
                         let role = self.role_named(name);
                         self.failed.contains(&role) && (role == MemberRole::Sim || self.drivers().len() == 1)
                     }

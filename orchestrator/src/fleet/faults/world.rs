@@ -3,6 +3,7 @@
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use ipc_types::link::Shortage;
@@ -24,7 +25,7 @@ use super::sim::{FakeSim, LaneHost};
 /// Maximum virtual time and number of events of a run, above all that any scenario needs.
 const MAX_TIME: Duration = Duration::from_secs(300);
 const MAX_EVENTS: u64 = 200_000;
-const SIGKILL: i32 = 9;
+pub(super) const SIGKILL: i32 = 9;
 
 /// Everything outside the supervisor.
 pub(super) struct FakeWorld<'a, 's> {
@@ -45,6 +46,9 @@ pub(super) struct FakeWorld<'a, 's> {
     n_spawns: u64,
     intruder: Option<u32>,
     shortage: bool,
+    /// `true` while the supervisor needs the run's files.
+    needs_files: bool,
+    lost_file: bool,
 }
 
 /// A change of the world.
@@ -80,6 +84,8 @@ impl<'a, 's> FakeWorld<'a, 's> {
             n_spawns: 0,
             intruder: None,
             shortage: false,
+            needs_files: false,
+            lost_file: false,
         };
         for &stop in &scenario.stops {
             world.schedule(stop, WorldEvent::Stop);
@@ -245,6 +251,7 @@ impl Children for FakeWorld<'_, '_> {
         self.history.borrow_mut().on_exit(role, &child, self.clock);
         self.intruder = self.draw.strikes(FaultKind::Intruder, self.time).then_some(1001);
         self.shortage = self.draw.strikes(FaultKind::Shortage, self.time);
+        self.lost_file |= self.needs_files && self.draw.strikes(FaultKind::Vanish, self.time);
         child.status.map(ChildExit::Exited)
     }
 
@@ -280,16 +287,16 @@ impl Children for FakeWorld<'_, '_> {
         self.clock
     }
 
-    fn free_memory(&mut self) -> Option<usize> {
+    fn free_memory(&mut self) -> bool {
         self.history.borrow_mut().has_garbage = false;
         if !self.draw.strikes(FaultKind::SlowCleanup, self.time) {
-            return Some(1);
+            return true;
         }
         let time = self.draw.millis(500, 5_000);
         self.note(|| format!("freeing memory takes {time:?}"));
         self.history.borrow_mut().pauses += time;
         self.pass(self.time + time, |_| false);
-        (!self.draw.chance(0.5)).then_some(1)
+        !self.draw.chance(0.5)
     }
 
     fn intruder(&self) -> Option<u32> {
@@ -304,6 +311,21 @@ impl Children for FakeWorld<'_, '_> {
             self.history.borrow_mut().on_shortage();
             Shortage::Inodes
         })
+    }
+
+    fn watch_files(&mut self, is_ready: bool) {
+        (self.needs_files, self.lost_file) = (is_ready, false);
+    }
+
+    fn lost_file(&self) -> Option<PathBuf> {
+        self.lost_file.then(|| {
+            self.history.borrow_mut().on_lost_file();
+            PathBuf::from("segment")
+        })
+    }
+
+    fn oom_kills(&self) -> u64 {
+        self.history.borrow().n_oom_kills.into()
     }
 
     fn n_cores(&self) -> u32 {

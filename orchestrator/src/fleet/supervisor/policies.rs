@@ -33,7 +33,9 @@ impl Supervisor<'_> {
         if self.given_up[lane as usize] {
             return Ok(());
         }
+        self.check_files()?;
         let role = MemberRole::Host(lane);
+        self.progress.on_event(self.children.now());
         if self.is_foreign(lane) {
             let (now, window) = (self.children.now(), self.failure_window(role));
             let failures = self.member(role).add_failure(now, window);
@@ -45,6 +47,7 @@ impl Supervisor<'_> {
         let host = self.member(role);
         host.on_log(&message);
         if host.is_up() {
+            host.on_kill();
             self.children.kill(role);
         }
         self.log(&format!("{message}; killed its host"))
@@ -55,11 +58,13 @@ impl Supervisor<'_> {
         let (role, limit) = (MemberRole::Host(lane), self.config.limits.departures);
         let (now, window) = (self.children.now(), self.failure_window(role));
         let departures = self.member(role).add_departure(now, window);
+        self.progress.on_event(now);
         let policy = &self.config.lanes[lane as usize].lane.spec.policy;
         let line = format!("a host of policy `{policy}` left");
         if self.given_up[lane as usize] {
             return Ok(());
         }
+        self.check_files()?;
         if departures >= limit {
             let message =
                 format!("{departures} hosts of policy `{policy}` left without finishing an episode");

@@ -1,5 +1,7 @@
 //! `hypogeum doctor`: checks whether this machine is ready for runs, and says what to do where it is not.
 
+mod limits;
+
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -83,6 +85,7 @@ impl Check {
 /// Runs all checks. The exit code is 1 if there is a problem.
 pub(crate) fn doctor(args: &DoctorArgs) -> Result<ExitStatus, Failure> {
     let mut checks = vec![shared_memory(), run_folder(), left_overs(), cpu()];
+    checks.extend([limits::cores(), limits::memory(), limits::resources(), limits::logout()]);
     checks.extend(reference_episode());
     checks.push(vulkan());
     checks.extend(adapters());
