@@ -10,8 +10,8 @@ use crate::plan::RunPlan;
 
 /// Memory of an env in bytes, a little more than measured: without and with images.
 pub(crate) const ENV_BYTES: [u64; 2] = [160 << 10, 900 << 10];
-/// Parts of the available memory that all envs, and all lanes, may take. Hosts and the orchestrator need the
-/// rest.
+/// Divisors of the available memory that give the budgets of all envs and of all lanes. The hosts and the
+/// orchestrator need the rest.
 const ENVS_SHARE: u64 = 3;
 const LANES_SHARE: u64 = 6;
 /// Envs per core at the start, at most, and at most in a batch of a host on these cores.

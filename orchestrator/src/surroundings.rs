@@ -1,4 +1,4 @@
-//! Properties that a process inherits and would not survive.
+//! Settings inherited from the parent process that could end this one.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;

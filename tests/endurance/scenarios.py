@@ -63,7 +63,7 @@ def files(folder: Path) -> list[tuple]:
     """Returns the names of all files of the output, with the hashes of those of a dataset."""
     found = sorted(path for path in (folder / "out").rglob("*") if path.is_file())
     hashed = [(path, path.suffix in (".parquet", ".mp4", ".png")) for path in found]
-    return [(str(path), hashlib.sha256(path.read_bytes()).hexdigest() if is_data else "") for path, is_data in hashed]
+    return [(str(path.relative_to(folder)), hashlib.sha256(path.read_bytes()).hexdigest() if is_data else "") for path, is_data in hashed]
 
 
 def _run(*policies: str, more: tuple[str, ...] = ()) -> tuple[str, ...]:

@@ -261,7 +261,7 @@ class Bench:
         if trial.failures and trial.runs == MAX_ATTEMPTS:
             return
         try:
-            trial.rows = [tuple(map(strip, row)) for row in trial.scenario.outcome(self.work)]
+            trial.rows = trial.scenario.outcome(self.work)
         except (OSError, ValueError, sqlite3.Error) as error:
             trial.failures.append(f"no outcome: {error}")
         if not trial.rows or (reference is not None and trial.rows != reference):
@@ -341,11 +341,6 @@ class Bench:
                 env |= {"ENDURANCE_PATH": kill.phase.path, "ENDURANCE_NTH": str(kill.phase.nth)}
                 env |= {"ENDURANCE_MARK": str(self.mark)} | ({"ENDURANCE_BEFORE": "1"} if trial.before else {})
         return env
-
-
-def strip(value):
-    """Returns a value of an outcome without the name of the temporary folder."""
-    return re.sub(r"^.*/work/", "", value) if isinstance(value, str) else value
 
 
 def pattern(path: str) -> str:

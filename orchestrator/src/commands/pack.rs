@@ -57,12 +57,14 @@ fn write(args: &PackArgs, file: &ResultsFile) -> anyhow::Result<usize> {
     let mut partial = args.output.clone().into_os_string();
     partial.push(".part");
     let mut package = PackageWriter::new(File::create(&partial).with_context(failed)?);
+    // Removed on drop, unless it gets its final name.
+    let partial = tempfile::TempPath::try_from_path(partial).with_context(failed)?;
     package.file(RESULTS, &copy).with_context(failed)?;
     for (name, content) in &checkpoints {
         package.checkpoint(name, content).with_context(failed)?;
     }
     package.finish().with_context(failed)?;
-    std::fs::rename(partial, &args.output).with_context(failed)?;
+    partial.persist_noclobber(&args.output).with_context(failed)?;
     Ok(checkpoints.len())
 }
 

@@ -15,7 +15,7 @@ use ipc_types::link::Domain;
 
 /// Interval at which an exiting child is polled.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
-/// Maximum time to free the memory of exited children, above what the library allows itself.
+/// Maximum time to free the memory of exited children, longer than the deadline of [`Domain::reap`].
 const REAP_TIMEOUT: Duration = Duration::from_secs(8);
 /// Maximum wait for the rest of a child's stderr after its stdout has closed.
 const STDERR_TIMEOUT: Duration = Duration::from_secs(1);
@@ -154,8 +154,8 @@ impl Drop for ChildProcess {
     }
 }
 
-/// Frees the shared memory of exited children in a process of its own, which survives neither what a damaged
-/// segment does to it nor a wait without end. Returns `false` if that happens.
+/// Frees the shared memory of exited children in a separate process, so that a damaged segment can neither
+/// crash this one nor stall it. Returns `false` if that process fails.
 pub(super) fn reap(program: &Path, domain: &Domain) -> bool {
     let mut command = Command::new(program);
     command.args(["reap", "--config", &serde_json::json!(domain).to_string()]).process_group(0);

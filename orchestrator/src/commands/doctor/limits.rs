@@ -9,9 +9,9 @@ use super::{Check, CheckStatus};
 
 /// Memory below which few envs fit, in bytes.
 const COMFORTABLE_MEMORY: u64 = 1 << 30;
-/// Folders with the settings of systemd's login manager, the later before the earlier, and their name.
+/// Folders with the settings of systemd's login manager; the first takes precedence.
 const LOGIND: [&str; 3] = ["/etc/systemd", "/run/systemd", "/usr/lib/systemd"];
-/// Least number of a user who is a person, whose shared memory that manager removes.
+/// Lowest user id of a person. The login manager spares the shared memory of system users.
 const FIRST_PERSON: u32 = 1000;
 
 /// Tells how many cores runs use, and what says so.

@@ -92,12 +92,12 @@ impl Supervisor<'_> {
         self.suspect(&line)
     }
 
-    /// Ends the fleet if a file is gone without which no other child can start.
+    /// Ends the fleet if a file that every new child needs has disappeared.
     pub(super) fn check_files(&self) -> Result<(), FleetError> {
         self.children.lost_file().map_or(Ok(()), |path| Err(FleetError::Vanished { path }))
     }
 
-    /// Ends the fleet for a reason that its shared memory may have, if its episodes can go on in another one.
+    /// Ends the fleet if its shared memory may be to blame and the episodes can continue in another fleet.
     pub(super) fn suspect(&self, what: &str) -> Result<(), FleetError> {
         if self.config.can_move { Err(FleetError::Stuck { what: what.to_owned() }) } else { Ok(()) }
     }
