@@ -263,15 +263,22 @@ impl Domain {
     }
 
     /// Lists the files that exist from the moment at which the sim is ready until it has exited, whatever its
-    /// hosts do: its lock, the segment in which nodes are counted, and those in which the services list their
-    /// ports.
+    /// hosts do: the lock, the segment in which nodes are counted, and last those in which the services list
+    /// their ports.
     #[must_use]
     pub fn lasting_files(&self) -> Vec<PathBuf> {
-        let lasts = |path: &PathBuf| {
-            path.extension().is_some_and(|extension| extension == "dynamic" || extension == "global_mgmt")
-        };
-        let segments = self.segments().unwrap_or_default().into_iter().filter(lasts);
-        segments.chain([DomainLease::path(&self.root)]).collect()
+        let segments = self.segments().unwrap_or_default();
+        let (services, others): (Vec<_>, _) = segments.into_iter().partition(|path| Self::is_service(path));
+        let is_counter = |path: &PathBuf| path.extension().is_some_and(|name| name == "global_mgmt");
+        let counter = others.into_iter().filter(is_counter);
+        [DomainLease::path(&self.root)].into_iter().chain(counter).chain(services).collect()
+    }
+
+    /// Returns `true` for a segment in which a service lists its ports. Once the sim has exited, whoever frees
+    /// the memory of exited processes may remove it.
+    #[must_use]
+    pub fn is_service(segment: &Path) -> bool {
+        segment.extension().is_some_and(|extension| extension == "dynamic")
     }
 
     fn has_prefix(&self, entry: &DirEntry) -> bool {

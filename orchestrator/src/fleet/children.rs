@@ -32,6 +32,9 @@ pub(super) trait Children {
     /// there is no child.
     fn wait(&mut self, role: MemberRole, timeout: Duration) -> Option<ChildExit>;
 
+    /// Returns `true` if the child has exited, or there is none.
+    fn has_exited(&self, role: MemberRole) -> bool;
+
     /// Returns the child's resident memory in bytes without shared memory, where the system tells it.
     fn memory_bytes(&self, role: MemberRole) -> Option<u64>;
 

@@ -12,6 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use ipc_types::link::Domain;
+use rustix::process::{Pid, WaitId, WaitIdOptions, waitid};
 
 /// Interval at which an exiting child is polled.
 const POLL_INTERVAL: Duration = Duration::from_millis(5);
@@ -112,6 +113,13 @@ impl ChildProcess {
         let mut ticks = || fields.next()?.parse::<u64>().ok();
         let (user, system) = (ticks()?, ticks()?);
         Some((user + system) as f64 / rustix::param::clock_ticks_per_second() as f64)
+    }
+
+    /// Returns `true` if the child has exited. It can still be waited for.
+    pub(super) fn has_exited(&self) -> bool {
+        let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        // The call fails only for a child that has already been waited for.
+        waitid(WaitId::Pid(Pid::from_child(&self.child)), options).map_or(true, |status| status.is_some())
     }
 
     /// Queues a line for the child's stdin. If the child has exited, the line is dropped.

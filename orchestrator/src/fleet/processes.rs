@@ -88,6 +88,10 @@ impl Children for Processes<'_> {
         Some(if exit.was_killed() && is_over { ChildExit::OutOfTime } else { exit })
     }
 
+    fn has_exited(&self, role: MemberRole) -> bool {
+        self.by_role.get(&role).is_none_or(ChildProcess::has_exited)
+    }
+
     fn memory_bytes(&self, role: MemberRole) -> Option<u64> {
         self.by_role.get(&role)?.memory_bytes()
     }

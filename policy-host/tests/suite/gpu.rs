@@ -71,13 +71,12 @@ fn device_agrees_with_pytorch() {
 }
 
 #[test]
-fn full_size_networks_on_device_agree_with_pytorch() {
-    for morphology in Morphology::ALL {
-        let folder = tempfile::tempdir().unwrap();
-        write_checkpoint(folder.path(), &ActConfig::full_size(morphology), 0).unwrap();
-        let Some(mut policy) = load(folder.path(), &[morphology]) else { return };
-        assert_parity(&mut policy, morphology, &format!("act-full-{}.safetensors", morphology.name()));
-    }
+fn full_size_network_on_device_agrees_with_pytorch() {
+    let morphology = Morphology::Single;
+    let folder = tempfile::tempdir().unwrap();
+    write_checkpoint(folder.path(), &ActConfig::full_size(morphology), 0).unwrap();
+    let Some(mut policy) = load(folder.path(), &[morphology]) else { return };
+    assert_parity(&mut policy, morphology, &format!("act-full-{}.safetensors", morphology.name()));
 }
 
 #[test]
@@ -97,7 +96,7 @@ fn actions_on_device_are_independent_of_batch() {
     };
     let all = answer(&many, &mut policy);
     assert_ne!(all[0], all[2], "other observations, other actions");
-    for envs in [&many[9..17], &[31], &[0]] {
+    for envs in [&many[9..12], &[31], &[0]] {
         for (env, bits) in envs.iter().zip(answer(envs, &mut policy)) {
             assert_eq!(bits, all[32 - *env as usize], "env {env} of {envs:?}");
         }

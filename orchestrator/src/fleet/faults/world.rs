@@ -48,7 +48,7 @@ pub(super) struct FakeWorld<'a, 's> {
     shortage: bool,
     /// `true` while the supervisor needs the run's files.
     needs_files: bool,
-    lost_file: bool,
+    lost_file: Option<&'static str>,
 }
 
 /// A change of the world.
@@ -85,7 +85,7 @@ impl<'a, 's> FakeWorld<'a, 's> {
             intruder: None,
             shortage: false,
             needs_files: false,
-            lost_file: false,
+            lost_file: None,
         };
         for &stop in &scenario.stops {
             world.schedule(stop, WorldEvent::Stop);
@@ -251,8 +251,14 @@ impl Children for FakeWorld<'_, '_> {
         self.history.borrow_mut().on_exit(role, &child, self.clock);
         self.intruder = self.draw.strikes(FaultKind::Intruder, self.time).then_some(1001);
         self.shortage = self.draw.strikes(FaultKind::Shortage, self.time);
-        self.lost_file |= self.needs_files && self.draw.strikes(FaultKind::Vanish, self.time);
+        if self.needs_files && self.draw.strikes(FaultKind::Vanish, self.time) {
+            self.lost_file = Some("nodes.global_mgmt");
+        }
         child.status.map(ChildExit::Exited)
+    }
+
+    fn has_exited(&self, role: MemberRole) -> bool {
+        self.children.get(&role).is_none_or(|child| child.status.is_some())
     }
 
     fn memory_bytes(&self, role: MemberRole) -> Option<u64> {
@@ -289,6 +295,9 @@ impl Children for FakeWorld<'_, '_> {
 
     fn free_memory(&mut self) -> bool {
         self.history.borrow_mut().has_garbage = false;
+        if self.needs_files && self.has_exited(MemberRole::Sim) {
+            self.lost_file = self.lost_file.or(Some("lane.dynamic"));
+        }
         if !self.draw.strikes(FaultKind::SlowCleanup, self.time) {
             return true;
         }
@@ -314,14 +323,15 @@ impl Children for FakeWorld<'_, '_> {
     }
 
     fn watch_files(&mut self, is_ready: bool) {
-        (self.needs_files, self.lost_file) = (is_ready, false);
+        (self.needs_files, self.lost_file) = (is_ready, None);
     }
 
     fn lost_file(&self) -> Option<PathBuf> {
-        self.lost_file.then(|| {
+        let file = self.lost_file?;
+        if file != "lane.dynamic" {
             self.history.borrow_mut().on_lost_file();
-            PathBuf::from("segment")
-        })
+        }
+        Some(PathBuf::from(file))
     }
 
     fn oom_kills(&self) -> u64 {

@@ -1,5 +1,7 @@
 //! Children that have exited: the cause is found, their shared memory is freed, and they are replaced.
 
+use ipc_types::link::Domain;
+
 use super::super::error::{FleetError, tightest_limit};
 use super::super::member::MemberRole;
 use super::{SimCommand, Supervisor};
@@ -92,9 +94,14 @@ impl Supervisor<'_> {
         self.suspect(&line)
     }
 
-    /// Ends the fleet if a file that every new child needs has disappeared.
+    /// Ends the fleet if a file that every new child needs has disappeared. The services of a sim that has
+    /// exited do not count: its replacement makes them again.
     pub(super) fn check_files(&self) -> Result<(), FleetError> {
-        self.children.lost_file().map_or(Ok(()), |path| Err(FleetError::Vanished { path }))
+        match self.children.lost_file() {
+            Some(path) if Domain::is_service(&path) && self.children.has_exited(MemberRole::Sim) => Ok(()),
+            Some(path) => Err(FleetError::Vanished { path }),
+            None => Ok(()),
+        }
     }
 
     /// Ends the fleet if its shared memory may be to blame and the episodes can continue in another fleet.
