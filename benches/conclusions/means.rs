@@ -21,7 +21,7 @@ struct Design {
 
 /// Draws groups over a grid of tasks, episodes, discordance and difference, and prints the worst of each
 /// design.
-pub(super) fn means(n: usize) {
+pub(crate) fn means(n: usize) {
     let grid = grid();
     println!(
         "means over cells, 1 to 28 tasks × 1 to 200 episodes × discordance 0.02 to 0.5, {} groups, {n} samples each: worst group",

@@ -10,7 +10,7 @@ use sim::stream::Stream;
 const HYPOGEUM: &str = env!("CARGO_BIN_EXE_hypogeum-under-bench");
 
 /// Makes a results file of five policies over the whole protocol and runs `compare` and `report` on it.
-pub(super) fn million_rows(n_thousands: usize) -> anyhow::Result<()> {
+pub(crate) fn million_rows(n_thousands: usize) -> anyhow::Result<()> {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("results.db");
     let n_rows = write_rows(&path, 1000 * n_thousands)?;

@@ -44,7 +44,7 @@ const ROUND_BATCHES: usize = 2;
 const ROUNDS: usize = 3;
 
 /// Measures products and whole queries.
-pub(super) fn measure(device: BenchDevice, checkpoint: Option<&Path>, report: &mut Report) -> Result<()> {
+pub(crate) fn measure(device: BenchDevice, checkpoint: Option<&Path>, report: &mut Report) -> Result<()> {
     let gpu = Arc::new(device.open()?);
     println!("{}", gpu.name());
     // Commas would split the CSV field.

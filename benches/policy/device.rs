@@ -27,7 +27,7 @@ const ROUNDS: usize = 3;
 const ROUND_QUERIES: usize = 256;
 
 /// Measures queries of both robots.
-pub(super) fn measure(device: BenchDevice, report: &mut Report) -> Result<()> {
+pub(crate) fn measure(device: BenchDevice, report: &mut Report) -> Result<()> {
     let gpu = device.open()?;
     // Commas would split the CSV field.
     let note = gpu.name().replace(',', ";");

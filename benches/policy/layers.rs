@@ -33,7 +33,7 @@ const SAMPLES: usize = 4;
 const IMAGES: usize = 3;
 
 /// Measures the layers and whole queries, in f32 and with 8-bit weights.
-pub(super) fn layers(n_threads: usize, report: &mut Report) -> Result<()> {
+pub(crate) fn layers(n_threads: usize, report: &mut Report) -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build()?;
     let config = ActConfig::full_size(Morphology::Single);
     for precision in [Precision::F32, Precision::Int8] {

@@ -72,7 +72,7 @@ fn action(edits: &mut Edits<'_>) -> bool {
 }
 
 /// Returns a valid message of up to three envs.
-pub(super) fn valid_observation(edits: &mut Edits<'_>) -> (ObservationHeader, Vec<Page>) {
+pub(crate) fn valid_observation(edits: &mut Edits<'_>) -> (ObservationHeader, Vec<Page>) {
     let morphology = *edits.pick(&Morphology::ALL);
     let control_mode = *edits.pick(&ControlMode::ALL);
     let images = edits.below(4) == 1;

@@ -11,7 +11,7 @@ use super::edits::Edits;
 use super::refused;
 
 /// A valid results file.
-pub(super) static SAMPLE: LazyLock<Vec<u8>> = LazyLock::new(|| {
+pub(crate) static SAMPLE: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sample.db");
     write_results(&path);

@@ -57,7 +57,7 @@ pub fn check_budget(lanes: &[LaneSpec], shm: &Path) -> Result<u64, BudgetError> 
 ///
 /// # Errors
 /// If there is too little room, or a file system cannot be queried.
-pub(super) fn check_places(lanes: &[LaneSpec], shm: &Path, folder: &Path) -> Result<(), BudgetError> {
+pub(crate) fn check_places(lanes: &[LaneSpec], shm: &Path, folder: &Path) -> Result<(), BudgetError> {
     let found = match std::fs::metadata(shm) {
         Ok(metadata) if metadata.is_dir() => None,
         Ok(_) => Some("no folder"),
@@ -85,7 +85,7 @@ pub(super) fn check_places(lanes: &[LaneSpec], shm: &Path, folder: &Path) -> Res
 }
 
 /// Checks that `shm` has at least `needed` free bytes. Returns `needed`.
-pub(super) fn check_bytes(needed: u64, shm: &Path) -> Result<u64, BudgetError> {
+pub(crate) fn check_bytes(needed: u64, shm: &Path) -> Result<u64, BudgetError> {
     let available = free_bytes(&stat(shm)?);
     if needed > available {
         return Err(BudgetError::TooSmall { path: shm.into(), needed, available });
@@ -99,7 +99,7 @@ fn stat(path: &Path) -> Result<StatVfs, BudgetError> {
 }
 
 /// Returns the bytes that an unprivileged user can still allocate.
-pub(super) fn free_bytes(stat: &StatVfs) -> u64 {
+pub(crate) fn free_bytes(stat: &StatVfs) -> u64 {
     stat.f_bavail.saturating_mul(stat.f_frsize)
 }
 

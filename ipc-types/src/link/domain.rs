@@ -24,7 +24,7 @@ use super::type_names::Ipc;
 use super::{budget, management};
 
 /// Mount point of POSIX shared memory on Linux.
-pub(super) const SHM: &str = "/dev/shm";
+pub(crate) const SHM: &str = "/dev/shm";
 /// Folder of iceoryx2's descriptions of services, below the root.
 const SERVICES: &str = "services";
 /// Hexadecimal digits of the run number in names: the low 48 bits, because a socket's path is limited to 107
@@ -169,7 +169,7 @@ impl Domain {
     }
 
     /// Returns the iceoryx2 configuration of this domain.
-    pub(super) fn config(&self) -> Result<Config, LinkError> {
+    pub(crate) fn config(&self) -> Result<Config, LinkError> {
         let invalid = |reason: String| LinkError::Domain {
             root: self.root.clone(),
             prefix: self.prefix.clone(),
@@ -287,7 +287,7 @@ impl Domain {
 
     /// Lists the domain's files in shared memory. Those of other users, who can create files with any name,
     /// are none of ours.
-    pub(super) fn segments(&self) -> Result<Vec<PathBuf>, LinkError> {
+    pub(crate) fn segments(&self) -> Result<Vec<PathBuf>, LinkError> {
         let failed = |source| LinkError::Io { action: "list", path: SHM.into(), source };
         let ours = |entry: &DirEntry| self.has_prefix(entry) && is_mine(entry);
         let entries = std::fs::read_dir(SHM).map_err(failed)?;

@@ -32,29 +32,29 @@ impl LaneSpec {
     }
 
     /// Returns the bytes that the host reserves, including the lane's bookkeeping.
-    pub(super) fn host_bytes(&self) -> u64 {
+    pub(crate) fn host_bytes(&self) -> u64 {
         segment_bytes(self.action_chunks(), self.action_pages()) + BOOKKEEPING_BYTES
     }
 
     /// Returns the maximum number of pages in an observation message.
-    pub(super) fn observation_pages(&self) -> usize {
+    pub(crate) fn observation_pages(&self) -> usize {
         self.max_envs as usize * self.block_pages as usize
     }
 
     /// Returns the maximum number of pages in an action message.
-    pub(super) fn action_pages(&self) -> usize {
+    pub(crate) fn action_pages(&self) -> usize {
         self.max_envs as usize * ACTION_PAGES
     }
 
     /// Returns the number of observation buffers: one per unanswered message plus the one being written. A
     /// host that keeps an observation after answering it delays the sim's next loan.
-    pub(super) fn observation_chunks(&self) -> usize {
+    pub(crate) fn observation_chunks(&self) -> usize {
         self.in_flight as usize + 1
     }
 
     /// Returns the number of action buffers: those the sim may hold, as many again in its queue, and the one
     /// being written.
-    pub(super) fn action_chunks(&self) -> usize {
+    pub(crate) fn action_chunks(&self) -> usize {
         2 * self.in_flight as usize + 1
     }
 }

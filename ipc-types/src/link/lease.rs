@@ -26,7 +26,7 @@ pub struct DomainLease {
 
 impl DomainLease {
     /// Creates the domain's root (mode 0700) if it does not exist and locks it shared.
-    pub(super) fn acquire(root: &Path) -> Result<Self, LinkError> {
+    pub(crate) fn acquire(root: &Path) -> Result<Self, LinkError> {
         let failed = |source| LinkError::Io { action: "lock", path: root.into(), source };
         for _ in 0..MAX_ATTEMPTS {
             DirBuilder::new().recursive(true).mode(0o700).create(root).map_err(failed)?;
@@ -41,7 +41,7 @@ impl DomainLease {
     }
 
     /// Locks an unused domain exclusively. Returns `None` if the folder is not a domain's root or is in use.
-    pub(super) fn try_acquire_exclusive(root: &Path) -> Option<Self> {
+    pub(crate) fn try_acquire_exclusive(root: &Path) -> Option<Self> {
         let lock = open(root, false).ok()?;
         match lock.try_lock() {
             Ok(()) => is_current(&lock, root).then_some(Self { _lock: lock }),
@@ -50,7 +50,7 @@ impl DomainLease {
     }
 
     /// Removes the lock file of a domain.
-    pub(super) fn remove(root: &Path) -> Result<(), LinkError> {
+    pub(crate) fn remove(root: &Path) -> Result<(), LinkError> {
         match std::fs::remove_file(DomainLease::path(root)) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => {
                 Err(LinkError::Io { action: "remove", path: DomainLease::path(root), source: error })
@@ -60,17 +60,17 @@ impl DomainLease {
     }
 
     /// Returns `true` if this is the name of a domain's lock file.
-    pub(super) fn is_lock(name: &OsStr) -> bool {
+    pub(crate) fn is_lock(name: &OsStr) -> bool {
         name == LOCK_NAME
     }
 
     /// Returns `true` if `root` contains the lock file of a domain.
-    pub(super) fn exists(root: &Path) -> bool {
+    pub(crate) fn exists(root: &Path) -> bool {
         Self::path(root).is_file()
     }
 
     /// Returns the path of a domain's lock file.
-    pub(super) fn path(root: &Path) -> PathBuf {
+    pub(crate) fn path(root: &Path) -> PathBuf {
         root.join(LOCK_NAME)
     }
 }

@@ -22,7 +22,7 @@ const NAME: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_
 const CONTENT: [u64; 2] = [10 << 16, 0];
 
 /// Creates the segment of a domain, unless it exists.
-pub(super) fn create(domain: &Domain) -> Result<(), LinkError> {
+pub(crate) fn create(domain: &Domain) -> Result<(), LinkError> {
     let path = Path::new(SHM).join(format!("{}{NAME}", domain.prefix));
     let failed = |source| LinkError::SharedMemory { path: path.clone(), source };
     if !path.exists() {

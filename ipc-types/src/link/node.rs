@@ -54,11 +54,11 @@ impl LinkNode {
         &self.domain
     }
 
-    pub(super) fn config(&self) -> &Config {
+    pub(crate) fn config(&self) -> &Config {
         self.node.config()
     }
 
-    pub(super) fn inner(&self) -> &Node<Ipc> {
+    pub(crate) fn inner(&self) -> &Node<Ipc> {
         &self.node
     }
 }

@@ -17,7 +17,7 @@ use super::error::LinkError;
 use crate::layout::{PAGE_BYTES, Page};
 
 /// Reserves the full size of the data segment of publisher `publisher_id`.
-pub(super) fn reserve(domain: &Domain, publisher_id: u128) -> Result<(), LinkError> {
+pub(crate) fn reserve(domain: &Domain, publisher_id: u128) -> Result<(), LinkError> {
     // The file name consists of the domain's prefix, a hash of the type, and the publisher's id.
     let suffix = format!("_{publisher_id}.data");
     let path = domain
@@ -50,7 +50,7 @@ fn rewrite(file: &File, length: u64) -> std::io::Result<()> {
 }
 
 /// Prefaults `pages`, part of a reserved segment, for writing.
-pub(super) fn populate_for_writing(pages: &mut [MaybeUninit<Page>]) -> Result<(), LinkError> {
+pub(crate) fn populate_for_writing(pages: &mut [MaybeUninit<Page>]) -> Result<(), LinkError> {
     let needed = size_of_val(pages);
     // SAFETY: the range is exactly a live, exclusively borrowed slice of a shared mapping, and populating it
     // changes none of its bytes.
@@ -68,7 +68,7 @@ pub(super) fn populate_for_writing(pages: &mut [MaybeUninit<Page>]) -> Result<()
 
 /// Prefaults `n_pages` pages from the start of a received message for reading, as far as they are mapped.
 /// Errors are ignored: prefaulting only makes the first read faster.
-pub(super) fn populate_for_reading(pages: &[Page], n_pages: usize) {
+pub(crate) fn populate_for_reading(pages: &[Page], n_pages: usize) {
     let start = pages.as_ptr().cast_mut().cast();
     // SAFETY: populating for reading changes no byte of any mapping; the kernel refuses a range that is not
     // mapped.

@@ -14,11 +14,11 @@ use super::type_names::Ipc;
 use crate::layout::Page;
 
 /// A received message. The sender cannot reuse its memory until it is dropped.
-pub(super) type ReceivedMessage<H> = Sample<Ipc, [Page], H>;
+pub(crate) type ReceivedMessage<H> = Sample<Ipc, [Page], H>;
 
 /// The receiving end of a lane, for messages with header `H`.
 #[derive(Debug)]
-pub(super) struct MessageReceiver<H: ZeroCopySend + core::fmt::Debug + 'static> {
+pub(crate) struct MessageReceiver<H: ZeroCopySend + core::fmt::Debug + 'static> {
     subscriber: Subscriber<Ipc, [Page], H>,
     /// Maximum number of pages in a message.
     max_pages: usize,
@@ -35,7 +35,7 @@ struct MappedChunks {
 
 impl<H: ZeroCopySend + core::fmt::Debug> MessageReceiver<H> {
     /// Attaches to `messages`, whose sender has `n_chunks` chunks of at most `max_pages` pages.
-    pub(super) fn create(
+    pub(crate) fn create(
         messages: &MessageService<H>,
         service: &str,
         max_pages: usize,
@@ -53,12 +53,12 @@ impl<H: ZeroCopySend + core::fmt::Debug> MessageReceiver<H> {
 
     /// Connects to a sender that has attached since the last call. Messages it sends from now on remain
     /// readable after it exits.
-    pub(super) fn connect(&self) -> Result<(), LinkError> {
+    pub(crate) fn connect(&self) -> Result<(), LinkError> {
         self.subscriber.update_connections().map_err(|error| LinkError::Receive(error.into()))
     }
 
     /// Returns the oldest unread message, or `None` if there is none. Never blocks.
-    pub(super) fn receive(&mut self) -> Result<Option<ReceivedMessage<H>>, LinkError> {
+    pub(crate) fn receive(&mut self) -> Result<Option<ReceivedMessage<H>>, LinkError> {
         let Some(sample) = self.subscriber.receive().map_err(LinkError::Receive)? else { return Ok(None) };
         // The sender states the length, from which the payload slice is made: check it before the first
         // access.

@@ -8,7 +8,7 @@ use super::node::LinkNode;
 const RETRY_INTERVAL: Duration = Duration::from_millis(5);
 
 /// Errors of a single attempt, by the use of repeating it.
-pub(super) enum AttemptError {
+pub(crate) enum AttemptError {
     /// Another attempt may succeed.
     Transient(LinkError),
     /// No further attempt can succeed.
@@ -23,7 +23,7 @@ impl From<LinkError> for AttemptError {
 
 /// Repeats `attempt` until it succeeds, fails permanently, `timeout` has passed, or `is_wanted` returns
 /// `false`. Cleans up after exited peers between attempts.
-pub(super) fn retry<T>(
+pub(crate) fn retry<T>(
     node: &LinkNode,
     timeout: Duration,
     is_wanted: &dyn Fn() -> bool,

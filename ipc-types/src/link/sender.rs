@@ -26,25 +26,25 @@ const POLL_INTERVAL: Duration = Duration::from_micros(50);
 
 /// Limits of a [`MessageSender`].
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SenderCapacity {
+pub(crate) struct SenderCapacity {
     /// Maximum number of pages in a message.
-    pub(super) pages: usize,
+    pub(crate) pages: usize,
     /// Maximum number of messages in existence: on loan, queued, or held by the receiver.
-    pub(super) chunks: usize,
+    pub(crate) chunks: usize,
     /// Maximum number of messages on loan.
-    pub(super) loans: usize,
+    pub(crate) loans: usize,
 }
 
 /// The sending end of a lane, for messages with header `H`. Owns the memory of its messages.
 #[derive(Debug)]
-pub(super) struct MessageSender<H: ZeroCopySend + core::fmt::Debug + 'static> {
+pub(crate) struct MessageSender<H: ZeroCopySend + core::fmt::Debug + 'static> {
     publisher: Publisher<Ipc, [Page], H>,
     notifier: WakeNotifier,
     capacity: SenderCapacity,
 }
 
 /// Memory on loan for one message.
-pub(super) struct Loan<H: ZeroCopySend> {
+pub(crate) struct Loan<H: ZeroCopySend> {
     sample: SampleMutUninit<Ipc, [MaybeUninit<Page>], H>,
     notifier: WakeNotifier,
 }
@@ -53,7 +53,7 @@ impl<H: ZeroCopySend + core::fmt::Debug + Default> MessageSender<H> {
     /// Attaches to `messages` as its sender and allocates all memory: reserves every chunk and prefaults as
     /// many as can be on loan. A lane whose peer keeps up uses only these, because chunks are reused last in,
     /// first out.
-    pub(super) fn create(
+    pub(crate) fn create(
         domain: &Domain,
         messages: &MessageService<H>,
         service: &str,
@@ -85,7 +85,7 @@ impl<H: ZeroCopySend + core::fmt::Debug + Default> MessageSender<H> {
     }
 
     /// Loans memory for `n_pages` pages. Waits up to [`BACKPRESSURE_TIMEOUT`] for the peer to release memory.
-    pub(super) fn loan(&self, n_pages: usize) -> Result<Loan<H>, LinkError> {
+    pub(crate) fn loan(&self, n_pages: usize) -> Result<Loan<H>, LinkError> {
         let max_pages = self.capacity.pages;
         if n_pages == 0 || n_pages > max_pages {
             return Err(LinkError::LoanSize { pages: n_pages, max_pages });
@@ -119,7 +119,7 @@ impl<H: ZeroCopySend + core::fmt::Debug + Default> MessageSender<H> {
 
 impl<H: ZeroCopySend + core::fmt::Debug> Loan<H> {
     /// Returns the pages, which still contain the bytes of an earlier message.
-    pub(super) fn pages_mut(&mut self) -> &mut [Page] {
+    pub(crate) fn pages_mut(&mut self) -> &mut [Page] {
         let pages = self.sample.payload_mut();
         // SAFETY: the pages lie in a shared mapping that the kernel zeroed, so every byte is initialised, and
         // any value is a valid `Page` (it is Pod). `MaybeUninit<Page>` has the layout of `Page`. Until the
@@ -129,7 +129,7 @@ impl<H: ZeroCopySend + core::fmt::Debug> Loan<H> {
     }
 
     /// Sends the message and wakes the peer.
-    pub(super) fn send(mut self, header: H) -> Result<(), LinkError> {
+    pub(crate) fn send(mut self, header: H) -> Result<(), LinkError> {
         *self.sample.user_header_mut() = header;
         // SAFETY: as in `pages_mut`, every byte is initialised and any value is a valid `Page`.
         let n_receivers = unsafe { self.sample.assume_init() }.send().map_err(|error| match error {

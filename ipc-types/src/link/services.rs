@@ -22,21 +22,21 @@ use super::type_names::Ipc;
 use crate::layout::Page;
 
 /// A publish-subscribe service whose messages are pages with a header `H`.
-pub(super) type MessageService<H> = PortFactory<Ipc, [Page], H>;
+pub(crate) type MessageService<H> = PortFactory<Ipc, [Page], H>;
 
 /// Maximum number of processes that have a service open: two, plus exited processes not reaped yet.
 const MAX_NODES: usize = 16;
 
 /// Returns the name of the lane's service `kind`: `observation`, `action` or `wake`.
-pub(super) fn lane_service(spec: &LaneSpec, kind: &str) -> String {
+pub(crate) fn lane_service(spec: &LaneSpec, kind: &str) -> String {
     format!("hyp/lane/{}/{kind}", spec.lane)
 }
 
 /// Properties that both sides of a lane must agree on, stored as attributes of its services. The run number
 /// is stored too, but not compared.
-pub(super) struct Agreement<'a> {
-    pub(super) schema_hash: u64,
-    pub(super) spec: &'a LaneSpec,
+pub(crate) struct Agreement<'a> {
+    pub(crate) schema_hash: u64,
+    pub(crate) spec: &'a LaneSpec,
 }
 
 impl Agreement<'_> {
@@ -82,7 +82,7 @@ impl Agreement<'_> {
 }
 
 /// Creates a message service, or opens the one that an exited sim has left behind.
-pub(super) fn create<H: ZeroCopySend + core::fmt::Debug>(
+pub(crate) fn create<H: ZeroCopySend + core::fmt::Debug>(
     node: &LinkNode,
     service: &str,
     run: u64,
@@ -121,7 +121,7 @@ pub(super) fn create<H: ZeroCopySend + core::fmt::Debug>(
 }
 
 /// Opens a message service created by a sim.
-pub(super) fn open<H: ZeroCopySend + core::fmt::Debug>(
+pub(crate) fn open<H: ZeroCopySend + core::fmt::Debug>(
     node: &LinkNode,
     service: &str,
     agreement: &Agreement<'_>,
@@ -134,7 +134,7 @@ pub(super) fn open<H: ZeroCopySend + core::fmt::Debug>(
 
 /// Returns `true` if the process of an attached port is alive. A node that is being cleaned up cannot be read
 /// and counts as exited.
-pub(super) fn is_alive<H: ZeroCopySend + core::fmt::Debug>(
+pub(crate) fn is_alive<H: ZeroCopySend + core::fmt::Debug>(
     messages: &MessageService<H>,
     node: UniqueNodeId,
 ) -> bool {
@@ -177,17 +177,17 @@ fn open_failure(service: &str, error: PublishSubscribeOpenError) -> AttemptError
 }
 
 /// Converts a service name to iceoryx2's type.
-pub(super) fn service_name(service: &str) -> Result<ServiceName, LinkError> {
+pub(crate) fn service_name(service: &str) -> Result<ServiceName, LinkError> {
     ServiceName::new(service).map_err(|error| service_error(service, &error))
 }
 
 /// Returns the error for a port whose only slot another process holds.
-pub(super) fn occupied(service: &str, reason: &dyn core::fmt::Debug) -> LinkError {
+pub(crate) fn occupied(service: &str, reason: &dyn core::fmt::Debug) -> LinkError {
     LinkError::Occupied { service: service.into(), reason: format!("{reason:?}") }
 }
 
 /// Returns the error for an iceoryx2 failure without a [`LinkError`] variant of its own.
-pub(super) fn service_error(service: &str, reason: &dyn core::fmt::Debug) -> LinkError {
+pub(crate) fn service_error(service: &str, reason: &dyn core::fmt::Debug) -> LinkError {
     match Shortage::find() {
         Some(source) => LinkError::Shortage { failure: format!("service {service}: {reason:?}"), source },
         None => LinkError::Service { service: service.into(), reason: format!("{reason:?}") },

@@ -8,7 +8,7 @@ use crate::layout::Page;
 
 /// iceoryx2's thread-safe service variant, whose ports may move between threads. Its uncontended lock costs a
 /// few nanoseconds per operation.
-pub(super) type Ipc = ipc_threadsafe::Service;
+pub(crate) type Ipc = ipc_threadsafe::Service;
 
 // SAFETY: `Page` is a `repr(C)` array of bytes: self-contained, without pointers, and identical in every
 // process. (The derive macro rejects `repr(C, align(N))`.)

@@ -16,7 +16,7 @@ use super::services::{occupied, service_error, service_name};
 use super::type_names::Ipc;
 
 /// Name of the event that wakes the sim.
-pub(super) const SIM_WAKE: &str = "hyp/sim/wake";
+pub(crate) const SIM_WAKE: &str = "hyp/sim/wake";
 /// The only event id. iceoryx2 also sends it when a peer is reaped.
 const WAKE: EventId = EventId::new(0);
 /// Processes that may have an event open besides its notifiers: the listener, and exited processes not reaped
@@ -25,20 +25,20 @@ const SPARE_NODES: usize = 16;
 
 /// The waiting side of an event.
 #[derive(Debug)]
-pub(super) struct WakeListener {
+pub(crate) struct WakeListener {
     listener: Listener<Ipc>,
 }
 
 /// The notifying side of an event, shared by all messages on loan.
 #[derive(Clone, Debug)]
-pub(super) struct WakeNotifier {
+pub(crate) struct WakeNotifier {
     notifier: Arc<Notifier<Ipc>>,
 }
 
 impl WakeListener {
     /// Waits for a notification, a signal, or the end of `timeout`. Returns at once if notifications have
     /// arrived since the last wait, and consumes all of them.
-    pub(super) fn wait(&self, timeout: Duration) -> Result<(), LinkError> {
+    pub(crate) fn wait(&self, timeout: Duration) -> Result<(), LinkError> {
         // iceoryx2 passes the timeout to a socket in whole microseconds, and a socket treats 0 as infinite
         // (SO_RCVTIMEO in socket(7)).
         let outcome = if timeout < Duration::from_micros(1) {
@@ -55,13 +55,13 @@ impl WakeListener {
 
 impl WakeNotifier {
     /// Wakes the peer. A lost notification is not an error, because every wait has a timeout.
-    pub(super) fn notify(&self) {
+    pub(crate) fn notify(&self) {
         let _ = self.notifier.notify();
     }
 }
 
 /// Creates the event `event` on behalf of the sim, or opens it if it exists.
-pub(super) fn create(
+pub(crate) fn create(
     node: &LinkNode,
     event: &str,
     n_notifiers: usize,
@@ -85,13 +85,13 @@ pub(super) fn create(
 }
 
 /// Opens the event `event`, created by the sim, on behalf of a host.
-pub(super) fn open(node: &LinkNode, event: &str) -> Result<PortFactory<Ipc>, AttemptError> {
+pub(crate) fn open(node: &LinkNode, event: &str) -> Result<PortFactory<Ipc>, AttemptError> {
     let builder = node.inner().service_builder(&service_name(event)?).event();
     builder.open().map_err(|error| open_failure(event, error))
 }
 
 /// Creates the event's only listener.
-pub(super) fn create_listener(service: &PortFactory<Ipc>, event: &str) -> Result<WakeListener, AttemptError> {
+pub(crate) fn create_listener(service: &PortFactory<Ipc>, event: &str) -> Result<WakeListener, AttemptError> {
     match service.listener_builder().create() {
         Ok(listener) => Ok(WakeListener { listener }),
         Err(error @ ListenerCreateError::ExceedsMaxSupportedListeners) => {
@@ -102,7 +102,7 @@ pub(super) fn create_listener(service: &PortFactory<Ipc>, event: &str) -> Result
 }
 
 /// Creates a notifier of the event.
-pub(super) fn create_notifier(service: &PortFactory<Ipc>, event: &str) -> Result<WakeNotifier, AttemptError> {
+pub(crate) fn create_notifier(service: &PortFactory<Ipc>, event: &str) -> Result<WakeNotifier, AttemptError> {
     match service.notifier_builder().default_event_id(WAKE).create() {
         Ok(notifier) => Ok(WakeNotifier { notifier: Arc::new(notifier) }),
         Err(error @ NotifierCreateError::ExceedsMaxSupportedNotifiers) => {

@@ -63,7 +63,7 @@ impl FlipSide {
 }
 
 /// Returns the first `max` flips, by cell and episode.
-pub(super) fn flips(evaluation: &Evaluation, cells: &[&MatchedCell], max: usize) -> Vec<Flip> {
+pub(crate) fn flips(evaluation: &Evaluation, cells: &[&MatchedCell], max: usize) -> Vec<Flip> {
     let flipped = |cell: &&MatchedCell| {
         let condition = cell.condition;
         let episodes: Vec<MatchedEpisode> = cell

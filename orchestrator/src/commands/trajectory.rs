@@ -27,7 +27,7 @@ struct ReplaySummary {
 }
 
 /// Executes the actions of one file from the start state of another and prints what happened.
-pub(super) fn print(start: &Path, actions: &Path, json: bool) -> Result<ExitStatus, Failure> {
+pub(crate) fn print(start: &Path, actions: &Path, json: bool) -> Result<ExitStatus, Failure> {
     let (start, actions) = read(start, actions).or_user()?;
     let outcome = execute(&start, &actions).or_user()?;
     if json {
@@ -39,7 +39,7 @@ pub(super) fn print(start: &Path, actions: &Path, json: bool) -> Result<ExitStat
 }
 
 /// Records the same for a movie.
-pub(super) fn record(start: &Path, actions: &Path) -> anyhow::Result<Recording> {
+pub(crate) fn record(start: &Path, actions: &Path) -> anyhow::Result<Recording> {
     let (start, actions) = read(start, actions)?;
     Ok(Recording::from_start(&start, &actions)?)
 }

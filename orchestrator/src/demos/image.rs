@@ -22,7 +22,7 @@ impl ImageFormat {
     ///
     /// # Errors
     /// If the encoder fails.
-    pub(super) fn encode(self, pixels: &[u8], side: usize) -> anyhow::Result<Vec<u8>> {
+    pub(crate) fn encode(self, pixels: &[u8], side: usize) -> anyhow::Result<Vec<u8>> {
         let mut file = Vec::new();
         match self {
             Self::Jpeg => {

@@ -33,7 +33,7 @@ const HEADER: [&str; 14] = [
 ];
 
 /// Writes the files and returns them.
-pub(super) fn write(
+pub(crate) fn write(
     evaluation: &Evaluation,
     (metric, alpha): (Metric, f64),
     folder: &mut OutputFolder,

@@ -13,7 +13,7 @@ const ROWS_PER_GROUP: usize = 1 << 17;
 ///
 /// # Errors
 /// If it cannot be written.
-pub(super) fn write(evaluation: &Evaluation, path: &Path) -> anyhow::Result<()> {
+pub(crate) fn write(evaluation: &Evaluation, path: &Path) -> anyhow::Result<()> {
     let partial = path.with_extension("partial");
     let mut columns = Columns::default();
     let mut table = ParquetTable::create(&partial, &Columns::default().take(), None)?;

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use crate::analysis::{EvaluatedPolicy, Evaluation, Metric, RowIdx};
 
-pub(super) fn eval_info(evaluation: &Evaluation, policy: &EvaluatedPolicy, metric: Metric) -> Value {
+pub(crate) fn eval_info(evaluation: &Evaluation, policy: &EvaluatedPolicy, metric: Metric) -> Value {
     let successes_of = |rows: &[RowIdx]| -> Vec<bool> {
         let rows = rows.iter().map(|idx| evaluation.row(*idx)).filter(|row| row.error.is_none());
         rows.map(|row| metric.of(row)).collect()

@@ -7,7 +7,7 @@ use crate::analysis::{EvaluatedPolicy, Evaluation, Metric, RowIdx};
 use crate::build_identity;
 use crate::results::EpisodeRow;
 
-pub(super) fn benchmark_result(evaluation: &Evaluation, policy: &EvaluatedPolicy, metric: Metric) -> Value {
+pub(crate) fn benchmark_result(evaluation: &Evaluation, policy: &EvaluatedPolicy, metric: Metric) -> Value {
     let mut tasks = Vec::new();
     let (mut n_successes, mut n_episodes, mut n_errors) = (0, 0, 0);
     for (condition, rows) in evaluation.conditions(policy) {

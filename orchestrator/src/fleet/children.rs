@@ -15,7 +15,7 @@ use super::member::{ChildExit, MemberRole};
 
 /// The children of a run, at most one per role, and the rest of the supervisor's world. Requests to a role
 /// without a child have no effect.
-pub(super) trait Children {
+pub(crate) trait Children {
     /// Starts a child with a configuration in JSON. The role has no child.
     fn spawn(&mut self, role: MemberRole, config: &str) -> io::Result<()>;
 

@@ -4,28 +4,28 @@
 use std::time::{Duration, Instant};
 
 /// Maximum time between two updates that counts as running.
-pub(super) const MAX_TICK: Duration = Duration::from_secs(2);
+pub(crate) const MAX_TICK: Duration = Duration::from_secs(2);
 
 /// The time during which this process has run.
 #[derive(Debug)]
-pub(super) struct RunningClock {
+pub(crate) struct RunningClock {
     updated: Instant,
     now: Duration,
 }
 
 impl RunningClock {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { updated: Instant::now(), now: Duration::ZERO }
     }
 
     /// Advances the clock. Must be called at least every [`MAX_TICK`].
-    pub(super) fn update(&mut self) {
+    pub(crate) fn update(&mut self) {
         self.now += self.updated.elapsed().min(MAX_TICK);
         self.updated = Instant::now();
     }
 
     /// Returns the time at the last update.
-    pub(super) fn now(&self) -> Duration {
+    pub(crate) fn now(&self) -> Duration {
         self.now
     }
 }

@@ -135,7 +135,7 @@ impl FleetError {
 }
 
 /// Returns a clause on the limit of memory that is closest.
-pub(super) fn tightest_limit() -> String {
+pub(crate) fn tightest_limit() -> String {
     let tightest = memory_bounds().into_iter().min_by_key(|bound| bound.remaining);
     tightest.map_or_else(String::new, |bound| format!(" ({} MiB: {})", bound.limit >> 20, bound.source))
 }

@@ -33,7 +33,7 @@ pub(crate) fn base() -> PathBuf {
 /// Creates the base folder if needed, and takes all permissions of other users away, who could otherwise
 /// replace the files of a run. Since anybody can create it in `/tmp`, a folder of another user is refused,
 /// and so is a symbolic link.
-pub(super) fn prepare(base: &Path) -> Result<(), FleetError> {
+pub(crate) fn prepare(base: &Path) -> Result<(), FleetError> {
     prepare_base(base).map_err(|source| FleetError::Base { path: base.into(), source })
 }
 
@@ -87,7 +87,7 @@ struct LaneDescription<'a> {
 }
 
 /// Writes the descriptions of all lanes with a foreign host, and reports their paths.
-pub(super) fn describe_foreign_lanes(
+pub(crate) fn describe_foreign_lanes(
     config: &FleetConfig,
     domain: &Domain,
     sink: &mut Sink<'_>,

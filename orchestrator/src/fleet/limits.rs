@@ -38,7 +38,7 @@ pub(crate) enum LimitError {
 
 /// Checks that `program` is there and that the limits suffice for a run with `lanes` and `n_threads` threads
 /// per process. Raises the limit of open files if that is allowed.
-pub(super) fn ensure(program: &Path, lanes: &[LaneSpec], n_threads: u32) -> Result<(), LimitError> {
+pub(crate) fn ensure(program: &Path, lanes: &[LaneSpec], n_threads: u32) -> Result<(), LimitError> {
     if !program.exists() {
         return Err(LimitError::Program { path: program.into() });
     }

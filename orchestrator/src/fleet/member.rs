@@ -19,7 +19,7 @@ const ERROR_PREFIX: &str = "error: ";
 
 /// The role of a child process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum MemberRole {
+pub(crate) enum MemberRole {
     /// The only sim.
     Sim,
     /// The policy host of this lane.
@@ -28,7 +28,7 @@ pub(super) enum MemberRole {
 
 /// A role and the child that fills it.
 #[derive(Debug, Default)]
-pub(super) struct Member {
+pub(crate) struct Member {
     state: MemberState,
     /// Times of its failures since this member last took part in a finished episode.
     failures: VecDeque<Duration>,
@@ -67,22 +67,22 @@ impl ChildExit {
     }
 
     /// Returns `true` if the kernel could not give the child memory for a page of a file (SIGBUS).
-    pub(super) fn lacked_memory(&self) -> bool {
+    pub(crate) fn lacked_memory(&self) -> bool {
         self.signal() == Some(Signal::BUS.as_raw())
     }
 
     /// Returns `true` if the child was killed (SIGKILL), as the kernel does if memory runs out.
-    pub(super) fn was_killed(&self) -> bool {
+    pub(crate) fn was_killed(&self) -> bool {
         self.signal() == Some(Signal::KILL.as_raw())
     }
 
     /// Returns `true` if the child has used the core-seconds that its limit allows (SIGXCPU, then SIGKILL).
-    pub(super) fn lacked_time(&self) -> bool {
+    pub(crate) fn lacked_time(&self) -> bool {
         matches!(self, Self::OutOfTime) || self.signal() == Some(Signal::XCPU.as_raw())
     }
 
     /// Returns `true` if the child could not use the run's shared memory.
-    pub(super) fn lacked_link(&self) -> bool {
+    pub(crate) fn lacked_link(&self) -> bool {
         matches!(self, Self::Exited(status) if status.code() == Some(LINK_FAILED.into()))
     }
 }
@@ -103,35 +103,35 @@ impl fmt::Display for ChildExit {
 
 impl Member {
     /// Records that a child was spawned.
-    pub(super) fn on_spawn(&mut self, now: Duration) {
+    pub(crate) fn on_spawn(&mut self, now: Duration) {
         self.state = MemberState::Starting(now);
         self.log.clear();
         self.is_killed = false;
     }
 
     /// Records that the child is ready.
-    pub(super) fn on_ready(&mut self, now: Duration) {
+    pub(crate) fn on_ready(&mut self, now: Duration) {
         if !self.is_vacant() {
             self.state = MemberState::Up(now);
         }
     }
 
     /// Records that the child wrote something.
-    pub(super) fn on_output(&mut self, now: Duration) {
+    pub(crate) fn on_output(&mut self, now: Duration) {
         if let MemberState::Up(last_output) = &mut self.state {
             *last_output = now;
         }
     }
 
     /// Starts the timeouts of this child anew.
-    pub(super) fn restart_clock(&mut self, now: Duration) {
+    pub(crate) fn restart_clock(&mut self, now: Duration) {
         if let MemberState::Starting(since) | MemberState::Up(since) = &mut self.state {
             *since = now;
         }
     }
 
     /// Records a line of the child's log.
-    pub(super) fn on_log(&mut self, line: &str) {
+    pub(crate) fn on_log(&mut self, line: &str) {
         if self.log.len() == LOG_LINES {
             self.log.pop_front();
         }
@@ -139,46 +139,46 @@ impl Member {
     }
 
     /// Returns the last lines of the child's log.
-    pub(super) fn log_tail(&self) -> Vec<String> {
+    pub(crate) fn log_tail(&self) -> Vec<String> {
         self.log.iter().cloned().collect()
     }
 
     /// Forgets all failures after a finished episode.
-    pub(super) fn reset_failures(&mut self) {
+    pub(crate) fn reset_failures(&mut self) {
         self.failures.clear();
         self.departures.clear();
     }
 
     /// Records a failure. Returns the number of failures within the last `window`.
-    pub(super) fn add_failure(&mut self, now: Duration, window: Duration) -> u32 {
+    pub(crate) fn add_failure(&mut self, now: Duration, window: Duration) -> u32 {
         add_within(&mut self.failures, now, window)
     }
 
     /// Records that a foreign host has left. Returns how many have left within the last `window`.
-    pub(super) fn add_departure(&mut self, now: Duration, window: Duration) -> u32 {
+    pub(crate) fn add_departure(&mut self, now: Duration, window: Duration) -> u32 {
         add_within(&mut self.departures, now, window)
     }
 
     /// Records that the supervisor kills the child.
-    pub(super) fn on_kill(&mut self) {
+    pub(crate) fn on_kill(&mut self) {
         self.is_killed = true;
     }
 
     /// Returns `true` if somebody else has ended the child: the kernel for lack of memory, or a signal that a
     /// user or a batch system sends.
-    pub(super) fn was_ended(&self, exit: &ChildExit) -> bool {
+    pub(crate) fn was_ended(&self, exit: &ChildExit) -> bool {
         const SENT: [Signal; 4] = [Signal::KILL, Signal::TERM, Signal::INT, Signal::HUP];
         !self.is_killed && exit.signal().is_some_and(|found| SENT.iter().any(|sent| sent.as_raw() == found))
     }
 
     /// Records that the child was waited for.
-    pub(super) fn on_exit(&mut self) {
+    pub(crate) fn on_exit(&mut self) {
         self.state = MemberState::Vacant;
     }
 
     /// Returns the error of a child that has exited because of something the user can fix. Its log ends with
     /// it.
-    pub(super) fn user_error(&self, exit: &ChildExit) -> Option<String> {
+    pub(crate) fn user_error(&self, exit: &ChildExit) -> Option<String> {
         let ChildExit::Exited(status) = exit else { return None };
         let start = self.log.iter().rposition(|line| line.starts_with(ERROR_PREFIX))?;
         let lines: Vec<&str> = self.log.iter().skip(start).map(String::as_str).collect();
@@ -187,22 +187,22 @@ impl Member {
     }
 
     /// Returns `true` if the child is ready to work.
-    pub(super) fn is_up(&self) -> bool {
+    pub(crate) fn is_up(&self) -> bool {
         matches!(self.state, MemberState::Up(..))
     }
 
     /// Returns `true` if there is no child.
-    pub(super) fn is_vacant(&self) -> bool {
+    pub(crate) fn is_vacant(&self) -> bool {
         matches!(self.state, MemberState::Vacant)
     }
 
     /// Returns the time since the spawn of a child that is not ready yet.
-    pub(super) fn starting_for(&self, now: Duration) -> Option<Duration> {
+    pub(crate) fn starting_for(&self, now: Duration) -> Option<Duration> {
         if let MemberState::Starting(since) = self.state { Some(now - since) } else { None }
     }
 
     /// Returns the time since the last output of a ready child.
-    pub(super) fn silent_for(&self, now: Duration) -> Option<Duration> {
+    pub(crate) fn silent_for(&self, now: Duration) -> Option<Duration> {
         if let MemberState::Up(last_output) = self.state { Some(now - last_output) } else { None }
     }
 }

@@ -23,14 +23,14 @@ const STDERR_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// A child process. Dropping it kills the child.
 #[derive(Debug)]
-pub(super) struct ChildProcess {
+pub(crate) struct ChildProcess {
     child: Child,
     commands: Option<Sender<String>>,
 }
 
 /// The output of a child, in order.
 #[derive(Debug)]
-pub(super) enum ChildOutput {
+pub(crate) enum ChildOutput {
     /// A line on stdout, which is an event.
     Event(String),
     /// A line on stderr, which is the log.
@@ -41,7 +41,7 @@ pub(super) enum ChildOutput {
 
 impl ChildProcess {
     /// Starts `program subcommand --config config`. Calls `on_output` for all its output, from other threads.
-    pub(super) fn spawn(
+    pub(crate) fn spawn(
         program: &Path,
         subcommand: &str,
         config: &str,
@@ -94,7 +94,7 @@ impl ChildProcess {
     }
 
     /// Returns the child's resident memory in bytes without shared memory, where the system tells it.
-    pub(super) fn memory_bytes(&self) -> Option<u64> {
+    pub(crate) fn memory_bytes(&self) -> Option<u64> {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
         let kibibytes = |key: &str| {
             let line = status.lines().find_map(|line| line.strip_prefix(key))?;
@@ -105,7 +105,7 @@ impl ChildProcess {
 
     /// Returns the core-seconds that the child has used, where the system tells it. The resolution is a tick
     /// of the kernel, 10 ms.
-    pub(super) fn cpu_s(&self) -> Option<f64> {
+    pub(crate) fn cpu_s(&self) -> Option<f64> {
         let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.child.id())).ok()?;
         // The name of the program comes second, in parentheses, and may contain spaces.
         let (_, after_name) = stat.rsplit_once(')')?;
@@ -116,32 +116,32 @@ impl ChildProcess {
     }
 
     /// Returns `true` if the child has exited. It can still be waited for.
-    pub(super) fn has_exited(&self) -> bool {
+    pub(crate) fn has_exited(&self) -> bool {
         let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
         // The call fails only for a child that has already been waited for.
         waitid(WaitId::Pid(Pid::from_child(&self.child)), options).map_or(true, |status| status.is_some())
     }
 
     /// Queues a line for the child's stdin. If the child has exited, the line is dropped.
-    pub(super) fn send(&self, line: String) {
+    pub(crate) fn send(&self, line: String) {
         if let Some(commands) = &self.commands {
             let _ = commands.send(line + "\n");
         }
     }
 
     /// Asks the child to exit by closing its stdin after all queued lines.
-    pub(super) fn close(&mut self) {
+    pub(crate) fn close(&mut self) {
         self.commands = None;
     }
 
     /// Kills the child. Its exit arrives as [`ChildOutput::Closed`], as usual.
-    pub(super) fn kill(&mut self) {
+    pub(crate) fn kill(&mut self) {
         // This fails only for a child that has already been reaped.
         let _ = self.child.kill();
     }
 
     /// Waits for the child to exit; kills it after `timeout`.
-    pub(super) fn wait(mut self, timeout: Duration) -> io::Result<ExitStatus> {
+    pub(crate) fn wait(mut self, timeout: Duration) -> io::Result<ExitStatus> {
         let start = Instant::now();
         while start.elapsed() < timeout {
             if let Some(status) = self.child.try_wait()? {
@@ -164,7 +164,7 @@ impl Drop for ChildProcess {
 
 /// Frees the shared memory of exited children in a separate process, so that a damaged segment can neither
 /// crash this one nor stall it. Returns `false` if that process fails.
-pub(super) fn reap(program: &Path, domain: &Domain) -> bool {
+pub(crate) fn reap(program: &Path, domain: &Domain) -> bool {
     let mut command = Command::new(program);
     command.args(["reap", "--config", &serde_json::json!(domain).to_string()]).process_group(0);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());

@@ -21,7 +21,7 @@ const TICK_S: f64 = 0.1;
 
 /// The child processes of a run. Dropping it kills those that have not been waited for.
 #[derive(Debug)]
-pub(super) struct Processes<'a> {
+pub(crate) struct Processes<'a> {
     program: &'a Path,
     domain: &'a Domain,
     events: Sender<SupervisorEvent>,
@@ -34,7 +34,7 @@ pub(super) struct Processes<'a> {
 
 impl<'a> Processes<'a> {
     /// Makes the children of a run with this program and domain. Starts nothing.
-    pub(super) fn new(
+    pub(crate) fn new(
         program: &'a Path,
         domain: &'a Domain,
         (events, inbox): (Sender<SupervisorEvent>, Receiver<SupervisorEvent>),

@@ -9,7 +9,7 @@ use crate::jobs::{DriverJobs, Job, JobList};
 
 /// A queue from which unwanted jobs disappear. Each driver has a limit of its own, so that one that does not
 /// finish its episodes holds nobody else up.
-pub(super) struct JobQueue<'a> {
+pub(crate) struct JobQueue<'a> {
     drivers: Vec<DriverQueue>,
     /// `true` if no driver may get far ahead of another that still has jobs.
     in_step: bool,
@@ -50,14 +50,14 @@ impl DriverQueue {
 }
 
 impl<'a> JobQueue<'a> {
-    pub(super) fn new(jobs: &JobList, in_step: bool, is_wanted: &'a IsWanted<'a>) -> Self {
+    pub(crate) fn new(jobs: &JobList, in_step: bool, is_wanted: &'a IsWanted<'a>) -> Self {
         let queues = jobs.drivers().map(|driver| DriverQueue::new(driver, jobs.of_driver(driver)));
         Self { drivers: queues.filter(|queue| !queue.is_empty).collect(), in_step, is_wanted }
     }
 
     /// Takes the next job that is wanted now, in the order of the plan. Skips the drivers that have work for
     /// all `envs` envs and their share of as many ahead of time, and those that are too far ahead of another.
-    pub(super) fn next(&mut self, envs: usize) -> Option<Job> {
+    pub(crate) fn next(&mut self, envs: usize) -> Option<Job> {
         let n_active = self.drivers.iter().filter(|queue| queue.is_active()).count();
         let limit = envs + envs.div_ceil(n_active.max(1));
         loop {
@@ -80,14 +80,14 @@ impl<'a> JobQueue<'a> {
     }
 
     /// Records that a job has finished.
-    pub(super) fn on_finished(&mut self, driver: Driver) {
+    pub(crate) fn on_finished(&mut self, driver: Driver) {
         if let Some(queue) = self.drivers.iter_mut().find(|queue| queue.driver == driver) {
             queue.n_outstanding = queue.n_outstanding.saturating_sub(1);
         }
     }
 
     /// Takes all jobs of a driver that are wanted now.
-    pub(super) fn take_all(&mut self, driver: Driver) -> Vec<Job> {
+    pub(crate) fn take_all(&mut self, driver: Driver) -> Vec<Job> {
         let Some(queue) = self.drivers.iter_mut().find(|queue| queue.driver == driver) else {
             return Vec::new();
         };
@@ -95,12 +95,12 @@ impl<'a> JobQueue<'a> {
     }
 
     /// Returns the number of drivers that have had jobs.
-    pub(super) fn n_drivers(&self) -> usize {
+    pub(crate) fn n_drivers(&self) -> usize {
         self.drivers.len()
     }
 
     /// Returns `true` if no job is left, wanted or not.
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.drivers.iter().all(|queue| queue.is_empty)
     }
 }

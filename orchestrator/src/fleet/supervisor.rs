@@ -29,7 +29,7 @@ use crate::jobs::Job;
 /// Maximum wait for an event before timeouts are checked.
 const TICK: Duration = Duration::from_millis(200);
 
-pub(super) struct Supervisor<'a> {
+pub(crate) struct Supervisor<'a> {
     config: &'a FleetConfig,
     domain: &'a Domain,
     children: &'a mut dyn Children,
@@ -54,7 +54,7 @@ pub(super) struct Supervisor<'a> {
 }
 
 impl<'a> Supervisor<'a> {
-    pub(super) fn new(
+    pub(crate) fn new(
         config: &'a FleetConfig,
         domain: &'a Domain,
         children: &'a mut dyn Children,
@@ -87,7 +87,7 @@ impl<'a> Supervisor<'a> {
 
     /// Starts the children, runs until all episodes are finished or a stop is requested, and ends the
     /// children.
-    pub(super) fn run(mut self) -> Result<(RunStatus, Totals), FleetError> {
+    pub(crate) fn run(mut self) -> Result<(RunStatus, Totals), FleetError> {
         let status = self.run_episodes();
         let shutdown = self.shut_down();
         self.totals.choice = self.tuner.map(|tuner| tuner.choice().clone());

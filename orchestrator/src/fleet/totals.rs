@@ -99,7 +99,7 @@ impl Totals {
     }
 
     /// Returns the work of each lane's hosts so far, answers that were not received included.
-    pub(super) fn lanes(&self) -> Vec<HostWork> {
+    pub(crate) fn lanes(&self) -> Vec<HostWork> {
         self.hosts.iter().map(|[past, current]| past.add(*current)).collect()
     }
 
@@ -113,12 +113,12 @@ impl Totals {
         self.hosts[lane as usize][1] = work;
     }
 
-    pub(super) fn on_sim_exit(&mut self) {
+    pub(crate) fn on_sim_exit(&mut self) {
         self.past = add(&self.past, &std::mem::take(&mut self.current));
         self.restarts += 1;
     }
 
-    pub(super) fn on_host_exit(&mut self, lane: u32) {
+    pub(crate) fn on_host_exit(&mut self, lane: u32) {
         let [past, current] = &mut self.hosts[lane as usize];
         *past = past.add(std::mem::take(current));
         self.restarts += 1;

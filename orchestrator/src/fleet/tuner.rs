@@ -49,24 +49,24 @@ const MAX_CHECK: Duration = Duration::from_secs(600);
 
 /// Cumulative work of all children at a moment.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct WorkSample {
+pub(crate) struct WorkSample {
     /// Time of the fleet's clock.
-    pub(super) now: Duration,
+    pub(crate) now: Duration,
     /// Core-seconds of all children.
-    pub(super) cpu_s: f64,
+    pub(crate) cpu_s: f64,
     /// Core-seconds of the sims within their measured window.
-    pub(super) sim_cpu_s: f64,
-    pub(super) env_steps: u64,
-    pub(super) queries: u64,
-    pub(super) physics_s: f64,
-    pub(super) render_s: f64,
+    pub(crate) sim_cpu_s: f64,
+    pub(crate) env_steps: u64,
+    pub(crate) queries: u64,
+    pub(crate) physics_s: f64,
+    pub(crate) render_s: f64,
     /// By lane.
-    pub(super) hosts: Vec<HostWork>,
+    pub(crate) hosts: Vec<HostWork>,
 }
 
 impl WorkSample {
     /// Makes the sample of a moment `now` at which the children have used `cpu_s` core-seconds.
-    pub(super) fn new(now: Duration, cpu_s: f64, totals: &Totals) -> Self {
+    pub(crate) fn new(now: Duration, cpu_s: f64, totals: &Totals) -> Self {
         let sim = totals.sim();
         Self {
             now,
@@ -113,7 +113,7 @@ enum Phase {
 
 /// Chooses the number of envs.
 #[derive(Debug)]
-pub(super) struct EnvTuner {
+pub(crate) struct EnvTuner {
     choice: EnvChoice,
     n_cores: f64,
     phase: Phase,
@@ -122,7 +122,7 @@ pub(super) struct EnvTuner {
 
 impl EnvTuner {
     /// Makes a tuner that starts with `envs`.
-    pub(super) fn new(envs: u32, max_envs: u32, n_cores: u32) -> Self {
+    pub(crate) fn new(envs: u32, max_envs: u32, n_cores: u32) -> Self {
         Self {
             choice: EnvChoice { envs, max_envs, trials: Vec::new() },
             n_cores: f64::from(n_cores),
@@ -132,25 +132,25 @@ impl EnvTuner {
     }
 
     /// Returns the current choice.
-    pub(super) fn choice(&self) -> &EnvChoice {
+    pub(crate) fn choice(&self) -> &EnvChoice {
         &self.choice
     }
 
     /// Halves the current number, which was too much for the memory, and does not go beyond it again.
-    pub(super) fn halve(&mut self) {
+    pub(crate) fn halve(&mut self) {
         self.choice.envs = (self.choice.envs / 2).max(1);
         self.choice.max_envs = self.choice.envs;
     }
 
     /// Starts the current trial again, because a child has exited or started.
-    pub(super) fn interrupt(&mut self) {
+    pub(crate) fn interrupt(&mut self) {
         if !matches!(self.phase, Phase::Chosen { .. }) {
             self.phase = Phase::Settling { since: None };
         }
     }
 
     /// Takes the work done so far. Returns the number of envs if it changes.
-    pub(super) fn on_work(&mut self, total: WorkSample) -> Option<u32> {
+    pub(crate) fn on_work(&mut self, total: WorkSample) -> Option<u32> {
         if total.env_steps == 0 {
             return None;
         }

@@ -4,7 +4,7 @@ use std::fmt::{self, Display, Formatter, Write};
 
 /// A colour of sRGB.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Color(pub(super) u8, pub(super) u8, pub(super) u8);
+pub(crate) struct Color(pub(crate) u8, pub(crate) u8, pub(crate) u8);
 
 /// Colours of policies that can also be told apart by people with a colour vision deficiency (M. Okabe,
 /// K. Ito, 2008).
@@ -18,9 +18,9 @@ const PALETTE: [Color; 7] = [
     Color(120, 120, 60),
 ];
 /// Colour of text and axes.
-pub(super) const INK: Color = Color(34, 40, 49);
+pub(crate) const INK: Color = Color(34, 40, 49);
 /// Colour of grid lines.
-pub(super) const GRID: Color = Color(221, 225, 230);
+pub(crate) const GRID: Color = Color(221, 225, 230);
 /// Size of all text in pixels.
 const TEXT: f64 = 12.5;
 /// Widths of a figure in pixels: on a desktop and on a phone.
@@ -28,9 +28,9 @@ const WIDTHS: [f64; 2] = [960.0, 340.0];
 /// Height of a line of a legend.
 const LEGEND_LINE: f64 = 20.0;
 /// Room around a figure.
-pub(super) const MARGIN: f64 = 8.0;
+pub(crate) const MARGIN: f64 = 8.0;
 /// Room to the left of an axis on a phone, for half of its first number.
-pub(super) const NARROW_MARGIN: f64 = 24.0;
+pub(crate) const NARROW_MARGIN: f64 = 24.0;
 
 /// A figure of the page.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -45,17 +45,17 @@ pub(crate) struct Figure {
 }
 
 /// Entries of a legend: names with their colours.
-pub(super) type FigureLegend = Vec<(String, Color)>;
+pub(crate) type FigureLegend = Vec<(String, Color)>;
 
 /// A figure in the making. Its height is that of what was drawn.
-pub(super) struct Canvas {
-    pub(super) width: f64,
+pub(crate) struct Canvas {
+    pub(crate) width: f64,
     elements: String,
 }
 
 /// The side of a text that its position states.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Anchor {
+pub(crate) enum Anchor {
     Start,
     Middle,
     End,
@@ -68,12 +68,12 @@ impl Display for Color {
 }
 
 /// Returns the colour of the `idx`-th policy.
-pub(super) fn color(idx: usize) -> Color {
+pub(crate) fn color(idx: usize) -> Color {
     PALETTE[idx % PALETTE.len()]
 }
 
 /// Returns the figure in both widths. `draw` returns its height.
-pub(super) fn svgs(draw: impl Fn(&mut Canvas) -> f64) -> [String; 2] {
+pub(crate) fn svgs(draw: impl Fn(&mut Canvas) -> f64) -> [String; 2] {
     WIDTHS.map(|width| svg(width, &draw))
 }
 
@@ -89,12 +89,12 @@ fn svg(width: f64, draw: impl Fn(&mut Canvas) -> f64) -> String {
 }
 
 /// Returns about how wide a text is.
-pub(super) fn text_width(text: &str) -> f64 {
+pub(crate) fn text_width(text: &str) -> f64 {
     0.56 * TEXT * text.chars().count() as f64
 }
 
 /// Returns the width of a column of texts beside an axis, at most `limit`.
-pub(super) fn column_width<'a>(texts: impl Iterator<Item = &'a str>, limit: f64) -> f64 {
+pub(crate) fn column_width<'a>(texts: impl Iterator<Item = &'a str>, limit: f64) -> f64 {
     (texts.map(text_width).fold(0.0, f64::max) + 2.0 * MARGIN).min(limit)
 }
 
@@ -109,7 +109,7 @@ fn shortened(text: &str, room: f64) -> String {
 
 impl Canvas {
     /// Returns `true` on a phone, where labels stand above what they name.
-    pub(super) fn is_narrow(&self) -> bool {
+    pub(crate) fn is_narrow(&self) -> bool {
         self.width < 500.0
     }
 
@@ -118,7 +118,7 @@ impl Canvas {
     }
 
     /// Writes text whose middle is at `y`, shortened to what the figure has room for.
-    pub(super) fn text(&mut self, [x, y]: [f64; 2], text: &str, anchor: Anchor) {
+    pub(crate) fn text(&mut self, [x, y]: [f64; 2], text: &str, anchor: Anchor) {
         let (anchor, room) = match anchor {
             Anchor::Start => ("start", self.width - x),
             Anchor::Middle => ("middle", 2.0 * x.min(self.width - x)),
@@ -132,7 +132,7 @@ impl Canvas {
     }
 
     /// Draws a line, of dashes if wanted.
-    pub(super) fn line(&mut self, points: &[[f64; 2]], color: Color, width: f64, is_dashed: bool) {
+    pub(crate) fn line(&mut self, points: &[[f64; 2]], color: Color, width: f64, is_dashed: bool) {
         let dashes = if is_dashed { " stroke-dasharray=\"6 4\"" } else { "" };
         let points = Points(points);
         self.element(format_args!(
@@ -140,26 +140,26 @@ impl Canvas {
         ));
     }
 
-    pub(super) fn polygon(&mut self, points: &[[f64; 2]], color: Color, opacity: f64) {
+    pub(crate) fn polygon(&mut self, points: &[[f64; 2]], color: Color, opacity: f64) {
         let points = Points(points);
         self.element(format_args!(
             "<polygon points=\"{points}\" fill=\"{color}\" fill-opacity=\"{opacity}\"/>"
         ));
     }
 
-    pub(super) fn rectangle(&mut self, [left, top]: [f64; 2], [right, bottom]: [f64; 2], color: Color) {
+    pub(crate) fn rectangle(&mut self, [left, top]: [f64; 2], [right, bottom]: [f64; 2], color: Color) {
         let (width, height) = (right - left, bottom - top);
         self.element(format_args!(
             "<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{color}\"/>"
         ));
     }
 
-    pub(super) fn dot(&mut self, [x, y]: [f64; 2], radius: f64, color: Color) {
+    pub(crate) fn dot(&mut self, [x, y]: [f64; 2], radius: f64, color: Color) {
         self.element(format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{color}\"/>"));
     }
 
     /// Draws coloured squares with names, in as many lines as they take, and returns where they end.
-    pub(super) fn legend(&mut self, entries: &[(String, Color)]) -> f64 {
+    pub(crate) fn legend(&mut self, entries: &[(String, Color)]) -> f64 {
         let (mut x, mut y) = (MARGIN, MARGIN + LEGEND_LINE / 2.0);
         for (name, color) in entries {
             let width = 34.0 + text_width(name);
@@ -174,7 +174,7 @@ impl Canvas {
     }
 
     /// Draws the vertical grid lines of a horizontal axis, with their values below.
-    pub(super) fn grid(&mut self, axis: &Axis, [top, bottom]: [f64; 2], unit: &str) {
+    pub(crate) fn grid(&mut self, axis: &Axis, [top, bottom]: [f64; 2], unit: &str) {
         for (value, x) in axis.ticks() {
             self.line(&[[x, top], [x, bottom]], GRID, 1.0, false);
             self.text([x, bottom + 12.0], &format!("{value}{unit}"), Anchor::Middle);
@@ -182,7 +182,7 @@ impl Canvas {
     }
 
     /// Draws a grid with both axes and their names, between `top` and `bottom`. Returns the axes.
-    pub(super) fn chart(&mut self, [x, y]: [AxisRange<'_>; 2], [top, bottom]: [f64; 2]) -> [Axis; 2] {
+    pub(crate) fn chart(&mut self, [x, y]: [AxisRange<'_>; 2], [top, bottom]: [f64; 2]) -> [Axis; 2] {
         let horizontal = Axis { range: x.values, pixels: [60.0, self.width - 20.0], is_log: x.is_log };
         let vertical = Axis { range: y.values, pixels: [bottom - 44.0, top + 20.0], is_log: y.is_log };
         let [left, right] = horizontal.pixels;
@@ -208,28 +208,28 @@ impl Display for Points<'_> {
 
 /// The values and the name of an axis.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct AxisRange<'a> {
-    pub(super) name: &'a str,
-    pub(super) values: [f64; 2],
-    pub(super) is_log: bool,
+pub(crate) struct AxisRange<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) values: [f64; 2],
+    pub(crate) is_log: bool,
 }
 
 /// An axis: maps values to pixels.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Axis {
-    pub(super) range: [f64; 2],
-    pub(super) pixels: [f64; 2],
-    pub(super) is_log: bool,
+pub(crate) struct Axis {
+    pub(crate) range: [f64; 2],
+    pub(crate) pixels: [f64; 2],
+    pub(crate) is_log: bool,
 }
 
 impl Axis {
     /// Makes a horizontal axis in equal steps.
-    pub(super) fn linear(range: [f64; 2], pixels: [f64; 2]) -> Self {
+    pub(crate) fn linear(range: [f64; 2], pixels: [f64; 2]) -> Self {
         Self { range, pixels, is_log: false }
     }
 
     /// Returns the pixel of a value. Values beyond the axis are drawn at its end.
-    pub(super) fn at(&self, value: f64) -> f64 {
+    pub(crate) fn at(&self, value: f64) -> f64 {
         let scale = |value: f64| if self.is_log { libm::log2(value) } else { value };
         let [low, high] = self.range.map(scale);
         let [start, end] = self.pixels;

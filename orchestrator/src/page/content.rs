@@ -169,17 +169,17 @@ impl ReportContent {
     }
 
     /// Returns the cells of a policy.
-    pub(super) fn cells_of<'a>(&'a self, policy: &'a str) -> impl Iterator<Item = &'a CellSummary> {
+    pub(crate) fn cells_of<'a>(&'a self, policy: &'a str) -> impl Iterator<Item = &'a CellSummary> {
         self.cells.iter().filter(move |cell| cell.policy == policy)
     }
 
     /// Returns the policies under test.
-    pub(super) fn under_test(&self) -> impl Iterator<Item = &PolicySummary> {
+    pub(crate) fn under_test(&self) -> impl Iterator<Item = &PolicySummary> {
         self.policies.iter().filter(|policy| policy.role == PolicyRole::Policy)
     }
 
     /// Returns the mean of a policy with one robot over the perturbations of a modality.
-    pub(super) fn modality_effect(
+    pub(crate) fn modality_effect(
         &self,
         policy: &str,
         morphology: Morphology,
@@ -191,7 +191,7 @@ impl ReportContent {
     }
 
     /// Returns the position of a policy, which determines its colour.
-    pub(super) fn policy_idx(&self, name: &str) -> usize {
+    pub(crate) fn policy_idx(&self, name: &str) -> usize {
         self.policies.iter().position(|policy| policy.name == name).unwrap_or(0)
     }
 }

@@ -25,7 +25,7 @@ const MAX_FOREST_CELLS: usize = 40;
 const MAX_PREDICATES: usize = 8;
 
 /// Draws all figures that the results allow.
-pub(super) fn figures(report: &ReportContent) -> Vec<Figure> {
+pub(crate) fn figures(report: &ReportContent) -> Vec<Figure> {
     let drawn = [
         radar_figure(report),
         change_figure(report, Morphology::Single),

@@ -39,7 +39,7 @@ pub(crate) struct FittedLine {
 type Pair = (Condition, [f64; 2]);
 
 /// Compares each policy under test with the hardware: over all tasks, then per task with at least two points.
-pub(super) fn fits(report: &ReportContent, hardware: &HardwareTable) -> Vec<HardwareFit> {
+pub(crate) fn fits(report: &ReportContent, hardware: &HardwareTable) -> Vec<HardwareFit> {
     let mut fits = Vec::new();
     for policy in report.under_test() {
         let pair = |row: &super::external::HardwareRow| {

@@ -17,7 +17,7 @@ use crate::table::p_value;
 
 /// The averages of one policy with one robot, in percent and percentage points.
 #[derive(Debug, Serialize)]
-pub(super) struct AverageRow {
+pub(crate) struct AverageRow {
     policy: String,
     robot: &'static str,
     unperturbed: f64,
@@ -36,7 +36,7 @@ struct AverageCell {
 }
 
 /// Returns one sentence per compared pair of policies.
-pub(super) fn sentences(report: &ReportContent) -> Vec<String> {
+pub(crate) fn sentences(report: &ReportContent) -> Vec<String> {
     report.comparisons.iter().filter_map(sentence).collect()
 }
 
@@ -106,7 +106,7 @@ fn most([a, b]: [&String; 2], comparison: &Comparison) -> String {
 }
 
 /// Returns the sentence on floor and ceiling; `None` without either.
-pub(super) fn bounds(report: &ReportContent) -> Option<String> {
+pub(crate) fn bounds(report: &ReportContent) -> Option<String> {
     let part = |(role, what): (PolicyRole, &str)| {
         let policy = report.policies.iter().find(|policy| policy.role == role)?;
         let rate = policy.unperturbed.fraction()?;
@@ -119,7 +119,7 @@ pub(super) fn bounds(report: &ReportContent) -> Option<String> {
 }
 
 /// Returns the paper's averages of the policies under test.
-pub(super) fn averages(report: &ReportContent) -> Vec<AverageRow> {
+pub(crate) fn averages(report: &ReportContent) -> Vec<AverageRow> {
     let mut rows = Vec::new();
     for policy in report.under_test() {
         for morphology in Morphology::ALL {
@@ -154,12 +154,12 @@ pub(super) fn averages(report: &ReportContent) -> Vec<AverageRow> {
 }
 
 /// Returns the heads of the columns of modalities.
-pub(super) fn modality_names() -> [&'static str; 3] {
+pub(crate) fn modality_names() -> [&'static str; 3] {
     MODALITIES.map(modality_name)
 }
 
 /// Returns the sentence on date, machine and speed of the runs.
-pub(super) fn circumstances(report: &ReportContent) -> String {
+pub(crate) fn circumstances(report: &ReportContent) -> String {
     let text = |key: &str| report.environment.get(key).and_then(Value::as_str);
     let n_episodes: usize = report.files.iter().map(|file| file.n_episodes).sum();
     let mut parts = vec![format!("{n_episodes} episodes")];
@@ -180,7 +180,7 @@ pub(super) fn circumstances(report: &ReportContent) -> String {
 }
 
 /// Returns what a failed predicate means, in words. Other texts stay as they are.
-pub(super) fn predicate_words(name: &str) -> &str {
+pub(crate) fn predicate_words(name: &str) -> &str {
     match name {
         "above" => "the body is not high enough",
         "moved" => "the body has not moved far enough",

@@ -9,7 +9,7 @@ use crate::analysis::CellSummary;
 
 /// The table of one policy.
 #[derive(Debug, Serialize)]
-pub(super) struct HeatMap {
+pub(crate) struct HeatMap {
     policy: String,
     /// Number of episodes per cell, or its range.
     episodes: String,
@@ -37,7 +37,7 @@ struct HeatCell {
 }
 
 /// Returns the heat maps of the policies under test.
-pub(super) fn heat_maps(report: &ReportContent) -> Vec<HeatMap> {
+pub(crate) fn heat_maps(report: &ReportContent) -> Vec<HeatMap> {
     let map = |name: &str| {
         let cells: Vec<&CellSummary> = report.cells_of(name).collect();
         let mut perturbations: Vec<Composition> =

@@ -8,7 +8,7 @@ use crate::analysis::{Comparison, ComparisonKind, Flip};
 
 /// A table of a comparison, ready for the template.
 #[derive(Debug, Serialize)]
-pub(super) struct ComparisonTable {
+pub(crate) struct ComparisonTable {
     title: String,
     counts: String,
     rows: Vec<ComparisonRow>,
@@ -43,7 +43,7 @@ struct FlipRow {
 const MAX_LISTED_FLIPS: usize = 50;
 
 /// Returns the comparisons as tables.
-pub(super) fn comparison_tables(report: &ReportContent) -> Vec<ComparisonTable> {
+pub(crate) fn comparison_tables(report: &ReportContent) -> Vec<ComparisonTable> {
     report.comparisons.iter().chain(&report.perturbations).map(comparison_table).collect()
 }
 

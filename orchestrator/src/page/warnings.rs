@@ -10,7 +10,7 @@ use crate::results::gaps;
 const SMALL_N: u32 = 50;
 
 /// Returns the warnings of a report, most important first.
-pub(super) fn warnings(report: &ReportContent, evaluation: &Evaluation) -> Vec<String> {
+pub(crate) fn warnings(report: &ReportContent, evaluation: &Evaluation) -> Vec<String> {
     let mut warnings = Vec::new();
     let mut warn = |is_due: bool, text: String| {
         if is_due {

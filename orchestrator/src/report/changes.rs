@@ -7,7 +7,7 @@ use crate::analysis::{Effect, morphology_name};
 use crate::table::{Align, TextTable};
 
 /// Formats the effects as a table; empty without effects.
-pub(super) fn table(effects: &[Effect]) -> String {
+pub(crate) fn table(effects: &[Effect]) -> String {
     use Align::{Left, Right};
     if effects.is_empty() {
         return String::new();

@@ -21,7 +21,7 @@ const MAX_SECONDS: f64 = 1e9;
 
 /// Checks that the file has our tables, and nothing else: a view or a trigger would run somebody's code
 /// whenever the file is read or written.
-pub(super) fn check_schema(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
+pub(crate) fn check_schema(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     let expected = Connection::open_in_memory().and_then(|own| {
         own.execute_batch(schema::CREATE)?;
         objects(&own)
@@ -46,7 +46,7 @@ fn objects(connection: &Connection) -> Result<Vec<(String, String, Option<String
 }
 
 /// Checks the values and the checksum of every row.
-pub(super) fn check_rows(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
+pub(crate) fn check_rows(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     let read = || {
         let mut statement = connection.prepare(schema::CHECKED)?;
         let mut rows = statement.query([])?;
@@ -130,7 +130,7 @@ fn shown(value: ValueRef<'_>) -> String {
 /// Returns the checksum of a row: XXH3 over its values from `policy` to `wait_s`, each as a byte for its type
 /// (0 NULL, 1 integer, 2 real, 3 text) and its content, 8 little-endian bytes for a number, length and bytes
 /// for a text.
-pub(super) fn checksum<'a>(values: impl IntoIterator<Item = ValueRef<'a>>) -> i64 {
+pub(crate) fn checksum<'a>(values: impl IntoIterator<Item = ValueRef<'a>>) -> i64 {
     let mut hash = Xxh3::new();
     for value in values {
         match value {
@@ -154,14 +154,14 @@ pub(super) fn checksum<'a>(values: impl IntoIterator<Item = ValueRef<'a>>) -> i6
 }
 
 /// Appends the checksum of actions, which depends on the episode whose actions they are.
-pub(super) fn sealed_actions(mut actions: Vec<u8>, seed: u64) -> Vec<u8> {
+pub(crate) fn sealed_actions(mut actions: Vec<u8>, seed: u64) -> Vec<u8> {
     let checksum = xxh3_64_with_seed(&actions, seed);
     actions.extend(checksum.to_le_bytes());
     actions
 }
 
 /// Returns the actions without their checksum; `None` if it does not fit.
-pub(super) fn opened_actions(sealed: &[u8], seed: u64) -> Option<&[u8]> {
+pub(crate) fn opened_actions(sealed: &[u8], seed: u64) -> Option<&[u8]> {
     let (actions, checksum) = sealed.split_at_checked(sealed.len().checked_sub(ACTIONS_CHECKSUM)?)?;
     (xxh3_64_with_seed(actions, seed).to_le_bytes() == *checksum).then_some(actions)
 }

@@ -19,18 +19,18 @@ use crate::plan::{Condition, RunPlan};
 use crate::policy::Identity;
 
 /// Prefix of the keys under which identities of policies are stored.
-pub(super) const POLICY: &str = "policy/";
+pub(crate) const POLICY: &str = "policy/";
 
 /// Returns the key of a policy's identity.
-pub(super) fn policy_key(name: &str) -> String {
+pub(crate) fn policy_key(name: &str) -> String {
     format!("{POLICY}{name}")
 }
 
 /// Keys under which older files store one execution for all policies.
-pub(super) const SHARED_EXECUTION: [&str; 2] = ["mode", "execute"];
+pub(crate) const SHARED_EXECUTION: [&str; 2] = ["mode", "execute"];
 
 /// Key of the renderer's identity, which is known only once a sim is ready.
-pub(super) const RENDERER: &str = "renderer";
+pub(crate) const RENDERER: &str = "renderer";
 
 /// Key of the plans of all runs with the file.
 pub(crate) const PLANS: &str = "plans";
@@ -95,7 +95,7 @@ fn entries(options: &ResultOptions) -> Map<String, Value> {
 }
 
 /// Compares the manifest of the file with `manifest` if rows depend on it, and stores the latter.
-pub(super) fn reconcile(
+pub(crate) fn reconcile(
     connection: &Connection,
     path: &Path,
     manifest: &Manifest,
@@ -156,7 +156,7 @@ pub(super) fn reconcile(
 
 /// Completes the identity of a policy in a file that was written before each policy had its own execution.
 /// `entry` returns the JSON text of an entry.
-pub(super) fn with_shared_execution(identity: Identity, entry: impl Fn(&str) -> Option<String>) -> Identity {
+pub(crate) fn with_shared_execution(identity: Identity, entry: impl Fn(&str) -> Option<String>) -> Identity {
     if identity.execution.is_some() || identity.spec.parse() == Ok(PolicySpec::Expert) {
         return identity;
     }
@@ -168,7 +168,7 @@ pub(super) fn with_shared_execution(identity: Identity, entry: impl Fn(&str) -> 
 }
 
 /// Returns the identity of the renderer whose images the rows of the file depend on, if there are rows.
-pub(super) fn renderer(connection: &Connection) -> Result<Option<String>, rusqlite::Error> {
+pub(crate) fn renderer(connection: &Connection) -> Result<Option<String>, rusqlite::Error> {
     if !has_rows(connection)? {
         return Ok(None);
     }
@@ -180,7 +180,7 @@ fn has_rows(connection: &Connection) -> Result<bool, rusqlite::Error> {
 }
 
 /// Writes an entry.
-pub(super) fn put(connection: &Connection, key: &str, value: &Value) -> Result<(), rusqlite::Error> {
+pub(crate) fn put(connection: &Connection, key: &str, value: &Value) -> Result<(), rusqlite::Error> {
     put_text(connection, key, &value.to_string())
 }
 
@@ -190,7 +190,7 @@ fn put_text(connection: &Connection, key: &str, value: &str) -> Result<(), rusql
 }
 
 /// Reads an entry as JSON text.
-pub(super) fn get(connection: &Connection, key: &str) -> Result<Option<String>, rusqlite::Error> {
+pub(crate) fn get(connection: &Connection, key: &str) -> Result<Option<String>, rusqlite::Error> {
     connection.query_row("SELECT value FROM manifest WHERE key = ?1", [key], |row| row.get(0)).optional()
 }
 
@@ -217,7 +217,7 @@ impl StoredPlan {
 }
 
 /// Adds a plan to those of the file.
-pub(super) fn add_plan(connection: &Connection, plan: &RunPlan) -> Result<(), rusqlite::Error> {
+pub(crate) fn add_plan(connection: &Connection, plan: &RunPlan) -> Result<(), rusqlite::Error> {
     let stored = get(connection, PLANS)?.and_then(|text| serde_json::from_str(&text).ok());
     let mut plans: Vec<StoredPlan> = stored.unwrap_or_default();
     let plan = StoredPlan::new(plan);

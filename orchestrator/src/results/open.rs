@@ -62,7 +62,7 @@ pub(crate) enum ResultsFileError {
 }
 
 /// Opens or creates a results file in write-ahead mode, and locks it against a second writer.
-pub(super) fn open(path: &Path) -> Result<(Connection, File), ResultsFileError> {
+pub(crate) fn open(path: &Path) -> Result<(Connection, File), ResultsFileError> {
     let lock = lock(path)?;
     let sqlite = |source| not_used(path, source);
     let connection = connect(&file_name(path)?).map_err(sqlite)?;
@@ -74,7 +74,7 @@ pub(super) fn open(path: &Path) -> Result<(Connection, File), ResultsFileError> 
 }
 
 /// Opens an existing results file for reading. Another process may be writing to it.
-pub(super) fn open_read_only(path: &Path) -> Result<Connection, ResultsFileError> {
+pub(crate) fn open_read_only(path: &Path) -> Result<Connection, ResultsFileError> {
     let sqlite = |source| not_used(path, source);
     let file = file_name(path)?;
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
@@ -85,7 +85,7 @@ pub(super) fn open_read_only(path: &Path) -> Result<Connection, ResultsFileError
 }
 
 /// Returns `true` for a file in write-ahead mode whose log is not beside it.
-pub(super) fn lacks_wal(path: &Path) -> bool {
+pub(crate) fn lacks_wal(path: &Path) -> bool {
     /// Byte of a SQLite file that is 2 in write-ahead mode.
     const WRITE_VERSION: usize = 18;
     let mut header = [0; WRITE_VERSION + 1];
@@ -106,7 +106,7 @@ pub(crate) fn copy_snapshot(path: &Path, copy: &Path) -> Result<(), ResultsFileE
 
 /// Ends the write-ahead mode, so that the file can be read without the right to write next to it. If
 /// somebody is reading it now, it stays in that mode.
-pub(super) fn close(connection: &Connection) {
+pub(crate) fn close(connection: &Connection) {
     let _ = connection.busy_timeout(Duration::ZERO);
     let _ = connection.pragma_update(None, "journal_mode", "DELETE");
 }
@@ -145,7 +145,7 @@ fn check(connection: &Connection, path: &Path) -> Result<(), ResultsFileError> {
     Err(ResultsFileError::Damaged { path: path.into(), finding })
 }
 
-pub(super) fn not_used(path: &Path, source: rusqlite::Error) -> ResultsFileError {
+pub(crate) fn not_used(path: &Path, source: rusqlite::Error) -> ResultsFileError {
     match source.sqlite_error_code() {
         Some(ErrorCode::NotADatabase) => ResultsFileError::Foreign { path: path.into() },
         Some(ErrorCode::DatabaseCorrupt) => {
@@ -157,7 +157,7 @@ pub(super) fn not_used(path: &Path, source: rusqlite::Error) -> ResultsFileError
 
 /// Returns SQLite's sentence about an error, which the whole error repeats. For an error of reading or
 /// writing, adds what the system may have refused, because SQLite often does not say so.
-pub(super) fn cause(path: &Path, error: rusqlite::Error) -> String {
+pub(crate) fn cause(path: &Path, error: rusqlite::Error) -> String {
     /// Extended codes of locks that were refused: those of the file and of the shared memory beside it.
     const LOCKS: [i32; 6] = [2058, 2314, 2570, 3850, 4618, 5130];
     let failed = matches!(

@@ -246,7 +246,7 @@ fn read_rows(connection: &Connection, texts: &mut Texts) -> anyhow::Result<Vec<E
     Ok(rows)
 }
 
-pub(super) fn parse_condition(task: &str, perturbation: &str) -> anyhow::Result<Condition> {
+pub(crate) fn parse_condition(task: &str, perturbation: &str) -> anyhow::Result<Condition> {
     let task: TaskId = parse_task(task)?;
     let perturbation: Composition = parse_perturbation(perturbation)?;
     Ok(Condition { task, perturbation })

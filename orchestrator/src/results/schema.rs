@@ -1,14 +1,14 @@
 //! The SQL of a results file. Changing a table means a new [`VERSION`].
 
 /// Application id of results files: "HYPG" in ASCII.
-pub(super) const APPLICATION_ID: i64 = 0x4859_5047;
+pub(crate) const APPLICATION_ID: i64 = 0x4859_5047;
 /// Version of the tables below.
-pub(super) const VERSION: i64 = 3;
+pub(crate) const VERSION: i64 = 3;
 
 /// Creates the tables. Times are in seconds, `seed` is the episode seed, `fingerprint` has 16 hexadecimal
 /// digits, `checksum` is that of the columns before it, and `actions` are the executed rows
 /// `[steps, action_dim]` in little-endian f32 with a checksum of their own, if they were recorded.
-pub(super) const CREATE: &str = "
+pub(crate) const CREATE: &str = "
     CREATE TABLE manifest (
         key   TEXT NOT NULL PRIMARY KEY,
         value TEXT NOT NULL CHECK (json_valid(value))
@@ -37,7 +37,7 @@ pub(super) const CREATE: &str = "
 ";
 
 /// Stores an episode. Only a row with an error is replaced.
-pub(super) const RECORD: &str = "
+pub(crate) const RECORD: &str = "
     INSERT INTO episodes (policy, task, perturbation, episode, seed, steps, success_once, success_at_end,
         first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s,
         checksum, actions)
@@ -50,46 +50,46 @@ pub(super) const RECORD: &str = "
     WHERE episodes.error IS NOT NULL";
 
 /// Selects the keys of episodes without an error.
-pub(super) const FINISHED: &str = "
+pub(crate) const FINISHED: &str = "
     SELECT policy, task, perturbation, episode FROM episodes WHERE error IS NULL
     ORDER BY policy, task, perturbation, episode";
 
 /// Counts them.
-pub(super) const N_FINISHED: &str = "SELECT count(*) FROM episodes WHERE error IS NULL";
+pub(crate) const N_FINISHED: &str = "SELECT count(*) FROM episodes WHERE error IS NULL";
 
 /// Number of columns of which [`CHECKED`] selects the checksum.
-pub(super) const N_CHECKED: usize = 16;
+pub(crate) const N_CHECKED: usize = 16;
 
 /// Selects all episodes with their checksums.
-pub(super) const CHECKED: &str = "
+pub(crate) const CHECKED: &str = "
     SELECT policy, task, perturbation, episode, seed, steps, success_once, success_at_end,
         first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s,
         checksum
     FROM episodes ORDER BY policy, task, perturbation, episode";
 
 /// Selects all episodes with their actions, to write their checksums anew.
-pub(super) const SEALED: &str = "
+pub(crate) const SEALED: &str = "
     SELECT policy, task, perturbation, episode, seed, steps, success_once, success_at_end,
         first_success_step, failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s,
         actions
     FROM episodes";
 
 /// Writes checksums.
-pub(super) const SEAL: &str = "
+pub(crate) const SEAL: &str = "
     UPDATE episodes SET checksum = ?1, actions = ?2
     WHERE policy = ?3 AND task = ?4 AND perturbation = ?5 AND episode = ?6";
 
 /// Selects the episodes that can be replayed.
-pub(super) const RECORDED: &str = "
+pub(crate) const RECORDED: &str = "
     SELECT policy, task, perturbation, episode, seed, steps, fingerprint FROM episodes
     WHERE error IS NULL AND actions IS NOT NULL ORDER BY policy, task, perturbation, episode";
 
 /// Selects the actions of an episode.
-pub(super) const ACTIONS: &str =
+pub(crate) const ACTIONS: &str =
     "SELECT actions FROM episodes WHERE policy = ?1 AND task = ?2 AND perturbation = ?3 AND episode = ?4";
 
 /// Sums over the first episodes of one cell.
-pub(super) const SUMS: &str = "
+pub(crate) const SUMS: &str = "
     SELECT count(*) FILTER (WHERE error IS NULL),
         coalesce(sum(success_once) FILTER (WHERE error IS NULL), 0),
         coalesce(sum(success_at_end) FILTER (WHERE error IS NULL), 0),
@@ -98,18 +98,18 @@ pub(super) const SUMS: &str = "
     FROM episodes WHERE policy = ?1 AND task = ?2 AND perturbation = ?3 AND episode < ?4";
 
 /// Selects all entries of the manifest.
-pub(super) const MANIFEST: &str = "SELECT key, value FROM manifest ORDER BY key";
+pub(crate) const MANIFEST: &str = "SELECT key, value FROM manifest ORDER BY key";
 
 /// Counts the episodes.
-pub(super) const COUNT: &str = "SELECT count(*) FROM episodes";
+pub(crate) const COUNT: &str = "SELECT count(*) FROM episodes";
 
 /// Selects all episodes, without their actions.
-pub(super) const ROWS: &str = "
+pub(crate) const ROWS: &str = "
     SELECT policy, task, perturbation, episode, seed, steps, success_once, success_at_end, first_success_step,
         failed_predicate, fingerprint, error, physics_s, render_s, policy_s, wait_s, actions IS NOT NULL
     FROM episodes ORDER BY policy, task, perturbation, episode";
 
 /// Selects the episodes of a policy with their success, NULL if they could not be run.
-pub(super) const SUCCESSES: &str = "
+pub(crate) const SUCCESSES: &str = "
     SELECT task, perturbation, episode, CASE WHEN error IS NULL THEN success_once END
     FROM episodes WHERE policy = ?1 ORDER BY task, perturbation, episode";

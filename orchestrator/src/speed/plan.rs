@@ -111,7 +111,7 @@ impl SpeedPlan {
     }
 
     /// Returns `true` once a point has been measured for long enough.
-    pub(super) fn is_enough(&self, point: &PlannedPoint, env_steps: u64, wall_s: f64) -> bool {
+    pub(crate) fn is_enough(&self, point: &PlannedPoint, env_steps: u64, wall_s: f64) -> bool {
         wall_s >= f64::from(self.seconds) && env_steps >= point.min_steps()
     }
 }

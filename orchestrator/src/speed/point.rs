@@ -10,7 +10,7 @@ use crate::machine::Cores;
 use crate::report::Fps;
 
 /// Control steps of an episode in the paper's experiment.
-pub(super) const PAPER_STEPS: f64 = 200.0;
+pub(crate) const PAPER_STEPS: f64 = 200.0;
 
 /// A policy in a query mode.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -126,7 +126,7 @@ impl SpeedPoint {
     }
 
     /// Returns the wall seconds of the paper's experiment: one batch of episodes, start-up included.
-    pub(super) fn paper_elapsed_s(&self) -> f64 {
+    pub(crate) fn paper_elapsed_s(&self) -> f64 {
         f64::from(self.envs) * PAPER_STEPS / self.paper_fps
     }
 }
@@ -138,7 +138,7 @@ impl Series {
     }
 
     /// Returns the mode as on the command line.
-    pub(super) fn mode_name(&self) -> &'static str {
+    pub(crate) fn mode_name(&self) -> &'static str {
         match self.mode {
             QueryMode::Chunk => "chunk",
             QueryMode::Ensemble => "ensemble",

@@ -24,7 +24,7 @@ pub fn quantile(p: f64) -> f64 {
 }
 
 /// Returns the point in `[low, high]` at which `is_below` turns from true to false.
-pub(super) fn bisect(mut low: f64, mut high: f64, is_below: impl Fn(f64) -> bool) -> f64 {
+pub(crate) fn bisect(mut low: f64, mut high: f64, is_below: impl Fn(f64) -> bool) -> f64 {
     loop {
         let middle = low.midpoint(high);
         if middle <= low || middle >= high {

@@ -4,14 +4,14 @@ use super::normal::{bisect, cdf};
 
 /// Continuity correction of the tests, in pairs: half the step by which the number of pairs for A minus that
 /// for B can change. Without it, up to 7 % of the 5 % tests of equivalence are wrong (`docs/conclusions.md`).
-pub(super) const CONTINUITY: f64 = 0.5;
+pub(crate) const CONTINUITY: f64 = 0.5;
 
 /// Numbers of pairs and of discordant pairs. Those of a mean over cells are effective numbers, not whole.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ScoreCounts {
-    pub(super) n: f64,
-    pub(super) only_a: f64,
-    pub(super) only_b: f64,
+pub(crate) struct ScoreCounts {
+    pub(crate) n: f64,
+    pub(crate) only_a: f64,
+    pub(crate) only_b: f64,
 }
 
 impl ScoreCounts {
@@ -34,19 +34,19 @@ impl ScoreCounts {
     }
 
     /// Returns the differences at which the score is ± z.
-    pub(super) fn interval(self, z: f64, correction: f64) -> [f64; 2] {
+    pub(crate) fn interval(self, z: f64, correction: f64) -> [f64; 2] {
         let (observed, score) = (self.difference(), |delta| self.score(delta, correction));
         [bisect(-1.0, observed, |delta| score(delta) > z), bisect(observed, 1.0, |delta| score(delta) > -z)]
     }
 
     /// Returns the two-sided p-value of equal rates.
-    pub(super) fn p_value(self) -> f64 {
+    pub(crate) fn p_value(self) -> f64 {
         2.0 * cdf(-self.score(0.0, CONTINUITY).abs())
     }
 
     /// Returns the p-value against a difference of at least `margin` in either direction: the larger one of
     /// two one-sided tests.
-    pub(super) fn equivalence_p(self, margin: f64) -> f64 {
+    pub(crate) fn equivalence_p(self, margin: f64) -> f64 {
         cdf(-self.score(-margin, CONTINUITY)).max(cdf(self.score(margin, CONTINUITY)))
     }
 }

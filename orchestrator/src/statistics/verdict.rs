@@ -78,7 +78,7 @@ pub struct PairRates {
 impl PairRates {
     /// Estimates the rates. A pair is added to the discordant ones, because none seen does not mean none to
     /// come.
-    pub(super) fn smoothed(difference: f64, n_discordant: f64, n: f64) -> Self {
+    pub(crate) fn smoothed(difference: f64, n_discordant: f64, n: f64) -> Self {
         Self { difference, discordance: (n_discordant + 1.0) / (n + 1.0) }
     }
 

@@ -15,7 +15,7 @@ use crate::weights::StateDict;
 
 /// A ResNet with the batch normalisations folded into the convolutions.
 #[derive(Debug)]
-pub(super) struct Backbone {
+pub(crate) struct Backbone {
     /// One preprocessor per camera.
     preprocessors: Vec<Preprocessor>,
     /// Ranges of consecutive cameras with equal image size, which are computed together.
@@ -43,7 +43,7 @@ struct BasicBlock {
 
 /// Working memory for the images of a group of samples.
 #[derive(Debug, Default)]
-pub(super) struct BackboneScratch {
+pub(crate) struct BackboneScratch {
     n_samples: usize,
     resize: ImageScratch,
     image: Vec<f32>,
@@ -58,7 +58,7 @@ type BlockMaps = [Vec<f32>; 3];
 impl Backbone {
     /// Builds the backbone from a checked state dict, for images of these sizes.
     #[must_use]
-    pub(super) fn new(
+    pub(crate) fn new(
         architecture: &Architecture,
         normalisation: &Normalisation,
         state_dict: &StateDict,
@@ -112,7 +112,7 @@ impl Backbone {
 
     /// Allocates working memory for up to `n_samples` samples and grows that of every team member as needed.
     #[must_use]
-    pub(super) fn scratch(&self, n_samples: usize, members: &mut [ConvScratch]) -> BackboneScratch {
+    pub(crate) fn scratch(&self, n_samples: usize, members: &mut [ConvScratch]) -> BackboneScratch {
         let mut scratch = BackboneScratch { n_samples, ..BackboneScratch::default() };
         for group in &self.groups {
             self.preprocessors[group.start].reserve(&mut scratch.resize);
@@ -133,7 +133,7 @@ impl Backbone {
     ///
     /// # Panics
     /// If `scratch` was allocated for fewer samples, or `features` has the wrong length.
-    pub(super) fn forward<'a>(
+    pub(crate) fn forward<'a>(
         &self,
         n_samples: usize,
         image: impl Fn(usize, usize) -> Image<'a>,

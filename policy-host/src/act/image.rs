@@ -25,7 +25,7 @@ const HALF_UP_OFFSET: f32 = 0.501;
 
 /// Converts the images of one camera to the backbone's input.
 #[derive(Clone, Debug)]
-pub(super) struct Preprocessor {
+pub(crate) struct Preprocessor {
     size: ImageSize,
     /// Lookup table per channel: the normalised value of each byte.
     values: Vec<[f32; 256]>,
@@ -35,14 +35,14 @@ pub(super) struct Preprocessor {
 
 /// Working memory of a [`Preprocessor`].
 #[derive(Clone, Debug, Default)]
-pub(super) struct ImageScratch {
+pub(crate) struct ImageScratch {
     /// Horizontally resized image `[source h, target w, 3]`.
     rows: Vec<f32>,
 }
 
 impl Preprocessor {
     /// Creates a preprocessor that accepts images of `size` and `sizes`, and outputs `size`.
-    pub(super) fn new(size: ImageSize, normalisation: Option<&ShiftScale>, sizes: &[ImageSize]) -> Self {
+    pub(crate) fn new(size: ImageSize, normalisation: Option<&ShiftScale>, sizes: &[ImageSize]) -> Self {
         let value = |channel: usize, byte: usize| {
             let x = byte as f32 / 255.0;
             normalisation
@@ -56,7 +56,7 @@ impl Preprocessor {
 
     /// Returns the normalised value of each byte, per channel.
     #[cfg(feature = "gpu")]
-    pub(super) fn values(&self) -> &[[f32; 256]] {
+    pub(crate) fn values(&self) -> &[[f32; 256]] {
         &self.values
     }
 
@@ -64,7 +64,7 @@ impl Preprocessor {
     /// Each takes as many words as the second result says: first source pixel, number of weights, weights.
     /// Returns `None` for images of the output's size.
     #[cfg(feature = "gpu")]
-    pub(super) fn filters(&self, from: ImageSize) -> Option<(Vec<u32>, usize)> {
+    pub(crate) fn filters(&self, from: ImageSize) -> Option<(Vec<u32>, usize)> {
         let resizer = self.resizers.iter().find(|resizer| resizer.from == from)?;
         let filters = || resizer.vertical.iter().chain(&resizer.horizontal);
         let n_words = 2 + filters().map(|taps| taps.weights.len()).max()?;
@@ -77,7 +77,7 @@ impl Preprocessor {
     }
 
     /// Returns the shape of the output.
-    pub(super) fn shape(&self) -> FeatureMapShape {
+    pub(crate) fn shape(&self) -> FeatureMapShape {
         FeatureMapShape {
             batch: 1,
             height: self.size.height,
@@ -88,7 +88,7 @@ impl Preprocessor {
     }
 
     /// Grows `scratch` to what images of any accepted size need.
-    pub(super) fn reserve(&self, scratch: &mut ImageScratch) {
+    pub(crate) fn reserve(&self, scratch: &mut ImageScratch) {
         let max_height = self.resizers.iter().map(|resizer| resizer.from.height).max().unwrap_or(0);
         scratch.rows.resize(scratch.rows.len().max(max_height * self.size.width * 3), 0.0);
     }
@@ -97,7 +97,7 @@ impl Preprocessor {
     ///
     /// # Panics
     /// If the image has the wrong number of bytes or a size that was not announced.
-    pub(super) fn prepare(&self, image: Image<'_>, scratch: &mut ImageScratch) {
+    pub(crate) fn prepare(&self, image: Image<'_>, scratch: &mut ImageScratch) {
         assert_eq!(image.pixels.len(), image.size.n_pixels() * 3, "image of {:?}", image.size);
         if let Some(resizer) = self.resizer(image) {
             resizer.resize_horizontally(
@@ -109,7 +109,7 @@ impl Preprocessor {
 
     /// Computes these rows of the output, whose shape is [`shape`](Self::shape). `out` is the memory of the
     /// rows ([`FeatureMapShape::row_span`]); its padding is not written.
-    pub(super) fn run(&self, image: Image<'_>, scratch: &ImageScratch, rows: Range<usize>, out: &mut [f32]) {
+    pub(crate) fn run(&self, image: Image<'_>, scratch: &ImageScratch, rows: Range<usize>, out: &mut [f32]) {
         let shape = self.shape();
         let span = shape.row_span(rows.clone());
         let row_len = shape.width * 3;

@@ -10,7 +10,7 @@ impl ObservationMapping {
     ///
     /// # Errors
     /// The first thing that is missing or differs.
-    pub(super) fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
+    pub(crate) fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
         let Self { morphology, control_mode, cameras, .. } = self;
         if !cameras.is_empty() && !observation.has_images() {
             return Err(PolicyError::NoImages);
@@ -26,7 +26,7 @@ impl ObservationMapping {
     }
 
     /// Writes the network's state input `[state_dim]` from the robot's state vector.
-    pub(super) fn gather_state(&self, state: &[f32], mut out: &mut [f32]) {
+    pub(crate) fn gather_state(&self, state: &[f32], mut out: &mut [f32]) {
         for part in &self.state {
             let (own, others) = out.split_at_mut(part.len());
             own.copy_from_slice(&state[part.clone()]);

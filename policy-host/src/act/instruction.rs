@@ -9,7 +9,7 @@ const CAPACITY: usize = 256;
 
 /// Cache from instruction to token `[d]`.
 #[derive(Debug)]
-pub(super) struct TokenCache {
+pub(crate) struct TokenCache {
     encoder: Option<TextEncoder>,
     entries: Vec<(String, Vec<f32>)>,
     /// Index of the entry to overwrite next.
@@ -18,14 +18,14 @@ pub(super) struct TokenCache {
 
 impl TokenCache {
     /// Creates an empty cache. `encoder` is `None` for a network without instruction input.
-    pub(super) fn new(encoder: Option<TextEncoder>) -> Self {
+    pub(crate) fn new(encoder: Option<TextEncoder>) -> Self {
         Self { encoder, entries: Vec::new(), next: 0 }
     }
 
     /// Returns the token of an instruction. Returns `None` if the network has no instruction input, or if the
     /// instruction is empty and the benchmark's network omits the token (docs/benchmark.md, "Policies and
     /// evaluation").
-    pub(super) fn get(&mut self, instruction: &str, leading: &LeadingTokens) -> Option<&[f32]> {
+    pub(crate) fn get(&mut self, instruction: &str, leading: &LeadingTokens) -> Option<&[f32]> {
         let input = leading.instruction_input()?;
         if instruction.is_empty() && input.projection == TokenProjection::Mlp {
             return None;

@@ -10,7 +10,7 @@ use crate::weights::StateDict;
 
 /// The projections of state and instruction to tokens, and the token of the latent.
 #[derive(Debug)]
-pub(super) struct LeadingTokens {
+pub(crate) struct LeadingTokens {
     /// Token `[d]` of a zero latent.
     latent: Vec<f32>,
     state: Option<(Linear, Option<ShiftScale>)>,
@@ -29,7 +29,7 @@ struct InstructionProjection {
 
 impl LeadingTokens {
     /// Builds the projections from a checked state dict.
-    pub(super) fn new(
+    pub(crate) fn new(
         architecture: &Architecture,
         normalisation: &Normalisation,
         state_dict: &StateDict,
@@ -55,7 +55,7 @@ impl LeadingTokens {
     }
 
     /// Returns the instruction input of the network, if it has one.
-    pub(super) fn instruction_input(&self) -> Option<InstructionInput> {
+    pub(crate) fn instruction_input(&self) -> Option<InstructionInput> {
         self.input
     }
 
@@ -64,7 +64,7 @@ impl LeadingTokens {
     ///
     /// # Panics
     /// If the embedding has a different dimension.
-    pub(super) fn instruction_token(&self, embedding: &[f32]) -> Option<Vec<f32>> {
+    pub(crate) fn instruction_token(&self, embedding: &[f32]) -> Option<Vec<f32>> {
         let projection = self.instruction.as_ref()?;
         let mut x = embedding.to_vec();
         if let Some(norm) = &projection.normalisation {
@@ -84,7 +84,7 @@ impl LeadingTokens {
 
     /// Writes the tokens to the start of `tokens` and returns the rest. `state` is normalised in place;
     /// `instruction` is empty or a token.
-    pub(super) fn write<'a>(
+    pub(crate) fn write<'a>(
         &self,
         state: &mut [f32],
         instruction: &[f32],

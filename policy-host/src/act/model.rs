@@ -105,7 +105,7 @@ impl ActModel {
     }
 
     /// Returns the projections to the tokens before those of the images.
-    pub(super) fn leading(&self) -> &LeadingTokens {
+    pub(crate) fn leading(&self) -> &LeadingTokens {
         &self.leading
     }
 
@@ -207,7 +207,7 @@ impl ActModel {
 /// Returns the position embeddings of all tokens, and of all but the instruction token: learned ones, zero
 /// for an instruction token without a learned one, and the sinusoidal encoding for image tokens, equal for
 /// cameras of one size.
-pub(super) fn positions(architecture: &Architecture, state_dict: &StateDict) -> [Vec<f32>; 2] {
+pub(crate) fn positions(architecture: &Architecture, state_dict: &StateDict) -> [Vec<f32>; 2] {
     let width = architecture.hidden_dim;
     let learned = state_dict.get("additional_pos_embed.weight");
     let images: Vec<f32> =

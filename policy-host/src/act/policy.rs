@@ -39,7 +39,7 @@ const MAX_SAMPLES_PER_JOB: usize = 4;
 
 /// The rows of its chunks that a policy computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ChunkRows {
+pub(crate) enum ChunkRows {
     /// Those that the sim will execute, as the record of each env says.
     Executed,
     /// All of them.
@@ -101,7 +101,7 @@ pub fn check(
 impl ChunkRows {
     /// Returns the number of rows to compute of a chunk of `horizon` rows, of which `execute` will be
     /// executed.
-    pub(super) fn count(self, execute: u32, horizon: usize) -> usize {
+    pub(crate) fn count(self, execute: u32, horizon: usize) -> usize {
         match self {
             Self::Executed => horizon.min(execute as usize),
             Self::All => horizon,

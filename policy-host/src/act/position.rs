@@ -11,7 +11,7 @@ const TEMPERATURE: f64 = 10_000.0;
 /// Returns the encoding `[h, w, d] f32` of one camera's feature map. The first half of a token encodes its
 /// row, the second half its column.
 #[must_use]
-pub(super) fn sine_encoding(map: ImageSize, hidden_dim: usize) -> Vec<f32> {
+pub(crate) fn sine_encoding(map: ImageSize, hidden_dim: usize) -> Vec<f32> {
     let half = hidden_dim / 2;
     let mut encoding = vec![0.0; map.n_pixels() * hidden_dim];
     for (token, out) in encoding.chunks_exact_mut(hidden_dim).enumerate() {

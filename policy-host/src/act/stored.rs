@@ -11,21 +11,21 @@ use crate::text::TextEncoder;
 use crate::weights::{CONFIG_FILE, StateDict};
 
 /// Everything that a checkpoint says about one network.
-pub(super) struct StoredNetwork {
-    pub(super) architecture: Architecture,
-    pub(super) normalisation: Normalisation,
-    pub(super) state_dict: StateDict,
-    pub(super) mapping: ObservationMapping,
-    pub(super) encoder: Option<TextEncoder>,
+pub(crate) struct StoredNetwork {
+    pub(crate) architecture: Architecture,
+    pub(crate) normalisation: Normalisation,
+    pub(crate) state_dict: StateDict,
+    pub(crate) mapping: ObservationMapping,
+    pub(crate) encoder: Option<TextEncoder>,
     /// Decay of the temporal ensemble's weights, if the checkpoint specifies one.
-    pub(super) ensemble_decay: Option<f64>,
+    pub(crate) ensemble_decay: Option<f64>,
 }
 
 /// Reads the networks for `robots` one after another and passes each to `build`.
 ///
 /// # Errors
 /// The first file or tensor that is missing, unexpected or damaged, or the error of `build`.
-pub(super) fn load_networks<N, E: From<CheckpointFolderError>>(
+pub(crate) fn load_networks<N, E: From<CheckpointFolderError>>(
     folder: &Path,
     robots: &[Morphology],
     mut build: impl FnMut(StoredNetwork) -> Result<N, E>,
@@ -45,7 +45,7 @@ pub(super) fn load_networks<N, E: From<CheckpointFolderError>>(
 }
 
 /// Returns the checkpoint folders in `folder`: `folder` itself, or its subfolders `single` and `bimanual`.
-pub(super) fn folders(folder: &Path) -> Result<Vec<PathBuf>, CheckpointFolderError> {
+pub(crate) fn folders(folder: &Path) -> Result<Vec<PathBuf>, CheckpointFolderError> {
     checkpoint_folders(folder, CONFIG_FILE, |folder| folder.join(CONFIG_FILE).is_file())
 }
 

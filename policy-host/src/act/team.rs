@@ -14,18 +14,18 @@ const ROW_GRANULARITY: usize = 6;
 
 /// Returns the number of units (rows, heads) per member, of `n_units` in total. The last member may have
 /// fewer.
-pub(super) fn share(n_units: usize, n_members: usize, granularity: usize) -> usize {
+pub(crate) fn share(n_units: usize, n_members: usize, granularity: usize) -> usize {
     n_units.div_ceil(n_members).next_multiple_of(granularity).max(1)
 }
 
 /// Returns the number of token rows per member. The last member may have fewer.
-pub(super) fn rows_per_member(n_rows: usize, n_members: usize) -> usize {
+pub(crate) fn rows_per_member(n_rows: usize, n_members: usize) -> usize {
     share(n_rows, n_members, ROW_GRANULARITY)
 }
 
 /// Divides the rows of the feature maps `map` among the members and calls `compute(rows, memory of the rows,
 /// member)` for each band. Bands start at multiples of `granularity`. Clears the padding afterwards.
-pub(super) fn in_bands<M: Send>(
+pub(crate) fn in_bands<M: Send>(
     members: &mut [M],
     (map, shape): (&mut [f32], FeatureMapShape),
     granularity: usize,

@@ -16,7 +16,7 @@ use crate::weights::StateDict;
 
 /// Working memory of a transformer and its team.
 #[derive(Clone, Debug)]
-pub(super) struct TransformerScratch {
+pub(crate) struct TransformerScratch {
     n_members: usize,
     /// Tokens plus position embeddings `[max(t, q), d]`.
     positioned: Vec<f32>,
@@ -39,7 +39,7 @@ pub(super) struct TransformerScratch {
 impl TransformerScratch {
     /// Allocates working memory for one sample and a team of `n_members` threads.
     #[must_use]
-    pub(super) fn new(architecture: &Architecture, n_members: usize) -> Self {
+    pub(crate) fn new(architecture: &Architecture, n_members: usize) -> Self {
         let (width, horizon) = (architecture.hidden_dim, architecture.horizon);
         let rows = architecture.max_tokens().max(horizon);
         let tokens = vec![0.0; rows * width];
@@ -178,7 +178,7 @@ impl LayerTail {
 
 /// A post-norm encoder layer.
 #[derive(Clone, Debug)]
-pub(super) struct EncoderLayer {
+pub(crate) struct EncoderLayer {
     attention: MultiheadAttention,
     tail: LayerTail,
 }
@@ -187,7 +187,7 @@ impl EncoderLayer {
     /// Builds the layer from a checked state dict. `layer` is its name, for example
     /// `transformer.encoder.layers.0`.
     #[must_use]
-    pub(super) fn new(
+    pub(crate) fn new(
         architecture: &Architecture,
         state_dict: &StateDict,
         precision: Precision,
@@ -205,7 +205,7 @@ impl EncoderLayer {
     }
 
     /// Applies the layer in place to the tokens `x [t, d]` with position embeddings `positions [t, d]`.
-    pub(super) fn forward(&self, x: &mut [f32], positions: &[f32], scratch: &mut TransformerScratch) {
+    pub(crate) fn forward(&self, x: &mut [f32], positions: &[f32], scratch: &mut TransformerScratch) {
         let width = self.attention.out.in_features();
         let n_tokens = x.len() / width;
         project_qkv(&self.attention, x, positions, scratch);
@@ -315,7 +315,7 @@ impl DecoderLayer {
 /// The target starts at zero, so the first layer's output up to the cross-attention queries is the same for
 /// every input. It is computed once, at construction.
 #[derive(Clone, Debug)]
-pub(super) struct Decoder {
+pub(crate) struct Decoder {
     layers: Vec<DecoderLayer>,
     /// Learned query position embeddings `[q, d]`.
     query_positions: Vec<f32>,
@@ -330,7 +330,7 @@ pub(super) struct Decoder {
 impl Decoder {
     /// Builds the decoder from a checked state dict.
     #[must_use]
-    pub(super) fn new(architecture: &Architecture, state_dict: &StateDict, precision: Precision) -> Self {
+    pub(crate) fn new(architecture: &Architecture, state_dict: &StateDict, precision: Precision) -> Self {
         let layer = |idx| {
             DecoderLayer::new(
                 architecture,
@@ -357,7 +357,7 @@ impl Decoder {
     /// Computes the first rows of the action chunk, `actions [≤ q, action_dim]`, from the encoded tokens
     /// `memory [t, d]` and their position embeddings. The work after the last attention is done for these
     /// rows only; their bits do not depend on how many they are.
-    pub(super) fn forward(
+    pub(crate) fn forward(
         &self,
         memory: &[f32],
         positions: &[f32],
@@ -385,13 +385,13 @@ impl Decoder {
 }
 
 /// Builds the linear layer `name`.
-pub(super) fn linear(state_dict: &StateDict, precision: Precision, name: &str) -> Linear {
+pub(crate) fn linear(state_dict: &StateDict, precision: Precision, name: &str) -> Linear {
     let [weight, bias] = ["weight", "bias"].map(|part| state_dict.get(&format!("{name}.{part}")));
     Linear::with_precision(weight, bias, precision)
 }
 
 /// Builds the layer normalisation `name`.
-pub(super) fn layer_norm(state_dict: &StateDict, name: &str) -> LayerNorm {
+pub(crate) fn layer_norm(state_dict: &StateDict, name: &str) -> LayerNorm {
     LayerNorm::new(state_dict.get(&format!("{name}.weight")), state_dict.get(&format!("{name}.bias")))
 }
 

@@ -209,7 +209,7 @@ impl ActConfig {
 
 /// Reads the configuration at `path` and the normalisation statistics. Opens the weights file and stores it
 /// in `tensors`.
-pub(super) fn describe(
+pub(crate) fn describe(
     path: &Path,
     text: &[u8],
     tensors: &mut Option<TensorFile>,
@@ -258,7 +258,7 @@ pub(super) fn describe(
 }
 
 /// Deserializes an optional control mode from ManiSkill's name.
-pub(super) fn optional_control_mode<'de, D: serde::Deserializer<'de>>(
+pub(crate) fn optional_control_mode<'de, D: serde::Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<ControlMode>, D::Error> {
     control_mode_name::deserialize(deserializer).map(Some)
@@ -271,11 +271,11 @@ mod control_mode_name {
     use serde::{Deserialize, Deserializer, Serializer};
 
     #[expect(clippy::trivially_copy_pass_by_ref, reason = "signature required by serde")]
-    pub(super) fn serialize<S: Serializer>(mode: &ControlMode, serializer: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<S: Serializer>(mode: &ControlMode, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(mode.name())
     }
 
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ControlMode, D::Error> {
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ControlMode, D::Error> {
         let name = String::deserialize(deserializer)?;
         ControlMode::ALL.into_iter().find(|mode| mode.name() == name).ok_or_else(|| {
             let known = ControlMode::ALL.map(ControlMode::name).join(", ");

@@ -80,10 +80,10 @@ struct LeRobotConfig {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct FeatureShape {
+pub(crate) struct FeatureShape {
     #[serde(rename = "type")]
-    pub(super) kind: FeatureKind,
-    pub(super) shape: Vec<usize>,
+    pub(crate) kind: FeatureKind,
+    pub(crate) shape: Vec<usize>,
 }
 
 impl LeRobotConfig {
@@ -124,7 +124,7 @@ impl LeRobotConfig {
 }
 
 /// Reads the settings that LeRobot's policies have in common and that could change actions.
-pub(super) fn read_base(settings: &mut Settings, notes: &mut Vec<String>) -> Result<(), CheckpointError> {
+pub(crate) fn read_base(settings: &mut Settings, notes: &mut Vec<String>) -> Result<(), CheckpointError> {
     settings.discard(&BASE_WITHOUT_INFLUENCE);
     let n_obs_steps = settings.take_or("n_obs_steps", 1)?;
     if n_obs_steps != 1 {
@@ -138,7 +138,7 @@ pub(super) fn read_base(settings: &mut Settings, notes: &mut Vec<String>) -> Res
 }
 
 /// Reads the size of a chunk and its use. `default` is LeRobot's default of both numbers of rows.
-pub(super) fn read_chunk(settings: &mut Settings, default: usize) -> Result<ChunkSettings, CheckpointError> {
+pub(crate) fn read_chunk(settings: &mut Settings, default: usize) -> Result<ChunkSettings, CheckpointError> {
     let horizon = settings.take_or("chunk_size", default)?;
     let execute = settings.take_or("n_action_steps", default)?;
     if execute == 0 || execute > horizon {
@@ -174,7 +174,7 @@ fn read_action_dim(settings: &mut Settings) -> Result<usize, CheckpointError> {
 
 /// Reads the configuration, the processors and the observation mapping in `folder`. Opens the weights file
 /// and stores it in `tensors`.
-pub(super) fn describe(
+pub(crate) fn describe(
     folder: &Path,
     mut settings: Settings,
     tensors: &mut Option<TensorFile>,

@@ -43,7 +43,7 @@ pub const MAPPING_FILE: &str = "hypogeum.json";
 /// Name of the instruction embedding in a mapping.
 const LANGUAGE: &str = "language";
 /// Source of a π0.5 camera that the robot does not have.
-pub(super) const NO_CAMERA: &str = "none";
+pub(crate) const NO_CAMERA: &str = "none";
 
 /// The mapping from a robot's observation to a network's input, and the meaning of its actions.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -61,21 +61,21 @@ pub struct ObservationMapping {
 /// Contents of the mapping file.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct Sidecar {
-    pub(super) morphology: Option<Morphology>,
+pub(crate) struct Sidecar {
+    pub(crate) morphology: Option<Morphology>,
     #[serde(deserialize_with = "super::colosseum::optional_control_mode")]
-    pub(super) control_mode: Option<ControlMode>,
-    pub(super) mapping: BTreeMap<String, FeatureSource>,
-    pub(super) language: Option<LanguageConfig>,
+    pub(crate) control_mode: Option<ControlMode>,
+    pub(crate) mapping: BTreeMap<String, FeatureSource>,
+    pub(crate) language: Option<LanguageConfig>,
     /// π0.5: heads of the vision tower, if they are not SigLIP So400m's.
-    pub(super) vision_heads: Option<usize>,
+    pub(crate) vision_heads: Option<usize>,
     /// π0.5: state numbers in the prompt.
-    pub(super) prompt_state: Option<PromptState>,
+    pub(crate) prompt_state: Option<PromptState>,
     /// π0.5 in openpi's format: rows of an action chunk.
-    pub(super) chunk_size: Option<usize>,
+    pub(crate) chunk_size: Option<usize>,
     /// Unknown settings that are ignored.
     #[serde(deserialize_with = "ignore_list")]
-    pub(super) ignore: IgnoreList,
+    pub(crate) ignore: IgnoreList,
 }
 
 fn ignore_list<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<IgnoreList, D::Error> {
@@ -85,28 +85,28 @@ fn ignore_list<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Igno
 /// Source of a feature: a camera, `language`, or parts of the state.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
-pub(super) enum FeatureSource {
+pub(crate) enum FeatureSource {
     One(String),
     Parts(Vec<String>),
 }
 
 /// An input feature of a checkpoint.
 #[derive(Debug)]
-pub(super) struct InputFeature {
-    pub(super) name: String,
-    pub(super) shape: Vec<usize>,
-    pub(super) kind: FeatureKind,
+pub(crate) struct InputFeature {
+    pub(crate) name: String,
+    pub(crate) shape: Vec<usize>,
+    pub(crate) kind: FeatureKind,
     /// Name of the environment's feature that the preprocessor renames to it; its own name without one.
     source: String,
 }
 
 impl InputFeature {
-    pub(super) fn new(name: String, shape: Vec<usize>, kind: FeatureKind) -> Self {
+    pub(crate) fn new(name: String, shape: Vec<usize>, kind: FeatureKind) -> Self {
         Self { source: name.clone(), name, shape, kind }
     }
 
     /// Returns `false` for a camera whose images are not square.
-    pub(super) fn is_square(&self) -> bool {
+    pub(crate) fn is_square(&self) -> bool {
         self.kind != FeatureKind::Visual || !matches!(self.shape[..], [_, height, width] if height != width)
     }
 }
@@ -115,7 +115,7 @@ impl InputFeature {
 ///
 /// # Errors
 /// If an input has several sources, or none because its own name is given to another.
-pub(super) fn rename(
+pub(crate) fn rename(
     inputs: &mut [InputFeature],
     renames: &BTreeMap<String, String>,
     path: &Path,
@@ -145,7 +145,7 @@ pub(super) fn rename(
 /// Kind of a feature, under LeRobot's names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
-pub(super) enum FeatureKind {
+pub(crate) enum FeatureKind {
     Visual,
     State,
     Env,
@@ -154,7 +154,7 @@ pub(super) enum FeatureKind {
 
 impl Sidecar {
     /// Reads the mapping file in `folder`, or returns the default if there is none.
-    pub(super) fn read(folder: &Path) -> Result<Self, CheckpointError> {
+    pub(crate) fn read(folder: &Path) -> Result<Self, CheckpointError> {
         let path = folder.join(MAPPING_FILE);
         match input::read(&path) {
             Ok(text) => parse(&path, &text),
@@ -166,7 +166,7 @@ impl Sidecar {
 
 impl Sidecar {
     /// Refuses the keys that only π0.5 has.
-    pub(super) fn refuse_pi05_keys(&self, folder: &Path) -> Result<(), CheckpointError> {
+    pub(crate) fn refuse_pi05_keys(&self, folder: &Path) -> Result<(), CheckpointError> {
         let keys = [
             ("vision_heads", self.vision_heads.is_some()),
             ("prompt_state", self.prompt_state.is_some()),
@@ -176,7 +176,7 @@ impl Sidecar {
     }
 
     /// Returns `true` if a camera of the network has no counterpart and is left out of its input.
-    pub(super) fn leaves_out(&self, input: &InputFeature) -> bool {
+    pub(crate) fn leaves_out(&self, input: &InputFeature) -> bool {
         let own = input.name.strip_prefix("observation.images.").unwrap_or(&input.name);
         match self.mapping.get(&input.name) {
             Some(FeatureSource::One(name)) => name == NO_CAMERA,
@@ -189,14 +189,14 @@ impl Sidecar {
 
 impl Sidecar {
     /// Returns the width of parts of the state of a robot, or `None` if one of them is unknown.
-    pub(super) fn width_of(&self, source: &FeatureSource) -> Option<usize> {
+    pub(crate) fn width_of(&self, source: &FeatureSource) -> Option<usize> {
         let parts = self.morphology?.state_parts();
         source.names().iter().map(|part| state_range(part, parts).ok().map(|range| range.len())).sum()
     }
 }
 
 /// Refuses a key of the mapping file that would have no effect.
-pub(super) fn refuse_if(
+pub(crate) fn refuse_if(
     is_set: bool,
     folder: &Path,
     key: &str,
@@ -227,7 +227,7 @@ impl FeatureSource {
 ///
 /// # Errors
 /// The first feature that cannot be mapped, with a list of both sides.
-pub(super) fn map_features(
+pub(crate) fn map_features(
     inputs: &[InputFeature],
     action_dim: usize,
     sidecar: &Sidecar,

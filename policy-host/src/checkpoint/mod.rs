@@ -89,7 +89,7 @@ pub struct Checkpoint {
 
 /// Contents of a folder's configuration, independent of its format.
 #[derive(Debug)]
-struct Description {
+pub(crate) struct Description {
     architecture: Architecture,
     normalisation: Normalisation,
     names: TensorNames,

@@ -15,11 +15,11 @@ use super::statistics::{Normaliser, StatisticsFile};
 use crate::weights::TensorFile;
 
 /// File name of the preprocessor, written since LeRobot 0.4.
-pub(super) const PREPROCESSOR: &str = "policy_preprocessor.json";
+pub(crate) const PREPROCESSOR: &str = "policy_preprocessor.json";
 /// File name of the postprocessor, written since LeRobot 0.4.
-pub(super) const POSTPROCESSOR: &str = "policy_postprocessor.json";
+pub(crate) const POSTPROCESSOR: &str = "policy_postprocessor.json";
 /// Default of LeRobot's `eps`, which it adds to a standard deviation and substitutes for a zero range.
-pub(super) const DEFAULT_EPSILON: f32 = 1e-8;
+pub(crate) const DEFAULT_EPSILON: f32 = 1e-8;
 /// Data types to which a processor may cast, because tensors have them here.
 const FLOAT_TYPES: [&str; 2] = ["float32", "float"];
 /// LeRobot's kinds of features.
@@ -30,7 +30,7 @@ const TASK: &str = "task";
 /// Normalisation of one kind of feature, under LeRobot's names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
-pub(super) enum NormalisationMode {
+pub(crate) enum NormalisationMode {
     Identity,
     MeanStd,
     MinMax,
@@ -39,7 +39,7 @@ pub(super) enum NormalisationMode {
 }
 
 /// Normalisation by kind of feature.
-pub(super) type Modes = BTreeMap<String, NormalisationMode>;
+pub(crate) type Modes = BTreeMap<String, NormalisationMode>;
 
 /// A kind of step, by its registered name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,24 +76,24 @@ const PI05_POSTPROCESSOR_STEPS: Allowed =
 
 /// Settings of the step that splits a prompt into tokens.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct TokenizerSettings {
+pub(crate) struct TokenizerSettings {
     /// Name or subfolder of the vocabulary.
-    pub(super) name: Option<String>,
+    pub(crate) name: Option<String>,
     /// Maximum number of tokens, if longer prompts are cut off.
-    pub(super) max_tokens: Option<usize>,
+    pub(crate) max_tokens: Option<usize>,
 }
 
 /// Contents of both files.
 #[derive(Debug)]
-pub(super) struct Processors {
+pub(crate) struct Processors {
     /// New names of the environment's features by their own names.
-    pub(super) renames: BTreeMap<String, String>,
-    pub(super) inputs: Option<Normaliser>,
-    pub(super) outputs: Option<Normaliser>,
+    pub(crate) renames: BTreeMap<String, String>,
+    pub(crate) inputs: Option<Normaliser>,
+    pub(crate) outputs: Option<Normaliser>,
     /// Only π0.5 has this step.
-    pub(super) tokenizer: Option<TokenizerSettings>,
+    pub(crate) tokenizer: Option<TokenizerSettings>,
     /// Number of entries to which π0.5's step pads the state in the prompt, in versions that do.
-    pub(super) max_state_dim: Option<usize>,
+    pub(crate) max_state_dim: Option<usize>,
 }
 
 /// One step of a file.
@@ -153,7 +153,7 @@ impl StepKind {
 
 impl Processors {
     /// Reads ACT's files in `folder`, or returns `None` if there is no preprocessor.
-    pub(super) fn of_act(
+    pub(crate) fn of_act(
         folder: &Path,
         ignore: &IgnoreList,
         notes: &mut Vec<String>,
@@ -165,7 +165,7 @@ impl Processors {
     }
 
     /// Reads π0.5's files in `folder`.
-    pub(super) fn of_pi05(
+    pub(crate) fn of_pi05(
         folder: &Path,
         ignore: &IgnoreList,
         notes: &mut Vec<String>,
@@ -368,7 +368,7 @@ fn expect_task(config: &mut Settings) -> Result<(), CheckpointError> {
 }
 
 /// Returns LeRobot's name of a kind of feature.
-pub(super) fn kind_name(kind: FeatureKind) -> &'static str {
+pub(crate) fn kind_name(kind: FeatureKind) -> &'static str {
     match kind {
         FeatureKind::Visual => "VISUAL",
         FeatureKind::State => "STATE",
@@ -379,7 +379,7 @@ pub(super) fn kind_name(kind: FeatureKind) -> &'static str {
 
 impl NormalisationMode {
     /// Returns LeRobot's name.
-    pub(super) fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Identity => "IDENTITY",
             Self::MeanStd => "MEAN_STD",

@@ -21,7 +21,7 @@ const MAX_SHOWN: usize = 60;
 
 /// The keys of a JSON object that have not been taken yet.
 #[derive(Debug)]
-pub(super) struct Settings {
+pub(crate) struct Settings {
     path: PathBuf,
     /// Name of the object in front of its keys: empty, or for example `tokenizer_processor.`.
     scope: String,
@@ -30,40 +30,40 @@ pub(super) struct Settings {
 
 /// Names of settings that the user allows to be ignored.
 #[derive(Debug, Default)]
-pub(super) struct IgnoreList {
+pub(crate) struct IgnoreList {
     names: Vec<String>,
     used: RefCell<BTreeSet<String>>,
 }
 
 /// The entries of an object in the order of the file.
 #[derive(Clone, Debug)]
-pub(super) struct Features<T>(pub(super) Vec<(String, T)>);
+pub(crate) struct Features<T>(pub(crate) Vec<(String, T)>);
 
 type Entries = Features<Box<RawValue>>;
 
 impl Settings {
     /// Reads the object in the file at `path`.
-    pub(super) fn read(path: &Path) -> Result<Self, CheckpointError> {
+    pub(crate) fn read(path: &Path) -> Result<Self, CheckpointError> {
         let text = ipc_types::input::read(path)
             .map_err(|source| CheckpointError::Read { path: path.to_owned(), source })?;
         Self::parse(path, &text)
     }
 
     /// Parses the object in the file at `path`, which contains `text`.
-    pub(super) fn parse(path: &Path, text: &[u8]) -> Result<Self, CheckpointError> {
+    pub(crate) fn parse(path: &Path, text: &[u8]) -> Result<Self, CheckpointError> {
         let Features(entries) = parse::<Entries>(path, text)?;
         Ok(Self { path: path.to_owned(), scope: String::new(), entries })
     }
 
     /// Takes a key. Returns `None` if it is absent or `null`.
-    pub(super) fn take<T: DeserializeOwned>(&mut self, key: &str) -> Result<Option<T>, CheckpointError> {
+    pub(crate) fn take<T: DeserializeOwned>(&mut self, key: &str) -> Result<Option<T>, CheckpointError> {
         let Some(value) = self.remove(key) else { return Ok(None) };
         serde_json::from_str::<Option<T>>(value.get())
             .map_err(|error| self.value(key, shown(&value), format!("another type ({error})")))
     }
 
     /// Takes a key. Returns `default` if it is absent or `null`.
-    pub(super) fn take_or<T: DeserializeOwned>(
+    pub(crate) fn take_or<T: DeserializeOwned>(
         &mut self,
         key: &str,
         default: T,
@@ -72,7 +72,7 @@ impl Settings {
     }
 
     /// Takes a key that must be there.
-    pub(super) fn require<T: DeserializeOwned>(
+    pub(crate) fn require<T: DeserializeOwned>(
         &mut self,
         key: &str,
         expected: &str,
@@ -81,13 +81,13 @@ impl Settings {
     }
 
     /// Takes a key whose value is an object, as `scope.key.` in messages.
-    pub(super) fn object(&mut self, key: &str, scope: &str) -> Result<Option<Self>, CheckpointError> {
+    pub(crate) fn object(&mut self, key: &str, scope: &str) -> Result<Option<Self>, CheckpointError> {
         let Some(Features(entries)) = self.take::<Entries>(key)? else { return Ok(None) };
         Ok(Some(Self { path: self.path.clone(), scope: scope.to_owned(), entries }))
     }
 
     /// Takes a key whose value is a list of objects.
-    pub(super) fn objects(&mut self, key: &str) -> Result<Vec<Self>, CheckpointError> {
+    pub(crate) fn objects(&mut self, key: &str) -> Result<Vec<Self>, CheckpointError> {
         let objects: Vec<Entries> = self.require(key, "a list")?;
         let settings = (0..).zip(objects).map(|(idx, Features(entries))| Self {
             path: self.path.clone(),
@@ -98,7 +98,7 @@ impl Settings {
     }
 
     /// Takes a switch that must be off.
-    pub(super) fn refuse_switch(&mut self, key: &str, expected: &str) -> Result<(), CheckpointError> {
+    pub(crate) fn refuse_switch(&mut self, key: &str, expected: &str) -> Result<(), CheckpointError> {
         match self.take::<Flag>(key)? {
             Some(flag) if flag.is_set() => Err(self.value(key, "true", expected)),
             _ => Ok(()),
@@ -106,12 +106,12 @@ impl Settings {
     }
 
     /// Takes keys that have no influence on actions.
-    pub(super) fn discard(&mut self, keys: &[&str]) {
+    pub(crate) fn discard(&mut self, keys: &[&str]) {
         self.entries.retain(|(name, _)| !keys.contains(&name.as_str()));
     }
 
     /// Returns the error that a key has this value instead of what is expected.
-    pub(super) fn value(
+    pub(crate) fn value(
         &self,
         key: &str,
         found: impl fmt::Display,
@@ -126,7 +126,7 @@ impl Settings {
     }
 
     /// Ends the reading: refuses the first key that was not taken, and notes those that the user ignores.
-    pub(super) fn finish(self, ignore: &IgnoreList, notes: &mut Vec<String>) -> Result<(), CheckpointError> {
+    pub(crate) fn finish(self, ignore: &IgnoreList, notes: &mut Vec<String>) -> Result<(), CheckpointError> {
         for (name, value) in self.entries {
             let (setting, found) = (format!("{}{name}", self.scope), shown(&value));
             if !ignore.allows(&setting) {
@@ -149,7 +149,7 @@ impl Settings {
 }
 
 impl IgnoreList {
-    pub(super) fn new(names: Vec<String>) -> Self {
+    pub(crate) fn new(names: Vec<String>) -> Self {
         Self { names, used: RefCell::default() }
     }
 
@@ -162,7 +162,7 @@ impl IgnoreList {
     }
 
     /// Refuses names that no unknown setting has: a known one cannot be ignored.
-    pub(super) fn finish(&self, folder: &Path) -> Result<(), CheckpointError> {
+    pub(crate) fn finish(&self, folder: &Path) -> Result<(), CheckpointError> {
         let used = self.used.borrow();
         let unused = self.names.iter().find(|name| !used.contains(*name));
         unused.map_or(Ok(()), |name| {
@@ -184,12 +184,12 @@ impl<T> Default for Features<T> {
 
 impl<T> Features<T> {
     /// Returns the entry with this name.
-    pub(super) fn get(&self, name: &str) -> Option<&T> {
+    pub(crate) fn get(&self, name: &str) -> Option<&T> {
         self.0.iter().find(|(own, _)| own == name).map(|(_, entry)| entry)
     }
 
     /// Adds an entry at the end, unless there is one with this name.
-    pub(super) fn add(&mut self, name: String, entry: T) {
+    pub(crate) fn add(&mut self, name: String, entry: T) {
         if self.get(&name).is_none() {
             self.0.push((name, entry));
         }

@@ -17,27 +17,27 @@ use crate::weights::{CONFIG_FILE, TensorFile};
 /// Number of tensors that an error lists.
 const MAX_LISTED: usize = 12;
 /// Name of the action feature, which is normalised by that name.
-pub(super) const ACTION: &str = "action";
+pub(crate) const ACTION: &str = "action";
 
 /// Normalisation of one direction: network inputs, or actions back to the robot.
 #[derive(Debug)]
-pub(super) struct Normaliser {
+pub(crate) struct Normaliser {
     /// File whose settings these are.
-    pub(super) path: PathBuf,
+    pub(crate) path: PathBuf,
     /// Name of the step in that file.
-    pub(super) step: &'static str,
-    pub(super) modes: Modes,
+    pub(crate) step: &'static str,
+    pub(crate) modes: Modes,
     /// Kinds of the features that the step knows; `None` if all are known.
-    pub(super) kinds: Option<BTreeMap<String, FeatureKind>>,
+    pub(crate) kinds: Option<BTreeMap<String, FeatureKind>>,
     /// Features to which the step is restricted, if it is.
-    pub(super) only: Option<BTreeSet<String>>,
-    pub(super) epsilon: f32,
-    pub(super) file: StatisticsFile,
+    pub(crate) only: Option<BTreeSet<String>>,
+    pub(crate) epsilon: f32,
+    pub(crate) file: StatisticsFile,
 }
 
 /// Location of statistics.
 #[derive(Debug)]
-pub(super) enum StatisticsFile {
+pub(crate) enum StatisticsFile {
     /// The step names no file.
     Absent,
     /// The step's own file, with names `<feature>.<statistic>`.
@@ -57,7 +57,7 @@ enum Statistics {
 impl Normaliser {
     /// Returns the normalisations of inputs and of actions. Without processors they are those of `modes`,
     /// with statistics among the `weights`.
-    pub(super) fn of_act(
+    pub(crate) fn of_act(
         folder: &Path,
         processors: Option<Processors>,
         modes: &Modes,
@@ -83,7 +83,7 @@ impl Normaliser {
     }
 
     /// Returns the normalisation of a processor without that step: `modes` must be identities.
-    pub(super) fn missing_step(folder: &Path, file: &str, modes: &Modes) -> Self {
+    pub(crate) fn missing_step(folder: &Path, file: &str, modes: &Modes) -> Self {
         let step = if file == PREPROCESSOR { "normalizer_processor" } else { "unnormalizer_processor" };
         Self {
             path: folder.join(file),
@@ -97,7 +97,7 @@ impl Normaliser {
     }
 
     /// Returns `true` if the instruction's hashed embedding is recorded as the source of a feature.
-    pub(super) fn records_hashed_embedding(&mut self, feature: &str) -> Result<bool, CheckpointError> {
+    pub(crate) fn records_hashed_embedding(&mut self, feature: &str) -> Result<bool, CheckpointError> {
         let StatisticsFile::Own(file) = &mut self.file else { return Ok(false) };
         let name = format!("{feature}.{}", hashed::STATISTIC);
         if !file.contains(&name) {
@@ -118,7 +118,7 @@ impl Normaliser {
     ///
     /// # Errors
     /// If the step does not know a feature that it has to normalise.
-    pub(super) fn mode(&self, name: &str, kind: FeatureKind) -> Result<NormalisationMode, CheckpointError> {
+    pub(crate) fn mode(&self, name: &str, kind: FeatureKind) -> Result<NormalisationMode, CheckpointError> {
         let is_action = kind == FeatureKind::Action;
         let mode = |kind| self.modes.get(kind_name(kind)).copied().unwrap_or(NormalisationMode::Identity);
         // LeRobot finds the action by its name alone.
@@ -202,7 +202,7 @@ impl Normaliser {
     }
 
     /// Returns the normalisation of an input with `dim` entries (channels for an image).
-    pub(super) fn input(
+    pub(crate) fn input(
         &mut self,
         name: &str,
         kind: FeatureKind,
@@ -213,14 +213,14 @@ impl Normaliser {
     }
 
     /// Returns the normalisation of actions, which the policy applies in reverse.
-    pub(super) fn action(&mut self, dim: usize) -> Result<Option<ShiftScale>, CheckpointError> {
+    pub(crate) fn action(&mut self, dim: usize) -> Result<Option<ShiftScale>, CheckpointError> {
         let epsilon = self.epsilon;
         let found = self.statistics(ACTION, FeatureKind::Action, dim)?;
         Ok(found.map(|found| found.shift_scale(epsilon, |std| std)))
     }
 
     /// Returns the scaling of a vector with `dim` entries.
-    pub(super) fn scaling(
+    pub(crate) fn scaling(
         &mut self,
         name: &str,
         kind: FeatureKind,
@@ -238,7 +238,7 @@ impl Normaliser {
     }
 
     /// Notes the kinds of `inputs` and actions that the step normalises otherwise than `config.json` says.
-    pub(super) fn note_differences(&self, config: &Modes, kinds: &[FeatureKind], notes: &mut Vec<String>) {
+    pub(crate) fn note_differences(&self, config: &Modes, kinds: &[FeatureKind], notes: &mut Vec<String>) {
         let mode = |modes: &Modes, kind: FeatureKind| {
             modes.get(kind_name(kind)).copied().unwrap_or(NormalisationMode::Identity)
         };

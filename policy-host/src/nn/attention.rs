@@ -204,7 +204,7 @@ fn max(row: &[f32]) -> f32 {
 /// Decomposes `x = n·ln 2 + r` with `|r| ≤ ln 2 / 2` and evaluates the Taylor series of `exp(r)` to degree
 /// seven, times `2ⁿ`.
 #[inline(always)]
-pub(super) fn exp_of_non_positive(x: f32) -> f32 {
+pub(crate) fn exp_of_non_positive(x: f32) -> f32 {
     /// 1.5 · 2²³. Adding it leaves the nearest integer in the low bits of the mantissa.
     const ROUND: f32 = 12_582_912.0;
     /// High part of ln 2, short enough that `n · LN_2_HIGH` is exact.

@@ -5,12 +5,12 @@
 //! change a bit.
 
 #[cfg(target_arch = "x86_64")]
-pub(super) use pulp::x86::{V3, V4};
+pub(crate) use pulp::x86::{V3, V4};
 
 #[cfg(target_arch = "x86_64")]
 pulp::simd_type! {
     /// AVX-512 with the VNNI instructions for dot products of 8-bit integers.
-    pub(super) struct Avx512Vnni {
+    pub(crate) struct Avx512Vnni {
         avx512f: "avx512f",
         avx512vnni: "avx512vnni",
     }
@@ -18,7 +18,7 @@ pulp::simd_type! {
 
 /// Instruction set of the f32 GEMM.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum FloatIsa {
+pub(crate) enum FloatIsa {
     /// Portable code without fused multiply-add.
     Portable,
     /// AVX2 and FMA.
@@ -31,7 +31,7 @@ pub(super) enum FloatIsa {
 
 /// Instruction set of the 8-bit GEMM.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Int8Isa {
+pub(crate) enum Int8Isa {
     /// Portable code, slower than f32.
     Portable,
     /// AVX-512 with VNNI.
@@ -41,7 +41,7 @@ pub(super) enum Int8Isa {
 
 impl FloatIsa {
     /// Returns the instruction sets of this processor, slowest first.
-    pub(super) fn available() -> Vec<Self> {
+    pub(crate) fn available() -> Vec<Self> {
         let mut available = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
         {
@@ -52,14 +52,14 @@ impl FloatIsa {
     }
 
     /// Returns the fastest instruction set of this processor.
-    pub(super) fn best() -> Self {
+    pub(crate) fn best() -> Self {
         Self::available().last().copied().unwrap_or(Self::Portable)
     }
 }
 
 impl Int8Isa {
     /// Returns the instruction sets of this processor, slowest first.
-    pub(super) fn available() -> Vec<Self> {
+    pub(crate) fn available() -> Vec<Self> {
         let mut available = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
         available.extend(Avx512Vnni::try_new().map(Self::Vnni));
@@ -67,7 +67,7 @@ impl Int8Isa {
     }
 
     /// Returns the fastest instruction set of this processor.
-    pub(super) fn best() -> Self {
+    pub(crate) fn best() -> Self {
         Self::available().last().copied().unwrap_or(Self::Portable)
     }
 }
@@ -97,4 +97,4 @@ macro_rules! multiversion {
     )+};
 }
 
-pub(super) use multiversion;
+pub(crate) use multiversion;

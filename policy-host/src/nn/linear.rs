@@ -194,7 +194,7 @@ fn add_quantised(weights: &QuantisedWeights, out: &mut [f32], copy: impl Fn(usiz
 
 /// Returns `max(x, 0)`, but NaN for NaN: an overflow reaches the actions and is not taken for a number.
 #[inline(always)]
-pub(super) fn rectified(x: f32) -> f32 {
+pub(crate) fn rectified(x: f32) -> f32 {
     if x < 0.0 { 0.0 } else { x }
 }
 

@@ -4,7 +4,7 @@ use super::isa::multiversion;
 
 /// Number of partial sums of a reduction. It fixes the order of additions and lets the compiler vectorise
 /// them.
-pub(super) const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 
 /// Layer normalisation over the last axis.
 #[derive(Clone, Debug)]
@@ -69,7 +69,7 @@ multiversion! {
 
 /// Returns `Σ f(x)`, summed in a fixed order.
 #[inline(always)]
-pub(super) fn sum(row: &[f32], f: impl Fn(f32) -> f32) -> f32 {
+pub(crate) fn sum(row: &[f32], f: impl Fn(f32) -> f32) -> f32 {
     let mut lanes = [0.0; LANES];
     let (chunks, rest) = row.as_chunks::<LANES>();
     for chunk in chunks {

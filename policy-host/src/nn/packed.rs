@@ -132,7 +132,7 @@ impl PackedWeights {
     /// # Panics
     /// If the segments do not have `k` values, `out` is not a whole number of rows, or the last row of `x`
     /// would end outside the slice.
-    pub(super) fn matmul_segments(&self, x: &[f32], stride: usize, segments: Segments, out: &mut [f32]) {
+    pub(crate) fn matmul_segments(&self, x: &[f32], stride: usize, segments: Segments, out: &mut [f32]) {
         assert_eq!(segments.count * segments.len, self.k, "{segments:?}");
         let n_rows = out.len() / self.n;
         assert_eq!(out.len(), n_rows * self.n, "rows of {} values", self.n);

@@ -18,7 +18,7 @@ const NR: usize = 64;
 /// Rows of a micro-tile. With four registers per row, its accumulators take 24 of AVX-512's 32 registers.
 const MR: usize = 6;
 /// Number of products that one 32-bit lane sums per instruction. `k` must be a multiple of it.
-pub(super) const QUAD: usize = 4;
+pub(crate) const QUAD: usize = 4;
 /// Largest quantised magnitude of weights and signed inputs.
 const SIGNED_MAX: f32 = 127.0;
 /// Largest quantised value of non-negative inputs.
@@ -36,7 +36,7 @@ struct AlignedI8x64([i8; 64]);
 
 /// Quantised and packed weights `[k, n]`.
 #[derive(Clone, Debug)]
-pub(super) struct QuantisedWeights {
+pub(crate) struct QuantisedWeights {
     /// Panels `[⌈n / NR⌉, k / QUAD, NR, QUAD] i8`, zero beyond the last column.
     panels: Vec<AlignedI8x64>,
     k: usize,
@@ -51,18 +51,18 @@ pub(super) struct QuantisedWeights {
 
 /// Memory layout of an input row: `count` contiguous segments of `len` values, `stride` values apart.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Segments {
-    pub(super) count: usize,
-    pub(super) len: usize,
-    pub(super) stride: usize,
+pub(crate) struct Segments {
+    pub(crate) count: usize,
+    pub(crate) len: usize,
+    pub(crate) stride: usize,
 }
 
 /// Rows of quantised inputs.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct QuantisedRows<'a> {
-    pub(super) values: &'a [u8],
-    pub(super) segments: Segments,
-    pub(super) n_rows: usize,
+pub(crate) struct QuantisedRows<'a> {
+    pub(crate) values: &'a [u8],
+    pub(crate) segments: Segments,
+    pub(crate) n_rows: usize,
 }
 
 impl QuantisedWeights {
@@ -70,7 +70,7 @@ impl QuantisedWeights {
     ///
     /// # Panics
     /// If `weights` does not have this shape, or `k` is not a multiple of [`QUAD`].
-    pub(super) fn new(weights: &[f32], k: usize, n: usize) -> Self {
+    pub(crate) fn new(weights: &[f32], k: usize, n: usize) -> Self {
         Self::with_isa(weights, k, n, Int8Isa::best())
     }
 
@@ -87,7 +87,7 @@ impl QuantisedWeights {
     ///
     /// # Panics
     /// If `k` is not a multiple of [`QUAD`].
-    pub(super) fn from_columns(k: usize, n: usize, column: impl Fn(usize, &mut [f32]) + Sync) -> Self {
+    pub(crate) fn from_columns(k: usize, n: usize, column: impl Fn(usize, &mut [f32]) + Sync) -> Self {
         assert!(k.is_multiple_of(QUAD), "k = {k} must be a multiple of {QUAD}");
         let mut panels = vec![AlignedI8x64::zeroed(); n.div_ceil(NR) * k];
         let (mut scales, mut zero_point_corrections) = (vec![0.0; n], vec![0; n]);
@@ -112,32 +112,32 @@ impl QuantisedWeights {
     }
 
     /// Returns the number of panels of up to [`NR`] columns.
-    pub(super) fn n_panels(&self) -> usize {
+    pub(crate) fn n_panels(&self) -> usize {
         self.n.div_ceil(NR)
     }
 
     /// Returns the number of rows `k` of the weights.
-    pub(super) fn k(&self) -> usize {
+    pub(crate) fn k(&self) -> usize {
         self.k
     }
 
     /// Returns the size of the packed weights in memory.
-    pub(super) fn size_bytes(&self) -> usize {
+    pub(crate) fn size_bytes(&self) -> usize {
         size_of_val(&*self.panels)
     }
 
     /// Returns the number of columns `n` of the weights.
-    pub(super) fn n(&self) -> usize {
+    pub(crate) fn n(&self) -> usize {
         self.n
     }
 
     /// Returns the quantisation scale `[n]` of each column.
-    pub(super) fn scales(&self) -> &[f32] {
+    pub(crate) fn scales(&self) -> &[f32] {
         &self.scales
     }
 
     /// Returns the zero-point correction `[n]`, to be subtracted from sums over signed inputs.
-    pub(super) fn zero_point_corrections(&self) -> &[i32] {
+    pub(crate) fn zero_point_corrections(&self) -> &[i32] {
         &self.zero_point_corrections
     }
 
@@ -146,7 +146,7 @@ impl QuantisedWeights {
     ///
     /// # Panics
     /// If the segments do not add up to `k` values, or a row would end outside `inputs`.
-    pub(super) fn matmul(
+    pub(crate) fn matmul(
         &self,
         inputs: &[u8],
         segments: Segments,
@@ -162,7 +162,7 @@ impl QuantisedWeights {
     ///
     /// # Panics
     /// See [`matmul`](Self::matmul).
-    pub(super) fn matmul_panels(
+    pub(crate) fn matmul_panels(
         &self,
         panels: Range<usize>,
         rows: QuantisedRows<'_>,
@@ -235,13 +235,13 @@ impl QuantisedWeights {
 multiversion! {
     /// Quantises non-negative values to 0 to 255 and sets `scale`. The scale is not finite if any value is
     /// not.
-    pub(super) fn quantise_unsigned(values: &[f32], out: &mut [u8], scale: &mut f32) {
+    pub(crate) fn quantise_unsigned(values: &[f32], out: &mut [u8], scale: &mut f32) {
         *scale = quantise(values, UNSIGNED_MAX, ROUNDING_OFFSET, out);
     }
 
     /// Quantises values to [`ZERO_POINT`] ± 127 and sets `scale`. The scale is not finite if any value is
     /// not.
-    pub(super) fn quantise_signed(values: &[f32], out: &mut [u8], scale: &mut f32) {
+    pub(crate) fn quantise_signed(values: &[f32], out: &mut [u8], scale: &mut f32) {
         *scale = quantise(values, SIGNED_MAX, ROUNDING_OFFSET + f32::from(ZERO_POINT), out);
     }
 }

@@ -3,7 +3,7 @@
 use std::marker::PhantomData;
 
 /// A matrix that threads write concurrently, each to its own columns.
-pub(super) struct SharedOutput<'a> {
+pub(crate) struct SharedOutput<'a> {
     start: *mut f32,
     len: usize,
     _memory: PhantomData<&'a mut [f32]>,
@@ -14,7 +14,7 @@ pub(super) struct SharedOutput<'a> {
 unsafe impl Sync for SharedOutput<'_> {}
 
 impl<'a> SharedOutput<'a> {
-    pub(super) fn new(out: &'a mut [f32]) -> Self {
+    pub(crate) fn new(out: &'a mut [f32]) -> Self {
         Self { start: out.as_mut_ptr(), len: out.len(), _memory: PhantomData }
     }
 
@@ -25,7 +25,7 @@ impl<'a> SharedOutput<'a> {
     ///
     /// # Safety
     /// No other thread may access these values while the pointer is in use.
-    pub(super) unsafe fn at(&self, offset: usize, count: usize, stride: usize, width: usize) -> *mut f32 {
+    pub(crate) unsafe fn at(&self, offset: usize, count: usize, stride: usize, width: usize) -> *mut f32 {
         assert!(
             count > 0 && offset + (count - 1) * stride + width <= self.len,
             "{count} rows of {width} values at {offset}, in a matrix of {}",

@@ -20,7 +20,7 @@ use crate::weights::{FloatType, StoredTensor};
 
 /// Weights `[n, k]` of a linear layer in PyTorch's layout.
 #[derive(Clone, Debug)]
-pub(super) struct StoredWeights {
+pub(crate) struct StoredWeights {
     tensor: StoredTensor,
     k: usize,
     n: usize,
@@ -33,7 +33,7 @@ struct PanelBlock([f32; KC * NR]);
 
 impl StoredWeights {
     /// Wraps a tensor whose first axis is the output. Its other axes together are the input.
-    pub(super) fn new(tensor: StoredTensor) -> Self {
+    pub(crate) fn new(tensor: StoredTensor) -> Self {
         Self::with_isa(tensor, FloatIsa::best())
     }
 
@@ -44,17 +44,17 @@ impl StoredWeights {
     }
 
     /// Returns the number of input features `k`.
-    pub(super) fn k(&self) -> usize {
+    pub(crate) fn k(&self) -> usize {
         self.k
     }
 
     /// Returns the number of output features `n`.
-    pub(super) fn n(&self) -> usize {
+    pub(crate) fn n(&self) -> usize {
         self.n
     }
 
     /// Returns the tensor `[n, k]`.
-    pub(super) fn tensor(&self) -> &StoredTensor {
+    pub(crate) fn tensor(&self) -> &StoredTensor {
         &self.tensor
     }
 
@@ -63,7 +63,7 @@ impl StoredWeights {
     ///
     /// # Panics
     /// If the lengths do not match.
-    pub(super) fn matmul(&self, x: &[f32], out: &mut [f32], accum: Accum) {
+    pub(crate) fn matmul(&self, x: &[f32], out: &mut [f32], accum: Accum) {
         let n_rows = out.len() / self.n;
         assert_eq!((out.len(), x.len()), (n_rows * self.n, n_rows * self.k), "rows of a linear layer");
         let out = SharedOutput::new(out);

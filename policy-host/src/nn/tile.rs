@@ -7,11 +7,11 @@
 use super::isa::{V3, V4};
 
 /// Columns of a panel and of a micro-tile: four AVX-512 registers.
-pub(super) const NR: usize = 64;
+pub(crate) const NR: usize = 64;
 /// Rows of a micro-tile. With four registers per row, its accumulators take 24 of AVX-512's 32 registers.
-pub(super) const MR: usize = 6;
+pub(crate) const MR: usize = 6;
 /// Length of a block along `k`, so that a panel's block stays in the cache while all rows are computed.
-pub(super) const KC: usize = 256;
+pub(crate) const KC: usize = 256;
 
 /// Steps along `k` by which the AVX-512 kernels prefetch the weights. A panel's block is larger than the L1
 /// cache, and its lines arrive late without a hint: products of ACT's large layers took 5 to 23 % longer.
@@ -26,7 +26,7 @@ const PREFETCH_STEPS: usize = 8;
 /// The processor must support the kernel's instruction set, the slices must cover all of these values, and
 /// nothing else may access the rows of `out` meanwhile.
 #[cfg(target_arch = "x86_64")]
-pub(super) type MicroKernel = unsafe fn(
+pub(crate) type MicroKernel = unsafe fn(
     x: &[f32],
     stride: usize,
     segment: (usize, usize),
@@ -38,7 +38,7 @@ pub(super) type MicroKernel = unsafe fn(
 
 /// Returns the AVX-512 micro-kernels for 1 to [`MR`] rows. The token proves the instruction set.
 #[cfg(target_arch = "x86_64")]
-pub(super) const fn micro_kernels_512(_: V4) -> [MicroKernel; MR] {
+pub(crate) const fn micro_kernels_512(_: V4) -> [MicroKernel; MR] {
     [
         micro_kernel_512::<1>,
         micro_kernel_512::<2>,
@@ -51,7 +51,7 @@ pub(super) const fn micro_kernels_512(_: V4) -> [MicroKernel; MR] {
 
 /// Returns the AVX2 micro-kernels for 1 to [`MR`] rows. The token proves the instruction set.
 #[cfg(target_arch = "x86_64")]
-pub(super) const fn micro_kernels_256(_: V3) -> [MicroKernel; MR] {
+pub(crate) const fn micro_kernels_256(_: V3) -> [MicroKernel; MR] {
     [
         micro_kernel_256::<1>,
         micro_kernel_256::<2>,

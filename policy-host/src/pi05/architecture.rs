@@ -285,7 +285,7 @@ impl Pi05Architecture {
 
 /// The three stacks of layers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum LayerStack {
+pub(crate) enum LayerStack {
     Vision,
     Prefix,
     Expert,
@@ -321,11 +321,11 @@ impl Pi05Names {
         })
     }
 
-    pub(super) fn root(&self, name: &str) -> String {
+    pub(crate) fn root(&self, name: &str) -> String {
         format!("{}{name}", self.root)
     }
 
-    pub(super) fn layer(&self, part: LayerStack, layer: usize, name: &str) -> String {
+    pub(crate) fn layer(&self, part: LayerStack, layer: usize, name: &str) -> String {
         let stack = match part {
             LayerStack::Vision => "paligemma.model.vision_tower.vision_model.encoder",
             LayerStack::Prefix => "paligemma.model.language_model",
@@ -334,35 +334,35 @@ impl Pi05Names {
         format!("{}{JOINT}{stack}.layers.{layer}.{name}", self.root)
     }
 
-    pub(super) fn patch_embedding(&self, name: &str) -> String {
+    pub(crate) fn patch_embedding(&self, name: &str) -> String {
         format!(
             "{}{JOINT}paligemma.model.vision_tower.vision_model.embeddings.patch_embedding.{name}",
             self.root
         )
     }
 
-    pub(super) fn position_embedding(&self) -> String {
+    pub(crate) fn position_embedding(&self) -> String {
         format!(
             "{}{JOINT}paligemma.model.vision_tower.vision_model.embeddings.position_embedding.weight",
             self.root
         )
     }
 
-    pub(super) fn post_norm(&self, name: &str) -> String {
+    pub(crate) fn post_norm(&self, name: &str) -> String {
         format!("{}{JOINT}paligemma.model.vision_tower.vision_model.post_layernorm.{name}", self.root)
     }
 
-    pub(super) fn projector(&self, name: &str) -> String {
+    pub(crate) fn projector(&self, name: &str) -> String {
         format!("{}{JOINT}paligemma.model.multi_modal_projector.linear.{name}", self.root)
     }
 
-    pub(super) fn embedding(&self) -> String {
+    pub(crate) fn embedding(&self) -> String {
         let name =
             if self.tied { "paligemma.lm_head" } else { "paligemma.model.language_model.embed_tokens" };
         format!("{}{JOINT}{name}.weight", self.root)
     }
 
-    pub(super) fn expert_norm(&self, name: &str) -> String {
+    pub(crate) fn expert_norm(&self, name: &str) -> String {
         format!("{}{JOINT}gemma_expert.model.norm.dense.{name}", self.root)
     }
 }

@@ -6,33 +6,33 @@ use crate::nn::attention::AttentionHead;
 
 /// The rows of one sequence in a batch whose sequences follow each other without padding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Sequence {
+pub(crate) struct Sequence {
     /// First row of its queries.
-    pub(super) first_query: usize,
-    pub(super) n_queries: usize,
+    pub(crate) first_query: usize,
+    pub(crate) n_queries: usize,
     /// First row of its keys and values.
-    pub(super) first_key: usize,
-    pub(super) n_keys: usize,
+    pub(crate) first_key: usize,
+    pub(crate) n_keys: usize,
 }
 
 /// Queries, keys and values of all sequences.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct AttentionInput<'a> {
+pub(crate) struct AttentionInput<'a> {
     /// Queries `[t, n_heads · head_width]`.
-    pub(super) queries: &'a [f32],
+    pub(crate) queries: &'a [f32],
     /// Keys `[t, head_width]` that all heads share, or `[t, n_heads · head_width]`.
-    pub(super) keys: &'a [f32],
+    pub(crate) keys: &'a [f32],
     /// Values, in the shape of the keys.
-    pub(super) values: &'a [f32],
-    pub(super) n_heads: usize,
-    pub(super) head_width: usize,
+    pub(crate) values: &'a [f32],
+    pub(crate) n_heads: usize,
+    pub(crate) head_width: usize,
     /// `true` if all heads share keys and values.
-    pub(super) shares_keys: bool,
+    pub(crate) shares_keys: bool,
 }
 
 /// Computes the attention of every sequence over its own keys, `out [t, n_heads · head_width]`, without a
 /// mask. The threads of the current rayon pool share sequences and heads.
-pub(super) fn attend(input: AttentionInput<'_>, sequences: &[Sequence], out: &mut [f32]) {
+pub(crate) fn attend(input: AttentionInput<'_>, sequences: &[Sequence], out: &mut [f32]) {
     let AttentionInput { queries, keys, values, n_heads, head_width, shares_keys } = input;
     let width = n_heads * head_width;
     let key_stride = if shares_keys { head_width } else { width };

@@ -16,14 +16,14 @@ use crate::weights::WeightsError;
 
 /// Periods of the time embedding, in units of the flow's time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct TimePeriods {
-    pub(super) min: f64,
-    pub(super) max: f64,
+pub(crate) struct TimePeriods {
+    pub(crate) min: f64,
+    pub(crate) max: f64,
 }
 
 /// The action expert for a fixed list of times.
 #[derive(Debug)]
-pub(super) struct ActionExpert {
+pub(crate) struct ActionExpert {
     sizes: GemmaSizes,
     horizon: usize,
     action_width: usize,
@@ -37,16 +37,16 @@ pub(super) struct ActionExpert {
 /// An adaptive normalisation at one time: `x / rms(x) · scale + shift`, and a factor for what is computed
 /// from it. Each is `[width]`.
 #[derive(Clone, Debug)]
-pub(super) struct Modulation {
+pub(crate) struct Modulation {
     /// One plus the network's scale.
-    pub(super) scale: Vec<f32>,
-    pub(super) shift: Vec<f32>,
-    pub(super) gate: Vec<f32>,
+    pub(crate) scale: Vec<f32>,
+    pub(crate) shift: Vec<f32>,
+    pub(crate) gate: Vec<f32>,
 }
 
 impl ActionExpert {
     /// Loads the expert and computes the normalisations at `times`, which depend on nothing else.
-    pub(super) fn load(
+    pub(crate) fn load(
         source: LayerSource<'_>,
         architecture: &Pi05Architecture,
         times: &[f32],
@@ -69,13 +69,13 @@ impl ActionExpert {
     }
 
     /// Returns the number of times.
-    pub(super) fn n_times(&self) -> usize {
+    pub(crate) fn n_times(&self) -> usize {
         self.modulations.len()
     }
 
     /// Computes the velocities `[n, horizon, action_width]` of noisy actions of the same shape at a time. The
     /// cache holds the prefix of each of the `n` sequences; its room is overwritten.
-    pub(super) fn velocity(
+    pub(crate) fn velocity(
         &self,
         actions: &[f32],
         time: usize,
@@ -133,7 +133,7 @@ impl Modulation {
 }
 
 /// Computes the normalisations at `times`: two per layer, and the last one.
-pub(super) fn modulations(
+pub(crate) fn modulations(
     source: LayerSource<'_>,
     sizes: GemmaSizes,
     times: &[f32],

@@ -16,11 +16,11 @@ use crate::weights::{StoredTensor, WeightsError};
 
 /// The matrices of a Gemma layer, in the language model and in the expert.
 #[derive(Debug)]
-pub(super) struct GemmaLayer {
-    pub(super) queries: Projection,
-    pub(super) keys: Projection,
-    pub(super) values: Projection,
-    pub(super) out: Projection,
+pub(crate) struct GemmaLayer {
+    pub(crate) queries: Projection,
+    pub(crate) keys: Projection,
+    pub(crate) values: Projection,
+    pub(crate) out: Projection,
     gate: Projection,
     up: Projection,
     down: Projection,
@@ -28,7 +28,7 @@ pub(super) struct GemmaLayer {
 
 /// The language model.
 #[derive(Debug)]
-pub(super) struct LanguageModel {
+pub(crate) struct LanguageModel {
     sizes: GemmaSizes,
     /// Token embedding `[vocabulary, width]`.
     embedding: StoredTensor,
@@ -47,7 +47,7 @@ struct PrefixLayer {
 /// Keys and values of a batch of sequences, one entry per layer, with room for further rows behind each
 /// sequence.
 #[derive(Debug)]
-pub(super) struct KeyValueCache {
+pub(crate) struct KeyValueCache {
     /// Keys and values `[Σ (length + room), head_width]` of each layer, without padding.
     layers: Vec<(Vec<f32>, Vec<f32>)>,
     /// Length of each sequence.
@@ -57,7 +57,7 @@ pub(super) struct KeyValueCache {
 
 /// Rows of every sequence in a [`KeyValueCache`].
 #[derive(Clone, Copy, Debug)]
-pub(super) enum CacheRows {
+pub(crate) enum CacheRows {
     /// The sequence itself.
     Prefix,
     /// This number of rows behind it.
@@ -75,7 +75,7 @@ impl CacheRows {
 }
 
 impl GemmaLayer {
-    pub(super) fn load(
+    pub(crate) fn load(
         source: LayerSource<'_>,
         part: LayerStack,
         layer: usize,
@@ -93,7 +93,7 @@ impl GemmaLayer {
     }
 
     /// Computes the MLP of normalised rows `x [t, width]` in place, `down(gelu(gate(x)) · up(x))`.
-    pub(super) fn mlp(&self, x: &mut [f32]) {
+    pub(crate) fn mlp(&self, x: &mut [f32]) {
         let hidden = self.gate.out_features();
         let n_rows = x.len() / self.gate.in_features();
         let (mut gate, mut up) = (vec![0.0; n_rows * hidden], vec![0.0; n_rows * hidden]);
@@ -107,7 +107,7 @@ impl GemmaLayer {
 }
 
 impl LanguageModel {
-    pub(super) fn load(source: LayerSource<'_>, sizes: GemmaSizes) -> Result<Self, WeightsError> {
+    pub(crate) fn load(source: LayerSource<'_>, sizes: GemmaSizes) -> Result<Self, WeightsError> {
         let layer = |layer: usize| -> Result<PrefixLayer, WeightsError> {
             let scale = |name: &str| -> Result<Vec<f32>, WeightsError> {
                 let stored = source.vector(&source.names.layer(LayerStack::Prefix, layer, name))?;
@@ -124,13 +124,13 @@ impl LanguageModel {
     }
 
     /// Writes the embedding of a token, multiplied by √width, to `row [width]`.
-    pub(super) fn embed(&self, token: u32, row: &mut [f32]) {
+    pub(crate) fn embed(&self, token: u32, row: &mut [f32]) {
         embed(&self.embedding, token, row);
     }
 
     /// Computes the first layer's MLP with as many rows as an image has tokens, and returns the number of
     /// floating-point operations.
-    pub(super) fn compute_sample(&self) -> u64 {
+    pub(crate) fn compute_sample(&self) -> u64 {
         const N_ROWS: usize = 256;
         let GemmaSizes { width, hidden, .. } = self.sizes;
         self.layers[0].matrices.mlp(&mut vec![0.5; N_ROWS * width]);
@@ -139,7 +139,7 @@ impl LanguageModel {
 
     /// Reads a batch of sequences, `x [Σ lengths, width]`, and returns the keys and values of every layer.
     /// All tokens of a sequence attend to each other.
-    pub(super) fn read(
+    pub(crate) fn read(
         &self,
         mut x: Vec<f32>,
         lengths: &[usize],
@@ -187,7 +187,7 @@ impl KeyValueCache {
 
     /// Returns the sequences whose queries are these rows. They attend to the whole prefix, and to the rows
     /// behind it if the queries are among them.
-    pub(super) fn sequences(&self, rows: CacheRows) -> Vec<Sequence> {
+    pub(crate) fn sequences(&self, rows: CacheRows) -> Vec<Sequence> {
         let (mut first_query, mut first_key) = (0, 0);
         let of_sequence = |&length: &usize| {
             let (first, n_queries) = rows.of_sequence(length);
@@ -200,7 +200,7 @@ impl KeyValueCache {
     }
 
     /// Computes keys and values of normalised rows and stores them.
-    pub(super) fn store(
+    pub(crate) fn store(
         &mut self,
         layer: usize,
         matrices: &GemmaLayer,
@@ -228,7 +228,7 @@ impl KeyValueCache {
     }
 
     /// Returns the positions of these rows of all sequences.
-    pub(super) fn positions(&self, rows: CacheRows) -> Vec<usize> {
+    pub(crate) fn positions(&self, rows: CacheRows) -> Vec<usize> {
         let of_sequence = |&length: &usize| {
             let (first, count) = rows.of_sequence(length);
             first..first + count
@@ -237,7 +237,7 @@ impl KeyValueCache {
     }
 
     /// Returns the attention of a layer for these queries.
-    pub(super) fn input<'a>(
+    pub(crate) fn input<'a>(
         &'a self,
         layer: usize,
         queries: &'a [f32],
@@ -250,7 +250,7 @@ impl KeyValueCache {
 }
 
 /// Writes a row of a token embedding, multiplied by √width, to `row [width]`.
-pub(super) fn embed(embedding: &StoredTensor, token: u32, row: &mut [f32]) {
+pub(crate) fn embed(embedding: &StoredTensor, token: u32, row: &mut [f32]) {
     embedding.read(token as usize * row.len(), row);
     let scale = (row.len() as f32).sqrt();
     row.iter_mut().for_each(|x| *x *= scale);
@@ -266,6 +266,6 @@ fn normalised(x: &[f32], scale: &[f32]) -> Vec<f32> {
 }
 
 /// Turns the heads of every row of `x [t, width]` by its position.
-pub(super) fn turn(x: &mut [f32], width: usize, positions: &[usize], rotary: &Rotary) {
+pub(crate) fn turn(x: &mut [f32], width: usize, positions: &[usize], rotary: &Rotary) {
     x.par_chunks_exact_mut(width).zip(positions).for_each(|(row, &position)| rotary.turn(row, position));
 }

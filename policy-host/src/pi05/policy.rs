@@ -31,9 +31,9 @@ pub struct Pi05Policy {
 
 /// The network for one morphology, which `model` computes.
 #[derive(Debug)]
-pub(super) struct Pi05Network<M> {
-    pub(super) model: M,
-    pub(super) processor: Pi05Processor,
+pub(crate) struct Pi05Network<M> {
+    pub(crate) model: M,
+    pub(crate) processor: Pi05Processor,
 }
 
 /// Checks the configuration, the weights headers and the vocabulary of a checkpoint against the robots of a
@@ -97,7 +97,7 @@ fn open(folder: &Path) -> Result<Vec<Pi05Checkpoint>, CheckpointFolderError> {
 }
 
 /// Opens the checkpoints in a folder for these robots and loads each with `load(checkpoint, n_steps)`.
-pub(super) fn load_networks<M, E: From<CheckpointFolderError>>(
+pub(crate) fn load_networks<M, E: From<CheckpointFolderError>>(
     folder: &Path,
     n_steps: Option<usize>,
     robots: &[Morphology],
@@ -123,7 +123,7 @@ pub(super) fn load_networks<M, E: From<CheckpointFolderError>>(
 }
 
 /// Returns the floating-point operations of a query for a robot; 0 if it has no network.
-pub(super) fn flop_per_query<M>(networks: &[Pi05Network<M>], morphology: Morphology) -> u64 {
+pub(crate) fn flop_per_query<M>(networks: &[Pi05Network<M>], morphology: Morphology) -> u64 {
     let network = networks.iter().find(|network| network.morphology() == morphology);
     network.map_or(0, |network| network.processor.flop_per_query())
 }
@@ -182,7 +182,7 @@ impl Policy for Pi05Policy {
 }
 
 impl<M> Pi05Network<M> {
-    pub(super) fn morphology(&self) -> Morphology {
+    pub(crate) fn morphology(&self) -> Morphology {
         self.processor.description.mapping.morphology
     }
 }

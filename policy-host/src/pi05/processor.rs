@@ -20,21 +20,21 @@ const TYPICAL_PROMPT: usize = 60;
 
 /// Maps observations to the input of a network, and its output to actions.
 #[derive(Debug)]
-pub(super) struct Pi05Processor {
-    pub(super) prompter: Prompter,
-    pub(super) description: Pi05Description,
+pub(crate) struct Pi05Processor {
+    pub(crate) prompter: Prompter,
+    pub(crate) description: Pi05Description,
     /// Number of Euler steps from noise to actions.
-    pub(super) n_steps: usize,
+    pub(crate) n_steps: usize,
 }
 
 /// Input of a network for some envs of an observation.
 #[derive(Debug)]
-pub(super) struct Pi05Batch {
+pub(crate) struct Pi05Batch {
     /// Distinct images `[n, 3, side, side]`.
     images: Vec<f32>,
     samples: Vec<SampleTokens>,
     /// Noise `[n, horizon, action_width]`.
-    pub(super) noise: Vec<f32>,
+    pub(crate) noise: Vec<f32>,
 }
 
 /// The distinct images of a batch, found by content: an image that several envs see is encoded once.
@@ -46,13 +46,13 @@ struct DistinctImages<'a> {
 
 impl Pi05Processor {
     /// Returns the floating-point operations of a query with a prompt of typical length.
-    pub(super) fn flop_per_query(&self) -> u64 {
+    pub(crate) fn flop_per_query(&self) -> u64 {
         let Pi05Description { architecture, mapping, .. } = &self.description;
         architecture.flop_per_query(mapping.cameras.len(), TYPICAL_PROMPT, self.n_steps)
     }
 
     /// Returns what the network is.
-    pub(super) fn note(&self, precision: Precision) -> String {
+    pub(crate) fn note(&self, precision: Precision) -> String {
         let Pi05Description { architecture, mapping, prompt_state, .. } = &self.description;
         let n_steps = self.n_steps;
         let n_weights = architecture.n_weights();
@@ -72,7 +72,7 @@ impl Pi05Processor {
     }
 
     /// Checks that the network can act on an observation.
-    pub(super) fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
+    pub(crate) fn check(&self, observation: &ObservationView<'_>) -> Result<(), PolicyError> {
         let mapping = &self.description.mapping;
         if !mapping.cameras.is_empty() && !observation.has_images() {
             return Err(PolicyError::NoImages);
@@ -88,13 +88,13 @@ impl Pi05Processor {
     }
 
     /// Returns the tokens of each env's prompt.
-    pub(super) fn prompts(&self, observation: &ObservationView<'_>) -> Result<Vec<Vec<u32>>, PolicyError> {
+    pub(crate) fn prompts(&self, observation: &ObservationView<'_>) -> Result<Vec<Vec<u32>>, PolicyError> {
         let envs = (0..observation.n_envs()).map(|env_idx| observation.env(env_idx));
         envs.map(|env| self.prompt(env.instruction, env.state)).collect()
     }
 
     /// Prepares the envs starting at `first_env`, which have these prompts.
-    pub(super) fn batch(
+    pub(crate) fn batch(
         &self,
         observation: &ObservationView<'_>,
         first_env: usize,
@@ -116,7 +116,7 @@ impl Pi05Processor {
 
     /// Writes the robot's part of denoised `actions [n, horizon, action_width]`, one chunk per element of
     /// `answer`.
-    pub(super) fn write_chunks(&self, actions: &[f32], answer: &mut [ActionChunk]) {
+    pub(crate) fn write_chunks(&self, actions: &[f32], answer: &mut [ActionChunk]) {
         let Pi05Description { architecture, action, action_dim, .. } = &self.description;
         let chunks = actions.chunks_exact(architecture.horizon * architecture.action_width);
         for (chunk, answer) in chunks.zip(answer) {
@@ -143,7 +143,7 @@ impl Pi05Processor {
 }
 
 impl Pi05Batch {
-    pub(super) fn input(&self) -> Pi05Input<'_> {
+    pub(crate) fn input(&self) -> Pi05Input<'_> {
         Pi05Input { images: &self.images, samples: &self.samples }
     }
 }

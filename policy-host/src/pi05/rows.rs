@@ -8,13 +8,13 @@ const BLOCK_ROWS: usize = 512;
 const ADD_LEN: usize = 16 << 10;
 
 /// Computes `x += y`.
-pub(super) fn add_rows(x: &mut [f32], y: &[f32]) {
+pub(crate) fn add_rows(x: &mut [f32], y: &[f32]) {
     x.par_chunks_mut(ADD_LEN).zip(y.par_chunks(ADD_LEN)).for_each(|(x, y)| {
         x.iter_mut().zip(y).for_each(|(x, y)| *x += y);
     });
 }
 
 /// Calls `compute` with blocks of up to [`BLOCK_ROWS`] rows of `x [t, width]`.
-pub(super) fn in_row_blocks(x: &mut [f32], width: usize, compute: impl FnMut(&mut [f32])) {
+pub(crate) fn in_row_blocks(x: &mut [f32], width: usize, compute: impl FnMut(&mut [f32])) {
     x.chunks_mut(BLOCK_ROWS * width).for_each(compute);
 }

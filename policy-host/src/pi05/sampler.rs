@@ -10,14 +10,14 @@ use crate::nn::rotary::Rotary;
 const NOISE: &str = "pi05.noise";
 
 /// Returns the times of `n_steps` Euler steps, 1 first.
-pub(super) fn times(n_steps: usize) -> Vec<f32> {
+pub(crate) fn times(n_steps: usize) -> Vec<f32> {
     let step = -1.0 / n_steps as f64;
     (0..n_steps).map(|idx| (1.0 + idx as f64 * step) as f32).collect()
 }
 
 /// Denoises `actions [n, horizon, action_width]` in place, for the sequences in the cache. Calls
 /// `observe(step, velocities)` after each step.
-pub(super) fn denoise(
+pub(crate) fn denoise(
     expert: &ActionExpert,
     actions: &mut [f32],
     cache: &mut KeyValueCache,
@@ -34,7 +34,7 @@ pub(super) fn denoise(
 
 /// Draws the noise of one query from the normal distribution: a function of the episode's seed and the query
 /// alone.
-pub(super) fn draw_noise(policy_seed: u64, query: u32, out: &mut [f32]) {
+pub(crate) fn draw_noise(policy_seed: u64, query: u32, out: &mut [f32]) {
     let episode = splitmix64(policy_seed ^ fnv1a64(NOISE));
     let stream = splitmix64(episode.wrapping_add(u64::from(query).wrapping_mul(SPLITMIX_GAMMA)));
     for (pair, out) in out.chunks_mut(2).enumerate() {

@@ -13,11 +13,11 @@ use crate::nn::projection::Projection;
 use crate::weights::WeightsError;
 
 /// Values of a patch: three channels of its pixels.
-pub(super) const PATCH_VALUES: usize = 3 * PATCH_SIDE * PATCH_SIDE;
+pub(crate) const PATCH_VALUES: usize = 3 * PATCH_SIDE * PATCH_SIDE;
 
 /// The vision tower and the projector.
 #[derive(Debug)]
-pub(super) struct VisionTower {
+pub(crate) struct VisionTower {
     sizes: VisionSizes,
     patches: Projection,
     /// Learned position embedding `[p, width]`.
@@ -41,7 +41,7 @@ struct VisionLayer {
 }
 
 impl VisionTower {
-    pub(super) fn load(source: LayerSource<'_>, sizes: VisionSizes) -> Result<Self, WeightsError> {
+    pub(crate) fn load(source: LayerSource<'_>, sizes: VisionSizes) -> Result<Self, WeightsError> {
         let names = source.names;
         let layer = |layer: usize| -> Result<VisionLayer, WeightsError> {
             let name = |module: &str| {
@@ -70,7 +70,7 @@ impl VisionTower {
     }
 
     /// Encodes images `[n, 3, side, side]` with values in [−1, 1] as tokens `[n, p, prefix width]`.
-    pub(super) fn encode(&self, images: &[f32]) -> Vec<f32> {
+    pub(crate) fn encode(&self, images: &[f32]) -> Vec<f32> {
         let VisionSizes { width, n_patches, .. } = self.sizes;
         let patches = unfold(images, n_patches.isqrt());
         let n_rows = patches.len() / PATCH_VALUES;
@@ -133,7 +133,7 @@ impl VisionTower {
 }
 
 /// Copies the patches of images `[n, 3, side, side]` into rows `[n · p, 3 · PATCH_SIDE²]`.
-pub(super) fn unfold(images: &[f32], n_across: usize) -> Vec<f32> {
+pub(crate) fn unfold(images: &[f32], n_across: usize) -> Vec<f32> {
     let side = n_across * PATCH_SIDE;
     let mut patches = vec![0.0; images.len()];
     patches.par_chunks_exact_mut(PATCH_VALUES).enumerate().for_each(|(patch, out)| {

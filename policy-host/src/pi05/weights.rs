@@ -7,41 +7,41 @@ use crate::nn::projection::Projection;
 use crate::weights::{StoredTensor, TensorFolder, WeightsError};
 
 /// Term added to variances and mean squares, in SigLIP and in Gemma.
-pub(super) const EPSILON: f32 = 1e-6;
+pub(crate) const EPSILON: f32 = 1e-6;
 
 /// The tensors of a checkpoint and the precision of the layers to build from them.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LayerSource<'a> {
-    pub(super) tensors: &'a TensorFolder,
-    pub(super) names: &'a Pi05Names,
-    pub(super) precision: Precision,
+pub(crate) struct LayerSource<'a> {
+    pub(crate) tensors: &'a TensorFolder,
+    pub(crate) names: &'a Pi05Names,
+    pub(crate) precision: Precision,
 }
 
 impl LayerSource<'_> {
-    pub(super) fn tensor(&self, name: &str) -> Result<StoredTensor, WeightsError> {
+    pub(crate) fn tensor(&self, name: &str) -> Result<StoredTensor, WeightsError> {
         self.tensors.tensor(name)
     }
 
-    pub(super) fn vector(&self, name: &str) -> Result<Vec<f32>, WeightsError> {
+    pub(crate) fn vector(&self, name: &str) -> Result<Vec<f32>, WeightsError> {
         Ok(self.tensor(name)?.values())
     }
 
     /// Builds a layer without bias.
-    pub(super) fn matrix(&self, name: &str) -> Result<Projection, WeightsError> {
+    pub(crate) fn matrix(&self, name: &str) -> Result<Projection, WeightsError> {
         Ok(Projection::new(self.tensor(name)?, None, self.precision))
     }
 
     /// Builds a layer from the tensors that `name` returns for `weight` and `bias`.
-    pub(super) fn linear(&self, name: impl Fn(&str) -> String) -> Result<Projection, WeightsError> {
+    pub(crate) fn linear(&self, name: impl Fn(&str) -> String) -> Result<Projection, WeightsError> {
         self.linear_with(name, self.precision)
     }
 
     /// Like [`linear`](Self::linear), with the weights as stored.
-    pub(super) fn exact_linear(&self, name: impl Fn(&str) -> String) -> Result<Projection, WeightsError> {
+    pub(crate) fn exact_linear(&self, name: impl Fn(&str) -> String) -> Result<Projection, WeightsError> {
         self.linear_with(name, Precision::F32)
     }
 
-    pub(super) fn layer_norm(&self, name: impl Fn(&str) -> String) -> Result<LayerNorm, WeightsError> {
+    pub(crate) fn layer_norm(&self, name: impl Fn(&str) -> String) -> Result<LayerNorm, WeightsError> {
         let (weight, bias) = (self.vector(&name("weight"))?, self.vector(&name("bias"))?);
         Ok(LayerNorm::with_epsilon(&weight, &bias, EPSILON))
     }

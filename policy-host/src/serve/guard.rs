@@ -10,7 +10,7 @@ use crate::content::CheckpointContent;
 
 /// A checkpoint whose content is the one that the run started with.
 #[derive(Debug)]
-pub(super) struct CheckpointGuard {
+pub(crate) struct CheckpointGuard {
     content: CheckpointContent,
     /// `true` if the policy reads weights where they lie in their files, for as long as it lives.
     is_mapped: bool,
@@ -33,7 +33,7 @@ pub struct CheckpointChangedError {
 
 impl CheckpointGuard {
     /// Hashes the checkpoint of a host. Returns `None` if the policy has none, or its hash is not known.
-    pub(super) fn new(config: &HostConfig) -> Result<Option<Self>, CheckpointChangedError> {
+    pub(crate) fn new(config: &HostConfig) -> Result<Option<Self>, CheckpointChangedError> {
         let (Some(folder), Some(expected)) = (config.spec.checkpoint(), &config.checkpoint) else {
             return Ok(None);
         };
@@ -44,12 +44,12 @@ impl CheckpointGuard {
     }
 
     /// Checks that a policy which has just been loaded was read from the files that were hashed.
-    pub(super) fn check_loaded(&self) -> Result<(), CheckpointChangedError> {
+    pub(crate) fn check_loaded(&self) -> Result<(), CheckpointChangedError> {
         self.content.changed_file().map_or(Ok(()), |file| Err(self.error(&file)))
     }
 
     /// Checks that the files that a policy still reads have not changed up to now.
-    pub(super) fn check_mapped(&self) -> Result<(), CheckpointChangedError> {
+    pub(crate) fn check_mapped(&self) -> Result<(), CheckpointChangedError> {
         let changed = if self.is_mapped { self.content.changed_weights() } else { None };
         changed.map_or(Ok(()), |file| Err(self.error(file)))
     }

@@ -8,16 +8,16 @@ use super::HostConfig;
 use crate::policy::PolicyError;
 
 /// An observation that was received.
-pub(super) struct PendingAnswer {
-    pub(super) header: ObservationHeader,
-    pub(super) message: ObservationMessage,
+pub(crate) struct PendingAnswer {
+    pub(crate) header: ObservationHeader,
+    pub(crate) message: ObservationMessage,
     /// Outcome of its submission to the policy's pipeline; `Ok` if it has none.
-    pub(super) submitted: Result<(), QueryError>,
+    pub(crate) submitted: Result<(), QueryError>,
 }
 
 impl PendingAnswer {
     /// Returns the observation, checked against what the host serves.
-    pub(super) fn view(&self, config: &HostConfig) -> Result<ObservationView<'_>, QueryError> {
+    pub(crate) fn view(&self, config: &HostConfig) -> Result<ObservationView<'_>, QueryError> {
         let view = ObservationView::new(self.header, self.message.pages())?;
         let (expected, found) = (config.run_id, self.header.run);
         if expected != found {
@@ -33,7 +33,7 @@ impl PendingAnswer {
 
 /// Errors that can occur while answering an observation.
 #[derive(Debug, Error)]
-pub(super) enum QueryError {
+pub(crate) enum QueryError {
     #[error(transparent)]
     Frame(#[from] FrameError),
     #[error("the observation belongs to run {found:#x}, this host serves run {expected:#x}")]
@@ -47,7 +47,7 @@ pub(super) enum QueryError {
 }
 
 impl QueryError {
-    pub(super) fn is_damage(&self) -> bool {
+    pub(crate) fn is_damage(&self) -> bool {
         matches!(self, Self::Damaged(_))
     }
 }

@@ -10,12 +10,12 @@ use super::HostEvent;
 const LEDGER_PERIOD: Duration = Duration::from_millis(100);
 
 /// Cumulative work of the host, and the time of the last report.
-pub(super) struct WorkCounter {
+pub(crate) struct WorkCounter {
     queries: u64,
     batches: u64,
     busy_s: f64,
     device_s: f64,
-    pub(super) flop: u64,
+    pub(crate) flop: u64,
     /// Start of the time since which a device has had a batch.
     device_since: Option<(ProcessTime, Instant)>,
     /// Start of the first query.
@@ -25,7 +25,7 @@ pub(super) struct WorkCounter {
 }
 
 impl WorkCounter {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             queries: 0,
             batches: 0,
@@ -40,25 +40,25 @@ impl WorkCounter {
     }
 
     /// Counts an answered batch.
-    pub(super) fn add_batch(&mut self, queries: u32) {
+    pub(crate) fn add_batch(&mut self, queries: u32) {
         self.queries += u64::from(queries);
         self.batches += 1;
     }
 
     /// Counts the time in the policy from `start` until now.
-    pub(super) fn add_time(&mut self, start: ProcessTime) {
+    pub(crate) fn add_time(&mut self, start: ProcessTime) {
         self.busy_s += start.elapsed().as_secs_f64();
         self.first_query.get_or_insert(start);
     }
 
     /// Starts counting the time of a device, from `start` on, unless it is being counted already.
-    pub(super) fn device_has_batch(&mut self, start: (ProcessTime, Instant)) {
+    pub(crate) fn device_has_batch(&mut self, start: (ProcessTime, Instant)) {
         self.device_since.get_or_insert(start);
     }
 
     /// Stops counting the time of a device, which has no batch left. Everything that this process did in that
     /// time was for the policy.
-    pub(super) fn device_is_idle(&mut self) {
+    pub(crate) fn device_is_idle(&mut self) {
         if let Some((cpu, wall)) = self.device_since.take() {
             self.add_time(cpu);
             self.device_s += wall.elapsed().as_secs_f64();
@@ -66,7 +66,7 @@ impl WorkCounter {
     }
 
     /// Returns an event if there is new work and the last report is at least [`LEDGER_PERIOD`] ago.
-    pub(super) fn due(&mut self) -> Option<HostEvent> {
+    pub(crate) fn due(&mut self) -> Option<HostEvent> {
         let news = self.batches > self.reported_batches && self.reported.elapsed() >= LEDGER_PERIOD;
         news.then(|| {
             self.reported = Instant::now();
@@ -75,7 +75,7 @@ impl WorkCounter {
         })
     }
 
-    pub(super) fn event(&self) -> HostEvent {
+    pub(crate) fn event(&self) -> HostEvent {
         let cpu_s = self.first_query.map_or(0.0, |start| start.elapsed().as_secs_f64());
         let Self { queries, batches, mut busy_s, mut device_s, flop, .. } = *self;
         if let Some((cpu, wall)) = &self.device_since {

@@ -117,7 +117,7 @@ impl TensorFile {
     ///
     /// # Errors
     /// If the tensor is missing or has no float dtype.
-    pub(super) fn locate(&self, name: &str) -> Result<(Dtype, &[usize], Range<usize>), WeightsError> {
+    pub(crate) fn locate(&self, name: &str) -> Result<(Dtype, &[usize], Range<usize>), WeightsError> {
         let (path, tensor) = (self.path.clone(), name.to_owned());
         let Some(&TensorInfo { dtype, ref shape, data_offsets: (start, end) }) = self.info(name) else {
             return Err(WeightsError::Missing { path, tensor, expected: "a float tensor".to_owned() });
@@ -150,7 +150,7 @@ impl TensorFile {
 }
 
 /// Returns the name of a tensor without the parts that wrappers add.
-pub(super) fn unwrapped(name: &str) -> String {
+pub(crate) fn unwrapped(name: &str) -> String {
     let parts: Vec<&str> = name.split('.').filter(|part| !WRAPPERS.contains(part)).collect();
     parts.join(".")
 }

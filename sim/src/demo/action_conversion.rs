@@ -10,14 +10,14 @@ use crate::robot::panda::N_JOINTS;
 
 /// Maximum number of consecutive control steps spent on the same row of the plan, in modes whose actions are
 /// bounded.
-pub(super) const MAX_REPEATS: u32 = 4;
+pub(crate) const MAX_REPEATS: u32 = 4;
 
 /// Converts a row of a plan to an action row, given the current world. Returns `true` if the action commands
 /// the full motion to the planned joint positions, `false` if it was clamped.
-pub(super) type Converter = fn(planned: &[f32], world: &World, row: &mut [f32]) -> bool;
+pub(crate) type Converter = fn(planned: &[f32], world: &World, row: &mut [f32]) -> bool;
 
 /// Returns the converter for a control mode, or `None` if plans cannot be converted to it.
-pub(super) fn converter(mode: ControlMode, morphology: Morphology) -> Option<Converter> {
+pub(crate) fn converter(mode: ControlMode, morphology: Morphology) -> Option<Converter> {
     match (mode, morphology) {
         (ControlMode::JointPos, _) => Some(copy_joint_targets),
         (ControlMode::EeDeltaPose, Morphology::Single) => Some(to_ee_delta),

@@ -18,22 +18,22 @@ const MAX_LINE_STEP: [f64; 2] = [0.005, 0.02];
 
 /// A robot configuration: the joint positions of all arms, in rad.
 #[derive(Clone, Debug)]
-pub(super) struct Configuration(Vec<Joints>);
+pub(crate) struct Configuration(Vec<Joints>);
 
 impl Configuration {
     /// Returns the maximum difference of any joint to `other`, in rad.
-    pub(super) fn distance(&self, other: &Self) -> f64 {
+    pub(crate) fn distance(&self, other: &Self) -> f64 {
         self.0.iter().zip(&other.0).map(|(a, b)| (a - b).amax()).fold(0.0, f64::max)
     }
 
     /// Interpolates linearly in joint space: `t` = 0 is `self`, 1 is `other`.
-    pub(super) fn lerp(&self, other: &Self, t: f64) -> Self {
+    pub(crate) fn lerp(&self, other: &Self, t: f64) -> Self {
         Self(self.0.iter().zip(&other.0).map(|(a, b)| a.lerp(b, t)).collect())
     }
 }
 
 /// Plans all moves and returns their action rows, `[n_steps, 8 · n_arms]` f32.
-pub(super) fn plan(scene: &Scene, moves: &[Move]) -> Result<Vec<f32>, MotionPlanError> {
+pub(crate) fn plan(scene: &Scene, moves: &[Move]) -> Result<Vec<f32>, MotionPlanError> {
     let config = Configuration(scene.robots.iter().map(|robot| Joints::from(robot.qpos)).collect());
     let arm = (config.0.len() == 1).then(|| FreeArm::at(config.0[0], scene.physics_hz));
     let start = scene.robots[0].base * kinematics::tcp(&config.0[0]);

@@ -23,7 +23,7 @@ const LIMIT_TOLERANCE_RAD: f64 = 1e-3;
 ///
 /// Each step follows the Jacobian at its start and is not corrected, so that the path ends up to a centimetre
 /// away from `goal`. The original's planner does the same, and its demonstrations show it.
-pub(super) fn path(goal: &Isometry3<f64>, from: &Joints) -> Option<Vec<Joints>> {
+pub(crate) fn path(goal: &Isometry3<f64>, from: &Joints) -> Option<Vec<Joints>> {
     let twist = twist(&(goal * tcp(from).inverse()))?;
     let length = twist.norm();
     if length < MIN_TWIST {

@@ -4,7 +4,7 @@ use crate::robot::kinematics::Joints;
 
 /// A twice continuously differentiable curve through points at the parameters 0, 1, 2, …, cubic between them,
 /// with "not-a-knot" end conditions.
-pub(super) struct Spline {
+pub(crate) struct Spline {
     points: Vec<Joints>,
     /// Second derivatives at the points.
     curvatures: Vec<Joints>,
@@ -15,7 +15,7 @@ impl Spline {
     ///
     /// # Panics
     /// If there are fewer than two.
-    pub(super) fn through(points: Vec<Joints>) -> Self {
+    pub(crate) fn through(points: Vec<Joints>) -> Self {
         assert!(points.len() >= 2, "a path has a start and an end");
         let last = points.len() - 1;
         let bend = |i: usize| points[i - 1] - points[i] * 2.0 + points[i + 1];
@@ -43,12 +43,12 @@ impl Spline {
     }
 
     /// Returns the parameter of the end.
-    pub(super) fn end(&self) -> f64 {
+    pub(crate) fn end(&self) -> f64 {
         (self.points.len() - 1) as f64
     }
 
     /// Returns the point at a parameter.
-    pub(super) fn at(&self, s: f64) -> Joints {
+    pub(crate) fn at(&self, s: f64) -> Joints {
         let (i, t) = self.segment(s);
         let r = 1.0 - t;
         self.points[i] * r
@@ -57,7 +57,7 @@ impl Spline {
     }
 
     /// Returns the first and second derivatives at a parameter.
-    pub(super) fn derivatives(&self, s: f64) -> [Joints; 2] {
+    pub(crate) fn derivatives(&self, s: f64) -> [Joints; 2] {
         let (i, t) = self.segment(s);
         let r = 1.0 - t;
         let [from, to] = [self.curvatures[i], self.curvatures[i + 1]];

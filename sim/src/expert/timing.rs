@@ -4,17 +4,17 @@ use super::plan::Configuration;
 
 /// Limits on every joint.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct MotionLimits {
+pub(crate) struct MotionLimits {
     /// Maximum speed in rad/s.
-    pub(super) speed: f64,
+    pub(crate) speed: f64,
     /// Maximum acceleration in rad/s².
-    pub(super) acceleration: f64,
+    pub(crate) acceleration: f64,
 }
 
 /// Samples a path once per control step of `dt` seconds, excluding its start and including its end. The
 /// length of a segment is the largest displacement of any joint, so that no joint exceeds the trapezoidal
 /// velocity profile along the path.
-pub(super) fn time_parametrise(path: &[Configuration], limits: MotionLimits, dt: f64) -> Vec<Configuration> {
+pub(crate) fn time_parametrise(path: &[Configuration], limits: MotionLimits, dt: f64) -> Vec<Configuration> {
     let mut lengths = vec![0.0];
     for pair in path.windows(2) {
         lengths.push(lengths[lengths.len() - 1] + pair[0].distance(&pair[1]));

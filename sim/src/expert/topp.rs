@@ -19,7 +19,7 @@ const MIN_SLOPE: f64 = 1e-9;
 ///
 /// The speeds follow from reachability analysis: Pham and Pham, "A New Approach to Time-Optimal Path
 /// Parameterization Based on Reachability Analysis" (2018).
-pub(super) fn time_optimal(path: &Spline, limits: MotionLimits, dt: f64) -> Option<Vec<Joints>> {
+pub(crate) fn time_optimal(path: &Spline, limits: MotionLimits, dt: f64) -> Option<Vec<Joints>> {
     let grid = PathGrid::new(path, limits);
     let mut max_squares = vec![0.0; N_INTERVALS + 1];
     for i in (0..N_INTERVALS).rev() {

@@ -72,7 +72,7 @@ impl Perturbation {
 
     /// Returns `true` if All includes the perturbation. Of the four language perturbations it includes only
     /// Language-Paraphrase.
-    pub(super) fn is_included_in_all(self) -> bool {
+    pub(crate) fn is_included_in_all(self) -> bool {
         match self.modality() {
             Some(Modality::Vision | Modality::Action) => true,
             Some(Modality::Language) => self == Self::LanguageParaphrase,

@@ -56,7 +56,7 @@ const MIN_GRASP_FORCE_N: f32 = 0.5;
 const MIN_GRASP_COS: f32 = 0.087_155_74;
 
 /// Handles and drive state of one arm in a rapier world.
-pub(super) struct Arm {
+pub(crate) struct Arm {
     multibody: MultibodyIndex,
     /// Links 0 to 7, then the two fingers.
     links: [RigidBodyHandle; N_DOFS + 1],
@@ -74,7 +74,7 @@ pub(super) struct Arm {
 
 impl Arm {
     /// Adds an arm at its start pose with open fingers. Its targets are its start positions.
-    pub(super) fn add(
+    pub(crate) fn add(
         world: &mut PhysicsWorld,
         robot: &Robot,
         mode: ControlMode,
@@ -144,7 +144,7 @@ impl Arm {
     }
 
     /// Sets positions and velocities of all joints. The targets become the positions.
-    pub(super) fn set_state(&mut self, world: &mut PhysicsWorld, state: &ArmState) {
+    pub(crate) fn set_state(&mut self, world: &mut PhysicsWorld, state: &ArmState) {
         let now = self.qpos(world);
         let bodies = &mut world.bodies;
         let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
@@ -160,7 +160,7 @@ impl Arm {
     }
 
     /// Makes the limits of the joints that are near theirs part of the next physics step, or those of none.
-    pub(super) fn limit_joints(&self, world: &mut PhysicsWorld, limits_matter: bool) {
+    pub(crate) fn limit_joints(&self, world: &mut PhysicsWorld, limits_matter: bool) {
         let qpos = self.qpos(world);
         let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
         for (dof, q) in qpos.into_iter().map(f64::from).enumerate() {
@@ -185,13 +185,13 @@ impl Arm {
     }
 
     /// Sets new targets from this arm's part of an action row, [`Targets`] in `mode`.
-    pub(super) fn command(&mut self, world: &PhysicsWorld, mode: ControlMode, row: &[f32]) {
+    pub(crate) fn command(&mut self, world: &PhysicsWorld, mode: ControlMode, row: &[f32]) {
         let qpos = self.qpos(world);
         self.targets = targets(mode, row, &Joints::from_fn(|joint, _| f64::from(qpos[joint])));
     }
 
     /// Predicts the next physics step for the case that the arm touches nothing.
-    pub(super) fn predict(&mut self, world: &PhysicsWorld) {
+    pub(crate) fn predict(&mut self, world: &PhysicsWorld) {
         let (qpos, qvel) = (self.qpos(world).map(f64::from), self.qvel(world).map(f64::from));
         let dt = f64::from(world.integration_parameters.dt);
         let start =
@@ -216,7 +216,7 @@ impl Arm {
     /// chosen such that an arm that touches nothing moves exactly as predicted. With the inertia matrix M,
     /// substep h, stiffness k and damping d, a substep maps the velocity v to A⁻¹ (M v + h k (rest − q)),
     /// where A = M + h d + h² k. All these matrices commute.
-    pub(super) fn drive(&mut self, world: &mut PhysicsWorld, n_substeps: usize) {
+    pub(crate) fn drive(&mut self, world: &mut PhysicsWorld, n_substeps: usize) {
         let dt = f64::from(world.integration_parameters.dt);
         let h = dt / n_substeps as f64;
         let Prediction { start: [q, v], end: [q_end, v_end], inertia, fingers } = &self.prediction;
@@ -264,7 +264,7 @@ impl Arm {
     /// No joint stays faster than [`MAX_JOINT_SPEED`]: rapier integrates Coriolis forces explicitly, which
     /// diverges from there on. No joint stays beyond its limit: what rapier's iterations leave of a
     /// violation, and a step in which a contact pushes a joint into its limit, is corrected here.
-    pub(super) fn finish_step(&self, world: &mut PhysicsWorld) {
+    pub(crate) fn finish_step(&self, world: &mut PhysicsWorld) {
         let qpos = self.qpos(world);
         let multibody = multibody_mut(&mut world.multibody_joints, self.multibody);
         let mut velocity = multibody.generalized_velocity_mut();
@@ -286,7 +286,7 @@ impl Arm {
     }
 
     /// Returns `true` if a moving link was about to touch anything outside the arm in the last step.
-    pub(super) fn is_near_others(&self, world: &PhysicsWorld) -> bool {
+    pub(crate) fn is_near_others(&self, world: &PhysicsWorld) -> bool {
         let is_own = |handle: ColliderHandle| {
             let body = world.colliders[handle].parent();
             body.is_some_and(|body| self.links.contains(&body))
@@ -300,7 +300,7 @@ impl Arm {
     }
 
     /// Returns the positions of joints 1 to 7 (rad) and of the fingers (m).
-    pub(super) fn qpos(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
+    pub(crate) fn qpos(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
         let multibody = self.multibody(world);
         core::array::from_fn(|dof| {
             multibody.link(dof + 1).expect("one link per joint").joint().coords()[coordinate_idx(kind(dof))]
@@ -308,7 +308,7 @@ impl Arm {
     }
 
     /// Returns the velocities of joints 1 to 7 (rad/s) and of the fingers (m/s).
-    pub(super) fn qvel(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
+    pub(crate) fn qvel(&self, world: &PhysicsWorld) -> [f32; N_DOFS] {
         let velocity = self.multibody(world).generalized_velocity();
         core::array::from_fn(|dof| velocity[dof])
     }
@@ -322,12 +322,12 @@ impl Arm {
     }
 
     /// Returns the TCP pose in the world frame.
-    pub(super) fn tcp_pose(&self, world: &PhysicsWorld) -> Isometry3<f32> {
+    pub(crate) fn tcp_pose(&self, world: &PhysicsWorld) -> Isometry3<f32> {
         self.link_pose(world, N_JOINTS) * self.tcp_in_link7
     }
 
     /// Returns the poses of all links in the world frame.
-    pub(super) fn link_poses(&self, world: &PhysicsWorld) -> ArmLinks {
+    pub(crate) fn link_poses(&self, world: &PhysicsWorld) -> ArmLinks {
         let mut poses: [Isometry3<f32>; N_LINKS] = core::array::from_fn(|link| match link {
             0..=N_JOINTS => self.link_pose(world, link),
             _ => self.link_pose(world, link - 1),
@@ -338,7 +338,7 @@ impl Arm {
 
     /// Returns `true` if both fingers press on the body with at least 0.5 N, each within 85° of its opening
     /// direction.
-    pub(super) fn is_grasping(&self, world: &PhysicsWorld, body: RigidBodyHandle) -> bool {
+    pub(crate) fn is_grasping(&self, world: &PhysicsWorld, body: RigidBodyHandle) -> bool {
         [0, 1].into_iter().all(|finger| {
             let opening = self.link_pose(world, N_JOINTS + 1 + finger).rotation * Vector3::y();
             let opening = if finger == 0 { opening } else { -opening };

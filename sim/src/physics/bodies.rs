@@ -26,11 +26,11 @@ const WALL_HEIGHT: f64 = 2.0;
 const FIXED: Group = Group::GROUP_1;
 const JOINTED: Group = Group::GROUP_2;
 /// Collision groups of the arms' links, and of their hands and fingers.
-pub(super) const LINK: Group = Group::GROUP_3;
-pub(super) const HAND: Group = Group::GROUP_4;
+pub(crate) const LINK: Group = Group::GROUP_3;
+pub(crate) const HAND: Group = Group::GROUP_4;
 
 /// Builds a collider of a shape at a pose in its parent's frame.
-pub(super) fn collider(shape: &Primitive, pose: &Isometry3<f64>) -> ColliderBuilder {
+pub(crate) fn collider(shape: &Primitive, pose: &Isometry3<f64>) -> ColliderBuilder {
     let f = |x: f64| x as f32;
     let upright = Rotation::from_rotation_x(core::f32::consts::FRAC_PI_2);
     let mut position = to_pose(pose);
@@ -55,7 +55,7 @@ pub(super) fn collider(shape: &Primitive, pose: &Isometry3<f64>) -> ColliderBuil
 }
 
 /// Adds a body at its start pose, with its colliders and its joint.
-pub(super) fn add_body(world: &mut PhysicsWorld, body: &Body) -> RigidBodyHandle {
+pub(crate) fn add_body(world: &mut PhysicsWorld, body: &Body) -> RigidBodyHandle {
     let (builder, groups) = match body.motion {
         Motion::Dynamic => (RigidBodyBuilder::dynamic(), InteractionGroups::all()),
         Motion::Jointed(_) => (RigidBodyBuilder::dynamic(), collision_groups(JOINTED, !(FIXED | JOINTED))),
@@ -97,7 +97,7 @@ fn mass_properties(kg: f64, centre: [f64; 3], inertia: [f64; 3]) -> MassProperti
 }
 
 /// Collision groups of a collider that belongs to `memberships` and collides with members of `filter`.
-pub(super) const fn collision_groups(memberships: Group, filter: Group) -> InteractionGroups {
+pub(crate) const fn collision_groups(memberships: Group, filter: Group) -> InteractionGroups {
     InteractionGroups::new(memberships, filter, InteractionTestMode::And)
 }
 
@@ -121,14 +121,14 @@ fn attach(world: &mut PhysicsWorld, body: RigidBodyHandle, joint: &JointSpec, st
 }
 
 /// Returns the joint position of a jointed body, in m or rad.
-pub(super) fn joint_position(world: &PhysicsWorld, body: RigidBodyHandle, kind: JointKind) -> f32 {
+pub(crate) fn joint_position(world: &PhysicsWorld, body: RigidBodyHandle, kind: JointKind) -> f32 {
     let link = *world.multibody_joints.rigid_body_link(body).expect("a jointed body is in a multibody");
     let multibody = world.multibody_joints.get_multibody(link.multibody).expect("a link's multibody exists");
     multibody.link(link.id).expect("a link of its multibody").joint().coords()[coordinate_idx(kind)]
 }
 
 /// Sets pose and velocity of a body without a joint.
-pub(super) fn set_state(world: &mut PhysicsWorld, body: RigidBodyHandle, state: &BodyState) {
+pub(crate) fn set_state(world: &mut PhysicsWorld, body: RigidBodyHandle, state: &BodyState) {
     let body = &mut world.bodies[body];
     body.set_position(to_pose(&state.pose.cast()), true);
     if body.is_dynamic() {
@@ -138,7 +138,7 @@ pub(super) fn set_state(world: &mut PhysicsWorld, body: RigidBodyHandle, state: 
 }
 
 /// Moves a body on a joint to the position nearest to a pose, and sets its velocity along the joint.
-pub(super) fn set_joint_state(
+pub(crate) fn set_joint_state(
     world: &mut PhysicsWorld,
     body: RigidBodyHandle,
     kind: JointKind,
@@ -173,7 +173,7 @@ pub(super) fn set_joint_state(
 /// Adds the floor, the table and the four walls of the room (docs/benchmark.md, "Scenes and objects").
 ///
 /// The walls exist even where no background perturbation shows them: appearance never affects a trajectory.
-pub(super) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
+pub(crate) fn add_ground(world: &mut PhysicsWorld, table: TableKind) {
     let mut block = |half: [f64; 3], centre: [f64; 3], filter: Group| {
         let pose = Isometry3::from(Translation3::from(centre));
         let collider_builder = collider(&Primitive::Box { half }, &pose).friction(GROUND_FRICTION);

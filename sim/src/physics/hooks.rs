@@ -9,15 +9,15 @@ use super::Parameters;
 
 /// Distance in m below which the contacts of arms are solved. Arms are slow, and each of their contacts costs
 /// far more than one between free bodies.
-pub(super) const ARM_PREDICTION_M: f32 = 0.004;
+pub(crate) const ARM_PREDICTION_M: f32 = 0.004;
 /// User data of the colliders of fingers.
-pub(super) const FINGER: u128 = 1;
+pub(crate) const FINGER: u128 = 1;
 
 /// Drops distant contacts of arms, and changes stiffness and friction of those of fingers.
-pub(super) struct ArmContacts<'a> {
-    pub(super) parameters: &'a Parameters,
+pub(crate) struct ArmContacts<'a> {
+    pub(crate) parameters: &'a Parameters,
     /// Length of a physics step, in s.
-    pub(super) dt: f32,
+    pub(crate) dt: f32,
 }
 
 impl ArmContacts<'_> {

@@ -19,11 +19,11 @@ const MAX_VERTICES: usize = 4;
 
 /// A convex polyhedron with contact points around the whole touching face.
 #[derive(Clone)]
-pub(super) struct Hull(ConvexPolyhedron);
+pub(crate) struct Hull(ConvexPolyhedron);
 
 impl Hull {
     /// Creates the convex hull of points; `None` if they lie in one plane.
-    pub(super) fn shape(points: &[Vector]) -> Option<SharedShape> {
+    pub(crate) fn shape(points: &[Vector]) -> Option<SharedShape> {
         ConvexPolyhedron::from_convex_hull(points).map(|hull| SharedShape::new(Self(hull)))
     }
 }

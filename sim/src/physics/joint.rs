@@ -13,7 +13,7 @@ use crate::scene::JointKind;
 ///
 /// # Panics
 /// If the direction is −x.
-pub(super) fn single_dof_joint(
+pub(crate) fn single_dof_joint(
     kind: JointKind,
     origin: &Isometry3<f64>,
     direction: &Vector3<f64>,
@@ -34,7 +34,7 @@ pub(super) fn single_dof_joint(
 }
 
 /// Returns the free axis of a joint.
-pub(super) const fn axis(kind: JointKind) -> JointAxis {
+pub(crate) const fn axis(kind: JointKind) -> JointAxis {
     match kind {
         JointKind::Slide => JointAxis::LinX,
         JointKind::Hinge => JointAxis::AngX,
@@ -42,7 +42,7 @@ pub(super) const fn axis(kind: JointKind) -> JointAxis {
 }
 
 /// Returns the index of the joint position among the six coordinates that rapier stores per joint.
-pub(super) const fn coordinate_idx(kind: JointKind) -> usize {
+pub(crate) const fn coordinate_idx(kind: JointKind) -> usize {
     match kind {
         JointKind::Slide => 0,
         JointKind::Hinge => 3,

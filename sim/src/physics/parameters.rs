@@ -66,7 +66,7 @@ impl Default for Parameters {
 
 impl Parameters {
     /// Returns rapier's parameters for `physics_hz` steps per second.
-    pub(super) fn integration(&self, physics_hz: u32) -> IntegrationParameters {
+    pub(crate) fn integration(&self, physics_hz: u32) -> IntegrationParameters {
         let contact =
             |natural_frequency| SpringCoefficients { natural_frequency, damping_ratio: self.contact_damping };
         IntegrationParameters {

@@ -49,7 +49,7 @@ impl InstructionSpec {
     }
 
     /// Draws the instruction of one episode.
-    pub(super) fn draw(&self, episode_seed: u64) -> String {
+    pub(crate) fn draw(&self, episode_seed: u64) -> String {
         let chance = || Stream::new(episode_seed, "instruction/chance").unit();
         match &self.replacement {
             Some((source, probability)) if chance() < *probability => {

@@ -14,24 +14,24 @@ use crate::render::{RenderError, Renderer, View};
 
 /// The cost of rendering one batch.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct RenderCost {
+pub(crate) struct RenderCost {
     /// Number of images rendered.
-    pub(super) images: u64,
+    pub(crate) images: u64,
     /// Core-seconds spent rendering.
-    pub(super) core_s: f64,
+    pub(crate) core_s: f64,
     /// Wall seconds of rendering on a device; 0 on the CPU.
-    pub(super) device_s: f64,
+    pub(crate) device_s: f64,
 }
 
 /// Fills batches. It keeps its allocations from one batch to the next.
-pub(super) struct BatchWriter {
+pub(crate) struct BatchWriter {
     renderer: Box<dyn Renderer>,
     views: Vec<View<'static>>,
 }
 
 impl BatchWriter {
     /// Creates a writer for batches of up to `max_envs` envs.
-    pub(super) fn new(renderer: Box<dyn Renderer>, max_envs: usize) -> Self {
+    pub(crate) fn new(renderer: Box<dyn Renderer>, max_envs: usize) -> Self {
         let max_cameras = Morphology::Bimanual.n_external_cameras() + Morphology::Bimanual.n_hand_cameras();
         Self { renderer, views: Vec::with_capacity(max_envs * max_cameras) }
     }
@@ -41,7 +41,7 @@ impl BatchWriter {
     ///
     /// # Errors
     /// If the renderer fails.
-    pub(super) fn write(
+    pub(crate) fn write(
         &mut self,
         slots: &mut Slots,
         batch: &[u32],
@@ -102,7 +102,7 @@ fn recycle<'a>(mut views: Vec<View<'_>>) -> Vec<View<'a>> {
 /// waits until half of the lane's envs are ready, while the host has the other half. It takes no more than
 /// half, so that stepping and inference overlap, and leaves the remainder of the division to the next batch.
 /// It waits only for envs that are acting: they get ready without an answer.
-pub(super) fn batch_size(tally: LaneTally, max_envs: usize, n_threads: usize) -> Option<usize> {
+pub(crate) fn batch_size(tally: LaneTally, max_envs: usize, n_threads: usize) -> Option<usize> {
     let LaneTally { n_used, n_ready, n_acting } = tally;
     let whole = |n: usize| if n > n_threads { n - n % n_threads } else { n };
     let half = n_used.div_ceil(2);

@@ -14,7 +14,7 @@ use crate::physics::World;
 type Rows = Box<[f32; MAX_HORIZON * MAX_ACTION_DIM]>;
 
 /// A policy's action chunks, `[n_rows, action_dim]` each.
-pub(super) struct ChunkBuffer {
+pub(crate) struct ChunkBuffer {
     mode: ControlMode,
     action_dim: usize,
     /// Control steps between a query and its effect.
@@ -42,7 +42,7 @@ struct Arriving {
 }
 
 impl ChunkBuffer {
-    pub(super) fn new(mode: ControlMode, action_dim: usize, latency_steps: u32) -> Self {
+    pub(crate) fn new(mode: ControlMode, action_dim: usize, latency_steps: u32) -> Self {
         let rows = || Box::new([0.0; MAX_HORIZON * MAX_ACTION_DIM]);
         Self {
             mode,
@@ -60,28 +60,28 @@ impl ChunkBuffer {
     }
 
     /// Returns `true` if a row can be executed without another answer.
-    pub(super) fn has_row(&self) -> bool {
+    pub(crate) fn has_row(&self) -> bool {
         self.delay_left > 0 || self.next < self.n_execute
     }
 
     /// Returns `true` if an answer to a query after `steps_left` steps before the end would take effect.
-    pub(super) fn is_query_useful(&self, steps_left: u32) -> bool {
+    pub(crate) fn is_query_useful(&self, steps_left: u32) -> bool {
         steps_left > self.latency_steps
     }
 
     /// Goes on without another query until the end of the episode.
-    pub(super) fn coast(&mut self, steps_left: u32) {
+    pub(crate) fn coast(&mut self, steps_left: u32) {
         self.delay_left = steps_left;
     }
 
     /// Starts the latency of a query.
-    pub(super) fn on_query(&mut self) {
+    pub(crate) fn on_query(&mut self) {
         self.delay_left = self.latency_steps;
     }
 
     /// Takes a received chunk, `[n_rows, action_dim]`, of which `n_execute` rows are executed before the next
     /// query.
-    pub(super) fn receive(&mut self, rows: &[f32], n_rows: usize, n_execute: usize) {
+    pub(crate) fn receive(&mut self, rows: &[f32], n_rows: usize, n_execute: usize) {
         let n_execute = n_execute.min(n_rows);
         // Without latency no other row is ever executed.
         let n_rows = if self.latency_steps == 0 { n_execute } else { n_rows };
@@ -99,7 +99,7 @@ impl ChunkBuffer {
     }
 
     /// Writes the next row to execute.
-    pub(super) fn next_row(&mut self, world: &World, row: &mut [f32]) {
+    pub(crate) fn next_row(&mut self, world: &World, row: &mut [f32]) {
         if self.next < self.n_rows {
             row.copy_from_slice(&self.rows[self.next * self.action_dim..][..self.action_dim]);
             self.next += 1;

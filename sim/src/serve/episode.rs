@@ -22,7 +22,7 @@ use crate::task::Task;
 
 /// Returns the control mode in which `driver` controls this morphology. The expert always uses absolute joint
 /// positions.
-pub(super) fn control_mode(options: &ResultOptions, morphology: Morphology, driver: Driver) -> ControlMode {
+pub(crate) fn control_mode(options: &ResultOptions, morphology: Morphology, driver: Driver) -> ControlMode {
     match driver {
         Driver::Lane(_) => morphology.control_mode(options.control_mode),
         Driver::Expert => expert::CONTROL_MODE,
@@ -39,7 +39,7 @@ enum ActionSource {
 
 /// The state of an episode between two control steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Status {
+pub(crate) enum Status {
     /// The next query is due.
     Ready,
     /// A query is in flight.
@@ -52,7 +52,7 @@ pub(super) enum Status {
 
 /// Errors that end an episode before its last step. They are reported apart from task failures.
 #[derive(Debug, Error)]
-pub(super) enum EpisodeError {
+pub(crate) enum EpisodeError {
     #[error("the physics state is not finite after step {step}")]
     NonFiniteState { step: u32 },
     #[error("the policy host could not answer; see its log")]
@@ -62,8 +62,8 @@ pub(super) enum EpisodeError {
 }
 
 /// An episode in progress.
-pub(super) struct RunningEpisode {
-    pub(super) assignment: Assignment,
+pub(crate) struct RunningEpisode {
+    pub(crate) assignment: Assignment,
     task: &'static Task,
     action_dim: usize,
     instruction: String,
@@ -71,8 +71,8 @@ pub(super) struct RunningEpisode {
     action_source: ActionSource,
     success: Vec<Predicate>,
     /// The scene prepared for rendering; `None` if the policy uses no images.
-    pub(super) view: Option<RenderScene>,
-    pub(super) snapshot: Snapshot,
+    pub(crate) view: Option<RenderScene>,
+    pub(crate) snapshot: Snapshot,
     steps: u32,
     queries: u32,
     queried_at: Option<Instant>,
@@ -90,7 +90,7 @@ pub(super) struct RunningEpisode {
 impl RunningEpisode {
     /// Samples the episode's scene and builds its world. With `images`, the scene is also prepared for
     /// rendering.
-    pub(super) fn new(
+    pub(crate) fn new(
         assignment: Assignment,
         run: &RunConfig,
         sentences: Option<&Sentences>,
@@ -142,11 +142,11 @@ impl RunningEpisode {
         }
     }
 
-    pub(super) fn morphology(&self) -> Morphology {
+    pub(crate) fn morphology(&self) -> Morphology {
         self.task.morphology
     }
 
-    pub(super) fn status(&self) -> Status {
+    pub(crate) fn status(&self) -> Status {
         let is_over = self.steps >= self.task.max_steps || self.error.is_some();
         match &self.action_source {
             // The slot is free once the answer in flight has been received.
@@ -165,7 +165,7 @@ impl RunningEpisode {
     }
 
     /// Executes up to `max_rows` of the available action rows. Returns the number of control steps executed.
-    pub(super) fn advance(&mut self, max_rows: u32) -> u32 {
+    pub(crate) fn advance(&mut self, max_rows: u32) -> u32 {
         let start = Instant::now();
         let before = self.steps;
         let mut row = [0.0_f32; MAX_ACTION_DIM];
@@ -217,12 +217,12 @@ impl RunningEpisode {
     }
 
     /// Copies the current poses into the snapshot for the renderer.
-    pub(super) fn take_snapshot(&mut self) {
+    pub(crate) fn take_snapshot(&mut self) {
         self.world.write_snapshot(&mut self.snapshot);
     }
 
     /// Writes the record of the next query in place. Every byte of its page is written.
-    pub(super) fn write_record(&self, slot: u32, execute: u32, record: &mut EnvRecord) {
+    pub(crate) fn write_record(&self, slot: u32, execute: u32, record: &mut EnvRecord) {
         let (state_dim, text) = (self.task.morphology.state_dim(), self.instruction.as_bytes());
         record.slot = slot;
         record.query = self.queries;
@@ -240,7 +240,7 @@ impl RunningEpisode {
     }
 
     /// Records that the episode's observation was sent.
-    pub(super) fn mark_queried(&mut self, now: Instant) {
+    pub(crate) fn mark_queried(&mut self, now: Instant) {
         self.queried_at = Some(now);
         self.queries += 1;
         if let ActionSource::Chunk(chunk) = &mut self.action_source {
@@ -250,7 +250,7 @@ impl RunningEpisode {
 
     /// Takes the rows of an answer that [`Self::check_answer`] has accepted; at most `execute` of them are
     /// executed before the next query.
-    pub(super) fn accept(&mut self, answer: &ActionBlock, execute: u32, now: Instant) {
+    pub(crate) fn accept(&mut self, answer: &ActionBlock, execute: u32, now: Instant) {
         self.ledger.policy_s += self.queried_at.take().map_or(0.0, |sent| (now - sent).as_secs_f64());
         if let ActionSource::Chunk(chunk) = &mut self.action_source {
             chunk.receive(&answer.rows, answer.n_rows as usize, execute as usize);
@@ -258,13 +258,13 @@ impl RunningEpisode {
     }
 
     /// Ends the episode with an error in the answer that has just been received.
-    pub(super) fn fail(&mut self, error: EpisodeError) {
+    pub(crate) fn fail(&mut self, error: EpisodeError) {
         self.queried_at = None;
         self.error = Some(error);
     }
 
     /// Checks that this answer belongs to the episode's latest query and has the right action size.
-    pub(super) fn check_answer(&self, slot: u32, answer: &ActionBlock) -> Result<(), InvalidAnswerError> {
+    pub(crate) fn check_answer(&self, slot: u32, answer: &ActionBlock) -> Result<(), InvalidAnswerError> {
         let check = |field, found: u32, expected: u32| {
             if found == expected {
                 Ok(())
@@ -277,12 +277,12 @@ impl RunningEpisode {
         check("action_dim", answer.action_dim, self.action_dim as u32)
     }
 
-    pub(super) fn add_render_time(&mut self, seconds: f64) {
+    pub(crate) fn add_render_time(&mut self, seconds: f64) {
         self.ledger.render_s += seconds;
     }
 
     /// Returns the result of an episode whose status is [`Status::Done`].
-    pub(super) fn outcome(&mut self) -> Outcome {
+    pub(crate) fn outcome(&mut self) -> Outcome {
         let EpisodeLedger { physics_s, render_s, policy_s, .. } = self.ledger;
         self.ledger.wait_s =
             (self.created.elapsed().as_secs_f64() - physics_s - render_s - policy_s).max(0.0);

@@ -23,7 +23,7 @@ const EPOCH_STRIDE: u32 = 0x9E37_79B1;
 
 /// Errors that can occur while serving a lane. Other lanes are not affected.
 #[derive(Debug, Error)]
-pub(super) enum LaneError {
+pub(crate) enum LaneError {
     #[error("policy `{policy}` sent an invalid answer")]
     Answer { policy: String, source: InvalidAnswerError },
     #[error("policy `{policy}` has not answered for {} s", .timeout.as_secs())]
@@ -36,7 +36,7 @@ pub(super) enum LaneError {
 
 /// Errors that can occur while validating an answer.
 #[derive(Debug, Error)]
-pub(super) enum InvalidAnswerError {
+pub(crate) enum InvalidAnswerError {
     #[error(transparent)]
     Frame(#[from] FrameError),
     #[error("its host found an observation that was overwritten in shared memory")]
@@ -61,9 +61,9 @@ struct InFlightBatch {
 }
 
 /// A lane and its batches in flight.
-pub(super) struct LaneState {
-    pub(super) config: Lane,
-    pub(super) link: SimLane,
+pub(crate) struct LaneState {
+    pub(crate) config: Lane,
+    pub(crate) link: SimLane,
     run_id: u64,
     /// `true` if messages have checksums.
     check_frames: bool,
@@ -87,14 +87,14 @@ pub(super) struct LaneState {
 
 impl LaneError {
     /// Returns `true` if no further attempt is worth its time.
-    pub(super) fn is_final(&self) -> bool {
+    pub(crate) fn is_final(&self) -> bool {
         matches!(self, Self::NoHost { .. })
     }
 }
 
 impl LaneState {
     /// Creates the lane's shared memory and populates it.
-    pub(super) fn create(
+    pub(crate) fn create(
         node: &LinkNode,
         run_id: u64,
         check_frames: bool,
@@ -131,33 +131,33 @@ impl LaneState {
     }
 
     /// Returns `true` if another batch may be sent.
-    pub(super) fn can_send(&self) -> bool {
+    pub(crate) fn can_send(&self) -> bool {
         self.host_connected && !self.spare.is_empty()
     }
 
     /// Returns `true` if a host is connected.
-    pub(super) fn is_connected(&self) -> bool {
+    pub(crate) fn is_connected(&self) -> bool {
         self.host_connected
     }
 
     /// Returns `true` if the lane is no longer served.
-    pub(super) fn is_given_up(&self) -> bool {
+    pub(crate) fn is_given_up(&self) -> bool {
         self.given_up
     }
 
     /// Stops serving the lane.
-    pub(super) fn give_up(&mut self) {
+    pub(crate) fn give_up(&mut self) {
         self.host_down();
         self.given_up = true;
     }
 
     /// Returns `true` if a batch is in flight.
-    pub(super) fn awaits_answer(&self) -> bool {
+    pub(crate) fn awaits_answer(&self) -> bool {
         !self.in_flight.is_empty()
     }
 
     /// Counts the time up to `now`, at which a batch in flight has no answer yet.
-    pub(super) fn count_queried(&mut self, now: Instant) {
+    pub(crate) fn count_queried(&mut self, now: Instant) {
         if self.config.foreign && self.awaits_answer() {
             self.queried += now.saturating_duration_since(self.queried_until);
             self.queried_until = now;
@@ -167,18 +167,18 @@ impl LaneState {
     /// Returns the seconds in which a foreign host had an unanswered query ([`Counters::foreign_s`]).
     ///
     /// [`Counters::foreign_s`]: super::protocol::Counters::foreign_s
-    pub(super) fn queried_s(&self) -> f64 {
+    pub(crate) fn queried_s(&self) -> f64 {
         self.queried.as_secs_f64()
     }
 
     /// Returns the number of pages of one env of this morphology.
-    pub(super) fn block_pages(&self, morphology: Morphology) -> usize {
+    pub(crate) fn block_pages(&self, morphology: Morphology) -> usize {
         block_pages(morphology, self.config.images)
     }
 
     /// Records a batch as in flight and returns its header. The caller sends it with the observations in
     /// `pages`.
-    pub(super) fn dispatch(
+    pub(crate) fn dispatch(
         &mut self,
         slots: &[u32],
         morphology: Morphology,
@@ -213,7 +213,7 @@ impl LaneState {
     }
 
     /// Marks the host as connected: batches may be sent.
-    pub(super) fn host_up(&mut self) {
+    pub(crate) fn host_up(&mut self) {
         // Remember which foreign host receives the queries, so that a replacement is noticed even if it
         // connects before the next check.
         self.host_id = if self.config.foreign { self.link.host_id() } else { None };
@@ -222,7 +222,7 @@ impl LaneState {
 
     /// Marks the host as lost: batches in flight are dropped, and the new epoch makes late answers to them
     /// recognisable.
-    pub(super) fn host_down(&mut self) {
+    pub(crate) fn host_down(&mut self) {
         self.host_connected = false;
         self.epoch = self.epoch.wrapping_add(1);
         self.spare.append(&mut self.in_flight);
@@ -234,7 +234,7 @@ impl LaneState {
     ///
     /// # Errors
     /// If the message is not a valid answer to a batch in flight, or the link fails.
-    pub(super) fn receive(
+    pub(crate) fn receive(
         &mut self,
         latencies: &mut Latencies,
         now: Instant,
@@ -293,7 +293,7 @@ impl LaneState {
     ///
     /// # Errors
     /// If a timeout has expired.
-    pub(super) fn check_host(&mut self, now: Instant) -> Result<bool, LaneError> {
+    pub(crate) fn check_host(&mut self, now: Instant) -> Result<bool, LaneError> {
         let timeout = Duration::from_secs(self.config.answer_timeout_s.into());
         if self.in_flight.iter().any(|batch| now - batch.sent > timeout) {
             return Err(LaneError::AnswerTimeout { policy: self.policy(), timeout });
@@ -319,7 +319,7 @@ impl LaneState {
     }
 
     /// Returns the name of the lane's policy.
-    pub(super) fn policy(&self) -> String {
+    pub(crate) fn policy(&self) -> String {
         self.config.spec.policy.clone()
     }
 }

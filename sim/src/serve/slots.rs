@@ -16,7 +16,7 @@ use crate::perturb::Sentences;
 const STEP_QUANTUM: u32 = 5;
 
 /// The state of one slot.
-pub(super) enum Slot {
+pub(crate) enum Slot {
     /// The slot has no episode.
     Empty,
     /// An episode whose world has not been built yet.
@@ -37,17 +37,17 @@ impl Slot {
 
 /// Numbers of slots that a lane uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct LaneTally {
+pub(crate) struct LaneTally {
     /// All of them.
-    pub(super) n_used: usize,
+    pub(crate) n_used: usize,
     /// Those whose next query is due.
-    pub(super) n_ready: usize,
+    pub(crate) n_ready: usize,
     /// Those that are still to be built, or have action rows to execute.
-    pub(super) n_acting: usize,
+    pub(crate) n_acting: usize,
 }
 
 /// All slots, and the queues of episodes without a slot.
-pub(super) struct Slots {
+pub(crate) struct Slots {
     slots: Vec<Slot>,
     /// Number of slots that may be in use.
     limit: u32,
@@ -66,7 +66,7 @@ pub(super) struct Slots {
 
 impl Slots {
     /// Creates empty slots.
-    pub(super) fn new(config: &SimConfig, sentences: Option<Sentences>) -> Self {
+    pub(crate) fn new(config: &SimConfig, sentences: Option<Sentences>) -> Self {
         Self {
             slots: (0..config.max_envs).map(|_| Slot::Empty).collect(),
             limit: config.envs,
@@ -80,12 +80,12 @@ impl Slots {
     }
 
     /// Changes the number of slots that may be in use. Episodes in progress go on.
-    pub(super) fn set_limit(&mut self, limit: u32) {
+    pub(crate) fn set_limit(&mut self, limit: u32) {
         self.limit = limit;
     }
 
     /// Queues an episode, unless it is queued or in a slot already.
-    pub(super) fn push(&mut self, assignment: Assignment) {
+    pub(crate) fn push(&mut self, assignment: Assignment) {
         if self.held.insert(assignment.id) {
             let driver = self.driver_idx(assignment.driver);
             self.queues[driver].push_back(assignment);
@@ -93,7 +93,7 @@ impl Slots {
     }
 
     /// Returns the ids of all episodes in queues and slots, in ascending order.
-    pub(super) fn held(&self) -> Vec<u64> {
+    pub(crate) fn held(&self) -> Vec<u64> {
         let mut held: Vec<u64> = self.held.iter().copied().collect();
         held.sort_unstable();
         held
@@ -110,7 +110,7 @@ impl Slots {
     /// Assigns queued episodes to empty slots. The next slot goes to the driver with the fewest, so that a
     /// slow policy does not starve the others. A lane for which `is_connected` is false comes last, and gives
     /// a slot back to a driver that has none.
-    pub(super) fn refill(&mut self, is_connected: impl Fn(usize) -> bool) {
+    pub(crate) fn refill(&mut self, is_connected: impl Fn(usize) -> bool) {
         if self.queues.iter().all(VecDeque::is_empty) {
             return;
         }
@@ -156,7 +156,7 @@ impl Slots {
 
     /// Puts the unfinished episodes of a lane's policy back into its queue. They will start from their
     /// beginning.
-    pub(super) fn restart(&mut self, lane: u32) {
+    pub(crate) fn restart(&mut self, lane: u32) {
         for slot in self.slots.iter_mut().rev() {
             let is_done = matches!(slot, Slot::Running(episode) if episode.status() == Status::Done);
             if let Some(assignment) = slot.assignment()
@@ -170,7 +170,7 @@ impl Slots {
     }
 
     /// Forgets all episodes of a lane's policy.
-    pub(super) fn give_up(&mut self, lane: u32) {
+    pub(crate) fn give_up(&mut self, lane: u32) {
         for slot in &mut self.slots {
             if let Some(assignment) = slot.assignment()
                 && assignment.driver == Driver::Lane(lane)
@@ -185,7 +185,7 @@ impl Slots {
     }
 
     /// Returns the episode that runs in a slot.
-    pub(super) fn episode_mut(&mut self, slot: u32) -> Option<&mut RunningEpisode> {
+    pub(crate) fn episode_mut(&mut self, slot: u32) -> Option<&mut RunningEpisode> {
         match self.slots.get_mut(slot as usize) {
             Some(Slot::Running(episode)) => Some(episode),
             _ => None,
@@ -193,7 +193,7 @@ impl Slots {
     }
 
     /// Returns the episode that runs in a slot.
-    pub(super) fn episode(&self, slot: u32) -> Option<&RunningEpisode> {
+    pub(crate) fn episode(&self, slot: u32) -> Option<&RunningEpisode> {
         match self.slots.get(slot as usize) {
             Some(Slot::Running(episode)) => Some(episode),
             _ => None,
@@ -201,7 +201,7 @@ impl Slots {
     }
 
     /// Returns the slots of a lane whose next query is due, in slot order.
-    pub(super) fn ready(&self, lane: u32) -> impl Iterator<Item = (u32, &RunningEpisode)> {
+    pub(crate) fn ready(&self, lane: u32) -> impl Iterator<Item = (u32, &RunningEpisode)> {
         (0_u32..).zip(&self.slots).filter_map(move |(idx, slot)| match slot {
             Slot::Running(episode) if episode.assignment.driver == Driver::Lane(lane) => {
                 (episode.status() == Status::Ready).then_some((idx, episode.as_ref()))
@@ -211,7 +211,7 @@ impl Slots {
     }
 
     /// Counts the slots of a lane.
-    pub(super) fn tally(&self, lane: u32) -> LaneTally {
+    pub(crate) fn tally(&self, lane: u32) -> LaneTally {
         let mut tally = LaneTally::default();
         for slot in &self.slots {
             let (driver, status) = match slot {
@@ -230,7 +230,7 @@ impl Slots {
 
     /// Returns `true` if [`Self::advance`] would build or step anything, or a finished episode has not been
     /// reported.
-    pub(super) fn has_work(&self) -> bool {
+    pub(crate) fn has_work(&self) -> bool {
         self.slots.iter().any(|slot| match slot {
             Slot::Empty => false,
             Slot::Assigned(_) => true,
@@ -241,7 +241,7 @@ impl Slots {
     /// Builds assigned episodes and steps those that have action rows, slots in parallel. A thread that finds
     /// no other slot goes on with its own until all have finished, instead of waiting for them. Returns the
     /// number of control steps executed.
-    pub(super) fn advance(&mut self) -> u64 {
+    pub(crate) fn advance(&mut self) -> u64 {
         let (run, sentences, images) = (&self.run, self.sentences.as_ref(), &self.images);
         let (unstarted, unfinished) =
             (AtomicUsize::new(self.slots.len()), AtomicUsize::new(self.slots.len()));
@@ -279,7 +279,7 @@ impl Slots {
     }
 
     /// Reports and removes finished episodes, in slot order.
-    pub(super) fn take_finished(&mut self, mut report: impl FnMut(Outcome)) {
+    pub(crate) fn take_finished(&mut self, mut report: impl FnMut(Outcome)) {
         for slot in &mut self.slots {
             if let Slot::Running(episode) = slot
                 && episode.status() == Status::Done

@@ -36,10 +36,10 @@ pub struct DepthRange {
 
 impl DepthRange {
     /// The range of an empty set of depths.
-    pub(super) const EMPTY: Self = Self { min_m: f32::INFINITY, max_m: 0.0 };
+    pub(crate) const EMPTY: Self = Self { min_m: f32::INFINITY, max_m: 0.0 };
 
     /// Extends the range by all finite depths, each clamped to [`LIMITS_M`].
-    pub(super) fn extend(&mut self, depths_m: &[f32]) {
+    pub(crate) fn extend(&mut self, depths_m: &[f32]) {
         for &depth_m in depths_m.iter().filter(|depth_m| depth_m.is_finite()) {
             let depth_m = depth_m.clamp(LIMITS_M[0], LIMITS_M[1]);
             self.min_m = self.min_m.min(depth_m);
@@ -48,7 +48,7 @@ impl DepthRange {
     }
 
     /// Returns the sRGB colour of a depth; infinite depths are black.
-    pub(super) fn color_of(&self, depth_m: f32) -> [u8; 3] {
+    pub(crate) fn color_of(&self, depth_m: f32) -> [u8; 3] {
         if depth_m.is_infinite() {
             return [0; 3];
         }

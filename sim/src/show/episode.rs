@@ -40,7 +40,7 @@ type ActFn = Box<dyn FnMut(&World, &mut [f32])>;
 
 /// Condition that ends a rollout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum RolloutEnd {
+pub(crate) enum RolloutEnd {
     /// The first success, or the episode's step limit.
     FirstSuccess,
     /// The episode's step limit.
@@ -54,7 +54,7 @@ impl EpisodeSpec {
     }
 
     /// Rolls out an episode. Returns the initial snapshot followed by one snapshot per control step.
-    pub(super) fn roll_out(
+    pub(crate) fn roll_out(
         self,
         scene: &Scene,
         actor: Actor,
@@ -107,7 +107,7 @@ impl Actor {
 }
 
 /// Returns the current poses of all bodies and links of a world.
-pub(super) fn snapshot(scene: &Scene, world: &World) -> Snapshot {
+pub(crate) fn snapshot(scene: &Scene, world: &World) -> Snapshot {
     let mut snapshot = Snapshot::identity(scene.bodies.len(), scene.robots.len());
     world.write_snapshot(&mut snapshot);
     snapshot

@@ -29,7 +29,7 @@ pub enum Legend {
 }
 
 /// Renders frames of a sequence with a common legend.
-pub(super) struct FrameRenderer {
+pub(crate) struct FrameRenderer {
     renderer: CpuRenderer,
     legend: Legend,
 }
@@ -51,7 +51,7 @@ impl ViewMode {
 
 impl FrameRenderer {
     /// Creates a renderer whose legend covers all frames. `scenes` are the prepared versions of `sampled`.
-    pub(super) fn new(
+    pub(crate) fn new(
         mode: ViewMode,
         sampled: &[Scene],
         scenes: &[RenderScene],
@@ -67,17 +67,17 @@ impl FrameRenderer {
     }
 
     /// Renders colour images with this many samples per pixel from now on.
-    pub(super) fn set_samples(&mut self, samples: Samples) {
+    pub(crate) fn set_samples(&mut self, samples: Samples) {
         let options = CpuOptions { samples, ..CpuOptions::default() };
         self.renderer = CpuRenderer::with_options(rayon::current_num_threads(), options);
     }
 
-    pub(super) fn legend(&self) -> &Legend {
+    pub(crate) fn legend(&self) -> &Legend {
         &self.legend
     }
 
     /// Renders all cameras. Returns each camera's side in px and its `[side, side, 3] u8` sRGB image.
-    pub(super) fn render(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
+    pub(crate) fn render(&mut self, scene: &RenderScene, snapshot: &Snapshot) -> Vec<(usize, Vec<u8>)> {
         let Self { renderer, legend } = self;
         let mut for_each_camera = |to_image: &dyn Fn(Inspection) -> Vec<u8>| {
             let camera = |idx| (scene.side(idx), to_image(renderer.inspect(scene, snapshot, idx)));

@@ -36,7 +36,7 @@ pub struct LegendEntry {
 
 /// Returns the sRGB colour of a segment. After the fourteenth body the palette repeats at half the
 /// brightness.
-pub(super) fn color_of(segment: Segment) -> [u8; 3] {
+pub(crate) fn color_of(segment: Segment) -> [u8; 3] {
     match segment {
         Segment::Nothing => [0; 3],
         Segment::Body(idx) => BODIES[idx % BODIES.len()].map(|c| c >> (idx / BODIES.len()).min(7)),
@@ -48,7 +48,7 @@ pub(super) fn color_of(segment: Segment) -> [u8; 3] {
 }
 
 /// Lists all objects that occur in the scenes, without duplicates.
-pub(super) fn legend(scenes: &[Scene]) -> Vec<LegendEntry> {
+pub(crate) fn legend(scenes: &[Scene]) -> Vec<LegendEntry> {
     let mut entries = Vec::new();
     for entry in scenes.iter().flat_map(entries_of) {
         if !entries.contains(&entry) {

@@ -24,11 +24,11 @@ pub struct FrameSequence {
 }
 
 /// One frame of a sequence.
-pub(super) struct SequenceFrame {
+pub(crate) struct SequenceFrame {
     /// Index of the frame's scene.
-    pub(super) scene_idx: usize,
+    pub(crate) scene_idx: usize,
     /// Poses of bodies and links.
-    pub(super) snapshot: Snapshot,
+    pub(crate) snapshot: Snapshot,
 }
 
 impl FrameSequence {

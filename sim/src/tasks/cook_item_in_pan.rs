@@ -17,7 +17,7 @@ use crate::robot::panda::TIP_BEYOND_TCP;
 use crate::scene::{Range, RegionSpec, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "CookItemInPan-v1",
     category: Category::LongHorizon,
     morphology: Morphology::Single,

@@ -12,7 +12,7 @@ use crate::profile::Profile;
 use crate::scene::{Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "DualArmDrawerOpen-v1",
     category: Category::Articulated,
     morphology: Morphology::Bimanual,

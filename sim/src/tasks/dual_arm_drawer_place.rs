@@ -13,7 +13,7 @@ use crate::profile::Profile;
 use crate::scene::{BodySpec, Range, ScaledBy, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "DualArmDrawerPlace-v1",
     category: Category::Articulated,
     morphology: Morphology::Bimanual,

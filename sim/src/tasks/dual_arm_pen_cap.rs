@@ -12,7 +12,7 @@ use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "DualArmPenCap-v1",
     category: Category::Insertion,
     morphology: Morphology::Bimanual,

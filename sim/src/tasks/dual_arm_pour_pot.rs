@@ -13,7 +13,7 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, PlacementSpec, Range, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "DualArmPourPot-v1",
     category: Category::Reorientation,
     morphology: Morphology::Bimanual,

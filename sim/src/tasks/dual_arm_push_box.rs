@@ -14,7 +14,7 @@ use crate::profile::Profile;
 use crate::scene::{AppearanceSpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "DualArmPushBox-v1",
     category: Category::Reorientation,
     morphology: Morphology::Bimanual,

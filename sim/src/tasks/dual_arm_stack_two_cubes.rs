@@ -10,7 +10,7 @@ use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "DualArmStack3Cube-v1",
     category: Category::LongHorizon,
     morphology: Morphology::Bimanual,

@@ -15,7 +15,7 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "DualArmThreading-v1",
     category: Category::Insertion,
     morphology: Morphology::Bimanual,

@@ -15,7 +15,7 @@ use crate::profile::Profile;
 use crate::scene::{AppearanceSpec, BodySpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "HammerNail-v1",
     category: Category::ToolUse,
     morphology: Morphology::Single,

@@ -15,7 +15,7 @@ use crate::robot::control;
 use crate::scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "LiftPegUprightColosseumV2-v1",
     category: Category::Reorientation,
     morphology: Morphology::Single,

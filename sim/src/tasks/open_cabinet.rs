@@ -13,7 +13,7 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{DistractorsSpec, Range, RegionSpec, Scene, SceneSpec, TableKind, WidenedRanges};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "OpenCabinet-v1",
     category: Category::Articulated,
     morphology: Morphology::Single,

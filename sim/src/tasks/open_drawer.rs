@@ -13,7 +13,7 @@ use crate::profile::Profile;
 use crate::scene::{Range, Scene, SceneSpec, TableKind};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "OpenDrawer-v1",
     category: Category::Articulated,
     morphology: Morphology::Single,

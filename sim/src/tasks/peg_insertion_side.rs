@@ -16,7 +16,7 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{AppearanceSpec, BodySpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "PegInsertionSideColosseumV2-v1",
     category: Category::Insertion,
     morphology: Morphology::Single,

@@ -10,7 +10,7 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "PickDishFromRack-v1",
     category: Category::Pick,
     morphology: Morphology::Single,

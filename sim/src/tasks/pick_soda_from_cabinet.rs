@@ -15,7 +15,7 @@ use crate::scene::{
 };
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "PickSodaFromCabinet-v1",
     category: Category::Pick,
     morphology: Morphology::Single,

@@ -10,7 +10,7 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, Range, RegionSpec, RenderParts, ScaledBy, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "PlaceBookInShelf-v1",
     category: Category::PickAndPlace,
     morphology: Morphology::Single,

@@ -12,7 +12,7 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "PlaceCubeInDrawer-v1",
     category: Category::LongHorizon,
     morphology: Morphology::Single,

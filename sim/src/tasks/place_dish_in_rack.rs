@@ -12,7 +12,7 @@ use crate::profile::Profile;
 use crate::scene::{BodySpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "PlaceDishInRack-v1",
     category: Category::PickAndPlace,
     morphology: Morphology::Single,

@@ -17,7 +17,7 @@ use crate::profile::Profile;
 use crate::scene::{AppearanceSpec, BodySpec, Range, ScaledBy, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "PlugChargerColosseumV2-v1",
     category: Category::Insertion,
     morphology: Morphology::Single,

@@ -11,7 +11,7 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "RaiseCube-v1",
     category: Category::Pick,
     morphology: Morphology::Single,

@@ -13,7 +13,7 @@ use crate::robot::panda::TIP_BEYOND_TCP;
 use crate::scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "RotateArrow-v1",
     category: Category::Reorientation,
     morphology: Morphology::Single,

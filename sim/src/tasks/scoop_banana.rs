@@ -14,7 +14,7 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{AppearanceSpec, BodySpec, PlacementSpec, Range, RegionSpec, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "ScoopBanana-v1",
     category: Category::ToolUse,
     morphology: Morphology::Single,

@@ -12,7 +12,7 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{BodySpec, Range, RegionSpec, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
-pub(super) const TASK: Task = Task {
+pub(crate) const TASK: Task = Task {
     env_id: "StackCubeColosseumV2-v1",
     category: Category::PickAndPlace,
     morphology: Morphology::Single,

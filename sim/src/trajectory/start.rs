@@ -210,7 +210,7 @@ impl BodyFile {
 }
 
 /// Returns position, then quaternion (w, x, y, z).
-pub(super) fn pose_to_array(pose: &Isometry3<f32>) -> [f64; 7] {
+pub(crate) fn pose_to_array(pose: &Isometry3<f32>) -> [f64; 7] {
     let (p, q) = (pose.translation.vector, pose.rotation.coords);
     [p.x, p.y, p.z, q.w, q.x, q.y, q.z].map(f64::from)
 }

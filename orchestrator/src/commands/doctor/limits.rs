@@ -15,14 +15,14 @@ const LOGIND: [&str; 3] = ["/etc/systemd", "/run/systemd", "/usr/lib/systemd"];
 const FIRST_PERSON: u32 = 1000;
 
 /// Tells how many cores runs use, and what says so.
-pub(super) fn cores() -> Check {
+pub(crate) fn cores() -> Check {
     let bounds = core_bounds();
     let bounds: Vec<_> = bounds.iter().map(|bound| format!("{} by {}", bound.limit, bound.source)).collect();
     Check::ok("cores", format!("{} in use ({})", n_cores(), bounds.join(", ")))
 }
 
 /// Tells how much memory runs may use, and what says so.
-pub(super) fn memory() -> Check {
+pub(crate) fn memory() -> Check {
     const NAME: &str = "memory";
     let bounds = memory_bounds();
     let mebibytes = |bytes: u64| bytes >> 20;
@@ -42,7 +42,7 @@ pub(super) fn memory() -> Check {
 }
 
 /// Lists the limits of the shell.
-pub(super) fn resources() -> Check {
+pub(crate) fn resources() -> Check {
     let limits = [
         ("open files", Resource::Nofile, "-n"),
         ("processes", Resource::Nproc, "-u"),
@@ -67,7 +67,7 @@ pub(super) fn resources() -> Check {
 }
 
 /// Tells whether the shared memory of a run survives the end of the login session.
-pub(super) fn logout() -> Check {
+pub(crate) fn logout() -> Check {
     const NAME: &str = "logout";
     let uid = getuid().as_raw();
     if !Path::new("/run/systemd/system").exists() {

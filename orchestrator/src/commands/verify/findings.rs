@@ -10,7 +10,7 @@ use crate::stored_episode::format_fingerprint;
 use crate::table::{Align, TextTable};
 
 /// A column that differs between a row and its repetition.
-pub(super) struct Difference<'a> {
+pub(crate) struct Difference<'a> {
     row: &'a EpisodeRow,
     column: &'static str,
     stored: String,
@@ -18,7 +18,7 @@ pub(super) struct Difference<'a> {
 }
 
 /// Compares a row with its repetition. Times are left out: they are never the same.
-pub(super) fn differences<'a>(
+pub(crate) fn differences<'a>(
     file: &ResultsFile,
     row: &'a EpisodeRow,
     outcome: &Outcome,
@@ -54,11 +54,11 @@ pub(super) fn differences<'a>(
 }
 
 /// Counts the rows with a difference. Differences of one row follow each other.
-pub(super) fn count_rows(differences: &[Difference<'_>]) -> usize {
+pub(crate) fn count_rows(differences: &[Difference<'_>]) -> usize {
     differences.chunk_by(|a, b| std::ptr::eq(a.row, b.row)).count()
 }
 
-pub(super) fn text_report(
+pub(crate) fn text_report(
     file: &ResultsFile,
     differences: &[Difference<'_>],
     unverifiable: &Unverifiable,
@@ -89,7 +89,7 @@ pub(super) fn text_report(
 }
 
 /// Formats the episodes that were planned and are not in the file.
-pub(super) fn gap_lines(gaps: Option<&[Gap]>) -> String {
+pub(crate) fn gap_lines(gaps: Option<&[Gap]>) -> String {
     let Some(gaps) = gaps else {
         return "the file does not say which episodes were planned, so missing ones cannot be detected\n"
             .to_owned();
@@ -101,7 +101,7 @@ pub(super) fn gap_lines(gaps: Option<&[Gap]>) -> String {
     gaps.iter().map(line).collect()
 }
 
-pub(super) fn json_report(
+pub(crate) fn json_report(
     file: &ResultsFile,
     n_run: usize,
     differences: &[Difference<'_>],

@@ -15,7 +15,7 @@ use sim::perturb::{Composition, Strength};
 use super::stats::{FeatureStats, Histogram};
 use crate::demos::image::ImageFormat;
 
-pub(super) const SETTINGS: &str = "meta/hypogeum.json";
+pub(crate) const SETTINGS: &str = "meta/hypogeum.json";
 const JOURNAL: &str = "meta/hypogeum.jsonl";
 
 /// The settings that all episodes of a dataset share.
@@ -38,23 +38,23 @@ pub(crate) struct DatasetSettings {
 /// The journal record of an episode.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(in crate::demos) struct EpisodeRecord {
-    pub(in crate::demos) task: String,
-    pub(in crate::demos) instruction: String,
+pub(crate) struct EpisodeRecord {
+    pub(crate) task: String,
+    pub(crate) instruction: String,
     /// Index of the episode under the suite seed.
-    pub(in crate::demos) index: u32,
-    pub(in crate::demos) n_frames: u64,
+    pub(crate) index: u32,
+    pub(crate) n_frames: u64,
     /// Fingerprint of the trajectory, 16 hexadecimal digits.
-    pub(in crate::demos) fingerprint: String,
+    pub(crate) fingerprint: String,
     /// Statistics by feature.
-    pub(super) stats: BTreeMap<String, FeatureStats>,
+    pub(crate) stats: BTreeMap<String, FeatureStats>,
     /// Histograms of image channels by feature. Journals of earlier versions have none.
     #[serde(default)]
-    pub(super) histograms: BTreeMap<String, [Histogram; 3]>,
+    pub(crate) histograms: BTreeMap<String, [Histogram; 3]>,
 }
 
 /// The journal of finished data files.
-pub(super) struct Journal {
+pub(crate) struct Journal {
     settings: DatasetSettings,
     /// The episodes of each file.
     files: Vec<Vec<EpisodeRecord>>,
@@ -67,7 +67,7 @@ impl Journal {
     ///
     /// # Errors
     /// If it has other settings, cannot be read, or is in use.
-    pub(super) fn open(folder: &Path, settings: DatasetSettings) -> anyhow::Result<Self> {
+    pub(crate) fn open(folder: &Path, settings: DatasetSettings) -> anyhow::Result<Self> {
         let settings_path = folder.join(SETTINGS);
         match read_settings(folder)? {
             Some(found) => check_same_settings(&settings_path, &found, &settings)?,
@@ -90,25 +90,25 @@ impl Journal {
         Ok(Self { settings, files, path, lines })
     }
 
-    pub(super) fn settings(&self) -> &DatasetSettings {
+    pub(crate) fn settings(&self) -> &DatasetSettings {
         &self.settings
     }
 
-    pub(super) fn n_files(&self) -> usize {
+    pub(crate) fn n_files(&self) -> usize {
         self.files.len()
     }
 
     /// The episodes of each file.
-    pub(super) fn files(&self) -> &[Vec<EpisodeRecord>] {
+    pub(crate) fn files(&self) -> &[Vec<EpisodeRecord>] {
         &self.files
     }
 
-    pub(super) fn episodes(&self) -> impl Iterator<Item = &EpisodeRecord> + Clone {
+    pub(crate) fn episodes(&self) -> impl Iterator<Item = &EpisodeRecord> + Clone {
         self.files.iter().flatten()
     }
 
     /// Adds the episodes of the next finished file.
-    pub(super) fn push(&mut self, episodes: Vec<EpisodeRecord>) -> anyhow::Result<()> {
+    pub(crate) fn push(&mut self, episodes: Vec<EpisodeRecord>) -> anyhow::Result<()> {
         let mut line = serde_json::to_vec(&episodes)?;
         line.push(b'\n');
         let written = self.lines.write_all(&line).and_then(|()| self.lines.sync_data());
@@ -119,7 +119,7 @@ impl Journal {
 }
 
 /// Reads the settings of the dataset in `folder`. Returns `None` if there is no dataset.
-pub(super) fn read_settings(folder: &Path) -> anyhow::Result<Option<DatasetSettings>> {
+pub(crate) fn read_settings(folder: &Path) -> anyhow::Result<Option<DatasetSettings>> {
     let path = folder.join(SETTINGS);
     match std::fs::read(&path) {
         Ok(text) => serde_json::from_slice(&text)
@@ -131,7 +131,7 @@ pub(super) fn read_settings(folder: &Path) -> anyhow::Result<Option<DatasetSetti
 }
 
 /// Reads the episodes of each file. An incomplete last line is ignored.
-pub(super) fn read_journal(folder: &Path) -> anyhow::Result<Vec<Vec<EpisodeRecord>>> {
+pub(crate) fn read_journal(folder: &Path) -> anyhow::Result<Vec<Vec<EpisodeRecord>>> {
     let path = folder.join(JOURNAL);
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,

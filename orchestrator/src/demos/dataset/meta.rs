@@ -31,12 +31,12 @@ const SCALARS: [(&str, &str); 5] = [
 ];
 
 /// Returns the path of a data file, relative to the dataset.
-pub(super) fn data_path(file_idx: usize) -> String {
+pub(crate) fn data_path(file_idx: usize) -> String {
     format!("data/chunk-{:03}/file-{:03}.parquet", file_idx / CHUNK_FILES, file_idx % CHUNK_FILES)
 }
 
 /// Writes all metadata, which is derived from the journal.
-pub(super) fn write(folder: &Path, journal: &Journal) -> anyhow::Result<()> {
+pub(crate) fn write(folder: &Path, journal: &Journal) -> anyhow::Result<()> {
     let text = |name: &str, value: &Value| {
         let path = folder.join(name);
         std::fs::write(&path, format!("{value:#}\n"))
@@ -126,7 +126,7 @@ fn action_names(morphology: Morphology, mode: ControlMode) -> Value {
 }
 
 /// Returns the metadata that Hugging Face's `datasets` expects in a data file.
-pub(super) fn hugging_face_metadata(morphology: Morphology) -> String {
+pub(crate) fn hugging_face_metadata(morphology: Morphology) -> String {
     let value = |dtype: &str| json!({"dtype": dtype, "_type": "Value"});
     let list = || json!({"feature": value("float32"), "_type": "List"});
     let mut features: Map<String, Value> =

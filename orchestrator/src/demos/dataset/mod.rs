@@ -23,7 +23,7 @@ use crate::parquet_table::{Cells, Column, ParquetTable};
 use crate::stored_episode::format_fingerprint;
 
 pub(crate) use self::journal::DatasetSettings;
-pub(super) use self::journal::EpisodeRecord;
+pub(crate) use self::journal::EpisodeRecord;
 pub(crate) use self::read::StoredDataset;
 
 /// Frames per second.
@@ -38,7 +38,7 @@ const LANGUAGE: &str = "observation.environment_state";
 const ACTION: &str = "action";
 
 /// Appends episodes to a dataset.
-pub(super) struct DatasetWriter {
+pub(crate) struct DatasetWriter {
     folder: PathBuf,
     journal: Journal,
     /// The file being written, which is not in the journal yet.
@@ -56,23 +56,23 @@ struct OpenFile {
 }
 
 /// An episode to append.
-pub(super) struct DatasetEpisode {
-    pub(super) task: String,
-    pub(super) instruction: String,
+pub(crate) struct DatasetEpisode {
+    pub(crate) task: String,
+    pub(crate) instruction: String,
     /// Index of the episode under the suite seed.
-    pub(super) index: u32,
-    pub(super) fingerprint: u64,
+    pub(crate) index: u32,
+    pub(crate) fingerprint: u64,
     /// Action rows `[n_frames, action_dim]`.
-    pub(super) actions: Vec<f32>,
+    pub(crate) actions: Vec<f32>,
     /// Robot states `[n_frames, state_dim]`.
-    pub(super) states: Vec<f32>,
+    pub(crate) states: Vec<f32>,
     /// Images by camera.
-    pub(super) images: Vec<CameraImages>,
+    pub(crate) images: Vec<CameraImages>,
 }
 
 /// The images of one camera.
 #[derive(Clone, Default)]
-pub(super) struct CameraImages {
+pub(crate) struct CameraImages {
     /// Encoded images, one per frame.
     files: Vec<Vec<u8>>,
     histograms: [Histogram; 3],
@@ -80,7 +80,7 @@ pub(super) struct CameraImages {
 
 impl CameraImages {
     /// Adds an image `[side, side, 3] u8` and its encoded file.
-    pub(super) fn push(&mut self, pixels: &[u8], file: Vec<u8>) {
+    pub(crate) fn push(&mut self, pixels: &[u8], file: Vec<u8>) {
         Histogram::count(&mut self.histograms, pixels);
         self.files.push(file);
     }
@@ -91,24 +91,24 @@ impl DatasetWriter {
     ///
     /// # Errors
     /// If the folder contains a dataset with other settings, or something else.
-    pub(super) fn open(folder: &Path, settings: DatasetSettings) -> anyhow::Result<Self> {
+    pub(crate) fn open(folder: &Path, settings: DatasetSettings) -> anyhow::Result<Self> {
         let journal = Journal::open(folder, settings)?;
         Ok(Self { folder: folder.to_owned(), journal, open: None })
     }
 
     /// Returns the number of demonstrations of a task and the index of its first untried episode.
-    pub(super) fn progress(&self, task: &str) -> (u32, u32) {
+    pub(crate) fn progress(&self, task: &str) -> (u32, u32) {
         let of_task = || self.episodes().filter(|episode| episode.task == task);
         (of_task().count() as u32, of_task().map(|episode| episode.index + 1).max().unwrap_or(0))
     }
 
     /// Returns all episodes, including those of the open file.
-    pub(super) fn episodes(&self) -> impl Iterator<Item = &EpisodeRecord> {
+    pub(crate) fn episodes(&self) -> impl Iterator<Item = &EpisodeRecord> {
         self.journal.episodes().chain(self.open.iter().flat_map(|open| &open.episodes))
     }
 
     /// Returns the total number of frames.
-    pub(super) fn n_frames(&self) -> u64 {
+    pub(crate) fn n_frames(&self) -> u64 {
         self.episodes().map(|episode| episode.n_frames).sum()
     }
 
@@ -116,7 +116,7 @@ impl DatasetWriter {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(super) fn push(&mut self, episode: DatasetEpisode) -> anyhow::Result<()> {
+    pub(crate) fn push(&mut self, episode: DatasetEpisode) -> anyhow::Result<()> {
         let (first, episode_idx) = (self.n_frames(), self.episodes().count() as u64);
         let task_idx = self.task_idx(&episode.instruction);
         let morphology = self.journal.settings().morphology;
@@ -144,7 +144,7 @@ impl DatasetWriter {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(super) fn close_file(&mut self) -> anyhow::Result<()> {
+    pub(crate) fn close_file(&mut self) -> anyhow::Result<()> {
         let Some(OpenFile { table, draft, path, episodes, .. }) = self.open.take() else { return Ok(()) };
         let written = table.finish().and_then(|()| Ok(std::fs::rename(&draft, &path)?));
         written.with_context(|| format!("failed to write {}", path.display()))?;
@@ -155,7 +155,7 @@ impl DatasetWriter {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(super) fn write_meta(&mut self) -> anyhow::Result<()> {
+    pub(crate) fn write_meta(&mut self) -> anyhow::Result<()> {
         if let Some(open) = self.open.take() {
             std::fs::remove_file(&open.draft)
                 .with_context(|| format!("failed to remove {}", open.draft.display()))?;

@@ -88,7 +88,7 @@ impl StoredDataset {
 ///
 /// # Errors
 /// If the file has no such rows, or no numbers of that name.
-pub(super) fn read_values(path: &Path, groups: Range<usize>, feature: &str) -> anyhow::Result<Vec<f32>> {
+pub(crate) fn read_values(path: &Path, groups: Range<usize>, feature: &str) -> anyhow::Result<Vec<f32>> {
     let reader = SerializedFileReader::new(File::open(path)?)?;
     let n_groups = reader.num_row_groups();
     ensure!(groups.end <= n_groups, "it has {n_groups} row groups, expected at least {}", groups.end);

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 /// The stored quantiles and their names.
-pub(super) const QUANTILES: [(f64, &str); 5] =
+pub(crate) const QUANTILES: [(f64, &str); 5] =
     [(0.01, "q01"), (0.1, "q10"), (0.5, "q50"), (0.9, "q90"), (0.99, "q99")];
 /// Values of an 8-bit colour channel.
 const LEVELS: usize = 256;
@@ -12,20 +12,20 @@ const LEVELS: usize = 256;
 /// The statistics of one feature. Each list has one value per component of a vector, or per channel of an
 /// image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct FeatureStats {
-    pub(super) min: Vec<f64>,
-    pub(super) max: Vec<f64>,
-    pub(super) mean: Vec<f64>,
-    pub(super) std: Vec<f64>,
+pub(crate) struct FeatureStats {
+    pub(crate) min: Vec<f64>,
+    pub(crate) max: Vec<f64>,
+    pub(crate) mean: Vec<f64>,
+    pub(crate) std: Vec<f64>,
     /// Number of frames.
-    pub(super) count: u64,
+    pub(crate) count: u64,
     /// In the order of [`QUANTILES`].
-    pub(super) quantiles: [Vec<f64>; 5],
+    pub(crate) quantiles: [Vec<f64>; 5],
 }
 
 impl FeatureStats {
     /// Computes the statistics of values `[n_frames, width]`.
-    pub(super) fn of_values(values: &[f32], width: usize) -> Self {
+    pub(crate) fn of_values(values: &[f32], width: usize) -> Self {
         let n = values.len() / width;
         let columns = (0..width).map(|col| {
             let mut column: Vec<f64> =
@@ -45,7 +45,7 @@ impl FeatureStats {
     }
 
     /// Computes the statistics of images, with colours in [0, 1].
-    pub(super) fn of_images(histograms: &[Histogram; 3], n_frames: u64) -> Self {
+    pub(crate) fn of_images(histograms: &[Histogram; 3], n_frames: u64) -> Self {
         Self::from_columns(histograms.iter().map(Histogram::stats), n_frames)
     }
 
@@ -75,7 +75,7 @@ struct ComponentStats {
 /// The number of pixels per value of a colour channel.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(into = "Vec<u64>", try_from = "Vec<u64>")]
-pub(super) struct Histogram([u64; LEVELS]);
+pub(crate) struct Histogram([u64; LEVELS]);
 
 impl Default for Histogram {
     fn default() -> Self {
@@ -101,7 +101,7 @@ impl TryFrom<Vec<u64>> for Histogram {
 
 impl Histogram {
     /// Counts the pixels of an image `[height, width, 3]`.
-    pub(super) fn count(histograms: &mut [Self; 3], image: &[u8]) {
+    pub(crate) fn count(histograms: &mut [Self; 3], image: &[u8]) {
         for pixel in image.as_chunks::<3>().0 {
             histograms
                 .iter_mut()
@@ -111,7 +111,7 @@ impl Histogram {
     }
 
     /// Adds the pixels of other images.
-    pub(super) fn add(histograms: &mut [Self; 3], others: &[Self; 3]) {
+    pub(crate) fn add(histograms: &mut [Self; 3], others: &[Self; 3]) {
         for (histogram, other) in histograms.iter_mut().zip(others) {
             histogram.0.iter_mut().zip(&other.0).for_each(|(n, more)| *n += more);
         }

@@ -21,7 +21,7 @@ const USER_ERROR: i32 = 2;
 
 impl FakeWorld<'_, '_> {
     /// Lets a child do what is due, unless it has ended.
-    pub(super) fn tick(&mut self, role: MemberRole, id: u64) {
+    pub(crate) fn tick(&mut self, role: MemberRole, id: u64) {
         let Some(mut child) = self.children.remove(&role) else { return };
         if child.id == id && child.status.is_none() && !child.is_hung {
             self.tick_child(role, &mut child);
@@ -168,7 +168,7 @@ impl FakeWorld<'_, '_> {
     }
 
     /// Ends a child, or closes only its stdout.
-    pub(super) fn end(&mut self, role: MemberRole, child: &mut FakeChild, status: ExitStatus) {
+    pub(crate) fn end(&mut self, role: MemberRole, child: &mut FakeChild, status: ExitStatus) {
         if !child.is_closed {
             if !status.success() && self.draw.strikes(FaultKind::TruncateLine, self.time) {
                 self.truncate_last_line(role);
@@ -216,7 +216,7 @@ impl FakeWorld<'_, '_> {
 
     /// Draws what happens to a line on a pipe: how often it arrives, `true` if it arrives intact, and its
     /// delay.
-    pub(super) fn transport(&mut self) -> (usize, bool, Duration) {
+    pub(crate) fn transport(&mut self) -> (usize, bool, Duration) {
         let now = self.time;
         let n_copies = if self.draw.strikes(FaultKind::LoseLine, now) {
             0

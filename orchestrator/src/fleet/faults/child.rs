@@ -13,37 +13,37 @@ use super::scenario::FaultKind;
 use super::sim::FakeSim;
 
 /// A child from its spawn until the supervisor has waited for it.
-pub(super) struct FakeChild {
+pub(crate) struct FakeChild {
     /// Distinguishes it from the earlier children of its role.
-    pub(super) id: u64,
-    pub(super) program: FakeProgram,
-    pub(super) spawned: Duration,
-    pub(super) startup: Startup,
-    pub(super) startup_at: Duration,
-    pub(super) is_ready: bool,
-    pub(super) is_hung: bool,
-    pub(super) suspended_until: Duration,
+    pub(crate) id: u64,
+    pub(crate) program: FakeProgram,
+    pub(crate) spawned: Duration,
+    pub(crate) startup: Startup,
+    pub(crate) startup_at: Duration,
+    pub(crate) is_ready: bool,
+    pub(crate) is_hung: bool,
+    pub(crate) suspended_until: Duration,
     /// Commands that it has not read yet; `None` is the end of its stdin.
-    pub(super) stdin: VecDeque<Option<SimCommand>>,
+    pub(crate) stdin: VecDeque<Option<SimCommand>>,
     /// Times at which the last lines on its stdin and stdout arrive.
-    pub(super) stdin_end: Duration,
-    pub(super) stdout_end: Duration,
+    pub(crate) stdin_end: Duration,
+    pub(crate) stdout_end: Duration,
     /// `true` once the supervisor has closed its stdin.
-    pub(super) is_asked_to_exit: bool,
+    pub(crate) is_asked_to_exit: bool,
     /// `true` once the end of its stdout is on its way.
-    pub(super) is_closed: bool,
-    pub(super) status: Option<ExitStatus>,
-    pub(super) has_user_error: bool,
+    pub(crate) is_closed: bool,
+    pub(crate) status: Option<ExitStatus>,
+    pub(crate) has_user_error: bool,
 }
 
-pub(super) enum FakeProgram {
+pub(crate) enum FakeProgram {
     Sim(Box<FakeSim>),
     Host(FakeHost),
 }
 
 /// The way in which a child's start ends.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Startup {
+pub(crate) enum Startup {
     Ready,
     Mute,
     Crash,
@@ -52,14 +52,14 @@ pub(super) enum Startup {
 }
 
 /// A simulated policy host. The sim tells it how many queries it has answered.
-pub(super) struct FakeHost {
-    pub(super) queries: u64,
-    pub(super) reported: u64,
-    pub(super) is_slow: bool,
+pub(crate) struct FakeHost {
+    pub(crate) queries: u64,
+    pub(crate) reported: u64,
+    pub(crate) is_slow: bool,
 }
 
 impl FakeChild {
-    pub(super) fn new(id: u64, program: FakeProgram, now: Duration, draw: &mut FaultInjector) -> Self {
+    pub(crate) fn new(id: u64, program: FakeProgram, now: Duration, draw: &mut FaultInjector) -> Self {
         let is_sim = matches!(program, FakeProgram::Sim(_));
         let startup = if draw.strikes(FaultKind::Mute, now) {
             Startup::Mute
@@ -92,14 +92,14 @@ impl FakeChild {
     }
 
     /// Returns `true` if it does anything at the moment.
-    pub(super) fn is_running(&self, now: Duration) -> bool {
+    pub(crate) fn is_running(&self, now: Duration) -> bool {
         self.status.is_none() && !self.is_hung && now >= self.suspended_until
     }
 }
 
 impl FakeHost {
     /// Returns a report if there is new work.
-    pub(super) fn due(&mut self) -> Option<HostEvent> {
+    pub(crate) fn due(&mut self) -> Option<HostEvent> {
         (self.queries > self.reported).then(|| {
             self.reported = self.queries;
             let busy_s = self.queries as f64 * 0.01;
@@ -115,10 +115,10 @@ impl FakeHost {
     }
 }
 
-pub(super) fn exit_code(code: i32) -> ExitStatus {
+pub(crate) fn exit_code(code: i32) -> ExitStatus {
     ExitStatus::from_raw(code << 8)
 }
 
-pub(super) fn signal(number: i32) -> ExitStatus {
+pub(crate) fn signal(number: i32) -> ExitStatus {
     ExitStatus::from_raw(number)
 }

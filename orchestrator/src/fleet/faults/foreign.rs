@@ -8,7 +8,7 @@ use super::scenario::FaultKind;
 use super::sim::LaneHost;
 
 /// The foreign hosts, by lane.
-pub(super) struct ForeignHosts(Vec<Option<ForeignHost>>);
+pub(crate) struct ForeignHosts(Vec<Option<ForeignHost>>);
 
 struct ForeignHost {
     id: u64,
@@ -19,7 +19,7 @@ struct ForeignHost {
 }
 
 impl ForeignHosts {
-    pub(super) fn new(lanes: &[PolicyLane], draw: &mut FaultInjector) -> Self {
+    pub(crate) fn new(lanes: &[PolicyLane], draw: &mut FaultInjector) -> Self {
         let mut host = || {
             let is_absent = draw.strikes(FaultKind::ForeignAbsent, Duration::ZERO);
             let present_from = (!is_absent).then(|| draw.millis(0, 2_000));
@@ -28,7 +28,7 @@ impl ForeignHosts {
         Self(lanes.iter().map(|policy| policy.lane.foreign.then(&mut host)).collect())
     }
 
-    pub(super) fn tick(&mut self, now: Duration, draw: &mut FaultInjector) {
+    pub(crate) fn tick(&mut self, now: Duration, draw: &mut FaultInjector) {
         for host in self.0.iter_mut().flatten() {
             host.now = now;
             if host.present_from.is_none_or(|from| now < from) {
@@ -46,7 +46,7 @@ impl ForeignHosts {
     }
 
     /// Returns the host that a lane connects the sim to.
-    pub(super) fn get(&self, lane: u32) -> Option<LaneHost> {
+    pub(crate) fn get(&self, lane: u32) -> Option<LaneHost> {
         let host = self.0[lane as usize].as_ref()?;
         let is_present = host.present_from.is_some_and(|from| host.now >= from);
         let answers = host.now >= host.answers_from;

@@ -26,7 +26,7 @@ const GIVEN_UP: &str = "the policy was given up: ";
 
 /// The content of a line, as far as the rules depend on it.
 #[derive(Clone, Debug)]
-pub(super) enum Meaning {
+pub(crate) enum Meaning {
     Other,
     /// A report without consequences, which is not logged.
     Quiet,
@@ -48,7 +48,7 @@ pub(super) enum Meaning {
 
 /// Causes of a run's end that are not failures of a child.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum EndCause {
+pub(crate) enum EndCause {
     DiskFull,
     SpawnFailed,
     Intruder,
@@ -61,10 +61,10 @@ pub(super) enum EndCause {
 
 /// The children of one role so far.
 #[derive(Debug, Default)]
-pub(super) struct RoleHistory {
-    pub(super) n_spawns: u32,
+pub(crate) struct RoleHistory {
+    pub(crate) n_spawns: u32,
     /// `true` while a child is ready, as far as the supervisor knows.
-    pub(super) is_up: bool,
+    pub(crate) is_up: bool,
     /// Time of the supervisor's clock from which its timeouts count.
     active: Duration,
     /// Times of its failures since its last finished episode: exits, or failures of a foreign host.
@@ -74,44 +74,44 @@ pub(super) struct RoleHistory {
 }
 
 /// Everything that has happened in a run.
-pub(super) struct RunHistory<'a> {
-    pub(super) scenario: &'a FaultScenario,
-    pub(super) log: VecDeque<String>,
+pub(crate) struct RunHistory<'a> {
+    pub(crate) scenario: &'a FaultScenario,
+    pub(crate) log: VecDeque<String>,
     /// Virtual time.
-    pub(super) time: Duration,
-    pub(super) roles: BTreeMap<MemberRole, RoleHistory>,
+    pub(crate) time: Duration,
+    pub(crate) roles: BTreeMap<MemberRole, RoleHistory>,
     /// Job of each assignment id.
-    pub(super) assigned: BTreeMap<u64, usize>,
+    pub(crate) assigned: BTreeMap<u64, usize>,
     /// By job: `true` once its outcome is recorded.
-    pub(super) recorded: Vec<bool>,
-    pub(super) given_up: BTreeSet<u32>,
+    pub(crate) recorded: Vec<bool>,
+    pub(crate) given_up: BTreeSet<u32>,
     /// Roles that have failed too often, or for a reason that the user can fix.
-    pub(super) failed: BTreeSet<MemberRole>,
-    pub(super) causes: BTreeSet<EndCause>,
-    pub(super) turn: SupervisorTurn,
+    pub(crate) failed: BTreeSet<MemberRole>,
+    pub(crate) causes: BTreeSet<EndCause>,
+    pub(crate) turn: SupervisorTurn,
     renderer: Option<String>,
     /// Virtual time in which the supervisor could do nothing.
-    pub(super) pauses: Duration,
+    pub(crate) pauses: Duration,
     n_reports: u64,
-    pub(super) n_runs: u32,
-    pub(super) n_kills: u32,
-    pub(super) n_restarts: u32,
+    pub(crate) n_runs: u32,
+    pub(crate) n_kills: u32,
+    pub(crate) n_restarts: u32,
     /// Control steps and queries of the sim so far, and the time of the supervisor's clock at which it was
     /// told.
     work: (u64, u64),
     work_at: Duration,
     /// Number of times that the kernel has killed a child for lack of memory.
-    pub(super) n_oom_kills: u32,
+    pub(crate) n_oom_kills: u32,
     /// `true` while the memory of an exited child has not been freed.
-    pub(super) has_garbage: bool,
+    pub(crate) has_garbage: bool,
     /// Virtual time and the supervisor's at which the children were asked to exit.
-    pub(super) shutdown: Option<(Duration, Duration)>,
+    pub(crate) shutdown: Option<(Duration, Duration)>,
     /// `true` once a stop is requested during the shutdown.
-    pub(super) is_impatient: bool,
+    pub(crate) is_impatient: bool,
 }
 
 impl Meaning {
-    pub(super) fn of(event: SimEvent) -> Self {
+    pub(crate) fn of(event: SimEvent) -> Self {
         match event {
             SimEvent::Ready { identity, .. } => Self::SimReady(identity),
             SimEvent::LaneFailed { lane, is_final, .. } => Self::LaneFailed { lane, is_final },
@@ -125,7 +125,7 @@ impl Meaning {
 }
 
 impl<'a> RunHistory<'a> {
-    pub(super) fn new(scenario: &'a FaultScenario) -> Self {
+    pub(crate) fn new(scenario: &'a FaultScenario) -> Self {
         Self {
             scenario,
             log: VecDeque::new(),
@@ -152,34 +152,34 @@ impl<'a> RunHistory<'a> {
         }
     }
 
-    pub(super) fn note(&mut self, text: impl FnOnce() -> String) {
+    pub(crate) fn note(&mut self, text: impl FnOnce() -> String) {
         self.log.push_back(format!("{:9.4} {}", self.time.as_secs_f64(), text()));
     }
 
     /// Returns the last lines of the log.
-    pub(super) fn tail(&self) -> String {
+    pub(crate) fn tail(&self) -> String {
         let start = self.log.len().saturating_sub(TAIL);
         self.log.range(start..).cloned().collect::<Vec<_>>().join("\n")
     }
 
-    pub(super) fn role(&mut self, role: MemberRole) -> &mut RoleHistory {
+    pub(crate) fn role(&mut self, role: MemberRole) -> &mut RoleHistory {
         self.roles.entry(role).or_default()
     }
 
-    pub(super) fn is_up(&self, role: MemberRole) -> bool {
+    pub(crate) fn is_up(&self, role: MemberRole) -> bool {
         self.roles.get(&role).is_some_and(|role| role.is_up)
     }
 
-    pub(super) fn is_foreign(&self, lane: u32) -> bool {
+    pub(crate) fn is_foreign(&self, lane: u32) -> bool {
         self.scenario.config.lanes[lane as usize].lane.foreign
     }
 
-    pub(super) fn on_spawn_error(&mut self) {
+    pub(crate) fn on_spawn_error(&mut self) {
         self.note(|| "a spawn fails".to_owned());
         self.causes.insert(EndCause::SpawnFailed);
     }
 
-    pub(super) fn on_spawn(&mut self, role: MemberRole, clock: Duration) {
+    pub(crate) fn on_spawn(&mut self, role: MemberRole, clock: Duration) {
         self.note(|| format!("{role:?} is spawned"));
         assert!(self.shutdown.is_none(), "{role:?} was spawned after the end of the run");
         assert!(!self.failed.contains(&role), "{role:?} was spawned again although it fails too often");
@@ -202,7 +202,7 @@ impl<'a> RunHistory<'a> {
         longest * limits.failures
     }
 
-    pub(super) fn on_exit(&mut self, role: MemberRole, child: &FakeChild, clock: Duration) {
+    pub(crate) fn on_exit(&mut self, role: MemberRole, child: &FakeChild, clock: Duration) {
         self.note(|| format!("{role:?} is waited for"));
         self.role(role).is_up = false;
         if self.shutdown.is_some() {
@@ -219,24 +219,24 @@ impl<'a> RunHistory<'a> {
         }
     }
 
-    pub(super) fn on_shutdown(&mut self, clock: Duration) {
+    pub(crate) fn on_shutdown(&mut self, clock: Duration) {
         self.shutdown.get_or_insert((self.time, clock));
     }
 
-    pub(super) fn on_intruder(&mut self) {
+    pub(crate) fn on_intruder(&mut self) {
         self.causes.insert(EndCause::Intruder);
     }
 
-    pub(super) fn on_lost_file(&mut self) {
+    pub(crate) fn on_lost_file(&mut self) {
         self.causes.insert(EndCause::Vanished);
     }
 
-    pub(super) fn on_shortage(&mut self) {
+    pub(crate) fn on_shortage(&mut self) {
         self.causes.insert(EndCause::Shortage);
     }
 
     /// Checks that a child that is killed has exceeded a timeout, or that its lane has failed.
-    pub(super) fn on_kill(&mut self, role: MemberRole, clock: Duration) {
+    pub(crate) fn on_kill(&mut self, role: MemberRole, clock: Duration) {
         self.note(|| format!("{role:?} is killed"));
         self.n_kills += 1;
         let limits = self.scenario.config.limits;
@@ -260,7 +260,7 @@ impl<'a> RunHistory<'a> {
     }
 
     /// Records an event that the supervisor receives.
-    pub(super) fn on_event(&mut self, event: &SupervisorEvent, meaning: Meaning, clock: Duration) {
+    pub(crate) fn on_event(&mut self, event: &SupervisorEvent, meaning: Meaning, clock: Duration) {
         let SupervisorEvent::Child(role, output) = event else {
             self.note(|| "a stop is requested".to_owned());
             self.causes.insert(EndCause::Stop);
@@ -329,7 +329,7 @@ impl<'a> RunHistory<'a> {
     }
 
     /// Records a command to the sim.
-    pub(super) fn on_command(&mut self, command: &SimCommand) {
+    pub(crate) fn on_command(&mut self, command: &SimCommand) {
         self.note(|| format!("Sim <- {}", serde_json::json!(command)));
         assert!(
             self.is_up(MemberRole::Sim) || self.shutdown.is_some(),
@@ -362,7 +362,7 @@ impl<'a> RunHistory<'a> {
     }
 
     /// Receives a report of the supervisor. Returns an error if the disk is full.
-    pub(super) fn on_report(&mut self, report: &FleetEvent<'_>) -> anyhow::Result<()> {
+    pub(crate) fn on_report(&mut self, report: &FleetEvent<'_>) -> anyhow::Result<()> {
         self.n_reports += 1;
         if self.scenario.disk_full_after.is_some_and(|limit| self.n_reports > limit) {
             self.causes.insert(EndCause::DiskFull);
@@ -410,7 +410,7 @@ impl<'a> RunHistory<'a> {
     }
 
     /// Returns the drivers of all jobs.
-    pub(super) fn drivers(&self) -> Vec<Driver> {
+    pub(crate) fn drivers(&self) -> Vec<Driver> {
         let mut drivers: Vec<Driver> = Vec::new();
         for job in &self.scenario.jobs {
             if !drivers.contains(&job.driver) {

@@ -13,12 +13,12 @@ use super::history::{Meaning, RunHistory};
 
 /// The last event and the reactions to it.
 #[derive(Debug, Default)]
-pub(super) struct SupervisorTurn {
-    pub(super) event: Option<(MemberRole, Meaning)>,
-    pub(super) commands: Vec<SimCommand>,
+pub(crate) struct SupervisorTurn {
+    pub(crate) event: Option<(MemberRole, Meaning)>,
+    pub(crate) commands: Vec<SimCommand>,
     /// Ids of the episodes that were sent for the first time.
-    pub(super) assigned: Vec<u64>,
-    pub(super) killed: Vec<MemberRole>,
+    pub(crate) assigned: Vec<u64>,
+    pub(crate) killed: Vec<MemberRole>,
     /// Commands that the last report of a waiting sim lacked.
     lacking: Lacking,
     /// Lanes that were given up before this turn.
@@ -51,7 +51,7 @@ impl SupervisorTurn {
 
 impl RunHistory<'_> {
     /// Checks the reactions to the last event.
-    pub(super) fn end_turn(&mut self) {
+    pub(crate) fn end_turn(&mut self) {
         assert!(!self.is_impatient, "a second stop was ignored");
         let mut turn = std::mem::take(&mut self.turn);
         let event = turn.event.take();

@@ -20,14 +20,14 @@ use crate::plan::Condition;
 use crate::sweep::SweepArgs;
 
 /// Identity of the usual renderer.
-pub(super) const RENDERER: &str = "cpu";
+pub(crate) const RENDERER: &str = "cpu";
 
 /// The options of every run, which matter to no supervisor.
 static RUN: LazyLock<RunConfig> = LazyLock::new(|| SweepArgs::parse("--threads 1").unwrap().config);
 
 /// Kinds of faults. Each may strike at certain opportunities.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum FaultKind {
+pub(crate) enum FaultKind {
     /// A child never gets ready.
     Mute,
     /// A child exits before it is ready.
@@ -81,7 +81,7 @@ pub(super) enum FaultKind {
 }
 
 /// All kinds, each with its probability per opportunity before it is scaled.
-pub(super) const FAULTS: [(FaultKind, f64); 25] = [
+pub(crate) const FAULTS: [(FaultKind, f64); 25] = [
     (FaultKind::Mute, 0.1),
     (FaultKind::CrashAtStart, 0.1),
     (FaultKind::UserError, 0.04),
@@ -110,26 +110,26 @@ pub(super) const FAULTS: [(FaultKind, f64); 25] = [
 ];
 
 /// Everything about a run that its seed determines before it starts.
-pub(super) struct FaultScenario {
-    pub(super) seed: u64,
-    pub(super) config: FleetConfig,
-    pub(super) jobs: Vec<Job>,
+pub(crate) struct FaultScenario {
+    pub(crate) seed: u64,
+    pub(crate) config: FleetConfig,
+    pub(crate) jobs: Vec<Job>,
     /// Indices of the jobs that are unwanted when their turn comes.
-    pub(super) unwanted: Vec<usize>,
+    pub(crate) unwanted: Vec<usize>,
     /// Probability per opportunity of those kinds that may strike.
-    pub(super) chances: BTreeMap<FaultKind, f64>,
+    pub(crate) chances: BTreeMap<FaultKind, f64>,
     /// Virtual time after which no fault strikes.
-    pub(super) faults_end: Duration,
+    pub(crate) faults_end: Duration,
     /// Virtual times at which the user requests a stop.
-    pub(super) stops: Vec<Duration>,
+    pub(crate) stops: Vec<Duration>,
     /// Number of reports to the sink before the disk is full.
-    pub(super) disk_full_after: Option<u64>,
+    pub(crate) disk_full_after: Option<u64>,
     /// Longest duration of an episode that nothing interrupts.
-    pub(super) longest_ms: u64,
+    pub(crate) longest_ms: u64,
 }
 
 impl FaultScenario {
-    pub(super) fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         let mut draw = FaultInjector::new(seed, "scenario");
         let drivers = drivers(&mut draw);
         let longest_ms = draw.choose(&[300, 1_200, 6_000, 20_000]);
@@ -157,15 +157,15 @@ impl FaultScenario {
     }
 
     /// Returns `true` if nothing unusual happens.
-    pub(super) fn is_quiet(&self) -> bool {
+    pub(crate) fn is_quiet(&self) -> bool {
         self.chances.is_empty() && self.stops.is_empty()
     }
 
-    pub(super) fn is_wanted(&self, job: &Job) -> bool {
+    pub(crate) fn is_wanted(&self, job: &Job) -> bool {
         !self.unwanted.iter().any(|&idx| self.jobs[idx] == *job)
     }
 
-    pub(super) fn n_wanted(&self) -> usize {
+    pub(crate) fn n_wanted(&self) -> usize {
         self.jobs.len() - self.unwanted.len()
     }
 }

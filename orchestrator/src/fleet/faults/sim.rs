@@ -19,13 +19,13 @@ const STEP: Duration = Duration::from_millis(20);
 
 /// The host that a lane's shared memory connects the sim to.
 #[derive(Clone, Copy)]
-pub(super) struct LaneHost {
-    pub(super) id: u64,
-    pub(super) answers: bool,
-    pub(super) is_slow: bool,
+pub(crate) struct LaneHost {
+    pub(crate) id: u64,
+    pub(crate) answers: bool,
+    pub(crate) is_slow: bool,
 }
 
-pub(super) struct FakeSim {
+pub(crate) struct FakeSim {
     lanes: Vec<FakeLane>,
     /// All unfinished episodes, by assignment id.
     episodes: BTreeMap<u64, FakeEpisode>,
@@ -38,7 +38,7 @@ pub(super) struct FakeSim {
     last_progress: Duration,
     last_work: Duration,
     /// `true` once no episode proceeds any more, which the sim does not notice.
-    pub(super) is_stalled: bool,
+    pub(crate) is_stalled: bool,
 }
 
 struct FakeLane {
@@ -68,7 +68,7 @@ struct EpisodeRun {
 }
 
 impl FakeSim {
-    pub(super) fn new(config: &SimConfig, scenario: &FaultScenario) -> Self {
+    pub(crate) fn new(config: &SimConfig, scenario: &FaultScenario) -> Self {
         let lane = |lane: &sim::serve::protocol::Lane| FakeLane {
             policy: lane.spec.policy.clone(),
             foreign: lane.foreign,
@@ -94,20 +94,20 @@ impl FakeSim {
     }
 
     /// Records that the sim has become ready.
-    pub(super) fn on_ready(&mut self, now: Duration) {
+    pub(crate) fn on_ready(&mut self, now: Duration) {
         (self.last_tick, self.last_progress, self.last_work) = (now, now, now);
     }
 
-    pub(super) fn progress(&self) -> SimEvent {
+    pub(crate) fn progress(&self) -> SimEvent {
         SimEvent::Progress(self.counters.clone())
     }
 
     /// Takes the number of queries that a lane's host has answered.
-    pub(super) fn take_answered(&mut self, lane: usize) -> u64 {
+    pub(crate) fn take_answered(&mut self, lane: usize) -> u64 {
         std::mem::take(&mut self.lanes[lane].answered)
     }
 
-    pub(super) fn handle(&mut self, command: &SimCommand, hosts: &[Option<LaneHost>]) {
+    pub(crate) fn handle(&mut self, command: &SimCommand, hosts: &[Option<LaneHost>]) {
         match *command {
             SimCommand::Run(assignment) => {
                 let episode = FakeEpisode { assignment, run: None };
@@ -133,7 +133,7 @@ impl FakeSim {
     }
 
     /// Does what has become due. Episodes of a lane proceed only while its host answers.
-    pub(super) fn tick(
+    pub(crate) fn tick(
         &mut self,
         now: Duration,
         hosts: &[Option<LaneHost>],
@@ -284,7 +284,7 @@ impl FakeSim {
 }
 
 /// Returns the outcome of an episode, a pure function of everything but its id.
-pub(super) fn outcome(assignment: &Assignment) -> Outcome {
+pub(crate) fn outcome(assignment: &Assignment) -> Outcome {
     let Assignment { id, driver, task, perturbation, seed } = *assignment;
     let fingerprint = xxh3_64(format!("{driver:?} {task:?} {perturbation:?} {seed}").as_bytes());
     Outcome {

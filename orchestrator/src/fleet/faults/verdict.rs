@@ -7,7 +7,7 @@ use super::history::{EndCause, RunHistory};
 
 impl RunHistory<'_> {
     /// Checks the result of a run.
-    pub(super) fn check_result(&self, result: &Result<(RunStatus, Totals), FleetError>) {
+    pub(crate) fn check_result(&self, result: &Result<(RunStatus, Totals), FleetError>) {
         let has = |cause| self.causes.contains(&cause);
         let ends: Vec<_> = self.causes.iter().filter(|cause| **cause != EndCause::Stop).collect();
         assert!(result.is_err() || ends.is_empty(), "the run ended without an error despite {ends:?}");

@@ -25,17 +25,17 @@ use super::sim::{FakeSim, LaneHost};
 /// Maximum virtual time and number of events of a run, above all that any scenario needs.
 const MAX_TIME: Duration = Duration::from_secs(300);
 const MAX_EVENTS: u64 = 200_000;
-pub(super) const SIGKILL: i32 = 9;
+pub(crate) const SIGKILL: i32 = 9;
 
 /// Everything outside the supervisor.
-pub(super) struct FakeWorld<'a, 's> {
-    pub(super) scenario: &'s FaultScenario,
-    pub(super) history: &'a RefCell<RunHistory<'s>>,
-    pub(super) draw: FaultInjector,
+pub(crate) struct FakeWorld<'a, 's> {
+    pub(crate) scenario: &'s FaultScenario,
+    pub(crate) history: &'a RefCell<RunHistory<'s>>,
+    pub(crate) draw: FaultInjector,
     /// Virtual time.
-    pub(super) time: Duration,
-    pub(super) children: BTreeMap<MemberRole, FakeChild>,
-    pub(super) foreign: ForeignHosts,
+    pub(crate) time: Duration,
+    pub(crate) children: BTreeMap<MemberRole, FakeChild>,
+    pub(crate) foreign: ForeignHosts,
     /// The supervisor's clock and the virtual time of its last update.
     clock: Duration,
     clock_updated: Duration,
@@ -52,7 +52,7 @@ pub(super) struct FakeWorld<'a, 's> {
 }
 
 /// A change of the world.
-pub(super) enum WorldEvent {
+pub(crate) enum WorldEvent {
     /// Output of a child arrives at the supervisor.
     Output(MemberRole, ChildOutput, Meaning),
     /// A command, or the end of its stdin, arrives at the child with this id.
@@ -66,7 +66,7 @@ pub(super) enum WorldEvent {
 }
 
 impl<'a, 's> FakeWorld<'a, 's> {
-    pub(super) fn new(scenario: &'s FaultScenario, history: &'a RefCell<RunHistory<'s>>) -> Self {
+    pub(crate) fn new(scenario: &'s FaultScenario, history: &'a RefCell<RunHistory<'s>>) -> Self {
         let mut draw = FaultInjector::of(scenario);
         let foreign = ForeignHosts::new(&scenario.config.lanes, &mut draw);
         let mut world = Self {
@@ -94,12 +94,12 @@ impl<'a, 's> FakeWorld<'a, 's> {
         world
     }
 
-    pub(super) fn schedule(&mut self, at: Duration, event: WorldEvent) {
+    pub(crate) fn schedule(&mut self, at: Duration, event: WorldEvent) {
         self.n_events += 1;
         self.queue.insert((at, self.n_events), event);
     }
 
-    pub(super) fn note(&self, text: impl FnOnce() -> String) {
+    pub(crate) fn note(&self, text: impl FnOnce() -> String) {
         self.history.borrow_mut().note(text);
     }
 
@@ -141,7 +141,7 @@ impl<'a, 's> FakeWorld<'a, 's> {
     }
 
     /// Returns the hosts that the lanes connect the sim to.
-    pub(super) fn lane_hosts(&self) -> Vec<Option<LaneHost>> {
+    pub(crate) fn lane_hosts(&self) -> Vec<Option<LaneHost>> {
         let hosted = |lane: u32| {
             let child = self.children.get(&MemberRole::Host(lane))?;
             let FakeProgram::Host(host) = &child.program else { return None };
@@ -183,7 +183,7 @@ impl<'a, 's> FakeWorld<'a, 's> {
 
     /// Truncates a line that the supervisor has not received yet: the last one of a process that was killed
     /// while it wrote it.
-    pub(super) fn truncate_last_line(&mut self, of: MemberRole) {
+    pub(crate) fn truncate_last_line(&mut self, of: MemberRole) {
         let is_last = |event: &&mut WorldEvent| matches!(event, WorldEvent::Output(role, ..) if *role == of);
         let last = self.queue.values_mut().rev().find(is_last);
         if let Some(WorldEvent::Output(_, ChildOutput::Event(line), meaning)) = last {
@@ -344,11 +344,11 @@ impl Children for FakeWorld<'_, '_> {
 }
 
 /// Returns the line that a sim writes for an event.
-pub(super) fn sim_line(event: &SimEvent) -> String {
+pub(crate) fn sim_line(event: &SimEvent) -> String {
     serde_json::json!(event).to_string()
 }
 
 /// Returns the line that a host writes for an event.
-pub(super) fn host_line(event: &HostEvent) -> String {
+pub(crate) fn host_line(event: &HostEvent) -> String {
     serde_json::json!(event).to_string()
 }

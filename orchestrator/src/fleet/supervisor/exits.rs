@@ -9,7 +9,7 @@ use super::{SimCommand, Supervisor};
 impl Supervisor<'_> {
     /// Reaps a child, cleans up its shared memory and restarts it, unless it has failed too often or its
     /// failures have a cause that will not go away.
-    pub(super) fn restart(&mut self, role: MemberRole) -> Result<(), FleetError> {
+    pub(crate) fn restart(&mut self, role: MemberRole) -> Result<(), FleetError> {
         let (limits, window, now) = (self.config.limits, self.failure_window(role), self.children.now());
         let Some(exit) = self.children.wait(role, limits.shutdown) else { return Ok(()) };
         let is_out_of_memory = exit.was_killed() && self.take_oom_kill();
@@ -96,7 +96,7 @@ impl Supervisor<'_> {
 
     /// Ends the fleet if a file that every new child needs has disappeared. The services of a sim that has
     /// exited do not count: its replacement makes them again.
-    pub(super) fn check_files(&self) -> Result<(), FleetError> {
+    pub(crate) fn check_files(&self) -> Result<(), FleetError> {
         match self.children.lost_file() {
             Some(path) if Domain::is_service(&path) && self.children.has_exited(MemberRole::Sim) => Ok(()),
             Some(path) => Err(FleetError::Vanished { path }),
@@ -105,12 +105,12 @@ impl Supervisor<'_> {
     }
 
     /// Ends the fleet if its shared memory may be to blame and the episodes can continue in another fleet.
-    pub(super) fn suspect(&self, what: &str) -> Result<(), FleetError> {
+    pub(crate) fn suspect(&self, what: &str) -> Result<(), FleetError> {
         if self.config.can_move { Err(FleetError::Stuck { what: what.to_owned() }) } else { Ok(()) }
     }
 
     /// Waits for a child that was asked to exit. Its exit status does not matter.
-    pub(super) fn wait_for_exit(&mut self, role: MemberRole) {
+    pub(crate) fn wait_for_exit(&mut self, role: MemberRole) {
         let _ = self.children.wait(role, self.config.limits.shutdown);
         self.member(role).on_exit();
     }

@@ -14,7 +14,7 @@ use crate::jobs::Job;
 
 /// Commands that a report of the sim lacked.
 #[derive(Debug, Default)]
-pub(super) struct Unconfirmed {
+pub(crate) struct Unconfirmed {
     /// Ids of the missing episodes.
     episodes: BTreeSet<u64>,
     /// Lanes whose host the sim does not know.
@@ -24,7 +24,7 @@ pub(super) struct Unconfirmed {
 impl Supervisor<'_> {
     /// Handles a host that does not answer or answers incorrectly. A host of this fleet is killed, and
     /// restarted when its exit arrives. A foreign host is asked again, until it has failed too often.
-    pub(super) fn on_lane_failed(
+    pub(crate) fn on_lane_failed(
         &mut self,
         lane: u32,
         message: String,
@@ -54,7 +54,7 @@ impl Supervisor<'_> {
     }
 
     /// Handles a foreign host that has left with unfinished episodes.
-    pub(super) fn on_host_lost(&mut self, lane: u32) -> Result<(), FleetError> {
+    pub(crate) fn on_host_lost(&mut self, lane: u32) -> Result<(), FleetError> {
         let (role, limit) = (MemberRole::Host(lane), self.config.limits.departures);
         let (now, window) = (self.children.now(), self.failure_window(role));
         let departures = self.member(role).add_departure(now, window);
@@ -75,7 +75,7 @@ impl Supervisor<'_> {
 
     /// Ends a policy that has failed too often: its remaining episodes are recorded as errors, which the same
     /// command runs again later. If the run has no other policy, it ends with the error.
-    pub(super) fn give_up(&mut self, lane: u32, error: FleetError) -> Result<(), FleetError> {
+    pub(crate) fn give_up(&mut self, lane: u32, error: FleetError) -> Result<(), FleetError> {
         if self.pending.n_drivers() == 1 {
             return Err(error);
         }
@@ -98,7 +98,7 @@ impl Supervisor<'_> {
     }
 
     /// Sends a sim that has just become ready the connected hosts and the unfinished episodes.
-    pub(super) fn send_state_to_sim(&mut self) {
+    pub(crate) fn send_state_to_sim(&mut self) {
         for lane in 0..self.config.lanes.len() as u32 {
             if self.given_up[lane as usize] {
                 self.send_to_sim(&SimCommand::GiveUp { lane });
@@ -115,7 +115,7 @@ impl Supervisor<'_> {
 
     /// Compares what the sim knows with what it was sent, and sends again what two reports in a row have
     /// lacked. One alone may have crossed the command.
-    pub(super) fn on_waiting(&mut self, held: &[u64], hosts: &[bool]) {
+    pub(crate) fn on_waiting(&mut self, held: &[u64], hosts: &[bool]) {
         let knows = |id: &u64| held.binary_search(id).is_ok();
         let episodes: BTreeSet<u64> = self.outstanding.keys().copied().filter(|id| !knows(id)).collect();
         let lacks = |lane: &u32| {
@@ -136,7 +136,7 @@ impl Supervisor<'_> {
     }
 
     /// Returns the time within which the failures of a child count together.
-    pub(super) fn failure_window(&self, role: MemberRole) -> Duration {
+    pub(crate) fn failure_window(&self, role: MemberRole) -> Duration {
         let limits = self.config.limits;
         let longest = match role {
             MemberRole::Sim => limits.sim_start + limits.silence,

@@ -10,7 +10,7 @@ use super::Supervisor;
 
 /// The last sign that work is being done.
 #[derive(Debug, Default)]
-pub(super) struct WorkWatch {
+pub(crate) struct WorkWatch {
     /// Control steps and queries of all children.
     work: u64,
     /// The time at which there was more work than before, or none to be done.
@@ -19,7 +19,7 @@ pub(super) struct WorkWatch {
 
 impl WorkWatch {
     /// Records that something has happened that no work shows.
-    pub(super) fn on_event(&mut self, now: Duration) {
+    pub(crate) fn on_event(&mut self, now: Duration) {
         self.at = now;
     }
 }
@@ -27,7 +27,7 @@ impl WorkWatch {
 impl Supervisor<'_> {
     /// Kills a hung sim, and a child that does not get ready in time. Hung hosts are detected by the sim,
     /// which knows the unanswered queries.
-    pub(super) fn check_timeouts(&mut self) -> Result<(), FleetError> {
+    pub(crate) fn check_timeouts(&mut self) -> Result<(), FleetError> {
         let (now, limits) = (self.children.now(), self.config.limits);
         for role in self.roles() {
             let timeout = if role == MemberRole::Sim { limits.sim_start } else { limits.host_start };

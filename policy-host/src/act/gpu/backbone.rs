@@ -14,13 +14,13 @@ use crate::nn::gpu::ops::{DeviceMaps, DeviceWeights, ImageSource, ProductEpilogu
 const STEM: ConvGeometry = ConvGeometry { kernel_size: 7, stride: 2, padding: 3 };
 
 /// Returns the largest number of words per sample of a buffer of the backbone.
-pub(super) fn max_words(maps: DeviceMaps, width: usize) -> usize {
+pub(crate) fn max_words(maps: DeviceMaps, width: usize) -> usize {
     maps.len().max(maps.convolved(STEM, width).len())
 }
 
 impl StepList<'_> {
     /// Adds the backbone. Returns the buffers of the cameras' bytes, each image padded to whole words.
-    pub(super) fn backbone(
+    pub(crate) fn backbone(
         &mut self,
         normalisation: &Normalisation,
         mapping: &ObservationMapping,

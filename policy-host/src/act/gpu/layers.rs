@@ -7,50 +7,50 @@ use crate::nn::gpu::{DeviceBuffer, Dispatch};
 use crate::weights::StateDict;
 
 /// A network under construction.
-pub(super) struct StepList<'a> {
-    pub(super) ops: OpBuilder<'a>,
-    pub(super) architecture: &'a Architecture,
-    pub(super) state_dict: &'a StateDict,
+pub(crate) struct StepList<'a> {
+    pub(crate) ops: OpBuilder<'a>,
+    pub(crate) architecture: &'a Architecture,
+    pub(crate) state_dict: &'a StateDict,
     /// Largest number of samples in a batch.
-    pub(super) capacity: usize,
-    pub(super) steps: Vec<NetworkStep>,
+    pub(crate) capacity: usize,
+    pub(crate) steps: Vec<NetworkStep>,
 }
 
 /// TokenRows of width `d`, `n_rows` of them per sample.
 #[derive(Clone, Debug)]
-pub(super) struct TokenRows {
-    pub(super) buffer: DeviceBuffer,
-    pub(super) n_rows: usize,
+pub(crate) struct TokenRows {
+    pub(crate) buffer: DeviceBuffer,
+    pub(crate) n_rows: usize,
 }
 
 impl StepList<'_> {
     /// Allocates a buffer with this number of words per sample.
-    pub(super) fn buffer(&self, label: &str, words_per_sample: usize) -> DeviceBuffer {
+    pub(crate) fn buffer(&self, label: &str, words_per_sample: usize) -> DeviceBuffer {
         DeviceBuffer::zeroed(self.ops.gpu, label, words_per_sample * self.capacity)
     }
 
     /// Allocates rows of this width.
-    pub(super) fn rows(&self, label: &str, n_rows: usize, width: usize) -> TokenRows {
+    pub(crate) fn rows(&self, label: &str, n_rows: usize, width: usize) -> TokenRows {
         TokenRows { buffer: self.buffer(label, n_rows * width), n_rows }
     }
 
     /// Uploads a tensor.
-    pub(super) fn tensor(&self, name: &str) -> DeviceBuffer {
+    pub(crate) fn tensor(&self, name: &str) -> DeviceBuffer {
         DeviceBuffer::of(self.ops.gpu, name, self.state_dict.get(name))
     }
 
     /// Uploads the weights of the linear layer `name`.
-    pub(super) fn weights(&self, name: &str) -> DeviceWeights {
+    pub(crate) fn weights(&self, name: &str) -> DeviceWeights {
         let [weight, bias] = ["weight", "bias"].map(|part| self.state_dict.get(&format!("{name}.{part}")));
         DeviceWeights::transposed(self.ops.gpu, weight, bias)
     }
 
-    pub(super) fn push(&mut self, dispatch: Dispatch) {
+    pub(crate) fn push(&mut self, dispatch: Dispatch) {
         self.steps.push(NetworkStep::Run(dispatch));
     }
 
     /// Adds a linear layer from all rows of `a`, plus position embeddings if given, to all rows of `out`.
-    pub(super) fn linear(
+    pub(crate) fn linear(
         &mut self,
         layer: &DeviceWeights,
         (a, positions): (&TokenRows, Option<&DeviceBuffer>),
@@ -64,7 +64,7 @@ impl StepList<'_> {
     }
 
     /// Adds the layer normalisation `name` of all rows of `x`, in place.
-    pub(super) fn layer_norm(&mut self, name: &str, x: &TokenRows) {
+    pub(crate) fn layer_norm(&mut self, name: &str, x: &TokenRows) {
         let [weight, bias] = ["weight", "bias"].map(|part| self.tensor(&format!("{name}.{part}")));
         let width = self.architecture.hidden_dim;
         let step = self.ops.layer_norm((&weight, &bias), (x.n_rows, width), &x.buffer);

@@ -17,9 +17,9 @@ const MAX_SAMPLES: usize = 32;
 
 /// An ACT network on a device.
 #[derive(Debug)]
-pub(super) struct GpuNetwork {
-    pub(super) architecture: Architecture,
-    pub(super) leading: LeadingTokens,
+pub(crate) struct GpuNetwork {
+    pub(crate) architecture: Architecture,
+    pub(crate) leading: LeadingTokens,
     action: Option<ShiftScale>,
     /// Counts samples.
     queue: BatchQueue<1>,
@@ -40,7 +40,7 @@ impl GpuNetwork {
     ///
     /// # Errors
     /// If the device cannot hold a single sample, or fails.
-    pub(super) fn new(gpu: &GpuDevice, stored: &StoredNetwork) -> Result<Self, GpuError> {
+    pub(crate) fn new(gpu: &GpuDevice, stored: &StoredNetwork) -> Result<Self, GpuError> {
         let StoredNetwork { architecture, normalisation, state_dict, mapping, .. } = stored;
         let n_tokens = architecture.max_tokens();
         let (width, horizon) = (architecture.hidden_dim, architecture.horizon);
@@ -111,13 +111,13 @@ impl GpuNetwork {
     }
 
     /// Returns the largest number of samples of [`forward`](Self::forward).
-    pub(super) fn capacity(&self) -> usize {
+    pub(crate) fn capacity(&self) -> usize {
         self.capacity
     }
 
     /// Sets the inputs of a sample of the next batch. `state` is normalised in place; `instruction` is empty
     /// or a token.
-    pub(super) fn set_inputs(&mut self, sample: usize, state: &mut [f32], instruction: &[f32]) {
+    pub(crate) fn set_inputs(&mut self, sample: usize, state: &mut [f32], instruction: &[f32]) {
         let tokens = &mut self.tokens[sample * self.n_leading_words..][..self.n_leading_words];
         // The token of an absent instruction is zero, and attention ignores it.
         self.leading.write(state, instruction, tokens).fill(0.0);
@@ -129,7 +129,7 @@ impl GpuNetwork {
     ///
     /// # Errors
     /// If the device fails.
-    pub(super) fn submit<'a>(
+    pub(crate) fn submit<'a>(
         &mut self,
         gpu: &GpuDevice,
         n_samples: usize,
@@ -149,7 +149,7 @@ impl GpuNetwork {
     ///
     /// # Errors
     /// If the device fails.
-    pub(super) fn collect(
+    pub(crate) fn collect(
         &mut self,
         gpu: &GpuDevice,
         batch: BatchInFlight,

@@ -11,20 +11,20 @@ const KEY: usize = 1;
 const VALUE: usize = 2;
 
 /// Working memory of the layers, for the larger of memory and target.
-pub(super) struct LayerMemory {
+pub(crate) struct LayerMemory {
     queries: DeviceBuffer,
     keys: DeviceBuffer,
     values: DeviceBuffer,
     attended: DeviceBuffer,
     hidden: DeviceBuffer,
     /// By sample: 1 if it has the optional token.
-    pub(super) present: DeviceBuffer,
+    pub(crate) present: DeviceBuffer,
     optional_key: Option<usize>,
 }
 
 impl StepList<'_> {
     /// Allocates the working memory for up to `n_rows` rows per sample.
-    pub(super) fn layer_memory(&self, n_rows: usize, optional_key: Option<usize>) -> LayerMemory {
+    pub(crate) fn layer_memory(&self, n_rows: usize, optional_key: Option<usize>) -> LayerMemory {
         let rows = |label: &str, width: usize| self.buffer(label, n_rows * width);
         let (width, inner) = (self.architecture.hidden_dim, self.architecture.dim_feedforward);
         LayerMemory {
@@ -39,7 +39,7 @@ impl StepList<'_> {
     }
 
     /// Adds the encoder layer `name`, in place.
-    pub(super) fn encoder_layer(
+    pub(crate) fn encoder_layer(
         &mut self,
         name: &str,
         x: &TokenRows,
@@ -57,7 +57,7 @@ impl StepList<'_> {
 
     /// Adds the self-attention of the decoder layer `name` to the target, in place, and the projection of
     /// the queries of its cross-attention.
-    pub(super) fn attend_to_target(
+    pub(crate) fn attend_to_target(
         &mut self,
         name: &str,
         x: &TokenRows,
@@ -74,7 +74,7 @@ impl StepList<'_> {
 
     /// Adds the cross-attention of the decoder layer `name`, whose queries are projected, and its
     /// feed-forward network, in place.
-    pub(super) fn attend_to_memory(
+    pub(crate) fn attend_to_memory(
         &mut self,
         name: &str,
         x: &TokenRows,
@@ -91,7 +91,7 @@ impl StepList<'_> {
 
     /// Computes the target after the first decoder layer's self-attention, and the queries of its
     /// cross-attention, which are the same for every input. Returns the steps that copy both to each sample.
-    pub(super) fn constant_target(
+    pub(crate) fn constant_target(
         &mut self,
         x: &TokenRows,
         query_positions: &DeviceBuffer,

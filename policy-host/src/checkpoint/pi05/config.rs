@@ -15,7 +15,7 @@ use crate::pi05::architecture::Pi05Architecture;
 use crate::spec::MAX_STEPS;
 
 /// Upper bound on the rows of a chunk and on the entries of a state.
-pub(super) const MAX_ROWS: usize = 1024;
+pub(crate) const MAX_ROWS: usize = 1024;
 /// Upper bound on the tokens of a prompt.
 const MAX_PROMPT: usize = 4096;
 /// Prefix of LeRobot's names for cameras that a configuration adds.
@@ -59,24 +59,24 @@ const WITHOUT_INFLUENCE: [&str; 25] = [
 
 /// The settings of LeRobot's `PI05Config` that inference depends on, with its defaults.
 #[derive(Debug)]
-pub(super) struct Pi05Config {
+pub(crate) struct Pi05Config {
     input_features: Features<FeatureShape>,
     output_features: Features<FeatureShape>,
     modes: Modes,
     chunk: ChunkSettings,
-    pub(super) max_state_dim: usize,
+    pub(crate) max_state_dim: usize,
     max_action_dim: usize,
-    pub(super) num_inference_steps: usize,
-    pub(super) min_period: f64,
-    pub(super) max_period: f64,
+    pub(crate) num_inference_steps: usize,
+    pub(crate) min_period: f64,
+    pub(crate) max_period: f64,
     image_resolution: (usize, usize),
     empty_cameras: usize,
-    pub(super) tokenizer_max_length: usize,
+    pub(crate) tokenizer_max_length: usize,
 }
 
 impl Pi05Config {
     /// Reads the settings. Those that are not supported or out of range are refused by name.
-    pub(super) fn read(
+    pub(crate) fn read(
         settings: &mut Settings,
         ignore: &IgnoreList,
         notes: &mut Vec<String>,
@@ -165,7 +165,7 @@ fn read_real_time_chunking(
 }
 
 impl Folder<'_> {
-    pub(super) fn lerobot(&self, mut settings: Settings) -> Result<Pi05Description, CheckpointError> {
+    pub(crate) fn lerobot(&self, mut settings: Settings) -> Result<Pi05Description, CheckpointError> {
         let ignore = &self.sidecar.ignore;
         refuse_if(self.sidecar.chunk_size.is_some(), self.folder, "chunk_size", "openpi's checkpoints only")?;
         let mut notes = Vec::new();

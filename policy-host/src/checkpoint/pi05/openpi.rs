@@ -53,7 +53,7 @@ fn quantiles<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Vec<f3
 }
 
 impl Folder<'_> {
-    pub(super) fn openpi(&self, mut settings: Settings) -> Result<Pi05Description, CheckpointError> {
+    pub(crate) fn openpi(&self, mut settings: Settings) -> Result<Pi05Description, CheckpointError> {
         let ignore = &self.sidecar.ignore;
         let mut notes = Vec::new();
         let action_horizon = settings.take("action_horizon")?;

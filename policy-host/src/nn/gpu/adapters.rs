@@ -37,7 +37,7 @@ pub fn adapters() -> Vec<AdapterSummary> {
 }
 
 /// Returns all adapters, discrete GPUs first.
-pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
+pub(crate) fn enumerate() -> Vec<wgpu::Adapter> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,
         flags: wgpu::InstanceFlags::empty(),
@@ -49,7 +49,7 @@ pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
 }
 
 /// Returns the name of an adapter and its driver.
-pub(super) fn name(info: &wgpu::AdapterInfo) -> String {
+pub(crate) fn name(info: &wgpu::AdapterInfo) -> String {
     format!("{} ({})", info.name, format!("{} {}", info.driver, info.driver_info).trim())
 }
 

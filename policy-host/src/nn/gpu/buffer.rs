@@ -9,7 +9,7 @@ const MIN_BYTES: u64 = 16;
 
 /// An array in device memory, for kernels, uploads and copies.
 #[derive(Clone, Debug)]
-pub struct DeviceBuffer(pub(super) wgpu::Buffer);
+pub struct DeviceBuffer(pub(crate) wgpu::Buffer);
 
 impl DeviceBuffer {
     /// Allocates `n_words` zeroed 32-bit words.

@@ -39,8 +39,8 @@ pub enum GpuError {
 
 /// An open device and its queue.
 pub struct GpuDevice {
-    pub(super) device: wgpu::Device,
-    pub(super) queue: wgpu::Queue,
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
     name: String,
     max_binding: u64,
     first_error: DeviceFault,
@@ -58,7 +58,7 @@ impl DeviceKind {
         }
     }
 
-    pub(super) const fn matches(self, device_type: wgpu::DeviceType) -> bool {
+    pub(crate) const fn matches(self, device_type: wgpu::DeviceType) -> bool {
         use wgpu::DeviceType::{DiscreteGpu, IntegratedGpu, VirtualGpu};
         let is_hardware = matches!(device_type, DiscreteGpu | IntegratedGpu | VirtualGpu);
         is_hardware == matches!(self, Self::Hardware)
@@ -176,12 +176,12 @@ impl GpuDevice {
     }
 
     /// Marks the device as failed for good.
-    pub(super) fn fail(&self, message: &str) {
+    pub(crate) fn fail(&self, message: &str) {
         self.first_error.set(message.to_owned());
     }
 
     /// Runs the callbacks of what has completed.
-    pub(super) fn poll(&self) {
+    pub(crate) fn poll(&self) {
         if catch_unwind(AssertUnwindSafe(|| self.device.poll(wgpu::PollType::Poll))).is_err() {
             self.fail("the device was lost while computing");
         }
@@ -191,7 +191,7 @@ impl GpuDevice {
     ///
     /// # Errors
     /// If the device fails, or does not complete within five minutes.
-    pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
+    pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
         let poll_type =
             wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_TIMEOUT) };
         // wgpu panics if the driver reports a lost device during a wait.
@@ -224,7 +224,7 @@ impl DeviceFault {
 }
 
 /// Returns the result of a future that is ready immediately, as all futures of wgpu are outside of a browser.
-pub(super) fn poll_ready<T>(future: impl Future<Output = T>) -> T {
+pub(crate) fn poll_ready<T>(future: impl Future<Output = T>) -> T {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(result) => result,
         Poll::Pending => unreachable!("native wgpu futures are ready immediately"),

@@ -10,11 +10,11 @@ const MAX_GROUPS: usize = 65_535;
 
 /// A WGSL source with the values of its overrides.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) struct KernelSource {
-    pub(super) name: &'static str,
+pub(crate) struct KernelSource {
+    pub(crate) name: &'static str,
     /// Concatenated in this order.
-    pub(super) parts: Vec<&'static str>,
-    pub(super) constants: Vec<(&'static str, u32)>,
+    pub(crate) parts: Vec<&'static str>,
+    pub(crate) constants: Vec<(&'static str, u32)>,
 }
 
 /// Pipelines by source, so that layers of one shape share theirs.
@@ -27,16 +27,16 @@ pub struct Dispatch {
     pipeline: wgpu::ComputePipeline,
     group: wgpu::BindGroup,
     /// Work items along the first axis, per sample and per workgroup.
-    pub(super) items_per_sample: usize,
-    pub(super) items_per_group: usize,
+    pub(crate) items_per_sample: usize,
+    pub(crate) items_per_group: usize,
     /// Workgroups along the other axes.
-    pub(super) groups_yz: [u32; 2],
+    pub(crate) groups_yz: [u32; 2],
 }
 
 impl KernelCache {
     /// Returns a dispatch of a kernel with `buffers` at bindings 0, 1 and so on. Its first axis has
     /// `items_per_sample` items for each sample, of which a workgroup takes `items_per_group`.
-    pub(super) fn dispatch(
+    pub(crate) fn dispatch(
         &mut self,
         gpu: &GpuDevice,
         source: KernelSource,
@@ -65,7 +65,7 @@ impl Dispatch {
         MAX_GROUPS * self.items_per_group / self.items_per_sample
     }
 
-    pub(super) fn encode(&self, pass: &mut wgpu::ComputePass<'_>, n_samples: usize) {
+    pub(crate) fn encode(&self, pass: &mut wgpu::ComputePass<'_>, n_samples: usize) {
         let n_groups = (n_samples * self.items_per_sample).div_ceil(self.items_per_group);
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.group, &[]);

@@ -11,7 +11,7 @@ use crate::nn::conv::ConvGeometry;
 /// Side of the tile of a product.
 const TILE: usize = 64;
 /// Threads of a workgroup of element-wise kernels.
-pub(super) const THREADS: usize = 256;
+pub(crate) const THREADS: usize = 256;
 /// Words of workgroup memory that every device has.
 const WORKGROUP_WORDS: usize = 4096;
 /// Threads of a workgroup of the attention kernel, each with a partial result per query.
@@ -19,9 +19,9 @@ const ATTENTION_THREADS: usize = 64;
 /// Largest number of queries that share a workgroup.
 const MAX_QUERIES: usize = 8;
 
-pub(super) const BATCH: &str = include_str!("wgsl/batch.wgsl");
+pub(crate) const BATCH: &str = include_str!("wgsl/batch.wgsl");
 /// Sum over a workgroup of 64 threads.
-pub(super) const TOTAL: &str = include_str!("wgsl/total.wgsl");
+pub(crate) const TOTAL: &str = include_str!("wgsl/total.wgsl");
 
 /// The device, the compiled kernels, and the uniform buffer with the number of samples of a batch.
 #[derive(Debug)]
@@ -314,7 +314,7 @@ fn columns(layer: &DeviceWeights) -> [u32; 2] {
     [layer.n.div_ceil(TILE) as u32, 1]
 }
 
-pub(super) fn kernel(
+pub(crate) fn kernel(
     name: &'static str,
     parts: &[&'static str],
     constants: &[(&'static str, usize)],

@@ -57,7 +57,7 @@ pub fn run(gpu: &GpuDevice, steps: &[NetworkStep], n_units: usize) -> Result<(),
     gpu.wait(submission)
 }
 
-pub(super) fn encode(encoder: &mut wgpu::CommandEncoder, steps: &[NetworkStep], n_units: usize) {
+pub(crate) fn encode(encoder: &mut wgpu::CommandEncoder, steps: &[NetworkStep], n_units: usize) {
     for run in steps.chunk_by(|a, b| matches!((a, b), (NetworkStep::Run(_), NetworkStep::Run(_)))) {
         if let NetworkStep::Copy { from, to, n_words } = &run[0] {
             for unit in 0..n_units {

@@ -7,16 +7,16 @@ use crate::weights::{FloatType, StoredTensor};
 /// Weights and bias `[n]` of a product.
 #[derive(Clone, Debug)]
 pub struct DeviceWeights {
-    pub(super) weights: DeviceBuffer,
-    pub(super) bias: DeviceBuffer,
-    pub(super) k: usize,
-    pub(super) n: usize,
-    pub(super) layout: WeightLayout,
+    pub(crate) weights: DeviceBuffer,
+    pub(crate) bias: DeviceBuffer,
+    pub(crate) k: usize,
+    pub(crate) n: usize,
+    pub(crate) layout: WeightLayout,
 }
 
 /// Order and type of weights in device memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum WeightLayout {
+pub(crate) enum WeightLayout {
     /// `[k, n]` f32.
     ByInput,
     /// `[n, k]`, as PyTorch stores them. With 16 bits, `k` is even and a word holds two values.
@@ -25,7 +25,7 @@ pub(super) enum WeightLayout {
 
 impl WeightLayout {
     /// Returns the WGSL source that loads the weights, and its constants.
-    pub(super) const fn source(self) -> (&'static str, &'static [(&'static str, usize)]) {
+    pub(crate) const fn source(self) -> (&'static str, &'static [(&'static str, usize)]) {
         match self {
             Self::ByInput => (include_str!("wgsl/weights.wgsl"), &[]),
             Self::Stored(FloatType::F32) => (include_str!("wgsl/stored_weights.wgsl"), &[]),

@@ -13,7 +13,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-pub(super) use self::transforms::LANES;
+pub(crate) use self::transforms::LANES;
 use self::transforms::{ChannelLanes, G_F2, G_F4, input_transform, output_transform};
 use super::feature_map::FeatureMapShape;
 #[cfg(target_arch = "x86_64")]
@@ -39,7 +39,7 @@ const SET_CONFLICT_GAP: usize = 16;
 
 /// A 3×3 convolution with transformed kernels.
 #[derive(Clone, Debug)]
-pub(super) struct Winograd {
+pub(crate) struct Winograd {
     /// Transformed kernels `[c_in, c_out]`, one matrix per tile element.
     kernels: Vec<PackedWeights>,
     c_in: usize,
@@ -50,7 +50,7 @@ pub(super) struct Winograd {
 
 /// Working memory of a Winograd convolution.
 #[derive(Clone, Debug, Default)]
-pub(super) struct WinogradScratch {
+pub(crate) struct WinogradScratch {
     /// Transformed input tiles `[tile elements, tiles · c_in + SET_CONFLICT_GAP]`.
     tiles: Vec<f32>,
     /// Products `[tile elements, tiles · c_out + SET_CONFLICT_GAP]`.
@@ -82,7 +82,7 @@ macro_rules! forward_for {
 impl Winograd {
     /// Transforms the kernels `taps [3, 3, c_in, c_out]`, with the threads of the current rayon pool. Both
     /// channel counts must be multiples of [`LANES`].
-    pub(super) fn new(taps: &[f32], c_in: usize, c_out: usize) -> Self {
+    pub(crate) fn new(taps: &[f32], c_in: usize, c_out: usize) -> Self {
         let output_side = if c_in * c_out <= F4_MAX_CHANNEL_PRODUCT { 4 } else { 2 };
         Self::with_tile(taps, c_in, c_out, output_side)
     }
@@ -107,12 +107,12 @@ impl Winograd {
     }
 
     /// Returns the number of output rows per row of tiles, the granularity at which work should be divided.
-    pub(super) fn output_side(&self) -> usize {
+    pub(crate) fn output_side(&self) -> usize {
         self.output_side
     }
 
     /// Returns the size of the transformed kernels in memory.
-    pub(super) fn size_bytes(&self) -> usize {
+    pub(crate) fn size_bytes(&self) -> usize {
         self.kernels.iter().map(PackedWeights::size_bytes).sum()
     }
 
@@ -123,7 +123,7 @@ impl Winograd {
     }
 
     /// Grows `scratch` to what [`forward`](Self::forward) needs for inputs of this shape.
-    pub(super) fn reserve(&self, input: FeatureMapShape, scratch: &mut WinogradScratch) {
+    pub(crate) fn reserve(&self, input: FeatureMapShape, scratch: &mut WinogradScratch) {
         let across = |side: usize| side.div_ceil(self.output_side);
         let n_tiles = self.block_tiles().min(input.batch * across(input.height) * across(input.width));
         let grow = |buffer: &mut Vec<f32>, len: usize| buffer.resize(buffer.len().max(len), 0.0);
@@ -137,7 +137,7 @@ impl Winograd {
     /// pixel of these output rows. Row `image_idx · h + row` is row `row` of an image.
     ///
     /// The transforms use no fused multiply-add, so the vector width does not change a bit.
-    pub(super) fn forward(
+    pub(crate) fn forward(
         &self,
         input: &[f32],
         shape: FeatureMapShape,

@@ -5,19 +5,19 @@
 use std::f64::consts::SQRT_2;
 
 /// Number of channels transformed at a time. Channel counts must be multiples of it.
-pub(in crate::nn) const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
-pub(super) type ChannelLanes = [f32; LANES];
+pub(crate) type ChannelLanes = [f32; LANES];
 
 /// Kernel transform `G` of F(2×2, 3×3), along one axis.
-pub(super) const G_F2: [[f64; 3]; 4] = [[1.0, 0.0, 0.0], [0.5, 0.5, 0.5], [0.5, -0.5, 0.5], [0.0, 0.0, 1.0]];
+pub(crate) const G_F2: [[f64; 3]; 4] = [[1.0, 0.0, 0.0], [0.5, 0.5, 0.5], [0.5, -0.5, 0.5], [0.0, 0.0, 1.0]];
 /// Inner interpolation point of F(4×4, 3×3). The elements are 0, ±√½, ±√2 and infinity; the usual 0, ±1, ±2
 /// would have two times (mean) to five times (maximum) the rounding error.
 const NEAR: f32 = std::f32::consts::FRAC_1_SQRT_2;
 /// Outer interpolation point of F(4×4, 3×3).
 const FAR: f32 = std::f32::consts::SQRT_2;
 /// Kernel transform `G` of F(4×4, 3×3), along one axis.
-pub(super) const G_F4: [[f64; 3]; 6] = [
+pub(crate) const G_F4: [[f64; 3]; 6] = [
     [1.0, 0.0, 0.0],
     [-2.0 / 3.0, -SQRT_2 / 3.0, -1.0 / 3.0],
     [-2.0 / 3.0, SQRT_2 / 3.0, -1.0 / 3.0],
@@ -79,7 +79,7 @@ fn output_transform_1d<const OUT: usize, const TILE: usize>(m: [ChannelLanes; TI
 
 /// Transforms the pixels of a tile and writes its elements to `out`, `stride` apart, starting at `at`.
 #[inline(always)]
-pub(super) fn input_transform<const TILE: usize>(
+pub(crate) fn input_transform<const TILE: usize>(
     pixels: &[[&[ChannelLanes]; TILE]; TILE],
     out: &mut [ChannelLanes],
     stride: usize,
@@ -108,7 +108,7 @@ pub(super) fn input_transform<const TILE: usize>(
 
 /// Transforms the products of a tile, `stride` apart starting at `at`, and writes its sums `[OUT², c_out]`.
 #[inline(always)]
-pub(super) fn output_transform<const OUT: usize, const TILE: usize>(
+pub(crate) fn output_transform<const OUT: usize, const TILE: usize>(
     products: &[ChannelLanes],
     stride: usize,
     at: usize,

@@ -10,16 +10,16 @@ use crate::pi05::architecture::{GemmaSizes, LayerStack};
 use crate::pi05::expert::Modulation;
 
 /// Input of the action expert.
-pub(super) struct ExpertInput<'a> {
+pub(crate) struct ExpertInput<'a> {
     /// Actions `[samples, horizon, action_width]`, noise at first.
-    pub(super) actions: &'a DeviceBuffer,
-    pub(super) action_width: usize,
+    pub(crate) actions: &'a DeviceBuffer,
+    pub(crate) action_width: usize,
     /// Keys and values of the prefix, by layer.
-    pub(super) cache: &'a [DeviceBuffer],
+    pub(crate) cache: &'a [DeviceBuffer],
     /// Cosines and sines of all positions.
-    pub(super) angles: &'a DeviceBuffer,
+    pub(crate) angles: &'a DeviceBuffer,
     /// Normalisations of every Euler step.
-    pub(super) modulations: &'a [Vec<Modulation>],
+    pub(crate) modulations: &'a [Vec<Modulation>],
 }
 
 /// An adaptive normalisation at one time.
@@ -31,7 +31,7 @@ struct DeviceModulation {
 
 impl RunBuilder<'_> {
     /// Adds all Euler steps.
-    pub(super) fn expert(
+    pub(crate) fn expert(
         &mut self,
         stack: &StackBuffers,
         input: &ExpertInput<'_>,

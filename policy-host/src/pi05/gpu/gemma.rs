@@ -9,38 +9,38 @@ use crate::pi05::architecture::{GemmaSizes, LayerStack};
 use crate::pi05::weights::EPSILON;
 
 /// The matrices of a layer, but for those of keys and values.
-pub(super) struct LayerWeights {
-    pub(super) queries: DeviceWeights,
-    pub(super) out: DeviceWeights,
-    pub(super) gate: DeviceWeights,
-    pub(super) up: DeviceWeights,
-    pub(super) down: DeviceWeights,
+pub(crate) struct LayerWeights {
+    pub(crate) queries: DeviceWeights,
+    pub(crate) out: DeviceWeights,
+    pub(crate) gate: DeviceWeights,
+    pub(crate) up: DeviceWeights,
+    pub(crate) down: DeviceWeights,
 }
 
 /// Working memory of a stack of layers, and its rows: `n_rows` per unit.
 #[derive(Debug)]
-pub(super) struct StackBuffers {
-    pub(super) sizes: GemmaSizes,
-    pub(super) n_rows: usize,
-    pub(super) x: DeviceBuffer,
-    pub(super) normed: DeviceBuffer,
-    pub(super) queries: DeviceBuffer,
-    pub(super) heads: DeviceBuffer,
-    pub(super) hidden: DeviceBuffer,
+pub(crate) struct StackBuffers {
+    pub(crate) sizes: GemmaSizes,
+    pub(crate) n_rows: usize,
+    pub(crate) x: DeviceBuffer,
+    pub(crate) normed: DeviceBuffer,
+    pub(crate) queries: DeviceBuffer,
+    pub(crate) heads: DeviceBuffer,
+    pub(crate) hidden: DeviceBuffer,
     /// Position of every row.
-    pub(super) positions: DeviceBuffer,
+    pub(crate) positions: DeviceBuffer,
     /// Rows of every sample, for attention.
-    pub(super) spans: DeviceBuffer,
+    pub(crate) spans: DeviceBuffer,
 }
 
 /// Returns the largest number of words of a row in a buffer of a stack.
-pub(super) fn max_words(sizes: GemmaSizes) -> usize {
+pub(crate) fn max_words(sizes: GemmaSizes) -> usize {
     let GemmaSizes { width, hidden, n_heads, head_width, .. } = sizes;
     [width, hidden, n_heads * head_width, 2 * head_width].into_iter().fold(0, usize::max)
 }
 
 impl RunBuilder<'_> {
-    pub(super) fn stack_buffers(&self, sizes: GemmaSizes, unit: BatchUnit, n_rows: usize) -> StackBuffers {
+    pub(crate) fn stack_buffers(&self, sizes: GemmaSizes, unit: BatchUnit, n_rows: usize) -> StackBuffers {
         let GemmaSizes { width, hidden, n_heads, head_width, .. } = sizes;
         let rows = |label: &str, width: usize| self.buffer(label, unit, n_rows * width);
         StackBuffers {
@@ -57,13 +57,13 @@ impl RunBuilder<'_> {
     }
 
     /// Uploads the matrices of a layer's keys and values, one after the other.
-    pub(super) fn key_weights(&self, part: LayerStack, layer: usize) -> Result<DeviceWeights, LoadGpuError> {
+    pub(crate) fn key_weights(&self, part: LayerStack, layer: usize) -> Result<DeviceWeights, LoadGpuError> {
         let name = |module: &str| self.source.names.layer(part, layer, &format!("self_attn.{module}.weight"));
         self.matrix(&[name("k_proj"), name("v_proj")])
     }
 
     /// Uploads the other matrices of a layer.
-    pub(super) fn layer_weights(&self, part: LayerStack, layer: usize) -> Result<LayerWeights, LoadGpuError> {
+    pub(crate) fn layer_weights(&self, part: LayerStack, layer: usize) -> Result<LayerWeights, LoadGpuError> {
         let matrix =
             |module: &str| self.matrix(&[self.source.names.layer(part, layer, &format!("{module}.weight"))]);
         Ok(LayerWeights {
@@ -76,14 +76,14 @@ impl RunBuilder<'_> {
     }
 
     /// Adds an RMS normalisation from `x` to `normed`.
-    pub(super) fn rms_norm(&mut self, stack: &StackBuffers, affine: (&DeviceBuffer, &DeviceBuffer)) {
+    pub(crate) fn rms_norm(&mut self, stack: &StackBuffers, affine: (&DeviceBuffer, &DeviceBuffer)) {
         let shape = (stack.n_rows, stack.sizes.width);
         let step = self.ops.normalise(RowNorm::Rms(EPSILON), shape, &stack.x, affine, &stack.normed);
         self.push(step);
     }
 
     /// Adds the keys and values of the normalised rows, `[rows, 2 · head_width]`.
-    pub(super) fn store_keys(
+    pub(crate) fn store_keys(
         &mut self,
         weights: &DeviceWeights,
         stack: &StackBuffers,
@@ -96,7 +96,7 @@ impl RunBuilder<'_> {
     }
 
     /// Adds the queries of the normalised rows.
-    pub(super) fn store_queries(
+    pub(crate) fn store_queries(
         &mut self,
         weights: &LayerWeights,
         stack: &StackBuffers,
@@ -122,7 +122,7 @@ impl RunBuilder<'_> {
     }
 
     /// Adds the hidden layer of an MLP of the normalised rows, `gelu(gate) · up`.
-    pub(super) fn hidden(&mut self, weights: &LayerWeights, stack: &StackBuffers) {
+    pub(crate) fn hidden(&mut self, weights: &LayerWeights, stack: &StackBuffers) {
         let rows = (&stack.normed, &stack.hidden);
         self.multiply(&weights.gate, stack.n_rows, rows, ProductEpilogue::Gelu);
         self.multiply(&weights.up, stack.n_rows, rows, ProductEpilogue::Multiply);
@@ -130,7 +130,7 @@ impl RunBuilder<'_> {
 
     /// Adds the language model, whose rows are in `stack.x`, in place. Returns the keys and values
     /// `[rows, 2 · head_width]` of every layer.
-    pub(super) fn prefix(
+    pub(crate) fn prefix(
         &mut self,
         stack: &StackBuffers,
         max_length: usize,

@@ -9,11 +9,11 @@ use crate::pi05::weights::LayerSource;
 use crate::weights::WeightsError;
 
 /// Number of kinds of [`BatchUnit`].
-pub(super) const N_UNITS: usize = BatchUnit::Sample as usize + 1;
+pub(crate) const N_UNITS: usize = BatchUnit::Sample as usize + 1;
 
 /// Unit of a batch, of which the kernels of a run count one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum BatchUnit {
+pub(crate) enum BatchUnit {
     /// A distinct image.
     Image,
     /// A token of a prompt.
@@ -26,39 +26,39 @@ pub(super) enum BatchUnit {
 
 /// Number of units of a batch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct UnitCounts {
-    pub(super) images: usize,
-    pub(super) tokens: usize,
-    pub(super) rows: usize,
-    pub(super) samples: usize,
+pub(crate) struct UnitCounts {
+    pub(crate) images: usize,
+    pub(crate) tokens: usize,
+    pub(crate) rows: usize,
+    pub(crate) samples: usize,
 }
 
 /// A network under construction.
-pub(super) struct RunBuilder<'a> {
-    pub(super) ops: OpBuilder<'a>,
-    pub(super) source: LayerSource<'a>,
+pub(crate) struct RunBuilder<'a> {
+    pub(crate) ops: OpBuilder<'a>,
+    pub(crate) source: LayerSource<'a>,
     /// Uniform buffer of the number of each [`BatchUnit`].
     counts: &'a [DeviceBuffer; N_UNITS],
     /// Largest batch.
-    pub(super) capacity: UnitCounts,
-    pub(super) runs: Vec<StepRun>,
+    pub(crate) capacity: UnitCounts,
+    pub(crate) runs: Vec<StepRun>,
 }
 
 impl UnitCounts {
     /// Returns the numbers in the order of [`BatchUnit`].
-    pub(super) fn by_unit(self) -> [usize; N_UNITS] {
+    pub(crate) fn by_unit(self) -> [usize; N_UNITS] {
         [self.images, self.tokens, self.rows, self.samples]
     }
 
     /// Returns the numbers for `n` such batches together.
-    pub(super) fn times(self, n: usize) -> Self {
+    pub(crate) fn times(self, n: usize) -> Self {
         let Self { images, tokens, rows, samples } = self;
         Self { images: n * images, tokens: n * tokens, rows: n * rows, samples: n * samples }
     }
 }
 
 impl<'a> RunBuilder<'a> {
-    pub(super) fn new(
+    pub(crate) fn new(
         gpu: &'a GpuDevice,
         source: LayerSource<'a>,
         counts: &'a [DeviceBuffer; N_UNITS],
@@ -69,37 +69,37 @@ impl<'a> RunBuilder<'a> {
     }
 
     /// Starts a run whose steps count this unit.
-    pub(super) fn count(&mut self, unit: BatchUnit) {
+    pub(crate) fn count(&mut self, unit: BatchUnit) {
         self.ops.batch = &self.counts[unit as usize];
         self.runs.push(StepRun { unit: unit as usize, steps: Vec::new() });
     }
 
-    pub(super) fn push(&mut self, dispatch: Dispatch) {
+    pub(crate) fn push(&mut self, dispatch: Dispatch) {
         self.push_step(NetworkStep::Run(dispatch));
     }
 
-    pub(super) fn push_step(&mut self, step: NetworkStep) {
+    pub(crate) fn push_step(&mut self, step: NetworkStep) {
         self.runs.last_mut().expect("a run has been started").steps.push(step);
     }
 
     /// Allocates a buffer with this number of words per unit.
-    pub(super) fn buffer(&self, label: &str, unit: BatchUnit, words_per_unit: usize) -> DeviceBuffer {
+    pub(crate) fn buffer(&self, label: &str, unit: BatchUnit, words_per_unit: usize) -> DeviceBuffer {
         DeviceBuffer::zeroed(self.ops.gpu, label, words_per_unit * self.capacity.by_unit()[unit as usize])
     }
 
     /// Uploads values.
-    pub(super) fn constant(&self, label: &str, values: &[f32]) -> DeviceBuffer {
+    pub(crate) fn constant(&self, label: &str, values: &[f32]) -> DeviceBuffer {
         DeviceBuffer::of(self.ops.gpu, label, values)
     }
 
     /// Uploads the matrices of these names, one after the other.
-    pub(super) fn matrix(&self, names: &[String]) -> Result<DeviceWeights, LoadGpuError> {
+    pub(crate) fn matrix(&self, names: &[String]) -> Result<DeviceWeights, LoadGpuError> {
         self.stored(names, &[])
     }
 
     /// Uploads linear layers with the same input, one after the other, from the tensors that `name` returns
     /// for each layer, and `weight` or `bias`.
-    pub(super) fn linear(
+    pub(crate) fn linear(
         &self,
         layers: &[&str],
         name: impl Fn(&str, &str) -> String,
@@ -113,7 +113,7 @@ impl<'a> RunBuilder<'a> {
     }
 
     /// Reads a vector.
-    pub(super) fn vector(&self, name: &str) -> Result<Vec<f32>, LoadGpuError> {
+    pub(crate) fn vector(&self, name: &str) -> Result<Vec<f32>, LoadGpuError> {
         self.source.vector(name).map_err(unreadable)
     }
 
@@ -123,7 +123,7 @@ impl<'a> RunBuilder<'a> {
     }
 
     /// Adds a linear layer for all `n_rows` rows of each unit.
-    pub(super) fn multiply(
+    pub(crate) fn multiply(
         &mut self,
         layer: &DeviceWeights,
         n_rows: usize,
@@ -137,6 +137,6 @@ impl<'a> RunBuilder<'a> {
 }
 
 /// Returns the error of a checkpoint whose tensors cannot be read.
-pub(super) fn unreadable(error: WeightsError) -> LoadGpuError {
+pub(crate) fn unreadable(error: WeightsError) -> LoadGpuError {
     LoadGpuError::Folder(CheckpointError::from(error).into())
 }

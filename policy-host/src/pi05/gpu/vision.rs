@@ -11,11 +11,11 @@ use crate::pi05::siglip::PATCH_VALUES;
 use crate::pi05::weights::EPSILON;
 
 /// Input and output of the vision tower.
-pub(super) struct VisionBuffers {
+pub(crate) struct VisionBuffers {
     /// Patches `[images, patches, PATCH_VALUES]`.
-    pub(super) patches: DeviceBuffer,
+    pub(crate) patches: DeviceBuffer,
     /// Tokens `[images, patches, prefix width]`.
-    pub(super) tokens: DeviceBuffer,
+    pub(crate) tokens: DeviceBuffer,
 }
 
 /// Working memory of the layers.
@@ -31,14 +31,14 @@ struct LayerBuffers {
 }
 
 /// Returns the largest number of words of an image in a buffer of the vision tower.
-pub(super) fn max_words(sizes: VisionSizes, prefix_width: usize) -> usize {
+pub(crate) fn max_words(sizes: VisionSizes, prefix_width: usize) -> usize {
     let VisionSizes { width, hidden, n_patches, .. } = sizes;
     n_patches * [PATCH_VALUES, 2 * width, hidden, prefix_width].into_iter().fold(0, usize::max)
 }
 
 impl RunBuilder<'_> {
     /// Adds the vision tower and the projector to the language model.
-    pub(super) fn vision(
+    pub(crate) fn vision(
         &mut self,
         sizes: VisionSizes,
         prefix_width: usize,
@@ -139,7 +139,7 @@ impl RunBuilder<'_> {
     }
 
     /// Adds an attention.
-    pub(super) fn attend(
+    pub(crate) fn attend(
         &mut self,
         shape: SequenceShape,
         input: SequenceInput<'_>,

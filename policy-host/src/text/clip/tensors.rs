@@ -13,16 +13,16 @@ use super::tokens::{MAX_TOKENS, VOCABULARY};
 use crate::weights::{StateDict, TensorFile, TensorSpec, WeightsError};
 
 /// Width of an attention head.
-pub(super) const HEAD_WIDTH: usize = 64;
+pub(crate) const HEAD_WIDTH: usize = 64;
 /// Maximum number of layers of a tower.
 const MAX_LAYERS: usize = 64;
 
 // Canonical names.
-pub(super) const TOKENS: &str = "text_model.embeddings.token_embedding.weight";
-pub(super) const POSITIONS: &str = "text_model.embeddings.position_embedding.weight";
-pub(super) const LAYERS: &str = "text_model.encoder.layers";
-pub(super) const FINAL_NORM: &str = "text_model.final_layer_norm";
-pub(super) const PROJECTION: &str = "text_projection.weight";
+pub(crate) const TOKENS: &str = "text_model.embeddings.token_embedding.weight";
+pub(crate) const POSITIONS: &str = "text_model.embeddings.position_embedding.weight";
+pub(crate) const LAYERS: &str = "text_model.encoder.layers";
+pub(crate) const FINAL_NORM: &str = "text_model.final_layer_norm";
+pub(crate) const PROJECTION: &str = "text_projection.weight";
 
 /// Dimensions of a text tower.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +55,7 @@ enum StoredLayout {
 
 /// An open weights file whose tensors have been checked by name and shape.
 #[derive(Debug)]
-pub(super) struct TowerFile {
+pub(crate) struct TowerFile {
     file: TensorFile,
     scheme: NamingScheme,
     shape: TowerShape,
@@ -64,7 +64,7 @@ pub(super) struct TowerFile {
 impl TowerFile {
     /// Opens the file and checks its header. Unknown tensors are ignored: the file may also contain the
     /// vision tower.
-    pub(super) fn open(path: &Path) -> Result<Self, WeightsError> {
+    pub(crate) fn open(path: &Path) -> Result<Self, WeightsError> {
         let file = TensorFile::open(path)?;
         let is_open_ai = file.contains(&NamingScheme::OpenAi.stored(TOKENS).0);
         let scheme = if is_open_ai { NamingScheme::OpenAi } else { NamingScheme::HuggingFace };
@@ -77,19 +77,19 @@ impl TowerFile {
         Ok(tower)
     }
 
-    pub(super) fn shape(&self) -> TowerShape {
+    pub(crate) fn shape(&self) -> TowerShape {
         self.shape
     }
 
     /// Checks that embeddings have dimension `dim`.
-    pub(super) fn check_dim(&self, dim: usize) -> Result<(), WeightsError> {
+    pub(crate) fn check_dim(&self, dim: usize) -> Result<(), WeightsError> {
         let expected = TensorSpec { name: PROJECTION.to_owned(), shape: vec![dim, self.shape.width] };
         let (stored, shape, _) = self.locate(&expected);
         self.file.check(&stored, &shape)
     }
 
     /// Reads all tensors in canonical form and computes their fingerprint.
-    pub(super) fn read(mut self) -> Result<(StateDict, WeightsFingerprint), WeightsError> {
+    pub(crate) fn read(mut self) -> Result<(StateDict, WeightsFingerprint), WeightsError> {
         let (mut state_dict, mut hash) = (StateDict::default(), Xxh3::new());
         for spec in self.shape.tensors() {
             let (stored, _, layout) = self.locate(&spec);

@@ -12,7 +12,7 @@ use crate::weights::StateDict;
 
 /// The text tower.
 #[derive(Debug)]
-pub(super) struct TextTower {
+pub(crate) struct TextTower {
     /// Token embeddings `[vocabulary, d]`.
     token_embedding: Vec<f32>,
     /// Position embeddings `[MAX_TOKENS, d]`.
@@ -37,7 +37,7 @@ struct TowerLayer {
 
 impl TextTower {
     /// Builds the tower from a checked state dict.
-    pub(super) fn new(shape: TowerShape, state_dict: &StateDict) -> Self {
+    pub(crate) fn new(shape: TowerShape, state_dict: &StateDict) -> Self {
         Self {
             token_embedding: state_dict.get(TOKENS).to_vec(),
             position_embedding: state_dict.get(POSITIONS).to_vec(),
@@ -51,7 +51,7 @@ impl TextTower {
 
     /// Returns the embedding `[e]` of a token sequence: the projection of its last token, the only one that
     /// attends to all others.
-    pub(super) fn forward(&self, tokens: &[u16]) -> Vec<f32> {
+    pub(crate) fn forward(&self, tokens: &[u16]) -> Vec<f32> {
         let width = self.projection.in_features();
         let row = |token: u16| &self.token_embedding[usize::from(token) * width..][..width];
         let embedded = tokens.iter().flat_map(|&token| row(token)).zip(&self.position_embedding);

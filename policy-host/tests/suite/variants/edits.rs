@@ -10,7 +10,7 @@ use serde_json::Value;
 
 /// A change of one file. Those of tensors apply to all whose name contains `part`.
 #[derive(Clone, Debug, Deserialize)]
-pub(super) struct CheckpointEdit {
+pub(crate) struct CheckpointEdit {
     file: String,
     #[serde(flatten)]
     change: EditKind,
@@ -43,7 +43,7 @@ enum PathKey {
 type TensorMap = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
 impl CheckpointEdit {
-    pub(super) fn apply(&self, folder: &Path) {
+    pub(crate) fn apply(&self, folder: &Path) {
         let path = folder.join(&self.file);
         if let EditKind::Write { text } = &self.change {
             std::fs::write(&path, text).unwrap();

@@ -18,16 +18,16 @@ const CONSTANT_ENTRY: usize = 8;
 const CONSTANT: f32 = 0.5;
 
 /// Everything that an episode shows of a policy.
-pub(super) struct VariantEpisode {
+pub(crate) struct VariantEpisode {
     /// Executed actions `[n_steps, action_dim]`.
-    pub(super) actions: Vec<f32>,
+    pub(crate) actions: Vec<f32>,
     /// Sentences that a run shows at its start and keeps.
-    pub(super) notes: Vec<String>,
+    pub(crate) notes: Vec<String>,
 }
 
 /// Loads the checkpoint in a folder and executes `n_values` entries of its actions, at least one step.
 /// Returns the error if it is refused.
-pub(super) fn run(folder: &tempfile::TempDir, kind: &str, n_values: usize) -> Result<VariantEpisode, String> {
+pub(crate) fn run(folder: &tempfile::TempDir, kind: &str, n_values: usize) -> Result<VariantEpisode, String> {
     let spec: PolicySpec = format!("{kind}:{}", folder.path().display()).parse().unwrap();
     let error = |error: LoadError| error_chain(&error);
     let robots = [(Morphology::Single, ControlMode::EeDeltaPose)];

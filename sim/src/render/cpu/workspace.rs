@@ -25,27 +25,27 @@ use crate::scene::Snapshot;
 
 /// The scene and camera of a pass, and the instruction set that runs it.
 #[derive(Clone, Copy)]
-pub(super) struct CameraContext<'a> {
-    pub(super) isa: Isa,
-    pub(super) scene: &'a RenderScene,
-    pub(super) camera: &'a PinholeCamera,
+pub(crate) struct CameraContext<'a> {
+    pub(crate) isa: Isa,
+    pub(crate) scene: &'a RenderScene,
+    pub(crate) camera: &'a PinholeCamera,
 }
 
 /// Buffers for rendering one view at a time. No state is carried from one view to the next, except for the
 /// cached [`RayTable`]s.
-pub(super) struct Workspace {
+pub(crate) struct Workspace {
     /// Per instance the transform from its mesh to the view frame.
-    pub(super) view_from_mesh: Vec<Affine3>,
+    pub(crate) view_from_mesh: Vec<Affine3>,
     /// Per rasterised instance the transform from its mesh to the centred frame; used by off-axis cameras
     /// only.
     centred_from_mesh: Vec<Affine3>,
-    pub(super) visibility: Visibility,
-    pub(super) surfaces: VisibleSurfaces,
+    pub(crate) visibility: Visibility,
+    pub(crate) surfaces: VisibleSurfaces,
     /// Per pixel tile `true` if it differs from the static layer and must be shaded again.
-    pub(super) stale: Vec<bool>,
+    pub(crate) stale: Vec<bool>,
     raster: HeightRaster,
     /// One per set of camera intrinsics, the most recently used first.
-    pub(super) rays: Vec<RayTable>,
+    pub(crate) rays: Vec<RayTable>,
 }
 
 /// Number of cached ray tables.
@@ -53,7 +53,7 @@ const N_RAY_TABLES: usize = 4;
 
 impl Workspace {
     /// Creates an empty workspace.
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             view_from_mesh: Vec::with_capacity(256),
             centred_from_mesh: Vec::new(),
@@ -66,7 +66,7 @@ impl Workspace {
     }
 
     /// Renders the shadow map of a scene whose first sun casts shadows.
-    pub(super) fn render_shadow_map(
+    pub(crate) fn render_shadow_map(
         &mut self,
         renderer: &CpuRenderer,
         scene: &RenderScene,
@@ -77,7 +77,7 @@ impl Workspace {
     }
 
     /// Renders one view into its `out`.
-    pub(super) fn render(&mut self, renderer: &CpuRenderer, view: &mut View<'_>, map: Option<&ShadowMap>) {
+    pub(crate) fn render(&mut self, renderer: &CpuRenderer, view: &mut View<'_>, map: Option<&ShadowMap>) {
         match renderer.options.samples {
             Samples::One => self.render_with::<Tile4x4>(renderer, view, map),
             Samples::Four => self.render_with::<MultisampleTile>(renderer, view, map),
@@ -126,7 +126,7 @@ impl Workspace {
     }
 
     /// Clears the visibility buffer to the far plane.
-    pub(super) fn clear<B: TileLayout>(&mut self, context: CameraContext<'_>) {
+    pub(crate) fn clear<B: TileLayout>(&mut self, context: CameraContext<'_>) {
         self.clear_to::<B>(context, ClearTo::Background(1.0 / context.camera.clip_m[1]));
     }
 
@@ -141,7 +141,7 @@ impl Workspace {
     }
 
     /// Rasterises the instances `which` into the visibility buffer.
-    pub(super) fn rasterize<B: TileLayout>(&mut self, context: CameraContext<'_>, which: Range<usize>) {
+    pub(crate) fn rasterize<B: TileLayout>(&mut self, context: CameraContext<'_>, which: Range<usize>) {
         let mut transforms = &self.view_from_mesh[which.clone()];
         if let Some(centring) = context.camera.centring_shear() {
             self.centred_from_mesh.clear();
@@ -159,7 +159,7 @@ impl Workspace {
     }
 
     /// Shades the visibility buffer into `sink`: all pixel tiles, or only the stale ones if `stale` is given.
-    pub(super) fn shade<B: TileLayout>(
+    pub(crate) fn shade<B: TileLayout>(
         &mut self,
         context: CameraContext<'_>,
         lights: &ViewLights,

@@ -17,11 +17,11 @@ pub enum AdapterKind {
 const COMPUTE_GPUS: [&str; 8] = ["A100", "A800", "H100", "H200", "H800", "B100", "B200", "B300"];
 
 /// An adapter that meets all requirements.
-pub(super) struct SelectedAdapter {
-    pub(super) adapter: wgpu::Adapter,
-    pub(super) visibility: VisibilityMethod,
+pub(crate) struct SelectedAdapter {
+    pub(crate) adapter: wgpu::Adapter,
+    pub(crate) visibility: VisibilityMethod,
     /// Name of the adapter and its driver, for messages.
-    pub(super) name: String,
+    pub(crate) name: String,
 }
 
 /// Selects an adapter by kind and index.
@@ -29,7 +29,7 @@ pub(super) struct SelectedAdapter {
 /// # Errors
 /// If there is none, or it does not meet all requirements. The error lists the adapters found and the
 /// capabilities that each lacks.
-pub(super) fn select(kind: AdapterKind, options: &GpuOptions) -> Result<SelectedAdapter, OpenRendererError> {
+pub(crate) fn select(kind: AdapterKind, options: &GpuOptions) -> Result<SelectedAdapter, OpenRendererError> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,
         flags: wgpu::InstanceFlags::empty(),
@@ -67,7 +67,7 @@ pub(super) fn select(kind: AdapterKind, options: &GpuOptions) -> Result<Selected
 }
 
 /// Returns the features and limits that a visibility method requires.
-pub(super) fn required(visibility: VisibilityMethod) -> (wgpu::Features, wgpu::Limits) {
+pub(crate) fn required(visibility: VisibilityMethod) -> (wgpu::Features, wgpu::Limits) {
     let features = match visibility {
         VisibilityMethod::Raster => wgpu::Features::PRIMITIVE_INDEX | wgpu::Features::INDIRECT_FIRST_INSTANCE,
         VisibilityMethod::Compute => {

@@ -17,11 +17,11 @@ const MIN_EVICTION_VERTICES: usize = 1 << 21;
 
 /// Location of a mesh in the device buffers.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct MeshRange {
+pub(crate) struct MeshRange {
     /// Index of its first triangle.
-    pub(super) first_triangle: u32,
+    pub(crate) first_triangle: u32,
     /// Number of triangles.
-    pub(super) n_triangles: u32,
+    pub(crate) n_triangles: u32,
 }
 
 /// A resident mesh.
@@ -32,7 +32,7 @@ struct ResidentMesh {
 }
 
 /// All meshes and textures used so far, with host copies of their buffers.
-pub(super) struct Assets {
+pub(crate) struct Assets {
     meshes: HashMap<MeshKey, ResidentMesh>,
     textures: HashMap<Texture, u32>,
     vertices: Vec<VertexRecord>,
@@ -47,16 +47,16 @@ pub(super) struct Assets {
     generation: u64,
     /// Number of vertices above which there are many meshes, and the least such number.
     max_vertices: usize,
-    pub(super) min_eviction_vertices: usize,
-    pub(super) vertex_buffer: GrowableBuffer,
-    pub(super) triangle_buffer: GrowableBuffer,
-    pub(super) index_buffer: GrowableBuffer,
-    pub(super) texel_buffer: GrowableBuffer,
+    pub(crate) min_eviction_vertices: usize,
+    pub(crate) vertex_buffer: GrowableBuffer,
+    pub(crate) triangle_buffer: GrowableBuffer,
+    pub(crate) index_buffer: GrowableBuffer,
+    pub(crate) texel_buffer: GrowableBuffer,
 }
 
 impl Assets {
     /// Creates empty buffers.
-    pub(super) fn new(gpu: &Gpu) -> Self {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
         let buffer = |label, usage| GrowableBuffer::new(gpu, label, usage);
         let none = wgpu::BufferUsages::empty();
         Self {
@@ -78,7 +78,7 @@ impl Assets {
     }
 
     /// Adds the meshes and textures of a scene that are new.
-    pub(super) fn add_scene(&mut self, scene: &RenderScene) {
+    pub(crate) fn add_scene(&mut self, scene: &RenderScene) {
         for instance in &scene.instances {
             let key = instance.mesh.key();
             if !self.meshes.contains_key(&key) {
@@ -96,7 +96,7 @@ impl Assets {
 
     /// Returns the number of vertices of all resident meshes.
     #[cfg(test)]
-    pub(super) fn n_vertices(&self) -> usize {
+    pub(crate) fn n_vertices(&self) -> usize {
         self.vertices.len()
     }
 
@@ -104,7 +104,7 @@ impl Assets {
     ///
     /// # Panics
     /// If its scene was not added.
-    pub(super) fn mesh(&self, instance: &Instance) -> MeshRange {
+    pub(crate) fn mesh(&self, instance: &Instance) -> MeshRange {
         self.meshes[&instance.mesh.key()].range
     }
 
@@ -112,23 +112,23 @@ impl Assets {
     ///
     /// # Panics
     /// If no scene with this texture was added.
-    pub(super) fn texture(&self, texture: Texture) -> u32 {
+    pub(crate) fn texture(&self, texture: Texture) -> u32 {
         self.textures[&texture]
     }
 
     /// Returns the number of times that meshes have moved, which invalidates their locations.
-    pub(super) fn generation(&self) -> u64 {
+    pub(crate) fn generation(&self) -> u64 {
         self.generation
     }
 
     /// Returns `true` if there are so many meshes that unused ones should be removed.
-    pub(super) fn has_many_meshes(&self) -> bool {
+    pub(crate) fn has_many_meshes(&self) -> bool {
         self.vertices.len() > self.max_vertices.max(self.min_eviction_vertices)
     }
 
     /// Removes all meshes that are not `used`. The next removal is due when the number of vertices has
     /// doubled, so that many scenes with meshes of their own do not cause one in every batch.
-    pub(super) fn retain(&mut self, used: &HashSet<MeshKey>) {
+    pub(crate) fn retain(&mut self, used: &HashSet<MeshKey>) {
         let n_before = self.meshes.len();
         self.meshes.retain(|key, _| used.contains(key));
         if self.meshes.len() < n_before {
@@ -139,7 +139,7 @@ impl Assets {
 
     /// Removes all meshes if they take up half of the largest buffer that the device supports, so that the
     /// next chunk finds room.
-    pub(super) fn evict_if_full(&mut self, gpu: &Gpu) {
+    pub(crate) fn evict_if_full(&mut self, gpu: &Gpu) {
         let n_bytes = size_of_val(&self.vertices[..]).max(size_of_val(&self.triangles[..])) as u64;
         if n_bytes > gpu.max_buffer_bytes / 2 {
             self.meshes.clear();
@@ -148,7 +148,7 @@ impl Assets {
     }
 
     /// Uploads new meshes and textures. Returns `true` if a buffer was reallocated.
-    pub(super) fn upload(&mut self, gpu: &Gpu) -> bool {
+    pub(crate) fn upload(&mut self, gpu: &Gpu) -> bool {
         let mut reallocated = false;
         let [n_vertices, n_triangles, n_texels] = self.n_uploaded;
         if n_vertices < self.vertices.len() {

@@ -12,17 +12,17 @@ use crate::render::shading::SHADOW_MAP_SIDE;
 
 /// Records of a chunk of views. The allocations are reused from chunk to chunk.
 #[derive(Default)]
-pub(super) struct ViewBatch {
+pub(crate) struct ViewBatch {
     /// Views of the images, followed by those of the shadow maps.
-    pub(super) views: Vec<ViewRecord>,
+    pub(crate) views: Vec<ViewRecord>,
     /// Poses of all envs.
-    pub(super) poses: Vec<PoseRecord>,
+    pub(crate) poses: Vec<PoseRecord>,
     /// Size of the chunk.
-    pub(super) size: ChunkSize,
+    pub(crate) size: ChunkSize,
     /// Number of views that are images.
-    pub(super) n_images: u32,
+    pub(crate) n_images: u32,
     /// Largest side of an image in px.
-    pub(super) max_side: u32,
+    pub(crate) max_side: u32,
     /// Shadow maps of the envs, in their order.
     maps: Vec<ViewRecord>,
 }
@@ -39,7 +39,7 @@ struct CurrentEnv {
 impl ViewBatch {
     /// Replaces the contents of the batch by the first views, as many as the limit permits but at least one.
     /// Returns their number.
-    pub(super) fn fill(
+    pub(crate) fn fill(
         &mut self,
         views: &[View<'_>],
         limit: ChunkSize,

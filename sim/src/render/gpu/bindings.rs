@@ -5,7 +5,7 @@ use super::device::Gpu;
 
 /// Kind of a bound resource.
 #[derive(Clone, Copy)]
-pub(super) enum BindingKind {
+pub(crate) enum BindingKind {
     /// Read-only storage buffer.
     ReadBuffer,
     /// Read-write storage buffer.
@@ -17,7 +17,7 @@ pub(super) enum BindingKind {
 }
 
 /// Creates a bind group layout with the given resources at bindings 0, 1 and so on.
-pub(super) fn layout(
+pub(crate) fn layout(
     gpu: &Gpu,
     visibility: wgpu::ShaderStages,
     kinds: &[BindingKind],
@@ -35,7 +35,7 @@ pub(super) fn layout(
 }
 
 /// Creates a bind group with resources in the order of the layout.
-pub(super) fn group(
+pub(crate) fn group(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
     resources: &[wgpu::BindingResource<'_>],
@@ -48,7 +48,7 @@ pub(super) fn group(
 }
 
 /// Creates the layout of a pipeline with a single bind group.
-pub(super) fn pipeline_layout(gpu: &Gpu, layout: &wgpu::BindGroupLayout) -> wgpu::PipelineLayout {
+pub(crate) fn pipeline_layout(gpu: &Gpu, layout: &wgpu::BindGroupLayout) -> wgpu::PipelineLayout {
     gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
         bind_group_layouts: &[Some(layout)],
@@ -58,7 +58,7 @@ pub(super) fn pipeline_layout(gpu: &Gpu, layout: &wgpu::BindGroupLayout) -> wgpu
 
 /// Creates a compute pipeline with a single bind group, for `samples_per_axis` samples per pixel along each
 /// axis.
-pub(super) fn compute_pipeline(
+pub(crate) fn compute_pipeline(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
     module: &wgpu::ShaderModule,
@@ -79,7 +79,7 @@ pub(super) fn compute_pipeline(
 }
 
 /// Compiles the concatenation of several WGSL sources.
-pub(super) fn module(gpu: &Gpu, label: &str, sources: &[&str]) -> wgpu::ShaderModule {
+pub(crate) fn module(gpu: &Gpu, label: &str, sources: &[&str]) -> wgpu::ShaderModule {
     gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(label),
         source: wgpu::ShaderSource::Wgsl(sources.concat().into()),

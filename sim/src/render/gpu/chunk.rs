@@ -28,7 +28,7 @@ const ID_BYTES: u64 = 4;
 /// Bytes per sample of the rasteriser's depths and heights.
 const DEPTH_BYTES: u64 = 4;
 /// Size of a draw call's arguments in bytes.
-pub(super) const DRAW_BYTES: u64 = 20;
+pub(crate) const DRAW_BYTES: u64 = 20;
 /// Size of a block of triangles, or of a large triangle, in bytes.
 const LIST_ENTRY_BYTES: u64 = 8;
 /// Bytes before a list, for its length.
@@ -43,58 +43,58 @@ const N_COUNTS: usize = size_of::<ChunkSize>() / size_of::<u64>();
 /// Upper bounds of what a chunk of views takes up.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub(super) struct ChunkSize {
+pub(crate) struct ChunkSize {
     /// Number of images.
-    pub(super) images: u64,
+    pub(crate) images: u64,
     /// Number of pixels of all images.
-    pub(super) pixels: u64,
+    pub(crate) pixels: u64,
     /// Number of shadow maps.
-    pub(super) shadow_maps: u64,
+    pub(crate) shadow_maps: u64,
     /// Number of instances in all images and shadow maps.
-    pub(super) instances: u64,
+    pub(crate) instances: u64,
     /// Number of blocks of triangles in all images.
-    pub(super) image_blocks: u64,
+    pub(crate) image_blocks: u64,
     /// Number of blocks of triangles in all shadow maps.
-    pub(super) map_blocks: u64,
+    pub(crate) map_blocks: u64,
     /// Number of poses of bodies and links.
-    pub(super) poses: u64,
+    pub(crate) poses: u64,
 }
 
 /// Sizes of the buffers of a chunk in bytes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ChunkBytes {
-    pub(super) views: u64,
-    pub(super) poses: u64,
-    pub(super) instances: u64,
+pub(crate) struct ChunkBytes {
+    pub(crate) views: u64,
+    pub(crate) poses: u64,
+    pub(crate) instances: u64,
     /// Packed images, on the device and, twice, in readback buffers.
-    pub(super) images: u64,
+    pub(crate) images: u64,
     /// Blocks of triangles in images and in shadow maps.
-    pub(super) blocks: [u64; 2],
-    pub(super) large_triangles: u64,
+    pub(crate) blocks: [u64; 2],
+    pub(crate) large_triangles: u64,
     /// Results of the compute kernels per sample and per texel of a shadow map.
-    pub(super) visibility: [u64; 2],
+    pub(crate) visibility: [u64; 2],
     /// Arguments of draw calls.
-    pub(super) draws: u64,
+    pub(crate) draws: u64,
     /// Layers of the rasteriser for images and for shadow maps.
     layers: [u64; 2],
 }
 
 /// The largest chunks that a device renders.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ChunkLimits {
+pub(crate) struct ChunkLimits {
     /// Number of envs in the largest chunk.
-    pub(super) n_envs: u64,
+    pub(crate) n_envs: u64,
     /// Size of the largest chunk.
-    pub(super) largest: ChunkSize,
+    pub(crate) largest: ChunkSize,
     /// Sizes of its buffers.
-    pub(super) bytes: ChunkBytes,
+    pub(crate) bytes: ChunkBytes,
     /// Sum of all of them.
-    pub(super) total_bytes: u64,
+    pub(crate) total_bytes: u64,
 }
 
 impl ChunkLimits {
     /// Determines the limits from those of the device and from the memory that an env takes.
-    pub(super) fn new(
+    pub(crate) fn new(
         gpu: &Gpu,
         kind: AdapterKind,
         visibility: VisibilityMethod,
@@ -120,7 +120,7 @@ impl ChunkLimits {
     }
 
     /// Returns the limit for the chunks of a batch with this many pixels.
-    pub(super) fn for_batch(&self, n_pixels: u64) -> ChunkSize {
+    pub(crate) fn for_batch(&self, n_pixels: u64) -> ChunkSize {
         let share = n_pixels.div_ceil(MIN_CHUNKS).max(MIN_CHUNK_ENVS * ChunkSize::ENV.pixels);
         ChunkSize { pixels: self.largest.pixels.min(share), ..self.largest }
     }
@@ -139,18 +139,18 @@ impl ChunkSize {
     };
 
     /// Returns the sum of two sizes.
-    pub(super) fn plus(self, other: Self) -> Self {
+    pub(crate) fn plus(self, other: Self) -> Self {
         let (size, other) = (self.counts(), other.counts());
         bytemuck::cast(core::array::from_fn::<_, N_COUNTS, _>(|i| size[i] + other[i]))
     }
 
     /// Returns `true` if nothing exceeds the limit.
-    pub(super) fn fits(self, limit: Self) -> bool {
+    pub(crate) fn fits(self, limit: Self) -> bool {
         self.counts().iter().zip(limit.counts()).all(|(size, limit)| *size <= limit)
     }
 
     /// Returns the sizes of the buffers, for `samples_per_axis` samples per pixel along each axis.
-    pub(super) fn bytes(self, samples_per_axis: u32) -> ChunkBytes {
+    pub(crate) fn bytes(self, samples_per_axis: u32) -> ChunkBytes {
         let samples = self.pixels * u64::from(samples_per_axis * samples_per_axis);
         let list = |n: u64| LIST_HEADER_BYTES + n * LIST_ENTRY_BYTES;
         ChunkBytes {

@@ -16,7 +16,7 @@ struct GroupCounts {
 }
 
 /// Kernels and buffers of the pass.
-pub(super) struct ComputeVisibility {
+pub(crate) struct ComputeVisibility {
     images: ComputeTarget,
     maps: ComputeTarget,
     /// Count and list of large triangles, which whole workgroups rasterise.
@@ -25,7 +25,7 @@ pub(super) struct ComputeVisibility {
 }
 
 /// Pipelines and buffers for one kind of view: images or shadow maps.
-pub(super) struct ComputeTarget {
+pub(crate) struct ComputeTarget {
     layout: wgpu::BindGroupLayout,
     rasterise_small: wgpu::ComputePipeline,
     rasterise_large: wgpu::ComputePipeline,
@@ -40,7 +40,7 @@ pub(super) struct ComputeTarget {
 
 impl ComputeVisibility {
     /// Creates the kernels for `samples_per_axis` samples per pixel along each axis.
-    pub(super) fn new(gpu: &Gpu, samples_per_axis: u32, kind: AdapterKind, limits: &ChunkLimits) -> Self {
+    pub(crate) fn new(gpu: &Gpu, samples_per_axis: u32, kind: AdapterKind, limits: &ChunkLimits) -> Self {
         let ChunkBytes { blocks: [image_blocks, map_blocks], visibility: [samples, texels], .. } =
             limits.bytes;
         let image_source = include_str!("wgsl/camera_target.wgsl");
@@ -58,17 +58,17 @@ impl ComputeVisibility {
     }
 
     /// Returns the inputs of the shading pass: samples of images and texels of shadow maps.
-    pub(super) fn result(&self) -> [&GrowableBuffer; 2] {
+    pub(crate) fn result(&self) -> [&GrowableBuffer; 2] {
         [&self.images.visibility, &self.maps.visibility]
     }
 
     /// Returns the outputs of the placement pass: blocks of images and of shadow maps.
-    pub(super) fn lists(&self) -> [&GrowableBuffer; 2] {
+    pub(crate) fn lists(&self) -> [&GrowableBuffer; 2] {
         [&self.images.blocks, &self.maps.blocks]
     }
 
     /// Reserves space for a chunk. Returns `true` if a buffer was reallocated.
-    pub(super) fn reserve(&mut self, gpu: &Gpu, bytes: &ChunkBytes) -> bool {
+    pub(crate) fn reserve(&mut self, gpu: &Gpu, bytes: &ChunkBytes) -> bool {
         let mut reallocated = self.large_triangles.reserve(gpu, bytes.large_triangles);
         for (i, target) in [&mut self.images, &mut self.maps].into_iter().enumerate() {
             target.n_bytes = bytes.visibility[i];
@@ -79,20 +79,20 @@ impl ComputeVisibility {
     }
 
     /// Recreates the bind groups if a buffer was reallocated.
-    pub(super) fn prepare(&mut self, gpu: &Gpu, shared: &SharedBuffers, stale: bool) {
+    pub(crate) fn prepare(&mut self, gpu: &Gpu, shared: &SharedBuffers, stale: bool) {
         self.images.prepare(gpu, shared, &self.large_triangles, stale);
         self.maps.prepare(gpu, shared, &self.large_triangles, stale);
     }
 
     /// Encodes the removal of all blocks, which precedes the placement pass.
-    pub(super) fn clear_lists(&self, encoder: &mut wgpu::CommandEncoder) {
+    pub(crate) fn clear_lists(&self, encoder: &mut wgpu::CommandEncoder) {
         for target in [&self.images, &self.maps] {
             encoder.clear_buffer(&target.blocks.buffer, 0, Some(4));
         }
     }
 
     /// Encodes the images, followed by the shadow maps if there are any.
-    pub(super) fn encode(&self, encoder: &mut wgpu::CommandEncoder) {
+    pub(crate) fn encode(&self, encoder: &mut wgpu::CommandEncoder) {
         for target in [&self.images, &self.maps] {
             if target.n_bytes > 0 {
                 // Reset the count of large triangles.
@@ -103,7 +103,7 @@ impl ComputeVisibility {
     }
 
     /// Returns the memory of all buffers in bytes.
-    pub(super) fn n_bytes(&self) -> u64 {
+    pub(crate) fn n_bytes(&self) -> u64 {
         let targets = [&self.images, &self.maps];
         let buffers = targets.into_iter().flat_map(|target| [&target.blocks, &target.visibility]);
         buffers.chain([&self.large_triangles]).map(|buffer| buffer.buffer.size()).sum()

@@ -16,15 +16,15 @@ const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
 const OUT_OF_MEMORY: &str = "out of memory";
 
 /// A device and its queue.
-pub(super) struct Gpu {
-    pub(super) device: wgpu::Device,
-    pub(super) queue: wgpu::Queue,
+pub(crate) struct Gpu {
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
     /// Name of the adapter and its driver, for messages.
-    pub(super) name: String,
+    pub(crate) name: String,
     /// Maximum size of a storage buffer that is bound as a whole.
-    pub(super) max_buffer_bytes: u64,
+    pub(crate) max_buffer_bytes: u64,
     /// Maximum number of layers of a texture.
-    pub(super) max_texture_layers: u32,
+    pub(crate) max_texture_layers: u32,
     first_error: FirstError,
 }
 
@@ -37,7 +37,7 @@ impl Gpu {
     ///
     /// # Errors
     /// If the driver rejects the request.
-    pub(super) fn open(selected: SelectedAdapter) -> Result<Self, OpenRendererError> {
+    pub(crate) fn open(selected: SelectedAdapter) -> Result<Self, OpenRendererError> {
         let (required_features, mut required_limits) = adapter::required(selected.visibility);
         let available = selected.adapter.limits();
         let max_buffer_bytes = available.max_storage_buffer_binding_size.min(available.max_buffer_size);
@@ -72,7 +72,7 @@ impl Gpu {
     ///
     /// # Errors
     /// The first error since the device was opened.
-    pub(super) fn check(&self) -> Result<(), RenderError> {
+    pub(crate) fn check(&self) -> Result<(), RenderError> {
         let Some(mut message) = self.first_error.get() else { return Ok(()) };
         if message == OUT_OF_MEMORY
             && let Some(report) = self.device.generate_allocator_report()
@@ -83,7 +83,7 @@ impl Gpu {
     }
 
     /// Marks the device as failed permanently.
-    pub(super) fn fail(&self, message: String) {
+    pub(crate) fn fail(&self, message: String) {
         self.first_error.set(message);
     }
 
@@ -91,7 +91,7 @@ impl Gpu {
     ///
     /// # Errors
     /// If the device fails, or does not complete within [`WAIT_TIMEOUT`].
-    pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), RenderError> {
+    pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), RenderError> {
         let poll_type =
             wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_TIMEOUT) };
         // wgpu panics if the driver reports a lost device during a wait.

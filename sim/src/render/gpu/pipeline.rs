@@ -15,19 +15,19 @@ use super::{GpuOptions, VisibilityMethod, samples_per_axis};
 use crate::render::View;
 
 /// Buffers that several passes use.
-pub(super) struct SharedBuffers {
-    pub(super) views: GrowableBuffer,
-    pub(super) poses: GrowableBuffer,
+pub(crate) struct SharedBuffers {
+    pub(crate) views: GrowableBuffer,
+    pub(crate) poses: GrowableBuffer,
     /// Instances of all views, written by the placement pass.
-    pub(super) instances: GrowableBuffer,
-    pub(super) scenes: ResidentScenes,
-    pub(super) assets: Assets,
+    pub(crate) instances: GrowableBuffer,
+    pub(crate) scenes: ResidentScenes,
+    pub(crate) assets: Assets,
 }
 
 /// All passes, with the chunk that is being prepared.
-pub(super) struct ImagePipeline {
-    pub(super) shared: SharedBuffers,
-    pub(super) limits: ChunkLimits,
+pub(crate) struct ImagePipeline {
+    pub(crate) shared: SharedBuffers,
+    pub(crate) limits: ChunkLimits,
     /// Limit for the chunks of the current batch.
     limit: ChunkSize,
     batch: ViewBatch,
@@ -45,7 +45,7 @@ enum VisibilityPass {
 
 impl ImagePipeline {
     /// Creates the pipelines and minimal buffers.
-    pub(super) fn new(
+    pub(crate) fn new(
         gpu: &Gpu,
         kind: AdapterKind,
         visibility: VisibilityMethod,
@@ -84,7 +84,7 @@ impl ImagePipeline {
     }
 
     /// Begins a batch, which consists of several chunks.
-    pub(super) fn begin_batch(&mut self, views: &[View<'_>]) {
+    pub(crate) fn begin_batch(&mut self, views: &[View<'_>]) {
         let SharedBuffers { scenes, assets, .. } = &mut self.shared;
         if assets.has_many_meshes() {
             scenes.remove_dropped();
@@ -95,7 +95,7 @@ impl ImagePipeline {
 
     /// Uploads the next chunk of `views` and encodes the commands that render it. Returns the number of its
     /// views and the buffer in which their images are stored consecutively.
-    pub(super) fn encode(
+    pub(crate) fn encode(
         &mut self,
         gpu: &Gpu,
         views: &[View<'_>],
@@ -135,7 +135,7 @@ impl ImagePipeline {
     }
 
     /// Returns the memory of all buffers and textures whose size depends on the chunk, in bytes.
-    pub(super) fn chunk_bytes(&self) -> u64 {
+    pub(crate) fn chunk_bytes(&self) -> u64 {
         let Self { shared, shading, .. } = self;
         let buffers = [&shared.views, &shared.poses, &shared.instances, &shading.images];
         let of_method = match &self.visibility {

@@ -7,7 +7,7 @@ use super::growable_buffer::GrowableBuffer;
 use super::pipeline::SharedBuffers;
 
 /// The kernel and its bind group.
-pub(super) struct PlacementPass {
+pub(crate) struct PlacementPass {
     layout: wgpu::BindGroupLayout,
     pipeline: wgpu::ComputePipeline,
     group: Option<wgpu::BindGroup>,
@@ -15,7 +15,7 @@ pub(super) struct PlacementPass {
 
 impl PlacementPass {
     /// Creates the kernel that prepares a visibility method.
-    pub(super) fn new(gpu: &Gpu, visibility: VisibilityMethod) -> Self {
+    pub(crate) fn new(gpu: &Gpu, visibility: VisibilityMethod) -> Self {
         let (output, n_outputs) = match visibility {
             VisibilityMethod::Raster => (include_str!("wgsl/placement_draws.wgsl"), 1),
             VisibilityMethod::Compute => (include_str!("wgsl/placement_blocks.wgsl"), 2),
@@ -29,7 +29,7 @@ impl PlacementPass {
     }
 
     /// Recreates the bind group if a buffer was reallocated. `outputs` is what the visibility pass reads.
-    pub(super) fn prepare(
+    pub(crate) fn prepare(
         &mut self,
         gpu: &Gpu,
         shared: &SharedBuffers,
@@ -45,7 +45,7 @@ impl PlacementPass {
     }
 
     /// Encodes the placement of the instances of `n_views` views.
-    pub(super) fn encode(&self, encoder: &mut wgpu::CommandEncoder, n_views: u32) {
+    pub(crate) fn encode(&self, encoder: &mut wgpu::CommandEncoder, n_views: u32) {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         pass.set_bind_group(0, self.group.as_ref().expect("prepare() precedes encode()"), &[]);
         pass.set_pipeline(&self.pipeline);

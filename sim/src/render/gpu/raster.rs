@@ -15,7 +15,7 @@ const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 const ID_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 
 /// Pipelines and render targets of the pass.
-pub(super) struct RasterVisibility {
+pub(crate) struct RasterVisibility {
     layout: wgpu::BindGroupLayout,
     id_pipeline: wgpu::RenderPipeline,
     height_pipeline: wgpu::RenderPipeline,
@@ -30,7 +30,7 @@ pub(super) struct RasterVisibility {
 
 impl RasterVisibility {
     /// Creates the pipelines for `samples_per_axis` samples per pixel along each axis.
-    pub(super) fn new(gpu: &Gpu, samples_per_axis: u32, limits: &ChunkLimits) -> Self {
+    pub(crate) fn new(gpu: &Gpu, samples_per_axis: u32, limits: &ChunkLimits) -> Self {
         // WGSL requires `enable` directives at the start of the source.
         let sources = [include_str!("wgsl/raster.wgsl"), include_str!("wgsl/records.wgsl")];
         let module = bindings::module(gpu, "raster", &sources);
@@ -50,17 +50,17 @@ impl RasterVisibility {
     }
 
     /// Returns the inputs of the shading pass: ids of images and heights of shadow maps.
-    pub(super) fn result(&self) -> [&wgpu::TextureView; 2] {
+    pub(crate) fn result(&self) -> [&wgpu::TextureView; 2] {
         [&self.ids.all, &self.heights.all]
     }
 
     /// Returns the output of the placement pass.
-    pub(super) fn draws(&self) -> &GrowableBuffer {
+    pub(crate) fn draws(&self) -> &GrowableBuffer {
         &self.draws
     }
 
     /// Reserves space for a chunk. Returns `true` if a texture or buffer was reallocated.
-    pub(super) fn reserve(&mut self, gpu: &Gpu, batch: &ViewBatch, bytes: &ChunkBytes) -> bool {
+    pub(crate) fn reserve(&mut self, gpu: &Gpu, batch: &ViewBatch, bytes: &ChunkBytes) -> bool {
         let (side, n_maps) =
             (batch.max_side * self.samples_per_axis, batch.views.len() as u32 - batch.n_images);
         let mut reallocated = self.ids.reserve(gpu, side, batch.n_images);
@@ -72,7 +72,7 @@ impl RasterVisibility {
     }
 
     /// Recreates the bind group if a buffer was reallocated.
-    pub(super) fn prepare(&mut self, gpu: &Gpu, shared: &SharedBuffers, stale: bool) {
+    pub(crate) fn prepare(&mut self, gpu: &Gpu, shared: &SharedBuffers, stale: bool) {
         if stale || self.group.is_none() {
             let buffers = [&shared.views, &shared.instances, &shared.assets.vertex_buffer];
             let resources = buffers.map(|buffer| buffer.buffer.as_entire_binding());
@@ -81,7 +81,7 @@ impl RasterVisibility {
     }
 
     /// Encodes one render pass per image and per shadow map.
-    pub(super) fn encode(
+    pub(crate) fn encode(
         &self,
         encoder: &mut wgpu::CommandEncoder,
         batch: &ViewBatch,
@@ -109,7 +109,7 @@ impl RasterVisibility {
     }
 
     /// Returns the memory of all buffers and textures in bytes.
-    pub(super) fn n_bytes(&self) -> u64 {
+    pub(crate) fn n_bytes(&self) -> u64 {
         self.ids.n_bytes() + self.depths.n_bytes() + self.heights.n_bytes() + self.draws.buffer.size()
     }
 }

@@ -8,7 +8,7 @@ use super::device::Gpu;
 use crate::render::{RenderError, View};
 
 /// A CPU-readable buffer. Two of them alternate between chunks.
-pub(super) struct Readback {
+pub(crate) struct Readback {
     buffer: Option<wgpu::Buffer>,
     /// Size of the images of the largest chunk in bytes.
     full_size: u64,
@@ -26,18 +26,18 @@ struct Pending {
 
 impl Readback {
     /// Creates a readback without a buffer. The images of the largest chunk have `full_size` bytes.
-    pub(super) fn new(full_size: u64) -> Self {
+    pub(crate) fn new(full_size: u64) -> Self {
         Self { buffer: None, full_size, pending: None, offsets: Vec::new() }
     }
 
     /// Returns the size of the buffer in bytes.
-    pub(super) fn n_bytes(&self) -> u64 {
+    pub(crate) fn n_bytes(&self) -> u64 {
         self.buffer.as_ref().map_or(0, wgpu::Buffer::size)
     }
 
     /// Submits commands that render `n_bytes` of images into `images`, followed by their copy to the readback
     /// buffer.
-    pub(super) fn submit(
+    pub(crate) fn submit(
         &mut self,
         gpu: &Gpu,
         mut encoder: wgpu::CommandEncoder,
@@ -59,7 +59,7 @@ impl Readback {
     ///
     /// # Errors
     /// If the device fails.
-    pub(super) fn wait(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
+    pub(crate) fn wait(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
         let Some(pending) = &self.pending else { return Ok(()) };
         gpu.wait(pending.submission.clone())?;
         if !matches!(pending.mapped.try_recv(), Ok(Ok(()))) {
@@ -72,7 +72,7 @@ impl Readback {
     ///
     /// # Errors
     /// If the buffer cannot be read.
-    pub(super) fn collect(&mut self, gpu: &Gpu, views: &mut [View<'_>]) -> Result<(), RenderError> {
+    pub(crate) fn collect(&mut self, gpu: &Gpu, views: &mut [View<'_>]) -> Result<(), RenderError> {
         let (Some(pending), Some(buffer)) = (self.pending.take(), &self.buffer) else { return Ok(()) };
         match buffer.get_mapped_range(..pending.n_bytes) {
             Ok(bytes) => {

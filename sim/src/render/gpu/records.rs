@@ -7,126 +7,126 @@ use crate::render::math::affine::Affine3;
 use crate::render::scene::N_SUNS;
 
 /// Sentinel for a missing texture, shadow map or triangle.
-pub(super) const NONE: u32 = u32::MAX;
+pub(crate) const NONE: u32 = u32::MAX;
 /// Number of low bits of a triangle id that hold the triangle's index in its mesh. The bits above hold the
 /// instance's index in its view.
-pub(super) const TRIANGLE_BITS: u32 = 20;
+pub(crate) const TRIANGLE_BITS: u32 = 20;
 /// Maximum number of instances per view. One less than the bits allow, because the last index is reserved for
 /// [`NONE`].
-pub(super) const MAX_INSTANCES: usize = (1 << (32 - TRIANGLE_BITS)) - 1;
+pub(crate) const MAX_INSTANCES: usize = (1 << (32 - TRIANGLE_BITS)) - 1;
 /// Maximum number of triangles per mesh.
-pub(super) const MAX_TRIANGLES: usize = 1 << TRIANGLE_BITS;
+pub(crate) const MAX_TRIANGLES: usize = 1 << TRIANGLE_BITS;
 
 /// A directional light.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct SunRecord {
+pub(crate) struct SunRecord {
     /// Unit vector towards the light, in the view frame.
-    pub(super) towards: [f32; 4],
+    pub(crate) towards: [f32; 4],
     /// Irradiance, linear RGB.
-    pub(super) color: [f32; 4],
+    pub(crate) color: [f32; 4],
 }
 
 /// A camera image or a shadow map.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct ViewRecord {
+pub(crate) struct ViewRecord {
     /// Focal length in px.
-    pub(super) focal_px: f32,
+    pub(crate) focal_px: f32,
     /// Half the image's side.
-    pub(super) half_px: f32,
+    pub(crate) half_px: f32,
     /// Depth of the near clipping plane in m.
-    pub(super) near_m: f32,
+    pub(crate) near_m: f32,
     /// Reciprocal of the depth of the far clipping plane, in 1/m.
-    pub(super) inverse_far: f32,
+    pub(crate) inverse_far: f32,
     /// Pixels along each edge.
-    pub(super) side: u32,
+    pub(crate) side: u32,
     /// Index of the first pixel: the number of pixels of all preceding views of the same kind.
-    pub(super) first_pixel: u32,
+    pub(crate) first_pixel: u32,
     /// Index among the images or among the shadow maps.
-    pub(super) layer: u32,
+    pub(crate) layer: u32,
     /// Index of the first instance.
-    pub(super) first_instance: u32,
+    pub(crate) first_instance: u32,
     /// Index of the shadow map's record, or [`NONE`].
-    pub(super) shadow_map: u32,
+    pub(crate) shadow_map: u32,
     /// Index of the scene's first instance among those of all resident scenes.
-    pub(super) first_scene_instance: u32,
+    pub(crate) first_scene_instance: u32,
     /// Number of instances of the scene.
-    pub(super) n_instances: u32,
+    pub(crate) n_instances: u32,
     /// Index of the env's first pose.
-    pub(super) first_pose: u32,
+    pub(crate) first_pose: u32,
     /// Depth of the far clipping plane in m.
-    pub(super) far_m: f32,
+    pub(crate) far_m: f32,
     /// Distance in m, per metre of radius, by which the centre of a sphere may lie outside an edge of the
     /// image while the sphere is still visible.
-    pub(super) sphere_margin: f32,
+    pub(crate) sphere_margin: f32,
     /// 1 for a shadow map, 0 for an image.
-    pub(super) is_shadow_map: u32,
+    pub(crate) is_shadow_map: u32,
     /// Padding to 16 bytes.
-    pub(super) padding: u32,
+    pub(crate) padding: u32,
     /// Rows of the transform from the world to the view frame, or to shadow map texels and height.
-    pub(super) view_from_world: [[f32; 4]; 3],
+    pub(crate) view_from_world: [[f32; 4]; 3],
     /// Ambient light, linear RGB.
-    pub(super) ambient: [f32; 4],
+    pub(crate) ambient: [f32; 4],
     /// Directional lights; unused ones are black.
-    pub(super) suns: [SunRecord; 2],
+    pub(crate) suns: [SunRecord; 2],
     /// Rows of the transform from the view frame to shadow map texels and height.
-    pub(super) shadow_from_view: [[f32; 4]; 3],
+    pub(crate) shadow_from_view: [[f32; 4]; 3],
 }
 
 /// A mesh instance of a scene: what stays constant within an episode.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct SceneInstanceRecord {
+pub(crate) struct SceneInstanceRecord {
     /// Rows of the transform from the mesh frame to the frame that the instance is attached to.
-    pub(super) anchor_from_mesh: [[f32; 4]; 3],
+    pub(crate) anchor_from_mesh: [[f32; 4]; 3],
     /// Reflectance, linear RGB.
-    pub(super) color: [f32; 3],
+    pub(crate) color: [f32; 3],
     /// Specular reflectance in white; 0 for a metal.
-    pub(super) specular: f32,
+    pub(crate) specular: f32,
     /// Texture tiles per mesh unit along each axis.
-    pub(super) tiles: [f32; 3],
+    pub(crate) tiles: [f32; 3],
     /// Device index of the texture, or [`NONE`].
-    pub(super) texture: u32,
+    pub(crate) texture: u32,
     /// Centre of the bounding sphere in the mesh frame.
-    pub(super) centre: [f32; 3],
+    pub(crate) centre: [f32; 3],
     /// Radius of the bounding sphere in the mesh frame.
-    pub(super) radius: f32,
+    pub(crate) radius: f32,
     /// Index of the frame's pose among those of the env, or [`NONE`] for the world.
-    pub(super) pose: u32,
+    pub(crate) pose: u32,
     /// Device index of the mesh's first triangle.
-    pub(super) first_triangle: u32,
+    pub(crate) first_triangle: u32,
     /// Number of triangles of the mesh.
-    pub(super) n_triangles: u32,
+    pub(crate) n_triangles: u32,
     /// 1 for a metal, 0 for anything else.
-    pub(super) metallic: f32,
+    pub(crate) metallic: f32,
     /// 1 if the instance casts a shadow, 0 if it does not.
-    pub(super) casts_shadow: u32,
+    pub(crate) casts_shadow: u32,
     /// Padding to 16 bytes.
-    pub(super) padding: [u32; 3],
+    pub(crate) padding: [u32; 3],
 }
 
 /// The pose of a body or a link: rows of the transform from its frame to the world.
-pub(super) type PoseRecord = [[f32; 4]; 3];
+pub(crate) type PoseRecord = [[f32; 4]; 3];
 
 /// Size in bytes of a mesh instance in a view, which the device writes.
-pub(super) const INSTANCE_BYTES: u64 = 112;
+pub(crate) const INSTANCE_BYTES: u64 = 112;
 
 /// A mesh vertex.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct VertexRecord {
+pub(crate) struct VertexRecord {
     /// Position in the mesh frame; w is unused.
-    pub(super) position: [f32; 4],
+    pub(crate) position: [f32; 4],
     /// Unit normal in the mesh frame; w is unused.
-    pub(super) normal: [f32; 4],
+    pub(crate) normal: [f32; 4],
 }
 
 const _: () = assert!(size_of::<ViewRecord>() == 240 && size_of::<SceneInstanceRecord>() == 128);
 const _: () = assert!(size_of::<VertexRecord>() == 32 && N_SUNS == 2);
 
 /// Converts a transform to the rows of a 3 × 4 matrix, with the translation in the last column.
-pub(super) fn rows(map: &Affine3) -> [[f32; 4]; 3] {
+pub(crate) fn rows(map: &Affine3) -> [[f32; 4]; 3] {
     core::array::from_fn(|i| {
         let [x, y, z] = map.linear[i];
         [x, y, z, map.offset[i]]
@@ -134,6 +134,6 @@ pub(super) fn rows(map: &Affine3) -> [[f32; 4]; 3] {
 }
 
 /// Pads a vector to 16 bytes.
-pub(super) fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
+pub(crate) fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
     [x, y, z, 0.0]
 }

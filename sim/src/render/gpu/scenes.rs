@@ -18,13 +18,13 @@ const TRIANGLES_PER_BLOCK: u32 = 64;
 
 /// Location of a scene in the buffer of instances.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SceneRange {
+pub(crate) struct SceneRange {
     /// Index of its first instance.
-    pub(super) first: u32,
+    pub(crate) first: u32,
     /// Number of its instances.
-    pub(super) n_instances: u32,
+    pub(crate) n_instances: u32,
     /// Number of blocks of all its triangles.
-    pub(super) n_blocks: u32,
+    pub(crate) n_blocks: u32,
 }
 
 /// A resident scene.
@@ -40,7 +40,7 @@ struct ResidentScene {
 }
 
 /// All scenes rendered so far that still exist, with a host copy of their records.
-pub(super) struct ResidentScenes {
+pub(crate) struct ResidentScenes {
     /// By the address of [`RenderScene::liveness`].
     scenes: HashMap<usize, ResidentScene>,
     /// Starts of unused ranges, by capacity.
@@ -48,12 +48,12 @@ pub(super) struct ResidentScenes {
     records: Vec<SceneInstanceRecord>,
     /// Ranges of records written since the last upload.
     changed: Vec<SceneRange>,
-    pub(super) buffer: GrowableBuffer,
+    pub(crate) buffer: GrowableBuffer,
 }
 
 impl ResidentScenes {
     /// Creates an empty buffer.
-    pub(super) fn new(gpu: &Gpu) -> Self {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
         Self {
             scenes: HashMap::new(),
             free: BTreeMap::new(),
@@ -68,7 +68,7 @@ impl ResidentScenes {
     ///
     /// # Panics
     /// If it has more than [`MAX_INSTANCES`] instances.
-    pub(super) fn locate(&mut self, scene: &RenderScene, assets: &mut Assets) -> SceneRange {
+    pub(crate) fn locate(&mut self, scene: &RenderScene, assets: &mut Assets) -> SceneRange {
         let key = Arc::as_ptr(&scene.liveness).addr();
         if let Some(resident) = self.scenes.get(&key)
             && resident.generation == assets.generation()
@@ -91,7 +91,7 @@ impl ResidentScenes {
     }
 
     /// Uploads the scenes that are new or have changed. Returns `true` if the buffer was reallocated.
-    pub(super) fn upload(&mut self, gpu: &Gpu) -> bool {
+    pub(crate) fn upload(&mut self, gpu: &Gpu) -> bool {
         let reallocated = self.buffer.reserve(gpu, size_of_val(&self.records[..]) as u64);
         if reallocated {
             self.buffer.write_at(gpu, &self.records, 0);
@@ -106,7 +106,7 @@ impl ResidentScenes {
     }
 
     /// Removes the scenes that no longer exist.
-    pub(super) fn remove_dropped(&mut self) {
+    pub(crate) fn remove_dropped(&mut self) {
         let free = &mut self.free;
         self.scenes.retain(|_, scene| {
             let exists = scene.liveness.strong_count() > 0;
@@ -118,7 +118,7 @@ impl ResidentScenes {
     }
 
     /// Returns the meshes of all resident scenes.
-    pub(super) fn meshes(&self) -> HashSet<MeshKey> {
+    pub(crate) fn meshes(&self) -> HashSet<MeshKey> {
         self.scenes.values().flat_map(|scene| scene.meshes.iter().copied()).collect()
     }
 
@@ -149,7 +149,7 @@ impl ResidentScenes {
 }
 
 /// Appends the poses of an env: those of the bodies, then those of the links of each arm.
-pub(super) fn push_poses(snapshot: &Snapshot, poses: &mut Vec<[[f32; 4]; 3]>) {
+pub(crate) fn push_poses(snapshot: &Snapshot, poses: &mut Vec<[[f32; 4]; 3]>) {
     let all = snapshot.bodies.iter().chain(snapshot.arms.as_flattened());
     poses.extend(all.map(|pose| rows(&Affine3::from_pose(pose))));
 }

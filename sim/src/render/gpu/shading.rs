@@ -13,7 +13,7 @@ use crate::render::shading::{
 const TILE: u32 = 8;
 
 /// Output of the visibility pass, as read by the shading kernel.
-pub(super) enum VisibilityResult<'a> {
+pub(crate) enum VisibilityResult<'a> {
     /// Array textures of ids and of shadow map heights.
     Textures([&'a wgpu::TextureView; 2]),
     /// Buffers of image samples and of shadow map heights.
@@ -21,18 +21,18 @@ pub(super) enum VisibilityResult<'a> {
 }
 
 /// The shading kernel and its output.
-pub(super) struct ShadingPass {
+pub(crate) struct ShadingPass {
     layout: wgpu::BindGroupLayout,
     pipeline: wgpu::ComputePipeline,
     /// sRGB bytes of all images, stored consecutively.
-    pub(super) images: GrowableBuffer,
+    pub(crate) images: GrowableBuffer,
     group: Option<wgpu::BindGroup>,
 }
 
 impl ShadingPass {
     /// Creates the kernel for `samples_per_axis` samples per pixel along each axis. The images of the largest
     /// chunk have `full_size` bytes.
-    pub(super) fn new(
+    pub(crate) fn new(
         gpu: &Gpu,
         visibility: &VisibilityResult<'_>,
         samples_per_axis: u32,
@@ -79,7 +79,7 @@ impl ShadingPass {
 
     /// Reserves `n_bytes` for images and recreates the bind group if necessary. `stale` is `true` if a
     /// resource of another pass was reallocated.
-    pub(super) fn prepare(
+    pub(crate) fn prepare(
         &mut self,
         gpu: &Gpu,
         n_bytes: u64,
@@ -113,7 +113,7 @@ impl ShadingPass {
     }
 
     /// Encodes the shading of `n_images` images, the largest of which has `max_side` × `max_side` px.
-    pub(super) fn encode(&self, encoder: &mut wgpu::CommandEncoder, n_images: u32, max_side: u32) {
+    pub(crate) fn encode(&self, encoder: &mut wgpu::CommandEncoder, n_images: u32, max_side: u32) {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         pass.set_bind_group(0, self.group.as_ref().expect("prepare() precedes encode()"), &[]);
         pass.set_pipeline(&self.pipeline);

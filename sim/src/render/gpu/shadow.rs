@@ -5,7 +5,7 @@ use crate::render::shading::{SHADOW_HALF_DEPTH_M, SHADOW_MAP_SIDE, SHADOW_MAP_WI
 
 /// Returns the transform from the world to a shadow map: texels to the right and down, and the height along
 /// the light, which is 0 at the far end of the map's depth range and 1 at the end nearest to the light.
-pub(super) fn map_from_world(towards: Vec3, centre: Vec3) -> Affine3 {
+pub(crate) fn map_from_world(towards: Vec3, centre: Vec3) -> Affine3 {
     let Affine3 { linear, offset } = light_from_world(towards, centre);
     let per_m = SHADOW_MAP_SIDE as f32 / SHADOW_MAP_WIDTH_M;
     let (scales, middle) = (

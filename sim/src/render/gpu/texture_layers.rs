@@ -3,28 +3,28 @@
 use super::device::Gpu;
 
 /// Granularity at which the number of layers grows.
-pub(super) const LAYER_STEP: u32 = 16;
+pub(crate) const LAYER_STEP: u32 = 16;
 
 /// A growable array texture with square layers. Every view starts at the top left pixel of its layer, so that
 /// the rounding of the rasteriser does not depend on the layer.
-pub(super) struct TextureLayers {
+pub(crate) struct TextureLayers {
     format: wgpu::TextureFormat,
     side: u32,
     /// View of all layers.
-    pub(super) all: wgpu::TextureView,
+    pub(crate) all: wgpu::TextureView,
     /// One view per layer.
-    pub(super) each: Vec<wgpu::TextureView>,
+    pub(crate) each: Vec<wgpu::TextureView>,
 }
 
 impl TextureLayers {
     /// Creates a minimal texture.
-    pub(super) fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
+    pub(crate) fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
         Self::with(gpu, format, 8, 1)
     }
 
     /// Reserves space for `n` views of up to `side` × `side` px. Returns `true` if the texture was
     /// reallocated.
-    pub(super) fn reserve(&mut self, gpu: &Gpu, side: u32, n: u32) -> bool {
+    pub(crate) fn reserve(&mut self, gpu: &Gpu, side: u32, n: u32) -> bool {
         let n_layers = self.each.len() as u32;
         if side <= self.side && n <= n_layers {
             return false;
@@ -35,7 +35,7 @@ impl TextureLayers {
     }
 
     /// Returns the memory of all layers in bytes. A texel has four.
-    pub(super) fn n_bytes(&self) -> u64 {
+    pub(crate) fn n_bytes(&self) -> u64 {
         u64::from(self.side).pow(2) * self.each.len() as u64 * 4
     }
 

@@ -3,7 +3,7 @@
 //!
 //! Nothing here calls the system's libm, so every result is the same on every machine.
 
-pub(super) mod affine;
-pub(super) mod lanes;
-pub(super) mod srgb;
-pub(super) mod trig;
+pub(crate) mod affine;
+pub(crate) mod lanes;
+pub(crate) mod srgb;
+pub(crate) mod trig;

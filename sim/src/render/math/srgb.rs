@@ -4,16 +4,16 @@
 use crate::scene::decode_srgb;
 
 /// Linear value below which the encoding function is linear.
-pub(in crate::render) const LINEAR_SEGMENT_END: f32 = 0.003_130_8;
+pub(crate) const LINEAR_SEGMENT_END: f32 = 0.003_130_8;
 /// Slope of the linear segment, in 8-bit codes per unit of linear light.
-pub(in crate::render) const LINEAR_SEGMENT_SLOPE: f32 = 12.92 * 255.0;
+pub(crate) const LINEAR_SEGMENT_SLOPE: f32 = 12.92 * 255.0;
 /// Coefficients of the encoding function above the linear segment: the 8-bit code of x as a polynomial in √x,
 /// highest power first. A least-squares fit at Chebyshev nodes, within 0.06 codes of the exact function.
-pub(in crate::render) const SQRT_POLYNOMIAL: [f32; 7] =
+pub(crate) const SQRT_POLYNOMIAL: [f32; 7] =
     [-188.952_12, 704.575, -1_072.413_6, 875.535_1, -450.649_72, 397.486_94, -10.601_666];
 
 /// Decodes an sRGB value in [0, 1] to linear light in [0, 1].
-pub(in crate::render) fn decode(srgb: f64) -> f32 {
+pub(crate) fn decode(srgb: f64) -> f32 {
     decode_srgb(srgb) as f32
 }
 

@@ -3,7 +3,7 @@
 use core::f64::consts::{FRAC_PI_2, TAU};
 
 /// Returns (sine, cosine) of an angle in rad with |angle| < 1e6, with an error of about 1e-15.
-pub(in crate::render) fn sin_cos(angle_rad: f64) -> (f64, f64) {
+pub(crate) fn sin_cos(angle_rad: f64) -> (f64, f64) {
     let quarter_turns = (angle_rad / FRAC_PI_2).round();
     let x = angle_rad - quarter_turns * FRAC_PI_2;
     let (sin, cos) = (series(x, 1.0, x), series(x, 0.0, 1.0));
@@ -16,7 +16,7 @@ pub(in crate::render) fn sin_cos(angle_rad: f64) -> (f64, f64) {
 }
 
 /// Returns point `i` of `n` evenly spaced points on the unit circle, as (cosine, sine).
-pub(in crate::render) fn on_circle(i: usize, n: usize) -> (f32, f32) {
+pub(crate) fn on_circle(i: usize, n: usize) -> (f32, f32) {
     let (sin, cos) = sin_cos(TAU * (i % n) as f64 / n as f64);
     (cos as f32, sin as f32)
 }

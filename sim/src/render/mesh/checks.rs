@@ -18,7 +18,7 @@ fn edges(mesh: &Mesh) -> Vec<[[u32; 3]; 2]> {
 }
 
 /// Asserts that every edge has a triangle on either side.
-pub(super) fn assert_closed(name: &dyn Debug, mesh: &Mesh) {
+pub(crate) fn assert_closed(name: &dyn Debug, mesh: &Mesh) {
     let forward = edges(mesh);
     let mut backward: Vec<_> = forward.iter().map(|[a, b]| [*b, *a]).collect();
     backward.sort_unstable();
@@ -27,7 +27,7 @@ pub(super) fn assert_closed(name: &dyn Debug, mesh: &Mesh) {
 
 /// Asserts that all normals have unit length and point to the side from which their triangles are
 /// counter-clockwise.
-pub(super) fn assert_normals_follow_faces(name: &dyn Debug, mesh: &Mesh) {
+pub(crate) fn assert_normals_follow_faces(name: &dyn Debug, mesh: &Mesh) {
     // A few slivers along rounded creases may deviate.
     let (mut area, mut wrong) = (0.0, 0.0);
     for corners in &mesh.triangles {
@@ -46,7 +46,7 @@ pub(super) fn assert_normals_follow_faces(name: &dyn Debug, mesh: &Mesh) {
 }
 
 /// Returns the size of the mesh along x, y and z, in m.
-pub(super) fn extents_m(mesh: &Mesh) -> Vec3 {
+pub(crate) fn extents_m(mesh: &Mesh) -> Vec3 {
     core::array::from_fn(|axis| {
         let coordinates = || mesh.positions[axis].iter().copied();
         coordinates().fold(f32::MIN, f32::max) - coordinates().fold(f32::MAX, f32::min)
@@ -54,7 +54,7 @@ pub(super) fn extents_m(mesh: &Mesh) -> Vec3 {
 }
 
 /// Asserts that a mesh is closed, has outward-facing triangles and has about this size and volume.
-pub(super) fn assert_solid(name: &dyn Debug, mesh: &Mesh, extents_m: Vec3, volume_m3: f32) {
+pub(crate) fn assert_solid(name: &dyn Debug, mesh: &Mesh, extents_m: Vec3, volume_m3: f32) {
     assert_closed(name, mesh);
     assert_normals_follow_faces(name, mesh);
     assert_eq!(mesh.projection_axes.len(), mesh.triangles.len(), "{name:?}");
@@ -79,6 +79,6 @@ pub(super) fn assert_solid(name: &dyn Debug, mesh: &Mesh, extents_m: Vec3, volum
 }
 
 /// Returns the area of the regular n-gon inscribed in the unit circle.
-pub(super) fn polygon_area(n: usize) -> f32 {
+pub(crate) fn polygon_area(n: usize) -> f32 {
     0.5 * n as f32 * libm::sinf(TAU / n as f32)
 }

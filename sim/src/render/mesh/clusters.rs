@@ -7,7 +7,7 @@ use super::{Mesh, bounding_sphere};
 use crate::render::math::affine::{Vec3, add, cross, dot, normalised, scaled};
 
 /// Triangles per cluster. The last cluster of a mesh may have fewer.
-pub(in crate::render) const CLUSTER_SIZE: usize = 16;
+pub(crate) const CLUSTER_SIZE: usize = 16;
 /// Margin added to every cutoff, well above the rounding error of the culling test in single precision.
 const SLACK: f32 = 1e-4;
 /// Cutoff of a cluster that is never culled because its normals do not fit into a half space.
@@ -32,20 +32,20 @@ const NEVER_CULLED: f32 = 2.0;
 /// A larger cutoff culls less and is therefore also safe. An affine transform that does not mirror preserves
 /// facing, so the test works in the mesh frame of an instance with nonuniform scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::render) struct Cluster {
+pub(crate) struct Cluster {
     /// Centre of the bounding sphere.
-    pub(in crate::render) centre: Vec3,
+    pub(crate) centre: Vec3,
     /// Radius of the bounding sphere.
-    pub(in crate::render) radius: f32,
+    pub(crate) radius: f32,
     /// Unit axis of the normal cone; zero if the normals cancel out.
-    pub(in crate::render) axis: Vec3,
+    pub(crate) axis: Vec3,
     /// Sine of the half angle of the normal cone plus a margin, or 2 (never culled) if the half angle is not
     /// below 90°.
-    pub(in crate::render) cutoff: f32,
+    pub(crate) cutoff: f32,
 }
 
 /// Sorts the triangles of a mesh so that every chunk of [`CLUSTER_SIZE`] is compact in position and normal.
-pub(super) fn sort_triangles(mesh: &mut Mesh) {
+pub(crate) fn sort_triangles(mesh: &mut Mesh) {
     let mut keys: Vec<TriangleKey> =
         (0..mesh.triangles.len()).map(|index| TriangleKey::new(mesh, index)).collect();
     partition(&mut keys);
@@ -54,7 +54,7 @@ pub(super) fn sort_triangles(mesh: &mut Mesh) {
 }
 
 /// Computes the bounds of every chunk of [`CLUSTER_SIZE`] triangles.
-pub(super) fn compute(mesh: &Mesh) -> Vec<Cluster> {
+pub(crate) fn compute(mesh: &Mesh) -> Vec<Cluster> {
     mesh.triangles.chunks(CLUSTER_SIZE).map(|triangles| cluster(mesh, triangles)).collect()
 }
 

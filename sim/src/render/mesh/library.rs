@@ -6,7 +6,7 @@ use super::sdf::panda;
 
 /// Identifier of a library mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(in crate::render) enum MeshId {
+pub(crate) enum MeshId {
     /// The square |x|, |y| ≤ 1 at z = 0, facing +z.
     Quad,
     /// Box of half extents 1.
@@ -28,10 +28,10 @@ pub(in crate::render) enum MeshId {
 }
 
 /// First link with dark panels; all links after it have some, too.
-pub(in crate::render) const FIRST_TRIMMED_LINK: usize = 3;
+pub(crate) const FIRST_TRIMMED_LINK: usize = 3;
 
 /// One mesh for each [`MeshId`].
-pub(in crate::render) struct MeshLibrary {
+pub(crate) struct MeshLibrary {
     solids: [Mesh; 6],
     links: [Mesh; 8],
     /// Panels of links 3 to 7.
@@ -41,7 +41,7 @@ pub(in crate::render) struct MeshLibrary {
 
 impl MeshLibrary {
     /// Generates all meshes, which takes some tens of milliseconds.
-    pub(in crate::render) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             solids: unit_solids::all(),
             links: core::array::from_fn(panda::link),
@@ -54,7 +54,7 @@ impl MeshLibrary {
     ///
     /// # Panics
     /// If `id` is a link above 7, or a link without panels.
-    pub(in crate::render) fn get(&self, id: MeshId) -> &Mesh {
+    pub(crate) fn get(&self, id: MeshId) -> &Mesh {
         match id {
             MeshId::Quad => &self.solids[0],
             MeshId::Box => &self.solids[1],

@@ -15,37 +15,37 @@ mod sdf;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::math::affine::{Vec3, add, cross, dot, scaled, sub};
-pub(super) use generate::{extrusion, lathe, rounded_box, torus};
-pub(super) use library::{FIRST_TRIMMED_LINK, MeshId, MeshLibrary};
-pub(super) use packed::{ClusterBounds, ClusterCorners, PackedMesh, TriangleRecord, Vec3x16};
+pub(crate) use generate::{extrusion, lathe, rounded_box, torus};
+pub(crate) use library::{FIRST_TRIMMED_LINK, MeshId, MeshLibrary};
+pub(crate) use packed::{ClusterBounds, ClusterCorners, PackedMesh, TriangleRecord, Vec3x16};
 
 /// An indexed triangle mesh, open or closed, with counter-clockwise winding seen from outside. Lengths are in
 /// m, or in units of the instance scale for the unit solids.
 #[derive(Default)]
-pub(super) struct Mesh {
+pub(crate) struct Mesh {
     /// Vertex coordinates, one array of `n_vertices` per axis.
-    pub(super) positions: [Vec<f32>; 3],
+    pub(crate) positions: [Vec<f32>; 3],
     /// Unit normal of each vertex.
-    pub(super) normals: Vec<Vec3>,
+    pub(crate) normals: Vec<Vec3>,
     /// Vertex indices of each triangle.
-    pub(super) triangles: Vec<[u32; 3]>,
+    pub(crate) triangles: Vec<[u32; 3]>,
     /// Texture projection axis of each triangle: the axis closest to its normal.
-    pub(super) projection_axes: Vec<ProjectionAxis>,
+    pub(crate) projection_axes: Vec<ProjectionAxis>,
     /// Centre of the bounding sphere.
-    pub(super) centre: Vec3,
+    pub(crate) centre: Vec3,
     /// Radius of the bounding sphere.
-    pub(super) radius: f32,
+    pub(crate) radius: f32,
     /// The same triangles in the layout that SIMD code loads.
-    pub(super) packed: PackedMesh,
+    pub(crate) packed: PackedMesh,
     /// Hash of everything that affects an image: corners, normals and projection axes.
-    pub(super) fingerprint: u64,
+    pub(crate) fingerprint: u64,
 }
 
 /// The mesh axis along which a triangle's texture is projected. The remaining two coordinates are its texture
 /// coordinates (u, v): (z, y), (x, z) or (x, y). Where possible v runs along y, so that the planks of a table
 /// do too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ProjectionAxis {
+pub(crate) enum ProjectionAxis {
     /// (u, v) = (z, y).
     X,
     /// (u, v) = (x, z).
@@ -56,12 +56,12 @@ pub(super) enum ProjectionAxis {
 
 impl Mesh {
     /// Returns the position of vertex `i`.
-    pub(super) fn position(&self, i: u32) -> Vec3 {
+    pub(crate) fn position(&self, i: u32) -> Vec3 {
         core::array::from_fn(|axis| self.positions[axis][i as usize])
     }
 
     /// Returns the number of vertices.
-    pub(super) fn n_vertices(&self) -> usize {
+    pub(crate) fn n_vertices(&self) -> usize {
         self.normals.len()
     }
 

@@ -8,61 +8,61 @@ use crate::render::math::lanes::{F32x16, I16x16, N_LANES};
 const _: () = assert!(CLUSTER_SIZE == N_LANES, "the triangles of a cluster fill one vector");
 
 /// Sixteen points or directions, one vector per axis.
-pub(in crate::render) type Vec3x16 = [F32x16; 3];
+pub(crate) type Vec3x16 = [F32x16; 3];
 
 /// Corner positions of the 16 triangles of a cluster, indexed by corner and axis, in units of
 /// [`PackedMesh::grid_step`]. Sixteen bits halve the memory that every image reads. Unused lanes hold a
 /// degenerate triangle.
-pub(in crate::render) type ClusterCorners = [[I16x16; 3]; 3];
+pub(crate) type ClusterCorners = [[I16x16; 3]; 3];
 
 /// Layout of the shading data of one triangle in an [`F32x16`]: indices of its elements and bits of the last
 /// one.
-pub(in crate::render) struct TriangleRecord;
+pub(crate) struct TriangleRecord;
 
 impl TriangleRecord {
     /// First element of the vertex normals, three `f32` per corner.
-    pub(in crate::render) const NORMALS: usize = 0;
+    pub(crate) const NORMALS: usize = 0;
     /// First element of the corners: three `i16` per corner, the same grid coordinates as in
     /// [`ClusterCorners`]. Each element packs two of them, the first in the lower half. The upper half of the
     /// last element holds [`Self::AXIS_MASK`] and [`Self::FLAT_BIT`].
-    pub(in crate::render) const CORNERS: usize = 9;
+    pub(crate) const CORNERS: usize = 9;
     /// Mask of the [`ProjectionAxis`]: 0, 1 or 2 for x, y or z.
-    pub(in crate::render) const AXIS_MASK: i32 = 3;
+    pub(crate) const AXIS_MASK: i32 = 3;
     /// Bit that is set if the three vertex normals are equal.
-    pub(in crate::render) const FLAT_BIT: i32 = 4;
+    pub(crate) const FLAT_BIT: i32 = 4;
 }
 
 /// Bounds of 16 clusters, see [`clusters::Cluster`].
-pub(in crate::render) struct ClusterBounds {
+pub(crate) struct ClusterBounds {
     /// Centres of the bounding spheres.
-    pub(in crate::render) centre: Vec3x16,
+    pub(crate) centre: Vec3x16,
     /// Radii of the bounding spheres.
-    pub(in crate::render) radius: F32x16,
+    pub(crate) radius: F32x16,
     /// Unit axes of the normal cones.
-    pub(in crate::render) axis: Vec3x16,
+    pub(crate) axis: Vec3x16,
     /// Cutoffs of the normal cones.
-    pub(in crate::render) cutoff: F32x16,
+    pub(crate) cutoff: F32x16,
     /// Bit i is set if cluster i exists.
-    pub(in crate::render) present: u16,
+    pub(crate) present: u16,
 }
 
 /// The clusters of a mesh.
 #[derive(Default)]
-pub(in crate::render) struct PackedMesh {
+pub(crate) struct PackedMesh {
     /// One element per cluster, in the order of the mesh's triangles.
-    pub(in crate::render) corners: Vec<ClusterCorners>,
+    pub(crate) corners: Vec<ClusterCorners>,
     /// Grid step of the coordinates per axis: a power of 2 in the mesh's unit of length.
-    pub(in crate::render) grid_step: Vec3,
+    pub(crate) grid_step: Vec3,
     /// One [`TriangleRecord`] per triangle.
-    pub(in crate::render) triangles: Vec<F32x16>,
+    pub(crate) triangles: Vec<F32x16>,
     /// One element per 16 clusters.
-    pub(in crate::render) bounds: Vec<ClusterBounds>,
+    pub(crate) bounds: Vec<ClusterBounds>,
 }
 
 impl PackedMesh {
     /// Packs a mesh whose triangles are in their final order and whose coordinates are multiples of
     /// [`grid_step`].
-    pub(super) fn new(mesh: &Mesh) -> Self {
+    pub(crate) fn new(mesh: &Mesh) -> Self {
         let grid_step = grid_step(mesh);
         let n_triangles = mesh.triangles.len();
         let clusters = clusters::compute(mesh);
@@ -80,7 +80,7 @@ impl PackedMesh {
 
 /// Returns, per axis, the smallest power of 2 (at least 2⁻²⁴) in whose units every coordinate fits an
 /// [`i16`].
-pub(super) fn grid_step(mesh: &Mesh) -> Vec3 {
+pub(crate) fn grid_step(mesh: &Mesh) -> Vec3 {
     core::array::from_fn(|axis| {
         let max_abs = mesh.positions[axis].iter().fold(0.0, |max: f32, x| max.max(x.abs()));
         let mut step = 1.0 / 16_777_216.0;

@@ -14,10 +14,10 @@ use crate::scene::{Appearance, Body, Primitive, VisualShape};
 
 /// Meshes generated for one scene, in m, keyed by shape.
 #[derive(Default)]
-pub(in crate::render) struct OwnMeshes<'a>(Vec<(&'a VisualShape, Arc<Mesh>)>);
+pub(crate) struct OwnMeshes<'a>(Vec<(&'a VisualShape, Arc<Mesh>)>);
 
 /// Appends the instances of one body.
-pub(in crate::render) fn push<'a>(
+pub(crate) fn push<'a>(
     body_idx: usize,
     body: &'a Body,
     own_meshes: &mut OwnMeshes<'a>,

@@ -10,16 +10,16 @@ use crate::scene::{self, CameraMount, CameraSlot, Link, Snapshot};
 
 /// A pinhole camera with a square image.
 #[derive(Clone, PartialEq)]
-pub(in crate::render) struct PinholeCamera {
+pub(crate) struct PinholeCamera {
     /// Side of the image, in pixels.
-    pub(in crate::render) side: usize,
+    pub(crate) side: usize,
     /// Focal length, in pixels.
-    pub(in crate::render) focal_px: f32,
+    pub(crate) focal_px: f32,
     /// Depths of the near and far clipping planes, in m.
-    pub(in crate::render) clip_m: [f32; 2],
+    pub(crate) clip_m: [f32; 2],
     /// x/z and y/z at the centre of the image. Nonzero for a tile of a larger image, whose projection is
     /// off-axis.
-    pub(in crate::render) image_centre: [f32; 2],
+    pub(crate) image_centre: [f32; 2],
     mount: Mount,
 }
 
@@ -33,7 +33,7 @@ enum Mount {
 
 impl PinholeCamera {
     /// Creates the camera of a sampled scene, including its pose error.
-    pub(in crate::render) fn new(camera: &scene::Camera) -> Self {
+    pub(crate) fn new(camera: &scene::Camera) -> Self {
         let side = match camera.slot {
             CameraSlot::External1 | CameraSlot::External2 => EXTERNAL_SIDE,
             CameraSlot::Hand1 | CameraSlot::Hand2 => HAND_SIDE,
@@ -57,7 +57,7 @@ impl PinholeCamera {
 
     /// Returns the camera that renders one of `n_tiles` × `n_tiles` tiles of this camera's image, given as
     /// [column, row], with as many pixels as this camera has.
-    pub(in crate::render) fn tile(&self, n_tiles: usize, tile: [usize; 2]) -> Self {
+    pub(crate) fn tile(&self, n_tiles: usize, tile: [usize; 2]) -> Self {
         let slope = self.side as f32 / 2.0 / self.focal_px;
         let centre = |idx: usize| slope * (2.0 * idx as f32 + 1.0 - n_tiles as f32) / n_tiles as f32;
         Self { focal_px: self.focal_px * n_tiles as f32, image_centre: tile.map(centre), ..self.clone() }
@@ -65,7 +65,7 @@ impl PinholeCamera {
 
     /// Returns the shear that moves the image centre onto the optical axis and preserves depth, or `None` if
     /// it lies there already. Its result is called the centred frame.
-    pub(in crate::render) fn centring_shear(&self) -> Option<Affine3> {
+    pub(crate) fn centring_shear(&self) -> Option<Affine3> {
         let [x, y] = self.image_centre;
         let linear = [[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]];
         (self.image_centre != [0.0; 2]).then_some(Affine3 { linear, offset: [0.0; 3] })
@@ -75,7 +75,7 @@ impl PinholeCamera {
     /// centre of a sphere may lie outside an image edge of this slope while the sphere still intersects the
     /// frustum. The last factor compensates for the lengths that the shear shortens.
     #[inline(always)]
-    pub(in crate::render) fn sphere_margin(&self, slope: f32) -> f32 {
+    pub(crate) fn sphere_margin(&self, slope: f32) -> f32 {
         let [x, y] = self.image_centre.map(f32::abs);
         let steepest = slope + x.max(y);
         (1.0 + steepest * steepest).sqrt() * (1.0 + x + y)
@@ -84,12 +84,7 @@ impl PinholeCamera {
     /// Returns `true` if a sphere in the mesh frame may intersect the view frustum. The transform leads to
     /// the centred frame. The test is conservative.
     #[inline(always)]
-    pub(in crate::render) fn may_intersect_sphere(
-        &self,
-        view_from_mesh: &Affine3,
-        centre: Vec3,
-        radius: f32,
-    ) -> bool {
+    pub(crate) fn may_intersect_sphere(&self, view_from_mesh: &Affine3, centre: Vec3, radius: f32) -> bool {
         let [x, y, z] = view_from_mesh.transform_point(centre);
         let radius = radius * view_from_mesh.max_scale();
         let slope = self.side as f32 / 2.0 / self.focal_px;
@@ -102,12 +97,12 @@ impl PinholeCamera {
     }
 
     /// Returns `true` if the camera does not move within an episode.
-    pub(in crate::render) fn is_static(&self) -> bool {
+    pub(crate) fn is_static(&self) -> bool {
         matches!(self.mount, Mount::World(_))
     }
 
     /// Returns the transform from the world to the view frame.
-    pub(in crate::render) fn view_from_world(&self, snapshot: &Snapshot) -> Affine3 {
+    pub(crate) fn view_from_world(&self, snapshot: &Snapshot) -> Affine3 {
         let pose = match &self.mount {
             Mount::World(pose) => *pose,
             Mount::Hand { arm, pose } => snapshot.arms[*arm][Link::Hand as usize] * pose,

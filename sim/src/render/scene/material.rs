@@ -8,20 +8,20 @@ const MAX_SPECULAR: f64 = 0.08;
 
 /// Material of an instance.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::render) struct Material {
+pub(crate) struct Material {
     /// Albedo, linear RGB.
-    pub(in crate::render) color: Vec3,
+    pub(crate) color: Vec3,
     /// Specular reflectance in white; 0 for a metal.
-    pub(in crate::render) specular: f32,
+    pub(crate) specular: f32,
     /// 1 for a metal, which reflects directional light only specularly and in its own colour.
-    pub(in crate::render) metallic: f32,
+    pub(crate) metallic: f32,
     /// Texture that modulates the albedo.
-    pub(in crate::render) texture: Option<Texture>,
+    pub(crate) texture: Option<Texture>,
 }
 
 impl Material {
     /// Returns a matt, untextured material of a linear colour in [0, 1].
-    pub(in crate::render) fn plain(color: Vec3) -> Self {
+    pub(crate) fn plain(color: Vec3) -> Self {
         Self { color, specular: 0.0, metallic: 0.0, texture: None }
     }
 }

@@ -2,11 +2,11 @@
 
 mod attachment;
 mod body;
-pub(in crate::render) mod camera;
-pub(in crate::render) mod material;
+pub(crate) mod camera;
+pub(crate) mod material;
 mod robot;
 mod room;
-pub(in crate::render) mod transforms;
+pub(crate) mod transforms;
 
 use std::sync::{Arc, LazyLock};
 
@@ -27,7 +27,7 @@ static MESHES: LazyLock<MeshLibrary> = LazyLock::new(MeshLibrary::new);
 
 /// The frame that an instance is attached to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::render) enum Anchor {
+pub(crate) enum Anchor {
     /// The world: the instance is static.
     World(Fixture),
     /// A body, by index.
@@ -37,7 +37,7 @@ pub(in crate::render) enum Anchor {
 }
 
 /// Storage of the mesh of an instance.
-pub(in crate::render) enum MeshSource {
+pub(crate) enum MeshSource {
     /// A mesh of the library, shared by all scenes.
     Library(MeshId),
     /// A mesh generated for one scene and shared by its instances.
@@ -46,7 +46,7 @@ pub(in crate::render) enum MeshSource {
 
 /// Identity of a mesh. Meshes with the same contents have the same key, in every process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(in crate::render) enum MeshKey {
+pub(crate) enum MeshKey {
     /// A mesh of the library.
     Library(MeshId),
     /// A generated mesh, by its fingerprint.
@@ -55,7 +55,7 @@ pub(in crate::render) enum MeshKey {
 
 impl MeshSource {
     /// Returns the identity of the mesh.
-    pub(in crate::render) fn key(&self) -> MeshKey {
+    pub(crate) fn key(&self) -> MeshKey {
         match self {
             Self::Library(id) => MeshKey::Library(*id),
             Self::Own(mesh) => MeshKey::Own(mesh.fingerprint),
@@ -65,58 +65,58 @@ impl MeshSource {
 
 /// The static parts of the room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::render) enum Fixture {
+pub(crate) enum Fixture {
     Table,
     Floor,
     Walls,
 }
 
 /// A mesh with a pose, a scale and a material.
-pub(in crate::render) struct Instance {
+pub(crate) struct Instance {
     /// The mesh, shared with other instances.
-    pub(in crate::render) mesh: MeshSource,
+    pub(crate) mesh: MeshSource,
     /// The frame that the instance is attached to.
-    pub(in crate::render) anchor: Anchor,
+    pub(crate) anchor: Anchor,
     /// Pose in the anchor frame.
-    pub(in crate::render) pose: Isometry3<f32>,
+    pub(crate) pose: Isometry3<f32>,
     /// Scale factors along the mesh axes, all positive.
-    pub(in crate::render) scale: Vec3,
+    pub(crate) scale: Vec3,
     /// Surface material, in linear light.
-    pub(in crate::render) material: Material,
+    pub(crate) material: Material,
 }
 
 /// A directional light.
 #[derive(Clone, Copy, PartialEq)]
-pub(in crate::render) struct Sun {
+pub(crate) struct Sun {
     /// Unit vector towards the light.
-    pub(in crate::render) towards: Vec3,
+    pub(crate) towards: Vec3,
     /// Radiance, linear RGB.
-    pub(in crate::render) color: Vec3,
+    pub(crate) color: Vec3,
 }
 
 /// Maximum number of directional lights. Missing ones are black.
-pub(in crate::render) const N_SUNS: usize = 2;
+pub(crate) const N_SUNS: usize = 2;
 
 /// The part of a [`Scene`] that stays constant within an episode, ready for rendering.
 pub struct RenderScene {
     /// Static instances first, and among them the room first.
-    pub(in crate::render) instances: Vec<Instance>,
+    pub(crate) instances: Vec<Instance>,
     /// Number of static instances.
-    pub(in crate::render) n_static: usize,
+    pub(crate) n_static: usize,
     /// Id of the first triangle of each instance: a multiple of 16, the cluster size.
-    pub(in crate::render) first_id: Vec<u32>,
+    pub(crate) first_id: Vec<u32>,
     n_ids: usize,
     /// Ambient radiance, linear RGB.
-    pub(in crate::render) ambient: Vec3,
-    pub(in crate::render) suns: [Sun; N_SUNS],
-    pub(in crate::render) cameras: Vec<PinholeCamera>,
+    pub(crate) ambient: Vec3,
+    pub(crate) suns: [Sun; N_SUNS],
+    pub(crate) cameras: Vec<PinholeCamera>,
     /// World position of the centre of the shadow map, if the first directional light casts shadows.
-    pub(in crate::render) shadow_centre: Option<Vec3>,
+    pub(crate) shadow_centre: Option<Vec3>,
     /// Data that a renderer derives from the scene.
-    pub(in crate::render) attachment: Attachment,
+    pub(crate) attachment: Attachment,
     /// Tells a GPU renderer whether the scene that it has uploaded still exists.
     #[cfg(feature = "gpu")]
-    pub(in crate::render) liveness: Arc<()>,
+    pub(crate) liveness: Arc<()>,
     n_triangles: usize,
     n_bodies: usize,
     n_arms: usize,
@@ -204,29 +204,29 @@ impl RenderScene {
 
     /// Returns the number of bodies.
     #[cfg(feature = "gpu")]
-    pub(in crate::render) fn n_bodies(&self) -> usize {
+    pub(crate) fn n_bodies(&self) -> usize {
         self.n_bodies
     }
 
     /// Returns the number of triangle ids, padding of partial clusters included.
-    pub(in crate::render) fn n_ids(&self) -> usize {
+    pub(crate) fn n_ids(&self) -> usize {
         self.n_ids
     }
 
     /// Returns `true` if the snapshot has as many bodies and arms as the scene.
-    pub(in crate::render) fn fits(&self, snapshot: &Snapshot) -> bool {
+    pub(crate) fn fits(&self, snapshot: &Snapshot) -> bool {
         snapshot.bodies.len() == self.n_bodies && snapshot.arms.len() == self.n_arms
     }
 }
 
 impl Instance {
     /// Returns `true` if the instance casts a shadow: everything except the floor does.
-    pub(in crate::render) fn casts_shadow(&self) -> bool {
+    pub(crate) fn casts_shadow(&self) -> bool {
         self.mesh.key() != MeshKey::Library(MeshId::Quad)
     }
 
     /// Returns the mesh of the instance.
-    pub(in crate::render) fn mesh(&self) -> &Mesh {
+    pub(crate) fn mesh(&self) -> &Mesh {
         match &self.mesh {
             MeshSource::Library(id) => MESHES.get(*id),
             MeshSource::Own(mesh) => mesh,
@@ -235,7 +235,7 @@ impl Instance {
 
     /// Returns the transform from the mesh frame, in mesh units, to the world.
     #[inline(always)]
-    pub(in crate::render) fn world_from_mesh(&self, snapshot: &Snapshot) -> Affine3 {
+    pub(crate) fn world_from_mesh(&self, snapshot: &Snapshot) -> Affine3 {
         let local = Affine3::from_pose_and_scale(&self.pose, self.scale);
         match self.anchor {
             Anchor::World(_) => local,

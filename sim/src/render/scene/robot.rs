@@ -43,7 +43,7 @@ const FINGER: [FingerBox; 5] = [
 ];
 
 /// Appends the moving links of one of `n_arms` arms if `moves`, or else its static base.
-pub(in crate::render) fn push(arm: usize, n_arms: usize, moves: bool, instances: &mut Vec<Instance>) {
+pub(crate) fn push(arm: usize, n_arms: usize, moves: bool, instances: &mut Vec<Instance>) {
     let [white, black, grey] = [WHITE, BLACK, GREY].map(Material::plain);
     let mut push = |link: Link, mesh, pose, scale, material| {
         let (mesh, anchor) = (MeshSource::Library(mesh), Anchor::Link { arm, link: link as usize });

@@ -39,7 +39,7 @@ const LEG_INSET: f32 = 0.07;
 const FRAME_HEIGHT: f32 = 0.07;
 
 /// Returns the world z of the upper face of the table, in m.
-pub(in crate::render) const fn table_top_z(kind: TableKind) -> f32 {
+pub(crate) const fn table_top_z(kind: TableKind) -> f32 {
     match kind {
         TableKind::SingleArm | TableKind::SingleArmTurned => SINGLE_ARM.top_z,
         TableKind::Bimanual => BIMANUAL.top_z,
@@ -47,7 +47,7 @@ pub(in crate::render) const fn table_top_z(kind: TableKind) -> f32 {
 }
 
 /// Appends table, walls and floor.
-pub(in crate::render) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
+pub(crate) fn push(scene: &Scene, instances: &mut Vec<Instance>) {
     let top = &scene.table.top;
     let mut push = |bench: &Bench, top: &Appearance| push_bench(bench, top, &scene.table, instances);
     match scene.table.kind {

@@ -7,7 +7,7 @@ use crate::scene::Snapshot;
 /// Replaces the contents of `out` with one transform per instance, from its mesh to the view (or light)
 /// frame.
 #[inline(always)]
-pub(in crate::render) fn write_instance_transforms(
+pub(crate) fn write_instance_transforms(
     scene: &RenderScene,
     snapshot: &Snapshot,
     view_from_world: &Affine3,

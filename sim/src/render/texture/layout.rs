@@ -3,15 +3,15 @@
 use super::shaping::fract;
 
 /// The rectangle that contains a point, and the position of the point in it.
-pub(super) struct LayoutRect {
+pub(crate) struct LayoutRect {
     /// Column and row of the rectangle. They repeat with the tile.
-    pub(super) id: [i32; 2],
+    pub(crate) id: [i32; 2],
     /// Position along the longer side, in tiles.
-    pub(super) along: f32,
+    pub(crate) along: f32,
     /// Position along the shorter side, in tiles.
-    pub(super) across: f32,
+    pub(crate) across: f32,
     /// Distance to the nearest edge, in tiles.
-    pub(super) edge_distance: f32,
+    pub(crate) edge_distance: f32,
 }
 
 impl LayoutRect {
@@ -24,7 +24,7 @@ impl LayoutRect {
 
 /// Running bond: rows of equal rectangles, each row shifted by `shift` rectangles against the one above.
 /// `shift` · rows must be an integer.
-pub(super) fn courses(u: f32, v: f32, [cols, rows]: [i32; 2], shift: f32) -> LayoutRect {
+pub(crate) fn courses(u: f32, v: f32, [cols, rows]: [i32; 2], shift: f32) -> LayoutRect {
     let (n_cols, n_rows) = (cols as f32, rows as f32);
     let row = (v * n_rows).floor() as i32;
     let x = u * n_cols + shift * row.rem_euclid(rows) as f32;
@@ -37,7 +37,7 @@ pub(super) fn courses(u: f32, v: f32, [cols, rows]: [i32; 2], shift: f32) -> Lay
 
 /// Flemish bond: each row alternates stretchers and headers of half their length, with headers centred over
 /// stretchers. A row has `pairs` of both, the number of rows is even, and headers have odd columns.
-pub(super) fn flemish(u: f32, v: f32, [pairs, rows]: [i32; 2]) -> LayoutRect {
+pub(crate) fn flemish(u: f32, v: f32, [pairs, rows]: [i32; 2]) -> LayoutRect {
     const LONG: f32 = 2.0 / 3.0;
     let (n_pairs, n_rows) = (pairs as f32, rows as f32);
     let row = (v * n_rows).floor() as i32;
@@ -53,7 +53,7 @@ pub(super) fn flemish(u: f32, v: f32, [pairs, rows]: [i32; 2]) -> LayoutRect {
 
 /// Basket weave: `squares` × `squares` squares, an even number per side, of `strips` parallel strips each,
 /// rotated by 90° from one square to the next. Ids have `squares` columns and `squares` · `strips` rows.
-pub(super) fn basket(u: f32, v: f32, squares: i32, strips: i32) -> LayoutRect {
+pub(crate) fn basket(u: f32, v: f32, squares: i32, strips: i32) -> LayoutRect {
     let side = 1.0 / squares as f32;
     let [col, row] = [u, v].map(|t| (t * squares as f32).floor() as i32);
     let (x, y) = (u - col as f32 * side, v - row as f32 * side);
@@ -65,7 +65,7 @@ pub(super) fn basket(u: f32, v: f32, squares: i32, strips: i32) -> LayoutRect {
 
 /// Herringbone of rectangles one cell wide and `length` cells long. The tile has n × n cells, n a multiple of
 /// 2 · `length`. The id is the first cell of a rectangle.
-pub(super) fn herringbone(u: f32, v: f32, n: i32, length: i32) -> LayoutRect {
+pub(crate) fn herringbone(u: f32, v: f32, n: i32, length: i32) -> LayoutRect {
     let (x, y) = (u * n as f32, v * n as f32);
     let (col, row) = (x.floor() as i32, y.floor() as i32);
     let (fx, fy) = (fract(x), fract(y));

@@ -7,7 +7,7 @@
 
 mod colour;
 mod layout;
-pub(super) mod noise;
+pub(crate) mod noise;
 mod patterns;
 mod shaping;
 #[cfg(test)]
@@ -20,27 +20,27 @@ use crate::scene::Texture;
 use colour::Rgb;
 
 /// Side of a tile, in texels: a power of two.
-pub(super) const SIDE: usize = 256;
+pub(crate) const SIDE: usize = 256;
 /// Distance between the rows of a tile, in texels, which is also their number. Each row and column continues
 /// periodically by eight texels, so that a window of 8 × 8 texels can be read from any texel on without
 /// wrapping.
-pub(super) const PITCH: usize = SIDE + 8;
+pub(crate) const PITCH: usize = SIDE + 8;
 
 /// Cache of generated textures. They are constants that are too large to write down, so a static holds them
 /// and no caller has to pass them around. Each is generated on first use, because a scene shows only a few.
 static IMAGES: [OnceLock<TextureImage>; Texture::ALL.len()] = [const { OnceLock::new() }; Texture::ALL.len()];
 
 /// The texels of a texture.
-pub(super) struct TextureImage {
+pub(crate) struct TextureImage {
     /// World length of a tile's side, in m.
-    pub(super) tile_m: f32,
+    pub(crate) tile_m: f32,
     /// `PITCH` rows of `PITCH` texels. A texel is RGBA8 with red in the lowest byte and alpha 255. A channel
     /// is 255 times the square root of the factor: the quantisation is then closer to perceptually uniform.
-    pub(super) texels: Box<[u32]>,
+    pub(crate) texels: Box<[u32]>,
 }
 
 /// Returns the texels of a texture, generating them on first use.
-pub(super) fn image(texture: Texture) -> &'static TextureImage {
+pub(crate) fn image(texture: Texture) -> &'static TextureImage {
     IMAGES[texture as usize].get_or_init(|| {
         let (tile_m, texture_fn) = patterns::get(texture);
         let tile = rasterised(&*texture_fn);

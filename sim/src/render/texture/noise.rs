@@ -3,7 +3,7 @@
 //! Everything is a pure function of its seed.
 
 /// Value noise with period 1 in both directions: random values at lattice nodes, interpolated smoothly.
-pub(super) struct Noise {
+pub(crate) struct Noise {
     nodes: [i32; 2],
     /// Node values in row-major order. Each row ends with a copy of its first value and the last row repeats
     /// the first, so that every node of the period has neighbours to the right and below.
@@ -12,7 +12,7 @@ pub(super) struct Noise {
 
 impl Noise {
     /// Creates noise with `nodes` lattice nodes per period along u and v.
-    pub(super) fn new(seed: u64, nodes: [i32; 2]) -> Self {
+    pub(crate) fn new(seed: u64, nodes: [i32; 2]) -> Self {
         let value = |x: i32, y: i32| {
             let node = u64::from(y.cast_unsigned()) << 32 | u64::from(x.cast_unsigned());
             (mix64(seed ^ mix64(node)) >> 40) as f32 / (1_u32 << 24) as f32
@@ -23,7 +23,7 @@ impl Noise {
     }
 
     /// Returns the value in [0, 1) at (`u`, `v`).
-    pub(super) fn at(&self, u: f32, v: f32) -> f32 {
+    pub(crate) fn at(&self, u: f32, v: f32) -> f32 {
         self.interpolate(smoothed(lattice_coord(u, self.nodes[0])), smoothed(lattice_coord(v, self.nodes[1])))
     }
 
@@ -40,7 +40,7 @@ impl Noise {
     }
 
     /// Returns the value in [0, 1) at a node. Node indices wrap around.
-    pub(super) fn at_node(&self, x: i32, y: i32) -> f32 {
+    pub(crate) fn at_node(&self, x: i32, y: i32) -> f32 {
         let [cols, rows] = self.nodes;
         self.values[wrap(y, rows) * (cols as usize + 1) + wrap(x, cols)]
     }
@@ -76,14 +76,14 @@ const RESOLUTION: i32 = super::SIDE as i32;
 
 /// Fractional Brownian motion: a weighted sum of noises, precomputed on a lattice with the resolution of a
 /// texture.
-pub(super) struct Fbm {
+pub(crate) struct Fbm {
     sum: Noise,
 }
 
 impl Fbm {
     /// Creates fBm whose first octave has `nodes` lattice nodes. Each further octave has twice the nodes and
     /// `gain` times the weight of the one before.
-    pub(super) fn new(seed: u64, nodes: [i32; 2], n_octaves: u32, gain: f32) -> Self {
+    pub(crate) fn new(seed: u64, nodes: [i32; 2], n_octaves: u32, gain: f32) -> Self {
         let mut weight = 1.0;
         let octaves = (0..n_octaves).map(|i| {
             let octave = (Noise::new(seed + u64::from(i), nodes.map(|n| n << i)), weight);
@@ -94,7 +94,7 @@ impl Fbm {
     }
 
     /// Creates the weighted sum of some noises, with the weights normalised to a sum of 1.
-    pub(super) fn weighted_sum(noises: &[(Noise, f32)]) -> Self {
+    pub(crate) fn weighted_sum(noises: &[(Noise, f32)]) -> Self {
         let mut sum = Noise { nodes: [RESOLUTION; 2], values: vec![0.0; (RESOLUTION as usize + 1).pow(2)] };
         let weights: f32 = noises.iter().map(|(_, weight)| weight).sum();
         for (noise, weight) in noises {
@@ -112,26 +112,26 @@ impl Fbm {
     }
 
     /// Value in [0, 1) at (`u`, `v`), mostly close to 1/2.
-    pub(super) fn at(&self, u: f32, v: f32) -> f32 {
+    pub(crate) fn at(&self, u: f32, v: f32) -> f32 {
         self.sum.interpolate(lattice_coord(u, RESOLUTION), lattice_coord(v, RESOLUTION))
     }
 }
 
 /// Domain warp: a displacement of the plane with period 1 in both directions.
-pub(super) struct Warp {
+pub(crate) struct Warp {
     fields: [Fbm; 2],
     amplitude: f32,
 }
 
 impl Warp {
     /// Creates a warp that moves no point by more than `amplitude` / 2 along either axis.
-    pub(super) fn new(seed: u64, nodes: i32, n_octaves: u32, amplitude: f32) -> Self {
+    pub(crate) fn new(seed: u64, nodes: i32, n_octaves: u32, amplitude: f32) -> Self {
         let fields = [seed, seed + 16].map(|seed| Fbm::new(seed, [nodes; 2], n_octaves, 0.5));
         Self { fields, amplitude }
     }
 
     /// Returns the displaced point.
-    pub(super) fn at(&self, u: f32, v: f32) -> (f32, f32) {
+    pub(crate) fn at(&self, u: f32, v: f32) -> (f32, f32) {
         let [du, dv] = [0, 1].map(|i| self.amplitude * (self.fields[i].at(u, v) - 0.5));
         (u + du, v + dv)
     }

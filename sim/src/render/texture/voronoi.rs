@@ -6,7 +6,7 @@ use super::shaping::fract;
 use crate::render::texture::noise::Noise;
 
 /// A Voronoi diagram of the tile.
-pub(super) struct VoronoiCells {
+pub(crate) struct VoronoiCells {
     n: [i32; 2],
     /// Feature points in tiles with their random numbers, in row-major order. Two extra columns on the left,
     /// one on the right and an extra row above and below repeat the points of the neighbouring tiles.
@@ -14,20 +14,20 @@ pub(super) struct VoronoiCells {
 }
 
 /// The cell that contains a point, and the position of the point in it.
-pub(super) struct VoronoiCell {
+pub(crate) struct VoronoiCell {
     /// Column and row of the feature point.
-    pub(super) id: [i32; 2],
+    pub(crate) id: [i32; 2],
     /// Random number of the cell, in [0, 1).
-    pub(super) random: f32,
+    pub(crate) random: f32,
     /// Vector from the feature point to the point, in tiles.
-    pub(super) offset: [f32; 2],
+    pub(crate) offset: [f32; 2],
     /// The same for the 3 × 3 feature points around the point.
     offsets: [[f32; 2]; 9],
 }
 
 impl VoronoiCell {
     /// Returns the distance to the border of the cell, in tiles.
-    pub(super) fn border_distance(&self) -> f32 {
+    pub(crate) fn border_distance(&self) -> f32 {
         let [x, y] = self.offset;
         // The border is equidistant from both feature points. The cell itself gives 0 / 0, and `min` ignores
         // the NaN.
@@ -43,7 +43,7 @@ impl VoronoiCell {
 impl VoronoiCells {
     /// Creates `n` columns and rows of cells, with an even number of rows. Each feature point moves by up to
     /// `jitter` / 2 of a column and of a row.
-    pub(super) fn new(seed: u64, n: [i32; 2], jitter: f32) -> Self {
+    pub(crate) fn new(seed: u64, n: [i32; 2], jitter: f32) -> Self {
         let [cols, rows] = n;
         let noises = [0, 1, 2].map(|i| Noise::new(seed + i, n));
         let point = |col: i32, row: i32| {
@@ -56,7 +56,7 @@ impl VoronoiCells {
     }
 
     /// Returns the cell at (`u`, `v`).
-    pub(super) fn at(&self, u: f32, v: f32) -> VoronoiCell {
+    pub(crate) fn at(&self, u: f32, v: f32) -> VoronoiCell {
         let (first_ids, offsets) = self.neighbourhood(fract(u), fract(v));
         let (mut nearest, mut min) = (0, f32::INFINITY);
         for (i, [x, y]) in offsets.iter().enumerate() {

@@ -1,15 +1,15 @@
 //! Colours and appearances of distractor objects, sampled from the object's stream.
 
-pub(super) use crate::scene::srgb;
+pub(crate) use crate::scene::srgb;
 use crate::scene::{AppearanceSpec, Range, Texture};
 use crate::stream::Stream;
 
 /// Near white, like glazed ceramic.
-pub(super) const WHITE: [f64; 3] = srgb([237, 237, 235]);
+pub(crate) const WHITE: [f64; 3] = srgb([237, 237, 235]);
 /// Near black, like dark plastic.
-pub(super) const BLACK: [f64; 3] = srgb([20, 20, 23]);
+pub(crate) const BLACK: [f64; 3] = srgb([20, 20, 23]);
 /// Gold, of metal or print.
-pub(super) const GOLD: [f64; 3] = srgb([206, 164, 66]);
+pub(crate) const GOLD: [f64; 3] = srgb([206, 164, 66]);
 
 /// Saturated colours of print and plastic.
 const VIVID: [[f64; 3]; 12] = [
@@ -39,64 +39,64 @@ const PALE: [[f64; 3]; 7] = [
 ];
 
 /// Draws one of `choices` uniformly.
-pub(super) fn pick<T: Copy>(stream: &mut Stream, choices: &[T]) -> T {
+pub(crate) fn pick<T: Copy>(stream: &mut Stream, choices: &[T]) -> T {
     *stream.choose(choices)
 }
 
 /// Multiplies a colour by a random factor in [0.7, 1.2].
-pub(super) fn vary_brightness(stream: &mut Stream, color: [f64; 3]) -> [f64; 3] {
+pub(crate) fn vary_brightness(stream: &mut Stream, color: [f64; 3]) -> [f64; 3] {
     let factor = stream.uniform(Range::new(0.7, 1.2));
     color.map(|channel| (channel * factor).min(1.0))
 }
 
 /// Draws a saturated colour.
-pub(super) fn vivid(stream: &mut Stream) -> [f64; 3] {
+pub(crate) fn vivid(stream: &mut Stream) -> [f64; 3] {
     let color = pick(stream, &VIVID);
     vary_brightness(stream, color)
 }
 
 /// Draws `N` saturated colours of different hues; `N` is at most 12.
-pub(super) fn vivid_colors<const N: usize>(stream: &mut Stream) -> [[f64; 3]; N] {
+pub(crate) fn vivid_colors<const N: usize>(stream: &mut Stream) -> [[f64; 3]; N] {
     let first = (stream.unit() * VIVID.len() as f64) as usize;
     // 5 and 12 are coprime, so stepping by 5 visits every colour once.
     core::array::from_fn(|i| vary_brightness(stream, VIVID[(first + 5 * i) % VIVID.len()]))
 }
 
 /// Draws a light colour.
-pub(super) fn pale(stream: &mut Stream) -> [f64; 3] {
+pub(crate) fn pale(stream: &mut Stream) -> [f64; 3] {
     pick(stream, &PALE)
 }
 
 /// Specular strength of fruit skin.
-pub(super) const PEEL_SPECULAR: f64 = 0.4;
+pub(crate) const PEEL_SPECULAR: f64 = 0.4;
 
 /// Returns an almost purely diffuse appearance: paper, cloth or foam.
-pub(super) const fn matt(color: [f64; 3]) -> AppearanceSpec {
+pub(crate) const fn matt(color: [f64; 3]) -> AppearanceSpec {
     AppearanceSpec { specular: 0.05, ..AppearanceSpec::plain(color) }
 }
 
 /// Returns the appearance of plastic or glaze.
-pub(super) const fn glossy(color: [f64; 3]) -> AppearanceSpec {
+pub(crate) const fn glossy(color: [f64; 3]) -> AppearanceSpec {
     AppearanceSpec { specular: 0.5, ..AppearanceSpec::plain(color) }
 }
 
 /// Returns a textured appearance with a weak specular highlight.
-pub(super) const fn textured(texture: Texture, color: [f64; 3]) -> AppearanceSpec {
+pub(crate) const fn textured(texture: Texture, color: [f64; 3]) -> AppearanceSpec {
     AppearanceSpec { specular: 0.2, ..AppearanceSpec::textured(texture, color) }
 }
 
 /// Returns the appearance of brushed steel.
-pub(super) const fn steel() -> AppearanceSpec {
+pub(crate) const fn steel() -> AppearanceSpec {
     AppearanceSpec { specular: 0.8, ..AppearanceSpec::textured(Texture::BrushedMetal, srgb([199, 201, 207])) }
 }
 
 /// Returns the appearance of dark metal.
-pub(super) const fn iron() -> AppearanceSpec {
+pub(crate) const fn iron() -> AppearanceSpec {
     AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain(srgb([92, 94, 99])) }
 }
 
 /// Draws the appearance of some kind of wood.
-pub(super) fn wood(stream: &mut Stream) -> AppearanceSpec {
+pub(crate) fn wood(stream: &mut Stream) -> AppearanceSpec {
     let color = pick(stream, &[srgb([214, 168, 112]), srgb([184, 128, 76]), srgb([226, 190, 140])]);
     AppearanceSpec::textured(
         pick(stream, &[Texture::Wood, Texture::Walnut, Texture::Bamboo]),

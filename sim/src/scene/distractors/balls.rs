@@ -12,7 +12,7 @@ use crate::stream::Stream;
 const RELIEF: f64 = 0.0004;
 
 /// Samples a small football with dark patches.
-pub(super) fn football(stream: &mut Stream) -> Distractor {
+pub(crate) fn football(stream: &mut Stream) -> Distractor {
     // Coordinates of the icosahedron's vertices: (1, φ) / √(1 + φ²) with the golden ratio φ.
     const SHORT: f64 = 0.525_731_112_119_133_6;
     const LONG: f64 = 0.850_650_808_352_039_9;
@@ -29,7 +29,7 @@ pub(super) fn football(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a baseball with red stitches.
-pub(super) fn baseball(stream: &mut Stream) -> Distractor {
+pub(crate) fn baseball(stream: &mut Stream) -> Distractor {
     let radius = 0.0367;
     let mut builder = ball(radius, 690.0, matt(vary_brightness(stream, srgb([236, 230, 216]))));
     seam(&mut builder, radius, [0.0009, 0.0026], matt(srgb([176, 26, 30])));
@@ -37,7 +37,7 @@ pub(super) fn baseball(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a tennis ball with its seam.
-pub(super) fn tennis_ball(stream: &mut Stream) -> Distractor {
+pub(crate) fn tennis_ball(stream: &mut Stream) -> Distractor {
     let radius = 0.033;
     let felt = pick(stream, &[srgb([204, 226, 50]), srgb([204, 226, 50]), srgb([232, 120, 50])]);
     let mut builder = ball(radius, 385.0, matt(vary_brightness(stream, felt)));
@@ -46,7 +46,7 @@ pub(super) fn tennis_ball(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a golf ball.
-pub(super) fn golf_ball(stream: &mut Stream) -> Distractor {
+pub(crate) fn golf_ball(stream: &mut Stream) -> Distractor {
     let radius = 0.0214;
     let color = pick(stream, &[WHITE, WHITE, srgb([236, 240, 80]), srgb([250, 150, 60])]);
     let mut builder = ball(radius, 1120.0, glossy(color));
@@ -64,7 +64,7 @@ pub(super) fn golf_ball(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a rubber racquetball made of two halves with a seam between them.
-pub(super) fn racquetball(stream: &mut Stream) -> Distractor {
+pub(crate) fn racquetball(stream: &mut Stream) -> Distractor {
     let radius = 0.0285;
     let [main, other] = vivid_colors(stream);
     let mut builder = ball(radius, 400.0, glossy(main));

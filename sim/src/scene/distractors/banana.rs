@@ -25,7 +25,7 @@ const N_COLLIDERS: u32 = 6;
 const N_VISUALS: u32 = 14;
 
 /// Samples a banana that lies along y, from unripe to overripe.
-pub(super) fn banana(stream: &mut Stream) -> Distractor {
+pub(crate) fn banana(stream: &mut Stream) -> Distractor {
     let skin = pick(stream, &[srgb([248, 212, 52]), srgb([222, 206, 74]), srgb([232, 184, 52])]);
     let skin =
         AppearanceSpec { specular: PEEL_SPECULAR, ..AppearanceSpec::plain(vary_brightness(stream, skin)) };

@@ -7,7 +7,7 @@ use crate::scene::{AppearanceSpec, rounded_rectangle};
 use crate::stream::Stream;
 
 /// Samples a mustard squeeze bottle.
-pub(super) fn mustard(stream: &mut Stream) -> Distractor {
+pub(crate) fn mustard(stream: &mut Stream) -> Distractor {
     let half = [0.028, 0.0465];
     let mut builder = DistractorBuilder::new(430.0);
     let filling = pick(stream, &[srgb([238, 196, 30]), srgb([186, 28, 24]), srgb([240, 232, 200])]);
@@ -31,7 +31,7 @@ pub(super) fn mustard(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a cleanser bottle with a screw cap.
-pub(super) fn cleanser(stream: &mut Stream) -> Distractor {
+pub(crate) fn cleanser(stream: &mut Stream) -> Distractor {
     let half = [0.031, 0.049];
     let mut builder = DistractorBuilder::new(430.0);
     let [main, other] = vivid_colors(stream);
@@ -46,7 +46,7 @@ pub(super) fn cleanser(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a window-cleaner bottle with a spray trigger.
-pub(super) fn sprayer(stream: &mut Stream) -> Distractor {
+pub(crate) fn sprayer(stream: &mut Stream) -> Distractor {
     let half = [0.026, 0.041];
     let mut builder = DistractorBuilder::new(430.0);
     let [fluid, head, other] = vivid_colors(stream);
@@ -71,7 +71,7 @@ pub(super) fn sprayer(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a plastic pitcher with a lid, a spout and a handle.
-pub(super) fn pitcher(stream: &mut Stream) -> Distractor {
+pub(crate) fn pitcher(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(180.0);
     let (body, lid) = (vivid(stream), pick(stream, &[WHITE, BLACK, srgb([40, 90, 170])]));
     builder

@@ -12,50 +12,50 @@ use crate::scene::{Aabb, AppearanceSpec, PartSpec, Primitive, Range, VisualShape
 use crate::stream::Stream;
 
 /// Distance by which a label protrudes, so that it covers what is below it.
-pub(super) const LABEL_THICKNESS: f64 = 0.0003;
+pub(crate) const LABEL_THICKNESS: f64 = 0.0003;
 /// Angular damping that stands in for the rolling resistance of round objects, in 1/s.
 const ROLLING_DAMPING: f64 = 3.0;
 /// Isotropic scale of an object.
 const SCALE: Range = Range::new(0.92, 1.08);
 
 /// A rotation as a quaternion (w, x, y, z) that need not be normalised.
-pub(super) type Quat = [f64; 4];
+pub(crate) type Quat = [f64; 4];
 /// Identity rotation, which leaves a shape as it is.
-pub(super) const IDENTITY: Quat = [1.0, 0.0, 0.0, 0.0];
+pub(crate) const IDENTITY: Quat = [1.0, 0.0, 0.0, 0.0];
 /// Rotates z to x, and x to −z.
-pub(super) const Z_TO_X: Quat = [1.0, 0.0, 1.0, 0.0];
+pub(crate) const Z_TO_X: Quat = [1.0, 0.0, 1.0, 0.0];
 /// Rotates z to y, and y to −z.
-pub(super) const Z_TO_Y: Quat = [1.0, -1.0, 0.0, 0.0];
+pub(crate) const Z_TO_Y: Quat = [1.0, -1.0, 0.0, 0.0];
 /// Rotates y to z, and z to −y: an outline stands upright in the xz plane.
-pub(super) const Y_TO_Z: Quat = [1.0, 1.0, 0.0, 0.0];
+pub(crate) const Y_TO_Z: Quat = [1.0, 1.0, 0.0, 0.0];
 /// Rotates x to y, y to z and z to x: an outline stands upright in the yz plane.
-pub(super) const X_TO_Y_TO_Z: Quat = [1.0, 1.0, 1.0, 1.0];
+pub(crate) const X_TO_Y_TO_Z: Quat = [1.0, 1.0, 1.0, 1.0];
 /// Rotates by 180° about z.
-pub(super) const HALF_TURN_Z: Quat = [0.0, 0.0, 0.0, 1.0];
+pub(crate) const HALF_TURN_Z: Quat = [0.0, 0.0, 0.0, 1.0];
 
 /// Returns the pose at `position` (m) with the given rotation.
-pub(super) fn pose(position: [f64; 3], [w, x, y, z]: Quat) -> Isometry3<f64> {
+pub(crate) fn pose(position: [f64; 3], [w, x, y, z]: Quat) -> Isometry3<f64> {
     let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
     Isometry3::from_parts(Translation3::from(position), rotation)
 }
 
 /// Returns the rotation from the z axis to a unit vector other than −z.
-pub(super) fn z_axis_to([x, y, z]: [f64; 3]) -> Quat {
+pub(crate) fn z_axis_to([x, y, z]: [f64; 3]) -> Quat {
     [1.0 + z, -y, x, 0.0]
 }
 
 /// Cosine and sine of 7.5°, the angular step of arcs.
-pub(super) const COS_SIN_STEP: [f64; 2] = [0.991_444_861_373_810_4, 0.130_526_192_220_051_6];
+pub(crate) const COS_SIN_STEP: [f64; 2] = [0.991_444_861_373_810_4, 0.130_526_192_220_051_6];
 
 /// Returns the points of a circle about the origin at the given multiples of 7.5° from the x axis.
-pub(super) fn arc(radius: f64, steps: RangeInclusive<i32>) -> Vec<[f64; 2]> {
+pub(crate) fn arc(radius: f64, steps: RangeInclusive<i32>) -> Vec<[f64; 2]> {
     let [cos, sin] = COS_SIN_STEP;
     let rotated = |[x, y]: [f64; 2], _| [cos * x - sin * y, sin * x + cos * y];
     steps.map(|step| (0..step.rem_euclid(48)).fold([radius, 0.0], rotated)).collect()
 }
 
 /// Returns the outline of an ellipse about the origin with semi-axes `a` and `b`.
-pub(super) fn ellipse([a, b]: [f64; 2]) -> Vec<[f64; 2]> {
+pub(crate) fn ellipse([a, b]: [f64; 2]) -> Vec<[f64; 2]> {
     arc(1.0, 0..=47).iter().step_by(2).map(|[x, y]| [a * x, b * y]).collect()
 }
 
@@ -63,37 +63,37 @@ pub(super) fn ellipse([a, b]: [f64; 2]) -> Vec<[f64; 2]> {
 ///
 /// Methods called `collider…` add collision shapes only and methods called `visual…` visual shapes only;
 /// `lathe…`, `extrusion` and `curved_label` add visuals, and `rounded_box` adds both.
-pub(super) struct DistractorBuilder(Distractor);
+pub(crate) struct DistractorBuilder(Distractor);
 
 impl DistractorBuilder {
     /// Creates an empty object of the given density in kg/m³.
-    pub(super) fn new(density: f64) -> Self {
+    pub(crate) fn new(density: f64) -> Self {
         Self(Distractor { parts: Vec::new(), visuals: Vec::new(), density, friction: 0.5, damping: [0.0; 2] })
     }
 
     /// Sets the friction coefficient, which is 0.5 by default.
-    pub(super) fn friction(&mut self, friction: f64) -> &mut Self {
+    pub(crate) fn friction(&mut self, friction: f64) -> &mut Self {
         self.0.friction = friction;
         self
     }
 
     /// Adds angular damping, so that a round object comes to rest.
-    pub(super) fn rolling_resistance(&mut self) -> &mut Self {
+    pub(crate) fn rolling_resistance(&mut self) -> &mut Self {
         self.0.damping = [0.0, ROLLING_DAMPING];
         self
     }
 
-    pub(super) fn collider(&mut self, shape: Primitive, pose: Isometry3<f64>) -> &mut Self {
+    pub(crate) fn collider(&mut self, shape: Primitive, pose: Isometry3<f64>) -> &mut Self {
         self.0.parts.push(PartSpec { shape, pose, appearance: AppearanceSpec::plain([0.7; 3]) });
         self
     }
 
-    pub(super) fn collider_box(&mut self, half: [f64; 3], centre: [f64; 3]) -> &mut Self {
+    pub(crate) fn collider_box(&mut self, half: [f64; 3], centre: [f64; 3]) -> &mut Self {
         self.collider(Primitive::Box { half }, pose(centre, IDENTITY))
     }
 
     /// Adds two crossed boxes that together cover a box with its z edges cut off by `edge` m.
-    pub(super) fn collider_crossed_boxes(
+    pub(crate) fn collider_crossed_boxes(
         &mut self,
         [x, y, z]: [f64; 3],
         edge: f64,
@@ -103,19 +103,19 @@ impl DistractorBuilder {
     }
 
     /// Adds a cylinder about the z axis between two heights.
-    pub(super) fn collider_cylinder(&mut self, radius: f64, [low, high]: [f64; 2]) -> &mut Self {
+    pub(crate) fn collider_cylinder(&mut self, radius: f64, [low, high]: [f64; 2]) -> &mut Self {
         let shape = Primitive::Cylinder { radius, half_height: (high - low) / 2.0 };
         self.collider(shape, pose([0.0, 0.0, f64::midpoint(low, high)], IDENTITY))
     }
 
     /// Adds a bar along the x axis, made of two crossed boxes so that it does not roll.
-    pub(super) fn collider_bar_along_x(&mut self, radius: f64, [from, to]: [f64; 2]) -> &mut Self {
+    pub(crate) fn collider_bar_along_x(&mut self, radius: f64, [from, to]: [f64; 2]) -> &mut Self {
         let (half, centre) = ((to - from) / 2.0, [f64::midpoint(from, to), 0.0, 0.0]);
         self.collider_box([half, radius, radius / 2.0], centre)
             .collider_box([half, radius / 2.0, radius], centre)
     }
 
-    pub(super) fn visual(
+    pub(crate) fn visual(
         &mut self,
         shape: VisualShape,
         pose: Isometry3<f64>,
@@ -125,7 +125,7 @@ impl DistractorBuilder {
         self
     }
 
-    pub(super) fn visual_box(
+    pub(crate) fn visual_box(
         &mut self,
         half: [f64; 3],
         centre: [f64; 3],
@@ -134,7 +134,7 @@ impl DistractorBuilder {
         self.visual(VisualShape::Primitive(Primitive::Box { half }), pose(centre, IDENTITY), appearance)
     }
 
-    pub(super) fn visual_rounded_box(
+    pub(crate) fn visual_rounded_box(
         &mut self,
         half: [f64; 3],
         centre: [f64; 3],
@@ -145,7 +145,7 @@ impl DistractorBuilder {
     }
 
     /// Adds a box that collides, with a rounded box as its visual.
-    pub(super) fn rounded_box(
+    pub(crate) fn rounded_box(
         &mut self,
         half: [f64; 3],
         centre: [f64; 3],
@@ -156,7 +156,7 @@ impl DistractorBuilder {
     }
 
     /// Adds a [`VisualShape::Lathe`] with this profile of points (r, z).
-    pub(super) fn lathe(
+    pub(crate) fn lathe(
         &mut self,
         profile: &[[f64; 2]],
         pose: Isometry3<f64>,
@@ -165,12 +165,12 @@ impl DistractorBuilder {
         self.visual(VisualShape::Lathe { profile: profile.to_vec() }, pose, appearance)
     }
 
-    pub(super) fn lathe_about_z(&mut self, profile: &[[f64; 2]], appearance: AppearanceSpec) -> &mut Self {
+    pub(crate) fn lathe_about_z(&mut self, profile: &[[f64; 2]], appearance: AppearanceSpec) -> &mut Self {
         self.lathe(profile, Isometry3::identity(), appearance)
     }
 
     /// Adds a cylinder about the z axis between two heights.
-    pub(super) fn visual_cylinder(
+    pub(crate) fn visual_cylinder(
         &mut self,
         radius: f64,
         [low, high]: [f64; 2],
@@ -179,7 +179,7 @@ impl DistractorBuilder {
         self.lathe_about_z(&[[0.0, low], [radius, low], [radius, high], [0.0, high]], appearance)
     }
 
-    pub(super) fn visual_cylinder_along_x(
+    pub(crate) fn visual_cylinder_along_x(
         &mut self,
         radius: f64,
         between: [f64; 2],
@@ -189,7 +189,7 @@ impl DistractorBuilder {
     }
 
     /// Adds a cylinder along x whose axis is displaced to `y`.
-    pub(super) fn visual_cylinder_along_x_at(
+    pub(crate) fn visual_cylinder_along_x_at(
         &mut self,
         radius: f64,
         [from, to]: [f64; 2],
@@ -201,7 +201,7 @@ impl DistractorBuilder {
     }
 
     /// Adds a [`VisualShape::Extrusion`].
-    pub(super) fn extrusion(
+    pub(crate) fn extrusion(
         &mut self,
         outline: &[[f64; 2]],
         holes: &[&[[f64; 2]]],
@@ -221,7 +221,7 @@ impl DistractorBuilder {
     ///
     /// It lies between two heights and covers `half_steps` steps of 7.5° to either side of the rotated x
     /// axis.
-    pub(super) fn curved_label(
+    pub(crate) fn curved_label(
         &mut self,
         (radius, layer): (f64, u32),
         half_steps: i32,
@@ -238,7 +238,7 @@ impl DistractorBuilder {
     }
 
     /// Rotates everything added so far.
-    pub(super) fn rotated(&mut self, rotation: Quat) -> &mut Self {
+    pub(crate) fn rotated(&mut self, rotation: Quat) -> &mut Self {
         self.transform(&pose([0.0; 3], rotation))
     }
 
@@ -253,7 +253,7 @@ impl DistractorBuilder {
     ///
     /// # Panics
     /// If no collision shape was added.
-    pub(super) fn build(mut self, stream: &mut Stream) -> Distractor {
+    pub(crate) fn build(mut self, stream: &mut Stream) -> Distractor {
         let aabbs = self.0.parts.iter().map(|part| part.shape.aabb(&part.pose));
         let Aabb { min, max } = aabbs.reduce(Aabb::union).expect("a distractor has at least one part");
         let centre = (min + max) / 2.0;

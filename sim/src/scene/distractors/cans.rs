@@ -9,17 +9,17 @@ use crate::scene::{Texture, rounded_rectangle};
 use crate::stream::Stream;
 
 /// Samples a soup can.
-pub(super) fn soup(stream: &mut Stream) -> Distractor {
+pub(crate) fn soup(stream: &mut Stream) -> Distractor {
     tin(stream, 0.034, 0.101, 950.0)
 }
 
 /// Samples a flat tuna can.
-pub(super) fn tuna(stream: &mut Stream) -> Distractor {
+pub(crate) fn tuna(stream: &mut Stream) -> Distractor {
     tin(stream, 0.0425, 0.033, 900.0)
 }
 
 /// Samples a large coffee can with a plastic lid.
-pub(super) fn coffee(stream: &mut Stream) -> Distractor {
+pub(crate) fn coffee(stream: &mut Stream) -> Distractor {
     let (radius, height) = (0.05, 0.139);
     let mut builder = DistractorBuilder::new(370.0);
     builder.collider_cylinder(radius, [0.0, height]);
@@ -39,7 +39,7 @@ pub(super) fn coffee(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a tube of crisps with a plastic lid.
-pub(super) fn crisps(stream: &mut Stream) -> Distractor {
+pub(crate) fn crisps(stream: &mut Stream) -> Distractor {
     let (radius, height) = (0.0365, 0.228);
     let mut builder = DistractorBuilder::new(210.0);
     builder.collider_cylinder(radius + 0.001, [0.0, height]);
@@ -58,7 +58,7 @@ pub(super) fn crisps(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a potted-meat can: a box with rounded vertical edges.
-pub(super) fn potted_meat(stream: &mut Stream) -> Distractor {
+pub(crate) fn potted_meat(stream: &mut Stream) -> Distractor {
     let ([x, y], height, round) = ([0.025, 0.048], 0.082, 0.012);
     let mut builder = DistractorBuilder::new(950.0);
     // Two crossed boxes cut the vertical edges off where a 45° plane touches the rounding.
@@ -128,7 +128,7 @@ fn pull_ring(builder: &mut DistractorBuilder, z: f64) {
 }
 
 /// Adds a printed label around a cylinder between two heights, in one of four designs.
-pub(super) fn label(
+pub(crate) fn label(
     builder: &mut DistractorBuilder,
     stream: &mut Stream,
     radius: f64,
@@ -182,7 +182,7 @@ pub(super) fn label(
 }
 
 /// Adds a label on the front and on the back of a cylinder.
-pub(super) fn front_and_back_labels(
+pub(crate) fn front_and_back_labels(
     builder: &mut DistractorBuilder,
     radius: f64,
     half_steps: i32,

@@ -7,24 +7,24 @@ use crate::scene::{AppearanceSpec, Texture};
 use crate::stream::Stream;
 
 /// Samples an upright cracker box.
-pub(super) fn crackers(stream: &mut Stream) -> Distractor {
+pub(crate) fn crackers(stream: &mut Stream) -> Distractor {
     carton(stream, [0.03, 0.079, 0.105], 205.0, &[FRONT, BACK]).build(stream)
 }
 
 /// Samples an upright sugar box.
-pub(super) fn sugar(stream: &mut Stream) -> Distractor {
+pub(crate) fn sugar(stream: &mut Stream) -> Distractor {
     carton(stream, [0.019, 0.0445, 0.0875], 850.0, &[FRONT, BACK]).build(stream)
 }
 
 /// Samples a pudding box lying on its back.
-pub(super) fn pudding(stream: &mut Stream) -> Distractor {
+pub(crate) fn pudding(stream: &mut Stream) -> Distractor {
     let mut builder = carton(stream, [0.0175, 0.055, 0.0445], 540.0, &[BACK]);
     builder.rotated(Z_TO_X);
     builder.build(stream)
 }
 
 /// Samples a small gelatine box lying on its back.
-pub(super) fn gelatine(stream: &mut Stream) -> Distractor {
+pub(crate) fn gelatine(stream: &mut Stream) -> Distractor {
     let mut builder = carton(stream, [0.014, 0.0425, 0.0365], 550.0, &[BACK]);
     builder.rotated(Z_TO_X);
     builder.build(stream)

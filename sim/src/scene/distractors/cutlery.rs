@@ -12,7 +12,7 @@ const SHEET_THICKNESS: f64 = 0.003;
 const HANDLE_THICKNESS: f64 = 0.009;
 
 /// Samples a fork.
-pub(super) fn fork(stream: &mut Stream) -> Distractor {
+pub(crate) fn fork(stream: &mut Stream) -> Distractor {
     let mut builder = start_with_handle(stream);
     let neck = [[0.0, -0.0035], [0.022, -0.004], [0.034, -0.0125]];
     let mut outline = neck.to_vec();
@@ -30,7 +30,7 @@ pub(super) fn fork(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a table knife.
-pub(super) fn knife(stream: &mut Stream) -> Distractor {
+pub(crate) fn knife(stream: &mut Stream) -> Distractor {
     let mut builder = start_with_handle(stream);
     let outline = [
         [0.0, -0.007],
@@ -48,7 +48,7 @@ pub(super) fn knife(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a spoon with an open bowl.
-pub(super) fn spoon(stream: &mut Stream) -> Distractor {
+pub(crate) fn spoon(stream: &mut Stream) -> Distractor {
     let mut builder = start_with_handle(stream);
     sheet_metal(&mut builder, &[[0.0, -0.004], [0.045, -0.003], [0.045, 0.003], [0.0, 0.004]]);
     // The bowl: a bottom plate inside two rings, each wider than the one below it.
@@ -68,7 +68,7 @@ pub(super) fn spoon(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a slotted spatula.
-pub(super) fn spatula(stream: &mut Stream) -> Distractor {
+pub(crate) fn spatula(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(900.0);
     let plastic = pick(stream, &[BLACK, srgb([30, 110, 110]), srgb([176, 40, 36])]);
     let grip = if stream.unit() < 0.5 { wood(stream) } else { glossy(plastic) };

@@ -23,7 +23,7 @@ pub(crate) const APPLE_PROFILE: [[f64; 2]; 12] = [
 ];
 
 /// Samples an apple with its stem.
-pub(super) fn apple(stream: &mut Stream) -> Distractor {
+pub(crate) fn apple(stream: &mut Stream) -> Distractor {
     let skin = pick(stream, &[srgb([186, 28, 32]), srgb([138, 178, 56]), srgb([222, 180, 60])]);
     let skin = skin_appearance(vary_brightness(stream, skin));
     let radius = 0.0375;
@@ -34,7 +34,7 @@ pub(super) fn apple(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples an upright pear.
-pub(super) fn pear(stream: &mut Stream) -> Distractor {
+pub(crate) fn pear(stream: &mut Stream) -> Distractor {
     let skin = pick(stream, &[srgb([170, 182, 60]), srgb([206, 178, 70]), srgb([150, 110, 50])]);
     let skin = skin_appearance(vary_brightness(stream, skin));
     let radius = 0.033;
@@ -61,7 +61,7 @@ pub(super) fn pear(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples an orange with faintly visible pores.
-pub(super) fn orange(stream: &mut Stream) -> Distractor {
+pub(crate) fn orange(stream: &mut Stream) -> Distractor {
     let radius = 0.0365;
     let mut builder = start_round(radius);
     let color = vary_brightness(stream, srgb([246, 140, 24]));
@@ -72,7 +72,7 @@ pub(super) fn orange(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a peach: two halves with a seam.
-pub(super) fn peach(stream: &mut Stream) -> Distractor {
+pub(crate) fn peach(stream: &mut Stream) -> Distractor {
     let mut builder = start_round(0.0335);
     let color = pick(stream, &[srgb([242, 158, 92]), srgb([226, 104, 72]), srgb([246, 196, 116])]);
     let color = vary_brightness(stream, color);
@@ -84,7 +84,7 @@ pub(super) fn peach(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a dark plum: two halves with a seam.
-pub(super) fn plum(stream: &mut Stream) -> Distractor {
+pub(crate) fn plum(stream: &mut Stream) -> Distractor {
     let mut builder = start_round(0.026);
     let color = pick(stream, &[srgb([88, 28, 66]), srgb([54, 30, 84]), srgb([128, 30, 50])]);
     halves(&mut builder, 0.026, [skin_appearance(vary_brightness(stream, color)); 2]);
@@ -93,7 +93,7 @@ pub(super) fn plum(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a lemon lying on its side.
-pub(super) fn lemon(stream: &mut Stream) -> Distractor {
+pub(crate) fn lemon(stream: &mut Stream) -> Distractor {
     let skin = pick(stream, &[srgb([240, 208, 40]), srgb([128, 176, 52])]);
     let skin = textured(Texture::Plaster, vary_brightness(stream, skin));
     let radius = 0.027;
@@ -123,7 +123,7 @@ pub(super) fn lemon(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a strawberry lying on its side, its leaves towards −x.
-pub(super) fn strawberry(stream: &mut Stream) -> Distractor {
+pub(crate) fn strawberry(stream: &mut Stream) -> Distractor {
     let radius = 0.0185;
     let mut builder = DistractorBuilder::new(900.0);
     let ball = |radius| Primitive::Ball { radius };

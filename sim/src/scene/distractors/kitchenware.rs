@@ -10,7 +10,7 @@ use crate::scene::{AppearanceSpec, Texture};
 use crate::stream::Stream;
 
 /// Samples a plastic tumbler.
-pub(super) fn cup(stream: &mut Stream) -> Distractor {
+pub(crate) fn cup(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(170.0);
     let ([low, high], height) = ([0.031, 0.039], 0.105);
     let [main, other] = vivid_colors(stream);
@@ -24,7 +24,7 @@ pub(super) fn cup(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a stack of three cups.
-pub(super) fn stacking_cups(stream: &mut Stream) -> Distractor {
+pub(crate) fn stacking_cups(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(220.0);
     builder.collider_cylinder(0.034, [0.0, 0.05]).collider_cylinder(0.0315, [0.05, 0.088]);
     let colors: [_; 3] = vivid_colors(stream);
@@ -40,7 +40,7 @@ pub(super) fn stacking_cups(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a mug with its handle.
-pub(super) fn mug(stream: &mut Stream) -> Distractor {
+pub(crate) fn mug(stream: &mut Stream) -> Distractor {
     let (radius, height) = (0.0405, 0.088);
     let mut builder = DistractorBuilder::new(520.0);
     let [main, other] = vivid_colors(stream);
@@ -82,7 +82,7 @@ pub(super) fn mug(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a bowl, glazed inside and out.
-pub(super) fn bowl(stream: &mut Stream) -> Distractor {
+pub(crate) fn bowl(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(170.0);
     let [main, other] = vivid_colors(stream);
     let inside = if stream.unit() < 0.5 { pale(stream) } else { main };
@@ -114,7 +114,7 @@ pub(super) fn bowl(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a dinner plate.
-pub(super) fn plate(stream: &mut Stream) -> Distractor {
+pub(crate) fn plate(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(600.0);
     let (glaze, edge) = (pale(stream), vivid(stream));
     builder.collider_cylinder(0.072, [0.0, 0.011]).collider_cylinder(0.105, [0.011, 0.022]);
@@ -145,7 +145,7 @@ pub(super) fn plate(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a pan lid of glass in a steel rim, with a knob.
-pub(super) fn pan_lid(stream: &mut Stream) -> Distractor {
+pub(crate) fn pan_lid(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(420.0);
     let knob = glossy(pick(stream, &[BLACK, srgb([120, 30, 28]), srgb([60, 62, 66])]));
     let cover = pick(stream, &[glossy(srgb([150, 168, 172])), steel(), iron(), glossy(srgb([90, 22, 24]))]);
@@ -179,7 +179,7 @@ pub(super) fn pan_lid(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a sponge with a scouring side.
-pub(super) fn sponge(stream: &mut Stream) -> Distractor {
+pub(crate) fn sponge(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(150.0);
     let foam = pick(
         stream,
@@ -193,7 +193,7 @@ pub(super) fn sponge(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a salt or pepper shaker with a steel cap.
-pub(super) fn shaker(stream: &mut Stream) -> Distractor {
+pub(crate) fn shaker(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(650.0);
     let (glass, label) = (pick(stream, &[WHITE, srgb([58, 46, 40]), srgb([188, 214, 220])]), vivid(stream));
     builder.collider_cylinder(0.021, [0.0, 0.066]).collider_cylinder(0.017, [0.066, 0.09]);

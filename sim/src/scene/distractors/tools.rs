@@ -13,7 +13,7 @@ use crate::scene::{AppearanceSpec, Primitive, VisualShape, rounded_rectangle};
 use crate::stream::Stream;
 
 /// Samples a cordless drill on its side: its chuck along x, its grip along −y.
-pub(super) fn drill(stream: &mut Stream) -> Distractor {
+pub(crate) fn drill(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(900.0);
     let colors = [
         srgb([222, 96, 22]),
@@ -62,7 +62,7 @@ pub(super) fn drill(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a wooden block.
-pub(super) fn wood_block(stream: &mut Stream) -> Distractor {
+pub(crate) fn wood_block(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(560.0);
     let half = [0.1, 0.0425, 0.0425];
     builder.rounded_box(half, [0.0; 3], 0.0015, wood(stream));
@@ -73,7 +73,7 @@ pub(super) fn wood_block(stream: &mut Stream) -> Distractor {
 const EIGHTH: f64 = SQRT_2 - 1.0;
 
 /// Samples a screwdriver.
-pub(super) fn screwdriver(stream: &mut Stream) -> Distractor {
+pub(crate) fn screwdriver(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(1100.0);
     let [main, other] = vivid_colors(stream);
     let radius = 0.0155;
@@ -107,7 +107,7 @@ pub(super) fn screwdriver(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples an adjustable wrench.
-pub(super) fn wrench(stream: &mut Stream) -> Distractor {
+pub(crate) fn wrench(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(5000.0);
     let half = 0.006;
     let metal = pick(stream, &[steel(), iron()]);
@@ -156,7 +156,7 @@ pub(super) fn wrench(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a hammer. The end of its handle is as thick as its head, so that it lies level.
-pub(super) fn hammer(stream: &mut Stream) -> Distractor {
+pub(crate) fn hammer(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(1500.0);
     let thick = 0.0135;
     let (metal, [main, other]) = (pick(stream, &[steel(), iron()]), vivid_colors(stream));
@@ -194,7 +194,7 @@ pub(super) fn hammer(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a screw clamp lying flat, with its frame open towards −y.
-pub(super) fn clamp(stream: &mut Stream) -> Distractor {
+pub(crate) fn clamp(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(3000.0);
     let half = 0.009;
     let frame =
@@ -234,7 +234,7 @@ pub(super) fn clamp(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a closed padlock lying flat.
-pub(super) fn padlock(stream: &mut Stream) -> Distractor {
+pub(crate) fn padlock(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(2600.0);
     let brass = AppearanceSpec { specular: 0.6, ..glossy(srgb([196, 152, 62])) };
     let body = pick(stream, &[brass, steel(), glossy(BLACK), glossy(srgb([28, 60, 140]))]);
@@ -259,7 +259,7 @@ pub(super) fn padlock(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a pair of scissors, slightly open, with the finger rings towards −x.
-pub(super) fn scissors(stream: &mut Stream) -> Distractor {
+pub(crate) fn scissors(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(2500.0);
     let plastic = glossy(vivid(stream));
     let ring = |side: f64| {
@@ -287,7 +287,7 @@ pub(super) fn scissors(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a roll of adhesive tape.
-pub(super) fn tape(stream: &mut Stream) -> Distractor {
+pub(crate) fn tape(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(430.0);
     let color = pick(
         stream,
@@ -304,7 +304,7 @@ pub(super) fn tape(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a marker pen with its cap on.
-pub(super) fn marker(stream: &mut Stream) -> Distractor {
+pub(crate) fn marker(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(950.0);
     let ink = vivid(stream);
     let barrel = if stream.unit() < 0.5 { WHITE } else { ink };

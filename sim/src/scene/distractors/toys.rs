@@ -15,7 +15,7 @@ use crate::stream::Stream;
 const FACES: [Quat; 5] = [IDENTITY, Z_TO_X, Z_TO_Y, [1.0, 0.0, -1.0, 0.0], Y_TO_Z];
 
 /// Samples a foam brick.
-pub(super) fn foam_brick(stream: &mut Stream) -> Distractor {
+pub(crate) fn foam_brick(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(150.0);
     let color =
         pick(stream, &[srgb([196, 44, 40]), srgb([40, 90, 170]), srgb([234, 190, 60]), srgb([90, 150, 70])]);
@@ -31,7 +31,7 @@ pub(super) fn foam_brick(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a die.
-pub(super) fn die(stream: &mut Stream) -> Distractor {
+pub(crate) fn die(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(1700.0);
     let [main, _] = vivid_colors(stream);
     let (body, pips) = pick(stream, &[(WHITE, BLACK), (main, WHITE), (BLACK, WHITE)]);
@@ -60,7 +60,7 @@ const BRICK_HEIGHT: f64 = 0.0192;
 const STUD: [f64; 2] = [0.0047, 0.0045];
 
 /// Samples a toy brick with 2 × 2 studs.
-pub(super) fn small_brick(stream: &mut Stream) -> Distractor {
+pub(crate) fn small_brick(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(1300.0);
     let color = vivid(stream);
     brick(&mut builder, [2, 2], 0.0, glossy(color));
@@ -68,7 +68,7 @@ pub(super) fn small_brick(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a toy brick with 2 × 3, 2 × 4 or 2 × 6 studs.
-pub(super) fn long_brick(stream: &mut Stream) -> Distractor {
+pub(crate) fn long_brick(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(950.0);
     let (length, color) = (pick(stream, &[3, 4, 6]), vivid(stream));
     brick(&mut builder, [length, 2], 0.0, glossy(color));
@@ -76,7 +76,7 @@ pub(super) fn long_brick(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a stack of three toy bricks.
-pub(super) fn brick_tower(stream: &mut Stream) -> Distractor {
+pub(crate) fn brick_tower(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(700.0);
     let colors: [_; 3] = vivid_colors(stream);
     let sizes = pick(stream, &[[[4, 2], [2, 2], [2, 2]], [[4, 2], [4, 2], [2, 2]], [[2, 2], [2, 2], [2, 2]]]);
@@ -110,7 +110,7 @@ fn brick(builder: &mut DistractorBuilder, studs: [i32; 2], foot: f64, appearance
 }
 
 /// Samples the wings and fuselage of a screwed-together toy aeroplane.
-pub(super) fn aeroplane(stream: &mut Stream) -> Distractor {
+pub(crate) fn aeroplane(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(520.0);
     let [hull, wing, other] = vivid_colors(stream).map(glossy);
     let wing_z = 0.022;
@@ -145,7 +145,7 @@ pub(super) fn aeroplane(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a scrambled 3 × 3 × 3 cube puzzle.
-pub(super) fn cube_puzzle(stream: &mut Stream) -> Distractor {
+pub(crate) fn cube_puzzle(stream: &mut Stream) -> Distractor {
     let colors = [
         WHITE,
         srgb([236, 206, 30]),
@@ -171,7 +171,7 @@ pub(super) fn cube_puzzle(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a kitchen timer: a dial with tick marks and a knob.
-pub(super) fn timer(stream: &mut Stream) -> Distractor {
+pub(crate) fn timer(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(520.0);
     let ([main, other], face) = (vivid_colors(stream), pale(stream));
     builder.collider_cylinder(0.038, [0.0, 0.024]).collider_cylinder(0.0185, [0.024, 0.04]);
@@ -192,7 +192,7 @@ pub(super) fn timer(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples a toy car with fixed wheels.
-pub(super) fn car(stream: &mut Stream) -> Distractor {
+pub(crate) fn car(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(800.0);
     let [body, other] = vivid_colors(stream);
     let roof = if stream.unit() < 0.5 { body } else { other };
@@ -232,7 +232,7 @@ pub(super) fn car(stream: &mut Stream) -> Distractor {
 }
 
 /// Samples wooden rings on a peg, the largest at the bottom.
-pub(super) fn ring_tower(stream: &mut Stream) -> Distractor {
+pub(crate) fn ring_tower(stream: &mut Stream) -> Distractor {
     let mut builder = DistractorBuilder::new(420.0);
     let timber = wood(stream);
     let colors: [_; 4] = vivid_colors(stream);

@@ -11,7 +11,7 @@ use crate::stream::Stream;
 
 /// Draws the appearance of each table part independently, except that a resampled colour is shared by the
 /// whole table. The plate above the lower table has a colour of its own.
-pub(super) fn table(spec: &TableSpec, episode_seed: u64) -> Table {
+pub(crate) fn table(spec: &TableSpec, episode_seed: u64) -> Table {
     let draw = |appearance, part: &str, color: &str| {
         let drawn = draw_with_color_stream(appearance, episode_seed, &format!("table/{part}"), color);
         // The benchmark replaces a recoloured table by a plain block.
@@ -28,7 +28,7 @@ pub(super) fn table(spec: &TableSpec, episode_seed: u64) -> Table {
     }
 }
 
-pub(super) fn background(spec: &BackgroundSpec, episode_seed: u64) -> Background {
+pub(crate) fn background(spec: &BackgroundSpec, episode_seed: u64) -> Background {
     let has_walls = spec.walls.variation != AppearanceVariation::NONE;
     Background {
         floor: draw(spec.floor, episode_seed, "floor"),
@@ -36,7 +36,7 @@ pub(super) fn background(spec: &BackgroundSpec, episode_seed: u64) -> Background
     }
 }
 
-pub(super) fn lights(spec: &LightsSpec, episode_seed: u64) -> Lights {
+pub(crate) fn lights(spec: &LightsSpec, episode_seed: u64) -> Lights {
     let draw = |name: &str, ranges: [Range; 3]| {
         let mut stream = Stream::new(episode_seed, name);
         ranges.map(|range| stream.uniform(range))
@@ -58,7 +58,7 @@ pub(super) fn lights(spec: &LightsSpec, episode_seed: u64) -> Lights {
 }
 
 /// Draws an appearance from the streams whose names start with `name`.
-pub(super) fn draw(spec: AppearanceSpec, episode_seed: u64, name: &str) -> Appearance {
+pub(crate) fn draw(spec: AppearanceSpec, episode_seed: u64, name: &str) -> Appearance {
     draw_with_color_stream(spec, episode_seed, name, &format!("{name}/color"))
 }
 

@@ -35,7 +35,7 @@ const POINTS_PER_LINK: usize = 6;
 ///
 /// # Panics
 /// If `spec.n` exceeds the number of available names.
-pub(super) fn draw(
+pub(crate) fn draw(
     spec: &DistractorsSpec,
     bodies: &[Body],
     robots: &[Robot],

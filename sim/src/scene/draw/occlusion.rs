@@ -13,12 +13,12 @@ struct SightLine {
 }
 
 /// The lines of sight from each external camera to each manipulated object.
-pub(super) struct LinesOfSight(Vec<Vec<SightLine>>);
+pub(crate) struct LinesOfSight(Vec<Vec<SightLine>>);
 
 impl LinesOfSight {
     /// Collects the lines to the centre and the corners of the bounding boxes of the resting objects. Cameras
     /// are where they nominally are, so that their pose error does not influence what is drawn.
-    pub(super) fn new(cameras: &[CameraSpec], bodies: &[Body]) -> Self {
+    pub(crate) fn new(cameras: &[CameraSpec], bodies: &[Body]) -> Self {
         let eyes = cameras.iter().filter_map(|camera| match camera.mount {
             CameraMount::World { eye, .. } => Some(Point3::from(eye)),
             CameraMount::Hand { .. } => None,
@@ -34,7 +34,7 @@ impl LinesOfSight {
     }
 
     /// Returns `true` if a box blocks more than half of the lines from one camera to one object.
-    pub(super) fn are_blocked_by(&self, obstacle: &Aabb) -> bool {
+    pub(crate) fn are_blocked_by(&self, obstacle: &Aabb) -> bool {
         self.0.iter().any(|lines| {
             let n_blocked = lines.iter().filter(|line| line.intersects(obstacle)).count();
             2 * n_blocked > lines.len()

@@ -10,11 +10,11 @@ use crate::show::MARK;
 use crate::show::contact_sheet::RgbImage;
 
 /// An animated PNG file that is being written.
-pub(super) struct Apng(png::Writer<BufWriter<File>>);
+pub(crate) struct Apng(png::Writer<BufWriter<File>>);
 
 impl Apng {
     /// Writes the header and the first frame.
-    pub(super) fn begin(
+    pub(crate) fn begin(
         file: BufWriter<File>,
         n_frames: usize,
         steps_per_frame: u16,
@@ -36,7 +36,7 @@ impl Apng {
     }
 
     /// Writes the pixels of `frame` that differ from the `previous` frame; all others are transparent.
-    pub(super) fn push(&mut self, frame: &RgbImage, previous: &RgbImage) -> Result<(), EncodingError> {
+    pub(crate) fn push(&mut self, frame: &RgbImage, previous: &RgbImage) -> Result<(), EncodingError> {
         let changes: Vec<u8> = frame
             .pixels()
             .zip(previous.pixels())
@@ -48,7 +48,7 @@ impl Apng {
     }
 
     /// Writes the trailing chunks.
-    pub(super) fn finish(self) -> Result<(), EncodingError> {
+    pub(crate) fn finish(self) -> Result<(), EncodingError> {
         self.0.finish()
     }
 }

@@ -24,7 +24,7 @@ const MAX_COLORS: usize = 255;
 const BAYER: [[usize; 8]; 8] = bayer();
 
 /// A GIF file that is being written.
-pub(super) struct Gif {
+pub(crate) struct Gif {
     encoder: Encoder<BufWriter<File>>,
     /// Duration of a frame, in 1/100 s.
     delay: u16,
@@ -32,7 +32,7 @@ pub(super) struct Gif {
 
 impl Gif {
     /// Writes the header and the first frame.
-    pub(super) fn begin(
+    pub(crate) fn begin(
         file: BufWriter<File>,
         steps_per_frame: u16,
         first: &RgbImage,
@@ -47,14 +47,14 @@ impl Gif {
     }
 
     /// Writes the pixels of `frame` that differ from the `previous` frame; all others are transparent.
-    pub(super) fn push(&mut self, frame: &RgbImage, previous: &RgbImage) -> Result<(), EncodingError> {
+    pub(crate) fn push(&mut self, frame: &RgbImage, previous: &RgbImage) -> Result<(), EncodingError> {
         let changed: Vec<bool> =
             frame.pixels().zip(previous.pixels()).map(|(now, previous)| now != previous).collect();
         self.encoder.write_frame(&encoded(frame, self.delay, |pixel| changed[pixel]))
     }
 
     /// Writes the trailer and flushes the file.
-    pub(super) fn finish(self) -> Result<(), EncodingError> {
+    pub(crate) fn finish(self) -> Result<(), EncodingError> {
         Ok(self.encoder.into_inner()?.flush()?)
     }
 }

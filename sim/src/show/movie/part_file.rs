@@ -8,14 +8,14 @@ use std::path::{Path, PathBuf};
 use super::{EncodeError, MovieError};
 
 /// An incomplete file. Dropping the value removes it.
-pub(super) struct PartFile {
+pub(crate) struct PartFile {
     part_path: PathBuf,
     path: PathBuf,
 }
 
 impl PartFile {
     /// Creates the `.part` file of `path`.
-    pub(super) fn create(path: &Path) -> io::Result<(Self, BufWriter<File>)> {
+    pub(crate) fn create(path: &Path) -> io::Result<(Self, BufWriter<File>)> {
         let mut part = path.as_os_str().to_owned();
         part.push(".part");
         let part = PathBuf::from(part);
@@ -24,12 +24,12 @@ impl PartFile {
     }
 
     /// Wraps an encoder error with the path of the file.
-    pub(super) fn write_error(&self, source: EncodeError) -> MovieError {
+    pub(crate) fn write_error(&self, source: EncodeError) -> MovieError {
         MovieError::Write { path: self.path.display().to_string(), source }
     }
 
     /// Renames the file to its final path.
-    pub(super) fn publish(self) -> Result<(), MovieError> {
+    pub(crate) fn publish(self) -> Result<(), MovieError> {
         fs::rename(&self.part_path, &self.path).map_err(|source| MovieError::Rename {
             part: self.part_path.display().to_string(),
             path: self.path.display().to_string(),

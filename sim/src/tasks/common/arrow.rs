@@ -9,7 +9,7 @@ use crate::scene::{
 /// Sections of the shaft and of the head as they collide, each given by x, half-width and z of its bottom and
 /// top, in m. Both are split in the middle: the engine adds up friction per pair of shapes, and a single
 /// shape would resist being turned too much.
-pub(in crate::tasks) const SECTIONS: [[[f64; 4]; 3]; 2] = [
+pub(crate) const SECTIONS: [[[f64; 4]; 3]; 2] = [
     [
         [-0.0744, 0.0165, -0.0117, 0.0116],
         [-0.0044, 0.0179, -0.0117, 0.0116],
@@ -23,7 +23,7 @@ const HALF_THICKNESS: f64 = 0.0197 / 2.0;
 
 /// Creates an arrow that lies on the table and points along x. Its y and z axes are −z and y of the
 /// benchmark's.
-pub(in crate::tasks) fn arrow(region: usize) -> BodySpec {
+pub(crate) fn arrow(region: usize) -> BodySpec {
     let white = AppearanceSpec::plain([0.8; 3]);
     let left = OUTLINE[..3].iter().rev().map(|[x, y]| [*x, -y]);
     let outline = OUTLINE.into_iter().chain(left).collect();

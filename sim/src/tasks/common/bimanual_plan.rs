@@ -12,43 +12,43 @@ const STEP: f64 = 0.01;
 const MAX_TURN: f64 = 0.15;
 
 /// Returns the TCP pose at `position` in m with the orientation (w, x, y, z).
-pub(in crate::tasks) fn pose(position: [f64; 3], [w, x, y, z]: [f64; 4]) -> Isometry3<f64> {
+pub(crate) fn pose(position: [f64; 3], [w, x, y, z]: [f64; 4]) -> Isometry3<f64> {
     let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
     Isometry3::from_parts(Translation3::from(position), rotation)
 }
 
 /// Moves of two arms, and the TCP poses at which they end.
 #[derive(Clone)]
-pub(in crate::tasks) struct BimanualPlan {
+pub(crate) struct BimanualPlan {
     tcps: [Isometry3<f64>; 2],
     moves: Vec<Move>,
 }
 
 impl BimanualPlan {
     /// Starts a plan at the start state of the scene.
-    pub(in crate::tasks) fn new(scene: &Scene) -> Self {
+    pub(crate) fn new(scene: &Scene) -> Self {
         Self { tcps: [0, 1].map(|arm| grasp::start_tcp(scene, arm)), moves: Vec::new() }
     }
 
     /// Returns the moves.
-    pub(in crate::tasks) fn into_moves(self) -> Vec<Move> {
+    pub(crate) fn into_moves(self) -> Vec<Move> {
         self.moves
     }
 
     /// Moves both arms in joint space, in which the benchmark's sampling planner finds no obstacle.
-    pub(in crate::tasks) fn joint(mut self, tcps: [Isometry3<f64>; 2]) -> Self {
+    pub(crate) fn joint(mut self, tcps: [Isometry3<f64>; 2]) -> Self {
         self.tcps = tcps;
         self.then(Move::Joint(both_arms(tcps)))
     }
 
     /// Moves both TCPs along straight lines on which they start and arrive together.
-    pub(in crate::tasks) fn meet(mut self, tcps: [Isometry3<f64>; 2]) -> Self {
+    pub(crate) fn meet(mut self, tcps: [Isometry3<f64>; 2]) -> Self {
         self.tcps = tcps;
         self.then(Move::Straight(both_arms(tcps)))
     }
 
     /// Moves one TCP along a screw while the other arm holds its position.
-    pub(in crate::tasks) fn screw_one(self, arm: usize, tcp: Isometry3<f64>) -> Self {
+    pub(crate) fn screw_one(self, arm: usize, tcp: Isometry3<f64>) -> Self {
         let mut tcps = self.tcps;
         tcps[arm] = tcp;
         self.screw(tcps)
@@ -56,7 +56,7 @@ impl BimanualPlan {
 
     /// Moves both TCPs along screws. Both advance by the same length of twist, 1 m counting as much as 1 rad;
     /// when the arm with the shorter motion arrives, both stop, and the other one goes on alone.
-    pub(in crate::tasks) fn screw(mut self, tcps: [Isometry3<f64>; 2]) -> Self {
+    pub(crate) fn screw(mut self, tcps: [Isometry3<f64>; 2]) -> Self {
         let screws = [0, 1].map(|arm| Screw::between(&self.tcps[arm], &tcps[arm]));
         let [shorter, longer] = {
             let [a, b] = [screws[0].length, screws[1].length];
@@ -86,17 +86,17 @@ impl BimanualPlan {
     }
 
     /// Closes a gripper with maximum force.
-    pub(in crate::tasks) fn close(self, arm: usize, steps: u32) -> Self {
+    pub(crate) fn close(self, arm: usize, steps: u32) -> Self {
         self.then(Move::close(&[arm], steps))
     }
 
     /// Opens a gripper fully.
-    pub(in crate::tasks) fn open(self, arm: usize, steps: u32) -> Self {
+    pub(crate) fn open(self, arm: usize, steps: u32) -> Self {
         self.then(Move::open(&[arm], steps))
     }
 
     /// Holds everything.
-    pub(in crate::tasks) fn hold(self, steps: u32) -> Self {
+    pub(crate) fn hold(self, steps: u32) -> Self {
         self.then(Move::Hold { steps })
     }
 

@@ -7,15 +7,15 @@ use super::{box_part, srgb};
 use crate::scene::{AppearanceSpec, Mass, PartSpec, Primitive, VisualShape, VisualSpec};
 
 /// Half-depth, half-thickness and half-height as it collides.
-pub(in crate::tasks) const HALF: [f64; 3] = [0.04955, 0.02675, 0.05565];
+pub(crate) const HALF: [f64; 3] = [0.04955, 0.02675, 0.05565];
 /// Centre in the body's frame. Standing upright, the book has its origin 0.0737 above its support.
-pub(in crate::tasks) const CENTRE: [f64; 3] = [-0.0452, -0.0146, -0.01805];
+pub(crate) const CENTRE: [f64; 3] = [-0.0452, -0.0146, -0.01805];
 /// Mass properties of the benchmark's collision hulls.
-pub(in crate::tasks) const MASS: Mass =
+pub(crate) const MASS: Mass =
     Mass::Measured { kg: 0.563, centre: CENTRE, inertia: [7.0e-4, 10.2e-4, 5.7e-4] };
 
 /// Creates the collision shape.
-pub(in crate::tasks) fn parts() -> Vec<PartSpec> {
+pub(crate) fn parts() -> Vec<PartSpec> {
     vec![box_part(HALF, CENTRE, AppearanceSpec::plain(COVER_COLOR))]
 }
 
@@ -30,7 +30,7 @@ const PAGE_INSET: f64 = 0.003;
 const N_SHEETS: u32 = 10;
 
 /// Creates the visuals: a dark cover around groups of pale pages.
-pub(in crate::tasks) fn visuals() -> Vec<VisualSpec> {
+pub(crate) fn visuals() -> Vec<VisualSpec> {
     let [hx, hy, hz] = VISIBLE_HALF;
     let (spine, board) = (COVER - hx, hy - COVER);
     let outline = vec![

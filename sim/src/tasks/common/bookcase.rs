@@ -11,7 +11,7 @@ use super::srgb;
 use crate::scene::{AppearanceSpec, PartSpec, Primitive, Texture, VisualShape, VisualSpec};
 
 /// Height of the compartment's floor.
-pub(in crate::tasks) const FLOOR_Z: f64 = 0.0846;
+pub(crate) const FLOOR_Z: f64 = 0.0846;
 
 /// Minimum and maximum along x, y and z of base, plinth, −y wall, +y wall, back and board.
 const CASE: [[[f64; 2]; 3]; 6] = [
@@ -30,7 +30,7 @@ const BLOCK_X: [f64; 2] = [-0.160, 0.008];
 const BLOCK: [([f64; 2], f64); 2] = [([0.007, 0.082], FLOOR_Z), ([0.030, 0.107], 0.2485)];
 
 /// Creates the collision shapes.
-pub(in crate::tasks) fn parts() -> Vec<PartSpec> {
+pub(crate) fn parts() -> Vec<PartSpec> {
     let wood = wood();
     let solid = |bounds| {
         let (half, centre) = half_and_centre(bounds);
@@ -46,7 +46,7 @@ pub(in crate::tasks) fn parts() -> Vec<PartSpec> {
 }
 
 /// Creates the visuals.
-pub(in crate::tasks) fn visuals() -> Vec<VisualSpec> {
+pub(crate) fn visuals() -> Vec<VisualSpec> {
     /// Edge radius of the case.
     const EDGE: f64 = 0.003;
     let wood = wood();

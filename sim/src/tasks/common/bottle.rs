@@ -11,7 +11,7 @@ use crate::scene::{
 };
 
 /// Largest radius of the bottle, in m.
-pub(in crate::tasks) const BOTTLE_RADIUS: f64 = 0.0352;
+pub(crate) const BOTTLE_RADIUS: f64 = 0.0352;
 /// Circles (radius, y) of the bottle's body from its base to its shoulder, in m.
 const BODY: [[f64; 2]; 6] =
     [[0.0265, -0.038], [0.0308, -0.03], [BOTTLE_RADIUS, 0.0], [0.0343, 0.13], [0.0304, 0.15], [0.0213, 0.17]];
@@ -29,7 +29,7 @@ const CAP_Y: f64 = 0.187;
 const FACET_TURN: f64 = PI / 24.0;
 
 /// Creates the bottle, standing upright.
-pub(in crate::tasks) fn bottle(region: usize) -> BodySpec {
+pub(crate) fn bottle(region: usize) -> BodySpec {
     let upright = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
     let frame = Isometry3::from_parts(Translation3::identity(), upright.inverse());
     let facets = frame * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FACET_TURN);

@@ -192,7 +192,7 @@ fn handle(middle: &Vector3<f64>, along: &UnitQuaternion<f64>) -> [PartSpec; 3] {
 
 /// Returns the TCP pose at which a hand that approaches the closed drawer head-on grasps its handle, with the
 /// fingers above and below the bar.
-pub(in crate::tasks) fn drawer_grasp(scene: &Scene) -> Isometry3<f64> {
+pub(crate) fn drawer_grasp(scene: &Scene) -> Isometry3<f64> {
     let handle = scene.body("drawer").pose;
     let closing = grasp::closest_closing(Vector3::z(), &grasp::start_closing(scene, 0));
     grasp::pose(&handle.translation.vector, &-(handle.rotation * Vector3::x()), &closing)
@@ -200,14 +200,14 @@ pub(in crate::tasks) fn drawer_grasp(scene: &Scene) -> Isometry3<f64> {
 
 /// Height of the original cabinet's origin above its foot, in m. The model is not public; this is half the
 /// height of ours.
-pub(in crate::tasks) const ORIGIN_Z: f64 = 0.3;
+pub(crate) const ORIGIN_Z: f64 = 0.3;
 /// Travel of the drawer of [`drawer_over_door`], in m.
-pub(in crate::tasks) const DRAWER_TRAVEL: f64 = 0.3;
+pub(crate) const DRAWER_TRAVEL: f64 = 0.3;
 /// Position of the closed door's handle in the cabinet's frame, in m.
-pub(in crate::tasks) const DOOR_HANDLE: Point3<f64> = Point3::new(-0.207, -0.161, 0.365);
+pub(crate) const DOOR_HANDLE: Point3<f64> = Point3::new(-0.207, -0.161, 0.365);
 
 /// Creates the bodies of the cabinet in OpenDrawer and OpenCabinet, a drawer above a door; `yaw` is in rad.
-pub(in crate::tasks) fn drawer_over_door(yaw: Range) -> Vec<BodySpec> {
+pub(crate) fn drawer_over_door(yaw: Range) -> Vec<BodySpec> {
     const DOOR_TOP_Z: f64 = 0.42;
     let cabinet = Cabinet {
         front_x: DOOR_HANDLE.x + HANDLE_STANDOFF,

@@ -6,15 +6,15 @@ use super::srgb;
 use crate::scene::{AppearanceSpec, Mass, PartSpec, Primitive, Texture, VisualSpec};
 
 /// Half of the height as it collides.
-pub(in crate::tasks) const HALF_HEIGHT: f64 = 0.0641;
+pub(crate) const HALF_HEIGHT: f64 = 0.0641;
 /// Radius of the body as it collides.
 const RADIUS: f64 = 0.0385;
 /// Mass properties of the benchmark's collision hulls.
-pub(in crate::tasks) const MASS: Mass =
+pub(crate) const MASS: Mass =
     Mass::Measured { kg: 0.541, centre: [0.0, 0.0, -0.0008], inertia: [8.2e-4, 8.2e-4, 4.0e-4] };
 
 /// Creates the collision shapes: a body that tapers to a foot below and to a neck above.
-pub(in crate::tasks) fn parts() -> Vec<PartSpec> {
+pub(crate) fn parts() -> Vec<PartSpec> {
     let appearance = AppearanceSpec::plain([1.0; 3]);
     let cylinder = |radius, [min_z, max_z]: [f64; 2]| {
         let shape = Primitive::Cylinder { radius, half_height: (max_z - min_z) / 2.0 };
@@ -35,7 +35,7 @@ pub(in crate::tasks) fn parts() -> Vec<PartSpec> {
 const VISIBLE_RADIUS: f64 = 0.0375;
 
 /// Creates the visuals: red with a white band. Foot, shoulder, rim and the sunken lid are aluminium.
-pub(in crate::tasks) fn visuals() -> Vec<VisualSpec> {
+pub(crate) fn visuals() -> Vec<VisualSpec> {
     let aluminium =
         AppearanceSpec { specular: 0.8, ..AppearanceSpec::textured(Texture::BrushedMetal, srgb([204; 3])) };
     let r = VISIBLE_RADIUS;

@@ -15,7 +15,7 @@ use crate::scene::{
 type Span = [f64; 2];
 
 /// Travel of each drawer, in m.
-pub(in crate::tasks) const TRAVEL: f64 = 0.362;
+pub(crate) const TRAVEL: f64 = 0.362;
 
 /// Index of the carcass among the scene's bodies. The drawers are placed relative to it.
 const CARCASS: usize = 0;
@@ -85,7 +85,7 @@ const DRAWERS: [Drawer; 3] = [
 ];
 
 /// Creates the chest, which faces y. The lowest drawer is to be opened.
-pub(in crate::tasks) fn chest_of_drawers() -> Vec<BodySpec> {
+pub(crate) fn chest_of_drawers() -> Vec<BodySpec> {
     core::iter::once(carcass()).chain(DRAWERS.iter().map(Drawer::body)).collect()
 }
 

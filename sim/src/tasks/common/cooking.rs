@@ -15,7 +15,7 @@ use crate::scene::{
 const STOVE_Z: f64 = 0.0011;
 /// Opposite corners of the two boxes that the stove consists of when it collides, the upper one last, in its
 /// own frame, in m. They have no burners and stand out a few millimetres beyond the visible stove.
-pub(in crate::tasks) const STOVE_BOXES: [[[f64; 3]; 2]; 2] =
+pub(crate) const STOVE_BOXES: [[[f64; 3]; 2]; 2] =
     [[[-0.140, -0.265, 0.0], [0.1705, 0.178, 0.031]], [[-0.142, -0.2685, 0.031], [0.189, 0.1815, 0.051]]];
 /// Opposite corners of the visible stove's bounding box, in m.
 const STOVE: [[f64; 3]; 2] = [[-0.139, -0.265, 0.0], [0.186, 0.178, 0.0469]];
@@ -29,7 +29,7 @@ const KNOB_X: f64 = 0.13;
 /// Axis (x, y) of the pan's round body in its own frame, in m. The origin lies outside the pan.
 const PAN_AXIS: [f64; 2] = [0.293, 0.108];
 /// Heights of the pan's base, of the upper face of its floor and of its rim, in m.
-pub(in crate::tasks) const PAN_Z: [f64; 3] = [0.0018, 0.0036, 0.0325];
+pub(crate) const PAN_Z: [f64; 3] = [0.0018, 0.0036, 0.0325];
 /// Radius of the pan's floor, in m.
 const FLOOR_RADIUS: f64 = 0.0985;
 /// Inner and outer radius of the pan's wall at its foot, on the floor, and at the rim, in m.
@@ -73,7 +73,7 @@ const HANDLE_OUTLINE: [[f64; 2]; 9] = [
 const HANDLE_Y: [f64; 2] = [0.097, 0.008];
 
 /// Creates a fixed stove: a plain block whose two burners are only visible.
-pub(in crate::tasks) fn stove(region: usize) -> BodySpec {
+pub(crate) fn stove(region: usize) -> BodySpec {
     let steel = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain(srgb([196, 198, 200])) };
     let iron = AppearanceSpec::plain(srgb([38, 38, 40]));
     let [min, max] = STOVE;
@@ -110,7 +110,7 @@ pub(in crate::tasks) fn stove(region: usize) -> BodySpec {
 }
 
 /// Creates a frying pan whose handle points towards +x. Its frame is that of the benchmark's mesh.
-pub(in crate::tasks) fn pan(region: usize) -> BodySpec {
+pub(crate) fn pan(region: usize) -> BodySpec {
     let iron = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain(srgb([62, 64, 68])) };
     let grip = AppearanceSpec::plain(srgb([24, 24, 26]));
     let [x, y] = PAN_AXIS;
@@ -145,18 +145,18 @@ pub(in crate::tasks) fn pan(region: usize) -> BodySpec {
 }
 
 /// Returns the point on the axis of the pan's round body at height `z` in its frame, in m.
-pub(in crate::tasks) fn pan_middle(z: f64) -> [f64; 3] {
+pub(crate) fn pan_middle(z: f64) -> [f64; 3] {
     [PAN_AXIS[0], PAN_AXIS[1], z]
 }
 
 /// Inner radius of the pan at its floor and at its rim, in m.
-pub(in crate::tasks) const PAN_INSIDE: [f64; 2] = [WALL[0][0], WALL[1][0]];
+pub(crate) const PAN_INSIDE: [f64; 2] = [WALL[0][0], WALL[1][0]];
 /// Outward slope of the pan's wall: change of the radius per height.
-pub(in crate::tasks) const WALL_SLOPE: f64 =
+pub(crate) const WALL_SLOPE: f64 =
     (WALL[1][0] + WALL[1][1] - WALL[0][0] - WALL[0][1]) / (2.0 * (PAN_Z[2] - PAN_Z[1]));
 
 /// Returns the point in the middle of the pan's wall, opposite the handle, at height `z` in its frame, in m.
-pub(in crate::tasks) fn pan_rim(z: f64) -> [f64; 3] {
+pub(crate) fn pan_rim(z: f64) -> [f64; 3] {
     let foot = f64::midpoint(WALL[0][0], WALL[0][1]);
     [PAN_AXIS[0] - foot - WALL_SLOPE * (z - PAN_Z[1]), PAN_AXIS[1], z]
 }
@@ -230,7 +230,7 @@ fn pan_profile() -> Vec<[f64; 2]> {
 const LEANS: [f64; 3] = [0.0, 0.3, 0.6];
 
 /// Plans to grasp an object with the TCP at `tcp`, carry it by `offset` (m) and release it.
-pub(in crate::tasks) fn carry(scene: &Scene, tcp: &Isometry3<f64>, offset: &Vector3<f64>) -> Vec<Move> {
+pub(crate) fn carry(scene: &Scene, tcp: &Isometry3<f64>, offset: &Vector3<f64>) -> Vec<Move> {
     /// Distance over which the hand approaches an object and retreats from it, in m.
     const APPROACH: f64 = 0.08;
     /// Height at which objects are carried, in m.

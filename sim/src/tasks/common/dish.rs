@@ -9,7 +9,7 @@ use super::{SINGLE_TABLE_Z, box_part, fixed, movable};
 use crate::scene::{AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, ScaledBy, VisualShape, VisualSpec};
 
 /// Initial joint positions in rad: TCP at world (−0.088, 0.038, 0.318) m, pointing down.
-pub(in crate::tasks) const QPOS: [f64; 7] = [0.0380, -0.0558, 0.0235, -2.1654, 0.0421, 2.1272, -0.7544];
+pub(crate) const QPOS: [f64; 7] = [0.0380, -0.0558, 0.0235, -2.1654, 0.0421, 2.1272, -0.7544];
 
 /// Radius and z of the circles between which the plate is a solid of revolution: the foot, the underside of
 /// the base, and the base up to the floor of the dish. In m.
@@ -67,7 +67,7 @@ const N_SEGMENTS: u32 = 16;
 ///
 /// The benchmark's plate is a shallow dish on a foot. It collides as convex pieces that fill its floor and
 /// double the thickness of its rim; so does this one.
-pub(in crate::tasks) fn plate() -> BodySpec {
+pub(crate) fn plate() -> BodySpec {
     let white = AppearanceSpec { specular: 0.4, ..AppearanceSpec::plain([0.93; 3]) };
     let half = [
         WALL_THICKNESS / 2.0,
@@ -122,7 +122,7 @@ const DIVIDER_HALF: [f64; 2] = [0.0603, 0.003];
 
 /// Creates the rack: four dividers at the given y on a floor. Its visuals show the object that the boxes
 /// approximate, a frame with two rows of pegs.
-pub(in crate::tasks) fn rack(region: usize, dividers_y: [f64; 4]) -> BodySpec {
+pub(crate) fn rack(region: usize, dividers_y: [f64; 4]) -> BodySpec {
     let white = AppearanceSpec::plain([0.8; 3]);
     let [half_x, half_y] = DIVIDER_HALF;
     // Half-height and centre z of the outer and of the inner dividers.
@@ -171,7 +171,7 @@ fn rack_visuals(appearance: AppearanceSpec) -> Vec<VisualSpec> {
 
 /// Returns the pose of the plate in the rack's frame when it stands upright, open towards −y, with its centre
 /// at a given y and z (m).
-pub(in crate::tasks) fn upright_pose(y: f64, z: f64) -> Isometry3<f64> {
+pub(crate) fn upright_pose(y: f64, z: f64) -> Isometry3<f64> {
     let upright = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
     Isometry3::from_parts(Translation3::new(0.0, y, z), upright)
 }

@@ -13,15 +13,14 @@ use crate::scene::{
 };
 
 /// Name of the carcass. Its front faces its own −x; its origin lies behind the middle drawer's bar.
-pub(in crate::tasks) const CARCASS: &str = "carcass";
+pub(crate) const CARCASS: &str = "carcass";
 /// Names of the drawers from top to bottom.
-pub(in crate::tasks) const DRAWERS: [&str; 4] =
-    ["upper drawer", "middle drawer", "lower drawer", "bottom drawer"];
+pub(crate) const DRAWERS: [&str; 4] = ["upper drawer", "middle drawer", "lower drawer", "bottom drawer"];
 /// Travel of a drawer, in m.
-pub(in crate::tasks) const TRAVEL: f64 = 0.22;
+pub(crate) const TRAVEL: f64 = 0.22;
 
 /// External cameras of both tasks.
-pub(in crate::tasks) const CAMERAS: ExternalCameras = ExternalCameras {
+pub(crate) const CAMERAS: ExternalCameras = ExternalCameras {
     external1: [[-0.3, 0.5, 1.83], [-0.1, 0.0, 1.03]],
     external2: [[-0.3, -0.5, 1.83], [-0.1, 0.0, 1.03]],
 };
@@ -81,12 +80,12 @@ const STEEL: AppearanceSpec =
     AppearanceSpec { specular: 0.8, ..AppearanceSpec::plain(srgb([204, 204, 209])) };
 
 /// Returns the placement region of the carcass.
-pub(in crate::tasks) fn placement_region() -> RegionSpec {
+pub(crate) fn placement_region() -> RegionSpec {
     region("drawer unit", Range::new(0.1, 0.3), Range::symmetric(0.1))
 }
 
 /// Creates the carcass and its drawers, which must be the first bodies of the scene and use its first region.
-pub(in crate::tasks) fn bodies() -> Vec<BodySpec> {
+pub(crate) fn bodies() -> Vec<BodySpec> {
     let carcass = BodySpec {
         role: Role::Fixture,
         friction: SURFACE_FRICTION,
@@ -190,20 +189,20 @@ fn along_y(position: [f64; 3]) -> Isometry3<f64> {
 const APPROACH: f64 = 0.3;
 
 /// TCP poses with which an arm pulls a drawer open.
-pub(in crate::tasks) struct DrawerPull {
+pub(crate) struct DrawerPull {
     /// Pre-grasp pose in front of the bar.
-    pub(in crate::tasks) pre_grasp: Isometry3<f64>,
+    pub(crate) pre_grasp: Isometry3<f64>,
     /// Grasp pose at the closed drawer.
-    pub(in crate::tasks) grasp: Isometry3<f64>,
+    pub(crate) grasp: Isometry3<f64>,
     /// Grasp pose at the open drawer.
-    pub(in crate::tasks) open: Isometry3<f64>,
+    pub(crate) open: Isometry3<f64>,
 }
 
 impl DrawerPull {
     /// Plans to pull a drawer by `by_m` m, grasping the middle of its bar from above and below. Of the two
     /// possible closing directions it takes the one nearer to `closing`, and of the angles in `leans_rad`, by
     /// which the hand leans to the side of its own arm, the first that is within reach.
-    pub(in crate::tasks) fn new(
+    pub(crate) fn new(
         scene: &Scene,
         arm: usize,
         drawer: &Body,

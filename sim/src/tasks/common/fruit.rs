@@ -12,7 +12,7 @@ use crate::scene::{
 };
 
 /// Radius of the apple, in m: half the mean of its width and height.
-pub(in crate::tasks) const APPLE_RADIUS: f64 = 0.037;
+pub(crate) const APPLE_RADIUS: f64 = 0.037;
 /// Radius and half of the height of the apple's base, in m.
 const APPLE_BASE: [f64; 2] = [0.012, 0.002];
 
@@ -42,7 +42,7 @@ const TOMATO_PROFILE: [[f64; 2]; 19] = [
 
 /// Creates a red tomato with a green calyx. Its axis is the y axis of its frame, which is horizontal at the
 /// start; the origin is the flat pole, opposite the calyx.
-pub(in crate::tasks) fn tomato(region: usize, surface_z_m: f64) -> BodySpec {
+pub(crate) fn tomato(region: usize, surface_z_m: f64) -> BodySpec {
     /// Outline of the calyx, in m.
     const CALYX: [[f64; 2]; 10] = [
         [0.02, 0.0],
@@ -84,7 +84,7 @@ pub(in crate::tasks) fn tomato(region: usize, surface_z_m: f64) -> BodySpec {
 
 /// Creates a red apple with its stem. Its origin is its centre. It collides as a sphere with a flat base, on
 /// which it stands.
-pub(in crate::tasks) fn apple(region: usize, surface_z_m: f64) -> BodySpec {
+pub(crate) fn apple(region: usize, surface_z_m: f64) -> BodySpec {
     let skin = skin_appearance([190, 28, 32]);
     let profile = APPLE_PROFILE.iter().map(|point| point.map(|x| x * APPLE_RADIUS)).collect();
     let [radius, half_height] = APPLE_BASE;

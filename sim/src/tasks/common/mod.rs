@@ -1,26 +1,26 @@
 //! Shared building blocks of tasks: the single-arm and bimanual workspaces (arms, table, lights and cameras)
 //! and recurring bodies. See docs/benchmark.md, "Scenes and objects" and "Robot and control".
 
-pub(super) mod arrow;
-pub(super) mod bimanual_plan;
-pub(super) mod book;
-pub(super) mod bookcase;
-pub(super) mod bottle;
-pub(super) mod cabinet;
-pub(super) mod can;
-pub(super) mod chest;
-pub(super) mod cooking;
-pub(super) mod dish;
-pub(super) mod drawer_unit;
-pub(super) mod fruit;
-pub(super) mod hole;
-pub(super) mod pen_and_cap;
-pub(super) mod pot;
-pub(super) mod props;
-pub(super) mod ring_and_needle;
-pub(super) mod stacking;
-pub(super) mod tools;
-pub(super) mod tray;
+pub(crate) mod arrow;
+pub(crate) mod bimanual_plan;
+pub(crate) mod book;
+pub(crate) mod bookcase;
+pub(crate) mod bottle;
+pub(crate) mod cabinet;
+pub(crate) mod can;
+pub(crate) mod chest;
+pub(crate) mod cooking;
+pub(crate) mod dish;
+pub(crate) mod drawer_unit;
+pub(crate) mod fruit;
+pub(crate) mod hole;
+pub(crate) mod pen_and_cap;
+pub(crate) mod pot;
+pub(crate) mod props;
+pub(crate) mod ring_and_needle;
+pub(crate) mod stacking;
+pub(crate) mod tools;
+pub(crate) mod tray;
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, FRAC_PI_4, PI};
 

@@ -15,7 +15,7 @@ use crate::scene::{
 const NOT_SCALED: ScaledBy = ScaledBy::Nothing("the body that it fits keeps its size");
 
 /// The pen's tip and a point on its axis, in its frame in m.
-pub(in crate::tasks) const PEN_TIP: Point3<f64> = Point3::new(0.0053, -0.0017, -0.1684);
+pub(crate) const PEN_TIP: Point3<f64> = Point3::new(0.0053, -0.0017, -0.1684);
 /// Circles (radius, z) of the pen from its tip to its other end, in m.
 const PEN: [[f64; 2]; 8] = [
     [0.001, -0.1684],
@@ -36,7 +36,7 @@ const PEN_SUPPORTS: [[f64; 2]; 2] = [[0.0186, 0.0], [0.0146, 0.2]];
 const FLAT: [f64; 2] = [0.003, 0.003];
 
 /// Centre of the cap's opening: a point on the axis of its cavity, in its frame in m.
-pub(in crate::tasks) const CAP_OPENING: Point3<f64> = Point3::new(0.0155, 0.0015, 0.124);
+pub(crate) const CAP_OPENING: Point3<f64> = Point3::new(0.0155, 0.0015, 0.124);
 /// z of the cap's closed end and of the bottom of its cavity, in m.
 const CAP_Z: [f64; 2] = [-0.0629, -0.0557];
 /// Radius of the largest circle in the cavity, which has five sides, in m.
@@ -46,7 +46,7 @@ const OUTSIDE: ([f64; 2], f64) = ([0.0161, 0.0024], 0.0277);
 /// Minimum and maximum x, y and z of the cap's clip, in m.
 const CLIP: [[f64; 2]; 3] = [[0.0424, 0.0575], [-0.0207, 0.0024], [-0.0537, 0.106]];
 /// x and y of the middle between the outer faces of the clip and of the wall opposite to it, in m.
-pub(in crate::tasks) const CAP_MIDDLE: [f64; 2] = [0.023, 0.0024];
+pub(crate) const CAP_MIDDLE: [f64; 2] = [0.023, 0.0024];
 /// Angle by which the cap rolls from its start onto its clip, in rad.
 const CAP_ROLL: f64 = 0.11;
 
@@ -58,7 +58,7 @@ const SILVER: AppearanceSpec = AppearanceSpec { specular: 0.6, ..AppearanceSpec:
 const HALF_FACET: f64 = PI / 24.0;
 
 /// Creates the pen.
-pub(in crate::tasks) fn pen(region: usize) -> BodySpec {
+pub(crate) fn pen(region: usize) -> BodySpec {
     let axis = Translation3::new(PEN_TIP.x, PEN_TIP.y, 0.0);
     let [[front, front_z], [rear, rear_z]] = PEN_SUPPORTS;
     let [width, thickness] = FLAT;
@@ -98,7 +98,7 @@ pub(in crate::tasks) fn pen(region: usize) -> BodySpec {
 }
 
 /// Creates the cap: five walls around the cavity, its bottom, and a clip on one side.
-pub(in crate::tasks) fn cap(region: usize) -> BodySpec {
+pub(crate) fn cap(region: usize) -> BodySpec {
     let ([x, y], outer) = OUTSIDE;
     let [closed, bottom] = CAP_Z;
     let open = CAP_OPENING.z;
@@ -172,7 +172,7 @@ fn pen_taper() -> f64 {
 }
 
 /// Returns the world pose of the pen at rest. It lies on a flat, so that its rear is lower than its tip.
-pub(in crate::tasks) fn resting_pen(pen: &Body) -> Isometry3<f64> {
+pub(crate) fn resting_pen(pen: &Body) -> Isometry3<f64> {
     let [front, _] = PEN_SUPPORTS[0];
     let lowest = pen.aabb(&Isometry3::identity()).min.y;
     let tilt = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), pen_taper());
@@ -182,7 +182,7 @@ pub(in crate::tasks) fn resting_pen(pen: &Body) -> Isometry3<f64> {
 
 /// Returns the world pose of the cap at rest. It rolls about the edge below its axis, because its centre of
 /// mass lies towards the clip.
-pub(in crate::tasks) fn resting_cap(cap: &Body) -> Isometry3<f64> {
+pub(crate) fn resting_cap(cap: &Body) -> Isometry3<f64> {
     let ([x, y], radius) = OUTSIDE;
     let edge = Translation3::new(x, y - radius, 0.0);
     let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -CAP_ROLL);

@@ -13,7 +13,7 @@ use crate::scene::{
 };
 
 /// Initial joint positions of both arms in rad: the hands are level, on either side of the pot and facing it.
-pub(in crate::tasks) const QPOS: [[f64; 7]; 2] =
+pub(crate) const QPOS: [[f64; 7]; 2] =
     [[0.599, 0.4, -0.561, -2.511, 1.695, 1.395, -0.479], [2.358, 0.442, 0.697, -2.513, -1.775, 1.347, 2.031]];
 
 /// World z of the pot's origin at the start in m, 22 mm above its rest.
@@ -22,7 +22,7 @@ const START_Z: f64 = 0.85;
 const BASE_Z: f64 = -0.0033;
 const RIM_Z: f64 = 0.1783;
 /// Height of the floor above the origin, in m.
-pub(in crate::tasks) const FLOOR_Z: f64 = 0.012;
+pub(crate) const FLOOR_Z: f64 = 0.012;
 /// Radius of the base, on which the pot stands, in m.
 const BASE_RADIUS: f64 = 0.144;
 /// Distances of the wall's inner and outer faces from the axis in m. Circles of radius 0.138 and 0.1535 have
@@ -43,17 +43,17 @@ const STEM_X: [f64; 2] = [0.022, 0.039];
 const ROD_RADIUS: f64 = 0.005;
 
 /// Appearance of the pot where it is painted.
-pub(in crate::tasks) const PAINTED: AppearanceSpec =
+pub(crate) const PAINTED: AppearanceSpec =
     AppearanceSpec { specular: 0.5, ..AppearanceSpec::plain(rgb([129, 133, 137])) };
 /// Appearance of the pot elsewhere: that of a mesh without a material, which the benchmark's renderer takes
 /// for a white metal.
-pub(in crate::tasks) const UNPAINTED: AppearanceSpec = AppearanceSpec::metal([1.0; 3]);
+pub(crate) const UNPAINTED: AppearanceSpec = AppearanceSpec::metal([1.0; 3]);
 
 /// Creates the pot on the bimanual table, a straight cylinder with two handles on its y axis. Its frame has z
 /// up along the pot's axis, whereas the benchmark's has y up: y and z here are its x and y. Mass, centre and
 /// moments of inertia are those of the benchmark's collision shapes, whose walls are 16 mm thick, unlike the
 /// visible ones.
-pub(in crate::tasks) fn pot(region: usize, appearance: AppearanceSpec) -> BodySpec {
+pub(crate) fn pot(region: usize, appearance: AppearanceSpec) -> BodySpec {
     let floor = Primitive::Cylinder { radius: BASE_RADIUS, half_height: (FLOOR_Z - BASE_Z) / 2.0 };
     let floor = PartSpec::at(floor, [0.0, 0.0, f64::midpoint(BASE_Z, FLOOR_Z)], appearance);
     let sides = [-1.0, 1.0];
@@ -143,7 +143,7 @@ const APPROACH: f64 = 0.1;
 
 /// Returns the grasp poses of both arms at the handles: level, with the fingers closing from above and below
 /// in the direction nearest to their start.
-pub(in crate::tasks) fn grasps(scene: &Scene) -> [Isometry3<f64>; 2] {
+pub(crate) fn grasps(scene: &Scene) -> [Isometry3<f64>; 2] {
     let pot = scene.body("pot");
     [0, 1].map(|arm| {
         let side = [-1.0, 1.0][arm];
@@ -155,6 +155,6 @@ pub(in crate::tasks) fn grasps(scene: &Scene) -> [Isometry3<f64>; 2] {
 }
 
 /// Returns the pre-grasp pose of a grasp pose.
-pub(in crate::tasks) fn pre_grasp(grasp: &Isometry3<f64>) -> Isometry3<f64> {
+pub(crate) fn pre_grasp(grasp: &Isometry3<f64>) -> Isometry3<f64> {
     grasp::retreated(grasp, APPROACH)
 }

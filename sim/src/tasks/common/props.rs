@@ -5,24 +5,24 @@ use crate::scene::{AppearanceSpec, VisualShape, VisualSpec};
 /// Specular strength of shiny surfaces.
 const GLOSS: f64 = 0.6;
 
-pub(super) const fn glossy(color: [f64; 3]) -> AppearanceSpec {
+pub(crate) const fn glossy(color: [f64; 3]) -> AppearanceSpec {
     AppearanceSpec { specular: GLOSS, ..AppearanceSpec::plain(color) }
 }
 
 /// Builder of the visuals of an object with rotational symmetry about a vertical axis.
-pub(super) struct RevolvedVisuals {
+pub(crate) struct RevolvedVisuals {
     /// Position in the body's frame from which heights are measured.
     foot: [f64; 3],
-    pub(super) visuals: Vec<VisualSpec>,
+    pub(crate) visuals: Vec<VisualSpec>,
 }
 
 impl RevolvedVisuals {
-    pub(super) fn on(foot: [f64; 3]) -> Self {
+    pub(crate) fn on(foot: [f64; 3]) -> Self {
         Self { foot, visuals: Vec::new() }
     }
 
     /// Adds a surface of revolution with this profile, the outside to its right.
-    pub(super) fn with<const N: usize>(
+    pub(crate) fn with<const N: usize>(
         mut self,
         radii: [f64; N],
         heights: [f64; N],
@@ -34,10 +34,10 @@ impl RevolvedVisuals {
     }
 
     /// Adds a cylinder between two heights.
-    pub(super) fn with_drum(self, radius: f64, [min, max]: [f64; 2], appearance: AppearanceSpec) -> Self {
+    pub(crate) fn with_drum(self, radius: f64, [min, max]: [f64; 2], appearance: AppearanceSpec) -> Self {
         self.with([0.0, radius, radius, 0.0], [min, min, max, max], appearance)
     }
 }
 
 /// Distance by which a label protrudes in m, so that it covers what is below it.
-pub(super) const LABEL_THICKNESS: f64 = 0.0003;
+pub(crate) const LABEL_THICKNESS: f64 = 0.0003;

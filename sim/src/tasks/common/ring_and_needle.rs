@@ -12,12 +12,12 @@ use crate::scene::{AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, Role, Sc
 const NOT_SCALED: ScaledBy = ScaledBy::Nothing("the body that it fits keeps its size");
 
 /// Length of the needle from its origin along x, in m.
-pub(in crate::tasks) const NEEDLE_LENGTH: f64 = 0.125;
+pub(crate) const NEEDLE_LENGTH: f64 = 0.125;
 /// Length of the needle's shaft, in m.
 const SHAFT_LENGTH: f64 = 0.075;
 
 /// Height of the ring's centre above the tripod's origin, in m. Its hole is along x.
-pub(in crate::tasks) const RING_Z: f64 = 0.215;
+pub(crate) const RING_Z: f64 = 0.215;
 /// Distance from the ring's centre to the centres of its bars, in m.
 const RING_RADIUS: f64 = 0.05;
 /// Radius and half-length of the bars, in m.
@@ -31,7 +31,7 @@ const LEG_SPLAY: f64 = 0.876;
 const BROWN: AppearanceSpec = AppearanceSpec::plain(rgb([110, 38, 14]));
 
 /// Creates the needle: a shaft with a thinner end.
-pub(in crate::tasks) fn needle(region: usize) -> BodySpec {
+pub(crate) fn needle(region: usize) -> BodySpec {
     let metal = AppearanceSpec { specular: 0.6, ..AppearanceSpec::plain([0.3; 3]) };
     let bar = |half: f64, from: f64, to: f64| {
         box_part([(to - from) / 2.0, half, half], [(from + to) / 2.0, 0.0, 0.0], metal)
@@ -45,7 +45,7 @@ pub(in crate::tasks) fn needle(region: usize) -> BodySpec {
 }
 
 /// Creates the tripod: three splayed legs with feet, a plate, and a pole that carries the ring.
-pub(in crate::tasks) fn tripod(region: usize) -> BodySpec {
+pub(crate) fn tripod(region: usize) -> BodySpec {
     let about_y = |angle| UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle);
     let rod = |radius, half_height, at: [f64; 3], turn: f64| PartSpec {
         shape: Primitive::Cylinder { radius, half_height },

@@ -12,27 +12,27 @@ use crate::profile::{Profile, ProfileRules};
 use crate::scene::{Body, BodySpec, Range, Scene};
 
 /// Half-extent of a cube, in m.
-pub(in crate::tasks) const HALF: f64 = 0.02;
+pub(crate) const HALF: f64 = 0.02;
 
 /// External cameras of both tasks.
-pub(in crate::tasks) const CAMERAS: ExternalCameras = ExternalCameras {
+pub(crate) const CAMERAS: ExternalCameras = ExternalCameras {
     external1: [[0.6, 0.0, 1.33], [-0.2, 0.0, 0.93]],
     external2: [[-0.6, 0.0, 1.33], [-0.2, 0.0, 0.93]],
 };
 
 /// Creates a cube of the tower.
-pub(in crate::tasks) fn cube(name: &'static str, color: [f64; 3], region: usize) -> BodySpec {
+pub(crate) fn cube(name: &'static str, color: [f64; 3], region: usize) -> BodySpec {
     let cube = super::cube(name, HALF, color, region, BIMANUAL_TABLE_Z);
     cube.with_yaw(Range::new(0.0, TAU)).with_origin_z(0.85)
 }
 
 /// Creates the goal disc, which floats 6 mm above the table.
-pub(in crate::tasks) fn goal(region: usize) -> BodySpec {
+pub(crate) fn goal(region: usize) -> BodySpec {
     goal_disc(region).with_origin_z(0.831)
 }
 
 /// Requires one cube to be on another, within 25 mm horizontally and 5 mm vertically.
-pub(in crate::tasks) fn on(scene: &Scene, profile: Profile, top: usize, base: usize) -> Predicate {
+pub(crate) fn on(scene: &Scene, profile: Profile, top: usize, base: usize) -> Predicate {
     let scale = |body: usize| if profile.scales_thresholds() { scene.bodies[body].scale.x } else { 1.0 };
     Predicate::On {
         top,
@@ -44,17 +44,17 @@ pub(in crate::tasks) fn on(scene: &Scene, profile: Profile, top: usize, base: us
 }
 
 /// Requires a cube to be above the goal, at any height.
-pub(in crate::tasks) fn on_goal(cube: usize, goal: usize) -> Predicate {
+pub(crate) fn on_goal(cube: usize, goal: usize) -> Predicate {
     Predicate::On { top: cube, base: goal, xy_m: GOAL_RADIUS, rise_m: 0.0, rise_tolerance_m: f64::INFINITY }
 }
 
 /// TCP waypoints with which an arm carries a cube to the goal.
-pub(in crate::tasks) struct CubeTransfer {
+pub(crate) struct CubeTransfer {
     arm: usize,
     /// Pre-grasp pose above the cube.
-    pub(in crate::tasks) above: Isometry3<f64>,
+    pub(crate) above: Isometry3<f64>,
     /// Grasp pose at the cube.
-    pub(in crate::tasks) grasp: Isometry3<f64>,
+    pub(crate) grasp: Isometry3<f64>,
     /// Pose above the grasp pose with the cube.
     raised: Isometry3<f64>,
     /// Pose above the goal.
@@ -72,7 +72,7 @@ const HOLD_BACK: f64 = 0.1;
 
 impl CubeTransfer {
     /// Plans the transfer of a cube to a position where its lower face is `base_m` above the table.
-    pub(in crate::tasks) fn new(scene: &Scene, arm: usize, cube: &Body, base_m: f64) -> Self {
+    pub(crate) fn new(scene: &Scene, arm: usize, cube: &Body, base_m: f64) -> Self {
         let to_goal = {
             let rise = Vector3::z() * (base_m + 0.002);
             let offset = scene.body("goal").pose.translation.vector - cube.pose.translation.vector;
@@ -96,13 +96,13 @@ impl CubeTransfer {
     }
 
     /// Returns the target that raises the grasped cube.
-    pub(in crate::tasks) fn raised(&self) -> TcpGoal {
+    pub(crate) fn raised(&self) -> TcpGoal {
         TcpGoal { arm: self.arm, tcp: self.raised }
     }
 
     /// Returns the target that holds the grasped cube out of the other arm's way: raised, and nearer to the
     /// arm's own base.
-    pub(in crate::tasks) fn held_back(&self, scene: &Scene) -> TcpGoal {
+    pub(crate) fn held_back(&self, scene: &Scene) -> TcpGoal {
         let home = scene.robots[self.arm].base.translation.vector - self.raised.translation.vector;
         let back = Vector3::new(home.x, home.y, 0.0).normalize() * HOLD_BACK;
         TcpGoal { arm: self.arm, tcp: grasp::translated(&self.raised, &back) }
@@ -110,24 +110,24 @@ impl CubeTransfer {
 
     /// Plans to carry the raised cube above the goal. `leaving` is the simultaneous target of the other arm,
     /// if any.
-    pub(in crate::tasks) fn carry(&self, leaving: Option<TcpGoal>) -> Move {
+    pub(crate) fn carry(&self, leaving: Option<TcpGoal>) -> Move {
         Move::Straight(leaving.into_iter().chain([TcpGoal { arm: self.arm, tcp: self.over_goal }]).collect())
     }
 
     /// Plans to release the cube on the goal.
-    pub(in crate::tasks) fn place(&self) -> [Move; 2] {
+    pub(crate) fn place(&self) -> [Move; 2] {
         [Move::straight(self.arm, self.release), Move::open(&[self.arm], 6)]
     }
 
     /// Plans to retreat from the released cube.
-    pub(in crate::tasks) fn retreat(&self) -> Move {
+    pub(crate) fn retreat(&self) -> Move {
         Move::straight(self.arm, grasp::retreated(&self.release, CLEARANCE))
     }
 }
 
 /// Plans the stacking of two cubes: both arms grasp their cubes simultaneously; then the first arm places its
 /// cube on the goal and the second arm places its own on top. Returns the moves and the second transfer.
-pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> (Vec<Move>, CubeTransfer) {
+pub(crate) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> (Vec<Move>, CubeTransfer) {
     let (first, second) = (
         CubeTransfer::new(scene, 0, lower, 0.0),
         CubeTransfer::new(scene, 1, upper, 2.0 * HALF * lower.scale.x),
@@ -143,6 +143,6 @@ pub(in crate::tasks) fn stack_two(scene: &Scene, lower: &Body, upper: &Body) -> 
 }
 
 /// Returns the target at which an arm is out of the other's way: its initial TCP pose.
-pub(in crate::tasks) fn parked(scene: &Scene, arm: usize) -> TcpGoal {
+pub(crate) fn parked(scene: &Scene, arm: usize) -> TcpGoal {
     TcpGoal { arm, tcp: grasp::start_tcp(scene, arm) }
 }

@@ -12,21 +12,21 @@ use crate::scene::{
 };
 
 /// Centre (x, y) of the hammer's face in its own frame, in m. The face points along −y.
-pub(in crate::tasks) const HAMMER_FACE: [f64; 2] = [0.147, -0.065];
+pub(crate) const HAMMER_FACE: [f64; 2] = [0.147, -0.065];
 /// Height of the hammer's centre plane above the table while it lies flat, in m.
-pub(in crate::tasks) const HAMMER_HALF_THICKNESS: f64 = 0.0175;
+pub(crate) const HAMMER_HALF_THICKNESS: f64 = 0.0175;
 /// Half-length of the nail, in m.
-pub(in crate::tasks) const NAIL_HALF_LENGTH: f64 = 0.043;
+pub(crate) const NAIL_HALF_LENGTH: f64 = 0.043;
 /// Radius of the nail's head, in m.
-pub(in crate::tasks) const NAIL_HEAD_RADIUS: f64 = 0.0057;
+pub(crate) const NAIL_HEAD_RADIUS: f64 = 0.0057;
 /// Friction coefficients of the hammer and of the nail and its block: the benchmark's static ones. Its
 /// dynamic ones are 2.0.
 const HAMMER_FRICTION: f64 = 3.0;
-pub(in crate::tasks) const NAIL_FRICTION: f64 = 2.5;
+pub(crate) const NAIL_FRICTION: f64 = 2.5;
 
 /// Creates a claw hammer that lies on the table, its handle along x and its head along y at the far end; 0.33
 /// × 0.13 × 0.035 m overall. It drops 1 mm.
-pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
+pub(crate) fn hammer(region: usize) -> BodySpec {
     let steel = AppearanceSpec { specular: 0.7, ..AppearanceSpec::plain(srgb([120, 124, 130])) };
     let wood = AppearanceSpec::textured(Texture::Wood, srgb([170, 95, 50]));
     let thick = HAMMER_HALF_THICKNESS;
@@ -92,7 +92,7 @@ pub(in crate::tasks) fn hammer(region: usize) -> BodySpec {
 
 /// Creates a nail that slides along its own z axis, tip first, slowed only by damping. It lies along y with
 /// its tip towards −y and its lowest point at `lowest_z_m`.
-pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
+pub(crate) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
     /// Mass in the simulation, in kg: the minimum. At the benchmark's density the nail weighs 9.3 g.
     const MASS: f64 = 0.025;
     /// Fraction of its speed that the nail loses per second, in 1/s.
@@ -139,14 +139,14 @@ pub(in crate::tasks) fn nail(region: usize, lowest_z_m: f64) -> BodySpec {
 }
 
 /// x of the dustpan's mouth in its own frame, in m.
-pub(in crate::tasks) const DUSTPAN_MOUTH_X: f64 = 0.1005;
+pub(crate) const DUSTPAN_MOUTH_X: f64 = 0.1005;
 /// Grasp position at the dustpan's handle in its own frame, in m.
-pub(in crate::tasks) const DUSTPAN_GRIP: [f64; 3] = [-0.05, 0.0, 0.015];
+pub(crate) const DUSTPAN_GRIP: [f64; 3] = [-0.05, 0.0, 0.015];
 
 /// Creates a dustpan that stands on the table, its mouth towards +x turned by −3.75° and its handle at the
 /// back; 0.202 × 0.176 × 0.061 m overall as it collides. The x, y and z axes of its frame are z, x and y of
 /// the benchmark's.
-pub(in crate::tasks) fn dustpan(region: usize) -> BodySpec {
+pub(crate) fn dustpan(region: usize) -> BodySpec {
     let blue = AppearanceSpec::plain(srgb([40, 90, 170]));
     BodySpec {
         visuals: dustpan_visuals(blue),
@@ -248,16 +248,16 @@ fn dustpan_visuals(blue: AppearanceSpec) -> Vec<VisualSpec> {
 }
 
 /// Returns the convex hull of points (m) and of their mirror images in the plane y = 0.
-pub(in crate::tasks) fn mirrored_hull(points: &[[f64; 3]]) -> Primitive {
+pub(crate) fn mirrored_hull(points: &[[f64; 3]]) -> Primitive {
     Primitive::Hull { points: points.iter().flat_map(|&[x, y, z]| [[x, y, z], [x, -y, z]]).collect() }
 }
 
 /// Radius at the middle of the banana, in m.
-pub(in crate::tasks) const BANANA_RADIUS: f64 = 0.0183;
+pub(crate) const BANANA_RADIUS: f64 = 0.0183;
 
 /// Creates a banana that lies on the table, obliquely along y and its ends towards −x, like the YCB banana;
 /// 0.109 × 0.178 × 0.037 m overall.
-pub(in crate::tasks) fn banana(region: usize) -> BodySpec {
+pub(crate) fn banana(region: usize) -> BodySpec {
     let yellow = AppearanceSpec::plain(srgb([250, 215, 50]));
     let segments = |n: u32| {
         let t = move |i: u32| 2.0 * f64::from(i) / f64::from(n) - 1.0;

@@ -22,16 +22,16 @@ const FLOOR_Z: [f64; 2] = [-0.0012, 0.0097];
 const THICKNESS: [f64; 3] = [0.0124, 0.0105, 0.0115];
 
 /// Distance of the middle of the short walls from the tray's centre, in m.
-pub(in crate::tasks) const RIM_Y: f64 = HALF[1] - THICKNESS[1] / 2.0;
+pub(crate) const RIM_Y: f64 = HALF[1] - THICKNESS[1] / 2.0;
 /// Height of the walls above the origin, in m.
-pub(in crate::tasks) const RIM_Z: f64 = WALL_Z[1];
+pub(crate) const RIM_Z: f64 = WALL_Z[1];
 
 const GREY: [f64; 3] = rgb([48, 49, 51]);
 
 /// Creates the tray on the bimanual table. Its frame has z up, whereas the benchmark's has y up: y and z here
 /// are its x and y. Mass, centre and moments of inertia are those of the benchmark's collision shapes, whose
 /// walls and floor are thicker than the visible ones.
-pub(in crate::tasks) fn tray(region: usize) -> BodySpec {
+pub(crate) fn tray(region: usize) -> BodySpec {
     let appearance = AppearanceSpec::plain(GREY);
     let [hx, hy] = HALF;
     let (floor_half, floor_z) = ((FLOOR_Z[1] - FLOOR_Z[0]) / 2.0, f64::midpoint(FLOOR_Z[0], FLOOR_Z[1]));

@@ -8,16 +8,16 @@ use crate::render::cpu::shadow::StaticHeights;
 use crate::render::scene::RenderScene;
 
 /// Cached values that the CPU renderer attaches to a scene. They affect speed only, never a byte of an image.
-pub(in crate::render::cpu) struct SceneCache {
+pub(crate) struct SceneCache {
     /// Static layer of each camera.
-    pub(in crate::render::cpu) layers: Vec<Mutex<Option<Arc<StaticLayer>>>>,
+    pub(crate) layers: Vec<Mutex<Option<Arc<StaticLayer>>>>,
     /// Shadow map of the static instances.
-    pub(in crate::render::cpu) static_heights: Mutex<Option<Arc<StaticHeights>>>,
+    pub(crate) static_heights: Mutex<Option<Arc<StaticHeights>>>,
 }
 
 impl SceneCache {
     /// Returns the cache of a scene, empty on first use.
-    pub(in crate::render::cpu) fn of(scene: &RenderScene) -> &Self {
+    pub(crate) fn of(scene: &RenderScene) -> &Self {
         scene.attachment.get_or_init(|| Self {
             layers: (0..scene.n_cameras()).map(|_| Mutex::default()).collect(),
             static_heights: Mutex::default(),

@@ -3,16 +3,16 @@
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// A cache keyed by content. It holds weak references: an entry lives as long as at least one scene uses it.
-pub(in crate::render::cpu) struct SharedCache<K, V>(Mutex<Vec<(K, Weak<V>)>>);
+pub(crate) struct SharedCache<K, V>(Mutex<Vec<(K, Weak<V>)>>);
 
 impl<K: PartialEq, V> SharedCache<K, V> {
     /// Creates an empty cache.
-    pub(in crate::render::cpu) const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self(Mutex::new(Vec::new()))
     }
 
     /// Returns the cached value for `key`, computing it with `compute` on a miss.
-    pub(in crate::render::cpu) fn get_or_insert_with(&self, key: K, compute: impl FnOnce() -> V) -> Arc<V> {
+    pub(crate) fn get_or_insert_with(&self, key: K, compute: impl FnOnce() -> V) -> Arc<V> {
         let cached = Self::find(&self.0.lock().unwrap_or_else(PoisonError::into_inner), &key);
         if let Some(cached) = cached {
             return cached;

@@ -24,20 +24,20 @@ use crate::render::{Samples, View};
 
 /// The rendered static geometry of one static camera. Using it changes no byte of an image, because static
 /// instances come first in every scene.
-pub(in crate::render) struct StaticLayer {
+pub(crate) struct StaticLayer {
     /// Per static instance the transform from its mesh to the view frame.
     view_from_mesh: Vec<Affine3>,
     /// Number of samples per pixel with which the layer was rendered.
     samples: Samples,
     /// 1/z per visibility tile.
-    pub(in crate::render::cpu) depths: Vec<F32x16>,
+    pub(crate) depths: Vec<F32x16>,
     /// Triangle ids per visibility tile.
     ids: Vec<I32x16>,
     /// Per visibility tile the id that all of its lanes show, or [`MIXED`]. It is read in place of the much
     /// larger `ids` where possible.
     tile_ids: Vec<i32>,
     /// The shaded image, `[side, side, 3] u8` sRGB.
-    pub(in crate::render::cpu) pixels: Vec<u8>,
+    pub(crate) pixels: Vec<u8>,
     /// Per pixel tile its bounds in the shadow map; empty if no light casts shadows.
     light_bounds: Vec<LightBounds>,
 }
@@ -45,7 +45,7 @@ pub(in crate::render) struct StaticLayer {
 /// Everything that a layer depends on. Keys are compared as floats: the sign of a zero does not affect a
 /// layer.
 #[derive(PartialEq)]
-pub(in crate::render::cpu) struct StaticLayerKey {
+pub(crate) struct StaticLayerKey {
     camera: PinholeCamera,
     /// Mesh, world-from-mesh transform (including scale), scale and material of each static instance.
     instances: Vec<(MeshKey, Affine3, Vec3, Material)>,
@@ -76,7 +76,7 @@ impl StaticLayerKey {
 impl Workspace {
     /// Returns the layer of a view: the scene's own, or an identical one from the shared cache, rendering
     /// it on a miss.
-    pub(in crate::render::cpu) fn layer<B: TileLayout>(
+    pub(crate) fn layer<B: TileLayout>(
         &mut self,
         context: CameraContext<'_>,
         view: &View<'_>,
@@ -201,15 +201,15 @@ impl Kernel for MeasureLightBounds<'_> {
 
 /// Finds the pixel tiles that differ from a layer, and composites the layer's ids under the moving instances
 /// there. A tile is stale if a moving instance is visible in it or may cast a shadow on it.
-pub(in crate::render::cpu) struct FindStaleTiles<'a> {
+pub(crate) struct FindStaleTiles<'a> {
     /// Visibility buffer of the moving instances, depth-tested against the layer.
-    pub(in crate::render::cpu) visibility: &'a mut Visibility,
-    pub(in crate::render::cpu) samples_per_edge: usize,
-    pub(in crate::render::cpu) layer: &'a StaticLayer,
+    pub(crate) visibility: &'a mut Visibility,
+    pub(crate) samples_per_edge: usize,
+    pub(crate) layer: &'a StaticLayer,
     /// Max-height pyramid of the moving instances, if they cast shadows.
-    pub(in crate::render::cpu) moving: Option<&'a MaxHeightPyramid>,
+    pub(crate) moving: Option<&'a MaxHeightPyramid>,
     /// Per pixel tile `true` if it differs from the layer.
-    pub(in crate::render::cpu) stale: &'a mut Vec<bool>,
+    pub(crate) stale: &'a mut Vec<bool>,
 }
 
 impl Kernel for FindStaleTiles<'_> {

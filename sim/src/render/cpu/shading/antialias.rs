@@ -20,10 +20,10 @@ const PER_PIXEL: usize = PER_EDGE * PER_EDGE;
 const SAMPLE_WEIGHT: f32 = 1.0 / PER_PIXEL as f32;
 
 /// Kernel that shades an image from a visibility buffer of [`MultisampleTile`]s.
-pub(in crate::render::cpu) struct ShadeSamples<'a, K> {
-    pub(in crate::render::cpu) shader: Shader<'a>,
-    pub(in crate::render::cpu) visibility: &'a Visibility,
-    pub(in crate::render::cpu) sink: K,
+pub(crate) struct ShadeSamples<'a, K> {
+    pub(crate) shader: Shader<'a>,
+    pub(crate) visibility: &'a Visibility,
+    pub(crate) sink: K,
 }
 
 /// The visibility samples of a tile row, reordered by pixel.

@@ -6,7 +6,7 @@ use crate::render::math::srgb::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_P
 /// Returns the sRGB codes, 0 to 255, of linear light given by its square roots. Roots must not be negative;
 /// those above 1 saturate. The curve is a polynomial in the root, see [`crate::render::math::srgb`].
 #[inline(always)]
-pub(in crate::render::cpu) fn encode<S: Simd>(root: S::F) -> S::I {
+pub(crate) fn encode<S: Simd>(root: S::F) -> S::I {
     let root = root.min(S::F::splat(1.0));
     // Estrin's scheme: its dependency chain is shorter than that of Horner's.
     let [six, five, four, three, two, one, zero] = SQRT_POLYNOMIAL;

@@ -10,7 +10,7 @@ use crate::render::scene::{N_SUNS, RenderScene};
 use crate::render::shading::{SPECULAR_FALLOFF, SPECULAR_VISIBILITY};
 
 /// The lights of a scene, in the view frame.
-pub(in crate::render::cpu) struct ViewLights {
+pub(crate) struct ViewLights {
     ambient: Vec3,
     suns: [ViewSun; N_SUNS],
 }
@@ -24,7 +24,7 @@ struct ViewSun {
 
 impl ViewLights {
     /// Transforms the lights of a scene into the view frame.
-    pub(in crate::render::cpu) fn new(scene: &RenderScene, view_from_world: &Affine3) -> Self {
+    pub(crate) fn new(scene: &RenderScene, view_from_world: &Affine3) -> Self {
         Self {
             ambient: scene.ambient,
             suns: each!(i in 2 => ViewSun {
@@ -37,9 +37,9 @@ impl ViewLights {
 }
 
 /// The geometric terms of the lighting model.
-pub(in crate::render::cpu) struct Lighting<N> {
+pub(crate) struct Lighting<N> {
     /// Unit normal in the view frame.
-    pub(in crate::render::cpu) normal: [N; 3],
+    pub(crate) normal: [N; 3],
     /// Per sun the cosine of the angle between the normal and the direction to it, 0 if it is below the
     /// horizon.
     facing: [N; N_SUNS],
@@ -50,32 +50,27 @@ pub(in crate::render::cpu) struct Lighting<N> {
 
 impl Lighting<f32> {
     /// Lighting without any light.
-    pub(in crate::render::cpu) const DARK: Self =
+    pub(crate) const DARK: Self =
         Self { normal: [0.0; 3], facing: [0.0; N_SUNS], reflected: [[0.0; 3]; N_SUNS] };
 }
 
 /// The material at sixteen surface points.
-pub(in crate::render::cpu) struct Reflectance<S: Simd> {
+pub(crate) struct Reflectance<S: Simd> {
     /// Reflectance, linear RGB.
-    pub(in crate::render::cpu) color: [S::F; 3],
+    pub(crate) color: [S::F; 3],
     /// The square roots of the texture's linear factors.
-    pub(in crate::render::cpu) tint: [S::F; 3],
+    pub(crate) tint: [S::F; 3],
     /// Specular reflectance in white; 0 for a metal.
-    pub(in crate::render::cpu) specular: S::F,
+    pub(crate) specular: S::F,
     /// 1 for a metal, 0 for anything else.
-    pub(in crate::render::cpu) metallic: S::F,
+    pub(crate) metallic: S::F,
 }
 
 impl Lighting<f32> {
     /// Returns the square roots of the radiance of an untextured surface that has neither shadows nor
     /// highlights. Performs the operations of [`radiance_roots`] on scalars.
     #[inline(always)]
-    pub(in crate::render::cpu) fn unshadowed_roots(
-        &self,
-        lights: &ViewLights,
-        color: [f32; 3],
-        metallic: f32,
-    ) -> [f32; 3] {
+    pub(crate) fn unshadowed_roots(&self, lights: &ViewLights, color: [f32; 3], metallic: f32) -> [f32; 3] {
         let [first, second] = &lights.suns;
         core::array::from_fn(|c| {
             let suns = self.facing[0].mul_add(first.diffuse[c], self.facing[1] * second.diffuse[c]);
@@ -87,7 +82,7 @@ impl Lighting<f32> {
 impl<N: FloatLike> Lighting<N> {
     /// Computes the lighting of surfaces with the given view-frame normals, which need not be normalised.
     #[inline(always)]
-    pub(in crate::render::cpu) fn new(lights: &ViewLights, normal: [N; 3]) -> Self {
+    pub(crate) fn new(lights: &ViewLights, normal: [N; 3]) -> Self {
         let squared = dot(normal, normal).max(N::splat(1e-30));
         let inv_length = N::splat(1.0) / squared.sqrt();
         let n = each!(k in 3 => normal[k] * inv_length);
@@ -105,7 +100,7 @@ impl<N: FloatLike> Lighting<N> {
     /// Returns the lanes whose surface faces the first sun. In the others, shadows of that sun have no
     /// effect.
     #[inline(always)]
-    pub(in crate::render::cpu) fn faces_first_sun<S: Simd>(&self) -> S::M
+    pub(crate) fn faces_first_sun<S: Simd>(&self) -> S::M
     where
         N: Broadcast<S>,
     {
@@ -116,7 +111,7 @@ impl<N: FloatLike> Lighting<N> {
 /// Returns the square roots of the radiance towards the eye, linear RGB. `sunlight` is the fraction of the
 /// first sun's light that arrives, `None` for all of it.
 #[inline(always)]
-pub(in crate::render::cpu) fn radiance_roots<S: Simd, N: Broadcast<S>>(
+pub(crate) fn radiance_roots<S: Simd, N: Broadcast<S>>(
     lighting: &Lighting<N>,
     lights: &ViewLights,
     ray: &ViewRays<S>,
@@ -166,6 +161,6 @@ fn splat3<N: FloatLike>(v: Vec3) -> [N; 3] {
 
 /// Returns the dot product, evaluated in a fixed order.
 #[inline(always)]
-pub(in crate::render::cpu) fn dot<N: FloatLike>(a: [N; 3], b: [N; 3]) -> N {
+pub(crate) fn dot<N: FloatLike>(a: [N; 3], b: [N; 3]) -> N {
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
 }

@@ -1,11 +1,11 @@
 //! The deferred shading stage: turns the visibility buffer into sRGB bytes, visiting each pixel tile once.
 
-pub(super) mod antialias;
-pub(super) mod encode;
-pub(super) mod gathered;
-pub(super) mod lighting;
-pub(super) mod rays;
-pub(super) mod sink;
-pub(super) mod surface;
-pub(super) mod texture;
-pub(super) mod tiles;
+pub(crate) mod antialias;
+pub(crate) mod encode;
+pub(crate) mod gathered;
+pub(crate) mod lighting;
+pub(crate) mod rays;
+pub(crate) mod sink;
+pub(crate) mod surface;
+pub(crate) mod texture;
+pub(crate) mod tiles;

@@ -8,28 +8,28 @@ use crate::render::cpu::visibility::tile::{Tile4x4, TileLayout};
 use crate::render::scene::camera::PinholeCamera;
 
 /// View rays of sixteen pixels, with directions d = (x, y, 1) that point away from the eye.
-pub(in crate::render::cpu) struct ViewRays<S: Simd> {
+pub(crate) struct ViewRays<S: Simd> {
     /// Columns and rows of the pixels.
-    pub(in crate::render::cpu) pixel: [S::F; 2],
+    pub(crate) pixel: [S::F; 2],
     /// x and y components of d.
-    pub(in crate::render::cpu) d: [S::F; 2],
+    pub(crate) d: [S::F; 2],
     /// Reciprocal lengths 1/|d|.
-    pub(in crate::render::cpu) inv_length: S::F,
+    pub(crate) inv_length: S::F,
     /// 1/z of the visible surfaces.
-    pub(in crate::render::cpu) depth: S::F,
+    pub(crate) depth: S::F,
 }
 
 impl<S: Simd> ViewRays<S> {
     /// Returns the same rays with other depths (1/z).
     #[inline(always)]
-    pub(in crate::render::cpu) fn at(self, depths: &F32x16) -> Self {
+    pub(crate) fn at(self, depths: &F32x16) -> Self {
         Self { depth: S::F::load(depths), ..self }
     }
 }
 
 /// The view rays of a camera. The reciprocal ray lengths are cached, since they depend on the intrinsics
 /// alone.
-pub(in crate::render::cpu) struct RayTable {
+pub(crate) struct RayTable {
     side: usize,
     focal_px: f32,
     /// x and y components of d at the centre of the image.
@@ -39,9 +39,9 @@ pub(in crate::render::cpu) struct RayTable {
 }
 
 /// Kernel that fills a ray table for a camera.
-pub(in crate::render::cpu) struct ComputeRayTable<'a> {
-    pub(in crate::render::cpu) rays: &'a mut RayTable,
-    pub(in crate::render::cpu) camera: &'a PinholeCamera,
+pub(crate) struct ComputeRayTable<'a> {
+    pub(crate) rays: &'a mut RayTable,
+    pub(crate) camera: &'a PinholeCamera,
 }
 
 impl Kernel for ComputeRayTable<'_> {
@@ -63,12 +63,12 @@ impl Kernel for ComputeRayTable<'_> {
 
 impl RayTable {
     /// Creates an empty table that matches no camera.
-    pub(in crate::render::cpu) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { side: 0, focal_px: 0.0, image_centre: [0.0; 2], inv_length: Vec::with_capacity(MAX_TILES) }
     }
 
     /// Returns `true` if the table was computed for the intrinsics of `camera`.
-    pub(in crate::render::cpu) fn matches(&self, camera: &PinholeCamera) -> bool {
+    pub(crate) fn matches(&self, camera: &PinholeCamera) -> bool {
         let bits = |focal_px: f32, [x, y]: [f32; 2]| [focal_px, x, y].map(f32::to_bits);
         self.side == camera.side
             && bits(self.focal_px, self.image_centre) == bits(camera.focal_px, camera.image_centre)
@@ -77,7 +77,7 @@ impl RayTable {
     /// Returns the rays of a tile, given its column and row. Their depth is 1 until [`ViewRays::at`]
     /// replaces it.
     #[inline(always)]
-    pub(in crate::render::cpu) fn tile<S: Simd>(&self, column: usize, row: usize) -> ViewRays<S> {
+    pub(crate) fn tile<S: Simd>(&self, column: usize, row: usize) -> ViewRays<S> {
         let per_row = self.side >> Tile4x4::WIDTH_BITS;
         let first = [(column << Tile4x4::WIDTH_BITS) as f32, (row << Tile4x4::HEIGHT_BITS) as f32];
         let pixel = self.pixel::<S>(first);
@@ -91,7 +91,7 @@ impl RayTable {
 
     /// Returns the rays through arbitrary pixels. They are identical to those of [`Self::tile`].
     #[inline(always)]
-    pub(in crate::render::cpu) fn for_pixels<S: Simd>(&self, pixel: [S::F; 2], depth: S::F) -> ViewRays<S> {
+    pub(crate) fn for_pixels<S: Simd>(&self, pixel: [S::F; 2], depth: S::F) -> ViewRays<S> {
         let d = self.d::<S>(pixel);
         ViewRays { pixel, d, inv_length: inv_length::<S>(d), depth }
     }
@@ -99,10 +99,7 @@ impl RayTable {
     /// Returns the column and row of the pixel of one lane in each of the sixteen tiles of a tile row,
     /// given the column and row of the first tile.
     #[inline(always)]
-    pub(in crate::render::cpu) fn pixels_of_tile_row<S: Simd>(
-        [column, row]: [usize; 2],
-        lane: usize,
-    ) -> [S::F; 2] {
+    pub(crate) fn pixels_of_tile_row<S: Simd>([column, row]: [usize; 2], lane: usize) -> [S::F; 2] {
         let [right, down] = Tile4x4::PIXELS[lane];
         let x = ((column << Tile4x4::WIDTH_BITS) as i32 + right) as f32;
         let y = ((row << Tile4x4::HEIGHT_BITS) as i32 + down) as f32;

@@ -16,14 +16,14 @@ const N_ROWS: usize = Tile4x4::HEIGHT as usize;
 const TILES_PER_WRITE: usize = 4;
 
 /// Sink that writes every tile to an image, `[side, side, 3] u8` sRGB.
-pub(in crate::render::cpu) struct ImageSink<'a> {
+pub(crate) struct ImageSink<'a> {
     out: &'a mut [u8],
     side: usize,
 }
 
 impl<'a> ImageSink<'a> {
     /// Creates a sink for the image `out`, `[side, side, 3] u8`. `side` must be a multiple of 16 px.
-    pub(in crate::render::cpu) fn new(out: &'a mut [u8], side: usize) -> Self {
+    pub(crate) fn new(out: &'a mut [u8], side: usize) -> Self {
         assert!((side >> Tile4x4::WIDTH_BITS).is_multiple_of(TILES_PER_WRITE), "side {side}");
         Self { out, side }
     }
@@ -55,11 +55,11 @@ impl TileSink for ImageSink<'_> {
 }
 
 /// Sink that copies a static layer to an image and overwrites the tiles that were shaded again.
-pub(in crate::render::cpu) struct OverlaySink<'a>(ImageSink<'a>);
+pub(crate) struct OverlaySink<'a>(ImageSink<'a>);
 
 impl<'a> OverlaySink<'a> {
     /// Creates a sink for the image `out`; both images are `[side, side, 3] u8`.
-    pub(in crate::render::cpu) fn new(layer: &[u8], out: &'a mut [u8], side: usize) -> Self {
+    pub(crate) fn new(layer: &[u8], out: &'a mut [u8], side: usize) -> Self {
         out.copy_from_slice(layer);
         Self(ImageSink::new(out, side))
     }

@@ -20,45 +20,45 @@ use crate::render::scene::{Instance, RenderScene};
 use crate::render::texture;
 
 /// Layout of a surface record: lane indices of the values of a visible triangle that every pixel needs.
-pub(in crate::render::cpu) struct SurfaceRecord;
+pub(crate) struct SurfaceRecord;
 
 impl SurfaceRecord {
     /// First lane of the normal, in the view frame and not normalised: per axis the value at pixel (0, 0)
     /// and its changes per pixel to the right and down.
-    pub(in crate::render::cpu) const NORMAL: usize = 0;
+    pub(crate) const NORMAL: usize = 0;
     /// First lane of the colour, linear RGB.
-    pub(in crate::render::cpu) const COLOR: usize = 9;
+    pub(crate) const COLOR: usize = 9;
     /// Specular reflectance in white; 0 for a metal.
-    pub(in crate::render::cpu) const SPECULAR: usize = 12;
+    pub(crate) const SPECULAR: usize = 12;
     /// Texture index as the bits of an `i32`, -1 for none.
-    pub(in crate::render::cpu) const TEXTURE: usize = 13;
+    pub(crate) const TEXTURE: usize = 13;
     /// 1 if the normal is constant, otherwise 0.
-    pub(in crate::render::cpu) const FLAT: usize = 14;
+    pub(crate) const FLAT: usize = 14;
     /// 1 for a metal, 0 for anything else.
-    pub(in crate::render::cpu) const METALLIC: usize = 15;
+    pub(crate) const METALLIC: usize = 15;
 }
 
 /// Layout of a texture-coordinate record: lane indices of the attribute planes n, u n and v n. Each plane
 /// is the value at pixel (0, 0) and its changes per pixel to the right and down.
-pub(in crate::render::cpu) struct UvRecord;
+pub(crate) struct UvRecord;
 
 impl UvRecord {
     /// First lane of n.
-    pub(in crate::render::cpu) const N: usize = 0;
+    pub(crate) const N: usize = 0;
     /// First lane of u n, with u in texture tiles.
-    pub(in crate::render::cpu) const U: usize = 3;
+    pub(crate) const U: usize = 3;
     /// First lane of v n.
-    pub(in crate::render::cpu) const V: usize = 6;
+    pub(crate) const V: usize = 6;
 }
 
 /// The visible triangles of one view.
-pub(in crate::render::cpu) struct VisibleSurfaces {
+pub(crate) struct VisibleSurfaces {
     /// [`SurfaceRecord`]s, indexed by [`record_index`]. That of the background is [`BACKGROUND_RECORD`].
-    pub(in crate::render::cpu) records: Vec<F32x16>,
+    pub(crate) records: Vec<F32x16>,
     /// [`UvRecord`]s, indexed by [`record_index`]. Only those of textured triangles are valid.
-    pub(in crate::render::cpu) uv_records: Vec<F32x16>,
+    pub(crate) uv_records: Vec<F32x16>,
     /// Per visibility tile the id that all of its lanes show, or [`MIXED`], or [`UNCHANGED`].
-    pub(in crate::render::cpu) tile_ids: Vec<i32>,
+    pub(crate) tile_ids: Vec<i32>,
     /// 1 for each visible triangle, indexed by [`record_index`].
     visible: Vec<u8>,
     /// `true` if `visible` may contain nonzero entries.
@@ -70,17 +70,17 @@ pub(in crate::render::cpu) struct VisibleSurfaces {
 /// Returns the index of a triangle's records, given its id or
 /// [`NO_ID`](crate::render::cpu::visibility::raster::NO_ID).
 #[inline(always)]
-pub(in crate::render::cpu) fn record_index(id: i32) -> usize {
+pub(crate) fn record_index(id: i32) -> usize {
     (id + N_LANES as i32) as usize
 }
 
 /// Marks a tile that shows more than one triangle, or a triangle and background.
-pub(in crate::render::cpu) const MIXED: i32 = -2;
+pub(crate) const MIXED: i32 = -2;
 /// Marks a tile that is unchanged from the static layer and is not shaded.
-pub(in crate::render::cpu) const UNCHANGED: i32 = -3;
+pub(crate) const UNCHANGED: i32 = -3;
 
 /// [`SurfaceRecord`] of the background: a black surface.
-pub(in crate::render::cpu) const BACKGROUND_RECORD: F32x16 = {
+pub(crate) const BACKGROUND_RECORD: F32x16 = {
     let mut record = F32x16::ZERO;
     record.0[SurfaceRecord::NORMAL + 6] = -1.0;
     record.0[SurfaceRecord::TEXTURE] = f32::from_bits(u32::MAX);
@@ -89,7 +89,7 @@ pub(in crate::render::cpu) const BACKGROUND_RECORD: F32x16 = {
 
 impl VisibleSurfaces {
     /// Creates an empty buffer with capacity for a typical scene.
-    pub(in crate::render::cpu) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         const N_IDS: usize = 1 << 16;
         Self {
             records: Vec::with_capacity(N_IDS),
@@ -160,17 +160,17 @@ fn mark_tile<S: Simd>(ids: &I32x16, visible: &mut [u8]) -> i32 {
 }
 
 /// Kernel that marks the visible triangles of a view and writes their records.
-pub(in crate::render::cpu) struct PrepareSurfaces<'a> {
-    pub(in crate::render::cpu) scene: &'a RenderScene,
-    pub(in crate::render::cpu) camera: &'a PinholeCamera,
+pub(crate) struct PrepareSurfaces<'a> {
+    pub(crate) scene: &'a RenderScene,
+    pub(crate) camera: &'a PinholeCamera,
     /// Per instance the transform from its mesh to the view frame.
-    pub(in crate::render::cpu) view_from_mesh: &'a [Affine3],
-    pub(in crate::render::cpu) visibility: &'a Visibility,
+    pub(crate) view_from_mesh: &'a [Affine3],
+    pub(crate) visibility: &'a Visibility,
     /// Visibility samples along each edge of a pixel.
-    pub(in crate::render::cpu) scale: usize,
+    pub(crate) scale: usize,
     /// Per pixel tile `true` if it must be shaded; `None` for all tiles.
-    pub(in crate::render::cpu) stale: Option<&'a [bool]>,
-    pub(in crate::render::cpu) surfaces: &'a mut VisibleSurfaces,
+    pub(crate) stale: Option<&'a [bool]>,
+    pub(crate) surfaces: &'a mut VisibleSurfaces,
 }
 
 impl Kernel for PrepareSurfaces<'_> {
@@ -237,7 +237,7 @@ fn take_marked<'a, S: Simd>(marks: &mut [u8], indices: &'a mut Vec<i32>) -> &'a 
 
 /// Returns `true` if all lanes are equal.
 #[inline(always)]
-pub(in crate::render::cpu) fn is_uniform<S: Simd>(ids: &I32x16) -> bool {
+pub(crate) fn is_uniform<S: Simd>(ids: &I32x16) -> bool {
     S::I::load(ids).eq(S::I::splat(ids.0[0])).to_bits() == u16::MAX
 }
 

@@ -10,22 +10,22 @@ const FRACTION_BITS: u32 = 8;
 const HALF: i32 = 1 << (FRACTION_BITS - 1);
 
 /// Texture coordinates of sixteen pixels, in texture tiles.
-pub(in crate::render::cpu) type Uv<S> = [<S as Simd>::F; 2];
+pub(crate) type Uv<S> = [<S as Simd>::F; 2];
 
 /// The points at which sixteen pixels sample a texture. Locating samples and reading them are separate
 /// steps, so that a CPU can overlap several tiles: the dependency chain of each step is long.
-pub(in crate::render::cpu) struct TextureSample {
+pub(crate) struct TextureSample {
     /// Points in 1/256 texel.
     points: [I32x16; 2],
 }
 
 impl TextureSample {
     /// Placeholder before the first call of [`Self::locate`].
-    pub(in crate::render::cpu) const NONE: Self = Self { points: [I32x16::ZERO; 2] };
+    pub(crate) const NONE: Self = Self { points: [I32x16::ZERO; 2] };
 
     /// Computes the sample points for texture coordinates `uv`.
     #[inline(always)]
-    pub(in crate::render::cpu) fn locate<S: Simd>(&mut self, uv: &Uv<S>) {
+    pub(crate) fn locate<S: Simd>(&mut self, uv: &Uv<S>) {
         let scale = S::F::splat((SIDE << FRACTION_BITS) as f32);
         for (t, points) in uv.iter().zip(&mut self.points) {
             (*t * scale).round_to_i32().store(points);
@@ -35,7 +35,7 @@ impl TextureSample {
     /// Reads the texture with bilinear filtering. Returns the square roots of the linear RGB factors, in
     /// [0, 1].
     #[inline(always)]
-    pub(in crate::render::cpu) fn read<S: Simd>(&self, image: &TextureImage) -> [S::F; 3] {
+    pub(crate) fn read<S: Simd>(&self, image: &TextureImage) -> [S::F; 3] {
         // Coordinates are usually monotonic across a tile, so their minima are usually at its corners.
         let min = each!(k in 2 => {
             let points = &self.points[k].0;

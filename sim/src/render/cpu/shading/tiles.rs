@@ -18,25 +18,25 @@ use crate::render::texture::{self, TextureImage};
 use crate::scene::Texture;
 
 /// The inputs of the shading of one image.
-pub(in crate::render::cpu) struct Shader<'a> {
-    pub(in crate::render::cpu) lights: &'a ViewLights,
-    pub(in crate::render::cpu) rays: &'a RayTable,
-    pub(in crate::render::cpu) surfaces: &'a VisibleSurfaces,
+pub(crate) struct Shader<'a> {
+    pub(crate) lights: &'a ViewLights,
+    pub(crate) rays: &'a RayTable,
+    pub(crate) surfaces: &'a VisibleSurfaces,
     /// The first sun's shadows, if it casts any.
-    pub(in crate::render::cpu) shadow: Option<Shadow<'a>>,
+    pub(crate) shadow: Option<Shadow<'a>>,
 }
 
 /// A destination for shaded tiles.
-pub(in crate::render::cpu) trait TileSink {
+pub(crate) trait TileSink {
     /// Writes the pixels of a tile row.
     fn write<S: Simd>(&mut self, tile_row: &TileRow);
 }
 
 /// Kernel that shades an image with one sample per pixel.
-pub(in crate::render::cpu) struct Shade<'a, K> {
-    pub(in crate::render::cpu) shader: Shader<'a>,
-    pub(in crate::render::cpu) visibility: &'a Visibility,
-    pub(in crate::render::cpu) sink: K,
+pub(crate) struct Shade<'a, K> {
+    pub(crate) shader: Shader<'a>,
+    pub(crate) visibility: &'a Visibility,
+    pub(crate) sink: K,
 }
 
 impl<K: TileSink> Kernel for Shade<'_, K> {
@@ -60,16 +60,16 @@ impl<K: TileSink> Kernel for Shade<'_, K> {
 
 /// Maximum number of tiles in a tile row. Each shading step runs over all of them before the next step
 /// begins, so that a CPU can overlap the long dependency chains of several tiles.
-pub(in crate::render::cpu) const TILE_ROW: usize = N_LANES;
+pub(crate) const TILE_ROW: usize = N_LANES;
 
 /// A row of up to [`TILE_ROW`] adjacent tiles, with the intermediate results of their shading.
-pub(in crate::render::cpu) struct TileRow {
+pub(crate) struct TileRow {
     /// Column of the first tile.
-    pub(in crate::render::cpu) column: usize,
+    pub(crate) column: usize,
     /// Row of all tiles.
-    pub(in crate::render::cpu) row: usize,
+    pub(crate) row: usize,
     /// Number of tiles.
-    pub(in crate::render::cpu) n: usize,
+    pub(crate) n: usize,
     /// Bit i is set if tile i is uniform: all of its pixels show one triangle.
     uniform: u16,
     /// Bit i is set if tile i shows several triangles.
@@ -103,7 +103,7 @@ const NO_TRIANGLE: usize = usize::MAX;
 
 impl TileRow {
     /// Creates a tile row without tiles.
-    pub(in crate::render::cpu) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             column: 0,
             row: 0,
@@ -125,13 +125,13 @@ impl TileRow {
     }
 
     /// Returns a mask of the tiles that show any surface: bit i stands for tile i.
-    pub(in crate::render::cpu) fn shown_tiles(&self) -> u16 {
+    pub(crate) fn shown_tiles(&self) -> u16 {
         self.uniform | self.mixed
     }
 
     /// Returns the sRGB pixels of a tile, with red in the lowest byte.
     #[inline(always)]
-    pub(in crate::render::cpu) fn packed<S: Simd>(&self, i: usize) -> S::I {
+    pub(crate) fn packed<S: Simd>(&self, i: usize) -> S::I {
         if self.shown_tiles() >> i & 1 == 0 {
             return S::I::splat(0);
         }
@@ -141,14 +141,14 @@ impl TileRow {
 
     /// Returns the square roots of a tile's radiance, linear RGB.
     #[inline(always)]
-    pub(in crate::render::cpu) fn roots<S: Simd>(&self, i: usize) -> [S::F; 3] {
+    pub(crate) fn roots<S: Simd>(&self, i: usize) -> [S::F; 3] {
         let is_shown = self.shown_tiles() >> i & 1 == 1;
         each!(c in 3 => if is_shown { S::F::load(&self.roots[i][c]) } else { S::F::splat(0.0) })
     }
 
     /// Replaces the radiance of a tile, given its square roots.
     #[inline(always)]
-    pub(in crate::render::cpu) fn set_roots<S: Simd>(&mut self, i: usize, roots: [S::F; 3]) {
+    pub(crate) fn set_roots<S: Simd>(&mut self, i: usize, roots: [S::F; 3]) {
         self.mixed |= 1 << i;
         store_rgb::<S>(roots, &mut self.roots[i]);
     }
@@ -163,7 +163,7 @@ impl TileRow {
     }
 
     /// Moves to `n` other tiles and invalidates all cached results.
-    pub(in crate::render::cpu) fn move_to(&mut self, column: usize, row: usize, n: usize) {
+    pub(crate) fn move_to(&mut self, column: usize, row: usize, n: usize) {
         (self.column, self.row, self.n) = (column, row, n);
         self.flat.triangle = NO_TRIANGLE;
     }
@@ -173,7 +173,7 @@ impl Shader<'_> {
     /// Shades the tiles of a tile row. `tile_ids` are their entries of [`VisibleSurfaces::tile_ids`]; `ids`
     /// and `depths` are their visibility tiles.
     #[inline(always)]
-    pub(in crate::render::cpu) fn shade<S: Simd>(
+    pub(crate) fn shade<S: Simd>(
         &self,
         tile_ids: &[i32],
         ids: &[I32x16],
@@ -290,12 +290,7 @@ impl Shader<'_> {
 
     /// Gathers the surface attributes of sixteen pixels with a triangle each, except for their textures.
     #[inline(always)]
-    pub(in crate::render::cpu) fn gather<S: Simd>(
-        &self,
-        ids: &I32x16,
-        ray: &ViewRays<S>,
-        gathered: &mut GatheredSurfaces,
-    ) {
+    pub(crate) fn gather<S: Simd>(&self, ids: &I32x16, ray: &ViewRays<S>, gathered: &mut GatheredSurfaces) {
         let records =
             S::transpose(each!(i in 16 => S::F::load(&self.surfaces.records[record_index(ids.0[i])])));
         store_rgb::<S>(eval_planes::<S, S::F>(&records, SurfaceRecord::NORMAL, ray), &mut gathered.normal);
@@ -309,7 +304,7 @@ impl Shader<'_> {
     /// Returns the square roots of the texture factors of sixteen pixels. Loops over the textured triangles,
     /// of which there are usually few.
     #[inline(always)]
-    pub(in crate::render::cpu) fn gather_tint<S: Simd>(
+    pub(crate) fn gather_tint<S: Simd>(
         &self,
         ids: &I32x16,
         ray: &ViewRays<S>,
@@ -332,11 +327,7 @@ impl Shader<'_> {
 
     /// Returns the square roots of the radiance of pixels that show several triangles.
     #[inline(always)]
-    pub(in crate::render::cpu) fn shade_mixed<S: Simd>(
-        &self,
-        gathered: &GatheredSurfaces,
-        ray: &ViewRays<S>,
-    ) -> [S::F; 3] {
+    pub(crate) fn shade_mixed<S: Simd>(&self, gathered: &GatheredSurfaces, ray: &ViewRays<S>) -> [S::F; 3] {
         let GatheredSurfaces { normal, color, tint, specular, metallic, .. } = gathered;
         let lighting = Lighting::new(self.lights, each!(k in 3 => S::F::load(&normal[k])));
         let reflectance = Reflectance {
@@ -368,7 +359,7 @@ impl Shader<'_> {
 
 /// Stores the three channels of an RGB value.
 #[inline(always)]
-pub(in crate::render::cpu) fn store_rgb<S: Simd>(rgb: [S::F; 3], out: &mut [F32x16; 3]) {
+pub(crate) fn store_rgb<S: Simd>(rgb: [S::F; 3], out: &mut [F32x16; 3]) {
     for (channel, out) in rgb.iter().zip(out) {
         channel.store(out);
     }

@@ -12,9 +12,9 @@ use crate::render::scene::Instance;
 use crate::render::shading::SHADOW_MAP_WIDTH_M;
 
 /// The projection onto the shadow map.
-pub(super) struct LightProjection {
+pub(crate) struct LightProjection {
     /// Direction to the light in the frame of the current mesh.
-    pub(super) light_in_mesh: Vec3,
+    pub(crate) light_in_mesh: Vec3,
 }
 
 /// Width of the guard band in texels. Only the floor extends further, and it casts no shadow.

@@ -15,20 +15,20 @@ use crate::render::shading::SHADOW_NORMAL_OFFSET_M;
 const SLACK_STEPS: f32 = 4.0;
 
 /// A shadow map with the transform from a camera's view frame.
-pub(in crate::render::cpu) struct Shadow<'a> {
+pub(crate) struct Shadow<'a> {
     /// `[512, 512]` heights in steps.
-    pub(super) heights: &'a [u16],
+    pub(crate) heights: &'a [u16],
     /// Maximum heights of moving and of static geometry.
-    pub(super) max_heights: [&'a MaxHeightPyramid; 2],
+    pub(crate) max_heights: [&'a MaxHeightPyramid; 2],
     /// Transform from the view frame to texels and height steps.
-    pub(super) texel_from_view: Affine3,
+    pub(crate) texel_from_view: Affine3,
 }
 
 impl Shadow<'_> {
     /// Returns the fraction of the light that reaches the visible points, given their unit normals:
     /// percentage-closer filtering of 2 × 2 texels. Unspecified where `facing` is not set.
     #[inline(always)]
-    pub(in crate::render::cpu) fn sunlight<S: Simd, N: Broadcast<S>>(
+    pub(crate) fn sunlight<S: Simd, N: Broadcast<S>>(
         &self,
         ray: &ViewRays<S>,
         normal: &[N; 3],
@@ -72,7 +72,7 @@ impl Shadow<'_> {
     /// stands for tile i. The `tiles`, at least one, all show the same plane with this unit normal, at these
     /// depths.
     #[inline(always)]
-    pub(in crate::render::cpu) fn fully_lit_tiles<S: Simd>(
+    pub(crate) fn fully_lit_tiles<S: Simd>(
         &self,
         rays: &RayTable,
         [column, row]: [usize; 2],
@@ -139,7 +139,7 @@ fn clamp_to_map<S: Simd>(x: S::F) -> S::I {
 }
 
 /// Accumulates bounds of the lookups of a tile, for any normals.
-pub(in crate::render::cpu) struct LightBoundsBuilder {
+pub(crate) struct LightBoundsBuilder {
     /// First and last column, first and last row; `None` if there are no lookups.
     texels: Option<[[i32; 2]; 2]>,
     /// Minimum height: lower geometry cannot shade the tile.
@@ -148,16 +148,11 @@ pub(in crate::render::cpu) struct LightBoundsBuilder {
 
 impl LightBoundsBuilder {
     /// Bounds of nothing.
-    pub(in crate::render::cpu) const NONE: Self = Self { texels: None, min_height: f32::INFINITY };
+    pub(crate) const NONE: Self = Self { texels: None, min_height: f32::INFINITY };
 
     /// Adds the visible points of a tile where `visible` is set.
     #[inline(always)]
-    pub(in crate::render::cpu) fn add<S: Simd>(
-        &mut self,
-        shadow: &Shadow<'_>,
-        ray: &ViewRays<S>,
-        visible: S::M,
-    ) {
+    pub(crate) fn add<S: Simd>(&mut self, shadow: &Shadow<'_>, ray: &ViewRays<S>, visible: S::M) {
         // Normals are unit vectors; the rest is tolerance for rounding.
         const SLACK: f32 = SHADOW_NORMAL_OFFSET_M * TEXELS_PER_M + 0.1;
         const LAST: i32 = SIDE as i32 - 2;
@@ -189,14 +184,14 @@ impl LightBoundsBuilder {
     }
 
     /// Returns the bounds.
-    pub(in crate::render::cpu) fn finish(&self) -> LightBounds {
+    pub(crate) fn finish(&self) -> LightBounds {
         LightBounds { window: self.texels.and_then(PyramidWindow::around), min_height: self.min_height }
     }
 }
 
 /// Conservative bounds, on the shadow map, of the geometry that can shade a tile.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::render::cpu) struct LightBounds {
+pub(crate) struct LightBounds {
     /// Window of the lookups; `None` if they span more than the largest window.
     window: Option<PyramidWindow>,
     /// Minimum height: lower geometry cannot shade the tile.
@@ -206,7 +201,7 @@ pub(in crate::render::cpu) struct LightBounds {
 impl LightBounds {
     /// Returns `true` if geometry with these maximum heights may shade the tile.
     #[inline(always)]
-    pub(in crate::render::cpu) fn may_be_shaded_by(&self, max_heights: &MaxHeightPyramid) -> bool {
+    pub(crate) fn may_be_shaded_by(&self, max_heights: &MaxHeightPyramid) -> bool {
         match self.window {
             Some(window) => f32::from(max_heights.within(window)) > self.min_height,
             None => self.min_height < f32::INFINITY,

@@ -10,7 +10,7 @@ use crate::render::cpu::simd::{Simd, SimdI32};
 /// 3 × 3 cells.
 ///
 /// The cells of level k are 2ᵏ × 2ᵏ cells of the map. A window is indexed by its first cell.
-pub(in crate::render::cpu) struct MaxHeightPyramid {
+pub(crate) struct MaxHeightPyramid {
     /// Rows of [`PITCH`] cells. The last two rows and columns are padding for windows at the edge.
     cells: Vec<u16>,
     /// All levels, the finest first.
@@ -37,19 +37,19 @@ const LEVELS: [usize; N_LEVELS + 1] = {
 
 impl MaxHeightPyramid {
     /// Creates an empty pyramid.
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { cells: vec![0; PITCH * PITCH], windows: vec![0; LEVELS[N_LEVELS]], occupied: None }
     }
 
     /// Sets the maximum heights of two horizontally adjacent cells, given the column and row of the first.
     #[inline(always)]
-    pub(super) fn set_cell_pair(&mut self, [column, row]: [usize; 2], heights: [u16; 2]) {
+    pub(crate) fn set_cell_pair(&mut self, [column, row]: [usize; 2], heights: [u16; 2]) {
         self.cells[row * PITCH + column..][..2].copy_from_slice(&heights);
     }
 
     /// Updates the windows from the cells, given the first and last column and row of the occupied ones.
     #[inline(always)]
-    pub(super) fn finish(&mut self, occupied: Option<[[usize; 2]; 2]>) {
+    pub(crate) fn finish(&mut self, occupied: Option<[[usize; 2]; 2]>) {
         let before = core::mem::replace(&mut self.occupied, occupied);
         // Include the cells that were occupied before, so that their windows are cleared.
         let [columns, rows] = match (before, occupied) {
@@ -92,7 +92,7 @@ impl MaxHeightPyramid {
 
     /// Returns the maximum height of a window.
     #[inline(always)]
-    pub(super) fn within(&self, window: PyramidWindow) -> u16 {
+    pub(crate) fn within(&self, window: PyramidWindow) -> u16 {
         self.windows[window.0 as usize]
     }
 }
@@ -104,24 +104,24 @@ fn overlapping([first, last]: [usize; 2], level: usize) -> RangeInclusive<usize>
 
 /// Index of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct PyramidWindow(pub(super) i32);
+pub(crate) struct PyramidWindow(pub(crate) i32);
 
 impl PyramidWindow {
     /// Returns the smallest window that contains these columns and rows of texels (first, last), or `None` if
     /// no window is large enough.
-    pub(super) fn around([[left, right], [top, bottom]]: [[i32; 2]; 2]) -> Option<Self> {
+    pub(crate) fn around([[left, right], [top, bottom]]: [[i32; 2]; 2]) -> Option<Self> {
         PyramidLevel::of((right - left).max(bottom - top)).map(|level| level.window([left, top]))
     }
 }
 
 /// A level of the pyramid.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct PyramidLevel(u32);
+pub(crate) struct PyramidLevel(u32);
 
 impl PyramidLevel {
     /// Returns the finest level whose windows can contain texels that are `size` apart.
     #[inline(always)]
-    pub(super) fn of(size: i32) -> Option<Self> {
+    pub(crate) fn of(size: i32) -> Option<Self> {
         // Two cells must cover the range, because it need not be aligned with the cells.
         let level = u32::BITS - ((size.max(1) as u32 - 1) / (2 * CELL as u32)).leading_zeros();
         ((level as usize) < N_LEVELS).then_some(Self(level))
@@ -135,7 +135,7 @@ impl PyramidLevel {
 
     /// Returns the indices of the windows whose first cells contain sixteen texels.
     #[inline(always)]
-    pub(super) fn windows<S: Simd>(self, [x, y]: [S::I; 2]) -> S::I {
+    pub(crate) fn windows<S: Simd>(self, [x, y]: [S::I; 2]) -> S::I {
         let bits = CELL.ilog2() + self.0;
         let row = y.shr_arithmetic_by(bits).dot_i16(S::I::splat((CELLS >> self.0) as i32));
         row + x.shr_arithmetic_by(bits) + S::I::splat(LEVELS[self.0 as usize] as i32)

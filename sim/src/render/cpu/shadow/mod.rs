@@ -26,8 +26,8 @@ use crate::render::shading::{
 };
 use crate::scene::Snapshot;
 use light_projection::LightProjection;
-pub(super) use lookup::{LightBounds, LightBoundsBuilder, Shadow};
-pub(super) use max_heights::MaxHeightPyramid;
+pub(crate) use lookup::{LightBounds, LightBoundsBuilder, Shadow};
+pub(crate) use max_heights::MaxHeightPyramid;
 use max_heights::{PyramidLevel, PyramidWindow};
 
 /// Number of texels along each edge of a shadow map.
@@ -75,7 +75,7 @@ impl HeightMap {
 }
 
 /// Cached heights of static geometry.
-pub(in crate::render) struct StaticHeights {
+pub(crate) struct StaticHeights {
     /// Transforms of the static instances to the light frame for which the map was rendered.
     maps: Vec<Affine3>,
     heights: HeightMap,
@@ -83,10 +83,10 @@ pub(in crate::render) struct StaticHeights {
 
 /// Cache key of [`StaticHeights`]: the meshes and their transforms to the light frame.
 #[derive(PartialEq)]
-pub(super) struct StaticHeightsKey(Vec<(MeshKey, Affine3)>);
+pub(crate) struct StaticHeightsKey(Vec<(MeshKey, Affine3)>);
 
 /// The shadow map of one env at one time.
-pub(super) struct ShadowMap {
+pub(crate) struct ShadowMap {
     /// Heights of moving geometry, drawn over the static map.
     heights: HeightMap,
     /// Heights of static geometry.
@@ -95,7 +95,7 @@ pub(super) struct ShadowMap {
 }
 
 /// Scratch buffers for rasterising one map at a time, tile by tile.
-pub(super) struct HeightRaster {
+pub(crate) struct HeightRaster {
     tiles: Visibility,
     maps: Vec<Affine3>,
     /// `true` if all tiles are cleared.
@@ -104,7 +104,7 @@ pub(super) struct HeightRaster {
 
 impl HeightRaster {
     /// Creates empty buffers.
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { tiles: Visibility::new(), maps: Vec::with_capacity(256), is_empty: false }
     }
 
@@ -138,13 +138,13 @@ impl HeightRaster {
 
 impl ShadowMap {
     /// Creates a map without shadows.
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { heights: HeightMap::new(), still: None, light_from_world: Affine3::IDENTITY }
     }
 
     /// Renders all shadow casters of a scene with shadows. Static geometry is rendered only if it is not in
     /// the `cache`.
-    pub(super) fn draw(
+    pub(crate) fn draw(
         &mut self,
         isa: Isa,
         scene: &RenderScene,
@@ -167,20 +167,20 @@ impl ShadowMap {
     }
 
     /// Returns the map for lookups from a camera, or `None` if nothing was rendered.
-    pub(super) fn view(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
+    pub(crate) fn view(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
         let max_heights = [&self.heights.max_heights, &still.heights.max_heights];
         Some(self.shadow(&self.heights.texels, max_heights, view_from_world))
     }
 
     /// Returns the map of static geometry alone for lookups from a camera.
-    pub(super) fn static_view(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
+    pub(crate) fn static_view(&self, view_from_world: &Affine3) -> Option<Shadow<'_>> {
         let still = self.still.as_ref()?;
         Some(self.shadow(&still.heights.texels, [&still.heights.max_heights; 2], view_from_world))
     }
 
     /// Returns the maximum heights of moving geometry.
-    pub(super) fn moving(&self) -> &MaxHeightPyramid {
+    pub(crate) fn moving(&self) -> &MaxHeightPyramid {
         &self.heights.max_heights
     }
 

@@ -11,19 +11,19 @@ use super::{
 
 /// The AVX2 implementation.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Avx2;
+pub(crate) struct Avx2;
 
 /// Sixteen floats: lanes 0 to 7 and 8 to 15.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Avx2F32([__m256; 2]);
+pub(crate) struct Avx2F32([__m256; 2]);
 
 /// Sixteen integers: lanes 0 to 7 and 8 to 15.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Avx2I32([__m256i; 2]);
+pub(crate) struct Avx2I32([__m256i; 2]);
 
 /// Sixteen booleans: all bits of a lane are set, or none.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Avx2Mask([__m256i; 2]);
+pub(crate) struct Avx2Mask([__m256i; 2]);
 
 /// Evaluates an expression of intrinsics.
 macro_rules! intrinsic {

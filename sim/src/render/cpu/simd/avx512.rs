@@ -12,19 +12,19 @@ use super::{
 
 /// The AVX-512 implementation.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Avx512;
+pub(crate) struct Avx512;
 
 /// Sixteen floats in a register.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Avx512F32(__m512);
+pub(crate) struct Avx512F32(__m512);
 
 /// Sixteen integers in a register.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Avx512I32(__m512i);
+pub(crate) struct Avx512I32(__m512i);
 
 /// Sixteen booleans in a mask register.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Avx512Mask(__mmask16);
+pub(crate) struct Avx512Mask(__mmask16);
 
 /// Evaluates an expression of intrinsics.
 macro_rules! intrinsic {

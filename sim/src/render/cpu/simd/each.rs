@@ -29,4 +29,4 @@ macro_rules! each {
     };
 }
 
-pub(in crate::render::cpu) use each;
+pub(crate) use each;

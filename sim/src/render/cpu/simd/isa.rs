@@ -11,7 +11,7 @@ use super::{Portable, Simd};
 /// An instruction set. The variants hold pulp's capability tokens, which only run-time detection can create,
 /// so a value of this type proves that the processor has the instruction set.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::render::cpu) enum Isa {
+pub(crate) enum Isa {
     /// The baseline of the compilation target.
     Portable,
     /// AVX2 and FMA: eight f32 lanes per register.
@@ -24,7 +24,7 @@ pub(in crate::render::cpu) enum Isa {
 
 impl Isa {
     /// Returns the instruction sets of this processor, the narrowest first.
-    pub(in crate::render::cpu) fn available() -> Vec<Self> {
+    pub(crate) fn available() -> Vec<Self> {
         let mut available = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
         {
@@ -35,7 +35,7 @@ impl Isa {
     }
 
     /// Returns the name to display.
-    pub(in crate::render::cpu) const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Portable => "portable",
             #[cfg(target_arch = "x86_64")]
@@ -46,7 +46,7 @@ impl Isa {
     }
 
     /// Runs a kernel compiled for this instruction set.
-    pub(in crate::render::cpu) fn run<K: Kernel>(self, kernel: K) {
+    pub(crate) fn run<K: Kernel>(self, kernel: K) {
         match self {
             Self::Portable => kernel.run::<Portable>(),
             #[cfg(target_arch = "x86_64")]
@@ -62,7 +62,7 @@ impl Isa {
 /// A piece of work that is compiled once per instruction set. `run` and every function it calls with vector
 /// arguments must be `#[inline(always)]`: only what is inlined into the functions below is compiled for their
 /// instruction sets.
-pub(in crate::render::cpu) trait Kernel {
+pub(crate) trait Kernel {
     /// Executes the kernel.
     fn run<S: Simd>(self);
 }

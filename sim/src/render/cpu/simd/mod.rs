@@ -8,8 +8,8 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
-pub(super) mod each;
-pub(super) mod isa;
+pub(crate) mod each;
+pub(crate) mod isa;
 #[cfg(target_arch = "x86_64")]
 mod permute512;
 mod portable;
@@ -17,16 +17,16 @@ mod portable;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 #[cfg(target_arch = "x86_64")]
-pub(super) use avx2::Avx2;
+pub(crate) use avx2::Avx2;
 #[cfg(target_arch = "x86_64")]
-pub(super) use avx512::Avx512;
-pub(super) use portable::Portable;
+pub(crate) use avx512::Avx512;
+pub(crate) use portable::Portable;
 
-pub(super) use crate::render::math::lanes::{F32x16, I16x16, I32x16, N_LANES};
+pub(crate) use crate::render::math::lanes::{F32x16, I16x16, I32x16, N_LANES};
 use each::each;
 
 /// Vector types of an instruction set and the operations that combine several of them.
-pub(super) trait Simd: Copy {
+pub(crate) trait Simd: Copy {
     /// `[16] f32`.
     type F: SimdF32<I = Self::I, M = Self::M> + Broadcast<Self>;
     /// `[16] i32`.
@@ -134,7 +134,7 @@ pub(super) trait Simd: Copy {
 
 /// Operations common to `f32` and vectors of it. A quantity that is the same for all pixels of a surface is
 /// computed once, as a scalar, by the same steps.
-pub(super) trait FloatLike:
+pub(crate) trait FloatLike:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
     /// Broadcasts `x` to all lanes.
@@ -177,7 +177,7 @@ impl FloatLike for f32 {
 }
 
 /// A scalar or vector that can be converted to a vector of an instruction set.
-pub(super) trait Broadcast<S: Simd>: FloatLike {
+pub(crate) trait Broadcast<S: Simd>: FloatLike {
     /// Returns a vector unchanged and a scalar in all lanes.
     fn broadcast(self) -> S::F;
 }
@@ -190,7 +190,7 @@ impl<S: Simd> Broadcast<S> for f32 {
 }
 
 /// Sixteen f32 lanes.
-pub(super) trait SimdF32: FloatLike {
+pub(crate) trait SimdF32: FloatLike {
     /// Matching integer vector.
     type I;
     /// Matching mask.
@@ -215,7 +215,7 @@ pub(super) trait SimdF32: FloatLike {
 }
 
 /// Sixteen integers; arithmetic uv_records.
-pub(super) trait SimdI32:
+pub(crate) trait SimdI32:
     Copy + Add<Output = Self> + Sub<Output = Self> + BitAnd<Output = Self> + BitOr<Output = Self>
 {
     /// SimdF32 as wide.
@@ -289,7 +289,7 @@ pub(super) trait SimdI32:
 }
 
 /// Sixteen boolean lanes.
-pub(super) trait SimdMask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
+pub(crate) trait SimdMask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
     /// Packs lane i into bit i.
     fn to_bits(self) -> u16;
     /// Unpacks bit i into lane i.
@@ -304,7 +304,7 @@ pub(super) trait SimdMask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
 }
 
 /// Iterator over the indices of the set bits, the lowest first.
-pub(super) struct SetBits(pub(super) u16);
+pub(crate) struct SetBits(pub(crate) u16);
 
 impl Iterator for SetBits {
     type Item = usize;

@@ -20,7 +20,7 @@ unsafe fn all_in_window([x, y]: [__m512i; 2]) -> bool {
 /// # Safety
 /// The processor must have AVX-512.
 #[inline(always)]
-pub(super) unsafe fn of_words(
+pub(crate) unsafe fn of_words(
     words: &[u32],
     first: usize,
     pitch: usize,
@@ -57,7 +57,7 @@ pub(super) unsafe fn of_words(
 /// # Safety
 /// The processor must have AVX-512.
 #[inline(always)]
-pub(super) unsafe fn of_halves(
+pub(crate) unsafe fn of_halves(
     halves: &[u16],
     first: usize,
     pitch: usize,
@@ -91,7 +91,7 @@ pub(super) unsafe fn of_halves(
 /// # Safety
 /// The processor must have AVX-512.
 #[inline(always)]
-pub(super) unsafe fn pack_rgb(pixels: __m512i) -> __m512i {
+pub(crate) unsafe fn pack_rgb(pixels: __m512i) -> __m512i {
     // SAFETY: guaranteed by the caller.
     unsafe {
         let order = _mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1);

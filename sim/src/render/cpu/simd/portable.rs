@@ -6,19 +6,19 @@ use super::{Broadcast, F32x16, FloatLike, I16x16, I32x16, N_LANES, Simd, SimdF32
 
 /// The portable implementation, for any processor.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct Portable;
+pub(crate) struct Portable;
 
 /// Sixteen floats in an array.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct PortableF32([f32; N_LANES]);
+pub(crate) struct PortableF32([f32; N_LANES]);
 
 /// Sixteen integers in an array.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct PortableI32([i32; N_LANES]);
+pub(crate) struct PortableI32([i32; N_LANES]);
 
 /// Sixteen booleans as the bits of an integer.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct PortableMask(u16);
+pub(crate) struct PortableMask(u16);
 
 fn map<A: Copy, B>(a: [A; N_LANES], f: impl Fn(A) -> B) -> [B; N_LANES] {
     a.map(f)

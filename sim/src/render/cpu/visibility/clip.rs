@@ -20,7 +20,7 @@ struct Polygon {
 /// Rasterises the part of a triangle, given in the view frame, that lies in front of the near plane and
 /// inside the guard band.
 #[inline(always)]
-pub(in crate::render::cpu) fn draw<S: Simd, B: TileLayout>(
+pub(crate) fn draw<S: Simd, B: TileLayout>(
     triangle: [Vec3; 3],
     projection: &PinholeProjection<'_>,
     id: i32,

@@ -17,15 +17,15 @@ use crate::render::mesh::{ClusterCorners, PackedMesh, Vec3x16};
 use crate::render::scene::Instance;
 
 /// Rasterises instances in order.
-pub(in crate::render::cpu) struct RasterizeInstances<'a, B, L> {
-    pub(in crate::render::cpu) instances: &'a [Instance],
+pub(crate) struct RasterizeInstances<'a, B, L> {
+    pub(crate) instances: &'a [Instance],
     /// Transform of each instance from its mesh to the view frame.
-    pub(in crate::render::cpu) maps: &'a [Affine3],
+    pub(crate) maps: &'a [Affine3],
     /// Id of the first triangle of each instance.
-    pub(in crate::render::cpu) first_ids: &'a [u32],
-    pub(in crate::render::cpu) projection: L,
-    pub(in crate::render::cpu) visibility: &'a mut Visibility,
-    pub(in crate::render::cpu) tiles: PhantomData<B>,
+    pub(crate) first_ids: &'a [u32],
+    pub(crate) projection: L,
+    pub(crate) visibility: &'a mut Visibility,
+    pub(crate) tiles: PhantomData<B>,
 }
 
 impl<B: TileLayout, L: Projection> Kernel for RasterizeInstances<'_, B, L> {
@@ -76,14 +76,14 @@ fn draw<S: Simd, B: TileLayout, L: Projection>(
 }
 
 /// An affine transform with every coefficient broadcast to a vector.
-pub(in crate::render::cpu) struct TransformX16<S: Simd> {
+pub(crate) struct TransformX16<S: Simd> {
     linear: [Vectors<S>; 3],
     offset: Vectors<S>,
 }
 
 impl<S: Simd> TransformX16<S> {
     #[inline(always)]
-    pub(in crate::render::cpu) fn new(map: &Affine3) -> Self {
+    pub(crate) fn new(map: &Affine3) -> Self {
         Self {
             linear: each!(i in 3 => each!(k in 3 => S::F::splat(map.linear[i][k]))),
             offset: each!(i in 3 => S::F::splat(map.offset[i])),
@@ -92,19 +92,19 @@ impl<S: Simd> TransformX16<S> {
 
     /// Transforms sixteen points, with the same results as [`Affine3::transform_point`].
     #[inline(always)]
-    pub(in crate::render::cpu) fn points(&self, points: &Vec3x16) -> Vectors<S> {
+    pub(crate) fn points(&self, points: &Vec3x16) -> Vectors<S> {
         self.of(each!(k in 3 => S::F::load(&points[k])))
     }
 
     /// Transforms sixteen points with 16-bit integer coordinates.
     #[inline(always)]
-    pub(in crate::render::cpu) fn short_points(&self, points: &[I16x16; 3]) -> Vectors<S> {
+    pub(crate) fn short_points(&self, points: &[I16x16; 3]) -> Vectors<S> {
         self.of(each!(k in 3 => S::F::load_i16(&points[k])))
     }
 
     /// Transforms sixteen points.
     #[inline(always)]
-    pub(in crate::render::cpu) fn of(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
+    pub(crate) fn of(&self, [x, y, z]: Vectors<S>) -> Vectors<S> {
         each!(i in 3 => {
             let [a, b, c] = self.linear[i];
             x.mul_add(a, y.mul_add(b, z.mul_add(c, self.offset[i])))

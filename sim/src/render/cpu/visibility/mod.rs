@@ -2,9 +2,9 @@
 //!
 //! It takes instances and their transforms and fills a [`raster::Visibility`] buffer, tile by tile.
 
-pub(super) mod clip;
-pub(super) mod instances;
-pub(super) mod projection;
-pub(super) mod raster;
-pub(super) mod small_triangles;
-pub(super) mod tile;
+pub(crate) mod clip;
+pub(crate) mod instances;
+pub(crate) mod projection;
+pub(crate) mod raster;
+pub(crate) mod small_triangles;
+pub(crate) mod tile;

@@ -12,20 +12,20 @@ use crate::render::scene::Instance;
 use crate::render::scene::camera::PinholeCamera;
 
 /// One point or direction per lane.
-pub(in crate::render::cpu) type Vectors<S> = [<S as Simd>::F; 3];
+pub(crate) type Vectors<S> = [<S as Simd>::F; 3];
 
 /// Image coordinates and depths of sixteen points.
-pub(in crate::render::cpu) struct Projected<S: Simd> {
+pub(crate) struct Projected<S: Simd> {
     /// Column, in 1/256 px.
-    pub(in crate::render::cpu) x: S::I,
+    pub(crate) x: S::I,
     /// Row, in 1/256 px.
-    pub(in crate::render::cpu) y: S::I,
+    pub(crate) y: S::I,
     /// Depth as defined in [`super::raster`].
-    pub(in crate::render::cpu) depth: S::F,
+    pub(crate) depth: S::F,
 }
 
 /// A projection with its culling and clipping rules.
-pub(in crate::render::cpu) trait Projection {
+pub(crate) trait Projection {
     /// Returns `true` if an instance is to be rasterised at all.
     fn includes(&self, instance: &Instance) -> bool;
 
@@ -48,27 +48,27 @@ pub(in crate::render::cpu) trait Projection {
 }
 
 /// Clip flags of sixteen points.
-pub(in crate::render::cpu) struct ClipFlags<S: Simd> {
+pub(crate) struct ClipFlags<S: Simd> {
     /// Set for points behind the near plane.
-    pub(in crate::render::cpu) behind_near: S::M,
+    pub(crate) behind_near: S::M,
     /// Set for those and for points outside the guard band.
-    pub(in crate::render::cpu) needs_clip: S::M,
+    pub(crate) needs_clip: S::M,
 }
 
 /// The perspective projection of a camera. Its view frame is the centred frame.
-pub(in crate::render::cpu) struct PinholeProjection<'a> {
+pub(crate) struct PinholeProjection<'a> {
     camera: &'a PinholeCamera,
     focal_px: f32,
     /// Half the side of the image, in px.
     half_px: f32,
-    pub(in crate::render::cpu) near_m: f32,
+    pub(crate) near_m: f32,
     far_m: f32,
     /// Maximum |x/z| and |y/z| inside the image.
-    pub(in crate::render::cpu) slope: f32,
+    pub(crate) slope: f32,
     /// Value of [`PinholeCamera::sphere_margin`].
     sphere_margin: f32,
     /// Maximum |x/z| and |y/z| inside the guard band.
-    pub(in crate::render::cpu) guard_slope: f32,
+    pub(crate) guard_slope: f32,
     /// Position of the camera in the mesh frame.
     eye_in_mesh: Vec3,
 }
@@ -79,7 +79,7 @@ const GUARD_PX: f32 = 448.0;
 
 impl<'a> PinholeProjection<'a> {
     /// Creates the projection for a grid with `scale` samples per pixel along each edge.
-    pub(in crate::render::cpu) fn new(camera: &'a PinholeCamera, scale: usize) -> Self {
+    pub(crate) fn new(camera: &'a PinholeCamera, scale: usize) -> Self {
         let half_px = (camera.side * scale) as f32 / 2.0;
         let focal_px = camera.focal_px * scale as f32;
         let [near_m, far_m] = camera.clip_m;
@@ -99,7 +99,7 @@ impl<'a> PinholeProjection<'a> {
 
     /// Projects a point that needs no clipping, with the same result as [`Projection::project`].
     #[inline(always)]
-    pub(in crate::render::cpu) fn corner(&self, [x, y, z]: Vec3) -> ScreenVertex {
+    pub(crate) fn corner(&self, [x, y, z]: Vec3) -> ScreenVertex {
         let depth = 1.0 / z;
         let on_image = |t: f32| {
             (t * depth).mul_add(self.focal_px * 256.0, self.half_px * 256.0).round_ties_even() as i32

@@ -13,36 +13,36 @@ use crate::render::cpu::simd::{F32x16, FloatLike, I32x16, N_LANES, Simd, SimdF32
 use crate::render::cpu::visibility::tile::TileLayout;
 
 /// Number of tiles of the largest image.
-pub(in crate::render::cpu) const MAX_TILES: usize = EXTERNAL_SIDE * EXTERNAL_SIDE / N_LANES;
+pub(crate) const MAX_TILES: usize = EXTERNAL_SIDE * EXTERNAL_SIDE / N_LANES;
 /// Id of the background.
-pub(in crate::render::cpu) const NO_ID: i32 = -1;
+pub(crate) const NO_ID: i32 = -1;
 
 /// A projected triangle corner.
 #[derive(Clone, Copy)]
-pub(in crate::render::cpu) struct ScreenVertex {
+pub(crate) struct ScreenVertex {
     /// Distance from the left edge in 1/256 px, within about ±2¹⁸.
-    pub(in crate::render::cpu) x: i32,
+    pub(crate) x: i32,
     /// Distance from the top edge in 1/256 px.
-    pub(in crate::render::cpu) y: i32,
+    pub(crate) y: i32,
     /// Depth; greater is nearer.
-    pub(in crate::render::cpu) depth: f32,
+    pub(crate) depth: f32,
 }
 
 /// Visibility buffer: the nearest triangle of every pixel, tile by tile in row-major order.
-pub(in crate::render::cpu) struct Visibility {
+pub(crate) struct Visibility {
     /// Number of pixels along each edge.
-    pub(in crate::render::cpu) side: i32,
+    pub(crate) side: i32,
     /// Depth of the nearest triangle.
-    pub(in crate::render::cpu) depths: Vec<F32x16>,
+    pub(crate) depths: Vec<F32x16>,
     /// Id of the nearest triangle, or [`NO_ID`]. Empty for tile layouts without ids.
-    pub(in crate::render::cpu) ids: Vec<I32x16>,
+    pub(crate) ids: Vec<I32x16>,
     /// 1 for each tile that any triangle touched, visible or not. Empty for tile layouts with ids.
-    pub(in crate::render::cpu) drawn: Vec<u8>,
+    pub(crate) drawn: Vec<u8>,
 }
 
 impl Visibility {
     /// Creates an empty buffer with capacity for the largest image.
-    pub(in crate::render::cpu) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             side: 0,
             depths: Vec::with_capacity(MAX_TILES),
@@ -53,11 +53,7 @@ impl Visibility {
 
     /// Rasterises a triangle of any size. Culls back faces.
     #[inline(always)]
-    pub(in crate::render::cpu) fn rasterize_large<S: Simd, B: TileLayout>(
-        &mut self,
-        corners: &[ScreenVertex; 3],
-        id: i32,
-    ) {
+    pub(crate) fn rasterize_large<S: Simd, B: TileLayout>(&mut self, corners: &[ScreenVertex; 3], id: i32) {
         let Some(large) = LargeTriangle::new::<B>(corners, self.side) else {
             return;
         };
@@ -96,15 +92,15 @@ impl Visibility {
 }
 
 /// Kernel that clears the buffer for a square image.
-pub(in crate::render::cpu) struct ClearVisibility<'a, B> {
-    pub(in crate::render::cpu) visibility: &'a mut Visibility,
-    pub(in crate::render::cpu) side: usize,
-    pub(in crate::render::cpu) behind: ClearTo<'a>,
-    pub(in crate::render::cpu) tiles: PhantomData<B>,
+pub(crate) struct ClearVisibility<'a, B> {
+    pub(crate) visibility: &'a mut Visibility,
+    pub(crate) side: usize,
+    pub(crate) behind: ClearTo<'a>,
+    pub(crate) tiles: PhantomData<B>,
 }
 
 /// Initial contents of the depth buffer.
-pub(in crate::render::cpu) enum ClearTo<'a> {
+pub(crate) enum ClearTo<'a> {
     /// Background everywhere. Nothing at or below this depth is visible.
     Background(f32),
     /// Surfaces at these depths, rendered before.
@@ -146,17 +142,17 @@ fn fill<T: Copy>(values: &mut Vec<T>, n: usize, value: T) {
 }
 
 /// Mutable view of the visibility buffer for rasterisation.
-pub(in crate::render::cpu) struct VisibilityTarget<'a> {
+pub(crate) struct VisibilityTarget<'a> {
     depths: &'a mut [F32x16],
     ids: &'a mut [I32x16],
     drawn: &'a mut [u8],
 }
 
 /// One tile of the buffer: its depths, and its ids if the layout has them.
-pub(in crate::render::cpu) type TileTarget<'a> = (&'a mut F32x16, Option<&'a mut I32x16>);
+pub(crate) type TileTarget<'a> = (&'a mut F32x16, Option<&'a mut I32x16>);
 
 impl<'a> VisibilityTarget<'a> {
-    pub(in crate::render::cpu) fn of<B: TileLayout>(visibility: &'a mut Visibility) -> Self {
+    pub(crate) fn of<B: TileLayout>(visibility: &'a mut Visibility) -> Self {
         let Visibility { depths, ids, drawn, .. } = visibility;
         // Equal lengths, so that a single bounds check covers both slices.
         let n = depths.len();
@@ -166,7 +162,7 @@ impl<'a> VisibilityTarget<'a> {
     }
 
     #[inline(always)]
-    pub(in crate::render::cpu) fn at<B: TileLayout>(&mut self, tile: usize) -> TileTarget<'_> {
+    pub(crate) fn at<B: TileLayout>(&mut self, tile: usize) -> TileTarget<'_> {
         if !B::WITH_IDS {
             self.drawn[tile] = 1;
         }
@@ -177,12 +173,7 @@ impl<'a> VisibilityTarget<'a> {
 
 /// Depth-tests one tile of a triangle and writes the covered pixels that pass.
 #[inline(always)]
-pub(in crate::render::cpu) fn write_tile<S: Simd>(
-    (depths, ids): TileTarget<'_>,
-    covered: S::M,
-    depth: S::F,
-    id: S::I,
-) {
+pub(crate) fn write_tile<S: Simd>((depths, ids): TileTarget<'_>, covered: S::M, depth: S::F, id: S::I) {
     let depth = depth.select_or(covered, S::F::splat(f32::NEG_INFINITY));
     let before = S::F::load(depths);
     let visible = depth.gt(before);
@@ -195,7 +186,7 @@ pub(in crate::render::cpu) fn write_tile<S: Simd>(
 }
 
 /// Depth over a tile, clamped to the range of the triangle's corners.
-pub(in crate::render::cpu) struct DepthPlane<S: Simd> {
+pub(crate) struct DepthPlane<S: Simd> {
     offsets: S::F,
     min: S::F,
     max: S::F,
@@ -205,7 +196,7 @@ pub(in crate::render::cpu) struct DepthPlane<S: Simd> {
 
 impl<S: Simd> DepthPlane<S> {
     #[inline(always)]
-    pub(in crate::render::cpu) fn new<B: TileLayout>([dx, dy]: [f32; 2], [min, max]: [f32; 2]) -> Self {
+    pub(crate) fn new<B: TileLayout>([dx, dy]: [f32; 2], [min, max]: [f32; 2]) -> Self {
         let across = S::F::splat(dx) * S::F::load(&B::X_FLOATS);
         Self {
             offsets: S::F::splat(dy).mul_add(S::F::load(&B::Y_FLOATS), across),
@@ -217,7 +208,7 @@ impl<S: Simd> DepthPlane<S> {
 
     /// Returns the depths of a tile whose first pixel has depth `first`.
     #[inline(always)]
-    pub(in crate::render::cpu) fn at(&self, first: f32) -> S::F {
+    pub(crate) fn at(&self, first: f32) -> S::F {
         (S::F::splat(first) + self.offsets).max(self.min).min(self.max)
     }
 }

@@ -8,35 +8,35 @@ use crate::render::cpu::visibility::tile::TileLayout;
 
 /// Maximum extent of a small triangle along an axis, in 1/256 px. Edge functions then fit in 32 bits and
 /// their steps in 16.
-pub(in crate::render::cpu) const SMALL_EXTENT: i32 = 1 << 14;
+pub(crate) const SMALL_EXTENT: i32 = 1 << 14;
 
 /// Sixteen triangles no larger than [`SMALL_EXTENT`], after set-up.
-pub(in crate::render::cpu) struct SmallTriangles<S: Simd> {
+pub(crate) struct SmallTriangles<S: Simd> {
     /// Valid lanes. The contents of the others are unspecified.
-    pub(in crate::render::cpu) present: S::M,
+    pub(crate) present: S::M,
     /// Edge functions at the first pixel of the first tile, not negative inside, in units of 256/256² px².
     /// Pixel centres are whole pixels apart, so lower bits never matter and are shifted out.
-    pub(in crate::render::cpu) edges: [S::I; 3],
+    pub(crate) edges: [S::I; 3],
     /// Steps of the edge functions per pixel: to the right in the low 16 bits, down in the high 16 bits.
-    pub(in crate::render::cpu) steps: [S::I; 3],
+    pub(crate) steps: [S::I; 3],
     /// Depth at the first pixel of the first tile.
-    pub(in crate::render::cpu) depth: S::F,
+    pub(crate) depth: S::F,
     /// Change of depth per pixel to the right.
-    pub(in crate::render::cpu) depth_dx: S::F,
+    pub(crate) depth_dx: S::F,
     /// Change of depth per pixel downwards.
-    pub(in crate::render::cpu) depth_dy: S::F,
+    pub(crate) depth_dy: S::F,
     /// Minimum depth of the corners.
-    pub(in crate::render::cpu) depth_min: S::F,
+    pub(crate) depth_min: S::F,
     /// Maximum depth of the corners.
-    pub(in crate::render::cpu) depth_max: S::F,
+    pub(crate) depth_max: S::F,
     /// Index of the first tile.
-    pub(in crate::render::cpu) tile: S::I,
+    pub(crate) tile: S::I,
     /// Number of further columns and rows of tiles in the bounding box.
-    pub(in crate::render::cpu) more: [S::I; 2],
+    pub(crate) more: [S::I; 2],
 }
 
 /// The pairs of a tile and a triangle of sixteen small triangles.
-pub(in crate::render::cpu) struct TileBins {
+pub(crate) struct TileBins {
     /// Number of entries in `list`.
     n: usize,
     /// Number of vectors in use in the following arrays.
@@ -76,7 +76,7 @@ struct BinEntry<S: Simd> {
 
 impl TileBins {
     /// Creates empty bins.
-    pub(in crate::render::cpu) const fn new() -> Self {
+    pub(crate) const fn new() -> Self {
         Self {
             n: 0,
             n_vectors: 0,
@@ -135,7 +135,7 @@ fn as_numbers(lines: &[I32x16; MAX_TILES_PER_TRIANGLE]) -> &[i32; BIN_ENTRIES] {
 impl Visibility {
     /// Bins and rasterises sixteen small triangles.
     #[inline(always)]
-    pub(in crate::render::cpu) fn rasterize_small<S: Simd, B: TileLayout>(
+    pub(crate) fn rasterize_small<S: Simd, B: TileLayout>(
         &mut self,
         small: &SmallTriangles<S>,
         first_id: i32,

@@ -4,7 +4,7 @@ use crate::render::Samples;
 use crate::render::cpu::simd::{F32x16, I32x16, N_LANES};
 
 /// Layout of a tile of sixteen pixels or samples.
-pub(in crate::render::cpu) trait TileLayout {
+pub(crate) trait TileLayout {
     /// Binary logarithms of the width and height of a tile, in px.
     const BITS: [u32; 2];
     /// Column and row of each lane's pixel.
@@ -37,18 +37,18 @@ pub(in crate::render::cpu) trait TileLayout {
 }
 
 /// 4 × 4 pixels in row-major order. Few small triangles overlap more than four such tiles.
-pub(in crate::render::cpu) struct Tile4x4;
+pub(crate) struct Tile4x4;
 
 /// 2 × 2 pixels with 2 × 2 samples each: lane 4 s + p is sample s of pixel p.
-pub(in crate::render::cpu) struct MultisampleTile;
+pub(crate) struct MultisampleTile;
 
 impl Tile4x4 {
     /// Lanes at the corners, in row-major order.
-    pub(in crate::render::cpu) const CORNERS: [usize; 4] = [0, 3, 12, 15];
+    pub(crate) const CORNERS: [usize; 4] = [0, 3, 12, 15];
 }
 
 /// 4 × 4 texels of a shadow map, of which only the depths are recorded.
-pub(in crate::render::cpu) struct DepthTile;
+pub(crate) struct DepthTile;
 
 impl TileLayout for Tile4x4 {
     const BITS: [u32; 2] = [2, 2];

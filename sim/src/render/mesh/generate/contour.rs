@@ -3,24 +3,24 @@
 //! Normals point to the right of the polyline. They are shared at gentle bends and split at sharp corners.
 
 /// A point in the plane of the contour, in m.
-pub(super) type Point = [f32; 2];
+pub(crate) type Point = [f32; 2];
 
 /// Cosine of 40°, the bend above which a corner counts as sharp.
 const SHARP_COS: f32 = 0.766_044_4;
 
 /// A vertex of a contour with its unit normal.
 #[derive(Clone, Copy)]
-pub(super) struct ContourVertex {
-    pub(super) point: Point,
-    pub(super) normal: Point,
+pub(crate) struct ContourVertex {
+    pub(crate) point: Point,
+    pub(crate) normal: Point,
 }
 
 /// A polyline as segments between vertices. A sharp corner has two vertices, every other point has one.
 #[derive(Default)]
-pub(super) struct Contour {
-    pub(super) vertices: Vec<ContourVertex>,
+pub(crate) struct Contour {
+    pub(crate) vertices: Vec<ContourVertex>,
     /// Indices of the first and last vertex of each segment.
-    pub(super) segments: Vec<[usize; 2]>,
+    pub(crate) segments: Vec<[usize; 2]>,
 }
 
 impl Contour {
@@ -29,7 +29,7 @@ impl Contour {
     ///
     /// # Panics
     /// If there are fewer than two points or if two successive points coincide.
-    pub(super) fn new(points: &[Point], neighbours: [Option<Point>; 2]) -> Self {
+    pub(crate) fn new(points: &[Point], neighbours: [Option<Point>; 2]) -> Self {
         assert!(points.len() >= 2, "a contour needs two points, found {points:?}");
         let last = points.len() - 1;
         let mut contour = Self::default();

@@ -9,7 +9,7 @@ use crate::render::mesh::Mesh;
 ///
 /// # Panics
 /// If a loop intersects or touches itself or another loop, or repeats a point.
-pub(in crate::render) fn mesh(outline: &[Point], holes: &[&[Point]], half_height_m: f32) -> Mesh {
+pub(crate) fn mesh(outline: &[Point], holes: &[&[Point]], half_height_m: f32) -> Mesh {
     let mut loops = vec![oriented(outline, 1.0)];
     loops.extend(holes.iter().map(|hole| oriented(hole, -1.0)));
     let mut mesh = Mesh::default();

@@ -14,7 +14,7 @@ const SEGMENT_LIMITS: [usize; 2] = [16, 64];
 
 /// Returns the number of segments for a circle of this radius. The sagitta of a regular n-gon is r (1 − cos
 /// π/n), about r π² / 2n².
-pub(super) fn n_segments(radius_m: f32) -> usize {
+pub(crate) fn n_segments(radius_m: f32) -> usize {
     let n = (PI * (radius_m / (2.0 * SAG_M)).sqrt()).ceil() as usize;
     // A multiple of four has corners on both axes, so the polygon has the extents of the circle.
     n.next_multiple_of(4).clamp(SEGMENT_LIMITS[0], SEGMENT_LIMITS[1])
@@ -26,7 +26,7 @@ pub(super) fn n_segments(radius_m: f32) -> usize {
 ///
 /// # Panics
 /// If a radius is negative, or as [`Contour::new`] does.
-pub(in crate::render) fn mesh(profile: &[Point]) -> Mesh {
+pub(crate) fn mesh(profile: &[Point]) -> Mesh {
     assert!(profile.iter().all(|p| p[0] >= 0.0), "a lathe profile has a negative radius: {profile:?}");
     let contour = Contour::new(profile, end_neighbours(profile));
     let n = n_segments(profile.iter().fold(0.0, |max, p| max.max(p[0])));

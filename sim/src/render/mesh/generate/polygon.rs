@@ -12,7 +12,7 @@ use super::contour::Point;
 ///
 /// # Panics
 /// If a loop intersects or touches itself or another loop, or has fewer than three points.
-pub(super) fn triangles(loops: &[Vec<Point>]) -> Vec<[usize; 3]> {
+pub(crate) fn triangles(loops: &[Vec<Point>]) -> Vec<[usize; 3]> {
     let points = loops.concat();
     let mut start = 0;
     let mut rings: Vec<Vec<usize>> = Vec::with_capacity(loops.len());
@@ -27,7 +27,7 @@ pub(super) fn triangles(loops: &[Vec<Point>]) -> Vec<[usize; 3]> {
 }
 
 /// Returns twice the signed area of a loop, which is negative if it is clockwise.
-pub(super) fn double_area(points: &[Point]) -> f64 {
+pub(crate) fn double_area(points: &[Point]) -> f64 {
     let next = points.iter().cycle().skip(1);
     points.iter().zip(next).map(|(a, b)| turn([0.0; 2], *a, *b)).sum()
 }

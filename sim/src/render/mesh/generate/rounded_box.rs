@@ -16,7 +16,7 @@ const RING_SIZE: usize = 4 * (SEGMENTS + 1);
 ///
 /// # Panics
 /// If the radius is negative or exceeds a half extent.
-pub(in crate::render) fn mesh(half_m: Vec3, radius_m: f32) -> Mesh {
+pub(crate) fn mesh(half_m: Vec3, radius_m: f32) -> Mesh {
     let fits = radius_m >= 0.0 && half_m.iter().all(|half| radius_m <= *half);
     assert!(fits, "edges of radius {radius_m} m do not fit a box of half extents {half_m:?} m");
     let mut mesh = Mesh::default();

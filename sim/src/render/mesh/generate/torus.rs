@@ -8,7 +8,7 @@ use crate::render::mesh::Mesh;
 ///
 /// # Panics
 /// If `minor_m` exceeds `major_m`.
-pub(in crate::render) fn mesh(major_m: f32, minor_m: f32) -> Mesh {
+pub(crate) fn mesh(major_m: f32, minor_m: f32) -> Mesh {
     assert!(
         minor_m <= major_m,
         "the minor radius of a torus ({minor_m} m) exceeds its major radius ({major_m} m)"

@@ -10,7 +10,7 @@ const N_SEGMENTS: usize = 64;
 const N_RINGS: usize = 8;
 
 /// Returns quad, box, cylinder, open cylinder, hemisphere and sphere, the order of `MeshLibrary`.
-pub(in crate::render::mesh) fn all() -> [Mesh; 6] {
+pub(crate) fn all() -> [Mesh; 6] {
     [quad(), cuboid(), cylinder(true), cylinder(false), hemispheres(&[1.0]), hemispheres(&[1.0, -1.0])]
         .map(Mesh::finish)
 }
@@ -91,7 +91,7 @@ fn hemispheres(signs: &[f32]) -> Mesh {
 }
 
 /// Connects two rings with the same number of vertices, counter-clockwise seen from above.
-pub(super) fn band(mesh: &mut Mesh, lower: &[u32], upper: &[u32]) {
+pub(crate) fn band(mesh: &mut Mesh, lower: &[u32], upper: &[u32]) {
     for i in 0..lower.len() {
         let j = (i + 1) % lower.len();
         mesh.quad([lower[i], lower[j], upper[j], upper[i]]);

@@ -4,7 +4,7 @@
 //! Formulas follow Inigo Quilez, "Distance functions" and "Smooth minimum". Distances are exact near flat and
 //! round faces; elsewhere only their sign and slope are right, which suffices for meshing.
 
-pub(super) mod panda;
+pub(crate) mod panda;
 mod panda_trim;
 mod surface_nets;
 
@@ -12,7 +12,7 @@ use crate::render::math::affine::{Vec3, add, dot, scaled, sub};
 
 /// A primitive solid.
 #[derive(Clone, Copy)]
-pub(super) enum SdfPrimitive {
+pub(crate) enum SdfPrimitive {
     /// Cylinder or cone frustum with flat ends at `a` and `b`, radii `radii[0]` and `radii[1]` there, and
     /// edges rounded by `round`.
     Frustum { a: Vec3, b: Vec3, radii: [f32; 2], round: f32 },
@@ -68,7 +68,7 @@ fn rounded_intersection(sides: &[f32], round: f32) -> f32 {
 
 /// A smooth CSG operation.
 #[derive(Clone, Copy)]
-pub(super) enum CsgOp {
+pub(crate) enum CsgOp {
     /// Union with a fillet of about this radius, in m.
     Union(SdfPrimitive, f32),
     /// Subtraction with an edge rounded by about this radius, in m.
@@ -78,11 +78,11 @@ pub(super) enum CsgOp {
 }
 
 /// Solids combined by CSG operations in order, starting from empty space.
-pub(super) struct SignedDistanceField<'a>(pub(super) &'a [CsgOp]);
+pub(crate) struct SignedDistanceField<'a>(pub(crate) &'a [CsgOp]);
 
 impl SignedDistanceField<'_> {
     /// Returns the approximate signed distance at `p`.
-    pub(super) fn distance(&self, p: Vec3) -> f32 {
+    pub(crate) fn distance(&self, p: Vec3) -> f32 {
         self.0.iter().fold(f32::MAX, |d, op| match op {
             CsgOp::Union(solid, fillet) => smooth_min(d, solid.distance(p), *fillet),
             CsgOp::Subtract(solid, fillet) => -smooth_min(-d, solid.distance(p), *fillet),
@@ -91,7 +91,7 @@ impl SignedDistanceField<'_> {
     }
 
     /// Returns the gradient of the distance, by central differences.
-    pub(super) fn gradient(&self, p: Vec3) -> Vec3 {
+    pub(crate) fn gradient(&self, p: Vec3) -> Vec3 {
         const STEP: f32 = 5e-4;
         core::array::from_fn(|axis| {
             let mut off = [0.0; 3];

@@ -32,7 +32,7 @@ struct Housing {
 ///
 /// # Panics
 /// If `link` is above 7.
-pub(in crate::render::mesh) fn link(link: usize) -> Mesh {
+pub(crate) fn link(link: usize) -> Mesh {
     let Housing { ops, min, max, cell_m } = housing(link);
     surface_nets::mesh(&SignedDistanceField(&ops), min, max, cell_m)
 }
@@ -41,7 +41,7 @@ pub(in crate::render::mesh) fn link(link: usize) -> Mesh {
 ///
 /// # Panics
 /// If the link has none.
-pub(in crate::render::mesh) fn trim(link: usize) -> Mesh {
+pub(crate) fn trim(link: usize) -> Mesh {
     let Housing { ops, min, max, cell_m } = housing(link);
     let region = panda_trim::region(link);
     surface_nets::sheet(&SignedDistanceField(&ops), (min, max, cell_m), TRIM_OFFSET_M, &region)
@@ -199,7 +199,7 @@ fn flange() -> Housing {
 }
 
 /// Returns the hand, which tapers towards the fingers.
-pub(in crate::render::mesh) fn hand() -> Mesh {
+pub(crate) fn hand() -> Mesh {
     let body = TaperedBox {
         centre: [0.0, 0.0, 0.029],
         half: [0.0235, 0.101, 0.037],

@@ -7,7 +7,7 @@ use crate::render::math::affine::Vec3;
 ///
 /// # Panics
 /// If the link has no panels.
-pub(super) fn region(link: usize) -> impl Fn(Vec3) -> f32 {
+pub(crate) fn region(link: usize) -> impl Fn(Vec3) -> f32 {
     match link {
         3 => |[x, y, z]: Vec3| collar([x - 0.0825, z], y),
         4 => |[x, y, z]: Vec3| collar([x, y], z),

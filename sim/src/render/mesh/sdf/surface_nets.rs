@@ -12,13 +12,13 @@ use crate::render::mesh::Mesh;
 const N_ITERATIONS: usize = 4;
 
 /// Meshes the surface inside the box from `min` to `max` with cells of side `cell_m`.
-pub(super) fn mesh(field: &SignedDistanceField<'_>, min: Vec3, max: Vec3, cell_m: f32) -> Mesh {
+pub(crate) fn mesh(field: &SignedDistanceField<'_>, min: Vec3, max: Vec3, cell_m: f32) -> Mesh {
     surface(field, min, max, cell_m).finish()
 }
 
 /// Meshes the part of the surface on which `region` is positive, raised by `offset_m`: an open sheet that
 /// covers that part of the mesh which [`mesh`] returns for the same arguments.
-pub(super) fn sheet(
+pub(crate) fn sheet(
     field: &SignedDistanceField<'_>,
     (min, max, cell_m): (Vec3, Vec3, f32),
     offset_m: f32,

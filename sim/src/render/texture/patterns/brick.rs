@@ -44,35 +44,35 @@ impl<const N: usize> Masonry<N> {
 }
 
 /// Red stretchers in running bond.
-pub(super) fn red() -> TextureFn {
+pub(crate) fn red() -> TextureFn {
     let palette = [0x9C4A34, 0xA85A40, 0x8A3D2C, 0xB4674C, 0x74342A];
     let wall = Masonry::new(200, [4, 10], 0.0075, palette, 0xBDB2A2);
     Box::new(move |u, v| wall.at(u, v, |u, v| layout::courses(u, v, [4, 10], 0.5)))
 }
 
 /// Buff bricks in Flemish bond.
-pub(super) fn flemish() -> TextureFn {
+pub(crate) fn flemish() -> TextureFn {
     let palette = [0xC9A46A, 0xD8B87E, 0xB58E58, 0x9A7448, 0xCDB083];
     let wall = Masonry::new(220, [6, 8], 0.0075, palette, 0x6E655B);
     Box::new(move |u, v| wall.at(u, v, |u, v| layout::flemish(u, v, [3, 8])))
 }
 
 /// Whitewashed bricks in stack bond.
-pub(super) fn white() -> TextureFn {
+pub(crate) fn white() -> TextureFn {
     let palette = [0xE9E5DC, 0xDFDAD0, 0xF1EEE8, 0xD2CCC1];
     let wall = Masonry::new(240, [3, 9], 0.008, palette, 0x8C867D);
     Box::new(move |u, v| wall.at(u, v, |u, v| layout::courses(u, v, [3, 9], 0.0)))
 }
 
 /// Dark clinker bricks in basket weave, in pairs.
-pub(super) fn basket() -> TextureFn {
+pub(crate) fn basket() -> TextureFn {
     let palette = [0x5B3C3E, 0x6C474A, 0x4A3038, 0x7A5350];
     let wall = Masonry::new(260, [4, 8], 0.008, palette, 0xA79A8B);
     Box::new(move |u, v| wall.at(u, v, |u, v| layout::basket(u, v, 4, 2)))
 }
 
 /// Large grey blocks with pores, in running bond.
-pub(super) fn cinder_block() -> TextureFn {
+pub(crate) fn cinder_block() -> TextureFn {
     let wall = Masonry::new(280, [2, 4], 0.010, [0x8F9193, 0x9B9C9C, 0x83868A], 0xC6C4BE);
     let pores = Noise::new(300, [48, 48]);
     Box::new(move |u, v| {

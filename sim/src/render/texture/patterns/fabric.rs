@@ -31,7 +31,7 @@ fn twill(over: i32, of: i32) -> impl Fn(i32, i32) -> bool {
 }
 
 /// Plain weave of uneven flax threads.
-pub(super) fn linen() -> TextureFn {
+pub(crate) fn linen() -> TextureFn {
     const N: i32 = 36;
     let (slubs, wefts) = (Noise::new(1000, [N, 5]), Noise::new(1001, [5, N]));
     let [light, dark] = hex([0xD9CBB0, 0x9C8A6A]);
@@ -43,7 +43,7 @@ pub(super) fn linen() -> TextureFn {
 }
 
 /// Twill of indigo warp and white weft, faded in places.
-pub(super) fn denim() -> TextureFn {
+pub(crate) fn denim() -> TextureFn {
     const N: i32 = 48;
     let (fade, yarn) = (Fbm::new(1010, [4, 3], 3, 0.5), Noise::new(1014, [N, 6]));
     let [indigo, worn, white] = hex([0x1F3A63, 0x5C7FAE, 0xB4C0CF]);
@@ -60,7 +60,7 @@ pub(super) fn denim() -> TextureFn {
 }
 
 /// Wool herringbone twill with flecks.
-pub(super) fn tweed() -> TextureFn {
+pub(crate) fn tweed() -> TextureFn {
     const N: i32 = 48;
     let (flecks, yarn) = (Noise::new(1020, [N, N]), Fbm::new(1021, [24, 24], 2, 0.6));
     let [brown, cream, fleck] = hex([0x4B3A2D, 0xCDBFA6, 0xB4552D]);
@@ -83,7 +83,7 @@ pub(super) fn tweed() -> TextureFn {
 }
 
 /// A Scottish sett with the same coloured bands in warp and weft.
-pub(super) fn tartan() -> TextureFn {
+pub(crate) fn tartan() -> TextureFn {
     const N: i32 = 64;
     let [red, green, navy, yellow, white] = hex([0xA91E22, 0x1E5B34, 0x182848, 0xE0B63A, 0xE6E1D6]);
     // The second half of the sett mirrors the first.
@@ -102,7 +102,7 @@ pub(super) fn tartan() -> TextureFn {
 }
 
 /// Matted fibres of one colour.
-pub(super) fn felt() -> TextureFn {
+pub(crate) fn felt() -> TextureFn {
     let (fibres, crossing, cloud) =
         (Fbm::new(1030, [24, 64], 2, 0.7), Fbm::new(1034, [64, 24], 2, 0.7), Fbm::new(1038, [4, 4], 3, 0.5));
     let [dark, light] = hex([0x5E2452, 0xB65AA0]);
@@ -113,7 +113,7 @@ pub(super) fn felt() -> TextureFn {
 }
 
 /// Stockinette stitch: columns of Vs, with bands of other colours.
-pub(super) fn knit() -> TextureFn {
+pub(crate) fn knit() -> TextureFn {
     const COLS: f32 = 14.0;
     const ROWS: i32 = 16;
     let fluff = Fbm::new(1040, [48, 48], 2, 0.7);
@@ -133,7 +133,7 @@ pub(super) fn knit() -> TextureFn {
 }
 
 /// Velvet ribs along v.
-pub(super) fn corduroy() -> TextureFn {
+pub(crate) fn corduroy() -> TextureFn {
     let (pile, cloud) = (Fbm::new(1050, [40, 20], 2, 0.7), Fbm::new(1054, [3, 3], 3, 0.5));
     let palette = hex([0x2C1710, 0x6E3B22, 0x9A5C35, 0xB5794D]);
     Box::new(move |u, v| {
@@ -143,7 +143,7 @@ pub(super) fn corduroy() -> TextureFn {
 }
 
 /// Hide with creases between small irregular pads.
-pub(super) fn leather() -> TextureFn {
+pub(crate) fn leather() -> TextureFn {
     let (pads, cloud) = (VoronoiCells::new(1060, [22, 24], 0.9), Fbm::new(1064, [4, 4], 4, 0.5));
     let palette: [Rgb; 3] = hex([0x5A2E1A, 0x6B3820, 0x7A4328]);
     let crease = hex([0x24120A])[0];

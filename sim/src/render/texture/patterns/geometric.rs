@@ -7,14 +7,14 @@ use crate::render::texture::shaping::{distance_to_integer, fract, length, smooth
 use crate::render::texture::voronoi::VoronoiCells;
 
 /// A grey floor with a thin white line, 1/64 of the tile wide, along two edges of the tile.
-pub(super) fn floor_grid() -> TextureFn {
+pub(crate) fn floor_grid() -> TextureFn {
     const LINE: f32 = 1.0 - 1.0 / 64.0;
     let [floor, line] = hex([0x777B84, 0xAFB4C0]);
     Box::new(move |u, v| if u >= LINE || v >= LINE { line } else { floor })
 }
 
 /// Awning stripes along v.
-pub(super) fn stripes() -> TextureFn {
+pub(crate) fn stripes() -> TextureFn {
     let [navy, cream, red] = hex([0x1F3B63, 0xF2E8D5, 0xC8402F]);
     Box::new(move |u, _| match fract(4.0 * u) {
         0.0..0.4 => navy,
@@ -24,26 +24,26 @@ pub(super) fn stripes() -> TextureFn {
 }
 
 /// Two sets of translucent stripes that cross at right angles.
-pub(super) fn gingham() -> TextureFn {
+pub(crate) fn gingham() -> TextureFn {
     let palette = hex([0xFAFAF5, 0x86B79A, 0x2F7D55]);
     Box::new(move |u, v| palette[[u, v].iter().filter(|t| fract(4.0 * **t) < 0.5).count()])
 }
 
 /// Dots in staggered rows.
-pub(super) fn polka_dots() -> TextureFn {
+pub(crate) fn polka_dots() -> TextureFn {
     let dots = VoronoiCells::new(1100, [5, 6], 0.0);
     let [ground, dot] = hex([0xD9486E, 0xFFF4EC]);
     Box::new(move |u, v| if length(dots.at(u, v).offset) < 0.052 { dot } else { ground })
 }
 
 /// Broad zigzag bands.
-pub(super) fn chevrons() -> TextureFn {
+pub(crate) fn chevrons() -> TextureFn {
     let palette = hex([0xF4D35E, 0x33658A, 0xF6F1E3, 0x55828B]);
     Box::new(move |u, v| pick(&palette, fract(2.0 * v + 2.0 * distance_to_integer(2.0 * u))))
 }
 
 /// Narrow zigzag lines.
-pub(super) fn zigzags() -> TextureFn {
+pub(crate) fn zigzags() -> TextureFn {
     let [ground, line] = hex([0x2A2A32, 0x8BD0B4]);
     Box::new(
         move |u, v| if fract(7.0 * v + 1.8 * distance_to_integer(6.0 * u)) < 0.36 { line } else { ground },
@@ -51,7 +51,7 @@ pub(super) fn zigzags() -> TextureFn {
 }
 
 /// Concentric circles in six colours.
-pub(super) fn rings() -> TextureFn {
+pub(crate) fn rings() -> TextureFn {
     let palette = hex([0xE4572E, 0xF3E9D2, 0x17BEBB, 0xF3E9D2, 0x2E282A, 0xF3E9D2]);
     Box::new(move |u, v| {
         let radius = 2.0 * length([0.5 - distance_to_integer(2.0 * u), 0.5 - distance_to_integer(2.0 * v)]);
@@ -60,7 +60,7 @@ pub(super) fn rings() -> TextureFn {
 }
 
 /// Twill of four dark and four light threads in both directions.
-pub(super) fn houndstooth() -> TextureFn {
+pub(crate) fn houndstooth() -> TextureFn {
     let [dark, light] = hex([0x23201F, 0xEDE7DB]);
     Box::new(move |u, v| {
         let (col, row) = ((32.0 * u) as i32, (32.0 * v) as i32);
@@ -70,7 +70,7 @@ pub(super) fn houndstooth() -> TextureFn {
 }
 
 /// A maze of walls along one of the two diagonals of each square.
-pub(super) fn maze() -> TextureFn {
+pub(crate) fn maze() -> TextureFn {
     const N: i32 = 10;
     let cell_noise = Noise::new(1110, [N, N]);
     let [ground, wall] = hex([0x35508F, 0xB9C8EE]);
@@ -85,7 +85,7 @@ pub(super) fn maze() -> TextureFn {
 }
 
 /// Truchet tiles: quarter circles around two opposite corners of each square (Truchet, 1704; Smith, 1987).
-pub(super) fn arcs() -> TextureFn {
+pub(crate) fn arcs() -> TextureFn {
     const N: i32 = 8;
     let cell_noise = Noise::new(1120, [N, N]);
     let [ground, line, rim] = hex([0xF0D9B5, 0xB5483A, 0x6B2A2A]);
@@ -103,7 +103,7 @@ pub(super) fn arcs() -> TextureFn {
 }
 
 /// Rows of waves in bands of blue.
-pub(super) fn waves() -> TextureFn {
+pub(crate) fn waves() -> TextureFn {
     let palette = hex([0xEAF3F3, 0x9CC9D6, 0x3F8FB0, 0x1F5F8B, 0x16405F]);
     Box::new(move |u, v| {
         let height = 3.0 * v + 0.28 * smooth_wave(3.0 * u);

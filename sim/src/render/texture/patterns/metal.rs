@@ -8,7 +8,7 @@ use crate::render::texture::shaping::{fract, length, smooth_step, smooth_wave};
 use crate::render::texture::voronoi::VoronoiCells;
 
 /// Fine streaks along u.
-pub(super) fn brushed() -> TextureFn {
+pub(crate) fn brushed() -> TextureFn {
     let (fine, broad) = (Noise::new(6, [8, 128]), Noise::new(7, [3, 64]));
     Box::new(move |u, v| {
         let tone = 0.80 + 0.22 * (fine.at(u, v) - 0.5) + 0.16 * (broad.at(u, v) - 0.5);
@@ -17,7 +17,7 @@ pub(super) fn brushed() -> TextureFn {
 }
 
 /// Tread plate: raised lozenges, rotated by 90° from row to row.
-pub(super) fn diamond_plate() -> TextureFn {
+pub(crate) fn diamond_plate() -> TextureFn {
     let (places, scratches) = (VoronoiCells::new(900, [6, 6], 0.0), Fbm::new(904, [12, 40], 3, 0.6));
     let [steel, bright, dark] = hex([0x8E9499, 0xE4E8EA, 0x3B4045]);
     Box::new(move |u, v| {
@@ -35,7 +35,7 @@ pub(super) fn diamond_plate() -> TextureFn {
 }
 
 /// Rust with patches of bare steel.
-pub(super) fn rust() -> TextureFn {
+pub(crate) fn rust() -> TextureFn {
     let (warp, patches, pits) =
         (Warp::new(910, 4, 2, 0.2), Fbm::new(950, [5, 5], 4, 0.7), Fbm::new(956, [32, 32], 2, 0.6));
     let palette = hex([0x2E1A14, 0x6B2F16, 0xA34A1A, 0xC9702B, 0x8A7F78, 0x7D8085]);
@@ -46,7 +46,7 @@ pub(super) fn rust() -> TextureFn {
 }
 
 /// Zinc spangle: large crystals, each with its own direction of streaks.
-pub(super) fn galvanised() -> TextureFn {
+pub(crate) fn galvanised() -> TextureFn {
     let crystals = VoronoiCells::new(960, [9, 10], 0.95);
     let [light, dark] = hex([0xC3CCD1, 0x7F8A92]);
     Box::new(move |u, v| {
@@ -59,7 +59,7 @@ pub(super) fn galvanised() -> TextureFn {
 }
 
 /// A sheet with round holes over black.
-pub(super) fn perforated() -> TextureFn {
+pub(crate) fn perforated() -> TextureFn {
     let (holes, streaks) = (VoronoiCells::new(970, [9, 10], 0.0), Fbm::new(974, [3, 60], 2, 0.6));
     let [sheet, rim, behind] = hex([0x9FA8B5, 0xE6EBF0, 0x14171C]);
     Box::new(move |u, v| {
@@ -74,7 +74,7 @@ pub(super) fn perforated() -> TextureFn {
 }
 
 /// Hammered copper with verdigris in the hollows.
-pub(super) fn copper() -> TextureFn {
+pub(crate) fn copper() -> TextureFn {
     let (dents, stain) = (VoronoiCells::new(980, [9, 10], 0.9), Fbm::new(984, [4, 4], 4, 0.6));
     let palette = hex([0x5A2A18, 0x9A4E2B, 0xC9763F, 0xF0B98A]);
     let verdigris = hex([0x5FA890])[0];

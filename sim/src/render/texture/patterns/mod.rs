@@ -15,13 +15,13 @@ use super::colour::Rgb;
 use crate::scene::Texture::{self, *};
 
 /// A pattern: maps a point (u, v) of the tile, both in [0, 1), to linear factors.
-pub(super) type TextureFn = Box<dyn Fn(f32, f32) -> Rgb>;
+pub(crate) type TextureFn = Box<dyn Fn(f32, f32) -> Rgb>;
 
 /// A texture, the side of its tile in m, and the constructor of its pattern.
 type Entry = (Texture, f32, fn() -> TextureFn);
 
 /// Returns the side of the tile, in m, and the pattern of a texture.
-pub(super) fn get(texture: Texture) -> (f32, TextureFn) {
+pub(crate) fn get(texture: Texture) -> (f32, TextureFn) {
     let (_, tile_m, pattern) = TABLE[texture as usize];
     (tile_m, pattern())
 }

@@ -7,7 +7,7 @@ use crate::render::texture::shaping::{fract, length, smooth_step};
 use crate::render::texture::voronoi::VoronoiCells;
 
 /// Soft blotches and grain.
-pub(super) fn plaster() -> TextureFn {
+pub(crate) fn plaster() -> TextureFn {
     let relief = Fbm::new(8, [5, 5], 5, 0.75);
     Box::new(move |u, v| {
         let tone = 0.86 + 0.42 * (relief.at(u, v) - 0.5);
@@ -16,7 +16,7 @@ pub(super) fn plaster() -> TextureFn {
 }
 
 /// Cumulus clouds on a blue sky.
-pub(super) fn clouds() -> TextureFn {
+pub(crate) fn clouds() -> TextureFn {
     let (warp, puffs) = (Warp::new(1300, 4, 2, 0.15), Fbm::new(1340, [3, 3], 6, 0.55));
     let [sky, cloud] = hex([0x5E96CF, 0xF6F8FA]);
     Box::new(move |u, v| {
@@ -26,7 +26,7 @@ pub(super) fn clouds() -> TextureFn {
 }
 
 /// A bird's egg with spots of various sizes.
-pub(super) fn speckle() -> TextureFn {
+pub(crate) fn speckle() -> TextureFn {
     let (large, small, cloud) = (
         VoronoiCells::new(1350, [14, 14], 1.0),
         VoronoiCells::new(1354, [32, 32], 1.0),
@@ -44,7 +44,7 @@ pub(super) fn speckle() -> TextureFn {
 }
 
 /// Layered patches of woodland colours.
-pub(super) fn camouflage() -> TextureFn {
+pub(crate) fn camouflage() -> TextureFn {
     let warp = Warp::new(1360, 6, 2, 0.12);
     let layers = [1420, 1424, 1428].map(|seed| Fbm::new(seed, [5, 5], 2, 0.4));
     let [ground, over @ ..] = hex([0x8A8458, 0x4F5A35, 0x5A4630, 0x22241D]);
@@ -57,7 +57,7 @@ pub(super) fn camouflage() -> TextureFn {
 }
 
 /// Panes of coloured glass in lead cames.
-pub(super) fn stained_glass() -> TextureFn {
+pub(crate) fn stained_glass() -> TextureFn {
     let (panes, cloud) = (VoronoiCells::new(1500, [6, 6], 0.9), Fbm::new(1504, [6, 6], 3, 0.5));
     let palette = hex([0xC8102E, 0x1D4E9E, 0xF2B632, 0x1F8A5B, 0x7A3E9D, 0xE8752C, 0x4FB5D6]);
     let lead = hex([0x17161A])[0];
@@ -69,7 +69,7 @@ pub(super) fn stained_glass() -> TextureFn {
 }
 
 /// Broken rings on tawny fur.
-pub(super) fn leopard() -> TextureFn {
+pub(crate) fn leopard() -> TextureFn {
     let (spots, tear, warp) =
         (VoronoiCells::new(1510, [6, 8], 0.7), Noise::new(1514, [22, 22]), Warp::new(1520, 10, 2, 0.05));
     let [fur, heart, ring] = hex([0xD9A75E, 0xA8702F, 0x2A1B12]);
@@ -87,7 +87,7 @@ pub(super) fn leopard() -> TextureFn {
 }
 
 /// Stripes that fork and end.
-pub(super) fn zebra() -> TextureFn {
+pub(crate) fn zebra() -> TextureFn {
     let (bend, fork) = (Noise::new(1530, [3, 3]), Fbm::new(1531, [6, 4], 2, 0.4));
     let [black, white] = hex([0x1C1A19, 0xF1ECE2]);
     Box::new(move |u, v| {
@@ -97,7 +97,7 @@ pub(super) fn zebra() -> TextureFn {
 }
 
 /// Compressed bark granules.
-pub(super) fn cork() -> TextureFn {
+pub(crate) fn cork() -> TextureFn {
     let (granules, cracks) = (VoronoiCells::new(1540, [22, 22], 1.0), Fbm::new(1544, [24, 24], 3, 0.7));
     let palette = hex([0xC69A63, 0xB58650, 0xD4AE7A, 0x9C6E3E]);
     let bark = hex([0x4A2E19])[0];
@@ -109,14 +109,14 @@ pub(super) fn cork() -> TextureFn {
 }
 
 /// One colour with the stipple of a paint roller.
-pub(super) fn roller_paint() -> TextureFn {
+pub(crate) fn roller_paint() -> TextureFn {
     let (skin, cloud) = (Fbm::new(1550, [40, 40], 2, 0.6), Fbm::new(1554, [3, 3], 3, 0.5));
     let paint = hex([0xC9793F])[0];
     Box::new(move |u, v| shade(paint, 0.65 + 0.5 * skin.at(u, v) + 0.2 * cloud.at(u, v)))
 }
 
 /// Worn mint paint over an older coat and wood.
-pub(super) fn chipped_paint() -> TextureFn {
+pub(crate) fn chipped_paint() -> TextureFn {
     let (warp, wear, skin) =
         (Warp::new(1560, 8, 3, 0.12), Fbm::new(1600, [5, 5], 4, 0.6), Fbm::new(1606, [16, 48], 2, 0.6));
     let [paint, rim, wood] = hex([0x8FC3AE, 0xE9E4D3, 0x6B4A33]);

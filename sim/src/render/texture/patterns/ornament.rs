@@ -26,7 +26,7 @@ fn star_distance<const N: usize>([x, y]: [f32; 2], inner: f32) -> f32 {
 }
 
 /// Gold stars on a dark sky.
-pub(super) fn stars() -> TextureFn {
+pub(crate) fn stars() -> TextureFn {
     let places = VoronoiCells::new(1200, [4, 4], 0.0);
     let [sky, gold, silver] = hex([0x1B2350, 0xF2C14E, 0xDDE3F0]);
     Box::new(move |u, v| {
@@ -37,7 +37,7 @@ pub(super) fn stars() -> TextureFn {
 }
 
 /// Flowers with six petals and a yellow centre.
-pub(super) fn flowers() -> TextureFn {
+pub(crate) fn flowers() -> TextureFn {
     let places = VoronoiCells::new(1210, [4, 4], 0.35);
     let petals = hex([0xE86A92, 0xF7E1D7, 0xC05299, 0xF4A259]);
     let [meadow, heart] = hex([0x5B8E55, 0xF6D743]);
@@ -57,7 +57,7 @@ pub(super) fn flowers() -> TextureFn {
 }
 
 /// Lozenges of two colours, crossed by thin lines.
-pub(super) fn argyle() -> TextureFn {
+pub(crate) fn argyle() -> TextureFn {
     let [plum, grey, sand, line] = hex([0x6A2E4F, 0x8A8D91, 0xD9C7A3, 0xF5F0E6]);
     Box::new(move |u, v| {
         let (x, y) = (4.0 * u + 2.0 * v, 4.0 * u - 2.0 * v);
@@ -73,7 +73,7 @@ pub(super) fn argyle() -> TextureFn {
 }
 
 /// Triangles in random colours.
-pub(super) fn triangles() -> TextureFn {
+pub(crate) fn triangles() -> TextureFn {
     const N: i32 = 6;
     let cell_noise = Noise::new(1222, [2 * N, N]);
     let palette = hex([0x264653, 0x2A9D8F, 0xE9C46A, 0xF4A261, 0xE76F51, 0xF1E8DC]);
@@ -88,7 +88,7 @@ pub(super) fn triangles() -> TextureFn {
 }
 
 /// Stacked cubes in isometric projection.
-pub(super) fn cubes() -> TextureFn {
+pub(crate) fn cubes() -> TextureFn {
     let places = VoronoiCells::new(1230, [5, 6], 0.0);
     let faces = hex([0xE6D3A8, 0xA8573B, 0x5A2B2A]);
     Box::new(move |u, v| {
@@ -106,7 +106,7 @@ pub(super) fn cubes() -> TextureFn {
 }
 
 /// Woven ribbons with dark gaps.
-pub(super) fn lattice() -> TextureFn {
+pub(crate) fn lattice() -> TextureFn {
     const N: f32 = 6.0;
     let [teal, amber, gap] = hex([0x3F8C88, 0xD8A24A, 0x2A211B]);
     Box::new(move |u, v| {

@@ -35,7 +35,7 @@ impl Veined {
 }
 
 /// White with grey veins.
-pub(super) fn marble() -> TextureFn {
+pub(crate) fn marble() -> TextureFn {
     let veined = Veined::new(500);
     let [white, grey, vein] = hex([0xF4F2EE, 0xD4D3D2, 0x75787D]);
     Box::new(move |u, v| {
@@ -45,7 +45,7 @@ pub(super) fn marble() -> TextureFn {
 }
 
 /// Dark green with pale veins.
-pub(super) fn green_marble() -> TextureFn {
+pub(crate) fn green_marble() -> TextureFn {
     let veined = Veined::new(630);
     let [dark, green, pale] = hex([0x12301F, 0x2F6B4A, 0xB9D2BE]);
     Box::new(move |u, v| {
@@ -55,7 +55,7 @@ pub(super) fn green_marble() -> TextureFn {
 }
 
 /// Crystals in the colours of several minerals.
-pub(super) fn granite() -> TextureFn {
+pub(crate) fn granite() -> TextureFn {
     let (crystals, drift) = (VoronoiCells::new(760, [44, 44], 1.0), Noise::new(764, [7, 7]));
     let palette = hex([0x2B2727, 0x8C7A74, 0xB98F80, 0xC9A99B, 0xD9CFC6]);
     Box::new(move |u, v| {
@@ -66,7 +66,7 @@ pub(super) fn granite() -> TextureFn {
 }
 
 /// Rows of overlapping split shingles.
-pub(super) fn slate() -> TextureFn {
+pub(crate) fn slate() -> TextureFn {
     let (cell_noise, cleft, warp) =
         (Noise::new(770, [4, 6]), Fbm::new(771, [6, 18], 4, 0.65), Warp::new(776, 12, 2, 0.02));
     let palette = hex([0x454E59, 0x535B63, 0x3A434D, 0x5A5C66, 0x4B4A55]);
@@ -85,7 +85,7 @@ pub(super) fn slate() -> TextureFn {
 }
 
 /// Chips of coloured stone in pale cement.
-pub(super) fn terrazzo() -> TextureFn {
+pub(crate) fn terrazzo() -> TextureFn {
     let chips = VoronoiCells::new(780, [14, 14], 1.0);
     let palette = hex([0xC4694C, 0x3E5A63, 0xD9A95B, 0x8B8078, 0xE2B7A2, 0x5E7F6B]);
     let cement = hex([0xE9E3D7])[0];
@@ -99,7 +99,7 @@ pub(super) fn terrazzo() -> TextureFn {
 }
 
 /// Rounded setts with earth in the gaps.
-pub(super) fn cobble() -> TextureFn {
+pub(crate) fn cobble() -> TextureFn {
     let (setts, rough) = (VoronoiCells::new(790, [6, 8], 0.55), Fbm::new(794, [20, 20], 3, 0.7));
     let palette = hex([0x8E8778, 0xA39A88, 0x77736B, 0x9C8B75, 0x6A6661]);
     let earth = hex([0x2E2923])[0];
@@ -117,7 +117,7 @@ pub(super) fn cobble() -> TextureFn {
 }
 
 /// Layers of sand.
-pub(super) fn sandstone() -> TextureFn {
+pub(crate) fn sandstone() -> TextureFn {
     let (warp, layers, grain) =
         (Noise::new(800, [4, 3]), Fbm::new(804, [1, 20], 2, 0.7), Fbm::new(808, [64, 64], 2, 0.8));
     let palette = hex([0xA8806C, 0xC9A183, 0xDDBF9A, 0xB48C7C, 0xE6D3B4, 0xC7A99A]);

@@ -15,7 +15,7 @@ fn glazed(face: Rgb, grout: Rgb, joint: f32, edge: f32) -> Rgb {
 }
 
 /// Turquoise squares of slightly different shades.
-pub(super) fn square() -> TextureFn {
+pub(crate) fn square() -> TextureFn {
     let (cell_noise, glaze) = (Noise::new(400, [5, 5]), Fbm::new(401, [6, 6], 3, 0.5));
     let palette = hex([0x2E9CA6, 0x3FB0B3, 0x2788A0, 0x55BDB5]);
     let grout = hex([0xE8E4DA])[0];
@@ -27,7 +27,7 @@ pub(super) fn square() -> TextureFn {
 }
 
 /// White, sage and black hexagons.
-pub(super) fn hexagon() -> TextureFn {
+pub(crate) fn hexagon() -> TextureFn {
     let cells = VoronoiCells::new(410, [7, 8], 0.0);
     let palette = hex([0xEDEAE2, 0xE3DFD5, 0xA9B8A0, 0xEDEAE2, 0x2F3336]);
     let grout = hex([0x8B877F])[0];
@@ -38,7 +38,7 @@ pub(super) fn hexagon() -> TextureFn {
 }
 
 /// Cream octagons with dark dots at their corners.
-pub(super) fn octagon() -> TextureFn {
+pub(crate) fn octagon() -> TextureFn {
     const N: f32 = 5.0;
     let cell_noise = Noise::new(420, [N as i32, N as i32]);
     let [cream, shadow, dot, grout] = hex([0xEFE3C8, 0xDCCBA6, 0x8C2F2B, 0x7B7266]);
@@ -60,7 +60,7 @@ pub(super) fn octagon() -> TextureFn {
 }
 
 /// Small squares of many colours.
-pub(super) fn mosaic() -> TextureFn {
+pub(crate) fn mosaic() -> TextureFn {
     const N: i32 = 14;
     let (cell_noise, drift) = (Noise::new(430, [N, N]), Noise::new(431, [4, 4]));
     let palette = hex([0x1F3F77, 0x2D66A6, 0x4A93BF, 0x8CC0C9, 0xD9C89A, 0xC98A3E]);
@@ -81,7 +81,7 @@ pub(super) fn mosaic() -> TextureFn {
 }
 
 /// Bottle-green subway tiles with a bright reflection.
-pub(super) fn subway() -> TextureFn {
+pub(crate) fn subway() -> TextureFn {
     let (cell_noise, glaze) = (Noise::new(440, [4, 8]), Fbm::new(441, [5, 5], 2, 0.5));
     let palette = hex([0x1F5B45, 0x26694F, 0x194C3B, 0x2F7A5C]);
     let [grout, shine] = hex([0xD5D6CC, 0xBFE0CF]);
@@ -96,7 +96,7 @@ pub(super) fn subway() -> TextureFn {
 }
 
 /// Rows of overlapping scales.
-pub(super) fn fish_scale() -> TextureFn {
+pub(crate) fn fish_scale() -> TextureFn {
     const COLS: f32 = 5.0;
     const ROWS: f32 = 2.0 * COLS;
     const RADIUS: f32 = 0.5 / COLS;
@@ -120,7 +120,7 @@ pub(super) fn fish_scale() -> TextureFn {
 }
 
 /// Portuguese tiles with blue rosettes, each formed by the corners of four tiles.
-pub(super) fn azulejo() -> TextureFn {
+pub(crate) fn azulejo() -> TextureFn {
     const N: f32 = 2.0;
     let glaze = Fbm::new(460, [6, 6], 3, 0.5);
     let [white, blue, sky, ochre, grout] = hex([0xEFEDE6, 0x23489B, 0x7FA6D6, 0xD9A441, 0xB8B3A8]);

@@ -40,7 +40,7 @@ fn ring_wave(t: f32) -> f32 {
 }
 
 /// Boards along v, each with its own tone, long grain and a fine dark joint.
-pub(super) fn planks() -> TextureFn {
+pub(crate) fn planks() -> TextureFn {
     const BOARDS: i32 = 8;
     let (tone, grain) = (Noise::new(1, [BOARDS, 1]), Grain::new(2));
     Box::new(move |u, v| {
@@ -59,7 +59,7 @@ pub(super) fn planks() -> TextureFn {
 
 /// A board with many narrow rings along v. Its contrast includes the relief of the benchmark's table, so that
 /// neighbouring pixels differ as much as there in each camera.
-pub(super) fn cedar() -> TextureFn {
+pub(crate) fn cedar() -> TextureFn {
     let bow = Fbm::new(8, [11, 2], 3, 0.4);
     let (streaks, flecks) = (Noise::new(10, [200, 3]), Noise::new(11, [256, 64]));
     let palette = hex([0xAC6641, 0xD87F4F, 0xF39862]);
@@ -72,7 +72,7 @@ pub(super) fn cedar() -> TextureFn {
 }
 
 /// Pale veneer with a faint figure along v and flecks.
-pub(super) fn maple() -> TextureFn {
+pub(crate) fn maple() -> TextureFn {
     let (grain, patches) = (Grain::new(12), Fbm::new(16, [4, 2], 3, 0.5));
     let flecks = Noise::new(19, [256, 192]);
     let palette = hex([0xEDC48A, 0xF9D79D, 0xFFE2AF]);
@@ -84,7 +84,7 @@ pub(super) fn maple() -> TextureFn {
 }
 
 /// Grey, weathered boards with furrows.
-pub(super) fn barnwood() -> TextureFn {
+pub(crate) fn barnwood() -> TextureFn {
     const BOARDS: i32 = 5;
     let (cell_noise, furrows, stain) =
         (Noise::new(20, [BOARDS, 1]), Fbm::new(21, [48, 2], 2, 0.7), Fbm::new(25, [4, 3], 3, 0.5));
@@ -102,7 +102,7 @@ pub(super) fn barnwood() -> TextureFn {
 }
 
 /// Squares of short strips, rotated by 90° from square to square.
-pub(super) fn parquet() -> TextureFn {
+pub(crate) fn parquet() -> TextureFn {
     let (cell_noise, grain) = (Noise::new(30, [4, 16]), Grain::new(31));
     let palette = hex([0xA66A2E, 0xC08646, 0xD19C5B, 0x8F5724]);
     let joint = hex([0x3B2411])[0];
@@ -110,7 +110,7 @@ pub(super) fn parquet() -> TextureFn {
 }
 
 /// Dark herringbone strips at 45°.
-pub(super) fn herringbone_floor() -> TextureFn {
+pub(crate) fn herringbone_floor() -> TextureFn {
     let (cell_noise, grain) = (Noise::new(40, [16, 16]), Grain::new(41));
     let palette = hex([0x5C3A22, 0x70482B, 0x82573A, 0x4A2D1A]);
     let joint = hex([0x1D110A])[0];
@@ -128,7 +128,7 @@ fn floor_strip(block: &LayoutRect, cell_noise: &Noise, grain: &Grain, palette: &
 }
 
 /// Flat-sawn veneer, whose rings form long arches.
-pub(super) fn walnut() -> TextureFn {
+pub(crate) fn walnut() -> TextureFn {
     let (hills, fibres) = (Fbm::new(50, [4, 1], 3, 0.3), Fbm::new(54, [48, 4], 2, 0.6));
     let palette = hex([0x9A6B45, 0x7C5233, 0x5E3B23, 0x3E2515]);
     Box::new(move |u, v| {
@@ -138,7 +138,7 @@ pub(super) fn walnut() -> TextureFn {
 }
 
 /// End grain of square posts glued together.
-pub(super) fn butcher_block() -> TextureFn {
+pub(crate) fn butcher_block() -> TextureFn {
     const POSTS: i32 = 4;
     let cell_noise = [60, 61, 62].map(|seed| Noise::new(seed, [POSTS, POSTS]));
     let wobble = Fbm::new(63, [8, 8], 3, 0.5);
@@ -156,7 +156,7 @@ pub(super) fn butcher_block() -> TextureFn {
 }
 
 /// The edge of a plywood board, whose layers alternate between long and cross grain.
-pub(super) fn plywood() -> TextureFn {
+pub(crate) fn plywood() -> TextureFn {
     const LAYERS: i32 = 8;
     let (warp, along, ends) =
         (Warp::new(70, 4, 2, 0.03), Fbm::new(104, [5, 64], 2, 0.6), Fbm::new(108, [48, 32], 2, 0.6));
@@ -174,7 +174,7 @@ pub(super) fn plywood() -> TextureFn {
 }
 
 /// Parallel canes with knots at random heights.
-pub(super) fn bamboo() -> TextureFn {
+pub(crate) fn bamboo() -> TextureFn {
     const CANES: i32 = 7;
     let (cell_noise, fibres) = (Noise::new(80, [CANES, 1]), Noise::new(81, [96, 4]));
     let palette = hex([0xC9B45C, 0xB7A24A, 0xD8C878, 0x9DA04A]);
