@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use sim::Profile;
-use sim::physics::{BodyState, Parameters, WorldState};
+use sim::physics::{BodyState, Parameters};
 use sim::trajectory::{Replay, Start, TrajectoryFile, read_actions};
 
 /// Environment, recordings that must succeed at any time and at the end, and the maximum mean distance of the
@@ -157,10 +157,10 @@ fn state_read_and_set_again_is_the_same() {
         let actions = read_actions(path, start.action_dim()).unwrap();
         let mut replay = Replay::new(&start, &Parameters::default());
         actions.chunks_exact(start.action_dim()).take(60).for_each(|row| replay.step(row));
-        let state = WorldState::of(replay.world());
+        let state = replay.world().state();
         let mut world = start.world(&Parameters::default());
         world.set_state(&state);
-        let again = WorldState::of(&world);
+        let again = world.state();
         for (arm, expected) in again.arms.iter().zip(&state.arms) {
             let differences = arm.qpos.iter().zip(&expected.qpos).map(|(a, b)| (a - b).abs());
             assert!(differences.fold(0.0, f32::max) < 1e-6, "{}", path.display());

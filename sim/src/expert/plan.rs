@@ -2,10 +2,11 @@
 
 use nalgebra::{Isometry3, Translation3, Vector3};
 
+use super::moves::{CONTROL_MODE, MotionPlanError, Move, TcpGoal};
+use super::screw;
 use super::spline::Spline;
-use super::timing::{MotionLimits, time_parametrise};
+use super::timing::{Configuration, MotionLimits, time_parametrise};
 use super::topp::time_optimal;
-use super::{CONTROL_MODE, MotionPlanError, Move, TcpGoal, screw};
 use crate::physics::CONTROL_HZ;
 use crate::robot::control::{Drive, arm_drive};
 use crate::robot::dynamics::{self, LinkInertias};
@@ -15,22 +16,6 @@ use crate::scene::Scene;
 
 /// Maximum TCP displacement between two inverse-kinematics solutions on a straight line, in m and rad.
 const MAX_LINE_STEP: [f64; 2] = [0.005, 0.02];
-
-/// A robot configuration: the joint positions of all arms, in rad.
-#[derive(Clone, Debug)]
-pub(crate) struct Configuration(Vec<Joints>);
-
-impl Configuration {
-    /// Returns the maximum difference of any joint to `other`, in rad.
-    pub(crate) fn distance(&self, other: &Self) -> f64 {
-        self.0.iter().zip(&other.0).map(|(a, b)| (a - b).amax()).fold(0.0, f64::max)
-    }
-
-    /// Interpolates linearly in joint space: `t` = 0 is `self`, 1 is `other`.
-    pub(crate) fn lerp(&self, other: &Self, t: f64) -> Self {
-        Self(self.0.iter().zip(&other.0).map(|(a, b)| a.lerp(b, t)).collect())
-    }
-}
 
 /// Plans all moves and returns their action rows, `[n_steps, 8 · n_arms]` f32.
 pub(crate) fn plan(scene: &Scene, moves: &[Move]) -> Result<Vec<f32>, MotionPlanError> {

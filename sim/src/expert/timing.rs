@@ -1,6 +1,22 @@
 //! Time parametrisation of joint-space paths: from rest to rest, under speed and acceleration limits.
 
-use super::plan::Configuration;
+use crate::robot::kinematics::Joints;
+
+/// A robot configuration: the joint positions of all arms, in rad.
+#[derive(Clone, Debug)]
+pub(crate) struct Configuration(pub(crate) Vec<Joints>);
+
+impl Configuration {
+    /// Returns the maximum difference of any joint to `other`, in rad.
+    pub(crate) fn distance(&self, other: &Self) -> f64 {
+        self.0.iter().zip(&other.0).map(|(a, b)| (a - b).amax()).fold(0.0, f64::max)
+    }
+
+    /// Interpolates linearly in joint space: `t` = 0 is `self`, 1 is `other`.
+    pub(crate) fn lerp(&self, other: &Self, t: f64) -> Self {
+        Self(self.0.iter().zip(&other.0).map(|(a, b)| a.lerp(b, t)).collect())
+    }
+}
 
 /// Limits on every joint.
 #[derive(Clone, Copy, Debug)]

@@ -15,7 +15,4 @@ mod world;
 
 pub use parameters::Parameters;
 pub use state::{ArmState, BodyState, WorldState};
-pub use world::World;
-
-/// Control steps per second of simulated time.
-pub const CONTROL_HZ: f64 = 20.0;
+pub use world::{CONTROL_HZ, World};

@@ -2,7 +2,6 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::World;
 use crate::robot::panda::N_DOFS;
 
 /// Joint positions and velocities of an arm.
@@ -33,20 +32,4 @@ pub struct WorldState {
     pub arms: Vec<ArmState>,
     /// One state per body, in the order of the scene's bodies.
     pub bodies: Vec<BodyState>,
-}
-
-impl WorldState {
-    /// Returns the current state of a world.
-    #[must_use]
-    pub fn of(world: &World) -> Self {
-        let arm = |arm| ArmState { qpos: world.qpos(arm), qvel: world.qvel(arm) };
-        let body = |body| {
-            let (linear_velocity, angular_velocity) = world.body_velocity(body);
-            BodyState { pose: world.body_pose(body), linear_velocity, angular_velocity }
-        };
-        Self {
-            arms: (0..world.n_arms()).map(arm).collect(),
-            bodies: (0..world.n_bodies()).map(body).collect(),
-        }
-    }
 }

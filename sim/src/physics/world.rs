@@ -9,11 +9,13 @@ use rapier3d::pipeline::PhysicsWorld;
 use super::arm::Arm;
 use super::convert::{from_pose, from_vector};
 use super::hooks::ArmContacts;
-use super::{CONTROL_HZ, Parameters, WorldState, bodies};
+use super::{ArmState, BodyState, Parameters, WorldState, bodies};
 use crate::fingerprint::Fingerprint;
 use crate::robot::panda::{N_DOFS, N_JOINTS};
 use crate::scene::{JointKind, Motion, Scene, Snapshot};
 
+/// Control steps per second of simulated time.
+pub const CONTROL_HZ: f64 = 20.0;
 /// Gravitational acceleration along world z, in m/s².
 const GRAVITY: f32 = -9.81;
 
@@ -63,6 +65,20 @@ impl World {
             mode,
             parameters: parameters.clone(),
             steps_per_control: scene.physics_hz / CONTROL_HZ as u32,
+        }
+    }
+
+    /// Returns the current state.
+    #[must_use]
+    pub fn state(&self) -> WorldState {
+        let arm = |arm| ArmState { qpos: self.qpos(arm), qvel: self.qvel(arm) };
+        let body = |body| {
+            let (linear_velocity, angular_velocity) = self.body_velocity(body);
+            BodyState { pose: self.body_pose(body), linear_velocity, angular_velocity }
+        };
+        WorldState {
+            arms: (0..self.n_arms()).map(arm).collect(),
+            bodies: (0..self.n_bodies()).map(body).collect(),
         }
     }
 

@@ -1,26 +1,9 @@
 //! Selection of a renderer at start-up.
 
-use thiserror::Error;
-
 #[cfg(feature = "gpu")]
 use super::gpu::{AdapterKind, GpuOptions, GpuRenderer};
-use super::{CpuOptions, CpuRenderer, Renderer, RendererChoice, Samples};
-
-/// Errors that can occur while opening a renderer.
-#[derive(Debug, Error)]
-#[expect(missing_docs, reason = "the fields are named by their messages")]
-pub enum OpenRendererError {
-    #[error(
-        "found no {wanted} that can render through Vulkan: {found}; use --renderer cpu or auto, or install a driver"
-    )]
-    NoAdapter { wanted: String, found: String },
-    #[error("failed to open {name}: {message}")]
-    Device { name: String, message: String },
-    #[error(
-        "this program was built without the GPU renderer; build it with `--features gpu`, or use --renderer cpu or auto"
-    )]
-    NotBuilt,
-}
+use super::renderer::{OpenRendererError, Renderer};
+use super::{CpuOptions, CpuRenderer, RendererChoice, Samples};
 
 /// Opens a renderer for use in a rayon pool of `threads` threads. `gpu` is an index among the adapters of the
 /// kind. `Auto` falls back to the CPU if no GPU can render and none was asked for by its index.

@@ -308,7 +308,7 @@ fn plan(assignment: &Assignment, scene: &Scene) -> Option<Box<Expert>> {
         Ok(expert) => Some(Box::new(expert)),
         Err(error) => {
             let Assignment { task, perturbation, seed, .. } = assignment;
-            super::log(format_args!(
+            super::pipes::log(format_args!(
                 "the expert found no plan for {} {} seed {seed}: {}",
                 task.name(),
                 perturbation.name(),

@@ -7,24 +7,26 @@ mod chunk;
 mod episode;
 mod lane;
 mod latencies;
+mod pipes;
 pub mod protocol;
 mod slots;
 #[cfg(test)]
 mod tests;
 
-use std::io::{self, BufRead, BufReader, Write};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
+use std::io;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::time::{Duration, Instant};
 
 use cpu_time::ProcessTime;
 use ipc_types::link::{LinkError, LinkNode, SimLink};
 use ipc_types::trace::{self, Activity};
-use ipc_types::{ActionView, FrameError, Lifeline, RunConfig, error_chain};
+use ipc_types::{ActionView, FrameError, RunConfig, error_chain};
 use thiserror::Error;
 
 use self::batch::{BatchWriter, batch_size};
 use self::episode::{EpisodeError, control_mode};
 use self::lane::{InvalidAnswerError, LaneError, LaneState};
+use self::pipes::{emit, read_commands};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
 use self::slots::Slots;
 use crate::perturb::{Sentences, SentencesError};
@@ -38,8 +40,6 @@ const MAX_WAIT: Duration = Duration::from_millis(50);
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 /// Time without a control step after which, and interval at which, the sim reports what it waits for.
 const WAITING_INTERVAL: Duration = Duration::from_secs(1);
-/// Capacity of the queue between the stdin reader and the loop. A full queue blocks the reader.
-const COMMAND_QUEUE: usize = 1024;
 
 /// Errors that can occur while starting or running a sim.
 #[derive(Debug, Error)]
@@ -94,31 +94,6 @@ pub fn serve(config: &SimConfig) -> Result<(), SimError> {
         emit(&SimEvent::RendererFailed { message: error_chain(error) })?;
     }
     served
-}
-
-/// Writes one line to stderr, which the orchestrator forwards. If nobody reads it, the line is lost.
-fn log(message: core::fmt::Arguments<'_>) {
-    let _ = writeln!(io::stderr(), "{message}");
-}
-
-/// Spawns a thread that parses stdin line by line. The channel closes with stdin.
-fn read_commands() -> io::Result<Receiver<SimCommand>> {
-    let (sender, receiver) = sync_channel(COMMAND_QUEUE);
-    let thread = std::thread::Builder::new().name("stdin".to_owned());
-    thread.spawn(move || {
-        for line in BufReader::new(Lifeline(io::stdin())).lines() {
-            let Ok(line) = line else { return };
-            match serde_json::from_str(&line) {
-                Ok(command) => {
-                    if sender.send(command).is_err() {
-                        return;
-                    }
-                }
-                Err(error) => log(format_args!("ignored a malformed command: {error}")),
-            }
-        }
-    })?;
-    Ok(receiver)
 }
 
 /// The state of the sim's main loop.
@@ -424,12 +399,4 @@ fn accept(
         Err(error) => return Err(error.into()),
     }
     Ok(())
-}
-
-/// Writes an event to stdout as one JSON line.
-fn emit(event: &SimEvent) -> Result<(), io::Error> {
-    let mut out = io::stdout().lock();
-    serde_json::to_writer(&mut out, event)?;
-    out.write_all(b"\n")?;
-    out.flush()
 }

@@ -2,6 +2,7 @@
 
 use std::hash::RandomState;
 use std::path::Path;
+use std::sync::mpsc::sync_channel;
 
 use bytemuck::Zeroable;
 use ipc_types::link::{Domain, HostLane, LaneSpec};

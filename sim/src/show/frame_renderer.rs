@@ -2,7 +2,6 @@
 
 use super::depth::DepthRange;
 use super::segmentation::{LegendEntry, color_of, legend};
-use super::sequence::SequenceFrame;
 use crate::render::{CpuOptions, CpuRenderer, Inspection, RenderScene, Samples};
 use crate::scene::{Scene, Snapshot};
 
@@ -105,4 +104,12 @@ fn depth_range(renderer: &mut CpuRenderer, scenes: &[RenderScene], frames: &[Seq
         }
     }
     range
+}
+
+/// One frame of a sequence.
+pub(crate) struct SequenceFrame {
+    /// Index of the frame's scene.
+    pub(crate) scene_idx: usize,
+    /// Poses of bodies and links.
+    pub(crate) snapshot: Snapshot,
 }

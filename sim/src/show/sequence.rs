@@ -2,10 +2,10 @@
 
 use ipc_types::ControlMode;
 
-use super::ShowError;
 use super::contact_sheet::{self, RgbImage};
 use super::episode::{Actor, EpisodeSpec, RolloutEnd, snapshot};
-use super::frame_renderer::{FrameRenderer, Legend, ViewMode};
+use super::error::ShowError;
+use super::frame_renderer::{FrameRenderer, Legend, SequenceFrame, ViewMode};
 use crate::physics::World;
 use crate::render::{RenderScene, Samples};
 use crate::scene::Snapshot;
@@ -21,14 +21,6 @@ pub struct FrameSequence {
     instructions: Vec<String>,
     frames: Vec<SequenceFrame>,
     renderer: FrameRenderer,
-}
-
-/// One frame of a sequence.
-pub(crate) struct SequenceFrame {
-    /// Index of the frame's scene.
-    pub(crate) scene_idx: usize,
-    /// Poses of bodies and links.
-    pub(crate) snapshot: Snapshot,
 }
 
 impl FrameSequence {

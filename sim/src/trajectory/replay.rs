@@ -70,7 +70,7 @@ impl<'a> Replay<'a> {
     /// Returns the current state.
     #[must_use]
     pub fn record(&self) -> Step {
-        let WorldState { arms, bodies } = WorldState::of(&self.world);
+        let WorldState { arms, bodies } = self.world.state();
         let names = || self.start.scene.bodies.iter().map(|body| body.name);
         let arm = |(arm, state)| ArmStep {
             joints: ArmFile::of(state),

@@ -2,7 +2,6 @@
 
 use core::f64::consts::FRAC_PI_2;
 
-use sim::physics::WorldState;
 use sim::scene::{Body, JointKind, JointSpec, Motion, Scene};
 
 use super::common::{after, bodies_only, brick};
@@ -91,7 +90,7 @@ fn set_state_moves_a_body_along_its_joint() {
         let scene = bodies_only(vec![body]);
         let moving = after(&scene, 4);
         let mut world = after(&scene, 0);
-        world.set_state(&WorldState::of(&moving));
+        world.set_state(&moving.state());
         let (position, expected) = (world.joint_position(0), moving.joint_position(0));
         assert!(expected > 0.01 && (position - expected).abs() < 1e-5, "at {position}, not {expected}");
         world.step(&[]);

@@ -5,7 +5,7 @@ use nalgebra::Translation3;
 use rayon::prelude::*;
 use sim::expert::{Move, grasp};
 use sim::fingerprint::Fingerprint;
-use sim::physics::{World, WorldState};
+use sim::physics::World;
 use sim::scene::{Link, Motion, Primitive, Snapshot};
 use sim::{Perturbation, TaskId};
 
@@ -168,7 +168,7 @@ fn whirling_arms_slow_down() {
     // The random policy once reached this state of ScoopBanana, and infinity six control steps later.
     let scene = common::draw(TaskId::ScoopBanana, Perturbation::None, 28);
     let mut world = World::build(&scene, ControlMode::EeDeltaPose);
-    let mut state = WorldState::of(&world);
+    let mut state = world.state();
     state.arms[0].qpos = [-2.21, 2.0, -2.17, -1.02, 1.47, 3.76, 0.23, 0.016, 0.037];
     state.arms[0].qvel = [53.4, 45.2, -30.1, -101.8, -24.3, 60.2, -1.8, 24.5, -9.0];
     world.set_state(&state);

@@ -1,9 +1,10 @@
 //! Depth and segmentation images for tools. Policies never receive either.
 
+use super::renderer::CpuRenderer;
+use super::transform::TransformInstances;
 use super::visibility::raster::{NO_ID, Visibility};
 use super::visibility::tile::{Tile4x4, TileLayout};
 use super::workspace::CameraContext;
-use super::{CpuRenderer, TransformInstances};
 use crate::render::scene::{Anchor, Fixture, RenderScene};
 use crate::scene::Snapshot;
 
@@ -45,8 +46,8 @@ impl CpuRenderer {
         let camera = &scene.cameras[camera_idx];
         self.with_workspace(|workspace| {
             let view_from_world = camera.view_from_world(snapshot);
-            let context = CameraContext { isa: self.isa, scene, camera };
-            self.isa.run(TransformInstances {
+            let context = CameraContext { isa: self.settings.isa, scene, camera };
+            self.settings.isa.run(TransformInstances {
                 scene,
                 snapshot,
                 view_from_world,

@@ -1,27 +1,22 @@
-//! Per-thread buffers of the CPU renderer, and the sequence of passes that renders one view.
+//! Per-thread buffers of the CPU renderer, and the passes that use no others.
 
 use core::marker::PhantomData;
 use core::ops::Range;
 
-use super::cache::static_layer::FindStaleTiles;
 use super::shading::antialias::ShadeSamples;
 use super::shading::lighting::ViewLights;
 use super::shading::rays::{ComputeRayTable, RayTable};
-use super::shading::sink::{ImageSink, OverlaySink};
 use super::shading::surface::{PrepareSurfaces, VisibleSurfaces};
 use super::shading::tiles::{Shade, Shader, TileSink};
-use super::shadow::{HeightRaster, Shadow, ShadowMap};
+use super::shadow::{HeightRaster, Shadow};
 use super::simd::isa::Isa;
 use super::visibility::instances::RasterizeInstances;
 use super::visibility::projection::PinholeProjection;
 use super::visibility::raster::{ClearTo, ClearVisibility, Visibility};
-use super::visibility::tile::{MultisampleTile, Tile4x4, TileLayout};
-use super::{CpuRenderer, TransformInstances};
+use super::visibility::tile::TileLayout;
 use crate::render::math::affine::Affine3;
 use crate::render::scene::RenderScene;
 use crate::render::scene::camera::PinholeCamera;
-use crate::render::{Samples, View};
-use crate::scene::Snapshot;
 
 /// The scene and camera of a pass, and the instruction set that runs it.
 #[derive(Clone, Copy)]
@@ -43,7 +38,7 @@ pub(crate) struct Workspace {
     pub(crate) surfaces: VisibleSurfaces,
     /// Per pixel tile `true` if it differs from the static layer and must be shaded again.
     pub(crate) stale: Vec<bool>,
-    raster: HeightRaster,
+    pub(crate) raster: HeightRaster,
     /// One per set of camera intrinsics, the most recently used first.
     pub(crate) rays: Vec<RayTable>,
 }
@@ -65,73 +60,13 @@ impl Workspace {
         }
     }
 
-    /// Renders the shadow map of a scene whose first sun casts shadows.
-    pub(crate) fn render_shadow_map(
-        &mut self,
-        renderer: &CpuRenderer,
-        scene: &RenderScene,
-        snapshot: &Snapshot,
-        map: &mut ShadowMap,
-    ) {
-        map.draw(renderer.isa, scene, snapshot, &renderer.static_heights, &mut self.raster);
-    }
-
-    /// Renders one view into its `out`.
-    pub(crate) fn render(&mut self, renderer: &CpuRenderer, view: &mut View<'_>, map: Option<&ShadowMap>) {
-        match renderer.options.samples {
-            Samples::One => self.render_with::<Tile4x4>(renderer, view, map),
-            Samples::Four => self.render_with::<MultisampleTile>(renderer, view, map),
-        }
-    }
-
-    fn render_with<B: TileLayout>(
-        &mut self,
-        renderer: &CpuRenderer,
-        view: &mut View<'_>,
-        map: Option<&ShadowMap>,
-    ) {
-        let CpuRenderer { isa, options, layers, .. } = renderer;
-        let (isa, scene, camera) = (*isa, view.scene, &view.scene.cameras[view.camera_idx]);
-        let view_from_world = camera.view_from_world(view.snapshot);
-        isa.run(TransformInstances {
-            scene,
-            snapshot: view.snapshot,
-            view_from_world,
-            transforms: &mut self.view_from_mesh,
-        });
-        self.select_ray_table(isa, camera);
-        let (context, lights) =
-            (CameraContext { isa, scene, camera }, ViewLights::new(scene, &view_from_world));
-        let shadow = map.and_then(|map| map.view(&view_from_world));
-        if !(options.static_layers && camera.is_static()) {
-            self.clear::<B>(context);
-            self.rasterize::<B>(context, 0..scene.instances.len());
-            self.shade::<B>(context, &lights, shadow, None, ImageSink::new(view.out, camera.side));
-            return;
-        }
-        let layer = &*self.layer::<B>(context, view, &lights, map, layers);
-        self.clear_to::<B>(context, ClearTo::Depths(&layer.depths));
-        self.rasterize::<B>(context, scene.n_static..scene.instances.len());
-        let mut stale = core::mem::take(&mut self.stale);
-        isa.run(FindStaleTiles {
-            visibility: &mut self.visibility,
-            samples_per_edge: B::SAMPLES_PER_EDGE,
-            layer,
-            moving: map.map(ShadowMap::moving),
-            stale: &mut stale,
-        });
-        let sink = OverlaySink::new(&layer.pixels, view.out, camera.side);
-        self.shade::<B>(context, &lights, shadow, Some(&stale), sink);
-        self.stale = stale;
-    }
-
     /// Clears the visibility buffer to the far plane.
     pub(crate) fn clear<B: TileLayout>(&mut self, context: CameraContext<'_>) {
         self.clear_to::<B>(context, ClearTo::Background(1.0 / context.camera.clip_m[1]));
     }
 
     /// Resizes the visibility buffer to the camera's image and clears it.
-    fn clear_to<B: TileLayout>(
+    pub(crate) fn clear_to<B: TileLayout>(
         &mut self,
         CameraContext { isa, camera, .. }: CameraContext<'_>,
         behind: ClearTo<'_>,
@@ -180,7 +115,7 @@ impl Workspace {
     }
 
     /// Moves the camera's ray table to the front of the cache, computing it on a miss.
-    fn select_ray_table(&mut self, isa: Isa, camera: &PinholeCamera) {
+    pub(crate) fn select_ray_table(&mut self, isa: Isa, camera: &PinholeCamera) {
         let cached = self.rays.iter().position(|rays| rays.matches(camera));
         self.rays[..=cached.unwrap_or(N_RAY_TABLES - 1)].rotate_right(1);
         if cached.is_none() {

@@ -1,8 +1,10 @@
 //! Adapter selection, and the features and limits that an adapter must have.
 
-use super::poll_ready;
-use super::{GpuOptions, VisibilityMethod};
-use crate::render::open::OpenRendererError;
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
+
+use super::options::{GpuOptions, VisibilityMethod};
+use crate::render::renderer::OpenRendererError;
 
 /// Kind of Vulkan adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,4 +121,12 @@ fn missing_capabilities(adapter: &wgpu::Adapter, visibility: VisibilityMethod) -
         missing.push(format!("{name} {required} (available: {available})"));
     });
     missing
+}
+
+/// Returns the result of a future that is ready immediately, as all futures of wgpu are outside of a browser.
+pub(crate) fn poll_ready<T>(future: impl Future<Output = T>) -> T {
+    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(result) => result,
+        Poll::Pending => unreachable!("native wgpu futures are ready immediately"),
+    }
 }

@@ -3,9 +3,9 @@
 use bytemuck::{Pod, Zeroable};
 use ipc_types::{EXTERNAL_SIDE, HAND_SIDE};
 
-use super::VisibilityMethod;
 use super::adapter::AdapterKind;
 use super::device::Gpu;
+use super::options::VisibilityMethod;
 use super::records::{INSTANCE_BYTES, PoseRecord, ViewRecord};
 use super::texture_layers::LAYER_STEP;
 use crate::render::shading::SHADOW_MAP_SIDE;

@@ -6,7 +6,7 @@ use super::bindings::{self, BindingKind};
 use super::chunk::{ChunkBytes, ChunkLimits};
 use super::device::Gpu;
 use super::growable_buffer::GrowableBuffer;
-use super::pipeline::SharedBuffers;
+use super::shared_buffers::SharedBuffers;
 
 /// Workgroups that share all blocks, and those that share all large triangles.
 #[derive(Clone, Copy)]

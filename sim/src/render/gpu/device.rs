@@ -4,10 +4,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::adapter::{self, SelectedAdapter};
-use super::poll_ready;
-use crate::render::RenderError;
-use crate::render::open::OpenRendererError;
+use super::adapter::{self, SelectedAdapter, poll_ready};
+use crate::render::renderer::{OpenRendererError, RenderError};
 
 /// Timeout after which a device that has not finished a chunk counts as failed.
 const WAIT_TIMEOUT: Duration = Duration::from_secs(60);

@@ -14,198 +14,22 @@ mod chunk;
 mod compute;
 mod device;
 mod growable_buffer;
+mod options;
 mod pipeline;
 mod placement;
 mod raster;
 mod readback;
 mod records;
+mod renderer;
 mod scenes;
 mod shading;
 mod shadow;
+mod shared_buffers;
 mod texture_layers;
 
-use core::pin::pin;
-use core::task::{Context, Poll, Waker};
-use std::time::Instant;
-
 pub use adapter::AdapterKind;
-
-use super::open::OpenRendererError;
-use super::{RenderError, Renderer, Samples, View, name_with_samples};
-use device::Gpu;
-use pipeline::ImagePipeline;
-use readback::Readback;
-
-/// Method of finding the visible triangle of each pixel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum VisibilityMethod {
-    /// The hardware rasteriser.
-    Raster,
-    /// Compute kernels with 64-bit atomics.
-    Compute,
-}
-
-/// Options of the GPU renderer.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct GpuOptions {
-    /// Visibility method; `None` selects the one that suits the adapter.
-    pub visibility: Option<VisibilityMethod>,
-    /// Samples per pixel, for anti-aliasing.
-    pub samples: Samples,
-    /// Index among the adapters of the kind, discrete GPUs before integrated ones; `None` selects the first
-    /// that can render.
-    pub index: Option<usize>,
-}
-
-/// Breakdown of the time spent in a call of [`Renderer::render`], in s.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Timings {
-    /// Preparing, uploading and submitting commands.
-    pub submit_s: f64,
-    /// Waiting for the device.
-    pub wait_s: f64,
-    /// Copying images to the output slices.
-    pub readback_s: f64,
-}
-
-/// Renderer that runs on a GPU through Vulkan.
-pub struct GpuRenderer {
-    pipeline: ImagePipeline,
-    readbacks: [Readback; 2],
-    timings: Timings,
-    visibility: VisibilityMethod,
-    samples: Samples,
-    gpu: Gpu,
-}
-
-impl GpuRenderer {
-    /// Opens an adapter of a kind.
-    ///
-    /// # Errors
-    /// If there is none of this index, if it cannot render, or if it cannot be opened.
-    pub fn open(kind: AdapterKind, options: &GpuOptions) -> Result<Self, OpenRendererError> {
-        let selected = adapter::select(kind, options)?;
-        let visibility = selected.visibility;
-        let gpu = Gpu::open(selected)?;
-        let pipeline = ImagePipeline::new(&gpu, kind, visibility, options);
-        // Shader compilation errors are reported at this point.
-        gpu.check().map_err(|error| OpenRendererError::Device {
-            name: gpu.name.clone(),
-            message: error.to_string(),
-        })?;
-        let readback = || Readback::new(pipeline.limits.bytes.images);
-        Ok(Self {
-            readbacks: [readback(), readback()],
-            pipeline,
-            timings: Timings::default(),
-            visibility,
-            samples: options.samples,
-            gpu,
-        })
-    }
-
-    /// Returns the timings of the last call of [`Renderer::render`].
-    #[must_use]
-    pub fn timings(&self) -> Timings {
-        self.timings
-    }
-
-    /// Returns the device memory in bytes that chunks of views take at most, whatever the batch. Meshes,
-    /// textures and scenes add to it.
-    #[must_use]
-    pub fn max_chunk_bytes(&self) -> u64 {
-        self.pipeline.limits.total_bytes
-    }
-
-    /// Returns the largest number of envs that are rendered at a time.
-    #[must_use]
-    pub fn max_chunk_envs(&self) -> usize {
-        self.pipeline.limits.n_envs as usize
-    }
-
-    /// Returns the device memory in bytes that chunks of views take now.
-    #[must_use]
-    pub fn chunk_bytes(&self) -> u64 {
-        self.pipeline.chunk_bytes() + self.readbacks.iter().map(Readback::n_bytes).sum::<u64>()
-    }
-
-    /// Submits the next chunk of `views`. Returns the number of its views.
-    fn submit(&mut self, views: &[View<'_>], chunk_idx: usize) -> Result<usize, RenderError> {
-        let start = Instant::now();
-        let descriptor = wgpu::CommandEncoderDescriptor::default();
-        let mut encoder = self.gpu.device.create_command_encoder(&descriptor);
-        let (n, images) = self.pipeline.encode(&self.gpu, views, &mut encoder);
-        let n_bytes = views[..n].iter().map(|view| view.out.len() as u64).sum();
-        self.readbacks[chunk_idx % 2].submit(&self.gpu, encoder, images, n_bytes);
-        self.timings.submit_s += start.elapsed().as_secs_f64();
-        self.gpu.check()?;
-        Ok(n)
-    }
-
-    fn collect(&mut self, views: &mut [View<'_>], chunk_idx: usize) -> Result<(), RenderError> {
-        let readback = &mut self.readbacks[chunk_idx % 2];
-        let start = Instant::now();
-        readback.wait(&self.gpu)?;
-        let finished = Instant::now();
-        readback.collect(&self.gpu, views)?;
-        self.timings.wait_s += (finished - start).as_secs_f64();
-        self.timings.readback_s += finished.elapsed().as_secs_f64();
-        Ok(())
-    }
-}
-
-impl Renderer for GpuRenderer {
-    fn name(&self) -> String {
-        let visibility = match self.visibility {
-            VisibilityMethod::Raster => "raster",
-            VisibilityMethod::Compute => "compute",
-        };
-        name_with_samples(format!("gpu ({}, {visibility})", self.gpu.name), self.samples)
-    }
-
-    fn identity(&self) -> String {
-        self.name()
-    }
-
-    fn is_on_device(&self) -> bool {
-        true
-    }
-
-    fn render(&mut self, views: &mut [View<'_>]) -> Result<(), RenderError> {
-        views.iter().for_each(View::check);
-        self.timings = Timings::default();
-        self.gpu.check()?;
-        self.pipeline.begin_batch(views);
-        let (mut from, mut previous) = (0, None);
-        for chunk_idx in 0.. {
-            let n = if from < views.len() { self.submit(&views[from..], chunk_idx)? } else { 0 };
-            if let Some(previous) = previous.replace(from..from + n) {
-                self.collect(&mut views[previous], chunk_idx - 1)?;
-            }
-            if n == 0 {
-                break;
-            }
-            from += n;
-        }
-        Ok(())
-    }
-}
-
-/// Returns the number of samples per pixel along each axis.
-const fn samples_per_axis(samples: Samples) -> u32 {
-    match samples {
-        Samples::One => 1,
-        Samples::Four => 2,
-    }
-}
-
-/// Returns the result of a future that is ready immediately, as all futures of wgpu are outside of a browser.
-fn poll_ready<T>(future: impl Future<Output = T>) -> T {
-    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
-        Poll::Ready(result) => result,
-        Poll::Pending => unreachable!("native wgpu futures are ready immediately"),
-    }
-}
+pub use options::{GpuOptions, VisibilityMethod};
+pub use renderer::{GpuRenderer, Timings};
 
 #[cfg(test)]
 mod tests;

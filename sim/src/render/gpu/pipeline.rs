@@ -7,22 +7,13 @@ use super::chunk::{ChunkLimits, ChunkSize};
 use super::compute::ComputeVisibility;
 use super::device::Gpu;
 use super::growable_buffer::GrowableBuffer;
+use super::options::{GpuOptions, VisibilityMethod, samples_per_axis};
 use super::placement::PlacementPass;
 use super::raster::RasterVisibility;
 use super::scenes::ResidentScenes;
 use super::shading::{ShadingPass, VisibilityResult};
-use super::{GpuOptions, VisibilityMethod, samples_per_axis};
+use super::shared_buffers::SharedBuffers;
 use crate::render::View;
-
-/// Buffers that several passes use.
-pub(crate) struct SharedBuffers {
-    pub(crate) views: GrowableBuffer,
-    pub(crate) poses: GrowableBuffer,
-    /// Instances of all views, written by the placement pass.
-    pub(crate) instances: GrowableBuffer,
-    pub(crate) scenes: ResidentScenes,
-    pub(crate) assets: Assets,
-}
 
 /// All passes, with the chunk that is being prepared.
 pub(crate) struct ImagePipeline {

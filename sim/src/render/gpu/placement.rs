@@ -1,10 +1,10 @@
 //! Placement pass: the instances of all views, and which of them each view may show.
 
-use super::VisibilityMethod;
 use super::bindings::{self, BindingKind};
 use super::device::Gpu;
 use super::growable_buffer::GrowableBuffer;
-use super::pipeline::SharedBuffers;
+use super::options::VisibilityMethod;
+use super::shared_buffers::SharedBuffers;
 
 /// The kernel and its bind group.
 pub(crate) struct PlacementPass {

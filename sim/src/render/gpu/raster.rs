@@ -6,8 +6,8 @@ use super::bindings::{self, BindingKind};
 use super::chunk::{ChunkBytes, ChunkLimits, DRAW_BYTES};
 use super::device::Gpu;
 use super::growable_buffer::GrowableBuffer;
-use super::pipeline::SharedBuffers;
 use super::records::{NONE, ViewRecord};
+use super::shared_buffers::SharedBuffers;
 use super::texture_layers::TextureLayers;
 use crate::render::shading::SHADOW_MAP_SIDE;
 

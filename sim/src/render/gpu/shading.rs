@@ -3,7 +3,7 @@
 use super::bindings::{self, BindingKind};
 use super::device::Gpu;
 use super::growable_buffer::GrowableBuffer;
-use super::pipeline::SharedBuffers;
+use super::shared_buffers::SharedBuffers;
 use crate::render::math::srgb::{LINEAR_SEGMENT_END, LINEAR_SEGMENT_SLOPE, SQRT_POLYNOMIAL};
 use crate::render::shading::{
     SHADOW_DEPTH_LEVELS, SHADOW_NORMAL_OFFSET_M, SPECULAR_FALLOFF, SPECULAR_VISIBILITY,

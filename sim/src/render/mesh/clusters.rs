@@ -3,7 +3,7 @@
 
 use core::cmp::Ordering;
 
-use super::{Mesh, bounding_sphere};
+use super::triangle_mesh::{Mesh, bounding_sphere};
 use crate::render::math::affine::{Vec3, add, cross, dot, normalised, scaled};
 
 /// Triangles per cluster. The last cluster of a mesh may have fewer.

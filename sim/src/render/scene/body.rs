@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 
+use super::instance::{Anchor, Instance, MeshSource};
 use super::material::Material;
-use super::{Anchor, Instance, MeshSource};
 use crate::render::mesh::{Mesh, MeshId, extrusion, lathe, rounded_box, torus};
 use crate::scene::{Appearance, Body, Primitive, VisualShape};
 

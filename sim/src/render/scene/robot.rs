@@ -4,8 +4,8 @@ use core::f32::consts::FRAC_1_SQRT_2;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
+use super::instance::{Anchor, Instance, MeshSource};
 use super::material::Material;
-use super::{Anchor, Instance, MeshSource};
 use crate::render::math::affine::Vec3;
 use crate::render::mesh::{FIRST_TRIMMED_LINK, MeshId};
 use crate::scene::Link;

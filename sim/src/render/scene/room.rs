@@ -7,8 +7,8 @@ use core::f32::consts::FRAC_1_SQRT_2;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
+use super::instance::{Anchor, Fixture, Instance, MeshSource};
 use super::material::Material;
-use super::{Anchor, Fixture, Instance, MeshSource};
 use crate::render::mesh::MeshId;
 use crate::scene::{Appearance, Scene, Table, TableKind};
 

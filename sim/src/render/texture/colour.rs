@@ -5,6 +5,9 @@ use crate::render::math::srgb;
 /// Linear red, green and blue, in [0, 1].
 pub(crate) type Rgb = [f32; 3];
 
+/// A pattern: maps a point (u, v) of the tile, both in [0, 1), to linear factors.
+pub(crate) type TextureFn = Box<dyn Fn(f32, f32) -> Rgb>;
+
 /// Decodes sRGB codes `0xRRGGBB`.
 pub(crate) fn hex<const N: usize>(codes: [u32; N]) -> [Rgb; N] {
     codes.map(|code| [16, 8, 0].map(|shift| srgb::decode(f64::from(code >> shift & 255) / 255.0)))

@@ -10,6 +10,7 @@ mod layout;
 pub(crate) mod noise;
 mod patterns;
 mod shaping;
+mod size;
 #[cfg(test)]
 mod tests;
 mod voronoi;
@@ -18,13 +19,7 @@ use std::sync::OnceLock;
 
 use crate::scene::Texture;
 use colour::Rgb;
-
-/// Side of a tile, in texels: a power of two.
-pub(crate) const SIDE: usize = 256;
-/// Distance between the rows of a tile, in texels, which is also their number. Each row and column continues
-/// periodically by eight texels, so that a window of 8 × 8 texels can be read from any texel on without
-/// wrapping.
-pub(crate) const PITCH: usize = SIDE + 8;
+pub(crate) use size::{PITCH, SIDE};
 
 /// Cache of generated textures. They are constants that are too large to write down, so a static holds them
 /// and no caller has to pass them around. Each is generated on first use, because a scene shows only a few.

@@ -72,7 +72,7 @@ fn smoothed((node, t): LatticeCoord) -> LatticeCoord {
 }
 
 /// Resolution at which a sum of noises is sampled: that of a texture.
-const RESOLUTION: i32 = super::SIDE as i32;
+const RESOLUTION: i32 = super::size::SIDE as i32;
 
 /// Fractional Brownian motion: a weighted sum of noises, precomputed on a lattice with the resolution of a
 /// texture.

@@ -10,7 +10,9 @@ mod bottles;
 mod builder;
 mod cans;
 mod cartons;
+mod catalogue;
 mod cutlery;
+mod distractor;
 mod fruit;
 mod kitchenware;
 #[cfg(test)]
@@ -18,97 +20,6 @@ mod tests;
 mod tools;
 mod toys;
 
+pub(crate) use catalogue::DistractorKind;
+pub(crate) use distractor::Distractor;
 pub(crate) use fruit::APPLE_PROFILE;
-
-use crate::scene::{PartSpec, VisualSpec};
-use crate::stream::Stream;
-
-/// One distractor object, resting on z = 0 and centred on the z axis of its own frame.
-pub(crate) struct Distractor {
-    /// Collision shapes. They are also rendered if there are no visuals.
-    pub(crate) parts: Vec<PartSpec>,
-    /// Visual shapes. If empty, the parts are rendered instead.
-    pub(crate) visuals: Vec<VisualSpec>,
-    /// Density in kg/m³.
-    pub(crate) density: f64,
-    /// Friction coefficient, static and dynamic.
-    pub(crate) friction: f64,
-    /// Linear and angular damping, in 1/s.
-    pub(crate) damping: [f64; 2],
-}
-
-/// A kind of distractor object.
-pub(crate) struct DistractorKind {
-    /// Name; also the name of the stream from which its objects are sampled.
-    pub(crate) name: &'static str,
-    /// Samples an object of this kind: a pure function of the stream.
-    pub(crate) make: fn(&mut Stream) -> Distractor,
-}
-
-const fn kind(name: &'static str, make: fn(&mut Stream) -> Distractor) -> DistractorKind {
-    DistractorKind { name, make }
-}
-
-impl DistractorKind {
-    /// All kinds. The order is part of the sampled scenes.
-    pub(crate) const ALL: &[Self] = &[
-        kind("soup can", cans::soup),
-        kind("tuna can", cans::tuna),
-        kind("coffee can", cans::coffee),
-        kind("crisps tube", cans::crisps),
-        kind("potted-meat can", cans::potted_meat),
-        kind("cracker box", cartons::crackers),
-        kind("sugar box", cartons::sugar),
-        kind("pudding box", cartons::pudding),
-        kind("gelatine box", cartons::gelatine),
-        kind("mustard bottle", bottles::mustard),
-        kind("cleanser bottle", bottles::cleanser),
-        kind("spray bottle", bottles::sprayer),
-        kind("pitcher", bottles::pitcher),
-        kind("apple", fruit::apple),
-        kind("pear", fruit::pear),
-        kind("orange", fruit::orange),
-        kind("peach", fruit::peach),
-        kind("plum", fruit::plum),
-        kind("lemon", fruit::lemon),
-        kind("strawberry", fruit::strawberry),
-        kind("banana", banana::banana),
-        kind("cup", kitchenware::cup),
-        kind("stacking cups", kitchenware::stacking_cups),
-        kind("mug", kitchenware::mug),
-        kind("bowl", kitchenware::bowl),
-        kind("plate", kitchenware::plate),
-        kind("pan lid", kitchenware::pan_lid),
-        kind("sponge", kitchenware::sponge),
-        kind("shaker", kitchenware::shaker),
-        kind("fork", cutlery::fork),
-        kind("knife", cutlery::knife),
-        kind("spoon", cutlery::spoon),
-        kind("spatula", cutlery::spatula),
-        kind("drill", tools::drill),
-        kind("wood block", tools::wood_block),
-        kind("screwdriver", tools::screwdriver),
-        kind("wrench", tools::wrench),
-        kind("hammer", tools::hammer),
-        kind("clamp", tools::clamp),
-        kind("padlock", tools::padlock),
-        kind("scissors", tools::scissors),
-        kind("tape roll", tools::tape),
-        kind("marker", tools::marker),
-        kind("football", balls::football),
-        kind("baseball", balls::baseball),
-        kind("tennis ball", balls::tennis_ball),
-        kind("golf ball", balls::golf_ball),
-        kind("racquetball", balls::racquetball),
-        kind("foam brick", toys::foam_brick),
-        kind("die", toys::die),
-        kind("small toy brick", toys::small_brick),
-        kind("long toy brick", toys::long_brick),
-        kind("toy brick tower", toys::brick_tower),
-        kind("toy aeroplane", toys::aeroplane),
-        kind("cube puzzle", toys::cube_puzzle),
-        kind("kitchen timer", toys::timer),
-        kind("toy car", toys::car),
-        kind("ring tower", toys::ring_tower),
-    ];
-}

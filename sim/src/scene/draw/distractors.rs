@@ -7,7 +7,7 @@ use core::f64::consts::TAU;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::occlusion::LinesOfSight;
-use super::{Painter, draw_parts, draw_visuals};
+use super::parts::{Painter, draw_parts, draw_visuals};
 use crate::robot::kinematics::{self, Joints};
 use crate::scene::distractors::{Distractor, DistractorKind};
 use crate::scene::drawn::{Body, Robot};

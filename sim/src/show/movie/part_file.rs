@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
-use super::{EncodeError, MovieError};
+use super::error::{EncodeError, MovieError};
 
 /// An incomplete file. Dropping the value removes it.
 pub(crate) struct PartFile {

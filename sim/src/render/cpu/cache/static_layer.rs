@@ -1,45 +1,39 @@
 //! Static layers: the static geometry as a static camera sees it, rendered once. Later images start from the
 //! layer, and only the pixel tiles that differ from it are shaded.
 
-use std::sync::{Arc, PoisonError};
-
-use super::scene_cache::SceneCache;
-use crate::render::cpu::cache::shared_cache::SharedCache;
-use crate::render::cpu::shading::lighting::ViewLights;
+use crate::render::Samples;
 use crate::render::cpu::shading::rays::{RayTable, ViewRays};
-use crate::render::cpu::shading::sink::ImageSink;
 use crate::render::cpu::shading::surface::MIXED;
-use crate::render::cpu::shadow::{LightBounds, LightBoundsBuilder, MaxHeightPyramid, Shadow, ShadowMap};
+use crate::render::cpu::shadow::{LightBounds, LightBoundsBuilder, MaxHeightPyramid, Shadow};
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::isa::Kernel;
 use crate::render::cpu::simd::{F32x16, I32x16, Simd, SimdF32, SimdI32, SimdMask};
 use crate::render::cpu::visibility::raster::{NO_ID, Visibility};
 use crate::render::cpu::visibility::tile::{Tile4x4, TileLayout};
-use crate::render::cpu::workspace::{CameraContext, Workspace};
 use crate::render::math::affine::{Affine3, Vec3};
+use crate::render::renderer::View;
 use crate::render::scene::camera::PinholeCamera;
 use crate::render::scene::material::Material;
 use crate::render::scene::{Instance, MeshKey, N_SUNS, Sun};
-use crate::render::{Samples, View};
 
 /// The rendered static geometry of one static camera. Using it changes no byte of an image, because static
 /// instances come first in every scene.
 pub(crate) struct StaticLayer {
     /// Per static instance the transform from its mesh to the view frame.
-    view_from_mesh: Vec<Affine3>,
+    pub(crate) view_from_mesh: Vec<Affine3>,
     /// Number of samples per pixel with which the layer was rendered.
-    samples: Samples,
+    pub(crate) samples: Samples,
     /// 1/z per visibility tile.
     pub(crate) depths: Vec<F32x16>,
     /// Triangle ids per visibility tile.
-    ids: Vec<I32x16>,
+    pub(crate) ids: Vec<I32x16>,
     /// Per visibility tile the id that all of its lanes show, or [`MIXED`]. It is read in place of the much
     /// larger `ids` where possible.
-    tile_ids: Vec<i32>,
+    pub(crate) tile_ids: Vec<i32>,
     /// The shaded image, `[side, side, 3] u8` sRGB.
     pub(crate) pixels: Vec<u8>,
     /// Per pixel tile its bounds in the shadow map; empty if no light casts shadows.
-    light_bounds: Vec<LightBounds>,
+    pub(crate) light_bounds: Vec<LightBounds>,
 }
 
 /// Everything that a layer depends on. Keys are compared as floats: the sign of a zero does not affect a
@@ -57,7 +51,7 @@ pub(crate) struct StaticLayerKey {
 
 impl StaticLayerKey {
     /// Returns the key of the layer of a view.
-    fn of(view: &View<'_>, samples: Samples) -> Self {
+    pub(crate) fn of(view: &View<'_>, samples: Samples) -> Self {
         let View { scene, snapshot, camera_idx, .. } = view;
         let instances = scene.instances[..scene.n_static].iter();
         let instance_key =
@@ -73,70 +67,9 @@ impl StaticLayerKey {
     }
 }
 
-impl Workspace {
-    /// Returns the layer of a view: the scene's own, or an identical one from the shared cache, rendering
-    /// it on a miss.
-    pub(crate) fn layer<B: TileLayout>(
-        &mut self,
-        context: CameraContext<'_>,
-        view: &View<'_>,
-        lights: &ViewLights,
-        map: Option<&ShadowMap>,
-        layers: &SharedCache<StaticLayerKey, StaticLayer>,
-    ) -> Arc<StaticLayer> {
-        // The slot is never partially written, so a poisoned lock is safe to use.
-        let mut slot =
-            SceneCache::of(view.scene).layers[view.camera_idx].lock().unwrap_or_else(PoisonError::into_inner);
-        match &*slot {
-            Some(layer) if layer.matches(&self.view_from_mesh[..view.scene.n_static], B::SAMPLES) => {
-                Arc::clone(layer)
-            }
-            _ => {
-                let view_from_world = context.camera.view_from_world(view.snapshot);
-                let shadow = map.and_then(|map| map.static_view(&view_from_world));
-                let render = || self.render_layer::<B>(context, lights, shadow);
-                let key = StaticLayerKey::of(view, B::SAMPLES);
-                Arc::clone(slot.insert(layers.get_or_insert_with(key, render)))
-            }
-        }
-    }
-
-    fn render_layer<B: TileLayout>(
-        &mut self,
-        context: CameraContext<'_>,
-        lights: &ViewLights,
-        shadow: Option<Shadow<'_>>,
-    ) -> StaticLayer {
-        let CameraContext { isa, scene, camera } = context;
-        self.clear::<B>(context);
-        self.rasterize::<B>(context, 0..scene.n_static);
-        let mut light_bounds = Vec::new();
-        if let Some(shadow) = &shadow {
-            isa.run(MeasureLightBounds {
-                visibility: &self.visibility,
-                samples_per_edge: B::SAMPLES_PER_EDGE,
-                rays: &self.rays[0],
-                shadow,
-                light_bounds: &mut light_bounds,
-            });
-        }
-        let mut pixels = vec![0; camera.side * camera.side * 3];
-        self.shade::<B>(context, lights, shadow, None, ImageSink::new(&mut pixels, camera.side));
-        StaticLayer {
-            view_from_mesh: self.view_from_mesh[..scene.n_static].to_vec(),
-            samples: B::SAMPLES,
-            depths: self.visibility.depths.clone(),
-            ids: self.visibility.ids.clone(),
-            tile_ids: self.surfaces.tile_ids.clone(),
-            pixels,
-            light_bounds,
-        }
-    }
-}
-
 impl StaticLayer {
     /// Returns `true` if the layer was rendered for these transforms and this number of samples.
-    fn matches(&self, view_from_mesh: &[Affine3], samples: Samples) -> bool {
+    pub(crate) fn matches(&self, view_from_mesh: &[Affine3], samples: Samples) -> bool {
         self.view_from_mesh == view_from_mesh && self.samples == samples
     }
 
@@ -156,12 +89,12 @@ impl StaticLayer {
 }
 
 /// Computes the shadow-map bounds of each pixel tile of a layer.
-struct MeasureLightBounds<'a> {
-    visibility: &'a Visibility,
-    samples_per_edge: usize,
-    rays: &'a RayTable,
-    shadow: &'a Shadow<'a>,
-    light_bounds: &'a mut Vec<LightBounds>,
+pub(crate) struct MeasureLightBounds<'a> {
+    pub(crate) visibility: &'a Visibility,
+    pub(crate) samples_per_edge: usize,
+    pub(crate) rays: &'a RayTable,
+    pub(crate) shadow: &'a Shadow<'a>,
+    pub(crate) light_bounds: &'a mut Vec<LightBounds>,
 }
 
 impl Kernel for MeasureLightBounds<'_> {

@@ -1,6 +1,6 @@
 //! Orthographic projection along the first directional light.
 
-use super::{MIDDLE_STEPS, SIDE, STEPS_PER_M, TEXELS_PER_M};
+use super::size::{MIDDLE_STEPS, SIDE, STEPS_PER_M, TEXELS_PER_M};
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{FloatLike, Simd, SimdF32, SimdMask};
 use crate::render::cpu::visibility::projection::{ClipFlags, Projected, Projection, Vectors};

@@ -1,7 +1,8 @@
 //! Shadow map lookups: the fraction of the light that reaches each pixel of a tile, and conservative bounds
 //! of where a tile is looked up.
 
-use super::{MAX_HEIGHT, MaxHeightPyramid, PyramidLevel, PyramidWindow, SIDE, STEPS_PER_M, TEXELS_PER_M};
+use super::max_heights::{MaxHeightPyramid, PyramidLevel, PyramidWindow};
+use super::size::{MAX_HEIGHT, SIDE, STEPS_PER_M, TEXELS_PER_M};
 use crate::render::cpu::shading::rays::{RayTable, ViewRays};
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{
@@ -213,7 +214,7 @@ impl LightBounds {
 mod tests {
     use super::{MaxHeightPyramid, RayTable, SIDE, STEPS_PER_M, Shadow, TEXELS_PER_M, Tile4x4};
     use crate::render::cpu::shading::rays::ComputeRayTable;
-    use crate::render::cpu::shadow::{CELL, CELLS};
+    use crate::render::cpu::shadow::size::{CELL, CELLS};
     use crate::render::cpu::simd::isa::Isa;
     use crate::render::cpu::simd::{F32x16, FloatLike, N_LANES, Portable, Simd, SimdF32, SimdMask};
     use crate::render::cpu::visibility::tile::TileLayout;

@@ -2,7 +2,7 @@
 
 use core::ops::RangeInclusive;
 
-use super::{CELL, CELLS};
+use super::size::{CELL, CELLS};
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{Simd, SimdI32};
 
@@ -145,7 +145,7 @@ impl PyramidLevel {
 #[cfg(test)]
 mod tests {
     use super::{CELL, CELLS, LEVELS, MaxHeightPyramid, N_LEVELS, PyramidLevel, PyramidWindow};
-    use crate::render::cpu::shadow::SIDE;
+    use crate::render::cpu::shadow::size::SIDE;
     use crate::stream::Stream;
 
     /// Draws an integer below `n`.

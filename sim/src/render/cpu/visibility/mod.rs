@@ -4,6 +4,7 @@
 
 pub(crate) mod clip;
 pub(crate) mod instances;
+mod perspective;
 pub(crate) mod projection;
 pub(crate) mod raster;
 pub(crate) mod small_triangles;

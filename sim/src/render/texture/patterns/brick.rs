@@ -1,7 +1,6 @@
 //! Brickwork in different bonds.
 
-use super::TextureFn;
-use crate::render::texture::colour::{Rgb, hex, mix, pick, shade};
+use crate::render::texture::colour::{Rgb, TextureFn, hex, mix, pick, shade};
 use crate::render::texture::layout::{self, LayoutRect};
 use crate::render::texture::noise::{Fbm, Noise, Warp};
 use crate::render::texture::shaping::smooth_step;

@@ -1,7 +1,6 @@
 //! Woven and knitted fabrics, felt and leather.
 
-use super::TextureFn;
-use crate::render::texture::colour::{Rgb, hex, mix, pick, ramp, shade};
+use crate::render::texture::colour::{Rgb, TextureFn, hex, mix, pick, ramp, shade};
 use crate::render::texture::noise::{Fbm, Noise};
 use crate::render::texture::shaping::{distance_to_integer, fract, parabola, smooth_step};
 use crate::render::texture::voronoi::VoronoiCells;

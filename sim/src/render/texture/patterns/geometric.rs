@@ -1,7 +1,6 @@
 //! Geometric patterns of lines and areas.
 
-use super::TextureFn;
-use crate::render::texture::colour::{hex, mix, pick, shade};
+use crate::render::texture::colour::{TextureFn, hex, mix, pick, shade};
 use crate::render::texture::noise::Noise;
 use crate::render::texture::shaping::{distance_to_integer, fract, length, smooth_wave};
 use crate::render::texture::voronoi::VoronoiCells;

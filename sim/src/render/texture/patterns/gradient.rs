@@ -1,7 +1,6 @@
 //! Colour gradients, periodic like all textures.
 
-use super::TextureFn;
-use crate::render::texture::colour::{cyclic_ramp, hex, mix, ramp};
+use crate::render::texture::colour::{TextureFn, cyclic_ramp, hex, mix, ramp};
 use crate::render::texture::shaping::{length, smooth_wave};
 
 /// From night blue to gold and back, along v.

@@ -1,8 +1,7 @@
 //! Metal sheets.
 
-use super::TextureFn;
 use crate::render::math::trig::on_circle;
-use crate::render::texture::colour::{hex, mix, ramp, shade};
+use crate::render::texture::colour::{TextureFn, hex, mix, ramp, shade};
 use crate::render::texture::noise::{Fbm, Noise, Warp};
 use crate::render::texture::shaping::{fract, length, smooth_step, smooth_wave};
 use crate::render::texture::voronoi::VoronoiCells;

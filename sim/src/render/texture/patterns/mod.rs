@@ -11,11 +11,8 @@ mod stone;
 mod tile;
 mod wood;
 
-use super::colour::Rgb;
+use super::colour::TextureFn;
 use crate::scene::Texture::{self, *};
-
-/// A pattern: maps a point (u, v) of the tile, both in [0, 1), to linear factors.
-pub(crate) type TextureFn = Box<dyn Fn(f32, f32) -> Rgb>;
 
 /// A texture, the side of its tile in m, and the constructor of its pattern.
 type Entry = (Texture, f32, fn() -> TextureFn);

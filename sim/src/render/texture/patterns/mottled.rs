@@ -1,7 +1,6 @@
 //! Mottled surfaces: spots, clouds, animal fur and coats of paint.
 
-use super::TextureFn;
-use crate::render::texture::colour::{hex, mix, pick, shade};
+use crate::render::texture::colour::{TextureFn, hex, mix, pick, shade};
 use crate::render::texture::noise::{Fbm, Noise, Warp};
 use crate::render::texture::shaping::{fract, length, smooth_step};
 use crate::render::texture::voronoi::VoronoiCells;

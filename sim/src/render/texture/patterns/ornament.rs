@@ -1,8 +1,7 @@
 //! Figures repeated over a plain background.
 
-use super::TextureFn;
 use crate::render::math::trig::on_circle;
-use crate::render::texture::colour::{hex, pick, shade};
+use crate::render::texture::colour::{TextureFn, hex, pick, shade};
 use crate::render::texture::noise::Noise;
 use crate::render::texture::shaping::{distance_to_integer, fract, is_odd_square, length, parabola};
 use crate::render::texture::voronoi::VoronoiCells;

@@ -1,7 +1,6 @@
 //! Polished, split and laid stone.
 
-use super::TextureFn;
-use crate::render::texture::colour::{hex, mix, pick, shade};
+use crate::render::texture::colour::{TextureFn, hex, mix, pick, shade};
 use crate::render::texture::layout;
 use crate::render::texture::noise::{Fbm, Noise, Warp};
 use crate::render::texture::shaping::{fract, smooth_step};

@@ -1,7 +1,6 @@
 //! Glazed tiles with grout.
 
-use super::TextureFn;
-use crate::render::texture::colour::{Rgb, hex, mix, pick, shade};
+use crate::render::texture::colour::{Rgb, TextureFn, hex, mix, pick, shade};
 use crate::render::texture::layout;
 use crate::render::texture::noise::{Fbm, Noise};
 use crate::render::texture::shaping::{distance_to_integer, fract, length, smooth_step, smooth_wave};

@@ -1,7 +1,6 @@
 //! Wood: planks, floors, veneer, end grain and bamboo.
 
-use super::TextureFn;
-use crate::render::texture::colour::{Rgb, hex, mix, pick, ramp, shade};
+use crate::render::texture::colour::{Rgb, TextureFn, hex, mix, pick, ramp, shade};
 use crate::render::texture::layout::{self, LayoutRect};
 use crate::render::texture::noise::{Fbm, Noise, Warp};
 use crate::render::texture::shaping::{

@@ -1,0 +1,19 @@
+//! The error for an episode that cannot be shown.
+
+use thiserror::Error;
+
+use crate::expert::MotionPlanError;
+
+/// Errors that can occur while rolling out an episode to show.
+#[derive(Debug, Error)]
+pub enum ShowError {
+    /// The expert's waypoints are not reachable.
+    #[error("the expert found no plan")]
+    Plan(#[from] MotionPlanError),
+    /// The simulation diverged.
+    #[error("the physics state is not finite after step {step}")]
+    NotFinite {
+        /// Number of control steps taken.
+        step: u32,
+    },
+}
