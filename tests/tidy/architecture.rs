@@ -59,6 +59,12 @@ fn each_engine_is_used_by_one_module() {
 }
 
 #[test]
+fn visibility_has_three_degrees() {
+    only_in("pub(super)", &[], "pub, pub(crate) or private: other walls stand in the wrong place");
+    only_in("pub(in ", &[], "pub, pub(crate) or private: other walls stand in the wrong place");
+}
+
+#[test]
 fn unsafe_code_is_confined() {
     let allowed = [
         "ipc-types/src/layout.rs",
@@ -93,7 +99,7 @@ fn episodes_have_no_hidden_inputs() {
     only_in("rand::", &[], "randomness comes from named streams");
     let clocks = [
         "sim/src/serve/",
-        "sim/src/render/gpu/mod.rs",
+        "sim/src/render/gpu/renderer.rs",
         "policy-host/src/serve",
         "policy-host/src/nn/peak.rs",
         "ipc-types/src/link/",

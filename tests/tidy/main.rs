@@ -5,5 +5,6 @@
 
 mod architecture;
 mod language;
+mod modules;
 mod repository;
 mod source;

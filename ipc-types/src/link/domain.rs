@@ -274,8 +274,8 @@ impl Domain {
         [DomainLease::path(&self.root)].into_iter().chain(counter).chain(services).collect()
     }
 
-    /// Returns `true` for a segment in which a service lists its ports. Once the sim has exited, whoever frees
-    /// the memory of exited processes may remove it.
+    /// Returns `true` for a segment in which a service lists its ports. Once the sim has exited, whoever
+    /// frees the memory of exited processes may remove it.
     #[must_use]
     pub fn is_service(segment: &Path) -> bool {
         segment.extension().is_some_and(|extension| extension == "dynamic")

@@ -55,7 +55,7 @@ pub(crate) struct Canvas {
 
 /// The side of a text that its position states.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Anchor {
+pub(crate) enum TextAnchor {
     Start,
     Middle,
     End,
@@ -118,11 +118,11 @@ impl Canvas {
     }
 
     /// Writes text whose middle is at `y`, shortened to what the figure has room for.
-    pub(crate) fn text(&mut self, [x, y]: [f64; 2], text: &str, anchor: Anchor) {
+    pub(crate) fn text(&mut self, [x, y]: [f64; 2], text: &str, anchor: TextAnchor) {
         let (anchor, room) = match anchor {
-            Anchor::Start => ("start", self.width - x),
-            Anchor::Middle => ("middle", 2.0 * x.min(self.width - x)),
-            Anchor::End => ("end", x),
+            TextAnchor::Start => ("start", self.width - x),
+            TextAnchor::Middle => ("middle", 2.0 * x.min(self.width - x)),
+            TextAnchor::End => ("end", x),
         };
         let text = shortened(text, room).replace('&', "&amp;").replace('<', "&lt;");
         let y = y + 0.35 * TEXT;
@@ -167,7 +167,7 @@ impl Canvas {
                 (x, y) = (MARGIN, y + LEGEND_LINE);
             }
             self.rectangle([x, y - 5.0], [x + 10.0, y + 5.0], *color);
-            self.text([x + 15.0, y], name, Anchor::Start);
+            self.text([x + 15.0, y], name, TextAnchor::Start);
             x += width;
         }
         y + LEGEND_LINE / 2.0 + MARGIN
@@ -177,7 +177,7 @@ impl Canvas {
     pub(crate) fn grid(&mut self, axis: &Axis, [top, bottom]: [f64; 2], unit: &str) {
         for (value, x) in axis.ticks() {
             self.line(&[[x, top], [x, bottom]], GRID, 1.0, false);
-            self.text([x, bottom + 12.0], &format!("{value}{unit}"), Anchor::Middle);
+            self.text([x, bottom + 12.0], &format!("{value}{unit}"), TextAnchor::Middle);
         }
     }
 
@@ -189,10 +189,10 @@ impl Canvas {
         self.grid(&horizontal, [vertical.pixels[1], vertical.pixels[0]], "");
         for (value, at) in vertical.ticks() {
             self.line(&[[left, at], [right, at]], GRID, 1.0, false);
-            self.text([left - 6.0, at], &value, Anchor::End);
+            self.text([left - 6.0, at], &value, TextAnchor::End);
         }
-        self.text([0.5 * (left + right), bottom - 12.0], x.name, Anchor::Middle);
-        self.text([MARGIN, top + 4.0], y.name, Anchor::Start);
+        self.text([0.5 * (left + right), bottom - 12.0], x.name, TextAnchor::Middle);
+        self.text([MARGIN, top + 4.0], y.name, TextAnchor::Start);
         [horizontal, vertical]
     }
 }

@@ -1,7 +1,7 @@
 //! Perturbations of a task's scene distribution.
 //!
-//! Each perturbation edits only the fields of the [`crate::scene::SceneSpec`] that it owns. Nothing in this module is
-//! random.
+//! Each perturbation edits only the fields of the [`SceneSpec`](crate::scene::SceneSpec) that it owns.
+//! Nothing in this module is random.
 
 mod apply;
 mod composition;

@@ -1,5 +1,5 @@
-//! Rendering: turns a [`Scene`](crate::scene::Scene), prepared once per episode, and a [`Snapshot`](crate::scene::Snapshot) per image
-//! into sRGB bytes.
+//! Rendering: turns a [`Scene`](crate::scene::Scene), prepared once per episode, and a
+//! [`Snapshot`](crate::scene::Snapshot) per image into sRGB bytes.
 //!
 //! Owns meshes, textures and the shading model. Never steps a world and never draws a random number. An image
 //! depends on its scene, snapshot and camera alone, not on the batch or the number of threads. `cpu` gives

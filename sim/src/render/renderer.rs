@@ -1,4 +1,4 @@
-//! What a renderer is given and what it returns.
+//! The interface of all renderers: views, errors, and the trait.
 
 use ipc_types::run_config::Samples;
 use thiserror::Error;

@@ -1,6 +1,6 @@
 //! Horizontal bars in groups: success rates or changes, one bar per policy.
 
-use crate::page::canvas::{Anchor, Axis, Color, INK, MARGIN, NARROW_MARGIN, column_width, svgs};
+use crate::page::canvas::{Axis, Color, INK, MARGIN, NARROW_MARGIN, TextAnchor, column_width, svgs};
 
 /// A group of bars with a common label.
 pub(crate) struct BarGroup {
@@ -43,9 +43,9 @@ pub(crate) fn bars(groups: &[BarGroup], legend: &[(String, Color)], range: [f64;
         for group in groups {
             let height = BAR * group.bars.len() as f64;
             if is_narrow {
-                canvas.text([MARGIN, y + BAR / 2.0], &group.label, Anchor::Start);
+                canvas.text([MARGIN, y + BAR / 2.0], &group.label, TextAnchor::Start);
             } else {
-                canvas.text([labels - 8.0, y + height / 2.0], &group.label, Anchor::End);
+                canvas.text([labels - 8.0, y + height / 2.0], &group.label, TextAnchor::End);
             }
             y += above;
             for bar in &group.bars {
@@ -54,7 +54,7 @@ pub(crate) fn bars(groups: &[BarGroup], legend: &[(String, Color)], range: [f64;
                 if let Some(interval) = bar.interval {
                     canvas.line(&interval.map(|bound| [axis.at(bound), middle]), INK, 1.0, false);
                 }
-                canvas.text([canvas.width - notes + MARGIN, middle], &bar.note, Anchor::Start);
+                canvas.text([canvas.width - notes + MARGIN, middle], &bar.note, TextAnchor::Start);
                 y += BAR;
             }
             y += GAP;

@@ -1,6 +1,6 @@
 //! Forest plot: differences with their intervals, one row per cell or group.
 
-use crate::page::canvas::{Anchor, Axis, Color, GRID, INK, MARGIN, NARROW_MARGIN, column_width, svgs};
+use crate::page::canvas::{Axis, Color, GRID, INK, MARGIN, NARROW_MARGIN, TextAnchor, column_width, svgs};
 
 /// A row of a forest plot. Numbers are in percentage points.
 pub(crate) struct ForestRow {
@@ -47,11 +47,11 @@ pub(crate) fn forest(rows: &[ForestRow], names: [&str; 2], margin: f64) -> [Stri
         let zero = axis.at(0.0);
         canvas.line(&[[zero, top], [zero, bottom]], INK, 1.0, false);
         if is_narrow {
-            canvas.text([MARGIN, 0.5 * ROW], &format!("← {} better", names[1]), Anchor::Start);
-            canvas.text([canvas.width - 8.0, 1.5 * ROW], &format!("{} better →", names[0]), Anchor::End);
+            canvas.text([MARGIN, 0.5 * ROW], &format!("← {} better", names[1]), TextAnchor::Start);
+            canvas.text([canvas.width - 8.0, 1.5 * ROW], &format!("{} better →", names[0]), TextAnchor::End);
         } else {
-            canvas.text([zero - 8.0, ROW], &format!("← {} better", names[1]), Anchor::End);
-            canvas.text([zero + 8.0, ROW], &format!("{} better →", names[0]), Anchor::Start);
+            canvas.text([zero - 8.0, ROW], &format!("← {} better", names[1]), TextAnchor::End);
+            canvas.text([zero + 8.0, ROW], &format!("{} better →", names[0]), TextAnchor::Start);
         }
         for (idx, row) in rows.iter().enumerate() {
             let start = top + idx as f64 * height;
@@ -60,14 +60,14 @@ pub(crate) fn forest(rows: &[ForestRow], names: [&str; 2], margin: f64) -> [Stri
                 canvas.line(&[[8.0, start], [canvas.width - 8.0, start]], GRID, 2.0, false);
             }
             if is_narrow {
-                canvas.text([MARGIN, start + 0.5 * ROW], &label_texts[idx], Anchor::Start);
+                canvas.text([MARGIN, start + 0.5 * ROW], &label_texts[idx], TextAnchor::Start);
             } else {
-                canvas.text([labels - 8.0, y], &label_texts[idx], Anchor::End);
+                canvas.text([labels - 8.0, y], &label_texts[idx], TextAnchor::End);
             }
             let ends = row.interval.map(|value| [axis.at(value), y]);
             canvas.line(&ends, row.color, if row.is_mean { 3.0 } else { 1.5 }, false);
             canvas.dot([axis.at(row.difference), y], if row.is_mean { 5.0 } else { 3.0 }, row.color);
-            canvas.text([canvas.width - notes + MARGIN, y], &note_texts[idx], Anchor::Start);
+            canvas.text([canvas.width - notes + MARGIN, y], &note_texts[idx], TextAnchor::Start);
         }
         bottom + 26.0
     })

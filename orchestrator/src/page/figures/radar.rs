@@ -1,6 +1,6 @@
 //! Radar chart of the paper: mean success under perturbations of language, vision and action.
 
-use crate::page::canvas::{Anchor, Color, GRID, svgs};
+use crate::page::canvas::{Color, GRID, TextAnchor, svgs};
 
 /// The corners of one series in percent: language (top), vision, action, clockwise.
 pub(crate) struct RadarSeries {
@@ -33,12 +33,12 @@ pub(crate) fn radar(series: &[RadarSeries]) -> [String; 2] {
         for percent in [25.0, 50.0, 75.0, 100.0] {
             canvas.line(&ring([percent; 3]), GRID, 1.0, false);
             let [x, y] = corner(0, percent);
-            canvas.text([x + 4.0, y + 8.0], &format!("{percent:.0}"), Anchor::Start);
+            canvas.text([x + 4.0, y + 8.0], &format!("{percent:.0}"), TextAnchor::Start);
         }
         for (axis, name) in AXES.iter().enumerate() {
             canvas.line(&[centre, corner(axis, 100.0)], GRID, 1.0, false);
             let [x, y] = corner(axis, 100.0);
-            canvas.text([x, if axis == 0 { y - 14.0 } else { y + 14.0 }], name, Anchor::Middle);
+            canvas.text([x, if axis == 0 { y - 14.0 } else { y + 14.0 }], name, TextAnchor::Middle);
         }
         let below = centre[1] + 0.5 * radius + 40.0;
         let (left, top) = if is_narrow { (8.0, below) } else { (560.0, 60.0) };
@@ -50,7 +50,7 @@ pub(crate) fn radar(series: &[RadarSeries]) -> [String; 2] {
             canvas.line(&[[left, y], [left + 25.0, y]], one.color, 2.0, one.is_dashed);
             let [language, vision, action] = one.values;
             let values = format!("{}: L {language:.0}, V {vision:.0}, A {action:.0} %", one.name);
-            canvas.text([left + 32.0, y], &values, Anchor::Start);
+            canvas.text([left + 32.0, y], &values, TextAnchor::Start);
         }
         below.max(top + 22.0 * series.len() as f64)
     })

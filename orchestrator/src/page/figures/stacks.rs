@@ -1,6 +1,6 @@
 //! Stacked horizontal bars: shares of a whole, one row per policy.
 
-use crate::page::canvas::{Anchor, Axis, Color, MARGIN, NARROW_MARGIN, column_width, svgs};
+use crate::page::canvas::{Axis, Color, MARGIN, NARROW_MARGIN, TextAnchor, column_width, svgs};
 
 /// A row of a stack.
 pub(crate) struct StackRow {
@@ -31,9 +31,9 @@ pub(crate) fn stacks(rows: &[StackRow], legend: &[(String, Color)], unit: &str) 
             let start = top + (ROW + above) * idx as f64;
             let y = start + above;
             if is_narrow {
-                canvas.text([MARGIN, start + above / 2.0], &row.label, Anchor::Start);
+                canvas.text([MARGIN, start + above / 2.0], &row.label, TextAnchor::Start);
             } else {
-                canvas.text([labels - 8.0, y + ROW / 2.0], &row.label, Anchor::End);
+                canvas.text([labels - 8.0, y + ROW / 2.0], &row.label, TextAnchor::End);
             }
             let mut sum = 0.0;
             for (part, (_, color)) in row.parts.iter().zip(legend) {
@@ -41,7 +41,7 @@ pub(crate) fn stacks(rows: &[StackRow], legend: &[(String, Color)], unit: &str) 
                 sum += part;
                 canvas.rectangle([from, y + 4.0], [axis.at(sum), y + ROW - 4.0], *color);
             }
-            canvas.text([canvas.width - notes + MARGIN, y + ROW / 2.0], &row.note, Anchor::Start);
+            canvas.text([canvas.width - notes + MARGIN, y + ROW / 2.0], &row.note, TextAnchor::Start);
         }
         bottom + 26.0
     })

@@ -1,4 +1,4 @@
-//! Options of the CPU renderer, and what all of its passes share.
+//! Options of the CPU renderer, and the settings that all of its passes share.
 
 use super::cache::shared_cache::SharedCache;
 use super::cache::static_layer::{StaticLayer, StaticLayerKey};
@@ -24,7 +24,7 @@ impl Default for CpuOptions {
     }
 }
 
-/// What all passes share: the instruction set, the options, and the caches of static geometry.
+/// Instruction set, options, and caches of static geometry, which all passes share.
 pub(crate) struct RenderSettings {
     pub(crate) isa: Isa,
     pub(crate) options: CpuOptions,

@@ -15,8 +15,8 @@ impl Mesh {
         hash.digest()
     }
 
-    /// Rounds all vertices to the grid of [`super::PackedMesh`], by at most about 2⁻¹⁶ of the extent along each
-    /// axis, and removes triangles that degenerate.
+    /// Rounds all vertices to the grid of [`super::PackedMesh`], by at most about 2⁻¹⁶ of the extent along
+    /// each axis, and removes triangles that degenerate.
     fn quantise(&mut self) {
         let grid_step = grid_step(self);
         for (axis, step) in self.positions.iter_mut().zip(grid_step) {

@@ -3,7 +3,7 @@
 use super::size::{MIDDLE_STEPS, SIDE, STEPS_PER_M, TEXELS_PER_M};
 use crate::render::cpu::simd::each::each;
 use crate::render::cpu::simd::{FloatLike, Simd, SimdF32, SimdMask};
-use crate::render::cpu::visibility::projection::{ClipFlags, Projected, Projection, Vectors};
+use crate::render::cpu::visibility::projection::{ClipFlags, Projected, ScreenProjection, Vectors};
 use crate::render::cpu::visibility::raster::Visibility;
 use crate::render::cpu::visibility::tile::TileLayout;
 use crate::render::math::affine::{Affine3, Vec3, normalised};
@@ -20,7 +20,7 @@ pub(crate) struct LightProjection {
 /// Width of the guard band in texels. Only the floor extends further, and it casts no shadow.
 const GUARD: f32 = 512.0;
 
-impl Projection for LightProjection {
+impl ScreenProjection for LightProjection {
     fn includes(&self, instance: &Instance) -> bool {
         instance.casts_shadow()
     }

@@ -8,7 +8,7 @@ use crate::render::cpu::simd::isa::Kernel;
 use crate::render::cpu::simd::{
     F32x16, FloatLike, I16x16, I32x16, SetBits, Simd, SimdF32, SimdI32, SimdMask,
 };
-use crate::render::cpu::visibility::projection::{Projected, Projection, Vectors};
+use crate::render::cpu::visibility::projection::{Projected, ScreenProjection, Vectors};
 use crate::render::cpu::visibility::raster::{ScreenVertex, Visibility};
 use crate::render::cpu::visibility::small_triangles::{SMALL_EXTENT, SmallTriangles, TileBins};
 use crate::render::cpu::visibility::tile::TileLayout;
@@ -28,7 +28,7 @@ pub(crate) struct RasterizeInstances<'a, B, L> {
     pub(crate) tiles: PhantomData<B>,
 }
 
-impl<B: TileLayout, L: Projection> Kernel for RasterizeInstances<'_, B, L> {
+impl<B: TileLayout, L: ScreenProjection> Kernel for RasterizeInstances<'_, B, L> {
     #[inline(always)]
     fn run<S: Simd>(mut self) {
         let mut bins = TileBins::new();
@@ -45,7 +45,7 @@ impl<B: TileLayout, L: Projection> Kernel for RasterizeInstances<'_, B, L> {
 
 /// Rasterises a mesh. Its triangles get ids from `first_id` on.
 #[inline(always)]
-fn draw<S: Simd, B: TileLayout, L: Projection>(
+fn draw<S: Simd, B: TileLayout, L: ScreenProjection>(
     mesh: &PackedMesh,
     view_from_mesh: &Affine3,
     projection: &L,
@@ -114,7 +114,7 @@ impl<S: Simd> TransformX16<S> {
 
 /// Rasterises sixteen triangles, except for those that need clipping. Returns the lanes of those.
 #[inline(always)]
-fn draw_batch<S: Simd, B: TileLayout, L: Projection>(
+fn draw_batch<S: Simd, B: TileLayout, L: ScreenProjection>(
     corners: &ClusterCorners,
     view_from_steps: &TransformX16<S>,
     projection: &L,

@@ -1,7 +1,7 @@
 //! The rules of the perspective projection: culling, and clipping of what is near or far outside.
 
 use super::clip;
-use super::projection::{ClipFlags, PinholeProjection, Projected, Projection, Vectors};
+use super::projection::{ClipFlags, PinholeProjection, Projected, ScreenProjection, Vectors};
 use super::raster::Visibility;
 use super::tile::TileLayout;
 use crate::render::cpu::simd::each::each;
@@ -10,7 +10,7 @@ use crate::render::math::affine::{Affine3, Vec3};
 use crate::render::mesh::ClusterBounds;
 use crate::render::scene::Instance;
 
-impl Projection for PinholeProjection<'_> {
+impl ScreenProjection for PinholeProjection<'_> {
     fn includes(&self, _instance: &Instance) -> bool {
         true
     }

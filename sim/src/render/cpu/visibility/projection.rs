@@ -23,7 +23,7 @@ pub(crate) struct Projected<S: Simd> {
 }
 
 /// A projection with its culling and clipping rules.
-pub(crate) trait Projection {
+pub(crate) trait ScreenProjection {
     /// Returns `true` if an instance is to be rasterised at all.
     fn includes(&self, instance: &Instance) -> bool;
 
@@ -95,7 +95,7 @@ impl<'a> PinholeProjection<'a> {
         }
     }
 
-    /// Projects a point that needs no clipping, with the same result as [`Projection::project`].
+    /// Projects a point that needs no clipping, with the same result as [`ScreenProjection::project`].
     #[inline(always)]
     pub(crate) fn corner(&self, [x, y, z]: Vec3) -> ScreenVertex {
         let depth = 1.0 / z;
