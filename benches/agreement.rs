@@ -21,7 +21,7 @@ use benches::{Report, median};
 use rayon::prelude::*;
 use sim::Profile;
 use sim::physics::Parameters;
-use sim::stream::Stream;
+use sim::scene::stream::Stream;
 use sim::trajectory::{RecordedFile, Replay, Start, TrajectoryFile, read_actions};
 
 /// Maximum shift of a body's start in each coordinate, in m.

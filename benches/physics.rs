@@ -17,7 +17,7 @@ use sim::expert::{Expert, Move};
 use sim::physics::{CONTROL_HZ, World};
 use sim::predicate::{Predicate, first_unmet};
 use sim::scene::Scene;
-use sim::stream::episode_seed;
+use sim::scene::stream::episode_seed;
 use sim::{Profile, TaskId};
 
 /// Time per case; a round that has started is finished.

@@ -7,8 +7,8 @@ use sim::expert::Expert;
 use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::predicate::first_unmet;
+use sim::scene::stream::{self, Stream};
 use sim::scene::{Body, Motion, Range, Scene};
-use sim::stream::{self, Stream};
 use sim::{Perturbation, Profile, TaskId};
 
 /// Maximum joint speed after random actions, in rad/s. Near a singularity a pose command may request a full

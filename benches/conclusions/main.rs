@@ -12,7 +12,7 @@ use orchestrator::statistics::{
     judge, mcnemar_mid_p, tango_interval, wilson_interval,
 };
 use rayon::prelude::*;
-use sim::stream::Stream;
+use sim::scene::stream::Stream;
 
 const LEVELS: Levels = Levels { alpha: 0.05, margin: 0.05 };
 

@@ -2,7 +2,7 @@
 
 use orchestrator::statistics::{DifferenceCell, Levels, MeanDifference};
 use rayon::iter::ParallelIterator;
-use sim::stream::Stream;
+use sim::scene::stream::Stream;
 
 use super::{LEVELS, percent, streams};
 

@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use rusqlite::{Connection, params};
-use sim::stream::Stream;
+use sim::scene::stream::Stream;
 
 const HYPOGEUM: &str = env!("CARGO_BIN_EXE_hypogeum-under-bench");
 

@@ -23,7 +23,7 @@ use sim::render::export::ExportedPoses;
 use sim::render::gpu::{AdapterKind, GpuOptions, Timings, VisibilityMethod};
 use sim::render::{CpuOptions, CpuRenderer, GpuRenderer, RenderScene, Renderer, Samples, View};
 use sim::scene::Snapshot;
-use sim::stream::episode_seed;
+use sim::scene::stream::episode_seed;
 use sim::{Profile, TaskId};
 
 /// Time per case; a round that has started is finished.

@@ -9,8 +9,8 @@ use std::path::Path;
 use ipc_types::run_config::Execution;
 use serde_json::Value;
 use sim::Perturbation;
+use sim::scene::stream::episode_seed;
 use sim::serve::protocol::{EpisodeLedger, Outcome};
-use sim::stream::episode_seed;
 
 use crate::analysis::{Comparison, ComparisonOptions, Evaluation, Metric, read_files};
 use crate::cli::{Cli, Command};

@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 use std::rc::Rc;
 
+use sim::scene::stream::episode_seed;
 use sim::serve::protocol::{Assignment, Driver};
-use sim::stream::episode_seed;
 
 use crate::plan::{Condition, RunPlan};
 use crate::results::FinishedEpisodes;

@@ -11,12 +11,9 @@ pub mod perturb;
 pub mod physics;
 pub mod predicate;
 pub mod profile;
-pub mod render;
 pub mod robot;
-pub mod scene;
 pub mod serve;
 pub mod show;
-pub mod stream;
 pub mod task;
 pub mod tasks;
 pub mod trajectory;
@@ -28,4 +25,6 @@ mod architecture {}
 
 pub use perturb::Perturbation;
 pub use profile::Profile;
+pub use render;
+pub use scene;
 pub use tasks::TaskId;

@@ -59,7 +59,7 @@ impl Region {
     }
 }
 
-/// A condition on the state of one world. Bodies are indices into [`crate::scene::Scene::bodies`].
+/// A condition on the state of one world. Bodies are indices into [`scene::Scene::bodies`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Predicate {
     /// The origin of the body is above `z_m`.

@@ -2,7 +2,7 @@
 
 pub use ipc_types::run_config::Profile;
 
-use crate::scene::{DistractorPlacement, Range};
+use scene::{DistractorPlacement, Range};
 
 /// The rules that depend on the profile. Each difference is one named method, so that no other file matches
 /// on [`Profile`].

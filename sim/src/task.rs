@@ -6,7 +6,7 @@ use ipc_types::Morphology;
 use crate::expert::Move;
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{Scene, SceneSpec};
+use scene::{Scene, SceneSpec};
 
 /// The benchmark's task categories (docs/benchmark.md, "Tasks").
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -45,11 +45,26 @@ fn ipc_types_depends_on_no_other_member() {
 }
 
 #[test]
+fn scene_and_renderer_know_no_task() {
+    let dependencies = |name: &str| {
+        let manifest = manifest(name);
+        let after = manifest.split("[dependencies]").nth(1).unwrap();
+        after.split("\n[").next().unwrap().to_owned()
+    };
+    for outside in ["sim.workspace", "rapier3d", "policy-host"] {
+        for name in ["sim/scene", "sim/render"] {
+            assert!(!dependencies(name).contains(outside), "{name} depends on {outside}");
+        }
+    }
+    assert!(!dependencies("sim/scene").contains("ipc-types"), "a scene needs no wire format");
+}
+
+#[test]
 fn each_engine_is_used_by_one_module() {
     let iceoryx_users = ["ipc-types/src/link/", "ipc-types/tests/", "benches/transport"];
     only_in("iceoryx2", &iceoryx_users, "the link is its only user");
     only_in("rapier3d", &["sim/src/physics/", "sim/src/robot/"], "physics engine");
-    only_in("wgpu", &["sim/src/render/", "policy-host/src/nn/gpu/"], "graphics API");
+    only_in("wgpu", &["sim/render/src/gpu/", "policy-host/src/nn/gpu/"], "graphics API");
     only_in("faer", &["policy-host/src/nn/"], "matrix products");
     let parquet_users = ["orchestrator/src/demos/dataset/", "orchestrator/src/parquet_table.rs"];
     only_in("parquet::", &parquet_users, "the only reader and writer of Parquet files");
@@ -71,7 +86,7 @@ fn unsafe_code_is_confined() {
         "ipc-types/src/link/",
         "policy-host/src/nn/",
         "policy-host/src/weights/mapped.rs",
-        "sim/src/render/cpu/simd/",
+        "sim/render/src/cpu/simd/",
         "policy-host/tests/",
         "ipc-types/tests/",
         "sim/tests/",
@@ -99,7 +114,7 @@ fn episodes_have_no_hidden_inputs() {
     only_in("rand::", &[], "randomness comes from named streams");
     let clocks = [
         "sim/src/serve/",
-        "sim/src/render/gpu/renderer.rs",
+        "sim/render/src/gpu/renderer.rs",
         "policy-host/src/serve",
         "policy-host/src/nn/peak.rs",
         "ipc-types/src/link/",

@@ -11,9 +11,9 @@ use sim::TaskId;
 use sim::demo::Recording;
 use sim::perturb::Composition;
 use sim::render::{CpuOptions, CpuRenderer};
+use sim::scene::stream::Stream;
 use sim::show::movie::MovieFormat;
 use sim::show::{HighResScene, contact_sheet};
-use sim::stream::Stream;
 
 use super::trajectory;
 use crate::exit::{ExitStatus, Failure, OrUser};

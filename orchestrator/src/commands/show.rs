@@ -8,9 +8,9 @@ use clap::Args;
 use ipc_types::run_config::{Profile, Samples, Strength};
 use sim::TaskId;
 use sim::perturb::Composition;
+use sim::scene::stream::episode_seed;
 use sim::show::movie::MovieFormat;
 use sim::show::{Actor, EpisodeSpec, FrameSequence, Legend, ViewMode, contact_sheet};
-use sim::stream::episode_seed;
 
 use crate::exit::{ExitStatus, Failure, OrUser};
 use crate::movie;

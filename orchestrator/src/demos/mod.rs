@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use sim::TaskId;
 use sim::demo::{DemoError, Recording};
 use sim::render::{CpuRenderer, RenderScene};
+use sim::scene::stream::episode_seed;
 use sim::show::EpisodeSpec;
-use sim::stream::episode_seed;
 
 use self::dataset::{CameraImages, DatasetEpisode, DatasetWriter, EpisodeRecord};
 pub(crate) use self::dataset::{DatasetSettings, StoredDataset};

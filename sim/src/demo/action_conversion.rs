@@ -5,8 +5,8 @@ use ipc_types::{ControlMode, Morphology};
 
 use crate::physics::World;
 use crate::robot::control::delta_row;
-use crate::robot::kinematics::{Joints, displacement, tcp};
-use crate::robot::panda::N_JOINTS;
+use scene::robot::kinematics::{Joints, displacement, tcp};
+use scene::robot::panda::N_JOINTS;
 
 /// Maximum number of consecutive control steps spent on the same row of the plan, in modes whose actions are
 /// bounded.

@@ -13,9 +13,9 @@ use crate::expert::{self, Expert, MotionPlanError};
 use crate::fingerprint::Fingerprint;
 use crate::physics::{Parameters, World};
 use crate::predicate::{Predicate, first_unmet};
-use crate::scene::{Scene, Snapshot};
 use crate::show::EpisodeSpec;
 use crate::trajectory::Start;
+use scene::{Scene, Snapshot};
 
 /// Errors that can occur while recording an episode.
 #[derive(Debug, Error)]

@@ -3,8 +3,8 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::robot::ik;
-use crate::robot::kinematics::{self, Joints};
-use crate::scene::{Body, Scene};
+use scene::robot::kinematics::{self, Joints};
+use scene::{Body, Scene};
 
 /// Maximum depth of a top-down grasp below the top of the body, in m; at most half the height of the body.
 const GRASP_DEPTH_M: f64 = 0.025;

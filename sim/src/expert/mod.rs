@@ -15,7 +15,7 @@ mod topp;
 pub use moves::{CONTROL_MODE, MotionPlanError, Move, TcpGoal, both_arms};
 
 use crate::physics::World;
-use crate::scene::Scene;
+use scene::Scene;
 
 /// Length of one arm's part of a `pd_joint_pos` action row.
 const ROW_PER_ARM: usize = 8;

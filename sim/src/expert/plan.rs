@@ -11,8 +11,8 @@ use crate::physics::CONTROL_HZ;
 use crate::robot::control::{Drive, arm_drive};
 use crate::robot::dynamics::{self, LinkInertias};
 use crate::robot::ik;
-use crate::robot::kinematics::{self, Joints};
-use crate::scene::Scene;
+use scene::Scene;
+use scene::robot::kinematics::{self, Joints};
 
 /// Maximum TCP displacement between two inverse-kinematics solutions on a straight line, in m and rad.
 const MAX_LINE_STEP: [f64; 2] = [0.005, 0.02];

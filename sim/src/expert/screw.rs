@@ -2,8 +2,8 @@
 
 use nalgebra::{Isometry3, Matrix3, SVector, Vector3};
 
-use crate::robot::kinematics::{Jacobian, Joints, tcp, tcp_and_jacobian};
-use crate::robot::panda::{LOWER, N_JOINTS, UPPER};
+use scene::robot::kinematics::{Jacobian, Joints, tcp, tcp_and_jacobian};
+use scene::robot::panda::{LOWER, N_JOINTS, UPPER};
 
 /// Length in joint space of each step but the last, in rad.
 const STEP_RAD: f64 = 0.1;

@@ -1,6 +1,6 @@
 //! Cubic splines through joint positions.
 
-use crate::robot::kinematics::Joints;
+use scene::robot::kinematics::Joints;
 
 /// A twice continuously differentiable curve through points at the parameters 0, 1, 2, …, cubic between them,
 /// with "not-a-knot" end conditions.

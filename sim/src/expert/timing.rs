@@ -1,6 +1,6 @@
 //! Time parametrisation of joint-space paths: from rest to rest, under speed and acceleration limits.
 
-use crate::robot::kinematics::Joints;
+use scene::robot::kinematics::Joints;
 
 /// A robot configuration: the joint positions of all arms, in rad.
 #[derive(Clone, Debug)]

@@ -2,8 +2,8 @@
 
 use super::spline::Spline;
 use super::timing::MotionLimits;
-use crate::robot::kinematics::Joints;
-use crate::robot::panda::N_JOINTS;
+use scene::robot::kinematics::Joints;
+use scene::robot::panda::N_JOINTS;
 
 /// Number of intervals into which [`time_optimal`] divides a path.
 const N_INTERVALS: usize = 128;

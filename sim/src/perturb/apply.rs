@@ -4,12 +4,12 @@ use core::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use super::{Modality, Perturbation, Strength};
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{
+use crate::task::Task;
+use crate::tasks::TaskId;
+use scene::{
     AppearanceSpec, BodySpec, CameraMount, CameraSpec, InstructionSource, Jitter, LightsSpec, Range,
     RegionSpec, Role, ScaledBy, SceneSpec,
 };
-use crate::task::Task;
-use crate::tasks::TaskId;
 
 impl Perturbation {
     /// Applies the perturbation to a scene distribution.
@@ -128,7 +128,7 @@ fn jitter_cameras(cameras: &mut [CameraSpec], profile: Profile, strength: f64) {
 }
 
 /// Scales bodies by 0.8 to 1.2, those made from mesh files independently along each axis
-/// ([`ScaleAxes`](crate::scene::ScaleAxes)).
+/// ([`ScaleAxes`](scene::ScaleAxes)).
 fn vary_size(bodies: &mut [BodySpec], by: ScaledBy, strength: f64) {
     for body in bodies.iter_mut().filter(|body| body.scaled_by == by) {
         body.scale = Range::new(0.8, 1.2).shrunk_to(1.0, strength);

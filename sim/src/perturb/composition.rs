@@ -7,8 +7,8 @@ use thiserror::Error;
 
 use super::{Modality, NotApplicable, Perturbation, Strength};
 use crate::profile::Profile;
-use crate::scene::SceneSpec;
 use crate::task::Task;
+use scene::SceneSpec;
 
 /// Separator between the names of combined perturbations.
 const SEPARATOR: &str = "+";

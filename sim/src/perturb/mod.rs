@@ -1,6 +1,6 @@
 //! Perturbations of a task's scene distribution.
 //!
-//! Each perturbation edits only the fields of the [`SceneSpec`](crate::scene::SceneSpec) that it owns.
+//! Each perturbation edits only the fields of the [`SceneSpec`](scene::SceneSpec) that it owns.
 //! Nothing in this module is random.
 
 mod apply;

@@ -1,6 +1,6 @@
 //! The perturbations of the benchmark, what each affects, and the tasks to which it applies.
 
-use crate::scene::{Role, ScaledBy, SceneSpec};
+use scene::{Role, ScaledBy, SceneSpec};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 

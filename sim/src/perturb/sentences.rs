@@ -9,8 +9,8 @@ use saphyr::{LoadableYamlNode, Yaml};
 use thiserror::Error;
 
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{InstructionSource, SceneSpec};
 use crate::task::Task;
+use scene::{InstructionSource, SceneSpec};
 
 /// Sentences for the perturbation Language-Paraphrase, per env id.
 #[derive(Clone, Debug)]

@@ -19,12 +19,12 @@ use super::joint::{axis, coordinate_idx, single_dof_joint};
 use super::{ArmState, Parameters};
 use crate::robot::control::{Drive, FINGER_DRIVE, Targets, arm_drive, targets};
 use crate::robot::dynamics::{self, JointMatrix, LinkInertias};
-use crate::robot::kinematics::Joints;
-use crate::robot::panda::{
+use scene::robot::kinematics::Joints;
+use scene::robot::panda::{
     CollisionShape, FINGER_OPEN, Inertia, LOWER, N_DOFS, N_JOINTS, UPPER, finger_in_link7, finger_inertia,
     finger_shapes, hand_in_link7, hand_shapes, joint_origin, link_inertia, link_shapes, tcp_in_link7,
 };
-use crate::scene::{ArmLinks, JointKind, Link, N_LINKS, Robot};
+use scene::{ArmLinks, JointKind, Link, N_LINKS, Robot};
 
 /// Friction coefficient of links and hand.
 const LINK_FRICTION: f32 = 0.3;

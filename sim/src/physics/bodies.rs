@@ -10,7 +10,7 @@ use super::BodyState;
 use super::convert::{from_pose, from_vector, to_pose, to_vector};
 use super::hull::Hull;
 use super::joint::{coordinate_idx, single_dof_joint};
-use crate::scene::{Body, JointKind, JointSpec, Mass, Motion, Primitive, TableKind};
+use scene::{Body, JointKind, JointSpec, Mass, Motion, Primitive, TableKind};
 
 /// Minimum mass of a moving body, in kg. Contact stiffness scales with mass, so the gripper would penetrate a
 /// body of a few grams.

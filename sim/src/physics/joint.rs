@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rapier3d::dynamics::{GenericJointBuilder, JointAxesMask, JointAxis};
 
 use super::convert::to_pose;
-use crate::scene::JointKind;
+use scene::JointKind;
 
 /// Builds a joint that slides along or rotates about `direction` of the child's frame. `origin` is the
 /// pose of the joint in the parent's frame, `limits` are its minimum and maximum position in m or rad, if

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use crate::robot::panda::N_DOFS;
+use scene::robot::panda::N_DOFS;
 
 /// Joint positions and velocities of an arm.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,8 +11,8 @@ use super::convert::{from_pose, from_vector};
 use super::hooks::ArmContacts;
 use super::{ArmState, BodyState, Parameters, WorldState, bodies};
 use crate::fingerprint::Fingerprint;
-use crate::robot::panda::{N_DOFS, N_JOINTS};
-use crate::scene::{JointKind, Motion, Scene, Snapshot};
+use scene::robot::panda::{N_DOFS, N_JOINTS};
+use scene::{JointKind, Motion, Scene, Snapshot};
 
 /// Control steps per second of simulated time.
 pub const CONTROL_HZ: f64 = 20.0;

@@ -5,8 +5,8 @@ use ipc_types::ControlMode;
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
 use super::ik;
-use super::kinematics::{Joints, tcp_and_jacobian};
-use super::panda::{FINGER_OPEN, N_JOINTS};
+use scene::robot::kinematics::{Joints, tcp_and_jacobian};
+use scene::robot::panda::{FINGER_OPEN, N_JOINTS};
 
 /// Translation of `pd_ee_delta_pose` for an action of 1, in m.
 const DELTA_TRANSLATION_M: f64 = 0.1;

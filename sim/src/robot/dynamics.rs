@@ -9,8 +9,8 @@
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::control::Drive;
-use super::kinematics::{self, Joints};
-use super::panda::{
+use scene::robot::kinematics::{self, Joints};
+use scene::robot::panda::{
     FINGER_OPEN, Inertia, LOWER, N_JOINTS, UPPER, finger_in_link7, finger_inertia, link_inertia,
 };
 

@@ -2,8 +2,8 @@
 
 use nalgebra::{Isometry3, SMatrix, SVector};
 
-use super::kinematics::{Jacobian, Joints, displacement, tcp_and_jacobian};
-use super::panda::{LOWER, N_JOINTS, UPPER};
+use scene::robot::kinematics::{Jacobian, Joints, displacement, tcp_and_jacobian};
+use scene::robot::panda::{LOWER, N_JOINTS, UPPER};
 
 /// Maximum number of DLS iterations from one start.
 const MAX_ITERATIONS: usize = 100;

@@ -1,11 +1,8 @@
-//! The Franka Panda: its model, kinematics and controllers.
+//! The Franka Panda's controllers, dynamics and inverse kinematics.
 //!
 //! All functions are pure f64 functions of joint positions, independent of scenes, tasks, policies and the
-//! physics engine. Trigonometry goes through nalgebra, which is built with the `libm` crate, so results do
-//! not depend on the system's libm.
+//! physics engine.
 
 pub mod control;
 pub mod dynamics;
 pub mod ik;
-pub mod kinematics;
-pub mod panda;

@@ -10,7 +10,7 @@ use ipc_types::layout::{EXTERNAL_BYTES, HAND_BYTES, Page};
 use ipc_types::trace::{self, Activity};
 
 use super::slots::{LaneTally, Slots};
-use crate::render::{RenderError, Renderer, View};
+use render::{RenderError, Renderer, View};
 
 /// The cost of rendering one batch.
 #[derive(Clone, Copy, Debug, Default)]

@@ -15,10 +15,10 @@ use crate::fingerprint::Fingerprint;
 use crate::perturb::Sentences;
 use crate::physics::World;
 use crate::predicate::{Predicate, first_unmet};
-use crate::render::RenderScene;
-use crate::scene::{Scene, Snapshot};
-use crate::stream;
 use crate::task::Task;
+use render::RenderScene;
+use scene::stream;
+use scene::{Scene, Snapshot};
 
 /// Returns the control mode in which `driver` controls this morphology. The expert always uses absolute joint
 /// positions.

@@ -30,7 +30,7 @@ use self::pipes::{emit, read_commands};
 use self::protocol::{Counters, SimCommand, SimConfig, SimEvent};
 use self::slots::Slots;
 use crate::perturb::{Sentences, SentencesError};
-use crate::render::{self, OpenRendererError, RenderError};
+use render::{self, OpenRendererError, RenderError};
 
 /// Duration of busy waiting before the first timed wait for an answer.
 const SPIN_TIME: Duration = Duration::from_micros(50);

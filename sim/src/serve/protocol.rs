@@ -73,7 +73,7 @@ pub struct Assignment {
     pub task: TaskId,
     /// The perturbation, or several that act together.
     pub perturbation: Composition,
-    /// Episode seed; see [`crate::stream::episode_seed`].
+    /// Episode seed; see [`scene::stream::episode_seed`].
     pub seed: u64,
 }
 
@@ -117,7 +117,7 @@ pub enum SimEvent {
         shm_bytes: u64,
         /// Name of the renderer and its adapter.
         renderer: String,
-        /// The renderer's [`crate::render::Renderer::identity`].
+        /// The renderer's [`render::Renderer::identity`].
         identity: String,
     },
     /// An episode has finished.

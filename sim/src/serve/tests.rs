@@ -16,8 +16,8 @@ use super::slots::LaneTally;
 use super::*;
 use crate::counting::allocations;
 use crate::physics::World;
-use crate::render::RendererChoice;
 use crate::{Perturbation, Profile, TaskId};
+use render::RendererChoice;
 
 const RUN: u64 = 7;
 const N_ENVS: u32 = 3;
@@ -54,7 +54,7 @@ fn answer(host: &mut HostLane, action_dim: usize) {
 
 fn assignment(id: u64) -> Assignment {
     let (task, perturbation) = (TaskId::RaiseCube, Perturbation::None.into());
-    let seed = crate::stream::episode_seed(0, task.name(), id as u32);
+    let seed = scene::stream::episode_seed(0, task.name(), id as u32);
     Assignment { id, driver: Driver::Lane(0), task, perturbation, seed }
 }
 

@@ -9,9 +9,9 @@ use crate::perturb::{Composition, Strength};
 use crate::physics::World;
 use crate::predicate::first_unmet;
 use crate::profile::Profile;
-use crate::scene::{Scene, Snapshot};
 use crate::task::Task;
 use crate::tasks::TaskId;
+use scene::{Scene, Snapshot};
 
 /// A distribution of episodes. Together with a seed it determines an episode.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,8 +2,8 @@
 
 use super::depth::DepthRange;
 use super::segmentation::{LegendEntry, color_of, legend};
-use crate::render::{CpuOptions, CpuRenderer, Inspection, RenderScene, Samples};
-use crate::scene::{Scene, Snapshot};
+use render::{CpuOptions, CpuRenderer, Inspection, RenderScene, Samples};
+use scene::{Scene, Snapshot};
 
 /// Quantity shown by the images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,8 +4,8 @@
 
 use std::ops::RangeInclusive;
 
-use crate::render::{CpuRenderer, RenderScene, View};
-use crate::scene::{Scene, Snapshot};
+use render::{CpuRenderer, RenderScene, View};
+use scene::{Scene, Snapshot};
 
 /// A scene whose cameras have `scale` times as many pixels along each edge as the observation cameras.
 pub struct HighResScene {

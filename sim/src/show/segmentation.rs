@@ -1,8 +1,8 @@
 //! Segmentation colours, the same in every scene of a task: bodies are saturated, the room is muted, and
 //! pixels without a surface are black.
 
-use crate::render::Segment;
-use crate::scene::Scene;
+use render::Segment;
+use scene::Scene;
 
 /// sRGB colours of bodies, in the scene's order (most of S. Trubetskoy, "List of 20 Simple, Distinct Colors",
 /// 2017).

@@ -7,8 +7,8 @@ use super::episode::{Actor, EpisodeSpec, RolloutEnd, snapshot};
 use super::error::ShowError;
 use super::frame_renderer::{FrameRenderer, Legend, SequenceFrame, ViewMode};
 use crate::physics::World;
-use crate::render::{RenderScene, Samples};
-use crate::scene::Snapshot;
+use render::{RenderScene, Samples};
+use scene::Snapshot;
 
 /// Pixels of a contact sheet per rendered pixel, along each axis.
 const SHEET_UPSCALE: usize = 2;

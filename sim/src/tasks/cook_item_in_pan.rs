@@ -13,8 +13,8 @@ use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
 use crate::robot::control::gripper_command;
-use crate::robot::panda::TIP_BEYOND_TCP;
-use crate::scene::{Range, RegionSpec, Scene, SceneSpec, WidenedRanges};
+use scene::robot::panda::TIP_BEYOND_TCP;
+use scene::{Range, RegionSpec, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

@@ -11,7 +11,7 @@ use super::common::{ExternalCameras, bimanual, region};
 use crate::expert::{Move, both_arms, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{Range, Scene, SceneSpec};
+use scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

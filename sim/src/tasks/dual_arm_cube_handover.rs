@@ -9,7 +9,7 @@ use super::common::{self, BIMANUAL_TABLE_Z, BLUE, ExternalCameras, QPOS_B, biman
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{Range, Scene, SceneSpec};
+use scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

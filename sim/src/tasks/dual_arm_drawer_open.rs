@@ -9,7 +9,7 @@ use super::common::drawer_unit::{CAMERAS, DRAWERS, DrawerPull, TRAVEL, bodies, p
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{Scene, SceneSpec};
+use scene::{Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

@@ -10,7 +10,7 @@ use super::common::{LIFT_CAMERAS, bimanual, lifted, pot, region};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{Range, Scene, SceneSpec};
+use scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

@@ -9,7 +9,7 @@ use super::common::{ExternalCameras, QPOS_B, bimanual, region};
 use crate::expert::{Move, both_arms, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{Range, Scene, SceneSpec};
+use scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

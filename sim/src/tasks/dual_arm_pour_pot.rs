@@ -10,7 +10,7 @@ use super::common::{BIMANUAL_TABLE_Z, LIFT_CAMERAS, bimanual, fruit, pot, region
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{BodySpec, PlacementSpec, Range, Role, Scene, SceneSpec};
+use scene::{BodySpec, PlacementSpec, Range, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

@@ -11,7 +11,7 @@ use super::common::{
 use crate::expert::{Move, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{AppearanceSpec, Range, Scene, SceneSpec};
+use scene::{AppearanceSpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

@@ -7,7 +7,7 @@ use super::common::{QPOS_B, bimanual, region};
 use crate::expert::{Move, TcpGoal};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{Range, Scene, SceneSpec};
+use scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

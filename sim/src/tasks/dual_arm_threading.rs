@@ -12,7 +12,7 @@ use super::common::{ExternalCameras, bimanual, region};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{Range, Scene, SceneSpec};
+use scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

@@ -12,7 +12,7 @@ use super::common::{
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::Profile;
-use crate::scene::{AppearanceSpec, BodySpec, Range, Scene, SceneSpec};
+use scene::{AppearanceSpec, BodySpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

@@ -12,7 +12,7 @@ use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
 use crate::robot::control;
-use crate::scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
+use scene::{AppearanceSpec, PartSpec, Primitive, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

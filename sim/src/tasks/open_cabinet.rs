@@ -10,7 +10,7 @@ use super::common::{ExternalCameras, QPOS_NOISE_RAD, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{DistractorsSpec, Range, RegionSpec, Scene, SceneSpec, TableKind, WidenedRanges};
+use scene::{DistractorsSpec, Range, RegionSpec, Scene, SceneSpec, TableKind, WidenedRanges};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

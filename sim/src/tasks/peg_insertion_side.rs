@@ -13,7 +13,7 @@ use super::common::{
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{AppearanceSpec, BodySpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
+use scene::{AppearanceSpec, BodySpec, Range, RegionSpec, ScaledBy, Scene, SceneSpec, SizesSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

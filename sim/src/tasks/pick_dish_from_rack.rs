@@ -7,7 +7,7 @@ use super::common::{ExternalCameras, dish, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{BodySpec, PlacementSpec, Range, RegionSpec, Scene, SceneSpec};
+use scene::{BodySpec, PlacementSpec, Range, RegionSpec, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

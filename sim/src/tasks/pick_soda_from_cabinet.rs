@@ -10,7 +10,7 @@ use super::common::{
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{
+use scene::{
     AppearanceSpec, BodySpec, PlacementSpec, Range, RenderParts, Role, ScaledBy, Scene, SceneSpec, Texture,
 };
 use crate::task::{Category, Task};

@@ -7,7 +7,7 @@ use super::common::{ExternalCameras, SINGLE_TABLE_Z, book, bookcase, fixed, mova
 use crate::expert::{Move, TcpGoal, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{BodySpec, Range, RegionSpec, RenderParts, ScaledBy, Scene, SceneSpec, WidenedRanges};
+use scene::{BodySpec, Range, RegionSpec, RenderParts, ScaledBy, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

@@ -9,7 +9,7 @@ use super::common::{self, ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, regio
 use crate::expert::{Move, TcpGoal, first_feasible, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{BodySpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, WidenedRanges};
+use scene::{BodySpec, Range, RegionSpec, Role, ScaledBy, Scene, SceneSpec, WidenedRanges};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

@@ -9,7 +9,7 @@ use super::common::{ExternalCameras, dish, region, single_arm};
 use crate::expert::{Move, grasp};
 use crate::predicate::{Predicate, Region};
 use crate::profile::Profile;
-use crate::scene::{BodySpec, Range, Scene, SceneSpec};
+use scene::{BodySpec, Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

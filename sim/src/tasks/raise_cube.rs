@@ -8,7 +8,7 @@ use super::common::{
 use crate::expert::{Move, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{Range, Scene, SceneSpec};
+use scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

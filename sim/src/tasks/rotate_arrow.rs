@@ -9,8 +9,8 @@ use super::common::{ExternalCameras, QPOS_NOISE_RAD, SINGLE_TABLE_Z, region, sin
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
-use crate::robot::panda::TIP_BEYOND_TCP;
-use crate::scene::{Range, Scene, SceneSpec};
+use scene::robot::panda::TIP_BEYOND_TCP;
+use scene::{Range, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

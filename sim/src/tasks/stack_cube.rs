@@ -9,7 +9,7 @@ use super::common::{self, ExternalCameras, QPOS_D, QPOS_NOISE_RAD, SINGLE_TABLE_
 use crate::expert::{Move, first_feasible, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{BodySpec, Range, RegionSpec, Role, Scene, SceneSpec};
+use scene::{BodySpec, Range, RegionSpec, Role, Scene, SceneSpec};
 use crate::task::{Category, Task};
 
 pub(crate) const TASK: Task = Task {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::Profile;
-use crate::robot::panda::N_DOFS;
+use scene::robot::panda::N_DOFS;
 
 /// Errors that can occur while reading a trajectory.
 #[derive(Debug, Error)]

@@ -7,9 +7,9 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use super::file::{ArmFile, BodyFile, TrajectoryError, TrajectoryFile};
 use crate::physics::{ArmState, BodyState, Parameters, World, WorldState};
-use crate::robot::panda;
-use crate::scene::Scene;
 use crate::{Profile, TaskId};
+use scene::Scene;
+use scene::robot::panda;
 
 /// Maximum deviation of a quaternion's norm from 1.
 const NORM_TOLERANCE: f64 = 1e-3;
@@ -109,7 +109,7 @@ fn scene_of_size(task: TaskId, profile: Profile, sizes: &[f64]) -> Result<Scene,
     let drawn = spec.sizes.take();
     let ranges = drawn.as_ref().map_or(&[][..], |drawn| drawn.ranges);
     // Recorded numbers are rounded.
-    let is_within = |(size, (_, range)): (&f64, &(&str, crate::scene::Range))| {
+    let is_within = |(size, (_, range)): (&f64, &(&str, scene::Range))| {
         (range.lo - 1e-4..=range.hi + 1e-4).contains(size)
     };
     if sizes.len() != ranges.len() || !sizes.iter().zip(ranges).all(is_within) {

@@ -5,8 +5,8 @@ use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::render::gpu::{AdapterKind, GpuOptions, VisibilityMethod};
 use sim::render::{GpuRenderer, RenderScene, Renderer, Samples, View};
+use sim::scene::stream::episode_seed;
 use sim::scene::{Scene, Snapshot};
-use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
 pub(crate) const VISIBILITIES: [VisibilityMethod; 2] = [VisibilityMethod::Raster, VisibilityMethod::Compute];

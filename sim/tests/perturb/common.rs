@@ -2,7 +2,7 @@
 
 use sim::perturb::{Composition, Modality, Strength};
 use sim::scene::SceneSpec;
-use sim::stream::episode_seed;
+use sim::scene::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
 /// Returns a task's scene distribution under a perturbation at full strength.

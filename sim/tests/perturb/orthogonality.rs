@@ -113,7 +113,7 @@ fn undo(perturbation: Perturbation, scene: &mut Scene, twin: &Scene) {
         | Perturbation::LanguageOtherTask => scene.instruction.clone_from(&twin.instruction),
         Perturbation::MoSize | Perturbation::RoSize => {
             for (body, twin) in scene.bodies.iter_mut().zip(&twin.bodies) {
-                let appearances = |body: &sim::scene::Body| -> Vec<Appearance> {
+                let appearances = |body: &scene::Body| -> Vec<Appearance> {
                     let visuals = body.visuals.iter().map(|visual| visual.appearance);
                     body.parts.iter().map(|part| part.appearance).chain(visuals).collect()
                 };

@@ -48,12 +48,12 @@ fn colours_deviate_by_at_most_half() {
 fn discrete_replacements_happen_with_the_strength_as_probability() {
     let task = TaskId::RaiseCube;
     let n = 2000;
-    let fraction = |perturbation, differs: fn(&sim::scene::Scene) -> usize| {
+    let fraction = |perturbation, differs: fn(&scene::Scene) -> usize| {
         let spec = at(0.5, task, perturbation);
         seeds(task, n).map(|seed| differs(&spec.draw(seed))).sum::<usize>() as f64 / f64::from(n)
     };
     let is_replaced =
-        |scene: &sim::scene::Scene| usize::from(scene.instruction != TaskId::RaiseCube.task().instruction);
+        |scene: &scene::Scene| usize::from(scene.instruction != TaskId::RaiseCube.task().instruction);
     let half = [
         fraction(Perturbation::LanguageParaphrase, is_replaced),
         fraction(Perturbation::LanguageNone, is_replaced),

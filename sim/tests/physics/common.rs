@@ -5,8 +5,8 @@ use nalgebra::{Isometry3, Translation3};
 use sim::expert::{Expert, Move};
 use sim::perturb::{Composition, Strength};
 use sim::physics::World;
+use sim::scene::stream::episode_seed;
 use sim::scene::{Body, Motion, Primitive, Scene};
-use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
 /// Samples the scene of one episode of the suite with seed 0.

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use sim::demo::{DemoError, Recording};
 use sim::perturb::{Composition, Strength};
 use sim::robot::control::delta_row;
+use sim::scene::stream::episode_seed;
 use sim::show::EpisodeSpec;
-use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
 /// Number of episodes per task, of which at least one must succeed.

@@ -5,10 +5,10 @@ use core::f64::consts::FRAC_PI_8;
 use nalgebra::{Isometry3, Vector3};
 use sim::expert::grasp::start_tcp;
 use sim::robot::ik;
-use sim::robot::kinematics::{Joints, displacement, tcp, tcp_and_jacobian};
-use sim::robot::panda::{LOWER, UPPER};
 use sim::scene::Range;
-use sim::stream::Stream;
+use sim::scene::robot::kinematics::{Joints, displacement, tcp, tcp_and_jacobian};
+use sim::scene::robot::panda::{LOWER, UPPER};
+use sim::scene::stream::Stream;
 use sim::{Perturbation, Profile, TaskId};
 
 use super::common;

@@ -3,8 +3,8 @@
 use ipc_types::{ControlMode, Morphology};
 use rayon::prelude::*;
 use sim::physics::World;
-use sim::robot::panda::{FINGER_OPEN, LOWER, N_JOINTS, UPPER};
-use sim::stream::Stream;
+use sim::scene::robot::panda::{FINGER_OPEN, LOWER, N_JOINTS, UPPER};
+use sim::scene::stream::Stream;
 use sim::{Perturbation, TaskId};
 
 use super::common;

@@ -4,6 +4,7 @@
 mod common;
 mod control;
 mod demos;
+mod distractors;
 mod joints;
 mod kinematics;
 mod limits;

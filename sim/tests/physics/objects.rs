@@ -4,7 +4,7 @@
 use ipc_types::ControlMode;
 use nalgebra::{Isometry3, Vector3};
 use sim::physics::World;
-use sim::stream::episode_seed;
+use sim::scene::stream::episode_seed;
 use sim::{Profile, TaskId};
 
 /// Greatest relative error of a mass.

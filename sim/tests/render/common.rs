@@ -5,11 +5,11 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use sim::perturb::{Composition, Strength};
 use sim::physics::World;
 use sim::render::{CpuRenderer, RenderScene, Renderer, View};
+use sim::scene::stream::episode_seed;
 use sim::scene::{
     Appearance, Background, Body, Camera, CameraMount, CameraSlot, Lights, Mass, Motion, Part, Primitive,
     Role, Scene, SceneSpec, Snapshot, Table, TableKind,
 };
-use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
 pub(crate) const BLUE: [f64; 3] = [0.0, 0.0, 1.0];

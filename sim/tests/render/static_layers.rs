@@ -4,8 +4,8 @@ use ipc_types::ControlMode;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use sim::physics::World;
 use sim::render::{CpuOptions, CpuRenderer, RenderScene, Samples, View};
+use sim::scene::stream::episode_seed;
 use sim::scene::{Link, Scene, Snapshot};
-use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 
 use crate::common::{first_scene, perturbed};

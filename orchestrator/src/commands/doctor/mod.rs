@@ -14,8 +14,8 @@ use serde_json::json;
 use sim::demo::Recording;
 use sim::perturb::Strength;
 use sim::render::{CpuOptions, CpuRenderer, OpenRendererError, RenderScene, Renderer};
+use sim::scene::stream::episode_seed;
 use sim::show::EpisodeSpec;
-use sim::stream::episode_seed;
 use sim::{Perturbation, Profile, TaskId};
 use xxhash_rust::xxh3::Xxh3Default;
 

@@ -1,8 +1,8 @@
 //! Findings of a verification: differing columns, episodes that could not be run again, and missing ones.
 
 use serde_json::{Value, json};
+use sim::scene::stream::episode_seed;
 use sim::serve::protocol::Outcome;
-use sim::stream::episode_seed;
 
 use super::Unverifiable;
 use crate::results::{EpisodeRow, Gap, ResultsFile};

@@ -15,8 +15,8 @@ use ipc_types::run_config::{
 use policy_host::PolicySpec;
 use policy_host::device::{self, DeviceRequest};
 use serde_json::{Value, json};
+use sim::scene::stream::Stream;
 use sim::serve::protocol::Outcome;
-use sim::stream::Stream;
 
 use self::findings::{Difference, count_rows, differences, gap_lines, json_report, text_report};
 use crate::build_identity;

@@ -11,8 +11,8 @@ use parquet::column::reader::{ColumnReader, get_typed_column_reader};
 use parquet::data_type::{DataType, FloatType, Int64Type};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use policy_host::PolicySpec;
+use sim::scene::stream::episode_seed;
 use sim::show::EpisodeSpec;
-use sim::stream::episode_seed;
 
 use super::journal::{DatasetSettings, read_journal, read_settings};
 use super::{ACTION, meta};

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use sim::stream::Stream;
+use sim::scene::stream::Stream;
 
 use super::scenario::{FaultKind, FaultScenario};
 

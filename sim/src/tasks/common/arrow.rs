@@ -2,7 +2,7 @@
 
 use super::tools::mirrored_hull;
 use super::{SINGLE_TABLE_Z, movable};
-use crate::scene::{
+use scene::{
     AppearanceSpec, BodySpec, Mass, PartSpec, Range, RenderParts, ScaleAxes, VisualShape, VisualSpec,
 };
 

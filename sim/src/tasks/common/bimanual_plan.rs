@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::expert::{Move, TcpGoal, both_arms, grasp};
-use crate::scene::Scene;
+use scene::Scene;
 
 /// Length of twist that the benchmark's planner advances in one step, in m and rad. It neglects shorter
 /// motions.

@@ -4,7 +4,7 @@
 //! spine to the fore edge, y across the pages, z up the spine. The benchmark's axes are oblique to them.
 
 use super::{box_part, srgb};
-use crate::scene::{AppearanceSpec, Mass, PartSpec, Primitive, VisualShape, VisualSpec};
+use scene::{AppearanceSpec, Mass, PartSpec, Primitive, VisualShape, VisualSpec};
 
 /// Half-depth, half-thickness and half-height as it collides.
 pub(crate) const HALF: [f64; 3] = [0.04955, 0.02675, 0.05565];

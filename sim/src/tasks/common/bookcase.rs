@@ -8,7 +8,7 @@
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::srgb;
-use crate::scene::{AppearanceSpec, PartSpec, Primitive, Texture, VisualShape, VisualSpec};
+use scene::{AppearanceSpec, PartSpec, Primitive, Texture, VisualShape, VisualSpec};
 
 /// Height of the compartment's floor.
 pub(crate) const FLOOR_Z: f64 = 0.0846;

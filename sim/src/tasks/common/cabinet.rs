@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::{SINGLE_TABLE_Z, box_part, fixed, srgb};
 use crate::expert::grasp;
-use crate::scene::{
+use scene::{
     AppearanceSpec, BodySpec, JointKind, JointSpec, Motion, PartSpec, PlacementSpec, Primitive, Range, Role,
     Scene, Texture,
 };

@@ -3,7 +3,7 @@
 
 use super::props::{LABEL_THICKNESS, RevolvedVisuals, glossy};
 use super::srgb;
-use crate::scene::{AppearanceSpec, Mass, PartSpec, Primitive, Texture, VisualSpec};
+use scene::{AppearanceSpec, Mass, PartSpec, Primitive, Texture, VisualSpec};
 
 /// Half of the height as it collides.
 pub(crate) const HALF_HEIGHT: f64 = 0.0641;

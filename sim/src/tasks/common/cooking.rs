@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{SINGLE_TABLE_Z, box_part, movable, srgb};
 use crate::expert::{Move, TcpGoal, grasp};
-use crate::scene::{
+use scene::{
     AppearanceSpec, BodySpec, Mass, Motion, PartSpec, Primitive, RenderParts, Role, ScaleAxes, ScaledBy,
     Scene, VisualShape, VisualSpec,
 };

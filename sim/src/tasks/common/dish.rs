@@ -6,7 +6,7 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{SINGLE_TABLE_Z, box_part, fixed, movable};
-use crate::scene::{AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, ScaledBy, VisualShape, VisualSpec};
+use scene::{AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, ScaledBy, VisualShape, VisualSpec};
 
 /// Initial joint positions in rad: TCP at world (−0.088, 0.038, 0.318) m, pointing down.
 pub(crate) const QPOS: [f64; 7] = [0.0380, -0.0558, 0.0235, -2.1654, 0.0421, 2.1272, -0.7544];

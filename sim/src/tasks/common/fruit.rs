@@ -6,9 +6,9 @@ use core::f64::consts::FRAC_PI_2;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{movable, srgb};
-use crate::scene::{
-    APPLE_PROFILE, AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, RenderParts, ScaleAxes, VisualShape,
-    VisualSpec,
+use scene::distractors::APPLE_PROFILE;
+use scene::{
+    AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, RenderParts, ScaleAxes, VisualShape, VisualSpec,
 };
 
 /// Radius of the apple, in m: half the mean of its width and height.

@@ -1,6 +1,6 @@
 //! A box with a rectangular hole along x, formed by four walls.
 
-use crate::scene::Body;
+use scene::Body;
 
 /// Cross-section of a hole in its body's frame, in m.
 #[derive(Clone, Copy)]

@@ -29,13 +29,13 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{
+use scene::{
     AppearanceSpec, BackgroundSpec, BodySpec, CameraMount, CameraSlot, CameraSpec, DirectionalLightSpec,
     DistractorPlacement, DistractorsSpec, InstructionSpec, Jitter, LightsSpec, Mass, Motion, PartSpec,
     PlacementSpec, Primitive, Range, RegionSpec, RenderParts, RobotSpec, Role, ScaleAxes, ScaledBy, Scene,
     SceneSpec, TableKind, TableSpec, Texture, VisualShape, VisualSpec, WidenedRanges,
 };
-pub use crate::scene::{rgb, srgb};
+pub use scene::{rgb, srgb};
 
 /// World z of the single-arm table top, in m.
 pub const SINGLE_TABLE_Z: f64 = 0.0;

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb};
 use crate::expert::grasp;
-use crate::scene::{
+use scene::{
     AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, RenderParts, ScaleAxes, Scene, VisualShape,
     VisualSpec,
 };

@@ -1,6 +1,6 @@
 //! Visuals of household objects with rotational symmetry. Lengths in m.
 
-use crate::scene::{AppearanceSpec, VisualShape, VisualSpec};
+use scene::{AppearanceSpec, VisualShape, VisualSpec};
 
 /// Specular strength of shiny surfaces.
 const GLOSS: f64 = 0.6;

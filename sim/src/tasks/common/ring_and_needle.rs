@@ -6,7 +6,7 @@ use core::f64::consts::{FRAC_PI_2, TAU};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
 use super::{BIMANUAL_TABLE_Z, box_part, movable, rgb};
-use crate::scene::{AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, Role, ScaledBy};
+use scene::{AppearanceSpec, BodySpec, Mass, PartSpec, Primitive, Role, ScaledBy};
 
 /// Neither of the two bodies changes its size.
 const NOT_SCALED: ScaledBy = ScaledBy::Nothing("the body that it fits keeps its size");

@@ -9,7 +9,7 @@ use super::{BIMANUAL_TABLE_Z, ExternalCameras, GOAL_RADIUS, goal_disc};
 use crate::expert::{Move, TcpGoal, both_arms, grasp};
 use crate::predicate::Predicate;
 use crate::profile::{Profile, ProfileRules};
-use crate::scene::{Body, BodySpec, Range, Scene};
+use scene::{Body, BodySpec, Range, Scene};
 
 /// Half-extent of a cube, in m.
 pub(crate) const HALF: f64 = 0.02;

@@ -1,0 +1,108 @@
+//! Asynchronous readback of rendered images.
+
+use std::sync::mpsc::{Receiver, sync_channel};
+
+use rayon::prelude::*;
+
+use super::device::Gpu;
+use crate::{RenderError, View};
+
+/// A CPU-readable buffer. Two of them alternate between chunks.
+pub(crate) struct Readback {
+    buffer: Option<wgpu::Buffer>,
+    /// Size of the images of the largest chunk in bytes.
+    full_size: u64,
+    /// The submission that has not been collected yet.
+    pending: Option<Pending>,
+    /// Start of each image in the buffer.
+    offsets: Vec<usize>,
+}
+
+struct Pending {
+    submission: wgpu::SubmissionIndex,
+    mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
+    n_bytes: u64,
+}
+
+impl Readback {
+    /// Creates a readback without a buffer. The images of the largest chunk have `full_size` bytes.
+    pub(crate) fn new(full_size: u64) -> Self {
+        Self { buffer: None, full_size, pending: None, offsets: Vec::new() }
+    }
+
+    /// Returns the size of the buffer in bytes.
+    pub(crate) fn n_bytes(&self) -> u64 {
+        self.buffer.as_ref().map_or(0, wgpu::Buffer::size)
+    }
+
+    /// Submits commands that render `n_bytes` of images into `images`, followed by their copy to the readback
+    /// buffer.
+    pub(crate) fn submit(
+        &mut self,
+        gpu: &Gpu,
+        mut encoder: wgpu::CommandEncoder,
+        images: &wgpu::Buffer,
+        n_bytes: u64,
+    ) {
+        let buffer = self.reserve(gpu, n_bytes);
+        encoder.copy_buffer_to_buffer(images, 0, &buffer, 0, Some(n_bytes));
+        let submission = gpu.queue.submit([encoder.finish()]);
+        let (sender, mapped) = sync_channel(1);
+        buffer.map_async(wgpu::MapMode::Read, ..n_bytes, move |result| {
+            // The receiver is gone if an earlier chunk has failed.
+            let _ = sender.send(result);
+        });
+        self.pending = Some(Pending { submission, mapped, n_bytes });
+    }
+
+    /// Waits until the pending submission has completed.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub(crate) fn wait(&mut self, gpu: &Gpu) -> Result<(), RenderError> {
+        let Some(pending) = &self.pending else { return Ok(()) };
+        gpu.wait(pending.submission.clone())?;
+        if !matches!(pending.mapped.try_recv(), Ok(Ok(()))) {
+            gpu.fail("the images could not be read back".to_owned());
+        }
+        gpu.check()
+    }
+
+    /// Copies the images of the completed submission into its views, on the current rayon pool.
+    ///
+    /// # Errors
+    /// If the buffer cannot be read.
+    pub(crate) fn collect(&mut self, gpu: &Gpu, views: &mut [View<'_>]) -> Result<(), RenderError> {
+        let (Some(pending), Some(buffer)) = (self.pending.take(), &self.buffer) else { return Ok(()) };
+        match buffer.get_mapped_range(..pending.n_bytes) {
+            Ok(bytes) => {
+                self.offsets.clear();
+                let mut end = 0;
+                self.offsets.extend(views.iter().map(|view| {
+                    end += view.out.len();
+                    end - view.out.len()
+                }));
+                let bytes = &bytes[..];
+                views.par_iter_mut().zip(&self.offsets).for_each(|(view, offset)| {
+                    view.out.copy_from_slice(&bytes[*offset..][..view.out.len()]);
+                });
+            }
+            Err(error) => gpu.fail(error.to_string()),
+        }
+        buffer.unmap();
+        gpu.check()
+    }
+
+    fn reserve(&mut self, gpu: &Gpu, n_bytes: u64) -> wgpu::Buffer {
+        let large_enough = self.buffer.take().filter(|buffer| buffer.size() >= n_bytes);
+        let buffer = large_enough.unwrap_or_else(|| {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("readback"),
+                size: n_bytes.next_power_of_two().min(self.full_size).max(n_bytes),
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            })
+        });
+        self.buffer.insert(buffer).clone()
+    }
+}
