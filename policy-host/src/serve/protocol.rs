@@ -56,7 +56,8 @@ pub enum HostEvent {
         cpu_s: f64,
         /// Wall seconds in which the policy's device had a batch; 0 without one.
         device_s: f64,
-        /// Floating-point operations of the answered queries ([`Policy::flop_per_query`](crate::policy::Policy::flop_per_query)).
+        /// Floating-point operations of the answered queries
+        /// ([`Policy::flop_per_query`](crate::policy::Policy::flop_per_query)).
         flop: u64,
     },
     /// Activities of the threads since the last such event, if they are traced.
